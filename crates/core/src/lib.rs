@@ -1,0 +1,23 @@
+//! What boards and PC share, without an allocator, floating point or `unsafe`.
+//!
+//! # What is here, top down
+//! - [`merge`]: edges of all motors in one time-ordered stream, coincident edges in one
+//! - [`output`]: steps → pin edges: step/dir drivers and coils; pulse width, DIR setup and hold
+//! - [`channel`]: queue items → (tick, step or direction change)
+//! - [`queue`]: items waiting, each tagged with its epoch
+//! - [`packing`]: segments as few bytes
+//! - [`segment`]: the recurrence, exact
+//! - [`moment`]: wrap-safe time
+//!
+//! # What is not
+//! Registers, clocks, links: firmware's and `pulsetrain-board`'s. Laws and planning: the host's.
+#![no_std]
+#![forbid(unsafe_code)]
+#![deny(clippy::float_arithmetic)]
+
+pub mod moment;
+pub mod packing;
+pub mod segment;
+
+pub use moment::Moment;
+pub use segment::{Direction, Recurrence, Segment};

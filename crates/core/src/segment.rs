@@ -1,0 +1,114 @@
+//! The segment: steps whose ticks follow one integer recurrence, and the recurrence itself.
+//!
+//! All quantities are fixed-point ticks with the board's F fraction bits (Uno 16, Pico 32).
+//! Nothing is ever rounded: step k of a segment has the tick ⌊acc + k·I + C(k,2)·a + C(k,3)·b⌋.
+
+/// Which way a step counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Direction {
+    /// The position counts up.
+    Forward,
+    /// The position counts down.
+    Backward,
+}
+
+impl Direction {
+    /// +1 or −1.
+    #[must_use]
+    pub const fn sign(self) -> i32 {
+        match self {
+            Direction::Forward => 1,
+            Direction::Backward => -1,
+        }
+    }
+
+    /// The other way.
+    #[must_use]
+    pub const fn reversed(self) -> Direction {
+        match self {
+            Direction::Forward => Direction::Backward,
+            Direction::Backward => Direction::Forward,
+        }
+    }
+}
+
+/// `count` steps; the first comes `interval` after the step (or dwell) before.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Segment {
+    /// Number of steps, at least 1.
+    pub count: u32,
+    /// Interval before the first step, ticks · 2^F; positive.
+    pub interval: i64,
+    /// Added to the interval after each step, ticks · 2^F.
+    pub add: i64,
+    /// Added to `add` after each step, ticks · 2^F.
+    pub add2: i64,
+}
+
+impl Segment {
+    /// One step after `interval` (ticks · 2^F).
+    #[must_use]
+    pub const fn single(interval: i64) -> Segment {
+        Segment { count: 1, interval, add: 0, add2: 0 }
+    }
+
+    /// How far the accumulator moves over the first `k` steps, ticks · 2^F, exact.
+    ///
+    /// `k` ≤ 2^32; the result of any segment that a planner certifies fits.
+    #[must_use]
+    pub const fn span(&self, k: u32) -> i128 {
+        let k = k as i128;
+        let pairs = k * (k - 1) / 2;
+        // C(k,3) = C(k,2)·(k−2)/3, and the product of three consecutive numbers divides by 3.
+        let triples = pairs * (k - 2) / 3;
+        k * self.interval as i128 + pairs * self.add as i128 + triples * self.add2 as i128
+    }
+
+    /// What is left after the first `k` steps (`k` < `count`): the same ticks from there on.
+    #[must_use]
+    pub const fn after(&self, k: u32) -> Segment {
+        let n = k as i128;
+        let pairs = n * (n - 1) / 2;
+        Segment {
+            count: self.count - k,
+            interval: (self.interval as i128 + n * self.add as i128 + pairs * self.add2 as i128) as i64,
+            add: (self.add as i128 + n * self.add2 as i128) as i64,
+            add2: self.add2,
+        }
+    }
+
+    /// The first `k` steps (1 ≤ `k` ≤ `count`).
+    #[must_use]
+    pub const fn truncated(&self, k: u32) -> Segment {
+        Segment { count: k, ..*self }
+    }
+}
+
+/// The live registers of a segment being run: a wrapping accumulator of 64 − F tick bits and F fraction bits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Recurrence {
+    /// Scheduled time of the last step, ticks · 2^F, wrapping.
+    pub accumulator: u64,
+    /// Interval to the next step, ticks · 2^F.
+    pub interval: i64,
+    /// Change of the interval, ticks · 2^F.
+    pub add: i64,
+    /// Change of that, ticks · 2^F.
+    pub add2: i64,
+}
+
+impl Recurrence {
+    /// Sets the three differences; the accumulator, fraction included, stays.
+    pub const fn load(&mut self, segment: &Segment) {
+        self.interval = segment.interval;
+        self.add = segment.add;
+        self.add2 = segment.add2;
+    }
+
+    /// Goes on to the next step; the tick of that step is `accumulator >> F`.
+    pub const fn advance(&mut self) {
+        self.accumulator = self.accumulator.wrapping_add_signed(self.interval);
+        self.interval = self.interval.wrapping_add(self.add);
+        self.add = self.add.wrapping_add(self.add2);
+    }
+}

@@ -1,0 +1,141 @@
+//! What a motion file says, checked and in the units of motors: steps, seconds, nanoseconds.
+
+use crate::{Grid, Law};
+
+/// A motion file that has been read and checked: everything that the later stages need.
+#[derive(Clone, Debug)]
+pub struct Program {
+    /// The board, with its limits.
+    pub board: Board,
+    /// The rule that turns θ into step times.
+    pub grid: Grid,
+    /// Largest |scheduled − exact| that the user accepts.
+    pub tolerance: Tolerance,
+    /// The motors, in the file's order.
+    pub motors: Vec<Motor>,
+}
+
+/// The bound of the certificate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Tolerance {
+    /// In ticks of whatever board runs the motion; at least 0.55 (see `pulsetrain-plan`).
+    Ticks(f64),
+    /// In seconds.
+    Seconds(f64),
+}
+
+impl Tolerance {
+    /// In ticks of a board.
+    #[must_use]
+    pub fn ticks(self, tick_hz: u64) -> f64 {
+        match self {
+            Tolerance::Ticks(ticks) => ticks,
+            Tolerance::Seconds(seconds) => seconds * tick_hz as f64,
+        }
+    }
+}
+
+/// One motor and all that it does.
+#[derive(Clone, Debug)]
+pub struct Motor {
+    /// As the file calls it.
+    pub name: String,
+    /// Everything that it does from the common time zero on, rests included, steps.
+    pub law: Law,
+    /// The lines that it is driven by.
+    pub wiring: Wiring,
+    /// What its driver needs.
+    pub timing: DriverTiming,
+    /// What it can do.
+    pub limits: Limits,
+    /// Steps to the user's unit.
+    pub scale: Scale,
+}
+
+/// Steps to the user's unit, for reports and plots.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scale {
+    /// "rev", "deg", "mm", as the file uses it most.
+    pub unit: String,
+    /// Steps in one of that unit.
+    pub steps_per_unit: f64,
+    /// Steps in one revolution of the motor's shaft.
+    pub steps_per_rev: f64,
+}
+
+/// The lines of a motor. Pin numbers are the board's own (Arduino digital pins, GPIO numbers).
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Wiring {
+    /// A step/dir driver.
+    StepDir {
+        /// STEP pin; a step is a rising edge.
+        step: u8,
+        /// DIR pin; motors may share one.
+        dir: u8,
+        /// Level of DIR for forward: seeds 000 and 001 LOW, 003 HIGH.
+        forward_high: bool,
+        /// Enable pin and the level that enables, if wired.
+        enable: Option<(u8, bool)>,
+    },
+    /// Four coil lines, IN1 to IN4 (ULN2003).
+    Coils {
+        /// IN1..IN4.
+        pins: [u8; 4],
+        /// How the coils are switched.
+        sequence: CoilSequence,
+    },
+}
+
+/// How coils are switched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CoilSequence {
+    /// One coil at a time.
+    Wave,
+    /// Two coils at a time.
+    Full,
+    /// One and two in turn.
+    Half,
+}
+
+/// What a step/dir driver needs, ns. For coils all are 0.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct DriverTiming {
+    /// STEP high at least.
+    pub pulse_high_ns: u32,
+    /// STEP low at least.
+    pub pulse_low_ns: u32,
+    /// DIR stable before STEP rises.
+    pub dir_setup_ns: u32,
+    /// DIR stable after STEP falls.
+    pub dir_hold_ns: u32,
+}
+
+/// What a motor can do, in steps.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Limits {
+    /// steps/s.
+    pub max_speed: Option<f64>,
+    /// steps/s².
+    pub max_acceleration: Option<f64>,
+    /// Speed that it can start, stop or change by at once, steps/s; 0 if the file gives none.
+    pub pull_in: f64,
+}
+
+/// A board's limits: one row of the committed table.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Board {
+    /// "uno", "due", "pico", "native".
+    pub name: String,
+    /// Ticks per second.
+    pub tick_hz: u64,
+    /// Fraction bits of its recurrence.
+    pub fraction_bits: u32,
+    /// Motors at most.
+    pub max_motors: usize,
+    /// Shortest own interval of a motor, ticks, with 1, 2, … motors; the last entry serves for more.
+    pub min_interval_ticks: Vec<u32>,
+    /// Whether the edges are timed in hardware (then the default tolerance is 1 tick, else 1 µs).
+    pub hardware_timed: bool,
+    /// Where the row's figures come from: "estimate" until a bench on the firmware has printed them.
+    pub source: String,
+}
