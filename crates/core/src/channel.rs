@@ -122,8 +122,7 @@ impl<const F: u32> Channel<F> {
                     continue;
                 }
                 let turned = self.facing != Some(self.direction);
-                let kind =
-                    if turned || self.assert_every_step { Kind::Direction(self.direction) } else { Kind::Step };
+                let kind = if turned || self.assert_every_step { Kind::Direction(self.direction) } else { Kind::Step };
                 return Some(Event { tick, kind });
             }
             if self.anchored && limit.is_before(tick) || !self.has_item(queue) {
@@ -159,7 +158,7 @@ impl<const F: u32> Channel<F> {
             self.horizon = open;
         }
         // An accumulator that is left behind would come back as the future.
-        if self.left == 0 && self.anchored && self.last_tick().is_before(now.before(1 << 30)) {
+        if self.left == 0 && matches!(now.since(self.last_tick()), 0x4000_0000..0x8000_0000) {
             self.anchored = false;
         }
     }
