@@ -277,11 +277,11 @@ impl<const F: u32> Channel<F> {
 
     /// The scheduled tick of the last step, or the end of the wait after it.
     const fn last_tick(&self) -> Moment {
-        Moment::of_fixed::<F>(self.recurrence.accumulator)
+        Moment::of(self.recurrence.accumulator >> F)
     }
 
     /// The scheduled tick of the next step.
     const fn next_tick(&self) -> Moment {
-        Moment::of_fixed::<F>(self.recurrence.accumulator.wrapping_add_signed(self.recurrence.interval))
+        Moment::of(self.recurrence.accumulator.wrapping_add_signed(self.recurrence.interval) >> F)
     }
 }
