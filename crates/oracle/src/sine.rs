@@ -29,6 +29,21 @@ impl Sine {
         Sine { phases }
     }
 
+    /// When each step of the rising half is due after the half period's begin, in 2^-64 ticks, rounded down.
+    ///
+    /// `period` is in 2^-64 s, so that half period k begins at exactly k/2·`period`·`tick_hz` of these units.
+    ///
+    /// # Panics
+    /// If a half period is 2^64 ticks or longer.
+    #[must_use]
+    pub fn offsets(&self, period: u128, tick_hz: u64) -> Vec<u128> {
+        let period = Real::from(period).with_precision(BITS).value() * Real::from(tick_hz);
+        let offset = |phase: &Real| {
+            u128::try_from((&period * phase).floor().to_int().value()).expect("a half period below 2^64 ticks")
+        };
+        self.phases.iter().map(offset).collect()
+    }
+
     /// All steps of `cycles` periods of `period` seconds, in order.
     ///
     /// The way down is the way up half a period later: θ(½ + φ) = 2A − θ(φ), and so are its levels.

@@ -1,6 +1,7 @@
 //! What the tests and benches of plans share.
 #![allow(dead_code, reason = "each test and bench uses some of it")]
 
+pub(crate) mod drift;
 pub(crate) mod laws;
 pub(crate) mod lorenz;
 
