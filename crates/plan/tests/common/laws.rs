@@ -1,9 +1,8 @@
 //! Laws that several tests and benches plan.
 
 use pulsetrain_motion::Time;
-use pulsetrain_motion::law::{Class, Curve, Entry, Fixed, Law, Piece, Sine};
+use pulsetrain_motion::law::{Class, Curve, Entry, Fixed, Law, Piece};
 use std::f64::consts::FRAC_PI_2;
-use std::sync::Arc;
 
 /// The variants of the tutorial: period, s, as a ratio; cycles. The last is not in it: a period of 10 h.
 pub(crate) const TUTORIAL: [(i64, u64, u64); 9] =
@@ -11,7 +10,17 @@ pub(crate) const TUTORIAL: [(i64, u64, u64); 9] =
 
 /// A − A·cos(2πt/T) for some cycles.
 pub(crate) fn sine(amplitude: f64, period: Time, cycles: u64) -> Law {
-    Law::Sine(Sine { amplitude, period, cycles: Some(cycles) })
+    Law::sine(amplitude, period, Some(cycles)).expect("a sine")
+}
+
+/// `distance` steps from rest to rest at `speed`, with one acceleration; steps and seconds.
+pub(crate) fn trapezoid(distance: f64, speed: f64, acceleration: f64) -> Law {
+    Law::trapezoid(distance, speed, acceleration, acceleration).expect("a trapezoid")
+}
+
+/// A constant speed, steps/s.
+pub(crate) fn constant_speed(speed: f64, end_s: f64) -> Law {
+    Law::speed(speed, Some(Time::from_seconds(end_s))).expect("a speed")
 }
 
 /// speed·t + Σ amplitude·sin(omega·t) for `end_s` seconds.
@@ -24,37 +33,8 @@ pub(crate) fn waves(speed: f64, waves: &[(f64, f64)], end_s: f64) -> Law {
         // sin x = cos(x − π/2)
         phase: -FRAC_PI_2,
     }));
-    fixed(Class::Enclosed, vec![(Curve::Sum(curves), end_s)])
-}
-
-/// `distance` steps from rest to rest at `speed`, with one acceleration; steps and seconds.
-pub(crate) fn trapezoid(distance: f64, speed: f64, acceleration: f64) -> Law {
-    let ramp_s = speed / acceleration;
-    let ramp = speed * ramp_s / 2.0;
-    let cruise = distance - 2.0 * ramp;
-    let curves = [
-        (vec![0.0, 0.0, acceleration / 2.0], ramp_s),
-        (vec![ramp, speed], cruise / speed),
-        (vec![ramp + cruise, speed, -acceleration / 2.0], ramp_s),
-    ];
-    fixed(Class::ClosedForm, curves.map(|(c, s)| (Curve::Polynomial(c), s)).to_vec())
-}
-
-/// A constant speed, steps/s.
-pub(crate) fn constant_speed(speed: f64, end_s: f64) -> Law {
-    fixed(Class::ClosedForm, vec![(Curve::Polynomial(vec![0.0, speed]), end_s)])
-}
-
-/// Curves one after the other, each with its own time from 0 s and its duration, s.
-fn fixed(class: Class, curves: Vec<(Curve, f64)>) -> Law {
-    let mut start = Time::ZERO;
-    let pieces = curves
-        .into_iter()
-        .map(|(curve, seconds)| {
-            let piece_start = start;
-            start = start + Time::from_seconds(seconds);
-            Piece { zero: piece_start, start: piece_start, end: start, origin: 0, curve, entry: Entry::Continuous }
-        })
-        .collect();
-    Law::Fixed(Fixed { pieces: Arc::new(pieces), class })
+    let curve = Curve::Sum(curves);
+    let end = Time::from_seconds(end_s);
+    let piece = Piece { zero: Time::ZERO, start: Time::ZERO, end, origin: 0, curve, entry: Entry::Continuous };
+    Law::Fixed(Fixed { pieces: vec![piece].into(), class: Class::Enclosed })
 }

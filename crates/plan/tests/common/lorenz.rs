@@ -1,10 +1,8 @@
 //! A law that nobody can write down: an integral along the Lorenz attractor, by Taylor series.
 
-use pulsetrain_motion::Time;
-use pulsetrain_motion::law::{Class, Curve, Entry, Fixed, Law, Piece};
-use std::sync::Arc;
+use pulsetrain_motion::{Law, Time};
 
-/// Coefficients of each series: 24 of them are good for about 0.05 s.
+/// Coefficients of each series: 24 of them are good for some 20 ms.
 const TERMS: usize = 24;
 /// What the last term may amount to at a piece's end, relative to the largest: below f64's rounding.
 const LAST_TERM: f64 = 1e-18;
@@ -19,32 +17,18 @@ type Series = [f64; TERMS];
 /// θ = `scale`·∫x dt, steps, along the orbit from [`START`], over `end_s` seconds.
 pub(crate) fn lorenz(scale: f64, end_s: f64) -> Law {
     let mut pieces = Vec::new();
-    let (mut state, mut position, mut start_s) = (START, 0.0, 0.0);
-    while start_s < end_s {
-        // Expanded at the start to find the middle, and at the middle for the piece itself: half the reach for |u|.
-        let ahead = expand(state);
-        let half = (reach(&ahead) / 2.0).min((end_s - start_s) / 2.0);
-        let middle = expand(ahead.map(|series| value(&series, half)));
-        let mut curve = vec![0.0];
-        curve.extend(middle[0].iter().enumerate().map(|(k, x)| scale * x / (k + 1) as f64));
-        // The curve's constant makes it begin where the piece before ended.
-        let before = curve.iter().rev().fold(0.0, |sum, c| sum * -half + c);
-        let origin = f64::floor(position);
-        curve[0] = position - origin - before;
-        position = origin + curve.iter().rev().fold(0.0, |sum, c| sum * half + c);
-        let at = |seconds| Time::from_seconds(seconds);
-        pieces.push(Piece {
-            zero: at(start_s) + at(half),
-            start: at(start_s),
-            end: at(start_s + 2.0 * half),
-            origin: origin as i64,
-            curve: Curve::Polynomial(curve),
-            entry: Entry::Continuous,
-        });
-        state = middle.map(|series| value(&series, half));
-        start_s += 2.0 * half;
+    let (mut state, mut position, mut at_s) = (START, 0.0, 0.0);
+    while at_s < end_s {
+        let series = expand(state);
+        let duration_s = reach(&series).min(end_s - at_s);
+        let mut curve = vec![position];
+        curve.extend(series[0].iter().zip(1..).map(|(x, k)| scale * x / f64::from(k)));
+        position = value(&curve, duration_s);
+        pieces.push((Time::from_seconds(duration_s), curve));
+        state = series.map(|series| value(&series, duration_s));
+        at_s += duration_s;
     }
-    Law::Fixed(Fixed { pieces: Arc::new(pieces), class: Class::Interpolant })
+    Law::polynomials(pieces).expect("pieces that meet")
 }
 
 /// The Taylor series of x, y and z from a state on.
@@ -70,6 +54,6 @@ fn reach(series: &[Series; 3]) -> f64 {
     (LAST_TERM * size(0) / last).powf(1.0 / (TERMS - 1) as f64)
 }
 
-fn value(series: &Series, u: f64) -> f64 {
+fn value(series: &[f64], u: f64) -> f64 {
     series.iter().rev().fold(0.0, |sum, c| sum * u + c)
 }
