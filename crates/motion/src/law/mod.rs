@@ -358,7 +358,7 @@ impl Sine {
         // k·T/2 = (k/2)·T + (k mod 2)·T/2: exact for even k, within 2^-64 s for odd k.
         let half = self.period.divided_by(2);
         let turn = |k: u64| self.period.times(k / 2) + if k % 2 == 1 { half } else { Time::ZERO };
-        let rising = k % 2 == 0;
+        let rising = k.is_multiple_of(2);
         Piece {
             zero: turn(k),
             start: turn(k),
