@@ -25,14 +25,15 @@ mod timer_ramp;
 pub mod winch;
 
 use crate::Time;
-pub use blend::{Begin, End};
+pub use blend::{Begin, Blended, End};
+pub use combine::{Changed, Repeated};
 pub use cursor::{Cursor, Sample};
 pub use curve::{Bounds, Curve, Inverse, Jet};
 use double::Double;
 pub use formula::FormulaError;
-
 pub use profile::SCurve;
 use std::sync::Arc;
+pub use steady::Steady;
 pub use table::Interpolation;
 pub use timer_ramp::TimerRamp;
 pub use winch::{WinchCommand, WinchSettings};
@@ -182,10 +183,6 @@ pub enum Law {
     /// One law with another beginning or end.
     Blended(Box<Blended>),
 }
-
-pub use blend::Blended;
-pub use combine::{Changed, Repeated};
-pub use steady::Steady;
 
 /// θ = A − A·cos(2πt/T). Source: seeds/000, eq. 1.
 #[derive(Clone, Debug)]
