@@ -39,7 +39,10 @@ fn every_example_is_read() {
 fn check_tutorial(name: &str, period: Time, cycles: u64, pulse_high_ns: u32) {
     let program = load(name);
     let motor = &program.motors[0];
-    assert_eq!((program.board.name.as_str(), program.grid, program.tolerance), ("uno", Grid::REACH, Tolerance::Ticks(1.0)));
+    assert_eq!(
+        (program.board.name.as_str(), program.grid, program.tolerance),
+        ("uno", Grid::REACH, Tolerance::Ticks(1.0))
+    );
     assert_eq!(motor.wiring, Wiring::StepDir { step: 8, dir: 9, forward_high: false, enable: None });
     assert_eq!(motor.timing.pulse_high_ns, pulse_high_ns);
     assert_eq!(motor.law.end(), Some(period.times(cycles)));
@@ -111,7 +114,8 @@ fn the_fastest_motor_turns_once_waits_and_turns_back() {
 fn the_winch_obeys_its_commands() {
     let program = load("winch.toml");
     assert_eq!(program.motors.len(), 4);
-    let enable = |wiring: &Wiring| matches!(wiring, Wiring::StepDir { enable: Some((8, false)), forward_high: true, .. });
+    let enable =
+        |wiring: &Wiring| matches!(wiring, Wiring::StepDir { enable: Some((8, false)), forward_high: true, .. });
     assert!(program.motors.iter().all(|motor| enable(&motor.wiring)));
     // Critically damped at 2 Hz: within a step of the target after a second.
     for (motor, target) in [100.0, 120.0, -200.0, -50.0].into_iter().enumerate() {
@@ -136,4 +140,15 @@ fn the_table_goes_through_its_points_five_times() {
         assert!((position(&program, 0, f64::from(breath) * 5.0 + 1.5) - top).abs() < 1e-6);
     }
     assert_eq!(program.motors[0].law.end(), Some(Time::from_ratio(25, 1)));
+}
+
+#[test]
+fn the_manuals_example_is_a_motion_file() {
+    let manual = std::fs::read_to_string(examples().join("../docs/motion-files.md")).unwrap();
+    let blocks: Vec<&str> = manual.split("```toml\n").skip(1).filter_map(|rest| rest.split("```").next()).collect();
+    assert!(!blocks.is_empty());
+    for block in blocks {
+        let none = |_: &Path| Err(std::io::ErrorKind::NotFound.into());
+        file::read(block, "manual.toml", &none).unwrap_or_else(|error| panic!("{}", error.plain()));
+    }
 }
