@@ -28,7 +28,11 @@ fn every_example_is_read() {
         if path.extension().is_some_and(|extension| extension == "toml") {
             let text = std::fs::read_to_string(&path).unwrap();
             assert!(text.starts_with("# "), "{} does not open with a comment", path.display());
-            load(path.file_name().unwrap().to_str().unwrap());
+            for motor in load(path.file_name().unwrap().to_str().unwrap()).motors {
+                // Endless ones for a while.
+                let broken = motor.law.pieces().take(10_000).find_map(Result::err);
+                assert_eq!(broken, None, "{}, motor {}", path.display(), motor.name);
+            }
             count += 1;
         }
     }
@@ -129,6 +133,16 @@ fn the_slide_goes_100_mm_and_back() {
     assert_eq!((program.motors[0].scale.unit.as_str(), program.motors[0].scale.steps_per_unit), ("mm", 400.0));
     assert!((position(&program, 0, 3.9) - 40_000.0).abs() < 1e-6);
     assert!(position(&program, 0, 60.0).abs() < 1e-6);
+}
+
+#[test]
+fn the_pendulum_dies_away() {
+    let program = load("formula.toml");
+    let wanted = |t: f64| 1600.0 * (-t / 4.0).exp() * (std::f64::consts::PI * t).sin().powi(2);
+    for t in [0.0, 0.25, 0.5, 3.7, 9.5, 10.0] {
+        assert!((position(&program, 0, t) - wanted(t)).abs() < 1e-6, "{t} s");
+    }
+    assert_eq!(program.motors[0].scale.unit, "deg");
 }
 
 #[test]

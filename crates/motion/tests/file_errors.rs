@@ -648,22 +648,22 @@ fn formulas() {
         SINE,
         &formula("\"sin(2*pi*t\"", ""),
         expect![[r#"
-        no problem
-    "#]],
+            x.toml:14:29: formula: this bracket is never closed
+        "#]],
     );
     check(
         SINE,
         &formula("\"3*frequncy*t\"", ""),
         expect![[r#"
-        no problem
-    "#]],
+            x.toml:14:28: formula: `frequncy` is unknown: the time is `t`, other names must be parameters
+        "#]],
     );
     check(
         SINE,
         &formula("'''\n2*t\n + frequncy*t'''", ""),
         expect![[r#"
-        no problem
-    "#]],
+            x.toml:16:4: formula: `frequncy` is unknown: the time is `t`, other names must be parameters
+        "#]],
     );
     check(
         SINE,

@@ -193,8 +193,9 @@ pub(super) fn read(node: &Node, board: Option<&BoardRow>, pins: &mut Pins) -> Re
     let microsteps = read_microsteps(&section, driver.as_ref().ok().copied().flatten());
     let gearing = microsteps.and_then(|microsteps| read_gearing(&section, &name, microsteps));
     let timing = driver.and_then(|driver| read_timing(&section, driver));
-    let wiring = match (board, driver, microsteps) {
-        (Some(board), Ok(driver), Ok(microsteps)) => read_wiring(&section, &name, driver, microsteps, board, pins),
+    let wiring = match (board, driver) {
+        // Without microsteps there is no motor, but its pins can be wrong too.
+        (Some(board), Ok(driver)) => read_wiring(&section, &name, driver, microsteps.unwrap_or(1), board, pins),
         _ => Err(Noted),
     };
     let gearing = gearing?;
