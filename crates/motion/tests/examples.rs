@@ -39,7 +39,10 @@ fn every_example_is_read() {
 fn check_tutorial(name: &str, period: Time, cycles: u64, pulse_high_ns: u32) {
     let program = load(name);
     let motor = &program.motors[0];
-    assert_eq!((program.board.name.as_str(), program.grid, program.tolerance), ("uno", Grid::REACH, Tolerance::Ticks(1.0)));
+    assert_eq!(
+        (program.board.name.as_str(), program.grid, program.tolerance),
+        ("uno", Grid::REACH, Tolerance::Ticks(1.0))
+    );
     assert_eq!(motor.wiring, Wiring::StepDir { step: 8, dir: 9, forward_high: false, enable: None });
     assert_eq!(motor.timing.pulse_high_ns, pulse_high_ns);
     assert_eq!(motor.law.end(), Some(period.times(cycles)));
@@ -111,7 +114,8 @@ fn the_fastest_motor_turns_once_waits_and_turns_back() {
 fn the_winch_obeys_its_commands() {
     let program = load("winch.toml");
     assert_eq!(program.motors.len(), 4);
-    let enable = |wiring: &Wiring| matches!(wiring, Wiring::StepDir { enable: Some((8, false)), forward_high: true, .. });
+    let enable =
+        |wiring: &Wiring| matches!(wiring, Wiring::StepDir { enable: Some((8, false)), forward_high: true, .. });
     assert!(program.motors.iter().all(|motor| enable(&motor.wiring)));
     // Critically damped at 2 Hz: within a step of the target after a second.
     for (motor, target) in [100.0, 120.0, -200.0, -50.0].into_iter().enumerate() {

@@ -1,7 +1,7 @@
 //! Formulas: the language, its errors, and what planning rests on: jets, enclosures, windows.
 
 use proptest::prelude::*;
-use pulsetrain_motion::law::{Class, Curve, Cursor, Piece};
+use pulsetrain_motion::law::{Class, Cursor, Curve, Piece};
 use pulsetrain_motion::{Law, LawError, Time};
 
 fn law(text: &str) -> Law {
@@ -127,7 +127,8 @@ fn sums_of_sines_are_plain_curves_and_keep_their_phase_for_days() {
 /// The sine of a whole number, by 128-bit fixed point.
 fn sin_of(n: u64) -> f64 {
     // 2π = 6.28318530717958647692528676655900576 in units of 2^-100.
-    let tau = 6_u128 * (1 << 100) + (0.283_185_307_179_586_476_925_286_766_559_005_76_f64 * 2f64.powi(53)) as u128 * (1 << 47);
+    let tau = 6_u128 * (1 << 100)
+        + (0.283_185_307_179_586_476_925_286_766_559_005_76_f64 * 2f64.powi(53)) as u128 * (1 << 47);
     // The first 53 bits of the fraction leave 2^-53; add what follows, from the decimals.
     let rest = 2.449_293_598_294_706_4e-16 * 2f64.powi(100);
     let head = std::f64::consts::TAU;

@@ -4,12 +4,12 @@
 //! the last step before it has had its pulse and hold, and the line its setup; the step after it comes when it was
 //! due. Segments are cut around a step that was put off: the integers of all others stay what they were.
 
+use crate::Move;
 use crate::certificate::Certificate;
 use crate::ensemble::{Refused, Waiting};
 use crate::error::PlanError;
 use crate::planner::Planner;
 use crate::settings::Settings;
-use crate::Move;
 use pulsetrain_core::{Direction, Segment};
 
 /// The motors of one DIR line.

@@ -163,7 +163,8 @@ fn read_tolerance(node: &Node) -> Read<Tolerance> {
     match (quantity.base, quantity.per_seconds) {
         (Base::Tick, 0) if quantity.value >= LEAST_TICKS => Ok(Tolerance::Ticks(quantity.value)),
         (Base::Tick, 0) => {
-            let message = format!("`tolerance` must be {LEAST_TICKS} ticks at least: ticks are whole, which costs half of one");
+            let message =
+                format!("`tolerance` must be {LEAST_TICKS} ticks at least: ticks are whole, which costs half of one");
             Err(node.note("too small", message, "write tolerance = \"1 tick\""))
         }
         (Base::Time, 0) => Ok(Tolerance::Seconds(node.above_zero(quantity.value)?)),

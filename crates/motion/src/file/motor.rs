@@ -211,7 +211,10 @@ fn read_driver(section: &Section) -> Read<Option<&'static Driver>> {
             Some(near) => format!("did you mean \"{near}\"?"),
             None => {
                 let names: Vec<&str> = names().collect();
-                format!("known: {}; for others leave `driver` out and give pulse_high = \"2 us\" and so on", names.join(", "))
+                format!(
+                    "known: {}; for others leave `driver` out and give pulse_high = \"2 us\" and so on",
+                    names.join(", ")
+                )
             }
         };
         node.note("not in the table", format!("unknown driver \"{name}\""), help)
@@ -272,9 +275,9 @@ fn read_gear(node: &Node) -> Read<f64> {
         let turns = node.number("gear = 3")?;
         return node.above_zero(turns);
     };
-    let teeth = text.split_once(':').and_then(|(motor, driven)| {
-        Some((motor.trim().parse::<u32>().ok()?, driven.trim().parse::<u32>().ok()?))
-    });
+    let teeth = text
+        .split_once(':')
+        .and_then(|(motor, driven)| Some((motor.trim().parse::<u32>().ok()?, driven.trim().parse::<u32>().ok()?)));
     match teeth {
         Some((motor, driven)) if motor >= FEWEST_TEETH && driven >= FEWEST_TEETH => {
             Ok(f64::from(driven) / f64::from(motor))
@@ -288,7 +291,9 @@ fn read_gear(node: &Node) -> Read<f64> {
 }
 
 fn read_timing(section: &Section, driver: Option<&Driver>) -> Read<DriverTiming> {
-    let coils = section.get("pins").is_some_and(|pins| pins.any_section(String::new(), "").is_ok_and(|p| p.get("in").is_some()));
+    let coils = section
+        .get("pins")
+        .is_some_and(|pins| pins.any_section(String::new(), "").is_ok_and(|p| p.get("in").is_some()));
     if coils || driver.is_some_and(|driver| driver.input == Input::Coils) {
         return Ok(DriverTiming::default());
     }
@@ -350,7 +355,12 @@ fn read_wiring(
         }
         if section.get("forward").is_some() {
             let help = "leave it out; to turn the other way, write the pins in the other order";
-            section.reader.note(section.key_span("forward"), "not with coils", "coil lines have no `forward` level", help);
+            section.reader.note(
+                section.key_span("forward"),
+                "not with coils",
+                "coil lines have no `forward` level",
+                help,
+            );
         }
         if let Some(driver) = driver.filter(|driver| driver.input != Input::Coils) {
             let message = format!("the {} takes STEP and DIR, not coil lines", driver.name);
@@ -401,7 +411,11 @@ fn read_coils(
 }
 
 fn read_winding(section: &Section, gearing: &Gearing) -> Read<Option<Winding>> {
-    let keys = [("inductance", Base::Inductance, "50 mH"), ("current", Base::Current, "0.135 A"), ("voltage", Base::Voltage, "12 V")];
+    let keys = [
+        ("inductance", Base::Inductance, "50 mH"),
+        ("current", Base::Current, "0.135 A"),
+        ("voltage", Base::Voltage, "12 V"),
+    ];
     if keys.iter().all(|(key, ..)| section.get(key).is_none()) {
         return Ok(None);
     }
@@ -440,7 +454,9 @@ fn read_limits(section: &Section, gearing: &Gearing) -> Read<Limits> {
 
 /// `[motor]`: all motors, in the file's order.
 pub(super) fn read_all(root: &Section, board: Option<&BoardRow>) -> Vec<(String, Read<Draft>)> {
-    let Ok(node) = root.need("motor", "[motor.wheel] with its steps_per_rev, driver and pins") else { return Vec::new() };
+    let Ok(node) = root.need("motor", "[motor.wheel] with its steps_per_rev, driver and pins") else {
+        return Vec::new();
+    };
     let example = "[motor.wheel] with its steps_per_rev, driver and pins";
     let Ok(motors) = node.any_section("motor".to_owned(), example) else { return Vec::new() };
     // `[motor]` with its keys right below it: the name is missing.

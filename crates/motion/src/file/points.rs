@@ -73,9 +73,10 @@ pub(super) fn read(file: &Node, loader: Loader, columns: &Columns, seconds: f64,
         let Some((time, position)) = places else {
             let Columns::Names(time, position) = columns else { continue };
             let find = |name: &str| {
-                record.iter().position(|field| field == name).ok_or_else(|| {
-                    wrong(line.clone(), "the header", format!("the header has no column \"{name}\""))
-                })
+                record
+                    .iter()
+                    .position(|field| field == name)
+                    .ok_or_else(|| wrong(line.clone(), "the header", format!("the header has no column \"{name}\"")))
             };
             places = Some((find(time)?, find(position)?));
             continue;
