@@ -22,7 +22,7 @@ struct Shown<'a> {
 
 #[test]
 fn the_readme_shows_what_happens() {
-    let folder = folder_with_examples();
+    let folder = folder_with_examples("readme-commands");
     let shown = commands(README);
     assert!(!shown.is_empty(), "the README shows no command");
     for Shown { command, exit_code, output } in shown {
@@ -39,6 +39,21 @@ fn the_readme_shows_what_happens() {
             output.is_empty() || lines_match(&output, &lines),
             "`{command}` prints, other than the README shows:\n{printed}"
         );
+    }
+    fs::remove_dir_all(folder).expect("the folder can go");
+}
+
+/// The motion files that the README shows can be planned.
+#[test]
+fn the_readme_shows_motion_files_that_work() {
+    let folder = folder_with_examples("readme-files");
+    let blocks: Vec<_> = README.split("```toml\n").skip(1).filter_map(|rest| rest.split("```").next()).collect();
+    assert!(!blocks.is_empty(), "the README shows no motion file");
+    for text in blocks {
+        let file = folder.join("shown.toml");
+        fs::write(&file, text).expect("a file to write");
+        let ran = Command::new(env!("CARGO_BIN_EXE_pulsetrain")).arg("plan").arg(&file).output().expect("it runs");
+        assert!(ran.status.success(), "{text}\n{}", String::from_utf8_lossy(&ran.stderr));
     }
     fs::remove_dir_all(folder).expect("the folder can go");
 }
@@ -99,8 +114,8 @@ fn words(arguments: &str) -> Vec<String> {
 }
 
 /// A folder of its own, with `examples/` in it.
-fn folder_with_examples() -> PathBuf {
-    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("readme");
+fn folder_with_examples(name: &str) -> PathBuf {
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
     // What a run before may have left.
     let _ = fs::remove_dir_all(&folder);
     let examples = folder.join("examples");
