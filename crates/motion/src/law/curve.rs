@@ -74,6 +74,8 @@ pub enum Inverse {
         half_acceleration: f64,
         /// Which side of the turning point.
         later: bool,
+        /// How far rounding may have put x0 off, steps; 0 where the law begins or ends at its turning point.
+        doubt: f64,
     },
     /// Half a period of a sinusoid, leaving the turning point (u0, x0) for (u0 + π/omega, x0 + swing).
     Arccosine {
@@ -85,6 +87,8 @@ pub enum Inverse {
         swing: f64,
         /// rad/s.
         omega: f64,
+        /// How far rounding has put x0 off, steps; 0 for a sine from its bottom.
+        doubt: f64,
     },
     /// u = Σ c_k (x − x0)^k with k ≤ 2: intervals linear in the step number (004's ramp).
     Quadratic {
@@ -264,11 +268,13 @@ impl Curve {
                     let u0 = -0.5 * c1 / half_acceleration;
                     let later = middle > u0;
                     let over = if later { u0 - u_a } else { u_b - u0 };
+                    let drop = half_acceleration * u0 * u0;
                     (u0.is_finite() && over <= overhang).then_some(Inverse::Parabola {
                         u0,
-                        x0: c0 - half_acceleration * u0 * u0,
+                        x0: c0 - drop,
                         half_acceleration,
                         later,
+                        doubt: if u0 == 0.0 { 0.0 } else { ULP * (c0.abs() + 8.0 * drop.abs()) },
                     })
                 }
                 _ => None,
@@ -281,7 +287,11 @@ impl Curve {
                 let u0 = (half_periods * std::f64::consts::PI - phase) / omega;
                 let x = if half_periods.rem_euclid(2.0) == 0.0 { *amplitude } else { -*amplitude };
                 let one_half_period = u_a >= u0 - overhang && u_b <= u0 + std::f64::consts::PI / omega + overhang;
-                one_half_period.then_some(Inverse::Arccosine { u0, x0: offset + x, swing: -2.0 * x, omega: *omega })
+                let x0 = offset + x;
+                // What the addition lost, exactly (Knuth's two-sum).
+                let back = x0 - offset;
+                let doubt = ((offset - (x0 - back)) + (x - back)).abs();
+                one_half_period.then_some(Inverse::Arccosine { u0, x0, swing: -2.0 * x, omega: *omega, doubt })
             }
             Curve::TimerRamp { u0, x0, factor, linear, quadratic } => {
                 Some(Inverse::Quadratic { x0: *x0, c: [*u0, linear / factor, quadratic / (factor * factor)] })

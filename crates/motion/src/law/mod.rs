@@ -28,8 +28,8 @@ use crate::Time;
 pub use blend::{Begin, End};
 pub use cursor::{Cursor, Sample};
 pub use curve::{Bounds, Curve, Inverse, Jet};
-pub use formula::FormulaError;
 use double::Double;
+pub use formula::FormulaError;
 
 pub use profile::SCurve;
 use std::sync::Arc;

@@ -209,8 +209,7 @@ impl Windows<'_> {
                 (Curve::Formula(Window::new(&tape, self.start, length).map_err(Stop::Narrow)?), Double::ZERO)
             }
         };
-        let mut piece =
-            Piece { zero: self.start, start: self.start, end, origin: 0, curve, entry: Entry::Continuous };
+        let mut piece = Piece { zero: self.start, start: self.start, end, origin: 0, curve, entry: Entry::Continuous };
         Ok(piece.raise(level).map(|()| piece))
     }
 }

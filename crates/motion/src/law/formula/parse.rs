@@ -324,9 +324,7 @@ impl<'a> Parser<'a> {
             };
             chain = Some(match chain {
                 None => (is, span),
-                Some((before, from)) => {
-                    (Condition::And(Arc::new((before, is))).depth_checked(span)?, join(from, span))
-                }
+                Some((before, from)) => (Condition::And(Arc::new((before, is))).depth_checked(span)?, join(from, span)),
             });
             left = Term::Number(b);
         }
@@ -404,7 +402,8 @@ impl<'a> Parser<'a> {
         match self.rest().chars().next() {
             Some(c) if c.is_ascii_digit() || c == '.' => self.literal(),
             Some(c) if c.is_alphabetic() || c == '_' => {
-                let length = self.rest().find(|c: char| !(c.is_alphanumeric() || c == '_')).unwrap_or(self.rest().len());
+                let length =
+                    self.rest().find(|c: char| !(c.is_alphanumeric() || c == '_')).unwrap_or(self.rest().len());
                 self.at += length;
                 self.name((from, length))
             }

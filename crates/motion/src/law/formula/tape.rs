@@ -125,7 +125,9 @@ impl Op {
         match self {
             Op::Unary(Unary::Apply(Function::Root)) => "the root of what is not positive has no speed or no value",
             Op::Unary(Unary::Apply(Function::Logarithm)) => "the logarithm of what is not positive",
-            Op::Unary(Unary::Apply(Function::Arcsine)) => "the arcsine of what is not within -1 and 1 has no speed or no value",
+            Op::Unary(Unary::Apply(Function::Arcsine)) => {
+                "the arcsine of what is not within -1 and 1 has no speed or no value"
+            }
             Op::Unary(Unary::Power(_)) => "a broken power of what is not positive",
             Op::Unary(Unary::Reciprocal) | Op::Binary(Binary::Divide) => "a division by 0",
             _ => "it is too large for a number",
