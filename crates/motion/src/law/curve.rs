@@ -370,8 +370,9 @@ impl Curve {
     }
 }
 
-/// 1/k, so that scaling a jet takes no division; the planner's bounds count two roundings for it.
-const RECIPROCAL: [f64; 9] = [0.0, 1.0, 1.0 / 2.0, 1.0 / 3.0, 1.0 / 4.0, 1.0 / 5.0, 1.0 / 6.0, 1.0 / 7.0, 1.0 / 8.0];
+/// 1/k, since a product takes less time than a quotient.
+pub(crate) const RECIPROCAL: [f64; 9] =
+    [0.0, 1.0, 1.0 / 2.0, 1.0 / 3.0, 1.0 / 4.0, 1.0 / 5.0, 1.0 / 6.0, 1.0 / 7.0, 1.0 / 8.0];
 
 /// √(linear² + 4·quadratic·w), the time per step at w.
 fn ramp_root(linear: f64, quadratic: f64, w: f64) -> f64 {
@@ -381,8 +382,8 @@ fn ramp_root(linear: f64, quadratic: f64, w: f64) -> f64 {
 /// The first `N` Taylor coefficients at u of a polynomial, by Horner's rule on truncated series: nothing is allocated.
 fn expand<const N: usize>(c: impl DoubleEndedIterator<Item = f64>, u: f64) -> [f64; N] {
     let mut jet = [0.0; N];
-    for c in c.rev() {
-        for k in (1..N).rev() {
+    for (degree, c) in c.rev().enumerate() {
+        for k in (1..N.min(degree + 1)).rev() {
             jet[k] = jet[k] * u + jet[k - 1];
         }
         jet[0] = jet[0] * u + c;
