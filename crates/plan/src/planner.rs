@@ -16,7 +16,7 @@ use std::collections::VecDeque;
 /// A turning value this close to a step's level touches it, steps.
 const TOUCH: f64 = 1e-9;
 /// Waits longer than this are dwells, ticks: 24 bits serve every board's interval.
-const LONGEST_INTERVAL_TICKS: i64 = 1 << 24;
+const LONGEST_WAIT_TICKS: f64 = 16_777_216.0;
 /// Peaks are reported to this precision, or as close as a limit demands.
 const PEAK_PRECISION: f64 = 1e-2;
 /// A limit may be met exactly: trapezoids run at it.
@@ -98,7 +98,7 @@ impl<'a> Planner<'a> {
             tolerance: tolerance_ticks,
             gain: settings.gain(),
             largest_add: if settings.fraction_bits <= 16 { i64::from(i32::MAX) } else { 1 << 56 },
-            largest_interval: LONGEST_INTERVAL_TICKS << settings.fraction_bits,
+            longest_wait: LONGEST_WAIT_TICKS,
             longest: if settings.packed { u32::from(u16::MAX) } else { 1 << 24 },
         };
         Ok(Planner {
@@ -175,13 +175,10 @@ impl<'a> Planner<'a> {
         }
         let fraction_bits = self.rules.fraction_bits;
         let fit = planner.next(&self.registers, &self.rules);
-        let mut segment = fit.segment;
-        let whole = segment.interval >> fraction_bits;
-        if segment.count == 1 && whole >= LONGEST_INTERVAL_TICKS {
-            let ticks = whole - LONGEST_INTERVAL_TICKS / 2;
-            segment.interval -= ticks << fraction_bits;
-            self.registers.tick += ticks;
-            self.give(Move::Dwell { ticks: ticks as u64 });
+        let segment = fit.segment;
+        if fit.dwell > 0 {
+            self.registers.tick += fit.dwell as i64;
+            self.give(Move::Dwell { ticks: fit.dwell });
         }
         let before = self.registers;
         self.registers.advance(&segment, fraction_bits);
