@@ -44,6 +44,8 @@ pub struct Planner<'a> {
     meter: Option<Meter>,
     /// θ at t = 0, whole steps and rest: steps count from there.
     start: Option<(i64, f64)>,
+    /// The speed that the motor comes with, steps/s.
+    arrival: f64,
     /// Where the last piece ended.
     end: Option<End>,
     /// Position after all runs that were cut from the law so far.
@@ -65,7 +67,13 @@ pub struct Origin {
     pub position: i64,
     /// The law's θ that those steps count from, steps.
     pub theta: f64,
+    /// How fast the motor comes, steps/s.
+    pub speed: f64,
 }
+
+/// A motor that goes on under another law stays within so many steps of it: half a step and h, a pair of steps
+/// that was dropped.
+const FARTHEST_FROM_LAW: f64 = 2.0;
 
 /// What stretches of one piece share.
 #[derive(Clone, Copy, Debug)]
@@ -114,6 +122,7 @@ impl<'a> Planner<'a> {
             certificate: Certificate::new(law.class()),
             meter: settings.packed.then(|| Meter::new(settings)),
             start: None,
+            arrival: 0.0,
             end: None,
             position: 0,
             waiting: VecDeque::new(),
@@ -128,12 +137,15 @@ impl<'a> Planner<'a> {
 
     /// Prepares to plan `law` for a motor that has moved already: its steps go on from `origin`.
     ///
+    /// A law that begins more than two steps from where the motor is gives [`LawError::Jump`] with the first move.
+    ///
     /// # Errors
     /// As for [`Planner::new`].
     pub fn from(origin: Origin, law: &'a Law, settings: &Settings) -> Result<Planner<'a>, PlanError> {
         let mut planner = Planner::new(law, settings)?;
         planner.position = origin.position;
         planner.start = Some((0, origin.theta));
+        planner.arrival = origin.speed;
         Ok(planner)
     }
 
@@ -338,8 +350,13 @@ impl<'a> Planner<'a> {
         }
         match self.end {
             None => {
-                self.start.get_or_insert((piece.origin, first[0]));
-                self.check_speed_jump(at_s, 0.0, first[1], piece.entry)?;
+                let (whole, rest) = *self.start.get_or_insert((piece.origin, first[0]));
+                let jump = (piece.origin - whole - self.position) as f64 + (first[0] - rest);
+                if jump.abs() > FARTHEST_FROM_LAW {
+                    let from = self.position as f64 + rest;
+                    return Err(LawError::Jump { at_s, from, to: from + jump }.into());
+                }
+                self.check_speed_jump(at_s, self.arrival, first[1], piece.entry)?;
             }
             Some(end) => {
                 let jump = (piece.origin - end.origin) as f64 + (first[0] - end.value);
