@@ -34,4 +34,11 @@ impl Moment {
     pub const fn since(self, earlier: Moment) -> u32 {
         self.0.wrapping_sub(earlier.0)
     }
+
+    /// The moment of a tick, counted in 64 bits.
+    #[expect(clippy::cast_possible_truncation, reason = "moments wrap; this is where they do")]
+    #[must_use]
+    pub const fn of(tick: u64) -> Moment {
+        Moment(tick as u32)
+    }
 }

@@ -1,7 +1,7 @@
 //! What the planner must keep to.
 
 use pulsetrain_motion::Grid;
-use pulsetrain_motion::program::Limits;
+use pulsetrain_motion::program::{Limits, Motor, Program};
 
 /// Everything that a plan of one motor depends on besides its law.
 #[derive(Clone, Debug, PartialEq)]
@@ -12,6 +12,8 @@ pub struct Settings {
     pub fraction_bits: u32,
     /// Bound on |scheduled − exact|, ticks, at least 0.55.
     pub tolerance_ticks: f64,
+    /// Whether segments are chosen for the packed stream (fewest bytes), or in full resolution (fewest segments).
+    pub packed: bool,
     /// When a motor steps.
     pub grid: Grid,
     /// Shortest interval between two steps, ticks: the board's, or the driver's pulse high + low if longer.
@@ -20,4 +22,48 @@ pub struct Settings {
     pub reversal_ticks: u64,
     /// What the motor can do.
     pub limits: Limits,
+}
+
+impl Settings {
+    /// A tolerance of 1 tick, the `nearest` grid, packed segments, and no other limit.
+    #[must_use]
+    pub fn new(tick_hz: u64, fraction_bits: u32) -> Settings {
+        Settings {
+            tick_hz,
+            fraction_bits,
+            tolerance_ticks: 1.0,
+            packed: true,
+            grid: Grid::NEAREST,
+            min_interval_ticks: 1,
+            reversal_ticks: 1,
+            limits: Limits { max_speed: None, max_acceleration: None, pull_in: 0.0 },
+        }
+    }
+
+    /// The gain of the packed stream: coarser units where the tolerance leaves room for them.
+    #[must_use]
+    pub fn gain(&self) -> Option<i8> {
+        let room = ((self.tolerance_ticks - 0.5) / 0.5).log2().round();
+        self.packed.then_some(-(room.clamp(-60.0, 60.0) as i8))
+    }
+}
+
+impl Settings {
+    /// What the plan of one motor of a program must keep to.
+    #[must_use]
+    pub fn of(program: &Program, motor: &Motor) -> Settings {
+        let board = &program.board;
+        let timing = motor.timing.ticks(board.tick_hz);
+        // The table's last entry serves for more motors.
+        let intervals = &board.min_interval_ticks;
+        let own = intervals.get(program.motors.len() - 1).or(intervals.last()).map_or(1, |&ticks| u64::from(ticks));
+        Settings {
+            tolerance_ticks: program.tolerance.ticks(board.tick_hz),
+            grid: program.grid,
+            min_interval_ticks: own.max(timing.pulse_high + timing.pulse_low),
+            reversal_ticks: timing.reversal(),
+            limits: motor.limits,
+            ..Settings::new(board.tick_hz, board.fraction_bits)
+        }
+    }
 }
