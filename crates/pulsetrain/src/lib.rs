@@ -1,1 +1,6 @@
-//! See ARCHITECTURE.md.
+//! Pulsetrain's face: the command line, reports and plots, over the crates that do the work.
+#![forbid(unsafe_code)]
+
+pub mod console;
+pub mod human;
+pub mod plot;

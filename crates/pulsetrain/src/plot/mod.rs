@@ -1,0 +1,148 @@
+//! Pictures of a motion: position wanted and stepped, intervals, speed, and the error of every step.
+//!
+//! [`Picture`] takes the law and the steps as they come, in bounded memory; [`Picture::svg`] and [`Picture::png`]
+//! draw it.
+
+mod axis;
+mod draw;
+mod envelope;
+
+use std::path::Path;
+
+use pulsetrain_motion::program::Scale;
+
+pub use envelope::Envelope;
+
+/// Everything that the plots show.
+#[derive(Clone, Debug)]
+pub struct Picture {
+    /// The line above the panels.
+    pub title: String,
+    /// One period of the step timer, s.
+    pub tick_s: f64,
+    /// The motors, in the file's order.
+    pub motors: Vec<MotorPicture>,
+}
+
+/// One motor's curves.
+#[derive(Clone, Debug)]
+pub struct MotorPicture {
+    /// As the file calls it.
+    pub name: String,
+    /// Steps to the user's unit.
+    pub scale: Scale,
+    /// The certificate's bound, ticks.
+    pub bound_ticks: f64,
+    wanted: Envelope,
+    wanted_speed: Envelope,
+    wanted_closely: Vec<(f64, f64)>,
+    stepped: Envelope,
+    stepped_speed: Envelope,
+    intervals: Envelope,
+    errors: Envelope,
+    first_steps: Vec<(f64, i64)>,
+    steps: u64,
+    last: (f64, i64),
+}
+
+/// How many steps the close view shows.
+const FIRST_STEPS: usize = 16;
+
+impl MotorPicture {
+    /// A motor that has not moved yet.
+    #[must_use]
+    pub fn new(name: String, scale: Scale, bound_ticks: f64) -> MotorPicture {
+        MotorPicture {
+            name,
+            scale,
+            bound_ticks,
+            wanted: Envelope::default(),
+            wanted_speed: Envelope::default(),
+            wanted_closely: Vec::new(),
+            stepped: Envelope::default(),
+            stepped_speed: Envelope::default(),
+            intervals: Envelope::default(),
+            errors: Envelope::default(),
+            first_steps: Vec::new(),
+            steps: 0,
+            last: (0.0, 0),
+        }
+    }
+
+    /// Adds a point of the law: at `t` seconds it is at `theta` steps, going at `speed` steps/s.
+    pub fn want(&mut self, t: f64, theta: f64, speed: f64) {
+        self.wanted.push(t, theta);
+        self.wanted_speed.push(t, speed);
+    }
+
+    /// Adds a point of the law in the [`Picture::close_view`].
+    pub fn want_closely(&mut self, t: f64, theta: f64) {
+        self.wanted_closely.push((t, theta));
+    }
+
+    /// Adds a step: at `t` seconds the motor went to `position`; `error_ticks` is how late it came, if known.
+    pub fn step(&mut self, t: f64, position: i64, error_ticks: Option<f64>) {
+        let (before, from) = self.last;
+        if self.stepped.span().is_none() {
+            self.stepped.push(0.0, from as f64);
+        }
+        // While points are few the staircase is drawn as one; among thousands it is a line.
+        if self.stepped.is_exact() {
+            self.stepped.push(t, from as f64);
+        }
+        self.stepped.push(t, position as f64);
+        if self.first_steps.len() < FIRST_STEPS {
+            self.first_steps.push((t, position));
+        }
+        self.steps += 1;
+        if self.steps > 1 && t > before {
+            self.intervals.push(self.steps as f64, t - before);
+            self.stepped_speed.push((t + before) / 2.0, (position - from) as f64 / (t - before));
+        }
+        if let Some(error) = error_ticks {
+            self.errors.push(t, error);
+        }
+        self.last = (t, position);
+    }
+
+    /// The staircase of the first steps inside `window`.
+    fn stairs(&self, window: (f64, f64)) -> Vec<(f64, f64)> {
+        let mut stairs = vec![(window.0, 0.0)];
+        let mut position = 0.0;
+        for &(t, to) in self.first_steps.iter().take_while(|(t, _)| *t <= window.1) {
+            stairs.extend([(t, position), (t, to as f64)]);
+            position = to as f64;
+        }
+        stairs.push((window.1, position));
+        stairs
+    }
+}
+
+impl Picture {
+    /// The stretch of time that the close view shows, s: around the first steps of the motor that is quickest to make
+    /// them; `None` when no motor steps twice.
+    #[must_use]
+    pub fn close_view(&self) -> Option<(f64, f64)> {
+        let spans = self.motors.iter().filter_map(|motor| match motor.first_steps[..] {
+            [first, .., last] => Some(((first.0 - 0.3 * (last.0 - first.0)).max(0.0), last.0)),
+            _ => None,
+        });
+        spans.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(from, to)| (from, to + 0.05 * (to - from)))
+    }
+
+    /// The picture as SVG.
+    ///
+    /// # Errors
+    /// When the drawing library fails, in its words.
+    pub fn svg(&self) -> Result<String, String> {
+        draw::svg(self)
+    }
+
+    /// Writes the picture as PNG.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn png(&self, path: &Path) -> Result<(), String> {
+        draw::png(self, path)
+    }
+}
