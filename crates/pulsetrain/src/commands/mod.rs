@@ -1,0 +1,5 @@
+//! The commands, one file each.
+
+pub(crate) mod boards;
+pub(crate) mod drivers;
+pub(crate) mod motor;
