@@ -1,13 +1,38 @@
 //! From a law to segments, with a proof for every scheduled tick.
+//!
+//! # What is here, top down
+//! - [`planner`]: a law as a stream of [`Move`]s, in constant memory, within every limit
+//! - [`tail`]: the stop that ends every queue
+//! - `run`: steps in one direction along one stretch, as segments
+//! - `fit`: one segment: fit, quantise, bound
+//! - `stretch`: where a law rises and where it falls
+//! - `expansion`: the local inverse t(n) with a proven remainder
+//! - `peak`: largest speed and acceleration, enclosed
+//!
+//! # What is not
+//! Laws themselves (`pulsetrain-motion`), queues and edges (`pulsetrain-core`, `pulsetrain-board`).
 #![forbid(unsafe_code)]
 
 pub mod certificate;
+pub mod error;
+mod expansion;
+mod fit;
+mod peak;
+pub mod planner;
+mod run;
 pub mod settings;
+mod stretch;
+pub mod tail;
 
 pub use certificate::Certificate;
+pub use error::PlanError;
+pub use planner::{Origin, Planner};
 pub use settings::Settings;
 
 use pulsetrain_core::{Direction, Segment};
+
+/// The least bound that a certificate can promise: half a tick is lost to whole ticks, the rest is for the fit.
+pub const LEAST_TOLERANCE_TICKS: f64 = 0.55;
 
 /// What a planner gives out, one after the other; the first comes after tick 0, fraction ½.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

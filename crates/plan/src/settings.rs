@@ -12,6 +12,8 @@ pub struct Settings {
     pub fraction_bits: u32,
     /// Bound on |scheduled − exact|, ticks, at least 0.55.
     pub tolerance_ticks: f64,
+    /// Whether segments are chosen for the packed stream (fewest bytes), or in full resolution (fewest segments).
+    pub packed: bool,
     /// When a motor steps.
     pub grid: Grid,
     /// Shortest interval between two steps, ticks: the board's, or the driver's pulse high + low if longer.
@@ -20,4 +22,28 @@ pub struct Settings {
     pub reversal_ticks: u64,
     /// What the motor can do.
     pub limits: Limits,
+}
+
+impl Settings {
+    /// A tolerance of 1 tick, the `nearest` grid, packed segments, and no other limit.
+    #[must_use]
+    pub fn new(tick_hz: u64, fraction_bits: u32) -> Settings {
+        Settings {
+            tick_hz,
+            fraction_bits,
+            tolerance_ticks: 1.0,
+            packed: true,
+            grid: Grid::NEAREST,
+            min_interval_ticks: 1,
+            reversal_ticks: 1,
+            limits: Limits { max_speed: None, max_acceleration: None, pull_in: 0.0 },
+        }
+    }
+
+    /// The gain of the packed stream: coarser units where the tolerance leaves room for them.
+    #[must_use]
+    pub fn gain(&self) -> Option<i8> {
+        let room = ((self.tolerance_ticks - 0.5) / 0.5).log2().round();
+        self.packed.then_some(-(room.clamp(-60.0, 60.0) as i8))
+    }
 }

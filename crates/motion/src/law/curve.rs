@@ -188,3 +188,17 @@ fn taylor_shift(c: &[f64], u: f64) -> Vec<f64> {
     }
     c
 }
+impl Curve {
+    /// tmp
+    pub fn inverse(&self, from: f64, to: f64) -> Option<Inverse> {
+        match self {
+            Curve::Cosine { offset, amplitude, omega, phase }
+                if *phase == 0.0 && from >= 0.0 && to * omega <= std::f64::consts::PI * (1.0 + 1e-12) =>
+            {
+                Some(Inverse::Arccosine { u0: 0.0, x0: offset + amplitude, swing: -2.0 * amplitude, omega: *omega })
+            }
+            Curve::Polynomial(c) if c.len() == 2 => Some(Inverse::Line { u0: 0.0, x0: c[0], speed: c[1] }),
+            _ => None,
+        }
+    }
+}

@@ -1,0 +1,118 @@
+//! Why a motion is refused.
+
+use pulsetrain_motion::LawError;
+
+/// Whose limit a plan would break.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Limit {
+    /// The board cannot make steps that close together.
+    Board,
+    /// The file gives the motor a maximum speed.
+    MotorSpeed,
+    /// The file gives the motor a maximum acceleration.
+    MotorAcceleration,
+    /// The motor cannot change its speed by that much at once.
+    PullIn,
+}
+
+/// Why a motion is refused; nothing has moved.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum PlanError {
+    /// The law itself breaks.
+    #[error(transparent)]
+    Law(#[from] LawError),
+    /// The certificate asked for is below what any plan can have.
+    #[error("a tolerance of {tolerance_ticks} ticks cannot be proven; the least is {least_ticks}")]
+    ToleranceTooTight {
+        /// Asked for, ticks.
+        tolerance_ticks: f64,
+        /// Least, ticks.
+        least_ticks: f64,
+    },
+    /// Steps would come closer together than the board can make them.
+    #[error("at t = {at_s:.6} s steps come at {rate_hz:.0} steps/s; the board makes {limit_hz:.0} steps/s at most")]
+    TooFastForBoard {
+        /// When, s.
+        at_s: f64,
+        /// Asked for, steps/s.
+        rate_hz: f64,
+        /// The board's limit, steps/s.
+        limit_hz: f64,
+    },
+    /// The law is faster than the motor.
+    #[error("at t = {at_s:.6} s the law runs at {speed:.1} steps/s; the motor's limit is {limit:.1} steps/s")]
+    TooFast {
+        /// When, s.
+        at_s: f64,
+        /// steps/s.
+        speed: f64,
+        /// steps/s.
+        limit: f64,
+    },
+    /// The law accelerates more than the motor can.
+    #[error(
+        "at t = {at_s:.6} s the law accelerates by {acceleration:.0} steps/s²; the motor's limit is {limit:.0} steps/s²"
+    )]
+    TooMuchAcceleration {
+        /// When, s.
+        at_s: f64,
+        /// steps/s².
+        acceleration: f64,
+        /// steps/s².
+        limit: f64,
+    },
+    /// The law starts, ends or changes its speed at once by more than the pull-in rate.
+    #[error(
+        "at t = {at_s:.6} s the speed goes from {from:.1} to {to:.1} steps/s at once; the motor's pull-in rate is {pull_in:.1} steps/s"
+    )]
+    SpeedJump {
+        /// When, s.
+        at_s: f64,
+        /// steps/s, before.
+        from: f64,
+        /// steps/s, after.
+        to: f64,
+        /// steps/s.
+        pull_in: f64,
+    },
+    /// Numbers of 53 bits do not tell the law's step times well enough.
+    #[error(
+        "the step at t = {at_s:.6} s can only be proven to {bound_ticks:.3} ticks, {tolerance_ticks} are asked for"
+    )]
+    NotProvable {
+        /// When, s.
+        at_s: f64,
+        /// What can be proven, ticks.
+        bound_ticks: f64,
+        /// What was asked for, ticks.
+        tolerance_ticks: f64,
+    },
+}
+
+impl PlanError {
+    /// Whose limit it is, if it is a limit.
+    #[must_use]
+    pub fn limit(&self) -> Option<Limit> {
+        match self {
+            PlanError::TooFastForBoard { .. } => Some(Limit::Board),
+            PlanError::TooFast { .. } => Some(Limit::MotorSpeed),
+            PlanError::TooMuchAcceleration { .. } => Some(Limit::MotorAcceleration),
+            PlanError::SpeedJump { .. } => Some(Limit::PullIn),
+            PlanError::Law(_) | PlanError::ToleranceTooTight { .. } | PlanError::NotProvable { .. } => None,
+        }
+    }
+
+    /// When it happens, s, if at one time.
+    #[must_use]
+    pub fn at_s(&self) -> Option<f64> {
+        match self {
+            PlanError::TooFastForBoard { at_s, .. }
+            | PlanError::TooFast { at_s, .. }
+            | PlanError::TooMuchAcceleration { at_s, .. }
+            | PlanError::SpeedJump { at_s, .. }
+            | PlanError::NotProvable { at_s, .. } => Some(*at_s),
+            PlanError::Law(LawError::Undefined { at_s, .. } | LawError::Jump { at_s, .. }) => Some(*at_s),
+            PlanError::Law(_) | PlanError::ToleranceTooTight { .. } => None,
+        }
+    }
+}

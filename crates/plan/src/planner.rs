@@ -1,0 +1,432 @@
+//! A law as a stream of moves, in constant memory.
+
+use crate::certificate::Certificate;
+use crate::error::PlanError;
+use crate::expansion::Frame;
+use crate::peak::peak;
+use crate::run::{Registers, Rules, Run, RunPlanner};
+use crate::settings::Settings;
+use crate::stretch::{Stretch, stretches};
+use crate::{LEAST_TOLERANCE_TICKS, Move};
+use pulsetrain_core::{Direction, Segment};
+use pulsetrain_motion::law::{Class, Entry, Law, LawError, Piece, Pieces};
+use std::collections::VecDeque;
+
+/// A turning value this close to a step's level touches it, steps.
+const TOUCH: f64 = 1e-9;
+/// Waits longer than this are dwells, ticks: 24 bits serve every board's interval.
+const LONGEST_INTERVAL_TICKS: i64 = 1 << 24;
+/// Peaks are reported to this precision, or as close as a limit demands.
+const PEAK_PRECISION: f64 = 1e-2;
+/// A limit may be met exactly: trapezoids run at it.
+const LIMIT_SLACK: f64 = 1e-6;
+
+/// Plans a law, one move after the other.
+///
+/// ```
+/// use pulsetrain_motion::{Law, Time, law::Sine};
+/// use pulsetrain_plan::{Planner, Settings};
+///
+/// let law = Law::Sine(Sine { amplitude: 2000.0, period: Time::SECOND, cycles: Some(1) });
+/// let mut planner = Planner::new(&law, &Settings::new(16_000_000, 16))?;
+/// while let Some(_move) = planner.next_move()? {}
+/// assert_eq!(planner.certificate().steps, 8000);
+/// assert!(planner.certificate().bound_ticks <= 1.0);
+/// # Ok::<(), pulsetrain_plan::PlanError>(())
+/// ```
+pub struct Planner<'a> {
+    pieces: Pieces<'a>,
+    settings: Settings,
+    rules: Rules,
+    registers: Registers,
+    certificate: Certificate,
+    /// θ at t = 0, whole steps and rest: steps count from there.
+    start: Option<(i64, f64)>,
+    /// Where the last piece ended.
+    end: Option<End>,
+    /// Position after all runs that were cut from the law so far.
+    position: i64,
+    waiting: VecDeque<(Stretch, PieceFrame)>,
+    /// The run being planned, and the one after it: the end of a run depends on how the next begins.
+    current: Option<RunPlanner>,
+    next: Option<Run>,
+    moves: VecDeque<Move>,
+    last_step: Option<i64>,
+    direction: Option<Direction>,
+    finished: bool,
+}
+
+/// Where a plan begins, if not at the law's own start.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Origin {
+    /// Steps made so far.
+    pub position: i64,
+    /// The law's θ that those steps count from, steps.
+    pub theta: f64,
+}
+
+/// What stretches of one piece share.
+#[derive(Clone, Copy, Debug)]
+struct PieceFrame {
+    origin: i64,
+    zero: (i64, f64),
+}
+
+/// How a piece ended.
+#[derive(Clone, Copy, Debug)]
+struct End {
+    at_s: f64,
+    origin: i64,
+    value: f64,
+    speed: f64,
+}
+
+impl<'a> Planner<'a> {
+    /// Prepares to plan `law`.
+    ///
+    /// # Errors
+    /// If the tolerance is below what can be proven, [`LEAST_TOLERANCE_TICKS`].
+    pub fn new(law: &'a Law, settings: &Settings) -> Result<Planner<'a>, PlanError> {
+        let tolerance_ticks = settings.tolerance_ticks;
+        if tolerance_ticks.is_nan() || tolerance_ticks < LEAST_TOLERANCE_TICKS {
+            return Err(PlanError::ToleranceTooTight { tolerance_ticks, least_ticks: LEAST_TOLERANCE_TICKS });
+        }
+        let rules = Rules {
+            fraction_bits: settings.fraction_bits,
+            tolerance: tolerance_ticks,
+            gain: settings.gain(),
+            largest_add: if settings.fraction_bits <= 16 { i64::from(i32::MAX) } else { 1 << 56 },
+            largest_interval: LONGEST_INTERVAL_TICKS << settings.fraction_bits,
+            longest: if settings.packed { u32::from(u16::MAX) } else { 1 << 24 },
+        };
+        Ok(Planner {
+            pieces: law.pieces(),
+            settings: settings.clone(),
+            rules,
+            registers: Registers {
+                tick: 0,
+                fraction: 1 << (settings.fraction_bits - 1),
+                predicted: Segment::default(),
+                count: 4,
+            },
+            certificate: Certificate::new(law.class()),
+            start: None,
+            end: None,
+            position: 0,
+            waiting: VecDeque::new(),
+            current: None,
+            next: None,
+            moves: VecDeque::new(),
+            last_step: None,
+            direction: None,
+            finished: false,
+        })
+    }
+
+    /// Prepares to plan `law` for a motor that has moved already: its steps go on from `origin`.
+    ///
+    /// # Errors
+    /// As for [`Planner::new`].
+    pub fn from(origin: Origin, law: &'a Law, settings: &Settings) -> Result<Planner<'a>, PlanError> {
+        let mut planner = Planner::new(law, settings)?;
+        planner.position = origin.position;
+        planner.start = Some((0, origin.theta));
+        Ok(planner)
+    }
+
+    /// What is proven of the moves given out so far.
+    #[must_use]
+    pub fn certificate(&self) -> &Certificate {
+        &self.certificate
+    }
+
+    /// The tick of the last step or the end of the last dwell given out.
+    #[must_use]
+    pub fn tick(&self) -> i64 {
+        self.registers.tick
+    }
+
+    /// The next move; `None` at the end of the law.
+    ///
+    /// # Errors
+    /// Where the law breaks or leaves a limit; what was given out before stands.
+    pub fn next_move(&mut self) -> Result<Option<Move>, PlanError> {
+        loop {
+            if let Some(next) = self.moves.pop_front() {
+                return Ok(Some(next));
+            }
+            if self.current.as_ref().is_some_and(|run| !run.is_done()) {
+                self.plan_segment()?;
+            } else if !self.take_next_run()? {
+                return Ok(None);
+            }
+        }
+    }
+
+    fn plan_segment(&mut self) -> Result<(), PlanError> {
+        let Some(planner) = &mut self.current else { return Ok(()) };
+        let direction = planner.run.direction;
+        if self.direction != Some(direction) {
+            self.registers.reset();
+            self.direction = Some(direction);
+        }
+        let fraction_bits = self.rules.fraction_bits;
+        let fit = planner.next(&self.registers, &self.rules);
+        let mut segment = fit.segment;
+        let whole = segment.interval >> fraction_bits;
+        if segment.count == 1 && whole >= LONGEST_INTERVAL_TICKS {
+            let ticks = whole - LONGEST_INTERVAL_TICKS / 2;
+            segment.interval -= ticks << fraction_bits;
+            self.registers.tick += ticks;
+            self.moves.push_back(Move::Dwell { ticks: ticks as u64 });
+        }
+        let before = self.registers;
+        self.registers.advance(&segment, fraction_bits);
+        let at_s = self.registers.tick as f64 / self.settings.tick_hz as f64;
+        if fit.bound > self.rules.tolerance {
+            let tolerance_ticks = self.rules.tolerance;
+            return Err(PlanError::NotProvable { at_s, bound_ticks: fit.bound, tolerance_ticks });
+        }
+        self.check_spacing(&segment, &before)?;
+        self.certificate.add(&segment, direction, fit.bound);
+        self.moves.push_back(Move::Run { segment, direction });
+        Ok(())
+    }
+
+    /// Refuses segments whose steps come closer together than the board can make them.
+    fn check_spacing(&mut self, segment: &Segment, before: &Registers) -> Result<(), PlanError> {
+        let fraction_bits = self.rules.fraction_bits;
+        let first = before.tick + ((before.fraction + segment.interval) >> fraction_bits);
+        let mut shortest = self.last_step.map(|last| (first - last, first));
+        if segment.count > 1 {
+            let (interval, at) = shortest_interval(segment);
+            let ticks = interval >> fraction_bits;
+            if shortest.is_none_or(|(s, _)| ticks < s) {
+                let tick = before.tick + ((i128::from(before.fraction) + segment.span(at)) >> fraction_bits) as i64;
+                shortest = Some((ticks, tick));
+            }
+        }
+        self.last_step = Some(self.registers.tick);
+        let Some((ticks, tick)) = shortest else { return Ok(()) };
+        if ticks < self.settings.min_interval_ticks as i64 {
+            let hz = self.settings.tick_hz as f64;
+            return Err(PlanError::TooFastForBoard {
+                at_s: tick as f64 / hz,
+                rate_hz: hz / (ticks.max(1)) as f64,
+                limit_hz: hz / self.settings.min_interval_ticks as f64,
+            });
+        }
+        let known = &mut self.certificate.shortest_interval_ticks;
+        *known = Some(known.map_or(ticks as u64, |known| known.min(ticks as u64)));
+        Ok(())
+    }
+
+    /// Makes the next run the current one; `false` at the end of the law.
+    fn take_next_run(&mut self) -> Result<bool, PlanError> {
+        let mut run = match self.next.take() {
+            Some(run) => run,
+            None => match self.cut_run()? {
+                Some(run) => run,
+                None => return Ok(false),
+            },
+        };
+        loop {
+            let Some(mut after) = self.cut_run()? else {
+                self.current = (run.count > 0).then(|| RunPlanner::new(run));
+                return Ok(self.current.is_some());
+            };
+            self.drop_close_pairs(&mut run, &mut after);
+            if run.count == 0 {
+                run = after;
+                continue;
+            }
+            self.next = (after.count > 0).then_some(after);
+            self.current = Some(RunPlanner::new(run));
+            return Ok(true);
+        }
+    }
+
+    /// Opposite steps closer than the driver can turn round are dropped in pairs.
+    fn drop_close_pairs(&mut self, run: &mut Run, after: &mut Run) {
+        if run.direction == after.direction {
+            return;
+        }
+        let gap = self.settings.reversal_ticks.max(self.settings.min_interval_ticks) as f64;
+        while run.count > 0 && after.count > 0 {
+            let (last, _) = run.due(run.count, run.guess(run.count));
+            let (first, _) = after.due(1, after.guess(1));
+            let apart =
+                (after.origin.0 - run.origin.0) as f64 + (after.origin.1 - run.origin.1) + first.tick - last.tick;
+            if apart >= gap {
+                break;
+            }
+            // θ at the turn, seen from where the motor now stays.
+            let turn = (run.stretch.value_to - run.frame.zero) * run.frame.sign;
+            run.count -= 1;
+            after.count -= 1;
+            after.frame.zero += after.frame.sign;
+            let hysteresis = self.settings.grid.hysteresis;
+            let error = turn - run.count as f64 - 0.5 + hysteresis;
+            self.certificate.pairs_dropped += 1;
+            self.certificate.worst_position_error = self.certificate.worst_position_error.max(error);
+        }
+    }
+
+    /// The next run that has steps.
+    fn cut_run(&mut self) -> Result<Option<Run>, PlanError> {
+        loop {
+            while let Some((stretch, piece)) = self.waiting.pop_front() {
+                let run = self.run(stretch, piece);
+                if run.count > 0 {
+                    self.position += i64::from(run.direction.sign()) * run.count as i64;
+                    return Ok(Some(run));
+                }
+            }
+            if self.finished {
+                return Ok(None);
+            }
+            match self.pieces.next() {
+                Some(piece) => self.admit(&piece?)?,
+                None => {
+                    self.finished = true;
+                    self.check_end()?;
+                }
+            }
+        }
+    }
+
+    fn run(&self, stretch: Stretch, piece: PieceFrame) -> Run {
+        let rising = stretch.value_to > stretch.value_from;
+        let (sign, direction) = if rising { (1.0, Direction::Forward) } else { (-1.0, Direction::Backward) };
+        let (start_whole, start_rest) = self.start.unwrap_or((0, 0.0));
+        let position = self.position - piece.origin + start_whole;
+        // Step 1 is due at the level above (or below) the position; s = 0 is one step before it.
+        let zero = position as f64 + (sign * (self.settings.grid.hysteresis - 0.5) + start_rest);
+        let reached = (stretch.value_to - zero) * sign + TOUCH;
+        Run {
+            frame: Frame { sign, zero, tick_hz: self.settings.tick_hz as f64 },
+            direction,
+            count: if reached >= 1.0 { reached as u64 } else { 0 },
+            origin: piece.zero,
+            stretch,
+        }
+    }
+
+    /// Checks how a piece joins the one before and what it asks of the motor, and cuts it into stretches.
+    fn admit(&mut self, piece: &Piece) -> Result<(), PlanError> {
+        let (from, to) = (piece.first(), piece.last());
+        let (first, last) = (piece.curve.jet(from), piece.curve.jet(to));
+        let (at_s, end_s) = (piece.start.seconds(), piece.end.seconds());
+        if let Some(k) = first.iter().chain(&last).position(|c| !c.is_finite()) {
+            let at_s = if k < 8 { at_s } else { end_s };
+            return Err(LawError::Undefined { at_s, why: "the law or its slope is not finite".into() }.into());
+        }
+        match self.end {
+            None => {
+                self.start.get_or_insert((piece.origin, first[0]));
+                self.check_speed_jump(at_s, 0.0, first[1], piece.entry)?;
+            }
+            Some(end) => {
+                let jump = (piece.origin - end.origin) as f64 + (first[0] - end.value);
+                if jump.abs() > 1e-6 {
+                    let from = end.origin as f64 + end.value;
+                    return Err(LawError::Jump { at_s, from, to: from + jump }.into());
+                }
+                self.check_speed_jump(at_s, end.speed, first[1], piece.entry)?;
+            }
+        }
+        self.end = Some(End { at_s: end_s, origin: piece.origin, value: last[0], speed: last[1] });
+        self.check_peaks(piece, from, to)?;
+        let hz = self.settings.tick_hz;
+        let frame = PieceFrame { origin: piece.origin, zero: piece.zero.ticks(hz) };
+        self.waiting.extend(stretches(piece, hz as f64).into_iter().map(|s| (s, frame)));
+        Ok(())
+    }
+
+    fn check_end(&self) -> Result<(), PlanError> {
+        match self.end {
+            Some(end) => self.check_speed_jump(end.at_s, end.speed, 0.0, Entry::Continuous),
+            None => Ok(()),
+        }
+    }
+
+    fn check_speed_jump(&self, at_s: f64, from: f64, to: f64, entry: Entry) -> Result<(), PlanError> {
+        let pull_in = self.settings.limits.pull_in;
+        // A law at rest in exact arithmetic moves by rounding: far below any step.
+        let slack = 1e-6 + 1e-9 * from.abs().max(to.abs());
+        if entry == Entry::Continuous && (to - from).abs() > pull_in * (1.0 + LIMIT_SLACK) + slack {
+            return Err(PlanError::SpeedJump { at_s, from, to, pull_in });
+        }
+        Ok(())
+    }
+
+    fn check_peaks(&mut self, piece: &Piece, from: f64, to: f64) -> Result<(), PlanError> {
+        let limits = self.settings.limits;
+        let time = |u: f64| piece.zero.seconds() + u;
+        let bounds = piece.curve.bounds(from, to);
+        let range = (from, to);
+        let check = |order, known: (f64, f64), limit: Option<f64>| {
+            let (mut value, mut at) = peak(&piece.curve, &bounds, range, order, known.0, PEAK_PRECISION);
+            if let Some(limit) =
+                limit.filter(|l| value * (1.0 + PEAK_PRECISION) > *l && value <= l * (1.0 + LIMIT_SLACK))
+            {
+                let (finer, there) = peak(&piece.curve, &bounds, range, order, limit, LIMIT_SLACK);
+                if finer > limit * (1.0 + LIMIT_SLACK) {
+                    (value, at) = (finer, there);
+                }
+            }
+            (value, at.map_or(known.1, time))
+        };
+        let speed = check(1, self.certificate.peak_speed, limits.max_speed);
+        self.certificate.peak_speed = speed;
+        if let Some(limit) = limits.max_speed.filter(|l| speed.0 > l * (1.0 + LIMIT_SLACK)) {
+            return Err(PlanError::TooFast { at_s: speed.1, speed: speed.0, limit });
+        }
+        let acceleration = check(2, self.certificate.peak_acceleration, limits.max_acceleration);
+        self.certificate.peak_acceleration = acceleration;
+        if let Some(limit) = limits.max_acceleration.filter(|l| acceleration.0 > l * (1.0 + LIMIT_SLACK)) {
+            return Err(PlanError::TooMuchAcceleration { at_s: acceleration.1, acceleration: acceleration.0, limit });
+        }
+        Ok(())
+    }
+}
+
+/// The shortest interval between two steps of a segment, ticks · 2^F, and the number of the step after it.
+fn shortest_interval(segment: &Segment) -> (i64, u32) {
+    // Before step k (2..=count): I + (k−1)a + C(k−1,2)b, a parabola in k.
+    let interval = |k: u32| segment.after(k - 1).interval;
+    let mut candidates = vec![2, segment.count];
+    if segment.add2 != 0 {
+        let lowest = 1.5 - segment.add as f64 / segment.add2 as f64;
+        let near = lowest.clamp(2.0, f64::from(segment.count)) as u32;
+        candidates.extend([near, (near + 1).min(segment.count)]);
+    }
+    candidates.into_iter().map(|k| (interval(k), k)).min().unwrap_or((segment.interval, 1))
+}
+
+impl Certificate {
+    fn new(class: Class) -> Certificate {
+        Certificate {
+            bound_ticks: 0.0,
+            class,
+            steps: 0,
+            position: 0,
+            segments: 0,
+            bytes: 0,
+            shortest_interval_ticks: None,
+            peak_speed: (0.0, 0.0),
+            peak_acceleration: (0.0, 0.0),
+            pairs_dropped: 0,
+            worst_position_error: 0.0,
+            steps_put_off: 0,
+            longest_put_off_ticks: 0,
+        }
+    }
+
+    fn add(&mut self, segment: &Segment, direction: Direction, bound_ticks: f64) {
+        self.bound_ticks = self.bound_ticks.max(bound_ticks);
+        self.steps += u64::from(segment.count);
+        self.position += i64::from(direction.sign()) * i64::from(segment.count);
+        self.segments += 1;
+    }
+}

@@ -1,0 +1,405 @@
+//! Steps in one direction along one stretch, as segments.
+
+use crate::expansion::{Expansion, Frame, ULP};
+use crate::fit::{Fit, Quantiser, Start, fit};
+use crate::stretch::Stretch;
+use pulsetrain_core::packing::unit_shift;
+use pulsetrain_core::{Direction, Segment};
+
+/// Steps in one direction along one stretch: step j (1..=count) is due when s = j.
+#[derive(Clone, Debug)]
+pub(crate) struct Run {
+    pub(crate) stretch: Stretch,
+    pub(crate) frame: Frame,
+    pub(crate) direction: Direction,
+    pub(crate) count: u64,
+    /// The tick at which the curve's own time is 0: whole, and fraction.
+    pub(crate) origin: (i64, f64),
+}
+
+/// When a step is due: ticks of the curve's own time, and how far that may be wrong.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Due {
+    pub(crate) tick: f64,
+    pub(crate) error: f64,
+}
+
+impl Run {
+    /// The law near s, expanded where the curve's own time is about `tick`.
+    fn expand(&self, s: f64, tick: f64) -> Option<Expansion> {
+        match &self.stretch.inverse {
+            Some(inverse) => Some(Expansion::from_inverse(&self.frame, inverse, s.clamp(0.0, self.count as f64 + 1.0))),
+            None => {
+                let u = (tick / self.frame.tick_hz).clamp(self.stretch.from, self.stretch.to);
+                Expansion::from_jet(&self.frame, &self.stretch.curve, &self.stretch.bounds, u)
+            }
+        }
+    }
+
+    /// Where the stretch's bounds hold, ticks.
+    pub(crate) fn window(&self) -> (f64, f64) {
+        (self.stretch.from * self.frame.tick_hz, self.stretch.to * self.frame.tick_hz)
+    }
+
+    /// The time of step `j`, searched from `guess` (ticks of the curve's own time).
+    ///
+    /// Newton's method inside a bracket; where the law is too flat for its proof, the true time is enclosed
+    /// between the places where the law is surely below and surely above.
+    pub(crate) fn due(&self, j: u64, guess: f64) -> (Due, Option<Expansion>) {
+        let s = j as f64;
+        if let Some(inverse) = &self.stretch.inverse {
+            let expansion = Expansion::from_inverse(&self.frame, inverse, s);
+            let offset = expansion.offset(s);
+            let error = expansion.remainder((s - expansion.center).abs(), offset, offset, self.window());
+            if error.is_finite() {
+                return (Due { tick: expansion.tick + offset, error }, Some(expansion));
+            }
+        }
+        let hz = self.frame.tick_hz;
+        let (mut low, mut high) = (self.stretch.from, self.stretch.to);
+        let mut u = guess / hz;
+        for _ in 0..200 {
+            if !(u > low && u < high) {
+                u = 0.5 * (low + high);
+            }
+            let expansion = Expansion::from_jet(&self.frame, &self.stretch.curve, &self.stretch.bounds, u);
+            let miss = match &expansion {
+                Some(expansion) => {
+                    let miss = expansion.center - s;
+                    if miss.abs() < 0.03 {
+                        let offset = expansion.offset(s);
+                        let error = expansion.remainder(miss.abs(), offset, offset, self.window());
+                        if error < 1e-2 {
+                            return (Due { tick: expansion.tick + offset, error }, Some(*expansion));
+                        }
+                    }
+                    miss
+                }
+                None => (self.stretch.curve.value(u) - self.frame.zero) * self.frame.sign - s,
+            };
+            if miss > 0.0 {
+                high = u
+            } else {
+                low = u
+            }
+            if (high - low) * hz < 1e-3 {
+                break;
+            }
+            u = expansion.map_or(0.5 * (low + high), |e| u - miss * e.q[1] / hz);
+        }
+        (self.enclosed(s), None)
+    }
+
+    /// The time of s between the last place where the law is surely below it and the first where it is surely above.
+    fn enclosed(&self, s: f64) -> Due {
+        let doubt = self.stretch.bounds.rounding[0] + 4.0 * ULP * (self.frame.zero.abs() + self.stretch.value_to.abs());
+        let side = |level: f64| {
+            let (mut low, mut high) = (self.stretch.from, self.stretch.to);
+            while (high - low) * self.frame.tick_hz > 1e-3 {
+                let u = 0.5 * (low + high);
+                if u <= low || u >= high {
+                    break;
+                }
+                if (self.stretch.curve.value(u) - self.frame.zero) * self.frame.sign < level {
+                    low = u
+                } else {
+                    high = u
+                }
+            }
+            (low, high)
+        };
+        let (earliest, latest) = (side(s - doubt).0, side(s + doubt).1);
+        let hz = self.frame.tick_hz;
+        Due {
+            tick: 0.5 * (earliest + latest) * hz,
+            error: 0.5 * (latest - earliest) * hz + 4.0 * ULP * latest.abs() * hz,
+        }
+    }
+
+    /// A first guess for the time of step `j` before anything is known: as if the acceleration were constant.
+    pub(crate) fn guess(&self, j: u64) -> f64 {
+        let c = self.stretch.curve.jet(self.stretch.from);
+        let gone = (c[0] - self.frame.zero) * self.frame.sign;
+        let missing = (j as f64 - gone).max(0.0);
+        let (speed, bend) = ((c[1] * self.frame.sign).max(0.0), c[2] * self.frame.sign);
+        let root = (speed * speed + 4.0 * bend.max(0.0) * missing).sqrt();
+        let wait = if speed + root > 0.0 { 2.0 * missing / (speed + root) } else { 0.0 };
+        (self.stretch.from + wait).min(self.stretch.to) * self.frame.tick_hz
+    }
+}
+
+/// The board's live registers as the host knows them, and how the wire predicts from them.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Registers {
+    /// Tick of the accumulator.
+    pub(crate) tick: i64,
+    /// Its fraction, ticks · 2^F.
+    pub(crate) fraction: i64,
+    /// Differences that the next segment is predicted to have, ticks · 2^F.
+    pub(crate) predicted: Segment,
+    /// Count of the last segment, 4 after a reset.
+    pub(crate) count: u32,
+}
+
+impl Registers {
+    /// After `segment`.
+    pub(crate) fn advance(&mut self, segment: &Segment, fraction_bits: u32) {
+        let accumulator = i128::from(self.fraction) + segment.span(segment.count);
+        self.tick += (accumulator >> fraction_bits) as i64;
+        self.fraction = (accumulator & ((1 << fraction_bits) - 1)) as i64;
+        self.predicted = segment.after(segment.count);
+        self.count = segment.count;
+    }
+
+    /// A change of direction tells the board to forget the differences.
+    pub(crate) fn reset(&mut self) {
+        self.predicted = Segment::default();
+        self.count = 4;
+    }
+}
+
+/// How segments may be chosen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Rules {
+    pub(crate) fraction_bits: u32,
+    /// Bound on |scheduled − exact|, ticks.
+    pub(crate) tolerance: f64,
+    /// Gain of the packed stream; `None`: every segment in full resolution and of any length.
+    pub(crate) gain: Option<i8>,
+    /// Largest |add| and |add2|, ticks · 2^F.
+    pub(crate) largest_add: i64,
+    /// Largest interval, ticks · 2^F.
+    pub(crate) largest_interval: i64,
+    /// Most steps in one segment.
+    pub(crate) longest: u32,
+}
+
+impl Rules {
+    fn quantiser(&self, registers: &Registers) -> Quantiser {
+        let p = &registers.predicted;
+        let unit = |order| match self.gain {
+            None => 1.0,
+            Some(gain) => {
+                f64::from(self.fraction_bits - unit_shift(order, registers.count, gain, self.fraction_bits)).exp2()
+            }
+        };
+        Quantiser {
+            predicted: [p.interval as f64, p.add as f64, p.add2 as f64],
+            units: [unit(1), unit(2), unit(3)],
+            scale: f64::from(self.fraction_bits).exp2(),
+        }
+    }
+
+    fn permits(&self, segment: &Segment) -> bool {
+        segment.interval.max(segment.after(segment.count - 1).interval) <= self.largest_interval
+            && segment.add.abs() <= self.largest_add
+            && segment.add2.abs() <= self.largest_add
+    }
+}
+
+/// Plans a run from its first step to its last.
+#[derive(Clone, Debug)]
+pub(crate) struct RunPlanner {
+    pub(crate) run: Run,
+    done: u64,
+    /// Expected length of the next segment.
+    guess: f64,
+    /// The expansion that the last segment was fitted to.
+    last: Option<Expansion>,
+    first_due: Option<f64>,
+}
+
+/// Counts that the packed stream can say without a byte of their own, longest first.
+fn coded_counts(previous: u32) -> [u32; 7] {
+    let n = previous;
+    [n + n / 2, n + n / 4, n + n / 8, n, n - n / 8, n - n / 4, n - n / 2]
+}
+
+impl RunPlanner {
+    pub(crate) fn new(run: Run) -> RunPlanner {
+        RunPlanner { run, done: 0, guess: 2.0, last: None, first_due: None }
+    }
+
+    pub(crate) fn is_done(&self) -> bool {
+        self.done >= self.run.count
+    }
+
+    /// The next segment, and the largest |scheduled − exact| that is proven for it; it may exceed the tolerance when
+    /// it is a single step and the law cannot be known better.
+    pub(crate) fn next(&mut self, registers: &Registers, rules: &Rules) -> Fit {
+        let left = self.run.count - self.done;
+        let most = left.min(u64::from(rules.longest)) as u32;
+        let quantiser = rules.quantiser(registers);
+        let offset = (registers.fraction as f64) / quantiser.scale - 0.5;
+        let start = Start {
+            done: self.done as f64,
+            tick: (registers.tick - self.run.origin.0) as f64 - self.run.origin.1 + offset,
+            fraction: registers.fraction,
+            fraction_bits: rules.fraction_bits,
+        };
+        let fit = self.longest_fit(&start, &quantiser, most, registers.count, rules);
+        self.done += u64::from(fit.segment.count);
+        self.guess = f64::from(fit.segment.count) * 1.05 + 1.0;
+        fit
+    }
+
+    fn longest_fit(&mut self, start: &Start, quantiser: &Quantiser, most: u32, previous: u32, rules: &Rules) -> Fit {
+        let window = self.run.window();
+        let allowance = rules.tolerance - 0.5;
+        let mut middle = self.guess.min(f64::from(most)) * 0.5;
+        let mut expansion = self.expand(start.done + middle);
+        let mut length = 1.0;
+        if let Some(e) = &expansion {
+            length = estimated_length(e, start, quantiser, self.guess, allowance).min(f64::from(most));
+            // An expansion taken far from the middle of its segment proves less than it could.
+            let off = (start.done + length * 0.5 - 0.5 - (start.done + middle)).abs();
+            if off > 0.15 * length && length > 2.0 {
+                middle = length.min(self.guess * 2.5) * 0.5;
+                if let Some(again) = self.expand_from(start.done + middle, e) {
+                    length = estimated_length(&again, start, quantiser, middle * 2.0, allowance)
+                        .min(middle * 2.6)
+                        .min(f64::from(most));
+                    expansion = Some(again);
+                }
+            }
+        }
+        let mut best: Option<Fit> = None;
+        if let Some(e) = &expansion {
+            let mut count = self.permitted(length as u32, previous, rules);
+            let mut before: Option<(f64, f64)> = None;
+            while count > 1 {
+                let fitted = fit(e, start, quantiser, count, window).filter(|f| rules.permits(&f.segment));
+                let misfit = fitted.map_or(f64::INFINITY, |f| f.misfit);
+                if let Some(f) = fitted.filter(|f| f.misfit <= allowance) {
+                    let better = best.is_none_or(|b| f.segment.count > b.segment.count);
+                    if better {
+                        best = Some(f);
+                    }
+                    // Room left: try once to grow, by the fourth root of what the misfit allows.
+                    if before.is_none() && f.misfit < 0.5 * allowance && count < most {
+                        let factor = (allowance * 0.93 / (f.misfit + 1e-9)).powf(0.25).min(1.5);
+                        let grown = self.permitted(((f64::from(count) * factor) as u32).min(most), previous, rules);
+                        if grown > count {
+                            before = Some((0.0, f64::from(count)));
+                            count = grown;
+                            continue;
+                        }
+                    }
+                    break;
+                }
+                if best.is_some() {
+                    break;
+                }
+                let shrunk = f64::from(count) * shrinkage(misfit, count, allowance, before);
+                before = Some((misfit, f64::from(count)));
+                count = self.permitted((shrunk as u32).min(count - 1).max(1), previous, rules).min(count - 1);
+            }
+        }
+        match best {
+            Some(fit) => {
+                self.last = expansion;
+                fit
+            }
+            None => self.single(start, quantiser),
+        }
+    }
+
+    /// One step, at the time that is proven best.
+    fn single(&mut self, start: &Start, quantiser: &Quantiser) -> Fit {
+        let j = self.done + 1;
+        let s = j as f64;
+        let guess = match (&self.last, self.first_due) {
+            (Some(last), _) => last.tick + last.offset(s),
+            (None, Some(first)) => first,
+            (None, None) => self.run.guess(j),
+        };
+        let (due, expansion) = self.run.due(j, guess);
+        if expansion.is_some() {
+            self.last = expansion;
+        }
+        let wanted = (due.tick - start.tick) * quantiser.scale;
+        // Full resolution: a single step may be anywhere, and costs its bytes.
+        let (p, unit) = (quantiser.predicted[0], quantiser.units[0]);
+        let interval = (p + ((wanted - p) / unit).round_ties_even() * unit).max(1.0) as i64;
+        let accumulator = i128::from(start.fraction) + i128::from(interval);
+        let offset = start.fraction as f64 / quantiser.scale - 0.5;
+        let scheduled = (accumulator >> start.fraction_bits) as f64 - offset;
+        let misfit = (scheduled - (due.tick - start.tick)).abs() - 0.5;
+        let proven = due.error + 64.0 * ULP * (due.tick - start.tick).abs();
+        Fit { segment: Segment::single(interval), bound: 0.5 + misfit + proven, misfit: misfit + proven }
+    }
+
+    fn expand(&self, s: f64) -> Option<Expansion> {
+        match &self.last {
+            Some(last) => self.expand_from(s, last),
+            None => self.run.expand(s, self.first_due.unwrap_or_else(|| self.run.guess(s.max(1.0) as u64))),
+        }
+    }
+
+    fn expand_from(&self, s: f64, near: &Expansion) -> Option<Expansion> {
+        self.run.expand(s, near.tick + near.offset(s))
+    }
+
+    /// The count nearest below `wanted` that is worth its bytes.
+    fn permitted(&self, wanted: u32, previous: u32, rules: &Rules) -> u32 {
+        let wanted = wanted.max(1);
+        if rules.gain.is_none() {
+            return wanted;
+        }
+        let coded = coded_counts(previous).into_iter().find(|&n| n <= wanted).unwrap_or(0);
+        // A count of its own costs one byte of about five.
+        if f64::from(wanted) > 1.25 * f64::from(coded) { wanted } else { coded }
+    }
+}
+
+/// By what to shorten a segment that misses its bound: by the fourth root where the fit limits, by the slope of
+/// the last two tries where rounding does.
+fn shrinkage(misfit: f64, count: u32, allowance: f64, before: Option<(f64, f64)>) -> f64 {
+    if !misfit.is_finite() {
+        return 0.6;
+    }
+    let excess = misfit / (allowance * 0.98);
+    let exponent = match before {
+        Some((m, n)) if m.is_finite() && m > misfit => {
+            ((m / misfit).ln() / (n / f64::from(count)).ln()).clamp(1.0, 5.0)
+        }
+        _ => 4.0,
+    };
+    (excess.powf(-1.0 / exponent) * 0.99).clamp(0.4, 0.97)
+}
+
+/// How many steps one segment can likely take: the quartic and quintic terms that a cubic cannot follow, and the
+/// rounding of its differences.
+fn estimated_length(e: &Expansion, start: &Start, quantiser: &Quantiser, from: f64, allowance: f64) -> f64 {
+    let q = e.q.map(f64::abs);
+    let mut half = (from * 0.5).max(0.5);
+    for _ in 0..3 {
+        let misfit =
+            (q[4] * 0.125 + (q[5] * 0.0625 + (q[6] * 0.03125 + q[7] * half * 0.0156) * half) * half) * half.powi(4);
+        let ratio = (allowance * 0.95 / (misfit + 1e-30)).min(256.0);
+        half *= ratio.sqrt().sqrt();
+    }
+    let mut count = (2.0 * half).min(4e9);
+    if count <= 20.0 {
+        return count;
+    }
+    let [_, add_unit, add2_unit] = quantiser.units;
+    for _ in 0..4 {
+        let y = start.done - 0.5 - e.center + count * 0.5;
+        let add2 = 6.0 * (e.q[3] + (4.0 * e.q[4] + 10.0 * e.q[5] * y) * y) * quantiser.scale;
+        let off = (add2 - quantiser.predicted[2]) / add2_unit;
+        let add2_error = (off - off.round()).abs() * add2_unit / quantiser.scale;
+        let add_error = if e.q[2] == 0.0 && e.q[3] == 0.0 { 0.0 } else { 0.25 * add_unit / quantiser.scale };
+        let h = count * 0.5;
+        let misfit = (q[4] * 0.125 + q[5] * h * 0.0625) * h.powi(4)
+            + add2_error * count.powi(3) / 104.0
+            + add_error * count * count * 0.10
+            + 0.3 * count * quantiser.units[0] / quantiser.scale;
+        let ratio = allowance * 0.93 / misfit;
+        if ratio > 0.97 {
+            break;
+        }
+        count *= ratio.powf(0.375);
+    }
+    count.floor().max(4.0)
+}

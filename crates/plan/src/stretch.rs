@@ -1,0 +1,118 @@
+//! Stretches of a piece on which θ only rises or only falls, split at proven turning points.
+
+use pulsetrain_motion::law::{Bounds, Curve, Inverse, Piece};
+
+/// A monotone part of a piece.
+#[derive(Clone, Debug)]
+pub(crate) struct Stretch {
+    pub(crate) curve: std::sync::Arc<Curve>,
+    pub(crate) bounds: Bounds,
+    /// In the curve's own time, s.
+    pub(crate) from: f64,
+    pub(crate) to: f64,
+    /// The curve's values there, steps.
+    pub(crate) value_from: f64,
+    pub(crate) value_to: f64,
+    /// A formula for its step times, if there is one.
+    pub(crate) inverse: Option<Inverse>,
+}
+
+/// The stretches of a piece, in order. Constant pieces give none.
+pub(crate) fn stretches(piece: &Piece, tick_hz: f64) -> Vec<Stretch> {
+    let (from, to) = (piece.first(), piece.last());
+    let curve = std::sync::Arc::new(piece.curve.clone());
+    let bounds = curve.bounds(from, to);
+    let whole = curve.inverse(from, to);
+    let mut ends = if whole.is_some() { Vec::new() } else { turning_points(&curve, &bounds, from, to, tick_hz) };
+    ends.push(to);
+    let mut stretches = Vec::with_capacity(ends.len());
+    let (mut start, mut value_from) = (from, curve.value(from));
+    for end in ends {
+        let value_to = curve.value(end);
+        if end > start && value_to != value_from {
+            stretches.push(Stretch {
+                curve: curve.clone(),
+                bounds,
+                from: start,
+                to: end,
+                value_from,
+                value_to,
+                inverse: whole.or_else(|| curve.inverse(start, end)),
+            });
+        }
+        (start, value_from) = (end, value_to);
+    }
+    stretches
+}
+
+/// Every time in `from..=to` where the speed changes its sign, to within a quarter of a tick.
+///
+/// A window is passed over when its speed provably keeps its sign, searched for one root when its acceleration
+/// does, and halved otherwise.
+fn turning_points(curve: &Curve, bounds: &Bounds, from: f64, to: f64, tick_hz: f64) -> Vec<f64> {
+    let shortest = 0.25 / tick_hz;
+    let mut found = Vec::new();
+    let mut start = from;
+    let mut half = (to - from) * 0.5;
+    while start < to {
+        half = half.min((to - start) * 0.5);
+        let middle = start + half;
+        let c = curve.jet(middle);
+        // Σ_{k≥2} k|c_k|x^(k−1) and Σ_{k≥3} k(k−1)|c_k|x^(k−2), rounding and the eighth order included.
+        let (mut bend, mut twist) = (8.0 * bounds.eighth * half, 56.0 * bounds.eighth * half);
+        for k in (2..8).rev() {
+            let (order, size) = (k as f64, c[k].abs() + bounds.rounding[k]);
+            bend = (bend + order * size) * half;
+            if k >= 3 {
+                twist = (twist + order * (order - 1.0) * size) * half;
+            }
+        }
+        let end = start + 2.0 * half;
+        let passed = c[1].abs() > bend + bounds.rounding[1];
+        let one_root = 2.0 * (c[2].abs() - bounds.rounding[2]) > twist;
+        let last = end >= to || half <= shortest;
+        if passed || one_root || half <= shortest {
+            if !passed {
+                found.extend(root(curve, start, end, shortest));
+            }
+            if end <= start {
+                break;
+            }
+            start = if last && end >= to { to } else { end };
+            half *= 1.6;
+        } else {
+            half *= 0.5;
+        }
+    }
+    found
+}
+
+/// The one place between `low` and `high` where the speed changes its sign, if it does.
+fn root(curve: &Curve, mut low: f64, mut high: f64, width: f64) -> Option<f64> {
+    let rising_at_low = curve.jet(low)[1] > 0.0;
+    if rising_at_low == (curve.jet(high)[1] > 0.0) {
+        return None;
+    }
+    let mut x = 0.5 * (low + high);
+    while high - low > width {
+        let c = curve.jet(x);
+        if (c[1] > 0.0) == rising_at_low {
+            low = x
+        } else {
+            high = x
+        }
+        let newton = x - c[1] / (2.0 * c[2]);
+        if newton > low && newton < high {
+            if (newton - x).abs() < width * 1e-3 {
+                return Some(newton);
+            }
+            x = newton;
+        } else {
+            x = 0.5 * (low + high);
+        }
+        if x <= low || x >= high {
+            break;
+        }
+    }
+    Some(x)
+}

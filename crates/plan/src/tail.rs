@@ -1,0 +1,64 @@
+//! The stop tail: what ends every queue, so that losing the host is a planned stop.
+
+use crate::error::PlanError;
+use crate::planner::Planner;
+use crate::settings::Settings;
+use crate::{Move, planner::Origin};
+use pulsetrain_motion::Time;
+use pulsetrain_motion::law::{Class, Curve, Entry, Fixed, Law, Piece};
+
+/// A motor in motion, at the tick where its tail begins.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Motion {
+    /// Steps made so far, from the start of the law.
+    pub position: i64,
+    /// θ, steps from the start of the law.
+    pub theta: f64,
+    /// Speed of the law, steps/s.
+    pub speed: f64,
+    /// Largest acceleration that the law itself asked for so far, steps/s²: the tail's, if the motor's limit is not known.
+    pub acceleration: f64,
+}
+
+/// The longest time that a tail may take where nothing says how hard the motor may be braked, s.
+const SOFTEST_STOP_S: f64 = 1.0;
+
+/// The moves that bring a motor to rest within its limits; they begin at a tick, with fraction ½.
+///
+/// Up to the pull-in rate the motor stops at once. Faster, it is braked by its largest acceleration; if the file gives
+/// none, by the largest that the law had, and within 1 s.
+///
+/// # Errors
+/// If a motor is so fast that the board cannot make its steps, which the plan before the tail would have met first.
+pub fn stop_tail(motion: &Motion, settings: &Settings) -> Result<Vec<Move>, PlanError> {
+    let Some(law) = braking_law(motion, settings) else { return Ok(Vec::new()) };
+    let origin = Origin { position: motion.position, theta: 0.0 };
+    let mut planner = Planner::from(origin, &law, settings)?;
+    let mut moves = Vec::new();
+    while let Some(next) = planner.next_move()? {
+        moves.push(next);
+    }
+    Ok(moves)
+}
+
+/// θ from the tail's first instant to rest; `None` if the motor may stop at once.
+fn braking_law(motion: &Motion, settings: &Settings) -> Option<Law> {
+    let speed = motion.speed;
+    if speed.abs() <= settings.limits.pull_in || speed == 0.0 {
+        return None;
+    }
+    let own = motion.acceleration.max(speed.abs() / SOFTEST_STOP_S);
+    let braking = settings.limits.max_acceleration.unwrap_or(own);
+    // Where a pair of steps was dropped, θ lies outside the band of the motor's position: brake from its edge.
+    let (low, high) = (settings.grid.down_level(motion.position), settings.grid.up_level(motion.position));
+    let theta = motion.theta.clamp(low, high);
+    let piece = Piece {
+        zero: Time::ZERO,
+        start: Time::ZERO,
+        end: Time::from_seconds(speed.abs() / braking),
+        origin: 0,
+        curve: Curve::Polynomial(vec![theta, speed, -0.5 * braking * speed.signum()]),
+        entry: Entry::SpeedJump,
+    };
+    Some(Law::Fixed(Fixed { pieces: vec![piece].into(), class: Class::ClosedForm }))
+}
