@@ -2,6 +2,7 @@
 //!
 //! # What is here, top down
 //! - [`merge`]: edges of all motors in one time-ordered stream, coincident edges in one
+//! - [`axis`]: one motor's queue, channel and output together
 //! - [`output`]: steps → pin edges: step/dir drivers and coils; pulse width, DIR setup and hold
 //! - [`channel`]: queue items → (tick, step or direction change)
 //! - [`queue`]: items waiting, each tagged with its epoch
@@ -14,10 +15,20 @@
 #![no_std]
 #![forbid(unsafe_code)]
 #![deny(clippy::float_arithmetic)]
+#![deny(clippy::cast_possible_truncation)]
 
+pub mod axis;
+pub mod channel;
+pub mod merge;
 pub mod moment;
+pub mod output;
 pub mod packing;
+pub mod queue;
 pub mod segment;
 
+pub use axis::Axis;
+pub use channel::Channel;
+pub use merge::Merge;
 pub use moment::Moment;
+pub use queue::{Entry, Epoch, Item, Queue};
 pub use segment::{Direction, Recurrence, Segment};

@@ -34,4 +34,11 @@ impl Moment {
     pub const fn since(self, earlier: Moment) -> u32 {
         self.0.wrapping_sub(earlier.0)
     }
+
+    /// The whole ticks of a fixed-point time with `F` (at most 32) fraction bits.
+    #[expect(clippy::cast_possible_truncation, reason = "moments wrap; this is where they do")]
+    #[must_use]
+    pub const fn of_fixed<const F: u32>(time: u64) -> Moment {
+        Moment((time >> F) as u32)
+    }
 }

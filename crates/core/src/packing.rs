@@ -1,5 +1,61 @@
 //! Segments as few bytes: corrections to the continuation of the last segment, in units that both ends
 //! derive from its count.
+//!
+//! # State
+//! Both ends keep the [`State`]: the three registers (interval, add, add2) as they stand after the last step, the
+//! count of the last segment, and the direction. It starts, and starts again at a [reset](Control), with all
+//! registers 0 and a previous count of 4; the direction starts forward.
+//! The fraction of the accumulator is no part of it: it is carried on through segments, waits, reversals and resets,
+//! and only an anchor sets it, to ½.
+//!
+//! # A segment
+//! | byte | bits | |
+//! |---|---|---|
+//! | 0 | 0–2 | count: n + n/2, n + n/4, n + n/8, n, n − n/8, n − n/4, n − n/2 (n the previous count, quotients rounded down), 7: explicit. The lowest that fits |
+//! | | 3–4 | widths, narrow / wide: 0 / 1, 1 / 2, 2 / 3, 3 / 5 bytes |
+//! | | 5, 6, 7 | whether the interval's, add's, add2's correction is wide |
+//! | 1 | | if explicit: the count, 1..=254; 255: it follows in two bytes, little-endian, 1..=65535; 0: a control record |
+//! | then | | the corrections dI, da, db, little-endian, two's complement |
+//!
+//! A register is its prediction + correction · 2^(F − shift), the shift being [`unit_shift`]'s. A segment of one step
+//! has no da and db, one of two steps no db: those registers keep their prediction. With the steps of the
+//! segment the registers move on, and their values then are the prediction for the next.
+//!
+//! # A control record
+//! | byte | bits | |
+//! |---|---|---|
+//! | 0 | 0–2 | 7 |
+//! | | 3–7 | what: see [`Control`] |
+//! | 1 | | 0 |
+//! | 2–5 | | dwell: ticks; anchor: tick; little-endian. Otherwise absent |
+
+use crate::{Direction, Item, Moment, Segment};
+
+/// The longest packed item: a reversal, header, explicit count of three bytes, three wide corrections.
+pub const MAX_PACKED_LEN: usize = 2 + 1 + 3 + 3 * 5;
+
+/// The largest count that can be given explicitly.
+pub const MAX_EXPLICIT_COUNT: u32 = 65_535;
+
+/// Bytes of narrow and wide corrections, by header bits 3–4.
+const WIDTHS: [(u8, u8); 4] = [(0, 1), (1, 2), (2, 3), (3, 5)];
+
+const EXPLICIT_COUNT: u8 = 7;
+const LONG_COUNT: u8 = 255;
+
+/// What a control record says, by header bits 3–7.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Control {
+    /// The other direction from here on; reset.
+    Reverse = 0,
+    /// Reset: registers 0, previous count 4.
+    Reset = 1,
+    /// Wait.
+    Dwell = 2,
+    /// Set the accumulator.
+    Anchor = 3,
+}
 
 /// The unit of a correction is 2^-(shift) tick; `order` 1 is the interval, 2 add, 3 add2.
 ///
@@ -13,7 +69,7 @@
 /// ```
 #[must_use]
 pub const fn unit_shift(order: u32, previous_count: u32, gain: i8, fraction_bits: u32) -> u32 {
-    let bits = (u32::BITS - previous_count.leading_zeros()) as i32;
+    let bits = (u32::BITS - previous_count.leading_zeros()).cast_signed();
     let shift = match order {
         1 => bits + 2,
         2 => 2 * bits - 2,
@@ -21,9 +77,567 @@ pub const fn unit_shift(order: u32, previous_count: u32, gain: i8, fraction_bits
     } + gain as i32;
     if shift < 0 {
         0
-    } else if shift > fraction_bits as i32 {
+    } else if shift > fraction_bits.cast_signed() {
         fraction_bits
     } else {
-        shift as u32
+        shift.cast_unsigned()
+    }
+}
+
+/// What both ends of a stream agree on beforehand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Packing {
+    /// F of the board's recurrence, 0..=32.
+    pub fraction_bits: u32,
+    /// Finer units by so many bits; about −log2((E − ½) / ½) for a tolerance of E ticks.
+    pub gain: i8,
+}
+
+/// What both ends remember: the prediction of the next segment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct State {
+    /// Count of the last segment.
+    pub previous_count: u32,
+    /// The interval after its last step, ticks · 2^F.
+    pub interval: i64,
+    /// The change of the interval, ticks · 2^F.
+    pub add: i64,
+    /// The change of that, ticks · 2^F.
+    pub add2: i64,
+    /// Of the segments that follow.
+    pub direction: Direction,
+}
+
+impl State {
+    /// At rest.
+    #[must_use]
+    pub const fn new(direction: Direction) -> State {
+        State { previous_count: 4, interval: 0, add: 0, add2: 0, direction }
+    }
+
+    /// The registers after `segment` has been run with them.
+    const fn after(self, segment: &Segment) -> State {
+        let Segment { interval, add, add2, .. } = segment.after(segment.count);
+        State { previous_count: segment.count, interval, add, add2, direction: self.direction }
+    }
+}
+
+impl Default for State {
+    fn default() -> State {
+        State::new(Direction::Forward)
+    }
+}
+
+/// An item that cannot be packed as it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PackError {
+    /// The count is 0, or more than [`MAX_EXPLICIT_COUNT`] and not near the count before. Split the segment.
+    Count {
+        /// The count.
+        count: u32,
+    },
+    /// The register is not its prediction + a multiple of the unit.
+    Grid {
+        /// 1 the interval, 2 add, 3 add2.
+        order: u32,
+        /// The unit, ticks · 2^F.
+        unit: i64,
+    },
+    /// The correction takes more than 5 bytes, or the three take widths that no header has.
+    TooWide {
+        /// 1 the interval, 2 add, 3 add2: the widest.
+        order: u32,
+    },
+    /// The buffer is shorter than the packed item.
+    Buffer {
+        /// Bytes needed.
+        needed: usize,
+    },
+}
+
+/// Bytes that no [`Packing::pack`] made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum UnpackError {
+    /// They end inside an item.
+    Truncated,
+    /// The explicit count is 0.
+    ZeroCount,
+    /// The count code gives more than 2^32 − 1 steps.
+    CountOverflow,
+    /// The control record is unknown.
+    UnknownControl {
+        /// Header bits 3–7.
+        control: u8,
+    },
+}
+
+/// A segment cut to bytes' measure.
+struct Layout {
+    count_code: u8,
+    width_code: u8,
+    /// Correction and its width in bytes.
+    fields: [(i64, u8); 3],
+    /// Which of them are wide; bits 0 to 2.
+    wide: u8,
+}
+
+impl Packing {
+    /// The units of the three corrections after a segment of `previous_count` steps, ticks · 2^F.
+    ///
+    /// ```
+    /// use pulsetrain_core::packing::Packing;
+    /// let packing = Packing { fraction_bits: 16, gain: 0 };
+    /// assert_eq!(packing.units(8), [1 << 10, 1 << 10, 1 << 9]);
+    /// ```
+    #[must_use]
+    pub const fn units(&self, previous_count: u32) -> [i64; 3] {
+        let exponents = self.exponents(previous_count);
+        [1 << exponents[0], 1 << exponents[1], 1 << exponents[2]]
+    }
+
+    const fn exponents(&self, previous_count: u32) -> [u32; 3] {
+        let f = self.fraction_bits;
+        [
+            f - unit_shift(1, previous_count, self.gain, f),
+            f - unit_shift(2, previous_count, self.gain, f),
+            f - unit_shift(3, previous_count, self.gain, f),
+        ]
+    }
+
+    /// Bytes that `segment` takes after `state`, in the same direction.
+    ///
+    /// # Errors
+    /// When it cannot be packed.
+    pub fn packed_len(&self, state: &State, segment: &Segment) -> Result<usize, PackError> {
+        Ok(self.layout(state, segment)?.len(segment.count))
+    }
+
+    /// Packs `item` into the front of `out`, moves `state` on and gives the number of bytes: at most
+    /// [`MAX_PACKED_LEN`]. A run in the other direction brings the reversal along.
+    ///
+    /// # Errors
+    /// When it cannot be packed or does not fit; `state` stays then.
+    ///
+    /// ```
+    /// use pulsetrain_core::packing::{Packing, State};
+    /// use pulsetrain_core::{Direction, Item, Segment};
+    /// let packing = Packing { fraction_bits: 16, gain: 0 };
+    /// let (mut here, mut there) = (State::default(), State::default());
+    /// let run = |count, interval| Item::Run {
+    ///     segment: Segment { count, interval, add: 0, add2: 0 },
+    ///     direction: Direction::Forward,
+    /// };
+    /// let mut bytes = [0; 21];
+    /// assert_eq!(packing.pack(&mut here, &run(40, 100 << 16), &mut bytes), Ok(6));
+    /// // The same speed for longer: the header alone says so.
+    /// assert_eq!(packing.pack(&mut here, &run(60, 100 << 16), &mut bytes[6..]), Ok(1));
+    /// let mut rest = &bytes[..7];
+    /// assert_eq!(packing.unpack(&mut there, &mut rest), Ok(Some(run(40, 100 << 16))));
+    /// assert_eq!(packing.unpack(&mut there, &mut rest), Ok(Some(run(60, 100 << 16))));
+    /// assert_eq!(packing.unpack(&mut there, &mut rest), Ok(None));
+    /// ```
+    pub fn pack(&self, state: &mut State, item: &Item, out: &mut [u8]) -> Result<usize, PackError> {
+        let mut writer = Writer { out, len: 0 };
+        match *item {
+            Item::Anchor { tick } => writer.control(Control::Anchor, &tick.0.to_le_bytes()),
+            Item::Dwell { ticks } => writer.control(Control::Dwell, &ticks.to_le_bytes()),
+            Item::Run { segment, direction } => {
+                let mut start = *state;
+                if direction != start.direction {
+                    start = State::new(direction);
+                    writer.control(Control::Reverse, &[]);
+                }
+                let layout = self.layout(&start, &segment)?;
+                layout.write(segment.count, &mut writer);
+                writer.finish()?;
+                let [interval, add, add2] = self.corrected(&start, layout.fields.map(|(k, _)| k));
+                *state = start.after(&Segment { count: segment.count, interval, add, add2 });
+            }
+        }
+        writer.finish()
+    }
+
+    /// Packs a reset, two bytes: worth it where the motion does not go on as it did.
+    ///
+    /// # Errors
+    /// When `out` is too short.
+    pub fn pack_reset(&self, state: &mut State, out: &mut [u8]) -> Result<usize, PackError> {
+        let mut writer = Writer { out, len: 0 };
+        writer.control(Control::Reset, &[]);
+        let len = writer.finish()?;
+        *state = State::new(state.direction);
+        Ok(len)
+    }
+
+    /// Takes the next item off the front of `bytes` and moves `state` on; `None` when no item is left.
+    ///
+    /// # Errors
+    /// When the bytes are no packed items; `state` and `bytes` stay then where the item began.
+    pub fn unpack(&self, state: &mut State, bytes: &mut &[u8]) -> Result<Option<Item>, UnpackError> {
+        let mut now = *state;
+        let mut rest = *bytes;
+        let item = loop {
+            let Some((&header, after)) = rest.split_first() else { break None };
+            rest = after;
+            let n = now.previous_count;
+            let count = match header & 7 {
+                0 => n.checked_add(n >> 1),
+                1 => n.checked_add(n >> 2),
+                2 => n.checked_add(n >> 3),
+                3 => Some(n),
+                4 => Some(n - (n >> 3)),
+                5 => Some(n - (n >> 2)),
+                6 => Some(n - (n >> 1)),
+                _ => match take::<1>(&mut rest)? {
+                    [0] => None,
+                    [LONG_COUNT] => Some(u32::from(u16::from_le_bytes(take(&mut rest)?))),
+                    [count] => Some(u32::from(count)),
+                },
+            };
+            match count {
+                Some(0) => return Err(UnpackError::ZeroCount),
+                Some(count) => break Some(self.unpack_run(&mut now, count, header, &mut rest)?),
+                None if header & 7 != EXPLICIT_COUNT => return Err(UnpackError::CountOverflow),
+                None => {}
+            }
+            match header >> 3 {
+                0 => now = State::new(now.direction.reversed()),
+                1 => now = State::new(now.direction),
+                2 => break Some(Item::Dwell { ticks: u32::from_le_bytes(take(&mut rest)?) }),
+                3 => break Some(Item::Anchor { tick: Moment(u32::from_le_bytes(take(&mut rest)?)) }),
+                control => return Err(UnpackError::UnknownControl { control }),
+            }
+        };
+        *state = now;
+        *bytes = rest;
+        Ok(item)
+    }
+
+    fn unpack_run(&self, state: &mut State, count: u32, header: u8, rest: &mut &[u8]) -> Result<Item, UnpackError> {
+        let (narrow, wide) = WIDTHS[usize::from(header >> 3 & 3)];
+        let mut corrections = [0; 3];
+        for (field, correction) in corrections.iter_mut().enumerate().take(fields_of(count)) {
+            let width = if header >> (5 + field) & 1 == 1 { wide } else { narrow };
+            let (bytes, after) = rest.split_at_checked(usize::from(width)).ok_or(UnpackError::Truncated)?;
+            *rest = after;
+            *correction = signed(bytes);
+        }
+        let [interval, add, add2] = self.corrected(state, corrections);
+        let segment = Segment { count, interval, add, add2 };
+        *state = state.after(&segment);
+        Ok(Item::Run { segment, direction: state.direction })
+    }
+
+    /// The registers that `corrections` make of the prediction.
+    const fn corrected(&self, state: &State, corrections: [i64; 3]) -> [i64; 3] {
+        let exponents = self.exponents(state.previous_count);
+        [
+            state.interval.wrapping_add(corrections[0] << exponents[0]),
+            state.add.wrapping_add(corrections[1] << exponents[1]),
+            state.add2.wrapping_add(corrections[2] << exponents[2]),
+        ]
+    }
+
+    fn layout(&self, state: &State, segment: &Segment) -> Result<Layout, PackError> {
+        let n = state.previous_count;
+        let count = segment.count;
+        let by_code = [n >> 1, n >> 2, n >> 3, 0].map(|more| n.checked_add(more));
+        let less = [n >> 3, n >> 2, n >> 1].map(|less| Some(n - less));
+        let codes = by_code.iter().chain(&less);
+        let count_code = match (0..EXPLICIT_COUNT).zip(codes).find(|&(_, &coded)| coded == Some(count)) {
+            Some((code, _)) if count > 0 => code,
+            _ if 0 < count && count <= MAX_EXPLICIT_COUNT => EXPLICIT_COUNT,
+            _ => return Err(PackError::Count { count }),
+        };
+
+        let exponents = self.exponents(n);
+        let differences = [
+            i128::from(segment.interval) - i128::from(state.interval),
+            i128::from(segment.add) - i128::from(state.add),
+            i128::from(segment.add2) - i128::from(state.add2),
+        ];
+        let present = fields_of(count);
+        let mut fields = [(0, 0); 3];
+        for (order, ((field, difference), exponent)) in
+            (1..).zip(fields.iter_mut().zip(differences).zip(exponents)).take(present)
+        {
+            if difference & ((1 << exponent) - 1) != 0 {
+                return Err(PackError::Grid { order, unit: 1 << exponent });
+            }
+            let correction = i64::try_from(difference >> exponent).map_err(|_| PackError::TooWide { order })?;
+            *field = (correction, width_of(correction));
+        }
+
+        let mut best: Option<(u32, Layout)> = None;
+        for (width_code, &(narrow, wide)) in (0..).zip(&WIDTHS) {
+            let mut layout = Layout { count_code, width_code, fields, wide: 0 };
+            let mut total = 0;
+            for (bit, (_, width)) in layout.fields.iter_mut().enumerate().take(present) {
+                let is_wide = *width > narrow;
+                layout.wide |= u8::from(is_wide) << bit;
+                // Too wide for this pair: 100 keeps it from being the best.
+                *width = if *width > wide {
+                    100
+                } else if is_wide {
+                    wide
+                } else {
+                    narrow
+                };
+                total += u32::from(*width);
+            }
+            if total < best.as_ref().map_or(100, |(least, _)| *least) {
+                best = Some((total, layout));
+            }
+        }
+        match best {
+            Some((_, layout)) => Ok(layout),
+            None => {
+                let widest = (1..).zip(fields).max_by_key(|(_, (_, width))| *width);
+                Err(PackError::TooWide { order: widest.map_or(1, |(order, _)| order) })
+            }
+        }
+    }
+}
+
+impl Layout {
+    fn len(&self, count: u32) -> usize {
+        let explicit = match (self.count_code, count) {
+            (EXPLICIT_COUNT, 0..=254) => 1,
+            (EXPLICIT_COUNT, _) => 3,
+            _ => 0,
+        };
+        1 + explicit + self.fields.iter().map(|&(_, width)| usize::from(width)).sum::<usize>()
+    }
+
+    fn write(&self, count: u32, writer: &mut Writer<'_>) {
+        writer.bytes(&[self.count_code | self.width_code << 3 | self.wide << 5]);
+        if self.count_code == EXPLICIT_COUNT {
+            match u8::try_from(count) {
+                Ok(count) if count < LONG_COUNT => writer.bytes(&[count]),
+                _ => {
+                    let [low, high, ..] = count.to_le_bytes();
+                    writer.bytes(&[LONG_COUNT, low, high]);
+                }
+            }
+        }
+        for (correction, width) in self.fields {
+            writer.bytes(&correction.to_le_bytes()[..usize::from(width)]);
+        }
+    }
+}
+
+/// Writes what fits and counts all.
+struct Writer<'a> {
+    out: &'a mut [u8],
+    len: usize,
+}
+
+impl Writer<'_> {
+    fn bytes(&mut self, bytes: &[u8]) {
+        if let Some(place) = self.out.get_mut(self.len..self.len + bytes.len()) {
+            place.copy_from_slice(bytes);
+        }
+        self.len += bytes.len();
+    }
+
+    fn control(&mut self, control: Control, operand: &[u8]) {
+        self.bytes(&[EXPLICIT_COUNT | (control as u8) << 3, 0]);
+        self.bytes(operand);
+    }
+
+    fn finish(&self) -> Result<usize, PackError> {
+        if self.len <= self.out.len() { Ok(self.len) } else { Err(PackError::Buffer { needed: self.len }) }
+    }
+}
+
+/// How many corrections a segment of `count` steps has.
+fn fields_of(count: u32) -> usize {
+    match count {
+        0 | 1 => 1,
+        2 => 2,
+        _ => 3,
+    }
+}
+
+/// Bytes of two's complement that `value` takes; 0 for 0.
+const fn width_of(value: i64) -> u8 {
+    if value == 0 {
+        return 0;
+    }
+    let magnitude = if value < 0 { !value } else { value };
+    match u64::BITS - magnitude.leading_zeros() {
+        0..8 => 1,
+        8..16 => 2,
+        16..24 => 3,
+        24..40 => 5,
+        _ => 8,
+    }
+}
+
+/// Little-endian two's complement of up to 8 bytes.
+fn signed(bytes: &[u8]) -> i64 {
+    let mut value = 0;
+    for &byte in bytes.iter().rev() {
+        value = value << 8 | u64::from(byte);
+    }
+    let unused = 64 - 8 * u32::try_from(bytes.len()).unwrap_or(8);
+    // A shift by 64, of no bytes, leaves the 0 that it is.
+    value.checked_shl(unused).unwrap_or(0).cast_signed() >> (unused & 63)
+}
+
+fn take<const N: usize>(rest: &mut &[u8]) -> Result<[u8; N], UnpackError> {
+    let (bytes, after) = rest.split_first_chunk().ok_or(UnpackError::Truncated)?;
+    *rest = after;
+    Ok(*bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use proptest::prelude::*;
+    use std::vec::Vec;
+
+    const PACKING: Packing = Packing { fraction_bits: 16, gain: 0 };
+
+    fn check(items: &[Item], expected: &[u8]) {
+        let mut state = State::default();
+        let mut bytes = Vec::new();
+        for item in items {
+            let mut buffer = [0; MAX_PACKED_LEN];
+            let len = PACKING.pack(&mut state, item, &mut buffer).unwrap();
+            bytes.extend(&buffer[..len]);
+        }
+        assert_eq!(bytes, expected);
+        let mut there = State::default();
+        let mut rest = &bytes[..];
+        for item in items {
+            assert_eq!(PACKING.unpack(&mut there, &mut rest), Ok(Some(*item)));
+        }
+        assert_eq!(PACKING.unpack(&mut there, &mut rest), Ok(None));
+        assert_eq!(there, state);
+    }
+
+    fn run(count: u32, interval: i64, add: i64, add2: i64, direction: Direction) -> Item {
+        Item::Run { segment: Segment { count, interval, add, add2 }, direction }
+    }
+
+    #[test]
+    fn waits_and_anchors_are_six_bytes() {
+        check(
+            &[Item::Anchor { tick: Moment(0x0102_0304) }, Item::Dwell { ticks: 5 }],
+            &[0b11111, 0, 4, 3, 2, 1, 0b10111, 0, 5, 0, 0, 0],
+        );
+    }
+
+    #[test]
+    fn a_reversal_is_two_bytes_and_resets() {
+        use Direction::{Backward, Forward};
+        // After a reset the previous count is 4: units 2^-5, 2^-4, 2^-4 tick.
+        check(
+            &[run(4, 3 << 16, 0, 0, Forward), run(4, 3 << 16, 0, 0, Backward)],
+            &[0b0010_0010, 96, 0b111, 0, 0b0010_0010, 96],
+        );
+    }
+
+    #[test]
+    fn a_segment_that_goes_on_is_one_byte() {
+        let mut segment = Segment { count: 12, interval: 1000 << 16, add: 16 << 16, add2: 0 };
+        let items = [12, 18, 14, 255].map(|count| {
+            segment.count = count;
+            let item = Item::Run { segment, direction: Direction::Forward };
+            segment = Segment { count, ..segment.after(count) };
+            item
+        });
+        // 32000 / 32 = 1000 ticks, 256 / 16 = 16 ticks; then 12 + 12/2, 18 − 18/4, and 255 by its three bytes.
+        check(&items, &[0b0110_1111, 12, 0x00, 0x7d, 0x00, 0x01, 0, 0x00, 0x05, 0x07, 255, 255, 0]);
+    }
+
+    #[test]
+    fn what_cannot_be_packed_says_why() {
+        let mut state = State::default();
+        let mut buffer = [0; MAX_PACKED_LEN];
+        let mut check = |item, len: usize, expected| {
+            let before = state;
+            assert_eq!(PACKING.pack(&mut state, &item, &mut buffer[..len]), Err(expected));
+            assert_eq!(state, before);
+        };
+        use Direction::Forward;
+        check(run(0, 1 << 16, 0, 0, Forward), 21, PackError::Count { count: 0 });
+        check(run(65_536, 1 << 16, 0, 0, Forward), 21, PackError::Count { count: 65_536 });
+        check(run(3, 1, 0, 0, Forward), 21, PackError::Grid { order: 1, unit: 1 << 11 });
+        check(run(3, 0, 0, 1, Forward), 21, PackError::Grid { order: 3, unit: 1 << 12 });
+        check(run(3, 1 << 60, 0, 0, Forward), 21, PackError::TooWide { order: 1 });
+        check(run(3, 0, 1 << 60, 0, Forward), 21, PackError::TooWide { order: 2 });
+        check(Item::Dwell { ticks: 1 }, 5, PackError::Buffer { needed: 6 });
+    }
+
+    prop_compose! {
+        /// Registers as a planner finds them: the prediction, corrected by whole units.
+        fn corrections()(magnitude in 0u32..39)(k in -(1i64 << magnitude)..=(1 << magnitude) - 1) -> i64 { k }
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_packed_is_unpacked(
+            fraction_bits in 0u32..=32,
+            gain in -40i8..=40,
+            steps in prop::collection::vec(
+                (prop_oneof![1u32..6, 1u32..65_536], corrections(), corrections(), corrections(), any::<bool>()),
+                1..20,
+            ),
+        ) {
+            let packing = Packing { fraction_bits, gain };
+            let (mut here, mut there) = (State::default(), State::default());
+            for (count, k1, k2, k3, forward) in steps {
+                let direction = if forward { Direction::Forward } else { Direction::Backward };
+                let start = if direction == here.direction { here } else { State::new(direction) };
+                let units = packing.units(start.previous_count);
+                let (Some(interval), Some(add), Some(add2)) = (
+                    k1.checked_mul(units[0]).and_then(|d| start.interval.checked_add(d)),
+                    k2.checked_mul(units[1]).and_then(|d| start.add.checked_add(d)),
+                    k3.checked_mul(units[2]).and_then(|d| start.add2.checked_add(d)),
+                ) else { continue };
+                let segment = Segment { count, interval, add, add2 };
+                let item = Item::Run { segment, direction };
+                let mut bytes = [0; MAX_PACKED_LEN];
+                let len = packing.pack(&mut here, &item, &mut bytes).unwrap();
+                let turned = if start == there { 0 } else { 2 };
+                prop_assert_eq!(packing.packed_len(&start, &segment), Ok(len - turned));
+                let mut rest = &bytes[..len];
+                let Ok(Some(Item::Run { segment: got, direction: way })) = packing.unpack(&mut there, &mut rest) else {
+                    panic!("no run came back");
+                };
+                prop_assert!(rest.is_empty());
+                prop_assert_eq!(way, direction);
+                prop_assert_eq!(got.count, count);
+                // The same ticks: what comes after the last step is not compared.
+                for k in [1, 2, 3, count].into_iter().filter(|&k| k <= count) {
+                    prop_assert_eq!(got.span(k), segment.span(k));
+                }
+                prop_assert_eq!(here, there);
+            }
+        }
+
+        #[test]
+        fn no_bytes_panic(bytes in prop::collection::vec(any::<u8>(), 0..200), fraction_bits in 0u32..=32, gain: i8) {
+            let packing = Packing { fraction_bits, gain };
+            let mut state = State::default();
+            let mut rest = &bytes[..];
+            loop {
+                let before = (state, rest);
+                match packing.unpack(&mut state, &mut rest) {
+                    Ok(Some(_)) => prop_assert!(rest.len() < before.1.len()),
+                    Ok(None) => {
+                        prop_assert!(rest.is_empty());
+                        break;
+                    }
+                    Err(_) => {
+                        prop_assert_eq!((state, rest), before);
+                        break;
+                    }
+                }
+            }
+        }
     }
 }

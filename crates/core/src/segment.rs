@@ -64,15 +64,18 @@ impl Segment {
         k * self.interval as i128 + pairs * self.add as i128 + triples * self.add2 as i128
     }
 
-    /// What is left after the first `k` steps (`k` < `count`): the same ticks from there on.
+    /// What is left after the first `k` steps (`k` ≤ `count`): the same ticks from there on.
+    ///
+    /// With `k` = `count` the registers as they stand after the last step; they wrap like a board's.
     #[must_use]
     pub const fn after(&self, k: u32) -> Segment {
-        let n = k as i128;
-        let pairs = n * (n - 1) / 2;
+        let n = k as u64;
+        let pairs = (n * n.saturating_sub(1) / 2).cast_signed();
+        let n = n.cast_signed();
         Segment {
             count: self.count - k,
-            interval: (self.interval as i128 + n * self.add as i128 + pairs * self.add2 as i128) as i64,
-            add: (self.add as i128 + n * self.add2 as i128) as i64,
+            interval: self.interval.wrapping_add(self.add.wrapping_mul(n)).wrapping_add(self.add2.wrapping_mul(pairs)),
+            add: self.add.wrapping_add(self.add2.wrapping_mul(n)),
             add2: self.add2,
         }
     }

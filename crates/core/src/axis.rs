@@ -1,0 +1,127 @@
+//! The axis: one motor's queue, channel and output together; gives its edges, and no sooner than they are due.
+//!
+//! Nothing after the tick that is asked for is committed but the step that a DIR edge was made for. So at any tick the
+//! position counts the pulses that were begun, and all else can still be switched away.
+
+use crate::channel::{Channel, Kind, SwitchRefused};
+use crate::output::{Edge, Output};
+use crate::queue::{Entry, Epoch, Queue};
+use crate::{Direction, Moment};
+
+/// One motor: `F` fraction bits, room for `N` items.
+#[derive(Clone, Debug)]
+pub struct Axis<const F: u32, const N: usize> {
+    queue: Queue<N>,
+    channel: Channel<F>,
+    output: Output,
+    /// No edge may be before it.
+    open: Moment,
+    /// What the DIR line was last asked to say by this motor.
+    facing: Option<Direction>,
+    setup_cut_short: bool,
+}
+
+impl<const F: u32, const N: usize> Axis<F, N> {
+    /// A motor at rest at tick 0 and position 0.
+    #[must_use]
+    pub const fn new(output: Output) -> Axis<F, N> {
+        Axis {
+            queue: Queue::new(),
+            channel: Channel::new(output.gap_ticks(), output.asserts_every_step()),
+            output,
+            open: Moment(0),
+            facing: None,
+            setup_cut_short: false,
+        }
+    }
+
+    /// The next edge that comes not after `until`.
+    pub fn next(&mut self, until: Moment) -> Option<Edge> {
+        let owed = self.output.owed();
+        if let (Some(tick), Output::StepDir(_)) = (owed, &self.output) {
+            return if until.is_before(tick) { None } else { self.settle() };
+        }
+        // As far as a DIR edge may come before its step, so that its tick does not hang on how `until` moves on.
+        let event = self.channel.peek(&mut self.queue, until.after(self.output.lead_ticks()));
+        let due = event.map(|event| self.output.due(event));
+        if let Some(tick) = owed
+            && due.is_none_or(|due| tick.is_before(due))
+        {
+            return if until.is_before(tick) { None } else { self.settle() };
+        }
+        let (event, due) = (event?, due?);
+        if until.is_before(due) {
+            return None;
+        }
+        let tick = if due.is_before(self.open) { self.open } else { due };
+        if let Kind::Direction(direction) = event.kind {
+            self.setup_cut_short |= tick != due && self.facing != Some(direction);
+            self.facing = Some(direction);
+        }
+        self.channel.take(event);
+        self.open = tick;
+        Some(self.output.apply(event, tick))
+    }
+
+    fn settle(&mut self) -> Option<Edge> {
+        let edge = self.output.settle()?;
+        self.open = edge.tick;
+        Some(edge)
+    }
+
+    /// Notes that time is past `now`: see [`Channel::pass`].
+    pub fn pass(&mut self, now: Moment) {
+        self.channel.pass(now);
+        self.open = now.after(1);
+    }
+
+    /// Puts an item last.
+    ///
+    /// # Errors
+    /// A full queue hands it back.
+    pub const fn push(&mut self, entry: Entry) -> Result<(), Entry> {
+        self.queue.push(entry)
+    }
+
+    /// Free places in the queue.
+    #[must_use]
+    pub const fn credit(&self) -> usize {
+        self.queue.credit()
+    }
+
+    /// Takes back the items of `epoch` that were pushed last.
+    pub fn discard(&mut self, epoch: Epoch) {
+        self.queue.discard(epoch);
+    }
+
+    /// See [`Channel::schedule_switch`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn schedule_switch(&mut self, epoch: Epoch, at: Moment) -> Result<(), SwitchRefused> {
+        self.channel.schedule_switch(epoch, at)
+    }
+
+    /// Makes no step more; a pulse that was begun still ends.
+    pub fn stop(&mut self) {
+        self.channel.stop(&mut self.queue);
+    }
+
+    /// Whether nothing is left to do: no step, no end of a pulse.
+    #[must_use]
+    pub fn is_idle(&self) -> bool {
+        self.output.owed().is_none() && self.channel.is_idle(&self.queue)
+    }
+
+    /// The channel: position, horizon, epoch.
+    #[must_use]
+    pub const fn channel(&self) -> &Channel<F> {
+        &self.channel
+    }
+
+    /// Whether a DIR edge could not come its set-up before the step: the plan left no room for it.
+    #[must_use]
+    pub const fn setup_cut_short(&self) -> bool {
+        self.setup_cut_short
+    }
+}

@@ -1,0 +1,287 @@
+//! The channel: queue items → events, each a tick and what happens then.
+//!
+//! Ticks go up strictly from step to step. A step that would break that rule (an interval that is too short, an item
+//! that came too late, a motion without an [`Item::Anchor`]) is not made: the channel drops what follows up to the next
+//! anchor and says so in [`Channel::missed`]. So whatever a queue holds, every step counted can be a pulse.
+//!
+//! Switches: a step of the old epoch at a tick ≥ `at` is not made, one before is. The new epoch makes no step
+//! before `at`.
+
+use crate::queue::{Epoch, Item, Queue};
+use crate::{Direction, Moment, Recurrence};
+
+/// What happens at a tick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Event {
+    /// The scheduled tick: of the step itself, or of the step that a change of direction is for.
+    pub tick: Moment,
+    /// What happens.
+    pub kind: Kind,
+}
+
+/// What an event is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// The next step, at this event's tick, needs the DIR line so.
+    Direction(Direction),
+    /// One step.
+    Step,
+}
+
+/// A switch that cannot be made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SwitchRefused {
+    /// The tick is already committed.
+    Late {
+        /// The first tick at which a switch would be accepted now.
+        horizon: Moment,
+    },
+    /// [`SWITCHES`] earlier ones are still waiting.
+    Full,
+}
+
+/// How many switches may wait, one after the other.
+pub const SWITCHES: usize = 4;
+
+#[derive(Clone, Copy, Debug)]
+struct Switch {
+    epoch: Epoch,
+    at: Moment,
+}
+
+/// Expands the items of one motor; `F` is the number of fraction bits, 1..=32.
+#[derive(Clone, Debug)]
+pub struct Channel<const F: u32> {
+    recurrence: Recurrence,
+    /// Steps of the segment still to be made.
+    left: u32,
+    /// Which way they go.
+    direction: Direction,
+    /// What the DIR line was last asked to say.
+    facing: Option<Direction>,
+    /// Whether the next step's direction has been asserted: the step is then committed.
+    committed: bool,
+    /// Whether the accumulator means anything.
+    anchored: bool,
+    assert_every_step: bool,
+    gap: u32,
+    position: i32,
+    horizon: Moment,
+    epoch: Epoch,
+    switches: [Option<Switch>; SWITCHES],
+    missed: Option<Moment>,
+}
+
+impl<const F: u32> Channel<F> {
+    /// A channel at rest at tick 0, position 0, epoch 0.
+    ///
+    /// Steps closer than `gap` ticks (at least 1) are not made. With `assert_every_step`, as a shared DIR line
+    /// needs it, each step is preceded by its direction, not only the first after a change.
+    #[must_use]
+    pub const fn new(gap: u32, assert_every_step: bool) -> Channel<F> {
+        const { assert!(1 <= F && F <= 32) };
+        Channel {
+            recurrence: Recurrence { accumulator: 0, interval: 0, add: 0, add2: 0 },
+            left: 0,
+            direction: Direction::Forward,
+            facing: None,
+            committed: false,
+            anchored: false,
+            assert_every_step,
+            gap: if gap == 0 { 1 } else { gap },
+            position: 0,
+            horizon: Moment(0),
+            epoch: Epoch(0),
+            switches: [None; SWITCHES],
+            missed: None,
+        }
+    }
+
+    /// The next event, which stays next until [`take`](Channel::take).
+    ///
+    /// Items beyond a wait that ends after `limit` are not looked at; the event itself may come after `limit`.
+    pub fn peek<const N: usize>(&mut self, queue: &mut Queue<N>, limit: Moment) -> Option<Event> {
+        loop {
+            let tick = if self.left > 0 { self.next_tick() } else { self.last_tick() };
+            if self.committed {
+                return Some(Event { tick, kind: Kind::Step });
+            }
+            if let Some(switch) = self.switches[0] {
+                let old_may_go_on = self.left > 0 || self.has_item(queue);
+                if !old_may_go_on || (self.anchored && !tick.is_before(switch.at)) {
+                    if limit.is_before(switch.at) {
+                        return None;
+                    }
+                    self.begin(switch, queue);
+                    continue;
+                }
+            }
+            if self.left > 0 {
+                if tick.is_before(self.horizon) {
+                    self.miss(tick);
+                    continue;
+                }
+                let turned = self.facing != Some(self.direction);
+                let kind = if turned || self.assert_every_step { Kind::Direction(self.direction) } else { Kind::Step };
+                return Some(Event { tick, kind });
+            }
+            if self.anchored && limit.is_before(tick) || !self.has_item(queue) {
+                return None;
+            }
+            self.load(queue.pop()?.item);
+        }
+    }
+
+    /// Commits the event that [`peek`](Channel::peek) gave: a step is counted here.
+    pub fn take(&mut self, event: Event) {
+        match event.kind {
+            Kind::Direction(direction) => {
+                self.facing = Some(direction);
+                self.committed = true;
+                self.horizon = event.tick.after(1);
+            }
+            Kind::Step => {
+                self.recurrence.advance();
+                self.left -= 1;
+                self.committed = false;
+                self.position = self.position.wrapping_add(self.direction.sign());
+                self.horizon = event.tick.after(self.gap);
+            }
+        }
+    }
+
+    /// Notes that time is past `now`. To be called at least once in 2^30 ticks, after all events up to `now` have
+    /// been taken.
+    pub fn pass(&mut self, now: Moment) {
+        let open = now.after(1);
+        if self.horizon.is_before(open) {
+            self.horizon = open;
+        }
+        // An accumulator that is left behind would come back as the future.
+        if self.left == 0 && matches!(now.since(self.last_tick()), 0x4000_0000..0x8000_0000) {
+            self.anchored = false;
+        }
+    }
+
+    /// At tick `at` (less than 2^31 ahead), what is left of the old epoch is to be dropped and `epoch` begun.
+    ///
+    /// Switches still waiting at `at` or later are replaced, earlier ones stay.
+    ///
+    /// # Errors
+    /// When `at` lies before the horizon or too many wait; nothing changes then.
+    pub fn schedule_switch(&mut self, epoch: Epoch, at: Moment) -> Result<(), SwitchRefused> {
+        let place = self.place_of_switch(at)?;
+        for later in self.switches.iter_mut().skip(place) {
+            *later = None;
+        }
+        self.switches[place] = Some(Switch { epoch, at });
+        Ok(())
+    }
+
+    /// Whether [`schedule_switch`](Channel::schedule_switch) would accept `at`.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn check_switch(&self, at: Moment) -> Result<(), SwitchRefused> {
+        self.place_of_switch(at).map(|_| ())
+    }
+
+    /// Forgets everything that is not yet committed by a pulse: the motor stands where it is, and the count is right.
+    pub fn stop<const N: usize>(&mut self, queue: &mut Queue<N>) {
+        queue.clear();
+        self.left = 0;
+        self.committed = false;
+        self.anchored = false;
+        self.switches = [None; SWITCHES];
+    }
+
+    /// Steps forward minus steps backward that were taken, wrapping.
+    #[must_use]
+    pub const fn position(&self) -> i32 {
+        self.position
+    }
+
+    /// The first tick that is not committed: a switch is accepted from there on.
+    #[must_use]
+    pub const fn horizon(&self) -> Moment {
+        self.horizon
+    }
+
+    /// The epoch being run.
+    #[must_use]
+    pub const fn epoch(&self) -> Epoch {
+        self.epoch
+    }
+
+    /// The tick of the first step that this epoch asked for and that could not be made.
+    #[must_use]
+    pub const fn missed(&self) -> Option<Moment> {
+        self.missed
+    }
+
+    /// Whether there is nothing to do, now or later, unless more is pushed.
+    #[must_use]
+    pub fn is_idle<const N: usize>(&self, queue: &Queue<N>) -> bool {
+        self.left == 0 && self.switches[0].is_none() && !self.has_item(queue)
+    }
+
+    fn has_item<const N: usize>(&self, queue: &Queue<N>) -> bool {
+        queue.front().is_some_and(|entry| entry.epoch == self.epoch)
+    }
+
+    fn load(&mut self, item: Item) {
+        match item {
+            Item::Anchor { tick } => {
+                self.recurrence.accumulator = (u64::from(tick.0) << F) | (1 << (F - 1));
+                self.anchored = true;
+            }
+            Item::Dwell { ticks } if self.anchored => {
+                self.recurrence.accumulator = self.recurrence.accumulator.wrapping_add(u64::from(ticks) << F);
+            }
+            Item::Run { segment, direction } if self.anchored => {
+                self.recurrence.load(&segment);
+                self.left = segment.count;
+                self.direction = direction;
+            }
+            Item::Dwell { .. } => {}
+            Item::Run { .. } => self.miss(self.horizon),
+        }
+    }
+
+    fn miss(&mut self, tick: Moment) {
+        self.missed = self.missed.or(Some(tick));
+        self.left = 0;
+        self.anchored = false;
+    }
+
+    fn begin<const N: usize>(&mut self, switch: Switch, queue: &mut Queue<N>) {
+        queue.skip_to(switch.epoch);
+        self.epoch = switch.epoch;
+        self.left = 0;
+        self.anchored = false;
+        self.missed = None;
+        if self.horizon.is_before(switch.at) {
+            self.horizon = switch.at;
+        }
+        self.switches.rotate_left(1);
+        self.switches[SWITCHES - 1] = None;
+    }
+
+    fn place_of_switch(&self, at: Moment) -> Result<usize, SwitchRefused> {
+        if at.is_before(self.horizon) {
+            return Err(SwitchRefused::Late { horizon: self.horizon });
+        }
+        let earlier = self.switches.iter().flatten().take_while(|switch| switch.at.is_before(at)).count();
+        if earlier == SWITCHES { Err(SwitchRefused::Full) } else { Ok(earlier) }
+    }
+
+    /// The scheduled tick of the last step, or the end of the wait after it.
+    const fn last_tick(&self) -> Moment {
+        Moment::of_fixed::<F>(self.recurrence.accumulator)
+    }
+
+    /// The scheduled tick of the next step.
+    const fn next_tick(&self) -> Moment {
+        Moment::of_fixed::<F>(self.recurrence.accumulator.wrapping_add_signed(self.recurrence.interval))
+    }
+}

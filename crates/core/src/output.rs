@@ -1,0 +1,228 @@
+//! The output: events → edges of a motor's lines.
+//!
+//! [`StepDir`] drives STEP and DIR of a driver, [`Coils`] the four coils of a motor through a ULN2003.
+
+use crate::channel::{Event, Kind};
+use crate::{Direction, Moment};
+
+/// Lines that change at one tick; bit i is line i.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Edge {
+    /// When.
+    pub tick: Moment,
+    /// Lines that go high.
+    pub set: u32,
+    /// Lines that go low.
+    pub clear: u32,
+}
+
+/// How a motor is driven.
+#[derive(Clone, Debug)]
+pub enum Output {
+    /// A step/dir driver.
+    StepDir(StepDir),
+    /// Four coils.
+    Coils(Coils),
+}
+
+impl Output {
+    /// When the edge of `event` is due. A DIR edge comes its set-up before the step that it is for.
+    #[must_use]
+    pub const fn due(&self, event: Event) -> Moment {
+        match (self, event.kind) {
+            (Output::StepDir(driver), Kind::Direction(_)) => event.tick.before(driver.setup_ticks),
+            _ => event.tick,
+        }
+    }
+
+    /// When the output has an edge of its own to make if no event comes before: the end of a pulse, or the release
+    /// of the coils. The end of a pulse always comes first.
+    #[must_use]
+    pub const fn owed(&self) -> Option<Moment> {
+        match self {
+            Output::StepDir(driver) => driver.fall,
+            Output::Coils(coils) => coils.release,
+        }
+    }
+
+    /// Makes the edge that is [`owed`](Output::owed).
+    pub fn settle(&mut self) -> Option<Edge> {
+        match self {
+            Output::StepDir(driver) => {
+                driver.fall.take().map(|tick| Edge { tick, set: 0, clear: bit(driver.step_line) })
+            }
+            Output::Coils(coils) => coils.release.take().map(|tick| coils.change(tick, 0)),
+        }
+    }
+
+    /// Makes the edge of `event` at `tick`: [`due`](Output::due), or later if that is past.
+    pub fn apply(&mut self, event: Event, tick: Moment) -> Edge {
+        match self {
+            Output::StepDir(driver) => driver.apply(event, tick),
+            Output::Coils(coils) => coils.apply(event, tick),
+        }
+    }
+
+    /// How long before an event its edge may come, ticks.
+    #[must_use]
+    pub const fn lead_ticks(&self) -> u32 {
+        match self {
+            Output::StepDir(driver) => driver.setup_ticks,
+            Output::Coils(_) => 0,
+        }
+    }
+
+    /// Fewest ticks between two steps to be told apart on the lines.
+    #[must_use]
+    pub const fn gap_ticks(&self) -> u32 {
+        match self {
+            Output::StepDir(driver) => driver.pulse_ticks.saturating_add(1),
+            Output::Coils(_) => 1,
+        }
+    }
+
+    /// Whether every step must say its direction, since another motor may have changed the line.
+    #[must_use]
+    pub const fn asserts_every_step(&self) -> bool {
+        matches!(self, Output::StepDir(driver) if driver.shared_dir)
+    }
+}
+
+/// STEP and DIR of a driver. A step is a rising edge; both lines start low.
+#[derive(Clone, Debug)]
+pub struct StepDir {
+    step_line: u8,
+    dir_line: u8,
+    pulse_ticks: u32,
+    setup_ticks: u32,
+    forward_high: bool,
+    shared_dir: bool,
+    fall: Option<Moment>,
+}
+
+/// What a [`StepDir`] needs to know. The time that DIR must stay after a pulse is the planner's to keep.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StepDirSettings {
+    /// Line of STEP, 0..32.
+    pub step_line: u8,
+    /// Line of DIR, 0..32.
+    pub dir_line: u8,
+    /// STEP stays high so long, 1..2^30.
+    pub pulse_ticks: u32,
+    /// DIR changes so long before the step that it is for, below 2^30.
+    pub setup_ticks: u32,
+    /// DIR is high for forward.
+    pub forward_high: bool,
+    /// Another motor uses the same DIR line.
+    pub shared_dir: bool,
+}
+
+impl StepDir {
+    /// Both lines low.
+    #[must_use]
+    pub const fn new(settings: StepDirSettings) -> StepDir {
+        let StepDirSettings { step_line, dir_line, pulse_ticks, setup_ticks, forward_high, shared_dir } = settings;
+        let pulse_ticks = if pulse_ticks == 0 { 1 } else { pulse_ticks };
+        StepDir { step_line, dir_line, pulse_ticks, setup_ticks, forward_high, shared_dir, fall: None }
+    }
+
+    fn apply(&mut self, event: Event, tick: Moment) -> Edge {
+        match event.kind {
+            Kind::Step => {
+                self.fall = Some(tick.after(self.pulse_ticks));
+                Edge { tick, set: bit(self.step_line), clear: 0 }
+            }
+            Kind::Direction(direction) => {
+                let high = (direction == Direction::Forward) == self.forward_high;
+                let line = bit(self.dir_line);
+                if high { Edge { tick, set: line, clear: 0 } } else { Edge { tick, set: 0, clear: line } }
+            }
+        }
+    }
+}
+
+/// How coils are switched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sequence {
+    /// One coil at a time.
+    Wave,
+    /// Two coils at a time.
+    Full,
+    /// Two and one in turn.
+    Half,
+}
+
+/// Patterns of the coils, half step after half step, forward; bit 0 is IN1.
+///
+/// Forward is what the program of seed 002 puts on the pins and calls counterclockwise. Its `out pins, 4` puts
+/// bit 0 on IN1, where its printed table has IN1 as the highest bit: the table's columns, read as headed, would turn
+/// the other way.
+pub const HALF_STEPS: [u8; 8] = [0x9, 0x8, 0xc, 0x4, 0x6, 0x2, 0x3, 0x1];
+
+/// The four coils of a motor. They are off until the first step.
+#[derive(Clone, Debug)]
+pub struct Coils {
+    lines: [u32; 4],
+    sequence: Sequence,
+    release_ticks: Option<u32>,
+    /// Index into `HALF_STEPS`.
+    phase: u8,
+    direction: Direction,
+    pattern: u8,
+    release: Option<Moment>,
+}
+
+impl Coils {
+    /// Coils at phase 0, on `lines` (IN1 to IN4, each 0..32).
+    ///
+    /// If no step follows within `release_ticks` (below 2^31) of one, all coils are switched off; `None` holds them. The
+    /// next step goes on from the phase that was left.
+    #[must_use]
+    pub fn new(lines: [u8; 4], sequence: Sequence, release_ticks: Option<u32>) -> Coils {
+        Coils {
+            lines: lines.map(bit),
+            sequence,
+            release_ticks,
+            phase: if sequence == Sequence::Wave { 1 } else { 0 },
+            direction: Direction::Forward,
+            pattern: 0,
+            release: None,
+        }
+    }
+
+    fn apply(&mut self, event: Event, tick: Moment) -> Edge {
+        match event.kind {
+            Kind::Direction(direction) => {
+                self.direction = direction;
+                Edge { tick, set: 0, clear: 0 }
+            }
+            Kind::Step => {
+                let half_steps = if self.sequence == Sequence::Half { 1 } else { 2 };
+                self.phase = match self.direction {
+                    Direction::Forward => self.phase.wrapping_add(half_steps),
+                    Direction::Backward => self.phase.wrapping_sub(half_steps),
+                } & 7;
+                self.release = self.release_ticks.map(|ticks| tick.after(ticks));
+                self.change(tick, HALF_STEPS[usize::from(self.phase)])
+            }
+        }
+    }
+
+    fn change(&mut self, tick: Moment, pattern: u8) -> Edge {
+        let on = self.mask(pattern & !self.pattern);
+        let off = self.mask(self.pattern & !pattern);
+        self.pattern = pattern;
+        Edge { tick, set: on, clear: off }
+    }
+
+    fn mask(&self, pattern: u8) -> u32 {
+        let [in1, in2, in3, in4] = self.lines;
+        let when = |bit: u8, line: u32| if pattern & bit != 0 { line } else { 0 };
+        when(1, in1) | when(2, in2) | when(4, in3) | when(8, in4)
+    }
+}
+
+/// The mask of a line; lines are taken modulo 32.
+const fn bit(line: u8) -> u32 {
+    1 << (line & 31)
+}

@@ -1,0 +1,203 @@
+//! The queue of a motor: what it will do, each item tagged with the epoch that it belongs to.
+
+use crate::{Direction, Moment, Segment};
+
+/// A numbered generation of the plan; the numbers wrap.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Epoch(pub u8);
+
+impl Epoch {
+    /// The generation after this one.
+    #[must_use]
+    pub const fn next(self) -> Epoch {
+        Epoch(self.0.wrapping_add(1))
+    }
+}
+
+/// One thing that a motor is to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Item {
+    /// Sets the accumulator to `tick` + ½. The first item of every epoch.
+    Anchor {
+        /// Less than 2^31 ticks ahead when it is reached.
+        tick: Moment,
+    },
+    /// Steps.
+    Run {
+        /// Their recurrence.
+        segment: Segment,
+        /// Which way they count.
+        direction: Direction,
+    },
+    /// A wait without steps; the accumulator keeps its fraction.
+    Dwell {
+        /// Whole ticks, less than 2^31.
+        ticks: u32,
+    },
+}
+
+/// An item and its epoch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Entry {
+    /// The generation of the plan that `item` belongs to.
+    pub epoch: Epoch,
+    /// What to do.
+    pub item: Item,
+}
+
+/// A ring of `N` entries.
+#[derive(Clone, Debug)]
+pub struct Queue<const N: usize> {
+    entries: [Entry; N],
+    first: usize,
+    len: usize,
+}
+
+impl<const N: usize> Queue<N> {
+    /// An empty queue.
+    #[must_use]
+    pub const fn new() -> Queue<N> {
+        let unused = Entry { epoch: Epoch(0), item: Item::Dwell { ticks: 0 } };
+        Queue { entries: [unused; N], first: 0, len: 0 }
+    }
+
+    /// Puts `entry` last.
+    ///
+    /// # Errors
+    /// A full queue hands it back.
+    ///
+    /// ```
+    /// use pulsetrain_core::queue::{Entry, Epoch, Item, Queue};
+    /// let mut queue = Queue::<1>::new();
+    /// let entry = Entry { epoch: Epoch(0), item: Item::Dwell { ticks: 5 } };
+    /// assert_eq!(queue.push(entry), Ok(()));
+    /// assert_eq!(queue.push(entry), Err(entry));
+    /// ```
+    pub const fn push(&mut self, entry: Entry) -> Result<(), Entry> {
+        if self.len == N {
+            return Err(entry);
+        }
+        self.entries[self.index(self.len)] = entry;
+        self.len += 1;
+        Ok(())
+    }
+
+    /// The entry that is next, left in its place.
+    #[must_use]
+    pub const fn front(&self) -> Option<&Entry> {
+        if self.len == 0 { None } else { Some(&self.entries[self.first]) }
+    }
+
+    /// Takes the entry that is next.
+    pub const fn pop(&mut self) -> Option<Entry> {
+        if self.len == 0 {
+            return None;
+        }
+        let entry = self.entries[self.first];
+        self.first = self.index(1);
+        self.len -= 1;
+        Some(entry)
+    }
+
+    /// Drops entries until the first of `epoch` is in front; all, if there is none.
+    pub fn skip_to(&mut self, epoch: Epoch) {
+        while self.front().is_some_and(|entry| entry.epoch != epoch) {
+            self.pop();
+        }
+    }
+
+    /// Takes back the entries of `epoch` that were pushed last, as after a switch that was refused.
+    pub fn discard(&mut self, epoch: Epoch) {
+        while self.len > 0 && self.entries[self.index(self.len - 1)].epoch == epoch {
+            self.len -= 1;
+        }
+    }
+
+    /// Drops everything.
+    pub const fn clear(&mut self) {
+        self.len = 0;
+    }
+
+    /// Entries waiting.
+    #[must_use]
+    pub const fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Whether nothing waits.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// Free places: what the host may still send.
+    #[must_use]
+    pub const fn credit(&self) -> usize {
+        N - self.len
+    }
+
+    /// Where the entry `offset` (at most `N`) places behind the first one is.
+    const fn index(&self, offset: usize) -> usize {
+        let index = self.first + offset;
+        if index >= N { index - N } else { index }
+    }
+}
+
+impl<const N: usize> Default for Queue<N> {
+    fn default() -> Queue<N> {
+        Queue::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use proptest::prelude::*;
+    use std::collections::VecDeque;
+    use std::vec::Vec;
+
+    fn entry(epoch: u8, ticks: u32) -> Entry {
+        Entry { epoch: Epoch(epoch), item: Item::Dwell { ticks } }
+    }
+
+    #[test]
+    fn a_refused_epoch_is_taken_back_whole() {
+        let mut queue = Queue::<4>::new();
+        for (epoch, ticks) in [(0, 1), (0, 2), (1, 3), (1, 4)] {
+            queue.push(entry(epoch, ticks)).unwrap();
+        }
+        queue.discard(Epoch(1));
+        assert_eq!(queue.credit(), 2);
+        queue.skip_to(Epoch(0));
+        assert_eq!(queue.pop(), Some(entry(0, 1)));
+        queue.skip_to(Epoch(9));
+        assert!(queue.is_empty());
+    }
+
+    proptest! {
+        #[test]
+        fn it_is_a_queue(actions in prop::collection::vec(prop::option::of(0u8..3), 0..200)) {
+            let mut queue = Queue::<5>::new();
+            let mut model = VecDeque::new();
+            for (ticks, action) in (0u32..).zip(actions) {
+                match action {
+                    Some(epoch) => {
+                        let new = entry(epoch, ticks);
+                        if model.len() == 5 {
+                            prop_assert_eq!(queue.push(new), Err(new));
+                        } else {
+                            prop_assert_eq!(queue.push(new), Ok(()));
+                            model.push_back(new);
+                        }
+                    }
+                    None => prop_assert_eq!(queue.pop(), model.pop_front()),
+                }
+                prop_assert_eq!(queue.front(), model.front());
+                prop_assert_eq!(queue.credit(), 5 - model.len());
+            }
+            let rest: Vec<_> = core::iter::from_fn(|| queue.pop()).collect();
+            prop_assert_eq!(rest, Vec::from(model));
+        }
+    }
+}
