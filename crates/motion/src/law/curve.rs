@@ -1,5 +1,8 @@
 //! The analytic curves that pieces are made of.
 
+use super::double::Double;
+use super::formula::Window;
+
 /// Taylor coefficients of θ at a point: θ(u₀ + x) = Σ c_k x^k, k = 0..8, in steps per s^k.
 pub type Jet = [f64; 8];
 
@@ -9,6 +12,8 @@ pub struct Bounds {
     /// ≥ |θ⁽⁸⁾(u)|/8! for every u in the interval, steps/s^8.
     pub eighth: f64,
     /// ≥ the rounding error of coefficient k of a jet computed anywhere in the interval, steps/s^k.
+    ///
+    /// It covers an error of 3 × 2^-53 in each of the curve's own parameters too.
     pub rounding: Jet,
 }
 
@@ -28,6 +33,21 @@ pub enum Curve {
         /// Phase at u = 0, rad.
         phase: f64,
     },
+    /// x0 + factor·x with linear·x + quadratic·x² = u − u0: intervals linear in the step number (004's ramp).
+    TimerRamp {
+        /// When x is 0, s.
+        u0: f64,
+        /// θ when x is 0, steps.
+        x0: f64,
+        /// Steps per x: ±1 unless scaled.
+        factor: f64,
+        /// s, positive.
+        linear: f64,
+        /// s.
+        quadratic: f64,
+    },
+    /// One window of a formula.
+    Formula(Window),
     /// All of them together.
     Sum(Vec<Curve>),
 }
@@ -76,15 +96,35 @@ pub enum Inverse {
 }
 
 /// 2^-53: the relative error of one rounding.
-const ULP: f64 = f64::EPSILON / 2.0;
+pub(crate) const ULP: f64 = f64::EPSILON / 2.0;
+
+/// Covers the roundings of the bounds' own arithmetic, which is of terms of one sign.
+const OUTWARD: f64 = 1.0 + 256.0 * ULP;
+
+/// How far, in parts of it, a stretch may reach over a turning point and still count as one side of it.
+const OVERHANG: f64 = 1e-9;
+
+/// C(½, k), k = 0..=8.
+const HALF_CHOOSE: [f64; 9] =
+    [1.0, 0.5, -0.125, 0.0625, -0.039_062_5, 0.027_343_75, -0.020_507_812_5, 0.016_113_281_25, -0.013_092_041_015_625];
 
 impl Curve {
+    /// A curve that stays at `position`.
+    pub(crate) fn constant(position: f64) -> Curve {
+        Curve::Polynomial(vec![position])
+    }
+
     /// θ at u, steps.
     #[must_use]
     pub fn value(&self, u: f64) -> f64 {
         match self {
             Curve::Polynomial(c) => c.iter().rev().fold(0.0, |sum, &c| sum * u + c),
             Curve::Cosine { offset, amplitude, omega, phase } => offset + amplitude * libm::cos(omega * u + phase),
+            Curve::TimerRamp { u0, x0, factor, linear, quadratic } => {
+                let w = u - u0;
+                x0 + factor * 2.0 * w / (linear + ramp_root(*linear, *quadratic, w))
+            }
+            Curve::Formula(window) => window.value(u),
             Curve::Sum(curves) => curves.iter().map(|c| c.value(u)).sum(),
         }
     }
@@ -100,21 +140,15 @@ impl Curve {
     fn add_jet(&self, u: f64, jet: &mut Jet) {
         match self {
             Curve::Polynomial(c) => {
-                // Taylor shift by repeated synthetic division.
-                let mut c = c.clone();
-                for (k, jet) in jet.iter_mut().enumerate().take(c.len()) {
-                    for i in (k..c.len() - 1).rev() {
-                        c[i] += u * c[i + 1];
-                    }
-                    *jet += c[k];
-                }
+                let own: Jet = expand(c.iter().copied(), u);
+                jet.iter_mut().zip(own).for_each(|(jet, own)| *jet += own);
             }
             Curve::Cosine { offset, amplitude, omega, phase } => {
                 let (sin, cos) = libm::sincos(omega * u + phase);
                 jet[0] += offset + amplitude * cos;
                 let mut scale = *amplitude;
                 for (k, jet) in jet.iter_mut().enumerate().skip(1) {
-                    scale *= omega / k as f64;
+                    scale *= omega * RECIPROCAL[k];
                     // cos → −sin → −cos → sin
                     *jet += scale
                         * match k % 4 {
@@ -125,6 +159,19 @@ impl Curve {
                         };
                 }
             }
+            Curve::TimerRamp { u0, x0, factor, linear, quadratic } => {
+                let w = u - u0;
+                let s = ramp_root(*linear, *quadratic, w);
+                jet[0] += x0 + factor * 2.0 * w / (linear + s);
+                let mut scale = 2.0 * factor / s;
+                for (jet, choose) in jet.iter_mut().zip(HALF_CHOOSE).skip(1) {
+                    *jet += choose * scale;
+                    scale *= 4.0 * quadratic / (s * s);
+                }
+            }
+            Curve::Formula(window) => {
+                jet.iter_mut().zip(window.jet(u)).for_each(|(jet, own)| *jet += own);
+            }
             Curve::Sum(curves) => curves.iter().for_each(|c| c.add_jet(u, jet)),
         }
     }
@@ -132,61 +179,205 @@ impl Curve {
     /// What holds for every jet taken in `a..=b`.
     #[must_use]
     pub fn bounds(&self, a: f64, b: f64) -> Bounds {
+        self.bounds_and_majorant(a, b).0
+    }
+
+    /// The bounds, and what no coefficient of a jet in `a..=b` exceeds.
+    fn bounds_and_majorant(&self, a: f64, b: f64) -> (Bounds, Jet) {
         let reach = a.abs().max(b.abs());
+        let mut bounds = Bounds { eighth: 0.0, rounding: [0.0; 8] };
+        let mut majorant = [0.0; 8];
         match self {
             Curve::Polynomial(c) => {
-                let mut bounds = Bounds { eighth: 0.0, rounding: [0.0; 8] };
-                let majorant: Vec<f64> = c.iter().map(|c| c.abs()).collect();
-                let shifted = taylor_shift(&majorant, reach);
-                for (k, m) in shifted.iter().enumerate() {
-                    if k < 8 {
-                        // Each coefficient comes from at most len² products and sums of terms of one sign in the majorant.
-                        bounds.rounding[k] = 2.0 * (c.len() + 1) as f64 * ULP * m;
-                    }
+                let expanded: [f64; 9] = expand(c.iter().map(|c| c.abs()), reach);
+                for k in 0..8 {
+                    majorant[k] = expanded[k] * OUTWARD;
+                    // A product and a sum for each degree, of terms of one sign in the majorant.
+                    bounds.rounding[k] = (2 * c.len() + 5) as f64 * ULP * majorant[k];
                 }
-                // θ⁽⁸⁾/8! on the interval, from the shifted majorant's coefficient of x^8.
-                bounds.eighth = shifted.get(8).copied().unwrap_or(0.0) * (1.0 + 64.0 * ULP);
-                bounds
+                bounds.eighth = expanded[8] * OUTWARD;
             }
             Curve::Cosine { offset, amplitude, omega, phase } => {
-                // The argument is rounded twice; sin and cos are within 1 ulp; the scale within 2k roundings.
-                let argument = 2.0 * ULP * (omega * reach + phase.abs());
-                let mut scale = amplitude.abs();
-                let mut bounds = Bounds { eighth: 0.0, rounding: [0.0; 8] };
-                bounds.rounding[0] = scale * (argument + 4.0 * ULP) + ULP * (offset.abs() + amplitude.abs());
+                // The argument: omega and phase themselves, the product, the sum; sin and cos are within 1 ulp.
+                let argument = 6.0 * ULP * (omega * reach + phase.abs());
+                let mut scale = amplitude.abs() * OUTWARD;
+                majorant[0] = offset.abs() + scale;
+                bounds.rounding[0] = scale * (argument + 7.0 * ULP) + 5.0 * ULP * majorant[0];
                 for k in 1..8 {
-                    scale *= omega / k as f64;
-                    bounds.rounding[k] = scale * (argument + (2 * k + 4) as f64 * ULP);
+                    scale *= omega * RECIPROCAL[k];
+                    majorant[k] = scale;
+                    bounds.rounding[k] = scale * (argument + (6 * k + 7) as f64 * ULP);
                 }
-                bounds.eighth = scale * omega / 8.0 * (1.0 + 64.0 * ULP);
-                bounds
+                bounds.eighth = scale * omega * RECIPROCAL[8] * OUTWARD;
             }
+            Curve::TimerRamp { u0, x0, factor, linear, quadratic } => {
+                // s² = linear² + 4·quadratic·w is linear in w: least at one of the ends.
+                let far = (a - u0).abs().max((b - u0).abs());
+                let s = ramp_root(*linear, *quadratic, a - u0).min(ramp_root(*linear, *quadratic, b - u0));
+                let terms = linear * linear + 4.0 * quadratic.abs() * (far + reach + u0.abs());
+                let relative = 5.0 * ULP * terms / (s * s) + 2.0 * ULP;
+                let x = 2.0 * far / (linear + s) * OUTWARD;
+                majorant[0] = x0.abs() + factor.abs() * x;
+                // x itself: its slope is 1/s, and w carries the rounding of u − u0.
+                let argument = 5.0 * ULP * (far + reach + u0.abs()) / s;
+                bounds.rounding[0] = factor.abs() * (x * (relative + 8.0 * ULP) + argument) + 5.0 * ULP * majorant[0];
+                let mut scale = 2.0 * factor.abs() / s;
+                for k in 1..8 {
+                    majorant[k] = HALF_CHOOSE[k].abs() * scale * OUTWARD;
+                    bounds.rounding[k] = majorant[k] * (2 * k) as f64 * (relative + 8.0 * ULP);
+                    scale *= 4.0 * quadratic.abs() / (s * s);
+                }
+                // Least s is itself rounded.
+                bounds.eighth = HALF_CHOOSE[8].abs() * scale * (1.0 + 16.0 * relative) * OUTWARD;
+            }
+            Curve::Formula(window) => (bounds, majorant) = window.bounds_and_majorant(),
             Curve::Sum(curves) => {
-                let mut sum = Bounds { eighth: 0.0, rounding: [0.0; 8] };
                 for curve in curves {
-                    let bounds = curve.bounds(a, b);
-                    sum.eighth += bounds.eighth;
-                    for (total, r) in sum.rounding.iter_mut().zip(bounds.rounding) {
-                        *total += r;
+                    let (own, own_majorant) = curve.bounds_and_majorant(a, b);
+                    bounds.eighth += own.eighth;
+                    for k in 0..8 {
+                        bounds.rounding[k] += own.rounding[k];
+                        majorant[k] += own_majorant[k];
                     }
                 }
-                // The additions themselves round: one for each term, of at most what the terms amount to.
-                let swing: f64 = curves.iter().map(|c| c.value(a).abs().max(c.value(b).abs())).sum();
-                sum.rounding[0] += curves.len() as f64 * ULP * swing;
-                sum
+                // The additions round too: once for each term, at most of what the terms amount to.
+                for (rounding, majorant) in bounds.rounding.iter_mut().zip(majorant) {
+                    *rounding += (curves.len() + 1) as f64 * ULP * majorant;
+                }
             }
+        }
+        // Gradual underflow: far below any step, but a bound is a bound.
+        bounds.rounding.iter_mut().for_each(|r| *r = *r * OUTWARD + f64::MIN_POSITIVE);
+        (bounds, majorant)
+    }
+
+    /// When θ is where, on the stretch `u_a..=u_b` between two turning points; `None` where there is no formula.
+    #[must_use]
+    pub fn inverse(&self, u_a: f64, u_b: f64) -> Option<Inverse> {
+        let middle = 0.5 * (u_a + u_b);
+        let overhang = OVERHANG * (u_b - u_a);
+        match self {
+            Curve::Polynomial(c) => match *c.get(..3.min(c.len()))? {
+                _ if c.iter().skip(3).any(|&c| c != 0.0) => None,
+                [x0, speed] | [x0, speed, 0.0] if speed != 0.0 => Some(Inverse::Line { u0: 0.0, x0, speed }),
+                [c0, c1, half_acceleration] if half_acceleration != 0.0 => {
+                    let u0 = -0.5 * c1 / half_acceleration;
+                    let later = middle > u0;
+                    let over = if later { u0 - u_a } else { u_b - u0 };
+                    (u0.is_finite() && over <= overhang).then_some(Inverse::Parabola {
+                        u0,
+                        x0: c0 - half_acceleration * u0 * u0,
+                        half_acceleration,
+                        later,
+                    })
+                }
+                _ => None,
+            },
+            Curve::Cosine { offset, amplitude, omega, phase } => {
+                if *amplitude == 0.0 {
+                    return None;
+                }
+                let half_periods = ((omega * middle + phase) / std::f64::consts::PI).floor();
+                let u0 = (half_periods * std::f64::consts::PI - phase) / omega;
+                let x = if half_periods.rem_euclid(2.0) == 0.0 { *amplitude } else { -*amplitude };
+                let one_half_period = u_a >= u0 - overhang && u_b <= u0 + std::f64::consts::PI / omega + overhang;
+                one_half_period.then_some(Inverse::Arccosine { u0, x0: offset + x, swing: -2.0 * x, omega: *omega })
+            }
+            Curve::TimerRamp { u0, x0, factor, linear, quadratic } => {
+                Some(Inverse::Quadratic { x0: *x0, c: [*u0, linear / factor, quadratic / (factor * factor)] })
+            }
+            Curve::Formula(_) | Curve::Sum(_) => None,
+        }
+    }
+
+    /// Whether θ stays where it is.
+    pub(crate) fn is_constant(&self) -> bool {
+        match self {
+            Curve::Polynomial(c) => c.iter().skip(1).all(|&c| c == 0.0),
+            Curve::Cosine { amplitude, .. } => *amplitude == 0.0,
+            Curve::TimerRamp { factor, .. } => *factor == 0.0,
+            Curve::Formula(_) => false,
+            Curve::Sum(curves) => curves.iter().all(Curve::is_constant),
+        }
+    }
+
+    /// Adds `steps` to θ.
+    pub(crate) fn raise(&mut self, steps: f64) {
+        match self {
+            Curve::Polynomial(c) => match c.first_mut() {
+                Some(c) => *c += steps,
+                None => c.push(steps),
+            },
+            Curve::Cosine { offset, .. } => *offset += steps,
+            Curve::TimerRamp { x0, .. } => *x0 += steps,
+            Curve::Formula(window) => window.raise(steps),
+            Curve::Sum(curves) => match curves.first_mut() {
+                Some(curve) => curve.raise(steps),
+                None => curves.push(Curve::constant(steps)),
+            },
+        }
+    }
+
+    /// Multiplies θ by `by`.
+    pub(crate) fn scale(&mut self, by: f64) {
+        match self {
+            Curve::Polynomial(c) => c.iter_mut().for_each(|c| *c *= by),
+            Curve::Cosine { offset, amplitude, .. } => {
+                *offset *= by;
+                *amplitude *= by;
+            }
+            Curve::TimerRamp { x0, factor, .. } => {
+                *x0 *= by;
+                *factor *= by;
+            }
+            Curve::Formula(window) => window.scale(by),
+            Curve::Sum(curves) => curves.iter_mut().for_each(|c| c.scale(by)),
+        }
+    }
+
+    /// Moves the zero of u `by` seconds later: the new θ(u) is the old θ(u + by).
+    pub(crate) fn rezero(&mut self, by: Double) {
+        if by == Double::ZERO {
+            return;
+        }
+        match self {
+            Curve::Polynomial(c) => {
+                let mut exact: Vec<Double> = c.iter().map(|&c| Double::from(c)).collect();
+                for k in 0..c.len() {
+                    for i in (k..c.len() - 1).rev() {
+                        exact[i] = exact[i] + by * exact[i + 1];
+                    }
+                    c[k] = exact[k].nearest();
+                }
+            }
+            Curve::Cosine { omega, phase, .. } => {
+                *phase = (Double::from(*phase) + Double::from(*omega) * by).wrapped().nearest();
+            }
+            Curve::TimerRamp { u0, .. } => *u0 = (Double::from(*u0) - by).nearest(),
+            Curve::Formula(window) => window.rezero(by),
+            Curve::Sum(curves) => curves.iter_mut().for_each(|c| c.rezero(by)),
         }
     }
 }
 
-fn taylor_shift(c: &[f64], u: f64) -> Vec<f64> {
-    let mut c = c.to_vec();
-    for k in 0..c.len() {
-        for i in (k..c.len() - 1).rev() {
-            c[i] += u * c[i + 1];
+/// 1/k, so that scaling a jet takes no division; the planner's bounds count two roundings for it.
+const RECIPROCAL: [f64; 9] = [0.0, 1.0, 1.0 / 2.0, 1.0 / 3.0, 1.0 / 4.0, 1.0 / 5.0, 1.0 / 6.0, 1.0 / 7.0, 1.0 / 8.0];
+
+/// √(linear² + 4·quadratic·w), the time per step at w.
+fn ramp_root(linear: f64, quadratic: f64, w: f64) -> f64 {
+    libm::sqrt((linear * linear + 4.0 * quadratic * w).max(0.0))
+}
+
+/// The first `N` Taylor coefficients at u of a polynomial, by Horner's rule on truncated series: nothing is allocated.
+fn expand<const N: usize>(c: impl DoubleEndedIterator<Item = f64>, u: f64) -> [f64; N] {
+    let mut jet = [0.0; N];
+    for c in c.rev() {
+        for k in (1..N).rev() {
+            jet[k] = jet[k] * u + jet[k - 1];
         }
+        jet[0] = jet[0] * u + c;
     }
-    c
+    jet
 }
 impl Curve {
     /// tmp

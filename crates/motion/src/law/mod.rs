@@ -1,12 +1,40 @@
 //! θ(t): a law is a stream of analytic pieces, in order, without gaps.
 //!
 //! Everything downstream sees a law through [`Piece`]s: the planner expands their [`Curve`]s, the verdict
-//! follows them with a [`Cursor`](cursor::Cursor). A new law needs nothing else than pieces.
+//! follows them with a [`Cursor`]. A new law needs nothing else than pieces.
+//!
+//! # What is here
+//! - [`Law`]: the laws and their combinations, each checked when it is made
+//! - [`formula`]: θ(t) in text, with interval enclosures
+//! - [`winch`]: the path of a StepperWinch board under commands
+//! - [`cursor`]: position, speed and acceleration at a time
+//! - [`curve`]: the analytic curves: jets, bounds, inverses
+//!
+//! Each constructor checks its parameters and returns [`LawError::Parameter`] that names the one out of range.
 
+mod blend;
+mod combine;
+pub mod cursor;
 pub mod curve;
+mod double;
+pub mod formula;
+mod profile;
+mod steady;
+mod table;
+mod timer_ramp;
+pub mod winch;
 
 use crate::Time;
+pub use blend::{Begin, End};
+pub use cursor::{Cursor, Sample};
 pub use curve::{Bounds, Curve, Inverse, Jet};
+use double::Double;
+
+pub use profile::SCurve;
+use std::sync::Arc;
+pub use table::Interpolation;
+pub use timer_ramp::TimerRamp;
+pub use winch::{WinchCommand, WinchSettings};
 
 /// A stretch of a law on which θ is one analytic curve: θ(t) = `origin` + `curve`(t − `zero`), for t in `start..=end`.
 #[derive(Clone, Debug)]
@@ -36,6 +64,47 @@ impl Piece {
     #[must_use]
     pub fn last(&self) -> f64 {
         (self.end - self.zero).seconds()
+    }
+
+    /// θ at the curve's own time u, with the whole steps.
+    fn position(&self, u: f64) -> Double {
+        Double::from(self.origin) + Double::from(self.curve.value(u))
+    }
+
+    /// θ where the piece begins.
+    fn first_position(&self) -> Double {
+        self.position(self.first())
+    }
+
+    /// θ where the piece ends.
+    fn last_position(&self) -> Double {
+        self.position(self.last())
+    }
+
+    /// Adds `steps` to θ.
+    fn raise(&mut self, steps: Double) -> Result<(), LawError> {
+        let too_far = || LawError::Parameter("the position leaves ±2^62 steps".into());
+        let (whole, rest) = steps.split().ok_or_else(too_far)?;
+        self.origin = self.origin.checked_add(whole).ok_or_else(too_far)?;
+        if rest != 0.0 {
+            self.curve.raise(rest);
+        }
+        Ok(())
+    }
+
+    /// The same motion, `by` later.
+    fn postpone(&mut self, by: Time) {
+        self.zero = self.zero + by;
+        self.start = self.start + by;
+        self.end = self.end + by;
+    }
+
+    /// Rest at `position`.
+    fn rest(start: Time, end: Time, position: Double) -> Result<Piece, LawError> {
+        let curve = Curve::constant(0.0);
+        let mut piece = Piece { zero: start, start, end, origin: 0, curve, entry: Entry::Continuous };
+        piece.raise(position)?;
+        Ok(piece)
     }
 }
 
@@ -93,9 +162,29 @@ pub type Pieces<'a> = Box<dyn Iterator<Item = Result<Piece, LawError>> + 'a>;
 pub enum Law {
     /// 000's sinusoid: θ = A − A·cos(2πt/T), in half periods.
     Sine(Sine),
+    /// Constant speed, rest included.
+    Steady(Steady),
     /// Pieces that were worked out beforehand: trapezoids, S-curves, ramps, tables.
     Fixed(Fixed),
+    /// θ(t) in text.
+    Formula(Arc<formula::Formula>),
+    /// 003's path under a list of timed commands.
+    Winch(Arc<winch::Winch>),
+    /// All of them at once.
+    Sum(Vec<Law>),
+    /// One after the other, each from where the one before ended.
+    Then(Vec<Law>),
+    /// One law scaled, shifted or delayed.
+    Changed(Box<Changed>),
+    /// One law over and over.
+    Repeated(Box<Repeated>),
+    /// One law with another beginning or end.
+    Blended(Box<Blended>),
 }
+
+pub use blend::Blended;
+pub use combine::{Changed, Repeated};
+pub use steady::Steady;
 
 /// θ = A − A·cos(2πt/T). Source: seeds/000, eq. 1.
 #[derive(Clone, Debug)]
@@ -112,18 +201,92 @@ pub struct Sine {
 #[derive(Clone, Debug)]
 pub struct Fixed {
     /// In order, without gaps, from t = 0 s.
-    pub pieces: std::sync::Arc<Vec<Piece>>,
+    pub pieces: Arc<Vec<Piece>>,
     /// What its certificate is relative to.
     pub class: Class,
 }
 
 impl Law {
+    /// θ = A − A·cos(2πt/T): `amplitude` A in steps, `cycles` periods or endless. Source: seeds/000, eq. 1.
+    ///
+    /// ```
+    /// use pulsetrain_motion::{Law, Time};
+    /// assert!(Law::sine(2000.0, Time::SECOND, Some(10)).is_ok());
+    /// assert!(Law::sine(2000.0, Time::ZERO, Some(10)).is_err());
+    /// ```
+    ///
+    /// # Errors
+    /// [`LawError::Parameter`] if the amplitude is 0 or not finite, or the period or the number of cycles not positive.
+    pub fn sine(amplitude: f64, period: Time, cycles: Option<u64>) -> Result<Law, LawError> {
+        checked("amplitude", amplitude, "steps", |a| a != 0.0 && a.abs() < FARTHEST)?;
+        // A half period is a piece and must not be empty; the end must be a time.
+        if period < Time::from_seconds(1e-12) || period > Time::from_seconds(1e12) {
+            return Err(LawError::Parameter(format!("period is {} s; it must be 1e-12 to 1e12 s", period.seconds())));
+        }
+        if cycles == Some(0) {
+            return Err(LawError::Parameter("cycles is 0; it must be at least 1".into()));
+        }
+        Ok(Law::Sine(Sine { amplitude, period, cycles }))
+    }
+
+    /// 001's sweep: a sinusoid from the bottom at rest, endless, after `delay` at rest; `swing_steps` may be odd.
+    ///
+    /// θ = swing/2·(1 − cos 2πf(t − delay)).
+    ///
+    /// # Errors
+    /// [`LawError::Parameter`] if the frequency is not positive or the swing is 0.
+    pub fn sweep(frequency_hz: f64, swing_steps: u64, delay: Time) -> Result<Law, LawError> {
+        checked("frequency", frequency_hz, "Hz", |f| f > 0.0 && f < 1e12)?;
+        Law::sine(0.5 * swing_steps as f64, Time::from_seconds(1.0 / frequency_hz), None)?.delayed(delay)
+    }
+
+    /// Pieces of polynomials of any degree, one after the other: each its duration and its coefficients,
+    /// steps/s^k, of the time since it began; relative to the interpolant. For Taylor solutions of ODEs.
+    ///
+    /// # Errors
+    /// [`LawError::Parameter`] if a duration is not positive or a coefficient not finite,
+    /// [`LawError::Jump`] where two pieces do not meet within 1e-6 step.
+    pub fn polynomials(pieces: impl IntoIterator<Item = (Time, Vec<f64>)>) -> Result<Law, LawError> {
+        let mut laid: Vec<Piece> = Vec::new();
+        for (row, (duration, c)) in pieces.into_iter().enumerate() {
+            if duration <= Time::ZERO || c.iter().any(|c| !c.is_finite()) {
+                return Err(LawError::Parameter(format!(
+                    "piece {row}: the duration must be positive and every coefficient a number"
+                )));
+            }
+            let start = laid.last().map_or(Time::ZERO, |p| p.end);
+            let curve = Curve::Polynomial(c);
+            let piece = Piece { zero: start, start, end: start + duration, origin: 0, curve, entry: Entry::Continuous };
+            if let Some(before) = laid.last() {
+                meet(before.last_position(), &piece, 1e-6)?;
+            }
+            laid.push(piece);
+        }
+        Law::fixed(laid, Class::Interpolant)
+    }
+
+    /// A law of pieces that are known to be in order.
+    fn fixed(pieces: Vec<Piece>, class: Class) -> Result<Law, LawError> {
+        if pieces.is_empty() {
+            return Err(LawError::Parameter("the motion is empty".into()));
+        }
+        Ok(Law::Fixed(Fixed { pieces: Arc::new(pieces), class }))
+    }
+
     /// The pieces from t = 0 s on.
     #[must_use]
     pub fn pieces(&self) -> Pieces<'_> {
         match self {
             Law::Sine(sine) => Box::new((0..sine.half_periods()).map(|k| Ok(sine.half_period(k)))),
+            Law::Steady(steady) => Box::new(steady.pieces()),
             Law::Fixed(fixed) => Box::new(fixed.pieces.iter().cloned().map(Ok)),
+            Law::Formula(formula) => Box::new(formula.pieces()),
+            Law::Winch(winch) => Box::new(winch.pieces()),
+            Law::Sum(laws) => Box::new(combine::sum(laws)),
+            Law::Then(laws) => Box::new(combine::then(laws)),
+            Law::Changed(changed) => changed.pieces(),
+            Law::Repeated(repeated) => Box::new(repeated.pieces()),
+            Law::Blended(blended) => Box::new(blended.pieces()),
         }
     }
 
@@ -132,17 +295,55 @@ impl Law {
     pub fn end(&self) -> Option<Time> {
         match self {
             Law::Sine(sine) => sine.cycles.map(|n| sine.period.times(n)),
+            Law::Steady(steady) => steady.duration,
             Law::Fixed(fixed) => fixed.pieces.last().map(|p| p.end),
+            Law::Formula(formula) => formula.duration(),
+            Law::Winch(winch) => winch.duration(),
+            Law::Sum(laws) => laws.iter().map(Law::end).try_fold(Time::ZERO, |end, e| Some(end.max(e?))),
+            Law::Then(laws) => laws.iter().map(Law::end).try_fold(Time::ZERO, |end, e| Some(end + e?)),
+            Law::Changed(changed) => changed.law.end().map(|end| end + changed.delay),
+            Law::Repeated(repeated) => repeated.times.map(|n| repeated.period.times(n)),
+            Law::Blended(blended) => blended.end(),
         }
     }
 
     /// What a certificate of this law is relative to.
     #[must_use]
     pub fn class(&self) -> Class {
+        let worst = |laws: &[Law], least| laws.iter().map(Law::class).max().unwrap_or(least).max(least);
         match self {
-            Law::Sine(_) => Class::ClosedForm,
+            Law::Sine(_) | Law::Steady(_) | Law::Winch(_) => Class::ClosedForm,
             Law::Fixed(fixed) => fixed.class,
+            Law::Formula(_) => Class::Enclosed,
+            Law::Sum(laws) => worst(laws, Class::Enclosed),
+            Law::Then(laws) => worst(laws, Class::ClosedForm),
+            Law::Changed(changed) => changed.law.class(),
+            Law::Repeated(repeated) => repeated.law.class(),
+            Law::Blended(blended) => blended.class(),
         }
+    }
+}
+
+/// Positions beyond this are refused: whole steps must fit an i64 with room to add.
+const FARTHEST: f64 = 1e15;
+
+/// `value` if it is finite and `allowed`, else an error that names it.
+fn checked(name: &str, value: f64, unit: &str, allowed: impl Fn(f64) -> bool) -> Result<f64, LawError> {
+    if value.is_finite() && allowed(value) {
+        Ok(value)
+    } else {
+        Err(LawError::Parameter(format!("{name} is {value} {unit}: out of range")))
+    }
+}
+
+/// Whether `piece` goes on from `position`, within `tolerance` steps.
+fn meet(position: Double, piece: &Piece, tolerance: f64) -> Result<(), LawError> {
+    let next = piece.first_position();
+    // Written so that not-a-number fails.
+    if (next - position).nearest().abs() <= tolerance {
+        Ok(())
+    } else {
+        Err(LawError::Jump { at_s: piece.start.seconds(), from: position.nearest(), to: next.nearest() })
     }
 }
 

@@ -1,0 +1,301 @@
+//! How laws begin and end that do not do so at rest.
+
+use super::{Class, Cursor, Curve, Double, Entry, Law, LawError, Piece, Sample, checked};
+use crate::Time;
+
+/// How a law begins that is not at rest at its beginning.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Begin {
+    /// At rest until the law first comes to rest, and with it from there.
+    Delay,
+    /// Its first seconds, as few as the limits allow, are replaced by a quintic from rest at θ(0).
+    Ramp {
+        /// steps/s.
+        max_speed: f64,
+        /// steps/s².
+        max_acceleration: f64,
+    },
+    /// At once.
+    Jump,
+}
+
+/// How a law ends that is not at rest at its end.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum End {
+    /// Its last seconds, as few as the limits allow, are replaced by a quintic to rest at its last position.
+    Ramp {
+        /// steps/s.
+        max_speed: f64,
+        /// steps/s².
+        max_acceleration: f64,
+    },
+    /// At once: a nanosecond of rest follows that may be entered at any speed.
+    Jump,
+}
+
+/// A law with another beginning or end.
+#[derive(Clone, Debug)]
+pub struct Blended {
+    law: Law,
+    /// Comes before what is left of the law.
+    head: Option<Piece>,
+    /// Comes after it.
+    tail: Option<Piece>,
+    /// The first piece may be entered at any speed.
+    jump: bool,
+}
+
+/// Where a ramp stops being tried, s.
+const LONGEST_RAMP_S: f64 = 3600.0;
+/// The shortest, s.
+const SHORTEST_RAMP_S: f64 = 1e-6;
+/// The search for rest ends after so many pieces.
+const PIECES_TRIED: usize = 10_000;
+/// Part of the fastest speed so far that counts as rest where the speed only touches zero.
+const NEARLY: f64 = 1e-6;
+
+impl Law {
+    /// This law with another beginning.
+    ///
+    /// # Errors
+    /// [`LawError::Parameter`] if the law never comes to rest, or no ramp stays within the limits; and the law's own.
+    pub fn beginning(self, begin: Begin) -> Result<Law, LawError> {
+        let head = match begin {
+            Begin::Jump => None,
+            Begin::Delay => {
+                let rest = self.first_rest()?;
+                let position = Cursor::new(&self).at(rest)?;
+                let position = Double::from(position.whole) + Double::from(position.fraction);
+                (rest > Time::ZERO).then(|| Piece::rest(Time::ZERO, rest, position)).transpose()?
+            }
+            Begin::Ramp { max_speed, max_acceleration } => {
+                let mut cursor = Cursor::new(&self);
+                let start = cursor.at(Time::ZERO)?;
+                if start.speed == 0.0 && start.acceleration.abs() <= max_acceleration {
+                    None
+                } else {
+                    let rest = Sample { speed: 0.0, acceleration: 0.0, ..start };
+                    let mut ramp = |span: Time| {
+                        let to = cursor.at(span)?;
+                        Ok(Quintic::between(rest, to, Time::ZERO, span, false))
+                    };
+                    Some(shortest(&mut ramp, self.end(), max_speed, max_acceleration)?)
+                }
+            }
+        };
+        Ok(Law::Blended(Box::new(Blended { law: self, head, tail: None, jump: begin == Begin::Jump })))
+    }
+
+    /// This law with another end.
+    ///
+    /// # Errors
+    /// [`LawError::Parameter`] if the law is endless, or no ramp stays within the limits; and the law's own.
+    pub fn ending(self, ending: End) -> Result<Law, LawError> {
+        let Some(end) = self.end() else {
+            return Err(LawError::Parameter("the motion is endless: it has no end to change".into()));
+        };
+        let mut cursor = Cursor::new(&self);
+        let last = cursor.at(end)?;
+        let tail = match ending {
+            End::Jump => {
+                let position = Double::from(last.whole) + Double::from(last.fraction);
+                let mut rest = Piece::rest(end, end + Time::from_ratio(1, 1_000_000_000), position)?;
+                rest.entry = Entry::SpeedJump;
+                Some(rest)
+            }
+            End::Ramp { max_acceleration, .. } if last.speed == 0.0 && last.acceleration.abs() <= max_acceleration => {
+                None
+            }
+            End::Ramp { max_speed, max_acceleration } => {
+                let rest = Sample { speed: 0.0, acceleration: 0.0, ..last };
+                let mut ramp = |span: Time| {
+                    let from = cursor.at(end - span)?;
+                    Ok(Quintic::between(from, rest, end - span, end, true))
+                };
+                Some(shortest(&mut ramp, Some(end), max_speed, max_acceleration)?)
+            }
+        };
+        drop(cursor);
+        Ok(Law::Blended(Box::new(Blended { law: self, head: None, tail, jump: false })))
+    }
+
+    /// When the speed is first zero.
+    fn first_rest(&self) -> Result<Time, LawError> {
+        let mut fastest = 0.0_f64;
+        let mut before: Option<(Time, f64, f64)> = None;
+        for piece in self.pieces().take(PIECES_TRIED) {
+            let piece = piece?;
+            let speeds = |t: Time| {
+                let jet = piece.curve.jet((t - piece.zero).seconds());
+                (t, jet[1], jet[2])
+            };
+            let step = (piece.end - piece.start).divided_by(64);
+            for k in 0..=64 {
+                let now = speeds(if k == 64 { piece.end } else { piece.start + step.times(k) });
+                fastest = fastest.max(now.1.abs());
+                if now.1 == 0.0 {
+                    return Ok(now.0);
+                }
+                if let Some(before) = before.filter(|b| b.0 >= piece.start) {
+                    if before.1 * now.1 < 0.0 {
+                        return Ok(bisect(before.0, now.0, |t| speeds(t).1));
+                    }
+                    if before.1 * before.2 < 0.0 && now.1 * now.2 > 0.0 {
+                        let slowest = bisect(before.0, now.0, |t| speeds(t).2);
+                        if speeds(slowest).1.abs() <= NEARLY * fastest {
+                            return Ok(slowest);
+                        }
+                    }
+                }
+                before = Some(now);
+            }
+        }
+        let until = before.map_or(0.0, |b| b.0.seconds());
+        Err(LawError::Parameter(format!(
+            "the motion does not come to rest in its first {until} s: begin it with a ramp"
+        )))
+    }
+}
+
+/// Where `f` changes its sign between `a` and `b`, to 2^-64 s.
+fn bisect(mut a: Time, mut b: Time, f: impl Fn(Time) -> f64) -> Time {
+    let positive = f(a) > 0.0;
+    while b - a > Time::from_raw(1) {
+        let middle = a + (b - a).divided_by(2);
+        if (f(middle) > 0.0) == positive { a = middle } else { b = middle }
+    }
+    b
+}
+
+/// A ramp: θ = whole + Σ c_k u^k, u from `from` on.
+struct Quintic {
+    whole: i64,
+    c: [f64; 6],
+    from: Time,
+    to: Time,
+    /// u is 0 at `to`, so that the end is met exactly.
+    backward: bool,
+}
+
+impl Quintic {
+    /// The quintic that takes position, speed and acceleration from `a` to `b`.
+    fn between(a: Sample, b: Sample, from: Time, to: Time, backward: bool) -> Quintic {
+        let span = (to - from).seconds();
+        // Around the end with u = 0, whose coefficients are simply its state; the other end at u = span.
+        let (near, far, span) = if backward { (b, a, -span) } else { (a, b, span) };
+        let (v0, a0) = (near.speed, near.acceleration);
+        let way = (Double::from(far.whole) - Double::from(near.whole) + Double::from(far.fraction)
+            - Double::from(near.fraction))
+        .nearest();
+        let x = way - span * (v0 + 0.5 * span * a0);
+        let v = (far.speed - v0 - span * a0) * span;
+        let a = (far.acceleration - a0) * span * span;
+        let c3 = (10.0 * x - 4.0 * v + 0.5 * a) / (span * span * span);
+        let c4 = (-15.0 * x + 7.0 * v - a) / (span * span * span * span);
+        let c5 = (6.0 * x - 3.0 * v + 0.5 * a) / (span * span * span * span * span);
+        Quintic { whole: near.whole, c: [near.fraction, v0, 0.5 * a0, c3, c4, c5], from, to, backward }
+    }
+
+    fn piece(self) -> Piece {
+        let (start, end) = (self.from, self.to);
+        let zero = if self.backward { end } else { start };
+        let curve = Curve::Polynomial(self.c.to_vec());
+        Piece { zero, start, end, origin: self.whole, curve, entry: Entry::Continuous }
+    }
+
+    /// The highest speed and acceleration, from samples that miss less than a thousandth.
+    fn peaks(&self) -> (f64, f64) {
+        const SAMPLES: u32 = 256;
+        let [_, c1, c2, c3, c4, c5] = self.c;
+        let span = (self.to - self.from).seconds() * if self.backward { -1.0 } else { 1.0 };
+        (0..=SAMPLES).fold((0.0_f64, 0.0_f64), |(v, a), k| {
+            let u = span * f64::from(k) / f64::from(SAMPLES);
+            let speed = c1 + u * (2.0 * c2 + u * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)));
+            let acceleration = 2.0 * c2 + u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5));
+            (v.max(speed.abs()), a.max(acceleration.abs()))
+        })
+    }
+}
+
+/// The shortest of `ramp`'s quintics that stays within the limits.
+fn shortest(
+    ramp: &mut dyn FnMut(Time) -> Result<Quintic, LawError>,
+    end: Option<Time>,
+    max_speed: f64,
+    max_acceleration: f64,
+) -> Result<Piece, LawError> {
+    checked("max_speed", max_speed, "steps/s", |v| v > 0.0)?;
+    checked("max_acceleration", max_acceleration, "steps/s²", |a| a > 0.0)?;
+    let excess = |quintic: &Quintic| {
+        let (v, a) = quintic.peaks();
+        (1.001 * v / max_speed, 1.001 * a / max_acceleration)
+    };
+    let longest = end.map_or(LONGEST_RAMP_S, Time::seconds).min(LONGEST_RAMP_S);
+    let mut closest = (f64::INFINITY, 0.0, 0.0);
+    let mut below = 0.0;
+    let mut span = SHORTEST_RAMP_S.min(longest);
+    loop {
+        let (v, a) = excess(&ramp(Time::from_seconds(span))?);
+        if v.max(a) <= 1.0 {
+            break;
+        }
+        if v.max(a) < closest.0 {
+            closest = (v.max(a), v, a);
+        }
+        if span >= longest {
+            let (_, v, a) = closest;
+            let (name, limit, needed, unit) = if v > a {
+                ("max_speed", max_speed, v * max_speed, "steps/s")
+            } else {
+                ("max_acceleration", max_acceleration, a * max_acceleration, "steps/s²")
+            };
+            return Err(LawError::Parameter(format!(
+                "no ramp of up to {longest} s stays within {name} = {limit} {unit}; the gentlest needs {needed:.6}"
+            )));
+        }
+        below = span;
+        span = (span * 1.05).min(longest);
+    }
+    for _ in 0..40 {
+        let middle = 0.5 * (below + span);
+        let (v, a) = excess(&ramp(Time::from_seconds(middle))?);
+        if v.max(a) <= 1.0 { span = middle } else { below = middle }
+    }
+    Ok(ramp(Time::from_seconds(span))?.piece())
+}
+
+impl Blended {
+    pub(super) fn end(&self) -> Option<Time> {
+        self.tail.as_ref().map(|tail| tail.end).or_else(|| self.law.end())
+    }
+
+    pub(super) fn class(&self) -> Class {
+        let quintic = |piece: &Option<Piece>| piece.as_ref().is_some_and(|p| !p.curve.is_constant());
+        let least = if quintic(&self.head) || quintic(&self.tail) { Class::Enclosed } else { Class::ClosedForm };
+        self.law.class().max(least)
+    }
+
+    pub(super) fn pieces(&self) -> impl Iterator<Item = Result<Piece, LawError>> + '_ {
+        let from = self.head.as_ref().map_or(Time::ZERO, |head| head.end);
+        let to = self.tail.as_ref().map_or(Time::MAX, |tail| tail.start);
+        let middle = self.law.pieces().filter_map(move |piece| match piece {
+            Ok(mut piece) => {
+                piece.start = piece.start.max(from);
+                piece.end = piece.end.min(to);
+                (piece.start < piece.end).then_some(Ok(piece))
+            }
+            Err(error) => Some(Err(error)),
+        });
+        // An endless law has no tail; one with a tail stops at it.
+        let middle = middle.take_while(move |piece| !piece.as_ref().is_ok_and(|p| p.start >= to));
+        let mut jump = self.jump;
+        let pieces = self.head.iter().cloned().map(Ok).chain(middle).chain(self.tail.iter().cloned().map(Ok));
+        pieces.map(move |piece| {
+            let mut piece = piece?;
+            if std::mem::take(&mut jump) {
+                piece.entry = Entry::SpeedJump;
+            }
+            Ok(piece)
+        })
+    }
+}

@@ -1,0 +1,259 @@
+//! Laws made of laws: at once, one after the other, scaled, shifted, delayed, over and over.
+
+use super::{Curve, Double, Entry, Law, LawError, Piece, Pieces, checked};
+use crate::Time;
+
+/// θ = factor·law(t − delay) + offset, at rest before `delay`.
+#[derive(Clone, Debug)]
+pub struct Changed {
+    pub(super) law: Law,
+    factor: f64,
+    offset: f64,
+    pub(super) delay: Time,
+}
+
+/// A finite law over and over, each time from where it ended.
+#[derive(Clone, Debug)]
+pub struct Repeated {
+    pub(super) law: Law,
+    pub(super) period: Time,
+    pub(super) times: Option<u64>,
+    /// θ(period) − θ(0).
+    net: Double,
+}
+
+impl Law {
+    /// All of `laws` at once; each stays where it ends.
+    ///
+    /// # Errors
+    /// [`LawError::Parameter`] if there is none.
+    pub fn sum(laws: Vec<Law>) -> Result<Law, LawError> {
+        some(laws).map(Law::Sum)
+    }
+
+    /// `laws` one after the other, each from where the one before ended. Only the last may be endless.
+    ///
+    /// # Errors
+    /// [`LawError::Parameter`] if there is none, or one that is not the last is endless.
+    pub fn then(laws: Vec<Law>) -> Result<Law, LawError> {
+        let laws = some(laws)?;
+        match laws.iter().take(laws.len() - 1).position(|law| law.end().is_none()) {
+            Some(row) => Err(LawError::Parameter(format!("motion {} is endless: nothing can follow it", row + 1))),
+            None => Ok(Law::Then(laws)),
+        }
+    }
+
+    /// θ × `factor`.
+    ///
+    /// # Errors
+    /// [`LawError::Parameter`] if the factor is not finite or beyond 1e12.
+    pub fn scaled(self, factor: f64) -> Result<Law, LawError> {
+        checked("factor", factor, "", |f| f.abs() <= 1e12)?;
+        Ok(self.changed(factor, 0.0, Time::ZERO))
+    }
+
+    /// θ + `steps`.
+    ///
+    /// # Errors
+    /// [`LawError::Parameter`] if `steps` is not finite or beyond 1e15.
+    pub fn shifted(self, steps: f64) -> Result<Law, LawError> {
+        checked("shift", steps, "steps", |s| s.abs() <= super::FARTHEST)?;
+        Ok(self.changed(1.0, steps, Time::ZERO))
+    }
+
+    /// At rest at its first position for `delay`, then this law.
+    ///
+    /// # Errors
+    /// [`LawError::Parameter`] if the delay is negative or beyond 1e12 s.
+    pub fn delayed(self, delay: Time) -> Result<Law, LawError> {
+        checked("delay", delay.seconds(), "s", |d| (0.0..=1e12).contains(&d))?;
+        Ok(if delay == Time::ZERO { self } else { self.changed(1.0, 0.0, delay) })
+    }
+
+    fn changed(self, factor: f64, offset: f64, delay: Time) -> Law {
+        Law::Changed(Box::new(Changed { law: self, factor, offset, delay }))
+    }
+
+    /// This law `times` times or for ever, each time from where it ended.
+    ///
+    /// # Errors
+    /// [`LawError::Parameter`] if the law is endless or `times` is 0, and the law's own where it breaks.
+    pub fn repeated(self, times: Option<u64>) -> Result<Law, LawError> {
+        let Some(period) = self.end() else {
+            return Err(LawError::Parameter("the motion is endless: it cannot be repeated".into()));
+        };
+        if times == Some(0) {
+            return Err(LawError::Parameter("repeat is 0; it must be at least 1".into()));
+        }
+        let (mut first, mut last) = (None, Double::ZERO);
+        for piece in self.pieces() {
+            let piece = piece?;
+            first.get_or_insert_with(|| piece.first_position());
+            last = piece.last_position();
+        }
+        let net = last - first.unwrap_or(last);
+        Ok(Law::Repeated(Box::new(Repeated { law: self, period, times, net })))
+    }
+}
+
+fn some(laws: Vec<Law>) -> Result<Vec<Law>, LawError> {
+    if laws.is_empty() { Err(LawError::Parameter("there is no motion to combine".into())) } else { Ok(laws) }
+}
+
+impl Changed {
+    pub(super) fn pieces(&self) -> Pieces<'_> {
+        let mut waiting = self.delay > Time::ZERO;
+        let mut inner = self.law.pieces().peekable();
+        Box::new(std::iter::from_fn(move || {
+            if std::mem::take(&mut waiting) {
+                let first = match inner.peek()? {
+                    Ok(piece) => piece.first_position(),
+                    Err(error) => return Some(Err(error.clone())),
+                };
+                return Some(Piece::rest(Time::ZERO, self.delay, self.place(first)));
+            }
+            Some(inner.next()?.map_err(|error| error.later(self.delay)).and_then(|piece| self.change(piece)))
+        }))
+    }
+
+    fn place(&self, position: Double) -> Double {
+        position * Double::from(self.factor) + Double::from(self.offset)
+    }
+
+    fn change(&self, mut piece: Piece) -> Result<Piece, LawError> {
+        piece.postpone(self.delay);
+        if self.factor != 1.0 {
+            piece.curve.scale(self.factor);
+        }
+        let origin = self.place(Double::from(std::mem::take(&mut piece.origin)));
+        piece.raise(origin)?;
+        Ok(piece)
+    }
+}
+
+impl Repeated {
+    pub(super) fn pieces(&self) -> impl Iterator<Item = Result<Piece, LawError>> + '_ {
+        (0..self.times.unwrap_or(u64::MAX))
+            .map(|k| (k, self.period.times(k)))
+            .take_while(|&(_, by)| by < Time::MAX)
+            .flat_map(move |(k, by)| {
+                let net = self.net
+                    * (Double::from((k >> 32) as f64 * 4_294_967_296.0) + Double::from((k & 0xffff_ffff) as f64));
+                self.law.pieces().map(move |piece| {
+                    let mut piece = piece.map_err(|error| error.later(by))?;
+                    piece.postpone(by);
+                    piece.raise(net)?;
+                    Ok(piece)
+                })
+            })
+    }
+}
+
+/// The pieces of `laws` one after the other.
+pub(super) fn then(laws: &[Law]) -> impl Iterator<Item = Result<Piece, LawError>> + '_ {
+    let mut laws = laws.iter();
+    let mut current: Option<(Pieces<'_>, Time)> = None;
+    let mut start = Time::ZERO;
+    let mut position: Option<Double> = None;
+    // What is added to the positions of the law at hand, once its first piece is known.
+    let mut offset: Option<Double> = None;
+    std::iter::from_fn(move || {
+        loop {
+            let Some((pieces, by)) = current.as_mut() else {
+                current = Some((laws.next()?.pieces(), start));
+                offset = None;
+                continue;
+            };
+            let by = *by;
+            let Some(piece) = pieces.next() else {
+                current = None;
+                continue;
+            };
+            return Some(piece.map_err(|error| error.later(by)).and_then(|mut piece| {
+                let own = piece.first_position();
+                let offset = *offset.get_or_insert_with(|| position.map_or(Double::ZERO, |position| position - own));
+                piece.postpone(by);
+                piece.raise(offset)?;
+                start = piece.end;
+                position = Some(piece.last_position());
+                Ok(piece)
+            }));
+        }
+    })
+}
+
+/// One law of a sum: the piece at hand, or where it stayed.
+struct Term<'a> {
+    pieces: Pieces<'a>,
+    piece: Option<Piece>,
+    rests_at: Double,
+}
+
+/// The pieces of all `laws` at once, cut wherever one of them begins a piece.
+pub(super) fn sum(laws: &[Law]) -> impl Iterator<Item = Result<Piece, LawError>> + '_ {
+    let mut terms: Vec<Term<'_>> =
+        laws.iter().map(|law| Term { pieces: law.pieces(), piece: None, rests_at: Double::ZERO }).collect();
+    let mut at = Time::ZERO;
+    std::iter::from_fn(move || {
+        for term in &mut terms {
+            if term.piece.as_ref().is_none_or(|piece| piece.end <= at) {
+                if let Some(piece) = term.piece.take() {
+                    term.rests_at = piece.last_position();
+                }
+                match term.pieces.next() {
+                    Some(Ok(piece)) => term.piece = Some(piece),
+                    Some(Err(error)) => return Some(Err(error)),
+                    None => {}
+                }
+            }
+        }
+        let start = at;
+        at = terms.iter().filter_map(|term| term.piece.as_ref().map(|piece| piece.end)).min()?;
+        Some(merge(&terms, start, at))
+    })
+}
+
+fn merge(terms: &[Term<'_>], start: Time, end: Time) -> Result<Piece, LawError> {
+    let mut merged = Piece::rest(start, end, Double::ZERO)?;
+    let mut sum: Vec<f64> = vec![0.0];
+    let mut curves = Vec::new();
+    for term in terms {
+        let Some(piece) = &term.piece else {
+            merged.raise(term.rests_at)?;
+            continue;
+        };
+        merged.raise(Double::from(piece.origin))?;
+        if piece.entry == Entry::SpeedJump && piece.start == start {
+            merged.entry = Entry::SpeedJump;
+        }
+        let mut curve = piece.curve.clone();
+        curve.rezero(Double::from(start) - Double::from(piece.zero));
+        match curve {
+            Curve::Polynomial(c) => {
+                sum.resize(sum.len().max(c.len()), 0.0);
+                sum.iter_mut().zip(c).for_each(|(sum, c)| *sum += c);
+            }
+            Curve::Sum(inner) => curves.extend(inner),
+            other => curves.push(other),
+        }
+    }
+    merged.curve.raise(sum[0]);
+    if let Curve::Polynomial(c) = &mut merged.curve {
+        c.extend(&sum[1..]);
+    }
+    if !curves.is_empty() {
+        curves.push(merged.curve);
+        merged.curve = Curve::Sum(curves);
+    }
+    Ok(merged)
+}
+
+impl LawError {
+    /// The same error of a law that begins `by` later.
+    fn later(mut self, by: Time) -> LawError {
+        if let LawError::Undefined { at_s, .. } | LawError::Jump { at_s, .. } = &mut self {
+            *at_s += by.seconds();
+        }
+        self
+    }
+}
