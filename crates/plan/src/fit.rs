@@ -6,8 +6,8 @@ use pulsetrain_core::Segment;
 /// The three differences that the next segment is predicted to continue with, and the units of corrections to them.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Quantiser {
-    /// Interval, add, add2 after the segment before, ticks · 2^F.
-    pub(crate) predicted: [f64; 3],
+    /// The differences after the segment before, ticks · 2^F.
+    pub(crate) predicted: Segment,
     /// Units of the corrections, ticks · 2^F.
     pub(crate) units: [f64; 3],
     /// 2^F.
@@ -15,9 +15,18 @@ pub(crate) struct Quantiser {
 }
 
 impl Quantiser {
-    fn round(&self, order: usize, value: f64) -> f64 {
-        let (p, unit) = (self.predicted[order], self.units[order]);
-        p + ((value - p) / unit).round_ties_even() * unit
+    /// The predicted difference, `order` 0 the interval, 1 add, 2 add2.
+    pub(crate) fn prediction(&self, order: usize) -> i64 {
+        [self.predicted.interval, self.predicted.add, self.predicted.add2][order]
+    }
+
+    /// The nearest value that the stream can say; `None` if it is out of range.
+    pub(crate) fn round(&self, order: usize, value: f64) -> Option<i64> {
+        const LARGEST: f64 = 4.6e18;
+        let (predicted, unit) = (self.prediction(order), self.units[order]);
+        // The units are powers of two, so multiples of them are exact in f64 and the sum is made in integers.
+        let correction = ((value - predicted as f64) / unit).round_ties_even() * unit;
+        (correction.abs() < LARGEST).then(|| predicted.checked_add(correction as i64)).flatten()
     }
 }
 
@@ -95,15 +104,20 @@ pub(crate) fn fit(
 }
 
 fn one_step(target: &Target<'_>, quantiser: &Quantiser) -> Option<Segment> {
-    let interval = quantiser.round(0, target.at(1.0) * quantiser.scale);
-    whole(1, interval, 0.0, 0.0)
+    let interval = quantiser.round(0, target.at(1.0) * quantiser.scale)?;
+    Some(single(interval, quantiser))
+}
+
+/// One step; the differences that it does not use stay as predicted, which costs no bytes.
+pub(crate) fn single(interval: i64, quantiser: &Quantiser) -> Segment {
+    Segment { count: 1, interval, ..quantiser.predicted }
 }
 
 fn two_steps(target: &Target<'_>, quantiser: &Quantiser) -> Option<Segment> {
     let (r1, r2) = (target.at(1.0), target.at(2.0));
-    let add = quantiser.round(1, (r2 - 2.0 * r1) * quantiser.scale);
-    let interval = quantiser.round(0, (r2 * quantiser.scale - add) * 0.5);
-    whole(2, interval, add, 0.0)
+    let add = quantiser.round(1, (r2 - 2.0 * r1) * quantiser.scale)?;
+    let interval = quantiser.round(0, (r2 * quantiser.scale - add as f64) * 0.5)?;
+    Some(Segment { count: 2, interval, add, add2: quantiser.predicted.add2 })
 }
 
 /// A cubic through the start and three zeros of a Chebyshev polynomial T4 that is stretched so that it has the
@@ -118,19 +132,20 @@ fn cubic(target: &Target<'_>, quantiser: &Quantiser, count: u32) -> Option<Segme
     let p3 = (d12 - d01) / (x[2] - x[0]);
     let mut p2 = d01 - p3 * (x[0] + x[1]);
     let mut p1 = y[0] - d01 * x[0] + p3 * x[0] * x[1];
-    let add2 = quantiser.round(2, 6.0 * p3 * scale);
-    let add2_ticks = add2 / scale;
+    let add2 = quantiser.round(2, 6.0 * p3 * scale)?;
+    let add2_ticks = add2 as f64 / scale;
     // The rounding of x³ is made good by x² and x such that the error changes sign at .464 m and .928 m.
     let excess = add2_ticks - 6.0 * p3;
     p2 -= excess * (1.392_305 * m / 6.0);
     p1 += excess * (0.430_781 * m * m / 6.0);
     let ideal = 2.0 * p2 + add2_ticks;
-    let add = quantiser.round(1, ideal * scale);
-    let excess = add / scale - ideal;
+    let add = quantiser.round(1, ideal * scale)?;
+    let add_ticks = add as f64 / scale;
+    let excess = add_ticks - ideal;
     // And that of x² by x, with a change of sign at .828 m.
     p1 -= excess * 0.5 * 0.828_427 * m;
-    let interval = quantiser.round(0, (p1 + add / scale * 0.5 - add2_ticks / 3.0) * scale);
-    whole(count, interval, add, add2)
+    let interval = quantiser.round(0, (p1 + add_ticks * 0.5 - add2_ticks / 3.0) * scale)?;
+    Some(Segment { count, interval, add, add2 })
 }
 
 fn zeros(target: &Target<'_>, m: f64) -> [f64; 3] {
@@ -143,12 +158,6 @@ fn zeros(target: &Target<'_>, m: f64) -> [f64; 3] {
     let from = -left * m / (1.0 - left);
     let length = m - from;
     [from + length * 0.308_658_284, from + length * 0.691_341_716, from + length * 0.961_939_766]
-}
-
-fn whole(count: u32, interval: f64, add: f64, add2: f64) -> Option<Segment> {
-    const LARGEST: f64 = 4.6e18;
-    let fits = [interval, add, add2].iter().all(|x| x.abs() < LARGEST);
-    fits.then_some(Segment { count, interval: interval as i64, add: add as i64, add2: add2 as i64 })
 }
 
 /// Largest |scheduled − law| over the steps, from the board's own integers, ticks.

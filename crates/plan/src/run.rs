@@ -1,7 +1,7 @@
 //! Steps in one direction along one stretch, as segments.
 
 use crate::expansion::{Expansion, Frame, ULP};
-use crate::fit::{Fit, Quantiser, Start, fit};
+use crate::fit::{Fit, Quantiser, Start, fit, single};
 use crate::stretch::Stretch;
 use pulsetrain_core::packing::unit_shift;
 use pulsetrain_core::{Direction, Segment};
@@ -176,7 +176,6 @@ pub(crate) struct Rules {
 
 impl Rules {
     fn quantiser(&self, registers: &Registers) -> Quantiser {
-        let p = &registers.predicted;
         let unit = |order| match self.gain {
             None => 1.0,
             Some(gain) => {
@@ -184,7 +183,7 @@ impl Rules {
             }
         };
         Quantiser {
-            predicted: [p.interval as f64, p.add as f64, p.add2 as f64],
+            predicted: registers.predicted,
             units: [unit(1), unit(2), unit(3)],
             scale: f64::from(self.fraction_bits).exp2(),
         }
@@ -318,15 +317,18 @@ impl RunPlanner {
             self.last = expansion;
         }
         let wanted = (due.tick - start.tick) * quantiser.scale;
-        // Full resolution: a single step may be anywhere, and costs its bytes.
-        let (p, unit) = (quantiser.predicted[0], quantiser.units[0]);
-        let interval = (p + ((wanted - p) / unit).round_ties_even() * unit).max(1.0) as i64;
+        let unit = quantiser.units[0] as i64;
+        let mut interval = quantiser.round(0, wanted).unwrap_or(quantiser.predicted.interval);
+        if interval <= 0 {
+            // Due at once, or a rounding before that: the shortest interval that can be said.
+            interval = (quantiser.predicted.interval - 1).rem_euclid(unit) + 1;
+        }
         let accumulator = i128::from(start.fraction) + i128::from(interval);
         let offset = start.fraction as f64 / quantiser.scale - 0.5;
         let scheduled = (accumulator >> start.fraction_bits) as f64 - offset;
         let misfit = (scheduled - (due.tick - start.tick)).abs() - 0.5;
         let proven = due.error + 64.0 * ULP * (due.tick - start.tick).abs();
-        Fit { segment: Segment::single(interval), bound: 0.5 + misfit + proven, misfit: misfit + proven }
+        Fit { segment: single(interval, quantiser), bound: 0.5 + misfit + proven, misfit: misfit + proven }
     }
 
     fn expand(&self, s: f64) -> Option<Expansion> {
@@ -387,7 +389,7 @@ fn estimated_length(e: &Expansion, start: &Start, quantiser: &Quantiser, from: f
     for _ in 0..4 {
         let y = start.done - 0.5 - e.center + count * 0.5;
         let add2 = 6.0 * (e.q[3] + (4.0 * e.q[4] + 10.0 * e.q[5] * y) * y) * quantiser.scale;
-        let off = (add2 - quantiser.predicted[2]) / add2_unit;
+        let off = (add2 - quantiser.predicted.add2 as f64) / add2_unit;
         let add2_error = (off - off.round()).abs() * add2_unit / quantiser.scale;
         let add_error = if e.q[2] == 0.0 && e.q[3] == 0.0 { 0.0 } else { 0.25 * add_unit / quantiser.scale };
         let h = count * 0.5;
