@@ -1,16 +1,25 @@
 //! What the user says: motion files, quantities with units, laws, drivers, motors, boards' limits.
 //!
 //! # What is here
-//! - [`time`]: law time, exact
+//! - [`file`]: motion files (TOML) with errors that point at the place; [`template`]: one to begin with
+//! - [`program`]: what a file comes to, in steps, seconds and nanoseconds; [`Grid`]: θ to step times
+//! - [`drivers`], [`boards`]: the tables of drivers' needs and boards' limits; [`electrical`]: what a winding allows
 //! - [`law`]: θ(t) as a stream of analytic pieces
+//! - [`quantity`]: numbers with units; [`time`]: law time, exact
 //!
 //! # What is not
 //! Step times and segments (`pulsetrain-plan`), edges (`pulsetrain-trace`, `pulsetrain-board`).
 #![forbid(unsafe_code)]
 
+pub mod boards;
+pub mod drivers;
+pub mod electrical;
+pub mod file;
 pub mod grid;
 pub mod law;
 pub mod program;
+pub mod quantity;
+pub mod template;
 pub mod time;
 
 pub use grid::Grid;

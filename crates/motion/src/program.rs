@@ -1,5 +1,7 @@
 //! What a motion file says, checked and in the units of motors: steps, seconds, nanoseconds.
 
+use crate::boards::{self, PinError};
+use crate::electrical::Winding;
 use crate::{Grid, Law};
 
 /// A motion file that has been read and checked: everything that the later stages need.
@@ -13,6 +15,63 @@ pub struct Program {
     pub tolerance: Tolerance,
     /// The motors, in the file's order.
     pub motors: Vec<Motor>,
+}
+
+/// Why a program cannot run on another board.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum BoardError {
+    /// The board drives fewer motors.
+    #[error("the board `{board}` drives {limit} motors at most, but the file has {motors}")]
+    TooManyMotors {
+        /// Board.
+        board: String,
+        /// Motors of the file.
+        motors: usize,
+        /// Motors that the board can drive.
+        limit: usize,
+    },
+    /// A pin of the file is none of the board's.
+    #[error("motor `{motor}`: {error}")]
+    Pin {
+        /// Motor.
+        motor: String,
+        /// What is wrong with the pin.
+        error: PinError,
+    },
+}
+
+impl Program {
+    /// The same program on another board; the tolerance stays what it was.
+    ///
+    /// # Errors
+    /// [`BoardError`] if the board drives fewer motors, or is in the table and lacks a pin that the file uses.
+    pub fn with_board(self, board: Board) -> Result<Program, BoardError> {
+        if self.motors.len() > board.max_motors {
+            let (motors, limit) = (self.motors.len(), board.max_motors);
+            return Err(BoardError::TooManyMotors { board: board.name, motors, limit });
+        }
+        if let Some(row) = boards::find(&board.name) {
+            for motor in &self.motors {
+                for pin in motor.wiring.pins() {
+                    row.pin(i64::from(pin)).map_err(|error| BoardError::Pin { motor: motor.name.clone(), error })?;
+                }
+            }
+        }
+        Ok(Program { board, ..self })
+    }
+}
+
+impl Wiring {
+    /// Every pin of it.
+    #[must_use]
+    pub fn pins(&self) -> Vec<u8> {
+        match self {
+            Wiring::StepDir { step, dir, enable, .. } => {
+                [Some(*step), Some(*dir), enable.map(|(pin, _)| pin)].into_iter().flatten().collect()
+            }
+            Wiring::Coils { pins, .. } => pins.to_vec(),
+        }
+    }
 }
 
 /// The bound of the certificate.
@@ -33,6 +92,12 @@ impl Tolerance {
             Tolerance::Seconds(seconds) => seconds * tick_hz as f64,
         }
     }
+
+    /// Where the file gives none: 1 tick if the board times its edges in hardware, else 1 µs.
+    #[must_use]
+    pub fn default_of(board: &Board) -> Tolerance {
+        if board.hardware_timed { Tolerance::Ticks(1.0) } else { Tolerance::Seconds(1e-6) }
+    }
 }
 
 /// One motor and all that it does.
@@ -50,6 +115,8 @@ pub struct Motor {
     pub limits: Limits,
     /// Steps to the user's unit.
     pub scale: Scale,
+    /// Its electrical data, if the file gives them.
+    pub winding: Option<Winding>,
 }
 
 /// Steps to the user's unit, for reports and plots.

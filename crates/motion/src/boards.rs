@@ -1,0 +1,255 @@
+//! The boards' limits: the one table that plans are held against.
+//!
+//! A row says `estimate` in its source until a bench on the emulated firmware has printed its figures.
+
+use std::ops::RangeInclusive;
+
+use crate::program::Board;
+
+/// One row of the table: what plans are held against, and what else a user should know.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BoardRow {
+    /// The limits of plans.
+    pub board: Board,
+    /// What it is, in a line.
+    pub about: &'static str,
+    /// RAM, bytes; `None` where it is no limit.
+    pub ram_bytes: Option<u32>,
+    /// Flash, bytes; `None` where it is no limit.
+    pub flash_bytes: Option<u32>,
+    /// Room for queued segments, bytes; `None` where it is no limit.
+    pub queue_bytes: Option<u32>,
+    /// How far ahead it commits itself, ticks.
+    pub horizon_ticks: u32,
+    /// Largest |edge − scheduled| beyond its constant, ticks.
+    pub lateness_ticks: u32,
+    /// What to know about its pins and timing.
+    pub note: &'static str,
+    /// Pins that exist.
+    pins: RangeInclusive<u8>,
+    /// Pins that exist but cannot drive a motor, with the reason.
+    reserved: &'static [(RangeInclusive<u8>, &'static str)],
+    /// Where the analogue pins A0, A1, … begin, and how many they are.
+    analogue: Option<(u8, u8)>,
+}
+
+/// Why a pin cannot drive a motor.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PinError {
+    /// The board has no such pin.
+    #[error("the board `{board}` has no pin {pin}: its pins are {first} to {last}")]
+    None {
+        /// Board.
+        board: String,
+        /// As asked for.
+        pin: String,
+        /// Lowest pin number.
+        first: u8,
+        /// Highest pin number.
+        last: u8,
+    },
+    /// The pin is taken.
+    #[error("pin {pin} of the board `{board}` is taken: {why}")]
+    Reserved {
+        /// Board.
+        board: String,
+        /// Pin number.
+        pin: u8,
+        /// By what.
+        why: &'static str,
+    },
+}
+
+impl BoardRow {
+    /// The pin of that number.
+    ///
+    /// # Errors
+    /// [`PinError`] if the board has it not, or needs it itself.
+    pub fn pin(&self, number: i64) -> Result<u8, PinError> {
+        let Some(pin) = u8::try_from(number).ok().filter(|pin| self.pins.contains(pin)) else {
+            return Err(self.no_pin(number.to_string()));
+        };
+        match self.reserved.iter().find(|(range, _)| range.contains(&pin)) {
+            Some((_, why)) => Err(PinError::Reserved { board: self.board.name.clone(), pin, why }),
+            None => Ok(pin),
+        }
+    }
+
+    /// The pin of that name: `D8`, `A0`, `GP15` or `GPIO15`, whatever its case.
+    ///
+    /// # Errors
+    /// [`PinError`] if the board has it not, or needs it itself.
+    pub fn pin_named(&self, name: &str) -> Result<u8, PinError> {
+        let lower = name.trim().to_ascii_lowercase();
+        let number = |prefix: &str| lower.strip_prefix(prefix).and_then(|digits| digits.parse::<u8>().ok());
+        let pin = match self.analogue {
+            Some((first, count)) => number("a").filter(|n| *n < count).map(|n| first + n).or_else(|| number("d")),
+            None => number("gpio").or_else(|| number("gp")),
+        };
+        self.pin(i64::from(pin.or_else(|| number("")).ok_or_else(|| self.no_pin(name.to_owned()))?))
+    }
+
+    fn no_pin(&self, pin: String) -> PinError {
+        PinError::None { board: self.board.name.clone(), pin, first: *self.pins.start(), last: *self.pins.end() }
+    }
+}
+
+/// The table, in the order in which boards are usually met.
+#[must_use]
+pub fn table() -> Vec<BoardRow> {
+    vec![uno(), due(), pico(), native()]
+}
+
+/// The board of that name, whatever its case.
+#[must_use]
+pub fn find(name: &str) -> Option<BoardRow> {
+    table().into_iter().find(|row| row.board.name.eq_ignore_ascii_case(name))
+}
+
+/// Ticks between steps at a rate, rounded up: the shortest interval that the rate allows.
+fn interval_ticks(tick_hz: u64, rate_hz: u64) -> u32 {
+    u32::try_from(tick_hz.div_ceil(rate_hz)).expect("an interval of a rate above 1 Hz fits 32 bits")
+}
+
+fn uno() -> BoardRow {
+    const TICK_HZ: u64 = 16_000_000;
+    // Changing laws, staggered, 1.0 µs pulses. One and two motors: a compare channel each; three and four: merged.
+    const RATES_HZ: [u64; 4] = [183_700, 93_900, 45_100, 32_600];
+    BoardRow {
+        board: Board {
+            name: "uno".to_owned(),
+            tick_hz: TICK_HZ,
+            fraction_bits: 16,
+            max_motors: 4,
+            min_interval_ticks: RATES_HZ.iter().map(|&rate| interval_ticks(TICK_HZ, rate)).collect(),
+            hardware_timed: false,
+            source: "estimate: assembly prototype on an emulated ATmega328P".to_owned(),
+        },
+        about: "Arduino Uno, ATmega328P",
+        ram_bytes: Some(2_048),
+        flash_bytes: Some(32_256),
+        queue_bytes: Some(1_000),
+        horizon_ticks: 62 * 88,
+        lateness_ticks: 52,
+        note: "one or two motors with STEP on pins 9 and 10 are timed by the compare hardware: no lateness",
+        pins: 0..=19,
+        reserved: &[(0..=1, "D0 and D1 are the serial line to the computer")],
+        analogue: Some((14, 6)),
+    }
+}
+
+fn due() -> BoardRow {
+    const TICK_HZ: u64 = 42_000_000;
+    // Klipper's published benchmark of the same chip: 1 273 k steps/s with one motor, 981 k in all with three.
+    const RATES_HZ: [u64; 8] = [1_273_000, 490_000, 327_000, 245_000, 196_000, 163_000, 140_000, 122_000];
+    BoardRow {
+        board: Board {
+            name: "due".to_owned(),
+            tick_hz: TICK_HZ,
+            fraction_bits: 32,
+            max_motors: 8,
+            min_interval_ticks: RATES_HZ.iter().map(|&rate| interval_ticks(TICK_HZ, rate)).collect(),
+            hardware_timed: false,
+            source: "estimate: rates of Klipper on the same chip, as published".to_owned(),
+        },
+        about: "Arduino Due, SAM3X8E",
+        ram_bytes: Some(98_304),
+        flash_bytes: Some(524_288),
+        queue_bytes: Some(65_536),
+        horizon_ticks: 42_000,
+        lateness_ticks: 84,
+        note: "3.3 V outputs: drivers with 5 V inputs may need a level shifter",
+        pins: 0..=53,
+        reserved: &[(0..=1, "D0 and D1 are the serial line to the computer")],
+        analogue: Some((54, 0)),
+    }
+}
+
+fn pico() -> BoardRow {
+    const TICK_HZ: u64 = 125_000_000;
+    BoardRow {
+        board: Board {
+            name: "pico".to_owned(),
+            tick_hz: TICK_HZ,
+            fraction_bits: 32,
+            max_motors: 8,
+            min_interval_ticks: vec![interval_ticks(TICK_HZ, 625_000)],
+            hardware_timed: true,
+            source: "estimate: prototype on an emulated RP2040, 8 motors on trapezoid ramps".to_owned(),
+        },
+        about: "Raspberry Pi Pico, RP2040",
+        ram_bytes: Some(264 * 1024),
+        flash_bytes: Some(2 * 1024 * 1024),
+        queue_bytes: Some(131_072),
+        horizon_ticks: 1_250_000,
+        lateness_ticks: 0,
+        note: "edges come from PIO state machines fed by DMA: exact to the tick; 3.3 V outputs",
+        pins: 0..=28,
+        reserved: &[(23..=25, "GPIO 23 to 25 run the Pico's own supply and LED and are not on its header")],
+        analogue: None,
+    }
+}
+
+fn native() -> BoardRow {
+    BoardRow {
+        board: Board {
+            name: "native".to_owned(),
+            tick_hz: 125_000_000,
+            fraction_bits: 32,
+            max_motors: 8,
+            min_interval_ticks: vec![50],
+            hardware_timed: true,
+            source: "by definition: a board in virtual time".to_owned(),
+        },
+        about: "this computer, in virtual time: the same stepgen as the firmware's",
+        ram_bytes: None,
+        flash_bytes: None,
+        queue_bytes: None,
+        horizon_ticks: 0,
+        lateness_ticks: 0,
+        note: "runs any motion without hardware; pins are names only",
+        pins: 0..=31,
+        reserved: &[],
+        analogue: None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shortest_intervals_are_those_of_the_rates() {
+        let uno = find("Uno").unwrap().board;
+        assert_eq!(uno.min_interval_ticks, [88, 171, 355, 491]);
+        // The tutorial at T = 0.1 s: A·ω = 2000·2π/0.1 = 125 664 steps/s passes; at 0.01 s it does not.
+        let peak_hz = |period: f64| 2000.0 * std::f64::consts::TAU / period;
+        let limit_hz = uno.tick_hz as f64 / f64::from(uno.min_interval_ticks[0]);
+        assert!(peak_hz(0.1) < limit_hz && limit_hz < peak_hz(0.01));
+        assert_eq!(find("pico").unwrap().board.min_interval_ticks, [200]);
+    }
+
+    #[test]
+    fn every_row_but_the_native_is_an_estimate_yet() {
+        for row in table() {
+            assert_eq!(row.board.source.starts_with("estimate"), row.board.name != "native", "{}", row.board.name);
+            assert!(row.board.min_interval_ticks.is_sorted(), "{}", row.board.name);
+        }
+    }
+
+    #[test]
+    fn pins_by_number_and_by_name() {
+        let uno = find("uno").unwrap();
+        assert_eq!(uno.pin(8), Ok(8));
+        assert_eq!(uno.pin_named("A5"), Ok(19));
+        assert_eq!(uno.pin_named("d13"), Ok(13));
+        assert!(matches!(uno.pin(1), Err(PinError::Reserved { pin: 1, .. })));
+        assert!(matches!(uno.pin(20), Err(PinError::None { last: 19, .. })));
+        assert!(matches!(uno.pin_named("A6"), Err(PinError::None { .. })));
+        assert!(matches!(uno.pin(-1), Err(PinError::None { .. })));
+        assert!(matches!(uno.pin(1 << 40), Err(PinError::None { .. })));
+        assert_eq!(find("due").unwrap().pin_named("D26"), Ok(26));
+        assert_eq!(find("pico").unwrap().pin_named("GP15"), Ok(15));
+        assert!(find("pico").unwrap().pin(24).is_err());
+    }
+}

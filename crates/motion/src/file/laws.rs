@@ -1,0 +1,374 @@
+//! Law tables: from `law.sine = { … }` to [`Law`]s in steps and seconds.
+
+use std::io;
+use std::path::Path;
+
+use super::motor::Gearing;
+use super::points;
+use super::reader::{Node, Noted, Read, Reader, Section};
+use super::winch;
+use crate::law::{Begin, End, Interpolation, Law, LawError, SCurve, TimerRamp};
+use crate::program::Limits;
+use crate::quantity::{Base, nearest};
+use crate::Time;
+
+/// Reads the text of a file that a motion file names, relative to it.
+pub(super) type Loader<'a> = &'a dyn Fn(&Path) -> io::Result<String>;
+
+/// Everything that a law's meaning depends on besides its own table.
+pub(super) struct Context<'a> {
+    pub(super) reader: &'a Reader,
+    pub(super) motor: &'a str,
+    pub(super) gearing: &'a Gearing,
+    pub(super) limits: &'a Limits,
+    pub(super) load: Loader<'a>,
+}
+
+/// Every law by name, with an example.
+const LAWS: &[(&str, &str)] = &[
+    ("sine", "sine = { amplitude = \"2.5 rev\", period = \"1 s\", cycles = 10 }"),
+    ("formula", "formula = { theta = \"a*sin(2*pi*t)\", unit = \"rev\", duration = \"10 s\", where = { a = 3 } }"),
+    ("table", "table = { file = \"path.csv\", time = \"s\", unit = \"rev\" }"),
+    ("speed", "speed = { speed = \"2 rev/s\", duration = \"10 s\" }"),
+    ("trapezoid", "trapezoid = { distance = \"5 rev\", speed = \"2 rev/s\", acceleration = \"10 rev/s^2\" }"),
+    (
+        "s_curve",
+        "s_curve = { distance = \"5 rev\", speed = \"2 rev/s\", acceleration = \"10 rev/s^2\", jerk = \"100 rev/s^3\" }",
+    ),
+    ("sweep", "sweep = { frequency = \"0.5 Hz\", swing = \"200 step\", phase = \"0 ms\" }"),
+    ("ramp", "ramp = { distance = \"1 rev\", tick = \"8 us\", slowest = 255, fastest = 18, during = 10 }"),
+    ("winch", "winch = { axis = \"x\", commands = [\"0 s: a x 100\"], duration = \"5 s\" }"),
+    ("rest", "rest = \"1 s\""),
+    ("sum", "sum = [{ sine = { … } }, { speed = { … } }]"),
+    ("then", "then = [{ trapezoid = { … } }, { rest = \"1 s\" }]"),
+    ("scale", "scale = { by = 0.5, law = { sine = { … } } }"),
+    ("shift", "shift = { by = \"90 deg\", law = { sine = { … } } }"),
+    ("delay", "delay = { by = \"100 ms\", law = { sine = { … } } }"),
+    ("repeat", "repeat = { times = 3, law = { trapezoid = { … } } }"),
+];
+
+impl Context<'_> {
+    /// A table with one law in it.
+    pub(super) fn law(&self, node: &Node) -> Read<Law> {
+        const EXAMPLE: &str = LAWS[0].1;
+        let section = node.any_section("the law".to_owned(), EXAMPLE)?;
+        let laws = section.nodes();
+        let [law] = laws.as_slice() else {
+            let labels = laws.iter().map(|law| (section.key_span(law.key), format!("`{}`", law.key)));
+            let labels = if laws.is_empty() { vec![(node.at.clone(), "empty".to_owned())] } else { labels.collect() };
+            let help = "for several at once use sum = [ … ], for one after the other then = [ … ]";
+            let message = format!("a law is one of {}, exactly one", names());
+            return Err(self.reader.note_all(labels, message, help));
+        };
+        let read = match law.key {
+            "sine" => self.sine(law),
+            "formula" => self.formula(law),
+            "table" => self.table(law),
+            "speed" => self.speed(law),
+            "trapezoid" => self.trapezoid(law),
+            "s_curve" => self.s_curve(law),
+            "sweep" => self.sweep(law),
+            "ramp" => self.ramp(law),
+            "winch" => self.winch(law),
+            "rest" => law.duration("1 s").and_then(|duration| self.made(law, Law::rest(duration))),
+            "sum" => self.laws(law).and_then(|laws| self.made(law, Law::sum(laws))),
+            "then" => self.laws(law).and_then(|laws| self.made(law, Law::then(laws))),
+            "scale" => self.scale(law),
+            "shift" => self.shift(law),
+            "delay" => self.delay(law),
+            "repeat" => self.repeat(law),
+            unknown => {
+                let help = match nearest(unknown, LAWS.iter().map(|law| law.0)) {
+                    Some(near) => format!("did you mean `{near}`?"),
+                    None => format!("known: {}", names()),
+                };
+                let at = section.key_span(unknown);
+                Err(self.reader.note(at, "not a law", format!("unknown law `{unknown}`"), help))
+            }
+        };
+        read
+    }
+
+    /// A list of laws, not empty.
+    fn laws(&self, node: &Node) -> Read<Vec<Law>> {
+        let list = node.list(example(node.key))?;
+        if list.is_empty() {
+            return Err(node.note("empty", format!("`{}` has no laws in it", node.key), example(node.key)));
+        }
+        let laws: Vec<Read<Law>> = list.iter().map(|node| self.law(node)).collect();
+        laws.into_iter().collect()
+    }
+
+    /// The table of a law's parameters.
+    pub(super) fn parameters<'a>(&self, node: &Node<'a>, known: &[&str]) -> Read<Section<'a>> {
+        node.section(format!("law `{}`", node.key), known, example(node.key))
+    }
+
+    /// What a constructor made of the parameters at `node`.
+    pub(super) fn made(&self, node: &Node, law: Result<Law, LawError>) -> Read<Law> {
+        law.map_err(|error| node.note("cannot be followed", format!("law `{}`: {error}", node.key), ""))
+    }
+
+    fn sine(&self, node: &Node) -> Read<Law> {
+        let p = self.parameters(node, &["amplitude", "period", "frequency", "cycles"])?;
+        let amplitude =
+            p.need("amplitude", "amplitude = \"2.5 rev\"").and_then(|node| self.gearing.steps(&node, 0, "2.5 rev"));
+        let period = match (p.get("period"), p.get("frequency")) {
+            (None, Some(node)) => node.frequency("1 Hz").map(|(_, period)| period),
+            (Some(_), Some(node)) => {
+                Err(node.note("one too many", "a sine has either a `period` or a `frequency`", "leave one of them out"))
+            }
+            _ => p.need("period", "period = \"1 s\"").and_then(|node| node.duration("1 s")),
+        };
+        let cycles = p.get("cycles").map_or(Ok(Some(1)), |node| times(&node));
+        self.made(node, Law::sine(amplitude?, period?, cycles?))
+    }
+
+    fn speed(&self, node: &Node) -> Read<Law> {
+        let p = self.parameters(node, &["speed", "duration"])?;
+        let speed = p.need("speed", "speed = \"2 rev/s\"").and_then(|node| self.gearing.steps(&node, 1, "2 rev/s"));
+        let duration = p.get("duration").map(|node| node.duration("10 s")).transpose();
+        self.made(node, Law::speed(speed?, duration?))
+    }
+
+    /// A speed or acceleration, or the motor's own limit where the law has none.
+    fn limit(&self, p: &Section, key: &str, per_seconds: u8, limit: Option<f64>, example: &str) -> Read<f64> {
+        match (p.get(key), limit) {
+            (None, Some(limit)) => Ok(limit),
+            _ => {
+                let node = p.need(key, &format!("{key} = \"{example}\""))?;
+                let steps = self.gearing.steps(&node, per_seconds, example)?;
+                node.above_zero(steps)
+            }
+        }
+    }
+
+    fn distance(&self, p: &Section) -> Read<f64> {
+        self.gearing.steps(&p.need("distance", "distance = \"5 rev\"")?, 0, "5 rev")
+    }
+
+    fn trapezoid(&self, node: &Node) -> Read<Law> {
+        let p = self.parameters(node, &["distance", "speed", "acceleration", "deceleration"])?;
+        let distance = self.distance(&p);
+        let speed = self.limit(&p, "speed", 1, self.limits.max_speed, "2 rev/s");
+        let acceleration = self.limit(&p, "acceleration", 2, self.limits.max_acceleration, "10 rev/s^2");
+        let deceleration = self.limit(&p, "deceleration", 2, acceleration.ok(), "10 rev/s^2");
+        self.made(node, Law::trapezoid(distance?, speed?, acceleration?, deceleration?))
+    }
+
+    fn s_curve(&self, node: &Node) -> Read<Law> {
+        let p = self.parameters(node, &["distance", "speed", "acceleration", "jerk", "start_speed"])?;
+        let distance = self.distance(&p);
+        let speed = self.limit(&p, "speed", 1, self.limits.max_speed, "2 rev/s");
+        let acceleration = self.limit(&p, "acceleration", 2, self.limits.max_acceleration, "10 rev/s^2");
+        let jerk = self.limit(&p, "jerk", 3, None, "100 rev/s^3");
+        let start = p.get("start_speed").map_or(Ok(0.0), |node| self.gearing.steps(&node, 1, "0.5 rev/s"));
+        let law = SCurve {
+            distance: distance?,
+            max_speed: speed?,
+            max_acceleration: acceleration?,
+            max_jerk: jerk?,
+            start_speed: start?,
+        };
+        self.made(node, Law::s_curve(law))
+    }
+
+    fn sweep(&self, node: &Node) -> Read<Law> {
+        let p = self.parameters(node, &["frequency", "swing", "phase"])?;
+        let frequency = p.need("frequency", "frequency = \"0.5 Hz\"").and_then(|node| node.frequency("0.5 Hz"));
+        let swing = p.need("swing", "swing = \"200 step\"").and_then(|node| {
+            let steps = self.whole_steps(&node, "200 step")?;
+            node.above_zero(steps as f64).map(|_| steps.unsigned_abs())
+        });
+        let phase = p.get("phase").map_or(Ok(Time::ZERO), |node| node.time("100 ms"));
+        let (frequency_hz, period) = frequency?;
+        // As in the sketch: the phase shift is taken modulo the period.
+        let delay = Time::from_raw(phase?.raw() % period.raw());
+        self.made(node, Law::sweep(frequency_hz, swing?, delay))
+    }
+
+    /// An amount that must come to whole steps.
+    fn whole_steps(&self, node: &Node, example: &str) -> Read<i64> {
+        let steps = self.gearing.steps(node, 0, example)?;
+        if (steps - steps.round()).abs() <= 1e-6 && steps.abs() < 1e15 {
+            return Ok(steps.round() as i64);
+        }
+        Err(node.note("not whole steps", format!("`{}` must be whole steps, but comes to {steps}", node.key), ""))
+    }
+
+    fn ramp(&self, node: &Node) -> Read<Law> {
+        let p = self.parameters(node, &["distance", "tick", "slowest", "fastest", "during"])?;
+        let steps = p.need("distance", "distance = \"1 rev\"").and_then(|node| self.whole_steps(&node, "1 rev"));
+        let tick = p.need("tick", "tick = \"8 us\"").and_then(|node| node.positive(Base::Time, 0, "8 us"));
+        let count = |key: &str, example: &str| {
+            // Within 1..=65 535, so it fits.
+            p.need(key, example).and_then(|node| node.whole(1..=65_535, example)).map(|n| n as u32)
+        };
+        let slowest = count("slowest", "slowest = 255");
+        let fastest = match (p.get("fastest"), self.limits.max_speed, tick) {
+            // The motor's own limit, rounded up to whole ticks as the sketch does.
+            (None, Some(max_speed), Ok(tick_s)) => {
+                Ok((1.0 / (max_speed * tick_s) - 1e-9).ceil().clamp(1.0, 65_535.0) as u32)
+            }
+            _ => count("fastest", "fastest = 18"),
+        };
+        let during = p.need("during", "during = 10").and_then(|node| node.whole(0..=65_535, "during = 10"));
+        let law = TimerRamp {
+            steps: steps?,
+            tick_s: tick?,
+            start_count: slowest?,
+            cruise_count: fastest?,
+            accelerate_during: during? as u32,
+        };
+        self.made(node, Law::timer_ramp(law))
+    }
+
+    /// Steps in one of the unit that a formula's or table's positions are in.
+    pub(super) fn unit(&self, node: &Node) -> Read<f64> {
+        let text = node.text("unit = \"rev\"")?;
+        // Read as one of it, so that every unit of position is known here too.
+        let one = crate::quantity::Quantity::parse(&format!("1 {text}")).ok();
+        match one.filter(|one| one.base.is_position() && one.per_seconds == 0 && !text.trim().is_empty()) {
+            Some(one) => {
+                let steps = one.value * self.gearing.steps_per(node, one.base)?;
+                self.gearing.count(one.unit);
+                Ok(steps)
+            }
+            None => Err(node.note(
+                "not a unit of position",
+                format!("`unit` must be a unit of position, but is \"{text}\""),
+                "one of: rev, deg, rad, mm, step, full-step",
+            )),
+        }
+    }
+
+    fn table(&self, node: &Node) -> Read<Law> {
+        let p = self.parameters(node, &["file", "time", "unit", "columns", "interpolation"])?;
+        let file = p.need("file", "file = \"path.csv\"")?;
+        let unit = p.need("unit", "unit = \"rev\"").and_then(|node| self.unit(&node));
+        let seconds = p.get("time").map_or(Ok(1.0), |node| {
+            node.word(&[("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("µs", 1e-6), ("ns", 1e-9), ("min", 60.0), ("h", 3600.0)])
+        });
+        let columns = p.get("columns").map_or(Ok(points::Columns::default()), |node| points::columns(&node));
+        let interpolation = p.get("interpolation").map_or(Ok(Interpolation::Monotone), |node| {
+            node.word(&[("monotone", Interpolation::Monotone), ("linear", Interpolation::Linear)])
+        });
+        let points = points::read(&file, self.load, &columns?, seconds?, unit?)?;
+        self.made(node, Law::table(&points, interpolation?))
+    }
+
+    fn winch(&self, node: &Node) -> Read<Law> {
+        let p = self.parameters(node, &["axis", "commands", "file", "duration"])?;
+        let axis = winch::axis(&p, self.motor);
+        let duration = p.get("duration").map(|node| node.duration("5 s")).transpose();
+        let commands = winch::commands(&p, self.load, axis?)?;
+        self.made(node, Law::winch(&commands, crate::law::WinchSettings::default(), duration?))
+    }
+
+    /// The `law` inside a combinator.
+    fn inner(&self, p: &Section, outer: &Node) -> Read<Law> {
+        self.law(&p.need("law", example(outer.key))?)
+    }
+
+    fn scale(&self, node: &Node) -> Read<Law> {
+        let p = self.parameters(node, &["by", "law"])?;
+        let by = p.need("by", "by = 0.5").and_then(|node| node.number("by = 0.5"));
+        let law = self.inner(&p, node);
+        self.made(node, law?.scaled(by?))
+    }
+
+    fn shift(&self, node: &Node) -> Read<Law> {
+        let p = self.parameters(node, &["by", "law"])?;
+        let by = p.need("by", "by = \"90 deg\"").and_then(|node| self.gearing.steps(&node, 0, "90 deg"));
+        let law = self.inner(&p, node);
+        self.made(node, law?.shifted(by?))
+    }
+
+    fn delay(&self, node: &Node) -> Read<Law> {
+        let p = self.parameters(node, &["by", "law"])?;
+        let by = p.need("by", "by = \"100 ms\"").and_then(|node| node.time("100 ms"));
+        let law = self.inner(&p, node);
+        self.made(node, law?.delayed(by?))
+    }
+
+    fn repeat(&self, node: &Node) -> Read<Law> {
+        let p = self.parameters(node, &["times", "law"])?;
+        let times = p.need("times", "times = 3").and_then(|node| times(&node));
+        let law = self.inner(&p, node);
+        self.made(node, law?.repeated(times?))
+    }
+
+    /// `begin` and `end` of a motion: what to do where it starts or ends faster than the motor can.
+    pub(super) fn blended(&self, motion: &Section, node: &Node, law: Law) -> Read<Law> {
+        #[derive(Clone, Copy)]
+        enum Manner {
+            Delay,
+            Ramp,
+            Jump,
+        }
+        let manner = |key: &str, words: &[(&str, Manner)]| motion.get(key).map(|node| Ok((node.word(words)?, node))).transpose();
+        let begin = manner("begin", &[("delay", Manner::Delay), ("ramp", Manner::Ramp), ("jump", Manner::Jump)]);
+        let end = manner("end", &[("ramp", Manner::Ramp), ("jump", Manner::Jump)]);
+        let mut law = law;
+        if let Some((manner, place)) = begin? {
+            let begin = match manner {
+                Manner::Delay => Begin::Delay,
+                Manner::Jump => Begin::Jump,
+                Manner::Ramp => {
+                    let (max_speed, max_acceleration) = self.ramp_limits(&place)?;
+                    Begin::Ramp { max_speed, max_acceleration }
+                }
+            };
+            law = self.made(node, law.beginning(begin))?;
+        }
+        if let Some((manner, place)) = end? {
+            let end = match manner {
+                Manner::Ramp => {
+                    let (max_speed, max_acceleration) = self.ramp_limits(&place)?;
+                    End::Ramp { max_speed, max_acceleration }
+                }
+                _ => End::Jump,
+            };
+            law = self.made(node, law.ending(end))?;
+        }
+        Ok(law)
+    }
+
+    fn ramp_limits(&self, place: &Node) -> Read<(f64, f64)> {
+        match (self.limits.max_speed, self.limits.max_acceleration) {
+            (Some(speed), Some(acceleration)) => Ok((speed, acceleration)),
+            _ => {
+                let message = format!("a ramp needs limits, but motor `{}` has not both", self.motor);
+                Err(place.note("needs limits", message, "give the motor max_speed and max_acceleration"))
+            }
+        }
+    }
+}
+
+/// How often: a whole number, or "forever".
+pub(super) fn times(node: &Node) -> Read<Option<u64>> {
+    if let Some(text) = node.as_text() {
+        return match text {
+            "forever" => Ok(None),
+            _ => Err(node.note("not a number", format!("`{}` must be a whole number or \"forever\"", node.key), "")),
+        };
+    }
+    Ok(Some(node.whole(1..=i64::MAX, &format!("{} = 3, or \"forever\"", node.key))?.unsigned_abs()))
+}
+
+/// An example of a law.
+fn example(name: &str) -> &'static str {
+    LAWS.iter().find(|law| law.0 == name).map_or(LAWS[0].1, |law| law.1)
+}
+
+fn names() -> String {
+    LAWS.iter().map(|law| law.0).collect::<Vec<_>>().join(", ")
+}
+
+/// A file that a motion file names; what cannot be read is noted.
+pub(super) fn load(file: &Node, load: Loader) -> Read<String> {
+    let path = file.text("file = \"path.csv\"")?;
+    load(Path::new(path)).map_err(|error| -> Noted {
+        file.note("cannot be read", format!("cannot read \"{path}\": {error}"), "paths are relative to the motion file")
+    })
+}

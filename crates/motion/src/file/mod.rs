@@ -1,0 +1,302 @@
+//! Motion files: TOML in, a checked [`Program`] out, or errors that point at the place.
+//!
+//! ```toml
+//! board = "uno"                       # uno, due, pico or native
+//! grid = "reach"                      # or "nearest" (default), or { hysteresis = "0.1 step" }
+//! tolerance = "1 tick"                # or a time, such as "1 us"
+//!
+//! [motor.wheel]
+//! steps_per_rev = 200
+//! microsteps = 4
+//! driver = "DQ542MA"
+//! pins = { step = 8, dir = 9 }
+//! forward = "low"
+//!
+//! [[motion]]
+//! motor = "wheel"
+//! law.sine = { amplitude = "2.5 rev", period = "1 s", cycles = 10 }
+//! ```
+//!
+//! docs/motion-files.md describes every key. Amounts carry their unit; "rev", "deg" and "rad" are of what the motor
+//! drives, behind its gear. Motions of one motor follow one another, each from where the one before ended; motors run
+//! side by side from one common time zero.
+//!
+//! # What is here
+//! - [`load`], [`read`]: the two ways in
+//! - [`FileError`], [`Problem`]: what is wrong, where, and what to do, for `miette` or as plain text
+//! - `motor`, `laws`, `formula`, `points`, `winch`: one module for each part of the file
+//! - `reader`: values with their places; problems are collected, so that one reading finds several
+
+mod formula;
+mod laws;
+mod motor;
+mod points;
+mod problem;
+mod reader;
+mod winch;
+
+use std::fs;
+use std::io;
+use std::ops::Range;
+use std::path::Path;
+use std::sync::Arc;
+
+use miette::NamedSource;
+
+pub use problem::{FileError, Problem};
+
+use crate::boards::{self, BoardRow};
+use crate::law::{Law, LawError};
+use crate::program::{Motor, Program, Tolerance};
+use crate::quantity::{Base, nearest};
+use crate::{Grid, Time};
+use laws::{Context, Loader};
+use motor::Draft;
+use reader::{Node, Noted, Read, Reader, Section};
+
+/// Reads a motion file and the files that it names.
+///
+/// # Errors
+/// [`FileError`] with every problem found.
+pub fn load(path: &Path) -> Result<Program, FileError> {
+    let name = path.display().to_string();
+    let text = fs::read_to_string(path).map_err(|error| {
+        let source = Arc::new(NamedSource::new(&name, String::new()));
+        let help = match error.kind() {
+            io::ErrorKind::NotFound => Some("`pulsetrain new NAME` writes a motion file to begin with".to_owned()),
+            _ => None,
+        };
+        FileError::whole(&source, format!("cannot read {name}: {error}"), help)
+    })?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    read(&text, &name, &|named| fs::read_to_string(folder.join(named)))
+}
+
+/// Reads the text of a motion file called `name`; `load` gives the text of the files that it names.
+///
+/// # Errors
+/// [`FileError`] with every problem found.
+///
+/// ```
+/// use pulsetrain_motion::file;
+/// let none = |_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into());
+/// let error = file::read("bord = \"uno\"", "my.toml", &none).unwrap_err();
+/// assert!(error.plain().starts_with("my.toml:1:1: unknown key `bord` in the motion file\n    did you mean `board`?"));
+/// ```
+pub fn read(text: &str, name: &str, load: &dyn Fn(&Path) -> io::Result<String>) -> Result<Program, FileError> {
+    // A byte order mark is no part of the text, and would shift every place.
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+    let source = Arc::new(NamedSource::new(name, text.to_owned()));
+    let reader = Reader::new(Arc::clone(&source));
+    let program = match toml_edit::Document::parse(text) {
+        Ok(document) => program(&Section::root(&reader, document.as_table()), load),
+        Err(error) => {
+            let at = error.span().unwrap_or(0..0);
+            Err(reader.note(at, "here", format!("not TOML: {}", error.message().trim_end()), ""))
+        }
+    };
+    match (program, FileError::of(reader.into_problems())) {
+        (Ok(program), None) => Ok(program),
+        (_, Some(error)) => Err(error),
+        // `Noted` is made by noting alone, so this cannot be; but a wrong file must never pass.
+        (Err(Noted), None) => Err(FileError::whole(&source, "the file cannot be used".to_owned(), None)),
+    }
+}
+
+fn program(root: &Section, load: Loader) -> Read<Program> {
+    root.check_keys(&["board", "grid", "tolerance", "motor", "motion"]);
+    let board = read_board(root);
+    let grid = root.get("grid").map_or(Ok(Grid::NEAREST), |node| read_grid(&node));
+    let tolerance = root.get("tolerance").map(|node| read_tolerance(&node)).transpose();
+    let drafts = motor::read_all(root, board.as_ref().ok());
+    let timelines = read_motions(root, &drafts, load);
+    let board = board?.board;
+    let tolerance = tolerance?.unwrap_or_else(|| Tolerance::default_of(&board));
+    let mut motors = Vec::new();
+    for ((_, draft), timeline) in drafts.into_iter().zip(timelines) {
+        let draft = draft?;
+        motors.push(Motor {
+            law: timeline?.finish(root.reader, &draft)?,
+            scale: draft.gearing.scale(),
+            name: draft.name,
+            wiring: draft.wiring,
+            timing: draft.timing,
+            limits: draft.limits,
+            winding: draft.winding,
+        });
+    }
+    Ok(Program { board, grid: grid?, tolerance, motors })
+}
+
+fn read_board(root: &Section) -> Read<BoardRow> {
+    let node = root.need("board", "board = \"uno\"")?;
+    let name = node.text("board = \"uno\"")?;
+    boards::find(name).ok_or_else(|| {
+        let rows = boards::table();
+        let names: Vec<&str> = rows.iter().map(|row| row.board.name.as_str()).collect();
+        let help = match nearest(name, names.iter().copied()) {
+            Some(near) => format!("did you mean \"{near}\"?"),
+            None => format!("known: {}", names.join(", ")),
+        };
+        node.note("not in the table", format!("unknown board \"{name}\""), help)
+    })
+}
+
+fn read_grid(node: &Node) -> Read<Grid> {
+    if node.as_text().is_some() {
+        return node.word(&[("nearest", Grid::NEAREST), ("reach", Grid::REACH)]);
+    }
+    const EXAMPLE: &str = "grid = \"nearest\", \"reach\", or { hysteresis = \"0.1 step\" }";
+    let section = node.section("the grid".to_owned(), &["hysteresis"], EXAMPLE)?;
+    let node = section.need("hysteresis", EXAMPLE)?;
+    let hysteresis = node.measure(Base::Step, 0, "0.1 step")?;
+    if (0.0..=0.5).contains(&hysteresis) {
+        return Ok(Grid { hysteresis });
+    }
+    Err(node.note("out of range", "`hysteresis` must be from 0 to 0.5 step", ""))
+}
+
+fn read_tolerance(node: &Node) -> Read<Tolerance> {
+    /// No schedule of whole ticks can be proven closer: half a tick is its rounding.
+    const LEAST_TICKS: f64 = 0.55;
+    let quantity = node.quantity("1 tick")?;
+    match (quantity.base, quantity.per_seconds) {
+        (Base::Tick, 0) if quantity.value >= LEAST_TICKS => Ok(Tolerance::Ticks(quantity.value)),
+        (Base::Tick, 0) => {
+            let message = format!("`tolerance` must be {LEAST_TICKS} ticks at least: ticks are whole, which costs half of one");
+            Err(node.note("too small", message, "write tolerance = \"1 tick\""))
+        }
+        (Base::Time, 0) => Ok(Tolerance::Seconds(node.above_zero(quantity.value)?)),
+        _ => {
+            let message = format!("`tolerance` must be a time or a number of ticks, but this is {}", quantity.kind());
+            Err(node.note(quantity.kind().to_string(), message, "write tolerance = \"1 tick\", or \"1 us\""))
+        }
+    }
+}
+
+/// What one motor does, in order, from the common time zero on.
+#[derive(Default)]
+struct Timeline {
+    laws: Vec<Law>,
+    /// When what is there ends; `None`: never.
+    end: Option<Time>,
+    /// Where the last motion is written.
+    last: Option<Range<usize>>,
+}
+
+impl Timeline {
+    /// Appends a motion of `law`, resting before it until `start` if that is given.
+    fn push(&mut self, motion: &Section, start: Option<(Time, Node)>, law: Law) -> Read<()> {
+        let before = || self.last.clone().map(|at| (at, "the motion before".to_owned()));
+        let Some(end) = self.end else {
+            let mut labels = vec![(motion.at.clone(), "never begins".to_owned())];
+            labels.extend(before());
+            let help = "give the motion before a duration, cycles or repeat that ends; or use law.sum for both at once";
+            return Err(motion.reader.note_all(labels, "the motor's motion before this one never ends", help));
+        };
+        if let Some((start, node)) = start {
+            if start < end {
+                let mut labels = vec![(node.at.clone(), format!("at {} s", start.seconds()))];
+                labels.extend(before());
+                let message = format!("the motor's motion before this one ends later, at {} s", end.seconds());
+                return Err(motion.reader.note_all(labels, message, "motions of one motor follow one another"));
+            }
+            if start > end {
+                let rest = Law::rest(start - end).map_err(|error| refuse(&node, &error))?;
+                self.laws.push(rest);
+                self.end = Some(start);
+            }
+        }
+        self.end = self.end.zip(law.end()).map(|(begin, length)| begin + length);
+        self.laws.push(law);
+        self.last = Some(motion.at.clone());
+        Ok(())
+    }
+
+    /// All of it as one law.
+    fn finish(mut self, reader: &Reader, draft: &Draft) -> Read<Law> {
+        match self.laws.len() {
+            0 => {
+                let message = format!("motor `{}` has no motion", draft.name);
+                let help = format!("add [[motion]] with motor = \"{}\", or take the motor out", draft.name);
+                Err(reader.note(draft.at.clone(), "never moves", message, help))
+            }
+            1 => Ok(self.laws.remove(0)),
+            _ => Law::then(self.laws).map_err(|error| {
+                let message = format!("the motions of motor `{}` do not join: {error}", draft.name);
+                reader.note(draft.at.clone(), "this motor", message, "")
+            }),
+        }
+    }
+}
+
+/// `[[motion]]`: the timeline of each motor, in the motors' order.
+fn read_motions(root: &Section, drafts: &[(String, Read<Draft>)], load: Loader) -> Vec<Read<Timeline>> {
+    const EXAMPLE: &str = "[[motion]] with motor = \"wheel\" and law.sine = { … }";
+    let start = || Ok(Timeline { end: Some(Time::ZERO), ..Timeline::default() });
+    let mut timelines: Vec<Read<Timeline>> = drafts.iter().map(|_| start()).collect();
+    let Ok(motions) = root.need("motion", EXAMPLE).and_then(|node| {
+        // [motion] instead of [[motion]] is easily written, and means one.
+        if node.is_table() { Ok(vec![node]) } else { node.list(EXAMPLE) }
+    }) else {
+        timelines.iter_mut().for_each(|timeline| *timeline = Err(Noted));
+        return timelines;
+    };
+    for node in motions {
+        const KEYS: &[&str] = &["motor", "motors", "law", "start", "repeat", "begin", "end"];
+        let Ok(motion) = node.section("the motion".to_owned(), KEYS, EXAMPLE) else { continue };
+        let Ok(indices) = motors_of(&motion, drafts) else { continue };
+        for index in indices {
+            let moved = match (&drafts[index].1, &mut timelines[index]) {
+                (Ok(draft), Ok(timeline)) => read_motion(&motion, draft, load, timeline),
+                _ => Err(Noted),
+            };
+            if moved.is_err() {
+                timelines[index] = Err(Noted);
+            }
+        }
+    }
+    timelines
+}
+
+/// Which motors a motion is for.
+fn motors_of(motion: &Section, drafts: &[(String, Read<Draft>)]) -> Read<Vec<usize>> {
+    let nodes = match (motion.get("motor"), motion.get("motors")) {
+        (Some(_), Some(both)) => {
+            return Err(both.note("one too many", "a motion has either `motor` or `motors`", "leave one of them out"));
+        }
+        (None, Some(list)) => list.list("motors = [\"left\", \"right\"]")?,
+        _ => vec![motion.need("motor", "motor = \"wheel\"")?],
+    };
+    let indices = nodes.iter().map(|node| {
+        let name = node.text("motor = \"wheel\"")?;
+        drafts.iter().position(|(known, _)| known == name).ok_or_else(|| {
+            let names = || drafts.iter().map(|(name, _)| name.as_str());
+            let help = match nearest(name, names()) {
+                Some(near) => format!("did you mean \"{near}\"?"),
+                None => format!("the file's motors: {}", names().collect::<Vec<_>>().join(", ")),
+            };
+            node.note("not a motor of this file", format!("unknown motor \"{name}\""), help)
+        })
+    });
+    indices.collect()
+}
+
+fn read_motion(motion: &Section, draft: &Draft, load: Loader, timeline: &mut Timeline) -> Read<()> {
+    let context =
+        Context { reader: motion.reader, motor: &draft.name, gearing: &draft.gearing, limits: &draft.limits, load };
+    let node = motion.need("law", "law.sine = { amplitude = \"1 rev\", period = \"1 s\" }")?;
+    let law = context.law(&node);
+    let start = motion.get("start").map(|node| Ok((node.time("1 s")?, node))).transpose();
+    let repeat = motion.get("repeat").map(|node| Ok((laws::times(&node)?, node))).transpose();
+    let mut law = law?;
+    if let Some((times, repeat)) = repeat? {
+        law = law.repeated(times).map_err(|error| refuse(&repeat, &error))?;
+    }
+    let law = context.blended(motion, &node, law)?;
+    timeline.push(motion, start?, law)
+}
+
+fn refuse(node: &Node, error: &LawError) -> Noted {
+    node.note("cannot be followed", error.to_string(), "")
+}

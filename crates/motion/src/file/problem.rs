@@ -1,0 +1,154 @@
+//! What is wrong with a motion file, and where.
+
+use std::fmt::{self, Write as _};
+use std::ops::Range;
+use std::sync::Arc;
+
+use miette::{Diagnostic, LabeledSpan, NamedSource, SourceCode};
+
+/// Everything that is wrong with a motion file; at least one [`Problem`].
+///
+/// As a [`Diagnostic`] it is the first problem, with the others as related ones.
+#[derive(Clone, Debug)]
+pub struct FileError {
+    problems: Vec<Problem>,
+}
+
+/// One thing that is wrong: what, where, and what to do.
+#[derive(Clone, Debug)]
+pub struct Problem {
+    message: String,
+    labels: Vec<(Range<usize>, String)>,
+    help: Option<String>,
+    source: Arc<NamedSource<String>>,
+}
+
+impl FileError {
+    /// `None` if there is no problem.
+    pub(super) fn of(problems: Vec<Problem>) -> Option<FileError> {
+        (!problems.is_empty()).then_some(FileError { problems })
+    }
+
+    /// A problem with the file as a whole.
+    pub(super) fn whole(source: &Arc<NamedSource<String>>, message: String, help: Option<String>) -> FileError {
+        FileError { problems: vec![Problem::new(source, message, Vec::new(), help)] }
+    }
+
+    /// The problems, in the order in which they were found.
+    #[must_use]
+    pub fn problems(&self) -> &[Problem] {
+        &self.problems
+    }
+
+    /// All problems as plain text: `file:line:column: message`, then the advice, indented.
+    #[must_use]
+    pub fn plain(&self) -> String {
+        self.problems.iter().fold(String::new(), |mut text, problem| {
+            let (line, column) = problem.place();
+            let _ = writeln!(text, "{}:{line}:{column}: {}", problem.source.name(), problem.message);
+            for line in problem.help.iter().flat_map(|help| help.lines()) {
+                let _ = writeln!(text, "    {line}");
+            }
+            text
+        })
+    }
+}
+
+impl Problem {
+    pub(super) fn new(
+        source: &Arc<NamedSource<String>>,
+        message: String,
+        labels: Vec<(Range<usize>, String)>,
+        help: Option<String>,
+    ) -> Problem {
+        Problem { message, labels, help, source: Arc::clone(source) }
+    }
+
+    /// What is wrong.
+    #[must_use]
+    pub fn message(&self) -> &str {
+        &self.message
+    }
+
+    /// What to do about it, if that is more than the message says.
+    #[must_use]
+    pub fn advice(&self) -> Option<&str> {
+        self.help.as_deref()
+    }
+
+    /// The file that it is in.
+    #[must_use]
+    pub fn file(&self) -> &str {
+        self.source.name()
+    }
+
+    /// Line and column (characters), from 1, of its first label.
+    #[must_use]
+    pub fn place(&self) -> (usize, usize) {
+        let text = self.source.inner();
+        let at = self.labels.first().map_or(0, |(span, _)| span.start.min(text.len()));
+        let before = &text.as_bytes()[..at];
+        let line = before.iter().filter(|b| **b == b'\n').count() + 1;
+        let line_start = before.iter().rposition(|b| *b == b'\n').map_or(0, |n| n + 1);
+        // Bytes that do not continue a character.
+        let column = before[line_start..].iter().filter(|b| **b & 0xC0 != 0x80).count() + 1;
+        (line, column)
+    }
+
+    /// Whether another problem says the same of the same place.
+    pub(super) fn repeats(&self, other: &Problem) -> bool {
+        self.message == other.message && self.labels == other.labels && self.file() == other.file()
+    }
+}
+
+impl fmt::Display for Problem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.message)
+    }
+}
+
+impl std::error::Error for Problem {}
+
+impl Diagnostic for Problem {
+    fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
+        self.help.as_ref().map(|help| Box::new(help) as Box<dyn fmt::Display>)
+    }
+
+    fn source_code(&self) -> Option<&dyn SourceCode> {
+        Some(&*self.source)
+    }
+
+    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
+        let length = self.source.inner().len();
+        Some(Box::new(self.labels.iter().map(move |(span, label)| {
+            let (start, end) = (span.start.min(length), span.end.min(length));
+            LabeledSpan::new(Some(label.clone()), start, end.saturating_sub(start))
+        })))
+    }
+}
+
+impl fmt::Display for FileError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.problems[0].fmt(f)
+    }
+}
+
+impl std::error::Error for FileError {}
+
+impl Diagnostic for FileError {
+    fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
+        self.problems[0].help()
+    }
+
+    fn source_code(&self) -> Option<&dyn SourceCode> {
+        self.problems[0].source_code()
+    }
+
+    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
+        self.problems[0].labels()
+    }
+
+    fn related<'a>(&'a self) -> Option<Box<dyn Iterator<Item = &'a dyn Diagnostic> + 'a>> {
+        Some(Box::new(self.problems[1..].iter().map(|problem| problem as &dyn Diagnostic)))
+    }
+}

@@ -1,0 +1,435 @@
+//! Quantities with units, as people write them: "2.5 rev", "90 deg", "100 ms", "4000 step/s", "50 mH".
+//!
+//! A number without a unit is never a quantity: "5 what?" is the commonest mistake in motion files.
+
+use std::fmt;
+
+use crate::Time;
+
+/// What a quantity measures, before any division by time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Base {
+    /// Steps of the driver (microsteps); value in steps.
+    Step,
+    /// Full steps of the motor; value in full steps.
+    FullStep,
+    /// Turns; value in revolutions.
+    Turn,
+    /// Distance along a line; value in mm.
+    Length,
+    /// Time; value in s.
+    Time,
+    /// Ticks of the board's step timer; value in ticks.
+    Tick,
+    /// Cycles of something periodic; Hz is one a second.
+    Cycle,
+    /// Inductance; value in H.
+    Inductance,
+    /// Current; value in A.
+    Current,
+    /// Voltage; value in V.
+    Voltage,
+}
+
+impl Base {
+    /// Whether a motor's position can be measured in it.
+    #[must_use]
+    pub fn is_position(self) -> bool {
+        matches!(self, Base::Step | Base::FullStep | Base::Turn | Base::Length)
+    }
+}
+
+/// A number with its unit: `value` × base / s^`per_seconds`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Quantity {
+    /// In the unit of `base` per s^`per_seconds`; finite.
+    pub value: f64,
+    /// What it measures.
+    pub base: Base,
+    /// 0 for an amount, 1 for a speed or a frequency, 2 for an acceleration, 3 for a jerk.
+    pub per_seconds: u8,
+    /// The unit's name as written, without the division by time; rates such as rpm have their own.
+    pub unit: &'static str,
+    /// The value as written, so that "100 ms" is a tenth of a second exactly.
+    exact: Option<Ratio>,
+}
+
+/// numerator/denominator in the unit of the base.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Ratio {
+    numerator: i64,
+    denominator: u64,
+}
+
+/// Why a text is no quantity. Offsets and lengths are bytes of that text.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum QuantityError {
+    /// It does not begin with a number.
+    #[error("{text:?} does not begin with a number")]
+    NoNumber {
+        /// What was read.
+        text: String,
+    },
+    /// A number without a unit.
+    #[error("a bare number: {number} of what?")]
+    NoUnit {
+        /// The number.
+        number: String,
+    },
+    /// The number is too large for an f64.
+    #[error("{number} is out of range")]
+    OutOfRange {
+        /// The number.
+        number: String,
+    },
+    /// The unit is not known.
+    #[error("unknown unit {unit:?}")]
+    UnknownUnit {
+        /// As written.
+        unit: String,
+        /// Where it begins.
+        offset: usize,
+        /// The nearest known unit, if one is near.
+        nearest: Option<&'static str>,
+    },
+}
+
+/// (name, base, numerator, denominator): one of the unit is numerator/denominator of the base's.
+type UnitRow = (&'static str, Base, u32, u64);
+
+/// Every unit of an amount. rad is apart: its size is irrational.
+const UNITS: &[UnitRow] = &[
+    ("step", Base::Step, 1, 1),
+    ("steps", Base::Step, 1, 1),
+    ("microstep", Base::Step, 1, 1),
+    ("microsteps", Base::Step, 1, 1),
+    ("full-step", Base::FullStep, 1, 1),
+    ("full-steps", Base::FullStep, 1, 1),
+    ("rev", Base::Turn, 1, 1),
+    ("revs", Base::Turn, 1, 1),
+    ("turn", Base::Turn, 1, 1),
+    ("turns", Base::Turn, 1, 1),
+    ("deg", Base::Turn, 1, 360),
+    ("°", Base::Turn, 1, 360),
+    ("mm", Base::Length, 1, 1),
+    ("cm", Base::Length, 10, 1),
+    ("m", Base::Length, 1000, 1),
+    ("ns", Base::Time, 1, 1_000_000_000),
+    ("us", Base::Time, 1, 1_000_000),
+    ("µs", Base::Time, 1, 1_000_000),
+    ("μs", Base::Time, 1, 1_000_000),
+    ("ms", Base::Time, 1, 1000),
+    ("s", Base::Time, 1, 1),
+    ("min", Base::Time, 60, 1),
+    ("h", Base::Time, 3600, 1),
+    ("tick", Base::Tick, 1, 1),
+    ("ticks", Base::Tick, 1, 1),
+    ("uH", Base::Inductance, 1, 1_000_000),
+    ("µH", Base::Inductance, 1, 1_000_000),
+    ("mH", Base::Inductance, 1, 1000),
+    ("H", Base::Inductance, 1, 1),
+    ("mA", Base::Current, 1, 1000),
+    ("A", Base::Current, 1, 1),
+    ("mV", Base::Voltage, 1, 1000),
+    ("V", Base::Voltage, 1, 1),
+];
+
+/// Units that have the division by time in their name: (name, base, numerator, denominator), per second.
+const RATES: &[UnitRow] = &[
+    ("rpm", Base::Turn, 1, 60),
+    ("Hz", Base::Cycle, 1, 1),
+    ("kHz", Base::Cycle, 1000, 1),
+    ("MHz", Base::Cycle, 1_000_000, 1),
+];
+
+impl Quantity {
+    /// Reads a number and its unit, with or without a space between them.
+    ///
+    /// Speeds, accelerations and jerks are written `rev/s`, `rev/s^2` or `rev/s²`, `rev/s^3` or `rev/s³`; the time
+    /// may be any unit of time. Numbers may be grouped with `_`.
+    ///
+    /// # Errors
+    /// [`QuantityError`] for what is not a finite number with a known unit.
+    ///
+    /// ```
+    /// use pulsetrain_motion::quantity::{Base, Quantity, QuantityError};
+    /// let speed = Quantity::parse("300 rpm").unwrap();
+    /// assert_eq!((speed.value, speed.base, speed.per_seconds), (5.0, Base::Turn, 1));
+    /// assert!(matches!(Quantity::parse("300"), Err(QuantityError::NoUnit { .. })));
+    /// ```
+    pub fn parse(text: &str) -> Result<Quantity, QuantityError> {
+        let start = text.len() - text.trim_start().len();
+        let length = number_length(&text[start..]);
+        let (number, rest) = text[start..].split_at(length);
+        let digits = number.replace('_', "");
+        let Ok(magnitude) = digits.parse::<f64>() else {
+            return Err(QuantityError::NoNumber { text: text.trim().to_owned() });
+        };
+        let unit = rest.trim();
+        if unit.is_empty() {
+            return Err(QuantityError::NoUnit { number: number.to_owned() });
+        }
+        let Some(Unit { name, base, per_seconds, scale }) = find_unit(unit) else {
+            let offset = start + length + (rest.len() - rest.trim_start().len());
+            return Err(QuantityError::UnknownUnit { unit: unit.to_owned(), offset, nearest: nearest_unit(unit) });
+        };
+        let value = scale.apply(magnitude);
+        if !value.is_finite() {
+            return Err(QuantityError::OutOfRange { number: number.to_owned() });
+        }
+        Ok(Quantity { value, base, per_seconds, unit: name, exact: scale.exact(&digits) })
+    }
+
+    /// As a duration, exact to 2^-64 s if it was written as a decimal number of a unit of time; `None` for anything else.
+    #[must_use]
+    pub fn time(&self) -> Option<Time> {
+        if self.base != Base::Time || self.per_seconds != 0 {
+            return None;
+        }
+        Some(self.exact.map_or_else(|| Time::from_seconds(self.value), |r| Time::from_ratio(r.numerator, r.denominator)))
+    }
+
+    /// The duration of one cycle of a frequency, exact to 2^-64 s if it can be; `None` for anything that is no positive frequency.
+    #[must_use]
+    pub fn period(&self) -> Option<Time> {
+        if self.base != Base::Cycle || self.per_seconds != 1 || self.value <= 0.0 {
+            return None;
+        }
+        let inverse = self.exact.and_then(|r| Some((i64::try_from(r.denominator).ok()?, r.numerator.unsigned_abs())));
+        Some(match inverse {
+            Some((numerator, denominator)) if numerator < 1 << 62 => Time::from_ratio(numerator, denominator),
+            _ => Time::from_seconds(1.0 / self.value),
+        })
+    }
+
+    /// What it measures, in words: "an angle", "a speed".
+    #[must_use]
+    pub fn kind(&self) -> Kind {
+        Kind { base: self.base, per_seconds: self.per_seconds }
+    }
+}
+
+/// What a quantity measures, for messages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Kind {
+    /// What it measures, before any division by time.
+    pub base: Base,
+    /// How often it is divided by time.
+    pub per_seconds: u8,
+}
+
+impl fmt::Display for Kind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = match (self.base, self.per_seconds) {
+            (Base::Time, 0) => "a time",
+            (Base::Tick, 0) => "a number of ticks",
+            (Base::Cycle, 1) => "a frequency",
+            (Base::Inductance, 0) => "an inductance",
+            (Base::Current, 0) => "a current",
+            (Base::Voltage, 0) => "a voltage",
+            (Base::Length, 0) => "a distance",
+            (Base::Turn, 0) => "an angle",
+            (Base::Step | Base::FullStep, 0) => "a number of steps",
+            (base, 1) if base.is_position() => "a speed",
+            (base, 2) if base.is_position() => "an acceleration",
+            (base, 3) if base.is_position() => "a jerk",
+            _ => "a rate",
+        };
+        f.write_str(name)
+    }
+}
+
+/// Bytes of the number at the start of `text`: sign, digits, point, exponent.
+fn number_length(text: &str) -> usize {
+    let bytes = text.as_bytes();
+    let digits = |from: usize| bytes[from..].iter().take_while(|b| b.is_ascii_digit() || **b == b'_').count();
+    let mut at = usize::from(matches!(bytes.first(), Some(b'+' | b'-')));
+    at += digits(at);
+    if bytes.get(at) == Some(&b'.') {
+        at += 1 + digits(at + 1);
+    }
+    if matches!(bytes.get(at), Some(b'e' | b'E')) {
+        let sign = usize::from(matches!(bytes.get(at + 1), Some(b'+' | b'-')));
+        let exponent = digits(at + 1 + sign);
+        if exponent > 0 {
+            at += 1 + sign + exponent;
+        }
+    }
+    at
+}
+
+/// The size of a unit in its base's.
+#[derive(Clone, Copy)]
+enum Scale {
+    Ratio { numerator: f64, denominator: f64, exact: Option<(u32, u64)> },
+    Radian { denominator: f64 },
+}
+
+impl Scale {
+    fn apply(self, magnitude: f64) -> f64 {
+        match self {
+            Scale::Ratio { numerator, denominator, .. } => magnitude * numerator / denominator,
+            Scale::Radian { denominator } => magnitude / std::f64::consts::TAU / denominator,
+        }
+    }
+
+    /// The exact value of a decimal number of this unit, if 62 bits hold it.
+    fn exact(self, digits: &str) -> Option<Ratio> {
+        let Scale::Ratio { exact: Some((numerator, denominator)), .. } = self else { return None };
+        let (mantissa, exponent) = match digits.split_once(['e', 'E']) {
+            Some((mantissa, exponent)) => (mantissa, exponent.parse::<i32>().ok()?),
+            None => (digits, 0),
+        };
+        let (whole, fraction) = mantissa.split_once('.').unwrap_or((mantissa, ""));
+        let fraction = fraction.trim_end_matches('0');
+        let exponent = exponent.checked_sub(i32::try_from(fraction.len()).ok()?)?;
+        let mantissa: i64 = format!("{whole}{fraction}").parse().ok()?;
+        let power = 10u64.checked_pow(exponent.unsigned_abs())?;
+        let (up, down) = if exponent < 0 { (1, power) } else { (power, 1) };
+        let numerator = mantissa.checked_mul(i64::from(numerator))?.checked_mul(i64::try_from(up).ok()?)?;
+        let denominator = denominator.checked_mul(down)?;
+        (numerator.unsigned_abs() < 1 << 62).then_some(Ratio { numerator, denominator })
+    }
+}
+
+/// A unit that has been recognised.
+struct Unit {
+    name: &'static str,
+    base: Base,
+    per_seconds: u8,
+    scale: Scale,
+}
+
+fn find_unit(unit: &str) -> Option<Unit> {
+    let exactly = |&(name, base, n, d): &UnitRow, per_seconds| {
+        let scale = Scale::Ratio { numerator: f64::from(n), denominator: d as f64, exact: Some((n, d)) };
+        Unit { name, base, per_seconds, scale }
+    };
+    if let Some(row) = RATES.iter().find(|row| row.0 == unit) {
+        return Some(exactly(row, 1));
+    }
+    let Some((amount, time)) = unit.split_once('/') else {
+        if unit == "rad" {
+            return Some(Unit { name: "rad", base: Base::Turn, per_seconds: 0, scale: Scale::Radian { denominator: 1.0 } });
+        }
+        return UNITS.iter().find(|row| row.0 == unit).map(|row| exactly(row, 0));
+    };
+    let (amount, time) = (amount.trim_end(), time.trim_start());
+    let (time, per_seconds) = [("^2", 2), ("²", 2), ("^3", 3), ("³", 3)]
+        .iter()
+        .find_map(|&(suffix, power)| Some((time.strip_suffix(suffix)?, power)))
+        .unwrap_or((time, 1));
+    let &(_, _, n, d) = UNITS.iter().find(|row| row.1 == Base::Time && row.0 == time)?;
+    let seconds = (f64::from(n) / d as f64).powi(i32::from(per_seconds));
+    if amount == "rad" {
+        return Some(Unit { name: "rad", base: Base::Turn, per_seconds, scale: Scale::Radian { denominator: seconds } });
+    }
+    let &(name, base, n, d) = UNITS.iter().find(|row| row.0 == amount && row.1.is_position())?;
+    let scale = Scale::Ratio { numerator: f64::from(n), denominator: d as f64 * seconds, exact: None };
+    Some(Unit { name, base, per_seconds, scale })
+}
+
+fn nearest_unit(unit: &str) -> Option<&'static str> {
+    const EXAMPLES: &[&str] =
+        &["rad", "rev/s", "step/s", "mm/s", "deg/s", "rev/min", "rev/s^2", "step/s^2", "mm/s^2", "step/s^3"];
+    let names = UNITS.iter().chain(RATES).map(|row| row.0).chain(EXAMPLES.iter().copied());
+    nearest(unit, names)
+}
+
+/// The name that a misspelt one is nearest to, if it is near at all.
+pub(crate) fn nearest<'a>(written: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let lower = written.to_lowercase();
+    known
+        .into_iter()
+        .map(|name| (strsim::damerau_levenshtein(&lower, &name.to_lowercase()), name))
+        .filter(|(distance, name)| *distance <= 1 + name.len().min(lower.len()) / 4)
+        .min_by_key(|(distance, _)| *distance)
+        .map(|(_, name)| name)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[track_caller]
+    fn check(text: &str, value: f64, base: Base, per_seconds: u8) {
+        let quantity = Quantity::parse(text).unwrap();
+        assert_eq!((quantity.base, quantity.per_seconds), (base, per_seconds), "{text}");
+        assert!((quantity.value - value).abs() <= 1e-15 * value.abs(), "{text}: {} for {value}", quantity.value);
+    }
+
+    #[test]
+    fn reads_what_people_write() {
+        check("2.5 rev", 2.5, Base::Turn, 0);
+        check("90 deg", 0.25, Base::Turn, 0);
+        check("-90°", -0.25, Base::Turn, 0);
+        check("3.141592653589793 rad", 0.5, Base::Turn, 0);
+        check("2 turns", 2.0, Base::Turn, 0);
+        check("30 mm", 30.0, Base::Length, 0);
+        check("3 s", 3.0, Base::Time, 0);
+        check("100 ms", 0.1, Base::Time, 0);
+        check("10us", 1e-5, Base::Time, 0);
+        check("10 µs", 1e-5, Base::Time, 0);
+        check("1.5 min", 90.0, Base::Time, 0);
+        check("10 h", 36_000.0, Base::Time, 0);
+        check("1 tick", 1.0, Base::Tick, 0);
+        check("4_000 step/s", 4000.0, Base::Step, 1);
+        check("300 rpm", 5.0, Base::Turn, 1);
+        check("20000 step/s^2", 20_000.0, Base::Step, 2);
+        check("6e4 mm / min", 1000.0, Base::Length, 1);
+        check("7 rev/s³", 7.0, Base::Turn, 3);
+        check("360 deg/s²", 1.0, Base::Turn, 2);
+        check("2 full-steps", 2.0, Base::FullStep, 0);
+        check("2 Hz", 2.0, Base::Cycle, 1);
+        check("1 kHz", 1000.0, Base::Cycle, 1);
+        check("50mH", 0.05, Base::Inductance, 0);
+        check("0.135 A", 0.135, Base::Current, 0);
+        check("12 V", 12.0, Base::Voltage, 0);
+    }
+
+    #[test]
+    fn refuses_with_the_reason() {
+        let refused = |text: &str| Quantity::parse(text).unwrap_err();
+        assert_eq!(refused("2.5"), QuantityError::NoUnit { number: "2.5".into() });
+        assert_eq!(refused("fast"), QuantityError::NoNumber { text: "fast".into() });
+        assert_eq!(refused("1e999 s"), QuantityError::OutOfRange { number: "1e999".into() });
+        assert_eq!(
+            refused(" 2 rve"),
+            QuantityError::UnknownUnit { unit: "rve".into(), offset: 3, nearest: Some("rev") }
+        );
+        assert!(matches!(refused("2 s/s"), QuantityError::UnknownUnit { .. }));
+    }
+
+    #[test]
+    fn decimal_times_are_exact() {
+        let time = |text: &str| Quantity::parse(text).unwrap().time();
+        assert_eq!(time("100 ms"), Some(Time::from_ratio(1, 10)));
+        assert_eq!(time("0.1 s"), Some(Time::from_ratio(1, 10)));
+        assert_eq!(time("1e-1 s"), Some(Time::from_ratio(1, 10)));
+        assert_eq!(time("1.5 min"), Some(Time::from_ratio(90, 1)));
+        assert_eq!(time("2 rev"), None);
+        assert_eq!(Quantity::parse("3 Hz").unwrap().period(), Some(Time::from_ratio(1, 3)));
+        assert_eq!(Quantity::parse("0.5 Hz").unwrap().period(), Some(Time::from_ratio(2, 1)));
+        assert_eq!(Quantity::parse("0 Hz").unwrap().period(), None);
+    }
+
+    proptest! {
+        #[test]
+        fn never_panics(text in "\\PC{0,30}") {
+            if let Ok(quantity) = Quantity::parse(&text) {
+                prop_assert!(quantity.value.is_finite());
+                let _ = (quantity.time(), quantity.period(), quantity.kind().to_string());
+            }
+        }
+
+        #[test]
+        fn exact_time_agrees_with_the_float(mantissa in -1_000_000_000_000i64..1_000_000_000_000, places in 0usize..9, unit in "ns|us|ms|s|min|h") {
+            let divisor = 10f64.powi(places as i32);
+            let quantity = Quantity::parse(&format!("{:.*} {unit}", places, mantissa as f64 / divisor)).unwrap();
+            let time = quantity.time().unwrap().seconds();
+            prop_assert!((time - quantity.value).abs() <= 1e-15 * quantity.value.abs() + 1e-19);
+        }
+    }
+}
