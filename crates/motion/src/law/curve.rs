@@ -290,17 +290,6 @@ impl Curve {
         }
     }
 
-    /// Whether θ stays where it is.
-    pub(crate) fn is_constant(&self) -> bool {
-        match self {
-            Curve::Polynomial(c) => c.iter().skip(1).all(|&c| c == 0.0),
-            Curve::Cosine { amplitude, .. } => *amplitude == 0.0,
-            Curve::TimerRamp { factor, .. } => *factor == 0.0,
-            Curve::Formula(_) => false,
-            Curve::Sum(curves) => curves.iter().all(Curve::is_constant),
-        }
-    }
-
     /// Adds `steps` to θ.
     pub(crate) fn raise(&mut self, steps: f64) {
         match self {
@@ -378,18 +367,4 @@ fn expand<const N: usize>(c: impl DoubleEndedIterator<Item = f64>, u: f64) -> [f
         jet[0] = jet[0] * u + c;
     }
     jet
-}
-impl Curve {
-    /// tmp
-    pub fn inverse(&self, from: f64, to: f64) -> Option<Inverse> {
-        match self {
-            Curve::Cosine { offset, amplitude, omega, phase }
-                if *phase == 0.0 && from >= 0.0 && to * omega <= std::f64::consts::PI * (1.0 + 1e-12) =>
-            {
-                Some(Inverse::Arccosine { u0: 0.0, x0: offset + amplitude, swing: -2.0 * amplitude, omega: *omega })
-            }
-            Curve::Polynomial(c) if c.len() == 2 => Some(Inverse::Line { u0: 0.0, x0: c[0], speed: c[1] }),
-            _ => None,
-        }
-    }
 }
