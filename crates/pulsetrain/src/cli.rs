@@ -11,6 +11,7 @@ use pulsetrain_motion::{Time, boards};
 
 use crate::commands;
 use crate::console::{Console, Exit};
+use crate::prepare::Prepared;
 
 const EXIT_CODES: &str = "\
 Exit codes:
@@ -21,7 +22,7 @@ Exit codes:
 const EXAMPLES: &str = "\
 Examples:
   pulsetrain new crank                       write crank.toml, a motion file with comments
-  pulsetrain run crank.toml                  plan it, run it, judge it, draw it; files go to out/crank
+  pulsetrain run crank.toml                  plan it, run it, judge it, draw it: out/crank
   pulsetrain plan crank.toml --board uno     what it needs on an Uno; nothing runs
   pulsetrain explain crank.toml              why it is refused, and what would fit
   pulsetrain verify capture.vcd crank.toml   judge a logic analyser's capture";
@@ -98,6 +99,12 @@ pub(crate) struct Motion {
     /// How much of an endless motion, with its unit; the planned stop comes after [default: "10 s"]
     #[arg(long = "for", value_name = "TIME", value_parser = duration)]
     pub(crate) length: Option<Time>,
+}
+
+impl Motion {
+    pub(crate) fn prepare(&self) -> miette::Result<Prepared> {
+        Prepared::load(&self.file, self.board.as_deref(), self.length)
+    }
 }
 
 #[derive(Args, Debug)]
@@ -263,13 +270,18 @@ pub fn run_on<A: Into<OsString> + Clone>(args: impl IntoIterator<Item = A>, cons
             return Exit::Refused;
         }
         Err(help) => {
-            return finish(console.print(help.render()).map(|()| Exit::Success), console);
+            return finish(
+                console.print(format_args!("{}\n", help.to_string().trim_end())).map(|()| Exit::Success),
+                console,
+            );
         }
     };
     let outcome = match cli.command {
         Command::Motor(args) => commands::motor::run(&args, console),
         Command::Boards(args) => commands::boards::run(&args, console),
         Command::Drivers(args) => commands::drivers::run(&args, console),
+        Command::Plan(args) => commands::plan::run(&args, console),
+        Command::New(args) => commands::new::run(&args, console),
         _ => Ok(Exit::Success),
     };
     finish(outcome, console)

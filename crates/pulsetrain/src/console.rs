@@ -26,11 +26,11 @@ impl From<Exit> for std::process::ExitCode {
 
 /// A file, or the output, that could not be read or written.
 #[derive(Debug, thiserror::Error, Diagnostic)]
-#[error("cannot {action} {what}: {source}")]
+#[error("cannot {action} {what}: {error}")]
 pub struct Access {
     action: &'static str,
     what: String,
-    source: io::Error,
+    error: io::Error,
 }
 
 /// Where a command prints.
@@ -52,7 +52,7 @@ impl Console<'_> {
     pub fn print(&mut self, text: impl Display) -> miette::Result<()> {
         match write!(self.out, "{text}").and_then(|()| self.out.flush()) {
             Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-            Err(source) => Err(Access { action: "write to", what: "the output".into(), source }.into()),
+            Err(error) => Err(Access { action: "write to", what: "the output".into(), error }.into()),
             Ok(()) => Ok(()),
         }
     }
@@ -120,7 +120,7 @@ pub fn json(value: &impl serde::Serialize) -> miette::Result<String> {
 /// # Errors
 /// When it cannot be read.
 pub fn read(path: &Path) -> Result<Vec<u8>, Access> {
-    std::fs::read(path).map_err(|source| access("read", path, source))
+    std::fs::read(path).map_err(|error| access("read", path, error))
 }
 
 /// Writes a file, making the directories above it.
@@ -132,7 +132,7 @@ pub fn write(path: &Path, contents: &[u8]) -> Result<(), Access> {
     parent
         .map_or(Ok(()), std::fs::create_dir_all)
         .and_then(|()| std::fs::write(path, contents))
-        .map_err(|source| access("write", path, source))
+        .map_err(|error| access("write", path, error))
 }
 
 /// Opens a file for writing, making the directories above it.
@@ -145,11 +145,11 @@ pub fn create(path: &Path) -> Result<io::BufWriter<std::fs::File>, Access> {
         .map_or(Ok(()), std::fs::create_dir_all)
         .and_then(|()| std::fs::File::create(path))
         .map(io::BufWriter::new)
-        .map_err(|source| access("write", path, source))
+        .map_err(|error| access("write", path, error))
 }
 
 /// An [`Access`] error of a file.
 #[must_use]
-pub fn access(action: &'static str, path: &Path, source: io::Error) -> Access {
-    Access { action, what: path.display().to_string(), source }
+pub fn access(action: &'static str, path: &Path, error: io::Error) -> Access {
+    Access { action, what: path.display().to_string(), error }
 }

@@ -4,5 +4,8 @@
 pub mod cli;
 mod commands;
 pub mod console;
+pub mod fit;
 pub mod human;
 pub mod plot;
+pub mod prepare;
+pub mod report;

@@ -125,13 +125,19 @@ impl MotorReport {
         }
     }
 
-    /// `value` in steps (per s, per s²), and in the user's unit if that is another.
-    fn in_units(&self, value: f64, per: &str) -> String {
-        let steps = human::scaled(value, &format!("steps{per}"));
-        if self.unit == "steps" || self.unit == "step" {
-            return steps;
+    /// A peak in steps (per s, per s²), in the user's unit if that is another, and when.
+    fn in_units(&self, peak: Peak, per: &str) -> String {
+        let steps = human::scaled(peak.value, &format!("steps{per}"));
+        let at = human::seconds(peak.at_s);
+        if self.counts_steps() {
+            return format!("{steps} at {at}");
         }
-        format!("{steps} = {}", human::scaled(value / self.steps_per_unit, &format!("{}{per}", self.unit)))
+        let own = human::scaled(peak.value / self.steps_per_unit, &format!("{}{per}", self.unit));
+        format!("{steps} = {own} at {at}")
+    }
+
+    fn counts_steps(&self) -> bool {
+        self.unit == "steps" || self.unit == "step"
     }
 }
 
@@ -142,13 +148,15 @@ const LINES: &[Line] = &[
     ("steps", |m, _| human::count(m.steps.into())),
     ("final position", |m, _| {
         let steps = format!("{} steps", human::count(m.final_position.into()));
-        if m.final_position == 0 || m.unit == "steps" || m.unit == "step" {
+        if m.final_position == 0 || m.counts_steps() {
             return steps;
         }
         format!("{steps} = {} {}", human::significant(m.final_position as f64 / m.steps_per_unit, 6), m.unit)
     }),
     ("segments", |m, _| human::count(m.segments.into())),
-    ("payload", |m, _| format!("{} B, {} B/step", human::count(m.bytes.into()), human::significant(m.bytes_per_step, 3))),
+    ("payload", |m, _| {
+        format!("{} B, {} B/step", human::count(m.bytes.into()), human::significant(m.bytes_per_step, 3))
+    }),
     ("proven error", |m, _| {
         format!("≤ {} ticks = {}", human::significant(m.bound_ticks, 3), human::seconds(m.bound_s))
     }),
@@ -158,10 +166,8 @@ const LINES: &[Line] = &[
         None => "–".into(),
     }),
     ("highest rate", |m, _| m.peak_rate.map_or_else(|| "–".into(), |rate| human::scaled(rate, "steps/s"))),
-    ("fastest", |m, _| m.in_units(m.peak_speed.value, "/s")),
-    ("  at", |m, _| human::seconds(m.peak_speed.at_s)),
-    ("acceleration", |m, _| m.in_units(m.peak_acceleration.value, "/s²")),
-    ("  at", |m, _| human::seconds(m.peak_acceleration.at_s)),
+    ("fastest", |m, _| m.in_units(m.peak_speed, "/s")),
+    ("acceleration", |m, _| m.in_units(m.peak_acceleration, "/s²")),
 ];
 
 /// Lines that are shown when there is something to say.
@@ -171,7 +177,10 @@ const RARE_LINES: &[(fn(&MotorReport) -> bool, Line)] = &[
         |m| m.pairs_dropped > 0,
         ("  off by up to", |m, _| format!("{} steps", human::significant(m.worst_position_error, 3))),
     ),
-    (|m| m.steps_put_off > 0, ("put off (shared DIR)", |m, _| format!("{} steps", human::count(m.steps_put_off.into())))),
+    (
+        |m| m.steps_put_off > 0,
+        ("put off (shared DIR)", |m, _| format!("{} steps", human::count(m.steps_put_off.into()))),
+    ),
     (
         |m| m.steps_put_off > 0,
         ("  by up to", |m, tick_s| {

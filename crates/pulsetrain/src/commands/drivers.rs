@@ -60,8 +60,8 @@ pub(crate) fn run(args: &cli::Table, console: &mut Console<'_>) -> miette::Resul
         console.print_json(&rows)?;
         return Ok(Exit::Success);
     }
-    let mut table =
-        Table::new(["driver", "pulse high", "low", "DIR setup", "hold", "supply", "current", "what it is"]).left(&[0, 7]);
+    let mut table = Table::new(["driver", "pulse high", "low", "DIR setup", "hold", "supply", "current", "what it is"])
+        .left(&[0, 7]);
     for row in &rows {
         let time = |ns: u32| if ns == 0 { "–".into() } else { human::seconds(f64::from(ns) * 1e-9) };
         table.row([

@@ -1,6 +1,8 @@
 //! `pulsetrain motor`: how fast a winding lets a motor step.
 
+use miette::miette;
 use pulsetrain_motion::electrical::{Figure, Winding};
+use pulsetrain_motion::file;
 use serde::Serialize;
 
 use crate::cli::Motor;
@@ -79,7 +81,7 @@ fn section(rows: &[Row]) -> String {
 
 fn windings(args: &Motor) -> miette::Result<Vec<(String, Winding)>> {
     let (Some(inductance_h), Some(current_a), Some(voltage_v)) = (args.inductance, args.current, args.voltage) else {
-        return Ok(Vec::new());
+        return from_file(args);
     };
     let winding = Winding {
         inductance_h,
@@ -89,4 +91,15 @@ fn windings(args: &Motor) -> miette::Result<Vec<(String, Winding)>> {
         microsteps: args.microsteps,
     };
     Ok(vec![("motor".into(), winding)])
+}
+
+fn from_file(args: &Motor) -> miette::Result<Vec<(String, Winding)>> {
+    let Some(path) = &args.file else { return Ok(Vec::new()) };
+    let program = file::load(path)?;
+    let windings: Vec<_> = program.motors.into_iter().filter_map(|motor| Some((motor.name, motor.winding?))).collect();
+    if windings.is_empty() {
+        let help = "give a motor its electrical data: inductance, current, voltage";
+        return Err(miette!(help = help, "{}: no motor has electrical data", path.display()));
+    }
+    Ok(windings)
 }
