@@ -1,2 +1,75 @@
-//! Set-up, tests, benches: the one place that knows the toolchain.
-fn main() {}
+//! Set-up, tests, benches, golden files: the one place that knows the toolchain.
+//!
+//! # What is here
+//! - [`ci`], [`test`](mod@test): what must hold, each a list of commands
+//! - [`bench`](mod@bench), [`golden`], [`fuzz`]: what is measured, reviewed, tried
+//! - [`ruckig`]: S-curve durations against an independent library
+//! - [`boards`]: core built for the boards' processors
+//! - [`command`]: running a command, and saying which
+//!
+//! # What is not
+//! The tests themselves: they are in each crate's `tests/`, and those of the whole repository in `xtask/tests/`.
+#![forbid(unsafe_code)]
+
+mod bench;
+mod boards;
+mod ci;
+mod command;
+mod fuzz;
+mod golden;
+mod ruckig;
+mod test;
+
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+
+/// Development tasks of Pulsetrain; each installs what it needs.
+#[derive(Parser)]
+#[command(name = "cargo xtask", bin_name = "cargo xtask", after_help = AFTER_HELP)]
+struct Arguments {
+    #[command(subcommand)]
+    task: Task,
+}
+
+const AFTER_HELP: &str = "Examples:
+  cargo xtask test                 what a contributor runs before sending a change
+  cargo xtask ci                   what .ci/run runs
+  cargo xtask fuzz --seconds 600   longer than CI does";
+
+#[derive(Subcommand)]
+enum Task {
+    /// All tests, core built for the boards' processors, S-curves against ruckig
+    Test,
+    /// `test`, and: format, lints, documentation, fuzzing for a moment, more property-test cases, the README's first command
+    Ci,
+    /// Give random and damaged input to everything that reads some
+    Fuzz {
+        /// How long each target runs
+        #[arg(long, default_value_t = 60, value_name = "N")]
+        seconds: u64,
+        /// Only this target, as in fuzz/fuzz_targets
+        #[arg(long)]
+        target: Option<String>,
+    },
+    /// Measure every figure, print it, and write docs/benchmarks.md
+    Bench,
+    /// Write the golden files anew; read the difference before you commit it
+    Golden,
+}
+
+fn main() -> ExitCode {
+    let done = match Arguments::parse().task {
+        Task::Test => test::run(),
+        Task::Ci => ci::run(),
+        Task::Fuzz { seconds, target } => fuzz::run(seconds, target.as_deref()),
+        Task::Bench => bench::run(),
+        Task::Golden => golden::run(),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("xtask: {failure}");
+            ExitCode::FAILURE
+        }
+    }
+}

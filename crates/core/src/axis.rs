@@ -119,6 +119,12 @@ impl<const F: u32, const N: usize> Axis<F, N> {
         &self.channel
     }
 
+    /// The items waiting.
+    #[must_use]
+    pub const fn queue(&self) -> &Queue<N> {
+        &self.queue
+    }
+
     /// Whether a DIR edge could not come its set-up before the step: the plan left no room for it.
     #[must_use]
     pub const fn setup_cut_short(&self) -> bool {

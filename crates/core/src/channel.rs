@@ -97,24 +97,29 @@ impl<const F: u32> Channel<F> {
         }
     }
 
-    /// The next event, which stays next until [`take`](Channel::take).
+    /// The next event that is not after `limit`; it stays next until [`take`](Channel::take).
     ///
-    /// Items beyond a wait that ends after `limit` are not looked at; the event itself may come after `limit`.
+    /// `limit` goes up from call to call, by less than 2^30 ticks beyond the last [`pass`](Channel::pass).
     pub fn peek<const N: usize>(&mut self, queue: &mut Queue<N>, limit: Moment) -> Option<Event> {
         loop {
             let tick = if self.left > 0 { self.next_tick() } else { self.last_tick() };
             if self.committed {
                 return Some(Event { tick, kind: Kind::Step });
             }
+            // Before anything else: beyond the limit, ticks may be too far from others to be compared with them.
+            let beyond = self.anchored && limit.is_before(tick);
             if let Some(switch) = self.switches[0] {
-                let old_may_go_on = self.left > 0 || self.has_item(queue);
-                if !old_may_go_on || (self.anchored && !tick.is_before(switch.at)) {
+                let at_end = self.left == 0 && !self.has_item(queue);
+                if beyond || at_end || (self.anchored && !tick.is_before(switch.at)) {
                     if limit.is_before(switch.at) {
                         return None;
                     }
                     self.begin(switch, queue);
                     continue;
                 }
+            }
+            if beyond {
+                return None;
             }
             if self.left > 0 {
                 if tick.is_before(self.horizon) {
@@ -125,7 +130,7 @@ impl<const F: u32> Channel<F> {
                 let kind = if turned || self.assert_every_step { Kind::Direction(self.direction) } else { Kind::Step };
                 return Some(Event { tick, kind });
             }
-            if self.anchored && limit.is_before(tick) || !self.has_item(queue) {
+            if !self.has_item(queue) {
                 return None;
             }
             self.load(queue.pop()?.item);
@@ -277,11 +282,11 @@ impl<const F: u32> Channel<F> {
 
     /// The scheduled tick of the last step, or the end of the wait after it.
     const fn last_tick(&self) -> Moment {
-        Moment::of_fixed::<F>(self.recurrence.accumulator)
+        Moment::of(self.recurrence.accumulator >> F)
     }
 
     /// The scheduled tick of the next step.
     const fn next_tick(&self) -> Moment {
-        Moment::of_fixed::<F>(self.recurrence.accumulator.wrapping_add_signed(self.recurrence.interval))
+        Moment::of(self.recurrence.accumulator.wrapping_add_signed(self.recurrence.interval) >> F)
     }
 }

@@ -21,22 +21,24 @@ use crate::output::Edge;
 #[derive(Clone, Debug)]
 pub struct Merge<const N: usize> {
     heads: [Option<Edge>; N],
-    /// Streams that had nothing to give since `reopen`; bit i is stream i.
-    dry: u32,
+    /// Streams that have a head or may be asked for one; bit i is stream i.
+    open: u32,
     levels: u32,
 }
 
 impl<const N: usize> Merge<N> {
+    const ALL: u32 = if N == 32 { u32::MAX } else { (1 << N) - 1 };
+
     /// All lines low.
     #[must_use]
     pub const fn new() -> Merge<N> {
         const { assert!(N <= 32) };
-        Merge { heads: [None; N], dry: 0, levels: 0 }
+        Merge { heads: [None; N], open: Self::ALL, levels: 0 }
     }
 
     /// Asks streams again that had nothing to give: when there is more to come, or time went on.
     pub const fn reopen(&mut self) {
-        self.dry = 0;
+        self.open = Self::ALL;
     }
 
     /// The next edge; `pull(i)` gives the next of stream i, or `None` if it has none for now.
@@ -44,15 +46,15 @@ impl<const N: usize> Merge<N> {
         loop {
             let tick = self.earliest(&mut pull)?;
             let before = self.levels;
-            for (stream, head) in self.heads.iter_mut().enumerate() {
-                while let Some(edge) = *head
+            for stream in streams(self.open) {
+                while let Some(edge) = self.heads[stream]
                     && edge.tick == tick
                 {
                     self.levels = (self.levels & !edge.clear) | edge.set;
-                    *head = pull(stream);
-                    if head.is_none() {
-                        self.dry |= 1 << stream;
-                    }
+                    self.heads[stream] = pull(stream);
+                }
+                if self.heads[stream].is_none() {
+                    self.open &= !(1 << stream);
                 }
             }
             let changed = before ^ self.levels;
@@ -70,21 +72,27 @@ impl<const N: usize> Merge<N> {
 
     fn earliest(&mut self, pull: &mut impl FnMut(usize) -> Option<Edge>) -> Option<Moment> {
         let mut earliest: Option<Moment> = None;
-        for (stream, head) in self.heads.iter_mut().enumerate() {
-            if head.is_none() && self.dry & (1 << stream) == 0 {
-                *head = pull(stream);
-                if head.is_none() {
-                    self.dry |= 1 << stream;
-                }
+        for stream in streams(self.open) {
+            if self.heads[stream].is_none() {
+                self.heads[stream] = pull(stream);
             }
-            if let Some(edge) = head
-                && earliest.is_none_or(|tick| edge.tick.is_before(tick))
-            {
-                earliest = Some(edge.tick);
+            match self.heads[stream] {
+                None => self.open &= !(1 << stream),
+                Some(edge) if earliest.is_none_or(|tick| edge.tick.is_before(tick)) => earliest = Some(edge.tick),
+                Some(_) => {}
             }
         }
         earliest
     }
+}
+
+/// The numbers of the bits that are set.
+fn streams(mut bits: u32) -> impl Iterator<Item = usize> {
+    core::iter::from_fn(move || {
+        let stream = bits.trailing_zeros();
+        bits &= bits.wrapping_sub(1);
+        if stream < u32::BITS { usize::try_from(stream).ok() } else { None }
+    })
 }
 
 impl<const N: usize> Default for Merge<N> {

@@ -35,10 +35,10 @@ impl Moment {
         self.0.wrapping_sub(earlier.0)
     }
 
-    /// The whole ticks of a fixed-point time with `F` (at most 32) fraction bits.
+    /// The moment of a tick, counted in 64 bits.
     #[expect(clippy::cast_possible_truncation, reason = "moments wrap; this is where they do")]
     #[must_use]
-    pub const fn of_fixed<const F: u32>(time: u64) -> Moment {
-        Moment((time >> F) as u32)
+    pub const fn of(tick: u64) -> Moment {
+        Moment(tick as u32)
     }
 }

@@ -27,12 +27,16 @@
 //! | 0 | 0–2 | 7 |
 //! | | 3–7 | what: see [`Control`] |
 //! | 1 | | 0 |
-//! | 2–5 | | dwell: ticks; anchor: tick; little-endian. Otherwise absent |
+//! | 2–5 | | dwell: ticks; anchor: tick; exact: count; little-endian. Otherwise absent |
+//! | 6–13, 14–21, 22–29 | | exact only: interval, add, add2, little-endian, two's complement; those beyond the count absent |
+//!
+//! An exact segment is one that the units or widths of a correction cannot say: a step that was put off because of
+//! a shared DIR line, say. It serves for prediction like any other.
 
 use crate::{Direction, Item, Moment, Segment};
 
-/// The longest packed item: a reversal, header, explicit count of three bytes, three wide corrections.
-pub const MAX_PACKED_LEN: usize = 2 + 1 + 3 + 3 * 5;
+/// The longest packed item: a reversal and an exact segment.
+pub const MAX_PACKED_LEN: usize = 2 + 2 + 4 + 3 * 8;
 
 /// The largest count that can be given explicitly.
 pub const MAX_EXPLICIT_COUNT: u32 = 65_535;
@@ -55,6 +59,8 @@ pub enum Control {
     Dwell = 2,
     /// Set the accumulator.
     Anchor = 3,
+    /// A segment in full.
+    Exact = 4,
 }
 
 /// The unit of a correction is 2^-(shift) tick; `order` 1 is the interval, 2 add, 3 add2.
@@ -115,6 +121,13 @@ impl State {
         State { previous_count: 4, interval: 0, add: 0, add2: 0, direction }
     }
 
+    /// The registers, the first `said` of them replaced.
+    fn with(&self, said: usize, registers: [i64; 3]) -> [i64; 3] {
+        let mut all = [self.interval, self.add, self.add2];
+        all[..said].copy_from_slice(&registers[..said]);
+        all
+    }
+
     /// The registers after `segment` has been run with them.
     const fn after(self, segment: &Segment) -> State {
         let Segment { interval, add, add2, .. } = segment.after(segment.count);
@@ -131,23 +144,8 @@ impl Default for State {
 /// An item that cannot be packed as it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PackError {
-    /// The count is 0, or more than [`MAX_EXPLICIT_COUNT`] and not near the count before. Split the segment.
-    Count {
-        /// The count.
-        count: u32,
-    },
-    /// The register is not its prediction + a multiple of the unit.
-    Grid {
-        /// 1 the interval, 2 add, 3 add2.
-        order: u32,
-        /// The unit, ticks · 2^F.
-        unit: i64,
-    },
-    /// The correction takes more than 5 bytes, or the three take widths that no header has.
-    TooWide {
-        /// 1 the interval, 2 add, 3 add2: the widest.
-        order: u32,
-    },
+    /// A segment has no steps.
+    NoSteps,
     /// The buffer is shorter than the packed item.
     Buffer {
         /// Bytes needed.
@@ -207,16 +205,19 @@ impl Packing {
     /// Bytes that `segment` takes after `state`, in the same direction.
     ///
     /// # Errors
-    /// When it cannot be packed.
+    /// When it has no steps.
     pub fn packed_len(&self, state: &State, segment: &Segment) -> Result<usize, PackError> {
-        Ok(self.layout(state, segment)?.len(segment.count))
+        if segment.count == 0 {
+            return Err(PackError::NoSteps);
+        }
+        Ok(self.layout(state, segment).map_or(2 + 4 + 8 * fields_of(segment.count), |layout| layout.len(segment.count)))
     }
 
     /// Packs `item` into the front of `out`, moves `state` on and gives the number of bytes: at most
     /// [`MAX_PACKED_LEN`]. A run in the other direction brings the reversal along.
     ///
     /// # Errors
-    /// When it cannot be packed or does not fit; `state` stays then.
+    /// When a segment has no steps, or `out` is too short; `state` stays then.
     ///
     /// ```
     /// use pulsetrain_core::packing::{Packing, State};
@@ -247,11 +248,26 @@ impl Packing {
                     start = State::new(direction);
                     writer.control(Control::Reverse, &[]);
                 }
-                let layout = self.layout(&start, &segment)?;
-                layout.write(segment.count, &mut writer);
+                if segment.count == 0 {
+                    return Err(PackError::NoSteps);
+                }
+                let [_, add, add2] = match self.layout(&start, &segment) {
+                    Some(layout) => {
+                        layout.write(segment.count, &mut writer);
+                        self.corrected(&start, layout.fields.map(|(k, _)| k))
+                    }
+                    None => {
+                        writer.control(Control::Exact, &segment.count.to_le_bytes());
+                        let registers = [segment.interval, segment.add, segment.add2];
+                        let said = fields_of(segment.count);
+                        for register in &registers[..said] {
+                            writer.bytes(&register.to_le_bytes());
+                        }
+                        start.with(said, registers)
+                    }
+                };
                 writer.finish()?;
-                let [interval, add, add2] = self.corrected(&start, layout.fields.map(|(k, _)| k));
-                *state = start.after(&Segment { count: segment.count, interval, add, add2 });
+                *state = start.after(&Segment { add, add2, ..segment });
             }
         }
         writer.finish()
@@ -305,6 +321,20 @@ impl Packing {
                 1 => now = State::new(now.direction),
                 2 => break Some(Item::Dwell { ticks: u32::from_le_bytes(take(&mut rest)?) }),
                 3 => break Some(Item::Anchor { tick: Moment(u32::from_le_bytes(take(&mut rest)?)) }),
+                4 => {
+                    let count = u32::from_le_bytes(take(&mut rest)?);
+                    if count == 0 {
+                        return Err(UnpackError::ZeroCount);
+                    }
+                    let (mut registers, said) = ([0; 3], fields_of(count));
+                    for register in &mut registers[..said] {
+                        *register = i64::from_le_bytes(take(&mut rest)?);
+                    }
+                    let [interval, add, add2] = now.with(said, registers);
+                    let segment = Segment { count, interval, add, add2 };
+                    now = now.after(&segment);
+                    break Some(Item::Run { segment, direction: now.direction });
+                }
                 control => return Err(UnpackError::UnknownControl { control }),
             }
         };
@@ -338,16 +368,17 @@ impl Packing {
         ]
     }
 
-    fn layout(&self, state: &State, segment: &Segment) -> Result<Layout, PackError> {
+    /// How the corrections say `segment`, which has steps; `None` if they cannot.
+    fn layout(&self, state: &State, segment: &Segment) -> Option<Layout> {
         let n = state.previous_count;
         let count = segment.count;
         let by_code = [n >> 1, n >> 2, n >> 3, 0].map(|more| n.checked_add(more));
         let less = [n >> 3, n >> 2, n >> 1].map(|less| Some(n - less));
         let codes = by_code.iter().chain(&less);
         let count_code = match (0..EXPLICIT_COUNT).zip(codes).find(|&(_, &coded)| coded == Some(count)) {
-            Some((code, _)) if count > 0 => code,
-            _ if 0 < count && count <= MAX_EXPLICIT_COUNT => EXPLICIT_COUNT,
-            _ => return Err(PackError::Count { count }),
+            Some((code, _)) => code,
+            None if count <= MAX_EXPLICIT_COUNT => EXPLICIT_COUNT,
+            None => return None,
         };
 
         let exponents = self.exponents(n);
@@ -358,13 +389,11 @@ impl Packing {
         ];
         let present = fields_of(count);
         let mut fields = [(0, 0); 3];
-        for (order, ((field, difference), exponent)) in
-            (1..).zip(fields.iter_mut().zip(differences).zip(exponents)).take(present)
-        {
+        for ((field, difference), exponent) in fields.iter_mut().zip(differences).zip(exponents).take(present) {
             if difference & ((1 << exponent) - 1) != 0 {
-                return Err(PackError::Grid { order, unit: 1 << exponent });
+                return None;
             }
-            let correction = i64::try_from(difference >> exponent).map_err(|_| PackError::TooWide { order })?;
+            let correction = i64::try_from(difference >> exponent).ok()?;
             *field = (correction, width_of(correction));
         }
 
@@ -389,13 +418,7 @@ impl Packing {
                 best = Some((total, layout));
             }
         }
-        match best {
-            Some((_, layout)) => Ok(layout),
-            None => {
-                let widest = (1..).zip(fields).max_by_key(|(_, (_, width))| *width);
-                Err(PackError::TooWide { order: widest.map_or(1, |(order, _)| order) })
-            }
-        }
+        best.map(|(_, layout)| layout)
     }
 }
 
@@ -554,6 +577,16 @@ mod tests {
     }
 
     #[test]
+    fn what_corrections_cannot_say_is_said_in_full() {
+        use Direction::Forward;
+        let exact = |count: u8| [0b100_111, 0, count, 0, 0, 0];
+        // Off the grid of units, too wide, and a count beyond two bytes.
+        check(&[run(1, 5, 0, 0, Forward)], &[&exact(1)[..], &[5, 0, 0, 0, 0, 0, 0, 0]].concat());
+        check(&[run(2, 0, 1 << 56, 0, Forward)], &[&exact(2)[..], &[0; 15], &[1]].concat());
+        check(&[run(1 << 16, 0, 0, 0, Forward)], &[&[0b100_111, 0, 0, 0, 1, 0][..], &[0; 24]].concat());
+    }
+
+    #[test]
     fn what_cannot_be_packed_says_why() {
         let mut state = State::default();
         let mut buffer = [0; MAX_PACKED_LEN];
@@ -562,13 +595,8 @@ mod tests {
             assert_eq!(PACKING.pack(&mut state, &item, &mut buffer[..len]), Err(expected));
             assert_eq!(state, before);
         };
-        use Direction::Forward;
-        check(run(0, 1 << 16, 0, 0, Forward), 21, PackError::Count { count: 0 });
-        check(run(65_536, 1 << 16, 0, 0, Forward), 21, PackError::Count { count: 65_536 });
-        check(run(3, 1, 0, 0, Forward), 21, PackError::Grid { order: 1, unit: 1 << 11 });
-        check(run(3, 0, 0, 1, Forward), 21, PackError::Grid { order: 3, unit: 1 << 12 });
-        check(run(3, 1 << 60, 0, 0, Forward), 21, PackError::TooWide { order: 1 });
-        check(run(3, 0, 1 << 60, 0, Forward), 21, PackError::TooWide { order: 2 });
+        check(run(0, 1 << 16, 0, 0, Direction::Forward), MAX_PACKED_LEN, PackError::NoSteps);
+        check(run(3, 1, 0, 0, Direction::Backward), 31, PackError::Buffer { needed: 32 });
         check(Item::Dwell { ticks: 1 }, 5, PackError::Buffer { needed: 6 });
     }
 
@@ -583,9 +611,10 @@ mod tests {
             fraction_bits in 0u32..=32,
             gain in -40i8..=40,
             steps in prop::collection::vec(
-                (prop_oneof![1u32..6, 1u32..65_536], corrections(), corrections(), corrections(), any::<bool>()),
+                (prop_oneof![1u32..6, 1u32..100_000], corrections(), corrections(), corrections(), any::<bool>()),
                 1..20,
             ),
+            off_grid in 0i64..2,
         ) {
             let packing = Packing { fraction_bits, gain };
             let (mut here, mut there) = (State::default(), State::default());
@@ -594,7 +623,7 @@ mod tests {
                 let start = if direction == here.direction { here } else { State::new(direction) };
                 let units = packing.units(start.previous_count);
                 let (Some(interval), Some(add), Some(add2)) = (
-                    k1.checked_mul(units[0]).and_then(|d| start.interval.checked_add(d)),
+                    k1.checked_mul(units[0]).and_then(|d| start.interval.checked_add(d + off_grid)),
                     k2.checked_mul(units[1]).and_then(|d| start.add.checked_add(d)),
                     k3.checked_mul(units[2]).and_then(|d| start.add2.checked_add(d)),
                 ) else { continue };

@@ -29,13 +29,13 @@ pub(crate) struct Expansion {
     /// q_1..q_7; q_0 is 0.
     pub(crate) q: [f64; 8],
     remainder: Remainder,
+    /// What rounding may have done to s itself, steps.
+    doubt: f64,
 }
 
 #[derive(Clone, Copy, Debug)]
 enum Remainder {
-    /// The series ends: only rounding is left.
-    Exact,
-    /// Coefficients of t' are at most `slope`/`radius`^k: the nearest singularity is `radius` steps away.
+    /// Coefficients of t' are at most `slope`/`radius`^k: the nearest singularity is `radius` steps away, or none.
     Closed { slope: f64, radius: f64 },
     /// Reverted from a jet of the law.
     Reverted { c: Jet, eighth: f64, rounding: Jet },
@@ -64,6 +64,7 @@ impl Expansion {
             tick: u * frame.tick_hz,
             q: reverted(&c),
             remainder: Remainder::Reverted { c, eighth, rounding },
+            doubt: 0.0,
         })
     }
 
@@ -71,18 +72,23 @@ impl Expansion {
     pub(crate) fn from_inverse(frame: &Frame, inverse: &Inverse, center: f64) -> Expansion {
         let hz = frame.tick_hz;
         let mut q = [0.0; 8];
+        // Three positions are subtracted, each rounded once or twice on its way here.
+        let doubt = |x0: f64| 8.0 * ULP * (x0.abs() + frame.zero.abs() + center.abs());
         match *inverse {
             Inverse::Line { u0, x0, speed } => {
                 // u = u0 + (x − x0)/speed with x = zero + sign·s.
                 q[1] = frame.sign * hz / speed;
                 let tick = u0 * hz + ((frame.zero - x0) + frame.sign * center) * hz / speed;
-                Expansion { center, tick, q, remainder: Remainder::Exact }
+                let remainder = Remainder::Closed { slope: q[1].abs(), radius: f64::INFINITY };
+                Expansion { center, tick, q, remainder, doubt: doubt(x0) }
             }
             Inverse::Quadratic { x0, c } => {
                 let x = (frame.zero - x0) + frame.sign * center;
                 q[1] = frame.sign * (c[1] + 2.0 * c[2] * x) * hz;
                 q[2] = c[2] * hz;
-                Expansion { center, tick: (c[0] + (c[1] + c[2] * x) * x) * hz, q, remainder: Remainder::Exact }
+                // A series of two terms has no singularity.
+                let remainder = Remainder::Closed { slope: q[1].abs(), radius: f64::INFINITY };
+                Expansion { center, tick: (c[0] + (c[1] + c[2] * x) * x) * hz, q, remainder, doubt: doubt(x0) }
             }
             Inverse::Parabola { u0, x0, half_acceleration, later } => {
                 // Distance from the turning point in s: d = sign·(x − x0)·side, u = u0 ± √(d/|half_acceleration|).
@@ -99,7 +105,7 @@ impl Expansion {
                 }
                 q[0] = 0.0;
                 let remainder = Remainder::Closed { slope: q[1].abs(), radius: distance };
-                Expansion { center, tick: u0 * hz + side * root, q, remainder }
+                Expansion { center, tick: u0 * hz + side * root, q, remainder, doubt: doubt(x0) }
             }
             Inverse::Arccosine { u0, x0, swing, omega } => {
                 let swing = swing.abs();
@@ -120,7 +126,8 @@ impl Expansion {
                     q[k + 1] = f[k] / (k as f64 + 1.0);
                 }
                 let remainder = Remainder::Closed { slope: f[0], radius: gone.min(swing - gone) };
-                Expansion { center: turn + gone, tick: arccosine_tick(frame, u0, swing, omega, gone), q, remainder }
+                let tick = arccosine_tick(frame, u0, swing, omega, gone);
+                Expansion { center: turn + gone, tick, q, remainder, doubt: doubt(x0) }
             }
         }
     }
@@ -141,7 +148,7 @@ impl Expansion {
         // The tick itself, and the evaluation of the polynomial: a few roundings each.
         let rounding = 4.0 * ULP * self.tick.abs() + 16.0 * ULP * span;
         match &self.remainder {
-            Remainder::Exact => rounding,
+            Remainder::Closed { slope, .. } if span == 0.0 => slope * self.doubt + rounding,
             Remainder::Closed { slope, radius } => {
                 let z = reach / radius;
                 if z > 0.9 {
@@ -149,8 +156,11 @@ impl Expansion {
                 }
                 let z2 = z * z;
                 let z4 = z2 * z2;
-                // Σ_{k≥7} slope·radius·z^(k+1)/(k+1); each coefficient comes from at most 16 roundings.
-                slope * radius * (z4 * z4 / (8.0 * (1.0 - z)) + 32.0 * ULP * z / (1.0 - z)) + rounding
+                // Σ_{k≥7} slope·radius·z^(k+1)/(k+1); each coefficient comes from at most 16 roundings, and the
+                // slope in reach is at most slope/(1 − z), or linear where there is no singularity.
+                let tail = if z > 0.0 { slope * radius * z4 * z4 / (8.0 * (1.0 - z)) } else { 0.0 };
+                let steepest = (slope + 2.0 * self.q[2].abs() * reach) / (1.0 - z);
+                tail + steepest * (32.0 * ULP * reach + self.doubt) + rounding
             }
             Remainder::Reverted { c, eighth, rounding: jet_rounding } => {
                 let outside = (window.0 - (self.tick + first)).max(self.tick + last - window.1).max(0.0);

@@ -1,0 +1,528 @@
+//! The native board: core's queue, channel, output and merge for each motor, in virtual time.
+//!
+//! Ticks are 64 bits here; the moments of the stepgen are extended as time goes on. Time moves only by
+//! [`Native::advance`] and [`Native::stop_now`], and each tick is passed once.
+
+use pulsetrain_core::channel;
+use pulsetrain_core::output::{Coils, Output, Sequence, StepDir, StepDirSettings};
+use pulsetrain_core::{Axis, Direction, Entry, Epoch, Merge, Moment};
+
+/// Motors at most.
+pub const MAX_MOTORS: usize = 16;
+
+/// Items that the queue of a motor holds.
+pub const QUEUE_LEN: usize = 256;
+
+/// Lines at most.
+pub const MAX_LINES: u8 = 32;
+
+/// Longest stretch that is run at once: moments are told apart within 2^31 ticks, and set-up and pulse reach beyond.
+const STRETCH: u64 = 1 << 29;
+
+/// Everything that a native board needs to know.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Config {
+    /// F of the recurrence: 16, 24 or 32.
+    pub fraction_bits: u32,
+    /// At most [`MAX_MOTORS`].
+    pub motors: Vec<MotorConfig>,
+}
+
+/// One motor of a native board.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct MotorConfig {
+    /// Its lines, all below [`MAX_LINES`].
+    pub wiring: Wiring,
+    /// The shortest interval that the motor can start and stop at, ticks: see [`StopReport::uncertain`].
+    pub pull_in_ticks: u64,
+}
+
+/// The lines of a motor and their timing. Motors may share a DIR line and nothing else.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Wiring {
+    /// A step/dir driver; a step is a rising edge.
+    StepDir {
+        /// Line of STEP.
+        step: u8,
+        /// Line of DIR.
+        dir: u8,
+        /// DIR is high for forward.
+        forward_high: bool,
+        /// STEP stays high so long, 1..2^29.
+        pulse_ticks: u32,
+        /// DIR changes so long before the step that it is for, below 2^29.
+        setup_ticks: u32,
+    },
+    /// Four coils.
+    Coils {
+        /// IN1 to IN4.
+        lines: [u8; 4],
+        /// How they are switched.
+        sequence: Sequence,
+        /// Off if no step follows so soon after one, below 2^29; `None` holds.
+        release_ticks: Option<u32>,
+    },
+}
+
+impl Wiring {
+    fn lines(&self) -> Vec<u8> {
+        match *self {
+            Wiring::StepDir { step, dir, .. } => vec![step, dir],
+            Wiring::Coils { lines, .. } => lines.to_vec(),
+        }
+    }
+
+    fn longest_ticks(&self) -> u32 {
+        match *self {
+            Wiring::StepDir { pulse_ticks, setup_ticks, .. } => pulse_ticks.max(setup_ticks),
+            Wiring::Coils { release_ticks, .. } => release_ticks.unwrap_or(0),
+        }
+    }
+}
+
+/// A configuration that no board has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ConfigError {
+    /// F is not one of 16, 24, 32.
+    #[error("{0} fraction bits: a native board has 16, 24 or 32")]
+    FractionBits(u32),
+    /// More than [`MAX_MOTORS`].
+    #[error("{0} motors: a native board has at most {MAX_MOTORS}")]
+    Motors(usize),
+    /// A line that is not there.
+    #[error("line {0}: a native board has lines 0 to 31")]
+    Line(u8),
+    /// A line that two things use, and that is not DIR of both.
+    #[error("line {0} is used twice")]
+    LineTaken(u8),
+    /// A pulse, set-up or release of 2^29 ticks or more, or a pulse of none.
+    #[error("a time of {0} ticks: a native board keeps 1 to 2^29 - 1")]
+    Ticks(u32),
+}
+
+/// One line that changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Edge {
+    /// When.
+    pub tick: u64,
+    /// Which line.
+    pub line: u8,
+    /// High?
+    pub level: bool,
+}
+
+/// One step as the stepgen scheduled it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ScheduledStep {
+    /// Index of the motor.
+    pub motor: usize,
+    /// When.
+    pub tick: u64,
+    /// Which way it counts.
+    pub direction: Direction,
+}
+
+/// What looks on while a board runs. Any `FnMut(Edge)` does.
+pub trait Observer {
+    /// Edges come in order of ticks, those of one tick in order of lines.
+    fn edge(&mut self, edge: Edge);
+
+    /// Steps come in order of ticks for each motor, before their edge.
+    fn step(&mut self, step: ScheduledStep) {
+        let _ = step;
+    }
+}
+
+impl<T: FnMut(Edge)> Observer for T {
+    fn edge(&mut self, edge: Edge) {
+        self(edge);
+    }
+}
+
+/// A switch that was refused whole: the old plan goes on on all motors.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum SwitchRefused {
+    /// A motor is committed beyond that tick.
+    #[error("the board is committed up to tick {horizon}")]
+    Late {
+        /// The first tick at which a switch would be accepted now.
+        horizon: u64,
+    },
+    /// The tick is 2^30 or more ahead of the board's time.
+    #[error("the switch is too far ahead: only ticks before {limit} can be told apart")]
+    Early {
+        /// First tick that is too far.
+        limit: u64,
+    },
+    /// Too many switches wait already.
+    #[error("{} switches wait already", channel::SWITCHES)]
+    Full,
+}
+
+/// What is left after an immediate stop.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct StopReport {
+    /// The tick after which no step was begun.
+    pub tick: u64,
+    /// Steps made, of each motor: exact.
+    pub positions: Vec<i64>,
+    /// Whether the motor was faster than it can stop at once, so that it may stand elsewhere.
+    pub uncertain: Vec<bool>,
+}
+
+/// What went wrong on one motor, by a plan that no planner should have let through.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Faults {
+    /// This epoch asked for a step that came too late, or too soon after another; what followed was dropped.
+    pub step_missed: bool,
+    /// A DIR edge came later than its set-up before the step.
+    pub setup_cut_short: bool,
+}
+
+/// A board in virtual time.
+///
+/// ```
+/// use pulsetrain_board::{Config, Edge, MotorConfig, Native, Wiring};
+/// use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+///
+/// let wiring = Wiring::StepDir { step: 8, dir: 9, forward_high: true, pulse_ticks: 10, setup_ticks: 5 };
+/// let motor = MotorConfig { wiring, pull_in_ticks: 1000 };
+/// let mut board = Native::new(&Config { fraction_bits: 16, motors: vec![motor] })?;
+/// let segment = Segment { count: 2, interval: 100 << 16, add: 0, add2: 0 };
+/// for item in [Item::Anchor { tick: Moment(0) }, Item::Run { segment, direction: Direction::Forward }] {
+///     board.push(0, Entry { epoch: Epoch(0), item }).expect("room");
+/// }
+/// let mut edges = Vec::new();
+/// board.advance(150, &mut |edge: Edge| edges.push((edge.tick, edge.line, edge.level)));
+/// assert_eq!(edges, [(95, 9, true), (100, 8, true), (110, 8, false)]);
+/// assert_eq!(board.positions(), [1]);
+/// # Ok::<(), pulsetrain_board::native::ConfigError>(())
+/// ```
+#[derive(Debug)]
+pub struct Native {
+    engine: Box<dyn Engine>,
+    motors: Vec<Motor>,
+    /// The first tick that has not been passed.
+    now: u64,
+}
+
+/// What the board remembers of a motor beyond its axis.
+#[derive(Clone, Debug)]
+struct Motor {
+    position: i64,
+    pull_in_ticks: u64,
+    /// Ticks of the last step and the one before.
+    last: [Option<u64>; 2],
+}
+
+impl Native {
+    /// A board at tick 0, all lines low, all motors at position 0, in epoch 0.
+    ///
+    /// # Errors
+    /// When the configuration asks for what no board has.
+    pub fn new(config: &Config) -> Result<Native, ConfigError> {
+        let outputs = outputs(config)?;
+        let engine: Box<dyn Engine> = match config.fraction_bits {
+            16 => Box::new(Axes::<16>::new(outputs)),
+            24 => Box::new(Axes::<24>::new(outputs)),
+            32 => Box::new(Axes::<32>::new(outputs)),
+            bits => return Err(ConfigError::FractionBits(bits)),
+        };
+        let motors = config
+            .motors
+            .iter()
+            .map(|motor| Motor { position: 0, pull_in_ticks: motor.pull_in_ticks, last: [None; 2] })
+            .collect();
+        Ok(Native { engine, motors, now: 0 })
+    }
+
+    /// Puts an item last in a motor's queue.
+    ///
+    /// # Errors
+    /// A full queue hands it back, and so does a motor that is not there.
+    pub fn push(&mut self, motor: usize, entry: Entry) -> Result<(), Entry> {
+        self.engine.push(motor, entry)
+    }
+
+    /// Free places in a motor's queue.
+    #[must_use]
+    pub fn credit(&self, motor: usize) -> usize {
+        self.engine.credit(motor)
+    }
+
+    /// At `tick`, all motors drop what is left of the old epoch and begin `epoch`.
+    ///
+    /// A step of the old epoch at `tick` or later is not made. Switches that wait at `tick` or later are replaced.
+    ///
+    /// # Errors
+    /// All motors or none: when one refuses, the items of `epoch` that were pushed last are dropped, and the old plan
+    /// goes on.
+    pub fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<(), SwitchRefused> {
+        let limit = self.now + (1 << 30);
+        let answer = if tick < self.horizon() {
+            Err(SwitchRefused::Late { horizon: self.horizon() })
+        } else if tick >= limit {
+            Err(SwitchRefused::Early { limit })
+        } else {
+            self.engine.switch(epoch, Moment::of(tick)).map_err(|_| SwitchRefused::Full)
+        };
+        if answer.is_err() {
+            self.engine.discard(epoch);
+        }
+        answer
+    }
+
+    /// The first tick that is open on all motors: a switch is accepted from there on.
+    #[must_use]
+    pub fn horizon(&self) -> u64 {
+        // No axis is committed further ahead than the longest set-up or pulse.
+        let ahead = self.engine.horizons().map(|horizon| horizon.since(Moment::of(self.now)));
+        self.now + ahead.filter(|&ahead| ahead < 1 << 31).max().map_or(0, u64::from)
+    }
+
+    /// The first tick that has not been passed.
+    #[must_use]
+    pub fn now(&self) -> u64 {
+        self.now
+    }
+
+    /// Makes all edges up to and with tick `until`.
+    pub fn advance(&mut self, until: u64, observer: &mut impl Observer) {
+        while self.now <= until {
+            let end = until.min(self.now + STRETCH - 1);
+            let mut watch = Watch { now: self.now, motors: &mut self.motors, observer };
+            self.engine.run(Moment::of(end), &mut watch);
+            self.now = end + 1;
+        }
+    }
+
+    /// Makes all edges up to and with `tick`, and then begins no step more, whatever was planned. A pulse that was
+    /// begun ends as it should.
+    ///
+    /// An unplanned stop: only for when no planned one will do. After it motors move again with an anchor.
+    pub fn stop_now(&mut self, tick: u64, observer: &mut impl Observer) -> StopReport {
+        self.advance(tick, observer);
+        let tick = self.now - 1;
+        let going = self.engine.stop();
+        let uncertain = self
+            .motors
+            .iter()
+            .zip(going)
+            .map(|(motor, going)| {
+                let [Some(last), Some(before)] = motor.last else { return false };
+                // Slower than that since its last step, it is slow enough now.
+                going && (last - before).max(tick - last) < motor.pull_in_ticks
+            })
+            .collect();
+        StopReport { tick, positions: self.positions(), uncertain }
+    }
+
+    /// Steps forward minus steps backward of each motor: pulses begun so far.
+    #[must_use]
+    pub fn positions(&self) -> Vec<i64> {
+        self.motors.iter().map(|motor| motor.position).collect()
+    }
+
+    /// Whether nothing is left to do: no step, no end of a pulse.
+    #[must_use]
+    pub fn idle(&self) -> bool {
+        self.engine.is_idle()
+    }
+
+    /// The epoch that a motor runs.
+    #[must_use]
+    pub fn epoch(&self, motor: usize) -> Option<Epoch> {
+        self.engine.epoch(motor)
+    }
+
+    /// What went wrong on a motor.
+    #[must_use]
+    pub fn faults(&self, motor: usize) -> Faults {
+        self.engine.faults(motor)
+    }
+}
+
+/// Counts for the board and tells the observer.
+struct Watch<'a, O> {
+    now: u64,
+    motors: &'a mut [Motor],
+    observer: &'a mut O,
+}
+
+/// What a stepgen tells as it runs.
+trait Witness {
+    fn step(&mut self, motor: usize, tick: Moment, direction: Direction);
+    fn edge(&mut self, edge: pulsetrain_core::output::Edge);
+}
+
+impl<O: Observer> Watch<'_, O> {
+    fn extended(&self, tick: Moment) -> u64 {
+        self.now + u64::from(tick.since(Moment::of(self.now)))
+    }
+}
+
+impl<O: Observer> Witness for Watch<'_, O> {
+    fn step(&mut self, motor: usize, tick: Moment, direction: Direction) {
+        let tick = self.extended(tick);
+        let counts = &mut self.motors[motor];
+        counts.position += i64::from(direction.sign());
+        counts.last = [Some(tick), counts.last[0]];
+        self.observer.step(ScheduledStep { motor, tick, direction });
+    }
+
+    fn edge(&mut self, edge: pulsetrain_core::output::Edge) {
+        let tick = self.extended(edge.tick);
+        let mut lines = edge.set | edge.clear;
+        while lines != 0 {
+            let line = lines.trailing_zeros() as u8;
+            lines &= lines - 1;
+            self.observer.edge(Edge { tick, line, level: edge.set >> line & 1 == 1 });
+        }
+    }
+}
+
+/// The stepgen of all motors, whatever its F.
+trait Engine: std::fmt::Debug + Send {
+    fn push(&mut self, motor: usize, entry: Entry) -> Result<(), Entry>;
+    fn credit(&self, motor: usize) -> usize;
+    fn switch(&mut self, epoch: Epoch, at: Moment) -> Result<(), channel::SwitchRefused>;
+    fn discard(&mut self, epoch: Epoch);
+    fn horizons(&self) -> Box<dyn Iterator<Item = Moment> + '_>;
+    fn run(&mut self, until: Moment, witness: &mut dyn Witness);
+    /// Whether each motor had something left to do.
+    fn stop(&mut self) -> Vec<bool>;
+    fn is_idle(&self) -> bool;
+    fn epoch(&self, motor: usize) -> Option<Epoch>;
+    fn faults(&self, motor: usize) -> Faults;
+}
+
+#[derive(Debug)]
+struct Axes<const F: u32> {
+    axes: Vec<Axis<F, QUEUE_LEN>>,
+    merge: Merge<MAX_MOTORS>,
+}
+
+impl<const F: u32> Axes<F> {
+    fn new(outputs: Vec<Output>) -> Axes<F> {
+        Axes { axes: outputs.into_iter().map(Axis::new).collect(), merge: Merge::new() }
+    }
+}
+
+impl<const F: u32> Engine for Axes<F> {
+    fn push(&mut self, motor: usize, entry: Entry) -> Result<(), Entry> {
+        self.axes.get_mut(motor).map_or(Err(entry), |axis| axis.push(entry))
+    }
+
+    fn credit(&self, motor: usize) -> usize {
+        self.axes.get(motor).map_or(0, Axis::credit)
+    }
+
+    fn switch(&mut self, epoch: Epoch, at: Moment) -> Result<(), channel::SwitchRefused> {
+        self.axes.iter().try_for_each(|axis| axis.channel().check_switch(at))?;
+        self.axes.iter_mut().try_for_each(|axis| axis.schedule_switch(epoch, at))
+    }
+
+    fn discard(&mut self, epoch: Epoch) {
+        for axis in &mut self.axes {
+            axis.discard(epoch);
+        }
+    }
+
+    fn horizons(&self) -> Box<dyn Iterator<Item = Moment> + '_> {
+        Box::new(self.axes.iter().map(|axis| axis.channel().horizon()))
+    }
+
+    fn run(&mut self, until: Moment, witness: &mut dyn Witness) {
+        let Axes { axes, merge } = self;
+        merge.reopen();
+        let mut pull = |motor: usize, witness: &mut dyn Witness| {
+            let axis: &mut Axis<F, QUEUE_LEN> = axes.get_mut(motor)?;
+            let before = axis.channel().position();
+            let edge = axis.next(until)?;
+            match axis.channel().position().wrapping_sub(before) {
+                0 => {}
+                1 => witness.step(motor, edge.tick, Direction::Forward),
+                _ => witness.step(motor, edge.tick, Direction::Backward),
+            }
+            Some(edge)
+        };
+        while let Some(edge) = merge.next(|motor| pull(motor, witness)) {
+            witness.edge(edge);
+        }
+        for axis in axes {
+            axis.pass(until);
+        }
+    }
+
+    fn stop(&mut self) -> Vec<bool> {
+        let stop = |axis: &mut Axis<F, QUEUE_LEN>| {
+            let going = !axis.channel().is_idle(axis.queue());
+            axis.stop();
+            going
+        };
+        self.axes.iter_mut().map(stop).collect()
+    }
+
+    fn is_idle(&self) -> bool {
+        self.axes.iter().all(Axis::is_idle)
+    }
+
+    fn epoch(&self, motor: usize) -> Option<Epoch> {
+        self.axes.get(motor).map(|axis| axis.channel().epoch())
+    }
+
+    fn faults(&self, motor: usize) -> Faults {
+        self.axes.get(motor).map_or_else(Faults::default, |axis| Faults {
+            step_missed: axis.channel().missed().is_some(),
+            setup_cut_short: axis.setup_cut_short(),
+        })
+    }
+}
+
+/// The outputs of all motors, if their lines and times can be.
+fn outputs(config: &Config) -> Result<Vec<Output>, ConfigError> {
+    if config.motors.len() > MAX_MOTORS {
+        return Err(ConfigError::Motors(config.motors.len()));
+    }
+    // How often a line is used as DIR, and as anything else.
+    let (mut as_dir, mut otherwise) = ([0; MAX_LINES as usize], [0; MAX_LINES as usize]);
+    for MotorConfig { wiring, .. } in &config.motors {
+        if let Wiring::StepDir { pulse_ticks: 0, .. } = wiring {
+            return Err(ConfigError::Ticks(0));
+        }
+        let ticks = wiring.longest_ticks();
+        if u64::from(ticks) >= STRETCH {
+            return Err(ConfigError::Ticks(ticks));
+        }
+        for line in wiring.lines() {
+            let is_dir = matches!(wiring, Wiring::StepDir { dir, step, .. } if *dir == line && step != dir);
+            let uses = if is_dir { &mut as_dir } else { &mut otherwise };
+            *uses.get_mut(usize::from(line)).ok_or(ConfigError::Line(line))? += 1;
+        }
+    }
+    for line in 0..MAX_LINES {
+        let (dirs, others) = (as_dir[usize::from(line)], otherwise[usize::from(line)]);
+        if others > 1 || (others == 1 && dirs > 0) {
+            return Err(ConfigError::LineTaken(line));
+        }
+    }
+    Ok(config
+        .motors
+        .iter()
+        .map(|motor| match motor.wiring {
+            Wiring::StepDir { step, dir, forward_high, pulse_ticks, setup_ticks } => {
+                Output::StepDir(StepDir::new(StepDirSettings {
+                    step_line: step,
+                    dir_line: dir,
+                    pulse_ticks,
+                    setup_ticks,
+                    forward_high,
+                    shared_dir: as_dir[usize::from(dir)] > 1,
+                }))
+            }
+            Wiring::Coils { lines, sequence, release_ticks } => {
+                Output::Coils(Coils::new(lines, sequence, release_ticks))
+            }
+        })
+        .collect())
+}

@@ -1,0 +1,139 @@
+//! The example files say what the seeds do, with the seeds' own numbers.
+
+use std::path::{Path, PathBuf};
+
+use pulsetrain_motion::law::Cursor;
+use pulsetrain_motion::program::{Program, Tolerance, Wiring};
+use pulsetrain_motion::{Grid, Time, boards, file};
+
+fn examples() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples")
+}
+
+#[track_caller]
+fn load(name: &str) -> Program {
+    file::load(&examples().join(name)).unwrap_or_else(|error| panic!("{}", error.plain()))
+}
+
+/// θ of a motor at a time, steps.
+fn position(program: &Program, motor: usize, at_s: f64) -> f64 {
+    Cursor::new(&program.motors[motor].law).at(Time::from_seconds(at_s)).unwrap().position
+}
+
+#[test]
+fn every_example_is_read() {
+    let mut count = 0;
+    for entry in std::fs::read_dir(examples()).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_some_and(|extension| extension == "toml") {
+            let text = std::fs::read_to_string(&path).unwrap();
+            assert!(text.starts_with("# "), "{} does not open with a comment", path.display());
+            load(path.file_name().unwrap().to_str().unwrap());
+            count += 1;
+        }
+    }
+    assert!(count >= 15, "{count} examples");
+}
+
+#[track_caller]
+fn check_tutorial(name: &str, period: Time, cycles: u64, pulse_high_ns: u32) {
+    let program = load(name);
+    let motor = &program.motors[0];
+    assert_eq!((program.board.name.as_str(), program.grid, program.tolerance), ("uno", Grid::REACH, Tolerance::Ticks(1.0)));
+    assert_eq!(motor.wiring, Wiring::StepDir { step: 8, dir: 9, forward_high: false, enable: None });
+    assert_eq!(motor.timing.pulse_high_ns, pulse_high_ns);
+    assert_eq!(motor.law.end(), Some(period.times(cycles)));
+    assert_eq!(motor.scale.steps_per_rev, 800.0);
+    assert_eq!((motor.scale.unit.as_str(), motor.scale.steps_per_unit), ("rev", 800.0));
+    let half = period.seconds() / 2.0;
+    assert!((position(&program, 0, half) - 4000.0).abs() < 1e-9);
+}
+
+#[test]
+fn the_tutorial_and_its_variants() {
+    check_tutorial("tutorial.toml", Time::SECOND, 1, 10_000);
+    check_tutorial("tutorial-500s.toml", Time::from_ratio(500, 1), 1, 10_000);
+    check_tutorial("tutorial-10s.toml", Time::from_ratio(10, 1), 1, 10_000);
+    check_tutorial("tutorial-3s.toml", Time::from_ratio(3, 1), 1, 10_000);
+    check_tutorial("tutorial-1.5s.toml", Time::from_ratio(3, 2), 10, 10_000);
+    check_tutorial("tutorial-0.8s.toml", Time::from_ratio(4, 5), 1, 10_000);
+    check_tutorial("tutorial-0.1s.toml", Time::from_ratio(1, 10), 1, 3_000);
+    check_tutorial("tutorial-0.01s.toml", Time::from_ratio(1, 100), 1, 200);
+}
+
+#[test]
+fn the_tutorial_runs_on_the_native_board_too() {
+    let program = load("tutorial-0.01s.toml").with_board(boards::find("native").unwrap().board).unwrap();
+    assert_eq!((program.board.tick_hz, program.tolerance), (125_000_000, Tolerance::Ticks(1.0)));
+}
+
+#[test]
+fn the_sweep_shares_its_dir_line_and_starts_after_100_ms() {
+    let program = load("sweep.toml");
+    for (motor, (pin, swing, frequency)) in
+        program.motors.iter().zip([(9, 200.0, 0.5), (10, 100.0, 1.0), (11, 50.0, 2.0), (12, 25.0, 4.0)])
+    {
+        assert_eq!(motor.wiring, Wiring::StepDir { step: pin, dir: 8, forward_high: false, enable: None });
+        assert_eq!((motor.timing.pulse_high_ns, motor.law.end()), (2_000, None));
+        let mut cursor = Cursor::new(&motor.law);
+        let mut at = |seconds: f64| cursor.at(Time::from_seconds(seconds)).unwrap().position;
+        assert!(at(0.1).abs() < 1e-9);
+        assert!((at(0.1 + 0.5 / frequency) - swing).abs() < 1e-9);
+        assert!(at(0.1 + 100.0 / frequency).abs() < 1e-6);
+    }
+}
+
+#[test]
+fn sweep_phases_are_delays_modulo_the_period() {
+    let program = load("sweep-phases.toml");
+    let tops = [(200.0, 0.0, 2.0), (100.0, 0.25, 1.0), (50.0, 0.125, 0.5), (25.0, 0.05, 0.25)];
+    for (motor, (swing, phase, period)) in tops.into_iter().enumerate() {
+        assert!(position(&program, motor, 0.1 + phase).abs() < 1e-9);
+        assert!((position(&program, motor, 0.1 + phase + period / 2.0) - swing).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn the_fastest_motor_turns_once_waits_and_turns_back() {
+    let program = load("max-speed.toml");
+    let motor = &program.motors[0];
+    assert_eq!(motor.wiring, Wiring::StepDir { step: 6, dir: 7, forward_high: true, enable: None });
+    assert!((motor.limits.max_speed.unwrap() - 1.0 / 140.625e-6).abs() < 1e-6);
+    assert!((motor.winding.unwrap().full_step_s() - 1.125e-3).abs() < 1e-15);
+    // Ten intervals from 248 down by 23, the same back, at 18 in between: 8 µs each.
+    let at_speed_s = 0.000_144 * 1600.0;
+    assert_eq!(position(&program, 0, 1.0), 0.0);
+    assert!((position(&program, 0, 1.9 + at_speed_s) - 1600.0).abs() < 1e-9);
+    assert!(motor.law.end().is_none());
+}
+
+#[test]
+fn the_winch_obeys_its_commands() {
+    let program = load("winch.toml");
+    assert_eq!(program.motors.len(), 4);
+    let enable = |wiring: &Wiring| matches!(wiring, Wiring::StepDir { enable: Some((8, false)), forward_high: true, .. });
+    assert!(program.motors.iter().all(|motor| enable(&motor.wiring)));
+    // Critically damped at 2 Hz: within a step of the target after a second.
+    for (motor, target) in [100.0, 120.0, -200.0, -50.0].into_iter().enumerate() {
+        assert!((position(&program, motor, 1.0) - target).abs() < 1.0, "{motor}");
+    }
+}
+
+#[test]
+fn the_slide_goes_100_mm_and_back() {
+    let program = load("s-curve.toml");
+    assert_eq!((program.motors[0].scale.unit.as_str(), program.motors[0].scale.steps_per_unit), ("mm", 400.0));
+    assert!((position(&program, 0, 3.9) - 40_000.0).abs() < 1e-6);
+    assert!(position(&program, 0, 60.0).abs() < 1e-6);
+}
+
+#[test]
+fn the_table_goes_through_its_points_five_times() {
+    let program = load("table.toml");
+    // 80 deg at 1.5 s: 80/360 of 3200 × 60/16 steps.
+    let top = 80.0 / 360.0 * 12_000.0;
+    for breath in 0..5 {
+        assert!((position(&program, 0, f64::from(breath) * 5.0 + 1.5) - top).abs() < 1e-6);
+    }
+    assert_eq!(program.motors[0].law.end(), Some(Time::from_ratio(25, 1)));
+}

@@ -1,0 +1,163 @@
+//! The figures that docs/benchmarks.md shows: what `cargo xtask bench` collects.
+//!
+//! One figure a line, fields between tabs: number, law, tick_hz, tolerance in ticks, what, bound, value. A bound is an
+//! upper one; an empty field says that there is none.
+
+#[path = "../tests/common/mod.rs"]
+mod common;
+
+use common::laws::{TUTORIAL, sine, trapezoid, waves};
+use common::lorenz::lorenz;
+use common::{BOARDS, drift, settings, steps};
+use pulsetrain_motion::{Grid, Law, Time};
+use pulsetrain_oracle::{Sine, rational};
+use pulsetrain_plan::{Certificate, Planner, Settings};
+use std::hint::black_box;
+use std::time::Instant;
+
+/// The cost of one f64 arc cosine that the bounds on planning were set for, ns.
+const REFERENCE_ACOS_NS: f64 = 9.0;
+/// Each measurement is the fastest of so many: others share the machine.
+const REPEATS: u32 = 15;
+const UNO_HZ: u64 = 16_000_000;
+
+fn main() {
+    exactness();
+    speed();
+    size();
+    long_motions();
+}
+
+/// Figure 1: the tutorial against the oracle.
+fn exactness() {
+    let exact = Sine::new(4000, &rational(1, 2));
+    for (numerator, denominator, cycles) in TUTORIAL {
+        let period = rational(numerator.into(), denominator.into());
+        let law = sine(2000.0, Time::from_ratio(numerator, denominator), cycles);
+        for board in BOARDS {
+            let settings = Settings { grid: Grid::REACH, ..settings(board) };
+            let (steps, _) = steps(&law, &settings).expect("a plan");
+            let due: Vec<_> = exact.crossings(&period, cycles).collect();
+            let in_order = due.iter().zip(&steps).all(|(due, step)| due.forward == step.forward);
+            assert!(in_order && due.len() == steps.len(), "T = {period} s: steps are missing or the wrong way");
+            let errors = due.iter().zip(&steps).map(|(due, step)| due.error_ticks(settings.tick_hz, step.tick));
+            let law = format!("tutorial, T = {period} s, {} steps", steps.len());
+            row(1, &law, &settings, "largest error, ticks", Some(1.0), errors.fold(0.0, f64::max));
+        }
+    }
+}
+
+/// Figure 2: planning with its certificate, on one core.
+fn speed() {
+    let acos_ns = acos_ns();
+    println!("2\tone f64 acos\t\t\tns\t\t{acos_ns:.2}");
+    let second = sine(2000.0, Time::SECOND, 1);
+    let measured: [(&str, Law, u32, f64); 6] = [
+        ("sine, A = 2000, T = 1 s", second.clone(), 16, 12.0),
+        ("sine, A = 2e6, T = 10 s", sine(2e6, Time::from_ratio(10, 1), 1), 24, 0.15),
+        ("trapezoid, 20 k steps/s, 180 000 steps", trapezoid(180_000.0, 20_000.0, 20_000.0), 24, 0.6),
+        ("Lorenz, 500·∫x dt, 20 s", lorenz(500.0, 20.0), 24, 30.0),
+        ("1000t + 300 sin 7t + 50 sin 31t, 20 s", waves(1000.0, &[(300.0, 7.0), (50.0, 31.0)], 20.0), 16, 110.0),
+        ("80 000t + 60 000 sin 0.7t + 5000 sin 3.1t, 20 s", fast_formula(), 24, 0.7),
+    ];
+    for (name, law, fraction_bits, bound_ns) in measured {
+        let settings = Settings { packed: false, ..settings((UNO_HZ, fraction_bits)) };
+        let (ns, steps) = planning_ns(&law, &settings);
+        row(2, &format!("{name}: {steps} steps"), &settings, "ns/step", Some(bound_ns), ns);
+        let bound = bound_ns / REFERENCE_ACOS_NS;
+        row(2, name, &settings, "time of one acos/step", Some(bound), ns / acos_ns);
+    }
+    let settings = Settings { packed: false, ..settings((UNO_HZ, 16)) };
+    let segments = plan(&second, &settings).segments as f64 / 2.0;
+    row(2, "sine, A = 2000, T = 1 s", &settings, "segments/half period", Some(80.0), segments);
+}
+
+/// Figure 3: payload of the packed stream.
+fn size() {
+    let second = sine(2000.0, Time::SECOND, 1);
+    let chaos = lorenz(500.0, 20.0);
+    let trapezoid = trapezoid(180_000.0, 20_000.0, 20_000.0);
+    let formula = waves(1000.0, &[(300.0, 7.0), (50.0, 31.0)], 20.0);
+    let measured = [
+        ("sine, A = 2000, T = 1 s", &second, 16, 1.0, Some(0.095)),
+        ("sine, A = 2000, T = 1 s", &second, 16, 3.5, Some(0.065)),
+        ("sine, A = 2000, T = 1 s", &second, 16, 16.0, None),
+        ("Lorenz, 500·∫x dt, 20 s", &chaos, 24, 1.0, Some(0.14)),
+        ("trapezoid, 20 k steps/s, 180 000 steps", &trapezoid, 24, 1.0, None),
+        ("1000t + 300 sin 7t + 50 sin 31t, 20 s", &formula, 16, 1.0, None),
+    ];
+    for (name, law, fraction_bits, tolerance_ticks, bound) in measured {
+        let settings = Settings { tolerance_ticks, packed: true, ..settings((UNO_HZ, fraction_bits)) };
+        let certificate = plan(law, &settings);
+        row(3, name, &settings, "bytes/step", bound, certificate.bytes as f64 / certificate.steps as f64);
+    }
+}
+
+/// Figure 4: 10^8 steps, against exact integers.
+fn long_motions() {
+    let settings = settings((UNO_HZ, 16));
+    let before = peak_memory_kb();
+    let measured = [
+        ("10^8 steps, 100π ticks apart", drift::constant(100_000_000)),
+        ("10^8 steps, sine, A = 2000, T = π/3 s", drift::sinusoid(12_500)),
+    ];
+    for (name, drift) in measured {
+        row(4, name, &settings, "largest error, first 10^6 steps, ticks", Some(1.0), drift.first);
+        row(4, name, &settings, "largest error, last 10^6 steps, ticks", Some(1.0), drift.last);
+    }
+    if let (Some(before), Some(after)) = (before, peak_memory_kb()) {
+        row(4, "both", &settings, "memory that they added, kB", Some(1024.0), after - before);
+    }
+}
+
+fn fast_formula() -> Law {
+    waves(80_000.0, &[(60_000.0, 0.7), (5000.0, 3.1)], 20.0)
+}
+
+fn plan(law: &Law, settings: &Settings) -> Certificate {
+    let mut planner = Planner::new(law, settings).expect("a tolerance that can be met");
+    while let Some(next) = planner.next_move().expect("a plan") {
+        black_box(next);
+    }
+    planner.certificate().clone()
+}
+
+/// The fastest of [`REPEATS`] plans, ns/step; and the steps.
+fn planning_ns(law: &Law, settings: &Settings) -> (f64, u64) {
+    let steps = plan(law, settings).steps;
+    (fastest_ns(|| drop(black_box(plan(black_box(law), settings)))) / steps as f64, steps)
+}
+
+fn acos_ns() -> f64 {
+    const CALLS: u32 = 1_000_000;
+    let all = || {
+        let mut sum = 0.0;
+        for k in 0..CALLS {
+            sum += black_box(f64::from(k) * (2.0 / f64::from(CALLS)) - 1.0).acos();
+        }
+        black_box(sum);
+    };
+    fastest_ns(all) / f64::from(CALLS)
+}
+
+fn fastest_ns(mut work: impl FnMut()) -> f64 {
+    let time = |_| {
+        let start = Instant::now();
+        work();
+        start.elapsed().as_nanos() as f64
+    };
+    (0..REPEATS).map(time).fold(f64::INFINITY, f64::min)
+}
+
+/// The most memory that the process has had so far; Linux tells.
+fn peak_memory_kb() -> Option<f64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    line.split_whitespace().next()?.parse().ok()
+}
+
+fn row(figure: u32, law: &str, settings: &Settings, what: &str, bound: Option<f64>, value: f64) {
+    let Settings { tick_hz, tolerance_ticks, .. } = settings;
+    let bound = bound.map_or(String::new(), |bound| format!("{bound:.4}"));
+    println!("{figure}\t{law}\t{tick_hz}\t{tolerance_ticks}\t{what}\t{bound}\t{value:.4}");
+}

@@ -1,0 +1,75 @@
+//! Figures: measured, compared with their bounds, printed, and written to docs/benchmarks.md.
+
+mod first_run;
+mod peers;
+mod report;
+
+use crate::command::{Done, Failure, cargo, output, root};
+use crate::ruckig;
+
+/// One measurement; an empty text where something does not apply.
+struct Row {
+    /// Which of the report's figures it belongs to.
+    figure: usize,
+    law: String,
+    tick_hz: String,
+    tolerance_ticks: String,
+    /// What was measured, with its unit.
+    what: String,
+    /// The value that it must not exceed.
+    bound: Option<f64>,
+    value: f64,
+}
+
+impl Row {
+    fn is_within(&self) -> bool {
+        self.bound.is_none_or(|bound| self.value <= bound)
+    }
+}
+
+/// Measures, prints and writes; fails if a bound is broken, after having written.
+pub(crate) fn run() -> Done {
+    let text = output(&mut cargo("bench --package pulsetrain-plan --bench figures"))?;
+    let mut rows = text.lines().filter(|line| line.contains('\t')).map(parse).collect::<Done<Vec<_>>>()?;
+    rows.push(elsewhere(
+        5,
+        "S-curves, 1000 random moves",
+        "relative difference to ruckig",
+        Some(1e-6),
+        ruckig::compare()?,
+    ));
+    let first_run = first_run::measure()?;
+    rows.push(elsewhere(6, "tutorial.toml", "first `cargo run` of a clean clone, s", None, first_run.first_s));
+    rows.push(elsewhere(6, "tutorial.toml", "run of the built binary, s", Some(2.0), first_run.again_s));
+
+    let report = report::markdown(&rows)?;
+    print!("{report}");
+    let path = root().join("docs/benchmarks.md");
+    std::fs::write(&path, report).map_err(|why| Failure::File { path, why })?;
+    let broken: Vec<_> =
+        rows.iter().filter(|row| !row.is_within()).map(|row| format!("{}: {}", row.law, row.what)).collect();
+    if broken.is_empty() { Ok(()) } else { Err(Failure::Check(format!("beyond their bounds: {}", broken.join("; ")))) }
+}
+
+/// What is measured without a step timer.
+fn elsewhere(figure: usize, law: &str, what: &str, bound: Option<f64>, value: f64) -> Row {
+    let (law, what) = (law.to_owned(), what.to_owned());
+    Row { figure, law, tick_hz: String::new(), tolerance_ticks: String::new(), what, bound, value }
+}
+
+/// A line of the bench `figures`.
+fn parse(line: &str) -> Done<Row> {
+    let bad = || Failure::Check(format!("not a row of figures: {line}"));
+    let fields: Vec<_> = line.split('\t').map(str::to_owned).collect();
+    let [figure, law, tick_hz, tolerance_ticks, what, bound, value] = fields.try_into().map_err(|_| bad())?;
+    let number = |text: &str| text.parse::<f64>().map_err(|_| bad());
+    Ok(Row {
+        figure: figure.parse().map_err(|_| bad())?,
+        bound: if bound.is_empty() { None } else { Some(number(&bound)?) },
+        value: number(&value)?,
+        law,
+        tick_hz,
+        tolerance_ticks,
+        what,
+    })
+}

@@ -1,0 +1,88 @@
+//! docs/benchmarks.md.
+
+use super::Row;
+use super::peers::{NOTE, PEERS};
+use crate::command::{Done, command, output};
+
+/// The report's sections; [`Row::figure`] counts from 1.
+const FIGURES: [&str; 6] = [
+    "Every step of the tutorial against exact times",
+    "Planning with its certificate, one core",
+    "Payload of the packed stream",
+    "10^8 steps against exact integers",
+    "S-curve durations against ruckig's",
+    "From a clean clone",
+];
+
+const PREFACE: &str = "Times are the fastest of several runs. `native`: measured on that machine. `emulated` and \
+`hardware` stay empty until a firmware has run there. Bounds are upper ones; those in ns were set for a core where one \
+f64 acos costs 9 ns, so that elsewhere the ratio to an acos, measured in the same run, is what counts.";
+
+/// The whole report.
+pub(crate) fn markdown(rows: &[Row]) -> Done<String> {
+    let mut lines = vec![
+        "# Benchmarks".to_owned(),
+        String::new(),
+        format!("Written by `cargo xtask bench`; do not edit. {}", machine()?),
+        String::new(),
+        PREFACE.to_owned(),
+    ];
+    for (figure, title) in (1..).zip(FIGURES) {
+        lines.extend([String::new(), format!("## {figure}. {title}"), String::new()]);
+        lines.push(
+            "| law | tick rate, Hz | tolerance, ticks | measure | bound | native | emulated | hardware |".to_owned(),
+        );
+        lines.push("|---|---|---|---|---|---|---|---|".to_owned());
+        for row in rows.iter().filter(|row| row.figure == figure) {
+            let Row { law, tick_hz, tolerance_ticks, what, .. } = row;
+            let bound = row.bound.map_or(String::new(), short);
+            let value = if row.is_within() { short(row.value) } else { format!("**{}** (beyond)", short(row.value)) };
+            lines.push(format!("| {law} | {tick_hz} | {tolerance_ticks} | {what} | {bound} | {value} | | |"));
+        }
+    }
+    lines.extend(
+        ["", "## What others reach", "", NOTE, "", "| system | law | measure | value |", "|---|---|---|---|"]
+            .map(str::to_owned),
+    );
+    lines.extend(PEERS.map(|[system, law, what, value]| format!("| {system} | {law} | {what} | {value} |")));
+    lines.push(String::new());
+    Ok(lines.join("\n"))
+}
+
+/// Three significant digits, or a few more before the point.
+fn short(value: f64) -> String {
+    let digits = 2 - value.abs().max(1e-12).log10().floor() as i32;
+    if value == 0.0 {
+        "0".to_owned()
+    } else if digits > 6 {
+        format!("{value:.1e}")
+    } else {
+        format!("{value:.*}", digits.max(0) as usize)
+    }
+}
+
+/// The processor and the compiler.
+fn machine() -> Done<String> {
+    let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let model = info.lines().find_map(|line| line.strip_prefix("model name")).and_then(|rest| rest.split(": ").nth(1));
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let compiler = output(command("rustc").arg("--version"))?;
+    let model = model.unwrap_or(std::env::consts::ARCH);
+    Ok(format!("Obtained on {model}, {cores} cores, {}, with {}.", std::env::consts::OS, compiler.trim()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::short;
+
+    #[test]
+    fn numbers_are_short() {
+        let check = |value: f64, expected: &str| assert_eq!(short(value), expected);
+        check(0.0906, "0.0906");
+        check(11.04, "11.0");
+        check(999.6, "1000");
+        check(1234.0, "1234");
+        check(3.2e-9, "3.2e-9");
+        check(0.0, "0");
+    }
+}

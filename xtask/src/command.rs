@@ -1,0 +1,89 @@
+//! Running a command, and saying which.
+
+use std::ffi::OsStr;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+/// Why a task stopped.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum Failure {
+    /// A command could not be started.
+    #[error("cannot run `{command}`: {why}")]
+    Start { command: String, why: std::io::Error },
+    /// A command ended with an exit code other than 0.
+    #[error("`{command}` failed ({status})")]
+    Status { command: String, status: std::process::ExitStatus },
+    /// A file could not be read or written.
+    #[error("{}: {why}", path.display())]
+    File { path: PathBuf, why: std::io::Error },
+    /// Something was measured, and is not as it must be.
+    #[error("{0}")]
+    Check(String),
+}
+
+/// What a task gives back.
+pub(crate) type Done<T = ()> = Result<T, Failure>;
+
+/// The repository's top folder.
+pub(crate) fn root() -> PathBuf {
+    let xtask = Path::new(env!("CARGO_MANIFEST_DIR"));
+    xtask.parent().unwrap_or(xtask).to_path_buf()
+}
+
+/// Where builds go.
+pub(crate) fn target_dir() -> PathBuf {
+    std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from)
+}
+
+/// A command that runs in the repository's top folder.
+pub(crate) fn command(program: impl AsRef<OsStr>) -> Command {
+    let mut command = Command::new(program);
+    command.current_dir(root());
+    command
+}
+
+/// `cargo` with `arguments` (split at spaces), of the pinned toolchain.
+pub(crate) fn cargo(arguments: &str) -> Command {
+    let mut cargo = command("cargo");
+    cargo.args(arguments.split_whitespace());
+    cargo
+}
+
+/// Runs to the end, output as it comes.
+pub(crate) fn run(command: &mut Command) -> Done {
+    let text = announce(command);
+    let status = command.status().map_err(|why| Failure::Start { command: text.clone(), why })?;
+    if status.success() { Ok(()) } else { Err(Failure::Status { command: text, status }) }
+}
+
+/// Runs to the end with `input` on standard input, and gives back standard output.
+pub(crate) fn pipe(command: &mut Command, input: &str) -> Done<String> {
+    let text = announce(command);
+    let start = |why| Failure::Start { command: text.clone(), why };
+    let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().map_err(start)?;
+    let output = std::thread::scope(|scope| {
+        // Both pipes at once: a child may answer before it has read all.
+        let stdin = child.stdin.take();
+        scope.spawn(move || stdin.map(|mut pipe| pipe.write_all(input.as_bytes())));
+        child.wait_with_output()
+    })
+    .map_err(start)?;
+    if output.status.success() {
+        Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+    } else {
+        Err(Failure::Status { command: text, status: output.status })
+    }
+}
+
+/// Runs to the end, and gives back standard output.
+pub(crate) fn output(command: &mut Command) -> Done<String> {
+    pipe(command, "")
+}
+
+fn announce(command: &Command) -> String {
+    let words = std::iter::once(command.get_program()).chain(command.get_args());
+    let text = words.map(OsStr::to_string_lossy).collect::<Vec<_>>().join(" ");
+    eprintln!("$ {text}");
+    text
+}

@@ -1,0 +1,61 @@
+//! Fuzzing without more tools than the pinned toolchain and a C++ compiler: what cargo-fuzz sets, set here.
+
+use crate::command::{self, Done, Failure, cargo, command, output, root};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Coverage counters for libFuzzer, in the fuzzed code alone (`--target` keeps them out of build scripts).
+const RUSTFLAGS: &str = "--cfg fuzzing -Cdebug-assertions -Ccodegen-units=1 -Cpasses=sancov-module \
+    -Cllvm-args=-sanitizer-coverage-level=4 -Cllvm-args=-sanitizer-coverage-inline-8bit-counters \
+    -Cllvm-args=-sanitizer-coverage-pc-table -Cllvm-args=-sanitizer-coverage-trace-compares";
+
+/// Every target, and the folders whose files it starts from.
+const TARGETS: [(&str, &[&str]); 6] = [
+    ("motion_file", &["examples"]),
+    ("formula", &["fuzz/seeds/formula"]),
+    ("table", &["examples", "fuzz/seeds/table"]),
+    ("vcd", &["fuzz/seeds/vcd"]),
+    ("saleae", &["fuzz/seeds/saleae"]),
+    ("packing", &["fuzz/seeds/packing"]),
+];
+
+/// Runs each target (or only `only`) for `seconds`; what breaks it stays in fuzz/artifacts.
+pub(crate) fn run(seconds: u64, only: Option<&str>) -> Done {
+    let targets: Vec<_> = TARGETS.into_iter().filter(|(name, _)| only.is_none_or(|only| only == *name)).collect();
+    if targets.is_empty() {
+        let names = TARGETS.map(|(name, _)| name).join(", ");
+        return Err(Failure::Check(format!("no such fuzz target; there are {names}")));
+    }
+    let binaries = build()?;
+    for (name, seeds) in targets {
+        let corpus = made(root().join("fuzz/corpus").join(name))?;
+        let artifacts = made(root().join("fuzz/artifacts").join(name))?;
+        let mut fuzzer = command(binaries.join(name));
+        // The first folder takes new inputs; the others are read.
+        fuzzer.arg(corpus).args(seeds).arg(format!("-max_total_time={seconds}"));
+        // A hang is a failure too: no input of a few kilobytes needs seconds.
+        fuzzer.args(["-timeout=10", "-rss_limit_mb=2048", "-print_final_stats=1", "-verbosity=0"]);
+        fuzzer.arg(format!("-artifact_prefix={}/", artifacts.display()));
+        command::run(&mut fuzzer)?;
+    }
+    Ok(())
+}
+
+/// Builds all targets; gives back the folder with the binaries.
+fn build() -> Done<PathBuf> {
+    let host = output(command("rustc").args(["--print", "host-tuple"]))?.trim().to_owned();
+    let target_dir = root().join("fuzz/target");
+    command::run(
+        cargo("build --release --manifest-path fuzz/Cargo.toml --target")
+            .arg(&host)
+            .env("RUSTFLAGS", RUSTFLAGS)
+            .env("CARGO_TARGET_DIR", &target_dir),
+    )?;
+    Ok(target_dir.join(host).join("release"))
+}
+
+fn made(folder: PathBuf) -> Done<PathBuf> {
+    let failure = |folder: &Path, why| Failure::File { path: folder.to_path_buf(), why };
+    fs::create_dir_all(&folder).map_err(|why| failure(&folder, why))?;
+    Ok(folder)
+}

@@ -1,0 +1,114 @@
+//! S-curve durations against those of the ruckig package: an independent time-optimal planner.
+
+use crate::command::{self, Done, Failure, cargo, command, target_dir};
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+/// Moves compared.
+pub(crate) const MOVES: usize = 1000;
+/// Largest relative difference of two durations.
+const TOLERANCE: f64 = 1e-6;
+/// The package, from Python's registry.
+const PACKAGE: &str = "ruckig==0.19.4";
+const SCRIPT: &str = include_str!("ruckig.py");
+
+/// Compares [`MOVES`] random moves; gives back the largest relative difference of two durations.
+pub(crate) fn compare() -> Done<f64> {
+    let moves = random_moves();
+    let ours = cargo("run --quiet --release --package pulsetrain-motion --example s_curve_durations");
+    let ours = durations(ours, &moves)?;
+    let mut python = command(python_with_ruckig()?);
+    python.args(["-c", SCRIPT]);
+    let theirs = durations(python, &moves)?;
+
+    let mut worst = 0.0;
+    for ((&ours, &theirs), asked) in ours.iter().zip(&theirs).zip(moves.lines()) {
+        let difference = (ours - theirs).abs() / theirs;
+        if difference.is_nan() || difference > TOLERANCE {
+            return Err(Failure::Check(format!("s-curve `{asked}` takes {ours} s; ruckig's takes {theirs} s")));
+        }
+        worst = f64::max(worst, difference);
+    }
+    Ok(worst)
+}
+
+/// One move a line: distance, largest speed, acceleration and jerk, start speed; steps and seconds.
+///
+/// Magnitudes spread over decades, so that every phase of the profile is missing in some of them; every second move
+/// starts from rest, the others at any speed within the limit, also away from the target.
+fn random_moves() -> String {
+    let mut random = Random(1);
+    let mut moves = String::new();
+    for index in 0..MOVES {
+        let sign = if random.unit() < 0.5 { -1.0 } else { 1.0 };
+        let distance = sign * random.decades(0.0, 6.0);
+        let speed = random.decades(1.0, 5.0);
+        let acceleration = speed * random.decades(-1.0, 3.0);
+        let jerk = acceleration * random.decades(-1.0, 3.0);
+        let start_speed = if index % 2 == 0 { 0.0 } else { speed * (2.0 * random.unit() - 1.0) };
+        // Writing to a String cannot fail.
+        let _ = writeln!(moves, "{distance:e} {speed:e} {acceleration:e} {jerk:e} {start_speed:e}");
+    }
+    moves
+}
+
+fn durations(mut planner: std::process::Command, moves: &str) -> Done<Vec<f64>> {
+    let text = command::pipe(&mut planner, moves)?;
+    let durations: Vec<f64> = text.lines().filter_map(|line| line.trim().parse().ok()).collect();
+    if durations.len() == MOVES {
+        Ok(durations)
+    } else {
+        Err(Failure::Check(format!("{MOVES} moves asked, {} durations answered: {planner:?}", durations.len())))
+    }
+}
+
+/// A Python that has the package, in an environment of its own under the target folder.
+fn python_with_ruckig() -> Done<PathBuf> {
+    let environment = target_dir().join("python");
+    let bin = if cfg!(windows) { "Scripts" } else { "bin" };
+    let python = environment.join(bin).join("python");
+    if !python.exists() {
+        let system = if cfg!(windows) { "python" } else { "python3" };
+        let make = || command::run(command(system).args(["-m", "venv"]).arg(&environment));
+        make().or_else(|_| install_debian("python3-venv").and_then(|()| make()))?;
+    }
+    let pip = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check", PACKAGE];
+    command::run(command(&python).args(pip))?;
+    Ok(python)
+}
+
+/// Installs a Debian package, or says what to install.
+fn install_debian(package: &str) -> Done {
+    let say =
+        |_| Failure::Check(format!("Python with venv is needed: install it (Debian: {package}), then run this again"));
+    let apt = |sudo: &[&str]| {
+        let mut words = sudo.to_vec();
+        words.extend(["apt-get", "install", "--yes", package]);
+        command::run(command(words[0]).args(&words[1..]))
+    };
+    // As root sudo may be missing; as a user apt-get alone is refused.
+    apt(&[]).or_else(|_| apt(&["sudo", "--non-interactive"])).map_err(say)
+}
+
+/// SplitMix64: the same moves everywhere. Source: Steele, Lea, Flood, OOPSLA 2014.
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// In [0, 1).
+    fn unit(&mut self) -> f64 {
+        (self.next() >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// 10^x, x in `low..high`.
+    fn decades(&mut self, low: f64, high: f64) -> f64 {
+        10_f64.powf(low + (high - low) * self.unit())
+    }
+}
