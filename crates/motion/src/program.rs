@@ -177,6 +177,48 @@ pub struct DriverTiming {
     pub dir_hold_ns: u32,
 }
 
+/// What a step/dir driver needs, in whole ticks of a board.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct DriverTicks {
+    /// STEP high at least.
+    pub pulse_high: u64,
+    /// STEP low at least.
+    pub pulse_low: u64,
+    /// DIR stable before STEP rises.
+    pub dir_setup: u64,
+    /// DIR stable after STEP falls.
+    pub dir_hold: u64,
+}
+
+impl DriverTiming {
+    /// In ticks, each rounded up.
+    ///
+    /// ```
+    /// use pulsetrain_motion::program::DriverTiming;
+    /// let a4988 = DriverTiming { pulse_high_ns: 1000, pulse_low_ns: 1000, dir_setup_ns: 200, dir_hold_ns: 200 };
+    /// assert_eq!(a4988.ticks(16_000_000).dir_setup, 4); // 3.2 ticks of 62.5 ns
+    /// ```
+    #[must_use]
+    pub fn ticks(&self, tick_hz: u64) -> DriverTicks {
+        // 2^32 ns at 2^31 Hz is some 2^33 ticks: boards tick slower.
+        let ticks = |ns: u32| (u128::from(ns) * u128::from(tick_hz)).div_ceil(1_000_000_000) as u64;
+        DriverTicks {
+            pulse_high: ticks(self.pulse_high_ns),
+            pulse_low: ticks(self.pulse_low_ns),
+            dir_setup: ticks(self.dir_setup_ns),
+            dir_hold: ticks(self.dir_hold_ns),
+        }
+    }
+}
+
+impl DriverTicks {
+    /// The shortest time between two opposite steps, rise to rise: pulse, DIR hold, DIR setup.
+    #[must_use]
+    pub fn reversal(&self) -> u64 {
+        self.pulse_high + self.dir_hold + self.dir_setup
+    }
+}
+
 /// What a motor can do, in steps.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Limits {

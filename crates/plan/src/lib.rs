@@ -1,11 +1,14 @@
 //! From a law to segments, with a proof for every scheduled tick.
 //!
 //! # What is here, top down
+//! - [`ensemble`]: all motors of a program
+//! - `shared_dir`: the order of steps on a DIR line that motors share
 //! - [`planner`]: a law as a stream of [`Move`]s, in constant memory, within every limit
 //! - [`tail`]: the stop that ends every queue
 //! - `run`: steps in one direction along one stretch, as segments
 //! - `fit`: one segment: fit, quantise, bound
 //! - `stretch`: where a law rises and where it falls
+//! - `packed`: what a plan costs on the wire
 //! - `expansion`: the local inverse t(n) with a proven remainder
 //! - `peak`: largest speed and acceleration, enclosed
 //!
@@ -14,17 +17,21 @@
 #![forbid(unsafe_code)]
 
 pub mod certificate;
+pub mod ensemble;
 pub mod error;
 mod expansion;
 mod fit;
+mod packed;
 mod peak;
 pub mod planner;
 mod run;
 pub mod settings;
+mod shared_dir;
 mod stretch;
 pub mod tail;
 
 pub use certificate::Certificate;
+pub use ensemble::{Ensemble, Refused};
 pub use error::PlanError;
 pub use planner::{Origin, Planner};
 pub use settings::Settings;

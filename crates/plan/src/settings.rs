@@ -1,7 +1,7 @@
 //! What the planner must keep to.
 
 use pulsetrain_motion::Grid;
-use pulsetrain_motion::program::Limits;
+use pulsetrain_motion::program::{Limits, Motor, Program};
 
 /// Everything that a plan of one motor depends on besides its law.
 #[derive(Clone, Debug, PartialEq)]
@@ -45,5 +45,25 @@ impl Settings {
     pub fn gain(&self) -> Option<i8> {
         let room = ((self.tolerance_ticks - 0.5) / 0.5).log2().round();
         self.packed.then_some(-(room.clamp(-60.0, 60.0) as i8))
+    }
+}
+
+impl Settings {
+    /// What the plan of one motor of a program must keep to.
+    #[must_use]
+    pub fn of(program: &Program, motor: &Motor) -> Settings {
+        let board = &program.board;
+        let timing = motor.timing.ticks(board.tick_hz);
+        // The table's last entry serves for more motors.
+        let intervals = &board.min_interval_ticks;
+        let own = intervals.get(program.motors.len() - 1).or(intervals.last()).map_or(1, |&ticks| u64::from(ticks));
+        Settings {
+            tolerance_ticks: program.tolerance.ticks(board.tick_hz),
+            grid: program.grid,
+            min_interval_ticks: own.max(timing.pulse_high + timing.pulse_low),
+            reversal_ticks: timing.reversal(),
+            limits: motor.limits,
+            ..Settings::new(board.tick_hz, board.fraction_bits)
+        }
     }
 }

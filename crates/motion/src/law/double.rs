@@ -46,15 +46,22 @@ impl Double {
         if !(self.hi.abs() < 4.6e18) {
             return None;
         }
-        let whole = self.hi.round();
+        let whole = libm::round(self.hi);
         let rest = (self.hi - whole) + self.lo;
-        let carry = rest.round();
+        let carry = libm::round(rest);
         Some((whole as i64 + carry as i64, rest - carry))
+    }
+
+    /// The largest whole number that is not larger.
+    pub(crate) fn floor(self) -> Double {
+        let whole = libm::floor(self.hi);
+        // A whole high part leaves it to the low part.
+        if whole == self.hi { Double::sum(whole, libm::floor(self.lo)) } else { Double::from(whole) }
     }
 
     /// The angle less whole turns, rad, within ±π.
     pub(crate) fn wrapped(self) -> Double {
-        let turns = (self.hi / Double::TAU.hi).round();
+        let turns = libm::round(self.hi / Double::TAU.hi);
         self - Double::TAU * Double::from(turns)
     }
 }

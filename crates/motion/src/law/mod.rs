@@ -28,6 +28,7 @@ use crate::Time;
 pub use blend::{Begin, End};
 pub use cursor::{Cursor, Sample};
 pub use curve::{Bounds, Curve, Inverse, Jet};
+pub use formula::FormulaError;
 use double::Double;
 
 pub use profile::SCurve;

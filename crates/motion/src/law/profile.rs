@@ -234,3 +234,83 @@ impl Law {
         Law::fixed(track.pieces, Class::Enclosed)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::law::Cursor;
+    use proptest::prelude::*;
+
+    #[track_caller]
+    fn durations(law: &Law, expected: &[f64]) {
+        let got: Vec<f64> = law.pieces().map(|p| p.map(|p| (p.end - p.start).seconds()).unwrap()).collect();
+        assert!(got.len() == expected.len() && got.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{got:?}");
+    }
+
+    #[test]
+    fn trapezoids_and_triangles() {
+        // 1000 steps/s in 1 s and back in 0.5 s take 500 + 250 steps.
+        durations(&Law::trapezoid(1750.0, 1000.0, 1000.0, 2000.0).unwrap(), &[1.0, 1.0, 0.5]);
+        durations(&Law::trapezoid(-187.5, 1000.0, 1000.0, 2000.0).unwrap(), &[0.5, 0.25]);
+        assert!(Law::trapezoid(10.0, 0.0, 1.0, 1.0).is_err());
+        assert!(Law::trapezoid(f64::NAN, 1.0, 1.0, 1.0).is_err());
+    }
+
+    #[test]
+    fn an_s_curve_with_all_seven_phases() {
+        // Jerk to full acceleration 0.5 s, held 0.5 s, taken back 0.5 s: 1000 steps/s after 750 steps; a second of cruise.
+        let s = SCurve { distance: 2500.0, max_speed: 1000.0, max_acceleration: 1000.0, max_jerk: 2000.0, start_speed: 0.0 };
+        durations(&Law::s_curve(s).unwrap(), &[0.5, 0.5, 0.5, 1.0, 0.5, 0.5, 0.5]);
+        let backward = SCurve { distance: -2500.0, ..s };
+        assert_eq!(Law::s_curve(backward).unwrap().end(), Law::s_curve(s).unwrap().end());
+    }
+
+    fn moves() -> impl Strategy<Value = SCurve> {
+        (-3.0_f64..2.0, 1.0_f64..5.0, -1.0_f64..2.0, -1.0_f64..3.0, -5.0_f64..5.0, any::<bool>()).prop_map(
+            |(way, speed, acceleration, jerk, start, forward)| {
+                let max_speed = 10_f64.powf(speed);
+                let max_acceleration = max_speed * 10_f64.powf(acceleration);
+                let max_jerk = max_acceleration * 10_f64.powf(jerk);
+                let scale = max_speed * (max_speed / max_acceleration + max_acceleration / max_jerk);
+                let distance = scale * 10_f64.powf(way) * if forward { 1.0 } else { -1.0 };
+                // Mostly from within the limits.
+                let start_speed = max_speed * if start.abs() < 3.0 { start / 3.0 } else { start };
+                SCurve { distance, max_speed, max_acceleration, max_jerk, start_speed }
+            },
+        )
+    }
+
+    proptest! {
+        #[test]
+        fn s_curves_stay_within_their_limits_and_arrive(s in moves()) {
+            let law = Law::s_curve(s).unwrap();
+            let end = law.end().unwrap();
+            let mut cursor = Cursor::new(&law);
+            let (mut fast, mut before) = (true, None::<f64>);
+            for k in 0..=2000 {
+                let sample = cursor.at(end.divided_by(2000).times(k)).unwrap();
+                prop_assert!(sample.acceleration.abs() <= s.max_acceleration * (1.0 + 1e-6), "{sample:?}");
+                // Too fast only until the limit is reached; the jerk that then takes the braking back reaches no further.
+                fast &= sample.speed.abs() > s.max_speed * (1.0 + 1e-6);
+                let limit = if fast { s.start_speed.abs() } else { s.max_speed };
+                prop_assert!(sample.speed.abs() <= limit * (1.0 + 1e-6), "{k} {sample:?} {s:?}");
+                if let Some(before) = before {
+                    let most = s.max_jerk * end.seconds() / 2000.0 + 1e-6 * s.max_acceleration;
+                    prop_assert!((sample.acceleration - before).abs() <= most * (1.0 + 1e-6), "{k} {sample:?}");
+                }
+                before = Some(sample.acceleration);
+            }
+            let last = cursor.at(end).unwrap();
+            let scale = s.distance.abs() + s.start_speed * s.start_speed / s.max_acceleration;
+            prop_assert!((last.position - s.distance).abs() <= 1e-9 * scale, "{last:?}");
+            prop_assert!(last.speed.abs() <= 1e-6 * s.max_speed, "{last:?}");
+            let mut position = Double::ZERO;
+            for piece in law.pieces() {
+                let piece = piece.unwrap();
+                let gap = (piece.first_position() - position).nearest();
+                prop_assert!(gap.abs() <= 1e-9 * scale, "{gap} at {}", piece.start.seconds());
+                position = piece.last_position();
+            }
+        }
+    }
+}

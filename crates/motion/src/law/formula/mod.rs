@@ -1,42 +1,216 @@
-//! θ(t) in text.
+//! θ(t) in text: parsed, cut into windows of time, enclosed.
+//!
+//! # What is here
+//! - `parse`: text → tree, errors that point
+//! - `resolve`: a tree on a window of time → a smooth expression; every branch is decided there, or the window is cut
+//! - `form`: polynomials plus sinusoids, folded when the formula is read: their windows are plain [`Curve`]s
+//! - `tape`: any other smooth expression, as a flat list of operations that allocates nothing for a jet
+//! - `series`, `scalar`: Taylor recurrences, on f64 and on enclosures that follow the rounding of the same recurrence
+//!
+//! # The language
+//! `t` is the time in seconds; numbers, named parameters, `pi`, `tau`, `e`; `+ - * / ^`; comparisons, `and`, `or`,
+//! `not`; `if(condition, a, b)`, `piecewise(c1, a1, c2, a2, …, otherwise)`; sin cos tan asin acos atan atan2 sinh cosh
+//! tanh exp ln log sqrt pow hypot abs sign min max clamp floor ceil round mod. Angles are in radians, `log` is natural.
 
-use super::{Bounds, Double, Jet, LawError, Piece};
+mod form;
+mod parse;
+mod resolve;
+mod scalar;
+mod series;
+mod tape;
+
+use super::{Curve, Double, Entry, Law, LawError, Piece, meet};
 use crate::Time;
+use form::Form;
+use parse::{Kind, Node};
+use resolve::{NARROWEST_S, Resolver, Smooth, Stop};
+use std::sync::Arc;
+pub use tape::Window;
+use tape::{Tape, Undefined};
 
-/// Nothing of its kind can be made yet.
-#[derive(Clone, Copy, Debug)]
-pub enum Formula {}
+/// What is wrong with the text of a formula, and where.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{message}")]
+pub struct FormulaError {
+    /// Byte offset of the place in the text.
+    pub offset: usize,
+    /// Its length in bytes; 0 at the end of the text.
+    pub length: usize,
+    /// What is wrong with it.
+    pub message: String,
+}
 
-/// Nothing of its kind can be made yet.
-#[derive(Clone, Copy, Debug)]
-pub enum Window {}
+/// θ(t) in text.
+#[derive(Clone, Debug)]
+pub struct Formula {
+    text: String,
+    tree: Node,
+    duration: Option<Time>,
+}
 
-impl Formula {
-    pub(super) fn pieces(&self) -> std::iter::Empty<Result<Piece, LawError>> {
-        match *self {}
-    }
-    pub(super) fn duration(&self) -> Option<Time> {
-        match *self {}
+/// The longest window, s.
+const LONGEST_S: f64 = 64.0;
+/// The fastest sinusoid turns by no more within a window, rad: its phase stays exact to 2^-46.
+const MOST_RADIANS: f64 = 64.0;
+/// Windows of forms are cut until positions are exact to this, steps, or they are this short.
+const EXACT_STEPS: f64 = 1e-8;
+const SHORT_S: f64 = 1e-6;
+/// What two windows may be apart where they meet, steps, for it to be no jump.
+const MEETING_STEPS: f64 = 1e-6;
+
+impl Law {
+    /// θ(t) = `steps_per_unit` × `text`, for `duration` or for ever. See [`formula`](self) for the language.
+    ///
+    /// What is wrong with the values of the formula (undefined, jumps) its [`pieces`](Law::pieces) tell, with the time.
+    ///
+    /// ```
+    /// use pulsetrain_motion::{Law, Time};
+    /// let law = Law::formula("a*t + sin(7*t)", &[("a".into(), 2.5)], 200.0, Some(Time::SECOND))?;
+    /// assert_eq!(law.end(), Some(Time::SECOND));
+    /// let error = Law::formula("2*t + sni(7*t)", &[], 200.0, None).unwrap_err();
+    /// assert_eq!((error.offset, error.length), (6, 3));
+    /// assert_eq!(error.message, "`sni` is unknown; did you mean `sin`?");
+    /// # Ok::<(), pulsetrain_motion::law::FormulaError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`FormulaError`], with the place in the text; about the other arguments with the whole text as the place.
+    pub fn formula(
+        text: &str,
+        parameters: &[(String, f64)],
+        steps_per_unit: f64,
+        duration: Option<Time>,
+    ) -> Result<Law, FormulaError> {
+        let whole = |message: String| FormulaError { offset: 0, length: text.len(), message };
+        if let Some((name, value)) = parameters.iter().find(|(_, value)| !value.is_finite()) {
+            return Err(whole(format!("the parameter `{name}` is {value}: out of range")));
+        }
+        if !steps_per_unit.is_finite() {
+            return Err(whole(format!("{steps_per_unit} steps in a unit: out of range")));
+        }
+        if duration.is_some_and(|d| d <= Time::ZERO) {
+            return Err(whole("the duration must be positive".into()));
+        }
+        let tree = parse::parse(text, parameters)?;
+        let span = tree.span;
+        let scale = Node::new(Kind::Number(Double::from(steps_per_unit)), span)?;
+        let tree = Node::new(Kind::Multiply(scale, tree), span)?;
+        Ok(Law::Formula(Arc::new(Formula { text: text.into(), tree, duration })))
     }
 }
 
-impl Window {
-    pub(super) fn value(&self, _: f64) -> f64 {
-        match *self {}
+impl Formula {
+    pub(super) fn duration(&self) -> Option<Time> {
+        self.duration
     }
-    pub(super) fn jet(&self, _: f64) -> Jet {
-        match *self {}
+
+    pub(super) fn pieces(&self) -> Windows<'_> {
+        Windows { formula: self, start: Time::ZERO, length: 1.0, position: None, known: None, failed: false }
     }
-    pub(super) fn bounds_and_majorant(&self) -> (Bounds, Jet) {
-        match *self {}
+}
+
+/// The pieces of a formula.
+pub(super) struct Windows<'a> {
+    formula: &'a Formula,
+    start: Time,
+    /// The next window's length, s.
+    length: f64,
+    /// Where the last window ended.
+    position: Option<Double>,
+    /// What a formula without branches is everywhere.
+    known: Option<Known>,
+    failed: bool,
+}
+
+#[derive(Clone)]
+enum Known {
+    Form(Form),
+    Tape(Arc<Tape>),
+}
+
+impl Iterator for Windows<'_> {
+    type Item = Result<Piece, LawError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.failed || self.start >= self.formula.duration.unwrap_or(Time::MAX) {
+            return None;
+        }
+        let piece = self.window();
+        self.failed = piece.is_err();
+        Some(piece)
     }
-    pub(super) fn raise(&mut self, _: f64) {
-        match *self {}
+}
+
+impl Windows<'_> {
+    fn window(&mut self) -> Result<Piece, LawError> {
+        let start = self.start;
+        let last = self.formula.duration.unwrap_or(Time::MAX);
+        let mut end = last.min(start + Time::from_seconds(self.length));
+        let mut forced = false;
+        let piece = loop {
+            match self.piece(end, forced) {
+                Ok(piece) => break piece?,
+                Err(Stop::Split(at)) if start < at && at < end => end = at,
+                Err(Stop::Narrow(undefined)) if forced => return Err(self.undefined(&undefined)),
+                Err(_) => {
+                    self.length = 0.5 * (end - start).seconds();
+                    forced = self.length < NARROWEST_S;
+                    end = start + Time::from_seconds(self.length.max(0.5 * NARROWEST_S));
+                }
+            }
+        };
+        if let Some(position) = self.position {
+            // Where the branches meet is known to the narrowest window only.
+            let speed = piece.curve.jet(piece.first())[1];
+            meet(position, &piece, MEETING_STEPS + 2.0 * NARROWEST_S * speed.abs())?;
+        }
+        self.position = Some(piece.last_position());
+        self.start = piece.end;
+        self.length = (2.0 * self.length.max(NARROWEST_S)).min(LONGEST_S);
+        Ok(piece)
     }
-    pub(super) fn scale(&mut self, _: f64) {
-        match *self {}
+
+    fn undefined(&self, undefined: &Undefined) -> LawError {
+        let (offset, length) = undefined.span;
+        let text = self.formula.text.get(offset..offset + length).unwrap_or_default();
+        LawError::Undefined { at_s: self.start.seconds(), why: format!("`{text}`: {}", undefined.why) }
     }
-    pub(super) fn rezero(&mut self, _: Double) {
-        match *self {}
+
+    /// The formula from the start to `end`; the inner error is final.
+    fn piece(&mut self, end: Time, forced: bool) -> Result<Result<Piece, LawError>, Stop> {
+        let known = match &self.known {
+            Some(known) => known.clone(),
+            None => {
+                let resolver = Resolver { start: self.start, end, forced };
+                let known = match resolver.resolve(&self.formula.tree)? {
+                    Smooth::Form(form, _) => Known::Form(form),
+                    smooth => Known::Tape(Arc::new(Tape::new(&smooth))),
+                };
+                if !self.formula.tree.has_branches() {
+                    self.known = Some(known.clone());
+                }
+                known
+            }
+        };
+        let length = (end - self.start).seconds();
+        let narrow = |why| Stop::Narrow(Undefined { span: self.formula.tree.span, why });
+        let (curve, level) = match known {
+            Known::Form(form) => {
+                if form.fastest() * length > MOST_RADIANS && !forced {
+                    return Err(narrow("it is too fast"));
+                }
+                let (curve, level) = form.curve_since(self.start);
+                if curve.bounds(0.0, length).rounding[0] > EXACT_STEPS && length > SHORT_S {
+                    return Err(narrow("it is too fast"));
+                }
+                (curve, level)
+            }
+            Known::Tape(tape) => {
+                (Curve::Formula(Window::new(&tape, self.start, length).map_err(Stop::Narrow)?), Double::ZERO)
+            }
+        };
+        let mut piece =
+            Piece { zero: self.start, start: self.start, end, origin: 0, curve, entry: Entry::Continuous };
+        Ok(piece.raise(level).map(|()| piece))
     }
 }

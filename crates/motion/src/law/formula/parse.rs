@@ -1,0 +1,575 @@
+//! Text → expression tree. Functions with branches or simple identities are spelled out by the smooth ones here.
+
+use super::FormulaError;
+use crate::law::double::Double;
+use std::sync::Arc;
+
+/// Tokens nest no deeper, so that no text overflows the stack.
+const DEEPEST: u32 = 200;
+/// Operations in a formula at most, those that stand for shorthands counted.
+const LARGEST: u32 = 4000;
+
+/// Where in the text: byte offset and length.
+pub(super) type Span = (usize, usize);
+
+/// An expression that is a number.
+#[derive(Clone, Debug)]
+pub(super) struct Node {
+    pub(super) kind: Arc<Kind>,
+    pub(super) span: Span,
+    size: u32,
+    depth: u32,
+}
+
+#[derive(Clone, Debug)]
+pub(super) enum Kind {
+    Number(Double),
+    Time,
+    Add(Node, Node),
+    Subtract(Node, Node),
+    Multiply(Node, Node),
+    Divide(Node, Node),
+    Power(Node, Node),
+    Apply(Function, Node),
+    /// The largest whole number that is not larger.
+    Floor(Node),
+    If(Condition, Node, Node),
+}
+
+/// The smooth functions that have Taylor recurrences of their own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Function {
+    Negative,
+    Sine,
+    Cosine,
+    Exponential,
+    Logarithm,
+    Root,
+    Arcsine,
+    Arctangent,
+    HyperbolicTangent,
+}
+
+/// An expression that is true or false.
+#[derive(Clone, Debug)]
+pub(super) enum Condition {
+    Is(Test, Node),
+    Not(Arc<Condition>),
+    And(Arc<(Condition, Condition)>),
+    Or(Arc<(Condition, Condition)>),
+}
+
+/// What is asked of a number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Test {
+    Positive,
+    NotNegative,
+    Zero,
+}
+
+enum Term {
+    Number(Node),
+    Truth(Condition, Span),
+}
+
+const FUNCTIONS: [(&str, usize); 28] = [
+    ("sin", 1),
+    ("cos", 1),
+    ("tan", 1),
+    ("asin", 1),
+    ("acos", 1),
+    ("atan", 1),
+    ("atan2", 2),
+    ("sinh", 1),
+    ("cosh", 1),
+    ("tanh", 1),
+    ("exp", 1),
+    ("ln", 1),
+    ("log", 1),
+    ("sqrt", 1),
+    ("pow", 2),
+    ("hypot", 2),
+    ("abs", 1),
+    ("sign", 1),
+    ("min", 2),
+    ("max", 2),
+    ("clamp", 3),
+    ("floor", 1),
+    ("ceil", 1),
+    ("round", 1),
+    ("mod", 2),
+    ("if", 3),
+    ("piecewise", 0),
+    ("not", 1),
+];
+
+const CONSTANTS: [(&str, Double); 3] = [("pi", Double::PI), ("tau", Double::TAU), ("e", Double::E)];
+
+/// Reads `text`, in which `parameters` are known by name.
+pub(super) fn parse(text: &str, parameters: &[(String, f64)]) -> Result<Node, FormulaError> {
+    let mut parser = Parser { text, at: 0, depth: 0, parameters };
+    let term = parser.either()?;
+    parser.blank();
+    if parser.at < text.len() {
+        let length = parser.rest().chars().next().map_or(0, char::len_utf8);
+        return Err(error((parser.at, length), "an operator or the end is expected here"));
+    }
+    parser.number(term)
+}
+
+fn error(span: Span, message: impl Into<String>) -> FormulaError {
+    FormulaError { offset: span.0, length: span.1, message: message.into() }
+}
+
+fn join(a: Span, b: Span) -> Span {
+    (a.0, b.0 + b.1 - a.0)
+}
+
+impl Node {
+    pub(super) fn new(kind: Kind, span: Span) -> Result<Node, FormulaError> {
+        let (size, depth) = kind.extent();
+        if size > LARGEST {
+            return Err(error(span, format!("the formula is too large: more than {LARGEST} operations")));
+        }
+        if depth > DEEPEST {
+            return Err(error(span, format!("the formula is nested more than {DEEPEST} deep")));
+        }
+        Ok(Node { kind: Arc::new(kind), span, size, depth })
+    }
+
+    /// Whether what it is depends on the time.
+    pub(super) fn has_branches(&self) -> bool {
+        match &*self.kind {
+            Kind::Number(_) | Kind::Time => false,
+            Kind::Floor(_) | Kind::If(..) => true,
+            Kind::Apply(_, a) => a.has_branches(),
+            Kind::Add(a, b) | Kind::Subtract(a, b) | Kind::Multiply(a, b) | Kind::Divide(a, b) | Kind::Power(a, b) => {
+                a.has_branches() || b.has_branches()
+            }
+        }
+    }
+
+    /// A leaf.
+    fn number(value: Double, span: Span) -> Node {
+        Node { kind: Arc::new(Kind::Number(value)), span, size: 1, depth: 1 }
+    }
+}
+
+impl Kind {
+    fn extent(&self) -> (u32, u32) {
+        let of = |nodes: &[&Node]| {
+            let size = nodes.iter().fold(1_u32, |sum, n| sum.saturating_add(n.size));
+            (size, 1 + nodes.iter().map(|n| n.depth).max().unwrap_or(0))
+        };
+        match self {
+            Kind::Number(_) | Kind::Time => (1, 1),
+            Kind::Add(a, b) | Kind::Subtract(a, b) | Kind::Multiply(a, b) | Kind::Divide(a, b) | Kind::Power(a, b) => {
+                of(&[a, b])
+            }
+            Kind::Apply(_, a) | Kind::Floor(a) => of(&[a]),
+            Kind::If(condition, a, b) => {
+                let (size, depth) = of(&[a, b]);
+                let (c_size, c_depth) = condition.extent();
+                (size.saturating_add(c_size), depth.max(c_depth + 1))
+            }
+        }
+    }
+}
+
+impl Condition {
+    fn extent(&self) -> (u32, u32) {
+        match self {
+            Condition::Is(_, node) => (node.size, node.depth),
+            Condition::Not(inner) => {
+                let (size, depth) = inner.extent();
+                (size, depth + 1)
+            }
+            Condition::And(pair) | Condition::Or(pair) => {
+                let (a, b) = (pair.0.extent(), pair.1.extent());
+                (a.0.saturating_add(b.0), a.1.max(b.1) + 1)
+            }
+        }
+    }
+
+    fn depth_checked(self, span: Span) -> Result<Condition, FormulaError> {
+        let (size, depth) = self.extent();
+        if size > LARGEST || depth > DEEPEST {
+            return Err(error(span, "the condition is too large"));
+        }
+        Ok(self)
+    }
+}
+
+struct Parser<'a> {
+    text: &'a str,
+    at: usize,
+    depth: u32,
+    parameters: &'a [(String, f64)],
+}
+
+impl<'a> Parser<'a> {
+    fn rest(&self) -> &'a str {
+        &self.text[self.at..]
+    }
+
+    fn blank(&mut self) {
+        self.at = self.text.len() - self.rest().trim_start().len();
+    }
+
+    /// Takes `symbol` if it comes next; a word only if it ends there.
+    fn take(&mut self, symbol: &str) -> Option<Span> {
+        self.blank();
+        let after = self.rest().strip_prefix(symbol)?;
+        let is_word = symbol.starts_with(|c: char| c.is_alphabetic());
+        if is_word && after.starts_with(|c: char| c.is_alphanumeric() || c == '_') {
+            return None;
+        }
+        let span = (self.at, symbol.len());
+        self.at += symbol.len();
+        Some(span)
+    }
+
+    fn take_any(&mut self, symbols: &[&'static str]) -> Option<&'static str> {
+        symbols.iter().copied().find(|symbol| self.take(symbol).is_some())
+    }
+
+    fn expect(&mut self, symbol: &str) -> Result<Span, FormulaError> {
+        self.take(symbol).ok_or_else(|| error(self.here(), format!("`{symbol}` is expected here")))
+    }
+
+    /// The character that comes next.
+    fn here(&mut self) -> Span {
+        self.blank();
+        (self.at, self.rest().chars().next().map_or(0, char::len_utf8))
+    }
+
+    fn number(&self, term: Term) -> Result<Node, FormulaError> {
+        match term {
+            Term::Number(node) => Ok(node),
+            Term::Truth(_, span) => Err(error(span, "a number is expected, but this is a condition: use if(…, …, …)")),
+        }
+    }
+
+    fn truth(&self, term: Term) -> Result<(Condition, Span), FormulaError> {
+        match term {
+            Term::Truth(condition, span) => Ok((condition, span)),
+            Term::Number(node) => Err(error(node.span, "a condition is expected, such as t < 2, but this is a number")),
+        }
+    }
+
+    /// or
+    fn either(&mut self) -> Result<Term, FormulaError> {
+        self.depth += 1;
+        if self.depth > DEEPEST {
+            return Err(error(self.here(), format!("the formula is nested more than {DEEPEST} deep")));
+        }
+        let mut left = self.both()?;
+        while self.take_any(&["or", "||"]).is_some() {
+            let (a, from) = self.truth(left)?;
+            let right = self.both()?;
+            let (b, to) = self.truth(right)?;
+            let span = join(from, to);
+            left = Term::Truth(Condition::Or(Arc::new((a, b))).depth_checked(span)?, span);
+        }
+        self.depth -= 1;
+        Ok(left)
+    }
+
+    fn both(&mut self) -> Result<Term, FormulaError> {
+        let mut left = self.inverted()?;
+        while self.take_any(&["and", "&&"]).is_some() {
+            let (a, from) = self.truth(left)?;
+            let right = self.inverted()?;
+            let (b, to) = self.truth(right)?;
+            let span = join(from, to);
+            left = Term::Truth(Condition::And(Arc::new((a, b))).depth_checked(span)?, span);
+        }
+        Ok(left)
+    }
+
+    fn inverted(&mut self) -> Result<Term, FormulaError> {
+        self.blank();
+        // `!=` is no negation, and `not(` is handled alike.
+        let bang = self.rest().starts_with('!') && !self.rest().starts_with("!=");
+        let from = if bang { self.take("!") } else { self.take("not") };
+        let Some(from) = from else { return self.comparison() };
+        self.depth += 1;
+        if self.depth > DEEPEST {
+            return Err(error(from, format!("the formula is nested more than {DEEPEST} deep")));
+        }
+        let inner = self.inverted()?;
+        self.depth -= 1;
+        let (condition, to) = self.truth(inner)?;
+        let span = join(from, to);
+        Ok(Term::Truth(Condition::Not(Arc::new(condition)).depth_checked(span)?, span))
+    }
+
+    fn comparison(&mut self) -> Result<Term, FormulaError> {
+        let first = self.sum()?;
+        let mut chain: Option<(Condition, Span)> = None;
+        let mut left = first;
+        while let Some(symbol) = self.take_any(&["<=", ">=", "==", "!=", "<", ">"]) {
+            let a = self.number(left)?;
+            let right = self.sum()?;
+            let b = self.number(right)?;
+            let span = join(a.span, b.span);
+            let difference = |x: &Node, y: &Node| Node::new(Kind::Subtract(x.clone(), y.clone()), span);
+            let is = match symbol {
+                "<" => Condition::Is(Test::Positive, difference(&b, &a)?),
+                "<=" => Condition::Is(Test::NotNegative, difference(&b, &a)?),
+                ">" => Condition::Is(Test::Positive, difference(&a, &b)?),
+                ">=" => Condition::Is(Test::NotNegative, difference(&a, &b)?),
+                "==" => Condition::Is(Test::Zero, difference(&a, &b)?),
+                _ => Condition::Not(Arc::new(Condition::Is(Test::Zero, difference(&a, &b)?))),
+            };
+            chain = Some(match chain {
+                None => (is, span),
+                Some((before, from)) => {
+                    (Condition::And(Arc::new((before, is))).depth_checked(span)?, join(from, span))
+                }
+            });
+            left = Term::Number(b);
+        }
+        Ok(chain.map_or(left, |(condition, span)| Term::Truth(condition, span)))
+    }
+
+    fn sum(&mut self) -> Result<Term, FormulaError> {
+        let mut left = self.product()?;
+        while let Some(symbol) = self.take_any(&["+", "-"]) {
+            let a = self.number(left)?;
+            let right = self.product()?;
+            let b = self.number(right)?;
+            let span = join(a.span, b.span);
+            let kind = if symbol == "+" { Kind::Add(a, b) } else { Kind::Subtract(a, b) };
+            left = Term::Number(Node::new(kind, span)?);
+        }
+        Ok(left)
+    }
+
+    fn product(&mut self) -> Result<Term, FormulaError> {
+        let mut left = self.signed()?;
+        while let Some(symbol) = self.take_any(&["*", "/"]) {
+            let a = self.number(left)?;
+            let right = self.signed()?;
+            let b = self.number(right)?;
+            let span = join(a.span, b.span);
+            let kind = if symbol == "*" { Kind::Multiply(a, b) } else { Kind::Divide(a, b) };
+            left = Term::Number(Node::new(kind, span)?);
+        }
+        Ok(left)
+    }
+
+    /// Signs bind less than powers: -2^2 is -4.
+    fn signed(&mut self) -> Result<Term, FormulaError> {
+        self.blank();
+        let from = self.at;
+        let Some(symbol) = self.take_any(&["-", "+"]) else { return self.power() };
+        self.depth += 1;
+        if self.depth > DEEPEST {
+            return Err(error((from, 1), format!("the formula is nested more than {DEEPEST} deep")));
+        }
+        let inner = self.signed()?;
+        self.depth -= 1;
+        let inner = self.number(inner)?;
+        let span = join((from, 1), inner.span);
+        let node = if symbol == "-" { Node::new(Kind::Apply(Function::Negative, inner), span)? } else { inner };
+        Ok(Term::Number(node))
+    }
+
+    /// To the right first: 2^3^2 is 2^9; the exponent may have a sign.
+    fn power(&mut self) -> Result<Term, FormulaError> {
+        let base = self.atom()?;
+        if self.take("^").is_none() {
+            return Ok(base);
+        }
+        let base = self.number(base)?;
+        let exponent = self.signed()?;
+        let exponent = self.number(exponent)?;
+        let span = join(base.span, exponent.span);
+        Ok(Term::Number(Node::new(Kind::Power(base, exponent), span)?))
+    }
+
+    fn atom(&mut self) -> Result<Term, FormulaError> {
+        self.blank();
+        let from = self.at;
+        if let Some(open) = self.take("(") {
+            let inner = self.either()?;
+            let close = self.take(")").ok_or_else(|| error(open, "this bracket is never closed"))?;
+            let span = join(open, close);
+            return Ok(match inner {
+                Term::Number(node) => Term::Number(Node { span, ..node }),
+                Term::Truth(condition, _) => Term::Truth(condition, span),
+            });
+        }
+        match self.rest().chars().next() {
+            Some(c) if c.is_ascii_digit() || c == '.' => self.literal(),
+            Some(c) if c.is_alphabetic() || c == '_' => {
+                let length = self.rest().find(|c: char| !(c.is_alphanumeric() || c == '_')).unwrap_or(self.rest().len());
+                self.at += length;
+                self.name((from, length))
+            }
+            _ => Err(error(self.here(), "a number, a name or a bracket is expected here")),
+        }
+    }
+
+    fn literal(&mut self) -> Result<Term, FormulaError> {
+        let bytes = self.rest().as_bytes();
+        let digits = |from: usize| bytes[from.min(bytes.len())..].iter().take_while(|b| b.is_ascii_digit()).count();
+        let mut length = digits(0);
+        if bytes.get(length) == Some(&b'.') {
+            length += 1;
+            length += digits(length);
+        }
+        if matches!(bytes.get(length), Some(b'e' | b'E')) {
+            let sign = usize::from(matches!(bytes.get(length + 1), Some(b'+' | b'-')));
+            let exponent = digits(length + 1 + sign);
+            if exponent > 0 {
+                length += 1 + sign + exponent;
+            }
+        }
+        let span = (self.at, length);
+        let value = self.rest()[..length].parse().ok().filter(|x: &f64| x.is_finite());
+        let value = value.ok_or_else(|| error(span, "this is no number that can be used"))?;
+        self.at += length;
+        Ok(Term::Number(Node::new(Kind::Number(Double::from(value)), span)?))
+    }
+
+    fn name(&mut self, span: Span) -> Result<Term, FormulaError> {
+        let name = &self.text[span.0..span.0 + span.1];
+        self.blank();
+        if self.rest().starts_with('(') && FUNCTIONS.iter().any(|f| f.0 == name) {
+            return self.call(name, span);
+        }
+        let value = if name == "t" {
+            Kind::Time
+        } else if let Some((_, value)) = self.parameters.iter().find(|(known, _)| known == name) {
+            Kind::Number(Double::from(*value))
+        } else if let Some((_, value)) = CONSTANTS.iter().find(|(known, _)| *known == name) {
+            Kind::Number(*value)
+        } else {
+            return Err(error(span, self.unknown(name)));
+        };
+        Ok(Term::Number(Node::new(value, span)?))
+    }
+
+    fn unknown(&self, name: &str) -> String {
+        if FUNCTIONS.iter().any(|f| f.0 == name) {
+            return format!("`{name}` is a function: its arguments go in brackets");
+        }
+        let known = FUNCTIONS.iter().map(|f| f.0).chain(CONSTANTS.iter().map(|c| c.0));
+        let known = known.chain(self.parameters.iter().map(|(name, _)| name.as_str()));
+        let nearest = known.map(|k| (strsim::damerau_levenshtein(k, name), k)).min();
+        match nearest {
+            Some((distance, known)) if distance <= 2 && distance < name.chars().count() => {
+                format!("`{name}` is unknown; did you mean `{known}`?")
+            }
+            _ => format!("`{name}` is unknown: the time is `t`, other names must be parameters"),
+        }
+    }
+
+    fn call(&mut self, name: &str, word: Span) -> Result<Term, FormulaError> {
+        let open = self.expect("(")?;
+        let mut terms = Vec::new();
+        loop {
+            terms.push(self.either()?);
+            if self.take(",").is_none() {
+                break;
+            }
+        }
+        let close = self.take(")").ok_or_else(|| error(open, "this bracket is never closed"))?;
+        let span = join(word, close);
+        let arity = FUNCTIONS.iter().find(|f| f.0 == name).map_or(0, |f| f.1);
+        if arity != 0 && terms.len() != arity {
+            let given = terms.len();
+            return Err(error(span, format!("`{name}` takes {arity} argument(s); here are {given}")));
+        }
+        self.shorthand(name, terms, span)
+    }
+
+    fn shorthand(&mut self, name: &str, terms: Vec<Term>, span: Span) -> Result<Term, FormulaError> {
+        let make = |kind| Node::new(kind, span);
+        let number = |x: f64| Node::number(Double::from(x), span);
+        let apply = |f, x: &Node| make(Kind::Apply(f, x.clone()));
+        let add = |a: Node, b: Node| make(Kind::Add(a, b));
+        let sub = |a: &Node, b: &Node| make(Kind::Subtract(a.clone(), b.clone()));
+        let div = |a: &Node, b: &Node| make(Kind::Divide(a.clone(), b.clone()));
+        let branch = |c: Condition, a: &Node, b: &Node| make(Kind::If(c, a.clone(), b.clone()));
+        let negative = |x: &Node| apply(Function::Negative, x);
+        let at_least = |a: &Node, b: &Node| Ok(Condition::Is(Test::NotNegative, sub(a, b)?));
+        let magnitude = |x: &Node| branch(Condition::Is(Test::NotNegative, x.clone()), x, &negative(x)?);
+        let half_turn = Node::number(Double::PI, span);
+        let quarter = Node::number(Double::PI * Double::from(0.5), span);
+
+        if name == "if" || name == "piecewise" {
+            if terms.len() % 2 == 0 {
+                return Err(error(span, "`piecewise` takes condition, value, …, and a value for all other times"));
+            }
+            let mut terms = terms.into_iter().rev();
+            let otherwise = terms.next().ok_or_else(|| error(span, "`piecewise` needs a value"))?;
+            let mut node = self.number(otherwise)?;
+            while let (Some(value), Some(condition)) = (terms.next(), terms.next()) {
+                let (condition, _) = self.truth(condition)?;
+                node = branch(condition, &self.number(value)?, &node)?;
+            }
+            return Ok(Term::Number(node));
+        }
+        if name == "not" {
+            let mut terms = terms;
+            let (condition, _) = self.truth(terms.remove(0))?;
+            return Ok(Term::Truth(Condition::Not(Arc::new(condition)).depth_checked(span)?, span));
+        }
+        let arguments: Vec<Node> = terms.into_iter().map(|t| self.number(t)).collect::<Result<_, _>>()?;
+        let node = match (name, arguments.as_slice()) {
+            ("sin", [x]) => apply(Function::Sine, x)?,
+            ("cos", [x]) => apply(Function::Cosine, x)?,
+            ("tan", [x]) => div(&apply(Function::Sine, x)?, &apply(Function::Cosine, x)?)?,
+            ("asin", [x]) => apply(Function::Arcsine, x)?,
+            ("acos", [x]) => sub(&quarter, &apply(Function::Arcsine, x)?)?,
+            ("atan", [x]) => apply(Function::Arctangent, x)?,
+            ("atan2", [y, x]) => {
+                let flat = apply(Function::Arctangent, &div(y, x)?)?;
+                let upright = apply(Function::Arctangent, &div(x, y)?)?;
+                let up = Condition::Is(Test::NotNegative, y.clone());
+                let turned = branch(up.clone(), &add(flat.clone(), half_turn.clone())?, &sub(&flat, &half_turn)?)?;
+                let flat = branch(Condition::Is(Test::NotNegative, x.clone()), &flat, &turned)?;
+                let upright = sub(&branch(up, &quarter, &negative(&quarter)?)?, &upright)?;
+                branch(at_least(&magnitude(x)?, &magnitude(y)?)?, &flat, &upright)?
+            }
+            ("sinh" | "cosh", [x]) => {
+                let rising = apply(Function::Exponential, x)?;
+                let falling = apply(Function::Exponential, &negative(x)?)?;
+                let twice = if name == "sinh" { sub(&rising, &falling)? } else { add(rising, falling)? };
+                div(&twice, &number(2.0))?
+            }
+            ("tanh", [x]) => apply(Function::HyperbolicTangent, x)?,
+            ("exp", [x]) => apply(Function::Exponential, x)?,
+            ("ln" | "log", [x]) => apply(Function::Logarithm, x)?,
+            ("sqrt", [x]) => apply(Function::Root, x)?,
+            ("pow", [x, y]) => make(Kind::Power(x.clone(), y.clone()))?,
+            ("hypot", [x, y]) => {
+                let square = |x: &Node| make(Kind::Power(x.clone(), number(2.0)));
+                apply(Function::Root, &add(square(x)?, square(y)?)?)?
+            }
+            ("abs", [x]) => magnitude(x)?,
+            ("sign", [x]) => {
+                let not_positive = branch(Condition::Is(Test::Zero, x.clone()), &number(0.0), &number(-1.0))?;
+                branch(Condition::Is(Test::Positive, x.clone()), &number(1.0), &not_positive)?
+            }
+            ("min", [a, b]) => branch(at_least(b, a)?, a, b)?,
+            ("max", [a, b]) => branch(at_least(a, b)?, a, b)?,
+            ("clamp", [x, low, high]) => {
+                let raised = branch(at_least(x, low)?, x, low)?;
+                branch(at_least(high, &raised)?, &raised, high)?
+            }
+            ("floor", [x]) => make(Kind::Floor(x.clone()))?,
+            ("ceil", [x]) => negative(&make(Kind::Floor(negative(x)?))?)?,
+            ("round", [x]) => make(Kind::Floor(add(x.clone(), number(0.5))?))?,
+            ("mod", [x, m]) => {
+                let whole = make(Kind::Floor(div(x, m)?))?;
+                sub(x, &make(Kind::Multiply(m.clone(), whole))?)?
+            }
+            _ => return Err(error(span, format!("`{name}` is unknown"))),
+        };
+        Ok(Term::Number(node))
+    }
+}

@@ -1,0 +1,241 @@
+//! What a formula is on one window of time: every branch decided, what is a form folded into one.
+
+use super::form::Form;
+use super::parse::{Condition, Function, Kind, Node, Span, Test};
+use super::scalar::Enclosed;
+use super::tape::{LocalForm, Tape, Undefined};
+use crate::Time;
+use crate::law::double::Double;
+use std::cmp::Ordering;
+
+/// An expression without branches.
+#[derive(Clone, Debug)]
+pub(super) enum Smooth {
+    Form(Form, Span),
+    Unary(Unary, Box<Smooth>, Span),
+    Binary(Binary, Box<(Smooth, Smooth)>, Span),
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Unary {
+    Scale(f64),
+    Offset(f64),
+    Reciprocal,
+    WholePower(u32),
+    Power(f64),
+    Apply(Function),
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Binary {
+    Add,
+    Subtract,
+    Multiply,
+    Divide,
+}
+
+/// Why a window cannot be taken as it is.
+pub(super) enum Stop {
+    /// A branch changes there.
+    Split(Time),
+    /// Something cannot be told or is undefined; in a narrower window it may be.
+    Narrow(Undefined),
+}
+
+/// A window of time in which branches are decided.
+pub(super) struct Resolver {
+    pub(super) start: Time,
+    pub(super) end: Time,
+    /// The window is as narrow as they get: its middle decides.
+    pub(super) forced: bool,
+}
+
+/// The narrowest window, s.
+pub(super) const NARROWEST_S: f64 = 1e-12;
+
+impl Smooth {
+    fn as_constant(&self) -> Option<Double> {
+        match self {
+            Smooth::Form(form, _) => form.as_constant(),
+            _ => None,
+        }
+    }
+
+    fn unary(op: Unary, x: Smooth, span: Span) -> Smooth {
+        Smooth::Unary(op, Box::new(x), span)
+    }
+
+    fn apply(function: Function, x: Smooth, span: Span) -> Smooth {
+        if let Smooth::Form(form, _) = &x {
+            if let Some(form) = form.clone().applied(function).filter(Form::is_finite) {
+                return Smooth::Form(form, span);
+            }
+        }
+        match function {
+            Function::Negative => Smooth::unary(Unary::Scale(-1.0), x, span),
+            _ => Smooth::unary(Unary::Apply(function), x, span),
+        }
+    }
+
+    fn binary(op: Binary, a: Smooth, b: Smooth, span: Span) -> Smooth {
+        if let (Smooth::Form(x, _), Smooth::Form(y, _)) = (&a, &b) {
+            let form = match op {
+                Binary::Add => Some(x.clone().plus(y.clone())),
+                Binary::Subtract => Some(x.clone().plus(y.clone().times(-Double::ONE))),
+                Binary::Multiply => x.product(y),
+                Binary::Divide => y.as_constant().and_then(|y| x.clone().divided(y)),
+            };
+            if let Some(form) = form.filter(Form::is_finite) {
+                return Smooth::Form(form, span);
+            }
+        }
+        let constant = |x: &Smooth| x.as_constant().map(Double::nearest);
+        match (op, constant(&a), constant(&b)) {
+            (Binary::Add, Some(c), _) => Smooth::unary(Unary::Offset(c), b, span),
+            (Binary::Add, _, Some(c)) => Smooth::unary(Unary::Offset(c), a, span),
+            (Binary::Subtract, _, Some(c)) => Smooth::unary(Unary::Offset(-c), a, span),
+            (Binary::Multiply, Some(c), _) => Smooth::unary(Unary::Scale(c), b, span),
+            (Binary::Multiply, _, Some(c)) => Smooth::unary(Unary::Scale(c), a, span),
+            _ => Smooth::Binary(op, Box::new((a, b)), span),
+        }
+    }
+
+    fn power(a: Smooth, b: Smooth, span: Span) -> Smooth {
+        let Some(exponent) = b.as_constant() else {
+            // a^b = exp(b·ln a)
+            let product = Smooth::binary(Binary::Multiply, b, Smooth::apply(Function::Logarithm, a, span), span);
+            return Smooth::apply(Function::Exponential, product, span);
+        };
+        if let Smooth::Form(form, _) = &a {
+            if let Some(form) = form.power(exponent).filter(Form::is_finite) {
+                return Smooth::Form(form, span);
+            }
+        }
+        let n = exponent.nearest();
+        if n.fract() != 0.0 || n.abs() > 64.0 {
+            return Smooth::unary(Unary::Power(n), a, span);
+        }
+        let power = Smooth::unary(Unary::WholePower(n.abs() as u32), a, span);
+        if n < 0.0 { Smooth::unary(Unary::Reciprocal, power, span) } else { power }
+    }
+}
+
+impl Resolver {
+    fn span_s(&self) -> f64 {
+        (self.end - self.start).seconds()
+    }
+
+    /// `node` with its branches decided.
+    pub(super) fn resolve(&self, node: &Node) -> Result<Smooth, Stop> {
+        let span = node.span;
+        Ok(match &*node.kind {
+            Kind::Number(c) => Smooth::Form(Form::constant(*c), span),
+            Kind::Time => Smooth::Form(Form::time(), span),
+            Kind::Add(a, b) => Smooth::binary(Binary::Add, self.resolve(a)?, self.resolve(b)?, span),
+            Kind::Subtract(a, b) => Smooth::binary(Binary::Subtract, self.resolve(a)?, self.resolve(b)?, span),
+            Kind::Multiply(a, b) => Smooth::binary(Binary::Multiply, self.resolve(a)?, self.resolve(b)?, span),
+            Kind::Divide(a, b) => Smooth::binary(Binary::Divide, self.resolve(a)?, self.resolve(b)?, span),
+            Kind::Power(a, b) => Smooth::power(self.resolve(a)?, self.resolve(b)?, span),
+            Kind::Apply(function, a) => Smooth::apply(*function, self.resolve(a)?, span),
+            Kind::Floor(a) => Smooth::Form(Form::constant(self.floor(&self.resolve(a)?)?), span),
+            Kind::If(condition, a, b) => self.resolve(if self.decide(condition)? { a } else { b })?,
+        })
+    }
+
+    fn decide(&self, condition: &Condition) -> Result<bool, Stop> {
+        // Of two conditions one that decides is enough, whatever becomes of the other.
+        let joined = |pair: &(Condition, Condition), enough: bool| match (self.decide(&pair.0), self.decide(&pair.1)) {
+            (Ok(a), _) if a == enough => Ok(enough),
+            (_, Ok(b)) if b == enough => Ok(enough),
+            (Ok(_), other) | (other, Ok(_)) => other,
+            (stop, _) => stop,
+        };
+        match condition {
+            Condition::Not(inner) => self.decide(inner).map(|truth| !truth),
+            Condition::And(pair) => joined(pair, false),
+            Condition::Or(pair) => joined(pair, true),
+            Condition::Is(test, node) => {
+                let sign = self.compare(&self.resolve(node)?, 0.0)?;
+                Ok(match test {
+                    Test::Positive => sign.is_gt(),
+                    Test::NotNegative => sign.is_ge(),
+                    Test::Zero => sign.is_eq(),
+                })
+            }
+        }
+    }
+
+    /// How `x` compares with `level` in the whole window, its ends apart.
+    fn compare(&self, x: &Smooth, level: f64) -> Result<Ordering, Stop> {
+        if let Some(c) = x.as_constant() {
+            return Ok((c - Double::from(level)).nearest().total_cmp(&0.0));
+        }
+        let tape = Tape::new(x);
+        let forms = tape.forms_since(self.start);
+        let value = |u: f64| tape.value(&forms, u) - level;
+        let length = self.span_s();
+        if self.forced {
+            return Ok(value(0.5 * length).total_cmp(&0.0));
+        }
+        let [range, slope] = self.enclose(&tape, &forms)?;
+        if range.low >= level {
+            return Ok(Ordering::Greater);
+        }
+        if range.high <= level {
+            return Ok(Ordering::Less);
+        }
+        if slope.low <= 0.0 && slope.high >= 0.0 {
+            let why = "it cannot be told when this changes its sign";
+            return Err(Stop::Narrow(Undefined { span: x.span(), why }));
+        }
+        // Monotone: at most one change, and one that lies on an end is none.
+        let near = slope.magnitude() * NARROWEST_S;
+        let (first, last) = (value(0.0), value(length));
+        if first * last > 0.0 || last.abs() <= near {
+            return Ok(first.total_cmp(&0.0));
+        }
+        if first.abs() <= near {
+            return Ok(last.total_cmp(&0.0));
+        }
+        let (mut a, mut b) = (0.0, length);
+        for _ in 0..100 {
+            let middle = 0.5 * (a + b);
+            if value(middle) * first > 0.0 { a = middle } else { b = middle }
+        }
+        Err(Stop::Split(self.start + Time::from_seconds(a)))
+    }
+
+    fn floor(&self, x: &Smooth) -> Result<Double, Stop> {
+        if let Some(c) = x.as_constant() {
+            return Ok(c.floor());
+        }
+        let tape = Tape::new(x);
+        let forms = tape.forms_since(self.start);
+        if self.forced {
+            return Ok(Double::from(libm::floor(tape.value(&forms, 0.5 * self.span_s()))));
+        }
+        let [range, _] = self.enclose(&tape, &forms)?;
+        let (mut low, mut high) = (range.low, range.high);
+        while high > libm::floor(low) + 1.0 {
+            let level = libm::ceil(0.5 * (low + high) - 0.5).max(libm::floor(low) + 1.0);
+            match self.compare(x, level)? {
+                Ordering::Less => high = high.min(level),
+                _ => low = low.max(level),
+            }
+        }
+        Ok(Double::from(libm::floor(low)))
+    }
+
+    /// Value and slope over the window.
+    fn enclose(&self, tape: &Tape, forms: &[LocalForm]) -> Result<[Enclosed; 2], Stop> {
+        tape.run(forms, Enclosed::new(0.0, self.span_s(), 0.0)).map_err(Stop::Narrow)
+    }
+}
+
+impl Smooth {
+    pub(super) fn span(&self) -> Span {
+        match self {
+            Smooth::Form(_, span) | Smooth::Unary(_, _, span) | Smooth::Binary(_, _, span) => *span,
+        }
+    }
+}

@@ -1,0 +1,302 @@
+//! A branch-free formula as a flat list of operations on a stack, and its windows in time.
+
+use super::form::Form;
+use super::parse::{Function, Span};
+use super::resolve::{Binary, Smooth, Unary};
+use super::scalar::{Enclosed, Scalar};
+use super::series::{self, Series};
+use crate::Time;
+use crate::law::curve::{Bounds, Jet, ULP};
+use crate::law::double::Double;
+use std::sync::Arc;
+
+#[derive(Clone, Copy, Debug)]
+enum Op {
+    /// Pushes one of the forms.
+    Push(usize),
+    /// Changes the topmost series.
+    Unary(Unary),
+    /// Takes two series and leaves one.
+    Binary(Binary),
+}
+
+/// The operations, and where in the text each comes from.
+#[derive(Debug)]
+pub(super) struct Tape {
+    ops: Vec<(Op, Span)>,
+    forms: Vec<Form>,
+    /// The highest that the stack grows.
+    depth: usize,
+}
+
+/// A form in the time since a window's zero.
+#[derive(Debug)]
+pub(super) struct LocalForm {
+    polynomial: Vec<f64>,
+    /// Amplitude, omega, phase.
+    harmonics: Vec<[f64; 3]>,
+}
+
+/// Stacks of up to this many series need no allocation.
+const SHALLOW: usize = 8;
+
+/// An operation without a result.
+pub(super) struct Undefined {
+    pub(super) span: Span,
+    pub(super) why: &'static str,
+}
+
+impl Tape {
+    pub(super) fn new(smooth: &Smooth) -> Tape {
+        let mut tape = Tape { ops: Vec::new(), forms: Vec::new(), depth: 0 };
+        tape.depth = tape.push(smooth);
+        tape
+    }
+
+    /// Adds the operations of `smooth`; returns the stack that they need.
+    fn push(&mut self, smooth: &Smooth) -> usize {
+        let (op, depth) = match smooth {
+            Smooth::Form(form, _) => {
+                self.forms.push(form.clone());
+                (Op::Push(self.forms.len() - 1), 1)
+            }
+            Smooth::Unary(op, x, _) => {
+                let depth = self.push(x);
+                (Op::Unary(*op), depth)
+            }
+            Smooth::Binary(op, pair, _) => {
+                let depth = self.push(&pair.0);
+                (Op::Binary(*op), depth.max(1 + self.push(&pair.1)))
+            }
+        };
+        self.ops.push((op, smooth.span()));
+        depth
+    }
+
+    /// The leaves in the time since `zero`.
+    pub(super) fn forms_since(&self, zero: Time) -> Vec<LocalForm> {
+        self.forms.iter().map(|form| LocalForm::new(&form.since(zero))).collect()
+    }
+
+    pub(super) fn value(&self, forms: &[LocalForm], u: f64) -> f64 {
+        self.run::<f64, 1>(forms, u).map_or(f64::NAN, |[value]| value)
+    }
+
+    /// The first N Taylor coefficients at u, over the u that the scalar stands for.
+    pub(super) fn run<S: Scalar, const N: usize>(&self, forms: &[LocalForm], u: S) -> Result<Series<S, N>, Undefined> {
+        let zero = series::constant(S::exact(0.0));
+        if self.depth <= SHALLOW {
+            self.run_on(forms, u, &mut [zero; SHALLOW])
+        } else {
+            self.run_on(forms, u, &mut vec![zero; self.depth])
+        }
+    }
+
+    fn run_on<S: Scalar, const N: usize>(
+        &self,
+        forms: &[LocalForm],
+        u: S,
+        stack: &mut [Series<S, N>],
+    ) -> Result<Series<S, N>, Undefined> {
+        let mut height = 0;
+        for &(op, span) in &self.ops {
+            match op {
+                Op::Push(form) => {
+                    stack[height] = forms[form].series(u);
+                    height += 1;
+                }
+                Op::Unary(op) => stack[height - 1] = op.of(&stack[height - 1]),
+                Op::Binary(op) => {
+                    height -= 1;
+                    stack[height - 1] = op.of(&stack[height - 1], &stack[height]);
+                }
+            }
+            if !stack[height - 1].iter().all(|c| c.is_sound()) {
+                return Err(Undefined { span, why: op.complaint() });
+            }
+        }
+        Ok(stack[0])
+    }
+}
+
+impl Op {
+    /// What is wrong where this operation has no result.
+    fn complaint(self) -> &'static str {
+        match self {
+            Op::Unary(Unary::Apply(Function::Root)) => "the root of what is not positive has no speed or no value",
+            Op::Unary(Unary::Apply(Function::Logarithm)) => "the logarithm of what is not positive",
+            Op::Unary(Unary::Apply(Function::Arcsine)) => "the arcsine of what is not within -1 and 1 has no speed or no value",
+            Op::Unary(Unary::Power(_)) => "a broken power of what is not positive",
+            Op::Unary(Unary::Reciprocal) | Op::Binary(Binary::Divide) => "a division by 0",
+            _ => "it is too large for a number",
+        }
+    }
+}
+
+impl Unary {
+    fn of<S: Scalar, const N: usize>(self, x: &Series<S, N>) -> Series<S, N> {
+        match self {
+            Unary::Scale(c) => {
+                let c = S::rounded(c);
+                x.map(|x| c * x)
+            }
+            Unary::Offset(c) => {
+                let mut sum = *x;
+                sum[0] = sum[0] + S::rounded(c);
+                sum
+            }
+            Unary::Reciprocal => series::divide(&series::constant(S::exact(1.0)), x),
+            Unary::WholePower(n) => series::whole_power(x, n),
+            Unary::Power(exponent) => series::power(x, exponent),
+            Unary::Apply(function) => match function {
+                Function::Negative => x.map(|x| -x),
+                Function::Sine => series::sin_cos(x).0,
+                Function::Cosine => series::sin_cos(x).1,
+                Function::Exponential => series::exp(x),
+                Function::Logarithm => series::ln(x),
+                Function::Root => series::sqrt(x),
+                Function::Arcsine => series::asin(x),
+                Function::Arctangent => series::atan(x),
+                Function::HyperbolicTangent => series::tanh(x),
+            },
+        }
+    }
+}
+
+impl Binary {
+    fn of<S: Scalar, const N: usize>(self, a: &Series<S, N>, b: &Series<S, N>) -> Series<S, N> {
+        match self {
+            Binary::Add => std::array::from_fn(|k| a[k] + b[k]),
+            Binary::Subtract => std::array::from_fn(|k| a[k] - b[k]),
+            Binary::Multiply => series::multiply(a, b),
+            Binary::Divide => series::divide(a, b),
+        }
+    }
+}
+
+impl LocalForm {
+    fn new(form: &Form) -> LocalForm {
+        LocalForm {
+            polynomial: form.polynomial.iter().map(|c| c.nearest()).collect(),
+            harmonics: form
+                .harmonics
+                .iter()
+                .map(|h| [h.amplitude.nearest(), h.omega.nearest(), h.phase.nearest()])
+                .collect(),
+        }
+    }
+
+    fn series<S: Scalar, const N: usize>(&self, u: S) -> Series<S, N> {
+        let mut sum = series::constant(S::exact(0.0));
+        for (degree, &c) in self.polynomial.iter().rev().enumerate() {
+            for k in (1..N.min(degree + 1)).rev() {
+                sum[k] = sum[k] * u + sum[k - 1];
+            }
+            sum[0] = sum[0] * u + S::rounded(c);
+        }
+        for &[amplitude, omega, phase] in &self.harmonics {
+            let omega = S::rounded(omega);
+            let (sin, cos) = (omega * u + S::rounded(phase)).sin_cos();
+            let mut scale = S::rounded(amplitude);
+            for (k, sum) in sum.iter_mut().enumerate() {
+                if k > 0 {
+                    scale = scale * omega / S::exact(k as f64);
+                }
+                // cos → −sin → −cos → sin
+                *sum = match k % 4 {
+                    0 => *sum + scale * cos,
+                    1 => *sum - scale * sin,
+                    2 => *sum - scale * cos,
+                    _ => *sum + scale * sin,
+                };
+            }
+        }
+        sum
+    }
+}
+
+/// A formula on one window of time, as a curve: factor·formula(u + later) + offset.
+#[derive(Clone, Debug)]
+pub struct Window {
+    shared: Arc<Shared>,
+    factor: f64,
+    offset: f64,
+    later: f64,
+}
+
+#[derive(Debug)]
+struct Shared {
+    tape: Arc<Tape>,
+    forms: Vec<LocalForm>,
+    bounds: Bounds,
+    majorant: Jet,
+}
+
+/// How much larger than what is met at three points the bound of the eighth derivative may be.
+const LOOSEST: f64 = 16.0;
+/// What the eighth derivative may amount to over the window, steps, for its bound not to matter.
+const NEGLIGIBLE_STEPS: f64 = 1e-9;
+
+impl Window {
+    /// From `start` on for `length` seconds, with enclosures that are tight enough to plan with.
+    pub(super) fn new(tape: &Arc<Tape>, start: Time, length: f64) -> Result<Window, Undefined> {
+        let forms = tape.forms_since(start);
+        // The error is that of a sum that shifts the window's zero.
+        let hull: Series<Enclosed, 9> = tape.run(&forms, Enclosed::new(0.0, length, 4.0 * ULP * length))?;
+        let root = tape.ops.last().map_or((0, 0), |op| op.1);
+        if hull[0].magnitude() > crate::law::FARTHEST {
+            return Err(Undefined { span: root, why: "it is beyond 1e15 steps" });
+        }
+        let eighth = hull[8].magnitude();
+        let met = [0.0, 0.5 * length, length].into_iter().fold(0.0, |most: f64, u| {
+            let met = tape.run::<f64, 9>(&forms, u).map_or(f64::NAN, |series| series[8].abs());
+            most.max(met)
+        });
+        let over = length * length;
+        if eighth > LOOSEST * met && eighth * (over * over) * (over * over) > NEGLIGIBLE_STEPS {
+            return Err(Undefined { span: root, why: "its derivatives grow without bound" });
+        }
+        let bounds = Bounds { eighth, rounding: std::array::from_fn(|k| hull[k].error) };
+        let majorant = std::array::from_fn(|k| hull[k].magnitude());
+        let shared = Arc::new(Shared { tape: Arc::clone(tape), forms, bounds, majorant });
+        Ok(Window { shared, factor: 1.0, offset: 0.0, later: 0.0 })
+    }
+
+    pub(crate) fn value(&self, u: f64) -> f64 {
+        self.factor * self.shared.tape.value(&self.shared.forms, u + self.later) + self.offset
+    }
+
+    pub(crate) fn jet(&self, u: f64) -> Jet {
+        let Ok(mut jet) = self.shared.tape.run::<f64, 8>(&self.shared.forms, u + self.later) else {
+            return [f64::NAN; 8];
+        };
+        jet.iter_mut().for_each(|c| *c *= self.factor);
+        jet[0] += self.offset;
+        jet
+    }
+
+    /// What holds on the whole window.
+    pub(crate) fn bounds_and_majorant(&self) -> (Bounds, Jet) {
+        let Shared { bounds, majorant, .. } = &*self.shared;
+        let factor = self.factor.abs();
+        let mut majorant = majorant.map(|m| m * factor);
+        // The factor itself, the product with it and the sum with the offset.
+        let mut rounding: Jet = std::array::from_fn(|k| bounds.rounding[k] * factor + 5.0 * ULP * majorant[k]);
+        majorant[0] += self.offset.abs();
+        rounding[0] += 5.0 * ULP * majorant[0];
+        (Bounds { eighth: bounds.eighth * factor * (1.0 + 16.0 * ULP), rounding }, majorant)
+    }
+
+    pub(crate) fn raise(&mut self, steps: f64) {
+        self.offset += steps;
+    }
+
+    pub(crate) fn scale(&mut self, by: f64) {
+        self.factor *= by;
+        self.offset *= by;
+    }
+
+    pub(crate) fn rezero(&mut self, by: Double) {
+        self.later = (Double::from(self.later) + by).nearest();
+    }
+}

@@ -1,0 +1,225 @@
+//! Formulas: the language, its errors, and what planning rests on: jets, enclosures, windows.
+
+use proptest::prelude::*;
+use pulsetrain_motion::law::{Class, Curve, Cursor, Piece};
+use pulsetrain_motion::{Law, LawError, Time};
+
+fn law(text: &str) -> Law {
+    Law::formula(text, &[("a".into(), 2.5), ("width".into(), 4.0)], 1.0, Some(Time::from_seconds(8.0))).unwrap()
+}
+
+fn at(text: &str, t: f64) -> f64 {
+    Cursor::new(&law(text)).at(Time::from_seconds(t)).unwrap().position
+}
+
+#[track_caller]
+fn check(text: &str, t: f64, expected: f64) {
+    let got = at(text, t);
+    assert!((got - expected).abs() <= 1e-12 * (1.0 + expected.abs()), "{text} at {t}: {got}, not {expected}");
+}
+
+#[test]
+fn precedence() {
+    check("-2^2", 0.0, -4.0);
+    check("2^3^2", 0.0, 512.0);
+    check("2^-1", 0.0, 0.5);
+    check("1 - 2 - 3", 0.0, -4.0);
+    check("8 / 4 / 2", 0.0, 1.0);
+    check("2*-3", 0.0, -6.0);
+    check("1e3 + .5", 0.0, 1000.5);
+    check("(1 + 2)*3*a", 0.0, 22.5);
+    check("if(0 < t < 2 and not t > 1 or 1 == 2, 3*t, 3)", 0.5, 1.5);
+}
+
+#[test]
+fn values() {
+    let t = 0.7_f64;
+    for (text, expected) in [
+        ("sin(t)*cos(t)*tan(t)", t.sin() * t.sin()),
+        ("asin(t/2) + acos(t/2)", std::f64::consts::FRAC_PI_2),
+        ("atan(t)*t", t.atan() * t),
+        ("atan2(t, -1)", t.atan2(-1.0)),
+        ("atan2(-t, 0.1)", (-t).atan2(0.1)),
+        ("sinh(t) + cosh(t) - exp(t) + tanh(t)", t.tanh()),
+        ("ln(1 + t) * log(2 + t)", t.ln_1p() * (2.0 + t).ln()),
+        ("sqrt(1 + t) * pow(1 + t, 1.5) / (1 + t)^2.0", 1.0),
+        ("hypot(1 + t, 2)", (1.0 + t).hypot(2.0)),
+        ("(1 + t)^t", (1.0 + t).powf(t)),
+        ("(2 + sin(t))^-3", (2.0 + t.sin()).powi(-3)),
+        ("abs(t - 5) + min(t, 3) + max(t, 3) + clamp(t, 1, 2)", 4.3 + 0.7 + 3.0 + 1.0),
+        ("floor(a) + ceil(a) + round(a) + mod(-1, 3) + sign(-2)", 2.0 + 3.0 + 3.0 + 2.0 - 1.0),
+        ("piecewise(t < 0.5, 1, t < 1, 1, 1) + e - e + pi - tau/2", 1.0),
+        ("exp(-t)*t^3 + 7", (-t).exp() * t * t * t + 7.0),
+    ] {
+        check(text, t, expected);
+    }
+}
+
+#[track_caller]
+fn refused(text: &str, place: &str, message: &str) {
+    let error = Law::formula(text, &[("a".into(), 2.5), ("width".into(), 4.0)], 1.0, None).unwrap_err();
+    assert_eq!(&text[error.offset..error.offset + error.length], place, "{error:?}");
+    assert!(error.message.contains(message), "{error:?}");
+}
+
+#[test]
+fn errors_point_at_the_place() {
+    refused("2*t + sni(t)", "sni", "did you mean `sin`?");
+    refused("widht*t", "widht", "did you mean `width`?");
+    refused("2*(t + 1", "(", "never closed");
+    refused("2*t + ", "", "is expected here");
+    refused("2 t", "t", "an operator or the end");
+    refused("sin(t, 2)", "sin(t, 2)", "takes 1 argument(s); here are 2");
+    refused("t < 2", "t < 2", "this is a condition");
+    refused("if(t, 1, 2)", "t", "this is a number");
+    refused("sin + 1", "sin", "is a function");
+    refused("1e999*t", "1e999", "no number");
+    refused(&"(".repeat(5000), "(", "nested more than");
+    refused("piecewise(t < 2, 1)", "piecewise(t < 2, 1)", "for all other times");
+}
+
+#[track_caller]
+fn breaks(text: &str, at_s: f64, why: &str) {
+    let pieces: Result<Vec<Piece>, LawError> = law(text).pieces().collect();
+    let error = pieces.unwrap_err();
+    let (LawError::Undefined { at_s: at, .. } | LawError::Jump { at_s: at, .. }) = error else { panic!("{error:?}") };
+    assert!((at - at_s).abs() < 1e-9, "{error}");
+    assert!(error.to_string().contains(why), "{error}");
+}
+
+#[test]
+fn broken_laws_are_refused_with_the_time() {
+    breaks("mod(100*t, 300)", 3.0, "jumps");
+    breaks("if(t < 5, 10*t, 70)", 5.0, "jumps");
+    breaks("sqrt(5 - t)*t", 5.0, "`sqrt(5 - t)`: the root of what is not positive has no speed");
+    breaks("1/(t - 2)", 2.0, "`1/(t - 2)`: a division by 0");
+    breaks("ln(sin(t) - 0.5*cos(3*t)^2)", 0.0, "logarithm");
+    breaks("tan(t)", std::f64::consts::FRAC_PI_2, "`tan(t)`: a division by 0");
+    breaks("asin(t/4)", 4.0, "arcsine");
+    breaks("exp(exp(t))", 1e15_f64.ln().ln(), "beyond 1e15 steps");
+}
+
+#[test]
+fn branches_meet_at_their_exact_time() {
+    let pieces: Vec<Piece> = law("abs(100*t - 230) + max(50*sin(2*t), 20)").pieces().collect::<Result<_, _>>().unwrap();
+    let cuts: Vec<f64> = pieces.iter().map(|p| p.start.seconds()).collect();
+    assert!(cuts.iter().any(|t| (t - 2.3).abs() < 1e-14), "{cuts:?}");
+    let corner = (0.4_f64).asin() / 2.0;
+    assert!(cuts.iter().any(|t| (t - corner).abs() < 1e-14), "{cuts:?}");
+    assert!(pieces.len() < 60, "{} pieces", pieces.len());
+}
+
+#[test]
+fn sums_of_sines_are_plain_curves_and_keep_their_phase_for_days() {
+    let law = Law::formula("1000*t + 300*sin(7*t) + 50*sin(31*t)", &[], 1.0, None).unwrap();
+    assert_eq!(law.class(), Class::Enclosed);
+    let day = 86_400 * 3;
+    let piece = law.pieces().find(|p| p.as_ref().is_ok_and(|p| p.end > Time::SECOND.times(day))).unwrap().unwrap();
+    let Curve::Sum(curves) = &piece.curve else { panic!("{:?}", piece.curve) };
+    assert!(curves.iter().all(|c| matches!(c, Curve::Polynomial(_) | Curve::Cosine { .. })));
+    // 7 rad/s for three days is 288 769 turns and this much.
+    let u = (Time::SECOND.times(day) - piece.zero).seconds();
+    let got = (piece.origin - 1000 * day as i64) as f64 + piece.curve.value(u);
+    let expected = 300.0 * sin_of(7 * day) + 50.0 * sin_of(31 * day);
+    assert!((got - expected).abs() < 1e-9, "{got} {expected}");
+}
+
+/// The sine of a whole number, by 128-bit fixed point.
+fn sin_of(n: u64) -> f64 {
+    // 2π = 6.28318530717958647692528676655900576 in units of 2^-100.
+    let tau = 6_u128 * (1 << 100) + (0.283_185_307_179_586_476_925_286_766_559_005_76_f64 * 2f64.powi(53)) as u128 * (1 << 47);
+    // The first 53 bits of the fraction leave 2^-53; add what follows, from the decimals.
+    let rest = 2.449_293_598_294_706_4e-16 * 2f64.powi(100);
+    let head = std::f64::consts::TAU;
+    let head = (head.floor() as u128) * (1 << 100) + ((head.fract() * 2f64.powi(53)) as u128) * (1 << 47);
+    assert!(tau.abs_diff(head) < 1 << 52);
+    let tau = head + rest as u128;
+    let angle = ((u128::from(n) << 100) % tau) as f64 / 2f64.powi(100);
+    angle.sin()
+}
+
+/// Formulas that are defined everywhere, with branches that meet.
+fn formulas() -> impl Strategy<Value = String> {
+    let leaf = prop_oneof![
+        (-30..30_i32).prop_map(|n| format!("{}", f64::from(n) / 4.0)),
+        Just("t".to_string()),
+        Just("a*t".to_string()),
+        (1..40_i32).prop_map(|w| format!("sin({w}*t)")),
+    ];
+    leaf.prop_recursive(4, 24, 3, |inner| {
+        let two = (inner.clone(), inner.clone());
+        prop_oneof![
+            two.clone().prop_map(|(a, b)| format!("({a} + {b})")),
+            two.clone().prop_map(|(a, b)| format!("({a} - {b})")),
+            two.clone().prop_map(|(a, b)| format!("{a}*{b}")),
+            two.clone().prop_map(|(a, b)| format!("max({a}, {b})")),
+            two.prop_map(|(a, b)| format!("({a})/(2 + sin({b}))")),
+            inner.clone().prop_map(|a| format!("cos({a})")),
+            inner.clone().prop_map(|a| format!("atan({a})")),
+            inner.clone().prop_map(|a| format!("tanh({a})")),
+            inner.clone().prop_map(|a| format!("abs({a})")),
+            inner.clone().prop_map(|a| format!("sqrt(1 + ({a})^2)")),
+            inner.clone().prop_map(|a| format!("(1.5 + cos({a}))^0.7")),
+            inner.clone().prop_map(|a| format!("ln(3 + sin({a}))")),
+            inner.clone().prop_map(|a| format!("asin(0.9*sin({a}))")),
+            inner.clone().prop_map(|a| format!("exp(-({a})^2)")),
+            inner.prop_map(|a| format!("(2 + cos({a}))^-2")),
+        ]
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 300, ..ProptestConfig::default() })]
+
+    #[test]
+    fn no_text_makes_the_parser_panic(text in "\\PC{0,60}") {
+        let _ = Law::formula(&text, &[("a".into(), 1.0)], 1.0, None);
+    }
+
+    #[test]
+    fn no_formula_like_text_does_either(text in "([-+*/^(),.<>=! ]|[0-9]{1,3}|t|a|sin|if|piecewise|floor|mod|and|not|e|pi){0,40}") {
+        if let Ok(law) = Law::formula(&text, &[("a".into(), 1.0)], 1.0, Some(Time::SECOND)) {
+            for piece in law.pieces().take(50) {
+                let Ok(piece) = piece else { break };
+                prop_assert!(piece.start < piece.end);
+            }
+        }
+    }
+
+    /// The enclosure of the eighth derivative and of the roundings, against the curve's own values.
+    #[test]
+    fn taylor_s_remainder_is_within_the_bounds(text in formulas(), from in 0.0_f64..1.0, to in 0.0_f64..1.0) {
+        for piece in law(&text).pieces().take(20) {
+            let Ok(piece) = piece else { break };
+            let (first, last) = (piece.first(), piece.last());
+            let bounds = piece.curve.bounds(first, last);
+            let (u, v) = (first + from * (last - first), first + to * (last - first));
+            let (jet, x) = (piece.curve.jet(u), v - u);
+            let taylor = jet.iter().rev().fold(0.0, |sum, c| sum * x + c);
+            let slack: f64 = bounds.rounding.iter().rev().fold(0.0, |sum, r| sum * x.abs() + r) + bounds.rounding[0];
+            // The test's own sum and the place v are rounded.
+            let own = jet.iter().rev().fold(0.0, |sum, c| sum * x.abs() + c.abs()) * 20.0 * f64::EPSILON;
+            let off = (piece.curve.value(v) - taylor).abs();
+            let bound = bounds.eighth * x.powi(8) + slack + own + jet[1].abs() * v * f64::EPSILON;
+            prop_assert!(off <= bound, "{text}: {off:e} > {bound:e}, x = {x}, {bounds:?}");
+        }
+    }
+
+    #[test]
+    fn windows_follow_without_gaps_and_meet(text in formulas()) {
+        let law = law(&text);
+        let mut end = Time::ZERO;
+        let mut position: Option<f64> = None;
+        for piece in law.pieces().take(400) {
+            let Ok(piece) = piece else { break };
+            prop_assert_eq!(piece.start, end);
+            prop_assert!(piece.end > piece.start);
+            let first = piece.origin as f64 + piece.curve.value(piece.first());
+            if let Some(position) = position {
+                prop_assert!((first - position).abs() < 1e-5 * (1.0 + position.abs()), "{} at {}", text, piece.start.seconds());
+            }
+            position = Some(piece.origin as f64 + piece.curve.value(piece.last()));
+            end = piece.end;
+        }
+    }
+}

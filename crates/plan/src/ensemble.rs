@@ -1,0 +1,124 @@
+//! All motors of a program: their plans, and the order of steps on shared DIR lines.
+
+use crate::certificate::Certificate;
+use crate::error::PlanError;
+use crate::planner::Planner;
+use crate::settings::Settings;
+use crate::shared_dir::SharedDir;
+use crate::{Move, packed::Meter};
+use pulsetrain_motion::program::{Program, Wiring};
+use std::collections::VecDeque;
+
+/// A plan that was refused, and whose it is.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{error}")]
+pub struct Refused {
+    /// Index of the motor in the program.
+    pub motor: usize,
+    /// Why.
+    pub error: PlanError,
+}
+
+/// The plans of all motors of a program, as streams of moves.
+///
+/// Motors that share a DIR line are planned together: reading far ahead for one of them makes the moves of the
+/// others wait in memory.
+///
+/// ```
+/// # let text = pulsetrain_motion::template::motion_file("example");
+/// # let no_files = |_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into());
+/// let program = pulsetrain_motion::file::read(&text, "example.toml", &no_files).unwrap();
+/// let mut ensemble = pulsetrain_plan::Ensemble::new(&program).unwrap();
+/// while let Some(_move) = ensemble.next_move(0).unwrap() {}
+/// assert!(ensemble.certificate(0).steps > 0);
+/// ```
+pub struct Ensemble<'a> {
+    motors: Vec<Member<'a>>,
+    groups: Vec<SharedDir<'a>>,
+}
+
+struct Member<'a> {
+    plan: Source<'a>,
+    settings: Settings,
+    meter: Meter,
+}
+
+enum Source<'a> {
+    /// A motor with a DIR line of its own.
+    Alone(Box<Planner<'a>>),
+    /// One that shares it: which group, and which member of it.
+    Shared(usize, usize),
+}
+
+impl<'a> Ensemble<'a> {
+    /// Prepares to plan all motors of a program.
+    ///
+    /// # Errors
+    /// If the tolerance is below what can be proven.
+    pub fn new(program: &'a Program) -> Result<Ensemble<'a>, Refused> {
+        let mut motors = Vec::with_capacity(program.motors.len());
+        let mut groups: Vec<(u8, SharedDir<'a>)> = Vec::new();
+        for (index, motor) in program.motors.iter().enumerate() {
+            let settings = Settings::of(program, motor);
+            let planner = Planner::new(&motor.law, &settings).map_err(|error| Refused { motor: index, error })?;
+            let plan = match shared_dir_pin(program, index) {
+                None => Source::Alone(Box::new(planner)),
+                Some(pin) => {
+                    let group = groups.iter().position(|(p, _)| *p == pin).unwrap_or_else(|| {
+                        groups.push((pin, SharedDir::new(settings.fraction_bits)));
+                        groups.len() - 1
+                    });
+                    Source::Shared(group, groups[group].1.join(index, planner, &settings))
+                }
+            };
+            motors.push(Member { plan, meter: Meter::new(&settings), settings });
+        }
+        Ok(Ensemble { motors, groups: groups.into_iter().map(|(_, group)| group).collect() })
+    }
+
+    /// The next move of a motor; `None` at the end of its law.
+    ///
+    /// # Errors
+    /// Where a law breaks or leaves a limit; of motors that share a DIR line, whichever comes first.
+    pub fn next_move(&mut self, motor: usize) -> Result<Option<Move>, Refused> {
+        let member = &mut self.motors[motor];
+        let next = match &mut member.plan {
+            Source::Alone(planner) => planner.next_move().map_err(|error| Refused { motor, error })?,
+            Source::Shared(group, place) => self.groups[*group].next_move(*place)?,
+        };
+        if let Some(next) = &next {
+            member.meter.add(next);
+        }
+        Ok(next)
+    }
+
+    /// What is proven of a motor's moves; it may be ahead of those given out.
+    #[must_use]
+    pub fn certificate(&self, motor: usize) -> Certificate {
+        let member = &self.motors[motor];
+        let certificate = match &member.plan {
+            Source::Alone(planner) => planner.certificate().clone(),
+            Source::Shared(group, place) => self.groups[*group].certificate(*place),
+        };
+        Certificate { bytes: member.meter.bytes(), segments: member.meter.segments(), ..certificate }
+    }
+
+    /// What a motor's plan keeps to.
+    #[must_use]
+    pub fn settings(&self, motor: usize) -> &Settings {
+        &self.motors[motor].settings
+    }
+}
+
+/// The motor's DIR pin, if another motor has the same.
+fn shared_dir_pin(program: &Program, index: usize) -> Option<u8> {
+    let dir = |motor: usize| match program.motors[motor].wiring {
+        Wiring::StepDir { dir, .. } => Some(dir),
+        Wiring::Coils { .. } => None,
+    };
+    let own = dir(index)?;
+    (0..program.motors.len()).any(|other| other != index && dir(other) == Some(own)).then_some(own)
+}
+
+/// Moves that wait for their motor.
+pub(crate) type Waiting = VecDeque<Move>;

@@ -1,0 +1,194 @@
+//! Motors that share a DIR line: opposite steps of different motors are kept apart by pulse, hold and setup.
+//!
+//! Steps are taken in the order in which they can be made. One that wants the line in the other direction waits until
+//! the last step before it has had its pulse and hold, and the line its setup; the step after it comes when it was
+//! due. Segments are cut around a step that was put off: the integers of all others stay what they were.
+
+use crate::certificate::Certificate;
+use crate::ensemble::{Refused, Waiting};
+use crate::error::PlanError;
+use crate::planner::Planner;
+use crate::settings::Settings;
+use crate::Move;
+use pulsetrain_core::{Direction, Segment};
+
+/// The motors of one DIR line.
+pub(crate) struct SharedDir<'a> {
+    members: Vec<Member<'a>>,
+    fraction_bits: u32,
+    /// Pulse, hold and setup, the longest of all members: between opposite steps, ticks.
+    turn_ticks: i64,
+    /// Tick and direction of the last step made.
+    line: Option<(i64, Direction)>,
+}
+
+struct Member<'a> {
+    motor: usize,
+    planner: Planner<'a>,
+    min_interval_ticks: i64,
+    tick_hz: f64,
+    /// Accumulator of the plan after the last step that was taken, ticks · 2^F.
+    accumulator: i128,
+    /// What is left of the segment being taken.
+    segment: Option<(Segment, Direction)>,
+    /// Steps of it that go out as they are.
+    unchanged: u32,
+    /// How much later than planned the last step was, ticks.
+    late: i64,
+    out: Waiting,
+    put_off: u64,
+    longest_put_off: i64,
+    ended: bool,
+}
+
+impl<'a> SharedDir<'a> {
+    pub(crate) fn new(fraction_bits: u32) -> SharedDir<'a> {
+        SharedDir { members: Vec::new(), fraction_bits, turn_ticks: 0, line: None }
+    }
+
+    /// Adds a motor; gives its place in the group.
+    pub(crate) fn join(&mut self, motor: usize, planner: Planner<'a>, settings: &Settings) -> usize {
+        self.turn_ticks = self.turn_ticks.max(settings.reversal_ticks as i64);
+        self.members.push(Member {
+            motor,
+            planner,
+            min_interval_ticks: settings.min_interval_ticks as i64,
+            tick_hz: settings.tick_hz as f64,
+            accumulator: 1 << (settings.fraction_bits - 1),
+            segment: None,
+            unchanged: 0,
+            late: 0,
+            out: Waiting::new(),
+            put_off: 0,
+            longest_put_off: 0,
+            ended: false,
+        });
+        self.members.len() - 1
+    }
+
+    pub(crate) fn certificate(&self, place: usize) -> Certificate {
+        let member = &self.members[place];
+        let certificate = member.planner.certificate().clone();
+        Certificate {
+            bound_ticks: certificate.bound_ticks + member.longest_put_off as f64,
+            steps_put_off: member.put_off,
+            longest_put_off_ticks: member.longest_put_off as u64,
+            ..certificate
+        }
+    }
+
+    pub(crate) fn next_move(&mut self, place: usize) -> Result<Option<Move>, Refused> {
+        loop {
+            if let Some(next) = self.members[place].out.pop_front() {
+                return Ok(Some(next));
+            }
+            if !self.take_step()? {
+                return Ok(self.members[place].out.pop_front());
+            }
+        }
+    }
+
+    /// Takes the step that can be made first; `false` when no motor has one.
+    fn take_step(&mut self) -> Result<bool, Refused> {
+        let mut first: Option<Candidate> = None;
+        for place in 0..self.members.len() {
+            let Some((due, direction)) = self.members[place].due(self.fraction_bits)? else { continue };
+            let turns = self.line.is_some_and(|(_, way)| way != direction);
+            let possible = match self.line {
+                // A line that must turn: what the last step needs after it, and the setup of this one.
+                Some((last, _)) if turns => due.max(last + self.turn_ticks),
+                Some((last, _)) => due.max(last),
+                None => due,
+            };
+            let candidate = Candidate { possible, turns, place, late: possible - due, direction };
+            // At the same tick, steps that the line is right for go first.
+            if first.as_ref().is_none_or(|f| (possible, turns) < (f.possible, f.turns)) {
+                first = Some(candidate);
+            }
+        }
+        let Some(step) = first else { return Ok(false) };
+        self.members[step.place].take(step.late, self.fraction_bits)?;
+        self.line = Some((step.possible, step.direction));
+        Ok(true)
+    }
+}
+
+/// The next step of a motor.
+struct Candidate {
+    /// When it can be made, ticks.
+    possible: i64,
+    /// Whether the line must turn for it.
+    turns: bool,
+    place: usize,
+    /// `possible` minus when it is due, ticks.
+    late: i64,
+    direction: Direction,
+}
+
+impl Member<'_> {
+    fn refused(&self, error: PlanError) -> Refused {
+        Refused { motor: self.motor, error }
+    }
+
+    /// The planned tick of the next step, and its direction; `None` at the end of the plan.
+    fn due(&mut self, fraction_bits: u32) -> Result<Option<(i64, Direction)>, Refused> {
+        while self.segment.is_none() {
+            if self.ended {
+                return Ok(None);
+            }
+            match self.planner.next_move().map_err(|error| self.refused(error))? {
+                Some(Move::Run { segment, direction }) => self.segment = Some((segment, direction)),
+                Some(Move::Dwell { ticks }) => {
+                    self.accumulator += i128::from(ticks) << fraction_bits;
+                    self.out.push_back(Move::Dwell { ticks });
+                }
+                None => self.ended = true,
+            }
+        }
+        Ok(self.segment.map(|(segment, direction)| {
+            let next = segment.after(self.unchanged);
+            (((self.accumulator + i128::from(next.interval)) >> fraction_bits) as i64, direction)
+        }))
+    }
+
+    /// Takes the next step, `late` ticks after it is due.
+    fn take(&mut self, late: i64, fraction_bits: u32) -> Result<(), Refused> {
+        let Some((segment, direction)) = self.segment else { return Ok(()) };
+        let step = segment.after(self.unchanged);
+        self.accumulator += i128::from(step.interval);
+        if late == 0 && self.late == 0 {
+            self.unchanged += 1;
+            if self.unchanged == segment.count {
+                self.flush();
+                self.segment = None;
+            }
+            return Ok(());
+        }
+        // This step, or the one before it, was moved: it goes out alone.
+        let taken = self.unchanged;
+        self.flush();
+        let interval = step.interval + ((late - self.late) << fraction_bits);
+        if interval >> fraction_bits < self.min_interval_ticks {
+            let rate_hz = self.tick_hz / (interval >> fraction_bits).max(1) as f64;
+            let at_s = (self.accumulator >> fraction_bits) as f64 / self.tick_hz;
+            let limit_hz = self.tick_hz / self.min_interval_ticks as f64;
+            return Err(self.refused(PlanError::TooFastForBoard { at_s, rate_hz, limit_hz }));
+        }
+        self.out.push_back(Move::Run { segment: Segment { interval, ..step.truncated(1) }, direction });
+        if late > 0 {
+            self.put_off += 1;
+            self.longest_put_off = self.longest_put_off.max(late);
+        }
+        self.late = late;
+        self.segment = (segment.count > taken + 1).then(|| (segment.after(taken + 1), direction));
+        Ok(())
+    }
+
+    /// Gives out the steps that stay as they were.
+    fn flush(&mut self) {
+        if let Some((segment, direction)) = self.segment.filter(|_| self.unchanged > 0) {
+            self.out.push_back(Move::Run { segment: segment.truncated(self.unchanged), direction });
+        }
+        self.unchanged = 0;
+    }
+}
