@@ -31,8 +31,8 @@ fn slowed(settings: &Settings, factor: f64) -> Settings {
 /// helps.
 #[must_use]
 pub fn least_slowdown(prepared: &Prepared, motor: &Motor) -> Option<f64> {
-    let settings = prepared.settings(motor);
-    let fits = |factor: f64| prepare::certify(&motor.law, &slowed(&settings, factor), |_| {}).is_ok();
+    let settings = Settings::of(&prepared.program, motor);
+    let fits = |factor: f64| prepare::fits(&motor.law, &slowed(&settings, factor));
     let mut below = 1.0;
     let mut above = 1.25;
     while !fits(above) {
@@ -59,11 +59,8 @@ pub fn other_boards(prepared: &Prepared) -> Vec<String> {
     let able = others.filter_map(|row| {
         let name = row.board.name.clone();
         let program = prepared.program.clone().with_board(row.board).ok()?;
-        let fits = program
-            .motors
-            .iter()
-            .all(|motor| prepare::certify(&motor.law, &prepare::settings(&program, motor), |_| {}).is_ok());
-        fits.then_some(name)
+        let fits = |motor: &Motor| prepare::fits(&motor.law, &Settings::of(&program, motor));
+        program.motors.iter().all(fits).then_some(name)
     });
     able.collect()
 }
@@ -96,6 +93,16 @@ pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
         lines.push(format!("{times} times slower it fits{}", fits.unwrap_or_default()));
     }
     if error.limit() == Some(Limit::Board) {
+        let settings = Settings::of(&prepared.program, motor);
+        let pulse = motor.timing.ticks(settings.tick_hz);
+        if settings.min_interval_ticks == pulse.pulse_high + pulse.pulse_low {
+            let (high, low) = (f64::from(motor.timing.pulse_high_ns) * 1e-9, f64::from(motor.timing.pulse_low_ns) * 1e-9);
+            lines.push(format!(
+                "the limit is the driver's: a pulse takes {} HIGH and {} LOW",
+                human::seconds(high),
+                human::seconds(low)
+            ));
+        }
         match other_boards(prepared) {
             boards if boards.is_empty() => lines.push("no board in the table does it as it is".to_owned()),
             boards => lines.push(format!("as it is, it fits: {}", boards.join(", "))),

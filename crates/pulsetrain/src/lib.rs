@@ -4,6 +4,7 @@
 pub mod cli;
 mod commands;
 pub mod console;
+pub mod drive;
 pub mod fit;
 pub mod human;
 pub mod plot;

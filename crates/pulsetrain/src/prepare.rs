@@ -4,9 +4,9 @@ use std::path::Path;
 
 use miette::Diagnostic;
 use pulsetrain_motion::law::{Cursor, Law};
-use pulsetrain_motion::program::{BoardError, Motor, Program};
+use pulsetrain_motion::program::{BoardError, Program};
 use pulsetrain_motion::{LawError, Time, boards, file};
-use pulsetrain_plan::{Certificate, Move, PlanError, Planner, Settings};
+use pulsetrain_plan::{Certificate, Ensemble, Move, PlanError, Planner, Refused, Settings};
 
 use crate::fit;
 
@@ -79,36 +79,28 @@ impl Prepared {
         Ok(Prepared { file, program, cut_at })
     }
 
-    /// What the plan of a motor must keep to.
-    #[must_use]
-    pub fn settings(&self, motor: &Motor) -> Settings {
-        settings(&self.program, motor)
-    }
-
-    /// Plans every motor and hands each move on; nothing is kept.
+    /// Plans every motor, all side by side; nothing is kept. `watch` hears how far the plan is, s.
     ///
     /// # Errors
     /// When a plan would break a limit: with what would fit.
     pub fn plan(&self, mut watch: impl FnMut(f64)) -> Result<Vec<Planned>, Refusal> {
-        self.program
-            .motors
-            .iter()
-            .map(|motor| {
-                let mut steps_from_s = 0.0;
-                certify(&motor.law, &self.settings(motor), |seconds| {
-                    watch(seconds - steps_from_s);
-                    steps_from_s = seconds;
-                })
-                .map_err(|error| self.refuse(motor, error))
-            })
-            .collect()
+        let mut plans = Plans::new(&self.program).map_err(|refused| self.refuse(refused))?;
+        let mut moves: u32 = 0;
+        while let Some((motor, _)) = plans.next_move().map_err(|refused| self.refuse(refused))? {
+            moves = moves.wrapping_add(1);
+            if moves.is_multiple_of(256) {
+                watch(plans.clocks[motor].tick as f64 / self.program.board.tick_hz as f64);
+            }
+        }
+        Ok(plans.finish())
     }
 
-    /// A plan's error as the user should see it.
+    /// A plan's refusal as the user should see it.
     #[must_use]
-    pub fn refuse(&self, motor: &Motor, error: PlanError) -> Refusal {
-        let advice = fit::advice(self, motor, &error);
-        Refusal::Plan { file: self.file.clone(), motor: motor.name.clone(), error, advice }
+    pub fn refuse(&self, refused: Refused) -> Refusal {
+        let motor = &self.program.motors[refused.motor];
+        let advice = fit::advice(self, motor, &refused.error);
+        Refusal::Plan { file: self.file.clone(), motor: motor.name.clone(), error: refused.error, advice }
     }
 
     /// When the last law ends, s.
@@ -116,32 +108,6 @@ impl Prepared {
     pub fn end_s(&self) -> f64 {
         self.program.motors.iter().filter_map(|motor| motor.law.end()).map(Time::seconds).fold(0.0, f64::max)
     }
-}
-
-/// What the plan of a motor of `program` must keep to.
-#[must_use]
-pub fn settings(program: &Program, motor: &Motor) -> Settings {
-    let board = &program.board;
-    let ticks = |ns: u32| ticks(ns, board.tick_hz);
-    let timing = &motor.timing;
-    // The last entry serves for more motors.
-    let own = board.min_interval_ticks.get(program.motors.len() - 1).or(board.min_interval_ticks.last());
-    let pulse = ticks(timing.pulse_high_ns) + ticks(timing.pulse_low_ns);
-    Settings {
-        tolerance_ticks: program.tolerance.ticks(board.tick_hz),
-        grid: program.grid,
-        min_interval_ticks: own.map_or(1, |own| u64::from(*own)).max(pulse),
-        reversal_ticks: ticks(timing.pulse_high_ns) + ticks(timing.dir_hold_ns) + ticks(timing.dir_setup_ns),
-        limits: motor.limits,
-        ..Settings::new(board.tick_hz, board.fraction_bits)
-    }
-}
-
-/// Nanoseconds as whole ticks, rounded up.
-#[must_use]
-pub fn ticks(ns: u32, tick_hz: u64) -> u64 {
-    // 2^32 ns at 2^64 Hz would not fit; boards tick at some 10^8 Hz.
-    (u128::from(ns) * u128::from(tick_hz)).div_ceil(1_000_000_000) as u64
 }
 
 /// A motor's plan, in figures.
@@ -153,24 +119,96 @@ pub struct Planned {
     pub last_tick: u64,
 }
 
-/// Plans a law to its end; `watch` hears how far it is, s.
-///
-/// # Errors
-/// When the plan would break a limit.
-pub fn certify(law: &Law, settings: &Settings, mut watch: impl FnMut(f64)) -> Result<Planned, PlanError> {
-    let mut planner = Planner::new(law, settings)?;
-    let mut moves: u32 = 0;
-    let mut last_tick = 0;
-    while let Some(next) = planner.next_move()? {
-        if matches!(next, Move::Run { .. }) {
-            last_tick = planner.tick().unsigned_abs();
+/// The moves of all motors, those of the motor that is least far first.
+pub struct Plans<'a> {
+    ensemble: Ensemble<'a>,
+    fraction_bits: u32,
+    clocks: Vec<Clock>,
+}
+
+/// How far a motor's moves go.
+#[derive(Clone, Copy, Debug)]
+struct Clock {
+    tick: u64,
+    /// In units of 2^-F tick.
+    fraction: i128,
+    last_step: u64,
+    ended: bool,
+}
+
+impl<'a> Plans<'a> {
+    /// Prepares to plan all motors of a program.
+    ///
+    /// # Errors
+    /// As [`Ensemble::new`].
+    pub fn new(program: &'a Program) -> Result<Plans<'a>, Refused> {
+        let fraction_bits = program.board.fraction_bits;
+        let clock = Clock { tick: 0, fraction: 1 << (fraction_bits - 1), last_step: 0, ended: false };
+        let clocks = vec![clock; program.motors.len()];
+        Ok(Plans { ensemble: Ensemble::new(program)?, fraction_bits, clocks })
+    }
+
+    /// The motor that is least far, and to which tick; `None` when all have ended.
+    #[must_use]
+    pub fn least_far(&self) -> Option<(usize, u64)> {
+        let going = self.clocks.iter().enumerate().filter(|(_, clock)| !clock.ended);
+        going.map(|(motor, clock)| (motor, clock.tick)).min_by_key(|(_, tick)| *tick)
+    }
+
+    /// The next move of the motor that is least far; `None` when all have ended.
+    ///
+    /// # Errors
+    /// As [`Ensemble::next_move`].
+    pub fn next_move(&mut self) -> Result<Option<(usize, Move)>, Refused> {
+        while let Some((motor, _)) = self.least_far() {
+            let clock = &mut self.clocks[motor];
+            match self.ensemble.next_move(motor)? {
+                Some(next) => {
+                    clock.advance(&next, self.fraction_bits);
+                    return Ok(Some((motor, next)));
+                }
+                None => clock.ended = true,
+            }
         }
-        moves = moves.wrapping_add(1);
-        if moves.is_multiple_of(256) {
-            watch(planner.tick() as f64 / settings.tick_hz as f64);
+        Ok(None)
+    }
+
+    /// The figures of every motor's plan.
+    #[must_use]
+    pub fn finish(&self) -> Vec<Planned> {
+        let motors = self.clocks.iter().enumerate();
+        motors
+            .map(|(motor, clock)| Planned {
+                certificate: self.ensemble.certificate(motor),
+                last_tick: clock.last_step,
+            })
+            .collect()
+    }
+}
+
+impl Clock {
+    fn advance(&mut self, next: &Move, fraction_bits: u32) {
+        match next {
+            Move::Dwell { ticks } => self.tick += ticks,
+            Move::Run { segment, .. } => {
+                let fixed = (i128::from(self.tick) << fraction_bits) + self.fraction + segment.span(segment.count);
+                self.tick = (fixed >> fraction_bits) as u64;
+                self.fraction = fixed & ((1 << fraction_bits) - 1);
+                self.last_step = self.tick;
+            }
         }
     }
-    Ok(Planned { certificate: planner.certificate().clone(), last_tick })
+}
+
+/// Whether a law's plan keeps to `settings`, by itself.
+#[must_use]
+pub fn fits(law: &Law, settings: &Settings) -> bool {
+    let walk = || -> Result<(), PlanError> {
+        let mut planner = Planner::new(law, settings)?;
+        while planner.next_move()?.is_some() {}
+        Ok(())
+    };
+    walk().is_ok()
 }
 
 /// Gives every endless law an end: after `length`, or after the default but not before the finite laws end. A

@@ -290,6 +290,17 @@ impl Curve {
         }
     }
 
+    /// Whether θ stays where it is.
+    pub(crate) fn is_constant(&self) -> bool {
+        match self {
+            Curve::Polynomial(c) => c.iter().skip(1).all(|&c| c == 0.0),
+            Curve::Cosine { amplitude, .. } => *amplitude == 0.0,
+            Curve::TimerRamp { factor, .. } => *factor == 0.0,
+            Curve::Formula(_) => false,
+            Curve::Sum(curves) => curves.iter().all(Curve::is_constant),
+        }
+    }
+
     /// Adds `steps` to θ.
     pub(crate) fn raise(&mut self, steps: f64) {
         match self {

@@ -19,14 +19,9 @@ pub(crate) fn run(args: &Plan, console: &mut Console<'_>) -> miette::Result<Exit
 
 /// Plans with a progress bar.
 pub(crate) fn plan(prepared: &Prepared, console: &Console<'_>) -> miette::Result<Vec<Planned>> {
-    let motors = prepared.program.motors.len();
-    let bar = console.progress(prepared.end_s() * motors as f64, "the motion");
+    let bar = console.progress(prepared.end_s(), "the motion");
     bar.stage("planning");
-    let mut done = 0.0;
-    let planned = prepared.plan(|seconds| {
-        done += seconds;
-        bar.set(done);
-    })?;
+    let planned = prepared.plan(|seconds| bar.set(seconds))?;
     Ok(planned)
 }
 
