@@ -146,6 +146,9 @@ pub(crate) struct Verify {
     /// What is fitted before judging
     #[arg(long, value_enum, default_value_t = Alignment::Start)]
     pub(crate) align: Alignment,
+    /// Whose film it is, if the motion file has several motors
+    #[arg(long, value_name = "MOTOR")]
+    pub(crate) motor: Option<String>,
     /// Print the verdict as JSON
     #[arg(long)]
     pub(crate) json: bool,
@@ -270,19 +273,19 @@ pub fn run_on<A: Into<OsString> + Clone>(args: impl IntoIterator<Item = A>, cons
             return Exit::Refused;
         }
         Err(help) => {
-            return finish(
-                console.print(format_args!("{}\n", help.to_string().trim_end())).map(|()| Exit::Success),
-                console,
-            );
+            return finish(console.print(format_args!("{}\n", help.to_string().trim_end())).map(|()| Exit::Success), console);
         }
     };
     let outcome = match cli.command {
+        Command::Run(args) => commands::run::run(&args, console),
+        Command::Plan(args) => commands::plan::run(&args, console),
+        Command::Plot(args) => commands::plot::run(&args, console),
+        Command::Verify(args) => commands::verify::run(&args, console),
+        Command::Explain(args) => commands::explain::run(&args, console),
         Command::Motor(args) => commands::motor::run(&args, console),
         Command::Boards(args) => commands::boards::run(&args, console),
         Command::Drivers(args) => commands::drivers::run(&args, console),
-        Command::Plan(args) => commands::plan::run(&args, console),
         Command::New(args) => commands::new::run(&args, console),
-        _ => Ok(Exit::Success),
     };
     finish(outcome, console)
 }

@@ -9,4 +9,5 @@ pub mod fit;
 pub mod human;
 pub mod plot;
 pub mod prepare;
+pub mod record;
 pub mod report;

@@ -5,6 +5,7 @@ use std::fmt::{self, Display};
 use pulsetrain_motion::law::Class;
 use pulsetrain_motion::program::{Board, Motor};
 use pulsetrain_plan::Certificate;
+use pulsetrain_trace::verdict;
 use serde::Serialize;
 
 use crate::human::{self, Table};
@@ -26,6 +27,18 @@ pub struct PlanReport {
     pub cut_at_s: Option<f64>,
     /// The motors, in the file's order.
     pub motors: Vec<MotorReport>,
+}
+
+/// What was planned, run and judged.
+#[derive(Clone, Debug, Serialize)]
+pub struct RunReport {
+    /// What was planned and proven.
+    #[serde(flatten)]
+    pub plan: PlanReport,
+    /// What made the edges: "native".
+    pub runner: &'static str,
+    /// What the judge says of them.
+    pub verdict: verdict::Report,
 }
 
 /// What was planned for one motor.

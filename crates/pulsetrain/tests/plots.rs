@@ -2,29 +2,26 @@
 
 use pulsetrain::plot::{MotorPicture, Picture};
 use pulsetrain_motion::program::Scale;
+use pulsetrain_motion::{Law, Time};
 
 /// The tutorial's equation 3, on the Uno's ticks.
 fn tutorial(period: f64) -> Picture {
     let (amplitude, omega, tick) = (2000.0, std::f64::consts::TAU / period, 62.5e-9);
     let scale = Scale { unit: "rev".into(), steps_per_unit: 800.0, steps_per_rev: 800.0 };
     let mut motor = MotorPicture::new("crank".into(), scale, 0.93);
-    for i in 0..=3000 {
-        let t = period * f64::from(i) / 3000.0;
-        motor.want(t, amplitude * (1.0 - (omega * t).cos()), amplitude * omega * (omega * t).sin());
-    }
+    let law = Law::sine(amplitude, Time::from_seconds(period), Some(1)).unwrap();
+    motor.want_law(&law).unwrap();
     for n in 1..=8000i64 {
         let reach = if n <= 4000 { n } else { 8000 - n };
         let forward = (1.0 - reach as f64 / amplitude).acos() / omega;
         let exact = if n <= 4000 { forward } else { period - forward };
         let scheduled = (exact / tick).round() * tick;
-        motor.step(scheduled, reach, Some((scheduled - exact) / tick));
+        motor.step(scheduled, reach);
+        motor.error(scheduled, (scheduled - exact) / tick);
     }
     let mut picture = Picture { title: format!("tutorial, T = {period} s"), tick_s: tick, motors: vec![motor] };
-    let (from, to) = picture.close_view().unwrap();
-    for i in 0..=400 {
-        let t = from + (to - from) * f64::from(i) / 400.0;
-        picture.motors[0].want_closely(t, amplitude * (1.0 - (omega * t).cos()));
-    }
+    let window = picture.close_view().unwrap();
+    picture.motors[0].want_closely(&law, window).unwrap();
     picture
 }
 

@@ -9,7 +9,9 @@ mod envelope;
 
 use std::path::Path;
 
+use pulsetrain_motion::law::{Cursor, Law};
 use pulsetrain_motion::program::Scale;
+use pulsetrain_motion::{LawError, Time};
 
 pub use envelope::Envelope;
 
@@ -45,6 +47,12 @@ pub struct MotorPicture {
     last: (f64, i64),
 }
 
+/// Points of the law over its whole length, at least.
+const LAW_POINTS: f64 = 2000.0;
+/// And in each of its pieces, which may be many and short.
+const LEAST_POINTS_OF_A_PIECE: u32 = 8;
+/// Points of the law in the close view.
+const CLOSE_POINTS: u32 = 400;
 /// How many steps the close view shows.
 const FIRST_STEPS: usize = 16;
 
@@ -69,19 +77,50 @@ impl MotorPicture {
         }
     }
 
-    /// Adds a point of the law: at `t` seconds it is at `theta` steps, going at `speed` steps/s.
+    /// Adds a point of the law: at `t` seconds it is at `theta` steps from its start, going at `speed` steps/s.
     pub fn want(&mut self, t: f64, theta: f64, speed: f64) {
         self.wanted.push(t, theta);
         self.wanted_speed.push(t, speed);
     }
 
-    /// Adds a point of the law in the [`Picture::close_view`].
-    pub fn want_closely(&mut self, t: f64, theta: f64) {
-        self.wanted_closely.push((t, theta));
+    /// Adds points all along the law, which must end; no turn of it is missed.
+    ///
+    /// # Errors
+    /// Where the law breaks.
+    pub fn want_law(&mut self, law: &Law) -> Result<(), LawError> {
+        let end = law.end().map_or(1.0, Time::seconds);
+        let mut start = None;
+        for piece in law.pieces() {
+            let piece = piece?;
+            let first = piece.curve.value(piece.first());
+            let (origin, zero) = *start.get_or_insert((piece.origin, first));
+            let part = (piece.last() - piece.first()) / end;
+            let points = ((LAW_POINTS * part).ceil().min(LAW_POINTS) as u32).max(LEAST_POINTS_OF_A_PIECE);
+            for k in 0..=points {
+                let u = piece.first() + (piece.last() - piece.first()) * f64::from(k) / f64::from(points);
+                let jet = piece.curve.jet(u);
+                self.want(piece.zero.seconds() + u, (piece.origin - origin) as f64 + (jet[0] - zero), jet[1]);
+            }
+        }
+        Ok(())
     }
 
-    /// Adds a step: at `t` seconds the motor went to `position`; `error_ticks` is how late it came, if known.
-    pub fn step(&mut self, t: f64, position: i64, error_ticks: Option<f64>) {
+    /// Adds points of the law in a stretch of time, s: for the [`Picture::close_view`].
+    ///
+    /// # Errors
+    /// Where the law breaks.
+    pub fn want_closely(&mut self, law: &Law, (from, to): (f64, f64)) -> Result<(), LawError> {
+        let mut cursor = Cursor::new(law);
+        let start = cursor.at(Time::ZERO)?.position;
+        for k in 0..=CLOSE_POINTS {
+            let t = from + (to - from) * f64::from(k) / f64::from(CLOSE_POINTS);
+            self.wanted_closely.push((t, cursor.at(Time::from_seconds(t))?.position - start));
+        }
+        Ok(())
+    }
+
+    /// Adds a step: at `t` seconds the motor went to `position`.
+    pub fn step(&mut self, t: f64, position: i64) {
         let (before, from) = self.last;
         if self.stepped.span().is_none() {
             self.stepped.push(0.0, from as f64);
@@ -99,10 +138,12 @@ impl MotorPicture {
             self.intervals.push(self.steps as f64, t - before);
             self.stepped_speed.push((t + before) / 2.0, (position - from) as f64 / (t - before));
         }
-        if let Some(error) = error_ticks {
-            self.errors.push(t, error);
-        }
         self.last = (t, position);
+    }
+
+    /// Adds the error of the step at `t` seconds: how late it came, ticks.
+    pub fn error(&mut self, t: f64, late_ticks: f64) {
+        self.errors.push(t, late_ticks);
     }
 
     /// The staircase of the first steps inside `window`.
