@@ -11,6 +11,7 @@ const PROPERTY_CASES: &str = "2048";
 /// Cheapest first: what fails, fails early.
 pub(crate) fn run() -> Done {
     command::run(&mut cargo("fmt --all --check"))?;
+    command::run(&mut cargo("fmt --manifest-path fuzz/Cargo.toml --check"))?;
     command::run(&mut cargo("clippy --workspace --all-targets -- -D warnings"))?;
     command::run(cargo("doc --workspace --no-deps --document-private-items").env("RUSTDOCFLAGS", "-D warnings"))?;
     test::run()?;

@@ -10,12 +10,14 @@ const RUSTFLAGS: &str = "--cfg fuzzing -Cdebug-assertions -Ccodegen-units=1 -Cpa
     -Cllvm-args=-sanitizer-coverage-pc-table -Cllvm-args=-sanitizer-coverage-trace-compares";
 
 /// Every target, and the folders whose files it starts from.
-const TARGETS: [(&str, &[&str]); 6] = [
+const TARGETS: [(&str, &[&str]); 8] = [
     ("motion_file", &["examples"]),
     ("formula", &["fuzz/seeds/formula"]),
-    ("table", &["examples", "fuzz/seeds/table"]),
+    ("table", &["fuzz/seeds/table"]),
     ("vcd", &["fuzz/seeds/vcd"]),
     ("saleae", &["fuzz/seeds/saleae"]),
+    ("steps", &["fuzz/seeds/steps"]),
+    ("camera", &["fuzz/seeds/camera"]),
     ("packing", &["fuzz/seeds/packing"]),
 ];
 

@@ -199,10 +199,7 @@ const TABLE: &[Driver] = &[
         name: "ULN2003",
         about: "Darlington array on four coil lines, with the 28BYJ-48",
         input: Input::Coils,
-        microsteps: &[
-            set(1, "two coils at a time (full steps)"),
-            set(2, "one and two coils in turn (half steps)"),
-        ],
+        microsteps: &[set(1, "two coils at a time (full steps)"), set(2, "one and two coils in turn (half steps)")],
         max_voltage_v: 50.0,
         max_current_a: 0.5,
         source: "TI ULN2003A datasheet SLRS027, absolute maximum ratings; half-step sequence: seed 002",
@@ -240,8 +237,13 @@ mod tests {
         let counts: Vec<u32> = find("DQ542MA").unwrap().microsteps.iter().map(|m| m.count * 200).collect();
         assert_eq!((counts.first(), counts.last()), (Some(&400), Some(&25_600)));
         // Four switches: no two settings alike.
-        let mut settings: Vec<&str> =
-            find("DQ542MA").unwrap().microsteps.iter().filter_map(|m| m.setting.split_once(": ")).map(|s| s.1).collect();
+        let mut settings: Vec<&str> = find("DQ542MA")
+            .unwrap()
+            .microsteps
+            .iter()
+            .filter_map(|m| m.setting.split_once(": "))
+            .map(|s| s.1)
+            .collect();
         settings.sort_unstable();
         settings.dedup();
         assert_eq!(settings.len(), 15);

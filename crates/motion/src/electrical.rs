@@ -124,13 +124,7 @@ impl Winding {
                 "counts",
                 SEED,
             ),
-            figure(
-                "announced step",
-                format!("{} × {} us", number(counts), number(tick_us)),
-                announced_us,
-                "us",
-                SEED,
-            ),
+            figure("announced step", format!("{} × {} us", number(counts), number(tick_us)), announced_us, "us", SEED),
             figure(
                 "announced revolution",
                 format!("{} us × {}", number(announced_us), number(steps_per_rev)),

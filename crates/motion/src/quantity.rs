@@ -186,7 +186,9 @@ impl Quantity {
         if self.base != Base::Time || self.per_seconds != 0 {
             return None;
         }
-        Some(self.exact.map_or_else(|| Time::from_seconds(self.value), |r| Time::from_ratio(r.numerator, r.denominator)))
+        Some(
+            self.exact.map_or_else(|| Time::from_seconds(self.value), |r| Time::from_ratio(r.numerator, r.denominator)),
+        )
     }
 
     /// The duration of one cycle of a frequency, exact to 2^-64 s if it can be; `None` for anything that is no positive frequency.
@@ -310,7 +312,12 @@ fn find_unit(unit: &str) -> Option<Unit> {
     }
     let Some((amount, time)) = unit.split_once('/') else {
         if unit == "rad" {
-            return Some(Unit { name: "rad", base: Base::Turn, per_seconds: 0, scale: Scale::Radian { denominator: 1.0 } });
+            return Some(Unit {
+                name: "rad",
+                base: Base::Turn,
+                per_seconds: 0,
+                scale: Scale::Radian { denominator: 1.0 },
+            });
         }
         return UNITS.iter().find(|row| row.0 == unit).map(|row| exactly(row, 0));
     };
@@ -322,7 +329,12 @@ fn find_unit(unit: &str) -> Option<Unit> {
     let &(_, _, n, d) = UNITS.iter().find(|row| row.1 == Base::Time && row.0 == time)?;
     let seconds = (f64::from(n) / d as f64).powi(i32::from(per_seconds));
     if amount == "rad" {
-        return Some(Unit { name: "rad", base: Base::Turn, per_seconds, scale: Scale::Radian { denominator: seconds } });
+        return Some(Unit {
+            name: "rad",
+            base: Base::Turn,
+            per_seconds,
+            scale: Scale::Radian { denominator: seconds },
+        });
     }
     let &(name, base, n, d) = UNITS.iter().find(|row| row.0 == amount && row.1.is_position())?;
     let scale = Scale::Ratio { numerator: f64::from(n), denominator: d as f64 * seconds, exact: None };

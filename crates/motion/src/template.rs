@@ -66,7 +66,8 @@ mod tests {
     use crate::{Time, file};
 
     fn read(text: &str) -> crate::program::Program {
-        file::read(text, "new.toml", &|_| Err(io::ErrorKind::NotFound.into())).unwrap_or_else(|e| panic!("{}", e.plain()))
+        file::read(text, "new.toml", &|_| Err(io::ErrorKind::NotFound.into()))
+            .unwrap_or_else(|e| panic!("{}", e.plain()))
     }
 
     #[test]

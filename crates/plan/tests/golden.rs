@@ -6,7 +6,7 @@ mod common;
 
 use common::laws::{constant_speed, sine, trapezoid, waves};
 use common::lorenz::lorenz;
-use common::{BOARDS, settings, steps};
+use common::{BOARDS, packed_bytes, settings, steps};
 use expect_test::expect_file;
 use pulsetrain_motion::{Grid, Law, Time};
 use pulsetrain_oracle::{Crossing, Rational, Sine, Trapezoid, Wave, Waves, rational};
@@ -74,6 +74,7 @@ fn laws_by_tick_rate() {
             let settings = Settings { grid, ..settings(board) };
             let tick_hz = settings.tick_hz;
             let (steps, c) = steps(&law, &settings).unwrap_or_else(|error| panic!("{name} at {tick_hz} Hz: {error}"));
+            let bytes = packed_bytes(&law, &settings).unwrap_or_else(|error| panic!("{name} at {tick_hz} Hz: {error}"));
             let shortest = steps.windows(2).map(|w| w[1].tick - w[0].tick).min().unwrap_or(0);
             let error = exact.as_ref().map_or("-".to_owned(), |exact| {
                 let errors = exact.iter().zip(&steps).map(|(due, step)| due.error_ticks(tick_hz, step.tick));
@@ -81,8 +82,8 @@ fn laws_by_tick_rate() {
             });
             let _ = writeln!(
                 table,
-                "{name:36} {tick_hz:9} {:6} {:8} {:8} {:6} {error:>7} {:7.3} {shortest:9}",
-                c.steps, c.position, c.segments, c.bytes, c.bound_ticks
+                "{name:36} {tick_hz:9} {:6} {:8} {:8} {bytes:6} {error:>7} {:7.3} {shortest:9}",
+                c.steps, c.position, c.segments, c.bound_ticks
             );
         }
     }

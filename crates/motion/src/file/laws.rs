@@ -7,10 +7,10 @@ use super::motor::Gearing;
 use super::points;
 use super::reader::{Node, Noted, Read, Reader, Section};
 use super::winch;
+use crate::Time;
 use crate::law::{Begin, End, Interpolation, Law, LawError, SCurve, TimerRamp};
 use crate::program::Limits;
 use crate::quantity::{Base, nearest};
-use crate::Time;
 
 /// Reads the text of a file that a motion file names, relative to it.
 pub(super) type Loader<'a> = &'a dyn Fn(&Path) -> io::Result<String>;
@@ -56,11 +56,10 @@ impl Context<'_> {
         let [law] = laws.as_slice() else {
             let labels = laws.iter().map(|law| (section.key_span(law.key), format!("`{}`", law.key)));
             let labels = if laws.is_empty() { vec![(node.at.clone(), "empty".to_owned())] } else { labels.collect() };
-            let help = "for several at once use sum = [ … ], for one after the other then = [ … ]";
-            let message = format!("a law is one of {}, exactly one", names());
-            return Err(self.reader.note_all(labels, message, help));
+            let help = format!("for several at once use `sum`, for one after the other `then`; known: {}", names());
+            return Err(self.reader.note_all(labels, "a motion has exactly one law", help));
         };
-        let read = match law.key {
+        match law.key {
             "sine" => self.sine(law),
             "formula" => self.formula(law),
             "table" => self.table(law),
@@ -85,8 +84,7 @@ impl Context<'_> {
                 let at = section.key_span(unknown);
                 Err(self.reader.note(at, "not a law", format!("unknown law `{unknown}`"), help))
             }
-        };
-        read
+        }
     }
 
     /// A list of laws, not empty.
@@ -247,7 +245,15 @@ impl Context<'_> {
         let file = p.need("file", "file = \"path.csv\"")?;
         let unit = p.need("unit", "unit = \"rev\"").and_then(|node| self.unit(&node));
         let seconds = p.get("time").map_or(Ok(1.0), |node| {
-            node.word(&[("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("µs", 1e-6), ("ns", 1e-9), ("min", 60.0), ("h", 3600.0)])
+            node.word(&[
+                ("s", 1.0),
+                ("ms", 1e-3),
+                ("us", 1e-6),
+                ("µs", 1e-6),
+                ("ns", 1e-9),
+                ("min", 60.0),
+                ("h", 3600.0),
+            ])
         });
         let columns = p.get("columns").map_or(Ok(points::Columns::default()), |node| points::columns(&node));
         let interpolation = p.get("interpolation").map_or(Ok(Interpolation::Monotone), |node| {
@@ -306,7 +312,8 @@ impl Context<'_> {
             Ramp,
             Jump,
         }
-        let manner = |key: &str, words: &[(&str, Manner)]| motion.get(key).map(|node| Ok((node.word(words)?, node))).transpose();
+        let manner =
+            |key: &str, words: &[(&str, Manner)]| motion.get(key).map(|node| Ok((node.word(words)?, node))).transpose();
         let begin = manner("begin", &[("delay", Manner::Delay), ("ramp", Manner::Ramp), ("jump", Manner::Jump)]);
         let end = manner("end", &[("ramp", Manner::Ramp), ("jump", Manner::Jump)]);
         let mut law = law;

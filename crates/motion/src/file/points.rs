@@ -73,9 +73,10 @@ pub(super) fn read(file: &Node, loader: Loader, columns: &Columns, seconds: f64,
         let Some((time, position)) = places else {
             let Columns::Names(time, position) = columns else { continue };
             let find = |name: &str| {
-                record.iter().position(|field| field == name).ok_or_else(|| {
-                    wrong(line.clone(), "the header", format!("the header has no column \"{name}\""))
-                })
+                record
+                    .iter()
+                    .position(|field| field == name)
+                    .ok_or_else(|| wrong(line.clone(), "the header", format!("the header has no column \"{name}\"")))
             };
             places = Some((find(time)?, find(position)?));
             continue;
@@ -89,7 +90,13 @@ pub(super) fn read(file: &Node, loader: Loader, columns: &Columns, seconds: f64,
                 return Err(wrong(line.clone(), "too few columns", message));
             };
             let value = field.parse::<f64>().ok().filter(|value| value.is_finite());
-            value.ok_or_else(|| wrong(line.clone(), "not a number", format!("\"{field}\" is not a number")))
+            value.ok_or_else(|| {
+                // Quotes may keep it from being found as it stands.
+                let at = text[line.clone()]
+                    .find(field)
+                    .map_or(line.clone(), |at| line.start + at..line.start + at + field.len());
+                wrong(at, "not a number", format!("\"{field}\" is not a number"))
+            })
         };
         let point = (number(time)? * seconds, number(position)? * steps);
         if points.last().is_some_and(|before| before.0 >= point.0) {

@@ -62,7 +62,11 @@ pub(super) fn commands(p: &Section, loader: Loader, axis: char) -> Read<Vec<(Tim
             }
         }
         (Some(file), Some(_)) => {
-            return Err(file.note("one too many", "a winch has either `commands` or a `file`", "leave one of them out"));
+            return Err(file.note(
+                "one too many",
+                "a winch has either `commands` or a `file`",
+                "leave one of them out",
+            ));
         }
         (None, None) => {
             p.need("commands", "commands = [\"0 s: a x 100\"]")?;

@@ -259,7 +259,13 @@ mod tests {
     #[test]
     fn an_s_curve_with_all_seven_phases() {
         // Jerk to full acceleration 0.5 s, held 0.5 s, taken back 0.5 s: 1000 steps/s after 750 steps; a second of cruise.
-        let s = SCurve { distance: 2500.0, max_speed: 1000.0, max_acceleration: 1000.0, max_jerk: 2000.0, start_speed: 0.0 };
+        let s = SCurve {
+            distance: 2500.0,
+            max_speed: 1000.0,
+            max_acceleration: 1000.0,
+            max_jerk: 2000.0,
+            start_speed: 0.0,
+        };
         durations(&Law::s_curve(s).unwrap(), &[0.5, 0.5, 0.5, 1.0, 0.5, 0.5, 0.5]);
         let backward = SCurve { distance: -2500.0, ..s };
         assert_eq!(Law::s_curve(backward).unwrap().end(), Law::s_curve(s).unwrap().end());

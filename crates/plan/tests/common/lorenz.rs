@@ -1,11 +1,12 @@
 //! A law that nobody can write down: an integral along the Lorenz attractor, by Taylor series.
 
-use pulsetrain_motion::{Law, Time};
+use pulsetrain_motion::Time;
+use pulsetrain_motion::law::{Class, Curve, Entry, Fixed, Law, Piece};
 
-/// Coefficients of each series: 24 of them are good for some 20 ms.
+/// Coefficients of each series: they serve for some 20 ms on either side.
 const TERMS: usize = 24;
 /// What the last term may amount to at a piece's end, relative to the largest: below f64's rounding.
-const LAST_TERM: f64 = 1e-18;
+const LAST_TERM: f64 = 1e-16;
 /// Start, Lorenz's own parameters σ = 10, ρ = 28, β = 8/3.
 const START: [f64; 3] = [1.0, 1.0, 25.0];
 const SIGMA: f64 = 10.0;
@@ -17,18 +18,24 @@ type Series = [f64; TERMS];
 /// θ = `scale`·∫x dt, steps, along the orbit from [`START`], over `end_s` seconds.
 pub(crate) fn lorenz(scale: f64, end_s: f64) -> Law {
     let mut pieces = Vec::new();
-    let (mut state, mut position, mut at_s) = (START, 0.0, 0.0);
-    while at_s < end_s {
+    let (mut state, mut position, mut start) = (START, 0.0, Time::ZERO);
+    while start.seconds() < end_s {
+        // Expanded at its start to find the middle, and there for the piece: a series serves on both sides.
         let series = expand(state);
-        let duration_s = reach(&series).min(end_s - at_s);
-        let mut curve = vec![position];
-        curve.extend(series[0].iter().zip(1..).map(|(x, k)| scale * x / f64::from(k)));
-        position = value(&curve, duration_s);
-        pieces.push((Time::from_seconds(duration_s), curve));
-        state = series.map(|series| value(&series, duration_s));
-        at_s += duration_s;
+        let half_s = reach(&series).min((end_s - start.seconds()) / 2.0);
+        let middle = expand(series.map(|series| value(&series, half_s)));
+        let mut curve = vec![0.0];
+        curve.extend(middle[0].iter().zip(1..).map(|(x, k)| scale * x / f64::from(k)));
+        curve[0] = position - value(&curve, -half_s);
+        position = value(&curve, half_s);
+        state = middle.map(|series| value(&series, half_s));
+        let half = Time::from_seconds(half_s);
+        let (zero, end) = (start + half, start + half + half);
+        let curve = Curve::Polynomial(curve);
+        pieces.push(Piece { zero, start, end, origin: 0, curve, entry: Entry::Continuous });
+        start = end;
     }
-    Law::polynomials(pieces).expect("pieces that meet")
+    Law::Fixed(Fixed { pieces: pieces.into(), class: Class::Interpolant })
 }
 
 /// The Taylor series of x, y and z from a state on.

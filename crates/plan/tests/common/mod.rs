@@ -5,7 +5,8 @@ pub(crate) mod drift;
 pub(crate) mod laws;
 pub(crate) mod lorenz;
 
-use pulsetrain_core::Direction;
+use pulsetrain_core::packing::{MAX_PACKED_LEN, Packing, State};
+use pulsetrain_core::{Direction, Item};
 use pulsetrain_motion::Law;
 use pulsetrain_motion::program::Limits;
 use pulsetrain_plan::{Certificate, Move, PlanError, Planner, Settings};
@@ -55,4 +56,24 @@ pub(crate) fn steps(law: &Law, settings: &Settings) -> Result<(Vec<Step>, Certif
     let mut steps = Vec::new();
     let certificate = replay(law, settings, |step| steps.push(step))?;
     Ok((steps, certificate))
+}
+
+/// Bytes of the packed stream of `law`, by core's packing; each is unpacked again.
+pub(crate) fn packed_bytes(law: &Law, settings: &Settings) -> Result<usize, PlanError> {
+    let gain = settings.gain().expect("settings for the packed stream");
+    let packing = Packing { fraction_bits: settings.fraction_bits, gain };
+    let (mut here, mut there) = (State::default(), State::default());
+    let mut planner = Planner::new(law, settings)?;
+    let mut bytes = 0;
+    while let Some(next) = planner.next_move()? {
+        let item = match next {
+            Move::Dwell { ticks } => Item::Dwell { ticks: u32::try_from(ticks).expect("a dwell of 32 bits") },
+            Move::Run { segment, direction } => Item::Run { segment, direction },
+        };
+        let mut buffer = [0; MAX_PACKED_LEN];
+        let len = packing.pack(&mut here, &item, &mut buffer).expect("a segment with steps");
+        assert_eq!(packing.unpack(&mut there, &mut &buffer[..len]), Ok(Some(item)));
+        bytes += len;
+    }
+    Ok(bytes)
 }

@@ -1,9 +1,9 @@
 //! Polynomials plus sinusoids of t, with coefficients of 106 bits: what most formulas come down to.
 
 use super::parse::Function;
-use crate::law::double::Double;
 use crate::Time;
 use crate::law::Curve;
+use crate::law::double::Double;
 
 /// Σ c_k t^k + Σ amplitude·cos(omega·t + phase).
 #[derive(Clone, Debug, Default)]

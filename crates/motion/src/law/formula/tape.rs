@@ -125,7 +125,9 @@ impl Op {
         match self {
             Op::Unary(Unary::Apply(Function::Root)) => "the root of what is not positive has no speed or no value",
             Op::Unary(Unary::Apply(Function::Logarithm)) => "the logarithm of what is not positive",
-            Op::Unary(Unary::Apply(Function::Arcsine)) => "the arcsine of what is not within -1 and 1 has no speed or no value",
+            Op::Unary(Unary::Apply(Function::Arcsine)) => {
+                "the arcsine of what is not within -1 and 1 has no speed or no value"
+            }
             Op::Unary(Unary::Power(_)) => "a broken power of what is not positive",
             Op::Unary(Unary::Reciprocal) | Op::Binary(Binary::Divide) => "a division by 0",
             _ => "it is too large for a number",
@@ -200,7 +202,7 @@ impl LocalForm {
             let mut scale = S::rounded(amplitude);
             for (k, sum) in sum.iter_mut().enumerate() {
                 if k > 0 {
-                    scale = scale * omega / S::exact(k as f64);
+                    scale = scale * omega * series::reciprocal(k);
                 }
                 // cos → −sin → −cos → sin
                 *sum = match k % 4 {

@@ -1,0 +1,38 @@
+//! No library and no test depends on the wall clock: times are arguments.
+
+use std::path::{Path, PathBuf};
+
+/// What may read the clock: measurements.
+const MAY: [&str; 2] = ["/benches/", "xtask/src/bench/"];
+/// How it is read, and how it is waited for.
+const CLOCKS: [&str; 3] = ["Instant::now", "SystemTime", "thread::sleep"];
+
+#[test]
+fn nobody_reads_the_clock() {
+    let mut sources = Vec::new();
+    for folder in ["crates", "xtask", "fuzz/fuzz_targets"] {
+        collect(&Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(folder), &mut sources);
+    }
+    assert!(sources.len() > 50, "the sources are elsewhere");
+    for source in sources.iter().filter(|path| !path.ends_with("no_clock.rs")) {
+        let name = source.to_string_lossy().replace('\\', "/");
+        let text = std::fs::read_to_string(source).expect("a source file");
+        for clock in CLOCKS {
+            assert!(
+                MAY.iter().any(|may| name.contains(may)) || !text.contains(clock),
+                "{name} reads the clock: {clock}"
+            );
+        }
+    }
+}
+
+fn collect(folder: &Path, sources: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(folder).expect("a folder of the repository") {
+        let path = entry.expect("a folder entry").path();
+        if path.is_dir() && !path.ends_with("target") {
+            collect(&path, sources);
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            sources.push(path);
+        }
+    }
+}
