@@ -5,7 +5,7 @@ use std::path::Path;
 use miette::Diagnostic;
 use pulsetrain_motion::law::{Cursor, Law};
 use pulsetrain_motion::program::{BoardError, Program};
-use pulsetrain_motion::{LawError, Time, boards, file};
+use pulsetrain_motion::{Grid, LawError, Time, boards, file};
 use pulsetrain_plan::{Certificate, Ensemble, Move, PlanError, Planner, Refused, Settings};
 
 use crate::fit;
@@ -220,13 +220,13 @@ fn cut(program: &mut Program, length: Option<Time>) -> Result<Option<Time>, (Str
         None if ends.iter().all(Option::is_some) => return Ok(None),
         None => ends.iter().copied().flatten().fold(Time::from_seconds(DEFAULT_LENGTH_S), Time::max),
     };
-    let mut cut = false;
+    let (mut cut, grid) = (false, program.grid);
     for (motor, end) in program.motors.iter_mut().zip(ends) {
         if end.is_some_and(|end| end <= at) {
             continue;
         }
         let limits = motor.limits;
-        let stopped = braking(&motor.law, at, limits.max_acceleration)
+        let stopped = braking(&motor.law, at, limits.max_acceleration, grid)
             .and_then(|braking| motor.law.clone().stopped(at, braking, limits.pull_in));
         motor.law = stopped.map_err(|error| (motor.name.clone(), error))?;
         cut = true;
@@ -234,13 +234,12 @@ fn cut(program: &mut Program, length: Option<Time>) -> Result<Option<Time>, (Str
     Ok(cut.then_some(at))
 }
 
-/// How hard to brake, steps/s²: by the motor's limit, else by what the law itself asked for before, else softly.
-fn braking(law: &Law, at: Time, limit: Option<f64>) -> Result<f64, LawError> {
+/// How hard to brake, steps/s²: by the motor's limit, else by what the law itself asked for before, else softly; and a
+/// little less, so that the motor does not come to rest just where a step is due.
+fn braking(law: &Law, at: Time, limit: Option<f64>, grid: Grid) -> Result<f64, LawError> {
     const LOOKS: u64 = 1000;
-    if let Some(limit) = limit {
-        return Ok(limit);
-    }
     let mut cursor = Cursor::new(law);
+    let start = cursor.at(Time::ZERO)?;
     let mut hardest = 0.0_f64;
     // The last seconds are looked at: the law is walked through once, whatever its length.
     let span = at.min(Time::from_seconds(DEFAULT_LENGTH_S));
@@ -248,6 +247,16 @@ fn braking(law: &Law, at: Time, limit: Option<f64>) -> Result<f64, LawError> {
         let sample = cursor.at(at - span + span.times(k).divided_by(LOOKS))?;
         hardest = hardest.max(sample.acceleration.abs());
     }
-    let speed = cursor.at(at)?.speed.abs();
-    Ok(hardest.max(speed / SOFTEST_STOP_S).max(f64::MIN_POSITIVE))
+    let from = cursor.at(at)?;
+    let speed = from.speed.abs();
+    let braking = limit.unwrap_or(hardest.max(speed / SOFTEST_STOP_S));
+    if speed == 0.0 || braking == 0.0 {
+        return Ok(1.0);
+    }
+    let way = speed * speed / (2.0 * braking);
+    // θ in the direction of travel, from the law's start: rest comes half a step from where a step up would be due.
+    let theta = (from.position - start.position) * from.speed.signum() + way;
+    let rest = grid.up_level(0) - 0.5;
+    let longer = (rest - theta).rem_euclid(1.0);
+    Ok(speed * speed / (2.0 * (way + longer)))
 }
