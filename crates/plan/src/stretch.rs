@@ -22,6 +22,9 @@ pub(crate) fn stretches(piece: &Piece, tick_hz: f64) -> Vec<Stretch> {
     let (from, to) = (piece.first(), piece.last());
     let curve = std::sync::Arc::new(piece.curve.clone());
     let bounds = curve.bounds(from, to);
+    if stands(&curve, &bounds, from, to) {
+        return Vec::new();
+    }
     let whole = curve.inverse(from, to);
     let mut ends = if whole.is_some() { Vec::new() } else { turning_points(&curve, &bounds, from, to, tick_hz) };
     ends.push(to);
@@ -43,6 +46,15 @@ pub(crate) fn stretches(piece: &Piece, tick_hz: f64) -> Vec<Stretch> {
         (start, value_from) = (end, value_to);
     }
     stretches
+}
+
+/// Whether θ provably moves by less than any step can tell: such a piece has no turning point worth a search.
+fn stands(curve: &Curve, bounds: &Bounds, from: f64, to: f64) -> bool {
+    const NOTHING: f64 = 1e-9;
+    let half = 0.5 * (to - from);
+    let c = curve.jet(from + half);
+    let way = (1..8).rev().fold(bounds.eighth * half, |way, k| (way + c[k].abs() + bounds.rounding[k]) * half);
+    way < NOTHING
 }
 
 /// Every time in `from..=to` where the speed changes its sign, to within a quarter of a tick.

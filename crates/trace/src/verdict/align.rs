@@ -64,7 +64,7 @@ pub(super) fn judge(
     }
     let mut judge = Judge::new(tick_hz, program, options, timebase)?;
     feed(&mut judge, None)?;
-    judge.finish()
+    judge.finish(&mut |_, _, _| {})
 }
 
 /// The first steps of each motor, and when the trace ends.
