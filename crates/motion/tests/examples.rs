@@ -28,7 +28,11 @@ fn every_example_is_read() {
         if path.extension().is_some_and(|extension| extension == "toml") {
             let text = std::fs::read_to_string(&path).unwrap();
             assert!(text.starts_with("# "), "{} does not open with a comment", path.display());
-            load(path.file_name().unwrap().to_str().unwrap());
+            for motor in load(path.file_name().unwrap().to_str().unwrap()).motors {
+                // Endless ones for a while.
+                let broken = motor.law.pieces().take(10_000).find_map(Result::err);
+                assert_eq!(broken, None, "{}, motor {}", path.display(), motor.name);
+            }
             count += 1;
         }
     }
@@ -132,6 +136,16 @@ fn the_slide_goes_100_mm_and_back() {
 }
 
 #[test]
+fn the_pendulum_dies_away() {
+    let program = load("formula.toml");
+    let wanted = |t: f64| 1600.0 * (-t / 4.0).exp() * (std::f64::consts::PI * t).sin().powi(2);
+    for t in [0.0, 0.25, 0.5, 3.7, 9.5, 10.0] {
+        assert!((position(&program, 0, t) - wanted(t)).abs() < 1e-6, "{t} s");
+    }
+    assert_eq!(program.motors[0].scale.unit, "deg");
+}
+
+#[test]
 fn the_table_goes_through_its_points_five_times() {
     let program = load("table.toml");
     // 80 deg at 1.5 s: 80/360 of 3200 × 60/16 steps.
@@ -140,4 +154,15 @@ fn the_table_goes_through_its_points_five_times() {
         assert!((position(&program, 0, f64::from(breath) * 5.0 + 1.5) - top).abs() < 1e-6);
     }
     assert_eq!(program.motors[0].law.end(), Some(Time::from_ratio(25, 1)));
+}
+
+#[test]
+fn the_manuals_example_is_a_motion_file() {
+    let manual = std::fs::read_to_string(examples().join("../docs/motion-files.md")).unwrap();
+    let blocks: Vec<&str> = manual.split("```toml\n").skip(1).filter_map(|rest| rest.split("```").next()).collect();
+    assert!(!blocks.is_empty());
+    for block in blocks {
+        let none = |_: &Path| Err(std::io::ErrorKind::NotFound.into());
+        file::read(block, "manual.toml", &none).unwrap_or_else(|error| panic!("{}", error.plain()));
+    }
 }

@@ -15,7 +15,7 @@ pub struct Certificate {
     pub position: i64,
     /// Segments planned.
     pub segments: u64,
-    /// Payload bytes of the packed stream.
+    /// Payload bytes of the packed stream; 0 for a plan in full resolution.
     pub bytes: u64,
     /// Shortest interval between two steps, ticks; `None` before the second step.
     pub shortest_interval_ticks: Option<u64>,

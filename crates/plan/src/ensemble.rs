@@ -40,14 +40,13 @@ pub struct Ensemble<'a> {
 struct Member<'a> {
     plan: Source<'a>,
     settings: Settings,
-    meter: Meter,
 }
 
 enum Source<'a> {
     /// A motor with a DIR line of its own.
     Alone(Box<Planner<'a>>),
-    /// One that shares it: which group, and which member of it.
-    Shared(usize, usize),
+    /// One that shares it: which group, which member of it, and what its moves cost after steps were put off.
+    Shared(usize, usize, Meter),
 }
 
 impl<'a> Ensemble<'a> {
@@ -68,10 +67,12 @@ impl<'a> Ensemble<'a> {
                         groups.push((pin, SharedDir::new(settings.fraction_bits)));
                         groups.len() - 1
                     });
-                    Source::Shared(group, groups[group].1.join(index, planner, &settings))
+                    let timing = motor.timing.ticks(settings.tick_hz);
+                    let place = groups[group].1.join(index, planner, &settings, &timing);
+                    Source::Shared(group, place, Meter::new(&settings))
                 }
             };
-            motors.push(Member { plan, meter: Meter::new(&settings), settings });
+            motors.push(Member { plan, settings });
         }
         Ok(Ensemble { motors, groups: groups.into_iter().map(|(_, group)| group).collect() })
     }
@@ -81,26 +82,28 @@ impl<'a> Ensemble<'a> {
     /// # Errors
     /// Where a law breaks or leaves a limit; of motors that share a DIR line, whichever comes first.
     pub fn next_move(&mut self, motor: usize) -> Result<Option<Move>, Refused> {
-        let member = &mut self.motors[motor];
-        let next = match &mut member.plan {
-            Source::Alone(planner) => planner.next_move().map_err(|error| Refused { motor, error })?,
-            Source::Shared(group, place) => self.groups[*group].next_move(*place)?,
-        };
-        if let Some(next) = &next {
-            member.meter.add(next);
+        match &mut self.motors[motor].plan {
+            Source::Alone(planner) => planner.next_move().map_err(|error| Refused { motor, error }),
+            Source::Shared(group, place, meter) => {
+                let next = self.groups[*group].next_move(*place)?;
+                if let Some(next) = &next {
+                    meter.add(next);
+                }
+                Ok(next)
+            }
         }
-        Ok(next)
     }
 
     /// What is proven of a motor's moves; it may be ahead of those given out.
     #[must_use]
     pub fn certificate(&self, motor: usize) -> Certificate {
-        let member = &self.motors[motor];
-        let certificate = match &member.plan {
+        match &self.motors[motor].plan {
             Source::Alone(planner) => planner.certificate().clone(),
-            Source::Shared(group, place) => self.groups[*group].certificate(*place),
-        };
-        Certificate { bytes: member.meter.bytes(), segments: member.meter.segments(), ..certificate }
+            Source::Shared(group, place, meter) => {
+                let certificate = self.groups[*group].certificate(*place);
+                Certificate { bytes: meter.bytes(), segments: meter.segments(), ..certificate }
+            }
+        }
     }
 
     /// What a motor's plan keeps to.

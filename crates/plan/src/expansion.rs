@@ -15,8 +15,54 @@ pub(crate) struct Frame {
     pub(crate) sign: f64,
     /// The curve's value at s = 0.
     pub(crate) zero: f64,
+    /// What rounding lost of it, steps.
+    pub(crate) zero_doubt: f64,
     /// Ticks per second.
     pub(crate) tick_hz: f64,
+}
+
+impl Frame {
+    /// s of a turning point at x0, and what rounding the subtraction lost.
+    fn turn(&self, x0: f64) -> (f64, f64) {
+        let turn = x0 - self.zero;
+        // Knuth's two-sum: exact.
+        let back = turn - x0;
+        let lost = ((x0 - (turn - back)) + (-self.zero - back)).abs();
+        (turn * self.sign, lost + self.zero_doubt)
+    }
+
+    /// What rounding may do to a position that is found by subtracting x0, steps.
+    fn doubt(&self, x0: f64, s: f64) -> f64 {
+        4.0 * ULP * (x0.abs() + self.zero.abs() + s.abs()) + self.zero_doubt
+    }
+}
+
+/// The time of s by its formula, and how far it may be off, ticks; a level beyond the turning point by no more than
+/// a touch is due at the turning point. `None` for curves that the series serves as well.
+pub(crate) fn exact_due(frame: &Frame, inverse: &Inverse, s: f64) -> Option<(f64, f64)> {
+    let (u0, (turn, lost), doubt) = match *inverse {
+        Inverse::Parabola { u0, x0, doubt, .. } | Inverse::Arccosine { u0, x0, doubt, .. } => {
+            (u0, frame.turn(x0), doubt)
+        }
+        Inverse::Line { .. } | Inverse::Quadratic { .. } => return None,
+    };
+    let at = |s: f64| match *inverse {
+        Inverse::Parabola { half_acceleration, later, .. } => {
+            let side = if later { 1.0 } else { -1.0 };
+            u0 * frame.tick_hz + side * frame.tick_hz * ((side * (s - turn)).max(0.0) / half_acceleration.abs()).sqrt()
+        }
+        Inverse::Arccosine { swing, omega, .. } => {
+            let swing = swing.abs();
+            arccosine_tick(frame, u0, swing, omega, (s - turn).clamp(0.0, swing))
+        }
+        Inverse::Line { .. } | Inverse::Quadratic { .. } => 0.0,
+    };
+    let tick = at(s);
+    let doubt = doubt + lost;
+    // The formula is monotone, so the times of both ends of the doubt enclose the true one.
+    let spread = if doubt > 0.0 { (at(s + doubt) - tick).abs().max((tick - at(s - doubt)).abs()) } else { 0.0 };
+    let rounding = 8.0 * ULP * (tick.abs() + (tick - u0 * frame.tick_hz).abs());
+    Some((tick, spread + rounding))
 }
 
 /// t(s) ≈ `tick` + Σ q_k (s − center)^k, ticks of the curve's own time.
@@ -46,7 +92,7 @@ impl Expansion {
     pub(crate) fn from_jet(frame: &Frame, curve: &Curve, bounds: &Bounds, u: f64) -> Option<Expansion> {
         let mut c = curve.jet(u);
         let mut rounding = bounds.rounding;
-        rounding[0] += ULP * (c[0].abs() + frame.zero.abs());
+        rounding[0] += ULP * (c[0].abs() + frame.zero.abs()) + frame.zero_doubt;
         c[0] = (c[0] - frame.zero) * frame.sign;
         let per_tick = frame.tick_hz.recip();
         let mut scale = 1.0;
@@ -72,15 +118,13 @@ impl Expansion {
     pub(crate) fn from_inverse(frame: &Frame, inverse: &Inverse, center: f64) -> Expansion {
         let hz = frame.tick_hz;
         let mut q = [0.0; 8];
-        // Three positions are subtracted, each rounded once or twice on its way here.
-        let doubt = |x0: f64| 8.0 * ULP * (x0.abs() + frame.zero.abs() + center.abs());
         match *inverse {
             Inverse::Line { u0, x0, speed } => {
                 // u = u0 + (x − x0)/speed with x = zero + sign·s.
                 q[1] = frame.sign * hz / speed;
                 let tick = u0 * hz + ((frame.zero - x0) + frame.sign * center) * hz / speed;
                 let remainder = Remainder::Closed { slope: q[1].abs(), radius: f64::INFINITY };
-                Expansion { center, tick, q, remainder, doubt: doubt(x0) }
+                Expansion { center, tick, q, remainder, doubt: frame.doubt(x0, center) }
             }
             Inverse::Quadratic { x0, c } => {
                 let x = (frame.zero - x0) + frame.sign * center;
@@ -88,12 +132,13 @@ impl Expansion {
                 q[2] = c[2] * hz;
                 // A series of two terms has no singularity.
                 let remainder = Remainder::Closed { slope: q[1].abs(), radius: f64::INFINITY };
-                Expansion { center, tick: (c[0] + (c[1] + c[2] * x) * x) * hz, q, remainder, doubt: doubt(x0) }
+                let tick = (c[0] + (c[1] + c[2] * x) * x) * hz;
+                Expansion { center, tick, q, remainder, doubt: frame.doubt(x0, center) }
             }
-            Inverse::Parabola { u0, x0, half_acceleration, later } => {
+            Inverse::Parabola { u0, x0, half_acceleration, later, doubt } => {
                 // Distance from the turning point in s: d = sign·(x − x0)·side, u = u0 ± √(d/|half_acceleration|).
                 let side = if later { 1.0 } else { -1.0 };
-                let turn = (x0 - frame.zero) * frame.sign;
+                let (turn, lost) = frame.turn(x0);
                 let distance = (side * (center - turn)).max(0.125);
                 let center = turn + side * distance;
                 let root = hz * (distance / half_acceleration.abs()).sqrt();
@@ -105,11 +150,11 @@ impl Expansion {
                 }
                 q[0] = 0.0;
                 let remainder = Remainder::Closed { slope: q[1].abs(), radius: distance };
-                Expansion { center, tick: u0 * hz + side * root, q, remainder, doubt: doubt(x0) }
+                Expansion { center, tick: u0 * hz + side * root, q, remainder, doubt: doubt + lost }
             }
-            Inverse::Arccosine { u0, x0, swing, omega } => {
+            Inverse::Arccosine { u0, x0, swing, omega, doubt } => {
                 let swing = swing.abs();
-                let turn = (x0 - frame.zero) * frame.sign;
+                let (turn, lost) = frame.turn(x0);
                 let near = 0.125f64.min(swing / 2.0);
                 let gone = (center - turn).clamp(near, swing - near);
                 // t' = 1/(ω√(g(swing − g))): its Taylor coefficients f_k by the recurrence of G f' = −G'/2 f.
@@ -127,7 +172,7 @@ impl Expansion {
                 }
                 let remainder = Remainder::Closed { slope: f[0], radius: gone.min(swing - gone) };
                 let tick = arccosine_tick(frame, u0, swing, omega, gone);
-                Expansion { center: turn + gone, tick, q, remainder, doubt: doubt(x0) }
+                Expansion { center: turn + gone, tick, q, remainder, doubt: doubt + lost }
             }
         }
     }
@@ -176,7 +221,7 @@ fn arccosine_tick(frame: &Frame, u0: f64, swing: f64, omega: f64, gone: f64) -> 
     let angle = if fraction < 0.5 {
         2.0 * libm::asin(fraction.sqrt())
     } else {
-        std::f64::consts::PI - 2.0 * libm::asin((1.0 - fraction).max(0.0).sqrt())
+        std::f64::consts::PI - 2.0 * libm::asin(((swing - gone) / swing).sqrt())
     };
     u0 * frame.tick_hz + angle * (frame.tick_hz / omega)
 }

@@ -54,7 +54,7 @@ pub(crate) struct Fit {
 }
 
 /// Segments up to this length are replayed step by step; longer ones are bounded as polynomials.
-const REPLAYED: u32 = 24;
+const REPLAYED: u32 = 48;
 
 /// The law over the next steps: t(done + x) − start, ticks.
 struct Target<'a> {

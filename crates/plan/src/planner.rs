@@ -3,6 +3,7 @@
 use crate::certificate::Certificate;
 use crate::error::PlanError;
 use crate::expansion::Frame;
+use crate::packed::Meter;
 use crate::peak::peak;
 use crate::run::{Registers, Rules, Run, RunPlanner};
 use crate::settings::Settings;
@@ -40,6 +41,7 @@ pub struct Planner<'a> {
     rules: Rules,
     registers: Registers,
     certificate: Certificate,
+    meter: Option<Meter>,
     /// θ at t = 0, whole steps and rest: steps count from there.
     start: Option<(i64, f64)>,
     /// Where the last piece ended.
@@ -110,6 +112,7 @@ impl<'a> Planner<'a> {
                 count: 4,
             },
             certificate: Certificate::new(law.class()),
+            meter: settings.packed.then(|| Meter::new(settings)),
             start: None,
             end: None,
             position: 0,
@@ -178,7 +181,7 @@ impl<'a> Planner<'a> {
             let ticks = whole - LONGEST_INTERVAL_TICKS / 2;
             segment.interval -= ticks << fraction_bits;
             self.registers.tick += ticks;
-            self.moves.push_back(Move::Dwell { ticks: ticks as u64 });
+            self.give(Move::Dwell { ticks: ticks as u64 });
         }
         let before = self.registers;
         self.registers.advance(&segment, fraction_bits);
@@ -189,8 +192,16 @@ impl<'a> Planner<'a> {
         }
         self.check_spacing(&segment, &before)?;
         self.certificate.add(&segment, direction, fit.bound);
-        self.moves.push_back(Move::Run { segment, direction });
+        self.give(Move::Run { segment, direction });
         Ok(())
+    }
+
+    fn give(&mut self, next: Move) {
+        if let Some(meter) = &mut self.meter {
+            meter.add(&next);
+            self.certificate.bytes = meter.bytes();
+        }
+        self.moves.push_back(next);
     }
 
     /// Refuses segments whose steps come closer together than the board can make them.
@@ -265,6 +276,7 @@ impl<'a> Planner<'a> {
             run.count -= 1;
             after.count -= 1;
             after.frame.zero += after.frame.sign;
+            after.frame.zero_doubt += f64::EPSILON * after.frame.zero.abs();
             let hysteresis = self.settings.grid.hysteresis;
             let error = turn - run.count as f64 - 0.5 + hysteresis;
             self.certificate.pairs_dropped += 1;
@@ -301,10 +313,16 @@ impl<'a> Planner<'a> {
         let (start_whole, start_rest) = self.start.unwrap_or((0, 0.0));
         let position = self.position - piece.origin + start_whole;
         // Step 1 is due at the level above (or below) the position; s = 0 is one step before it.
-        let zero = position as f64 + (sign * (self.settings.grid.hysteresis - 0.5) + start_rest);
+        let offset = sign * (self.settings.grid.hysteresis - 0.5);
+        let zero = position as f64 + (offset + start_rest);
+        // Whole steps and binary fractions add up exactly; other starts of a law do not.
+        let exact = offset + start_rest - start_rest == offset
+            && offset + start_rest - offset == start_rest
+            && zero - position as f64 == offset + start_rest;
+        let zero_doubt = if exact { 0.0 } else { f64::EPSILON * (zero.abs() + start_rest.abs() + 1.0) };
         let reached = (stretch.value_to - zero) * sign + TOUCH;
         Run {
-            frame: Frame { sign, zero, tick_hz: self.settings.tick_hz as f64 },
+            frame: Frame { sign, zero, zero_doubt, tick_hz: self.settings.tick_hz as f64 },
             direction,
             count: if reached >= 1.0 { reached as u64 } else { 0 },
             origin: piece.zero,

@@ -1,6 +1,6 @@
 //! Steps in one direction along one stretch, as segments.
 
-use crate::expansion::{Expansion, Frame, ULP};
+use crate::expansion::{Expansion, Frame, ULP, exact_due};
 use crate::fit::{Fit, Quantiser, Start, fit, single};
 use crate::stretch::Stretch;
 use pulsetrain_core::packing::unit_shift;
@@ -48,6 +48,10 @@ impl Run {
     pub(crate) fn due(&self, j: u64, guess: f64) -> (Due, Option<Expansion>) {
         let s = j as f64;
         if let Some(inverse) = &self.stretch.inverse {
+            if let Some((tick, error)) = exact_due(&self.frame, inverse, s) {
+                let expansion = Expansion::from_inverse(&self.frame, inverse, s);
+                return (Due { tick, error }, Some(expansion));
+            }
             let expansion = Expansion::from_inverse(&self.frame, inverse, s);
             let offset = expansion.offset(s);
             let error = expansion.remainder((s - expansion.center).abs(), offset, offset, self.window());

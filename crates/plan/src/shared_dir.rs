@@ -11,13 +11,16 @@ use crate::error::PlanError;
 use crate::planner::Planner;
 use crate::settings::Settings;
 use pulsetrain_core::{Direction, Segment};
+use pulsetrain_motion::program::DriverTicks;
 
 /// The motors of one DIR line.
 pub(crate) struct SharedDir<'a> {
     members: Vec<Member<'a>>,
     fraction_bits: u32,
-    /// Pulse, hold and setup, the longest of all members: between opposite steps, ticks.
-    turn_ticks: i64,
+    /// Longest pulse and hold of all members, ticks.
+    keep_ticks: i64,
+    /// Longest setup of all members, ticks.
+    setup_ticks: i64,
     /// Tick and direction of the last step made.
     line: Option<(i64, Direction)>,
 }
@@ -43,12 +46,19 @@ struct Member<'a> {
 
 impl<'a> SharedDir<'a> {
     pub(crate) fn new(fraction_bits: u32) -> SharedDir<'a> {
-        SharedDir { members: Vec::new(), fraction_bits, turn_ticks: 0, line: None }
+        SharedDir { members: Vec::new(), fraction_bits, keep_ticks: 0, setup_ticks: 0, line: None }
     }
 
     /// Adds a motor; gives its place in the group.
-    pub(crate) fn join(&mut self, motor: usize, planner: Planner<'a>, settings: &Settings) -> usize {
-        self.turn_ticks = self.turn_ticks.max(settings.reversal_ticks as i64);
+    pub(crate) fn join(
+        &mut self,
+        motor: usize,
+        planner: Planner<'a>,
+        settings: &Settings,
+        timing: &DriverTicks,
+    ) -> usize {
+        self.keep_ticks = self.keep_ticks.max((timing.pulse_high + timing.dir_hold) as i64);
+        self.setup_ticks = self.setup_ticks.max(timing.dir_setup as i64);
         self.members.push(Member {
             motor,
             planner,
@@ -96,7 +106,7 @@ impl<'a> SharedDir<'a> {
             let turns = self.line.is_some_and(|(_, way)| way != direction);
             let possible = match self.line {
                 // A line that must turn: what the last step needs after it, and the setup of this one.
-                Some((last, _)) if turns => due.max(last + self.turn_ticks),
+                Some((last, _)) if turns => due.max(last + self.keep_ticks + self.setup_ticks),
                 Some((last, _)) => due.max(last),
                 None => due,
             };

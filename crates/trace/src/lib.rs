@@ -1,1 +1,28 @@
-//! See ARCHITECTURE.md.
+//! Traces in and out, and the verdict: whether edges, steps or a film follow the law.
+//!
+//! # What is here, top down
+//! - [`verdict`]: the judge, from edges, steps or a film to a [`verdict::Report`]; its reading at a glance is [`summary`]
+//! - [`capture`]: any file that can be judged, by its content
+//! - [`vcd_file`], [`saleae`], [`steps`], [`camera`]: one file format each
+//! - [`crossing`]: when a law wants its steps, solved from θ(t) alone
+//! - [`decode`]: edges → what each motor and its driver see
+//! - [`lines`]: the wires and their names
+//!
+//! # What is not
+//! Plans: the judge knows laws and wiring, never `pulsetrain-plan`, so that it cannot share the planner's mistakes.
+#![forbid(unsafe_code)]
+
+pub mod camera;
+pub mod capture;
+pub mod crossing;
+pub mod decode;
+pub mod lines;
+pub mod saleae;
+pub mod steps;
+pub mod summary;
+mod table;
+pub mod vcd_file;
+pub mod verdict;
+
+pub use lines::{Edge, Line, Trace};
+pub use table::ReadError;

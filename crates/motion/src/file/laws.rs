@@ -56,11 +56,10 @@ impl Context<'_> {
         let [law] = laws.as_slice() else {
             let labels = laws.iter().map(|law| (section.key_span(law.key), format!("`{}`", law.key)));
             let labels = if laws.is_empty() { vec![(node.at.clone(), "empty".to_owned())] } else { labels.collect() };
-            let help = "for several at once use sum = [ … ], for one after the other then = [ … ]";
-            let message = format!("a law is one of {}, exactly one", names());
-            return Err(self.reader.note_all(labels, message, help));
+            let help = format!("for several at once use `sum`, for one after the other `then`; known: {}", names());
+            return Err(self.reader.note_all(labels, "a motion has exactly one law", help));
         };
-        let read = match law.key {
+        match law.key {
             "sine" => self.sine(law),
             "formula" => self.formula(law),
             "table" => self.table(law),
@@ -85,8 +84,7 @@ impl Context<'_> {
                 let at = section.key_span(unknown);
                 Err(self.reader.note(at, "not a law", format!("unknown law `{unknown}`"), help))
             }
-        };
-        read
+        }
     }
 
     /// A list of laws, not empty.

@@ -119,8 +119,8 @@ fn program(root: &Section, load: Loader) -> Read<Program> {
             law: timeline?.finish(root.reader, &draft)?,
             scale: draft.gearing.scale(),
             name: draft.name,
-            wiring: draft.wiring,
-            timing: draft.timing,
+            wiring: draft.wiring?,
+            timing: draft.timing?,
             limits: draft.limits,
             winding: draft.winding,
         });
@@ -243,10 +243,14 @@ fn read_motions(root: &Section, drafts: &[(String, Read<Draft>)], load: Loader) 
         timelines.iter_mut().for_each(|timeline| *timeline = Err(Noted));
         return timelines;
     };
-    for node in motions {
+    for node in motions.into_iter().filter(|_| !drafts.is_empty()) {
         const KEYS: &[&str] = &["motor", "motors", "law", "start", "repeat", "begin", "end"];
         let Ok(motion) = node.section("the motion".to_owned(), KEYS, EXAMPLE) else { continue };
-        let Ok(indices) = motors_of(&motion, drafts) else { continue };
+        let Ok(indices) = motors_of(&motion, drafts) else {
+            // Whose motion it was meant to be is not known: no motor is then blamed for having none.
+            timelines.iter_mut().filter(|t| t.as_ref().is_ok_and(|t| t.laws.is_empty())).for_each(|t| *t = Err(Noted));
+            continue;
+        };
         for index in indices {
             let moved = match (&drafts[index].1, &mut timelines[index]) {
                 (Ok(draft), Ok(timeline)) => read_motion(&motion, draft, load, timeline),
@@ -269,18 +273,26 @@ fn motors_of(motion: &Section, drafts: &[(String, Read<Draft>)]) -> Read<Vec<usi
         (None, Some(list)) => list.list("motors = [\"left\", \"right\"]")?,
         _ => vec![motion.need("motor", "motor = \"wheel\"")?],
     };
-    let indices = nodes.iter().map(|node| {
+    if nodes.is_empty() {
+        return Err(motion.reader.note(motion.key_span("motors"), "empty", "the motion has no motors", ""));
+    }
+    let mut found: Vec<usize> = Vec::new();
+    for node in nodes {
         let name = node.text("motor = \"wheel\"")?;
-        drafts.iter().position(|(known, _)| known == name).ok_or_else(|| {
+        let index = drafts.iter().position(|(known, _)| known == name).ok_or_else(|| {
             let names = || drafts.iter().map(|(name, _)| name.as_str());
             let help = match nearest(name, names()) {
                 Some(near) => format!("did you mean \"{near}\"?"),
                 None => format!("the file's motors: {}", names().collect::<Vec<_>>().join(", ")),
             };
             node.note("not a motor of this file", format!("unknown motor \"{name}\""), help)
-        })
-    });
-    indices.collect()
+        })?;
+        if found.contains(&index) {
+            return Err(node.note("named twice", format!("the motion names motor \"{name}\" twice"), ""));
+        }
+        found.push(index);
+    }
+    Ok(found)
 }
 
 fn read_motion(motion: &Section, draft: &Draft, load: Loader, timeline: &mut Timeline) -> Read<()> {

@@ -37,8 +37,10 @@ pub(super) struct Draft {
     pub(super) name: String,
     /// Where its table begins.
     pub(super) at: Range<usize>,
-    pub(super) wiring: Wiring,
-    pub(super) timing: DriverTiming,
+    /// Laws can be read without it.
+    pub(super) wiring: Read<Wiring>,
+    /// The same.
+    pub(super) timing: Read<DriverTiming>,
     pub(super) limits: Limits,
     pub(super) winding: Option<Winding>,
     pub(super) gearing: Gearing,
@@ -117,10 +119,13 @@ impl Pins {
 impl Gearing {
     /// An amount, speed, acceleration or jerk in steps (per s^`per_seconds`).
     pub(super) fn steps(&self, node: &Node, per_seconds: u8, example: &str) -> Read<f64> {
-        let quantity = node.quantity(example)?;
-        let base = if self.steps_per_mm.is_some() { Base::Length } else { Base::Turn };
+        let (base, example) = match self.steps_per_mm {
+            Some(_) => (Base::Length, example.replace("rev", "mm")),
+            None => (Base::Turn, example.to_owned()),
+        };
+        let quantity = node.quantity(&example)?;
         if !quantity.base.is_position() || quantity.per_seconds != per_seconds {
-            return Err(node.wrong_kind(Kind { base, per_seconds }, &quantity, example));
+            return Err(node.wrong_kind(Kind { base, per_seconds }, &quantity, &example));
         }
         let steps = quantity.value * self.steps_per(node, quantity.base)?;
         if per_seconds == 0 {
@@ -179,7 +184,7 @@ impl Gearing {
     }
 }
 
-/// Reads one motor's table. Without a board its pins cannot be checked, and there is no motor.
+/// Reads one motor's table. Without a board its pins cannot be checked, and there is no wiring.
 pub(super) fn read(node: &Node, board: Option<&BoardRow>, pins: &mut Pins) -> Read<Draft> {
     let name = node.key.to_owned();
     let example = "[motor.wheel] with its steps_per_rev, driver and pins";
@@ -188,18 +193,19 @@ pub(super) fn read(node: &Node, board: Option<&BoardRow>, pins: &mut Pins) -> Re
     let microsteps = read_microsteps(&section, driver.as_ref().ok().copied().flatten());
     let gearing = microsteps.and_then(|microsteps| read_gearing(&section, &name, microsteps));
     let timing = driver.and_then(|driver| read_timing(&section, driver));
-    let wiring = match (board, driver, microsteps) {
-        (Some(board), Ok(driver), Ok(microsteps)) => read_wiring(&section, &name, driver, microsteps, board, pins),
+    let wiring = match (board, driver) {
+        // Without microsteps there is no motor, but its pins can be wrong too.
+        (Some(board), Ok(driver)) => read_wiring(&section, &name, driver, microsteps.unwrap_or(1), board, pins),
         _ => Err(Noted),
     };
     let gearing = gearing?;
-    let winding = read_winding(&section, &gearing);
+    let winding = read_winding(&section, &gearing, driver.ok().flatten());
     let limits = read_limits(&section, &gearing);
     let (winding, mut limits) = (winding?, limits?);
     if limits.max_speed.is_none() {
         limits.max_speed = winding.map(|winding| winding.max_speed());
     }
-    Ok(Draft { name, at: node.at.clone(), wiring: wiring?, timing: timing?, limits, winding, gearing })
+    Ok(Draft { name, at: node.at.clone(), wiring, timing, limits, winding, gearing })
 }
 
 fn read_driver(section: &Section) -> Read<Option<&'static Driver>> {
@@ -291,10 +297,8 @@ fn read_gear(node: &Node) -> Read<f64> {
 }
 
 fn read_timing(section: &Section, driver: Option<&Driver>) -> Read<DriverTiming> {
-    let coils = section
-        .get("pins")
-        .is_some_and(|pins| pins.any_section(String::new(), "").is_ok_and(|p| p.get("in").is_some()));
-    if coils || driver.is_some_and(|driver| driver.input == Input::Coils) {
+    let on_coils = section.get("pins").is_some_and(|pins| pins.has("in"));
+    if on_coils || driver.is_some_and(|driver| driver.input == Input::Coils) {
         return Ok(DriverTiming::default());
     }
     let nanoseconds = |key: &str, default: Option<u32>| -> Read<Option<u32>> {
@@ -340,7 +344,7 @@ fn read_wiring(
     let example = if driver.is_some_and(|driver| driver.input == Input::Coils) { COILS } else { STEP_DIR };
     let table = section.need("pins", example)?;
     let known = ["step", "dir", "enable", "in"];
-    let wires = table.section(format!("the pins of motor `{name}`"), &known, example)?;
+    let wires = table.section(format!("the pin table of motor `{name}`"), &known, example)?;
     let enable = wires.get("enable").map(|node| {
         let level = section.get("enabled").map_or(Ok(false), |node| node.word(LEVELS));
         level.and_then(|high| Ok((pins.take(&node, Role::Enable { high }, name, board)?, high)))
@@ -353,20 +357,19 @@ fn read_wiring(
                 section.reader.note(at, "not with `in`", format!("a motor on four coil lines has no `{key}` pin"), "");
             }
         }
-        if section.get("forward").is_some() {
-            let help = "leave it out; to turn the other way, write the pins in the other order";
-            section.reader.note(
-                section.key_span("forward"),
-                "not with coils",
-                "coil lines have no `forward` level",
-                help,
-            );
-        }
+        let help = "leave it out; to turn the other way, write the pins in the other order";
+        refuse_keys(section, &["forward"], "four coil lines have no", help);
+        let stepped = ["enabled", "pulse_high", "pulse_low", "dir_setup", "dir_hold"];
+        refuse_keys(section, &stepped, "four coil lines have no", "leave it out");
         if let Some(driver) = driver.filter(|driver| driver.input != Input::Coils) {
             let message = format!("the {} takes STEP and DIR, not coil lines", driver.name);
             return Err(coils.note("coil lines", message, format!("write, for example: {STEP_DIR}")));
         }
         return read_coils(section, &coils, microsteps, name, board, pins);
+    }
+    refuse_keys(section, &["sequence"], "STEP and DIR lines have no", "leave it out");
+    if enable.is_none() {
+        refuse_keys(section, &["enabled"], "without an `enable` pin there is no", "add to the pins: enable = 7");
     }
     if let Some(driver) = driver.filter(|driver| driver.input == Input::Coils) {
         let message = format!("the {} has four coil lines, not STEP and DIR", driver.name);
@@ -378,6 +381,13 @@ fn read_wiring(
         .need("forward", "forward = \"high\" (the level of DIR that is forward; if it turns the wrong way, \"low\")")
         .and_then(|node| node.word(LEVELS));
     Ok(Wiring::StepDir { step: step?, dir: dir?, forward_high: forward?, enable: enable.transpose()? })
+}
+
+/// Notes each of the keys that stands: the wiring has no use for it.
+fn refuse_keys(section: &Section, keys: &[&str], why: &str, help: &str) {
+    for key in keys.iter().filter(|key| section.get(key).is_some()) {
+        section.reader.note(section.key_span(key), "not with this wiring", format!("{why} `{key}`"), help);
+    }
 }
 
 const LEVELS: &[(&str, bool)] = &[("low", false), ("high", true)];
@@ -410,7 +420,7 @@ fn read_coils(
     Ok(Wiring::Coils { pins: numbers, sequence })
 }
 
-fn read_winding(section: &Section, gearing: &Gearing) -> Read<Option<Winding>> {
+fn read_winding(section: &Section, gearing: &Gearing, driver: Option<&Driver>) -> Read<Option<Winding>> {
     let keys = [
         ("inductance", Base::Inductance, "50 mH"),
         ("current", Base::Current, "0.135 A"),
@@ -430,6 +440,16 @@ fn read_winding(section: &Section, gearing: &Gearing) -> Read<Option<Winding>> {
         full_steps_per_rev: gearing.steps_per_motor_turn / f64::from(gearing.microsteps),
         microsteps: gearing.microsteps,
     };
+    if let Some(driver) = driver {
+        let limits = [
+            ("current", winding.current_a, driver.max_current_a, "A"),
+            ("voltage", winding.voltage_v, driver.max_voltage_v, "V"),
+        ];
+        for (key, value, limit, unit) in limits.into_iter().filter(|(_, value, limit, _)| value > limit) {
+            let message = format!("{value} {unit} is too much for the {}: {limit} {unit} at most", driver.name);
+            section.reader.note(section.get(key).map_or(section.at.clone(), |node| node.at), "too much", message, "");
+        }
+    }
     if winding.max_speed().is_normal() {
         return Ok(Some(winding));
     }

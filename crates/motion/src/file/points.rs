@@ -90,7 +90,13 @@ pub(super) fn read(file: &Node, loader: Loader, columns: &Columns, seconds: f64,
                 return Err(wrong(line.clone(), "too few columns", message));
             };
             let value = field.parse::<f64>().ok().filter(|value| value.is_finite());
-            value.ok_or_else(|| wrong(line.clone(), "not a number", format!("\"{field}\" is not a number")))
+            value.ok_or_else(|| {
+                // Quotes may keep it from being found as it stands.
+                let at = text[line.clone()]
+                    .find(field)
+                    .map_or(line.clone(), |at| line.start + at..line.start + at + field.len());
+                wrong(at, "not a number", format!("\"{field}\" is not a number"))
+            })
         };
         let point = (number(time)? * seconds, number(position)? * steps);
         if points.last().is_some_and(|before| before.0 >= point.0) {

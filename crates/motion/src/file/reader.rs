@@ -216,6 +216,11 @@ impl<'a> Node<'a> {
         matches!(self.form, Form::Table(_))
     }
 
+    /// Whether it is a table that has `key`.
+    pub(super) fn has(&self, key: &str) -> bool {
+        matches!(self.form, Form::Table(table) if table.contains_key(key))
+    }
+
     /// The members of a list of anything.
     pub(super) fn list(&self, example: &str) -> Read<Vec<Node<'a>>> {
         let member = |at: Option<Range<usize>>, form| Node {
@@ -248,7 +253,10 @@ impl<'a> Node<'a> {
             return Ok(number);
         }
         let (low, high) = (range.start(), range.end());
-        let message = format!("`{}` must be from {low} to {high}, but is {number}", self.key);
+        let message = match *high {
+            i64::MAX => format!("`{}` must be at least {low}, but is {number}", self.key),
+            high => format!("`{}` must be from {low} to {high}, but is {number}", self.key),
+        };
         Err(self.note("out of range", message, ""))
     }
 
@@ -268,31 +276,27 @@ impl<'a> Node<'a> {
 
     /// A number with its unit; anything else is noted.
     pub(super) fn quantity(&self, example: &str) -> Read<Quantity> {
+        let write = format!("write, for example: {} = \"{example}\"", self.key);
+        let bare = |number: &str| {
+            let unit = example.split_once(' ').map_or(example, |(_, unit)| unit);
+            let message = format!("`{}` is a bare number; it needs a unit", self.key);
+            self.note("has no unit", message, format!("write, for example: {} = \"{number} {unit}\"", self.key))
+        };
         let Some(text) = self.as_text() else {
             return Err(match self.as_number() {
-                Some(_) => self.note(
-                    "has no unit",
-                    format!("`{}` is a bare number; it needs a unit", self.key),
-                    format!("write, for example: {} = \"{example}\"", self.key),
-                ),
+                Some(number) => bare(&number.to_string()),
                 None => self.wrong("a number with its unit, in quotes", &format!("{} = \"{example}\"", self.key)),
             });
         };
-        Quantity::parse(text).map_err(|error| {
-            let write = format!("write, for example: {} = \"{example}\"", self.key);
-            match &error {
-                QuantityError::UnknownUnit { unit, offset, nearest } => {
-                    let help = nearest.map_or(write, |near| format!("did you mean \"{near}\"?"));
-                    let message = format!("`{}`: unknown unit \"{unit}\"", self.key);
-                    self.reader.note(self.inside(*offset, unit.len()), "unknown unit", message, help)
-                }
-                QuantityError::NoUnit { number } => {
-                    let message = format!("`{}` is a bare number, {number}; it needs a unit", self.key);
-                    self.note("has no unit", message, write)
-                }
-                QuantityError::NoNumber { .. } | QuantityError::OutOfRange { .. } => {
-                    self.note("not a quantity", format!("`{}`: {error}", self.key), write)
-                }
+        Quantity::parse(text).map_err(|error| match &error {
+            QuantityError::UnknownUnit { unit, offset, nearest } => {
+                let help = nearest.map_or(write, |near| format!("did you mean \"{near}\"?"));
+                let message = format!("`{}`: unknown unit \"{unit}\"", self.key);
+                self.reader.note(self.inside(*offset, unit.len()), "unknown unit", message, help)
+            }
+            QuantityError::NoUnit { number } => bare(number),
+            QuantityError::NoNumber { .. } | QuantityError::OutOfRange { .. } => {
+                self.note("not a quantity", format!("`{}`: {error}", self.key), write)
             }
         })
     }
@@ -365,8 +369,10 @@ impl<'a> Node<'a> {
         if (quantity.base, quantity.per_seconds) != (Base::Cycle, 1) {
             return Err(self.wrong_kind(Kind { base: Base::Cycle, per_seconds: 1 }, &quantity, example));
         }
-        let period = quantity.period().ok_or(Noted).or_else(|_| self.above_zero(quantity.value).and(Err(Noted)))?;
-        Ok((quantity.value, self.lasting(period)?))
+        match quantity.period() {
+            Some(period) => Ok((quantity.value, self.lasting(period)?)),
+            None => Err(self.note("not more than 0", format!("`{}` must be more than 0 Hz", self.key), "")),
+        }
     }
 
     /// One of several words, whatever its case.

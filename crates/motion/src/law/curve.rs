@@ -74,6 +74,8 @@ pub enum Inverse {
         half_acceleration: f64,
         /// Which side of the turning point.
         later: bool,
+        /// How far rounding may have put x0 off, steps; 0 where the law begins or ends at its turning point.
+        doubt: f64,
     },
     /// Half a period of a sinusoid, leaving the turning point (u0, x0) for (u0 + π/omega, x0 + swing).
     Arccosine {
@@ -85,6 +87,8 @@ pub enum Inverse {
         swing: f64,
         /// rad/s.
         omega: f64,
+        /// How far rounding has put x0 off, steps; 0 for a sine from its bottom.
+        doubt: f64,
     },
     /// u = Σ c_k (x − x0)^k with k ≤ 2: intervals linear in the step number (004's ramp).
     Quadratic {
@@ -264,11 +268,13 @@ impl Curve {
                     let u0 = -0.5 * c1 / half_acceleration;
                     let later = middle > u0;
                     let over = if later { u0 - u_a } else { u_b - u0 };
+                    let drop = half_acceleration * u0 * u0;
                     (u0.is_finite() && over <= overhang).then_some(Inverse::Parabola {
                         u0,
-                        x0: c0 - half_acceleration * u0 * u0,
+                        x0: c0 - drop,
                         half_acceleration,
                         later,
+                        doubt: if u0 == 0.0 { 0.0 } else { ULP * (c0.abs() + 8.0 * drop.abs()) },
                     })
                 }
                 _ => None,
@@ -281,7 +287,11 @@ impl Curve {
                 let u0 = (half_periods * std::f64::consts::PI - phase) / omega;
                 let x = if half_periods.rem_euclid(2.0) == 0.0 { *amplitude } else { -*amplitude };
                 let one_half_period = u_a >= u0 - overhang && u_b <= u0 + std::f64::consts::PI / omega + overhang;
-                one_half_period.then_some(Inverse::Arccosine { u0, x0: offset + x, swing: -2.0 * x, omega: *omega })
+                let x0 = offset + x;
+                // What the addition lost, exactly (Knuth's two-sum).
+                let back = x0 - offset;
+                let doubt = ((offset - (x0 - back)) + (x - back)).abs();
+                one_half_period.then_some(Inverse::Arccosine { u0, x0, swing: -2.0 * x, omega: *omega, doubt })
             }
             Curve::TimerRamp { u0, x0, factor, linear, quadratic } => {
                 Some(Inverse::Quadratic { x0: *x0, c: [*u0, linear / factor, quadratic / (factor * factor)] })
@@ -360,8 +370,9 @@ impl Curve {
     }
 }
 
-/// 1/k, so that scaling a jet takes no division; the planner's bounds count two roundings for it.
-const RECIPROCAL: [f64; 9] = [0.0, 1.0, 1.0 / 2.0, 1.0 / 3.0, 1.0 / 4.0, 1.0 / 5.0, 1.0 / 6.0, 1.0 / 7.0, 1.0 / 8.0];
+/// 1/k, since a product takes less time than a quotient.
+pub(crate) const RECIPROCAL: [f64; 9] =
+    [0.0, 1.0, 1.0 / 2.0, 1.0 / 3.0, 1.0 / 4.0, 1.0 / 5.0, 1.0 / 6.0, 1.0 / 7.0, 1.0 / 8.0];
 
 /// √(linear² + 4·quadratic·w), the time per step at w.
 fn ramp_root(linear: f64, quadratic: f64, w: f64) -> f64 {
@@ -371,8 +382,8 @@ fn ramp_root(linear: f64, quadratic: f64, w: f64) -> f64 {
 /// The first `N` Taylor coefficients at u of a polynomial, by Horner's rule on truncated series: nothing is allocated.
 fn expand<const N: usize>(c: impl DoubleEndedIterator<Item = f64>, u: f64) -> [f64; N] {
     let mut jet = [0.0; N];
-    for c in c.rev() {
-        for k in (1..N).rev() {
+    for (degree, c) in c.rev().enumerate() {
+        for k in (1..N.min(degree + 1)).rev() {
             jet[k] = jet[k] * u + jet[k - 1];
         }
         jet[0] = jet[0] * u + c;

@@ -43,7 +43,7 @@ impl Double {
 
     /// The nearest whole number and what is left, −½ to ½; `None` beyond ±2^62.
     pub(crate) fn split(self) -> Option<(i64, f64)> {
-        if !(self.hi.abs() < 4.6e18) {
+        if self.hi.is_nan() || self.hi.abs() >= 4.6e18 {
             return None;
         }
         let whole = libm::round(self.hi);

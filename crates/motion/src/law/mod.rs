@@ -25,14 +25,15 @@ mod timer_ramp;
 pub mod winch;
 
 use crate::Time;
-pub use blend::{Begin, End};
+pub use blend::{Begin, Blended, End};
+pub use combine::{Changed, Repeated};
 pub use cursor::{Cursor, Sample};
 pub use curve::{Bounds, Curve, Inverse, Jet};
 use double::Double;
 pub use formula::FormulaError;
-
 pub use profile::SCurve;
 use std::sync::Arc;
+pub use steady::Steady;
 pub use table::Interpolation;
 pub use timer_ramp::TimerRamp;
 pub use winch::{WinchCommand, WinchSettings};
@@ -182,10 +183,6 @@ pub enum Law {
     /// One law with another beginning or end.
     Blended(Box<Blended>),
 }
-
-pub use blend::Blended;
-pub use combine::{Changed, Repeated};
-pub use steady::Steady;
 
 /// θ = A − A·cos(2πt/T). Source: seeds/000, eq. 1.
 #[derive(Clone, Debug)]
@@ -358,7 +355,7 @@ impl Sine {
         // k·T/2 = (k/2)·T + (k mod 2)·T/2: exact for even k, within 2^-64 s for odd k.
         let half = self.period.divided_by(2);
         let turn = |k: u64| self.period.times(k / 2) + if k % 2 == 1 { half } else { Time::ZERO };
-        let rising = k % 2 == 0;
+        let rising = k.is_multiple_of(2);
         Piece {
             zero: turn(k),
             start: turn(k),

@@ -29,7 +29,7 @@ impl Law {
             return refuse(rows.len(), "missing; a table needs at least two rows".into());
         }
         for (row, &(t, x)) in rows.iter().enumerate() {
-            if !t.is_finite() || !x.is_finite() || t < 0.0 || t > 1e12 || x.abs() > FARTHEST {
+            if !x.is_finite() || !(0.0..=1e12).contains(&t) || x.abs() > FARTHEST {
                 return refuse(row, format!("({t} s, {x} steps) is out of range"));
             }
             if row > 0 && Time::from_seconds(t) <= Time::from_seconds(rows[row - 1].0) {

@@ -55,6 +55,10 @@ const MOST_RADIANS: f64 = 64.0;
 /// Windows of forms are cut until positions are exact to this, steps, or they are this short.
 const EXACT_STEPS: f64 = 1e-8;
 const SHORT_S: f64 = 1e-6;
+/// Windows of the narrowest kind in a row before the formula is given up: some branch never settles.
+const MOST_FORCED: u32 = 100;
+/// A window of this length ends such a row, s.
+const SETTLED_S: f64 = 1e-9;
 /// What two windows may be apart where they meet, steps, for it to be no jump.
 const MEETING_STEPS: f64 = 1e-6;
 
@@ -105,7 +109,7 @@ impl Formula {
     }
 
     pub(super) fn pieces(&self) -> Windows<'_> {
-        Windows { formula: self, start: Time::ZERO, length: 1.0, position: None, known: None, failed: false }
+        Windows { formula: self, start: Time::ZERO, length: 1.0, position: None, known: None, forced: 0, failed: false }
     }
 }
 
@@ -119,6 +123,8 @@ pub(super) struct Windows<'a> {
     position: Option<Double>,
     /// What a formula without branches is everywhere.
     known: Option<Known>,
+    /// Narrowest windows in a row.
+    forced: u32,
     failed: bool,
 }
 
@@ -147,18 +153,30 @@ impl Windows<'_> {
         let last = self.formula.duration.unwrap_or(Time::MAX);
         let mut end = last.min(start + Time::from_seconds(self.length));
         let mut forced = false;
+        let mut unsettled = None;
         let piece = loop {
             match self.piece(end, forced) {
                 Ok(piece) => break piece?,
                 Err(Stop::Split(at)) if start < at && at < end => end = at,
                 Err(Stop::Narrow(undefined)) if forced => return Err(self.undefined(&undefined)),
-                Err(_) => {
+                Err(stop) => {
+                    if let Stop::Narrow(undefined) = stop {
+                        unsettled = Some(undefined);
+                    }
                     self.length = 0.5 * (end - start).seconds();
                     forced = self.length < NARROWEST_S;
                     end = start + Time::from_seconds(self.length.max(0.5 * NARROWEST_S));
                 }
             }
         };
+        if forced {
+            self.forced += 1;
+        } else if (end - start).seconds() > SETTLED_S {
+            self.forced = 0;
+        }
+        if let Some(undefined) = unsettled.filter(|_| self.forced > MOST_FORCED) {
+            return Err(self.undefined(&undefined));
+        }
         if let Some(position) = self.position {
             // Where the branches meet is known to the narrowest window only.
             let speed = piece.curve.jet(piece.first())[1];

@@ -4,8 +4,10 @@ use super::FormulaError;
 use crate::law::double::Double;
 use std::sync::Arc;
 
-/// Tokens nest no deeper, so that no text overflows the stack.
-const DEEPEST: u32 = 200;
+/// Brackets and signs nest no deeper, and so no text overflows the stack.
+const NESTED: u32 = 64;
+/// The tree is no deeper; a sum of n terms is n deep.
+const DEEPEST: u32 = 256;
 /// Operations in a formula at most, those that stand for shorthands counted.
 const LARGEST: u32 = 4000;
 
@@ -237,6 +239,15 @@ impl<'a> Parser<'a> {
         self.take(symbol).ok_or_else(|| error(self.here(), format!("`{symbol}` is expected here")))
     }
 
+    /// One level further in; the caller comes back out.
+    fn descend(&mut self, here: Span) -> Result<(), FormulaError> {
+        self.depth += 1;
+        if self.depth > NESTED {
+            return Err(error(here, format!("the formula is nested more than {NESTED} deep")));
+        }
+        Ok(())
+    }
+
     /// The character that comes next.
     fn here(&mut self) -> Span {
         self.blank();
@@ -259,10 +270,8 @@ impl<'a> Parser<'a> {
 
     /// or
     fn either(&mut self) -> Result<Term, FormulaError> {
-        self.depth += 1;
-        if self.depth > DEEPEST {
-            return Err(error(self.here(), format!("the formula is nested more than {DEEPEST} deep")));
-        }
+        let here = self.here();
+        self.descend(here)?;
         let mut left = self.both()?;
         while self.take_any(&["or", "||"]).is_some() {
             let (a, from) = self.truth(left)?;
@@ -293,10 +302,7 @@ impl<'a> Parser<'a> {
         let bang = self.rest().starts_with('!') && !self.rest().starts_with("!=");
         let from = if bang { self.take("!") } else { self.take("not") };
         let Some(from) = from else { return self.comparison() };
-        self.depth += 1;
-        if self.depth > DEEPEST {
-            return Err(error(from, format!("the formula is nested more than {DEEPEST} deep")));
-        }
+        self.descend(from)?;
         let inner = self.inverted()?;
         self.depth -= 1;
         let (condition, to) = self.truth(inner)?;
@@ -362,10 +368,7 @@ impl<'a> Parser<'a> {
         self.blank();
         let from = self.at;
         let Some(symbol) = self.take_any(&["-", "+"]) else { return self.power() };
-        self.depth += 1;
-        if self.depth > DEEPEST {
-            return Err(error((from, 1), format!("the formula is nested more than {DEEPEST} deep")));
-        }
+        self.descend((from, 1))?;
         let inner = self.signed()?;
         self.depth -= 1;
         let inner = self.number(inner)?;
@@ -500,7 +503,7 @@ impl<'a> Parser<'a> {
         let quarter = Node::number(Double::PI * Double::from(0.5), span);
 
         if name == "if" || name == "piecewise" {
-            if terms.len() % 2 == 0 {
+            if terms.len().is_multiple_of(2) {
                 return Err(error(span, "`piecewise` takes condition, value, …, and a value for all other times"));
             }
             let mut terms = terms.into_iter().rev();

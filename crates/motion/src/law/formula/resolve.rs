@@ -66,10 +66,10 @@ impl Smooth {
     }
 
     fn apply(function: Function, x: Smooth, span: Span) -> Smooth {
-        if let Smooth::Form(form, _) = &x {
-            if let Some(form) = form.clone().applied(function).filter(Form::is_finite) {
-                return Smooth::Form(form, span);
-            }
+        if let Smooth::Form(form, _) = &x
+            && let Some(form) = form.clone().applied(function).filter(Form::is_finite)
+        {
+            return Smooth::Form(form, span);
         }
         match function {
             Function::Negative => Smooth::unary(Unary::Scale(-1.0), x, span),
@@ -106,10 +106,10 @@ impl Smooth {
             let product = Smooth::binary(Binary::Multiply, b, Smooth::apply(Function::Logarithm, a, span), span);
             return Smooth::apply(Function::Exponential, product, span);
         };
-        if let Smooth::Form(form, _) = &a {
-            if let Some(form) = form.power(exponent).filter(Form::is_finite) {
-                return Smooth::Form(form, span);
-            }
+        if let Smooth::Form(form, _) = &a
+            && let Some(form) = form.power(exponent).filter(Form::is_finite)
+        {
+            return Smooth::Form(form, span);
         }
         let n = exponent.nearest();
         if n.fract() != 0.0 || n.abs() > 64.0 {

@@ -151,8 +151,7 @@ impl Div for Enclosed {
     type Output = Enclosed;
     fn div(self, other: Enclosed) -> Enclosed {
         let smallest = if other.low > 0.0 { other.low } else { -other.high } - other.error;
-        // Also catches what is not a number.
-        if !(smallest > 0.0) {
+        if smallest.is_nan() || smallest <= 0.0 {
             return Enclosed::UNDEFINED;
         }
         let quotients = [self.low / other.low, self.low / other.high, self.high / other.low, self.high / other.high];
@@ -230,7 +229,7 @@ impl Scalar for Enclosed {
 
     fn power(self, exponent: f64) -> Enclosed {
         let smallest = self.low - self.error;
-        if !(smallest > 0.0) {
+        if smallest.is_nan() || smallest <= 0.0 {
             return Enclosed::UNDEFINED;
         }
         let slope = |x: f64| (exponent * libm::pow(x, exponent - 1.0)).abs();

@@ -3,6 +3,7 @@
 //! Source: A. Griewank, A. Walther, "Evaluating Derivatives", 2nd ed., SIAM 2008, table 13.2.
 
 use super::scalar::Scalar;
+use crate::law::curve::RECIPROCAL;
 use std::array::from_fn;
 
 pub(super) type Series<S, const N: usize> = [S; N];
@@ -13,6 +14,11 @@ fn total<S: Scalar>(from: usize, to: usize, f: impl Fn(usize) -> S) -> S {
         return S::exact(0.0);
     }
     (from + 1..=to).fold(f(from), |sum, i| sum + f(i))
+}
+
+/// 1/k, k from 1 to 8.
+pub(super) fn reciprocal<S: Scalar>(k: usize) -> S {
+    S::rounded(RECIPROCAL[k])
 }
 
 pub(super) fn constant<S: Scalar, const N: usize>(c: S) -> Series<S, N> {
@@ -34,7 +40,7 @@ pub(super) fn divide<S: Scalar, const N: usize>(a: &Series<S, N>, b: &Series<S, 
 
 /// From f and the derivative's coefficients d (of x^0, x^1, …) to those of f.
 fn integral<S: Scalar, const N: usize>(first: S, d: impl Fn(usize) -> S) -> Series<S, N> {
-    from_fn(|k| if k == 0 { first } else { d(k - 1) / S::exact(k as f64) })
+    from_fn(|k| if k == 0 { first } else { d(k - 1) * reciprocal(k) })
 }
 
 /// The coefficients of x'; the last one is not known and stays 0.
@@ -46,9 +52,8 @@ pub(super) fn sin_cos<S: Scalar, const N: usize>(x: &Series<S, N>) -> (Series<S,
     let (first_sin, first_cos) = x[0].sin_cos();
     let (mut sin, mut cos) = (constant(first_sin), constant(first_cos));
     for k in 1..N {
-        let order = S::exact(k as f64);
-        sin[k] = total(1, k, |i| S::exact(i as f64) * x[i] * cos[k - i]) / order;
-        cos[k] = -(total(1, k, |i| S::exact(i as f64) * x[i] * sin[k - i]) / order);
+        sin[k] = total(1, k, |i| S::exact(i as f64) * x[i] * cos[k - i]) * reciprocal(k);
+        cos[k] = -(total(1, k, |i| S::exact(i as f64) * x[i] * sin[k - i]) * reciprocal(k));
     }
     (sin, cos)
 }
@@ -56,7 +61,7 @@ pub(super) fn sin_cos<S: Scalar, const N: usize>(x: &Series<S, N>) -> (Series<S,
 pub(super) fn exp<S: Scalar, const N: usize>(x: &Series<S, N>) -> Series<S, N> {
     let mut y = constant(x[0].exp());
     for k in 1..N {
-        y[k] = total(1, k, |i| S::exact(i as f64) * x[i] * y[k - i]) / S::exact(k as f64);
+        y[k] = total(1, k, |i| S::exact(i as f64) * x[i] * y[k - i]) * reciprocal(k);
     }
     y
 }
@@ -119,7 +124,7 @@ pub(super) fn tanh<S: Scalar, const N: usize>(x: &Series<S, N>) -> Series<S, N> 
     // w = 1 − y²; y' = w·x'.
     let mut w: Series<S, N> = constant(S::exact(1.0) - y[0] * y[0]);
     for k in 1..N {
-        y[k] = total(1, k, |i| S::exact(i as f64) * x[i] * w[k - i]) / S::exact(k as f64);
+        y[k] = total(1, k, |i| S::exact(i as f64) * x[i] * w[k - i]) * reciprocal(k);
         w[k] = -total(0, k, |i| y[i] * y[k - i]);
     }
     y

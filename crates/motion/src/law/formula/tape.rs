@@ -202,7 +202,7 @@ impl LocalForm {
             let mut scale = S::rounded(amplitude);
             for (k, sum) in sum.iter_mut().enumerate() {
                 if k > 0 {
-                    scale = scale * omega / S::exact(k as f64);
+                    scale = scale * omega * series::reciprocal(k);
                 }
                 // cos → −sin → −cos → sin
                 *sum = match k % 4 {

@@ -1,0 +1,295 @@
+//! Laws and what is made of them: pieces without gaps, continuous, and where the law says.
+
+use proptest::prelude::*;
+use pulsetrain_motion::law::{
+    Begin, Class, Cursor, Curve, End, Entry, Interpolation, Inverse, Piece, SCurve, TimerRamp,
+};
+use pulsetrain_motion::law::{WinchCommand, WinchSettings};
+use pulsetrain_motion::{Law, LawError, Time};
+
+fn s(seconds: f64) -> Time {
+    Time::from_seconds(seconds)
+}
+
+fn position(piece: &Piece, u: f64) -> f64 {
+    piece.origin as f64 + piece.curve.value(u)
+}
+
+/// The first pieces follow each other without gaps and meet; returns how many there were.
+#[track_caller]
+fn contiguous(law: &Law, most: usize) -> usize {
+    let (mut end, mut at, mut count) = (Time::ZERO, None::<f64>, 0);
+    for piece in law.pieces().take(most) {
+        let piece = piece.unwrap();
+        assert_eq!(piece.start, end, "{piece:?}");
+        assert!(piece.end > piece.start, "{piece:?}");
+        let first = position(&piece, piece.first());
+        if let Some(at) = at {
+            assert!((first - at).abs() <= 1e-6 + 1e-12 * at.abs(), "{at} then {first} at {} s", end.seconds());
+        }
+        at = Some(position(&piece, piece.last()));
+        end = piece.end;
+        count += 1;
+    }
+    if count < most {
+        assert_eq!(law.end(), Some(end));
+    }
+    count
+}
+
+#[track_caller]
+fn at(law: &Law, seconds: f64, expected: f64) {
+    let got = Cursor::new(law).at(s(seconds)).unwrap().position;
+    assert!((got - expected).abs() <= 1e-9 * (1.0 + expected.abs()), "at {seconds} s: {got}, not {expected}");
+}
+
+fn sine() -> Law {
+    Law::sine(100.0, s(2.0), Some(1)).unwrap()
+}
+
+#[test]
+fn sweeps_go_from_the_bottom_over_odd_swings_too() {
+    let law = Law::sweep(4.0, 25, s(0.1)).unwrap();
+    at(&law, 0.05, 0.0);
+    at(&law, 0.1 + 0.125, 25.0);
+    at(&law, 0.1 + 0.0625, 12.5);
+    at(&law, 0.1 + 1000.25, 0.0);
+    assert_eq!((law.end(), law.class()), (None, Class::ClosedForm));
+    assert!(Law::sweep(0.0, 25, Time::ZERO).is_err() && Law::sweep(1.0, 0, Time::ZERO).is_err());
+    contiguous(&law, 100);
+}
+
+#[test]
+fn constant_speed_loses_nothing_over_days() {
+    // 1/3 in binary; after 2^30 s the product has 83 bits.
+    let speed = 1e8 / 3.0;
+    let law = Law::speed(speed, None).unwrap();
+    let windows_in = |t: f64| (t / (law.pieces().next().unwrap().unwrap().end.seconds())) as usize;
+    let piece = law.pieces().nth(windows_in(262_144.0)).unwrap().unwrap();
+    assert_eq!(piece.start, s(262_144.0));
+    // speed × 2^18 is exact in f64.
+    assert_eq!(piece.origin as f64 + piece.curve.value(0.0), speed * 262_144.0);
+    assert_eq!(piece.curve.value(0.0), (speed * 262_144.0) - (speed * 262_144.0).round());
+    at(&Law::speed(-2.5, Some(s(7.0))).unwrap(), 100.0, -17.5);
+    assert_eq!(contiguous(&Law::rest(s(3.0)).unwrap(), 10), 1);
+}
+
+#[test]
+fn combinations() {
+    let forth = sine;
+    at(&forth().scaled(-0.5).unwrap().shifted(7.0).unwrap().delayed(s(3.0)).unwrap(), 4.0, -93.0);
+    at(&forth().shifted(7.0).unwrap().delayed(s(3.0)).unwrap(), 1.0, 7.0);
+    let ramp = Law::speed(10.0, Some(s(3.0))).unwrap();
+    at(&Law::sum(vec![forth(), ramp.clone()]).unwrap(), 1.0, 210.0);
+    // Each stays where it ended.
+    at(&Law::sum(vec![forth(), ramp.clone()]).unwrap(), 2.5, 25.0);
+    let then = Law::then(vec![ramp.clone(), forth().shifted(99.0).unwrap(), ramp.clone()]).unwrap();
+    at(&then, 4.0, 230.0);
+    at(&then, 8.0, 60.0);
+    contiguous(&then, 100);
+    let endless = ramp.clone().repeated(None).unwrap();
+    at(&endless, 3.0 * 20_000.0 + 1.5, 30.0 * 20_000.0 + 15.0);
+    assert_eq!(endless.end(), None);
+    assert_eq!(ramp.clone().repeated(Some(5)).unwrap().end(), Some(s(15.0)));
+    assert_eq!(Law::sum(vec![forth(), endless.clone()]).unwrap().end(), None);
+    for wrong in [
+        Law::then(vec![endless.clone(), forth()]),
+        endless.repeated(Some(2)),
+        forth().repeated(Some(0)),
+        Law::sum(vec![]),
+        forth().scaled(f64::NAN),
+        forth().delayed(s(-1.0)),
+    ] {
+        assert!(matches!(wrong, Err(LawError::Parameter(_))), "{wrong:?}");
+    }
+}
+
+#[test]
+fn polynomials_must_meet() {
+    let rise = (Time::SECOND, vec![0.0, 0.0, 5.0]);
+    let on = |from: f64| (Time::SECOND, vec![from, 10.0]);
+    assert!(Law::polynomials([rise.clone(), on(5.0)]).is_ok());
+    let jump = Law::polynomials([rise, on(6.0)]).unwrap_err();
+    assert_eq!(jump, LawError::Jump { at_s: 1.0, from: 5.0, to: 6.0 });
+}
+
+#[test]
+fn a_delayed_beginning_waits_for_rest() {
+    // Starts at full speed; at rest first at π/2.
+    let law = Law::formula("100*sin(t)", &[], 1.0, None).unwrap().beginning(Begin::Delay).unwrap();
+    at(&law, 1.0, 100.0);
+    at(&law, 4.0, 100.0 * 4f64.sin());
+    // At rest where the speed only touches zero.
+    let law = Law::formula("100*(t + sin(t))", &[], 1.0, None).unwrap().beginning(Begin::Delay).unwrap();
+    at(&law, 0.0, 100.0 * std::f64::consts::PI);
+    contiguous(&law, 50);
+    let never = Law::speed(10.0, Some(s(5.0))).unwrap().beginning(Begin::Delay).unwrap_err();
+    assert!(never.to_string().contains("does not come to rest"), "{never}");
+}
+
+#[test]
+fn ramps_stay_within_their_limits() {
+    let law = Law::formula("1000*t + 300*sin(7*t)", &[], 1.0, Some(s(9.0))).unwrap();
+    let (max_speed, max_acceleration) = (3500.0, 20_000.0);
+    let law = law.beginning(Begin::Ramp { max_speed, max_acceleration }).unwrap();
+    let law = law.ending(End::Ramp { max_speed, max_acceleration }).unwrap();
+    contiguous(&law, 1000);
+    assert_eq!((law.end(), law.class()), (Some(s(9.0)), Class::Enclosed));
+    let mut cursor = Cursor::new(&law);
+    let mut most = (0.0_f64, 0.0_f64);
+    let mut before = cursor.at(Time::ZERO).unwrap();
+    assert!(before.position.abs() < 1e-12 && before.speed == 0.0, "{before:?}");
+    for k in 1..=90_000 {
+        let now = cursor.at(Time::from_ratio(k, 10_000)).unwrap();
+        assert!((now.speed - before.speed).abs() <= max_acceleration * 1.1e-4, "{now:?}");
+        most = (most.0.max(now.speed.abs()), most.1.max(now.acceleration.abs()));
+        before = now;
+    }
+    assert!(most.0 <= max_speed && most.1 <= max_acceleration, "{most:?}");
+    assert!(before.speed.abs() < 1e-6 && (before.position - (9000.0 + 300.0 * 63f64.sin())).abs() < 1e-6, "{before:?}");
+
+    let refused = Law::speed(1000.0, Some(s(1.0))).unwrap();
+    let refused = refused.beginning(Begin::Ramp { max_speed: 900.0, max_acceleration: 1e9 }).unwrap_err().to_string();
+    assert!(refused.contains("max_speed = 900 steps/s"), "{refused}");
+    let refused = Law::speed(1000.0, Some(s(1.0))).unwrap();
+    let refused = refused.ending(End::Ramp { max_speed: 9e9, max_acceleration: 10.0 }).unwrap_err().to_string();
+    assert!(refused.contains("max_acceleration = 10 steps/s²"), "{refused}");
+}
+
+#[test]
+fn jumps_are_marked() {
+    let law = Law::speed(1000.0, Some(s(1.0))).unwrap().beginning(Begin::Jump).unwrap().ending(End::Jump).unwrap();
+    let pieces: Vec<Piece> = law.pieces().map(Result::unwrap).collect();
+    assert_eq!(pieces[0].entry, Entry::SpeedJump);
+    let last = pieces.last().unwrap();
+    assert_eq!((last.entry, position(last, last.last())), (Entry::SpeedJump, 1000.0));
+    contiguous(&law, 10);
+}
+
+/// The inverse gives back the time of every position on the stretch.
+#[track_caller]
+fn inverts(curve: &Curve, a: f64, b: f64) {
+    let inverse = curve.inverse(a, b).unwrap();
+    for k in 0..=10 {
+        let u = a + (b - a) * f64::from(k) / 10.0;
+        let x = curve.value(u);
+        let got = match inverse {
+            Inverse::Line { u0, x0, speed } => u0 + (x - x0) / speed,
+            Inverse::Parabola { u0, x0, half_acceleration, later, .. } => {
+                let way = ((x - x0) / half_acceleration).max(0.0).sqrt();
+                if later { u0 + way } else { u0 - way }
+            }
+            Inverse::Arccosine { u0, x0, swing, omega, .. } => {
+                u0 + (1.0 - 2.0 * (x - x0) / swing).clamp(-1.0, 1.0).acos() / omega
+            }
+            Inverse::Quadratic { x0, c } => c[0] + (x - x0) * (c[1] + (x - x0) * c[2]),
+        };
+        assert!((got - u).abs() <= 2e-7 * (b - a), "{inverse:?} at {u}: {got}");
+    }
+}
+
+#[test]
+fn inverses() {
+    inverts(&Curve::Polynomial(vec![3.0, -2.0]), 0.0, 5.0);
+    inverts(&Curve::Polynomial(vec![3.0, -4.0, 2.0]), 1.0, 5.0);
+    inverts(&Curve::Polynomial(vec![3.0, -4.0, -2.0]), -7.0, -1.0);
+    let cosine = Curve::Cosine { offset: 5.0, amplitude: -3.0, omega: 2.0, phase: 1.0 };
+    let turn = |k: f64| (k * std::f64::consts::PI - 1.0) / 2.0;
+    inverts(&cosine, turn(0.0), turn(1.0));
+    inverts(&cosine, turn(1.2), turn(1.7));
+    inverts(&cosine, turn(-3.0), turn(-2.0));
+    inverts(&Curve::TimerRamp { u0: 0.5, x0: 3.0, factor: -1.0, linear: 1e-3, quadratic: -1e-6 }, 0.5, 0.6);
+    // Over a turning point, at rest, and of higher degree there is none.
+    assert_eq!(cosine.inverse(turn(0.5), turn(1.5)), None);
+    assert_eq!(Curve::Polynomial(vec![3.0, -4.0, 2.0]).inverse(0.0, 5.0), None);
+    assert_eq!(Curve::Polynomial(vec![3.0]).inverse(0.0, 5.0), None);
+    assert_eq!(Curve::Polynomial(vec![0.0, 1.0, 0.0, 1.0]).inverse(0.0, 5.0), None);
+}
+
+#[test]
+fn closed_forms_have_inverses() {
+    let ramp = TimerRamp { steps: 90, tick_s: 8e-6, start_count: 255, cruise_count: 18, accelerate_during: 10 };
+    let winch = [(Time::ZERO, WinchCommand::Target(300.0))];
+    for law in [
+        Law::sine(7.0, s(3.0), Some(2)),
+        Law::trapezoid(-700.0, 100.0, 300.0, 200.0),
+        Law::timer_ramp(ramp),
+        Law::speed(-3.0, Some(s(2.0))),
+        Law::winch(&winch, WinchSettings::default(), Some(s(1.0))),
+        Law::then(vec![Law::rest(s(1.0)).unwrap(), sine().scaled(-2.0).unwrap()]),
+    ] {
+        let law = law.unwrap();
+        assert_eq!(law.class(), Class::ClosedForm);
+        for piece in law.pieces() {
+            let piece = piece.unwrap();
+            let (a, b) = (piece.first(), piece.last());
+            // A parabola may turn within its piece: either side has its own.
+            let turn = piece.curve.jet(a)[1] * piece.curve.jet(b)[1] < 0.0;
+            let still = piece.curve.value(a) == piece.curve.value(b) && piece.curve.jet(a)[1] == 0.0;
+            assert!(turn || still || piece.curve.inverse(a, b).is_some(), "{piece:?}");
+        }
+    }
+}
+
+fn trees() -> impl Strategy<Value = Law> {
+    let leaf = prop_oneof![
+        (1.0_f64..1e4, 0.01_f64..3.0, 1_u64..4).prop_map(|(a, t, n)| Law::sine(a, s(t), Some(n))),
+        (-1e4_f64..1e4, 0.01_f64..9.0).prop_map(|(v, t)| Law::speed(v, Some(s(t)))),
+        (1.0_f64..1e4, 1.0_f64..1e4).prop_map(|(d, v)| Law::trapezoid(d, v, 3.0 * v, 2.0 * v)),
+        (-1e4_f64..1e4, -2e3_f64..2e3).prop_map(|(distance, start_speed)| {
+            let (max_speed, max_acceleration, max_jerk) = (1e3, 4e3, 5e4);
+            Law::s_curve(SCurve { distance, max_speed, max_acceleration, max_jerk, start_speed })
+        }),
+        (1_i64..500, 2_u32..200).prop_map(|(steps, cruise_count)| {
+            Law::timer_ramp(TimerRamp { steps, tick_s: 8e-6, start_count: 255, cruise_count, accelerate_during: 10 })
+        }),
+        prop::collection::vec((0.01_f64..1.0, -1e3_f64..1e3), 2..6).prop_map(|rows| {
+            let mut t = 0.0;
+            let rows: Vec<_> = rows
+                .into_iter()
+                .map(|(dt, x)| {
+                    t += dt;
+                    (t, x)
+                })
+                .collect();
+            Law::table(&rows, Interpolation::Monotone)
+        }),
+        (1.0_f64..30.0).prop_map(|w| {
+            let text = "abs(50*sin(w*t)) + 3*t*exp(-t)";
+            Ok(Law::formula(text, &[("w".into(), w)], 2.0, Some(s(1.5))).unwrap())
+        }),
+        (-500.0_f64..500.0).prop_map(|x| {
+            Law::winch(&[(s(0.01), WinchCommand::Target(x))], WinchSettings::default(), Some(s(0.05)))
+        }),
+    ]
+    .prop_map(Result::unwrap);
+    leaf.prop_recursive(3, 8, 3, |inner| {
+        prop_oneof![
+            prop::collection::vec(inner.clone(), 1..4).prop_map(|laws| Law::sum(laws).unwrap()),
+            prop::collection::vec(inner.clone(), 1..4).prop_map(|laws| Law::then(laws).unwrap()),
+            (inner.clone(), -3.0_f64..3.0).prop_map(|(law, k)| law.scaled(k).unwrap()),
+            (inner.clone(), -1e3_f64..1e3).prop_map(|(law, x)| law.shifted(x).unwrap()),
+            (inner.clone(), 0.001_f64..2.0).prop_map(|(law, d)| law.delayed(s(d)).unwrap()),
+            (inner, 1_u64..4).prop_map(|(law, n)| law.repeated(Some(n)).unwrap()),
+        ]
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 200, ..ProptestConfig::default() })]
+
+    #[test]
+    fn any_law_s_pieces_follow_and_meet(law in trees()) {
+        contiguous(&law, 20_000);
+    }
+
+    /// A sum is what its terms are, wherever its pieces are cut and their zeros moved.
+    #[test]
+    fn sums_are_the_sum(a in trees(), b in trees(), part in 0.0_f64..1.2) {
+        let sum = Law::sum(vec![a.clone(), b.clone()]).unwrap();
+        let t = s(part * sum.end().unwrap().seconds());
+        let [x, y, z] = [&a, &b, &sum].map(|law| Cursor::new(law).at(t).unwrap());
+        prop_assert!((x.position + y.position - z.position).abs() < 1e-7 * (1.0 + x.position.abs() + y.position.abs()));
+        prop_assert!((x.speed + y.speed - z.speed).abs() < 1e-6 * (1.0 + x.speed.abs() + y.speed.abs()), "{x:?} {y:?} {z:?}");
+    }
+}

@@ -1,0 +1,376 @@
+//! When a law wants its steps: the crossings of θ(t) with the levels of the grid, in order of time.
+//!
+//! The judge's own way, so that it shares nothing with the planner but θ: each piece is cut into windows on which its
+//! Taylor polynomial is θ up to rounding, each window into stretches on which that polynomial is monotone (proven from
+//! its coefficients), and on each stretch the crossings are found by Newton's method within brackets.
+
+use pulsetrain_motion::law::{Jet, Piece, Pieces};
+use pulsetrain_motion::{Grid, Law, LawError, Time};
+
+/// θ that turns or rests this close to a level (steps) may cross it or not: f64 cannot tell.
+pub const GRAZE: f64 = 1e-9;
+
+/// A time in ticks: whole ones and the rest, so that days lose no precision.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Instant {
+    /// Whole ticks.
+    pub tick: i64,
+    /// The rest, ticks; small, but not always in 0..1.
+    pub fraction: f64,
+}
+
+impl Instant {
+    /// `self` − `other`, ticks.
+    #[must_use]
+    pub fn minus(self, other: Instant) -> f64 {
+        self.tick.wrapping_sub(other.tick) as f64 + (self.fraction - other.fraction)
+    }
+
+    /// In ticks, as one number.
+    #[must_use]
+    pub fn ticks(self) -> f64 {
+        self.tick as f64 + self.fraction
+    }
+
+    pub(crate) fn plus(self, ticks: f64) -> Instant {
+        let whole = ticks.floor();
+        Instant { tick: self.tick.saturating_add(whole as i64), fraction: self.fraction + (ticks - whole) }
+    }
+}
+
+/// The law wants a step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Crossing {
+    /// When θ crosses the level.
+    pub at: Instant,
+    /// Whether the position counts up.
+    pub forward: bool,
+    /// Half the time within which f64 cannot place the crossing, ticks: tiny but near turning points.
+    pub uncertainty_ticks: f64,
+    /// θ turns or rests within [`GRAZE`] of the level: whether there is a step is open, see [`Crossings::settle`].
+    pub optional: bool,
+    /// |speed| there, steps/s.
+    pub speed: f64,
+    /// Farthest that θ was from the position before this step since the step before it, steps, signed.
+    pub farthest: f64,
+}
+
+/// The crossings of one law, in order.
+pub struct Crossings<'a> {
+    pieces: Pieces<'a>,
+    grid: Grid,
+    tick_hz: u64,
+    /// θ at the start: origin and value of the first piece's curve.
+    start: Option<(i64, f64)>,
+    position: i64,
+    farthest: f64,
+    piece: Option<Piece>,
+    /// How far the current piece has been cut into windows, its own time, s.
+    reached: f64,
+    /// Width of the last window, s.
+    width: f64,
+    window: Window,
+    /// Monotone stretches of the window that are still to be looked at, last first.
+    stretches: Vec<Stretch>,
+    /// Which way an optional crossing goes that has been given out but not settled.
+    unsettled: Option<bool>,
+}
+
+/// θ as a polynomial about a centre.
+#[derive(Default)]
+struct Window {
+    /// θ − origin against seconds from the centre.
+    jet: Jet,
+    centre: Instant,
+    /// Bound on |polynomial − θ|, steps.
+    noise: f64,
+    origin: i64,
+}
+
+/// A part of a window on which the polynomial is monotone; seconds from the centre, steps.
+#[derive(Clone, Copy, Debug)]
+struct Stretch {
+    from: f64,
+    to: f64,
+    from_value: f64,
+    to_value: f64,
+    /// Comes to rest at its end, as before a turning point.
+    ends_slow: bool,
+}
+
+impl<'a> Crossings<'a> {
+    /// From t = 0 s and position 0 on, in ticks of `tick_hz`.
+    #[must_use]
+    pub fn new(law: &'a Law, grid: Grid, tick_hz: u64) -> Crossings<'a> {
+        Crossings {
+            pieces: law.pieces(),
+            grid,
+            tick_hz,
+            start: None,
+            position: 0,
+            farthest: 0.0,
+            piece: None,
+            reached: 0.0,
+            width: f64::INFINITY,
+            window: Window::default(),
+            stretches: Vec::new(),
+            unsettled: None,
+        }
+    }
+
+    /// Steps forward minus steps backward so far.
+    #[must_use]
+    pub fn position(&self) -> i64 {
+        self.position
+    }
+
+    /// Says whether the optional crossing given out last has been made; what comes after depends on it.
+    ///
+    /// Without this it counts as not made.
+    pub fn settle(&mut self, made: bool) {
+        if let Some(forward) = self.unsettled.take() {
+            if made {
+                self.step(forward);
+            } else {
+                self.next_stretch();
+            }
+        }
+    }
+
+    /// The next crossing, `None` at the law's end.
+    ///
+    /// # Errors
+    /// Where the law is undefined.
+    pub fn next(&mut self) -> Result<Option<Crossing>, LawError> {
+        self.settle(false);
+        loop {
+            let Some(&stretch) = self.stretches.last() else {
+                if self.refill()? {
+                    continue;
+                }
+                return Ok(None);
+            };
+            let (origin, start) = self.start.expect("set by the first window");
+            let relative = self.position - (self.window.origin - origin);
+            let up = self.grid.up_level(relative) + start;
+            let down = self.grid.down_level(relative) + start;
+            let rising = stretch.to_value >= stretch.from_value;
+            // Beyond a level already at the start: the law jumps, or a window's edge is rounded.
+            let found = if stretch.from_value >= up + GRAZE {
+                Some((true, stretch.from, false))
+            } else if stretch.from_value <= down - GRAZE {
+                Some((false, stretch.from, false))
+            } else {
+                let (level, beyond) =
+                    if rising { (up, stretch.to_value - up) } else { (down, down - stretch.to_value) };
+                let optional = stretch.ends_slow && beyond.abs() <= GRAZE;
+                if optional && beyond <= self.window.noise {
+                    Some((rising, stretch.to, true))
+                } else if beyond >= 0.0 {
+                    Some((rising, self.window.solve(level, stretch, self.tick_hz), optional))
+                } else {
+                    None
+                }
+            };
+            let Some((forward, x, optional)) = found else {
+                self.next_stretch();
+                continue;
+            };
+            let crossing = Crossing {
+                at: self.window.at(x, self.tick_hz),
+                forward,
+                uncertainty_ticks: self.window.uncertainty(x, stretch, optional) * self.tick_hz as f64,
+                optional,
+                speed: self.window.speed(x).abs(),
+                farthest: self.farthest,
+            };
+            if let Some(stretch) = self.stretches.last_mut() {
+                (stretch.from, stretch.from_value) = (x, self.window.value(x));
+            }
+            if optional {
+                self.unsettled = Some(forward);
+            } else {
+                self.step(forward);
+            }
+            return Ok(Some(crossing));
+        }
+    }
+
+    fn step(&mut self, forward: bool) {
+        self.position += if forward { 1 } else { -1 };
+        self.farthest = 0.0;
+    }
+
+    fn next_stretch(&mut self) {
+        if let (Some(stretch), Some((origin, start))) = (self.stretches.pop(), self.start) {
+            let relative = self.position - (self.window.origin - origin);
+            let off = stretch.to_value - start - relative as f64;
+            if off.abs() > self.farthest.abs() {
+                self.farthest = off;
+            }
+        }
+    }
+
+    /// Cuts the next window; `false` at the law's end.
+    fn refill(&mut self) -> Result<bool, LawError> {
+        let (piece, end) = loop {
+            if let Some(piece) = self.piece.as_ref().filter(|piece| self.reached < piece.last()) {
+                break (piece, piece.last());
+            }
+            let Some(piece) = self.pieces.next().transpose()? else { return Ok(false) };
+            self.reached = piece.first();
+            self.width = piece.last() - piece.first();
+            self.start.get_or_insert_with(|| (piece.origin, piece.curve.value(piece.first())));
+            self.piece = Some(piece);
+        };
+        // A window shorter than this is as good as a point.
+        let tiny = (1.0 / (64.0 * self.tick_hz as f64)).max(4.0 * f64::EPSILON * end.abs().max(self.reached.abs()));
+        // What a window may travel, so that distances from its centre keep their precision, steps.
+        const TRAVEL: f64 = 131_072.0;
+        let mut width = (self.width * 2.0).min(end - self.reached);
+        loop {
+            let to = if width >= end - self.reached { end } else { self.reached + width };
+            let half = 0.5 * (to - self.reached);
+            let centre = self.reached + half;
+            let jet = piece.curve.jet(centre);
+            let bounds = piece.curve.bounds(self.reached, to);
+            let tail = bounds.eighth * half.powi(8);
+            let travel = polynomial(&jet.map(f64::abs), half) - jet[0].abs();
+            let good_tail = 2.0 * bounds.rounding[0] + 1e-13;
+            if !(tail <= good_tail && travel <= TRAVEL) && width > tiny {
+                let shrink = (good_tail / tail).powf(0.125);
+                width *= if shrink.is_nan() { 0.5 } else { shrink.clamp(0.125, 0.75) };
+                continue;
+            }
+            if jet.iter().any(|c| !c.is_finite()) {
+                let at_s = (piece.zero + Time::from_seconds(centre)).seconds();
+                return Err(LawError::Undefined { at_s, why: "θ or its derivatives are not finite".into() });
+            }
+            let (tick, fraction) = (piece.zero + Time::from_seconds(centre)).ticks(self.tick_hz);
+            let noise = polynomial(&bounds.rounding, half) + tail.min(GRAZE) + f64::EPSILON * jet[0].abs();
+            self.window = Window { jet, centre: Instant { tick, fraction }, noise, origin: piece.origin };
+            self.window.split(-half, half, 0, &mut self.stretches);
+            self.stretches.reverse();
+            self.reached = to;
+            self.width = width;
+            return Ok(true);
+        }
+    }
+}
+
+impl Window {
+    fn value(&self, x: f64) -> f64 {
+        polynomial(&self.jet, x)
+    }
+
+    fn speed(&self, x: f64) -> f64 {
+        (1..8).rev().fold(0.0, |sum, k| sum * x + k as f64 * self.jet[k])
+    }
+
+    fn at(&self, x: f64, tick_hz: u64) -> Instant {
+        self.centre.plus(x * tick_hz as f64)
+    }
+
+    /// Pushes the monotone stretches of `from..=to`.
+    fn split(&self, from: f64, to: f64, depth: u32, out: &mut Vec<Stretch>) {
+        let half = 0.5 * (to - from);
+        let about = shifted(&self.jet, 0.5 * (from + to));
+        let spread = |order: usize| -> f64 {
+            (order + 1..8).map(|k| falling(k, order) * about[k].abs() * half.powi((k - order) as i32)).sum()
+        };
+        if about[1].abs() > spread(1) || spread(0) <= self.noise || depth > 40 {
+            out.push(self.stretch(from, to));
+        } else if 2.0 * about[2].abs() > spread(2) {
+            // The speed is monotone: one turning point or none.
+            let (mut lo, mut hi) = (from, to);
+            let rising = self.speed(lo) >= 0.0;
+            if (self.speed(hi) >= 0.0) == rising {
+                out.push(self.stretch(from, to));
+                return;
+            }
+            while 0.5 * (lo + hi) > lo && 0.5 * (lo + hi) < hi {
+                let middle = 0.5 * (lo + hi);
+                if (self.speed(middle) >= 0.0) == rising { lo = middle } else { hi = middle }
+            }
+            out.push(Stretch { ends_slow: true, ..self.stretch(from, lo) });
+            out.push(self.stretch(lo, to));
+        } else {
+            let middle = from + half;
+            self.split(from, middle, depth + 1, out);
+            self.split(middle, to, depth + 1, out);
+        }
+    }
+
+    fn stretch(&self, from: f64, to: f64) -> Stretch {
+        let fastest = self.speed(from).abs().max(self.speed(0.5 * (from + to)).abs());
+        Stretch {
+            from,
+            to,
+            from_value: self.value(from),
+            to_value: self.value(to),
+            ends_slow: self.speed(to).abs() <= 1e-4 * fastest,
+        }
+    }
+
+    /// Where the polynomial reaches `level` on a stretch that does; to a thousandth of a tick.
+    fn solve(&self, level: f64, stretch: Stretch, tick_hz: u64) -> f64 {
+        let close = 1e-3 / tick_hz as f64;
+        let rising = stretch.to_value >= stretch.from_value;
+        let (mut lo, mut hi) = (stretch.from, stretch.to);
+        let mut x = lo;
+        // 64 halvings would exhaust any f64 bracket; Newton takes two or three steps.
+        for _ in 0..64 {
+            let off = self.value(x) - level;
+            if (off < 0.0) == rising {
+                lo = x
+            } else {
+                hi = x
+            }
+            let newton = x - off / self.speed(x);
+            let next = if newton > lo && newton < hi { newton } else { 0.5 * (lo + hi) };
+            let moved = (next - x).abs();
+            x = next;
+            if moved <= close {
+                break;
+            }
+        }
+        x
+    }
+
+    /// How far from `x` (s) the true crossing may be: θ is known to `noise` alone.
+    fn uncertainty(&self, x: f64, stretch: Stretch, optional: bool) -> f64 {
+        if optional {
+            // Where θ was off by that much before it came to rest.
+            let off = self.noise.max((self.value(x) - stretch.to_value).abs());
+            let sign = if stretch.to_value >= stretch.from_value { -1.0 } else { 1.0 };
+            let (mut lo, mut hi) = (stretch.from, stretch.to);
+            for _ in 0..60 {
+                let middle = 0.5 * (lo + hi);
+                if (self.value(middle) - stretch.to_value) * sign > 2.0 * off { lo = middle } else { hi = middle }
+            }
+            return stretch.to - lo;
+        }
+        (self.noise / self.speed(x).abs()).min(stretch.to - stretch.from)
+    }
+}
+
+/// Σ c_k x^k.
+fn polynomial(c: &Jet, x: f64) -> f64 {
+    c.iter().rev().fold(0.0, |sum, &c| sum * x + c)
+}
+
+/// The coefficients about `x`.
+fn shifted(c: &Jet, x: f64) -> Jet {
+    let mut c = *c;
+    for k in 0..7 {
+        for i in (k..7).rev() {
+            c[i] += x * c[i + 1];
+        }
+    }
+    c
+}
+
+/// k·(k−1)·…, `order` factors.
+fn falling(k: usize, order: usize) -> f64 {
+    (0..order).map(|i| (k - i) as f64).product()
+}

@@ -1,0 +1,219 @@
+//! steps.csv: one row for each step, `motor,tick,dir,position`.
+//!
+//! ```text
+//! # pulsetrain steps, tick_hz = 16000000
+//! motor,tick,dir,position
+//! wheel,80532,1,1
+//! ```
+
+use std::io::{self, Write};
+
+use crate::ReadError;
+use crate::table::{Table, shown};
+
+const HEADER: [&str; 4] = ["motor", "tick", "dir", "position"];
+const TICK_HZ: &str = "tick_hz =";
+
+/// One step of one motor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Step {
+    /// Index in the trace's `motors`.
+    pub motor: u8,
+    /// When, in ticks of the trace.
+    pub tick: u64,
+    /// Whether the position counts up.
+    pub forward: bool,
+}
+
+/// Steps in order of time, without the edges that made them.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct StepTrace {
+    /// Ticks per second.
+    pub tick_hz: u64,
+    /// What [`Step::motor`] refers to; at most 256.
+    pub motors: Vec<String>,
+    /// In order of time for each motor.
+    pub steps: Vec<Step>,
+}
+
+/// Writes steps.csv one step at a time; positions count from 0.
+pub struct Writer<W: Write> {
+    out: W,
+    motors: Vec<(String, i64)>,
+}
+
+impl<W: Write> Writer<W> {
+    /// Writes the head of the file.
+    ///
+    /// # Errors
+    /// What `out` gives.
+    pub fn new(mut out: W, tick_hz: u64, motors: &[String]) -> io::Result<Writer<W>> {
+        writeln!(out, "# pulsetrain steps, {TICK_HZ} {tick_hz}\n{}", HEADER.join(","))?;
+        Ok(Writer { out, motors: motors.iter().map(|name| (quoted(name), 0)).collect() })
+    }
+
+    /// Writes a row.
+    ///
+    /// # Errors
+    /// What `out` gives; [`io::ErrorKind::InvalidInput`] if there is no such motor.
+    pub fn push(&mut self, step: Step) -> io::Result<()> {
+        let Some((name, position)) = self.motors.get_mut(usize::from(step.motor)) else {
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, format!("no motor {}", step.motor)));
+        };
+        let dir = if step.forward { 1 } else { -1 };
+        *position += dir;
+        writeln!(self.out, "{name},{},{dir},{position}", step.tick)
+    }
+
+    /// Flushes, and gives `out` back.
+    ///
+    /// # Errors
+    /// What `out` gives.
+    pub fn finish(mut self) -> io::Result<W> {
+        self.out.flush()?;
+        Ok(self.out)
+    }
+}
+
+/// Writes all of a trace.
+///
+/// # Errors
+/// As [`Writer::push`].
+pub fn write(trace: &StepTrace, out: impl Write) -> io::Result<()> {
+    let mut writer = Writer::new(out, trace.tick_hz, &trace.motors)?;
+    trace.steps.iter().try_for_each(|step| writer.push(*step))?;
+    writer.finish().map(drop)
+}
+
+/// A name as a CSV field.
+fn quoted(name: &str) -> String {
+    if name.contains([',', '"', '\n', '\r', '#']) || name.trim() != name {
+        format!("\"{}\"", name.replace('"', "\"\""))
+    } else {
+        name.to_owned()
+    }
+}
+
+/// Reads steps.csv.
+///
+/// # Errors
+/// If there is no tick rate, the columns are others, a motor's ticks go back, or a position does not follow from the
+/// one before.
+pub fn read(bytes: &[u8]) -> Result<StepTrace, ReadError> {
+    let tick_hz = tick_hz(bytes)?;
+    let mut table = Table::new(bytes);
+    let Some(header) = table.next()? else {
+        return Err(ReadError::new(1, 1, "the header `motor,tick,dir,position`", "nothing"));
+    };
+    for (i, name) in HEADER.iter().enumerate() {
+        if !header.get(i).eq_ignore_ascii_case(name.as_bytes()) {
+            return Err(header.error(i, format!("the column `{name}`")));
+        }
+    }
+    let mut trace = StepTrace { tick_hz, ..StepTrace::default() };
+    let mut last: Vec<(u64, i64)> = Vec::new();
+    while let Some(row) = table.next()? {
+        let name = row.text(0)?;
+        let motor = match trace.motors.iter().position(|known| known == name) {
+            Some(motor) => motor,
+            None if name.is_empty() => return Err(row.error(0, "a motor's name")),
+            None if trace.motors.len() == 256 => return Err(row.error(0, "no more than 256 motors")),
+            None => {
+                trace.motors.push(name.to_owned());
+                last.push((0, 0));
+                last.len() - 1
+            }
+        };
+        let (last_tick, last_position) = last[motor];
+        let tick: u64 = row.parse(1, "a tick, a whole number")?;
+        if tick < last_tick {
+            return Err(row.error(1, format!("a tick not before {last_tick}")));
+        }
+        let forward = match row.get(2) {
+            b"1" | b"+1" => true,
+            b"-1" => false,
+            _ => return Err(row.error(2, "1 or -1")),
+        };
+        let position: i64 = row.parse(3, "a position, a whole number")?;
+        let wanted = if forward { last_position.checked_add(1) } else { last_position.checked_sub(1) };
+        if Some(position) != wanted {
+            return Err(row.error(3, format!("the position after {last_position} and this step")));
+        }
+        last[motor] = (tick, position);
+        // At most 256 motors, checked above.
+        trace.steps.push(Step { motor: motor as u8, tick, forward });
+    }
+    Ok(trace)
+}
+
+/// The tick rate from the comment at the head.
+fn tick_hz(bytes: &[u8]) -> Result<u64, ReadError> {
+    let first = bytes.split(|b| *b == b'\n').next().unwrap_or_default();
+    let text = String::from_utf8_lossy(first);
+    text.starts_with('#')
+        .then(|| text.split_once(TICK_HZ))
+        .flatten()
+        .and_then(|(_, number)| number.trim().parse().ok())
+        .filter(|hz| *hz > 0)
+        .ok_or_else(|| ReadError::new(1, 1, "`# pulsetrain steps, tick_hz = 16000000` (or another rate)", shown(first)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn what_is_wrong_is_said_with_its_place() {
+        let check = |rows: &str, expected: &str| {
+            let error = read(format!("# pulsetrain steps, tick_hz = 1000\n{rows}").as_bytes()).unwrap_err();
+            assert_eq!(error.to_string(), expected);
+        };
+        check("", "line 1, column 1: expected the header `motor,tick,dir,position`, found nothing");
+        check("motor,time\n", "line 2, column 7: expected the column `tick`, found `time`");
+        let with = |row: &str| format!("motor,tick,dir,position\nw,5,1,1\n{row}");
+        check(&with("w,x,1,2"), "line 4, column 3: expected a tick, a whole number, found `x`");
+        check(&with("w,4,1,2"), "line 4, column 3: expected a tick not before 5, found `4`");
+        check(&with("w,6,0,2"), "line 4, column 5: expected 1 or -1, found `0`");
+        check(&with("w,6,1,3"), "line 4, column 7: expected the position after 1 and this step, found `3`");
+        assert_eq!(
+            read(b"motor,tick,dir,position\n").unwrap_err().to_string(),
+            "line 1, column 1: expected `# pulsetrain steps, tick_hz = 16000000` (or another rate), \
+             found `motor,tick,dir,position`"
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_written_is_read(
+            tick_hz in 1u64..,
+            names in proptest::collection::hash_set("[a-z,\" #]{0,6}x", 1..4),
+            moves in proptest::collection::vec((0u8..4, any::<u32>(), any::<bool>()), 0..50),
+        ) {
+            let names: Vec<String> = names.into_iter().map(|n| n.trim().to_owned()).collect();
+            let mut trace = StepTrace { tick_hz, ..StepTrace::default() };
+            let mut tick = 0;
+            for (motor, wait, forward) in moves {
+                // Motors are numbered in the order in which they first appear, as a reader must.
+                let name = &names[usize::from(motor) % names.len()];
+                let motor = trace.motors.iter().position(|n| n == name).unwrap_or_else(|| {
+                    trace.motors.push(name.clone());
+                    trace.motors.len() - 1
+                }) as u8;
+                tick += u64::from(wait);
+                trace.steps.push(Step { motor, tick, forward });
+            }
+            let mut file = Vec::new();
+            write(&trace, &mut file).unwrap();
+            prop_assert_eq!(read(&file).unwrap(), trace);
+        }
+
+        #[test]
+        fn any_bytes_are_read_or_refused(bytes in proptest::collection::vec(any::<u8>(), 0..300)) {
+            let _ = read(&bytes);
+            let mut file = b"# pulsetrain steps, tick_hz = 7\nmotor,tick,dir,position\n".to_vec();
+            file.extend(&bytes);
+            let _ = read(&file);
+        }
+    }
+}

@@ -1,0 +1,165 @@
+//! Laying a trace over the law: when its time zero is, and how fast its clock.
+
+use pulsetrain_motion::program::Program;
+
+use super::matcher::{Match, Timebase};
+use super::{Align, Judge, JudgeError, Options, Report};
+use crate::crossing::{Crossings, Instant};
+use crate::decode::Event;
+
+/// Steps that the first guess of the rate is taken from; it then grows by doubling.
+const FIRST: u64 = 32;
+
+/// Feeds a judge with all events up to a tick of the trace.
+pub(super) type Feed<'f> = dyn FnMut(&mut dyn Listener, Option<u64>) -> Result<(), JudgeError> + 'f;
+
+/// Who takes the events of a trace.
+pub(super) trait Listener {
+    fn event(&mut self, motor: usize, tick: u64, event: Event);
+}
+
+impl Listener for Judge<'_> {
+    fn event(&mut self, motor: usize, tick: u64, event: Event) {
+        Judge::event(self, motor, tick, event);
+    }
+}
+
+/// The timebase that the options give without a look at the trace.
+pub(super) fn given(tick_hz: u64, program: &Program, options: &Options) -> Timebase {
+    // Exact when the clocks are the same.
+    let (trace, board) = (i128::from(tick_hz), i128::from(program.board.tick_hz));
+    let scaled = i128::from(options.constant_ticks) * trace;
+    let (whole, rest) = (scaled.div_euclid(board.max(1)), scaled.rem_euclid(board.max(1)));
+    Timebase { start: Instant { tick: whole as i64, fraction: rest as f64 / board.max(1) as f64 }, rate: 0.0 }
+}
+
+/// Fits the timebase as the options say, then judges.
+pub(super) fn judge(
+    tick_hz: u64,
+    program: &Program,
+    options: &Options,
+    feed: &mut Feed<'_>,
+) -> Result<Report, JudgeError> {
+    let mut timebase = given(tick_hz, program, options);
+    if options.align != Align::None {
+        let mut first = First { steps: vec![Vec::new(); program.motors.len()], last: 0 };
+        feed(&mut first, None)?;
+        timebase = first.guess(tick_hz, program, timebase)?;
+        let rate = options.align == Align::StartAndRate;
+        let begin = first.ticks().min().unwrap_or(0);
+        let mut span = first.ticks().max().unwrap_or(0) - begin;
+        loop {
+            let limit = begin.saturating_add(span);
+            let mut judge = Judge::new(tick_hz, program, options, timebase)?;
+            judge.motors.iter_mut().for_each(|matcher| matcher.matches = Some(Matches::default()));
+            feed(&mut judge, Some(limit))?;
+            let matches: Vec<Match> = judge.motors.into_iter().filter_map(|m| m.matches).flat_map(|m| m.kept).collect();
+            timebase = refit(timebase, &matches, rate);
+            if limit >= first.last {
+                break;
+            }
+            // A shift is known from the start; a rate must not slip by a step on the way.
+            span = if rate { (2 * span).max(1) } else { first.last };
+        }
+    }
+    let mut judge = Judge::new(tick_hz, program, options, timebase)?;
+    feed(&mut judge, None)?;
+    judge.finish()
+}
+
+/// The first steps of each motor, and when the trace ends.
+struct First {
+    steps: Vec<Vec<u64>>,
+    last: u64,
+}
+
+impl Listener for First {
+    fn event(&mut self, motor: usize, tick: u64, event: Event) {
+        self.last = self.last.max(tick);
+        if let (Event::Step { .. }, steps) = (event, &mut self.steps[motor])
+            && (steps.len() as u64) < FIRST
+        {
+            steps.push(tick);
+        }
+    }
+}
+
+impl First {
+    fn ticks(&self) -> impl Iterator<Item = u64> {
+        self.steps.iter().flatten().copied()
+    }
+
+    /// The shift that lays the first steps over the first crossings, one by one.
+    fn guess(&self, tick_hz: u64, program: &Program, given: Timebase) -> Result<Timebase, JudgeError> {
+        let mut late = Vec::new();
+        for (steps, motor) in self.steps.iter().zip(&program.motors) {
+            let mut crossings = Crossings::new(&motor.law, program.grid, tick_hz.max(1));
+            for &tick in steps {
+                let crossing =
+                    crossings.next().map_err(|error| JudgeError::Law { motor: motor.name.clone(), error })?;
+                let Some(crossing) = crossing else { break };
+                crossings.settle(true);
+                late.push(given.law(tick).minus(crossing.at));
+            }
+        }
+        Ok(median(&mut late).map_or(given, |shift| Timebase { start: given.start.plus(shift), ..given }))
+    }
+}
+
+/// Matched steps for a fit: all of a short trace, evenly thinned out of a long one.
+#[derive(Default)]
+pub(super) struct Matches {
+    kept: Vec<Match>,
+    seen: u64,
+    /// Every 2^this-th is kept.
+    thinned: u32,
+}
+
+impl Matches {
+    pub(super) fn push(&mut self, one: Match) {
+        const MOST: usize = 1 << 16;
+        if self.seen.is_multiple_of(1 << self.thinned) {
+            if self.kept.len() == MOST {
+                let mut index = 0;
+                self.kept.retain(|_| {
+                    index += 1;
+                    index % 2 == 1
+                });
+                self.thinned += 1;
+            }
+            self.kept.push(one);
+        }
+        self.seen += 1;
+    }
+}
+
+fn median(values: &mut [f64]) -> Option<f64> {
+    let middle = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
+/// The timebase that takes out the median error, or the line through the errors that are no outliers.
+fn refit(timebase: Timebase, matches: &[Match], rate: bool) -> Timebase {
+    let mut late: Vec<f64> = matches.iter().map(|(_, late)| *late).collect();
+    let Some(middle) = median(&mut late) else { return timebase };
+    let (mut shift, mut slope, mut about) = (middle, 0.0, 0.0);
+    if rate {
+        late.iter_mut().for_each(|late| *late = (*late - middle).abs());
+        // Twice as far as a straight line through 0 leads from its median, or some ticks of noise.
+        let far = 4.0 * median(&mut late).unwrap_or(0.0) + 4.0;
+        let near =
+            || matches.iter().filter(|(_, late)| (late - middle).abs() <= far).map(|(t, late)| (*t as f64, *late));
+        let n = near().count() as f64;
+        about = near().map(|(t, _)| t).sum::<f64>() / n;
+        shift = near().map(|(_, late)| late).sum::<f64>() / n;
+        let square: f64 = near().map(|(t, _)| (t - about).powi(2)).sum();
+        if square > 0.0 {
+            slope = near().map(|(t, late)| (t - about) * (late - shift)).sum::<f64>() / square;
+        }
+    }
+    // law'(T) = law(T) − shift − slope·(T − about)
+    let begin = timebase.start.ticks();
+    let faster = 1.0 + timebase.rate - slope;
+    let moved = if rate { (shift + slope * (begin - about)) / faster } else { shift / faster };
+    Timebase { start: timebase.start.plus(moved), rate: timebase.rate - slope }
+}

@@ -1,0 +1,367 @@
+//! One motor's steps against one law's crossings, both in order of time.
+
+use std::collections::VecDeque;
+
+use pulsetrain_motion::LawError;
+
+use super::align::Matches;
+use super::report::{Fault, MotorReport};
+use crate::crossing::{Crossing, Crossings, Instant};
+
+/// From a trace's ticks to the law's: (tick − start)·(1 + rate).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Timebase {
+    /// Where the law's time zero is in the trace, ticks.
+    pub(crate) start: Instant,
+    /// How much faster the law's clock is than the trace's; 0 when they are one.
+    pub(crate) rate: f64,
+}
+
+impl Timebase {
+    pub(crate) fn law(&self, tick: u64) -> Instant {
+        let whole = (tick as i64).wrapping_sub(self.start.tick);
+        Instant { tick: whole, fraction: whole as f64 * self.rate - self.start.fraction * (1.0 + self.rate) }
+    }
+}
+
+/// What a step may be off by, in ticks of the trace.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Limits {
+    /// Either way.
+    pub(crate) bound: f64,
+    /// Later than that, right after a shared DIR line turned.
+    pub(crate) put_off: f64,
+    /// Opposite crossings closer than this may both be missing.
+    pub(crate) pair: f64,
+    /// How long after a turn of DIR a step counts as put off.
+    pub(crate) after_turn: u64,
+    /// Ticks of the board in one tick of the trace.
+    pub(crate) scale: f64,
+    /// Ticks of the trace per second.
+    pub(crate) tick_hz: f64,
+}
+
+/// A step that a trace has.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Made {
+    pub(crate) tick: u64,
+    pub(crate) at: Instant,
+    pub(crate) forward: bool,
+    pub(crate) since_dir: Option<u64>,
+}
+
+/// A matched step, for alignment: its tick in the trace and how late it is, ticks of the trace.
+pub(crate) type Match = (u64, f64);
+
+pub(crate) struct Matcher<'a> {
+    crossings: Crossings<'a>,
+    /// Next crossings; nothing is known beyond an optional one.
+    wanted: VecDeque<Crossing>,
+    made: VecDeque<Made>,
+    limits: Limits,
+    timebase: Timebase,
+    last: Option<u64>,
+    sums: Sums,
+    error: Option<LawError>,
+    /// Collected for a fit, if it is asked for.
+    pub(crate) matches: Option<Matches>,
+    pub(crate) faults: Vec<(u64, f64, Fault)>,
+    pub(crate) report: MotorReport,
+}
+
+/// For mean, deviation and slope of the errors; board ticks against trace ticks.
+#[derive(Default)]
+struct Sums {
+    n: f64,
+    mean_time: f64,
+    mean_error: f64,
+    time_squared: f64,
+    time_error: f64,
+    error_squared: f64,
+    steps_squared: f64,
+}
+
+impl Sums {
+    fn add(&mut self, time: f64, error: f64, steps: f64) {
+        // Welford: no cancellation over 10^8 steps.
+        self.n += 1.0;
+        let off = time - self.mean_time;
+        self.mean_time += off / self.n;
+        self.mean_error += (error - self.mean_error) / self.n;
+        self.time_squared += off * (time - self.mean_time);
+        self.time_error += off * (error - self.mean_error);
+        self.error_squared += error * error;
+        self.steps_squared += steps * steps;
+    }
+}
+
+impl<'a> Matcher<'a> {
+    pub(crate) fn new(motor: &str, crossings: Crossings<'a>, limits: Limits, timebase: Timebase) -> Matcher<'a> {
+        let report =
+            MotorReport { motor: motor.to_owned(), bound_ticks: limits.bound * limits.scale, ..MotorReport::default() };
+        Matcher {
+            crossings,
+            wanted: VecDeque::with_capacity(4),
+            made: VecDeque::with_capacity(4),
+            limits,
+            timebase,
+            last: None,
+            sums: Sums::default(),
+            error: None,
+            matches: None,
+            faults: Vec::new(),
+            report,
+        }
+    }
+
+    /// Takes a step at a tick of the trace.
+    pub(crate) fn push(&mut self, tick: u64, forward: bool, since_dir: Option<u64>) {
+        if let Some(last) = self.last.replace(tick) {
+            let interval = (tick - last) as f64 * self.limits.scale;
+            if self.report.shortest_interval_ticks.is_none_or(|shortest| interval < shortest) {
+                self.report.shortest_interval_ticks = Some(interval);
+                self.report.peak_rate_hz = Some(self.limits.tick_hz / (tick - last) as f64);
+            }
+        }
+        self.report.steps_got += 1;
+        self.report.position_got += if forward { 1 } else { -1 };
+        self.made.push_back(Made { tick, at: self.timebase.law(tick), forward, since_dir });
+        if self.made.len() > 2 {
+            self.decide(None);
+        }
+    }
+
+    /// Decides on what is left; crossings after `until` (law time, ticks of the trace) are not asked for.
+    pub(crate) fn finish(&mut self, until: Option<Instant>) -> Result<(), LawError> {
+        while !self.made.is_empty() && self.error.is_none() {
+            self.decide(until);
+        }
+        loop {
+            self.look_ahead();
+            let Some(crossing) = self.wanted.front().copied() else { break };
+            let slack = self.limits.bound + self.limits.put_off + crossing.uncertainty_ticks;
+            if until.is_some_and(|until| crossing.at.minus(until) > -slack) {
+                break;
+            }
+            if crossing.optional {
+                self.settle(false);
+            } else if let Some(pair) = self.droppable() {
+                self.drop_pair(pair);
+            } else {
+                self.missing();
+            }
+        }
+        // The crossing that until cut off is not counted.
+        self.report.position_wanted = self.wanted_position();
+        if let Some(error) = self.error.take() {
+            return Err(error);
+        }
+        if self.report.position_got != self.report.position_wanted {
+            let fault = Fault::Position { got: self.report.position_got, wanted: self.report.position_wanted };
+            let at = self.last.map_or(0.0, |tick| self.timebase.law(tick).ticks());
+            self.fault(at, fault);
+        }
+        let (sums, r, us) = (&self.sums, &mut self.report, 1e6 / (self.limits.tick_hz * self.limits.scale));
+        if sums.n > 0.0 {
+            r.rms_error_ticks = (sums.error_squared / sums.n).sqrt();
+            r.rms_error_us = r.rms_error_ticks * us;
+            r.rms_error_steps = (sums.steps_squared / sums.n).sqrt();
+        }
+        r.max_error_us = r.max_error_ticks * us;
+        if sums.time_squared > 0.0 {
+            // Ticks of the board per tick of the trace, to ticks per tick.
+            let slope = sums.time_error / sums.time_squared / self.limits.scale;
+            r.drift_ppm = slope * 1e6;
+            r.drift_ticks_per_hour = slope * 3600.0 * self.limits.tick_hz * self.limits.scale;
+        }
+        Ok(())
+    }
+
+    /// Where the law is after the crossings that have been decided.
+    fn wanted_position(&self) -> i64 {
+        let ahead: i64 = self.wanted.iter().filter(|c| !c.optional).map(|c| if c.forward { 1 } else { -1 }).sum();
+        self.crossings.position() - ahead
+    }
+
+    /// Fills `wanted` with the next three crossings, or up to an optional one.
+    fn look_ahead(&mut self) {
+        while self.error.is_none() && self.wanted.len() < 3 && self.wanted.back().is_none_or(|c| !c.optional) {
+            match self.crossings.next() {
+                Ok(Some(crossing)) => self.wanted.push_back(crossing),
+                Ok(None) => break,
+                Err(error) => self.error = Some(error),
+            }
+        }
+    }
+
+    /// How late, trace ticks; 0 within what f64 cannot decide.
+    fn late(&self, made: Made, wanted: Crossing) -> f64 {
+        let late = made.at.minus(wanted.at);
+        late.signum() * (late.abs() - wanted.uncertainty_ticks).max(0.0)
+    }
+
+    /// How much later than the bound this step may come because of a shared DIR line.
+    fn put_off(&self, made: Made) -> f64 {
+        if made.since_dir.is_some_and(|since| since <= self.limits.after_turn) { self.limits.put_off } else { 0.0 }
+    }
+
+    fn in_time(&self, made: Made, wanted: Crossing) -> bool {
+        // The slop covers the rounding of the bound itself.
+        let late = self.late(made, wanted);
+        -self.limits.bound - 1e-6 <= late && late <= self.limits.bound + self.put_off(made) + 1e-6
+    }
+
+    /// Decides about the first step, or about crossings that come before it.
+    fn decide(&mut self, until: Option<Instant>) {
+        loop {
+            self.look_ahead();
+            let Some(&made) = self.made.front() else { return };
+            let Some(&wanted) = self.wanted.front() else {
+                if self.error.is_none() {
+                    self.extra(made);
+                }
+                self.made.pop_front();
+                return;
+            };
+            let fits = |made: Option<&Made>, wanted: Option<&Crossing>| match (made, wanted) {
+                (Some(made), Some(wanted)) => made.forward == wanted.forward && self.in_time(*made, *wanted),
+                _ => false,
+            };
+            let nearer = |made: Option<&Made>, wanted: Option<&Crossing>, than: f64| match (made, wanted) {
+                (Some(made), Some(wanted)) => {
+                    made.forward == wanted.forward && made.at.minus(wanted.at).abs() < than.abs()
+                }
+                _ => false,
+            };
+            let late = made.at.minus(wanted.at);
+            let next_wanted = self.wanted.get(1);
+            let next_made = self.made.get(1);
+            if fits(Some(&made), Some(&wanted)) {
+                return self.matched(made, wanted);
+            }
+            if until.is_some_and(|until| made.at.minus(until) > 0.0 && wanted.at.minus(until) > 0.0) {
+                // Beyond what is judged.
+                self.uncount(made);
+                return;
+            }
+            if wanted.optional {
+                self.settle(false);
+            } else if let Some(pair) = self.droppable() {
+                self.drop_pair(pair);
+            } else if fits(Some(&made), next_wanted) {
+                self.missing();
+            } else if fits(next_made, Some(&wanted)) {
+                self.extra(made);
+                self.made.pop_front();
+                return;
+            } else if made.forward != wanted.forward && self.in_time(made, wanted) {
+                self.wrong_direction(made);
+                return;
+            } else if made.forward != wanted.forward {
+                if late < 0.0 {
+                    self.extra(made);
+                    self.made.pop_front();
+                    return;
+                }
+                self.missing();
+            } else if nearer(Some(&made), next_wanted, late) {
+                self.missing();
+            } else if nearer(next_made, Some(&wanted), late) {
+                self.extra(made);
+                self.made.pop_front();
+                return;
+            } else {
+                return self.matched(made, wanted);
+            }
+        }
+    }
+
+    /// Settles the optional crossing in front.
+    fn settle(&mut self, made: bool) {
+        self.wanted.pop_front();
+        self.crossings.settle(made);
+    }
+
+    fn matched(&mut self, made: Made, wanted: Crossing) {
+        self.made.pop_front();
+        if wanted.optional {
+            self.settle(true);
+        } else {
+            self.wanted.pop_front();
+        }
+        self.report.steps_wanted += 1;
+        let late = self.late(made, wanted);
+        if let Some(matches) = &mut self.matches {
+            matches.push((made.tick, made.at.minus(wanted.at)));
+        }
+        if late > self.limits.bound && self.in_time(made, wanted) {
+            self.report.steps_put_off += 1;
+            let ticks = late * self.limits.scale;
+            self.report.longest_put_off_ticks = self.report.longest_put_off_ticks.max(ticks);
+            return;
+        }
+        let ticks = late * self.limits.scale;
+        let steps = late / self.limits.tick_hz * wanted.speed;
+        self.sums.add(wanted.at.ticks(), ticks, steps);
+        if ticks.abs() > self.report.max_error_ticks.abs() {
+            self.report.max_error_ticks = ticks;
+            self.report.max_error_at_s = wanted.at.ticks() / self.limits.tick_hz;
+        }
+        if steps.abs() > self.report.max_error_steps.abs() {
+            self.report.max_error_steps = steps;
+        }
+        if !self.in_time(made, wanted) {
+            self.report.off_time += 1;
+            self.fault(wanted.at.ticks(), Fault::OffTime { error_ticks: ticks, limit_ticks: self.report.bound_ticks });
+        }
+    }
+
+    fn missing(&mut self) {
+        let Some(wanted) = self.wanted.pop_front() else { return };
+        self.report.steps_wanted += 1;
+        self.report.missing += 1;
+        self.fault(wanted.at.ticks(), Fault::Missing { forward: wanted.forward });
+    }
+
+    fn extra(&mut self, made: Made) {
+        self.report.extra += 1;
+        self.fault(made.at.ticks(), Fault::Extra { forward: made.forward });
+    }
+
+    fn wrong_direction(&mut self, made: Made) {
+        self.made.pop_front();
+        self.wanted.pop_front();
+        self.report.steps_wanted += 1;
+        self.report.wrong_direction += 1;
+        self.fault(made.at.ticks(), Fault::WrongDirection { forward: made.forward });
+    }
+
+    fn uncount(&mut self, made: Made) {
+        self.made.pop_front();
+        self.report.steps_got -= 1;
+        self.report.position_got -= if made.forward { 1 } else { -1 };
+    }
+
+    /// The first two crossings, if a plan may leave both out.
+    fn droppable(&self) -> Option<[Crossing; 2]> {
+        let (first, second) = (*self.wanted.front()?, *self.wanted.get(1)?);
+        let close = second.at.minus(first.at) <= self.limits.pair + 2.0 * self.limits.bound;
+        (first.forward != second.forward && !second.optional && close).then_some([first, second])
+    }
+
+    fn drop_pair(&mut self, [first, second]: [Crossing; 2]) {
+        self.wanted.drain(..2);
+        self.report.pairs_dropped += 1;
+        let off = second.farthest + if first.forward { 1.0 } else { -1.0 };
+        self.report.worst_position_error = self.report.worst_position_error.max(off.abs());
+    }
+
+    /// Keeps a fault, the number of the step that it is about, and when (law's ticks).
+    pub(crate) fn fault(&mut self, at_ticks: f64, fault: Fault) {
+        self.report.faults += 1;
+        if self.faults.len() < super::MOST_FAULTS {
+            let step = self.report.steps_wanted.max(1);
+            self.faults.push((step, at_ticks / self.limits.tick_hz, fault));
+        }
+    }
+}

@@ -1,0 +1,336 @@
+//! The judge: edges, steps or a film against the law.
+//!
+//! ```
+//! # use pulsetrain_motion::{Grid, Law, Time, law::Sine, program::*};
+//! # use pulsetrain_trace::{steps::{Step, StepTrace}, verdict::{self, Options}};
+//! # let board = Board { name: "uno".into(), tick_hz: 16_000_000, fraction_bits: 16, max_motors: 4,
+//! #     min_interval_ticks: vec![640], hardware_timed: true, source: "estimate".into() };
+//! # let motor = Motor { name: "wheel".into(),
+//! #     law: Law::Sine(Sine { amplitude: 1.0, period: Time::SECOND, cycles: Some(1) }),
+//! #     wiring: Wiring::StepDir { step: 8, dir: 9, forward_high: false, enable: None },
+//! #     timing: DriverTiming::default(), limits: Limits::default(),
+//! #     scale: Scale { unit: "rev".into(), steps_per_unit: 200.0, steps_per_rev: 200.0 } };
+//! # let program = Program { board, grid: Grid::REACH, tolerance: Tolerance::Ticks(1.0), motors: vec![motor] };
+//! // θ = 1 − cos(2πt/1 s): steps at ¼ and ½ s, and back.
+//! let step = |tick, forward| Step { motor: 0, tick, forward };
+//! let steps = vec![step(4_000_000, true), step(8_000_000, true), step(12_000_000, false), step(16_000_002, false)];
+//! let trace = StepTrace { tick_hz: 16_000_000, motors: vec!["wheel".into()], steps };
+//! let report = verdict::judge_steps(&trace, &program, &Options::default())?;
+//! assert!(!report.ok);
+//! assert_eq!(
+//!     report.failures[0].to_string(),
+//!     "motor wheel: step 4 is 2.00 ticks late, limit 1.00, at t = 1.000000 s"
+//! );
+//! # Ok::<(), verdict::JudgeError>(())
+//! ```
+
+mod align;
+mod film;
+mod matcher;
+mod report;
+#[cfg(test)]
+mod tests;
+
+use pulsetrain_motion::LawError;
+use pulsetrain_motion::program::{DriverTiming, Motor, Program, Wiring};
+
+pub use film::{FilmReport, judge_film};
+pub use report::{Alignment, Failure, Fault, Measured, MotorReport, Report};
+
+use crate::crossing::Crossings;
+use crate::decode::{Backwards, Decoder, Event};
+use crate::lines::NoSuchLine;
+use crate::steps::StepTrace;
+use crate::{Edge, Line, Trace};
+use matcher::{Limits, Matcher, Timebase};
+
+/// Failures that are kept for each motor; all are counted.
+pub const MOST_FAULTS: usize = 100;
+
+/// How a trace is laid over the law.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Align {
+    /// The trace's tick 0 is the law's time zero.
+    #[default]
+    None,
+    /// The trace is shifted by whatever makes the median error 0: captures that begin at any time.
+    Start,
+    /// It is scaled too, by least squares: the board's clock is not the analyser's.
+    StartAndRate,
+}
+
+/// How to judge.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Options {
+    /// How the trace is laid over the law.
+    pub align: Align,
+    /// Bound on |error|, ticks of the board, instead of the program's tolerance.
+    pub bound_ticks: Option<f64>,
+    /// The board's constant: edge tick − scheduled tick, ticks of the board.
+    pub constant_ticks: i64,
+    /// Law time up to which to judge, s; without it to the law's end, or to the trace's if the law is endless.
+    pub until_s: Option<f64>,
+}
+
+/// Why there is no verdict.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum JudgeError {
+    /// The trace lacks a line.
+    #[error(transparent)]
+    Line(#[from] NoSuchLine),
+    /// The trace is not in order of time.
+    #[error(transparent)]
+    Backwards(#[from] Backwards),
+    /// The trace has no tick rate.
+    #[error("the trace's tick rate is 0 Hz")]
+    NoTickRate,
+    /// The trace names a motor that the program has not.
+    #[error("the trace has steps of a motor {0}, the motion file has not")]
+    NoSuchMotor(String),
+    /// The motion file has several motors, a film shows one.
+    #[error("a film shows one motor; say which of {0}")]
+    WhichMotor(String),
+    /// The film is too short.
+    #[error("{frames} frames cannot be aligned; at least {limit} are needed")]
+    TooFewFrames {
+        /// Frames there are.
+        frames: usize,
+        /// Frames needed.
+        limit: usize,
+    },
+    /// The law breaks.
+    #[error("motor {motor}: {error}")]
+    Law {
+        /// Whose.
+        motor: String,
+        /// How.
+        error: LawError,
+    },
+}
+
+/// Judges a trace of edges.
+///
+/// # Errors
+/// If the trace lacks a line or is not in order, or a law breaks. What is wrong with the motion is in the report.
+pub fn judge(trace: &Trace, program: &Program, options: &Options) -> Result<Report, JudgeError> {
+    align::judge(trace.tick_hz, program, options, &mut |judge, until_tick| {
+        let mut decoder = Decoder::new(&trace.lines, program)?;
+        for edge in trace.edges.iter().take_while(|edge| until_tick.is_none_or(|until| edge.tick <= until)) {
+            decoder.push(*edge, &mut |motor, tick, event| judge.event(motor, tick, event))?;
+        }
+        decoder.flush(&mut |motor, tick, event| judge.event(motor, tick, event));
+        Ok(())
+    })
+}
+
+/// Judges a trace of steps: as [`judge`], but for what only edges show (pulses, DIR setup and hold).
+///
+/// # Errors
+/// If the trace names an unknown motor, or a law breaks.
+pub fn judge_steps(trace: &StepTrace, program: &Program, options: &Options) -> Result<Report, JudgeError> {
+    let mut motors = Vec::new();
+    for name in &trace.motors {
+        let known = program.motors.iter().position(|motor| motor.name == *name);
+        motors.push(known.ok_or_else(|| JudgeError::NoSuchMotor(name.clone()))?);
+    }
+    align::judge(trace.tick_hz, program, options, &mut |judge, until_tick| {
+        let mut last = vec![0; motors.len()];
+        for step in &trace.steps {
+            let index = usize::from(step.motor);
+            let Some(&motor) = motors.get(index) else { return Err(JudgeError::NoSuchMotor(step.motor.to_string())) };
+            if step.tick < last[index] {
+                return Err(Backwards { tick: step.tick, after: last[index] }.into());
+            }
+            last[index] = step.tick;
+            if until_tick.is_none_or(|until| step.tick <= until) {
+                // Without edges it is not known when a shared DIR line turned: it may have just now.
+                judge.event(motor, step.tick, Event::Step { forward: step.forward, since_dir: Some(0) });
+            }
+        }
+        Ok(())
+    })
+}
+
+/// Judges edges as they come, in constant memory; without alignment.
+///
+/// [`judge`] does the same with a trace that is there as a whole.
+pub struct EdgeJudge<'a> {
+    decoder: Decoder,
+    judge: Judge<'a>,
+}
+
+impl<'a> EdgeJudge<'a> {
+    /// For edges of these lines, in ticks of `tick_hz`; `options.align` is not looked at.
+    ///
+    /// # Errors
+    /// If a line is lacking or the tick rate is 0.
+    pub fn new(tick_hz: u64, lines: &[Line], program: &'a Program, options: &Options) -> Result<Self, JudgeError> {
+        let decoder = Decoder::new(lines, program)?;
+        let timebase = align::given(tick_hz, program, options);
+        Ok(EdgeJudge { decoder, judge: Judge::new(tick_hz, program, options, timebase)? })
+    }
+
+    /// Takes an edge, not before the one before it.
+    ///
+    /// # Errors
+    /// If it comes before the last one.
+    pub fn push(&mut self, edge: Edge) -> Result<(), Backwards> {
+        let judge = &mut self.judge;
+        self.decoder.push(edge, &mut |motor, tick, event| judge.event(motor, tick, event))
+    }
+
+    /// The verdict.
+    ///
+    /// # Errors
+    /// If a law breaks.
+    pub fn finish(mut self) -> Result<Report, JudgeError> {
+        let judge = &mut self.judge;
+        self.decoder.flush(&mut |motor, tick, event| judge.event(motor, tick, event));
+        self.judge.finish()
+    }
+}
+
+/// All motors at once.
+pub(crate) struct Judge<'a> {
+    program: &'a Program,
+    tick_hz: u64,
+    timebase: Timebase,
+    until_s: Option<f64>,
+    last_tick: u64,
+    motors: Vec<Matcher<'a>>,
+}
+
+impl<'a> Judge<'a> {
+    fn new(tick_hz: u64, program: &'a Program, options: &Options, timebase: Timebase) -> Result<Self, JudgeError> {
+        if tick_hz == 0 {
+            return Err(JudgeError::NoTickRate);
+        }
+        let board_hz = program.board.tick_hz;
+        let scale = board_hz as f64 / tick_hz as f64;
+        let bound = options.bound_ticks.unwrap_or_else(|| program.tolerance.ticks(board_hz)) / scale;
+        // Another clock's samples cannot tell times within one of its own ticks.
+        let bound = if board_hz == tick_hz { bound } else { bound + 1.0 };
+        let motors = program.motors.iter().map(|motor| {
+            let ticks = |ns: u64| ns as f64 * 1e-9 * tick_hz as f64;
+            let reversal = ticks(reversal_ns(&motor.timing)).ceil();
+            let others = sharing(program, motor) - 1;
+            let put_off = others as f64 * reversal;
+            let limits = Limits {
+                bound,
+                put_off,
+                pair: reversal.max(shortest_interval(program, motor) / scale),
+                after_turn: if others == 0 { 0 } else { (put_off + reversal + bound) as u64 },
+                scale,
+                tick_hz: tick_hz as f64,
+            };
+            Matcher::new(&motor.name, Crossings::new(&motor.law, program.grid, tick_hz), limits, timebase)
+        });
+        let motors = motors.collect();
+        Ok(Judge { program, tick_hz, timebase, until_s: options.until_s, last_tick: 0, motors })
+    }
+
+    pub(crate) fn event(&mut self, motor: usize, tick: u64, event: Event) {
+        self.last_tick = self.last_tick.max(tick);
+        match event {
+            Event::Step { forward, since_dir } => self.motors[motor].push(tick, forward, since_dir),
+            Event::CoilJump { from, to } => {
+                let at = self.timebase.law(tick).ticks();
+                self.motors[motor].fault(at, Fault::CoilJump { from, to });
+            }
+            Event::High(ticks) => self.timing(motor, tick, ticks, Timing::High),
+            Event::Low(ticks) => self.timing(motor, tick, ticks, Timing::Low),
+            Event::Setup(ticks) => self.timing(motor, tick, ticks, Timing::Setup),
+            Event::Hold(ticks) => self.timing(motor, tick, ticks, Timing::Hold),
+        }
+    }
+
+    fn timing(&mut self, motor: usize, tick: u64, ticks: u64, timing: Timing) {
+        let needs = &self.program.motors[motor].timing;
+        let matcher = &mut self.motors[motor];
+        let report = &mut matcher.report;
+        let (shortest, needed_ns) = match timing {
+            Timing::High => (&mut report.pulse_high, needs.pulse_high_ns),
+            Timing::Low => (&mut report.pulse_low, needs.pulse_low_ns),
+            Timing::Setup => (&mut report.dir_setup, needs.dir_setup_ns),
+            Timing::Hold => (&mut report.dir_hold, needs.dir_hold_ns),
+        };
+        let seen_ns = ticks as f64 * 1e9 / self.tick_hz as f64;
+        if shortest.is_none_or(|s| seen_ns < s.seen_ns) {
+            *shortest = Some(Measured { seen_ns, needed_ns, at_s: tick as f64 / self.tick_hz as f64 });
+        }
+        // Another clock's samples may show one of its ticks less.
+        let spare = u64::from(self.program.board.tick_hz != self.tick_hz);
+        if u128::from(ticks + spare) * 1_000_000_000 < u128::from(needed_ns) * u128::from(self.tick_hz) {
+            let fault = match timing {
+                Timing::High => Fault::PulseHigh { seen_ns, needed_ns },
+                Timing::Low => Fault::PulseLow { seen_ns, needed_ns },
+                Timing::Setup => Fault::DirSetup { seen_ns, needed_ns },
+                Timing::Hold => Fault::DirHold { seen_ns, needed_ns },
+            };
+            matcher.fault(self.timebase.law(tick).ticks(), fault);
+        }
+    }
+
+    fn finish(mut self) -> Result<Report, JudgeError> {
+        let hz = self.tick_hz as f64;
+        let mut failures = Vec::new();
+        for (matcher, motor) in self.motors.iter_mut().zip(&self.program.motors) {
+            let until = match (self.until_s, motor.law.end()) {
+                (Some(until_s), _) => Some(pulsetrain_motion::Time::from_seconds(until_s).ticks(self.tick_hz)),
+                (None, Some(_)) => None,
+                (None, None) => {
+                    let last = self.timebase.law(self.last_tick);
+                    Some((last.tick, last.fraction))
+                }
+            };
+            let until = until.map(|(tick, fraction)| crate::crossing::Instant { tick, fraction });
+            matcher.finish(until).map_err(|error| JudgeError::Law { motor: motor.name.clone(), error })?;
+            failures.extend(matcher.faults.drain(..).map(|(step, at_s, fault)| Failure {
+                motor: motor.name.clone(),
+                step,
+                at_s,
+                fault,
+            }));
+        }
+        Ok(Report {
+            ok: failures.is_empty(),
+            tick_hz: self.program.board.tick_hz,
+            alignment: Alignment { shift_s: self.timebase.start.ticks() / hz, rate_ppm: self.timebase.rate * 1e6 },
+            motors: self.motors.into_iter().map(|matcher| matcher.report).collect(),
+            failures,
+        })
+    }
+}
+
+#[derive(Clone, Copy)]
+enum Timing {
+    High,
+    Low,
+    Setup,
+    Hold,
+}
+
+/// Shortest time between two opposite steps.
+fn reversal_ns(timing: &DriverTiming) -> u64 {
+    u64::from(timing.pulse_high_ns) + u64::from(timing.dir_hold_ns) + u64::from(timing.dir_setup_ns)
+}
+
+/// Motors with the same DIR pin, this one included.
+fn sharing(program: &Program, motor: &Motor) -> usize {
+    let dir = |motor: &Motor| match motor.wiring {
+        Wiring::StepDir { dir, .. } => Some(dir),
+        Wiring::Coils { .. } => None,
+    };
+    let own = dir(motor);
+    if own.is_none() { 1 } else { program.motors.iter().filter(|motor| dir(motor) == own).count() }
+}
+
+/// Shortest interval that board, driver and motor allow, ticks of the board.
+fn shortest_interval(program: &Program, motor: &Motor) -> f64 {
+    let hz = program.board.tick_hz as f64;
+    let board = &program.board.min_interval_ticks;
+    let board = board.get(program.motors.len().saturating_sub(1)).or(board.last()).copied().unwrap_or(0);
+    let driver = (f64::from(motor.timing.pulse_high_ns) + f64::from(motor.timing.pulse_low_ns)) * 1e-9 * hz;
+    let motor = motor.limits.max_speed.map_or(0.0, |speed| hz / speed);
+    f64::from(board).max(driver).max(motor)
+}

@@ -1,0 +1,230 @@
+//! What the judge says.
+
+use std::fmt;
+
+use serde::Serialize;
+
+/// The verdict on a trace.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// No bound broke.
+    pub ok: bool,
+    /// Ticks per second of the board; all ticks in this report are the board's.
+    pub tick_hz: u64,
+    /// How the trace was laid over the law.
+    pub alignment: Alignment,
+    /// One for each motor.
+    pub motors: Vec<MotorReport>,
+    /// The first failures of each motor, in order of motors; `motors[…].faults` counts all.
+    pub failures: Vec<Failure>,
+}
+
+/// How the trace was laid over the law.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Alignment {
+    /// Time in the trace of the law's time zero, s.
+    pub shift_s: f64,
+    /// How much faster the board's clock is than the trace's, ppm; 0 unless it was fitted.
+    pub rate_ppm: f64,
+}
+
+/// What was seen of one motor.
+///
+/// Errors are how late steps are (negative: early), less the board's constant and what f64 cannot decide.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct MotorReport {
+    /// As the motion file calls it.
+    pub motor: String,
+    /// Steps that the law wants, less dropped pairs.
+    pub steps_wanted: u64,
+    /// Steps in the trace.
+    pub steps_got: u64,
+    /// Steps forward minus steps backward, by the law.
+    pub position_wanted: i64,
+    /// Steps forward minus steps backward, in the trace.
+    pub position_got: i64,
+    /// Wanted steps that the trace has not.
+    pub missing: u64,
+    /// Steps of the trace that nobody wanted.
+    pub extra: u64,
+    /// Steps the wrong way.
+    pub wrong_direction: u64,
+    /// Steps beyond the bound.
+    pub off_time: u64,
+    /// All faults: those above, timing, coils, position.
+    pub faults: u64,
+    /// The bound on |error|, ticks.
+    pub bound_ticks: f64,
+    /// Largest error, ticks.
+    pub max_error_ticks: f64,
+    /// The same in µs.
+    pub max_error_us: f64,
+    /// Largest error as a distance (error × speed), steps.
+    pub max_error_steps: f64,
+    /// Law time of the largest error, s.
+    pub max_error_at_s: f64,
+    /// Root of the mean square error, ticks.
+    pub rms_error_ticks: f64,
+    /// The same in µs.
+    pub rms_error_us: f64,
+    /// The same as a distance, steps.
+    pub rms_error_steps: f64,
+    /// Slope of the error against time (least squares), ppm.
+    pub drift_ppm: f64,
+    /// The same in ticks per hour.
+    pub drift_ticks_per_hour: f64,
+    /// Shortest interval between two steps, ticks.
+    pub shortest_interval_ticks: Option<f64>,
+    /// Its inverse, steps/s.
+    pub peak_rate_hz: Option<f64>,
+    /// Shortest STEP HIGH.
+    pub pulse_high: Option<Measured>,
+    /// Shortest STEP LOW.
+    pub pulse_low: Option<Measured>,
+    /// Shortest time from a change of DIR to STEP rising.
+    pub dir_setup: Option<Measured>,
+    /// Shortest time from STEP falling to a change of DIR.
+    pub dir_hold: Option<Measured>,
+    /// Pairs of opposite steps left out, being closer than the driver or the motor allows.
+    pub pairs_dropped: u64,
+    /// Largest |position − θ| that this led to, steps.
+    pub worst_position_error: f64,
+    /// Steps later than the bound, because another motor had the shared DIR line.
+    pub steps_put_off: u64,
+    /// Latest of them, ticks.
+    pub longest_put_off_ticks: f64,
+}
+
+/// A time that a driver cares about.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Measured {
+    /// Shortest seen, ns.
+    pub seen_ns: f64,
+    /// What the driver needs, ns.
+    pub needed_ns: u32,
+    /// Time in the trace of the shortest, s.
+    pub at_s: f64,
+}
+
+/// A bound that broke.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Failure {
+    /// Whose.
+    pub motor: String,
+    /// Which wanted step, from 1; the last one before, for faults between steps.
+    pub step: u64,
+    /// Law time, s.
+    pub at_s: f64,
+    /// What.
+    #[serde(flatten)]
+    pub fault: Fault,
+}
+
+/// What can be wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(tag = "fault", rename_all = "snake_case")]
+pub enum Fault {
+    /// The law wants a step; the trace has none.
+    Missing {
+        /// Which way.
+        forward: bool,
+    },
+    /// The trace has a step; the law wants none.
+    Extra {
+        /// Which way.
+        forward: bool,
+    },
+    /// The step is there, but goes the other way.
+    WrongDirection {
+        /// Which way it goes.
+        forward: bool,
+    },
+    /// A step is too early or too late.
+    OffTime {
+        /// How late, ticks.
+        error_ticks: f64,
+        /// What is allowed.
+        limit_ticks: f64,
+    },
+    /// STEP was HIGH too short.
+    PulseHigh {
+        /// How long, ns.
+        seen_ns: f64,
+        /// What the driver needs, ns.
+        needed_ns: u32,
+    },
+    /// STEP was LOW too short.
+    PulseLow {
+        /// How long, ns.
+        seen_ns: f64,
+        /// What the driver needs, ns.
+        needed_ns: u32,
+    },
+    /// DIR changed too shortly before STEP rose.
+    DirSetup {
+        /// How long, ns.
+        seen_ns: f64,
+        /// What the driver needs, ns.
+        needed_ns: u32,
+    },
+    /// DIR changed too shortly after STEP fell, or while it was HIGH.
+    DirHold {
+        /// How long, ns.
+        seen_ns: f64,
+        /// What the driver needs, ns.
+        needed_ns: u32,
+    },
+    /// The coils jumped.
+    CoilJump {
+        /// Pattern before; IN1 is bit 0.
+        from: u8,
+        /// Pattern after.
+        to: u8,
+    },
+    /// The motor ends elsewhere.
+    Position {
+        /// In the trace, steps.
+        got: i64,
+        /// By the law, steps.
+        wanted: i64,
+    },
+    /// The camera saw the motor elsewhere.
+    Angle {
+        /// How far ahead, steps.
+        error_steps: f64,
+        /// What is allowed.
+        limit_steps: f64,
+    },
+}
+
+fn way(forward: bool) -> &'static str {
+    if forward { "forward" } else { "backward" }
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Failure { motor, step, at_s, fault } = self;
+        write!(f, "motor {motor}: ")?;
+        match fault {
+            Fault::Missing { forward } => write!(f, "step {step} ({}) missing", way(*forward)),
+            Fault::Extra { forward } => write!(f, "extra step ({}) after step {step}", way(*forward)),
+            Fault::WrongDirection { forward } => write!(f, "step {step} goes {}", way(*forward)),
+            Fault::OffTime { error_ticks, limit_ticks } => {
+                let late = if *error_ticks > 0.0 { "late" } else { "early" };
+                write!(f, "step {step} is {:.2} ticks {late}, limit {limit_ticks:.2},", error_ticks.abs())
+            }
+            Fault::PulseHigh { seen_ns, needed_ns } => {
+                write!(f, "STEP HIGH for {seen_ns:.1} ns, needs {needed_ns} ns,")
+            }
+            Fault::PulseLow { seen_ns, needed_ns } => write!(f, "STEP LOW for {seen_ns:.1} ns, needs {needed_ns} ns,"),
+            Fault::DirSetup { seen_ns, needed_ns } => write!(f, "DIR setup {seen_ns:.1} ns, needs {needed_ns} ns,"),
+            Fault::DirHold { seen_ns, needed_ns } => write!(f, "DIR hold {seen_ns:.1} ns, needs {needed_ns} ns,"),
+            Fault::CoilJump { from, to } => write!(f, "coils jump from {from:04b} to {to:04b} (IN4 to IN1)"),
+            Fault::Position { got, wanted } => write!(f, "ends at {got} steps, wanted {wanted},"),
+            Fault::Angle { error_steps, limit_steps } => {
+                write!(f, "is {error_steps:.3} steps off, limit {limit_steps:.3},")
+            }
+        }?;
+        write!(f, " at t = {at_s:.6} s")
+    }
+}
