@@ -273,7 +273,10 @@ pub fn run_on<A: Into<OsString> + Clone>(args: impl IntoIterator<Item = A>, cons
             return Exit::Refused;
         }
         Err(help) => {
-            return finish(console.print(format_args!("{}\n", help.to_string().trim_end())).map(|()| Exit::Success), console);
+            return finish(
+                console.print(format_args!("{}\n", help.to_string().trim_end())).map(|()| Exit::Success),
+                console,
+            );
         }
     };
     let outcome = match cli.command {
