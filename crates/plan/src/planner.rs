@@ -252,7 +252,7 @@ impl<'a> Planner<'a> {
         };
         loop {
             let Some(mut after) = self.cut_run()? else {
-                self.current = (run.count > 0).then(|| RunPlanner::new(run));
+                self.current = (run.count > 0).then(|| RunPlanner::new(run, self.current.as_ref()));
                 return Ok(self.current.is_some());
             };
             self.drop_close_pairs(&mut run, &mut after);
@@ -261,7 +261,7 @@ impl<'a> Planner<'a> {
                 continue;
             }
             self.next = (after.count > 0).then_some(after);
-            self.current = Some(RunPlanner::new(run));
+            self.current = Some(RunPlanner::new(run, self.current.as_ref()));
             return Ok(true);
         }
     }

@@ -201,6 +201,9 @@ impl Rules {
     }
 }
 
+/// How often an expansion is moved to the middle of the segment that it turns out to serve.
+const CENTERINGS: u32 = 4;
+
 /// Plans a run from its first step to its last.
 #[derive(Clone, Debug)]
 pub(crate) struct RunPlanner {
@@ -210,7 +213,6 @@ pub(crate) struct RunPlanner {
     guess: f64,
     /// The expansion that the last segment was fitted to.
     last: Option<Expansion>,
-    first_due: Option<f64>,
 }
 
 /// Counts that the packed stream can say without a byte of their own, longest first.
@@ -220,8 +222,10 @@ fn coded_counts(previous: u32) -> [u32; 7] {
 }
 
 impl RunPlanner {
-    pub(crate) fn new(run: Run) -> RunPlanner {
-        RunPlanner { run, done: 0, guess: 2.0, last: None, first_due: None }
+    /// `before` is the run that this one may go on from.
+    pub(crate) fn new(run: Run, before: Option<&RunPlanner>) -> RunPlanner {
+        let guess = before.filter(|b| b.run.direction == run.direction).map_or(2.0, |b| b.guess);
+        RunPlanner { run, done: 0, guess, last: None }
     }
 
     pub(crate) fn is_done(&self) -> bool {
@@ -250,21 +254,23 @@ impl RunPlanner {
     fn longest_fit(&mut self, start: &Start, quantiser: &Quantiser, most: u32, previous: u32, rules: &Rules) -> Fit {
         let window = self.run.window();
         let allowance = rules.tolerance - 0.5;
-        let mut middle = self.guess.min(f64::from(most)) * 0.5;
+        let left = f64::from(most);
+        let mut middle = self.guess.min(left) * 0.5;
         let mut expansion = self.expand(start.done + middle);
         let mut length = 1.0;
-        if let Some(e) = &expansion {
-            length = estimated_length(e, start, quantiser, self.guess, allowance).min(f64::from(most));
+        for _ in 0..CENTERINGS {
+            let Some(e) = &expansion else { break };
+            length = estimated_length(e, start, quantiser, 2.0 * middle, allowance).min(left);
             // An expansion taken far from the middle of its segment proves less than it could.
-            let off = (start.done + length * 0.5 - 0.5 - (start.done + middle)).abs();
-            if off > 0.15 * length && length > 2.0 {
-                middle = length.min(self.guess * 2.5) * 0.5;
-                if let Some(again) = self.expand_from(start.done + middle, e) {
-                    length = estimated_length(&again, start, quantiser, middle * 2.0, allowance)
-                        .min(middle * 2.6)
-                        .min(f64::from(most));
-                    expansion = Some(again);
-                }
+            if (start.done + length * 0.5 - 0.5 - e.center).abs() <= 0.15 * length || length <= 2.0 {
+                break;
+            }
+            // Nor does it say much about places far beyond its own segment.
+            length = length.min(middle * 5.0);
+            middle = length * 0.5;
+            match self.expand_from(start.done + middle, e) {
+                Some(again) => expansion = Some(again),
+                None => break,
             }
         }
         let mut best: Option<Fit> = None;
@@ -312,11 +318,7 @@ impl RunPlanner {
     fn single(&mut self, start: &Start, quantiser: &Quantiser, rules: &Rules) -> Fit {
         let j = self.done + 1;
         let s = j as f64;
-        let guess = match (&self.last, self.first_due) {
-            (Some(last), _) => last.tick + last.offset(s),
-            (None, Some(first)) => first,
-            (None, None) => self.run.guess(j),
-        };
+        let guess = self.last.map_or_else(|| self.run.guess(j), |last| last.tick + last.offset(s));
         let (due, expansion) = self.run.due(j, guess);
         if expansion.is_some() {
             self.last = expansion;
@@ -344,7 +346,7 @@ impl RunPlanner {
     fn expand(&self, s: f64) -> Option<Expansion> {
         match &self.last {
             Some(last) => self.expand_from(s, last),
-            None => self.run.expand(s, self.first_due.unwrap_or_else(|| self.run.guess(s.max(1.0) as u64))),
+            None => self.run.expand(s, self.run.guess(s.max(1.0) as u64)),
         }
     }
 
