@@ -275,6 +275,10 @@ impl RunPlanner {
         }
         let mut best: Option<Fit> = None;
         if let Some(e) = &expansion {
+            // A short last segment would leave the next run coarse units to start with: halve what is left instead.
+            if rules.gain.is_some() && length < left && left < 1.3 * length {
+                length = (0.5 * left).ceil();
+            }
             let mut count = self.permitted(length as u32, previous, rules);
             let mut before: Option<(f64, f64)> = None;
             while count > 1 {
