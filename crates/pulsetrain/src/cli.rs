@@ -144,7 +144,7 @@ pub(crate) struct Verify {
     #[command(flatten)]
     pub(crate) motion: Motion,
     /// What is fitted before judging
-    #[arg(long, value_enum, default_value_t = Alignment::Start)]
+    #[arg(long, value_enum, default_value_t = Alignment::None)]
     pub(crate) align: Alignment,
     /// Whose film it is, if the motion file has several motors
     #[arg(long, value_name = "MOTOR")]
@@ -273,7 +273,10 @@ pub fn run_on<A: Into<OsString> + Clone>(args: impl IntoIterator<Item = A>, cons
             return Exit::Refused;
         }
         Err(help) => {
-            return finish(console.print(format_args!("{}\n", help.to_string().trim_end())).map(|()| Exit::Success), console);
+            return finish(
+                console.print(format_args!("{}\n", help.to_string().trim_end())).map(|()| Exit::Success),
+                console,
+            );
         }
     };
     let outcome = match cli.command {

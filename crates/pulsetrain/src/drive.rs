@@ -9,7 +9,7 @@ use pulsetrain_motion::program::{self, CoilSequence, Motor, Program};
 use pulsetrain_plan::{Move, Settings};
 use pulsetrain_trace::{Line, lines};
 
-use crate::prepare::{Plans, Planned, Prepared, Refusal};
+use crate::prepare::{Planned, Plans, Prepared, Refusal};
 
 /// Why a run did not come to its end.
 #[derive(Debug, thiserror::Error, Diagnostic)]

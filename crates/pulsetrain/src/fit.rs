@@ -96,7 +96,8 @@ pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
         let settings = Settings::of(&prepared.program, motor);
         let pulse = motor.timing.ticks(settings.tick_hz);
         if settings.min_interval_ticks == pulse.pulse_high + pulse.pulse_low {
-            let (high, low) = (f64::from(motor.timing.pulse_high_ns) * 1e-9, f64::from(motor.timing.pulse_low_ns) * 1e-9);
+            let (high, low) =
+                (f64::from(motor.timing.pulse_high_ns) * 1e-9, f64::from(motor.timing.pulse_low_ns) * 1e-9);
             lines.push(format!(
                 "the limit is the driver's: a pulse takes {} HIGH and {} LOW",
                 human::seconds(high),

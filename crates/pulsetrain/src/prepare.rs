@@ -178,10 +178,7 @@ impl<'a> Plans<'a> {
     pub fn finish(&self) -> Vec<Planned> {
         let motors = self.clocks.iter().enumerate();
         motors
-            .map(|(motor, clock)| Planned {
-                certificate: self.ensemble.certificate(motor),
-                last_tick: clock.last_step,
-            })
+            .map(|(motor, clock)| Planned { certificate: self.ensemble.certificate(motor), last_tick: clock.last_step })
             .collect()
     }
 }

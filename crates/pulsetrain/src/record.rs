@@ -80,7 +80,15 @@ impl<'a, W: Write> Recorder<'a, W> {
         let motors: Vec<_> =
             motors.map(|motor| MotorPicture::new(motor.name.clone(), motor.scale.clone(), 0.0)).collect();
         let positions = vec![0; motors.len()];
-        Ok(Recorder { program, judge, files, picture: Picture { title, tick_s, motors }, positions, tick_s, error: None })
+        Ok(Recorder {
+            program,
+            judge,
+            files,
+            picture: Picture { title, tick_s, motors },
+            positions,
+            tick_s,
+            error: None,
+        })
     }
 
     /// The verdict and the picture, after the last edge.

@@ -150,7 +150,7 @@ impl MotorReport {
     }
 
     fn counts_steps(&self) -> bool {
-        self.unit == "steps" || self.unit == "step"
+        human::unit(&self.unit) == "steps"
     }
 }
 
@@ -205,6 +205,84 @@ const RARE_LINES: &[(fn(&MotorReport) -> bool, Line)] = &[
 
 /// Motors side by side in one table.
 const ABREAST: usize = 3;
+
+/// A verdict as a table, a column for each motor; then the failures.
+pub struct VerdictTable<'a>(pub &'a verdict::Report);
+
+/// One line of a verdict: what it is, and its value for a motor, if it has one. The last argument is a tick in s.
+type Seen = (&'static str, fn(&verdict::MotorReport, f64) -> Option<String>);
+
+const SEEN: &[Seen] = &[
+    ("steps made", |m, _| {
+        Some(format!("{} of {}", human::count(m.steps_got.into()), human::count(m.steps_wanted.into())))
+    }),
+    ("ends at", |m, _| Some(format!("{} steps", human::count(m.position_got.into())))),
+    ("worst error", |m, tick_s| {
+        let late = if m.max_error_ticks < 0.0 { "early" } else { "late" };
+        let ticks = m.max_error_ticks.abs();
+        Some(format!("{} ticks = {} {late}", human::significant(ticks, 3), human::seconds(ticks * tick_s)))
+    }),
+    ("bound", |m, tick_s| {
+        let ticks = m.bound_ticks;
+        Some(format!("{} ticks = {}", human::significant(ticks, 3), human::seconds(ticks * tick_s)))
+    }),
+    ("rms error", |m, _| Some(format!("{} ticks", human::significant(m.rms_error_ticks, 3)))),
+    ("drift", |m, _| Some(format!("{} ppm", human::significant(m.drift_ppm, 2)))),
+    ("shortest interval", |m, tick_s| {
+        let ticks = m.shortest_interval_ticks?;
+        Some(format!("{} ticks = {}", human::significant(ticks, 6), human::seconds(ticks * tick_s)))
+    }),
+    ("STEP high", |m, _| m.pulse_high.map(measured)),
+    ("STEP low", |m, _| m.pulse_low.map(measured)),
+    ("DIR setup", |m, _| m.dir_setup.map(measured)),
+    ("DIR hold", |m, _| m.dir_hold.map(measured)),
+    ("pairs dropped", |m, _| (m.pairs_dropped > 0).then(|| human::count(m.pairs_dropped.into()))),
+    ("put off (shared DIR)", |m, tick_s| {
+        let by = human::seconds(m.longest_put_off_ticks * tick_s);
+        (m.steps_put_off > 0).then(|| format!("{} steps by up to {by}", human::count(m.steps_put_off.into())))
+    }),
+    ("faults", |m, _| Some(human::count(m.faults.into()))),
+];
+
+fn measured(time: verdict::Measured) -> String {
+    format!("{} of {}", human::seconds(time.seen_ns * 1e-9), human::seconds(f64::from(time.needed_ns) * 1e-9))
+}
+
+/// Failures that are printed; the report has more.
+const FAILURES_SHOWN: usize = 10;
+
+impl Display for VerdictTable<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let report = self.0;
+        let tick_s = 1.0 / report.tick_hz as f64;
+        for motors in report.motors.chunks(ABREAST) {
+            let mut table = Table::default().left(&[0]);
+            table.row([String::new()].into_iter().chain(motors.iter().map(|motor| motor.motor.clone())));
+            for (name, value) in SEEN {
+                let values: Vec<_> = motors.iter().map(|motor| value(motor, tick_s)).collect();
+                if values.iter().any(Option::is_some) {
+                    let values = values.into_iter().map(|value| value.unwrap_or_else(|| "–".into()));
+                    table.row([(*name).to_owned()].into_iter().chain(values));
+                }
+            }
+            writeln!(f, "{table}")?;
+        }
+        let alignment = &report.alignment;
+        if alignment.shift_s != 0.0 || alignment.rate_ppm != 0.0 {
+            let shift = human::seconds_to(alignment.shift_s, 9);
+            let rate = human::significant(alignment.rate_ppm, 4);
+            writeln!(f, "  time zero at {shift} of the capture; the board's clock is {rate} ppm fast\n")?;
+        }
+        for failure in report.failures.iter().take(FAILURES_SHOWN) {
+            writeln!(f, "  {failure}")?;
+        }
+        let faults: u64 = report.motors.iter().map(|motor| motor.faults).sum();
+        if let Some(more) = faults.checked_sub(FAILURES_SHOWN as u64).filter(|more| *more > 0) {
+            writeln!(f, "  and {} more", human::count(more.into()))?;
+        }
+        writeln!(f, "{}", if report.ok { "PASS: no bound broke" } else { "FAIL: a bound broke" })
+    }
+}
 
 impl Display for PlanReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

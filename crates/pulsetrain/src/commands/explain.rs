@@ -94,8 +94,12 @@ pub(crate) fn run(args: &Explain, console: &mut Console<'_>) -> miette::Result<E
     };
     let plan_report = match planned {
         Ok(planned) => {
-            explanation.margins =
-                program.motors.iter().zip(&planned).map(|(motor, planned)| margins(&prepared, motor, planned)).collect();
+            explanation.margins = program
+                .motors
+                .iter()
+                .zip(&planned)
+                .map(|(motor, planned)| margins(&prepared, motor, planned))
+                .collect();
             Some(plan::report(&prepared, &planned))
         }
         Err(Refusal::Plan { motor, error, advice, .. }) => {
@@ -207,7 +211,17 @@ fn curve_table(refused: &Refused) -> Table {
 fn bar(value: f64, limit: f64, most: f64) -> String {
     let place = |value: f64| (BAR * value / most).round() as usize;
     let (end, mark) = (place(value), place(limit));
-    (0..=end.max(mark)).map(|i| if i == mark { '│' } else if i < end { '━' } else { ' ' }).collect()
+    (0..=end.max(mark))
+        .map(|i| {
+            if i == mark {
+                '│'
+            } else if i < end {
+                '━'
+            } else {
+                ' '
+            }
+        })
+        .collect()
 }
 
 fn margins(prepared: &Prepared, motor: &Motor, planned: &Planned) -> Margins {
