@@ -172,8 +172,8 @@ pub(crate) struct Rules {
     pub(crate) gain: Option<i8>,
     /// Largest |add| and |add2|, ticks · 2^F.
     pub(crate) largest_add: i64,
-    /// Largest interval, ticks · 2^F.
-    pub(crate) largest_interval: i64,
+    /// Waits from here on are dwells, ticks.
+    pub(crate) longest_wait: f64,
     /// Most steps in one segment.
     pub(crate) longest: u32,
 }
@@ -194,7 +194,8 @@ impl Rules {
     }
 
     fn permits(&self, segment: &Segment) -> bool {
-        segment.interval.max(segment.after(segment.count - 1).interval) <= self.largest_interval
+        let largest = self.longest_wait * f64::from(self.fraction_bits).exp2();
+        (segment.interval.max(segment.after(segment.count - 1).interval) as f64) <= largest
             && segment.add.abs() <= self.largest_add
             && segment.add2.abs() <= self.largest_add
     }
@@ -303,12 +304,12 @@ impl RunPlanner {
                 self.last = expansion;
                 fit
             }
-            None => self.single(start, quantiser),
+            None => self.single(start, quantiser, rules),
         }
     }
 
     /// One step, at the time that is proven best.
-    fn single(&mut self, start: &Start, quantiser: &Quantiser) -> Fit {
+    fn single(&mut self, start: &Start, quantiser: &Quantiser, rules: &Rules) -> Fit {
         let j = self.done + 1;
         let s = j as f64;
         let guess = match (&self.last, self.first_due) {
@@ -320,6 +321,10 @@ impl RunPlanner {
         if expansion.is_some() {
             self.last = expansion;
         }
+        // Too long for an interval: most of it is a dwell, in whole ticks.
+        let wait = due.tick - start.tick;
+        let dwell = if wait >= rules.longest_wait { (wait - 0.5 * rules.longest_wait).floor() } else { 0.0 };
+        let start = Start { tick: start.tick + dwell, ..*start };
         let wanted = (due.tick - start.tick) * quantiser.scale;
         let unit = quantiser.units[0] as i64;
         let mut interval = quantiser.round(0, wanted).unwrap_or(quantiser.predicted.interval);
@@ -332,7 +337,8 @@ impl RunPlanner {
         let scheduled = (accumulator >> start.fraction_bits) as f64 - offset;
         let misfit = (scheduled - (due.tick - start.tick)).abs() - 0.5;
         let proven = due.error + 64.0 * ULP * (due.tick - start.tick).abs();
-        Fit { segment: single(interval, quantiser), bound: 0.5 + misfit + proven, misfit: misfit + proven }
+        let segment = single(interval, quantiser);
+        Fit { segment, dwell: dwell as u64, bound: 0.5 + misfit + proven, misfit: misfit + proven }
     }
 
     fn expand(&self, s: f64) -> Option<Expansion> {

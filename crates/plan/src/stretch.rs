@@ -80,7 +80,9 @@ fn turning_points(curve: &Curve, bounds: &Bounds, from: f64, to: f64, tick_hz: f
             }
         }
         let end = start + 2.0 * half;
-        let passed = c[1].abs() > bend + bounds.rounding[1];
+        // A rest never turns; rounding would have it searched tick by tick.
+        let still = c[1..].iter().all(|&c| c == 0.0) && bounds.eighth == 0.0;
+        let passed = still || c[1].abs() > bend + bounds.rounding[1];
         let one_root = 2.0 * (c[2].abs() - bounds.rounding[2]) > twist;
         let last = end >= to || half <= shortest;
         if passed || one_root || half <= shortest {

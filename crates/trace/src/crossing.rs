@@ -321,18 +321,19 @@ impl Window {
         // 64 halvings would exhaust any f64 bracket; Newton takes two or three steps.
         for _ in 0..64 {
             let off = self.value(x) - level;
+            let newton = x - off / self.speed(x);
+            if off == 0.0 {
+                return x;
+            }
+            if (newton - x).abs() <= close {
+                return newton.clamp(lo, hi);
+            }
             if (off < 0.0) == rising {
                 lo = x
             } else {
                 hi = x
             }
-            let newton = x - off / self.speed(x);
-            let next = if newton > lo && newton < hi { newton } else { 0.5 * (lo + hi) };
-            let moved = (next - x).abs();
-            x = next;
-            if moved <= close {
-                break;
-            }
+            x = if newton > lo && newton < hi { newton } else { 0.5 * (lo + hi) };
         }
         x
     }

@@ -130,14 +130,14 @@ impl<'a> Matcher<'a> {
         self.report.position_got += if forward { 1 } else { -1 };
         self.made.push_back(Made { tick, at: self.timebase.law(tick), forward, since_dir });
         if self.made.len() > 2 {
-            self.decide(None);
+            self.decide();
         }
     }
 
-    /// Decides on what is left; crossings after `until` (law time, ticks of the trace) are not asked for.
+    /// Decides on what is left; crossings beyond `until` (law time, ticks of the trace) are not asked for.
     pub(crate) fn finish(&mut self, until: Option<Instant>) -> Result<(), LawError> {
         while !self.made.is_empty() && self.error.is_none() {
-            self.decide(until);
+            self.decide();
         }
         loop {
             self.look_ahead();
@@ -215,7 +215,7 @@ impl<'a> Matcher<'a> {
     }
 
     /// Decides about the first step, or about crossings that come before it.
-    fn decide(&mut self, until: Option<Instant>) {
+    fn decide(&mut self) {
         loop {
             self.look_ahead();
             let Some(&made) = self.made.front() else { return };
@@ -241,11 +241,6 @@ impl<'a> Matcher<'a> {
             let next_made = self.made.get(1);
             if fits(Some(&made), Some(&wanted)) {
                 return self.matched(made, wanted);
-            }
-            if until.is_some_and(|until| made.at.minus(until) > 0.0 && wanted.at.minus(until) > 0.0) {
-                // Beyond what is judged.
-                self.uncount(made);
-                return;
             }
             if wanted.optional {
                 self.settle(false);
@@ -340,12 +335,6 @@ impl<'a> Matcher<'a> {
         self.report.steps_wanted += 1;
         self.report.wrong_direction += 1;
         self.fault(made.at.ticks(), Fault::WrongDirection { forward: made.forward });
-    }
-
-    fn uncount(&mut self, made: Made) {
-        self.made.pop_front();
-        self.report.steps_got -= 1;
-        self.report.position_got -= if made.forward { 1 } else { -1 };
     }
 
     /// The first two crossings, if a plan may leave both out.

@@ -31,13 +31,13 @@ mod report;
 #[cfg(test)]
 mod tests;
 
-use pulsetrain_motion::LawError;
 use pulsetrain_motion::program::{DriverTiming, Motor, Program, Wiring};
+use pulsetrain_motion::{LawError, Time};
 
 pub use film::{FilmReport, judge_film};
 pub use report::{Alignment, Failure, Fault, Measured, MotorReport, Report};
 
-use crate::crossing::Crossings;
+use crate::crossing::{Crossings, Instant};
 use crate::decode::{Backwards, Decoder, Event};
 use crate::lines::NoSuchLine;
 use crate::steps::StepTrace;
@@ -215,7 +215,7 @@ pub(crate) struct Judge<'a> {
     program: &'a Program,
     tick_hz: u64,
     timebase: Timebase,
-    until_s: Option<f64>,
+    until: Option<Instant>,
     last_tick: u64,
     motors: Vec<Matcher<'a>>,
 }
@@ -246,10 +246,17 @@ impl<'a> Judge<'a> {
             Matcher::new(&motor.name, Crossings::new(&motor.law, program.grid, tick_hz), limits, timebase)
         });
         let motors = motors.collect();
-        Ok(Judge { program, tick_hz, timebase, until_s: options.until_s, last_tick: 0, motors })
+        let until = options.until_s.map(|until_s| {
+            let (tick, fraction) = Time::from_seconds(until_s).ticks(tick_hz);
+            Instant { tick, fraction }
+        });
+        Ok(Judge { program, tick_hz, timebase, until, last_tick: 0, motors })
     }
 
     pub(crate) fn event(&mut self, motor: usize, tick: u64, event: Event) {
+        if self.until.is_some_and(|until| self.timebase.law(tick).minus(until) > 0.0) {
+            return;
+        }
         self.last_tick = self.last_tick.max(tick);
         match event {
             Event::Step { forward, since_dir } => self.motors[motor].push(tick, forward, since_dir),
@@ -304,15 +311,8 @@ impl<'a> Judge<'a> {
         let hz = self.tick_hz as f64;
         let mut failures = Vec::new();
         for (matcher, motor) in self.motors.iter_mut().zip(&self.program.motors) {
-            let until = match (self.until_s, motor.law.end()) {
-                (Some(until_s), _) => Some(pulsetrain_motion::Time::from_seconds(until_s).ticks(self.tick_hz)),
-                (None, Some(_)) => None,
-                (None, None) => {
-                    let last = self.timebase.law(self.last_tick);
-                    Some((last.tick, last.fraction))
-                }
-            };
-            let until = until.map(|(tick, fraction)| crate::crossing::Instant { tick, fraction });
+            let last = || self.timebase.law(self.last_tick);
+            let until = self.until.or_else(|| motor.law.end().is_none().then(last));
             matcher.finish(until).map_err(|error| JudgeError::Law { motor: motor.name.clone(), error })?;
             failures.extend(matcher.faults.drain(..).map(|(step, at_s, fault)| Failure {
                 motor: motor.name.clone(),
