@@ -17,7 +17,8 @@ const EXIT_CODES: &str = "\
 Exit codes:
   0  all is well
   1  a bound broke: the verdict on a run or on a capture
-  2  wrong usage, wrong input, a motion that is refused, or a file that cannot be written";
+  2  wrong usage, wrong input, a motion that is refused, or a file that cannot be written
+     (explain tells of a refused motion, and ends with 0)";
 
 const EXAMPLES: &str = "\
 Examples:
