@@ -2,6 +2,9 @@
 
 use pulsetrain_motion::law::{Bounds, Curve, Inverse, Piece};
 
+/// A window that θ crosses by less than this has no turn worth finding, steps: far less than a touch.
+const STILL: f64 = 1e-11;
+
 /// A monotone part of a piece.
 #[derive(Clone, Debug)]
 pub(crate) struct Stretch {
@@ -22,9 +25,6 @@ pub(crate) fn stretches(piece: &Piece, tick_hz: f64) -> Vec<Stretch> {
     let (from, to) = (piece.first(), piece.last());
     let curve = std::sync::Arc::new(piece.curve.clone());
     let bounds = curve.bounds(from, to);
-    if stands(&curve, &bounds, from, to) {
-        return Vec::new();
-    }
     let whole = curve.inverse(from, to);
     let mut ends = if whole.is_some() { Vec::new() } else { turning_points(&curve, &bounds, from, to, tick_hz) };
     ends.push(to);
@@ -46,15 +46,6 @@ pub(crate) fn stretches(piece: &Piece, tick_hz: f64) -> Vec<Stretch> {
         (start, value_from) = (end, value_to);
     }
     stretches
-}
-
-/// Whether θ provably moves by less than any step can tell: such a piece has no turning point worth a search.
-fn stands(curve: &Curve, bounds: &Bounds, from: f64, to: f64) -> bool {
-    const NOTHING: f64 = 1e-9;
-    let half = 0.5 * (to - from);
-    let c = curve.jet(from + half);
-    let way = (1..8).rev().fold(bounds.eighth * half, |way, k| (way + c[k].abs() + bounds.rounding[k]) * half);
-    way < NOTHING
 }
 
 /// Every time in `from..=to` where the speed changes its sign, to within a quarter of a tick.
@@ -80,11 +71,10 @@ fn turning_points(curve: &Curve, bounds: &Bounds, from: f64, to: f64, tick_hz: f
             }
         }
         let end = start + 2.0 * half;
-        // A rest never turns; rounding would have it searched tick by tick.
-        let still = c[1..].iter().all(|&c| c == 0.0) && bounds.eighth == 0.0;
+        // Where θ stands still, rounding alone has a sign: no search tick by tick for turns that move nothing.
+        let still = (c[1].abs() + bend + bounds.rounding[1]) * 2.0 * half < STILL;
         let passed = still || c[1].abs() > bend + bounds.rounding[1];
         let one_root = 2.0 * (c[2].abs() - bounds.rounding[2]) > twist;
-        let last = end >= to || half <= shortest;
         if passed || one_root || half <= shortest {
             if !passed {
                 found.extend(root(curve, start, end, shortest));
@@ -92,7 +82,7 @@ fn turning_points(curve: &Curve, bounds: &Bounds, from: f64, to: f64, tick_hz: f
             if end <= start {
                 break;
             }
-            start = if last && end >= to { to } else { end };
+            start = end.min(to);
             half *= 1.6;
         } else {
             half *= 0.5;
