@@ -17,7 +17,8 @@ const EXIT_CODES: &str = "\
 Exit codes:
   0  all is well
   1  a bound broke: the verdict on a run or on a capture
-  2  wrong usage, wrong input, a motion that is refused, or a file that cannot be written";
+  2  wrong usage, wrong input, a motion that is refused, or a file that cannot be written
+     (explain tells of a refused motion, and ends with 0)";
 
 const EXAMPLES: &str = "\
 Examples:
@@ -144,7 +145,7 @@ pub(crate) struct Verify {
     #[command(flatten)]
     pub(crate) motion: Motion,
     /// What is fitted before judging
-    #[arg(long, value_enum, default_value_t = Alignment::Start)]
+    #[arg(long, value_enum, default_value_t = Alignment::None)]
     pub(crate) align: Alignment,
     /// Whose film it is, if the motion file has several motors
     #[arg(long, value_name = "MOTOR")]

@@ -87,6 +87,12 @@ pub fn scaled(value: f64, unit: &str) -> String {
     format!("{} {prefix}{space}{unit}", significant(value / factor, 3))
 }
 
+/// A unit of position as it stands beside a number: "steps", whatever the file calls them.
+#[must_use]
+pub fn unit(name: &str) -> &str {
+    if name == "step" { "steps" } else { name }
+}
+
 /// Columns of text, two spaces apart; the first is left-aligned, the others right-aligned.
 #[derive(Debug, Default)]
 pub struct Table {

@@ -150,61 +150,129 @@ impl MotorReport {
     }
 
     fn counts_steps(&self) -> bool {
-        self.unit == "steps" || self.unit == "step"
+        human::unit(&self.unit) == "steps"
     }
 }
 
-/// One line of the table: what it is, and its value for a motor.
-type Line = (&'static str, fn(&MotorReport, f64) -> String);
+/// One line of a table: what it is, and its value for a motor, if it has one; the last argument is a tick in s.
+type Line<M> = (&'static str, fn(&M, f64) -> Option<String>);
 
-const LINES: &[Line] = &[
-    ("steps", |m, _| human::count(m.steps.into())),
+/// A column for each motor; lines that no motor has a value for are left out.
+fn side_by_side<M>(motors: &[M], name: fn(&M) -> &String, lines: &[Line<M>], tick_s: f64) -> Table {
+    let mut table = Table::default().left(&[0]);
+    table.row([String::new()].into_iter().chain(motors.iter().map(|motor| name(motor).clone())));
+    for (what, value) in lines {
+        let values: Vec<_> = motors.iter().map(|motor| value(motor, tick_s)).collect();
+        if values.iter().any(Option::is_some) {
+            let values = values.into_iter().map(|value| value.unwrap_or_else(|| "–".into()));
+            table.row([(*what).to_owned()].into_iter().chain(values));
+        }
+    }
+    table
+}
+
+fn ticks(ticks: f64, tick_s: f64) -> String {
+    format!("{} ticks = {}", human::significant(ticks, 3), human::seconds(ticks * tick_s))
+}
+
+fn whole_ticks(ticks: u64, tick_s: f64) -> String {
+    format!("{} ticks = {}", human::count(ticks.into()), human::seconds(ticks as f64 * tick_s))
+}
+
+const PLANNED: &[Line<MotorReport>] = &[
+    ("steps", |m, _| Some(human::count(m.steps.into()))),
     ("final position", |m, _| {
         let steps = format!("{} steps", human::count(m.final_position.into()));
         if m.final_position == 0 || m.counts_steps() {
-            return steps;
+            return Some(steps);
         }
-        format!("{steps} = {} {}", human::significant(m.final_position as f64 / m.steps_per_unit, 6), m.unit)
+        Some(format!("{steps} = {} {}", human::significant(m.final_position as f64 / m.steps_per_unit, 6), m.unit))
     }),
-    ("segments", |m, _| human::count(m.segments.into())),
+    ("segments", |m, _| Some(human::count(m.segments.into()))),
     ("payload", |m, _| {
-        format!("{} B, {} B/step", human::count(m.bytes.into()), human::significant(m.bytes_per_step, 3))
+        Some(format!("{} B, {} B/step", human::count(m.bytes.into()), human::significant(m.bytes_per_step, 3)))
     }),
-    ("proven error", |m, _| {
-        format!("≤ {} ticks = {}", human::significant(m.bound_ticks, 3), human::seconds(m.bound_s))
+    ("proven error", |m, tick_s| Some(format!("≤ {}", ticks(m.bound_ticks, tick_s)))),
+    ("proof", |m, _| Some(m.class.to_owned())),
+    ("shortest interval", |m, tick_s| Some(whole_ticks(m.shortest_interval_ticks?, tick_s))),
+    ("highest rate", |m, _| Some(human::scaled(m.peak_rate?, "steps/s"))),
+    ("fastest", |m, _| Some(m.in_units(m.peak_speed, "/s"))),
+    ("acceleration", |m, _| Some(m.in_units(m.peak_acceleration, "/s²"))),
+    ("pairs dropped", |m, _| {
+        let off = human::significant(m.worst_position_error, 3);
+        (m.pairs_dropped > 0).then(|| format!("{}, off by up to {off} steps", human::count(m.pairs_dropped.into())))
     }),
-    ("proof", |m, _| m.class.to_owned()),
-    ("shortest interval", |m, tick_s| match m.shortest_interval_ticks {
-        Some(ticks) => format!("{} ticks = {}", human::count(ticks.into()), human::seconds(ticks as f64 * tick_s)),
-        None => "–".into(),
+    ("put off (shared DIR)", |m, tick_s| {
+        let by = human::seconds(m.longest_put_off_ticks as f64 * tick_s);
+        (m.steps_put_off > 0).then(|| format!("{} steps by up to {by}", human::count(m.steps_put_off.into())))
     }),
-    ("highest rate", |m, _| m.peak_rate.map_or_else(|| "–".into(), |rate| human::scaled(rate, "steps/s"))),
-    ("fastest", |m, _| m.in_units(m.peak_speed, "/s")),
-    ("acceleration", |m, _| m.in_units(m.peak_acceleration, "/s²")),
-];
-
-/// Lines that are shown when there is something to say.
-const RARE_LINES: &[(fn(&MotorReport) -> bool, Line)] = &[
-    (|m| m.pairs_dropped > 0, ("pairs dropped", |m, _| human::count(m.pairs_dropped.into()))),
-    (
-        |m| m.pairs_dropped > 0,
-        ("  off by up to", |m, _| format!("{} steps", human::significant(m.worst_position_error, 3))),
-    ),
-    (
-        |m| m.steps_put_off > 0,
-        ("put off (shared DIR)", |m, _| format!("{} steps", human::count(m.steps_put_off.into()))),
-    ),
-    (
-        |m| m.steps_put_off > 0,
-        ("  by up to", |m, tick_s| {
-            let ticks = m.longest_put_off_ticks;
-            format!("{} ticks = {}", human::count(ticks.into()), human::seconds(ticks as f64 * tick_s))
-        }),
-    ),
 ];
 
 /// Motors side by side in one table.
 const ABREAST: usize = 3;
+
+/// A verdict as a table, a column for each motor; then the failures.
+pub struct VerdictTable<'a>(pub &'a verdict::Report);
+
+const SEEN: &[Line<verdict::MotorReport>] = &[
+    ("steps made", |m, _| {
+        Some(format!("{} of {}", human::count(m.steps_got.into()), human::count(m.steps_wanted.into())))
+    }),
+    ("ends at", |m, _| Some(format!("{} steps", human::count(m.position_got.into())))),
+    ("worst error", |m, tick_s| {
+        let late = if m.max_error_ticks < 0.0 { "early" } else { "late" };
+        Some(format!("{} {late}", ticks(m.max_error_ticks.abs(), tick_s)))
+    }),
+    ("bound", |m, tick_s| Some(ticks(m.bound_ticks, tick_s))),
+    ("rms error", |m, _| Some(format!("{} ticks", human::significant(m.rms_error_ticks, 3)))),
+    ("drift", |m, _| Some(format!("{} ppm", human::significant(m.drift_ppm, 2)))),
+    ("shortest interval", |m, tick_s| {
+        let ticks = m.shortest_interval_ticks?;
+        Some(format!("{} ticks = {}", human::significant(ticks, 6), human::seconds(ticks * tick_s)))
+    }),
+    ("STEP high", |m, _| m.pulse_high.map(measured)),
+    ("STEP low", |m, _| m.pulse_low.map(measured)),
+    ("DIR setup", |m, _| m.dir_setup.map(measured)),
+    ("DIR hold", |m, _| m.dir_hold.map(measured)),
+    ("pairs dropped", |m, _| (m.pairs_dropped > 0).then(|| human::count(m.pairs_dropped.into()))),
+    ("put off (shared DIR)", |m, tick_s| {
+        let by = human::seconds(m.longest_put_off_ticks * tick_s);
+        (m.steps_put_off > 0).then(|| format!("{} steps by up to {by}", human::count(m.steps_put_off.into())))
+    }),
+    ("faults", |m, _| Some(human::count(m.faults.into()))),
+];
+
+fn measured(time: verdict::Measured) -> String {
+    format!("{} of {}", human::seconds(time.seen_ns * 1e-9), human::seconds(f64::from(time.needed_ns) * 1e-9))
+}
+
+/// Failures that are printed; the report has more.
+const FAILURES_SHOWN: usize = 10;
+
+impl Display for VerdictTable<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let report = self.0;
+        let tick_s = 1.0 / report.tick_hz as f64;
+        for motors in report.motors.chunks(ABREAST) {
+            let table = side_by_side(motors, |motor| &motor.motor, SEEN, tick_s);
+            writeln!(f, "{table}")?;
+        }
+        let alignment = &report.alignment;
+        if alignment.shift_s != 0.0 || alignment.rate_ppm != 0.0 {
+            let shift = human::seconds_to(alignment.shift_s, 9);
+            let rate = human::significant(alignment.rate_ppm, 4);
+            writeln!(f, "  time zero at {shift} of the capture; the board's clock is {rate} ppm fast\n")?;
+        }
+        for failure in report.failures.iter().take(FAILURES_SHOWN) {
+            writeln!(f, "  {failure}")?;
+        }
+        let faults: u64 = report.motors.iter().map(|motor| motor.faults).sum();
+        if let Some(more) = faults.checked_sub(FAILURES_SHOWN as u64).filter(|more| *more > 0) {
+            writeln!(f, "  and {} more", human::count(more.into()))?;
+        }
+        writeln!(f, "{}", if report.ok { "PASS: no bound broke" } else { "FAIL: a bound broke" })
+    }
+}
 
 impl Display for PlanReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -220,15 +288,8 @@ impl Display for PlanReport {
         if let Some(cut) = self.cut_at_s {
             writeln!(f, "  endless: shown for {}, then the planned stop; --for sets it", human::seconds_to(cut, 6))?;
         }
-        let rare = RARE_LINES.iter().filter(|(worth, _)| self.motors.iter().any(worth)).map(|(_, line)| line);
-        let lines: Vec<&Line> = LINES.iter().chain(rare).collect();
         for motors in self.motors.chunks(ABREAST) {
-            let mut table = Table::default().left(&[0]);
-            table.row([String::new()].into_iter().chain(motors.iter().map(|motor| motor.name.clone())));
-            for (name, value) in &lines {
-                let values = motors.iter().map(|motor| value(motor, tick_s));
-                table.row([(*name).to_owned()].into_iter().chain(values));
-            }
+            let table = side_by_side(motors, |motor| &motor.name, PLANNED, tick_s);
             writeln!(f, "\n{table}")?;
         }
         Ok(())

@@ -12,7 +12,7 @@ use crate::human;
 use crate::plot::Picture;
 use crate::prepare::{Planned, Prepared};
 use crate::record::{Files, Recorder};
-use crate::report::RunReport;
+use crate::report::{RunReport, VerdictTable};
 
 pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit> {
     let prepared = args.motion.prepare()?;
@@ -30,8 +30,10 @@ pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit>
         console.print_json(&report)?;
     } else {
         console.print(&report.plan)?;
-        console.print(format_args!("Run on the native board, in virtual time, and judged edge by edge:\n"))?;
-        console.print(format_args!("{}\n\n", indented(&report.verdict)))?;
+        console.print(format_args!(
+            "Run on the native board, in virtual time, and judged edge by edge:\n\n{}",
+            VerdictTable(&report.verdict)
+        ))?;
         console.print(format_args!("{}: report.json, steps.csv, trace.vcd, plot.svg\n", folder.display()))?;
     }
     Ok(if report.verdict.ok { Exit::Success } else { Exit::BoundBroken })
@@ -70,10 +72,6 @@ fn default_folder(file: &Path) -> PathBuf {
     Path::new("out").join(file.file_stem().unwrap_or(file.as_os_str()))
 }
 
-pub(crate) fn file_name(path: &str) -> String {
+fn file_name(path: &str) -> String {
     Path::new(path).file_name().map_or_else(|| path.to_owned(), |name| name.to_string_lossy().into_owned())
-}
-
-pub(crate) fn indented(text: &impl std::fmt::Display) -> String {
-    text.to_string().lines().map(|line| format!("  {line}")).collect::<Vec<_>>().join("\n")
 }

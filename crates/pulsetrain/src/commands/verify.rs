@@ -1,14 +1,12 @@
 //! `pulsetrain verify`: a capture against the motion.
 
-use std::fmt::Display;
-
 use miette::miette;
 use pulsetrain_trace::capture::{self, Capture};
 use pulsetrain_trace::verdict::{self, Align, JudgeError, Options};
-use serde::Serialize;
 
 use crate::cli::{Alignment, Verify};
 use crate::console::{self, Console, Exit};
+use crate::report::VerdictTable;
 
 pub(crate) fn run(args: &Verify, console: &mut Console<'_>) -> miette::Result<Exit> {
     let prepared = args.motion.prepare()?;
@@ -25,23 +23,33 @@ pub(crate) fn run(args: &Verify, console: &mut Console<'_>) -> miette::Result<Ex
         Alignment::StartAndRate => Align::StartAndRate,
     };
     let options = Options { align, ..Options::default() };
-    let (ok, json, text) = match &capture {
-        Capture::Edges(trace) => told(verdict::judge(trace, program, &options), |report| report.ok),
-        Capture::Steps(steps) => told(verdict::judge_steps(steps, program, &options), |report| report.ok),
+    let no_verdict = |error: JudgeError| miette!("{shown}: {error}");
+    let judged = match &capture {
+        Capture::Edges(trace) => verdict::judge(trace, program, &options),
+        Capture::Steps(steps) => verdict::judge_steps(steps, program, &options),
         Capture::Film(track) => {
-            told(verdict::judge_film(track, program, args.motor.as_deref(), &options, None), |report| report.ok)
+            let report =
+                verdict::judge_film(track, program, args.motor.as_deref(), &options, None).map_err(no_verdict)?;
+            if args.json {
+                console.print_json(&report)?
+            } else {
+                console.print(format_args!("{report}\n"))?
+            }
+            return Ok(exit(report.ok));
+        }
+    };
+    let report = judged.map_err(no_verdict)?;
+    if args.json {
+        console.print_json(&report)?;
+    } else {
+        console.print(VerdictTable(&report))?;
+        if !report.ok && align == Align::None {
+            console.print("Did the capture begin before the motion? Then say --align start, or start+rate\n")?;
         }
     }
-    .map_err(|error| miette!("{shown}: {error}"))??;
-    console.print(format_args!("{}\n", if args.json { json } else { text }))?;
-    Ok(if ok { Exit::Success } else { Exit::BoundBroken })
+    Ok(exit(report.ok))
 }
 
-/// Whether a report is good, and how it reads, as JSON and as text.
-fn told<R: Serialize + Display>(
-    report: Result<R, JudgeError>,
-    ok: impl Fn(&R) -> bool,
-) -> Result<miette::Result<(bool, String, String)>, JudgeError> {
-    let report = report?;
-    Ok(console::json(&report).map(|json| (ok(&report), json, report.to_string())))
+fn exit(ok: bool) -> Exit {
+    if ok { Exit::Success } else { Exit::BoundBroken }
 }

@@ -39,8 +39,6 @@ const HEAD: u32 = 64;
 const LEGEND_ROW: u32 = 22;
 const PANEL_HEIGHT: u32 = 350;
 const ERRORS_HEIGHT: u32 = 300;
-/// Panels of errors in one row.
-const ERRORS_ABREAST: usize = 3;
 
 /// Above this ratio an axis of intervals is logarithmic.
 const LOG_ABOVE: f64 = 30.0;
@@ -98,7 +96,7 @@ impl Drawing {
     }
 
     fn size(&self, picture: &Picture) -> (u32, u32) {
-        let errors = picture.motors.len().div_ceil(ERRORS_ABREAST).max(1) as u32;
+        let errors = error_panels(picture).0 as u32;
         let height = HEAD + (legend_rows(picture) - 1) * LEGEND_ROW + 2 * PANEL_HEIGHT + errors * ERRORS_HEIGHT;
         (self.px(WIDTH), self.px(height))
     }
@@ -151,8 +149,7 @@ impl Drawing {
             self.line(&mut chart, unit.points(motor, &motor.wanted_speed), INK, 1)?;
         }
 
-        let abreast = motors.len().clamp(1, ERRORS_ABREAST);
-        let areas = errors.split_evenly((motors.len().div_ceil(ERRORS_ABREAST).max(1), abreast));
+        let areas = errors.split_evenly(error_panels(picture));
         for ((colour, motor), area) in coloured(motors).zip(&areas) {
             self.errors(motor, colour, area, &time)?;
         }
@@ -351,6 +348,16 @@ fn legend_rows(picture: &Picture) -> u32 {
     legend_places(picture).last().map_or(1, |place| place.1 + 1)
 }
 
+/// Rows and columns of the panels of errors.
+fn error_panels(picture: &Picture) -> (usize, usize) {
+    let abreast = match picture.motors.len() {
+        0 | 1 => 1,
+        2 | 4 => 2,
+        _ => 3,
+    };
+    (picture.motors.len().div_ceil(abreast).max(1), abreast)
+}
+
 /// Paler, so that the law's line is seen on it; opaque, so that strokes may overlap.
 fn light(colour: RGBColor) -> RGBColor {
     let pale = |c: u8| 255 - ((255 - u32::from(c)) * 55 / 100) as u8;
@@ -367,7 +374,7 @@ impl Unit {
     fn of(motors: &[MotorPicture]) -> Unit {
         match motors {
             [first, rest @ ..] if rest.iter().all(|motor| motor.scale.unit == first.scale.unit) => {
-                Unit { name: first.scale.unit.clone(), own: true }
+                Unit { name: human::unit(&first.scale.unit).to_owned(), own: true }
             }
             _ => Unit { name: "steps".into(), own: false },
         }

@@ -1,6 +1,6 @@
 //! A curve of any length in bounded memory, with nothing hidden.
 
-/// Points with growing x, kept one by one while they are few, then as the lowest and highest of each column.
+/// Points with growing x, kept one by one while they are few, then as first, lowest, highest and last of each column.
 ///
 /// Columns are merged in pairs as the curve grows, so that no range need be known beforehand.
 #[derive(Clone, Debug, Default)]
@@ -13,21 +13,23 @@ pub struct Envelope {
     range: Option<(f64, f64)>,
 }
 
-/// More columns than a panel has pixels.
-const COLUMNS: usize = 2048;
+/// Columns at most, and at least half as many: as fine as the lines are thick.
+const COLUMNS: usize = 1024;
 /// Points are kept as they are up to this number.
 const POINTS: usize = 3000;
 
 #[derive(Clone, Copy, Debug)]
 struct Column {
     number: usize,
+    first: (f64, f64),
     lowest: (f64, f64),
     highest: (f64, f64),
+    last: (f64, f64),
 }
 
 impl Column {
     fn of(number: usize, point: (f64, f64)) -> Column {
-        Column { number, lowest: point, highest: point }
+        Column { number, first: point, lowest: point, highest: point, last: point }
     }
 
     fn add(&mut self, other: Column) {
@@ -37,6 +39,7 @@ impl Column {
         if other.highest.1 > self.highest.1 {
             self.highest = other.highest;
         }
+        self.last = other.last;
     }
 }
 
@@ -92,18 +95,18 @@ impl Envelope {
         }
     }
 
-    /// What to draw, in order of x: every point, or two for each column.
+    /// What to draw, in order of x: every point, or up to four for each column.
     #[must_use]
     pub fn points(&self) -> Vec<(f64, f64)> {
         if self.columns.is_empty() {
             return self.points.clone();
         }
-        let mut points = Vec::with_capacity(2 * self.columns.len() + 1);
+        let mut points = Vec::with_capacity(4 * self.columns.len());
         for column in &self.columns {
             let (a, b) = (column.lowest, column.highest);
-            points.extend(if a.0 <= b.0 { [a, b] } else { [b, a] });
+            let (a, b) = if a.0 <= b.0 { (a, b) } else { (b, a) };
+            points.extend([column.first, a, b, column.last]);
         }
-        points.push(self.last);
         points.dedup();
         points
     }
@@ -150,7 +153,7 @@ mod tests {
         let envelope = envelope((0..1_000_000).map(|i| if i == 123_456 { 9.0 } else { (f64::from(i) * 0.01).sin() }));
         let points = envelope.points();
         assert!(points.contains(&(123_456.0, 9.0)));
-        assert!(points.len() <= 2 * COLUMNS + 1, "{}", points.len());
+        assert!(points.len() <= 4 * COLUMNS, "{}", points.len());
         assert_eq!(envelope.span(), Some((0.0, 999_999.0)));
     }
 

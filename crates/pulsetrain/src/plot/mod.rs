@@ -136,7 +136,10 @@ impl MotorPicture {
         self.steps += 1;
         if self.steps > 1 && t > before {
             self.intervals.push(self.steps as f64, t - before);
-            self.stepped_speed.push((t + before) / 2.0, (position - from) as f64 / (t - before));
+            // One speed from step to step: a line between the middles would make a ramp of every rest.
+            let speed = (position - from) as f64 / (t - before);
+            self.stepped_speed.push(before, speed);
+            self.stepped_speed.push(t, speed);
         }
         self.last = (t, position);
     }
