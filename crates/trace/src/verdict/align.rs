@@ -96,7 +96,7 @@ impl First {
             let mut crossings = Crossings::new(&motor.law, program.grid, tick_hz.max(1));
             for &tick in steps {
                 let crossing =
-                    crossings.next().map_err(|error| JudgeError::Law { motor: motor.name.clone(), error })?;
+                    crossings.advance().map_err(|error| JudgeError::Law { motor: motor.name.clone(), error })?;
                 let Some(crossing) = crossing else { break };
                 crossings.settle(true);
                 late.push(given.law(tick).minus(crossing.at));

@@ -186,7 +186,7 @@ impl<'a> Matcher<'a> {
     /// Fills `wanted` with the next three crossings, or up to an optional one.
     fn look_ahead(&mut self) {
         while self.error.is_none() && self.wanted.len() < 3 && self.wanted.back().is_none_or(|c| !c.optional) {
-            match self.crossings.next() {
+            match self.crossings.advance() {
                 Ok(Some(crossing)) => self.wanted.push_back(crossing),
                 Ok(None) => break,
                 Err(error) => self.error = Some(error),
