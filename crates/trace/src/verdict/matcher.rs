@@ -114,6 +114,12 @@ impl<'a> Matcher<'a> {
         }
     }
 
+    /// Allows for what an alignment may be off by, ticks of the trace.
+    pub(crate) fn widen(&mut self, slack: f64) {
+        self.limits.bound += slack;
+        self.report.bound_ticks = self.limits.bound * self.limits.scale;
+    }
+
     /// Takes a step at a tick of the trace.
     pub(crate) fn push(&mut self, tick: u64, forward: bool, since_dir: Option<u64>) {
         if let Some(last) = self.last.replace(tick) {
@@ -286,8 +292,10 @@ impl<'a> Matcher<'a> {
         }
         self.report.steps_wanted += 1;
         let late = self.late(made, wanted);
+        let put_off = self.put_off(made) > 0.0;
         if let Some(matches) = &mut self.matches {
-            matches.push((made.tick, made.at.minus(wanted.at)));
+            let near = late.abs() <= 2.0 * self.limits.bound && !put_off;
+            matches.push((made.tick, made.at.minus(wanted.at)), near);
         }
         if late > self.limits.bound && self.in_time(made, wanted) {
             self.report.steps_put_off += 1;

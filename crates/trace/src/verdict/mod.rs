@@ -53,7 +53,8 @@ pub enum Align {
     /// The trace's tick 0 is the law's time zero.
     #[default]
     None,
-    /// The trace is shifted by whatever makes the median error 0: captures that begin at any time.
+    /// The trace is shifted so that 0 is in the middle of the errors: captures that begin at any time, but before the
+    /// first step. The bound is widened by what the fit may be off (8/√n of the errors' root mean square).
     Start,
     /// It is scaled too, by least squares: the board's clock is not the analyser's.
     StartAndRate,
