@@ -2,10 +2,12 @@
 
 use crate::certificate::Certificate;
 use crate::error::PlanError;
-use crate::planner::Planner;
+use crate::planner::{Origin, Planner};
 use crate::settings::Settings;
 use crate::shared_dir::SharedDir;
 use crate::{Move, packed::Meter};
+use pulsetrain_core::Direction;
+use pulsetrain_motion::Law;
 use pulsetrain_motion::program::{Program, Wiring};
 use std::collections::VecDeque;
 
@@ -37,6 +39,15 @@ pub struct Ensemble<'a> {
     groups: Vec<SharedDir<'a>>,
 }
 
+/// Where a motor is when a plan begins.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Start {
+    /// Where its law goes on.
+    pub origin: Origin,
+    /// The tick of its last step, relative to that of the beginning (so negative), and the step's direction.
+    pub last_step: Option<(i64, Direction)>,
+}
+
 struct Member<'a> {
     plan: Source<'a>,
     settings: Settings,
@@ -55,22 +66,47 @@ impl<'a> Ensemble<'a> {
     /// # Errors
     /// If the tolerance is below what can be proven.
     pub fn new(program: &'a Program) -> Result<Ensemble<'a>, Refused> {
+        Ensemble::assemble(program, program.motors.iter().map(|motor| (&motor.law, None)))
+    }
+
+    /// Prepares to plan motors that have moved already: each goes on from its start; there is one for each motor.
+    ///
+    /// A first step too close to the last one before is put off, and counted in the certificate.
+    ///
+    /// # Errors
+    /// If the tolerance is below what can be proven.
+    pub fn from(program: &'a Program, starts: &[Start]) -> Result<Ensemble<'a>, Refused> {
+        let laws = program.motors.iter().map(|motor| &motor.law);
+        Ensemble::assemble(program, laws.zip(starts.iter().map(Some)))
+    }
+
+    pub(crate) fn assemble<'s>(
+        program: &Program,
+        laws: impl Iterator<Item = (&'a Law, Option<&'s Start>)>,
+    ) -> Result<Ensemble<'a>, Refused> {
         let mut motors = Vec::with_capacity(program.motors.len());
-        let mut groups: Vec<(u8, SharedDir<'a>)> = Vec::new();
-        for (index, motor) in program.motors.iter().enumerate() {
+        let mut groups: Vec<(Option<u8>, SharedDir<'a>)> = Vec::new();
+        for (index, (motor, (law, start))) in program.motors.iter().zip(laws).enumerate() {
             let settings = Settings::of(program, motor);
-            let planner = Planner::new(&motor.law, &settings).map_err(|error| Refused { motor: index, error })?;
-            let plan = match shared_dir_pin(program, index) {
-                None => Source::Alone(Box::new(planner)),
-                Some(pin) => {
-                    let group = groups.iter().position(|(p, _)| *p == pin).unwrap_or_else(|| {
-                        groups.push((pin, SharedDir::new(settings.fraction_bits)));
-                        groups.len() - 1
-                    });
-                    let timing = motor.timing.ticks(settings.tick_hz);
-                    let place = groups[group].1.join(index, planner, &settings, &timing);
-                    Source::Shared(group, place, Meter::new(&settings))
-                }
+            let planner = match start {
+                None => Planner::new(law, &settings),
+                Some(start) => Planner::from(start.origin, law, &settings),
+            };
+            let planner = planner.map_err(|error| Refused { motor: index, error })?;
+            let pin = shared_dir_pin(program, index);
+            let plan = if pin.is_none() && start.is_none() {
+                Source::Alone(Box::new(planner))
+            } else {
+                // A motor with a line of its own is a group of one: its steps must keep clear of those before.
+                let known = groups.iter().position(|(p, _)| pin.is_some() && *p == pin);
+                let group = known.unwrap_or_else(|| {
+                    groups.push((pin, SharedDir::new(settings.fraction_bits)));
+                    groups.len() - 1
+                });
+                let timing = motor.timing.ticks(settings.tick_hz);
+                let last_step = start.and_then(|start| start.last_step);
+                let place = groups[group].1.join(index, planner, &settings, &timing, last_step);
+                Source::Shared(group, place, Meter::new(&settings))
             };
             motors.push(Member { plan, settings });
         }

@@ -46,6 +46,8 @@ pub(crate) struct Start {
 /// A segment and what is proven of it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Fit {
+    /// A wait before the segment, ticks.
+    pub(crate) dwell: u64,
     pub(crate) segment: Segment,
     /// ≥ |scheduled − exact| of every step, ticks.
     pub(crate) bound: f64,
@@ -97,6 +99,7 @@ pub(crate) fn fit(
     };
     // Subtracting T0 twice rounds once more; an interval that is not positive is no interval.
     (segment.interval > 0 && segment.after(count - 1).interval > 0).then_some(Fit {
+        dwell: 0,
         segment,
         bound: 0.5 + misfit + proven,
         misfit: misfit + proven,

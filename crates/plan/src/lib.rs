@@ -31,7 +31,7 @@ mod stretch;
 pub mod tail;
 
 pub use certificate::Certificate;
-pub use ensemble::{Ensemble, Refused};
+pub use ensemble::{Ensemble, Refused, Start};
 pub use error::PlanError;
 pub use planner::{Origin, Planner};
 pub use settings::Settings;

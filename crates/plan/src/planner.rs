@@ -16,7 +16,7 @@ use std::collections::VecDeque;
 /// A turning value this close to a step's level touches it, steps.
 const TOUCH: f64 = 1e-9;
 /// Waits longer than this are dwells, ticks: 24 bits serve every board's interval.
-const LONGEST_INTERVAL_TICKS: i64 = 1 << 24;
+const LONGEST_WAIT_TICKS: f64 = 16_777_216.0;
 /// Peaks are reported to this precision, or as close as a limit demands.
 const PEAK_PRECISION: f64 = 1e-2;
 /// A limit may be met exactly: trapezoids run at it.
@@ -44,6 +44,8 @@ pub struct Planner<'a> {
     meter: Option<Meter>,
     /// θ at t = 0, whole steps and rest: steps count from there.
     start: Option<(i64, f64)>,
+    /// The speed that the motor comes with, steps/s.
+    arrival: f64,
     /// Where the last piece ended.
     end: Option<End>,
     /// Position after all runs that were cut from the law so far.
@@ -65,7 +67,13 @@ pub struct Origin {
     pub position: i64,
     /// The law's θ that those steps count from, steps.
     pub theta: f64,
+    /// How fast the motor comes, steps/s.
+    pub speed: f64,
 }
+
+/// A motor that goes on under another law stays within so many steps of it: half a step and h, a pair of steps
+/// that was dropped.
+const FARTHEST_FROM_LAW: f64 = 2.0;
 
 /// What stretches of one piece share.
 #[derive(Clone, Copy, Debug)]
@@ -98,7 +106,7 @@ impl<'a> Planner<'a> {
             tolerance: tolerance_ticks,
             gain: settings.gain(),
             largest_add: if settings.fraction_bits <= 16 { i64::from(i32::MAX) } else { 1 << 56 },
-            largest_interval: LONGEST_INTERVAL_TICKS << settings.fraction_bits,
+            longest_wait: LONGEST_WAIT_TICKS,
             longest: if settings.packed { u32::from(u16::MAX) } else { 1 << 24 },
         };
         Ok(Planner {
@@ -114,6 +122,7 @@ impl<'a> Planner<'a> {
             certificate: Certificate::new(law.class()),
             meter: settings.packed.then(|| Meter::new(settings)),
             start: None,
+            arrival: 0.0,
             end: None,
             position: 0,
             waiting: VecDeque::new(),
@@ -128,12 +137,15 @@ impl<'a> Planner<'a> {
 
     /// Prepares to plan `law` for a motor that has moved already: its steps go on from `origin`.
     ///
+    /// A law that begins more than two steps from where the motor is gives [`LawError::Jump`] with the first move.
+    ///
     /// # Errors
     /// As for [`Planner::new`].
     pub fn from(origin: Origin, law: &'a Law, settings: &Settings) -> Result<Planner<'a>, PlanError> {
         let mut planner = Planner::new(law, settings)?;
         planner.position = origin.position;
         planner.start = Some((0, origin.theta));
+        planner.arrival = origin.speed;
         Ok(planner)
     }
 
@@ -175,13 +187,10 @@ impl<'a> Planner<'a> {
         }
         let fraction_bits = self.rules.fraction_bits;
         let fit = planner.next(&self.registers, &self.rules);
-        let mut segment = fit.segment;
-        let whole = segment.interval >> fraction_bits;
-        if segment.count == 1 && whole >= LONGEST_INTERVAL_TICKS {
-            let ticks = whole - LONGEST_INTERVAL_TICKS / 2;
-            segment.interval -= ticks << fraction_bits;
-            self.registers.tick += ticks;
-            self.give(Move::Dwell { ticks: ticks as u64 });
+        let segment = fit.segment;
+        if fit.dwell > 0 {
+            self.registers.tick += fit.dwell as i64;
+            self.give(Move::Dwell { ticks: fit.dwell });
         }
         let before = self.registers;
         self.registers.advance(&segment, fraction_bits);
@@ -243,7 +252,7 @@ impl<'a> Planner<'a> {
         };
         loop {
             let Some(mut after) = self.cut_run()? else {
-                self.current = (run.count > 0).then(|| RunPlanner::new(run));
+                self.current = (run.count > 0).then(|| RunPlanner::new(run, self.current.as_ref()));
                 return Ok(self.current.is_some());
             };
             self.drop_close_pairs(&mut run, &mut after);
@@ -252,7 +261,7 @@ impl<'a> Planner<'a> {
                 continue;
             }
             self.next = (after.count > 0).then_some(after);
-            self.current = Some(RunPlanner::new(run));
+            self.current = Some(RunPlanner::new(run, self.current.as_ref()));
             return Ok(true);
         }
     }
@@ -341,8 +350,13 @@ impl<'a> Planner<'a> {
         }
         match self.end {
             None => {
-                self.start.get_or_insert((piece.origin, first[0]));
-                self.check_speed_jump(at_s, 0.0, first[1], piece.entry)?;
+                let (whole, rest) = *self.start.get_or_insert((piece.origin, first[0]));
+                let jump = (piece.origin - whole - self.position) as f64 + (first[0] - rest);
+                if jump.abs() > FARTHEST_FROM_LAW {
+                    let from = self.position as f64 + rest;
+                    return Err(LawError::Jump { at_s, from, to: from + jump }.into());
+                }
+                self.check_speed_jump(at_s, self.arrival, first[1], piece.entry)?;
             }
             Some(end) => {
                 let jump = (piece.origin - end.origin) as f64 + (first[0] - end.value);

@@ -30,6 +30,8 @@ struct Member<'a> {
     planner: Planner<'a>,
     min_interval_ticks: i64,
     tick_hz: f64,
+    /// Tick of the last step made.
+    last: Option<i64>,
     /// Accumulator of the plan after the last step that was taken, ticks · 2^F.
     accumulator: i128,
     /// What is left of the segment being taken.
@@ -49,14 +51,16 @@ impl<'a> SharedDir<'a> {
         SharedDir { members: Vec::new(), fraction_bits, keep_ticks: 0, setup_ticks: 0, line: None }
     }
 
-    /// Adds a motor; gives its place in the group.
+    /// Adds a motor, with its last step before tick 0; gives its place in the group.
     pub(crate) fn join(
         &mut self,
         motor: usize,
         planner: Planner<'a>,
         settings: &Settings,
         timing: &DriverTicks,
+        last_step: Option<(i64, Direction)>,
     ) -> usize {
+        self.line = self.line.into_iter().chain(last_step).max_by_key(|(tick, _)| *tick);
         self.keep_ticks = self.keep_ticks.max((timing.pulse_high + timing.dir_hold) as i64);
         self.setup_ticks = self.setup_ticks.max(timing.dir_setup as i64);
         self.members.push(Member {
@@ -64,6 +68,7 @@ impl<'a> SharedDir<'a> {
             planner,
             min_interval_ticks: settings.min_interval_ticks as i64,
             tick_hz: settings.tick_hz as f64,
+            last: last_step.map(|(tick, _)| tick),
             accumulator: 1 << (settings.fraction_bits - 1),
             segment: None,
             unchanged: 0,
@@ -110,6 +115,10 @@ impl<'a> SharedDir<'a> {
                 Some((last, _)) => due.max(last),
                 None => due,
             };
+            // A plan keeps its own steps apart, but does not know the last one before it.
+            let member = &self.members[place];
+            let spaced = member.last.filter(|last| *last < 0).map(|last| last + member.min_interval_ticks);
+            let possible = spaced.map_or(possible, |spaced| possible.max(spaced));
             let candidate = Candidate { possible, turns, place, late: possible - due, direction };
             // At the same tick, steps that the line is right for go first.
             if first.as_ref().is_none_or(|f| (possible, turns) < (f.possible, f.turns)) {
@@ -166,6 +175,8 @@ impl Member<'_> {
         let Some((segment, direction)) = self.segment else { return Ok(()) };
         let step = segment.after(self.unchanged);
         self.accumulator += i128::from(step.interval);
+        let tick = (self.accumulator >> fraction_bits) as i64 + late;
+        let spacing = self.last.replace(tick).map_or(i64::MAX, |last| tick - last);
         if late == 0 && self.late == 0 {
             self.unchanged += 1;
             if self.unchanged == segment.count {
@@ -178,9 +189,9 @@ impl Member<'_> {
         let taken = self.unchanged;
         self.flush();
         let interval = step.interval + ((late - self.late) << fraction_bits);
-        if interval >> fraction_bits < self.min_interval_ticks {
-            let rate_hz = self.tick_hz / (interval >> fraction_bits).max(1) as f64;
-            let at_s = (self.accumulator >> fraction_bits) as f64 / self.tick_hz;
+        if spacing < self.min_interval_ticks {
+            let rate_hz = self.tick_hz / spacing.max(1) as f64;
+            let at_s = tick as f64 / self.tick_hz;
             let limit_hz = self.tick_hz / self.min_interval_ticks as f64;
             return Err(self.refused(PlanError::TooFastForBoard { at_s, rate_hz, limit_hz }));
         }

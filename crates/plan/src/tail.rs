@@ -1,11 +1,14 @@
 //! The stop tail: what ends every queue, so that losing the host is a planned stop.
 
+use crate::ensemble::{Ensemble, Refused, Start};
 use crate::error::PlanError;
 use crate::planner::Planner;
 use crate::settings::Settings;
 use crate::{Move, planner::Origin};
+use pulsetrain_core::Direction;
 use pulsetrain_motion::Time;
 use pulsetrain_motion::law::{Class, Curve, Entry, Fixed, Law, Piece};
+use pulsetrain_motion::program::Program;
 
 /// A motor in motion, at the tick where its tail begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,13 +35,33 @@ const SOFTEST_STOP_S: f64 = 1.0;
 /// If a motor is so fast that the board cannot make its steps, which the plan before the tail would have met first.
 pub fn stop_tail(motion: &Motion, settings: &Settings) -> Result<Vec<Move>, PlanError> {
     let Some(law) = braking_law(motion, settings) else { return Ok(Vec::new()) };
-    let origin = Origin { position: motion.position, theta: 0.0 };
+    let origin = Origin { position: motion.position, theta: 0.0, speed: motion.speed };
     let mut planner = Planner::from(origin, &law, settings)?;
     let mut moves = Vec::new();
     while let Some(next) = planner.next_move()? {
         moves.push(next);
     }
     Ok(moves)
+}
+
+/// The tails of all motors of a program, in order on shared DIR lines; they begin at one tick.
+///
+/// For each motor its motion there, and its last step before: tick, relative to that of the tail, and direction.
+///
+/// # Errors
+/// As for [`stop_tail`], and where motors that share a DIR line turn too close together.
+pub fn stop_tails(program: &Program, motors: &[(Motion, Option<(i64, Direction)>)]) -> Result<Vec<Vec<Move>>, Refused> {
+    let at_rest = Law::rest(Time::SECOND).map_err(|error| Refused { motor: 0, error: error.into() })?;
+    let mut laws = Vec::with_capacity(motors.len());
+    for ((motion, last_step), motor) in motors.iter().zip(&program.motors) {
+        let law = braking_law(motion, &Settings::of(program, motor));
+        let (position, speed) = if law.is_some() { (motion.position, motion.speed) } else { (0, 0.0) };
+        laws.push((law, Start { origin: Origin { position, theta: 0.0, speed }, last_step: *last_step }));
+    }
+    let laws = laws.iter().map(|(law, start)| (law.as_ref().unwrap_or(&at_rest), Some(start)));
+    let mut ensemble = Ensemble::assemble(program, laws)?;
+    let mut moves = |motor| std::iter::from_fn(|| ensemble.next_move(motor).transpose()).collect();
+    (0..motors.len()).map(&mut moves).collect()
 }
 
 /// θ from the tail's first instant to rest; `None` if the motor may stop at once.

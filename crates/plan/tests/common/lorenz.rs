@@ -4,7 +4,7 @@ use pulsetrain_motion::Time;
 use pulsetrain_motion::law::{Class, Curve, Entry, Fixed, Law, Piece};
 
 /// Coefficients of each series: they serve for some 20 ms on either side.
-const TERMS: usize = 24;
+const TERMS: usize = 32;
 /// What the last term may amount to at a piece's end, relative to the largest: below f64's rounding.
 const LAST_TERM: f64 = 1e-16;
 /// Start, Lorenz's own parameters σ = 10, ρ = 28, β = 8/3.

@@ -74,7 +74,7 @@ pub(super) fn judge(
     let mut judge = Judge::new(tick_hz, program, options, timebase)?;
     judge.motors.iter_mut().for_each(|matcher| matcher.widen(slack));
     feed(&mut judge, None)?;
-    judge.finish()
+    judge.finish(&mut |_, _, _| {})
 }
 
 /// The first steps of each motor, and when the trace ends.

@@ -65,6 +65,8 @@ pub(crate) struct Matcher<'a> {
     error: Option<LawError>,
     /// Collected for a fit, if it is asked for.
     pub(crate) matches: Option<Matches>,
+    /// Steps matched since somebody looked, if somebody does: tick of the trace, how late in ticks of the board.
+    pub(crate) recent: Option<Vec<(u64, f64)>>,
     pub(crate) faults: Vec<(u64, f64, Fault)>,
     pub(crate) report: MotorReport,
 }
@@ -109,6 +111,7 @@ impl<'a> Matcher<'a> {
             sums: Sums::default(),
             error: None,
             matches: None,
+            recent: None,
             faults: Vec::new(),
             report,
         }
@@ -296,6 +299,9 @@ impl<'a> Matcher<'a> {
         if let Some(matches) = &mut self.matches {
             let near = late.abs() <= 2.0 * self.limits.bound && !put_off;
             matches.push((made.tick, made.at.minus(wanted.at)), near);
+        }
+        if let Some(recent) = &mut self.recent {
+            recent.push((made.tick, late * self.limits.scale));
         }
         if late > self.limits.bound && self.in_time(made, wanted) {
             self.report.steps_put_off += 1;

@@ -180,14 +180,34 @@ impl<'a> EdgeJudge<'a> {
         self.decoder.push(edge, &mut |motor, tick, event| judge.event(motor, tick, event))
     }
 
+    /// From now on keeps the error of every step for [`EdgeJudge::errors`].
+    #[must_use]
+    pub fn keeping_errors(mut self) -> Self {
+        self.judge.motors.iter_mut().for_each(|matcher| matcher.recent = Some(Vec::new()));
+        self
+    }
+
+    /// Hands over the errors that were kept since the last call: motor, tick, how late in ticks of the board.
+    pub fn errors(&mut self, sink: &mut dyn FnMut(usize, u64, f64)) {
+        self.judge.errors(sink);
+    }
+
     /// The verdict.
     ///
     /// # Errors
     /// If a law breaks.
-    pub fn finish(mut self) -> Result<Report, JudgeError> {
+    pub fn finish(self) -> Result<Report, JudgeError> {
+        self.finish_with(&mut |_, _, _| {})
+    }
+
+    /// The verdict, with the errors of the last steps as [`EdgeJudge::errors`] gives them.
+    ///
+    /// # Errors
+    /// If a law breaks.
+    pub fn finish_with(mut self, sink: &mut dyn FnMut(usize, u64, f64)) -> Result<Report, JudgeError> {
         let judge = &mut self.judge;
         self.decoder.flush(&mut |motor, tick, event| judge.event(motor, tick, event));
-        self.judge.finish()
+        self.judge.finish(sink)
     }
 }
 
@@ -280,7 +300,16 @@ impl<'a> Judge<'a> {
         }
     }
 
-    fn finish(mut self) -> Result<Report, JudgeError> {
+    fn errors(&mut self, sink: &mut dyn FnMut(usize, u64, f64)) {
+        for (motor, matcher) in self.motors.iter_mut().enumerate() {
+            for (tick, late) in matcher.recent.iter_mut().flat_map(|recent| recent.drain(..)) {
+                sink(motor, tick, late);
+            }
+        }
+    }
+
+    /// Decides about all steps and what is lacking; no event comes any more.
+    fn finish(mut self, sink: &mut dyn FnMut(usize, u64, f64)) -> Result<Report, JudgeError> {
         let hz = self.tick_hz as f64;
         let mut failures = Vec::new();
         for (matcher, motor) in self.motors.iter_mut().zip(&self.program.motors) {
@@ -294,6 +323,7 @@ impl<'a> Judge<'a> {
                 fault,
             }));
         }
+        self.errors(sink);
         Ok(Report {
             ok: failures.is_empty(),
             tick_hz: self.program.board.tick_hz,
