@@ -117,6 +117,12 @@ impl<'a> Matcher<'a> {
         }
     }
 
+    /// Allows for what an alignment may be off by, ticks of the trace.
+    pub(crate) fn widen(&mut self, slack: f64) {
+        self.limits.bound += slack;
+        self.report.bound_ticks = self.limits.bound * self.limits.scale;
+    }
+
     /// Takes a step at a tick of the trace.
     pub(crate) fn push(&mut self, tick: u64, forward: bool, since_dir: Option<u64>) {
         if let Some(last) = self.last.replace(tick) {
@@ -189,7 +195,7 @@ impl<'a> Matcher<'a> {
     /// Fills `wanted` with the next three crossings, or up to an optional one.
     fn look_ahead(&mut self) {
         while self.error.is_none() && self.wanted.len() < 3 && self.wanted.back().is_none_or(|c| !c.optional) {
-            match self.crossings.next() {
+            match self.crossings.advance() {
                 Ok(Some(crossing)) => self.wanted.push_back(crossing),
                 Ok(None) => break,
                 Err(error) => self.error = Some(error),
@@ -289,8 +295,10 @@ impl<'a> Matcher<'a> {
         }
         self.report.steps_wanted += 1;
         let late = self.late(made, wanted);
+        let put_off = self.put_off(made) > 0.0;
         if let Some(matches) = &mut self.matches {
-            matches.push((made.tick, made.at.minus(wanted.at)));
+            let near = late.abs() <= 2.0 * self.limits.bound && !put_off;
+            matches.push((made.tick, made.at.minus(wanted.at)), near);
         }
         if let Some(recent) = &mut self.recent {
             recent.push((made.tick, late * self.limits.scale));
