@@ -166,13 +166,13 @@ fn zeros(target: &Target<'_>, m: f64) -> [f64; 3] {
 /// Largest |scheduled − law| over the steps, from the board's own integers, ticks.
 fn replayed_misfit(target: &Target<'_>, segment: &Segment, start: &Start) -> f64 {
     let (mut accumulator, mut interval, mut add) = (i128::from(start.fraction), segment.interval, segment.add);
-    let offset = (start.fraction as f64) / (start.fraction_bits as f64).exp2() - 0.5;
+    let offset = (start.fraction as f64) / (1u64 << start.fraction_bits) as f64 - 0.5;
     let mut worst = 0.0f64;
     for k in 1..=segment.count {
         accumulator += i128::from(interval);
         interval += add;
         add += segment.add2;
-        let scheduled = (accumulator >> start.fraction_bits) as f64;
+        let scheduled = (accumulator >> start.fraction_bits) as i64 as f64;
         worst = worst.max((scheduled - offset - target.at(f64::from(k))).abs());
     }
     worst

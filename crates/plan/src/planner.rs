@@ -425,15 +425,12 @@ impl<'a> Planner<'a> {
 
 /// The shortest interval between two steps of a segment, ticks · 2^F, and the number of the step after it.
 fn shortest_interval(segment: &Segment) -> (i64, u32) {
-    // Before step k (2..=count): I + (k−1)a + C(k−1,2)b, a parabola in k.
-    let interval = |k: u32| segment.after(k - 1).interval;
-    let mut candidates = vec![2, segment.count];
-    if segment.add2 != 0 {
-        let lowest = 1.5 - segment.add as f64 / segment.add2 as f64;
-        let near = lowest.clamp(2.0, f64::from(segment.count)) as u32;
-        candidates.extend([near, (near + 1).min(segment.count)]);
-    }
-    candidates.into_iter().map(|k| (interval(k), k)).min().unwrap_or((segment.interval, 1))
+    // Before step k (2..=count): I + (k−1)a + C(k−1,2)b, a parabola in k: least at an end or beside its vertex.
+    let vertex = if segment.add2 == 0 { 2.0 } else { 1.5 - segment.add as f64 / segment.add2 as f64 };
+    let near = vertex.clamp(2.0, f64::from(segment.count)) as u32;
+    let candidates = [2, near, (near + 1).min(segment.count), segment.count];
+    let least = candidates.map(|k| (segment.after(k - 1).interval, k)).into_iter().min();
+    least.unwrap_or((segment.interval, 1))
 }
 
 impl Certificate {

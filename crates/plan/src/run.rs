@@ -183,18 +183,19 @@ impl Rules {
         let unit = |order| match self.gain {
             None => 1.0,
             Some(gain) => {
-                f64::from(self.fraction_bits - unit_shift(order, registers.count, gain, self.fraction_bits)).exp2()
+                (1u64 << (self.fraction_bits - unit_shift(order, registers.count, gain, self.fraction_bits))) as f64
             }
         };
-        Quantiser {
-            predicted: registers.predicted,
-            units: [unit(1), unit(2), unit(3)],
-            scale: f64::from(self.fraction_bits).exp2(),
-        }
+        Quantiser { predicted: registers.predicted, units: [unit(1), unit(2), unit(3)], scale: self.scale() }
+    }
+
+    /// 2^F.
+    fn scale(&self) -> f64 {
+        (1u64 << self.fraction_bits) as f64
     }
 
     fn permits(&self, segment: &Segment) -> bool {
-        let largest = self.longest_wait * f64::from(self.fraction_bits).exp2();
+        let largest = self.longest_wait * self.scale();
         (segment.interval.max(segment.after(segment.count - 1).interval) as f64) <= largest
             && segment.add.abs() <= self.largest_add
             && segment.add2.abs() <= self.largest_add
@@ -340,7 +341,7 @@ impl RunPlanner {
         }
         let accumulator = i128::from(start.fraction) + i128::from(interval);
         let offset = start.fraction as f64 / quantiser.scale - 0.5;
-        let scheduled = (accumulator >> start.fraction_bits) as f64 - offset;
+        let scheduled = (accumulator >> start.fraction_bits) as i64 as f64 - offset;
         let misfit = (scheduled - (due.tick - start.tick)).abs() - 0.5;
         let proven = due.error + 64.0 * ULP * (due.tick - start.tick).abs();
         let segment = single(interval, quantiser);
