@@ -116,3 +116,13 @@ impl PlanError {
         }
     }
 }
+
+/// A plan that was refused, and whose it is.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{error}")]
+pub struct Refused {
+    /// Index of the motor in the program.
+    pub motor: usize,
+    /// Why.
+    pub error: PlanError,
+}

@@ -31,8 +31,8 @@ mod stretch;
 pub mod tail;
 
 pub use certificate::Certificate;
-pub use ensemble::{Ensemble, Refused, Start};
-pub use error::PlanError;
+pub use ensemble::{Ensemble, Start};
+pub use error::{PlanError, Refused};
 pub use planner::{Origin, Planner};
 pub use settings::Settings;
 
