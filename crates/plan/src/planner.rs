@@ -16,7 +16,7 @@ use std::collections::VecDeque;
 /// A turning value this close to a step's level touches it, steps.
 const TOUCH: f64 = 1e-9;
 /// Waits longer than this are dwells, ticks: 24 bits serve every board's interval.
-const LONGEST_INTERVAL_TICKS: i64 = 1 << 24;
+pub const LONGEST_INTERVAL_TICKS: i64 = 1 << 24;
 /// Peaks are reported to this precision, or as close as a limit demands.
 const PEAK_PRECISION: f64 = 1e-2;
 /// A limit may be met exactly: trapezoids run at it.

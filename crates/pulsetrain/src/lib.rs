@@ -1,1 +1,4 @@
-//! See ARCHITECTURE.md.
+//! Pulsetrain's face: the session that streams a motion into a board.
+#![forbid(unsafe_code)]
+
+pub mod session;
