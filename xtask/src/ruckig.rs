@@ -10,7 +10,7 @@ pub(crate) const MOVES: usize = 1000;
 const TOLERANCE: f64 = 1e-6;
 /// The package, from Python's registry.
 const PACKAGE: &str = "ruckig==0.19.4";
-const SCRIPT: &str = include_str!("ruckig.py");
+const SCRIPT: &str = "xtask/src/ruckig_durations.py";
 
 /// Compares [`MOVES`] random moves; gives back the largest relative difference of two durations.
 pub(crate) fn compare() -> Done<f64> {
@@ -18,7 +18,7 @@ pub(crate) fn compare() -> Done<f64> {
     let ours = cargo("run --quiet --release --package pulsetrain-motion --example s_curve_durations");
     let ours = durations(ours, &moves)?;
     let mut python = command(python_with_ruckig()?);
-    python.args(["-c", SCRIPT]);
+    python.arg(SCRIPT);
     let theirs = durations(python, &moves)?;
 
     let mut worst = 0.0;

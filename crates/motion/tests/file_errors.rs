@@ -382,9 +382,11 @@ fn tables() {
         "driver = \"DQ542MA\"",
         "driver = \"ULN2003\"",
         expect![[r#"
-        x.toml:7:14: the ULN2003 cannot make 4 microsteps
-            the ULN2003 has 1, 2
-    "#]],
+            x.toml:7:14: the ULN2003 cannot make 4 microsteps
+                the ULN2003 has 1, 2
+            x.toml:9:8: the ULN2003 has four coil lines, not STEP and DIR
+                write, for example: pins = { in = [2, 3, 4, 5] }
+        "#]],
     );
 }
 

@@ -175,11 +175,11 @@ fn inverts(curve: &Curve, a: f64, b: f64) {
         let x = curve.value(u);
         let got = match inverse {
             Inverse::Line { u0, x0, speed } => u0 + (x - x0) / speed,
-            Inverse::Parabola { u0, x0, half_acceleration, later } => {
+            Inverse::Parabola { u0, x0, half_acceleration, later, .. } => {
                 let way = ((x - x0) / half_acceleration).max(0.0).sqrt();
                 if later { u0 + way } else { u0 - way }
             }
-            Inverse::Arccosine { u0, x0, swing, omega } => {
+            Inverse::Arccosine { u0, x0, swing, omega, .. } => {
                 u0 + (1.0 - 2.0 * (x - x0) / swing).clamp(-1.0, 1.0).acos() / omega
             }
             Inverse::Quadratic { x0, c } => c[0] + (x - x0) * (c[1] + (x - x0) * c[2]),

@@ -46,6 +46,8 @@ pub(crate) struct Start {
 /// A segment and what is proven of it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Fit {
+    /// A wait before the segment, ticks.
+    pub(crate) dwell: u64,
     pub(crate) segment: Segment,
     /// ≥ |scheduled − exact| of every step, ticks.
     pub(crate) bound: f64,
@@ -54,7 +56,7 @@ pub(crate) struct Fit {
 }
 
 /// Segments up to this length are replayed step by step; longer ones are bounded as polynomials.
-const REPLAYED: u32 = 24;
+const REPLAYED: u32 = 48;
 
 /// The law over the next steps: t(done + x) − start, ticks.
 struct Target<'a> {
@@ -97,6 +99,7 @@ pub(crate) fn fit(
     };
     // Subtracting T0 twice rounds once more; an interval that is not positive is no interval.
     (segment.interval > 0 && segment.after(count - 1).interval > 0).then_some(Fit {
+        dwell: 0,
         segment,
         bound: 0.5 + misfit + proven,
         misfit: misfit + proven,
@@ -163,13 +166,13 @@ fn zeros(target: &Target<'_>, m: f64) -> [f64; 3] {
 /// Largest |scheduled − law| over the steps, from the board's own integers, ticks.
 fn replayed_misfit(target: &Target<'_>, segment: &Segment, start: &Start) -> f64 {
     let (mut accumulator, mut interval, mut add) = (i128::from(start.fraction), segment.interval, segment.add);
-    let offset = (start.fraction as f64) / (start.fraction_bits as f64).exp2() - 0.5;
+    let offset = (start.fraction as f64) / (1u64 << start.fraction_bits) as f64 - 0.5;
     let mut worst = 0.0f64;
     for k in 1..=segment.count {
         accumulator += i128::from(interval);
         interval += add;
         add += segment.add2;
-        let scheduled = (accumulator >> start.fraction_bits) as f64;
+        let scheduled = (accumulator >> start.fraction_bits) as i64 as f64;
         worst = worst.max((scheduled - offset - target.at(f64::from(k))).abs());
     }
     worst

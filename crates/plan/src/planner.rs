@@ -16,7 +16,7 @@ use std::collections::VecDeque;
 /// A turning value this close to a step's level touches it, steps.
 const TOUCH: f64 = 1e-9;
 /// Waits longer than this are dwells, ticks: 24 bits serve every board's interval.
-pub const LONGEST_INTERVAL_TICKS: i64 = 1 << 24;
+pub const LONGEST_WAIT_TICKS: u32 = 1 << 24;
 /// Peaks are reported to this precision, or as close as a limit demands.
 const PEAK_PRECISION: f64 = 1e-2;
 /// A limit may be met exactly: trapezoids run at it.
@@ -106,7 +106,7 @@ impl<'a> Planner<'a> {
             tolerance: tolerance_ticks,
             gain: settings.gain(),
             largest_add: if settings.fraction_bits <= 16 { i64::from(i32::MAX) } else { 1 << 56 },
-            largest_interval: LONGEST_INTERVAL_TICKS << settings.fraction_bits,
+            longest_wait: f64::from(LONGEST_WAIT_TICKS),
             longest: if settings.packed { u32::from(u16::MAX) } else { 1 << 24 },
         };
         Ok(Planner {
@@ -187,13 +187,10 @@ impl<'a> Planner<'a> {
         }
         let fraction_bits = self.rules.fraction_bits;
         let fit = planner.next(&self.registers, &self.rules);
-        let mut segment = fit.segment;
-        let whole = segment.interval >> fraction_bits;
-        if segment.count == 1 && whole >= LONGEST_INTERVAL_TICKS {
-            let ticks = whole - LONGEST_INTERVAL_TICKS / 2;
-            segment.interval -= ticks << fraction_bits;
-            self.registers.tick += ticks;
-            self.give(Move::Dwell { ticks: ticks as u64 });
+        let segment = fit.segment;
+        if fit.dwell > 0 {
+            self.registers.tick += fit.dwell as i64;
+            self.give(Move::Dwell { ticks: fit.dwell });
         }
         let before = self.registers;
         self.registers.advance(&segment, fraction_bits);
@@ -255,7 +252,7 @@ impl<'a> Planner<'a> {
         };
         loop {
             let Some(mut after) = self.cut_run()? else {
-                self.current = (run.count > 0).then(|| RunPlanner::new(run));
+                self.current = (run.count > 0).then(|| RunPlanner::new(run, self.current.as_ref()));
                 return Ok(self.current.is_some());
             };
             self.drop_close_pairs(&mut run, &mut after);
@@ -264,7 +261,7 @@ impl<'a> Planner<'a> {
                 continue;
             }
             self.next = (after.count > 0).then_some(after);
-            self.current = Some(RunPlanner::new(run));
+            self.current = Some(RunPlanner::new(run, self.current.as_ref()));
             return Ok(true);
         }
     }
@@ -428,15 +425,12 @@ impl<'a> Planner<'a> {
 
 /// The shortest interval between two steps of a segment, ticks · 2^F, and the number of the step after it.
 fn shortest_interval(segment: &Segment) -> (i64, u32) {
-    // Before step k (2..=count): I + (k−1)a + C(k−1,2)b, a parabola in k.
-    let interval = |k: u32| segment.after(k - 1).interval;
-    let mut candidates = vec![2, segment.count];
-    if segment.add2 != 0 {
-        let lowest = 1.5 - segment.add as f64 / segment.add2 as f64;
-        let near = lowest.clamp(2.0, f64::from(segment.count)) as u32;
-        candidates.extend([near, (near + 1).min(segment.count)]);
-    }
-    candidates.into_iter().map(|k| (interval(k), k)).min().unwrap_or((segment.interval, 1))
+    // Before step k (2..=count): I + (k−1)a + C(k−1,2)b, a parabola in k: least at an end or beside its vertex.
+    let vertex = if segment.add2 == 0 { 2.0 } else { 1.5 - segment.add as f64 / segment.add2 as f64 };
+    let near = vertex.clamp(2.0, f64::from(segment.count)) as u32;
+    let candidates = [2, near, (near + 1).min(segment.count), segment.count];
+    let least = candidates.map(|k| (segment.after(k - 1).interval, k)).into_iter().min();
+    least.unwrap_or((segment.interval, 1))
 }
 
 impl Certificate {

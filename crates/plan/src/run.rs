@@ -172,8 +172,8 @@ pub(crate) struct Rules {
     pub(crate) gain: Option<i8>,
     /// Largest |add| and |add2|, ticks · 2^F.
     pub(crate) largest_add: i64,
-    /// Largest interval, ticks · 2^F.
-    pub(crate) largest_interval: i64,
+    /// Waits from here on are dwells, ticks.
+    pub(crate) longest_wait: f64,
     /// Most steps in one segment.
     pub(crate) longest: u32,
 }
@@ -183,22 +183,27 @@ impl Rules {
         let unit = |order| match self.gain {
             None => 1.0,
             Some(gain) => {
-                f64::from(self.fraction_bits - unit_shift(order, registers.count, gain, self.fraction_bits)).exp2()
+                (1u64 << (self.fraction_bits - unit_shift(order, registers.count, gain, self.fraction_bits))) as f64
             }
         };
-        Quantiser {
-            predicted: registers.predicted,
-            units: [unit(1), unit(2), unit(3)],
-            scale: f64::from(self.fraction_bits).exp2(),
-        }
+        Quantiser { predicted: registers.predicted, units: [unit(1), unit(2), unit(3)], scale: self.scale() }
+    }
+
+    /// 2^F.
+    fn scale(&self) -> f64 {
+        (1u64 << self.fraction_bits) as f64
     }
 
     fn permits(&self, segment: &Segment) -> bool {
-        segment.interval.max(segment.after(segment.count - 1).interval) <= self.largest_interval
+        let largest = self.longest_wait * self.scale();
+        (segment.interval.max(segment.after(segment.count - 1).interval) as f64) <= largest
             && segment.add.abs() <= self.largest_add
             && segment.add2.abs() <= self.largest_add
     }
 }
+
+/// How often an expansion is moved to the middle of the segment that it turns out to serve.
+const CENTERINGS: u32 = 4;
 
 /// Plans a run from its first step to its last.
 #[derive(Clone, Debug)]
@@ -209,7 +214,6 @@ pub(crate) struct RunPlanner {
     guess: f64,
     /// The expansion that the last segment was fitted to.
     last: Option<Expansion>,
-    first_due: Option<f64>,
 }
 
 /// Counts that the packed stream can say without a byte of their own, longest first.
@@ -219,8 +223,10 @@ fn coded_counts(previous: u32) -> [u32; 7] {
 }
 
 impl RunPlanner {
-    pub(crate) fn new(run: Run) -> RunPlanner {
-        RunPlanner { run, done: 0, guess: 2.0, last: None, first_due: None }
+    /// `before` is the run that this one may go on from.
+    pub(crate) fn new(run: Run, before: Option<&RunPlanner>) -> RunPlanner {
+        let guess = before.filter(|b| b.run.direction == run.direction).map_or(2.0, |b| b.guess);
+        RunPlanner { run, done: 0, guess, last: None }
     }
 
     pub(crate) fn is_done(&self) -> bool {
@@ -249,25 +255,31 @@ impl RunPlanner {
     fn longest_fit(&mut self, start: &Start, quantiser: &Quantiser, most: u32, previous: u32, rules: &Rules) -> Fit {
         let window = self.run.window();
         let allowance = rules.tolerance - 0.5;
-        let mut middle = self.guess.min(f64::from(most)) * 0.5;
+        let left = f64::from(most);
+        let mut middle = self.guess.min(left) * 0.5;
         let mut expansion = self.expand(start.done + middle);
         let mut length = 1.0;
-        if let Some(e) = &expansion {
-            length = estimated_length(e, start, quantiser, self.guess, allowance).min(f64::from(most));
+        for _ in 0..CENTERINGS {
+            let Some(e) = &expansion else { break };
+            length = estimated_length(e, start, quantiser, 2.0 * middle, allowance).min(left);
             // An expansion taken far from the middle of its segment proves less than it could.
-            let off = (start.done + length * 0.5 - 0.5 - (start.done + middle)).abs();
-            if off > 0.15 * length && length > 2.0 {
-                middle = length.min(self.guess * 2.5) * 0.5;
-                if let Some(again) = self.expand_from(start.done + middle, e) {
-                    length = estimated_length(&again, start, quantiser, middle * 2.0, allowance)
-                        .min(middle * 2.6)
-                        .min(f64::from(most));
-                    expansion = Some(again);
-                }
+            if (start.done + length * 0.5 - 0.5 - e.center).abs() <= 0.15 * length || length <= 2.0 {
+                break;
+            }
+            // Nor does it say much about places far beyond its own segment.
+            length = length.min(middle * 5.0);
+            middle = length * 0.5;
+            match self.expand_from(start.done + middle, e) {
+                Some(again) => expansion = Some(again),
+                None => break,
             }
         }
         let mut best: Option<Fit> = None;
         if let Some(e) = &expansion {
+            // A short last segment would leave the next run coarse units to start with: halve what is left instead.
+            if rules.gain.is_some() && length < left && left < 1.3 * length {
+                length = (0.5 * left).ceil();
+            }
             let mut count = self.permitted(length as u32, previous, rules);
             let mut before: Option<(f64, f64)> = None;
             while count > 1 {
@@ -303,23 +315,23 @@ impl RunPlanner {
                 self.last = expansion;
                 fit
             }
-            None => self.single(start, quantiser),
+            None => self.single(start, quantiser, rules),
         }
     }
 
     /// One step, at the time that is proven best.
-    fn single(&mut self, start: &Start, quantiser: &Quantiser) -> Fit {
+    fn single(&mut self, start: &Start, quantiser: &Quantiser, rules: &Rules) -> Fit {
         let j = self.done + 1;
         let s = j as f64;
-        let guess = match (&self.last, self.first_due) {
-            (Some(last), _) => last.tick + last.offset(s),
-            (None, Some(first)) => first,
-            (None, None) => self.run.guess(j),
-        };
+        let guess = self.last.map_or_else(|| self.run.guess(j), |last| last.tick + last.offset(s));
         let (due, expansion) = self.run.due(j, guess);
         if expansion.is_some() {
             self.last = expansion;
         }
+        // Too long for an interval: most of it is a dwell, in whole ticks.
+        let wait = due.tick - start.tick;
+        let dwell = if wait >= rules.longest_wait { (wait - 0.5 * rules.longest_wait).floor() } else { 0.0 };
+        let start = Start { tick: start.tick + dwell, ..*start };
         let wanted = (due.tick - start.tick) * quantiser.scale;
         let unit = quantiser.units[0] as i64;
         let mut interval = quantiser.round(0, wanted).unwrap_or(quantiser.predicted.interval);
@@ -329,16 +341,17 @@ impl RunPlanner {
         }
         let accumulator = i128::from(start.fraction) + i128::from(interval);
         let offset = start.fraction as f64 / quantiser.scale - 0.5;
-        let scheduled = (accumulator >> start.fraction_bits) as f64 - offset;
+        let scheduled = (accumulator >> start.fraction_bits) as i64 as f64 - offset;
         let misfit = (scheduled - (due.tick - start.tick)).abs() - 0.5;
         let proven = due.error + 64.0 * ULP * (due.tick - start.tick).abs();
-        Fit { segment: single(interval, quantiser), bound: 0.5 + misfit + proven, misfit: misfit + proven }
+        let segment = single(interval, quantiser);
+        Fit { segment, dwell: dwell as u64, bound: 0.5 + misfit + proven, misfit: misfit + proven }
     }
 
     fn expand(&self, s: f64) -> Option<Expansion> {
         match &self.last {
             Some(last) => self.expand_from(s, last),
-            None => self.run.expand(s, self.first_due.unwrap_or_else(|| self.run.guess(s.max(1.0) as u64))),
+            None => self.run.expand(s, self.run.guess(s.max(1.0) as u64)),
         }
     }
 

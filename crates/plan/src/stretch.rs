@@ -2,6 +2,9 @@
 
 use pulsetrain_motion::law::{Bounds, Curve, Inverse, Piece};
 
+/// A window that θ crosses by less than this has no turn worth finding, steps: far less than a touch.
+const STILL: f64 = 1e-11;
+
 /// A monotone part of a piece.
 #[derive(Clone, Debug)]
 pub(crate) struct Stretch {
@@ -68,9 +71,10 @@ fn turning_points(curve: &Curve, bounds: &Bounds, from: f64, to: f64, tick_hz: f
             }
         }
         let end = start + 2.0 * half;
-        let passed = c[1].abs() > bend + bounds.rounding[1];
+        // Where θ stands still, rounding alone has a sign: no search tick by tick for turns that move nothing.
+        let still = (c[1].abs() + bend + bounds.rounding[1]) * 2.0 * half < STILL;
+        let passed = still || c[1].abs() > bend + bounds.rounding[1];
         let one_root = 2.0 * (c[2].abs() - bounds.rounding[2]) > twist;
-        let last = end >= to || half <= shortest;
         if passed || one_root || half <= shortest {
             if !passed {
                 found.extend(root(curve, start, end, shortest));
@@ -78,7 +82,7 @@ fn turning_points(curve: &Curve, bounds: &Bounds, from: f64, to: f64, tick_hz: f
             if end <= start {
                 break;
             }
-            start = if last && end >= to { to } else { end };
+            start = end.min(to);
             half *= 1.6;
         } else {
             half *= 0.5;

@@ -149,3 +149,13 @@ proptest! {
         prop_assert_eq!(full.certificate.position, replay.certificate.position);
     }
 }
+
+/// A law that dies away: no search for turns that only rounding makes.
+#[test]
+fn a_law_that_dies_away_is_planned() {
+    let law = Law::formula("1000*exp(-t)*cos(3*t)", &[], 1.0, Some(Time::from_seconds(1000.0))).unwrap();
+    let mut settings = Settings::new(16_000_000, 16);
+    settings.limits.pull_in = 2000.0;
+    let replay = replay(&law, &settings).unwrap();
+    assert_eq!(replay.certificate.position, -1000);
+}

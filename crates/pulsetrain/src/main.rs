@@ -1,3 +1,12 @@
-//! The command line.
+//! The command line: see `pulsetrain --help`.
 
-fn main() {}
+use std::io::{IsTerminal, stderr, stdout};
+use std::process::ExitCode;
+
+use pulsetrain::{cli, console::Console};
+
+fn main() -> ExitCode {
+    let err_is_terminal = stderr().is_terminal();
+    let mut console = Console { out: &mut stdout(), err: &mut stderr(), err_is_terminal };
+    cli::run_on(std::env::args_os(), &mut console).into()
+}

@@ -237,12 +237,13 @@ impl Driver {
     }
 }
 
-/// The patterns of one electrical turn, forward, from phase 0; IN1 is bit 0.
+/// The patterns of one electrical turn, forward, from phase 0; IN1 is bit 0. Source: seed 002's program, which calls
+/// this way counterclockwise.
 fn patterns(sequence: CoilSequence) -> &'static [u8] {
     match sequence {
-        CoilSequence::Wave => &[0b0001, 0b0010, 0b0100, 0b1000],
-        CoilSequence::Full => &[0b0011, 0b0110, 0b1100, 0b1001],
-        CoilSequence::Half => &[0b0001, 0b0011, 0b0010, 0b0110, 0b0100, 0b1100, 0b1000, 0b1001],
+        CoilSequence::Wave => &[0b1000, 0b0100, 0b0010, 0b0001],
+        CoilSequence::Full => &[0b1001, 0b1100, 0b0110, 0b0011],
+        CoilSequence::Half => &[0b1001, 0b1000, 0b1100, 0b0100, 0b0110, 0b0010, 0b0011, 0b0001],
     }
 }
 

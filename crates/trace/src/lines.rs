@@ -97,11 +97,11 @@ pub(crate) fn roles(wiring: &Wiring) -> Vec<(u8, &'static str)> {
     }
 }
 
-/// The line that is `motor`'s `role`: by name ("wheel.step", also as the end of a longer path), else by pin.
+/// The index of the line that is `motor`'s `role` ("step", "dir", "in1" to "in4"): by name ("wheel.step", also as the end of a longer path), else by pin.
 ///
 /// # Errors
 /// If there is none.
-pub(crate) fn find(lines: &[Line], motor: &str, role: &str, pin: u8) -> Result<usize, NoSuchLine> {
+pub fn find(lines: &[Line], motor: &str, role: &str, pin: u8) -> Result<usize, NoSuchLine> {
     let wanted = format!("{motor}.{role}").to_lowercase();
     let named = |name: &str| {
         let name = name.to_lowercase();

@@ -71,7 +71,7 @@ fn time_ns(row: &Row<'_>) -> Result<i64, ReadError> {
     let text = row.text(0)?;
     if text.contains('T') && text.contains(':') {
         let found = format!("the ISO 8601 timestamp {}", shown(text.as_bytes()));
-        return Err(ReadError::new(row.line, 1, "seconds (export again without \"Use ISO 8601 timestamps\")", found));
+        return Err(ReadError::new(row.line(), 1, "seconds (export again without \"Use ISO 8601 timestamps\")", found));
     }
     // An f64 keeps ns for 104 days alone: whole seconds and fraction go apart.
     let (negative, digits) = match text.strip_prefix('-') {

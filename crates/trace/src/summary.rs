@@ -1,6 +1,6 @@
 //! The verdict at a glance: a line for each motor, and what is wrong.
 
-use std::fmt::{self, Write};
+use std::fmt;
 
 use crate::verdict::{FilmReport, Measured, MotorReport, Report};
 
@@ -93,14 +93,9 @@ fn failures(f: &mut fmt::Formatter<'_>, failures: impl Iterator<Item = impl fmt:
 
 /// Nanoseconds as a reader wants them.
 fn duration(ns: f64) -> String {
-    let mut text = String::new();
-    // Writing to a string cannot fail.
-    let _ = if ns < 1e4 {
-        write!(text, "{ns:.0} ns")
-    } else if ns < 1e7 {
-        write!(text, "{:.1} µs", ns * 1e-3)
-    } else {
-        write!(text, "{:.1} ms", ns * 1e-6)
-    };
-    text
+    match ns {
+        ..1e4 => format!("{ns:.0} ns"),
+        1e4..1e7 => format!("{:.1} µs", ns * 1e-3),
+        _ => format!("{:.1} ms", ns * 1e-6),
+    }
 }

@@ -34,6 +34,7 @@ pub(crate) fn shown(bytes: &[u8]) -> String {
 
 /// The rows of a CSV file; lines that begin with `#` and empty ones are left out.
 pub(crate) struct Table<'a> {
+    bytes: &'a [u8],
     reader: Reader<&'a [u8]>,
     row: ByteRecord,
 }
@@ -51,13 +52,13 @@ impl<'a> Table<'a> {
             .comment(Some(b'#'))
             .delimiter(delimiter)
             .from_reader(bytes);
-        Table { reader, row: ByteRecord::new() }
+        Table { bytes, reader, row: ByteRecord::new() }
     }
 
     /// The next row, or `None` at the end.
     pub(crate) fn next(&mut self) -> Result<Option<Row<'_>>, ReadError> {
         match self.reader.read_byte_record(&mut self.row) {
-            Ok(true) => Ok(Some(Row { fields: &self.row, line: self.row.position().map_or(0, csv::Position::line) })),
+            Ok(true) => Ok(Some(Row { bytes: self.bytes, fields: &self.row })),
             Ok(false) => Ok(None),
             Err(error) => {
                 let line = error.position().map_or(0, csv::Position::line);
@@ -69,8 +70,9 @@ impl<'a> Table<'a> {
 
 /// One row of a table.
 pub(crate) struct Row<'a> {
+    /// Of the whole file.
+    bytes: &'a [u8],
     fields: &'a ByteRecord,
-    pub(crate) line: u64,
 }
 
 impl<'a> Row<'a> {
@@ -102,9 +104,19 @@ impl<'a> Row<'a> {
         if number.is_finite() { Ok(number) } else { Err(self.error(index, expected)) }
     }
 
+    /// The line that the row begins on, from 1.
+    pub(crate) fn line(&self) -> u64 {
+        // The reader's own position is before the comments and empty lines that it left out.
+        let begin = self.fields.position().map_or(0, |position| position.byte() as usize).min(self.bytes.len());
+        let before = self.bytes[..begin].iter().filter(|b| **b == b'\n').count();
+        let left_out = |line: &&[u8]| line.starts_with(b"#") || line.trim_ascii().is_empty();
+        let skipped = self.bytes[begin..].split(|b| *b == b'\n').take_while(left_out).count();
+        (before + skipped) as u64 + 1
+    }
+
     /// That this field is not what was expected.
     pub(crate) fn error(&self, index: usize, expected: impl Into<String>) -> ReadError {
         let column: usize = (0..index.min(self.len())).map(|i| self.get(i).len() + 1).sum();
-        ReadError::new(self.line, column as u64 + 1, expected, shown(self.get(index)))
+        ReadError::new(self.line(), column as u64 + 1, expected, shown(self.get(index)))
     }
 }

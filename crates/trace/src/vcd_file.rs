@@ -347,7 +347,7 @@ mod tests {
         check("", "line 1, column 1: expected $enddefinitions, found the end of the file");
         check("$enddefinitions $end\n", "line 1, column 1: expected a $timescale in the head, found none");
         check(
-            "$timescale 3 ns $end",
+            "$timescale 3 ns $end\n",
             "line 1, column 1: expected a timescale of 1, 10 or 100 units, at most 1 s, found 3 ns",
         );
         check(

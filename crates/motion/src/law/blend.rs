@@ -119,6 +119,44 @@ impl Law {
         Ok(Law::Blended(Box::new(Blended { law: self, head: None, tail, jump: false })))
     }
 
+    /// This law up to `at`, then braked to rest by `braking` (steps/s²): how an endless law is brought to an end.
+    ///
+    /// From `pull_in` (steps/s) downward it stops at once.
+    ///
+    /// # Errors
+    /// [`LawError::Parameter`] if `at` or `braking` is not positive, or `pull_in` negative; and the law's own.
+    ///
+    /// ```
+    /// use pulsetrain_motion::{Law, Time};
+    /// // 100 steps/s for 2 s, then 0.5 s of braking.
+    /// let law = Law::speed(100.0, None)?.stopped(Time::from_seconds(2.0), 200.0, 0.0)?;
+    /// assert_eq!(law.end(), Some(Time::from_seconds(2.5)));
+    /// # Ok::<(), pulsetrain_motion::LawError>(())
+    /// ```
+    pub fn stopped(self, at: Time, braking: f64, pull_in: f64) -> Result<Law, LawError> {
+        checked("time of the stop", at.seconds(), "s", |t| t > 0.0)?;
+        checked("braking", braking, "steps/s²", |a| a > 0.0)?;
+        checked("pull_in", pull_in, "steps/s", |v| v >= 0.0)?;
+        let from = Cursor::new(&self).at(at)?;
+        let brakes = from.speed.abs() > pull_in;
+        let seconds = if brakes { from.speed.abs() / braking } else { SHORTEST_RAMP_S };
+        let curve = if brakes {
+            vec![from.fraction, from.speed, -0.5 * braking * from.speed.signum()]
+        } else {
+            vec![from.fraction]
+        };
+        let end = at + Time::from_seconds(seconds.max(SHORTEST_RAMP_S));
+        let tail = Piece {
+            zero: at,
+            start: at,
+            end,
+            origin: from.whole,
+            curve: Curve::Polynomial(curve),
+            entry: Entry::Continuous,
+        };
+        Ok(Law::Blended(Box::new(Blended { law: self, head: None, tail: Some(tail), jump: false })))
+    }
+
     /// When the speed is first zero.
     fn first_rest(&self) -> Result<Time, LawError> {
         let mut fastest = 0.0_f64;
@@ -270,7 +308,9 @@ impl Blended {
     }
 
     pub(super) fn class(&self) -> Class {
-        let quintic = |piece: &Option<Piece>| piece.as_ref().is_some_and(|p| !p.curve.is_constant());
+        let quintic = |piece: &Option<Piece>| {
+            piece.as_ref().is_some_and(|p| matches!(&p.curve, Curve::Polynomial(c) if c.len() > 3))
+        };
         let least = if quintic(&self.head) || quintic(&self.tail) { Class::Enclosed } else { Class::ClosedForm };
         self.law.class().max(least)
     }
@@ -278,7 +318,9 @@ impl Blended {
     pub(super) fn pieces(&self) -> impl Iterator<Item = Result<Piece, LawError>> + '_ {
         let from = self.head.as_ref().map_or(Time::ZERO, |head| head.end);
         let to = self.tail.as_ref().map_or(Time::MAX, |tail| tail.start);
-        let middle = self.law.pieces().filter_map(move |piece| match piece {
+        // An endless law is stopped by its tail.
+        let middle = self.law.pieces().take_while(move |piece| !piece.as_ref().is_ok_and(|p| p.start >= to));
+        let middle = middle.filter_map(move |piece| match piece {
             Ok(mut piece) => {
                 piece.start = piece.start.max(from);
                 piece.end = piece.end.min(to);
@@ -286,8 +328,6 @@ impl Blended {
             }
             Err(error) => Some(Err(error)),
         });
-        // An endless law has no tail; one with a tail stops at it.
-        let middle = middle.take_while(move |piece| !piece.as_ref().is_ok_and(|p| p.start >= to));
         let mut jump = self.jump;
         let pieces = self.head.iter().cloned().map(Ok).chain(middle).chain(self.tail.iter().cloned().map(Ok));
         pieces.map(move |piece| {

@@ -4,7 +4,7 @@ use pulsetrain_motion::Time;
 use pulsetrain_motion::law::{Class, Curve, Entry, Fixed, Law, Piece};
 
 /// Coefficients of each series: they serve for some 20 ms on either side.
-const TERMS: usize = 24;
+const TERMS: usize = 36;
 /// What the last term may amount to at a piece's end, relative to the largest: below f64's rounding.
 const LAST_TERM: f64 = 1e-16;
 /// Start, Lorenz's own parameters σ = 10, ρ = 28, β = 8/3.
@@ -57,7 +57,8 @@ fn expand(state: [f64; 3]) -> [Series; 3] {
 /// How far a state's series serve, s.
 fn reach(series: &[Series; 3]) -> f64 {
     let size = |k: usize| series.iter().map(|s| s[k].abs()).fold(0.0, f64::max);
-    let last = size(TERMS - 1).max(size(TERMS - 2)).max(f64::MIN_POSITIVE);
+    // One of the last terms may happen to be small.
+    let last = (TERMS - 4..TERMS).map(size).fold(f64::MIN_POSITIVE, f64::max);
     (LAST_TERM * size(0) / last).powf(1.0 / (TERMS - 1) as f64)
 }
 

@@ -5,7 +5,7 @@
 
 use super::timeline::{Placed, tick_of};
 use pulsetrain_core::{Item, Moment};
-use pulsetrain_plan::LONGEST_INTERVAL_TICKS;
+use pulsetrain_plan::LONGEST_WAIT_TICKS;
 
 /// Longest dwell of one item, ticks.
 const LONGEST_DWELL_TICKS: i128 = 1 << 30;
@@ -47,7 +47,7 @@ impl Items {
             self.push(Item::Run { segment, direction });
         } else {
             let mut interval = i128::from(segment.interval) + gap;
-            let longest = i128::from(LONGEST_INTERVAL_TICKS);
+            let longest = i128::from(LONGEST_WAIT_TICKS);
             if interval >> self.fraction_bits >= longest {
                 let ticks = (interval >> self.fraction_bits) - longest / 2;
                 self.dwell(ticks);

@@ -41,30 +41,40 @@ pub(super) fn judge(
     feed: &mut Feed<'_>,
 ) -> Result<Report, JudgeError> {
     let mut timebase = given(tick_hz, program, options);
+    let mut slack = 0.0;
     if options.align != Align::None {
         let mut first = First { steps: vec![Vec::new(); program.motors.len()], last: 0 };
         feed(&mut first, None)?;
         timebase = first.guess(tick_hz, program, timebase)?;
+        let mut matched = |timebase, until| {
+            let mut judge = Judge::new(tick_hz, program, options, timebase)?;
+            judge.motors.iter_mut().for_each(|matcher| matcher.matches = Some(Matches::default()));
+            feed(&mut judge, until)?;
+            Ok::<Matches, JudgeError>(
+                judge.motors.into_iter().filter_map(|m| m.matches).fold(Matches::default(), Matches::and),
+            )
+        };
         let rate = options.align == Align::StartAndRate;
         let begin = first.ticks().min().unwrap_or(0);
         let mut span = first.ticks().max().unwrap_or(0) - begin;
         loop {
             let limit = begin.saturating_add(span);
-            let mut judge = Judge::new(tick_hz, program, options, timebase)?;
-            judge.motors.iter_mut().for_each(|matcher| matcher.matches = Some(Matches::default()));
-            feed(&mut judge, Some(limit))?;
-            let matches: Vec<Match> = judge.motors.into_iter().filter_map(|m| m.matches).flat_map(|m| m.kept).collect();
-            timebase = refit(timebase, &matches, rate);
+            timebase = refit(timebase, &matched(timebase, Some(limit))?.kept, rate);
             if limit >= first.last {
                 break;
             }
             // A shift is known from the start; a rate must not slip by a step on the way.
             span = if rate { (2 * span).max(1) } else { first.last };
         }
+        // A plan may lean to one side within its bound: the middle of the errors is fairer than their mean.
+        let (shift, doubt) = matched(timebase, None)?.middle();
+        timebase.start = timebase.start.plus(shift / (1.0 + timebase.rate));
+        slack = doubt;
     }
     let mut judge = Judge::new(tick_hz, program, options, timebase)?;
+    judge.motors.iter_mut().for_each(|matcher| matcher.widen(slack));
     feed(&mut judge, None)?;
-    judge.finish()
+    judge.finish(&mut |_, _, _| {})
 }
 
 /// The first steps of each motor, and when the trace ends.
@@ -96,7 +106,7 @@ impl First {
             let mut crossings = Crossings::new(&motor.law, program.grid, tick_hz.max(1));
             for &tick in steps {
                 let crossing =
-                    crossings.next().map_err(|error| JudgeError::Law { motor: motor.name.clone(), error })?;
+                    crossings.advance().map_err(|error| JudgeError::Law { motor: motor.name.clone(), error })?;
                 let Some(crossing) = crossing else { break };
                 crossings.settle(true);
                 late.push(given.law(tick).minus(crossing.at));
@@ -106,17 +116,23 @@ impl First {
     }
 }
 
-/// Matched steps for a fit: all of a short trace, evenly thinned out of a long one.
+/// Matched steps for a fit.
 #[derive(Default)]
 pub(super) struct Matches {
+    /// All of a short trace, evenly thinned out of a long one.
     kept: Vec<Match>,
     seen: u64,
     /// Every 2^this-th is kept.
     thinned: u32,
+    /// Of all errors that are no outliers: lowest, highest, number, sum of squares; ticks of the trace.
+    range: Option<(f64, f64)>,
+    near: f64,
+    squares: f64,
 }
 
 impl Matches {
-    pub(super) fn push(&mut self, one: Match) {
+    /// Takes a step; `near`: it is neither an outlier nor was it put off.
+    pub(super) fn push(&mut self, (tick, late): Match, near: bool) {
         const MOST: usize = 1 << 16;
         if self.seen.is_multiple_of(1 << self.thinned) {
             if self.kept.len() == MOST {
@@ -127,9 +143,32 @@ impl Matches {
                 });
                 self.thinned += 1;
             }
-            self.kept.push(one);
+            self.kept.push((tick, late));
         }
         self.seen += 1;
+        if near {
+            let (low, high) = self.range.unwrap_or((late, late));
+            self.range = Some((low.min(late), high.max(late)));
+            self.near += 1.0;
+            self.squares += late * late;
+        }
+    }
+
+    fn and(mut self, other: Matches) -> Matches {
+        self.kept.extend(other.kept);
+        self.range = match (self.range, other.range) {
+            (Some(a), Some(b)) => Some((a.0.min(b.0), a.1.max(b.1))),
+            (a, b) => a.or(b),
+        };
+        self.near += other.near;
+        self.squares += other.squares;
+        self
+    }
+
+    /// The middle of the errors, and how far a fit may be off at its ends: 4σ, ticks.
+    fn middle(&self) -> (f64, f64) {
+        // A fitted line is uncertain by 2σ/√n at its ends.
+        self.range.map_or((0.0, 0.0), |(low, high)| (0.5 * (low + high), 8.0 * self.squares.sqrt() / self.near))
     }
 }
 

@@ -1,5 +1,6 @@
 //! A film against the law: angles at frame times, finer than a step.
 
+use pulsetrain_motion::law::Cursor;
 use pulsetrain_motion::program::{Motor, Program};
 use pulsetrain_motion::{Law, LawError, Time};
 use serde::Serialize;
@@ -194,27 +195,11 @@ impl Fit {
 
 /// θ from its start on and the speed at each of the times (s, in order).
 fn positions(law: &Law, times: impl Iterator<Item = f64>) -> Result<Vec<(f64, f64)>, LawError> {
-    let mut pieces = law.pieces();
-    let mut current = pieces.next().transpose()?;
-    let start = current.as_ref().map_or((0, 0.0), |piece| (piece.origin, piece.curve.value(piece.first())));
-    let mut ended = false;
-    let mut found = Vec::new();
-    for time_s in times {
-        let time = Time::from_seconds(time_s);
-        while let Some(piece) = current.as_ref().filter(|piece| piece.end < time && !ended) {
-            let _ = piece;
-            match pieces.next().transpose()? {
-                Some(next) => current = Some(next),
-                None => ended = true,
-            }
-        }
-        let Some(piece) = &current else {
-            found.push((0.0, 0.0));
-            continue;
-        };
-        let moving = (piece.start..=piece.end).contains(&time);
-        let jet = piece.curve.jet((time.clamp(piece.start, piece.end) - piece.zero).seconds());
-        found.push(((piece.origin - start.0) as f64 + (jet[0] - start.1), if moving { jet[1] } else { 0.0 }));
-    }
-    Ok(found)
+    let mut cursor = Cursor::new(law);
+    let start = cursor.at(Time::ZERO)?;
+    let from_start = |t: f64| {
+        let sample = cursor.at(Time::from_seconds(t))?;
+        Ok(((sample.whole - start.whole) as f64 + (sample.fraction - start.fraction), sample.speed))
+    };
+    times.map(from_start).collect()
 }

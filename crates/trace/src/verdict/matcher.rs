@@ -65,6 +65,8 @@ pub(crate) struct Matcher<'a> {
     error: Option<LawError>,
     /// Collected for a fit, if it is asked for.
     pub(crate) matches: Option<Matches>,
+    /// Steps matched since somebody looked, if somebody does: tick of the trace, how late in ticks of the board.
+    pub(crate) recent: Option<Vec<(u64, f64)>>,
     pub(crate) faults: Vec<(u64, f64, Fault)>,
     pub(crate) report: MotorReport,
 }
@@ -109,9 +111,16 @@ impl<'a> Matcher<'a> {
             sums: Sums::default(),
             error: None,
             matches: None,
+            recent: None,
             faults: Vec::new(),
             report,
         }
+    }
+
+    /// Allows for what an alignment may be off by, ticks of the trace.
+    pub(crate) fn widen(&mut self, slack: f64) {
+        self.limits.bound += slack;
+        self.report.bound_ticks = self.limits.bound * self.limits.scale;
     }
 
     /// Takes a step at a tick of the trace.
@@ -127,14 +136,14 @@ impl<'a> Matcher<'a> {
         self.report.position_got += if forward { 1 } else { -1 };
         self.made.push_back(Made { tick, at: self.timebase.law(tick), forward, since_dir });
         if self.made.len() > 2 {
-            self.decide(None);
+            self.decide();
         }
     }
 
-    /// Decides on what is left; crossings after `until` (law time, ticks of the trace) are not asked for.
+    /// Decides on what is left; crossings beyond `until` (law time, ticks of the trace) are not asked for.
     pub(crate) fn finish(&mut self, until: Option<Instant>) -> Result<(), LawError> {
         while !self.made.is_empty() && self.error.is_none() {
-            self.decide(until);
+            self.decide();
         }
         loop {
             self.look_ahead();
@@ -186,7 +195,7 @@ impl<'a> Matcher<'a> {
     /// Fills `wanted` with the next three crossings, or up to an optional one.
     fn look_ahead(&mut self) {
         while self.error.is_none() && self.wanted.len() < 3 && self.wanted.back().is_none_or(|c| !c.optional) {
-            match self.crossings.next() {
+            match self.crossings.advance() {
                 Ok(Some(crossing)) => self.wanted.push_back(crossing),
                 Ok(None) => break,
                 Err(error) => self.error = Some(error),
@@ -212,7 +221,7 @@ impl<'a> Matcher<'a> {
     }
 
     /// Decides about the first step, or about crossings that come before it.
-    fn decide(&mut self, until: Option<Instant>) {
+    fn decide(&mut self) {
         loop {
             self.look_ahead();
             let Some(&made) = self.made.front() else { return };
@@ -238,11 +247,6 @@ impl<'a> Matcher<'a> {
             let next_made = self.made.get(1);
             if fits(Some(&made), Some(&wanted)) {
                 return self.matched(made, wanted);
-            }
-            if until.is_some_and(|until| made.at.minus(until) > 0.0 && wanted.at.minus(until) > 0.0) {
-                // Beyond what is judged.
-                self.uncount(made);
-                return;
             }
             if wanted.optional {
                 self.settle(false);
@@ -291,8 +295,13 @@ impl<'a> Matcher<'a> {
         }
         self.report.steps_wanted += 1;
         let late = self.late(made, wanted);
+        let put_off = self.put_off(made) > 0.0;
         if let Some(matches) = &mut self.matches {
-            matches.push((made.tick, made.at.minus(wanted.at)));
+            let near = late.abs() <= 2.0 * self.limits.bound && !put_off;
+            matches.push((made.tick, made.at.minus(wanted.at)), near);
+        }
+        if let Some(recent) = &mut self.recent {
+            recent.push((made.tick, late * self.limits.scale));
         }
         if late > self.limits.bound && self.in_time(made, wanted) {
             self.report.steps_put_off += 1;
@@ -334,12 +343,6 @@ impl<'a> Matcher<'a> {
         self.report.steps_wanted += 1;
         self.report.wrong_direction += 1;
         self.fault(made.at.ticks(), Fault::WrongDirection { forward: made.forward });
-    }
-
-    fn uncount(&mut self, made: Made) {
-        self.made.pop_front();
-        self.report.steps_got -= 1;
-        self.report.position_got -= if made.forward { 1 } else { -1 };
     }
 
     /// The first two crossings, if a plan may leave both out.

@@ -9,17 +9,17 @@
 //! #     law: Law::Sine(Sine { amplitude: 1.0, period: Time::SECOND, cycles: Some(1) }),
 //! #     wiring: Wiring::StepDir { step: 8, dir: 9, forward_high: false, enable: None },
 //! #     timing: DriverTiming::default(), limits: Limits::default(),
-//! #     scale: Scale { unit: "rev".into(), steps_per_unit: 200.0, steps_per_rev: 200.0 } };
+//! #     scale: Scale { unit: "rev".into(), steps_per_unit: 200.0, steps_per_rev: 200.0 }, winding: None };
 //! # let program = Program { board, grid: Grid::REACH, tolerance: Tolerance::Ticks(1.0), motors: vec![motor] };
 //! // θ = 1 − cos(2πt/1 s): steps at ¼ and ½ s, and back.
 //! let step = |tick, forward| Step { motor: 0, tick, forward };
-//! let steps = vec![step(4_000_000, true), step(8_000_000, true), step(12_000_000, false), step(16_000_002, false)];
+//! let steps = vec![step(4_000_000, true), step(8_000_000, true), step(12_000_002, false), step(16_000_000, false)];
 //! let trace = StepTrace { tick_hz: 16_000_000, motors: vec!["wheel".into()], steps };
 //! let report = verdict::judge_steps(&trace, &program, &Options::default())?;
 //! assert!(!report.ok);
 //! assert_eq!(
 //!     report.failures[0].to_string(),
-//!     "motor wheel: step 4 is 2.00 ticks late, limit 1.00, at t = 1.000000 s"
+//!     "motor wheel: step 3 is 2.00 ticks late, limit 1.00, at t = 0.750000 s"
 //! );
 //! # Ok::<(), verdict::JudgeError>(())
 //! ```
@@ -31,13 +31,13 @@ mod report;
 #[cfg(test)]
 mod tests;
 
-use pulsetrain_motion::LawError;
-use pulsetrain_motion::program::{DriverTiming, Motor, Program, Wiring};
+use pulsetrain_motion::program::{Motor, Program, Wiring};
+use pulsetrain_motion::{LawError, Time};
 
 pub use film::{FilmReport, judge_film};
 pub use report::{Alignment, Failure, Fault, Measured, MotorReport, Report};
 
-use crate::crossing::Crossings;
+use crate::crossing::{Crossings, Instant};
 use crate::decode::{Backwards, Decoder, Event};
 use crate::lines::NoSuchLine;
 use crate::steps::StepTrace;
@@ -53,7 +53,8 @@ pub enum Align {
     /// The trace's tick 0 is the law's time zero.
     #[default]
     None,
-    /// The trace is shifted by whatever makes the median error 0: captures that begin at any time.
+    /// The trace is shifted so that 0 is in the middle of the errors: captures that begin at any time, but before the
+    /// first step. The bound is widened by what the fit may be off (8/√n of the errors' root mean square).
     Start,
     /// It is scaled too, by least squares: the board's clock is not the analyser's.
     StartAndRate,
@@ -179,14 +180,34 @@ impl<'a> EdgeJudge<'a> {
         self.decoder.push(edge, &mut |motor, tick, event| judge.event(motor, tick, event))
     }
 
+    /// From now on keeps the error of every step for [`EdgeJudge::errors`].
+    #[must_use]
+    pub fn keeping_errors(mut self) -> Self {
+        self.judge.motors.iter_mut().for_each(|matcher| matcher.recent = Some(Vec::new()));
+        self
+    }
+
+    /// Hands over the errors that were kept since the last call: motor, tick, how late in ticks of the board.
+    pub fn errors(&mut self, sink: &mut dyn FnMut(usize, u64, f64)) {
+        self.judge.errors(sink);
+    }
+
     /// The verdict.
     ///
     /// # Errors
     /// If a law breaks.
-    pub fn finish(mut self) -> Result<Report, JudgeError> {
+    pub fn finish(self) -> Result<Report, JudgeError> {
+        self.finish_with(&mut |_, _, _| {})
+    }
+
+    /// The verdict, with the errors of the last steps as [`EdgeJudge::errors`] gives them.
+    ///
+    /// # Errors
+    /// If a law breaks.
+    pub fn finish_with(mut self, sink: &mut dyn FnMut(usize, u64, f64)) -> Result<Report, JudgeError> {
         let judge = &mut self.judge;
         self.decoder.flush(&mut |motor, tick, event| judge.event(motor, tick, event));
-        self.judge.finish()
+        self.judge.finish(sink)
     }
 }
 
@@ -195,7 +216,7 @@ pub(crate) struct Judge<'a> {
     program: &'a Program,
     tick_hz: u64,
     timebase: Timebase,
-    until_s: Option<f64>,
+    until: Option<Instant>,
     last_tick: u64,
     motors: Vec<Matcher<'a>>,
 }
@@ -211,25 +232,33 @@ impl<'a> Judge<'a> {
         // Another clock's samples cannot tell times within one of its own ticks.
         let bound = if board_hz == tick_hz { bound } else { bound + 1.0 };
         let motors = program.motors.iter().map(|motor| {
-            let ticks = |ns: u64| ns as f64 * 1e-9 * tick_hz as f64;
-            let reversal = ticks(reversal_ns(&motor.timing)).ceil();
-            let others = sharing(program, motor) - 1;
-            let put_off = others as f64 * reversal;
+            let own = motor.timing.ticks(tick_hz).reversal();
+            let sharing: Vec<u64> =
+                sharing(program, motor).map(|other| other.timing.ticks(tick_hz).reversal()).collect();
+            let reversal = sharing.iter().copied().max().unwrap_or(0).max(own) as f64;
+            let put_off = sharing.len() as f64 * reversal;
             let limits = Limits {
                 bound,
                 put_off,
-                pair: reversal.max(shortest_interval(program, motor) / scale),
-                after_turn: if others == 0 { 0 } else { (put_off + reversal + bound) as u64 },
+                pair: (own as f64).max(shortest_interval(program, motor) / scale),
+                after_turn: if sharing.is_empty() { 0 } else { (put_off + reversal + bound) as u64 },
                 scale,
                 tick_hz: tick_hz as f64,
             };
             Matcher::new(&motor.name, Crossings::new(&motor.law, program.grid, tick_hz), limits, timebase)
         });
         let motors = motors.collect();
-        Ok(Judge { program, tick_hz, timebase, until_s: options.until_s, last_tick: 0, motors })
+        let until = options.until_s.map(|until_s| {
+            let (tick, fraction) = Time::from_seconds(until_s).ticks(tick_hz);
+            Instant { tick, fraction }
+        });
+        Ok(Judge { program, tick_hz, timebase, until, last_tick: 0, motors })
     }
 
     pub(crate) fn event(&mut self, motor: usize, tick: u64, event: Event) {
+        if self.until.is_some_and(|until| self.timebase.law(tick).minus(until) > 0.0) {
+            return;
+        }
         self.last_tick = self.last_tick.max(tick);
         match event {
             Event::Step { forward, since_dir } => self.motors[motor].push(tick, forward, since_dir),
@@ -271,19 +300,21 @@ impl<'a> Judge<'a> {
         }
     }
 
-    fn finish(mut self) -> Result<Report, JudgeError> {
+    fn errors(&mut self, sink: &mut dyn FnMut(usize, u64, f64)) {
+        for (motor, matcher) in self.motors.iter_mut().enumerate() {
+            for (tick, late) in matcher.recent.iter_mut().flat_map(|recent| recent.drain(..)) {
+                sink(motor, tick, late);
+            }
+        }
+    }
+
+    /// Decides about all steps and what is lacking; no event comes any more.
+    fn finish(mut self, sink: &mut dyn FnMut(usize, u64, f64)) -> Result<Report, JudgeError> {
         let hz = self.tick_hz as f64;
         let mut failures = Vec::new();
         for (matcher, motor) in self.motors.iter_mut().zip(&self.program.motors) {
-            let until = match (self.until_s, motor.law.end()) {
-                (Some(until_s), _) => Some(pulsetrain_motion::Time::from_seconds(until_s).ticks(self.tick_hz)),
-                (None, Some(_)) => None,
-                (None, None) => {
-                    let last = self.timebase.law(self.last_tick);
-                    Some((last.tick, last.fraction))
-                }
-            };
-            let until = until.map(|(tick, fraction)| crate::crossing::Instant { tick, fraction });
+            let last = || self.timebase.law(self.last_tick);
+            let until = self.until.or_else(|| motor.law.end().is_none().then(last));
             matcher.finish(until).map_err(|error| JudgeError::Law { motor: motor.name.clone(), error })?;
             failures.extend(matcher.faults.drain(..).map(|(step, at_s, fault)| Failure {
                 motor: motor.name.clone(),
@@ -292,6 +323,7 @@ impl<'a> Judge<'a> {
                 fault,
             }));
         }
+        self.errors(sink);
         Ok(Report {
             ok: failures.is_empty(),
             tick_hz: self.program.board.tick_hz,
@@ -310,19 +342,14 @@ enum Timing {
     Hold,
 }
 
-/// Shortest time between two opposite steps.
-fn reversal_ns(timing: &DriverTiming) -> u64 {
-    u64::from(timing.pulse_high_ns) + u64::from(timing.dir_hold_ns) + u64::from(timing.dir_setup_ns)
-}
-
-/// Motors with the same DIR pin, this one included.
-fn sharing(program: &Program, motor: &Motor) -> usize {
+/// The other motors with the same DIR pin.
+fn sharing<'a>(program: &'a Program, motor: &'a Motor) -> impl Iterator<Item = &'a Motor> {
     let dir = |motor: &Motor| match motor.wiring {
         Wiring::StepDir { dir, .. } => Some(dir),
         Wiring::Coils { .. } => None,
     };
     let own = dir(motor);
-    if own.is_none() { 1 } else { program.motors.iter().filter(|motor| dir(motor) == own).count() }
+    program.motors.iter().filter(move |other| own.is_some() && dir(other) == own && !std::ptr::eq(*other, motor))
 }
 
 /// Shortest interval that board, driver and motor allow, ticks of the board.
@@ -330,7 +357,8 @@ fn shortest_interval(program: &Program, motor: &Motor) -> f64 {
     let hz = program.board.tick_hz as f64;
     let board = &program.board.min_interval_ticks;
     let board = board.get(program.motors.len().saturating_sub(1)).or(board.last()).copied().unwrap_or(0);
-    let driver = (f64::from(motor.timing.pulse_high_ns) + f64::from(motor.timing.pulse_low_ns)) * 1e-9 * hz;
+    let driver = motor.timing.ticks(program.board.tick_hz);
+    let driver = (driver.pulse_high + driver.pulse_low) as f64;
     let motor = motor.limits.max_speed.map_or(0.0, |speed| hz / speed);
     f64::from(board).max(driver).max(motor)
 }

@@ -10,12 +10,13 @@ from ruckig import InputParameter, Result, Ruckig, Trajectory
 
 for line in sys.stdin:
     distance, speed, acceleration, jerk, start_speed = map(float, line.split())
+    # In units of the largest speed: ruckig's own tolerances are absolute, and refuse or miss moves of 1e5 steps.
     move = InputParameter(1)
-    move.target_position = [distance]
-    move.max_velocity = [speed]
-    move.max_acceleration = [acceleration]
-    move.max_jerk = [jerk]
-    move.current_velocity = [start_speed]
+    move.target_position = [distance / speed]
+    move.max_velocity = [1.0]
+    move.max_acceleration = [acceleration / speed]
+    move.max_jerk = [jerk / speed]
+    move.current_velocity = [start_speed / speed]
     trajectory = Trajectory(1)
     if Ruckig(1).calculate(move, trajectory) not in (Result.Working, Result.Finished):
         sys.exit(f"ruckig cannot plan: {line}")

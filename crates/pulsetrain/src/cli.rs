@@ -1,0 +1,313 @@
+//! The command line: what can be said, and who does it.
+
+use std::ffi::OsString;
+use std::io::Write;
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use miette::{GraphicalReportHandler, GraphicalTheme};
+use pulsetrain_motion::quantity::{Base, Quantity};
+use pulsetrain_motion::{Time, boards};
+
+use crate::commands;
+use crate::console::{Console, Exit};
+use crate::prepare::Prepared;
+
+const EXIT_CODES: &str = "\
+Exit codes:
+  0  all is well
+  1  a bound broke: the verdict on a run or on a capture
+  2  wrong usage, wrong input, a motion that is refused, or a file that cannot be written
+     (explain tells of a refused motion, and ends with 0)";
+
+const EXAMPLES: &str = "\
+Examples:
+  pulsetrain new crank                       write crank.toml, a motion file with comments
+  pulsetrain run crank.toml                  plan it, run it, judge it, draw it: out/crank
+  pulsetrain plan crank.toml --board uno     what it needs on an Uno; nothing runs
+  pulsetrain explain crank.toml              why it is refused, and what would fit
+  pulsetrain verify capture.vcd crank.toml   judge a logic analyser's capture";
+
+/// Drives stepper motors along any motion law, exactly
+#[derive(Debug, Parser)]
+#[command(name = "pulsetrain", version, term_width = 100, after_help = format!("{EXAMPLES}\n\n{EXIT_CODES}"))]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Plan a motion, run it in virtual time, judge every edge, and write report, steps, trace and plot
+    #[command(after_help = "\
+Files written to DIR:
+  report.json  what was planned, proven, run and judged
+  steps.csv    motor,tick,dir,position
+  trace.vcd    every edge of every line
+  plot.svg     position, intervals, speed and errors
+
+Examples:
+  pulsetrain run examples/tutorial.toml
+  pulsetrain run examples/sweep.toml --for \"60 s\" --out out/minute")]
+    Run(Run),
+    /// Plan a motion and prove it: steps, segments, bytes, certificate, peak rates; nothing runs
+    #[command(after_help = "\
+Examples:
+  pulsetrain plan examples/tutorial.toml
+  pulsetrain plan examples/tutorial.toml --board uno --json")]
+    Plan(Plan),
+    /// Draw a motion: position wanted and stepped, interval against step number, speed, error
+    #[command(after_help = "\
+Examples:
+  pulsetrain plot examples/tutorial.toml
+  pulsetrain plot examples/tutorial.toml --out tutorial.png")]
+    Plot(Plot),
+    /// Judge a capture against the motion: VCD, Saleae CSV, steps.csv, or a camera track (CSV of time and angle)
+    #[command(after_help = "\
+Examples:
+  pulsetrain verify out/tutorial/trace.vcd examples/tutorial.toml
+  pulsetrain verify capture.csv examples/tutorial.toml --align start+rate")]
+    Verify(Verify),
+    /// Tell why a motion is refused: the limit, the place, the curve there, and what would fit
+    #[command(after_help = "\
+Examples:
+  pulsetrain explain examples/tutorial-0.01s.toml
+  pulsetrain explain examples/tutorial.toml --board uno")]
+    Explain(Explain),
+    /// Tell how fast a motor's winding lets it step, each figure with its formula and source
+    #[command(after_help = "\
+Examples:
+  pulsetrain motor --inductance 50mH --current 0.135A --voltage 12V --steps-per-rev 200 --microsteps 8
+  pulsetrain motor --file examples/max-speed.toml")]
+    Motor(Motor),
+    /// List the boards with their limits
+    Boards(Table),
+    /// List the drivers with their timings, microsteps and settings, from their datasheets
+    Drivers(Table),
+    /// Write a motion file with comments, to start from
+    #[command(after_help = "Example:\n  pulsetrain new crank      writes crank.toml")]
+    New(New),
+}
+
+/// A motion file, and how much of it.
+#[derive(Args, Debug)]
+pub(crate) struct Motion {
+    /// Motion file (TOML)
+    pub(crate) file: PathBuf,
+    /// Hold the motion against this board's limits instead of the file's
+    #[arg(long, value_name = "BOARD", value_parser = board)]
+    pub(crate) board: Option<String>,
+    /// How much of an endless motion, with its unit; the planned stop comes after [default: "10 s"]
+    #[arg(long = "for", value_name = "TIME", value_parser = duration)]
+    pub(crate) length: Option<Time>,
+}
+
+impl Motion {
+    pub(crate) fn prepare(&self) -> miette::Result<Prepared> {
+        Prepared::load(&self.file, self.board.as_deref(), self.length)
+    }
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct Run {
+    #[command(flatten)]
+    pub(crate) motion: Motion,
+    /// Where the files go [default: out/ and the file's name without .toml]
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+    /// Print the report as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct Plan {
+    #[command(flatten)]
+    pub(crate) motion: Motion,
+    /// Print the report as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct Plot {
+    #[command(flatten)]
+    pub(crate) motion: Motion,
+    /// Picture to write, .svg or .png [default: the file's name with .svg]
+    #[arg(long, value_name = "FILE")]
+    pub(crate) out: Option<PathBuf>,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct Verify {
+    /// What was captured
+    pub(crate) capture: PathBuf,
+    #[command(flatten)]
+    pub(crate) motion: Motion,
+    /// What is fitted before judging
+    #[arg(long, value_enum, default_value_t = Alignment::None)]
+    pub(crate) align: Alignment,
+    /// Whose film it is, if the motion file has several motors
+    #[arg(long, value_name = "MOTOR")]
+    pub(crate) motor: Option<String>,
+    /// Print the verdict as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Alignment {
+    /// The capture's time zero is the motion's
+    None,
+    /// The capture began some time before
+    Start,
+    /// The same, and its clock runs at another rate, which is told in ppm
+    #[value(name = "start+rate")]
+    StartAndRate,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct Explain {
+    #[command(flatten)]
+    pub(crate) motion: Motion,
+    /// Print the explanation as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct Motor {
+    /// Take the motors of a motion file that have electrical data
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["inductance", "current", "voltage"])]
+    pub(crate) file: Option<PathBuf>,
+    /// Inductance of one winding, e.g. 50mH
+    #[arg(long, value_name = "L", value_parser = inductance, required_unless_present = "file")]
+    pub(crate) inductance: Option<f64>,
+    /// Current of one winding as the driver is set, e.g. 0.135A
+    #[arg(long, value_name = "I", value_parser = current, required_unless_present = "file")]
+    pub(crate) current: Option<f64>,
+    /// Supply of the driver, e.g. 12V
+    #[arg(long, value_name = "V", value_parser = voltage, required_unless_present = "file")]
+    pub(crate) voltage: Option<f64>,
+    /// Full steps in one revolution
+    #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub(crate) steps_per_rev: u32,
+    /// Steps that the driver makes of a full step
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=256))]
+    pub(crate) microsteps: u32,
+    /// Print the figures as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct Table {
+    /// Print the table as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct New {
+    /// Name of the motion; NAME.toml is written
+    pub(crate) name: PathBuf,
+}
+
+fn board(name: &str) -> Result<String, String> {
+    let names = boards::table().into_iter().map(|row| row.board.name);
+    match boards::find(name) {
+        Some(row) => Ok(row.board.name),
+        None => Err(format!("no such board; there are {}", names.collect::<Vec<_>>().join(", "))),
+    }
+}
+
+/// A positive quantity of one kind.
+fn positive(text: &str, base: Base, example: &str) -> Result<Quantity, String> {
+    let quantity = Quantity::parse(text).map_err(|error| format!("{error}; write it like \"{example}\""))?;
+    if quantity.base != base || quantity.per_seconds != 0 {
+        return Err(format!("this is {}; write it like \"{example}\"", quantity.kind()));
+    }
+    if quantity.value > 0.0 { Ok(quantity) } else { Err("it must be more than nothing".into()) }
+}
+
+fn duration(text: &str) -> Result<Time, String> {
+    let quantity = positive(text, Base::Time, "60 s")?;
+    quantity.time().ok_or_else(|| "this is not a time".into())
+}
+
+fn inductance(text: &str) -> Result<f64, String> {
+    positive(text, Base::Inductance, "50mH").map(|quantity| quantity.value)
+}
+
+fn current(text: &str) -> Result<f64, String> {
+    positive(text, Base::Current, "0.135A").map(|quantity| quantity.value)
+}
+
+fn voltage(text: &str) -> Result<f64, String> {
+    positive(text, Base::Voltage, "12V").map(|quantity| quantity.value)
+}
+
+/// Runs a command as the process does, with its output going elsewhere: for tests and for other programs.
+///
+/// The first of `args` is the program's name.
+///
+/// ```
+/// let (mut out, mut err) = (Vec::new(), Vec::new());
+/// let exit = pulsetrain::cli::run(["pulsetrain", "boards"], &mut out, &mut err);
+/// assert_eq!(exit, pulsetrain::console::Exit::Success);
+/// assert!(String::from_utf8(out).unwrap().contains("Arduino Uno"));
+/// ```
+pub fn run<A: Into<OsString> + Clone>(
+    args: impl IntoIterator<Item = A>,
+    out: &mut dyn Write,
+    err: &mut dyn Write,
+) -> Exit {
+    run_on(args, &mut Console { out, err, err_is_terminal: false })
+}
+
+/// The same on a console that may be a terminal.
+pub fn run_on<A: Into<OsString> + Clone>(args: impl IntoIterator<Item = A>, console: &mut Console<'_>) -> Exit {
+    let cli = match Cli::try_parse_from(args) {
+        Ok(cli) => cli,
+        Err(message) if message.use_stderr() => {
+            complain(console, &message.render());
+            return Exit::Refused;
+        }
+        Err(help) => {
+            return finish(
+                console.print(format_args!("{}\n", help.to_string().trim_end())).map(|()| Exit::Success),
+                console,
+            );
+        }
+    };
+    let outcome = match cli.command {
+        Command::Run(args) => commands::run::run(&args, console),
+        Command::Plan(args) => commands::plan::run(&args, console),
+        Command::Plot(args) => commands::plot::run(&args, console),
+        Command::Verify(args) => commands::verify::run(&args, console),
+        Command::Explain(args) => commands::explain::run(&args, console),
+        Command::Motor(args) => commands::motor::run(&args, console),
+        Command::Boards(args) => commands::boards::run(&args, console),
+        Command::Drivers(args) => commands::drivers::run(&args, console),
+        Command::New(args) => commands::new::run(&args, console),
+    };
+    finish(outcome, console)
+}
+
+fn finish(outcome: miette::Result<Exit>, console: &mut Console<'_>) -> Exit {
+    outcome.unwrap_or_else(|report| {
+        let theme = if console.err_is_terminal { GraphicalTheme::unicode() } else { GraphicalTheme::unicode_nocolor() };
+        let mut text = String::new();
+        let handler = GraphicalReportHandler::new_themed(theme).with_width(100).with_links(false);
+        if handler.render_report(&mut text, report.as_ref()).is_err() {
+            text = format!("{report}\n");
+        }
+        complain(console, &text);
+        Exit::Refused
+    })
+}
+
+/// When the errors' own stream is closed, only the exit code is left to say it.
+fn complain(console: &mut Console<'_>, message: &dyn std::fmt::Display) {
+    drop(write!(console.err, "{message}"));
+}

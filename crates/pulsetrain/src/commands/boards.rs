@@ -1,0 +1,82 @@
+//! `pulsetrain boards`: the table of limits.
+
+use pulsetrain_motion::boards::{self, BoardRow};
+use serde::Serialize;
+
+use crate::cli;
+use crate::console::{Console, Exit};
+use crate::human::{self, Table};
+
+#[derive(Serialize)]
+struct Row {
+    name: String,
+    about: &'static str,
+    tick_hz: u64,
+    max_motors: usize,
+    /// With 1, 2, … motors; the last serves for more.
+    min_interval_ticks: Vec<u32>,
+    hardware_timed: bool,
+    lateness_ticks: u32,
+    horizon_ticks: u32,
+    ram_bytes: Option<u32>,
+    flash_bytes: Option<u32>,
+    queue_bytes: Option<u32>,
+    source: String,
+    note: &'static str,
+}
+
+impl From<BoardRow> for Row {
+    fn from(row: BoardRow) -> Row {
+        Row {
+            name: row.board.name,
+            about: row.about,
+            tick_hz: row.board.tick_hz,
+            max_motors: row.board.max_motors,
+            min_interval_ticks: row.board.min_interval_ticks,
+            hardware_timed: row.board.hardware_timed,
+            lateness_ticks: row.lateness_ticks,
+            horizon_ticks: row.horizon_ticks,
+            ram_bytes: row.ram_bytes,
+            flash_bytes: row.flash_bytes,
+            queue_bytes: row.queue_bytes,
+            source: row.board.source,
+            note: row.note,
+        }
+    }
+}
+
+pub(crate) fn run(args: &cli::Table, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let rows: Vec<Row> = boards::table().into_iter().map(Row::from).collect();
+    if args.json {
+        console.print_json(&rows)?;
+        return Ok(Exit::Success);
+    }
+    let mut table = Table::new(["board", "tick", "motors", "fastest, 1 motor", "fastest, all", "edges", "what it is"])
+        .left(&[0, 5, 6]);
+    for row in &rows {
+        let tick_s = 1.0 / row.tick_hz as f64;
+        let rate = |ticks: Option<&u32>| {
+            ticks.map_or_else(|| "–".into(), |ticks| human::scaled(1.0 / (f64::from(*ticks) * tick_s), "steps/s"))
+        };
+        let edges = if row.lateness_ticks == 0 {
+            "on the tick".to_owned()
+        } else {
+            format!("up to {} late", human::seconds(f64::from(row.lateness_ticks) * tick_s))
+        };
+        table.row([
+            row.name.clone(),
+            human::seconds(tick_s),
+            row.max_motors.to_string(),
+            rate(row.min_interval_ticks.first()),
+            rate(row.min_interval_ticks.last()),
+            edges,
+            row.about.to_owned(),
+        ]);
+    }
+    console.print(&table)?;
+    console.print("\n")?;
+    for row in &rows {
+        console.print(format_args!("  {}: {}\n    figures: {}\n", row.name, row.note, row.source))?;
+    }
+    Ok(Exit::Success)
+}

@@ -1,0 +1,87 @@
+//! `pulsetrain drivers`: the table of driver timings.
+
+use pulsetrain_motion::drivers::{self, Driver, Input};
+use serde::Serialize;
+
+use crate::cli;
+use crate::console::{Console, Exit};
+use crate::human::{self, Table};
+
+#[derive(Serialize)]
+struct Row {
+    name: &'static str,
+    about: &'static str,
+    input: &'static str,
+    pulse_high_ns: u32,
+    pulse_low_ns: u32,
+    dir_setup_ns: u32,
+    dir_hold_ns: u32,
+    microsteps: Vec<Setting>,
+    max_voltage_v: f64,
+    max_current_a: f64,
+    source: &'static str,
+}
+
+#[derive(Serialize)]
+struct Setting {
+    microsteps: u32,
+    setting: &'static str,
+}
+
+impl From<&Driver> for Row {
+    fn from(driver: &Driver) -> Row {
+        let timing = driver.timing();
+        Row {
+            name: driver.name,
+            about: driver.about,
+            input: match driver.input {
+                Input::StepDir(_) => "step/dir",
+                Input::Coils => "coils",
+            },
+            pulse_high_ns: timing.pulse_high_ns,
+            pulse_low_ns: timing.pulse_low_ns,
+            dir_setup_ns: timing.dir_setup_ns,
+            dir_hold_ns: timing.dir_hold_ns,
+            microsteps: driver
+                .microsteps
+                .iter()
+                .map(|row| Setting { microsteps: row.count, setting: row.setting })
+                .collect(),
+            max_voltage_v: driver.max_voltage_v,
+            max_current_a: driver.max_current_a,
+            source: driver.source,
+        }
+    }
+}
+
+pub(crate) fn run(args: &cli::Table, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let rows: Vec<Row> = drivers::table().iter().map(Row::from).collect();
+    if args.json {
+        console.print_json(&rows)?;
+        return Ok(Exit::Success);
+    }
+    let mut table = Table::new(["driver", "pulse high", "low", "DIR setup", "hold", "supply", "current", "what it is"])
+        .left(&[0, 7]);
+    for row in &rows {
+        let time = |ns: u32| if ns == 0 { "–".into() } else { human::seconds(f64::from(ns) * 1e-9) };
+        table.row([
+            row.name.to_owned(),
+            time(row.pulse_high_ns),
+            time(row.pulse_low_ns),
+            time(row.dir_setup_ns),
+            time(row.dir_hold_ns),
+            format!("{} V", human::significant(row.max_voltage_v, 3)),
+            format!("{} A", human::significant(row.max_current_a, 3)),
+            row.about.to_owned(),
+        ]);
+    }
+    console.print(&table)?;
+    for row in &rows {
+        let mut settings = Table::new(["microsteps", "set by"]).left(&[1]);
+        for setting in &row.microsteps {
+            settings.row([setting.microsteps.to_string(), setting.setting.to_owned()]);
+        }
+        console.print(format_args!("\n{}, {}\n{settings}  source: {}\n", row.name, row.input, row.source))?;
+    }
+    Ok(Exit::Success)
+}

@@ -1,0 +1,105 @@
+//! `pulsetrain motor`: how fast a winding lets a motor step.
+
+use miette::miette;
+use pulsetrain_motion::electrical::{Figure, Winding};
+use pulsetrain_motion::file;
+use serde::Serialize;
+
+use crate::cli::Motor;
+use crate::console::{Console, Exit};
+use crate::human::{self, Table};
+
+/// The count of the seed's timer, µs: Timer2 at 16 MHz / 128. Source: seeds/004.
+const SKETCH_TIMER_US: f64 = 8.0;
+
+#[derive(Serialize)]
+struct Report {
+    motor: String,
+    winding: Vec<Row>,
+    sketch: Vec<Row>,
+}
+
+#[derive(Serialize)]
+struct Row {
+    name: &'static str,
+    value: f64,
+    unit: &'static str,
+    formula: String,
+    source: &'static str,
+}
+
+impl From<Figure> for Row {
+    fn from(figure: Figure) -> Row {
+        let Figure { name, formula, value, unit, source } = figure;
+        Row { name, value, unit, formula, source }
+    }
+}
+
+pub(crate) fn run(args: &Motor, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let motors = windings(args)?;
+    let reports: Vec<Report> = motors
+        .into_iter()
+        .map(|(motor, winding)| Report {
+            motor,
+            winding: winding.figures().into_iter().map(Row::from).collect(),
+            sketch: winding.sketch_figures(SKETCH_TIMER_US).into_iter().map(Row::from).collect(),
+        })
+        .collect();
+    if args.json {
+        console.print_json(&reports)?;
+        return Ok(Exit::Success);
+    }
+    for report in &reports {
+        console.print(format_args!("{}: what the winding allows\n{}\n", report.motor, section(&report.winding)))?;
+        console.print(format_args!(
+            "The same from a timer that counts every {SKETCH_TIMER_US} µs, as the sketch of seed 004 has it\n{}",
+            section(&report.sketch)
+        ))?;
+    }
+    Ok(Exit::Success)
+}
+
+/// Rows, then the sources, each once, with a number that the rows name.
+fn section(rows: &[Row]) -> String {
+    let mut sources: Vec<&str> = Vec::new();
+    let mut table = Table::new(["figure", "value", "formula", "source"]).left(&[0, 2, 3]);
+    for row in rows {
+        let number = sources.iter().position(|source| *source == row.source).unwrap_or_else(|| {
+            sources.push(row.source);
+            sources.len() - 1
+        });
+        table.row([
+            row.name.to_owned(),
+            format!("{} {}", human::significant(row.value, 6), row.unit),
+            row.formula.clone(),
+            format!("[{}]", number + 1),
+        ]);
+    }
+    let sources = sources.iter().enumerate().map(|(n, source)| format!("  [{}] {source}\n", n + 1));
+    format!("{table}{}", sources.collect::<String>())
+}
+
+fn windings(args: &Motor) -> miette::Result<Vec<(String, Winding)>> {
+    let (Some(inductance_h), Some(current_a), Some(voltage_v)) = (args.inductance, args.current, args.voltage) else {
+        return from_file(args);
+    };
+    let winding = Winding {
+        inductance_h,
+        current_a,
+        voltage_v,
+        full_steps_per_rev: f64::from(args.steps_per_rev),
+        microsteps: args.microsteps,
+    };
+    Ok(vec![("motor".into(), winding)])
+}
+
+fn from_file(args: &Motor) -> miette::Result<Vec<(String, Winding)>> {
+    let Some(path) = &args.file else { return Ok(Vec::new()) };
+    let program = file::load(path)?;
+    let windings: Vec<_> = program.motors.into_iter().filter_map(|motor| Some((motor.name, motor.winding?))).collect();
+    if windings.is_empty() {
+        let help = "give a motor its electrical data: inductance, current, voltage";
+        return Err(miette!(help = help, "{}: no motor has electrical data", path.display()));
+    }
+    Ok(windings)
+}

@@ -1,0 +1,42 @@
+//! `pulsetrain plan`: plan and prove; nothing runs.
+
+use crate::cli::Plan;
+use crate::console::{Console, Exit};
+use crate::prepare::{Planned, Prepared};
+use crate::report::{MotorReport, PlanReport};
+
+pub(crate) fn run(args: &Plan, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let prepared = args.motion.prepare()?;
+    let planned = plan(&prepared, console)?;
+    let report = report(&prepared, &planned);
+    if args.json {
+        console.print_json(&report)?
+    } else {
+        console.print(&report)?
+    }
+    Ok(Exit::Success)
+}
+
+/// Plans with a progress bar.
+pub(crate) fn plan(prepared: &Prepared, console: &Console<'_>) -> miette::Result<Vec<Planned>> {
+    let bar = console.progress(prepared.end_s(), "the motion");
+    bar.stage("planning");
+    let planned = prepared.plan(|seconds| bar.set(seconds))?;
+    Ok(planned)
+}
+
+pub(crate) fn report(prepared: &Prepared, planned: &[Planned]) -> PlanReport {
+    let program = &prepared.program;
+    let board = &program.board;
+    let last_tick = planned.iter().map(|planned| planned.last_tick).max().unwrap_or(0);
+    let motors = program.motors.iter().zip(planned);
+    PlanReport {
+        file: prepared.file.clone(),
+        board: board.name.clone(),
+        tick_hz: board.tick_hz,
+        tolerance_ticks: program.tolerance.ticks(board.tick_hz),
+        duration_s: last_tick as f64 / board.tick_hz as f64,
+        cut_at_s: prepared.cut_at.map(pulsetrain_motion::Time::seconds),
+        motors: motors.map(|(motor, planned)| MotorReport::new(motor, board, &planned.certificate)).collect(),
+    }
+}

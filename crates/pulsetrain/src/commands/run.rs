@@ -1,0 +1,77 @@
+//! `pulsetrain run`: plan, run on the native board, judge, report, draw.
+
+use std::path::{Path, PathBuf};
+
+use miette::miette;
+
+use super::plan;
+use crate::cli::Run;
+use crate::console::{self, Console, Exit, access};
+use crate::drive::drive;
+use crate::human;
+use crate::plot::Picture;
+use crate::prepare::{Planned, Prepared};
+use crate::record::{Files, Recorder};
+use crate::report::{RunReport, VerdictTable};
+
+pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let prepared = args.motion.prepare()?;
+    // All is planned, and refused if need be, before anything moves or is written.
+    let planned = plan::plan(&prepared, console)?;
+    let folder = args.out.clone().unwrap_or_else(|| default_folder(&args.motion.file));
+    let (trace, steps) = (folder.join("trace.vcd"), folder.join("steps.csv"));
+    let files = Files::new(&prepared.program, console::create(&trace)?, console::create(&steps)?)
+        .map_err(|error| access("write", &folder, error))?;
+    let (verdict, picture) = record(&prepared, &planned, Some(files), console)?;
+    let report = RunReport { plan: plan::report(&prepared, &planned), runner: "native", verdict };
+    console::write(&folder.join("report.json"), format!("{}\n", console::json(&report)?).as_bytes())?;
+    draw(&picture, &folder.join("plot.svg"))?;
+    if args.json {
+        console.print_json(&report)?;
+    } else {
+        console.print(&report.plan)?;
+        console.print(format_args!(
+            "Run on the native board, in virtual time, and judged edge by edge:\n\n{}",
+            VerdictTable(&report.verdict)
+        ))?;
+        console.print(format_args!("{}: report.json, steps.csv, trace.vcd, plot.svg\n", folder.display()))?;
+    }
+    Ok(if report.verdict.ok { Exit::Success } else { Exit::BoundBroken })
+}
+
+/// Runs a motion that has been planned, with a progress bar.
+pub(crate) fn record<W: std::io::Write>(
+    prepared: &Prepared,
+    planned: &[Planned],
+    files: Option<Files<W>>,
+    console: &Console<'_>,
+) -> miette::Result<(pulsetrain_trace::verdict::Report, Picture)> {
+    let board = &prepared.program.board;
+    let title = format!("{} on {}", file_name(&prepared.file), board.name);
+    let mut recorder = Recorder::new(&prepared.program, title, files)?;
+    let bar = console.progress(prepared.end_s(), &human::seconds_to(prepared.end_s(), 6));
+    bar.stage("running");
+    drive(prepared, &mut recorder, |seconds| bar.set(seconds))?;
+    Ok(recorder.finish(planned)?)
+}
+
+/// Writes a picture as SVG, or as PNG if the path says so.
+pub(crate) fn draw(picture: &Picture, path: &Path) -> miette::Result<()> {
+    let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase());
+    match ending.as_deref() {
+        Some("png") => picture.png(path).map_err(|error| miette!("cannot write {}: {error}", path.display())),
+        Some("svg") => {
+            let svg = picture.svg().map_err(|error| miette!("cannot draw {}: {error}", path.display()))?;
+            Ok(console::write(path, svg.as_bytes())?)
+        }
+        _ => Err(miette!(help = "name it .svg or .png", "{} is no kind of picture", path.display())),
+    }
+}
+
+fn default_folder(file: &Path) -> PathBuf {
+    Path::new("out").join(file.file_stem().unwrap_or(file.as_os_str()))
+}
+
+fn file_name(path: &str) -> String {
+    Path::new(path).file_name().map_or_else(|| path.to_owned(), |name| name.to_string_lossy().into_owned())
+}

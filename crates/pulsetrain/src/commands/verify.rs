@@ -1,0 +1,55 @@
+//! `pulsetrain verify`: a capture against the motion.
+
+use miette::miette;
+use pulsetrain_trace::capture::{self, Capture};
+use pulsetrain_trace::verdict::{self, Align, JudgeError, Options};
+
+use crate::cli::{Alignment, Verify};
+use crate::console::{self, Console, Exit};
+use crate::report::VerdictTable;
+
+pub(crate) fn run(args: &Verify, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let prepared = args.motion.prepare()?;
+    let program = &prepared.program;
+    let shown = args.capture.display();
+    let bytes = console::read(&args.capture)?;
+    let capture = capture::read(&bytes).map_err(|error| {
+        let help = "captures are VCD, Saleae CSV, steps.csv, or a camera's track: CSV of time and angle";
+        miette!(help = help, "{shown}: {error}")
+    })?;
+    let align = match args.align {
+        Alignment::None => Align::None,
+        Alignment::Start => Align::Start,
+        Alignment::StartAndRate => Align::StartAndRate,
+    };
+    let options = Options { align, ..Options::default() };
+    let no_verdict = |error: JudgeError| miette!("{shown}: {error}");
+    let judged = match &capture {
+        Capture::Edges(trace) => verdict::judge(trace, program, &options),
+        Capture::Steps(steps) => verdict::judge_steps(steps, program, &options),
+        Capture::Film(track) => {
+            let report =
+                verdict::judge_film(track, program, args.motor.as_deref(), &options, None).map_err(no_verdict)?;
+            if args.json {
+                console.print_json(&report)?
+            } else {
+                console.print(format_args!("{report}\n"))?
+            }
+            return Ok(exit(report.ok));
+        }
+    };
+    let report = judged.map_err(no_verdict)?;
+    if args.json {
+        console.print_json(&report)?;
+    } else {
+        console.print(VerdictTable(&report))?;
+        if !report.ok && align == Align::None {
+            console.print("Did the capture begin before the motion? Then say --align start, or start+rate\n")?;
+        }
+    }
+    Ok(exit(report.ok))
+}
+
+fn exit(ok: bool) -> Exit {
+    if ok { Exit::Success } else { Exit::BoundBroken }
+}

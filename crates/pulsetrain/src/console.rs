@@ -1,0 +1,155 @@
+//! Where a command prints, and how it ends.
+
+use std::fmt::Display;
+use std::io::{self, Write};
+use std::path::Path;
+
+use indicatif::{ProgressBar, ProgressStyle};
+use miette::Diagnostic;
+
+/// How a command ended; the process's exit code.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Exit {
+    /// All is well: code 0.
+    Success = 0,
+    /// The motion ran, or a capture was read, and a bound broke: code 1.
+    BoundBroken = 1,
+    /// Wrong usage, wrong input, a motion that is refused, or a file that cannot be written: code 2.
+    Refused = 2,
+}
+
+impl From<Exit> for std::process::ExitCode {
+    fn from(exit: Exit) -> Self {
+        std::process::ExitCode::from(exit as u8)
+    }
+}
+
+/// A file, or the output, that could not be read or written.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+#[error("cannot {action} {what}: {error}")]
+pub struct Access {
+    action: &'static str,
+    what: String,
+    error: io::Error,
+}
+
+/// Where a command prints.
+pub struct Console<'a> {
+    /// Results.
+    pub out: &'a mut dyn Write,
+    /// Errors.
+    pub err: &'a mut dyn Write,
+    /// Whether `err` is a terminal: colours and progress bars are for people.
+    pub err_is_terminal: bool,
+}
+
+impl Console<'_> {
+    /// Prints a result. A reader that has gone away (`| head`) is no error: the command does its work all the same,
+    /// and its exit code stays right.
+    ///
+    /// # Errors
+    /// When the output cannot be written for another reason.
+    pub fn print(&mut self, text: impl Display) -> miette::Result<()> {
+        match write!(self.out, "{text}").and_then(|()| self.out.flush()) {
+            Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+            Err(error) => Err(Access { action: "write to", what: "the output".into(), error }.into()),
+            Ok(()) => Ok(()),
+        }
+    }
+
+    /// Prints a value as JSON.
+    ///
+    /// # Errors
+    /// As [`Console::print`].
+    pub fn print_json(&mut self, value: &impl serde::Serialize) -> miette::Result<()> {
+        self.print(format_args!("{}\n", json(value)?))
+    }
+
+    /// A progress bar of `length`, counted in `unit`; hidden when nobody watches.
+    #[must_use]
+    pub fn progress(&self, length: f64, unit: &str) -> Progress {
+        if !self.err_is_terminal {
+            return Progress { bar: ProgressBar::hidden(), length };
+        }
+        let bar = ProgressBar::new(PROGRESS_PARTS);
+        let template = format!("{{msg:12}} [{{wide_bar:.cyan/blue}}] {{percent:>3}} % of {} {{eta:>4}}", unit);
+        if let Ok(style) = ProgressStyle::with_template(&template) {
+            bar.set_style(style.progress_chars("━━╌"));
+        }
+        Progress { bar, length }
+    }
+}
+
+const PROGRESS_PARTS: u64 = 10_000;
+
+/// A progress bar. It is gone when this is dropped.
+#[derive(Debug)]
+pub struct Progress {
+    bar: ProgressBar,
+    length: f64,
+}
+
+impl Progress {
+    /// What is being done now: one or two words.
+    pub fn stage(&self, name: &'static str) {
+        self.bar.set_message(name);
+    }
+
+    /// How much of the length is done.
+    pub fn set(&self, done: f64) {
+        self.bar.set_position((done / self.length * PROGRESS_PARTS as f64) as u64);
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+/// A value as indented JSON.
+///
+/// # Errors
+/// When the value has no JSON form.
+pub fn json(value: &impl serde::Serialize) -> miette::Result<String> {
+    serde_json::to_string_pretty(value).map_err(|error| miette::miette!("cannot write JSON: {error}"))
+}
+
+/// Reads a file.
+///
+/// # Errors
+/// When it cannot be read.
+pub fn read(path: &Path) -> Result<Vec<u8>, Access> {
+    std::fs::read(path).map_err(|error| access("read", path, error))
+}
+
+/// Writes a file, making the directories above it.
+///
+/// # Errors
+/// When it cannot be written.
+pub fn write(path: &Path, contents: &[u8]) -> Result<(), Access> {
+    let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty());
+    parent
+        .map_or(Ok(()), std::fs::create_dir_all)
+        .and_then(|()| std::fs::write(path, contents))
+        .map_err(|error| access("write", path, error))
+}
+
+/// Opens a file for writing, making the directories above it.
+///
+/// # Errors
+/// When it cannot be made.
+pub fn create(path: &Path) -> Result<io::BufWriter<std::fs::File>, Access> {
+    let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty());
+    parent
+        .map_or(Ok(()), std::fs::create_dir_all)
+        .and_then(|()| std::fs::File::create(path))
+        .map(io::BufWriter::new)
+        .map_err(|error| access("write", path, error))
+}
+
+/// An [`Access`] error of a file.
+#[must_use]
+pub fn access(action: &'static str, path: &Path, error: io::Error) -> Access {
+    Access { action, what: path.display().to_string(), error }
+}

@@ -1,0 +1,116 @@
+//! What would fit: how much slower a motion that is refused would have to be, and which boards do it as it is.
+
+use pulsetrain_motion::boards;
+use pulsetrain_motion::program::Motor;
+use pulsetrain_plan::error::Limit;
+use pulsetrain_plan::{PlanError, Settings};
+
+use crate::human;
+use crate::prepare::{self, Prepared};
+
+/// A motion slower than this is another motion.
+const SLOWEST: f64 = 1e4;
+/// The factor is found to this precision, as a ratio.
+const PRECISION: f64 = 1.002;
+
+/// What the plan of a law that is `factor` times slower must keep to, said of the law itself.
+///
+/// θ(t/s) on ticks of f Hz has its steps at the very ticks that θ(t) has at s·f Hz; its speeds are s times, its
+/// accelerations s² times smaller, and so are the limits that they meet.
+fn slowed(settings: &Settings, factor: f64) -> Settings {
+    let mut slowed = settings.clone();
+    slowed.tick_hz = (settings.tick_hz as f64 * factor) as u64;
+    let limits = &mut slowed.limits;
+    limits.max_speed = limits.max_speed.map(|speed| speed * factor);
+    limits.max_acceleration = limits.max_acceleration.map(|acceleration| acceleration * factor * factor);
+    limits.pull_in *= factor;
+    slowed
+}
+
+/// The least factor by which a motor's law must be slowed down to fit, to three digits, rounded up; `None` if no factor
+/// helps.
+#[must_use]
+pub fn least_slowdown(prepared: &Prepared, motor: &Motor) -> Option<f64> {
+    let settings = Settings::of(&prepared.program, motor);
+    let fits = |factor: f64| prepare::fits(&motor.law, &slowed(&settings, factor));
+    let mut below = 1.0;
+    let mut above = 1.25;
+    while !fits(above) {
+        below = above;
+        above *= 2.0;
+        if above > SLOWEST {
+            return None;
+        }
+    }
+    while above / below > PRECISION {
+        let middle = (above * below).sqrt();
+        if fits(middle) { above = middle } else { below = middle }
+    }
+    // Rounded up, and a little more where a limit is met in jumps.
+    let unit = 10f64.powf(above.log10().floor() - 2.0);
+    let rounded = (above / unit).ceil() * unit;
+    fits(rounded).then_some(rounded).or(Some(rounded + unit).filter(|factor| fits(*factor)))
+}
+
+/// The boards that do the whole motion as it is.
+#[must_use]
+pub fn other_boards(prepared: &Prepared) -> Vec<String> {
+    let others = boards::table().into_iter().filter(|row| row.board.name != prepared.program.board.name);
+    let able = others.filter_map(|row| {
+        let name = row.board.name.clone();
+        let program = prepared.program.clone().with_board(row.board).ok()?;
+        let fits = |motor: &Motor| prepare::fits(&motor.law, &Settings::of(&program, motor));
+        program.motors.iter().all(fits).then_some(name)
+    });
+    able.collect()
+}
+
+/// What to do about a plan's error, in a few lines.
+#[must_use]
+pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
+    let mut lines = Vec::new();
+    if let PlanError::ToleranceTooTight { least_ticks, .. } = error {
+        let least = human::seconds(least_ticks / prepared.program.board.tick_hz as f64);
+        return format!("tolerance = \"{least_ticks} ticks\" is the least: {least} on this board");
+    }
+    if let PlanError::NotProvable { bound_ticks, .. } = error {
+        return format!("tolerance = \"{} ticks\" can be proven", human::significant(bound_ticks * 1.01, 3));
+    }
+    if error.limit() == Some(Limit::PullIn) {
+        lines.push(
+            "say how it begins or ends: begin = \"ramp\" or \"delay\", end = \"ramp\"; or \"jump\", if the motor can"
+                .to_owned(),
+        );
+    }
+    if error.limit().is_some()
+        && let Some(factor) = least_slowdown(prepared, motor)
+    {
+        let times = human::significant(factor, 4);
+        let fits = motor.law.end().map(|end| {
+            let (now, then) = (human::seconds_to(end.seconds(), 4), human::seconds_to(end.seconds() * factor, 4));
+            format!(": {then} instead of {now}")
+        });
+        lines.push(format!("{times} times slower it fits{}", fits.unwrap_or_default()));
+    }
+    if error.limit() == Some(Limit::Board) {
+        let settings = Settings::of(&prepared.program, motor);
+        let pulse = motor.timing.ticks(settings.tick_hz);
+        if settings.min_interval_ticks == pulse.pulse_high + pulse.pulse_low {
+            let (high, low) =
+                (f64::from(motor.timing.pulse_high_ns) * 1e-9, f64::from(motor.timing.pulse_low_ns) * 1e-9);
+            lines.push(format!(
+                "the limit is the driver's: a pulse takes {} HIGH and {} LOW",
+                human::seconds(high),
+                human::seconds(low)
+            ));
+        }
+        match other_boards(prepared) {
+            boards if boards.is_empty() => lines.push("no board in the table does it as it is".to_owned()),
+            boards => lines.push(format!("as it is, it fits: {}", boards.join(", "))),
+        }
+    }
+    if error.at_s().is_some() {
+        lines.push(format!("`pulsetrain explain {}` shows the place", prepared.file));
+    }
+    lines.join("\n")
+}

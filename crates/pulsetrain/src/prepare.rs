@@ -1,0 +1,259 @@
+//! From a motion file to what can be planned: a board, settings for each motor, an end for endless laws.
+
+use std::path::Path;
+
+use miette::Diagnostic;
+use pulsetrain_motion::law::{Cursor, Law};
+use pulsetrain_motion::program::{BoardError, Program};
+use pulsetrain_motion::{Grid, LawError, Time, boards, file};
+use pulsetrain_plan::{Certificate, Ensemble, Move, PlanError, Planner, Refused, Settings};
+
+use crate::fit;
+
+/// How much of an endless motion is shown, s, if nobody says.
+pub const DEFAULT_LENGTH_S: f64 = 10.0;
+
+/// Where nothing says how hard a motor may be braked, it stops within this time, s.
+const SOFTEST_STOP_S: f64 = 1.0;
+
+/// A motion that can be planned.
+#[derive(Clone, Debug)]
+pub struct Prepared {
+    /// The motion file, as it was called.
+    pub file: String,
+    /// What it says; every law ends.
+    pub program: Program,
+    /// Where endless laws were cut; they brake from there.
+    pub cut_at: Option<Time>,
+}
+
+/// Why a motion cannot be prepared or planned.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+pub enum Refusal {
+    /// The motion does not fit the board that the user asked for.
+    #[error("{file}: {error}")]
+    Board {
+        /// The motion file.
+        file: String,
+        /// What is wrong.
+        error: BoardError,
+    },
+    /// A law breaks before it can be cut.
+    #[error("{file}: motor {motor}: {error}")]
+    Law {
+        /// The motion file.
+        file: String,
+        /// Whose.
+        motor: String,
+        /// How.
+        error: LawError,
+    },
+    /// A plan would break a limit.
+    #[error("{file}: motor {motor}: {error}")]
+    Plan {
+        /// The motion file.
+        file: String,
+        /// Whose.
+        motor: String,
+        /// Which limit, where.
+        error: PlanError,
+        /// What would fit.
+        #[help]
+        advice: String,
+    },
+}
+
+impl Prepared {
+    /// Reads a motion file, puts it on `board` if that is given, and cuts endless laws after `length`.
+    ///
+    /// # Errors
+    /// When the file is wrong, or does not fit the board.
+    pub fn load(path: &Path, board: Option<&str>, length: Option<Time>) -> miette::Result<Prepared> {
+        let mut program = file::load(path)?;
+        let file = path.display().to_string();
+        if let Some(row) = board.and_then(boards::find) {
+            program = program.with_board(row.board).map_err(|error| Refusal::Board { file: file.clone(), error })?;
+        }
+        let cut_at =
+            cut(&mut program, length).map_err(|(motor, error)| Refusal::Law { file: file.clone(), motor, error })?;
+        Ok(Prepared { file, program, cut_at })
+    }
+
+    /// Plans every motor, all side by side; nothing is kept. `watch` hears how far the plan is, s.
+    ///
+    /// # Errors
+    /// When a plan would break a limit: with what would fit.
+    pub fn plan(&self, mut watch: impl FnMut(f64)) -> Result<Vec<Planned>, Refusal> {
+        let mut plans = Plans::new(&self.program).map_err(|refused| self.refuse(refused))?;
+        let mut moves: u32 = 0;
+        while let Some((motor, _)) = plans.next_move().map_err(|refused| self.refuse(refused))? {
+            moves = moves.wrapping_add(1);
+            if moves.is_multiple_of(256) {
+                watch(plans.clocks[motor].tick as f64 / self.program.board.tick_hz as f64);
+            }
+        }
+        Ok(plans.finish())
+    }
+
+    /// A plan's refusal as the user should see it.
+    #[must_use]
+    pub fn refuse(&self, refused: Refused) -> Refusal {
+        let motor = &self.program.motors[refused.motor];
+        let advice = fit::advice(self, motor, &refused.error);
+        Refusal::Plan { file: self.file.clone(), motor: motor.name.clone(), error: refused.error, advice }
+    }
+
+    /// When the last law ends, s.
+    #[must_use]
+    pub fn end_s(&self) -> f64 {
+        self.program.motors.iter().filter_map(|motor| motor.law.end()).map(Time::seconds).fold(0.0, f64::max)
+    }
+}
+
+/// A motor's plan, in figures.
+#[derive(Clone, Debug)]
+pub struct Planned {
+    /// What is proven.
+    pub certificate: Certificate,
+    /// The tick of the last step.
+    pub last_tick: u64,
+}
+
+/// The moves of all motors, those of the motor that is least far first.
+pub struct Plans<'a> {
+    ensemble: Ensemble<'a>,
+    fraction_bits: u32,
+    clocks: Vec<Clock>,
+}
+
+/// How far a motor's moves go.
+#[derive(Clone, Copy, Debug)]
+struct Clock {
+    tick: u64,
+    /// In units of 2^-F tick.
+    fraction: i128,
+    last_step: u64,
+    ended: bool,
+}
+
+impl<'a> Plans<'a> {
+    /// Prepares to plan all motors of a program.
+    ///
+    /// # Errors
+    /// As [`Ensemble::new`].
+    pub fn new(program: &'a Program) -> Result<Plans<'a>, Refused> {
+        let fraction_bits = program.board.fraction_bits;
+        let clock = Clock { tick: 0, fraction: 1 << (fraction_bits - 1), last_step: 0, ended: false };
+        let clocks = vec![clock; program.motors.len()];
+        Ok(Plans { ensemble: Ensemble::new(program)?, fraction_bits, clocks })
+    }
+
+    /// The motor that is least far, and to which tick; `None` when all have ended.
+    #[must_use]
+    pub fn least_far(&self) -> Option<(usize, u64)> {
+        let going = self.clocks.iter().enumerate().filter(|(_, clock)| !clock.ended);
+        going.map(|(motor, clock)| (motor, clock.tick)).min_by_key(|(_, tick)| *tick)
+    }
+
+    /// The next move of the motor that is least far; `None` when all have ended.
+    ///
+    /// # Errors
+    /// As [`Ensemble::next_move`].
+    pub fn next_move(&mut self) -> Result<Option<(usize, Move)>, Refused> {
+        while let Some((motor, _)) = self.least_far() {
+            let clock = &mut self.clocks[motor];
+            match self.ensemble.next_move(motor)? {
+                Some(next) => {
+                    clock.advance(&next, self.fraction_bits);
+                    return Ok(Some((motor, next)));
+                }
+                None => clock.ended = true,
+            }
+        }
+        Ok(None)
+    }
+
+    /// The figures of every motor's plan.
+    #[must_use]
+    pub fn finish(&self) -> Vec<Planned> {
+        let motors = self.clocks.iter().enumerate();
+        motors
+            .map(|(motor, clock)| Planned { certificate: self.ensemble.certificate(motor), last_tick: clock.last_step })
+            .collect()
+    }
+}
+
+impl Clock {
+    fn advance(&mut self, next: &Move, fraction_bits: u32) {
+        match next {
+            Move::Dwell { ticks } => self.tick += ticks,
+            Move::Run { segment, .. } => {
+                let fixed = (i128::from(self.tick) << fraction_bits) + self.fraction + segment.span(segment.count);
+                self.tick = (fixed >> fraction_bits) as u64;
+                self.fraction = fixed & ((1 << fraction_bits) - 1);
+                self.last_step = self.tick;
+            }
+        }
+    }
+}
+
+/// Whether a law's plan keeps to `settings`, by itself.
+#[must_use]
+pub fn fits(law: &Law, settings: &Settings) -> bool {
+    let walk = || -> Result<(), PlanError> {
+        let mut planner = Planner::new(law, settings)?;
+        while planner.next_move()?.is_some() {}
+        Ok(())
+    };
+    walk().is_ok()
+}
+
+/// Gives every endless law an end: after `length`, or after the default but not before the finite laws end. A
+/// `length` that is given cuts finite laws too. Returns the time of the cut, if one was made.
+fn cut(program: &mut Program, length: Option<Time>) -> Result<Option<Time>, (String, LawError)> {
+    let ends: Vec<Option<Time>> = program.motors.iter().map(|motor| motor.law.end()).collect();
+    let at = match length {
+        Some(length) => length,
+        None if ends.iter().all(Option::is_some) => return Ok(None),
+        None => ends.iter().copied().flatten().fold(Time::from_seconds(DEFAULT_LENGTH_S), Time::max),
+    };
+    let (mut cut, grid) = (false, program.grid);
+    for (motor, end) in program.motors.iter_mut().zip(ends) {
+        if end.is_some_and(|end| end <= at) {
+            continue;
+        }
+        let limits = motor.limits;
+        let stopped = braking(&motor.law, at, limits.max_acceleration, grid)
+            .and_then(|braking| motor.law.clone().stopped(at, braking, limits.pull_in));
+        motor.law = stopped.map_err(|error| (motor.name.clone(), error))?;
+        cut = true;
+    }
+    Ok(cut.then_some(at))
+}
+
+/// How hard to brake, steps/s²: by the motor's limit, else by what the law itself asked for before, else softly; and a
+/// little less, so that the motor does not come to rest just where a step is due.
+fn braking(law: &Law, at: Time, limit: Option<f64>, grid: Grid) -> Result<f64, LawError> {
+    const LOOKS: u64 = 1000;
+    let mut cursor = Cursor::new(law);
+    let start = cursor.at(Time::ZERO)?;
+    let mut hardest = 0.0_f64;
+    // The last seconds are looked at: the law is walked through once, whatever its length.
+    let span = at.min(Time::from_seconds(DEFAULT_LENGTH_S));
+    for k in 0..=LOOKS {
+        let sample = cursor.at(at - span + span.times(k).divided_by(LOOKS))?;
+        hardest = hardest.max(sample.acceleration.abs());
+    }
+    let from = cursor.at(at)?;
+    let speed = from.speed.abs();
+    let braking = limit.unwrap_or(hardest.max(speed / SOFTEST_STOP_S));
+    if speed == 0.0 || braking == 0.0 {
+        return Ok(1.0);
+    }
+    let way = speed * speed / (2.0 * braking);
+    // θ in the direction of travel, from the law's start: rest comes half a step from where a step up would be due.
+    let theta = (from.position - start.position) * from.speed.signum() + way;
+    let rest = grid.up_level(0) - 0.5;
+    let longer = (rest - theta).rem_euclid(1.0);
+    Ok(speed * speed / (2.0 * (way + longer)))
+}

@@ -1,0 +1,157 @@
+//! A run as it is seen: files, verdict and picture, all while it goes on.
+
+use std::io::{self, Write};
+
+use miette::Diagnostic;
+use pulsetrain_board::{Edge, Observer, ScheduledStep};
+use pulsetrain_core::Direction;
+use pulsetrain_motion::LawError;
+use pulsetrain_motion::program::Program;
+use pulsetrain_trace::verdict::{EdgeJudge, JudgeError, Options, Report};
+use pulsetrain_trace::{lines, steps, vcd_file};
+
+use crate::plot::{MotorPicture, Picture};
+use crate::prepare::Planned;
+
+/// Where the edges and steps of a run are written.
+pub struct Files<W: Write> {
+    /// Every edge of every line.
+    pub trace: vcd_file::Writer<W>,
+    /// Every step.
+    pub steps: steps::Writer<W>,
+}
+
+impl<W: Write> Files<W> {
+    /// Begins the files of a run of `program`.
+    ///
+    /// # Errors
+    /// When they cannot be written.
+    pub fn new(program: &Program, trace: W, steps: W) -> io::Result<Files<W>> {
+        let names: Vec<String> = program.motors.iter().map(|motor| motor.name.clone()).collect();
+        let tick_hz = program.board.tick_hz;
+        Ok(Files {
+            trace: vcd_file::Writer::new(trace, tick_hz, &lines::of(program))?,
+            steps: steps::Writer::new(steps, tick_hz, &names)?,
+        })
+    }
+}
+
+/// Why a run could not be recorded.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+pub enum RecordError {
+    /// A file cannot be written.
+    #[error("cannot write the run's files: {0}")]
+    Write(#[from] io::Error),
+    /// There is no verdict.
+    #[error(transparent)]
+    Judge(#[from] JudgeError),
+    /// A law breaks where it is drawn.
+    #[error("motor {motor}: {error}")]
+    Law {
+        /// Whose.
+        motor: String,
+        /// How.
+        error: LawError,
+    },
+}
+
+/// Looks on while a board runs.
+pub struct Recorder<'a, W: Write> {
+    program: &'a Program,
+    judge: EdgeJudge<'a>,
+    files: Option<Files<W>>,
+    picture: Picture,
+    positions: Vec<i64>,
+    tick_s: f64,
+    /// The first thing that went wrong; what comes after is not recorded.
+    error: Option<RecordError>,
+}
+
+impl<'a, W: Write> Recorder<'a, W> {
+    /// Before the first edge.
+    ///
+    /// # Errors
+    /// When the program cannot be judged.
+    pub fn new(program: &'a Program, title: String, files: Option<Files<W>>) -> Result<Self, RecordError> {
+        let tick_hz = program.board.tick_hz;
+        let tick_s = 1.0 / tick_hz as f64;
+        let judge = EdgeJudge::new(tick_hz, &lines::of(program), program, &Options::default())?.keeping_errors();
+        let motors = program.motors.iter();
+        let motors: Vec<_> =
+            motors.map(|motor| MotorPicture::new(motor.name.clone(), motor.scale.clone(), 0.0)).collect();
+        let positions = vec![0; motors.len()];
+        Ok(Recorder {
+            program,
+            judge,
+            files,
+            picture: Picture { title, tick_s, motors },
+            positions,
+            tick_s,
+            error: None,
+        })
+    }
+
+    /// The verdict and the picture, after the last edge.
+    ///
+    /// # Errors
+    /// What went wrong on the way.
+    pub fn finish(self, planned: &[Planned]) -> Result<(Report, Picture), RecordError> {
+        let Recorder { program, judge, files, mut picture, tick_s, error, .. } = self;
+        if let Some(error) = error {
+            return Err(error);
+        }
+        if let Some(Files { trace, steps }) = files {
+            trace.finish()?;
+            steps.finish()?;
+        }
+        let verdict = judge.finish_with(&mut |motor, tick, late| {
+            picture.motors[motor].error(tick as f64 * tick_s, late);
+        })?;
+        let window = picture.close_view();
+        for ((drawn, motor), planned) in picture.motors.iter_mut().zip(&program.motors).zip(planned) {
+            drawn.bound_ticks = planned.certificate.bound_ticks;
+            drawn
+                .want_law(&motor.law)
+                .and_then(|()| window.map_or(Ok(()), |window| drawn.want_closely(&motor.law, window)))
+                .map_err(|error| RecordError::Law { motor: motor.name.clone(), error })?;
+        }
+        Ok((verdict, picture))
+    }
+
+    fn note<T, E: Into<RecordError>>(&mut self, result: Result<T, E>) {
+        if let Err(error) = result {
+            self.error.get_or_insert(error.into());
+        }
+    }
+}
+
+impl<W: Write> Observer for Recorder<'_, W> {
+    fn edge(&mut self, edge: Edge) {
+        if self.error.is_some() {
+            return;
+        }
+        let edge = pulsetrain_trace::Edge { tick: edge.tick, line: edge.line, level: edge.level };
+        let judged = self.judge.push(edge).map_err(JudgeError::from);
+        self.note(judged);
+        let written = self.files.as_mut().map_or(Ok(()), |files| files.trace.push(edge));
+        self.note(written);
+        let (picture, tick_s) = (&mut self.picture, self.tick_s);
+        self.judge.errors(&mut |motor, tick, late| picture.motors[motor].error(tick as f64 * tick_s, late));
+    }
+
+    fn step(&mut self, step: ScheduledStep) {
+        if self.error.is_some() {
+            return;
+        }
+        let position = &mut self.positions[step.motor];
+        *position += i64::from(step.direction.sign());
+        self.picture.motors[step.motor].step(step.tick as f64 * self.tick_s, *position);
+        if let Some(files) = &mut self.files {
+            // A native board has 16 motors at most.
+            let motor = step.motor as u8;
+            let forward = step.direction == Direction::Forward;
+            let written = files.steps.push(steps::Step { motor, tick: step.tick, forward });
+            self.note(written);
+        }
+    }
+}

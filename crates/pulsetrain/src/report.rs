@@ -1,0 +1,297 @@
+//! What a plan or a run comes to: for machines as JSON, for people as a table.
+
+use std::fmt::{self, Display};
+
+use pulsetrain_motion::law::Class;
+use pulsetrain_motion::program::{Board, Motor};
+use pulsetrain_plan::Certificate;
+use pulsetrain_trace::verdict;
+use serde::Serialize;
+
+use crate::human::{self, Table};
+
+/// What was planned.
+#[derive(Clone, Debug, Serialize)]
+pub struct PlanReport {
+    /// The motion file.
+    pub file: String,
+    /// The board whose limits hold.
+    pub board: String,
+    /// Its ticks per second.
+    pub tick_hz: u64,
+    /// The accepted |scheduled − exact|, ticks.
+    pub tolerance_ticks: f64,
+    /// From time zero to the last step, stops included, s.
+    pub duration_s: f64,
+    /// Where an endless motion was cut, s; the planned stop comes after.
+    pub cut_at_s: Option<f64>,
+    /// The motors, in the file's order.
+    pub motors: Vec<MotorReport>,
+}
+
+/// What was planned, run and judged.
+#[derive(Clone, Debug, Serialize)]
+pub struct RunReport {
+    /// What was planned and proven.
+    #[serde(flatten)]
+    pub plan: PlanReport,
+    /// What made the edges: "native".
+    pub runner: &'static str,
+    /// What the judge says of them.
+    pub verdict: verdict::Report,
+}
+
+/// What was planned for one motor.
+#[derive(Clone, Debug, Serialize)]
+pub struct MotorReport {
+    /// As the file calls it.
+    pub name: String,
+    /// Steps in both directions.
+    pub steps: u64,
+    /// Steps forward minus steps backward.
+    pub final_position: i64,
+    /// Segments.
+    pub segments: u64,
+    /// Payload of the packed segments, bytes.
+    pub bytes: u64,
+    /// The same for one step.
+    pub bytes_per_step: f64,
+    /// Proven: no scheduled tick is farther from the exact time, ticks.
+    pub bound_ticks: f64,
+    /// The same, s.
+    pub bound_s: f64,
+    /// What the proof is relative to: "closed form", "enclosed", "relative to the interpolant".
+    pub class: &'static str,
+    /// Highest step rate: one over the shortest interval, steps/s.
+    pub peak_rate: Option<f64>,
+    /// Shortest interval between two steps, ticks.
+    pub shortest_interval_ticks: Option<u64>,
+    /// The law's fastest speed, steps/s.
+    pub peak_speed: Peak,
+    /// The law's largest acceleration, steps/s².
+    pub peak_acceleration: Peak,
+    /// Pairs of opposite steps dropped, since they were too close.
+    pub pairs_dropped: u64,
+    /// Largest |position − θ| that dropping led to, steps.
+    pub worst_position_error: f64,
+    /// Steps put off because another motor had the shared DIR line.
+    pub steps_put_off: u64,
+    /// Longest time that a step was put off, ticks.
+    pub longest_put_off_ticks: u64,
+    /// The user's unit of position.
+    pub unit: String,
+    /// Steps in one of it.
+    pub steps_per_unit: f64,
+}
+
+/// The largest value of something, and when.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Peak {
+    /// The value.
+    pub value: f64,
+    /// When, s.
+    pub at_s: f64,
+}
+
+impl From<(f64, f64)> for Peak {
+    fn from((value, at_s): (f64, f64)) -> Peak {
+        Peak { value, at_s }
+    }
+}
+
+/// A class in the words of reports.
+#[must_use]
+pub fn class_name(class: Class) -> &'static str {
+    match class {
+        Class::ClosedForm => "closed form",
+        Class::Enclosed => "enclosed",
+        Class::Interpolant => "relative to the interpolant",
+    }
+}
+
+impl MotorReport {
+    /// From what was proven of a motor's plan.
+    #[must_use]
+    pub fn new(motor: &Motor, board: &Board, certificate: &Certificate) -> MotorReport {
+        let tick_s = 1.0 / board.tick_hz as f64;
+        let shortest = certificate.shortest_interval_ticks;
+        MotorReport {
+            name: motor.name.clone(),
+            steps: certificate.steps,
+            final_position: certificate.position,
+            segments: certificate.segments,
+            bytes: certificate.bytes,
+            bytes_per_step: certificate.bytes as f64 / certificate.steps.max(1) as f64,
+            bound_ticks: certificate.bound_ticks,
+            bound_s: certificate.bound_ticks * tick_s,
+            class: class_name(certificate.class),
+            peak_rate: shortest.map(|ticks| 1.0 / (ticks as f64 * tick_s)),
+            shortest_interval_ticks: shortest,
+            peak_speed: certificate.peak_speed.into(),
+            peak_acceleration: certificate.peak_acceleration.into(),
+            pairs_dropped: certificate.pairs_dropped,
+            worst_position_error: certificate.worst_position_error,
+            steps_put_off: certificate.steps_put_off,
+            longest_put_off_ticks: certificate.longest_put_off_ticks,
+            unit: motor.scale.unit.clone(),
+            steps_per_unit: motor.scale.steps_per_unit,
+        }
+    }
+
+    /// A peak in steps (per s, per s²), in the user's unit if that is another, and when.
+    fn in_units(&self, peak: Peak, per: &str) -> String {
+        let steps = human::scaled(peak.value, &format!("steps{per}"));
+        let at = human::seconds(peak.at_s);
+        if self.counts_steps() {
+            return format!("{steps} at {at}");
+        }
+        let own = human::scaled(peak.value / self.steps_per_unit, &format!("{}{per}", self.unit));
+        format!("{steps} = {own} at {at}")
+    }
+
+    fn counts_steps(&self) -> bool {
+        human::unit(&self.unit) == "steps"
+    }
+}
+
+/// One line of a table: what it is, and its value for a motor, if it has one; the last argument is a tick in s.
+type Line<M> = (&'static str, fn(&M, f64) -> Option<String>);
+
+/// A column for each motor; lines that no motor has a value for are left out.
+fn side_by_side<M>(motors: &[M], name: fn(&M) -> &String, lines: &[Line<M>], tick_s: f64) -> Table {
+    let mut table = Table::default().left(&[0]);
+    table.row([String::new()].into_iter().chain(motors.iter().map(|motor| name(motor).clone())));
+    for (what, value) in lines {
+        let values: Vec<_> = motors.iter().map(|motor| value(motor, tick_s)).collect();
+        if values.iter().any(Option::is_some) {
+            let values = values.into_iter().map(|value| value.unwrap_or_else(|| "–".into()));
+            table.row([(*what).to_owned()].into_iter().chain(values));
+        }
+    }
+    table
+}
+
+fn ticks(ticks: f64, tick_s: f64) -> String {
+    format!("{} ticks = {}", human::significant(ticks, 3), human::seconds(ticks * tick_s))
+}
+
+fn whole_ticks(ticks: u64, tick_s: f64) -> String {
+    format!("{} ticks = {}", human::count(ticks.into()), human::seconds(ticks as f64 * tick_s))
+}
+
+const PLANNED: &[Line<MotorReport>] = &[
+    ("steps", |m, _| Some(human::count(m.steps.into()))),
+    ("final position", |m, _| {
+        let steps = format!("{} steps", human::count(m.final_position.into()));
+        if m.final_position == 0 || m.counts_steps() {
+            return Some(steps);
+        }
+        Some(format!("{steps} = {} {}", human::significant(m.final_position as f64 / m.steps_per_unit, 6), m.unit))
+    }),
+    ("segments", |m, _| Some(human::count(m.segments.into()))),
+    ("payload", |m, _| {
+        Some(format!("{} B, {} B/step", human::count(m.bytes.into()), human::significant(m.bytes_per_step, 3)))
+    }),
+    ("proven error", |m, tick_s| Some(format!("≤ {}", ticks(m.bound_ticks, tick_s)))),
+    ("proof", |m, _| Some(m.class.to_owned())),
+    ("shortest interval", |m, tick_s| Some(whole_ticks(m.shortest_interval_ticks?, tick_s))),
+    ("highest rate", |m, _| Some(human::scaled(m.peak_rate?, "steps/s"))),
+    ("fastest", |m, _| Some(m.in_units(m.peak_speed, "/s"))),
+    ("acceleration", |m, _| Some(m.in_units(m.peak_acceleration, "/s²"))),
+    ("pairs dropped", |m, _| {
+        let off = human::significant(m.worst_position_error, 3);
+        (m.pairs_dropped > 0).then(|| format!("{}, off by up to {off} steps", human::count(m.pairs_dropped.into())))
+    }),
+    ("put off (shared DIR)", |m, tick_s| {
+        let by = human::seconds(m.longest_put_off_ticks as f64 * tick_s);
+        (m.steps_put_off > 0).then(|| format!("{} steps by up to {by}", human::count(m.steps_put_off.into())))
+    }),
+];
+
+/// Motors side by side in one table.
+const ABREAST: usize = 3;
+
+/// A verdict as a table, a column for each motor; then the failures.
+pub struct VerdictTable<'a>(pub &'a verdict::Report);
+
+const SEEN: &[Line<verdict::MotorReport>] = &[
+    ("steps made", |m, _| {
+        Some(format!("{} of {}", human::count(m.steps_got.into()), human::count(m.steps_wanted.into())))
+    }),
+    ("ends at", |m, _| Some(format!("{} steps", human::count(m.position_got.into())))),
+    ("worst error", |m, tick_s| {
+        let late = if m.max_error_ticks < 0.0 { "early" } else { "late" };
+        Some(format!("{} {late}", ticks(m.max_error_ticks.abs(), tick_s)))
+    }),
+    ("bound", |m, tick_s| Some(ticks(m.bound_ticks, tick_s))),
+    ("rms error", |m, _| Some(format!("{} ticks", human::significant(m.rms_error_ticks, 3)))),
+    ("drift", |m, _| Some(format!("{} ppm", human::significant(m.drift_ppm, 2)))),
+    ("shortest interval", |m, tick_s| {
+        let ticks = m.shortest_interval_ticks?;
+        Some(format!("{} ticks = {}", human::significant(ticks, 6), human::seconds(ticks * tick_s)))
+    }),
+    ("STEP high", |m, _| m.pulse_high.map(measured)),
+    ("STEP low", |m, _| m.pulse_low.map(measured)),
+    ("DIR setup", |m, _| m.dir_setup.map(measured)),
+    ("DIR hold", |m, _| m.dir_hold.map(measured)),
+    ("pairs dropped", |m, _| (m.pairs_dropped > 0).then(|| human::count(m.pairs_dropped.into()))),
+    ("put off (shared DIR)", |m, tick_s| {
+        let by = human::seconds(m.longest_put_off_ticks * tick_s);
+        (m.steps_put_off > 0).then(|| format!("{} steps by up to {by}", human::count(m.steps_put_off.into())))
+    }),
+    ("faults", |m, _| Some(human::count(m.faults.into()))),
+];
+
+fn measured(time: verdict::Measured) -> String {
+    format!("{} of {}", human::seconds(time.seen_ns * 1e-9), human::seconds(f64::from(time.needed_ns) * 1e-9))
+}
+
+/// Failures that are printed; the report has more.
+const FAILURES_SHOWN: usize = 10;
+
+impl Display for VerdictTable<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let report = self.0;
+        let tick_s = 1.0 / report.tick_hz as f64;
+        for motors in report.motors.chunks(ABREAST) {
+            let table = side_by_side(motors, |motor| &motor.motor, SEEN, tick_s);
+            writeln!(f, "{table}")?;
+        }
+        let alignment = &report.alignment;
+        if alignment.shift_s != 0.0 || alignment.rate_ppm != 0.0 {
+            let shift = human::seconds_to(alignment.shift_s, 9);
+            let rate = human::significant(alignment.rate_ppm, 4);
+            writeln!(f, "  time zero at {shift} of the capture; the board's clock is {rate} ppm fast\n")?;
+        }
+        for failure in report.failures.iter().take(FAILURES_SHOWN) {
+            writeln!(f, "  {failure}")?;
+        }
+        let faults: u64 = report.motors.iter().map(|motor| motor.faults).sum();
+        if let Some(more) = faults.checked_sub(FAILURES_SHOWN as u64).filter(|more| *more > 0) {
+            writeln!(f, "  and {} more", human::count(more.into()))?;
+        }
+        writeln!(f, "{}", if report.ok { "PASS: no bound broke" } else { "FAIL: a bound broke" })
+    }
+}
+
+impl Display for PlanReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let tick_s = 1.0 / self.tick_hz as f64;
+        writeln!(
+            f,
+            "{} on {} (tick {}): {}",
+            self.file,
+            self.board,
+            human::seconds(tick_s),
+            human::seconds_to(self.duration_s, 6)
+        )?;
+        if let Some(cut) = self.cut_at_s {
+            writeln!(f, "  endless: shown for {}, then the planned stop; --for sets it", human::seconds_to(cut, 6))?;
+        }
+        for motors in self.motors.chunks(ABREAST) {
+            let table = side_by_side(motors, |motor| &motor.name, PLANNED, tick_s);
+            writeln!(f, "\n{table}")?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,227 @@
+//! The commands as a user has them: output, files, exit codes. `UPDATE_EXPECT=1` rewrites the golden files.
+
+use std::io::{self, Write};
+use std::path::PathBuf;
+
+use expect_test::{ExpectFile, expect_file};
+use pulsetrain::cli;
+use pulsetrain::console::Exit;
+
+struct Outcome {
+    exit: Exit,
+    out: String,
+    err: String,
+}
+
+fn pulsetrain(args: &[&str]) -> Outcome {
+    let (mut out, mut err) = (Vec::new(), Vec::new());
+    let exit = cli::run([&["pulsetrain"], args].concat(), &mut out, &mut err);
+    Outcome { exit, out: String::from_utf8(out).unwrap(), err: String::from_utf8(err).unwrap() }
+}
+
+/// From the package's folder, where tests run: golden files must not depend on where the project is.
+const EXAMPLES: &str = "../../examples";
+
+fn example(name: &str) -> String {
+    format!("{EXAMPLES}/{name}")
+}
+
+/// A directory of its own that is gone afterwards.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Folder {
+        let path = std::env::temp_dir().join(format!("pulsetrain-{name}-{}", std::process::id()));
+        std::fs::create_dir_all(&path).unwrap();
+        Folder(path)
+    }
+
+    fn path(&self, name: &str) -> String {
+        self.0.join(name).display().to_string()
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        drop(std::fs::remove_dir_all(&self.0));
+    }
+}
+
+fn check(args: &[&str], exit: Exit, golden: ExpectFile) {
+    let outcome = pulsetrain(args);
+    golden.assert_eq(&format!("{}{}", outcome.out, outcome.err));
+    assert_eq!(outcome.exit, exit, "{args:?}");
+}
+
+#[test]
+fn help() {
+    check(&["--help"], Exit::Success, expect_file!["golden/help.txt"]);
+    check(&["run", "--help"], Exit::Success, expect_file!["golden/help-run.txt"]);
+    check(&["verify", "--help"], Exit::Success, expect_file!["golden/help-verify.txt"]);
+}
+
+#[test]
+fn tables() {
+    check(&["boards"], Exit::Success, expect_file!["golden/boards.txt"]);
+    check(&["drivers"], Exit::Success, expect_file!["golden/drivers.txt"]);
+}
+
+#[test]
+fn motor_of_seed_004() {
+    let flags = ["motor", "--inductance", "50mH", "--current", "0.135A", "--voltage", "12V", "--microsteps", "8"];
+    check(&flags, Exit::Success, expect_file!["golden/motor.txt"]);
+    let from_file = pulsetrain(&["motor", "--file", &example("max-speed.toml")]);
+    let flags = pulsetrain(&flags);
+    assert_eq!(from_file.out.replace("stepper:", "motor:"), flags.out);
+}
+
+#[test]
+fn plans() {
+    check(&["plan", &example("tutorial.toml")], Exit::Success, expect_file!["golden/plan-tutorial.txt"]);
+    check(&["plan", &example("tutorial-0.01s.toml")], Exit::Refused, expect_file!["golden/plan-too-fast.txt"]);
+    let json = pulsetrain(&["plan", &example("sweep.toml"), "--for", "2 s", "--json"]).out;
+    let report: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(report["cut_at_s"], 2.0);
+    assert_eq!(report["motors"].as_array().unwrap().len(), 4);
+}
+
+#[test]
+fn explanations() {
+    check(&["explain", &example("tutorial-0.01s.toml")], Exit::Success, expect_file!["golden/explain-too-fast.txt"]);
+    check(&["explain", &example("s-curve.toml")], Exit::Success, expect_file!["golden/explain-s-curve.txt"]);
+}
+
+/// What is said to fit does fit, and a little less slow does not.
+#[test]
+fn the_slowdown_that_explain_names_is_enough_and_needed() {
+    let folder = Folder::new("slowdown");
+    let text = std::fs::read_to_string(example("tutorial-0.01s.toml")).unwrap();
+    let json = pulsetrain(&["explain", &example("tutorial-0.01s.toml"), "--json"]).out;
+    let explanation: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let factor = explanation["refusal"]["least_slowdown"].as_f64().unwrap();
+    let plan_of = |factor: f64| {
+        let path = folder.path("slower.toml");
+        let period = format!("period = \"{} ms\"", 10.0 * factor);
+        assert!(text.contains("period = \"0.01 s\""));
+        std::fs::write(&path, text.replace("period = \"0.01 s\"", &period)).unwrap();
+        pulsetrain(&["plan", &path]).exit
+    };
+    assert_eq!(plan_of(factor), Exit::Success);
+    assert_eq!(plan_of(factor * 0.98), Exit::Refused);
+}
+
+#[test]
+fn the_fastest_variant_runs_on_the_native_board() {
+    let folder = Folder::new("native");
+    let file = example("tutorial-0.01s.toml");
+    let outcome = pulsetrain(&["run", &file, "--board", "native", "--out", &folder.path("run")]);
+    assert_eq!(outcome.exit, Exit::Success, "{}{}", outcome.out, outcome.err);
+}
+
+/// Every example that fits runs, its files are there, and its own trace and steps pass the judge.
+#[test]
+fn examples_run_and_verify() {
+    let folder = Folder::new("examples");
+    let mut ran = 0;
+    for entry in std::fs::read_dir(EXAMPLES).unwrap() {
+        let path = entry.unwrap().path();
+        let file = path.display().to_string();
+        if path.extension().is_none_or(|ending| ending != "toml") || file.ends_with("tutorial-0.01s.toml") {
+            continue;
+        }
+        let out = folder.0.join(path.file_stem().unwrap());
+        let outcome = pulsetrain(&["run", &file, "--for", "3 s", "--out", &out.display().to_string()]);
+        assert_eq!(outcome.exit, Exit::Success, "{file}: {}{}", outcome.out, outcome.err);
+        for name in ["report.json", "plot.svg"] {
+            assert!(out.join(name).metadata().unwrap().len() > 1000, "{file}: {name}");
+        }
+        for capture in ["trace.vcd", "steps.csv"] {
+            let capture = out.join(capture).display().to_string();
+            let outcome = pulsetrain(&["verify", &capture, &file, "--for", "3 s"]);
+            assert_eq!(outcome.exit, Exit::Success, "{capture}: {}{}", outcome.out, outcome.err);
+        }
+        ran += 1;
+    }
+    assert!(ran >= 10);
+}
+
+#[test]
+fn a_step_that_lacks_breaks_a_bound() {
+    let folder = Folder::new("mutant");
+    let file = example("tutorial.toml");
+    pulsetrain(&["run", &file, "--out", &folder.path("run")]);
+    let steps = std::fs::read_to_string(folder.0.join("run/trace.vcd")).unwrap();
+    // Without the 1000th pulse: a rise and a fall of STEP.
+    let mut edges = 0;
+    let step_code =
+        steps.lines().find(|line| line.starts_with("$var")).and_then(|line| line.split(' ').nth(3)).unwrap();
+    let kept: Vec<&str> = steps
+        .lines()
+        .filter(|line| {
+            let of_step = line.len() == 1 + step_code.len() && line.ends_with(step_code);
+            edges += usize::from(of_step);
+            !(of_step && (2001..=2002).contains(&edges))
+        })
+        .collect();
+    let mutant = folder.path("mutant.vcd");
+    std::fs::write(&mutant, kept.join("\n") + "\n").unwrap();
+    let outcome = pulsetrain(&["verify", &mutant, &file]);
+    assert_eq!(outcome.exit, Exit::BoundBroken, "{}{}", outcome.out, outcome.err);
+    assert!(outcome.out.contains("FAIL"), "{}", outcome.out);
+}
+
+#[test]
+fn new_files_can_be_planned_and_are_not_overwritten() {
+    let folder = Folder::new("new");
+    let name = folder.path("crank");
+    assert_eq!(pulsetrain(&["new", &name]).exit, Exit::Success);
+    assert_eq!(pulsetrain(&["plan", &folder.path("crank.toml")]).exit, Exit::Success);
+    let again = pulsetrain(&["new", &name]);
+    assert_eq!(again.exit, Exit::Refused);
+    assert!(again.err.contains("cannot write"), "{}", again.err);
+}
+
+#[test]
+fn what_cannot_be_done_is_said() {
+    let folder = Folder::new("wrong");
+    let plain_file = folder.path("file");
+    std::fs::write(&plain_file, "").unwrap();
+    let tutorial = example("tutorial.toml");
+    let check = |args: &[&str], says: &str| {
+        let outcome = pulsetrain(args);
+        assert_eq!(outcome.exit, Exit::Refused, "{args:?}");
+        assert!(outcome.err.contains(says), "{args:?}: {}", outcome.err);
+    };
+    check(&[], "Usage");
+    check(&["plan", "missing.toml"], "cannot read missing.toml");
+    check(&["plan", &tutorial, "--board", "mega"], "there are uno, due, pico, native");
+    check(&["plan", &tutorial, "--for", "10"], "10 of what?");
+    check(&["plan", &tutorial, "--for", "3 mm"], "this is a distance");
+    check(&["motor", "--inductance", "50mH"], "--current");
+    check(&["run", &tutorial, "--out", &format!("{plain_file}/out")], "cannot write");
+    check(&["plot", &tutorial, "--out", &folder.path("plot.gif")], "name it .svg or .png");
+    check(&["plot", &tutorial, "--out", &format!("{plain_file}/plot.png")], "cannot write");
+    check(&["verify", "missing.vcd", &tutorial], "cannot read missing.vcd");
+    check(&["verify", &plain_file, &tutorial], "captures are VCD");
+}
+
+/// A reader that goes away, as `head` does.
+struct Gone;
+
+impl Write for Gone {
+    fn write(&mut self, _: &[u8]) -> io::Result<usize> {
+        Err(io::ErrorKind::BrokenPipe.into())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[test]
+fn a_broken_pipe_changes_no_exit_code() {
+    let mut err = Vec::new();
+    let exit = cli::run(["pulsetrain", "drivers"], &mut Gone, &mut err);
+    assert_eq!((exit, err.len()), (Exit::Success, 0));
+    assert_eq!(cli::run(["pulsetrain", "plan", "missing.toml"], &mut Gone, &mut Gone), Exit::Refused);
+}
