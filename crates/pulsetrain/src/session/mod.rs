@@ -51,6 +51,9 @@ pub struct Session<'a, B> {
     complete: bool,
 }
 
+/// One in so many places of a queue is kept free for a stop or a change.
+const RESERVE: usize = 4;
+
 /// How far ahead things are done, ticks.
 #[derive(Clone, Copy, Debug)]
 struct Pace {
@@ -167,7 +170,7 @@ impl<'a, B: Board> Session<'a, B> {
                 None if self.may_wait() => return Ok(()),
                 None => self.next_chunk()?,
             };
-            if !self.push(&mut chunk) {
+            if !self.push(&mut chunk, RESERVE) {
                 self.pending = Some(chunk);
                 return Ok(());
             }
@@ -395,7 +398,12 @@ impl<'a, B: Board> Session<'a, B> {
     fn next_chunk(&mut self) -> Result<Chunk, SessionError> {
         let deadline = self.deadline(self.tail);
         let left = self.taken.iter().map(|taken| taken.iter().filter(|tick| **tick > deadline).count());
-        let rooms: Vec<usize> = self.capacity.iter().zip(left).map(|(capacity, left)| capacity - left).collect();
+        let rooms: Vec<usize> = self
+            .capacity
+            .iter()
+            .zip(left)
+            .map(|(capacity, left)| (capacity - capacity / RESERVE).saturating_sub(left))
+            .collect();
         self.chunk_within(self.tail, &rooms)
     }
 
@@ -446,11 +454,12 @@ impl<'a, B: Board> Session<'a, B> {
         Ok(Chunk { from, until, is_last, steps, taken, unsent })
     }
 
-    /// Pushes what there is room for; `true` when nothing of the chunk is left.
-    fn push(&mut self, chunk: &mut Chunk) -> bool {
+    /// Pushes what there is room for beyond one in `reserve` places of the queue; `true` when nothing of the chunk is left.
+    fn push(&mut self, chunk: &mut Chunk, reserve: usize) -> bool {
         let epoch = self.epoch.next();
         for (motor, unsent) in chunk.unsent.iter_mut().enumerate() {
-            while let Some(timed) = unsent.front() {
+            let kept = self.capacity[motor].checked_div(reserve).unwrap_or(0);
+            while let Some(timed) = unsent.front().filter(|_| self.board.credit(motor) > kept) {
                 if self.board.push(motor, Entry { epoch, item: timed.item }).is_err() {
                     break;
                 }
@@ -462,7 +471,7 @@ impl<'a, B: Board> Session<'a, B> {
 
     /// Sends a chunk that must be in the queue at once.
     fn send(&mut self, mut chunk: Chunk) -> Result<(), SessionError> {
-        if self.push(&mut chunk) {
+        if self.push(&mut chunk, 0) {
             return self.switch(chunk);
         }
         self.board.discard(self.epoch.next());
