@@ -16,7 +16,7 @@ use std::collections::VecDeque;
 /// A turning value this close to a step's level touches it, steps.
 const TOUCH: f64 = 1e-9;
 /// Waits longer than this are dwells, ticks: 24 bits serve every board's interval.
-const LONGEST_WAIT_TICKS: f64 = 16_777_216.0;
+pub const LONGEST_WAIT_TICKS: u32 = 1 << 24;
 /// Peaks are reported to this precision, or as close as a limit demands.
 const PEAK_PRECISION: f64 = 1e-2;
 /// A limit may be met exactly: trapezoids run at it.
@@ -106,7 +106,7 @@ impl<'a> Planner<'a> {
             tolerance: tolerance_ticks,
             gain: settings.gain(),
             largest_add: if settings.fraction_bits <= 16 { i64::from(i32::MAX) } else { 1 << 56 },
-            longest_wait: LONGEST_WAIT_TICKS,
+            longest_wait: f64::from(LONGEST_WAIT_TICKS),
             longest: if settings.packed { u32::from(u16::MAX) } else { 1 << 24 },
         };
         Ok(Planner {
