@@ -227,7 +227,7 @@ fn check_counts<B: Board>(session: &Session<'_, B>, lab: &Lab, program: &Program
         let count: i64 = steps.iter().map(|(_, sign)| sign).sum();
         prop_assert_eq!(session.board().positions()[motor], count);
         prop_assert_eq!(lab.counted[motor], count, "pulses of motor {}", motor);
-        prop_assert_eq!(session.count_at(motor, now), Some(count), "replay of motor {}", motor);
+        prop_assert_eq!(session.count_at(motor, now - 1), Some(count), "replay of motor {}", motor);
         prop_assert_eq!(session.board().faults(motor), Faults::default());
         let least = Settings::of(program, &program.motors[motor]).min_interval_ticks;
         for pair in steps.windows(2) {
@@ -238,9 +238,17 @@ fn check_counts<B: Board>(session: &Session<'_, B>, lab: &Lab, program: &Program
     Ok(())
 }
 
-/// At every tick that is past and remembered the host knows the count.
+/// At every step that is remembered the host knows the count before and after, and between steps as well.
 fn check_replay<B: Board>(session: &Session<'_, B>, lab: &Lab, ticks: &[u64]) -> Result<(), TestCaseError> {
     for (motor, steps) in lab.steps.iter().enumerate() {
+        let mut count = 0;
+        for &(tick, sign) in steps {
+            if let Some(replayed) = session.count_at(motor, tick - 1) {
+                prop_assert_eq!(replayed, count, "motor {} before {}", motor, tick);
+                prop_assert_eq!(session.count_at(motor, tick), Some(count + sign), "motor {} at {}", motor, tick);
+            }
+            count += sign;
+        }
         for &tick in ticks.iter().filter(|tick| **tick < session.board().now()) {
             if let Some(replayed) = session.count_at(motor, tick) {
                 let count: i64 = steps.iter().filter(|(t, _)| *t <= tick).map(|(_, sign)| sign).sum();
