@@ -11,8 +11,8 @@ use pulsetrain_core::{Axis, Direction, Entry, Epoch, Merge, Moment};
 /// Motors at most.
 pub const MAX_MOTORS: usize = 16;
 
-/// Items that the queue of a motor holds.
-pub const QUEUE_LEN: usize = 256;
+/// Items that the queue of a motor holds: room for the stop tails of motions beyond 10^6 steps/s, twice.
+pub const QUEUE_LEN: usize = 1024;
 
 /// Lines at most.
 pub const MAX_LINES: u8 = 32;

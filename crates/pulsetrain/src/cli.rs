@@ -152,6 +152,9 @@ pub(crate) struct Verify {
     /// Judge up to this time of the motion alone: for captures that end before the motion does
     #[arg(long, value_name = "TIME", value_parser = duration, conflicts_with = "length")]
     pub(crate) until: Option<Time>,
+    /// How often the analyser looked, e.g. "25 MHz": steps may be seen one sample late
+    #[arg(long, value_name = "RATE", value_parser = frequency)]
+    pub(crate) sample_rate: Option<f64>,
     /// Which line a channel of the capture is, e.g. "Channel 0=wheel.step"; once for each channel
     #[arg(long, value_name = "CHANNEL=LINE", value_parser = channel)]
     pub(crate) line: Vec<(String, String)>,
@@ -239,8 +242,12 @@ fn channel(text: &str) -> Result<(String, String), String> {
 
 /// A positive quantity of one kind.
 fn positive(text: &str, base: Base, example: &str) -> Result<Quantity, String> {
+    measured(text, (base, 0), example)
+}
+
+fn measured(text: &str, kind: (Base, u8), example: &str) -> Result<Quantity, String> {
     let quantity = Quantity::parse(text).map_err(|error| format!("{error}; write it like \"{example}\""))?;
-    if quantity.base != base || quantity.per_seconds != 0 {
+    if (quantity.base, quantity.per_seconds) != kind {
         return Err(format!("this is {}; write it like \"{example}\"", quantity.kind()));
     }
     if quantity.value > 0.0 { Ok(quantity) } else { Err("it must be more than nothing".into()) }
@@ -249,6 +256,10 @@ fn positive(text: &str, base: Base, example: &str) -> Result<Quantity, String> {
 fn duration(text: &str) -> Result<Time, String> {
     let quantity = positive(text, Base::Time, "60 s")?;
     quantity.time().ok_or_else(|| "this is not a time".into())
+}
+
+fn frequency(text: &str) -> Result<f64, String> {
+    measured(text, (Base::Cycle, 1), "25 MHz").map(|quantity| quantity.value)
 }
 
 fn inductance(text: &str) -> Result<f64, String> {

@@ -34,7 +34,8 @@ pub(crate) fn run(args: &Verify, console: &mut Console<'_>) -> miette::Result<Ex
         Alignment::Start => Align::Start,
         Alignment::StartAndRate => Align::StartAndRate,
     };
-    let options = Options { align, until_s: args.until.map(Time::seconds), ..Options::default() };
+    let until_s = args.until.map(Time::seconds);
+    let options = Options { align, until_s, sample_hz: args.sample_rate, ..Options::default() };
     let no_verdict = |error: JudgeError| match error {
         JudgeError::Line(_) => {
             miette!(help = "--line \"Channel 0=wheel.step\" says which channel is which line", "{shown}: {error}")

@@ -75,6 +75,9 @@ pub struct Options {
     pub constant_ticks: i64,
     /// Law time up to which to judge, s; without it to the law's end, or to the trace's if the law is endless.
     pub until_s: Option<f64>,
+    /// How often an analyser looked, Hz, where that is less often than its times are written: a step may be seen that
+    /// much late.
+    pub sample_hz: Option<f64>,
 }
 
 /// Why there is no verdict.
@@ -235,8 +238,10 @@ impl<'a> Judge<'a> {
         let board_hz = program.board.tick_hz;
         let scale = board_hz as f64 / tick_hz as f64;
         let bound = options.bound_ticks.unwrap_or_else(|| program.tolerance.ticks(board_hz)) / scale;
-        // Another clock's samples cannot tell times within one of its own ticks.
-        let spare_ticks = u64::from(board_hz != tick_hz || options.align == Align::StartAndRate);
+        // Another clock's samples cannot tell times within one of its own ticks, or of its samples.
+        let own_clock = u64::from(board_hz != tick_hz || options.align == Align::StartAndRate);
+        let sample_ticks = options.sample_hz.map_or(0, |sample_hz| (tick_hz as f64 / sample_hz).ceil() as u64);
+        let spare_ticks = own_clock.max(sample_ticks);
         let bound = bound + spare_ticks as f64;
         let motors = program.motors.iter().map(|motor| {
             let own = motor.timing.ticks(tick_hz).reversal();
