@@ -282,6 +282,8 @@ impl<'a> Planner<'a> {
                 Cut::End => return Ok(false),
             },
         };
+        let known_from = self.known_to;
+        let mut dropped = 0;
         loop {
             let mut after = match self.cut_run()? {
                 Cut::Run(after) => *after,
@@ -294,12 +296,27 @@ impl<'a> Planner<'a> {
             self.drop_close_pairs(&mut run, &mut after)?;
             if run.count == 0 {
                 run = after;
+                dropped += 1;
+                // All pairs are dropped for a while now: as if there were no steps.
+                if dropped >= IDLE_PIECES && run.count == 0 && self.waiting.is_empty() {
+                    self.check_fineness(known_from)?;
+                    self.wait(self.known_to - IDLE_MARGIN_TICKS);
+                    return Ok(true);
+                }
                 continue;
             }
             self.next = (after.count > 0).then_some(after);
             self.current = Some(RunPlanner::new(run, self.current.as_ref()));
             return Ok(true);
         }
+    }
+
+    /// Refuses laws that go through many pieces without a step within few ticks.
+    fn check_fineness(&self, known_from: i64) -> Result<(), PlanError> {
+        if self.known_to - known_from >= IDLE_PIECES_TICKS {
+            return Ok(());
+        }
+        Err(PlanError::TooFine { at_s: self.known_to as f64 / self.settings.tick_hz as f64 })
     }
 
     /// Waits until `tick`, if that is worth a move.
@@ -340,7 +357,7 @@ impl<'a> Planner<'a> {
                 break;
             }
             let own_apart = later.replace(last.tick).map_or(f64::INFINITY, |later| later - last.tick);
-            if own_apart + 2.0 * self.rules.tolerance < self.settings.min_interval_ticks as f64 {
+            if own_apart * (1.0 + LIMIT_SLACK) < self.settings.min_interval_ticks as f64 {
                 let hz = self.settings.tick_hz as f64;
                 return Err(PlanError::TooFastForBoard {
                     at_s: (run.origin.0 as f64 + last.tick) / hz,
@@ -378,11 +395,8 @@ impl<'a> Planner<'a> {
                 return Ok(Cut::End);
             }
             if pieces == IDLE_PIECES {
-                let at_s = self.known_to as f64 / self.settings.tick_hz as f64;
-                return match self.known_to - known_from {
-                    ticks if ticks < IDLE_PIECES_TICKS => Err(PlanError::TooFine { at_s }),
-                    _ => Ok(Cut::Idle(self.known_to)),
-                };
+                self.check_fineness(known_from)?;
+                return Ok(Cut::Idle(self.known_to));
             }
             pieces += 1;
             match self.pieces.next() {
