@@ -500,23 +500,27 @@ impl<'a> Planner<'a> {
         let bounds = piece.curve.bounds(from, to);
         let range = (from, to);
         let check = |order, known: (f64, f64), limit: Option<f64>| {
-            let (mut value, mut at) = peak(&piece.curve, &bounds, range, order, known.0, PEAK_PRECISION);
+            let search = |known, precision| {
+                peak(&piece.curve, &bounds, range, order, known, precision)
+                    .map_err(|u| PlanError::TooFine { at_s: time(u) })
+            };
+            let (mut value, mut at) = search(known.0, PEAK_PRECISION)?;
             if let Some(limit) =
                 limit.filter(|l| value * (1.0 + PEAK_PRECISION) > *l && value <= l * (1.0 + LIMIT_SLACK))
             {
-                let (finer, there) = peak(&piece.curve, &bounds, range, order, limit, LIMIT_SLACK);
+                let (finer, there) = search(limit, LIMIT_SLACK)?;
                 if finer > limit * (1.0 + LIMIT_SLACK) {
                     (value, at) = (finer, there);
                 }
             }
-            (value, at.map_or(known.1, time))
+            Ok::<_, PlanError>((value, at.map_or(known.1, time)))
         };
-        let speed = check(1, self.certificate.peak_speed, limits.max_speed);
+        let speed = check(1, self.certificate.peak_speed, limits.max_speed)?;
         self.certificate.peak_speed = speed;
         if let Some(limit) = limits.max_speed.filter(|l| speed.0 > l * (1.0 + LIMIT_SLACK)) {
             return Err(PlanError::TooFast { at_s: speed.1, speed: speed.0, limit });
         }
-        let acceleration = check(2, self.certificate.peak_acceleration, limits.max_acceleration);
+        let acceleration = check(2, self.certificate.peak_acceleration, limits.max_acceleration)?;
         self.certificate.peak_acceleration = acceleration;
         if let Some(limit) = limits.max_acceleration.filter(|l| acceleration.0 > l * (1.0 + LIMIT_SLACK)) {
             return Err(PlanError::TooMuchAcceleration { at_s: acceleration.1, acceleration: acceleration.0, limit });
