@@ -560,3 +560,29 @@ impl Certificate {
         self.segments += 1;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a planner holds does not grow with the steps that it has given out.
+    #[test]
+    fn endless_laws_are_planned_in_constant_memory() {
+        let seconds = Time::from_seconds;
+        let sweep = Law::sweep(0.1, 400_000, seconds(0.1)).unwrap();
+        let repeated = Law::trapezoid(50_000.0, 20_000.0, 80_000.0, 40_000.0).unwrap().repeated(None).unwrap();
+        let formula = Law::formula("8e4*t + 6e4*sin(0.7*t) + 5e3*sin(3.1*t)", &[], 1.0, None).unwrap();
+        for law in [sweep, repeated, formula] {
+            let mut settings = Settings::new(125_000_000, 32);
+            settings.limits.pull_in = 1e6;
+            let mut planner = Planner::new(&law, &settings).unwrap();
+            let mut most = (0, 0);
+            while planner.certificate.steps < 10_000_000 {
+                planner.next_move().unwrap().unwrap();
+                most = (most.0.max(planner.waiting.len()), most.1.max(planner.moves.len()));
+            }
+            // The stretches of one piece; a dwell and a segment.
+            assert!(most.0 <= 64 && most.1 <= 2, "{most:?} stretches and moves in memory");
+        }
+    }
+}
