@@ -3,6 +3,7 @@
 //! Ticks are 64 bits here; the moments of the stepgen are extended as time goes on. Time moves only by
 //! [`Native::advance`] and [`Native::stop_now`], and each tick is passed once.
 
+use crate::Board;
 use pulsetrain_core::channel;
 use pulsetrain_core::output::{Coils, Output, Sequence, StepDir, StepDirSettings};
 use pulsetrain_core::{Axis, Direction, Entry, Epoch, Merge, Moment};
@@ -339,6 +340,56 @@ impl Native {
     #[must_use]
     pub fn faults(&self, motor: usize) -> Faults {
         self.engine.faults(motor)
+    }
+}
+
+impl Board for Native {
+    fn push(&mut self, motor: usize, entry: Entry) -> Result<(), Entry> {
+        Native::push(self, motor, entry)
+    }
+
+    fn discard(&mut self, epoch: Epoch) {
+        self.engine.discard(epoch);
+    }
+
+    fn credit(&self, motor: usize) -> usize {
+        Native::credit(self, motor)
+    }
+
+    fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<(), SwitchRefused> {
+        Native::switch(self, epoch, tick)
+    }
+
+    fn horizon(&self) -> u64 {
+        Native::horizon(self)
+    }
+
+    fn now(&self) -> u64 {
+        self.now
+    }
+
+    fn epoch(&self) -> Epoch {
+        Native::epoch(self, 0).unwrap_or_default()
+    }
+
+    fn advance(&mut self, until: u64, observer: &mut impl Observer) {
+        Native::advance(self, until, observer);
+    }
+
+    fn stop_now(&mut self, tick: u64, observer: &mut impl Observer) -> StopReport {
+        Native::stop_now(self, tick, observer)
+    }
+
+    fn positions(&self) -> Vec<i64> {
+        Native::positions(self)
+    }
+
+    fn is_idle(&self) -> bool {
+        self.idle()
+    }
+
+    fn faults(&self, motor: usize) -> Faults {
+        Native::faults(self, motor)
     }
 }
 

@@ -226,7 +226,7 @@ pub struct Limits {
     pub max_speed: Option<f64>,
     /// steps/s².
     pub max_acceleration: Option<f64>,
-    /// Speed that it can start, stop or change by at once, steps/s; 0 if the file gives none.
+    /// Speed that it can start, stop or change by at once, steps/s.
     pub pull_in: f64,
 }
 

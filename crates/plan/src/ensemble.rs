@@ -1,7 +1,7 @@
 //! All motors of a program: their plans, and the order of steps on shared DIR lines.
 
 use crate::certificate::Certificate;
-use crate::error::PlanError;
+use crate::error::Refused;
 use crate::planner::{Origin, Planner};
 use crate::settings::Settings;
 use crate::shared_dir::SharedDir;
@@ -9,17 +9,6 @@ use crate::{Move, packed::Meter};
 use pulsetrain_core::Direction;
 use pulsetrain_motion::Law;
 use pulsetrain_motion::program::{Program, Wiring};
-use std::collections::VecDeque;
-
-/// A plan that was refused, and whose it is.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{error}")]
-pub struct Refused {
-    /// Index of the motor in the program.
-    pub motor: usize,
-    /// Why.
-    pub error: PlanError,
-}
 
 /// The plans of all motors of a program, as streams of moves.
 ///
@@ -158,6 +147,3 @@ fn shared_dir_pin(program: &Program, index: usize) -> Option<u8> {
     let own = dir(index)?;
     (0..program.motors.len()).any(|other| other != index && dir(other) == Some(own)).then_some(own)
 }
-
-/// Moves that wait for their motor.
-pub(crate) type Waiting = VecDeque<Move>;

@@ -63,7 +63,7 @@ pub enum PlanError {
     },
     /// The law starts, ends or changes its speed at once by more than the pull-in rate.
     #[error(
-        "at t = {at_s:.6} s the speed goes from {from:.1} to {to:.1} steps/s at once; the motor's pull-in rate is {pull_in:.1} steps/s"
+        "at t = {at_s:.6} s the speed goes from {from:.1} to {to:.1} steps/s at once; the motor's pull-in rate allows a change of {pull_in:.1} steps/s"
     )]
     SpeedJump {
         /// When, s.
@@ -135,4 +135,14 @@ impl PlanError {
             PlanError::Law(_) | PlanError::ToleranceTooTight { .. } => None,
         }
     }
+}
+
+/// A plan that was refused, and whose it is.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{error}")]
+pub struct Refused {
+    /// Index of the motor in the program.
+    pub motor: usize,
+    /// Why.
+    pub error: PlanError,
 }

@@ -31,9 +31,9 @@ mod stretch;
 pub mod tail;
 
 pub use certificate::Certificate;
-pub use ensemble::{Ensemble, Refused, Start};
-pub use error::PlanError;
-pub use planner::{Origin, Planner};
+pub use ensemble::{Ensemble, Start};
+pub use error::{PlanError, Refused};
+pub use planner::{LONGEST_WAIT_TICKS, Origin, Planner};
 pub use settings::Settings;
 
 use pulsetrain_core::{Direction, Segment};

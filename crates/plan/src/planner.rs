@@ -17,7 +17,7 @@ use std::collections::VecDeque;
 /// A turning value this close to a step's level touches it, steps.
 const TOUCH: f64 = 1e-9;
 /// Waits longer than this are dwells, ticks: 24 bits serve every board's interval.
-const LONGEST_WAIT_TICKS: f64 = 16_777_216.0;
+pub const LONGEST_WAIT_TICKS: u32 = 1 << 24;
 /// Looser fits save little, and steps that wander far come too close to their neighbours.
 const LOOSEST_FIT_TICKS: f64 = 1024.0;
 /// A piece that reaches further from its own origin has no half steps in f64, steps.
@@ -131,7 +131,7 @@ impl<'a> Planner<'a> {
             tolerance: tolerance_ticks.min(LOOSEST_FIT_TICKS),
             gain: settings.gain(),
             largest_add: if settings.fraction_bits <= 16 { i64::from(i32::MAX) } else { 1 << 56 },
-            longest_wait: LONGEST_WAIT_TICKS,
+            longest_wait: f64::from(LONGEST_WAIT_TICKS),
             longest: if settings.packed { u32::from(u16::MAX) } else { 1 << 24 },
             min_interval: i64::try_from(settings.min_interval_ticks).unwrap_or(i64::MAX),
         };

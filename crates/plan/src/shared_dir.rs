@@ -6,12 +6,12 @@
 
 use crate::Move;
 use crate::certificate::Certificate;
-use crate::ensemble::{Refused, Waiting};
-use crate::error::PlanError;
+use crate::error::{PlanError, Refused};
 use crate::planner::Planner;
 use crate::settings::Settings;
 use pulsetrain_core::{Direction, Segment};
 use pulsetrain_motion::program::DriverTicks;
+use std::collections::VecDeque;
 
 /// The motors of one DIR line.
 pub(crate) struct SharedDir<'a> {
@@ -40,7 +40,7 @@ struct Member<'a> {
     unchanged: u32,
     /// How much later than planned the last step was, ticks.
     late: i64,
-    out: Waiting,
+    out: VecDeque<Move>,
     put_off: u64,
     longest_put_off: i64,
     /// Shortest interval before or after a step that was put off, ticks.
@@ -75,7 +75,7 @@ impl<'a> SharedDir<'a> {
             segment: None,
             unchanged: 0,
             late: 0,
-            out: Waiting::new(),
+            out: VecDeque::new(),
             put_off: 0,
             longest_put_off: 0,
             shortest_moved: None,

@@ -1,7 +1,8 @@
 //! The stop tail: what ends every queue, so that losing the host is a planned stop.
 
-use crate::ensemble::{Ensemble, Refused, Start};
+use crate::ensemble::{Ensemble, Start};
 use crate::error::PlanError;
+use crate::error::Refused;
 use crate::planner::Planner;
 use crate::settings::Settings;
 use crate::{Move, planner::Origin};

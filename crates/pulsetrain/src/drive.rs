@@ -1,23 +1,21 @@
-//! Plans on the native board, in virtual time and bounded memory.
+//! Motions on the native board: a session, in virtual time and bounded memory.
 
 use miette::Diagnostic;
 use pulsetrain_board::native::{ConfigError, Faults};
-use pulsetrain_board::{Config, MotorConfig, Native, Observer, Wiring};
+use pulsetrain_board::{Config, Edge, MotorConfig, Native, Observer, ScheduledStep, Wiring};
 use pulsetrain_core::output::Sequence;
-use pulsetrain_core::{Entry, Epoch, Item, Moment};
 use pulsetrain_motion::program::{self, CoilSequence, Motor, Program};
-use pulsetrain_plan::{Move, Settings};
 use pulsetrain_trace::{Line, lines};
 
-use crate::prepare::{Planned, Plans, Prepared, Refusal};
+use crate::prepare::Prepared;
+use crate::session::{Session, SessionError};
 
 /// Why a run did not come to its end.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 pub enum DriveError {
-    /// The motion is refused.
+    /// The session could not begin or go on.
     #[error(transparent)]
-    #[diagnostic(transparent)]
-    Refused(#[from] Refusal),
+    Session(#[from] SessionError),
     /// The native board cannot be wired so.
     #[error("the native board cannot run this motion: {0}")]
     Config(#[from] ConfigError),
@@ -29,60 +27,64 @@ pub enum DriveError {
     },
 }
 
-/// Longest dwell of one item, ticks.
-const LONGEST_DWELL_TICKS: u64 = 1 << 30;
+/// A prepared motion on the native board, in virtual time, just before its laws begin.
+pub struct Driven<'a> {
+    session: Session<'a, Native>,
+    program: &'a Program,
+    /// The lines of its traces, as they stand when the laws begin.
+    pub lines: Vec<Line>,
+}
 
-/// Runs a prepared motion; `watch` hears how far it is, s. Line i of the observer is line i of [`lines::of`].
-///
-/// # Errors
-/// When the motion is refused, which [`Prepared::plan`] would have said before anything moved.
-pub fn drive(
-    prepared: &Prepared,
-    observer: &mut impl Observer,
-    mut watch: impl FnMut(f64),
-) -> Result<Vec<Planned>, DriveError> {
-    let program = &prepared.program;
-    let hz = program.board.tick_hz as f64;
-    let mut board = Native::new(&config(program))?;
-    let mut plans = Plans::new(program).map_err(|refused| prepared.refuse(refused))?;
-    // An edge of DIR comes before its step: the board must not pass it before the step is known.
-    let lead = program.motors.iter().map(|motor| Settings::of(program, motor).reversal_ticks).max().unwrap_or(0);
-    let mut feed = |board: &mut Native, motor: usize, item: Item, known: u64| {
-        let mut entry = Entry { epoch: Epoch(0), item };
-        while let Err(returned) = board.push(motor, entry) {
-            entry = returned;
-            board.advance(known.saturating_sub(lead).max(board.now()), observer);
-            watch(known as f64 / hz);
-        }
-    };
-    for motor in 0..program.motors.len() {
-        feed(&mut board, motor, Item::Anchor { tick: Moment(0) }, 0);
+impl<'a> Driven<'a> {
+    /// Sends the beginning of the motion and lets the board come to the tick at which the laws begin.
+    ///
+    /// # Errors
+    /// When the board cannot be wired so, or the plan is refused, which [`Prepared::plan`] would have said before.
+    pub fn new(prepared: &'a Prepared) -> Result<Driven<'a>, DriveError> {
+        let program = &prepared.program;
+        let mut session = Session::new(Native::new(&config(program))?, program)?;
+        let mut lines = lines::of(program);
+        // A first step soon after the start has its DIR set before: in a trace that is where the line begins.
+        session.advance(session.zero() - 1, &mut |edge: Edge| lines[usize::from(edge.line)].initial = edge.level)?;
+        Ok(Driven { session, program, lines })
     }
-    while let Some((_, mut known)) = plans.least_far() {
-        let Some((motor, next)) = plans.next_move().map_err(|refused| prepared.refuse(refused))? else { break };
-        match next {
-            Move::Run { segment, direction } => feed(&mut board, motor, Item::Run { segment, direction }, known),
-            Move::Dwell { mut ticks } => {
-                while ticks > 0 {
-                    let part = ticks.min(LONGEST_DWELL_TICKS);
-                    feed(&mut board, motor, Item::Dwell { ticks: part as u32 }, known);
-                    (ticks, known) = (ticks - part, known + part);
-                }
+
+    /// Runs it to its end; what is observed has the laws' time, and `watch` hears how far it is, s.
+    ///
+    /// # Errors
+    /// When the motion stopped before its end, or the board and the host count differently: faults of ours.
+    pub fn run(mut self, observer: &mut impl Observer, mut watch: impl FnMut(f64)) -> Result<(), DriveError> {
+        let zero = self.session.zero();
+        let hz = self.program.board.tick_hz as f64;
+        let report =
+            self.session.run(&mut Since { zero, observer }, |tick| watch(tick.saturating_sub(zero) as f64 / hz));
+        if let Some(failure) = report.failure {
+            return Err(failure.into());
+        }
+        let counts = report.counted.iter().zip(&report.replayed).zip(&report.faults);
+        for (motor, ((counted, replayed), faults)) in self.program.motors.iter().zip(counts) {
+            if counted != replayed || *faults != Faults::default() {
+                return Err(DriveError::Missed { motor: motor.name.clone() });
             }
         }
+        Ok(())
     }
-    let planned = plans.finish();
-    let last = planned.iter().map(|planned| planned.last_tick).max().unwrap_or(0);
-    board.advance(last, observer);
-    while !board.idle() {
-        board.advance(board.now() + lead.max(1), observer);
+}
+
+/// Counts an observer's ticks from the laws' beginning.
+struct Since<'o, O> {
+    zero: u64,
+    observer: &'o mut O,
+}
+
+impl<O: Observer> Observer for Since<'_, O> {
+    fn edge(&mut self, edge: Edge) {
+        self.observer.edge(Edge { tick: edge.tick - self.zero, ..edge });
     }
-    for (motor, settings) in program.motors.iter().enumerate() {
-        if board.faults(motor) != Faults::default() {
-            return Err(DriveError::Missed { motor: settings.name.clone() });
-        }
+
+    fn step(&mut self, step: ScheduledStep) {
+        self.observer.step(ScheduledStep { tick: step.tick - self.zero, ..step });
     }
-    Ok(planned)
 }
 
 /// The native board for a program: lines in the order of its traces.

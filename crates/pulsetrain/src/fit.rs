@@ -76,11 +76,12 @@ pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
     if let PlanError::NotProvable { bound_ticks, .. } = error {
         return format!("tolerance = \"{} ticks\" can be proven", human::significant(bound_ticks * 1.01, 3));
     }
-    if error.limit() == Some(Limit::PullIn) {
-        lines.push(
-            "say how it begins or ends: begin = \"ramp\" or \"delay\", end = \"ramp\"; or \"jump\", if the motor can"
-                .to_owned(),
-        );
+    if let PlanError::SpeedJump { from, to, .. } = error {
+        lines.push(match (*from, *to) {
+            (0.0, _) => "say how it begins: begin = \"ramp\" or \"delay\"; or \"jump\", if the motor can".to_owned(),
+            (_, 0.0) => "say how it ends: end = \"ramp\"; or \"jump\", if the motor can".to_owned(),
+            _ => "smooth the law there, or give the motor the pull_in that it has".to_owned(),
+        });
     }
     if error.limit().is_some()
         && let Some(factor) = least_slowdown(prepared, motor)

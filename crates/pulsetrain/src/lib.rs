@@ -4,6 +4,7 @@
 //! - [`cli`]: what can be said on the command line, and [`cli::run`], which runs a command in-process
 //! - `commands`: one file for each command
 //! - [`prepare`]: from a motion file to plans of all motors; [`fit`]: what would fit, where one is refused
+//! - [`session`]: a program, streamed into a board in epochs that end in stop tails; stops and live changes
 //! - [`drive`]: plans on the native board; [`record`]: a run as it is seen: files, verdict, picture
 //! - [`report`], [`plot`]: what it comes to, as JSON, tables and pictures; [`human`]: numbers as people read them
 //! - [`console`]: where a command prints, its progress, its exit code
@@ -23,3 +24,4 @@ pub mod plot;
 pub mod prepare;
 pub mod record;
 pub mod report;
+pub mod session;

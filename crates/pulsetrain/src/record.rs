@@ -8,7 +8,7 @@ use pulsetrain_core::Direction;
 use pulsetrain_motion::LawError;
 use pulsetrain_motion::program::Program;
 use pulsetrain_trace::verdict::{EdgeJudge, JudgeError, Options, Report};
-use pulsetrain_trace::{lines, steps, vcd_file};
+use pulsetrain_trace::{Line, steps, vcd_file};
 
 use crate::plot::{MotorPicture, Picture};
 use crate::prepare::Planned;
@@ -22,15 +22,15 @@ pub struct Files<W: Write> {
 }
 
 impl<W: Write> Files<W> {
-    /// Begins the files of a run of `program`.
+    /// Begins the files of a run of `program`, with its lines as they stand when the laws begin.
     ///
     /// # Errors
     /// When they cannot be written.
-    pub fn new(program: &Program, trace: W, steps: W) -> io::Result<Files<W>> {
+    pub fn new(program: &Program, lines: &[Line], trace: W, steps: W) -> io::Result<Files<W>> {
         let names: Vec<String> = program.motors.iter().map(|motor| motor.name.clone()).collect();
         let tick_hz = program.board.tick_hz;
         Ok(Files {
-            trace: vcd_file::Writer::new(trace, tick_hz, &lines::of(program))?,
+            trace: vcd_file::Writer::new(trace, tick_hz, lines)?,
             steps: steps::Writer::new(steps, tick_hz, &names)?,
         })
     }
@@ -72,10 +72,15 @@ impl<'a, W: Write> Recorder<'a, W> {
     ///
     /// # Errors
     /// When the program cannot be judged.
-    pub fn new(program: &'a Program, title: String, files: Option<Files<W>>) -> Result<Self, RecordError> {
+    pub fn new(
+        program: &'a Program,
+        lines: &[Line],
+        title: String,
+        files: Option<Files<W>>,
+    ) -> Result<Self, RecordError> {
         let tick_hz = program.board.tick_hz;
         let tick_s = 1.0 / tick_hz as f64;
-        let judge = EdgeJudge::new(tick_hz, &lines::of(program), program, &Options::default())?.keeping_errors();
+        let judge = EdgeJudge::new(tick_hz, lines, program, &Options::default())?.keeping_errors();
         let motors = program.motors.iter();
         let motors: Vec<_> =
             motors.map(|motor| MotorPicture::new(motor.name.clone(), motor.scale.clone(), 0.0)).collect();

@@ -170,6 +170,56 @@ fn a_step_that_lacks_breaks_a_bound() {
     assert!(outcome.out.contains("FAIL"), "{}", outcome.out);
 }
 
+/// An analyser's own names for its channels say nothing; the user does. Its last line may lack a newline.
+#[test]
+fn channels_are_what_the_user_says() {
+    let folder = Folder::new("channels");
+    let file = example("tutorial.toml");
+    pulsetrain(&["run", &file, "--out", &folder.path("run")]);
+    let trace = std::fs::read_to_string(folder.0.join("run/trace.vcd")).unwrap();
+    let renamed = ["step", "dir", "pin8", "pin9"].iter().enumerate();
+    let trace =
+        renamed.fold(trace, |trace, (n, name)| trace.replace(&format!(" {name} $end"), &format!(" ch{n} $end")));
+    let capture = folder.path("capture.vcd");
+    std::fs::write(&capture, trace.trim_end()).unwrap();
+    let check = |more: &[&str], exit: Exit, says: &str| {
+        let outcome = pulsetrain(&[&["verify", &capture, &file], more].concat());
+        assert_eq!(outcome.exit, exit, "{}{}", outcome.out, outcome.err);
+        assert!((outcome.out + &outcome.err).contains(says), "{says}");
+    };
+    check(&[], Exit::Refused, "says which channel is which line");
+    check(&["--line", "wheel.ch0=wheel.step", "--line", "wheel.ch1=wheel.dir"], Exit::Success, "PASS");
+    check(&["--line", "wheel.ch0=wheel.dir", "--line", "wheel.ch1=wheel.step"], Exit::BoundBroken, "FAIL");
+    check(&["--line", "ch7=wheel.step"], Exit::Refused, "no line for a line called ch7");
+    check(&["--line", "ch0"], Exit::Refused, "Channel 0=wheel.step");
+    let steps = folder.path("run/steps.csv");
+    let outcome = pulsetrain(&["verify", &steps, &file, "--line", "a=b"]);
+    assert!(outcome.err.contains("has no lines"), "{}", outcome.err);
+}
+
+/// A capture of an endless motion ends somewhere on the way, without the planned stop.
+#[test]
+fn a_capture_is_judged_as_far_as_the_user_says() {
+    let folder = Folder::new("until");
+    let file = example("sweep.toml");
+    pulsetrain(&["run", &file, "--for", "3 s", "--out", &folder.path("run")]);
+    let steps = std::fs::read_to_string(folder.0.join("run/steps.csv")).unwrap();
+    let before = |line: &&str| {
+        line.split(',').nth(1).and_then(|tick| tick.parse().ok()).is_none_or(|tick: u64| tick < 33_000_000)
+    };
+    let capture = folder.path("capture.csv");
+    let cut: Vec<&str> = steps.lines().filter(before).collect();
+    std::fs::write(&capture, cut.join("\n")).unwrap();
+    let check = |more: &[&str], exit: Exit| {
+        let outcome = pulsetrain(&[&["verify", &capture, &file], more].concat());
+        assert_eq!(outcome.exit, exit, "{more:?}: {}{}", outcome.out, outcome.err);
+    };
+    check(&["--until", "2 s"], Exit::Success);
+    check(&["--until", "2.1 s"], Exit::BoundBroken);
+    check(&["--for", "2 s"], Exit::BoundBroken);
+    check(&["--until", "2 s", "--for", "2 s"], Exit::Refused);
+}
+
 #[test]
 fn new_files_can_be_planned_and_are_not_overwritten() {
     let folder = Folder::new("new");

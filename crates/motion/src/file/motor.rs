@@ -304,6 +304,9 @@ fn read_timing(section: &Section, driver: Option<&Driver>) -> Read<DriverTiming>
     let nanoseconds = |key: &str, default: Option<u32>| -> Read<Option<u32>> {
         let Some(node) = section.get(key) else { return Ok(default) };
         let seconds = node.measure(Base::Time, 0, "2 us")?;
+        if key == "pulse_high" {
+            node.above_zero(seconds)?;
+        }
         if (0.0..=1.0).contains(&seconds) {
             // At most 10^9, rounded up: a driver's times are minima.
             return Ok(Some((seconds * 1e9 - 1e-6).ceil() as u32));
@@ -319,7 +322,7 @@ fn read_timing(section: &Section, driver: Option<&Driver>) -> Read<DriverTiming>
     let hold = nanoseconds("dir_hold", table.map(|t| t.dir_hold_ns).or(default));
     let (high, low, setup, hold) = (high?, low?, setup?, hold?);
     match (high, low, setup, hold) {
-        (Some(pulse_high_ns), Some(pulse_low_ns), Some(dir_setup_ns), Some(dir_hold_ns)) if pulse_high_ns > 0 => {
+        (Some(pulse_high_ns), Some(pulse_low_ns), Some(dir_setup_ns), Some(dir_hold_ns)) => {
             Ok(DriverTiming { pulse_high_ns, pulse_low_ns, dir_setup_ns, dir_hold_ns })
         }
         _ => Err(section.reader.note(
@@ -456,6 +459,10 @@ fn read_winding(section: &Section, gearing: &Gearing, driver: Option<&Driver>) -
     Err(section.reader.note(section.key_span("inductance"), "out of range", "the electrical data are out of range", ""))
 }
 
+/// What any motor starts and stops at without a ramp, full steps/s: a quarter turn a second at 1.8°. Data sheets of
+/// small motors give some hundreds.
+const DEFAULT_PULL_IN_FULL_STEPS: f64 = 50.0;
+
 fn read_limits(section: &Section, gearing: &Gearing) -> Read<Limits> {
     let limit = |key: &str, per_seconds, example| {
         section
@@ -469,7 +476,8 @@ fn read_limits(section: &Section, gearing: &Gearing) -> Read<Limits> {
     let max_speed = limit("max_speed", 1, "5 rev/s");
     let max_acceleration = limit("max_acceleration", 2, "20 rev/s^2");
     let pull_in = limit("pull_in", 1, "0.5 rev/s");
-    Ok(Limits { max_speed: max_speed?, max_acceleration: max_acceleration?, pull_in: pull_in?.unwrap_or(0.0) })
+    let default = DEFAULT_PULL_IN_FULL_STEPS * f64::from(gearing.microsteps);
+    Ok(Limits { max_speed: max_speed?, max_acceleration: max_acceleration?, pull_in: pull_in?.unwrap_or(default) })
 }
 
 /// `[motor]`: all motors, in the file's order.

@@ -7,7 +7,7 @@ use miette::miette;
 use super::plan;
 use crate::cli::Run;
 use crate::console::{self, Console, Exit, access};
-use crate::drive::drive;
+use crate::drive::Driven;
 use crate::human;
 use crate::plot::Picture;
 use crate::prepare::{Planned, Prepared};
@@ -20,9 +20,10 @@ pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit>
     let planned = plan::plan(&prepared, console)?;
     let folder = args.out.clone().unwrap_or_else(|| default_folder(&args.motion.file));
     let (trace, steps) = (folder.join("trace.vcd"), folder.join("steps.csv"));
-    let files = Files::new(&prepared.program, console::create(&trace)?, console::create(&steps)?)
+    let driven = Driven::new(&prepared)?;
+    let files = Files::new(&prepared.program, &driven.lines, console::create(&trace)?, console::create(&steps)?)
         .map_err(|error| access("write", &folder, error))?;
-    let (verdict, picture) = record(&prepared, &planned, Some(files), console)?;
+    let (verdict, picture) = record(&prepared, &planned, driven, Some(files), console)?;
     let report = RunReport { plan: plan::report(&prepared, &planned), runner: "native", verdict };
     console::write(&folder.join("report.json"), format!("{}\n", console::json(&report)?).as_bytes())?;
     draw(&picture, &folder.join("plot.svg"))?;
@@ -43,15 +44,16 @@ pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit>
 pub(crate) fn record<W: std::io::Write>(
     prepared: &Prepared,
     planned: &[Planned],
+    driven: Driven<'_>,
     files: Option<Files<W>>,
     console: &Console<'_>,
 ) -> miette::Result<(pulsetrain_trace::verdict::Report, Picture)> {
     let board = &prepared.program.board;
     let title = format!("{} on {}", file_name(&prepared.file), board.name);
-    let mut recorder = Recorder::new(&prepared.program, title, files)?;
+    let mut recorder = Recorder::new(&prepared.program, &driven.lines, title, files)?;
     let bar = console.progress(prepared.end_s(), &human::seconds_to(prepared.end_s(), 6));
     bar.stage("running");
-    drive(prepared, &mut recorder, |seconds| bar.set(seconds))?;
+    driven.run(&mut recorder, |seconds| bar.set(seconds))?;
     Ok(recorder.finish(planned)?)
 }
 

@@ -1,0 +1,61 @@
+//! Why a session cannot go on as it should.
+
+use pulsetrain_board::SwitchRefused;
+use pulsetrain_motion::LawError;
+use pulsetrain_plan::Refused;
+
+/// Why a session cannot begin, go on or change; what the board was told before stands, and ends in a stop.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SessionError {
+    /// The board still runs something else.
+    #[error("the board is busy")]
+    Busy,
+    /// Program and board do not have the same motors or ticks.
+    #[error("the program has {program} motors and the board {board}; they must match, and so must their ticks")]
+    Motors {
+        /// Motors of the program.
+        program: usize,
+        /// Motors of the board, or of the program before.
+        board: usize,
+    },
+    /// The plan is refused.
+    #[error("motor {}: {}", .0.motor, .0.error)]
+    Plan(#[from] Refused),
+    /// A law breaks where the host looks at it.
+    #[error("motor {motor}: {error}")]
+    Law {
+        /// Index of the motor in the program.
+        motor: usize,
+        /// How.
+        error: LawError,
+    },
+    /// The board did not accept what comes next: it was sent too late.
+    #[error("the motion could not go on, so the motors stop as planned: {0}")]
+    Switch(#[from] SwitchRefused),
+    /// The shortest part of the plan and its stop do not fit the board's queue.
+    #[error("motor {motor}: the next steps and a stop take {needed} items; the board's queue has room for {room}")]
+    QueueTooShort {
+        /// Index of the motor in the program.
+        motor: usize,
+        /// Items.
+        needed: usize,
+        /// Items.
+        room: usize,
+    },
+    /// A change before the board can be told.
+    #[error("tick {at} is too early for a change; the earliest is {earliest}")]
+    Early {
+        /// Asked for.
+        at: u64,
+        /// First tick that can still be changed.
+        earliest: u64,
+    },
+    /// A change in what is not planned yet, or during a stop.
+    #[error("tick {at} is too late for a change; after {latest} the motors stop, or nothing is planned yet")]
+    Late {
+        /// Asked for.
+        at: u64,
+        /// Last tick at which a change joins the motion.
+        latest: u64,
+    },
+}
