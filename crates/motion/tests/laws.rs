@@ -96,6 +96,8 @@ fn combinations() {
         Law::then(vec![endless.clone(), forth()]),
         endless.repeated(Some(2)),
         forth().repeated(Some(0)),
+        // Every part of a motion that is repeated is looked at beforehand: not for ever.
+        Law::sine(1.0, s(1.0), Some(u64::MAX)).and_then(|law| law.repeated(Some(2))),
         Law::sum(vec![]),
         forth().scaled(f64::NAN),
         forth().delayed(s(-1.0)),

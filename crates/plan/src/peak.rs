@@ -2,10 +2,14 @@
 
 use pulsetrain_motion::law::{Bounds, Curve};
 
+/// Windows of a piece that are looked at: more than any law takes that a board can follow.
+const MOST_WINDOWS: u32 = 1 << 18;
+
 /// Largest |k-th derivative| of the curve on `from..=to`, with where it is: at least `known`, at most a
 /// factor of 1 + `precision` below the true maximum (if that is above `known`). `order` is 1 or 2.
 ///
-/// Windows whose Taylor bound cannot beat the best value found are passed over, the others halved.
+/// Windows whose Taylor bound cannot beat the best value found are passed over, the others halved; the place where
+/// that was given up, if it takes too many of them.
 pub(crate) fn peak(
     curve: &Curve,
     bounds: &Bounds,
@@ -13,7 +17,7 @@ pub(crate) fn peak(
     order: usize,
     known: f64,
     precision: f64,
-) -> (f64, Option<f64>) {
+) -> Result<(f64, Option<f64>), f64> {
     let factorial: f64 = (1..=order).map(|k| k as f64).product();
     let mut best = (known, None);
     for end in [from, to] {
@@ -24,7 +28,12 @@ pub(crate) fn peak(
     }
     let mut windows = vec![(0.5 * (from + to), 0.5 * (to - from))];
     let shortest = (to - from) * 1e-9;
+    let mut tried = 0;
     while let Some((middle, half)) = windows.pop() {
+        tried += 1;
+        if tried > MOST_WINDOWS {
+            return Err(middle);
+        }
         let c = curve.jet(middle);
         let value = factorial * c[order].abs();
         if value > best.0 {
@@ -43,5 +52,5 @@ pub(crate) fn peak(
             windows.push((middle + quarter, quarter));
         }
     }
-    best
+    Ok(best)
 }

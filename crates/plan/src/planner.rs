@@ -282,6 +282,8 @@ impl<'a> Planner<'a> {
                 Cut::End => return Ok(false),
             },
         };
+        let known_from = self.known_to;
+        let mut dropped = 0;
         loop {
             let mut after = match self.cut_run()? {
                 Cut::Run(after) => *after,
@@ -294,12 +296,27 @@ impl<'a> Planner<'a> {
             self.drop_close_pairs(&mut run, &mut after)?;
             if run.count == 0 {
                 run = after;
+                dropped += 1;
+                // All pairs are dropped for a while now: as if there were no steps.
+                if dropped >= IDLE_PIECES && run.count == 0 && self.waiting.is_empty() {
+                    self.check_fineness(known_from)?;
+                    self.wait(self.known_to - IDLE_MARGIN_TICKS);
+                    return Ok(true);
+                }
                 continue;
             }
             self.next = (after.count > 0).then_some(after);
             self.current = Some(RunPlanner::new(run, self.current.as_ref()));
             return Ok(true);
         }
+    }
+
+    /// Refuses laws that go through many pieces without a step within few ticks.
+    fn check_fineness(&self, known_from: i64) -> Result<(), PlanError> {
+        if self.known_to - known_from >= IDLE_PIECES_TICKS {
+            return Ok(());
+        }
+        Err(PlanError::TooFine { at_s: self.known_to as f64 / self.settings.tick_hz as f64 })
     }
 
     /// Waits until `tick`, if that is worth a move.
@@ -340,7 +357,7 @@ impl<'a> Planner<'a> {
                 break;
             }
             let own_apart = later.replace(last.tick).map_or(f64::INFINITY, |later| later - last.tick);
-            if own_apart + 2.0 * self.rules.tolerance < self.settings.min_interval_ticks as f64 {
+            if own_apart * (1.0 + LIMIT_SLACK) < self.settings.min_interval_ticks as f64 {
                 let hz = self.settings.tick_hz as f64;
                 return Err(PlanError::TooFastForBoard {
                     at_s: (run.origin.0 as f64 + last.tick) / hz,
@@ -378,11 +395,8 @@ impl<'a> Planner<'a> {
                 return Ok(Cut::End);
             }
             if pieces == IDLE_PIECES {
-                let at_s = self.known_to as f64 / self.settings.tick_hz as f64;
-                return match self.known_to - known_from {
-                    ticks if ticks < IDLE_PIECES_TICKS => Err(PlanError::TooFine { at_s }),
-                    _ => Ok(Cut::Idle(self.known_to)),
-                };
+                self.check_fineness(known_from)?;
+                return Ok(Cut::Idle(self.known_to));
             }
             pieces += 1;
             match self.pieces.next() {
@@ -486,23 +500,27 @@ impl<'a> Planner<'a> {
         let bounds = piece.curve.bounds(from, to);
         let range = (from, to);
         let check = |order, known: (f64, f64), limit: Option<f64>| {
-            let (mut value, mut at) = peak(&piece.curve, &bounds, range, order, known.0, PEAK_PRECISION);
+            let search = |known, precision| {
+                peak(&piece.curve, &bounds, range, order, known, precision)
+                    .map_err(|u| PlanError::TooFine { at_s: time(u) })
+            };
+            let (mut value, mut at) = search(known.0, PEAK_PRECISION)?;
             if let Some(limit) =
                 limit.filter(|l| value * (1.0 + PEAK_PRECISION) > *l && value <= l * (1.0 + LIMIT_SLACK))
             {
-                let (finer, there) = peak(&piece.curve, &bounds, range, order, limit, LIMIT_SLACK);
+                let (finer, there) = search(limit, LIMIT_SLACK)?;
                 if finer > limit * (1.0 + LIMIT_SLACK) {
                     (value, at) = (finer, there);
                 }
             }
-            (value, at.map_or(known.1, time))
+            Ok::<_, PlanError>((value, at.map_or(known.1, time)))
         };
-        let speed = check(1, self.certificate.peak_speed, limits.max_speed);
+        let speed = check(1, self.certificate.peak_speed, limits.max_speed)?;
         self.certificate.peak_speed = speed;
         if let Some(limit) = limits.max_speed.filter(|l| speed.0 > l * (1.0 + LIMIT_SLACK)) {
             return Err(PlanError::TooFast { at_s: speed.1, speed: speed.0, limit });
         }
-        let acceleration = check(2, self.certificate.peak_acceleration, limits.max_acceleration);
+        let acceleration = check(2, self.certificate.peak_acceleration, limits.max_acceleration)?;
         self.certificate.peak_acceleration = acceleration;
         if let Some(limit) = limits.max_acceleration.filter(|l| acceleration.0 > l * (1.0 + LIMIT_SLACK)) {
             return Err(PlanError::TooMuchAcceleration { at_s: acceleration.1, acceleration: acceleration.0, limit });
@@ -540,5 +558,31 @@ impl Certificate {
         self.steps += u64::from(segment.count);
         self.position += i64::from(direction.sign()) * i64::from(segment.count);
         self.segments += 1;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a planner holds does not grow with the steps that it has given out.
+    #[test]
+    fn endless_laws_are_planned_in_constant_memory() {
+        let seconds = Time::from_seconds;
+        let sweep = Law::sweep(0.1, 400_000, seconds(0.1)).unwrap();
+        let repeated = Law::trapezoid(50_000.0, 20_000.0, 80_000.0, 40_000.0).unwrap().repeated(None).unwrap();
+        let formula = Law::formula("8e4*t + 6e4*sin(0.7*t) + 5e3*sin(3.1*t)", &[], 1.0, None).unwrap();
+        for law in [sweep, repeated, formula] {
+            let mut settings = Settings::new(125_000_000, 32);
+            settings.limits.pull_in = 1e6;
+            let mut planner = Planner::new(&law, &settings).unwrap();
+            let mut most = (0, 0);
+            while planner.certificate.steps < 10_000_000 {
+                planner.next_move().unwrap().unwrap();
+                most = (most.0.max(planner.waiting.len()), most.1.max(planner.moves.len()));
+            }
+            // The stretches of one piece; a dwell and a segment.
+            assert!(most.0 <= 64 && most.1 <= 2, "{most:?} stretches and moves in memory");
+        }
     }
 }

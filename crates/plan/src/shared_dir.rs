@@ -43,6 +43,8 @@ struct Member<'a> {
     out: VecDeque<Move>,
     put_off: u64,
     longest_put_off: i64,
+    /// Shortest interval before or after a step that was put off, ticks.
+    shortest_moved: Option<u64>,
     ended: bool,
 }
 
@@ -76,6 +78,7 @@ impl<'a> SharedDir<'a> {
             out: VecDeque::new(),
             put_off: 0,
             longest_put_off: 0,
+            shortest_moved: None,
             ended: false,
         });
         self.members.len() - 1
@@ -86,6 +89,7 @@ impl<'a> SharedDir<'a> {
         let certificate = member.planner.certificate().clone();
         Certificate {
             bound_ticks: certificate.bound_ticks + member.longest_put_off as f64,
+            shortest_interval_ticks: certificate.shortest_interval_ticks.into_iter().chain(member.shortest_moved).min(),
             steps_put_off: member.put_off,
             longest_put_off_ticks: member.longest_put_off as u64,
             ..certificate
@@ -194,6 +198,9 @@ impl Member<'_> {
             let at_s = tick as f64 / self.tick_hz;
             let limit_hz = self.tick_hz / self.min_interval_ticks as f64;
             return Err(self.refused(PlanError::TooFastForBoard { at_s, rate_hz, limit_hz }));
+        }
+        if spacing < i64::MAX {
+            self.shortest_moved = self.shortest_moved.into_iter().chain([spacing.unsigned_abs()]).min();
         }
         self.out.push_back(Move::Run { segment: Segment { interval, ..step.truncated(1) }, direction });
         if late > 0 {

@@ -133,13 +133,12 @@ proptest! {
         let full = replay(&law, &settings)?;
         settings.reversal_ticks = gap;
         let replay = replay(&law, &settings)?;
-        let slack = 2;
         let mut last: Option<(i64, i64)> = None;
         let mut position = 0;
         for &(tick, after) in &replay.steps {
             let delta = after - position;
             if let Some((before, previous)) = last {
-                prop_assert!(delta == previous || tick - before + slack >= gap as i64, "gap of {}", tick - before);
+                prop_assert!(delta == previous || tick - before >= gap as i64, "gap of {}", tick - before);
             }
             last = Some((tick, delta));
             position = after;

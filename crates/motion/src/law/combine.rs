@@ -22,6 +22,9 @@ pub struct Repeated {
     net: Double,
 }
 
+/// Pieces of a law that is repeated, at most: they are all looked at beforehand.
+const MOST_REPEATED: usize = 1 << 20;
+
 impl Law {
     /// All of `laws` at once; each stays where it ends.
     ///
@@ -77,7 +80,7 @@ impl Law {
     /// This law `times` times or for ever, each time from where it ended.
     ///
     /// # Errors
-    /// [`LawError::Parameter`] if the law is endless or `times` is 0, and the law's own where it breaks.
+    /// [`LawError::Parameter`] if the law is endless or has more than 2^20 pieces, or `times` is 0, and the law's own where it breaks.
     pub fn repeated(self, times: Option<u64>) -> Result<Law, LawError> {
         let Some(period) = self.end() else {
             return Err(LawError::Parameter("the motion is endless: it cannot be repeated".into()));
@@ -86,7 +89,11 @@ impl Law {
             return Err(LawError::Parameter("repeat is 0; it must be at least 1".into()));
         }
         let (mut first, mut last) = (None, Double::ZERO);
-        for piece in self.pieces() {
+        for (row, piece) in self.pieces().enumerate() {
+            if row == MOST_REPEATED {
+                let message = format!("the motion has more than {MOST_REPEATED} parts: too many to repeat");
+                return Err(LawError::Parameter(message));
+            }
             let piece = piece?;
             first.get_or_insert_with(|| piece.first_position());
             last = piece.last_position();

@@ -1,0 +1,174 @@
+//! Motors on one DIR line: opposite steps are kept apart, and the certificates say what that cost.
+
+use proptest::prelude::*;
+use pulsetrain_core::Direction;
+use pulsetrain_motion::program::{Board, DriverTiming, Limits, Motor, Program, Scale, Tolerance, Wiring};
+use pulsetrain_motion::{Grid, Law, Time};
+use pulsetrain_plan::{Certificate, Ensemble, Move, Planner, Refused, Settings};
+
+const TICK_HZ: u64 = 16_000_000;
+
+/// A step of a plan.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Step {
+    tick: i128,
+    direction: Direction,
+}
+
+/// Ticks of moves, in wide integers.
+#[derive(Default)]
+struct Replay {
+    accumulator: i128,
+    steps: Vec<Step>,
+}
+
+impl Replay {
+    fn new() -> Replay {
+        Replay { accumulator: 1 << 15, ..Replay::default() }
+    }
+
+    fn take(&mut self, next: Move) {
+        match next {
+            Move::Dwell { ticks } => self.accumulator += i128::from(ticks) << 16,
+            Move::Run { segment, direction } => {
+                let steps = (1..=segment.count).map(|k| (self.accumulator + segment.span(k)) >> 16);
+                self.steps.extend(steps.map(|tick| Step { tick, direction }));
+                self.accumulator += segment.span(segment.count);
+            }
+        }
+    }
+}
+
+fn program(laws: Vec<Law>, timing: DriverTiming) -> Program {
+    let motors = laws.into_iter().zip(2..).map(|(law, step)| Motor {
+        name: format!("m{step}"),
+        law,
+        wiring: Wiring::StepDir { step, dir: 8, forward_high: false, enable: None },
+        timing,
+        limits: Limits { pull_in: 1e6, ..Limits::default() },
+        scale: Scale { unit: "rev".into(), steps_per_unit: 200.0, steps_per_rev: 200.0 },
+        winding: None,
+    });
+    Program {
+        board: Board {
+            name: "test".into(),
+            tick_hz: TICK_HZ,
+            fraction_bits: 16,
+            max_motors: 4,
+            min_interval_ticks: vec![160],
+            hardware_timed: true,
+            source: "test".into(),
+        },
+        grid: Grid::NEAREST,
+        tolerance: Tolerance::Ticks(1.0),
+        motors: motors.collect(),
+    }
+}
+
+/// Plans the motors together, one move of each in turn.
+fn together(program: &Program) -> Result<Vec<(Vec<Step>, Certificate)>, Refused> {
+    let mut ensemble = Ensemble::new(program)?;
+    let mut replays: Vec<Replay> = program.motors.iter().map(|_| Replay::new()).collect();
+    loop {
+        let mut moved = false;
+        for (motor, replay) in replays.iter_mut().enumerate() {
+            if let Some(next) = ensemble.next_move(motor)? {
+                replay.take(next);
+                moved = true;
+            }
+        }
+        if !moved {
+            break;
+        }
+    }
+    Ok(replays.into_iter().enumerate().map(|(motor, replay)| (replay.steps, ensemble.certificate(motor))).collect())
+}
+
+/// Plans a motor as if the line were its own.
+fn alone(program: &Program, motor: usize) -> (Vec<Step>, Certificate) {
+    let motor = &program.motors[motor];
+    let mut planner = Planner::new(&motor.law, &Settings::of(program, motor)).unwrap();
+    let mut replay = Replay::new();
+    while let Some(next) = planner.next_move().unwrap() {
+        replay.take(next);
+    }
+    (replay.steps, planner.certificate().clone())
+}
+
+/// Half the swing, steps; period, ms; phase of a delayed start, ms.
+fn sweep() -> impl Strategy<Value = Law> {
+    (1u64..120, 150u64..1500, 0u64..300, 1u64..3).prop_map(|(swing, period_ms, delay_ms, cycles)| {
+        let ms = |n| Time::from_ratio(1, 1000).times(n);
+        let sine = Law::sine(0.5 * swing as f64, ms(period_ms), Some(cycles)).unwrap();
+        sine.delayed(ms(delay_ms)).unwrap()
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn opposite_steps_are_kept_apart_and_nothing_else_moves(
+        laws in prop::collection::vec(sweep(), 2..5),
+        dir_ns in 200u32..40_000,
+    ) {
+        let timing =
+            DriverTiming { pulse_high_ns: 2_000, pulse_low_ns: 2_000, dir_setup_ns: dir_ns, dir_hold_ns: dir_ns / 2 };
+        let apart = i128::from(timing.ticks(TICK_HZ).reversal());
+        let program = program(laws, timing);
+        let plans = match together(&program) {
+            Ok(plans) => plans,
+            // Steps put off until the next one of their motor: the only reason to refuse these laws.
+            Err(refused) => {
+                prop_assert_eq!(refused.error.limit(), Some(pulsetrain_plan::error::Limit::Board), "{}", refused);
+                return Ok(());
+            }
+        };
+        let mut line: Vec<Step> = Vec::new();
+        for (motor, (steps, certificate)) in plans.iter().enumerate() {
+            let (planned, own) = alone(&program, motor);
+            prop_assert_eq!(steps.len(), planned.len());
+            let mut late = Vec::new();
+            for (step, planned) in steps.iter().zip(&planned) {
+                prop_assert_eq!(step.direction, planned.direction);
+                prop_assert!(step.tick >= planned.tick, "{step:?} comes before its time");
+                late.extend((step.tick > planned.tick).then_some((step.tick - planned.tick) as u64));
+            }
+            let longest = late.iter().copied().max().unwrap_or(0);
+            prop_assert_eq!(certificate.steps_put_off, late.len() as u64);
+            prop_assert_eq!(certificate.longest_put_off_ticks, longest);
+            prop_assert_eq!(certificate.bound_ticks, own.bound_ticks + longest as f64);
+            prop_assert_eq!((certificate.steps, certificate.position), (own.steps, own.position));
+            let shortest = steps.windows(2).map(|pair| pair[1].tick - pair[0].tick).min();
+            prop_assert!(shortest.is_none_or(|ticks| ticks >= 160));
+            // Inside of a segment an interval is known to the tick.
+            let stated = certificate.shortest_interval_ticks.map(i128::from);
+            prop_assert_eq!(stated.is_some(), shortest.is_some());
+            if let (Some(stated), Some(shortest)) = (stated, shortest) {
+                prop_assert!((shortest - 1..=shortest).contains(&stated), "{stated} stated, {shortest} made");
+            }
+            line.extend(steps);
+        }
+        line.sort_by_key(|step| step.tick);
+        for pair in line.windows(2) {
+            let close = pair[0].direction != pair[1].direction && pair[1].tick - pair[0].tick < apart;
+            prop_assert!(!close, "{pair:?} need {apart} ticks");
+        }
+    }
+}
+
+/// A step that is put off comes closer to the next one of its motor; the certificate says how close.
+#[test]
+fn the_shortest_interval_is_that_of_the_steps_made() {
+    let forth = Law::speed(1000.0, Some(Time::from_seconds(0.1))).unwrap();
+    let back = Law::speed(-1000.0, Some(Time::from_seconds(0.1))).unwrap();
+    let timing =
+        DriverTiming { pulse_high_ns: 2_000, pulse_low_ns: 2_000, dir_setup_ns: 200_000, dir_hold_ns: 100_000 };
+    let program = program(vec![forth, back.delayed(Time::from_ratio(1, 10_000)).unwrap()], timing);
+    for (motor, (steps, certificate)) in together(&program).unwrap().iter().enumerate() {
+        let shortest = steps.windows(2).map(|pair| (pair[1].tick - pair[0].tick) as u64).min();
+        let (_, own) = alone(&program, motor);
+        assert_eq!(own.shortest_interval_ticks, Some(16_000));
+        assert_eq!(certificate.shortest_interval_ticks, shortest);
+    }
+}
