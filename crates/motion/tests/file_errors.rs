@@ -34,6 +34,7 @@ fn loader(path: &Path) -> io::Result<String> {
         Some("word.csv") => Ok("0,0\n1,ten\n".into()),
         Some("short.csv") => Ok("0,0\n".into()),
         Some("thin.csv") => Ok("0\n1\n".into()),
+        Some("semicolon.csv") => Ok("time;angle\n0;0\n1;ten\n".into()),
         Some("winch.txt") => Ok("# commands\n0 s: a x 100\n1 s: a x far\n".into()),
         _ => Err(io::ErrorKind::NotFound.into()),
     }
@@ -726,9 +727,55 @@ fn csv_files() {
     );
     check(
         SINE,
+        &table("\"semicolon.csv\""),
+        expect![[r#"
+            semicolon.csv:3:3: "ten" is not a number
+        "#]],
+    );
+    check(
+        SINE,
         &table("\"good.csv\", columns = [\"time\", \"angel\"]"),
         expect![[r#"
         good.csv:1:1: the header has no column "angel"
+    "#]],
+    );
+}
+
+#[test]
+fn numbers_that_are_none_of_the_right_kind() {
+    check(
+        "microsteps = 4",
+        "microsteps = 4.5",
+        expect![[r#"
+        x.toml:7:14: `microsteps` must be a whole number, but is 4.5
+            write, for example: microsteps = 4
+    "#]],
+    );
+    check(
+        SINE,
+        "law.sine = { amplitude = nan, period = \"1 s\" }",
+        expect![[r#"
+        x.toml:14:26: `amplitude` must be a number with its unit, in quotes, but is not finite
+            write, for example: amplitude = "2.5 rev"
+    "#]],
+    );
+    check(
+        "driver = \"DQ542MA\"",
+        "driver = \"DQ542MA\"\npulse_high = \"0 us\"",
+        expect![[r#"
+        x.toml:9:14: `pulse_high` must be more than 0
+    "#]],
+    );
+}
+
+#[test]
+fn ends_that_cannot_be_changed() {
+    let endless = "end = \"jump\"\nlaw.speed = { speed = \"1 rev/s\" }";
+    check(
+        SINE,
+        endless,
+        expect![[r#"
+        x.toml:14:7: the motion is endless: it has no end to change
     "#]],
     );
 }

@@ -87,6 +87,20 @@ pub enum PlanError {
         /// What was asked for, ticks.
         tolerance_ticks: f64,
     },
+    /// The law consists of pieces far shorter than a tick.
+    #[error("from t = {at_s:.6} s on the law changes many times within one tick of the board")]
+    TooFine {
+        /// When, s.
+        at_s: f64,
+    },
+    /// The motion goes on for longer than ticks can count.
+    #[error("the motion goes on to t = {at_s:.0} s; the board's ticks can be planned up to {limit_s:.0} s")]
+    TooLong {
+        /// Where a part of it ends, s.
+        at_s: f64,
+        /// s.
+        limit_s: f64,
+    },
 }
 
 impl PlanError {
@@ -98,7 +112,11 @@ impl PlanError {
             PlanError::TooFast { .. } => Some(Limit::MotorSpeed),
             PlanError::TooMuchAcceleration { .. } => Some(Limit::MotorAcceleration),
             PlanError::SpeedJump { .. } => Some(Limit::PullIn),
-            PlanError::Law(_) | PlanError::ToleranceTooTight { .. } | PlanError::NotProvable { .. } => None,
+            PlanError::Law(_)
+            | PlanError::ToleranceTooTight { .. }
+            | PlanError::NotProvable { .. }
+            | PlanError::TooFine { .. }
+            | PlanError::TooLong { .. } => None,
         }
     }
 
@@ -110,7 +128,9 @@ impl PlanError {
             | PlanError::TooFast { at_s, .. }
             | PlanError::TooMuchAcceleration { at_s, .. }
             | PlanError::SpeedJump { at_s, .. }
-            | PlanError::NotProvable { at_s, .. } => Some(*at_s),
+            | PlanError::NotProvable { at_s, .. }
+            | PlanError::TooFine { at_s }
+            | PlanError::TooLong { at_s, .. } => Some(*at_s),
             PlanError::Law(LawError::Undefined { at_s, .. } | LawError::Jump { at_s, .. }) => Some(*at_s),
             PlanError::Law(_) | PlanError::ToleranceTooTight { .. } => None,
         }

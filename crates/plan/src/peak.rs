@@ -35,7 +35,9 @@ pub(crate) fn peak(
         let rest = (order + 1..8)
             .rev()
             .fold(falling(8) * bounds.eighth * half, |sum, k| (sum + falling(k) * c[k].abs()) * half);
-        if value + rest > best.0 * (1.0 + precision) && half > shortest {
+        // Where terms cancel, rounding alone is left: no search for what it cannot tell.
+        let noise = factorial * bounds.rounding[order];
+        if value + rest > best.0 * (1.0 + precision) + noise && half > shortest {
             let quarter = half * 0.5;
             windows.push((middle - quarter, quarter));
             windows.push((middle + quarter, quarter));

@@ -5,11 +5,12 @@ use crate::error::PlanError;
 use crate::expansion::Frame;
 use crate::packed::Meter;
 use crate::peak::peak;
-use crate::run::{Registers, Rules, Run, RunPlanner};
+use crate::run::{Registers, Rules, Run, RunPlanner, shortest_interval};
 use crate::settings::Settings;
 use crate::stretch::{Stretch, stretches};
 use crate::{LEAST_TOLERANCE_TICKS, Move};
 use pulsetrain_core::{Direction, Segment};
+use pulsetrain_motion::Time;
 use pulsetrain_motion::law::{Class, Entry, Law, LawError, Piece, Pieces};
 use std::collections::VecDeque;
 
@@ -17,6 +18,18 @@ use std::collections::VecDeque;
 const TOUCH: f64 = 1e-9;
 /// Waits longer than this are dwells, ticks: 24 bits serve every board's interval.
 pub const LONGEST_WAIT_TICKS: u32 = 1 << 24;
+/// Looser fits save little, and steps that wander far come too close to their neighbours.
+const LOOSEST_FIT_TICKS: f64 = 1024.0;
+/// A piece that reaches further from its own origin has no half steps in f64, steps.
+const FARTHEST_IN_PIECE: f64 = 4_503_599_627_370_496.0;
+/// Plans end before the ticks leave an i64.
+const LAST_TICK: i128 = 1 << 62;
+/// After so many pieces without a step, the motor waits up to there: nobody waits for the planner meanwhile.
+const IDLE_PIECES: u32 = 4096;
+/// So many pieces take at least this long, ticks, or the law is too fine for the board.
+const IDLE_PIECES_TICKS: i64 = IDLE_PIECES as i64;
+/// Such a wait ends this long before the law that is known, ticks, and is no shorter.
+const IDLE_MARGIN_TICKS: i64 = 65_536;
 /// Peaks are reported to this precision, or as close as a limit demands.
 const PEAK_PRECISION: f64 = 1e-2;
 /// A limit may be met exactly: trapezoids run at it.
@@ -48,6 +61,8 @@ pub struct Planner<'a> {
     arrival: f64,
     /// Where the last piece ended.
     end: Option<End>,
+    /// The tick of that.
+    known_to: i64,
     /// Position after all runs that were cut from the law so far.
     position: i64,
     waiting: VecDeque<(Stretch, PieceFrame)>,
@@ -74,6 +89,16 @@ pub struct Origin {
 /// A motor that goes on under another law stays within so many steps of it: half a step and h, a pair of steps
 /// that was dropped.
 const FARTHEST_FROM_LAW: f64 = 2.0;
+
+/// What comes next of a law.
+enum Cut {
+    /// A run that has steps.
+    Run(Box<Run>),
+    /// None up to this tick.
+    Idle(i64),
+    /// None to the end.
+    End,
+}
 
 /// What stretches of one piece share.
 #[derive(Clone, Copy, Debug)]
@@ -103,11 +128,12 @@ impl<'a> Planner<'a> {
         }
         let rules = Rules {
             fraction_bits: settings.fraction_bits,
-            tolerance: tolerance_ticks,
+            tolerance: tolerance_ticks.min(LOOSEST_FIT_TICKS),
             gain: settings.gain(),
             largest_add: if settings.fraction_bits <= 16 { i64::from(i32::MAX) } else { 1 << 56 },
             longest_wait: f64::from(LONGEST_WAIT_TICKS),
             longest: if settings.packed { u32::from(u16::MAX) } else { 1 << 24 },
+            min_interval: i64::try_from(settings.min_interval_ticks).unwrap_or(i64::MAX),
         };
         Ok(Planner {
             pieces: law.pieces(),
@@ -124,6 +150,7 @@ impl<'a> Planner<'a> {
             start: None,
             arrival: 0.0,
             end: None,
+            known_to: 0,
             position: 0,
             waiting: VecDeque::new(),
             current: None,
@@ -195,8 +222,9 @@ impl<'a> Planner<'a> {
         let before = self.registers;
         self.registers.advance(&segment, fraction_bits);
         let at_s = self.registers.tick as f64 / self.settings.tick_hz as f64;
-        if fit.bound > self.rules.tolerance {
-            let tolerance_ticks = self.rules.tolerance;
+        let tolerance_ticks = self.settings.tolerance_ticks;
+        // Not-a-number proves nothing.
+        if fit.bound.is_nan() || fit.bound > tolerance_ticks {
             return Err(PlanError::NotProvable { at_s, bound_ticks: fit.bound, tolerance_ticks });
         }
         self.check_spacing(&segment, &before)?;
@@ -241,21 +269,29 @@ impl<'a> Planner<'a> {
         Ok(())
     }
 
-    /// Makes the next run the current one; `false` at the end of the law.
+    /// Makes the next run the current one, or waits for it; `false` at the end of the law.
     fn take_next_run(&mut self) -> Result<bool, PlanError> {
         let mut run = match self.next.take() {
             Some(run) => run,
             None => match self.cut_run()? {
-                Some(run) => run,
-                None => return Ok(false),
+                Cut::Run(run) => *run,
+                Cut::Idle(known_to) => {
+                    self.wait(known_to - IDLE_MARGIN_TICKS);
+                    return Ok(true);
+                }
+                Cut::End => return Ok(false),
             },
         };
         loop {
-            let Some(mut after) = self.cut_run()? else {
-                self.current = (run.count > 0).then(|| RunPlanner::new(run, self.current.as_ref()));
-                return Ok(self.current.is_some());
+            let mut after = match self.cut_run()? {
+                Cut::Run(after) => *after,
+                Cut::Idle(known_to) if run.count > 0 && self.turns_before(&run, known_to) => continue,
+                Cut::Idle(_) | Cut::End => {
+                    self.current = (run.count > 0).then(|| RunPlanner::new(run, self.current.as_ref()));
+                    return Ok(self.current.is_some() || !self.finished);
+                }
             };
-            self.drop_close_pairs(&mut run, &mut after);
+            self.drop_close_pairs(&mut run, &mut after)?;
             if run.count == 0 {
                 run = after;
                 continue;
@@ -266,12 +302,35 @@ impl<'a> Planner<'a> {
         }
     }
 
-    /// Opposite steps closer than the driver can turn round are dropped in pairs.
-    fn drop_close_pairs(&mut self, run: &mut Run, after: &mut Run) {
-        if run.direction == after.direction {
-            return;
+    /// Waits until `tick`, if that is worth a move.
+    fn wait(&mut self, tick: i64) {
+        let ticks = tick - self.registers.tick;
+        if ticks >= IDLE_MARGIN_TICKS {
+            self.registers.tick = tick;
+            self.give(Move::Dwell { ticks: ticks.unsigned_abs() });
         }
-        let gap = self.settings.reversal_ticks.max(self.settings.min_interval_ticks) as f64;
+    }
+
+    /// Opposite steps closer than this may come too close, ticks: each may be off by the tolerance.
+    fn gap(&self) -> f64 {
+        self.settings.reversal_ticks.max(self.settings.min_interval_ticks) as f64 + 2.0 * self.rules.tolerance
+    }
+
+    /// Whether a step at `tick` or later may still come too close to the last one of `run`.
+    fn turns_before(&self, run: &Run, tick: i64) -> bool {
+        let (last, _) = run.due(run.count, run.guess(run.count));
+        (tick - run.origin.0) as f64 - run.origin.1 - last.tick < self.gap()
+    }
+
+    /// Opposite steps closer than the driver can turn round are dropped in pairs.
+    ///
+    /// That is for laws that graze a step: one that goes on too fast for the board right up to its turn is refused.
+    fn drop_close_pairs(&mut self, run: &mut Run, after: &mut Run) -> Result<(), PlanError> {
+        if run.direction == after.direction {
+            return Ok(());
+        }
+        let gap = self.gap();
+        let mut later: Option<f64> = None;
         while run.count > 0 && after.count > 0 {
             let (last, _) = run.due(run.count, run.guess(run.count));
             let (first, _) = after.due(1, after.guess(1));
@@ -279,6 +338,15 @@ impl<'a> Planner<'a> {
                 (after.origin.0 - run.origin.0) as f64 + (after.origin.1 - run.origin.1) + first.tick - last.tick;
             if apart >= gap {
                 break;
+            }
+            let own_apart = later.replace(last.tick).map_or(f64::INFINITY, |later| later - last.tick);
+            if own_apart + 2.0 * self.rules.tolerance < self.settings.min_interval_ticks as f64 {
+                let hz = self.settings.tick_hz as f64;
+                return Err(PlanError::TooFastForBoard {
+                    at_s: (run.origin.0 as f64 + last.tick) / hz,
+                    rate_hz: hz / own_apart.max(1.0),
+                    limit_hz: hz / self.settings.min_interval_ticks as f64,
+                });
             }
             // θ at the turn, seen from where the motor now stays.
             let turn = (run.stretch.value_to - run.frame.zero) * run.frame.sign;
@@ -291,21 +359,32 @@ impl<'a> Planner<'a> {
             self.certificate.pairs_dropped += 1;
             self.certificate.worst_position_error = self.certificate.worst_position_error.max(error);
         }
+        Ok(())
     }
 
     /// The next run that has steps.
-    fn cut_run(&mut self) -> Result<Option<Run>, PlanError> {
+    fn cut_run(&mut self) -> Result<Cut, PlanError> {
+        let mut pieces = 0;
+        let known_from = self.known_to;
         loop {
             while let Some((stretch, piece)) = self.waiting.pop_front() {
                 let run = self.run(stretch, piece);
                 if run.count > 0 {
                     self.position += i64::from(run.direction.sign()) * run.count as i64;
-                    return Ok(Some(run));
+                    return Ok(Cut::Run(Box::new(run)));
                 }
             }
             if self.finished {
-                return Ok(None);
+                return Ok(Cut::End);
             }
+            if pieces == IDLE_PIECES {
+                let at_s = self.known_to as f64 / self.settings.tick_hz as f64;
+                return match self.known_to - known_from {
+                    ticks if ticks < IDLE_PIECES_TICKS => Err(PlanError::TooFine { at_s }),
+                    _ => Ok(Cut::Idle(self.known_to)),
+                };
+            }
+            pieces += 1;
             match self.pieces.next() {
                 Some(piece) => self.admit(&piece?)?,
                 None => {
@@ -320,7 +399,8 @@ impl<'a> Planner<'a> {
         let rising = stretch.value_to > stretch.value_from;
         let (sign, direction) = if rising { (1.0, Direction::Forward) } else { (-1.0, Direction::Backward) };
         let (start_whole, start_rest) = self.start.unwrap_or((0, 0.0));
-        let position = self.position - piece.origin + start_whole;
+        // Wide, since both may be far out: what is left is at home in the piece.
+        let position = i128::from(self.position) - i128::from(piece.origin) + i128::from(start_whole);
         // Step 1 is due at the level above (or below) the position; s = 0 is one step before it.
         let offset = sign * (self.settings.grid.hysteresis - 0.5);
         let zero = position as f64 + (offset + start_rest);
@@ -348,10 +428,17 @@ impl<'a> Planner<'a> {
             let at_s = if k < 8 { at_s } else { end_s };
             return Err(LawError::Undefined { at_s, why: "the law or its slope is not finite".into() }.into());
         }
+        if first[0].abs().max(last[0].abs()) > FARTHEST_IN_PIECE {
+            return Err(LawError::Parameter(format!("θ leaves ±2^52 steps between t = {at_s} s and {end_s} s")).into());
+        }
+        let limit = Time::from_raw((LAST_TICK << 64) / i128::from(self.settings.tick_hz.max(1)));
+        if piece.end > limit {
+            return Err(PlanError::TooLong { at_s: end_s, limit_s: limit.seconds() });
+        }
         match self.end {
             None => {
                 let (whole, rest) = *self.start.get_or_insert((piece.origin, first[0]));
-                let jump = (piece.origin - whole - self.position) as f64 + (first[0] - rest);
+                let jump = steps_apart(piece.origin, whole) - self.position as f64 + (first[0] - rest);
                 if jump.abs() > FARTHEST_FROM_LAW {
                     let from = self.position as f64 + rest;
                     return Err(LawError::Jump { at_s, from, to: from + jump }.into());
@@ -359,7 +446,7 @@ impl<'a> Planner<'a> {
                 self.check_speed_jump(at_s, self.arrival, first[1], piece.entry)?;
             }
             Some(end) => {
-                let jump = (piece.origin - end.origin) as f64 + (first[0] - end.value);
+                let jump = steps_apart(piece.origin, end.origin) + (first[0] - end.value);
                 if jump.abs() > 1e-6 {
                     let from = end.origin as f64 + end.value;
                     return Err(LawError::Jump { at_s, from, to: from + jump }.into());
@@ -370,6 +457,7 @@ impl<'a> Planner<'a> {
         self.end = Some(End { at_s: end_s, origin: piece.origin, value: last[0], speed: last[1] });
         self.check_peaks(piece, from, to)?;
         let hz = self.settings.tick_hz;
+        self.known_to = piece.end.ticks(hz).0;
         let frame = PieceFrame { origin: piece.origin, zero: piece.zero.ticks(hz) };
         self.waiting.extend(stretches(piece, hz as f64).into_iter().map(|s| (s, frame)));
         Ok(())
@@ -423,14 +511,9 @@ impl<'a> Planner<'a> {
     }
 }
 
-/// The shortest interval between two steps of a segment, ticks · 2^F, and the number of the step after it.
-fn shortest_interval(segment: &Segment) -> (i64, u32) {
-    // Before step k (2..=count): I + (k−1)a + C(k−1,2)b, a parabola in k: least at an end or beside its vertex.
-    let vertex = if segment.add2 == 0 { 2.0 } else { 1.5 - segment.add as f64 / segment.add2 as f64 };
-    let near = vertex.clamp(2.0, f64::from(segment.count)) as u32;
-    let candidates = [2, near, (near + 1).min(segment.count), segment.count];
-    let least = candidates.map(|k| (segment.after(k - 1).interval, k)).into_iter().min();
-    least.unwrap_or((segment.interval, 1))
+/// `to` − `from`, which may be more than an i64 holds.
+fn steps_apart(to: i64, from: i64) -> f64 {
+    (i128::from(to) - i128::from(from)) as f64
 }
 
 impl Certificate {

@@ -96,7 +96,9 @@ impl Run {
 
     /// The time of s between the last place where the law is surely below it and the first where it is surely above.
     fn enclosed(&self, s: f64) -> Due {
-        let doubt = self.stretch.bounds.rounding[0] + 4.0 * ULP * (self.frame.zero.abs() + self.stretch.value_to.abs());
+        let doubt = self.stretch.bounds.rounding[0]
+            + self.frame.zero_doubt
+            + 4.0 * ULP * (self.frame.zero.abs() + self.stretch.value_to.abs());
         let side = |level: f64| {
             let (mut low, mut high) = (self.stretch.from, self.stretch.to);
             while (high - low) * self.frame.tick_hz > 1e-3 {
@@ -176,6 +178,8 @@ pub(crate) struct Rules {
     pub(crate) longest_wait: f64,
     /// Most steps in one segment.
     pub(crate) longest: u32,
+    /// Shortest interval between two steps, ticks.
+    pub(crate) min_interval: i64,
 }
 
 impl Rules {
@@ -199,7 +203,19 @@ impl Rules {
         (segment.interval.max(segment.after(segment.count - 1).interval) as f64) <= largest
             && segment.add.abs() <= self.largest_add
             && segment.add2.abs() <= self.largest_add
+            && (segment.count == 1 || shortest_interval(segment).0 >> self.fraction_bits >= self.min_interval)
     }
+}
+
+/// The shortest interval between two steps of a segment of two or more, ticks · 2^F, and the number of the step
+/// after it.
+pub(crate) fn shortest_interval(segment: &Segment) -> (i64, u32) {
+    // Before step k (2..=count): I + (k−1)a + C(k−1,2)b, a parabola in k: least at an end or beside its vertex.
+    let vertex = if segment.add2 == 0 { 2.0 } else { 1.5 - segment.add as f64 / segment.add2 as f64 };
+    let near = vertex.clamp(2.0, f64::from(segment.count)) as u32;
+    let candidates = [2, near, (near + 1).min(segment.count), segment.count];
+    let least = candidates.map(|k| (segment.after(k - 1).interval, k)).into_iter().min();
+    least.unwrap_or((segment.interval, 1))
 }
 
 /// How often an expansion is moved to the middle of the segment that it turns out to serve.

@@ -66,7 +66,9 @@ Examples:
     #[command(after_help = "\
 Examples:
   pulsetrain verify out/tutorial/trace.vcd examples/tutorial.toml
-  pulsetrain verify capture.csv examples/tutorial.toml --align start+rate")]
+  pulsetrain verify capture.csv examples/tutorial.toml --align start+rate
+  pulsetrain verify capture.csv examples/tutorial.toml --align start \\
+      --line \"Channel 0=wheel.step\" --line \"Channel 1=wheel.dir\"")]
     Verify(Verify),
     /// Tell why a motion is refused: the limit, the place, the curve there, and what would fit
     #[command(after_help = "\
@@ -147,6 +149,9 @@ pub(crate) struct Verify {
     /// What is fitted before judging
     #[arg(long, value_enum, default_value_t = Alignment::None)]
     pub(crate) align: Alignment,
+    /// Which line a channel of the capture is, e.g. "Channel 0=wheel.step"; once for each channel
+    #[arg(long, value_name = "CHANNEL=LINE", value_parser = channel)]
+    pub(crate) line: Vec<(String, String)>,
     /// Whose film it is, if the motion file has several motors
     #[arg(long, value_name = "MOTOR")]
     pub(crate) motor: Option<String>,
@@ -218,6 +223,14 @@ fn board(name: &str) -> Result<String, String> {
     match boards::find(name) {
         Some(row) => Ok(row.board.name),
         None => Err(format!("no such board; there are {}", names.collect::<Vec<_>>().join(", "))),
+    }
+}
+
+/// What a capture calls a line, and what it is: "Channel 0=wheel.step".
+fn channel(text: &str) -> Result<(String, String), String> {
+    match text.rsplit_once('=') {
+        Some((from, to)) if !from.is_empty() && !to.is_empty() => Ok((from.to_owned(), to.to_owned())),
+        _ => Err("write it like \"Channel 0=wheel.step\"".into()),
     }
 }
 

@@ -15,7 +15,7 @@ pub fn significant(value: f64, digits: usize) -> String {
     let (_, exponent) = scientific.split_once('e').unwrap_or((&scientific, "0"));
     let exponent: i32 = exponent.parse().unwrap_or(0);
     if !(-6..16).contains(&exponent) {
-        return scientific;
+        return scientific.strip_prefix('-').map_or_else(|| scientific.clone(), |rest| format!("−{rest}"));
     }
     let decimals = (digits as i32 - 1 - exponent).max(0) as usize;
     let unit = 10f64.powi((exponent - digits as i32 + 1).max(0));
@@ -162,6 +162,7 @@ mod tests {
         check(12_566.37, 8, "12 566.37");
         check(-1_234_567.0, 9, "−1 234 567");
         check(1.0e-9, 3, "1.00e-9");
+        check(-1.0e-9, 3, "−1.00e-9");
     }
 
     #[test]

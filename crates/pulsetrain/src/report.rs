@@ -260,8 +260,9 @@ impl Display for VerdictTable<'_> {
         let alignment = &report.alignment;
         if alignment.shift_s != 0.0 || alignment.rate_ppm != 0.0 {
             let shift = human::seconds_to(alignment.shift_s, 9);
-            let rate = human::significant(alignment.rate_ppm, 4);
-            writeln!(f, "  time zero at {shift} of the capture; the board's clock is {rate} ppm fast\n")?;
+            let rate = human::significant(alignment.rate_ppm.abs(), 4);
+            let way = if alignment.rate_ppm < 0.0 { "slow" } else { "fast" };
+            writeln!(f, "  time zero at {shift} of the capture; the board's clock is {rate} ppm {way}\n")?;
         }
         for failure in report.failures.iter().take(FAILURES_SHOWN) {
             writeln!(f, "  {failure}")?;

@@ -170,6 +170,33 @@ fn a_step_that_lacks_breaks_a_bound() {
     assert!(outcome.out.contains("FAIL"), "{}", outcome.out);
 }
 
+/// An analyser's own names for its channels say nothing; the user does. Its last line may lack a newline.
+#[test]
+fn channels_are_what_the_user_says() {
+    let folder = Folder::new("channels");
+    let file = example("tutorial.toml");
+    pulsetrain(&["run", &file, "--out", &folder.path("run")]);
+    let trace = std::fs::read_to_string(folder.0.join("run/trace.vcd")).unwrap();
+    let renamed = ["step", "dir", "pin8", "pin9"].iter().enumerate();
+    let trace =
+        renamed.fold(trace, |trace, (n, name)| trace.replace(&format!(" {name} $end"), &format!(" ch{n} $end")));
+    let capture = folder.path("capture.vcd");
+    std::fs::write(&capture, trace.trim_end()).unwrap();
+    let check = |more: &[&str], exit: Exit, says: &str| {
+        let outcome = pulsetrain(&[&["verify", &capture, &file], more].concat());
+        assert_eq!(outcome.exit, exit, "{}{}", outcome.out, outcome.err);
+        assert!((outcome.out + &outcome.err).contains(says), "{says}");
+    };
+    check(&[], Exit::Refused, "says which channel is which line");
+    check(&["--line", "wheel.ch0=wheel.step", "--line", "wheel.ch1=wheel.dir"], Exit::Success, "PASS");
+    check(&["--line", "wheel.ch0=wheel.dir", "--line", "wheel.ch1=wheel.step"], Exit::BoundBroken, "FAIL");
+    check(&["--line", "ch7=wheel.step"], Exit::Refused, "no line for a line called ch7");
+    check(&["--line", "ch0"], Exit::Refused, "Channel 0=wheel.step");
+    let steps = folder.path("run/steps.csv");
+    let outcome = pulsetrain(&["verify", &steps, &file, "--line", "a=b"]);
+    assert!(outcome.err.contains("has no lines"), "{}", outcome.err);
+}
+
 #[test]
 fn new_files_can_be_planned_and_are_not_overwritten() {
     let folder = Folder::new("new");

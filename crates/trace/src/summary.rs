@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::verdict::{FilmReport, Measured, MotorReport, Report};
+use crate::verdict::{Alignment, FilmReport, Measured, MotorReport, Report};
 
 /// Failures that are printed; the report counts all.
 const SHOWN: usize = 10;
@@ -64,9 +64,11 @@ impl fmt::Display for FilmReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "{}: {} frames; error max {:+.3} steps ({:+.3}°) at {:.3} s, rms {:.3} ({:.3}°), limit {:.2} steps",
+            "{}: {} frames, {:.3} s to {:.3} s of the motion; error max {:+.3} steps ({:+.3}°) at {:.3} s, rms {:.3} ({:.3}°), limit {:.2} steps",
             self.motor,
             self.frames,
+            self.from_s,
+            self.to_s,
             self.max_error_steps,
             self.max_error_deg,
             self.max_error_at_s,
@@ -74,6 +76,14 @@ impl fmt::Display for FilmReport {
             self.rms_error_deg,
             self.limit_steps,
         )?;
+        let Alignment { shift_s, rate_ppm } = self.alignment;
+        if shift_s != 0.0 || rate_ppm != 0.0 || self.zero_deg != 0.0 {
+            let zero_deg = self.zero_deg;
+            writeln!(
+                f,
+                "time zero at {shift_s:.4} s of the film, at {zero_deg:.3}°; clocks differ by {rate_ppm:+.0} ppm"
+            )?;
+        }
         failures(f, self.failures.iter(), self.failures.len() as u64)?;
         f.write_str(if self.ok { "ok" } else { "NOT OK" })
     }

@@ -5,7 +5,7 @@
 //! (100 ps there). Where there is none down to 1 ps (42 MHz), times are rounded to the nearest 1 ps, and the tick rate
 //! in the file's comment gives every tick back exactly. A file without that comment is read with its timescale as the tick.
 
-use std::io::{self, Write};
+use std::io::{self, Read, Write};
 
 use vcd::{Command, IdCode, Parser, TimescaleUnit, Value};
 
@@ -154,7 +154,8 @@ pub fn write(trace: &Trace, out: impl Write) -> io::Result<()> {
 /// # Errors
 /// If it is not VCD, has no timescale, more than 256 lines, or time that goes back.
 pub fn read(bytes: &[u8]) -> Result<Trace, ReadError> {
-    let mut parser = Parser::new(bytes);
+    // The parser wants white space after every word, the last one too; not every writer ends with a newline.
+    let mut parser = Parser::new(bytes.chain(&b" "[..]));
     let mut units_hz = None;
     let mut tick_hz = None;
     let mut scopes: Vec<String> = Vec::new();
@@ -260,7 +261,7 @@ pub fn read(bytes: &[u8]) -> Result<Trace, ReadError> {
     Ok(Trace { tick_hz, lines: lines.into_iter().map(|(_, line, _)| line).collect(), edges })
 }
 
-fn read_error(parser: &Parser<&[u8]>, error: &io::Error) -> ReadError {
+fn read_error<R: io::BufRead>(parser: &Parser<R>, error: &io::Error) -> ReadError {
     ReadError::new(parser.line(), 1, "a VCD command", error.to_string())
 }
 
@@ -337,8 +338,9 @@ mod tests {
             &[true, false],
             &[(7, 0, false), (9, 1, true)],
         );
-        // A line that is first heard of later has an edge there, from LOW.
+        // A line that is first heard of later has an edge there, from LOW; the file need not end with a newline.
         check(&format!("{head}#0 0!\n#4 1\"\n"), 1_000_000, &[false, false], &[(4, 1, true)]);
+        check(&format!("{head}#0 0!\n#4 1\""), 1_000_000, &[false, false], &[(4, 1, true)]);
     }
 
     #[test]

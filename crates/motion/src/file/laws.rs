@@ -6,6 +6,7 @@ use std::path::Path;
 use super::motor::Gearing;
 use super::points;
 use super::reader::{Node, Noted, Read, Reader, Section};
+use super::refuse;
 use super::winch;
 use crate::Time;
 use crate::law::{Begin, End, Interpolation, Law, LawError, SCurve, TimerRamp};
@@ -305,7 +306,7 @@ impl Context<'_> {
     }
 
     /// `begin` and `end` of a motion: what to do where it starts or ends faster than the motor can.
-    pub(super) fn blended(&self, motion: &Section, node: &Node, law: Law) -> Read<Law> {
+    pub(super) fn blended(&self, motion: &Section, law: Law) -> Read<Law> {
         #[derive(Clone, Copy)]
         enum Manner {
             Delay,
@@ -326,7 +327,7 @@ impl Context<'_> {
                     Begin::Ramp { max_speed, max_acceleration }
                 }
             };
-            law = self.made(node, law.beginning(begin))?;
+            law = law.beginning(begin).map_err(|error| refuse(&place, &error))?;
         }
         if let Some((manner, place)) = end? {
             let end = match manner {
@@ -336,7 +337,7 @@ impl Context<'_> {
                 }
                 _ => End::Jump,
             };
-            law = self.made(node, law.ending(end))?;
+            law = law.ending(end).map_err(|error| refuse(&place, &error))?;
         }
         Ok(law)
     }

@@ -306,7 +306,7 @@ fn read_motion(motion: &Section, draft: &Draft, load: Loader, timeline: &mut Tim
     if let Some((times, repeat)) = repeat? {
         law = law.repeated(times).map_err(|error| refuse(&repeat, &error))?;
     }
-    let law = context.blended(motion, &node, law)?;
+    let law = context.blended(motion, law)?;
     timeline.push(motion, start?, law)
 }
 

@@ -304,6 +304,9 @@ fn read_timing(section: &Section, driver: Option<&Driver>) -> Read<DriverTiming>
     let nanoseconds = |key: &str, default: Option<u32>| -> Read<Option<u32>> {
         let Some(node) = section.get(key) else { return Ok(default) };
         let seconds = node.measure(Base::Time, 0, "2 us")?;
+        if key == "pulse_high" {
+            node.above_zero(seconds)?;
+        }
         if (0.0..=1.0).contains(&seconds) {
             // At most 10^9, rounded up: a driver's times are minima.
             return Ok(Some((seconds * 1e9 - 1e-6).ceil() as u32));
@@ -319,7 +322,7 @@ fn read_timing(section: &Section, driver: Option<&Driver>) -> Read<DriverTiming>
     let hold = nanoseconds("dir_hold", table.map(|t| t.dir_hold_ns).or(default));
     let (high, low, setup, hold) = (high?, low?, setup?, hold?);
     match (high, low, setup, hold) {
-        (Some(pulse_high_ns), Some(pulse_low_ns), Some(dir_setup_ns), Some(dir_hold_ns)) if pulse_high_ns > 0 => {
+        (Some(pulse_high_ns), Some(pulse_low_ns), Some(dir_setup_ns), Some(dir_hold_ns)) => {
             Ok(DriverTiming { pulse_high_ns, pulse_low_ns, dir_setup_ns, dir_hold_ns })
         }
         _ => Err(section.reader.note(

@@ -40,7 +40,8 @@ pub(super) fn columns(node: &Node) -> Read<Columns> {
 
 /// Reads times, in units of `seconds`, and positions, in units of `steps`; the first time becomes 0 s.
 ///
-/// Lines that begin with `#` are comments, and a first line that is not of numbers is a header.
+/// Lines that begin with `#` are comments, and a first line that is not of numbers is a header. Fields are parted by
+/// tabs, `;` or `,`: whichever of them the first line holds, in this order.
 pub(super) fn read(file: &Node, loader: Loader, columns: &Columns, seconds: f64, steps: f64) -> Read<Vec<(f64, f64)>> {
     let text = load(file, loader)?;
     let name = file.as_text().unwrap_or_default();
@@ -50,7 +51,10 @@ pub(super) fn read(file: &Node, loader: Loader, columns: &Columns, seconds: f64,
         let labels = vec![(at, label.to_owned())];
         file.reader.note_problem(Problem::new(&source, message, labels, None))
     };
+    let first = text.lines().find(|line| !line.starts_with('#')).unwrap_or_default();
+    let delimiter = [b'\t', b';'].into_iter().find(|delimiter| first.as_bytes().contains(delimiter)).unwrap_or(b',');
     let mut csv = csv::ReaderBuilder::new()
+        .delimiter(delimiter)
         .has_headers(false)
         .flexible(true)
         .trim(csv::Trim::All)

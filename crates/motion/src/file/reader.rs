@@ -169,6 +169,7 @@ impl<'a> Node<'a> {
     fn form(&self) -> &'static str {
         match self.form {
             Form::Value(Value::String(_)) => "a text",
+            Form::Value(Value::Float(number)) if !number.value().is_finite() => "not finite",
             Form::Value(Value::Integer(_) | Value::Float(_)) => "a bare number",
             Form::Value(Value::Boolean(_)) => "true or false",
             Form::Value(Value::Datetime(_)) => "a date",
@@ -248,7 +249,13 @@ impl<'a> Node<'a> {
 
     /// A whole number within `range`; anything else is noted.
     pub(super) fn whole(&self, range: RangeInclusive<i64>, example: &str) -> Read<i64> {
-        let number = self.as_whole().ok_or_else(|| self.wrong("a whole number", example))?;
+        let number = self.as_whole().ok_or_else(|| match self.as_number() {
+            Some(number) => {
+                let message = format!("`{}` must be a whole number, but is {number:?}", self.key);
+                self.note("not whole", message, format!("write, for example: {example}"))
+            }
+            None => self.wrong("a whole number", example),
+        })?;
         if range.contains(&number) {
             return Ok(number);
         }

@@ -175,9 +175,9 @@ fn text_of(explanation: &Explanation, refused: &Refused) -> String {
     if !refused.curve.is_empty() {
         text.push_str(&format!("\nThe motion near the place\n{}", curve_table(refused)));
     }
-    text.push_str("\nWhat would fit\n");
-    for line in refused.advice.lines().filter(|line| !line.contains("pulsetrain explain")) {
-        text.push_str(&format!("  {line}\n"));
+    let advice: Vec<&str> = refused.advice.lines().filter(|line| !line.contains("pulsetrain explain")).collect();
+    if !advice.is_empty() {
+        text.push_str(&format!("\nWhat would fit\n  {}\n", advice.join("\n  ")));
     }
     text
 }

@@ -13,17 +13,30 @@ pub(crate) fn run(args: &Verify, console: &mut Console<'_>) -> miette::Result<Ex
     let program = &prepared.program;
     let shown = args.capture.display();
     let bytes = console::read(&args.capture)?;
-    let capture = capture::read(&bytes).map_err(|error| {
+    let mut capture = capture::read(&bytes).map_err(|error| {
         let help = "captures are VCD, Saleae CSV, steps.csv, or a camera's track: CSV of time and angle";
         miette!(help = help, "{shown}: {error}")
     })?;
+    for (from, to) in &args.line {
+        match &mut capture {
+            Capture::Edges(trace) => trace.alias(from, to).map_err(|error| miette!("{shown}: {error}"))?,
+            Capture::Steps(_) | Capture::Film(_) => {
+                return Err(miette!("{shown} has no lines: --line is for VCD and Saleae CSV"));
+            }
+        }
+    }
     let align = match args.align {
         Alignment::None => Align::None,
         Alignment::Start => Align::Start,
         Alignment::StartAndRate => Align::StartAndRate,
     };
     let options = Options { align, ..Options::default() };
-    let no_verdict = |error: JudgeError| miette!("{shown}: {error}");
+    let no_verdict = |error: JudgeError| match error {
+        JudgeError::Line(_) => {
+            miette!(help = "--line \"Channel 0=wheel.step\" says which channel is which line", "{shown}: {error}")
+        }
+        error => miette!("{shown}: {error}"),
+    };
     let judged = match &capture {
         Capture::Edges(trace) => verdict::judge(trace, program, &options),
         Capture::Steps(steps) => verdict::judge_steps(steps, program, &options),

@@ -8,26 +8,30 @@
 //!
 //! # What is here, top down
 //! - [`Session`]: fills the queues, lets time pass, stops, changes to another program
+//! - `chunk`: epochs: as much of the plan as fits, with a tail; `pace`: how far ahead
 //! - `source`: a program's plan, read ahead, and its tails
 //! - `items`: steps → items of an epoch
 //! - `timeline`: what the board was told, replayed in integers
 
+mod chunk;
 mod error;
 mod items;
+mod pace;
 mod source;
 mod timeline;
 
 pub use error::SessionError;
 
-use items::{Items, Timed};
+use chunk::{Chunk, RESERVE};
+use pace::Pace;
 use pulsetrain_board::{Board, Faults, Observer};
+use pulsetrain_core::Epoch;
 use pulsetrain_core::channel::SWITCHES;
-use pulsetrain_core::{Entry, Epoch};
 use pulsetrain_motion::program::Program;
 use pulsetrain_plan::{Certificate, Origin, Start};
 use source::{Source, Standing};
 use std::collections::VecDeque;
-use timeline::{Placed, Timeline};
+use timeline::Timeline;
 
 /// A program on its way into a board. Ticks are the board's, in 64 bits.
 pub struct Session<'a, B> {
@@ -49,40 +53,6 @@ pub struct Session<'a, B> {
     pending: Option<Chunk>,
     /// Nothing more is to be sent.
     complete: bool,
-}
-
-/// One in so many places of a queue is kept free for a stop or a change.
-const RESERVE: usize = 4;
-
-/// How far ahead things are done, ticks.
-#[derive(Clone, Copy, Debug)]
-struct Pace {
-    tick_hz: u64,
-    fraction_bits: u32,
-    /// How long before a step a board must know of it: DIR setup, and the pulse and hold before.
-    lead: u64,
-    /// Most that one epoch brings.
-    chunk: u64,
-    /// Enough to have in the queue.
-    ahead: u64,
-    /// A switch is sent at least so long before its tick, if the epoch before is long enough.
-    margin: u64,
-}
-
-/// An epoch on its way to the board.
-#[derive(Debug)]
-struct Chunk {
-    from: u64,
-    /// Where its tail begins.
-    until: u64,
-    /// Whether the plan ends in it.
-    is_last: bool,
-    /// Steps of each motor, with the tail.
-    steps: Vec<Vec<Placed>>,
-    /// When the items are taken.
-    taken: Vec<Vec<u64>>,
-    /// Items that are still to be pushed.
-    unsent: Vec<VecDeque<Timed>>,
 }
 
 /// A motor at a tick, by its law.
@@ -394,135 +364,10 @@ impl<'a, B: Board> Session<'a, B> {
         Standing { count: timeline.count_before(tick).unwrap_or(0), last_step: timeline.last_before(tick) }
     }
 
-    /// What comes after the tail's beginning: as much as fits by then.
-    fn next_chunk(&mut self) -> Result<Chunk, SessionError> {
-        let deadline = self.deadline(self.tail);
-        let left = self.taken.iter().map(|taken| taken.iter().filter(|tick| **tick > deadline).count());
-        let rooms: Vec<usize> = self
-            .capacity
-            .iter()
-            .zip(left)
-            .map(|(capacity, left)| (capacity - capacity / RESERVE).saturating_sub(left))
-            .collect();
-        self.chunk_within(self.tail, &rooms)
-    }
-
-    /// The longest chunk from tick `from` that fits, with room left for a stop.
-    fn chunk_within(&mut self, from: u64, rooms: &[usize]) -> Result<Chunk, SessionError> {
-        let most = self.capacity.iter().min().map_or(1, |capacity| capacity / 2);
-        let (mut until, mut is_last) = self.source.read_ahead(from, from + self.pace.chunk, most)?;
-        loop {
-            let chunk = self.chunk(from, until, is_last)?;
-            let needs = chunk.unsent.iter().map(VecDeque::len).zip(rooms).enumerate();
-            let short = needs.filter(|(_, (needed, room))| needed > room).max_by_key(|(_, (needed, _))| *needed);
-            let Some((motor, (needed, &room))) = short else { return Ok(chunk) };
-            if until - from <= 8 * self.pace.lead {
-                return Err(SessionError::QueueTooShort { motor, needed, room });
-            }
-            (until, is_last) = (from + (until - from) / 2, false);
-        }
-    }
-
-    /// The epoch from `from` on, whose tail begins at `until`.
-    fn chunk(&mut self, from: u64, until: u64, is_last: bool) -> Result<Chunk, SessionError> {
-        let motors = self.timelines.len();
-        let mut steps: Vec<Vec<Placed>> = (0..motors).map(|motor| self.source.steps_before(motor, until)).collect();
-        if !is_last {
-            let standing: Vec<Standing> = (0..motors)
-                .map(|motor| {
-                    let mut timeline = self.timelines[motor].clone();
-                    timeline.replace(from, &steps[motor]);
-                    Standing {
-                        count: timeline.count_before(until).unwrap_or(0),
-                        last_step: timeline.last_before(until),
-                    }
-                })
-                .collect();
-            for (steps, tail) in steps.iter_mut().zip(self.source.tails(until, &standing)?) {
-                steps.extend(tail);
-            }
-        }
-        let unsent: Vec<VecDeque<Timed>> = steps
-            .iter()
-            .map(|steps| {
-                let mut items = Items::new(from, self.pace.fraction_bits);
-                steps.iter().for_each(|placed| items.add(placed));
-                items.finish().into()
-            })
-            .collect();
-        let taken = unsent.iter().map(|items| items.iter().map(|timed| timed.taken).collect()).collect();
-        Ok(Chunk { from, until, is_last, steps, taken, unsent })
-    }
-
-    /// Pushes what there is room for beyond one in `reserve` places of the queue; `true` when nothing of the chunk is left.
-    fn push(&mut self, chunk: &mut Chunk, reserve: usize) -> bool {
-        let epoch = self.epoch.next();
-        for (motor, unsent) in chunk.unsent.iter_mut().enumerate() {
-            let kept = self.capacity[motor].checked_div(reserve).unwrap_or(0);
-            while let Some(timed) = unsent.front().filter(|_| self.board.credit(motor) > kept) {
-                if self.board.push(motor, Entry { epoch, item: timed.item }).is_err() {
-                    break;
-                }
-                unsent.pop_front();
-            }
-        }
-        chunk.unsent.iter().all(VecDeque::is_empty)
-    }
-
-    /// Sends a chunk that must be in the queue at once.
-    fn send(&mut self, mut chunk: Chunk) -> Result<(), SessionError> {
-        if self.push(&mut chunk, 0) {
-            return self.switch(chunk);
-        }
-        self.board.discard(self.epoch.next());
-        let sizes = chunk.taken.iter().map(Vec::len).zip(&chunk.unsent).enumerate();
-        let short = sizes.max_by_key(|(_, (_, unsent))| unsent.len());
-        let (motor, needed, left) = short.map_or((0, 0, 0), |(motor, (needed, left))| (motor, needed, left.len()));
-        Err(SessionError::QueueTooShort { motor, needed, room: needed - left })
-    }
-
-    /// Has the board go over to a chunk that is in its queue.
-    fn switch(&mut self, chunk: Chunk) -> Result<(), SessionError> {
-        let epoch = self.epoch.next();
-        self.board.switch(epoch, chunk.from)?;
-        let now = self.board.now();
-        for (timeline, steps) in self.timelines.iter_mut().zip(&chunk.steps) {
-            timeline.replace(chunk.from, steps);
-            timeline.forget(now.saturating_sub(self.pace.chunk));
-        }
-        self.source.drop_before(chunk.until);
-        self.waiting.retain(|begins| *begins > now && *begins < chunk.from);
-        self.waiting.push_back(chunk.from);
-        (self.epoch, self.begins, self.tail) = (epoch, chunk.from, chunk.until);
-        (self.taken, self.complete) = (chunk.taken, chunk.is_last);
-        Ok(())
-    }
-
     /// Takes back what was pushed of an epoch that is not to come.
     fn abandon(&mut self) {
         if self.pending.take().is_some() {
             self.board.discard(self.epoch.next());
         }
-    }
-}
-
-impl Pace {
-    fn of(program: &Program) -> Pace {
-        let tick_hz = program.board.tick_hz;
-        let reversals = program.motors.iter().map(|motor| motor.timing.ticks(tick_hz).reversal());
-        // Boards tell ticks apart within 2^30.
-        let within = |ticks: u64| ticks.clamp(1, 1 << 28);
-        Pace {
-            tick_hz,
-            fraction_bits: program.board.fraction_bits,
-            lead: reversals.max().unwrap_or(0) + 1,
-            chunk: within(tick_hz / 4),
-            ahead: within(tick_hz / 2),
-            margin: within(tick_hz / 20),
-        }
-    }
-
-    fn is_unlike(&self, other: &Pace) -> bool {
-        (self.tick_hz, self.fraction_bits) != (other.tick_hz, other.fraction_bits)
     }
 }

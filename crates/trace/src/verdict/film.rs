@@ -17,6 +17,10 @@ pub struct FilmReport {
     pub motor: String,
     /// Frames.
     pub frames: u64,
+    /// Law time of the first frame, s; before 0 the law rests.
+    pub from_s: f64,
+    /// Law time of the last frame, s.
+    pub to_s: f64,
     /// How the film was laid over the law.
     pub alignment: Alignment,
     /// What the camera calls 0, degrees of the shaft; 0 unless aligned.
@@ -37,13 +41,16 @@ pub struct FilmReport {
     pub failures: Vec<Failure>,
 }
 
+/// Fewer frames show no motion.
+const FEWEST_FRAMES: usize = 8;
+
 /// Judges a film of `motor` (which may be left out if there is but one). Limit: `bound_steps`, else 1 step or 1 degree,
 /// whichever is more.
 ///
 /// With alignment the camera's zero angle is fitted too. Before its start and after its end a law rests.
 ///
 /// # Errors
-/// If it is not said which motor, there are too few frames to align, or the law breaks.
+/// If it is not said which motor, there are too few frames, or the law breaks.
 pub fn judge_film(
     track: &Track,
     program: &Program,
@@ -64,15 +71,12 @@ pub fn judge_film(
     let until_s = options.until_s.unwrap_or(f64::INFINITY);
     let film: Vec<(f64, f64)> = track.frames.iter().map(|f| (f.time_s, f.angle * unit)).collect();
     let law_error = |error| JudgeError::Law { motor: motor.name.clone(), error };
+    if film.len() < FEWEST_FRAMES {
+        return Err(JudgeError::TooFewFrames { frames: film.len(), limit: FEWEST_FRAMES });
+    }
     let fit = match options.align {
         Align::None => Fit::default(),
-        align => {
-            let limit = 8;
-            if film.len() < limit {
-                return Err(JudgeError::TooFewFrames { frames: film.len(), limit });
-            }
-            Fit::of(&film, &motor.law, align == Align::StartAndRate).map_err(law_error)?
-        }
+        align => Fit::of(&film, &motor.law, align == Align::StartAndRate).map_err(law_error)?,
     };
     let degrees = 360.0 / steps_per_rev;
     let limit_steps = bound_steps.unwrap_or(1.0_f64.max(1.0 / degrees));
@@ -80,6 +84,8 @@ pub fn judge_film(
         ok: true,
         motor: motor.name.clone(),
         frames: 0,
+        from_s: fit.law_time(film[0].0),
+        to_s: 0.0,
         alignment: Alignment { shift_s: fit.shift_s, rate_ppm: fit.rate * 1e6 },
         zero_deg: fit.zero * degrees,
         limit_steps,
@@ -98,6 +104,7 @@ pub fn judge_film(
         }
         let error = seen.1 - fit.zero - law.0;
         report.frames += 1;
+        report.to_s = at_s;
         squares += error * error;
         if error.abs() > report.max_error_steps.abs() {
             (report.max_error_steps, report.max_error_at_s) = (error, at_s);
@@ -110,7 +117,14 @@ pub fn judge_film(
             }
         }
     }
-    report.rms_error_steps = if report.frames == 0 { 0.0 } else { (squares / report.frames as f64).sqrt() };
+    if report.frames < FEWEST_FRAMES as u64 {
+        return Err(JudgeError::TooFewFrames { frames: report.frames as usize, limit: FEWEST_FRAMES });
+    }
+    if let Some(fault) = Fault::of_clock(fit.rate) {
+        report.ok = false;
+        report.failures.push(Failure { motor: motor.name.clone(), step: report.frames, at_s: report.to_s, fault });
+    }
+    report.rms_error_steps = (squares / report.frames as f64).sqrt();
     report.max_error_deg = report.max_error_steps * degrees;
     report.rms_error_deg = report.rms_error_steps * degrees;
     Ok(report)

@@ -44,6 +44,10 @@ use crate::steps::StepTrace;
 use crate::{Edge, Line, Trace};
 use matcher::{Limits, Matcher, Timebase};
 
+/// Most that a clock can be off by, ppm: twice the ±0.5 % of an Uno's ceramic resonator. What needs more to fit is
+/// another motion.
+pub const MOST_PPM: f64 = 10_000.0;
+
 /// Failures that are kept for each motor; all are counted.
 pub const MOST_FAULTS: usize = 100;
 
@@ -56,7 +60,7 @@ pub enum Align {
     /// The trace is shifted so that 0 is in the middle of the errors: captures that begin at any time, but before the
     /// first step. The bound is widened by what the fit may be off (8/√n of the errors' root mean square).
     Start,
-    /// It is scaled too, by least squares: the board's clock is not the analyser's.
+    /// It is scaled too, by least squares: the board's clock is not the analyser's. More than [`MOST_PPM`] is a fault.
     StartAndRate,
 }
 
@@ -92,7 +96,7 @@ pub enum JudgeError {
     #[error("a film shows one motor; say which of {0}")]
     WhichMotor(String),
     /// The film is too short.
-    #[error("{frames} frames cannot be aligned; at least {limit} are needed")]
+    #[error("{frames} frames of the motion cannot be judged; at least {limit} are needed")]
     TooFewFrames {
         /// Frames there are.
         frames: usize,
@@ -217,6 +221,8 @@ pub(crate) struct Judge<'a> {
     tick_hz: u64,
     timebase: Timebase,
     until: Option<Instant>,
+    /// Ticks that times may be off by, since another clock than the board's took them.
+    spare_ticks: u64,
     last_tick: u64,
     motors: Vec<Matcher<'a>>,
 }
@@ -230,7 +236,8 @@ impl<'a> Judge<'a> {
         let scale = board_hz as f64 / tick_hz as f64;
         let bound = options.bound_ticks.unwrap_or_else(|| program.tolerance.ticks(board_hz)) / scale;
         // Another clock's samples cannot tell times within one of its own ticks.
-        let bound = if board_hz == tick_hz { bound } else { bound + 1.0 };
+        let spare_ticks = u64::from(board_hz != tick_hz || options.align == Align::StartAndRate);
+        let bound = bound + spare_ticks as f64;
         let motors = program.motors.iter().map(|motor| {
             let own = motor.timing.ticks(tick_hz).reversal();
             let sharing: Vec<u64> =
@@ -252,7 +259,7 @@ impl<'a> Judge<'a> {
             let (tick, fraction) = Time::from_seconds(until_s).ticks(tick_hz);
             Instant { tick, fraction }
         });
-        Ok(Judge { program, tick_hz, timebase, until, last_tick: 0, motors })
+        Ok(Judge { program, tick_hz, timebase, until, spare_ticks, last_tick: 0, motors })
     }
 
     pub(crate) fn event(&mut self, motor: usize, tick: u64, event: Event) {
@@ -287,9 +294,7 @@ impl<'a> Judge<'a> {
         if shortest.is_none_or(|s| seen_ns < s.seen_ns) {
             *shortest = Some(Measured { seen_ns, needed_ns, at_s: tick as f64 / self.tick_hz as f64 });
         }
-        // Another clock's samples may show one of its ticks less.
-        let spare = u64::from(self.program.board.tick_hz != self.tick_hz);
-        if u128::from(ticks + spare) * 1_000_000_000 < u128::from(needed_ns) * u128::from(self.tick_hz) {
+        if u128::from(ticks + self.spare_ticks) * 1_000_000_000 < u128::from(needed_ns) * u128::from(self.tick_hz) {
             let fault = match timing {
                 Timing::High => Fault::PulseHigh { seen_ns, needed_ns },
                 Timing::Low => Fault::PulseLow { seen_ns, needed_ns },
@@ -316,6 +321,9 @@ impl<'a> Judge<'a> {
             let last = || self.timebase.law(self.last_tick);
             let until = self.until.or_else(|| motor.law.end().is_none().then(last));
             matcher.finish(until).map_err(|error| JudgeError::Law { motor: motor.name.clone(), error })?;
+            if let Some(fault) = Fault::of_clock(self.timebase.rate) {
+                matcher.fault(last().ticks(), fault);
+            }
             failures.extend(matcher.faults.drain(..).map(|(step, at_s, fault)| Failure {
                 motor: motor.name.clone(),
                 step,

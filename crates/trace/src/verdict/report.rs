@@ -4,6 +4,8 @@ use std::fmt;
 
 use serde::Serialize;
 
+use super::MOST_PPM;
+
 /// The verdict on a trace.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
@@ -188,6 +190,13 @@ pub enum Fault {
         /// By the law, steps.
         wanted: i64,
     },
+    /// The rate that fits best is no clock's.
+    Clock {
+        /// How much faster than the trace's, ppm.
+        rate_ppm: f64,
+        /// What is allowed either way.
+        limit_ppm: f64,
+    },
     /// The camera saw the motor elsewhere.
     Angle {
         /// How far ahead, steps.
@@ -195,6 +204,14 @@ pub enum Fault {
         /// What is allowed.
         limit_steps: f64,
     },
+}
+
+impl Fault {
+    /// The fault of a fitted rate (0: the clocks agree), if it is one.
+    pub(super) fn of_clock(rate: f64) -> Option<Fault> {
+        let rate_ppm = rate * 1e6;
+        (rate_ppm.abs() > MOST_PPM).then_some(Fault::Clock { rate_ppm, limit_ppm: MOST_PPM })
+    }
 }
 
 fn way(forward: bool) -> &'static str {
@@ -221,6 +238,9 @@ impl fmt::Display for Failure {
             Fault::DirHold { seen_ns, needed_ns } => write!(f, "DIR hold {seen_ns:.1} ns, needs {needed_ns} ns,"),
             Fault::CoilJump { from, to } => write!(f, "coils jump from {from:04b} to {to:04b} (IN4 to IN1)"),
             Fault::Position { got, wanted } => write!(f, "ends at {got} steps, wanted {wanted},"),
+            Fault::Clock { rate_ppm, limit_ppm } => {
+                write!(f, "fits only with a clock that is off by {rate_ppm:+.0} ppm, limit {limit_ppm:.0},")
+            }
             Fault::Angle { error_steps, limit_steps } => {
                 write!(f, "is {error_steps:.3} steps off, limit {limit_steps:.3},")
             }

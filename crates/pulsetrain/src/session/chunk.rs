@@ -1,0 +1,134 @@
+//! Epochs: as much of the plan as fits, with a tail; pushed, and switched to.
+
+use super::items::{Items, Timed};
+use super::source::Standing;
+use super::timeline::Placed;
+use super::{Session, SessionError};
+use pulsetrain_board::Board;
+use pulsetrain_core::Entry;
+use std::collections::VecDeque;
+
+/// One in so many places of a queue is kept free for a stop or a change.
+pub(super) const RESERVE: usize = 4;
+
+/// An epoch on its way to the board.
+#[derive(Debug)]
+pub(super) struct Chunk {
+    pub(super) from: u64,
+    /// Where its tail begins.
+    until: u64,
+    /// Whether the plan ends in it.
+    is_last: bool,
+    /// Steps of each motor, with the tail.
+    steps: Vec<Vec<Placed>>,
+    /// When the items are taken.
+    taken: Vec<Vec<u64>>,
+    /// Items that are still to be pushed.
+    unsent: Vec<VecDeque<Timed>>,
+}
+
+impl<B: Board> Session<'_, B> {
+    /// What comes after the tail's beginning: as much as fits by then.
+    pub(super) fn next_chunk(&mut self) -> Result<Chunk, SessionError> {
+        let deadline = self.deadline(self.tail);
+        let left = self.taken.iter().map(|taken| taken.iter().filter(|tick| **tick > deadline).count());
+        let rooms: Vec<usize> = self
+            .capacity
+            .iter()
+            .zip(left)
+            .map(|(capacity, left)| (capacity - capacity / RESERVE).saturating_sub(left))
+            .collect();
+        self.chunk_within(self.tail, &rooms)
+    }
+
+    /// The longest chunk from tick `from` that fits, with room left for a stop.
+    pub(super) fn chunk_within(&mut self, from: u64, rooms: &[usize]) -> Result<Chunk, SessionError> {
+        let most = self.capacity.iter().min().map_or(1, |capacity| capacity / 2);
+        let (mut until, mut is_last) = self.source.read_ahead(from, from + self.pace.chunk, most)?;
+        loop {
+            let chunk = self.chunk(from, until, is_last)?;
+            let needs = chunk.unsent.iter().map(VecDeque::len).zip(rooms).enumerate();
+            let short = needs.filter(|(_, (needed, room))| needed > room).max_by_key(|(_, (needed, _))| *needed);
+            let Some((motor, (needed, &room))) = short else { return Ok(chunk) };
+            if until - from <= 8 * self.pace.lead {
+                return Err(SessionError::QueueTooShort { motor, needed, room });
+            }
+            (until, is_last) = (from + (until - from) / 2, false);
+        }
+    }
+
+    /// The epoch from `from` on, whose tail begins at `until`.
+    pub(super) fn chunk(&mut self, from: u64, until: u64, is_last: bool) -> Result<Chunk, SessionError> {
+        let motors = self.timelines.len();
+        let mut steps: Vec<Vec<Placed>> = (0..motors).map(|motor| self.source.steps_before(motor, until)).collect();
+        if !is_last {
+            let standing: Vec<Standing> = (0..motors)
+                .map(|motor| {
+                    let mut timeline = self.timelines[motor].clone();
+                    timeline.replace(from, &steps[motor]);
+                    Standing {
+                        count: timeline.count_before(until).unwrap_or(0),
+                        last_step: timeline.last_before(until),
+                    }
+                })
+                .collect();
+            for (steps, tail) in steps.iter_mut().zip(self.source.tails(until, &standing)?) {
+                steps.extend(tail);
+            }
+        }
+        let unsent: Vec<VecDeque<Timed>> = steps
+            .iter()
+            .map(|steps| {
+                let mut items = Items::new(from, self.pace.fraction_bits);
+                steps.iter().for_each(|placed| items.add(placed));
+                items.finish().into()
+            })
+            .collect();
+        let taken = unsent.iter().map(|items| items.iter().map(|timed| timed.taken).collect()).collect();
+        Ok(Chunk { from, until, is_last, steps, taken, unsent })
+    }
+
+    /// Pushes what there is room for beyond one in `reserve` places of the queue; `true` when nothing of the chunk is left.
+    pub(super) fn push(&mut self, chunk: &mut Chunk, reserve: usize) -> bool {
+        let epoch = self.epoch.next();
+        for (motor, unsent) in chunk.unsent.iter_mut().enumerate() {
+            let kept = self.capacity[motor].checked_div(reserve).unwrap_or(0);
+            while let Some(timed) = unsent.front().filter(|_| self.board.credit(motor) > kept) {
+                if self.board.push(motor, Entry { epoch, item: timed.item }).is_err() {
+                    break;
+                }
+                unsent.pop_front();
+            }
+        }
+        chunk.unsent.iter().all(VecDeque::is_empty)
+    }
+
+    /// Sends a chunk that must be in the queue at once.
+    pub(super) fn send(&mut self, mut chunk: Chunk) -> Result<(), SessionError> {
+        if self.push(&mut chunk, 0) {
+            return self.switch(chunk);
+        }
+        self.board.discard(self.epoch.next());
+        let sizes = chunk.taken.iter().map(Vec::len).zip(&chunk.unsent).enumerate();
+        let short = sizes.max_by_key(|(_, (_, unsent))| unsent.len());
+        let (motor, needed, left) = short.map_or((0, 0, 0), |(motor, (needed, left))| (motor, needed, left.len()));
+        Err(SessionError::QueueTooShort { motor, needed, room: needed - left })
+    }
+
+    /// Has the board go over to a chunk that is in its queue.
+    pub(super) fn switch(&mut self, chunk: Chunk) -> Result<(), SessionError> {
+        let epoch = self.epoch.next();
+        self.board.switch(epoch, chunk.from)?;
+        let now = self.board.now();
+        for (timeline, steps) in self.timelines.iter_mut().zip(&chunk.steps) {
+            timeline.replace(chunk.from, steps);
+            timeline.forget(now.saturating_sub(self.pace.chunk));
+        }
+        self.source.drop_before(chunk.until);
+        self.waiting.retain(|begins| *begins > now && *begins < chunk.from);
+        self.waiting.push_back(chunk.from);
+        (self.epoch, self.begins, self.tail) = (epoch, chunk.from, chunk.until);
+        (self.taken, self.complete) = (chunk.taken, chunk.is_last);
+        Ok(())
+    }
+}

@@ -1,0 +1,39 @@
+//! How far ahead a session works.
+
+use pulsetrain_motion::program::Program;
+
+/// How far ahead things are done, ticks.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pace {
+    pub(super) tick_hz: u64,
+    pub(super) fraction_bits: u32,
+    /// How long before a step a board must know of it: DIR setup, and the pulse and hold before.
+    pub(super) lead: u64,
+    /// Most that one epoch brings.
+    pub(super) chunk: u64,
+    /// Enough to have in the queue.
+    pub(super) ahead: u64,
+    /// A switch is sent at least so long before its tick, if the epoch before is long enough.
+    pub(super) margin: u64,
+}
+
+impl Pace {
+    pub(super) fn of(program: &Program) -> Pace {
+        let tick_hz = program.board.tick_hz;
+        let reversals = program.motors.iter().map(|motor| motor.timing.ticks(tick_hz).reversal());
+        // Boards tell ticks apart within 2^30.
+        let within = |ticks: u64| ticks.clamp(1, 1 << 28);
+        Pace {
+            tick_hz,
+            fraction_bits: program.board.fraction_bits,
+            lead: reversals.max().unwrap_or(0) + 1,
+            chunk: within(tick_hz / 4),
+            ahead: within(tick_hz / 2),
+            margin: within(tick_hz / 20),
+        }
+    }
+
+    pub(super) fn is_unlike(&self, other: &Pace) -> bool {
+        (self.tick_hz, self.fraction_bits) != (other.tick_hz, other.fraction_bits)
+    }
+}
