@@ -1,6 +1,6 @@
 //! What must hold before a change lands.
 
-use crate::command::{self, Done, cargo};
+use crate::command::{self, Done, cargo, command};
 use crate::{fuzz, test};
 
 /// Seconds that each fuzz target runs in CI.
@@ -10,6 +10,7 @@ const PROPERTY_CASES: u32 = 1024;
 
 /// Cheapest first: what fails, fails early.
 pub(crate) fn run() -> Done {
+    command::run(command("rustup").args(["component", "add", "rustfmt", "clippy"]))?;
     command::run(&mut cargo("fmt --all --check"))?;
     command::run(&mut cargo("fmt --manifest-path fuzz/Cargo.toml --check"))?;
     command::run(&mut cargo("clippy --workspace --all-targets -- -D warnings"))?;
