@@ -47,6 +47,8 @@ pub(crate) fn run(seconds: u64, only: Option<&str>) -> Done {
 fn build() -> Done<PathBuf> {
     let host = output(command("rustc").args(["--print", "host-tuple"]))?.trim().to_owned();
     let target_dir = root().join("fuzz/target");
+    // libFuzzer itself is C++.
+    command::run(command("c++").arg("--version")).or_else(|_| command::install_debian("g++"))?;
     command::run(
         cargo("build --release --manifest-path fuzz/Cargo.toml --target")
             .arg(&host)

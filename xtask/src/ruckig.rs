@@ -67,27 +67,15 @@ fn python_with_ruckig() -> Done<PathBuf> {
     let environment = target_dir().join("python");
     let bin = if cfg!(windows) { "Scripts" } else { "bin" };
     let python = environment.join(bin).join("python");
-    if !python.exists() {
+    // Without pip it is what an attempt that failed has left.
+    if !environment.join(bin).join(if cfg!(windows) { "pip.exe" } else { "pip" }).exists() {
         let system = if cfg!(windows) { "python" } else { "python3" };
         let make = || command::run(command(system).args(["-m", "venv"]).arg(&environment));
-        make().or_else(|_| install_debian("python3-venv").and_then(|()| make()))?;
+        make().or_else(|_| command::install_debian("python3-venv").and_then(|()| make()))?;
     }
     let pip = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check", PACKAGE];
     command::run(command(&python).args(pip))?;
     Ok(python)
-}
-
-/// Installs a Debian package, or says what to install.
-fn install_debian(package: &str) -> Done {
-    let say =
-        |_| Failure::Check(format!("Python with venv is needed: install it (Debian: {package}), then run this again"));
-    let apt = |sudo: &[&str]| {
-        let mut words = sudo.to_vec();
-        words.extend(["apt-get", "install", "--yes", package]);
-        command::run(command(words[0]).args(&words[1..]))
-    };
-    // As root sudo may be missing; as a user apt-get alone is refused.
-    apt(&[]).or_else(|_| apt(&["sudo", "--non-interactive"])).map_err(say)
 }
 
 /// SplitMix64: the same moves everywhere. Source: Steele, Lea, Flood, OOPSLA 2014.

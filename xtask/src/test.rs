@@ -4,8 +4,12 @@ use crate::command::{self, Done, cargo};
 use crate::{boards, ruckig};
 
 /// All tests of the workspace, core built for the boards' processors, S-curves against ruckig.
-pub(crate) fn run() -> Done {
-    command::run(&mut cargo("test --workspace --no-fail-fast"))?;
+///
+/// `property_cases`: of each property test that does not set its own; else proptest's 256.
+pub(crate) fn run(property_cases: Option<u32>) -> Done {
+    let mut tests = cargo("test --workspace --no-fail-fast");
+    tests.envs(property_cases.map(|cases| ("PROPTEST_CASES", cases.to_string())));
+    command::run(&mut tests)?;
     boards::build_core()?;
     let worst = ruckig::compare()?;
     println!("s-curve durations of {} moves: at most {worst:.1e} (relative) from ruckig's", ruckig::MOVES);

@@ -145,8 +145,8 @@ const TABLE: &[Driver] = &[
         ],
         max_voltage_v: 50.0,
         max_current_a: 4.2,
-        source: "times: LinuxCNC wiki, Stepper Drive Timing, row DQ542MA (measured, wide); switches: the common 542 \
-                 table, to be checked against the one printed on the case; 400-25 600 steps/rev: seed 000",
+        source: "times: as the LinuxCNC wiki quotes them, Stepper Drive Timing, row DQ542MA; switches: the common 542 \
+                 table; check both against the case; 400-25 600 steps/rev: seed 000",
     },
     Driver {
         name: "DRV8825",

@@ -22,6 +22,8 @@ pub(crate) struct Drift {
     pub(crate) first: f64,
     /// Over the last million.
     pub(crate) last: f64,
+    /// What the process held after the first million steps, and after the last step, kB; where Linux tells.
+    pub(crate) memory_kb: [Option<f64>; 2],
 }
 
 impl Drift {
@@ -34,7 +36,20 @@ impl Drift {
         if self.steps > total.saturating_sub(SAMPLE) {
             self.last = self.last.max(error.abs());
         }
+        if self.steps == SAMPLE {
+            self.memory_kb[0] = memory_kb();
+        }
+        if self.steps == total {
+            self.memory_kb[1] = memory_kb();
+        }
     }
+}
+
+/// What the process holds of main memory.
+fn memory_kb() -> Option<f64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
+    line.split_whitespace().next()?.parse().ok()
 }
 
 /// A step every 100π ticks (the nearest f64 in steps/s, which is a rational number).
