@@ -210,12 +210,17 @@ impl Rules {
 /// The shortest interval between two steps of a segment of two or more, ticks · 2^F, and the number of the step
 /// after it.
 pub(crate) fn shortest_interval(segment: &Segment) -> (i64, u32) {
-    // Before step k (2..=count): I + (k−1)a + C(k−1,2)b, a parabola in k: least at an end or beside its vertex.
-    let vertex = if segment.add2 == 0 { 2.0 } else { 1.5 - segment.add as f64 / segment.add2 as f64 };
+    // Before step k (2..=count): I + (k−1)a + C(k−1,2)b, a parabola in k: least at an end, or beside its vertex
+    // where it falls at first and rises at last.
+    let (second, last) = (segment.after(1), segment.after(segment.count - 1));
+    let ends = (second.interval, 2).min((last.interval, segment.count));
+    if second.add >= 0 || last.add <= 0 {
+        return ends;
+    }
+    let vertex = 1.5 - segment.add as f64 / segment.add2 as f64;
     let near = vertex.clamp(2.0, f64::from(segment.count)) as u32;
-    let candidates = [2, near, (near + 1).min(segment.count), segment.count];
-    let least = candidates.map(|k| (segment.after(k - 1).interval, k)).into_iter().min();
-    least.unwrap_or((segment.interval, 1))
+    let beside = [near, (near + 1).min(segment.count)].map(|k| (segment.after(k - 1).interval, k));
+    ends.min(beside[0]).min(beside[1])
 }
 
 /// How often an expansion is moved to the middle of the segment that it turns out to serve.
@@ -299,9 +304,12 @@ impl RunPlanner {
             let mut count = self.permitted(length as u32, previous, rules);
             let mut before: Option<(f64, f64)> = None;
             while count > 1 {
-                let fitted = fit(e, start, quantiser, count, window).filter(|f| rules.permits(&f.segment));
-                let misfit = fitted.map_or(f64::INFINITY, |f| f.misfit);
-                if let Some(f) = fitted.filter(|f| f.misfit <= allowance) {
+                let fitted = fit(e, start, quantiser, count, window);
+                let close = fitted.filter(|f| f.misfit <= allowance);
+                let kept = close.filter(|f| rules.permits(&f.segment));
+                // What fits but is not permitted is shortened without a hint.
+                let misfit = fitted.filter(|_| close.is_none()).map_or(f64::INFINITY, |f| f.misfit);
+                if let Some(f) = kept {
                     let better = best.is_none_or(|b| f.segment.count > b.segment.count);
                     if better {
                         best = Some(f);
