@@ -40,7 +40,7 @@ pub(crate) fn peak(
             best = (value, Some(middle));
         }
         // Σ_{k>order} k!/(k−order)! |c_k| half^(k−order)
-        let falling = |k: usize| (k - order + 1..=k).map(|k| k as f64).product::<f64>();
+        let falling = |k: usize| (if order == 1 { k } else { k * (k - 1) }) as f64;
         let rest = (order + 1..8)
             .rev()
             .fold(falling(8) * bounds.eighth * half, |sum, k| (sum + falling(k) * c[k].abs()) * half);
