@@ -149,6 +149,9 @@ pub(crate) struct Verify {
     /// What is fitted before judging
     #[arg(long, value_enum, default_value_t = Alignment::None)]
     pub(crate) align: Alignment,
+    /// Judge up to this time of the motion alone: for captures that end before the motion does
+    #[arg(long, value_name = "TIME", value_parser = duration, conflicts_with = "length")]
+    pub(crate) until: Option<Time>,
     /// Which line a channel of the capture is, e.g. "Channel 0=wheel.step"; once for each channel
     #[arg(long, value_name = "CHANNEL=LINE", value_parser = channel)]
     pub(crate) line: Vec<(String, String)>,

@@ -197,6 +197,29 @@ fn channels_are_what_the_user_says() {
     assert!(outcome.err.contains("has no lines"), "{}", outcome.err);
 }
 
+/// A capture of an endless motion ends somewhere on the way, without the planned stop.
+#[test]
+fn a_capture_is_judged_as_far_as_the_user_says() {
+    let folder = Folder::new("until");
+    let file = example("sweep.toml");
+    pulsetrain(&["run", &file, "--for", "3 s", "--out", &folder.path("run")]);
+    let steps = std::fs::read_to_string(folder.0.join("run/steps.csv")).unwrap();
+    let before = |line: &&str| {
+        line.split(',').nth(1).and_then(|tick| tick.parse().ok()).is_none_or(|tick: u64| tick < 33_000_000)
+    };
+    let capture = folder.path("capture.csv");
+    let cut: Vec<&str> = steps.lines().filter(before).collect();
+    std::fs::write(&capture, cut.join("\n")).unwrap();
+    let check = |more: &[&str], exit: Exit| {
+        let outcome = pulsetrain(&[&["verify", &capture, &file], more].concat());
+        assert_eq!(outcome.exit, exit, "{more:?}: {}{}", outcome.out, outcome.err);
+    };
+    check(&["--until", "2 s"], Exit::Success);
+    check(&["--until", "2.1 s"], Exit::BoundBroken);
+    check(&["--for", "2 s"], Exit::BoundBroken);
+    check(&["--until", "2 s", "--for", "2 s"], Exit::Refused);
+}
+
 #[test]
 fn new_files_can_be_planned_and_are_not_overwritten() {
     let folder = Folder::new("new");

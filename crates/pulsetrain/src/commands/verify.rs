@@ -1,15 +1,19 @@
 //! `pulsetrain verify`: a capture against the motion.
 
 use miette::miette;
+use pulsetrain_motion::Time;
 use pulsetrain_trace::capture::{self, Capture};
 use pulsetrain_trace::verdict::{self, Align, JudgeError, Options};
 
 use crate::cli::{Alignment, Verify};
 use crate::console::{self, Console, Exit};
+use crate::prepare::Prepared;
 use crate::report::VerdictTable;
 
 pub(crate) fn run(args: &Verify, console: &mut Console<'_>) -> miette::Result<Exit> {
-    let prepared = args.motion.prepare()?;
+    // Where an endless motion is cut does not matter if it is after what is judged.
+    let length = args.motion.length.or(args.until.map(|until| until + Time::SECOND));
+    let prepared = Prepared::load(&args.motion.file, args.motion.board.as_deref(), length)?;
     let program = &prepared.program;
     let shown = args.capture.display();
     let bytes = console::read(&args.capture)?;
@@ -30,7 +34,7 @@ pub(crate) fn run(args: &Verify, console: &mut Console<'_>) -> miette::Result<Ex
         Alignment::Start => Align::Start,
         Alignment::StartAndRate => Align::StartAndRate,
     };
-    let options = Options { align, ..Options::default() };
+    let options = Options { align, until_s: args.until.map(Time::seconds), ..Options::default() };
     let no_verdict = |error: JudgeError| match error {
         JudgeError::Line(_) => {
             miette!(help = "--line \"Channel 0=wheel.step\" says which channel is which line", "{shown}: {error}")
