@@ -1,7 +1,7 @@
 //! What the user says: motion files, quantities with units, laws, drivers, motors, boards' limits.
 //!
 //! # What is here
-//! - [`file`]: motion files (TOML) with errors that point at the place; [`template`]: one to begin with
+//! - [`mod@file`]: motion files (TOML) with errors that point at the place; [`template`]: one to begin with
 //! - [`program`]: what a file comes to, in steps, seconds and nanoseconds; [`Grid`]: θ to step times
 //! - [`drivers`], [`boards`]: the tables of drivers' needs and boards' limits; [`electrical`]: what a winding allows
 //! - [`law`]: θ(t) as a stream of analytic pieces

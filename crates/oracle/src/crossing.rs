@@ -5,7 +5,7 @@ use dashu::float::FBig;
 use dashu::float::round::mode::HalfEven;
 use dashu::rational::RBig;
 
-/// A real number rounded to [`BITS`] significant bits.
+/// A real number rounded to `BITS` significant bits.
 pub type Real = FBig<HalfEven, 2>;
 /// A rational number, exact.
 pub type Rational = RBig;

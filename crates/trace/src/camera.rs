@@ -122,7 +122,7 @@ pub fn read(bytes: &[u8]) -> Result<Track, ReadError> {
     Ok(Track { unit, frames })
 }
 
-/// "theta [deg]", "theta (deg)" and "theta_deg" → "theta", "deg".
+/// `theta [deg]`, "theta (deg)" and "theta_deg" → "theta", "deg".
 fn title_and_unit(title: &str) -> (&str, &str) {
     let (name, unit) = title.split_once(['[', '(', '_']).unwrap_or((title, ""));
     (name.trim(), unit.trim_end_matches([']', ')']).trim())
