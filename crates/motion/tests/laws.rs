@@ -159,6 +159,12 @@ fn ramps_stay_within_their_limits() {
 }
 
 #[test]
+fn a_law_of_too_many_parts_has_no_other_end() {
+    let law = Law::sine(100.0, Time::SECOND, Some(1_000_000_000_000)).unwrap();
+    assert!(matches!(law.ending(End::Jump), Err(LawError::Parameter(_))));
+}
+
+#[test]
 fn jumps_are_marked() {
     let law = Law::speed(1000.0, Some(s(1.0))).unwrap().beginning(Begin::Jump).unwrap().ending(End::Jump).unwrap();
     let pieces: Vec<Piece> = law.pieces().map(Result::unwrap).collect();

@@ -39,6 +39,18 @@ pub enum PlanError {
         /// The board's limit, steps/s.
         limit_hz: f64,
     },
+    /// A step that waits for a shared DIR line would come too close to the motor's next or last one.
+    #[error(
+        "at t = {at_s:.6} s a step that waits for the shared DIR line would be {interval_ticks} ticks from its neighbour; {limit_ticks} is the least: give the motor a DIR line of its own"
+    )]
+    LineTooBusy {
+        /// When, s.
+        at_s: f64,
+        /// What is left between the two steps, ticks.
+        interval_ticks: i64,
+        /// The least, ticks.
+        limit_ticks: i64,
+    },
     /// The law is faster than the motor.
     #[error("at t = {at_s:.6} s the law runs at {speed:.1} steps/s; the motor's limit is {limit:.1} steps/s")]
     TooFast {
@@ -116,7 +128,8 @@ impl PlanError {
             | PlanError::ToleranceTooTight { .. }
             | PlanError::NotProvable { .. }
             | PlanError::TooFine { .. }
-            | PlanError::TooLong { .. } => None,
+            | PlanError::TooLong { .. }
+            | PlanError::LineTooBusy { .. } => None,
         }
     }
 
@@ -126,6 +139,7 @@ impl PlanError {
         match self {
             PlanError::TooFastForBoard { at_s, .. }
             | PlanError::TooFast { at_s, .. }
+            | PlanError::LineTooBusy { at_s, .. }
             | PlanError::TooMuchAcceleration { at_s, .. }
             | PlanError::SpeedJump { at_s, .. }
             | PlanError::NotProvable { at_s, .. }

@@ -194,10 +194,8 @@ impl Member<'_> {
         self.flush();
         let interval = step.interval + ((late - self.late) << fraction_bits);
         if spacing < self.min_interval_ticks {
-            let rate_hz = self.tick_hz / spacing.max(1) as f64;
-            let at_s = tick as f64 / self.tick_hz;
-            let limit_hz = self.tick_hz / self.min_interval_ticks as f64;
-            return Err(self.refused(PlanError::TooFastForBoard { at_s, rate_hz, limit_hz }));
+            let (at_s, limit_ticks) = (tick as f64 / self.tick_hz, self.min_interval_ticks);
+            return Err(self.refused(PlanError::LineTooBusy { at_s, interval_ticks: spacing, limit_ticks }));
         }
         if spacing < i64::MAX {
             self.shortest_moved = self.shortest_moved.into_iter().chain([spacing.unsigned_abs()]).min();

@@ -5,7 +5,7 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use miette::{GraphicalReportHandler, GraphicalTheme};
+use miette::{GraphicalReportHandler, GraphicalTheme, JSONReportHandler};
 use pulsetrain_motion::quantity::{Base, Quantity};
 use pulsetrain_motion::{Time, boards};
 
@@ -89,6 +89,20 @@ Examples:
     /// Write a motion file with comments, to start from
     #[command(after_help = "Example:\n  pulsetrain new crank      writes crank.toml")]
     New(New),
+}
+
+impl Command {
+    fn wants_json(&self) -> bool {
+        match self {
+            Command::Run(args) => args.json,
+            Command::Plan(args) => args.json,
+            Command::Verify(args) => args.json,
+            Command::Explain(args) => args.json,
+            Command::Motor(args) => args.json,
+            Command::Boards(args) | Command::Drivers(args) => args.json,
+            Command::Plot(_) | Command::New(_) => false,
+        }
+    }
 }
 
 /// A motion file, and how much of it.
@@ -301,12 +315,11 @@ pub fn run_on<A: Into<OsString> + Clone>(args: impl IntoIterator<Item = A>, cons
             return Exit::Refused;
         }
         Err(help) => {
-            return finish(
-                console.print(format_args!("{}\n", help.to_string().trim_end())).map(|()| Exit::Success),
-                console,
-            );
+            let printed = console.print(format_args!("{}\n", help.to_string().trim_end()));
+            return finish(printed.map(|()| Exit::Success), false, console);
         }
     };
+    let as_json = cli.command.wants_json();
     let outcome = match cli.command {
         Command::Run(args) => commands::run::run(&args, console),
         Command::Plan(args) => commands::plan::run(&args, console),
@@ -318,11 +331,16 @@ pub fn run_on<A: Into<OsString> + Clone>(args: impl IntoIterator<Item = A>, cons
         Command::Drivers(args) => commands::drivers::run(&args, console),
         Command::New(args) => commands::new::run(&args, console),
     };
-    finish(outcome, console)
+    finish(outcome, as_json, console)
 }
 
-fn finish(outcome: miette::Result<Exit>, console: &mut Console<'_>) -> Exit {
+fn finish(outcome: miette::Result<Exit>, as_json: bool, console: &mut Console<'_>) -> Exit {
     outcome.unwrap_or_else(|report| {
+        let mut text = String::new();
+        // A script reads standard output; who broke the pipe does not want to hear of it.
+        if as_json && JSONReportHandler::new().render_report(&mut text, report.as_ref()).is_ok() {
+            let _ = console.print(format_args!("{text}\n"));
+        }
         let theme = if console.err_is_terminal { GraphicalTheme::unicode() } else { GraphicalTheme::unicode_nocolor() };
         let mut text = String::new();
         let handler = GraphicalReportHandler::new_themed(theme).with_width(100).with_links(false);

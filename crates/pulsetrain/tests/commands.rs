@@ -86,6 +86,15 @@ fn plans() {
 }
 
 #[test]
+fn a_script_hears_of_a_refusal_too() {
+    let outcome = pulsetrain(&["plan", &example("tutorial-0.01s.toml"), "--json"]);
+    assert_eq!(outcome.exit, Exit::Refused);
+    let said: serde_json::Value = serde_json::from_str(&outcome.out).unwrap();
+    assert!(said["message"].as_str().unwrap().contains("181818 steps/s at most"), "{said}");
+    assert!(outcome.err.contains("181818"));
+}
+
+#[test]
 fn explanations() {
     check(&["explain", &example("tutorial-0.01s.toml")], Exit::Success, expect_file!["golden/explain-too-fast.txt"]);
     check(&["explain", &example("s-curve.toml")], Exit::Success, expect_file!["golden/explain-s-curve.txt"]);

@@ -1,5 +1,6 @@
 //! How laws begin and end that do not do so at rest.
 
+use super::combine::{MOST_PARTS, too_many};
 use super::{Class, Cursor, Curve, Double, Entry, Law, LawError, Piece, Sample, checked};
 use crate::Time;
 
@@ -94,6 +95,9 @@ impl Law {
         let Some(end) = self.end() else {
             return Err(LawError::Parameter("the motion is endless: it has no end to change".into()));
         };
+        if self.pieces().nth(MOST_PARTS).is_some() {
+            return Err(too_many("to look for the end"));
+        }
         let mut cursor = Cursor::new(&self);
         let last = cursor.at(end)?;
         let tail = match ending {

@@ -23,7 +23,7 @@ pub struct Repeated {
 }
 
 /// Pieces of a law that is repeated, at most: they are all looked at beforehand.
-const MOST_REPEATED: usize = 1 << 20;
+pub(super) const MOST_PARTS: usize = 1 << 20;
 
 impl Law {
     /// All of `laws` at once; each stays where it ends.
@@ -90,9 +90,8 @@ impl Law {
         }
         let (mut first, mut last) = (None, Double::ZERO);
         for (row, piece) in self.pieces().enumerate() {
-            if row == MOST_REPEATED {
-                let message = format!("the motion has more than {MOST_REPEATED} parts: too many to repeat");
-                return Err(LawError::Parameter(message));
+            if row == MOST_PARTS {
+                return Err(too_many("to repeat"));
             }
             let piece = piece?;
             first.get_or_insert_with(|| piece.first_position());
@@ -101,6 +100,11 @@ impl Law {
         let net = last - first.unwrap_or(last);
         Ok(Law::Repeated(Box::new(Repeated { law: self, period, times, net })))
     }
+}
+
+/// The law has more pieces than can be looked at one by one; `what` was to be done with them.
+pub(super) fn too_many(what: &str) -> LawError {
+    LawError::Parameter(format!("the motion has more than {MOST_PARTS} parts: too many {what}"))
 }
 
 fn some(laws: Vec<Law>) -> Result<Vec<Law>, LawError> {
