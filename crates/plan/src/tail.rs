@@ -1,8 +1,7 @@
 //! The stop tail: what ends every queue, so that losing the host is a planned stop.
 
 use crate::ensemble::{Ensemble, Start};
-use crate::error::PlanError;
-use crate::error::Refused;
+use crate::error::{PlanError, Refused};
 use crate::planner::Planner;
 use crate::settings::Settings;
 use crate::{Move, planner::Origin};
@@ -25,7 +24,7 @@ pub struct Motion {
 }
 
 /// The longest time that a tail may take where nothing says how hard the motor may be braked, s.
-const SOFTEST_STOP_S: f64 = 1.0;
+pub const SOFTEST_STOP_S: f64 = 1.0;
 
 /// The moves that bring a motor to rest within its limits; they begin at a tick, with fraction ½.
 ///

@@ -6,15 +6,13 @@ use miette::Diagnostic;
 use pulsetrain_motion::law::{Cursor, Law};
 use pulsetrain_motion::program::{BoardError, Program};
 use pulsetrain_motion::{Grid, LawError, Time, boards, file};
+use pulsetrain_plan::tail::SOFTEST_STOP_S;
 use pulsetrain_plan::{Certificate, Ensemble, Move, PlanError, Planner, Refused, Settings};
 
 use crate::fit;
 
 /// How much of an endless motion is shown, s, if nobody says.
 pub const DEFAULT_LENGTH_S: f64 = 10.0;
-
-/// Where nothing says how hard a motor may be braked, it stops within this time, s.
-const SOFTEST_STOP_S: f64 = 1.0;
 
 /// A motion that can be planned.
 #[derive(Clone, Debug)]
