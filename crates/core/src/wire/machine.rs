@@ -105,14 +105,20 @@ pub trait Machine {
     /// The 64-bit clock, now.
     fn clock(&mut self) -> u64;
 
+    /// [`flags`](super::message::flags) of the board: asked for with every acknowledgement.
+    fn flags(&self) -> u8;
+
     /// What is common to all motors.
     fn status(&mut self) -> StatusHead;
 
     /// What is each motor's.
     fn motor(&mut self, motor: u8) -> MotorStatus;
 
-    /// The board's own measurements; with `reset`, they begin anew after this.
-    fn measures(&mut self, reset: bool) -> Measures;
+    /// The board's own measurements.
+    fn measures(&mut self) -> Measures;
+
+    /// They begin anew.
+    fn reset_measures(&mut self);
 
     /// Whether the line can do `baud`.
     fn can_baud(&self, baud: Baud) -> bool;

@@ -249,9 +249,9 @@ pub enum Command<'a> {
     ///
     /// | byte | |
     /// |---|---|
-    /// | 2 | 1: begin anew afterwards; else 0 |
+    /// | 2 | 1: begin anew before the answer; else 0 |
     Measures {
-        /// Whether they begin anew.
+        /// Whether they begin anew before the answer.
         reset: bool,
     },
     /// Packed items for a motor's queue: whole ones. Acknowledged by an [`Ack`], which may answer several at once.
@@ -1005,16 +1005,18 @@ impl Reply {
     }
 }
 
-/// Writes the payload of [`Reply::Switched`].
-pub fn encode_switched(frame: &mut Encoder<'_>, switched: Switched) {
-    let (code, tick) = match switched {
-        Switched::Accepted => (0, 0),
-        Switched::Late { horizon } => (1, horizon),
-        Switched::Early { limit } => (2, limit),
-        Switched::Full => (3, 0),
-    };
-    frame.u8(code);
-    frame.u64(tick);
+impl Switched {
+    /// Writes it.
+    pub fn encode(self, frame: &mut Encoder<'_>) {
+        let (code, tick) = match self {
+            Switched::Accepted => (0, 0),
+            Switched::Late { horizon } => (1, horizon),
+            Switched::Early { limit } => (2, limit),
+            Switched::Full => (3, 0),
+        };
+        frame.u8(code);
+        frame.u64(tick);
+    }
 }
 
 /// The protocol that a board speaks, from the body of its answer to Hello, whatever its version.

@@ -19,6 +19,7 @@ pub mod service;
 pub use frame::{Decoder, Encoder, MAX_BODY, MAX_FRAME};
 pub use machine::{Machine, Refusal, Stopped, Switched};
 pub use message::{Command, Reason, Reply};
+pub use service::Service;
 
 /// Of this description; a host that finds another one says so and goes away.
 pub const VERSION: u8 = 1;
