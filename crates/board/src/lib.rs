@@ -5,6 +5,7 @@
 //! - [`Sizer`]: what items take in its queues
 //! - [`native`]: the project's own stepgen on the PC, in virtual time
 //! - [`remote`]: a board at the other end of a [`Port`], through `link`, the host's side of docs/protocol.md
+//! - [`faulty`]: a port whose frames suffer, by a seed; [`model`]: a board behind a serial line, without a chip
 //! - [`BoardClock`]: such a board's clock, as the host sees it
 //!
 //! # What is not
@@ -13,7 +14,9 @@
 #![forbid(unsafe_code)]
 
 mod clock;
+pub mod faulty;
 pub mod link;
+pub mod model;
 pub mod native;
 pub mod remote;
 mod sizer;
