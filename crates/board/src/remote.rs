@@ -454,22 +454,16 @@ impl<P: Port> Remote<P> {
         if let Some(error) = self.link.error() {
             return Err(error.into());
         }
-        self.set_rate()?;
+        if let Some(baud) = self.link.take_rate() {
+            self.port.set_baud(baud)?;
+        }
         self.port.send(&self.outbox)?;
         let due = self.link.deadline().unwrap_or(until).min(until);
         self.inbox.clear();
         self.port.receive(due.max(now + SHORTEST_ROUND), &mut self.inbox)?;
         self.link.input(&self.inbox, self.port.now());
-        self.set_rate()?;
         self.events.extend(std::iter::from_fn(|| self.link.event()));
         self.port.edges(&mut self.edges);
-        Ok(())
-    }
-
-    fn set_rate(&mut self) -> Result<(), RemoteError> {
-        if let Some(baud) = self.link.take_rate() {
-            self.port.set_baud(baud)?;
-        }
         Ok(())
     }
 
