@@ -569,10 +569,9 @@ impl Link {
         self.events.pop_front()
     }
 
-    /// Data that the board refused last.
-    #[must_use]
-    pub const fn refused(&self) -> Option<(Reason, u16)> {
-        self.refused
+    /// Why the board refused data, once.
+    pub const fn refusal(&mut self) -> Option<(Reason, u16)> {
+        self.refused.take()
     }
 
     /// [`flags`](pulsetrain_core::wire::message::flags) of the board, as it said last.

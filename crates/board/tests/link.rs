@@ -118,7 +118,9 @@ fn a_board_that_begins_anew_has_forgotten_its_host() {
     remote.port_mut().inner_mut().reset();
     assert_eq!(remote.status(), Err(RemoteError::Link(LinkError::Forgotten)));
     assert_eq!(remote.switch(Epoch(1), u64::MAX), Err(SwitchRefused::Lost));
-    assert_eq!(remote.room(0), 0);
+    // What is pushed goes nowhere; nothing waits.
+    tell(&mut remote, 2, 0, &[run(5, 4000)]);
+    assert_eq!(remote.switch(Epoch(2), 0), Err(SwitchRefused::Lost));
     let until = remote.now() + TICK_HZ;
     remote.advance(until, &mut unseen);
     assert!(remote.now() > until && remote.is_idle());
