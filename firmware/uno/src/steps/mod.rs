@@ -1,0 +1,5 @@
+//! The hot path: compare interrupts, expansion and merge, in assembly with a thin Rust face.
+
+pub mod expand;
+pub mod ring;
+pub mod register;
