@@ -2,4 +2,5 @@
 
 pub mod expand;
 pub mod ring;
+pub mod merge;
 pub mod register;

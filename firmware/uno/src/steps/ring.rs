@@ -282,6 +282,7 @@ pub enum Name {
 
 /// What one group does at its tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(C)]
 pub struct Group {
     /// First byte, without END.
     pub rise: u8,
