@@ -1,0 +1,432 @@
+//! The rings and the interrupts that put them out.
+//!
+//! # A ring
+//! One 256-byte page of 64 groups of four bytes, `[rise, high byte of next, low byte of next, fall]`. At its tick the
+//! interrupt toggles the pins in `rise`, sets the compare register to the *next* group's tick, and 1.0 µs later toggles the
+//! pins in `fall` (writing PINx toggles: ATmega328P DS40002061B §14.2.2). Everything is a group:
+//!
+//! | what | rise | fall |
+//! |---|---|---|
+//! | a step with the short pulse | STEP | STEP |
+//! | either edge of a long pulse | STEP | 0 |
+//! | a change of direction | 0 | DIR |
+//! | nothing, to keep the compare register moving | 0 | 0 |
+//!
+//! The last group of a ring is *pending*: its tick is in the compare register, but what follows it is not known yet.
+//! Its first byte is an END mark, and the interrupt stops there: late refills starve on a known step, and nothing
+//! stale is ever played again. [`Ring::push`] gives the pending group its successor and then, with one write, its own
+//! first byte.
+//!
+//! # The two interrupts
+//! Compare match A plays ring A: on PORTD (`Kind::PortD`), on PORTD with PB4 and PB5 as bits 0 and 1 (`Kind::Shield`), or the
+//! hardware's own pin 9 (`Kind::Compare`). Compare match B plays ring B: on PORTB, or the hardware's pin 10.
+//! Registers are kept in I/O registers that nothing else uses, and no flag is touched, so that SREG needs no care:
+//!
+//! | register | holds |
+//! |---|---|
+//! | GPIOR0 | [`flags`], bit-addressable |
+//! | GPIOR1, GPIOR2, EEDR | r24, r30, r31 of whoever was interrupted (interrupts do not nest) |
+//! | OCR0A, OCR0B | low byte of the address of the next group to play, ring A and ring B |
+//!
+//! # Cycles
+//! From the match to the end, 4 for the interrupt and 3 for the vector's jump included (§7.7.1):
+//!
+//! | kind | to the rising edge | pulse | total |
+//! |---|---|---|---|
+//! | PORTD, PORTB | 17 | 16 (1.0 µs) | 38 |
+//! | the same, long | 17 | 31 (1.94 µs) | 53 |
+//! | shield | 17, PB4 26 | 24 or 25, PB4 19 (1.19 µs) | 50 to 53 |
+//! | shield, long | the same | 36 or 37, PB4 31 | 62 to 65 |
+//! | compare, a plain step | by the hardware | 35 (2.19 µs) | 40 |
+
+use core::arch::global_asm;
+
+use super::register;
+
+/// Bits of GPIOR0, which the interrupts look at and set.
+pub mod flags {
+    /// Ring A is not plain PORTD with the short pulse: look at [`SHIELD`].
+    pub const EXTRA_A: u8 = 0;
+    /// Ring B has the 1.9 µs pulse.
+    pub const EXTRA_B: u8 = 1;
+    /// Ring A plays PB4 and PB5 too.
+    pub const SHIELD: u8 = 2;
+    /// The shield's pulse is the 1.9 µs one.
+    pub const SHIELD_LONG: u8 = 3;
+    /// Ring A reached its END mark.
+    pub const STARVED_A: u8 = 4;
+    /// Ring B reached its END mark.
+    pub const STARVED_B: u8 = 5;
+    /// With hardware edges on ring A, its DIR pin is on PORTB, not PORTD.
+    pub const DIR_A_ON_PORTB: u8 = 6;
+    /// With hardware edges on ring B, its DIR pin is on PORTB, not PORTD.
+    pub const DIR_B_ON_PORTB: u8 = 7;
+}
+
+/// First bytes of groups played by the compare hardware, beside the ring's END bit (which all of them have).
+mod hardware {
+    /// A plain step, followed by another edge: the interrupt only ends the pulse. Without it the bits below count.
+    pub(super) const PLAIN: u8 = 1 << 6;
+    /// A group to be played; without this and [`PLAIN`] it is the END.
+    pub(super) const PLAY: u8 = 1 << 5;
+    /// The interrupt ends the pulse (force output compare).
+    pub(super) const END_PULSE: u8 = 1 << 4;
+    /// The match toggled the pin.
+    pub(super) const TOGGLED: u8 = 1 << 3;
+    /// The next match toggles the pin.
+    pub(super) const NEXT_TOGGLES: u8 = 1 << 0;
+}
+
+/// END of ring A: PD1 is TXD, whose port bit nobody toggles.
+pub const END_A: u8 = 1 << 1;
+/// END of ring B: PB7 is the crystal.
+pub const END_B: u8 = 1 << 7;
+
+/// Interrupt code of one ring. `\name` is the vector, `\pin` its PINx, `\ocr` OCR1xL, `\tail` where the tail is kept.
+// One macro, two interrupts: they differ in names, and in the shield's extra pins.
+global_asm!(
+    r#"
+    .section .pages, "aw", @nobits
+    .p2align 8
+    .global receive_page, ring_a_page, ring_b_page
+receive_page: .skip 256
+ring_a_page:  .skip 256
+ring_b_page:  .skip 256
+
+    .macro ring_interrupt vector, page, tail, pin, ocr, end_bit, extra, starved, com_mask, com_toggle, foc, dir_on_portb, enable_mask
+    .global \vector
+\vector:                                // 4 response + 3 jump           7
+    out {SAVE24}, r24                   // 1                             8
+    out {SAVE30}, r30                   // 1                             9
+    out {SAVE31}, r31                   // 1                            10
+    in r30, \tail                       // 1                            11
+    ldi r31, hi8(\page)                 // 1                            12
+    ld r24, Z+                          // 2                            14
+    sbrc r24, \end_bit                  // 2 (skips)                    16
+    rjmp 1f
+    out \pin, r24                       // 1  the rising edge           17
+    sbic {FLAGS}, \extra                // 2 (skips)                    19
+    rjmp 5f
+    ld r24, Z+                          // 2                            21
+    sts \ocr+1, r24                     // 2                            23
+    ld r24, Z+                          // 2                            25
+    sts \ocr, r24                       // 2                            27
+    ld r24, Z+                          // 2                            29
+    out \tail, r30                      // 1                            30
+    in r30, {SAVE30}                    // 1                            31
+    in r31, {SAVE31}                    // 1                            32
+    out \pin, r24                       // 1  the falling edge: 17 + 16 33
+    in r24, {SAVE24}                    // 1                            34
+    reti                                // 4                            38
+
+    // END, or a group of the compare hardware              sbrc 1 + rjmp 2: 17
+1:  sbrs r24, 6                         // 2 (skips)                    19
+    rjmp 2f
+    ld r24, Z+                          // 2                            21
+    sts \ocr+1, r24                     // 2                            23
+    ld r24, Z+                          // 2                            25
+    sts \ocr, r24                       // 2                            27
+    ld r24, Z+                          // 2                            29
+    out \tail, r30                      // 1                            30
+    in r30, {SAVE30}                    // 1                            31
+    in r31, {SAVE31}                    // 1                            32
+    ldi r24, \foc                       // 1                            33
+    sts {TCCR1C}, r24                   // 2  the falling edge          35
+    in r24, {SAVE24}                    // 1                            36
+    reti                                // 4                            40
+
+    // The hardware's other groups, and END: rare, so flags and r25 go onto the stack.
+2:  push r25
+    in r25, {SREG}
+    push r25
+    mov r25, r24
+    sbrs r25, 5
+    rjmp 4f
+    ld r24, Z+
+    sts \ocr+1, r24
+    ld r24, Z+
+    sts \ocr, r24
+    ld r24, Z+
+    out \tail, r30
+    sbis {FLAGS}, \dir_on_portb
+    out {PIND}, r24
+    sbic {FLAGS}, \dir_on_portb
+    out {PINB}, r24
+    ldi r24, \foc
+    sbrc r25, 4
+    sts {TCCR1C}, r24
+    lds r24, {TCCR1A}
+    andi r24, \com_mask
+    sbrc r25, 0
+    ori r24, \com_toggle
+    sts {TCCR1A}, r24
+3:  pop r25
+    out {SREG}, r25
+    pop r25
+    in r24, {SAVE24}
+    in r30, {SAVE30}
+    in r31, {SAVE31}
+    reti
+
+    // END: no more matches are played, nor does the hardware toggle at any.
+4:  ldi r24, \foc
+    sbrc r25, 4
+    sts {TCCR1C}, r24
+    lds r24, {TCCR1A}
+    andi r24, \com_mask
+    sts {TCCR1A}, r24
+    lds r24, {TIMSK1}
+    andi r24, \enable_mask
+    sts {TIMSK1}, r24
+    sbi {FLAGS}, \starved
+    rjmp 3b
+    .endm
+
+    // The 1.9 us pulse                                      sbic 1 + rjmp 2: 20
+    .macro long_pulse tail, pin, ocr
+    ld r24, Z+                          // 2                            22
+    sts \ocr+1, r24                     // 2                            24
+    ld r24, Z+                          // 2                            26
+    sts \ocr, r24                       // 2                            28
+    ld r24, Z+                          // 2                            30
+    out \tail, r30                      // 1                            31
+    in r30, {SAVE30}                    // 1                            32
+    in r31, {SAVE31}                    // 1                            33
+    .endm
+
+    .macro wait cycles
+    .rept \cycles / 2
+    rjmp .+0
+    .endr
+    .rept \cycles % 2
+    nop
+    .endr
+    .endm
+
+    .section .text.ring_interrupts, "ax", @progbits
+    ring_interrupt __vector_11, ring_a_page, {TAIL_A}, {PIND}, {OCR1A}, 1, {EXTRA_A}, {STARVED_A}, 0x3f, 0x40, 0x80, {DIR_A_ON_PORTB}, 0xfd
+5:  sbic {FLAGS}, {SHIELD}              // 2 (skips)                    22
+    rjmp 6f
+    long_pulse {TAIL_A}, {PIND}, {OCR1A} // 13                          35
+    wait 12                             // 12                           47
+    out {PIND}, r24                     // 1  17 + 31                   48
+    in r24, {SAVE24}                    // 1                            49
+    reti                                // 4                            53
+
+    // The shield: bit 0 is PB4, bit 1 PB5 (in the fall alone). sbic 1 + rjmp 2: 23
+6:  sbrc r24, 0                         // 2 (skips), 1 if set
+    sbi {PINB}, 4                       // 2 if set                     25 or 26
+    long_pulse {TAIL_A}, {PIND}, {OCR1A} // 13                          38 or 39
+    sbic {FLAGS}, {SHIELD_LONG}         // 2 (skips), 1 if set          40 or 41
+    rjmp 8f
+7:  out {PIND}, r24                     // 1                            41 or 42
+    sbrc r24, 0                         // 2 (skips), 1 if set
+    sbi {PINB}, 4                       // 2 if set                     43 to 45
+    sbrc r24, 1                         // 2 (skips), 1 if set
+    sbi {PINB}, 5                       // 2 if set                     45 to 48
+    in r24, {SAVE24}                    // 1                            46 to 49
+    reti                                // 4                            50 to 53
+8:  wait 9                              // 9 + sbic 1 + rjmp 2 + rjmp 2 = 14, 12 more than the skip:
+    rjmp 7b                             // PB4 is high for 57 - 26 = 31 cycles, PORTD for 37 at most
+
+    ring_interrupt __vector_12, ring_b_page, {TAIL_B}, {PINB}, {OCR1B}, 7, {EXTRA_B}, {STARVED_B}, 0xcf, 0x10, 0x40, {DIR_B_ON_PORTB}, 0xfb
+5:  long_pulse {TAIL_B}, {PINB}, {OCR1B} // 13                          33
+    wait 14                             // 14                           47
+    out {PINB}, r24                     // 1                            48
+    in r24, {SAVE24}                    // 1                            49
+    reti                                // 4                            53
+    "#,
+    SAVE24 = const register::GPIOR1,
+    SAVE30 = const register::GPIOR2,
+    SAVE31 = const register::EEDR,
+    TAIL_A = const register::OCR0A,
+    TAIL_B = const register::OCR0B,
+    FLAGS = const register::GPIOR0,
+    PIND = const register::PIND,
+    PINB = const register::PINB,
+    SREG = const register::SREG,
+    OCR1A = const register::OCR1A,
+    OCR1B = const register::OCR1B,
+    TCCR1A = const register::TCCR1A,
+    TCCR1C = const register::TCCR1C,
+    TIMSK1 = const register::TIMSK1,
+    EXTRA_A = const flags::EXTRA_A,
+    EXTRA_B = const flags::EXTRA_B,
+    SHIELD = const flags::SHIELD,
+    SHIELD_LONG = const flags::SHIELD_LONG,
+    STARVED_A = const flags::STARVED_A,
+    STARVED_B = const flags::STARVED_B,
+    DIR_A_ON_PORTB = const flags::DIR_A_ON_PORTB,
+    DIR_B_ON_PORTB = const flags::DIR_B_ON_PORTB,
+);
+
+/// Bytes of a group.
+pub const GROUP: u8 = 4;
+
+/// Groups that a ring can hold beside the pending one.
+pub const CAPACITY: u8 = 62;
+
+unsafe extern "C" {
+    static mut ring_a_page: [u8; 256];
+    static mut ring_b_page: [u8; 256];
+}
+
+/// Which of the two.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Name {
+    /// Compare match A: PORTD, the shield, or pin 9 by hardware.
+    A,
+    /// Compare match B: PORTB, or pin 10 by hardware.
+    B,
+}
+
+/// What one group does at its tick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Group {
+    /// First byte, without END.
+    pub rise: u8,
+    /// Last byte.
+    pub fall: u8,
+}
+
+/// Main's end of a ring whose edges software makes.
+#[derive(Debug)]
+pub struct Ring {
+    name: Name,
+    /// Low byte of the address of the pending group.
+    head: u8,
+    /// What the pending group's first byte will be.
+    pending_rise: u8,
+}
+
+impl Group {
+    /// Nothing: it keeps the compare register moving.
+    pub const NOTHING: Group = Group { rise: 0, fall: 0 };
+}
+
+impl Ring {
+    /// A ring at rest: one pending group that does nothing.
+    pub fn new(name: Name) -> Ring {
+        let mut ring = Ring { name, head: 0, pending_rise: 0 };
+        ring.clear();
+        ring
+    }
+
+    fn page(&self) -> *mut u8 {
+        match self.name {
+            Name::A => (&raw mut ring_a_page).cast(),
+            Name::B => (&raw mut ring_b_page).cast(),
+        }
+    }
+
+    fn end(&self) -> u8 {
+        match self.name {
+            Name::A => END_A,
+            Name::B => END_B,
+        }
+    }
+
+    fn tail_register(&self) -> *mut u8 {
+        register::io(match self.name {
+            Name::A => register::OCR0A,
+            Name::B => register::OCR0B,
+        })
+    }
+
+    fn group(&self, at: u8) -> *mut u8 {
+        self.page().wrapping_add(usize::from(at))
+    }
+
+    /// Forgets all groups. The interrupt must be off.
+    pub fn clear(&mut self) {
+        self.head = 0;
+        self.pending_rise = 0;
+        // SAFETY: the interrupt of this ring is off (the caller's promise), so main is alone with page and tail.
+        unsafe {
+            self.group(0).write_volatile(self.end());
+            self.group(3).write_volatile(0);
+            self.tail_register().write_volatile(0);
+        }
+    }
+
+    /// Groups that can be pushed now.
+    #[inline(always)]
+    pub fn free(&self) -> u8 {
+        // SAFETY: one byte, read whole; the interrupt may move it on, which only makes more room.
+        let tail = unsafe { self.tail_register().read_volatile() };
+        tail.wrapping_sub(self.head).wrapping_sub(1) / GROUP
+    }
+
+    /// Gives the pending group its successor `group`, at the low 16 bits of its tick `at`, and publishes the pending one.
+    ///
+    /// There must be room (see [`Ring::free`]), and `at` less than 32 768 ticks after the pending group's tick.
+    #[inline(always)]
+    pub fn push(&mut self, at: u16, group: Group) {
+        let [low, high] = at.to_le_bytes();
+        let next = self.head.wrapping_add(GROUP);
+        // SAFETY: the interrupt reads neither the pending group beyond its END nor the free one after it, until the
+        // last write here publishes the first. Volatile writes keep their order.
+        unsafe {
+            self.group(next).write_volatile(self.end());
+            self.group(next.wrapping_add(3)).write_volatile(group.fall);
+            self.group(self.head.wrapping_add(1)).write_volatile(high);
+            self.group(self.head.wrapping_add(2)).write_volatile(low);
+            self.group(self.head).write_volatile(self.pending_rise);
+        }
+        self.head = next;
+        self.pending_rise = group.rise;
+    }
+}
+
+impl Ring {
+    /// Expands the next `n` steps of `registers` into the ring, each with `step`'s masks.
+    ///
+    /// # Safety
+    /// 1 ≤ `n` ≤ [`Ring::free`], and what [`super::expand`] says of `n` and the interval.
+    #[inline(always)]
+    pub unsafe fn expand(&mut self, registers: &mut super::expand::Registers, n: u8, step: Group) {
+        let first = self.group(self.head);
+        // SAFETY: the caller's promise. Published groups only reach up to the pending one.
+        unsafe {
+            let last = super::expand::into_ring(registers, first, n, step.rise, step.fall);
+            self.group(last).write_volatile(self.end());
+            first.write_volatile(self.pending_rise);
+            self.head = last;
+        }
+        self.pending_rise = step.rise;
+    }
+}
+
+impl Ring {
+    /// Adds to what the pending group toggles.
+    #[inline(always)]
+    pub fn amend(&mut self, group: Group) {
+        self.pending_rise ^= group.rise;
+        let fall = self.group(self.head.wrapping_add(3));
+        // SAFETY: the interrupt does not read the pending group beyond its END.
+        unsafe { fall.write_volatile(fall.read_volatile() ^ group.fall) };
+    }
+
+    /// Low byte of the address of the next group to be played.
+    #[inline(always)]
+    pub fn tail(&self) -> u8 {
+        // SAFETY: one byte, read whole.
+        unsafe { self.tail_register().read_volatile() }
+    }
+
+    /// Groups that were not played yet, the pending one first.
+    ///
+    /// The interrupt may play more meanwhile; the oldest is the one that was next when this was called.
+    pub fn newest_first(&self) -> impl Iterator<Item = Group> {
+        let tail = self.tail();
+        let mut at = Some(self.head);
+        core::iter::from_fn(move || {
+            let index = at?;
+            at = (index != tail).then_some(index.wrapping_sub(GROUP));
+            let group = self.group(index);
+            // SAFETY: groups are written by main alone.
+            let (rise, fall) = unsafe { (group.read_volatile(), group.wrapping_add(3).read_volatile()) };
+            Some(Group { rise: if index == self.head { self.pending_rise } else { rise }, fall })
+        })
+    }
+}
