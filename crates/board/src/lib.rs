@@ -2,6 +2,7 @@
 //!
 //! # What is here, top down
 //! - [`Board`]: what a session needs of any board
+//! - [`Sizer`]: what items take in its queues
 //! - [`native`]: the project's own stepgen on the PC, in virtual time
 //!
 //! # What is not
@@ -10,10 +11,14 @@
 #![forbid(unsafe_code)]
 
 pub mod native;
+mod sizer;
 
 use pulsetrain_core::{Entry, Epoch};
 
 /// What a session needs of a board.
+///
+/// A board at the end of a cable needs time to be told: whatever has `&mut self` may let time pass, so that
+/// [`now`](Board::now) and [`horizon`](Board::horizon) are later after it than before.
 pub trait Board {
     /// Puts an item last in a motor's queue.
     ///
@@ -24,8 +29,19 @@ pub trait Board {
     /// Takes back the items of `epoch` that were pushed last, of all motors.
     fn discard(&mut self, epoch: Epoch);
 
-    /// Free places in a motor's queue; 0 for a motor that is not there.
-    fn credit(&self, motor: usize) -> usize;
+    /// Free room in a motor's queue, in the unit of [`sizer`](Board::sizer); 0 for a motor that is not there.
+    ///
+    /// [`push`](Board::push) takes items as long as their sizes fit in it.
+    fn room(&self, motor: usize) -> usize;
+
+    /// Measures the items of one epoch, the first one first, in the unit that a motor's queue is measured in.
+    fn sizer(&self, motor: usize) -> Sizer;
+
+    /// How long it may take to tell the board a thing and to hear that it was accepted, ticks; 0 if no time passes.
+    fn lead(&self) -> u64;
+
+    /// How many switches may wait, one after the other.
+    fn switches(&self) -> usize;
 
     /// At `tick`, all motors drop what is left of the old epoch and begin `epoch`.
     ///
@@ -61,3 +77,4 @@ pub trait Board {
 pub use native::{
     Config, Edge, Faults, MotorConfig, Native, Observer, ScheduledStep, StopReport, SwitchRefused, Wiring,
 };
+pub use sizer::Sizer;

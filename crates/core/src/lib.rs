@@ -7,6 +7,7 @@
 //! - [`channel`]: queue items → (tick, step or direction change)
 //! - [`queue`]: items waiting, each tagged with its epoch
 //! - [`packing`]: segments as few bytes
+//! - [`wire`]: frames and messages between host and board, and the board's side of the link
 //! - [`segment`]: the recurrence, exact
 //! - [`moment`]: wrap-safe time
 //!
@@ -25,6 +26,7 @@ pub mod output;
 pub mod packing;
 pub mod queue;
 pub mod segment;
+pub mod wire;
 
 pub use axis::Axis;
 pub use channel::Channel;

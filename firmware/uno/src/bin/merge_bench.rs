@@ -104,6 +104,7 @@ extern "C" fn main() -> ! {
     }
     let mut started = false;
     let mut wanting = None;
+    let mut full = false;
     loop {
         if receiver.waiting() >= 11 {
             let byte = unsafe { (&raw const receive_page).cast::<u8>().wrapping_add(receiver.tail as usize).read_volatile() };
@@ -133,10 +134,13 @@ extern "C" fn main() -> ! {
                 wanting = None;
             }
         }
-        if wanting.is_none() && merge.free() >= 8 {
+        if wanting.is_none() && (!full || merge.free() >= 24) {
             match merge.run() {
-                Pause::Full => {}
-                Pause::Wants(m) => wanting = Some(m),
+                Pause::Full => full = true,
+                Pause::Wants(m) => {
+                    full = false;
+                    wanting = Some(m);
+                }
             }
         } else if !started && receiver.waiting() > 180 && wanting.is_none() {
             started = true;

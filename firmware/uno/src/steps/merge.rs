@@ -513,7 +513,9 @@ impl Merge {
         let mut next = self.lanes[index].next;
         if next == end {
             let entry = &mut self.lanes[index];
-            let n = entry.blind.min(entry.batch);
+            // A short first batch, another length for each lane: else motors whose segments begin together would
+            // stay in step, and all their work would come at once.
+            let n = entry.blind.min(entry.batch).min(8 + 4 * lane);
             if n == 0 {
                 return false;
             }

@@ -300,6 +300,11 @@ pub struct Ring {
     pending_rise: u8,
 }
 
+impl Group {
+    /// Nothing: it keeps the compare register moving.
+    pub const NOTHING: Group = Group { rise: 0, fall: 0 };
+}
+
 impl Ring {
     /// A ring at rest: one pending group that does nothing.
     pub fn new(name: Name) -> Ring {
@@ -390,5 +395,39 @@ impl Ring {
             self.head = last;
         }
         self.pending_rise = step.rise;
+    }
+}
+
+impl Ring {
+    /// Adds to what the pending group toggles.
+    #[inline(always)]
+    pub fn amend(&mut self, group: Group) {
+        self.pending_rise ^= group.rise;
+        let fall = self.group(self.head.wrapping_add(3));
+        // SAFETY: the interrupt does not read the pending group beyond its END.
+        unsafe { fall.write_volatile(fall.read_volatile() ^ group.fall) };
+    }
+
+    /// Low byte of the address of the next group to be played.
+    #[inline(always)]
+    pub fn tail(&self) -> u8 {
+        // SAFETY: one byte, read whole.
+        unsafe { self.tail_register().read_volatile() }
+    }
+
+    /// Groups that were not played yet, the pending one first.
+    ///
+    /// The interrupt may play more meanwhile; the oldest is the one that was next when this was called.
+    pub fn newest_first(&self) -> impl Iterator<Item = Group> {
+        let tail = self.tail();
+        let mut at = Some(self.head);
+        core::iter::from_fn(move || {
+            let index = at?;
+            at = (index != tail).then_some(index.wrapping_sub(GROUP));
+            let group = self.group(index);
+            // SAFETY: groups are written by main alone.
+            let (rise, fall) = unsafe { (group.read_volatile(), group.wrapping_add(3).read_volatile()) };
+            Some(Group { rise: if index == self.head { self.pending_rise } else { rise }, fall })
+        })
     }
 }

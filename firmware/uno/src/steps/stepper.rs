@@ -1,0 +1,280 @@
+//! The slow engine: takes the events of all motors in order of time and makes groups of them.
+//!
+//! It does everything: any interval, any direction, shared DIR lines, switches. What it costs is a few hundred cycles a
+//! step; where nothing but steps follows for a while the fast engine takes over.
+//!
+//! # Time
+//! The newest group of the ring is pending: its tick is fixed, what it does is not yet. An event within [`NEAR`] ticks of it joins
+//! it; one that is further away becomes the next pending group, at least [`APART`] ticks later. While nothing is due,
+//! empty groups keep the compare register moving.
+//!
+//! # DIR
+//! A DIR line toggles at the end of a group, [`FALL`] ticks after its tick. It does so after the pulse and hold of every
+//! step before that looked at the line, and its set-up before the step that it is for; when there is not enough room between
+//! (another motor's group is in the way), the step is late, never the set-up short.
+
+use super::pins::{Layout, Lines, MAX_MOTORS};
+use super::ring::{Group, Ring};
+use crate::memory::Queues;
+use pulsetrain_core::channel::{Event, Kind};
+use pulsetrain_core::narrow::Motor;
+use pulsetrain_core::{Direction, Moment};
+
+/// Ticks between two groups, at least: the longest interrupt and the longest time that it can be kept waiting.
+const APART: u32 = 56;
+/// The same with pulses of 1.9 µs.
+const APART_LONG: u32 = 72;
+/// Ticks between two groups, at most: the compare register is a quarter of the way round.
+const FILLER: u32 = 16_384;
+/// From a group's tick to its `fall`, ticks.
+const FALL: u32 = 16;
+/// So far ahead the ring is filled while nothing is due, ticks (1.5 ms).
+const AHEAD_IDLE: u32 = 24_576;
+/// So far ahead it is filled at most, ticks (4 ms).
+const AHEAD: u32 = 65_536;
+/// Groups that one call makes at most: other work waits meanwhile.
+const BATCH: u8 = 8;
+
+/// The times of a configuration, ticks.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Times {
+    /// From a step's edge to the end of its pulse, as it is made.
+    pub(crate) pulse: u16,
+    /// The end of the pulse is a group of its own.
+    pub(crate) long: bool,
+    /// DIR before the step.
+    pub(crate) setup: u16,
+    /// DIR after the end of the pulse.
+    pub(crate) hold: u16,
+    /// Between two groups.
+    apart: u8,
+}
+
+impl Times {
+    /// The pulse of `wanted` ticks or longer that a group can make; else two groups make it.
+    pub(crate) fn of(wanted: u16, setup: u16, hold: u16) -> Times {
+        match wanted {
+            0..=16 => Times { pulse: 16, long: false, setup, hold, apart: APART as u8 },
+            17..=31 => Times { pulse: 31, long: false, setup, hold, apart: APART_LONG as u8 },
+            _ => Times { pulse: wanted.max(APART as u16), long: true, setup, hold, apart: APART as u8 },
+        }
+    }
+}
+
+/// One motor and its lines.
+pub(crate) struct Axis {
+    pub(crate) motor: Motor,
+    lines: Lines,
+    /// What comes next, as far as it was looked for.
+    next: Option<Event>,
+    /// When the pulse being made ends.
+    fall: Option<Moment>,
+    /// DIR stays until then.
+    free: Moment,
+    /// DIR is set up from then on.
+    ready: Moment,
+}
+
+/// What a motor wants next.
+#[derive(Clone, Copy)]
+enum Wish {
+    /// The end of its pulse.
+    Fall,
+    /// A step.
+    Step,
+    /// Its DIR line so.
+    Dir(Direction),
+}
+
+/// All motors of a configuration whose edges software makes, and their ring.
+pub(crate) struct Stepper {
+    ring: Ring,
+    axes: [Axis; MAX_MOTORS],
+    count: u8,
+    times: Times,
+    /// Tick of the pending group.
+    at: Moment,
+    /// Lines that are high once the pending group has been played.
+    levels: u8,
+    /// What the pending group does.
+    pending: Group,
+}
+
+impl Stepper {
+    /// The motors in use.
+    pub(crate) fn axes(&self) -> &[Axis] {
+        self.axes.get(..usize::from(self.count)).unwrap_or_default()
+    }
+
+    /// Fills the ring as far as time allows.
+    pub(crate) fn run(&mut self, now: Moment, queues: &Queues) {
+        let count = usize::from(self.count);
+        for axis in self.axes.iter_mut().take(count) {
+            if axis.next.is_none() {
+                axis.motor.pass(self.at);
+            }
+            // What is long past must not come back as the future.
+            if axis.free.is_before(self.at) {
+                axis.free = self.at;
+            }
+            if axis.ready.is_before(self.at) {
+                axis.ready = self.at;
+            }
+        }
+        for _ in 0..BATCH {
+            let ahead = self.at.since(now);
+            if self.ring.free() < 2 || (ahead >= AHEAD && ahead < 1 << 31) {
+                return;
+            }
+            let limit = self.at.after(FILLER);
+            match self.earliest(queues) {
+                Some((motor, wish, due)) if !limit.is_before(due) => self.play(motor, wish, due),
+                _ if ahead >= AHEAD_IDLE && ahead < 1 << 31 => return,
+                _ => {
+                    self.push(limit, Group::NOTHING);
+                }
+            }
+        }
+    }
+
+    /// Whose wish is due first, and when.
+    #[inline]
+    fn earliest(&mut self, queues: &Queues) -> Option<(u8, Wish, Moment)> {
+        let lead = u32::from(self.times.setup) + FALL + APART;
+        let limit = self.at.after(FILLER + lead);
+        let (setup, count) = (u32::from(self.times.setup), self.count);
+        let mut earliest: Option<(u8, Wish, Moment)> = None;
+        for (index, axis) in (0..count).zip(self.axes.iter_mut()) {
+            let (wish, due) = if let Some(fall) = axis.fall {
+                (Wish::Fall, fall)
+            } else {
+                if axis.next.is_none() {
+                    axis.next = axis.motor.peek(queues, limit);
+                }
+                match axis.next {
+                    None => continue,
+                    Some(Event { tick, kind: Kind::Step }) => (Wish::Step, tick),
+                    Some(Event { tick, kind: Kind::Direction(direction) }) => {
+                        let latest = tick.before(setup + FALL);
+                        // A line of its own may turn earlier, so that groups of other motors do not put it off.
+                        let due = if axis.lines.shared_dir() { latest } else { latest.before(APART) };
+                        (Wish::Dir(direction), due)
+                    }
+                }
+            };
+            // A step looks at its line before another motor may turn it.
+            let sooner = |(_, other, first): (u8, Wish, Moment)| {
+                due.is_before(first) || (due == first && matches!(other, Wish::Dir(_)))
+            };
+            if earliest.is_none_or(sooner) {
+                earliest = Some((index, wish, due));
+            }
+        }
+        earliest
+    }
+
+    /// Makes what motor `index` wants at `due`, or as soon after as it can be.
+    #[inline]
+    fn play(&mut self, index: u8, wish: Wish, due: Moment) {
+        let Some(axis) = self.axes.get_mut(usize::from(index)) else { return };
+        let lines = axis.lines;
+        let pulse = u32::from(self.times.pulse);
+        match wish {
+            Wish::Fall => {
+                axis.fall = None;
+                self.put(due, due, Group { rise: lines.step, fall: 0 });
+            }
+            Wish::Step => {
+                let Some(event) = axis.next.take() else { return };
+                axis.motor.take(event);
+                let ready = axis.ready;
+                let due = later(due, ready);
+                let tick = if self.times.long {
+                    self.put(due, ready, Group { rise: lines.step, fall: 0 })
+                } else {
+                    self.put(due, ready, Group { rise: lines.step, fall: lines.step })
+                };
+                if let Some(axis) = self.axes.get_mut(usize::from(index)) {
+                    axis.free = tick.after(pulse + u32::from(self.times.hold));
+                    if self.times.long {
+                        axis.fall = Some(tick.after(pulse));
+                    }
+                }
+            }
+            Wish::Dir(direction) => {
+                let Some(event) = axis.next.take() else { return };
+                axis.motor.take(event);
+                let high = (direction == Direction::Forward) == lines.forward_high();
+                if (self.levels & lines.dir != 0) == high {
+                    return;
+                }
+                let free = self.line_free(lines.dir).before(FALL);
+                let tick = self.put(later(due, free), free, Group { rise: 0, fall: lines.dir });
+                let ready = tick.after(FALL + u32::from(self.times.setup));
+                for axis in self.axes.iter_mut().filter(|axis| axis.lines.dir == lines.dir) {
+                    axis.ready = ready;
+                }
+            }
+        }
+    }
+
+    /// Until when the line `dir` must stay, for all motors that look at it.
+    fn line_free(&self, dir: u8) -> Moment {
+        let mut free = self.at.before(FALL);
+        for axis in self.axes().iter().filter(|axis| axis.lines.dir == dir) {
+            free = later(free, axis.free);
+        }
+        free
+    }
+
+    /// Puts `group` at `due`: into the pending group if that is near, not before `open`, and has other lines; else later.
+    ///
+    /// Gives its tick.
+    #[inline]
+    fn put(&mut self, due: Moment, open: Moment, group: Group) -> Moment {
+        let apart = u32::from(self.times.apart);
+        let near = due.before(apart / 2).is_before(self.at);
+        if near && !self.at.is_before(open) && self.pending.rise & group.rise == 0 && self.pending.fall & group.fall == 0 {
+            self.ring.amend(group);
+            self.pending.rise |= group.rise;
+            self.pending.fall |= group.fall;
+        } else {
+            self.push(later(due, self.at.after(apart)), group);
+        }
+        self.levels ^= group.rise ^ group.fall;
+        self.at
+    }
+
+    /// Publishes the pending group and makes `group` at `tick` the pending one.
+    #[inline]
+    fn push(&mut self, tick: Moment, group: Group) {
+        self.ring.push(low_half(tick.0), group);
+        self.at = tick;
+        self.pending = group;
+    }
+
+    /// Steps that were counted but whose groups were not played yet, forward minus backward, of each motor.
+    pub(crate) fn unplayed(&self) -> [i32; MAX_MOTORS] {
+        let mut unplayed = [0; MAX_MOTORS];
+        let mut levels = self.levels;
+        // From the newest group back to the next one to be played.
+        for group in self.ring.newest_first() {
+            levels ^= group.fall;
+            for (count, axis) in unplayed.iter_mut().zip(self.axes()) {
+                let Lines { step, dir, .. } = axis.lines;
+                let active = (levels & step != 0) != axis.lines.step_low();
+                if group.rise & step != 0 && active {
+                    let forward = (levels & dir != 0) == axis.lines.forward_high();
+                    *count += if forward { 1 } else { -1 };
+                }
+            }
+            levels ^= group.rise;
+        }
+        unplayed
+    }
+}
+
+/// The later of two moments.
+fn later(one: Moment, other: Moment) -> Moment {
+    if one.is_before(other) { other } else { one }
+}
