@@ -305,11 +305,15 @@ impl Group {
 }
 
 impl Ring {
-    /// A ring at rest: one pending group that does nothing.
-    pub fn new(name: Name) -> Ring {
-        let mut ring = Ring { name, head: 0, pending_rise: 0 };
-        ring.clear();
-        ring
+    /// A ring to be [`clear`](Ring::clear)ed before use.
+    pub const fn new(name: Name) -> Ring {
+        Ring { name, head: 0, pending_rise: 0 }
+    }
+
+    /// Which of the two.
+    #[inline(always)]
+    pub fn name(&self) -> Name {
+        self.name
     }
 
     fn page(&self) -> *mut u8 {
