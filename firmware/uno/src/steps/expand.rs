@@ -181,13 +181,22 @@ global_asm!(
     rjmp 4b
     .endm
 
+    .macro list_store                   //                              4
+    st Z+, r22
+    st Z+, r23
+    .endm
+
     expander steps_expand_ring, ring_store
+    expander steps_expand_list, list_store
     "#,
 );
 
 unsafe extern "C" {
     /// Expands `n` steps into a ring from the group at `pending` on; gives the low byte of the last group's address.
     fn steps_expand_ring(registers: *mut Registers, pending: *mut u8, n: u8, rise_fall: u16) -> u8;
+
+    /// Expands `n` steps into a list, low bytes first.
+    fn steps_expand_list(registers: *mut Registers, list: *mut u16, n: u8);
 }
 
 /// Expands the next `n` steps of `registers` into a ring, from its pending group on: each with `rise` and `fall`.
@@ -200,4 +209,14 @@ unsafe extern "C" {
 pub(super) unsafe fn into_ring(registers: &mut Registers, pending: *mut u8, n: u8, rise: u8, fall: u8) -> u8 {
     // SAFETY: the caller's promise; the function keeps to the calling convention of avr-gcc.
     unsafe { steps_expand_ring(registers, pending, n, u16::from_le_bytes([rise, fall])) }
+}
+
+/// Expands the next `n` steps of `registers` into a list.
+///
+/// # Safety
+/// What the module says of `n` and the interval holds; `list` has room for `n` ticks.
+#[inline(always)]
+pub(super) unsafe fn into_list(registers: *mut Registers, list: *mut u16, n: u8) {
+    // SAFETY: the caller's promise; the function keeps to the calling convention of avr-gcc.
+    unsafe { steps_expand_list(registers, list, n) }
 }

@@ -10,6 +10,8 @@ addresses! {
     PINB = 0x03;
     /// Toggles PORTD's pins when written.
     PIND = 0x09;
+    /// Timer 1's flags, cleared by writing ones.
+    TIFR1 = 0x16;
     /// Free storage, bit-addressable.
     GPIOR0 = 0x1e;
     /// EEPROM data; free storage, as the EEPROM is not used.

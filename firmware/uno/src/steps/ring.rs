@@ -41,6 +41,7 @@
 
 use core::arch::global_asm;
 
+use super::expand::Registers;
 use super::register;
 
 /// Bits of GPIOR0, which the interrupts look at and set.
@@ -281,22 +282,16 @@ pub enum Name {
 }
 
 /// What one group does at its tick.
+///
+/// With the compare hardware the bit of [`Ring::edge`] stands for STEP: in `rise` the hardware toggles the pin at the tick, in
+/// `fall` the interrupt ends the pulse. All other bits of `fall` are toggled on the port of DIR.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(C)]
 pub struct Group {
-    /// First byte, without END.
+    /// What is toggled at the tick.
     pub rise: u8,
-    /// Last byte.
+    /// What is toggled at the end of a short pulse.
     pub fall: u8,
-}
-
-/// Main's end of a ring whose edges software makes.
-#[derive(Debug)]
-pub struct Ring {
-    name: Name,
-    /// Low byte of the address of the pending group.
-    head: u8,
-    /// What the pending group's first byte will be.
-    pending_rise: u8,
 }
 
 impl Group {
@@ -304,16 +299,50 @@ impl Group {
     pub const NOTHING: Group = Group { rise: 0, fall: 0 };
 }
 
+/// Main's end of a ring.
+#[derive(Debug)]
+pub struct Ring {
+    name: Name,
+    /// With the compare hardware the bit that stands for STEP; else 0.
+    edge: u8,
+    /// Low byte of the address of the pending group.
+    head: u8,
+    /// What the pending group does.
+    pending: Group,
+}
+
 impl Ring {
-    /// A ring to be [`clear`](Ring::clear)ed before use.
+    /// A ring whose edges software makes, to be [`clear`](Ring::clear)ed before use.
     pub const fn new(name: Name) -> Ring {
-        Ring { name, head: 0, pending_rise: 0 }
+        Ring { name, edge: 0, head: 0, pending: Group::NOTHING }
+    }
+
+    /// A ring whose STEP edges the compare hardware makes on pin 9 (A) or 10 (B), to be [`clear`](Ring::clear)ed
+    /// before use.
+    ///
+    /// `dir_on_portb` says on which port the DIR pin is; GPIOR0 must say the same ([`flags::DIR_A_ON_PORTB`]).
+    pub const fn hardware(name: Name, dir_on_portb: bool) -> Ring {
+        // A bit that no DIR pin of that port has: PD0 is RXD, PB7 the crystal.
+        let edge = if dir_on_portb { 1 << 7 } else { 1 << 0 };
+        Ring { name, edge, head: 0, pending: Group::NOTHING }
     }
 
     /// Which of the two.
     #[inline(always)]
     pub fn name(&self) -> Name {
         self.name
+    }
+
+    /// With the compare hardware the bit that stands for STEP; else 0.
+    #[inline(always)]
+    pub fn edge(&self) -> u8 {
+        self.edge
+    }
+
+    /// What the pending group does.
+    #[inline(always)]
+    pub fn pending(&self) -> Group {
+        self.pending
     }
 
     fn page(&self) -> *mut u8 {
@@ -323,6 +352,7 @@ impl Ring {
         }
     }
 
+    #[inline(always)]
     fn end(&self) -> u8 {
         match self.name {
             Name::A => END_A,
@@ -341,10 +371,48 @@ impl Ring {
         self.page().wrapping_add(usize::from(at))
     }
 
+    /// First byte of the pending group.
+    #[inline(always)]
+    fn unplayed(&self, group: Group) -> u8 {
+        if self.edge == 0 { self.end() } else { self.end() | self.bits(group) }
+    }
+
+    /// What the compare hardware and its interrupt do with `group`.
+    fn bits(&self, group: Group) -> u8 {
+        let mut bits = 0;
+        if group.rise & self.edge != 0 {
+            bits |= hardware::TOGGLED;
+        }
+        if group.fall & self.edge != 0 {
+            bits |= hardware::END_PULSE;
+        }
+        bits
+    }
+
+    /// First byte of `group` when it is played and followed by `next`.
+    #[inline(always)]
+    fn played(&self, group: Group, next: Group) -> u8 {
+        if self.edge == 0 {
+            return group.rise;
+        }
+        let step = Group { rise: self.edge, fall: self.edge };
+        match (group == step, next.rise & self.edge != 0) {
+            (true, true) => self.end() | hardware::PLAIN,
+            (_, true) => self.end() | hardware::PLAY | hardware::NEXT_TOGGLES | self.bits(group),
+            (_, false) => self.end() | hardware::PLAY | self.bits(group),
+        }
+    }
+
+    /// Last byte of `group`.
+    #[inline(always)]
+    fn last(&self, group: Group) -> u8 {
+        group.fall & !self.edge
+    }
+
     /// Forgets all groups. The interrupt must be off.
     pub fn clear(&mut self) {
         self.head = 0;
-        self.pending_rise = 0;
+        self.pending = Group::NOTHING;
         // SAFETY: the interrupt of this ring is off (the caller's promise), so main is alone with page and tail.
         unsafe {
             self.group(0).write_volatile(self.end());
@@ -356,9 +424,7 @@ impl Ring {
     /// Groups that can be pushed now.
     #[inline(always)]
     pub fn free(&self) -> u8 {
-        // SAFETY: one byte, read whole; the interrupt may move it on, which only makes more room.
-        let tail = unsafe { self.tail_register().read_volatile() };
-        tail.wrapping_sub(self.head).wrapping_sub(1) / GROUP
+        self.tail().wrapping_sub(self.head).wrapping_sub(1) / GROUP
     }
 
     /// Gives the pending group its successor `group`, at the low 16 bits of its tick `at`, and publishes the pending one.
@@ -371,50 +437,49 @@ impl Ring {
         // SAFETY: the interrupt reads neither the pending group beyond its END nor the free one after it, until the
         // last write here publishes the first. Volatile writes keep their order.
         unsafe {
-            self.group(next).write_volatile(self.end());
-            self.group(next.wrapping_add(3)).write_volatile(group.fall);
+            self.group(next).write_volatile(self.unplayed(group));
+            self.group(next.wrapping_add(3)).write_volatile(self.last(group));
             self.group(self.head.wrapping_add(1)).write_volatile(high);
             self.group(self.head.wrapping_add(2)).write_volatile(low);
-            self.group(self.head).write_volatile(self.pending_rise);
+            self.group(self.head).write_volatile(self.played(self.pending, group));
         }
         self.head = next;
-        self.pending_rise = group.rise;
+        self.pending = group;
     }
-}
 
-impl Ring {
-    /// Expands the next `n` steps of `registers` into the ring, each with `step`'s masks.
+    /// Expands the next `n` steps of `registers` into the ring, each of which toggles `step`; with the compare
+    /// hardware `step` has its edge in both.
     ///
     /// # Safety
     /// 1 ≤ `n` ≤ [`Ring::free`], and what [`super::expand`] says of `n` and the interval.
     #[inline(always)]
-    pub unsafe fn expand(&mut self, registers: &mut super::expand::Registers, n: u8, step: Group) {
+    pub unsafe fn expand(&mut self, registers: &mut Registers, n: u8, step: Group) {
         let first = self.group(self.head);
+        let rise = self.played(step, step);
+        let published = self.played(self.pending, step);
         // SAFETY: the caller's promise. Published groups only reach up to the pending one.
         unsafe {
-            let last = super::expand::into_ring(registers, first, n, step.rise, step.fall);
-            self.group(last).write_volatile(self.end());
-            first.write_volatile(self.pending_rise);
+            let last = super::expand::into_ring(registers, first, n, rise, self.last(step));
+            self.group(last).write_volatile(self.unplayed(step));
+            first.write_volatile(published);
             self.head = last;
         }
-        self.pending_rise = step.rise;
+        self.pending = step;
     }
-}
 
-impl Ring {
-    /// Adds to what the pending group toggles.
+    /// Adds to what the pending group toggles; not an edge of the compare hardware, which needs a group of its own.
     #[inline(always)]
     pub fn amend(&mut self, group: Group) {
-        self.pending_rise ^= group.rise;
-        let fall = self.group(self.head.wrapping_add(3));
+        self.pending.rise ^= group.rise;
+        self.pending.fall ^= group.fall;
         // SAFETY: the interrupt does not read the pending group beyond its END.
-        unsafe { fall.write_volatile(fall.read_volatile() ^ group.fall) };
+        unsafe { self.group(self.head.wrapping_add(3)).write_volatile(self.last(self.pending)) };
     }
 
     /// Low byte of the address of the next group to be played.
     #[inline(always)]
     pub fn tail(&self) -> u8 {
-        // SAFETY: one byte, read whole.
+        // SAFETY: one byte, read whole; the interrupt may move it on at any time.
         unsafe { self.tail_register().read_volatile() }
     }
 
@@ -427,10 +492,82 @@ impl Ring {
         core::iter::from_fn(move || {
             let index = at?;
             at = (index != tail).then_some(index.wrapping_sub(GROUP));
-            let group = self.group(index);
-            // SAFETY: groups are written by main alone.
-            let (rise, fall) = unsafe { (group.read_volatile(), group.wrapping_add(3).read_volatile()) };
-            Some(Group { rise: if index == self.head { self.pending_rise } else { rise }, fall })
+            Some(if index == self.head { self.pending } else { self.read(index) })
         })
+    }
+
+    /// The published group at `index`.
+    fn read(&self, index: u8) -> Group {
+        let group = self.group(index);
+        // SAFETY: groups are written by main alone.
+        let (first, fall) = unsafe { (group.read_volatile(), group.wrapping_add(3).read_volatile()) };
+        if self.edge == 0 {
+            return Group { rise: first, fall };
+        }
+        let plain = first & hardware::PLAIN != 0;
+        let edge = |bit| if plain || first & bit != 0 { self.edge } else { 0 };
+        Group { rise: edge(hardware::TOGGLED), fall: fall | edge(hardware::END_PULSE) }
+    }
+
+    /// The compare register, and the ring's bit in TIMSK1 and TIFR1.
+    fn compare(&self) -> (*mut u8, u8) {
+        match self.name {
+            Name::A => (register::data(register::OCR1A), 1 << 1),
+            Name::B => (register::data(register::OCR1B), 1 << 2),
+        }
+    }
+
+    /// The immediate stop: no group is played after this, nor does the hardware make an edge. A pulse that the hardware
+    /// began is ended. [`Ring::newest_first`] then has what was not played. Interrupts must be off.
+    pub fn halt(&mut self) {
+        let (compare, bit) = self.compare();
+        let (flags, mask) = (register::io(register::TIFR1), register::data(register::TIMSK1));
+        let (mode, force) = (register::data(register::TCCR1A), register::data(register::TCCR1C));
+        let counter = register::data(register::TCNT1);
+        // SAFETY: interrupts are off, so nobody else uses the timer's registers or their shared high byte.
+        unsafe {
+            mask.write_volatile(mask.read_volatile() & !bit);
+            if self.edge == 0 {
+                return;
+            }
+            // No match within the next 65 000 ticks; whether one has just been, the flag says from here on.
+            let low = counter.read_volatile();
+            let high = counter.wrapping_add(1).read_volatile();
+            let [low, high] = u16::from_le_bytes([low, high]).wrapping_sub(1).to_le_bytes();
+            compare.wrapping_add(1).write_volatile(high);
+            compare.write_volatile(low);
+            if flags.read_volatile() & bit != 0 {
+                let tail = self.tail();
+                let group = if tail == self.head { self.pending } else { self.read(tail) };
+                if group.fall & self.edge != 0 {
+                    for _ in 0..8 {
+                        core::arch::asm!("rjmp .+0", "rjmp .+0");
+                    }
+                    force.write_volatile(match self.name {
+                        Name::A => 1 << 7,
+                        Name::B => 1 << 6,
+                    });
+                }
+                if group.rise & self.edge != 0 {
+                    self.skip(tail);
+                }
+                flags.write_volatile(bit);
+            }
+            let com = match self.name {
+                Name::A => 0b11 << 6,
+                Name::B => 0b11 << 4,
+            };
+            mode.write_volatile(mode.read_volatile() & !com);
+        }
+    }
+
+    /// Counts the group at `tail` as played.
+    fn skip(&mut self, tail: u8) {
+        if tail == self.head {
+            self.pending = Group::NOTHING;
+        } else {
+            // SAFETY: the ring's interrupt is off.
+            unsafe { self.tail_register().write_volatile(tail.wrapping_add(GROUP)) };
+        }
     }
 }

@@ -145,8 +145,6 @@ pub(crate) struct Stepper {
     at: Moment,
     /// Lines that are high once the pending group has been played.
     levels: u8,
-    /// What the pending group does.
-    pending: Group,
     /// GPIOR0: see [`flags`].
     flags: u8,
     trouble: Option<Trouble>,
@@ -173,7 +171,6 @@ impl Stepper {
             times: Times { pulse: 16, long: false, setup: 0, hold: 0, apart: APART as u8 },
             at: Moment(0),
             levels: 0,
-            pending: Group::NOTHING,
             flags: 0,
             trouble: None,
             fewest_groups: u8::MAX,
@@ -218,7 +215,6 @@ impl Stepper {
         regs::free(|| regs::TIMSK1.clear(bit));
         self.rest(now);
         self.ring.clear();
-        self.pending = Group::NOTHING;
         self.levels = self.lines_high();
         self.at = now.after(AHEAD_IDLE);
         self.trouble = None;
@@ -257,7 +253,6 @@ impl Stepper {
             }
         }
         self.ring.clear();
-        self.pending = Group::NOTHING;
         self.levels = self.lines_high();
         uncertain
     }
@@ -492,10 +487,9 @@ impl Stepper {
     fn put(&mut self, due: Moment, open: Moment, group: Group) -> Moment {
         let apart = u32::from(self.times.apart);
         let near = due.before(apart / 2).is_before(self.at);
-        if near && !self.at.is_before(open) && self.pending.rise & group.rise == 0 && self.pending.fall & group.fall == 0 {
+        let pending = self.ring.pending();
+        if near && !self.at.is_before(open) && pending.rise & group.rise == 0 && pending.fall & group.fall == 0 {
             self.ring.amend(group);
-            self.pending.rise |= group.rise;
-            self.pending.fall |= group.fall;
         } else {
             self.push(later(due, self.at.after(apart)), group);
         }
@@ -508,7 +502,6 @@ impl Stepper {
     fn push(&mut self, tick: Moment, group: Group) {
         self.ring.push(low_half(tick.0), group);
         self.at = tick;
-        self.pending = group;
     }
 
     /// Steps that were counted but whose groups were not played yet, forward minus backward, of each motor.
