@@ -6,4 +6,5 @@ fn main() {
     println!("cargo::rustc-link-arg-bins={folder}/memory.ld");
     // RAM begins with three pages that are no section's: see src/memory.rs.
     println!("cargo::rustc-link-arg-bins=-Wl,--section-start=.pages=0x800100");
+    println!("cargo::rustc-link-arg-bins=-Wl,--section-start=.data=0x800400");
 }

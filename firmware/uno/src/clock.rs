@@ -15,14 +15,18 @@ pub(crate) struct Clock {
 }
 
 impl Clock {
+    /// Not started.
+    pub(crate) const fn new() -> Clock {
+        Clock { low: 0, high: 0 }
+    }
+
     /// Starts Timer1 at tick 0: normal mode, undivided, pins free (DS40002061B §16.11.1-2).
-    pub(crate) fn start() -> Clock {
+    pub(crate) fn start(&mut self) {
         regs::TCCR1B.write(0);
         regs::TCCR1A.write(0);
         regs::TIMSK1.write(0);
         regs::free(|| regs::TCNT1.write(0));
         regs::TCCR1B.write(1);
-        Clock { low: 0, high: 0 }
     }
 
     /// Ticks since start-up.

@@ -1,13 +1,9 @@
 //! The serial line: USART0 at 8 bits, no parity, one stop bit.
 //!
 //! Bytes from the host are taken by an interrupt into a page of 256 bytes, so that the low byte of an address is all there
-//! is to a ring. It lets the step interrupts in after 13 cycles: its own enable bit is off meanwhile, so that it cannot
-//! nest in itself. Bytes to the host are handed over by the main loop when the USART is free.
-//!
-//! | register | holds |
-//! |---|---|
-//! | TCNT0 | low byte of the address for the next byte that comes |
-//! | EEARL | r24 of whoever was interrupted |
+//! is to a ring; EEARL, which is of no other use here, holds that of the place for the next byte. The interrupt lets the step
+//! interrupts in after 15 cycles: its own enable bit is off meanwhile, so that it cannot nest in itself. Bytes to the host
+//! are handed over by the main loop when the USART is free.
 //!
 //! A frame whose bytes were lost, here or in the USART (two bytes and one on its way, DS40002061B §20.7.3), fails its CRC.
 
@@ -28,27 +24,26 @@ global_asm!(
     .section .text.receive_interrupt, "ax", @progbits
     .global __vector_18
 __vector_18:                    // 4 response + 3 jump           7
-    out {SAVE24}, r24           // 1                             8
-    ldi r24, {ON}               // 1                             9
-    sts {UCSR0B}, r24           // 2                            11
-    sei                         // 1                            12
-    push r30                    // 2: interrupts are let in after its start, 13 at the latest here
-    push r31                    // 2                            16
-    lds r24, {UDR0}             // 2                            18
-    in r30, {HEAD}              // 1                            19
-    ldi r31, hi8(receive_page)  // 1                            20
-    st Z+, r24                  // 2                            22
-    out {HEAD}, r30             // 1                            23
-    pop r31                     // 2                            25
-    pop r30                     // 2                            27
-    ldi r24, {ON_WITH_INTERRUPT} // 1                           28
-    cli                         // 1                            29
-    sts {UCSR0B}, r24           // 2                            31
-    in r24, {SAVE24}            // 1                            32
-    reti                        // 4                            36, 8 of them closed
+    push r24                    // 2                             9
+    ldi r24, {ON}               // 1                            10
+    sts {UCSR0B}, r24           // 2                            12
+    sei                         // 1                            13
+    push r30                    // 2: interrupts are let in behind it, after 15
+    push r31                    // 2                            17
+    lds r24, {UDR0}             // 2                            19
+    in r30, {HEAD}              // 1                            20
+    ldi r31, hi8(receive_page)  // 1                            21
+    st Z+, r24                  // 2                            23
+    out {HEAD}, r30             // 1                            24
+    pop r31                     // 2                            26
+    pop r30                     // 2                            28
+    ldi r24, {ON_WITH_INTERRUPT} // 1                           29
+    cli                         // 1                            30
+    sts {UCSR0B}, r24           // 2                            32
+    pop r24                     // 2                            34
+    reti                        // 4                            38, 9 of them closed
     "#,
-    SAVE24 = const 0x21,
-    HEAD = const 0x26,
+    HEAD = const crate::steps::register::EEARL,
     ON = const ON,
     ON_WITH_INTERRUPT = const ON_WITH_INTERRUPT,
     UCSR0B = const 0xc1,
@@ -64,31 +59,26 @@ pub(crate) struct Link {
 }
 
 impl Link {
-    /// The line at 115 200 baud.
-    pub(crate) fn start() -> Link {
-        regs::TCCR0B.write(0);
-        regs::TCNT0.write(0);
-        let mut link = Link { tail: 0, most_unread: 0 };
+    /// Not started.
+    pub(crate) const fn new() -> Link {
+        Link { tail: 0, most_unread: 0 }
+    }
+
+    /// Opens the line at 115 200 baud.
+    pub(crate) fn start(&mut self) {
+        regs::EEARL.write(0);
         // 8 data bits, no parity, one stop bit (§20.11.4).
         regs::UCSR0C.write(0x06);
-        link.set_baud(Baud::B115200);
-        link
+        self.set_baud(Baud::B115200);
     }
 
-    /// Changes the rate; the last byte must be out (see [`Link::is_quiet`]). What came in before is dropped.
+    /// Changes the rate; the last byte must be out. What came in before is dropped.
     pub(crate) fn set_baud(&mut self, baud: Baud) {
-        regs::UCSR0B.write(0);
         // Double speed (U2X) throughout: 16 MHz / 8 / (n + 1), exact but for 115 200, which becomes 117 647 (+2.1 %).
-        regs::UCSR0A.write(0x42);
+        regs::UCSR0A.set(0x02);
         regs::free(|| regs::UBRR0.write(u16::from(divisor(baud) - 1)));
-        self.tail = regs::TCNT0.read();
+        self.tail = regs::EEARL.read();
         regs::UCSR0B.write(ON_WITH_INTERRUPT);
-    }
-
-    /// Whether all that was sent has left the pin.
-    pub(crate) fn is_quiet(&self) -> bool {
-        // TXC0 is set when the shift register is empty (§20.11.2) and cleared by `send`.
-        regs::UCSR0A.read() & 0x60 == 0x60
     }
 
     /// Whether the USART takes another byte.
@@ -101,20 +91,18 @@ impl Link {
     #[inline(always)]
     pub(crate) fn send(&mut self, byte: u8) {
         regs::UDR0.write(byte);
-        // Writing a one clears TXC0; U2X stays.
-        regs::UCSR0A.write(0x42);
     }
 
     /// Whether bytes wait.
     #[inline(always)]
     pub(crate) fn has_unread(&self) -> bool {
-        regs::TCNT0.read() != self.tail
+        regs::EEARL.read() != self.tail
     }
 
     /// The next byte from the host.
     #[inline(always)]
     pub(crate) fn receive(&mut self) -> Option<u8> {
-        let unread = regs::TCNT0.read().wrapping_sub(self.tail);
+        let unread = regs::EEARL.read().wrapping_sub(self.tail);
         if unread == 0 {
             return None;
         }

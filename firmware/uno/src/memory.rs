@@ -14,7 +14,7 @@ use crate::regs;
 use pulsetrain_core::narrow::Pool;
 
 /// Bytes of all motors' queues together.
-pub(crate) const POOL: usize = 512;
+pub(crate) const POOL: usize = 256;
 
 /// The memory of all motors' queues.
 pub(crate) type Queues = Pool<POOL>;
@@ -76,4 +76,27 @@ pub(crate) fn stack_left() -> u16 {
         left += 1;
     }
     left
+}
+
+/// Something there is one of, which main takes and nobody else.
+pub(crate) struct Once<T>(core::cell::UnsafeCell<T>);
+
+// SAFETY: `take` hands it out once, to main; interrupts do not know of it.
+unsafe impl<T> Sync for Once<T> {}
+
+impl<T> Once<T> {
+    /// `value`, to be taken.
+    pub(crate) const fn new(value: T) -> Once<T> {
+        Once(core::cell::UnsafeCell::new(value))
+    }
+
+    /// Takes it.
+    ///
+    /// # Safety
+    /// Only once.
+    #[expect(clippy::mut_from_ref, reason = "only once")]
+    pub(crate) unsafe fn take(&'static self) -> &'static mut T {
+        // SAFETY: the caller's promise.
+        unsafe { &mut *self.0.get() }
+    }
 }

@@ -60,25 +60,20 @@ impl Reg16 {
     }
 }
 
-/// §14.4: writing ones toggles the pins of port B.
-pub(crate) const PINB: Reg8 = Reg8(0x23);
+/// §14.4: ports.
 pub(crate) const DDRB: Reg8 = Reg8(0x24);
 pub(crate) const PORTB: Reg8 = Reg8(0x25);
 pub(crate) const DDRC: Reg8 = Reg8(0x27);
 pub(crate) const PORTC: Reg8 = Reg8(0x28);
-pub(crate) const PIND: Reg8 = Reg8(0x29);
 pub(crate) const DDRD: Reg8 = Reg8(0x2a);
 pub(crate) const PORTD: Reg8 = Reg8(0x2b);
 
 /// §16.11.9: flags of Timer1, cleared by writing ones.
 pub(crate) const TIFR1: Reg8 = Reg8(0x36);
-/// §8.6: no use is made of the EEPROM; its data and address registers serve the interrupts as storage.
-pub(crate) const GTCCR: Reg8 = Reg8(0x43);
-/// §15.9: Timer0 stands still; its registers serve the interrupts as storage.
-pub(crate) const TCCR0B: Reg8 = Reg8(0x45);
-pub(crate) const TCNT0: Reg8 = Reg8(0x46);
-pub(crate) const OCR0A: Reg8 = Reg8(0x47);
-pub(crate) const OCR0B: Reg8 = Reg8(0x48);
+/// §8.6.6: free storage; [`flags`](crate::steps::ring::flags) of the step interrupts.
+pub(crate) const GPIOR0: Reg8 = Reg8(0x3e);
+/// §8.6.1: the EEPROM is not used; its address register is free storage.
+pub(crate) const EEARL: Reg8 = Reg8(0x41);
 /// §10.11.1: sleep mode and enable.
 pub(crate) const SMCR: Reg8 = Reg8(0x53);
 /// §11.9.1: why the chip was reset.

@@ -93,36 +93,59 @@ pub(crate) struct Lines {
     pub(crate) step: u8,
     /// DIR's bit in a group.
     pub(crate) dir: u8,
-    /// Forward is DIR high.
-    pub(crate) forward_high: bool,
-    /// STEP is active low.
-    pub(crate) step_low: bool,
-    /// Another motor has the same DIR line.
-    pub(crate) shared_dir: bool,
-    /// With hardware edges: STEP is pin 10, OC1B; else pin 9, OC1A.
-    pub(crate) second: bool,
-    /// With hardware edges: DIR is on PORTB.
-    pub(crate) dir_on_portb: bool,
-    step_pin: Pin,
-    dir_pin: Pin,
+    flags: u8,
+    step_pin: u8,
+    dir_pin: u8,
 }
 
 impl Lines {
+    const FORWARD_HIGH: u8 = 1;
+    const STEP_LOW: u8 = 2;
+    const SHARED_DIR: u8 = 4;
+
+    /// No lines.
+    pub(crate) const NONE: Lines = Lines { step: 0, dir: 0, flags: 0, step_pin: 0, dir_pin: 0 };
+
+    /// Forward is DIR high.
+    #[inline(always)]
+    pub(crate) const fn forward_high(self) -> bool {
+        self.flags & Lines::FORWARD_HIGH != 0
+    }
+
+    /// STEP is active low.
+    #[inline(always)]
+    pub(crate) const fn step_low(self) -> bool {
+        self.flags & Lines::STEP_LOW != 0
+    }
+
+    /// Another motor has the same DIR line.
+    #[inline(always)]
+    pub(crate) const fn shared_dir(self) -> bool {
+        self.flags & Lines::SHARED_DIR != 0
+    }
+
     /// Both lines as outputs at rest: STEP inactive, DIR low.
-    pub(crate) fn drive(&self) {
-        self.step_pin.drive(self.step_low);
-        self.dir_pin.drive(false);
+    pub(crate) fn drive(self) {
+        self.pins().for_each(|(pin, high)| pin.drive(high));
     }
 
     /// Both lines as inputs.
-    pub(crate) fn float(&self) {
-        self.step_pin.float();
-        self.dir_pin.float();
+    pub(crate) fn float(self) {
+        self.pins().for_each(|(pin, _)| pin.float());
     }
 
     /// Sets STEP to its level at rest.
-    pub(crate) fn rest(&self) {
-        self.step_pin.set(self.step_low);
+    pub(crate) fn rest(self) {
+        if let Some(pin) = Pin::of(self.step_pin) {
+            pin.set(self.step_low());
+        }
+    }
+
+    /// Both pins, and their levels at rest.
+    fn pins(self) -> impl Iterator<Item = (Pin, bool)> {
+        let step = Pin::of(self.step_pin).map(|pin| (pin, self.step_low()));
+        let dir = Pin::of(self.dir_pin).map(|pin| (pin, false));
+        step.into_iter().chain(dir)
     }
 }
 
@@ -167,7 +190,7 @@ impl Layout {
         let mut lines = [None; MAX_MOTORS];
         for (place, motor) in lines.iter_mut().zip(configuration.motors()) {
             let others = configuration.motors().filter(|other| other.dir_pin == motor.dir_pin).count();
-            *place = Some(Layout::lines(kind, &motor, others > 1)?);
+            *place = Some(Layout::lines_of(kind, &motor, others > 1)?);
         }
         Ok(Layout { kind, lines, enable })
     }
@@ -207,24 +230,18 @@ impl Layout {
         }
     }
 
-    fn lines(kind: Kind, motor: &MotorSetup, shared_dir: bool) -> Result<Lines, Refusal> {
+    fn lines_of(kind: Kind, motor: &MotorSetup, shared_dir: bool) -> Result<Lines, Refusal> {
         let pin = |number| Pin::of(number).ok_or(refused(Reason::Pin, number));
         let (step_pin, dir_pin) = (pin(motor.step_pin)?, pin(motor.dir_pin)?);
         let (step, dir) = match kind {
             Kind::Shield if motor.step_pin == 12 => (1 << 0, 1 << 1),
             _ => (step_pin.mask, dir_pin.mask),
         };
-        Ok(Lines {
-            step,
-            dir,
-            forward_high: motor.forward_high,
-            step_low: motor.step_low,
-            shared_dir,
-            second: motor.step_pin == 10,
-            dir_on_portb: dir_pin.port == Port::B,
-            step_pin,
-            dir_pin,
-        })
+        let flag = |is, bit| if is { bit } else { 0 };
+        let flags = flag(motor.forward_high, Lines::FORWARD_HIGH)
+            | flag(motor.step_low, Lines::STEP_LOW)
+            | flag(shared_dir, Lines::SHARED_DIR);
+        Ok(Lines { step, dir, flags, step_pin: motor.step_pin, dir_pin: motor.dir_pin })
     }
 }
 

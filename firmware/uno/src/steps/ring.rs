@@ -314,22 +314,19 @@ pub struct Ring {
 }
 
 impl Ring {
-    /// A ring at rest: one pending group that does nothing.
-    pub fn new(name: Name) -> Ring {
-        let mut ring = Ring { name, edge: 0, head: 0, pending: Group::NOTHING };
-        ring.clear();
-        ring
+    /// A ring whose edges software makes, to be [`clear`](Ring::clear)ed before use.
+    pub const fn new(name: Name) -> Ring {
+        Ring { name, edge: 0, head: 0, pending: Group::NOTHING }
     }
 
-    /// A ring whose STEP edges the compare hardware makes on pin 9 (A) or 10 (B), at rest.
+    /// A ring whose STEP edges the compare hardware makes on pin 9 (A) or 10 (B), to be [`clear`](Ring::clear)ed
+    /// before use.
     ///
     /// `dir_on_portb` says on which port the DIR pin is; GPIOR0 must say the same ([`flags::DIR_A_ON_PORTB`]).
-    pub fn hardware(name: Name, dir_on_portb: bool) -> Ring {
+    pub const fn hardware(name: Name, dir_on_portb: bool) -> Ring {
         // A bit that no DIR pin of that port has: PD0 is RXD, PB7 the crystal.
         let edge = if dir_on_portb { 1 << 7 } else { 1 << 0 };
-        let mut ring = Ring { name, edge, head: 0, pending: Group::NOTHING };
-        ring.clear();
-        ring
+        Ring { name, edge, head: 0, pending: Group::NOTHING }
     }
 
     /// Which of the two.

@@ -13,12 +13,15 @@
 //! step before that looked at the line, and its set-up before the step that it is for; when there is not enough room between
 //! (another motor's group is in the way), the step is late, never the set-up short.
 
-use super::pins::{Layout, Lines, MAX_MOTORS};
-use super::ring::{Group, Ring};
+use super::pins::{Kind, Layout, Lines, MAX_MOTORS};
+use super::ring::{Group, Name, Ring, flags};
+use crate::clock::low_half;
 use crate::memory::Queues;
-use pulsetrain_core::channel::{Event, Kind};
-use pulsetrain_core::narrow::Motor;
-use pulsetrain_core::{Direction, Moment};
+use crate::regs::{self, Reg16};
+use pulsetrain_core::channel::{self, Event};
+use pulsetrain_core::narrow::{Motor, Reason, Settings};
+use pulsetrain_core::wire::message::{self, Configuration};
+use pulsetrain_core::{Direction, Epoch, Moment};
 
 /// Ticks between two groups, at least: the longest interrupt and the longest time that it can be kept waiting.
 const APART: u32 = 56;
@@ -32,6 +35,8 @@ const FALL: u32 = 16;
 const AHEAD_IDLE: u32 = 24_576;
 /// So far ahead it is filled at most, ticks (4 ms).
 const AHEAD: u32 = 65_536;
+/// A compare that was missed is made so soon, ticks.
+const AGAIN: u16 = 40;
 /// Groups that one call makes at most: other work waits meanwhile.
 const BATCH: u8 = 8;
 
@@ -61,6 +66,15 @@ impl Times {
     }
 }
 
+/// What went wrong in playing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Trouble {
+    /// A compare was missed and made so late.
+    Late { ticks: u16 },
+    /// The ring ran empty.
+    Starved,
+}
+
 /// One motor and its lines.
 pub(crate) struct Axis {
     pub(crate) motor: Motor,
@@ -73,6 +87,41 @@ pub(crate) struct Axis {
     free: Moment,
     /// DIR is set up from then on.
     ready: Moment,
+    /// What must be added to the motor's count, because stops left steps unmade.
+    made: i32,
+}
+
+impl Axis {
+    const NONE: Axis = Axis {
+        motor: Motor::new(Queues::share(0, 0), Settings { gap_ticks: 1, asserts_every_step: false, gain: 0 }),
+        lines: Lines::NONE,
+        next: None,
+        fall: None,
+        free: Moment(0),
+        ready: Moment(0),
+        made: 0,
+    };
+
+    /// Steps forward minus backward that were taken from the queue, whether played or not yet.
+    pub(crate) fn position(&self) -> i32 {
+        self.motor.position().wrapping_add(self.made)
+    }
+
+    /// Whole ticks from the step before to the next one; after a segment, as it would go on.
+    fn interval(&self) -> u32 {
+        let registers = self.motor.registers();
+        registers.next_tick().since(Moment(registers.tick))
+    }
+
+    /// As [`flags`](pulsetrain_core::wire::message::flags) has them.
+    pub(crate) fn faults(&self) -> u8 {
+        match self.motor.fault().map(|fault| fault.reason) {
+            None => 0,
+            Some(Reason::Missed) => message::flags::STEP_MISSED,
+            Some(Reason::Mismatch) => message::flags::CHECK_FAILED,
+            Some(Reason::Bad) => message::flags::BAD_ITEM,
+        }
+    }
 }
 
 /// What a motor wants next.
@@ -96,8 +145,10 @@ pub(crate) struct Stepper {
     at: Moment,
     /// Lines that are high once the pending group has been played.
     levels: u8,
-    /// What the pending group does.
-    pending: Group,
+    /// GPIOR0: see [`flags`].
+    flags: u8,
+    trouble: Option<Trouble>,
+    fewest_groups: u8,
 }
 
 impl Stepper {
@@ -106,8 +157,210 @@ impl Stepper {
         self.axes.get(..usize::from(self.count)).unwrap_or_default()
     }
 
+    /// A motor by its number.
+    pub(crate) fn axis_mut(&mut self, motor: u8) -> Option<&mut Axis> {
+        if motor < self.count { self.axes.get_mut(usize::from(motor)) } else { None }
+    }
+
+    /// No motors.
+    pub(crate) const fn new() -> Stepper {
+        Stepper {
+            ring: Ring::new(Name::A),
+            axes: [const { Axis::NONE }; MAX_MOTORS],
+            count: 0,
+            times: Times { pulse: 16, long: false, setup: 0, hold: 0, apart: APART as u8 },
+            at: Moment(0),
+            levels: 0,
+            flags: 0,
+            trouble: None,
+            fewest_groups: u8::MAX,
+        }
+    }
+
+    /// Motors and lines of `configuration`; all motors at position 0. Not while it plays.
+    #[inline(never)]
+    pub(crate) fn configure(&mut self, layout: &Layout, times: Times, configuration: &Configuration<'_>, now: Moment) {
+        for axis in self.axes() {
+            axis.lines.float();
+        }
+        self.ring = Ring::new(if layout.kind == Kind::PortB { Name::B } else { Name::A });
+        self.ring.clear();
+        self.count = 0;
+        self.times = times;
+        self.flags = match (layout.kind, times.pulse == 31) {
+            (Kind::Shield, long) => 1 << flags::EXTRA_A | 1 << flags::SHIELD | u8::from(long) << flags::SHIELD_LONG,
+            (Kind::PortB, true) => 1 << flags::EXTRA_B,
+            (Kind::PortD, true) => 1 << flags::EXTRA_A,
+            _ => 0,
+        };
+        let motors = configuration.motors();
+        let all = motors.len() as u8;
+        for ((axis, lines), motor) in self.axes.iter_mut().zip(layout.lines()).zip(motors) {
+            let settings = Settings {
+                gap_ticks: times.pulse.saturating_add(1),
+                asserts_every_step: lines.shared_dir(),
+                gain: motor.gain,
+            };
+            *axis = Axis { motor: Motor::new(Queues::share(all, self.count), settings), lines: *lines, ..Axis::NONE };
+            self.count += 1;
+            lines.drive();
+        }
+        self.rest(now);
+    }
+
+    /// Begins to play, from a little after `now` on. Queues are empty.
+    #[inline(never)]
+    pub(crate) fn start(&mut self, now: Moment) {
+        let (compare, bit) = self.compare();
+        regs::free(|| regs::TIMSK1.clear(bit));
+        self.rest(now);
+        self.ring.clear();
+        self.levels = self.lines_high();
+        self.at = now.after(AHEAD_IDLE);
+        self.trouble = None;
+        regs::GPIOR0.write(self.flags);
+        regs::free(|| compare.write(low_half(self.at.0)));
+        regs::TIFR1.write(bit);
+        regs::free(|| regs::TIMSK1.set(bit));
+    }
+
+    /// The immediate stop: plays no group more, and forgets all that was to come. A pulse that was begun still ends.
+    ///
+    /// Gives, bit by motor, whether it was going faster than `pull_in`.
+    #[inline(never)]
+    pub(crate) fn stop(&mut self, pull_in: &[u32; MAX_MOTORS]) -> u8 {
+        let (_, bit) = self.compare();
+        regs::free(|| regs::TIMSK1.clear(bit));
+        let unplayed = self.unplayed();
+        let mut uncertain = 0;
+        for (index, ((axis, left), slowest)) in self.axes.iter_mut().zip(unplayed).zip(pull_in).enumerate() {
+            if index < usize::from(self.count) {
+                let going = axis.interval() < *slowest;
+                uncertain |= u8::from(going && (left != 0 || !axis.motor.is_idle())) << index;
+                axis.made = axis.made.wrapping_sub(left);
+                axis.motor.stop();
+                axis.next = None;
+                axis.fall = None;
+            }
+        }
+        // A pulse of two groups may be under way: its end is no group's any more.
+        for axis in self.axes() {
+            if (self.lines_high() & axis.lines.step != 0) != axis.lines.step_low() {
+                for _ in 0..self.times.pulse / 8 {
+                    regs::kick_watchdog();
+                }
+                axis.lines.rest();
+            }
+        }
+        self.ring.clear();
+        self.levels = self.lines_high();
+        uncertain
+    }
+
+    /// Notes that time goes on while nothing plays.
+    pub(crate) fn rest(&mut self, now: Moment) {
+        let count = usize::from(self.count);
+        for axis in self.axes.iter_mut().take(count) {
+            axis.motor.pass(now);
+            (axis.free, axis.ready) = (now, now);
+        }
+    }
+
+    /// The compare register of the ring, and its bit in `TIMSK1` and `TIFR1`.
+    fn compare(&self) -> (Reg16, u8) {
+        match self.ring.name() {
+            Name::A => (regs::OCR1A, 1 << 1),
+            Name::B => (regs::OCR1B, 1 << 2),
+        }
+    }
+
+    /// Levels of the lines as bits of a group.
+    fn lines_high(&self) -> u8 {
+        match self.ring.name() {
+            Name::B => regs::PORTB.read(),
+            Name::A if self.flags & 1 << flags::SHIELD != 0 => {
+                regs::PORTD.read() & 0xfc | regs::PORTB.read() >> 4 & 0x03
+            }
+            Name::A => regs::PORTD.read(),
+        }
+    }
+
+    /// Whether nothing is left to do: no event, no end of a pulse, no step in the ring.
+    pub(crate) fn is_idle(&self) -> bool {
+        let done = |axis: &Axis| axis.next.is_none() && axis.fall.is_none() && axis.motor.is_idle();
+        self.axes().iter().all(done) && self.ring.newest_first().all(|group| group == Group::NOTHING)
+    }
+
+    /// The first tick at which a switch would be accepted.
+    #[inline(never)]
+    pub(crate) fn horizon(&self) -> Moment {
+        let open = self.at.after(1);
+        self.axes().iter().fold(open, |horizon, axis| later(horizon, axis.motor.horizon()))
+    }
+
+    /// All motors go over to `epoch` at `at`, which is not before the horizon; or none does, because too many wait.
+    #[inline(never)]
+    pub(crate) fn switch(&mut self, epoch: Epoch, at: Moment) -> bool {
+        if self.axes().iter().any(|axis| axis.motor.check_switch(at).is_err()) {
+            return false;
+        }
+        let count = usize::from(self.count);
+        for axis in self.axes.iter_mut().take(count) {
+            // Checked above. What was looked up may be of the old epoch.
+            let _ = axis.motor.schedule_switch(epoch, at);
+            axis.next = None;
+        }
+        true
+    }
+
+    /// The epoch being run.
+    pub(crate) fn epoch(&self) -> Epoch {
+        self.axes().first().map_or(Epoch(0), |axis| axis.motor.epoch())
+    }
+
+    /// What went wrong in playing since this was asked last.
+    pub(crate) fn trouble(&mut self) -> Option<Trouble> {
+        self.trouble.take()
+    }
+
+    /// Fewest groups that the ring held while more were to come.
+    pub(crate) fn fewest_groups(&self) -> u16 {
+        u16::from(self.fewest_groups)
+    }
+
+    /// [`Stepper::fewest_groups`] begins anew.
+    pub(crate) fn reset_measures(&mut self) {
+        self.fewest_groups = u8::MAX;
+    }
+
+    /// Looks whether the interrupt still plays what it should.
+    #[inline(never)]
+    fn watch(&mut self, now: Moment) {
+        let (compare, bit) = self.compare();
+        if regs::GPIOR0.read() & (1 << flags::STARVED_A | 1 << flags::STARVED_B) != 0 {
+            self.trouble = Some(Trouble::Starved);
+            let _ = now;
+            return;
+        }
+        let missed = regs::free(|| {
+            let late = regs::TCNT1.read().wrapping_sub(compare.read());
+            // Behind the counter, and no interrupt waits to run: it would be found 65 536 ticks later.
+            if late.cast_signed() > 0 && regs::TIFR1.read() & bit == 0 {
+                compare.write(regs::TCNT1.read().wrapping_add(AGAIN));
+                late + AGAIN
+            } else {
+                0
+            }
+        });
+        if missed != 0 {
+            self.trouble = Some(Trouble::Late { ticks: missed });
+        }
+    }
+
     /// Fills the ring as far as time allows.
+    #[inline(never)]
     pub(crate) fn run(&mut self, now: Moment, queues: &Queues) {
+        self.watch(now);
         let count = usize::from(self.count);
         for axis in self.axes.iter_mut().take(count) {
             if axis.next.is_none() {
@@ -138,7 +391,7 @@ impl Stepper {
     }
 
     /// Whose wish is due first, and when.
-    #[inline]
+    #[inline(never)]
     fn earliest(&mut self, queues: &Queues) -> Option<(u8, Wish, Moment)> {
         let lead = u32::from(self.times.setup) + FALL + APART;
         let limit = self.at.after(FILLER + lead);
@@ -153,8 +406,8 @@ impl Stepper {
                 }
                 match axis.next {
                     None => continue,
-                    Some(Event { tick, kind: Kind::Step }) => (Wish::Step, tick),
-                    Some(Event { tick, kind: Kind::Direction(direction) }) => {
+                    Some(Event { tick, kind: channel::Kind::Step }) => (Wish::Step, tick),
+                    Some(Event { tick, kind: channel::Kind::Direction(direction) }) => {
                         let latest = tick.before(setup + FALL);
                         // A line of its own may turn earlier, so that groups of other motors do not put it off.
                         let due = if axis.lines.shared_dir() { latest } else { latest.before(APART) };
@@ -174,7 +427,7 @@ impl Stepper {
     }
 
     /// Makes what motor `index` wants at `due`, or as soon after as it can be.
-    #[inline]
+    #[inline(never)]
     fn play(&mut self, index: u8, wish: Wish, due: Moment) {
         let Some(axis) = self.axes.get_mut(usize::from(index)) else { return };
         let lines = axis.lines;
@@ -230,14 +483,13 @@ impl Stepper {
     /// Puts `group` at `due`: into the pending group if that is near, not before `open`, and has other lines; else later.
     ///
     /// Gives its tick.
-    #[inline]
+    #[inline(never)]
     fn put(&mut self, due: Moment, open: Moment, group: Group) -> Moment {
         let apart = u32::from(self.times.apart);
         let near = due.before(apart / 2).is_before(self.at);
-        if near && !self.at.is_before(open) && self.pending.rise & group.rise == 0 && self.pending.fall & group.fall == 0 {
+        let pending = self.ring.pending();
+        if near && !self.at.is_before(open) && pending.rise & group.rise == 0 && pending.fall & group.fall == 0 {
             self.ring.amend(group);
-            self.pending.rise |= group.rise;
-            self.pending.fall |= group.fall;
         } else {
             self.push(later(due, self.at.after(apart)), group);
         }
@@ -250,7 +502,6 @@ impl Stepper {
     fn push(&mut self, tick: Moment, group: Group) {
         self.ring.push(low_half(tick.0), group);
         self.at = tick;
-        self.pending = group;
     }
 
     /// Steps that were counted but whose groups were not played yet, forward minus backward, of each motor.
