@@ -42,8 +42,8 @@
 
 use core::arch::global_asm;
 
-use super::expand::Registers;
 use super::register;
+use pulsetrain_core::narrow::Registers;
 
 /// Bits of GPIOR0, which the interrupts look at and set.
 pub mod flags {
