@@ -4,7 +4,7 @@ use crate::clock::{Clock, TICK_HZ};
 use crate::link::{Link, WINDOW};
 use crate::memory::{self, POOL, Queues};
 use crate::steps::pins::{Layout, MAX_MOTORS};
-use crate::steps::stepper::{Stepper, Times, Trouble};
+use crate::steps::stepper::{Stepper, Trouble};
 use pulsetrain_core::narrow::PushRefused;
 use pulsetrain_core::wire::frame::Tag;
 use pulsetrain_core::wire::message::{
@@ -13,8 +13,6 @@ use pulsetrain_core::wire::message::{
 use pulsetrain_core::wire::{Baud, Machine, Millis, Reason, Refusal, Stopped, Switched};
 use pulsetrain_core::{Epoch, Moment};
 
-/// Longest pulse, set-up or hold: 4.1 ms.
-const LONGEST_TICKS: u16 = u16::MAX;
 /// A switch must be less than this ahead, ticks: moments are told apart within 2^31, and pulse and set-up reach beyond.
 const SWITCH_AHEAD: u64 = 1 << 30;
 
@@ -79,7 +77,7 @@ impl Power {
 
 /// What the host has not been told yet: the oldest few; what does not fit is dropped.
 struct Events {
-    waiting: [Option<Event>; 3],
+    waiting: [Option<Event>; 2],
 }
 
 impl Events {
@@ -90,8 +88,10 @@ impl Events {
     }
 
     fn pop(&mut self) -> Option<Event> {
-        self.waiting.rotate_left(1);
-        self.waiting.last_mut()?.take()
+        let [first, second] = &mut self.waiting;
+        let event = first.take();
+        *first = second.take();
+        event
     }
 }
 
@@ -107,7 +107,7 @@ impl Board {
             armed: false,
             pull_in: [0; MAX_MOTORS],
             baud: None,
-            events: Events { waiting: [None; 3] },
+            events: Events { waiting: [None; 2] },
             told: 0,
             was_idle: true,
             last_stop: Cause::None,
@@ -209,6 +209,24 @@ impl Board {
         Stopped { tick, uncertain }
     }
 
+    /// Takes on a configuration that is possible.
+    #[inline(never)]
+    fn set_up(&mut self, layout: &Layout, configuration: &Configuration<'_>) {
+        if let Some(pin) = self.power.pin {
+            pin.float();
+        }
+        let high = configuration.enable_high;
+        if let Some(pin) = layout.enable {
+            pin.drive(!high);
+        }
+        self.power = Power { pin: layout.enable, high, idle_ms: configuration.idle_ms, ..Power::OFF };
+        for (place, motor) in self.pull_in.iter_mut().zip(configuration.motors()) {
+            *place = motor.pull_in_ticks;
+        }
+        let now = self.clock.moment();
+        self.stepper.configure(layout, configuration, now);
+    }
+
     #[inline(never)]
     fn tell(&mut self, cause: Cause, motor: u8, detail: u32) {
         let tick = self.clock.now();
@@ -257,21 +275,8 @@ impl Machine for Board {
             return Err(Refusal::of(Reason::Moving));
         }
         let layout = Layout::of(configuration)?;
-        let times = Times::of(configuration.pulse_ticks, configuration.setup_ticks, configuration.hold_ticks);
         self.stop(Cause::None, ALL_MOTORS, 0);
-        if let Some(pin) = self.power.pin {
-            pin.float();
-        }
-        let high = configuration.enable_high;
-        if let Some(pin) = layout.enable {
-            pin.drive(!high);
-        }
-        self.power = Power { pin: layout.enable, high, idle_ms: configuration.idle_ms, ..Power::OFF };
-        for (place, motor) in self.pull_in.iter_mut().zip(configuration.motors()) {
-            *place = motor.pull_in_ticks;
-        }
-        let now = self.clock.moment();
-        self.stepper.configure(&layout, times, configuration, now);
+        self.set_up(&layout, configuration);
         Ok(())
     }
 
@@ -299,7 +304,7 @@ impl Machine for Board {
         let last_stop = self.last_stop;
         self.stop(Cause::None, ALL_MOTORS, 0);
         self.last_stop = last_stop;
-        self.events = Events { waiting: [None; 3] };
+        self.events = Events { waiting: [None; 2] };
         self.power.set(false);
         Ok(())
     }

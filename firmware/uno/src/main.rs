@@ -36,6 +36,7 @@ mod reset;
 mod steps;
 
 use core::panic::PanicInfo;
+use link::Link;
 use machine::Board;
 use memory::{Once, Queues};
 use pulsetrain_core::Moment;
@@ -68,40 +69,63 @@ extern "C" fn main() -> ! {
     run(board, service, reply)
 }
 
+/// The main loop. What it calls is not inlined: so the deepest call decides how much stack is needed, not their sum.
 fn run(board: &mut Board, service: &mut Service, reply: &mut Reply) -> ! {
     let mut last = Millis(0);
-    let mut ask = false;
     regs::enable_interrupts();
     loop {
         regs::kick_watchdog();
         let now = board.clock.moment();
         board.work(now);
-        let millis = millis(now);
-        for _ in 0..BYTES_A_ROUND {
-            let Some(byte) = board.link.receive() else { break };
-            if service.push(byte, millis, board) {
-                ask = true;
-                break;
-            }
-        }
+        let now = millis(now);
+        let next = now != last;
+        let heard = listen(board, service, now);
         if reply.sent < reply.len {
-            if board.link.can_send() {
-                board.link.send(reply.bytes[usize::from(reply.sent) % REPLY_LEN]);
-                reply.sent += 1;
-            }
-        } else if (ask || millis != last) && board.baud.is_none() {
-            reply.sent = 0;
-            reply.len = service.poll(millis, board, &mut reply.bytes) as u8;
-            ask = reply.len != 0;
+            reply.go_on(&mut board.link);
+        } else if (heard || next || reply.len != 0) && board.baud.is_none() {
+            speak(board, service, reply, now);
         }
-        if millis != last {
-            last = millis;
-            board.housekeeping(millis);
+        if next {
+            last = now;
+            board.housekeeping(now);
         }
     }
 }
 
+impl Reply {
+    /// Sends its next byte, if the line takes it.
+    #[inline(always)]
+    fn go_on(&mut self, link: &mut Link) {
+        if link.can_send()
+            && let Some(byte) = self.bytes.get(usize::from(self.sent))
+        {
+            link.send(*byte);
+            self.sent += 1;
+        }
+    }
+}
+
+/// Takes bytes from the line, up to the end of a frame; whether it came to one.
+#[inline(never)]
+fn listen(board: &mut Board, service: &mut Service, now: Millis) -> bool {
+    for _ in 0..BYTES_A_ROUND {
+        let Some(byte) = board.link.receive() else { break };
+        if service.push(byte, now, board) {
+            return true;
+        }
+    }
+    false
+}
+
+/// Asks the service for a reply.
+#[inline(never)]
+fn speak(board: &mut Board, service: &mut Service, reply: &mut Reply, now: Millis) {
+    reply.sent = 0;
+    reply.len = service.poll(now, board, &mut reply.bytes) as u8;
+}
+
 /// Ticks / 2^14: 1.024 ms each.
+#[inline(always)]
 fn millis(now: Moment) -> Millis {
     let [_, b1, b2, b3] = now.0.to_le_bytes();
     // Shifted by bytes first: an AVR shifts by one bit at a time.

@@ -141,6 +141,14 @@ impl Lines {
         }
     }
 
+    /// Whether DIR is high.
+    pub(crate) fn dir_is_high(self) -> bool {
+        Pin::of(self.dir_pin).is_some_and(|pin| {
+            let (_, port) = pin.registers();
+            port.read() & pin.mask != 0
+        })
+    }
+
     /// Both pins, and their levels at rest.
     fn pins(self) -> impl Iterator<Item = (Pin, bool)> {
         let step = Pin::of(self.step_pin).map(|pin| (pin, self.step_low()));
@@ -164,13 +172,14 @@ impl Layout {
     ///
     /// # Errors
     /// Which pin cannot be, and why.
+    #[inline(never)]
     pub(crate) fn of(configuration: &Configuration<'_>) -> Result<Layout, Refusal> {
         let motors = configuration.motors();
         if motors.len() > MAX_MOTORS {
             return Err(Refusal { reason: Reason::TooManyMotors, detail: MAX_MOTORS as u16 });
         }
         // Bit by pin.
-        let (mut steps, mut dirs) = (0, 0);
+        let (mut steps, mut dirs) = (0u32, 0u32);
         for motor in motors {
             if steps & output(motor.step_pin)? != 0 {
                 return Err(refused(Reason::PinTaken, motor.step_pin));
@@ -200,6 +209,7 @@ impl Layout {
         self.lines.iter().flatten()
     }
 
+    #[inline(never)]
     fn kind(configuration: &Configuration<'_>, steps: u32, dirs: u32) -> Result<Kind, Refusal> {
         const COMPARE: u32 = 0x0600;
         const PORT_D: u32 = 0x00fc;
@@ -230,6 +240,7 @@ impl Layout {
         }
     }
 
+    #[inline(never)]
     fn lines_of(kind: Kind, motor: &MotorSetup, shared_dir: bool) -> Result<Lines, Refusal> {
         let pin = |number| Pin::of(number).ok_or(refused(Reason::Pin, number));
         let (step_pin, dir_pin) = (pin(motor.step_pin)?, pin(motor.dir_pin)?);

@@ -481,6 +481,12 @@ impl Ring {
         unsafe { self.group(self.head.wrapping_add(3)).write_volatile(self.last(self.pending)) };
     }
 
+    /// Whether all published groups have been played.
+    #[inline(always)]
+    pub fn is_empty(&self) -> bool {
+        self.tail() == self.head
+    }
+
     /// Low byte of the address of the next group to be played.
     #[inline(always)]
     pub fn tail(&self) -> u8 {
