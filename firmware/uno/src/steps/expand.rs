@@ -1,6 +1,6 @@
 //! Expansion: registers of a segment → ticks of its steps, n at a time.
 //!
-//! What [`Recurrence::advance`](pulsetrain_core::segment::Recurrence::advance) does n times, with the registers in the
+//! What [`Registers::advance`] does n times, with the registers in the
 //! processor's own: four additions for the time, four for the interval, four for its change. The time's fifth byte takes
 //! the carry; the sixth and the interval's fifth follow from the rest at the end.
 //!
@@ -16,22 +16,12 @@
 
 use core::arch::global_asm;
 use core::mem::offset_of;
-
-/// The live registers of a segment, F = 16.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[repr(C)]
-pub struct Registers {
-    pub fraction: u16,
-    pub tick: u32,
-    pub interval: [u8; 5],
-    pub add: i32,
-    pub add2: i32,
-    pub left: u16,
-}
+use pulsetrain_core::narrow::Registers;
 
 const _: () = assert!(offset_of!(Registers, fraction) == 0);
 const _: () = assert!(offset_of!(Registers, tick) == 2);
-const _: () = assert!(offset_of!(Registers, interval) == 6);
+const _: () = assert!(offset_of!(Registers, interval_low) == 6);
+const _: () = assert!(offset_of!(Registers, interval_high) == 10);
 const _: () = assert!(offset_of!(Registers, add) == 11);
 const _: () = assert!(offset_of!(Registers, add2) == 15);
 const _: () = assert!(offset_of!(Registers, left) == 19);
@@ -216,7 +206,7 @@ pub(super) unsafe fn into_ring(registers: &mut Registers, pending: *mut u8, n: u
 /// # Safety
 /// What the module says of `n` and the interval holds; `list` has room for `n` ticks.
 #[inline(always)]
-pub(super) unsafe fn into_list(registers: *mut Registers, list: *mut u16, n: u8) {
+pub unsafe fn into_list(registers: *mut Registers, list: *mut u16, n: u8) {
     // SAFETY: the caller's promise; the function keeps to the calling convention of avr-gcc.
     unsafe { steps_expand_list(registers, list, n) }
 }

@@ -1,10 +1,9 @@
 //! Two to four motors in one ring: each has a list of ticks, and the merge takes the earliest of their heads.
 //!
 //! # Lists
-//! A lane is one motor: up to 32 ticks that all toggle the same pins. When its list is used up, the merge expands the next
-//! batch itself as long as Rust granted steps ([`Lane::blind`]); else it hands back to Rust, which puts a single tick there
-//! (a change of direction, half a long pulse, a filler: anything), or grants more.
-//! All heads lie within 32 767 ticks of each other; lanes with nothing to do get fillers, masks 0.
+//! A lane is one motor: up to 32 ticks that all toggle the same pins. When its list is used up, the [`Feeder`] gives the next:
+//! a batch of steps, expanded in assembly, or a single tick (a change of direction, half a long pulse, a filler:
+//! anything). All heads lie within 32 767 ticks of each other; lanes with nothing to do get fillers, masks 0.
 //!
 //! # Spacing
 //! Groups are at least W ticks apart, so that the interrupt has set the compare register before the next match, even if
@@ -12,38 +11,45 @@
 //! to W after it is put off to W. So no edge is early or late by more than W/2. Two ticks that toggle
 //! the same pin never share a group.
 //!
-//! W ≥ (match to compare register written) + (the longest that an interrupt is kept waiting: the receive interrupt's 24 cycles and
-//! an instruction of main's), and W ≥ the interrupt's length + 4, so that delays die out: 52 for the short pulse.
+//! W ≥ (match to compare register written, 27 to 39 cycles) + (the longest that an interrupt is kept waiting: 13 cycles in the
+//! receive interrupt, and an instruction of main's), and W ≥ the interrupt's length + 4, so that delays die out:
+//! 44 for the short pulse, 58 for the long one and the shield, 72 for the shield's long one.
 //!
 //! # Cycles
-//! A step: 34 or 35, and expansion's 18.5; 150 + 90 around a batch; 180 to hand over to Rust and back.
+//! A step: 34 to 37, and expansion's 18.5. A list: 106, and what the feeder takes. To and from Rust: 200.
 
 use core::arch::global_asm;
 use core::mem::offset_of;
 
-use super::expand::{self, Registers};
-use super::ring::Group;
+use super::register;
+use super::ring::{END_A, END_B, GROUP, Group, Name};
 
-/// Motors at most.
+/// Lanes; those of no motor are fed with fillers.
 pub const LANES: usize = 4;
 
 /// Ticks that a lane's list holds.
 pub const LIST: u8 = 32;
 
+/// A lane has nothing more to do, for now.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Dry;
+
+/// Who fills lists.
+///
+/// There is one in a program. The assembly calls `steps_feed`, which the one who has it defines:
+/// `unsafe extern "C" fn steps_feed(feeder: *mut u8, lane: u8, merge: *mut Merge) -> bool`, by way of [`feed`].
+pub trait Feeder {
+    /// Gives `lane`, whose list is used up, its next ticks: by [`Merge::put`] or [`Merge::list`]. Or not: then the merge
+    /// comes back.
+    fn feed(&mut self, merge: &mut Merge, lane: u8) -> Result<(), Dry>;
+}
+
 /// One motor's list.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 #[repr(C)]
-pub struct Lane {
+struct Lane {
     /// What the ticks in the list toggle.
     masks: Group,
-    /// What steps toggle: those that the merge expands itself.
-    step: Group,
-    /// Steps that may be expanded without asking.
-    blind: u8,
-    /// Steps to expand at once, 1..=32.
-    batch: u8,
-    /// The segment being run.
-    registers: *mut Registers,
     /// The list's first tick, taken out of it.
     head: u16,
     /// Low byte of the address of the second.
@@ -66,12 +72,14 @@ pub struct Merge {
     /// W/2 and W.
     half: u8,
     spacing: u8,
+    /// Data address of the ring's tail.
+    tail: u8,
+    /// How often the merge may look for more room before it comes back.
+    looks: u8,
+    /// What the feeder is called with.
+    feeder: *mut u8,
     /// The lane without a head, if any.
     wanting: Option<u8>,
-    /// Lanes of motors; those after them get fillers.
-    motors: u8,
-    /// What the lanes after them run.
-    fillers: Registers,
 }
 
 const LANE_SIZE: usize = size_of::<Lane>();
@@ -132,8 +140,10 @@ global_asm!(
     st X+, r17
     ldi r27, hi8(ring_a_page)
     rjmp 1b
-5:  ldi r30, \lane
-    rjmp merge_full
+5:  rcall merge_look
+    brcc 2b
+    ldi r24, \lane | 0x80
+    rjmp merge_leave
     .endm
 
     // The next tick of the lane.                                                                   8
@@ -235,7 +245,8 @@ global_asm!(
 
     .section .text.steps_merge_run, "ax", @progbits
     .global steps_merge_run
-    // r24:25: the state, steps_merge; r22: groups that the ring has room for, at least 1. Gives the lane that wants its next tick, + 0x80 if the ring is full.
+    // r24:25: steps_merge; r22: groups that the ring has room for, at least 1. Gives the lane that has no head, + 0x80 if
+    // that is because the ring is full.
 steps_merge_run:
     .irp r, 2,3,4,5,6,7,8,9,10,11,12,13,14,15,16,17,28,29
     push r\r                            // 18 x 2                       36
@@ -268,7 +279,7 @@ steps_merge_run:
     merge_state merge_12, r4, r5, r20, r21, 1, r6, r7, r22, r23, 2
     merge_state merge_13, r4, r5, r20, r21, 1, r8, r9, r28, r29, 3
 
-    // Publishes what has been put into the ring. Uses r24, r25, Y.     28
+    // Publishes what has been put into the ring. Uses r24, r25, Y.                                 28
 merge_publish:
     lds r28, steps_merge+{AT}           // 2
     cp r26, r28                         // 1
@@ -283,73 +294,76 @@ merge_publish:
     or r16, r25                         // 1
 1:  ret                                 // 4, and 3 for the call
 
-    .macro refill lane, next, offset, list_end
-merge_refill_\lane:
+    // Looks for more room, and goes on if there is enough; else carry is set.
+merge_look:
     rcall merge_publish
-    ldi r28, lo8(steps_merge+\offset)
-    ldi r29, hi8(steps_merge+\offset)
-    ldi r30, \list_end
-    ldi r31, \lane
-    rcall merge_expand
-    mov \next, r30
+    lds r24, steps_merge+{LOOKS}
+    subi r24, 1
+    brcs 1f
+    sts steps_merge+{LOOKS}, r24
+    lds r30, steps_merge+{TAIL}
+    ldi r31, 0
+    ld r24, Z
     ldi r31, hi8(ring_b_page)
-    ret
-    .endm
-    refill 0, r10, {LANE0}, 64
-    refill 1, r11, {LANE1}, 128
-    refill 2, r12, {LANE2}, 192
-    refill 3, r13, {LANE3}, 0
+    sub r24, r26
+    dec r24
+    lsr r24
+    lsr r24
+    mov r0, r24
+    lds r25, steps_merge+{SPACING}
+    lds r28, steps_merge+{LANE3}+{RISE}
+    lds r29, steps_merge+{LANE3}+{FALL}
+    cpi r24, {ENOUGH}
+    lds r24, steps_merge+{HALF}
+1:  ret
 
-    // Y: the lane; r30: low byte of its list's end. Gives the list's start in r30.
-merge_expand:
-    ldd r20, Y+{BLIND}
-    ldd r21, Y+{BATCH}
-    mov r24, r20
-    sub r24, r21
-    brcc 1f
-    clr r24
-    mov r21, r20
-1:  tst r21
-    breq merge_empty
-    std Y+{BLIND}, r24
-    mov r20, r21
-    ldd r24, Y+{STEP_RISE}
-    ldd r25, Y+{STEP_FALL}
-    std Y+{RISE}, r24
-    std Y+{FALL}, r25
-    ldd r24, Y+{REGISTERS}
-    ldd r25, Y+{REGISTERS}+1
-    sub r30, r20
-    sub r30, r20
-    mov r22, r30
-    ldi r23, hi8(ring_b_page)
-    push r0
+    .macro refill lane, next, offset
+merge_refill_\lane:                     // call                         3
+    ldi r30, \lane                      // 1                            4
+    rcall merge_feed                    // 96                           100
+    lds \next, steps_merge+\offset+{NEXT} // 2                         102
+    ret                                 // 4                            106
+    .endm
+    refill 0, r10, {LANE0}
+    refill 1, r11, {LANE1}
+    refill 2, r12, {LANE2}
+    refill 3, r13, {LANE3}
+
+    // Has the lane r30 fed. Rust's functions keep r2 to r17, r28, r29, and r1 = 0.                 96
+merge_feed:                             // call                         3
+    push r30                            // 2                            5
+    rcall merge_publish                 // 28                           33
+    pop r22                             // 2                            35
+    push r0                             // 5 x 4                        55
+    push r18
+    push r19
     push r26
     push r27
-    push r30
-    call steps_expand_list
-    pop r30
+    push r22                            // 2 x 2                        59
+    lds r24, steps_merge+{FEEDER}       // 4                            63
+    lds r25, steps_merge+{FEEDER}+1
+    ldi r20, lo8(steps_merge)           // 2                            65
+    ldi r21, hi8(steps_merge)
+    call steps_feed                     // 4                            69
+    pop r22
     pop r27
     pop r26
+    pop r19
+    pop r18
     pop r0
-    load_masks
-    ret
+    ldi r31, hi8(ring_b_page)           // 1                            70
+    tst r24                             // 1                            71
+    breq merge_dry                      // 1                            72
+    load_masks                          // 20                           92
+    ret                                 // 4                            96
 
-    // The lane that has nothing: its refill's return address and the merge's go.
-merge_empty:
-    mov r24, r31
+    // Nothing for the lane r22: two return addresses go.
+merge_dry:
+    mov r24, r22
     pop r0
     pop r0
     pop r0
     pop r0
-    rjmp merge_leave
-
-    // r30: the lane that was put out when the ring became full.
-merge_full:
-    push r30
-    rcall merge_publish
-    pop r24
-    ori r24, 0x80
 merge_leave:
     lds r25, steps_merge+{END}
     com r25
@@ -367,11 +381,6 @@ merge_leave:
     LANE3 = const 3 * LANE_SIZE,
     RISE = const offset_of!(Lane, masks) + offset_of!(Group, rise),
     FALL = const offset_of!(Lane, masks) + offset_of!(Group, fall),
-    STEP_RISE = const offset_of!(Lane, step) + offset_of!(Group, rise),
-    STEP_FALL = const offset_of!(Lane, step) + offset_of!(Group, fall),
-    BLIND = const offset_of!(Lane, blind),
-    BATCH = const offset_of!(Lane, batch),
-    REGISTERS = const offset_of!(Lane, registers),
     HEAD = const offset_of!(Lane, head),
     NEXT = const offset_of!(Lane, next),
     DEADLINE = const offset_of!(Merge, deadline),
@@ -381,7 +390,16 @@ merge_leave:
     END = const offset_of!(Merge, end),
     HALF = const offset_of!(Merge, half),
     SPACING = const offset_of!(Merge, spacing),
+    TAIL = const offset_of!(Merge, tail),
+    LOOKS = const offset_of!(Merge, looks),
+    FEEDER = const offset_of!(Merge, feeder),
+    ENOUGH = const ENOUGH,
 );
+
+/// Groups that the ring must have room for to go on.
+const ENOUGH: u8 = 8;
+/// How often one run of the merge goes on.
+const LOOKS: u8 = 2;
 
 unsafe extern "C" {
     static mut ring_a_page: [u8; 256];
@@ -389,50 +407,45 @@ unsafe extern "C" {
     fn steps_merge_run(state: *mut Merge, free: u8) -> u8;
 }
 
-const NOTHING: Group = Group { rise: 0, fall: 0 };
-
-/// At most so many ticks from one group to the next, ticks.
-const FILLER: u16 = 16_384;
-
 /// The one merge: the assembly knows it by this name.
 #[unsafe(export_name = "steps_merge")]
 static mut MERGE: Merge = Merge {
-    lanes: [const {
-        Lane {
-            masks: NOTHING,
-            step: NOTHING,
-            blind: 0,
-            batch: 1,
-            registers: core::ptr::null_mut(),
-            head: 0,
-            next: 0,
-        }
-    }; LANES],
+    lanes: [Lane { masks: Group::NOTHING, head: 0, next: 0 }; LANES],
     deadline: 0,
-    pending: NOTHING,
+    pending: Group::NOTHING,
     at: 0,
     end: 0,
     half: 0,
     spacing: 0,
+    tail: 0,
+    looks: 0,
+    feeder: core::ptr::null_mut(),
     wanting: None,
-    motors: 0,
-    fillers: Registers { fraction: 0, tick: 0, interval: [0; 5], add: 0, add2: 0, left: 0 },
 };
 
 /// Why the merge came back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pause {
-    /// The ring has no room.
+    /// The ring has no room, or the merge has been at it for long enough.
     Full,
-    /// This lane needs its next tick, or steps granted.
-    Wants(u8),
+    /// This lane was not fed.
+    Dry(u8),
 }
 
-impl Lane {
-    /// Byte after the list of lane `index`.
-    fn end(index: u8) -> u8 {
-        (index + 1).wrapping_mul(2 * LIST)
-    }
+/// Byte after the list of `lane`.
+const fn end_of(lane: u8) -> u8 {
+    (lane + 1).wrapping_mul(2 * LIST)
+}
+
+/// What the assembly calls: has `lane` fed.
+///
+/// # Safety
+/// Both are what [`Merge::run`] was called with, which waits meanwhile.
+#[inline(always)]
+pub unsafe fn feed<F: Feeder>(feeder: *mut u8, lane: u8, merge: *mut Merge) -> bool {
+    // SAFETY: `run` handed both to the assembly, and does not touch them until it returns.
+    let (feeder, merge) = unsafe { (&mut *feeder.cast::<F>(), &mut *merge) };
+    feeder.feed(merge, lane).is_ok()
 }
 
 impl Merge {
@@ -445,24 +458,28 @@ impl Merge {
         unsafe { &mut *(&raw mut MERGE) }
     }
 
-    /// Empties everything: the pending group does nothing, at the low 16 bits of the tick `start`. The interrupt must be off.
-    pub fn clear(&mut self, motors: u8, spacing: u8, start: u32) {
-        self.motors = motors;
+    /// Empties everything: the pending group does nothing, at the low 16 bits of the tick `start`; no lane has a head. The
+    /// interrupt must be off.
+    ///
+    /// Ring A or B by `name`, in ring A's page both: the lists take the other.
+    pub fn clear(&mut self, name: Name, spacing: u8, start: u16) {
+        let (end, tail) = match name {
+            Name::A => (END_A, register::OCR0A),
+            Name::B => (END_B, register::OCR0B),
+        };
         self.spacing = spacing;
         self.half = spacing / 2;
-        self.end = super::ring::END_A;
+        self.end = end;
+        self.tail = tail + 0x20;
         self.at = 0;
-        self.pending = NOTHING;
-        self.deadline = (start as u16).wrapping_add(u16::from(spacing));
+        self.pending = Group::NOTHING;
+        self.deadline = start.wrapping_add(u16::from(spacing));
         self.wanting = None;
-        self.fillers = Registers { tick: start, interval: [0, 0, 0, 0x40, 0], left: 1, ..Registers::default() };
-        for lane in motors..LANES as u8 {
-            self.put(lane, (start as u16).wrapping_add(FILLER), NOTHING);
-        }
         // SAFETY: the interrupt is off.
         unsafe {
             self.group(0).write_volatile(self.end);
-            super::register::io(super::register::OCR0A).write_volatile(0);
+            register::data(self.tail).write_volatile(0);
+            register::io(register::EEARH).write_volatile(((&raw const ring_a_page).addr() >> 8) as u8);
         }
     }
 
@@ -470,97 +487,95 @@ impl Merge {
         (&raw mut ring_a_page).cast::<u8>().wrapping_add(usize::from(at))
     }
 
-    fn list(&self, at: u8) -> *mut u8 {
-        (&raw mut ring_b_page).cast::<u8>().wrapping_add(usize::from(at))
+    /// Low byte of the address of the next group to be played.
+    #[inline(always)]
+    pub fn tail(&self) -> u8 {
+        // SAFETY: one byte, read whole.
+        unsafe { register::data(self.tail).read_volatile() }
     }
 
     /// Groups that the ring has room for.
     #[inline(always)]
     pub fn free(&self) -> u8 {
-        // SAFETY: one byte, read whole.
-        let tail = unsafe { super::register::io(super::register::OCR0A).read_volatile() };
-        tail.wrapping_sub(self.at).wrapping_sub(1) / super::ring::GROUP
+        self.tail().wrapping_sub(self.at).wrapping_sub(1) / GROUP
     }
 
-    /// Gives `lane`, which wants it, the low 16 bits of its next tick, and what is toggled then.
+    /// The low 16 bits of the tick of the pending group.
+    #[inline(always)]
+    pub fn tick(&self) -> u16 {
+        self.deadline.wrapping_sub(u16::from(self.spacing))
+    }
+
+    /// Feeds `lane` with one tick, by its low 16 bits, and what is toggled then.
+    #[inline(always)]
     pub fn put(&mut self, lane: u8, tick: u16, masks: Group) {
-        let entry = &mut self.lanes[usize::from(lane)];
-        entry.head = tick;
+        let list = self.list(lane, 1, masks);
+        // SAFETY: the place of one tick; lists are main's alone.
+        unsafe { list.write(tick) };
+    }
+
+    /// Feeds `lane` with `n` (1..=[`LIST`]) ticks, all of which toggle `masks`: where their low 16 bits are to be written.
+    #[inline(always)]
+    pub fn list(&mut self, lane: u8, n: u8, masks: Group) -> *mut u16 {
+        let entry = &mut self.lanes[usize::from(lane) % LANES];
         entry.masks = masks;
-        entry.next = Lane::end(lane);
-        if self.wanting == Some(lane) {
+        entry.next = end_of(lane).wrapping_sub(2 * n);
+        (&raw mut ring_b_page).cast::<u8>().wrapping_add(usize::from(entry.next)).cast()
+    }
+
+    /// What `lane` has still to do that is in no group yet: how many ticks, and what each of them toggles.
+    pub fn listed(&self, lane: u8) -> (u8, Group) {
+        let entry = &self.lanes[usize::from(lane) % LANES];
+        let head = u8::from(self.wanting != Some(lane));
+        (end_of(lane).wrapping_sub(entry.next) / 2 + head, entry.masks)
+    }
+
+    /// Takes the head of `lane` from its list, which is fed if it is used up.
+    fn advance<F: Feeder>(&mut self, feeder: &mut F, lane: u8) -> Result<(), Dry> {
+        let index = usize::from(lane) % LANES;
+        if self.lanes[index].next == end_of(lane) {
+            feeder.feed(self, lane)?;
+        }
+        let entry = &mut self.lanes[index];
+        let list = (&raw const ring_b_page).cast::<u8>();
+        let at = usize::from(entry.next);
+        // SAFETY: two bytes inside the page; lists are main's alone.
+        entry.head = unsafe { u16::from_le_bytes([list.wrapping_add(at).read(), list.wrapping_add(at + 1).read()]) };
+        entry.next = entry.next.wrapping_add(2);
+        Ok(())
+    }
+
+    /// Gives every lane its first head. After [`Merge::clear`].
+    ///
+    /// # Errors
+    /// When a lane was not fed.
+    pub fn begin<F: Feeder>(&mut self, feeder: &mut F) -> Result<(), Dry> {
+        for lane in 0..LANES as u8 {
+            self.lanes[usize::from(lane)].next = end_of(lane);
+            self.advance(feeder, lane)?;
+        }
+        Ok(())
+    }
+
+    /// Merges until the ring is full or a lane is not fed. [`Merge::begin`] comes first.
+    #[inline(never)]
+    pub fn run<F: Feeder>(&mut self, feeder: &mut F) -> Pause {
+        if let Some(lane) = self.wanting {
+            if self.advance(feeder, lane).is_err() {
+                return Pause::Dry(lane);
+            }
             self.wanting = None;
         }
-    }
-
-    /// Lets the merge expand `steps` steps of `registers` into `lane`, `batch` at a time.
-    ///
-    /// # Safety
-    /// What [`expand`](super::expand) says of the interval, for all of them; `registers` stays where it is until they
-    /// are used up.
-    pub unsafe fn grant(&mut self, lane: u8, registers: *mut Registers, step: Group, steps: u8, batch: u8) {
-        let entry = &mut self.lanes[usize::from(lane)];
-        entry.registers = registers;
-        entry.step = step;
-        entry.blind = steps;
-        entry.batch = batch;
-    }
-
-    /// The next tick of `lane`, from its list or expanded; whether there is one.
-    fn advance(&mut self, lane: u8) -> bool {
-        let end = Lane::end(lane);
-        let index = usize::from(lane);
-        let mut next = self.lanes[index].next;
-        if next == end {
-            let entry = &mut self.lanes[index];
-            // A short first batch, another length for each lane: else motors whose segments begin together would
-            // stay in step, and all their work would come at once.
-            let n = entry.blind.min(entry.batch).min(8 + 4 * lane);
-            if n == 0 {
-                return false;
-            }
-            entry.blind -= n;
-            entry.masks = entry.step;
-            next = end.wrapping_sub(2 * n);
-            let registers = entry.registers;
-            // SAFETY: what was promised to `grant`; a lane's list has room for `LIST` ≥ n.
-            unsafe { expand::into_list(registers, self.list(next).cast(), n) };
+        let free = self.free();
+        if free == 0 {
+            return Pause::Full;
         }
-        // SAFETY: main alone uses the lists' page.
-        let head = unsafe { [self.list(next).read(), self.list(next.wrapping_add(1)).read()] };
-        let entry = &mut self.lanes[index];
-        entry.head = u16::from_le_bytes(head);
-        entry.next = next.wrapping_add(2);
-        true
-    }
-
-    /// Merges until the ring is full or a lane wants a tick. All lanes but a wanting one must have a head.
-    #[inline(never)]
-    pub fn run(&mut self) -> Pause {
-        loop {
-            if let Some(lane) = self.wanting {
-                if !self.advance(lane) {
-                    if lane < self.motors {
-                        return Pause::Wants(lane);
-                    }
-                    self.fillers.left = 255;
-                    let fillers = &raw mut self.fillers;
-                    // SAFETY: the interval is 16 384 and stays; the registers are a static's.
-                    unsafe { self.grant(lane, fillers, NOTHING, 2, 2) };
-                    continue;
-                }
-                self.wanting = None;
-            }
-            let free = self.free();
-            if free == 0 {
-                return Pause::Full;
-            }
-            // SAFETY: all heads are set, and the ring has room for `free` groups.
-            let answer = unsafe { steps_merge_run(self, free) };
-            self.wanting = Some(answer & 3);
-            if answer & 0x80 != 0 {
-                return Pause::Full;
-            }
-        }
+        self.looks = LOOKS;
+        self.feeder = (&raw mut *feeder).cast();
+        // SAFETY: all heads are set, and the ring has room for `free` groups. `steps_feed` hands the feeder to `feed`.
+        let answer = unsafe { steps_merge_run(self, free) };
+        let lane = answer & 3;
+        self.wanting = Some(lane);
+        if answer & 0x80 != 0 { Pause::Full } else { Pause::Dry(lane) }
     }
 }

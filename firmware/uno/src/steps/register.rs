@@ -18,6 +18,8 @@ addresses! {
     EEDR = 0x20;
     /// EEPROM address, low byte; free storage.
     EEARL = 0x21;
+    /// EEPROM address, high byte: two bits (1024 bytes of EEPROM); free storage.
+    EEARH = 0x22;
     /// Timer 0's compare A; free storage.
     OCR0A = 0x27;
     /// Timer 0's compare B; free storage.

@@ -26,6 +26,7 @@
 //! |---|---|
 //! | GPIOR0 | [`flags`], bit-addressable |
 //! | GPIOR1, GPIOR2, EEDR | r24, r30, r31 of whoever was interrupted (interrupts do not nest) |
+//! | EEARH | page of ring B: 3, or 2 when a merge plays it and page 3 has the lists |
 //! | OCR0A, OCR0B | low byte of the address of the next group to play, ring A and ring B |
 //!
 //! # Cycles
@@ -41,8 +42,8 @@
 
 use core::arch::global_asm;
 
-use super::expand::Registers;
 use super::register;
+use pulsetrain_core::narrow::Registers;
 
 /// Bits of GPIOR0, which the interrupts look at and set.
 pub mod flags {
@@ -94,14 +95,14 @@ receive_page: .skip 256
 ring_a_page:  .skip 256
 ring_b_page:  .skip 256
 
-    .macro ring_interrupt vector, page, tail, pin, ocr, end_bit, extra, starved, com_mask, com_toggle, foc, dir_on_portb, enable_mask
+    .macro ring_interrupt vector, load_page, tail, pin, ocr, end_bit, extra, starved, com_mask, com_toggle, foc, dir_on_portb, enable_mask
     .global \vector
 \vector:                                // 4 response + 3 jump           7
     out {SAVE24}, r24                   // 1                             8
     out {SAVE30}, r30                   // 1                             9
     out {SAVE31}, r31                   // 1                            10
     in r30, \tail                       // 1                            11
-    ldi r31, hi8(\page)                 // 1                            12
+    \load_page                          // 1                            12
     ld r24, Z+                          // 2                            14
     sbrc r24, \end_bit                  // 2 (skips)                    16
     rjmp 1f
@@ -205,7 +206,7 @@ ring_b_page:  .skip 256
     .endm
 
     .section .text.ring_interrupts, "ax", @progbits
-    ring_interrupt __vector_11, ring_a_page, {TAIL_A}, {PIND}, {OCR1A}, 1, {EXTRA_A}, {STARVED_A}, 0x3f, 0x40, 0x80, {DIR_A_ON_PORTB}, 0xfd
+    ring_interrupt __vector_11, "ldi r31, hi8(ring_a_page)", {TAIL_A}, {PIND}, {OCR1A}, 1, {EXTRA_A}, {STARVED_A}, 0x3f, 0x40, 0x80, {DIR_A_ON_PORTB}, 0xfd
 5:  sbic {FLAGS}, {SHIELD}              // 2 (skips)                    22
     rjmp 6f
     long_pulse {TAIL_A}, {PIND}, {OCR1A} // 13                          35
@@ -230,7 +231,7 @@ ring_b_page:  .skip 256
 8:  wait 9                              // 9 + sbic 1 + rjmp 2 + rjmp 2 = 14, 12 more than the skip:
     rjmp 7b                             // PB4 is high for 57 - 26 = 31 cycles, PORTD for 37 at most
 
-    ring_interrupt __vector_12, ring_b_page, {TAIL_B}, {PINB}, {OCR1B}, 7, {EXTRA_B}, {STARVED_B}, 0xcf, 0x10, 0x40, {DIR_B_ON_PORTB}, 0xfb
+    ring_interrupt __vector_12, "in r31, {PAGE_B}", {TAIL_B}, {PINB}, {OCR1B}, 7, {EXTRA_B}, {STARVED_B}, 0xcf, 0x10, 0x40, {DIR_B_ON_PORTB}, 0xfb
 5:  long_pulse {TAIL_B}, {PINB}, {OCR1B} // 13                          33
     wait 14                             // 14                           47
     out {PINB}, r24                     // 1                            48
@@ -240,6 +241,7 @@ ring_b_page:  .skip 256
     SAVE24 = const register::GPIOR1,
     SAVE30 = const register::GPIOR2,
     SAVE31 = const register::EEDR,
+    PAGE_B = const register::EEARH,
     TAIL_A = const register::OCR0A,
     TAIL_B = const register::OCR0B,
     FLAGS = const register::GPIOR0,
@@ -418,6 +420,9 @@ impl Ring {
             self.group(0).write_volatile(self.end());
             self.group(3).write_volatile(0);
             self.tail_register().write_volatile(0);
+            if self.name == Name::B {
+                register::io(register::EEARH).write_volatile((self.page().addr() >> 8) as u8);
+            }
         }
     }
 
