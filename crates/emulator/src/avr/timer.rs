@@ -185,9 +185,7 @@ impl Timer {
     pub(super) fn write_value(&mut self, value: u16) {
         self.value = value & self.max;
         self.blocked = true;
-        if !self.mode.shape.is_dual() {
-            self.down = false;
-        } else if self.value == 0 {
+        if !self.mode.shape.is_dual() || self.value == 0 {
             self.down = false;
         } else if self.value == self.top() {
             self.down = true;
@@ -307,9 +305,9 @@ impl Timer {
         }
         // Turns count too: beyond them everything is worked out anew.
         let mut edges = self.turn();
-        for channel in 0..2 {
-            if seen[channel] {
-                edges = edges.min(self.distance(self.compare[channel]));
+        for (seen, compare) in seen.into_iter().zip(self.compare) {
+            if seen {
+                edges = edges.min(self.distance(compare));
             }
         }
         self.edge_cycle(u64::from(edges) + 1, period)
@@ -365,9 +363,9 @@ impl Timer {
     fn edge(&mut self, cycle: u64, outputs: &mut impl Outputs) {
         let (value, top) = (self.value, self.top());
         let blocked = std::mem::take(&mut self.blocked);
-        for channel in 0..2 {
+        for (channel, flag) in OCF.into_iter().enumerate() {
             if value == self.compare[channel] && !blocked {
-                self.flags |= OCF[channel];
+                self.flags |= flag;
                 self.matched(channel, value == top, cycle, outputs);
             }
         }
