@@ -5,6 +5,7 @@
 //! - [`axis`]: one motor's queue, channel and output together
 //! - [`output`]: steps → pin edges: step/dir drivers and coils; pulse width, DIR setup and hold
 //! - [`channel`]: queue items → (tick, step or direction change)
+//! - [`narrow`]: queue, channel and packing for an 8-bit chip
 //! - [`queue`]: items waiting, each tagged with its epoch
 //! - [`packing`]: segments as few bytes
 //! - [`wire`]: frames and messages between host and board, and the board's side of the link
@@ -22,6 +23,7 @@ pub mod axis;
 pub mod channel;
 pub mod merge;
 pub mod moment;
+pub mod narrow;
 pub mod output;
 pub mod packing;
 pub mod queue;

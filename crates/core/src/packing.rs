@@ -27,7 +27,11 @@
 //! | 0 | 0–2 | 7 |
 //! | | 3–7 | what: see [`Control`] |
 //! | 1 | | 0 |
-//! | 2–5 | | dwell: ticks; anchor: tick; little-endian. Otherwise absent |
+//! | 2–5 | | dwell: ticks; anchor: tick; little-endian. Reversal and reset: absent |
+//! | 2–3, 4–7, 8–9 | | check only: position modulo 2^16; accumulator: tick, fraction · 2^16; little-endian |
+//!
+//! A check says where the sender thinks that the motor is when all before it has been done: an Uno compares, and does
+//! nothing of what follows up to the next anchor if it is not so. It is no item; [`Packing::unpack`] passes over it.
 //!
 //! # An exact segment
 //! One that the units or widths of a correction cannot say: a step that was put off because of a shared DIR line, or
@@ -78,7 +82,23 @@ pub enum Control {
     Anchor = 3,
     /// A segment in full.
     Exact = 4,
+    /// Where the motor ought to be.
+    Check = 5,
 }
+
+/// Where a motor is when all before has been done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Check {
+    /// The lower bits of the position.
+    pub position: u16,
+    /// The accumulator, waits included: its tick.
+    pub tick: Moment,
+    /// And what is below, 2^-16 ticks.
+    pub fraction: u16,
+}
+
+/// Bytes of a packed [`Check`].
+pub const CHECK_LEN: usize = 2 + 2 + 4 + 2;
 
 /// The unit of a correction is 2^-(shift) tick; `order` 1 is the interval, 2 add, 3 add2.
 ///
@@ -314,6 +334,18 @@ impl Packing {
         Ok(len)
     }
 
+    /// Packs a check, [`CHECK_LEN`] bytes. It leaves the state as it is.
+    ///
+    /// # Errors
+    /// When `out` is too short.
+    pub fn pack_check(&self, check: &Check, out: &mut [u8]) -> Result<usize, PackError> {
+        let mut writer = Writer { out, len: 0 };
+        writer.control(Control::Check, &check.position.to_le_bytes());
+        writer.bytes(&check.tick.0.to_le_bytes());
+        writer.bytes(&check.fraction.to_le_bytes());
+        writer.finish()
+    }
+
     /// Takes the next item off the front of `bytes` and moves `state` on; `None` when no item is left.
     ///
     /// # Errors
@@ -356,6 +388,9 @@ impl Packing {
                     let segment = Segment { interval, add, add2, ..said };
                     now = now.after_exact(&segment);
                     break Some(Item::Run { segment, direction: now.direction });
+                }
+                5 => {
+                    take::<{ CHECK_LEN - 2 }>(&mut rest)?;
                 }
                 control => return Err(UnpackError::UnknownControl { control }),
             }
@@ -629,6 +664,19 @@ mod tests {
             &[Item::Anchor { tick: Moment(0x0102_0304) }, Item::Dwell { ticks: 5 }],
             &[0b11111, 0, 4, 3, 2, 1, 0b10111, 0, 5, 0, 0, 0],
         );
+    }
+
+    #[test]
+    fn a_check_is_ten_bytes_and_passed_over() {
+        let check = Check { position: 0x0102, tick: Moment(0x0304_0506), fraction: 0x0708 };
+        let mut bytes = [0; CHECK_LEN + 6];
+        assert_eq!(PACKING.pack_check(&check, &mut bytes), Ok(CHECK_LEN));
+        assert_eq!(bytes[..CHECK_LEN], [0b101_111, 0, 2, 1, 6, 5, 4, 3, 8, 7]);
+        let dwell = Item::Dwell { ticks: 5 };
+        assert_eq!(PACKING.pack(&mut State::default(), &dwell, &mut bytes[CHECK_LEN..]), Ok(6));
+        assert_eq!(PACKING.unpack(&mut State::default(), &mut &bytes[..]), Ok(Some(dwell)));
+        assert_eq!(PACKING.unpack(&mut State::default(), &mut &bytes[..9]), Err(UnpackError::Truncated));
+        assert_eq!(PACKING.pack_check(&check, &mut bytes[..9]), Err(PackError::Buffer { needed: CHECK_LEN }));
     }
 
     #[test]

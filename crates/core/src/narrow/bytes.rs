@@ -1,0 +1,364 @@
+//! Packed items that wait, byte by byte, epoch by epoch.
+
+use crate::Epoch;
+
+/// How many epochs may wait in one motor's queue, the one being run included.
+pub const EPOCHS: usize = 4;
+
+/// The memory of all motors' queues; each has its share.
+#[derive(Clone, Debug)]
+pub struct Pool<const N: usize>([u8; N]);
+
+impl<const N: usize> Pool<N> {
+    /// Memory for up to 65 535 bytes.
+    #[must_use]
+    pub const fn new() -> Pool<N> {
+        const { assert!(4 <= N && N <= 0xffff) };
+        Pool([0; N])
+    }
+
+    /// An empty queue in the share of motor number `motor` of `motors` (1 to 4), the same for each.
+    ///
+    /// A motor that there is not, or a fifth, has no room at all.
+    #[expect(clippy::cast_possible_truncation, reason = "N is checked in `new`")]
+    #[must_use]
+    pub const fn share(motors: u8, motor: u8) -> Bytes {
+        // Divided here, not on the chip.
+        let each = match motors {
+            1 => N as u16,
+            2 => const { (N / 2) as u16 },
+            3 => const { (N / 3) as u16 },
+            4 => const { (N / 4) as u16 },
+            _ => 0,
+        };
+        match motor {
+            0 => Bytes::new(0, each),
+            1 if motors > 1 => Bytes::new(each, each),
+            2 if motors > 2 => Bytes::new(each << 1, each),
+            3 if motors > 3 => Bytes::new((each << 1) + each, each),
+            _ => Bytes::new(0, 0),
+        }
+    }
+
+    /// The byte at `at`.
+    pub(super) fn byte(&self, at: u16) -> u8 {
+        // `at` is always inside; said so, there is no code for a panic.
+        self.0.get(usize::from(at)).copied().unwrap_or(0)
+    }
+}
+
+impl<const N: usize> Default for Pool<N> {
+    fn default() -> Pool<N> {
+        Pool::new()
+    }
+}
+
+/// Bytes that a queue does not take. It is as it was.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PushRefused {
+    /// There is not enough room.
+    NoRoom {
+        /// Bytes that there would be room for.
+        free: u16,
+    },
+    /// [`EPOCHS`] others wait already.
+    TooManyEpochs,
+}
+
+/// What waits of an epoch.
+#[derive(Clone, Copy, Debug)]
+struct Part {
+    epoch: Epoch,
+    len: u16,
+}
+
+/// A ring of bytes in a share of a [`Pool`], always the same one: each method that touches bytes is given it.
+#[derive(Clone, Debug)]
+pub struct Bytes {
+    /// The share.
+    start: u16,
+    end: u16,
+    /// Where the byte is that is next.
+    next: u16,
+    /// Bytes waiting.
+    len: u16,
+    /// The epochs waiting, in order; the first may be empty.
+    parts: [Part; EPOCHS],
+    /// How many.
+    epochs: u8,
+}
+
+impl Bytes {
+    const fn new(start: u16, len: u16) -> Bytes {
+        let unused = Part { epoch: Epoch(0), len: 0 };
+        Bytes { start, end: start + len, next: start, len: 0, parts: [unused; EPOCHS], epochs: 0 }
+    }
+
+    /// Puts `bytes` of `epoch` last: all of them or, with an error, none.
+    ///
+    /// # Errors
+    /// When there is no room.
+    ///
+    /// ```
+    /// use pulsetrain_core::Epoch;
+    /// use pulsetrain_core::narrow::{Pool, PushRefused};
+    /// let mut pool = Pool::<8>::new();
+    /// let mut queue = Pool::<8>::share(2, 1);
+    /// assert_eq!(queue.push(&mut pool, Epoch(0), &[1, 2, 3]), Ok(()));
+    /// assert_eq!(queue.push(&mut pool, Epoch(1), &[4, 5]), Err(PushRefused::NoRoom { free: 1 }));
+    /// queue.skip_to(Epoch(1));
+    /// assert_eq!(queue.room(), 4);
+    /// ```
+    pub fn push<const N: usize>(&mut self, pool: &mut Pool<N>, epoch: Epoch, bytes: &[u8]) -> Result<(), PushRefused> {
+        let free = self.room();
+        let len = match u16::try_from(bytes.len()) {
+            Ok(0) => return Ok(()),
+            Ok(len) if len <= free => len,
+            _ => return Err(PushRefused::NoRoom { free }),
+        };
+        let part = self.part_for(epoch).ok_or(PushRefused::TooManyEpochs)?;
+        part.len += len;
+        // Up to the end of the share, then from its start.
+        let last = self.place(self.len);
+        let (head, tail) = bytes.split_at_checked(usize::from(self.end - last)).unwrap_or((bytes, &[]));
+        for (at, bytes) in [(last, head), (self.start, tail)] {
+            let places = pool.0.get_mut(usize::from(at)..).unwrap_or_default();
+            for (place, byte) in places.iter_mut().zip(bytes) {
+                *place = *byte;
+            }
+        }
+        self.len += len;
+        Ok(())
+    }
+
+    /// Free bytes: what the host may still send.
+    #[must_use]
+    pub const fn room(&self) -> u16 {
+        self.end - self.start - self.len
+    }
+
+    /// Bytes that it has in all.
+    #[must_use]
+    pub const fn capacity(&self) -> u16 {
+        self.end - self.start
+    }
+
+    /// Drops epochs until `epoch` is in front; all, if it does not wait.
+    pub fn skip_to(&mut self, epoch: Epoch) {
+        while self.epochs > 0 && (self.parts[0].epoch != epoch || self.parts[0].len == 0) {
+            self.drop_front();
+        }
+    }
+
+    /// Takes back the bytes of `epoch` if they were pushed last, as after a switch that was refused.
+    pub fn discard(&mut self, epoch: Epoch) {
+        if let Some(part) = self.newest()
+            && part.epoch == epoch
+        {
+            self.len -= part.len;
+            self.epochs -= 1;
+        }
+    }
+
+    /// Drops everything.
+    pub const fn clear(&mut self) {
+        self.len = 0;
+        self.epochs = 0;
+    }
+
+    /// Bytes of `epoch` that are next.
+    pub(super) const fn waiting(&self, epoch: Epoch) -> u16 {
+        if self.epochs > 0 && self.parts[0].epoch.0 == epoch.0 { self.parts[0].len } else { 0 }
+    }
+
+    /// Reads from the front on.
+    pub(super) const fn reader<'a, const N: usize>(&self, pool: &'a Pool<N>) -> Reader<'a, N> {
+        Reader { pool, at: self.next, start: self.start, end: self.end }
+    }
+
+    /// Drops the `len` bytes in front that were read up to `at`; there are so many of the first epoch.
+    pub(super) const fn consume(&mut self, len: u8, at: u16) {
+        self.next = at;
+        self.len -= len as u16;
+        self.parts[0].len -= len as u16;
+    }
+
+    fn drop_front(&mut self) {
+        let len = self.parts[0].len;
+        self.next = self.place(len);
+        self.len -= len;
+        self.parts.copy_within(1.., 0);
+        self.epochs -= 1;
+    }
+
+    fn newest(&self) -> Option<Part> {
+        let last = usize::from(self.epochs).checked_sub(1)?;
+        self.parts.get(last).copied()
+    }
+
+    /// Where more bytes of `epoch` are counted.
+    fn part_for(&mut self, epoch: Epoch) -> Option<&mut Part> {
+        if self.newest().is_none_or(|newest| newest.epoch != epoch) {
+            if self.epochs > 0 && self.parts[0].len == 0 {
+                self.drop_front();
+            }
+            *self.parts.get_mut(usize::from(self.epochs))? = Part { epoch, len: 0 };
+            self.epochs += 1;
+        }
+        self.parts.get_mut(usize::from(self.epochs).wrapping_sub(1))
+    }
+
+    /// Where the byte `offset` (at most the share) behind the first one is.
+    const fn place(&self, offset: u16) -> u16 {
+        let place = self.next + offset;
+        if place >= self.end { place - (self.end - self.start) } else { place }
+    }
+}
+
+/// A place in a ring.
+pub(super) struct Reader<'a, const N: usize> {
+    pool: &'a Pool<N>,
+    pub(super) at: u16,
+    start: u16,
+    end: u16,
+}
+
+impl<const N: usize> Reader<'_, N> {
+    /// The next byte.
+    pub(super) fn byte(&mut self) -> u8 {
+        let byte = self.pool.byte(self.at);
+        self.at += 1;
+        if self.at == self.end {
+            self.at = self.start;
+        }
+        byte
+    }
+
+    /// The next four bytes, little-endian.
+    pub(super) fn word(&mut self) -> u32 {
+        u32::from_le_bytes([self.byte(), self.byte(), self.byte(), self.byte()])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use proptest::prelude::*;
+    use std::collections::VecDeque;
+    use std::vec::Vec;
+
+    #[test]
+    fn shares_are_equal_and_apart() {
+        for motors in 1..=4 {
+            let mut end = 0;
+            for motor in 0..motors {
+                let share = Pool::<641>::share(motors, motor);
+                assert_eq!(share.start, end);
+                assert_eq!(share.capacity(), 641 / u16::from(motors));
+                end = share.end;
+            }
+            assert!(end <= 641);
+            assert_eq!(Pool::<641>::share(motors, motors).capacity(), 0);
+        }
+        assert_eq!(Pool::<641>::share(5, 0).room(), 0);
+    }
+
+    #[test]
+    fn epochs_are_limited() {
+        let mut pool = Pool::<16>::new();
+        let mut bytes = Pool::<16>::share(1, 0);
+        for epoch in 0..4 {
+            assert_eq!(bytes.push(&mut pool, Epoch(epoch), &[epoch]), Ok(()));
+        }
+        assert_eq!(bytes.push(&mut pool, Epoch(4), &[4]), Err(PushRefused::TooManyEpochs));
+        assert_eq!(bytes.room(), 12);
+        // An epoch that was read to its end makes way for another, but not while it is the newest.
+        bytes.consume(1, 1);
+        assert_eq!(bytes.push(&mut pool, Epoch(4), &[4]), Ok(()));
+        bytes.skip_to(Epoch(4));
+        assert_eq!((bytes.waiting(Epoch(4)), bytes.room()), (1, 15));
+    }
+
+    #[derive(Clone, Debug)]
+    enum Action {
+        Push { epoch: u8, len: usize },
+        Read(u8),
+        SkipTo(u8),
+        Discard(u8),
+        Clear,
+    }
+
+    fn action() -> impl Strategy<Value = Action> {
+        prop_oneof![
+            6 => (0u8..4, 0usize..20).prop_map(|(epoch, len)| Action::Push { epoch, len }),
+            6 => (1u8..20).prop_map(Action::Read),
+            1 => (0u8..5).prop_map(Action::SkipTo),
+            1 => (0u8..4).prop_map(Action::Discard),
+            1 => Just(Action::Clear),
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn they_come_out_as_they_went_in(
+            actions in prop::collection::vec(action(), 0..100), motors in 1u8..=4, motor in 0u8..4,
+        ) {
+            prop_assume!(motor < motors);
+            let mut pool = Pool::<73>::new();
+            let mut bytes = Pool::<73>::share(motors, motor);
+            let mut model: VecDeque<(u8, u8)> = VecDeque::new();
+            let mut number = 0u8;
+            for action in actions {
+                match action {
+                    Action::Push { epoch, len } => {
+                        let new: Vec<u8> = (0..len).map(|_| { number = number.wrapping_add(1); number }).collect();
+                        let free = usize::from(bytes.capacity()) - model.len();
+                        match bytes.push(&mut pool, Epoch(epoch), &new) {
+                            Ok(()) => model.extend(new.iter().map(|&byte| (epoch, byte))),
+                            Err(PushRefused::NoRoom { free: said }) => {
+                                prop_assert!(len > free);
+                                prop_assert_eq!(usize::from(said), free);
+                            }
+                            Err(PushRefused::TooManyEpochs) => {
+                                let mut epochs: Vec<u8> = model.iter().map(|&(epoch, _)| epoch).collect();
+                                epochs.dedup();
+                                prop_assert!(epochs.len() == EPOCHS);
+                                prop_assert_ne!(epochs.last(), Some(&epoch));
+                            }
+                        }
+                    }
+                    Action::Read(most) => {
+                        let front = model.front().map_or(0, |&(epoch, _)| epoch);
+                        let len = u8::try_from(bytes.waiting(Epoch(front)).min(most.into())).unwrap();
+                        let mut reader = bytes.reader(&pool);
+                        for _ in 0..len {
+                            prop_assert_eq!(Some((front, reader.byte())), model.pop_front());
+                        }
+                        let at = reader.at;
+                        if len > 0 {
+                            bytes.consume(len, at);
+                        }
+                    }
+                    Action::SkipTo(epoch) => {
+                        bytes.skip_to(Epoch(epoch));
+                        while model.front().is_some_and(|front| front.0 != epoch) {
+                            model.pop_front();
+                        }
+                    }
+                    Action::Discard(epoch) => {
+                        bytes.discard(Epoch(epoch));
+                        while model.back().is_some_and(|back| back.0 == epoch) {
+                            model.pop_back();
+                        }
+                    }
+                    Action::Clear => {
+                        bytes.clear();
+                        model.clear();
+                    }
+                }
+                prop_assert_eq!(usize::from(bytes.room()), usize::from(bytes.capacity()) - model.len());
+            }
+        }
+    }
+}
