@@ -5,6 +5,9 @@ use crate::Epoch;
 /// How many epochs may wait in one motor's queue, the one being run included.
 pub const EPOCHS: usize = 4;
 
+/// The longest record: an exact segment.
+pub(super) const LONGEST: usize = 30;
+
 /// The memory of all motors' queues; each has its share.
 #[derive(Clone, Debug)]
 pub struct Pool<const N: usize>([u8; N]);
@@ -171,16 +174,37 @@ impl Bytes {
         if self.epochs > 0 && self.parts[0].epoch.0 == epoch.0 { self.parts[0].len } else { 0 }
     }
 
-    /// Reads from the front on.
-    pub(super) const fn reader<'a, const N: usize>(&self, pool: &'a Pool<N>) -> Reader<'a, N> {
-        Reader { pool, at: self.next, start: self.start, end: self.end }
+    /// The first `len` bytes, which wait: in one piece, if need be copied to `spare`.
+    pub(super) fn front<'a, const N: usize>(
+        &self,
+        pool: &'a Pool<N>,
+        len: u8,
+        spare: &'a mut [u8; LONGEST],
+    ) -> &'a [u8] {
+        let len = usize::from(len);
+        let (share, next) = (pool.0.get(..usize::from(self.end)).unwrap_or_default(), usize::from(self.next));
+        if let Some(bytes) = share.get(next..next + len) {
+            return bytes;
+        }
+        let start = share.get(usize::from(self.start)..).unwrap_or_default();
+        let from_start = share.get(next..).unwrap_or_default().iter().chain(start);
+        for (place, byte) in spare.iter_mut().zip(from_start) {
+            *place = *byte;
+        }
+        spare.get(..len).unwrap_or_default()
     }
 
-    /// Drops the `len` bytes in front that were read up to `at`; there are so many of the first epoch.
-    pub(super) const fn consume(&mut self, len: u8, at: u16) {
-        self.next = at;
-        self.len -= len as u16;
-        self.parts[0].len -= len as u16;
+    /// The byte `offset` (less than what waits) behind the first.
+    pub(super) fn byte<const N: usize>(&self, pool: &Pool<N>, offset: u8) -> u8 {
+        pool.byte(self.place(u16::from(offset)))
+    }
+
+    /// Drops the first `len` bytes; there are so many of the first epoch.
+    pub(super) fn consume(&mut self, len: u8) {
+        let len = u16::from(len);
+        self.next = self.place(len);
+        self.len -= len;
+        self.parts[0].len -= len;
     }
 
     fn drop_front(&mut self) {
@@ -212,31 +236,6 @@ impl Bytes {
     const fn place(&self, offset: u16) -> u16 {
         let place = self.next + offset;
         if place >= self.end { place - (self.end - self.start) } else { place }
-    }
-}
-
-/// A place in a ring.
-pub(super) struct Reader<'a, const N: usize> {
-    pool: &'a Pool<N>,
-    pub(super) at: u16,
-    start: u16,
-    end: u16,
-}
-
-impl<const N: usize> Reader<'_, N> {
-    /// The next byte.
-    pub(super) fn byte(&mut self) -> u8 {
-        let byte = self.pool.byte(self.at);
-        self.at += 1;
-        if self.at == self.end {
-            self.at = self.start;
-        }
-        byte
-    }
-
-    /// The next four bytes, little-endian.
-    pub(super) fn word(&mut self) -> u32 {
-        u32::from_le_bytes([self.byte(), self.byte(), self.byte(), self.byte()])
     }
 }
 
@@ -274,7 +273,7 @@ mod tests {
         assert_eq!(bytes.push(&mut pool, Epoch(4), &[4]), Err(PushRefused::TooManyEpochs));
         assert_eq!(bytes.room(), 12);
         // An epoch that was read to its end makes way for another, but not while it is the newest.
-        bytes.consume(1, 1);
+        bytes.consume(1);
         assert_eq!(bytes.push(&mut pool, Epoch(4), &[4]), Ok(()));
         bytes.skip_to(Epoch(4));
         assert_eq!((bytes.waiting(Epoch(4)), bytes.room()), (1, 15));
@@ -331,13 +330,15 @@ mod tests {
                     Action::Read(most) => {
                         let front = model.front().map_or(0, |&(epoch, _)| epoch);
                         let len = u8::try_from(bytes.waiting(Epoch(front)).min(most.into())).unwrap();
-                        let mut reader = bytes.reader(&pool);
-                        for _ in 0..len {
-                            prop_assert_eq!(Some((front, reader.byte())), model.pop_front());
+                        let mut spare = [0; LONGEST];
+                        let read = bytes.front(&pool, len, &mut spare).to_vec();
+                        prop_assert_eq!(read.len(), usize::from(len));
+                        for (offset, byte) in (0..).zip(read) {
+                            prop_assert_eq!(bytes.byte(&pool, offset), byte);
+                            prop_assert_eq!(Some((front, byte)), model.pop_front());
                         }
-                        let at = reader.at;
                         if len > 0 {
-                            bytes.consume(len, at);
+                            bytes.consume(len);
                         }
                     }
                     Action::SkipTo(epoch) => {

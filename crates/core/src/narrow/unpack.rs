@@ -1,6 +1,6 @@
 //! [`packing`](crate::packing) for [`Registers`]: the prediction is what the registers hold after the last step.
 
-use super::bytes::{Bytes, Pool, Reader};
+use super::bytes::{Bytes, LONGEST, Pool};
 use super::registers::{Registers, sign_byte};
 use crate::packing::Control;
 use crate::{Direction, Epoch};
@@ -76,13 +76,11 @@ impl Unpacker {
         pool: &Pool<N>,
         epoch: Epoch,
     ) -> Found {
-        // No record is longer than 30 bytes.
         let have = u8::try_from(bytes.waiting(epoch)).unwrap_or(u8::MAX);
         if have == 0 {
             return Found::Nothing;
         }
-        let mut reader = bytes.reader(pool);
-        let header = reader.byte();
+        let header = bytes.byte(pool, 0);
         let mut len = 1;
         let n = self.previous_count;
         let more = match header & 7 {
@@ -97,14 +95,14 @@ impl Unpacker {
                 if have < 2 {
                     return Found::Nothing;
                 }
-                match reader.byte() {
-                    0 => return self.control(header >> 3, have, reader, registers, bytes),
+                match bytes.byte(pool, 1) {
+                    0 => return self.control(header >> 3, have, registers, bytes, pool),
                     0xff => {
                         if have < 4 {
                             return Found::Nothing;
                         }
                         len = 4;
-                        Some(u16::from_le_bytes([reader.byte(), reader.byte()]))
+                        Some(u16::from_le_bytes([bytes.byte(pool, 2), bytes.byte(pool, 3)]))
                     }
                     count => {
                         len = 2;
@@ -129,25 +127,29 @@ impl Unpacker {
                 add_width = 0;
             }
         }
+        let said = len;
         len += interval_width + add_width + add2_width;
         if have < len {
             return Found::Nothing;
         }
 
-        let [interval_exponent, add_exponent, add2_exponent] = self.exponents();
+        let mut spare = [0; LONGEST];
+        let mut rest = bytes.front(pool, len, &mut spare).get(usize::from(said)..).unwrap_or_default();
+        let bits = bits(n);
+        let finer = bits + self.gain;
         if interval_width > 0 {
-            let (low, high) = correction(&mut reader, interval_width, interval_exponent);
+            let (low, high) = correction(&mut rest, interval_width, exponent(finer + 2));
             registers.lengthen(low, high);
         }
         if add_width > 0 {
-            let (low, _) = correction(&mut reader, add_width, add_exponent);
+            let (low, _) = correction(&mut rest, add_width, exponent(finer + bits - 2));
             registers.add = registers.add.wrapping_add(low.cast_signed());
         }
         if add2_width > 0 {
-            let (low, _) = correction(&mut reader, add2_width, add2_exponent);
+            let (low, _) = correction(&mut rest, add2_width, exponent(finer + bits + bits - 5));
             registers.add2 = registers.add2.wrapping_add(low.cast_signed());
         }
-        bytes.consume(len, reader.at);
+        bytes.consume(len);
         registers.left = count;
         self.previous_count = count;
         Found::Record(Record::Run)
@@ -158,9 +160,9 @@ impl Unpacker {
         &mut self,
         control: u8,
         have: u8,
-        mut reader: Reader<'_, N>,
         registers: &mut Registers,
         bytes: &mut Bytes,
+        pool: &Pool<N>,
     ) -> Found {
         const REVERSE: u8 = Control::Reverse as u8;
         const RESET: u8 = Control::Reset as u8;
@@ -174,9 +176,24 @@ impl Unpacker {
             CHECK => 10,
             _ => return Found::Bad,
         };
+        let mut count = 0;
+        if control == EXACT && have >= 6 {
+            count = match [2, 3, 4, 5].map(|offset| bytes.byte(pool, offset)) {
+                [low, high, 0, 0] => u16::from_le_bytes([low, high]),
+                _ => 0,
+            };
+            len += match count {
+                0 => return Found::Bad,
+                1 => 8,
+                2 => 16,
+                _ => 24,
+            };
+        }
         if have < len {
             return Found::Nothing;
         }
+        let mut spare = [0; LONGEST];
+        let mut rest = bytes.front(pool, len, &mut spare).get(2..).unwrap_or_default();
         let record = match control {
             REVERSE => {
                 self.direction = self.direction.reversed();
@@ -187,34 +204,24 @@ impl Unpacker {
                 self.reset(registers);
                 Record::Prediction
             }
-            DWELL => Record::Dwell(reader.word()),
-            ANCHOR => Record::Anchor(reader.word()),
+            DWELL => Record::Dwell(u32::from_le_bytes(take(&mut rest))),
+            ANCHOR => Record::Anchor(u32::from_le_bytes(take(&mut rest))),
             CHECK => {
-                let position = u16::from_le_bytes([reader.byte(), reader.byte()]);
-                let tick = reader.word();
-                Record::Check { position, tick, fraction: u16::from_le_bytes([reader.byte(), reader.byte()]) }
+                let position = u16::from_le_bytes(take(&mut rest));
+                let tick = u32::from_le_bytes(take(&mut rest));
+                Record::Check { position, tick, fraction: u16::from_le_bytes(take(&mut rest)) }
             }
             _ => {
-                let count = match u16::try_from(reader.word()) {
-                    Err(_) | Ok(0) => return Found::Bad,
-                    Ok(count) => count,
-                };
-                len += match count {
-                    1 => 8,
-                    2 => 16,
-                    _ => 24,
-                };
-                if have < len {
-                    return Found::Nothing;
-                }
-                let (low, [high, beyond @ ..]) = (reader.word(), reader.word().to_le_bytes());
+                let [_, _, _, _] = take(&mut rest);
+                let low = u32::from_le_bytes(take(&mut rest));
+                let [high, beyond @ ..] = take::<4>(&mut rest);
                 if beyond != [0; 3] {
                     return Found::Bad;
                 }
                 let (mut add, mut add2) = (registers.add, registers.add2);
                 for register in [&mut add, &mut add2].into_iter().take(usize::from(count - 1)) {
-                    *register = reader.word().cast_signed();
-                    if reader.word().to_le_bytes() != [sign_byte(*register); 4] {
+                    *register = i32::from_le_bytes(take(&mut rest));
+                    if take(&mut rest) != [sign_byte(*register); 4] {
                         return Found::Bad;
                     }
                 }
@@ -225,24 +232,27 @@ impl Unpacker {
                 Record::Run
             }
         };
-        bytes.consume(len, reader.at);
+        bytes.consume(len);
         Found::Record(record)
-    }
-
-    /// How far corrections are to be shifted to the left: 16 − [`unit_shift`](crate::packing::unit_shift).
-    fn exponents(&self) -> [u8; 3] {
-        let [low, high] = self.previous_count.to_le_bytes();
-        let (mut bits, mut rest) = if high == 0 { (0i8, low) } else { (8, high) };
-        while rest != 0 {
-            bits += 1;
-            rest >>= 1;
-        }
-        let finer = bits + self.gain;
-        [exponent(finer + 2), exponent(finer + bits - 2), exponent(finer + bits + bits - 5)]
     }
 }
 
-/// 16 − `shift`, that being held in 0..=16.
+/// Bits of `count`.
+const fn bits(count: u16) -> i8 {
+    let [low, high] = count.to_le_bytes();
+    let (mut bits, mut rest) = if high == 0 { (0, low) } else { (8, high) };
+    if rest >= 16 {
+        bits += 4;
+        rest >>= 4;
+    }
+    while rest != 0 {
+        bits += 1;
+        rest >>= 1;
+    }
+    bits
+}
+
+/// How far a correction is to be shifted to the left: 16 − `shift`, that being held in 0..=16.
 const fn exponent(shift: i8) -> u8 {
     if shift <= 0 {
         16
@@ -254,45 +264,42 @@ const fn exponent(shift: i8) -> u8 {
 }
 
 /// `width` (1, 2, 3 or 5) bytes of two's complement, shifted to the left by `exponent` (0..=16): 40 bits.
-fn correction<const N: usize>(reader: &mut Reader<'_, N>, width: u8, exponent: u8) -> (u32, u8) {
-    let first = reader.byte();
-    let (mut low, mut high);
-    if width == 1 {
-        high = extension(first);
-        low = u32::from_le_bytes([first, high, high, high]);
-    } else {
-        let second = reader.byte();
-        if width == 2 {
-            high = extension(second);
-            low = u32::from_le_bytes([first, second, high, high]);
-        } else {
-            let third = reader.byte();
-            if width == 3 {
-                high = extension(third);
-                low = u32::from_le_bytes([first, second, third, high]);
-            } else {
-                low = u32::from_le_bytes([first, second, third, reader.byte()]);
-                high = reader.byte();
-            }
-        }
-    }
+fn correction(rest: &mut &[u8], width: u8, exponent: u8) -> (u32, u8) {
+    let short = match width {
+        1 => i32::from(i8::from_le_bytes(take(rest))),
+        2 => i32::from(i16::from_le_bytes(take(rest))),
+        _ => return long_correction(rest, width, exponent),
+    };
     // First by whole bytes, which costs next to nothing, then bit by bit.
-    let mut bits = exponent;
-    while bits >= 8 {
-        let [a, b, c, d] = low.to_le_bytes();
-        high = d;
-        low = u32::from_le_bytes([0, a, b, c]);
-        bits -= 8;
+    let shifted = match exponent {
+        0..8 => short << exponent,
+        8..16 => short << 8 << (exponent - 8),
+        _ => short << 16,
+    };
+    (shifted.cast_unsigned(), sign_byte(shifted))
+}
+
+#[cold]
+fn long_correction(rest: &mut &[u8], width: u8, exponent: u8) -> (u32, u8) {
+    let (mut low, mut high);
+    if width == 3 {
+        let [a, b, c] = take(rest);
+        high = if c < 0x80 { 0 } else { 0xff };
+        low = u32::from_le_bytes([a, b, c, high]);
+    } else {
+        low = u32::from_le_bytes(take(rest));
+        [high] = take(rest);
     }
-    while bits > 0 {
-        high = high << 1 | (low >= 1 << 31) as u8;
+    for _ in 0..exponent {
+        high = high << 1 | u8::from(low >= 1 << 31);
         low <<= 1;
-        bits -= 1;
     }
     (low, high)
 }
 
-/// What extends a number to the left that ends with `byte`.
-const fn extension(byte: u8) -> u8 {
-    if byte >= 0x80 { 0xff } else { 0 }
+/// The next bytes. There are enough of them: said so, there is no code for a panic.
+fn take<const N: usize>(rest: &mut &[u8]) -> [u8; N] {
+    let (bytes, after) = rest.split_first_chunk().unwrap_or((&[0; N], &[]));
+    *rest = after;
+    *bytes
 }
