@@ -5,9 +5,6 @@ use crate::Epoch;
 /// How many epochs may wait in one motor's queue, the one being run included.
 pub const EPOCHS: usize = 4;
 
-/// The longest record: an exact segment.
-pub(super) const LONGEST: usize = 30;
-
 /// The memory of all motors' queues; each has its share.
 #[derive(Clone, Debug)]
 pub struct Pool<const N: usize>([u8; N]);
@@ -174,24 +171,13 @@ impl Bytes {
         if self.epochs > 0 && self.parts[0].epoch.0 == epoch.0 { self.parts[0].len } else { 0 }
     }
 
-    /// The first `len` bytes, which wait: in one piece, if need be copied to `spare`.
-    pub(super) fn front<'a, const N: usize>(
-        &self,
-        pool: &'a Pool<N>,
-        len: u8,
-        spare: &'a mut [u8; LONGEST],
-    ) -> &'a [u8] {
-        let len = usize::from(len);
-        let (share, next) = (pool.0.get(..usize::from(self.end)).unwrap_or_default(), usize::from(self.next));
-        if let Some(bytes) = share.get(next..next + len) {
-            return bytes;
+    /// The first `len` bytes, which wait, if they lie in one piece.
+    pub(super) fn front<'a, const N: usize>(&self, pool: &'a Pool<N>, len: u8) -> Option<&'a [u8]> {
+        let last = self.next + u16::from(len);
+        if last > self.end {
+            return None;
         }
-        let start = share.get(usize::from(self.start)..).unwrap_or_default();
-        let from_start = share.get(next..).unwrap_or_default().iter().chain(start);
-        for (place, byte) in spare.iter_mut().zip(from_start) {
-            *place = *byte;
-        }
-        spare.get(..len).unwrap_or_default()
+        pool.0.get(usize::from(self.next)..usize::from(last))
     }
 
     /// The byte `offset` (less than what waits) behind the first.
@@ -330,11 +316,12 @@ mod tests {
                     Action::Read(most) => {
                         let front = model.front().map_or(0, |&(epoch, _)| epoch);
                         let len = u8::try_from(bytes.waiting(Epoch(front)).min(most.into())).unwrap();
-                        let mut spare = [0; LONGEST];
-                        let read = bytes.front(&pool, len, &mut spare).to_vec();
-                        prop_assert_eq!(read.len(), usize::from(len));
-                        for (offset, byte) in (0..).zip(read) {
-                            prop_assert_eq!(bytes.byte(&pool, offset), byte);
+                        let read: Vec<u8> = (0..len).map(|offset| bytes.byte(&pool, offset)).collect();
+                        match bytes.front(&pool, len) {
+                            Some(piece) => prop_assert_eq!(piece, &read[..]),
+                            None => prop_assert!(usize::from(len) > usize::from(bytes.end - bytes.next)),
+                        }
+                        for byte in read {
                             prop_assert_eq!(Some((front, byte)), model.pop_front());
                         }
                         if len > 0 {

@@ -1,6 +1,6 @@
 //! [`packing`](crate::packing) for [`Registers`]: the prediction is what the registers hold after the last step.
 
-use super::bytes::{Bytes, LONGEST, Pool};
+use super::bytes::{Bytes, Pool};
 use super::registers::{Registers, sign_byte};
 use crate::packing::Control;
 use crate::{Direction, Epoch};
@@ -116,38 +116,18 @@ impl Unpacker {
             Some(count) => count,
         };
 
-        let narrow = header >> 3 & 3;
-        let wide = if narrow == 3 { 5 } else { narrow + 1 };
-        let interval_width = if header & 0x20 != 0 { wide } else { narrow };
-        let mut add_width = if header & 0x40 != 0 { wide } else { narrow };
-        let mut add2_width = if header & 0x80 != 0 { wide } else { narrow };
-        if count < 3 {
-            add2_width = 0;
-            if count < 2 {
-                add_width = 0;
-            }
-        }
+        let widths = Widths::of(header, count);
         let said = len;
-        len += interval_width + add_width + add2_width;
+        len += widths.interval + widths.add + widths.add2;
         if have < len {
             return Found::Nothing;
         }
-
-        let mut spare = [0; LONGEST];
-        let mut rest = bytes.front(pool, len, &mut spare).get(usize::from(said)..).unwrap_or_default();
-        let bits = bits(n);
-        let finer = bits + self.gain;
-        if interval_width > 0 {
-            let (low, high) = correction(&mut rest, interval_width, exponent(finer + 2));
-            registers.lengthen(low, high);
-        }
-        if add_width > 0 {
-            let (low, _) = correction(&mut rest, add_width, exponent(finer + bits - 2));
-            registers.add = registers.add.wrapping_add(low.cast_signed());
-        }
-        if add2_width > 0 {
-            let (low, _) = correction(&mut rest, add2_width, exponent(finer + bits + bits - 5));
-            registers.add2 = registers.add2.wrapping_add(low.cast_signed());
+        match bytes.front(pool, len) {
+            Some(record) => self.correct(registers, record.get(usize::from(said)..).unwrap_or_default(), widths),
+            None => {
+                let record = in_one_piece(bytes, pool, said, len);
+                self.correct(registers, &record, widths);
+            }
         }
         bytes.consume(len);
         registers.left = count;
@@ -155,7 +135,35 @@ impl Unpacker {
         Found::Record(Record::Run)
     }
 
+    /// Adds the corrections that `rest` begins with.
+    #[inline(never)]
+    fn correct(&self, registers: &mut Registers, mut rest: &[u8], widths: Widths) {
+        let bits = bits(self.previous_count);
+        let finer = bits + self.gain;
+        if widths.interval > 0 {
+            let exponent = exponent(finer + 2);
+            if widths.interval < 3 {
+                // No more than 16 bits go no further than 16 to the left.
+                let low = correction(&mut rest, widths.interval, exponent);
+                registers.lengthen(low, sign_byte(low.cast_signed()));
+            } else {
+                let (low, high) = long_correction(&mut rest, widths.interval, exponent);
+                registers.lengthen(low, high);
+            }
+        }
+        if widths.add > 0 {
+            let add = correction(&mut rest, widths.add, exponent(finer + bits - 2));
+            registers.add = registers.add.wrapping_add(add.cast_signed());
+        }
+        if widths.add2 > 0 {
+            let add2 = correction(&mut rest, widths.add2, exponent(finer + bits + bits - 5));
+            registers.add2 = registers.add2.wrapping_add(add2.cast_signed());
+        }
+    }
+
     /// A control record, of which header and 0 have been read.
+    #[cold]
+    #[inline(never)]
     fn control<const N: usize>(
         &mut self,
         control: u8,
@@ -192,8 +200,8 @@ impl Unpacker {
         if have < len {
             return Found::Nothing;
         }
-        let mut spare = [0; LONGEST];
-        let mut rest = bytes.front(pool, len, &mut spare).get(2..).unwrap_or_default();
+        let record = in_one_piece(bytes, pool, 2, len);
+        let mut rest = &record[..];
         let record = match control {
             REVERSE => {
                 self.direction = self.direction.reversed();
@@ -263,29 +271,88 @@ const fn exponent(shift: i8) -> u8 {
     }
 }
 
-/// `width` (1, 2, 3 or 5) bytes of two's complement, shifted to the left by `exponent` (0..=16): 40 bits.
-fn correction(rest: &mut &[u8], width: u8, exponent: u8) -> (u32, u8) {
-    let short = match width {
-        1 => i32::from(i8::from_le_bytes(take(rest))),
-        2 => i32::from(i16::from_le_bytes(take(rest))),
-        _ => return long_correction(rest, width, exponent),
-    };
-    // First by whole bytes, which costs next to nothing, then bit by bit.
-    let shifted = match exponent {
-        0..8 => short << exponent,
-        8..16 => short << 8 << (exponent - 8),
-        _ => short << 16,
-    };
-    (shifted.cast_unsigned(), sign_byte(shifted))
+/// Bytes of the corrections: 0, 1, 2, 3 or 5.
+#[derive(Clone, Copy)]
+struct Widths {
+    interval: u8,
+    add: u8,
+    add2: u8,
 }
 
+impl Widths {
+    const fn of(header: u8, count: u16) -> Widths {
+        let narrow = header >> 3 & 3;
+        let wide = if narrow == 3 { 5 } else { narrow + 1 };
+        let mut widths = Widths { interval: narrow, add: narrow, add2: narrow };
+        if header & 0x20 != 0 {
+            widths.interval = wide;
+        }
+        if header & 0x40 != 0 {
+            widths.add = wide;
+        }
+        if header & 0x80 != 0 {
+            widths.add2 = wide;
+        }
+        if count < 3 {
+            widths.add2 = 0;
+            if count < 2 {
+                widths.add = 0;
+            }
+        }
+        widths
+    }
+}
+
+/// The longest record, an exact segment, without header and 0.
+const LONGEST: usize = 28;
+
+/// The bytes from `said` to `len` of the record in front, which may lie at both ends of the queue's share.
 #[cold]
+#[inline(never)]
+fn in_one_piece<const N: usize>(bytes: &Bytes, pool: &Pool<N>, said: u8, len: u8) -> [u8; LONGEST] {
+    let mut record = [0; LONGEST];
+    for (place, offset) in record.iter_mut().zip(said..len) {
+        *place = bytes.byte(pool, offset);
+    }
+    record
+}
+
+/// `width` (1, 2, 3 or 5) bytes of two's complement, shifted to the left by `exponent` (0..=16), modulo 2^32.
+#[inline(never)]
+fn correction(rest: &mut &[u8], width: u8, exponent: u8) -> u32 {
+    let mut value = match width {
+        1 => i32::from(i8::from_le_bytes(take(rest))),
+        2 => i32::from(i16::from_le_bytes(take(rest))),
+        3 => {
+            let [low] = take(rest);
+            i32::from(i16::from_le_bytes(take(rest))) << 8 | i32::from(low)
+        }
+        _ => {
+            let value = i32::from_le_bytes(take(rest));
+            let [_] = take(rest);
+            value
+        }
+    };
+    // First by whole bytes, which costs next to nothing, then bit by bit.
+    let mut exponent = exponent;
+    if exponent >= 8 {
+        value <<= 8;
+        exponent -= 8;
+        if exponent >= 8 {
+            return (value << 8).cast_unsigned();
+        }
+    }
+    (value << exponent).cast_unsigned()
+}
+
+/// 3 or 5 bytes of two's complement, shifted to the left by `exponent` (0..=16), modulo 2^40.
+#[cold]
+#[inline(never)]
 fn long_correction(rest: &mut &[u8], width: u8, exponent: u8) -> (u32, u8) {
     let (mut low, mut high);
     if width == 3 {
-        let [a, b, c] = take(rest);
-        high = if c < 0x80 { 0 } else { 0xff };
-        low = u32::from_le_bytes([a, b, c, high]);
+        let value = correction(rest, 3, 0);
+        (low, high) = (value, sign_byte(value.cast_signed()));
     } else {
         low = u32::from_le_bytes(take(rest));
         [high] = take(rest);
