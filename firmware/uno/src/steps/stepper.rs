@@ -15,7 +15,7 @@
 
 use super::pins::{Kind, Layout, Lines, MAX_MOTORS};
 use super::ring::{CAPACITY, Group, Name, Ring, flags};
-use crate::clock::low_half;
+use crate::clock::{self, low_half};
 use crate::memory::Queues;
 use crate::regs::{self, Reg16};
 use pulsetrain_core::channel::{self, Event};
@@ -27,6 +27,8 @@ use pulsetrain_core::{Direction, Epoch, Moment};
 const APART: u8 = 56;
 /// The same where interrupts are longer: with pulses of 1.9 µs, and with two of the compare hardware's.
 const APART_LONG: u8 = 96;
+/// Ticks between two steps of a motor with a ring of its own, at least: for the fast engine.
+const FASTEST: u16 = 54;
 /// Ticks between two groups, at most: the compare register is a quarter of the way round.
 const FILLER: u32 = 16_384;
 /// From a group's tick to its `fall`, ticks: at least, and at most when an interrupt was kept waiting.
@@ -41,6 +43,8 @@ const AHEAD: u32 = 65_536;
 const BATCH: u8 = 8;
 /// A compare that was missed is made so soon, ticks.
 const AGAIN: u16 = 48;
+/// After the ring ran empty the next group comes so soon, ticks: time enough to fill some more in.
+const LEAD: u16 = 800;
 /// Steps that come later than this after the ring ran empty are not made any more: the motors stop. 100 µs.
 const TOO_LATE: u32 = 1600;
 
@@ -156,6 +160,7 @@ impl Axis {
     }
 
     /// Finds out what it wants next, if that is not after `limit`.
+    #[optimize(speed)]
     #[inline(never)]
     fn look(&mut self, queues: &Queues, limit: Moment, times: &Times) {
         let lead = u32::from(times.setup) + times.fall[1];
@@ -230,6 +235,7 @@ impl Track {
     }
 
     /// Publishes the pending group and makes `group` at `tick` the pending one.
+    #[optimize(speed)]
     #[inline(never)]
     fn push(&mut self, tick: Moment, group: Group) {
         self.ring.push(low_half(tick.0), group);
@@ -239,6 +245,7 @@ impl Track {
     /// Puts `group` at `due`: into the pending group if that is near, not before `open`, and has other lines; else later.
     ///
     /// Gives its tick.
+    #[optimize(speed)]
     #[inline(never)]
     fn put(&mut self, due: Moment, open: Moment, group: Group, apart: u8) -> Moment {
         let near = due.before(u32::from(apart / 2)).is_before(self.at);
@@ -255,14 +262,17 @@ impl Track {
     }
 
     /// Looks whether the interrupt still plays what it should, and mends it.
+    #[optimize(speed)]
     #[inline(never)]
     fn watch(&mut self, now: Moment, busy: bool) -> Option<Trouble> {
         if regs::GPIOR0.read() & self.starved_flag() != 0 {
+            // It counts from here on, not from when the round began.
+            let now = now.after(u32::from(clock::read().wrapping_sub(low_half(now.0))));
             let late = now.since(self.at);
             if late >= TOO_LATE && late < 1 << 31 && busy {
                 return Some(Trouble::Starved);
             }
-            let soon = now.after(4 * u32::from(AGAIN));
+            let soon = now.after(u32::from(LEAD));
             if self.ring.is_empty() {
                 self.at = soon;
             }
@@ -531,25 +541,37 @@ impl Stepper {
 
     /// Fills the rings as far as time allows.
     #[inline(never)]
+    #[optimize(speed)]
     pub(crate) fn run(&mut self, now: Moment, queues: &Queues) {
-        let times = self.times;
-        let (mut trouble, mut fewest) = (self.trouble, self.fewest_groups);
-        for (track, axes) in self.split() {
+        let Stepper { tracks, axes, times, count, trouble, fewest_groups, .. } = self;
+        let axes = axes.get_mut(..usize::from(*count)).unwrap_or_default();
+        let mut turn = |track: &mut Track, axes: &mut [Axis]| {
             let busy = axes.iter().any(|axis| axis.wish != Wish::Nothing);
             if busy {
-                fewest = fewest.min(CAPACITY.wrapping_sub(track.ring.free()));
+                *fewest_groups = (*fewest_groups).min(CAPACITY.wrapping_sub(track.ring.free()));
             }
             if let Some(what) = track.watch(now, busy) {
-                trouble = Some(what);
+                *trouble = Some(what);
             }
-            fill(track, axes, now, queues, &times);
+            // Half full is enough: more at once costs less.
+            if track.ring.free() < CAPACITY / 2 {
+                return;
+            }
+            fill(track, axes, now, queues, times);
+        };
+        let [first, second] = tracks;
+        match axes {
+            [one, two] if self.apiece => {
+                turn(first, core::slice::from_mut(one));
+                turn(second, core::slice::from_mut(two));
+            }
+            all => turn(first, all),
         }
-        self.trouble = trouble;
-        self.fewest_groups = fewest;
     }
 }
 
 /// Fills one ring as far as time allows.
+#[optimize(speed)]
 #[inline(never)]
 fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, times: &Times) {
     // No further is looked in this call.
@@ -567,6 +589,11 @@ fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, time
             axis.look(queues, limit, times);
         }
     }
+    if let [axis] = axes
+        && fast(track, axis, now, times)
+    {
+        return;
+    }
     for _ in 0..BATCH {
         let ahead = track.at.since(now);
         if track.ring.free() < 2 || (ahead >= AHEAD && ahead < 1 << 31) {
@@ -583,12 +610,50 @@ fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, time
             }
             _ => {
                 if ahead < AHEAD_IDLE || ahead >= 1 << 31 {
-                    track.push(later(limit, track.at.after(u32::from(times.apart))), Group::NOTHING);
+                    // Out of the way of what may come soon after it.
+                    let next = axes.iter().filter(|axis| axis.wish != Wish::Nothing).map(|axis| axis.due);
+                    let clear = next.fold(limit, |clear, due| {
+                        let before = due.before(2 * u32::from(times.apart));
+                        if before.is_before(clear) { before } else { clear }
+                    });
+                    track.push(clear, Group::NOTHING);
                 }
                 return;
             }
         }
     }
+}
+
+/// The fast engine of a motor that has a ring of its own: expands steps into it as long as nothing but steps comes.
+///
+/// Whether it did.
+#[optimize(speed)]
+#[inline(never)]
+fn fast(track: &mut Track, axis: &mut Axis, now: Moment, times: &Times) -> bool {
+    if axis.wish != Wish::Step || times.long {
+        return false;
+    }
+    let next = axis.due;
+    let room = track.ring.free();
+    let far = next.since(track.at);
+    if room < 2 || far < u32::from(FASTEST) || far >= 1 << 15 || next.is_before(axis.ready) {
+        return false;
+    }
+    // As far ahead as ever, and within what the engine's 16 bits tell apart.
+    let limit = now.after(AHEAD);
+    let reach = Moment(axis.motor.registers().tick).after(0x7fff);
+    let steps = axis.motor.blind(FASTEST, if limit.is_before(reach) { limit } else { reach }).min(room - 1);
+    if steps == 0 {
+        return false;
+    }
+    let step = Group { rise: axis.lines.step, fall: axis.lines.step };
+    // SAFETY: `blind` promises so many steps at such intervals, and the ring has room for them.
+    unsafe { track.ring.expand(axis.motor.registers_mut(), steps, step) };
+    axis.motor.took(steps);
+    axis.wish = Wish::Nothing;
+    track.at = Moment(axis.motor.registers().tick);
+    axis.free = track.at.after(u32::from(times.pulse) + u32::from(times.hold));
+    true
 }
 
 /// Whose wish is due first.
@@ -611,6 +676,7 @@ fn earliest(axes: &[Axis]) -> Option<usize> {
 }
 
 /// Makes what motor `index` wants, when it is due or as soon after as it can be.
+#[optimize(speed)]
 #[inline(never)]
 fn play(track: &mut Track, axes: &mut [Axis], index: usize, times: &Times) {
     let Some(axis) = axes.get_mut(index) else { return };
