@@ -119,6 +119,8 @@ impl Board {
     /// Starts clock and line.
     pub(crate) fn begin(&mut self, queues: &'static mut Queues, last_reset: Cause) {
         self.queues = Some(queues);
+        // SAFETY: main calls this once.
+        unsafe { self.stepper.begin() };
         self.last_reset = last_reset;
         self.clock.start();
         self.link.start();

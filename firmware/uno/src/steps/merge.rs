@@ -22,7 +22,7 @@ use core::arch::global_asm;
 use core::mem::offset_of;
 
 use super::register;
-use super::ring::{END_A, END_B, GROUP, Group, Name};
+use super::ring::{END_A, END_B, Group, Name, Ring};
 
 /// Lanes; those of no motor are fed with fillers.
 pub const LANES: usize = 4;
@@ -142,7 +142,7 @@ global_asm!(
     rjmp 1b
 5:  rcall merge_look
     brcc 2b
-    ldi r24, \lane | 0x80
+    ldi r24, \lane
     rjmp merge_leave
     .endm
 
@@ -245,8 +245,7 @@ global_asm!(
 
     .section .text.steps_merge_run, "ax", @progbits
     .global steps_merge_run
-    // r24:25: steps_merge; r22: groups that the ring has room for, at least 1. Gives the lane that has no head, + 0x80 if
-    // that is because the ring is full.
+    // r24:25: steps_merge; r22: groups that the ring has room for, at least 1. Gives the lane that has no head.
 steps_merge_run:
     .irp r, 2,3,4,5,6,7,8,9,10,11,12,13,14,15,16,17,28,29
     push r\r                            // 18 x 2                       36
@@ -402,7 +401,6 @@ const ENOUGH: u8 = 8;
 const LOOKS: u8 = 2;
 
 unsafe extern "C" {
-    static mut ring_a_page: [u8; 256];
     static mut ring_b_page: [u8; 256];
     fn steps_merge_run(state: *mut Merge, free: u8) -> u8;
 }
@@ -422,15 +420,6 @@ static mut MERGE: Merge = Merge {
     feeder: core::ptr::null_mut(),
     wanting: None,
 };
-
-/// Why the merge came back.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Pause {
-    /// The ring has no room, or the merge has been at it for long enough.
-    Full,
-    /// This lane was not fed.
-    Dry(u8),
-}
 
 /// Byte after the list of `lane`.
 const fn end_of(lane: u8) -> u8 {
@@ -456,54 +445,6 @@ impl Merge {
     pub unsafe fn take() -> &'static mut Merge {
         // SAFETY: the caller's promise: no other reference exists.
         unsafe { &mut *(&raw mut MERGE) }
-    }
-
-    /// Empties everything: the pending group does nothing, at the low 16 bits of the tick `start`; no lane has a head. The
-    /// interrupt must be off.
-    ///
-    /// Ring A or B by `name`, in ring A's page both: the lists take the other.
-    pub fn clear(&mut self, name: Name, spacing: u8, start: u16) {
-        let (end, tail) = match name {
-            Name::A => (END_A, register::OCR0A),
-            Name::B => (END_B, register::OCR0B),
-        };
-        self.spacing = spacing;
-        self.half = spacing / 2;
-        self.end = end;
-        self.tail = tail + 0x20;
-        self.at = 0;
-        self.pending = Group::NOTHING;
-        self.deadline = start.wrapping_add(u16::from(spacing));
-        self.wanting = None;
-        // SAFETY: the interrupt is off.
-        unsafe {
-            self.group(0).write_volatile(self.end);
-            register::data(self.tail).write_volatile(0);
-            register::io(register::EEARH).write_volatile(((&raw const ring_a_page).addr() >> 8) as u8);
-        }
-    }
-
-    fn group(&self, at: u8) -> *mut u8 {
-        (&raw mut ring_a_page).cast::<u8>().wrapping_add(usize::from(at))
-    }
-
-    /// Low byte of the address of the next group to be played.
-    #[inline(always)]
-    pub fn tail(&self) -> u8 {
-        // SAFETY: one byte, read whole.
-        unsafe { register::data(self.tail).read_volatile() }
-    }
-
-    /// Groups that the ring has room for.
-    #[inline(always)]
-    pub fn free(&self) -> u8 {
-        self.tail().wrapping_sub(self.at).wrapping_sub(1) / GROUP
-    }
-
-    /// The low 16 bits of the tick of the pending group.
-    #[inline(always)]
-    pub fn tick(&self) -> u16 {
-        self.deadline.wrapping_sub(u16::from(self.spacing))
     }
 
     /// Feeds `lane` with one tick, by its low 16 bits, and what is toggled then.
@@ -545,37 +486,59 @@ impl Merge {
         Ok(())
     }
 
-    /// Gives every lane its first head. After [`Merge::clear`].
+    /// Begins anew: every lane has one tick to come, the low 16 bits of which are `first`, and at which it does nothing.
     ///
-    /// # Errors
-    /// When a lane was not fed.
-    pub fn begin<F: Feeder>(&mut self, feeder: &mut F) -> Result<(), Dry> {
-        for lane in 0..LANES as u8 {
-            self.lanes[usize::from(lane)].next = end_of(lane);
-            self.advance(feeder, lane)?;
+    /// Groups will be at least `spacing` ticks apart (W).
+    pub fn begin(&mut self, name: Name, spacing: u8, first: u16) {
+        let (end, tail) = match name {
+            Name::A => (END_A, register::OCR0A),
+            Name::B => (END_B, register::OCR0B),
+        };
+        self.spacing = spacing;
+        self.half = spacing / 2;
+        self.end = end;
+        self.tail = tail + 0x20;
+        self.clear();
+        for lane in &mut self.lanes {
+            lane.head = first;
         }
-        Ok(())
     }
 
-    /// Merges until the ring is full or a lane is not fed. [`Merge::begin`] comes first.
+    /// Whether steps are in lists, or anything else but fillers.
+    pub fn is_idle(&self) -> bool {
+        self.lanes.iter().all(|lane| lane.masks == Group::NOTHING)
+    }
+
+    /// Empties all lists.
+    pub fn clear(&mut self) {
+        self.wanting = None;
+        for (lane, entry) in (0..).zip(&mut self.lanes) {
+            *entry = Lane { masks: Group::NOTHING, head: 0, next: end_of(lane) };
+        }
+    }
+
+    /// Merges until `ring` is full or a lane is not fed. [`Merge::begin`] comes first. `at` is the tick of the ring's
+    /// pending group, its low 16 bits; gives that of the one that is pending then.
     #[inline(never)]
-    pub fn run<F: Feeder>(&mut self, feeder: &mut F) -> Pause {
+    pub fn run<F: Feeder>(&mut self, ring: &mut Ring, at: u16, feeder: &mut F) -> u16 {
         if let Some(lane) = self.wanting {
             if self.advance(feeder, lane).is_err() {
-                return Pause::Dry(lane);
+                return at;
             }
             self.wanting = None;
         }
-        let free = self.free();
+        let free = ring.free();
         if free == 0 {
-            return Pause::Full;
+            return at;
         }
+        (self.at, self.pending) = ring.merging();
+        self.deadline = at.wrapping_add(u16::from(self.spacing));
         self.looks = LOOKS;
         self.feeder = (&raw mut *feeder).cast();
         // SAFETY: all heads are set, and the ring has room for `free` groups. `steps_feed` hands the feeder to `feed`.
         let answer = unsafe { steps_merge_run(self, free) };
-        let lane = answer & 3;
-        self.wanting = Some(lane);
-        if answer & 0x80 != 0 { Pause::Full } else { Pause::Dry(lane) }
+        self.wanting = Some(answer & 3);
+        ring.merged(self.at, self.pending);
+        self.deadline.wrapping_sub(u16::from(self.spacing))
     }
 }

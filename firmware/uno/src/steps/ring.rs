@@ -311,12 +311,14 @@ pub struct Ring {
     head: u8,
     /// What the pending group does.
     pending: Group,
+    /// It lies in the page of ring A, whichever it is.
+    first_page: bool,
 }
 
 impl Ring {
     /// A ring whose edges software makes, to be [`clear`](Ring::clear)ed before use.
     pub const fn new(name: Name) -> Ring {
-        Ring { name, edge: 0, head: 0, pending: Group::NOTHING }
+        Ring { name, edge: 0, head: 0, pending: Group::NOTHING, first_page: false }
     }
 
     /// A ring whose STEP edges the compare hardware makes on pin 9 (A) or 10 (B), to be [`clear`](Ring::clear)ed
@@ -326,7 +328,7 @@ impl Ring {
     pub const fn hardware(name: Name, dir_on_portb: bool) -> Ring {
         // A bit that no DIR pin of that port has: PD0 is RXD, PB7 the crystal.
         let edge = if dir_on_portb { 1 << 7 } else { 1 << 0 };
-        Ring { name, edge, head: 0, pending: Group::NOTHING }
+        Ring { name, edge, head: 0, pending: Group::NOTHING, first_page: false }
     }
 
     /// Which of the two.
@@ -349,9 +351,27 @@ impl Ring {
 
     fn page(&self) -> *mut u8 {
         match self.name {
-            Name::A => (&raw mut ring_a_page).cast(),
-            Name::B => (&raw mut ring_b_page).cast(),
+            Name::B if !self.first_page => (&raw mut ring_b_page).cast(),
+            _ => (&raw mut ring_a_page).cast(),
         }
+    }
+
+    /// A ring that the merge fills, in the page of ring A: the other has the lists.
+    pub const fn for_merge(name: Name) -> Ring {
+        Ring { first_page: true, ..Ring::new(name) }
+    }
+
+    /// For the merge: where the pending group is, and what it does.
+    #[inline(always)]
+    pub(super) fn merging(&self) -> (u8, Group) {
+        (self.head, self.pending)
+    }
+
+    /// From the merge: where the pending group is now, and what it does.
+    #[inline(always)]
+    pub(super) fn merged(&mut self, head: u8, pending: Group) {
+        self.head = head;
+        self.pending = pending;
     }
 
     #[inline(always)]

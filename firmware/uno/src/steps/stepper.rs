@@ -13,6 +13,9 @@
 //! line, and its set-up before the step that it is for; when there is not enough room between (another motor's group is in
 //! the way, an interrupt was kept waiting), the step is late, never the set-up short.
 
+mod lanes;
+
+use super::merge::{LANES, Merge};
 use super::pins::{Kind, Layout, Lines, MAX_MOTORS};
 use super::ring::{CAPACITY, Group, Name, Ring, flags};
 use crate::clock::{self, low_half};
@@ -23,12 +26,17 @@ use pulsetrain_core::narrow::{Motor, Reason, Settings};
 use pulsetrain_core::wire::message::{self, Configuration};
 use pulsetrain_core::{Direction, Epoch, Moment};
 
-/// Ticks between two groups, at least: the longest interrupt and the longest time that it can be kept waiting.
-const APART: u8 = 56;
-/// The same where interrupts are longer: with pulses of 1.9 µs, and with two of the compare hardware's.
-const APART_LONG: u8 = 96;
-/// Ticks between two steps of a motor with a ring of its own, at least: for the fast engine.
-const FASTEST: u16 = 54;
+/// Ticks between two groups, at least: from a match until the interrupt has set the next, and the longest time that it can be
+/// kept waiting; and the length of the interrupt + 4, so that delays die out.
+const APART: u8 = 48;
+/// The same where interrupts are longer: with pulses of 1.9 µs.
+const APART_LONG: u8 = 60;
+/// The shield's, and with pulses of 1.9 µs.
+const APART_SHIELD: [u8; 2] = [60, 76];
+/// With two of the compare hardware's.
+const APART_COMPARE: u8 = 96;
+/// Ticks between two steps of a motor with a ring of its own, at least, for the fast engine: alone, and beside another.
+const FASTEST: [u16; 2] = [60, 130];
 /// Ticks between two groups, at most: the compare register is a quarter of the way round.
 const FILLER: u32 = 16_384;
 /// From a group's tick to its `fall`, ticks: at least, and at most when an interrupt was kept waiting.
@@ -61,29 +69,33 @@ pub(crate) struct Times {
     hold: u16,
     /// Between two groups.
     apart: u8,
+    /// Another motor has a ring of its own too.
+    beside: bool,
     fall: [u32; 2],
 }
 
 impl Times {
-    const NONE: Times = Times { pulse: 16, long: false, setup: 0, hold: 0, apart: APART, fall: FALL };
+    const NONE: Times =
+        Times { pulse: 16, long: false, setup: 0, hold: 0, apart: APART, beside: false, fall: FALL };
 
     /// Pulses of so many ticks, or a little longer where that is what an interrupt makes; beyond that by two groups.
     fn of(kind: Kind, configuration: &Configuration<'_>) -> Times {
-        let (setup, hold) = (configuration.setup_ticks, configuration.hold_ticks);
         // What the interrupt makes without and with its flag, and the distance that takes.
-        let (pulses, apart, fall) = match kind {
+        let (pulses, aparts, fall) = match kind {
             Kind::PortD | Kind::PortB => ([16, 31], [APART, APART_LONG], FALL),
-            Kind::Shield => ([17, 31], [APART_LONG, APART_LONG], FALL),
-            Kind::Compare => ([35, 35], [APART_LONG, APART_LONG], FALL_COMPARE),
+            Kind::Shield => ([17, 31], APART_SHIELD, FALL),
+            Kind::Compare => ([35, 35], [APART_COMPARE; 2], FALL_COMPARE),
         };
         let wanted = configuration.pulse_ticks;
-        if wanted <= pulses[0] {
-            Times { pulse: pulses[0], long: false, setup, hold, apart: apart[0], fall }
+        let (pulse, long, apart) = if wanted <= pulses[0] {
+            (pulses[0], false, aparts[0])
         } else if wanted <= pulses[1] {
-            Times { pulse: pulses[1], long: false, setup, hold, apart: apart[1], fall }
+            (pulses[1], false, aparts[1])
         } else {
-            Times { pulse: wanted.max(u16::from(apart[0])), long: true, setup, hold, apart: apart[0], fall }
-        }
+            (wanted.max(u16::from(aparts[0])), true, aparts[0])
+        };
+        let beside = kind == Kind::Compare && configuration.motors().len() > 1;
+        Times { pulse, long, setup: configuration.setup_ticks, hold: configuration.hold_ticks, apart, beside, fall }
     }
 }
 
@@ -293,9 +305,9 @@ impl Track {
         (late != 0).then_some(Trouble::Late { ticks: late })
     }
 
-    /// Adds up for each of `axes` the steps that were counted but whose groups were not played yet.
-    fn unplayed(&self, axes: &[Axis], unplayed: &mut [i32]) {
-        let mut levels = self.levels;
+    /// Adds up for each of `axes` the steps that were counted but whose groups were not played yet; `levels` is what the
+    /// newest of them leaves.
+    fn unplayed(&self, mut levels: u8, axes: &[Axis], unplayed: &mut [i32]) {
         // From the newest group back to the next one to be played.
         for group in self.ring.newest_first() {
             levels ^= group.fall;
@@ -315,6 +327,12 @@ impl Track {
 /// All motors of a configuration, and their rings.
 pub(crate) struct Stepper {
     tracks: [Track; 2],
+    /// The merge, from [`Stepper::begin`] on.
+    merge: Option<&'static mut Merge>,
+    /// Two motors or more in one ring, each with a DIR line of its own: the merge fills it.
+    merging: bool,
+    /// Merging: tick of the last that each lane was fed.
+    last: [Moment; LANES],
     axes: [Axis; MAX_MOTORS],
     count: u8,
     /// Each motor has a ring of its own.
@@ -332,6 +350,9 @@ impl Stepper {
     pub(crate) const fn new() -> Stepper {
         Stepper {
             tracks: [Track::NONE, Track::NONE],
+            merge: None,
+            merging: false,
+            last: [Moment(0); LANES],
             axes: [const { Axis::NONE }; MAX_MOTORS],
             count: 0,
             apiece: false,
@@ -341,6 +362,15 @@ impl Stepper {
             trouble: None,
             fewest_groups: u8::MAX,
         }
+    }
+
+    /// Takes the merge.
+    ///
+    /// # Safety
+    /// Once in a program.
+    pub(crate) unsafe fn begin(&mut self) {
+        // SAFETY: the caller's promise.
+        self.merge = Some(unsafe { Merge::take() });
     }
 
     /// The motors in use.
@@ -414,6 +444,10 @@ impl Stepper {
             lines.drive();
             self.count += 1;
         }
+        self.merging = self.count > 1 && !self.apiece && !self.axes().iter().any(|axis| axis.lines.shared_dir());
+        if self.merging {
+            self.tracks[0].ring = Ring::for_merge(first);
+        }
         self.rest(now);
     }
 
@@ -430,6 +464,13 @@ impl Stepper {
             track.at = at;
             track.levels = levels(track, axes, shield);
             track.resume(at);
+        }
+        let Stepper { tracks: [track, _], axes, merge, last, .. } = self;
+        if self.merging
+            && let Some(merge) = merge
+        {
+            let axes = axes.get_mut(..usize::from(self.count)).unwrap_or_default();
+            lanes::begin(merge, last, track, axes, self.times.apart);
         }
     }
 
@@ -461,6 +502,9 @@ impl Stepper {
             track.ring.clear();
             axes.iter().for_each(|axis| axis.lines.rest());
         }
+        if let Some(merge) = &mut self.merge {
+            merge.clear();
+        }
         uncertain
     }
 
@@ -476,6 +520,7 @@ impl Stepper {
     pub(crate) fn is_idle(&self) -> bool {
         self.axes().iter().all(|axis| axis.wish == Wish::Nothing && axis.motor.is_idle())
             && self.tracks().iter().all(|track| track.ring.newest_first().all(|group| group == Group::NOTHING))
+            && self.merge.as_ref().is_none_or(|merge| merge.is_idle())
     }
 
     /// The first tick at which a switch would be accepted.
@@ -534,7 +579,13 @@ impl Stepper {
         let mut unplayed = [0; MAX_MOTORS];
         let size = if self.apiece { 1 } else { MAX_MOTORS };
         for ((track, axes), counts) in self.tracks().iter().zip(self.axes().chunks(size)).zip(unplayed.chunks_mut(size)) {
-            track.unplayed(axes, counts);
+            let mut levels = track.levels;
+            if self.merging
+                && let Some(merge) = &self.merge
+            {
+                lanes::unplayed(merge, &mut levels, axes, counts);
+            }
+            track.unplayed(levels, axes, counts);
         }
         unplayed
     }
@@ -543,6 +594,20 @@ impl Stepper {
     #[inline(never)]
     #[optimize(speed)]
     pub(crate) fn run(&mut self, now: Moment, queues: &Queues) {
+        if self.merging {
+            let Stepper { tracks: [track, _], axes, merge: Some(merge), last, times, count, trouble, fewest_groups, .. } = self else {
+                return;
+            };
+            let axes = axes.get_mut(..usize::from(*count)).unwrap_or_default();
+            if let Some(what) = track.watch(now, !merge.is_idle()) {
+                *trouble = Some(what);
+            }
+            if !merge.is_idle() {
+                *fewest_groups = (*fewest_groups).min(CAPACITY.wrapping_sub(track.ring.free()));
+            }
+            lanes::fill(merge, last, track, axes, now, queues, times);
+            return;
+        }
         let Stepper { tracks, axes, times, count, trouble, fewest_groups, .. } = self;
         let axes = axes.get_mut(..usize::from(*count)).unwrap_or_default();
         let mut turn = |track: &mut Track, axes: &mut [Axis]| {
@@ -633,16 +698,17 @@ fn fast(track: &mut Track, axis: &mut Axis, now: Moment, times: &Times) -> bool 
     if axis.wish != Wish::Step || times.long {
         return false;
     }
+    let fastest = FASTEST[usize::from(times.beside)];
     let next = axis.due;
     let room = track.ring.free();
     let far = next.since(track.at);
-    if room < 2 || far < u32::from(FASTEST) || far >= 1 << 15 || next.is_before(axis.ready) {
+    if room < 2 || far < u32::from(fastest) || far >= 1 << 15 || next.is_before(axis.ready) {
         return false;
     }
     // As far ahead as ever, and within what the engine's 16 bits tell apart.
     let limit = now.after(AHEAD);
     let reach = Moment(axis.motor.registers().tick).after(0x7fff);
-    let steps = axis.motor.blind(FASTEST, if limit.is_before(reach) { limit } else { reach }).min(room - 1);
+    let steps = axis.motor.blind(fastest, if limit.is_before(reach) { limit } else { reach }).min(room - 1);
     if steps == 0 {
         return false;
     }

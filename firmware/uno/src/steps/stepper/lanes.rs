@@ -1,0 +1,213 @@
+//! Several motors in one ring, each with a DIR line of its own: the merge takes its ticks from here.
+//!
+//! Each motor is fed on its own, so that nobody has to look at all of them for every step: steps that need no looking at by
+//! the list, expanded in assembly; everything else, a step, a change of direction, the end of a long pulse, one by one.
+//!
+//! The merge may move each edge by half the distance of groups, W/2, either way. Where two edges of a motor must keep a
+//! distance (setup, hold), W is added to it.
+
+use super::super::expand;
+use super::super::merge::{Dry, Feeder, LANES, Merge, feed};
+use super::super::ring::Group;
+use super::{Axis, FILLER, Lines, Times, Track, Wish, later};
+use crate::clock::low_half;
+use crate::memory::Queues;
+use pulsetrain_core::{Direction, Moment};
+
+/// So far ahead motors are fed at most, ticks (3 ms): the pending group moves on by less than 2^16 ticks in a call.
+const AHEAD: u32 = 49_152;
+/// The ring is looked after when it has room for so many groups.
+const ROOM: u8 = 8;
+/// Steps in a list at most: a shorter list is ready sooner, and the ring does not run dry while four are made.
+const STEPS: u8 = 24;
+
+/// What feeds the merge.
+struct Motors<'a> {
+    axes: &'a mut [Axis],
+    /// Lines that are high when all that was fed has been played.
+    levels: &'a mut u8,
+    /// Tick of the last that each lane was fed.
+    last: &'a mut [Moment; LANES],
+    times: &'a Times,
+    queues: &'a Queues,
+    /// Nothing is fed beyond this.
+    limit: Moment,
+}
+
+/// What the assembly calls when a list is used up.
+///
+/// # Safety
+/// Only for the assembly: `feeder` and `merge` are those that [`Merge::run`] gave it.
+#[unsafe(no_mangle)]
+unsafe extern "C" fn steps_feed(feeder: *mut u8, lane: u8, merge: *mut Merge) -> bool {
+    // SAFETY: `Merge::run` is called in this file alone, with `Motors`; the borrows in it are alive as long as it runs.
+    unsafe { feed::<Motors<'_>>(feeder, lane, merge) }
+}
+
+impl Axis {
+    /// Feeds `lane` with steps that need no looking at, if there are any; gives the last one's tick.
+    fn steps(&mut self, merge: &mut Merge, lane: u8, times: &Times, limit: Moment) -> Option<Moment> {
+        if self.wish != Wish::Nothing || times.long {
+            return None;
+        }
+        let steps = self.motor.blind(u16::from(times.apart), limit).min(STEPS);
+        if steps == 0 {
+            return None;
+        }
+        let step = self.lines.step;
+        let list = merge.list(lane, steps, Group { rise: step, fall: step });
+        // SAFETY: what `blind` grants is what `expand` asks for; a list has room for `STEPS` ticks.
+        unsafe { expand::into_list(self.motor.registers_mut(), list, steps) };
+        self.motor.took(steps);
+        let end = Moment(self.motor.registers().tick);
+        self.free = times.free(end);
+        Some(end)
+    }
+
+    /// What is to be done next, and when, if that is known.
+    fn next(&mut self, levels: u8, queues: &Queues, until: Moment, times: &Times) -> Option<(Moment, Group)> {
+        let step = self.lines.step;
+        match self.wish {
+            Wish::Nothing => None,
+            Wish::Fall => Some((self.due, Group { rise: step, fall: 0 })),
+            Wish::Step => {
+                let fall = if times.long { 0 } else { step };
+                Some((later(self.due, self.ready), Group { rise: step, fall }))
+            }
+            Wish::Dir(direction) => {
+                let high = (direction == Direction::Forward) == self.lines.forward_high();
+                if (levels & self.lines.dir != 0) != high {
+                    let [soonest, _] = times.fall;
+                    return Some((later(self.due, self.free.before(soonest)), Group { rise: 0, fall: self.lines.dir }));
+                }
+                self.take();
+                self.look(queues, until, times);
+                // A step: its direction has just been taken.
+                self.next(levels, queues, until, times)
+            }
+        }
+    }
+}
+
+impl Times {
+    /// Until when DIR stays after a step at `tick`.
+    fn free(&self, tick: Moment) -> Moment {
+        tick.after(u32::from(self.pulse) + u32::from(self.hold) + u32::from(self.apart))
+    }
+}
+
+impl Feeder for Motors<'_> {
+    fn feed(&mut self, merge: &mut Merge, lane: u8) -> Result<(), Dry> {
+        let index = usize::from(lane) % LANES;
+        let Motors { axes, levels, last, times, queues, limit } = self;
+        let last = &mut last[index];
+        let until = last.after(FILLER);
+        let mut next = None;
+        if let Some(axis) = axes.get_mut(index) {
+            let mut end = axis.steps(merge, lane, times, *limit);
+            if end.is_none() && axis.wish == Wish::Nothing {
+                axis.look(queues, until, times);
+                // A segment has been begun, perhaps.
+                if axis.wish == Wish::Step && !axis.due.is_before(axis.ready) {
+                    axis.wish = Wish::Nothing;
+                    end = axis.steps(merge, lane, times, *limit);
+                    if end.is_none() {
+                        axis.wish = Wish::Step;
+                    }
+                }
+            }
+            if let Some(end) = end {
+                *last = end;
+                return Ok(());
+            }
+            next = axis.next(**levels, queues, until, times);
+        }
+        match (next, axes.get_mut(index)) {
+            (Some((due, group)), Some(axis)) if !until.is_before(due) => {
+                if limit.is_before(due) {
+                    return Err(Dry);
+                }
+                match axis.wish {
+                    Wish::Step => {
+                        axis.take();
+                        axis.free = times.free(due);
+                        if times.long {
+                            axis.wish = Wish::Fall;
+                            axis.due = due.after(u32::from(times.pulse));
+                        }
+                    }
+                    Wish::Fall => axis.wish = Wish::Nothing,
+                    _ => {
+                        axis.take();
+                        let [_, latest] = times.fall;
+                        axis.ready = due.after(latest + u32::from(times.setup) + u32::from(times.apart));
+                    }
+                }
+                **levels ^= group.rise ^ group.fall;
+                *last = due;
+                merge.put(lane, low_half(due.0), group);
+            }
+            (_, axis) => {
+                if limit.is_before(until) {
+                    return Err(Dry);
+                }
+                if let Some(axis) = axis {
+                    // What is long past must not come back as the future.
+                    axis.free = later(axis.free, *last);
+                    axis.ready = later(axis.ready, *last);
+                    axis.motor.pass(until);
+                }
+                *last = until;
+                merge.put(lane, low_half(until.0), Group::NOTHING);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Begins anew: the pending group of `track` is the first. Nothing is fed that is due within a filler's time.
+pub(super) fn begin(merge: &mut Merge, last: &mut [Moment; LANES], track: &Track, axes: &mut [Axis], apart: u8) {
+    let first = track.at.after(FILLER);
+    *last = [first; LANES];
+    for axis in axes {
+        axis.motor.pass(first);
+    }
+    merge.begin(track.ring.name(), apart, low_half(first.0));
+}
+
+/// Adds up for each of `axes` the steps that are in lists, and takes `levels` back to what they are before them.
+pub(super) fn unplayed(merge: &Merge, levels: &mut u8, axes: &[Axis], unplayed: &mut [i32]) {
+    for ((lane, axis), count) in (0..).zip(axes).zip(unplayed) {
+        let (ticks, masks) = merge.listed(lane);
+        let Lines { step, dir, .. } = axis.lines;
+        let forward = (*levels & dir != 0) == axis.lines.forward_high();
+        let active = (*levels & step != 0) != axis.lines.step_low();
+        // Both edges of a short pulse, or the first of a long one; others than these come singly.
+        if masks.rise & step != 0 && (masks.fall & step != 0 || active) {
+            *count += if forward { i32::from(ticks) } else { -i32::from(ticks) };
+        }
+        if ticks != 0 {
+            *levels ^= masks.rise ^ masks.fall;
+        }
+    }
+}
+
+/// Fills the ring as far as time allows.
+pub(super) fn fill(
+    merge: &mut Merge,
+    last: &mut [Moment; LANES],
+    track: &mut Track,
+    axes: &mut [Axis],
+    now: Moment,
+    queues: &Queues,
+    times: &Times,
+) {
+    if track.ring.free() < ROOM {
+        return;
+    }
+    let at = low_half(track.at.0);
+    let levels = &mut track.levels;
+    let limit = now.after(AHEAD);
+    let end = merge.run(&mut track.ring, at, &mut Motors { axes, levels, last, times, queues, limit });
+    track.at = track.at.after(u32::from(end.wrapping_sub(at)));
+}
