@@ -4,13 +4,21 @@
 //! - [`Board`]: what a session needs of any board
 //! - [`Sizer`]: what items take in its queues
 //! - [`native`]: the project's own stepgen on the PC, in virtual time
+//! - [`remote`]: a board at the other end of a [`Port`], through `link`, the host's side of docs/protocol.md
+//! - [`faulty`]: a port whose frames suffer, by a seed; [`model`]: a board behind a serial line, without a chip
+//! - [`BoardClock`]: such a board's clock, as the host sees it
 //!
 //! # What is not
 //! Motion: a board does what was planned and invents nothing. Planning is `pulsetrain-plan`'s, keeping a queue filled the
 //! session's in `pulsetrain`.
 #![forbid(unsafe_code)]
 
+mod clock;
+pub mod faulty;
+pub mod link;
+pub mod model;
 pub mod native;
+pub mod remote;
 mod sizer;
 
 use pulsetrain_core::{Entry, Epoch};
@@ -74,7 +82,10 @@ pub trait Board {
     fn faults(&self, motor: usize) -> Faults;
 }
 
+pub use clock::BoardClock;
+pub use link::{Link, LinkError};
 pub use native::{
     Config, Edge, Faults, MotorConfig, Native, Observer, ScheduledStep, StopReport, SwitchRefused, Wiring,
 };
+pub use remote::{Port, PortError, Remote, RemoteError, Setup};
 pub use sizer::Sizer;

@@ -156,8 +156,11 @@ pub enum SwitchRefused {
         limit: u64,
     },
     /// Too many switches wait already.
-    #[error("{} switches wait already", channel::SWITCHES)]
+    #[error("too many switches wait already")]
     Full,
+    /// Nothing can be said to the board any more; what it was told stands.
+    #[error("the board is not heard any more")]
+    Lost,
 }
 
 /// What is left after an immediate stop.

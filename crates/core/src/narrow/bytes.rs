@@ -145,7 +145,7 @@ impl Bytes {
 
     /// Drops epochs until `epoch` is in front; all, if it does not wait.
     pub fn skip_to(&mut self, epoch: Epoch) {
-        while self.epochs > 0 && self.parts[0].epoch != epoch {
+        while self.epochs > 0 && (self.parts[0].epoch != epoch || self.parts[0].len == 0) {
             self.drop_front();
         }
     }
@@ -237,5 +237,128 @@ impl<const N: usize> Reader<'_, N> {
     /// The next four bytes, little-endian.
     pub(super) fn word(&mut self) -> u32 {
         u32::from_le_bytes([self.byte(), self.byte(), self.byte(), self.byte()])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use proptest::prelude::*;
+    use std::collections::VecDeque;
+    use std::vec::Vec;
+
+    #[test]
+    fn shares_are_equal_and_apart() {
+        for motors in 1..=4 {
+            let mut end = 0;
+            for motor in 0..motors {
+                let share = Pool::<641>::share(motors, motor);
+                assert_eq!(share.start, end);
+                assert_eq!(share.capacity(), 641 / u16::from(motors));
+                end = share.end;
+            }
+            assert!(end <= 641);
+            assert_eq!(Pool::<641>::share(motors, motors).capacity(), 0);
+        }
+        assert_eq!(Pool::<641>::share(5, 0).room(), 0);
+    }
+
+    #[test]
+    fn epochs_are_limited() {
+        let mut pool = Pool::<16>::new();
+        let mut bytes = Pool::<16>::share(1, 0);
+        for epoch in 0..4 {
+            assert_eq!(bytes.push(&mut pool, Epoch(epoch), &[epoch]), Ok(()));
+        }
+        assert_eq!(bytes.push(&mut pool, Epoch(4), &[4]), Err(PushRefused::TooManyEpochs));
+        assert_eq!(bytes.room(), 12);
+        // An epoch that was read to its end makes way for another, but not while it is the newest.
+        bytes.consume(1, 1);
+        assert_eq!(bytes.push(&mut pool, Epoch(4), &[4]), Ok(()));
+        bytes.skip_to(Epoch(4));
+        assert_eq!((bytes.waiting(Epoch(4)), bytes.room()), (1, 15));
+    }
+
+    #[derive(Clone, Debug)]
+    enum Action {
+        Push { epoch: u8, len: usize },
+        Read(u8),
+        SkipTo(u8),
+        Discard(u8),
+        Clear,
+    }
+
+    fn action() -> impl Strategy<Value = Action> {
+        prop_oneof![
+            6 => (0u8..4, 0usize..20).prop_map(|(epoch, len)| Action::Push { epoch, len }),
+            6 => (1u8..20).prop_map(Action::Read),
+            1 => (0u8..5).prop_map(Action::SkipTo),
+            1 => (0u8..4).prop_map(Action::Discard),
+            1 => Just(Action::Clear),
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn they_come_out_as_they_went_in(
+            actions in prop::collection::vec(action(), 0..100), motors in 1u8..=4, motor in 0u8..4,
+        ) {
+            prop_assume!(motor < motors);
+            let mut pool = Pool::<73>::new();
+            let mut bytes = Pool::<73>::share(motors, motor);
+            let mut model: VecDeque<(u8, u8)> = VecDeque::new();
+            let mut number = 0u8;
+            for action in actions {
+                match action {
+                    Action::Push { epoch, len } => {
+                        let new: Vec<u8> = (0..len).map(|_| { number = number.wrapping_add(1); number }).collect();
+                        let free = usize::from(bytes.capacity()) - model.len();
+                        match bytes.push(&mut pool, Epoch(epoch), &new) {
+                            Ok(()) => model.extend(new.iter().map(|&byte| (epoch, byte))),
+                            Err(PushRefused::NoRoom { free: said }) => {
+                                prop_assert!(len > free);
+                                prop_assert_eq!(usize::from(said), free);
+                            }
+                            Err(PushRefused::TooManyEpochs) => {
+                                let mut epochs: Vec<u8> = model.iter().map(|&(epoch, _)| epoch).collect();
+                                epochs.dedup();
+                                prop_assert!(epochs.len() == EPOCHS);
+                                prop_assert_ne!(epochs.last(), Some(&epoch));
+                            }
+                        }
+                    }
+                    Action::Read(most) => {
+                        let front = model.front().map_or(0, |&(epoch, _)| epoch);
+                        let len = u8::try_from(bytes.waiting(Epoch(front)).min(most.into())).unwrap();
+                        let mut reader = bytes.reader(&pool);
+                        for _ in 0..len {
+                            prop_assert_eq!(Some((front, reader.byte())), model.pop_front());
+                        }
+                        let at = reader.at;
+                        if len > 0 {
+                            bytes.consume(len, at);
+                        }
+                    }
+                    Action::SkipTo(epoch) => {
+                        bytes.skip_to(Epoch(epoch));
+                        while model.front().is_some_and(|front| front.0 != epoch) {
+                            model.pop_front();
+                        }
+                    }
+                    Action::Discard(epoch) => {
+                        bytes.discard(Epoch(epoch));
+                        while model.back().is_some_and(|back| back.0 == epoch) {
+                            model.pop_back();
+                        }
+                    }
+                    Action::Clear => {
+                        bytes.clear();
+                        model.clear();
+                    }
+                }
+                prop_assert_eq!(usize::from(bytes.room()), usize::from(bytes.capacity()) - model.len());
+            }
+        }
     }
 }

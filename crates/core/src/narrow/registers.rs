@@ -85,3 +85,62 @@ impl Registers {
 pub(super) const fn sign_byte(value: i32) -> u8 {
     if value < 0 { 0xff } else { 0 }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Recurrence, Segment};
+    use proptest::prelude::*;
+
+    const MASK: u64 = (1 << 40) - 1;
+
+    fn narrow(recurrence: &Recurrence, left: u16) -> Registers {
+        let [f0, f1, t0, t1, t2, t3, ..] = recurrence.accumulator.to_le_bytes();
+        let [i0, i1, i2, i3, interval_high, ..] = recurrence.interval.to_le_bytes();
+        Registers {
+            fraction: u16::from_le_bytes([f0, f1]),
+            tick: u32::from_le_bytes([t0, t1, t2, t3]),
+            interval_low: u32::from_le_bytes([i0, i1, i2, i3]),
+            interval_high,
+            add: i32::try_from(recurrence.add).unwrap(),
+            add2: i32::try_from(recurrence.add2).unwrap(),
+            left,
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn they_step_as_the_recurrence_does(
+            accumulator: u64, interval in 0i64..1 << 40, add: i32, add2: i32, tame in 0u32..32, steps in 1u16..300,
+        ) {
+            let (add, add2) = (i64::from(add >> tame), i64::from(add2 >> tame >> tame.min(8)));
+            let mut wide = Recurrence { accumulator, interval, add, add2 };
+            let mut registers = narrow(&wide, steps);
+            for _ in 0..steps {
+                // The step itself must be one that fits; what is left after the last one need not be.
+                prop_assume!((0..1 << 40).contains(&wide.interval) && i32::try_from(wide.add).is_ok());
+                let next = wide.accumulator.wrapping_add_signed(wide.interval) >> 16;
+                prop_assert_eq!(registers.next_tick(), Moment::of(next));
+                wide.advance();
+                registers.advance();
+                prop_assert_eq!(registers.tick, Moment::of(wide.accumulator >> 16).0);
+                prop_assert_eq!(u64::from(registers.fraction), wide.accumulator & 0xffff);
+                let interval = u64::from(registers.interval_high) << 32 | u64::from(registers.interval_low);
+                prop_assert_eq!(interval, wide.interval.cast_unsigned() & MASK);
+                prop_assert_eq!(i64::from(registers.add).cast_unsigned() << 32, wide.add.cast_unsigned() << 32);
+            }
+        }
+
+        #[test]
+        fn steps_given_up_leave_the_same_prediction(interval in 0i64..1 << 40, add: i32, add2: i32, left: u16) {
+            let segment = Segment { count: left.into(), interval, add: add.into(), add2: add2.into() };
+            let mut registers = narrow(&Recurrence { accumulator: 0, interval, add: add.into(), add2: add2.into() }, left);
+            registers.give_up();
+            let after = segment.after(left.into());
+            let interval = u64::from(registers.interval_high) << 32 | u64::from(registers.interval_low);
+            prop_assert_eq!(interval, after.interval.cast_unsigned() & MASK);
+            prop_assert_eq!(i64::from(registers.add).cast_unsigned() << 32, after.add.cast_unsigned() << 32);
+            prop_assert_eq!(registers.left, 0);
+        }
+    }
+}

@@ -1,7 +1,7 @@
 //! [`packing`](crate::packing) for [`Registers`]: the prediction is what the registers hold after the last step.
 
 use super::bytes::{Bytes, Pool, Reader};
-use super::registers::{Registers, sign_byte};
+use super::registers::Registers;
 use crate::packing::Control;
 use crate::{Direction, Epoch};
 
@@ -37,6 +37,10 @@ pub(super) struct Unpacker {
     /// Of the segments that follow.
     pub(super) direction: Direction,
 }
+
+/// As [`packing::COUNT_AFTER_EXACT`](crate::packing::COUNT_AFTER_EXACT).
+const COUNT_AFTER_EXACT: u16 = 255;
+const _: () = assert!(COUNT_AFTER_EXACT as u32 == crate::packing::COUNT_AFTER_EXACT);
 
 /// Previous count after a reset.
 const COUNT_AT_REST: u16 = 4;
@@ -76,7 +80,7 @@ impl Unpacker {
         pool: &Pool<N>,
         epoch: Epoch,
     ) -> Found {
-        // No record is longer than 30 bytes.
+        // No record is longer than 32 bytes.
         let have = u8::try_from(bytes.waiting(epoch)).unwrap_or(u8::MAX);
         if have == 0 {
             return Found::Nothing;
@@ -170,7 +174,8 @@ impl Unpacker {
         const CHECK: u8 = Control::Check as u8;
         let mut len = match control {
             REVERSE | RESET => 2,
-            DWELL | ANCHOR | EXACT => 6,
+            DWELL | ANCHOR => 6,
+            EXACT => 4,
             CHECK => 10,
             _ => return Found::Bad,
         };
@@ -195,33 +200,37 @@ impl Unpacker {
                 Record::Check { position, tick, fraction: u16::from_le_bytes([reader.byte(), reader.byte()]) }
             }
             _ => {
-                let count = match u16::try_from(reader.word()) {
-                    Err(_) | Ok(0) => return Found::Bad,
-                    Ok(count) => count,
-                };
-                len += match count {
-                    1 => 8,
-                    2 => 16,
-                    _ => 24,
-                };
+                let (said, wide) = (reader.byte(), reader.byte());
+                let (interval, add, add2, count) = (said & 15, said >> 4, wide & 15, wide >> 4);
+                if !(1..=4).contains(&count) || interval > 8 || add > 8 || add2 > 8 {
+                    return Found::Bad;
+                }
+                len += count + interval + add + add2;
                 if have < len {
                     return Found::Nothing;
                 }
-                let (low, [high, beyond @ ..]) = (reader.word(), reader.word().to_le_bytes());
+                let [low, mid, rest @ ..] = part(&mut reader, count, 0);
+                let count = u16::from_le_bytes([low, mid]);
+                let fields = if count < 3 { count } else { 3 };
+                if count == 0 || rest[..2] != [0; 2] || (fields < 2 && add > 0) || (fields < 3 && add2 > 0) {
+                    return Found::Bad;
+                }
+                let [a, b, c, d, high, beyond @ ..] = part(&mut reader, interval, 0xff);
                 if beyond != [0; 3] {
                     return Found::Bad;
                 }
-                let (mut add, mut add2) = (registers.add, registers.add2);
-                for register in [&mut add, &mut add2].into_iter().take(usize::from(count - 1)) {
-                    *register = reader.word().cast_signed();
-                    if reader.word().to_le_bytes() != [sign_byte(*register); 4] {
+                let (interval_low, mut next) = (u32::from_le_bytes([a, b, c, d]), [registers.add, registers.add2]);
+                for (register, width) in next.iter_mut().zip([add, add2]).take(usize::from(fields - 1)) {
+                    let [a, b, c, d, beyond @ ..] = part(&mut reader, width, 0xff);
+                    *register = i32::from_le_bytes([a, b, c, d]);
+                    if beyond != [extension(d); 4] {
                         return Found::Bad;
                     }
                 }
-                (registers.interval_low, registers.interval_high) = (low, high);
-                (registers.add, registers.add2) = (add, add2);
+                (registers.interval_low, registers.interval_high) = (interval_low, high);
+                [registers.add, registers.add2] = next;
                 registers.left = count;
-                self.previous_count = count;
+                self.previous_count = count.max(COUNT_AFTER_EXACT);
                 Record::Run
             }
         };
@@ -290,6 +299,20 @@ fn correction<const N: usize>(reader: &mut Reader<'_, N>, width: u8, exponent: u
         bits -= 1;
     }
     (low, high)
+}
+
+/// `width` (0 to 8) bytes of an exact segment, extended: by 0, or by their sign where `signed` has its bits set.
+fn part<const N: usize>(reader: &mut Reader<'_, N>, width: u8, signed: u8) -> [u8; 8] {
+    let (mut value, mut fill) = ([0; 8], 0);
+    for (index, byte) in (0..).zip(&mut value) {
+        if index < width {
+            *byte = reader.byte();
+            fill = extension(*byte) & signed;
+        } else {
+            *byte = fill;
+        }
+    }
+    value
 }
 
 /// What extends a number to the left that ends with `byte`.

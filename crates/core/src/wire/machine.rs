@@ -57,7 +57,8 @@ pub trait Machine {
     /// What it is, and its marks; the service fills in what is the session's.
     fn info(&mut self) -> Info;
 
-    /// Sets pins and times and splits the queues' memory. Motors rest; nothing is powered until [`arm`](Machine::arm).
+    /// Sets pins and times and splits the queues' memory. Counts begin at 0; nothing is powered until
+    /// [`arm`](Machine::arm).
     ///
     /// Repeated with the same content it changes nothing: an answer that was lost is asked for again.
     ///
@@ -65,10 +66,10 @@ pub trait Machine {
     /// What does not fit this board, or [`Reason::Moving`]; the old configuration stays.
     fn configure(&mut self, configuration: &Configuration<'_>) -> Result<(), Refusal>;
 
-    /// Powers the motors and takes packed bytes from now on. After a stop or a fault: counts stay, queues are empty.
+    /// Powers the motors and takes packed bytes from now on. Counts stay; queues are empty and faults forgotten.
     ///
     /// # Errors
-    /// [`Reason::NotConfigured`].
+    /// [`Reason::NotConfigured`], [`Reason::Moving`].
     fn arm(&mut self) -> Result<(), Refusal>;
 
     /// Takes the power from motors that rest; queues are emptied.

@@ -534,6 +534,7 @@ impl<'a> Configuration<'a> {
 /// | 22 | rates that the line can do: bit by code of [`Baud`] |
 /// | 23 | [`Cause`] of the last stop |
 /// | 24 | [`Cause`] of the last reset |
+/// | 25 | switches that may wait, one after the other |
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Info {
     /// The host's number from Hello; the service's.
@@ -560,9 +561,28 @@ pub struct Info {
     pub last_stop: Cause,
     /// Why the program began last.
     pub last_reset: Cause,
+    /// Switches that may wait, one after the other.
+    pub switches: u8,
 }
 
 impl Info {
+    /// Of no board.
+    pub const NOBODY: Info = Info {
+        nonce: 0,
+        tag: Tag::NONE,
+        board: 0,
+        firmware: [0; 3],
+        tick_hz: 1,
+        fraction_bits: 0,
+        max_motors: 0,
+        pool: 0,
+        window: 0,
+        bauds: 0,
+        last_stop: Cause::None,
+        last_reset: Cause::None,
+        switches: 0,
+    };
+
     /// Writes it.
     pub fn encode(&self, frame: &mut Encoder<'_>) {
         frame.u8(super::VERSION);
@@ -578,6 +598,7 @@ impl Info {
         frame.u8(self.bauds);
         frame.u8(self.last_stop as u8);
         frame.u8(self.last_reset as u8);
+        frame.u8(self.switches);
     }
 
     fn decode(reader: &mut Reader<'_>) -> Option<Info> {
@@ -594,6 +615,7 @@ impl Info {
             bauds: reader.u8()?,
             last_stop: Cause::from_code(reader.u8()?)?,
             last_reset: Cause::from_code(reader.u8()?)?,
+            switches: reader.u8()?,
         })
     }
 }
@@ -708,6 +730,12 @@ pub struct Status {
 }
 
 impl Status {
+    /// Whether nothing is left to do on any motor.
+    #[must_use]
+    pub const fn is_idle(&self) -> bool {
+        self.head.flags & flags::IDLE != 0
+    }
+
     /// Writes it.
     pub fn encode(frame: &mut Encoder<'_>, head: &StatusHead, motors: impl ExactSizeIterator<Item = MotorStatus>) {
         frame.u64(head.tick);

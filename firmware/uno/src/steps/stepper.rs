@@ -18,7 +18,7 @@ mod lanes;
 use super::merge::{LANES, Merge};
 use super::pins::{Kind, Layout, Lines, MAX_MOTORS};
 use super::ring::{CAPACITY, Group, Name, Ring, flags};
-use crate::clock::low_half;
+use crate::clock::{self, low_half};
 use crate::memory::Queues;
 use crate::regs::{self, Reg16};
 use pulsetrain_core::channel::{self, Event};
@@ -35,6 +35,8 @@ const APART_LONG: u8 = 60;
 const APART_SHIELD: [u8; 2] = [60, 76];
 /// With two of the compare hardware's.
 const APART_COMPARE: u8 = 96;
+/// Ticks between two steps of a motor with a ring of its own, at least, for the fast engine: alone, and beside another.
+const FASTEST: [u16; 2] = [60, 130];
 /// Ticks between two groups, at most: the compare register is a quarter of the way round.
 const FILLER: u32 = 16_384;
 /// From a group's tick to its `fall`, ticks: at least, and at most when an interrupt was kept waiting.
@@ -49,6 +51,8 @@ const AHEAD: u32 = 65_536;
 const BATCH: u8 = 8;
 /// A compare that was missed is made so soon, ticks.
 const AGAIN: u16 = 48;
+/// After the ring ran empty the next group comes so soon, ticks: time enough to fill some more in.
+const LEAD: u16 = 800;
 /// Steps that come later than this after the ring ran empty are not made any more: the motors stop. 100 µs.
 const TOO_LATE: u32 = 1600;
 
@@ -65,29 +69,33 @@ pub(crate) struct Times {
     hold: u16,
     /// Between two groups.
     apart: u8,
+    /// Another motor has a ring of its own too.
+    beside: bool,
     fall: [u32; 2],
 }
 
 impl Times {
-    const NONE: Times = Times { pulse: 16, long: false, setup: 0, hold: 0, apart: APART, fall: FALL };
+    const NONE: Times =
+        Times { pulse: 16, long: false, setup: 0, hold: 0, apart: APART, beside: false, fall: FALL };
 
     /// Pulses of so many ticks, or a little longer where that is what an interrupt makes; beyond that by two groups.
     fn of(kind: Kind, configuration: &Configuration<'_>) -> Times {
-        let (setup, hold) = (configuration.setup_ticks, configuration.hold_ticks);
         // What the interrupt makes without and with its flag, and the distance that takes.
-        let (pulses, apart, fall) = match kind {
+        let (pulses, aparts, fall) = match kind {
             Kind::PortD | Kind::PortB => ([16, 31], [APART, APART_LONG], FALL),
             Kind::Shield => ([17, 31], APART_SHIELD, FALL),
             Kind::Compare => ([35, 35], [APART_COMPARE; 2], FALL_COMPARE),
         };
         let wanted = configuration.pulse_ticks;
-        if wanted <= pulses[0] {
-            Times { pulse: pulses[0], long: false, setup, hold, apart: apart[0], fall }
+        let (pulse, long, apart) = if wanted <= pulses[0] {
+            (pulses[0], false, aparts[0])
         } else if wanted <= pulses[1] {
-            Times { pulse: pulses[1], long: false, setup, hold, apart: apart[1], fall }
+            (pulses[1], false, aparts[1])
         } else {
-            Times { pulse: wanted.max(u16::from(apart[0])), long: true, setup, hold, apart: apart[0], fall }
-        }
+            (wanted.max(u16::from(aparts[0])), true, aparts[0])
+        };
+        let beside = kind == Kind::Compare && configuration.motors().len() > 1;
+        Times { pulse, long, setup: configuration.setup_ticks, hold: configuration.hold_ticks, apart, beside, fall }
     }
 }
 
@@ -164,6 +172,7 @@ impl Axis {
     }
 
     /// Finds out what it wants next, if that is not after `limit`.
+    #[optimize(speed)]
     #[inline(never)]
     fn look(&mut self, queues: &Queues, limit: Moment, times: &Times) {
         let lead = u32::from(times.setup) + times.fall[1];
@@ -238,6 +247,7 @@ impl Track {
     }
 
     /// Publishes the pending group and makes `group` at `tick` the pending one.
+    #[optimize(speed)]
     #[inline(never)]
     fn push(&mut self, tick: Moment, group: Group) {
         self.ring.push(low_half(tick.0), group);
@@ -247,6 +257,7 @@ impl Track {
     /// Puts `group` at `due`: into the pending group if that is near, not before `open`, and has other lines; else later.
     ///
     /// Gives its tick.
+    #[optimize(speed)]
     #[inline(never)]
     fn put(&mut self, due: Moment, open: Moment, group: Group, apart: u8) -> Moment {
         let near = due.before(u32::from(apart / 2)).is_before(self.at);
@@ -263,14 +274,17 @@ impl Track {
     }
 
     /// Looks whether the interrupt still plays what it should, and mends it.
+    #[optimize(speed)]
     #[inline(never)]
     fn watch(&mut self, now: Moment, busy: bool) -> Option<Trouble> {
         if regs::GPIOR0.read() & self.starved_flag() != 0 {
+            // It counts from here on, not from when the round began.
+            let now = now.after(u32::from(clock::read().wrapping_sub(low_half(now.0))));
             let late = now.since(self.at);
             if late >= TOO_LATE && late < 1 << 31 && busy {
                 return Some(Trouble::Starved);
             }
-            let soon = now.after(4 * u32::from(AGAIN));
+            let soon = now.after(u32::from(LEAD));
             if self.ring.is_empty() {
                 self.at = soon;
             }
@@ -578,38 +592,51 @@ impl Stepper {
 
     /// Fills the rings as far as time allows.
     #[inline(never)]
+    #[optimize(speed)]
     pub(crate) fn run(&mut self, now: Moment, queues: &Queues) {
-        let times = self.times;
-        let (mut trouble, mut fewest) = (self.trouble, self.fewest_groups);
         if self.merging {
-            let Stepper { tracks: [track, _], axes, merge: Some(merge), last, .. } = self else { return };
-            let axes = axes.get_mut(..usize::from(self.count)).unwrap_or_default();
+            let Stepper { tracks: [track, _], axes, merge: Some(merge), last, times, count, trouble, fewest_groups, .. } = self else {
+                return;
+            };
+            let axes = axes.get_mut(..usize::from(*count)).unwrap_or_default();
             if let Some(what) = track.watch(now, !merge.is_idle()) {
-                self.trouble = Some(what);
+                *trouble = Some(what);
             }
-            let filled = CAPACITY.wrapping_sub(track.ring.free());
             if !merge.is_idle() {
-                self.fewest_groups = fewest.min(filled);
+                *fewest_groups = (*fewest_groups).min(CAPACITY.wrapping_sub(track.ring.free()));
             }
-            lanes::fill(merge, last, track, axes, now, queues, &times);
+            lanes::fill(merge, last, track, axes, now, queues, times);
             return;
         }
-        for (track, axes) in self.split() {
+        let Stepper { tracks, axes, times, count, trouble, fewest_groups, .. } = self;
+        let axes = axes.get_mut(..usize::from(*count)).unwrap_or_default();
+        let mut turn = |track: &mut Track, axes: &mut [Axis]| {
             let busy = axes.iter().any(|axis| axis.wish != Wish::Nothing);
             if busy {
-                fewest = fewest.min(CAPACITY.wrapping_sub(track.ring.free()));
+                *fewest_groups = (*fewest_groups).min(CAPACITY.wrapping_sub(track.ring.free()));
             }
             if let Some(what) = track.watch(now, busy) {
-                trouble = Some(what);
+                *trouble = Some(what);
             }
-            fill(track, axes, now, queues, &times);
+            // Half full is enough: more at once costs less.
+            if track.ring.free() < CAPACITY / 2 {
+                return;
+            }
+            fill(track, axes, now, queues, times);
+        };
+        let [first, second] = tracks;
+        match axes {
+            [one, two] if self.apiece => {
+                turn(first, core::slice::from_mut(one));
+                turn(second, core::slice::from_mut(two));
+            }
+            all => turn(first, all),
         }
-        self.trouble = trouble;
-        self.fewest_groups = fewest;
     }
 }
 
 /// Fills one ring as far as time allows.
+#[optimize(speed)]
 #[inline(never)]
 fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, times: &Times) {
     // No further is looked in this call.
@@ -627,6 +654,11 @@ fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, time
             axis.look(queues, limit, times);
         }
     }
+    if let [axis] = axes
+        && fast(track, axis, now, times)
+    {
+        return;
+    }
     for _ in 0..BATCH {
         let ahead = track.at.since(now);
         if track.ring.free() < 2 || (ahead >= AHEAD && ahead < 1 << 31) {
@@ -643,12 +675,51 @@ fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, time
             }
             _ => {
                 if ahead < AHEAD_IDLE || ahead >= 1 << 31 {
-                    track.push(later(limit, track.at.after(u32::from(times.apart))), Group::NOTHING);
+                    // Out of the way of what may come soon after it.
+                    let next = axes.iter().filter(|axis| axis.wish != Wish::Nothing).map(|axis| axis.due);
+                    let clear = next.fold(limit, |clear, due| {
+                        let before = due.before(2 * u32::from(times.apart));
+                        if before.is_before(clear) { before } else { clear }
+                    });
+                    track.push(clear, Group::NOTHING);
                 }
                 return;
             }
         }
     }
+}
+
+/// The fast engine of a motor that has a ring of its own: expands steps into it as long as nothing but steps comes.
+///
+/// Whether it did.
+#[optimize(speed)]
+#[inline(never)]
+fn fast(track: &mut Track, axis: &mut Axis, now: Moment, times: &Times) -> bool {
+    if axis.wish != Wish::Step || times.long {
+        return false;
+    }
+    let fastest = FASTEST[usize::from(times.beside)];
+    let next = axis.due;
+    let room = track.ring.free();
+    let far = next.since(track.at);
+    if room < 2 || far < u32::from(fastest) || far >= 1 << 15 || next.is_before(axis.ready) {
+        return false;
+    }
+    // As far ahead as ever, and within what the engine's 16 bits tell apart.
+    let limit = now.after(AHEAD);
+    let reach = Moment(axis.motor.registers().tick).after(0x7fff);
+    let steps = axis.motor.blind(fastest, if limit.is_before(reach) { limit } else { reach }).min(room - 1);
+    if steps == 0 {
+        return false;
+    }
+    let step = Group { rise: axis.lines.step, fall: axis.lines.step };
+    // SAFETY: `blind` promises so many steps at such intervals, and the ring has room for them.
+    unsafe { track.ring.expand(axis.motor.registers_mut(), steps, step) };
+    axis.motor.took(steps);
+    axis.wish = Wish::Nothing;
+    track.at = Moment(axis.motor.registers().tick);
+    axis.free = track.at.after(u32::from(times.pulse) + u32::from(times.hold));
+    true
 }
 
 /// Whose wish is due first.
@@ -671,6 +742,7 @@ fn earliest(axes: &[Axis]) -> Option<usize> {
 }
 
 /// Makes what motor `index` wants, when it is due or as soon after as it can be.
+#[optimize(speed)]
 #[inline(never)]
 fn play(track: &mut Track, axes: &mut [Axis], index: usize, times: &Times) {
     let Some(axis) = axes.get_mut(index) else { return };
