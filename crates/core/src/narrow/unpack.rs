@@ -311,7 +311,7 @@ impl Widths {
 }
 
 /// The longest record, an exact segment, without header and 0.
-const LONGEST: usize = 28;
+const LONGEST: usize = 30;
 
 /// The bytes from `said` to `len` of the record in front, which may lie at both ends of the queue's share.
 #[cold]
