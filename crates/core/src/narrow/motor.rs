@@ -90,7 +90,7 @@ pub struct Motor {
     registers: Registers,
     unpacker: Unpacker,
     bytes: Bytes,
-    /// What the DIR line was last asked to say.
+    /// What the DIR line was last asked to say, if no other motor may have changed it since.
     facing: Option<Direction>,
     /// Whether the next step's direction has been asserted: the step is then committed.
     committed: bool,
@@ -174,12 +174,8 @@ impl Motor {
                     self.miss(tick);
                     continue;
                 }
-                let turned = self.facing != Some(self.unpacker.direction);
-                let kind = if turned || self.asserts_every_step {
-                    Kind::Direction(self.unpacker.direction)
-                } else {
-                    Kind::Step
-                };
+                let direction = self.unpacker.direction;
+                let kind = if self.facing == Some(direction) { Kind::Step } else { Kind::Direction(direction) };
                 return Some(Event { tick, kind });
             }
             if self.load(pool) {
@@ -196,7 +192,9 @@ impl Motor {
     pub fn take(&mut self, event: Event) {
         match event.kind {
             Kind::Direction(direction) => {
-                self.facing = Some(direction);
+                if !self.asserts_every_step {
+                    self.facing = Some(direction);
+                }
                 self.committed = true;
                 self.horizon = event.tick.after(1);
             }
@@ -218,12 +216,8 @@ impl Motor {
     #[must_use]
     pub fn blind(&self, fastest: u16, limit: Moment) -> u8 {
         let registers = &self.registers;
-        if registers.left == 0
-            || self.committed
-            || self.asserts_every_step
-            || !self.anchored
-            || self.facing != Some(self.unpacker.direction)
-        {
+        // With steps left there is an anchor.
+        if registers.left == 0 || self.committed || self.facing != Some(self.unpacker.direction) {
             return 0;
         }
         // The interval's whole ticks, and how far it may go up or down within 31 steps: no further than
@@ -240,31 +234,36 @@ impl Motor {
         if longest > SLOWEST_BLIND || interval < slack || interval - slack < fastest {
             return 0;
         }
-        if registers.next_tick().is_before(self.horizon) {
+        // The step after `fastest` ticks would not be too early, so none is.
+        let last = Moment(registers.tick);
+        if self.horizon.since(last) > u32::from(fastest) {
             return 0;
         }
-        let mut until = limit;
+        let mut ahead = limit.since(last);
         if let Some(switch) = self.switches[0]
             && !limit.is_before(switch.at)
         {
-            until = switch.at.before(1);
+            ahead = switch.at.before(1).since(last);
         }
-        let last = Moment(registers.tick);
-        if until.is_before(last) {
+        if ahead >= 1 << 31 {
             return 0;
         }
-        let mut room = u16::try_from(until.since(last)).unwrap_or(u16::MAX);
+        let mut room = u16::try_from(ahead).unwrap_or(u16::MAX);
         // How many times `longest` there is room for: five bits of a quotient.
         let mut times = longest << 4;
         let mut steps = 0;
-        let mut bit = 16u8;
-        while bit > 0 {
-            if room >= times {
-                room -= times;
-                steps |= bit;
+        if longest < 1 << 11 && room >= (times << 1) - longest {
+            steps = BLIND_STEPS;
+        } else {
+            let mut bit = 16u8;
+            while bit > 0 {
+                if room >= times {
+                    room -= times;
+                    steps |= bit;
+                }
+                times >>= 1;
+                bit >>= 1;
             }
-            times >>= 1;
-            bit >>= 1;
         }
         match u8::try_from(registers.left) {
             Ok(left) if left < steps => left,
@@ -469,6 +468,7 @@ impl Motor {
 }
 
 /// |`value`| / 2^8, rounded down, if it fits 16 bits; else the largest number. −1 counts as 0.
+#[inline(always)]
 const fn upper_half(value: i32) -> u16 {
     let magnitude = if value < 0 { !value } else { value };
     let [_, low, high, beyond] = magnitude.to_le_bytes();
