@@ -217,18 +217,17 @@ impl Unpacker {
         if have < len {
             return Found::Nothing;
         }
+        if len == 2 {
+            if control == REVERSE {
+                self.direction = self.direction.reversed();
+            }
+            self.reset(registers);
+            bytes.consume(len);
+            return Found::Record(Record::Prediction);
+        }
         let record: [u8; LONGEST] = in_one_piece(bytes, pool, 2, len);
         let mut rest = &record[..];
         let record = match control {
-            REVERSE => {
-                self.direction = self.direction.reversed();
-                self.reset(registers);
-                Record::Prediction
-            }
-            RESET => {
-                self.reset(registers);
-                Record::Prediction
-            }
             DWELL => Record::Dwell(u32::from_le_bytes(take(&mut rest))),
             ANCHOR => Record::Anchor(u32::from_le_bytes(take(&mut rest))),
             CHECK => {
