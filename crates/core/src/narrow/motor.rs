@@ -234,19 +234,14 @@ impl Motor {
     #[must_use]
     pub fn blind(&mut self, fastest: u16, limit: Moment) -> u8 {
         if self.calm.steps == 0 {
-            self.calm = self.look_ahead(fastest);
+            self.look_ahead(fastest);
         }
         let Calm { steps, shortest, longest } = self.calm;
         if steps == 0 || shortest < fastest {
             return 0;
         }
         let last = Moment(self.registers.tick);
-        let mut ahead = limit.since(last);
-        if let Some(switch) = self.switches[0]
-            && !limit.is_before(switch.at)
-        {
-            ahead = switch.at.before(1).since(last);
-        }
+        let ahead = self.before_switch(limit).since(last);
         if ahead >= 1 << 31 {
             return 0;
         }
@@ -271,23 +266,34 @@ impl Motor {
         granted.min(steps)
     }
 
-    /// How many steps may follow whose intervals and direction need no looking at, and between which bounds they are.
+    /// `limit`, or the tick before the switch that comes first.
+    #[inline(always)]
+    fn before_switch(&self, limit: Moment) -> Moment {
+        #[cold]
+        #[inline(never)]
+        fn earlier(switch: Switch, limit: Moment) -> Moment {
+            if limit.is_before(switch.at) { limit } else { switch.at.before(1) }
+        }
+        self.switches[0].map_or(limit, |switch| earlier(switch, limit))
+    }
+
+    /// Finds how many steps may follow whose intervals and direction need no looking at, if any.
     #[inline(never)]
-    fn look_ahead(&self, fastest: u16) -> Calm {
+    fn look_ahead(&mut self, fastest: u16) {
         let registers = &self.registers;
         // With steps left there is an anchor.
         if registers.left == 0 || self.committed || self.facing != Some(self.unpacker.direction) {
-            return Calm::NOT;
+            return;
         }
         // The step after `fastest` ticks would not be too early, so none is.
         if self.horizon.since(Moment(registers.tick)) > u32::from(fastest) {
-            return Calm::NOT;
+            return;
         }
         let [_, _, ticks_low, ticks_mid] = registers.interval_low.to_le_bytes();
         let interval = u16::from_le_bytes([ticks_low, ticks_mid]);
         let (add, add2) = (upper_half(registers.add), upper_half(registers.add2));
         if registers.interval_high != 0 || interval > SLOWEST_BLIND || add > 0x7fff || add2 > 0x7ff {
-            return Calm::NOT;
+            return;
         }
         // How far the interval may go up or down within 127 steps: no further than 127·|add| + 8001·|add2|, for which
         // 128 and 8192 are taken; within 31: 31 and 465, for which 32 and 512. `add` and `add2` are in units of 2^-8
@@ -301,14 +307,14 @@ impl Motor {
         }
         let longest = interval + slack;
         if longest > SLOWEST_BLIND || interval < slack || interval - slack < fastest {
-            return Calm::NOT;
+            return;
         }
         if let Ok(left) = u8::try_from(registers.left)
             && left < steps
         {
             steps = left;
         }
-        Calm { steps, shortest: interval - slack, longest }
+        self.calm = Calm { steps, shortest: interval - slack, longest };
     }
 
     /// The registers, to make steps without looking: as many as [`blind`](Motor::blind) grants, each as
