@@ -161,8 +161,7 @@ impl Unpacker {
                 let value = correction(corrections, 0, interval, exponent);
                 registers.lengthen(value.cast_unsigned(), sign_byte(value));
             } else {
-                let (low, high) = long_correction(corrections, interval, exponent);
-                registers.lengthen(low, high);
+                lengthen_by_long(registers, corrections, interval, exponent);
             }
             at = interval;
         }
@@ -341,10 +340,8 @@ fn correction(corrections: &[u8; WINDOW], at: u8, width: u8, exponent: u8) -> i3
         i32::from(i8::from_le_bytes([byte(0)]))
     } else if width == 2 {
         i32::from(i16::from_le_bytes([byte(0), byte(1)]))
-    } else if width == 3 {
-        i32::from(i16::from_le_bytes([byte(1), byte(2)])) << 8 | i32::from(byte(0))
     } else {
-        i32::from_le_bytes([byte(0), byte(1), byte(2), byte(3)])
+        four_bytes(corrections, at, width)
     };
     // First by whole bytes, which costs next to nothing, then bit by bit.
     let mut exponent = exponent;
@@ -358,11 +355,24 @@ fn correction(corrections: &[u8; WINDOW], at: u8, width: u8, exponent: u8) -> i3
     value << (exponent & 7)
 }
 
-/// The interval's correction of 3 or 5 bytes, shifted to the left by `exponent` (0..=16), modulo 2^40.
+/// The lower four bytes of a correction of `width` (3 or 5) bytes at `at`.
 #[cold]
 #[inline(never)]
-fn long_correction(corrections: &[u8; WINDOW], width: u8, exponent: u8) -> (u32, u8) {
-    let value = correction(corrections, 0, width, 0);
+fn four_bytes(corrections: &[u8; WINDOW], at: u8, width: u8) -> i32 {
+    let byte = |offset: u8| corrections[usize::from(at + offset) % WINDOW];
+    let high = match (width, byte(2)) {
+        (3, 0..0x80) => 0,
+        (3, _) => 0xff,
+        _ => byte(3),
+    };
+    i32::from_le_bytes([byte(0), byte(1), byte(2), high])
+}
+
+/// Adds the interval's correction of `width` (3 or 5) bytes, shifted to the left by `exponent` (0..=16).
+#[cold]
+#[inline(never)]
+fn lengthen_by_long(registers: &mut Registers, corrections: &[u8; WINDOW], width: u8, exponent: u8) {
+    let value = four_bytes(corrections, 0, width);
     let (mut low, mut high) = (value.cast_unsigned(), sign_byte(value));
     if width > 3 {
         high = corrections[4];
@@ -378,7 +388,7 @@ fn long_correction(corrections: &[u8; WINDOW], width: u8, exponent: u8) -> (u32,
         low <<= 1;
         bits -= 1;
     }
-    (low, high)
+    registers.lengthen(low, high);
 }
 
 /// The next bytes. There are enough of them: said so, there is no code for a panic.
