@@ -30,13 +30,14 @@ impl Clock {
     }
 
     /// Ticks since start-up.
+    #[inline(never)]
     pub(crate) fn now(&mut self) -> u64 {
         self.moment();
         u64::from(self.high) << 32 | u64::from(self.low)
     }
 
     /// The same, modulo 2^32.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn moment(&mut self) -> Moment {
         // The lower half of `low` is what Timer1 said last time.
         let passed = read().wrapping_sub(low_half(self.low));

@@ -266,6 +266,7 @@ impl Machine for Board {
             pool: POOL as u16,
             window: WINDOW,
             bauds: 0,
+            switches: pulsetrain_core::narrow::SWITCHES as u8,
             last_stop: self.last_stop,
             last_reset: self.last_reset,
         }
@@ -398,13 +399,12 @@ impl Machine for Board {
     }
 
     fn motor(&mut self, motor: u8) -> MotorStatus {
-        let unplayed = self.stepper.unplayed();
-        let index = usize::from(motor);
-        let (Some(axis), Some(unplayed)) = (self.stepper.axes().get(index), unplayed.get(index)) else {
+        let unplayed = self.stepper.unplayed(motor);
+        let Some(axis) = self.stepper.axes().get(usize::from(motor)) else {
             return MotorStatus::default();
         };
         MotorStatus {
-            position: axis.position().wrapping_sub(*unplayed),
+            position: axis.position().wrapping_sub(i32::from(unplayed)),
             free: axis.motor.bytes().room(),
             faults: axis.faults(),
         }

@@ -25,7 +25,7 @@
 //! Motion: segments come from the host, and `pulsetrain_core::narrow` says when their steps are due.
 #![no_std]
 #![no_main]
-#![feature(asm_experimental_arch)]
+#![feature(asm_experimental_arch, optimize_attribute)]
 
 mod clock;
 mod link;

@@ -11,6 +11,7 @@
 //! memory.ld makes the linker refuse an image with less stack; `cargo xtask firmware` prints the table as it came out.
 
 use crate::regs;
+use core::arch::global_asm;
 use pulsetrain_core::narrow::Pool;
 
 /// Bytes of all motors' queues together.
@@ -100,3 +101,47 @@ impl<T> Once<T> {
         unsafe { &mut *self.0.get() }
     }
 }
+
+// What the compiler calls to copy and fill memory: compiler_builtins' own are fast on large machines, and take a
+// thousand bytes here. Arguments are in r24:25, r22:23 and r20:21, the result in r24:25 (avr-gcc's convention).
+global_asm!(
+    r#"
+    .section .text.memory, "ax", @progbits
+    .global memcpy, memmove, memset
+memmove:
+    cp r22, r24
+    cpc r23, r25
+    brsh memcpy                 // the source is behind: forwards
+    movw r30, r22
+    movw r26, r24
+    add r30, r20                // backwards, from the ends
+    adc r31, r21
+    add r26, r20
+    adc r27, r21
+    rjmp 2f
+1:  ld r0, -Z
+    st -X, r0
+2:  subi r20, 1
+    sbci r21, 0
+    brcc 1b
+    ret
+memcpy:
+    movw r30, r22
+    movw r26, r24
+    rjmp 2f
+1:  ld r0, Z+                   // 8 cycles a byte
+    st X+, r0
+2:  subi r20, 1
+    sbci r21, 0
+    brcc 1b
+    ret
+memset:
+    movw r26, r24
+    rjmp 2f
+1:  st X+, r22
+2:  subi r20, 1
+    sbci r21, 0
+    brcc 1b
+    ret
+    "#
+);

@@ -389,6 +389,7 @@ impl Motor {
     }
 
     /// Takes the next record and does what it says; whether there was one.
+    #[inline(never)]
     fn load<const N: usize>(&mut self, pool: &Pool<N>) -> bool {
         if self.unreadable {
             return false;

@@ -327,7 +327,8 @@ impl Timer {
                 return 0;
             }
             if self.down {
-                return self.value;
+                // Set above TOP by hand, it meets TOP on its way down.
+                return self.value.checked_sub(top).unwrap_or(self.value);
             }
         }
         self.distance(self.top()).min(self.max - self.value)

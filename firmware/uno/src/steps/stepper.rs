@@ -18,7 +18,7 @@ mod lanes;
 use super::merge::{LANES, Merge};
 use super::pins::{Kind, Layout, Lines, MAX_MOTORS};
 use super::ring::{CAPACITY, Group, Name, Ring, flags};
-use crate::clock::low_half;
+use crate::clock::{self, low_half};
 use crate::memory::Queues;
 use crate::regs::{self, Reg16};
 use pulsetrain_core::channel::{self, Event};
@@ -35,6 +35,8 @@ const APART_LONG: u8 = 60;
 const APART_SHIELD: [u8; 2] = [60, 76];
 /// With two of the compare hardware's.
 const APART_COMPARE: u8 = 96;
+/// Ticks between two steps of a motor with a ring of its own, at least, for the fast engine: alone, and beside another.
+const FASTEST: [u16; 2] = [60, 130];
 /// Ticks between two groups, at most: the compare register is a quarter of the way round.
 const FILLER: u32 = 16_384;
 /// From a group's tick to its `fall`, ticks: at least, and at most when an interrupt was kept waiting.
@@ -49,6 +51,8 @@ const AHEAD: u32 = 65_536;
 const BATCH: u8 = 8;
 /// A compare that was missed is made so soon, ticks.
 const AGAIN: u16 = 48;
+/// After the ring ran empty the next group comes so soon, ticks: time enough to fill some more in.
+const LEAD: u16 = 800;
 /// Steps that come later than this after the ring ran empty are not made any more: the motors stop. 100 µs.
 const TOO_LATE: u32 = 1600;
 
@@ -65,29 +69,33 @@ pub(crate) struct Times {
     hold: u16,
     /// Between two groups.
     apart: u8,
+    /// Another motor has a ring of its own too.
+    beside: bool,
     fall: [u32; 2],
 }
 
 impl Times {
-    const NONE: Times = Times { pulse: 16, long: false, setup: 0, hold: 0, apart: APART, fall: FALL };
+    const NONE: Times =
+        Times { pulse: 16, long: false, setup: 0, hold: 0, apart: APART, beside: false, fall: FALL };
 
     /// Pulses of so many ticks, or a little longer where that is what an interrupt makes; beyond that by two groups.
     fn of(kind: Kind, configuration: &Configuration<'_>) -> Times {
-        let (setup, hold) = (configuration.setup_ticks, configuration.hold_ticks);
         // What the interrupt makes without and with its flag, and the distance that takes.
-        let (pulses, apart, fall) = match kind {
+        let (pulses, aparts, fall) = match kind {
             Kind::PortD | Kind::PortB => ([16, 31], [APART, APART_LONG], FALL),
             Kind::Shield => ([17, 31], APART_SHIELD, FALL),
             Kind::Compare => ([35, 35], [APART_COMPARE; 2], FALL_COMPARE),
         };
         let wanted = configuration.pulse_ticks;
-        if wanted <= pulses[0] {
-            Times { pulse: pulses[0], long: false, setup, hold, apart: apart[0], fall }
+        let (pulse, long, apart) = if wanted <= pulses[0] {
+            (pulses[0], false, aparts[0])
         } else if wanted <= pulses[1] {
-            Times { pulse: pulses[1], long: false, setup, hold, apart: apart[1], fall }
+            (pulses[1], false, aparts[1])
         } else {
-            Times { pulse: wanted.max(u16::from(apart[0])), long: true, setup, hold, apart: apart[0], fall }
-        }
+            (wanted.max(u16::from(aparts[0])), true, aparts[0])
+        };
+        let beside = kind == Kind::Compare && configuration.motors().len() > 1;
+        Times { pulse, long, setup: configuration.setup_ticks, hold: configuration.hold_ticks, apart, beside, fall }
     }
 }
 
@@ -164,6 +172,7 @@ impl Axis {
     }
 
     /// Finds out what it wants next, if that is not after `limit`.
+    #[optimize(speed)]
     #[inline(never)]
     fn look(&mut self, queues: &Queues, limit: Moment, times: &Times) {
         let lead = u32::from(times.setup) + times.fall[1];
@@ -238,6 +247,7 @@ impl Track {
     }
 
     /// Publishes the pending group and makes `group` at `tick` the pending one.
+    #[optimize(speed)]
     #[inline(never)]
     fn push(&mut self, tick: Moment, group: Group) {
         self.ring.push(low_half(tick.0), group);
@@ -247,6 +257,7 @@ impl Track {
     /// Puts `group` at `due`: into the pending group if that is near, not before `open`, and has other lines; else later.
     ///
     /// Gives its tick.
+    #[optimize(speed)]
     #[inline(never)]
     fn put(&mut self, due: Moment, open: Moment, group: Group, apart: u8) -> Moment {
         let near = due.before(u32::from(apart / 2)).is_before(self.at);
@@ -263,14 +274,17 @@ impl Track {
     }
 
     /// Looks whether the interrupt still plays what it should, and mends it.
+    #[optimize(speed)]
     #[inline(never)]
     fn watch(&mut self, now: Moment, busy: bool) -> Option<Trouble> {
         if regs::GPIOR0.read() & self.starved_flag() != 0 {
+            // It counts from here on, not from when the round began.
+            let now = now.after(u32::from(clock::read().wrapping_sub(low_half(now.0))));
             let late = now.since(self.at);
             if late >= TOO_LATE && late < 1 << 31 && busy {
                 return Some(Trouble::Starved);
             }
-            let soon = now.after(4 * u32::from(AGAIN));
+            let soon = now.after(u32::from(LEAD));
             if self.ring.is_empty() {
                 self.at = soon;
             }
@@ -290,22 +304,21 @@ impl Track {
         });
         (late != 0).then_some(Trouble::Late { ticks: late })
     }
+}
 
-    /// Adds up for each of `axes` the steps that were counted but whose groups were not played yet; `levels` is what the
-    /// newest of them leaves.
-    fn unplayed(&self, mut levels: u8, axes: &[Axis], unplayed: &mut [i32]) {
-        // From the newest group back to the next one to be played.
-        for group in self.ring.newest_first() {
-            levels ^= group.fall;
-            for (count, axis) in unplayed.iter_mut().zip(axes) {
-                let Lines { step, dir, .. } = axis.lines;
-                let active = (levels & step != 0) != axis.lines.step_low();
-                if group.rise & step != 0 && active {
-                    let forward = (levels & dir != 0) == axis.lines.forward_high();
-                    *count += if forward { 1 } else { -1 };
-                }
-            }
-            levels ^= group.rise;
+impl Lines {
+    /// Takes `levels` back to before `group`; whether it made a step, and which way: 1, 0 or −1.
+    #[inline(never)]
+    fn take_back(self, levels: &mut u8, group: Group) -> i8 {
+        let before_fall = *levels ^ group.fall;
+        *levels = before_fall ^ group.rise;
+        let active = (before_fall & self.step != 0) != self.step_low();
+        if group.rise & self.step == 0 || !active {
+            0
+        } else if (before_fall & self.dir != 0) == self.forward_high() {
+            1
+        } else {
+            -1
         }
     }
 }
@@ -433,6 +446,10 @@ impl Stepper {
         self.merging = self.count > 1 && !self.apiece && !self.axes().iter().any(|axis| axis.lines.shared_dir());
         if self.merging {
             self.tracks[0].ring = Ring::for_merge(first);
+            // The merge moves edges by half of that, either way.
+            let slack = u16::from(self.times.apart);
+            self.times.setup = self.times.setup.saturating_add(slack);
+            self.times.hold = self.times.hold.saturating_add(slack);
         }
         self.rest(now);
     }
@@ -470,11 +487,12 @@ impl Stepper {
         for (track, _) in self.split() {
             regs::free(|| track.ring.halt());
         }
-        let unplayed = self.unplayed();
-        for (index, ((axis, left), slowest)) in self.motors_mut().zip(unplayed).zip(pull_in).enumerate() {
+        for (index, slowest) in (0..self.count).zip(pull_in) {
+            let left = self.unplayed(index);
+            let Some(axis) = self.axis_mut(index) else { break };
             let going = left != 0 || !axis.motor.is_idle();
             uncertain |= u8::from(going && axis.interval() < *slowest) << index;
-            axis.made = axis.made.wrapping_sub(left);
+            axis.made = axis.made.wrapping_sub(i32::from(left));
             axis.motor.stop();
             axis.wish = Wish::Nothing;
         }
@@ -559,57 +577,75 @@ impl Stepper {
         self.fewest_groups = u8::MAX;
     }
 
-    /// Steps that were counted but whose groups were not played yet, forward minus backward, of each motor.
+    /// Steps of a motor that were counted but not played yet, forward minus backward.
     #[inline(never)]
-    pub(crate) fn unplayed(&self) -> [i32; MAX_MOTORS] {
-        let mut unplayed = [0; MAX_MOTORS];
-        let size = if self.apiece { 1 } else { MAX_MOTORS };
-        for ((track, axes), counts) in self.tracks().iter().zip(self.axes().chunks(size)).zip(unplayed.chunks_mut(size)) {
-            let mut levels = track.levels;
-            if self.merging
-                && let Some(merge) = &self.merge
-            {
-                lanes::unplayed(merge, &mut levels, axes, counts);
+    pub(crate) fn unplayed(&self, motor: u8) -> i16 {
+        let [first, second] = &self.tracks;
+        let track = if self.apiece && motor != 0 { second } else { first };
+        let Some(Axis { lines, .. }) = self.axes().get(usize::from(motor)) else { return 0 };
+        let (mut levels, mut count) = (track.levels, 0);
+        // From the newest back to the next one to be played: first what is in no ring yet.
+        if self.merging
+            && let Some(merge) = &self.merge
+        {
+            let (ticks, group) = merge.listed(motor);
+            if ticks != 0 {
+                count += i16::from(lines.take_back(&mut levels, group)) * i16::from(ticks);
             }
-            track.unplayed(levels, axes, counts);
         }
-        unplayed
+        for group in track.ring.newest_first() {
+            count += i16::from(lines.take_back(&mut levels, group));
+        }
+        count
     }
 
     /// Fills the rings as far as time allows.
     #[inline(never)]
+    #[optimize(speed)]
     pub(crate) fn run(&mut self, now: Moment, queues: &Queues) {
-        let times = self.times;
-        let (mut trouble, mut fewest) = (self.trouble, self.fewest_groups);
         if self.merging {
-            let Stepper { tracks: [track, _], axes, merge: Some(merge), last, .. } = self else { return };
-            let axes = axes.get_mut(..usize::from(self.count)).unwrap_or_default();
+            let Stepper { tracks: [track, _], axes, merge: Some(merge), last, times, count, trouble, fewest_groups, .. } = self else {
+                return;
+            };
+            let axes = axes.get_mut(..usize::from(*count)).unwrap_or_default();
             if let Some(what) = track.watch(now, !merge.is_idle()) {
-                self.trouble = Some(what);
+                *trouble = Some(what);
             }
-            let filled = CAPACITY.wrapping_sub(track.ring.free());
             if !merge.is_idle() {
-                self.fewest_groups = fewest.min(filled);
+                *fewest_groups = (*fewest_groups).min(CAPACITY.wrapping_sub(track.ring.free()));
             }
-            lanes::fill(merge, last, track, axes, now, queues, &times);
+            lanes::fill(merge, last, track, axes, now, queues, times);
             return;
         }
-        for (track, axes) in self.split() {
+        let Stepper { tracks, axes, times, count, trouble, fewest_groups, .. } = self;
+        let axes = axes.get_mut(..usize::from(*count)).unwrap_or_default();
+        let mut turn = |track: &mut Track, axes: &mut [Axis]| {
             let busy = axes.iter().any(|axis| axis.wish != Wish::Nothing);
             if busy {
-                fewest = fewest.min(CAPACITY.wrapping_sub(track.ring.free()));
+                *fewest_groups = (*fewest_groups).min(CAPACITY.wrapping_sub(track.ring.free()));
             }
             if let Some(what) = track.watch(now, busy) {
-                trouble = Some(what);
+                *trouble = Some(what);
             }
-            fill(track, axes, now, queues, &times);
+            // Half full is enough: more at once costs less.
+            if track.ring.free() < CAPACITY / 2 {
+                return;
+            }
+            fill(track, axes, now, queues, times);
+        };
+        let [first, second] = tracks;
+        match axes {
+            [one, two] if self.apiece => {
+                turn(first, core::slice::from_mut(one));
+                turn(second, core::slice::from_mut(two));
+            }
+            all => turn(first, all),
         }
-        self.trouble = trouble;
-        self.fewest_groups = fewest;
     }
 }
 
 /// Fills one ring as far as time allows.
+#[optimize(speed)]
 #[inline(never)]
 fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, times: &Times) {
     // No further is looked in this call.
@@ -627,6 +663,11 @@ fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, time
             axis.look(queues, limit, times);
         }
     }
+    if let [axis] = axes
+        && fast(track, axis, now, times)
+    {
+        return;
+    }
     for _ in 0..BATCH {
         let ahead = track.at.since(now);
         if track.ring.free() < 2 || (ahead >= AHEAD && ahead < 1 << 31) {
@@ -643,12 +684,51 @@ fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, time
             }
             _ => {
                 if ahead < AHEAD_IDLE || ahead >= 1 << 31 {
-                    track.push(later(limit, track.at.after(u32::from(times.apart))), Group::NOTHING);
+                    // Out of the way of what may come soon after it.
+                    let next = axes.iter().filter(|axis| axis.wish != Wish::Nothing).map(|axis| axis.due);
+                    let clear = next.fold(limit, |clear, due| {
+                        let before = due.before(2 * u32::from(times.apart));
+                        if before.is_before(clear) { before } else { clear }
+                    });
+                    track.push(clear, Group::NOTHING);
                 }
                 return;
             }
         }
     }
+}
+
+/// The fast engine of a motor that has a ring of its own: expands steps into it as long as nothing but steps comes.
+///
+/// Whether it did.
+#[optimize(speed)]
+#[inline(never)]
+fn fast(track: &mut Track, axis: &mut Axis, now: Moment, times: &Times) -> bool {
+    if axis.wish != Wish::Step || times.long {
+        return false;
+    }
+    let fastest = FASTEST[usize::from(times.beside)];
+    let next = axis.due;
+    let room = track.ring.free();
+    let far = next.since(track.at);
+    if room < 2 || far < u32::from(fastest) || far >= 1 << 15 || next.is_before(axis.ready) {
+        return false;
+    }
+    // As far ahead as ever, and within what the engine's 16 bits tell apart.
+    let limit = now.after(AHEAD);
+    let reach = Moment(axis.motor.registers().tick).after(0x7fff);
+    let steps = axis.motor.blind(fastest, if limit.is_before(reach) { limit } else { reach }).min(room - 1);
+    if steps == 0 {
+        return false;
+    }
+    let step = Group { rise: axis.lines.step, fall: axis.lines.step };
+    // SAFETY: `blind` promises so many steps at such intervals, and the ring has room for them.
+    unsafe { track.ring.expand(axis.motor.registers_mut(), steps, step) };
+    axis.motor.took(steps);
+    axis.wish = Wish::Nothing;
+    track.at = Moment(axis.motor.registers().tick);
+    axis.free = track.at.after(u32::from(times.pulse) + u32::from(times.hold));
+    true
 }
 
 /// Whose wish is due first.
@@ -671,21 +751,49 @@ fn earliest(axes: &[Axis]) -> Option<usize> {
 }
 
 /// Makes what motor `index` wants, when it is due or as soon after as it can be.
+#[optimize(speed)]
 #[inline(never)]
 fn play(track: &mut Track, axes: &mut [Axis], index: usize, times: &Times) {
-    let Some(axis) = axes.get_mut(index) else { return };
+    if let Some((due, open, group)) = plan(axes, index, track.levels, times) {
+        let tick = track.put(due, open, group, times.apart);
+        done(axes, index, tick, times);
+    }
+}
+
+/// When motor `index` can make what it wants, before when it must not, and how. Nothing if its line is right already.
+#[inline(never)]
+fn plan(axes: &mut [Axis], index: usize, levels: u8, times: &Times) -> Option<(Moment, Moment, Group)> {
+    let axis = axes.get_mut(index)?;
     let Lines { step, dir, .. } = axis.lines;
-    let (due, ready) = (axis.due, axis.ready);
-    match axis.wish {
-        Wish::Nothing => {}
-        Wish::Fall => {
-            axis.wish = Wish::Nothing;
-            track.put(due, due, Group { rise: step, fall: 0 }, times.apart);
+    let due = axis.due;
+    let (open, group) = match axis.wish {
+        Wish::Nothing => return None,
+        Wish::Fall => (due, Group { rise: step, fall: 0 }),
+        Wish::Step => (axis.ready, Group { rise: step, fall: if times.long { 0 } else { step } }),
+        Wish::Dir(direction) => {
+            if (levels & dir != 0) == ((direction == Direction::Forward) == axis.lines.forward_high()) {
+                axis.take();
+                return None;
+            }
+            let mut free = axis.free;
+            for axis in axes.iter().filter(|axis| axis.lines.dir == dir) {
+                free = later(free, axis.free);
+            }
+            (free.before(times.fall[0]), Group { rise: 0, fall: dir })
         }
+    };
+    Some((later(due, open), open, group))
+}
+
+/// Notes that motor `index` makes at `tick` what it wanted.
+#[inline(never)]
+fn done(axes: &mut [Axis], index: usize, tick: Moment, times: &Times) {
+    let Some(axis) = axes.get_mut(index) else { return };
+    let dir = axis.lines.dir;
+    match axis.wish {
+        Wish::Nothing | Wish::Fall => axis.wish = Wish::Nothing,
         Wish::Step => {
             axis.take();
-            let fall = if times.long { 0 } else { step };
-            let tick = track.put(later(due, ready), ready, Group { rise: step, fall }, times.apart);
             let end = tick.after(u32::from(times.pulse));
             axis.free = end.after(u32::from(times.hold));
             if times.long {
@@ -693,19 +801,9 @@ fn play(track: &mut Track, axes: &mut [Axis], index: usize, times: &Times) {
                 axis.due = end;
             }
         }
-        Wish::Dir(direction) => {
+        Wish::Dir(_) => {
             axis.take();
-            let high = (direction == Direction::Forward) == axis.lines.forward_high();
-            if (track.levels & dir != 0) == high {
-                return;
-            }
-            let [soonest, latest] = times.fall;
-            let mut free = track.at;
-            for axis in axes.iter().filter(|axis| axis.lines.dir == dir) {
-                free = later(free, axis.free.before(soonest));
-            }
-            let tick = track.put(later(due, free), free, Group { rise: 0, fall: dir }, times.apart);
-            let ready = tick.after(latest + u32::from(times.setup));
+            let ready = tick.after(times.fall[1] + u32::from(times.setup));
             for axis in axes.iter_mut().filter(|axis| axis.lines.dir == dir) {
                 axis.ready = ready;
             }
