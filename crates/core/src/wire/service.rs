@@ -207,7 +207,8 @@ impl Link {
             self.ack_due = false;
             return reply(out, last, kind::POLL | kind::ANSWER, tag, |frame| acknowledge(frame, machine));
         }
-        if !self.taken {
+        // Around a change of rate nobody may hear it.
+        if !self.taken || matches!(self.change, Change::Due(_) | Change::Trial { .. }) {
             return 0;
         }
         let event = if self.fell_back {
