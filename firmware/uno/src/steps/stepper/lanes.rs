@@ -175,21 +175,21 @@ pub(super) fn begin(merge: &mut Merge, last: &mut [Moment; LANES], track: &Track
     merge.begin(track.ring.name(), apart, low_half(first.0));
 }
 
-/// Adds up for each of `axes` the steps that are in lists, and takes `levels` back to what they are before them.
-pub(super) fn unplayed(merge: &Merge, levels: &mut u8, axes: &[Axis], unplayed: &mut [i32]) {
-    for ((lane, axis), count) in (0..).zip(axes).zip(unplayed) {
-        let (ticks, masks) = merge.listed(lane);
-        let Lines { step, dir, .. } = axis.lines;
-        let forward = (*levels & dir != 0) == axis.lines.forward_high();
-        let active = (*levels & step != 0) != axis.lines.step_low();
-        // Both edges of a short pulse, or the first of a long one; others than these come singly.
-        if masks.rise & step != 0 && (masks.fall & step != 0 || active) {
-            *count += if forward { i32::from(ticks) } else { -i32::from(ticks) };
-        }
-        if ticks != 0 {
-            *levels ^= masks.rise ^ masks.fall;
-        }
+/// Steps of motor `lane` that are in its list, and takes `levels` back to what they are before them.
+pub(super) fn unplayed(merge: &Merge, lane: u8, levels: &mut u8, lines: Lines) -> i32 {
+    let (ticks, masks) = merge.listed(lane);
+    if ticks == 0 {
+        return 0;
     }
+    let Lines { step, dir, .. } = lines;
+    let forward = (*levels & dir != 0) == lines.forward_high();
+    let active = (*levels & step != 0) != lines.step_low();
+    *levels ^= masks.rise ^ masks.fall;
+    // Both edges of a short pulse, or the first of a long one; others than these come singly.
+    if masks.rise & step == 0 || (masks.fall & step == 0 && !active) {
+        return 0;
+    }
+    if forward { i32::from(ticks) } else { -i32::from(ticks) }
 }
 
 /// Fills the ring as far as time allows.
