@@ -310,26 +310,22 @@ impl Track {
     fn is_idle(&self) -> bool {
         self.ring.newest_first().all(|group| group == Group::NOTHING)
     }
+}
 
-    /// Steps of `lines` whose groups were not played yet, forward minus backward. `levels` are those after the newest.
+impl Lines {
+    /// Takes `levels` back to before `group`; whether it made a step, and which way: 1, 0 or −1.
     #[inline(never)]
-    fn unplayed(&self, mut levels: u8, lines: Lines) -> i32 {
-        let mut unplayed = 0i16;
-        if lines.step_low() {
-            levels ^= lines.step;
+    fn take_back(self, levels: &mut u8, group: Group) -> i8 {
+        let before_fall = *levels ^ group.fall;
+        *levels = before_fall ^ group.rise;
+        let active = (before_fall & self.step != 0) != self.step_low();
+        if group.rise & self.step == 0 || !active {
+            0
+        } else if (before_fall & self.dir != 0) == self.forward_high() {
+            1
+        } else {
+            -1
         }
-        if !lines.forward_high() {
-            levels ^= lines.dir;
-        }
-        // From the newest group back to the next one to be played.
-        for group in self.ring.newest_first() {
-            levels ^= group.fall;
-            if group.rise & levels & lines.step != 0 {
-                unplayed += if levels & lines.dir != 0 { 1 } else { -1 };
-            }
-            levels ^= group.rise;
-        }
-        i32::from(unplayed)
     }
 }
 
@@ -407,12 +403,6 @@ impl Stepper {
         self.tracks.get_mut(..usize::from(count)).unwrap_or_default()
     }
 
-    /// The ring of a motor.
-    fn track(&self, motor: u8) -> &Track {
-        let [first, second] = &self.tracks;
-        if self.apiece && motor != 0 { second } else { first }
-    }
-
     /// Motors and lines of `configuration`; all motors at position 0. Not while it plays.
     #[inline(never)]
     pub(crate) fn configure(&mut self, layout: &Layout, configuration: &Configuration<'_>, now: Moment) {
@@ -459,6 +449,10 @@ impl Stepper {
         self.merging = self.count > 1 && !self.apiece && !self.axes().iter().any(|axis| axis.lines.shared_dir());
         if self.merging {
             self.tracks[0].ring = Ring::for_merge(first);
+            // The merge moves edges by half of that, either way.
+            let slack = u16::from(self.times.apart);
+            self.times.setup = self.times.setup.saturating_add(slack);
+            self.times.hold = self.times.hold.saturating_add(slack);
         }
         self.rest(now);
     }
@@ -500,14 +494,12 @@ impl Stepper {
         for track in self.tracks_mut() {
             regs::free(|| track.ring.halt());
         }
-        for (motor, slowest) in (0..self.count).zip(pull_in) {
-            let left = self.unplayed(motor);
-            let Some(axis) = self.axis_mut(motor) else { break };
+        for (index, slowest) in (0..self.count).zip(pull_in) {
+            let left = self.unplayed(index);
+            let Some(axis) = self.axis_mut(index) else { break };
             let going = left != 0 || !axis.motor.is_idle();
-            if going && axis.interval() < *slowest {
-                uncertain |= 1 << motor;
-            }
-            axis.made = axis.made.wrapping_sub(left);
+            uncertain |= u8::from(going && axis.interval() < *slowest) << index;
+            axis.made = axis.made.wrapping_sub(i32::from(left));
             axis.motor.stop();
             axis.wish = Wish::Nothing;
         }
@@ -592,17 +584,26 @@ impl Stepper {
         self.fewest_groups = u8::MAX;
     }
 
-    /// Steps of a motor that were counted but whose groups were not played yet, forward minus backward.
+    /// Steps of a motor that were counted but not played yet, forward minus backward.
     #[inline(never)]
-    pub(crate) fn unplayed(&self, motor: u8) -> i32 {
-        let Some(axis) = self.axes().get(usize::from(motor)) else { return 0 };
-        let track = self.track(motor);
-        let mut levels = track.levels;
-        let listed = match &self.merge {
-            Some(merge) if self.merging => lanes::unplayed(merge, motor, &mut levels, axis.lines),
-            _ => 0,
-        };
-        listed + track.unplayed(levels, axis.lines)
+    pub(crate) fn unplayed(&self, motor: u8) -> i16 {
+        let [first, second] = &self.tracks;
+        let track = if self.apiece && motor != 0 { second } else { first };
+        let Some(Axis { lines, .. }) = self.axes().get(usize::from(motor)) else { return 0 };
+        let (mut levels, mut count) = (track.levels, 0);
+        // From the newest back to the next one to be played: first what is in no ring yet.
+        if self.merging
+            && let Some(merge) = &self.merge
+        {
+            let (ticks, group) = merge.listed(motor);
+            if ticks != 0 {
+                count += i16::from(lines.take_back(&mut levels, group)) * i16::from(ticks);
+            }
+        }
+        for group in track.ring.newest_first() {
+            count += i16::from(lines.take_back(&mut levels, group));
+        }
+        count
     }
 
     /// Fills the rings as far as time allows.
@@ -765,19 +766,46 @@ fn earliest(axes: &[Axis]) -> Option<usize> {
 /// Makes what motor `index` wants, when it is due or as soon after as it can be.
 #[inline(never)]
 fn play(track: &mut Track, axes: &mut [Axis], index: usize, times: &Times) {
-    let Some(axis) = axes.get_mut(index) else { return };
+    if let Some((due, open, group)) = plan(axes, index, track.levels, times) {
+        let tick = track.put(due, open, group, times.apart);
+        done(axes, index, tick, times);
+    }
+}
+
+/// When motor `index` can make what it wants, before when it must not, and how. Nothing if its line is right already.
+#[inline(never)]
+fn plan(axes: &mut [Axis], index: usize, levels: u8, times: &Times) -> Option<(Moment, Moment, Group)> {
+    let axis = axes.get_mut(index)?;
     let Lines { step, dir, .. } = axis.lines;
-    let (due, ready) = (axis.due, axis.ready);
-    match axis.wish {
-        Wish::Nothing => {}
-        Wish::Fall => {
-            axis.wish = Wish::Nothing;
-            track.put(due, due, Group { rise: step, fall: 0 }, times.apart);
+    let due = axis.due;
+    let (open, group) = match axis.wish {
+        Wish::Nothing => return None,
+        Wish::Fall => (due, Group { rise: step, fall: 0 }),
+        Wish::Step => (axis.ready, Group { rise: step, fall: if times.long { 0 } else { step } }),
+        Wish::Dir(direction) => {
+            if (levels & dir != 0) == ((direction == Direction::Forward) == axis.lines.forward_high()) {
+                axis.take();
+                return None;
+            }
+            let mut free = axis.free;
+            for axis in axes.iter().filter(|axis| axis.lines.dir == dir) {
+                free = later(free, axis.free);
+            }
+            (free.before(times.fall[0]), Group { rise: 0, fall: dir })
         }
+    };
+    Some((later(due, open), open, group))
+}
+
+/// Notes that motor `index` makes at `tick` what it wanted.
+#[inline(never)]
+fn done(axes: &mut [Axis], index: usize, tick: Moment, times: &Times) {
+    let Some(axis) = axes.get_mut(index) else { return };
+    let dir = axis.lines.dir;
+    match axis.wish {
+        Wish::Nothing | Wish::Fall => axis.wish = Wish::Nothing,
         Wish::Step => {
             axis.take();
-            let fall = if times.long { 0 } else { step };
-            let tick = track.put(later(due, ready), ready, Group { rise: step, fall }, times.apart);
             let end = tick.after(u32::from(times.pulse));
             axis.free = end.after(u32::from(times.hold));
             if times.long {
@@ -785,19 +813,9 @@ fn play(track: &mut Track, axes: &mut [Axis], index: usize, times: &Times) {
                 axis.due = end;
             }
         }
-        Wish::Dir(direction) => {
+        Wish::Dir(_) => {
             axis.take();
-            let high = (direction == Direction::Forward) == axis.lines.forward_high();
-            if (track.levels & dir != 0) == high {
-                return;
-            }
-            let [soonest, latest] = times.fall;
-            let mut free = track.at;
-            for axis in axes.iter().filter(|axis| axis.lines.dir == dir) {
-                free = later(free, axis.free.before(soonest));
-            }
-            let tick = track.put(later(due, free), free, Group { rise: 0, fall: dir }, times.apart);
-            let ready = tick.after(latest + u32::from(times.setup));
+            let ready = tick.after(times.fall[1] + u32::from(times.setup));
             for axis in axes.iter_mut().filter(|axis| axis.lines.dir == dir) {
                 axis.ready = ready;
             }

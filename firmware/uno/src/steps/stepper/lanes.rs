@@ -4,15 +4,15 @@
 //! the list, expanded in assembly; everything else, a step, a change of direction, the end of a long pulse, one by one.
 //!
 //! The merge may move each edge by half the distance of groups, W/2, either way. Where two edges of a motor must keep a
-//! distance (setup, hold), W is added to it.
+//! distance (setup, hold), W is added to it: [`Times`] has it in them.
 
 use super::super::expand;
 use super::super::merge::{Dry, Feeder, LANES, Merge, feed};
 use super::super::ring::Group;
-use super::{Axis, FILLER, Lines, Times, Track, Wish, later};
+use super::{Axis, FILLER, Times, Track, Wish, done, later, plan};
 use crate::clock::low_half;
 use crate::memory::Queues;
-use pulsetrain_core::{Direction, Moment};
+use pulsetrain_core::Moment;
 
 /// So far ahead motors are fed at most, ticks (3 ms): the pending group moves on by less than 2^16 ticks in a call.
 const AHEAD: u32 = 49_152;
@@ -47,7 +47,12 @@ unsafe extern "C" fn steps_feed(feeder: *mut u8, lane: u8, merge: *mut Merge) ->
 impl Axis {
     /// Feeds `lane` with steps that need no looking at, if there are any; gives the last one's tick.
     fn steps(&mut self, merge: &mut Merge, lane: u8, times: &Times, limit: Moment) -> Option<Moment> {
-        if self.wish != Wish::Nothing || times.long {
+        let free = match self.wish {
+            Wish::Nothing => true,
+            Wish::Step => !self.due.is_before(self.ready),
+            _ => false,
+        };
+        if !free || times.long {
             return None;
         }
         let steps = self.motor.blind(u16::from(times.apart), limit).min(STEPS);
@@ -59,108 +64,58 @@ impl Axis {
         // SAFETY: what `blind` grants is what `expand` asks for; a list has room for `STEPS` ticks.
         unsafe { expand::into_list(self.motor.registers_mut(), list, steps) };
         self.motor.took(steps);
+        self.wish = Wish::Nothing;
         let end = Moment(self.motor.registers().tick);
-        self.free = times.free(end);
+        self.free = end.after(u32::from(times.pulse) + u32::from(times.hold));
         Some(end)
-    }
-
-    /// What is to be done next, and when, if that is known.
-    fn next(&mut self, levels: u8, queues: &Queues, until: Moment, times: &Times) -> Option<(Moment, Group)> {
-        let step = self.lines.step;
-        match self.wish {
-            Wish::Nothing => None,
-            Wish::Fall => Some((self.due, Group { rise: step, fall: 0 })),
-            Wish::Step => {
-                let fall = if times.long { 0 } else { step };
-                Some((later(self.due, self.ready), Group { rise: step, fall }))
-            }
-            Wish::Dir(direction) => {
-                let high = (direction == Direction::Forward) == self.lines.forward_high();
-                if (levels & self.lines.dir != 0) != high {
-                    let [soonest, _] = times.fall;
-                    return Some((later(self.due, self.free.before(soonest)), Group { rise: 0, fall: self.lines.dir }));
-                }
-                self.take();
-                self.look(queues, until, times);
-                // A step: its direction has just been taken.
-                self.next(levels, queues, until, times)
-            }
-        }
-    }
-}
-
-impl Times {
-    /// Until when DIR stays after a step at `tick`.
-    fn free(&self, tick: Moment) -> Moment {
-        tick.after(u32::from(self.pulse) + u32::from(self.hold) + u32::from(self.apart))
     }
 }
 
 impl Feeder for Motors<'_> {
+    #[optimize(speed)]
     fn feed(&mut self, merge: &mut Merge, lane: u8) -> Result<(), Dry> {
-        let index = usize::from(lane) % LANES;
         let Motors { axes, levels, last, times, queues, limit } = self;
+        let index = usize::from(lane) % LANES;
         let last = &mut last[index];
         let until = last.after(FILLER);
-        let mut next = None;
-        if let Some(axis) = axes.get_mut(index) {
+        while let Some(axis) = axes.get_mut(index) {
             let mut end = axis.steps(merge, lane, times, *limit);
             if end.is_none() && axis.wish == Wish::Nothing {
                 axis.look(queues, until, times);
-                // A segment has been begun, perhaps.
-                if axis.wish == Wish::Step && !axis.due.is_before(axis.ready) {
-                    axis.wish = Wish::Nothing;
-                    end = axis.steps(merge, lane, times, *limit);
-                    if end.is_none() {
-                        axis.wish = Wish::Step;
-                    }
-                }
+                end = axis.steps(merge, lane, times, *limit);
             }
             if let Some(end) = end {
                 *last = end;
                 return Ok(());
             }
-            next = axis.next(**levels, queues, until, times);
-        }
-        match (next, axes.get_mut(index)) {
-            (Some((due, group)), Some(axis)) if !until.is_before(due) => {
+            if axis.wish == Wish::Nothing {
+                break;
+            }
+            if let Some((due, _, group)) = plan(axes, index, **levels, times) {
+                if until.is_before(due) {
+                    break;
+                }
                 if limit.is_before(due) {
                     return Err(Dry);
                 }
-                match axis.wish {
-                    Wish::Step => {
-                        axis.take();
-                        axis.free = times.free(due);
-                        if times.long {
-                            axis.wish = Wish::Fall;
-                            axis.due = due.after(u32::from(times.pulse));
-                        }
-                    }
-                    Wish::Fall => axis.wish = Wish::Nothing,
-                    _ => {
-                        axis.take();
-                        let [_, latest] = times.fall;
-                        axis.ready = due.after(latest + u32::from(times.setup) + u32::from(times.apart));
-                    }
-                }
+                done(axes, index, due, times);
                 **levels ^= group.rise ^ group.fall;
                 *last = due;
                 merge.put(lane, low_half(due.0), group);
-            }
-            (_, axis) => {
-                if limit.is_before(until) {
-                    return Err(Dry);
-                }
-                if let Some(axis) = axis {
-                    // What is long past must not come back as the future.
-                    axis.free = later(axis.free, *last);
-                    axis.ready = later(axis.ready, *last);
-                    axis.motor.pass(until);
-                }
-                *last = until;
-                merge.put(lane, low_half(until.0), Group::NOTHING);
+                return Ok(());
             }
         }
+        if limit.is_before(until) {
+            return Err(Dry);
+        }
+        if let Some(axis) = axes.get_mut(index) {
+            // What is long past must not come back as the future.
+            axis.free = later(axis.free, *last);
+            axis.ready = later(axis.ready, *last);
+            axis.motor.pass(until);
+        }
+        *last = until;
+        merge.put(lane, low_half(until.0), Group::NOTHING);
         Ok(())
     }
 }
@@ -173,23 +128,6 @@ pub(super) fn begin(merge: &mut Merge, last: &mut [Moment; LANES], track: &Track
         axis.motor.pass(first);
     }
     merge.begin(track.ring.name(), apart, low_half(first.0));
-}
-
-/// Steps of motor `lane` that are in its list, and takes `levels` back to what they are before them.
-pub(super) fn unplayed(merge: &Merge, lane: u8, levels: &mut u8, lines: Lines) -> i32 {
-    let (ticks, masks) = merge.listed(lane);
-    if ticks == 0 {
-        return 0;
-    }
-    let Lines { step, dir, .. } = lines;
-    let forward = (*levels & dir != 0) == lines.forward_high();
-    let active = (*levels & step != 0) != lines.step_low();
-    *levels ^= masks.rise ^ masks.fall;
-    // Both edges of a short pulse, or the first of a long one; others than these come singly.
-    if masks.rise & step == 0 || (masks.fall & step == 0 && !active) {
-        return 0;
-    }
-    if forward { i32::from(ticks) } else { -i32::from(ticks) }
 }
 
 /// Fills the ring as far as time allows.
