@@ -530,7 +530,7 @@ impl Stepper {
         self.axes().iter().all(|axis| axis.wish == Wish::Nothing && axis.motor.is_idle())
             && self.tracks[0].is_idle()
             && !(self.apiece && self.count > 1 && !self.tracks[1].is_idle())
-            && self.merge.as_ref().is_none_or(|merge| merge.is_idle())
+            && !(self.merging && self.merge.as_ref().is_some_and(|merge| !merge.is_idle()))
     }
 
     /// The first tick at which a switch would be accepted.
