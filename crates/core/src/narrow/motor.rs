@@ -215,6 +215,7 @@ impl Motor {
     /// These steps are not after `limit` (less than 2^15 ticks after the last step, to make use of all), no switch
     /// reaches them, and the intervals before them are at least `fastest` (no less than the gap) and at most
     /// [`SLOWEST_BLIND`]. The test is a cheap one and errs on the side of 0: then [`peek`](Motor::peek) knows.
+    #[inline(never)]
     #[must_use]
     pub fn blind(&self, fastest: u16, limit: Moment) -> u8 {
         let registers = &self.registers;
@@ -389,6 +390,7 @@ impl Motor {
     }
 
     /// Takes the next record and does what it says; whether there was one.
+    #[inline(never)]
     fn load<const N: usize>(&mut self, pool: &Pool<N>) -> bool {
         if self.unreadable {
             return false;

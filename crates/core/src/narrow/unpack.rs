@@ -64,6 +64,7 @@ impl Unpacker {
         self.reset(registers);
     }
 
+    #[inline(never)]
     fn reset(&mut self, registers: &mut Registers) {
         self.previous_count = COUNT_AT_REST;
         registers.interval_low = 0;
@@ -158,6 +159,7 @@ impl Unpacker {
     }
 
     /// A control record, of which header and 0 have been read.
+    #[inline(never)]
     fn control<const N: usize>(
         &mut self,
         control: u8,
@@ -239,6 +241,7 @@ impl Unpacker {
     }
 
     /// How far corrections are to be shifted to the left: 16 − [`unit_shift`](crate::packing::unit_shift).
+    #[inline(never)]
     fn exponents(&self) -> [u8; 3] {
         let [low, high] = self.previous_count.to_le_bytes();
         let (mut bits, mut rest) = if high == 0 { (0i8, low) } else { (8, high) };
@@ -302,6 +305,7 @@ fn correction<const N: usize>(reader: &mut Reader<'_, N>, width: u8, exponent: u
 }
 
 /// `width` (0 to 8) bytes of an exact segment, extended: by 0, or by their sign where `signed` has its bits set.
+#[inline(never)]
 fn part<const N: usize>(reader: &mut Reader<'_, N>, width: u8, signed: u8) -> [u8; 8] {
     let (mut value, mut fill) = ([0; 8], 0);
     for (index, byte) in (0..).zip(&mut value) {

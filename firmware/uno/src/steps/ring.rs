@@ -432,6 +432,7 @@ impl Ring {
     }
 
     /// Forgets all groups. The interrupt must be off.
+    #[inline(never)]
     pub fn clear(&mut self) {
         self.head = 0;
         self.pending = Group::NOTHING;
@@ -550,6 +551,7 @@ impl Ring {
 
     /// The immediate stop: no group is played after this, nor does the hardware make an edge. A pulse that the hardware
     /// began is ended. [`Ring::newest_first`] then has what was not played. Interrupts must be off.
+    #[inline(never)]
     pub fn halt(&mut self) {
         let (compare, bit) = self.compare();
         let (flags, mask) = (register::io(register::TIFR1), register::data(register::TIMSK1));

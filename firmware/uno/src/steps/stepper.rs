@@ -22,7 +22,7 @@ use crate::clock::{self, low_half};
 use crate::memory::Queues;
 use crate::regs::{self, Reg16};
 use pulsetrain_core::channel::{self, Event};
-use pulsetrain_core::narrow::{Motor, Reason, Settings};
+use pulsetrain_core::narrow::{Bytes, Motor, Reason, Settings};
 use pulsetrain_core::wire::message::{self, Configuration};
 use pulsetrain_core::{Direction, Epoch, Moment};
 
@@ -125,8 +125,9 @@ enum Wish {
 }
 
 /// One motor and its lines.
+// The motor last: the processor reaches 64 bytes from a pointer.
+#[repr(C)]
 pub(crate) struct Axis {
-    pub(crate) motor: Motor,
     lines: Lines,
     wish: Wish,
     /// When.
@@ -137,6 +138,7 @@ pub(crate) struct Axis {
     ready: Moment,
     /// What must be added to the motor's count, because stops left steps unmade.
     made: i32,
+    pub(crate) motor: Motor,
 }
 
 impl Axis {
@@ -228,6 +230,7 @@ impl Track {
     }
 
     /// The next match is to be at `at`.
+    #[inline(never)]
     fn resume(&self, at: Moment) {
         let (compare, bit) = self.compare();
         regs::free(|| compare.write(low_half(at.0)));
@@ -247,7 +250,6 @@ impl Track {
     }
 
     /// Publishes the pending group and makes `group` at `tick` the pending one.
-    #[optimize(speed)]
     #[inline(never)]
     fn push(&mut self, tick: Moment, group: Group) {
         self.ring.push(low_half(tick.0), group);
@@ -257,7 +259,6 @@ impl Track {
     /// Puts `group` at `due`: into the pending group if that is near, not before `open`, and has other lines; else later.
     ///
     /// Gives its tick.
-    #[optimize(speed)]
     #[inline(never)]
     fn put(&mut self, due: Moment, open: Moment, group: Group, apart: u8) -> Moment {
         let near = due.before(u32::from(apart / 2)).is_before(self.at);
@@ -274,7 +275,6 @@ impl Track {
     }
 
     /// Looks whether the interrupt still plays what it should, and mends it.
-    #[optimize(speed)]
     #[inline(never)]
     fn watch(&mut self, now: Moment, busy: bool) -> Option<Trouble> {
         if regs::GPIOR0.read() & self.starved_flag() != 0 {
@@ -304,22 +304,32 @@ impl Track {
         });
         (late != 0).then_some(Trouble::Late { ticks: late })
     }
-}
 
-impl Lines {
-    /// Takes `levels` back to before `group`; whether it made a step, and which way: 1, 0 or −1.
+    /// Whether no group is left to be played but fillers.
     #[inline(never)]
-    fn take_back(self, levels: &mut u8, group: Group) -> i8 {
-        let before_fall = *levels ^ group.fall;
-        *levels = before_fall ^ group.rise;
-        let active = (before_fall & self.step != 0) != self.step_low();
-        if group.rise & self.step == 0 || !active {
-            0
-        } else if (before_fall & self.dir != 0) == self.forward_high() {
-            1
-        } else {
-            -1
+    fn is_idle(&self) -> bool {
+        self.ring.newest_first().all(|group| group == Group::NOTHING)
+    }
+
+    /// Steps of `lines` whose groups were not played yet, forward minus backward. `levels` are those after the newest.
+    #[inline(never)]
+    fn unplayed(&self, mut levels: u8, lines: Lines) -> i32 {
+        let mut unplayed = 0i16;
+        if lines.step_low() {
+            levels ^= lines.step;
         }
+        if !lines.forward_high() {
+            levels ^= lines.dir;
+        }
+        // From the newest group back to the next one to be played.
+        for group in self.ring.newest_first() {
+            levels ^= group.fall;
+            if group.rise & levels & lines.step != 0 {
+                unplayed += if levels & lines.dir != 0 { 1 } else { -1 };
+            }
+            levels ^= group.rise;
+        }
+        i32::from(unplayed)
     }
 }
 
@@ -373,38 +383,40 @@ impl Stepper {
     }
 
     /// The motors in use.
+    #[inline(never)]
     pub(crate) fn axes(&self) -> &[Axis] {
         self.axes.get(..usize::from(self.count)).unwrap_or_default()
     }
 
-    /// A motor by its number.
-    pub(crate) fn axis_mut(&mut self, motor: u8) -> Option<&mut Axis> {
-        self.motors_mut().nth(usize::from(motor))
+    /// The motors in use.
+    #[inline(never)]
+    fn axes_mut(&mut self) -> &mut [Axis] {
+        self.axes.get_mut(..usize::from(self.count)).unwrap_or_default()
     }
 
-    fn motors_mut(&mut self) -> impl Iterator<Item = &mut Axis> {
-        self.axes.iter_mut().take(usize::from(self.count))
+    /// A motor by its number.
+    #[inline(never)]
+    pub(crate) fn axis_mut(&mut self, motor: u8) -> Option<&mut Axis> {
+        self.axes_mut().get_mut(usize::from(motor))
     }
 
     /// The rings in use.
-    fn tracks(&self) -> &[Track] {
+    #[inline(never)]
+    fn tracks_mut(&mut self) -> &mut [Track] {
         let count = if self.apiece { self.count } else { 1 };
-        self.tracks.get(..usize::from(count)).unwrap_or_default()
+        self.tracks.get_mut(..usize::from(count)).unwrap_or_default()
     }
 
-    /// The rings in use, each with its motors.
-    #[inline(always)]
-    fn split(&mut self) -> impl Iterator<Item = (&mut Track, &mut [Axis])> {
-        let count = usize::from(self.count);
-        let (size, rings) = if self.apiece { (1, count) } else { (MAX_MOTORS, 1) };
-        let axes = self.axes.get_mut(..count).unwrap_or_default();
-        self.tracks.iter_mut().take(rings).zip(axes.chunks_mut(size))
+    /// The ring of a motor.
+    fn track(&self, motor: u8) -> &Track {
+        let [first, second] = &self.tracks;
+        if self.apiece && motor != 0 { second } else { first }
     }
 
     /// Motors and lines of `configuration`; all motors at position 0. Not while it plays.
     #[inline(never)]
     pub(crate) fn configure(&mut self, layout: &Layout, configuration: &Configuration<'_>, now: Moment) {
-        self.motors_mut().for_each(|axis| axis.lines.float());
+        self.axes_mut().iter_mut().for_each(|axis| axis.lines.float());
         let kind = layout.kind;
         self.apiece = kind == Kind::Compare;
         self.shield = kind == Kind::Shield;
@@ -422,10 +434,11 @@ impl Stepper {
         let motors = configuration.motors();
         let all = motors.len() as u8;
         let gap_ticks = self.times.pulse.saturating_add(1);
-        for ((axis, lines), motor) in self.axes.iter_mut().zip(layout.lines()).zip(motors) {
+        for (axis, motor) in self.axes.iter_mut().zip(motors) {
+            let lines = layout.lines(&motor);
             let settings = Settings { gap_ticks, asserts_every_step: lines.shared_dir(), gain: motor.gain };
-            axis.motor = Motor::new(Queues::share(all, self.count), settings);
-            axis.lines = *lines;
+            renew(&mut axis.motor, Queues::share(all, self.count), settings);
+            axis.lines = lines;
             axis.wish = Wish::Nothing;
             axis.made = 0;
             if kind == Kind::Compare {
@@ -461,11 +474,15 @@ impl Stepper {
         self.trouble = None;
         regs::GPIOR0.write(self.flags);
         let at = now.after(AHEAD_IDLE);
-        let shield = self.shield;
-        for (track, axes) in self.split() {
+        let mut levels = 0;
+        for axis in self.axes() {
+            levels |= axis.lines.levels();
+        }
+        for track in self.tracks_mut() {
             track.ring.clear();
             track.at = at;
-            track.levels = levels(track, axes, shield);
+            // With a ring each, no bit is the other's: STEP's is what the ring calls it, DIR's port differs or the bit does.
+            track.levels = levels;
             track.resume(at);
         }
         let Stepper { tracks: [track, _], axes, merge, last, .. } = self;
@@ -484,15 +501,17 @@ impl Stepper {
     pub(crate) fn stop(&mut self, pull_in: &[u32; MAX_MOTORS]) -> u8 {
         let pulse = self.times.pulse;
         let mut uncertain = 0;
-        for (track, _) in self.split() {
+        for track in self.tracks_mut() {
             regs::free(|| track.ring.halt());
         }
-        for (index, slowest) in (0..self.count).zip(pull_in) {
-            let left = self.unplayed(index);
-            let Some(axis) = self.axis_mut(index) else { break };
+        for (motor, slowest) in (0..self.count).zip(pull_in) {
+            let left = self.unplayed(motor);
+            let Some(axis) = self.axis_mut(motor) else { break };
             let going = left != 0 || !axis.motor.is_idle();
-            uncertain |= u8::from(going && axis.interval() < *slowest) << index;
-            axis.made = axis.made.wrapping_sub(i32::from(left));
+            if going && axis.interval() < *slowest {
+                uncertain |= 1 << motor;
+            }
+            axis.made = axis.made.wrapping_sub(left);
             axis.motor.stop();
             axis.wish = Wish::Nothing;
         }
@@ -502,10 +521,8 @@ impl Stepper {
                 regs::kick_watchdog();
             }
         }
-        for (track, axes) in self.split() {
-            track.ring.clear();
-            axes.iter().for_each(|axis| axis.lines.rest());
-        }
+        self.tracks_mut().iter_mut().for_each(|track| track.ring.clear());
+        self.axes().iter().for_each(|axis| axis.lines.rest());
         if let Some(merge) = &mut self.merge {
             merge.clear();
         }
@@ -514,7 +531,7 @@ impl Stepper {
 
     /// Notes that time goes on while nothing plays.
     pub(crate) fn rest(&mut self, now: Moment) {
-        for axis in self.motors_mut() {
+        for axis in self.axes_mut() {
             axis.motor.pass(now);
             (axis.free, axis.ready) = (now, now);
         }
@@ -523,16 +540,18 @@ impl Stepper {
     /// Whether nothing is left to do: no event, no end of a pulse, no step in a ring.
     pub(crate) fn is_idle(&self) -> bool {
         self.axes().iter().all(|axis| axis.wish == Wish::Nothing && axis.motor.is_idle())
-            && self.tracks().iter().all(|track| track.ring.newest_first().all(|group| group == Group::NOTHING))
+            && self.tracks[0].is_idle()
+            && !(self.apiece && self.count > 1 && !self.tracks[1].is_idle())
             && self.merge.as_ref().is_none_or(|merge| merge.is_idle())
     }
 
     /// The first tick at which a switch would be accepted.
     #[inline(never)]
     pub(crate) fn horizon(&self) -> Moment {
-        let mut horizon = self.tracks[0].at;
-        for track in self.tracks() {
-            horizon = later(horizon, track.at);
+        let [first, second] = &self.tracks;
+        let mut horizon = first.at;
+        if self.apiece && self.count > 1 {
+            horizon = later(horizon, second.at);
         }
         for axis in self.axes() {
             horizon = later(horizon, axis.motor.horizon());
@@ -546,7 +565,7 @@ impl Stepper {
         if self.axes().iter().any(|axis| axis.motor.check_switch(at).is_err()) {
             return false;
         }
-        for axis in self.motors_mut() {
+        for axis in self.axes_mut() {
             // Checked above.
             let _ = axis.motor.schedule_switch(epoch, at);
             // What was looked up may be of the old epoch; the end of a pulse is not.
@@ -577,26 +596,17 @@ impl Stepper {
         self.fewest_groups = u8::MAX;
     }
 
-    /// Steps of a motor that were counted but not played yet, forward minus backward.
+    /// Steps of a motor that were counted but whose groups were not played yet, forward minus backward.
     #[inline(never)]
-    pub(crate) fn unplayed(&self, motor: u8) -> i16 {
-        let [first, second] = &self.tracks;
-        let track = if self.apiece && motor != 0 { second } else { first };
-        let Some(Axis { lines, .. }) = self.axes().get(usize::from(motor)) else { return 0 };
-        let (mut levels, mut count) = (track.levels, 0);
-        // From the newest back to the next one to be played: first what is in no ring yet.
-        if self.merging
-            && let Some(merge) = &self.merge
-        {
-            let (ticks, group) = merge.listed(motor);
-            if ticks != 0 {
-                count += i16::from(lines.take_back(&mut levels, group)) * i16::from(ticks);
-            }
-        }
-        for group in track.ring.newest_first() {
-            count += i16::from(lines.take_back(&mut levels, group));
-        }
-        count
+    pub(crate) fn unplayed(&self, motor: u8) -> i32 {
+        let Some(axis) = self.axes().get(usize::from(motor)) else { return 0 };
+        let track = self.track(motor);
+        let mut levels = track.levels;
+        let listed = match &self.merge {
+            Some(merge) if self.merging => lanes::unplayed(merge, motor, &mut levels, axis.lines),
+            _ => 0,
+        };
+        listed + track.unplayed(levels, axis.lines)
     }
 
     /// Fills the rings as far as time allows.
@@ -642,6 +652,12 @@ impl Stepper {
             all => turn(first, all),
         }
     }
+}
+
+/// A motor at position 0, in place: less stack than a copy.
+#[inline(never)]
+fn renew(motor: &mut Motor, bytes: Bytes, settings: Settings) {
+    *motor = Motor::new(bytes, settings);
 }
 
 /// Fills one ring as far as time allows.
@@ -751,7 +767,6 @@ fn earliest(axes: &[Axis]) -> Option<usize> {
 }
 
 /// Makes what motor `index` wants, when it is due or as soon after as it can be.
-#[optimize(speed)]
 #[inline(never)]
 fn play(track: &mut Track, axes: &mut [Axis], index: usize, times: &Times) {
     if let Some((due, open, group)) = plan(axes, index, track.levels, times) {
@@ -808,24 +823,6 @@ fn done(axes: &mut [Axis], index: usize, tick: Moment, times: &Times) {
                 axis.ready = ready;
             }
         }
-    }
-}
-
-/// Levels of a ring's lines as bits of a group.
-fn levels(track: &Track, axes: &[Axis], shield: bool) -> u8 {
-    if track.ring.edge() != 0 {
-        // STEP is at rest; DIR is the one line of its port.
-        let high = axes.first().is_some_and(|axis| axis.lines.dir_is_high());
-        return axes.first().map_or(0, |axis| {
-            let step = if axis.lines.step_low() { axis.lines.step } else { 0 };
-            let dir = if high { axis.lines.dir } else { 0 };
-            step | dir
-        });
-    }
-    match track.ring.name() {
-        Name::B => regs::PORTB.read(),
-        Name::A if shield => regs::PORTD.read() & 0xfc | regs::PORTB.read() >> 4 & 0x03,
-        Name::A => regs::PORTD.read(),
     }
 }
 
