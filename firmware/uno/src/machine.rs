@@ -405,7 +405,7 @@ impl Machine for Board {
         let unplayed = self.stepper.unplayed(motor);
         let Some(axis) = self.stepper.axis_mut(motor) else { return MotorStatus::default() };
         MotorStatus {
-            position: axis.position().wrapping_sub(unplayed),
+            position: axis.position().wrapping_sub(i32::from(unplayed)),
             free: axis.motor.bytes().room(),
             faults: axis.faults(),
         }

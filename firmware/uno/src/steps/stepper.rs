@@ -310,26 +310,22 @@ impl Track {
     fn is_idle(&self) -> bool {
         self.ring.newest_first().all(|group| group == Group::NOTHING)
     }
+}
 
-    /// Steps of `lines` whose groups were not played yet, forward minus backward. `levels` are those after the newest.
+impl Lines {
+    /// Takes `levels` back to before `group`; whether it made a step, and which way: 1, 0 or −1.
     #[inline(never)]
-    fn unplayed(&self, mut levels: u8, lines: Lines) -> i32 {
-        let mut unplayed = 0i16;
-        if lines.step_low() {
-            levels ^= lines.step;
+    fn take_back(self, levels: &mut u8, group: Group) -> i8 {
+        let before_fall = *levels ^ group.fall;
+        *levels = before_fall ^ group.rise;
+        let active = (before_fall & self.step != 0) != self.step_low();
+        if group.rise & self.step == 0 || !active {
+            0
+        } else if (before_fall & self.dir != 0) == self.forward_high() {
+            1
+        } else {
+            -1
         }
-        if !lines.forward_high() {
-            levels ^= lines.dir;
-        }
-        // From the newest group back to the next one to be played.
-        for group in self.ring.newest_first() {
-            levels ^= group.fall;
-            if group.rise & levels & lines.step != 0 {
-                unplayed += if levels & lines.dir != 0 { 1 } else { -1 };
-            }
-            levels ^= group.rise;
-        }
-        i32::from(unplayed)
     }
 }
 
@@ -405,12 +401,6 @@ impl Stepper {
     fn tracks_mut(&mut self) -> &mut [Track] {
         let count = if self.apiece { self.count } else { 1 };
         self.tracks.get_mut(..usize::from(count)).unwrap_or_default()
-    }
-
-    /// The ring of a motor.
-    fn track(&self, motor: u8) -> &Track {
-        let [first, second] = &self.tracks;
-        if self.apiece && motor != 0 { second } else { first }
     }
 
     /// Motors and lines of `configuration`; all motors at position 0. Not while it plays.
@@ -504,14 +494,12 @@ impl Stepper {
         for track in self.tracks_mut() {
             regs::free(|| track.ring.halt());
         }
-        for (motor, slowest) in (0..self.count).zip(pull_in) {
-            let left = self.unplayed(motor);
-            let Some(axis) = self.axis_mut(motor) else { break };
+        for (index, slowest) in (0..self.count).zip(pull_in) {
+            let left = self.unplayed(index);
+            let Some(axis) = self.axis_mut(index) else { break };
             let going = left != 0 || !axis.motor.is_idle();
-            if going && axis.interval() < *slowest {
-                uncertain |= 1 << motor;
-            }
-            axis.made = axis.made.wrapping_sub(left);
+            uncertain |= u8::from(going && axis.interval() < *slowest) << index;
+            axis.made = axis.made.wrapping_sub(i32::from(left));
             axis.motor.stop();
             axis.wish = Wish::Nothing;
         }
@@ -596,17 +584,26 @@ impl Stepper {
         self.fewest_groups = u8::MAX;
     }
 
-    /// Steps of a motor that were counted but whose groups were not played yet, forward minus backward.
+    /// Steps of a motor that were counted but not played yet, forward minus backward.
     #[inline(never)]
-    pub(crate) fn unplayed(&self, motor: u8) -> i32 {
-        let Some(axis) = self.axes().get(usize::from(motor)) else { return 0 };
-        let track = self.track(motor);
-        let mut levels = track.levels;
-        let listed = match &self.merge {
-            Some(merge) if self.merging => lanes::unplayed(merge, motor, &mut levels, axis.lines),
-            _ => 0,
-        };
-        listed + track.unplayed(levels, axis.lines)
+    pub(crate) fn unplayed(&self, motor: u8) -> i16 {
+        let [first, second] = &self.tracks;
+        let track = if self.apiece && motor != 0 { second } else { first };
+        let Some(Axis { lines, .. }) = self.axes().get(usize::from(motor)) else { return 0 };
+        let (mut levels, mut count) = (track.levels, 0);
+        // From the newest back to the next one to be played: first what is in no ring yet.
+        if self.merging
+            && let Some(merge) = &self.merge
+        {
+            let (ticks, group) = merge.listed(motor);
+            if ticks != 0 {
+                count += i16::from(lines.take_back(&mut levels, group)) * i16::from(ticks);
+            }
+        }
+        for group in track.ring.newest_first() {
+            count += i16::from(lines.take_back(&mut levels, group));
+        }
+        count
     }
 
     /// Fills the rings as far as time allows.

@@ -4,12 +4,12 @@
 //! the list, expanded in assembly; everything else, a step, a change of direction, the end of a long pulse, one by one.
 //!
 //! The merge may move each edge by half the distance of groups, W/2, either way. Where two edges of a motor must keep a
-//! distance (setup, hold), W is added to it.
+//! distance (setup, hold), W is added to it: [`Times`] has it in them.
 
 use super::super::expand;
 use super::super::merge::{Dry, Feeder, LANES, Merge, feed};
 use super::super::ring::Group;
-use super::{Axis, FILLER, Lines, Times, Track, Wish, done, later, plan};
+use super::{Axis, FILLER, Times, Track, Wish, done, later, plan};
 use crate::clock::low_half;
 use crate::memory::Queues;
 use pulsetrain_core::Moment;
@@ -128,23 +128,6 @@ pub(super) fn begin(merge: &mut Merge, last: &mut [Moment; LANES], track: &Track
         axis.motor.pass(first);
     }
     merge.begin(track.ring.name(), apart, low_half(first.0));
-}
-
-/// Steps of motor `lane` that are in its list, and takes `levels` back to what they are before them.
-pub(super) fn unplayed(merge: &Merge, lane: u8, levels: &mut u8, lines: Lines) -> i32 {
-    let (ticks, masks) = merge.listed(lane);
-    if ticks == 0 {
-        return 0;
-    }
-    let Lines { step, dir, .. } = lines;
-    let forward = (*levels & dir != 0) == lines.forward_high();
-    let active = (*levels & step != 0) != lines.step_low();
-    *levels ^= masks.rise ^ masks.fall;
-    // Both edges of a short pulse, or the first of a long one; others than these come singly.
-    if masks.rise & step == 0 || (masks.fall & step == 0 && !active) {
-        return 0;
-    }
-    if forward { i32::from(ticks) } else { -i32::from(ticks) }
 }
 
 /// Fills the ring as far as time allows.
