@@ -174,7 +174,6 @@ impl Axis {
     }
 
     /// Finds out what it wants next, if that is not after `limit`.
-    #[optimize(speed)]
     #[inline(never)]
     fn look(&mut self, queues: &Queues, limit: Moment, times: &Times) {
         let lead = u32::from(times.setup) + times.fall[1];
@@ -194,6 +193,32 @@ impl Axis {
                 self.due = if self.lines.shared_dir() { latest } else { latest.before(u32::from(times.apart)) };
             }
         }
+    }
+
+    /// Steps that may be made without looking at them, not after `limit` and at least `fastest` ticks apart.
+    #[inline(never)]
+    fn grant(&self, fastest: u16, limit: Moment, times: &Times) -> u8 {
+        let free = match self.wish {
+            Wish::Nothing => true,
+            Wish::Step => !self.due.is_before(self.ready),
+            _ => false,
+        };
+        if !free || times.long {
+            return 0;
+        }
+        // Within what 16 bits tell apart.
+        let reach = Moment(self.motor.registers().tick).after(0x7fff);
+        self.motor.blind(fastest, if limit.is_before(reach) { limit } else { reach })
+    }
+
+    /// Notes that `steps` of them were made; gives the last one's tick.
+    #[inline(never)]
+    fn took(&mut self, steps: u8, times: &Times) -> Moment {
+        self.motor.took(steps);
+        self.wish = Wish::Nothing;
+        let end = Moment(self.motor.registers().tick);
+        self.free = end.after(u32::from(times.pulse) + u32::from(times.hold));
+        end
     }
 
     /// Takes the event that was found.
@@ -608,45 +633,33 @@ impl Stepper {
 
     /// Fills the rings as far as time allows.
     #[inline(never)]
-    #[optimize(speed)]
     pub(crate) fn run(&mut self, now: Moment, queues: &Queues) {
-        if self.merging {
-            let Stepper { tracks: [track, _], axes, merge: Some(merge), last, times, count, trouble, fewest_groups, .. } = self else {
-                return;
+        let Stepper { tracks, axes, merge, last, times, count, trouble, fewest_groups, .. } = self;
+        let mut axes = axes.get_mut(..usize::from(*count)).unwrap_or_default();
+        for track in tracks {
+            let (mine, others) = if self.apiece { axes.split_at_mut_checked(1).unwrap_or_default() } else { (axes, &mut [][..]) };
+            axes = others;
+            let merge = if self.merging { merge.as_deref_mut() } else { None };
+            let busy = match &merge {
+                Some(merge) => !merge.is_idle(),
+                None => mine.iter().any(|axis| axis.wish != Wish::Nothing),
             };
-            let axes = axes.get_mut(..usize::from(*count)).unwrap_or_default();
-            if let Some(what) = track.watch(now, !merge.is_idle()) {
-                *trouble = Some(what);
-            }
-            if !merge.is_idle() {
-                *fewest_groups = (*fewest_groups).min(CAPACITY.wrapping_sub(track.ring.free()));
-            }
-            lanes::fill(merge, last, track, axes, now, queues, times);
-            return;
-        }
-        let Stepper { tracks, axes, times, count, trouble, fewest_groups, .. } = self;
-        let axes = axes.get_mut(..usize::from(*count)).unwrap_or_default();
-        let mut turn = |track: &mut Track, axes: &mut [Axis]| {
-            let busy = axes.iter().any(|axis| axis.wish != Wish::Nothing);
+            let free = track.ring.free();
             if busy {
-                *fewest_groups = (*fewest_groups).min(CAPACITY.wrapping_sub(track.ring.free()));
+                *fewest_groups = (*fewest_groups).min(CAPACITY.wrapping_sub(free));
             }
             if let Some(what) = track.watch(now, busy) {
                 *trouble = Some(what);
             }
-            // Half full is enough: more at once costs less.
-            if track.ring.free() < CAPACITY / 2 {
-                return;
+            if let Some(merge) = merge {
+                lanes::fill(merge, last, track, mine, now, queues, times);
+            } else if free >= CAPACITY / 2 {
+                // Half full is enough: more at once costs less.
+                fill(track, mine, now, queues, times);
             }
-            fill(track, axes, now, queues, times);
-        };
-        let [first, second] = tracks;
-        match axes {
-            [one, two] if self.apiece => {
-                turn(first, core::slice::from_mut(one));
-                turn(second, core::slice::from_mut(two));
+            if axes.is_empty() {
+                break;
             }
-            all => turn(first, all),
         }
     }
 }
@@ -658,7 +671,6 @@ fn renew(motor: &mut Motor, bytes: Bytes, settings: Settings) {
 }
 
 /// Fills one ring as far as time allows.
-#[optimize(speed)]
 #[inline(never)]
 fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, times: &Times) {
     // No further is looked in this call.
@@ -714,33 +726,22 @@ fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, time
 /// The fast engine of a motor that has a ring of its own: expands steps into it as long as nothing but steps comes.
 ///
 /// Whether it did.
-#[optimize(speed)]
 #[inline(never)]
 fn fast(track: &mut Track, axis: &mut Axis, now: Moment, times: &Times) -> bool {
-    if axis.wish != Wish::Step || times.long {
-        return false;
-    }
     let fastest = FASTEST[usize::from(times.beside)];
-    let next = axis.due;
     let room = track.ring.free();
-    let far = next.since(track.at);
-    if room < 2 || far < u32::from(fastest) || far >= 1 << 15 || next.is_before(axis.ready) {
+    let far = axis.due.since(track.at);
+    if room < 2 || far < u32::from(fastest) || far >= 1 << 15 {
         return false;
     }
-    // As far ahead as ever, and within what the engine's 16 bits tell apart.
-    let limit = now.after(AHEAD);
-    let reach = Moment(axis.motor.registers().tick).after(0x7fff);
-    let steps = axis.motor.blind(fastest, if limit.is_before(reach) { limit } else { reach }).min(room - 1);
+    let steps = axis.grant(fastest, now.after(AHEAD), times).min(room - 1);
     if steps == 0 {
         return false;
     }
     let step = Group { rise: axis.lines.step, fall: axis.lines.step };
     // SAFETY: `blind` promises so many steps at such intervals, and the ring has room for them.
     unsafe { track.ring.expand(axis.motor.registers_mut(), steps, step) };
-    axis.motor.took(steps);
-    axis.wish = Wish::Nothing;
-    track.at = Moment(axis.motor.registers().tick);
-    axis.free = track.at.after(u32::from(times.pulse) + u32::from(times.hold));
+    track.at = axis.took(steps, times);
     true
 }
 
@@ -824,7 +825,7 @@ fn done(axes: &mut [Axis], index: usize, tick: Moment, times: &Times) {
 }
 
 /// The later of two moments.
-#[inline(always)]
+#[inline(never)]
 fn later(one: Moment, other: Moment) -> Moment {
     if one.is_before(other) { other } else { one }
 }
