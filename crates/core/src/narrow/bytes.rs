@@ -204,7 +204,8 @@ impl Bytes {
         let len = self.parts[0].len;
         self.next = self.place(len);
         self.len -= len;
-        self.parts.copy_within(1.., 0);
+        let [_, second, third, fourth] = self.parts;
+        self.parts = [second, third, fourth, fourth];
         self.epochs -= 1;
     }
 
