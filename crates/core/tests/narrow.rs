@@ -586,7 +586,7 @@ fn an_epoch_that_cannot_be_read_ends_there() {
     };
     let bad = [
         vec![0b110_111, 0],
-        vec![0b11111_111, 0],
+        vec![0b1111_1111, 0],
         vec![0b111, 255, 0, 0],
         exact(0, [0; 3]),
         exact(1, [1 << 40, 0, 0]),
