@@ -4,6 +4,8 @@
 //! - [`ci`], [`test`](mod@test): what must hold, each a list of commands
 //! - [`bench`](mod@bench), [`golden`], [`fuzz`]: what is measured, reviewed, tried
 //! - [`ruckig`]: S-curve durations against an independent library
+//! - [`cross_check`]: the AVR emulator against simavr and avr8js
+//! - [`firmware`]: the boards' firmware: built, measured, committed as images
 //! - [`boards`]: core built for the boards' processors
 //! - [`command`]: running a command, and saying which
 //!
@@ -15,8 +17,11 @@ mod bench;
 mod boards;
 mod ci;
 mod command;
+mod cross_check;
+mod firmware;
 mod fuzz;
 mod golden;
+mod random;
 mod ruckig;
 mod test;
 
@@ -51,10 +56,24 @@ enum Task {
         #[arg(long)]
         target: Option<String>,
     },
+    /// Compare the AVR emulator with simavr (instructions, programs) and avr8js (timers)
+    CrossCheck,
+    /// Build the boards' firmware, print what it takes, and write the images that are committed
+    Firmware {
+        /// Which board; all, if none is said
+        board: Option<Firmware>,
+    },
     /// Measure every figure, print it, and write docs/benchmarks.md
     Bench,
     /// Write the golden files anew; read the difference before you commit it
     Golden,
+}
+
+/// A board with a firmware.
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Firmware {
+    /// The Arduino Uno: crates/board/images/uno.hex
+    Uno,
 }
 
 fn main() -> ExitCode {
@@ -62,6 +81,8 @@ fn main() -> ExitCode {
         Task::Test => test::run(None),
         Task::Ci => ci::run(),
         Task::Fuzz { seconds, target } => fuzz::run(seconds, target.as_deref()),
+        Task::CrossCheck => cross_check::run(),
+        Task::Firmware { board: None | Some(Firmware::Uno) } => firmware::uno(),
         Task::Bench => bench::run(),
         Task::Golden => golden::run(),
     };

@@ -2,18 +2,33 @@
 //!
 //! # What is here, top down
 //! - [`Board`]: what a session needs of any board
+//! - [`Sizer`]: what items take in its queues
 //! - [`native`]: the project's own stepgen on the PC, in virtual time
+//! - [`remote`]: a board at the other end of a [`Port`], through `link`, the host's side of docs/protocol.md
+//! - [`faulty`]: a port whose frames suffer, by a seed; [`model`]: a board behind a serial line, without a chip
+//! - [`virtual_uno`]: the Uno's firmware on an emulated chip, as such a port
+//! - [`BoardClock`]: such a board's clock, as the host sees it
 //!
 //! # What is not
 //! Motion: a board does what was planned and invents nothing. Planning is `pulsetrain-plan`'s, keeping a queue filled the
 //! session's in `pulsetrain`.
 #![forbid(unsafe_code)]
 
+mod clock;
+pub mod faulty;
+pub mod link;
+pub mod model;
 pub mod native;
+pub mod remote;
+mod sizer;
+pub mod virtual_uno;
 
 use pulsetrain_core::{Entry, Epoch};
 
 /// What a session needs of a board.
+///
+/// A board at the end of a cable needs time to be told: whatever has `&mut self` may let time pass, so that
+/// [`now`](Board::now) and [`horizon`](Board::horizon) are later after it than before.
 pub trait Board {
     /// Puts an item last in a motor's queue.
     ///
@@ -24,8 +39,19 @@ pub trait Board {
     /// Takes back the items of `epoch` that were pushed last, of all motors.
     fn discard(&mut self, epoch: Epoch);
 
-    /// Free places in a motor's queue; 0 for a motor that is not there.
-    fn credit(&self, motor: usize) -> usize;
+    /// Free room in a motor's queue, in the unit of [`sizer`](Board::sizer); 0 for a motor that is not there.
+    ///
+    /// [`push`](Board::push) takes items as long as their sizes fit in it.
+    fn room(&self, motor: usize) -> usize;
+
+    /// Measures the items of one epoch, the first one first, in the unit that a motor's queue is measured in.
+    fn sizer(&self, motor: usize) -> Sizer;
+
+    /// How long it may take to tell the board a thing and to hear that it was accepted, ticks; 0 if no time passes.
+    fn lead(&self) -> u64;
+
+    /// How many switches may wait, one after the other.
+    fn switches(&self) -> usize;
 
     /// At `tick`, all motors drop what is left of the old epoch and begin `epoch`.
     ///
@@ -58,6 +84,10 @@ pub trait Board {
     fn faults(&self, motor: usize) -> Faults;
 }
 
+pub use clock::BoardClock;
+pub use link::{Link, LinkError};
 pub use native::{
     Config, Edge, Faults, MotorConfig, Native, Observer, ScheduledStep, StopReport, SwitchRefused, Wiring,
 };
+pub use remote::{Port, PortError, Remote, RemoteError, Setup};
+pub use sizer::Sizer;

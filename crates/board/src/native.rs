@@ -3,7 +3,7 @@
 //! Ticks are 64 bits here; the moments of the stepgen are extended as time goes on. Time moves only by
 //! [`Native::advance`] and [`Native::stop_now`], and each tick is passed once.
 
-use crate::Board;
+use crate::{Board, Sizer};
 use pulsetrain_core::channel;
 use pulsetrain_core::output::{Coils, Output, Sequence, StepDir, StepDirSettings};
 use pulsetrain_core::{Axis, Direction, Entry, Epoch, Merge, Moment};
@@ -156,8 +156,11 @@ pub enum SwitchRefused {
         limit: u64,
     },
     /// Too many switches wait already.
-    #[error("{} switches wait already", channel::SWITCHES)]
+    #[error("too many switches wait already")]
     Full,
+    /// Nothing can be said to the board any more; what it was told stands.
+    #[error("the board is not heard any more")]
+    Lost,
 }
 
 /// What is left after an immediate stop.
@@ -352,8 +355,20 @@ impl Board for Native {
         self.engine.discard(epoch);
     }
 
-    fn credit(&self, motor: usize) -> usize {
-        Native::credit(self, motor)
+    fn room(&self, motor: usize) -> usize {
+        self.credit(motor)
+    }
+
+    fn sizer(&self, _motor: usize) -> Sizer {
+        Sizer::items()
+    }
+
+    fn lead(&self) -> u64 {
+        0
+    }
+
+    fn switches(&self) -> usize {
+        channel::SWITCHES
     }
 
     fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<(), SwitchRefused> {

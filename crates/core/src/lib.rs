@@ -8,6 +8,7 @@
 //! - [`narrow`]: queue, channel and packing for an 8-bit chip
 //! - [`queue`]: items waiting, each tagged with its epoch
 //! - [`packing`]: segments as few bytes
+//! - [`wire`]: frames and messages between host and board, and the board's side of the link
 //! - [`segment`]: the recurrence, exact
 //! - [`moment`]: wrap-safe time
 //!
@@ -27,6 +28,7 @@ pub mod output;
 pub mod packing;
 pub mod queue;
 pub mod segment;
+pub mod wire;
 
 pub use axis::Axis;
 pub use channel::Channel;

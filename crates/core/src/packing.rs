@@ -27,20 +27,37 @@
 //! | 0 | 0–2 | 7 |
 //! | | 3–7 | what: see [`Control`] |
 //! | 1 | | 0 |
-//! | 2–5 | | dwell: ticks; anchor: tick; exact: count; little-endian. Reversal and reset: absent |
-//! | 6–13, 14–21, 22–29 | | exact only: interval, add, add2, little-endian, two's complement; those beyond the count absent |
+//! | 2–5 | | dwell: ticks; anchor: tick; little-endian. Reversal and reset: absent |
 //! | 2–3, 4–7, 8–9 | | check only: position modulo 2^16; accumulator: tick, fraction · 2^16; little-endian |
 //!
 //! A check says where the sender thinks that the motor is when all before it has been done: an Uno compares, and does
 //! nothing of what follows up to the next anchor if it is not so. It is no item; [`Packing::unpack`] passes over it.
 //!
-//! An exact segment is one that the units or widths of a correction cannot say: a step that was put off because of
-//! a shared DIR line, say. It serves for prediction like any other.
+//! # An exact segment
+//! One that the units or widths of a correction cannot say: a step that was put off because of a shared DIR line, or
+//! what is left of a segment that an epoch cuts in two.
+//!
+//! | byte | bits | |
+//! |---|---|---|
+//! | 0, 1 | | 0x27, 0: the control record 4 |
+//! | 2 | 0–3 | bytes of the interval, 0..=8 |
+//! | | 4–7 | bytes of add, 0..=8 |
+//! | 3 | 0–3 | bytes of add2, 0..=8 |
+//! | | 4–7 | bytes of the count, 1..=4 |
+//! | then | | count, interval, add, add2, little-endian, the last three in two's complement; 0 if they have no bytes |
+//!
+//! Registers beyond the count have no bytes and keep their prediction. Others serve for prediction like those of any
+//! segment, but the previous count is then at least [`COUNT_AFTER_EXACT`]: what follows a segment that was cut was
+//! planned in the units of the whole.
 
 use crate::{Direction, Item, Moment, Segment};
 
 /// The longest packed item: a reversal and an exact segment.
-pub const MAX_PACKED_LEN: usize = 2 + 2 + 4 + 3 * 8;
+pub const MAX_PACKED_LEN: usize = 2 + 4 + 4 + 3 * 8;
+
+/// After an exact segment the previous count is this or more: units fine enough for what follows segments of 2^8 − 1
+/// steps at most.
+pub const COUNT_AFTER_EXACT: u32 = 255;
 
 /// The largest count that can be given explicitly.
 pub const MAX_EXPLICIT_COUNT: u32 = 65_535;
@@ -141,11 +158,19 @@ impl State {
         State { previous_count: 4, interval: 0, add: 0, add2: 0, direction }
     }
 
-    /// The registers, the first `said` of them replaced.
-    fn with(&self, said: usize, registers: [i64; 3]) -> [i64; 3] {
-        let mut all = [self.interval, self.add, self.add2];
-        all[..said].copy_from_slice(&registers[..said]);
+    /// The registers, those replaced that `said` has a use for.
+    fn with(&self, said: &Segment) -> [i64; 3] {
+        let (mut all, registers) = ([self.interval, self.add, self.add2], [said.interval, said.add, said.add2]);
+        let fields = fields_of(said.count);
+        all[..fields].copy_from_slice(&registers[..fields]);
         all
+    }
+
+    /// After a segment that was said in full.
+    fn after_exact(self, said: &Segment) -> State {
+        let [interval, add, add2] = self.with(said);
+        let after = self.after(&Segment { interval, add, add2, ..*said });
+        State { previous_count: said.count.max(COUNT_AFTER_EXACT), ..after }
     }
 
     /// The registers after `segment` has been run with them.
@@ -180,6 +205,11 @@ pub enum UnpackError {
     Truncated,
     /// The explicit count is 0.
     ZeroCount,
+    /// An exact segment has a count of 0 or more than 4 bytes, a register of more than 8, or one that it has no use for.
+    ExactWidths {
+        /// Bytes 2 and 3, the latter in the high half.
+        widths: u16,
+    },
     /// The count code gives more than 2^32 − 1 steps.
     CountOverflow,
     /// The control record is unknown.
@@ -230,7 +260,10 @@ impl Packing {
         if segment.count == 0 {
             return Err(PackError::NoSteps);
         }
-        Ok(self.layout(state, segment).map_or(2 + 4 + 8 * fields_of(segment.count), |layout| layout.len(segment.count)))
+        Ok(match self.layout(state, segment) {
+            Some(layout) => layout.len(segment.count),
+            None => Exact::of(segment).len(),
+        })
     }
 
     /// Packs `item` into the front of `out`, moves `state` on and gives the number of bytes: at most
@@ -271,23 +304,19 @@ impl Packing {
                 if segment.count == 0 {
                     return Err(PackError::NoSteps);
                 }
-                let [_, add, add2] = match self.layout(&start, &segment) {
+                let next = match self.layout(&start, &segment) {
                     Some(layout) => {
                         layout.write(segment.count, &mut writer);
-                        self.corrected(&start, layout.fields.map(|(k, _)| k))
+                        let [_, add, add2] = self.corrected(&start, layout.fields.map(|(k, _)| k));
+                        start.after(&Segment { add, add2, ..segment })
                     }
                     None => {
-                        writer.control(Control::Exact, &segment.count.to_le_bytes());
-                        let registers = [segment.interval, segment.add, segment.add2];
-                        let said = fields_of(segment.count);
-                        for register in &registers[..said] {
-                            writer.bytes(&register.to_le_bytes());
-                        }
-                        start.with(said, registers)
+                        Exact::of(&segment).write(&segment, &mut writer);
+                        start.after_exact(&segment)
                     }
                 };
                 writer.finish()?;
-                *state = start.after(&Segment { add, add2, ..segment });
+                *state = next;
             }
         }
         writer.finish()
@@ -354,17 +383,10 @@ impl Packing {
                 2 => break Some(Item::Dwell { ticks: u32::from_le_bytes(take(&mut rest)?) }),
                 3 => break Some(Item::Anchor { tick: Moment(u32::from_le_bytes(take(&mut rest)?)) }),
                 4 => {
-                    let count = u32::from_le_bytes(take(&mut rest)?);
-                    if count == 0 {
-                        return Err(UnpackError::ZeroCount);
-                    }
-                    let (mut registers, said) = ([0; 3], fields_of(count));
-                    for register in &mut registers[..said] {
-                        *register = i64::from_le_bytes(take(&mut rest)?);
-                    }
-                    let [interval, add, add2] = now.with(said, registers);
-                    let segment = Segment { count, interval, add, add2 };
-                    now = now.after(&segment);
+                    let said = Exact::read(&mut rest)?;
+                    let [interval, add, add2] = now.with(&said);
+                    let segment = Segment { interval, add, add2, ..said };
+                    now = now.after_exact(&segment);
                     break Some(Item::Run { segment, direction: now.direction });
                 }
                 5 => {
@@ -481,6 +503,62 @@ impl Layout {
         for (correction, width) in self.fields {
             writer.bytes(&correction.to_le_bytes()[..usize::from(width)]);
         }
+    }
+}
+
+/// How many bytes the parts of an exact segment take.
+struct Exact {
+    count: u8,
+    registers: [u8; 3],
+}
+
+impl Exact {
+    fn of(segment: &Segment) -> Exact {
+        let bytes = |bits: u32| u8::try_from((bits + 7) >> 3).unwrap_or(8);
+        let mut registers = [0; 3];
+        let values = [segment.interval, segment.add, segment.add2];
+        for (width, value) in registers.iter_mut().zip(values).take(fields_of(segment.count)) {
+            // One bit for the sign; 0 takes no bytes.
+            let magnitude = if value < 0 { !value } else { value };
+            *width = if value == 0 { 0 } else { bytes(u64::BITS - magnitude.leading_zeros() + 1) };
+        }
+        Exact { count: bytes(u32::BITS - segment.count.leading_zeros()), registers }
+    }
+
+    fn len(&self) -> usize {
+        4 + usize::from(self.count) + self.registers.iter().map(|&width| usize::from(width)).sum::<usize>()
+    }
+
+    fn write(&self, segment: &Segment, writer: &mut Writer<'_>) {
+        let [interval, add, add2] = self.registers;
+        writer.control(Control::Exact, &[interval | add << 4, add2 | self.count << 4]);
+        writer.bytes(&segment.count.to_le_bytes()[..usize::from(self.count)]);
+        for (width, value) in self.registers.iter().zip([segment.interval, segment.add, segment.add2]) {
+            writer.bytes(&value.to_le_bytes()[..usize::from(*width)]);
+        }
+    }
+
+    /// What comes after the bytes of the control record; registers without a use are 0.
+    fn read(rest: &mut &[u8]) -> Result<Segment, UnpackError> {
+        let widths: [u8; 2] = take(rest)?;
+        let refused = UnpackError::ExactWidths { widths: u16::from_le_bytes(widths) };
+        let [interval, add, add2, count_len] = [widths[0] & 15, widths[0] >> 4, widths[1] & 15, widths[1] >> 4];
+        if !(1..=4).contains(&count_len) || interval.max(add).max(add2) > 8 {
+            return Err(refused);
+        }
+        let mut part = |len: u8| {
+            let (bytes, after) = rest.split_at_checked(usize::from(len)).ok_or(UnpackError::Truncated)?;
+            *rest = after;
+            Ok(bytes)
+        };
+        let count = part(count_len)?.iter().rev().fold(0, |count, &byte| count << 8 | u32::from(byte));
+        let fields = fields_of(count);
+        match count {
+            0 => return Err(UnpackError::ZeroCount),
+            _ if [0, interval, add, add2][fields + 1..].iter().any(|&len| len > 0) => return Err(refused),
+            _ => {}
+        }
+        Ok(Segment { count, interval: signed(part(interval)?), add: signed(part(add)?), add2: signed(part(add2)?) })
     }
 }
 
@@ -627,11 +705,27 @@ mod tests {
     #[test]
     fn what_corrections_cannot_say_is_said_in_full() {
         use Direction::Forward;
-        let exact = |count: u8| [0b100_111, 0, count, 0, 0, 0];
         // Off the grid of units, too wide, and a count beyond two bytes.
-        check(&[run(1, 5, 0, 0, Forward)], &[&exact(1)[..], &[5, 0, 0, 0, 0, 0, 0, 0]].concat());
-        check(&[run(2, 0, 1 << 56, 0, Forward)], &[&exact(2)[..], &[0; 15], &[1]].concat());
-        check(&[run(1 << 16, 0, 0, 0, Forward)], &[&[0b100_111, 0, 0, 0, 1, 0][..], &[0; 24]].concat());
+        check(&[run(1, -5, 0, 0, Forward)], &[0x27, 0, 0x01, 0x10, 1, 251]);
+        check(&[run(2, 128, 1 << 56, 0, Forward)], &[0x27, 0, 0x82, 0x10, 2, 128, 0, 0, 0, 0, 0, 0, 0, 0, 1]);
+        check(&[run(1 << 16, 0, 0, 0, Forward)], &[0x27, 0, 0x00, 0x30, 0, 0, 1]);
+        // What follows is said in units as after 255 steps: 2^-10 tick for the interval.
+        check(
+            &[run(2, 65_537, 0, 0, Forward), run(2, 65_537 + 64, 0, 0, Forward)],
+            &[0x27, 0, 0x03, 0x10, 2, 1, 0, 1, 0b0010_0111, 2, 1],
+        );
+    }
+
+    #[test]
+    fn exact_segments_that_make_no_sense_are_refused() {
+        let refused = |bytes: &[u8]| PACKING.unpack(&mut State::default(), &mut &*bytes).unwrap_err();
+        assert_eq!(refused(&[0x27, 0, 0x01, 0x00, 1, 5]), UnpackError::ExactWidths { widths: 0x0001 });
+        assert_eq!(refused(&[0x27, 0, 0x01, 0x50, 1, 5]), UnpackError::ExactWidths { widths: 0x5001 });
+        assert_eq!(refused(&[0x27, 0, 0x09, 0x10, 1, 5]), UnpackError::ExactWidths { widths: 0x1009 });
+        // add, of one step.
+        assert_eq!(refused(&[0x27, 0, 0x11, 0x10, 1, 5, 5]), UnpackError::ExactWidths { widths: 0x1011 });
+        assert_eq!(refused(&[0x27, 0, 0x01, 0x10, 0, 5]), UnpackError::ZeroCount);
+        assert_eq!(refused(&[0x27, 0, 0x02, 0x10, 1, 5]), UnpackError::Truncated);
     }
 
     #[test]
@@ -644,7 +738,7 @@ mod tests {
             assert_eq!(state, before);
         };
         check(run(0, 1 << 16, 0, 0, Direction::Forward), MAX_PACKED_LEN, PackError::NoSteps);
-        check(run(3, 1, 0, 0, Direction::Backward), 31, PackError::Buffer { needed: 32 });
+        check(run(3, 1, 0, 0, Direction::Backward), 7, PackError::Buffer { needed: 8 });
         check(Item::Dwell { ticks: 1 }, 5, PackError::Buffer { needed: 6 });
     }
 

@@ -4,7 +4,8 @@
 
 use std::ops::RangeInclusive;
 
-use crate::program::Board;
+use crate::pins::{PinKind, PinsError};
+use crate::program::{Board, Motor};
 
 /// One row of the table: what plans are held against, and what else a user should know.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,6 +32,8 @@ pub struct BoardRow {
     reserved: &'static [(RangeInclusive<u8>, &'static str)],
     /// Where the analogue pins A0, A1, … begin, and how many they are.
     analogue: Option<(u8, u8)>,
+    /// Whether its pins work together as [`PinKind`] says.
+    of_one_kind: bool,
 }
 
 /// Why a pin cannot drive a motor.
@@ -89,6 +92,14 @@ impl BoardRow {
         self.pin(i64::from(pin.or_else(|| number("")).ok_or_else(|| self.no_pin(name.to_owned()))?))
     }
 
+    /// How the pins of these motors work together; `None` on boards whose pins are alike.
+    ///
+    /// # Errors
+    /// [`PinsError`] if they do not.
+    pub fn pin_kind(&self, motors: &[Motor]) -> Result<Option<PinKind>, PinsError> {
+        if self.of_one_kind { PinKind::of(motors).map(Some) } else { Ok(None) }
+    }
+
     fn no_pin(&self, pin: String) -> PinError {
         PinError::None { board: self.board.name.clone(), pin, first: *self.pins.start(), last: *self.pins.end() }
     }
@@ -135,6 +146,7 @@ fn uno() -> BoardRow {
         pins: 0..=19,
         reserved: &[(0..=1, "D0 and D1 are the serial line to the computer")],
         analogue: Some((14, 6)),
+        of_one_kind: true,
     }
 }
 
@@ -162,6 +174,7 @@ fn due() -> BoardRow {
         pins: 0..=53,
         reserved: &[(0..=1, "D0 and D1 are the serial line to the computer")],
         analogue: Some((54, 0)),
+        of_one_kind: false,
     }
 }
 
@@ -187,6 +200,7 @@ fn pico() -> BoardRow {
         pins: 0..=28,
         reserved: &[(23..=25, "GPIO 23 to 25 run the Pico's own supply and LED and are not on its header")],
         analogue: None,
+        of_one_kind: false,
     }
 }
 
@@ -211,6 +225,7 @@ fn native() -> BoardRow {
         pins: 0..=31,
         reserved: &[],
         analogue: None,
+        of_one_kind: false,
     }
 }
 

@@ -4,6 +4,7 @@
 //! - [`mod@file`]: motion files (TOML) with errors that point at the place; [`template`]: one to begin with
 //! - [`program`]: what a file comes to, in steps, seconds and nanoseconds; [`Grid`]: θ to step times
 //! - [`drivers`], [`boards`]: the tables of drivers' needs and boards' limits; [`electrical`]: what a winding allows
+//! - [`pins`]: which pins of an Uno work together
 //! - [`law`]: θ(t) as a stream of analytic pieces
 //! - [`quantity`]: numbers with units; [`time`]: law time, exact
 //!
@@ -17,6 +18,7 @@ pub mod electrical;
 pub mod file;
 pub mod grid;
 pub mod law;
+pub mod pins;
 pub mod program;
 pub mod quantity;
 pub mod template;

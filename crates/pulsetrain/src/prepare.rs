@@ -4,6 +4,7 @@ use std::path::Path;
 
 use miette::Diagnostic;
 use pulsetrain_motion::law::{Cursor, Law};
+use pulsetrain_motion::pins::PinsError;
 use pulsetrain_motion::program::{BoardError, Program};
 use pulsetrain_motion::{Grid, LawError, Time, boards, file};
 use pulsetrain_plan::tail::SOFTEST_STOP_S;
@@ -35,6 +36,17 @@ pub enum Refusal {
         file: String,
         /// What is wrong.
         error: BoardError,
+    },
+    /// The board cannot drive the pins of the motors together.
+    #[error("{file}: {error}")]
+    Pins {
+        /// The motion file.
+        file: String,
+        /// Which are apart.
+        error: PinsError,
+        /// What fits.
+        #[help]
+        advice: String,
     },
     /// A law breaks before it can be cut.
     #[error("{file}: motor {motor}: {error}")]
@@ -71,6 +83,10 @@ impl Prepared {
         let file = path.display().to_string();
         if let Some(row) = board.and_then(boards::find) {
             program = program.with_board(row.board).map_err(|error| Refusal::Board { file: file.clone(), error })?;
+        }
+        if let Some(row) = boards::find(&program.board.name) {
+            let refuse = |error: PinsError| Refusal::Pins { file: file.clone(), advice: error.advice(), error };
+            row.pin_kind(&program.motors).map_err(refuse)?;
         }
         let cut_at =
             cut(&mut program, length).map_err(|(motor, error)| Refusal::Law { file: file.clone(), motor, error })?;

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use pulsetrain::session::{MotorState, Session, SessionError};
 use pulsetrain_board::{
-    Board, Config, Edge, Faults, MotorConfig, Native, Observer, ScheduledStep, StopReport, SwitchRefused, Wiring,
+    Board, Config, Edge, Faults, MotorConfig, Native, Observer, ScheduledStep, Sizer, StopReport, SwitchRefused, Wiring,
 };
 use pulsetrain_core::{Direction, Entry, Epoch, Item};
 use pulsetrain_motion::program::{self, DriverTiming, Limits, Motor, Program, Scale, Tolerance};
@@ -79,7 +79,7 @@ impl Bench {
 
 impl Board for Bench {
     fn push(&mut self, motor: usize, mut entry: Entry) -> Result<(), Entry> {
-        if self.credit(motor) == 0 {
+        if self.room(motor) == 0 {
             return Err(entry);
         }
         if let (0, Item::Run { segment, .. }) = (motor, &mut entry.item) {
@@ -93,8 +93,17 @@ impl Board for Bench {
     fn discard(&mut self, epoch: Epoch) {
         Board::discard(&mut self.native, epoch);
     }
-    fn credit(&self, motor: usize) -> usize {
+    fn room(&self, motor: usize) -> usize {
         self.native.credit(motor).saturating_sub(self.missing)
+    }
+    fn sizer(&self, motor: usize) -> Sizer {
+        self.native.sizer(motor)
+    }
+    fn lead(&self) -> u64 {
+        self.native.lead()
+    }
+    fn switches(&self) -> usize {
+        self.native.switches()
     }
     fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<(), SwitchRefused> {
         self.native.switch(epoch, tick)

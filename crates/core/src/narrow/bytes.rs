@@ -121,13 +121,15 @@ impl Bytes {
         };
         let part = self.part_for(epoch).ok_or(PushRefused::TooManyEpochs)?;
         part.len += len;
-        // Up to the end of the share, then from its start.
-        let last = self.place(self.len);
-        let (head, tail) = bytes.split_at_checked(usize::from(self.end - last)).unwrap_or((bytes, &[]));
-        for (at, bytes) in [(last, head), (self.start, tail)] {
-            let places = pool.0.get_mut(usize::from(at)..).unwrap_or_default();
-            for (place, byte) in places.iter_mut().zip(bytes) {
+        let mut at = self.place(self.len);
+        for byte in bytes {
+            // `at` is always inside; said so, there is no code for a panic.
+            if let Some(place) = pool.0.get_mut(usize::from(at)) {
                 *place = *byte;
+            }
+            at += 1;
+            if at == self.end {
+                at = self.start;
             }
         }
         self.len += len;

@@ -38,6 +38,10 @@ pub(super) struct Unpacker {
     pub(super) direction: Direction,
 }
 
+/// As [`packing::COUNT_AFTER_EXACT`](crate::packing::COUNT_AFTER_EXACT).
+const COUNT_AFTER_EXACT: u16 = 255;
+const _: () = assert!(COUNT_AFTER_EXACT as u32 == crate::packing::COUNT_AFTER_EXACT);
+
 /// Previous count after a reset.
 const COUNT_AT_REST: u16 = 4;
 
@@ -196,22 +200,20 @@ impl Unpacker {
         const CHECK: u8 = Control::Check as u8;
         let mut len = match control {
             REVERSE | RESET => 2,
-            DWELL | ANCHOR | EXACT => 6,
+            DWELL | ANCHOR => 6,
+            EXACT => 4,
             CHECK => 10,
             _ => return Found::Bad,
         };
-        let mut count = 0;
-        if control == EXACT && have >= 6 {
-            count = match [2, 3, 4, 5].map(|offset| bytes.byte(pool, offset)) {
-                [low, high, 0, 0] => u16::from_le_bytes([low, high]),
-                _ => 0,
-            };
-            len += match count {
-                0 => return Found::Bad,
-                1 => 8,
-                2 => 16,
-                _ => 24,
-            };
+        let mut widths = [0; 4];
+        if control == EXACT && have >= 4 {
+            let [said, wide] = [2, 3].map(|offset| bytes.byte(pool, offset));
+            widths = [wide >> 4, said & 15, said >> 4, wide & 15];
+            let [count, registers @ ..] = widths;
+            if !(1..=4).contains(&count) || registers.iter().any(|&width| width > 8) {
+                return Found::Bad;
+            }
+            len += widths.iter().sum::<u8>();
         }
         if have < len {
             return Found::Nothing;
@@ -235,23 +237,28 @@ impl Unpacker {
                 Record::Check { position, tick, fraction: u16::from_le_bytes(take(&mut rest)) }
             }
             _ => {
-                let [_, _, _, _] = take(&mut rest);
-                let low = u32::from_le_bytes(take(&mut rest));
-                let [high, beyond @ ..] = take::<4>(&mut rest);
-                if beyond != [0; 3] {
+                let [_, _] = take(&mut rest);
+                let [count_width, interval_width, add_width, add2_width] = widths;
+                let [low, high, 0, 0, ..] = part(&mut rest, count_width, 0) else { return Found::Bad };
+                let count = u16::from_le_bytes([low, high]);
+                if count == 0 || (count < 2 && add_width > 0) || (count < 3 && add2_width > 0) {
                     return Found::Bad;
                 }
+                let [a, b, c, d, high, 0, 0, 0] = part(&mut rest, interval_width, 0xff) else { return Found::Bad };
+                let low = u32::from_le_bytes([a, b, c, d]);
                 let (mut add, mut add2) = (registers.add, registers.add2);
-                for register in [&mut add, &mut add2].into_iter().take(usize::from(count - 1)) {
-                    *register = i32::from_le_bytes(take(&mut rest));
-                    if take(&mut rest) != [sign_byte(*register); 4] {
+                let said = [(&mut add, add_width), (&mut add2, add2_width)];
+                for (register, width) in said.into_iter().take(usize::from(count - 1)) {
+                    let [a, b, c, d, beyond @ ..] = part(&mut rest, width, 0xff);
+                    *register = i32::from_le_bytes([a, b, c, d]);
+                    if beyond != [sign_byte(*register); 4] {
                         return Found::Bad;
                     }
                 }
                 (registers.interval_low, registers.interval_high) = (low, high);
                 (registers.add, registers.add2) = (add, add2);
                 registers.left = count;
-                self.previous_count = count;
+                self.previous_count = count.max(COUNT_AFTER_EXACT);
                 Record::Run
             }
         };
@@ -319,7 +326,7 @@ impl Widths {
 }
 
 /// The longest record, an exact segment, without header and 0.
-const LONGEST: usize = 28;
+const LONGEST: usize = 30;
 
 /// The bytes from `from` to `to` of the record in front, which may lie at both ends of the queue's share.
 #[cold]
@@ -389,6 +396,20 @@ fn lengthen_by_long(registers: &mut Registers, corrections: &[u8; WINDOW], width
         bits -= 1;
     }
     registers.lengthen(low, high);
+}
+
+/// `width` (0 to 8) bytes of an exact segment, extended: by 0, or by their sign where `signed` has its bits set.
+fn part(rest: &mut &[u8], width: u8, signed: u8) -> [u8; 8] {
+    let (mut value, mut fill) = ([0; 8], 0);
+    for (index, byte) in (0..).zip(&mut value) {
+        if index < width {
+            [*byte] = take(rest);
+            fill = if *byte >= 0x80 { signed } else { 0 };
+        } else {
+            *byte = fill;
+        }
+    }
+    value
 }
 
 /// The next bytes. There are enough of them: said so, there is no code for a panic.

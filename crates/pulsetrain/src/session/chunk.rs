@@ -11,6 +11,9 @@ use std::collections::VecDeque;
 /// One in so many places of a queue is kept free for a stop or a change.
 pub(super) const RESERVE: usize = 4;
 
+/// What an item takes of the queue, and the tick at which it leaves it.
+pub(super) type Taken = (u64, usize);
+
 /// An epoch on its way to the board.
 #[derive(Debug)]
 pub(super) struct Chunk {
@@ -21,8 +24,8 @@ pub(super) struct Chunk {
     is_last: bool,
     /// Steps of each motor, with the tail.
     steps: Vec<Vec<Placed>>,
-    /// When the items are taken.
-    taken: Vec<Vec<u64>>,
+    /// When the items are taken, and what they take until then.
+    taken: Vec<Vec<Taken>>,
     /// Items that are still to be pushed.
     unsent: Vec<VecDeque<Timed>>,
 }
@@ -31,7 +34,10 @@ impl<B: Board> Session<'_, B> {
     /// What comes after the tail's beginning: as much as fits by then.
     pub(super) fn next_chunk(&mut self) -> Result<Chunk, SessionError> {
         let deadline = self.deadline(self.tail);
-        let left = self.taken.iter().map(|taken| taken.iter().filter(|tick| **tick > deadline).count());
+        let left = self.taken.iter().map(|taken| {
+            let later = taken.iter().filter(|(tick, _)| *tick > deadline);
+            later.map(|(_, size)| size).sum::<usize>()
+        });
         let rooms: Vec<usize> = self
             .capacity
             .iter()
@@ -47,10 +53,10 @@ impl<B: Board> Session<'_, B> {
         let (mut until, mut is_last) = self.source.read_ahead(from, from + self.pace.chunk, most)?;
         loop {
             let chunk = self.chunk(from, until, is_last)?;
-            let needs = chunk.unsent.iter().map(VecDeque::len).zip(rooms).enumerate();
+            let needs = chunk.unsent.iter().map(size_of).zip(rooms).enumerate();
             let short = needs.filter(|(_, (needed, room))| needed > room).max_by_key(|(_, (needed, _))| *needed);
             let Some((motor, (needed, &room))) = short else { return Ok(chunk) };
-            if until - from <= 8 * self.pace.lead {
+            if until - from <= self.pace.shortest {
                 return Err(SessionError::QueueTooShort { motor, needed, room });
             }
             (until, is_last) = (from + (until - from) / 2, false);
@@ -78,13 +84,14 @@ impl<B: Board> Session<'_, B> {
         }
         let unsent: Vec<VecDeque<Timed>> = steps
             .iter()
-            .map(|steps| {
-                let mut items = Items::new(from, self.pace.fraction_bits);
+            .enumerate()
+            .map(|(motor, steps)| {
+                let mut items = Items::new(from, self.pace.fraction_bits, self.board.sizer(motor));
                 steps.iter().for_each(|placed| items.add(placed));
                 items.finish().into()
             })
             .collect();
-        let taken = unsent.iter().map(|items| items.iter().map(|timed| timed.taken).collect()).collect();
+        let taken = unsent.iter().map(|items| items.iter().map(|timed| (timed.taken, timed.size)).collect()).collect();
         Ok(Chunk { from, until, is_last, steps, taken, unsent })
     }
 
@@ -93,7 +100,7 @@ impl<B: Board> Session<'_, B> {
         let epoch = self.epoch.next();
         for (motor, unsent) in chunk.unsent.iter_mut().enumerate() {
             let kept = self.capacity[motor].checked_div(reserve).unwrap_or(0);
-            while let Some(timed) = unsent.front().filter(|_| self.board.credit(motor) > kept) {
+            while let Some(timed) = unsent.front().filter(|timed| self.board.room(motor) >= kept + timed.size) {
                 if self.board.push(motor, Entry { epoch, item: timed.item }).is_err() {
                     break;
                 }
@@ -109,10 +116,11 @@ impl<B: Board> Session<'_, B> {
             return self.switch(chunk);
         }
         self.board.discard(self.epoch.next());
-        let sizes = chunk.taken.iter().map(Vec::len).zip(&chunk.unsent).enumerate();
-        let short = sizes.max_by_key(|(_, (_, unsent))| unsent.len());
-        let (motor, needed, left) = short.map_or((0, 0, 0), |(motor, (needed, left))| (motor, needed, left.len()));
-        Err(SessionError::QueueTooShort { motor, needed, room: needed - left })
+        let needed = chunk.taken.iter().map(|taken| taken.iter().map(|(_, size)| size).sum::<usize>());
+        let unsent = needed.zip(chunk.unsent.iter().map(size_of)).enumerate();
+        let short = unsent.max_by_key(|(_, (_, unsent))| *unsent);
+        let (motor, (needed, unsent)) = short.unwrap_or_default();
+        Err(SessionError::QueueTooShort { motor, needed, room: needed - unsent })
     }
 
     /// Has the board go over to a chunk that is in its queue.
@@ -131,4 +139,9 @@ impl<B: Board> Session<'_, B> {
         (self.taken, self.complete) = (chunk.taken, chunk.is_last);
         Ok(())
     }
+}
+
+/// What items take of a queue.
+fn size_of(items: &VecDeque<Timed>) -> usize {
+    items.iter().map(|timed| timed.size).sum()
 }

@@ -33,13 +33,13 @@ pub enum SessionError {
     #[error("the motion could not go on, so the motors stop as planned: {0}")]
     Switch(#[from] SwitchRefused),
     /// The shortest part of the plan and its stop do not fit the board's queue.
-    #[error("motor {motor}: the next steps and a stop take {needed} items; the board's queue has room for {room}")]
+    #[error("motor {motor}: the next steps and a stop take {needed} of the board's queue, which has room for {room}")]
     QueueTooShort {
         /// Index of the motor in the program.
         motor: usize,
-        /// Items.
+        /// Items or bytes, as the board's queue is measured.
         needed: usize,
-        /// Items.
+        /// In the same unit.
         room: usize,
     },
     /// A change before the board can be told.

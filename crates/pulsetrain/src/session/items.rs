@@ -4,23 +4,26 @@
 //! leads to its very accumulator, and all that follows goes on with the integers that it has.
 
 use super::timeline::{Placed, tick_of};
+use pulsetrain_board::Sizer;
 use pulsetrain_core::{Item, Moment};
 use pulsetrain_plan::LONGEST_WAIT_TICKS;
 
 /// Longest dwell of one item, ticks.
 const LONGEST_DWELL_TICKS: i128 = 1 << 30;
 
-/// An item, and the tick at which the board takes it from its queue.
+/// An item, the tick at which the board takes it from its queue, and what it takes there.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Timed {
     pub(super) item: Item,
     pub(super) taken: u64,
+    pub(super) size: usize,
 }
 
 /// The items of one motor for one epoch.
 #[derive(Debug)]
 pub(super) struct Items {
     fraction_bits: u32,
+    sizer: Sizer,
     /// The board's accumulator after them.
     accumulator: i128,
     items: Vec<Timed>,
@@ -30,11 +33,12 @@ impl Items {
     /// An epoch that begins at tick `from`, at least 1.
     ///
     /// The anchor lies one tick before it, so that every interval is positive.
-    pub(super) fn new(from: u64, fraction_bits: u32) -> Items {
+    pub(super) fn new(from: u64, fraction_bits: u32, mut sizer: Sizer) -> Items {
         let anchor = from - 1;
         let item = Item::Anchor { tick: Moment::of(anchor) };
         let accumulator = (i128::from(anchor) << fraction_bits) + (1 << (fraction_bits - 1));
-        Items { fraction_bits, accumulator, items: vec![Timed { item, taken: from }] }
+        let first = Timed { item, taken: from, size: sizer.size(&item) };
+        Items { fraction_bits, sizer, accumulator, items: vec![first] }
     }
 
     /// Adds steps, each at its own tick.
@@ -79,6 +83,7 @@ impl Items {
     }
 
     fn push(&mut self, item: Item) {
-        self.items.push(Timed { item, taken: tick_of(self.accumulator, self.fraction_bits) });
+        let taken = tick_of(self.accumulator, self.fraction_bits);
+        self.items.push(Timed { item, taken, size: self.sizer.size(&item) });
     }
 }

@@ -22,11 +22,10 @@ mod timeline;
 
 pub use error::SessionError;
 
-use chunk::{Chunk, RESERVE};
+use chunk::{Chunk, RESERVE, Taken};
 use pace::Pace;
 use pulsetrain_board::{Board, Faults, Observer};
 use pulsetrain_core::Epoch;
-use pulsetrain_core::channel::SWITCHES;
 use pulsetrain_motion::program::Program;
 use pulsetrain_plan::{Certificate, Origin, Start};
 use source::{Source, Standing};
@@ -39,12 +38,12 @@ pub struct Session<'a, B> {
     source: Source<'a>,
     timelines: Vec<Timeline>,
     pace: Pace,
-    /// Places in each motor's queue.
+    /// Room in each motor's empty queue, in the board's own unit.
     capacity: Vec<usize>,
     /// The newest epoch that the board has accepted, when it begins, and when the board takes its items.
     epoch: Epoch,
     begins: u64,
-    taken: Vec<Vec<u64>>,
+    taken: Vec<Vec<Taken>>,
     /// When its tail begins: what comes after has not been sent yet.
     tail: u64,
     /// Beginnings of the epochs that may not have begun yet.
@@ -92,8 +91,8 @@ impl<'a, B: Board> Session<'a, B> {
         if !board.is_idle() {
             return Err(SessionError::Busy);
         }
-        let pace = Pace::of(program);
-        let zero = board.now() + pace.tick_hz.div_ceil(1000) + 4 * pace.lead;
+        let pace = Pace::of(program, board.lead());
+        let zero = board.now() + pace.tick_hz.div_ceil(1000) + 4 * pace.lead + pace.link;
         let counts = board.positions();
         let motors = program.motors.len();
         if counts.len() < motors {
@@ -105,7 +104,7 @@ impl<'a, B: Board> Session<'a, B> {
             source: Source::new(program, zero, &counts)?,
             timelines,
             pace,
-            capacity: (0..motors).map(|motor| board.credit(motor)).collect(),
+            capacity: (0..motors).map(|motor| board.room(motor)).collect(),
             epoch: board.epoch(),
             begins: board.now(),
             taken: vec![Vec::new(); motors],
@@ -214,7 +213,7 @@ impl<'a, B: Board> Session<'a, B> {
     /// When `at` is too early or too late, or the new plan is refused; the old one goes on.
     pub fn change(&mut self, at: u64, program: &'a Program) -> Result<(), SessionError> {
         let (motors, old) = (program.motors.len(), self.timelines.len());
-        if motors != old || Pace::of(program).is_unlike(&self.pace) {
+        if motors != old || Pace::of(program, self.pace.link).is_unlike(&self.pace) {
             return Err(SessionError::Motors { program: motors, board: old });
         }
         let earliest = self.earliest();
@@ -233,7 +232,7 @@ impl<'a, B: Board> Session<'a, B> {
         let source = Source::from(program, at, &starts, datums)?;
         self.abandon();
         let old = std::mem::replace(&mut self.source, source);
-        let rooms: Vec<usize> = (0..motors).map(|motor| self.board.credit(motor)).collect();
+        let rooms: Vec<usize> = (0..motors).map(|motor| self.board.room(motor)).collect();
         let sent = self.chunk_within(at, &rooms).and_then(|chunk| self.send(chunk));
         if sent.is_err() {
             self.source = old;
@@ -272,7 +271,7 @@ impl<'a, B: Board> Session<'a, B> {
     /// The first tick at which a change or a stop can be made now.
     #[must_use]
     pub fn earliest(&self) -> u64 {
-        self.board.horizon().max(self.board.now()) + self.pace.lead
+        self.board.horizon().max(self.board.now()) + self.pace.lead + self.pace.link
     }
 
     /// The tick at which time is 0 for the laws that are being followed.
@@ -338,15 +337,20 @@ impl<'a, B: Board> Session<'a, B> {
     fn may_wait(&mut self) -> bool {
         let now = self.board.now();
         self.waiting.retain(|begins| *begins > now);
-        self.complete || self.tail > now + self.pace.ahead || self.waiting.len() >= SWITCHES
+        self.complete || self.tail > now + self.pace.ahead || self.waiting.len() >= self.board.switches()
     }
 
     /// The tick up to which there is nothing to do.
     fn next_event(&self) -> u64 {
         let now = self.board.now();
         match &self.pending {
-            // All of it fits then; if time went on without the session, a little later.
-            Some(chunk) => self.deadline(chunk.from).max(now + self.pace.lead),
+            // All of it fits then; if time went on without the session, a little later. Over a link it goes out
+            // bit by bit, as room is made.
+            Some(chunk) => {
+                let deadline = self.deadline(chunk.from);
+                let soon = if self.pace.link > 0 { deadline.min(now + self.pace.link) } else { deadline };
+                soon.max(now + self.pace.lead)
+            }
             None if self.complete => u64::MAX,
             None if self.tail > now + self.pace.ahead => self.tail - self.pace.ahead,
             None => self.waiting.front().copied().unwrap_or(now),
@@ -355,8 +359,9 @@ impl<'a, B: Board> Session<'a, B> {
 
     /// When an epoch that begins at `from` is to be in the queue.
     fn deadline(&self, from: u64) -> u64 {
-        let Pace { lead, margin, .. } = self.pace;
-        from - ((from - self.begins) / 4).clamp(lead, margin.max(lead))
+        let Pace { lead, link, margin, .. } = self.pace;
+        let before = ((from - self.begins) / 4).clamp(lead, margin.max(lead)).max(lead + link);
+        from.saturating_sub(before)
     }
 
     fn standing(&self, motor: usize, tick: u64) -> Standing {

@@ -9,6 +9,10 @@ pub(super) struct Pace {
     pub(super) fraction_bits: u32,
     /// How long before a step a board must know of it: DIR setup, and the pulse and hold before.
     pub(super) lead: u64,
+    /// How long telling the board takes.
+    pub(super) link: u64,
+    /// Shorter epochs are over before the next one is there.
+    pub(super) shortest: u64,
     /// Most that one epoch brings.
     pub(super) chunk: u64,
     /// Enough to have in the queue.
@@ -18,15 +22,19 @@ pub(super) struct Pace {
 }
 
 impl Pace {
-    pub(super) fn of(program: &Program) -> Pace {
+    /// For a board that needs `link` ticks to be told.
+    pub(super) fn of(program: &Program, link: u64) -> Pace {
         let tick_hz = program.board.tick_hz;
         let reversals = program.motors.iter().map(|motor| motor.timing.ticks(tick_hz).reversal());
         // Boards tell ticks apart within 2^30.
         let within = |ticks: u64| ticks.clamp(1, 1 << 28);
+        let lead = reversals.max().unwrap_or(0) + 1;
         Pace {
             tick_hz,
             fraction_bits: program.board.fraction_bits,
-            lead: reversals.max().unwrap_or(0) + 1,
+            lead,
+            link,
+            shortest: (8 * lead).max(2 * link),
             chunk: within(tick_hz / 4),
             ahead: within(tick_hz / 2),
             margin: within(tick_hz / 20),

@@ -1,0 +1,730 @@
+//! A board at the other end of a line.
+//!
+//! What is pushed is packed and sent as soon as time passes ([`Board::advance`], [`Board::switch`]). Time is the
+//! port's: a real one waits, a virtual one lets its board run. Ticks are the board's own, as its clock was read.
+//!
+//! When the board is lost, nothing waits for it: what is pushed goes nowhere, switches are refused, time goes on, and
+//! [`Remote::error`] says why. What the board was told ends in its tail.
+
+use crate::link::{Answer, Link, LinkError};
+use crate::{Board, BoardClock, Edge, Faults, Observer, Sizer, StopReport, SwitchRefused};
+use pulsetrain_core::packing::{MAX_PACKED_LEN, Packing, State};
+use pulsetrain_core::wire::message::{
+    Configuration, Event, Info, MAX_PACKED, Measures, MotorSetup, NO_PIN, Status, flags,
+};
+use pulsetrain_core::wire::{Baud, Command, Reason, Reply, Switched};
+use pulsetrain_core::{Entry, Epoch};
+use std::time::Duration;
+
+/// How often the board is asked for its status while time passes.
+const STATUS_EVERY: Duration = Duration::from_millis(50);
+
+/// How often it is asked for room while a queue is fuller than half.
+const ROOM_EVERY: Duration = Duration::from_millis(10);
+
+/// Time passes at least so much in each round, however close its end is estimated.
+const SHORTEST_ROUND: Duration = Duration::from_micros(10);
+
+/// Readings of the clock before the first motion.
+const FIRST_READINGS: usize = 8;
+
+/// How long motors that still move, for a host before this one, may take to come to rest.
+const REST: Duration = Duration::from_secs(30);
+
+/// A line to a board: bytes, and a clock of its own.
+pub trait Port {
+    /// Time since the port was opened.
+    fn now(&self) -> Duration;
+
+    /// Hands bytes over; they go out one after the other.
+    ///
+    /// # Errors
+    /// When the port is gone.
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError>;
+
+    /// Lets time pass until `until`, or until bytes have come; appends them to `into`.
+    ///
+    /// # Errors
+    /// When the port is gone.
+    fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError>;
+
+    /// Changes the rate once all bytes that were handed over are out.
+    ///
+    /// # Errors
+    /// When the port is gone, or cannot do it.
+    fn set_baud(&mut self, baud: Baud) -> Result<(), PortError>;
+
+    /// The edges of the board's pins since the last call, appended to `into`, in board ticks: what a virtual port knows.
+    fn edges(&mut self, into: &mut Vec<Edge>) {
+        let _ = into;
+    }
+}
+
+/// What is wrong with a port.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PortError {
+    /// There is none of that name.
+    #[error("there is no port {name}{}", listed(.there_are))]
+    NotThere {
+        /// As it was asked for.
+        name: String,
+        /// What there is.
+        there_are: Vec<String>,
+    },
+    /// Another program has it.
+    #[error("{name} is in use: close the program that has it open (an IDE's serial monitor, say)")]
+    Busy {
+        /// The port.
+        name: String,
+    },
+    /// The user may not open it.
+    #[error("no permission to open {name}: on Linux, `sudo usermod -aG dialout $USER`, then log in again")]
+    Denied {
+        /// The port.
+        name: String,
+    },
+    /// It was there, and is no more.
+    #[error("{name} is gone: {why}")]
+    Gone {
+        /// The port.
+        name: String,
+        /// What the system says.
+        why: String,
+    },
+}
+
+fn listed(ports: &[String]) -> String {
+    if ports.is_empty() {
+        "; no serial port was found: is the board plugged in?".to_owned()
+    } else {
+        format!("; there are {}", ports.join(", "))
+    }
+}
+
+/// Why a remote board cannot be used, or not any more.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum RemoteError {
+    /// The port.
+    #[error(transparent)]
+    Port(#[from] PortError),
+    /// The link.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// The board refuses.
+    #[error("the board refuses to {what}: {}", said(*.reason, *.detail))]
+    Refused {
+        /// What it was to do.
+        what: &'static str,
+        /// Why not.
+        reason: Reason,
+        /// As [`Reason`] says.
+        detail: u16,
+    },
+    /// The answer was to something else.
+    #[error("the board's answer makes no sense: its firmware is not what it says")]
+    Nonsense,
+    /// Motors that the board moves for a host before this one do not come to rest.
+    #[error("the board still moves motors for a host before this one")]
+    StillMoving,
+}
+
+/// A refusal in words.
+fn said(reason: Reason, detail: u16) -> String {
+    match reason {
+        Reason::UnknownKind => format!("it does not know command {detail:#04x}"),
+        Reason::Malformed => format!("command {detail:#04x} is malformed"),
+        Reason::Taken => "another program drives it".to_owned(),
+        Reason::NotConfigured => "it has no configuration".to_owned(),
+        Reason::NotArmed => "its motors are not armed; they stopped, or never were".to_owned(),
+        Reason::Moving => "its motors are moving".to_owned(),
+        Reason::NoSuchMotor => format!("it has no motor {detail}"),
+        Reason::Full => format!("the queue of motor {detail} is full"),
+        Reason::TooManyMotors => format!("it drives at most {detail} motors"),
+        Reason::Pin => format!("pin {detail} is not there, or cannot be that"),
+        Reason::PinTaken => format!("pin {detail} is used twice"),
+        Reason::PinMix => format!("pin {detail} does not go with those before it"),
+        Reason::Timing => format!("pulse, set-up or hold is beyond its limit of {detail} ticks"),
+        Reason::Baud => format!("it cannot do rate {detail}"),
+    }
+}
+
+/// What a board is to be configured for.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Setup {
+    /// STEP is active so long, ticks.
+    pub pulse_ticks: u16,
+    /// DIR is right so long before the step, ticks.
+    pub setup_ticks: u16,
+    /// DIR stays so long after the end of the pulse, ticks.
+    pub hold_ticks: u16,
+    /// The pin that enables all drivers, and whether it is active high.
+    pub enable: Option<(u8, bool)>,
+    /// The motors are released after so long a rest, ms; `None`: they hold.
+    pub idle_ms: Option<u16>,
+    /// The board gives this host up after so long a silence, ms; 0: 2000.
+    pub silence_ms: u16,
+    /// The motors, at most 8.
+    pub motors: Vec<MotorSetup>,
+}
+
+/// One motor, as far as the host remembers it.
+#[derive(Clone, Debug)]
+struct Motor {
+    packing: Packing,
+    /// Bytes of its queue.
+    capacity: usize,
+    /// The epoch that is being packed, and how far.
+    epoch: Option<Epoch>,
+    state: State,
+    /// Packed, but not sent.
+    packed: Vec<u8>,
+    position: i64,
+    faults: u8,
+}
+
+/// A board at the other end of a [`Port`].
+#[derive(Debug)]
+pub struct Remote<P> {
+    port: P,
+    link: Link,
+    info: Info,
+    clock: BoardClock,
+    motors: Vec<Motor>,
+    epoch: Epoch,
+    /// Ticks from the board's clock to its horizon, when it was asked last.
+    ahead: u64,
+    /// Whether the board was idle, when it was asked last after it was told something.
+    idle: bool,
+    /// When it was told something last.
+    told: Duration,
+    asked_status: Duration,
+    asked_room: Duration,
+    /// No tick before it is left to pass.
+    passed: u64,
+    edges: Vec<Edge>,
+    events: Vec<Event>,
+    error: Option<RemoteError>,
+    outbox: Vec<u8>,
+    inbox: Vec<u8>,
+}
+
+impl<P: Port> Remote<P> {
+    /// Takes the board at the other end: says Hello until it answers. `nonce` is to be another one each time.
+    ///
+    /// # Errors
+    /// When nobody answers, another host has the board, or it speaks another protocol.
+    pub fn open(port: P, nonce: u32) -> Result<Remote<P>, RemoteError> {
+        let mut link = Link::new(nonce);
+        link.hello(port.now());
+        let info = Info::NOBODY;
+        let now = port.now();
+        let mut remote = Remote {
+            port,
+            link,
+            info,
+            clock: BoardClock::new(1),
+            motors: Vec::new(),
+            epoch: Epoch(0),
+            ahead: 0,
+            idle: false,
+            told: now,
+            asked_status: now,
+            asked_room: now,
+            passed: 0,
+            edges: Vec::new(),
+            events: Vec::new(),
+            error: None,
+            outbox: Vec::new(),
+            inbox: Vec::new(),
+        };
+        match remote.answer()?.reply {
+            Reply::Info(info) => remote.info = info,
+            _ => return Err(RemoteError::Nonsense),
+        }
+        remote.clock = BoardClock::new(remote.info.tick_hz);
+        remote.read_clock()?;
+        Ok(remote)
+    }
+
+    /// What the board is.
+    #[must_use]
+    pub const fn info(&self) -> &Info {
+        &self.info
+    }
+
+    /// Changes the rate of the line. Gives the one that both ends are at then: 115 200 baud if the new one failed.
+    ///
+    /// # Errors
+    /// When the board is lost, or refuses.
+    pub fn set_baud(&mut self, baud: Baud) -> Result<Baud, RemoteError> {
+        self.settle()?;
+        self.done("change its rate", &Command::Baud { baud })?;
+        self.settle()?;
+        Ok(self.link.baud())
+    }
+
+    /// Has the board set up its pins, and arms it. Motors that move come to rest first.
+    ///
+    /// # Errors
+    /// When the board is lost, or refuses; nothing is powered then.
+    ///
+    /// # Panics
+    /// With more than 8 motors.
+    pub fn configure(&mut self, setup: &Setup) -> Result<(), RemoteError> {
+        let motors: Vec<u8> = setup.motors.iter().flat_map(MotorSetup::to_bytes).collect();
+        let mut configuration = Configuration::new(&motors).expect("at most 8 motors");
+        configuration.pulse_ticks = setup.pulse_ticks;
+        configuration.setup_ticks = setup.setup_ticks;
+        configuration.hold_ticks = setup.hold_ticks;
+        (configuration.enable_pin, configuration.enable_high) = setup.enable.unwrap_or((NO_PIN, false));
+        configuration.idle_ms = setup.idle_ms;
+        configuration.silence_ms = setup.silence_ms;
+        let patience = self.port.now() + REST;
+        while !self.status()?.is_idle() {
+            if self.port.now() > patience {
+                return Err(RemoteError::StillMoving);
+            }
+            self.pause(STATUS_EVERY)?;
+        }
+        let answer = self.ask(&Command::Configure(configuration))?;
+        let Reply::Configured(queues) = answer.reply else { return Err(refusal("take this configuration", &answer)) };
+        if queues.as_slice().len() != setup.motors.len() {
+            return Err(RemoteError::Nonsense);
+        }
+        let fraction_bits = u32::from(self.info.fraction_bits);
+        let motor = |(motor, bytes): (&MotorSetup, &u16)| Motor {
+            packing: Packing { fraction_bits, gain: motor.gain },
+            capacity: usize::from(*bytes),
+            epoch: None,
+            state: State::default(),
+            packed: Vec::new(),
+            position: 0,
+            faults: 0,
+        };
+        self.motors = setup.motors.iter().zip(queues.as_slice()).map(motor).collect();
+        self.arm()?;
+        for _ in 0..FIRST_READINGS {
+            self.read_clock()?;
+        }
+        Ok(())
+    }
+
+    /// Powers the motors, with empty queues: also after [`Board::stop_now`].
+    ///
+    /// # Errors
+    /// When the board is lost, or refuses.
+    pub fn arm(&mut self) -> Result<(), RemoteError> {
+        self.done("arm its motors", &Command::Arm)?;
+        for motor in &mut self.motors {
+            motor.forget();
+        }
+        self.status().map(drop)
+    }
+
+    /// Takes the power from motors that rest.
+    ///
+    /// # Errors
+    /// When the board is lost, or motors move.
+    pub fn release(&mut self) -> Result<(), RemoteError> {
+        self.done("release its motors", &Command::Release)
+    }
+
+    /// Asks the board how it is.
+    ///
+    /// # Errors
+    /// When the board is lost.
+    pub fn status(&mut self) -> Result<Status, RemoteError> {
+        let answer = self.ask(&Command::Status)?;
+        match answer.reply {
+            Reply::Status(status) => Ok(status),
+            _ => Err(refusal("say how it is", &answer)),
+        }
+    }
+
+    /// Asks the board what it measured of itself; with `reset`, everything begins anew first.
+    ///
+    /// # Errors
+    /// When the board is lost.
+    pub fn measures(&mut self, reset: bool) -> Result<Measures, RemoteError> {
+        let answer = self.ask(&Command::Measures { reset })?;
+        match answer.reply {
+            Reply::Measures(measures) => Ok(measures),
+            _ => Err(refusal("say what it measured", &answer)),
+        }
+    }
+
+    /// Gives the board up; what it was told goes on. Gives the port back.
+    pub fn close(mut self) -> P {
+        // Unanswered, it is over all the same: the board gives up a silent host.
+        let _ = self.done("say good-bye", &Command::Bye);
+        self.port
+    }
+
+    /// What the board said unasked since the last call.
+    pub fn events(&mut self) -> Vec<Event> {
+        std::mem::take(&mut self.events)
+    }
+
+    /// Why the board cannot be used any more.
+    #[must_use]
+    pub const fn error(&self) -> Option<&RemoteError> {
+        self.error.as_ref()
+    }
+
+    /// The board's clock.
+    #[must_use]
+    pub const fn clock(&self) -> &BoardClock {
+        &self.clock
+    }
+
+    /// The link: its rate and counts.
+    #[must_use]
+    pub const fn link(&self) -> &Link {
+        &self.link
+    }
+
+    /// The port.
+    #[must_use]
+    pub const fn port(&self) -> &P {
+        &self.port
+    }
+
+    /// The port, for what is not the link's.
+    pub const fn port_mut(&mut self) -> &mut P {
+        &mut self.port
+    }
+
+    fn read_clock(&mut self) -> Result<(), RemoteError> {
+        self.ask(&Command::Clock).map(drop)
+    }
+
+    /// Asks for something that is answered by "done".
+    fn done(&mut self, what: &'static str, command: &Command<'_>) -> Result<(), RemoteError> {
+        let answer = self.ask(command)?;
+        if let Reply::Done { .. } = answer.reply { Ok(()) } else { Err(refusal(what, &answer)) }
+    }
+
+    fn ask(&mut self, command: &Command<'_>) -> Result<Answer, RemoteError> {
+        while self.link.is_asking() {
+            self.round(Duration::MAX)?;
+        }
+        self.link.ask(command, self.port.now());
+        self.answer()
+    }
+
+    fn answer(&mut self) -> Result<Answer, RemoteError> {
+        loop {
+            if let Some(answer) = self.link.answer() {
+                self.note(&answer);
+                return Ok(answer);
+            }
+            self.round(Duration::MAX)?;
+        }
+    }
+
+    /// Waits until nothing is on its way.
+    fn settle(&mut self) -> Result<(), RemoteError> {
+        while !self.link.is_quiet() {
+            self.round(Duration::MAX)?;
+        }
+        Ok(())
+    }
+
+    fn pause(&mut self, duration: Duration) -> Result<(), RemoteError> {
+        let until = self.port.now() + duration;
+        while self.port.now() < until {
+            self.round(until)?;
+        }
+        Ok(())
+    }
+
+    /// Sends what is due, and waits until `until`, or until the board says something, or something is due.
+    fn round(&mut self, until: Duration) -> Result<(), RemoteError> {
+        let done = self.try_round(until);
+        if let Err(error) = &done {
+            self.error.get_or_insert_with(|| error.clone());
+        }
+        done
+    }
+
+    fn try_round(&mut self, until: Duration) -> Result<(), RemoteError> {
+        let now = self.port.now();
+        self.outbox.clear();
+        self.link.output(now, &mut self.outbox);
+        if let Some(error) = self.link.error() {
+            return Err(error.into());
+        }
+        if let Some(baud) = self.link.take_rate() {
+            self.port.set_baud(baud)?;
+        }
+        self.port.send(&self.outbox)?;
+        let due = self.link.deadline().unwrap_or(until).min(until);
+        self.inbox.clear();
+        self.port.receive(due.max(now + SHORTEST_ROUND), &mut self.inbox)?;
+        self.link.input(&self.inbox, self.port.now());
+        if let Some((reason, detail)) = self.link.refusal() {
+            return Err(RemoteError::Refused { what: "take more", reason, detail });
+        }
+        self.events.extend(std::iter::from_fn(|| self.link.event()));
+        self.port.edges(&mut self.edges);
+        Ok(())
+    }
+
+    /// What an answer says of clock and motors.
+    fn note(&mut self, answer: &Answer) {
+        match answer.reply {
+            Reply::Clock { tick } => self.clock.read(tick, answer.asked, answer.answered),
+            Reply::Status(status) => {
+                self.clock.read(status.head.tick, answer.asked, answer.answered);
+                self.ahead = status.head.horizon.saturating_sub(status.head.tick);
+                if answer.asked >= self.told {
+                    self.idle = status.is_idle();
+                }
+                for (motor, said) in self.motors.iter_mut().zip(status.motors.as_slice()) {
+                    motor.count(said.position);
+                    motor.faults = said.faults;
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// Hands what was packed over to the link.
+    fn flush(&mut self) {
+        let now = self.port.now();
+        for (index, motor) in (0..).zip(&mut self.motors) {
+            motor.flush(index, &mut self.link, now);
+        }
+    }
+
+    /// Notes that the board is being told something that it may move for.
+    fn tell(&mut self) {
+        self.told = self.port.now();
+        self.idle = false;
+    }
+
+    /// Asks what there is to ask while time passes.
+    fn look_after(&mut self) {
+        let now = self.port.now();
+        if let Some(answer) = self.link.answer() {
+            self.note(&answer);
+        }
+        if now >= self.asked_status + STATUS_EVERY && !self.link.is_asking() {
+            self.asked_status = now;
+            self.link.ask(&Command::Status, now);
+        }
+        let full = (0..).zip(&self.motors).any(|(index, motor)| self.link.room(index) < motor.capacity / 2);
+        if full && now >= self.asked_room + ROOM_EVERY {
+            self.asked_room = now;
+            self.link.poll(now);
+        }
+    }
+
+    fn hand_over(&mut self, observer: &mut impl Observer) {
+        for edge in self.edges.drain(..) {
+            observer.edge(edge);
+        }
+    }
+}
+
+impl Motor {
+    fn flush(&mut self, index: u8, link: &mut Link, now: Duration) {
+        if let (Some(epoch), false) = (self.epoch, self.packed.is_empty()) {
+            link.send(index, epoch, &self.packed, now);
+            self.packed.clear();
+        }
+    }
+
+    /// What was packed last is not to come, or has been dropped.
+    fn forget(&mut self) {
+        self.epoch = None;
+        self.packed.clear();
+    }
+
+    /// The board counts in 32 bits.
+    fn count(&mut self, position: i32) {
+        let moved = position.wrapping_sub(self.position as i32);
+        self.position += i64::from(moved);
+    }
+}
+
+fn refusal(what: &'static str, answer: &Answer) -> RemoteError {
+    match answer.reply {
+        Reply::Refused { reason, detail, .. } => RemoteError::Refused { what, reason, detail },
+        _ => RemoteError::Nonsense,
+    }
+}
+
+impl<P: Port> Board for Remote<P> {
+    fn push(&mut self, index: usize, entry: Entry) -> Result<(), Entry> {
+        let (room, lost) = (self.room(index), self.error.is_some());
+        let Some(motor) = self.motors.get_mut(index) else { return Err(entry) };
+        let now = self.port.now();
+        let fresh = motor.epoch != Some(entry.epoch);
+        let mut state = if fresh { State::default() } else { motor.state };
+        let mut bytes = [0; MAX_PACKED_LEN];
+        let Ok(len) = motor.packing.pack(&mut state, &entry.item, &mut bytes) else { return Err(entry) };
+        if len > room {
+            return Err(entry);
+        }
+        if lost {
+            return Ok(());
+        }
+        if fresh || motor.packed.len() + len > MAX_PACKED {
+            // Motors are at most 8.
+            motor.flush(index as u8, &mut self.link, now);
+        }
+        motor.epoch = Some(entry.epoch);
+        motor.state = state;
+        motor.packed.extend_from_slice(&bytes[..len]);
+        self.tell();
+        Ok(())
+    }
+
+    fn discard(&mut self, epoch: Epoch) {
+        for motor in self.motors.iter_mut().filter(|motor| motor.epoch == Some(epoch)) {
+            motor.forget();
+        }
+        if self.error.is_none() && self.done("drop an epoch", &Command::Discard { epoch }).is_ok() {
+            // Without an answer the room stays what it was: too little.
+            let _ = self.status();
+        }
+    }
+
+    fn room(&self, motor: usize) -> usize {
+        let Some(Motor { packed, capacity, .. }) = self.motors.get(motor) else { return 0 };
+        if self.error.is_some() {
+            // For nothing: but a host that waits for room would wait for ever.
+            return *capacity;
+        }
+        u8::try_from(motor).map_or(0, |index| self.link.room(index).saturating_sub(packed.len()))
+    }
+
+    fn sizer(&self, motor: usize) -> Sizer {
+        let packing = self.motors.get(motor).map(|motor| motor.packing);
+        Sizer::packed(packing.unwrap_or(Packing { fraction_bits: u32::from(self.info.fraction_bits), gain: 0 }))
+    }
+
+    fn lead(&self) -> u64 {
+        // All queues filled, a fault on the way, and the switch itself.
+        let fill = Duration::from_secs(10 * u64::from(self.info.pool)) / self.link.baud().rate();
+        let lead = fill + 2 * self.link.shortest_timeout();
+        (lead.as_secs_f64() * f64::from(self.info.tick_hz)) as u64
+    }
+
+    fn switches(&self) -> usize {
+        usize::from(self.info.switches)
+    }
+
+    fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<(), SwitchRefused> {
+        self.flush();
+        self.tell();
+        if self.error.is_some() {
+            return Err(SwitchRefused::Lost);
+        }
+        let answer = self.ask(&Command::Switch { epoch, tick }).map_err(|_| SwitchRefused::Lost)?;
+        let refused = match answer.reply {
+            Reply::Switched(Switched::Accepted) => {
+                self.epoch = epoch;
+                return Ok(());
+            }
+            Reply::Switched(Switched::Late { horizon }) => SwitchRefused::Late { horizon },
+            Reply::Switched(Switched::Early { limit }) => SwitchRefused::Early { limit },
+            Reply::Switched(Switched::Full) => SwitchRefused::Full,
+            _ => {
+                self.error.get_or_insert(refusal("go over to an epoch", &answer));
+                SwitchRefused::Lost
+            }
+        };
+        for motor in self.motors.iter_mut().filter(|motor| motor.epoch == Some(epoch)) {
+            motor.forget();
+        }
+        // The room that the dropped items took.
+        let _ = self.status();
+        Err(refused)
+    }
+
+    fn horizon(&self) -> u64 {
+        self.now() + self.ahead
+    }
+
+    fn now(&self) -> u64 {
+        self.clock.tick_at(self.port.now()).unwrap_or(0).max(self.passed)
+    }
+
+    fn epoch(&self) -> Epoch {
+        self.epoch
+    }
+
+    fn advance(&mut self, until: u64, observer: &mut impl Observer) {
+        self.flush();
+        while self.now() <= until {
+            if self.error.is_none() {
+                self.look_after();
+            }
+            let end = self.clock.time_of(until.saturating_add(1)).unwrap_or_default();
+            let next = self.port.now() + ROOM_EVERY;
+            if self.round(end.min(next)).is_err() {
+                // The board may run on, if it is a virtual one; its link is gone.
+                let gone = self.port.receive(end.max(self.port.now() + SHORTEST_ROUND), &mut self.inbox).is_err();
+                self.port.edges(&mut self.edges);
+                self.inbox.clear();
+                if gone {
+                    self.passed = until.saturating_add(1);
+                }
+            }
+            self.passed = self.passed.max(self.clock.tick_at(self.port.now()).unwrap_or(0).min(until + 1));
+            self.hand_over(observer);
+        }
+        self.hand_over(observer);
+    }
+
+    fn stop_now(&mut self, tick: u64, observer: &mut impl Observer) -> StopReport {
+        if self.now() <= tick {
+            self.advance(tick, observer);
+        }
+        let answer = self.ask(&Command::StopNow);
+        for motor in &mut self.motors {
+            motor.forget();
+        }
+        let report = match answer {
+            Ok(Answer { reply: Reply::Stopped { stopped, positions }, .. }) => {
+                for (motor, position) in self.motors.iter_mut().zip(positions.as_slice()) {
+                    motor.count(*position);
+                }
+                let uncertain = (0..self.motors.len()).map(|motor| stopped.uncertain >> motor & 1 == 1).collect();
+                StopReport { tick: stopped.tick, positions: self.positions(), uncertain }
+            }
+            Ok(answer) => {
+                self.error.get_or_insert(refusal("stop", &answer));
+                self.unknown_stop()
+            }
+            Err(_) => self.unknown_stop(),
+        };
+        self.hand_over(observer);
+        report
+    }
+
+    fn positions(&self) -> Vec<i64> {
+        self.motors.iter().map(|motor| motor.position).collect()
+    }
+
+    fn is_idle(&self) -> bool {
+        self.idle || self.error.is_some()
+    }
+
+    fn faults(&self, motor: usize) -> Faults {
+        let faults = self.motors.get(motor).map_or(0, |motor| motor.faults);
+        Faults {
+            step_missed: faults & (flags::STEP_MISSED | flags::BAD_ITEM | flags::CHECK_FAILED) != 0,
+            setup_cut_short: faults & flags::SETUP_CUT_SHORT != 0,
+        }
+    }
+}
+
+impl<P: Port> Remote<P> {
+    /// Nobody knows whether the board stopped: it stops as it was planned at the latest.
+    fn unknown_stop(&self) -> StopReport {
+        StopReport { tick: self.now(), positions: self.positions(), uncertain: vec![true; self.motors.len()] }
+    }
+}

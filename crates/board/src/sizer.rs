@@ -1,0 +1,72 @@
+//! What items take in a board's queue.
+
+use pulsetrain_core::Item;
+use pulsetrain_core::packing::{MAX_PACKED_LEN, Packing, State};
+
+/// Measures the items of one epoch and one motor, the first one first: what the queue of a board needs to hold them.
+///
+/// An epoch is packed from a reset state on, so that its size does not depend on what was sent before.
+///
+/// ```
+/// use pulsetrain_board::Sizer;
+/// use pulsetrain_core::packing::Packing;
+/// use pulsetrain_core::{Direction, Item, Moment, Segment};
+///
+/// let anchor = Item::Anchor { tick: Moment(0) };
+/// let segment = Segment { count: 40, interval: 100 << 16, add: 0, add2: 0 };
+/// let run = Item::Run { segment, direction: Direction::Forward };
+///
+/// let mut packed = Sizer::packed(Packing { fraction_bits: 16, gain: 0 });
+/// assert_eq!([packed.size(&anchor), packed.size(&run)], [6, 6]);
+/// // The same speed for 40 steps more: the header alone says so.
+/// assert_eq!(packed.size(&run), 1);
+///
+/// let mut items = Sizer::items();
+/// assert_eq!([items.size(&anchor), items.size(&run)], [1, 1]);
+/// ```
+#[derive(Clone, Copy, Debug)]
+pub struct Sizer {
+    unit: Unit,
+    /// What the epoch itself takes, until it is counted.
+    head: usize,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Unit {
+    /// A place for each item.
+    Items,
+    /// Bytes.
+    Packed { packing: Packing, state: State },
+}
+
+impl Sizer {
+    /// For a queue that has one place for each item.
+    #[must_use]
+    pub const fn items() -> Sizer {
+        Sizer { unit: Unit::Items, head: 0 }
+    }
+
+    /// For a queue of bytes that holds items as [`pulsetrain_core::packing`] packs them.
+    #[must_use]
+    pub fn packed(packing: Packing) -> Sizer {
+        Sizer { unit: Unit::Packed { packing, state: State::default() }, head: 0 }
+    }
+
+    /// The same, of a queue in which every epoch takes `head` for itself, before its first item.
+    #[must_use]
+    pub const fn with_head(self, head: usize) -> Sizer {
+        Sizer { head, ..self }
+    }
+
+    /// What the next item of the epoch takes.
+    pub fn size(&mut self, item: &Item) -> usize {
+        let head = std::mem::take(&mut self.head);
+        head + match &mut self.unit {
+            Unit::Items => 1,
+            // What cannot be packed is no step: a board refuses it, and it must not look small.
+            Unit::Packed { packing, state } => {
+                packing.pack(state, item, &mut [0; MAX_PACKED_LEN]).unwrap_or(MAX_PACKED_LEN)
+            }
+        }
+    }
+}

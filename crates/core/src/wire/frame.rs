@@ -1,0 +1,278 @@
+//! Bodies ↔ bytes on the line.
+//!
+//! | bytes | |
+//! |---|---|
+//! | 1 | the length n of the body, 1 ≤ n ≤ [`MAX_BODY`], times 2, plus its parity: an even number of ones |
+//! | n + 1 | the body, COBS-encoded: no zero in it |
+//! | 1 | 1, then bits 15–9 of the CRC |
+//! | 1 | 1, then bits 8–2 of the CRC |
+//! | 1 | 1, then five bits [`Tag`], then bits 1–0 of the CRC |
+//! | 1 | 0 |
+//!
+//! The CRC (polynomial 0x1021, first 0xffff, nothing reflected) goes over the *encoded* bytes, the length first, and then over
+//! the tag: so it finds what was changed before anything is made of it, and every change of 1 to 3 bits that leaves the
+//! zeros where they are. A change that makes or breaks a zero cuts a frame or joins two: the length is then
+//! wrong by two bits at least. The leading ones of the three bytes keep zeros out of them.
+
+/// The longest body.
+pub const MAX_BODY: usize = 80;
+
+/// The longest frame, with its zero.
+pub const MAX_FRAME: usize = framed_len(MAX_BODY);
+
+// The length has seven bits; COBS needs no second code byte.
+const _: () = assert!(MAX_BODY < 128);
+
+/// Bytes on the line of a body of `len` bytes.
+#[must_use]
+pub const fn framed_len(len: usize) -> usize {
+    1 + len + 1 + 3 + 1
+}
+
+/// Which session a frame belongs to, 0 to 31; 0 before there is one.
+///
+/// A frame of another session is dropped.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Tag(pub u8);
+
+impl Tag {
+    /// Of Hello and its answer, and of what a board says while nobody has taken it.
+    pub const NONE: Tag = Tag(0);
+
+    /// The one for the next session: 1 to 31, then 1 again.
+    #[must_use]
+    pub const fn next(self) -> Tag {
+        Tag(if self.0 >= 31 { 1 } else { self.0 + 1 })
+    }
+}
+
+/// CRC-16 over one more byte, by shifts: about 20 cycles on an AVR, and no table in RAM.
+///
+/// ```
+/// use pulsetrain_core::wire::frame::crc;
+/// assert_eq!(b"123456789".iter().fold(0xffff, |sum, byte| crc(sum, *byte)), 0x29b1);
+/// ```
+#[must_use]
+pub const fn crc(sum: u16, byte: u8) -> u16 {
+    let [high, low] = sum.to_be_bytes();
+    let mut x = high ^ byte;
+    x ^= x >> 4;
+    // x·2^12 + x·2^5 + x, a byte at a time.
+    u16::from_be_bytes([low ^ (x << 4) ^ (x >> 3), (x << 5) ^ x])
+}
+
+const CRC_START: u16 = 0xffff;
+
+/// The byte before a body of `len` bytes: an even number of ones.
+const fn length_byte(len: u8) -> u8 {
+    let mut odd = len ^ (len >> 4);
+    odd ^= odd >> 2;
+    odd ^= odd >> 1;
+    len << 1 | odd & 1
+}
+
+/// The three bytes after a body, `sum` being that of its encoded bytes.
+const fn trailer(sum: u16, tag: Tag) -> [u8; 3] {
+    let [high, low] = crc(sum, tag.0 & 31).to_be_bytes();
+    [0x80 | (high >> 1), 0x80 | (high << 6) & 0x40 | (low >> 2), 0x80 | (tag.0 & 31) << 2 | low & 3]
+}
+
+/// Writes one frame into a buffer, byte by byte.
+#[derive(Debug)]
+pub struct Encoder<'a> {
+    out: &'a mut [u8],
+    /// Where the code of the run being written is.
+    code_at: usize,
+    /// Bytes written, length and codes included; beyond `out` when it is too short.
+    len: usize,
+}
+
+impl<'a> Encoder<'a> {
+    /// A frame into the front of `out`.
+    #[must_use]
+    pub fn new(out: &'a mut [u8]) -> Encoder<'a> {
+        Encoder { out, code_at: 1, len: 2 }
+    }
+
+    /// One byte of the body.
+    // Small on a board, where it is called from everywhere.
+    #[inline(never)]
+    pub fn u8(&mut self, byte: u8) {
+        if byte == 0 {
+            self.close_run();
+            self.code_at = self.len;
+        } else if let Some(place) = self.out.get_mut(self.len) {
+            *place = byte;
+        }
+        self.len += 1;
+    }
+
+    /// Bytes of the body.
+    #[inline(never)]
+    pub fn bytes(&mut self, bytes: &[u8]) {
+        for byte in bytes {
+            self.u8(*byte);
+        }
+    }
+
+    /// Two bytes of the body.
+    #[inline(never)]
+    pub fn u16(&mut self, value: u16) {
+        self.bytes(&value.to_le_bytes());
+    }
+
+    /// Four bytes of the body.
+    #[inline(never)]
+    pub fn u32(&mut self, value: u32) {
+        self.bytes(&value.to_le_bytes());
+    }
+
+    /// Eight bytes of the body.
+    #[inline(never)]
+    pub fn u64(&mut self, value: u64) {
+        self.bytes(&value.to_le_bytes());
+    }
+
+    /// Ends the frame and gives its length; `None` when the body is empty or longer than [`MAX_BODY`], or `out` too short.
+    pub fn finish(mut self, tag: Tag) -> Option<usize> {
+        self.close_run();
+        let len = u8::try_from(self.len - 2).ok().filter(|len| 0 < *len && usize::from(*len) <= MAX_BODY)?;
+        *self.out.first_mut()? = length_byte(len);
+        let sum = self.out.get(..self.len)?.iter().fold(CRC_START, |sum, byte| crc(sum, *byte));
+        let end = self.out.get_mut(self.len..self.len + 4)?;
+        end[..3].copy_from_slice(&trailer(sum, tag));
+        end[3] = 0;
+        Some(self.len + 4)
+    }
+
+    fn close_run(&mut self) {
+        // A run that is longer than a byte can say does not fit a frame anyway: `finish` refuses it.
+        let run = u8::try_from(self.len - self.code_at).unwrap_or(u8::MAX);
+        if let Some(code) = self.out.get_mut(self.code_at) {
+            *code = run;
+        }
+    }
+}
+
+/// What a byte from the line completed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Received {
+    /// Nothing yet.
+    More,
+    /// A frame whose CRC is right: [`Decoder::body`] has it until the next byte comes.
+    Frame(Tag),
+    /// Something that is no frame. A lone zero is nothing, not damage: it ends whatever noise there was before.
+    Damaged,
+}
+
+/// Takes frames from a line, decoding each in place: `MAX_BODY` bytes and a few.
+#[derive(Clone, Debug)]
+pub struct Decoder {
+    body: [u8; MAX_BODY],
+    /// Bytes of the body so far.
+    len: u8,
+    /// The last three bytes: the trailer, if a zero follows.
+    late: [u8; 3],
+    at: At,
+    /// The length byte.
+    said: u8,
+    /// Bytes that the run being read still has.
+    run: u8,
+    sum: u16,
+}
+
+/// What comes out of `late` next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum At {
+    /// Nothing: so many of its bytes are missing.
+    Filling(u8),
+    Length,
+    /// The code of the first run.
+    First,
+    Body,
+    /// More than a frame has: noise up to the next zero.
+    TooLong,
+}
+
+impl Decoder {
+    /// Between two frames.
+    #[must_use]
+    pub const fn new() -> Decoder {
+        Decoder { body: [0; MAX_BODY], len: 0, late: [0; 3], at: At::Filling(3), said: 0, run: 0, sum: CRC_START }
+    }
+
+    /// Takes one byte.
+    #[inline]
+    pub fn push(&mut self, byte: u8) -> Received {
+        if byte == 0 {
+            return self.end();
+        }
+        let [ready, second, third] = self.late;
+        self.late = [second, third, byte];
+        match self.at {
+            At::Body => {
+                self.sum = crc(self.sum, ready);
+                if self.run == 0 {
+                    // A code after the first stands for the zero before its run.
+                    self.run = ready;
+                    self.put(0);
+                } else {
+                    self.put(ready);
+                }
+                self.run -= 1;
+            }
+            At::Filling(1) => self.at = At::Length,
+            At::Filling(missing) => self.at = At::Filling(missing - 1),
+            At::Length => {
+                (self.said, self.sum, self.len, self.at) = (ready, crc(CRC_START, ready), 0, At::First);
+            }
+            At::First => {
+                (self.run, self.sum, self.at) = (ready - 1, crc(self.sum, ready), At::Body);
+            }
+            At::TooLong => {}
+        }
+        Received::More
+    }
+
+    fn put(&mut self, value: u8) {
+        match self.body.get_mut(usize::from(self.len)) {
+            Some(place) => {
+                *place = value;
+                self.len += 1;
+            }
+            None => self.at = At::TooLong,
+        }
+    }
+
+    /// The body of the frame that was completed last.
+    #[must_use]
+    pub fn body(&self) -> &[u8] {
+        self.body.get(..usize::from(self.len)).unwrap_or_default()
+    }
+
+    /// Forgets what came since the last zero, as after a change of rate.
+    pub fn reset(&mut self) {
+        (self.at, self.len) = (At::Filling(3), 0);
+    }
+
+    fn end(&mut self) -> Received {
+        let at = core::mem::replace(&mut self.at, At::Filling(3));
+        if at == At::Filling(3) {
+            return Received::More;
+        }
+        let tag = Tag(self.late[2] >> 2 & 31);
+        let whole = at == At::Body && self.run == 0 && self.said == length_byte(self.len);
+        if whole && self.late == trailer(self.sum, tag) {
+            Received::Frame(tag)
+        } else {
+            self.len = 0;
+            Received::Damaged
+        }
+    }
+}
+
+impl Default for Decoder {
+    fn default() -> Decoder {
+        Decoder::new()
+    }
+}

@@ -1,0 +1,138 @@
+//! What a board must be able to do for the [`Service`](super::Service).
+
+use super::message::{Configuration, Event, Info, Measures, MotorStatus, Reason, StatusHead};
+use super::{Baud, MAX_MOTORS};
+use crate::Epoch;
+
+/// Why a board does not do what a correct frame asks; a number that explains it, as [`Reason`] says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Refusal {
+    /// Why.
+    pub reason: Reason,
+    /// Pin, motor or limit.
+    pub detail: u16,
+}
+
+impl Refusal {
+    /// Without a number.
+    #[must_use]
+    pub const fn of(reason: Reason) -> Refusal {
+        Refusal { reason, detail: 0 }
+    }
+}
+
+/// How a switch went.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Switched {
+    /// It will be made.
+    Accepted,
+    /// A motor is committed beyond that tick.
+    Late {
+        /// The first tick at which a switch would be accepted now.
+        horizon: u64,
+    },
+    /// The tick is too far ahead to be told apart.
+    Early {
+        /// First tick that is too far.
+        limit: u64,
+    },
+    /// Too many switches wait already.
+    Full,
+}
+
+/// An immediate stop, made.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Stopped {
+    /// No step was begun after it.
+    pub tick: u64,
+    /// Bit by motor: faster than it can stop at once, so that it may stand elsewhere.
+    pub uncertain: u8,
+}
+
+/// A board, as the [`Service`](super::Service) sees it. Everything is done at once; nothing waits.
+///
+/// Motors are numbered from 0; those beyond [`motors`](Machine::motors) are never asked for but in
+/// [`push`](Machine::push) and [`free`](Machine::free).
+pub trait Machine {
+    /// What it is, and its marks; the service fills in what is the session's.
+    fn info(&mut self) -> Info;
+
+    /// Sets pins and times and splits the queues' memory. Counts begin at 0; nothing is powered until
+    /// [`arm`](Machine::arm).
+    ///
+    /// Repeated with the same content it changes nothing: an answer that was lost is asked for again.
+    ///
+    /// # Errors
+    /// What does not fit this board, or [`Reason::Moving`]; the old configuration stays.
+    fn configure(&mut self, configuration: &Configuration<'_>) -> Result<(), Refusal>;
+
+    /// Powers the motors and takes packed bytes from now on. Counts stay; queues are empty and faults forgotten.
+    ///
+    /// # Errors
+    /// [`Reason::NotConfigured`], [`Reason::Moving`].
+    fn arm(&mut self) -> Result<(), Refusal>;
+
+    /// Takes the power from motors that rest; queues are emptied.
+    ///
+    /// # Errors
+    /// [`Reason::Moving`].
+    fn release(&mut self) -> Result<(), Refusal>;
+
+    /// Motors configured, at most [`MAX_MOTORS`].
+    fn motors(&self) -> u8;
+
+    /// Free bytes in a motor's queue: what [`push`](Machine::push) will take.
+    fn free(&self, motor: u8) -> u16;
+
+    /// Puts packed items (whole ones, as [`packing`](crate::packing) defines) last in a motor's queue: all or none.
+    ///
+    /// # Errors
+    /// [`Reason::Full`]: the frame is asked for again. [`Reason::NotArmed`], [`Reason::NoSuchMotor`]: it is dropped.
+    fn push(&mut self, motor: u8, epoch: Epoch, packed: &[u8]) -> Result<(), Refusal>;
+
+    /// Takes back what was pushed last of `epoch`, of all motors.
+    fn discard(&mut self, epoch: Epoch);
+
+    /// At `tick` all motors drop what is left of the old epoch and begin `epoch`; all or none, and when none, what was
+    /// pushed of `epoch` is dropped.
+    ///
+    /// # Errors
+    /// [`Reason::NotArmed`].
+    fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<Switched, Refusal>;
+
+    /// The immediate, unplanned stop: no step begins from now on. The motors stay powered, but must be armed again.
+    fn stop_now(&mut self) -> Stopped;
+
+    /// The 64-bit clock, now.
+    fn clock(&mut self) -> u64;
+
+    /// [`flags`](super::message::flags) of the board: asked for with every acknowledgement.
+    fn flags(&self) -> u8;
+
+    /// What is common to all motors.
+    fn status(&mut self) -> StatusHead;
+
+    /// What is each motor's.
+    fn motor(&mut self, motor: u8) -> MotorStatus;
+
+    /// The board's own measurements.
+    fn measures(&mut self) -> Measures;
+
+    /// They begin anew.
+    fn reset_measures(&mut self);
+
+    /// Whether the line can do `baud`.
+    fn can_baud(&self, baud: Baud) -> bool;
+
+    /// Changes the rate of the line as soon as all bytes that were handed over are out; what came in before is dropped.
+    fn set_baud(&mut self, baud: Baud);
+
+    /// Nobody has taken the board any more: the host said so, or was silent for too long. What is queued goes on to its
+    /// tail.
+    fn host_gone(&mut self, lost: bool);
+
+    /// What the host has not been told yet, oldest first.
+    fn event(&mut self) -> Option<Event>;
+}
+
+const _: () = assert!(MAX_MOTORS <= 8, "`uncertain` has a bit for each");

@@ -1,0 +1,1060 @@
+//! Commands, answers and events: the bodies of frames.
+//!
+//! Every body begins with the sequence number and the kind; what follows is said in a table at each type. All integers
+//! are little-endian.
+//!
+//! The board writes its answers field by field into the frame ([`Info::encode`] and its like), the host reads them into
+//! structs ([`Reply::decode`]); commands the other way round ([`Command`]).
+
+use super::frame::{Encoder, Tag};
+use super::machine::{Stopped, Switched};
+use super::{Baud, MAX_MOTORS};
+use crate::Epoch;
+
+/// What a command is, byte 1 of its body.
+pub mod kind {
+    /// [`Command::Hello`](super::Command::Hello)
+    pub const HELLO: u8 = 0x01;
+    /// [`Command::Configure`](super::Command::Configure)
+    pub const CONFIGURE: u8 = 0x02;
+    /// [`Command::Arm`](super::Command::Arm)
+    pub const ARM: u8 = 0x03;
+    /// [`Command::Release`](super::Command::Release)
+    pub const RELEASE: u8 = 0x04;
+    /// [`Command::Clock`](super::Command::Clock)
+    pub const CLOCK: u8 = 0x05;
+    /// [`Command::Status`](super::Command::Status)
+    pub const STATUS: u8 = 0x06;
+    /// [`Command::Discard`](super::Command::Discard)
+    pub const DISCARD: u8 = 0x07;
+    /// [`Command::Switch`](super::Command::Switch)
+    pub const SWITCH: u8 = 0x08;
+    /// [`Command::StopNow`](super::Command::StopNow)
+    pub const STOP_NOW: u8 = 0x09;
+    /// [`Command::Baud`](super::Command::Baud)
+    pub const BAUD: u8 = 0x0a;
+    /// [`Command::Bye`](super::Command::Bye)
+    pub const BYE: u8 = 0x0b;
+    /// [`Command::Poll`](super::Command::Poll)
+    pub const POLL: u8 = 0x0c;
+    /// [`Command::Measures`](super::Command::Measures)
+    pub const MEASURES: u8 = 0x0d;
+    /// [`Command::Data`](super::Command::Data) for motor 0; the next seven are for the others.
+    pub const DATA: u8 = 0x10;
+    /// Set in an answer's kind; the rest is the command's.
+    pub const ANSWER: u8 = 0x80;
+    /// [`Reply::Event`](super::Reply::Event)
+    pub const EVENT: u8 = 0xe0;
+    /// [`Reply::Missing`](super::Reply::Missing)
+    pub const MISSING: u8 = 0xe1;
+    /// [`Reply::Refused`](super::Reply::Refused)
+    pub const REFUSED: u8 = 0xe2;
+}
+
+macro_rules! codes {
+    ($(#[$outer:meta])* $name:ident { $($(#[$inner:meta])* $variant:ident = $code:literal,)* }) => {
+        $(#[$outer])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        #[repr(u8)]
+        pub enum $name { $($(#[$inner])* $variant = $code,)* }
+
+        impl $name {
+            /// All of them.
+            pub const ALL: &'static [$name] = &[$($name::$variant),*];
+
+            /// What `code` stands for.
+            #[must_use]
+            pub const fn from_code(code: u8) -> Option<$name> {
+                match code {
+                    $($code => Some($name::$variant),)*
+                    _ => None,
+                }
+            }
+        }
+    };
+}
+
+codes! {
+    /// Why a board refuses what a correct frame asks. `detail` is the number that comes with it, 0 where none is told.
+    Reason {
+        /// No such kind, or not for a board: `detail` is the kind.
+        UnknownKind = 1,
+        /// The body is not as long as its kind says, or a field is out of its range; `detail` is the kind.
+        Malformed = 2,
+        /// Another host has the board, and is alive.
+        Taken = 3,
+        /// There is no configuration yet.
+        NotConfigured = 4,
+        /// The motors are not armed: never were, or stopped since.
+        NotArmed = 5,
+        /// Motors are moving.
+        Moving = 6,
+        /// `detail` is the motor.
+        NoSuchMotor = 7,
+        /// The queue has no room: the host sent more than its credit. `detail` is the motor.
+        Full = 8,
+        /// More motors than the board drives; `detail` is how many it does.
+        TooManyMotors = 9,
+        /// A pin that is not there or cannot be this; `detail` is the pin.
+        Pin = 10,
+        /// A pin that is used twice; `detail` is the pin.
+        PinTaken = 11,
+        /// Pins that no stepgen of this board serves together; `detail` is the first pin that does not fit.
+        PinMix = 12,
+        /// Pulse, set-up or hold is out of the board's range; `detail` is the limit, ticks.
+        Timing = 13,
+        /// A rate that the line cannot do; `detail` is its code.
+        Baud = 14,
+    }
+}
+
+codes! {
+    /// Why motors stopped, or what else the host should know. Sent once as an event; the last that stopped motors is in
+    /// [`Info`].
+    Cause {
+        /// Nothing yet.
+        None = 0,
+        /// Everything queued was done, and ended in rest.
+        Finished = 1,
+        /// The host asked for the immediate stop.
+        StopNow = 2,
+        /// The host was silent for too long; what was queued goes on to its tail.
+        HostLost = 3,
+        /// A queue ran dry in the middle of an item.
+        Starved = 4,
+        /// Packed bytes that no packer makes; `detail` is the motor's count of bytes taken, modulo 2^32.
+        BadItem = 5,
+        /// Position or accumulator were not those that the host expected; `detail` is the position found.
+        CheckFailed = 6,
+        /// A step was asked for too late, or too soon after another: it and what follows in its epoch were not made.
+        StepMissed = 7,
+        /// A DIR edge came later than its set-up before the step.
+        SetupCutShort = 8,
+        /// A compare was missed and made late; `detail` is by how many ticks.
+        EdgeLate = 9,
+        /// Bytes from the host were lost before they were read.
+        Overrun = 10,
+        /// The new rate was not heard in time: back to 115 200 baud.
+        BaudFellBack = 11,
+        /// The chip's watchdog started the program anew.
+        Watchdog = 12,
+        /// The supply voltage fell below the chip's limit.
+        BrownOut = 13,
+        /// The reset line, as when a port is opened.
+        ResetLine = 14,
+        /// Power came on.
+        PowerOn = 15,
+    }
+}
+
+/// Reads a payload from the front.
+#[derive(Debug)]
+struct Reader<'a>(&'a [u8]);
+
+impl<'a> Reader<'a> {
+    fn array<const N: usize>(&mut self) -> Option<[u8; N]> {
+        let (head, rest) = self.0.split_first_chunk::<N>()?;
+        self.0 = rest;
+        Some(*head)
+    }
+
+    fn u8(&mut self) -> Option<u8> {
+        self.array().map(|[byte]| byte)
+    }
+
+    fn u16(&mut self) -> Option<u16> {
+        self.array().map(u16::from_le_bytes)
+    }
+
+    fn u32(&mut self) -> Option<u32> {
+        self.array().map(u32::from_le_bytes)
+    }
+
+    fn u64(&mut self) -> Option<u64> {
+        self.array().map(u64::from_le_bytes)
+    }
+
+    fn rest(&mut self) -> &'a [u8] {
+        core::mem::take(&mut self.0)
+    }
+
+    /// `value`, if nothing is left over.
+    fn end<T>(&self, value: T) -> Option<T> {
+        self.0.is_empty().then_some(value)
+    }
+}
+
+/// What a host asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Command<'a> {
+    /// Takes the board and begins to count from this frame's sequence number. Answer: [`Info`].
+    ///
+    /// | byte | |
+    /// |---|---|
+    /// | 2 | the host's [`VERSION`](super::VERSION) |
+    /// | 3–6 | a number of the host's choice, new for each session; the answer repeats it |
+    Hello {
+        /// The host's protocol.
+        version: u8,
+        /// The session's number.
+        nonce: u32,
+    },
+    /// Sets pins and times. Answer: [`Configured`].
+    Configure(Configuration<'a>),
+    /// Powers the motors; data are taken from now on. Answer: done. No payload.
+    Arm,
+    /// Takes the power from motors that rest. Answer: done. No payload.
+    Release,
+    /// Answer: [`Reply::Clock`]. No payload.
+    Clock,
+    /// Answer: [`Status`]. No payload.
+    Status,
+    /// Takes back what was pushed last of an epoch, of all motors. Answer: done.
+    ///
+    /// | byte | |
+    /// |---|---|
+    /// | 2 | epoch |
+    Discard {
+        /// Which.
+        epoch: Epoch,
+    },
+    /// At a tick, all motors go over to an epoch. Answer: [`Reply::Switched`].
+    ///
+    /// | byte | |
+    /// |---|---|
+    /// | 2 | epoch |
+    /// | 3–10 | tick |
+    Switch {
+        /// Which.
+        epoch: Epoch,
+        /// When.
+        tick: u64,
+    },
+    /// The immediate stop. Answer: [`Reply::Stopped`]. No payload.
+    StopNow,
+    /// Another rate, from the answer on. Answer: done.
+    ///
+    /// | byte | |
+    /// |---|---|
+    /// | 2 | [`Baud`] |
+    Baud {
+        /// Which.
+        baud: Baud,
+    },
+    /// Gives the board up; what is queued goes on. Answer: done. No payload.
+    Bye,
+    /// Asks for an [`Ack`], and shows that the host is alive. No payload.
+    Poll,
+    /// The board's own measurements. Answer: [`Measures`].
+    ///
+    /// | byte | |
+    /// |---|---|
+    /// | 2 | 1: begin anew before the answer; else 0 |
+    Measures {
+        /// Whether they begin anew before the answer.
+        reset: bool,
+    },
+    /// Packed items for a motor's queue: whole ones. Acknowledged by an [`Ack`], which may answer several at once.
+    ///
+    /// | byte | |
+    /// |---|---|
+    /// | 1 | 0x10 + motor |
+    /// | 2 | epoch |
+    /// | 3… | packed items, at least one byte |
+    Data {
+        /// Index of the motor, below [`MAX_MOTORS`].
+        motor: u8,
+        /// Of all the items.
+        epoch: Epoch,
+        /// Items as [`packing`](crate::packing) has them.
+        packed: &'a [u8],
+    },
+}
+
+/// Most packed bytes in one frame.
+pub const MAX_PACKED: usize = super::MAX_BODY - 3;
+
+impl<'a> Command<'a> {
+    /// Byte 1 of its body.
+    #[must_use]
+    pub const fn kind(&self) -> u8 {
+        match self {
+            Command::Hello { .. } => kind::HELLO,
+            Command::Configure(_) => kind::CONFIGURE,
+            Command::Arm => kind::ARM,
+            Command::Release => kind::RELEASE,
+            Command::Clock => kind::CLOCK,
+            Command::Status => kind::STATUS,
+            Command::Discard { .. } => kind::DISCARD,
+            Command::Switch { .. } => kind::SWITCH,
+            Command::StopNow => kind::STOP_NOW,
+            Command::Baud { .. } => kind::BAUD,
+            Command::Bye => kind::BYE,
+            Command::Poll => kind::POLL,
+            Command::Measures { .. } => kind::MEASURES,
+            Command::Data { motor, .. } => kind::DATA | (*motor & 7),
+        }
+    }
+
+    /// Reads what comes after sequence number and kind.
+    ///
+    /// # Errors
+    /// [`Reason::UnknownKind`] or [`Reason::Malformed`].
+    pub fn decode(kind: u8, payload: &'a [u8]) -> Result<Command<'a>, Reason> {
+        let mut reader = Reader(payload);
+        let command = match kind {
+            kind::HELLO => Command::hello(&mut reader),
+            kind::CONFIGURE => Configuration::decode(&mut reader).map(Command::Configure),
+            kind::ARM => Some(Command::Arm),
+            kind::RELEASE => Some(Command::Release),
+            kind::CLOCK => Some(Command::Clock),
+            kind::STATUS => Some(Command::Status),
+            kind::DISCARD => reader.u8().map(|epoch| Command::Discard { epoch: Epoch(epoch) }),
+            kind::SWITCH => Command::switch(&mut reader),
+            kind::STOP_NOW => Some(Command::StopNow),
+            kind::BAUD => reader.u8().and_then(Baud::from_code).map(|baud| Command::Baud { baud }),
+            kind::BYE => Some(Command::Bye),
+            kind::POLL => Some(Command::Poll),
+            kind::MEASURES => {
+                reader.u8().filter(|reset| *reset < 2).map(|reset| Command::Measures { reset: reset == 1 })
+            }
+            kind::DATA..0x18 => Command::data(kind - kind::DATA, &mut reader),
+            _ => return Err(Reason::UnknownKind),
+        };
+        command.and_then(|command| reader.end(command)).ok_or(Reason::Malformed)
+    }
+
+    fn hello(reader: &mut Reader<'a>) -> Option<Command<'a>> {
+        Some(Command::Hello { version: reader.u8()?, nonce: reader.u32()? })
+    }
+
+    fn switch(reader: &mut Reader<'a>) -> Option<Command<'a>> {
+        Some(Command::Switch { epoch: Epoch(reader.u8()?), tick: reader.u64()? })
+    }
+
+    fn data(motor: u8, reader: &mut Reader<'a>) -> Option<Command<'a>> {
+        let epoch = Epoch(reader.u8()?);
+        let packed = reader.rest();
+        (!packed.is_empty()).then_some(Command::Data { motor, epoch, packed })
+    }
+
+    /// Makes a frame of it in the front of `out` and gives its length; `None` if it does not fit.
+    pub fn encode(&self, seq: u8, tag: Tag, out: &mut [u8]) -> Option<usize> {
+        let mut frame = Encoder::new(out);
+        frame.u8(seq);
+        frame.u8(self.kind());
+        match *self {
+            Command::Hello { version, nonce } => {
+                frame.u8(version);
+                frame.u32(nonce);
+            }
+            Command::Configure(configuration) => configuration.encode(&mut frame),
+            Command::Discard { epoch } => frame.u8(epoch.0),
+            Command::Switch { epoch, tick } => {
+                frame.u8(epoch.0);
+                frame.u64(tick);
+            }
+            Command::Baud { baud } => frame.u8(baud as u8),
+            Command::Measures { reset } => frame.u8(u8::from(reset)),
+            Command::Data { epoch, packed, .. } => {
+                frame.u8(epoch.0);
+                frame.bytes(packed);
+            }
+            Command::Arm
+            | Command::Release
+            | Command::Clock
+            | Command::Status
+            | Command::StopNow
+            | Command::Bye
+            | Command::Poll => {}
+        }
+        frame.finish(tag)
+    }
+}
+
+/// A pin that is not there.
+pub const NO_PIN: u8 = 0xff;
+
+/// Pins and times of all motors.
+///
+/// | byte | |
+/// |---|---|
+/// | 2–3 | pulse: STEP is active so long, ticks |
+/// | 4–5 | set-up: DIR is right so long before the step, ticks |
+/// | 6–7 | hold: DIR stays so long after the step's end, ticks |
+/// | 8 | enable pin of all drivers; 255: none |
+/// | 9 | bit 0: enable is active high; bit 1: release the motors after `idle`; others 0 |
+/// | 10–11 | idle: the motors are released after so long a rest, ms |
+/// | 12–13 | silence: the host is lost after so long without a valid frame, ms; 0: 2000 |
+/// | 14 | motors, at most 8 |
+/// | 15… | eight bytes each: see [`MotorSetup`] |
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Configuration<'a> {
+    /// STEP is active so long, ticks.
+    pub pulse_ticks: u16,
+    /// DIR is right so long before the step, ticks.
+    pub setup_ticks: u16,
+    /// DIR stays so long after the end of the pulse, ticks.
+    pub hold_ticks: u16,
+    /// Enables all drivers; [`NO_PIN`] for none.
+    pub enable_pin: u8,
+    /// Enable is active high.
+    pub enable_high: bool,
+    /// The motors are released after so long a rest, ms; `None`: they hold.
+    pub idle_ms: Option<u16>,
+    /// The host is lost after so long without a valid frame, ms; 0: 2000.
+    pub silence_ms: u16,
+    /// [`MotorSetup`]s, packed.
+    motors: &'a [u8],
+}
+
+/// One motor's part of a [`Configuration`].
+///
+/// | byte | |
+/// |---|---|
+/// | 0 | pin of STEP |
+/// | 1 | pin of DIR; motors may share it |
+/// | 2 | bit 0: forward is DIR high; bit 1: STEP is active low; others 0 |
+/// | 3 | packing gain, signed |
+/// | 4–7 | pull-in: the shortest interval that the motor can start and stop at, ticks |
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct MotorSetup {
+    /// Pin of STEP.
+    pub step_pin: u8,
+    /// Pin of DIR; motors may share it.
+    pub dir_pin: u8,
+    /// Forward is DIR high.
+    pub forward_high: bool,
+    /// STEP is active low.
+    pub step_low: bool,
+    /// Of [`Packing`](crate::packing::Packing).
+    pub gain: i8,
+    /// The shortest interval that the motor can start and stop at, ticks.
+    pub pull_in_ticks: u32,
+}
+
+/// Bytes of a [`MotorSetup`].
+pub const MOTOR_SETUP_LEN: usize = 8;
+
+impl MotorSetup {
+    /// Its bytes.
+    #[must_use]
+    pub const fn to_bytes(&self) -> [u8; MOTOR_SETUP_LEN] {
+        let [a, b, c, d] = self.pull_in_ticks.to_le_bytes();
+        let flags = self.forward_high as u8 | (self.step_low as u8) << 1;
+        [self.step_pin, self.dir_pin, flags, self.gain.cast_unsigned(), a, b, c, d]
+    }
+
+    const fn from_bytes(bytes: [u8; MOTOR_SETUP_LEN]) -> MotorSetup {
+        let [step_pin, dir_pin, flags, gain, a, b, c, d] = bytes;
+        MotorSetup {
+            step_pin,
+            dir_pin,
+            forward_high: flags & 1 != 0,
+            step_low: flags & 2 != 0,
+            gain: gain.cast_signed(),
+            pull_in_ticks: u32::from_le_bytes([a, b, c, d]),
+        }
+    }
+}
+
+impl<'a> Configuration<'a> {
+    /// For the motors in `motors`, [`MotorSetup::to_bytes`] one after the other; times 0, no enable pin.
+    ///
+    /// `None` if these are not whole ones, or more than [`MAX_MOTORS`].
+    #[must_use]
+    pub fn new(motors: &'a [u8]) -> Option<Configuration<'a>> {
+        let whole = motors.len() & (MOTOR_SETUP_LEN - 1) == 0 && motors.len() <= MAX_MOTORS * MOTOR_SETUP_LEN;
+        whole.then_some(Configuration {
+            pulse_ticks: 0,
+            setup_ticks: 0,
+            hold_ticks: 0,
+            enable_pin: NO_PIN,
+            enable_high: false,
+            idle_ms: None,
+            silence_ms: 0,
+            motors,
+        })
+    }
+
+    /// The motors, in order.
+    pub fn motors(&self) -> impl ExactSizeIterator<Item = MotorSetup> + 'a {
+        self.motors.as_chunks::<MOTOR_SETUP_LEN>().0.iter().map(|bytes| MotorSetup::from_bytes(*bytes))
+    }
+
+    fn decode(reader: &mut Reader<'a>) -> Option<Configuration<'a>> {
+        // In one piece: on an AVR each `?` costs.
+        let [p0, p1, s0, s1, h0, h1, enable_pin, flags, i0, i1, l0, l1, count] = reader.array()?;
+        let [pulse_ticks, setup_ticks] = [u16::from_le_bytes([p0, p1]), u16::from_le_bytes([s0, s1])];
+        let [hold_ticks, idle_ms] = [u16::from_le_bytes([h0, h1]), u16::from_le_bytes([i0, i1])];
+        let silence_ms = u16::from_le_bytes([l0, l1]);
+        let motors = reader.rest();
+        let (setups, rest) = motors.as_chunks::<MOTOR_SETUP_LEN>();
+        let known = setups.iter().fold(flags, |known, setup| known | setup[2]);
+        if known & !3 != 0 || !rest.is_empty() || setups.len() != usize::from(count) || setups.len() > MAX_MOTORS {
+            return None;
+        }
+        Some(Configuration {
+            pulse_ticks,
+            setup_ticks,
+            hold_ticks,
+            enable_pin,
+            enable_high: flags & 1 != 0,
+            idle_ms: (flags & 2 != 0).then_some(idle_ms),
+            silence_ms,
+            motors,
+        })
+    }
+
+    fn encode(&self, frame: &mut Encoder<'_>) {
+        for ticks in [self.pulse_ticks, self.setup_ticks, self.hold_ticks] {
+            frame.u16(ticks);
+        }
+        frame.u8(self.enable_pin);
+        frame.u8(u8::from(self.enable_high) | u8::from(self.idle_ms.is_some()) << 1);
+        frame.u16(self.idle_ms.unwrap_or(0));
+        frame.u16(self.silence_ms);
+        // `new` and `decode` let no more than MAX_MOTORS pass.
+        frame.u8(u8::try_from(self.motors().len()).unwrap_or(u8::MAX));
+        frame.bytes(self.motors);
+    }
+}
+
+/// What a board is: the answer to Hello, with tag 0.
+///
+/// | byte | |
+/// |---|---|
+/// | 2 | protocol: [`VERSION`](super::VERSION) |
+/// | 3–6 | the host's number from Hello |
+/// | 7 | the session's [`Tag`]: of all frames that follow, both ways |
+/// | 8 | board: 1 the Uno; 0 a model |
+/// | 9–11 | firmware's version |
+/// | 12–15 | ticks a second |
+/// | 16 | F |
+/// | 17 | motors at most |
+/// | 18–19 | bytes of all queues together |
+/// | 20–21 | bytes that may be on their way to the board |
+/// | 22 | rates that the line can do: bit by code of [`Baud`] |
+/// | 23 | [`Cause`] of the last stop |
+/// | 24 | [`Cause`] of the last reset |
+/// | 25 | switches that may wait, one after the other |
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Info {
+    /// The host's number from Hello; the service's.
+    pub nonce: u32,
+    /// Of all frames that follow; the service's.
+    pub tag: Tag,
+    /// 1 the Uno; 0 a model.
+    pub board: u8,
+    /// Major, minor, patch.
+    pub firmware: [u8; 3],
+    /// Ticks a second.
+    pub tick_hz: u32,
+    /// F.
+    pub fraction_bits: u8,
+    /// Motors at most.
+    pub max_motors: u8,
+    /// Bytes of all queues together.
+    pub pool: u16,
+    /// Bytes that may be on their way to the board.
+    pub window: u16,
+    /// Rates, bit by code; the service's.
+    pub bauds: u8,
+    /// Why motors stopped last.
+    pub last_stop: Cause,
+    /// Why the program began last.
+    pub last_reset: Cause,
+    /// Switches that may wait, one after the other.
+    pub switches: u8,
+}
+
+impl Info {
+    /// Of no board.
+    pub const NOBODY: Info = Info {
+        nonce: 0,
+        tag: Tag::NONE,
+        board: 0,
+        firmware: [0; 3],
+        tick_hz: 1,
+        fraction_bits: 0,
+        max_motors: 0,
+        pool: 0,
+        window: 0,
+        bauds: 0,
+        last_stop: Cause::None,
+        last_reset: Cause::None,
+        switches: 0,
+    };
+
+    /// Writes it.
+    pub fn encode(&self, frame: &mut Encoder<'_>) {
+        frame.u8(super::VERSION);
+        frame.u32(self.nonce);
+        frame.u8(self.tag.0);
+        frame.u8(self.board);
+        frame.bytes(&self.firmware);
+        frame.u32(self.tick_hz);
+        frame.u8(self.fraction_bits);
+        frame.u8(self.max_motors);
+        frame.u16(self.pool);
+        frame.u16(self.window);
+        frame.u8(self.bauds);
+        frame.u8(self.last_stop as u8);
+        frame.u8(self.last_reset as u8);
+        frame.u8(self.switches);
+    }
+
+    fn decode(reader: &mut Reader<'_>) -> Option<Info> {
+        Some(Info {
+            nonce: reader.u32()?,
+            tag: Tag(reader.u8()?),
+            board: reader.u8()?,
+            firmware: reader.array()?,
+            tick_hz: reader.u32()?,
+            fraction_bits: reader.u8()?,
+            max_motors: reader.u8()?,
+            pool: reader.u16()?,
+            window: reader.u16()?,
+            bauds: reader.u8()?,
+            last_stop: Cause::from_code(reader.u8()?)?,
+            last_reset: Cause::from_code(reader.u8()?)?,
+            switches: reader.u8()?,
+        })
+    }
+}
+
+/// One number for each motor.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PerMotor<T> {
+    values: [T; MAX_MOTORS],
+    len: u8,
+}
+
+impl<T> PerMotor<T> {
+    /// The motors', in order.
+    #[must_use]
+    pub fn as_slice(&self) -> &[T] {
+        self.values.get(..usize::from(self.len)).unwrap_or_default()
+    }
+}
+
+impl<T: Copy + Default> PerMotor<T> {
+    fn decode(count: u8, mut one: impl FnMut() -> Option<T>) -> Option<PerMotor<T>> {
+        let mut values = [T::default(); MAX_MOTORS];
+        for value in values.get_mut(..usize::from(count))? {
+            *value = one()?;
+        }
+        Some(PerMotor { values, len: count })
+    }
+}
+
+/// The answer to Configure.
+///
+/// | byte | |
+/// |---|---|
+/// | 2 | motors |
+/// | 3… | bytes of each motor's queue, two each |
+pub type Configured = PerMotor<u16>;
+
+/// What was received in order, and what there is room for: the answer to Data and Poll.
+///
+/// | byte | |
+/// |---|---|
+/// | 0 | sequence number of the last frame that was taken in order |
+/// | 2 | [`flags`] of the board |
+/// | 3 | motors |
+/// | 4… | free bytes of each motor's queue, two each |
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Ack {
+    /// See [`flags`].
+    pub flags: u8,
+    /// Free bytes of each motor's queue.
+    pub free: PerMotor<u16>,
+}
+
+/// Bits of what a board, or a motor, is in.
+pub mod flags {
+    /// Nothing is left to do on any motor: no step, no end of a pulse.
+    pub const IDLE: u8 = 1;
+    /// There is a configuration.
+    pub const CONFIGURED: u8 = 2;
+    /// Data are taken.
+    pub const ARMED: u8 = 4;
+    /// Of a motor: a step was asked for too late or too soon, and what followed in its epoch was not made.
+    pub const STEP_MISSED: u8 = 1;
+    /// Of a motor: a DIR edge came later than its set-up before the step.
+    pub const SETUP_CUT_SHORT: u8 = 2;
+    /// Of a motor: its queue ran dry inside an item, or held what no packer makes.
+    pub const BAD_ITEM: u8 = 4;
+    /// Of a motor: position or accumulator were not those that the host expected.
+    pub const CHECK_FAILED: u8 = 8;
+}
+
+/// What is common to all motors.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct StatusHead {
+    /// The clock.
+    pub tick: u64,
+    /// The first tick at which a switch would be accepted.
+    pub horizon: u64,
+    /// The epoch being run, or that was run last.
+    pub epoch: Epoch,
+    /// See [`flags`].
+    pub flags: u8,
+}
+
+/// What is each motor's.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct MotorStatus {
+    /// Steps forward minus steps backward, pulses begun, modulo 2^32.
+    pub position: i32,
+    /// Free bytes of the queue.
+    pub free: u16,
+    /// Since it was armed: see [`flags`].
+    pub faults: u8,
+}
+
+/// The answer to Status.
+///
+/// | byte | |
+/// |---|---|
+/// | 2–9 | the clock |
+/// | 10–17 | horizon |
+/// | 18 | epoch |
+/// | 19 | [`flags`] of the board |
+/// | 20 | motors |
+/// | 21… | seven bytes each: position (4), free bytes (2), [`flags`] of the motor |
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Status {
+    /// Common to all motors.
+    pub head: StatusHead,
+    /// Each motor's.
+    pub motors: PerMotor<MotorStatus>,
+}
+
+impl Status {
+    /// Whether nothing is left to do on any motor.
+    #[must_use]
+    pub const fn is_idle(&self) -> bool {
+        self.head.flags & flags::IDLE != 0
+    }
+
+    /// Writes it.
+    pub fn encode(frame: &mut Encoder<'_>, head: &StatusHead, motors: impl ExactSizeIterator<Item = MotorStatus>) {
+        frame.u64(head.tick);
+        frame.u64(head.horizon);
+        frame.u8(head.epoch.0);
+        frame.u8(head.flags);
+        frame.u8(u8::try_from(motors.len()).unwrap_or(u8::MAX));
+        for motor in motors {
+            frame.u32(motor.position.cast_unsigned());
+            frame.u16(motor.free);
+            frame.u8(motor.faults);
+        }
+    }
+
+    fn decode(reader: &mut Reader<'_>) -> Option<Status> {
+        let [tick, horizon] = [reader.u64()?, reader.u64()?];
+        let head = StatusHead { tick, horizon, epoch: Epoch(reader.u8()?), flags: reader.u8()? };
+        let count = reader.u8()?;
+        let motors = PerMotor::decode(count, || {
+            Some(MotorStatus { position: reader.u32()?.cast_signed(), free: reader.u16()?, faults: reader.u8()? })
+        })?;
+        Some(Status { head, motors })
+    }
+}
+
+/// What a board measured of itself since it was asked to begin anew: the answer to Measures. Counters stay at their end.
+///
+/// | byte | |
+/// |---|---|
+/// | 2–3 | compares that were missed and made late |
+/// | 4–5 | the latest of them, ticks |
+/// | 6–7 | times that the step interrupt found nothing though steps were left |
+/// | 8–9 | fewest groups that a ring held while more were to come |
+/// | 10–11 | longest round of the main loop, ticks |
+/// | 12–13 | most bytes that waited to be read |
+/// | 14–15 | bytes from the line that were lost, or came damaged |
+/// | 16–17 | frames whose CRC was wrong |
+/// | 18–19 | fewest bytes of stack that were never used |
+/// | 20–23 | rounds of the main loop |
+/// | 24–31 | ticks asleep |
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Measures {
+    /// Compares that were missed and made late.
+    pub late: u16,
+    /// The latest of them, ticks.
+    pub latest_ticks: u16,
+    /// Times that the step interrupt found nothing though steps were left.
+    pub starved: u16,
+    /// Fewest groups that a ring held while more were to come.
+    pub fewest_groups: u16,
+    /// Longest round of the main loop, ticks.
+    pub longest_round_ticks: u16,
+    /// Most bytes that waited to be read.
+    pub most_unread: u16,
+    /// Bytes from the line that were lost, or came damaged.
+    pub lost_bytes: u16,
+    /// Frames whose CRC was wrong; the service's.
+    pub damaged_frames: u16,
+    /// Fewest bytes of stack that were never used.
+    pub stack_left: u16,
+    /// Rounds of the main loop.
+    pub rounds: u32,
+    /// Ticks asleep.
+    pub asleep_ticks: u64,
+}
+
+impl Measures {
+    /// Writes it.
+    pub fn encode(&self, frame: &mut Encoder<'_>) {
+        let counts = [
+            self.late,
+            self.latest_ticks,
+            self.starved,
+            self.fewest_groups,
+            self.longest_round_ticks,
+            self.most_unread,
+            self.lost_bytes,
+            self.damaged_frames,
+            self.stack_left,
+        ];
+        for count in counts {
+            frame.u16(count);
+        }
+        frame.u32(self.rounds);
+        frame.u64(self.asleep_ticks);
+    }
+
+    fn decode(reader: &mut Reader<'_>) -> Option<Measures> {
+        Some(Measures {
+            late: reader.u16()?,
+            latest_ticks: reader.u16()?,
+            starved: reader.u16()?,
+            fewest_groups: reader.u16()?,
+            longest_round_ticks: reader.u16()?,
+            most_unread: reader.u16()?,
+            lost_bytes: reader.u16()?,
+            damaged_frames: reader.u16()?,
+            stack_left: reader.u16()?,
+            rounds: reader.u32()?,
+            asleep_ticks: reader.u64()?,
+        })
+    }
+}
+
+/// What a board says unasked. Its sequence number is a count of its own: events that were lost leave a gap.
+///
+/// | byte | |
+/// |---|---|
+/// | 0 | events so far, wrapping |
+/// | 2 | [`Cause`] |
+/// | 3 | motor; 255: all |
+/// | 4–11 | when |
+/// | 12–15 | a number that explains it, as [`Cause`] says |
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Event {
+    /// What happened.
+    pub cause: Cause,
+    /// Whom it concerns; [`ALL_MOTORS`] for all.
+    pub motor: u8,
+    /// When.
+    pub tick: u64,
+    /// As [`Cause`] says.
+    pub detail: u32,
+}
+
+/// Not one motor's.
+pub const ALL_MOTORS: u8 = 0xff;
+
+impl Event {
+    /// Writes it.
+    pub fn encode(&self, frame: &mut Encoder<'_>) {
+        frame.u8(self.cause as u8);
+        frame.u8(self.motor);
+        frame.u64(self.tick);
+        frame.u32(self.detail);
+    }
+
+    fn decode(reader: &mut Reader<'_>) -> Option<Event> {
+        Some(Event {
+            cause: Cause::from_code(reader.u8()?)?,
+            motor: reader.u8()?,
+            tick: reader.u64()?,
+            detail: reader.u32()?,
+        })
+    }
+}
+
+/// What a board says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reply {
+    /// To Hello.
+    Info(Info),
+    /// To Configure.
+    Configured(Configured),
+    /// To Clock: the tick at which the answer was written.
+    ///
+    /// | byte | |
+    /// |---|---|
+    /// | 2–9 | tick |
+    Clock {
+        /// Then.
+        tick: u64,
+    },
+    /// To Status.
+    Status(Status),
+    /// To Switch.
+    ///
+    /// | byte | |
+    /// |---|---|
+    /// | 2 | 0 accepted, 1 late, 2 early, 3 full |
+    /// | 3–10 | late: horizon; early: first tick that is too far; else 0 |
+    Switched(Switched),
+    /// To StopNow.
+    ///
+    /// | byte | |
+    /// |---|---|
+    /// | 2–9 | no step was begun after this tick |
+    /// | 10 | bit by motor: position uncertain |
+    /// | 11 | motors |
+    /// | 12… | positions, four bytes each |
+    Stopped {
+        /// Tick and uncertainty.
+        stopped: Stopped,
+        /// Of each motor, modulo 2^32.
+        positions: PerMotor<i32>,
+    },
+    /// To Data and Poll.
+    Ack(Ack),
+    /// To Measures.
+    Measures(Measures),
+    /// To Arm, Release, Discard, Baud, Bye: done. No payload.
+    Done {
+        /// The command's kind.
+        kind: u8,
+    },
+    /// To any command: not done.
+    ///
+    /// | byte | |
+    /// |---|---|
+    /// | 2 | the command's kind |
+    /// | 3 | [`Reason`] |
+    /// | 4–5 | a number that explains it |
+    Refused {
+        /// The command's kind.
+        kind: u8,
+        /// Why.
+        reason: Reason,
+        /// As [`Reason`] says.
+        detail: u16,
+    },
+    /// A frame came that is not the next one: the host is to go back to the one after byte 0.
+    ///
+    /// | byte | |
+    /// |---|---|
+    /// | 0 | sequence number of the last frame that was taken in order |
+    /// | 2 | 0: a frame is missing; 1: nobody has taken the board; 2: no room for the next frame |
+    Missing {
+        /// Byte 2.
+        why: Missing,
+    },
+    /// Unasked.
+    Event(Event),
+}
+
+codes! {
+    /// Why a frame was not taken.
+    Missing {
+        /// One before it did not arrive.
+        Gap = 0,
+        /// Nobody has taken the board: say Hello.
+        NotTaken = 1,
+        /// Its queue has no room.
+        NoRoom = 2,
+    }
+}
+
+impl Reply {
+    /// Reads a body that came from a board; `None` if no board of this version writes it so.
+    ///
+    /// Gives the sequence number with it.
+    #[must_use]
+    pub fn decode(body: &[u8]) -> Option<(u8, Reply)> {
+        let mut reader = Reader(body);
+        let (seq, code) = (reader.u8()?, reader.u8()?);
+        let reply = match code {
+            kind::EVENT => Reply::Event(Event::decode(&mut reader)?),
+            kind::MISSING => Reply::Missing { why: Missing::from_code(reader.u8()?)? },
+            kind::REFUSED => {
+                let (kind, reason) = (reader.u8()?, Reason::from_code(reader.u8()?)?);
+                Reply::Refused { kind, reason, detail: reader.u16()? }
+            }
+            _ if code & kind::ANSWER == 0 => return None,
+            _ => Reply::answer(code & !kind::ANSWER, &mut reader)?,
+        };
+        reader.end((seq, reply))
+    }
+
+    fn answer(kind: u8, reader: &mut Reader<'_>) -> Option<Reply> {
+        Some(match kind {
+            // Another version may go on otherwise: `version_of` reads that byte.
+            kind::HELLO => {
+                reader.u8().filter(|version| *version == super::VERSION)?;
+                Reply::Info(Info::decode(reader)?)
+            }
+            kind::CONFIGURE => {
+                let count = reader.u8()?;
+                Reply::Configured(PerMotor::decode(count, || reader.u16())?)
+            }
+            kind::CLOCK => Reply::Clock { tick: reader.u64()? },
+            kind::STATUS => Reply::Status(Status::decode(reader)?),
+            kind::SWITCH => {
+                let (code, tick) = (reader.u8()?, reader.u64()?);
+                Reply::Switched(match code {
+                    0 => Switched::Accepted,
+                    1 => Switched::Late { horizon: tick },
+                    2 => Switched::Early { limit: tick },
+                    3 => Switched::Full,
+                    _ => return None,
+                })
+            }
+            kind::STOP_NOW => {
+                let stopped = Stopped { tick: reader.u64()?, uncertain: reader.u8()? };
+                let count = reader.u8()?;
+                let positions = PerMotor::decode(count, || reader.u32().map(u32::cast_signed))?;
+                Reply::Stopped { stopped, positions }
+            }
+            kind::POLL => {
+                let (flags, count) = (reader.u8()?, reader.u8()?);
+                Reply::Ack(Ack { flags, free: PerMotor::decode(count, || reader.u16())? })
+            }
+            kind::MEASURES => Reply::Measures(Measures::decode(reader)?),
+            kind::ARM | kind::RELEASE | kind::DISCARD | kind::BAUD | kind::BYE => Reply::Done { kind },
+            _ => return None,
+        })
+    }
+}
+
+impl Switched {
+    /// Writes it.
+    pub fn encode(self, frame: &mut Encoder<'_>) {
+        let (code, tick) = match self {
+            Switched::Accepted => (0, 0),
+            Switched::Late { horizon } => (1, horizon),
+            Switched::Early { limit } => (2, limit),
+            Switched::Full => (3, 0),
+        };
+        frame.u8(code);
+        frame.u64(tick);
+    }
+}
+
+/// The protocol that a board speaks, from the body of its answer to Hello, whatever its version.
+#[must_use]
+pub fn version_of(body: &[u8]) -> Option<u8> {
+    match body {
+        [_, kind, version, ..] if *kind == kind::HELLO | kind::ANSWER => Some(*version),
+        _ => None,
+    }
+}

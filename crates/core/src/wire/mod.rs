@@ -1,0 +1,88 @@
+//! What host and board say to each other, and the board's side of it.
+//!
+//! # What is here, top down
+//! - [`service`]: the board's side: bytes in, replies out, everything else through [`Machine`]
+//! - [`machine`]: what a board must be able to do for it
+//! - [`message`]: commands, answers, events, byte by byte
+//! - [`frame`]: bodies ↔ bytes on the line: COBS, CRC-16, a zero at the end
+//!
+//! docs/protocol.md says the same in tables, and a test holds the two against each other. Integers are little-endian.
+//!
+//! # What is not
+//! The host's side, with its windows, timeouts and credit: `pulsetrain-board`'s `link`.
+
+pub mod frame;
+pub mod machine;
+pub mod message;
+pub mod service;
+
+pub use frame::{Decoder, Encoder, MAX_BODY, MAX_FRAME};
+pub use machine::{Machine, Refusal, Stopped, Switched};
+pub use message::{Command, Reason, Reply};
+pub use service::Service;
+
+/// Of this description; a host that finds another one says so and goes away.
+pub const VERSION: u8 = 1;
+
+/// Motors that messages have room for.
+pub const MAX_MOTORS: usize = 8;
+
+/// How fast the line is. Both ends begin at [`Baud::B115200`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[repr(u8)]
+pub enum Baud {
+    /// 115 200 baud: the first, and the one to fall back to.
+    #[default]
+    B115200 = 0,
+    /// 250 000 baud.
+    B250k = 1,
+    /// 500 000 baud.
+    B500k = 2,
+    /// 1 000 000 baud.
+    B1M = 3,
+    /// 2 000 000 baud.
+    B2M = 4,
+}
+
+impl Baud {
+    /// All of them, by code.
+    pub const ALL: [Baud; 5] = [Baud::B115200, Baud::B250k, Baud::B500k, Baud::B1M, Baud::B2M];
+
+    /// Bits a second.
+    #[must_use]
+    pub const fn rate(self) -> u32 {
+        match self {
+            Baud::B115200 => 115_200,
+            Baud::B250k => 250_000,
+            Baud::B500k => 500_000,
+            Baud::B1M => 1_000_000,
+            Baud::B2M => 2_000_000,
+        }
+    }
+
+    /// The rate that `code` stands for.
+    ///
+    /// ```
+    /// use pulsetrain_core::wire::Baud;
+    /// assert_eq!(Baud::from_code(3), Some(Baud::B1M));
+    /// assert_eq!(Baud::from_code(5), None);
+    /// ```
+    #[must_use]
+    pub fn from_code(code: u8) -> Option<Baud> {
+        Baud::ALL.get(usize::from(code)).copied()
+    }
+}
+
+/// About a millisecond each, wrapping after a minute: the clock of the link's own limits.
+///
+/// The Uno takes ticks / 2^14 (1.024 ms): no limit is that precise.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Millis(pub u16);
+
+impl Millis {
+    /// Milliseconds from `earlier` to `self`, less than 65 536.
+    #[must_use]
+    pub const fn since(self, earlier: Millis) -> u16 {
+        self.0.wrapping_sub(earlier.0)
+    }
+}

@@ -1,0 +1,488 @@
+//! The board's side: takes bytes, does through a [`Machine`] what they ask, and writes the answers.
+//!
+//! # Order
+//! A frame is taken when its sequence number is the next one; what comes again is answered again and not done again;
+//! what comes too early is not taken, and the host is told where to go back to ([`Reply::Missing`]). Data are
+//! acknowledged by the latest of them. A command is answered once it is done; the host waits for that before it says
+//! more. What was asked last is remembered with its outcome, so that an answer that was lost can be given again.
+//!
+//! # Who may speak
+//! Hello takes the board; until Bye, or until the host was silent for too long, another Hello is refused. Each session
+//! has a [`Tag`], and frames of another one are as good as noise.
+//!
+//! # Rate
+//! The board changes it after the answer to Baud is out, and goes back to 115 200 baud if it then hears nothing
+//! of its session for [`TRIAL_MS`]; also when the session ends.
+//!
+//! [`Reply::Missing`]: super::Reply::Missing
+
+use super::frame::{Decoder, Encoder, Received, Tag};
+use super::machine::{Machine, Refusal, Stopped, Switched};
+use super::message::{Cause, Command, Event, Info, Measures, Missing, Reason, Status, kind};
+use super::{Baud, Millis, VERSION};
+
+/// How long a board listens at a new rate before it goes back to 115 200 baud, ms.
+pub const TRIAL_MS: u16 = 250;
+
+/// How long a host may be silent unless it says otherwise, ms.
+pub const SILENCE_MS: u16 = 2000;
+
+/// The outcome of the last frame that needs an answer: what it takes to give that answer, again if need be.
+#[derive(Clone, Copy, Debug)]
+enum Outcome {
+    /// Done; or a question, which is answered anew whenever it is asked.
+    Done,
+    Refused(Refusal),
+    Switched(Switched),
+    Stopped(Stopped),
+}
+
+/// The frame that was answered last, or is to be answered.
+#[derive(Clone, Copy, Debug)]
+struct Answer {
+    seq: u8,
+    kind: u8,
+    outcome: Outcome,
+}
+
+/// How far a change of rate is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Change {
+    None,
+    /// To be made when the answer is out.
+    Due(Baud),
+    /// Made, but nothing was heard yet.
+    Trial {
+        since: Millis,
+    },
+    /// Taken back; the host has not been heard since.
+    FellBack,
+}
+
+/// The board's side of the link. About 130 bytes, most of them one frame.
+#[derive(Clone, Debug)]
+pub struct Service {
+    decoder: Decoder,
+    link: Link,
+    /// Nothing was said at this rate yet.
+    new_rate: bool,
+}
+
+/// All of it but the frame that is being received.
+#[derive(Clone, Debug)]
+struct Link {
+    /// The newest session's; it is over unless `taken`.
+    tag: Tag,
+    nonce: u32,
+    taken: bool,
+    /// Bye was said; the session is over when its answer is out.
+    leaving: bool,
+    /// The sequence number that is next.
+    expected: u8,
+    answer: Answer,
+    answer_due: bool,
+    ack_due: bool,
+    missing_due: Option<Missing>,
+    /// The host was told where to go back to, and has not done so yet.
+    missing_told: bool,
+    /// A Hello that is refused, by its sequence number.
+    refusal_due: Option<u8>,
+    /// When the host was last heard.
+    heard: Millis,
+    silence_ms: u16,
+    baud: Baud,
+    change: Change,
+    /// To be told as an event.
+    fell_back: bool,
+    events: u8,
+    damaged: u16,
+}
+
+impl Service {
+    /// Nobody has taken the board; the line is at 115 200 baud.
+    #[must_use]
+    pub const fn new() -> Service {
+        let link = Link {
+            tag: Tag::NONE,
+            nonce: 0,
+            taken: false,
+            leaving: false,
+            expected: 0,
+            answer: Answer { seq: 0, kind: kind::HELLO, outcome: Outcome::Done },
+            answer_due: false,
+            ack_due: false,
+            missing_due: None,
+            missing_told: false,
+            refusal_due: None,
+            heard: Millis(0),
+            silence_ms: SILENCE_MS,
+            baud: Baud::B115200,
+            change: Change::None,
+            fell_back: false,
+            events: 0,
+            damaged: 0,
+        };
+        Service { decoder: Decoder::new(), link, new_rate: false }
+    }
+
+    /// Whether a host has taken the board: other dialects on the line are off then.
+    #[must_use]
+    pub const fn is_taken(&self) -> bool {
+        self.link.taken
+    }
+
+    /// The rate of the line.
+    #[must_use]
+    pub const fn baud(&self) -> Baud {
+        self.link.baud
+    }
+
+    /// Takes bytes from the line, in any portions.
+    pub fn feed(&mut self, bytes: &[u8], now: Millis, machine: &mut impl Machine) {
+        for byte in bytes {
+            self.push(*byte, now, machine);
+        }
+    }
+
+    /// Takes one byte from the line. `true` when it ended something, so that a reply may be due.
+    #[inline]
+    pub fn push(&mut self, byte: u8, now: Millis, machine: &mut impl Machine) -> bool {
+        match self.decoder.push(byte) {
+            Received::More => return false,
+            Received::Frame(tag) => {
+                if let [seq, kind, payload @ ..] = self.decoder.body() {
+                    self.link.frame(tag, *seq, *kind, payload, now, machine);
+                }
+            }
+            Received::Damaged => self.link.damaged(),
+        }
+        true
+    }
+
+    /// Looks at the clock, and writes the reply that is due into the front of `out`; gives its length, 0 if there is none.
+    ///
+    /// To be called again and again, but only when the reply before has been handed to the line whole. `out` has
+    /// room for [`MAX_FRAME`](super::MAX_FRAME) bytes and one more, or as many as the longest answer of this board takes;
+    /// one that does not fit is not sent.
+    pub fn poll(&mut self, now: Millis, machine: &mut impl Machine, out: &mut [u8]) -> usize {
+        let baud = self.link.baud;
+        self.link.watch(now, machine);
+        if baud != self.link.baud {
+            self.decoder.reset();
+            self.new_rate = true;
+        }
+        if !self.new_rate {
+            return self.link.reply(machine, out);
+        }
+        // A zero first: it ends what the host took for a frame while the rates were different.
+        let Some((first, rest)) = out.split_first_mut() else { return 0 };
+        match self.link.reply(machine, rest) {
+            0 => 0,
+            len => {
+                *first = 0;
+                self.new_rate = false;
+                len + 1
+            }
+        }
+    }
+}
+
+impl Link {
+    /// The reply that is due.
+    fn reply(&mut self, machine: &mut impl Machine, out: &mut [u8]) -> usize {
+        if let Some(seq) = self.refusal_due.take() {
+            let refusal = Refusal::of(Reason::Taken);
+            return reply(out, seq, kind::REFUSED, Tag::NONE, |frame| refuse(frame, kind::HELLO, refusal));
+        }
+        if self.answer_due {
+            self.answer_due = false;
+            self.ack_due = false;
+            return self.write_answer(machine, out);
+        }
+        let (last, tag) = (self.expected.wrapping_sub(1), if self.taken { self.tag } else { Tag::NONE });
+        if let Some(why) = self.missing_due.take() {
+            return reply(out, last, kind::MISSING, tag, |frame| frame.u8(why as u8));
+        }
+        if self.ack_due {
+            self.ack_due = false;
+            return reply(out, last, kind::POLL | kind::ANSWER, tag, |frame| acknowledge(frame, machine));
+        }
+        // Around a change of rate nobody may hear it.
+        if !self.taken || matches!(self.change, Change::Due(_) | Change::Trial { .. }) {
+            return 0;
+        }
+        let event = if self.fell_back {
+            self.fell_back = false;
+            let (cause, motor) = (Cause::BaudFellBack, super::message::ALL_MOTORS);
+            Some(Event { cause, motor, tick: machine.clock(), detail: 0 })
+        } else {
+            machine.event()
+        };
+        event.map_or(0, |event| {
+            self.events = self.events.wrapping_add(1);
+            reply(out, self.events, kind::EVENT, tag, |frame| event.encode(frame))
+        })
+    }
+
+    /// What time brings: the new rate, the end of its trial, a host that is lost.
+    fn watch(&mut self, now: Millis, machine: &mut impl Machine) {
+        if self.leaving && !self.answer_due {
+            self.leave(machine, false);
+        }
+        match self.change {
+            // Asked for at that very rate: the host is there already.
+            Change::Due(baud) if baud == self.baud => self.change = Change::None,
+            Change::Due(baud) if !self.answer_due => {
+                self.set_baud(baud, machine);
+                self.change = Change::Trial { since: now };
+            }
+            Change::Trial { since } if now.since(since) >= TRIAL_MS => {
+                self.change = Change::FellBack;
+                self.set_baud(Baud::B115200, machine);
+            }
+            _ => {}
+        }
+        if self.taken && now.since(self.heard) >= self.silence_ms {
+            self.leave(machine, true);
+        }
+    }
+
+    fn set_baud(&mut self, baud: Baud, machine: &mut impl Machine) {
+        if baud != self.baud {
+            self.baud = baud;
+            machine.set_baud(baud);
+        }
+    }
+
+    fn leave(&mut self, machine: &mut impl Machine, lost: bool) {
+        (self.taken, self.leaving, self.fell_back) = (false, false, false);
+        (self.answer_due, self.ack_due, self.missing_due) = (false, false, None);
+        self.change = Change::None;
+        self.set_baud(Baud::B115200, machine);
+        machine.host_gone(lost);
+    }
+
+    fn frame(&mut self, tag: Tag, seq: u8, kind: u8, payload: &[u8], now: Millis, machine: &mut impl Machine) {
+        if tag == Tag::NONE {
+            match Command::decode(kind, payload) {
+                Ok(Command::Hello { version, nonce }) => self.hello(seq, version, nonce, now),
+                _ if self.taken => {}
+                _ => self.missing_due = Some(Missing::NotTaken),
+            }
+            return;
+        }
+        if !self.taken {
+            self.missing_due = Some(Missing::NotTaken);
+            return;
+        }
+        if tag != self.tag {
+            return;
+        }
+        self.heard = now;
+        match self.change {
+            Change::Trial { .. } => self.change = Change::None,
+            Change::FellBack => (self.change, self.fell_back) = (Change::None, true),
+            Change::None | Change::Due(_) => {}
+        }
+        match seq.wrapping_sub(self.expected) {
+            0 => self.take(seq, kind, payload, machine),
+            1..=0x7f => self.miss(Missing::Gap),
+            _ if seq == self.answer.seq && kind == self.answer.kind => {
+                self.answer_due = true;
+                self.again(payload);
+            }
+            _ => self.ack_due = true,
+        }
+    }
+
+    fn hello(&mut self, seq: u8, version: u8, nonce: u32, now: Millis) {
+        let again = self.taken && nonce == self.nonce;
+        if self.taken && !again {
+            self.refusal_due = Some(seq);
+            return;
+        }
+        if !again {
+            self.nonce = nonce;
+            self.taken = version == VERSION;
+            if self.taken {
+                self.tag = self.tag.next();
+            }
+            self.expected = seq.wrapping_add(1);
+            (self.silence_ms, self.missing_told, self.ack_due, self.missing_due) = (SILENCE_MS, false, false, None);
+        }
+        self.heard = now;
+        self.answer = Answer { seq, kind: kind::HELLO, outcome: Outcome::Done };
+        self.answer_due = true;
+    }
+
+    /// The frame that is next.
+    fn take(&mut self, seq: u8, kind: u8, payload: &[u8], machine: &mut impl Machine) {
+        let outcome = match Command::decode(kind, payload) {
+            Ok(Command::Data { motor, epoch, packed }) => match machine.push(motor, epoch, packed) {
+                Ok(()) => None,
+                Err(Refusal { reason: Reason::Full, .. }) => {
+                    self.miss(Missing::NoRoom);
+                    return;
+                }
+                Err(refusal) => Some(Outcome::Refused(refusal)),
+            },
+            Ok(Command::Poll) => None,
+            Ok(command) => Some(self.execute(&command, machine)),
+            Err(reason) => Some(Outcome::Refused(Refusal { reason, detail: u16::from(kind) })),
+        };
+        self.expected = seq.wrapping_add(1);
+        self.missing_told = false;
+        self.missing_due = None;
+        match outcome {
+            Some(outcome) => {
+                self.answer = Answer { seq, kind, outcome };
+                self.answer_due = true;
+            }
+            None => self.ack_due = true,
+        }
+    }
+
+    fn execute(&mut self, command: &Command<'_>, machine: &mut impl Machine) -> Outcome {
+        let done = match *command {
+            Command::Configure(configuration) => {
+                let done = machine.configure(&configuration);
+                if done.is_ok() {
+                    self.silence_ms = match configuration.silence_ms {
+                        0 => SILENCE_MS,
+                        ms => ms,
+                    };
+                }
+                done
+            }
+            Command::Arm => machine.arm(),
+            Command::Release => machine.release(),
+            Command::Discard { epoch } => {
+                machine.discard(epoch);
+                Ok(())
+            }
+            Command::Switch { epoch, tick } => match machine.switch(epoch, tick) {
+                Ok(switched) => return Outcome::Switched(switched),
+                Err(refusal) => Err(refusal),
+            },
+            Command::StopNow => return Outcome::Stopped(machine.stop_now()),
+            Command::Baud { baud } if machine.can_baud(baud) => {
+                self.change = Change::Due(baud);
+                Ok(())
+            }
+            Command::Baud { baud } => Err(Refusal { reason: Reason::Baud, detail: baud as u16 }),
+            Command::Bye => {
+                self.leaving = true;
+                Ok(())
+            }
+            // A Hello with a tag: no session begins inside another.
+            Command::Hello { .. } => Err(Refusal::of(Reason::Taken)),
+            // Questions; data and polls do not come here.
+            Command::Clock | Command::Status | Command::Measures { .. } | Command::Poll | Command::Data { .. } => {
+                Ok(())
+            }
+        };
+        done.map_or_else(Outcome::Refused, |()| Outcome::Done)
+    }
+
+    /// The frame answered last came again. Only a change of rate is done again: the host has not seen it.
+    fn again(&mut self, payload: &[u8]) {
+        if let (kind::BAUD, Outcome::Done, [code]) = (self.answer.kind, self.answer.outcome, payload)
+            && let Some(baud) = Baud::from_code(*code)
+        {
+            self.change = Change::Due(baud);
+        }
+    }
+
+    fn damaged(&mut self) {
+        self.damaged = self.damaged.saturating_add(1);
+        // At a new rate, all is noise until the host is there too.
+        if self.taken && !matches!(self.change, Change::Trial { .. }) {
+            self.miss(Missing::Gap);
+        }
+    }
+
+    fn miss(&mut self, why: Missing) {
+        if !self.missing_told {
+            self.missing_told = true;
+            self.missing_due = Some(why);
+        }
+    }
+
+    #[inline(never)]
+    fn write_answer(&mut self, machine: &mut impl Machine, out: &mut [u8]) -> usize {
+        let Answer { seq, kind, outcome } = self.answer;
+        if let Outcome::Refused(refusal) = outcome {
+            return reply(out, seq, kind::REFUSED, self.tag, |frame| refuse(frame, kind, refusal));
+        }
+        let tag = if kind == kind::HELLO { Tag::NONE } else { self.tag };
+        reply(out, seq, kind | kind::ANSWER, tag, |frame| match outcome {
+            Outcome::Switched(switched) => switched.encode(frame),
+            Outcome::Stopped(Stopped { tick, uncertain }) => {
+                frame.u64(tick);
+                frame.u8(uncertain);
+                let motors = machine.motors();
+                frame.u8(motors);
+                for motor in 0..motors {
+                    frame.u32(machine.motor(motor).position.cast_unsigned());
+                }
+            }
+            Outcome::Done | Outcome::Refused(_) => self.inform(kind, machine, frame),
+        })
+    }
+
+    /// The answers that are read from the machine when they are written.
+    fn inform(&self, kind: u8, machine: &mut impl Machine, frame: &mut Encoder<'_>) {
+        match kind {
+            kind::HELLO => {
+                let tag = if self.taken { self.tag } else { Tag::NONE };
+                let mut bauds = 0;
+                for baud in Baud::ALL {
+                    bauds |= u8::from(machine.can_baud(baud)) << baud as u8;
+                }
+                Info { nonce: self.nonce, tag, bauds, ..machine.info() }.encode(frame);
+            }
+            kind::CONFIGURE => free(frame, machine),
+            kind::CLOCK => frame.u64(machine.clock()),
+            kind::STATUS => {
+                let head = machine.status();
+                let motors = machine.motors();
+                Status::encode(frame, &head, (0..motors).map(|motor| machine.motor(motor)));
+            }
+            kind::MEASURES => Measures { damaged_frames: self.damaged, ..machine.measures() }.encode(frame),
+            _ => {}
+        }
+    }
+}
+
+impl Default for Service {
+    fn default() -> Service {
+        Service::new()
+    }
+}
+
+fn reply(out: &mut [u8], seq: u8, kind: u8, tag: Tag, payload: impl FnOnce(&mut Encoder<'_>)) -> usize {
+    let mut frame = Encoder::new(out);
+    frame.u8(seq);
+    frame.u8(kind);
+    payload(&mut frame);
+    frame.finish(tag).unwrap_or(0)
+}
+
+fn refuse(frame: &mut Encoder<'_>, kind: u8, refusal: Refusal) {
+    frame.u8(kind);
+    frame.u8(refusal.reason as u8);
+    frame.u16(refusal.detail);
+}
+
+fn free(frame: &mut Encoder<'_>, machine: &impl Machine) {
+    let motors = machine.motors();
+    frame.u8(motors);
+    for motor in 0..motors {
+        frame.u16(machine.free(motor));
+    }
+}
+
+fn acknowledge(frame: &mut Encoder<'_>, machine: &impl Machine) {
+    frame.u8(machine.flags());
+    free(frame, machine);
+}

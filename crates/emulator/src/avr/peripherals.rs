@@ -1,0 +1,473 @@
+//! The peripherals together: which interrupts wait, and when something next happens of itself.
+
+use super::eeprom::Eeprom;
+use super::external::{External, SYNCHRONISER};
+use super::ports::Ports;
+use super::timer::{Clock, ICF, OCF, Outputs, TOV, Timer};
+use super::timer8::Timer8;
+use super::timer16::Timer16;
+use super::usart::{EMPTY, RECEIVED, TRANSMITTED, Usart};
+use super::watchdog::{TimeOut, Watchdog};
+use crate::{Observer, Port};
+
+/// Vector numbers, from 0 for reset (table 12-6).
+mod vector {
+    pub(super) const INT0: u32 = 1;
+    pub(super) const INT1: u32 = 2;
+    pub(super) const PCINT0: u32 = 3;
+    pub(super) const WDT: u32 = 6;
+    pub(super) const TIMER2_COMPA: u32 = 7;
+    pub(super) const TIMER1_CAPT: u32 = 10;
+    pub(super) const TIMER1_COMPA: u32 = 11;
+    pub(super) const TIMER0_COMPA: u32 = 14;
+    pub(super) const USART_RX: u32 = 18;
+    pub(super) const USART_UDRE: u32 = 19;
+    pub(super) const USART_TX: u32 = 20;
+    pub(super) const EE_READY: u32 = 22;
+}
+
+/// From the write that opens a timed sequence to the first cycle in which it is too late: what is written must take
+/// effect within four cycles (§8.6.3, §9.12.2, §11.9.2, §12.4).
+pub(super) const OPEN: u64 = 5;
+
+// PRR (§10.11.3).
+pub(super) const PRUSART0: u8 = 1 << 1;
+pub(super) const PRTIM1: u8 = 1 << 3;
+pub(super) const PRTIM0: u8 = 1 << 5;
+pub(super) const PRTIM2: u8 = 1 << 6;
+/// MCUCR.
+const IVSEL: u8 = 1 << 1;
+/// MCUSR.
+pub(super) const WDRF: u8 = 1 << 3;
+/// Cycles that every wake-up takes (§7.7.1).
+const WAKE: u64 = 4;
+/// Pins of OCnA and OCnB (§14.3).
+const OC0: [(Port, u8); 2] = [(Port::D, 6), (Port::D, 5)];
+const OC1: [(Port, u8); 2] = [(Port::B, 1), (Port::B, 2)];
+const OC2: [(Port, u8); 2] = [(Port::B, 3), (Port::D, 3)];
+/// Bits of the pins that clock Timer0 and Timer1 (port D), and that capture (port B).
+const T0: u8 = 1 << 4;
+const T1: u8 = 1 << 5;
+const ICP1: u8 = 1;
+
+/// Sleep modes (table 10-2).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Sleep {
+    Idle,
+    AdcNoiseReduction,
+    PowerDown,
+    PowerSave,
+    Standby,
+    ExtendedStandby,
+}
+
+impl Sleep {
+    /// Cycles from waking until the processor goes on, besides the 4 of every mode (§10; crystal oscillator as on the
+    /// Uno: 16 K cycles of start-up where it was stopped, table 9-4, 6 where it was not).
+    fn start_up(self) -> u64 {
+        match self {
+            Sleep::Idle | Sleep::AdcNoiseReduction => 0,
+            Sleep::PowerDown | Sleep::PowerSave => 16 * 1024,
+            Sleep::Standby | Sleep::ExtendedStandby => 6,
+        }
+    }
+}
+
+/// Drives a timer's pins.
+pub(super) struct Pins<'a, O> {
+    ports: &'a mut Ports,
+    observer: &'a mut O,
+    pins: [(Port, u8); 2],
+}
+
+impl<'a, O> Pins<'a, O> {
+    pub(super) fn timer0(ports: &'a mut Ports, observer: &'a mut O) -> Self {
+        Pins { ports, observer, pins: OC0 }
+    }
+
+    pub(super) fn timer1(ports: &'a mut Ports, observer: &'a mut O) -> Self {
+        Pins { ports, observer, pins: OC1 }
+    }
+
+    pub(super) fn timer2(ports: &'a mut Ports, observer: &'a mut O) -> Self {
+        Pins { ports, observer, pins: OC2 }
+    }
+}
+
+impl<O: Observer> Outputs for Pins<'_, O> {
+    fn drive(&mut self, channel: usize, driven: Option<bool>, cycle: u64) {
+        self.ports.set_override(self.pins[channel], driven, cycle, self.observer);
+    }
+}
+
+/// Something on its way through a timer's edge detector.
+#[derive(Clone, Copy)]
+enum Detected {
+    Count0,
+    Count1,
+    Capture { port_changes: u64 },
+}
+
+#[derive(Clone)]
+pub(super) struct Peripherals {
+    pub(super) ports: Ports,
+    pub(super) timer0: Timer8,
+    pub(super) timer1: Timer16,
+    pub(super) timer2: Timer8,
+    pub(super) usart: Usart,
+    pub(super) watchdog: Watchdog,
+    pub(super) eeprom: Eeprom,
+    pub(super) external: External,
+    /// Registers without an effect here.
+    pub(super) plain: [u8; 0x100],
+    pub(super) smcr: u8,
+    pub(super) mcucr: u8,
+    pub(super) mcusr: u8,
+    pub(super) vectors_open_until: u64,
+    pub(super) clkpr: u8,
+    pub(super) clock_open_until: u64,
+    pub(super) prr: u8,
+    pub(super) gtccr: u8,
+    /// Timer edges on their way, in order.
+    detected: Vec<(u64, Detected)>,
+    /// How often ICP1 has changed: a filtered capture needs it to be still.
+    capture_changes: u64,
+    /// Interrupts that wait, by vector number.
+    pub(super) waiting: u32,
+    /// The cycle in which something happens next.
+    pub(super) next: u64,
+    /// Cycles for which the processor is halted from now.
+    pub(super) halt: u64,
+    /// The sleep mode while the processor sleeps with its I/O clock stopped, and since when.
+    pub(super) sleeping: Option<Sleep>,
+    slept_at: u64,
+    /// When PRR took the USART's clock away.
+    pub(super) usart_off_at: u64,
+    /// The watchdog has run out.
+    pub(super) watchdog_reset: bool,
+    /// Times that `spm` was executed.
+    pub(super) spm: u64,
+}
+
+impl Peripherals {
+    pub(super) fn new() -> Peripherals {
+        Peripherals {
+            ports: Ports::default(),
+            timer0: Timer8::new(),
+            timer1: Timer16::new(),
+            timer2: Timer8::new(),
+            usart: Usart::default(),
+            watchdog: Watchdog::new(),
+            eeprom: Eeprom::new(),
+            external: External::default(),
+            plain: [0; 0x100],
+            smcr: 0,
+            mcucr: 0,
+            mcusr: 0,
+            vectors_open_until: 0,
+            clkpr: 0,
+            clock_open_until: 0,
+            prr: 0,
+            gtccr: 0,
+            detected: Vec::new(),
+            capture_changes: 0,
+            waiting: 0,
+            next: u64::MAX,
+            halt: 0,
+            sleeping: None,
+            slept_at: 0,
+            usart_off_at: 0,
+            watchdog_reset: false,
+            spm: 0,
+        }
+    }
+
+    /// As after a reset; `cause` is a bit of MCUSR, which gathers them (§11.9.1). A power-on clears the others.
+    pub(super) fn reset(&mut self, cause: u8, cycle: u64, observer: &mut impl Observer) {
+        self.mcusr = if cause == 1 { 1 } else { self.mcusr | cause };
+        self.timer0.reset(cycle);
+        self.timer1.reset(cycle);
+        self.timer2.reset(cycle);
+        self.usart.reset(cycle);
+        self.eeprom.reset();
+        self.external = External::default();
+        self.plain = [0; 0x100];
+        (self.smcr, self.mcucr, self.prr, self.gtccr) = (0, 0, 0, 0);
+        (self.vectors_open_until, self.clock_open_until) = (0, 0);
+        self.set_division(0, cycle, observer);
+        self.watchdog.reset(cycle, self.mcusr & WDRF != 0);
+        self.detected.clear();
+        (self.halt, self.sleeping, self.watchdog_reset) = (0, None, false);
+        self.ports.reset(cycle, observer);
+        self.ports.changes.clear();
+        self.refresh();
+    }
+
+    pub(super) fn vectors_in_boot_section(&self) -> bool {
+        self.mcucr & IVSEL != 0
+    }
+
+    pub(super) fn division(&self) -> u16 {
+        1 << self.clkpr.min(8)
+    }
+
+    pub(super) fn set_division(&mut self, clkpr: u8, cycle: u64, observer: &mut impl Observer) {
+        if self.clkpr != clkpr {
+            self.clkpr = clkpr;
+            self.watchdog.set_division(self.division(), cycle);
+            observer.clock_division(cycle, self.division());
+        }
+    }
+
+    /// Interrupts that wait, and the next event, worked out anew.
+    pub(super) fn refresh(&mut self) {
+        let mut waiting = u32::from(self.external.pending(self.ports.level(Port::D))) << vector::INT0;
+        waiting |= u32::from(self.external.change_pending()) << vector::PCINT0;
+        waiting |= u32::from(self.watchdog.pending()) << vector::WDT;
+        let timer = |timer: &Timer| {
+            let pending = u32::from(timer.pending());
+            // COMPA, COMPB, OVF follow one another.
+            pending >> 1 & 1 | pending >> 1 & 2 | (pending & 1) << 2
+        };
+        waiting |= timer(&self.timer2.timer) << vector::TIMER2_COMPA;
+        waiting |= timer(&self.timer1.timer) << vector::TIMER1_COMPA;
+        waiting |= u32::from(self.timer1.timer.pending() & ICF != 0) << vector::TIMER1_CAPT;
+        waiting |= timer(&self.timer0.timer) << vector::TIMER0_COMPA;
+        let usart = self.usart.pending();
+        waiting |= u32::from(usart & RECEIVED != 0) << vector::USART_RX;
+        waiting |= u32::from(usart & EMPTY != 0) << vector::USART_UDRE;
+        waiting |= u32::from(usart & TRANSMITTED != 0) << vector::USART_TX;
+        waiting |= u32::from(self.eeprom.pending()) << vector::EE_READY;
+        self.waiting = waiting;
+        self.next = self.clocked_event().min(self.watchdog.next_event()).min(self.eeprom.next_event());
+    }
+
+    /// The next event of what the I/O clock drives.
+    fn clocked_event(&self) -> u64 {
+        // Pin changes are noticed without it (§13.1).
+        let external = self.external.next_event();
+        if self.sleeping.is_some() {
+            return external;
+        }
+        let detected = self.detected.first().map_or(u64::MAX, |first| first.0);
+        let timer = |timer: &Timer, off: u8| if self.prr & off == 0 { timer.next_event() } else { u64::MAX };
+        let usart = if self.prr & PRUSART0 == 0 { self.usart.next_event() } else { u64::MAX };
+        timer(&self.timer0.timer, PRTIM0)
+            .min(timer(&self.timer1.timer, PRTIM1))
+            .min(timer(&self.timer2.timer, PRTIM2))
+            .min(usart)
+            .min(detected)
+            .min(external)
+    }
+
+    /// Lets everything happen that is due up to `cycle`, it included, in order.
+    pub(super) fn advance(&mut self, cycle: u64, observer: &mut impl Observer) {
+        while self.next <= cycle {
+            let now = self.next;
+            if self.sleeping.is_none() {
+                self.timer_advance(now, observer);
+                if self.prr & PRUSART0 == 0 && self.usart.next_event() == now {
+                    self.usart.event(now, observer);
+                    self.serial_pins(now, observer);
+                }
+                while self.detected.first().is_some_and(|first| first.0 <= now) {
+                    let (_, detected) = self.detected.remove(0);
+                    self.detected(detected, now, observer);
+                }
+            }
+            self.external.event(now, self.sleeping.is_none());
+            if self.eeprom.next_event() == now {
+                self.eeprom.event();
+            }
+            if self.watchdog.next_event() == now && self.watchdog.event(now) == TimeOut::Reset {
+                self.watchdog_reset = true;
+            }
+            self.pin_changes();
+            self.refresh();
+        }
+    }
+
+    /// Brings those timers up to a cycle that have an event in it.
+    fn timer_advance(&mut self, now: u64, observer: &mut impl Observer) {
+        if self.prr & PRTIM0 == 0 && self.timer0.timer.next_event() <= now {
+            self.timer0.timer.advance(now, &mut Pins::timer0(&mut self.ports, observer));
+        }
+        if self.prr & PRTIM1 == 0 && self.timer1.timer.next_event() <= now {
+            self.timer1.timer.advance(now, &mut Pins::timer1(&mut self.ports, observer));
+        }
+        if self.prr & PRTIM2 == 0 && self.timer2.timer.next_event() <= now {
+            self.timer2.timer.advance(now, &mut Pins::timer2(&mut self.ports, observer));
+        }
+    }
+
+    pub(super) fn sync0(&mut self, cycle: u64, observer: &mut impl Observer) {
+        if self.prr & PRTIM0 == 0 {
+            self.timer0.timer.advance(cycle, &mut Pins::timer0(&mut self.ports, observer));
+        }
+    }
+
+    pub(super) fn sync1(&mut self, cycle: u64, observer: &mut impl Observer) {
+        if self.prr & PRTIM1 == 0 {
+            self.timer1.timer.advance(cycle, &mut Pins::timer1(&mut self.ports, observer));
+        }
+    }
+
+    pub(super) fn sync2(&mut self, cycle: u64, observer: &mut impl Observer) {
+        if self.prr & PRTIM2 == 0 {
+            self.timer2.timer.advance(cycle, &mut Pins::timer2(&mut self.ports, observer));
+        }
+    }
+
+    pub(super) fn sync_all(&mut self, cycle: u64, observer: &mut impl Observer) {
+        self.sync0(cycle, observer);
+        self.sync1(cycle, observer);
+        self.sync2(cycle, observer);
+    }
+
+    fn detected(&mut self, detected: Detected, now: u64, observer: &mut impl Observer) {
+        match detected {
+            Detected::Count0 => {
+                self.timer0.timer.count(now, &mut Pins::timer0(&mut self.ports, observer));
+            }
+            Detected::Count1 => {
+                self.timer1.timer.count(now, &mut Pins::timer1(&mut self.ports, observer));
+            }
+            Detected::Capture { port_changes } => {
+                if port_changes == self.capture_changes || !self.timer1.capture_filtered() {
+                    self.sync1(now, observer);
+                    self.timer1.timer.capture();
+                }
+            }
+        }
+    }
+
+    /// Tells the watchers of pins that changed.
+    pub(super) fn pin_changes(&mut self) {
+        if self.ports.changes.is_empty() {
+            return;
+        }
+        for change in std::mem::take(&mut self.ports.changes) {
+            self.external.note(change);
+            if self.sleeping.is_some() {
+                continue;
+            }
+            let edge = |pin: u8, rising: bool| change.bits & pin != 0 && (change.level & pin != 0) == rising;
+            let at = change.cycle + SYNCHRONISER;
+            if change.port == Port::D {
+                for (clock, pin, detected) in
+                    [(self.timer0.timer.clock(), T0, Detected::Count0), (self.timer1.clock(), T1, Detected::Count1)]
+                {
+                    if let Clock::Pin { rising } = clock
+                        && edge(pin, rising)
+                    {
+                        self.detect(at, detected);
+                    }
+                }
+            }
+            if change.port == Port::B && change.bits & ICP1 != 0 {
+                self.capture_changes += 1;
+                if edge(ICP1, self.timer1.capture_on_rising()) {
+                    let extra = if self.timer1.capture_filtered() { 4 } else { 0 };
+                    self.detect(at + extra, Detected::Capture { port_changes: self.capture_changes });
+                }
+            }
+        }
+        self.refresh();
+    }
+
+    fn detect(&mut self, cycle: u64, detected: Detected) {
+        let at = self.detected.partition_point(|other| other.0 <= cycle);
+        self.detected.insert(at, (cycle, detected));
+    }
+
+    /// Which pins' changes matter.
+    pub(super) fn watch(&mut self) {
+        for port in Port::ALL {
+            self.ports.watched[port.index()] = self.external.watched(port);
+        }
+        if matches!(self.timer0.timer.clock(), Clock::Pin { .. }) {
+            self.ports.watched[Port::D.index()] |= T0;
+        }
+        if matches!(self.timer1.clock(), Clock::Pin { .. }) {
+            self.ports.watched[Port::D.index()] |= T1;
+        }
+        // Capturing is always on: but for a timer that is stopped it is of no use.
+        if self.timer1.clock() != Clock::Stopped {
+            self.ports.watched[Port::B.index()] |= ICP1;
+        }
+    }
+
+    pub(super) fn serial_pins(&mut self, cycle: u64, observer: &mut impl Observer) {
+        self.ports.set_serial(self.usart.receives(), self.usart.transmits(), cycle, observer);
+    }
+
+    /// Takes the interrupt of the lowest number that waits: its vector's word address. Flags that the chip clears by
+    /// itself are cleared.
+    pub(super) fn acknowledge(&mut self) -> u16 {
+        let number = self.waiting.trailing_zeros();
+        match number {
+            vector::INT0 | vector::INT1 => self.external.flags &= !(1 << (number - vector::INT0)),
+            3..=5 => self.external.change_flags &= !(1 << (number - vector::PCINT0)),
+            vector::WDT => self.watchdog.acknowledge(),
+            7..=9 => clear(&mut self.timer2.timer, number - vector::TIMER2_COMPA),
+            vector::TIMER1_CAPT => self.timer1.timer.flags &= !ICF,
+            11..=13 => clear(&mut self.timer1.timer, number - vector::TIMER1_COMPA),
+            14..=16 => clear(&mut self.timer0.timer, number - vector::TIMER0_COMPA),
+            vector::USART_TX => self.usart.acknowledge_transmitted(),
+            // The others ask as long as their cause lasts.
+            _ => {}
+        }
+        self.refresh();
+        number as u16 * 2
+    }
+
+    /// The processor falls asleep in `cycle` if SE is set (§10.11.1).
+    pub(super) fn sleep(&mut self, cycle: u64, observer: &mut impl Observer) -> bool {
+        if self.smcr & 1 == 0 {
+            return false;
+        }
+        let mode = match self.smcr >> 1 & 7 {
+            1 => Sleep::AdcNoiseReduction,
+            2 => Sleep::PowerDown,
+            3 => Sleep::PowerSave,
+            6 => Sleep::Standby,
+            7 => Sleep::ExtendedStandby,
+            // 4 and 5 are reserved.
+            _ => Sleep::Idle,
+        };
+        if mode != Sleep::Idle {
+            self.advance(cycle, observer);
+            self.sync_all(cycle, observer);
+            self.sleeping = Some(mode);
+            self.slept_at = cycle;
+            self.refresh();
+        }
+        true
+    }
+
+    /// The processor wakes in `cycle`: cycles until it takes the interrupt.
+    pub(super) fn wake(&mut self, cycle: u64) -> u64 {
+        let Some(mode) = self.sleeping.take() else { return WAKE };
+        let resumed = cycle + mode.start_up();
+        let away = resumed - self.slept_at;
+        for (timer, off) in
+            [(&mut self.timer0.timer, PRTIM0), (&mut self.timer1.timer, PRTIM1), (&mut self.timer2.timer, PRTIM2)]
+        {
+            if self.prr & off == 0 {
+                timer.resume(resumed);
+            }
+        }
+        if self.prr & PRUSART0 == 0 {
+            self.usart.delay(away);
+        }
+        for (due, _) in &mut self.detected {
+            *due += away;
+        }
+        self.refresh();
+        mode.start_up() + WAKE
+    }
+}
+
+fn clear(timer: &mut Timer, which: u32) {
+    timer.flags &= ![OCF[0], OCF[1], TOV][which as usize];
+}

@@ -1,0 +1,116 @@
+//! The watchdog (DS40002061B §11.8, §11.9): an oscillator of its own, 128 kHz, here 125 cycles of a 16 MHz clock.
+
+const WDIF: u8 = 1 << 7;
+const WDIE: u8 = 1 << 6;
+const WDCE: u8 = 1 << 4;
+const WDE: u8 = 1 << 3;
+const PRESCALER: u8 = 0b10_0111;
+
+use super::peripherals::OPEN;
+
+/// What a time-out leads to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum TimeOut {
+    Interrupt,
+    Reset,
+}
+
+#[derive(Clone)]
+pub(super) struct Watchdog {
+    /// WDTCSR without WDCE.
+    control: u8,
+    /// The first cycle in which WDE and the prescaler may no longer be changed.
+    open_until: u64,
+    /// When it times out; MAX while it is off.
+    due: u64,
+    /// Cycles of the system clock in one of the watchdog's.
+    cycles_256: u64,
+}
+
+impl Watchdog {
+    pub(super) fn new() -> Watchdog {
+        Watchdog { control: 0, open_until: 0, due: u64::MAX, cycles_256: 125 * 256 }
+    }
+
+    /// After a reset; `forced` is WDRF, which keeps it on with the shortest time (§11.9.2).
+    pub(super) fn reset(&mut self, cycle: u64, forced: bool) {
+        *self = Watchdog::new();
+        self.control = if forced { WDE } else { 0 };
+        self.restart(cycle);
+    }
+
+    /// The system clock is now the oscillator's divided.
+    pub(super) fn set_division(&mut self, division: u16, cycle: u64) {
+        let left = self.due.saturating_sub(cycle);
+        let before = self.cycles_256;
+        self.cycles_256 = 125 * 256 / u64::from(division);
+        if self.due != u64::MAX {
+            self.due = cycle + left * self.cycles_256 / before;
+        }
+    }
+
+    /// `wdr`, or the clock begins anew.
+    pub(super) fn restart(&mut self, cycle: u64) {
+        // Table 11-2: 2048 cycles and doubled up to 1024 K; what is beyond is reserved and taken for the longest.
+        let prescaler = (self.control & 7 | self.control >> 2 & 8).min(9);
+        let period = (2048 << prescaler) * self.cycles_256 / 256;
+        self.due = if self.control & (WDE | WDIE) != 0 { cycle + period } else { u64::MAX };
+    }
+
+    pub(super) fn read(&self, cycle: u64) -> u8 {
+        self.control | if cycle < self.open_until { WDCE } else { 0 }
+    }
+
+    /// `forced` is WDRF: WDE cannot be cleared while it is set.
+    pub(super) fn write(&mut self, value: u8, cycle: u64, forced: bool) {
+        let open = cycle < self.open_until;
+        let before = self.control;
+        let mut control = self.control & (WDIF | WDE | PRESCALER) | value & WDIE;
+        if value & WDIF != 0 {
+            control &= !WDIF;
+        }
+        if open && value & WDCE == 0 {
+            control = control & !(WDE | PRESCALER) | value & (WDE | PRESCALER);
+        }
+        // WDE may be set at any time, cleared within the sequence alone.
+        control |= value & WDE | if forced { WDE } else { 0 };
+        self.control = control;
+        if value & (WDCE | WDE) == WDCE | WDE {
+            self.open_until = cycle + OPEN;
+        } else if open {
+            self.open_until = 0;
+        }
+        if (before ^ control) & (WDE | WDIE | PRESCALER) != 0 {
+            let was_on = before & (WDE | WDIE) != 0;
+            let still = (before ^ control) & PRESCALER == 0 && was_on && control & (WDE | WDIE) != 0;
+            if !still {
+                self.restart(cycle);
+            }
+        }
+    }
+
+    pub(super) fn next_event(&self) -> u64 {
+        self.due
+    }
+
+    /// Whether its interrupt waits.
+    pub(super) fn pending(&self) -> bool {
+        self.control & (WDIF | WDIE) == WDIF | WDIE
+    }
+
+    /// The interrupt is executed: in interrupt and reset mode the next time-out resets (§11.8).
+    pub(super) fn acknowledge(&mut self) {
+        self.control &= !WDIF;
+        if self.control & WDE != 0 {
+            self.control &= !WDIE;
+        }
+    }
+
+    /// It times out in `cycle`.
+    pub(super) fn event(&mut self, cycle: u64) -> TimeOut {
+        let outcome = if self.control & WDIE != 0 { TimeOut::Interrupt } else { TimeOut::Reset };
+        self.control |= WDIF;
+        self.restart(cycle);
+        outcome
+    }
+}

@@ -1,0 +1,34 @@
+//! Emulated chips that run firmware images, exact to the cycle by their datasheets. Knows nothing of Pulsetrain: what
+//! it says of a firmware must be independent of it.
+//!
+//! # What is here
+//! - [`Atmega328p`]: the processor of the Arduino Uno. All instructions; Timer0, 1 and 2 with their waveforms and
+//!   traps; USART; ports, external and pin change interrupts; watchdog, EEPROM, sleep modes, power reduction, clock
+//!   prescaler
+//! - [`Observer`]: what leaves a chip, stamped with its cycle: [`PinEdge`] and [`UartByte`]
+//! - [`LineByte`]: what someone else sends to it, at a speed of their own
+//! - [`hex`]: Intel HEX
+//!
+//! # What is not
+//! SPI, two-wire, ADC, analogue comparator (their registers keep what is written), Timer2 with a crystal of its own,
+//! self-programming (`spm` does nothing), synchronous and SPI modes of the USART, brown-out by voltage, fuses but for
+//! the boot section. Serial pins are told as characters, not as edges.
+//!
+//! # Cycles
+//! A cycle is a period of the system clock: 62.5 ns on an Uno, unless CLKPR divides it. An edge's cycle is the first in
+//! which the pin has its new level. A port written by an instruction that occupies cycles c to c + n − 1 changes in
+//! c + n, at which the next instruction begins; a compare match with a counter that equals OCRnx in cycle c (clk/1)
+//! moves the pin and sets the flag in c + 1. An interrupt is entered at the first instruction boundary at or after the
+//! cycle in which its flag was set; its vector's instruction begins 4 cycles later.
+#![forbid(unsafe_code)]
+
+mod avr;
+pub mod hex;
+mod observer;
+mod pin;
+mod serial;
+
+pub use avr::{Atmega328p, Boot, BootSize, ImageTooLarge, Masked, Odd, ResetCause};
+pub use observer::Observer;
+pub use pin::{Level, PinEdge, Port};
+pub use serial::{LineByte, UartByte};

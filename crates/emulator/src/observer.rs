@@ -1,0 +1,43 @@
+//! What the chip tells the world.
+
+use crate::{PinEdge, UartByte};
+
+/// Sees what leaves the chip, in the order of its cycles. Every method does nothing unless written otherwise.
+///
+/// ```
+/// use pulsetrain_emulator::{Observer, PinEdge};
+///
+/// #[derive(Default)]
+/// struct Edges(Vec<PinEdge>);
+///
+/// impl Observer for Edges {
+///     fn pin(&mut self, edge: PinEdge) {
+///         self.0.push(edge);
+///     }
+/// }
+/// ```
+pub trait Observer {
+    /// A pin took another level because the chip changed what it drives.
+    fn pin(&mut self, edge: PinEdge) {
+        let _ = edge;
+    }
+
+    /// A character has left the USART. Characters come when their stop bit is over; a pin's edges may have been told
+    /// before that have later cycles than the character's start, never later than its end.
+    fn transmit(&mut self, byte: UartByte) {
+        let _ = byte;
+    }
+
+    /// From this cycle on, a cycle is `division` periods of the oscillator (CLKPR; 1 to 256).
+    fn clock_division(&mut self, cycle: u64, division: u16) {
+        let _ = (cycle, division);
+    }
+
+    /// The watchdog has reset the chip.
+    fn watchdog_reset(&mut self, cycle: u64) {
+        let _ = cycle;
+    }
+}
+
+/// Sees nothing.
+impl Observer for () {}

@@ -1,0 +1,251 @@
+//! Which pins of an Uno work together.
+//!
+//! The Uno's interrupt moves pins by writing one port register: STEP and DIR lines that it moves must share one, or be
+//! those that the compare hardware moves. Enable lines are moved at leisure and may be anywhere.
+
+use std::fmt;
+
+use crate::program::{Motor, Wiring};
+
+/// A set of pins that the Uno's firmware drives together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PinKind {
+    /// One or two motors with STEP on 9 and 10: the compare hardware (OC1A, OC1B) makes the edge, to the cycle.
+    Compare,
+    /// Everything on 2 to 7: port D.
+    PortD,
+    /// Everything on 8 to 13: port B.
+    PortB,
+    /// Everything on 2 to 7, 12 and 13: port D, with two pins of port B for the fourth axis of a CNC shield.
+    Shield,
+}
+
+/// A line of a motor that keeps its pins from working together.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Stray {
+    /// Whose.
+    pub motor: String,
+    /// "STEP" or "DIR".
+    pub line: &'static str,
+    /// Where it is.
+    pub pin: u8,
+}
+
+impl fmt::Display for Stray {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} of `{}` (pin {})", self.line, self.motor, self.pin)
+    }
+}
+
+/// Why an Uno cannot drive these motors; [`PinsError::advice`] says what fits.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PinsError {
+    /// The firmware makes steps, no coil patterns.
+    #[error("motor `{motor}` has four coil lines, but the Uno's firmware drives STEP and DIR")]
+    Coils {
+        /// Whose.
+        motor: String,
+    },
+    /// There is one enable line.
+    #[error("motors `{first}` and `{second}` have enable lines of their own, but an Uno has one for all")]
+    TwoEnables {
+        /// The first that has one.
+        first: String,
+        /// The first that has another, or another level.
+        second: String,
+    },
+    /// The pins are not of one kind.
+    #[error("an Uno cannot drive these pins together: {}", list(.strays))]
+    Apart {
+        /// The kind that fewest lines stray from.
+        nearest: PinKind,
+        /// Those lines.
+        strays: Vec<Stray>,
+    },
+}
+
+fn list(strays: &[Stray]) -> String {
+    let names: Vec<String> = strays.iter().map(Stray::to_string).collect();
+    match names.as_slice() {
+        [rest @ .., last] if !rest.is_empty() => format!("{} and {last} are apart from the others", rest.join(", ")),
+        names => format!("{} is apart from the others", names.join("")),
+    }
+}
+
+impl PinsError {
+    /// What would fit.
+    #[must_use]
+    pub fn advice(&self) -> String {
+        match self {
+            PinsError::Coils { .. } => "give it a driver with STEP and DIR, or run it with --board native".to_owned(),
+            PinsError::TwoEnables { .. } => "wire the enable inputs to one pin, with one level".to_owned(),
+            PinsError::Apart { nearest, .. } => {
+                let mut text = format!("nearest: {nearest}. What fits:");
+                for kind in PinKind::ALL {
+                    text.push_str(&format!("\n- {kind}"));
+                }
+                text
+            }
+        }
+    }
+}
+
+impl fmt::Display for PinKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            PinKind::Compare => "one or two motors with STEP on 9 and 10, each with its own DIR on any of 2-8 and 11-13",
+            PinKind::PortD => "every STEP and DIR on 2-7",
+            PinKind::PortB => "every STEP and DIR on 8-13",
+            PinKind::Shield => "every STEP and DIR on 2-7, 12 and 13: the CNC shield",
+        })
+    }
+}
+
+impl PinKind {
+    /// All kinds, the best timed first: where several fit, the first of them is taken.
+    pub const ALL: [PinKind; 4] = [PinKind::Compare, PinKind::PortD, PinKind::PortB, PinKind::Shield];
+
+    /// The kind of the pins that the motors of an Uno use.
+    ///
+    /// # Errors
+    /// If they cannot be driven together.
+    ///
+    /// ```
+    /// use pulsetrain_motion::pins::PinKind;
+    /// use pulsetrain_motion::program::Wiring;
+    /// let motor = |step, dir| Wiring::StepDir { step, dir, forward_high: true, enable: None };
+    /// let kind = |wirings: &[Wiring]| PinKind::of_wirings(wirings.iter().map(|wiring| ("m", wiring)));
+    /// assert_eq!(kind(&[motor(8, 9)]), Ok(PinKind::PortB));
+    /// assert_eq!(kind(&[motor(2, 5), motor(12, 13)]), Ok(PinKind::Shield));
+    /// assert!(kind(&[motor(2, 9)]).is_err());
+    /// ```
+    pub fn of_wirings<'a>(wirings: impl Iterator<Item = (&'a str, &'a Wiring)>) -> Result<PinKind, PinsError> {
+        let mut lines = Vec::new();
+        let mut enable_line: Option<(&str, (u8, bool))> = None;
+        for (motor, wiring) in wirings {
+            let Wiring::StepDir { step, dir, enable, .. } = *wiring else {
+                return Err(PinsError::Coils { motor: motor.to_owned() });
+            };
+            lines.push(Lines { motor, step, dir });
+            match (enable, enable_line) {
+                (Some(enable), None) => enable_line = Some((motor, enable)),
+                (Some(enable), Some((first, known))) if enable != known => {
+                    return Err(PinsError::TwoEnables { first: first.to_owned(), second: motor.to_owned() });
+                }
+                _ => {}
+            }
+        }
+        let (nearest, strays) = Self::ALL
+            .into_iter()
+            .map(|kind| (kind, kind.strays(&lines)))
+            .min_by_key(|(_, strays)| strays.len())
+            .unwrap_or((PinKind::PortB, Vec::new()));
+        if strays.is_empty() { Ok(nearest) } else { Err(PinsError::Apart { nearest, strays }) }
+    }
+
+    /// The same for the motors of a program.
+    ///
+    /// # Errors
+    /// As [`PinKind::of_wirings`].
+    pub fn of(motors: &[Motor]) -> Result<PinKind, PinsError> {
+        Self::of_wirings(motors.iter().map(|motor| (motor.name.as_str(), &motor.wiring)))
+    }
+
+    /// The lines that are not where this kind has them.
+    fn strays(self, motors: &[Lines]) -> Vec<Stray> {
+        let mut strays = Vec::new();
+        for (index, motor) in motors.iter().enumerate() {
+            let shared = motors.iter().enumerate().any(|(other, lines)| other != index && lines.dir == motor.dir);
+            let (step, dir) = match self {
+                PinKind::Compare => {
+                    (matches!(motor.step, 9 | 10), matches!(motor.dir, 2..=8 | 11..=13) && !shared)
+                }
+                PinKind::PortD => (matches!(motor.step, 2..=7), matches!(motor.dir, 2..=7)),
+                PinKind::PortB => (matches!(motor.step, 8..=13), matches!(motor.dir, 8..=13)),
+                PinKind::Shield => {
+                    (matches!(motor.step, 2..=7 | 12 | 13), matches!(motor.dir, 2..=7 | 12 | 13))
+                }
+            };
+            let mut note = |fits: bool, line, pin| {
+                if !fits {
+                    strays.push(Stray { motor: motor.motor.to_owned(), line, pin });
+                }
+            };
+            note(step, "STEP", motor.step);
+            note(dir, "DIR", motor.dir);
+        }
+        strays
+    }
+}
+
+/// The lines of one motor that steps need.
+struct Lines<'a> {
+    motor: &'a str,
+    step: u8,
+    dir: u8,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn kind(pins: &[(u8, u8)]) -> Result<PinKind, PinsError> {
+        kind_with(&pins.iter().map(|&(step, dir)| (step, dir, None)).collect::<Vec<_>>())
+    }
+
+    fn kind_with(pins: &[(u8, u8, Option<(u8, bool)>)]) -> Result<PinKind, PinsError> {
+        const NAMES: [&str; 4] = ["a", "b", "c", "d"];
+        let wirings: Vec<Wiring> = pins
+            .iter()
+            .map(|&(step, dir, enable)| Wiring::StepDir { step, dir, forward_high: true, enable })
+            .collect();
+        PinKind::of_wirings(NAMES.into_iter().zip(&wirings))
+    }
+
+    #[test]
+    fn the_seeds_pins_fit() {
+        assert_eq!(kind(&[(8, 9)]), Ok(PinKind::PortB), "000");
+        assert_eq!(kind(&[(9, 8), (10, 8), (11, 8), (12, 8)]), Ok(PinKind::PortB), "001");
+        assert_eq!(kind(&[(2, 5), (3, 6), (4, 7), (12, 13)]), Ok(PinKind::Shield), "003");
+        assert_eq!(kind(&[(2, 5), (3, 6), (4, 7)]), Ok(PinKind::PortD));
+        assert_eq!(kind(&[(6, 7)]), Ok(PinKind::PortD), "004");
+        assert_eq!(kind(&[(9, 2)]), Ok(PinKind::Compare));
+        assert_eq!(kind(&[(9, 8), (10, 13)]), Ok(PinKind::Compare));
+    }
+
+    /// The compare hardware has one DIR for each motor; on port B they may share it.
+    #[test]
+    fn a_shared_dir_line_is_the_ports() {
+        assert_eq!(kind(&[(9, 8), (10, 8)]), Ok(PinKind::PortB));
+        assert!(kind(&[(9, 2), (10, 2)]).is_err());
+    }
+
+    #[test]
+    fn what_is_apart_is_named_with_what_fits() {
+        let error = kind(&[(9, 8), (11, 8), (5, 8)]).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "an Uno cannot drive these pins together: STEP of `c` (pin 5) is apart from the others"
+        );
+        assert!(error.advice().starts_with("nearest: every STEP and DIR on 8-13. What fits:\n- one or two motors"));
+        let error = kind(&[(14, 9), (15, 8)]).unwrap_err();
+        assert!(error.to_string().contains("STEP of `a` (pin 14) and STEP of `b` (pin 15) are apart"), "{error}");
+    }
+
+    #[test]
+    fn one_enable_line_for_all() {
+        assert_eq!(kind_with(&[(2, 5, Some((8, false))), (12, 13, Some((8, false)))]), Ok(PinKind::Shield));
+        assert_eq!(kind_with(&[(2, 5, None), (3, 6, Some((19, true)))]), Ok(PinKind::PortD));
+        assert!(matches!(
+            kind_with(&[(2, 5, Some((8, false))), (3, 6, Some((9, false)))]),
+            Err(PinsError::TwoEnables { .. })
+        ));
+    }
+
+    #[test]
+    fn coils_are_refused() {
+        let coils = Wiring::Coils { pins: [2, 3, 4, 5], sequence: crate::program::CoilSequence::Full };
+        let error = PinKind::of_wirings([("m", &coils)].into_iter()).unwrap_err();
+        assert!(error.to_string().contains("motor `m` has four coil lines"));
+    }
+}

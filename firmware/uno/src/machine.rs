@@ -1,0 +1,445 @@
+//! What the [`Service`](pulsetrain_core::wire::Service) asks of a board, done on this one.
+
+use crate::clock::{Clock, TICK_HZ};
+use crate::link::{Link, WINDOW};
+use crate::memory::{self, POOL, Queues};
+use crate::steps::pins::{Layout, MAX_MOTORS};
+use crate::steps::stepper::{Stepper, Trouble};
+use pulsetrain_core::narrow::{PushRefused, SWITCHES};
+use pulsetrain_core::wire::frame::Tag;
+use pulsetrain_core::wire::message::{
+    ALL_MOTORS, Cause, Configuration, Event, Info, Measures, MotorStatus, StatusHead, flags,
+};
+use pulsetrain_core::wire::{Baud, Machine, Millis, Reason, Refusal, Stopped, Switched};
+use pulsetrain_core::{Epoch, Moment};
+
+/// A switch must be less than this ahead, ticks: moments are told apart within 2^31, and pulse and set-up reach beyond.
+const SWITCH_AHEAD: u64 = 1 << 30;
+
+/// Everything but the service that speaks for it.
+pub(crate) struct Board {
+    pub(crate) clock: Clock,
+    pub(crate) link: Link,
+    /// Lent by main.
+    queues: Option<&'static mut Queues>,
+    pub(crate) stepper: Stepper,
+    power: Power,
+    armed: bool,
+    pull_in: [u32; MAX_MOTORS],
+    /// To be set when the line is quiet; whether the last byte is on its way.
+    pub(crate) baud: Option<(Baud, bool)>,
+    events: Events,
+    /// Faults that were told, bit by motor.
+    told: u8,
+    was_idle: bool,
+    last_stop: Cause,
+    last_reset: Cause,
+    pub(crate) measures: Measures,
+}
+
+/// The enable line of the drivers.
+struct Power {
+    pin: Option<crate::steps::pins::Pin>,
+    /// Enable is active high.
+    high: bool,
+    /// Rest after which the drivers are released.
+    idle_ms: Option<u16>,
+    on: bool,
+    /// When something was last to be done.
+    busy: Millis,
+}
+
+impl Power {
+    const OFF: Power = Power { pin: None, high: false, idle_ms: None, on: false, busy: Millis(0) };
+
+    fn set(&mut self, on: bool) {
+        self.on = on;
+        if let Some(pin) = self.pin {
+            pin.set(on == self.high);
+        }
+    }
+
+    /// Holds while there is something to do, and `idle_ms` longer.
+    fn look(&mut self, now: Millis, idle: bool) {
+        if !idle {
+            self.busy = now;
+            if !self.on {
+                self.set(true);
+            }
+        } else if let Some(idle_ms) = self.idle_ms
+            && self.on
+            && now.since(self.busy) >= idle_ms
+        {
+            self.set(false);
+        }
+    }
+}
+
+/// What the host has not been told yet: the oldest few; what does not fit is dropped.
+struct Events {
+    waiting: [Option<Event>; 2],
+}
+
+impl Events {
+    fn push(&mut self, event: Event) {
+        if let Some(place) = self.waiting.iter_mut().find(|place| place.is_none()) {
+            *place = Some(event);
+        }
+    }
+
+    fn pop(&mut self) -> Option<Event> {
+        let [first, second] = &mut self.waiting;
+        let event = first.take();
+        *first = second.take();
+        event
+    }
+}
+
+impl Board {
+    /// A board that knows no pins, not started.
+    pub(crate) const fn new() -> Board {
+        Board {
+            clock: Clock::new(),
+            link: Link::new(),
+            queues: None,
+            stepper: Stepper::new(),
+            power: Power::OFF,
+            armed: false,
+            pull_in: [0; MAX_MOTORS],
+            baud: None,
+            events: Events { waiting: [None; 2] },
+            told: 0,
+            was_idle: true,
+            last_stop: Cause::None,
+            last_reset: Cause::None,
+            measures: Board::NO_MEASURES,
+        }
+    }
+
+    /// Starts clock and line.
+    pub(crate) fn begin(&mut self, queues: &'static mut Queues, last_reset: Cause) {
+        self.queues = Some(queues);
+        // SAFETY: main calls this once.
+        unsafe { self.stepper.begin() };
+        self.last_reset = last_reset;
+        self.clock.start();
+        self.link.start();
+    }
+
+    const NO_MEASURES: Measures = Measures {
+        late: 0,
+        latest_ticks: 0,
+        starved: 0,
+        fewest_groups: u16::MAX,
+        longest_round_ticks: 0,
+        most_unread: 0,
+        lost_bytes: 0,
+        damaged_frames: 0,
+        stack_left: 0,
+        rounds: 0,
+        asleep_ticks: 0,
+    };
+
+    /// Steps: everything that must be done often.
+    #[inline(always)]
+    pub(crate) fn work(&mut self, now: Moment) {
+        if self.armed
+            && let Some(queues) = &self.queues
+        {
+            self.stepper.run(now, queues);
+        }
+    }
+
+    /// What can wait a millisecond. The line's rate is changed here, when the last answer is out.
+    #[inline(never)]
+    pub(crate) fn housekeeping(&mut self, now: Millis) {
+        match self.baud {
+            // The last byte has gone from the data register into the shift register by now; out it is a round later.
+            Some((baud, false)) if self.link.can_send() => self.baud = Some((baud, true)),
+            Some((baud, true)) => {
+                self.baud = None;
+                self.link.set_baud(baud);
+            }
+            _ => {}
+        }
+        if self.armed {
+            self.look_for_faults();
+        } else {
+            let now = self.clock.moment();
+            self.stepper.rest(now);
+        }
+        if self.armed {
+            let idle = self.is_idle();
+            self.power.look(now, idle);
+            if idle && !self.was_idle {
+                self.tell(Cause::Finished, ALL_MOTORS, 0);
+            }
+            self.was_idle = idle;
+        }
+    }
+
+    /// Tells each motor's faults, once.
+    #[inline(never)]
+    fn look_for_faults(&mut self) {
+        if let Some(trouble) = self.stepper.trouble() {
+            match trouble {
+                Trouble::Late { ticks } => {
+                    self.measures.late = self.measures.late.saturating_add(1);
+                    self.measures.latest_ticks = self.measures.latest_ticks.max(ticks);
+                    self.tell(Cause::EdgeLate, ALL_MOTORS, u32::from(ticks));
+                }
+                Trouble::Starved => {
+                    self.measures.starved = self.measures.starved.saturating_add(1);
+                    self.stop(Cause::Starved, ALL_MOTORS, 0);
+                }
+            }
+        }
+    }
+
+    /// The immediate stop. Bit by motor: it was faster than it can stop at once.
+    #[inline(never)]
+    fn stop(&mut self, cause: Cause, motor: u8, detail: u32) -> Stopped {
+        let uncertain = self.stepper.stop(&self.pull_in);
+        let tick = self.clock.now();
+        if self.armed {
+            self.armed = false;
+            self.last_stop = cause;
+            if cause != Cause::StopNow {
+                self.tell(cause, motor, detail);
+            }
+        }
+        Stopped { tick, uncertain }
+    }
+
+    /// Takes on a configuration that is possible.
+    #[inline(never)]
+    fn set_up(&mut self, layout: &Layout, configuration: &Configuration<'_>) {
+        if let Some(pin) = self.power.pin {
+            pin.float();
+        }
+        let high = configuration.enable_high;
+        if let Some(pin) = layout.enable {
+            pin.drive(!high);
+        }
+        self.power = Power { pin: layout.enable, high, idle_ms: configuration.idle_ms, ..Power::OFF };
+        for (place, motor) in self.pull_in.iter_mut().zip(configuration.motors()) {
+            *place = motor.pull_in_ticks;
+        }
+        let now = self.clock.moment();
+        self.stepper.configure(layout, configuration, now);
+    }
+
+    #[inline(never)]
+    fn tell(&mut self, cause: Cause, motor: u8, detail: u32) {
+        let tick = self.clock.now();
+        if cause == Cause::Finished {
+            self.last_stop = cause;
+        }
+        self.events.push(Event { cause, motor, tick, detail });
+    }
+
+    #[inline(never)]
+    fn is_idle(&self) -> bool {
+        self.stepper.is_idle()
+    }
+
+    /// A moment within 2^31 ticks of now, in 64 bits.
+    #[inline(never)]
+    fn extended(&mut self, moment: Moment) -> u64 {
+        let now = self.clock.now();
+        let ahead = moment.since(Moment::of(now)).cast_signed();
+        now.wrapping_add_signed(i64::from(ahead))
+    }
+}
+
+impl Machine for Board {
+    #[inline(never)]
+    fn info(&mut self) -> Info {
+        Info {
+            nonce: 0,
+            tag: Tag::NONE,
+            board: 1,
+            firmware: [0, 1, 0],
+            tick_hz: TICK_HZ,
+            fraction_bits: 16,
+            max_motors: MAX_MOTORS as u8,
+            pool: POOL as u16,
+            switches: SWITCHES as u8,
+            window: WINDOW,
+            bauds: 0,
+            last_stop: self.last_stop,
+            last_reset: self.last_reset,
+        }
+    }
+
+    #[inline(never)]
+    fn configure(&mut self, configuration: &Configuration<'_>) -> Result<(), Refusal> {
+        if self.armed && !self.is_idle() {
+            return Err(Refusal::of(Reason::Moving));
+        }
+        let layout = Layout::of(configuration)?;
+        self.stop(Cause::None, ALL_MOTORS, 0);
+        self.set_up(&layout, configuration);
+        Ok(())
+    }
+
+    #[inline(never)]
+    fn arm(&mut self) -> Result<(), Refusal> {
+        if self.motors() == 0 {
+            return Err(Refusal::of(Reason::NotConfigured));
+        }
+        if !self.armed {
+            self.power.set(true);
+            self.armed = true;
+            self.was_idle = true;
+            self.told = 0;
+            let now = self.clock.moment();
+            self.stepper.start(now);
+        }
+        Ok(())
+    }
+
+    #[inline(never)]
+    fn release(&mut self) -> Result<(), Refusal> {
+        if self.armed && !self.is_idle() {
+            return Err(Refusal::of(Reason::Moving));
+        }
+        let last_stop = self.last_stop;
+        self.stop(Cause::None, ALL_MOTORS, 0);
+        self.last_stop = last_stop;
+        self.events = Events { waiting: [None; 2] };
+        self.power.set(false);
+        Ok(())
+    }
+
+    fn motors(&self) -> u8 {
+        self.stepper.axes().len() as u8
+    }
+
+    fn free(&self, motor: u8) -> u16 {
+        self.stepper.axes().get(usize::from(motor)).map_or(0, |axis| axis.motor.bytes().room())
+    }
+
+    #[inline(never)]
+    fn push(&mut self, motor: u8, epoch: Epoch, packed: &[u8]) -> Result<(), Refusal> {
+        if !self.armed {
+            return Err(Refusal::of(Reason::NotArmed));
+        }
+        let detail = u16::from(motor);
+        let Some(axis) = self.stepper.axis_mut(motor) else {
+            return Err(Refusal { reason: Reason::NoSuchMotor, detail });
+        };
+        let pushed = self.queues.as_mut().map(|queues| axis.motor.push(queues, epoch, packed));
+        match pushed {
+            Some(Ok(())) => Ok(()),
+            Some(Err(PushRefused::NoRoom { .. } | PushRefused::TooManyEpochs)) | None => {
+                Err(Refusal { reason: Reason::Full, detail })
+            }
+        }
+    }
+
+    fn discard(&mut self, epoch: Epoch) {
+        for motor in 0..self.motors() {
+            if let Some(axis) = self.stepper.axis_mut(motor) {
+                axis.motor.discard(epoch);
+            }
+        }
+    }
+
+    #[inline(never)]
+    fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<Switched, Refusal> {
+        if !self.armed {
+            return Err(Refusal::of(Reason::NotArmed));
+        }
+        let limit = self.clock.now() + SWITCH_AHEAD;
+        let horizon = self.stepper.horizon();
+        let horizon = self.extended(horizon);
+        let switched = if tick < horizon {
+            Switched::Late { horizon }
+        } else if tick >= limit {
+            Switched::Early { limit }
+        } else if self.stepper.switch(epoch, Moment::of(tick)) {
+            Switched::Accepted
+        } else {
+            Switched::Full
+        };
+        if switched != Switched::Accepted {
+            self.discard(epoch);
+        }
+        Ok(switched)
+    }
+
+    fn stop_now(&mut self) -> Stopped {
+        self.stop(Cause::StopNow, ALL_MOTORS, 0)
+    }
+
+    fn clock(&mut self) -> u64 {
+        self.clock.now()
+    }
+
+    fn flags(&self) -> u8 {
+        let mut all = 0;
+        if self.is_idle() {
+            all |= flags::IDLE;
+        }
+        if self.motors() != 0 {
+            all |= flags::CONFIGURED;
+        }
+        if self.armed {
+            all |= flags::ARMED;
+        }
+        all
+    }
+
+    #[inline(never)]
+    fn status(&mut self) -> StatusHead {
+        let horizon = self.stepper.horizon();
+        let horizon = self.extended(horizon);
+        StatusHead { tick: self.clock.now(), horizon, epoch: self.stepper.epoch(), flags: self.flags() }
+    }
+
+    fn motor(&mut self, motor: u8) -> MotorStatus {
+        let unplayed = self.stepper.unplayed(motor);
+        let Some(axis) = self.stepper.axis_mut(motor) else { return MotorStatus::default() };
+        MotorStatus {
+            position: axis.position().wrapping_sub(i32::from(unplayed)),
+            free: axis.motor.bytes().room(),
+            faults: axis.faults(),
+        }
+    }
+
+    #[inline(never)]
+    fn measures(&mut self) -> Measures {
+        Measures {
+            most_unread: u16::from(self.link.most_unread),
+            fewest_groups: self.stepper.fewest_groups(),
+            stack_left: memory::stack_left(),
+            ..self.measures
+        }
+    }
+
+    fn reset_measures(&mut self) {
+        self.measures = Board::NO_MEASURES;
+        self.link.most_unread = 0;
+        self.stepper.reset_measures();
+    }
+
+    fn can_baud(&self, _: Baud) -> bool {
+        true
+    }
+
+    fn set_baud(&mut self, baud: Baud) {
+        self.baud = Some((baud, false));
+    }
+
+    fn host_gone(&mut self, lost: bool) {
+        if lost && self.armed && !self.is_idle() {
+            self.last_stop = Cause::HostLost;
+        }
+    }
+
+    #[inline(never)]
+    fn event(&mut self) -> Option<Event> {
+        self.events.pop()
+    }
+}

@@ -1,0 +1,138 @@
+//! The firmware of the Arduino Uno.
+//!
+//! # What is here, top down
+//! - this file: start-up and the main loop
+//! - [`machine`]: what the link asks of a board, done on this one
+//! - [`steps`]: from events to edges on the pins
+//! - [`link`]: the serial line
+//! - [`clock`]: Timer1, extended to 64 bits
+//! - [`reset`]: the watchdog, and why the program began
+//! - [`memory`]: what the 2048 bytes of RAM are for
+//! - [`regs`]: registers
+//!
+//! # Who interrupts whom
+//! The main loop does everything but two things: step interrupts play what is in the rings, and the receive interrupt takes
+//! bytes from the line. The latter lets the former in. Nothing keeps interrupts out for longer than 13 cycles:
+//!
+//! | where | cycles |
+//! |---|---|
+//! | receive interrupt, until it lets others in | 13 |
+//! | receive interrupt, its end | 8 |
+//! | reading or setting a register of 16 bits | 8 |
+//! | moving the stack pointer (the compiler's) | 5 |
+//!
+//! # What is not
+//! Motion: segments come from the host, and `pulsetrain_core::narrow` says when their steps are due.
+#![no_std]
+#![no_main]
+#![feature(asm_experimental_arch, optimize_attribute)]
+
+mod clock;
+mod link;
+mod machine;
+mod memory;
+mod regs;
+mod reset;
+mod steps;
+
+use core::panic::PanicInfo;
+use link::Link;
+use machine::Board;
+use memory::{Once, Queues};
+use pulsetrain_core::Moment;
+use pulsetrain_core::wire::{Millis, Service};
+
+/// Bytes that one round of the main loop takes from the line at most.
+const BYTES_A_ROUND: u8 = 16;
+/// Room for the longest reply: Status of four motors.
+const REPLY_LEN: usize = 64;
+
+/// A reply on its way to the line.
+struct Reply {
+    bytes: [u8; REPLY_LEN],
+    len: u8,
+    sent: u8,
+}
+
+static BOARD: Once<Board> = Once::new(Board::new());
+static QUEUES: Once<Queues> = Once::new(Queues::new());
+static SERVICE: Once<Service> = Once::new(Service::new());
+static REPLY: Once<Reply> = Once::new(Reply { bytes: [0; REPLY_LEN], len: 0, sent: 0 });
+
+#[unsafe(no_mangle)]
+extern "C" fn main() -> ! {
+    memory::paint_stack();
+    let last_reset = reset::begin();
+    // SAFETY: the start-up code calls main once.
+    let (board, queues, service, reply) = unsafe { (BOARD.take(), QUEUES.take(), SERVICE.take(), REPLY.take()) };
+    board.begin(queues, last_reset);
+    run(board, service, reply)
+}
+
+/// The main loop. What it calls is not inlined: so the deepest call decides how much stack is needed, not their sum.
+fn run(board: &mut Board, service: &mut Service, reply: &mut Reply) -> ! {
+    let mut last = Millis(0);
+    regs::enable_interrupts();
+    loop {
+        regs::kick_watchdog();
+        let now = board.clock.moment();
+        board.work(now);
+        let now = millis(now);
+        let next = now != last;
+        let heard = listen(board, service, now);
+        if reply.sent < reply.len {
+            reply.go_on(&mut board.link);
+        } else if (heard || next || reply.len != 0) && board.baud.is_none() {
+            speak(board, service, reply, now);
+        }
+        if next {
+            last = now;
+            board.housekeeping(now);
+        }
+    }
+}
+
+impl Reply {
+    /// Sends its next byte, if the line takes it.
+    #[inline(always)]
+    fn go_on(&mut self, link: &mut Link) {
+        if link.can_send()
+            && let Some(byte) = self.bytes.get(usize::from(self.sent))
+        {
+            link.send(*byte);
+            self.sent += 1;
+        }
+    }
+}
+
+/// Takes bytes from the line, up to the end of a frame; whether it came to one.
+#[inline(never)]
+fn listen(board: &mut Board, service: &mut Service, now: Millis) -> bool {
+    for _ in 0..BYTES_A_ROUND {
+        let Some(byte) = board.link.receive() else { break };
+        if service.push(byte, now, board) {
+            return true;
+        }
+    }
+    false
+}
+
+/// Asks the service for a reply.
+#[inline(never)]
+fn speak(board: &mut Board, service: &mut Service, reply: &mut Reply, now: Millis) {
+    reply.sent = 0;
+    reply.len = service.poll(now, board, &mut reply.bytes) as u8;
+}
+
+/// Ticks / 2^14: 1.024 ms each.
+#[inline(always)]
+fn millis(now: Moment) -> Millis {
+    let [_, b1, b2, b3] = now.0.to_le_bytes();
+    // Shifted by bytes first: an AVR shifts by one bit at a time.
+    Millis((u32::from_le_bytes([b1, b2, b3, 0]) >> 6) as u16)
+}
+
+#[panic_handler]
+fn panic(_: &PanicInfo<'_>) -> ! {
+    reset::end()
+}

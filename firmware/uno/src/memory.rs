@@ -1,0 +1,147 @@
+//! The 2048 bytes of RAM, and what each is for.
+//!
+//! | address | bytes | what |
+//! |---|---|---|
+//! | 0x100 | 256 | receive page: what the USART's interrupt takes |
+//! | 0x200 | 256 | ring A |
+//! | 0x300 | 256 | ring B; with one ring, the lists of the merge |
+//! | 0x400 | | [`Queues`], the motors, the service, the reply being sent: one `static` in main.rs |
+//! | to 0x900 | at least 200 | stack, downwards |
+//!
+//! memory.ld makes the linker refuse an image with less stack; `cargo xtask firmware` prints the table as it came out.
+
+use crate::regs;
+use core::arch::global_asm;
+use pulsetrain_core::narrow::Pool;
+
+/// Bytes of all motors' queues together.
+pub(crate) const POOL: usize = 232;
+
+/// The memory of all motors' queues.
+pub(crate) type Queues = Pool<POOL>;
+
+/// What the stack is filled with at start-up, to see later how far it came.
+pub(crate) const PAINT: u8 = 0xc5;
+
+unsafe extern "C" {
+    /// The first byte after everything that is not stack: the linker's.
+    static mut _end: u8;
+    static receive_page: [u8; 256];
+    static mut reset_note: [u8; 4];
+    #[link_name = "end_of_program"]
+    safe fn stop_and_reset() -> !;
+}
+
+/// See [`reset::end`](crate::reset::end).
+pub(crate) fn end_of_program() -> ! {
+    stop_and_reset()
+}
+
+/// A byte of the receive page. What the interrupt has not filled yet is whatever was there.
+#[inline(always)]
+pub(crate) fn received(at: u8) -> u8 {
+    // SAFETY: inside the page; one byte, which the interrupt writes before it moves its head beyond it.
+    unsafe { (&raw const receive_page).cast::<u8>().add(usize::from(at)).read_volatile() }
+}
+
+/// What the reset note said, and what it says from now on.
+pub(crate) fn exchange_reset_note(new: [u8; 4]) -> [u8; 4] {
+    // SAFETY: only `end_of_program` touches it too, and that does not return. Any bytes are valid.
+    unsafe {
+        let old = (&raw const reset_note).read_volatile();
+        (&raw mut reset_note).write_volatile(new);
+        old
+    }
+}
+
+/// Fills the free stack with [`PAINT`]; to be called first, from main.
+#[inline(always)]
+pub(crate) fn paint_stack() {
+    let mut at = &raw mut _end;
+    // Well below what main itself has on the stack.
+    let end = usize::from(regs::SP.read()) - 32;
+    while at.addr() < end {
+        // SAFETY: between the end of all statics and the stack pointer there is nothing.
+        unsafe { at.write_volatile(PAINT) };
+        at = at.wrapping_add(1);
+    }
+}
+
+/// Bytes of stack that were never used.
+pub(crate) fn stack_left() -> u16 {
+    let mut left = 0;
+    let mut at = &raw const _end;
+    // SAFETY: the loop ends at the first byte that the stack used, at the latest at the stack itself.
+    while unsafe { at.read_volatile() } == PAINT {
+        at = at.wrapping_add(1);
+        left += 1;
+    }
+    left
+}
+
+/// Something there is one of, which main takes and nobody else.
+pub(crate) struct Once<T>(core::cell::UnsafeCell<T>);
+
+// SAFETY: `take` hands it out once, to main; interrupts do not know of it.
+unsafe impl<T> Sync for Once<T> {}
+
+impl<T> Once<T> {
+    /// `value`, to be taken.
+    pub(crate) const fn new(value: T) -> Once<T> {
+        Once(core::cell::UnsafeCell::new(value))
+    }
+
+    /// Takes it.
+    ///
+    /// # Safety
+    /// Only once.
+    #[expect(clippy::mut_from_ref, reason = "only once")]
+    pub(crate) unsafe fn take(&'static self) -> &'static mut T {
+        // SAFETY: the caller's promise.
+        unsafe { &mut *self.0.get() }
+    }
+}
+
+// What the compiler calls to copy and fill memory: compiler_builtins' own are fast on large machines, and take a
+// thousand bytes here. Arguments are in r24:25, r22:23 and r20:21, the result in r24:25 (avr-gcc's convention).
+global_asm!(
+    r#"
+    .section .text.memory, "ax", @progbits
+    .global memcpy, memmove, memset
+memmove:
+    cp r22, r24
+    cpc r23, r25
+    brsh memcpy                 // the source is behind: forwards
+    movw r30, r22
+    movw r26, r24
+    add r30, r20                // backwards, from the ends
+    adc r31, r21
+    add r26, r20
+    adc r27, r21
+    rjmp 2f
+1:  ld r0, -Z
+    st -X, r0
+2:  subi r20, 1
+    sbci r21, 0
+    brcc 1b
+    ret
+memcpy:
+    movw r30, r22
+    movw r26, r24
+    rjmp 2f
+1:  ld r0, Z+                   // 8 cycles a byte
+    st X+, r0
+2:  subi r20, 1
+    sbci r21, 0
+    brcc 1b
+    ret
+memset:
+    movw r26, r24
+    rjmp 2f
+1:  st X+, r22
+2:  subi r20, 1
+    sbci r21, 0
+    brcc 1b
+    ret
+    "#
+);

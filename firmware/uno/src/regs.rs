@@ -1,0 +1,152 @@
+//! The ATmega328P's registers, and the few instructions that Rust has no words for.
+//!
+//! Sections are those of the data sheet DS40002061B. Besides the assembly of the interrupts and of the fast engine this is
+//! the only place with `unsafe`, and everything it offers is safe to call: no register here moves memory, and what the
+//! interrupts share is said where it is shared.
+
+use core::arch::asm;
+
+/// A register of 8 bits, by its address in data space (§36, in brackets there).
+#[derive(Clone, Copy)]
+pub(crate) struct Reg8(u16);
+
+impl Reg8 {
+    /// What it holds.
+    #[inline(always)]
+    pub(crate) fn read(self) -> u8 {
+        // SAFETY: only the constants below make one of these; each is a register of this chip, always there to be read.
+        unsafe { core::ptr::read_volatile(usize::from(self.0) as *const u8) }
+    }
+
+    /// Sets it.
+    #[inline(always)]
+    pub(crate) fn write(self, value: u8) {
+        // SAFETY: as above; no register among the constants below changes what memory means to Rust.
+        unsafe { core::ptr::write_volatile(usize::from(self.0) as *mut u8, value) }
+    }
+
+    /// Sets the bits of `mask`. Not for registers that an interrupt changes too, unless interrupts are off.
+    #[inline(always)]
+    pub(crate) fn set(self, mask: u8) {
+        self.write(self.read() | mask);
+    }
+
+    /// Clears the bits of `mask`. Not for registers that an interrupt changes too, unless interrupts are off.
+    #[inline(always)]
+    pub(crate) fn clear(self, mask: u8) {
+        self.write(self.read() & !mask);
+    }
+}
+
+/// A register of 16 bits. All of Timer1's share one byte (TEMP, §16.3): reading and writing go through [`free`] where an
+/// interrupt uses it too.
+#[derive(Clone, Copy)]
+pub(crate) struct Reg16(u16);
+
+impl Reg16 {
+    /// What it holds: low byte first, which latches the high one. Interrupts must be off.
+    #[inline(always)]
+    pub(crate) fn read(self) -> u16 {
+        let low = Reg8(self.0).read();
+        u16::from_le_bytes([low, Reg8(self.0 + 1).read()])
+    }
+
+    /// Sets it: high byte first, which waits for the low one. Interrupts must be off.
+    #[inline(always)]
+    pub(crate) fn write(self, value: u16) {
+        let [low, high] = value.to_le_bytes();
+        Reg8(self.0 + 1).write(high);
+        Reg8(self.0).write(low);
+    }
+}
+
+/// §14.4: ports.
+pub(crate) const DDRB: Reg8 = Reg8(0x24);
+pub(crate) const PORTB: Reg8 = Reg8(0x25);
+pub(crate) const DDRC: Reg8 = Reg8(0x27);
+pub(crate) const PORTC: Reg8 = Reg8(0x28);
+pub(crate) const DDRD: Reg8 = Reg8(0x2a);
+pub(crate) const PORTD: Reg8 = Reg8(0x2b);
+
+/// §16.11.9: flags of Timer1, cleared by writing ones.
+pub(crate) const TIFR1: Reg8 = Reg8(0x36);
+/// §8.6.6: free storage; [`flags`](crate::steps::ring::flags) of the step interrupts.
+pub(crate) const GPIOR0: Reg8 = Reg8(0x3e);
+/// §8.6.1: the EEPROM is not used; its address register is free storage.
+pub(crate) const EEARL: Reg8 = Reg8(0x41);
+/// §10.11.1: sleep mode and enable.
+pub(crate) const SMCR: Reg8 = Reg8(0x53);
+/// §11.9.1: why the chip was reset.
+pub(crate) const MCUSR: Reg8 = Reg8(0x54);
+/// §7.5.1: the stack pointer. Only to be read.
+pub(crate) const SP: Reg16 = Reg16(0x5d);
+/// §7.3.1.
+pub(crate) const SREG: Reg8 = Reg8(0x5f);
+/// §11.9.2.
+pub(crate) const WDTCSR: Reg8 = Reg8(0x60);
+/// §10.11.3: clocks of what is not used can be switched off.
+pub(crate) const PRR: Reg8 = Reg8(0x64);
+/// §16.11.8.
+pub(crate) const TIMSK1: Reg8 = Reg8(0x6f);
+/// §16.11.1.
+pub(crate) const TCCR1A: Reg8 = Reg8(0x80);
+/// §16.11.2.
+pub(crate) const TCCR1B: Reg8 = Reg8(0x81);
+/// §16.11.3: forced compares.
+pub(crate) const TCCR1C: Reg8 = Reg8(0x82);
+/// §16.11.4.
+pub(crate) const TCNT1: Reg16 = Reg16(0x84);
+/// §16.11.5.
+pub(crate) const OCR1A: Reg16 = Reg16(0x88);
+/// §16.11.6.
+pub(crate) const OCR1B: Reg16 = Reg16(0x8a);
+/// §20.11: USART0.
+pub(crate) const UCSR0A: Reg8 = Reg8(0xc0);
+pub(crate) const UCSR0B: Reg8 = Reg8(0xc1);
+pub(crate) const UCSR0C: Reg8 = Reg8(0xc2);
+pub(crate) const UBRR0: Reg16 = Reg16(0xc4);
+pub(crate) const UDR0: Reg8 = Reg8(0xc6);
+
+/// Runs `work` with interrupts off, and puts the flag back as it was. What is in `work` counts into the longest time that
+/// an interrupt can be kept waiting: a few instructions, no more.
+#[inline(always)]
+pub(crate) fn free<R>(work: impl FnOnce() -> R) -> R {
+    let status = SREG.read();
+    // SAFETY: turning interrupts off breaks no rule of Rust's. The assembler block also keeps the compiler from moving
+    // memory accesses out of the stretch.
+    unsafe { asm!("cli") };
+    let result = work();
+    // SAFETY: a barrier for the compiler, no instruction.
+    unsafe { asm!("") };
+    SREG.write(status);
+    result
+}
+
+/// Lets interrupts in.
+#[inline(always)]
+pub(crate) fn enable_interrupts() {
+    // SAFETY: the interrupts of this firmware touch registers, their own page and nothing that Rust holds a reference to.
+    unsafe { asm!("sei") };
+}
+
+/// Keeps interrupts out from here on.
+#[inline(always)]
+pub(crate) fn disable_interrupts() {
+    // SAFETY: breaks no rule of Rust's.
+    unsafe { asm!("cli") };
+}
+
+/// Sleeps until an interrupt has run, if `SMCR` allows it; interrupts are off when it is called, on when it returns.
+#[inline(always)]
+pub(crate) fn sleep() {
+    // SAFETY: as `enable_interrupts`. The instruction after `sei` runs before any interrupt (§7.7), so none can slip in
+    // between the caller's look at things and the sleep.
+    unsafe { asm!("sei", "sleep") };
+}
+
+/// Restarts the watchdog's time.
+#[inline(always)]
+pub(crate) fn kick_watchdog() {
+    // SAFETY: breaks no rule of Rust's.
+    unsafe { asm!("wdr") };
+}

@@ -1,0 +1,544 @@
+//! Two to four motors in one ring: each has a list of ticks, and the merge takes the earliest of their heads.
+//!
+//! # Lists
+//! A lane is one motor: up to 32 ticks that all toggle the same pins. When its list is used up, the [`Feeder`] gives the next:
+//! a batch of steps, expanded in assembly, or a single tick (a change of direction, half a long pulse, a filler:
+//! anything). All heads lie within 32 767 ticks of each other; lanes with nothing to do get fillers, masks 0.
+//!
+//! # Spacing
+//! Groups are at least W ticks apart, so that the interrupt has set the compare register before the next match, even if
+//! something kept it waiting. A tick less than W/2 after the last group (or before it) joins that group; one from W/2
+//! to W after it is put off to W. So no edge is early or late by more than W/2. Two ticks that toggle
+//! the same pin never share a group.
+//!
+//! W ≥ (match to compare register written, 27 to 39 cycles) + (the longest that an interrupt is kept waiting: 13 cycles in the
+//! receive interrupt, and an instruction of main's), and W ≥ the interrupt's length + 4, so that delays die out:
+//! 44 for the short pulse, 58 for the long one and the shield, 72 for the shield's long one.
+//!
+//! # Cycles
+//! A step: 34 to 37, and expansion's 18.5. A list: 106, and what the feeder takes. To and from Rust: 200.
+
+use core::arch::global_asm;
+use core::mem::offset_of;
+
+use super::register;
+use super::ring::{END_A, END_B, Group, Name, Ring};
+
+/// Lanes; those of no motor are fed with fillers.
+pub const LANES: usize = 4;
+
+/// Ticks that a lane's list holds.
+pub const LIST: u8 = 32;
+
+/// A lane has nothing more to do, for now.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Dry;
+
+/// Who fills lists.
+///
+/// There is one in a program. The assembly calls `steps_feed`, which the one who has it defines:
+/// `unsafe extern "C" fn steps_feed(feeder: *mut u8, lane: u8, merge: *mut Merge) -> bool`, by way of [`feed`].
+pub trait Feeder {
+    /// Gives `lane`, whose list is used up, its next ticks: by [`Merge::put`] or [`Merge::list`]. Or not: then the merge
+    /// comes back.
+    fn feed(&mut self, merge: &mut Merge, lane: u8) -> Result<(), Dry>;
+}
+
+/// One motor's list.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+struct Lane {
+    /// What the ticks in the list toggle.
+    masks: Group,
+    /// The list's first tick, taken out of it.
+    head: u16,
+    /// Low byte of the address of the second.
+    next: u8,
+}
+
+/// State of the merge; the assembly knows its layout.
+#[derive(Debug)]
+#[repr(C)]
+pub struct Merge {
+    lanes: [Lane; LANES],
+    /// The tick of the pending group + W.
+    deadline: u16,
+    /// What the pending group toggles.
+    pending: Group,
+    /// Low byte of the address of the pending group.
+    at: u8,
+    /// The ring's END bit.
+    end: u8,
+    /// W/2 and W.
+    half: u8,
+    spacing: u8,
+    /// Data address of the ring's tail.
+    tail: u8,
+    /// How often the merge may look for more room before it comes back.
+    looks: u8,
+    /// What the feeder is called with.
+    feeder: *mut u8,
+    /// The lane without a head, if any.
+    wanting: Option<u8>,
+}
+
+const LANE_SIZE: usize = size_of::<Lane>();
+
+global_asm!(
+    r#"
+    // While merging:
+    //   r2:3 r4:5 r6:7 r8:9           heads of the lanes
+    //   r10 to r13                    next of the lanes
+    //   r14:15 r20:21 r22:23 r28:29   masks of the lanes, rise and fall
+    //   r16:17                        masks of the pending group; END in its rise if it is the first of a batch
+    //   r18:19                        deadline: tick of the pending group + W
+    //   r24 r25                       W/2, W
+    //   r0                            groups that the ring has room for
+    //   X                             the pending group's place in the ring
+    //   Z                             into the lists' page
+
+    // Makes the lane's head the pending group, and puts the one that was pending into the ring.    18
+    .macro put_out low, high, rise, fall, lane
+    cp \low, r18                        // 1                            1
+    cpc \high, r19                      // 1                            2
+    brmi 3f                             // 1                            3
+    st X+, r16                          // 2                            5
+    st X+, \high                        // 2                            7
+    st X+, \low                         // 2                            9
+    st X+, r17                          // 2                            11
+    ldi r27, hi8(ring_a_page)           // 1                            12
+    movw r18, \low                      // 1                            13
+1:  add r18, r25                        // 1                            14
+    adc r19, r1                         // 1                            15
+    movw r16, \rise                     // 1                            16
+    dec r0                              // 1                            17
+    breq 5f                             // 1                            18
+2:
+    .endm
+
+    // What is rarer: the tick comes before the deadline.
+    .macro put_out_early low, high, rise, fall, lane
+3:  movw r30, r18
+    sub r30, r24
+    sbc r31, r1
+    cp \low, r30
+    cpc \high, r31
+    ldi r31, hi8(ring_b_page)
+    brpl 4f
+    mov r30, r16
+    and r30, \rise
+    brne 4f
+    mov r30, r17
+    and r30, \fall
+    brne 4f
+    or r16, \rise                       // joins the pending group
+    or r17, \fall
+    rjmp 2b
+4:  st X+, r16                          // put off to the deadline
+    st X+, r19
+    st X+, r18
+    st X+, r17
+    ldi r27, hi8(ring_a_page)
+    rjmp 1b
+5:  rcall merge_look
+    brcc 2b
+    ldi r24, \lane
+    rjmp merge_leave
+    .endm
+
+    // The next tick of the lane.                                                                   8
+    .macro advance_0
+    sbrc r10, 6                         // 2 (skips)                    2
+    rcall merge_refill_0
+    mov r30, r10                        // 1                            3
+    ld r2, Z+                           // 2                            5
+    ld r3, Z+                           // 2                            7
+    mov r10, r30                        // 1                            8
+    .endm
+    .macro advance_1
+    sbrc r11, 7
+    rcall merge_refill_1
+    mov r30, r11
+    ld r4, Z+
+    ld r5, Z+
+    mov r11, r30
+    .endm
+    .macro advance_2
+    sbrc r12, 6
+    rcall merge_refill_2
+    mov r30, r12
+    ld r6, Z+
+    ld r7, Z+
+    mov r12, r30
+    .endm
+    .macro advance_3                    // this list ends with its page                             9
+    sbrs r13, 7
+    rcall merge_refill_3
+    mov r30, r13
+    ld r8, Z+
+    ld r9, Z+
+    mov r13, r30
+    ldi r31, hi8(ring_b_page)
+    .endm
+
+    // Lane a (0 or 1) has the earlier head of the first two, b (2 or 3) of the others.             34 to 36
+    .macro merge_state name, a_low, a_high, a_rise, a_fall, a, b_low, b_high, b_rise, b_fall, b
+\name:
+    cp \a_low, \b_low                   // 1                            1
+    cpc \a_high, \b_high                // 1                            2
+    brmi .+2                            // 2, or 1 and 2                4 or 5
+    rjmp 6f
+    put_out \a_low, \a_high, \a_rise, \a_fall, \a //                    22
+    advance_\a                          //                              30
+    cp r2, r4                           // 1                            31
+    cpc r3, r5                          // 1                            32
+    brmi .+2                            // 2, or 1                      34
+    rjmp merge_1\b                      // 2                            35
+    rjmp merge_0\b                      // 2                            36
+    put_out_early \a_low, \a_high, \a_rise, \a_fall, \a
+6:  put_out \b_low, \b_high, \b_rise, \b_fall, \b //                    23
+    advance_\b                          //                              31 or 32
+    cp r6, r8
+    cpc r7, r9
+    brmi .+2
+    rjmp merge_\a\()3
+    rjmp merge_\a\()2                   //                              37
+    put_out_early \b_low, \b_high, \b_rise, \b_fall, \b
+    .endm
+
+    .macro load_masks                   //                              20
+    lds r14, steps_merge+{LANE0}+{RISE}
+    lds r15, steps_merge+{LANE0}+{FALL}
+    lds r20, steps_merge+{LANE1}+{RISE}
+    lds r21, steps_merge+{LANE1}+{FALL}
+    lds r22, steps_merge+{LANE2}+{RISE}
+    lds r23, steps_merge+{LANE2}+{FALL}
+    lds r28, steps_merge+{LANE3}+{RISE}
+    lds r29, steps_merge+{LANE3}+{FALL}
+    lds r24, steps_merge+{HALF}
+    lds r25, steps_merge+{SPACING}
+    .endm
+
+    .macro each_head what
+    \what 2, {LANE0}+{HEAD}
+    \what 3, {LANE0}+{HEAD}+1
+    \what 4, {LANE1}+{HEAD}
+    \what 5, {LANE1}+{HEAD}+1
+    \what 6, {LANE2}+{HEAD}
+    \what 7, {LANE2}+{HEAD}+1
+    \what 8, {LANE3}+{HEAD}
+    \what 9, {LANE3}+{HEAD}+1
+    \what 10, {LANE0}+{NEXT}
+    \what 11, {LANE1}+{NEXT}
+    \what 12, {LANE2}+{NEXT}
+    \what 13, {LANE3}+{NEXT}
+    \what 17, {PENDING_FALL}
+    \what 18, {DEADLINE}
+    \what 19, {DEADLINE}+1
+    .endm
+    .macro fetch register, offset
+    lds r\register, steps_merge+\offset
+    .endm
+    .macro store register, offset
+    sts steps_merge+\offset, r\register
+    .endm
+
+    .section .text.steps_merge_run, "ax", @progbits
+    .global steps_merge_run
+    // r24:25: steps_merge; r22: groups that the ring has room for, at least 1. Gives the lane that has no head.
+steps_merge_run:
+    .irp r, 2,3,4,5,6,7,8,9,10,11,12,13,14,15,16,17,28,29
+    push r\r                            // 18 x 2                       36
+    .endr
+    mov r0, r22
+    each_head fetch                     // 15 x 2                       67
+    lds r16, steps_merge+{PENDING_RISE}
+    lds r24, steps_merge+{END}
+    or r16, r24
+    lds r26, steps_merge+{AT}
+    ldi r27, hi8(ring_a_page)
+    ldi r31, hi8(ring_b_page)
+    load_masks                          //                              96
+    cp r2, r4
+    cpc r3, r5
+    brmi 2f
+    cp r6, r8
+    cpc r7, r9
+    brmi 1f
+    rjmp merge_13
+1:  rjmp merge_12
+2:  cp r6, r8
+    cpc r7, r9
+    brmi 3f
+    rjmp merge_03
+3:  rjmp merge_02                       //                              106
+
+    merge_state merge_02, r2, r3, r14, r15, 0, r6, r7, r22, r23, 2
+    merge_state merge_03, r2, r3, r14, r15, 0, r8, r9, r28, r29, 3
+    merge_state merge_12, r4, r5, r20, r21, 1, r6, r7, r22, r23, 2
+    merge_state merge_13, r4, r5, r20, r21, 1, r8, r9, r28, r29, 3
+
+    // Publishes what has been put into the ring. Uses r24, r25, Y.                                 28
+merge_publish:
+    lds r28, steps_merge+{AT}           // 2
+    cp r26, r28                         // 1
+    breq 1f                             // 1
+    lds r25, steps_merge+{END}          // 2
+    st X, r25                           // 2  END where the pending group will be
+    ldi r29, hi8(ring_a_page)           // 1
+    ld r24, Y                           // 2
+    eor r24, r25                        // 1
+    st Y, r24                           // 2  and off the first one
+    sts steps_merge+{AT}, r26           // 2
+    or r16, r25                         // 1
+1:  ret                                 // 4, and 3 for the call
+
+    // Looks for more room, and goes on if there is enough; else carry is set.
+merge_look:
+    rcall merge_publish
+    lds r24, steps_merge+{LOOKS}
+    subi r24, 1
+    brcs 1f
+    sts steps_merge+{LOOKS}, r24
+    lds r30, steps_merge+{TAIL}
+    ldi r31, 0
+    ld r24, Z
+    ldi r31, hi8(ring_b_page)
+    sub r24, r26
+    dec r24
+    lsr r24
+    lsr r24
+    mov r0, r24
+    lds r25, steps_merge+{SPACING}
+    lds r28, steps_merge+{LANE3}+{RISE}
+    lds r29, steps_merge+{LANE3}+{FALL}
+    cpi r24, {ENOUGH}
+    lds r24, steps_merge+{HALF}
+1:  ret
+
+    .macro refill lane, next, offset
+merge_refill_\lane:                     // call                         3
+    ldi r30, \lane                      // 1                            4
+    rcall merge_feed                    // 96                           100
+    lds \next, steps_merge+\offset+{NEXT} // 2                         102
+    ret                                 // 4                            106
+    .endm
+    refill 0, r10, {LANE0}
+    refill 1, r11, {LANE1}
+    refill 2, r12, {LANE2}
+    refill 3, r13, {LANE3}
+
+    // Has the lane r30 fed. Rust's functions keep r2 to r17, r28, r29, and r1 = 0.                 96
+merge_feed:                             // call                         3
+    push r30                            // 2                            5
+    rcall merge_publish                 // 28                           33
+    pop r22                             // 2                            35
+    push r0                             // 5 x 4                        55
+    push r18
+    push r19
+    push r26
+    push r27
+    push r22                            // 2 x 2                        59
+    lds r24, steps_merge+{FEEDER}       // 4                            63
+    lds r25, steps_merge+{FEEDER}+1
+    ldi r20, lo8(steps_merge)           // 2                            65
+    ldi r21, hi8(steps_merge)
+    call steps_feed                     // 4                            69
+    pop r22
+    pop r27
+    pop r26
+    pop r19
+    pop r18
+    pop r0
+    ldi r31, hi8(ring_b_page)           // 1                            70
+    tst r24                             // 1                            71
+    breq merge_dry                      // 1                            72
+    load_masks                          // 20                           92
+    ret                                 // 4                            96
+
+    // Nothing for the lane r22: two return addresses go.
+merge_dry:
+    mov r24, r22
+    pop r0
+    pop r0
+    pop r0
+    pop r0
+merge_leave:
+    lds r25, steps_merge+{END}
+    com r25
+    and r16, r25
+    sts steps_merge+{PENDING_RISE}, r16
+    each_head store
+    .irp r, 29,28,17,16,15,14,13,12,11,10,9,8,7,6,5,4,3,2
+    pop r\r
+    .endr
+    ret
+    "#,
+    LANE0 = const 0,
+    LANE1 = const LANE_SIZE,
+    LANE2 = const 2 * LANE_SIZE,
+    LANE3 = const 3 * LANE_SIZE,
+    RISE = const offset_of!(Lane, masks) + offset_of!(Group, rise),
+    FALL = const offset_of!(Lane, masks) + offset_of!(Group, fall),
+    HEAD = const offset_of!(Lane, head),
+    NEXT = const offset_of!(Lane, next),
+    DEADLINE = const offset_of!(Merge, deadline),
+    PENDING_RISE = const offset_of!(Merge, pending) + offset_of!(Group, rise),
+    PENDING_FALL = const offset_of!(Merge, pending) + offset_of!(Group, fall),
+    AT = const offset_of!(Merge, at),
+    END = const offset_of!(Merge, end),
+    HALF = const offset_of!(Merge, half),
+    SPACING = const offset_of!(Merge, spacing),
+    TAIL = const offset_of!(Merge, tail),
+    LOOKS = const offset_of!(Merge, looks),
+    FEEDER = const offset_of!(Merge, feeder),
+    ENOUGH = const ENOUGH,
+);
+
+/// Groups that the ring must have room for to go on.
+const ENOUGH: u8 = 8;
+/// How often one run of the merge goes on.
+const LOOKS: u8 = 2;
+
+unsafe extern "C" {
+    static mut ring_b_page: [u8; 256];
+    fn steps_merge_run(state: *mut Merge, free: u8) -> u8;
+}
+
+/// The one merge: the assembly knows it by this name.
+#[unsafe(export_name = "steps_merge")]
+static mut MERGE: Merge = Merge {
+    lanes: [Lane { masks: Group::NOTHING, head: 0, next: 0 }; LANES],
+    deadline: 0,
+    pending: Group::NOTHING,
+    at: 0,
+    end: 0,
+    half: 0,
+    spacing: 0,
+    tail: 0,
+    looks: 0,
+    feeder: core::ptr::null_mut(),
+    wanting: None,
+};
+
+/// Byte after the list of `lane`.
+const fn end_of(lane: u8) -> u8 {
+    (lane + 1).wrapping_mul(2 * LIST)
+}
+
+/// What the assembly calls: has `lane` fed.
+///
+/// # Safety
+/// Both are what [`Merge::run`] was called with, which waits meanwhile.
+#[inline(always)]
+pub unsafe fn feed<F: Feeder>(feeder: *mut u8, lane: u8, merge: *mut Merge) -> bool {
+    // SAFETY: `run` handed both to the assembly, and does not touch them until it returns.
+    let (feeder, merge) = unsafe { (&mut *feeder.cast::<F>(), &mut *merge) };
+    feeder.feed(merge, lane).is_ok()
+}
+
+impl Merge {
+    /// The one merge.
+    ///
+    /// # Safety
+    /// To be called once.
+    pub unsafe fn take() -> &'static mut Merge {
+        // SAFETY: the caller's promise: no other reference exists.
+        unsafe { &mut *(&raw mut MERGE) }
+    }
+
+    /// Feeds `lane` with one tick, by its low 16 bits, and what is toggled then.
+    #[inline(always)]
+    pub fn put(&mut self, lane: u8, tick: u16, masks: Group) {
+        let list = self.list(lane, 1, masks);
+        // SAFETY: the place of one tick; lists are main's alone.
+        unsafe { list.write(tick) };
+    }
+
+    /// Feeds `lane` with `n` (1..=[`LIST`]) ticks, all of which toggle `masks`: where their low 16 bits are to be written.
+    #[inline(always)]
+    pub fn list(&mut self, lane: u8, n: u8, masks: Group) -> *mut u16 {
+        let entry = &mut self.lanes[usize::from(lane) % LANES];
+        entry.masks = masks;
+        entry.next = end_of(lane).wrapping_sub(2 * n);
+        (&raw mut ring_b_page).cast::<u8>().wrapping_add(usize::from(entry.next)).cast()
+    }
+
+    /// What `lane` has still to do that is in no group yet: how many ticks, and what each of them toggles.
+    pub fn listed(&self, lane: u8) -> (u8, Group) {
+        let entry = &self.lanes[usize::from(lane) % LANES];
+        let head = u8::from(self.wanting != Some(lane));
+        (end_of(lane).wrapping_sub(entry.next) / 2 + head, entry.masks)
+    }
+
+    /// Takes the head of `lane` from its list, which is fed if it is used up.
+    fn advance<F: Feeder>(&mut self, feeder: &mut F, lane: u8) -> Result<(), Dry> {
+        let index = usize::from(lane) % LANES;
+        if self.lanes[index].next == end_of(lane) {
+            feeder.feed(self, lane)?;
+        }
+        let entry = &mut self.lanes[index];
+        let list = (&raw const ring_b_page).cast::<u8>();
+        let at = usize::from(entry.next);
+        // SAFETY: two bytes inside the page; lists are main's alone.
+        entry.head = unsafe { u16::from_le_bytes([list.wrapping_add(at).read(), list.wrapping_add(at + 1).read()]) };
+        entry.next = entry.next.wrapping_add(2);
+        Ok(())
+    }
+
+    /// Begins anew: every lane has one tick to come, the low 16 bits of which are `first`, and at which it does nothing.
+    ///
+    /// Groups will be at least `spacing` ticks apart (W).
+    pub fn begin(&mut self, name: Name, spacing: u8, first: u16) {
+        let (end, tail) = match name {
+            Name::A => (END_A, register::OCR0A),
+            Name::B => (END_B, register::OCR0B),
+        };
+        self.spacing = spacing;
+        self.half = spacing / 2;
+        self.end = end;
+        self.tail = tail + 0x20;
+        self.clear();
+        for lane in &mut self.lanes {
+            lane.head = first;
+        }
+    }
+
+    /// Whether steps are in lists, or anything else but fillers.
+    pub fn is_idle(&self) -> bool {
+        self.lanes.iter().all(|lane| lane.masks == Group::NOTHING)
+    }
+
+    /// Empties all lists.
+    pub fn clear(&mut self) {
+        self.wanting = None;
+        for (lane, entry) in (0..).zip(&mut self.lanes) {
+            *entry = Lane { masks: Group::NOTHING, head: 0, next: end_of(lane) };
+        }
+    }
+
+    /// Merges until `ring` is full or a lane is not fed. [`Merge::begin`] comes first. `at` is the tick of the ring's
+    /// pending group, its low 16 bits; gives that of the one that is pending then.
+    #[inline(never)]
+    pub fn run<F: Feeder>(&mut self, ring: &mut Ring, at: u16, feeder: &mut F) -> u16 {
+        if let Some(lane) = self.wanting {
+            if self.advance(feeder, lane).is_err() {
+                return at;
+            }
+            self.wanting = None;
+        }
+        let free = ring.free();
+        if free == 0 {
+            return at;
+        }
+        (self.at, self.pending) = ring.merging();
+        self.deadline = at.wrapping_add(u16::from(self.spacing));
+        self.looks = LOOKS;
+        self.feeder = (&raw mut *feeder).cast();
+        // SAFETY: all heads are set, and the ring has room for `free` groups. `steps_feed` hands the feeder to `feed`.
+        let answer = unsafe { steps_merge_run(self, free) };
+        self.wanting = Some(answer & 3);
+        ring.merged(self.at, self.pending);
+        self.deadline.wrapping_sub(u16::from(self.spacing))
+    }
+}

@@ -1,0 +1,594 @@
+//! The rings and the interrupts that put them out.
+//!
+//! # A ring
+//! One 256-byte page of 64 groups of four bytes, `[rise, high byte of next, low byte of next, fall]`. At its tick the
+//! interrupt toggles the pins in `rise`, sets the compare register to the *next* group's tick, and 1.0 µs later toggles the
+//! pins in `fall` (writing PINx toggles: ATmega328P DS40002061B §14.2.2). Everything is a group:
+//!
+//! | what | rise | fall |
+//! |---|---|---|
+//! | a step with the short pulse | STEP | STEP |
+//! | either edge of a long pulse | STEP | 0 |
+//! | a change of direction | 0 | DIR |
+//! | nothing, to keep the compare register moving | 0 | 0 |
+//!
+//! The last group of a ring is *pending*: its tick is in the compare register, but what follows it is not known yet.
+//! Its first byte is an END mark, and the interrupt stops there: late refills starve on a known step, and nothing
+//! stale is ever played again. [`Ring::push`] gives the pending group its successor and then, with one write, its own
+//! first byte.
+//!
+//! # The two interrupts
+//! Compare match A plays ring A: on PORTD (`Kind::PortD`), on PORTD with PB4 and PB5 as bits 0 and 1 (`Kind::Shield`), or the
+//! hardware's own pin 9 (`Kind::Compare`). Compare match B plays ring B: on PORTB, or the hardware's pin 10.
+//! Registers are kept in I/O registers that nothing else uses, and no flag is touched, so that SREG needs no care:
+//!
+//! | register | holds |
+//! |---|---|
+//! | GPIOR0 | [`flags`], bit-addressable |
+//! | GPIOR1, GPIOR2, EEDR | r24, r30, r31 of whoever was interrupted (interrupts do not nest) |
+//! | EEARH | page of ring B: 3, or 2 when a merge plays it and page 3 has the lists |
+//! | OCR0A, OCR0B | low byte of the address of the next group to play, ring A and ring B |
+//!
+//! # Cycles
+//! From the match to the end, 4 for the interrupt and 3 for the vector's jump included (§7.7.1):
+//!
+//! | kind | to the rising edge | pulse | total |
+//! |---|---|---|---|
+//! | PORTD, PORTB | 17 | 16 (1.0 µs) | 38 |
+//! | the same, long | 17 | 31 (1.94 µs) | 53 |
+//! | shield | 17, PB4 26 | 24 or 25, PB4 19 (1.19 µs) | 50 to 53 |
+//! | shield, long | the same | 36 or 37, PB4 31 | 62 to 65 |
+//! | compare, a plain step | by the hardware | 35 (2.19 µs) | 40 |
+
+use core::arch::global_asm;
+
+use super::register;
+use pulsetrain_core::narrow::Registers;
+
+/// Bits of GPIOR0, which the interrupts look at and set.
+pub mod flags {
+    /// Ring A is not plain PORTD with the short pulse: look at [`SHIELD`].
+    pub const EXTRA_A: u8 = 0;
+    /// Ring B has the 1.9 µs pulse.
+    pub const EXTRA_B: u8 = 1;
+    /// Ring A plays PB4 and PB5 too.
+    pub const SHIELD: u8 = 2;
+    /// The shield's pulse is the 1.9 µs one.
+    pub const SHIELD_LONG: u8 = 3;
+    /// Ring A reached its END mark.
+    pub const STARVED_A: u8 = 4;
+    /// Ring B reached its END mark.
+    pub const STARVED_B: u8 = 5;
+    /// With hardware edges on ring A, its DIR pin is on PORTB, not PORTD.
+    pub const DIR_A_ON_PORTB: u8 = 6;
+    /// With hardware edges on ring B, its DIR pin is on PORTB, not PORTD.
+    pub const DIR_B_ON_PORTB: u8 = 7;
+}
+
+/// First bytes of groups played by the compare hardware, beside the ring's END bit (which all of them have).
+mod hardware {
+    /// A plain step, followed by another edge: the interrupt only ends the pulse. Without it the bits below count.
+    pub(super) const PLAIN: u8 = 1 << 6;
+    /// A group to be played; without this and [`PLAIN`] it is the END.
+    pub(super) const PLAY: u8 = 1 << 5;
+    /// The interrupt ends the pulse (force output compare).
+    pub(super) const END_PULSE: u8 = 1 << 4;
+    /// The match toggled the pin.
+    pub(super) const TOGGLED: u8 = 1 << 3;
+    /// The next match toggles the pin.
+    pub(super) const NEXT_TOGGLES: u8 = 1 << 0;
+}
+
+/// END of ring A: PD1 is TXD, whose port bit nobody toggles.
+pub const END_A: u8 = 1 << 1;
+/// END of ring B: PB7 is the crystal.
+pub const END_B: u8 = 1 << 7;
+
+/// Interrupt code of one ring. `\name` is the vector, `\pin` its PINx, `\ocr` OCR1xL, `\tail` where the tail is kept.
+// One macro, two interrupts: they differ in names, and in the shield's extra pins.
+global_asm!(
+    r#"
+    .section .pages, "aw", @nobits
+    .p2align 8
+    .global receive_page, ring_a_page, ring_b_page
+receive_page: .skip 256
+ring_a_page:  .skip 256
+ring_b_page:  .skip 256
+
+    .macro ring_interrupt vector, load_page, tail, pin, ocr, end_bit, extra, starved, com_mask, com_toggle, foc, dir_on_portb, enable_mask
+    .global \vector
+\vector:                                // 4 response + 3 jump           7
+    out {SAVE24}, r24                   // 1                             8
+    out {SAVE30}, r30                   // 1                             9
+    out {SAVE31}, r31                   // 1                            10
+    in r30, \tail                       // 1                            11
+    \load_page                          // 1                            12
+    ld r24, Z+                          // 2                            14
+    sbrc r24, \end_bit                  // 2 (skips)                    16
+    rjmp 1f
+    out \pin, r24                       // 1  the rising edge           17
+    sbic {FLAGS}, \extra                // 2 (skips)                    19
+    rjmp 5f
+    ld r24, Z+                          // 2                            21
+    sts \ocr+1, r24                     // 2                            23
+    ld r24, Z+                          // 2                            25
+    sts \ocr, r24                       // 2                            27
+    ld r24, Z+                          // 2                            29
+    out \tail, r30                      // 1                            30
+    in r30, {SAVE30}                    // 1                            31
+    in r31, {SAVE31}                    // 1                            32
+    out \pin, r24                       // 1  the falling edge: 17 + 16 33
+    in r24, {SAVE24}                    // 1                            34
+    reti                                // 4                            38
+
+    // END, or a group of the compare hardware              sbrc 1 + rjmp 2: 17
+1:  sbrs r24, 6                         // 2 (skips)                    19
+    rjmp 2f
+    ld r24, Z+                          // 2                            21
+    sts \ocr+1, r24                     // 2                            23
+    ld r24, Z+                          // 2                            25
+    sts \ocr, r24                       // 2                            27
+    ld r24, Z+                          // 2                            29
+    out \tail, r30                      // 1                            30
+    in r30, {SAVE30}                    // 1                            31
+    in r31, {SAVE31}                    // 1                            32
+    ldi r24, \foc                       // 1                            33
+    sts {TCCR1C}, r24                   // 2  the falling edge          35
+    in r24, {SAVE24}                    // 1                            36
+    reti                                // 4                            40
+
+    // The hardware's other groups, and END: rare, so flags and r25 go onto the stack.
+2:  push r25
+    in r25, {SREG}
+    push r25
+    mov r25, r24
+    sbrs r25, 5
+    rjmp 4f
+    ld r24, Z+
+    sts \ocr+1, r24
+    ld r24, Z+
+    sts \ocr, r24
+    ld r24, Z+
+    out \tail, r30
+    sbis {FLAGS}, \dir_on_portb
+    out {PIND}, r24
+    sbic {FLAGS}, \dir_on_portb
+    out {PINB}, r24
+    ldi r24, \foc
+    sbrc r25, 4
+    sts {TCCR1C}, r24
+    lds r24, {TCCR1A}
+    andi r24, \com_mask
+    sbrc r25, 0
+    ori r24, \com_toggle
+    sts {TCCR1A}, r24
+3:  pop r25
+    out {SREG}, r25
+    pop r25
+    in r24, {SAVE24}
+    in r30, {SAVE30}
+    in r31, {SAVE31}
+    reti
+
+    // END: no more matches are played, nor does the hardware toggle at any.
+4:  ldi r24, \foc
+    sbrc r25, 4
+    sts {TCCR1C}, r24
+    lds r24, {TCCR1A}
+    andi r24, \com_mask
+    sts {TCCR1A}, r24
+    lds r24, {TIMSK1}
+    andi r24, \enable_mask
+    sts {TIMSK1}, r24
+    sbi {FLAGS}, \starved
+    rjmp 3b
+    .endm
+
+    // The 1.9 us pulse                                      sbic 1 + rjmp 2: 20
+    .macro long_pulse tail, pin, ocr
+    ld r24, Z+                          // 2                            22
+    sts \ocr+1, r24                     // 2                            24
+    ld r24, Z+                          // 2                            26
+    sts \ocr, r24                       // 2                            28
+    ld r24, Z+                          // 2                            30
+    out \tail, r30                      // 1                            31
+    in r30, {SAVE30}                    // 1                            32
+    in r31, {SAVE31}                    // 1                            33
+    .endm
+
+    .macro wait cycles
+    .rept \cycles / 2
+    rjmp .+0
+    .endr
+    .rept \cycles % 2
+    nop
+    .endr
+    .endm
+
+    .section .text.ring_interrupts, "ax", @progbits
+    ring_interrupt __vector_11, "ldi r31, hi8(ring_a_page)", {TAIL_A}, {PIND}, {OCR1A}, 1, {EXTRA_A}, {STARVED_A}, 0x3f, 0x40, 0x80, {DIR_A_ON_PORTB}, 0xfd
+5:  sbic {FLAGS}, {SHIELD}              // 2 (skips)                    22
+    rjmp 6f
+    long_pulse {TAIL_A}, {PIND}, {OCR1A} // 13                          35
+    wait 12                             // 12                           47
+    out {PIND}, r24                     // 1  17 + 31                   48
+    in r24, {SAVE24}                    // 1                            49
+    reti                                // 4                            53
+
+    // The shield: bit 0 is PB4, bit 1 PB5 (in the fall alone). sbic 1 + rjmp 2: 23
+6:  sbrc r24, 0                         // 2 (skips), 1 if set
+    sbi {PINB}, 4                       // 2 if set                     25 or 26
+    long_pulse {TAIL_A}, {PIND}, {OCR1A} // 13                          38 or 39
+    sbic {FLAGS}, {SHIELD_LONG}         // 2 (skips), 1 if set          40 or 41
+    rjmp 8f
+7:  out {PIND}, r24                     // 1                            41 or 42
+    sbrc r24, 0                         // 2 (skips), 1 if set
+    sbi {PINB}, 4                       // 2 if set                     43 to 45
+    sbrc r24, 1                         // 2 (skips), 1 if set
+    sbi {PINB}, 5                       // 2 if set                     45 to 48
+    in r24, {SAVE24}                    // 1                            46 to 49
+    reti                                // 4                            50 to 53
+8:  wait 9                              // 9 + sbic 1 + rjmp 2 + rjmp 2 = 14, 12 more than the skip:
+    rjmp 7b                             // PB4 is high for 57 - 26 = 31 cycles, PORTD for 37 at most
+
+    ring_interrupt __vector_12, "in r31, {PAGE_B}", {TAIL_B}, {PINB}, {OCR1B}, 7, {EXTRA_B}, {STARVED_B}, 0xcf, 0x10, 0x40, {DIR_B_ON_PORTB}, 0xfb
+5:  long_pulse {TAIL_B}, {PINB}, {OCR1B} // 13                          33
+    wait 14                             // 14                           47
+    out {PINB}, r24                     // 1                            48
+    in r24, {SAVE24}                    // 1                            49
+    reti                                // 4                            53
+    "#,
+    SAVE24 = const register::GPIOR1,
+    SAVE30 = const register::GPIOR2,
+    SAVE31 = const register::EEDR,
+    PAGE_B = const register::EEARH,
+    TAIL_A = const register::OCR0A,
+    TAIL_B = const register::OCR0B,
+    FLAGS = const register::GPIOR0,
+    PIND = const register::PIND,
+    PINB = const register::PINB,
+    SREG = const register::SREG,
+    OCR1A = const register::OCR1A,
+    OCR1B = const register::OCR1B,
+    TCCR1A = const register::TCCR1A,
+    TCCR1C = const register::TCCR1C,
+    TIMSK1 = const register::TIMSK1,
+    EXTRA_A = const flags::EXTRA_A,
+    EXTRA_B = const flags::EXTRA_B,
+    SHIELD = const flags::SHIELD,
+    SHIELD_LONG = const flags::SHIELD_LONG,
+    STARVED_A = const flags::STARVED_A,
+    STARVED_B = const flags::STARVED_B,
+    DIR_A_ON_PORTB = const flags::DIR_A_ON_PORTB,
+    DIR_B_ON_PORTB = const flags::DIR_B_ON_PORTB,
+);
+
+/// Bytes of a group.
+pub const GROUP: u8 = 4;
+
+/// Groups that a ring can hold beside the pending one.
+pub const CAPACITY: u8 = 62;
+
+/// Which of the two.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Name {
+    /// Compare match A: PORTD, the shield, or pin 9 by hardware.
+    A,
+    /// Compare match B: PORTB, or pin 10 by hardware.
+    B,
+}
+
+/// What one group does at its tick.
+///
+/// With the compare hardware the bit of [`Ring::edge`] stands for STEP: in `rise` the hardware toggles the pin at the tick, in
+/// `fall` the interrupt ends the pulse. All other bits of `fall` are toggled on the port of DIR.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(C)]
+pub struct Group {
+    /// What is toggled at the tick.
+    pub rise: u8,
+    /// What is toggled at the end of a short pulse.
+    pub fall: u8,
+}
+
+impl Group {
+    /// Nothing: it keeps the compare register moving.
+    pub const NOTHING: Group = Group { rise: 0, fall: 0 };
+}
+
+/// Main's end of a ring.
+#[derive(Debug)]
+pub struct Ring {
+    /// The page it lies in: the high byte of its addresses.
+    page: u8,
+    /// The END bit, which also says which of the two it is.
+    end: u8,
+    /// With the compare hardware the bit that stands for STEP; else 0.
+    edge: u8,
+    /// Low byte of the address of the pending group.
+    head: u8,
+    /// What the pending group does.
+    pending: Group,
+}
+
+/// Pages of rings A and B, as memory.ld asserts.
+const PAGES: [u8; 2] = [2, 3];
+
+impl Ring {
+    /// A ring; [`Ring::clear`] comes before its use.
+    pub const fn new(name: Name) -> Ring {
+        let (page, end) = match name {
+            Name::A => (PAGES[0], END_A),
+            Name::B => (PAGES[1], END_B),
+        };
+        Ring { page, end, edge: 0, head: 0, pending: Group::NOTHING }
+    }
+
+    /// A ring whose STEP edges the compare hardware makes on pin 9 (A) or 10 (B).
+    ///
+    /// `dir_on_portb` says on which port the DIR pin is; GPIOR0 must say the same ([`flags::DIR_A_ON_PORTB`]).
+    pub const fn hardware(name: Name, dir_on_portb: bool) -> Ring {
+        // A bit that no DIR pin of that port has: PD0 is RXD, PB7 the crystal.
+        let edge = if dir_on_portb { 1 << 7 } else { 1 << 0 };
+        Ring { edge, ..Ring::new(name) }
+    }
+
+    /// A ring that the merge fills, in the page of ring A: the other has the lists.
+    pub const fn for_merge(name: Name) -> Ring {
+        Ring { page: PAGES[0], ..Ring::new(name) }
+    }
+
+    /// For the merge: where the pending group is, and what it does.
+    #[inline(always)]
+    pub(super) fn merging(&self) -> (u8, Group) {
+        (self.head, self.pending)
+    }
+
+    /// From the merge: where the pending group is now, and what it does.
+    #[inline(always)]
+    pub(super) fn merged(&mut self, head: u8, pending: Group) {
+        self.head = head;
+        self.pending = pending;
+    }
+
+    /// Which of the two.
+    #[inline(always)]
+    pub fn name(&self) -> Name {
+        if self.end == END_A { Name::A } else { Name::B }
+    }
+
+    /// With the compare hardware the bit that stands for STEP; else 0.
+    #[inline(always)]
+    pub fn edge(&self) -> u8 {
+        self.edge
+    }
+
+    /// What the pending group does.
+    #[inline(always)]
+    pub fn pending(&self) -> Group {
+        self.pending
+    }
+
+    fn tail_register(&self) -> *mut u8 {
+        register::io(match self.name() {
+            Name::A => register::OCR0A,
+            Name::B => register::OCR0B,
+        })
+    }
+
+    #[inline(always)]
+    fn group(&self, at: u8) -> *mut u8 {
+        core::ptr::with_exposed_provenance_mut(usize::from(u16::from_le_bytes([at, self.page])))
+    }
+
+    /// First byte of the pending group.
+    #[inline(never)]
+    fn unplayed(&self, group: Group) -> u8 {
+        if self.edge == 0 { self.end } else { self.end | self.bits(group) }
+    }
+
+    /// What the compare hardware and its interrupt do with `group`.
+    fn bits(&self, group: Group) -> u8 {
+        let mut bits = 0;
+        if group.rise & self.edge != 0 {
+            bits |= hardware::TOGGLED;
+        }
+        if group.fall & self.edge != 0 {
+            bits |= hardware::END_PULSE;
+        }
+        bits
+    }
+
+    /// First byte of `group` when it is played and followed by `next`.
+    #[inline(never)]
+    fn played(&self, group: Group, next: Group) -> u8 {
+        if self.edge == 0 {
+            return group.rise;
+        }
+        let step = Group { rise: self.edge, fall: self.edge };
+        match (group == step, next.rise & self.edge != 0) {
+            (true, true) => self.end | hardware::PLAIN,
+            (_, true) => self.end | hardware::PLAY | hardware::NEXT_TOGGLES | self.bits(group),
+            (_, false) => self.end | hardware::PLAY | self.bits(group),
+        }
+    }
+
+    /// Last byte of `group`.
+    #[inline(always)]
+    fn last(&self, group: Group) -> u8 {
+        group.fall & !self.edge
+    }
+
+    /// Forgets all groups. The interrupt must be off.
+    #[inline(never)]
+    pub fn clear(&mut self) {
+        self.head = 0;
+        self.pending = Group::NOTHING;
+        // SAFETY: the interrupt of this ring is off (the caller's promise), so main is alone with page and tail.
+        unsafe {
+            self.group(0).write_volatile(self.end);
+            self.group(3).write_volatile(0);
+            self.tail_register().write_volatile(0);
+            if self.name() == Name::B {
+                register::io(register::EEARH).write_volatile(self.page);
+            }
+        }
+    }
+
+    /// Groups that can be pushed now.
+    #[inline(always)]
+    pub fn free(&self) -> u8 {
+        self.tail().wrapping_sub(self.head).wrapping_sub(1) / GROUP
+    }
+
+    /// Gives the pending group its successor `group`, at the low 16 bits of its tick `at`, and publishes the pending one.
+    ///
+    /// There must be room (see [`Ring::free`]), and `at` less than 32 768 ticks after the pending group's tick.
+    #[inline(always)]
+    pub fn push(&mut self, at: u16, group: Group) {
+        let [low, high] = at.to_le_bytes();
+        let next = self.head.wrapping_add(GROUP);
+        // SAFETY: the interrupt reads neither the pending group beyond its END nor the free one after it, until the
+        // last write here publishes the first. Volatile writes keep their order.
+        unsafe {
+            self.group(next).write_volatile(self.unplayed(group));
+            self.group(next.wrapping_add(3)).write_volatile(self.last(group));
+            self.group(self.head.wrapping_add(1)).write_volatile(high);
+            self.group(self.head.wrapping_add(2)).write_volatile(low);
+            self.group(self.head).write_volatile(self.played(self.pending, group));
+        }
+        self.head = next;
+        self.pending = group;
+    }
+
+    /// Expands the next `n` steps of `registers` into the ring, each of which toggles `step`; with the compare
+    /// hardware `step` has its edge in both.
+    ///
+    /// # Safety
+    /// 1 ≤ `n` ≤ [`Ring::free`], and what [`super::expand`] says of `n` and the interval.
+    #[inline(never)]
+    pub unsafe fn expand(&mut self, registers: &mut Registers, n: u8, step: Group) {
+        let first = self.group(self.head);
+        let rise = self.played(step, step);
+        let published = self.played(self.pending, step);
+        // SAFETY: the caller's promise. Published groups only reach up to the pending one.
+        unsafe {
+            let last = super::expand::into_ring(registers, first, n, rise, self.last(step));
+            self.group(last).write_volatile(self.unplayed(step));
+            first.write_volatile(published);
+            self.head = last;
+        }
+        self.pending = step;
+    }
+
+    /// Adds to what the pending group toggles; not an edge of the compare hardware, which needs a group of its own.
+    #[inline(always)]
+    pub fn amend(&mut self, group: Group) {
+        self.pending.rise ^= group.rise;
+        self.pending.fall ^= group.fall;
+        // SAFETY: the interrupt does not read the pending group beyond its END.
+        unsafe { self.group(self.head.wrapping_add(3)).write_volatile(self.last(self.pending)) };
+    }
+
+    /// Whether all published groups have been played.
+    #[inline(always)]
+    pub fn is_empty(&self) -> bool {
+        self.tail() == self.head
+    }
+
+    /// Low byte of the address of the next group to be played.
+    #[inline(always)]
+    pub fn tail(&self) -> u8 {
+        // SAFETY: one byte, read whole; the interrupt may move it on at any time.
+        unsafe { self.tail_register().read_volatile() }
+    }
+
+    /// Groups that were not played yet, the pending one first.
+    ///
+    /// The interrupt may play more meanwhile; the oldest is the one that was next when this was called.
+    pub fn newest_first(&self) -> impl Iterator<Item = Group> {
+        let tail = self.tail();
+        let mut at = Some(self.head);
+        core::iter::from_fn(move || {
+            let index = at?;
+            at = (index != tail).then_some(index.wrapping_sub(GROUP));
+            Some(if index == self.head { self.pending } else { self.read(index) })
+        })
+    }
+
+    /// The published group at `index`.
+    fn read(&self, index: u8) -> Group {
+        let group = self.group(index);
+        // SAFETY: groups are written by main alone.
+        let (first, fall) = unsafe { (group.read_volatile(), group.wrapping_add(3).read_volatile()) };
+        if self.edge == 0 {
+            return Group { rise: first, fall };
+        }
+        let plain = first & hardware::PLAIN != 0;
+        let edge = |bit| if plain || first & bit != 0 { self.edge } else { 0 };
+        Group { rise: edge(hardware::TOGGLED), fall: fall | edge(hardware::END_PULSE) }
+    }
+
+    /// The compare register, and the ring's bit in TIMSK1 and TIFR1.
+    fn compare(&self) -> (*mut u8, u8) {
+        match self.name() {
+            Name::A => (register::data(register::OCR1A), 1 << 1),
+            Name::B => (register::data(register::OCR1B), 1 << 2),
+        }
+    }
+
+    /// The immediate stop: no group is played after this, nor does the hardware make an edge. A pulse that the hardware
+    /// began is ended. [`Ring::newest_first`] then has what was not played. Interrupts must be off.
+    #[inline(never)]
+    pub fn halt(&mut self) {
+        let (compare, bit) = self.compare();
+        let (flags, mask) = (register::io(register::TIFR1), register::data(register::TIMSK1));
+        let (mode, force) = (register::data(register::TCCR1A), register::data(register::TCCR1C));
+        let counter = register::data(register::TCNT1);
+        // SAFETY: interrupts are off, so nobody else uses the timer's registers or their shared high byte.
+        unsafe {
+            mask.write_volatile(mask.read_volatile() & !bit);
+            if self.edge == 0 {
+                return;
+            }
+            // No match within the next 65 000 ticks; whether one has just been, the flag says from here on.
+            let low = counter.read_volatile();
+            let high = counter.wrapping_add(1).read_volatile();
+            let [low, high] = u16::from_le_bytes([low, high]).wrapping_sub(1).to_le_bytes();
+            compare.wrapping_add(1).write_volatile(high);
+            compare.write_volatile(low);
+            if flags.read_volatile() & bit != 0 {
+                let tail = self.tail();
+                let group = if tail == self.head { self.pending } else { self.read(tail) };
+                if group.fall & self.edge != 0 {
+                    for _ in 0..8 {
+                        core::arch::asm!("rjmp .+0", "rjmp .+0");
+                    }
+                    force.write_volatile(match self.name() {
+                        Name::A => 1 << 7,
+                        Name::B => 1 << 6,
+                    });
+                }
+                if group.rise & self.edge != 0 {
+                    self.skip(tail);
+                }
+                flags.write_volatile(bit);
+            }
+            let com = match self.name() {
+                Name::A => 0b11 << 6,
+                Name::B => 0b11 << 4,
+            };
+            mode.write_volatile(mode.read_volatile() & !com);
+        }
+    }
+
+    /// Counts the group at `tail` as played.
+    fn skip(&mut self, tail: u8) {
+        if tail == self.head {
+            self.pending = Group::NOTHING;
+        } else {
+            // SAFETY: the ring's interrupt is off.
+            unsafe { self.tail_register().write_volatile(tail.wrapping_add(GROUP)) };
+        }
+    }
+}

@@ -1,0 +1,860 @@
+//! The slow engine: takes the events of all motors in order of time and makes groups of them.
+//!
+//! It does everything: any interval, any direction, shared DIR lines, switches. What it costs is a few hundred cycles a
+//! step; where nothing but steps follows for a while, the fast engine takes over.
+//!
+//! # Time
+//! The newest group of a ring is pending: its tick is fixed, what it does is not yet. An event half of [`APART`] ticks after
+//! it, or less, joins it; one that is further away becomes the next pending group, at least [`APART`] ticks later. While
+//! nothing is due, empty groups keep the compare register moving.
+//!
+//! # DIR
+//! A DIR line toggles at the end of a group. It does so after the pulse and hold of every step before that looked at the
+//! line, and its set-up before the step that it is for; when there is not enough room between (another motor's group is in
+//! the way, an interrupt was kept waiting), the step is late, never the set-up short.
+
+mod lanes;
+
+use super::merge::{LANES, Merge};
+use super::pins::{Kind, Layout, Lines, MAX_MOTORS};
+use super::ring::{CAPACITY, Group, Name, Ring, flags};
+use crate::clock::{self, low_half};
+use crate::memory::{Once, Queues};
+use crate::regs::{self, Reg16};
+use core::mem::MaybeUninit;
+use pulsetrain_core::channel::{self, Event};
+use pulsetrain_core::narrow::{Bytes, Motor, Reason, Settings};
+use pulsetrain_core::wire::message::{self, Configuration};
+use pulsetrain_core::{Direction, Epoch, Moment};
+
+/// Ticks between two groups, at least: from a match until the interrupt has set the next, and the longest time that it can be
+/// kept waiting; and the length of the interrupt + 4, so that delays die out.
+const APART: u8 = 48;
+/// The same where interrupts are longer: with pulses of 1.9 µs.
+const APART_LONG: u8 = 60;
+/// The shield's, and with pulses of 1.9 µs.
+const APART_SHIELD: [u8; 2] = [60, 76];
+/// With two of the compare hardware's.
+const APART_COMPARE: u8 = 96;
+/// Ticks between two steps of a motor with a ring of its own, at least, for the fast engine: alone, and beside another.
+const FASTEST: [u16; 2] = [60, 130];
+/// Ticks between two groups, at most: the compare register is a quarter of the way round.
+const FILLER: u32 = 16_384;
+/// From a group's tick to its `fall`, ticks: at least, and at most when an interrupt was kept waiting.
+const FALL: [u32; 2] = [16, 48];
+/// The same with the compare hardware, where DIR is toggled on a longer way.
+const FALL_COMPARE: [u32; 2] = [16, 80];
+/// So far ahead a ring is filled while nothing is due, ticks (1.5 ms).
+const AHEAD_IDLE: u32 = 24_576;
+/// So far ahead it is filled at most, ticks (4 ms).
+const AHEAD: u32 = 65_536;
+/// Groups that one call makes at most: other work waits meanwhile.
+const BATCH: u8 = 8;
+/// A compare that was missed is made so soon, ticks.
+const AGAIN: u16 = 48;
+/// After the ring ran empty the next group comes so soon, ticks: time enough to fill some more in.
+const LEAD: u16 = 800;
+/// Steps that come later than this after the ring ran empty are not made any more: the motors stop. 100 µs.
+const TOO_LATE: u32 = 1600;
+
+/// The times of a configuration, ticks.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Times {
+    /// From a step's edge to the end of its pulse, as it is made.
+    pulse: u16,
+    /// The end of the pulse is a group of its own.
+    long: bool,
+    /// DIR before the step.
+    setup: u16,
+    /// DIR after the end of the pulse.
+    hold: u16,
+    /// Between two groups.
+    apart: u8,
+    /// Another motor has a ring of its own too.
+    beside: bool,
+    fall: [u32; 2],
+}
+
+impl Times {
+    const NONE: Times =
+        Times { pulse: 16, long: false, setup: 0, hold: 0, apart: APART, beside: false, fall: FALL };
+
+    /// Pulses of so many ticks, or a little longer where that is what an interrupt makes; beyond that by two groups.
+    fn of(kind: Kind, configuration: &Configuration<'_>) -> Times {
+        // What the interrupt makes without and with its flag, and the distance that takes.
+        let (pulses, aparts, fall) = match kind {
+            Kind::PortD | Kind::PortB => ([16, 31], [APART, APART_LONG], FALL),
+            Kind::Shield => ([17, 31], APART_SHIELD, FALL),
+            Kind::Compare => ([35, 35], [APART_COMPARE; 2], FALL_COMPARE),
+        };
+        let wanted = configuration.pulse_ticks;
+        let (pulse, long, apart) = if wanted <= pulses[0] {
+            (pulses[0], false, aparts[0])
+        } else if wanted <= pulses[1] {
+            (pulses[1], false, aparts[1])
+        } else {
+            (wanted.max(u16::from(aparts[0])), true, aparts[0])
+        };
+        let beside = kind == Kind::Compare && configuration.motors().len() > 1;
+        Times { pulse, long, setup: configuration.setup_ticks, hold: configuration.hold_ticks, apart, beside, fall }
+    }
+}
+
+/// What went wrong in playing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Trouble {
+    /// A compare was missed, or the ring was empty for a moment: a group was played so late.
+    Late {
+        /// Ticks.
+        ticks: u16,
+    },
+    /// The ring was empty for too long while steps were left.
+    Starved,
+}
+
+/// What a motor wants next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Wish {
+    /// Nothing that is known.
+    Nothing,
+    /// The end of its pulse.
+    Fall,
+    /// A step.
+    Step,
+    /// Its DIR line so.
+    Dir(Direction),
+}
+
+/// One motor and its lines.
+// The motor last: the processor reaches 64 bytes from a pointer.
+#[repr(C)]
+pub(crate) struct Axis {
+    lines: Lines,
+    wish: Wish,
+    /// When.
+    due: Moment,
+    /// DIR stays until then.
+    free: Moment,
+    /// DIR is set up from then on.
+    ready: Moment,
+    /// What must be added to the motor's count, because stops left steps unmade.
+    made: i32,
+    pub(crate) motor: Motor,
+}
+
+impl Axis {
+    /// Steps forward minus backward that were taken from the queue, whether played or not yet.
+    pub(crate) fn position(&self) -> i32 {
+        self.motor.position().wrapping_add(self.made)
+    }
+
+    /// Whole ticks from the step before to the next one; after a segment, as it would go on.
+    fn interval(&self) -> u32 {
+        let registers = self.motor.registers();
+        registers.next_tick().since(Moment(registers.tick))
+    }
+
+    /// As [`flags`](pulsetrain_core::wire::message::flags) has them.
+    pub(crate) fn faults(&self) -> u8 {
+        match self.motor.fault().map(|fault| fault.reason) {
+            None => 0,
+            Some(Reason::Missed) => message::flags::STEP_MISSED,
+            Some(Reason::Mismatch) => message::flags::CHECK_FAILED,
+            Some(Reason::Bad) => message::flags::BAD_ITEM,
+        }
+    }
+
+    /// Finds out what it wants next, if that is not after `limit`.
+    #[inline(never)]
+    fn look(&mut self, queues: &Queues, limit: Moment, times: &Times) {
+        let lead = u32::from(times.setup) + times.fall[1];
+        let Some(Event { tick, kind }) = self.motor.peek(queues, limit.after(lead + u32::from(times.apart))) else {
+            self.wish = Wish::Nothing;
+            return;
+        };
+        match kind {
+            channel::Kind::Step => {
+                self.wish = Wish::Step;
+                self.due = tick;
+            }
+            channel::Kind::Direction(direction) => {
+                self.wish = Wish::Dir(direction);
+                let latest = tick.before(lead);
+                // A line of its own may turn earlier, so that groups of other motors do not put the step off.
+                self.due = if self.lines.shared_dir() { latest } else { latest.before(u32::from(times.apart)) };
+            }
+        }
+    }
+
+    /// Steps that may be made without looking at them, not after `limit` and at least `fastest` ticks apart.
+    #[inline(never)]
+    fn grant(&mut self, fastest: u16, limit: Moment, times: &Times) -> u8 {
+        let free = match self.wish {
+            Wish::Nothing => true,
+            Wish::Step => !self.due.is_before(self.ready),
+            _ => false,
+        };
+        if !free || times.long {
+            return 0;
+        }
+        // Within what 16 bits tell apart.
+        let reach = Moment(self.motor.registers().tick).after(0x7fff);
+        self.motor.blind(fastest, if limit.is_before(reach) { limit } else { reach })
+    }
+
+    /// Notes that `steps` of them were made; gives the last one's tick.
+    #[inline(never)]
+    fn took(&mut self, steps: u8, times: &Times) -> Moment {
+        self.motor.took(steps);
+        self.wish = Wish::Nothing;
+        let end = Moment(self.motor.registers().tick);
+        self.free = end.after(u32::from(times.pulse) + u32::from(times.hold));
+        end
+    }
+
+    /// Takes the event that was found.
+    fn take(&mut self) {
+        let kind = match self.wish {
+            Wish::Dir(direction) => channel::Kind::Direction(direction),
+            _ => channel::Kind::Step,
+        };
+        let tick = self.motor.registers().next_tick();
+        self.motor.take(Event { tick, kind });
+        self.wish = Wish::Nothing;
+    }
+}
+
+/// One ring and what is known of it.
+struct Track {
+    ring: Ring,
+    /// Tick of the pending group.
+    at: Moment,
+    /// Lines that are high once the pending group has been played, as bits of a group.
+    levels: u8,
+}
+
+impl Track {
+    const NONE: Track = Track { ring: Ring::new(Name::A), at: Moment(0), levels: 0 };
+
+    /// The compare register, and the ring's bit in `TIMSK1` and `TIFR1`.
+    #[inline(always)]
+    fn compare(&self) -> (Reg16, u8) {
+        match self.ring.name() {
+            Name::A => (regs::OCR1A, 1 << 1),
+            Name::B => (regs::OCR1B, 1 << 2),
+        }
+    }
+
+    /// The next match is to be at `at`.
+    #[inline(never)]
+    fn resume(&self, at: Moment) {
+        let (compare, bit) = self.compare();
+        regs::free(|| compare.write(low_half(at.0)));
+        regs::TIFR1.write(bit);
+        regs::free(|| {
+            regs::GPIOR0.clear(self.starved_flag());
+            regs::TIMSK1.set(bit);
+        });
+    }
+
+    #[inline(always)]
+    fn starved_flag(&self) -> u8 {
+        match self.ring.name() {
+            Name::A => 1 << flags::STARVED_A,
+            Name::B => 1 << flags::STARVED_B,
+        }
+    }
+
+    /// Publishes the pending group and makes `group` at `tick` the pending one.
+    #[inline(never)]
+    fn push(&mut self, tick: Moment, group: Group) {
+        self.ring.push(low_half(tick.0), group);
+        self.at = tick;
+    }
+
+    /// Puts `group` at `due`: into the pending group if that is near, not before `open`, and has other lines; else later.
+    ///
+    /// Gives its tick.
+    #[inline(never)]
+    fn put(&mut self, due: Moment, open: Moment, group: Group, apart: u8) -> Moment {
+        let near = due.before(u32::from(apart / 2)).is_before(self.at);
+        let pending = self.ring.pending();
+        // An edge of the compare hardware needs a group of its own.
+        let taken = pending.rise & group.rise | pending.fall & group.fall | self.ring.edge() & (group.rise | group.fall);
+        if near && !self.at.is_before(open) && taken == 0 {
+            self.ring.amend(group);
+        } else {
+            self.push(later(due, self.at.after(u32::from(apart))), group);
+        }
+        self.levels ^= group.rise ^ group.fall;
+        self.at
+    }
+
+    /// Looks whether the interrupt still plays what it should, and mends it.
+    #[inline(never)]
+    fn watch(&mut self, now: Moment, busy: bool) -> Option<Trouble> {
+        if regs::GPIOR0.read() & self.starved_flag() != 0 {
+            // It counts from here on, not from when the round began.
+            let now = now.after(u32::from(clock::read().wrapping_sub(low_half(now.0))));
+            let late = now.since(self.at);
+            if late >= TOO_LATE && late < 1 << 31 && busy {
+                return Some(Trouble::Starved);
+            }
+            let soon = now.after(u32::from(LEAD));
+            if self.ring.is_empty() {
+                self.at = soon;
+            }
+            self.resume(soon);
+            return busy.then_some(Trouble::Late { ticks: low_half(late) });
+        }
+        let (compare, bit) = self.compare();
+        let late = regs::free(|| {
+            let count = regs::TCNT1.read();
+            let late = count.wrapping_sub(compare.read());
+            // Behind the counter, and no interrupt waits to run: it would be found 65 536 ticks later.
+            if late == 0 || late >= 1 << 15 || regs::TIFR1.read() & bit != 0 {
+                return 0;
+            }
+            compare.write(count.wrapping_add(AGAIN));
+            late + AGAIN
+        });
+        (late != 0).then_some(Trouble::Late { ticks: late })
+    }
+
+    /// Whether no group is left to be played but fillers.
+    #[inline(never)]
+    fn is_idle(&self) -> bool {
+        self.ring.newest_first().all(|group| group == Group::NOTHING)
+    }
+}
+
+impl Lines {
+    /// Takes `levels` back to before `group`; whether it made a step, and which way: 1, 0 or −1.
+    #[inline(never)]
+    fn take_back(self, levels: &mut u8, group: Group) -> i8 {
+        let before_fall = *levels ^ group.fall;
+        *levels = before_fall ^ group.rise;
+        let active = (before_fall & self.step != 0) != self.step_low();
+        if group.rise & self.step == 0 || !active {
+            0
+        } else if (before_fall & self.dir != 0) == self.forward_high() {
+            1
+        } else {
+            -1
+        }
+    }
+}
+
+/// Room for the motors, apart from what begins with values: those would be kept in flash, too.
+static ROOM: Once<[MaybeUninit<Axis>; MAX_MOTORS]> = Once::new([const { MaybeUninit::uninit() }; MAX_MOTORS]);
+
+/// The motors in use.
+struct Axes {
+    /// Lent by [`Stepper::begin`].
+    room: Option<&'static mut [MaybeUninit<Axis>; MAX_MOTORS]>,
+    /// So many are there, the first ones.
+    count: u8,
+}
+
+impl Axes {
+    #[inline(never)]
+    fn all(&self) -> &[Axis] {
+        match &self.room {
+            // SAFETY: `push` made so many.
+            Some(room) => unsafe { core::slice::from_raw_parts(room.as_ptr().cast(), usize::from(self.count)) },
+            None => &[],
+        }
+    }
+
+    #[inline(never)]
+    fn all_mut(&mut self) -> &mut [Axis] {
+        match &mut self.room {
+            // SAFETY: `push` made so many.
+            Some(room) => unsafe { core::slice::from_raw_parts_mut(room.as_mut_ptr().cast(), usize::from(self.count)) },
+            None => &mut [],
+        }
+    }
+
+    /// One more, at position 0, if there is room.
+    #[inline(never)]
+    fn push(&mut self, lines: Lines, bytes: Bytes, settings: Settings) {
+        if let Some(room) = &mut self.room
+            && let Some(place) = room.get_mut(usize::from(self.count))
+        {
+            place.write(Axis {
+                lines,
+                wish: Wish::Nothing,
+                due: Moment(0),
+                free: Moment(0),
+                ready: Moment(0),
+                made: 0,
+                motor: Motor::new(bytes, settings),
+            });
+            self.count += 1;
+        }
+    }
+}
+
+/// All motors of a configuration, and their rings.
+pub(crate) struct Stepper {
+    tracks: [Track; 2],
+    /// The merge, from [`Stepper::begin`] on.
+    merge: Option<&'static mut Merge>,
+    /// Two motors or more in one ring, each with a DIR line of its own: the merge fills it.
+    merging: bool,
+    /// Merging: tick of the last that each lane was fed.
+    last: [Moment; LANES],
+    axes: Axes,
+    /// Each motor has a ring of its own.
+    apiece: bool,
+    shield: bool,
+    times: Times,
+    /// GPIOR0: see [`flags`].
+    flags: u8,
+    trouble: Option<Trouble>,
+    fewest_groups: u8,
+}
+
+impl Stepper {
+    /// No motors.
+    pub(crate) const fn new() -> Stepper {
+        Stepper {
+            tracks: [Track::NONE, Track::NONE],
+            merge: None,
+            merging: false,
+            last: [Moment(0); LANES],
+            axes: Axes { room: None, count: 0 },
+            apiece: false,
+            shield: false,
+            times: Times::NONE,
+            flags: 0,
+            trouble: None,
+            fewest_groups: u8::MAX,
+        }
+    }
+
+    /// Takes the merge, and the room for the motors.
+    ///
+    /// # Safety
+    /// Once in a program.
+    pub(crate) unsafe fn begin(&mut self) {
+        // SAFETY: the caller's promise.
+        unsafe {
+            self.merge = Some(Merge::take());
+            self.axes.room = Some(ROOM.take());
+        }
+    }
+
+    /// The motors in use.
+    pub(crate) fn axes(&self) -> &[Axis] {
+        self.axes.all()
+    }
+
+    /// A motor by its number.
+    #[inline(never)]
+    pub(crate) fn axis_mut(&mut self, motor: u8) -> Option<&mut Axis> {
+        self.axes.all_mut().get_mut(usize::from(motor))
+    }
+
+    /// The rings in use.
+    #[inline(never)]
+    fn tracks_mut(&mut self) -> &mut [Track] {
+        let count = if self.apiece { self.axes.count } else { 1 };
+        self.tracks.get_mut(..usize::from(count)).unwrap_or_default()
+    }
+
+    /// Motors and lines of `configuration`; all motors at position 0. Not while it plays.
+    #[inline(never)]
+    pub(crate) fn configure(&mut self, layout: &Layout, configuration: &Configuration<'_>, now: Moment) {
+        self.axes.all_mut().iter_mut().for_each(|axis| axis.lines.float());
+        let kind = layout.kind;
+        self.apiece = kind == Kind::Compare;
+        self.shield = kind == Kind::Shield;
+        self.times = Times::of(kind, configuration);
+        let extra = self.times.pulse == 31;
+        self.flags = match kind {
+            Kind::Shield => 1 << flags::EXTRA_A | 1 << flags::SHIELD | u8::from(extra) << flags::SHIELD_LONG,
+            Kind::PortB => u8::from(extra) << flags::EXTRA_B,
+            Kind::PortD => u8::from(extra) << flags::EXTRA_A,
+            Kind::Compare => 0,
+        };
+        let first = if kind == Kind::PortB { Name::B } else { Name::A };
+        self.tracks[0].ring = Ring::new(first);
+        self.axes.count = 0;
+        let motors = configuration.motors();
+        let all = motors.len() as u8;
+        let gap_ticks = self.times.pulse.saturating_add(1);
+        for motor in motors {
+            let mut lines = layout.lines(&motor);
+            let index = self.axes.count;
+            if kind == Kind::Compare {
+                let track = &mut self.tracks[usize::from(index & 1)];
+                let (name, dir) = if motor.step_pin == 10 {
+                    (Name::B, flags::DIR_B_ON_PORTB)
+                } else {
+                    (Name::A, flags::DIR_A_ON_PORTB)
+                };
+                let on_portb = motor.dir_pin >= 8;
+                track.ring = Ring::hardware(name, on_portb);
+                lines.step = track.ring.edge();
+                self.flags |= u8::from(on_portb) << dir;
+            }
+            lines.drive();
+            let settings = Settings { gap_ticks, asserts_every_step: lines.shared_dir(), gain: motor.gain };
+            self.axes.push(lines, Queues::share(all, index), settings);
+        }
+        self.merging = self.axes.count > 1 && !self.apiece && !self.axes().iter().any(|axis| axis.lines.shared_dir());
+        if self.merging {
+            self.tracks[0].ring = Ring::for_merge(first);
+            // The merge moves edges by half of that, either way.
+            let slack = u16::from(self.times.apart);
+            self.times.setup = self.times.setup.saturating_add(slack);
+            self.times.hold = self.times.hold.saturating_add(slack);
+        }
+        self.rest(now);
+    }
+
+    /// Begins to play, from a little after `now` on. Queues are empty.
+    #[inline(never)]
+    pub(crate) fn start(&mut self, now: Moment) {
+        self.rest(now);
+        self.trouble = None;
+        regs::GPIOR0.write(self.flags);
+        let at = now.after(AHEAD_IDLE);
+        let apiece = self.apiece;
+        for (index, track) in self.tracks.iter_mut().enumerate() {
+            let mut levels = 0;
+            for (motor, axis) in self.axes.all().iter().enumerate() {
+                if !apiece || motor == index {
+                    levels |= axis.lines.levels();
+                }
+            }
+            track.levels = levels;
+            track.at = at;
+        }
+        for track in self.tracks_mut() {
+            track.ring.clear();
+            track.resume(at);
+        }
+        let Stepper { tracks: [track, _], axes, merge, last, .. } = self;
+        if self.merging
+            && let Some(merge) = merge
+        {
+            lanes::begin(merge, last, track, axes.all_mut(), self.times.apart);
+        }
+    }
+
+    /// The immediate stop: plays no group more, and forgets all that was to come. A pulse that was begun still ends.
+    ///
+    /// Gives, bit by motor, whether it was going faster than `pull_in`.
+    #[inline(never)]
+    pub(crate) fn stop(&mut self, pull_in: &[u32; MAX_MOTORS]) -> u8 {
+        let pulse = self.times.pulse;
+        let mut uncertain = 0;
+        for track in self.tracks_mut() {
+            regs::free(|| track.ring.halt());
+        }
+        for (index, slowest) in (0..self.axes.count).zip(pull_in) {
+            let left = self.unplayed(index);
+            let Some(axis) = self.axis_mut(index) else { break };
+            let going = left != 0 || !axis.motor.is_idle();
+            uncertain |= u8::from(going && axis.interval() < *slowest) << index;
+            axis.made = axis.made.wrapping_sub(i32::from(left));
+            axis.motor.stop();
+            axis.wish = Wish::Nothing;
+        }
+        // A pulse of two groups may be under way: its end is no group's any more.
+        if self.times.long {
+            for _ in 0..pulse / 4 {
+                regs::kick_watchdog();
+            }
+        }
+        self.tracks_mut().iter_mut().for_each(|track| track.ring.clear());
+        self.axes().iter().for_each(|axis| axis.lines.rest());
+        if let Some(merge) = &mut self.merge {
+            merge.clear();
+        }
+        uncertain
+    }
+
+    /// Notes that time goes on while nothing plays.
+    pub(crate) fn rest(&mut self, now: Moment) {
+        for axis in self.axes.all_mut() {
+            axis.motor.pass(now);
+            (axis.free, axis.ready) = (now, now);
+        }
+    }
+
+    /// Whether nothing is left to do: no event, no end of a pulse, no step in a ring.
+    pub(crate) fn is_idle(&self) -> bool {
+        self.axes().iter().all(|axis| axis.wish == Wish::Nothing && axis.motor.is_idle())
+            && self.tracks[0].is_idle()
+            && !(self.apiece && self.axes.count > 1 && !self.tracks[1].is_idle())
+            && !(self.merging && self.merge.as_ref().is_some_and(|merge| !merge.is_idle()))
+    }
+
+    /// The first tick at which a switch would be accepted.
+    #[inline(never)]
+    pub(crate) fn horizon(&self) -> Moment {
+        let [first, second] = &self.tracks;
+        let mut horizon = first.at;
+        if self.apiece && self.axes.count > 1 {
+            horizon = later(horizon, second.at);
+        }
+        for axis in self.axes() {
+            horizon = later(horizon, axis.motor.horizon());
+        }
+        horizon.after(1)
+    }
+
+    /// All motors go over to `epoch` at `at`, which is not before the horizon; or none does, because too many wait.
+    #[inline(never)]
+    pub(crate) fn switch(&mut self, epoch: Epoch, at: Moment) -> bool {
+        if self.axes().iter().any(|axis| axis.motor.check_switch(at).is_err()) {
+            return false;
+        }
+        for axis in self.axes.all_mut() {
+            // Checked above.
+            let _ = axis.motor.schedule_switch(epoch, at);
+            // What was looked up may be of the old epoch; the end of a pulse is not.
+            if axis.wish != Wish::Fall {
+                axis.wish = Wish::Nothing;
+            }
+        }
+        true
+    }
+
+    /// The epoch being run.
+    pub(crate) fn epoch(&self) -> Epoch {
+        self.axes().first().map_or(Epoch(0), |axis| axis.motor.epoch())
+    }
+
+    /// What went wrong in playing since this was asked last.
+    pub(crate) fn trouble(&mut self) -> Option<Trouble> {
+        self.trouble.take()
+    }
+
+    /// Fewest groups that a ring held while more were to come.
+    pub(crate) fn fewest_groups(&self) -> u16 {
+        u16::from(self.fewest_groups)
+    }
+
+    /// [`Stepper::fewest_groups`] begins anew.
+    pub(crate) fn reset_measures(&mut self) {
+        self.fewest_groups = u8::MAX;
+    }
+
+    /// Steps of a motor that were counted but not played yet, forward minus backward.
+    #[inline(never)]
+    pub(crate) fn unplayed(&self, motor: u8) -> i16 {
+        let [first, second] = &self.tracks;
+        let track = if self.apiece && motor != 0 { second } else { first };
+        let Some(Axis { lines, .. }) = self.axes().get(usize::from(motor)) else { return 0 };
+        let (mut levels, mut count) = (track.levels, 0);
+        // From the newest back to the next one to be played: first what is in no ring yet.
+        if self.merging
+            && let Some(merge) = &self.merge
+        {
+            let (ticks, group) = merge.listed(motor);
+            if ticks != 0 {
+                count += i16::from(lines.take_back(&mut levels, group)) * i16::from(ticks);
+            }
+        }
+        for group in track.ring.newest_first() {
+            count += i16::from(lines.take_back(&mut levels, group));
+        }
+        count
+    }
+
+    /// Fills the rings as far as time allows.
+    #[inline(never)]
+    pub(crate) fn run(&mut self, now: Moment, queues: &Queues) {
+        let Stepper { tracks, axes, merge, last, times, trouble, fewest_groups, .. } = self;
+        let mut axes = axes.all_mut();
+        for track in tracks {
+            let (mine, others) = if self.apiece { axes.split_at_mut_checked(1).unwrap_or_default() } else { (axes, &mut [][..]) };
+            axes = others;
+            let merge = if self.merging { merge.as_deref_mut() } else { None };
+            let busy = match &merge {
+                Some(merge) => !merge.is_idle(),
+                None => mine.iter().any(|axis| axis.wish != Wish::Nothing),
+            };
+            let free = track.ring.free();
+            if busy {
+                *fewest_groups = (*fewest_groups).min(CAPACITY.wrapping_sub(free));
+            }
+            if let Some(what) = track.watch(now, busy) {
+                *trouble = Some(what);
+            }
+            if let Some(merge) = merge {
+                lanes::fill(merge, last, track, mine, now, queues, times);
+            } else if free >= CAPACITY / 2 {
+                // Half full is enough: more at once costs less.
+                fill(track, mine, now, queues, times);
+            }
+            if axes.is_empty() {
+                break;
+            }
+        }
+    }
+}
+
+/// Fills one ring as far as time allows.
+#[inline(never)]
+fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, times: &Times) {
+    // No further is looked in this call.
+    let limit = track.at.after(FILLER);
+    for axis in &mut *axes {
+        // What is long past must not come back as the future.
+        if axis.free.is_before(track.at) {
+            axis.free = track.at;
+        }
+        if axis.ready.is_before(track.at) {
+            axis.ready = track.at;
+        }
+        if axis.wish == Wish::Nothing {
+            axis.motor.pass(track.at);
+            axis.look(queues, limit, times);
+        }
+    }
+    if let [axis] = axes
+        && fast(track, axis, now, times)
+    {
+        return;
+    }
+    for _ in 0..BATCH {
+        let ahead = track.at.since(now);
+        if track.ring.free() < 2 || (ahead >= AHEAD && ahead < 1 << 31) {
+            return;
+        }
+        match earliest(axes) {
+            Some(index) if axes.get(index).is_some_and(|axis| !limit.is_before(axis.due)) => {
+                play(track, axes, index, times);
+                if let Some(axis) = axes.get_mut(index)
+                    && axis.wish == Wish::Nothing
+                {
+                    axis.look(queues, limit, times);
+                }
+            }
+            _ => {
+                if ahead < AHEAD_IDLE || ahead >= 1 << 31 {
+                    // Out of the way of what may come soon after it.
+                    let next = axes.iter().filter(|axis| axis.wish != Wish::Nothing).map(|axis| axis.due);
+                    let clear = next.fold(limit, |clear, due| {
+                        let before = due.before(2 * u32::from(times.apart));
+                        if before.is_before(clear) { before } else { clear }
+                    });
+                    track.push(clear, Group::NOTHING);
+                }
+                return;
+            }
+        }
+    }
+}
+
+/// The fast engine of a motor that has a ring of its own: expands steps into it as long as nothing but steps comes.
+///
+/// Whether it did.
+#[inline(never)]
+fn fast(track: &mut Track, axis: &mut Axis, now: Moment, times: &Times) -> bool {
+    let fastest = FASTEST[usize::from(times.beside)];
+    let room = track.ring.free();
+    let far = axis.due.since(track.at);
+    if room < 2 || far < u32::from(fastest) || far >= 1 << 15 {
+        return false;
+    }
+    let steps = axis.grant(fastest, now.after(AHEAD), times).min(room - 1);
+    if steps == 0 {
+        return false;
+    }
+    let step = Group { rise: axis.lines.step, fall: axis.lines.step };
+    // SAFETY: `blind` promises so many steps at such intervals, and the ring has room for them.
+    unsafe { track.ring.expand(axis.motor.registers_mut(), steps, step) };
+    track.at = axis.took(steps, times);
+    true
+}
+
+/// Whose wish is due first.
+#[inline(always)]
+fn earliest(axes: &[Axis]) -> Option<usize> {
+    let mut earliest: Option<(usize, &Axis)> = None;
+    for (index, axis) in axes.iter().enumerate() {
+        if axis.wish == Wish::Nothing {
+            continue;
+        }
+        // A step looks at its line before another motor may turn it.
+        let sooner = |(_, first): (usize, &Axis)| {
+            axis.due.is_before(first.due) || (axis.due == first.due && matches!(first.wish, Wish::Dir(_)))
+        };
+        if earliest.is_none_or(sooner) {
+            earliest = Some((index, axis));
+        }
+    }
+    earliest.map(|(index, _)| index)
+}
+
+/// Makes what motor `index` wants, when it is due or as soon after as it can be.
+#[inline(never)]
+fn play(track: &mut Track, axes: &mut [Axis], index: usize, times: &Times) {
+    if let Some((due, open, group)) = plan(axes, index, track.levels, times) {
+        let tick = track.put(due, open, group, times.apart);
+        done(axes, index, tick, times);
+    }
+}
+
+/// When motor `index` can make what it wants, before when it must not, and how. Nothing if its line is right already.
+#[inline(never)]
+fn plan(axes: &mut [Axis], index: usize, levels: u8, times: &Times) -> Option<(Moment, Moment, Group)> {
+    let axis = axes.get_mut(index)?;
+    let Lines { step, dir, .. } = axis.lines;
+    let due = axis.due;
+    let (open, group) = match axis.wish {
+        Wish::Nothing => return None,
+        Wish::Fall => (due, Group { rise: step, fall: 0 }),
+        Wish::Step => (axis.ready, Group { rise: step, fall: if times.long { 0 } else { step } }),
+        Wish::Dir(direction) => {
+            if (levels & dir != 0) == ((direction == Direction::Forward) == axis.lines.forward_high()) {
+                axis.take();
+                return None;
+            }
+            let mut free = axis.free;
+            for axis in axes.iter().filter(|axis| axis.lines.dir == dir) {
+                free = later(free, axis.free);
+            }
+            (free.before(times.fall[0]), Group { rise: 0, fall: dir })
+        }
+    };
+    Some((later(due, open), open, group))
+}
+
+/// Notes that motor `index` makes at `tick` what it wanted.
+#[inline(never)]
+fn done(axes: &mut [Axis], index: usize, tick: Moment, times: &Times) {
+    let Some(axis) = axes.get_mut(index) else { return };
+    let dir = axis.lines.dir;
+    match axis.wish {
+        Wish::Nothing | Wish::Fall => axis.wish = Wish::Nothing,
+        Wish::Step => {
+            axis.take();
+            let end = tick.after(u32::from(times.pulse));
+            axis.free = end.after(u32::from(times.hold));
+            if times.long {
+                axis.wish = Wish::Fall;
+                axis.due = end;
+            }
+        }
+        Wish::Dir(_) => {
+            axis.take();
+            let ready = tick.after(times.fall[1] + u32::from(times.setup));
+            for axis in axes.iter_mut().filter(|axis| axis.lines.dir == dir) {
+                axis.ready = ready;
+            }
+        }
+    }
+}
+
+/// The later of two moments.
+#[inline(never)]
+fn later(one: Moment, other: Moment) -> Moment {
+    if one.is_before(other) { other } else { one }
+}
