@@ -578,12 +578,18 @@ fn a_check_that_does_not_hold_stops_the_motor_up_to_the_next_anchor() {
 
 #[test]
 fn an_epoch_that_cannot_be_read_ends_there() {
+    // All at their widest.
     let exact = |count: u32, registers: [i64; 3]| {
-        let mut bytes = vec![0b100_111, 0];
+        let said = registers.map(|register| register.to_le_bytes());
+        let widths = [1, 2, 3].map(|order| if order <= count.min(3) { 8 } else { 0 });
+        let mut bytes = vec![0b100_111, 0, widths[0] | widths[1] << 4, widths[2] | 4 << 4];
         bytes.extend(count.to_le_bytes());
-        registers.into_iter().take(count.min(3) as usize).for_each(|register| bytes.extend(register.to_le_bytes()));
+        said.iter().take(count.min(3) as usize).for_each(|register| bytes.extend(register));
         bytes
     };
+    let right = exact(3, [100 << 16, i64::from(i32::MAX), i64::from(i32::MIN)]);
+    let (mut motor, pool) = sent(&[pack(&mut State::default(), anchor(0)), right].concat());
+    assert_eq!(steps(&mut motor, &pool, 1 << 29), [100, 32_968, 65_836]);
     let bad = [
         vec![0b110_111, 0],
         vec![0b1111_1111, 0],
@@ -594,6 +600,12 @@ fn an_epoch_that_cannot_be_read_ends_there() {
         exact(2, [100 << 16, 1 << 31, 0]),
         exact(3, [100 << 16, 0, -(1 << 31) - 1]),
         exact(1 << 16, [100 << 16, 0, 0]),
+        // Widths that are none; differences that no step feels.
+        [&[0b100_111, 0, 0x01, 0x00][..], &[0; 28]].concat(),
+        [&[0b100_111, 0, 0x01, 0x50][..], &[0; 28]].concat(),
+        [&[0b100_111, 0, 0x09, 0x10][..], &[1; 28]].concat(),
+        [&[0b100_111, 0, 0x12, 0x10][..], &[1; 28]].concat(),
+        [&[0b100_111, 0, 0x12, 0x11][..], &[2; 28]].concat(),
         // 65 535 steps, and half as many more.
         [exact(65_535, [100 << 16, 0, 0]), vec![0]].concat(),
     ];
