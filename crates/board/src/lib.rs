@@ -5,6 +5,7 @@
 //! - [`Sizer`]: what items take in its queues
 //! - [`native`]: the project's own stepgen on the PC, in virtual time
 //! - [`remote`]: a board at the other end of a [`Port`], through `link`, the host's side of docs/protocol.md
+//! - [`serial`]: a real serial port, in real time
 //! - [`faulty`]: a port whose frames suffer, by a seed; [`model`]: a board behind a serial line, without a chip
 //! - [`BoardClock`]: such a board's clock, as the host sees it
 //!
@@ -19,6 +20,7 @@ pub mod link;
 pub mod model;
 pub mod native;
 pub mod remote;
+pub mod serial;
 mod sizer;
 
 use pulsetrain_core::{Entry, Epoch};
@@ -88,4 +90,5 @@ pub use native::{
     Config, Edge, Faults, MotorConfig, Native, Observer, ScheduledStep, StopReport, SwitchRefused, Wiring,
 };
 pub use remote::{Port, PortError, Remote, RemoteError, Setup};
+pub use serial::Serial;
 pub use sizer::Sizer;
