@@ -7,6 +7,7 @@
 //! - [`remote`]: a board at the other end of a [`Port`], through `link`, the host's side of docs/protocol.md
 //! - [`serial`]: a real serial port, in real time
 //! - [`faulty`]: a port whose frames suffer, by a seed; [`model`]: a board behind a serial line, without a chip
+//! - [`virtual_uno`]: the Uno's firmware on an emulated chip, as such a port
 //! - [`BoardClock`]: such a board's clock, as the host sees it
 //!
 //! # What is not
@@ -22,6 +23,7 @@ pub mod native;
 pub mod remote;
 pub mod serial;
 mod sizer;
+pub mod virtual_uno;
 
 use pulsetrain_core::{Entry, Epoch};
 

@@ -288,9 +288,15 @@ impl Pair {
 
     /// Takes the next event of both.
     fn event(&mut self) -> bool {
+        let before = self.motor.epoch();
         let event = self.channel.peek(&mut self.queue, self.limit);
         assert_eq!(self.motor.peek(&self.pool, self.limit), event);
         self.compare();
+        let bytes = self.motor.bytes();
+        if self.motor.epoch() != before && bytes.room() == bytes.capacity() {
+            // What is being filled may have been dropped: more of it would lack its beginning.
+            self.begin_epoch(self.newest + 1);
+        }
         let Some(event) = event else { return false };
         assert_eq!(self.motor.peek(&self.pool, self.limit), Some(event), "it stays next");
         self.channel.take(event);

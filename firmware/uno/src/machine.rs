@@ -5,7 +5,7 @@ use crate::link::{Link, WINDOW};
 use crate::memory::{self, POOL, Queues};
 use crate::steps::pins::{Layout, MAX_MOTORS};
 use crate::steps::stepper::{Stepper, Trouble};
-use pulsetrain_core::narrow::PushRefused;
+use pulsetrain_core::narrow::{PushRefused, SWITCHES};
 use pulsetrain_core::wire::frame::Tag;
 use pulsetrain_core::wire::message::{
     ALL_MOTORS, Cause, Configuration, Event, Info, Measures, MotorStatus, StatusHead, flags,
@@ -264,9 +264,9 @@ impl Machine for Board {
             fraction_bits: 16,
             max_motors: MAX_MOTORS as u8,
             pool: POOL as u16,
+            switches: SWITCHES as u8,
             window: WINDOW,
             bauds: 0,
-            switches: pulsetrain_core::narrow::SWITCHES as u8,
             last_stop: self.last_stop,
             last_reset: self.last_reset,
         }
@@ -400,9 +400,7 @@ impl Machine for Board {
 
     fn motor(&mut self, motor: u8) -> MotorStatus {
         let unplayed = self.stepper.unplayed(motor);
-        let Some(axis) = self.stepper.axes().get(usize::from(motor)) else {
-            return MotorStatus::default();
-        };
+        let Some(axis) = self.stepper.axis_mut(motor) else { return MotorStatus::default() };
         MotorStatus {
             position: axis.position().wrapping_sub(i32::from(unplayed)),
             free: axis.motor.bytes().room(),

@@ -65,6 +65,9 @@ pub enum PushRefused {
     TooManyEpochs,
 }
 
+/// The length of [`Bytes::window`]: a power of two, so that an index can be kept inside by a mask.
+pub(super) const WINDOW: usize = 16;
+
 /// What waits of an epoch.
 #[derive(Clone, Copy, Debug)]
 struct Part {
@@ -118,13 +121,15 @@ impl Bytes {
         };
         let part = self.part_for(epoch).ok_or(PushRefused::TooManyEpochs)?;
         part.len += len;
-        // Up to the end of the share, then from its start.
-        let last = self.place(self.len);
-        let (head, tail) = bytes.split_at_checked(usize::from(self.end - last)).unwrap_or((bytes, &[]));
-        for (at, bytes) in [(last, head), (self.start, tail)] {
-            let places = pool.0.get_mut(usize::from(at)..).unwrap_or_default();
-            for (place, byte) in places.iter_mut().zip(bytes) {
+        let mut at = self.place(self.len);
+        for byte in bytes {
+            // `at` is always inside; said so, there is no code for a panic.
+            if let Some(place) = pool.0.get_mut(usize::from(at)) {
                 *place = *byte;
+            }
+            at += 1;
+            if at == self.end {
+                at = self.start;
             }
         }
         self.len += len;
@@ -171,13 +176,17 @@ impl Bytes {
         if self.epochs > 0 && self.parts[0].epoch.0 == epoch.0 { self.parts[0].len } else { 0 }
     }
 
-    /// The first `len` bytes, which wait, if they lie in one piece.
-    pub(super) fn front<'a, const N: usize>(&self, pool: &'a Pool<N>, len: u8) -> Option<&'a [u8]> {
-        let last = self.next + u16::from(len);
-        if last > self.end {
+    /// What begins `from` bytes behind the first, if all up to `to` lies in one piece: those bytes and some beyond.
+    pub(super) fn window<'a, const N: usize>(&self, pool: &'a Pool<N>, from: u8, to: u8) -> Option<&'a [u8; WINDOW]> {
+        if self.next + u16::from(to) > self.end {
             return None;
         }
-        pool.0.get(usize::from(self.next)..usize::from(last))
+        pool.0.get(usize::from(self.next + u16::from(from))..)?.first_chunk()
+    }
+
+    /// The first byte, if any waits.
+    pub(super) fn first<const N: usize>(&self, pool: &Pool<N>) -> u8 {
+        pool.byte(self.next)
     }
 
     /// The byte `offset` (less than what waits) behind the first.
@@ -317,9 +326,13 @@ mod tests {
                         let front = model.front().map_or(0, |&(epoch, _)| epoch);
                         let len = u8::try_from(bytes.waiting(Epoch(front)).min(most.into())).unwrap();
                         let read: Vec<u8> = (0..len).map(|offset| bytes.byte(&pool, offset)).collect();
-                        match bytes.front(&pool, len) {
-                            Some(piece) => prop_assert_eq!(piece, &read[..]),
-                            None => prop_assert!(usize::from(len) > usize::from(bytes.end - bytes.next)),
+                        if len > 0 {
+                            prop_assert_eq!(bytes.first(&pool), read[0]);
+                        }
+                        let seen = read.len().min(WINDOW);
+                        match bytes.window(&pool, 0, len) {
+                            Some(window) => prop_assert_eq!(&window[..seen], &read[..seen]),
+                            None => prop_assert!(bytes.next + u16::from(len).max(16) > bytes.end),
                         }
                         for byte in read {
                             prop_assert_eq!(Some((front, byte)), model.pop_front());

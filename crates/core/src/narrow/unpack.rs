@@ -1,6 +1,6 @@
 //! [`packing`](crate::packing) for [`Registers`]: the prediction is what the registers hold after the last step.
 
-use super::bytes::{Bytes, Pool};
+use super::bytes::{Bytes, Pool, WINDOW};
 use super::registers::{Registers, sign_byte};
 use crate::packing::Control;
 use crate::{Direction, Epoch};
@@ -84,7 +84,7 @@ impl Unpacker {
         if have == 0 {
             return Found::Nothing;
         }
-        let header = bytes.byte(pool, 0);
+        let header = bytes.first(pool);
         let mut len = 1;
         let n = self.previous_count;
         let more = match header & 7 {
@@ -126,12 +126,9 @@ impl Unpacker {
         if have < len {
             return Found::Nothing;
         }
-        match bytes.front(pool, len) {
-            Some(record) => self.correct(registers, record.get(usize::from(said)..).unwrap_or_default(), widths),
-            None => {
-                let record = in_one_piece(bytes, pool, said, len);
-                self.correct(registers, &record, widths);
-            }
+        match bytes.window(pool, said, len) {
+            Some(corrections) => self.correct(registers, corrections, widths.interval, widths.add, widths.add2),
+            None => self.correct_in_two(registers, bytes, pool, said, len, widths),
         }
         bytes.consume(len);
         registers.left = count;
@@ -139,29 +136,48 @@ impl Unpacker {
         Found::Record(Record::Run)
     }
 
-    /// Adds the corrections that `rest` begins with.
+    /// [`correct`](Unpacker::correct), with corrections that may lie at both ends of the queue's share.
+    #[cold]
     #[inline(never)]
-    fn correct(&self, registers: &mut Registers, mut rest: &[u8], widths: Widths) {
+    fn correct_in_two<const N: usize>(
+        &self,
+        registers: &mut Registers,
+        bytes: &Bytes,
+        pool: &Pool<N>,
+        from: u8,
+        to: u8,
+        widths: Widths,
+    ) {
+        let corrections = in_one_piece(bytes, pool, from, to);
+        self.correct(registers, &corrections, widths.interval, widths.add, widths.add2);
+    }
+
+    /// Adds the corrections, which have these widths.
+    #[inline(never)]
+    fn correct(&self, registers: &mut Registers, corrections: &[u8; WINDOW], interval: u8, add: u8, add2: u8) {
         let bits = bits(self.previous_count);
-        let finer = bits + self.gain;
-        if widths.interval > 0 {
+        let mut finer = bits + self.gain;
+        let mut at = 0;
+        if interval > 0 {
             let exponent = exponent(finer + 2);
-            if widths.interval < 3 {
-                // No more than 16 bits go no further than 16 to the left.
-                let low = correction(&mut rest, widths.interval, exponent);
-                registers.lengthen(low, sign_byte(low.cast_signed()));
+            // 16 bits go no further than 16 to the left, and 24 bits no further than 8.
+            if interval < 3 || (interval == 3 && exponent <= 8) {
+                let value = correction(corrections, 0, interval, exponent);
+                registers.lengthen(value.cast_unsigned(), sign_byte(value));
             } else {
-                let (low, high) = long_correction(&mut rest, widths.interval, exponent);
-                registers.lengthen(low, high);
+                lengthen_by_long(registers, corrections, interval, exponent);
             }
+            at = interval;
         }
-        if widths.add > 0 {
-            let add = correction(&mut rest, widths.add, exponent(finer + bits - 2));
-            registers.add = registers.add.wrapping_add(add.cast_signed());
+        if add > 0 {
+            let value = correction(corrections, at, add, exponent(finer + bits - 2));
+            registers.add = registers.add.wrapping_add(value);
+            at += add;
         }
-        if widths.add2 > 0 {
-            let add2 = correction(&mut rest, widths.add2, exponent(finer + bits + bits - 5));
-            registers.add2 = registers.add2.wrapping_add(add2.cast_signed());
+        if add2 > 0 {
+            finer += bits + bits;
+            let value = correction(corrections, at, add2, exponent(finer - 5));
+            registers.add2 = registers.add2.wrapping_add(value);
         }
     }
 
@@ -202,18 +218,17 @@ impl Unpacker {
         if have < len {
             return Found::Nothing;
         }
-        let record = in_one_piece(bytes, pool, 2, len);
+        if len == 2 {
+            if control == REVERSE {
+                self.direction = self.direction.reversed();
+            }
+            self.reset(registers);
+            bytes.consume(len);
+            return Found::Record(Record::Prediction);
+        }
+        let record: [u8; LONGEST] = in_one_piece(bytes, pool, 2, len);
         let mut rest = &record[..];
         let record = match control {
-            REVERSE => {
-                self.direction = self.direction.reversed();
-                self.reset(registers);
-                Record::Prediction
-            }
-            RESET => {
-                self.reset(registers);
-                Record::Prediction
-            }
             DWELL => Record::Dwell(u32::from_le_bytes(take(&mut rest))),
             ANCHOR => Record::Anchor(u32::from_le_bytes(take(&mut rest))),
             CHECK => {
@@ -313,32 +328,27 @@ impl Widths {
 /// The longest record, an exact segment, without header and 0.
 const LONGEST: usize = 30;
 
-/// The bytes from `said` to `len` of the record in front, which may lie at both ends of the queue's share.
+/// The bytes from `from` to `to` of the record in front, which may lie at both ends of the queue's share.
 #[cold]
 #[inline(never)]
-fn in_one_piece<const N: usize>(bytes: &Bytes, pool: &Pool<N>, said: u8, len: u8) -> [u8; LONGEST] {
-    let mut record = [0; LONGEST];
-    for (place, offset) in record.iter_mut().zip(said..len) {
+fn in_one_piece<const N: usize, const LEN: usize>(bytes: &Bytes, pool: &Pool<N>, from: u8, to: u8) -> [u8; LEN] {
+    let mut record = [0; LEN];
+    for (place, offset) in record.iter_mut().zip(from..to) {
         *place = bytes.byte(pool, offset);
     }
     record
 }
 
-/// `width` (1, 2, 3 or 5) bytes of two's complement, shifted to the left by `exponent` (0..=16), modulo 2^32.
+/// The correction of `width` (1, 2, 3 or 5) bytes at `at`, shifted to the left by `exponent` (0..=16), modulo 2^32.
 #[inline(never)]
-fn correction(rest: &mut &[u8], width: u8, exponent: u8) -> u32 {
-    let mut value = match width {
-        1 => i32::from(i8::from_le_bytes(take(rest))),
-        2 => i32::from(i16::from_le_bytes(take(rest))),
-        3 => {
-            let [low] = take(rest);
-            i32::from(i16::from_le_bytes(take(rest))) << 8 | i32::from(low)
-        }
-        _ => {
-            let value = i32::from_le_bytes(take(rest));
-            let [_] = take(rest);
-            value
-        }
+fn correction(corrections: &[u8; WINDOW], at: u8, width: u8, exponent: u8) -> i32 {
+    let byte = |offset: u8| corrections[usize::from(at + offset) % WINDOW];
+    let mut value = if width == 1 {
+        i32::from(i8::from_le_bytes([byte(0)]))
+    } else if width == 2 {
+        i32::from(i16::from_le_bytes([byte(0), byte(1)]))
+    } else {
+        four_bytes(corrections, at, width)
     };
     // First by whole bytes, which costs next to nothing, then bit by bit.
     let mut exponent = exponent;
@@ -346,29 +356,46 @@ fn correction(rest: &mut &[u8], width: u8, exponent: u8) -> u32 {
         value <<= 8;
         exponent -= 8;
         if exponent >= 8 {
-            return (value << 8).cast_unsigned();
+            return value << 8;
         }
     }
-    (value << exponent).cast_unsigned()
+    value << (exponent & 7)
 }
 
-/// 3 or 5 bytes of two's complement, shifted to the left by `exponent` (0..=16), modulo 2^40.
+/// The lower four bytes of a correction of `width` (3 or 5) bytes at `at`.
 #[cold]
 #[inline(never)]
-fn long_correction(rest: &mut &[u8], width: u8, exponent: u8) -> (u32, u8) {
-    let (mut low, mut high);
-    if width == 3 {
-        let value = correction(rest, 3, 0);
-        (low, high) = (value, sign_byte(value.cast_signed()));
-    } else {
-        low = u32::from_le_bytes(take(rest));
-        [high] = take(rest);
+fn four_bytes(corrections: &[u8; WINDOW], at: u8, width: u8) -> i32 {
+    let byte = |offset: u8| corrections[usize::from(at + offset) % WINDOW];
+    let high = match (width, byte(2)) {
+        (3, 0..0x80) => 0,
+        (3, _) => 0xff,
+        _ => byte(3),
+    };
+    i32::from_le_bytes([byte(0), byte(1), byte(2), high])
+}
+
+/// Adds the interval's correction of `width` (3 or 5) bytes, shifted to the left by `exponent` (0..=16).
+#[cold]
+#[inline(never)]
+fn lengthen_by_long(registers: &mut Registers, corrections: &[u8; WINDOW], width: u8, exponent: u8) {
+    let value = four_bytes(corrections, 0, width);
+    let (mut low, mut high) = (value.cast_unsigned(), sign_byte(value));
+    if width > 3 {
+        high = corrections[4];
     }
-    for _ in 0..exponent {
+    let mut bits = exponent;
+    while bits >= 8 {
+        [_, _, _, high] = low.to_le_bytes();
+        low <<= 8;
+        bits -= 8;
+    }
+    while bits > 0 {
         high = high << 1 | u8::from(low >= 1 << 31);
         low <<= 1;
+        bits -= 1;
     }
-    (low, high)
+    registers.lengthen(low, high);
 }
 
 /// `width` (0 to 8) bytes of an exact segment, extended: by 0, or by their sign where `signed` has its bits set.

@@ -95,7 +95,8 @@ impl<'a> Encoder<'a> {
     }
 
     /// One byte of the body.
-    #[inline]
+    // Small on a board, where it is called from everywhere.
+    #[inline(never)]
     pub fn u8(&mut self, byte: u8) {
         if byte == 0 {
             self.close_run();
@@ -107,6 +108,7 @@ impl<'a> Encoder<'a> {
     }
 
     /// Bytes of the body.
+    #[inline(never)]
     pub fn bytes(&mut self, bytes: &[u8]) {
         for byte in bytes {
             self.u8(*byte);
@@ -114,16 +116,19 @@ impl<'a> Encoder<'a> {
     }
 
     /// Two bytes of the body.
+    #[inline(never)]
     pub fn u16(&mut self, value: u16) {
         self.bytes(&value.to_le_bytes());
     }
 
     /// Four bytes of the body.
+    #[inline(never)]
     pub fn u32(&mut self, value: u32) {
         self.bytes(&value.to_le_bytes());
     }
 
     /// Eight bytes of the body.
+    #[inline(never)]
     pub fn u64(&mut self, value: u64) {
         self.bytes(&value.to_le_bytes());
     }

@@ -483,14 +483,18 @@ impl<'a> Configuration<'a> {
     }
 
     fn decode(reader: &mut Reader<'a>) -> Option<Configuration<'a>> {
-        let [pulse_ticks, setup_ticks, hold_ticks] = [reader.u16()?, reader.u16()?, reader.u16()?];
-        let (enable_pin, flags) = (reader.u8()?, reader.u8()?);
-        let (idle_ms, silence_ms) = (reader.u16()?, reader.u16()?);
-        let count = usize::from(reader.u8()?);
+        // In one piece: on an AVR each `?` costs.
+        let [p0, p1, s0, s1, h0, h1, enable_pin, flags, i0, i1, l0, l1, count] = reader.array()?;
+        let [pulse_ticks, setup_ticks] = [u16::from_le_bytes([p0, p1]), u16::from_le_bytes([s0, s1])];
+        let [hold_ticks, idle_ms] = [u16::from_le_bytes([h0, h1]), u16::from_le_bytes([i0, i1])];
+        let silence_ms = u16::from_le_bytes([l0, l1]);
         let motors = reader.rest();
-        let flags_known =
-            flags & !3 == 0 && motors.iter().skip(2).step_by(MOTOR_SETUP_LEN).all(|flags| flags & !3 == 0);
-        let times = Configuration {
+        let (setups, rest) = motors.as_chunks::<MOTOR_SETUP_LEN>();
+        let known = setups.iter().fold(flags, |known, setup| known | setup[2]);
+        if known & !3 != 0 || !rest.is_empty() || setups.len() != usize::from(count) || setups.len() > MAX_MOTORS {
+            return None;
+        }
+        Some(Configuration {
             pulse_ticks,
             setup_ticks,
             hold_ticks,
@@ -499,8 +503,7 @@ impl<'a> Configuration<'a> {
             idle_ms: (flags & 2 != 0).then_some(idle_ms),
             silence_ms,
             motors,
-        };
-        Configuration::new(motors).filter(|all| all.motors().len() == count && flags_known).map(|_| times)
+        })
     }
 
     fn encode(&self, frame: &mut Encoder<'_>) {

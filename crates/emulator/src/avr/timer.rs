@@ -364,6 +364,10 @@ impl Timer {
     fn edge(&mut self, cycle: u64, outputs: &mut impl Outputs) {
         let (value, top) = (self.value, self.top());
         let blocked = std::mem::take(&mut self.blocked);
+        if self.mode.shape.is_dual() && (value == top || value == 0) {
+            // However it came here: from now on it goes the other way.
+            self.down = value != 0;
+        }
         for (channel, flag) in OCF.into_iter().enumerate() {
             if value == self.compare[channel] && !blocked {
                 self.flags |= flag;
@@ -423,7 +427,8 @@ impl Timer {
             // At TOP a pin is as a match on the way up leaves it, so that pulses are symmetric even if that match was
             // missed (§15.7.4).
             for channel in 0..2 {
-                if self.com[channel] >= 2 && self.compare[channel] < top {
+                let is_top = channel == 0 && self.mode.top == Top::OcrA;
+                if self.com[channel] >= 2 && self.compare[channel] < top && !is_top {
                     self.act(channel, self.com[channel], cycle, outputs);
                 }
             }

@@ -45,6 +45,7 @@ enum Port {
 
 impl Pin {
     /// Pins 2 to 19; 0 and 1 are the serial line's.
+    #[inline(never)]
     fn of(number: u8) -> Option<Pin> {
         let (port, bit) = match number {
             2..8 => (Port::D, number),
@@ -66,6 +67,7 @@ impl Pin {
     /// Makes it an output at `high`. The level first, so that no other is seen.
     ///
     /// Port and direction are read and written back: not while an interrupt plays groups.
+    #[inline(never)]
     pub(crate) fn drive(self, high: bool) {
         let (direction, port) = self.registers();
         if high { port.set(self.mask) } else { port.clear(self.mask) }
@@ -73,12 +75,20 @@ impl Pin {
     }
 
     /// Sets the level of an output. An interrupt may be toggling its neighbours.
+    #[inline(never)]
     pub(crate) fn set(self, high: bool) {
         let (_, port) = self.registers();
         regs::free(|| if high { port.set(self.mask) } else { port.clear(self.mask) });
     }
 
+    /// Whether it is driven high.
+    fn is_high(self) -> bool {
+        let (_, port) = self.registers();
+        port.read() & self.mask != 0
+    }
+
     /// Makes it an input without pull-up, as after a reset. As [`Pin::drive`].
+    #[inline(never)]
     pub(crate) fn float(self) {
         let (direction, port) = self.registers();
         direction.clear(self.mask);
@@ -102,9 +112,6 @@ impl Lines {
     const FORWARD_HIGH: u8 = 1;
     const STEP_LOW: u8 = 2;
     const SHARED_DIR: u8 = 4;
-
-    /// No lines.
-    pub(crate) const NONE: Lines = Lines { step: 0, dir: 0, flags: 0, step_pin: 0, dir_pin: 0 };
 
     /// Forward is DIR high.
     #[inline(always)]
@@ -141,12 +148,13 @@ impl Lines {
         }
     }
 
-    /// Whether DIR is high.
-    pub(crate) fn dir_is_high(self) -> bool {
-        Pin::of(self.dir_pin).is_some_and(|pin| {
-            let (_, port) = pin.registers();
-            port.read() & pin.mask != 0
-        })
+    /// What of it is high while STEP rests, as bits of a group.
+    pub(crate) fn levels(self) -> u8 {
+        let mut levels = if self.step_low() { self.step } else { 0 };
+        if Pin::of(self.dir_pin).is_some_and(Pin::is_high) {
+            levels |= self.dir;
+        }
+        levels
     }
 
     /// Both pins, and their levels at rest.
@@ -162,7 +170,8 @@ impl Lines {
 pub(crate) struct Layout {
     /// How edges are made.
     pub(crate) kind: Kind,
-    lines: [Option<Lines>; MAX_MOTORS],
+    /// DIR lines that more than one motor looks at: bit by pin.
+    shared: u16,
     /// Enable of all drivers.
     pub(crate) enable: Option<Pin>,
 }
@@ -175,96 +184,96 @@ impl Layout {
     #[inline(never)]
     pub(crate) fn of(configuration: &Configuration<'_>) -> Result<Layout, Refusal> {
         let motors = configuration.motors();
-        if motors.len() > MAX_MOTORS {
+        if motors.len() == 0 || motors.len() > MAX_MOTORS {
             return Err(Refusal { reason: Reason::TooManyMotors, detail: MAX_MOTORS as u16 });
         }
         // Bit by pin.
-        let (mut steps, mut dirs) = (0u32, 0u32);
+        let (mut steps, mut dirs, mut shared) = (0, 0, 0);
         for motor in motors {
-            if steps & output(motor.step_pin)? != 0 {
+            let (step, dir) = (output(motor.step_pin)?, output(motor.dir_pin)?);
+            if (steps | dirs) & step != 0 {
                 return Err(refused(Reason::PinTaken, motor.step_pin));
             }
-            steps |= output(motor.step_pin)?;
-            dirs |= output(motor.dir_pin)?;
-        }
-        if let Some(motor) = configuration.motors().find(|motor| steps & bit(motor.dir_pin) != 0) {
-            return Err(refused(Reason::PinTaken, motor.dir_pin));
-        }
-        let enable = match configuration.enable_pin {
-            NO_PIN => None,
-            pin if (steps | dirs) & bit(pin) != 0 => return Err(refused(Reason::PinTaken, pin)),
-            pin => Some(Pin::of(pin).ok_or(refused(Reason::Pin, pin))?),
-        };
-        let kind = Layout::kind(configuration, steps, dirs)?;
-        let mut lines = [None; MAX_MOTORS];
-        for (place, motor) in lines.iter_mut().zip(configuration.motors()) {
-            let others = configuration.motors().filter(|other| other.dir_pin == motor.dir_pin).count();
-            *place = Some(Layout::lines_of(kind, &motor, others > 1)?);
-        }
-        Ok(Layout { kind, lines, enable })
-    }
-
-    /// The lines of each motor.
-    pub(crate) fn lines(&self) -> impl Iterator<Item = &Lines> {
-        self.lines.iter().flatten()
-    }
-
-    #[inline(never)]
-    fn kind(configuration: &Configuration<'_>, steps: u32, dirs: u32) -> Result<Kind, Refusal> {
-        const COMPARE: u32 = 0x0600;
-        const PORT_D: u32 = 0x00fc;
-        const PORT_B: u32 = 0x3f00;
-        let all = steps | dirs;
-        let dirs_are_own = configuration.motors().len() == dirs.count_ones() as usize;
-        if steps & !COMPARE == 0 && dirs_are_own {
-            return Ok(Kind::Compare);
-        }
-        if all & !PORT_D == 0 {
-            return Ok(Kind::PortD);
-        }
-        if all & !PORT_B == 0 {
-            return Ok(Kind::PortB);
-        }
-        // STEP 12 and DIR 13 belong together.
-        let misfit = |motor: &MotorSetup| {
-            let a_axis = motor.step_pin == 12 && motor.dir_pin == 13;
-            let on_port_d = (bit(motor.step_pin) | bit(motor.dir_pin)) & !PORT_D == 0;
-            !(a_axis || on_port_d)
-        };
-        match configuration.motors().find(misfit) {
-            None => Ok(Kind::Shield),
-            Some(motor) => {
-                let step_fits = bit(motor.step_pin) & PORT_D != 0;
-                Err(refused(Reason::PinMix, if step_fits { motor.dir_pin } else { motor.step_pin }))
+            steps |= step;
+            if steps & dir != 0 {
+                return Err(refused(Reason::PinTaken, motor.dir_pin));
             }
+            shared |= dirs & dir;
+            dirs |= dir;
         }
+        let enable = configuration.enable_pin;
+        let enable = if enable == NO_PIN {
+            None
+        } else if enable < 16 && (steps | dirs) & 1 << enable != 0 {
+            return Err(refused(Reason::PinTaken, enable));
+        } else {
+            Some(Pin::of(enable).ok_or(refused(Reason::Pin, enable))?)
+        };
+        let kind = kind(configuration, steps, dirs, shared)?;
+        Ok(Layout { kind, shared, enable })
     }
 
+    /// The lines of `motor`, which is one of those that were checked.
     #[inline(never)]
-    fn lines_of(kind: Kind, motor: &MotorSetup, shared_dir: bool) -> Result<Lines, Refusal> {
-        let pin = |number| Pin::of(number).ok_or(refused(Reason::Pin, number));
-        let (step_pin, dir_pin) = (pin(motor.step_pin)?, pin(motor.dir_pin)?);
-        let (step, dir) = match kind {
-            Kind::Shield if motor.step_pin == 12 => (1 << 0, 1 << 1),
-            _ => (step_pin.mask, dir_pin.mask),
+    pub(crate) fn lines(&self, motor: &MotorSetup) -> Lines {
+        let MotorSetup { step_pin, dir_pin, forward_high, step_low, .. } = *motor;
+        let mask = |pin| Pin::of(pin).map_or(0, |pin| pin.mask);
+        let (step, dir) = if self.kind == Kind::Shield && step_pin == 12 {
+            (1 << 0, 1 << 1)
+        } else {
+            (mask(step_pin), mask(dir_pin))
         };
-        let flag = |is, bit| if is { bit } else { 0 };
-        let flags = flag(motor.forward_high, Lines::FORWARD_HIGH)
-            | flag(motor.step_low, Lines::STEP_LOW)
-            | flag(shared_dir, Lines::SHARED_DIR);
-        Ok(Lines { step, dir, flags, step_pin: motor.step_pin, dir_pin: motor.dir_pin })
+        let mut flags = 0;
+        if forward_high {
+            flags |= Lines::FORWARD_HIGH;
+        }
+        if step_low {
+            flags |= Lines::STEP_LOW;
+        }
+        if self.shared & bit(dir_pin) != 0 {
+            flags |= Lines::SHARED_DIR;
+        }
+        Lines { step, dir, flags, step_pin, dir_pin }
     }
 }
 
+/// Who can make all these edges.
+#[inline(never)]
+fn kind(configuration: &Configuration<'_>, steps: u16, dirs: u16, shared: u16) -> Result<Kind, Refusal> {
+    const COMPARE: u16 = 0x0600;
+    const PORT_D: u16 = 0x00fc;
+    const PORT_B: u16 = 0x3f00;
+    let all = steps | dirs;
+    if steps & !COMPARE == 0 && shared == 0 {
+        return Ok(Kind::Compare);
+    }
+    if all & !PORT_D == 0 {
+        return Ok(Kind::PortD);
+    }
+    if all & !PORT_B == 0 {
+        return Ok(Kind::PortB);
+    }
+    for MotorSetup { step_pin, dir_pin, .. } in configuration.motors() {
+        // STEP 12 and DIR 13 belong together.
+        if (step_pin == 12 && dir_pin == 13) || (step_pin < 8 && dir_pin < 8) {
+            continue;
+        }
+        return Err(refused(Reason::PinMix, if step_pin < 8 { dir_pin } else { step_pin }));
+    }
+    Ok(Kind::Shield)
+}
+
+#[inline(never)]
 fn refused(reason: Reason, pin: u8) -> Refusal {
     Refusal { reason, detail: u16::from(pin) }
 }
 
-fn bit(pin: u8) -> u32 {
-    if pin < 32 { 1 << pin } else { 0 }
+#[inline(never)]
+fn bit(pin: u8) -> u16 {
+    1 << (pin & 15)
 }
 
 /// The bit of a pin that can be STEP or DIR.
-fn output(pin: u8) -> Result<u32, Refusal> {
+fn output(pin: u8) -> Result<u16, Refusal> {
     if (2..14).contains(&pin) { Ok(bit(pin)) } else { Err(refused(Reason::Pin, pin)) }
 }

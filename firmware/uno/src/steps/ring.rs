@@ -269,11 +269,6 @@ pub const GROUP: u8 = 4;
 /// Groups that a ring can hold beside the pending one.
 pub const CAPACITY: u8 = 62;
 
-unsafe extern "C" {
-    static mut ring_a_page: [u8; 256];
-    static mut ring_b_page: [u8; 256];
-}
-
 /// Which of the two.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Name {
@@ -304,61 +299,43 @@ impl Group {
 /// Main's end of a ring.
 #[derive(Debug)]
 pub struct Ring {
-    name: Name,
+    /// The page it lies in: the high byte of its addresses.
+    page: u8,
+    /// The END bit, which also says which of the two it is.
+    end: u8,
     /// With the compare hardware the bit that stands for STEP; else 0.
     edge: u8,
     /// Low byte of the address of the pending group.
     head: u8,
     /// What the pending group does.
     pending: Group,
-    /// It lies in the page of ring A, whichever it is.
-    first_page: bool,
 }
 
+/// Pages of rings A and B, as memory.ld asserts.
+const PAGES: [u8; 2] = [2, 3];
+
 impl Ring {
-    /// A ring whose edges software makes, to be [`clear`](Ring::clear)ed before use.
+    /// A ring; [`Ring::clear`] comes before its use.
     pub const fn new(name: Name) -> Ring {
-        Ring { name, edge: 0, head: 0, pending: Group::NOTHING, first_page: false }
+        let (page, end) = match name {
+            Name::A => (PAGES[0], END_A),
+            Name::B => (PAGES[1], END_B),
+        };
+        Ring { page, end, edge: 0, head: 0, pending: Group::NOTHING }
     }
 
-    /// A ring whose STEP edges the compare hardware makes on pin 9 (A) or 10 (B), to be [`clear`](Ring::clear)ed
-    /// before use.
+    /// A ring whose STEP edges the compare hardware makes on pin 9 (A) or 10 (B).
     ///
     /// `dir_on_portb` says on which port the DIR pin is; GPIOR0 must say the same ([`flags::DIR_A_ON_PORTB`]).
     pub const fn hardware(name: Name, dir_on_portb: bool) -> Ring {
         // A bit that no DIR pin of that port has: PD0 is RXD, PB7 the crystal.
         let edge = if dir_on_portb { 1 << 7 } else { 1 << 0 };
-        Ring { name, edge, head: 0, pending: Group::NOTHING, first_page: false }
-    }
-
-    /// Which of the two.
-    #[inline(always)]
-    pub fn name(&self) -> Name {
-        self.name
-    }
-
-    /// With the compare hardware the bit that stands for STEP; else 0.
-    #[inline(always)]
-    pub fn edge(&self) -> u8 {
-        self.edge
-    }
-
-    /// What the pending group does.
-    #[inline(always)]
-    pub fn pending(&self) -> Group {
-        self.pending
-    }
-
-    fn page(&self) -> *mut u8 {
-        match self.name {
-            Name::B if !self.first_page => (&raw mut ring_b_page).cast(),
-            _ => (&raw mut ring_a_page).cast(),
-        }
+        Ring { edge, ..Ring::new(name) }
     }
 
     /// A ring that the merge fills, in the page of ring A: the other has the lists.
     pub const fn for_merge(name: Name) -> Ring {
-        Ring { first_page: true, ..Ring::new(name) }
+        Ring { page: PAGES[0], ..Ring::new(name) }
     }
 
     /// For the merge: where the pending group is, and what it does.
@@ -374,29 +351,40 @@ impl Ring {
         self.pending = pending;
     }
 
+    /// Which of the two.
     #[inline(always)]
-    fn end(&self) -> u8 {
-        match self.name {
-            Name::A => END_A,
-            Name::B => END_B,
-        }
+    pub fn name(&self) -> Name {
+        if self.end == END_A { Name::A } else { Name::B }
+    }
+
+    /// With the compare hardware the bit that stands for STEP; else 0.
+    #[inline(always)]
+    pub fn edge(&self) -> u8 {
+        self.edge
+    }
+
+    /// What the pending group does.
+    #[inline(always)]
+    pub fn pending(&self) -> Group {
+        self.pending
     }
 
     fn tail_register(&self) -> *mut u8 {
-        register::io(match self.name {
+        register::io(match self.name() {
             Name::A => register::OCR0A,
             Name::B => register::OCR0B,
         })
     }
 
+    #[inline(always)]
     fn group(&self, at: u8) -> *mut u8 {
-        self.page().wrapping_add(usize::from(at))
+        core::ptr::with_exposed_provenance_mut(usize::from(u16::from_le_bytes([at, self.page])))
     }
 
     /// First byte of the pending group.
-    #[inline(always)]
+    #[inline(never)]
     fn unplayed(&self, group: Group) -> u8 {
-        if self.edge == 0 { self.end() } else { self.end() | self.bits(group) }
+        if self.edge == 0 { self.end } else { self.end | self.bits(group) }
     }
 
     /// What the compare hardware and its interrupt do with `group`.
@@ -412,16 +400,16 @@ impl Ring {
     }
 
     /// First byte of `group` when it is played and followed by `next`.
-    #[inline(always)]
+    #[inline(never)]
     fn played(&self, group: Group, next: Group) -> u8 {
         if self.edge == 0 {
             return group.rise;
         }
         let step = Group { rise: self.edge, fall: self.edge };
         match (group == step, next.rise & self.edge != 0) {
-            (true, true) => self.end() | hardware::PLAIN,
-            (_, true) => self.end() | hardware::PLAY | hardware::NEXT_TOGGLES | self.bits(group),
-            (_, false) => self.end() | hardware::PLAY | self.bits(group),
+            (true, true) => self.end | hardware::PLAIN,
+            (_, true) => self.end | hardware::PLAY | hardware::NEXT_TOGGLES | self.bits(group),
+            (_, false) => self.end | hardware::PLAY | self.bits(group),
         }
     }
 
@@ -432,16 +420,17 @@ impl Ring {
     }
 
     /// Forgets all groups. The interrupt must be off.
+    #[inline(never)]
     pub fn clear(&mut self) {
         self.head = 0;
         self.pending = Group::NOTHING;
         // SAFETY: the interrupt of this ring is off (the caller's promise), so main is alone with page and tail.
         unsafe {
-            self.group(0).write_volatile(self.end());
+            self.group(0).write_volatile(self.end);
             self.group(3).write_volatile(0);
             self.tail_register().write_volatile(0);
-            if self.name == Name::B {
-                register::io(register::EEARH).write_volatile((self.page().addr() >> 8) as u8);
+            if self.name() == Name::B {
+                register::io(register::EEARH).write_volatile(self.page);
             }
         }
     }
@@ -477,7 +466,7 @@ impl Ring {
     ///
     /// # Safety
     /// 1 ≤ `n` ≤ [`Ring::free`], and what [`super::expand`] says of `n` and the interval.
-    #[inline(always)]
+    #[inline(never)]
     pub unsafe fn expand(&mut self, registers: &mut Registers, n: u8, step: Group) {
         let first = self.group(self.head);
         let rise = self.played(step, step);
@@ -542,7 +531,7 @@ impl Ring {
 
     /// The compare register, and the ring's bit in TIMSK1 and TIFR1.
     fn compare(&self) -> (*mut u8, u8) {
-        match self.name {
+        match self.name() {
             Name::A => (register::data(register::OCR1A), 1 << 1),
             Name::B => (register::data(register::OCR1B), 1 << 2),
         }
@@ -550,6 +539,7 @@ impl Ring {
 
     /// The immediate stop: no group is played after this, nor does the hardware make an edge. A pulse that the hardware
     /// began is ended. [`Ring::newest_first`] then has what was not played. Interrupts must be off.
+    #[inline(never)]
     pub fn halt(&mut self) {
         let (compare, bit) = self.compare();
         let (flags, mask) = (register::io(register::TIFR1), register::data(register::TIMSK1));
@@ -574,7 +564,7 @@ impl Ring {
                     for _ in 0..8 {
                         core::arch::asm!("rjmp .+0", "rjmp .+0");
                     }
-                    force.write_volatile(match self.name {
+                    force.write_volatile(match self.name() {
                         Name::A => 1 << 7,
                         Name::B => 1 << 6,
                     });
@@ -584,7 +574,7 @@ impl Ring {
                 }
                 flags.write_volatile(bit);
             }
-            let com = match self.name {
+            let com = match self.name() {
                 Name::A => 0b11 << 6,
                 Name::B => 0b11 << 4,
             };

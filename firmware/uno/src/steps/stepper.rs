@@ -19,10 +19,11 @@ use super::merge::{LANES, Merge};
 use super::pins::{Kind, Layout, Lines, MAX_MOTORS};
 use super::ring::{CAPACITY, Group, Name, Ring, flags};
 use crate::clock::{self, low_half};
-use crate::memory::Queues;
+use crate::memory::{Once, Queues};
 use crate::regs::{self, Reg16};
+use core::mem::MaybeUninit;
 use pulsetrain_core::channel::{self, Event};
-use pulsetrain_core::narrow::{Motor, Reason, Settings};
+use pulsetrain_core::narrow::{Bytes, Motor, Reason, Settings};
 use pulsetrain_core::wire::message::{self, Configuration};
 use pulsetrain_core::{Direction, Epoch, Moment};
 
@@ -125,8 +126,9 @@ enum Wish {
 }
 
 /// One motor and its lines.
+// The motor last: the processor reaches 64 bytes from a pointer.
+#[repr(C)]
 pub(crate) struct Axis {
-    pub(crate) motor: Motor,
     lines: Lines,
     wish: Wish,
     /// When.
@@ -137,19 +139,10 @@ pub(crate) struct Axis {
     ready: Moment,
     /// What must be added to the motor's count, because stops left steps unmade.
     made: i32,
+    pub(crate) motor: Motor,
 }
 
 impl Axis {
-    const NONE: Axis = Axis {
-        motor: Motor::new(Queues::share(0, 0), Settings { gap_ticks: 1, asserts_every_step: false, gain: 0 }),
-        lines: Lines::NONE,
-        wish: Wish::Nothing,
-        due: Moment(0),
-        free: Moment(0),
-        ready: Moment(0),
-        made: 0,
-    };
-
     /// Steps forward minus backward that were taken from the queue, whether played or not yet.
     pub(crate) fn position(&self) -> i32 {
         self.motor.position().wrapping_add(self.made)
@@ -172,7 +165,6 @@ impl Axis {
     }
 
     /// Finds out what it wants next, if that is not after `limit`.
-    #[optimize(speed)]
     #[inline(never)]
     fn look(&mut self, queues: &Queues, limit: Moment, times: &Times) {
         let lead = u32::from(times.setup) + times.fall[1];
@@ -192,6 +184,32 @@ impl Axis {
                 self.due = if self.lines.shared_dir() { latest } else { latest.before(u32::from(times.apart)) };
             }
         }
+    }
+
+    /// Steps that may be made without looking at them, not after `limit` and at least `fastest` ticks apart.
+    #[inline(never)]
+    fn grant(&mut self, fastest: u16, limit: Moment, times: &Times) -> u8 {
+        let free = match self.wish {
+            Wish::Nothing => true,
+            Wish::Step => !self.due.is_before(self.ready),
+            _ => false,
+        };
+        if !free || times.long {
+            return 0;
+        }
+        // Within what 16 bits tell apart.
+        let reach = Moment(self.motor.registers().tick).after(0x7fff);
+        self.motor.blind(fastest, if limit.is_before(reach) { limit } else { reach })
+    }
+
+    /// Notes that `steps` of them were made; gives the last one's tick.
+    #[inline(never)]
+    fn took(&mut self, steps: u8, times: &Times) -> Moment {
+        self.motor.took(steps);
+        self.wish = Wish::Nothing;
+        let end = Moment(self.motor.registers().tick);
+        self.free = end.after(u32::from(times.pulse) + u32::from(times.hold));
+        end
     }
 
     /// Takes the event that was found.
@@ -228,6 +246,7 @@ impl Track {
     }
 
     /// The next match is to be at `at`.
+    #[inline(never)]
     fn resume(&self, at: Moment) {
         let (compare, bit) = self.compare();
         regs::free(|| compare.write(low_half(at.0)));
@@ -247,7 +266,6 @@ impl Track {
     }
 
     /// Publishes the pending group and makes `group` at `tick` the pending one.
-    #[optimize(speed)]
     #[inline(never)]
     fn push(&mut self, tick: Moment, group: Group) {
         self.ring.push(low_half(tick.0), group);
@@ -257,7 +275,6 @@ impl Track {
     /// Puts `group` at `due`: into the pending group if that is near, not before `open`, and has other lines; else later.
     ///
     /// Gives its tick.
-    #[optimize(speed)]
     #[inline(never)]
     fn put(&mut self, due: Moment, open: Moment, group: Group, apart: u8) -> Moment {
         let near = due.before(u32::from(apart / 2)).is_before(self.at);
@@ -274,7 +291,6 @@ impl Track {
     }
 
     /// Looks whether the interrupt still plays what it should, and mends it.
-    #[optimize(speed)]
     #[inline(never)]
     fn watch(&mut self, now: Moment, busy: bool) -> Option<Trouble> {
         if regs::GPIOR0.read() & self.starved_flag() != 0 {
@@ -304,6 +320,12 @@ impl Track {
         });
         (late != 0).then_some(Trouble::Late { ticks: late })
     }
+
+    /// Whether no group is left to be played but fillers.
+    #[inline(never)]
+    fn is_idle(&self) -> bool {
+        self.ring.newest_first().all(|group| group == Group::NOTHING)
+    }
 }
 
 impl Lines {
@@ -323,6 +345,56 @@ impl Lines {
     }
 }
 
+/// Room for the motors, apart from what begins with values: those would be kept in flash, too.
+static ROOM: Once<[MaybeUninit<Axis>; MAX_MOTORS]> = Once::new([const { MaybeUninit::uninit() }; MAX_MOTORS]);
+
+/// The motors in use.
+struct Axes {
+    /// Lent by [`Stepper::begin`].
+    room: Option<&'static mut [MaybeUninit<Axis>; MAX_MOTORS]>,
+    /// So many are there, the first ones.
+    count: u8,
+}
+
+impl Axes {
+    #[inline(never)]
+    fn all(&self) -> &[Axis] {
+        match &self.room {
+            // SAFETY: `push` made so many.
+            Some(room) => unsafe { core::slice::from_raw_parts(room.as_ptr().cast(), usize::from(self.count)) },
+            None => &[],
+        }
+    }
+
+    #[inline(never)]
+    fn all_mut(&mut self) -> &mut [Axis] {
+        match &mut self.room {
+            // SAFETY: `push` made so many.
+            Some(room) => unsafe { core::slice::from_raw_parts_mut(room.as_mut_ptr().cast(), usize::from(self.count)) },
+            None => &mut [],
+        }
+    }
+
+    /// One more, at position 0, if there is room.
+    #[inline(never)]
+    fn push(&mut self, lines: Lines, bytes: Bytes, settings: Settings) {
+        if let Some(room) = &mut self.room
+            && let Some(place) = room.get_mut(usize::from(self.count))
+        {
+            place.write(Axis {
+                lines,
+                wish: Wish::Nothing,
+                due: Moment(0),
+                free: Moment(0),
+                ready: Moment(0),
+                made: 0,
+                motor: Motor::new(bytes, settings),
+            });
+            self.count += 1;
+        }
+    }
+}
+
 /// All motors of a configuration, and their rings.
 pub(crate) struct Stepper {
     tracks: [Track; 2],
@@ -332,8 +404,7 @@ pub(crate) struct Stepper {
     merging: bool,
     /// Merging: tick of the last that each lane was fed.
     last: [Moment; LANES],
-    axes: [Axis; MAX_MOTORS],
-    count: u8,
+    axes: Axes,
     /// Each motor has a ring of its own.
     apiece: bool,
     shield: bool,
@@ -352,8 +423,7 @@ impl Stepper {
             merge: None,
             merging: false,
             last: [Moment(0); LANES],
-            axes: [const { Axis::NONE }; MAX_MOTORS],
-            count: 0,
+            axes: Axes { room: None, count: 0 },
             apiece: false,
             shield: false,
             times: Times::NONE,
@@ -363,48 +433,40 @@ impl Stepper {
         }
     }
 
-    /// Takes the merge.
+    /// Takes the merge, and the room for the motors.
     ///
     /// # Safety
     /// Once in a program.
     pub(crate) unsafe fn begin(&mut self) {
         // SAFETY: the caller's promise.
-        self.merge = Some(unsafe { Merge::take() });
+        unsafe {
+            self.merge = Some(Merge::take());
+            self.axes.room = Some(ROOM.take());
+        }
     }
 
     /// The motors in use.
     pub(crate) fn axes(&self) -> &[Axis] {
-        self.axes.get(..usize::from(self.count)).unwrap_or_default()
+        self.axes.all()
     }
 
     /// A motor by its number.
+    #[inline(never)]
     pub(crate) fn axis_mut(&mut self, motor: u8) -> Option<&mut Axis> {
-        self.motors_mut().nth(usize::from(motor))
-    }
-
-    fn motors_mut(&mut self) -> impl Iterator<Item = &mut Axis> {
-        self.axes.iter_mut().take(usize::from(self.count))
+        self.axes.all_mut().get_mut(usize::from(motor))
     }
 
     /// The rings in use.
-    fn tracks(&self) -> &[Track] {
-        let count = if self.apiece { self.count } else { 1 };
-        self.tracks.get(..usize::from(count)).unwrap_or_default()
-    }
-
-    /// The rings in use, each with its motors.
-    #[inline(always)]
-    fn split(&mut self) -> impl Iterator<Item = (&mut Track, &mut [Axis])> {
-        let count = usize::from(self.count);
-        let (size, rings) = if self.apiece { (1, count) } else { (MAX_MOTORS, 1) };
-        let axes = self.axes.get_mut(..count).unwrap_or_default();
-        self.tracks.iter_mut().take(rings).zip(axes.chunks_mut(size))
+    #[inline(never)]
+    fn tracks_mut(&mut self) -> &mut [Track] {
+        let count = if self.apiece { self.axes.count } else { 1 };
+        self.tracks.get_mut(..usize::from(count)).unwrap_or_default()
     }
 
     /// Motors and lines of `configuration`; all motors at position 0. Not while it plays.
     #[inline(never)]
     pub(crate) fn configure(&mut self, layout: &Layout, configuration: &Configuration<'_>, now: Moment) {
-        self.motors_mut().for_each(|axis| axis.lines.float());
+        self.axes.all_mut().iter_mut().for_each(|axis| axis.lines.float());
         let kind = layout.kind;
         self.apiece = kind == Kind::Compare;
         self.shield = kind == Kind::Shield;
@@ -418,18 +480,15 @@ impl Stepper {
         };
         let first = if kind == Kind::PortB { Name::B } else { Name::A };
         self.tracks[0].ring = Ring::new(first);
-        self.count = 0;
+        self.axes.count = 0;
         let motors = configuration.motors();
         let all = motors.len() as u8;
         let gap_ticks = self.times.pulse.saturating_add(1);
-        for ((axis, lines), motor) in self.axes.iter_mut().zip(layout.lines()).zip(motors) {
-            let settings = Settings { gap_ticks, asserts_every_step: lines.shared_dir(), gain: motor.gain };
-            axis.motor = Motor::new(Queues::share(all, self.count), settings);
-            axis.lines = *lines;
-            axis.wish = Wish::Nothing;
-            axis.made = 0;
+        for motor in motors {
+            let mut lines = layout.lines(&motor);
+            let index = self.axes.count;
             if kind == Kind::Compare {
-                let track = &mut self.tracks[usize::from(self.count & 1)];
+                let track = &mut self.tracks[usize::from(index & 1)];
                 let (name, dir) = if motor.step_pin == 10 {
                     (Name::B, flags::DIR_B_ON_PORTB)
                 } else {
@@ -437,13 +496,14 @@ impl Stepper {
                 };
                 let on_portb = motor.dir_pin >= 8;
                 track.ring = Ring::hardware(name, on_portb);
-                axis.lines.step = track.ring.edge();
+                lines.step = track.ring.edge();
                 self.flags |= u8::from(on_portb) << dir;
             }
             lines.drive();
-            self.count += 1;
+            let settings = Settings { gap_ticks, asserts_every_step: lines.shared_dir(), gain: motor.gain };
+            self.axes.push(lines, Queues::share(all, index), settings);
         }
-        self.merging = self.count > 1 && !self.apiece && !self.axes().iter().any(|axis| axis.lines.shared_dir());
+        self.merging = self.axes.count > 1 && !self.apiece && !self.axes().iter().any(|axis| axis.lines.shared_dir());
         if self.merging {
             self.tracks[0].ring = Ring::for_merge(first);
             // The merge moves edges by half of that, either way.
@@ -461,19 +521,26 @@ impl Stepper {
         self.trouble = None;
         regs::GPIOR0.write(self.flags);
         let at = now.after(AHEAD_IDLE);
-        let shield = self.shield;
-        for (track, axes) in self.split() {
-            track.ring.clear();
+        let apiece = self.apiece;
+        for (index, track) in self.tracks.iter_mut().enumerate() {
+            let mut levels = 0;
+            for (motor, axis) in self.axes.all().iter().enumerate() {
+                if !apiece || motor == index {
+                    levels |= axis.lines.levels();
+                }
+            }
+            track.levels = levels;
             track.at = at;
-            track.levels = levels(track, axes, shield);
+        }
+        for track in self.tracks_mut() {
+            track.ring.clear();
             track.resume(at);
         }
         let Stepper { tracks: [track, _], axes, merge, last, .. } = self;
         if self.merging
             && let Some(merge) = merge
         {
-            let axes = axes.get_mut(..usize::from(self.count)).unwrap_or_default();
-            lanes::begin(merge, last, track, axes, self.times.apart);
+            lanes::begin(merge, last, track, axes.all_mut(), self.times.apart);
         }
     }
 
@@ -484,10 +551,10 @@ impl Stepper {
     pub(crate) fn stop(&mut self, pull_in: &[u32; MAX_MOTORS]) -> u8 {
         let pulse = self.times.pulse;
         let mut uncertain = 0;
-        for (track, _) in self.split() {
+        for track in self.tracks_mut() {
             regs::free(|| track.ring.halt());
         }
-        for (index, slowest) in (0..self.count).zip(pull_in) {
+        for (index, slowest) in (0..self.axes.count).zip(pull_in) {
             let left = self.unplayed(index);
             let Some(axis) = self.axis_mut(index) else { break };
             let going = left != 0 || !axis.motor.is_idle();
@@ -502,10 +569,8 @@ impl Stepper {
                 regs::kick_watchdog();
             }
         }
-        for (track, axes) in self.split() {
-            track.ring.clear();
-            axes.iter().for_each(|axis| axis.lines.rest());
-        }
+        self.tracks_mut().iter_mut().for_each(|track| track.ring.clear());
+        self.axes().iter().for_each(|axis| axis.lines.rest());
         if let Some(merge) = &mut self.merge {
             merge.clear();
         }
@@ -514,7 +579,7 @@ impl Stepper {
 
     /// Notes that time goes on while nothing plays.
     pub(crate) fn rest(&mut self, now: Moment) {
-        for axis in self.motors_mut() {
+        for axis in self.axes.all_mut() {
             axis.motor.pass(now);
             (axis.free, axis.ready) = (now, now);
         }
@@ -523,16 +588,18 @@ impl Stepper {
     /// Whether nothing is left to do: no event, no end of a pulse, no step in a ring.
     pub(crate) fn is_idle(&self) -> bool {
         self.axes().iter().all(|axis| axis.wish == Wish::Nothing && axis.motor.is_idle())
-            && self.tracks().iter().all(|track| track.ring.newest_first().all(|group| group == Group::NOTHING))
-            && self.merge.as_ref().is_none_or(|merge| merge.is_idle())
+            && self.tracks[0].is_idle()
+            && !(self.apiece && self.axes.count > 1 && !self.tracks[1].is_idle())
+            && !(self.merging && self.merge.as_ref().is_some_and(|merge| !merge.is_idle()))
     }
 
     /// The first tick at which a switch would be accepted.
     #[inline(never)]
     pub(crate) fn horizon(&self) -> Moment {
-        let mut horizon = self.tracks[0].at;
-        for track in self.tracks() {
-            horizon = later(horizon, track.at);
+        let [first, second] = &self.tracks;
+        let mut horizon = first.at;
+        if self.apiece && self.axes.count > 1 {
+            horizon = later(horizon, second.at);
         }
         for axis in self.axes() {
             horizon = later(horizon, axis.motor.horizon());
@@ -546,7 +613,7 @@ impl Stepper {
         if self.axes().iter().any(|axis| axis.motor.check_switch(at).is_err()) {
             return false;
         }
-        for axis in self.motors_mut() {
+        for axis in self.axes.all_mut() {
             // Checked above.
             let _ = axis.motor.schedule_switch(epoch, at);
             // What was looked up may be of the old epoch; the end of a pulse is not.
@@ -601,51 +668,38 @@ impl Stepper {
 
     /// Fills the rings as far as time allows.
     #[inline(never)]
-    #[optimize(speed)]
     pub(crate) fn run(&mut self, now: Moment, queues: &Queues) {
-        if self.merging {
-            let Stepper { tracks: [track, _], axes, merge: Some(merge), last, times, count, trouble, fewest_groups, .. } = self else {
-                return;
+        let Stepper { tracks, axes, merge, last, times, trouble, fewest_groups, .. } = self;
+        let mut axes = axes.all_mut();
+        for track in tracks {
+            let (mine, others) = if self.apiece { axes.split_at_mut_checked(1).unwrap_or_default() } else { (axes, &mut [][..]) };
+            axes = others;
+            let merge = if self.merging { merge.as_deref_mut() } else { None };
+            let busy = match &merge {
+                Some(merge) => !merge.is_idle(),
+                None => mine.iter().any(|axis| axis.wish != Wish::Nothing),
             };
-            let axes = axes.get_mut(..usize::from(*count)).unwrap_or_default();
-            if let Some(what) = track.watch(now, !merge.is_idle()) {
-                *trouble = Some(what);
-            }
-            if !merge.is_idle() {
-                *fewest_groups = (*fewest_groups).min(CAPACITY.wrapping_sub(track.ring.free()));
-            }
-            lanes::fill(merge, last, track, axes, now, queues, times);
-            return;
-        }
-        let Stepper { tracks, axes, times, count, trouble, fewest_groups, .. } = self;
-        let axes = axes.get_mut(..usize::from(*count)).unwrap_or_default();
-        let mut turn = |track: &mut Track, axes: &mut [Axis]| {
-            let busy = axes.iter().any(|axis| axis.wish != Wish::Nothing);
+            let free = track.ring.free();
             if busy {
-                *fewest_groups = (*fewest_groups).min(CAPACITY.wrapping_sub(track.ring.free()));
+                *fewest_groups = (*fewest_groups).min(CAPACITY.wrapping_sub(free));
             }
             if let Some(what) = track.watch(now, busy) {
                 *trouble = Some(what);
             }
-            // Half full is enough: more at once costs less.
-            if track.ring.free() < CAPACITY / 2 {
-                return;
+            if let Some(merge) = merge {
+                lanes::fill(merge, last, track, mine, now, queues, times);
+            } else if free >= CAPACITY / 2 {
+                // Half full is enough: more at once costs less.
+                fill(track, mine, now, queues, times);
             }
-            fill(track, axes, now, queues, times);
-        };
-        let [first, second] = tracks;
-        match axes {
-            [one, two] if self.apiece => {
-                turn(first, core::slice::from_mut(one));
-                turn(second, core::slice::from_mut(two));
+            if axes.is_empty() {
+                break;
             }
-            all => turn(first, all),
         }
     }
 }
 
 /// Fills one ring as far as time allows.
-#[optimize(speed)]
 #[inline(never)]
 fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, times: &Times) {
     // No further is looked in this call.
@@ -701,33 +755,22 @@ fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, time
 /// The fast engine of a motor that has a ring of its own: expands steps into it as long as nothing but steps comes.
 ///
 /// Whether it did.
-#[optimize(speed)]
 #[inline(never)]
 fn fast(track: &mut Track, axis: &mut Axis, now: Moment, times: &Times) -> bool {
-    if axis.wish != Wish::Step || times.long {
-        return false;
-    }
     let fastest = FASTEST[usize::from(times.beside)];
-    let next = axis.due;
     let room = track.ring.free();
-    let far = next.since(track.at);
-    if room < 2 || far < u32::from(fastest) || far >= 1 << 15 || next.is_before(axis.ready) {
+    let far = axis.due.since(track.at);
+    if room < 2 || far < u32::from(fastest) || far >= 1 << 15 {
         return false;
     }
-    // As far ahead as ever, and within what the engine's 16 bits tell apart.
-    let limit = now.after(AHEAD);
-    let reach = Moment(axis.motor.registers().tick).after(0x7fff);
-    let steps = axis.motor.blind(fastest, if limit.is_before(reach) { limit } else { reach }).min(room - 1);
+    let steps = axis.grant(fastest, now.after(AHEAD), times).min(room - 1);
     if steps == 0 {
         return false;
     }
     let step = Group { rise: axis.lines.step, fall: axis.lines.step };
     // SAFETY: `blind` promises so many steps at such intervals, and the ring has room for them.
     unsafe { track.ring.expand(axis.motor.registers_mut(), steps, step) };
-    axis.motor.took(steps);
-    axis.wish = Wish::Nothing;
-    track.at = Moment(axis.motor.registers().tick);
-    axis.free = track.at.after(u32::from(times.pulse) + u32::from(times.hold));
+    track.at = axis.took(steps, times);
     true
 }
 
@@ -751,7 +794,6 @@ fn earliest(axes: &[Axis]) -> Option<usize> {
 }
 
 /// Makes what motor `index` wants, when it is due or as soon after as it can be.
-#[optimize(speed)]
 #[inline(never)]
 fn play(track: &mut Track, axes: &mut [Axis], index: usize, times: &Times) {
     if let Some((due, open, group)) = plan(axes, index, track.levels, times) {
@@ -811,26 +853,8 @@ fn done(axes: &mut [Axis], index: usize, tick: Moment, times: &Times) {
     }
 }
 
-/// Levels of a ring's lines as bits of a group.
-fn levels(track: &Track, axes: &[Axis], shield: bool) -> u8 {
-    if track.ring.edge() != 0 {
-        // STEP is at rest; DIR is the one line of its port.
-        let high = axes.first().is_some_and(|axis| axis.lines.dir_is_high());
-        return axes.first().map_or(0, |axis| {
-            let step = if axis.lines.step_low() { axis.lines.step } else { 0 };
-            let dir = if high { axis.lines.dir } else { 0 };
-            step | dir
-        });
-    }
-    match track.ring.name() {
-        Name::B => regs::PORTB.read(),
-        Name::A if shield => regs::PORTD.read() & 0xfc | regs::PORTB.read() >> 4 & 0x03,
-        Name::A => regs::PORTD.read(),
-    }
-}
-
 /// The later of two moments.
-#[inline(always)]
+#[inline(never)]
 fn later(one: Moment, other: Moment) -> Moment {
     if one.is_before(other) { other } else { one }
 }

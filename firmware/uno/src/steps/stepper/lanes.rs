@@ -47,32 +47,19 @@ unsafe extern "C" fn steps_feed(feeder: *mut u8, lane: u8, merge: *mut Merge) ->
 impl Axis {
     /// Feeds `lane` with steps that need no looking at, if there are any; gives the last one's tick.
     fn steps(&mut self, merge: &mut Merge, lane: u8, times: &Times, limit: Moment) -> Option<Moment> {
-        let free = match self.wish {
-            Wish::Nothing => true,
-            Wish::Step => !self.due.is_before(self.ready),
-            _ => false,
-        };
-        if !free || times.long {
-            return None;
-        }
-        let steps = self.motor.blind(u16::from(times.apart), limit).min(STEPS);
+        let steps = self.grant(u16::from(times.apart), limit, times).min(STEPS);
         if steps == 0 {
             return None;
         }
         let step = self.lines.step;
         let list = merge.list(lane, steps, Group { rise: step, fall: step });
-        // SAFETY: what `blind` grants is what `expand` asks for; a list has room for `STEPS` ticks.
+        // SAFETY: what is granted is what `expand` asks for; a list has room for `STEPS` ticks.
         unsafe { expand::into_list(self.motor.registers_mut(), list, steps) };
-        self.motor.took(steps);
-        self.wish = Wish::Nothing;
-        let end = Moment(self.motor.registers().tick);
-        self.free = end.after(u32::from(times.pulse) + u32::from(times.hold));
-        Some(end)
+        Some(self.took(steps, times))
     }
 }
 
 impl Feeder for Motors<'_> {
-    #[optimize(speed)]
     fn feed(&mut self, merge: &mut Merge, lane: u8) -> Result<(), Dry> {
         let Motors { axes, levels, last, times, queues, limit } = self;
         let index = usize::from(lane) % LANES;
