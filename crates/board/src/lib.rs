@@ -20,6 +20,7 @@ pub mod faulty;
 pub mod link;
 pub mod model;
 pub mod native;
+mod packer;
 pub mod remote;
 pub mod serial;
 mod sizer;
