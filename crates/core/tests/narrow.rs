@@ -548,6 +548,9 @@ fn checked(check: Check) -> Vec<u8> {
     packed.extend(pack(&mut state, run(3, (100 << 16) + (1 << 14))));
     packed.extend(pack(&mut state, anchor(5000)));
     packed.extend(pack(&mut state, run(1, 100 << 16)));
+    // Counted from the last anchor: one step backward.
+    packed.extend(pack_check(Check { position: 0xffff, tick: Moment(5100), fraction: 1 << 15 }));
+    packed.extend(pack(&mut state, run(1, 100 << 16)));
     packed
 }
 
@@ -556,7 +559,7 @@ fn a_check_that_holds_changes_nothing() {
     // 1000 and a half + 3 · 100 and a quarter + 50.
     let check = Check { position: 0xfffd, tick: Moment(1351), fraction: 1 << 14 };
     let (mut motor, pool) = sent(&checked(check));
-    assert_eq!(steps(&mut motor, &pool, 9000), [1100, 1201, 1301, 1451, 1551, 1652, 5100]);
+    assert_eq!(steps(&mut motor, &pool, 9000), [1100, 1201, 1301, 1451, 1551, 1652, 5100, 5200]);
     assert_eq!(motor.fault(), None);
     assert!(motor.is_idle());
 }
@@ -570,9 +573,9 @@ fn a_check_that_does_not_hold_stops_the_motor_up_to_the_next_anchor() {
         Check { fraction: (1 << 14) + 1, ..right },
     ] {
         let (mut motor, pool) = sent(&checked(wrong));
-        assert_eq!(steps(&mut motor, &pool, 9000), [1100, 1201, 1301, 5100], "{wrong:?}");
+        assert_eq!(steps(&mut motor, &pool, 9000), [1100, 1201, 1301, 5100, 5200], "{wrong:?}");
         assert_eq!(motor.fault(), Some(Fault { reason: Reason::Mismatch, tick: Moment(1351) }));
-        assert_eq!(motor.position(), -4);
+        assert_eq!(motor.position(), -5);
     }
 }
 

@@ -116,6 +116,8 @@ pub struct Motor {
     asserts_every_step: bool,
     gap: u16,
     position: i32,
+    /// The lower bits of the position at the last anchor.
+    origin: u16,
     horizon: Moment,
     epoch: Epoch,
     switches: [Option<Switch>; SWITCHES],
@@ -139,6 +141,7 @@ impl Motor {
             asserts_every_step,
             gap: if gap_ticks == 0 { 1 } else { gap_ticks },
             position: 0,
+            origin: 0,
             horizon: Moment(0),
             epoch: Epoch(0),
             switches: [None; SWITCHES],
@@ -456,6 +459,7 @@ impl Motor {
             Record::Anchor(tick) => {
                 self.registers.tick = tick;
                 self.registers.fraction = 1 << 15;
+                self.origin = low(self.position);
                 self.anchored = true;
             }
             Record::Dwell(ticks) if self.anchored => {
@@ -463,8 +467,8 @@ impl Motor {
             }
             Record::Check { position, tick, fraction } if self.anchored => {
                 let Registers { tick: last, fraction: below, .. } = self.registers;
-                let [low, high, ..] = self.position.to_le_bytes();
-                if position != u16::from_le_bytes([low, high]) || tick != last || fraction != below {
+                let moved = low(self.position).wrapping_sub(self.origin);
+                if position != moved || tick != last || fraction != below {
                     self.fail(Reason::Mismatch, Moment(last));
                 }
             }
@@ -523,4 +527,10 @@ const fn upper_half(value: i32) -> u16 {
     let magnitude = if value < 0 { !value } else { value };
     let [_, low, high, beyond] = magnitude.to_le_bytes();
     if beyond == 0 { u16::from_le_bytes([low, high]) } else { u16::MAX }
+}
+
+/// The lower bits of a position.
+const fn low(position: i32) -> u16 {
+    let [low, high, ..] = position.to_le_bytes();
+    u16::from_le_bytes([low, high])
 }
