@@ -449,7 +449,8 @@ impl Stepper {
         let motors = configuration.motors();
         let all = motors.len() as u8;
         let gap_ticks = self.times.pulse.saturating_add(1);
-        for (axis, motor) in self.axes.iter_mut().zip(motors) {
+        for motor in motors {
+            let Some(axis) = self.axes.get_mut(usize::from(self.count)) else { break };
             let lines = layout.lines(&motor);
             let settings = Settings { gap_ticks, asserts_every_step: lines.shared_dir(), gain: motor.gain };
             renew(&mut axis.motor, Queues::share(all, self.count), settings);
@@ -677,12 +678,8 @@ fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, time
     let limit = track.at.after(FILLER);
     for axis in &mut *axes {
         // What is long past must not come back as the future.
-        if axis.free.is_before(track.at) {
-            axis.free = track.at;
-        }
-        if axis.ready.is_before(track.at) {
-            axis.ready = track.at;
-        }
+        axis.free = later(axis.free, track.at);
+        axis.ready = later(axis.ready, track.at);
         if axis.wish == Wish::Nothing {
             axis.motor.pass(track.at);
             axis.look(queues, limit, times);
@@ -698,27 +695,20 @@ fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, time
         if track.ring.free() < 2 || (ahead >= AHEAD && ahead < 1 << 31) {
             return;
         }
-        match earliest(axes) {
-            Some(index) if axes.get(index).is_some_and(|axis| !limit.is_before(axis.due)) => {
-                play(track, axes, index, times);
-                if let Some(axis) = axes.get_mut(index)
-                    && axis.wish == Wish::Nothing
-                {
-                    axis.look(queues, limit, times);
-                }
+        let (index, due) = earliest(axes, limit.after(FILLER));
+        if limit.is_before(due) {
+            if ahead < AHEAD_IDLE || ahead >= 1 << 31 {
+                // Out of the way of what may come soon after it.
+                let clear = due.before(2 * u32::from(times.apart));
+                track.push(if clear.is_before(limit) { clear } else { limit }, Group::NOTHING);
             }
-            _ => {
-                if ahead < AHEAD_IDLE || ahead >= 1 << 31 {
-                    // Out of the way of what may come soon after it.
-                    let next = axes.iter().filter(|axis| axis.wish != Wish::Nothing).map(|axis| axis.due);
-                    let clear = next.fold(limit, |clear, due| {
-                        let before = due.before(2 * u32::from(times.apart));
-                        if before.is_before(clear) { before } else { clear }
-                    });
-                    track.push(clear, Group::NOTHING);
-                }
-                return;
-            }
+            return;
+        }
+        play(track, axes, index, times);
+        if let Some(axis) = axes.get_mut(index)
+            && axis.wish == Wish::Nothing
+        {
+            axis.look(queues, limit, times);
         }
     }
 }
@@ -745,23 +735,20 @@ fn fast(track: &mut Track, axis: &mut Axis, now: Moment, times: &Times) -> bool 
     true
 }
 
-/// Whose wish is due first.
-#[inline(always)]
-fn earliest(axes: &[Axis]) -> Option<usize> {
-    let mut earliest: Option<(usize, &Axis)> = None;
+/// Whose wish is due first, if any is before `due`; and when.
+#[inline(never)]
+fn earliest(axes: &[Axis], mut due: Moment) -> (usize, Moment) {
+    let (mut first, mut may_wait) = (0, false);
     for (index, axis) in axes.iter().enumerate() {
-        if axis.wish == Wish::Nothing {
-            continue;
-        }
         // A step looks at its line before another motor may turn it.
-        let sooner = |(_, first): (usize, &Axis)| {
-            axis.due.is_before(first.due) || (axis.due == first.due && matches!(first.wish, Wish::Dir(_)))
-        };
-        if earliest.is_none_or(sooner) {
-            earliest = Some((index, axis));
+        let sooner = axis.due.is_before(due) || (axis.due == due && may_wait);
+        if axis.wish != Wish::Nothing && sooner {
+            first = index;
+            due = axis.due;
+            may_wait = matches!(axis.wish, Wish::Dir(_));
         }
     }
-    earliest.map(|(index, _)| index)
+    (first, due)
 }
 
 /// Makes what motor `index` wants, when it is due or as soon after as it can be.
