@@ -399,9 +399,6 @@ impl Machine for Board {
     }
 
     fn motor(&mut self, motor: u8) -> MotorStatus {
-        // Looking through a ring takes a while; what is in the rings must last longer than all motors' turns.
-        let now = self.clock.moment();
-        self.work(now);
         let unplayed = self.stepper.unplayed(motor);
         let Some(axis) = self.stepper.axis_mut(motor) else { return MotorStatus::default() };
         MotorStatus {

@@ -15,7 +15,7 @@ use core::arch::global_asm;
 use pulsetrain_core::narrow::Pool;
 
 /// Bytes of all motors' queues together.
-pub(crate) const POOL: usize = 256;
+pub(crate) const POOL: usize = 232;
 
 /// The memory of all motors' queues.
 pub(crate) type Queues = Pool<POOL>;

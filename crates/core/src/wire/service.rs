@@ -386,6 +386,7 @@ impl Link {
         }
     }
 
+    #[inline(never)]
     fn write_answer(&mut self, machine: &mut impl Machine, out: &mut [u8]) -> usize {
         let Answer { seq, kind, outcome } = self.answer;
         if let Outcome::Refused(refusal) = outcome {

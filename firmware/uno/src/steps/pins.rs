@@ -113,9 +113,6 @@ impl Lines {
     const STEP_LOW: u8 = 2;
     const SHARED_DIR: u8 = 4;
 
-    /// No lines.
-    pub(crate) const NONE: Lines = Lines { step: 0, dir: 0, flags: 0, step_pin: 0, dir_pin: 0 };
-
     /// Forward is DIR high.
     #[inline(always)]
     pub(crate) const fn forward_high(self) -> bool {

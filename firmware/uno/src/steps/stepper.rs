@@ -19,8 +19,9 @@ use super::merge::{LANES, Merge};
 use super::pins::{Kind, Layout, Lines, MAX_MOTORS};
 use super::ring::{CAPACITY, Group, Name, Ring, flags};
 use crate::clock::{self, low_half};
-use crate::memory::Queues;
+use crate::memory::{Once, Queues};
 use crate::regs::{self, Reg16};
+use core::mem::MaybeUninit;
 use pulsetrain_core::channel::{self, Event};
 use pulsetrain_core::narrow::{Bytes, Motor, Reason, Settings};
 use pulsetrain_core::wire::message::{self, Configuration};
@@ -142,16 +143,6 @@ pub(crate) struct Axis {
 }
 
 impl Axis {
-    const NONE: Axis = Axis {
-        motor: Motor::new(Queues::share(0, 0), Settings { gap_ticks: 1, asserts_every_step: false, gain: 0 }),
-        lines: Lines::NONE,
-        wish: Wish::Nothing,
-        due: Moment(0),
-        free: Moment(0),
-        ready: Moment(0),
-        made: 0,
-    };
-
     /// Steps forward minus backward that were taken from the queue, whether played or not yet.
     pub(crate) fn position(&self) -> i32 {
         self.motor.position().wrapping_add(self.made)
@@ -354,6 +345,56 @@ impl Lines {
     }
 }
 
+/// Room for the motors, apart from what begins with values: those would be kept in flash, too.
+static ROOM: Once<[MaybeUninit<Axis>; MAX_MOTORS]> = Once::new([const { MaybeUninit::uninit() }; MAX_MOTORS]);
+
+/// The motors in use.
+struct Axes {
+    /// Lent by [`Stepper::begin`].
+    room: Option<&'static mut [MaybeUninit<Axis>; MAX_MOTORS]>,
+    /// So many are there, the first ones.
+    count: u8,
+}
+
+impl Axes {
+    #[inline(never)]
+    fn all(&self) -> &[Axis] {
+        match &self.room {
+            // SAFETY: `push` made so many.
+            Some(room) => unsafe { core::slice::from_raw_parts(room.as_ptr().cast(), usize::from(self.count)) },
+            None => &[],
+        }
+    }
+
+    #[inline(never)]
+    fn all_mut(&mut self) -> &mut [Axis] {
+        match &mut self.room {
+            // SAFETY: `push` made so many.
+            Some(room) => unsafe { core::slice::from_raw_parts_mut(room.as_mut_ptr().cast(), usize::from(self.count)) },
+            None => &mut [],
+        }
+    }
+
+    /// One more, at position 0, if there is room.
+    #[inline(never)]
+    fn push(&mut self, lines: Lines, bytes: Bytes, settings: Settings) {
+        if let Some(room) = &mut self.room
+            && let Some(place) = room.get_mut(usize::from(self.count))
+        {
+            place.write(Axis {
+                lines,
+                wish: Wish::Nothing,
+                due: Moment(0),
+                free: Moment(0),
+                ready: Moment(0),
+                made: 0,
+                motor: Motor::new(bytes, settings),
+            });
+            self.count += 1;
+        }
+    }
+}
+
 /// All motors of a configuration, and their rings.
 pub(crate) struct Stepper {
     tracks: [Track; 2],
@@ -363,8 +404,7 @@ pub(crate) struct Stepper {
     merging: bool,
     /// Merging: tick of the last that each lane was fed.
     last: [Moment; LANES],
-    axes: [Axis; MAX_MOTORS],
-    count: u8,
+    axes: Axes,
     /// Each motor has a ring of its own.
     apiece: bool,
     shield: bool,
@@ -383,8 +423,7 @@ impl Stepper {
             merge: None,
             merging: false,
             last: [Moment(0); LANES],
-            axes: [const { Axis::NONE }; MAX_MOTORS],
-            count: 0,
+            axes: Axes { room: None, count: 0 },
             apiece: false,
             shield: false,
             times: Times::NONE,
@@ -394,44 +433,40 @@ impl Stepper {
         }
     }
 
-    /// Takes the merge.
+    /// Takes the merge, and the room for the motors.
     ///
     /// # Safety
     /// Once in a program.
     pub(crate) unsafe fn begin(&mut self) {
         // SAFETY: the caller's promise.
-        self.merge = Some(unsafe { Merge::take() });
+        unsafe {
+            self.merge = Some(Merge::take());
+            self.axes.room = Some(ROOM.take());
+        }
     }
 
     /// The motors in use.
-    #[inline(never)]
     pub(crate) fn axes(&self) -> &[Axis] {
-        self.axes.get(..usize::from(self.count)).unwrap_or_default()
-    }
-
-    /// The motors in use.
-    #[inline(never)]
-    fn axes_mut(&mut self) -> &mut [Axis] {
-        self.axes.get_mut(..usize::from(self.count)).unwrap_or_default()
+        self.axes.all()
     }
 
     /// A motor by its number.
     #[inline(never)]
     pub(crate) fn axis_mut(&mut self, motor: u8) -> Option<&mut Axis> {
-        self.axes_mut().get_mut(usize::from(motor))
+        self.axes.all_mut().get_mut(usize::from(motor))
     }
 
     /// The rings in use.
     #[inline(never)]
     fn tracks_mut(&mut self) -> &mut [Track] {
-        let count = if self.apiece { self.count } else { 1 };
+        let count = if self.apiece { self.axes.count } else { 1 };
         self.tracks.get_mut(..usize::from(count)).unwrap_or_default()
     }
 
     /// Motors and lines of `configuration`; all motors at position 0. Not while it plays.
     #[inline(never)]
     pub(crate) fn configure(&mut self, layout: &Layout, configuration: &Configuration<'_>, now: Moment) {
-        self.axes_mut().iter_mut().for_each(|axis| axis.lines.float());
+        self.axes.all_mut().iter_mut().for_each(|axis| axis.lines.float());
         let kind = layout.kind;
         self.apiece = kind == Kind::Compare;
         self.shield = kind == Kind::Shield;
@@ -445,20 +480,15 @@ impl Stepper {
         };
         let first = if kind == Kind::PortB { Name::B } else { Name::A };
         self.tracks[0].ring = Ring::new(first);
-        self.count = 0;
+        self.axes.count = 0;
         let motors = configuration.motors();
         let all = motors.len() as u8;
         let gap_ticks = self.times.pulse.saturating_add(1);
         for motor in motors {
-            let Some(axis) = self.axes.get_mut(usize::from(self.count)) else { break };
-            let lines = layout.lines(&motor);
-            let settings = Settings { gap_ticks, asserts_every_step: lines.shared_dir(), gain: motor.gain };
-            renew(&mut axis.motor, Queues::share(all, self.count), settings);
-            axis.lines = lines;
-            axis.wish = Wish::Nothing;
-            axis.made = 0;
+            let mut lines = layout.lines(&motor);
+            let index = self.axes.count;
             if kind == Kind::Compare {
-                let track = &mut self.tracks[usize::from(self.count & 1)];
+                let track = &mut self.tracks[usize::from(index & 1)];
                 let (name, dir) = if motor.step_pin == 10 {
                     (Name::B, flags::DIR_B_ON_PORTB)
                 } else {
@@ -466,13 +496,14 @@ impl Stepper {
                 };
                 let on_portb = motor.dir_pin >= 8;
                 track.ring = Ring::hardware(name, on_portb);
-                axis.lines.step = track.ring.edge();
+                lines.step = track.ring.edge();
                 self.flags |= u8::from(on_portb) << dir;
             }
             lines.drive();
-            self.count += 1;
+            let settings = Settings { gap_ticks, asserts_every_step: lines.shared_dir(), gain: motor.gain };
+            self.axes.push(lines, Queues::share(all, index), settings);
         }
-        self.merging = self.count > 1 && !self.apiece && !self.axes().iter().any(|axis| axis.lines.shared_dir());
+        self.merging = self.axes.count > 1 && !self.apiece && !self.axes().iter().any(|axis| axis.lines.shared_dir());
         if self.merging {
             self.tracks[0].ring = Ring::for_merge(first);
             // The merge moves edges by half of that, either way.
@@ -490,23 +521,26 @@ impl Stepper {
         self.trouble = None;
         regs::GPIOR0.write(self.flags);
         let at = now.after(AHEAD_IDLE);
-        let mut levels = 0;
-        for axis in self.axes() {
-            levels |= axis.lines.levels();
+        let apiece = self.apiece;
+        for (index, track) in self.tracks.iter_mut().enumerate() {
+            let mut levels = 0;
+            for (motor, axis) in self.axes.all().iter().enumerate() {
+                if !apiece || motor == index {
+                    levels |= axis.lines.levels();
+                }
+            }
+            track.levels = levels;
+            track.at = at;
         }
         for track in self.tracks_mut() {
             track.ring.clear();
-            track.at = at;
-            // With a ring each, no bit is the other's: STEP's is what the ring calls it, DIR's port differs or the bit does.
-            track.levels = levels;
             track.resume(at);
         }
         let Stepper { tracks: [track, _], axes, merge, last, .. } = self;
         if self.merging
             && let Some(merge) = merge
         {
-            let axes = axes.get_mut(..usize::from(self.count)).unwrap_or_default();
-            lanes::begin(merge, last, track, axes, self.times.apart);
+            lanes::begin(merge, last, track, axes.all_mut(), self.times.apart);
         }
     }
 
@@ -520,7 +554,7 @@ impl Stepper {
         for track in self.tracks_mut() {
             regs::free(|| track.ring.halt());
         }
-        for (index, slowest) in (0..self.count).zip(pull_in) {
+        for (index, slowest) in (0..self.axes.count).zip(pull_in) {
             let left = self.unplayed(index);
             let Some(axis) = self.axis_mut(index) else { break };
             let going = left != 0 || !axis.motor.is_idle();
@@ -545,7 +579,7 @@ impl Stepper {
 
     /// Notes that time goes on while nothing plays.
     pub(crate) fn rest(&mut self, now: Moment) {
-        for axis in self.axes_mut() {
+        for axis in self.axes.all_mut() {
             axis.motor.pass(now);
             (axis.free, axis.ready) = (now, now);
         }
@@ -555,8 +589,8 @@ impl Stepper {
     pub(crate) fn is_idle(&self) -> bool {
         self.axes().iter().all(|axis| axis.wish == Wish::Nothing && axis.motor.is_idle())
             && self.tracks[0].is_idle()
-            && !(self.apiece && self.count > 1 && !self.tracks[1].is_idle())
-            && self.merge.as_ref().is_none_or(|merge| merge.is_idle())
+            && !(self.apiece && self.axes.count > 1 && !self.tracks[1].is_idle())
+            && !(self.merging && self.merge.as_ref().is_some_and(|merge| !merge.is_idle()))
     }
 
     /// The first tick at which a switch would be accepted.
@@ -564,7 +598,7 @@ impl Stepper {
     pub(crate) fn horizon(&self) -> Moment {
         let [first, second] = &self.tracks;
         let mut horizon = first.at;
-        if self.apiece && self.count > 1 {
+        if self.apiece && self.axes.count > 1 {
             horizon = later(horizon, second.at);
         }
         for axis in self.axes() {
@@ -579,7 +613,7 @@ impl Stepper {
         if self.axes().iter().any(|axis| axis.motor.check_switch(at).is_err()) {
             return false;
         }
-        for axis in self.axes_mut() {
+        for axis in self.axes.all_mut() {
             // Checked above.
             let _ = axis.motor.schedule_switch(epoch, at);
             // What was looked up may be of the old epoch; the end of a pulse is not.
@@ -635,8 +669,8 @@ impl Stepper {
     /// Fills the rings as far as time allows.
     #[inline(never)]
     pub(crate) fn run(&mut self, now: Moment, queues: &Queues) {
-        let Stepper { tracks, axes, merge, last, times, count, trouble, fewest_groups, .. } = self;
-        let mut axes = axes.get_mut(..usize::from(*count)).unwrap_or_default();
+        let Stepper { tracks, axes, merge, last, times, trouble, fewest_groups, .. } = self;
+        let mut axes = axes.all_mut();
         for track in tracks {
             let (mine, others) = if self.apiece { axes.split_at_mut_checked(1).unwrap_or_default() } else { (axes, &mut [][..]) };
             axes = others;
@@ -663,12 +697,6 @@ impl Stepper {
             }
         }
     }
-}
-
-/// A motor at position 0, in place: less stack than a copy.
-#[inline(never)]
-fn renew(motor: &mut Motor, bytes: Bytes, settings: Settings) {
-    *motor = Motor::new(bytes, settings);
 }
 
 /// Fills one ring as far as time allows.
