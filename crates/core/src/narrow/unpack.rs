@@ -1,7 +1,7 @@
 //! [`packing`](crate::packing) for [`Registers`]: the prediction is what the registers hold after the last step.
 
 use super::bytes::{Bytes, Pool, Reader};
-use super::registers::Registers;
+use super::registers::{Registers, sign_byte};
 use crate::packing::Control;
 use crate::{Direction, Epoch};
 
@@ -211,26 +211,32 @@ impl Unpacker {
                 if have < len {
                     return Found::Nothing;
                 }
-                let [low, mid, rest @ ..] = part(&mut reader, count, 0);
-                let count = u16::from_le_bytes([low, mid]);
-                let fields = if count < 3 { count } else { 3 };
-                if count == 0 || rest[..2] != [0; 2] || (fields < 2 && add > 0) || (fields < 3 && add2 > 0) {
+                // Before anything is changed: with fewer than three steps not all fields are said.
+                let (Some((count, 0)), Some((low, high))) = (part(&mut reader, count, 0, 0), part(&mut reader, interval, 0xff, 0))
+                else {
                     return Found::Bad;
-                }
-                let [a, b, c, d, high, beyond @ ..] = part(&mut reader, interval, 0xff);
-                if beyond != [0; 3] {
-                    return Found::Bad;
-                }
-                let (interval_low, mut next) = (u32::from_le_bytes([a, b, c, d]), [registers.add, registers.add2]);
-                for (register, width) in next.iter_mut().zip([add, add2]).take(usize::from(fields - 1)) {
-                    let [a, b, c, d, beyond @ ..] = part(&mut reader, width, 0xff);
-                    *register = i32::from_le_bytes([a, b, c, d]);
-                    if beyond != [extension(d); 4] {
-                        return Found::Bad;
+                };
+                let count = match u16::try_from(count) {
+                    Err(_) | Ok(0) => return Found::Bad,
+                    Ok(1) if add > 0 || add2 > 0 => return Found::Bad,
+                    Ok(2) if add2 > 0 => return Found::Bad,
+                    Ok(count) => count,
+                };
+                let (mut next, mut after) = (registers.add, registers.add2);
+                if count > 1 {
+                    match difference(&mut reader, add) {
+                        Some(value) => next = value,
+                        None => return Found::Bad,
+                    }
+                    if count > 2 {
+                        match difference(&mut reader, add2) {
+                            Some(value) => after = value,
+                            None => return Found::Bad,
+                        }
                     }
                 }
-                (registers.interval_low, registers.interval_high) = (interval_low, high);
-                [registers.add, registers.add2] = next;
+                (registers.interval_low, registers.interval_high) = (low, high);
+                (registers.add, registers.add2) = (next, after);
                 registers.left = count;
                 self.previous_count = count.max(COUNT_AFTER_EXACT);
                 Record::Run
@@ -304,19 +310,37 @@ fn correction<const N: usize>(reader: &mut Reader<'_, N>, width: u8, exponent: u
     (low, high)
 }
 
-/// `width` (0 to 8) bytes of an exact segment, extended: by 0, or by their sign where `signed` has its bits set.
+/// `width` (0 to 8) bytes of an exact segment, extended: by 0, or by their sign where `signed` has its bits set. 40 bits,
+/// if what is beyond says nothing new: it is 0, or their sign where `rest` has its bits set.
 #[inline(never)]
-fn part<const N: usize>(reader: &mut Reader<'_, N>, width: u8, signed: u8) -> [u8; 8] {
-    let (mut value, mut fill) = ([0; 8], 0);
-    for (index, byte) in (0..).zip(&mut value) {
-        if index < width {
-            *byte = reader.byte();
-            fill = extension(*byte) & signed;
+fn part<const N: usize>(reader: &mut Reader<'_, N>, width: u8, signed: u8, rest: u8) -> Option<(u32, u8)> {
+    let (mut low, mut high, mut fill, mut fits) = (0u32, 0, 0, true);
+    let mut index = 0;
+    while index < 8 {
+        let byte = if index < width {
+            let byte = reader.byte();
+            fill = extension(byte) & signed;
+            byte
         } else {
-            *byte = fill;
+            fill
+        };
+        if index < 5 {
+            // In from above, down by a byte each time.
+            let [_, b, c, d] = low.to_le_bytes();
+            low = u32::from_le_bytes([b, c, d, high]);
+            high = byte;
+        } else {
+            fits &= byte == extension(high) & rest;
         }
+        index += 1;
     }
-    value
+    fits.then_some((low, high))
+}
+
+/// The same, if 32 bits are enough.
+fn difference<const N: usize>(reader: &mut Reader<'_, N>, width: u8) -> Option<i32> {
+    let (low, high) = part(reader, width, 0xff, 0xff)?;
+    (high == sign_byte(low.cast_signed())).then_some(low.cast_signed())
 }
 
 /// What extends a number to the left that ends with `byte`.
