@@ -513,10 +513,7 @@ impl Merge {
         self.half = spacing / 2;
         self.end = end;
         self.tail = tail + 0x20;
-        self.clear();
-        for lane in &mut self.lanes {
-            lane.head = first;
-        }
+        self.clear(first);
     }
 
     /// Whether steps are in lists, or anything else but fillers.
@@ -524,11 +521,14 @@ impl Merge {
         self.lanes.iter().all(|lane| lane.masks == Group::NOTHING)
     }
 
-    /// Empties all lists.
-    pub fn clear(&mut self) {
+    /// Empties all lists but for a filler in each, at `first`.
+    #[inline(never)]
+    pub fn clear(&mut self, first: u16) {
         self.wanting = None;
-        for (lane, entry) in (0..).zip(&mut self.lanes) {
-            *entry = Lane { masks: Group::NOTHING, head: 0, next: end_of(lane) };
+        let mut next = 0u8;
+        for lane in &mut self.lanes {
+            next = next.wrapping_add(2 * LIST);
+            *lane = Lane { masks: Group::NOTHING, head: first, next };
         }
     }
 

@@ -517,30 +517,29 @@ impl Stepper {
     /// Begins to play, from a little after `now` on. Queues are empty.
     #[inline(never)]
     pub(crate) fn start(&mut self, now: Moment) {
-        self.rest(now);
+        let at = now.after(AHEAD_IDLE);
+        // The lists of a merge begin with a filler each.
+        let first = at.after(FILLER);
+        self.rest(if self.merging { first } else { now });
+        self.last = [first; LANES];
         self.trouble = None;
         regs::GPIOR0.write(self.flags);
-        let at = now.after(AHEAD_IDLE);
-        let apiece = self.apiece;
-        for (index, track) in self.tracks.iter_mut().enumerate() {
-            let mut levels = 0;
-            for (motor, axis) in self.axes.all().iter().enumerate() {
-                if !apiece || motor == index {
-                    levels |= axis.lines.levels();
-                }
-            }
-            track.levels = levels;
-            track.at = at;
+        let Stepper { tracks, axes, merge, .. } = self;
+        let [one, two] = tracks;
+        (one.at, two.at) = (at, at);
+        (one.levels, two.levels) = (0, 0);
+        for (motor, axis) in axes.all().iter().enumerate() {
+            let track = if self.apiece && motor != 0 { &mut *two } else { &mut *one };
+            track.levels |= axis.lines.levels();
+        }
+        if self.merging
+            && let Some(merge) = merge
+        {
+            merge.begin(one.ring.name(), self.times.apart, low_half(first.0));
         }
         for track in self.tracks_mut() {
             track.ring.clear();
             track.resume(at);
-        }
-        let Stepper { tracks: [track, _], axes, merge, last, .. } = self;
-        if self.merging
-            && let Some(merge) = merge
-        {
-            lanes::begin(merge, last, track, axes.all_mut(), self.times.apart);
         }
     }
 
@@ -572,7 +571,7 @@ impl Stepper {
         self.tracks_mut().iter_mut().for_each(|track| track.ring.clear());
         self.axes().iter().for_each(|axis| axis.lines.rest());
         if let Some(merge) = &mut self.merge {
-            merge.clear();
+            merge.clear(0);
         }
         uncertain
     }
