@@ -30,7 +30,7 @@ unsafe extern "C" {
     static mut _end: u8;
     static receive_page: [u8; 128];
     static mut half_page: [u8; 128];
-    static mut reset_note: [u8; 4];
+    static mut reset_note: u16;
     #[link_name = "end_of_program"]
     safe fn stop_and_reset() -> !;
 }
@@ -58,7 +58,7 @@ pub(crate) unsafe fn low_room<T>() -> &'static mut MaybeUninit<T> {
 }
 
 /// What the reset note said, and what it says from now on.
-pub(crate) fn exchange_reset_note(new: [u8; 4]) -> [u8; 4] {
+pub(crate) fn exchange_reset_note(new: u16) -> u16 {
     // SAFETY: only `end_of_program` touches it too, and that does not return. Any bytes are valid.
     unsafe {
         let old = (&raw const reset_note).read_volatile();
