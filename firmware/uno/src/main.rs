@@ -56,7 +56,6 @@ struct Reply {
 
 static BOARD: Once<Board> = Once::new(Board::new());
 static QUEUES: Once<Queues> = Once::new(Queues::new());
-static SERVICE: Once<Service> = Once::new(Service::new());
 static REPLY: Once<Reply> = Once::new(Reply { bytes: [0; REPLY_LEN], len: 0, sent: 0 });
 
 #[unsafe(no_mangle)]
@@ -64,7 +63,8 @@ extern "C" fn main() -> ! {
     memory::paint_stack();
     let last_reset = reset::begin();
     // SAFETY: the start-up code calls main once.
-    let (board, queues, service, reply) = unsafe { (BOARD.take(), QUEUES.take(), SERVICE.take(), REPLY.take()) };
+    let (board, queues, service, reply) = unsafe { (BOARD.take(), QUEUES.take(), memory::low_room(), REPLY.take()) };
+    let service = service.write(Service::new());
     board.begin(queues, last_reset);
     run(board, service, reply)
 }

@@ -90,8 +90,10 @@ global_asm!(
     r#"
     .section .pages, "aw", @nobits
     .p2align 8
-    .global receive_page, ring_a_page, ring_b_page
-receive_page: .skip 256
+    // Half a page for what comes over the line; the other half is memory.rs's.
+    .global receive_page, half_page, ring_a_page, ring_b_page
+receive_page: .skip 128
+half_page:     .skip 128
 ring_a_page:  .skip 256
 ring_b_page:  .skip 256
 
