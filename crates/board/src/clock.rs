@@ -40,72 +40,69 @@ struct Reading {
 #[derive(Clone, Debug)]
 pub struct BoardClock {
     tick_hz: f64,
+    /// Where the long run begins that the rate is taken from.
     first: Option<Reading>,
     recent: VecDeque<Reading>,
+    /// The reading that says most, and the rate from there on: one straight line for both ways.
+    best: Option<Reading>,
+    rate_hz: f64,
+    ppm: Option<(f64, f64)>,
 }
 
 impl BoardClock {
     /// A clock of that nominal rate that has not been read yet.
     #[must_use]
     pub fn new(tick_hz: u32) -> BoardClock {
-        BoardClock { tick_hz: f64::from(tick_hz), first: None, recent: VecDeque::new() }
+        let tick_hz = f64::from(tick_hz);
+        BoardClock { tick_hz, first: None, recent: VecDeque::new(), best: None, rate_hz: tick_hz, ppm: None }
     }
 
     /// Notes that the clock showed `tick` some time between `asked` and `answered`.
     pub fn read(&mut self, tick: u64, asked: Duration, answered: Duration) {
         let (from, to) = (asked.as_secs_f64(), answered.as_secs_f64());
         let reading = Reading { tick, at: (from + to) / 2.0, within: (to - from).max(0.0) / 2.0 };
-        // The beginning of the long run: the best of what came first.
-        let early = self.first.is_none_or(|first| reading.at < first.at + SHORTEST_SPAN_S);
-        if early && self.first.is_none_or(|first| reading.within < first.within) {
+        let first = *self.first.get_or_insert(reading);
+        if reading.at < first.at + SHORTEST_SPAN_S && reading.within < first.within {
             self.first = Some(reading);
         }
         if self.recent.len() == READINGS {
             self.recent.pop_front();
         }
         self.recent.push_back(reading);
-    }
 
-    /// The reading that says most of `now`: old ones grow vague.
-    fn best(&self, now: f64) -> Option<Reading> {
-        let vague = |reading: &Reading| reading.within + (now - reading.at).abs() * 1e-6 * self.vague_ppm();
-        self.recent.iter().min_by(|a, b| vague(a).total_cmp(&vague(b))).copied()
-    }
-
-    fn vague_ppm(&self) -> f64 {
-        self.ppm().map_or(WORST_PPM, |(_, uncertain)| uncertain.min(WORST_PPM))
+        // Old readings grow vague, as the rate is known to so much only.
+        let vague = |reading: &Reading, ppm: f64| reading.within + (to - reading.at) * 1e-6 * ppm;
+        let best_for = |ppm: f64| {
+            let least = self.recent.iter().min_by(|a, b| vague(a, ppm).total_cmp(&vague(b, ppm)));
+            least.copied().unwrap_or(reading)
+        };
+        let last = best_for(self.ppm.map_or(WORST_PPM, |(_, uncertain)| uncertain.min(WORST_PPM)));
+        let span = last.at - first.at;
+        if span >= SHORTEST_SPAN_S {
+            let ticks = last.tick.wrapping_sub(first.tick) as f64;
+            let ppm = (ticks / (span * self.tick_hz) - 1.0) * 1e6;
+            let uncertain = (first.within + last.within) / span * 1e6;
+            self.ppm = Some((ppm, uncertain));
+            if uncertain < WORST_PPM {
+                self.rate_hz = self.tick_hz * (1.0 + ppm * 1e-6);
+            }
+        }
+        self.best = Some(last);
     }
 
     /// How much faster than its nominal rate it runs, 10^-6, and how much that may be off.
     ///
     /// `None` until readings half a second apart have come.
     #[must_use]
-    pub fn ppm(&self) -> Option<(f64, f64)> {
-        let first = self.first?;
-        let last = self.recent.iter().min_by(|a, b| (a.within - a.at / 1e3).total_cmp(&(b.within - b.at / 1e3)))?;
-        let span = last.at - first.at;
-        if span < SHORTEST_SPAN_S {
-            return None;
-        }
-        let ticks = last.tick.wrapping_sub(first.tick) as f64;
-        let uncertain = (first.within + last.within) / span * 1e6;
-        Some(((ticks / (span * self.tick_hz) - 1.0) * 1e6, uncertain))
-    }
-
-    /// Ticks a second, as it really runs: its nominal rate until more is known.
-    fn rate(&self) -> f64 {
-        match self.ppm() {
-            Some((ppm, uncertain)) if uncertain < WORST_PPM => self.tick_hz * (1.0 + ppm * 1e-6),
-            _ => self.tick_hz,
-        }
+    pub const fn ppm(&self) -> Option<(f64, f64)> {
+        self.ppm
     }
 
     /// The tick at a host time; `None` until the clock was read.
     #[must_use]
     pub fn tick_at(&self, time: Duration) -> Option<u64> {
-        let time = time.as_secs_f64();
-        let reading = self.best(time)?;
-        let ticks = ((time - reading.at) * self.rate()).round();
+        let reading = self.best?;
+        let ticks = ((time.as_secs_f64() - reading.at) * self.rate_hz).floor();
         // Far below 2^63 either way.
         Some(reading.tick.saturating_add_signed(ticks as i64))
     }
@@ -113,9 +110,8 @@ impl BoardClock {
     /// The host time at which the clock shows `tick`; `None` until it was read.
     #[must_use]
     pub fn time_of(&self, tick: u64) -> Option<Duration> {
-        let last = self.recent.back()?;
-        let reading = self.best(last.at)?;
+        let reading = self.best?;
         let ahead = tick as f64 - reading.tick as f64;
-        Some(Duration::try_from_secs_f64((reading.at + ahead / self.rate()).max(0.0)).unwrap_or(Duration::MAX))
+        Some(Duration::try_from_secs_f64((reading.at + ahead / self.rate_hz).max(0.0)).unwrap_or(Duration::MAX))
     }
 }

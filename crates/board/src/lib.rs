@@ -6,6 +6,7 @@
 //! - [`native`]: the project's own stepgen on the PC, in virtual time
 //! - [`remote`]: a board at the other end of a [`Port`], through `link`, the host's side of docs/protocol.md
 //! - [`faulty`]: a port whose frames suffer, by a seed; [`model`]: a board behind a serial line, without a chip
+//! - [`virtual_uno`]: the Uno's firmware on an emulated chip, as such a port
 //! - [`BoardClock`]: such a board's clock, as the host sees it
 //!
 //! # What is not
@@ -20,6 +21,7 @@ pub mod model;
 pub mod native;
 pub mod remote;
 mod sizer;
+pub mod virtual_uno;
 
 use pulsetrain_core::{Entry, Epoch};
 

@@ -23,14 +23,17 @@ const LONGEST_TIMEOUT: Duration = Duration::from_millis(100);
 /// How often Hello is said until it is answered; a board that was reset needs a second or two.
 const HELLO_AGAIN: Duration = Duration::from_millis(200);
 
-/// Without a word from the board for so long although something waits for its answer, it is lost.
-const LOST: Duration = Duration::from_millis(1500);
+/// Without a word from the board for so long although something waits for its answer, it is lost: soon it gives us up.
+const LOST: Duration = Duration::from_millis(1900);
 
 /// How long Hello waits for a board.
 const NOBODY: Duration = Duration::from_secs(6);
 
 /// How long the board's trial of a rate can last, as the host sees it.
 const TRIAL: Duration = Duration::from_millis(TRIAL_MS as u64 + 100);
+
+/// How long the host speaks at one rate while it looks for the board at several.
+const HOP: Duration = Duration::from_millis(100);
 
 /// Until Hello is answered.
 const FIRST_WINDOW: usize = 64;
@@ -97,12 +100,20 @@ enum Rate {
     /// The command is out.
     Asked {
         baud: Baud,
-        since: Duration,
     },
-    /// Both should be at the new rate; nothing was heard yet.
+    /// Both should be at the new rate; the poll that goes out there was not confirmed yet.
     Trying {
         since: Duration,
     },
+}
+
+/// The rates that a board may be at, after a change that was not confirmed.
+#[derive(Clone, Copy, Debug)]
+struct Search {
+    rates: [Baud; 3],
+    next: usize,
+    /// When this rate was taken up.
+    since: Duration,
 }
 
 /// What came of the link so far.
@@ -151,6 +162,7 @@ pub struct Link {
     info: Option<Info>,
     baud: Baud,
     rate: Rate,
+    search: Option<Search>,
     /// To be told to the port.
     new_rate: Option<Baud>,
     error: Option<LinkError>,
@@ -184,6 +196,7 @@ impl Link {
             info: None,
             baud: Baud::B115200,
             rate: Rate::Steady,
+            search: None,
             new_rate: None,
             error: None,
             counts: Counts::default(),
@@ -201,13 +214,16 @@ impl Link {
     /// Asks for something; the answer comes with [`Link::answer`].
     ///
     /// # Panics
-    /// While another command waits for its answer.
+    /// While another command waits for its answer; for another rate, while anything waits.
     pub fn ask(&mut self, command: &Command<'_>, now: Duration) {
         if self.row.is_empty() {
             self.heard = now;
         }
         if let Command::Baud { baud } = *command {
-            self.rate = Rate::Asked { baud, since: now };
+            assert!(self.is_quiet(), "nothing goes along with a change of rate");
+            self.rate = Rate::Asked { baud };
+            // If the answer gets lost, the board is there, and then back where both began.
+            self.search = Some(Search { rates: [self.baud, baud, Baud::B115200], next: 1, since: now });
         }
         self.ask_as(command, self.tag);
     }
@@ -260,6 +276,12 @@ impl Link {
         if self.error.is_some() {
             return;
         }
+        let before = out.len();
+        if self.hello.is_some() || self.new_rate.is_some() {
+            // Ends whatever the board took for the beginning of a frame.
+            out.push(0);
+        }
+        let nothing = out.len();
         let mut on_the_way: usize = self.row.iter().take(self.sent).map(|frame| frame.bytes.len()).sum();
         if let Some(asked) = &mut self.asked
             && !self.row.iter().any(|frame| frame.seq == asked.seq)
@@ -275,10 +297,6 @@ impl Link {
             if self.sent > 0 && on_the_way + frame.bytes.len() > self.window {
                 break;
             }
-            if self.hello.is_some() {
-                // Ends whatever the board took for the beginning of a frame.
-                out.push(0);
-            }
             out.extend_from_slice(&frame.bytes);
             on_the_way += frame.bytes.len();
             self.counts.sent += 1;
@@ -290,6 +308,9 @@ impl Link {
             }
             self.sent += 1;
             self.ever_sent = self.ever_sent.max(self.sent);
+        }
+        if out.len() == nothing {
+            out.truncate(before);
         }
     }
 
@@ -315,21 +336,21 @@ impl Link {
             (_, Some(since)) if now >= since + NOBODY => {
                 self.error = Some(if self.occupied { LinkError::Taken } else { LinkError::Nobody });
             }
-            (Rate::Asked { since, .. }, _) if now >= since + 2 * TRIAL && self.baud != Baud::B115200 => {
-                // The board may have changed, and heard nothing: then it is back where both began.
-                self.set_rate(Baud::B115200);
-            }
-            (Rate::Trying { since }, _) if now >= since + TRIAL => {
-                self.rate = Rate::Steady;
-                self.set_rate(Baud::B115200);
-                self.go_back();
-            }
             (_, None) if now >= self.heard + LOST => self.error = Some(LinkError::Lost),
+            (Rate::Trying { since }, _) if now >= since + TRIAL => {
+                // The board went back; or it did hear us, and only its answers got lost.
+                self.rate = Rate::Steady;
+                self.search = Some(Search { rates: [self.baud, Baud::B115200, Baud::B115200], next: 1, since: now });
+                self.hop(now);
+            }
             _ => {}
+        }
+        if self.search.is_some_and(|search| now >= search.since + HOP) {
+            self.hop(now);
         }
         if self.sent > 0 && now >= self.progress + self.timeout {
             self.go_back();
-            if self.hello.is_none() {
+            if self.hello.is_none() && self.rate == Rate::Steady && self.search.is_none() {
                 self.timeout = (2 * self.timeout).min(LONGEST_TIMEOUT);
             }
         }
@@ -340,13 +361,27 @@ impl Link {
         self.sent = 0;
     }
 
+    /// Speaks at the next rate that the board may be at.
+    fn hop(&mut self, now: Duration) {
+        let Some(search) = &mut self.search else { return };
+        let baud = search.rates[search.next];
+        search.next = (search.next + 1) % search.rates.len();
+        search.since = now;
+        if baud != self.baud {
+            self.set_rate(baud);
+            self.go_back();
+        }
+    }
+
     fn set_rate(&mut self, baud: Baud) {
         self.baud = baud;
         self.new_rate = Some(baud);
         self.decoder.reset();
+        self.timeout = self.shortest_timeout();
     }
 
-    /// The rate that the port is to have from now on, if it is another one.
+    /// The rate that the port is to have from now on, if it is another one: to be asked after [`Link::output`], and to
+    /// be set before its bytes go out.
     pub fn take_rate(&mut self) -> Option<Baud> {
         self.new_rate.take()
     }
@@ -384,6 +419,11 @@ impl Link {
         };
         self.counts.received += 1;
         self.heard = now;
+        if self.rate == Rate::Steady {
+            self.search = None;
+        } else if let Some(search) = &mut self.search {
+            search.since = now;
+        }
         match reply {
             Reply::Event(event) => self.events.push_back(event),
             Reply::Missing { why: Missing::NotTaken } => {
@@ -406,7 +446,6 @@ impl Link {
                     self.set_free(ack.free.as_slice().iter().copied());
                     self.flags = ack.flags;
                 }
-                self.settle_rate();
             }
             Reply::Info(info) => {
                 if self.hello.take().is_some() {
@@ -446,6 +485,10 @@ impl Link {
         self.ever_sent -= taken;
         self.progress = now;
         self.timeout = self.shortest_timeout();
+        if let Rate::Trying { .. } = self.rate {
+            // Nothing but the poll was in the row.
+            self.rate = Rate::Steady;
+        }
         true
     }
 
@@ -471,8 +514,8 @@ impl Link {
             }
             _ => {}
         }
-        if let Rate::Asked { baud, .. } = self.rate {
-            self.rate = Rate::Steady;
+        if let Rate::Asked { baud } = self.rate {
+            (self.rate, self.search) = (Rate::Steady, None);
             if let Reply::Done { kind: kind::BAUD } = reply {
                 self.set_rate(baud);
                 self.rate = Rate::Trying { since: now };
@@ -484,13 +527,6 @@ impl Link {
 
     fn set_free(&mut self, free: impl Iterator<Item = u16>) {
         self.free = free.map(usize::from).collect();
-    }
-
-    fn settle_rate(&mut self) {
-        if let Rate::Trying { .. } = self.rate {
-            self.rate = Rate::Steady;
-            self.timeout = self.shortest_timeout();
-        }
     }
 
     /// The answer to the last command, once.
@@ -533,10 +569,9 @@ impl Link {
         self.events.pop_front()
     }
 
-    /// Data that the board refused last.
-    #[must_use]
-    pub const fn refused(&self) -> Option<(Reason, u16)> {
-        self.refused
+    /// Why the board refused data, once.
+    pub const fn refusal(&mut self) -> Option<(Reason, u16)> {
+        self.refused.take()
     }
 
     /// [`flags`](pulsetrain_core::wire::message::flags) of the board, as it said last.

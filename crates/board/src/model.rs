@@ -425,7 +425,7 @@ impl ModelPort {
             service.push(heard(byte, baud, model.baud, noise), millis, model);
         }
         if to_host.back().is_none_or(|(at, ..)| *at <= *now) {
-            let mut out = [0; MAX_FRAME];
+            let mut out = [0; MAX_FRAME + 1];
             let len = service.poll(millis, model, &mut out);
             let byte_ticks = byte_ticks(model.baud);
             to_host.extend((1..).zip(&out[..len]).map(|(index, byte)| (*now + index * byte_ticks, model.baud, *byte)));

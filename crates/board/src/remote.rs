@@ -3,7 +3,7 @@
 //! What is pushed is packed and sent as soon as time passes ([`Board::advance`], [`Board::switch`]). Time is the
 //! port's: a real one waits, a virtual one lets its board run. Ticks are the board's own, as its clock was read.
 //!
-//! When the board is lost, nothing waits for it: pushes and switches are refused, time goes on, and
+//! When the board is lost, nothing waits for it: what is pushed goes nowhere, switches are refused, time goes on, and
 //! [`Remote::error`] says why. What the board was told ends in its tail.
 
 use crate::link::{Answer, Link, LinkError};
@@ -454,22 +454,19 @@ impl<P: Port> Remote<P> {
         if let Some(error) = self.link.error() {
             return Err(error.into());
         }
-        self.set_rate()?;
+        if let Some(baud) = self.link.take_rate() {
+            self.port.set_baud(baud)?;
+        }
         self.port.send(&self.outbox)?;
         let due = self.link.deadline().unwrap_or(until).min(until);
         self.inbox.clear();
         self.port.receive(due.max(now + SHORTEST_ROUND), &mut self.inbox)?;
         self.link.input(&self.inbox, self.port.now());
-        self.set_rate()?;
+        if let Some((reason, detail)) = self.link.refusal() {
+            return Err(RemoteError::Refused { what: "take more", reason, detail });
+        }
         self.events.extend(std::iter::from_fn(|| self.link.event()));
         self.port.edges(&mut self.edges);
-        Ok(())
-    }
-
-    fn set_rate(&mut self) -> Result<(), RemoteError> {
-        if let Some(baud) = self.link.take_rate() {
-            self.port.set_baud(baud)?;
-        }
         Ok(())
     }
 
@@ -560,7 +557,7 @@ fn refusal(what: &'static str, answer: &Answer) -> RemoteError {
 
 impl<P: Port> Board for Remote<P> {
     fn push(&mut self, index: usize, entry: Entry) -> Result<(), Entry> {
-        let room = self.room(index);
+        let (room, lost) = (self.room(index), self.error.is_some());
         let Some(motor) = self.motors.get_mut(index) else { return Err(entry) };
         let now = self.port.now();
         let fresh = motor.epoch != Some(entry.epoch);
@@ -569,6 +566,9 @@ impl<P: Port> Board for Remote<P> {
         let Ok(len) = motor.packing.pack(&mut state, &entry.item, &mut bytes) else { return Err(entry) };
         if len > room {
             return Err(entry);
+        }
+        if lost {
+            return Ok(());
         }
         if fresh || motor.packed.len() + len > MAX_PACKED {
             // Motors are at most 8.
@@ -592,11 +592,12 @@ impl<P: Port> Board for Remote<P> {
     }
 
     fn room(&self, motor: usize) -> usize {
+        let Some(Motor { packed, capacity, .. }) = self.motors.get(motor) else { return 0 };
         if self.error.is_some() {
-            return 0;
+            // For nothing: but a host that waits for room would wait for ever.
+            return *capacity;
         }
-        let waiting = self.motors.get(motor).map_or(0, |motor| motor.packed.len());
-        u8::try_from(motor).map_or(0, |index| self.link.room(index).saturating_sub(waiting))
+        u8::try_from(motor).map_or(0, |index| self.link.room(index).saturating_sub(packed.len()))
     }
 
     fn sizer(&self, motor: usize) -> Sizer {

@@ -324,16 +324,14 @@ impl Cpu {
                 self.set(d, self.get(d) & !(1 << b) | bit);
             }
             Op::Brbs { s, k } => {
-                if self.sreg >> s & 1 != 0 {
-                    pc = pc.wrapping_add_signed(k.into());
-                    cycles = 2;
-                }
+                let taken = self.sreg >> s & 1;
+                pc = pc.wrapping_add_signed(i16::from(k) * i16::from(taken));
+                cycles += u64::from(taken);
             }
             Op::Brbc { s, k } => {
-                if self.sreg >> s & 1 == 0 {
-                    pc = pc.wrapping_add_signed(k.into());
-                    cycles = 2;
-                }
+                let taken = !self.sreg >> s & 1;
+                pc = pc.wrapping_add_signed(i16::from(k) * i16::from(taken));
+                cycles += u64::from(taken);
             }
             Op::Cpse { d, r } => cycles += self.skip(&mut pc, self.get(d) == self.get(r)),
             Op::Sbrc { d, b } => cycles += self.skip(&mut pc, self.get(d) >> b & 1 == 0),

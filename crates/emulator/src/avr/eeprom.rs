@@ -1,5 +1,7 @@
 //! The EEPROM (DS40002061B §8.4, §8.6): 1024 bytes, written in milliseconds.
 
+use super::peripherals::OPEN;
+
 /// Bytes.
 pub(super) const BYTES: usize = 1024;
 
@@ -16,7 +18,7 @@ pub(super) struct Eeprom {
     pub(super) data: u8,
     /// EERIE and EEPM.
     control: u8,
-    /// Until when EEPE may be set.
+    /// The first cycle in which EEPE may no longer be set.
     open_until: u64,
     /// When the write that runs is done.
     busy_until: Option<u64>,
@@ -41,7 +43,7 @@ impl Eeprom {
     pub(super) fn write(&mut self, value: u8, cycle: u64, division: u16) -> u64 {
         let busy = self.busy_until.is_some();
         self.control = value & EERIE | if busy { self.control & MODE } else { value & MODE };
-        let open = cycle <= self.open_until;
+        let open = cycle < self.open_until;
         if value & EEPE != 0 && open && !busy {
             let cell = &mut self.bytes[usize::from(self.address) % BYTES];
             let (new, microseconds) = match value & MODE {
@@ -57,7 +59,7 @@ impl Eeprom {
             return 2;
         }
         if value & EEMPE != 0 {
-            self.open_until = cycle + 4;
+            self.open_until = cycle + OPEN;
         }
         if value & EERE != 0 && !busy {
             self.data = self.bytes[usize::from(self.address) % BYTES];

@@ -43,14 +43,15 @@ impl External {
         self.queue.first().map_or(u64::MAX, |change| change.cycle + SYNCHRONISER)
     }
 
-    pub(super) fn event(&mut self, cycle: u64) {
+    /// `clocked` is whether the I/O clock runs: without it edges of INT0 and INT1 are not seen (table 10-1).
+    pub(super) fn event(&mut self, cycle: u64, clocked: bool) {
         while self.queue.first().is_some_and(|change| change.cycle + SYNCHRONISER <= cycle) {
             let change = self.queue.remove(0);
             let port = change.port.index();
             if change.bits & self.change_mask[port] != 0 {
                 self.change_flags |= 1 << port;
             }
-            if change.port == Port::D {
+            if change.port == Port::D && clocked {
                 for number in 0..2 {
                     let pin = 1 << (2 + number);
                     let high = change.level & pin != 0;

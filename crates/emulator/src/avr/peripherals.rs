@@ -26,6 +26,10 @@ mod vector {
     pub(super) const EE_READY: u32 = 22;
 }
 
+/// From the write that opens a timed sequence to the first cycle in which it is too late: what is written must take
+/// effect within four cycles (§8.6.3, §9.12.2, §11.9.2, §12.4).
+pub(super) const OPEN: u64 = 5;
+
 // PRR (§10.11.3).
 pub(super) const PRUSART0: u8 = 1 << 1;
 pub(super) const PRTIM1: u8 = 1 << 3;
@@ -271,7 +275,7 @@ impl Peripherals {
                     self.detected(detected, now, observer);
                 }
             }
-            self.external.event(now);
+            self.external.event(now, self.sleeping.is_none());
             if self.eeprom.next_event() == now {
                 self.eeprom.event();
             }

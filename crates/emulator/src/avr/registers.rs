@@ -3,7 +3,7 @@
 //! Registers of what is not emulated (SPI, two-wire, analogue) keep what is written to them.
 
 use super::cpu::Io;
-use super::peripherals::{PRTIM0, PRTIM1, PRTIM2, PRUSART0, Peripherals, Pins, WDRF};
+use super::peripherals::{OPEN, PRTIM0, PRTIM1, PRTIM2, PRUSART0, Peripherals, Pins, WDRF};
 use super::timer::Timer;
 use super::timer8::{shared_clock, timer2_clock};
 use super::timer16::Wide;
@@ -173,13 +173,10 @@ impl<O: Observer> Bus<'_, O> {
     fn write_mcucr(&mut self, value: u8, cycle: u64) {
         let peripherals = &mut *self.peripherals;
         // IVSEL only within four cycles of IVCE (§12.4).
-        let vectors = if cycle <= peripherals.vectors_open_until && value & IVCE == 0 {
-            value & 2
-        } else {
-            peripherals.mcucr & 2
-        };
+        let vectors =
+            if cycle < peripherals.vectors_open_until && value & IVCE == 0 { value & 2 } else { peripherals.mcucr & 2 };
         if value & IVCE != 0 {
-            peripherals.vectors_open_until = cycle + 4;
+            peripherals.vectors_open_until = cycle + OPEN;
         }
         peripherals.mcucr = value & PUD | vectors;
         peripherals.ports.set_pull_ups_off(value & PUD != 0, cycle, self.observer);
@@ -348,8 +345,8 @@ impl<O: Observer> Io for Bus<'_, O> {
             }
             CLKPR => {
                 if value & CLKPCE != 0 && value & 0x0f == 0 {
-                    self.peripherals.clock_open_until = cycle + 4;
-                } else if cycle <= self.peripherals.clock_open_until && value & CLKPCE == 0 {
+                    self.peripherals.clock_open_until = cycle + OPEN;
+                } else if cycle < self.peripherals.clock_open_until && value & CLKPCE == 0 {
                     self.peripherals.clock_open_until = 0;
                     // Table 9-17: divisions beyond 256 are reserved.
                     self.peripherals.set_division((value & 0x0f).min(8), cycle, self.observer);

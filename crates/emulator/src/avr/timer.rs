@@ -185,9 +185,7 @@ impl Timer {
     pub(super) fn write_value(&mut self, value: u16) {
         self.value = value & self.max;
         self.blocked = true;
-        if !self.mode.shape.is_dual() {
-            self.down = false;
-        } else if self.value == 0 {
+        if !self.mode.shape.is_dual() || self.value == 0 {
             self.down = false;
         } else if self.value == self.top() {
             self.down = true;
@@ -307,9 +305,9 @@ impl Timer {
         }
         // Turns count too: beyond them everything is worked out anew.
         let mut edges = self.turn();
-        for channel in 0..2 {
-            if seen[channel] {
-                edges = edges.min(self.distance(self.compare[channel]));
+        for (seen, compare) in seen.into_iter().zip(self.compare) {
+            if seen {
+                edges = edges.min(self.distance(compare));
             }
         }
         self.edge_cycle(u64::from(edges) + 1, period)
@@ -329,7 +327,8 @@ impl Timer {
                 return 0;
             }
             if self.down {
-                return self.value;
+                // Set above TOP by hand, it meets TOP on its way down.
+                return self.value.checked_sub(top).unwrap_or(self.value);
             }
         }
         self.distance(self.top()).min(self.max - self.value)
@@ -365,9 +364,13 @@ impl Timer {
     fn edge(&mut self, cycle: u64, outputs: &mut impl Outputs) {
         let (value, top) = (self.value, self.top());
         let blocked = std::mem::take(&mut self.blocked);
-        for channel in 0..2 {
+        if self.mode.shape.is_dual() && (value == top || value == 0) {
+            // However it came here: from now on it goes the other way.
+            self.down = value != 0;
+        }
+        for (channel, flag) in OCF.into_iter().enumerate() {
             if value == self.compare[channel] && !blocked {
-                self.flags |= OCF[channel];
+                self.flags |= flag;
                 self.matched(channel, value == top, cycle, outputs);
             }
         }
@@ -424,7 +427,8 @@ impl Timer {
             // At TOP a pin is as a match on the way up leaves it, so that pulses are symmetric even if that match was
             // missed (§15.7.4).
             for channel in 0..2 {
-                if self.com[channel] >= 2 && self.compare[channel] < top {
+                let is_top = channel == 0 && self.mode.top == Top::OcrA;
+                if self.com[channel] >= 2 && self.compare[channel] < top && !is_top {
                     self.act(channel, self.com[channel], cycle, outputs);
                 }
             }

@@ -313,13 +313,17 @@ impl Usart {
             return;
         }
         let (bits, parity) = (self.data_bits(), self.parity());
-        let data = (0..bits).fold(0, |data, bit| data | u16::from(self.vote(start, bit + 1)) << bit);
+        // All bits after the start bit, the stop bit above them.
+        let all = self.aligned(start).unwrap_or_else(|| {
+            (0..self.bits_to_come()).fold(0, |all, bit| all | u16::from(self.vote(start, bit + 1)) << bit)
+        });
+        let data = all & ((1 << bits) - 1);
         let mut errors = 0;
         if parity >= 2 {
-            let odd = (data.count_ones() + u32::from(self.vote(start, bits + 1))) % 2;
+            let odd = (data.count_ones() + u32::from(all >> bits & 1)) % 2;
             errors |= if odd == u32::from(parity == 3) { 0 } else { UPE };
         }
-        let stop = self.vote(start, self.bits_to_come());
+        let stop = all >> (self.bits_to_come() - 1) & 1 != 0;
         errors |= if stop { 0 } else { FE };
         (self.start, self.ready, self.needs_high) = (None, cycle + 1, !stop);
         let received = Received { data, errors };
@@ -336,6 +340,23 @@ impl Usart {
             self.line.pop_front();
         }
         self.find_start();
+    }
+
+    /// What the votes on all bits give if every sample lies in the bit of the same number of one character: samples
+    /// and bits are both evenly spaced, so that it is enough that those of the first and last bit do.
+    fn aligned(&self, start: u64) -> Option<u16> {
+        let byte = self.line.iter().rfind(|byte| byte.start_cycle <= start)?;
+        let (bit_time, last) = (u64::from(byte.bit_time_256), self.bits_to_come());
+        if byte.bits + 1 != last {
+            return None;
+        }
+        let inside = |bit: u8, sample: u64| {
+            let number = u64::from(bit) * self.samples() + self.first_vote() + sample;
+            let at = (self.sample_cycle(start, number) - byte.start_cycle) * 256;
+            (u64::from(bit) * bit_time..u64::from(bit + 1) * bit_time).contains(&at)
+        };
+        let all = inside(0, 0) && inside(0, 2) && inside(last, 0) && inside(last, 2);
+        all.then_some(byte.data & ((1 << byte.bits) - 1) | 1 << byte.bits)
     }
 
     fn line_is_high(&self, cycle: u64) -> bool {

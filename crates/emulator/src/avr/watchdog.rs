@@ -6,6 +6,8 @@ const WDCE: u8 = 1 << 4;
 const WDE: u8 = 1 << 3;
 const PRESCALER: u8 = 0b10_0111;
 
+use super::peripherals::OPEN;
+
 /// What a time-out leads to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum TimeOut {
@@ -17,7 +19,7 @@ pub(super) enum TimeOut {
 pub(super) struct Watchdog {
     /// WDTCSR without WDCE.
     control: u8,
-    /// Until when WDE and the prescaler may be changed.
+    /// The first cycle in which WDE and the prescaler may no longer be changed.
     open_until: u64,
     /// When it times out; MAX while it is off.
     due: u64,
@@ -61,7 +63,7 @@ impl Watchdog {
 
     /// `forced` is WDRF: WDE cannot be cleared while it is set.
     pub(super) fn write(&mut self, value: u8, cycle: u64, forced: bool) {
-        let open = cycle <= self.open_until;
+        let open = cycle < self.open_until;
         let before = self.control;
         let mut control = self.control & (WDIF | WDE | PRESCALER) | value & WDIE;
         if value & WDIF != 0 {
@@ -74,7 +76,7 @@ impl Watchdog {
         control |= value & WDE | if forced { WDE } else { 0 };
         self.control = control;
         if value & (WDCE | WDE) == WDCE | WDE {
-            self.open_until = cycle + 4;
+            self.open_until = cycle + OPEN;
         } else if open {
             self.open_until = 0;
         }

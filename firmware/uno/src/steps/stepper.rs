@@ -190,7 +190,7 @@ impl Axis {
 
     /// Steps that may be made without looking at them, not after `limit` and at least `fastest` ticks apart.
     #[inline(never)]
-    fn grant(&self, fastest: u16, limit: Moment, times: &Times) -> u8 {
+    fn grant(&mut self, fastest: u16, limit: Moment, times: &Times) -> u8 {
         let free = match self.wish {
             Wish::Nothing => true,
             Wish::Step => !self.due.is_before(self.ready),

@@ -1,6 +1,6 @@
 //! Whole programs on the chip.
 
-use pulsetrain_emulator::{Atmega328p, LineByte, Observer, PinEdge, UartByte};
+use pulsetrain_emulator::{Atmega328p, LineByte, Observer, PinEdge, UartByte, hex};
 
 #[derive(Default)]
 struct Seen {
@@ -50,4 +50,31 @@ fn the_usart_echoes() {
     chip.run(3000, &mut seen);
     let sent: Vec<_> = seen.sent.iter().map(|byte| (byte.byte(), byte.end_cycle - byte.start_cycle)).collect();
     assert_eq!(sent, [(b'a', 160), (b'b', 160), (b'c', 160)]);
+}
+
+/// The program that the speed is measured on: interrupts of Timer1 that toggle pin 2 for 12 cycles, and an echo.
+#[test]
+fn the_busy_program() {
+    let image = hex::parse(include_str!("../benches/busy.hex"), Atmega328p::FLASH_BYTES).unwrap();
+    let mut chip = Atmega328p::new(&image).unwrap();
+    let mut seen = Seen::default();
+    // The receiver is on from cycle 20 or so.
+    let text: Vec<u8> = (0..=255).collect();
+    for (at, &byte) in (100u64..).step_by(160).zip(&text) {
+        chip.receive(LineByte::new(at, byte, 16 * 256));
+    }
+    chip.run(1_600_000, &mut seen);
+    let echoed: Vec<_> = seen.sent.iter().map(UartByte::byte).collect();
+    assert_eq!(echoed, text);
+    assert!(seen.edges.windows(2).all(|pair| pair[0].0 <= pair[1].0), "edges in order");
+    // The first match at 0 + 1, then one every 400 cycles, but for the first: OCR1A begins at 0.
+    let rises: Vec<_> = seen.edges.iter().filter(|edge| edge.1 == 2 && edge.2).map(|edge| edge.0).collect();
+    assert!((3995..=4000).contains(&rises.len()), "{}", rises.len());
+    // Lateness is the latency of the interrupt: at most the longest instruction and the echo's 19 or so cycles.
+    let phase = rises[1] % 400;
+    for rise in &rises[1..] {
+        assert!((rise + 440 - phase) % 400 < 80, "{rise}");
+    }
+    assert_eq!((chip.odd().undefined, chip.odd().outside), (0, 0));
+    assert!(chip.longest_masked().cycles < 200 && chip.lowest_sp() > 0x8e0);
 }

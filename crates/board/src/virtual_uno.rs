@@ -1,0 +1,258 @@
+//! The virtual Uno: the firmware's image on an emulated ATmega328P, behind a model of the Uno's USB bridge.
+//!
+//! It is a [`Port`] in virtual time: time passes only while someone receives, and every edge of a pin is known to the
+//! cycle. The bridge is an ATmega16U2 as on the real board: bytes cross USB once a millisecond, then go over the line
+//! at the rate that it can make, which at 115 200 baud is as far off as the chip's own.
+
+use crate::{Edge, Port, PortError};
+use pulsetrain_core::wire::Baud;
+use pulsetrain_emulator::{Atmega328p, LineByte, Observer, PinEdge, Port as PinPort, ResetCause, UartByte, hex};
+use std::collections::VecDeque;
+use std::time::Duration;
+
+/// The firmware that `cargo xtask firmware uno` built.
+const IMAGE: &str = include_str!("../images/uno.hex");
+
+/// Cycles per second; one tick of the firmware's clock is one cycle.
+pub const CYCLES_PER_S: u64 = 16_000_000;
+
+/// A frame of full-speed USB, 1 ms (USB 2.0, 8.4.3).
+const USB_FRAME: u64 = CYCLES_PER_S / 1000;
+
+/// The bridge has a 16 MHz clock too and divides it by 8 and a whole number (ATmega16U2, DS7799, 18.3.1).
+const BRIDGE_DIVIDER: u64 = 8;
+
+/// DTR pulls the reset pin low for so long, through 100 nF and 1 kΩ.
+const RESET_PULSE: u64 = CYCLES_PER_S / 10_000;
+
+/// From the reset pin's release to the first instruction: 65 ms (DS40002061B, 9.4, SUT = 11).
+const START_UP: u64 = CYCLES_PER_S * 65 / 1000;
+
+/// A line that is sampled at a rate further off than this, of 1000, carries nothing.
+const RATE_TOLERANCE: u64 = 45;
+
+/// Control register B of Timer1, and its counter (DS40002061B, 31).
+const TCCR1B: u16 = 0x81;
+const TCNT1: u16 = 0x84;
+
+/// An Arduino Uno in virtual time.
+#[derive(Clone)]
+pub struct VirtualUno {
+    chip: Atmega328p,
+    outside: Outside,
+    /// The cycle of the firmware's tick 0, once its clock runs.
+    zero: Option<u64>,
+    /// The rate of the bridge, and the one that it changes to at a cycle.
+    baud: Baud,
+    next_baud: Option<(u64, Baud)>,
+    /// Sent by the bridge up to this cycle.
+    line_busy: u64,
+}
+
+/// What leaves the chip, until it is fetched.
+#[derive(Clone, Default)]
+struct Outside {
+    edges: Vec<PinEdge>,
+    bytes: VecDeque<UartByte>,
+    /// A reset of its own: its clock begins again.
+    reset: bool,
+}
+
+impl Observer for Outside {
+    fn pin(&mut self, edge: PinEdge) {
+        self.edges.push(edge);
+    }
+
+    fn transmit(&mut self, byte: UartByte) {
+        self.bytes.push_back(byte);
+    }
+
+    fn watchdog_reset(&mut self, _cycle: u64) {
+        self.reset = true;
+    }
+}
+
+impl VirtualUno {
+    /// An Uno with the committed firmware that has just been plugged in and opened.
+    #[must_use]
+    pub fn new() -> VirtualUno {
+        // Held by a test: the image is committed and whole.
+        let image = hex::parse(IMAGE, Atmega328p::FLASH_BYTES).unwrap_or_default();
+        VirtualUno::with_image(&image).expect("no image is larger than what it was parsed for")
+    }
+
+    /// An Uno with any firmware.
+    ///
+    /// # Errors
+    /// When the flash cannot hold it.
+    pub fn with_image(image: &[u8]) -> Result<VirtualUno, pulsetrain_emulator::ImageTooLarge> {
+        let mut uno = VirtualUno {
+            chip: Atmega328p::new(image)?,
+            outside: Outside::default(),
+            zero: None,
+            baud: Baud::B115200,
+            next_baud: None,
+            line_busy: 0,
+        };
+        uno.reset();
+        Ok(uno)
+    }
+
+    /// What DTR does as a program opens the port: the chip starts again. Bytes under way are lost.
+    pub fn reset(&mut self) {
+        let until = self.chip.cycle() + RESET_PULSE + START_UP;
+        self.chip.hold(ResetCause::External, until, &mut self.outside);
+        self.outside.bytes.clear();
+        self.zero = None;
+        self.line_busy = until;
+    }
+
+    /// The chip, to look into.
+    #[must_use]
+    pub const fn chip(&self) -> &Atmega328p {
+        &self.chip
+    }
+
+    /// The chip, to drive its pins.
+    pub const fn chip_mut(&mut self) -> &mut Atmega328p {
+        &mut self.chip
+    }
+
+    /// The cycle of the firmware's tick 0; `None` until its clock runs.
+    #[must_use]
+    pub const fn zero(&self) -> Option<u64> {
+        self.zero
+    }
+
+    /// The rate of the line at the bridge's end.
+    #[must_use]
+    pub const fn baud(&self) -> Baud {
+        self.baud
+    }
+
+    fn run(&mut self, until: u64) {
+        while self.zero.is_none() && self.chip.cycle() < until {
+            self.chip.step(&mut self.outside);
+            // Just started: no instruction is in the middle of a 16-bit register, whose common byte this reads.
+            if self.chip.read_data(TCCR1B, &mut ()) & 7 != 0 {
+                let low = self.chip.read_data(TCNT1, &mut ());
+                let high = self.chip.read_data(TCNT1 + 1, &mut ());
+                self.zero = Some(self.chip.cycle() - u64::from(u16::from_le_bytes([low, high])));
+            }
+        }
+        self.chip.run(until, &mut self.outside);
+        if std::mem::take(&mut self.outside.reset) {
+            self.zero = None;
+        }
+    }
+
+    /// Takes what has come over USB by `cycle`, if it was sent at the bridge's rate.
+    fn fetch(&mut self, cycle: u64, into: &mut Vec<u8>) {
+        while let Some(byte) = self.outside.bytes.front().filter(|byte| byte.end_cycle <= cycle).copied() {
+            self.outside.bytes.pop_front();
+            self.change_rate(byte.end_cycle);
+            let (own, theirs) = (bit_cycles(self.baud), u64::from(byte.cycles_per_bit));
+            let off = own.abs_diff(theirs) * 1000 / own;
+            // At a wrong rate something comes, but not what was sent.
+            into.push(if off <= RATE_TOLERANCE { byte.byte() } else { byte.byte().rotate_left(3) ^ 0x5a });
+        }
+        self.change_rate(cycle);
+    }
+
+    fn change_rate(&mut self, cycle: u64) {
+        if let Some((at, baud)) = self.next_baud
+            && cycle >= at
+        {
+            (self.baud, self.next_baud) = (baud, None);
+        }
+    }
+}
+
+impl Default for VirtualUno {
+    fn default() -> VirtualUno {
+        VirtualUno::new()
+    }
+}
+
+impl std::fmt::Debug for VirtualUno {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("VirtualUno").field("cycle", &self.chip.cycle()).field("baud", &self.baud).finish()
+    }
+}
+
+impl Port for VirtualUno {
+    fn now(&self) -> Duration {
+        duration(self.chip.cycle())
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        let baud = self.next_baud.map_or(self.baud, |(_, baud)| baud);
+        let bit = bit_cycles(baud);
+        let frame = next_frame(self.chip.cycle());
+        for byte in bytes {
+            let start = self.line_busy.max(frame);
+            let byte = LineByte::new(start, *byte, bit as u32 * 256);
+            self.line_busy = byte.end_cycle();
+            self.chip.receive(byte);
+        }
+        Ok(())
+    }
+
+    fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
+        let until = cycles(until);
+        let had = into.len();
+        while into.len() == had && self.chip.cycle() < until {
+            // Bytes reach the host with the next frame of USB.
+            let frame = next_frame(self.chip.cycle());
+            self.run(frame.min(until));
+            if self.chip.cycle() >= frame {
+                self.fetch(frame, into);
+            }
+        }
+        Ok(())
+    }
+
+    fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
+        self.next_baud = Some((self.line_busy.max(self.chip.cycle()), baud));
+        self.change_rate(self.chip.cycle());
+        Ok(())
+    }
+
+    fn edges(&mut self, into: &mut Vec<Edge>) {
+        let Some(zero) = self.zero else { return self.outside.edges.clear() };
+        let edges = self.outside.edges.drain(..).filter(|edge| edge.cycle >= zero);
+        into.extend(edges.filter_map(|edge| {
+            let (tick, level) = (edge.cycle - zero, edge.level.is_high());
+            Some(Edge { tick, line: arduino_pin(edge.port, edge.bit)?, level })
+        }));
+    }
+}
+
+/// The Uno's number of a pin: 0 to 7 on port D, 8 to 13 on B, A0 to A5 (14 to 19) on C.
+const fn arduino_pin(port: PinPort, bit: u8) -> Option<u8> {
+    match (port, bit) {
+        (PinPort::D, 0..=7) => Some(bit),
+        (PinPort::B, 0..=5) => Some(8 + bit),
+        (PinPort::C, 0..=5) => Some(14 + bit),
+        _ => None,
+    }
+}
+
+const fn next_frame(cycle: u64) -> u64 {
+    (cycle / USB_FRAME + 1) * USB_FRAME
+}
+
+/// Cycles of a bit at the rate that the bridge makes of `baud`.
+fn bit_cycles(baud: Baud) -> u64 {
+    let rate = u64::from(baud.rate()) * BRIDGE_DIVIDER;
+    (CYCLES_PER_S + rate / 2) / rate * BRIDGE_DIVIDER
+}
+
+fn duration(cycle: u64) -> Duration {
+    // 62.5 ns each; 2^63 ns are 292 years.
+    Duration::from_nanos((u128::from(cycle) * 125 / 2) as u64)
+}
+
+fn cycles(time: Duration) -> u64 {
+    u64::try_from((time.as_nanos() * 2).div_ceil(125)).unwrap_or(u64::MAX)
+}
