@@ -1,7 +1,7 @@
 //! What must hold before a change lands.
 
 use crate::command::{self, Done, cargo, command};
-use crate::{fuzz, test};
+use crate::{cross_check, fuzz, test};
 
 /// Seconds that each fuzz target runs in CI.
 const FUZZ_SECONDS: u64 = 15;
@@ -16,6 +16,7 @@ pub(crate) fn run() -> Done {
     command::run(&mut cargo("clippy --workspace --all-targets -- -D warnings"))?;
     command::run(cargo("doc --workspace --no-deps --document-private-items").env("RUSTDOCFLAGS", "-D warnings"))?;
     test::run(Some(PROPERTY_CASES))?;
+    cross_check::run()?;
     command::run(&mut cargo("run --release -- run examples/tutorial.toml"))?;
     fuzz::run(FUZZ_SECONDS, None)?;
     println!("xtask ci: all passed");

@@ -4,6 +4,7 @@
 //! - [`ci`], [`test`](mod@test): what must hold, each a list of commands
 //! - [`bench`](mod@bench), [`golden`], [`fuzz`]: what is measured, reviewed, tried
 //! - [`ruckig`]: S-curve durations against an independent library
+//! - [`cross_check`]: the AVR emulator against simavr and avr8js
 //! - [`boards`]: core built for the boards' processors
 //! - [`command`]: running a command, and saying which
 //!
@@ -15,8 +16,10 @@ mod bench;
 mod boards;
 mod ci;
 mod command;
+mod cross_check;
 mod fuzz;
 mod golden;
+mod random;
 mod ruckig;
 mod test;
 
@@ -51,6 +54,8 @@ enum Task {
         #[arg(long)]
         target: Option<String>,
     },
+    /// Compare the AVR emulator with simavr (instructions, programs) and avr8js (timers)
+    CrossCheck,
     /// Measure every figure, print it, and write docs/benchmarks.md
     Bench,
     /// Write the golden files anew; read the difference before you commit it
@@ -62,6 +67,7 @@ fn main() -> ExitCode {
         Task::Test => test::run(None),
         Task::Ci => ci::run(),
         Task::Fuzz { seconds, target } => fuzz::run(seconds, target.as_deref()),
+        Task::CrossCheck => cross_check::run(),
         Task::Bench => bench::run(),
         Task::Golden => golden::run(),
     };

@@ -1,6 +1,7 @@
 //! S-curve durations against those of the ruckig package: an independent time-optimal planner.
 
 use crate::command::{self, Done, Failure, cargo, command, target_dir};
+use crate::random::Random;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
@@ -37,7 +38,7 @@ pub(crate) fn compare() -> Done<f64> {
 /// Magnitudes spread over decades, so that every phase of the profile is missing in some of them; every second move
 /// starts from rest, the others at any speed within the limit, also away from the target.
 fn random_moves() -> String {
-    let mut random = Random(1);
+    let mut random = Random::new(1);
     let mut moves = String::new();
     for index in 0..MOVES {
         let sign = if random.unit() < 0.5 { -1.0 } else { 1.0 };
@@ -76,27 +77,4 @@ fn python_with_ruckig() -> Done<PathBuf> {
     let pip = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check", PACKAGE];
     command::run(command(&python).args(pip))?;
     Ok(python)
-}
-
-/// SplitMix64: the same moves everywhere. Source: Steele, Lea, Flood, OOPSLA 2014.
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// In [0, 1).
-    fn unit(&mut self) -> f64 {
-        (self.next() >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    /// 10^x, x in `low..high`.
-    fn decades(&mut self, low: f64, high: f64) -> f64 {
-        10_f64.powf(low + (high - low) * self.unit())
-    }
 }

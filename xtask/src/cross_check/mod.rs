@@ -1,0 +1,56 @@
+//! The AVR emulator against what others wrote: simavr for instructions and programs, avr8js for timers.
+//!
+//! # What is here
+//! - [`programs`]: C programs, each byte of output with its cycle
+//! - [`instructions`]: every opcode from random states
+//! - [`timers`]: random timer programs, each edge and each reading with its cycle
+//! - [`tools`]: the three sides, built and installed; each reads cases and prints a line for what happened
+//!
+//! # What is not
+//! Interrupts, the UART's timing, sleep, the watchdog, EEPROM: simavr and avr8js are not the chip there
+//! (docs/emulator.md). The emulator's own tests hold these against the datasheet.
+
+mod instructions;
+mod programs;
+mod timers;
+mod tools;
+
+use crate::command::{Done, Failure};
+use tools::Tools;
+
+/// What one comparison found.
+struct Outcome {
+    what: &'static str,
+    compared: String,
+    /// Differences that nothing explains, in words.
+    differences: Vec<String>,
+    /// Where the other side is known not to be the chip: name, how often it was met.
+    exceptions: Vec<(&'static str, usize)>,
+}
+
+/// Differences that are printed of each comparison; the rest is counted.
+const SHOWN: usize = 20;
+
+/// All comparisons, and a table of them; fails on any difference that is not explained.
+pub(crate) fn run() -> Done {
+    let tools = Tools::prepare()?;
+    let outcomes = [programs::compare(&tools)?, instructions::compare(&tools)?, timers::compare(&tools)?];
+    let mut unexplained = 0;
+    for outcome in &outcomes {
+        for difference in outcome.differences.iter().take(SHOWN) {
+            println!("{}: {difference}", outcome.what);
+        }
+        unexplained += outcome.differences.len();
+    }
+    println!("\n{:<34}{:>11}  compared", "cross-check of the AVR emulator", "differences");
+    for outcome in &outcomes {
+        println!("{:<34}{:>11}  {}", outcome.what, outcome.differences.len(), outcome.compared);
+        for (name, met) in &outcome.exceptions {
+            println!("{:<34}{:>11}  named exception {name}: met {met} times", "", "");
+        }
+    }
+    match unexplained {
+        0 => Ok(()),
+        _ => Err(Failure::Check(format!("{unexplained} differences between the emulator and others"))),
+    }
+}

@@ -1,0 +1,87 @@
+//! The three sides: our emulator, simavr behind a harness of ours in C, avr8js behind one in JavaScript.
+
+use crate::command::{self, Done, Failure, cargo, command, root, target_dir};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// Debian packages, and a file that each brings.
+const PACKAGES: [(&str, &str); 5] = [
+    ("gcc", "/usr/bin/cc"),
+    ("gcc-avr", "/usr/bin/avr-gcc"),
+    ("avr-libc", "/usr/lib/avr/include/avr/io.h"),
+    ("libsimavr-dev", "/usr/include/simavr/sim_avr.h"),
+    ("libelf-dev", "/usr/include/libelf.h"),
+];
+
+/// What is built and installed for the comparisons.
+pub(super) struct Tools {
+    /// Under the target folder.
+    folder: PathBuf,
+}
+
+impl Tools {
+    /// Installs and builds what is missing.
+    pub(super) fn prepare() -> Done<Tools> {
+        for (package, brings) in PACKAGES {
+            if !Path::new(brings).exists() {
+                command::install_debian(package)?;
+            }
+        }
+        let npm = || command::output(command("npm").arg("--version"));
+        npm().or_else(|_| command::install_debian("npm").and_then(|()| npm()))?;
+
+        let folder = target_dir().join("cross-check");
+        let failed = |why| Failure::File { path: folder.clone(), why };
+        std::fs::create_dir_all(&folder).map_err(failed)?;
+        // simavr is under the GPL: it is run here, and no part of what is shipped.
+        command::run(
+            command("cc").args(["-O2", "-Wall", "-Wextra", "-Werror", "-o"]).arg(folder.join("simavr")).args([
+                "-I/usr/include/simavr",
+                "xtask/cross-check/simavr.c",
+                "-lsimavr",
+                "-lelf",
+            ]),
+        )?;
+        for file in ["package.json", "package-lock.json"] {
+            std::fs::copy(root().join("xtask/cross-check").join(file), folder.join(file)).map_err(failed)?;
+        }
+        command::run(command("npm").args(["ci", "--no-audit", "--no-fund", "--silent"]).current_dir(&folder))?;
+        command::run(&mut cargo("build --quiet --release --package pulsetrain-emulator --example cross_check"))?;
+        Ok(Tools { folder })
+    }
+
+    pub(super) fn simavr(&self) -> Command {
+        command(self.folder.join("simavr"))
+    }
+
+    pub(super) fn avr8js(&self) -> Command {
+        let mut node = command("node");
+        node.arg("xtask/cross-check/avr8js.mjs").arg(self.folder.join("node_modules/avr8js/dist/cjs/index.js"));
+        node
+    }
+
+    pub(super) fn ours(&self) -> Command {
+        command(target_dir().join("release/examples/cross_check"))
+    }
+
+    /// Gives `cases` to one side; they stay in the target folder, for whoever looks into a difference.
+    pub(super) fn ask(&self, name: &str, side: &mut Command, cases: &str) -> Done<String> {
+        let path = self.folder.join(name).with_extension("txt");
+        std::fs::write(&path, cases).map_err(|why| Failure::File { path, why })?;
+        command::pipe(side, cases)
+    }
+
+    /// Compiles one of `xtask/cross-check/programs`; gives back the raw flash image.
+    pub(super) fn compile(&self, name: &str) -> Done<PathBuf> {
+        let elf = self.folder.join(name).with_extension("elf");
+        let image = elf.with_extension("bin");
+        command::run(
+            command("avr-gcc")
+                .args(["-mmcu=atmega328p", "-O2", "-std=gnu11", "-Wall", "-Wextra", "-Werror", "-o"])
+                .arg(&elf)
+                .args([&format!("xtask/cross-check/programs/{name}.c"), "-lm"]),
+        )?;
+        command::run(command("avr-objcopy").args(["-O", "binary"]).args([&elf, &image]))?;
+        Ok(image)
+    }
+}
