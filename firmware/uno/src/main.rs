@@ -35,6 +35,7 @@ mod regs;
 mod reset;
 mod steps;
 
+use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
 use link::Link;
 use machine::Board;
@@ -54,19 +55,32 @@ struct Reply {
     sent: u8,
 }
 
-static BOARD: Once<Board> = Once::new(Board::new());
+static BOARD: Once<MaybeUninit<Board>> = Once::new(MaybeUninit::uninit());
+static SERVICE: Once<MaybeUninit<Service>> = Once::new(MaybeUninit::uninit());
 static QUEUES: Once<Queues> = Once::new(Queues::new());
-static SERVICE: Once<Service> = Once::new(Service::new());
 static REPLY: Once<Reply> = Once::new(Reply { bytes: [0; REPLY_LEN], len: 0, sent: 0 });
 
 #[unsafe(no_mangle)]
 extern "C" fn main() -> ! {
     memory::paint_stack();
-    let last_reset = reset::begin();
-    // SAFETY: the start-up code calls main once.
-    let (board, queues, service, reply) = unsafe { (BOARD.take(), QUEUES.take(), SERVICE.take(), REPLY.take()) };
-    board.begin(queues, last_reset);
-    run(board, service, reply)
+    // SAFETY: the start-up code calls main once. The references are taken here, not handed over by `begin`, so that the
+    // compiler knows the addresses.
+    unsafe {
+        begin();
+        run(BOARD.take().assume_init_mut(), SERVICE.take().assume_init_mut(), REPLY.take())
+    }
+}
+
+/// Makes all that there is one of. Apart from main: what it needs of the stack is free again afterwards.
+///
+/// # Safety
+/// To be called first, and once.
+#[inline(never)]
+unsafe fn begin() {
+    // SAFETY: the caller's promise; the references end here.
+    let (board, queues, service) = unsafe { (BOARD.take(), QUEUES.take(), SERVICE.take()) };
+    service.write(Service::new());
+    board.write(Board::new()).begin(queues, reset::begin());
 }
 
 /// The main loop. What it calls is not inlined: so the deepest call decides how much stack is needed, not their sum.

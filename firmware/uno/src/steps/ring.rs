@@ -90,10 +90,11 @@ global_asm!(
     r#"
     .section .pages, "aw", @nobits
     .p2align 8
-    .global receive_page, ring_a_page, ring_b_page
-receive_page: .skip 256
+    // Half a page is enough for what comes over the line; variables begin in the other half.
+    .global ring_a_page, ring_b_page, receive_page
 ring_a_page:  .skip 256
 ring_b_page:  .skip 256
+receive_page: .skip 128
 
     .macro ring_interrupt vector, load_page, tail, pin, ocr, end_bit, extra, starved, com_mask, com_toggle, foc, dir_on_portb, enable_mask
     .global \vector

@@ -48,8 +48,10 @@ const FALL_COMPARE: [u32; 2] = [16, 80];
 const AHEAD_IDLE: u32 = 24_576;
 /// So far ahead it is filled at most, ticks (4 ms).
 const AHEAD: u32 = 65_536;
+/// A ring is filled when it has room for so many groups.
+const ROOM_FOR: u8 = 20;
 /// Groups that one call makes at most: other work waits meanwhile.
-const BATCH: u8 = 8;
+const BATCH: u8 = 4;
 /// A compare that was missed is made so soon, ticks.
 const AGAIN: u16 = 48;
 /// After the ring ran empty the next group comes so soon, ticks: time enough to fill some more in.
@@ -308,6 +310,10 @@ impl Track {
             return busy.then_some(Trouble::Late { ticks: low_half(late) });
         }
         let (compare, bit) = self.compare();
+        // Reading a compare register needs no shared byte (§16.3). If an interrupt sets it in between, it is ahead.
+        if clock::read().wrapping_sub(compare.read()).wrapping_sub(1) >= 0x7fff {
+            return None;
+        }
         let late = regs::free(|| {
             let count = regs::TCNT1.read();
             let late = count.wrapping_sub(compare.read());
@@ -517,30 +523,29 @@ impl Stepper {
     /// Begins to play, from a little after `now` on. Queues are empty.
     #[inline(never)]
     pub(crate) fn start(&mut self, now: Moment) {
-        self.rest(now);
+        let at = now.after(AHEAD_IDLE);
+        // The lists of a merge begin with a filler each.
+        let first = at.after(FILLER);
+        self.rest(if self.merging { first } else { now });
+        self.last = [first; LANES];
         self.trouble = None;
         regs::GPIOR0.write(self.flags);
-        let at = now.after(AHEAD_IDLE);
-        let apiece = self.apiece;
-        for (index, track) in self.tracks.iter_mut().enumerate() {
-            let mut levels = 0;
-            for (motor, axis) in self.axes.all().iter().enumerate() {
-                if !apiece || motor == index {
-                    levels |= axis.lines.levels();
-                }
-            }
-            track.levels = levels;
-            track.at = at;
+        let Stepper { tracks, axes, merge, .. } = self;
+        let [one, two] = tracks;
+        (one.at, two.at) = (at, at);
+        (one.levels, two.levels) = (0, 0);
+        for (motor, axis) in axes.all().iter().enumerate() {
+            let track = if self.apiece && motor != 0 { &mut *two } else { &mut *one };
+            track.levels |= axis.lines.levels();
+        }
+        if self.merging
+            && let Some(merge) = merge
+        {
+            merge.begin(one.ring.name(), self.times.apart, low_half(first.0));
         }
         for track in self.tracks_mut() {
             track.ring.clear();
             track.resume(at);
-        }
-        let Stepper { tracks: [track, _], axes, merge, last, .. } = self;
-        if self.merging
-            && let Some(merge) = merge
-        {
-            lanes::begin(merge, last, track, axes.all_mut(), self.times.apart);
         }
     }
 
@@ -572,7 +577,7 @@ impl Stepper {
         self.tracks_mut().iter_mut().for_each(|track| track.ring.clear());
         self.axes().iter().for_each(|axis| axis.lines.rest());
         if let Some(merge) = &mut self.merge {
-            merge.clear();
+            merge.clear(0);
         }
         uncertain
     }
@@ -622,6 +627,13 @@ impl Stepper {
             }
         }
         true
+    }
+
+    /// Takes back what was pushed last of `epoch`, of all motors.
+    pub(crate) fn discard(&mut self, epoch: Epoch) {
+        for axis in self.axes.all_mut() {
+            axis.motor.discard(epoch);
+        }
     }
 
     /// The epoch being run.
@@ -677,7 +689,7 @@ impl Stepper {
             let merge = if self.merging { merge.as_deref_mut() } else { None };
             let busy = match &merge {
                 Some(merge) => !merge.is_idle(),
-                None => mine.iter().any(|axis| axis.wish != Wish::Nothing),
+                None => mine.iter().any(|axis| axis.wish != Wish::Nothing || axis.motor.registers().left != 0),
             };
             let free = track.ring.free();
             if busy {
@@ -688,8 +700,8 @@ impl Stepper {
             }
             if let Some(merge) = merge {
                 lanes::fill(merge, last, track, mine, now, queues, times);
-            } else if free >= CAPACITY / 2 {
-                // Half full is enough: more at once costs less.
+            } else if free >= ROOM_FOR {
+                // More at once costs less, but the ring must outlast all else that the main loop does.
                 fill(track, mine, now, queues, times);
             }
             if axes.is_empty() {
@@ -706,48 +718,37 @@ fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, time
     let limit = track.at.after(FILLER);
     for axis in &mut *axes {
         // What is long past must not come back as the future.
-        if axis.free.is_before(track.at) {
-            axis.free = track.at;
-        }
-        if axis.ready.is_before(track.at) {
-            axis.ready = track.at;
-        }
+        axis.free = later(axis.free, track.at);
+        axis.ready = later(axis.ready, track.at);
         if axis.wish == Wish::Nothing {
             axis.motor.pass(track.at);
             axis.look(queues, limit, times);
         }
     }
-    if let [axis] = axes
-        && fast(track, axis, now, times)
-    {
-        return;
-    }
     for _ in 0..BATCH {
+        if let [axis] = axes
+            && fast(track, axis, now, times)
+        {
+            return;
+        }
         let ahead = track.at.since(now);
         if track.ring.free() < 2 || (ahead >= AHEAD && ahead < 1 << 31) {
             return;
         }
-        match earliest(axes) {
-            Some(index) if axes.get(index).is_some_and(|axis| !limit.is_before(axis.due)) => {
-                play(track, axes, index, times);
-                if let Some(axis) = axes.get_mut(index)
-                    && axis.wish == Wish::Nothing
-                {
-                    axis.look(queues, limit, times);
-                }
+        let (index, due) = earliest(axes, limit.after(FILLER));
+        if limit.is_before(due) {
+            if ahead < AHEAD_IDLE || ahead >= 1 << 31 {
+                // Out of the way of what may come soon after it.
+                let clear = due.before(2 * u32::from(times.apart));
+                track.push(if clear.is_before(limit) { clear } else { limit }, Group::NOTHING);
             }
-            _ => {
-                if ahead < AHEAD_IDLE || ahead >= 1 << 31 {
-                    // Out of the way of what may come soon after it.
-                    let next = axes.iter().filter(|axis| axis.wish != Wish::Nothing).map(|axis| axis.due);
-                    let clear = next.fold(limit, |clear, due| {
-                        let before = due.before(2 * u32::from(times.apart));
-                        if before.is_before(clear) { before } else { clear }
-                    });
-                    track.push(clear, Group::NOTHING);
-                }
-                return;
-            }
+            return;
+        }
+        play(track, axes, index, times);
+        if let Some(axis) = axes.get_mut(index)
+            && axis.wish == Wish::Nothing
+        {
+            axis.look(queues, limit, times);
         }
     }
 }
@@ -774,23 +775,20 @@ fn fast(track: &mut Track, axis: &mut Axis, now: Moment, times: &Times) -> bool 
     true
 }
 
-/// Whose wish is due first.
-#[inline(always)]
-fn earliest(axes: &[Axis]) -> Option<usize> {
-    let mut earliest: Option<(usize, &Axis)> = None;
+/// Whose wish is due first, if any is before `due`; and when.
+#[inline(never)]
+fn earliest(axes: &[Axis], mut due: Moment) -> (usize, Moment) {
+    let (mut first, mut may_wait) = (0, false);
     for (index, axis) in axes.iter().enumerate() {
-        if axis.wish == Wish::Nothing {
-            continue;
-        }
         // A step looks at its line before another motor may turn it.
-        let sooner = |(_, first): (usize, &Axis)| {
-            axis.due.is_before(first.due) || (axis.due == first.due && matches!(first.wish, Wish::Dir(_)))
-        };
-        if earliest.is_none_or(sooner) {
-            earliest = Some((index, axis));
+        let sooner = axis.due.is_before(due) || (axis.due == due && may_wait);
+        if axis.wish != Wish::Nothing && sooner {
+            first = index;
+            due = axis.due;
+            may_wait = matches!(axis.wish, Wish::Dir(_));
         }
     }
-    earliest.map(|(index, _)| index)
+    (first, due)
 }
 
 /// Makes what motor `index` wants, when it is due or as soon after as it can be.

@@ -107,16 +107,6 @@ impl Feeder for Motors<'_> {
     }
 }
 
-/// Begins anew: the pending group of `track` is the first. Nothing is fed that is due within a filler's time.
-pub(super) fn begin(merge: &mut Merge, last: &mut [Moment; LANES], track: &Track, axes: &mut [Axis], apart: u8) {
-    let first = track.at.after(FILLER);
-    *last = [first; LANES];
-    for axis in axes {
-        axis.motor.pass(first);
-    }
-    merge.begin(track.ring.name(), apart, low_half(first.0));
-}
-
 /// Fills the ring as far as time allows.
 pub(super) fn fill(
     merge: &mut Merge,
