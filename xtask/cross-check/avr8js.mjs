@@ -1,10 +1,6 @@
 // Runs timer programs in avr8js and prints what it did, in the lines that the emulator's example `cross_check` prints too.
 //
-<<<<<<< HEAD
-//     node avr8js.mjs FOLDER-OF-THE-PACKAGE < cases
-=======
 //     node avr8js.mjs MODULE < cases        (MODULE: the path of the package's index.js)
->>>>>>> crosscheck
 //
 // A case: the number of the timer, then the program's words, hexadecimal. It runs until SLEEP. The answer: what it
 // pushed, and the edges of the pins as CYCLE:PIN=LEVEL; with `stop=CYCLE:REASON` when from there on avr8js is known not
@@ -15,17 +11,6 @@
 // DS40002061B; each line is about one thing, and all else is compared as avr8js has it.
 //
 // MATCH    It acts on a match when the counter reaches the value; the chip when it leaves it, one timer clock later
-<<<<<<< HEAD
-//          (figures 15-8 to 15-11, 16-10 to 16-13, 18-8 to 18-11). Put off here by one timer clock: pin and flag.
-// BOTTOM   The same for TOV in the phase correct modes: set when the counter leaves BOTTOM (figure 16-12, text).
-// STORE    STS writes in the first of its two cycles; the chip's bus in the second (figure 7-6). Done here as the chip.
-// SELECT   Writing TCCRnB begins the prescaler anew; the chip's runs free (17.1). Here: unless the clock stays selected.
-// WINDOW   With a prescaler, the chip's comparator looks when the timer clock comes (figure 15-9): a compare value that
-//          is written in the clock in which the counter equals the old or the new one is judged by what it is then.
-//          avr8js judged the old one before. Comparing stops there.
-// TOP      A TOP at or below the counter lets the chip run on to MAX (15.7.2, 16.9.2); avr8js takes the remainder.
-//          Comparing stops there.
-=======
 //          (figures 15-8 to 15-11, 16-10 to 16-13, 18-8 to 18-11). Put off here by one timer clock: pin and flag. A
 //          write to the counter before that drops it (15.5.3).
 // BOTTOM   The same for TOV in the phase correct modes: set when the counter leaves BOTTOM (figure 16-12, text).
@@ -49,7 +34,6 @@
 //          TOP once more, for buffered values, the datasheet leaves open (16.9.4). Comparing stops there.
 // TIFR     Writing it clears all that is not written, and never ICF, which it does not set: programs write TOV, OCFA and
 //          OCFB at once, and look at these alone.
->>>>>>> crosscheck
 import { readFileSync } from 'node:fs';
 import { createRequire } from 'node:module';
 
@@ -59,13 +43,6 @@ const timerConfigs = [avr8js.timer0Config, avr8js.timer1Config, avr8js.timer2Con
 
 const FLASH_WORDS = 0x4000;
 const SRAM_BYTES = 0x800;
-<<<<<<< HEAD
-const NORMAL = 0;
-const PHASE_CORRECT = [1, 4];
-const CTC = 2;
-const SLEEP = 0x9588;
-const MOST_CYCLES = 400_000;
-=======
 const PHASE_CORRECT = [1, 4];
 const OCRA_IS_TOP = 1;
 const ICR_IS_TOP = 2;
@@ -75,7 +52,6 @@ const CLEAR = 2; // COMnx1:0, of a match on the way up; 3 sets
 const PIN_OVERRIDE = { SET: 2, CLEAR: 3 }; // avr8js's PinOverrideMode, which it does not export
 const SLEEP = 0x9588;
 const MOST_CYCLES = 2_000_000;
->>>>>>> crosscheck
 
 const isStore = (word) => (word & 0xfe0f) === 0x9200;
 const isLoadOrPush = (word) => (word & 0xfe0f) === 0x9000 || (word & 0xfe0f) === 0x920f;
@@ -106,9 +82,6 @@ function run(number, words) {
 
   // MATCH and BOTTOM: what is put off by a timer clock.
   const later = [];
-<<<<<<< HEAD
-  const putOff = (action) => later.push({ cycle: timer.lastCycle + timer.divider, action });
-=======
   // The timer clock after the one at which the counter has just counted.
   const nextClock = () => {
     const stops = timer.updateDivider && !config.dividers[timer.CS];
@@ -117,16 +90,11 @@ function run(number, words) {
   // What a pin does (COMnx1:0) is what is set when the timer clock comes: a write that takes effect then is too late.
   const pinModes = { since: 0, A: 0, B: 0 };
   const pinMode = (pin, cycle) => (cycle === pinModes.since ? pinModes[pin] : timer[`comp${pin}`]);
->>>>>>> crosscheck
   const doWhatIsDue = () => {
     while (later.length && later[0].cycle <= cpu.cycles) {
       const { cycle, action } = later.shift();
       stamp = cycle;
-<<<<<<< HEAD
-      action();
-=======
       action(cycle);
->>>>>>> crosscheck
       stamp = null;
     }
   };
@@ -139,25 +107,6 @@ function run(number, words) {
   };
   timer.updateCompPin = (action, pin, bottom = false) => {
     if (forcing) {
-<<<<<<< HEAD
-      updateCompPin.call(timer, action, pin, bottom);
-    } else if (bottom) {
-      // A match at TOP acts at this very clock: it comes first.
-      later.push({ cycle: timer.lastCycle, action: () => updateCompPin.call(timer, action, pin, true) });
-    } else {
-      // The direction of counting is that at the match.
-      const name = `updateComp${pin}`;
-      const plain = timer[name];
-      timer[name] = (mode) => putOff(() => plain.call(timer, mode));
-      updateCompPin.call(timer, action, pin, false);
-      timer[name] = plain;
-    }
-  };
-  const setInterruptFlag = cpu.setInterruptFlag.bind(cpu);
-  cpu.setInterruptFlag = (interrupt) => {
-    if (interrupt !== timer.OVF || PHASE_CORRECT.includes(timer.timerMode)) {
-      putOff(() => setInterruptFlag(interrupt));
-=======
       // FORCE.
       if (action) updateCompPin.call(timer, action, pin, bottom);
       return;
@@ -179,14 +128,11 @@ function run(number, words) {
       later.push({ cycle: nextClock(), action: () => setInterruptFlag(interrupt) });
     } else if (interrupt !== timer.OVF) {
       later.push({ cycle: nextClock(), action: () => setInterruptFlag(interrupt), isMatch: true });
->>>>>>> crosscheck
     } else {
       setInterruptFlag(interrupt);
     }
   };
 
-<<<<<<< HEAD
-=======
   const writeCounter = cpu.writeHooks[config.TCNT];
   cpu.writeHooks[config.TCNT] = (...write) => {
     // What is due when the write takes effect has happened.
@@ -235,20 +181,16 @@ function run(number, words) {
     return writeControlA(...write);
   };
 
->>>>>>> crosscheck
   // SELECT.
   const writeControlB = cpu.writeHooks[config.TCCRB];
   cpu.writeHooks[config.TCCRB] = (value, ...rest) => {
     const same = (value & 7) === timer.CS && timer.divider && !timer.updateDivider;
     const done = writeControlB(value, ...rest);
-<<<<<<< HEAD
-=======
     // What a stopped clock has put off waits for it.
     for (const entry of later) {
       if (!(value & 7) && entry.cycle > cpu.cycles + 1) entry.cycle = Infinity;
       if (value & 7 && entry.cycle === Infinity) entry.cycle = cpu.cycles + 1 + config.dividers[value & 7];
     }
->>>>>>> crosscheck
     if (same) {
       timer.updateDivider = false;
       cpu.clearClockEvent(timer.count);
@@ -257,11 +199,7 @@ function run(number, words) {
     return done;
   };
 
-<<<<<<< HEAD
-  // WINDOW and TOP.
-=======
   // WINDOW, TOP, DOWN and LATCH.
->>>>>>> crosscheck
   const endHere = (reason) => {
     stop ||= `${cpu.cycles}:${reason}`;
   };
@@ -269,16 +207,6 @@ function run(number, words) {
     const address = config[register];
     const write = cpu.writeHooks[address];
     if (!address) continue;
-<<<<<<< HEAD
-    cpu.writeHooks[address] = (value, ...rest) => {
-      const before = current();
-      const done = write(value, ...rest);
-      const after = current();
-      if (timer.divider && before !== after) {
-        const isTop = register === 'ICR' || (timer.timerMode === CTC && timer.topValue === 1 && register === 'OCRA');
-        if (isTop && timer.timerMode !== NORMAL && timer.tcnt >= timer.TOP) endHere('TOP');
-        if (timer.divider > 1 && (timer.tcnt === before || timer.tcnt === after)) endHere('WINDOW');
-=======
     cpu.writeHooks[address] = (...given) => {
       if (timer.divider && register !== 'ICR' && timer.ocrUpdateMode !== IMMEDIATE) {
         const act = () => {
@@ -301,7 +229,6 @@ function run(number, words) {
         if (isTop && timer.tcnt + 1 >= after) endHere('TOP');
         const window = timer.divider > 1 && (timer.tcnt === before || timer.tcnt === after);
         if (window || (isTop && (timer.tcnt === before || timer.tcnt + 1 === before))) endHere('WINDOW');
->>>>>>> crosscheck
       }
       return done;
     };
