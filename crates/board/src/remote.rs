@@ -607,8 +607,8 @@ impl<P: Port> Board for Remote<P> {
     }
 
     fn lead(&self) -> u64 {
-        // All queues filled, a fault on the way, and the switch itself.
-        let fill = Duration::from_secs(10 * u64::from(self.info.pool)) / self.link.baud().rate();
+        // Half of all queues filled, as most that goes before a switch; a fault on the way; and the switch itself.
+        let fill = Duration::from_secs(10 * u64::from(self.info.pool) / 2) / self.link.baud().rate();
         let lead = fill + 2 * self.link.shortest_timeout();
         (lead.as_secs_f64() * f64::from(self.info.tick_hz)) as u64
     }
