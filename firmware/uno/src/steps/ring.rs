@@ -26,7 +26,7 @@
 //! |---|---|
 //! | GPIOR0 | [`flags`], bit-addressable |
 //! | GPIOR1, GPIOR2, EEDR | r24, r30, r31 of whoever was interrupted (interrupts do not nest) |
-//! | EEARH | page of ring B: 3, or 2 when a merge plays it and page 3 has the lists |
+//! | EEARH | page of ring B: 2, or 1 when a merge plays it and page 2 has the lists |
 //! | OCR0A, OCR0B | low byte of the address of the next group to play, ring A and ring B |
 //!
 //! # Cycles
@@ -313,7 +313,7 @@ pub struct Ring {
 }
 
 /// Pages of rings A and B, as memory.ld asserts.
-const PAGES: [u8; 2] = [2, 3];
+const PAGES: [u8; 2] = [1, 2];
 
 impl Ring {
     /// A ring; [`Ring::clear`] comes before its use.
