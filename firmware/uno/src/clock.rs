@@ -60,5 +60,5 @@ pub(crate) const fn low_half(moment: u32) -> u16 {
 /// Timer1 as it stands. Interrupts are off for 6 cycles, because they use the byte that all its registers share.
 #[inline(always)]
 pub(crate) fn read() -> u16 {
-    regs::free(|| regs::TCNT1.read())
+    regs::timer1()
 }
