@@ -71,8 +71,5 @@ pub(crate) const fn low_half(moment: u32) -> u16 {
 /// Timer1 as it stands. Interrupts are off for 6 cycles, because they use the byte that all its registers share.
 #[inline(always)]
 pub(crate) fn read() -> u16 {
-    let status = regs::free_begin();
-    let count = regs::TCNT1.read();
-    regs::free_end(status);
-    count
+    regs::timer1()
 }

@@ -16,7 +16,7 @@ pub const SWITCHES: usize = 2;
 pub const BLIND_STEPS: u8 = 31;
 
 /// The longest interval that [`Motor::blind`] grants, ticks.
-pub const SLOWEST_BLIND: u16 = 4095;
+pub const SLOWEST_BLIND: u16 = 16_383;
 
 /// What a motor needs to know.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -255,10 +255,9 @@ impl Motor {
             return 0;
         }
         let mut room = u16::try_from(until.since(last)).unwrap_or(u16::MAX);
-        // How many times `longest` there is room for: five bits of a quotient.
-        let mut times = longest << 4;
+        // How many times `longest` there is room for: five bits of a quotient, or three where 16 bits hold no more.
+        let (mut times, mut bit) = if longest < 1 << 12 { (longest << 4, 16u8) } else { (longest << 2, 4) };
         let mut steps = 0;
-        let mut bit = 16u8;
         while bit > 0 {
             if room >= times {
                 room -= times;

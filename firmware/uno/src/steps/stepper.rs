@@ -314,44 +314,22 @@ impl Track {
             return busy.then_some(Trouble::Late { ticks: late });
         }
         let (compare, bit) = self.compare();
-        // Reading a compare register needs no shared byte (§16.3). If an interrupt sets it in between, it is ahead.
-        if clock::read().wrapping_sub(compare.read()).wrapping_sub(1) >= 0x7fff {
+        // A match lies ahead, or its interrupt has been kept waiting for some cycles. If it is behind by 512 to 32 767, it
+        // was missed and would be found 65 536 ticks later. Whole bytes say that, with interrupts on.
+        let [_, high, ..] = now.0.to_le_bytes();
+        if !matches!(high.wrapping_sub(compare.high()), 2..0x80) || regs::TIFR1.read() & bit != 0 {
             return None;
         }
-        let late = regs::free(|| {
-            let count = regs::TCNT1.read();
-            let late = count.wrapping_sub(compare.read());
-            // Behind the counter, and no interrupt waits to run: it would be found 65 536 ticks later.
-            if late == 0 || late >= 1 << 15 || regs::TIFR1.read() & bit != 0 {
-                return 0;
-            }
-            compare.write(count.wrapping_add(AGAIN));
-            late + AGAIN
-        });
+        let late = low_half(now.0).wrapping_sub(regs::free(|| compare.read()));
+        let again = clock::read().wrapping_add(AGAIN);
+        regs::free(|| compare.write(again));
         (late != 0).then_some(Trouble::Late { ticks: late })
     }
 
     /// Whether no group is left to be played but fillers.
     #[inline(never)]
     fn is_idle(&self) -> bool {
-        self.ring.newest_first().all(|group| group == Group::NOTHING)
-    }
-}
-
-impl Lines {
-    /// Takes `levels` back to before `group`; whether it made a step, and which way: 1, 0 or −1.
-    #[inline(never)]
-    fn take_back(self, levels: &mut u8, group: Group) -> i8 {
-        let before_fall = *levels ^ group.fall;
-        *levels = before_fall ^ group.rise;
-        let active = (before_fall & self.step != 0) != self.step_low();
-        if group.rise & self.step == 0 || !active {
-            0
-        } else if (before_fall & self.dir != 0) == self.forward_high() {
-            1
-        } else {
-            -1
-        }
+        self.ring.is_idle()
     }
 }
 
@@ -668,20 +646,28 @@ impl Stepper {
         let [first, second] = &self.tracks;
         let track = if self.apiece && motor != 0 { second } else { first };
         let Some(Axis { lines, .. }) = self.axes().get(usize::from(motor)) else { return 0 };
+        let Lines { step, dir, .. } = *lines;
         let (mut levels, mut count) = (track.levels, 0);
-        // From the newest back to the next one to be played: first what is in no ring yet.
+        if lines.step_low() {
+            levels ^= step;
+        }
+        if !lines.forward_high() {
+            levels ^= dir;
+        }
+        // What is in no ring yet comes after what is.
         if self.merging
             && let Some(merge) = &self.merge
         {
-            let (ticks, group) = merge.listed(motor);
+            let (ticks, Group { rise, fall }) = merge.listed(motor);
             if ticks != 0 {
-                count += i16::from(lines.take_back(&mut levels, group)) * i16::from(ticks);
+                levels ^= fall;
+                if rise & levels & step != 0 {
+                    count = if levels & dir != 0 { i16::from(ticks) } else { -i16::from(ticks) };
+                }
+                levels ^= rise;
             }
         }
-        for group in track.ring.newest_first() {
-            count += i16::from(lines.take_back(&mut levels, group));
-        }
-        count
+        count + i16::from(track.ring.unplayed(levels, step, dir))
     }
 
     /// Fills the rings as far as time allows. Whether there is nothing more to do until an interrupt comes.
