@@ -6,7 +6,7 @@ fn main() {
     println!("cargo::rustc-link-arg-bins={folder}/memory.ld");
     // Calls and jumps in two bytes where they reach.
     println!("cargo::rustc-link-arg-bins=-Wl,--relax");
-    // RAM begins with three pages that are no section's: see src/memory.rs.
+    // RAM begins with two pages and a half of their own: see src/memory.rs.
     println!("cargo::rustc-link-arg-bins=-Wl,--section-start=.pages=0x800100");
-    println!("cargo::rustc-link-arg-bins=-Wl,--section-start=.data=0x800400");
+    println!("cargo::rustc-link-arg-bins=-Wl,--section-start=.data=0x800380");
 }

@@ -6,6 +6,7 @@
 //! - [`native`]: the project's own stepgen on the PC, in virtual time
 //! - [`remote`]: a board at the other end of a [`Port`], through `link`, the host's side of docs/protocol.md
 //! - [`faulty`]: a port whose frames suffer, by a seed; [`model`]: a board behind a serial line, without a chip
+//! - [`shadow`]: any board beside a native one that is told the same: what was scheduled, and what came of it
 //! - [`virtual_uno`]: the Uno's firmware on an emulated chip, as such a port
 //! - [`BoardClock`]: such a board's clock, as the host sees it
 //!
@@ -20,6 +21,7 @@ pub mod link;
 pub mod model;
 pub mod native;
 pub mod remote;
+pub mod shadow;
 mod sizer;
 pub mod virtual_uno;
 
@@ -90,4 +92,5 @@ pub use native::{
     Config, Edge, Faults, MotorConfig, Native, Observer, ScheduledStep, StopReport, SwitchRefused, Wiring,
 };
 pub use remote::{Port, PortError, Remote, RemoteError, Setup};
+pub use shadow::Shadowed;
 pub use sizer::Sizer;

@@ -339,11 +339,7 @@ impl Machine for Board {
     }
 
     fn discard(&mut self, epoch: Epoch) {
-        for motor in 0..self.motors() {
-            if let Some(axis) = self.stepper.axis_mut(motor) {
-                axis.motor.discard(epoch);
-            }
-        }
+        self.stepper.discard(epoch);
     }
 
     #[inline(never)]

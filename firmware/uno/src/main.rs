@@ -55,18 +55,30 @@ struct Reply {
 }
 
 static BOARD: Once<Board> = Once::new(Board::new());
+static SERVICE: Once<Service> = Once::new(Service::new());
 static QUEUES: Once<Queues> = Once::new(Queues::new());
 static REPLY: Once<Reply> = Once::new(Reply { bytes: [0; REPLY_LEN], len: 0, sent: 0 });
 
 #[unsafe(no_mangle)]
 extern "C" fn main() -> ! {
     memory::paint_stack();
-    let last_reset = reset::begin();
-    // SAFETY: the start-up code calls main once.
-    let (board, queues, service, reply) = unsafe { (BOARD.take(), QUEUES.take(), memory::low_room(), REPLY.take()) };
-    let service = service.write(Service::new());
-    board.begin(queues, last_reset);
-    run(board, service, reply)
+    // SAFETY: the start-up code calls main once. The references are taken here, not handed over by `begin`, so that the
+    // compiler knows the addresses.
+    unsafe {
+        begin();
+        run(BOARD.take(), SERVICE.take(), REPLY.take())
+    }
+}
+
+/// Makes all that there is one of. Apart from main: what it needs of the stack is free again afterwards.
+///
+/// # Safety
+/// To be called first, and once.
+#[inline(never)]
+unsafe fn begin() {
+    // SAFETY: the caller's promise; the references end here.
+    let (board, queues) = unsafe { (BOARD.take(), QUEUES.take()) };
+    board.begin(queues, reset::begin());
 }
 
 /// The main loop. What it calls is not inlined: so the deepest call decides how much stack is needed, not their sum.

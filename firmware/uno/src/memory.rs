@@ -2,18 +2,16 @@
 //!
 //! | address | bytes | what |
 //! |---|---|---|
-//! | 0x100 | 128 | receive page: what the USART's interrupt takes |
-//! | 0x180 | 128 | the service: the frame being received, and what was answered last |
-//! | 0x200 | 256 | ring A |
-//! | 0x300 | 256 | ring B; with one ring, the lists of the merge |
-//! | 0x400 | | [`Queues`], the motors, the service, the reply being sent: one `static` in main.rs |
+//! | 0x100 | 256 | ring A |
+//! | 0x200 | 256 | ring B; with one ring, the lists of the merge |
+//! | 0x300 | 128 | receive page: what the USART's interrupt takes |
+//! | 0x380 | | [`Queues`], the motors, the service, the reply being sent, all else |
 //! | to 0x900 | at least 200 | stack, downwards |
 //!
 //! memory.ld makes the linker refuse an image with less stack; `cargo xtask firmware` prints the table as it came out.
 
 use crate::regs;
 use core::arch::global_asm;
-use core::mem::MaybeUninit;
 use pulsetrain_core::narrow::Pool;
 
 /// Bytes of all motors' queues together.
@@ -29,8 +27,7 @@ unsafe extern "C" {
     /// The first byte after everything that is not stack: the linker's.
     static mut _end: u8;
     static receive_page: [u8; 128];
-    static mut half_page: [u8; 128];
-    static mut reset_note: [u8; 4];
+    static mut reset_note: u16;
     #[link_name = "end_of_program"]
     safe fn stop_and_reset() -> !;
 }
@@ -47,18 +44,8 @@ pub(crate) fn received(at: u8) -> u8 {
     unsafe { (&raw const receive_page).cast::<u8>().add(usize::from(at)).read_volatile() }
 }
 
-/// The half page behind the receive page.
-///
-/// # Safety
-/// To be taken once.
-pub(crate) unsafe fn low_room<T>() -> &'static mut MaybeUninit<T> {
-    const { assert!(size_of::<T>() <= 128 && align_of::<T>() == 1) };
-    // SAFETY: large enough, nobody else's, and taken once: the caller's promise.
-    unsafe { &mut *(&raw mut half_page).cast() }
-}
-
 /// What the reset note said, and what it says from now on.
-pub(crate) fn exchange_reset_note(new: [u8; 4]) -> [u8; 4] {
+pub(crate) fn exchange_reset_note(new: u16) -> u16 {
     // SAFETY: only `end_of_program` touches it too, and that does not return. Any bytes are valid.
     unsafe {
         let old = (&raw const reset_note).read_volatile();

@@ -117,15 +117,28 @@ pub(crate) const UDR0: Reg8 = Reg8(0xc6);
 /// an interrupt can be kept waiting: a few instructions, no more.
 #[inline(always)]
 pub(crate) fn free<R>(work: impl FnOnce() -> R) -> R {
+    let status = free_begin();
+    let result = work();
+    free_end(status);
+    result
+}
+
+/// Interrupts off; what [`free_end`] needs.
+#[inline(always)]
+pub(crate) fn free_begin() -> u8 {
     let status = SREG.read();
     // SAFETY: turning interrupts off breaks no rule of Rust's. The assembler block also keeps the compiler from moving
     // memory accesses out of the stretch.
     unsafe { asm!("cli") };
-    let result = work();
+    status
+}
+
+/// Interrupts as they were.
+#[inline(always)]
+pub(crate) fn free_end(status: u8) {
     // SAFETY: a barrier for the compiler, no instruction.
     unsafe { asm!("") };
     SREG.write(status);
-    result
 }
 
 /// Timer1's counter. Interrupts are off for 6 cycles, because they use the byte that all its registers share (§16.3).

@@ -26,7 +26,7 @@
 //! |---|---|
 //! | GPIOR0 | [`flags`], bit-addressable |
 //! | GPIOR1, GPIOR2, EEDR | r24, r30, r31 of whoever was interrupted (interrupts do not nest) |
-//! | EEARH | page of ring B: 3, or 2 when a merge plays it and page 3 has the lists |
+//! | EEARH | page of ring B: 2, or 1 when a merge plays it and page 2 has the lists |
 //! | OCR0A, OCR0B | low byte of the address of the next group to play, ring A and ring B |
 //!
 //! # Cycles
@@ -90,12 +90,11 @@ global_asm!(
     r#"
     .section .pages, "aw", @nobits
     .p2align 8
-    // Half a page for what comes over the line; the other half is memory.rs's.
-    .global receive_page, half_page, ring_a_page, ring_b_page
-receive_page: .skip 128
-half_page:     .skip 128
+    // Half a page is enough for what comes over the line; variables begin in the other half.
+    .global ring_a_page, ring_b_page, receive_page
 ring_a_page:  .skip 256
 ring_b_page:  .skip 256
+receive_page: .skip 128
 
     .macro ring_interrupt vector, load_page, tail, pin, ocr, end_bit, extra, starved, com_mask, com_toggle, foc, dir_on_portb, enable_mask
     .global \vector
@@ -370,7 +369,7 @@ pub struct Ring {
 }
 
 /// Pages of rings A and B, as memory.ld asserts.
-const PAGES: [u8; 2] = [2, 3];
+const PAGES: [u8; 2] = [1, 2];
 
 impl Ring {
     /// A ring; [`Ring::clear`] comes before its use.

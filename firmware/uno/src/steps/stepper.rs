@@ -48,8 +48,10 @@ const FALL_COMPARE: [u32; 2] = [16, 80];
 const AHEAD_IDLE: u32 = 24_576;
 /// So far ahead it is filled at most, ticks (4 ms).
 const AHEAD: u32 = 65_536;
+/// A ring is filled when it has room for so many groups.
+const ROOM_FOR: u8 = 20;
 /// Groups that one call makes at most: other work waits meanwhile.
-const BATCH: u8 = 8;
+const BATCH: u8 = 4;
 /// A compare that was missed is made so soon, ticks.
 const AGAIN: u16 = 48;
 /// After the ring ran empty the next group comes so soon, ticks: time enough to fill some more in.
@@ -605,6 +607,13 @@ impl Stepper {
         true
     }
 
+    /// Takes back what was pushed last of `epoch`, of all motors.
+    pub(crate) fn discard(&mut self, epoch: Epoch) {
+        for axis in self.axes.all_mut() {
+            axis.motor.discard(epoch);
+        }
+    }
+
     /// The epoch being run.
     pub(crate) fn epoch(&self) -> Epoch {
         self.axes().first().map_or(Epoch(0), |axis| axis.motor.epoch())
@@ -666,7 +675,7 @@ impl Stepper {
             let merge = if self.merging { merge.as_deref_mut() } else { None };
             let busy = match &merge {
                 Some(merge) => !merge.is_idle(),
-                None => mine.iter().any(|axis| axis.wish != Wish::Nothing),
+                None => mine.iter().any(|axis| axis.wish != Wish::Nothing || axis.motor.registers().left != 0),
             };
             let free = track.ring.free();
             if busy {
@@ -677,8 +686,8 @@ impl Stepper {
             }
             if let Some(merge) = merge {
                 lanes::fill(merge, last, track, mine, now, queues, times);
-            } else if free >= CAPACITY / 2 {
-                // Half full is enough: more at once costs less.
+            } else if free >= ROOM_FOR {
+                // More at once costs less, but the ring must outlast all else that the main loop does.
                 fill(track, mine, now, queues, times);
             }
             if axes.is_empty() {
@@ -702,12 +711,12 @@ fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, time
             axis.look(queues, limit, times);
         }
     }
-    if let [axis] = axes
-        && fast(track, axis, now, times)
-    {
-        return;
-    }
     for _ in 0..BATCH {
+        if let [axis] = axes
+            && fast(track, axis, now, times)
+        {
+            return;
+        }
         let ahead = track.at.since(now);
         if track.ring.free() < 2 || (ahead >= AHEAD && ahead < 1 << 31) {
             return;
