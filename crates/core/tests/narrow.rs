@@ -24,7 +24,7 @@ fn any_size_signed(bits: u32) -> impl Strategy<Value = i64> {
 /// Part of a motion, as it is packed.
 #[derive(Clone, Debug)]
 enum Part {
-    /// So many ticks from now.
+    /// So many ticks from now; the first of an epoch.
     Anchor(i32),
     Dwell(u32),
     /// In full, whatever went before.
@@ -47,7 +47,6 @@ fn count() -> impl Strategy<Value = u32> {
 
 fn part() -> impl Strategy<Value = Part> {
     prop_oneof![
-        1 => (-1000i32..100_000).prop_map(Part::Anchor),
         2 => any_size(26).prop_map(|ticks| Part::Dwell(u32::try_from(ticks).unwrap())),
         3 => (count(), any_size(40), any_size_signed(31), any_size_signed(31), any::<bool>()).prop_map(
             |(count, interval, add, add2, forward)| {

@@ -1,7 +1,7 @@
 //! The channel of one motor: packed items → events.
 //!
 //! The rules are those of [`Channel`](crate::Channel): ticks go up strictly; a step that cannot be made is not made, and
-//! what follows is dropped up to the next anchor; a step of the old epoch at a tick ≥ the switch's is not made.
+//! what follows of its epoch is dropped (there is one anchor in it, the first item: `Channel` would go on at another); a step of the old epoch at a tick ≥ the switch's is not made.
 
 use super::bytes::{Bytes, Pool, PushRefused};
 use super::registers::Registers;
@@ -96,7 +96,7 @@ pub struct Motor {
     committed: bool,
     /// Whether the accumulator means anything.
     anchored: bool,
-    /// Whether the rest of the epoch cannot be read.
+    /// Whether the rest of the epoch cannot be read, or is not to be made.
     unreadable: bool,
     asserts_every_step: bool,
     gap: u16,
@@ -427,8 +427,10 @@ impl Motor {
     }
 
     #[cold]
+    #[inline(never)]
     fn miss(&mut self, tick: Moment) {
-        self.registers.give_up();
+        self.registers.left = 0;
+        self.unreadable = true;
         self.fail(Reason::Missed, tick);
     }
 

@@ -2,15 +2,17 @@
 //!
 //! | bytes | |
 //! |---|---|
-//! | n + 1 | the body of n ≤ [`MAX_BODY`] bytes, COBS-encoded: no zero in it |
+//! | 1 | the length n of the body, 1 ≤ n ≤ [`MAX_BODY`], times 2, plus its parity: an even number of ones |
+//! | n + 1 | the body, COBS-encoded: no zero in it |
 //! | 1 | 1, then bits 15–9 of the CRC |
 //! | 1 | 1, then bits 8–2 of the CRC |
 //! | 1 | 1, then five bits [`Tag`], then bits 1–0 of the CRC |
 //! | 1 | 0 |
 //!
-//! The CRC (polynomial 0x1021, first 0xffff, nothing reflected) goes over the *encoded* bytes: so it finds what was changed
-//! before anything is made of it, and every change of 1 to 3 bits that leaves the zero where it was. The leading ones of
-//! the three bytes keep zeros out of them.
+//! The CRC (polynomial 0x1021, first 0xffff, nothing reflected) goes over the *encoded* bytes, the length first, and then over
+//! the tag: so it finds what was changed before anything is made of it, and every change of 1 to 3 bits that leaves the
+//! zeros where they are. A change that makes or breaks a zero cuts a frame or joins two: the length is then
+//! wrong by two bits at least. The leading ones of the three bytes keep zeros out of them.
 
 /// The longest body.
 pub const MAX_BODY: usize = 80;
@@ -18,18 +20,18 @@ pub const MAX_BODY: usize = 80;
 /// The longest frame, with its zero.
 pub const MAX_FRAME: usize = framed_len(MAX_BODY);
 
-// COBS needs no second code byte, and lengths are one byte.
-const _: () = assert!(MAX_BODY < 254);
+// The length has seven bits; COBS needs no second code byte.
+const _: () = assert!(MAX_BODY < 128);
 
 /// Bytes on the line of a body of `len` bytes.
 #[must_use]
 pub const fn framed_len(len: usize) -> usize {
-    len + 1 + 3 + 1
+    1 + len + 1 + 3 + 1
 }
 
 /// Which session a frame belongs to, 0 to 31; 0 before there is one.
 ///
-/// Outside the CRC, but compared bit by bit: a changed tag is another session's, and its frame is dropped.
+/// A frame of another session is dropped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Tag(pub u8);
 
@@ -61,9 +63,17 @@ pub const fn crc(sum: u16, byte: u8) -> u16 {
 
 const CRC_START: u16 = 0xffff;
 
-/// The three bytes after a body.
+/// The byte before a body of `len` bytes: an even number of ones.
+const fn length_byte(len: u8) -> u8 {
+    let mut odd = len ^ (len >> 4);
+    odd ^= odd >> 2;
+    odd ^= odd >> 1;
+    len << 1 | odd & 1
+}
+
+/// The three bytes after a body, `sum` being that of its encoded bytes.
 const fn trailer(sum: u16, tag: Tag) -> [u8; 3] {
-    let [high, low] = sum.to_be_bytes();
+    let [high, low] = crc(sum, tag.0 & 31).to_be_bytes();
     [0x80 | (high >> 1), 0x80 | (high << 6) & 0x40 | (low >> 2), 0x80 | (tag.0 & 31) << 2 | low & 3]
 }
 
@@ -73,7 +83,7 @@ pub struct Encoder<'a> {
     out: &'a mut [u8],
     /// Where the code of the run being written is.
     code_at: usize,
-    /// Bytes written, codes included; beyond `out` when it is too short.
+    /// Bytes written, length and codes included; beyond `out` when it is too short.
     len: usize,
 }
 
@@ -81,7 +91,7 @@ impl<'a> Encoder<'a> {
     /// A frame into the front of `out`.
     #[must_use]
     pub fn new(out: &'a mut [u8]) -> Encoder<'a> {
-        Encoder { out, code_at: 0, len: 1 }
+        Encoder { out, code_at: 1, len: 2 }
     }
 
     /// One byte of the body.
@@ -123,11 +133,12 @@ impl<'a> Encoder<'a> {
         self.bytes(&value.to_le_bytes());
     }
 
-    /// Ends the frame and gives its length; `None` when the body is longer than [`MAX_BODY`] or `out` too short.
+    /// Ends the frame and gives its length; `None` when the body is empty or longer than [`MAX_BODY`], or `out` too short.
     pub fn finish(mut self, tag: Tag) -> Option<usize> {
         self.close_run();
-        let body = self.out.get(..self.len).filter(|encoded| encoded.len() <= MAX_BODY + 1)?;
-        let sum = body.iter().fold(CRC_START, |sum, byte| crc(sum, *byte));
+        let len = u8::try_from(self.len - 2).ok().filter(|len| 0 < *len && usize::from(*len) <= MAX_BODY)?;
+        *self.out.first_mut()? = length_byte(len);
+        let sum = self.out.get(..self.len)?.iter().fold(CRC_START, |sum, byte| crc(sum, *byte));
         let end = self.out.get_mut(self.len..self.len + 4)?;
         end[..3].copy_from_slice(&trailer(sum, tag));
         end[3] = 0;
@@ -162,24 +173,32 @@ pub struct Decoder {
     len: u8,
     /// The last three bytes: the trailer, if a zero follows.
     late: [u8; 3],
-    /// Bytes since the last zero, up to [`TOO_LONG`].
-    taken: u8,
+    at: At,
+    /// The length byte.
+    said: u8,
     /// Bytes that the run being read still has.
     run: u8,
     sum: u16,
 }
 
-/// More encoded bytes than any frame has.
-const TOO_LONG: u8 = const {
-    assert!(MAX_FRAME < 255);
-    255
-};
+/// What comes out of `late` next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum At {
+    /// Nothing: so many of its bytes are missing.
+    Filling(u8),
+    Length,
+    /// The code of the first run.
+    First,
+    Body,
+    /// More than a frame has: noise up to the next zero.
+    TooLong,
+}
 
 impl Decoder {
     /// Between two frames.
     #[must_use]
     pub const fn new() -> Decoder {
-        Decoder { body: [0; MAX_BODY], len: 0, late: [0; 3], taken: 0, run: 0, sum: CRC_START }
+        Decoder { body: [0; MAX_BODY], len: 0, late: [0; 3], at: At::Filling(3), said: 0, run: 0, sum: CRC_START }
     }
 
     /// Takes one byte.
@@ -190,12 +209,39 @@ impl Decoder {
         }
         let [ready, second, third] = self.late;
         self.late = [second, third, byte];
-        if self.taken < 3 {
-            self.taken += 1;
-        } else if self.taken != TOO_LONG {
-            self.decode(ready);
+        match self.at {
+            At::Body => {
+                self.sum = crc(self.sum, ready);
+                if self.run == 0 {
+                    // A code after the first stands for the zero before its run.
+                    self.run = ready;
+                    self.put(0);
+                } else {
+                    self.put(ready);
+                }
+                self.run -= 1;
+            }
+            At::Filling(1) => self.at = At::Length,
+            At::Filling(missing) => self.at = At::Filling(missing - 1),
+            At::Length => {
+                (self.said, self.sum, self.len, self.at) = (ready, crc(CRC_START, ready), 0, At::First);
+            }
+            At::First => {
+                (self.run, self.sum, self.at) = (ready - 1, crc(self.sum, ready), At::Body);
+            }
+            At::TooLong => {}
         }
         Received::More
+    }
+
+    fn put(&mut self, value: u8) {
+        match self.body.get_mut(usize::from(self.len)) {
+            Some(place) => {
+                *place = value;
+                self.len += 1;
+            }
+            None => self.at = At::TooLong,
+        }
     }
 
     /// The body of the frame that was completed last.
@@ -206,46 +252,17 @@ impl Decoder {
 
     /// Forgets what came since the last zero, as after a change of rate.
     pub fn reset(&mut self) {
-        (self.taken, self.len) = (0, 0);
-    }
-
-    /// One encoded byte, known not to be of the trailer.
-    #[inline]
-    fn decode(&mut self, byte: u8) {
-        if self.taken == 3 {
-            // The first code of a frame.
-            (self.len, self.sum, self.run) = (0, CRC_START, 0);
-        }
-        self.sum = crc(self.sum, byte);
-        let value = if self.run == 0 {
-            self.run = byte;
-            // A code after the first stands for the zero before its run.
-            if self.taken == 3 { None } else { Some(0) }
-        } else {
-            Some(byte)
-        };
-        self.run -= 1;
-        if self.taken == 3 {
-            self.taken = 4;
-        }
-        if let Some(value) = value {
-            match self.body.get_mut(usize::from(self.len)) {
-                Some(place) => {
-                    *place = value;
-                    self.len += 1;
-                }
-                None => self.taken = TOO_LONG,
-            }
-        }
+        (self.at, self.len) = (At::Filling(3), 0);
     }
 
     fn end(&mut self) -> Received {
-        let taken = core::mem::replace(&mut self.taken, 0);
-        if taken == 0 {
+        let at = core::mem::replace(&mut self.at, At::Filling(3));
+        if at == At::Filling(3) {
             return Received::More;
         }
         let tag = Tag(self.late[2] >> 2 & 31);
-        if taken == 4 && self.run == 0 && self.late == trailer(self.sum, tag) {
+        let whole = at == At::Body && self.run == 0 && self.said == length_byte(self.len);
+        if whole && self.late == trailer(self.sum, tag) {
             Received::Frame(tag)
         } else {
             self.len = 0;

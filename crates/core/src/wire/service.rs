@@ -55,6 +55,8 @@ enum Change {
     Trial {
         since: Millis,
     },
+    /// Taken back; the host has not been heard since.
+    FellBack,
 }
 
 /// The board's side of the link. About 130 bytes, most of them one frame.
@@ -62,6 +64,8 @@ enum Change {
 pub struct Service {
     decoder: Decoder,
     link: Link,
+    /// Nothing was said at this rate yet.
+    new_rate: bool,
 }
 
 /// All of it but the frame that is being received.
@@ -118,7 +122,7 @@ impl Service {
             events: 0,
             damaged: 0,
         };
-        Service { decoder: Decoder::new(), link }
+        Service { decoder: Decoder::new(), link, new_rate: false }
     }
 
     /// Whether a host has taken the board: other dialects on the line are off then.
@@ -158,21 +162,34 @@ impl Service {
     /// Looks at the clock, and writes the reply that is due into the front of `out`; gives its length, 0 if there is none.
     ///
     /// To be called again and again, but only when the reply before has been handed to the line whole. `out` has
-    /// room for [`MAX_FRAME`](super::MAX_FRAME) bytes, or as many as the longest answer of this board takes; one that
-    /// does not fit is not sent.
+    /// room for [`MAX_FRAME`](super::MAX_FRAME) bytes and one more, or as many as the longest answer of this board takes;
+    /// one that does not fit is not sent.
     pub fn poll(&mut self, now: Millis, machine: &mut impl Machine, out: &mut [u8]) -> usize {
         let baud = self.link.baud;
-        let len = self.link.poll(now, machine, out);
+        self.link.watch(now, machine);
         if baud != self.link.baud {
             self.decoder.reset();
+            self.new_rate = true;
         }
-        len
+        if !self.new_rate {
+            return self.link.reply(machine, out);
+        }
+        // A zero first: it ends what the host took for a frame while the rates were different.
+        let Some((first, rest)) = out.split_first_mut() else { return 0 };
+        match self.link.reply(machine, rest) {
+            0 => 0,
+            len => {
+                *first = 0;
+                self.new_rate = false;
+                len + 1
+            }
+        }
     }
 }
 
 impl Link {
-    fn poll(&mut self, now: Millis, machine: &mut impl Machine, out: &mut [u8]) -> usize {
-        self.watch(now, machine);
+    /// The reply that is due.
+    fn reply(&mut self, machine: &mut impl Machine, out: &mut [u8]) -> usize {
         if let Some(seq) = self.refusal_due.take() {
             let refusal = Refusal::of(Reason::Taken);
             return reply(out, seq, kind::REFUSED, Tag::NONE, |frame| refuse(frame, kind::HELLO, refusal));
@@ -190,7 +207,8 @@ impl Link {
             self.ack_due = false;
             return reply(out, last, kind::POLL | kind::ANSWER, tag, |frame| acknowledge(frame, machine));
         }
-        if !self.taken {
+        // Around a change of rate nobody may hear it.
+        if !self.taken || matches!(self.change, Change::Due(_) | Change::Trial { .. }) {
             return 0;
         }
         let event = if self.fell_back {
@@ -212,13 +230,14 @@ impl Link {
             self.leave(machine, false);
         }
         match self.change {
+            // Asked for at that very rate: the host is there already.
+            Change::Due(baud) if baud == self.baud => self.change = Change::None,
             Change::Due(baud) if !self.answer_due => {
                 self.set_baud(baud, machine);
                 self.change = Change::Trial { since: now };
             }
             Change::Trial { since } if now.since(since) >= TRIAL_MS => {
-                self.change = Change::None;
-                self.fell_back = self.baud != Baud::B115200;
+                self.change = Change::FellBack;
                 self.set_baud(Baud::B115200, machine);
             }
             _ => {}
@@ -260,8 +279,10 @@ impl Link {
             return;
         }
         self.heard = now;
-        if let Change::Trial { .. } = self.change {
-            self.change = Change::None;
+        match self.change {
+            Change::Trial { .. } => self.change = Change::None,
+            Change::FellBack => (self.change, self.fell_back) = (Change::None, true),
+            Change::None | Change::Due(_) => {}
         }
         match seq.wrapping_sub(self.expected) {
             0 => self.take(seq, kind, payload, machine),
@@ -374,7 +395,8 @@ impl Link {
 
     fn damaged(&mut self) {
         self.damaged = self.damaged.saturating_add(1);
-        if self.taken {
+        // At a new rate, all is noise until the host is there too.
+        if self.taken && !matches!(self.change, Change::Trial { .. }) {
             self.miss(Missing::Gap);
         }
     }

@@ -57,7 +57,7 @@ const AGAIN: u16 = 48;
 /// After the ring ran empty the next group comes so soon, ticks: time enough to fill some more in.
 const LEAD: u16 = 800;
 /// Steps that come later than this after the ring ran empty are not made any more: the motors stop. 100 µs.
-const TOO_LATE: u32 = 1600;
+const TOO_LATE: u16 = 1600;
 
 /// The times of a configuration, ticks.
 #[derive(Clone, Copy, Debug)]
@@ -296,18 +296,22 @@ impl Track {
     #[inline(never)]
     fn watch(&mut self, now: Moment, busy: bool) -> Option<Trouble> {
         if regs::GPIOR0.read() & self.starved_flag() != 0 {
-            // It counts from here on, not from when the round began.
-            let now = now.after(u32::from(clock::read().wrapping_sub(low_half(now.0))));
-            let late = now.since(self.at);
-            if late >= TOO_LATE && late < 1 << 31 && busy {
+            let (compare, _) = self.compare();
+            // The compare register still has the tick of the group that is next.
+            let count = clock::read();
+            let late = count.wrapping_sub(compare.read());
+            if busy && late >= TOO_LATE {
                 return Some(Trouble::Starved);
             }
-            let soon = now.after(u32::from(LEAD));
+            // It counts from here on, not from when the round began.
+            let now = now.after(u32::from(count.wrapping_sub(low_half(now.0))));
             if self.ring.is_empty() {
-                self.at = soon;
+                self.at = now.after(u32::from(LEAD));
+                self.resume(self.at);
+            } else {
+                self.resume(now.after(u32::from(AGAIN)));
             }
-            self.resume(soon);
-            return busy.then_some(Trouble::Late { ticks: low_half(late) });
+            return busy.then_some(Trouble::Late { ticks: late });
         }
         let (compare, bit) = self.compare();
         // A match lies ahead, or its interrupt has been kept waiting for some cycles. If it is behind by 512 to 32 767, it
@@ -525,6 +529,8 @@ impl Stepper {
             track.ring.clear();
             track.resume(at);
         }
+        // Rings wake the processor often enough.
+        regs::free(|| regs::TIMSK1.clear(1));
     }
 
     /// The immediate stop: plays no group more, and forgets all that was to come. A pulse that was begun still ends.
@@ -664,9 +670,10 @@ impl Stepper {
         count + i16::from(track.ring.unplayed(levels, step, dir))
     }
 
-    /// Fills the rings as far as time allows.
+    /// Fills the rings as far as time allows. Whether there is nothing more to do until an interrupt comes.
     #[inline(never)]
-    pub(crate) fn run(&mut self, now: Moment, queues: &Queues) {
+    pub(crate) fn run(&mut self, now: Moment, queues: &Queues) -> bool {
+        let mut rest = true;
         let Stepper { tracks, axes, merge, last, times, trouble, fewest_groups, .. } = self;
         let mut axes = axes.all_mut();
         for track in tracks {
@@ -688,18 +695,19 @@ impl Stepper {
                 lanes::fill(merge, last, track, mine, now, queues, times);
             } else if free >= ROOM_FOR {
                 // More at once costs less, but the ring must outlast all else that the main loop does.
-                fill(track, mine, now, queues, times);
+                rest &= fill(track, mine, now, queues, times);
             }
             if axes.is_empty() {
                 break;
             }
         }
+        rest
     }
 }
 
-/// Fills one ring as far as time allows.
+/// Fills one ring as far as time allows. Whether there is nothing more to do until one of its groups has been played.
 #[inline(never)]
-fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, times: &Times) {
+fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, times: &Times) -> bool {
     // No further is looked in this call.
     let limit = track.at.after(FILLER);
     for axis in &mut *axes {
@@ -715,11 +723,11 @@ fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, time
         if let [axis] = axes
             && fast(track, axis, now, times)
         {
-            return;
+            return false;
         }
         let ahead = track.at.since(now);
         if track.ring.free() < 2 || (ahead >= AHEAD && ahead < 1 << 31) {
-            return;
+            return true;
         }
         let (index, due) = earliest(axes, limit.after(FILLER));
         if limit.is_before(due) {
@@ -727,8 +735,9 @@ fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, time
                 // Out of the way of what may come soon after it.
                 let clear = due.before(2 * u32::from(times.apart));
                 track.push(if clear.is_before(limit) { clear } else { limit }, Group::NOTHING);
+                return false;
             }
-            return;
+            return true;
         }
         play(track, axes, index, times);
         if let Some(axis) = axes.get_mut(index)
@@ -737,6 +746,7 @@ fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, time
             axis.look(queues, limit, times);
         }
     }
+    false
 }
 
 /// The fast engine of a motor that has a ring of its own: expands steps into it as long as nothing but steps comes.
