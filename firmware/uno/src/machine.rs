@@ -33,6 +33,8 @@ pub(crate) struct Board {
     /// Faults that were told, bit by motor.
     told: u8,
     was_idle: bool,
+    /// Ticks asleep, modulo 2^32: four minutes and a half.
+    asleep: u32,
     /// When the round being made began, or the last sleep ended.
     woken: Moment,
     last_stop: Cause,
@@ -113,6 +115,7 @@ impl Board {
             events: Events { waiting: [None; 2] },
             told: 0,
             was_idle: true,
+            asleep: 0,
             woken: Moment(0),
             last_stop: Cause::None,
             last_reset: Cause::None,
@@ -164,7 +167,7 @@ impl Board {
             regs::sleep();
         }
         let asleep = self.clock.moment().since(before);
-        self.measures.asleep_ticks += u64::from(asleep);
+        self.asleep = self.asleep.wrapping_add(asleep);
         self.woken = before.after(asleep);
     }
 
@@ -459,6 +462,7 @@ impl Machine for Board {
             most_unread: u16::from(self.link.most_unread),
             fewest_groups: self.stepper.fewest_groups(),
             stack_left: memory::stack_left(),
+            asleep_ticks: u64::from(self.asleep),
             ..self.measures
         }
     }
@@ -467,6 +471,7 @@ impl Machine for Board {
         self.measures = Board::NO_MEASURES;
         self.link.most_unread = 0;
         self.stepper.reset_measures();
+        self.asleep = 0;
     }
 
     fn can_baud(&self, _: Baud) -> bool {
