@@ -214,6 +214,10 @@ fn run(pins: &[(u8, u8)], laws: &[Law], apart: f64, pulse: u16, seconds: f64) ->
         } else {
             board.advance(step, &mut edges);
         }
+        if std::env::var("UNO_ROOM").is_ok() {
+            let rooms: Vec<_> = (0..pins.len()).map(|motor| board.room(motor)).collect();
+            println!("{:.2} ms room {rooms:?} packed {packed}", (board.now() as f64 - begin as f64) / 16e3);
+        }
         let events = board.events();
         if !events.is_empty() {
             println!("{events:?}");
@@ -225,8 +229,16 @@ fn run(pins: &[(u8, u8)], laws: &[Law], apart: f64, pulse: u16, seconds: f64) ->
                 let chip = board.port().chip();
                 let ram = chip.ram();
                 println!("cycle {} zero {:?} merge {:?}", chip.cycle(), board.port().zero(), &ram[at..at + 36]);
-                println!("lists {:?}", &ram[0x200..0x300]);
-                println!("ring {:?}", &ram[0x100..0x200]);
+                println!("lists {:?}", &ram[0x100..0x200]);
+                println!("ring {:?}", &ram[0..0x100]);
+                for (index, source) in sources.iter().enumerate() {
+                    let line = pins[index].0;
+                    let rising = edges.0.iter().filter(|edge| edge.line == line && edge.level && edge.tick >= begin);
+                    if let Some((number, (edge, due))) = rising.zip(&source.due).enumerate().find(|(_, (e, d))| e.tick.abs_diff(**d) > 80) {
+                        println!("motor {index}: step {number} at {} due {due}: {}", edge.tick, edge.tick as i64 - *due as i64);
+                    }
+                }
+                println!("begin {begin} now {} dues {:?}", board.now(), sources[0].due.iter().rev().take(3).collect::<Vec<_>>());
                 for pin in [2, 3, 4] {
                     let last: Vec<_> = edges.0.iter().filter(|edge| edge.line == pin && edge.level).map(|edge| edge.tick).collect();
                     println!("pin {pin}: {} steps, last {:?}, due {:?}", last.len(), last.last(), sources.get(usize::from(pin) - 2).and_then(|s| s.due.get(last.len())));
