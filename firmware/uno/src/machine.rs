@@ -4,7 +4,7 @@ use crate::clock::{Clock, TICK_HZ};
 use crate::link::{Link, WINDOW};
 use crate::memory::{self, POOL, Queues};
 use crate::regs;
-use crate::steps::pins::{Layout, MAX_MOTORS};
+use crate::steps::pins::{Layout, MAX_MOTORS, Pin};
 use crate::steps::stepper::{Stepper, Trouble};
 use pulsetrain_core::narrow::{self, PushRefused, SWITCHES};
 use pulsetrain_core::wire::frame::Tag;
@@ -44,7 +44,7 @@ pub(crate) struct Board {
 
 /// The enable line of the drivers.
 struct Power {
-    pin: Option<crate::steps::pins::Pin>,
+    pin: Pin,
     /// Enable is active high.
     high: bool,
     /// Rest after which the drivers are released.
@@ -55,13 +55,11 @@ struct Power {
 }
 
 impl Power {
-    const OFF: Power = Power { pin: None, high: false, idle_ms: None, on: false, busy: Millis(0) };
+    const OFF: Power = Power { pin: Pin::NONE, high: false, idle_ms: None, on: false, busy: Millis(0) };
 
     fn set(&mut self, on: bool) {
         self.on = on;
-        if let Some(pin) = self.pin {
-            pin.set(on == self.high);
-        }
+        self.pin.set(on == self.high);
     }
 
     /// Holds while there is something to do, and `idle_ms` longer.
@@ -266,13 +264,9 @@ impl Board {
     /// Takes on a configuration that is possible.
     #[inline(never)]
     fn set_up(&mut self, layout: &Layout, configuration: &Configuration<'_>) {
-        if let Some(pin) = self.power.pin {
-            pin.float();
-        }
+        self.power.pin.float();
         let high = configuration.enable_high;
-        if let Some(pin) = layout.enable {
-            pin.drive(!high);
-        }
+        layout.enable.drive(!high);
         self.power = Power { pin: layout.enable, high, idle_ms: configuration.idle_ms, ..Power::OFF };
         for (place, motor) in self.pull_in.iter_mut().zip(configuration.motors()) {
             *place = motor.pull_in_ticks;
