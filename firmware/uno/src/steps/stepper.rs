@@ -27,6 +27,8 @@ use pulsetrain_core::narrow::{Bytes, Motor, Reason, Settings};
 use pulsetrain_core::wire::message::{self, Configuration};
 use pulsetrain_core::{Direction, Epoch, Moment};
 
+/// So late an interrupt may be that was kept waiting, ticks.
+const LATE: u8 = 24;
 /// Ticks between two groups, at least: from a match until the interrupt has set the next, and the longest time that it can be
 /// kept waiting; and the length of the interrupt + 4, so that delays die out.
 const APART: u8 = 48;
@@ -101,7 +103,8 @@ impl Times {
             if wanted <= extra {
                 (pulse, apart) = (extra, apart_extra);
             } else {
-                (pulse, long) = (wanted.max(u16::from(apart)), true);
+                // Its first edge may be late, its second never is.
+                (pulse, long) = (wanted.saturating_add(u16::from(LATE)).max(u16::from(apart)), true);
             }
         }
         let beside = kind == Kind::Compare && configuration.motors().len() > 1;
@@ -570,6 +573,8 @@ impl Stepper {
         if let Some(merge) = &mut self.merge {
             merge.clear(0);
         }
+        // Timer1's overflow, for a look at the clock, while no ring wakes the processor.
+        regs::free(|| regs::TIMSK1.set(1));
         uncertain
     }
 
@@ -715,6 +720,19 @@ impl Stepper {
 /// Fills one ring as far as time allows. Whether there is nothing more to do until one of its groups has been played.
 #[inline(never)]
 fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, times: &Times) -> bool {
+    if let [axis] = axes {
+        // As long as nothing but steps comes there is nothing to look at.
+        let mut went = false;
+        while track.ring.free() >= ROOM_FOR && fast(track, axis, now, times) {
+            went = true;
+            if axis.motor.registers().left == 0 {
+                axis.look(queues, track.at.after(FILLER), times);
+            }
+        }
+        if went {
+            return false;
+        }
+    }
     // No further is looked in this call.
     let limit = track.at.after(FILLER);
     for axis in &mut *axes {
@@ -763,8 +781,19 @@ fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, time
 fn fast(track: &mut Track, axis: &mut Axis, now: Moment, times: &Times) -> bool {
     let fastest = FASTEST[usize::from(times.beside)];
     let room = track.ring.free();
-    let far = axis.due.since(track.at);
-    if room < 2 || far < u32::from(fastest) || far >= 1 << 15 {
+    if axis.wish == Wish::Nothing {
+        // The pending group is the last step, and there are more.
+        let registers = axis.motor.registers();
+        if registers.left == 0 || registers.tick != track.at.0 {
+            return false;
+        }
+    } else {
+        let far = axis.due.since(track.at);
+        if far < u32::from(fastest) || far >= 1 << 15 {
+            return false;
+        }
+    }
+    if room < 2 {
         return false;
     }
     let steps = axis.grant(fastest, now.after(AHEAD), times).min(room - 1);
