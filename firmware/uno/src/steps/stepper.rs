@@ -708,6 +708,13 @@ impl Stepper {
 /// Fills one ring as far as time allows. Whether there is nothing more to do until one of its groups has been played.
 #[inline(never)]
 fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, times: &Times) -> bool {
+    if let [axis] = axes {
+        // Until the ring is full, or something else than steps comes.
+        while fast(track, axis, now, queues, times) {}
+        if track.ring.free() < ROOM_FOR {
+            return false;
+        }
+    }
     // No further is looked in this call.
     let limit = track.at.after(FILLER);
     for axis in &mut *axes {
@@ -720,11 +727,6 @@ fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, time
         }
     }
     for _ in 0..BATCH {
-        if let [axis] = axes
-            && fast(track, axis, now, times)
-        {
-            return false;
-        }
         let ahead = track.at.since(now);
         if track.ring.free() < 2 || (ahead >= AHEAD && ahead < 1 << 31) {
             return true;
@@ -753,11 +755,18 @@ fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, time
 ///
 /// Whether it did.
 #[inline(never)]
-fn fast(track: &mut Track, axis: &mut Axis, now: Moment, times: &Times) -> bool {
+fn fast(track: &mut Track, axis: &mut Axis, now: Moment, queues: &Queues, times: &Times) -> bool {
     let fastest = FASTEST[usize::from(times.beside)];
     let room = track.ring.free();
-    let far = axis.due.since(track.at);
-    if room < 2 || far < u32::from(fastest) || far >= 1 << 15 {
+    if room < 8 {
+        return false;
+    }
+    if axis.wish == Wish::Nothing && axis.motor.registers().left == 0 {
+        axis.motor.pass(track.at);
+        axis.look(queues, track.at.after(FILLER), times);
+    }
+    let far = axis.motor.registers().next_tick().since(track.at);
+    if far < u32::from(fastest) || far >= 1 << 15 {
         return false;
     }
     let steps = axis.grant(fastest, now.after(AHEAD), times).min(room - 1);
