@@ -41,9 +41,9 @@ const FASTEST: [u16; 2] = [60, 130];
 /// Ticks between two groups, at most: the compare register is a quarter of the way round.
 const FILLER: u32 = 16_384;
 /// From a group's tick to its `fall`, ticks: at least, and at most when an interrupt was kept waiting.
-const FALL: [u32; 2] = [16, 48];
+const FALL: [u8; 2] = [16, 48];
 /// The same with the compare hardware, where DIR is toggled on a longer way.
-const FALL_COMPARE: [u32; 2] = [16, 80];
+const FALL_COMPARE: [u8; 2] = [16, 80];
 /// So far ahead a ring is filled while nothing is due, ticks (1.5 ms).
 const AHEAD_IDLE: u32 = 24_576;
 /// So far ahead it is filled at most, ticks (4 ms).
@@ -74,29 +74,36 @@ pub(crate) struct Times {
     apart: u8,
     /// Another motor has a ring of its own too.
     beside: bool,
-    fall: [u32; 2],
+    fall: [u8; 2],
 }
 
 impl Times {
+    /// From a group that toggles DIR to the step that it is for, at least.
+    #[inline(always)]
+    fn lead(&self) -> u32 {
+        u32::from(self.setup) + u32::from(self.fall[1])
+    }
+
     const NONE: Times =
         Times { pulse: 16, long: false, setup: 0, hold: 0, apart: APART, beside: false, fall: FALL };
 
     /// Pulses of so many ticks, or a little longer where that is what an interrupt makes; beyond that by two groups.
     fn of(kind: Kind, configuration: &Configuration<'_>) -> Times {
         // What the interrupt makes without and with its flag, and the distance that takes.
-        let (pulses, aparts, fall) = match kind {
-            Kind::PortD | Kind::PortB => ([16, 31], [APART, APART_LONG], FALL),
-            Kind::Shield => ([17, 31], APART_SHIELD, FALL),
-            Kind::Compare => ([35, 35], [APART_COMPARE; 2], FALL_COMPARE),
+        let ((short, apart), (extra, apart_extra), fall) = match kind {
+            Kind::PortD | Kind::PortB => ((16, APART), (31, APART_LONG), FALL),
+            Kind::Shield => ((17, APART_SHIELD[0]), (31, APART_SHIELD[1]), FALL),
+            Kind::Compare => ((35, APART_COMPARE), (35, APART_COMPARE), FALL_COMPARE),
         };
         let wanted = configuration.pulse_ticks;
-        let (pulse, long, apart) = if wanted <= pulses[0] {
-            (pulses[0], false, aparts[0])
-        } else if wanted <= pulses[1] {
-            (pulses[1], false, aparts[1])
-        } else {
-            (wanted.max(u16::from(aparts[0])), true, aparts[0])
-        };
+        let (mut pulse, mut long, mut apart) = (short, false, apart);
+        if wanted > short {
+            if wanted <= extra {
+                (pulse, apart) = (extra, apart_extra);
+            } else {
+                (pulse, long) = (wanted.max(u16::from(apart)), true);
+            }
+        }
         let beside = kind == Kind::Compare && configuration.motors().len() > 1;
         Times { pulse, long, setup: configuration.setup_ticks, hold: configuration.hold_ticks, apart, beside, fall }
     }
@@ -169,7 +176,7 @@ impl Axis {
     /// Finds out what it wants next, if that is not after `limit`.
     #[inline(never)]
     fn look(&mut self, queues: &Queues, limit: Moment, times: &Times) {
-        let lead = u32::from(times.setup) + times.fall[1];
+        let lead = times.lead();
         let Some(Event { tick, kind }) = self.motor.peek(queues, limit.after(lead + u32::from(times.apart))) else {
             self.wish = Wish::Nothing;
             return;
@@ -459,13 +466,13 @@ impl Stepper {
         self.apiece = kind == Kind::Compare;
         self.shield = kind == Kind::Shield;
         self.times = Times::of(kind, configuration);
-        let extra = self.times.pulse == 31;
-        self.flags = match kind {
-            Kind::Shield => 1 << flags::EXTRA_A | 1 << flags::SHIELD | u8::from(extra) << flags::SHIELD_LONG,
-            Kind::PortB => u8::from(extra) << flags::EXTRA_B,
-            Kind::PortD => u8::from(extra) << flags::EXTRA_A,
-            Kind::Compare => 0,
+        let (always, extra) = match kind {
+            Kind::Shield => (1 << flags::EXTRA_A | 1 << flags::SHIELD, 1 << flags::SHIELD_LONG),
+            Kind::PortB => (0, 1 << flags::EXTRA_B),
+            Kind::PortD => (0, 1 << flags::EXTRA_A),
+            Kind::Compare => (0, 0),
         };
+        self.flags = if self.times.pulse == 31 { always | extra } else { always };
         let first = if kind == Kind::PortB { Name::B } else { Name::A };
         self.tracks[0].ring = Ring::new(first);
         self.axes.count = 0;
@@ -824,7 +831,7 @@ fn plan(axes: &mut [Axis], index: usize, levels: u8, times: &Times) -> Option<(M
             for axis in axes.iter().filter(|axis| axis.lines.dir == dir) {
                 free = later(free, axis.free);
             }
-            (free.before(times.fall[0]), Group { rise: 0, fall: dir })
+            (free.before(u32::from(times.fall[0])), Group { rise: 0, fall: dir })
         }
     };
     Some((later(due, open), open, group))
@@ -848,7 +855,7 @@ fn done(axes: &mut [Axis], index: usize, tick: Moment, times: &Times) {
         }
         Wish::Dir(_) => {
             axis.take();
-            let ready = tick.after(times.fall[1] + u32::from(times.setup));
+            let ready = tick.after(times.lead());
             for axis in axes.iter_mut().filter(|axis| axis.lines.dir == dir) {
                 axis.ready = ready;
             }
