@@ -86,8 +86,7 @@ impl Times {
         u32::from(self.setup) + u32::from(self.fall[1])
     }
 
-    const NONE: Times =
-        Times { pulse: 16, long: false, setup: 0, hold: 0, apart: APART, beside: false, fall: FALL };
+    const NONE: Times = Times { pulse: 16, long: false, setup: 0, hold: 0, apart: APART, beside: false, fall: FALL };
 
     /// Pulses of so many ticks, or a little longer where that is what an interrupt makes; beyond that by two groups.
     fn of(kind: Kind, configuration: &Configuration<'_>) -> Times {
@@ -292,7 +291,8 @@ impl Track {
         let near = due.before(u32::from(apart / 2)).is_before(self.at);
         let pending = self.ring.pending();
         // An edge of the compare hardware needs a group of its own.
-        let taken = pending.rise & group.rise | pending.fall & group.fall | self.ring.edge() & (group.rise | group.fall);
+        let taken =
+            pending.rise & group.rise | pending.fall & group.fall | self.ring.edge() & (group.rise | group.fall);
         if near && !self.at.is_before(open) && taken == 0 {
             self.ring.amend(group);
         } else {
@@ -689,7 +689,8 @@ impl Stepper {
         let Stepper { tracks, axes, merge, last, times, trouble, fewest_groups, .. } = self;
         let mut axes = axes.all_mut();
         for track in tracks {
-            let (mine, others) = if self.apiece { axes.split_at_mut_checked(1).unwrap_or_default() } else { (axes, &mut [][..]) };
+            let (mine, others) =
+                if self.apiece { axes.split_at_mut_checked(1).unwrap_or_default() } else { (axes, &mut [][..]) };
             axes = others;
             let merge = if self.merging { merge.as_deref_mut() } else { None };
             let busy = match &merge {
@@ -745,11 +746,6 @@ fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, time
         }
     }
     for _ in 0..BATCH {
-        if let [axis] = axes
-            && fast(track, axis, now, times)
-        {
-            return false;
-        }
         let ahead = track.at.since(now);
         if track.ring.free() < 2 || (ahead >= AHEAD && ahead < 1 << 31) {
             return true;
