@@ -152,7 +152,8 @@ fn run(pins: &[(u8, u8)], laws: &[Law], apart: f64, pulse: u16, seconds: f64) ->
         gain: 0,
         pull_in_ticks: 16_000,
     });
-    let setup = Setup { pulse_ticks: pulse, setup_ticks: 80, hold_ticks: 32, motors: motors.collect(), ..Setup::default() };
+    let setup =
+        Setup { pulse_ticks: pulse, setup_ticks: 80, hold_ticks: 32, motors: motors.collect(), ..Setup::default() };
     board.configure(&setup).map_err(|error| format!("configure: {error}"))?;
 
     let begin = board.now() + board.lead() + 1_600_000;
@@ -169,7 +170,9 @@ fn run(pins: &[(u8, u8)], laws: &[Law], apart: f64, pulse: u16, seconds: f64) ->
     let mut packed = 0;
     for (index, source) in sources.iter().enumerate() {
         let tick = Moment::of(source.recurrence.accumulator >> 16);
-        board.push(index, Entry { epoch, item: Item::Anchor { tick } }).map_err(|_| "no room for an anchor".to_string())?;
+        board
+            .push(index, Entry { epoch, item: Item::Anchor { tick } })
+            .map_err(|_| "no room for an anchor".to_string())?;
     }
     let until = begin + (seconds * TICK_HZ) as u64;
     let mut switched = false;
@@ -223,7 +226,11 @@ fn run(pins: &[(u8, u8)], laws: &[Law], apart: f64, pulse: u16, seconds: f64) ->
             println!("{events:?}");
         }
         if let Some(event) = events.iter().find(|event| event.tick > begin - 800_000) {
-            println!("lowest sp {:x} masked {:?}", board.port().chip().lowest_sp(), board.port().chip().longest_masked());
+            println!(
+                "lowest sp {:x} masked {:?}",
+                board.port().chip().lowest_sp(),
+                board.port().chip().longest_masked()
+            );
             if let Ok(text) = std::env::var("UNO_MERGE") {
                 let at = usize::from_str_radix(&text, 16).unwrap() - 0x100;
                 let chip = board.port().chip();
@@ -234,20 +241,41 @@ fn run(pins: &[(u8, u8)], laws: &[Law], apart: f64, pulse: u16, seconds: f64) ->
                 for (index, source) in sources.iter().enumerate() {
                     let line = pins[index].0;
                     let rising = edges.0.iter().filter(|edge| edge.line == line && edge.level && edge.tick >= begin);
-                    if let Some((number, (edge, due))) = rising.zip(&source.due).enumerate().find(|(_, (e, d))| e.tick.abs_diff(**d) > 80) {
-                        println!("motor {index}: step {number} at {} due {due}: {}", edge.tick, edge.tick as i64 - *due as i64);
+                    if let Some((number, (edge, due))) =
+                        rising.zip(&source.due).enumerate().find(|(_, (e, d))| e.tick.abs_diff(**d) > 80)
+                    {
+                        println!(
+                            "motor {index}: step {number} at {} due {due}: {}",
+                            edge.tick,
+                            edge.tick as i64 - *due as i64
+                        );
                     }
                 }
-                println!("begin {begin} now {} dues {:?}", board.now(), sources[0].due.iter().rev().take(3).collect::<Vec<_>>());
+                println!(
+                    "begin {begin} now {} dues {:?}",
+                    board.now(),
+                    sources[0].due.iter().rev().take(3).collect::<Vec<_>>()
+                );
                 for pin in [2, 3, 4] {
-                    let last: Vec<_> = edges.0.iter().filter(|edge| edge.line == pin && edge.level).map(|edge| edge.tick).collect();
-                    println!("pin {pin}: {} steps, last {:?}, due {:?}", last.len(), last.last(), sources.get(usize::from(pin) - 2).and_then(|s| s.due.get(last.len())));
+                    let last: Vec<_> =
+                        edges.0.iter().filter(|edge| edge.line == pin && edge.level).map(|edge| edge.tick).collect();
+                    println!(
+                        "pin {pin}: {} steps, last {:?}, due {:?}",
+                        last.len(),
+                        last.last(),
+                        sources.get(usize::from(pin) - 2).and_then(|s| s.due.get(last.len()))
+                    );
                 }
             }
             return Err(format!("event at {:.4} s: {event:?}", (event.tick as f64 - begin as f64) / TICK_HZ));
         }
         if let Some(error) = board.error() {
-            println!("zero {:?} odd {:?} sp {:x}", board.port().zero(), board.port().chip().odd(), board.port().chip().lowest_sp());
+            println!(
+                "zero {:?} odd {:?} sp {:x}",
+                board.port().zero(),
+                board.port().chip().odd(),
+                board.port().chip().lowest_sp()
+            );
             return Err(format!("link: {error} at {:.4} s; {events:?}", (board.now() as f64 - begin as f64) / TICK_HZ));
         }
     }
@@ -301,8 +329,8 @@ fn table() {
     let show = |name: &str, pins: &[(u8, u8)], laws: &[Law], apart: f64, pulse: u16| {
         println!("{name}: {:?}", run(pins, laws, apart, pulse, seconds));
     };
-    let rates: Vec<f64> =
-        std::env::var("UNO_RATES").map_or(vec![100.0, 120.0], |text| text.split(',').map(|r| r.parse().unwrap()).collect());
+    let rates: Vec<f64> = std::env::var("UNO_RATES")
+        .map_or(vec![100.0, 120.0], |text| text.split(',').map(|r| r.parse().unwrap()).collect());
     let what = std::env::var("UNO_WHAT").unwrap_or("1".into());
     for rate in rates.into_iter().map(|rate| rate * 1000.0) {
         match what.as_str() {
