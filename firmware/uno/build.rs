@@ -4,7 +4,9 @@ fn main() {
     let folder = std::env::var("CARGO_MANIFEST_DIR").unwrap_or_default();
     println!("cargo::rerun-if-changed=memory.ld");
     println!("cargo::rustc-link-arg-bins={folder}/memory.ld");
-    // RAM begins with three pages that are no section's: see src/memory.rs.
+    // Calls and jumps in two bytes where they reach.
+    println!("cargo::rustc-link-arg-bins=-Wl,--relax");
+    // RAM begins with two pages and a half of their own: see src/memory.rs.
     println!("cargo::rustc-link-arg-bins=-Wl,--section-start=.pages=0x800100");
-    println!("cargo::rustc-link-arg-bins=-Wl,--section-start=.data=0x800400");
+    println!("cargo::rustc-link-arg-bins=-Wl,--section-start=.data=0x800380");
 }

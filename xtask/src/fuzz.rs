@@ -10,7 +10,7 @@ const RUSTFLAGS: &str = "--cfg fuzzing -Cdebug-assertions -Ccodegen-units=1 -Cpa
     -Cllvm-args=-sanitizer-coverage-pc-table -Cllvm-args=-sanitizer-coverage-trace-compares";
 
 /// Every target, and the folders whose files it starts from.
-const TARGETS: [(&str, &[&str]); 9] = [
+const TARGETS: [(&str, &[&str]); 10] = [
     ("motion_file", &["examples"]),
     ("formula", &["fuzz/seeds/formula"]),
     ("table", &["fuzz/seeds/table"]),
@@ -19,6 +19,7 @@ const TARGETS: [(&str, &[&str]); 9] = [
     ("steps", &["fuzz/seeds/steps"]),
     ("camera", &["fuzz/seeds/camera"]),
     ("packing", &["fuzz/seeds/packing"]),
+    ("wire", &["fuzz/seeds/wire"]),
     ("narrow", &["fuzz/seeds/packing"]),
 ];
 

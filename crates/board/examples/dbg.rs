@@ -1,22 +1,25 @@
 use pulsetrain_board::virtual_uno::VirtualUno;
-use pulsetrain_board::{Link, Port};
-use std::time::Duration;
+use pulsetrain_board::*;
+use pulsetrain_core::wire::message::MotorSetup;
+use pulsetrain_core::wire::Baud;
+use pulsetrain_core::*;
 fn main() {
-    let mut uno = VirtualUno::new();
-    let mut link = Link::new(7);
-    link.hello(uno.now());
-    for _ in 0..200 {
-        let mut out = Vec::new();
-        link.output(uno.now(), &mut out);
-        if !out.is_empty() { println!("{:?} -> {out:02x?}", uno.now()); }
-        uno.send(&out).unwrap();
-        let mut back = Vec::new();
-        let t = uno.now() + Duration::from_millis(5);
-        uno.receive(t, &mut back).unwrap();
-        if !back.is_empty() { println!("{:?} <- {back:02x?}", uno.now()); }
-        link.input(&back, uno.now());
-        if let Some(a) = link.answer() { println!("{a:?}"); break; }
+    let mut remote = Remote::open(VirtualUno::new(), 7).unwrap();
+    remote.set_baud(Baud::B1M).unwrap();
+    let m = MotorSetup { step_pin: 8, dir_pin: 9, forward_high: true, pull_in_ticks: 160_000, ..MotorSetup::default() };
+    let setup = Setup { pulse_ticks: 16, setup_ticks: 8, hold_ticks: 8, motors: vec![m], ..Setup::default() };
+    remote.configure(&setup).unwrap();
+    let show = |r: &Remote<VirtualUno>, w: &str| { let c = r.port().chip(); println!("{w}: cycle {} zero {:?} pc {:#x} lowest sp {:#x} odd {:?} masked {:?}", c.cycle(), r.port().zero(), c.pc()*2, c.lowest_sp(), c.odd(), c.longest_masked()); };
+    show(&remote, "configured");
+    let from = remote.now() + 800_000;
+    let segment = Segment { count: 20, interval: 16000 << 16, add: 0, add2: 0 };
+    for item in [Item::Anchor { tick: Moment::of(from) }, Item::Run { segment, direction: Direction::Forward }] {
+        println!("{:?}", remote.push(0, Entry { epoch: Epoch(1), item }));
     }
-    let r=uno.chip().ram(); println!("rx {:02x?}", &r[0..256]); println!("ring {:02x?}", &r[256..300]); let mut c=uno.chip().clone(); for a in [0xc0u16,0xc1,0xc2,0xc4,0xc5,0x46,0x81,0x6f,0x6e]{ println!("{a:#x}={:#x}", c.read_data(a,&mut ())); }
-    println!("zero {:?} pc {:#x} asleep {} {:?}", uno.zero(), uno.chip().pc()*2, uno.chip().is_asleep(), uno.chip().odd());
+    println!("{:?}", remote.switch(Epoch(1), from));
+    show(&remote, "switched");
+    for i in 0..20 { remote.advance(from + i * 40_000, &mut |e: Edge| println!("{e:?}")); 
+    println!("{:?} {:?}", remote.error(), remote.positions()); }
+    show(&remote, "end");
+    let e = remote.events(); println!("{e:?}");
 }

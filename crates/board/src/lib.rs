@@ -5,7 +5,9 @@
 //! - [`Sizer`]: what items take in its queues
 //! - [`native`]: the project's own stepgen on the PC, in virtual time
 //! - [`remote`]: a board at the other end of a [`Port`], through `link`, the host's side of docs/protocol.md
+//! - [`serial`]: a real serial port, in real time
 //! - [`faulty`]: a port whose frames suffer, by a seed; [`model`]: a board behind a serial line, without a chip
+//! - [`shadow`]: any board beside a native one that is told the same: what was scheduled, and what came of it
 //! - [`virtual_uno`]: the Uno's firmware on an emulated chip, as such a port
 //! - [`BoardClock`]: such a board's clock, as the host sees it
 //!
@@ -19,7 +21,10 @@ pub mod faulty;
 pub mod link;
 pub mod model;
 pub mod native;
+mod packer;
 pub mod remote;
+pub mod shadow;
+pub mod serial;
 mod sizer;
 pub mod virtual_uno;
 
@@ -90,4 +95,6 @@ pub use native::{
     Config, Edge, Faults, MotorConfig, Native, Observer, ScheduledStep, StopReport, SwitchRefused, Wiring,
 };
 pub use remote::{Port, PortError, Remote, RemoteError, Setup};
+pub use shadow::Shadowed;
+pub use serial::Serial;
 pub use sizer::Sizer;

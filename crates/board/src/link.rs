@@ -18,7 +18,7 @@ use std::time::Duration;
 const SHORTEST_TIMEOUT: Duration = Duration::from_millis(8);
 
 /// Each further silence doubles the time-out, up to this.
-const LONGEST_TIMEOUT: Duration = Duration::from_millis(100);
+const LONGEST_TIMEOUT: Duration = Duration::from_millis(50);
 
 /// How often Hello is said until it is answered; a board that was reset needs a second or two.
 const HELLO_AGAIN: Duration = Duration::from_millis(200);
@@ -386,10 +386,11 @@ impl Link {
         self.new_rate.take()
     }
 
-    /// The time in which an answer must have come: the bytes that may be on their way, and a bridge on either side.
+    /// The time in which something must be confirmed after the last that was sent or confirmed: a frame on its way, its
+    /// acknowledgement and another one before that, and a bridge on either side.
     #[must_use]
     pub fn shortest_timeout(&self) -> Duration {
-        let bits = 10 * (2 * self.window + MAX_FRAME) as u64;
+        let bits = 10 * 3 * MAX_FRAME as u64;
         SHORTEST_TIMEOUT + Duration::from_nanos(bits * 1_000_000_000 / u64::from(self.baud.rate()))
     }
 

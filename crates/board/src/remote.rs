@@ -7,8 +7,9 @@
 //! [`Remote::error`] says why. What the board was told ends in its tail.
 
 use crate::link::{Answer, Link, LinkError};
+use crate::packer::{MAX_LEN, Packer};
 use crate::{Board, BoardClock, Edge, Faults, Observer, Sizer, StopReport, SwitchRefused};
-use pulsetrain_core::packing::{MAX_PACKED_LEN, Packing, State};
+use pulsetrain_core::packing::Packing;
 use pulsetrain_core::wire::message::{
     Configuration, Event, Info, MAX_PACKED, Measures, MotorSetup, NO_PIN, Status, flags,
 };
@@ -20,7 +21,7 @@ use std::time::Duration;
 const STATUS_EVERY: Duration = Duration::from_millis(50);
 
 /// How often it is asked for room while a queue is fuller than half.
-const ROOM_EVERY: Duration = Duration::from_millis(10);
+const ROOM_EVERY: Duration = Duration::from_millis(3);
 
 /// Time passes at least so much in each round, however close its end is estimated.
 const SHORTEST_ROUND: Duration = Duration::from_micros(10);
@@ -175,7 +176,7 @@ struct Motor {
     capacity: usize,
     /// The epoch that is being packed, and how far.
     epoch: Option<Epoch>,
-    state: State,
+    packer: Packer,
     /// Packed, but not sent.
     packed: Vec<u8>,
     position: i64,
@@ -296,7 +297,7 @@ impl<P: Port> Remote<P> {
             packing: Packing { fraction_bits, gain: motor.gain },
             capacity: usize::from(*bytes),
             epoch: None,
-            state: State::default(),
+            packer: Packer::new(Packing { fraction_bits, gain: motor.gain }),
             packed: Vec::new(),
             position: 0,
             faults: 0,
@@ -561,9 +562,9 @@ impl<P: Port> Board for Remote<P> {
         let Some(motor) = self.motors.get_mut(index) else { return Err(entry) };
         let now = self.port.now();
         let fresh = motor.epoch != Some(entry.epoch);
-        let mut state = if fresh { State::default() } else { motor.state };
-        let mut bytes = [0; MAX_PACKED_LEN];
-        let Ok(len) = motor.packing.pack(&mut state, &entry.item, &mut bytes) else { return Err(entry) };
+        let mut packer = if fresh { Packer::new(motor.packing) } else { motor.packer };
+        let mut bytes = [0; MAX_LEN];
+        let Ok(len) = packer.pack(&entry.item, &mut bytes) else { return Err(entry) };
         if len > room {
             return Err(entry);
         }
@@ -575,7 +576,7 @@ impl<P: Port> Board for Remote<P> {
             motor.flush(index as u8, &mut self.link, now);
         }
         motor.epoch = Some(entry.epoch);
-        motor.state = state;
+        motor.packer = packer;
         motor.packed.extend_from_slice(&bytes[..len]);
         self.tell();
         Ok(())
@@ -606,8 +607,8 @@ impl<P: Port> Board for Remote<P> {
     }
 
     fn lead(&self) -> u64 {
-        // All queues filled, a fault on the way, and the switch itself.
-        let fill = Duration::from_secs(10 * u64::from(self.info.pool)) / self.link.baud().rate();
+        // Half of all queues filled, as most that goes before a switch; a fault on the way; and the switch itself.
+        let fill = Duration::from_secs(10 * u64::from(self.info.pool) / 2) / self.link.baud().rate();
         let lead = fill + 2 * self.link.shortest_timeout();
         (lead.as_secs_f64() * f64::from(self.info.tick_hz)) as u64
     }

@@ -1,7 +1,8 @@
 //! What items take in a board's queue.
 
+use crate::packer::{MAX_LEN, Packer};
 use pulsetrain_core::Item;
-use pulsetrain_core::packing::{MAX_PACKED_LEN, Packing, State};
+use pulsetrain_core::packing::Packing;
 
 /// Measures the items of one epoch and one motor, the first one first: what the queue of a board needs to hold them.
 ///
@@ -36,7 +37,7 @@ enum Unit {
     /// A place for each item.
     Items,
     /// Bytes.
-    Packed { packing: Packing, state: State },
+    Packed(Packer),
 }
 
 impl Sizer {
@@ -46,10 +47,11 @@ impl Sizer {
         Sizer { unit: Unit::Items, head: 0 }
     }
 
-    /// For a queue of bytes that holds items as [`pulsetrain_core::packing`] packs them.
+    /// For a queue of bytes that holds items as [`pulsetrain_core::packing`] packs them, with checks in between as a
+    /// [`Remote`](crate::Remote) sends them.
     #[must_use]
     pub fn packed(packing: Packing) -> Sizer {
-        Sizer { unit: Unit::Packed { packing, state: State::default() }, head: 0 }
+        Sizer { unit: Unit::Packed(Packer::new(packing)), head: 0 }
     }
 
     /// The same, of a queue in which every epoch takes `head` for itself, before its first item.
@@ -64,9 +66,7 @@ impl Sizer {
         head + match &mut self.unit {
             Unit::Items => 1,
             // What cannot be packed is no step: a board refuses it, and it must not look small.
-            Unit::Packed { packing, state } => {
-                packing.pack(state, item, &mut [0; MAX_PACKED_LEN]).unwrap_or(MAX_PACKED_LEN)
-            }
+            Unit::Packed(packer) => packer.pack(item, &mut [0; MAX_LEN]).unwrap_or(MAX_LEN),
         }
     }
 }

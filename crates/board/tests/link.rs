@@ -193,7 +193,7 @@ fn nothing_is_done_twice_and_nothing_left_out_on_a_bad_line() {
         let mut edges = Vec::new();
         let mut steps = 0;
         for epoch in 1..=5 {
-            let from = remote.horizon() + TICK_HZ / 2;
+            let from = remote.horizon() + TICK_HZ;
             // More than one frame holds.
             let items: Vec<Item> = (0..20).map(|k| run(3 + k, 4000 + 37 * i64::from(k))).collect();
             tell(&mut remote, epoch, from, &items);

@@ -28,7 +28,7 @@
 //! | | 3–7 | what: see [`Control`] |
 //! | 1 | | 0 |
 //! | 2–5 | | dwell: ticks; anchor: tick; little-endian. Reversal and reset: absent |
-//! | 2–3, 4–7, 8–9 | | check only: position modulo 2^16; accumulator: tick, fraction · 2^16; little-endian |
+//! | 2–3, 4–7, 8–9 | | check only: steps since the anchor, forward minus backward, modulo 2^16; accumulator: tick, fraction · 2^16; little-endian |
 //!
 //! A check says where the sender thinks that the motor is when all before it has been done: an Uno compares, and does
 //! nothing of what follows up to the next anchor if it is not so. It is no item; [`Packing::unpack`] passes over it.
@@ -89,7 +89,7 @@ pub enum Control {
 /// Where a motor is when all before has been done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Check {
-    /// The lower bits of the position.
+    /// Steps since the last anchor, forward minus backward, modulo 2^16: what the count was there need not be known.
     pub position: u16,
     /// The accumulator, waits included: its tick.
     pub tick: Moment,

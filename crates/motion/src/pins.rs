@@ -93,7 +93,9 @@ impl PinsError {
 impl fmt::Display for PinKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            PinKind::Compare => "one or two motors with STEP on 9 and 10, each with its own DIR on any of 2-8 and 11-13",
+            PinKind::Compare => {
+                "one or two motors with STEP on 9 and 10, each with its own DIR on any of 2-8 and 11-13"
+            }
             PinKind::PortD => "every STEP and DIR on 2-7",
             PinKind::PortB => "every STEP and DIR on 8-13",
             PinKind::Shield => "every STEP and DIR on 2-7, 12 and 13: the CNC shield",
@@ -104,6 +106,18 @@ impl fmt::Display for PinKind {
 impl PinKind {
     /// All kinds, the best timed first: where several fit, the first of them is taken.
     pub const ALL: [PinKind; 4] = [PinKind::Compare, PinKind::PortD, PinKind::PortB, PinKind::Shield];
+
+    /// Edge tick − scheduled tick of a STEP edge that nothing keeps waiting: what `pulsetrain run` and the benches
+    /// measure lateness from.
+    #[must_use]
+    pub const fn constant_ticks(self) -> u32 {
+        match self {
+            PinKind::Compare => 1,
+            PinKind::PortD => 18,
+            PinKind::PortB => 18,
+            PinKind::Shield => 18,
+        }
+    }
 
     /// The kind of the pins that the motors of an Uno use.
     ///
@@ -157,14 +171,10 @@ impl PinKind {
         for (index, motor) in motors.iter().enumerate() {
             let shared = motors.iter().enumerate().any(|(other, lines)| other != index && lines.dir == motor.dir);
             let (step, dir) = match self {
-                PinKind::Compare => {
-                    (matches!(motor.step, 9 | 10), matches!(motor.dir, 2..=8 | 11..=13) && !shared)
-                }
+                PinKind::Compare => (matches!(motor.step, 9 | 10), matches!(motor.dir, 2..=8 | 11..=13) && !shared),
                 PinKind::PortD => (matches!(motor.step, 2..=7), matches!(motor.dir, 2..=7)),
                 PinKind::PortB => (matches!(motor.step, 8..=13), matches!(motor.dir, 8..=13)),
-                PinKind::Shield => {
-                    (matches!(motor.step, 2..=7 | 12 | 13), matches!(motor.dir, 2..=7 | 12 | 13))
-                }
+                PinKind::Shield => (matches!(motor.step, 2..=7 | 12 | 13), matches!(motor.dir, 2..=7 | 12 | 13)),
             };
             let mut note = |fits: bool, line, pin| {
                 if !fits {
@@ -195,10 +205,8 @@ mod tests {
 
     fn kind_with(pins: &[(u8, u8, Option<(u8, bool)>)]) -> Result<PinKind, PinsError> {
         const NAMES: [&str; 4] = ["a", "b", "c", "d"];
-        let wirings: Vec<Wiring> = pins
-            .iter()
-            .map(|&(step, dir, enable)| Wiring::StepDir { step, dir, forward_high: true, enable })
-            .collect();
+        let wirings: Vec<Wiring> =
+            pins.iter().map(|&(step, dir, enable)| Wiring::StepDir { step, dir, forward_high: true, enable }).collect();
         PinKind::of_wirings(NAMES.into_iter().zip(&wirings))
     }
 

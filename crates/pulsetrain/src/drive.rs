@@ -1,10 +1,17 @@
-//! Motions on the native board: a session, in virtual time and bounded memory.
+//! Motions on the native board and on the virtual Uno: a session, in virtual time and bounded memory.
 
 use miette::Diagnostic;
 use pulsetrain_board::native::{ConfigError, Faults};
-use pulsetrain_board::{Config, Edge, MotorConfig, Native, Observer, ScheduledStep, Wiring};
+use pulsetrain_board::virtual_uno::VirtualUno;
+use pulsetrain_board::{
+    Board, Config, Edge, MotorConfig, Native, Observer, Port, Remote, RemoteError, ScheduledStep, Setup, Shadowed,
+    Wiring,
+};
 use pulsetrain_core::output::Sequence;
+use pulsetrain_core::wire::Baud;
+use pulsetrain_core::wire::message::MotorSetup;
 use pulsetrain_motion::program::{self, CoilSequence, Motor, Program};
+use pulsetrain_plan::Settings;
 use pulsetrain_trace::{Line, lines};
 
 use crate::prepare::Prepared;
@@ -19,67 +26,136 @@ pub enum DriveError {
     /// The native board cannot be wired so.
     #[error("the native board cannot run this motion: {0}")]
     Config(#[from] ConfigError),
-    /// The board dropped steps: a fault of the planner, not of the motion.
-    #[error("motor {motor} missed steps on the native board; please report this motion file")]
+    /// The board at the other end of the line.
+    #[error(transparent)]
+    Remote(#[from] RemoteError),
+    /// The board dropped steps: a fault of the planner or the board, not of the motion.
+    #[error("motor {motor} missed steps on the board `{board}`; please report this motion file")]
     Missed {
+        /// Where.
+        board: String,
         /// Whose.
         motor: String,
     },
 }
 
-/// A prepared motion on the native board, in virtual time, just before its laws begin.
-pub struct Driven<'a> {
-    session: Session<'a, Native>,
+/// A prepared motion on a board in virtual time, just before its laws begin.
+pub struct Driven<'a, B> {
+    session: Session<'a, B>,
     program: &'a Program,
     /// The lines of its traces, as they stand when the laws begin.
     pub lines: Vec<Line>,
+    /// By the number that the board has for a line: which of `lines` it is.
+    places: Vec<Option<u8>>,
 }
 
-impl<'a> Driven<'a> {
-    /// Sends the beginning of the motion and lets the board come to the tick at which the laws begin.
+/// The virtual Uno, and the native board that says which tick each of its steps was scheduled for.
+pub type Uno = Shadowed<Remote<VirtualUno>>;
+
+impl<'a> Driven<'a, Native> {
+    /// Sends the beginning of the motion to the native board, and lets it come to the tick at which the laws begin.
     ///
     /// # Errors
     /// When the board cannot be wired so, or the plan is refused, which [`Prepared::plan`] would have said before.
-    pub fn new(prepared: &'a Prepared) -> Result<Driven<'a>, DriveError> {
+    pub fn native(prepared: &'a Prepared) -> Result<Driven<'a, Native>, DriveError> {
         let program = &prepared.program;
-        let mut session = Session::new(Native::new(&config(program))?, program)?;
-        let mut lines = lines::of(program);
+        let lines = lines::of(program);
+        let places = (0..).map(Some).take(lines.len()).collect();
+        Driven::begin(Native::new(&config(program))?, program, lines, places)
+    }
+}
+
+impl<'a> Driven<'a, Uno> {
+    /// The same on the virtual Uno, at `baud`.
+    ///
+    /// # Errors
+    /// As [`Driven::native`], and when the firmware refuses the configuration.
+    pub fn virtual_uno(prepared: &'a Prepared, baud: Baud) -> Result<Driven<'a, Uno>, DriveError> {
+        let program = &prepared.program;
+        let remote = connect(VirtualUno::new(), program, baud)?;
+        let lines = lines::of(program);
+        let place = |pin: u8| place_of(&lines, pin);
+        let places = (0..=UNO_LAST_PIN).map(place).collect();
+        let board = Shadowed::new(remote, Native::new(&config(program))?);
+        Driven::begin(board, program, lines, places)
+    }
+
+    /// The board's own measurements, and what is true of its firmware: to be asked before the run ends it.
+    pub fn board_mut(&mut self) -> &mut Remote<VirtualUno> {
+        self.session.board_mut().board_mut()
+    }
+}
+
+/// Pin A5.
+const UNO_LAST_PIN: u8 = 19;
+
+/// Takes the board at the other end of a port and sets it up for a program.
+///
+/// # Errors
+/// When nobody answers, or the board refuses.
+pub fn connect<P: Port>(port: P, program: &Program, baud: Baud) -> Result<Remote<P>, RemoteError> {
+    // Any number: it tells this session from one before it on the same board.
+    let nonce = std::process::id();
+    let mut remote = Remote::open(port, nonce)?;
+    if baud != remote.link().baud() {
+        remote.set_baud(baud)?;
+    }
+    remote.configure(&setup(program))?;
+    Ok(remote)
+}
+
+impl<'a, B: Board> Driven<'a, B> {
+    fn begin(
+        board: B,
+        program: &'a Program,
+        mut lines: Vec<Line>,
+        places: Vec<Option<u8>>,
+    ) -> Result<Driven<'a, B>, DriveError> {
+        let mut session = Session::new(board, program)?;
         // A first step soon after the start has its DIR set before: in a trace that is where the line begins.
-        session.advance(session.zero() - 1, &mut |edge: Edge| lines[usize::from(edge.line)].initial = edge.level)?;
-        Ok(Driven { session, program, lines })
+        let mut level = |edge: Edge| {
+            if let Some(Some(place)) = places.get(usize::from(edge.line)) {
+                lines[usize::from(*place)].initial = edge.level;
+            }
+        };
+        session.advance(session.zero() - 1, &mut level)?;
+        Ok(Driven { session, program, lines, places })
     }
 
     /// Runs it to its end; what is observed has the laws' time, and `watch` hears how far it is, s.
     ///
     /// # Errors
     /// When the motion stopped before its end, or the board and the host count differently: faults of ours.
-    pub fn run(mut self, observer: &mut impl Observer, mut watch: impl FnMut(f64)) -> Result<(), DriveError> {
+    pub fn run(&mut self, observer: &mut impl Observer, mut watch: impl FnMut(f64)) -> Result<(), DriveError> {
         let zero = self.session.zero();
         let hz = self.program.board.tick_hz as f64;
-        let report =
-            self.session.run(&mut Since { zero, observer }, |tick| watch(tick.saturating_sub(zero) as f64 / hz));
+        let mut since = Since { zero, places: &self.places, observer };
+        let report = self.session.run(&mut since, |tick| watch(tick.saturating_sub(zero) as f64 / hz));
         if let Some(failure) = report.failure {
             return Err(failure.into());
         }
         let counts = report.counted.iter().zip(&report.replayed).zip(&report.faults);
         for (motor, ((counted, replayed), faults)) in self.program.motors.iter().zip(counts) {
             if counted != replayed || *faults != Faults::default() {
-                return Err(DriveError::Missed { motor: motor.name.clone() });
+                return Err(DriveError::Missed { motor: motor.name.clone(), board: self.program.board.name.clone() });
             }
         }
         Ok(())
     }
 }
 
-/// Counts an observer's ticks from the laws' beginning.
+/// Counts an observer's ticks from the laws' beginning, and lines as traces have them.
 struct Since<'o, O> {
     zero: u64,
+    places: &'o [Option<u8>],
     observer: &'o mut O,
 }
 
 impl<O: Observer> Observer for Since<'_, O> {
     fn edge(&mut self, edge: Edge) {
-        self.observer.edge(Edge { tick: edge.tick - self.zero, ..edge });
+        if let Some(Some(line)) = self.places.get(usize::from(edge.line)).copied() {
+            self.observer.edge(Edge { tick: edge.tick.saturating_sub(self.zero), line, level: edge.level });
+        }
     }
 
     fn step(&mut self, step: ScheduledStep) {
@@ -87,23 +163,54 @@ impl<O: Observer> Observer for Since<'_, O> {
     }
 }
 
+/// What a board on a line is to be configured for.
+fn setup(program: &Program) -> Setup {
+    let hz = program.board.tick_hz;
+    let ticks = |ticks: u64| u16::try_from(ticks).unwrap_or(u16::MAX);
+    let mut setup = Setup::default();
+    for motor in &program.motors {
+        let timing = motor.timing.ticks(hz);
+        setup.pulse_ticks = setup.pulse_ticks.max(ticks(timing.pulse_high));
+        setup.setup_ticks = setup.setup_ticks.max(ticks(timing.dir_setup));
+        setup.hold_ticks = setup.hold_ticks.max(ticks(timing.dir_hold));
+        let program::Wiring::StepDir { step, dir, forward_high, enable } = motor.wiring else { continue };
+        setup.enable = setup.enable.or(enable);
+        setup.motors.push(MotorSetup {
+            step_pin: step,
+            dir_pin: dir,
+            forward_high,
+            step_low: false,
+            gain: Settings::of(program, motor).gain().unwrap_or(0),
+            pull_in_ticks: u32::try_from(pull_in_ticks(motor, hz)).unwrap_or(u32::MAX),
+        });
+    }
+    setup
+}
+
+fn pull_in_ticks(motor: &Motor, hz: u64) -> u64 {
+    if motor.limits.pull_in > 0.0 { (hz as f64 / motor.limits.pull_in) as u64 } else { u64::MAX }
+}
+
+/// Which line a pin is.
+fn place_of(lines: &[Line], pin: u8) -> Option<u8> {
+    let name = format!("pin{pin}");
+    lines.iter().position(|line| line.names.contains(&name)).map(|line| line as u8)
+}
+
 /// The native board for a program: lines in the order of its traces.
 fn config(program: &Program) -> Config {
     let lines = lines::of(program);
     let hz = program.board.tick_hz;
-    let motors = program.motors.iter().map(|motor| MotorConfig {
-        wiring: wiring(motor, &lines, hz),
-        pull_in_ticks: if motor.limits.pull_in > 0.0 { (hz as f64 / motor.limits.pull_in) as u64 } else { u64::MAX },
-    });
+    let motors = program
+        .motors
+        .iter()
+        .map(|motor| MotorConfig { wiring: wiring(motor, &lines, hz), pull_in_ticks: pull_in_ticks(motor, hz) });
     Config { fraction_bits: program.board.fraction_bits, motors: motors.collect() }
 }
 
 fn wiring(motor: &Motor, lines: &[Line], tick_hz: u64) -> Wiring {
-    let line = |pin: u8| {
-        let name = format!("pin{pin}");
-        // Every pin of a program has a line; a board refuses the number that stands for none.
-        lines.iter().position(|line| line.names.contains(&name)).map_or(u8::MAX, |line| line as u8)
-    };
+    // Every pin of a program has a line; a board refuses the number that stands for none.
+    let line = |pin: u8| place_of(lines, pin).unwrap_or(u8::MAX);
     match motor.wiring {
         program::Wiring::StepDir { step, dir, forward_high, .. } => {
             let timing = motor.timing.ticks(tick_hz);

@@ -6,10 +6,11 @@ use miette::Diagnostic;
 use pulsetrain_board::{Edge, Observer, ScheduledStep};
 use pulsetrain_core::Direction;
 use pulsetrain_motion::LawError;
-use pulsetrain_motion::program::Program;
+use pulsetrain_motion::program::{Motor, Program};
 use pulsetrain_trace::verdict::{EdgeJudge, JudgeError, Options, Report};
 use pulsetrain_trace::{Line, steps, vcd_file};
 
+use crate::lateness::{Lateness, Meter};
 use crate::plot::{MotorPicture, Picture};
 use crate::prepare::Planned;
 
@@ -34,6 +35,15 @@ impl<W: Write> Files<W> {
             steps: steps::Writer::new(steps, tick_hz, &names)?,
         })
     }
+}
+
+/// When edges come, after the ticks that they are scheduled for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Edges {
+    /// The board's constant, ticks.
+    pub constant_ticks: u32,
+    /// How much later they may be, ticks.
+    pub late_ticks: u32,
 }
 
 /// Why a run could not be recorded.
@@ -63,12 +73,27 @@ pub struct Recorder<'a, W: Write> {
     picture: Picture,
     positions: Vec<i64>,
     tick_s: f64,
+    /// By line: the motor whose STEP it is, if lateness is measured.
+    steppers: Vec<Option<usize>>,
+    meter: Meter,
     /// The first thing that went wrong; what comes after is not recorded.
     error: Option<RecordError>,
 }
 
+/// A run as it was judged and drawn.
+#[derive(Debug)]
+pub struct Recorded {
+    /// What the judge says of the edges.
+    pub verdict: Report,
+    /// The picture.
+    pub picture: Picture,
+    /// How late STEP edges were against their scheduled ticks.
+    pub lateness: Lateness,
+}
+
 impl<'a, W: Write> Recorder<'a, W> {
-    /// Before the first edge.
+    /// Before the first edge, on a board whose edges come `constant_ticks` after their scheduled ticks, and up to
+    /// `late_ticks` later: those are added to the bound.
     ///
     /// # Errors
     /// When the program cannot be judged.
@@ -77,10 +102,23 @@ impl<'a, W: Write> Recorder<'a, W> {
         lines: &[Line],
         title: String,
         files: Option<Files<W>>,
+        edges: &Edges,
     ) -> Result<Self, RecordError> {
         let tick_hz = program.board.tick_hz;
         let tick_s = 1.0 / tick_hz as f64;
-        let judge = EdgeJudge::new(tick_hz, lines, program, &Options::default())?.keeping_errors();
+        let Edges { constant_ticks, late_ticks } = *edges;
+        let options = Options {
+            constant_ticks: i64::from(constant_ticks),
+            bound_ticks: Some(program.tolerance.ticks(tick_hz) + f64::from(late_ticks)),
+            ..Options::default()
+        };
+        let judge = EdgeJudge::new(tick_hz, lines, program, &options)?.keeping_errors();
+        let stepper = |line: &Line| {
+            let is_step = |motor: &Motor| line.names.contains(&format!("{}.step", motor.name));
+            program.motors.iter().position(is_step)
+        };
+        let steppers = lines.iter().map(stepper).collect();
+        let meter = Meter::new(program.motors.len(), constant_ticks.into());
         let motors = program.motors.iter();
         let motors: Vec<_> =
             motors.map(|motor| MotorPicture::new(motor.name.clone(), motor.scale.clone(), 0.0)).collect();
@@ -92,6 +130,8 @@ impl<'a, W: Write> Recorder<'a, W> {
             picture: Picture { title, tick_s, motors },
             positions,
             tick_s,
+            steppers,
+            meter,
             error: None,
         })
     }
@@ -100,8 +140,8 @@ impl<'a, W: Write> Recorder<'a, W> {
     ///
     /// # Errors
     /// What went wrong on the way.
-    pub fn finish(self, planned: &[Planned]) -> Result<(Report, Picture), RecordError> {
-        let Recorder { program, judge, files, mut picture, tick_s, error, .. } = self;
+    pub fn finish(self, planned: &[Planned]) -> Result<Recorded, RecordError> {
+        let Recorder { program, judge, files, mut picture, tick_s, meter, error, .. } = self;
         if let Some(error) = error {
             return Err(error);
         }
@@ -120,7 +160,7 @@ impl<'a, W: Write> Recorder<'a, W> {
                 .and_then(|()| window.map_or(Ok(()), |window| drawn.want_closely(&motor.law, window)))
                 .map_err(|error| RecordError::Law { motor: motor.name.clone(), error })?;
         }
-        Ok((verdict, picture))
+        Ok(Recorded { verdict, picture, lateness: meter.finish() })
     }
 
     fn note<T, E: Into<RecordError>>(&mut self, result: Result<T, E>) {
@@ -135,6 +175,11 @@ impl<W: Write> Observer for Recorder<'_, W> {
         if self.error.is_some() {
             return;
         }
+        if edge.level
+            && let Some(Some(motor)) = self.steppers.get(usize::from(edge.line))
+        {
+            self.meter.edge(*motor, edge.tick);
+        }
         let edge = pulsetrain_trace::Edge { tick: edge.tick, line: edge.line, level: edge.level };
         let judged = self.judge.push(edge).map_err(JudgeError::from);
         self.note(judged);
@@ -148,6 +193,7 @@ impl<W: Write> Observer for Recorder<'_, W> {
         if self.error.is_some() {
             return;
         }
+        self.meter.scheduled(step.motor, step.tick);
         let position = &mut self.positions[step.motor];
         *position += i64::from(step.direction.sign());
         self.picture.motors[step.motor].step(step.tick as f64 * self.tick_s, *position);

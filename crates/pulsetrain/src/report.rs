@@ -9,6 +9,7 @@ use pulsetrain_trace::verdict;
 use serde::Serialize;
 
 use crate::human::{self, Table};
+use crate::lateness::Lateness;
 
 /// What was planned.
 #[derive(Clone, Debug, Serialize)]
@@ -35,10 +36,42 @@ pub struct RunReport {
     /// What was planned and proven.
     #[serde(flatten)]
     pub plan: PlanReport,
-    /// What made the edges: "native".
-    pub runner: &'static str,
+    /// What made the edges: "native", or "virtual Uno" with its firmware's version.
+    pub runner: String,
     /// What the judge says of them.
     pub verdict: verdict::Report,
+    /// How late they were against their scheduled ticks.
+    pub lateness: Lateness,
+}
+
+impl RunReport {
+    /// Whether no bound broke and no step was lost or added.
+    #[must_use]
+    pub fn is_ok(&self) -> bool {
+        self.verdict.ok && self.lateness.lost == 0 && self.lateness.extra == 0
+    }
+}
+
+/// The verdict, after the plan.
+impl Display for RunReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let RunReport { runner, verdict, lateness, .. } = self;
+        if runner == "native" {
+            writeln!(f, "Run on the native board, in virtual time, and judged edge by edge:\n")?;
+            return writeln!(f, "{}", VerdictTable(verdict));
+        }
+        writeln!(f, "Run on the {runner}, in virtual time, and judged edge by edge, on its pins:\n")?;
+        let tick_s = 1.0 / verdict.tick_hz as f64;
+        let Lateness { constant_ticks, p50_ticks, p99_ticks, max_ticks, lost, extra, .. } = *lateness;
+        let max = ticks(max_ticks as f64, tick_s);
+        writeln!(
+            f,
+            "  STEP edges against their scheduled ticks, less the board's constant of {constant_ticks} ticks:"
+        )?;
+        writeln!(f, "  half of them {p50_ticks} ticks late at most, 99 % {p99_ticks}, all {max}")?;
+        writeln!(f, "  steps lost {lost}, added {extra}\n")?;
+        writeln!(f, "{}", VerdictTable(verdict))
+    }
 }
 
 /// What was planned for one motor.

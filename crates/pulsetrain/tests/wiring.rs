@@ -105,10 +105,8 @@ fn the_files_of_the_commands_exist() {
 #[test]
 fn pins_that_the_page_refuses_are_refused() {
     let kind = |pins: &[(u8, u8)]| {
-        let wirings: Vec<Wiring> = pins
-            .iter()
-            .map(|&(step, dir)| Wiring::StepDir { step, dir, forward_high: true, enable: None })
-            .collect();
+        let wirings: Vec<Wiring> =
+            pins.iter().map(|&(step, dir)| Wiring::StepDir { step, dir, forward_high: true, enable: None }).collect();
         PinKind::of_wirings(wirings.iter().map(|wiring| ("motor", wiring)))
     };
     for dir in 2..=19 {

@@ -1,7 +1,7 @@
 //! The serial line: USART0 at 8 bits, no parity, one stop bit.
 //!
-//! Bytes from the host are taken by an interrupt into a page of 256 bytes, so that the low byte of an address is all there
-//! is to a ring; EEARL, which is of no other use here, holds that of the place for the next byte. The interrupt lets the step
+//! Bytes from the host are taken by an interrupt into half a page of 256 bytes, so that the low byte of an address is
+//! all there is to a ring; EEARL, which is of no other use here, holds that of the place for the next byte. The interrupt lets the step
 //! interrupts in after 15 cycles: its own enable bit is off meanwhile, so that it cannot nest in itself. Bytes to the host
 //! are handed over by the main loop when the USART is free.
 //!
@@ -12,7 +12,10 @@ use core::arch::global_asm;
 use pulsetrain_core::wire::Baud;
 
 /// Bytes that may wait to be read.
-pub(crate) const WINDOW: u16 = 255;
+pub(crate) const WINDOW: u16 = PAGE as u16 - 1;
+
+/// Bytes that the receive page has.
+const PAGE: u8 = 128;
 
 /// UCSR0B (§20.11.3): receiver and transmitter on; bit 7 is the receive interrupt.
 const ON: u8 = 0x18;
@@ -34,14 +37,16 @@ __vector_18:                    // 4 response + 3 jump           7
     in r30, {HEAD}              // 1                            20
     ldi r31, hi8(receive_page)  // 1                            21
     st Z+, r24                  // 2                            23
-    out {HEAD}, r30             // 1                            24
-    pop r31                     // 2                            26
-    pop r30                     // 2                            28
-    ldi r24, {ON_WITH_INTERRUPT} // 1                           29
-    cli                         // 1                            30
-    sts {UCSR0B}, r24           // 2                            32
-    pop r24                     // 2                            34
-    reti                        // 4                            38, 9 of them closed
+    sbrc r30, 7                 // 1 or 2: half a page, and no flag is touched
+    ldi r30, 0                  // 1                            25
+    out {HEAD}, r30             // 1                            26
+    pop r31                     // 2                            28
+    pop r30                     // 2                            30
+    ldi r24, {ON_WITH_INTERRUPT} // 1                           31
+    cli                         // 1                            32
+    sts {UCSR0B}, r24           // 2                            34
+    pop r24                     // 2                            36
+    reti                        // 4                            40, 9 of them closed
     "#,
     HEAD = const crate::steps::register::EEARL,
     ON = const ON,
@@ -102,13 +107,13 @@ impl Link {
     /// The next byte from the host.
     #[inline(always)]
     pub(crate) fn receive(&mut self) -> Option<u8> {
-        let unread = regs::EEARL.read().wrapping_sub(self.tail);
+        let unread = regs::EEARL.read().wrapping_sub(self.tail) & (PAGE - 1);
         if unread == 0 {
             return None;
         }
         self.most_unread = self.most_unread.max(unread);
         let byte = memory::received(self.tail);
-        self.tail = self.tail.wrapping_add(1);
+        self.tail = (self.tail + 1) & (PAGE - 1);
         Some(byte)
     }
 }

@@ -55,28 +55,43 @@ struct Reply {
 }
 
 static BOARD: Once<Board> = Once::new(Board::new());
-static QUEUES: Once<Queues> = Once::new(Queues::new());
 static SERVICE: Once<Service> = Once::new(Service::new());
+static QUEUES: Once<Queues> = Once::new(Queues::new());
 static REPLY: Once<Reply> = Once::new(Reply { bytes: [0; REPLY_LEN], len: 0, sent: 0 });
 
 #[unsafe(no_mangle)]
 extern "C" fn main() -> ! {
     memory::paint_stack();
-    let last_reset = reset::begin();
-    // SAFETY: the start-up code calls main once.
-    let (board, queues, service, reply) = unsafe { (BOARD.take(), QUEUES.take(), SERVICE.take(), REPLY.take()) };
-    board.begin(queues, last_reset);
-    run(board, service, reply)
+    // SAFETY: the start-up code calls main once. The references are taken here, not handed over by `begin`, so that the
+    // compiler knows the addresses.
+    unsafe {
+        begin();
+        run(BOARD.take(), SERVICE.take(), REPLY.take())
+    }
+}
+
+/// Makes all that there is one of. Apart from main: what it needs of the stack is free again afterwards.
+///
+/// # Safety
+/// To be called first, and once.
+#[inline(never)]
+unsafe fn begin() {
+    // SAFETY: the caller's promise; the references end here.
+    let (board, queues) = unsafe { (BOARD.take(), QUEUES.take()) };
+    board.begin(queues, reset::begin());
 }
 
 /// The main loop. What it calls is not inlined: so the deepest call decides how much stack is needed, not their sum.
 fn run(board: &mut Board, service: &mut Service, reply: &mut Reply) -> ! {
     let mut last = Millis(0);
+    // Idle mode: timer and line go on (§10.3).
+    regs::SMCR.write(1);
     regs::enable_interrupts();
     loop {
         regs::kick_watchdog();
         let now = board.clock.moment();
-        board.work(now);
+        board.count_round(now);
+        let rest = board.work(now);
         let now = millis(now);
         let next = now != last;
         let heard = listen(board, service, now);
@@ -88,6 +103,8 @@ fn run(board: &mut Board, service: &mut Service, reply: &mut Reply) -> ! {
         if next {
             last = now;
             board.housekeeping(now);
+        } else if rest && !heard && reply.sent == reply.len {
+            board.sleep();
         }
     }
 }

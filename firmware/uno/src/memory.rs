@@ -2,10 +2,10 @@
 //!
 //! | address | bytes | what |
 //! |---|---|---|
-//! | 0x100 | 256 | receive page: what the USART's interrupt takes |
-//! | 0x200 | 256 | ring A |
-//! | 0x300 | 256 | ring B; with one ring, the lists of the merge |
-//! | 0x400 | | [`Queues`], the motors, the service, the reply being sent: one `static` in main.rs |
+//! | 0x100 | 256 | ring A |
+//! | 0x200 | 256 | ring B; with one ring, the lists of the merge |
+//! | 0x300 | 128 | receive page: what the USART's interrupt takes |
+//! | 0x380 | | [`Queues`], the motors, the service, the reply being sent, all else |
 //! | to 0x900 | at least 200 | stack, downwards |
 //!
 //! memory.ld makes the linker refuse an image with less stack; `cargo xtask firmware` prints the table as it came out.
@@ -15,7 +15,7 @@ use core::arch::global_asm;
 use pulsetrain_core::narrow::Pool;
 
 /// Bytes of all motors' queues together.
-pub(crate) const POOL: usize = 232;
+pub(crate) const POOL: usize = 248;
 
 /// The memory of all motors' queues.
 pub(crate) type Queues = Pool<POOL>;
@@ -26,8 +26,8 @@ pub(crate) const PAINT: u8 = 0xc5;
 unsafe extern "C" {
     /// The first byte after everything that is not stack: the linker's.
     static mut _end: u8;
-    static receive_page: [u8; 256];
-    static mut reset_note: [u8; 4];
+    static receive_page: [u8; 128];
+    static mut reset_note: u16;
     #[link_name = "end_of_program"]
     safe fn stop_and_reset() -> !;
 }
@@ -45,7 +45,7 @@ pub(crate) fn received(at: u8) -> u8 {
 }
 
 /// What the reset note said, and what it says from now on.
-pub(crate) fn exchange_reset_note(new: [u8; 4]) -> [u8; 4] {
+pub(crate) fn exchange_reset_note(new: u16) -> u16 {
     // SAFETY: only `end_of_program` touches it too, and that does not return. Any bytes are valid.
     unsafe {
         let old = (&raw const reset_note).read_volatile();

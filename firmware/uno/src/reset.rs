@@ -29,8 +29,6 @@ end_of_program:
     ldi r24, {ENDED}
     sts reset_note, r24
     sts reset_note+1, r24
-    sts reset_note+2, r24
-    sts reset_note+3, r24
     ldi r24, 0x18
     sts {WDTCSR}, r24
     ldi r24, 0x08
@@ -39,7 +37,7 @@ end_of_program:
 
     .section .noinit, "aw", @nobits
     .global reset_note
-reset_note: .skip 4
+reset_note: .skip 2
     "#,
     TIMSK1 = const 0x6f,
     TCCR1A = const 0x80,
@@ -61,14 +59,16 @@ pub(crate) fn begin() -> Cause {
     // 1 s, first an interrupt, then a reset; both writes within four cycles (§11.9.2).
     regs::WDTCSR.write(0x18);
     regs::WDTCSR.write(0x4e);
-    let note = memory::exchange_reset_note([RAN; 4]);
-    match (note, flags) {
-        _ if flags & 0x08 != 0 => Cause::Watchdog,
-        ([ENDED, ENDED, ENDED, ENDED], _) => Cause::Watchdog,
-        _ if flags & 0x01 != 0 => Cause::PowerOn,
-        _ if flags & 0x04 != 0 => Cause::BrownOut,
-        _ if flags & 0x02 != 0 => Cause::ResetLine,
-        ([RAN, RAN, RAN, RAN], _) => Cause::ResetLine,
-        _ => Cause::PowerOn,
+    let note = memory::exchange_reset_note(u16::from_le_bytes([RAN; 2]));
+    if flags & 0x08 != 0 || note == u16::from_le_bytes([ENDED; 2]) {
+        Cause::Watchdog
+    } else if flags & 0x01 != 0 {
+        Cause::PowerOn
+    } else if flags & 0x04 != 0 {
+        Cause::BrownOut
+    } else if flags & 0x02 != 0 || note == u16::from_le_bytes([RAN; 2]) {
+        Cause::ResetLine
+    } else {
+        Cause::PowerOn
     }
 }

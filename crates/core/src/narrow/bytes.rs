@@ -65,9 +65,6 @@ pub enum PushRefused {
     TooManyEpochs,
 }
 
-/// The length of [`Bytes::window`]: a power of two, so that an index can be kept inside by a mask.
-pub(super) const WINDOW: usize = 16;
-
 /// What waits of an epoch.
 #[derive(Clone, Copy, Debug)]
 struct Part {
@@ -176,30 +173,16 @@ impl Bytes {
         if self.epochs > 0 && self.parts[0].epoch.0 == epoch.0 { self.parts[0].len } else { 0 }
     }
 
-    /// What begins `from` bytes behind the first, if all up to `to` lies in one piece: those bytes and some beyond.
-    pub(super) fn window<'a, const N: usize>(&self, pool: &'a Pool<N>, from: u8, to: u8) -> Option<&'a [u8; WINDOW]> {
-        if self.next + u16::from(to) > self.end {
-            return None;
-        }
-        pool.0.get(usize::from(self.next + u16::from(from))..)?.first_chunk()
+    /// Reads from the front on.
+    pub(super) const fn reader<'a, const N: usize>(&self, pool: &'a Pool<N>) -> Reader<'a, N> {
+        Reader { pool, at: self.next, start: self.start, end: self.end }
     }
 
-    /// The first byte, if any waits.
-    pub(super) fn first<const N: usize>(&self, pool: &Pool<N>) -> u8 {
-        pool.byte(self.next)
-    }
-
-    /// The byte `offset` (less than what waits) behind the first.
-    pub(super) fn byte<const N: usize>(&self, pool: &Pool<N>, offset: u8) -> u8 {
-        pool.byte(self.place(u16::from(offset)))
-    }
-
-    /// Drops the first `len` bytes; there are so many of the first epoch.
-    pub(super) fn consume(&mut self, len: u8) {
-        let len = u16::from(len);
-        self.next = self.place(len);
-        self.len -= len;
-        self.parts[0].len -= len;
+    /// Drops the `len` bytes in front that were read up to `at`; there are so many of the first epoch.
+    pub(super) const fn consume(&mut self, len: u8, at: u16) {
+        self.next = at;
+        self.len -= len as u16;
+        self.parts[0].len -= len as u16;
     }
 
     fn drop_front(&mut self) {
@@ -231,6 +214,31 @@ impl Bytes {
     const fn place(&self, offset: u16) -> u16 {
         let place = self.next + offset;
         if place >= self.end { place - (self.end - self.start) } else { place }
+    }
+}
+
+/// A place in a ring.
+pub(super) struct Reader<'a, const N: usize> {
+    pool: &'a Pool<N>,
+    pub(super) at: u16,
+    start: u16,
+    end: u16,
+}
+
+impl<const N: usize> Reader<'_, N> {
+    /// The next byte.
+    pub(super) fn byte(&mut self) -> u8 {
+        let byte = self.pool.byte(self.at);
+        self.at += 1;
+        if self.at == self.end {
+            self.at = self.start;
+        }
+        byte
+    }
+
+    /// The next four bytes, little-endian.
+    pub(super) fn word(&mut self) -> u32 {
+        u32::from_le_bytes([self.byte(), self.byte(), self.byte(), self.byte()])
     }
 }
 
@@ -268,7 +276,7 @@ mod tests {
         assert_eq!(bytes.push(&mut pool, Epoch(4), &[4]), Err(PushRefused::TooManyEpochs));
         assert_eq!(bytes.room(), 12);
         // An epoch that was read to its end makes way for another, but not while it is the newest.
-        bytes.consume(1);
+        bytes.consume(1, 1);
         assert_eq!(bytes.push(&mut pool, Epoch(4), &[4]), Ok(()));
         bytes.skip_to(Epoch(4));
         assert_eq!((bytes.waiting(Epoch(4)), bytes.room()), (1, 15));
@@ -325,20 +333,13 @@ mod tests {
                     Action::Read(most) => {
                         let front = model.front().map_or(0, |&(epoch, _)| epoch);
                         let len = u8::try_from(bytes.waiting(Epoch(front)).min(most.into())).unwrap();
-                        let read: Vec<u8> = (0..len).map(|offset| bytes.byte(&pool, offset)).collect();
+                        let mut reader = bytes.reader(&pool);
+                        for _ in 0..len {
+                            prop_assert_eq!(Some((front, reader.byte())), model.pop_front());
+                        }
+                        let at = reader.at;
                         if len > 0 {
-                            prop_assert_eq!(bytes.first(&pool), read[0]);
-                        }
-                        let seen = read.len().min(WINDOW);
-                        match bytes.window(&pool, 0, len) {
-                            Some(window) => prop_assert_eq!(&window[..seen], &read[..seen]),
-                            None => prop_assert!(bytes.next + u16::from(len).max(16) > bytes.end),
-                        }
-                        for byte in read {
-                            prop_assert_eq!(Some((front, byte)), model.pop_front());
-                        }
-                        if len > 0 {
-                            bytes.consume(len);
+                            bytes.consume(len, at);
                         }
                     }
                     Action::SkipTo(epoch) => {

@@ -1,7 +1,7 @@
 //! The channel of one motor: packed items → events.
 //!
 //! The rules are those of [`Channel`](crate::Channel): ticks go up strictly; a step that cannot be made is not made, and
-//! what follows is dropped up to the next anchor; a step of the old epoch at a tick ≥ the switch's is not made.
+//! what follows of its epoch is dropped (there is one anchor in it, the first item: `Channel` would go on at another); a step of the old epoch at a tick ≥ the switch's is not made.
 
 use super::bytes::{Bytes, Pool, PushRefused};
 use super::registers::Registers;
@@ -13,10 +13,10 @@ use crate::{Direction, Epoch, Moment};
 pub const SWITCHES: usize = 2;
 
 /// The most steps that [`Motor::blind`] grants.
-pub const BLIND_STEPS: u8 = 63;
+pub const BLIND_STEPS: u8 = 31;
 
 /// The longest interval that [`Motor::blind`] grants, ticks.
-pub const SLOWEST_BLIND: u16 = 4095;
+pub const SLOWEST_BLIND: u16 = 16_383;
 
 /// What a motor needs to know.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,21 +47,6 @@ pub struct Fault {
     pub reason: Reason,
     /// Of the first step that could not be made; otherwise the scheduled tick up to which all was well.
     pub tick: Moment,
-}
-
-/// Steps of the running segment that were looked at already.
-#[derive(Clone, Copy, Debug)]
-struct Calm {
-    /// So many are left of them.
-    steps: u8,
-    /// No interval is shorter, ticks; rounded down.
-    shortest: u16,
-    /// Nor longer; rounded up.
-    longest: u16,
-}
-
-impl Calm {
-    const NOT: Calm = Calm { steps: 0, shortest: 0, longest: 0 };
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -105,22 +90,23 @@ pub struct Motor {
     registers: Registers,
     unpacker: Unpacker,
     bytes: Bytes,
-    /// What the DIR line was last asked to say, if no other motor may have changed it since.
+    /// What the DIR line was last asked to say.
     facing: Option<Direction>,
     /// Whether the next step's direction has been asserted: the step is then committed.
     committed: bool,
     /// Whether the accumulator means anything.
     anchored: bool,
-    /// Whether the rest of the epoch cannot be read.
+    /// Whether the rest of the epoch cannot be read, or is not to be made.
     unreadable: bool,
     asserts_every_step: bool,
     gap: u16,
     position: i32,
+    /// The lower bits of the position at the last anchor.
+    origin: u16,
     horizon: Moment,
     epoch: Epoch,
     switches: [Option<Switch>; SWITCHES],
     fault: Option<Fault>,
-    calm: Calm,
 }
 
 impl Motor {
@@ -139,11 +125,11 @@ impl Motor {
             asserts_every_step,
             gap: if gap_ticks == 0 { 1 } else { gap_ticks },
             position: 0,
+            origin: 0,
             horizon: Moment(0),
             epoch: Epoch(0),
             switches: [None; SWITCHES],
             fault: None,
-            calm: Calm::NOT,
         }
     }
 
@@ -191,8 +177,12 @@ impl Motor {
                     self.miss(tick);
                     continue;
                 }
-                let direction = self.unpacker.direction;
-                let kind = if self.facing == Some(direction) { Kind::Step } else { Kind::Direction(direction) };
+                let turned = self.facing != Some(self.unpacker.direction);
+                let kind = if turned || self.asserts_every_step {
+                    Kind::Direction(self.unpacker.direction)
+                } else {
+                    Kind::Step
+                };
                 return Some(Event { tick, kind });
             }
             if self.load(pool) {
@@ -209,9 +199,7 @@ impl Motor {
     pub fn take(&mut self, event: Event) {
         match event.kind {
             Kind::Direction(direction) => {
-                if !self.asserts_every_step {
-                    self.facing = Some(direction);
-                }
+                self.facing = Some(direction);
                 self.committed = true;
                 self.horizon = event.tick.after(1);
             }
@@ -219,7 +207,6 @@ impl Motor {
                 self.registers.advance();
                 self.registers.left = self.registers.left.wrapping_sub(1);
                 self.committed = false;
-                self.calm.steps = self.calm.steps.saturating_sub(1);
                 self.count(1);
             }
         }
@@ -228,93 +215,64 @@ impl Motor {
     /// How many of the steps that come next, all of the running segment and in the direction that the DIR line has, may
     /// be made without looking, by whoever advances [`registers_mut`](Motor::registers_mut): 0..=[`BLIND_STEPS`].
     ///
-    /// These steps are not after `limit` (less than 2^31 ticks after the last step), no switch reaches them, and the
-    /// intervals before them are at least `fastest` (no less than the gap) and at most [`SLOWEST_BLIND`]. The test is a
-    /// cheap one and errs on the side of 0: then [`peek`](Motor::peek) knows.
-    #[must_use]
-    pub fn blind(&mut self, fastest: u16, limit: Moment) -> u8 {
-        if self.calm.steps == 0 {
-            self.look_ahead(fastest);
-        }
-        let Calm { steps, shortest, longest } = self.calm;
-        if steps == 0 || shortest < fastest {
-            return 0;
-        }
-        let last = Moment(self.registers.tick);
-        let ahead = self.before_switch(limit).since(last);
-        if ahead >= 1 << 31 {
-            return 0;
-        }
-        let mut room = u16::try_from(ahead).unwrap_or(u16::MAX);
-        // How many times `longest` there is room for: all, half, or bit by bit of the quotient.
-        let mut granted = 0;
-        if longest < 1 << 10 && room >= longest << 6 {
-            granted = BLIND_STEPS;
-        } else if longest < 1 << 11 && room >= longest << 5 {
-            granted = 32;
-        } else {
-            let (mut bit, mut times) = (16u8, longest << 4);
-            while bit > 0 {
-                if room >= times {
-                    room -= times;
-                    granted |= bit;
-                }
-                times >>= 1;
-                bit >>= 1;
-            }
-        }
-        granted.min(steps)
-    }
-
-    /// `limit`, or the tick before the switch that comes first.
-    #[inline(always)]
-    fn before_switch(&self, limit: Moment) -> Moment {
-        #[cold]
-        #[inline(never)]
-        fn earlier(switch: Switch, limit: Moment) -> Moment {
-            if limit.is_before(switch.at) { limit } else { switch.at.before(1) }
-        }
-        self.switches[0].map_or(limit, |switch| earlier(switch, limit))
-    }
-
-    /// Finds how many steps may follow whose intervals and direction need no looking at, if any.
+    /// These steps are not after `limit` (less than 2^15 ticks after the last step, to make use of all), no switch
+    /// reaches them, and the intervals before them are at least `fastest` (no less than the gap) and at most
+    /// [`SLOWEST_BLIND`]. The test is a cheap one and errs on the side of 0: then [`peek`](Motor::peek) knows.
     #[inline(never)]
-    fn look_ahead(&mut self, fastest: u16) {
+    #[must_use]
+    pub fn blind(&self, fastest: u16, limit: Moment) -> u8 {
         let registers = &self.registers;
-        // With steps left there is an anchor.
-        if registers.left == 0 || self.committed || self.facing != Some(self.unpacker.direction) {
-            return;
+        if registers.left == 0
+            || self.committed
+            || self.asserts_every_step
+            || !self.anchored
+            || self.facing != Some(self.unpacker.direction)
+        {
+            return 0;
         }
-        // The step after `fastest` ticks would not be too early, so none is.
-        if self.horizon.since(Moment(registers.tick)) > u32::from(fastest) {
-            return;
-        }
+        // The interval's whole ticks, and how far it may go up or down within 31 steps: no further than
+        // 31·|add| + 465·|add2|, for which 32 and 512 are taken.
         let [_, _, ticks_low, ticks_mid] = registers.interval_low.to_le_bytes();
         let interval = u16::from_le_bytes([ticks_low, ticks_mid]);
         let (add, add2) = (upper_half(registers.add), upper_half(registers.add2));
         if registers.interval_high != 0 || interval > SLOWEST_BLIND || add > 0x7fff || add2 > 0x7ff {
-            return;
+            return 0;
         }
-        // How far the interval may go up or down within 127 steps: no further than 127·|add| + 8001·|add2|, for which
-        // 128 and 8192 are taken; within 31: 31 and 465, for which 32 and 512. `add` and `add2` are in units of 2^-8
-        // tick, and 1 too small at most.
-        let (mut steps, mut slack) = (31, (add >> 3) + (add2 << 1) + 4);
-        if add2 <= 0x1ff {
-            let further = (add >> 1) + (add2 << 5) + 34;
-            if further <= interval >> 2 && interval - further >= fastest {
-                (steps, slack) = (127, further);
-            }
-        }
+        // In units of 2^-8 tick, add2's rounded up by 2: of its 2·256 / 256 ticks.
+        let slack = (add >> 3) + (add2 << 1) + 4;
         let longest = interval + slack;
         if longest > SLOWEST_BLIND || interval < slack || interval - slack < fastest {
-            return;
+            return 0;
         }
-        if let Ok(left) = u8::try_from(registers.left)
-            && left < steps
+        if registers.next_tick().is_before(self.horizon) {
+            return 0;
+        }
+        let mut until = limit;
+        if let Some(switch) = self.switches[0]
+            && !limit.is_before(switch.at)
         {
-            steps = left;
+            until = switch.at.before(1);
         }
-        self.calm = Calm { steps, shortest: interval - slack, longest };
+        let last = Moment(registers.tick);
+        if until.is_before(last) {
+            return 0;
+        }
+        let mut room = u16::try_from(until.since(last)).unwrap_or(u16::MAX);
+        // How many times `longest` there is room for: five bits of a quotient, or three where 16 bits hold no more.
+        let (mut times, mut bit) = if longest < 1 << 12 { (longest << 4, 16u8) } else { (longest << 2, 4) };
+        let mut steps = 0;
+        while bit > 0 {
+            if room >= times {
+                room -= times;
+                steps |= bit;
+            }
+            times >>= 1;
+            bit >>= 1;
+        }
+        match u8::try_from(registers.left) {
+            Ok(left) if left < steps => left,
+            _ => steps,
+        }
     }
 
     /// The registers, to make steps without looking: as many as [`blind`](Motor::blind) grants, each as
@@ -331,7 +289,6 @@ impl Motor {
 
     /// Counts `steps` (1..=[`BLIND_STEPS`]) by which the registers were advanced.
     pub fn took(&mut self, steps: u8) {
-        self.calm.steps = self.calm.steps.saturating_sub(steps);
         self.count(steps);
     }
 
@@ -341,7 +298,6 @@ impl Motor {
         let open = now.after(1);
         if self.horizon.is_before(open) {
             self.horizon = open;
-            self.calm = Calm::NOT;
         }
         // An accumulator that is left behind would come back as the future.
         if self.registers.left == 0 && matches!(now.since(Moment(self.registers.tick)), 0x4000_0000..0x8000_0000) {
@@ -456,6 +412,7 @@ impl Motor {
             Record::Anchor(tick) => {
                 self.registers.tick = tick;
                 self.registers.fraction = 1 << 15;
+                self.origin = low(self.position);
                 self.anchored = true;
             }
             Record::Dwell(ticks) if self.anchored => {
@@ -463,8 +420,8 @@ impl Motor {
             }
             Record::Check { position, tick, fraction } if self.anchored => {
                 let Registers { tick: last, fraction: below, .. } = self.registers;
-                let [low, high, ..] = self.position.to_le_bytes();
-                if position != u16::from_le_bytes([low, high]) || tick != last || fraction != below {
+                let moved = low(self.position).wrapping_sub(self.origin);
+                if position != moved || tick != last || fraction != below {
                     self.fail(Reason::Mismatch, Moment(last));
                 }
             }
@@ -474,9 +431,10 @@ impl Motor {
     }
 
     #[cold]
+    #[inline(never)]
     fn miss(&mut self, tick: Moment) {
-        self.registers.give_up();
-        self.calm = Calm::NOT;
+        self.registers.left = 0;
+        self.unreadable = true;
         self.fail(Reason::Missed, tick);
     }
 
@@ -501,7 +459,6 @@ impl Motor {
     fn restart(&mut self) {
         self.unpacker.restart(&mut self.registers);
         self.registers.left = 0;
-        self.calm = Calm::NOT;
         self.anchored = false;
         self.unreadable = false;
     }
@@ -518,9 +475,14 @@ impl Motor {
 }
 
 /// |`value`| / 2^8, rounded down, if it fits 16 bits; else the largest number. −1 counts as 0.
-#[inline(always)]
 const fn upper_half(value: i32) -> u16 {
     let magnitude = if value < 0 { !value } else { value };
     let [_, low, high, beyond] = magnitude.to_le_bytes();
     if beyond == 0 { u16::from_le_bytes([low, high]) } else { u16::MAX }
+}
+
+/// The lower bits of a position.
+const fn low(position: i32) -> u16 {
+    let [low, high, ..] = position.to_le_bytes();
+    u16::from_le_bytes([low, high])
 }

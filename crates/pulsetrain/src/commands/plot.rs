@@ -4,15 +4,15 @@ use super::{plan, run};
 use crate::cli::Plot;
 use crate::console::{Console, Exit};
 use crate::drive::Driven;
-use crate::record::Files;
+use crate::record::{Edges, Files};
 
 pub(crate) fn run(args: &Plot, console: &mut Console<'_>) -> miette::Result<Exit> {
     let prepared = args.motion.prepare()?;
     let planned = plan::plan(&prepared, console)?;
     let path = args.out.clone().unwrap_or_else(|| args.motion.file.with_extension("svg"));
-    let driven = Driven::new(&prepared)?;
-    let (verdict, picture) = run::record(&prepared, &planned, driven, None::<Files<std::io::Sink>>, console)?;
-    run::draw(&picture, &path)?;
+    let driven = Driven::native(&prepared)?;
+    let recorded = run::record(&prepared, &planned, driven, None::<Files<std::io::Sink>>, Edges::default(), console)?;
+    run::draw(&recorded.picture, &path)?;
     console.print(format_args!("{}\n", path.display()))?;
-    Ok(if verdict.ok { Exit::Success } else { Exit::BoundBroken })
+    Ok(if recorded.verdict.ok { Exit::Success } else { Exit::BoundBroken })
 }

@@ -1,8 +1,13 @@
-//! `pulsetrain run`: plan, run on the native board, judge, report, draw.
+//! `pulsetrain run`: plan, run on the native board or the virtual Uno, judge, report, draw.
 
 use std::path::{Path, PathBuf};
 
 use miette::miette;
+use pulsetrain_board::Board;
+use pulsetrain_core::wire::Baud;
+use pulsetrain_motion::boards;
+use pulsetrain_motion::pins::PinKind;
+use pulsetrain_motion::program::Program;
 
 use super::plan;
 use crate::cli::Run;
@@ -11,46 +16,79 @@ use crate::drive::Driven;
 use crate::human;
 use crate::plot::Picture;
 use crate::prepare::{Planned, Prepared};
-use crate::record::{Files, Recorder};
-use crate::report::{RunReport, VerdictTable};
+use crate::record::{Edges, Files, Recorded, Recorder};
+use crate::report::RunReport;
 
 pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit> {
     let prepared = args.motion.prepare()?;
     // All is planned, and refused if need be, before anything moves or is written.
     let planned = plan::plan(&prepared, console)?;
     let folder = args.out.clone().unwrap_or_else(|| default_folder(&args.motion.file));
-    let (trace, steps) = (folder.join("trace.vcd"), folder.join("steps.csv"));
-    let driven = Driven::new(&prepared)?;
-    let files = Files::new(&prepared.program, &driven.lines, console::create(&trace)?, console::create(&steps)?)
-        .map_err(|error| access("write", &folder, error))?;
-    let (verdict, picture) = record(&prepared, &planned, driven, Some(files), console)?;
-    let report = RunReport { plan: plan::report(&prepared, &planned), runner: "native", verdict };
+    let (recorded, runner) = if args.native || prepared.program.board.name != "uno" {
+        let driven = Driven::native(&prepared)?;
+        (to_files(&prepared, &planned, driven, Edges::default(), &folder, console)?, "native".to_owned())
+    } else {
+        let mut driven = Driven::virtual_uno(&prepared, BAUD)?;
+        let [major, minor, patch] = driven.board_mut().info().firmware;
+        let runner = format!("virtual Uno, firmware {major}.{minor}.{patch}");
+        (to_files(&prepared, &planned, driven, uno_edges(&prepared.program), &folder, console)?, runner)
+    };
+    let Recorded { verdict, picture, lateness } = recorded;
+    let report = RunReport { plan: plan::report(&prepared, &planned), runner, verdict, lateness };
     console::write(&folder.join("report.json"), format!("{}\n", console::json(&report)?).as_bytes())?;
     draw(&picture, &folder.join("plot.svg"))?;
     if args.json {
         console.print_json(&report)?;
     } else {
         console.print(&report.plan)?;
-        console.print(format_args!(
-            "Run on the native board, in virtual time, and judged edge by edge:\n\n{}",
-            VerdictTable(&report.verdict)
-        ))?;
+        console.print(&report)?;
         console.print(format_args!("{}: report.json, steps.csv, trace.vcd, plot.svg\n", folder.display()))?;
     }
-    Ok(if report.verdict.ok { Exit::Success } else { Exit::BoundBroken })
+    Ok(if report.is_ok() { Exit::Success } else { Exit::BoundBroken })
+}
+
+/// The rate at which virtual boards are fed: what the real one's USB bridge makes exactly, and fast enough for all.
+const BAUD: Baud = Baud::B1M;
+
+/// When the Uno's edges come, by the pins that the program uses.
+fn uno_edges(program: &Program) -> Edges {
+    let row = boards::find("uno");
+    let late_ticks = row.map_or(0, |row| row.lateness_ticks);
+    match PinKind::of(&program.motors) {
+        Ok(kind) => Edges {
+            constant_ticks: kind.constant_ticks(),
+            late_ticks: if kind == PinKind::Compare { 0 } else { late_ticks },
+        },
+        Err(_) => Edges { constant_ticks: 0, late_ticks },
+    }
+}
+
+fn to_files<B: Board>(
+    prepared: &Prepared,
+    planned: &[Planned],
+    driven: Driven<'_, B>,
+    edges: Edges,
+    folder: &Path,
+    console: &Console<'_>,
+) -> miette::Result<Recorded> {
+    let (trace, steps) = (folder.join("trace.vcd"), folder.join("steps.csv"));
+    let files = Files::new(&prepared.program, &driven.lines, console::create(&trace)?, console::create(&steps)?)
+        .map_err(|error| access("write", folder, error))?;
+    record(prepared, planned, driven, Some(files), edges, console)
 }
 
 /// Runs a motion that has been planned, with a progress bar.
-pub(crate) fn record<W: std::io::Write>(
+pub(crate) fn record<B: Board, W: std::io::Write>(
     prepared: &Prepared,
     planned: &[Planned],
-    driven: Driven<'_>,
+    mut driven: Driven<'_, B>,
     files: Option<Files<W>>,
+    edges: Edges,
     console: &Console<'_>,
-) -> miette::Result<(pulsetrain_trace::verdict::Report, Picture)> {
+) -> miette::Result<Recorded> {
     let board = &prepared.program.board;
     let title = format!("{} on {}", file_name(&prepared.file), board.name);
-    let mut recorder = Recorder::new(&prepared.program, &driven.lines, title, files)?;
+    let mut recorder = Recorder::new(&prepared.program, &driven.lines, title, files, &edges)?;
     let bar = console.progress(prepared.end_s(), &human::seconds_to(prepared.end_s(), 6));
     bar.stage("running");
     driven.run(&mut recorder, |seconds| bar.set(seconds))?;

@@ -116,29 +116,18 @@ global_asm!(
 2:
     .endm
 
-    // What is rarer: the tick comes before the deadline.
+    // What is rarer: the tick comes before the deadline. Joining takes 21 more, putting off 25.
     .macro put_out_early low, high, rise, fall, lane
 3:  movw r30, r18
     sub r30, r24
     sbc r31, r1
     cp \low, r30
     cpc \high, r31
-    ldi r31, hi8(ring_b_page)
+    movw r30, \rise
     brpl 4f
-    mov r30, r16
-    and r30, \rise
-    brne 4f
-    mov r30, r17
-    and r30, \fall
-    brne 4f
-    or r16, \rise                       // joins the pending group
-    or r17, \fall
-    rjmp 2b
-4:  st X+, r16                          // put off to the deadline
-    st X+, r19
-    st X+, r18
-    st X+, r17
-    ldi r27, hi8(ring_a_page)
+    rcall merge_join
+    breq 2b
+4:  rcall merge_put_off
     rjmp 1b
 5:  rcall merge_look
     brcc 2b
@@ -292,6 +281,32 @@ merge_publish:
     sts steps_merge+{AT}, r26           // 2
     or r16, r25                         // 1
 1:  ret                                 // 4, and 3 for the call
+
+    // Joins the masks r30:31 to the pending group unless it has some of them already, and sets Z if it has not.
+merge_join:                             // call                         3
+    push r0                             // 2                            5
+    mov r0, r30                         // 1                            6
+    and r0, r16                         // 1                            7
+    brne 1f                             // 1                            8
+    mov r0, r31                         // 1                            9
+    and r0, r17                         // 1                            10
+    brne 1f                             // 1                            11
+    or r16, r30                         // 1                            12
+    or r17, r31                         // 1                            13
+    ldi r31, hi8(ring_b_page)           // 1                            14
+    cp r1, r1                           // 1                            15
+1:  pop r0                              // 2                            17
+    ret                                 // 4                            21
+
+    // Puts the pending group out; the next is put off to the deadline.
+merge_put_off:
+    st X+, r16
+    st X+, r19
+    st X+, r18
+    st X+, r17
+    ldi r27, hi8(ring_a_page)
+    ldi r31, hi8(ring_b_page)
+    ret
 
     // Looks for more room, and goes on if there is enough; else carry is set.
 merge_look:
@@ -498,10 +513,7 @@ impl Merge {
         self.half = spacing / 2;
         self.end = end;
         self.tail = tail + 0x20;
-        self.clear();
-        for lane in &mut self.lanes {
-            lane.head = first;
-        }
+        self.clear(first);
     }
 
     /// Whether steps are in lists, or anything else but fillers.
@@ -509,11 +521,14 @@ impl Merge {
         self.lanes.iter().all(|lane| lane.masks == Group::NOTHING)
     }
 
-    /// Empties all lists.
-    pub fn clear(&mut self) {
+    /// Empties all lists but for a filler in each, at `first`.
+    #[inline(never)]
+    pub fn clear(&mut self, first: u16) {
         self.wanting = None;
-        for (lane, entry) in (0..).zip(&mut self.lanes) {
-            *entry = Lane { masks: Group::NOTHING, head: 0, next: end_of(lane) };
+        let mut next = 0u8;
+        for lane in &mut self.lanes {
+            next = next.wrapping_add(2 * LIST);
+            *lane = Lane { masks: Group::NOTHING, head: first, next };
         }
     }
 

@@ -48,14 +48,16 @@ const FALL_COMPARE: [u32; 2] = [16, 80];
 const AHEAD_IDLE: u32 = 24_576;
 /// So far ahead it is filled at most, ticks (4 ms).
 const AHEAD: u32 = 65_536;
+/// A ring is filled when it has room for so many groups.
+const ROOM_FOR: u8 = 20;
 /// Groups that one call makes at most: other work waits meanwhile.
-const BATCH: u8 = 8;
+const BATCH: u8 = 4;
 /// A compare that was missed is made so soon, ticks.
 const AGAIN: u16 = 48;
 /// After the ring ran empty the next group comes so soon, ticks: time enough to fill some more in.
 const LEAD: u16 = 800;
 /// Steps that come later than this after the ring ran empty are not made any more: the motors stop. 100 µs.
-const TOO_LATE: u32 = 1600;
+const TOO_LATE: u16 = 1600;
 
 /// The times of a configuration, ticks.
 #[derive(Clone, Copy, Debug)]
@@ -294,54 +296,40 @@ impl Track {
     #[inline(never)]
     fn watch(&mut self, now: Moment, busy: bool) -> Option<Trouble> {
         if regs::GPIOR0.read() & self.starved_flag() != 0 {
-            // It counts from here on, not from when the round began.
-            let now = now.after(u32::from(clock::read().wrapping_sub(low_half(now.0))));
-            let late = now.since(self.at);
-            if late >= TOO_LATE && late < 1 << 31 && busy {
+            let (compare, _) = self.compare();
+            // The compare register still has the tick of the group that is next.
+            let count = clock::read();
+            let late = count.wrapping_sub(compare.read());
+            if busy && late >= TOO_LATE {
                 return Some(Trouble::Starved);
             }
-            let soon = now.after(u32::from(LEAD));
+            // It counts from here on, not from when the round began.
+            let now = now.after(u32::from(count.wrapping_sub(low_half(now.0))));
             if self.ring.is_empty() {
-                self.at = soon;
+                self.at = now.after(u32::from(LEAD));
+                self.resume(self.at);
+            } else {
+                self.resume(now.after(u32::from(AGAIN)));
             }
-            self.resume(soon);
-            return busy.then_some(Trouble::Late { ticks: low_half(late) });
+            return busy.then_some(Trouble::Late { ticks: late });
         }
         let (compare, bit) = self.compare();
-        let late = regs::free(|| {
-            let count = regs::TCNT1.read();
-            let late = count.wrapping_sub(compare.read());
-            // Behind the counter, and no interrupt waits to run: it would be found 65 536 ticks later.
-            if late == 0 || late >= 1 << 15 || regs::TIFR1.read() & bit != 0 {
-                return 0;
-            }
-            compare.write(count.wrapping_add(AGAIN));
-            late + AGAIN
-        });
+        // A match lies ahead, or its interrupt has been kept waiting for some cycles. If it is behind by 512 to 32 767, it
+        // was missed and would be found 65 536 ticks later. Whole bytes say that, with interrupts on.
+        let [_, high, ..] = now.0.to_le_bytes();
+        if !matches!(high.wrapping_sub(compare.high()), 2..0x80) || regs::TIFR1.read() & bit != 0 {
+            return None;
+        }
+        let late = low_half(now.0).wrapping_sub(regs::free(|| compare.read()));
+        let again = clock::read().wrapping_add(AGAIN);
+        regs::free(|| compare.write(again));
         (late != 0).then_some(Trouble::Late { ticks: late })
     }
 
     /// Whether no group is left to be played but fillers.
     #[inline(never)]
     fn is_idle(&self) -> bool {
-        self.ring.newest_first().all(|group| group == Group::NOTHING)
-    }
-}
-
-impl Lines {
-    /// Takes `levels` back to before `group`; whether it made a step, and which way: 1, 0 or −1.
-    #[inline(never)]
-    fn take_back(self, levels: &mut u8, group: Group) -> i8 {
-        let before_fall = *levels ^ group.fall;
-        *levels = before_fall ^ group.rise;
-        let active = (before_fall & self.step != 0) != self.step_low();
-        if group.rise & self.step == 0 || !active {
-            0
-        } else if (before_fall & self.dir != 0) == self.forward_high() {
-            1
-        } else {
-            -1
-        }
+        self.ring.is_idle()
     }
 }
 
@@ -517,31 +505,32 @@ impl Stepper {
     /// Begins to play, from a little after `now` on. Queues are empty.
     #[inline(never)]
     pub(crate) fn start(&mut self, now: Moment) {
-        self.rest(now);
+        let at = now.after(AHEAD_IDLE);
+        // The lists of a merge begin with a filler each.
+        let first = at.after(FILLER);
+        self.rest(if self.merging { first } else { now });
+        self.last = [first; LANES];
         self.trouble = None;
         regs::GPIOR0.write(self.flags);
-        let at = now.after(AHEAD_IDLE);
-        let apiece = self.apiece;
-        for (index, track) in self.tracks.iter_mut().enumerate() {
-            let mut levels = 0;
-            for (motor, axis) in self.axes.all().iter().enumerate() {
-                if !apiece || motor == index {
-                    levels |= axis.lines.levels();
-                }
-            }
-            track.levels = levels;
-            track.at = at;
+        let Stepper { tracks, axes, merge, .. } = self;
+        let [one, two] = tracks;
+        (one.at, two.at) = (at, at);
+        (one.levels, two.levels) = (0, 0);
+        for (motor, axis) in axes.all().iter().enumerate() {
+            let track = if self.apiece && motor != 0 { &mut *two } else { &mut *one };
+            track.levels |= axis.lines.levels();
+        }
+        if self.merging
+            && let Some(merge) = merge
+        {
+            merge.begin(one.ring.name(), self.times.apart, low_half(first.0));
         }
         for track in self.tracks_mut() {
             track.ring.clear();
             track.resume(at);
         }
-        let Stepper { tracks: [track, _], axes, merge, last, .. } = self;
-        if self.merging
-            && let Some(merge) = merge
-        {
-            lanes::begin(merge, last, track, axes.all_mut(), self.times.apart);
-        }
+        // Rings wake the processor often enough.
+        regs::free(|| regs::TIMSK1.clear(1));
     }
 
     /// The immediate stop: plays no group more, and forgets all that was to come. A pulse that was begun still ends.
@@ -572,7 +561,7 @@ impl Stepper {
         self.tracks_mut().iter_mut().for_each(|track| track.ring.clear());
         self.axes().iter().for_each(|axis| axis.lines.rest());
         if let Some(merge) = &mut self.merge {
-            merge.clear();
+            merge.clear(0);
         }
         uncertain
     }
@@ -624,6 +613,13 @@ impl Stepper {
         true
     }
 
+    /// Takes back what was pushed last of `epoch`, of all motors.
+    pub(crate) fn discard(&mut self, epoch: Epoch) {
+        for axis in self.axes.all_mut() {
+            axis.motor.discard(epoch);
+        }
+    }
+
     /// The epoch being run.
     pub(crate) fn epoch(&self) -> Epoch {
         self.axes().first().map_or(Epoch(0), |axis| axis.motor.epoch())
@@ -650,25 +646,34 @@ impl Stepper {
         let [first, second] = &self.tracks;
         let track = if self.apiece && motor != 0 { second } else { first };
         let Some(Axis { lines, .. }) = self.axes().get(usize::from(motor)) else { return 0 };
+        let Lines { step, dir, .. } = *lines;
         let (mut levels, mut count) = (track.levels, 0);
-        // From the newest back to the next one to be played: first what is in no ring yet.
+        if lines.step_low() {
+            levels ^= step;
+        }
+        if !lines.forward_high() {
+            levels ^= dir;
+        }
+        // What is in no ring yet comes after what is.
         if self.merging
             && let Some(merge) = &self.merge
         {
-            let (ticks, group) = merge.listed(motor);
+            let (ticks, Group { rise, fall }) = merge.listed(motor);
             if ticks != 0 {
-                count += i16::from(lines.take_back(&mut levels, group)) * i16::from(ticks);
+                levels ^= fall;
+                if rise & levels & step != 0 {
+                    count = if levels & dir != 0 { i16::from(ticks) } else { -i16::from(ticks) };
+                }
+                levels ^= rise;
             }
         }
-        for group in track.ring.newest_first() {
-            count += i16::from(lines.take_back(&mut levels, group));
-        }
-        count
+        count + i16::from(track.ring.unplayed(levels, step, dir))
     }
 
-    /// Fills the rings as far as time allows.
+    /// Fills the rings as far as time allows. Whether there is nothing more to do until an interrupt comes.
     #[inline(never)]
-    pub(crate) fn run(&mut self, now: Moment, queues: &Queues) {
+    pub(crate) fn run(&mut self, now: Moment, queues: &Queues) -> bool {
+        let mut rest = true;
         let Stepper { tracks, axes, merge, last, times, trouble, fewest_groups, .. } = self;
         let mut axes = axes.all_mut();
         for track in tracks {
@@ -677,7 +682,7 @@ impl Stepper {
             let merge = if self.merging { merge.as_deref_mut() } else { None };
             let busy = match &merge {
                 Some(merge) => !merge.is_idle(),
-                None => mine.iter().any(|axis| axis.wish != Wish::Nothing),
+                None => mine.iter().any(|axis| axis.wish != Wish::Nothing || axis.motor.registers().left != 0),
             };
             let free = track.ring.free();
             if busy {
@@ -688,68 +693,60 @@ impl Stepper {
             }
             if let Some(merge) = merge {
                 lanes::fill(merge, last, track, mine, now, queues, times);
-            } else if free >= CAPACITY / 2 {
-                // Half full is enough: more at once costs less.
-                fill(track, mine, now, queues, times);
+            } else if free >= ROOM_FOR {
+                // More at once costs less, but the ring must outlast all else that the main loop does.
+                rest &= fill(track, mine, now, queues, times);
             }
             if axes.is_empty() {
                 break;
             }
         }
+        rest
     }
 }
 
-/// Fills one ring as far as time allows.
+/// Fills one ring as far as time allows. Whether there is nothing more to do until one of its groups has been played.
 #[inline(never)]
-fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, times: &Times) {
+fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, times: &Times) -> bool {
     // No further is looked in this call.
     let limit = track.at.after(FILLER);
     for axis in &mut *axes {
         // What is long past must not come back as the future.
-        if axis.free.is_before(track.at) {
-            axis.free = track.at;
-        }
-        if axis.ready.is_before(track.at) {
-            axis.ready = track.at;
-        }
+        axis.free = later(axis.free, track.at);
+        axis.ready = later(axis.ready, track.at);
         if axis.wish == Wish::Nothing {
             axis.motor.pass(track.at);
             axis.look(queues, limit, times);
         }
     }
-    if let [axis] = axes
-        && fast(track, axis, now, times)
-    {
-        return;
-    }
     for _ in 0..BATCH {
+        if let [axis] = axes
+            && fast(track, axis, now, times)
+        {
+            return false;
+        }
         let ahead = track.at.since(now);
         if track.ring.free() < 2 || (ahead >= AHEAD && ahead < 1 << 31) {
-            return;
+            return true;
         }
-        match earliest(axes) {
-            Some(index) if axes.get(index).is_some_and(|axis| !limit.is_before(axis.due)) => {
-                play(track, axes, index, times);
-                if let Some(axis) = axes.get_mut(index)
-                    && axis.wish == Wish::Nothing
-                {
-                    axis.look(queues, limit, times);
-                }
+        let (index, due) = earliest(axes, limit.after(FILLER));
+        if limit.is_before(due) {
+            if ahead < AHEAD_IDLE || ahead >= 1 << 31 {
+                // Out of the way of what may come soon after it.
+                let clear = due.before(2 * u32::from(times.apart));
+                track.push(if clear.is_before(limit) { clear } else { limit }, Group::NOTHING);
+                return false;
             }
-            _ => {
-                if ahead < AHEAD_IDLE || ahead >= 1 << 31 {
-                    // Out of the way of what may come soon after it.
-                    let next = axes.iter().filter(|axis| axis.wish != Wish::Nothing).map(|axis| axis.due);
-                    let clear = next.fold(limit, |clear, due| {
-                        let before = due.before(2 * u32::from(times.apart));
-                        if before.is_before(clear) { before } else { clear }
-                    });
-                    track.push(clear, Group::NOTHING);
-                }
-                return;
-            }
+            return true;
+        }
+        play(track, axes, index, times);
+        if let Some(axis) = axes.get_mut(index)
+            && axis.wish == Wish::Nothing
+        {
+            axis.look(queues, limit, times);
         }
     }
+    false
 }
 
 /// The fast engine of a motor that has a ring of its own: expands steps into it as long as nothing but steps comes.
@@ -774,23 +771,20 @@ fn fast(track: &mut Track, axis: &mut Axis, now: Moment, times: &Times) -> bool 
     true
 }
 
-/// Whose wish is due first.
-#[inline(always)]
-fn earliest(axes: &[Axis]) -> Option<usize> {
-    let mut earliest: Option<(usize, &Axis)> = None;
+/// Whose wish is due first, if any is before `due`; and when.
+#[inline(never)]
+fn earliest(axes: &[Axis], mut due: Moment) -> (usize, Moment) {
+    let (mut first, mut may_wait) = (0, false);
     for (index, axis) in axes.iter().enumerate() {
-        if axis.wish == Wish::Nothing {
-            continue;
-        }
         // A step looks at its line before another motor may turn it.
-        let sooner = |(_, first): (usize, &Axis)| {
-            axis.due.is_before(first.due) || (axis.due == first.due && matches!(first.wish, Wish::Dir(_)))
-        };
-        if earliest.is_none_or(sooner) {
-            earliest = Some((index, axis));
+        let sooner = axis.due.is_before(due) || (axis.due == due && may_wait);
+        if axis.wish != Wish::Nothing && sooner {
+            first = index;
+            due = axis.due;
+            may_wait = matches!(axis.wish, Wish::Dir(_));
         }
     }
-    earliest.map(|(index, _)| index)
+    (first, due)
 }
 
 /// Makes what motor `index` wants, when it is due or as soon after as it can be.

@@ -1,0 +1,134 @@
+//! Items of one epoch and motor → packed bytes, with checks in between.
+
+use pulsetrain_core::Item;
+use pulsetrain_core::packing::{CHECK_LEN, Check, MAX_PACKED_LEN, PackError, Packing, State};
+
+/// Longest that one item gets, with a check before it.
+pub(crate) const MAX_LEN: usize = CHECK_LEN + MAX_PACKED_LEN;
+
+/// A check goes before steps once so many bytes have gone without one: about one in a frame.
+const CHECK_EVERY: usize = 64;
+
+/// The fraction bits that checks speak of.
+const CHECKED_BITS: u32 = 16;
+
+/// Packs an epoch from its beginning on.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Packer {
+    packing: Packing,
+    state: State,
+    /// Where the board should be after all this: ticks · 2^16, wrapping, and steps since the anchor.
+    accumulator: u64,
+    moved: u16,
+    unchecked: usize,
+}
+
+impl Packer {
+    pub(crate) fn new(packing: Packing) -> Packer {
+        Packer { packing, state: State::default(), accumulator: 0, moved: 0, unchecked: 0 }
+    }
+
+    /// Packs `item` into the front of `out`, perhaps after a check; gives the number of bytes.
+    ///
+    /// # Errors
+    /// When the item has no steps; nothing changes then.
+    pub(crate) fn pack(&mut self, item: &Item, out: &mut [u8; MAX_LEN]) -> Result<usize, PackError> {
+        let mut len = 0;
+        let is_run = matches!(item, Item::Run { .. });
+        if is_run && self.unchecked >= CHECK_EVERY && self.packing.fraction_bits == CHECKED_BITS {
+            len = self.packing.pack_check(&self.check(), out)?;
+        }
+        let item_len = self.packing.pack(&mut self.state, item, &mut out[len..])?;
+        self.unchecked = if len > 0 { item_len } else { self.unchecked + item_len };
+        match *item {
+            Item::Anchor { tick } => {
+                (self.accumulator, self.moved) = (u64::from(tick.0) << 16 | 1 << 15, 0);
+            }
+            Item::Dwell { ticks } => self.accumulator = self.accumulator.wrapping_add(u64::from(ticks) << 16),
+            Item::Run { segment, direction } => {
+                // A board's accumulator has 48 bits of it, and wraps; so do counts.
+                self.accumulator = self.accumulator.wrapping_add(segment.span(segment.count) as u64);
+                self.moved = self.moved.wrapping_add((segment.count as u16).wrapping_mul(direction.sign() as u16));
+            }
+        }
+        Ok(len + item_len)
+    }
+
+    fn check(&self) -> Check {
+        let tick = pulsetrain_core::Moment::of(self.accumulator >> 16);
+        Check { position: self.moved, tick, fraction: self.accumulator as u16 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use pulsetrain_core::narrow::{Motor, Pool, Settings};
+    use pulsetrain_core::{Direction, Epoch, Moment, Segment};
+
+    const PACKING: Packing = Packing { fraction_bits: 16, gain: 0 };
+
+    fn item() -> impl Strategy<Value = Item> {
+        let segment = (1u32..400, 200i64..2000, 0i64..65_536, -400i64..400, -2i64..2, any::<bool>());
+        let run = segment.prop_map(|(count, ticks, fraction, add, add2, forward)| Item::Run {
+            segment: Segment { count, interval: (ticks << 16) + fraction, add: add * 16, add2: add2 * 16 },
+            direction: if forward { Direction::Forward } else { Direction::Backward },
+        });
+        prop_oneof![9 => run, 1 => (1000u32..100_000).prop_map(|ticks| Item::Dwell { ticks })]
+    }
+
+    proptest! {
+        /// The motor of an 8-bit board finds every check right, and what a check finds wrong it does not do.
+        #[test]
+        fn boards_agree_with_checks(items in prop::collection::vec(item(), 20..60), wrong in any::<prop::sample::Index>()) {
+            let mut packer = Packer::new(PACKING);
+            let mut packed = Vec::new();
+            let mut checks = Vec::new();
+            let (mut steps, mut moved) = (0, 0);
+            for item in [Item::Anchor { tick: Moment(1000) }].iter().chain(&items) {
+                let before = packer;
+                let mut bytes = [0; MAX_LEN];
+                let len = packer.pack(item, &mut bytes).unwrap();
+                if packer.unchecked <= before.unchecked {
+                    checks.push((packed.len(), moved));
+                }
+                packed.extend_from_slice(&bytes[..len]);
+                if let Item::Run { segment, direction } = item {
+                    steps += segment.count;
+                    moved += segment.count as i32 * direction.sign();
+                }
+            }
+            prop_assert!(checks.len() >= packed.len() / (CHECK_EVERY + MAX_LEN), "{} checks in {} bytes", checks.len(), packed.len());
+            let (position, fault) = run(&packed, steps);
+            prop_assert_eq!((position, fault), (moved, false));
+
+            // One bit of a check's content.
+            if !checks.is_empty() {
+                let (at, moved) = checks[wrong.index(checks.len())];
+                packed[at + 2 + wrong.index(CHECK_LEN - 2)] ^= 1 << wrong.index(8);
+                prop_assert_eq!(run(&packed, steps), (moved, true));
+            }
+        }
+    }
+
+    /// Does it all; gives where the motor ends, and whether a check failed.
+    fn run(packed: &[u8], steps: u32) -> (i32, bool) {
+        let mut pool = Pool::<4096>::new();
+        let mut motor =
+            Motor::new(Pool::<4096>::share(1, 0), Settings { gap_ticks: 1, asserts_every_step: false, gain: 0 });
+        motor.push(&mut pool, Epoch(0), packed).unwrap();
+        let mut now = Moment(0);
+        // A step and a change of direction at most in each round.
+        for _ in 0..4 * steps + 1000 {
+            match motor.peek(&pool, now.after(1 << 20)) {
+                Some(event) => motor.take(event),
+                None => {
+                    now = now.after(1 << 16);
+                    motor.pass(now);
+                }
+            }
+        }
+        (motor.position(), motor.fault().is_some())
+    }
+}

@@ -1,0 +1,138 @@
+//! A board with a shadow: the native stepgen, told the very same.
+//!
+//! The board makes the edges, the shadow says which tick each step was scheduled for.
+
+use crate::{Board, Edge, Faults, Native, Observer, ScheduledStep, Sizer, StopReport, SwitchRefused};
+use pulsetrain_core::{Entry, Epoch};
+
+/// A board, whose edges are told, and a native one, whose steps are.
+#[derive(Debug)]
+pub struct Shadowed<B> {
+    board: B,
+    shadow: Native,
+    agree: bool,
+}
+
+impl<B: Board> Shadowed<B> {
+    /// `shadow` has the same motors as `board`, and is as new.
+    #[must_use]
+    pub const fn new(board: B, shadow: Native) -> Shadowed<B> {
+        Shadowed { board, shadow, agree: true }
+    }
+
+    /// The board itself.
+    #[must_use]
+    pub const fn board(&self) -> &B {
+        &self.board
+    }
+
+    /// The same, to ask it things.
+    pub const fn board_mut(&mut self) -> &mut B {
+        &mut self.board
+    }
+
+    /// Whether the shadow took everything that the board took.
+    #[must_use]
+    pub const fn agrees(&self) -> bool {
+        self.agree
+    }
+
+    /// Lets the shadow come as far as the board.
+    fn follow(&mut self, until: u64, observer: &mut impl Observer) {
+        if self.shadow.now() <= until {
+            self.shadow.advance(until, &mut Steps(observer));
+        }
+    }
+}
+
+struct Edges<'o, O>(&'o mut O);
+
+impl<O: Observer> Observer for Edges<'_, O> {
+    fn edge(&mut self, edge: Edge) {
+        self.0.edge(edge);
+    }
+}
+
+struct Steps<'o, O>(&'o mut O);
+
+impl<O: Observer> Observer for Steps<'_, O> {
+    fn edge(&mut self, _edge: Edge) {}
+
+    fn step(&mut self, step: ScheduledStep) {
+        self.0.step(step);
+    }
+}
+
+impl<B: Board> Board for Shadowed<B> {
+    fn push(&mut self, motor: usize, entry: Entry) -> Result<(), Entry> {
+        self.board.push(motor, entry)?;
+        self.agree &= self.shadow.push(motor, entry).is_ok();
+        Ok(())
+    }
+
+    fn discard(&mut self, epoch: Epoch) {
+        self.board.discard(epoch);
+        Board::discard(&mut self.shadow, epoch);
+    }
+
+    fn room(&self, motor: usize) -> usize {
+        self.board.room(motor)
+    }
+
+    fn sizer(&self, motor: usize) -> Sizer {
+        self.board.sizer(motor)
+    }
+
+    fn lead(&self) -> u64 {
+        self.board.lead()
+    }
+
+    fn switches(&self) -> usize {
+        self.board.switches()
+    }
+
+    fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<(), SwitchRefused> {
+        let answer = self.board.switch(epoch, tick);
+        match answer {
+            Ok(()) => self.agree &= self.shadow.switch(epoch, tick).is_ok(),
+            Err(_) => Board::discard(&mut self.shadow, epoch),
+        }
+        answer
+    }
+
+    fn horizon(&self) -> u64 {
+        self.board.horizon()
+    }
+
+    fn now(&self) -> u64 {
+        self.board.now()
+    }
+
+    fn epoch(&self) -> Epoch {
+        self.board.epoch()
+    }
+
+    fn advance(&mut self, until: u64, observer: &mut impl Observer) {
+        self.board.advance(until, &mut Edges(observer));
+        self.follow(until, observer);
+    }
+
+    fn stop_now(&mut self, tick: u64, observer: &mut impl Observer) -> StopReport {
+        let report = self.board.stop_now(tick, &mut Edges(observer));
+        self.follow(report.tick, observer);
+        self.shadow.stop_now(report.tick, &mut Steps(observer));
+        report
+    }
+
+    fn positions(&self) -> Vec<i64> {
+        self.board.positions()
+    }
+
+    fn is_idle(&self) -> bool {
+        self.board.is_idle()
+    }
+
+    fn faults(&self, motor: usize) -> Faults {
+        self.board.faults(motor)
+    }
+}
