@@ -129,6 +129,6 @@ proptest! {
         }
         // Boards with 32 fraction bits have wider registers, and room for them.
         prop_assert!(moves.len() <= 8, "{} segments", moves.len());
-        prop_assert!(bytes <= if fine { 95 } else { 66 }, "{bytes} bytes");
+        prop_assert!(bytes <= if fine { 100 } else { 72 }, "{bytes} bytes");
     }
 }
