@@ -98,6 +98,12 @@ impl Link {
         regs::UDR0.write(byte);
     }
 
+    /// Whether bytes wait.
+    #[inline(always)]
+    pub(crate) fn has_unread(&self) -> bool {
+        regs::EEARL.read() != self.tail
+    }
+
     /// The next byte from the host.
     #[inline(always)]
     pub(crate) fn receive(&mut self) -> Option<u8> {
