@@ -40,7 +40,7 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Plan a motion, run it in virtual time (for an Uno: its firmware, on an emulated chip), judge every edge, and write report, steps, trace and plot
+    /// Plan a motion, run it in virtual time, judge every edge, and write report, steps, trace and plot
     #[command(after_help = "\
 Files written to DIR:
   report.json  what was planned, proven, run and judged
@@ -51,7 +51,8 @@ Files written to DIR:
 Examples:
   pulsetrain run examples/tutorial.toml
   pulsetrain run examples/sweep.toml --for \"60 s\" --out out/minute
-  pulsetrain run examples/tutorial.toml --port /dev/ttyACM0")]
+  pulsetrain run examples/formula.toml --virtual
+  pulsetrain run examples/formula.toml --port /dev/ttyACM0")]
     Run(Run),
     /// Plan a motion and prove it: steps, segments, bytes, certificate, peak rates; nothing runs
     #[command(after_help = "\
@@ -69,7 +70,7 @@ Examples:
     #[command(after_help = "\
 Examples:
   pulsetrain verify out/tutorial/trace.vcd examples/tutorial.toml
-  pulsetrain verify capture.csv examples/tutorial.toml --align start+rate
+  pulsetrain verify capture.csv examples/tutorial.toml --pins --align start+rate
   pulsetrain verify capture.csv examples/tutorial.toml --align start \\
       --line \"Channel 0=wheel.step\" --line \"Channel 1=wheel.dir\"")]
     Verify(Verify),
@@ -159,11 +160,11 @@ pub(crate) struct Run {
     /// Where the files go [default: out/ and the file's name without .toml]
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
-    /// Let the native board run it, in the ticks of the file's board: no firmware, no emulated chip
-    #[arg(long)]
-    pub(crate) native: bool,
+    /// Let the Uno's firmware run it, on an emulated chip, and judge its pins; for files of the board `uno`
+    #[arg(long = "virtual", conflicts_with = "port")]
+    pub(crate) on_virtual: bool,
     /// Let the board at this serial port run it, in real time; Ctrl-C stops the motors as planned
-    #[arg(long, value_name = "PORT", conflicts_with = "native")]
+    #[arg(long, value_name = "PORT")]
     pub(crate) port: Option<String>,
     /// Rate of the line to the port, once the board is found
     #[arg(long, value_name = "BAUD", value_parser = baud, default_value = "1000000", requires = "port")]
@@ -239,6 +240,9 @@ pub(crate) struct Verify {
     pub(crate) capture: PathBuf,
     #[command(flatten)]
     pub(crate) motion: Motion,
+    /// The capture shows an Uno's pins: its constant and its lateness are allowed for
+    #[arg(long)]
+    pub(crate) pins: bool,
     /// What is fitted before judging
     #[arg(long, value_enum, default_value_t = Alignment::None)]
     pub(crate) align: Alignment,

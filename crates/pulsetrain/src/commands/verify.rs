@@ -37,7 +37,7 @@ pub(crate) fn run(args: &Verify, console: &mut Console<'_>) -> miette::Result<Ex
     };
     let until_s = args.until.map(Time::seconds);
     let mut options = Options { align, until_s, sample_hz: args.sample_rate, ..Options::default() };
-    if let Capture::Edges(_) = &capture {
+    if args.pins {
         // What is seen on pins comes the board's constant after its scheduled tick, and may be late.
         let edges = Edges::of(program);
         options.constant_ticks = edges.constant_ticks.into();
