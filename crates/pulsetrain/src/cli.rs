@@ -2,10 +2,12 @@
 
 use std::ffi::OsString;
 use std::io::Write;
+use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use miette::{GraphicalReportHandler, GraphicalTheme, JSONReportHandler};
+use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::quantity::{Base, Quantity};
 use pulsetrain_motion::{Time, boards};
 
@@ -48,7 +50,9 @@ Files written to DIR:
 
 Examples:
   pulsetrain run examples/tutorial.toml
-  pulsetrain run examples/sweep.toml --for \"60 s\" --out out/minute")]
+  pulsetrain run examples/sweep.toml --for \"60 s\" --out out/minute
+  pulsetrain run examples/formula.toml --virtual
+  pulsetrain run examples/formula.toml --port /dev/ttyACM0")]
     Run(Run),
     /// Plan a motion and prove it: steps, segments, bytes, certificate, peak rates; nothing runs
     #[command(after_help = "\
@@ -66,7 +70,7 @@ Examples:
     #[command(after_help = "\
 Examples:
   pulsetrain verify out/tutorial/trace.vcd examples/tutorial.toml
-  pulsetrain verify capture.csv examples/tutorial.toml --align start+rate
+  pulsetrain verify capture.csv examples/tutorial.toml --pins --align start+rate
   pulsetrain verify capture.csv examples/tutorial.toml --align start \\
       --line \"Channel 0=wheel.step\" --line \"Channel 1=wheel.dir\"")]
     Verify(Verify),
@@ -82,6 +86,29 @@ Examples:
   pulsetrain motor --inductance 50mH --current 0.135A --voltage 12V --steps-per-rev 200 --microsteps 8
   pulsetrain motor --file examples/max-speed.toml")]
     Motor(Motor),
+    /// Be a virtual Uno in real time, for this program or any other serial client; Ctrl-C ends it
+    #[command(after_help = "\
+The firmware runs on an emulated chip behind a model of the Uno's USB bridge. A client that opens the port resets it,
+as a real one. Over --pty it follows the rate that the client sets; over --tcp the line stays at 115200 baud.
+
+Examples:
+  pulsetrain board uno --pty /tmp/uno               then: pulsetrain run FILE --port /tmp/uno
+  pulsetrain board uno --tcp 127.0.0.1:4000 --trace pins.vcd")]
+    Board(Board),
+    /// Tell what a board is: firmware, limits, clock, why it stopped last, how it fared
+    #[command(after_help = "\
+Examples:
+  pulsetrain info --port /dev/ttyACM0
+  pulsetrain info --board uno")]
+    Info(At),
+    /// Let a board measure itself while it steps: cycles for a step, lateness, what its queues had left
+    #[command(after_help = "\
+Sinusoids of growing speed on pins 8 (STEP) and 9 (DIR). On a real board disconnect the drivers first.
+
+Examples:
+  pulsetrain bench --board uno
+  pulsetrain bench --port /dev/ttyACM0 --disconnected")]
+    Bench(Bench),
     /// List the boards with their limits
     Boards(Table),
     /// List the drivers with their timings, microsteps and settings, from their datasheets
@@ -100,7 +127,9 @@ impl Command {
             Command::Explain(args) => args.json,
             Command::Motor(args) => args.json,
             Command::Boards(args) | Command::Drivers(args) => args.json,
-            Command::Plot(_) | Command::New(_) => false,
+            Command::Info(args) => args.json,
+            Command::Bench(args) => args.at.json,
+            Command::Plot(_) | Command::New(_) | Command::Board(_) => false,
         }
     }
 }
@@ -132,11 +161,59 @@ pub(crate) struct Run {
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
     /// Let the Uno's firmware run it, on an emulated chip, and judge its pins; for files of the board `uno`
-    #[arg(long = "virtual")]
+    #[arg(long = "virtual", conflicts_with = "port")]
     pub(crate) on_virtual: bool,
+    /// Let the board at this serial port run it, in real time; Ctrl-C stops the motors as planned
+    #[arg(long, value_name = "PORT")]
+    pub(crate) port: Option<String>,
+    /// Rate of the line to the port, once the board is found
+    #[arg(long, value_name = "BAUD", value_parser = baud, default_value = "1000000", requires = "port")]
+    pub(crate) baud: Baud,
     /// Print the report as JSON
     #[arg(long)]
     pub(crate) json: bool,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct Board {
+    /// Which board
+    #[arg(value_parser = ["uno"])]
+    pub(crate) board: String,
+    /// Make a pseudo-terminal, and a link of this name to it, which is gone in the end
+    #[arg(long, value_name = "LINK", required_unless_present = "tcp", conflicts_with = "tcp")]
+    pub(crate) pty: Option<PathBuf>,
+    /// Listen at this address, for one client at a time
+    #[arg(long, value_name = "ADDRESS")]
+    pub(crate) tcp: Option<SocketAddr>,
+    /// Write every edge of every pin there (VCD); its time is the chip's
+    #[arg(long, value_name = "FILE")]
+    pub(crate) trace: Option<PathBuf>,
+}
+
+/// Which board is asked.
+#[derive(Args, Debug)]
+pub(crate) struct At {
+    /// The board at this serial port
+    #[arg(long, value_name = "PORT", required_unless_present = "board", conflicts_with = "board")]
+    pub(crate) port: Option<String>,
+    /// A virtual one
+    #[arg(long, value_name = "BOARD", value_parser = ["uno"])]
+    pub(crate) board: Option<String>,
+    /// Rate of the line, once the board is found
+    #[arg(long, value_name = "BAUD", value_parser = baud, default_value = "1000000")]
+    pub(crate) baud: Baud,
+    /// Print what it says as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct Bench {
+    #[command(flatten)]
+    pub(crate) at: At,
+    /// Nothing is connected to pins 8 and 9 that may not move
+    #[arg(long)]
+    pub(crate) disconnected: bool,
 }
 
 #[derive(Args, Debug)]
@@ -163,6 +240,9 @@ pub(crate) struct Verify {
     pub(crate) capture: PathBuf,
     #[command(flatten)]
     pub(crate) motion: Motion,
+    /// The capture shows an Uno's pins: its constant and its lateness are allowed for
+    #[arg(long)]
+    pub(crate) pins: bool,
     /// What is fitted before judging
     #[arg(long, value_enum, default_value_t = Alignment::None)]
     pub(crate) align: Alignment,
@@ -270,6 +350,12 @@ fn measured(text: &str, kind: (Base, u8), example: &str) -> Result<Quantity, Str
     if quantity.value > 0.0 { Ok(quantity) } else { Err("it must be more than nothing".into()) }
 }
 
+fn baud(text: &str) -> Result<Baud, String> {
+    let rates = Baud::ALL.map(|baud| baud.rate().to_string());
+    let found = Baud::ALL.into_iter().zip(&rates).find(|(_, rate)| *rate == text);
+    found.map(|(baud, _)| baud).ok_or_else(|| format!("the rates are {}", rates.join(", ")))
+}
+
 fn duration(text: &str) -> Result<Time, String> {
     let quantity = positive(text, Base::Time, "60 s")?;
     quantity.time().ok_or_else(|| "this is not a time".into())
@@ -330,6 +416,9 @@ pub fn run_on<A: Into<OsString> + Clone>(args: impl IntoIterator<Item = A>, cons
         Command::Verify(args) => commands::verify::run(&args, console),
         Command::Explain(args) => commands::explain::run(&args, console),
         Command::Motor(args) => commands::motor::run(&args, console),
+        Command::Board(args) => commands::board::run(&args, console),
+        Command::Info(args) => commands::info::run(&args, console),
+        Command::Bench(args) => commands::bench::run(&args, console),
         Command::Boards(args) => commands::boards::run(&args, console),
         Command::Drivers(args) => commands::drivers::run(&args, console),
         Command::New(args) => commands::new::run(&args, console),

@@ -1,4 +1,6 @@
-//! Motions on the native board and on the virtual Uno: a session, in virtual time and bounded memory.
+//! Motions on the native board, on the virtual Uno and on real ones: a session, in bounded memory.
+
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use miette::Diagnostic;
 use pulsetrain_board::native::{ConfigError, Faults};
@@ -39,7 +41,7 @@ pub enum DriveError {
     },
 }
 
-/// A prepared motion on a board in virtual time, just before its laws begin.
+/// A prepared motion on a board, just before its laws begin.
 pub struct Driven<'a, B> {
     session: Session<'a, B>,
     program: &'a Program,
@@ -71,8 +73,18 @@ impl<'a> Driven<'a, Uno> {
     /// # Errors
     /// As [`Driven::native`], and when the firmware refuses the configuration.
     pub fn virtual_uno(prepared: &'a Prepared, baud: Baud) -> Result<Driven<'a, Uno>, DriveError> {
+        Driven::uno(prepared, VirtualUno::new(), baud)
+    }
+}
+
+impl<'a, P: Port> Driven<'a, Shadowed<Remote<P>>> {
+    /// The same on the Uno at the other end of a port, at `baud`.
+    ///
+    /// # Errors
+    /// As [`Driven::native`], and when nobody answers or the firmware refuses the configuration.
+    pub fn uno(prepared: &'a Prepared, port: P, baud: Baud) -> Result<Driven<'a, Shadowed<Remote<P>>>, DriveError> {
         let program = &prepared.program;
-        let remote = connect(VirtualUno::new(), program, baud)?;
+        let remote = connect(port, program, baud)?;
         let lines = lines::of(program);
         let place = |pin: u8| place_of(&lines, pin);
         let places = (0..=UNO_LAST_PIN).map(place).collect();
@@ -81,7 +93,7 @@ impl<'a> Driven<'a, Uno> {
     }
 
     /// The board's own measurements, and what is true of its firmware: to be asked before the run ends it.
-    pub fn board_mut(&mut self) -> &mut Remote<VirtualUno> {
+    pub fn board_mut(&mut self) -> &mut Remote<P> {
         self.session.board_mut().board_mut()
     }
 }
@@ -94,14 +106,28 @@ const UNO_LAST_PIN: u8 = 19;
 /// # Errors
 /// When nobody answers, or the board refuses.
 pub fn connect<P: Port>(port: P, program: &Program, baud: Baud) -> Result<Remote<P>, RemoteError> {
-    // Any number: it tells this session from one before it on the same board.
-    let nonce = std::process::id();
-    let mut remote = Remote::open(port, nonce)?;
+    let mut remote = Remote::open(port, session_number())?;
     if baud != remote.link().baud() {
         remote.set_baud(baud)?;
     }
     remote.configure(&setup(program))?;
     Ok(remote)
+}
+
+/// A number that tells a session from those before it on the same board.
+pub(crate) fn session_number() -> u32 {
+    static SESSIONS: AtomicU32 = AtomicU32::new(0);
+    let own = SESSIONS.fetch_add(1, Ordering::Relaxed);
+    std::process::id().wrapping_mul(0x9e37_79b1).wrapping_add(own)
+}
+
+/// How a run ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Ended {
+    /// Steps of each motor, forward minus backward, as the board counted them.
+    pub counted: Vec<i64>,
+    /// It was stopped on the way, as planned for a stop.
+    pub stopped: bool,
 }
 
 impl<'a, B: Board> Driven<'a, B> {
@@ -126,21 +152,48 @@ impl<'a, B: Board> Driven<'a, B> {
     ///
     /// # Errors
     /// When the motion stopped before its end, or the board and the host count differently: faults of ours.
-    pub fn run(&mut self, observer: &mut impl Observer, mut watch: impl FnMut(f64)) -> Result<(), DriveError> {
-        let zero = self.session.zero();
-        let hz = self.program.board.tick_hz as f64;
+    pub fn run(&mut self, observer: &mut impl Observer, watch: impl FnMut(f64)) -> Result<Ended, DriveError> {
+        self.run_until(observer, watch, || false)
+    }
+
+    /// The same, but when `stop` says so the motors come to rest within their limits.
+    ///
+    /// # Errors
+    /// As [`Driven::run`].
+    pub fn run_until(
+        &mut self,
+        observer: &mut impl Observer,
+        mut watch: impl FnMut(f64),
+        stop: impl Fn() -> bool,
+    ) -> Result<Ended, DriveError> {
+        /// So often `stop` is asked, ticks of the board for each second.
+        const LOOKS_PER_S: u64 = 20;
+        let (zero, tick_hz) = (self.session.zero(), self.program.board.tick_hz);
         let mut since = Since { zero, places: &self.places, observer };
-        let report = self.session.run(&mut since, |tick| watch(tick.saturating_sub(zero) as f64 / hz));
-        if let Some(failure) = report.failure {
-            return Err(failure.into());
+        let mut progress = |tick: u64| watch(tick.saturating_sub(zero) as f64 / tick_hz as f64);
+        let mut stopped = false;
+        while !self.session.is_complete() {
+            if stop() {
+                self.session.stop()?;
+                stopped = true;
+                break;
+            }
+            let until = self.session.board().now() + tick_hz / LOOKS_PER_S;
+            if let Err(failure) = self.session.advance(until, &mut since) {
+                // The motors come to rest with the tail that the board has: that is waited for.
+                self.session.run(&mut since, progress);
+                return Err(failure.into());
+            }
+            progress(self.session.board().now());
         }
+        let report = self.session.run(&mut since, progress);
         let counts = report.counted.iter().zip(&report.replayed).zip(&report.faults);
         for (motor, ((counted, replayed), faults)) in self.program.motors.iter().zip(counts) {
             if counted != replayed || *faults != Faults::default() {
                 return Err(DriveError::Missed { motor: motor.name.clone(), board: self.program.board.name.clone() });
             }
         }
-        Ok(())
+        Ok(Ended { counted: report.counted, stopped })
     }
 }
 

@@ -87,6 +87,12 @@ pub fn scaled(value: f64, unit: &str) -> String {
     format!("{} {prefix}{space}{unit}", significant(value / factor, 3))
 }
 
+/// A firmware's version: "0.1.0".
+#[must_use]
+pub fn version([major, minor, patch]: [u8; 3]) -> String {
+    format!("{major}.{minor}.{patch}")
+}
+
 /// A unit of position as it stands beside a number: "steps", whatever the file calls them.
 #[must_use]
 pub fn unit(name: &str) -> &str {

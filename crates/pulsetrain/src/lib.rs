@@ -5,7 +5,8 @@
 //! - `commands`: one file for each command
 //! - [`prepare`]: from a motion file to plans of all motors; [`fit`]: what would fit, where one is refused
 //! - [`session`]: a program, streamed into a board in epochs that end in stop tails; stops and live changes
-//! - [`drive`]: plans on the native board; [`record`]: a run as it is seen: files, verdict, picture
+//! - [`serve`]: a virtual Uno in real time, for any serial client; `interrupt`: Ctrl-C
+//! - [`drive`]: plans on the native board and on Unos; [`record`]: a run as it is seen: files, verdict, picture
 //! - [`lateness`]: edges against scheduled ticks
 //! - [`report`], [`plot`]: what it comes to, as JSON, tables and pictures; [`human`]: numbers as people read them
 //! - [`console`]: where a command prints, its progress, its exit code
@@ -21,9 +22,11 @@ pub mod console;
 pub mod drive;
 pub mod fit;
 pub mod human;
+mod interrupt;
 pub mod lateness;
 pub mod plot;
 pub mod prepare;
 pub mod record;
 pub mod report;
+pub mod serve;
 pub mod session;

@@ -5,8 +5,9 @@ use std::io::{self, Write};
 use miette::Diagnostic;
 use pulsetrain_board::{Edge, Observer, ScheduledStep};
 use pulsetrain_core::Direction;
-use pulsetrain_motion::LawError;
+use pulsetrain_motion::pins::PinKind;
 use pulsetrain_motion::program::{Motor, Program};
+use pulsetrain_motion::{LawError, boards};
 use pulsetrain_trace::verdict::{EdgeJudge, JudgeError, Options, Report};
 use pulsetrain_trace::{Line, steps, vcd_file};
 
@@ -44,6 +45,19 @@ pub struct Edges {
     pub constant_ticks: u32,
     /// How much later they may be, ticks.
     pub late_ticks: u32,
+}
+
+impl Edges {
+    /// Those of a program's board: of an Uno, by the pins that the program uses.
+    #[must_use]
+    pub fn of(program: &Program) -> Edges {
+        let Some(row) = boards::find(&program.board.name) else { return Edges::default() };
+        match row.pin_kind(&program.motors) {
+            Ok(Some(PinKind::Compare)) => Edges { constant_ticks: PinKind::Compare.constant_ticks(), late_ticks: 0 },
+            Ok(Some(kind)) => Edges { constant_ticks: kind.constant_ticks(), late_ticks: row.lateness_ticks },
+            Ok(None) | Err(_) => Edges::default(),
+        }
+    }
 }
 
 /// Why a run could not be recorded.

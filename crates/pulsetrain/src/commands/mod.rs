@@ -1,11 +1,55 @@
 //! The commands, one file each.
 
+pub(crate) mod bench;
+pub(crate) mod board;
 pub(crate) mod boards;
 pub(crate) mod drivers;
 pub(crate) mod explain;
+pub(crate) mod info;
 pub(crate) mod motor;
 pub(crate) mod new;
+pub(crate) mod on_port;
 pub(crate) mod plan;
 pub(crate) mod plot;
 pub(crate) mod run;
 pub(crate) mod verify;
+
+use miette::{Report, miette};
+use pulsetrain_board::{LinkError, PortError, RemoteError, SwitchRefused};
+
+use crate::drive::DriveError;
+use crate::session::SessionError;
+
+/// What is wrong with a port, with what to do where the error itself does not say.
+pub(crate) fn port_problem(error: PortError) -> Report {
+    let help = match &error {
+        PortError::NotThere { .. } => "an Uno is usually /dev/ttyACM0, /dev/cu.usbmodem… or COM3",
+        PortError::Busy { .. } | PortError::Denied { .. } => return miette!("{error}"),
+        PortError::Gone { .. } => "look at the cable; the motors stop as planned, within half a second or so",
+    };
+    miette!(help = help, "{error}")
+}
+
+/// What is wrong with a run, with what to do.
+pub(crate) fn drive_problem(error: DriveError) -> Report {
+    let help = match &error {
+        DriveError::Remote(RemoteError::Port(port)) => return port_problem(port.clone()),
+        DriveError::Remote(RemoteError::Link(LinkError::Nobody | LinkError::Version { .. })) => {
+            "write crates/board/images/uno.hex to the board: avrdude -c arduino -p m328p -P PORT -b 115200 -U \
+             flash:w:uno.hex"
+        }
+        DriveError::Remote(RemoteError::Link(LinkError::Taken)) => "end the other program, or wait 2 s",
+        DriveError::Remote(RemoteError::Link(LinkError::Lost | LinkError::Forgotten)) => {
+            "look at cable, supply and hub; a board that is reset on the way loses its positions"
+        }
+        DriveError::Remote(RemoteError::Refused { .. }) => "`pulsetrain info` tells the board's limits",
+        DriveError::Session(SessionError::Switch(SwitchRefused::Late { .. })) => {
+            "the next part came too late: a faster line (--baud), a computer that does less meanwhile, a slower motion"
+        }
+        DriveError::Session(SessionError::QueueTooShort { .. }) => {
+            "the motion needs more bytes than the board has: fewer motors, a wider tolerance, or a slower motion"
+        }
+        _ => return Report::new(error),
+    };
+    miette!(help = help, "{error}")
+}

@@ -5,11 +5,8 @@ use std::path::{Path, PathBuf};
 use miette::miette;
 use pulsetrain_board::Board;
 use pulsetrain_core::wire::Baud;
-use pulsetrain_motion::boards;
-use pulsetrain_motion::pins::PinKind;
-use pulsetrain_motion::program::Program;
 
-use super::plan;
+use super::{drive_problem, on_port, plan};
 use crate::cli::Run;
 use crate::console::{self, Console, Exit, access};
 use crate::drive::Driven;
@@ -24,6 +21,9 @@ pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit>
     // All is planned, and refused if need be, before anything moves or is written.
     let planned = plan::plan(&prepared, console)?;
     let folder = args.out.clone().unwrap_or_else(|| default_folder(&args.motion.file));
+    if let Some(name) = &args.port {
+        return on_port::run(&prepared, &planned, name, args, &folder, console);
+    }
     if args.on_virtual && prepared.program.board.name != "uno" {
         let board = &prepared.program.board.name;
         return Err(miette!(help = "leave --virtual out, or add --board uno", "there is no virtual `{board}` yet"));
@@ -32,10 +32,9 @@ pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit>
         let driven = Driven::native(&prepared)?;
         (to_files(&prepared, &planned, driven, Edges::default(), &folder, console)?, "native".to_owned())
     } else {
-        let mut driven = Driven::virtual_uno(&prepared, BAUD)?;
-        let [major, minor, patch] = driven.board_mut().info().firmware;
-        let runner = format!("virtual Uno, firmware {major}.{minor}.{patch}");
-        (to_files(&prepared, &planned, driven, uno_edges(&prepared.program), &folder, console)?, runner)
+        let mut driven = Driven::virtual_uno(&prepared, BAUD).map_err(drive_problem)?;
+        let runner = format!("virtual Uno, firmware {}", human::version(driven.board_mut().info().firmware));
+        (to_files(&prepared, &planned, driven, Edges::of(&prepared.program), &folder, console)?, runner)
     };
     let Recorded { verdict, picture, lateness } = recorded;
     let report = RunReport { plan: plan::report(&prepared, &planned), runner, verdict, lateness };
@@ -53,19 +52,6 @@ pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit>
 
 /// The rate at which virtual boards are fed: what the real one's USB bridge makes exactly, and fast enough for all.
 const BAUD: Baud = Baud::B1M;
-
-/// When the Uno's edges come, by the pins that the program uses.
-fn uno_edges(program: &Program) -> Edges {
-    let row = boards::find("uno");
-    let late_ticks = row.map_or(0, |row| row.lateness_ticks);
-    match PinKind::of(&program.motors) {
-        Ok(kind) => Edges {
-            constant_ticks: kind.constant_ticks(),
-            late_ticks: if kind == PinKind::Compare { 0 } else { late_ticks },
-        },
-        Err(_) => Edges { constant_ticks: 0, late_ticks },
-    }
-}
 
 fn to_files<B: Board>(
     prepared: &Prepared,
@@ -95,7 +81,7 @@ pub(crate) fn record<B: Board, W: std::io::Write>(
     let mut recorder = Recorder::new(&prepared.program, &driven.lines, title, files, &edges)?;
     let bar = console.progress(prepared.end_s(), &human::seconds_to(prepared.end_s(), 6));
     bar.stage("running");
-    driven.run(&mut recorder, |seconds| bar.set(seconds))?;
+    driven.run(&mut recorder, |seconds| bar.set(seconds)).map_err(drive_problem)?;
     Ok(recorder.finish(planned)?)
 }
 

@@ -8,6 +8,7 @@ use pulsetrain_trace::verdict::{self, Align, JudgeError, Options};
 use crate::cli::{Alignment, Verify};
 use crate::console::{self, Console, Exit};
 use crate::prepare::Prepared;
+use crate::record::Edges;
 use crate::report::VerdictTable;
 
 pub(crate) fn run(args: &Verify, console: &mut Console<'_>) -> miette::Result<Exit> {
@@ -35,7 +36,14 @@ pub(crate) fn run(args: &Verify, console: &mut Console<'_>) -> miette::Result<Ex
         Alignment::StartAndRate => Align::StartAndRate,
     };
     let until_s = args.until.map(Time::seconds);
-    let options = Options { align, until_s, sample_hz: args.sample_rate, ..Options::default() };
+    let mut options = Options { align, until_s, sample_hz: args.sample_rate, ..Options::default() };
+    if args.pins {
+        // What is seen on pins comes the board's constant after its scheduled tick, and may be late.
+        let edges = Edges::of(program);
+        options.constant_ticks = edges.constant_ticks.into();
+        let tolerance = program.tolerance.ticks(program.board.tick_hz);
+        options.bound_ticks = Some(tolerance + f64::from(edges.late_ticks));
+    }
     let no_verdict = |error: JudgeError| match error {
         JudgeError::Line(_) => {
             miette!(help = "--line \"Channel 0=wheel.step\" says which channel is which line", "{shown}: {error}")

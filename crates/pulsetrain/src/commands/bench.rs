@@ -1,0 +1,182 @@
+//! `pulsetrain bench`: a board measures itself while it steps.
+
+use miette::miette;
+use pulsetrain_board::virtual_uno::VirtualUno;
+use pulsetrain_board::{Board, Edge, Observer, Port, ScheduledStep, Serial};
+use pulsetrain_core::wire::Baud;
+use pulsetrain_core::wire::message::Measures;
+use pulsetrain_motion::program::{DriverTiming, Limits, Motor, Program, Scale, Tolerance, Wiring};
+use pulsetrain_motion::{Grid, Law, Time, boards};
+use serde::Serialize;
+
+use super::{drive_problem, port_problem};
+use crate::cli::Bench;
+use crate::console::{Console, Exit};
+use crate::drive::{DriveError, Driven};
+use crate::human::{self, Table};
+use crate::lateness::{Lateness, Meter};
+use crate::prepare::Prepared;
+use crate::record::Edges;
+
+/// Periods of the sinusoids, s: the tutorial's amplitude, whose own sketch manages the first at a third of its speed.
+const PERIODS_S: [f64; 4] = [2.0, 1.0, 0.5, 0.25];
+const AMPLITUDE_STEPS: f64 = 2000.0;
+const STEP_PIN: u8 = 8;
+const DIR_PIN: u8 = 9;
+
+/// One sinusoid.
+#[derive(Debug, Serialize)]
+struct Row {
+    period_s: f64,
+    peak_steps_per_s: f64,
+    steps: u64,
+    /// Share of the time that the processor was awake.
+    busy: f64,
+    /// Cycles awake for each step, receiving and all.
+    cycles_per_step: f64,
+    compares_missed: u16,
+    latest_ticks: u16,
+    starved: u16,
+    fewest_groups: u16,
+    longest_round_ticks: u16,
+    most_unread_bytes: u16,
+    stack_left_bytes: u16,
+    /// Seen on the pins: of a virtual board alone.
+    pins: Option<Lateness>,
+}
+
+pub(crate) fn run(args: &Bench, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let mut rows = Vec::new();
+    for period_s in PERIODS_S {
+        let prepared = prepared(period_s)?;
+        rows.push(match &args.at.port {
+            Some(_) if !args.disconnected => {
+                let help = "switch the drivers' supply off, or take the wires off, and say --disconnected";
+                return Err(miette!(help = help, "this steps pin {STEP_PIN} and turns pin {DIR_PIN}"));
+            }
+            Some(name) => {
+                let port = Serial::open(name, false).map_err(port_problem)?;
+                Row { pins: None, ..measure(&prepared, period_s, port, args.at.baud).map_err(drive_problem)? }
+            }
+            None => measure(&prepared, period_s, VirtualUno::new(), args.at.baud).map_err(drive_problem)?,
+        });
+    }
+    if args.at.json {
+        console.print_json(&rows)?;
+        return Ok(Exit::Success);
+    }
+    let whose =
+        args.at.port.as_deref().map_or_else(|| "the virtual Uno".to_owned(), |name| format!("the Uno at {name}"));
+    console.print(format_args!(
+        "Sinusoids of {AMPLITUDE_STEPS} steps to either side, STEP on {STEP_PIN}, DIR on {DIR_PIN}, 1 µs pulses, streamed at {} \
+         baud to {whose}.\nThe board's own word:\n\n",
+        human::count(args.at.baud.rate().into())
+    ))?;
+    let mut table = Table::new([
+        "fastest",
+        "steps",
+        "awake",
+        "cycles/step",
+        "missed",
+        "latest",
+        "starved",
+        "fewest groups",
+        "longest round",
+    ]);
+    let tick_s = 1.0 / 16e6;
+    let ticks = |ticks: u16| human::seconds(f64::from(ticks) * tick_s);
+    for row in &rows {
+        table.row([
+            human::scaled(row.peak_steps_per_s, "steps/s"),
+            human::count(row.steps.into()),
+            format!("{} %", human::significant(100.0 * row.busy, 2)),
+            human::significant(row.cycles_per_step, 3),
+            row.compares_missed.to_string(),
+            ticks(row.latest_ticks),
+            row.starved.to_string(),
+            row.fewest_groups.to_string(),
+            ticks(row.longest_round_ticks),
+        ]);
+    }
+    console.print(&table)?;
+    if args.at.port.is_none() {
+        console.print("\nOn its pins, lateness beyond the board's constant, cycles:\n\n")?;
+        let mut table = Table::new(["fastest", "half of them", "99 %", "all", "lost"]);
+        for (row, pins) in rows.iter().filter_map(|row| Some((row, row.pins.as_ref()?))) {
+            table.row([
+                human::scaled(row.peak_steps_per_s, "steps/s"),
+                format!("≤ {}", pins.p50_ticks),
+                format!("≤ {}", pins.p99_ticks),
+                format!("≤ {}", pins.max_ticks),
+                pins.lost.to_string(),
+            ]);
+        }
+        console.print(&table)?;
+    }
+    Ok(Exit::Success)
+}
+
+/// A period of a sinusoid.
+fn prepared(period_s: f64) -> miette::Result<Prepared> {
+    let board = boards::find("uno").ok_or_else(|| miette!("the table of boards lacks the Uno"))?.board;
+    let law = Law::sine(AMPLITUDE_STEPS, Time::from_seconds(period_s), Some(1)).map_err(|error| miette!("{error}"))?;
+    let motor = Motor {
+        name: "bench".to_owned(),
+        law,
+        wiring: Wiring::StepDir { step: STEP_PIN, dir: DIR_PIN, forward_high: true, enable: None },
+        timing: DriverTiming { pulse_high_ns: 1000, pulse_low_ns: 1000, dir_setup_ns: 500, dir_hold_ns: 500 },
+        limits: Limits { max_speed: None, max_acceleration: None, pull_in: 1000.0 },
+        scale: Scale { unit: "step".to_owned(), steps_per_unit: 1.0, steps_per_rev: 200.0 },
+        winding: None,
+    };
+    let program = Program { board, grid: Grid::REACH, tolerance: Tolerance::Ticks(1.0), motors: vec![motor] };
+    Ok(Prepared { file: format!("a sinusoid of {period_s} s"), program, cut_at: None })
+}
+
+fn measure<P: Port>(prepared: &Prepared, period_s: f64, port: P, baud: Baud) -> Result<Row, DriveError> {
+    let edges = Edges::of(&prepared.program);
+    let mut driven = Driven::uno(prepared, port, baud)?;
+    driven.board_mut().measures(true)?;
+    let began = driven.board_mut().now();
+    let mut pins = Pins { meter: Meter::new(1, edges.constant_ticks.into()), steps: 0 };
+    driven.run(&mut pins, |_| {})?;
+    let board = driven.board_mut();
+    let span = (board.now() - began) as f64;
+    let said: Measures = board.measures(false)?;
+    let awake = (span - said.asleep_ticks as f64).max(0.0);
+    Ok(Row {
+        period_s,
+        peak_steps_per_s: std::f64::consts::TAU * AMPLITUDE_STEPS / period_s,
+        steps: pins.steps,
+        busy: awake / span,
+        cycles_per_step: awake / pins.steps.max(1) as f64,
+        compares_missed: said.late,
+        latest_ticks: said.latest_ticks,
+        starved: said.starved,
+        fewest_groups: said.fewest_groups,
+        longest_round_ticks: said.longest_round_ticks,
+        most_unread_bytes: said.most_unread,
+        stack_left_bytes: said.stack_left,
+        pins: Some(pins.meter.finish()),
+    })
+}
+
+/// Looks at the one STEP line.
+struct Pins {
+    meter: Meter,
+    steps: u64,
+}
+
+impl Observer for Pins {
+    fn edge(&mut self, edge: Edge) {
+        // The lines of a program begin with its first motor's STEP.
+        if edge.line == 0 && edge.level {
+            self.meter.edge(0, edge.tick);
+        }
+    }
+
+    fn step(&mut self, step: ScheduledStep) {
+        self.steps += 1;
+        self.meter.scheduled(0, step.tick);
+    }
+}

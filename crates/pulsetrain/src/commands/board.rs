@@ -1,0 +1,51 @@
+//! `pulsetrain board`: a virtual board in real time.
+
+use std::path::Path;
+
+use miette::miette;
+
+use crate::cli::Board;
+use crate::console::{self, Console, Exit};
+use crate::serve::{self, Client, Service, Socket};
+use crate::{human, interrupt};
+
+pub(crate) fn run(args: &Board, console: &mut Console<'_>) -> miette::Result<Exit> {
+    interrupt::watch();
+    match (&args.pty, args.tcp) {
+        (Some(link), _) => on_pty(link, args, console),
+        (None, Some(address)) => {
+            let help = "choose another port number, or end the program that listens there";
+            let socket = Socket::listen(address).map_err(|error| miette!(help = help, "{address}: {error}"))?;
+            let address = socket.address().map_err(|error| miette!("{address}: {error}"))?;
+            serve(socket, &format!("at {address}, 115 200 baud"), args, console)
+        }
+        (None, None) => Err(miette!(help = "say --pty LINK or --tcp ADDRESS", "no way to reach the board was given")),
+    }
+}
+
+#[cfg(unix)]
+fn on_pty(link: &Path, args: &Board, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let help = "LINK is a name that is free, in a folder where you may write";
+    let pty = serve::Pty::new(link).map_err(|error| miette!(help = help, "{}: {error}", link.display()))?;
+    serve(pty, &format!("at {}", link.display()), args, console)
+}
+
+#[cfg(not(unix))]
+fn on_pty(_: &Path, _: &Board, _: &mut Console<'_>) -> miette::Result<Exit> {
+    Err(miette!(help = "use --tcp ADDRESS", "this system has no pseudo-terminals"))
+}
+
+fn serve<C: Client>(client: C, place: &str, args: &Board, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let trace = args.trace.as_deref().map(console::create).transpose()?;
+    let broken = |error: std::io::Error| miette!("the virtual Uno cannot go on: {error}");
+    let mut service = Service::new(client, trace).map_err(broken)?;
+    console.print(format_args!("a virtual Uno is {place}; Ctrl-C ends it\n"))?;
+    let lost = serve::in_real_time(&mut service, interrupt::wanted).map_err(broken)?;
+    let (ran, clients) = (service.now().as_secs_f64(), service.clients());
+    service.finish().map_err(broken)?;
+    console.print(format_args!("{} on the chip's clock, opened {clients} times\n", human::seconds(ran)))?;
+    if !lost.is_zero() {
+        console.print(format_args!("this computer was {} too slow for it\n", human::seconds(lost.as_secs_f64())))?;
+    }
+    Ok(Exit::Success)
+}

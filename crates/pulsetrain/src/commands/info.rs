@@ -1,0 +1,148 @@
+//! `pulsetrain info`: what a board says of itself.
+
+use pulsetrain_board::virtual_uno::VirtualUno;
+use pulsetrain_board::{Board, Port, Remote, Serial};
+use pulsetrain_core::wire::message::Cause;
+use pulsetrain_core::wire::{Baud, VERSION};
+use serde::Serialize;
+
+use super::port_problem;
+use crate::cli::At;
+use crate::console::{Console, Exit};
+use crate::drive::{DriveError, session_number};
+use crate::human::{self, Table};
+
+/// What a board says; all of it is the board's own word.
+#[derive(Debug, Serialize)]
+struct Said {
+    board: &'static str,
+    firmware: String,
+    protocol: u8,
+    tick_hz: u32,
+    fraction_bits: u8,
+    motors: u8,
+    queue_bytes: u16,
+    window_bytes: u16,
+    switches: u8,
+    bauds: Vec<u32>,
+    baud: u32,
+    last_stop: &'static str,
+    last_reset: &'static str,
+    /// The board's clock against this computer's, ppm, and how much that may be off.
+    clock_ppm: Option<(f64, f64)>,
+    clock_s: f64,
+    stack_left_bytes: u16,
+    most_unread_bytes: u16,
+    longest_round_ticks: u16,
+    lost_bytes: u16,
+    damaged_frames: u16,
+    compares_missed: u16,
+    latest_ticks: u16,
+    starved: u16,
+}
+
+pub(crate) fn run(args: &At, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let said = match &args.port {
+        Some(name) => ask(Serial::open(name, false).map_err(port_problem)?, args.baud),
+        None => ask(VirtualUno::new(), args.baud),
+    };
+    let said = said.map_err(super::drive_problem)?;
+    if args.json {
+        console.print_json(&said)?;
+        return Ok(Exit::Success);
+    }
+    let tick_s = 1.0 / f64::from(said.tick_hz);
+    let ticks = |ticks: u16| format!("{ticks} ticks = {}", human::seconds(f64::from(ticks) * tick_s));
+    let bauds: Vec<String> = said.bauds.iter().map(|baud| human::count((*baud).into())).collect();
+    let clock = match said.clock_ppm {
+        Some((ppm, doubt)) => format!(
+            "{} ppm off this computer's, give or take {}",
+            human::significant(ppm, 2),
+            human::significant(doubt, 2)
+        ),
+        None => "not compared".to_owned(),
+    };
+    let mut table = Table::default().left(&[0, 1]);
+    let mut row = |what: &str, value: String| table.row([what.to_owned(), value]);
+    row("board", said.board.to_owned());
+    row("firmware", format!("{}, protocol {}", said.firmware, said.protocol));
+    row("tick", format!("{}, {} fraction bits", human::seconds(tick_s), said.fraction_bits));
+    row("motors", format!("{} at most", said.motors));
+    row("queues", format!("{} B in all; {} B may be under way to it", said.queue_bytes, said.window_bytes));
+    row("switches", format!("{} may wait", said.switches));
+    row("line", format!("{} baud, of {}", human::count(said.baud.into()), bauds.join(", ")));
+    row("began", format!("{} ago: {}", human::seconds(said.clock_s), said.last_reset));
+    row("last stop", said.last_stop.to_owned());
+    row("clock", clock);
+    row("longest round", ticks(said.longest_round_ticks));
+    row("most unread", format!("{} B", said.most_unread_bytes));
+    row("stack left", format!("{} B at least", said.stack_left_bytes));
+    row("compares missed", format!("{}, the latest by {}", said.compares_missed, ticks(said.latest_ticks)));
+    row("starved", format!("{} times", said.starved));
+    row("line faults", format!("{} bytes lost, {} frames damaged", said.lost_bytes, said.damaged_frames));
+    console.print(&table)?;
+    Ok(Exit::Success)
+}
+
+fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
+    /// Long enough for a first look at the clock's rate.
+    const LOOK_S: f64 = 1.0;
+    let mut remote = Remote::open(port, session_number())?;
+    let measures = remote.measures(false)?;
+    let baud = remote.set_baud(baud)?;
+    let info = *remote.info();
+    let until = remote.now() + (LOOK_S * f64::from(info.tick_hz)) as u64;
+    remote.advance(until, &mut |_| {});
+    if let Some(error) = remote.error() {
+        return Err(error.clone().into());
+    }
+    let said = Said {
+        board: if info.board == 1 { "Arduino Uno" } else { "a model, no chip" },
+        firmware: human::version(info.firmware),
+        protocol: VERSION,
+        tick_hz: info.tick_hz,
+        fraction_bits: info.fraction_bits,
+        motors: info.max_motors,
+        queue_bytes: info.pool,
+        window_bytes: info.window,
+        switches: info.switches,
+        bauds: Baud::ALL.into_iter().filter(|baud| info.bauds >> *baud as u8 & 1 == 1).map(Baud::rate).collect(),
+        baud: baud.rate(),
+        last_stop: cause(info.last_stop),
+        last_reset: cause(info.last_reset),
+        clock_ppm: remote.clock().ppm(),
+        clock_s: remote.now() as f64 / f64::from(info.tick_hz),
+        stack_left_bytes: measures.stack_left,
+        most_unread_bytes: measures.most_unread,
+        longest_round_ticks: measures.longest_round_ticks,
+        lost_bytes: measures.lost_bytes,
+        damaged_frames: measures.damaged_frames,
+        compares_missed: measures.late,
+        latest_ticks: measures.latest_ticks,
+        starved: measures.starved,
+    };
+    remote.close();
+    Ok(said)
+}
+
+/// A cause in words.
+pub(crate) const fn cause(cause: Cause) -> &'static str {
+    match cause {
+        Cause::None => "none yet",
+        Cause::Finished => "everything was done",
+        Cause::StopNow => "the host asked for an immediate stop",
+        Cause::HostLost => "the host was silent for too long",
+        Cause::Starved => "a queue ran dry",
+        Cause::BadItem => "a queue held what no host packs",
+        Cause::CheckFailed => "position or accumulator were not the host's",
+        Cause::StepMissed => "a step was asked for too late",
+        Cause::SetupCutShort => "a DIR set-up was cut short",
+        Cause::EdgeLate => "an edge was late",
+        Cause::Overrun => "bytes were lost on the line",
+        Cause::BaudFellBack => "the line fell back to 115 200 baud",
+        Cause::Watchdog => "the watchdog began the program anew",
+        Cause::BrownOut => "the supply fell too low",
+        Cause::ResetLine => "the reset line, as when a port is opened",
+        Cause::PowerOn => "power came on",
+    }
+}

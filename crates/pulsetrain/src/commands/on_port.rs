@@ -1,0 +1,172 @@
+//! `pulsetrain run FILE --port …`: a real board, whose own word is all that is known.
+
+use std::path::Path;
+
+use miette::miette;
+use pulsetrain_board::{Observer, ScheduledStep, Serial};
+use pulsetrain_core::Direction;
+use pulsetrain_trace::steps;
+use serde::Serialize;
+
+use super::{drive_problem, info, plan, port_problem};
+use crate::cli::Run;
+use crate::console::{self, Console, Exit, access};
+use crate::drive::{DriveError, Driven, Ended};
+use crate::human::{self, Table};
+use crate::interrupt;
+use crate::prepare::{Planned, Prepared};
+use crate::report::PlanReport;
+
+/// A run on a real board. Nothing but the board saw its pins.
+#[derive(Debug, Serialize)]
+struct PortReport {
+    #[serde(flatten)]
+    plan: PlanReport,
+    /// "board at PORT".
+    runner: String,
+    firmware: String,
+    /// What the board says.
+    says: Word,
+}
+
+/// The board's own word.
+#[derive(Debug, Serialize)]
+struct Word {
+    /// Steps of each motor, forward minus backward.
+    counted: Vec<i64>,
+    /// The user stopped it on the way.
+    stopped: bool,
+    /// Its clock against this computer's, ppm, and how much that may be off.
+    clock_ppm: Option<(f64, f64)>,
+    compares_missed: u16,
+    latest_ticks: u16,
+    starved: u16,
+    fewest_groups: u16,
+    longest_round_ticks: u16,
+    most_unread_bytes: u16,
+    lost_bytes: u16,
+    damaged_frames: u16,
+    /// What it said unasked, in words.
+    events: Vec<String>,
+    /// Frames that were sent again.
+    frames_repeated: u64,
+}
+
+pub(crate) fn run(
+    prepared: &Prepared,
+    planned: &[Planned],
+    name: &str,
+    args: &Run,
+    folder: &Path,
+    console: &mut Console<'_>,
+) -> miette::Result<Exit> {
+    let program = &prepared.program;
+    if program.board.name != "uno" {
+        let help = "add --board uno, or write board = \"uno\" in the file";
+        return Err(miette!(help = help, "{} is planned for the board `{}`", prepared.file, program.board.name));
+    }
+    interrupt::watch();
+    let port = Serial::open(name, false).map_err(port_problem)?;
+    let mut driven = Driven::uno(prepared, port, args.baud).map_err(drive_problem)?;
+    let firmware = human::version(driven.board_mut().info().firmware);
+    let names: Vec<String> = program.motors.iter().map(|motor| motor.name.clone()).collect();
+    let path = folder.join("steps.csv");
+    let writer = steps::Writer::new(console::create(&path)?, program.board.tick_hz, &names)
+        .map_err(|error| access("write", &path, error))?;
+    let mut scheduled = Scheduled { writer, error: None };
+    let bar = console.progress(prepared.end_s(), &human::seconds_to(prepared.end_s(), 6));
+    bar.stage("running");
+    let ended = driven.run_until(&mut scheduled, |seconds| bar.set(seconds), interrupt::wanted);
+    drop(bar);
+    let board = driven.board_mut();
+    // Why the line is lost says more than that the next part could not be sent.
+    let ended = ended.map_err(|error| board.error().cloned().map_or(error, DriveError::Remote));
+    let Ended { counted, stopped } = ended.map_err(drive_problem)?;
+    let Scheduled { writer, error } = scheduled;
+    error.map_or_else(|| writer.finish(), Err).map_err(|error| access("write", &path, error))?;
+
+    let measures = board.measures(false).map_err(|error| drive_problem(error.into()))?;
+    let events = board.events();
+    let says = Word {
+        counted,
+        stopped,
+        clock_ppm: board.clock().ppm(),
+        compares_missed: measures.late,
+        latest_ticks: measures.latest_ticks,
+        starved: measures.starved,
+        fewest_groups: measures.fewest_groups,
+        longest_round_ticks: measures.longest_round_ticks,
+        most_unread_bytes: measures.most_unread,
+        lost_bytes: measures.lost_bytes,
+        damaged_frames: measures.damaged_frames,
+        events: events.iter().map(|event| info::cause(event.cause).to_owned()).collect(),
+        frames_repeated: board.link().counts().repeated,
+    };
+    let report =
+        PortReport { plan: plan::report(prepared, planned), runner: format!("board at {name}"), firmware, says };
+    console::write(&folder.join("report.json"), format!("{}\n", console::json(&report)?).as_bytes())?;
+    if args.json {
+        console.print_json(&report)?;
+    } else {
+        console.print(&report.plan)?;
+        print(&report, planned, console)?;
+        console.print(format_args!("{}: report.json, steps.csv (as scheduled)\n", folder.display()))?;
+    }
+    let kept = report.says.compares_missed == 0 && report.says.starved == 0;
+    Ok(if kept { Exit::Success } else { Exit::BoundBroken })
+}
+
+fn print(report: &PortReport, planned: &[Planned], console: &mut Console<'_>) -> miette::Result<()> {
+    let PortReport { plan, runner, firmware, says } = report;
+    let tick_s = 1.0 / plan.tick_hz as f64;
+    let ticks = |ticks: u16| human::seconds(f64::from(ticks) * tick_s);
+    console.print(format_args!(
+        "Run on the {runner}, firmware {firmware}. This is the board's own word: nobody looked at its pins.\n\n"
+    ))?;
+    let mut table = Table::new(["motor", "counted", "planned"]);
+    for ((motor, counted), planned) in plan.motors.iter().zip(&says.counted).zip(planned) {
+        let steps = |steps: i64| format!("{} steps", human::count(steps.into()));
+        table.row([motor.name.clone(), steps(*counted), steps(planned.certificate.position)]);
+    }
+    console.print(format_args!("{table}\n"))?;
+    if says.stopped {
+        console.print("  stopped on the way, within the motors' limits\n")?;
+    }
+    if let Some((ppm, doubt)) = says.clock_ppm {
+        let (ppm, doubt) = (human::significant(ppm, 3), human::significant(doubt, 2));
+        console.print(format_args!("  its clock is {ppm} ppm off this computer's, give or take {doubt}\n"))?;
+    }
+    console.print(format_args!(
+        "  compares missed {}, the latest by {}; starved {} times; longest round {}\n",
+        says.compares_missed,
+        ticks(says.latest_ticks),
+        says.starved,
+        ticks(says.longest_round_ticks),
+    ))?;
+    console.print(format_args!(
+        "  on the line: {} bytes lost, {} frames damaged, {} sent again; {} bytes unread at most\n",
+        says.lost_bytes, says.damaged_frames, says.frames_repeated, says.most_unread_bytes,
+    ))?;
+    for event in &says.events {
+        console.print(format_args!("  it said: {event}\n"))?;
+    }
+    console.print("\n")
+}
+
+/// Writes the steps as they are scheduled.
+struct Scheduled<W: std::io::Write> {
+    writer: steps::Writer<W>,
+    error: Option<std::io::Error>,
+}
+
+impl<W: std::io::Write> Observer for Scheduled<W> {
+    fn edge(&mut self, _: pulsetrain_board::Edge) {}
+
+    fn step(&mut self, step: ScheduledStep) {
+        // An Uno has 4 motors.
+        let forward = step.direction == Direction::Forward;
+        if self.error.is_none() {
+            self.error = self.writer.push(steps::Step { motor: step.motor as u8, tick: step.tick, forward }).err();
+        }
+    }
+}

@@ -1,0 +1,300 @@
+//! A virtual Uno in real time, for a client at the other end of a pseudo-terminal or a socket.
+//!
+//! [`Service::round`] knows no clock: it is told how far to come. [`in_real_time`] tells it the time of day.
+
+use std::io::{self, Read, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use pulsetrain_board::Port;
+use pulsetrain_board::virtual_uno::{CYCLES_PER_S, VirtualUno};
+use pulsetrain_core::wire::Baud;
+use pulsetrain_trace::{Edge, Line, vcd_file};
+
+/// Where a client comes and goes.
+pub trait Client {
+    /// Takes what the client sent, and says whether there is one.
+    ///
+    /// # Errors
+    /// When no client can come any more.
+    fn poll(&mut self, into: &mut Vec<u8>) -> io::Result<bool>;
+
+    /// Hands bytes over to the client. One that has gone away does not get them: that is no error.
+    ///
+    /// # Errors
+    /// When no client can come any more.
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()>;
+
+    /// The rate that the client set, if it can.
+    fn rate(&self) -> Option<u32>;
+}
+
+/// The first and the last pin that is traced: 0 and 1 are the serial line, 19 is A5.
+const TRACED: std::ops::RangeInclusive<u8> = 2..=19;
+
+/// A virtual Uno and its client.
+pub struct Service<C, W: Write> {
+    uno: VirtualUno,
+    client: C,
+    trace: Option<vcd_file::Writer<W>>,
+    present: bool,
+    clients: u64,
+    bytes: Vec<u8>,
+    edges: Vec<pulsetrain_board::Edge>,
+}
+
+impl<C: Client, W: Write> Service<C, W> {
+    /// An Uno that has just been plugged in; edges are written to `trace`.
+    ///
+    /// # Errors
+    /// When the trace cannot be begun.
+    pub fn new(client: C, trace: Option<W>) -> io::Result<Service<C, W>> {
+        let lines: Vec<Line> = TRACED.map(|pin| Line::named(format!("pin{pin}"))).collect();
+        let trace = trace.map(|out| vcd_file::Writer::new(out, CYCLES_PER_S, &lines)).transpose()?;
+        let (bytes, edges) = (Vec::new(), Vec::new());
+        Ok(Service { uno: VirtualUno::new(), client, trace, present: false, clients: 0, bytes, edges })
+    }
+
+    /// The chip's time.
+    #[must_use]
+    pub fn now(&self) -> Duration {
+        self.uno.now()
+    }
+
+    /// Clients so far.
+    #[must_use]
+    pub const fn clients(&self) -> u64 {
+        self.clients
+    }
+
+    /// Takes what the client sent, lets the chip come to `until`, and hands over what it said meanwhile.
+    ///
+    /// # Errors
+    /// When no client can come any more, or the trace cannot be written.
+    pub fn round(&mut self, until: Duration) -> io::Result<()> {
+        self.bytes.clear();
+        let present = self.client.poll(&mut self.bytes)?;
+        if present && !self.present {
+            // DTR, as the port is opened.
+            self.trace_edges()?;
+            self.uno.reset();
+            self.clients += 1;
+        }
+        self.present = present;
+        if present {
+            // A client changes its rate when nothing is under way, so what has come since is at the new one.
+            let rate = self.client.rate();
+            let baud = Baud::ALL.into_iter().find(|baud| Some(baud.rate()) == rate);
+            if let Some(baud) = baud.filter(|baud| *baud != self.uno.baud()) {
+                self.uno.set_baud(baud).map_err(io::Error::other)?;
+            }
+            self.uno.send(&self.bytes).map_err(io::Error::other)?;
+        }
+        while self.uno.now() < until {
+            self.bytes.clear();
+            self.uno.receive(until, &mut self.bytes).map_err(io::Error::other)?;
+            if self.present && !self.bytes.is_empty() {
+                self.client.send(&self.bytes)?;
+            }
+        }
+        self.trace_edges()
+    }
+
+    fn trace_edges(&mut self) -> io::Result<()> {
+        self.edges.clear();
+        self.uno.edges(&mut self.edges);
+        let (Some(trace), Some(zero)) = (&mut self.trace, self.uno.zero()) else { return Ok(()) };
+        for edge in self.edges.iter().filter(|edge| TRACED.contains(&edge.line)) {
+            trace.push(Edge { tick: edge.tick + zero, line: edge.line - TRACED.start(), level: edge.level })?;
+        }
+        Ok(())
+    }
+
+    /// Ends the trace.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn finish(self) -> io::Result<()> {
+        self.trace.map_or(Ok(()), vcd_file::Writer::finish)
+    }
+}
+
+/// How long the host sleeps between rounds: a frame of USB.
+const ROUND: Duration = Duration::from_millis(1);
+
+/// A chip that is further behind is not caught up with: its time goes on from where it is.
+const FARTHEST_BEHIND: Duration = Duration::from_millis(100);
+
+/// Lets a virtual Uno keep pace with the time of day until `stop` says so. Gives the time that it fell behind.
+///
+/// # Errors
+/// As [`Service::round`].
+pub fn in_real_time<C: Client, W: Write>(service: &mut Service<C, W>, stop: impl Fn() -> bool) -> io::Result<Duration> {
+    let mut lost = Duration::ZERO;
+    let began = Instant::now();
+    while !stop() {
+        let due = began.elapsed().saturating_sub(lost);
+        // In short strides, so that a slow computer still hears its client and Ctrl-C.
+        service.round(due.min(service.now() + 10 * ROUND))?;
+        let behind = began.elapsed().saturating_sub(lost).saturating_sub(service.now());
+        if behind > FARTHEST_BEHIND {
+            lost += behind;
+        }
+        if behind < ROUND {
+            thread::sleep(ROUND);
+        }
+    }
+    Ok(lost)
+}
+
+/// One client at a time on a socket. Its rate is not known, so that the line stays at 115 200 baud.
+#[derive(Debug)]
+pub struct Socket {
+    listener: TcpListener,
+    stream: Option<TcpStream>,
+}
+
+impl Socket {
+    /// Listens at an address.
+    ///
+    /// # Errors
+    /// When somebody else does, or it is none of this computer's.
+    pub fn listen(address: SocketAddr) -> io::Result<Socket> {
+        let listener = TcpListener::bind(address)?;
+        listener.set_nonblocking(true)?;
+        Ok(Socket { listener, stream: None })
+    }
+
+    /// Where it listens: the port that was found, if 0 was asked for.
+    ///
+    /// # Errors
+    /// When the system does not say.
+    pub fn address(&self) -> io::Result<SocketAddr> {
+        self.listener.local_addr()
+    }
+}
+
+impl Client for Socket {
+    fn poll(&mut self, into: &mut Vec<u8>) -> io::Result<bool> {
+        if self.stream.is_none() {
+            match self.listener.accept() {
+                Ok((stream, _)) => {
+                    stream.set_nonblocking(true)?;
+                    stream.set_nodelay(true)?;
+                    self.stream = Some(stream);
+                }
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(false),
+                Err(error) => return Err(error),
+            }
+        }
+        let Some(stream) = &mut self.stream else { return Ok(false) };
+        let mut buffer = [0; 1024];
+        match stream.read(&mut buffer) {
+            Ok(len) if len > 0 => into.extend_from_slice(&buffer[..len]),
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
+            // It said good-bye, or is gone without a word.
+            Ok(_) | Err(_) => self.stream = None,
+        }
+        Ok(self.stream.is_some())
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+        if self.stream.as_mut().is_some_and(|stream| stream.write_all(bytes).is_err()) {
+            self.stream = None;
+        }
+        Ok(())
+    }
+
+    fn rate(&self) -> Option<u32> {
+        None
+    }
+}
+
+#[cfg(unix)]
+pub use pty::Pty;
+
+#[cfg(unix)]
+mod pty {
+    use super::Client;
+    use serialport::{SerialPort, TTYPort};
+    use std::io::{self, Read, Write};
+    use std::os::unix::fs::symlink;
+    use std::path::{Path, PathBuf};
+    use std::time::Duration;
+
+    /// A pseudo-terminal, with a link to it that is gone in the end. Each client gets a new one.
+    #[derive(Debug)]
+    pub struct Pty {
+        master: TTYPort,
+        link: PathBuf,
+        present: bool,
+    }
+
+    impl Pty {
+        /// Makes both.
+        ///
+        /// # Errors
+        /// When there is a file of that name, or none can be made there.
+        pub fn new(link: &Path) -> io::Result<Pty> {
+            let (master, name) = pair()?;
+            // One that leads nowhere was left by a run that was killed.
+            if link.is_symlink() && !link.exists() {
+                std::fs::remove_file(link)?;
+            }
+            symlink(name, link)?;
+            Ok(Pty { master, link: link.to_owned(), present: false })
+        }
+
+        /// The next client finds no rate, no lock and no byte of the one before.
+        fn renew(&mut self) -> io::Result<()> {
+            let (master, name) = pair()?;
+            std::fs::remove_file(&self.link)?;
+            symlink(name, &self.link)?;
+            (self.master, self.present) = (master, false);
+            Ok(())
+        }
+    }
+
+    /// The client's end is closed again: then the other end knows whether somebody has it open.
+    fn pair() -> io::Result<(TTYPort, String)> {
+        let (mut master, client) = TTYPort::pair()?;
+        master.set_timeout(Duration::ZERO)?;
+        let name = client.name().ok_or_else(|| io::Error::other("the pseudo-terminal has no name"))?;
+        Ok((master, name))
+    }
+
+    impl Client for Pty {
+        fn poll(&mut self, into: &mut Vec<u8>) -> io::Result<bool> {
+            let mut buffer = [0; 1024];
+            match self.master.read(&mut buffer) {
+                Ok(len) => {
+                    into.extend_from_slice(&buffer[..len]);
+                    self.present = true;
+                }
+                // Somebody is there, and silent.
+                Err(error) if error.kind() == io::ErrorKind::TimedOut => self.present = true,
+                Err(_) if self.present => self.renew()?,
+                Err(_) => {}
+            }
+            Ok(self.present)
+        }
+
+        fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+            // A client that does not read loses what does not fit, as at a real port.
+            let _ = self.master.write(bytes);
+            Ok(())
+        }
+
+        fn rate(&self) -> Option<u32> {
+            self.master.baud_rate().ok()
+        }
+    }
+
+    impl Drop for Pty {
+        fn drop(&mut self) {
+            // If somebody else took it away, it is gone all the same.
+            let _ = std::fs::remove_file(&self.link);
+        }
+    }
+}
