@@ -203,7 +203,10 @@ mod tests {
         kind_with(&pins.iter().map(|&(step, dir)| (step, dir, None)).collect::<Vec<_>>())
     }
 
-    fn kind_with(pins: &[(u8, u8, Option<(u8, bool)>)]) -> Result<PinKind, PinsError> {
+    /// STEP, DIR, and the enable line with its level.
+    type Pins = (u8, u8, Option<(u8, bool)>);
+
+    fn kind_with(pins: &[Pins]) -> Result<PinKind, PinsError> {
         const NAMES: [&str; 4] = ["a", "b", "c", "d"];
         let wirings: Vec<Wiring> =
             pins.iter().map(|&(step, dir, enable)| Wiring::StepDir { step, dir, forward_high: true, enable }).collect();

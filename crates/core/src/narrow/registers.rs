@@ -65,7 +65,7 @@ pub(super) const fn sign_byte(value: i32) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Recurrence, Segment};
+    use crate::Recurrence;
     use proptest::prelude::*;
 
     const MASK: u64 = (1 << 40) - 1;
