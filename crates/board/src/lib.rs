@@ -23,8 +23,8 @@ pub mod model;
 pub mod native;
 mod packer;
 pub mod remote;
-pub mod shadow;
 pub mod serial;
+pub mod shadow;
 mod sizer;
 pub mod virtual_uno;
 
@@ -95,6 +95,6 @@ pub use native::{
     Config, Edge, Faults, MotorConfig, Native, Observer, ScheduledStep, StopReport, SwitchRefused, Wiring,
 };
 pub use remote::{Port, PortError, Remote, RemoteError, Setup};
-pub use shadow::Shadowed;
 pub use serial::Serial;
+pub use shadow::Shadowed;
 pub use sizer::Sizer;

@@ -10,9 +10,7 @@ use crate::link::{Answer, Link, LinkError};
 use crate::packer::{MAX_LEN, Packer};
 use crate::{Board, BoardClock, Edge, Faults, Observer, Sizer, StopReport, SwitchRefused};
 use pulsetrain_core::packing::Packing;
-use pulsetrain_core::wire::message::{
-    Configuration, Event, Info, MAX_PACKED, Measures, MotorSetup, NO_PIN, Status, flags,
-};
+use pulsetrain_core::wire::message::{Configuration, Event, Info, Measures, MotorSetup, NO_PIN, Status, flags};
 use pulsetrain_core::wire::{Baud, Command, Reason, Reply, Switched};
 use pulsetrain_core::{Entry, Epoch};
 use std::time::Duration;
@@ -571,7 +569,7 @@ impl<P: Port> Board for Remote<P> {
         if lost {
             return Ok(());
         }
-        if fresh || motor.packed.len() + len > MAX_PACKED {
+        if fresh || motor.packed.len() + len > self.link.max_packed() {
             // Motors are at most 8.
             motor.flush(index as u8, &mut self.link, now);
         }

@@ -17,7 +17,7 @@ fn framed(body: &[u8], tag: Tag) -> Vec<u8> {
 
 /// The frames that a decoder takes from `line`.
 fn taken(line: &[u8]) -> Vec<(Tag, Vec<u8>)> {
-    let mut decoder = Decoder::new();
+    let mut decoder = Decoder::<MAX_BODY>::new();
     let mut frames = Vec::new();
     for byte in line {
         if let Received::Frame(tag) = decoder.push(*byte) {
@@ -96,7 +96,7 @@ fn check_flips(frame: &[u8]) {
     let bits = 8 * frame.len();
     let flip = |line: &mut [u8], bit: usize| line[bit / 8] ^= 1 << (bit % 8);
     let check = |line: &[u8]| {
-        let mut decoder = Decoder::new();
+        let mut decoder = Decoder::<MAX_BODY>::new();
         let mut seen_next = false;
         for byte in line {
             if let Received::Frame(tag) = decoder.push(*byte) {

@@ -165,10 +165,10 @@ pub enum Received {
     Damaged,
 }
 
-/// Takes frames from a line, decoding each in place: `MAX_BODY` bytes and a few.
+/// Takes frames from a line, decoding each in place: `N` bytes, the longest body that it takes, and a few more.
 #[derive(Clone, Debug)]
-pub struct Decoder {
-    body: [u8; MAX_BODY],
+pub struct Decoder<const N: usize = MAX_BODY> {
+    body: [u8; N],
     /// Bytes of the body so far.
     len: u8,
     /// The last three bytes: the trailer, if a zero follows.
@@ -194,11 +194,12 @@ enum At {
     TooLong,
 }
 
-impl Decoder {
+impl<const N: usize> Decoder<N> {
     /// Between two frames.
     #[must_use]
-    pub const fn new() -> Decoder {
-        Decoder { body: [0; MAX_BODY], len: 0, late: [0; 3], at: At::Filling(3), said: 0, run: 0, sum: CRC_START }
+    pub const fn new() -> Decoder<N> {
+        const { assert!(N <= MAX_BODY) };
+        Decoder { body: [0; N], len: 0, late: [0; 3], at: At::Filling(3), said: 0, run: 0, sum: CRC_START }
     }
 
     /// Takes one byte.
@@ -271,8 +272,8 @@ impl Decoder {
     }
 }
 
-impl Default for Decoder {
-    fn default() -> Decoder {
+impl<const N: usize> Default for Decoder<N> {
+    fn default() -> Decoder<N> {
         Decoder::new()
     }
 }

@@ -271,7 +271,7 @@ pub enum Command<'a> {
     },
 }
 
-/// Most packed bytes in one frame.
+/// Most packed bytes in one frame, to a board that takes the longest bodies; else three fewer than its longest body.
 pub const MAX_PACKED: usize = super::MAX_BODY - 3;
 
 impl<'a> Command<'a> {
@@ -538,6 +538,7 @@ impl<'a> Configuration<'a> {
 /// | 23 | [`Cause`] of the last stop |
 /// | 24 | [`Cause`] of the last reset |
 /// | 25 | switches that may wait, one after the other |
+/// | 26 | bytes of the longest body that the board takes, 47 to 80 |
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Info {
     /// The host's number from Hello; the service's.
@@ -566,6 +567,8 @@ pub struct Info {
     pub last_reset: Cause,
     /// Switches that may wait, one after the other.
     pub switches: u8,
+    /// Bytes of the longest body that the board takes; the service's.
+    pub max_body: u8,
 }
 
 impl Info {
@@ -584,6 +587,7 @@ impl Info {
         last_stop: Cause::None,
         last_reset: Cause::None,
         switches: 0,
+        max_body: 0,
     };
 
     /// Writes it.
@@ -602,6 +606,7 @@ impl Info {
         frame.u8(self.last_stop as u8);
         frame.u8(self.last_reset as u8);
         frame.u8(self.switches);
+        frame.u8(self.max_body);
     }
 
     fn decode(reader: &mut Reader<'_>) -> Option<Info> {
@@ -619,6 +624,7 @@ impl Info {
             last_stop: Cause::from_code(reader.u8()?)?,
             last_reset: Cause::from_code(reader.u8()?)?,
             switches: reader.u8()?,
+            max_body: reader.u8().filter(|len| (super::LEAST_BODY..=super::MAX_BODY).contains(&usize::from(*len)))?,
         })
     }
 }

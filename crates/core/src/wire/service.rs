@@ -19,7 +19,7 @@
 use super::frame::{Decoder, Encoder, Received, Tag};
 use super::machine::{Machine, Refusal, Stopped, Switched};
 use super::message::{Cause, Command, Event, Info, Measures, Missing, Reason, Status, kind};
-use super::{Baud, Millis, VERSION};
+use super::{Baud, LEAST_BODY, MAX_BODY, Millis, VERSION};
 
 /// How long a board listens at a new rate before it goes back to 115 200 baud, ms.
 pub const TRIAL_MS: u16 = 250;
@@ -59,10 +59,11 @@ enum Change {
     FellBack,
 }
 
-/// The board's side of the link. About 130 bytes, most of them one frame.
+/// The board's side of the link, for bodies of up to `N` bytes: of [`LEAST_BODY`] to [`MAX_BODY`]. So many and some 45 bytes
+/// large.
 #[derive(Clone, Debug)]
-pub struct Service {
-    decoder: Decoder,
+pub struct Service<const N: usize = MAX_BODY> {
+    decoder: Decoder<N>,
     link: Link,
     /// Nothing was said at this rate yet.
     new_rate: bool,
@@ -94,14 +95,16 @@ struct Link {
     change: Change,
     /// To be told as an event.
     fell_back: bool,
+    max_body: u8,
     events: u8,
     damaged: u16,
 }
 
-impl Service {
+impl<const N: usize> Service<N> {
     /// Nobody has taken the board; the line is at 115 200 baud.
     #[must_use]
-    pub const fn new() -> Service {
+    pub const fn new() -> Service<N> {
+        const { assert!(LEAST_BODY <= N && N <= MAX_BODY) };
         let link = Link {
             tag: Tag::NONE,
             nonce: 0,
@@ -119,6 +122,8 @@ impl Service {
             baud: Baud::B115200,
             change: Change::None,
             fell_back: false,
+            #[expect(clippy::cast_possible_truncation, reason = "below 128")]
+            max_body: N as u8,
             events: 0,
             damaged: 0,
         };
@@ -439,7 +444,7 @@ impl Link {
                 for baud in Baud::ALL {
                     bauds |= u8::from(machine.can_baud(baud)) << baud as u8;
                 }
-                Info { nonce: self.nonce, tag, bauds, ..machine.info() }.encode(frame);
+                Info { nonce: self.nonce, tag, bauds, max_body: self.max_body, ..machine.info() }.encode(frame);
             }
             kind::CONFIGURE => free(frame, machine),
             kind::CLOCK => frame.u64(machine.clock()),
@@ -454,8 +459,8 @@ impl Link {
     }
 }
 
-impl Default for Service {
-    fn default() -> Service {
+impl<const N: usize> Default for Service<N> {
+    fn default() -> Service<N> {
         Service::new()
     }
 }
