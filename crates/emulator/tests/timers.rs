@@ -265,6 +265,59 @@ fn phase_correct_pwm() {
     assert_eq!(edges, [(411, true), (611, false), (921, true), (1121, false), (1431, true)]);
 }
 
+/// §15.7.4: OCRnA at TOP holds the pin at one level, and OCRnA at BOTTOM at the other; however long nobody looked at the
+/// counter on its way there.
+#[test]
+fn phase_correct_pwm_at_its_extremes() {
+    for (compare, com, edge) in [(18, 0x80, true), (0, 0x80, false), (18, 0xc0, false), (0, 0xc0, true)] {
+        let mut bench = bench();
+        // Mode 5: TOP is OCR0A; or mode 1 with OCR0A at BOTTOM.
+        let wgm = if compare == 0 { 1 } else { 5 };
+        bench.set(OCR0A, compare);
+        bench.set(TCNT0, 5);
+        bench.set(TCCR0A, com | wgm & 3);
+        bench.set(TCCR0B, wgm << 1 & 8 | 1);
+        let start = bench.now();
+        bench.run(2000);
+        // The first match decides: at TOP in mode 5; in mode 1 what a match on the way up leaves, at TOP, and no more.
+        let first = if compare == 0 { start + 256 - 5 } else { start + 19 - 5 };
+        let expected: &[_] = if edge { &[(first, true)] } else { &[] };
+        assert_eq!(bench.edges(OC0A.0, OC0A.1), expected, "OCR0A = {compare}, COM0A = {com:#x}");
+    }
+}
+
+/// §15.7.4 is about compare values that leave TOP: OCRnA as TOP stays TOP, whatever its value.
+#[test]
+fn a_new_top_in_ocra_leaves_the_pin_alone() {
+    let mut bench = bench();
+    bench.set(OCR0A, 30);
+    bench.set(TCNT0, 5);
+    bench.set(TCCR0A, 0x81);
+    bench.set(TCCR0B, 0x09);
+    let start = bench.now();
+    bench.run(40);
+    bench.set(OCR0A, 10);
+    bench.run(200);
+    assert_eq!(bench.edges(OC0A.0, OC0A.1), [(start + 31 - 5, true)]);
+}
+
+/// A timer clock's edge looks at what is then: a TOP that was moved away from the counter in time is none.
+#[test]
+fn top_is_what_it_is_at_the_edge() {
+    let mut bench = bench();
+    // Mode 10: phase correct, TOP is ICR1; clk/8.
+    bench.set(TCCR1A, 0x02);
+    bench.set(TCCR1B, 0x10);
+    bench.set_wide(ICR1, 4);
+    bench.set(GTCCR, 1);
+    bench.set(TCCR1B, 0x12);
+    bench.run(4 * 8 + 4);
+    assert_eq!(bench.get_wide(TCNT1), 4);
+    bench.set_wide(ICR1, 100);
+    bench.run(8);
+    assert_eq!(bench.get_wide(TCNT1), 5);
+}
+
 /// §16.9.5: phase and frequency correct: OCR1A takes effect at BOTTOM, the period is 2·TOP.
 #[test]
 fn phase_and_frequency_correct_pwm() {

@@ -35,7 +35,6 @@ mod regs;
 mod reset;
 mod steps;
 
-use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
 use link::Link;
 use machine::Board;
@@ -55,8 +54,8 @@ struct Reply {
     sent: u8,
 }
 
-static BOARD: Once<MaybeUninit<Board>> = Once::new(MaybeUninit::uninit());
-static SERVICE: Once<MaybeUninit<Service>> = Once::new(MaybeUninit::uninit());
+static BOARD: Once<Board> = Once::new(Board::new());
+static SERVICE: Once<Service> = Once::new(Service::new());
 static QUEUES: Once<Queues> = Once::new(Queues::new());
 static REPLY: Once<Reply> = Once::new(Reply { bytes: [0; REPLY_LEN], len: 0, sent: 0 });
 
@@ -67,7 +66,7 @@ extern "C" fn main() -> ! {
     // compiler knows the addresses.
     unsafe {
         begin();
-        run(BOARD.take().assume_init_mut(), SERVICE.take().assume_init_mut(), REPLY.take())
+        run(BOARD.take(), SERVICE.take(), REPLY.take())
     }
 }
 
@@ -78,9 +77,8 @@ extern "C" fn main() -> ! {
 #[inline(never)]
 unsafe fn begin() {
     // SAFETY: the caller's promise; the references end here.
-    let (board, queues, service) = unsafe { (BOARD.take(), QUEUES.take(), SERVICE.take()) };
-    service.write(Service::new());
-    board.write(Board::new()).begin(queues, reset::begin());
+    let (board, queues) = unsafe { (BOARD.take(), QUEUES.take()) };
+    board.begin(queues, reset::begin());
 }
 
 /// The main loop. What it calls is not inlined: so the deepest call decides how much stack is needed, not their sum.

@@ -450,10 +450,5 @@ impl Timer {
         } else {
             self.value = value + 1;
         }
-        if self.value == 0 {
-            self.down = false;
-        } else if self.value == self.top() {
-            self.down = true;
-        }
     }
 }
