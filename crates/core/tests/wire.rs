@@ -136,6 +136,40 @@ proptest! {
         prop_assert_eq!(taken(&line), expected);
     }
 
+    /// In portions of any size it is the same as byte by byte, whatever comes.
+    #[test]
+    fn portions_do_not_matter(
+        parts in prop::collection::vec(
+            prop_oneof![
+                prop::collection::vec(prop_oneof![Just(0u8), any::<u8>()], 1..=MAX_BODY).prop_map(|body| framed(&body, Tag(5))),
+                prop::collection::vec(any::<u8>(), 0..120),
+            ],
+            1..6,
+        ),
+        portion in 1usize..100,
+    ) {
+        let line = parts.concat();
+        let (mut one, mut all) = (Decoder::<60>::new(), Decoder::<60>::new());
+        let mut here = Vec::new();
+        for byte in &line {
+            match one.push(*byte) {
+                Received::More => {}
+                received => here.push((received, one.body().to_vec())),
+            }
+        }
+        let mut there = Vec::new();
+        for mut portion in line.chunks(portion) {
+            while !portion.is_empty() {
+                let (taken, received) = all.feed(portion);
+                portion = &portion[taken..];
+                if received != Received::More {
+                    there.push((received, all.body().to_vec()));
+                }
+            }
+        }
+        prop_assert_eq!(here, there);
+    }
+
     #[test]
     fn noise_is_survived(noise in prop::collection::vec(any::<u8>(), 0..400), body in prop::collection::vec(any::<u8>(), 2..60)) {
         let line = [&noise[..], &[0], &framed(&body, Tag(4))].concat();

@@ -142,18 +142,24 @@ impl<const N: usize> Service<N> {
         self.link.baud
     }
 
-    /// Takes bytes from the line, in any portions.
-    pub fn feed(&mut self, bytes: &[u8], now: Millis, machine: &mut impl Machine) {
-        for byte in bytes {
-            self.push(*byte, now, machine);
-        }
+    /// Takes bytes from the line up to the end of a frame, and does what it asks. Gives how many it took: all of them, unless
+    /// something ended, so that a reply may be due.
+    pub fn feed(&mut self, bytes: &[u8], now: Millis, machine: &mut impl Machine) -> usize {
+        let (taken, received) = self.decoder.feed(bytes);
+        self.receive(received, now, machine);
+        taken
     }
 
     /// Takes one byte from the line. `true` when it ended something, so that a reply may be due.
-    #[inline]
     pub fn push(&mut self, byte: u8, now: Millis, machine: &mut impl Machine) -> bool {
-        match self.decoder.push(byte) {
-            Received::More => return false,
+        let received = self.decoder.push(byte);
+        self.receive(received, now, machine);
+        received != Received::More
+    }
+
+    fn receive(&mut self, received: Received, now: Millis, machine: &mut impl Machine) {
+        match received {
+            Received::More => {}
             Received::Frame(tag) => {
                 if let [seq, kind, payload @ ..] = self.decoder.body() {
                     self.link.frame(tag, *seq, *kind, payload, now, machine);
@@ -161,7 +167,6 @@ impl<const N: usize> Service<N> {
             }
             Received::Damaged => self.link.damaged(),
         }
-        true
     }
 
     /// Looks at the clock, and writes the reply that is due into the front of `out`; gives its length, 0 if there is none.
