@@ -174,10 +174,6 @@ impl<'a> Reader<'a> {
         self.array().map(u64::from_le_bytes)
     }
 
-    fn rest(&mut self) -> &'a [u8] {
-        core::mem::take(&mut self.0)
-    }
-
     /// `value`, if nothing is left over.
     fn end<T>(&self, value: T) -> Option<T> {
         self.0.is_empty().then_some(value)
@@ -274,6 +270,15 @@ pub enum Command<'a> {
 /// Most packed bytes in one frame, to a board that takes the longest bodies; else three fewer than its longest body.
 pub const MAX_PACKED: usize = super::MAX_BODY - 3;
 
+/// The first bytes of `bytes`, and zeros if it has fewer.
+fn padded<const N: usize>(bytes: &[u8]) -> [u8; N] {
+    let mut all = [0; N];
+    for (place, byte) in all.iter_mut().zip(bytes) {
+        *place = *byte;
+    }
+    all
+}
+
 impl<'a> Command<'a> {
     /// Byte 1 of its body.
     #[must_use]
@@ -301,41 +306,46 @@ impl<'a> Command<'a> {
     /// # Errors
     /// [`Reason::UnknownKind`] or [`Reason::Malformed`].
     pub fn decode(kind: u8, payload: &'a [u8]) -> Result<Command<'a>, Reason> {
-        let mut reader = Reader(payload);
-        let command = match kind {
-            kind::HELLO => Command::hello(&mut reader),
-            kind::CONFIGURE => Configuration::decode(&mut reader).map(Command::Configure),
-            kind::ARM => Some(Command::Arm),
-            kind::RELEASE => Some(Command::Release),
-            kind::CLOCK => Some(Command::Clock),
-            kind::STATUS => Some(Command::Status),
-            kind::DISCARD => reader.u8().map(|epoch| Command::Discard { epoch: Epoch(epoch) }),
-            kind::SWITCH => Command::switch(&mut reader),
-            kind::STOP_NOW => Some(Command::StopNow),
-            kind::BAUD => reader.u8().and_then(Baud::from_code).map(|baud| Command::Baud { baud }),
-            kind::BYE => Some(Command::Bye),
-            kind::POLL => Some(Command::Poll),
-            kind::MEASURES => {
-                reader.u8().filter(|reset| *reset < 2).map(|reset| Command::Measures { reset: reset == 1 })
-            }
-            kind::DATA..0x18 => Command::data(kind - kind::DATA, &mut reader),
-            _ => return Err(Reason::UnknownKind),
+        if let kind::DATA..0x18 = kind {
+            return match payload {
+                [epoch, packed @ ..] if !packed.is_empty() => {
+                    Ok(Command::Data { motor: kind & 7, epoch: Epoch(*epoch), packed })
+                }
+                _ => Err(Reason::Malformed),
+            };
+        }
+        // By the first byte of the payload, and a number in those after it: fewer bytes of code than field by field.
+        let [first, number @ ..] = payload else { return Command::without_payload(kind) };
+        let (command, len) = match kind {
+            kind::CONFIGURE => return Configuration::decode(payload).map(Command::Configure).ok_or(Reason::Malformed),
+            kind::HELLO => (Command::Hello { version: *first, nonce: u32::from_le_bytes(padded(number)) }, 4),
+            kind::SWITCH => (Command::Switch { epoch: Epoch(*first), tick: u64::from_le_bytes(padded(number)) }, 8),
+            kind::DISCARD => (Command::Discard { epoch: Epoch(*first) }, 0),
+            kind::BAUD => match Baud::from_code(*first) {
+                Some(baud) => (Command::Baud { baud }, 0),
+                None => return Err(Reason::Malformed),
+            },
+            kind::MEASURES if *first < 2 => (Command::Measures { reset: *first == 1 }, 0),
+            _ => return Command::without_payload(kind).and(Err(Reason::Malformed)),
         };
-        command.and_then(|command| reader.end(command)).ok_or(Reason::Malformed)
+        if number.len() == len { Ok(command) } else { Err(Reason::Malformed) }
     }
 
-    fn hello(reader: &mut Reader<'a>) -> Option<Command<'a>> {
-        Some(Command::Hello { version: reader.u8()?, nonce: reader.u32()? })
-    }
-
-    fn switch(reader: &mut Reader<'a>) -> Option<Command<'a>> {
-        Some(Command::Switch { epoch: Epoch(reader.u8()?), tick: reader.u64()? })
-    }
-
-    fn data(motor: u8, reader: &mut Reader<'a>) -> Option<Command<'a>> {
-        let epoch = Epoch(reader.u8()?);
-        let packed = reader.rest();
-        (!packed.is_empty()).then_some(Command::Data { motor, epoch, packed })
+    /// The command of that kind if it has no payload.
+    fn without_payload(kind: u8) -> Result<Command<'a>, Reason> {
+        Ok(match kind {
+            kind::ARM => Command::Arm,
+            kind::RELEASE => Command::Release,
+            kind::CLOCK => Command::Clock,
+            kind::STATUS => Command::Status,
+            kind::STOP_NOW => Command::StopNow,
+            kind::BYE => Command::Bye,
+            kind::POLL => Command::Poll,
+            kind::HELLO | kind::CONFIGURE | kind::DISCARD | kind::SWITCH | kind::BAUD | kind::MEASURES => {
+                return Err(Reason::Malformed);
+            }
+            _ => return Err(Reason::UnknownKind),
+        })
     }
 
     /// Makes a frame of it in the front of `out` and gives its length; `None` if it does not fit.
@@ -482,28 +492,25 @@ impl<'a> Configuration<'a> {
         self.motors.as_chunks::<MOTOR_SETUP_LEN>().0.iter().map(|bytes| MotorSetup::from_bytes(*bytes))
     }
 
-    fn decode(reader: &mut Reader<'a>) -> Option<Configuration<'a>> {
-        // In one piece: on an AVR each `?` costs.
-        let [p0, p1, s0, s1, h0, h1, enable_pin, flags, i0, i1, l0, l1, count] = reader.array()?;
-        let [pulse_ticks, setup_ticks] = [u16::from_le_bytes([p0, p1]), u16::from_le_bytes([s0, s1])];
-        let [hold_ticks, idle_ms] = [u16::from_le_bytes([h0, h1]), u16::from_le_bytes([i0, i1])];
-        let silence_ms = u16::from_le_bytes([l0, l1]);
-        let motors = reader.rest();
-        let (setups, rest) = motors.as_chunks::<MOTOR_SETUP_LEN>();
-        let known = setups.iter().fold(flags, |known, setup| known | setup[2]);
-        if known & !3 != 0 || !rest.is_empty() || setups.len() != usize::from(count) || setups.len() > MAX_MOTORS {
+    fn decode(payload: &'a [u8]) -> Option<Configuration<'a>> {
+        let (head, motors) = payload.split_first_chunk::<13>()?;
+        let [p0, p1, s0, s1, h0, h1, enable_pin, flags, i0, i1, q0, q1, count] = *head;
+        let mut unknown = flags;
+        for [_, _, flags, ..] in motors.as_chunks::<MOTOR_SETUP_LEN>().0 {
+            unknown |= flags;
+        }
+        if unknown & !3 != 0 || motors.len() != usize::from(count) << 3 {
             return None;
         }
-        Some(Configuration {
-            pulse_ticks,
-            setup_ticks,
-            hold_ticks,
-            enable_pin,
-            enable_high: flags & 1 != 0,
-            idle_ms: (flags & 2 != 0).then_some(idle_ms),
-            silence_ms,
-            motors,
-        })
+        let mut configuration = Configuration::new(motors)?;
+        configuration.pulse_ticks = u16::from_le_bytes([p0, p1]);
+        configuration.setup_ticks = u16::from_le_bytes([s0, s1]);
+        configuration.hold_ticks = u16::from_le_bytes([h0, h1]);
+        configuration.enable_pin = enable_pin;
+        configuration.enable_high = flags & 1 != 0;
+        configuration.idle_ms = (flags & 2 != 0).then_some(u16::from_le_bytes([i0, i1]));
+        configuration.silence_ms = u16::from_le_bytes([q0, q1]);
+        Some(configuration)
     }
 
     fn encode(&self, frame: &mut Encoder<'_>) {

@@ -18,7 +18,7 @@
 
 use super::frame::{Decoder, Encoder, Received, Tag};
 use super::machine::{Machine, Refusal, Stopped, Switched};
-use super::message::{Cause, Command, Event, Info, Measures, Missing, Reason, Status, kind};
+use super::message::{Cause, Command, Event, Missing, Reason, Status, kind};
 use super::{Baud, LEAST_BODY, MAX_BODY, Millis, VERSION};
 
 /// How long a board listens at a new rate before it goes back to 115 200 baud, ms.
@@ -43,6 +43,16 @@ struct Answer {
     seq: u8,
     kind: u8,
     outcome: Outcome,
+}
+
+/// What a reply says.
+#[derive(Clone, Copy, Debug)]
+enum Say {
+    Missing(Missing),
+    Ack,
+    Event(Event),
+    Refused { kind: u8, refusal: Refusal },
+    Answer,
 }
 
 /// How far a change of rate is.
@@ -142,12 +152,12 @@ impl<const N: usize> Service<N> {
         self.link.baud
     }
 
-    /// Takes bytes from the line up to the end of a frame, and does what it asks. Gives how many it took: all of them, unless
+    /// Takes bytes from the line up to the end of a frame, and does what it asks. Gives how many it took, and whether
     /// something ended, so that a reply may be due.
-    pub fn feed(&mut self, bytes: &[u8], now: Millis, machine: &mut impl Machine) -> usize {
+    pub fn feed(&mut self, bytes: &[u8], now: Millis, machine: &mut impl Machine) -> (usize, bool) {
         let (taken, received) = self.decoder.feed(bytes);
         self.receive(received, now, machine);
-        taken
+        (taken, received != Received::More)
     }
 
     /// Takes one byte from the line. `true` when it ended something, so that a reply may be due.
@@ -200,38 +210,64 @@ impl<const N: usize> Service<N> {
 impl Link {
     /// The reply that is due.
     fn reply(&mut self, machine: &mut impl Machine, out: &mut [u8]) -> usize {
+        let Some((seq, kind, tag, say)) = self.due(machine) else { return 0 };
+        let mut frame = Encoder::new(out);
+        frame.u8(seq);
+        frame.u8(kind);
+        match say {
+            Say::Missing(why) => frame.u8(why as u8),
+            Say::Ack => {
+                frame.u8(machine.flags());
+                free(&mut frame, machine);
+            }
+            Say::Event(event) => event.encode(&mut frame),
+            Say::Refused { kind, refusal } => {
+                frame.u8(kind);
+                frame.u8(refusal.reason as u8);
+                frame.u16(refusal.detail);
+            }
+            Say::Answer => self.answer(machine, &mut frame),
+        }
+        frame.finish(tag).unwrap_or(0)
+    }
+
+    /// What is to be said next, with its sequence number, kind and tag.
+    fn due(&mut self, machine: &mut impl Machine) -> Option<(u8, u8, Tag, Say)> {
         if let Some(seq) = self.refusal_due.take() {
             let refusal = Refusal::of(Reason::Taken);
-            return reply(out, seq, kind::REFUSED, Tag::NONE, |frame| refuse(frame, kind::HELLO, refusal));
+            return Some((seq, kind::REFUSED, Tag::NONE, Say::Refused { kind: kind::HELLO, refusal }));
         }
+        let tag = if self.taken { self.tag } else { Tag::NONE };
         if self.answer_due {
             self.answer_due = false;
             self.ack_due = false;
-            return self.write_answer(machine, out);
+            let Answer { seq, kind, outcome } = self.answer;
+            return Some(match outcome {
+                Outcome::Refused(refusal) => (seq, kind::REFUSED, tag, Say::Refused { kind, refusal }),
+                _ => (seq, kind | kind::ANSWER, if kind == kind::HELLO { Tag::NONE } else { tag }, Say::Answer),
+            });
         }
-        let (last, tag) = (self.expected.wrapping_sub(1), if self.taken { self.tag } else { Tag::NONE });
+        let last = self.expected.wrapping_sub(1);
         if let Some(why) = self.missing_due.take() {
-            return reply(out, last, kind::MISSING, tag, |frame| frame.u8(why as u8));
+            return Some((last, kind::MISSING, tag, Say::Missing(why)));
         }
         if self.ack_due {
             self.ack_due = false;
-            return reply(out, last, kind::POLL | kind::ANSWER, tag, |frame| acknowledge(frame, machine));
+            return Some((last, kind::POLL | kind::ANSWER, tag, Say::Ack));
         }
         // Around a change of rate nobody may hear it.
         if !self.taken || matches!(self.change, Change::Due(_) | Change::Trial { .. }) {
-            return 0;
+            return None;
         }
         let event = if self.fell_back {
             self.fell_back = false;
             let (cause, motor) = (Cause::BaudFellBack, super::message::ALL_MOTORS);
-            Some(Event { cause, motor, tick: machine.clock(), detail: 0 })
+            Event { cause, motor, tick: machine.clock(), detail: 0 }
         } else {
-            machine.event()
+            machine.event()?
         };
-        event.map_or(0, |event| {
-            self.events = self.events.wrapping_add(1);
-            reply(out, self.events, kind::EVENT, tag, |frame| event.encode(frame))
-        })
+        self.events = self.events.wrapping_add(1);
+        Some((self.events, kind::EVENT, tag, Say::Event(event)))
     }
 
     /// What time brings: the new rate, the end of its trial, a host that is lost.
@@ -419,14 +455,10 @@ impl Link {
     }
 
     #[inline(never)]
-    fn write_answer(&mut self, machine: &mut impl Machine, out: &mut [u8]) -> usize {
-        let Answer { seq, kind, outcome } = self.answer;
-        if let Outcome::Refused(refusal) = outcome {
-            return reply(out, seq, kind::REFUSED, self.tag, |frame| refuse(frame, kind, refusal));
-        }
-        let tag = if kind == kind::HELLO { Tag::NONE } else { self.tag };
-        reply(out, seq, kind | kind::ANSWER, tag, |frame| match outcome {
-            Outcome::Switched(switched) => switched.encode(frame),
+    /// The answer to what was asked last. What can be read from the machine is read now.
+    fn answer(&self, machine: &mut impl Machine, frame: &mut Encoder<'_>) {
+        match self.answer.outcome {
+            Outcome::Switched(switched) => return switched.encode(frame),
             Outcome::Stopped(Stopped { tick, uncertain }) => {
                 frame.u64(tick);
                 frame.u8(uncertain);
@@ -435,21 +467,21 @@ impl Link {
                 for motor in 0..motors {
                     frame.u32(machine.motor(motor).position.cast_unsigned());
                 }
+                return;
             }
-            Outcome::Done | Outcome::Refused(_) => self.inform(kind, machine, frame),
-        })
-    }
-
-    /// The answers that are read from the machine when they are written.
-    fn inform(&self, kind: u8, machine: &mut impl Machine, frame: &mut Encoder<'_>) {
-        match kind {
+            Outcome::Done | Outcome::Refused(_) => {}
+        }
+        match self.answer.kind {
             kind::HELLO => {
-                let tag = if self.taken { self.tag } else { Tag::NONE };
-                let mut bauds = 0;
+                let mut info = machine.info();
+                info.nonce = self.nonce;
+                info.tag = if self.taken { self.tag } else { Tag::NONE };
+                info.max_body = self.max_body;
+                info.bauds = 0;
                 for baud in Baud::ALL {
-                    bauds |= u8::from(machine.can_baud(baud)) << baud as u8;
+                    info.bauds |= u8::from(machine.can_baud(baud)) << baud as u8;
                 }
-                Info { nonce: self.nonce, tag, bauds, max_body: self.max_body, ..machine.info() }.encode(frame);
+                info.encode(frame);
             }
             kind::CONFIGURE => free(frame, machine),
             kind::CLOCK => frame.u64(machine.clock()),
@@ -458,7 +490,11 @@ impl Link {
                 let motors = machine.motors();
                 Status::encode(frame, &head, (0..motors).map(|motor| machine.motor(motor)));
             }
-            kind::MEASURES => Measures { damaged_frames: self.damaged, ..machine.measures() }.encode(frame),
+            kind::MEASURES => {
+                let mut measures = machine.measures();
+                measures.damaged_frames = self.damaged;
+                measures.encode(frame);
+            }
             _ => {}
         }
     }
@@ -470,29 +506,10 @@ impl<const N: usize> Default for Service<N> {
     }
 }
 
-fn reply(out: &mut [u8], seq: u8, kind: u8, tag: Tag, payload: impl FnOnce(&mut Encoder<'_>)) -> usize {
-    let mut frame = Encoder::new(out);
-    frame.u8(seq);
-    frame.u8(kind);
-    payload(&mut frame);
-    frame.finish(tag).unwrap_or(0)
-}
-
-fn refuse(frame: &mut Encoder<'_>, kind: u8, refusal: Refusal) {
-    frame.u8(kind);
-    frame.u8(refusal.reason as u8);
-    frame.u16(refusal.detail);
-}
-
 fn free(frame: &mut Encoder<'_>, machine: &impl Machine) {
     let motors = machine.motors();
     frame.u8(motors);
     for motor in 0..motors {
         frame.u16(machine.free(motor));
     }
-}
-
-fn acknowledge(frame: &mut Encoder<'_>, machine: &impl Machine) {
-    frame.u8(machine.flags());
-    free(frame, machine);
 }
