@@ -270,6 +270,11 @@ impl<P: Port> Remote<P> {
     /// # Panics
     /// With more than 8 motors.
     pub fn configure(&mut self, setup: &Setup) -> Result<(), RemoteError> {
+        if setup.motors.len() > usize::from(self.info.max_motors) {
+            // A frame that is too long would not even be refused.
+            let (what, reason) = ("take this configuration", Reason::TooManyMotors);
+            return Err(RemoteError::Refused { what, reason, detail: u16::from(self.info.max_motors) });
+        }
         let motors: Vec<u8> = setup.motors.iter().flat_map(MotorSetup::to_bytes).collect();
         let mut configuration = Configuration::new(&motors).expect("at most 8 motors");
         configuration.pulse_ticks = setup.pulse_ticks;

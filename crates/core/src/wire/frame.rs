@@ -196,7 +196,7 @@ pub struct Decoder<const N: usize = MAX_BODY> {
     len: u8,
     /// The last three bytes: the trailer, if a zero follows.
     late: [u8; 3],
-    at: At,
+    at: u8,
     /// The length byte.
     said: u8,
     /// Bytes that the run being read still has.
@@ -204,17 +204,14 @@ pub struct Decoder<const N: usize = MAX_BODY> {
     sum: Sum,
 }
 
-/// What comes out of `late` next.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum At {
-    /// Nothing: so many of its bytes are missing.
-    Filling(u8),
-    Length,
-    /// The code of the first run.
-    First,
-    Body,
-    /// More than a frame has: noise up to the next zero.
-    TooLong,
+/// What comes out of `late` next, by how many bytes came: nothing for three bytes, the length, the code of the first run, the
+/// body; or more than a frame has, and all is noise up to the next zero.
+mod at {
+    pub(super) const START: u8 = 0;
+    pub(super) const LENGTH: u8 = 3;
+    pub(super) const FIRST: u8 = 4;
+    pub(super) const BODY: u8 = 5;
+    pub(super) const TOO_LONG: u8 = 6;
 }
 
 impl<const N: usize> Decoder<N> {
@@ -222,7 +219,7 @@ impl<const N: usize> Decoder<N> {
     #[must_use]
     pub const fn new() -> Decoder<N> {
         const { assert!(N <= MAX_BODY) };
-        Decoder { body: [0; N], len: 0, late: [0; 3], at: At::Filling(3), said: 0, run: 0, sum: Sum::START }
+        Decoder { body: [0; N], len: 0, late: [0; 3], at: at::START, said: 0, run: 0, sum: Sum::START }
     }
 
     /// Takes one byte.
@@ -230,23 +227,19 @@ impl<const N: usize> Decoder<N> {
         if byte == 0 {
             return self.end();
         }
-        if self.at == At::Body {
+        if self.at == at::BODY {
             self.go_on(&[byte]);
             return Received::More;
         }
         let [ready, second, third] = self.late;
         self.late = [second, third, byte];
         match self.at {
-            At::Filling(1) => self.at = At::Length,
-            At::Filling(missing) => self.at = At::Filling(missing - 1),
-            At::Length => {
-                (self.said, self.sum, self.len, self.at) = (ready, Sum::START.with_one(ready), 0, At::First);
-            }
-            At::First => {
-                (self.run, self.sum, self.at) = (ready - 1, self.sum.with_one(ready), At::Body);
-            }
-            At::Body | At::TooLong => {}
+            at::LENGTH => (self.said, self.sum, self.len) = (ready, Sum::START.with_one(ready), 0),
+            at::FIRST => (self.run, self.sum) = (ready - 1, self.sum.with_one(ready)),
+            at::TOO_LONG => return Received::More,
+            _ => {}
         }
+        self.at += 1;
         Received::More
     }
 
@@ -254,7 +247,7 @@ impl<const N: usize> Decoder<N> {
     pub fn feed(&mut self, bytes: &[u8]) -> (usize, Received) {
         let mut rest = bytes;
         loop {
-            if self.at == At::Body {
+            if self.at == at::BODY {
                 rest = self.go_on(rest);
             }
             let Some((byte, after)) = rest.split_first() else { return (bytes.len(), Received::More) };
@@ -276,7 +269,7 @@ impl<const N: usize> Decoder<N> {
         let mut rest = bytes.iter();
         while let Some(&byte) = rest.as_slice().first().filter(|byte| **byte != 0) {
             let Some(place) = places.next() else {
-                self.at = At::TooLong;
+                self.at = at::TOO_LONG;
                 break;
             };
             rest.next();
@@ -300,16 +293,16 @@ impl<const N: usize> Decoder<N> {
 
     /// Forgets what came since the last zero, as after a change of rate.
     pub fn reset(&mut self) {
-        (self.at, self.len) = (At::Filling(3), 0);
+        (self.at, self.len) = (at::START, 0);
     }
 
     fn end(&mut self) -> Received {
-        let at = core::mem::replace(&mut self.at, At::Filling(3));
-        if at == At::Filling(3) {
+        let at = core::mem::replace(&mut self.at, at::START);
+        if at == at::START {
             return Received::More;
         }
         let tag = Tag(self.late[2] >> 2 & 31);
-        let whole = at == At::Body && self.run == 0 && self.said == length_byte(self.len);
+        let whole = at == at::BODY && self.run == 0 && self.said == length_byte(self.len);
         if whole && self.late == trailer(self.sum, tag) {
             Received::Frame(tag)
         } else {

@@ -270,8 +270,24 @@ pub enum Command<'a> {
 /// Most packed bytes in one frame, to a board that takes the longest bodies; else three fewer than its longest body.
 pub const MAX_PACKED: usize = super::MAX_BODY - 3;
 
+/// The payload of a command other than Configure and Data, if it is as long as its kind says: its first byte, or 0, and a
+/// number in those after it.
+pub(super) fn parts(kind: u8, payload: &[u8]) -> Result<(u8, &[u8]), Reason> {
+    let len = match kind {
+        kind::HELLO => 5,
+        kind::SWITCH => 9,
+        kind::DISCARD | kind::BAUD | kind::MEASURES => 1,
+        kind::ARM | kind::RELEASE | kind::CLOCK | kind::STATUS | kind::STOP_NOW | kind::BYE | kind::POLL => 0,
+        _ => return Err(Reason::UnknownKind),
+    };
+    if payload.len() != len {
+        return Err(Reason::Malformed);
+    }
+    Ok(payload.split_first().map_or((0, &[]), |(first, number)| (*first, number)))
+}
+
 /// The first bytes of `bytes`, and zeros if it has fewer.
-fn padded<const N: usize>(bytes: &[u8]) -> [u8; N] {
+pub(super) fn padded<const N: usize>(bytes: &[u8]) -> [u8; N] {
     let mut all = [0; N];
     for (place, byte) in all.iter_mut().zip(bytes) {
         *place = *byte;
@@ -314,37 +330,24 @@ impl<'a> Command<'a> {
                 _ => Err(Reason::Malformed),
             };
         }
-        // By the first byte of the payload, and a number in those after it: fewer bytes of code than field by field.
-        let [first, number @ ..] = payload else { return Command::without_payload(kind) };
-        let (command, len) = match kind {
-            kind::CONFIGURE => return Configuration::decode(payload).map(Command::Configure).ok_or(Reason::Malformed),
-            kind::HELLO => (Command::Hello { version: *first, nonce: u32::from_le_bytes(padded(number)) }, 4),
-            kind::SWITCH => (Command::Switch { epoch: Epoch(*first), tick: u64::from_le_bytes(padded(number)) }, 8),
-            kind::DISCARD => (Command::Discard { epoch: Epoch(*first) }, 0),
-            kind::BAUD => match Baud::from_code(*first) {
-                Some(baud) => (Command::Baud { baud }, 0),
-                None => return Err(Reason::Malformed),
-            },
-            kind::MEASURES if *first < 2 => (Command::Measures { reset: *first == 1 }, 0),
-            _ => return Command::without_payload(kind).and(Err(Reason::Malformed)),
-        };
-        if number.len() == len { Ok(command) } else { Err(Reason::Malformed) }
-    }
-
-    /// The command of that kind if it has no payload.
-    fn without_payload(kind: u8) -> Result<Command<'a>, Reason> {
+        if kind == kind::CONFIGURE {
+            return Configuration::decode(payload).map(Command::Configure).ok_or(Reason::Malformed);
+        }
+        let (first, number) = parts(kind, payload)?;
         Ok(match kind {
+            kind::HELLO => Command::Hello { version: first, nonce: u32::from_le_bytes(padded(number)) },
             kind::ARM => Command::Arm,
             kind::RELEASE => Command::Release,
             kind::CLOCK => Command::Clock,
             kind::STATUS => Command::Status,
+            kind::DISCARD => Command::Discard { epoch: Epoch(first) },
+            kind::SWITCH => Command::Switch { epoch: Epoch(first), tick: u64::from_le_bytes(padded(number)) },
             kind::STOP_NOW => Command::StopNow,
+            kind::BAUD => Command::Baud { baud: Baud::from_code(first).ok_or(Reason::Malformed)? },
             kind::BYE => Command::Bye,
             kind::POLL => Command::Poll,
-            kind::HELLO | kind::CONFIGURE | kind::DISCARD | kind::SWITCH | kind::BAUD | kind::MEASURES => {
-                return Err(Reason::Malformed);
-            }
-            _ => return Err(Reason::UnknownKind),
+            _ if first > 1 => return Err(Reason::Malformed),
+            _ => Command::Measures { reset: first == 1 },
         })
     }
 
@@ -492,7 +495,7 @@ impl<'a> Configuration<'a> {
         self.motors.as_chunks::<MOTOR_SETUP_LEN>().0.iter().map(|bytes| MotorSetup::from_bytes(*bytes))
     }
 
-    fn decode(payload: &'a [u8]) -> Option<Configuration<'a>> {
+    pub(super) fn decode(payload: &'a [u8]) -> Option<Configuration<'a>> {
         let (head, motors) = payload.split_first_chunk::<13>()?;
         let [p0, p1, s0, s1, h0, h1, enable_pin, flags, i0, i1, q0, q1, count] = *head;
         let mut unknown = flags;

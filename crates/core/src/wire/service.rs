@@ -18,8 +18,9 @@
 
 use super::frame::{Decoder, Encoder, Received, Tag};
 use super::machine::{Machine, Refusal, Stopped, Switched};
-use super::message::{Cause, Command, Event, Missing, Reason, Status, kind};
+use super::message::{Cause, Configuration, Event, Missing, Reason, Status, kind, padded, parts};
 use super::{Baud, LEAST_BODY, MAX_BODY, Millis, VERSION};
+use crate::Epoch;
 
 /// How long a board listens at a new rate before it goes back to 115 200 baud, ms.
 pub const TRIAL_MS: u16 = 250;
@@ -310,8 +311,10 @@ impl Link {
 
     fn frame(&mut self, tag: Tag, seq: u8, kind: u8, payload: &[u8], now: Millis, machine: &mut impl Machine) {
         if tag == Tag::NONE {
-            match Command::decode(kind, payload) {
-                Ok(Command::Hello { version, nonce }) => self.hello(seq, version, nonce, now),
+            match (kind, parts(kind, payload)) {
+                (kind::HELLO, Ok((version, nonce))) => {
+                    self.hello(seq, version, u32::from_le_bytes(padded(nonce)), now);
+                }
                 _ if self.taken => {}
                 _ => self.missing_due = Some(Missing::NotTaken),
             }
@@ -363,71 +366,80 @@ impl Link {
 
     /// The frame that is next.
     fn take(&mut self, seq: u8, kind: u8, payload: &[u8], machine: &mut impl Machine) {
-        let outcome = match Command::decode(kind, payload) {
-            Ok(Command::Data { motor, epoch, packed }) => match machine.push(motor, epoch, packed) {
-                Ok(()) => None,
-                Err(Refusal { reason: Reason::Full, .. }) => {
-                    self.miss(Missing::NoRoom);
-                    return;
-                }
-                Err(refusal) => Some(Outcome::Refused(refusal)),
-            },
-            Ok(Command::Poll) => None,
-            Ok(command) => Some(self.execute(&command, machine)),
-            Err(reason) => Some(Outcome::Refused(Refusal { reason, detail: u16::from(kind) })),
+        let malformed = Refusal { reason: Reason::Malformed, detail: u16::from(kind) };
+        let mut is_answered = true;
+        let done = if let kind::DATA..0x18 = kind {
+            let pushed = match payload {
+                [epoch, packed @ ..] if !packed.is_empty() => machine.push(kind & 7, Epoch(*epoch), packed),
+                _ => Err(malformed),
+            };
+            if let Err(Refusal { reason: Reason::Full, .. }) = pushed {
+                return self.miss(Missing::NoRoom);
+            }
+            is_answered = pushed.is_err();
+            pushed
+        } else if kind == kind::POLL && payload.is_empty() {
+            is_answered = false;
+            Ok(())
+        } else {
+            self.answer.outcome = Outcome::Done;
+            self.execute(kind, payload, machine)
         };
         self.expected = seq.wrapping_add(1);
         self.missing_told = false;
         self.missing_due = None;
-        match outcome {
-            Some(outcome) => {
-                self.answer = Answer { seq, kind, outcome };
-                self.answer_due = true;
-            }
-            None => self.ack_due = true,
+        if !is_answered {
+            self.ack_due = true;
+            return;
         }
+        if let Err(refusal) = done {
+            self.answer.outcome = Outcome::Refused(refusal);
+        }
+        (self.answer.seq, self.answer.kind, self.answer_due) = (seq, kind, true);
     }
 
-    fn execute(&mut self, command: &Command<'_>, machine: &mut impl Machine) -> Outcome {
-        let done = match *command {
-            Command::Configure(configuration) => {
-                let done = machine.configure(&configuration);
-                if done.is_ok() {
-                    self.silence_ms = match configuration.silence_ms {
-                        0 => SILENCE_MS,
-                        ms => ms,
-                    };
+    /// Does what a command asks for: what [`Command::decode`](super::Command::decode) would say of it, but without a detour
+    /// through RAM. The outcome was said to be done, and stays so unless there is more to say.
+    fn execute(&mut self, kind: u8, payload: &[u8], machine: &mut impl Machine) -> Result<(), Refusal> {
+        let refusal = |reason| Refusal { reason, detail: u16::from(kind) };
+        if kind == kind::CONFIGURE {
+            let configuration = Configuration::decode(payload).ok_or(refusal(Reason::Malformed))?;
+            machine.configure(&configuration)?;
+            self.silence_ms = match configuration.silence_ms {
+                0 => SILENCE_MS,
+                ms => ms,
+            };
+            return Ok(());
+        }
+        let (first, number) = parts(kind, payload).map_err(refusal)?;
+        match kind {
+            kind::ARM => machine.arm()?,
+            kind::RELEASE => machine.release()?,
+            kind::DISCARD => machine.discard(Epoch(first)),
+            kind::SWITCH => {
+                let switched = machine.switch(Epoch(first), u64::from_le_bytes(padded(number)))?;
+                self.answer.outcome = Outcome::Switched(switched);
+            }
+            kind::STOP_NOW => self.answer.outcome = Outcome::Stopped(machine.stop_now()),
+            kind::BAUD => {
+                let baud = Baud::from_code(first).ok_or(refusal(Reason::Malformed))?;
+                if !machine.can_baud(baud) {
+                    return Err(Refusal { reason: Reason::Baud, detail: u16::from(first) });
                 }
-                done
-            }
-            Command::Arm => machine.arm(),
-            Command::Release => machine.release(),
-            Command::Discard { epoch } => {
-                machine.discard(epoch);
-                Ok(())
-            }
-            Command::Switch { epoch, tick } => match machine.switch(epoch, tick) {
-                Ok(switched) => return Outcome::Switched(switched),
-                Err(refusal) => Err(refusal),
-            },
-            Command::StopNow => return Outcome::Stopped(machine.stop_now()),
-            Command::Baud { baud } if machine.can_baud(baud) => {
                 self.change = Change::Due(baud);
-                Ok(())
             }
-            Command::Baud { baud } => Err(Refusal { reason: Reason::Baud, detail: baud as u16 }),
-            Command::Bye => {
-                self.leaving = true;
-                Ok(())
+            kind::BYE => self.leaving = true,
+            // With a tag: no session begins inside another.
+            kind::HELLO => return Err(Refusal::of(Reason::Taken)),
+            kind::MEASURES if first > 1 => return Err(refusal(Reason::Malformed)),
+            kind::MEASURES if first == 1 => {
+                self.damaged = 0;
+                machine.reset_measures();
             }
-            // A Hello with a tag: no session begins inside another.
-            Command::Hello { .. } => Err(Refusal::of(Reason::Taken)),
-            // Questions; data and polls do not come here.
-            Command::Clock | Command::Status | Command::Measures { .. } | Command::Poll | Command::Data { .. } => {
-                Ok(())
-            }
-        };
-        done.map_or_else(Outcome::Refused, |()| Outcome::Done)
+            // Questions, answered from what is there.
+            _ => {}
+        }
+        Ok(())
     }
 
     /// The frame answered last came again. Only a change of rate is done again: the host has not seen it.
