@@ -264,25 +264,27 @@ impl<const N: usize> Decoder<N> {
     /// Nearly all bytes come through here, so that all is in registers: some 45 cycles a byte on an AVR.
     fn go_on<'a>(&mut self, bytes: &'a [u8]) -> &'a [u8] {
         let [mut first, mut second, mut third] = self.late;
-        let (mut sum, mut run, mut len) = (self.sum, self.run, self.len);
-        let mut places = self.body.get_mut(usize::from(len)..).unwrap_or_default().iter_mut();
-        let mut rest = bytes.iter();
-        while let Some(&byte) = rest.as_slice().first().filter(|byte| **byte != 0) {
-            let Some(place) = places.next() else {
-                self.at = at::TOO_LONG;
+        let (mut sum, mut run) = (self.sum, self.run);
+        let places = self.body.get_mut(usize::from(self.len)..).unwrap_or_default();
+        let mut taken = 0u8;
+        for (&byte, place) in bytes.iter().zip(places) {
+            if byte == 0 {
                 break;
-            };
-            rest.next();
+            }
             sum = sum.with(first);
             // The code of a run stands for the zero before it.
             *place = if run == 0 { 0 } else { first };
             run = if run == 0 { first } else { run } - 1;
-            len += 1;
             (first, second, third) = (second, third, byte);
+            taken += 1;
         }
         self.late = [first, second, third];
-        (self.sum, self.run, self.len) = (sum, run, len);
-        rest.as_slice()
+        (self.sum, self.run, self.len) = (sum, run, self.len + taken);
+        let rest = bytes.get(usize::from(taken)..).unwrap_or_default();
+        if rest.first().is_some_and(|byte| *byte != 0) {
+            self.at = at::TOO_LONG;
+        }
+        rest
     }
 
     /// The body of the frame that was completed last.
