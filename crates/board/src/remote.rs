@@ -19,7 +19,7 @@ use std::time::Duration;
 const STATUS_EVERY: Duration = Duration::from_millis(50);
 
 /// How often it is asked for room while a queue is fuller than half.
-const ROOM_EVERY: Duration = Duration::from_millis(10);
+const ROOM_EVERY: Duration = Duration::from_millis(3);
 
 /// Time passes at least so much in each round, however close its end is estimated.
 const SHORTEST_ROUND: Duration = Duration::from_micros(10);

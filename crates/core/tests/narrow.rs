@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use pulsetrain_core::channel::{Channel, Kind, SwitchRefused};
 use pulsetrain_core::narrow::{BLIND_STEPS, Fault, Motor, Pool, PushRefused, Reason, SLOWEST_BLIND, Settings};
-use pulsetrain_core::packing::{CHECK_LEN, Check, MAX_PACKED_LEN, Packing, State};
+use pulsetrain_core::packing::{MAX_PACKED_LEN, Packing, State};
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Queue, Segment};
 use std::collections::VecDeque;
 
@@ -24,7 +24,7 @@ fn any_size_signed(bits: u32) -> impl Strategy<Value = i64> {
 /// Part of a motion, as it is packed.
 #[derive(Clone, Debug)]
 enum Part {
-    /// So many ticks from now.
+    /// So many ticks from now; the first of an epoch.
     Anchor(i32),
     Dwell(u32),
     /// In full, whatever went before.
@@ -47,7 +47,6 @@ fn count() -> impl Strategy<Value = u32> {
 
 fn part() -> impl Strategy<Value = Part> {
     prop_oneof![
-        1 => (-1000i32..100_000).prop_map(Part::Anchor),
         2 => any_size(26).prop_map(|ticks| Part::Dwell(u32::try_from(ticks).unwrap())),
         3 => (count(), any_size(40), any_size_signed(31), any_size_signed(31), any::<bool>()).prop_map(
             |(count, interval, add, add2, forward)| {
@@ -288,15 +287,9 @@ impl Pair {
 
     /// Takes the next event of both.
     fn event(&mut self) -> bool {
-        let before = self.motor.epoch();
         let event = self.channel.peek(&mut self.queue, self.limit);
         assert_eq!(self.motor.peek(&self.pool, self.limit), event);
         self.compare();
-        let bytes = self.motor.bytes();
-        if self.motor.epoch() != before && bytes.room() == bytes.capacity() {
-            // What is being filled may have been dropped: more of it would lack its beginning.
-            self.begin_epoch(self.newest + 1);
-        }
         let Some(event) = event else { return false };
         assert_eq!(self.motor.peek(&self.pool, self.limit), Some(event), "it stays next");
         self.channel.take(event);
@@ -454,143 +447,4 @@ proptest! {
             pair.act(action);
         }
     }
-}
-
-/// A motor that was sent `packed`, and its pool.
-fn sent(packed: &[u8]) -> (Motor, Pool<POOL>) {
-    let mut pool = Pool::new();
-    let settings = Settings { gap_ticks: 10, asserts_every_step: false, gain: 0 };
-    let mut motor = Motor::new(Pool::<POOL>::share(1, 0), settings);
-    motor.push(&mut pool, Epoch(0), packed).unwrap();
-    (motor, pool)
-}
-
-/// Ticks of all steps up to `limit`.
-fn steps(motor: &mut Motor, pool: &Pool<POOL>, limit: u32) -> Vec<u32> {
-    let mut ticks = Vec::new();
-    while let Some(event) = motor.peek(pool, Moment(limit)) {
-        motor.take(event);
-        if event.kind == Kind::Step {
-            ticks.push(event.tick.0);
-        }
-    }
-    ticks
-}
-
-const PACKING: Packing = Packing { fraction_bits: 16, gain: 0 };
-
-fn anchor(tick: u32) -> Item {
-    Item::Anchor { tick: Moment(tick) }
-}
-
-fn run(count: u32, interval: i64) -> Item {
-    Item::Run { segment: Segment { count, interval, add: 0, add2: 0 }, direction: Direction::Backward }
-}
-
-fn pack(state: &mut State, item: Item) -> Vec<u8> {
-    let mut buffer = [0; MAX_PACKED_LEN];
-    let len = PACKING.pack(state, &item, &mut buffer).unwrap();
-    buffer[..len].to_vec()
-}
-
-fn pack_check(check: Check) -> Vec<u8> {
-    let mut buffer = [0; CHECK_LEN];
-    PACKING.pack_check(&check, &mut buffer).unwrap();
-    buffer.to_vec()
-}
-
-/// Three steps backward from tick 1000 on, 100 ticks and a quarter apart, a wait of 50 ticks, a check, and again;
-/// then another anchor and a step.
-fn checked(check: Check) -> Vec<u8> {
-    let mut state = State::default();
-    let mut packed = pack(&mut state, anchor(1000));
-    packed.extend(pack(&mut state, run(3, (100 << 16) + (1 << 14))));
-    packed.extend(pack(&mut state, Item::Dwell { ticks: 50 }));
-    packed.extend(pack_check(check));
-    packed.extend(pack(&mut state, run(3, (100 << 16) + (1 << 14))));
-    packed.extend(pack(&mut state, anchor(5000)));
-    packed.extend(pack(&mut state, run(1, 100 << 16)));
-    // Counted from the last anchor: one step backward.
-    packed.extend(pack_check(Check { position: 0xffff, tick: Moment(5100), fraction: 1 << 15 }));
-    packed.extend(pack(&mut state, run(1, 100 << 16)));
-    packed
-}
-
-#[test]
-fn a_check_that_holds_changes_nothing() {
-    // 1000 and a half + 3 · 100 and a quarter + 50.
-    let check = Check { position: 0xfffd, tick: Moment(1351), fraction: 1 << 14 };
-    let (mut motor, pool) = sent(&checked(check));
-    assert_eq!(steps(&mut motor, &pool, 9000), [1100, 1201, 1301, 1451, 1551, 1652, 5100, 5200]);
-    assert_eq!(motor.fault(), None);
-    assert!(motor.is_idle());
-}
-
-#[test]
-fn a_check_that_does_not_hold_stops_the_motor_up_to_the_next_anchor() {
-    let right = Check { position: 0xfffd, tick: Moment(1351), fraction: 1 << 14 };
-    for wrong in [
-        Check { position: 0xfffc, ..right },
-        Check { tick: Moment(1351 + (1 << 31)), ..right },
-        Check { fraction: (1 << 14) + 1, ..right },
-    ] {
-        let (mut motor, pool) = sent(&checked(wrong));
-        assert_eq!(steps(&mut motor, &pool, 9000), [1100, 1201, 1301, 5100, 5200], "{wrong:?}");
-        assert_eq!(motor.fault(), Some(Fault { reason: Reason::Mismatch, tick: Moment(1351) }));
-        assert_eq!(motor.position(), -5);
-    }
-}
-
-#[test]
-fn an_epoch_that_cannot_be_read_ends_there() {
-    let exact = |count: u32, registers: [i64; 3]| {
-        let mut bytes = vec![0b100_111, 0];
-        bytes.extend(count.to_le_bytes());
-        registers.into_iter().take(count.min(3) as usize).for_each(|register| bytes.extend(register.to_le_bytes()));
-        bytes
-    };
-    let bad = [
-        vec![0b110_111, 0],
-        vec![0b11111_111, 0],
-        vec![0b111, 255, 0, 0],
-        exact(0, [0; 3]),
-        exact(1, [1 << 40, 0, 0]),
-        exact(1, [-1, 0, 0]),
-        exact(2, [100 << 16, 1 << 31, 0]),
-        exact(3, [100 << 16, 0, -(1 << 31) - 1]),
-        exact(1 << 16, [100 << 16, 0, 0]),
-        // 65 535 steps, and half as many more.
-        [exact(65_535, [100 << 16, 0, 0]), vec![0]].concat(),
-    ];
-    for bad in bad {
-        let mut state = State::default();
-        let packed = [pack(&mut state, anchor(1000)), pack(&mut state, run(1, 100 << 16)), bad.clone()].concat();
-        let (mut motor, mut pool) = sent(&packed);
-        motor.push(&mut pool, Epoch(0), &pack(&mut State::default(), anchor(2000))).unwrap();
-        let made = steps(&mut motor, &pool, 1 << 29);
-        assert_eq!(made[0], 1100);
-        let tick = Moment(*made.last().unwrap());
-        assert_eq!(motor.fault(), Some(Fault { reason: Reason::Bad, tick }), "{bad:?}");
-        assert!(motor.is_idle());
-        // The next epoch is another matter.
-        let at = motor.horizon().after(1000);
-        let next = [anchor(at.0), run(2, 100 << 16)];
-        let mut state = State::default();
-        for item in next {
-            motor.push(&mut pool, Epoch(1), &pack(&mut state, item)).unwrap();
-        }
-        motor.schedule_switch(Epoch(1), at).unwrap();
-        assert!(!motor.is_idle());
-        assert_eq!(steps(&mut motor, &pool, at.0 + 1000), [at.0 + 100, at.0 + 200]);
-        assert_eq!(motor.fault(), None);
-    }
-}
-
-#[test]
-fn exact_segments_may_be_as_large_as_the_registers() {
-    let mut state = State::default();
-    let segment = Segment { count: 2, interval: (1 << 40) - 1, add: i64::from(i32::MIN), add2: 0 };
-    let item = Item::Run { segment, direction: Direction::Forward };
-    let (mut motor, pool) = sent(&[pack(&mut state, anchor(0)), pack(&mut state, item)].concat());
-    assert_eq!(steps(&mut motor, &pool, 1 << 29), [1 << 24, (2 << 24) - (1 << 15)]);
 }

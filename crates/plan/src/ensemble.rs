@@ -119,6 +119,14 @@ impl<'a> Ensemble<'a> {
         }
     }
 
+    /// Gives out `moves` of a motor before anything of its law.
+    pub(crate) fn go_first(&mut self, motor: usize, moves: &[Move]) {
+        match &mut self.motors[motor].plan {
+            Source::Alone(planner) => planner.go_first(moves),
+            Source::Shared(group, place, _) => self.groups[*group].go_first(*place, moves),
+        }
+    }
+
     /// What is proven of a motor's moves; it may be ahead of those given out.
     #[must_use]
     pub fn certificate(&self, motor: usize) -> Certificate {

@@ -5,6 +5,7 @@
 //! - `shared_dir`: the order of steps on a DIR line that motors share
 //! - [`planner`]: a law as a stream of [`Move`]s, in constant memory, within every limit
 //! - [`tail`]: the stop that ends every queue
+//! - `brake`: a tail in few segments
 //! - `run`: steps in one direction along one stretch, as segments
 //! - `fit`: one segment: fit, quantise, bound
 //! - `stretch`: where a law rises and where it falls
@@ -16,6 +17,7 @@
 //! Laws themselves (`pulsetrain-motion`), queues and edges (`pulsetrain-core`, `pulsetrain-board`).
 #![forbid(unsafe_code)]
 
+mod brake;
 pub mod certificate;
 pub mod ensemble;
 pub mod error;

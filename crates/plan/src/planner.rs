@@ -176,6 +176,11 @@ impl<'a> Planner<'a> {
         Ok(planner)
     }
 
+    /// Gives out `moves` before anything of the law, which must not begin with steps of its own.
+    pub(crate) fn go_first(&mut self, moves: &[Move]) {
+        self.moves.extend(moves);
+    }
+
     /// What is proven of the moves given out so far.
     #[must_use]
     pub fn certificate(&self) -> &Certificate {

@@ -84,6 +84,11 @@ impl<'a> SharedDir<'a> {
         self.members.len() - 1
     }
 
+    /// See [`Planner::go_first`].
+    pub(crate) fn go_first(&mut self, place: usize, moves: &[Move]) {
+        self.members[place].planner.go_first(moves);
+    }
+
     pub(crate) fn certificate(&self, place: usize) -> Certificate {
         let member = &self.members[place];
         let certificate = member.planner.certificate().clone();

@@ -1,5 +1,6 @@
 //! The stop tail: what ends every queue, so that losing the host is a planned stop.
 
+use crate::brake::Brake;
 use crate::ensemble::{Ensemble, Start};
 use crate::error::{PlanError, Refused};
 use crate::planner::Planner;
@@ -34,7 +35,11 @@ pub const SOFTEST_STOP_S: f64 = 1.0;
 /// # Errors
 /// If a motor is so fast that the board cannot make its steps, which the plan before the tail would have met first.
 pub fn stop_tail(motion: &Motion, settings: &Settings) -> Result<Vec<Move>, PlanError> {
-    let Some(law) = braking_law(motion, settings) else { return Ok(Vec::new()) };
+    let Some(braking) = Braking::of(motion, settings) else { return Ok(Vec::new()) };
+    if let Some(moves) = braking.in_few_segments(motion, settings) {
+        return Ok(moves);
+    }
+    let law = braking.law(motion);
     let origin = Origin { position: motion.position, theta: 0.0, speed: motion.speed };
     let mut planner = Planner::from(origin, &law, settings)?;
     let mut moves = Vec::new();
@@ -54,34 +59,80 @@ pub fn stop_tails(program: &Program, motors: &[(Motion, Option<(i64, Direction)>
     let at_rest = Law::rest(Time::SECOND).map_err(|error| Refused { motor: 0, error: error.into() })?;
     let mut laws = Vec::with_capacity(motors.len());
     for ((motion, last_step), motor) in motors.iter().zip(&program.motors) {
-        let law = braking_law(motion, &Settings::of(program, motor));
+        let settings = Settings::of(program, motor);
+        let braking = Braking::of(motion, &settings);
+        let moves = braking.as_ref().map_or(Some(Vec::new()), |braking| braking.in_few_segments(motion, &settings));
+        let law = braking.filter(|_| moves.is_none()).map(|braking| braking.law(motion));
         let (position, speed) = if law.is_some() { (motion.position, motion.speed) } else { (0, 0.0) };
-        laws.push((law, Start { origin: Origin { position, theta: 0.0, speed }, last_step: *last_step }));
+        let start = Start { origin: Origin { position, theta: 0.0, speed }, last_step: *last_step };
+        laws.push((law, start, moves.unwrap_or_default()));
     }
-    let laws = laws.iter().map(|(law, start)| (law.as_ref().unwrap_or(&at_rest), Some(start)));
-    let mut ensemble = Ensemble::assemble(program, laws)?;
+    let plans = laws.iter().map(|(law, start, _)| (law.as_ref().unwrap_or(&at_rest), Some(start)));
+    let mut ensemble = Ensemble::assemble(program, plans)?;
+    for (motor, (_, _, moves)) in laws.iter().enumerate() {
+        ensemble.go_first(motor, moves);
+    }
     let mut moves = |motor| std::iter::from_fn(|| ensemble.next_move(motor).transpose()).collect();
     (0..motors.len()).map(&mut moves).collect()
 }
 
-/// θ from the tail's first instant to rest; `None` if the motor may stop at once.
-fn braking_law(motion: &Motion, settings: &Settings) -> Option<Law> {
-    let speed = motion.speed;
-    if speed.abs() <= settings.limits.pull_in || speed == 0.0 {
-        return None;
+/// How a motor above its pull-in rate is to be braked.
+#[derive(Clone, Copy, Debug)]
+struct Braking {
+    /// Where θ is when it begins.
+    theta: f64,
+    /// Steps/s².
+    deceleration: f64,
+}
+
+impl Braking {
+    /// `None` if the motor may stop at once.
+    fn of(motion: &Motion, settings: &Settings) -> Option<Braking> {
+        let speed = motion.speed;
+        if speed.abs() <= settings.limits.pull_in || speed == 0.0 {
+            return None;
+        }
+        let own = motion.acceleration.max(speed.abs() / SOFTEST_STOP_S);
+        let deceleration = settings.limits.max_acceleration.unwrap_or(own);
+        // Where a pair of steps was dropped, θ lies outside the band of the motor's position: brake from its edge.
+        let (low, high) = (settings.grid.down_level(motion.position), settings.grid.up_level(motion.position));
+        Some(Braking { theta: motion.theta.clamp(low, high), deceleration })
     }
-    let own = motion.acceleration.max(speed.abs() / SOFTEST_STOP_S);
-    let braking = settings.limits.max_acceleration.unwrap_or(own);
-    // Where a pair of steps was dropped, θ lies outside the band of the motor's position: brake from its edge.
-    let (low, high) = (settings.grid.down_level(motion.position), settings.grid.up_level(motion.position));
-    let theta = motion.theta.clamp(low, high);
-    let piece = Piece {
-        zero: Time::ZERO,
-        start: Time::ZERO,
-        end: Time::from_seconds(speed.abs() / braking),
-        origin: 0,
-        curve: Curve::Polynomial(vec![theta, speed, -0.5 * braking * speed.signum()]),
-        entry: Entry::SpeedJump,
-    };
-    Some(Law::Fixed(Fixed { pieces: vec![piece].into(), class: Class::ClosedForm }))
+
+    /// The moves to rest; `None` if only the plan of the [law](Braking::law) will do, which takes more segments.
+    fn in_few_segments(&self, motion: &Motion, settings: &Settings) -> Option<Vec<Move>> {
+        let hz = settings.tick_hz as f64;
+        let (speed, limit) = (motion.speed.abs() / hz, self.deceleration / (hz * hz));
+        let forward = motion.speed > 0.0;
+        let level =
+            if forward { settings.grid.up_level(motion.position) } else { settings.grid.down_level(motion.position) };
+        let way = (level - self.theta).abs();
+        let square = speed * speed - 2.0 * limit * way;
+        if square <= 0.0 {
+            // At rest before the next step.
+            return Some(Vec::new());
+        }
+        let brake = Brake {
+            first: 2.0 * way / (speed + square.sqrt()),
+            speed: square.sqrt(),
+            limit,
+            pull_in: settings.limits.pull_in / hz,
+            direction: if forward { Direction::Forward } else { Direction::Backward },
+        };
+        brake.moves(settings)
+    }
+
+    /// θ from the tail's first instant to rest.
+    fn law(&self, motion: &Motion) -> Law {
+        let (speed, deceleration) = (motion.speed, self.deceleration);
+        let piece = Piece {
+            zero: Time::ZERO,
+            start: Time::ZERO,
+            end: Time::from_seconds(speed.abs() / deceleration),
+            origin: 0,
+            curve: Curve::Polynomial(vec![self.theta, speed, -0.5 * deceleration * speed.signum()]),
+            entry: Entry::SpeedJump,
+        };
+        Law::Fixed(Fixed { pieces: vec![piece].into(), class: Class::ClosedForm })
+    }
 }

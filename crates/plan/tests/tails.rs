@@ -1,6 +1,8 @@
 //! Stop tails, from any instant of any law within limits.
 
 use proptest::prelude::*;
+use pulsetrain_core::Item;
+use pulsetrain_core::packing::{MAX_PACKED_LEN, Packing, State};
 use pulsetrain_motion::law::Cursor;
 use pulsetrain_motion::program::Limits;
 use pulsetrain_motion::{Law, Time};
@@ -73,24 +75,15 @@ proptest! {
             return Ok(());
         };
         prop_assert!(first >= 0, "a step before the tail");
-        // The tail is v·t − b·t²/2 from θ: it never gets further than that, and every step is within a tick of it.
         let forward = motion.speed > 0.0;
-        let (v, end_s) = (motion.speed.abs(), motion.speed.abs() / braking);
-        let (low, high) = (settings.grid.down_level(position), settings.grid.up_level(position));
         let mut before = position;
-        for &(tick, after) in &tail {
+        for &(_, after) in &tail {
             prop_assert_eq!(after - before, if forward { 1 } else { -1 });
-            let level = if forward { settings.grid.up_level(before) } else { settings.grid.down_level(before) };
-            let wanted = (level - motion.theta.clamp(low, high)).abs();
-            let way = |ticks: i128| {
-                let t = (ticks as f64 / TICK_HZ).clamp(0.0, end_s);
-                v * t - 0.5 * braking * t * t
-            };
-            prop_assert!(way(tick - 1) <= wanted + 1e-6 && wanted <= way(tick + 1) + 1e-6, "step to {after}");
             before = after;
         }
-        let rest_s = tail.last().map_or(0.0, |(tick, _)| *tick as f64 / TICK_HZ);
-        prop_assert!(rest_s <= end_s + 2.0 / TICK_HZ, "steps until {rest_s} s, at rest after {end_s} s");
+        // Braking evenly and as hard as it may takes so long.
+        let (end_s, rest_s) = (motion.speed.abs() / braking, tail.last().map_or(0.0, |(tick, _)| *tick as f64 / TICK_HZ));
+        prop_assert!(rest_s <= 2.0 * end_s + 2.0 / TICK_HZ, "steps until {rest_s} s; {end_s} s would do");
         // Nothing but the integers: the mean speed between steps only falls, and by no more than the limit.
         let quick: Vec<f64> = tail.windows(2).map(|pair| (pair[1].0 - pair[0].0) as f64).collect();
         for (pair, ticks) in quick.windows(2).zip(tail.windows(3)) {
@@ -103,5 +96,43 @@ proptest! {
             prop_assert!(slower >= -doubt, "faster by {} steps/s", -slower);
             prop_assert!(slower <= braking * middle_s + doubt, "slower by {slower} steps/s within {middle_s} s");
         }
+        // It ends slow enough: within a step of rest, or at the pull-in rate.
+        if let [.., before, last] = tail.as_slice() {
+            let speed = TICK_HZ / ((last.0 - before.0) as f64 - 1.0);
+            prop_assert!(speed <= pull_in.max((4.0 * braking).sqrt()), "stops from {speed} steps/s");
+        }
+    }
+
+    /// Whatever an Uno can run, and faster: steps of 100 ticks, braked within 30 ms to 1 s.
+    #[test]
+    fn a_tail_is_short(
+        log_speed in 2.0..5.2f64, stops_s in 0.01..1.0f64, theta in -0.49..0.49f64, back: bool, pull_in in 0.0..100.0f64,
+        fine: bool, coarse: bool,
+    ) {
+        let speed = 10f64.powf(log_speed);
+        let mut settings = Settings::new(16_000_000, if fine { 32 } else { 16 });
+        settings.tolerance_ticks = if coarse { 16.0 } else { 1.0 };
+        let braking = speed / stops_s;
+        settings.limits = Limits { max_speed: None, max_acceleration: Some(braking), pull_in };
+        let motion =
+            Motion { position: 0, theta, speed: if back { -speed } else { speed }, acceleration: 0.0 };
+        let moves = stop_tail(&motion, &settings).unwrap();
+        let packing = Packing { fraction_bits: settings.fraction_bits, gain: settings.gain().unwrap() };
+        let mut state = State::default();
+        let mut bytes = 0;
+        let mut len = |item: Item| packing.pack(&mut state, &item, &mut [0; MAX_PACKED_LEN]).unwrap();
+        for next in &moves {
+            match *next {
+                Move::Dwell { ticks } => bytes += len(Item::Dwell { ticks: ticks.try_into().unwrap() }),
+                Move::Run { segment, direction } => bytes += len(Item::Run { segment, direction }),
+            }
+        }
+        if std::env::var("SHOW").is_ok() {
+            let last = steps(moves.clone(), 0).last().map_or(0.0, |(tick, _)| *tick as f64 / TICK_HZ);
+            println!("SHOW {} {bytes} v={speed:.0} stop={stops_s:.3} F={} ratio={:.2} {:?}", moves.len(), settings.fraction_bits, last / stops_s,
+                moves.iter().map(|m| match m { Move::Run{segment,..} => segment.count, _ => 0 }).collect::<Vec<_>>());
+        }
+        prop_assert!(moves.len() <= 8, "{} segments", moves.len());
+        prop_assert!(bytes <= if fine { 90 } else { 60 }, "{bytes} bytes");
     }
 }

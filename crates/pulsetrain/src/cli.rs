@@ -38,7 +38,7 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Plan a motion, run it in virtual time (for an Uno: its firmware, on an emulated chip), judge every edge, and write report, steps, trace and plot
+    /// Plan a motion, run it in virtual time, judge every edge, and write report, steps, trace and plot
     #[command(after_help = "\
 Files written to DIR:
   report.json  what was planned, proven, run and judged
@@ -131,9 +131,9 @@ pub(crate) struct Run {
     /// Where the files go [default: out/ and the file's name without .toml]
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
-    /// Let the native board run it, in the ticks of the file's board: no firmware, no emulated chip
-    #[arg(long)]
-    pub(crate) native: bool,
+    /// Let the Uno's firmware run it, on an emulated chip, and judge its pins; for files of the board `uno`
+    #[arg(long = "virtual")]
+    pub(crate) on_virtual: bool,
     /// Print the report as JSON
     #[arg(long)]
     pub(crate) json: bool,

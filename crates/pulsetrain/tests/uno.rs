@@ -8,7 +8,6 @@ use pulsetrain_core::wire::message::MotorSetup;
 use pulsetrain_motion::program::{self, DriverTiming, Limits, Motor, Program, Scale, Tolerance};
 use pulsetrain_motion::{Grid, Law, Time};
 
-const TICK_HZ: u64 = 16_000_000;
 const TIMING: DriverTiming =
     DriverTiming { pulse_high_ns: 1000, pulse_low_ns: 1000, dir_setup_ns: 500, dir_hold_ns: 500 };
 

@@ -98,6 +98,12 @@ impl Link {
         regs::UDR0.write(byte);
     }
 
+    /// Whether bytes wait.
+    #[inline(always)]
+    pub(crate) fn has_unread(&self) -> bool {
+        regs::EEARL.read() != self.tail
+    }
+
     /// Bytes from the host, up to the end of the page, and `most`.
     #[inline(always)]
     pub(crate) fn unread(&mut self, most: u8) -> &'static [u8] {

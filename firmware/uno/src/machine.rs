@@ -3,9 +3,10 @@
 use crate::clock::{Clock, TICK_HZ};
 use crate::link::{Link, WINDOW};
 use crate::memory::{self, POOL, Queues};
+use crate::regs;
 use crate::steps::pins::{Layout, MAX_MOTORS};
 use crate::steps::stepper::{Stepper, Trouble};
-use pulsetrain_core::narrow::{PushRefused, SWITCHES};
+use pulsetrain_core::narrow::{self, PushRefused, SWITCHES};
 use pulsetrain_core::wire::frame::Tag;
 use pulsetrain_core::wire::message::{
     ALL_MOTORS, Cause, Configuration, Event, Info, Measures, MotorStatus, StatusHead, flags,
@@ -32,6 +33,8 @@ pub(crate) struct Board {
     /// Faults that were told, bit by motor.
     told: u8,
     was_idle: bool,
+    /// When the round being made began, or the last sleep ended.
+    woken: Moment,
     last_stop: Cause,
     last_reset: Cause,
     pub(crate) measures: Measures,
@@ -110,6 +113,7 @@ impl Board {
             events: Events { waiting: [None; 2] },
             told: 0,
             was_idle: true,
+            woken: Moment(0),
             last_stop: Cause::None,
             last_reset: Cause::None,
             measures: Board::NO_MEASURES,
@@ -140,14 +144,40 @@ impl Board {
         asleep_ticks: 0,
     };
 
-    /// Steps: everything that must be done often.
+    /// Steps: everything that must be done often. Whether there is nothing more to do until an interrupt comes.
     #[inline(always)]
-    pub(crate) fn work(&mut self, now: Moment) {
-        if self.armed
-            && let Some(queues) = &self.queues
-        {
-            self.stepper.run(now, queues);
+    pub(crate) fn work(&mut self, now: Moment) -> bool {
+        match &self.queues {
+            Some(queues) if self.armed => self.stepper.run(now, queues),
+            _ => true,
         }
+    }
+
+    /// Sleeps until an interrupt comes, unless bytes wait already.
+    #[inline(always)]
+    pub(crate) fn sleep(&mut self) {
+        let before = self.clock.moment();
+        regs::disable_interrupts();
+        if self.link.has_unread() {
+            regs::enable_interrupts();
+        } else {
+            regs::sleep();
+        }
+        let asleep = self.clock.moment().since(before);
+        self.measures.asleep_ticks += u64::from(asleep);
+        self.woken = before.after(asleep);
+    }
+
+    /// Counts a round of the main loop that begins now.
+    #[inline(always)]
+    pub(crate) fn count_round(&mut self, now: Moment) {
+        let [b0, b1, _, _] = now.since(self.woken).to_le_bytes();
+        let round = u16::from_le_bytes([b0, b1]);
+        if round > self.measures.longest_round_ticks {
+            self.measures.longest_round_ticks = round;
+        }
+        self.woken = now;
+        self.measures.rounds = self.measures.rounds.wrapping_add(1);
     }
 
     /// What can wait a millisecond. The line's rate is changed here, when the last answer is out.
@@ -164,6 +194,7 @@ impl Board {
         }
         if self.armed {
             self.look_for_faults();
+            self.look_at_motors();
         } else {
             let now = self.clock.moment();
             self.stepper.rest(now);
@@ -192,6 +223,24 @@ impl Board {
                     self.measures.starved = self.measures.starved.saturating_add(1);
                     self.stop(Cause::Starved, ALL_MOTORS, 0);
                 }
+            }
+        }
+    }
+
+    /// Tells what a motor's own queue asked for and could not be.
+    #[inline(never)]
+    fn look_at_motors(&mut self) {
+        for motor in 0..self.motors() {
+            let Some(axis) = self.stepper.axis_mut(motor) else { break };
+            let Some(fault) = axis.motor.fault() else { continue };
+            let cause = match fault.reason {
+                narrow::Reason::Missed => Cause::StepMissed,
+                narrow::Reason::Mismatch => Cause::CheckFailed,
+                narrow::Reason::Bad => Cause::BadItem,
+            };
+            if self.told & 1 << motor == 0 {
+                self.told |= 1 << motor;
+                self.tell(cause, motor, fault.tick.0);
             }
         }
     }

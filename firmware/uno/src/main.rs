@@ -84,11 +84,14 @@ unsafe fn begin() {
 /// The main loop. What it calls is not inlined: so the deepest call decides how much stack is needed, not their sum.
 fn run(board: &mut Board, service: &mut Service, reply: &mut Reply) -> ! {
     let mut last = Millis(0);
+    // Idle mode: timer and line go on (§10.3).
+    regs::SMCR.write(1);
     regs::enable_interrupts();
     loop {
         regs::kick_watchdog();
         let now = board.clock.moment();
-        board.work(now);
+        board.count_round(now);
+        let rest = board.work(now);
         let now = millis(now);
         let next = now != last;
         let heard = listen(board, service, now);
@@ -100,6 +103,8 @@ fn run(board: &mut Board, service: &mut Service, reply: &mut Reply) -> ! {
         if next {
             last = now;
             board.housekeeping(now);
+        } else if rest && !heard && reply.sent == reply.len {
+            board.sleep();
         }
     }
 }

@@ -15,7 +15,7 @@ use core::arch::global_asm;
 use pulsetrain_core::narrow::Pool;
 
 /// Bytes of all motors' queues together.
-pub(crate) const POOL: usize = 280;
+pub(crate) const POOL: usize = 248;
 
 /// The memory of all motors' queues.
 pub(crate) type Queues = Pool<POOL>;

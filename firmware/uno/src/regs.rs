@@ -51,6 +51,12 @@ impl Reg16 {
         u16::from_le_bytes([low, Reg8(self.0 + 1).read()])
     }
 
+    /// Its high byte, which no other register shares on reading: only counters are latched.
+    #[inline(always)]
+    pub(crate) fn high(self) -> u8 {
+        Reg8(self.0 + 1).read()
+    }
+
     /// Sets it: high byte first, which waits for the low one. Interrupts must be off.
     #[inline(always)]
     pub(crate) fn write(self, value: u16) {
@@ -111,15 +117,49 @@ pub(crate) const UDR0: Reg8 = Reg8(0xc6);
 /// an interrupt can be kept waiting: a few instructions, no more.
 #[inline(always)]
 pub(crate) fn free<R>(work: impl FnOnce() -> R) -> R {
+    let status = free_begin();
+    let result = work();
+    free_end(status);
+    result
+}
+
+/// Interrupts off; what [`free_end`] needs.
+#[inline(always)]
+pub(crate) fn free_begin() -> u8 {
     let status = SREG.read();
     // SAFETY: turning interrupts off breaks no rule of Rust's. The assembler block also keeps the compiler from moving
     // memory accesses out of the stretch.
     unsafe { asm!("cli") };
-    let result = work();
+    status
+}
+
+/// Interrupts as they were.
+#[inline(always)]
+pub(crate) fn free_end(status: u8) {
     // SAFETY: a barrier for the compiler, no instruction.
     unsafe { asm!("") };
     SREG.write(status);
-    result
+}
+
+/// Timer1's counter. Interrupts are off for 6 cycles, because they use the byte that all its registers share (§16.3).
+#[inline(always)]
+pub(crate) fn timer1() -> u16 {
+    let (low, high): (u8, u8);
+    // SAFETY: reads a counter, and leaves the flags as they were.
+    unsafe {
+        asm!(
+            "in {status}, 0x3f",
+            "cli",
+            "lds {low}, 0x84",
+            "lds {high}, 0x85",
+            "out 0x3f, {status}",
+            status = out(reg) _,
+            low = out(reg) low,
+            high = out(reg) high,
+            options(nomem, nostack, preserves_flags),
+        );
+    }
+    u16::from_le_bytes([low, high])
 }
 
 /// Lets interrupts in.

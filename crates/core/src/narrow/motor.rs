@@ -1,7 +1,7 @@
 //! The channel of one motor: packed items → events.
 //!
 //! The rules are those of [`Channel`](crate::Channel): ticks go up strictly; a step that cannot be made is not made, and
-//! what follows is dropped up to the next anchor; a step of the old epoch at a tick ≥ the switch's is not made.
+//! what follows of its epoch is dropped (there is one anchor in it, the first item: `Channel` would go on at another); a step of the old epoch at a tick ≥ the switch's is not made.
 
 use super::bytes::{Bytes, Pool, PushRefused};
 use super::registers::Registers;
@@ -16,7 +16,7 @@ pub const SWITCHES: usize = 2;
 pub const BLIND_STEPS: u8 = 31;
 
 /// The longest interval that [`Motor::blind`] grants, ticks.
-pub const SLOWEST_BLIND: u16 = 4095;
+pub const SLOWEST_BLIND: u16 = 16_383;
 
 /// What a motor needs to know.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -96,7 +96,7 @@ pub struct Motor {
     committed: bool,
     /// Whether the accumulator means anything.
     anchored: bool,
-    /// Whether the rest of the epoch cannot be read.
+    /// Whether the rest of the epoch cannot be read, or is not to be made.
     unreadable: bool,
     asserts_every_step: bool,
     gap: u16,
@@ -258,10 +258,9 @@ impl Motor {
             return 0;
         }
         let mut room = u16::try_from(until.since(last)).unwrap_or(u16::MAX);
-        // How many times `longest` there is room for: five bits of a quotient.
-        let mut times = longest << 4;
+        // How many times `longest` there is room for: five bits of a quotient, or three where 16 bits hold no more.
+        let (mut times, mut bit) = if longest < 1 << 12 { (longest << 4, 16u8) } else { (longest << 2, 4) };
         let mut steps = 0;
-        let mut bit = 16u8;
         while bit > 0 {
             if room >= times {
                 room -= times;
@@ -432,8 +431,10 @@ impl Motor {
     }
 
     #[cold]
+    #[inline(never)]
     fn miss(&mut self, tick: Moment) {
-        self.registers.give_up();
+        self.registers.left = 0;
+        self.unreadable = true;
         self.fail(Reason::Missed, tick);
     }
 

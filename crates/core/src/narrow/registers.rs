@@ -49,35 +49,11 @@ impl Registers {
         self.add = self.add.wrapping_add(self.add2);
     }
 
-    /// Moves the differences past the steps that are left, as if they had been made; the accumulator stays.
-    #[cold]
-    pub(super) const fn give_up(&mut self) {
-        let count = self.left as u32;
-        let pairs = count.wrapping_mul(count.wrapping_sub(1)) >> 1;
-        self.lengthen_times(self.add, count);
-        self.lengthen_times(self.add2, pairs);
-        self.add = self.add.wrapping_add(self.add2.wrapping_mul(count.cast_signed()));
-        self.left = 0;
-    }
-
     /// Adds 40 bits to the interval, modulo 2^40.
     pub(super) const fn lengthen(&mut self, low: u32, high: u8) {
         let (sum, carry) = self.interval_low.overflowing_add(low);
         self.interval_low = sum;
         self.interval_high = self.interval_high.wrapping_add(high).wrapping_add(carry as u8);
-    }
-
-    /// Adds `times` · `by` to the interval, modulo 2^40.
-    const fn lengthen_times(&mut self, by: i32, mut times: u32) {
-        let (mut low, mut high) = (by.cast_unsigned(), sign_byte(by));
-        while times != 0 {
-            if times & 1 != 0 {
-                self.lengthen(low, high);
-            }
-            high = high << 1 | (low >= 1 << 31) as u8;
-            low <<= 1;
-            times >>= 1;
-        }
     }
 }
 
@@ -129,18 +105,6 @@ mod tests {
                 prop_assert_eq!(interval, wide.interval.cast_unsigned() & MASK);
                 prop_assert_eq!(i64::from(registers.add).cast_unsigned() << 32, wide.add.cast_unsigned() << 32);
             }
-        }
-
-        #[test]
-        fn steps_given_up_leave_the_same_prediction(interval in 0i64..1 << 40, add: i32, add2: i32, left: u16) {
-            let segment = Segment { count: left.into(), interval, add: add.into(), add2: add2.into() };
-            let mut registers = narrow(&Recurrence { accumulator: 0, interval, add: add.into(), add2: add2.into() }, left);
-            registers.give_up();
-            let after = segment.after(left.into());
-            let interval = u64::from(registers.interval_high) << 32 | u64::from(registers.interval_low);
-            prop_assert_eq!(interval, after.interval.cast_unsigned() & MASK);
-            prop_assert_eq!(i64::from(registers.add).cast_unsigned() << 32, after.add.cast_unsigned() << 32);
-            prop_assert_eq!(registers.left, 0);
         }
     }
 }

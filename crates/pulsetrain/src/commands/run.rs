@@ -24,7 +24,11 @@ pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit>
     // All is planned, and refused if need be, before anything moves or is written.
     let planned = plan::plan(&prepared, console)?;
     let folder = args.out.clone().unwrap_or_else(|| default_folder(&args.motion.file));
-    let (recorded, runner) = if args.native || prepared.program.board.name != "uno" {
+    if args.on_virtual && prepared.program.board.name != "uno" {
+        let board = &prepared.program.board.name;
+        return Err(miette!(help = "leave --virtual out, or add --board uno", "there is no virtual `{board}` yet"));
+    }
+    let (recorded, runner) = if !args.on_virtual {
         let driven = Driven::native(&prepared)?;
         (to_files(&prepared, &planned, driven, Edges::default(), &folder, console)?, "native".to_owned())
     } else {

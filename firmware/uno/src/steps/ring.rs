@@ -26,7 +26,7 @@
 //! |---|---|
 //! | GPIOR0 | [`flags`], bit-addressable |
 //! | GPIOR1, GPIOR2, EEDR | r24, r30, r31 of whoever was interrupted (interrupts do not nest) |
-//! | EEARH | page of ring B: 3, or 2 when a merge plays it and page 3 has the lists |
+//! | EEARH | page of ring B: 2, or 1 when a merge plays it and page 2 has the lists |
 //! | OCR0A, OCR0B | low byte of the address of the next group to play, ring A and ring B |
 //!
 //! # Cycles
@@ -264,6 +264,62 @@ receive_page: .skip 128
     DIR_B_ON_PORTB = const flags::DIR_B_ON_PORTB,
 );
 
+// Looks at the groups from the newest to the next one to be played; 17 to 30 cycles each.
+//   r24:25  address of the pending group, in Z then
+//   r22     low byte of the address of the last to be looked at
+//   r20     levels
+//   r18 r19 STEP and DIR of the motor
+//   r16 r17 rise and fall of the group
+//   r14     with the compare hardware the bit that stands for STEP, else 0
+global_asm!(
+    r#"
+    .section .text.steps_unplayed, "ax", @progbits
+    .global steps_unplayed
+steps_unplayed:
+    push r16
+    push r17
+    movw r30, r24
+    clr r24
+    rjmp 4f
+1:  subi r30, 4
+    ld r16, Z
+    ldd r17, Z+3
+    tst r14
+    breq 4f
+    mov r25, r16                        // the hardware's bits
+    clr r16
+    sbrc r25, {PLAIN}
+    ldi r25, 1 << {TOGGLED} | 1 << {END_PULSE}
+    sbrc r25, {TOGGLED}
+    or r16, r14
+    sbrc r25, {END_PULSE}
+    or r17, r14
+4:  eor r20, r17                        // levels between rise and fall
+    mov r25, r16
+    and r25, r20
+    and r25, r18
+    breq 3f                             // no step begins
+    mov r25, r20
+    and r25, r19
+    breq 2f
+    subi r24, -2
+2:  dec r24
+3:  eor r20, r16
+    cp r30, r22
+    brne 1b
+    pop r17
+    pop r16
+    ret
+    "#,
+    PLAIN = const hardware::PLAIN.trailing_zeros(),
+    TOGGLED = const hardware::TOGGLED.trailing_zeros(),
+    END_PULSE = const hardware::END_PULSE.trailing_zeros(),
+);
+
+unsafe extern "C" {
+    fn steps_unplayed(newest: *mut u8, last: u8, levels: u8, step_dir: u16, rise_fall: u16, edge: u8) -> i8;
+}
+
 /// Bytes of a group.
 pub const GROUP: u8 = 4;
 
@@ -313,7 +369,7 @@ pub struct Ring {
 }
 
 /// Pages of rings A and B, as memory.ld asserts.
-const PAGES: [u8; 2] = [2, 3];
+const PAGES: [u8; 2] = [1, 2];
 
 impl Ring {
     /// A ring; [`Ring::clear`] comes before its use.
@@ -384,7 +440,7 @@ impl Ring {
 
     /// First byte of the pending group.
     #[inline(never)]
-    fn unplayed(&self, group: Group) -> u8 {
+    fn waiting(&self, group: Group) -> u8 {
         if self.edge == 0 { self.end } else { self.end | self.bits(group) }
     }
 
@@ -452,7 +508,7 @@ impl Ring {
         // SAFETY: the interrupt reads neither the pending group beyond its END nor the free one after it, until the
         // last write here publishes the first. Volatile writes keep their order.
         unsafe {
-            self.group(next).write_volatile(self.unplayed(group));
+            self.group(next).write_volatile(self.waiting(group));
             self.group(next.wrapping_add(3)).write_volatile(self.last(group));
             self.group(self.head.wrapping_add(1)).write_volatile(high);
             self.group(self.head.wrapping_add(2)).write_volatile(low);
@@ -475,7 +531,7 @@ impl Ring {
         // SAFETY: the caller's promise. Published groups only reach up to the pending one.
         unsafe {
             let last = super::expand::into_ring(registers, first, n, rise, self.last(step));
-            self.group(last).write_volatile(self.unplayed(step));
+            self.group(last).write_volatile(self.waiting(step));
             first.write_volatile(published);
             self.head = last;
         }
@@ -504,17 +560,38 @@ impl Ring {
         unsafe { self.tail_register().read_volatile() }
     }
 
-    /// Groups that were not played yet, the pending one first.
+    /// Steps of the groups that were not played yet, forward minus backward: those that make `lines`' STEP active while its DIR is
+    /// as it says. `levels` are those of STEP and DIR after the pending group, high where active and forward.
     ///
-    /// The interrupt may play more meanwhile; the oldest is the one that was next when this was called.
-    pub fn newest_first(&self) -> impl Iterator<Item = Group> {
-        let tail = self.tail();
-        let mut at = Some(self.head);
-        core::iter::from_fn(move || {
-            let index = at?;
-            at = (index != tail).then_some(index.wrapping_sub(GROUP));
-            Some(if index == self.head { self.pending } else { self.read(index) })
-        })
+    /// The interrupt may play more meanwhile: what counts is the moment at which this is called.
+    pub fn unplayed(&self, levels: u8, step: u8, dir: u8) -> i8 {
+        let Group { rise, fall } = self.pending;
+        // SAFETY: reads the published groups alone, which nobody writes now.
+        unsafe {
+            let newest = self.group(self.head);
+            let last = self.tail();
+            // The pending group's own bytes are END and its fall: they are given by hand.
+            steps_unplayed(
+                newest,
+                last,
+                levels,
+                u16::from_le_bytes([step, dir]),
+                u16::from_le_bytes([rise, fall]),
+                self.edge,
+            )
+        }
+    }
+
+    /// Whether no group is left to be played but fillers.
+    pub fn is_idle(&self) -> bool {
+        let mut at = self.tail();
+        while at != self.head {
+            if self.read(at) != Group::NOTHING {
+                return false;
+            }
+            at = at.wrapping_add(GROUP);
+        }
+        self.pending == Group::NOTHING
     }
 
     /// The published group at `index`.

@@ -57,7 +57,7 @@ const AGAIN: u16 = 48;
 /// After the ring ran empty the next group comes so soon, ticks: time enough to fill some more in.
 const LEAD: u16 = 800;
 /// Steps that come later than this after the ring ran empty are not made any more: the motors stop. 100 µs.
-const TOO_LATE: u32 = 1600;
+const TOO_LATE: u16 = 1600;
 
 /// The times of a configuration, ticks.
 #[derive(Clone, Copy, Debug)]
@@ -296,58 +296,40 @@ impl Track {
     #[inline(never)]
     fn watch(&mut self, now: Moment, busy: bool) -> Option<Trouble> {
         if regs::GPIOR0.read() & self.starved_flag() != 0 {
-            // It counts from here on, not from when the round began.
-            let now = now.after(u32::from(clock::read().wrapping_sub(low_half(now.0))));
-            let late = now.since(self.at);
-            if late >= TOO_LATE && late < 1 << 31 && busy {
+            let (compare, _) = self.compare();
+            // The compare register still has the tick of the group that is next.
+            let count = clock::read();
+            let late = count.wrapping_sub(compare.read());
+            if busy && late >= TOO_LATE {
                 return Some(Trouble::Starved);
             }
-            let soon = now.after(u32::from(LEAD));
+            // It counts from here on, not from when the round began.
+            let now = now.after(u32::from(count.wrapping_sub(low_half(now.0))));
             if self.ring.is_empty() {
-                self.at = soon;
+                self.at = now.after(u32::from(LEAD));
+                self.resume(self.at);
+            } else {
+                self.resume(now.after(u32::from(AGAIN)));
             }
-            self.resume(soon);
-            return busy.then_some(Trouble::Late { ticks: low_half(late) });
+            return busy.then_some(Trouble::Late { ticks: late });
         }
         let (compare, bit) = self.compare();
-        // Reading a compare register needs no shared byte (§16.3). If an interrupt sets it in between, it is ahead.
-        if clock::read().wrapping_sub(compare.read()).wrapping_sub(1) >= 0x7fff {
+        // A match lies ahead, or its interrupt has been kept waiting for some cycles. If it is behind by 512 to 32 767, it
+        // was missed and would be found 65 536 ticks later. Whole bytes say that, with interrupts on.
+        let [_, high, ..] = now.0.to_le_bytes();
+        if !matches!(high.wrapping_sub(compare.high()), 2..0x80) || regs::TIFR1.read() & bit != 0 {
             return None;
         }
-        let late = regs::free(|| {
-            let count = regs::TCNT1.read();
-            let late = count.wrapping_sub(compare.read());
-            // Behind the counter, and no interrupt waits to run: it would be found 65 536 ticks later.
-            if late == 0 || late >= 1 << 15 || regs::TIFR1.read() & bit != 0 {
-                return 0;
-            }
-            compare.write(count.wrapping_add(AGAIN));
-            late + AGAIN
-        });
+        let late = low_half(now.0).wrapping_sub(regs::free(|| compare.read()));
+        let again = clock::read().wrapping_add(AGAIN);
+        regs::free(|| compare.write(again));
         (late != 0).then_some(Trouble::Late { ticks: late })
     }
 
     /// Whether no group is left to be played but fillers.
     #[inline(never)]
     fn is_idle(&self) -> bool {
-        self.ring.newest_first().all(|group| group == Group::NOTHING)
-    }
-}
-
-impl Lines {
-    /// Takes `levels` back to before `group`; whether it made a step, and which way: 1, 0 or −1.
-    #[inline(never)]
-    fn take_back(self, levels: &mut u8, group: Group) -> i8 {
-        let before_fall = *levels ^ group.fall;
-        *levels = before_fall ^ group.rise;
-        let active = (before_fall & self.step != 0) != self.step_low();
-        if group.rise & self.step == 0 || !active {
-            0
-        } else if (before_fall & self.dir != 0) == self.forward_high() {
-            1
-        } else {
-            -1
-        }
+        self.ring.is_idle()
     }
 }
 
@@ -547,6 +529,8 @@ impl Stepper {
             track.ring.clear();
             track.resume(at);
         }
+        // Rings wake the processor often enough.
+        regs::free(|| regs::TIMSK1.clear(1));
     }
 
     /// The immediate stop: plays no group more, and forgets all that was to come. A pulse that was begun still ends.
@@ -662,25 +646,34 @@ impl Stepper {
         let [first, second] = &self.tracks;
         let track = if self.apiece && motor != 0 { second } else { first };
         let Some(Axis { lines, .. }) = self.axes().get(usize::from(motor)) else { return 0 };
+        let Lines { step, dir, .. } = *lines;
         let (mut levels, mut count) = (track.levels, 0);
-        // From the newest back to the next one to be played: first what is in no ring yet.
+        if lines.step_low() {
+            levels ^= step;
+        }
+        if !lines.forward_high() {
+            levels ^= dir;
+        }
+        // What is in no ring yet comes after what is.
         if self.merging
             && let Some(merge) = &self.merge
         {
-            let (ticks, group) = merge.listed(motor);
+            let (ticks, Group { rise, fall }) = merge.listed(motor);
             if ticks != 0 {
-                count += i16::from(lines.take_back(&mut levels, group)) * i16::from(ticks);
+                levels ^= fall;
+                if rise & levels & step != 0 {
+                    count = if levels & dir != 0 { i16::from(ticks) } else { -i16::from(ticks) };
+                }
+                levels ^= rise;
             }
         }
-        for group in track.ring.newest_first() {
-            count += i16::from(lines.take_back(&mut levels, group));
-        }
-        count
+        count + i16::from(track.ring.unplayed(levels, step, dir))
     }
 
-    /// Fills the rings as far as time allows.
+    /// Fills the rings as far as time allows. Whether there is nothing more to do until an interrupt comes.
     #[inline(never)]
-    pub(crate) fn run(&mut self, now: Moment, queues: &Queues) {
+    pub(crate) fn run(&mut self, now: Moment, queues: &Queues) -> bool {
+        let mut rest = true;
         let Stepper { tracks, axes, merge, last, times, trouble, fewest_groups, .. } = self;
         let mut axes = axes.all_mut();
         for track in tracks {
@@ -702,18 +695,19 @@ impl Stepper {
                 lanes::fill(merge, last, track, mine, now, queues, times);
             } else if free >= ROOM_FOR {
                 // More at once costs less, but the ring must outlast all else that the main loop does.
-                fill(track, mine, now, queues, times);
+                rest &= fill(track, mine, now, queues, times);
             }
             if axes.is_empty() {
                 break;
             }
         }
+        rest
     }
 }
 
-/// Fills one ring as far as time allows.
+/// Fills one ring as far as time allows. Whether there is nothing more to do until one of its groups has been played.
 #[inline(never)]
-fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, times: &Times) {
+fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, times: &Times) -> bool {
     // No further is looked in this call.
     let limit = track.at.after(FILLER);
     for axis in &mut *axes {
@@ -729,11 +723,11 @@ fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, time
         if let [axis] = axes
             && fast(track, axis, now, times)
         {
-            return;
+            return false;
         }
         let ahead = track.at.since(now);
         if track.ring.free() < 2 || (ahead >= AHEAD && ahead < 1 << 31) {
-            return;
+            return true;
         }
         let (index, due) = earliest(axes, limit.after(FILLER));
         if limit.is_before(due) {
@@ -741,8 +735,9 @@ fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, time
                 // Out of the way of what may come soon after it.
                 let clear = due.before(2 * u32::from(times.apart));
                 track.push(if clear.is_before(limit) { clear } else { limit }, Group::NOTHING);
+                return false;
             }
-            return;
+            return true;
         }
         play(track, axes, index, times);
         if let Some(axis) = axes.get_mut(index)
@@ -751,6 +746,7 @@ fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, time
             axis.look(queues, limit, times);
         }
     }
+    false
 }
 
 /// The fast engine of a motor that has a ring of its own: expands steps into it as long as nothing but steps comes.

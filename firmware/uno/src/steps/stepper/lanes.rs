@@ -18,6 +18,8 @@ use pulsetrain_core::Moment;
 const AHEAD: u32 = 49_152;
 /// The ring is looked after when it has room for so many groups.
 const ROOM: u8 = 8;
+/// Lanes are fed so often in a call at most; each takes about 1000 cycles.
+const FEEDS: u8 = 6;
 /// Steps in a list at most: a shorter list is ready sooner, and the ring does not run dry while four are made.
 const STEPS: u8 = 24;
 
@@ -32,6 +34,8 @@ struct Motors<'a> {
     queues: &'a Queues,
     /// Nothing is fed beyond this.
     limit: Moment,
+    /// How often lanes may be fed yet: the line waits meanwhile.
+    feeds: u8,
 }
 
 /// What the assembly calls when a list is used up.
@@ -46,7 +50,11 @@ unsafe extern "C" fn steps_feed(feeder: *mut u8, lane: u8, merge: *mut Merge) ->
 
 impl Axis {
     /// Feeds `lane` with steps that need no looking at, if there are any; gives the last one's tick.
-    fn steps(&mut self, merge: &mut Merge, lane: u8, times: &Times, limit: Moment) -> Option<Moment> {
+    fn steps(&mut self, merge: &mut Merge, lane: u8, times: &Times, limit: Moment, until: Moment) -> Option<Moment> {
+        // After a wait the next step may be too far away.
+        if until.is_before(self.motor.registers().next_tick()) {
+            return None;
+        }
         let steps = self.grant(u16::from(times.apart), limit, times).min(STEPS);
         if steps == 0 {
             return None;
@@ -61,15 +69,22 @@ impl Axis {
 
 impl Feeder for Motors<'_> {
     fn feed(&mut self, merge: &mut Merge, lane: u8) -> Result<(), Dry> {
-        let Motors { axes, levels, last, times, queues, limit } = self;
+        let Motors { axes, levels, last, times, queues, limit, feeds } = self;
+        if *feeds == 0 {
+            return Err(Dry);
+        }
+        *feeds -= 1;
         let index = usize::from(lane) % LANES;
         let last = &mut last[index];
         let until = last.after(FILLER);
         while let Some(axis) = axes.get_mut(index) {
-            let mut end = axis.steps(merge, lane, times, *limit);
+            let fresh = axis.motor.registers().left == 0;
+            let mut end = if fresh { None } else { axis.steps(merge, lane, times, *limit, until) };
             if end.is_none() && axis.wish == Wish::Nothing {
                 axis.look(queues, until, times);
-                end = axis.steps(merge, lane, times, *limit);
+                if fresh {
+                    end = axis.steps(merge, lane, times, *limit, until);
+                }
             }
             if let Some(end) = end {
                 *last = end;
@@ -123,6 +138,6 @@ pub(super) fn fill(
     let at = low_half(track.at.0);
     let levels = &mut track.levels;
     let limit = now.after(AHEAD);
-    let end = merge.run(&mut track.ring, at, &mut Motors { axes, levels, last, times, queues, limit });
+    let end = merge.run(&mut track.ring, at, &mut Motors { axes, levels, last, times, queues, limit, feeds: FEEDS });
     track.at = track.at.after(u32::from(end.wrapping_sub(at)));
 }
