@@ -316,7 +316,7 @@ impl Machine for Board {
             max_body: 0,
             switches: SWITCHES as u8,
             window: WINDOW,
-            bauds: 0,
+            bauds: 0b1_1111,
             last_stop: self.last_stop,
             last_reset: self.last_reset,
         }

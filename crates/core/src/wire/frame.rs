@@ -159,18 +159,21 @@ impl<'a> Encoder<'a> {
     /// Ends the frame and gives its length; `None` when the body is empty or longer than [`MAX_BODY`], or `out` too short.
     pub fn finish(mut self, tag: Tag) -> Option<usize> {
         self.close_run();
-        let len = u8::try_from(self.len - 2).ok().filter(|len| 0 < *len && usize::from(*len) <= MAX_BODY)?;
-        *self.out.first_mut()? = length_byte(len);
-        let sum = self.out.get(..self.len)?.iter().fold(Sum::START, |sum, byte| sum.with(*byte));
-        let end = self.out.get_mut(self.len..self.len + 4)?;
-        end[..3].copy_from_slice(&trailer(sum, tag));
-        end[3] = 0;
+        let [len, ..] = self.len.wrapping_sub(2).to_le_bytes();
+        if self.len < 3 || self.len > MAX_BODY + 2 {
+            return None;
+        }
+        let (body, end) = self.out.split_at_mut_checked(self.len)?;
+        *body.first_mut()? = length_byte(len);
+        let sum = body.iter().fold(Sum::START, |sum, byte| sum.with(*byte));
+        let [a, b, c] = trailer(sum, tag);
+        *end.first_chunk_mut()? = [a, b, c, 0];
         Some(self.len + 4)
     }
 
     fn close_run(&mut self) {
         // A run that is longer than a byte can say does not fit a frame anyway: `finish` refuses it.
-        let run = u8::try_from(self.len - self.code_at).unwrap_or(u8::MAX);
+        let [run, ..] = self.len.wrapping_sub(self.code_at).to_le_bytes();
         if let Some(code) = self.out.get_mut(self.code_at) {
             *code = run;
         }

@@ -569,7 +569,7 @@ pub struct Info {
     pub pool: u16,
     /// Bytes that may be on their way to the board.
     pub window: u16,
-    /// Rates, bit by code; the service's.
+    /// Rates that [`can_baud`](super::Machine::can_baud) says yes to, bit by code.
     pub bauds: u8,
     /// Why motors stopped last.
     pub last_stop: Cause,

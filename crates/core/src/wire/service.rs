@@ -489,10 +489,6 @@ impl Link {
                 info.nonce = self.nonce;
                 info.tag = if self.taken { self.tag } else { Tag::NONE };
                 info.max_body = self.max_body;
-                info.bauds = 0;
-                for baud in Baud::ALL {
-                    info.bauds |= u8::from(machine.can_baud(baud)) << baud as u8;
-                }
                 info.encode(frame);
             }
             kind::CONFIGURE => free(frame, machine),
