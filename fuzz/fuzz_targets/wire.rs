@@ -7,7 +7,7 @@ use libfuzzer_sys::fuzz_target;
 use pulsetrain_board::model::ModelPort;
 use pulsetrain_board::{Link, Port};
 use pulsetrain_core::wire::frame::{Received, Tag};
-use pulsetrain_core::wire::{Baud, Command, Decoder, Encoder, MAX_FRAME, Reply};
+use pulsetrain_core::wire::{Baud, Command, Decoder, Encoder, MAX_BODY, MAX_FRAME, Reply};
 use std::time::Duration;
 
 fuzz_target!(|input: Vec<(bool, Vec<u8>)>| {
@@ -18,7 +18,7 @@ fuzz_target!(|input: Vec<(bool, Vec<u8>)>| {
 
     let mut link = Link::new(1);
     link.hello(Duration::ZERO);
-    let (mut from_board, mut from_host) = (Decoder::new(), Decoder::new());
+    let (mut from_board, mut from_host) = (Decoder::<MAX_BODY>::new(), Decoder::<MAX_BODY>::new());
     let mut same_rate = true;
     let mut now = Duration::ZERO;
     for (is_body, bytes) in input.iter().take(50) {

@@ -11,7 +11,7 @@ const MAY_KNOW: [(&str, &[&str]); 9] = [
     ("pulsetrain-plan", &["pulsetrain-core", "pulsetrain-motion"]),
     // The judge is independent of what it judges: it knows the law, never the plan.
     ("pulsetrain-trace", &["pulsetrain-core", "pulsetrain-motion"]),
-    ("pulsetrain-board", &["pulsetrain-core"]),
+    ("pulsetrain-board", &["pulsetrain-core", "pulsetrain-emulator"]),
     (
         "pulsetrain",
         &["pulsetrain-board", "pulsetrain-core", "pulsetrain-motion", "pulsetrain-plan", "pulsetrain-trace"],

@@ -236,16 +236,19 @@ impl Link {
         self.row.push_back(Frame { seq, fills: None, bytes });
     }
 
-    /// Sends packed items to a motor's queue, at least one byte, at most [`MAX_PACKED`]. Beyond its [`Link::room`] the
+    /// Most packed bytes in one frame to this board.
+    #[must_use]
+    pub fn max_packed(&self) -> usize {
+        self.info.map_or(MAX_PACKED, |info| usize::from(info.max_body) - 3)
+    }
+
+    /// Sends packed items to a motor's queue, at least one byte, at most [`Link::max_packed`]. Beyond its [`Link::room`] the
     /// board does not take them, nor what follows, until there is room.
     ///
     /// # Panics
     /// With none or more.
     pub fn send(&mut self, motor: u8, epoch: Epoch, packed: &[u8], now: Duration) {
-        assert!(
-            (1..=MAX_PACKED).contains(&packed.len()) && packed.len() <= self.room(motor),
-            "within the motor's room"
-        );
+        assert!((1..=self.max_packed()).contains(&packed.len()), "a frame's worth of bytes");
         if self.row.is_empty() {
             self.heard = now;
         }

@@ -139,6 +139,7 @@ impl Machine for Model {
             max_motors: MOTORS,
             pool: POOL,
             window: UNREAD,
+            bauds: 0b1_1111,
             last_stop: self.last_stop,
             last_reset: Cause::PowerOn,
             switches: pulsetrain_core::channel::SWITCHES as u8,

@@ -6,6 +6,9 @@ use pulsetrain_core::packing::{CHECK_LEN, Check, MAX_PACKED_LEN, PackError, Pack
 /// Longest that one item gets, with a check before it.
 pub(crate) const MAX_LEN: usize = CHECK_LEN + MAX_PACKED_LEN;
 
+// Whatever the board: an item and its check are whole in a frame.
+const _: () = assert!(MAX_LEN + 3 <= pulsetrain_core::wire::LEAST_BODY);
+
 /// A check goes before steps once so many bytes have gone without one: about one in a frame.
 const CHECK_EVERY: usize = 64;
 

@@ -10,9 +10,7 @@ use crate::link::{Answer, Link, LinkError};
 use crate::packer::{MAX_LEN, Packer};
 use crate::{Board, BoardClock, Edge, Faults, Observer, Sizer, StopReport, SwitchRefused};
 use pulsetrain_core::packing::Packing;
-use pulsetrain_core::wire::message::{
-    Configuration, Event, Info, MAX_PACKED, Measures, MotorSetup, NO_PIN, Status, flags,
-};
+use pulsetrain_core::wire::message::{Configuration, Event, Info, Measures, MotorSetup, NO_PIN, Status, flags};
 use pulsetrain_core::wire::{Baud, Command, Reason, Reply, Switched};
 use pulsetrain_core::{Entry, Epoch};
 use std::time::Duration;
@@ -272,6 +270,11 @@ impl<P: Port> Remote<P> {
     /// # Panics
     /// With more than 8 motors.
     pub fn configure(&mut self, setup: &Setup) -> Result<(), RemoteError> {
+        if setup.motors.len() > usize::from(self.info.max_motors) {
+            // A frame that is too long would not even be refused.
+            let (what, reason) = ("take this configuration", Reason::TooManyMotors);
+            return Err(RemoteError::Refused { what, reason, detail: u16::from(self.info.max_motors) });
+        }
         let motors: Vec<u8> = setup.motors.iter().flat_map(MotorSetup::to_bytes).collect();
         let mut configuration = Configuration::new(&motors).expect("at most 8 motors");
         configuration.pulse_ticks = setup.pulse_ticks;
@@ -571,7 +574,7 @@ impl<P: Port> Board for Remote<P> {
         if lost {
             return Ok(());
         }
-        if fresh || motor.packed.len() + len > MAX_PACKED {
+        if fresh || motor.packed.len() + len > self.link.max_packed() {
             // Motors are at most 8.
             motor.flush(index as u8, &mut self.link, now);
         }

@@ -10,7 +10,7 @@ use pulsetrain_core::wire::message::{
 };
 use pulsetrain_core::wire::service::{SILENCE_MS, TRIAL_MS};
 use pulsetrain_core::wire::{
-    Baud, Command, Decoder, Encoder, MAX_BODY, MAX_FRAME, MAX_MOTORS, Reply, Switched, VERSION,
+    Baud, Command, Decoder, Encoder, LEAST_BODY, MAX_BODY, MAX_FRAME, MAX_MOTORS, Reply, Switched, VERSION,
 };
 use std::time::Duration;
 
@@ -141,6 +141,7 @@ fn numbers_are_those_of_the_code() {
     assert_eq!(rows("The line", "code"), bauds);
     let limits = [
         ("longest body", format!("{MAX_BODY} bytes")),
+        ("longest body that every board takes", format!("{LEAST_BODY} bytes")),
         ("longest frame", format!("{MAX_FRAME} bytes")),
         ("most packed bytes in a frame", format!("{MAX_PACKED} bytes")),
         ("motors", MAX_MOTORS.to_string()),
@@ -246,7 +247,7 @@ fn the_session_goes_as_it_is_told() {
 /// The remarks of the session speak of what its bytes say.
 #[test]
 fn the_session_is_what_its_remarks_say() {
-    let mut decoder = Decoder::new();
+    let mut decoder = Decoder::<MAX_BODY>::new();
     let mut take = |hex: &str| {
         let mut taken = None;
         for byte in bytes(hex) {

@@ -17,7 +17,7 @@ fn framed(body: &[u8], tag: Tag) -> Vec<u8> {
 
 /// The frames that a decoder takes from `line`.
 fn taken(line: &[u8]) -> Vec<(Tag, Vec<u8>)> {
-    let mut decoder = Decoder::new();
+    let mut decoder = Decoder::<MAX_BODY>::new();
     let mut frames = Vec::new();
     for byte in line {
         if let Received::Frame(tag) = decoder.push(*byte) {
@@ -96,7 +96,7 @@ fn check_flips(frame: &[u8]) {
     let bits = 8 * frame.len();
     let flip = |line: &mut [u8], bit: usize| line[bit / 8] ^= 1 << (bit % 8);
     let check = |line: &[u8]| {
-        let mut decoder = Decoder::new();
+        let mut decoder = Decoder::<MAX_BODY>::new();
         let mut seen_next = false;
         for byte in line {
             if let Received::Frame(tag) = decoder.push(*byte) {
@@ -134,6 +134,40 @@ proptest! {
         let line: Vec<u8> = bodies.iter().flat_map(|(body, tag)| framed(body, Tag(*tag))).collect();
         let expected: Vec<_> = bodies.iter().map(|(body, tag)| (Tag(*tag), body.clone())).collect();
         prop_assert_eq!(taken(&line), expected);
+    }
+
+    /// In portions of any size it is the same as byte by byte, whatever comes.
+    #[test]
+    fn portions_do_not_matter(
+        parts in prop::collection::vec(
+            prop_oneof![
+                prop::collection::vec(prop_oneof![Just(0u8), any::<u8>()], 1..=MAX_BODY).prop_map(|body| framed(&body, Tag(5))),
+                prop::collection::vec(any::<u8>(), 0..120),
+            ],
+            1..6,
+        ),
+        portion in 1usize..100,
+    ) {
+        let line = parts.concat();
+        let (mut one, mut all) = (Decoder::<60>::new(), Decoder::<60>::new());
+        let mut here = Vec::new();
+        for byte in &line {
+            match one.push(*byte) {
+                Received::More => {}
+                received => here.push((received, one.body().to_vec())),
+            }
+        }
+        let mut there = Vec::new();
+        for mut portion in line.chunks(portion) {
+            while !portion.is_empty() {
+                let (taken, received) = all.feed(portion);
+                portion = &portion[taken..];
+                if received != Received::More {
+                    there.push((received, all.body().to_vec()));
+                }
+            }
+        }
+        prop_assert_eq!(here, there);
     }
 
     #[test]

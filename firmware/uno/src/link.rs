@@ -104,17 +104,18 @@ impl Link {
         regs::EEARL.read() != self.tail
     }
 
-    /// The next byte from the host.
+    /// Bytes from the host, up to the end of the page, and `most`.
     #[inline(always)]
-    pub(crate) fn receive(&mut self) -> Option<u8> {
+    pub(crate) fn unread(&mut self, most: u8) -> &'static [u8] {
         let unread = regs::EEARL.read().wrapping_sub(self.tail) & (PAGE - 1);
-        if unread == 0 {
-            return None;
-        }
         self.most_unread = self.most_unread.max(unread);
-        let byte = memory::received(self.tail);
-        self.tail = (self.tail + 1) & (PAGE - 1);
-        Some(byte)
+        memory::received(self.tail, unread.min(PAGE - self.tail).min(most))
+    }
+
+    /// So many of them were read.
+    #[inline(always)]
+    pub(crate) fn read(&mut self, count: u8) {
+        self.tail = (self.tail + count) & (PAGE - 1);
     }
 }
 

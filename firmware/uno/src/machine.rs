@@ -310,9 +310,10 @@ impl Machine for Board {
             fraction_bits: 16,
             max_motors: MAX_MOTORS as u8,
             pool: POOL as u16,
+            max_body: 0,
             switches: SWITCHES as u8,
             window: WINDOW,
-            bauds: 0,
+            bauds: 0b1_1111,
             last_stop: self.last_stop,
             last_reset: self.last_reset,
         }

@@ -125,13 +125,10 @@ impl Reply {
 /// Takes bytes from the line, up to the end of a frame; whether it came to one.
 #[inline(never)]
 fn listen(board: &mut Board, service: &mut Service, now: Millis) -> bool {
-    for _ in 0..BYTES_A_ROUND {
-        let Some(byte) = board.link.receive() else { break };
-        if service.push(byte, now, board) {
-            return true;
-        }
-    }
-    false
+    let bytes = board.link.unread(BYTES_A_ROUND);
+    let (taken, ended) = service.feed(bytes, now, board);
+    board.link.read(taken as u8);
+    ended
 }
 
 /// Asks the service for a reply.

@@ -37,11 +37,13 @@ pub(crate) fn end_of_program() -> ! {
     stop_and_reset()
 }
 
-/// A byte of the receive page. What the interrupt has not filled yet is whatever was there.
+/// `len` bytes of the receive page, from `at` on: those between tail and head.
 #[inline(always)]
-pub(crate) fn received(at: u8) -> u8 {
-    // SAFETY: inside the page; one byte, which the interrupt writes before it moves its head beyond it.
-    unsafe { (&raw const receive_page).cast::<u8>().add(usize::from(at)).read_volatile() }
+pub(crate) fn received(at: u8, len: u8) -> &'static [u8] {
+    let first = (&raw const receive_page).cast::<u8>();
+    // SAFETY: inside the page: `at` is below its length, and the caller keeps to its end. The interrupt wrote them before it
+    // moved its head beyond them, and writes there no more until the tail is beyond them too.
+    unsafe { core::slice::from_raw_parts(first.add(usize::from(at)), usize::from(len)) }
 }
 
 /// What the reset note said, and what it says from now on.

@@ -174,10 +174,6 @@ impl<'a> Reader<'a> {
         self.array().map(u64::from_le_bytes)
     }
 
-    fn rest(&mut self) -> &'a [u8] {
-        core::mem::take(&mut self.0)
-    }
-
     /// `value`, if nothing is left over.
     fn end<T>(&self, value: T) -> Option<T> {
         self.0.is_empty().then_some(value)
@@ -271,8 +267,33 @@ pub enum Command<'a> {
     },
 }
 
-/// Most packed bytes in one frame.
+/// Most packed bytes in one frame, to a board that takes the longest bodies; else three fewer than its longest body.
 pub const MAX_PACKED: usize = super::MAX_BODY - 3;
+
+/// The payload of a command other than Configure and Data, if it is as long as its kind says: its first byte, or 0, and a
+/// number in those after it.
+pub(super) fn parts(kind: u8, payload: &[u8]) -> Result<(u8, &[u8]), Reason> {
+    let len = match kind {
+        kind::HELLO => 5,
+        kind::SWITCH => 9,
+        kind::DISCARD | kind::BAUD | kind::MEASURES => 1,
+        kind::ARM | kind::RELEASE | kind::CLOCK | kind::STATUS | kind::STOP_NOW | kind::BYE | kind::POLL => 0,
+        _ => return Err(Reason::UnknownKind),
+    };
+    if payload.len() != len {
+        return Err(Reason::Malformed);
+    }
+    Ok(payload.split_first().map_or((0, &[]), |(first, number)| (*first, number)))
+}
+
+/// The first bytes of `bytes`, and zeros if it has fewer.
+pub(super) fn padded<const N: usize>(bytes: &[u8]) -> [u8; N] {
+    let mut all = [0; N];
+    for (place, byte) in all.iter_mut().zip(bytes) {
+        *place = *byte;
+    }
+    all
+}
 
 impl<'a> Command<'a> {
     /// Byte 1 of its body.
@@ -301,41 +322,33 @@ impl<'a> Command<'a> {
     /// # Errors
     /// [`Reason::UnknownKind`] or [`Reason::Malformed`].
     pub fn decode(kind: u8, payload: &'a [u8]) -> Result<Command<'a>, Reason> {
-        let mut reader = Reader(payload);
-        let command = match kind {
-            kind::HELLO => Command::hello(&mut reader),
-            kind::CONFIGURE => Configuration::decode(&mut reader).map(Command::Configure),
-            kind::ARM => Some(Command::Arm),
-            kind::RELEASE => Some(Command::Release),
-            kind::CLOCK => Some(Command::Clock),
-            kind::STATUS => Some(Command::Status),
-            kind::DISCARD => reader.u8().map(|epoch| Command::Discard { epoch: Epoch(epoch) }),
-            kind::SWITCH => Command::switch(&mut reader),
-            kind::STOP_NOW => Some(Command::StopNow),
-            kind::BAUD => reader.u8().and_then(Baud::from_code).map(|baud| Command::Baud { baud }),
-            kind::BYE => Some(Command::Bye),
-            kind::POLL => Some(Command::Poll),
-            kind::MEASURES => {
-                reader.u8().filter(|reset| *reset < 2).map(|reset| Command::Measures { reset: reset == 1 })
-            }
-            kind::DATA..0x18 => Command::data(kind - kind::DATA, &mut reader),
-            _ => return Err(Reason::UnknownKind),
-        };
-        command.and_then(|command| reader.end(command)).ok_or(Reason::Malformed)
-    }
-
-    fn hello(reader: &mut Reader<'a>) -> Option<Command<'a>> {
-        Some(Command::Hello { version: reader.u8()?, nonce: reader.u32()? })
-    }
-
-    fn switch(reader: &mut Reader<'a>) -> Option<Command<'a>> {
-        Some(Command::Switch { epoch: Epoch(reader.u8()?), tick: reader.u64()? })
-    }
-
-    fn data(motor: u8, reader: &mut Reader<'a>) -> Option<Command<'a>> {
-        let epoch = Epoch(reader.u8()?);
-        let packed = reader.rest();
-        (!packed.is_empty()).then_some(Command::Data { motor, epoch, packed })
+        if let kind::DATA..0x18 = kind {
+            return match payload {
+                [epoch, packed @ ..] if !packed.is_empty() => {
+                    Ok(Command::Data { motor: kind & 7, epoch: Epoch(*epoch), packed })
+                }
+                _ => Err(Reason::Malformed),
+            };
+        }
+        if kind == kind::CONFIGURE {
+            return Configuration::decode(payload).map(Command::Configure).ok_or(Reason::Malformed);
+        }
+        let (first, number) = parts(kind, payload)?;
+        Ok(match kind {
+            kind::HELLO => Command::Hello { version: first, nonce: u32::from_le_bytes(padded(number)) },
+            kind::ARM => Command::Arm,
+            kind::RELEASE => Command::Release,
+            kind::CLOCK => Command::Clock,
+            kind::STATUS => Command::Status,
+            kind::DISCARD => Command::Discard { epoch: Epoch(first) },
+            kind::SWITCH => Command::Switch { epoch: Epoch(first), tick: u64::from_le_bytes(padded(number)) },
+            kind::STOP_NOW => Command::StopNow,
+            kind::BAUD => Command::Baud { baud: Baud::from_code(first).ok_or(Reason::Malformed)? },
+            kind::BYE => Command::Bye,
+            kind::POLL => Command::Poll,
+            _ if first > 1 => return Err(Reason::Malformed),
+            _ => Command::Measures { reset: first == 1 },
+        })
     }
 
     /// Makes a frame of it in the front of `out` and gives its length; `None` if it does not fit.
@@ -482,28 +495,25 @@ impl<'a> Configuration<'a> {
         self.motors.as_chunks::<MOTOR_SETUP_LEN>().0.iter().map(|bytes| MotorSetup::from_bytes(*bytes))
     }
 
-    fn decode(reader: &mut Reader<'a>) -> Option<Configuration<'a>> {
-        // In one piece: on an AVR each `?` costs.
-        let [p0, p1, s0, s1, h0, h1, enable_pin, flags, i0, i1, l0, l1, count] = reader.array()?;
-        let [pulse_ticks, setup_ticks] = [u16::from_le_bytes([p0, p1]), u16::from_le_bytes([s0, s1])];
-        let [hold_ticks, idle_ms] = [u16::from_le_bytes([h0, h1]), u16::from_le_bytes([i0, i1])];
-        let silence_ms = u16::from_le_bytes([l0, l1]);
-        let motors = reader.rest();
-        let (setups, rest) = motors.as_chunks::<MOTOR_SETUP_LEN>();
-        let known = setups.iter().fold(flags, |known, setup| known | setup[2]);
-        if known & !3 != 0 || !rest.is_empty() || setups.len() != usize::from(count) || setups.len() > MAX_MOTORS {
+    pub(super) fn decode(payload: &'a [u8]) -> Option<Configuration<'a>> {
+        let (head, motors) = payload.split_first_chunk::<13>()?;
+        let [p0, p1, s0, s1, h0, h1, enable_pin, flags, i0, i1, q0, q1, count] = *head;
+        let mut unknown = flags;
+        for [_, _, flags, ..] in motors.as_chunks::<MOTOR_SETUP_LEN>().0 {
+            unknown |= flags;
+        }
+        if unknown & !3 != 0 || motors.len() != usize::from(count) << 3 {
             return None;
         }
-        Some(Configuration {
-            pulse_ticks,
-            setup_ticks,
-            hold_ticks,
-            enable_pin,
-            enable_high: flags & 1 != 0,
-            idle_ms: (flags & 2 != 0).then_some(idle_ms),
-            silence_ms,
-            motors,
-        })
+        let mut configuration = Configuration::new(motors)?;
+        configuration.pulse_ticks = u16::from_le_bytes([p0, p1]);
+        configuration.setup_ticks = u16::from_le_bytes([s0, s1]);
+        configuration.hold_ticks = u16::from_le_bytes([h0, h1]);
+        configuration.enable_pin = enable_pin;
+        configuration.enable_high = flags & 1 != 0;
+        configuration.idle_ms = (flags & 2 != 0).then_some(u16::from_le_bytes([i0, i1]));
+        configuration.silence_ms = u16::from_le_bytes([q0, q1]);
+        Some(configuration)
     }
 
     fn encode(&self, frame: &mut Encoder<'_>) {
@@ -538,6 +548,7 @@ impl<'a> Configuration<'a> {
 /// | 23 | [`Cause`] of the last stop |
 /// | 24 | [`Cause`] of the last reset |
 /// | 25 | switches that may wait, one after the other |
+/// | 26 | bytes of the longest body that the board takes, 47 to 80 |
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Info {
     /// The host's number from Hello; the service's.
@@ -558,7 +569,7 @@ pub struct Info {
     pub pool: u16,
     /// Bytes that may be on their way to the board.
     pub window: u16,
-    /// Rates, bit by code; the service's.
+    /// Rates that [`can_baud`](super::Machine::can_baud) says yes to, bit by code.
     pub bauds: u8,
     /// Why motors stopped last.
     pub last_stop: Cause,
@@ -566,6 +577,8 @@ pub struct Info {
     pub last_reset: Cause,
     /// Switches that may wait, one after the other.
     pub switches: u8,
+    /// Bytes of the longest body that the board takes; the service's.
+    pub max_body: u8,
 }
 
 impl Info {
@@ -584,6 +597,7 @@ impl Info {
         last_stop: Cause::None,
         last_reset: Cause::None,
         switches: 0,
+        max_body: 0,
     };
 
     /// Writes it.
@@ -602,6 +616,7 @@ impl Info {
         frame.u8(self.last_stop as u8);
         frame.u8(self.last_reset as u8);
         frame.u8(self.switches);
+        frame.u8(self.max_body);
     }
 
     fn decode(reader: &mut Reader<'_>) -> Option<Info> {
@@ -619,6 +634,7 @@ impl Info {
             last_stop: Cause::from_code(reader.u8()?)?,
             last_reset: Cause::from_code(reader.u8()?)?,
             switches: reader.u8()?,
+            max_body: reader.u8().filter(|len| (super::LEAST_BODY..=super::MAX_BODY).contains(&usize::from(*len)))?,
         })
     }
 }

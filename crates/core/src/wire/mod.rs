@@ -27,6 +27,9 @@ pub const VERSION: u8 = 1;
 /// Motors that messages have room for.
 pub const MAX_MOTORS: usize = 8;
 
+/// Every board takes bodies of so many bytes: a configuration of four motors. How many more it takes, [`message::Info`] says.
+pub const LEAST_BODY: usize = 2 + 13 + 4 * message::MOTOR_SETUP_LEN;
+
 /// How fast the line is. Both ends begin at [`Baud::B115200`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[repr(u8)]

@@ -18,8 +18,9 @@
 
 use super::frame::{Decoder, Encoder, Received, Tag};
 use super::machine::{Machine, Refusal, Stopped, Switched};
-use super::message::{Cause, Command, Event, Info, Measures, Missing, Reason, Status, kind};
-use super::{Baud, Millis, VERSION};
+use super::message::{Cause, Configuration, Event, Missing, Reason, Status, kind, padded, parts};
+use super::{Baud, LEAST_BODY, MAX_BODY, Millis, VERSION};
+use crate::Epoch;
 
 /// How long a board listens at a new rate before it goes back to 115 200 baud, ms.
 pub const TRIAL_MS: u16 = 250;
@@ -45,6 +46,16 @@ struct Answer {
     outcome: Outcome,
 }
 
+/// What a reply says.
+#[derive(Clone, Copy, Debug)]
+enum Say {
+    Missing(Missing),
+    Ack,
+    Event(Event),
+    Refused { kind: u8, refusal: Refusal },
+    Answer,
+}
+
 /// How far a change of rate is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Change {
@@ -59,10 +70,11 @@ enum Change {
     FellBack,
 }
 
-/// The board's side of the link. About 130 bytes, most of them one frame.
+/// The board's side of the link, for bodies of up to `N` bytes: of [`LEAST_BODY`] to [`MAX_BODY`]. So many and some 45 bytes
+/// large.
 #[derive(Clone, Debug)]
-pub struct Service {
-    decoder: Decoder,
+pub struct Service<const N: usize = MAX_BODY> {
+    decoder: Decoder<N>,
     link: Link,
     /// Nothing was said at this rate yet.
     new_rate: bool,
@@ -94,14 +106,16 @@ struct Link {
     change: Change,
     /// To be told as an event.
     fell_back: bool,
+    max_body: u8,
     events: u8,
     damaged: u16,
 }
 
-impl Service {
+impl<const N: usize> Service<N> {
     /// Nobody has taken the board; the line is at 115 200 baud.
     #[must_use]
-    pub const fn new() -> Service {
+    pub const fn new() -> Service<N> {
+        const { assert!(LEAST_BODY <= N && N <= MAX_BODY) };
         let link = Link {
             tag: Tag::NONE,
             nonce: 0,
@@ -119,6 +133,8 @@ impl Service {
             baud: Baud::B115200,
             change: Change::None,
             fell_back: false,
+            #[expect(clippy::cast_possible_truncation, reason = "below 128")]
+            max_body: N as u8,
             events: 0,
             damaged: 0,
         };
@@ -137,18 +153,24 @@ impl Service {
         self.link.baud
     }
 
-    /// Takes bytes from the line, in any portions.
-    pub fn feed(&mut self, bytes: &[u8], now: Millis, machine: &mut impl Machine) {
-        for byte in bytes {
-            self.push(*byte, now, machine);
-        }
+    /// Takes bytes from the line up to the end of a frame, and does what it asks. Gives how many it took, and whether
+    /// something ended, so that a reply may be due.
+    pub fn feed(&mut self, bytes: &[u8], now: Millis, machine: &mut impl Machine) -> (usize, bool) {
+        let (taken, received) = self.decoder.feed(bytes);
+        self.receive(received, now, machine);
+        (taken, received != Received::More)
     }
 
     /// Takes one byte from the line. `true` when it ended something, so that a reply may be due.
-    #[inline]
     pub fn push(&mut self, byte: u8, now: Millis, machine: &mut impl Machine) -> bool {
-        match self.decoder.push(byte) {
-            Received::More => return false,
+        let received = self.decoder.push(byte);
+        self.receive(received, now, machine);
+        received != Received::More
+    }
+
+    fn receive(&mut self, received: Received, now: Millis, machine: &mut impl Machine) {
+        match received {
+            Received::More => {}
             Received::Frame(tag) => {
                 if let [seq, kind, payload @ ..] = self.decoder.body() {
                     self.link.frame(tag, *seq, *kind, payload, now, machine);
@@ -156,7 +178,6 @@ impl Service {
             }
             Received::Damaged => self.link.damaged(),
         }
-        true
     }
 
     /// Looks at the clock, and writes the reply that is due into the front of `out`; gives its length, 0 if there is none.
@@ -190,38 +211,64 @@ impl Service {
 impl Link {
     /// The reply that is due.
     fn reply(&mut self, machine: &mut impl Machine, out: &mut [u8]) -> usize {
+        let Some((seq, kind, tag, say)) = self.due(machine) else { return 0 };
+        let mut frame = Encoder::new(out);
+        frame.u8(seq);
+        frame.u8(kind);
+        match say {
+            Say::Missing(why) => frame.u8(why as u8),
+            Say::Ack => {
+                frame.u8(machine.flags());
+                free(&mut frame, machine);
+            }
+            Say::Event(event) => event.encode(&mut frame),
+            Say::Refused { kind, refusal } => {
+                frame.u8(kind);
+                frame.u8(refusal.reason as u8);
+                frame.u16(refusal.detail);
+            }
+            Say::Answer => self.answer(machine, &mut frame),
+        }
+        frame.finish(tag).unwrap_or(0)
+    }
+
+    /// What is to be said next, with its sequence number, kind and tag.
+    fn due(&mut self, machine: &mut impl Machine) -> Option<(u8, u8, Tag, Say)> {
         if let Some(seq) = self.refusal_due.take() {
             let refusal = Refusal::of(Reason::Taken);
-            return reply(out, seq, kind::REFUSED, Tag::NONE, |frame| refuse(frame, kind::HELLO, refusal));
+            return Some((seq, kind::REFUSED, Tag::NONE, Say::Refused { kind: kind::HELLO, refusal }));
         }
+        let tag = if self.taken { self.tag } else { Tag::NONE };
         if self.answer_due {
             self.answer_due = false;
             self.ack_due = false;
-            return self.write_answer(machine, out);
+            let Answer { seq, kind, outcome } = self.answer;
+            return Some(match outcome {
+                Outcome::Refused(refusal) => (seq, kind::REFUSED, tag, Say::Refused { kind, refusal }),
+                _ => (seq, kind | kind::ANSWER, if kind == kind::HELLO { Tag::NONE } else { tag }, Say::Answer),
+            });
         }
-        let (last, tag) = (self.expected.wrapping_sub(1), if self.taken { self.tag } else { Tag::NONE });
+        let last = self.expected.wrapping_sub(1);
         if let Some(why) = self.missing_due.take() {
-            return reply(out, last, kind::MISSING, tag, |frame| frame.u8(why as u8));
+            return Some((last, kind::MISSING, tag, Say::Missing(why)));
         }
         if self.ack_due {
             self.ack_due = false;
-            return reply(out, last, kind::POLL | kind::ANSWER, tag, |frame| acknowledge(frame, machine));
+            return Some((last, kind::POLL | kind::ANSWER, tag, Say::Ack));
         }
         // Around a change of rate nobody may hear it.
         if !self.taken || matches!(self.change, Change::Due(_) | Change::Trial { .. }) {
-            return 0;
+            return None;
         }
         let event = if self.fell_back {
             self.fell_back = false;
             let (cause, motor) = (Cause::BaudFellBack, super::message::ALL_MOTORS);
-            Some(Event { cause, motor, tick: machine.clock(), detail: 0 })
+            Event { cause, motor, tick: machine.clock(), detail: 0 }
         } else {
-            machine.event()
+            machine.event()?
         };
-        event.map_or(0, |event| {
-            self.events = self.events.wrapping_add(1);
-            reply(out, self.events, kind::EVENT, tag, |frame| event.encode(frame))
-        })
+        self.events = self.events.wrapping_add(1);
+        Some((self.events, kind::EVENT, tag, Say::Event(event)))
     }
 
     /// What time brings: the new rate, the end of its trial, a host that is lost.
@@ -264,8 +311,10 @@ impl Link {
 
     fn frame(&mut self, tag: Tag, seq: u8, kind: u8, payload: &[u8], now: Millis, machine: &mut impl Machine) {
         if tag == Tag::NONE {
-            match Command::decode(kind, payload) {
-                Ok(Command::Hello { version, nonce }) => self.hello(seq, version, nonce, now),
+            match (kind, parts(kind, payload)) {
+                (kind::HELLO, Ok((version, nonce))) => {
+                    self.hello(seq, version, u32::from_le_bytes(padded(nonce)), now);
+                }
                 _ if self.taken => {}
                 _ => self.missing_due = Some(Missing::NotTaken),
             }
@@ -317,71 +366,80 @@ impl Link {
 
     /// The frame that is next.
     fn take(&mut self, seq: u8, kind: u8, payload: &[u8], machine: &mut impl Machine) {
-        let outcome = match Command::decode(kind, payload) {
-            Ok(Command::Data { motor, epoch, packed }) => match machine.push(motor, epoch, packed) {
-                Ok(()) => None,
-                Err(Refusal { reason: Reason::Full, .. }) => {
-                    self.miss(Missing::NoRoom);
-                    return;
-                }
-                Err(refusal) => Some(Outcome::Refused(refusal)),
-            },
-            Ok(Command::Poll) => None,
-            Ok(command) => Some(self.execute(&command, machine)),
-            Err(reason) => Some(Outcome::Refused(Refusal { reason, detail: u16::from(kind) })),
+        let malformed = Refusal { reason: Reason::Malformed, detail: u16::from(kind) };
+        let mut is_answered = true;
+        let done = if let kind::DATA..0x18 = kind {
+            let pushed = match payload {
+                [epoch, packed @ ..] if !packed.is_empty() => machine.push(kind & 7, Epoch(*epoch), packed),
+                _ => Err(malformed),
+            };
+            if let Err(Refusal { reason: Reason::Full, .. }) = pushed {
+                return self.miss(Missing::NoRoom);
+            }
+            is_answered = pushed.is_err();
+            pushed
+        } else if kind == kind::POLL && payload.is_empty() {
+            is_answered = false;
+            Ok(())
+        } else {
+            self.answer.outcome = Outcome::Done;
+            self.execute(kind, payload, machine)
         };
         self.expected = seq.wrapping_add(1);
         self.missing_told = false;
         self.missing_due = None;
-        match outcome {
-            Some(outcome) => {
-                self.answer = Answer { seq, kind, outcome };
-                self.answer_due = true;
-            }
-            None => self.ack_due = true,
+        if !is_answered {
+            self.ack_due = true;
+            return;
         }
+        if let Err(refusal) = done {
+            self.answer.outcome = Outcome::Refused(refusal);
+        }
+        (self.answer.seq, self.answer.kind, self.answer_due) = (seq, kind, true);
     }
 
-    fn execute(&mut self, command: &Command<'_>, machine: &mut impl Machine) -> Outcome {
-        let done = match *command {
-            Command::Configure(configuration) => {
-                let done = machine.configure(&configuration);
-                if done.is_ok() {
-                    self.silence_ms = match configuration.silence_ms {
-                        0 => SILENCE_MS,
-                        ms => ms,
-                    };
+    /// Does what a command asks for: what [`Command::decode`](super::Command::decode) would say of it, but without a detour
+    /// through RAM. The outcome was said to be done, and stays so unless there is more to say.
+    fn execute(&mut self, kind: u8, payload: &[u8], machine: &mut impl Machine) -> Result<(), Refusal> {
+        let refusal = |reason| Refusal { reason, detail: u16::from(kind) };
+        if kind == kind::CONFIGURE {
+            let configuration = Configuration::decode(payload).ok_or(refusal(Reason::Malformed))?;
+            machine.configure(&configuration)?;
+            self.silence_ms = match configuration.silence_ms {
+                0 => SILENCE_MS,
+                ms => ms,
+            };
+            return Ok(());
+        }
+        let (first, number) = parts(kind, payload).map_err(refusal)?;
+        match kind {
+            kind::ARM => machine.arm()?,
+            kind::RELEASE => machine.release()?,
+            kind::DISCARD => machine.discard(Epoch(first)),
+            kind::SWITCH => {
+                let switched = machine.switch(Epoch(first), u64::from_le_bytes(padded(number)))?;
+                self.answer.outcome = Outcome::Switched(switched);
+            }
+            kind::STOP_NOW => self.answer.outcome = Outcome::Stopped(machine.stop_now()),
+            kind::BAUD => {
+                let baud = Baud::from_code(first).ok_or(refusal(Reason::Malformed))?;
+                if !machine.can_baud(baud) {
+                    return Err(Refusal { reason: Reason::Baud, detail: u16::from(first) });
                 }
-                done
-            }
-            Command::Arm => machine.arm(),
-            Command::Release => machine.release(),
-            Command::Discard { epoch } => {
-                machine.discard(epoch);
-                Ok(())
-            }
-            Command::Switch { epoch, tick } => match machine.switch(epoch, tick) {
-                Ok(switched) => return Outcome::Switched(switched),
-                Err(refusal) => Err(refusal),
-            },
-            Command::StopNow => return Outcome::Stopped(machine.stop_now()),
-            Command::Baud { baud } if machine.can_baud(baud) => {
                 self.change = Change::Due(baud);
-                Ok(())
             }
-            Command::Baud { baud } => Err(Refusal { reason: Reason::Baud, detail: baud as u16 }),
-            Command::Bye => {
-                self.leaving = true;
-                Ok(())
+            kind::BYE => self.leaving = true,
+            // With a tag: no session begins inside another.
+            kind::HELLO => return Err(Refusal::of(Reason::Taken)),
+            kind::MEASURES if first > 1 => return Err(refusal(Reason::Malformed)),
+            kind::MEASURES if first == 1 => {
+                self.damaged = 0;
+                machine.reset_measures();
             }
-            // A Hello with a tag: no session begins inside another.
-            Command::Hello { .. } => Err(Refusal::of(Reason::Taken)),
-            // Questions; data and polls do not come here.
-            Command::Clock | Command::Status | Command::Measures { .. } | Command::Poll | Command::Data { .. } => {
-                Ok(())
-            }
-        };
-        done.map_or_else(Outcome::Refused, |()| Outcome::Done)
+            // Questions, answered from what is there.
+            _ => {}
+        }
+        Ok(())
     }
 
     /// The frame answered last came again. Only a change of rate is done again: the host has not seen it.
@@ -409,14 +467,10 @@ impl Link {
     }
 
     #[inline(never)]
-    fn write_answer(&mut self, machine: &mut impl Machine, out: &mut [u8]) -> usize {
-        let Answer { seq, kind, outcome } = self.answer;
-        if let Outcome::Refused(refusal) = outcome {
-            return reply(out, seq, kind::REFUSED, self.tag, |frame| refuse(frame, kind, refusal));
-        }
-        let tag = if kind == kind::HELLO { Tag::NONE } else { self.tag };
-        reply(out, seq, kind | kind::ANSWER, tag, |frame| match outcome {
-            Outcome::Switched(switched) => switched.encode(frame),
+    /// The answer to what was asked last. What can be read from the machine is read now.
+    fn answer(&self, machine: &mut impl Machine, frame: &mut Encoder<'_>) {
+        match self.answer.outcome {
+            Outcome::Switched(switched) => return switched.encode(frame),
             Outcome::Stopped(Stopped { tick, uncertain }) => {
                 frame.u64(tick);
                 frame.u8(uncertain);
@@ -425,21 +479,17 @@ impl Link {
                 for motor in 0..motors {
                     frame.u32(machine.motor(motor).position.cast_unsigned());
                 }
+                return;
             }
-            Outcome::Done | Outcome::Refused(_) => self.inform(kind, machine, frame),
-        })
-    }
-
-    /// The answers that are read from the machine when they are written.
-    fn inform(&self, kind: u8, machine: &mut impl Machine, frame: &mut Encoder<'_>) {
-        match kind {
+            Outcome::Done | Outcome::Refused(_) => {}
+        }
+        match self.answer.kind {
             kind::HELLO => {
-                let tag = if self.taken { self.tag } else { Tag::NONE };
-                let mut bauds = 0;
-                for baud in Baud::ALL {
-                    bauds |= u8::from(machine.can_baud(baud)) << baud as u8;
-                }
-                Info { nonce: self.nonce, tag, bauds, ..machine.info() }.encode(frame);
+                let mut info = machine.info();
+                info.nonce = self.nonce;
+                info.tag = if self.taken { self.tag } else { Tag::NONE };
+                info.max_body = self.max_body;
+                info.encode(frame);
             }
             kind::CONFIGURE => free(frame, machine),
             kind::CLOCK => frame.u64(machine.clock()),
@@ -448,30 +498,20 @@ impl Link {
                 let motors = machine.motors();
                 Status::encode(frame, &head, (0..motors).map(|motor| machine.motor(motor)));
             }
-            kind::MEASURES => Measures { damaged_frames: self.damaged, ..machine.measures() }.encode(frame),
+            kind::MEASURES => {
+                let mut measures = machine.measures();
+                measures.damaged_frames = self.damaged;
+                measures.encode(frame);
+            }
             _ => {}
         }
     }
 }
 
-impl Default for Service {
-    fn default() -> Service {
+impl<const N: usize> Default for Service<N> {
+    fn default() -> Service<N> {
         Service::new()
     }
-}
-
-fn reply(out: &mut [u8], seq: u8, kind: u8, tag: Tag, payload: impl FnOnce(&mut Encoder<'_>)) -> usize {
-    let mut frame = Encoder::new(out);
-    frame.u8(seq);
-    frame.u8(kind);
-    payload(&mut frame);
-    frame.finish(tag).unwrap_or(0)
-}
-
-fn refuse(frame: &mut Encoder<'_>, kind: u8, refusal: Refusal) {
-    frame.u8(kind);
-    frame.u8(refusal.reason as u8);
-    frame.u16(refusal.detail);
 }
 
 fn free(frame: &mut Encoder<'_>, machine: &impl Machine) {
@@ -480,9 +520,4 @@ fn free(frame: &mut Encoder<'_>, machine: &impl Machine) {
     for motor in 0..motors {
         frame.u16(machine.free(motor));
     }
-}
-
-fn acknowledge(frame: &mut Encoder<'_>, machine: &impl Machine) {
-    frame.u8(machine.flags());
-    free(frame, machine);
 }

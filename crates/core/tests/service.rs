@@ -1,0 +1,312 @@
+//! The board's side of the link, with a machine that only notes what it is asked for.
+
+use proptest::prelude::*;
+use pulsetrain_core::Epoch;
+use pulsetrain_core::wire::frame::{Received, Tag};
+use pulsetrain_core::wire::message::{
+    Cause, Configuration, Event, Info, Measures, Missing, MotorSetup, MotorStatus, Reason, StatusHead,
+};
+use pulsetrain_core::wire::service::{SILENCE_MS, TRIAL_MS};
+use pulsetrain_core::wire::{
+    Baud, Command, Decoder, Encoder, LEAST_BODY, MAX_BODY, MAX_FRAME, Machine, Millis, Refusal, Reply, Service,
+    Stopped, Switched,
+};
+
+/// Says yes to everything.
+#[derive(Default)]
+struct Notebook {
+    asked: Vec<String>,
+    full: bool,
+}
+
+impl Notebook {
+    fn note(&mut self, what: String) {
+        self.asked.push(what);
+    }
+}
+
+impl Machine for Notebook {
+    fn info(&mut self) -> Info {
+        Info::NOBODY
+    }
+    fn configure(&mut self, configuration: &Configuration<'_>) -> Result<(), Refusal> {
+        self.note(format!("{:?}", Command::Configure(*configuration)));
+        Ok(())
+    }
+    fn arm(&mut self) -> Result<(), Refusal> {
+        self.note(format!("{:?}", Command::Arm));
+        Ok(())
+    }
+    fn release(&mut self) -> Result<(), Refusal> {
+        self.note(format!("{:?}", Command::Release));
+        Ok(())
+    }
+    fn motors(&self) -> u8 {
+        2
+    }
+    fn free(&self, motor: u8) -> u16 {
+        100 + u16::from(motor)
+    }
+    fn push(&mut self, motor: u8, epoch: Epoch, packed: &[u8]) -> Result<(), Refusal> {
+        if self.full {
+            return Err(Refusal { reason: Reason::Full, detail: u16::from(motor) });
+        }
+        self.note(format!("{:?}", Command::Data { motor, epoch, packed }));
+        Ok(())
+    }
+    fn discard(&mut self, epoch: Epoch) {
+        self.note(format!("{:?}", Command::Discard { epoch }));
+    }
+    fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<Switched, Refusal> {
+        self.note(format!("{:?}", Command::Switch { epoch, tick }));
+        Ok(Switched::Late { horizon: tick ^ 0x55 })
+    }
+    fn stop_now(&mut self) -> Stopped {
+        self.note(format!("{:?}", Command::StopNow));
+        Stopped { tick: 77, uncertain: 2 }
+    }
+    fn clock(&mut self) -> u64 {
+        0x0102_0304_0506_0708
+    }
+    fn flags(&self) -> u8 {
+        5
+    }
+    fn status(&mut self) -> StatusHead {
+        StatusHead { tick: 9, horizon: 10, epoch: Epoch(11), flags: 5 }
+    }
+    fn motor(&mut self, motor: u8) -> MotorStatus {
+        MotorStatus { position: -1 - i32::from(motor), free: self.free(motor), faults: motor }
+    }
+    fn measures(&mut self) -> Measures {
+        Measures { late: 3, ..Measures::default() }
+    }
+    fn reset_measures(&mut self) {
+        self.note(format!("{:?}", Command::Measures { reset: true }));
+    }
+    fn can_baud(&self, baud: Baud) -> bool {
+        baud != Baud::B2M
+    }
+    fn set_baud(&mut self, baud: Baud) {
+        self.note(format!("{baud:?}"));
+    }
+    fn host_gone(&mut self, lost: bool) {
+        self.note(format!("gone, lost: {lost}"));
+    }
+    fn event(&mut self) -> Option<Event> {
+        None
+    }
+}
+
+/// A board that host number 7 has taken with frame 0; frame 1 is next, and its tag is 1.
+fn taken() -> (Service<MAX_BODY>, Notebook) {
+    let (mut service, mut machine) = (Service::new(), Notebook::default());
+    say(&mut service, &mut machine, &frame(&Command::Hello { version: 1, nonce: 7 }, 0, Tag::NONE), 0);
+    assert!(matches!(hear(&mut service, &mut machine, 0), Some((Tag::NONE, 0, Reply::Info(Info { tag: Tag(1), .. })))));
+    (service, machine)
+}
+
+fn frame(command: &Command<'_>, seq: u8, tag: Tag) -> Vec<u8> {
+    let mut bytes = [0; MAX_FRAME];
+    let len = command.encode(seq, tag, &mut bytes).unwrap();
+    bytes[..len].to_vec()
+}
+
+fn body(body: &[u8], tag: Tag) -> Vec<u8> {
+    let mut bytes = [0; MAX_FRAME];
+    let mut frame = Encoder::new(&mut bytes);
+    frame.bytes(body);
+    let len = frame.finish(tag).unwrap();
+    bytes[..len].to_vec()
+}
+
+fn say<const N: usize>(service: &mut Service<N>, machine: &mut Notebook, bytes: &[u8], ms: u16) {
+    assert_eq!(service.feed(bytes, Millis(ms), machine), (bytes.len(), true));
+}
+
+/// The next reply: tag, sequence number, content.
+fn hear<const N: usize>(service: &mut Service<N>, machine: &mut Notebook, ms: u16) -> Option<(Tag, u8, Reply)> {
+    let mut bytes = [0; MAX_FRAME + 1];
+    let len = service.poll(Millis(ms), machine, &mut bytes);
+    let mut decoder = Decoder::<MAX_BODY>::new();
+    let mut heard = None;
+    for byte in &bytes[..len] {
+        if let Received::Frame(tag) = decoder.push(*byte) {
+            let (seq, reply) = Reply::decode(decoder.body()).expect("a reply that a host can read");
+            heard = Some((tag, seq, reply));
+        }
+    }
+    assert_eq!(heard.is_some(), len > 0);
+    heard
+}
+
+proptest! {
+    /// What a frame of any content asks for is what `Command::decode` says of it: done once, or refused for its reason.
+    #[test]
+    fn what_is_asked_is_done_once(kind in prop_oneof![0u8..0x20, any::<u8>()], payload in prop::collection::vec(prop_oneof![Just(0u8), Just(1), any::<u8>()], 0..60)) {
+        let (mut service, mut machine) = taken();
+        let bytes = body(&[&[1, kind][..], &payload].concat(), Tag(1));
+        let decoded = Command::decode(kind, &payload);
+        for _ in 0..3 {
+            say(&mut service, &mut machine, &bytes, 5);
+            let (tag, seq, reply) = hear(&mut service, &mut machine, 5).unwrap();
+            prop_assert_eq!((tag, seq), (Tag(1), 1));
+            match decoded {
+                Err(reason) => {
+                    prop_assert_eq!(reply, Reply::Refused { kind, reason, detail: u16::from(kind) });
+                }
+                Ok(Command::Hello { .. }) => {
+                    prop_assert_eq!(reply, Reply::Refused { kind, reason: Reason::Taken, detail: 0 });
+                }
+                Ok(Command::Baud { baud: Baud::B2M }) => {
+                    prop_assert_eq!(reply, Reply::Refused { kind, reason: Reason::Baud, detail: 4 });
+                }
+                Ok(Command::Switch { tick, .. }) => {
+                    prop_assert_eq!(reply, Reply::Switched(Switched::Late { horizon: tick ^ 0x55 }));
+                }
+                Ok(Command::StopNow) => {
+                    let Reply::Stopped { stopped, positions } = reply else { panic!("{reply:?}") };
+                    prop_assert_eq!((stopped.tick, stopped.uncertain), (77, 2));
+                    prop_assert_eq!(positions.as_slice(), [-1, -2]);
+                }
+                Ok(Command::Clock) => prop_assert_eq!(reply, Reply::Clock { tick: 0x0102_0304_0506_0708 }),
+                Ok(Command::Status) => {
+                    let Reply::Status(status) = reply else { panic!("{reply:?}") };
+                    prop_assert_eq!(status.head, machine.status());
+                    prop_assert_eq!(status.motors.as_slice(), [machine.motor(0), machine.motor(1)]);
+                }
+                Ok(Command::Measures { .. }) => {
+ let Reply::Measures(measures) = reply else { panic!("{reply:?}") };
+ prop_assert_eq!(measures.late, 3);
+}
+                Ok(Command::Configure(_)) => {
+                    let Reply::Configured(free) = reply else { panic!("{reply:?}") };
+                    prop_assert_eq!(free.as_slice(), [100, 101]);
+                }
+                Ok(Command::Poll | Command::Data { .. }) => {
+                    let Reply::Ack(ack) = reply else { panic!("{reply:?}") };
+                    prop_assert_eq!((ack.flags, ack.free.as_slice()), (5, &[100, 101][..]));
+                }
+                Ok(_) => prop_assert_eq!(reply, Reply::Done { kind }),
+            }
+            if kind == 0x0b || kind == 0x0a {
+                // The session or the rate is another one from here on.
+                break;
+            }
+        }
+        let expected: Vec<String> = match decoded {
+            Ok(Command::Hello { .. } | Command::Clock | Command::Status | Command::Poll | Command::Bye | Command::Baud { .. }) => vec![],
+            Ok(Command::Measures { reset: false }) | Err(_) => vec![],
+            Ok(command) => vec![format!("{command:?}")],
+        };
+        prop_assert_eq!(machine.asked, expected);
+    }
+}
+
+#[test]
+fn a_gap_is_told_once_until_it_is_filled() {
+    let (mut service, mut machine) = taken();
+    let data = |seq| frame(&Command::Data { motor: 0, epoch: Epoch(1), packed: &[seq] }, seq, Tag(1));
+    let gap = Some((Tag(1), 0, Reply::Missing { why: Missing::Gap }));
+    say(&mut service, &mut machine, &data(2), 0);
+    assert_eq!(hear(&mut service, &mut machine, 0), gap);
+    say(&mut service, &mut machine, &data(3), 0);
+    assert_eq!(hear(&mut service, &mut machine, 0), None);
+    // Several at once are acknowledged by the last.
+    for seq in [1, 2, 3] {
+        say(&mut service, &mut machine, &data(seq), 0);
+    }
+    assert!(matches!(hear(&mut service, &mut machine, 0), Some((Tag(1), 3, Reply::Ack(_)))));
+    assert_eq!(hear(&mut service, &mut machine, 0), None);
+    // Damage is a gap, too.
+    let mut damaged = data(4);
+    damaged[3] ^= 1;
+    say(&mut service, &mut machine, &damaged, 0);
+    assert_eq!(hear(&mut service, &mut machine, 0), Some((Tag(1), 3, Reply::Missing { why: Missing::Gap })));
+    assert_eq!(machine.asked.len(), 3);
+}
+
+#[test]
+fn what_there_is_no_room_for_is_asked_for_again() {
+    let (mut service, mut machine) = taken();
+    let data = frame(&Command::Data { motor: 1, epoch: Epoch(1), packed: &[1] }, 1, Tag(1));
+    machine.full = true;
+    say(&mut service, &mut machine, &data, 0);
+    assert_eq!(hear(&mut service, &mut machine, 0), Some((Tag(1), 0, Reply::Missing { why: Missing::NoRoom })));
+    machine.full = false;
+    say(&mut service, &mut machine, &data, 0);
+    assert!(matches!(hear(&mut service, &mut machine, 0), Some((Tag(1), 1, Reply::Ack(_)))));
+    assert_eq!(machine.asked.len(), 1);
+}
+
+#[test]
+fn silence_frees_a_board_and_not_before() {
+    let (mut service, mut machine) = taken();
+    // The clock of milliseconds wraps meanwhile.
+    let start = u16::MAX - 500;
+    say(&mut service, &mut machine, &frame(&Command::Poll, 1, Tag(1)), start);
+    assert!(hear(&mut service, &mut machine, start).is_some());
+    assert_eq!(hear(&mut service, &mut machine, start.wrapping_add(SILENCE_MS - 1)), None);
+    assert!(service.is_taken());
+    // Another host is refused as long as that.
+    let hello = frame(&Command::Hello { version: 1, nonce: 8 }, 9, Tag::NONE);
+    say(&mut service, &mut machine, &hello, start.wrapping_add(SILENCE_MS - 1));
+    let refused = Reply::Refused { kind: 1, reason: Reason::Taken, detail: 0 };
+    assert_eq!(hear(&mut service, &mut machine, start.wrapping_add(SILENCE_MS - 1)), Some((Tag::NONE, 9, refused)));
+    assert_eq!(hear(&mut service, &mut machine, start.wrapping_add(SILENCE_MS)), None);
+    assert!(!service.is_taken());
+    assert_eq!(machine.asked, ["gone, lost: true"]);
+    // The old host is told, the new one gets the next tag.
+    say(&mut service, &mut machine, &frame(&Command::Poll, 2, Tag(1)), 0);
+    let not_taken = Reply::Missing { why: Missing::NotTaken };
+    assert!(matches!(hear(&mut service, &mut machine, 0), Some((Tag::NONE, _, reply)) if reply == not_taken));
+    say(&mut service, &mut machine, &hello, 0);
+    assert!(matches!(
+        hear(&mut service, &mut machine, 0),
+        Some((_, 9, Reply::Info(Info { tag: Tag(2), nonce: 8, .. })))
+    ));
+}
+
+#[test]
+fn a_rate_that_brings_no_frame_is_given_up() {
+    let (mut service, mut machine) = taken();
+    say(&mut service, &mut machine, &frame(&Command::Baud { baud: Baud::B1M }, 1, Tag(1)), 0);
+    assert_eq!(hear(&mut service, &mut machine, 0), Some((Tag(1), 1, Reply::Done { kind: 0x0a })));
+    assert_eq!(service.baud(), Baud::B115200, "not before the answer is out");
+    assert_eq!(hear(&mut service, &mut machine, 1), None);
+    assert_eq!(service.baud(), Baud::B1M);
+    // Noise there is not complained of.
+    say(&mut service, &mut machine, &[0x55, 0x33, 0], 2);
+    assert_eq!(hear(&mut service, &mut machine, TRIAL_MS), None);
+    assert_eq!(service.baud(), Baud::B1M);
+    assert_eq!(hear(&mut service, &mut machine, 1 + TRIAL_MS), None);
+    assert_eq!(service.baud(), Baud::B115200);
+    assert_eq!(machine.asked, ["B1M", "B115200"]);
+    // Told when the host is heard again, after its answer.
+    say(&mut service, &mut machine, &frame(&Command::Poll, 2, Tag(1)), 300);
+    assert!(matches!(hear(&mut service, &mut machine, 300), Some((_, 2, Reply::Ack(_)))));
+    let event = hear(&mut service, &mut machine, 300);
+    assert!(matches!(event, Some((_, 1, Reply::Event(Event { cause: Cause::BaudFellBack, .. })))), "{event:?}");
+}
+
+#[test]
+fn another_protocol_is_told_ours_and_not_taken() {
+    let (mut service, mut machine) = (Service::<MAX_BODY>::new(), Notebook::default());
+    say(&mut service, &mut machine, &frame(&Command::Hello { version: 2, nonce: 7 }, 0, Tag::NONE), 0);
+    assert!(matches!(hear(&mut service, &mut machine, 0), Some((_, 0, Reply::Info(Info { tag: Tag::NONE, .. })))));
+    assert!(!service.is_taken());
+}
+
+/// The smallest board takes four motors' configuration, and nothing longer.
+#[test]
+fn small_boards_take_what_every_board_must() {
+    let (mut service, mut machine) = (Service::<LEAST_BODY>::new(), Notebook::default());
+    say(&mut service, &mut machine, &frame(&Command::Hello { version: 1, nonce: 7 }, 0, Tag::NONE), 0);
+    let Some((_, _, Reply::Info(info))) = hear(&mut service, &mut machine, 0) else { panic!("no info") };
+    assert_eq!(usize::from(info.max_body), LEAST_BODY);
+    let four = [MotorSetup::default().to_bytes(); 4].concat();
+    say(&mut service, &mut machine, &frame(&Command::Configure(Configuration::new(&four).unwrap()), 1, Tag(1)), 0);
+    assert!(matches!(hear(&mut service, &mut machine, 0), Some((_, 1, Reply::Configured(_)))));
+    let five = [MotorSetup::default().to_bytes(); 5].concat();
+    say(&mut service, &mut machine, &frame(&Command::Configure(Configuration::new(&five).unwrap()), 2, Tag(1)), 0);
+    assert_eq!(hear(&mut service, &mut machine, 0), Some((Tag(1), 1, Reply::Missing { why: Missing::Gap })));
+}
