@@ -206,7 +206,7 @@ pub(super) unsafe fn into_ring(registers: &mut Registers, pending: *mut u8, n: u
 /// # Safety
 /// What the module says of `n` and the interval holds; `list` has room for `n` ticks.
 #[inline(always)]
-pub unsafe fn into_list(registers: *mut Registers, list: *mut u16, n: u8) {
+pub(crate) unsafe fn into_list(registers: *mut Registers, list: *mut u16, n: u8) {
     // SAFETY: the caller's promise; the function keeps to the calling convention of avr-gcc.
     unsafe { steps_expand_list(registers, list, n) }
 }

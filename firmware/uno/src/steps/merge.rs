@@ -16,7 +16,7 @@
 //! 44 for the short pulse, 58 for the long one and the shield, 72 for the shield's long one.
 //!
 //! # Cycles
-//! A step: 34 to 37, and expansion's 18.5. A list: 106, and what the feeder takes. To and from Rust: 200.
+//! A step: 34 to 37, and expansion's 18.5. A list: 108, and what the feeder takes. To and from Rust: 200.
 
 use core::arch::global_asm;
 use core::mem::offset_of;
@@ -25,20 +25,20 @@ use super::register;
 use super::ring::{END_A, END_B, Group, Name, Ring};
 
 /// Lanes; those of no motor are fed with fillers.
-pub const LANES: usize = 4;
+pub(crate) const LANES: usize = 4;
 
 /// Ticks that a lane's list holds.
-pub const LIST: u8 = 32;
+pub(crate) const LIST: u8 = 32;
 
 /// A lane has nothing more to do, for now.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Dry;
+pub(crate) struct Dry;
 
 /// Who fills lists.
 ///
 /// There is one in a program. The assembly calls `steps_feed`, which the one who has it defines:
 /// `unsafe extern "C" fn steps_feed(feeder: *mut u8, lane: u8, merge: *mut Merge) -> bool`, by way of [`feed`].
-pub trait Feeder {
+pub(crate) trait Feeder {
     /// Gives `lane`, whose list is used up, its next ticks: by [`Merge::put`] or [`Merge::list`]. Or not: then the merge
     /// comes back.
     fn feed(&mut self, merge: &mut Merge, lane: u8) -> Result<(), Dry>;
@@ -59,7 +59,7 @@ struct Lane {
 /// State of the merge; the assembly knows its layout.
 #[derive(Debug)]
 #[repr(C)]
-pub struct Merge {
+pub(crate) struct Merge {
     lanes: [Lane; LANES],
     /// The tick of the pending group + W.
     deadline: u16,
@@ -424,7 +424,7 @@ const LOOKS: u8 = 2;
 
 unsafe extern "C" {
     static mut ring_b_page: [u8; 256];
-    fn steps_merge_run(state: *mut Merge, free: u8) -> u8;
+    fn steps_merge_run(state: *mut u8, free: u8) -> u8;
 }
 
 /// The one merge: the assembly knows it by this name.
@@ -453,7 +453,7 @@ const fn end_of(lane: u8) -> u8 {
 /// # Safety
 /// Both are what [`Merge::run`] was called with, which waits meanwhile.
 #[inline(always)]
-pub unsafe fn feed<F: Feeder>(feeder: *mut u8, lane: u8, merge: *mut Merge) -> bool {
+pub(crate) unsafe fn feed<F: Feeder>(feeder: *mut u8, lane: u8, merge: *mut Merge) -> bool {
     // SAFETY: `run` handed both to the assembly, and does not touch them until it returns.
     let (feeder, merge) = unsafe { (&mut *feeder.cast::<F>(), &mut *merge) };
     feeder.feed(merge, lane).is_ok()
@@ -464,14 +464,14 @@ impl Merge {
     ///
     /// # Safety
     /// To be called once.
-    pub unsafe fn take() -> &'static mut Merge {
+    pub(crate) unsafe fn take() -> &'static mut Merge {
         // SAFETY: the caller's promise: no other reference exists.
         unsafe { &mut *(&raw mut MERGE) }
     }
 
     /// Feeds `lane` with one tick, by its low 16 bits, and what is toggled then.
     #[inline(always)]
-    pub fn put(&mut self, lane: u8, tick: u16, masks: Group) {
+    pub(crate) fn put(&mut self, lane: u8, tick: u16, masks: Group) {
         let list = self.list(lane, 1, masks);
         // SAFETY: the place of one tick; lists are main's alone.
         unsafe { list.write(tick) };
@@ -479,7 +479,7 @@ impl Merge {
 
     /// Feeds `lane` with `n` (1..=[`LIST`]) ticks, all of which toggle `masks`: where their low 16 bits are to be written.
     #[inline(always)]
-    pub fn list(&mut self, lane: u8, n: u8, masks: Group) -> *mut u16 {
+    pub(crate) fn list(&mut self, lane: u8, n: u8, masks: Group) -> *mut u16 {
         let entry = &mut self.lanes[usize::from(lane) % LANES];
         entry.masks = masks;
         entry.next = end_of(lane).wrapping_sub(2 * n);
@@ -487,7 +487,7 @@ impl Merge {
     }
 
     /// What `lane` has still to do that is in no group yet: how many ticks, and what each of them toggles.
-    pub fn listed(&self, lane: u8) -> (u8, Group) {
+    pub(crate) fn listed(&self, lane: u8) -> (u8, Group) {
         let entry = &self.lanes[usize::from(lane) % LANES];
         let head = u8::from(self.wanting != Some(lane));
         (end_of(lane).wrapping_sub(entry.next) / 2 + head, entry.masks)
@@ -511,7 +511,7 @@ impl Merge {
     /// Begins anew: every lane has one tick to come, the low 16 bits of which are `first`, and at which it does nothing.
     ///
     /// Groups will be at least `spacing` ticks apart (W).
-    pub fn begin(&mut self, name: Name, spacing: u8, first: u16) {
+    pub(crate) fn begin(&mut self, name: Name, spacing: u8, first: u16) {
         let (end, tail) = match name {
             Name::A => (END_A, register::OCR0A),
             Name::B => (END_B, register::OCR0B),
@@ -524,13 +524,13 @@ impl Merge {
     }
 
     /// Whether steps are in lists, or anything else but fillers.
-    pub fn is_idle(&self) -> bool {
+    pub(crate) fn is_idle(&self) -> bool {
         self.lanes.iter().all(|lane| lane.masks == Group::NOTHING)
     }
 
     /// Empties all lists but for a filler in each, at `first`.
     #[inline(never)]
-    pub fn clear(&mut self, first: u16) {
+    pub(crate) fn clear(&mut self, first: u16) {
         self.wanting = None;
         let mut next = 0u8;
         for lane in &mut self.lanes {
@@ -542,7 +542,7 @@ impl Merge {
     /// Merges until `ring` is full or a lane is not fed. [`Merge::begin`] comes first. `at` is the tick of the ring's
     /// pending group, its low 16 bits; gives that of the one that is pending then.
     #[inline(never)]
-    pub fn run<F: Feeder>(&mut self, ring: &mut Ring, at: u16, feeder: &mut F) -> u16 {
+    pub(crate) fn run<F: Feeder>(&mut self, ring: &mut Ring, at: u16, feeder: &mut F) -> u16 {
         if let Some(lane) = self.wanting {
             if self.advance(feeder, lane).is_err() {
                 return at;
@@ -558,7 +558,7 @@ impl Merge {
         self.looks = LOOKS;
         self.feeder = (&raw mut *feeder).cast();
         // SAFETY: all heads are set, and the ring has room for `free` groups. `steps_feed` hands the feeder to `feed`.
-        let answer = unsafe { steps_merge_run(self, free) };
+        let answer = unsafe { steps_merge_run((&raw mut *self).cast(), free) };
         self.wanting = Some(answer & 3);
         ring.merged(self.at, self.pending);
         self.deadline.wrapping_sub(u16::from(self.spacing))

@@ -7,9 +7,9 @@
 //! - [`pins`]: which pins there are, and which of them one stepgen can serve together
 //! - [`register`]: addresses, for assembly
 
-pub mod expand;
-pub mod merge;
+pub(crate) mod expand;
+pub(crate) mod merge;
 pub(crate) mod pins;
-pub mod register;
-pub mod ring;
+pub(crate) mod register;
+pub(crate) mod ring;
 pub(crate) mod stepper;

@@ -1,7 +1,7 @@
 //! Addresses of the registers that the hot path uses (ATmega328P DS40002061B §30).
 
 macro_rules! addresses {
-    ($($(#[$doc:meta])* $name:ident = $address:literal;)*) => { $($(#[$doc])* pub const $name: u8 = $address;)* };
+    ($($(#[$doc:meta])* $name:ident = $address:literal;)*) => { $($(#[$doc])* pub(crate) const $name: u8 = $address;)* };
 }
 
 // In the I/O space: `in` and `out` reach them; data address 0x20 higher.
@@ -38,8 +38,6 @@ addresses! {
     TIMSK1 = 0x6f;
     /// Timer 1: compare output modes.
     TCCR1A = 0x80;
-    /// Timer 1: clock.
-    TCCR1B = 0x81;
     /// Timer 1: force output compare.
     TCCR1C = 0x82;
     /// Timer 1's counter, low byte.
@@ -52,12 +50,12 @@ addresses! {
 
 /// The data address of a register of the I/O space.
 #[inline(always)]
-pub const fn io(register: u8) -> *mut u8 {
+pub(crate) const fn io(register: u8) -> *mut u8 {
     core::ptr::without_provenance_mut(register as usize + 0x20)
 }
 
 /// A register by its data address.
 #[inline(always)]
-pub const fn data(register: u8) -> *mut u8 {
+pub(crate) const fn data(register: u8) -> *mut u8 {
     core::ptr::without_provenance_mut(register as usize)
 }

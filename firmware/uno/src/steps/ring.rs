@@ -46,23 +46,23 @@ use super::register;
 use pulsetrain_core::narrow::Registers;
 
 /// Bits of GPIOR0, which the interrupts look at and set.
-pub mod flags {
+pub(crate) mod flags {
     /// Ring A is not plain PORTD with the short pulse: look at [`SHIELD`].
-    pub const EXTRA_A: u8 = 0;
+    pub(crate) const EXTRA_A: u8 = 0;
     /// Ring B has the 1.9 µs pulse.
-    pub const EXTRA_B: u8 = 1;
+    pub(crate) const EXTRA_B: u8 = 1;
     /// Ring A plays PB4 and PB5 too.
-    pub const SHIELD: u8 = 2;
+    pub(crate) const SHIELD: u8 = 2;
     /// The shield's pulse is the 1.9 µs one.
-    pub const SHIELD_LONG: u8 = 3;
+    pub(crate) const SHIELD_LONG: u8 = 3;
     /// Ring A reached its END mark.
-    pub const STARVED_A: u8 = 4;
+    pub(crate) const STARVED_A: u8 = 4;
     /// Ring B reached its END mark.
-    pub const STARVED_B: u8 = 5;
+    pub(crate) const STARVED_B: u8 = 5;
     /// With hardware edges on ring A, its DIR pin is on PORTB, not PORTD.
-    pub const DIR_A_ON_PORTB: u8 = 6;
+    pub(crate) const DIR_A_ON_PORTB: u8 = 6;
     /// With hardware edges on ring B, its DIR pin is on PORTB, not PORTD.
-    pub const DIR_B_ON_PORTB: u8 = 7;
+    pub(crate) const DIR_B_ON_PORTB: u8 = 7;
 }
 
 /// First bytes of groups played by the compare hardware, beside the ring's END bit (which all of them have).
@@ -80,11 +80,11 @@ mod hardware {
 }
 
 /// END of ring A: PD1 is TXD, whose port bit nobody toggles.
-pub const END_A: u8 = 1 << 1;
+pub(crate) const END_A: u8 = 1 << 1;
 /// END of ring B: PB7 is the crystal.
-pub const END_B: u8 = 1 << 7;
+pub(crate) const END_B: u8 = 1 << 7;
 
-/// Interrupt code of one ring. `\name` is the vector, `\pin` its PINx, `\ocr` OCR1xL, `\tail` where the tail is kept.
+// Interrupt code of one ring: `\vector` is its name, `\pin` its PINx, `\ocr` OCR1xL, `\tail` where the tail is kept.
 // One macro, two interrupts: they differ in names, and in the shield's extra pins.
 global_asm!(
     r#"
@@ -321,14 +321,14 @@ unsafe extern "C" {
 }
 
 /// Bytes of a group.
-pub const GROUP: u8 = 4;
+pub(crate) const GROUP: u8 = 4;
 
 /// Groups that a ring can hold beside the pending one.
-pub const CAPACITY: u8 = 62;
+pub(crate) const CAPACITY: u8 = 62;
 
 /// Which of the two.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Name {
+pub(crate) enum Name {
     /// Compare match A: PORTD, the shield, or pin 9 by hardware.
     A,
     /// Compare match B: PORTB, or pin 10 by hardware.
@@ -341,21 +341,21 @@ pub enum Name {
 /// `fall` the interrupt ends the pulse. All other bits of `fall` are toggled on the port of DIR.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
-pub struct Group {
+pub(crate) struct Group {
     /// What is toggled at the tick.
-    pub rise: u8,
+    pub(crate) rise: u8,
     /// What is toggled at the end of a short pulse.
-    pub fall: u8,
+    pub(crate) fall: u8,
 }
 
 impl Group {
     /// Nothing: it keeps the compare register moving.
-    pub const NOTHING: Group = Group { rise: 0, fall: 0 };
+    pub(crate) const NOTHING: Group = Group { rise: 0, fall: 0 };
 }
 
 /// Main's end of a ring.
 #[derive(Debug)]
-pub struct Ring {
+pub(crate) struct Ring {
     /// The page it lies in: the high byte of its addresses.
     page: u8,
     /// The END bit, which also says which of the two it is.
@@ -373,7 +373,7 @@ const PAGES: [u8; 2] = [1, 2];
 
 impl Ring {
     /// A ring; [`Ring::clear`] comes before its use.
-    pub const fn new(name: Name) -> Ring {
+    pub(crate) const fn new(name: Name) -> Ring {
         let (page, end) = match name {
             Name::A => (PAGES[0], END_A),
             Name::B => (PAGES[1], END_B),
@@ -384,14 +384,14 @@ impl Ring {
     /// A ring whose STEP edges the compare hardware makes on pin 9 (A) or 10 (B).
     ///
     /// `dir_on_portb` says on which port the DIR pin is; GPIOR0 must say the same ([`flags::DIR_A_ON_PORTB`]).
-    pub const fn hardware(name: Name, dir_on_portb: bool) -> Ring {
+    pub(crate) const fn hardware(name: Name, dir_on_portb: bool) -> Ring {
         // A bit that no DIR pin of that port has: PD0 is RXD, PB7 the crystal.
         let edge = if dir_on_portb { 1 << 7 } else { 1 << 0 };
         Ring { edge, ..Ring::new(name) }
     }
 
     /// A ring that the merge fills, in the page of ring A: the other has the lists.
-    pub const fn for_merge(name: Name) -> Ring {
+    pub(crate) const fn for_merge(name: Name) -> Ring {
         Ring { page: PAGES[0], ..Ring::new(name) }
     }
 
@@ -410,19 +410,19 @@ impl Ring {
 
     /// Which of the two.
     #[inline(always)]
-    pub fn name(&self) -> Name {
+    pub(crate) fn name(&self) -> Name {
         if self.end == END_A { Name::A } else { Name::B }
     }
 
     /// With the compare hardware the bit that stands for STEP; else 0.
     #[inline(always)]
-    pub fn edge(&self) -> u8 {
+    pub(crate) fn edge(&self) -> u8 {
         self.edge
     }
 
     /// What the pending group does.
     #[inline(always)]
-    pub fn pending(&self) -> Group {
+    pub(crate) fn pending(&self) -> Group {
         self.pending
     }
 
@@ -478,7 +478,7 @@ impl Ring {
 
     /// Forgets all groups. The interrupt must be off.
     #[inline(never)]
-    pub fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.head = 0;
         self.pending = Group::NOTHING;
         // SAFETY: the interrupt of this ring is off (the caller's promise), so main is alone with page and tail.
@@ -494,7 +494,7 @@ impl Ring {
 
     /// Groups that can be pushed now.
     #[inline(always)]
-    pub fn free(&self) -> u8 {
+    pub(crate) fn free(&self) -> u8 {
         self.tail().wrapping_sub(self.head).wrapping_sub(1) / GROUP
     }
 
@@ -502,7 +502,7 @@ impl Ring {
     ///
     /// There must be room (see [`Ring::free`]), and `at` less than 32 768 ticks after the pending group's tick.
     #[inline(always)]
-    pub fn push(&mut self, at: u16, group: Group) {
+    pub(crate) fn push(&mut self, at: u16, group: Group) {
         let [low, high] = at.to_le_bytes();
         let next = self.head.wrapping_add(GROUP);
         // SAFETY: the interrupt reads neither the pending group beyond its END nor the free one after it, until the
@@ -524,7 +524,7 @@ impl Ring {
     /// # Safety
     /// 1 ≤ `n` ≤ [`Ring::free`], and what [`super::expand`] says of `n` and the interval.
     #[inline(never)]
-    pub unsafe fn expand(&mut self, registers: &mut Registers, n: u8, step: Group) {
+    pub(crate) unsafe fn expand(&mut self, registers: &mut Registers, n: u8, step: Group) {
         let first = self.group(self.head);
         let rise = self.played(step, step);
         let published = self.played(self.pending, step);
@@ -540,7 +540,7 @@ impl Ring {
 
     /// Adds to what the pending group toggles; not an edge of the compare hardware, which needs a group of its own.
     #[inline(always)]
-    pub fn amend(&mut self, group: Group) {
+    pub(crate) fn amend(&mut self, group: Group) {
         self.pending.rise ^= group.rise;
         self.pending.fall ^= group.fall;
         // SAFETY: the interrupt does not read the pending group beyond its END.
@@ -549,13 +549,13 @@ impl Ring {
 
     /// Whether all published groups have been played.
     #[inline(always)]
-    pub fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.tail() == self.head
     }
 
     /// Low byte of the address of the next group to be played.
     #[inline(always)]
-    pub fn tail(&self) -> u8 {
+    pub(crate) fn tail(&self) -> u8 {
         // SAFETY: one byte, read whole; the interrupt may move it on at any time.
         unsafe { self.tail_register().read_volatile() }
     }
@@ -564,7 +564,7 @@ impl Ring {
     /// as it says. `levels` are those of STEP and DIR after the pending group, high where active and forward.
     ///
     /// The interrupt may play more meanwhile: what counts is the moment at which this is called.
-    pub fn unplayed(&self, levels: u8, step: u8, dir: u8) -> i8 {
+    pub(crate) fn unplayed(&self, levels: u8, step: u8, dir: u8) -> i8 {
         let Group { rise, fall } = self.pending;
         // SAFETY: reads the published groups alone, which nobody writes now.
         unsafe {
@@ -583,7 +583,7 @@ impl Ring {
     }
 
     /// Whether no group is left to be played but fillers.
-    pub fn is_idle(&self) -> bool {
+    pub(crate) fn is_idle(&self) -> bool {
         let mut at = self.tail();
         while at != self.head {
             if self.read(at) != Group::NOTHING {
@@ -618,7 +618,7 @@ impl Ring {
     /// The immediate stop: no group is played after this, nor does the hardware make an edge. A pulse that the hardware
     /// began is ended. [`Ring::newest_first`] then has what was not played. Interrupts must be off.
     #[inline(never)]
-    pub fn halt(&mut self) {
+    pub(crate) fn halt(&mut self) {
         let (compare, bit) = self.compare();
         let (flags, mask) = (register::io(register::TIFR1), register::data(register::TIMSK1));
         let (mode, force) = (register::data(register::TCCR1A), register::data(register::TCCR1C));
