@@ -260,14 +260,18 @@ impl Packing {
         if segment.count == 0 {
             return Err(PackError::NoSteps);
         }
-        Ok(match self.layout(state, segment) {
-            Some(layout) => layout.len(segment.count),
-            None => Exact::of(segment).len(),
-        })
+        let (reset, state) =
+            if self.is_beyond_narrow(state, segment) { (2, &State::new(state.direction)) } else { (0, state) };
+        Ok(reset
+            + match self.layout(state, segment) {
+                Some(layout) => layout.len(segment.count),
+                None => Exact::of(segment).len(),
+            })
     }
 
     /// Packs `item` into the front of `out`, moves `state` on and gives the number of bytes: at most
-    /// [`MAX_PACKED_LEN`]. A run in the other direction brings the reversal along.
+    /// [`MAX_PACKED_LEN`]. A run in the other direction brings the reversal along, and a step whose predicted add narrow
+    /// registers could not hold a reset.
     ///
     /// # Errors
     /// When a segment has no steps, or `out` is too short; `state` stays then.
@@ -300,6 +304,9 @@ impl Packing {
                 if direction != start.direction {
                     start = State::new(direction);
                     writer.control(Control::Reverse, &[]);
+                } else if self.is_beyond_narrow(&start, &segment) {
+                    start = State::new(direction);
+                    writer.control(Control::Reset, &[]);
                 }
                 if segment.count == 0 {
                     return Err(PackError::NoSteps);
@@ -413,6 +420,12 @@ impl Packing {
         let segment = Segment { count, interval, add, add2 };
         *state = state.after(&segment);
         Ok(Item::Run { segment, direction: state.direction })
+    }
+
+    /// Whether a step would be predicted from by an add that narrow registers do not hold: one step alone does not say
+    /// it anew, and add goes on growing by add2 meanwhile.
+    fn is_beyond_narrow(&self, state: &State, segment: &Segment) -> bool {
+        self.fraction_bits <= 16 && segment.count == 1 && i32::try_from(state.add).is_err()
     }
 
     /// The registers that `corrections` make of the prediction.

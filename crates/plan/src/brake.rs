@@ -20,6 +20,9 @@ const DESIGN: f64 = 0.97;
 /// further one below [`SLACKENING`] of the part before.
 const LEAST_PARTS: [f64; 4] = [0.5, 0.35, 0.25, 0.15];
 const SLACKENING: f64 = 0.75;
+/// What going on without a jump in interval and add is worth, as an exponent to how much slower a segment becomes: it
+/// takes fewer bytes.
+const FRESH: f64 = 0.8;
 /// Few enough segments, the first step included.
 const FEW: usize = 6;
 /// A tail of more segments is no short one, unless it has no more steps than that.
@@ -75,7 +78,7 @@ impl Brake {
             return Some(segments);
         }
         let slowest = (1.0 / self.at_rest()).min(longest);
-        if slowest * self.at_rest() < 1.0 {
+        if slowest * self.at_rest() < 0.99 {
             return None;
         }
         // The interval after the first step, as if braked evenly.
@@ -132,18 +135,26 @@ impl Design {
         let levels = (0..=6).map(|k| part + (1.0 - part) * f64::from(k) / 6.0);
         let fresh = levels.map(|level| self.fresh(level * limit));
         let onward = self.last.map(|_| (self.predicted.interval as f64, self.predicted.add as f64));
-        for (own, (interval, add)) in fresh.map(|pair| (0.9, pair)).chain(onward.map(|pair| (1.0, pair))) {
-            let curve = Curve::steepest(interval, add, limit, self.largest);
-            let count = curve.falls_below(part * limit, self.slowest);
-            let Some(segment) = self.rounded(&curve, count) else { continue };
-            let Some(segment) = self.replayed(segment) else { continue };
-            // The fewer bytes are worth a little of the way.
-            let reached = own * segment.after(segment.count - 1).interval as f64 / interval;
-            if best.as_ref().is_none_or(|(most, _)| reached > *most) {
+        let from = self.last.unwrap_or(self.predicted.interval) as f64;
+        let mut consider = |own: f64, segment: Option<Segment>| {
+            let Some(segment) = segment.and_then(|segment| self.replayed(segment)) else { return };
+            // Fewer bytes are worth a part of the way.
+            let reached = (segment.after(segment.count - 1).interval as f64 / from).powf(own);
+            if best.is_none_or(|(most, _)| reached > most) {
                 best = Some((reached, segment));
             }
+        };
+        for (own, (interval, add)) in fresh.map(|pair| (FRESH, pair)).chain(onward.map(|pair| (1.0, pair))) {
+            let steepest = Curve::steepest(interval, add, limit, self.largest);
+            // Less bent, it may keep longer within its registers.
+            for bend in [1.0, 0.25, 0.0] {
+                let curve = Curve { add2: steepest.add2 * bend, ..steepest };
+                let count = curve.falls_below(part * limit, self.slowest);
+                consider(own, self.rounded(&curve, count));
+            }
         }
-        let segment = best.map(|(_, segment)| segment).or_else(|| self.one_step(limit))?;
+        consider(FRESH, Some(self.one_step(limit)));
+        let (_, segment) = best?;
         self.last = Some(segment.after(segment.count - 1).interval);
         self.predicted = segment.after(segment.count);
         self.count = segment.count;
@@ -166,13 +177,12 @@ impl Design {
     }
 
     /// One interval longer than the last: the way out where no recurrence fits its registers.
-    fn one_step(&self, limit: f64) -> Option<Segment> {
+    fn one_step(&self, limit: f64) -> Segment {
         let interval = match self.last {
             None => self.predicted.interval as f64,
             Some(last) => slower(last as f64, limit).min(self.slowest),
         };
-        let segment = Segment { count: 1, interval: self.round(0, interval), ..self.predicted };
-        self.replayed(segment)
+        Segment { count: 1, interval: self.round(0, interval), ..self.predicted }
     }
 
     /// The nearest that the stream can say, from below for add and add2.

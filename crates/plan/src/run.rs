@@ -199,12 +199,26 @@ impl Rules {
     }
 
     fn permits(&self, segment: &Segment) -> bool {
-        let largest = self.longest_wait * self.scale();
-        (segment.interval.max(segment.after(segment.count - 1).interval) as f64) <= largest
-            && segment.add.abs() <= self.largest_add
-            && segment.add2.abs() <= self.largest_add
+        let fits = |add: i64| add.abs() <= self.largest_add;
+        (longest_interval(segment) as f64) < self.longest_wait * self.scale()
+            // add changes evenly: what fits at both ends fits throughout.
+            && fits(segment.add)
+            && fits(segment.after(segment.count).add)
+            && fits(segment.add2)
             && (segment.count == 1 || shortest_interval(segment).0 >> self.fraction_bits >= self.min_interval)
     }
+}
+
+/// The longest interval of a segment, ticks · 2^F.
+fn longest_interval(segment: &Segment) -> i64 {
+    let last = segment.after(segment.count - 1);
+    let ends = segment.interval.max(last.interval);
+    if segment.add <= 0 || last.add >= 0 {
+        return ends;
+    }
+    // It rises at first and falls at last: the longest lies beside where add passes 0.
+    let near = (segment.add / -segment.add2).clamp(0, i64::from(segment.count) - 2) as u32;
+    ends.max(segment.after(near).interval).max(segment.after(near + 1).interval)
 }
 
 /// The shortest interval between two steps of a segment of two or more, ticks · 2^F, and the number of the step
@@ -354,7 +368,8 @@ impl RunPlanner {
         }
         // Too long for an interval: most of it is a dwell, in whole ticks.
         let wait = due.tick - start.tick;
-        let dwell = if wait >= rules.longest_wait { (wait - 0.5 * rules.longest_wait).floor() } else { 0.0 };
+        // Rounding may add up to a tick.
+        let dwell = if wait >= rules.longest_wait - 2.0 { (wait - 0.5 * rules.longest_wait).floor() } else { 0.0 };
         let start = Start { tick: start.tick + dwell, ..*start };
         let wanted = (due.tick - start.tick) * quantiser.scale;
         let unit = quantiser.units[0] as i64;

@@ -24,13 +24,14 @@ pub struct Motion {
     pub acceleration: f64,
 }
 
-/// The longest time that a tail may take where nothing says how hard the motor may be braked, s.
+/// Where nothing says how hard a motor may be braked, it may be as hard as to stop it in this time, s.
 pub const SOFTEST_STOP_S: f64 = 1.0;
 
 /// The moves that bring a motor to rest within its limits; they begin at a tick, with fraction ½.
 ///
-/// Up to the pull-in rate the motor stops at once. Faster, it is braked by its largest acceleration; if the file gives
-/// none, by the largest that the law had, and within 1 s.
+/// Up to the pull-in rate the motor stops at once. Faster, it is braked by no more than its largest acceleration; if the
+/// file gives none, than the largest that the law had, or than what takes 1 s. Within that the tail is short, not quick:
+/// a few segments, which take up to about twice the time.
 ///
 /// # Errors
 /// If a motor is so fast that the board cannot make its steps, which the plan before the tail would have met first.

@@ -74,7 +74,7 @@ struct Run {
 }
 
 impl Run {
-    fn from_zero(&self) -> Vec<(u64, u8, bool)> {
+    fn since_zero(&self) -> Vec<(u64, u8, bool)> {
         self.edges.iter().map(|edge| (edge.tick - self.zero, edge.line, edge.level)).collect()
     }
 }
@@ -126,13 +126,13 @@ fn at_every_rate_a_session_over_the_link_makes_the_same_edges() {
     for baud in Baud::ALL {
         let other = run(baud, 1, |_, _| {});
         assert_eq!(other.failure, None, "{baud:?}");
-        assert!(other.from_zero() == clean.from_zero(), "other edges at {baud:?}");
+        assert!(other.since_zero() == clean.since_zero(), "other edges at {baud:?}");
     }
 }
 
 #[test]
 fn with_50_ms_queued_no_fault_changes_an_edge() {
-    let clean = run(Baud::B1M, 1, |_, _| {}).from_zero();
+    let clean = run(Baud::B1M, 1, |_, _| {}).since_zero();
     let rates = Rates { drop: 20, flip: 20, delay: 20, duplicate: 20 };
     for seed in 1..=12 {
         let other = run(Baud::B1M, seed, |round, line| {
@@ -144,14 +144,14 @@ fn with_50_ms_queued_no_fault_changes_an_edge() {
         });
         println!("seed {seed}: {:?}", other.failure);
         assert_eq!(other.failure, None, "seed {seed}");
-        assert!(other.from_zero() == clean, "seed {seed}: other edges");
+        assert!(other.since_zero() == clean, "seed {seed}: other edges");
         assert_eq!(other.counted, other.replayed, "seed {seed}");
     }
 }
 
 #[test]
 fn what_lasts_longer_ends_in_the_tail() {
-    let clean = run(Baud::B1M, 1, |_, _| {}).from_zero();
+    let clean = run(Baud::B1M, 1, |_, _| {}).since_zero();
     for (seed, ms) in [(1, 600), (2, 1200), (3, 10_000)] {
         let other = run(Baud::B1M, seed, |round, line| {
             if round == 10 {
@@ -159,7 +159,7 @@ fn what_lasts_longer_ends_in_the_tail() {
             }
         });
         assert!(matches!(other.failure, Some(SessionError::Switch(_))), "{ms} ms: {:?}", other.failure);
-        let made = other.from_zero();
+        let made = other.since_zero();
         // The plan up to a tick, then a stop of its own, and at rest for good.
         let same = made.iter().zip(&clean).take_while(|(a, b)| a == b).count();
         assert!(same > 2000 && made.len() > same, "{ms} ms: {same} of {} edges as planned", made.len());

@@ -4,7 +4,7 @@ use crate::clock::{Clock, TICK_HZ};
 use crate::link::{Link, WINDOW};
 use crate::memory::{self, POOL, Queues};
 use crate::regs;
-use crate::steps::pins::{Layout, MAX_MOTORS};
+use crate::steps::pins::{Layout, MAX_MOTORS, Pin};
 use crate::steps::stepper::{Stepper, Trouble};
 use pulsetrain_core::narrow::{self, PushRefused, SWITCHES};
 use pulsetrain_core::wire::frame::Tag;
@@ -33,6 +33,8 @@ pub(crate) struct Board {
     /// Faults that were told, bit by motor.
     told: u8,
     was_idle: bool,
+    /// Ticks asleep, modulo 2^32: four minutes and a half.
+    asleep: u32,
     /// When the round being made began, or the last sleep ended.
     woken: Moment,
     last_stop: Cause,
@@ -42,7 +44,7 @@ pub(crate) struct Board {
 
 /// The enable line of the drivers.
 struct Power {
-    pin: Option<crate::steps::pins::Pin>,
+    pin: Pin,
     /// Enable is active high.
     high: bool,
     /// Rest after which the drivers are released.
@@ -53,13 +55,11 @@ struct Power {
 }
 
 impl Power {
-    const OFF: Power = Power { pin: None, high: false, idle_ms: None, on: false, busy: Millis(0) };
+    const OFF: Power = Power { pin: Pin::NONE, high: false, idle_ms: None, on: false, busy: Millis(0) };
 
     fn set(&mut self, on: bool) {
         self.on = on;
-        if let Some(pin) = self.pin {
-            pin.set(on == self.high);
-        }
+        self.pin.set(on == self.high);
     }
 
     /// Holds while there is something to do, and `idle_ms` longer.
@@ -113,6 +113,7 @@ impl Board {
             events: Events { waiting: [None; 2] },
             told: 0,
             was_idle: true,
+            asleep: 0,
             woken: Moment(0),
             last_stop: Cause::None,
             last_reset: Cause::None,
@@ -164,7 +165,7 @@ impl Board {
             regs::sleep();
         }
         let asleep = self.clock.moment().since(before);
-        self.measures.asleep_ticks += u64::from(asleep);
+        self.asleep = self.asleep.wrapping_add(asleep);
         self.woken = before.after(asleep);
     }
 
@@ -263,13 +264,9 @@ impl Board {
     /// Takes on a configuration that is possible.
     #[inline(never)]
     fn set_up(&mut self, layout: &Layout, configuration: &Configuration<'_>) {
-        if let Some(pin) = self.power.pin {
-            pin.float();
-        }
+        self.power.pin.float();
         let high = configuration.enable_high;
-        if let Some(pin) = layout.enable {
-            pin.drive(!high);
-        }
+        layout.enable.drive(!high);
         self.power = Power { pin: layout.enable, high, idle_ms: configuration.idle_ms, ..Power::OFF };
         for (place, motor) in self.pull_in.iter_mut().zip(configuration.motors()) {
             *place = motor.pull_in_ticks;
@@ -459,6 +456,7 @@ impl Machine for Board {
             most_unread: u16::from(self.link.most_unread),
             fewest_groups: self.stepper.fewest_groups(),
             stack_left: memory::stack_left(),
+            asleep_ticks: u64::from(self.asleep),
             ..self.measures
         }
     }
@@ -467,6 +465,7 @@ impl Machine for Board {
         self.measures = Board::NO_MEASURES;
         self.link.most_unread = 0;
         self.stepper.reset_measures();
+        self.asleep = 0;
     }
 
     fn can_baud(&self, _: Baud) -> bool {

@@ -66,13 +66,30 @@ impl Reg16 {
     }
 }
 
-/// §14.4: ports.
-pub(crate) const DDRB: Reg8 = Reg8(0x24);
-pub(crate) const PORTB: Reg8 = Reg8(0x25);
-pub(crate) const DDRC: Reg8 = Reg8(0x27);
-pub(crate) const PORTC: Reg8 = Reg8(0x28);
-pub(crate) const DDRD: Reg8 = Reg8(0x2a);
-pub(crate) const PORTD: Reg8 = Reg8(0x2b);
+/// A port of eight pins, by the address of its PORTx (§14.4); DDRx is the one before.
+#[derive(Clone, Copy)]
+pub(crate) struct Port(u8);
+
+impl Port {
+    /// PORTx: the levels of outputs.
+    #[inline(always)]
+    pub(crate) fn levels(self) -> Reg8 {
+        Reg8(u16::from(self.0))
+    }
+
+    /// DDRx: which pins are outputs.
+    #[inline(always)]
+    pub(crate) fn direction(self) -> Reg8 {
+        Reg8(u16::from(self.0 - 1))
+    }
+}
+
+/// Port B: pins 8 to 13.
+pub(crate) const PORT_B: Port = Port(0x25);
+/// Port C: pins A0 to A5.
+pub(crate) const PORT_C: Port = Port(0x28);
+/// Port D: pins 0 to 7.
+pub(crate) const PORT_D: Port = Port(0x2b);
 
 /// §16.11.9: flags of Timer1, cleared by writing ones.
 pub(crate) const TIFR1: Reg8 = Reg8(0x36);

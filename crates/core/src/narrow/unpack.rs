@@ -212,7 +212,8 @@ impl Unpacker {
                     return Found::Nothing;
                 }
                 // Before anything is changed: with fewer than three steps not all fields are said.
-                let (Some((count, 0)), Some((low, high))) = (part(&mut reader, count, 0, 0), part(&mut reader, interval, 0xff, 0))
+                let (Some((count, 0)), Some((low, high))) =
+                    (part(&mut reader, count, 0, 0), part(&mut reader, interval, 0xff, 0))
                 else {
                     return Found::Bad;
                 };

@@ -46,7 +46,9 @@ impl Items {
         let Placed { start, segment, direction } = *placed;
         let gap = start - self.accumulator;
         let whole = gap >> self.fraction_bits;
-        if gap >= 0 && whole << self.fraction_bits == gap {
+        // A step that was put off may come after more than one interval says.
+        let short = segment.interval >> self.fraction_bits < i64::from(LONGEST_WAIT_TICKS);
+        if gap >= 0 && whole << self.fraction_bits == gap && short {
             self.dwell(whole);
             self.push(Item::Run { segment, direction });
         } else {

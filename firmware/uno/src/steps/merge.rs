@@ -195,17 +195,24 @@ global_asm!(
     put_out_early \b_low, \b_high, \b_rise, \b_fall, \b
     .endm
 
-    .macro load_masks                   //                              20
-    lds r14, steps_merge+{LANE0}+{RISE}
-    lds r15, steps_merge+{LANE0}+{FALL}
-    lds r20, steps_merge+{LANE1}+{RISE}
-    lds r21, steps_merge+{LANE1}+{FALL}
-    lds r22, steps_merge+{LANE2}+{RISE}
-    lds r23, steps_merge+{LANE2}+{FALL}
-    lds r28, steps_merge+{LANE3}+{RISE}
-    lds r29, steps_merge+{LANE3}+{FALL}
-    lds r24, steps_merge+{HALF}
-    lds r25, steps_merge+{SPACING}
+    .macro point                        //                              2
+    ldi r28, lo8(steps_merge)
+    ldi r29, hi8(steps_merge)
+    .endm
+
+    // From Y, the state.                                                                           20
+    .macro load_masks
+    ldd r14, Y+{LANE0}+{RISE}
+    ldd r15, Y+{LANE0}+{FALL}
+    ldd r20, Y+{LANE1}+{RISE}
+    ldd r21, Y+{LANE1}+{FALL}
+    ldd r22, Y+{LANE2}+{RISE}
+    ldd r23, Y+{LANE2}+{FALL}
+    ldd r24, Y+{HALF}
+    ldd r25, Y+{SPACING}
+    ldd r0, Y+{LANE3}+{RISE}
+    ldd r29, Y+{LANE3}+{FALL}
+    mov r28, r0
     .endm
 
     .macro each_head what
@@ -226,10 +233,10 @@ global_asm!(
     \what 19, {DEADLINE}+1
     .endm
     .macro fetch register, offset
-    lds r\register, steps_merge+\offset
+    ldd r\register, Y+\offset
     .endm
     .macro store register, offset
-    sts steps_merge+\offset, r\register
+    std Y+\offset, r\register
     .endm
 
     .section .text.steps_merge_run, "ax", @progbits
@@ -239,15 +246,17 @@ steps_merge_run:
     .irp r, 2,3,4,5,6,7,8,9,10,11,12,13,14,15,16,17,28,29
     push r\r                            // 18 x 2                       36
     .endr
-    mov r0, r22
-    each_head fetch                     // 15 x 2                       67
-    lds r16, steps_merge+{PENDING_RISE}
-    lds r24, steps_merge+{END}
+    movw r28, r24
+    push r22
+    each_head fetch                     // 15 x 2                       69
+    ldd r16, Y+{PENDING_RISE}
+    ldd r24, Y+{END}
     or r16, r24
-    lds r26, steps_merge+{AT}
+    ldd r26, Y+{AT}
     ldi r27, hi8(ring_a_page)
     ldi r31, hi8(ring_b_page)
-    load_masks                          //                              96
+    load_masks                          //                              99
+    pop r0
     cp r2, r4
     cpc r3, r5
     brmi 2f
@@ -311,24 +320,22 @@ merge_put_off:
     // Looks for more room, and goes on if there is enough; else carry is set.
 merge_look:
     rcall merge_publish
-    lds r24, steps_merge+{LOOKS}
+    point
+    ldd r24, Y+{LOOKS}
     subi r24, 1
     brcs 1f
-    sts steps_merge+{LOOKS}, r24
-    lds r30, steps_merge+{TAIL}
+    std Y+{LOOKS}, r24
+    ldd r30, Y+{TAIL}
     ldi r31, 0
-    ld r24, Z
+    ld r30, Z
+    sub r30, r26
+    dec r30
+    lsr r30
+    lsr r30
+    load_masks
+    mov r0, r30
     ldi r31, hi8(ring_b_page)
-    sub r24, r26
-    dec r24
-    lsr r24
-    lsr r24
-    mov r0, r24
-    lds r25, steps_merge+{SPACING}
-    lds r28, steps_merge+{LANE3}+{RISE}
-    lds r29, steps_merge+{LANE3}+{FALL}
-    cpi r24, {ENOUGH}
-    lds r24, steps_merge+{HALF}
+    cpi r30, {ENOUGH}
 1:  ret
 
     .macro refill lane, next, offset
@@ -354,35 +361,35 @@ merge_feed:                             // call                         3
     push r26
     push r27
     push r22                            // 2 x 2                        59
-    lds r24, steps_merge+{FEEDER}       // 4                            63
-    lds r25, steps_merge+{FEEDER}+1
-    ldi r20, lo8(steps_merge)           // 2                            65
-    ldi r21, hi8(steps_merge)
-    call steps_feed                     // 4                            69
+    point                               // 2                            61
+    ldd r24, Y+{FEEDER}                 // 4                            65
+    ldd r25, Y+{FEEDER}+1
+    movw r20, r28                       // 1                            66
+    call steps_feed                     // 4                            70
     pop r22
     pop r27
     pop r26
     pop r19
     pop r18
-    pop r0
-    ldi r31, hi8(ring_b_page)           // 1                            70
     tst r24                             // 1                            71
     breq merge_dry                      // 1                            72
-    load_masks                          // 20                           92
-    ret                                 // 4                            96
+    load_masks                          // 21                           93
+    ldi r31, hi8(ring_b_page)           // 1                            94
+    pop r0
+    ret                                 // 4                            98
 
-    // Nothing for the lane r22: two return addresses go.
+    // Nothing for the lane r22: what was r0 and two return addresses go.
 merge_dry:
     mov r24, r22
+    .rept 5
     pop r0
-    pop r0
-    pop r0
-    pop r0
+    .endr
 merge_leave:
-    lds r25, steps_merge+{END}
+    point
+    ldd r25, Y+{END}
     com r25
     and r16, r25
-    sts steps_merge+{PENDING_RISE}, r16
+    std Y+{PENDING_RISE}, r16
     each_head store
     .irp r, 29,28,17,16,15,14,13,12,11,10,9,8,7,6,5,4,3,2
     pop r\r

@@ -9,7 +9,7 @@
 //! | [`Kind::PortB`] | all on 8–13 | software, one port |
 //! | [`Kind::Shield`] | on 2–7, and one motor with STEP 12, DIR 13 (the CNC shield's A axis) | software, both ports |
 
-use crate::regs::{self, Reg8};
+use crate::regs::{self, Port};
 use pulsetrain_core::wire::message::{Configuration, MotorSetup, NO_PIN};
 use pulsetrain_core::wire::{Reason, Refusal};
 
@@ -29,70 +29,54 @@ pub(crate) enum Kind {
     Shield,
 }
 
-/// A pin by its Arduino number: port and bit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// A pin: port and bit, or none.
+#[derive(Clone, Copy)]
 pub(crate) struct Pin {
     port: Port,
+    /// Its bit; 0 for no pin, to which everything can be done without effect.
     mask: u8,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Port {
-    B,
-    C,
-    D,
-}
-
 impl Pin {
-    /// Pins 2 to 19; 0 and 1 are the serial line's.
-    #[inline(never)]
-    fn of(number: u8) -> Option<Pin> {
-        let (port, bit) = match number {
-            2..8 => (Port::D, number),
-            8..14 => (Port::B, number - 8),
-            14..20 => (Port::C, number - 14),
-            _ => return None,
-        };
-        Some(Pin { port, mask: 1 << bit })
-    }
+    /// No pin.
+    pub(crate) const NONE: Pin = Pin { port: regs::PORT_B, mask: 0 };
 
-    fn registers(self) -> (Reg8, Reg8) {
-        match self.port {
-            Port::B => (regs::DDRB, regs::PORTB),
-            Port::C => (regs::DDRC, regs::PORTC),
-            Port::D => (regs::DDRD, regs::PORTD),
-        }
+    /// Pins 2 to 19 by their Arduino numbers; 0 and 1 are the serial line's.
+    #[inline(never)]
+    fn of(number: u8) -> Pin {
+        let (port, bit) = match number {
+            2..8 => (regs::PORT_D, number),
+            8..14 => (regs::PORT_B, number - 8),
+            14..20 => (regs::PORT_C, number - 14),
+            _ => return Pin::NONE,
+        };
+        Pin { port, mask: 1 << bit }
     }
 
     /// Makes it an output at `high`. The level first, so that no other is seen.
-    ///
-    /// Port and direction are read and written back: not while an interrupt plays groups.
     #[inline(never)]
     pub(crate) fn drive(self, high: bool) {
-        let (direction, port) = self.registers();
-        if high { port.set(self.mask) } else { port.clear(self.mask) }
-        direction.set(self.mask);
+        self.set(high);
+        regs::free(|| self.port.direction().set(self.mask));
     }
 
     /// Sets the level of an output. An interrupt may be toggling its neighbours.
     #[inline(never)]
     pub(crate) fn set(self, high: bool) {
-        let (_, port) = self.registers();
-        regs::free(|| if high { port.set(self.mask) } else { port.clear(self.mask) });
+        let levels = self.port.levels();
+        regs::free(|| if high { levels.set(self.mask) } else { levels.clear(self.mask) });
     }
 
     /// Whether it is driven high.
     fn is_high(self) -> bool {
-        let (_, port) = self.registers();
-        port.read() & self.mask != 0
+        self.port.levels().read() & self.mask != 0
     }
 
-    /// Makes it an input without pull-up, as after a reset. As [`Pin::drive`].
+    /// Makes it an input without pull-up, as after a reset.
     #[inline(never)]
     pub(crate) fn float(self) {
-        let (direction, port) = self.registers();
-        direction.clear(self.mask);
-        port.clear(self.mask);
+        regs::free(|| self.port.direction().clear(self.mask));
+        self.set(false);
     }
 }
 
@@ -133,47 +117,40 @@ impl Lines {
 
     /// Both lines as outputs at rest: STEP inactive, DIR low.
     pub(crate) fn drive(self) {
-        self.pins().for_each(|(pin, high)| pin.drive(high));
+        Pin::of(self.step_pin).drive(self.step_low());
+        Pin::of(self.dir_pin).drive(false);
     }
 
     /// Both lines as inputs.
     pub(crate) fn float(self) {
-        self.pins().for_each(|(pin, _)| pin.float());
+        Pin::of(self.step_pin).float();
+        Pin::of(self.dir_pin).float();
     }
 
     /// Sets STEP to its level at rest.
     pub(crate) fn rest(self) {
-        if let Some(pin) = Pin::of(self.step_pin) {
-            pin.set(self.step_low());
-        }
+        Pin::of(self.step_pin).set(self.step_low());
     }
 
     /// What of it is high while STEP rests, as bits of a group.
     pub(crate) fn levels(self) -> u8 {
         let mut levels = if self.step_low() { self.step } else { 0 };
-        if Pin::of(self.dir_pin).is_some_and(Pin::is_high) {
+        if Pin::of(self.dir_pin).is_high() {
             levels |= self.dir;
         }
         levels
     }
-
-    /// Both pins, and their levels at rest.
-    fn pins(self) -> impl Iterator<Item = (Pin, bool)> {
-        let step = Pin::of(self.step_pin).map(|pin| (pin, self.step_low()));
-        let dir = Pin::of(self.dir_pin).map(|pin| (pin, false));
-        step.into_iter().chain(dir)
-    }
 }
 
 /// The pins of a configuration, checked.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy)]
 pub(crate) struct Layout {
     /// How edges are made.
     pub(crate) kind: Kind,
     /// DIR lines that more than one motor looks at: bit by pin.
     shared: u16,
     /// Enable of all drivers.
-    pub(crate) enable: Option<Pin>,
+    pub(crate) enable: Pin,
 }
 
 impl Layout {
@@ -201,14 +178,14 @@ impl Layout {
             shared |= dirs & dir;
             dirs |= dir;
         }
-        let enable = configuration.enable_pin;
-        let enable = if enable == NO_PIN {
-            None
-        } else if enable < 16 && (steps | dirs) & 1 << enable != 0 {
-            return Err(refused(Reason::PinTaken, enable));
-        } else {
-            Some(Pin::of(enable).ok_or(refused(Reason::Pin, enable))?)
-        };
+        let number = configuration.enable_pin;
+        let enable = Pin::of(number);
+        if number != NO_PIN && enable.mask == 0 {
+            return Err(refused(Reason::Pin, number));
+        }
+        if number < 16 && (steps | dirs) & bit(number) != 0 {
+            return Err(refused(Reason::PinTaken, number));
+        }
         let kind = kind(configuration, steps, dirs, shared)?;
         Ok(Layout { kind, shared, enable })
     }
@@ -217,7 +194,7 @@ impl Layout {
     #[inline(never)]
     pub(crate) fn lines(&self, motor: &MotorSetup) -> Lines {
         let MotorSetup { step_pin, dir_pin, forward_high, step_low, .. } = *motor;
-        let mask = |pin| Pin::of(pin).map_or(0, |pin| pin.mask);
+        let mask = |pin| Pin::of(pin).mask;
         let (step, dir) = if self.kind == Kind::Shield && step_pin == 12 {
             (1 << 0, 1 << 1)
         } else {

@@ -27,6 +27,8 @@ use pulsetrain_core::narrow::{Bytes, Motor, Reason, Settings};
 use pulsetrain_core::wire::message::{self, Configuration};
 use pulsetrain_core::{Direction, Epoch, Moment};
 
+/// So late an interrupt may be that was kept waiting, ticks.
+const LATE: u8 = 24;
 /// Ticks between two groups, at least: from a match until the interrupt has set the next, and the longest time that it can be
 /// kept waiting; and the length of the interrupt + 4, so that delays die out.
 const APART: u8 = 48;
@@ -41,9 +43,9 @@ const FASTEST: [u16; 2] = [60, 130];
 /// Ticks between two groups, at most: the compare register is a quarter of the way round.
 const FILLER: u32 = 16_384;
 /// From a group's tick to its `fall`, ticks: at least, and at most when an interrupt was kept waiting.
-const FALL: [u32; 2] = [16, 48];
+const FALL: [u8; 2] = [16, 48];
 /// The same with the compare hardware, where DIR is toggled on a longer way.
-const FALL_COMPARE: [u32; 2] = [16, 80];
+const FALL_COMPARE: [u8; 2] = [16, 80];
 /// So far ahead a ring is filled while nothing is due, ticks (1.5 ms).
 const AHEAD_IDLE: u32 = 24_576;
 /// So far ahead it is filled at most, ticks (4 ms).
@@ -74,29 +76,36 @@ pub(crate) struct Times {
     apart: u8,
     /// Another motor has a ring of its own too.
     beside: bool,
-    fall: [u32; 2],
+    fall: [u8; 2],
 }
 
 impl Times {
-    const NONE: Times =
-        Times { pulse: 16, long: false, setup: 0, hold: 0, apart: APART, beside: false, fall: FALL };
+    /// From a group that toggles DIR to the step that it is for, at least.
+    #[inline(always)]
+    fn lead(&self) -> u32 {
+        u32::from(self.setup) + u32::from(self.fall[1])
+    }
+
+    const NONE: Times = Times { pulse: 16, long: false, setup: 0, hold: 0, apart: APART, beside: false, fall: FALL };
 
     /// Pulses of so many ticks, or a little longer where that is what an interrupt makes; beyond that by two groups.
     fn of(kind: Kind, configuration: &Configuration<'_>) -> Times {
         // What the interrupt makes without and with its flag, and the distance that takes.
-        let (pulses, aparts, fall) = match kind {
-            Kind::PortD | Kind::PortB => ([16, 31], [APART, APART_LONG], FALL),
-            Kind::Shield => ([17, 31], APART_SHIELD, FALL),
-            Kind::Compare => ([35, 35], [APART_COMPARE; 2], FALL_COMPARE),
+        let ((short, apart), (extra, apart_extra), fall) = match kind {
+            Kind::PortD | Kind::PortB => ((16, APART), (31, APART_LONG), FALL),
+            Kind::Shield => ((17, APART_SHIELD[0]), (31, APART_SHIELD[1]), FALL),
+            Kind::Compare => ((35, APART_COMPARE), (35, APART_COMPARE), FALL_COMPARE),
         };
         let wanted = configuration.pulse_ticks;
-        let (pulse, long, apart) = if wanted <= pulses[0] {
-            (pulses[0], false, aparts[0])
-        } else if wanted <= pulses[1] {
-            (pulses[1], false, aparts[1])
-        } else {
-            (wanted.max(u16::from(aparts[0])), true, aparts[0])
-        };
+        let (mut pulse, mut long, mut apart) = (short, false, apart);
+        if wanted > short {
+            if wanted <= extra {
+                (pulse, apart) = (extra, apart_extra);
+            } else {
+                // Its first edge may be late, its second never is.
+                (pulse, long) = (wanted.saturating_add(u16::from(LATE)).max(u16::from(apart)), true);
+            }
+        }
         let beside = kind == Kind::Compare && configuration.motors().len() > 1;
         Times { pulse, long, setup: configuration.setup_ticks, hold: configuration.hold_ticks, apart, beside, fall }
     }
@@ -169,7 +178,7 @@ impl Axis {
     /// Finds out what it wants next, if that is not after `limit`.
     #[inline(never)]
     fn look(&mut self, queues: &Queues, limit: Moment, times: &Times) {
-        let lead = u32::from(times.setup) + times.fall[1];
+        let lead = times.lead();
         let Some(Event { tick, kind }) = self.motor.peek(queues, limit.after(lead + u32::from(times.apart))) else {
             self.wish = Wish::Nothing;
             return;
@@ -282,7 +291,8 @@ impl Track {
         let near = due.before(u32::from(apart / 2)).is_before(self.at);
         let pending = self.ring.pending();
         // An edge of the compare hardware needs a group of its own.
-        let taken = pending.rise & group.rise | pending.fall & group.fall | self.ring.edge() & (group.rise | group.fall);
+        let taken =
+            pending.rise & group.rise | pending.fall & group.fall | self.ring.edge() & (group.rise | group.fall);
         if near && !self.at.is_before(open) && taken == 0 {
             self.ring.amend(group);
         } else {
@@ -459,13 +469,13 @@ impl Stepper {
         self.apiece = kind == Kind::Compare;
         self.shield = kind == Kind::Shield;
         self.times = Times::of(kind, configuration);
-        let extra = self.times.pulse == 31;
-        self.flags = match kind {
-            Kind::Shield => 1 << flags::EXTRA_A | 1 << flags::SHIELD | u8::from(extra) << flags::SHIELD_LONG,
-            Kind::PortB => u8::from(extra) << flags::EXTRA_B,
-            Kind::PortD => u8::from(extra) << flags::EXTRA_A,
-            Kind::Compare => 0,
+        let (always, extra) = match kind {
+            Kind::Shield => (1 << flags::EXTRA_A | 1 << flags::SHIELD, 1 << flags::SHIELD_LONG),
+            Kind::PortB => (0, 1 << flags::EXTRA_B),
+            Kind::PortD => (0, 1 << flags::EXTRA_A),
+            Kind::Compare => (0, 0),
         };
+        self.flags = if self.times.pulse == 31 { always | extra } else { always };
         let first = if kind == Kind::PortB { Name::B } else { Name::A };
         self.tracks[0].ring = Ring::new(first);
         self.axes.count = 0;
@@ -563,6 +573,8 @@ impl Stepper {
         if let Some(merge) = &mut self.merge {
             merge.clear(0);
         }
+        // Timer1's overflow, for a look at the clock, while no ring wakes the processor.
+        regs::free(|| regs::TIMSK1.set(1));
         uncertain
     }
 
@@ -677,7 +689,8 @@ impl Stepper {
         let Stepper { tracks, axes, merge, last, times, trouble, fewest_groups, .. } = self;
         let mut axes = axes.all_mut();
         for track in tracks {
-            let (mine, others) = if self.apiece { axes.split_at_mut_checked(1).unwrap_or_default() } else { (axes, &mut [][..]) };
+            let (mine, others) =
+                if self.apiece { axes.split_at_mut_checked(1).unwrap_or_default() } else { (axes, &mut [][..]) };
             axes = others;
             let merge = if self.merging { merge.as_deref_mut() } else { None };
             let busy = match &merge {
@@ -708,6 +721,19 @@ impl Stepper {
 /// Fills one ring as far as time allows. Whether there is nothing more to do until one of its groups has been played.
 #[inline(never)]
 fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, times: &Times) -> bool {
+    if let [axis] = axes {
+        // As long as nothing but steps comes there is nothing to look at.
+        let mut went = false;
+        while track.ring.free() >= ROOM_FOR && fast(track, axis, now, times) {
+            went = true;
+            if axis.motor.registers().left == 0 {
+                axis.look(queues, track.at.after(FILLER), times);
+            }
+        }
+        if went {
+            return false;
+        }
+    }
     // No further is looked in this call.
     let limit = track.at.after(FILLER);
     for axis in &mut *axes {
@@ -720,11 +746,6 @@ fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, time
         }
     }
     for _ in 0..BATCH {
-        if let [axis] = axes
-            && fast(track, axis, now, times)
-        {
-            return false;
-        }
         let ahead = track.at.since(now);
         if track.ring.free() < 2 || (ahead >= AHEAD && ahead < 1 << 31) {
             return true;
@@ -756,8 +777,19 @@ fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, time
 fn fast(track: &mut Track, axis: &mut Axis, now: Moment, times: &Times) -> bool {
     let fastest = FASTEST[usize::from(times.beside)];
     let room = track.ring.free();
-    let far = axis.due.since(track.at);
-    if room < 2 || far < u32::from(fastest) || far >= 1 << 15 {
+    if axis.wish == Wish::Nothing {
+        // The pending group is the last step, and there are more.
+        let registers = axis.motor.registers();
+        if registers.left == 0 || registers.tick != track.at.0 {
+            return false;
+        }
+    } else {
+        let far = axis.due.since(track.at);
+        if far < u32::from(fastest) || far >= 1 << 15 {
+            return false;
+        }
+    }
+    if room < 2 {
         return false;
     }
     let steps = axis.grant(fastest, now.after(AHEAD), times).min(room - 1);
@@ -815,7 +847,7 @@ fn plan(axes: &mut [Axis], index: usize, levels: u8, times: &Times) -> Option<(M
             for axis in axes.iter().filter(|axis| axis.lines.dir == dir) {
                 free = later(free, axis.free);
             }
-            (free.before(times.fall[0]), Group { rise: 0, fall: dir })
+            (free.before(u32::from(times.fall[0])), Group { rise: 0, fall: dir })
         }
     };
     Some((later(due, open), open, group))
@@ -839,7 +871,7 @@ fn done(axes: &mut [Axis], index: usize, tick: Moment, times: &Times) {
         }
         Wish::Dir(_) => {
             axis.take();
-            let ready = tick.after(times.fall[1] + u32::from(times.setup));
+            let ready = tick.after(times.lead());
             for axis in axes.iter_mut().filter(|axis| axis.lines.dir == dir) {
                 axis.ready = ready;
             }

@@ -1,0 +1,128 @@
+//! The firmware's expansion, in assembly, against the recurrence: random registers, on the emulated chip.
+
+use pulsetrain_core::narrow::Registers;
+use pulsetrain_emulator::{Atmega328p, hex};
+
+const IMAGE: &str = include_str!("../images/uno.hex");
+
+/// How both expanders begin: r8 to r16, Y onto the stack, then the arguments to where they are used.
+const BEGINNING: [u16; 13] =
+    [0x928f, 0x929f, 0x92af, 0x92bf, 0x92cf, 0x92df, 0x92ef, 0x92ff, 0x930f, 0x93cf, 0x93df, 0x01ec, 0x01fb];
+const REGISTERS: u16 = 0x500;
+const TICKS: u16 = 0x600;
+const STACK: u16 = 0x8f0;
+const RETURN: u16 = 0x3ff0;
+
+/// A small generator of random numbers: xorshift64*.
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 ^= self.0 >> 12;
+        self.0 ^= self.0 << 25;
+        self.0 ^= self.0 >> 27;
+        self.0.wrapping_mul(0x2545_f491_4f6c_dd1d)
+    }
+}
+
+fn bytes_of(registers: &Registers) -> Vec<u8> {
+    let mut bytes = registers.fraction.to_le_bytes().to_vec();
+    bytes.extend(registers.tick.to_le_bytes());
+    bytes.extend(registers.interval_low.to_le_bytes());
+    bytes.push(registers.interval_high);
+    bytes.extend(registers.add.to_le_bytes());
+    bytes.extend(registers.add2.to_le_bytes());
+    bytes.extend(registers.left.to_le_bytes());
+    bytes
+}
+
+/// Calls the function at word `entry` with the registers and `n`; gives the cycles that it took.
+fn call(chip: &mut Atmega328p, entry: u16, registers: &Registers, n: u8) -> u64 {
+    for (address, byte) in (REGISTERS..).zip(bytes_of(registers)) {
+        chip.write_data(address, byte, &mut ());
+    }
+    for (address, byte) in [(0x5d, STACK), (0x5e, STACK >> 8), (STACK + 1, RETURN >> 8), (STACK + 2, RETURN)] {
+        chip.write_data(address, byte.to_le_bytes()[0], &mut ());
+    }
+    for (register, value) in [(24, REGISTERS), (22, TICKS)] {
+        let [low, high] = value.to_le_bytes();
+        chip.set_register(register, low);
+        chip.set_register(register + 1, high);
+    }
+    chip.set_register(20, n);
+    chip.set_register(18, 4);
+    chip.set_register(19, 4);
+    chip.set_register(1, 0);
+    chip.set_pc(entry);
+    let begin = chip.cycle();
+    while chip.pc() != RETURN {
+        chip.step(&mut ());
+        assert!(chip.cycle() - begin < 100_000, "it does not return");
+    }
+    chip.cycle() - begin
+}
+
+#[test]
+fn expansion_is_the_recurrence() {
+    let image = hex::parse(IMAGE, Atmega328p::FLASH_BYTES).unwrap();
+    let words: Vec<_> = image.chunks_exact(2).map(|pair| u16::from_le_bytes([pair[0], pair[1]])).collect();
+    let found = words.windows(BEGINNING.len()).enumerate().filter(|(_, words)| *words == BEGINNING);
+    let entries: Vec<_> = found.map(|(at, _)| u16::try_from(at).unwrap()).collect();
+    assert_eq!(entries.len(), 2, "one for rings, one for lists");
+
+    let mut chip = Atmega328p::new(&image).unwrap();
+    let mut random = Random(0x9e37_79b9_7f4a_7c15);
+    let mut lawful = [0; 2];
+    for round in 0..4000 {
+        let n = 1 + (random.next() % 31) as u8;
+        // Intervals of 2500 to 15 500 ticks, changing by so much that they stay positive and below 32 768 for 31 steps.
+        let ticks = 2500 + random.next() % 13_000;
+        let steady = round % 4 == 0;
+        let change = |random: &mut Random, range: i64| (random.next() as i64 % range) as i32;
+        let mut registers = Registers {
+            fraction: random.next() as u16,
+            tick: random.next() as u32,
+            interval_low: (ticks << 16) as u32 | u32::from(random.next() as u16),
+            interval_high: 0,
+            add: if steady { 0 } else { change(&mut random, 30 << 16) },
+            add2: if steady { 0 } else { change(&mut random, 2 << 16) },
+            left: u16::from(n) + (random.next() % 1000) as u16,
+        };
+        if round % 8 == 1 {
+            // The tick's lower three bytes wrap.
+            registers.tick = (random.next() as u32) << 24 | 0x00ff_f000 | u32::from(random.next() as u16);
+        }
+        let mut expected = registers;
+        let ticks: Vec<u16> = (0..n)
+            .map(|_| {
+                expected.advance();
+                expected.left -= 1;
+                expected.tick as u16
+            })
+            .collect();
+        for (kind, &entry) in entries.iter().enumerate() {
+            let cycles = call(&mut chip, entry, &registers, n);
+            let ram = |address: u16| chip.ram()[usize::from(address - 0x100)];
+            let after: Vec<_> = (0..21).map(|at| ram(REGISTERS + at)).collect();
+            assert_eq!(after, bytes_of(&expected), "round {round}, {n} steps of {registers:?}");
+            for (index, tick) in (0..).zip(&ticks) {
+                let [low, high] = tick.to_le_bytes();
+                if kind == 0 {
+                    // A group of four bytes: next's tick is in the second and third, what it toggles around them.
+                    let group = TICKS + 4 * index;
+                    assert_eq!([ram(group + 1), ram(group + 2)], [high, low]);
+                    assert_eq!([ram(group + 4), ram(group + 7)], [4, 4]);
+                } else {
+                    assert_eq!([ram(TICKS + 2 * index), ram(TICKS + 2 * index + 1)], [low, high]);
+                }
+            }
+            if !steady && n == 30 {
+                lawful[kind] = cycles;
+            } else if !steady && n == 20 && lawful[kind] != 0 {
+                // As steps/expand.rs says: 23.5 and 18.5 cycles a step, but for 4 where the tick's fourth byte changes.
+                let [ring, list] = [235, 185];
+                assert!((lawful[kind] - cycles).abs_diff([ring, list][kind]) <= 4, "{} − {cycles}", lawful[kind]);
+            }
+        }
+    }
+}
