@@ -88,8 +88,8 @@ Examples:
     Motor(Motor),
     /// Be a virtual Uno in real time, for this program or any other serial client; Ctrl-C ends it
     #[command(after_help = "\
-The firmware runs on an emulated chip behind a model of the Uno's USB bridge. A client that opens the port resets it,
-as a real one. Over --pty it follows the rate that the client sets; over --tcp the line stays at 115200 baud.
+The firmware runs on an emulated chip behind a model of the Uno's USB bridge. A client that opens the port resets \
+it, as a real one. Over --pty it follows the rate that the client sets; over --tcp the line stays at 115200 baud.
 
 Examples:
   pulsetrain board uno --pty /tmp/uno               then: pulsetrain run FILE --port /tmp/uno

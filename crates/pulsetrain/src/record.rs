@@ -163,9 +163,11 @@ impl<'a, W: Write> Recorder<'a, W> {
             trace.finish()?;
             steps.finish()?;
         }
-        let verdict = judge.finish_with(&mut |motor, tick, late| {
+        let mut verdict = judge.finish_with(&mut |motor, tick, late| {
             picture.motors[motor].error(tick as f64 * tick_s, late);
         })?;
+        // The constant is the board's, and told with the lateness: the trace begins where the laws do.
+        verdict.alignment.shift_s = 0.0;
         let window = picture.close_view();
         for ((drawn, motor), planned) in picture.motors.iter_mut().zip(&program.motors).zip(planned) {
             drawn.bound_ticks = planned.certificate.bound_ticks;

@@ -58,6 +58,9 @@ fn help() {
     check(&["--help"], Exit::Success, expect_file!["golden/help.txt"]);
     check(&["run", "--help"], Exit::Success, expect_file!["golden/help-run.txt"]);
     check(&["verify", "--help"], Exit::Success, expect_file!["golden/help-verify.txt"]);
+    check(&["board", "--help"], Exit::Success, expect_file!["golden/help-board.txt"]);
+    check(&["info", "--help"], Exit::Success, expect_file!["golden/help-info.txt"]);
+    check(&["bench", "--help"], Exit::Success, expect_file!["golden/help-bench.txt"]);
 }
 
 #[test]
@@ -261,7 +264,49 @@ fn what_cannot_be_done_is_said() {
     check(&["plot", &tutorial, "--out", &folder.path("plot.gif")], "name it .svg or .png");
     check(&["plot", &tutorial, "--out", &format!("{plain_file}/plot.png")], "cannot write");
     check(&["verify", "missing.vcd", &tutorial], "cannot read missing.vcd");
+    check(&["run", &tutorial, "--port", "/dev/ttyNOT-THERE"], "there is no port /dev/ttyNOT-THERE");
+    check(&["run", &tutorial, "--port", "x", "--board", "due"], "is planned for the board `due`");
+    check(&["run", &tutorial, "--port", "x", "--baud", "9600"], "the rates are 115200, 250000");
+    check(&["run", &tutorial, "--virtual", "--board", "native"], "there is no virtual `native` yet");
+    check(&["info"], "--port <PORT>");
+    check(&["info", "--port", "/dev/ttyNOT-THERE"], "an Uno is usually /dev/ttyACM0");
+    check(&["bench", "--port", "/dev/ttyNOT-THERE"], "say --disconnected");
+    check(&["board", "uno"], "--pty <LINK>");
+    check(&["board", "due", "--tcp", "127.0.0.1:0"], "possible values: uno");
     check(&["verify", &plain_file, &tutorial], "captures are VCD");
+}
+
+/// Pins that the firmware cannot move together are refused before anything is planned, with what fits.
+#[test]
+fn pins_apart_are_refused_with_what_fits() {
+    let folder = Folder::new("pins");
+    let path = folder.path("apart.toml");
+    let text = std::fs::read_to_string(example("tutorial.toml")).unwrap();
+    std::fs::write(&path, text.replace("dir = 9", "dir = 5")).unwrap();
+    let outcome = pulsetrain(&["plan", &path]);
+    assert_eq!(outcome.exit, Exit::Refused);
+    let said = outcome.err.split(['│', '\n']).map(str::trim).collect::<Vec<_>>().join(" ");
+    assert!(said.contains("an Uno cannot drive these pins together"), "{said}");
+    for kind in pulsetrain_motion::pins::PinKind::ALL {
+        assert!(said.contains(&kind.to_string()), "{kind}: {said}");
+    }
+    assert_eq!(pulsetrain(&["plan", &path, "--board", "native"]).exit, Exit::Success);
+}
+
+/// What a virtual board says of itself, and how it measures itself: emulated cycles, the same every time.
+#[test]
+fn a_virtual_uno_tells_of_itself() {
+    let json = |args: &[&str]| -> serde_json::Value {
+        let outcome = pulsetrain(args);
+        assert_eq!(outcome.exit, Exit::Success, "{}{}", outcome.out, outcome.err);
+        serde_json::from_str(&outcome.out).unwrap()
+    };
+    let info = json(&["info", "--board", "uno", "--json"]);
+    assert_eq!((&info["board"], &info["tick_hz"]), (&"Arduino Uno".into(), &16_000_000.into()));
+    assert_eq!((&info["motors"], &info["baud"]), (&4.into(), &1_000_000.into()));
+    let [ppm, doubt] = [0, 1].map(|index| info["clock_ppm"][index].as_f64().unwrap());
+    assert!(ppm.abs() <= doubt, "{ppm} {doubt}");
+    assert!(pulsetrain(&["info", "--board", "uno"]).out.contains("power came on"));
 }
 
 /// A reader that goes away, as `head` does.

@@ -45,25 +45,40 @@ struct Row {
     pins: Option<Lateness>,
 }
 
+/// All of it.
+#[derive(Debug, Serialize)]
+struct Rows {
+    measured: Vec<Row>,
+    refused: Vec<String>,
+}
+
 pub(crate) fn run(args: &Bench, console: &mut Console<'_>) -> miette::Result<Exit> {
     let mut rows = Vec::new();
+    // What the board cannot do, and why.
+    let mut refused = Vec::new();
     for period_s in PERIODS_S {
         let prepared = prepared(period_s)?;
-        rows.push(match &args.at.port {
+        let measured = match &args.at.port {
             Some(_) if !args.disconnected => {
                 let help = "switch the drivers' supply off, or take the wires off, and say --disconnected";
                 return Err(miette!(help = help, "this steps pin {STEP_PIN} and turns pin {DIR_PIN}"));
             }
             Some(name) => {
                 let port = Serial::open(name, false).map_err(port_problem)?;
-                Row { pins: None, ..measure(&prepared, period_s, port, args.at.baud).map_err(drive_problem)? }
+                measure(&prepared, period_s, port, args.at.baud).map(|row| Row { pins: None, ..row })
             }
-            None => measure(&prepared, period_s, VirtualUno::new(), args.at.baud).map_err(drive_problem)?,
-        });
+            None => measure(&prepared, period_s, VirtualUno::new(), args.at.baud),
+        };
+        match measured {
+            Ok(row) => rows.push(row),
+            Err(DriveError::Session(error)) => refused.push(format!("{}: {error}", prepared.file)),
+            Err(error) => return Err(drive_problem(error)),
+        }
     }
+    let exit = if refused.is_empty() { Exit::Success } else { Exit::BoundBroken };
     if args.at.json {
-        console.print_json(&rows)?;
-        return Ok(Exit::Success);
+        console.print_json(&Rows { measured: rows, refused })?;
+        return Ok(exit);
     }
     let whose =
         args.at.port.as_deref().map_or_else(|| "the virtual Uno".to_owned(), |name| format!("the Uno at {name}"));
@@ -113,7 +128,10 @@ pub(crate) fn run(args: &Bench, console: &mut Console<'_>) -> miette::Result<Exi
         }
         console.print(&table)?;
     }
-    Ok(Exit::Success)
+    for why in refused {
+        console.print(format_args!("\n  not made: {why}\n"))?;
+    }
+    Ok(exit)
 }
 
 /// A period of a sinusoid.
@@ -129,7 +147,7 @@ fn prepared(period_s: f64) -> miette::Result<Prepared> {
         scale: Scale { unit: "step".to_owned(), steps_per_unit: 1.0, steps_per_rev: 200.0 },
         winding: None,
     };
-    let program = Program { board, grid: Grid::REACH, tolerance: Tolerance::Ticks(1.0), motors: vec![motor] };
+    let program = Program { board, grid: Grid::REACH, tolerance: Tolerance::Seconds(1e-6), motors: vec![motor] };
     Ok(Prepared { file: format!("a sinusoid of {period_s} s"), program, cut_at: None })
 }
 

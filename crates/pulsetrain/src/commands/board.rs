@@ -43,7 +43,7 @@ fn serve<C: Client>(client: C, place: &str, args: &Board, console: &mut Console<
     let lost = serve::in_real_time(&mut service, interrupt::wanted).map_err(broken)?;
     let (ran, clients) = (service.now().as_secs_f64(), service.clients());
     service.finish().map_err(broken)?;
-    console.print(format_args!("{} on the chip's clock, opened {clients} times\n", human::seconds(ran)))?;
+    console.print(format_args!("{} on the chip's clock; clients: {clients}\n", human::seconds(ran)))?;
     if !lost.is_zero() {
         console.print(format_args!("this computer was {} too slow for it\n", human::seconds(lost.as_secs_f64())))?;
     }

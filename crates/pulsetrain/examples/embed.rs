@@ -1,0 +1,82 @@
+//! A program that drives a board through the library: follows a law for a while, asks where the motor is, and stops it.
+//!
+//! ```console
+//! $ cargo run --release --example embed                    # the virtual Uno: the firmware's bytes on an emulated chip
+//! $ cargo run --release --example embed -- /dev/ttyACM0    # a real one
+//! ```
+
+use std::error::Error;
+
+use pulsetrain::drive::connect;
+use pulsetrain::session::Session;
+use pulsetrain_board::virtual_uno::VirtualUno;
+use pulsetrain_board::{Edge, Port, Serial};
+use pulsetrain_core::wire::Baud;
+use pulsetrain_motion::file;
+
+/// The same as a motion file; it may as well be built from `pulsetrain_motion`'s types.
+const MOTION: &str = r#"
+board = "uno"
+tolerance = "1 us"
+
+[motor.pendulum]
+steps_per_rev = 200
+microsteps = 8
+driver = "A4988"
+pins = { step = 8, dir = 9 }
+forward = "high"
+max_acceleration = "20 rev/s^2"
+
+[[motion]]
+motor = "pendulum"
+law.sine = { amplitude = "45 deg", period = "2 s" }
+"#;
+
+/// What came of it.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) struct Outcome {
+    /// Where the motor was expected to be when it was told to stop, steps.
+    pub(crate) when_told: i64,
+    /// Where the board says that it came to rest, steps.
+    pub(crate) at_rest: i64,
+    /// Rising edges of STEP; none are known of a real board.
+    pub(crate) pulses: u64,
+}
+
+/// Lets a pendulum swing for 1.3 s, and stops it within its limits.
+///
+/// # Errors
+/// When the board is not there, refuses, or is lost; each error says what to do.
+pub(crate) fn swing<P: Port>(port: P) -> Result<Outcome, Box<dyn Error>> {
+    let no_other_file = |_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into());
+    let program = file::read(MOTION, "pendulum", &no_other_file)?;
+    let board = connect(port, &program, Baud::B1M)?;
+    println!("firmware {:?}, {} ticks a second", board.info().firmware, board.info().tick_hz);
+
+    // From here on the board always has a plan that ends in rest: the cable may be pulled at any time.
+    let mut session = Session::new(board, &program)?;
+    let mut pulses = 0;
+    let mut on_pins = |edge: Edge| pulses += u64::from(edge.line == 8 && edge.level);
+    let told = session.zero() + program.board.tick_hz * 13 / 10;
+    session.advance(told, &mut on_pins)?;
+    let when_told = session.count_at(0, told).unwrap_or_default();
+    let theta = session.state(0, session.earliest())?.theta;
+    println!("at 1.3 s: {when_told} steps; where it can be told first the law says {theta:.1}");
+
+    session.stop()?;
+    let report = session.run(&mut on_pins, |_| {});
+    if let Some(failure) = report.failure {
+        return Err(failure.into());
+    }
+    println!("at rest at {} steps", report.counted[0]);
+    session.into_board().close();
+    Ok(Outcome { when_told, at_rest: report.counted[0], pulses })
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    match std::env::args().nth(1) {
+        Some(port) => swing(Serial::open(&port, false)?)?,
+        None => swing(VirtualUno::new())?,
+    };
+    Ok(())
+}

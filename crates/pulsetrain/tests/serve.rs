@@ -1,0 +1,297 @@
+//! A virtual Uno for any serial client: through memory, in virtual time; and through a pseudo-terminal and a socket.
+
+use std::cell::RefCell;
+use std::io;
+use std::rc::Rc;
+use std::time::Duration;
+
+use pulsetrain::drive::connect;
+use pulsetrain::serve::{Client, Service};
+use pulsetrain::session::Session;
+use pulsetrain_board::{Board, Edge, Port, PortError, Remote};
+use pulsetrain_core::wire::Baud;
+use pulsetrain_core::wire::message::Cause;
+use pulsetrain_motion::program::Program;
+use pulsetrain_motion::{file, pins::PinKind};
+use pulsetrain_trace::vcd_file;
+use pulsetrain_trace::verdict::{self, Align, Options};
+
+const MOTION: &str = r#"
+board = "uno"
+tolerance = "1 us"
+
+[motor.wheel]
+steps_per_rev = 200
+driver = "A4988"
+pins = { step = 8, dir = 9 }
+forward = "high"
+max_acceleration = "50 rev/s^2"
+
+[[motion]]
+motor = "wheel"
+law.sine = { amplitude = "0.5 rev", period = "1 s", cycles = 1 }
+"#;
+
+fn program() -> Program {
+    file::read(MOTION, "wheel.toml", &|_| Err(io::ErrorKind::NotFound.into())).unwrap()
+}
+
+/// What lies between client and board.
+#[derive(Default)]
+struct Between {
+    present: bool,
+    to_board: Vec<u8>,
+    to_client: Vec<u8>,
+    rate: u32,
+}
+
+/// The board's end.
+#[derive(Clone, Default)]
+struct Pipe(Rc<RefCell<Between>>);
+
+impl Client for Pipe {
+    fn poll(&mut self, into: &mut Vec<u8>) -> io::Result<bool> {
+        let mut between = self.0.borrow_mut();
+        into.append(&mut between.to_board);
+        Ok(between.present)
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.0.borrow_mut().to_client.extend_from_slice(bytes);
+        Ok(())
+    }
+
+    fn rate(&self) -> Option<u32> {
+        Some(self.0.borrow().rate)
+    }
+}
+
+/// A file in memory.
+#[derive(Clone, Default)]
+struct Memory(Rc<RefCell<Vec<u8>>>);
+
+impl io::Write for Memory {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.borrow_mut().extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// The client's end: time passes as the client waits, a millisecond a round.
+struct Through {
+    service: Service<Pipe, Memory>,
+    pipe: Pipe,
+}
+
+impl Through {
+    fn new(trace: Option<Memory>) -> Through {
+        let pipe = Pipe::default();
+        *pipe.0.borrow_mut() = Between { present: true, rate: 115_200, ..Between::default() };
+        Through { service: Service::new(pipe.clone(), trace).unwrap(), pipe }
+    }
+
+    fn rounds(&mut self, rounds: u32) {
+        for _ in 0..rounds {
+            self.service.round(self.service.now() + Duration::from_millis(1)).unwrap();
+        }
+    }
+}
+
+impl Port for Through {
+    fn now(&self) -> Duration {
+        self.service.now()
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        self.pipe.0.borrow_mut().to_board.extend_from_slice(bytes);
+        Ok(())
+    }
+
+    fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
+        while self.pipe.0.borrow().to_client.is_empty() && self.now() < until {
+            let end = until.min(self.now() + Duration::from_millis(1));
+            self.service.round(end).unwrap();
+        }
+        into.append(&mut self.pipe.0.borrow_mut().to_client);
+        Ok(())
+    }
+
+    fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
+        self.pipe.0.borrow_mut().rate = baud.rate();
+        Ok(())
+    }
+}
+
+#[test]
+fn a_client_runs_a_motion_and_the_trace_shows_it() {
+    let program = program();
+    let memory = Memory::default();
+    let board = connect(Through::new(Some(memory.clone())), &program, Baud::B500k).unwrap();
+    assert_eq!(board.link().baud(), Baud::B500k);
+    let mut session = Session::new(board, &program).unwrap();
+    let report = session.run(&mut |_: Edge| {}, |_| {});
+    assert_eq!((report.failure, report.counted), (None, vec![0]));
+    let port = session.into_board().close();
+    port.service.finish().unwrap();
+
+    let trace = vcd_file::read(&memory.0.borrow()).unwrap();
+    assert!(trace.lines.iter().any(|line| line.names.iter().any(|name| name.ends_with("pin8"))));
+    let late = pulsetrain_motion::boards::find("uno").unwrap().lateness_ticks;
+    let bound = program.tolerance.ticks(program.board.tick_hz) + f64::from(late);
+    let constant_ticks = PinKind::of(&program.motors).unwrap().constant_ticks().into();
+    let options = Options { align: Align::Start, bound_ticks: Some(bound), constant_ticks, ..Options::default() };
+    let verdict = verdict::judge(&trace, &program, &options).unwrap();
+    assert!(verdict.ok, "{verdict:?}");
+    assert_eq!(verdict.motors[0].steps_got, 400);
+}
+
+#[test]
+fn opening_again_resets_the_board() {
+    let mut board = Remote::open(Through::new(None), 1).unwrap();
+    let began = board.now();
+    board.advance(began + 16_000_000, &mut |_: Edge| {});
+    let mut port = board.close();
+    assert_eq!(port.service.clients(), 1);
+    port.pipe.0.borrow_mut().present = false;
+    port.rounds(5);
+    *port.pipe.0.borrow_mut() = Between { present: true, rate: 115_200, ..Between::default() };
+    let board = Remote::open(port, 2).unwrap();
+    assert_eq!(board.port().service.clients(), 2);
+    assert_eq!(board.info().last_reset, Cause::ResetLine);
+    assert!(board.now() < 16_000_000, "its clock began anew: {}", board.now());
+}
+
+/// Through the system, in real time: nothing here depends on how fast that is.
+#[cfg(unix)]
+mod real {
+    use pulsetrain::cli;
+    use pulsetrain::console::Exit;
+    use pulsetrain_board::Link;
+    use pulsetrain_core::wire::frame::Received;
+    use pulsetrain_core::wire::message::version_of;
+    use pulsetrain_core::wire::{Decoder, VERSION};
+    use std::io::{BufRead, BufReader, Read, Write};
+    use std::net::TcpStream;
+    use std::path::{Path, PathBuf};
+    use std::process::{Child, ChildStdout, Command, Stdio};
+    use std::time::Duration;
+
+    /// `pulsetrain board uno`, ended at the latest when the test is.
+    struct Served {
+        process: Child,
+        out: BufReader<ChildStdout>,
+    }
+
+    impl Served {
+        fn new(arguments: &[&str]) -> (Served, String) {
+            let mut process = Command::new(env!("CARGO_BIN_EXE_pulsetrain"))
+                .args(["board", "uno"])
+                .args(arguments)
+                .stdout(Stdio::piped())
+                .spawn()
+                .unwrap();
+            let mut out = BufReader::new(process.stdout.take().unwrap());
+            let mut first = String::new();
+            out.read_line(&mut first).unwrap();
+            assert!(first.contains("a virtual Uno is at"), "{first}");
+            (Served { process, out }, first)
+        }
+
+        /// Ctrl-C; gives what it said last.
+        fn interrupt(mut self) -> String {
+            let kill = Command::new("kill").args(["-INT", &self.process.id().to_string()]).status().unwrap();
+            assert!(kill.success());
+            assert_eq!(self.process.wait().unwrap().code(), Some(0));
+            let mut said = String::new();
+            self.out.read_to_string(&mut said).unwrap();
+            said
+        }
+    }
+
+    impl Drop for Served {
+        fn drop(&mut self) {
+            // Gone already if all went well.
+            let _ = self.process.kill();
+            let _ = self.process.wait();
+        }
+    }
+
+    fn folder(name: &str) -> PathBuf {
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+        let _ = std::fs::remove_dir_all(&folder);
+        std::fs::create_dir_all(&folder).unwrap();
+        folder
+    }
+
+    fn pulsetrain(arguments: &[&str]) -> (Exit, String) {
+        let (mut out, mut err) = (Vec::new(), Vec::new());
+        let exit = cli::run([&["pulsetrain"], arguments].concat(), &mut out, &mut err);
+        (exit, String::from_utf8(out).unwrap() + &String::from_utf8(err).unwrap())
+    }
+
+    #[test]
+    fn a_pseudo_terminal_serves_one_client_after_the_other() {
+        let folder = folder("serve-pty");
+        let name = |file: &str| folder.join(file).display().to_string();
+        let (link, trace, motion) = (name("uno"), name("pins.vcd"), name("wheel.toml"));
+        std::fs::write(&motion, super::MOTION).unwrap();
+        let (served, _) = Served::new(&["--pty", &link, "--trace", &trace]);
+
+        let (exit, said) = pulsetrain(&["info", "--port", &link]);
+        assert_eq!(exit, Exit::Success, "{said}");
+        assert!(said.contains("Arduino Uno"), "{said}");
+        let (exit, said) = pulsetrain(&["run", &motion, "--port", &link, "--out", &name("out")]);
+        assert_eq!(exit, Exit::Success, "{said}");
+        assert!(said.contains("the board's own word"), "{said}");
+        let report = std::fs::read_to_string(folder.join("out/report.json")).unwrap();
+        let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+        assert_eq!(report["says"]["counted"], serde_json::json!([0]));
+
+        let said = served.interrupt();
+        // A port that is closed and opened within a millisecond was never seen closed.
+        assert!(said.contains("clients: "), "{said}");
+        assert!(!folder.join("uno").exists() && !folder.join("uno").is_symlink(), "the link is gone");
+        let (exit, said) = pulsetrain(&["verify", &trace, &motion, "--pins", "--align", "start"]);
+        assert_eq!(exit, Exit::Success, "{said}");
+    }
+
+    #[test]
+    fn a_socket_answers_hello() {
+        let (served, first) = Served::new(&["--tcp", "127.0.0.1:0"]);
+        let address = first.split_whitespace().find(|word| word.starts_with("127.0.0.1:")).unwrap();
+        let mut stream = TcpStream::connect(address.trim_end_matches([',', ';'])).unwrap();
+        stream.set_read_timeout(Some(Duration::from_millis(300))).unwrap();
+        // Said until it is answered, as the chip needs a moment to start; the answer's third byte is the protocol.
+        let mut hello = Vec::new();
+        let mut link = Link::new(1);
+        link.hello(Duration::ZERO);
+        link.output(Duration::ZERO, &mut hello);
+        let mut decoder = Decoder::new();
+        let answered = (0..200).any(|_| {
+            stream.write_all(&hello).unwrap();
+            let mut bytes = [0; 256];
+            let count = stream.read(&mut bytes).unwrap_or(0);
+            bytes[..count].iter().any(|byte| {
+                matches!(decoder.push(*byte), Received::Frame(_)) && version_of(decoder.body()) == Some(VERSION)
+            })
+        });
+        assert!(answered);
+        drop(stream);
+        assert!(served.interrupt().contains("clients: 1"));
+    }
+
+    #[test]
+    fn a_name_that_is_taken_is_refused() {
+        let folder = folder("serve-taken");
+        let taken = folder.join("taken");
+        std::fs::write(&taken, "mine").unwrap();
+        let (exit, said) = pulsetrain(&["board", "uno", "--pty", &taken.display().to_string()]);
+        assert_eq!(exit, Exit::Refused);
+        assert!(said.contains("a name that is free"), "{said}");
+        assert_eq!(std::fs::read_to_string(&taken).unwrap(), "mine");
+    }
+}
