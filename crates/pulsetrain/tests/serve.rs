@@ -270,7 +270,7 @@ mod real {
         let mut link = Link::new(1);
         link.hello(Duration::ZERO);
         link.output(Duration::ZERO, &mut hello);
-        let mut decoder = Decoder::new();
+        let mut decoder = Decoder::<{ pulsetrain_core::wire::MAX_BODY }>::new();
         let answered = (0..200).any(|_| {
             stream.write_all(&hello).unwrap();
             let mut bytes = [0; 256];
