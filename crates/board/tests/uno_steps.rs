@@ -251,7 +251,7 @@ fn check(pins: &[(u8, u8)], law: Law, early: i64, p99: i64, late: i64) {
     assert!(report.shortest_pulse >= 16, "{report:?}");
 }
 
-const PORT_D: [(u8, u8); 3] = [(2, 5), (3, 6), (4, 7)];
+const PORT_D: [(u8, u8); 1] = [(2, 5)];
 
 const fn changing(rate: f64) -> Law {
     Law { rate, swing: 0.1, turns: 0 }
@@ -259,19 +259,12 @@ const fn changing(rate: f64) -> Law {
 
 #[test]
 fn one_motor() {
-    check(&PORT_D[..1], changing(2e3), -1, 40, 60);
-    check(&PORT_D[..1], changing(20e3), -1, 40, 60);
+    check(&PORT_D, changing(2e3), -1, 40, 60);
+    check(&PORT_D, changing(20e3), -1, 40, 60);
 }
 
 #[test]
 fn the_compare_hardware_is_never_late() {
     check(&[(9, 8)], changing(20e3), 0, 0, 0);
     check(&[(9, 8), (10, 7)], changing(20e3), 0, 0, 0);
-}
-
-#[test]
-fn merged_motors_turn() {
-    check(&PORT_D[..2], changing(10e3), -30, 40, 60);
-    check(&PORT_D, Law { rate: 2e3, swing: 0.1, turns: 5 }, -30, 40, 60);
-    check(&[(8, 11), (9, 12), (10, 13)], changing(2e3), -30, 40, 60);
 }

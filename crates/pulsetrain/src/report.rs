@@ -58,7 +58,7 @@ impl Display for RunReport {
         let RunReport { runner, verdict, lateness, .. } = self;
         if runner == "native" {
             writeln!(f, "Run on the native board, in virtual time, and judged edge by edge:\n")?;
-            return writeln!(f, "{}", VerdictTable(verdict));
+            return write!(f, "{}", VerdictTable(verdict));
         }
         writeln!(f, "Run on the {runner}, in virtual time, and judged edge by edge, on its pins:\n")?;
         let tick_s = 1.0 / verdict.tick_hz as f64;
@@ -70,7 +70,7 @@ impl Display for RunReport {
         )?;
         writeln!(f, "  half of them {p50_ticks} ticks late at most, 99 % {p99_ticks}, all {max}")?;
         writeln!(f, "  steps lost {lost}, added {extra}\n")?;
-        writeln!(f, "{}", VerdictTable(verdict))
+        write!(f, "{}", VerdictTable(verdict))
     }
 }
 
