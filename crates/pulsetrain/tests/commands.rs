@@ -304,6 +304,8 @@ fn a_virtual_uno_tells_of_itself() {
     let info = json(&["info", "--board", "uno", "--json"]);
     assert_eq!((&info["board"], &info["tick_hz"]), (&"Arduino Uno".into(), &16_000_000.into()));
     assert_eq!((&info["motors"], &info["baud"]), (&4.into(), &1_000_000.into()));
+    let [ppm, doubt] = [0, 1].map(|index| info["clock_ppm"][index].as_f64().unwrap());
+    assert!(ppm.abs() <= doubt, "{ppm} {doubt}");
     assert!(pulsetrain(&["info", "--board", "uno"]).out.contains("power came on"));
 }
 

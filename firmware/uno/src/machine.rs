@@ -1,6 +1,6 @@
 //! What the [`Service`](pulsetrain_core::wire::Service) asks of a board, done on this one.
 
-use crate::clock::{Clock, TICK_HZ};
+use crate::clock::{self, Clock, TICK_HZ};
 use crate::link::{Link, WINDOW};
 use crate::memory::{self, POOL, Queues};
 use crate::regs;
@@ -16,6 +16,9 @@ use pulsetrain_core::{Epoch, Moment};
 
 /// A switch must be less than this ahead, ticks: moments are told apart within 2^31, and pulse and set-up reach beyond.
 const SWITCH_AHEAD: u64 = 1 << 30;
+
+/// No sleep begins so soon after Timer1 wrapped: from the next wrap to the first look at it some 30 ticks pass.
+const AWAKE_AFTER_WRAP: u16 = 256;
 
 /// Everything but the service that speaks for it.
 pub(crate) struct Board {
@@ -157,9 +160,11 @@ impl Board {
     /// Sleeps until an interrupt comes, unless bytes wait already.
     #[inline(always)]
     pub(crate) fn sleep(&mut self) {
-        let before = self.clock.moment();
+        // Closed first: an overflow that is served between reading and sleeping would not end the sleep.
         regs::disable_interrupts();
-        if self.link.has_unread() {
+        let before = self.clock.moment();
+        // And the overflow that does must show less than this, or the clock would not see that it wrapped.
+        if self.link.has_unread() || clock::low_half(before.0) < AWAKE_AFTER_WRAP {
             regs::enable_interrupts();
         } else {
             regs::sleep();
