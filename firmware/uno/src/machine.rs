@@ -160,11 +160,12 @@ impl Board {
     /// Sleeps until an interrupt comes, unless bytes wait already.
     #[inline(always)]
     pub(crate) fn sleep(&mut self) {
-        // Closed first: an overflow that is served between reading and sleeping would not end the sleep.
-        regs::disable_interrupts();
         let before = self.clock.moment();
-        // And the overflow that does must show less than this, or the clock would not see that it wrapped.
-        if self.link.has_unread() || clock::low_half(before.0) < AWAKE_AFTER_WRAP {
+        let low = clock::low_half(before.0);
+        regs::disable_interrupts();
+        // An overflow that was served since then would not end the sleep; and the one that does must show less than
+        // `low`, or the clock would not see that it wrapped.
+        if self.link.has_unread() || low < AWAKE_AFTER_WRAP || clock::read() < low {
             regs::enable_interrupts();
         } else {
             regs::sleep();
