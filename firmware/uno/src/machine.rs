@@ -162,10 +162,13 @@ impl Board {
     pub(crate) fn sleep(&mut self) {
         let before = self.clock.moment();
         let low = clock::low_half(before.0);
+        // The overflow that ends the sleep must show less than this, or the clock would not see that it wrapped.
+        if low < AWAKE_AFTER_WRAP {
+            return;
+        }
         regs::disable_interrupts();
-        // An overflow that was served since then would not end the sleep; and the one that does must show less than
-        // `low`, or the clock would not see that it wrapped.
-        if self.link.has_unread() || low < AWAKE_AFTER_WRAP || clock::read() < low {
+        // One that was served since then would not end it.
+        if self.link.has_unread() || clock::read() < low {
             regs::enable_interrupts();
         } else {
             regs::sleep();
