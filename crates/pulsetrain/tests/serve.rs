@@ -234,32 +234,6 @@ mod real {
     }
 
     #[test]
-    fn a_pseudo_terminal_serves_one_client_after_the_other() {
-        let folder = folder("serve-pty");
-        let name = |file: &str| folder.join(file).display().to_string();
-        let (link, trace, motion) = (name("uno"), name("pins.vcd"), name("wheel.toml"));
-        std::fs::write(&motion, super::MOTION).unwrap();
-        let (served, _) = Served::new(&["--pty", &link, "--trace", &trace]);
-
-        let (exit, said) = pulsetrain(&["info", "--port", &link]);
-        assert_eq!(exit, Exit::Success, "{said}");
-        assert!(said.contains("Arduino Uno"), "{said}");
-        let (exit, said) = pulsetrain(&["run", &motion, "--port", &link, "--out", &name("out")]);
-        assert_eq!(exit, Exit::Success, "{said}");
-        assert!(said.contains("the board's own word"), "{said}");
-        let report = std::fs::read_to_string(folder.join("out/report.json")).unwrap();
-        let report: serde_json::Value = serde_json::from_str(&report).unwrap();
-        assert_eq!(report["says"]["counted"], serde_json::json!([0]));
-
-        let said = served.interrupt();
-        // A port that is closed and opened within a millisecond was never seen closed.
-        assert!(said.contains("clients: "), "{said}");
-        assert!(!folder.join("uno").exists() && !folder.join("uno").is_symlink(), "the link is gone");
-        let (exit, said) = pulsetrain(&["verify", &trace, &motion, "--pins", "--align", "start"]);
-        assert_eq!(exit, Exit::Success, "{said}");
-    }
-
-    #[test]
     fn a_socket_answers_hello() {
         let (served, first) = Served::new(&["--tcp", "127.0.0.1:0"]);
         let address = first.split_whitespace().find(|word| word.starts_with("127.0.0.1:")).unwrap();
