@@ -98,10 +98,10 @@ impl Link {
         regs::UDR0.write(byte);
     }
 
-    /// Whether bytes wait.
+    /// Sleeps until an interrupt has run, unless bytes wait.
     #[inline(always)]
-    pub(crate) fn has_unread(&self) -> bool {
-        regs::EEARL.read() != self.tail
+    pub(crate) fn sleep(&self) {
+        regs::sleep_while_head_is(self.tail);
     }
 
     /// Bytes from the host, up to the end of the page, and `most`.

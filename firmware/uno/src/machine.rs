@@ -1,9 +1,8 @@
 //! What the [`Service`](pulsetrain_core::wire::Service) asks of a board, done on this one.
 
-use crate::clock::{self, Clock, TICK_HZ};
+use crate::clock::{Clock, TICK_HZ};
 use crate::link::{Link, WINDOW};
 use crate::memory::{self, POOL, Queues};
-use crate::regs;
 use crate::steps::pins::{Layout, MAX_MOTORS, Pin};
 use crate::steps::stepper::{Stepper, Trouble};
 use pulsetrain_core::narrow::{self, PushRefused, SWITCHES};
@@ -16,9 +15,6 @@ use pulsetrain_core::{Epoch, Moment};
 
 /// A switch must be less than this ahead, ticks: moments are told apart within 2^31, and pulse and set-up reach beyond.
 const SWITCH_AHEAD: u64 = 1 << 30;
-
-/// No sleep begins so soon after Timer1 wrapped: from the next wrap to the first look at it some 30 ticks pass.
-const AWAKE_AFTER_WRAP: u16 = 256;
 
 /// Everything but the service that speaks for it.
 pub(crate) struct Board {
@@ -161,18 +157,13 @@ impl Board {
     #[inline(always)]
     pub(crate) fn sleep(&mut self) {
         let before = self.clock.moment();
-        let low = clock::low_half(before.0);
-        // The overflow that ends the sleep must show less than this, or the clock would not see that it wrapped.
-        if low < AWAKE_AFTER_WRAP {
+        // The overflow must not come between this look at the clock and the sleep, which it would not end then; and the one that
+        // ends the sleep must show less than now, or the clock would not see that it wrapped: 256 ticks are enough for both.
+        let [_, high, ..] = before.0.to_le_bytes();
+        if matches!(high, 0 | 0xff) {
             return;
         }
-        regs::disable_interrupts();
-        // One that was served since then would not end it.
-        if self.link.has_unread() || clock::read() < low {
-            regs::enable_interrupts();
-        } else {
-            regs::sleep();
-        }
+        self.link.sleep();
         let asleep = self.clock.moment().since(before);
         self.asleep = self.asleep.wrapping_add(asleep);
         self.woken = before.after(asleep);
