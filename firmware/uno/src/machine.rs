@@ -1,14 +1,14 @@
 //! What the [`Service`](pulsetrain_core::wire::Service) asks of a board, done on this one.
 
-use crate::clock::{Clock, TICK_HZ};
+use crate::clock::{self, TICK_HZ, low_half};
 use crate::link::{self, Receiver, Unread, WINDOW};
 use crate::memory::{self, POOL, Queues};
 use crate::steps::pins::{Layout, MAX_MOTORS, Pin};
-use crate::steps::stepper::{Stepper, Trouble};
+use crate::steps::stepper::{Axis, Stepper, Trouble};
 use pulsetrain_core::narrow::{self, PushRefused, SWITCHES};
 use pulsetrain_core::wire::frame::Tag;
 use pulsetrain_core::wire::message::{
-    ALL_MOTORS, Cause, Configuration, Event, Info, Measures, MotorStatus, StatusHead, flags,
+    ALL_MOTORS, Cause, Configuration, Event, Info, Measures, flags,
 };
 use pulsetrain_core::wire::{Baud, Machine, Millis, Reason, Refusal, Stopped, Switched};
 use pulsetrain_core::{Epoch, Moment};
@@ -18,7 +18,6 @@ const SWITCH_AHEAD: u64 = 1 << 30;
 
 /// Everything but the service that speaks for it.
 pub(crate) struct Board {
-    pub(crate) clock: Clock,
     /// Lent by main.
     queues: Option<&'static mut Queues>,
     pub(crate) stepper: Stepper,
@@ -27,14 +26,13 @@ pub(crate) struct Board {
     pull_in: [u32; MAX_MOTORS],
     /// To be set when the line is quiet; whether the last byte is on its way.
     pub(crate) baud: Option<(Baud, bool)>,
-    events: Events,
+    /// What the host has not been told yet: the oldest two, [`Cause::None`] for none; what does not fit is dropped.
+    news: [News; 2],
     /// Faults that were told, bit by motor.
     told: u8,
     was_idle: bool,
-    /// Ticks asleep, modulo 2^32: four minutes and a half.
-    asleep: u32,
-    /// When the round being made began, or the last sleep ended.
-    woken: Moment,
+    /// When the round being made began, or the last sleep ended, modulo 2^16.
+    woken: u16,
     last_stop: Cause,
     last_reset: Cause,
     pub(crate) measures: Measures,
@@ -76,42 +74,34 @@ impl Power {
     }
 }
 
-/// What the host has not been told yet: the oldest few; what does not fit is dropped.
-struct Events {
-    waiting: [Option<Event>; 2],
+/// What the host is to be told.
+#[derive(Clone, Copy)]
+struct News {
+    cause: Cause,
+    motor: u8,
+    /// When; it must be told within 2^31 ticks (two minutes).
+    at: Moment,
+    detail: u32,
 }
 
-impl Events {
-    fn push(&mut self, event: Event) {
-        if let Some(place) = self.waiting.iter_mut().find(|place| place.is_none()) {
-            *place = Some(event);
-        }
-    }
-
-    fn pop(&mut self) -> Option<Event> {
-        let [first, second] = &mut self.waiting;
-        let event = first.take();
-        *first = second.take();
-        event
-    }
+impl News {
+    const NONE: News = News { cause: Cause::None, motor: 0, at: Moment(0), detail: 0 };
 }
 
 impl Board {
     /// A board that knows no pins, not started.
     pub(crate) const fn new() -> Board {
         Board {
-            clock: Clock::new(),
             queues: None,
             stepper: Stepper::new(),
             power: Power::OFF,
             armed: false,
             pull_in: [0; MAX_MOTORS],
             baud: None,
-            events: Events { waiting: [None; 2] },
+            news: [News::NONE; 2],
             told: 0,
             was_idle: true,
-            asleep: 0,
-            woken: Moment(0),
+            woken: 0,
             last_stop: Cause::None,
             last_reset: Cause::None,
             measures: Board::NO_MEASURES,
@@ -124,7 +114,7 @@ impl Board {
         // SAFETY: main calls this once.
         unsafe { self.stepper.begin() };
         self.last_reset = last_reset;
-        self.clock.start();
+        clock::start();
         link::start();
     }
 
@@ -154,7 +144,7 @@ impl Board {
     /// Sleeps until an interrupt comes, unless bytes wait already.
     #[inline(always)]
     pub(crate) fn sleep(&mut self, receiver: &Receiver) {
-        let before = self.clock.moment();
+        let before = clock::moment();
         // The overflow must not come between this look at the clock and the sleep, which it would not end then; and the one that
         // ends the sleep must show less than now, or the clock would not see that it wrapped: 256 ticks are enough for both.
         let [_, high, ..] = before.0.to_le_bytes();
@@ -162,16 +152,16 @@ impl Board {
             return;
         }
         receiver.sleep();
-        let asleep = self.clock.moment().since(before);
-        self.asleep = self.asleep.wrapping_add(asleep);
-        self.woken = before.after(asleep);
+        let after = clock::moment();
+        self.woken = low_half(after.0);
+        self.measures.asleep_ticks = self.measures.asleep_ticks.wrapping_add(u64::from(after.since(before)));
     }
 
     /// Counts a round of the main loop that begins now.
     #[inline(always)]
     pub(crate) fn count_round(&mut self, now: Moment) {
-        let [b0, b1, _, _] = now.since(self.woken).to_le_bytes();
-        let round = u16::from_le_bytes([b0, b1]);
+        let now = low_half(now.0);
+        let round = now.wrapping_sub(self.woken);
         if round > self.measures.longest_round_ticks {
             self.measures.longest_round_ticks = round;
         }
@@ -214,7 +204,7 @@ impl Board {
             self.look_for_faults();
             self.look_at_motors();
         } else {
-            let now = self.clock.moment();
+            let now = clock::moment();
             self.stepper.rest(now);
         }
         if self.armed {
@@ -267,7 +257,7 @@ impl Board {
     #[inline(never)]
     fn stop(&mut self, cause: Cause, motor: u8, detail: u32) -> Stopped {
         let uncertain = self.stepper.stop(&self.pull_in);
-        let tick = self.clock.now();
+        let tick = clock::now();
         if self.armed {
             self.armed = false;
             self.last_stop = cause;
@@ -288,17 +278,19 @@ impl Board {
         for (place, motor) in self.pull_in.iter_mut().zip(configuration.motors()) {
             *place = motor.pull_in_ticks;
         }
-        let now = self.clock.moment();
+        let now = clock::moment();
         self.stepper.configure(layout, configuration, now);
     }
 
     #[inline(never)]
     fn tell(&mut self, cause: Cause, motor: u8, detail: u32) {
-        let tick = self.clock.now();
+        let at = clock::moment();
         if cause == Cause::Finished {
             self.last_stop = cause;
         }
-        self.events.push(Event { cause, motor, tick, detail });
+        if let Some(place) = self.news.iter_mut().find(|news| news.cause == Cause::None) {
+            *place = News { cause, motor, at, detail };
+        }
     }
 
     #[inline(never)]
@@ -309,14 +301,14 @@ impl Board {
     /// A moment within 2^31 ticks of now, in 64 bits.
     #[inline(never)]
     fn extended(&mut self, moment: Moment) -> u64 {
-        let now = self.clock.now();
+        let now = clock::now();
         let ahead = moment.since(Moment::of(now)).cast_signed();
         now.wrapping_add_signed(i64::from(ahead))
     }
 }
 
 impl Machine for Board {
-    #[inline(never)]
+    #[inline(always)]
     fn info(&mut self) -> Info {
         Info {
             nonce: 0,
@@ -357,7 +349,7 @@ impl Machine for Board {
             self.armed = true;
             self.was_idle = true;
             self.told = 0;
-            let now = self.clock.moment();
+            let now = clock::moment();
             self.stepper.start(now);
         }
         Ok(())
@@ -371,7 +363,7 @@ impl Machine for Board {
         let last_stop = self.last_stop;
         self.stop(Cause::None, ALL_MOTORS, 0);
         self.last_stop = last_stop;
-        self.events = Events { waiting: [None; 2] };
+        self.news = [News::NONE; 2];
         self.power.set(false);
         Ok(())
     }
@@ -411,9 +403,8 @@ impl Machine for Board {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
-        let limit = self.clock.now() + SWITCH_AHEAD;
-        let horizon = self.stepper.horizon();
-        let horizon = self.extended(horizon);
+        let limit = clock::now() + SWITCH_AHEAD;
+        let horizon = self.horizon();
         let switched = if tick < horizon {
             Switched::Late { horizon }
         } else if tick >= limit {
@@ -433,8 +424,9 @@ impl Machine for Board {
         self.stop(Cause::StopNow, ALL_MOTORS, 0)
     }
 
+    #[inline(always)]
     fn clock(&mut self) -> u64 {
-        self.clock.now()
+        clock::now()
     }
 
     fn flags(&self) -> u8 {
@@ -452,36 +444,35 @@ impl Machine for Board {
     }
 
     #[inline(never)]
-    fn status(&mut self) -> StatusHead {
+    fn horizon(&mut self) -> u64 {
         let horizon = self.stepper.horizon();
-        let horizon = self.extended(horizon);
-        StatusHead { tick: self.clock.now(), horizon, epoch: self.stepper.epoch(), flags: self.flags() }
+        self.extended(horizon)
     }
 
-    fn motor(&mut self, motor: u8) -> MotorStatus {
-        let unplayed = self.stepper.unplayed(motor);
-        let Some(axis) = self.stepper.axis_mut(motor) else { return MotorStatus::default() };
-        MotorStatus {
-            position: axis.position().wrapping_sub(i32::from(unplayed)),
-            free: axis.motor.bytes().room(),
-            faults: axis.faults(),
-        }
+    fn epoch(&self) -> Epoch {
+        self.stepper.epoch()
     }
 
     #[inline(never)]
-    fn measures(&mut self) -> Measures {
-        Measures {
-            fewest_groups: self.stepper.fewest_groups(),
-            stack_left: memory::stack_left(),
-            asleep_ticks: u64::from(self.asleep),
-            ..self.measures
-        }
+    fn position(&mut self, motor: u8) -> i32 {
+        let unplayed = self.stepper.unplayed(motor);
+        self.stepper.axis_mut(motor).map_or(0, |axis| axis.position().wrapping_sub(i32::from(unplayed)))
+    }
+
+    fn faults(&self, motor: u8) -> u8 {
+        self.stepper.axes().get(usize::from(motor)).map_or(0, Axis::faults)
+    }
+
+    #[inline(never)]
+    fn measures(&mut self) -> &mut Measures {
+        self.measures.fewest_groups = self.stepper.fewest_groups();
+        self.measures.stack_left = memory::stack_left();
+        &mut self.measures
     }
 
     fn reset_measures(&mut self) {
         self.measures = Board::NO_MEASURES;
         self.stepper.reset_measures();
-        self.asleep = 0;
     }
 
     fn can_baud(&self, _: Baud) -> bool {
@@ -492,6 +483,10 @@ impl Machine for Board {
         self.baud = Some((baud, false));
     }
 
+    fn rate_fell_back(&mut self) {
+        self.tell(Cause::BaudFellBack, ALL_MOTORS, 0);
+    }
+
     fn host_gone(&mut self, lost: bool) {
         if lost && self.armed && !self.is_idle() {
             self.last_stop = Cause::HostLost;
@@ -500,6 +495,11 @@ impl Machine for Board {
 
     #[inline(never)]
     fn event(&mut self) -> Option<Event> {
-        self.events.pop()
+        let [News { cause, motor, at, detail }, second] = self.news;
+        if cause == Cause::None {
+            return None;
+        }
+        self.news = [second, News::NONE];
+        Some(Event { cause, motor, tick: self.extended(at), detail })
     }
 }

@@ -93,7 +93,7 @@ fn run(board: &mut Board, service: &mut Service, receiver: &mut Receiver, reply:
     regs::enable_interrupts();
     loop {
         regs::kick_watchdog();
-        let now = board.clock.moment();
+        let now = clock::moment();
         board.count_round(now);
         let rest = board.work(now);
         let now = millis(now);
