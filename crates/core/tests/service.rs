@@ -3,7 +3,9 @@
 use proptest::prelude::*;
 use pulsetrain_core::Epoch;
 use pulsetrain_core::wire::frame::{Received, Tag};
-use pulsetrain_core::wire::message::{Configuration, Event, Info, Measures, Missing, MotorSetup, Reason};
+use pulsetrain_core::wire::message::{
+    Configuration, Event, Info, Measures, Missing, MotorSetup, MotorStatus, Reason, StatusHead,
+};
 use pulsetrain_core::wire::service::{SILENCE_MS, TRIAL_MS};
 use pulsetrain_core::wire::{
     Baud, Command, Decoder, Encoder, LEAST_BODY, MAX_BODY, MAX_FRAME, Machine, Millis, Refusal, Reply, Service,

@@ -363,7 +363,7 @@ impl<'a> Command<'a> {
             Command::Discard { epoch } => frame.u8(epoch.0),
             Command::Switch { epoch, tick } => {
                 frame.u8(epoch.0);
-                frame.u64(&tick);
+                frame.u64(tick);
             }
             Command::Baud { baud } => frame.u8(baud as u8),
             Command::Measures { reset } => frame.u8(u8::from(reset)),
@@ -824,7 +824,7 @@ impl Measures {
         frame.u16(self.damaged_frames);
         frame.u16(self.stack_left);
         frame.u32(self.rounds);
-        frame.u64(&self.asleep_ticks);
+        frame.u64(self.asleep_ticks);
     }
 
     fn decode(reader: &mut Reader<'_>) -> Option<Measures> {
@@ -873,7 +873,7 @@ impl Event {
     pub fn encode(&self, frame: &mut Encoder<'_>) {
         frame.u8(self.cause as u8);
         frame.u8(self.motor);
-        frame.u64(&self.tick);
+        frame.u64(self.tick);
         frame.u32(self.detail);
     }
 

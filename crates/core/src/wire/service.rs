@@ -36,7 +36,7 @@ struct Answer {
     /// Why it was not done. Questions are answered anew whenever they are asked.
     refused: Option<Refusal>,
     /// Of Switch and StopNow, with `code`: a tick, and how the switch went or which motors are uncertain.
-    tick: u64,
+    tick: [u8; 8],
     code: u8,
 }
 
@@ -104,7 +104,7 @@ impl Service {
             taken: false,
             leaving: false,
             expected: 0,
-            answer: Answer { seq: 0, kind: kind::HELLO, refused: None, tick: 0, code: 0 },
+            answer: Answer { seq: 0, kind: kind::HELLO, refused: None, tick: [0; 8], code: 0 },
             answer_due: false,
             ack_due: false,
             missing_due: None,
@@ -370,7 +370,7 @@ impl Service {
             kind::SWITCH => return self.switch(payload, machine),
             kind::STOP_NOW => {
                 let Stopped { tick, uncertain } = machine.stop_now();
-                (self.answer.tick, self.answer.code) = (tick, uncertain);
+                (self.answer.tick, self.answer.code) = (tick.to_le_bytes(), uncertain);
             }
             kind::BAUD => {
                 let baud = Baud::from_code(first).ok_or(malformed(kind))?;
@@ -399,7 +399,8 @@ impl Service {
             && let Some(tick) = tick.first_chunk()
         {
             let switched = machine.switch(Epoch(*epoch), u64::from_le_bytes(*tick))?;
-            (self.answer.code, self.answer.tick) = switched.to_parts();
+            let (code, tick) = switched.to_parts();
+            (self.answer.code, self.answer.tick) = (code, tick.to_le_bytes());
         }
         Ok(())
     }
@@ -442,10 +443,10 @@ impl Service {
                 info.encode(frame);
             }
             kind::CONFIGURE => free(frame, machine),
-            kind::CLOCK => frame.u64(&machine.clock()),
+            kind::CLOCK => frame.u64(machine.clock()),
             kind::STATUS => {
-                frame.u64(&machine.clock());
-                frame.u64(&machine.horizon());
+                frame.u64(machine.clock());
+                frame.u64(machine.horizon());
                 frame.u8(machine.epoch().0);
                 frame.u8(machine.flags());
                 frame.u8(motors);
@@ -457,10 +458,10 @@ impl Service {
             }
             kind::SWITCH => {
                 frame.u8(self.answer.code);
-                frame.u64(&self.answer.tick);
+                frame.bytes(&self.answer.tick);
             }
             kind::STOP_NOW => {
-                frame.u64(&self.answer.tick);
+                frame.bytes(&self.answer.tick);
                 frame.u8(self.answer.code);
                 frame.u8(motors);
                 for motor in 0..motors {
