@@ -2,11 +2,11 @@
 
 use crate::clock::{self, Clock, TICK_HZ};
 use crate::link::{Link, WINDOW};
-use crate::memory::{self, POOL, Queues};
+use crate::memory::{self, POOL};
 use crate::regs;
 use crate::steps::pins::{Layout, MAX_MOTORS, Pin};
-use crate::steps::stepper::{Stepper, Trouble};
-use pulsetrain_core::narrow::{self, PushRefused, SWITCHES};
+use crate::steps::motor::{self, SWITCHES};
+use crate::steps::stepper::{self, Stepper, Trouble};
 use pulsetrain_core::wire::frame::Tag;
 use pulsetrain_core::wire::message::{
     ALL_MOTORS, Cause, Configuration, Event, Info, Measures, MotorStatus, StatusHead, flags,
@@ -24,8 +24,6 @@ const AWAKE_AFTER_WRAP: u16 = 256;
 pub(crate) struct Board {
     pub(crate) clock: Clock,
     pub(crate) link: Link,
-    /// Lent by main.
-    queues: Option<&'static mut Queues>,
     pub(crate) stepper: Stepper,
     power: Power,
     armed: bool,
@@ -107,7 +105,6 @@ impl Board {
         Board {
             clock: Clock::new(),
             link: Link::new(),
-            queues: None,
             stepper: Stepper::new(),
             power: Power::OFF,
             armed: false,
@@ -125,8 +122,7 @@ impl Board {
     }
 
     /// Starts clock and line.
-    pub(crate) fn begin(&mut self, queues: &'static mut Queues, last_reset: Cause) {
-        self.queues = Some(queues);
+    pub(crate) fn begin(&mut self, last_reset: Cause) {
         // SAFETY: main calls this once.
         unsafe { self.stepper.begin() };
         self.last_reset = last_reset;
@@ -151,10 +147,7 @@ impl Board {
     /// Steps: everything that must be done often. Whether there is nothing more to do until an interrupt comes.
     #[inline(always)]
     pub(crate) fn work(&mut self, now: Moment) -> bool {
-        match &self.queues {
-            Some(queues) if self.armed => self.stepper.run(now, queues),
-            _ => true,
-        }
+        !self.armed || self.stepper.run(now)
     }
 
     /// Sleeps until an interrupt comes, unless bytes wait already.
@@ -241,12 +234,12 @@ impl Board {
     #[inline(never)]
     fn look_at_motors(&mut self) {
         for motor in 0..self.motors() {
-            let Some(axis) = self.stepper.axis_mut(motor) else { break };
-            let Some(fault) = axis.motor.fault() else { continue };
+            let Some(axis) = self.stepper.motor_mut(motor) else { break };
+            let Some(fault) = axis.fault() else { continue };
             let cause = match fault.reason {
-                narrow::Reason::Missed => Cause::StepMissed,
-                narrow::Reason::Mismatch => Cause::CheckFailed,
-                narrow::Reason::Bad => Cause::BadItem,
+                motor::Reason::Missed => Cause::StepMissed,
+                motor::Reason::Mismatch => Cause::CheckFailed,
+                motor::Reason::Bad => Cause::BadItem,
             };
             if self.told & 1 << motor == 0 {
                 self.told |= 1 << motor;
@@ -369,11 +362,11 @@ impl Machine for Board {
     }
 
     fn motors(&self) -> u8 {
-        self.stepper.axes().len() as u8
+        self.stepper.motors().len() as u8
     }
 
     fn free(&self, motor: u8) -> u16 {
-        self.stepper.axes().get(usize::from(motor)).map_or(0, |axis| axis.motor.bytes().room())
+        self.stepper.motors().get(usize::from(motor)).map_or(0, |motor| motor.room())
     }
 
     #[inline(never)]
@@ -382,16 +375,10 @@ impl Machine for Board {
             return Err(Refusal::of(Reason::NotArmed));
         }
         let detail = u16::from(motor);
-        let Some(axis) = self.stepper.axis_mut(motor) else {
+        let Some(motor) = self.stepper.motor_mut(motor) else {
             return Err(Refusal { reason: Reason::NoSuchMotor, detail });
         };
-        let pushed = self.queues.as_mut().map(|queues| axis.motor.push(queues, epoch, packed));
-        match pushed {
-            Some(Ok(())) => Ok(()),
-            Some(Err(PushRefused::NoRoom { .. } | PushRefused::TooManyEpochs)) | None => {
-                Err(Refusal { reason: Reason::Full, detail })
-            }
-        }
+        if motor.push(epoch, packed) { Ok(()) } else { Err(Refusal { reason: Reason::Full, detail }) }
     }
 
     fn discard(&mut self, epoch: Epoch) {
@@ -452,11 +439,11 @@ impl Machine for Board {
 
     fn motor(&mut self, motor: u8) -> MotorStatus {
         let unplayed = self.stepper.unplayed(motor);
-        let Some(axis) = self.stepper.axis_mut(motor) else { return MotorStatus::default() };
+        let Some(motor) = self.stepper.motor_mut(motor) else { return MotorStatus::default() };
         MotorStatus {
-            position: axis.position().wrapping_sub(i32::from(unplayed)),
-            free: axis.motor.bytes().room(),
-            faults: axis.faults(),
+            position: motor.position.wrapping_sub(i32::from(unplayed)),
+            free: motor.room(),
+            faults: stepper::faults(motor),
         }
     }
 
@@ -464,7 +451,7 @@ impl Machine for Board {
     fn measures(&mut self) -> Measures {
         Measures {
             most_unread: u16::from(self.link.most_unread),
-            fewest_groups: self.stepper.fewest_groups(),
+            fewest_groups: self.stepper.least_ahead(),
             stack_left: memory::stack_left(),
             asleep_ticks: u64::from(self.asleep),
             ..self.measures

@@ -38,7 +38,7 @@ mod steps;
 use core::panic::PanicInfo;
 use link::Link;
 use machine::Board;
-use memory::{Once, Queues};
+use memory::Once;
 use pulsetrain_core::Moment;
 use pulsetrain_core::wire::{Millis, Service};
 
@@ -56,7 +56,6 @@ struct Reply {
 
 static BOARD: Once<Board> = Once::new(Board::new());
 static SERVICE: Once<Service> = Once::new(Service::new());
-static QUEUES: Once<Queues> = Once::new(Queues::new());
 static REPLY: Once<Reply> = Once::new(Reply { bytes: [0; REPLY_LEN], len: 0, sent: 0 });
 
 #[unsafe(no_mangle)]
@@ -77,8 +76,8 @@ extern "C" fn main() -> ! {
 #[inline(never)]
 unsafe fn begin() {
     // SAFETY: the caller's promise; the references end here.
-    let (board, queues) = unsafe { (BOARD.take(), QUEUES.take()) };
-    board.begin(queues, reset::begin());
+    let board = unsafe { BOARD.take() };
+    board.begin(reset::begin());
 }
 
 /// The main loop. What it calls is not inlined: so the deepest call decides how much stack is needed, not their sum.
