@@ -381,13 +381,13 @@ merge_leave:
     ret
 
     .global steps_feed
-    // For Rust: fills the list of the lane r24; whether there was something to be done.
+    // For Rust: fills the list of the lane r22; r24:25 is the state. Whether there was something to be done.
 steps_feed:
     push r14
     push r15
     push r28
     push r29
-    mov r30, r24
+    mov r30, r22
     rcall merge_give
     ldi r24, 1
     sbci r24, 0
@@ -511,7 +511,7 @@ const FEEDS: u8 = 6;
 unsafe extern "C" {
     static mut ring_b_page: [u8; 256];
     fn steps_merge_run(state: *mut u8, free: u8) -> u8;
-    fn steps_feed(lane: u8) -> bool;
+    fn steps_feed(state: *mut u8, lane: u8) -> bool;
 }
 
 /// The one merge: the assembly knows it by this name.
@@ -556,7 +556,7 @@ impl Merge {
     fn advance(&mut self, lane: u8) -> bool {
         let index = usize::from(lane) % LANES;
         // SAFETY: the lane is one of the four; the assembly uses its motor, its list and this state.
-        if self.lanes[index].next == end_of(lane) && !unsafe { steps_feed(lane) } {
+        if self.lanes[index].next == end_of(lane) && !unsafe { steps_feed((&raw mut *self).cast(), lane) } {
             return false;
         }
         let entry = &mut self.lanes[index];
@@ -581,6 +581,11 @@ impl Merge {
         self.end = end;
         self.tail = tail + 0x20;
         self.clear(first);
+    }
+
+    /// Whether the last run did all that could be done then.
+    pub(crate) fn is_through(&self) -> bool {
+        self.feeds != 0
     }
 
     /// Whether steps are in lists, or anything else but fillers.

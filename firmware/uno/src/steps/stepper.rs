@@ -49,6 +49,8 @@ const EARLY: u16 = 128;
 const AHEAD: u32 = 49_152;
 /// A ring is filled when it has room for so many groups.
 const ROOM_FOR: u8 = 20;
+/// And the merge's ring when it has room for so many.
+const ROOM_TO_MERGE: u8 = 8;
 /// Steps that are expanded at once: into a ring, and into a list of the merge; half as many if each is two groups.
 const STEPS: [u8; 2] = [31, 24];
 /// Plans that one call follows at most: other work waits meanwhile.
@@ -566,7 +568,7 @@ impl Stepper {
                 *trouble = Some(what);
             }
             if let Some(merge) = merge {
-                track.merge(merge);
+                rest &= track.merge(merge);
             } else if let [motor] = mine {
                 rest &= track.fill(motor, *spacing);
             } else {
@@ -587,13 +589,16 @@ impl Track {
         Moment(self.at.0.wrapping_add_signed(i32::from(ahead)))
     }
 
-    /// Has the merge fill this ring.
+    /// Has the merge fill this ring. Whether there is nothing more to do until a group has been played.
     #[inline(always)]
-    fn merge(&mut self, merge: &mut Merge) {
-        if self.ring.free() >= 8 {
-            let end = merge.run(&mut self.ring, low_half(self.at.0));
-            self.at = self.near(end);
+    fn merge(&mut self, merge: &mut Merge) -> bool {
+        if self.ring.free() >= ROOM_TO_MERGE {
+            let begin = low_half(self.at.0);
+            let end = merge.run(&mut self.ring, begin);
+            // Less than the limit: 2^16 ticks.
+            self.at = self.at.after(u32::from(end.wrapping_sub(begin)));
         }
+        merge.is_through()
     }
 
     /// Fills this ring with what its only motor does. Whether there is nothing more to do until a group has been played.
