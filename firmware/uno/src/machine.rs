@@ -1,9 +1,8 @@
 //! What the [`Service`](pulsetrain_core::wire::Service) asks of a board, done on this one.
 
-use crate::clock::{self, Clock, TICK_HZ};
-use crate::link::{Link, WINDOW};
+use crate::clock::{Clock, TICK_HZ};
+use crate::link::{self, Receiver, Unread, WINDOW};
 use crate::memory::{self, POOL};
-use crate::regs;
 use crate::steps::pins::{Layout, MAX_MOTORS, Pin};
 use crate::steps::motor::{self, SWITCHES};
 use crate::steps::stepper::{self, Stepper, Trouble};
@@ -17,13 +16,9 @@ use pulsetrain_core::{Epoch, Moment};
 /// A switch must be less than this ahead, ticks: moments are told apart within 2^31, and pulse and set-up reach beyond.
 const SWITCH_AHEAD: u64 = 1 << 30;
 
-/// No sleep begins so soon after Timer1 wrapped: from the next wrap to the first look at it some 30 ticks pass.
-const AWAKE_AFTER_WRAP: u16 = 256;
-
 /// Everything but the service that speaks for it.
 pub(crate) struct Board {
     pub(crate) clock: Clock,
-    pub(crate) link: Link,
     pub(crate) stepper: Stepper,
     power: Power,
     armed: bool,
@@ -104,7 +99,6 @@ impl Board {
     pub(crate) const fn new() -> Board {
         Board {
             clock: Clock::new(),
-            link: Link::new(),
             stepper: Stepper::new(),
             power: Power::OFF,
             armed: false,
@@ -127,7 +121,7 @@ impl Board {
         unsafe { self.stepper.begin() };
         self.last_reset = last_reset;
         self.clock.start();
-        self.link.start();
+        link::start();
     }
 
     const NO_MEASURES: Measures = Measures {
@@ -152,20 +146,15 @@ impl Board {
 
     /// Sleeps until an interrupt comes, unless bytes wait already.
     #[inline(always)]
-    pub(crate) fn sleep(&mut self) {
+    pub(crate) fn sleep(&mut self, receiver: &Receiver) {
         let before = self.clock.moment();
-        let low = clock::low_half(before.0);
-        // The overflow that ends the sleep must show less than this, or the clock would not see that it wrapped.
-        if low < AWAKE_AFTER_WRAP {
+        // The overflow must not come between this look at the clock and the sleep, which it would not end then; and the one that
+        // ends the sleep must show less than now, or the clock would not see that it wrapped: 256 ticks are enough for both.
+        let [_, high, ..] = before.0.to_le_bytes();
+        if matches!(high, 0 | 0xff) {
             return;
         }
-        regs::disable_interrupts();
-        // One that was served since then would not end it.
-        if self.link.has_unread() || clock::read() < low {
-            regs::enable_interrupts();
-        } else {
-            regs::sleep();
-        }
+        receiver.sleep();
         let asleep = self.clock.moment().since(before);
         self.asleep = self.asleep.wrapping_add(asleep);
         self.woken = before.after(asleep);
@@ -183,15 +172,34 @@ impl Board {
         self.measures.rounds = self.measures.rounds.wrapping_add(1);
     }
 
+    /// Notes how many bytes wait to be read, and what was lost of them.
+    #[inline(always)]
+    pub(crate) fn note(&mut self, unread: &Unread) {
+        let bytes = u16::from(unread.bytes);
+        if bytes > self.measures.most_unread {
+            self.measures.most_unread = bytes;
+        }
+        if unread.lost != 0 {
+            self.overrun(unread.lost);
+        }
+    }
+
+    #[inline(never)]
+    fn overrun(&mut self, lost: u8) {
+        self.measures.lost_bytes = self.measures.lost_bytes.saturating_add(u16::from(lost));
+        self.tell(Cause::Overrun, ALL_MOTORS, u32::from(lost));
+    }
+
     /// What can wait a millisecond. The line's rate is changed here, when the last answer is out.
     #[inline(never)]
-    pub(crate) fn housekeeping(&mut self, now: Millis) {
+    pub(crate) fn housekeeping(&mut self, now: Millis, receiver: &mut Receiver) {
         match self.baud {
             // The last byte has gone from the data register into the shift register by now; out it is a round later.
-            Some((baud, false)) if self.link.can_send() => self.baud = Some((baud, true)),
+            Some((baud, false)) if link::can_send() => self.baud = Some((baud, true)),
             Some((baud, true)) => {
                 self.baud = None;
-                self.link.set_baud(baud);
+                link::set_baud(baud);
+                receiver.reset();
             }
             _ => {}
         }
@@ -450,7 +458,6 @@ impl Machine for Board {
     #[inline(never)]
     fn measures(&mut self) -> Measures {
         Measures {
-            most_unread: u16::from(self.link.most_unread),
             fewest_groups: self.stepper.least_ahead(),
             stack_left: memory::stack_left(),
             asleep_ticks: u64::from(self.asleep),
@@ -460,7 +467,6 @@ impl Machine for Board {
 
     fn reset_measures(&mut self) {
         self.measures = Board::NO_MEASURES;
-        self.link.most_unread = 0;
         self.stepper.reset_measures();
         self.asleep = 0;
     }

@@ -52,7 +52,6 @@ pub(crate) const PAINT: u8 = 0xc5;
 unsafe extern "C" {
     /// The first byte after everything that is not stack: the linker's.
     static mut _end: u8;
-    static receive_page: [u8; 128];
     static mut reset_note: u16;
     #[link_name = "end_of_program"]
     safe fn stop_and_reset() -> !;
@@ -61,15 +60,6 @@ unsafe extern "C" {
 /// See [`reset::end`](crate::reset::end).
 pub(crate) fn end_of_program() -> ! {
     stop_and_reset()
-}
-
-/// `len` bytes of the receive page, from `at` on: those between tail and head.
-#[inline(always)]
-pub(crate) fn received(at: u8, len: u8) -> &'static [u8] {
-    let first = (&raw const receive_page).cast::<u8>();
-    // SAFETY: inside the page: `at` is below its length, and the caller keeps to its end. The interrupt wrote them before it
-    // moved its head beyond them, and writes there no more until the tail is beyond them too.
-    unsafe { core::slice::from_raw_parts(first.add(usize::from(at)), usize::from(len)) }
 }
 
 /// What the reset note said, and what it says from now on.

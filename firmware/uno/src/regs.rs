@@ -107,16 +107,12 @@ pub(crate) const SP: Reg16 = Reg16(0x5d);
 pub(crate) const SREG: Reg8 = Reg8(0x5f);
 /// §11.9.2.
 pub(crate) const WDTCSR: Reg8 = Reg8(0x60);
-/// §10.11.3: clocks of what is not used can be switched off.
-pub(crate) const PRR: Reg8 = Reg8(0x64);
 /// §16.11.8.
 pub(crate) const TIMSK1: Reg8 = Reg8(0x6f);
 /// §16.11.1.
 pub(crate) const TCCR1A: Reg8 = Reg8(0x80);
 /// §16.11.2.
 pub(crate) const TCCR1B: Reg8 = Reg8(0x81);
-/// §16.11.3: forced compares.
-pub(crate) const TCCR1C: Reg8 = Reg8(0x82);
 /// §16.11.4.
 pub(crate) const TCNT1: Reg16 = Reg16(0x84);
 /// §16.11.5.
@@ -193,12 +189,25 @@ pub(crate) fn disable_interrupts() {
     unsafe { asm!("cli") };
 }
 
-/// Sleeps until an interrupt has run, if `SMCR` allows it; interrupts are off when it is called, on when it returns.
+/// Sleeps until an interrupt has run, if [`EEARL`] is `head` and `SMCR` allows it. Interrupts are on afterwards; they are off for
+/// 5 cycles, and the sleep itself is one more before any comes in (§7.7): so none can slip in between.
 #[inline(always)]
-pub(crate) fn sleep() {
-    // SAFETY: as `enable_interrupts`. The instruction after `sei` runs before any interrupt (§7.7), so none can slip in
-    // between the caller's look at things and the sleep.
-    unsafe { asm!("sei", "sleep") };
+pub(crate) fn sleep_while_head_is(head: u8) {
+    // SAFETY: as `enable_interrupts`.
+    unsafe {
+        asm!(
+            "cli",
+            "in {now}, {EEARL}",
+            "cpse {now}, {head}",
+            "rjmp 1f",
+            "sei",
+            "sleep",
+            "1: sei",
+            now = out(reg) _,
+            head = in(reg) head,
+            EEARL = const crate::steps::register::EEARL,
+        );
+    }
 }
 
 /// Restarts the watchdog's time.
