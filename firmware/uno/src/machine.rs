@@ -2,10 +2,10 @@
 
 use crate::clock::{self, TICK_HZ, low_half};
 use crate::link::{self, Receiver, Unread, WINDOW};
-use crate::memory::{self, POOL, Queues};
+use crate::memory::{self, POOL};
 use crate::steps::pins::{Layout, MAX_MOTORS, Pin};
-use crate::steps::stepper::{Axis, Stepper, Trouble};
-use pulsetrain_core::narrow::{self, PushRefused, SWITCHES};
+use crate::steps::motor::{self, SWITCHES};
+use crate::steps::stepper::{self, Stepper, Trouble};
 use pulsetrain_core::wire::frame::Tag;
 use pulsetrain_core::wire::message::{
     ALL_MOTORS, Cause, Configuration, Event, Info, Measures, flags,
@@ -18,8 +18,6 @@ const SWITCH_AHEAD: u64 = 1 << 30;
 
 /// Everything but the service that speaks for it.
 pub(crate) struct Board {
-    /// Lent by main.
-    queues: Option<&'static mut Queues>,
     pub(crate) stepper: Stepper,
     power: Power,
     armed: bool,
@@ -92,7 +90,6 @@ impl Board {
     /// A board that knows no pins, not started.
     pub(crate) const fn new() -> Board {
         Board {
-            queues: None,
             stepper: Stepper::new(),
             power: Power::OFF,
             armed: false,
@@ -109,8 +106,7 @@ impl Board {
     }
 
     /// Starts clock and line.
-    pub(crate) fn begin(&mut self, queues: &'static mut Queues, last_reset: Cause) {
-        self.queues = Some(queues);
+    pub(crate) fn begin(&mut self, last_reset: Cause) {
         // SAFETY: main calls this once.
         unsafe { self.stepper.begin() };
         self.last_reset = last_reset;
@@ -135,10 +131,7 @@ impl Board {
     /// Steps: everything that must be done often. Whether there is nothing more to do until an interrupt comes.
     #[inline(always)]
     pub(crate) fn work(&mut self, now: Moment) -> bool {
-        match &self.queues {
-            Some(queues) if self.armed => self.stepper.run(now, queues),
-            _ => true,
-        }
+        !self.armed || self.stepper.run(now)
     }
 
     /// Sleeps until an interrupt comes, unless bytes wait already.
@@ -239,12 +232,12 @@ impl Board {
     #[inline(never)]
     fn look_at_motors(&mut self) {
         for motor in 0..self.motors() {
-            let Some(axis) = self.stepper.axis_mut(motor) else { break };
-            let Some(fault) = axis.motor.fault() else { continue };
+            let Some(axis) = self.stepper.motor_mut(motor) else { break };
+            let Some(fault) = axis.fault() else { continue };
             let cause = match fault.reason {
-                narrow::Reason::Missed => Cause::StepMissed,
-                narrow::Reason::Mismatch => Cause::CheckFailed,
-                narrow::Reason::Bad => Cause::BadItem,
+                motor::Reason::Missed => Cause::StepMissed,
+                motor::Reason::Mismatch => Cause::CheckFailed,
+                motor::Reason::Bad => Cause::BadItem,
             };
             if self.told & 1 << motor == 0 {
                 self.told |= 1 << motor;
@@ -369,11 +362,11 @@ impl Machine for Board {
     }
 
     fn motors(&self) -> u8 {
-        self.stepper.axes().len() as u8
+        self.stepper.motors().len() as u8
     }
 
     fn free(&self, motor: u8) -> u16 {
-        self.stepper.axes().get(usize::from(motor)).map_or(0, |axis| axis.motor.bytes().room())
+        self.stepper.motors().get(usize::from(motor)).map_or(0, |motor| motor.room())
     }
 
     #[inline(never)]
@@ -382,16 +375,10 @@ impl Machine for Board {
             return Err(Refusal::of(Reason::NotArmed));
         }
         let detail = u16::from(motor);
-        let Some(axis) = self.stepper.axis_mut(motor) else {
+        let Some(motor) = self.stepper.motor_mut(motor) else {
             return Err(Refusal { reason: Reason::NoSuchMotor, detail });
         };
-        let pushed = self.queues.as_mut().map(|queues| axis.motor.push(queues, epoch, packed));
-        match pushed {
-            Some(Ok(())) => Ok(()),
-            Some(Err(PushRefused::NoRoom { .. } | PushRefused::TooManyEpochs)) | None => {
-                Err(Refusal { reason: Reason::Full, detail })
-            }
-        }
+        if motor.push(epoch, packed) { Ok(()) } else { Err(Refusal { reason: Reason::Full, detail }) }
     }
 
     fn discard(&mut self, epoch: Epoch) {
@@ -456,16 +443,16 @@ impl Machine for Board {
     #[inline(never)]
     fn position(&mut self, motor: u8) -> i32 {
         let unplayed = self.stepper.unplayed(motor);
-        self.stepper.axis_mut(motor).map_or(0, |axis| axis.position().wrapping_sub(i32::from(unplayed)))
+        self.stepper.motor_mut(motor).map_or(0, |motor| motor.position.wrapping_sub(i32::from(unplayed)))
     }
 
     fn faults(&self, motor: u8) -> u8 {
-        self.stepper.axes().get(usize::from(motor)).map_or(0, Axis::faults)
+        self.stepper.motors().get(usize::from(motor)).map_or(0, stepper::faults)
     }
 
     #[inline(never)]
     fn measures(&mut self) -> &mut Measures {
-        self.measures.fewest_groups = self.stepper.fewest_groups();
+        self.measures.fewest_groups = self.stepper.least_ahead();
         self.measures.stack_left = memory::stack_left();
         &mut self.measures
     }

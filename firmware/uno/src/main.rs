@@ -40,7 +40,7 @@ mod steps;
 use core::panic::PanicInfo;
 use link::Receiver;
 use machine::Board;
-use memory::{Once, Queues};
+use memory::Once;
 use pulsetrain_core::Moment;
 use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{MAX_BODY, Millis, Service};
@@ -60,7 +60,6 @@ struct Reply {
 static BOARD: Once<Board> = Once::new(Board::new());
 static SERVICE: Once<Service> = Once::new(Service::new(MAX_BODY));
 static RECEIVER: Once<Receiver> = Once::new(Receiver::new());
-static QUEUES: Once<Queues> = Once::new(Queues::new());
 static REPLY: Once<Reply> = Once::new(Reply { bytes: [0; REPLY_LEN], len: 0, sent: 0 });
 
 #[unsafe(no_mangle)]
@@ -81,8 +80,8 @@ extern "C" fn main() -> ! {
 #[inline(never)]
 unsafe fn begin() {
     // SAFETY: the caller's promise; the references end here.
-    let (board, queues) = unsafe { (BOARD.take(), QUEUES.take()) };
-    board.begin(queues, reset::begin());
+    let board = unsafe { BOARD.take() };
+    board.begin(reset::begin());
 }
 
 /// The main loop. What it calls is not inlined: so the deepest call decides how much stack is needed, not their sum.

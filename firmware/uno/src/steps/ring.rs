@@ -519,10 +519,10 @@ impl Ring {
     }
 
     /// Expands the next `n` steps of `registers` into the ring, each of which toggles `step`; with the compare
-    /// hardware `step` has its edge in both.
+    /// hardware `step` has its edge in both. Without a fall each step takes two groups: the pulse is a long one.
     ///
     /// # Safety
-    /// 1 ≤ `n` ≤ [`Ring::free`], and what [`super::expand`] says of `n` and the interval.
+    /// There is room for `n` steps, at least 1, and what [`super::expand`] says of `n` and the interval.
     #[inline(never)]
     pub(crate) unsafe fn expand(&mut self, registers: &mut Registers, n: u8, step: Group) {
         let first = self.group(self.head);
@@ -530,7 +530,7 @@ impl Ring {
         let published = self.played(self.pending, step);
         // SAFETY: the caller's promise. Published groups only reach up to the pending one.
         unsafe {
-            let last = super::expand::into_ring(registers, first, n, rise, self.last(step));
+            let last = super::expand::into_ring(registers, first, n, rise, self.last(step), step.fall == 0);
             self.group(last).write_volatile(self.waiting(step));
             first.write_volatile(published);
             self.head = last;
