@@ -29,7 +29,7 @@ pub(crate) struct Board {
     /// Faults that were told, bit by motor.
     told: u8,
     was_idle: bool,
-    /// When the round being made began, or the last sleep ended, modulo 2^16.
+    /// When the round being made began, or the last rest ended, modulo 2^16.
     woken: u16,
     last_stop: Cause,
     last_reset: Cause,
@@ -125,7 +125,7 @@ impl Board {
         damaged_frames: 0,
         stack_left: 0,
         rounds: 0,
-        asleep_ticks: 0,
+        idle_ticks: 0,
     };
 
     /// Steps: everything that must be done often. Whether there is nothing more to do until an interrupt comes.
@@ -134,20 +134,25 @@ impl Board {
         !self.armed || self.stepper.run(now)
     }
 
-    /// Sleeps until an interrupt comes, unless bytes wait already.
+    /// Waits until an interrupt comes, unless bytes wait already.
     #[inline(always)]
-    pub(crate) fn sleep(&mut self, receiver: &Receiver) {
+    pub(crate) fn rest(&mut self, receiver: &Receiver) {
         let before = clock::moment();
-        // The overflow must not come between this look at the clock and the sleep, which it would not end then; and the one that
-        // ends the sleep must show less than now, or the clock would not see that it wrapped: 256 ticks are enough for both.
-        let [_, high, ..] = before.0.to_le_bytes();
-        if matches!(high, 0 | 0xff) {
-            return;
+        if self.armed && !self.was_idle {
+            receiver.watch();
+        } else {
+            // The overflow must not come between this look at the clock and the sleep, which it would not end then; and the one
+            // that ends the sleep must show less than now, or the clock would not see that it wrapped: 256 ticks are enough for
+            // both.
+            let [_, high, ..] = before.0.to_le_bytes();
+            if matches!(high, 0 | 0xff) {
+                return;
+            }
+            receiver.sleep();
         }
-        receiver.sleep();
         let after = clock::moment();
         self.woken = low_half(after.0);
-        self.measures.asleep_ticks = self.measures.asleep_ticks.wrapping_add(u64::from(after.since(before)));
+        self.measures.idle_ticks = self.measures.idle_ticks.wrapping_add(u64::from(after.since(before)));
     }
 
     /// Counts a round of the main loop that begins now.

@@ -94,7 +94,7 @@ fn run(board: &mut Board, service: &mut Service, receiver: &mut Receiver, reply:
         regs::kick_watchdog();
         let now = clock::moment();
         board.count_round(now);
-        let rest = board.work(now);
+        let done = board.work(now);
         let now = millis(now);
         let next = now != last;
         let heard = listen(board, service, receiver, now);
@@ -106,8 +106,8 @@ fn run(board: &mut Board, service: &mut Service, receiver: &mut Receiver, reply:
         if next {
             last = now;
             board.housekeeping(now, receiver);
-        } else if rest && !heard && reply.sent == reply.len {
-            board.sleep(receiver);
+        } else if done && !heard && reply.sent == reply.len {
+            board.rest(receiver);
         }
     }
 }

@@ -783,7 +783,7 @@ impl Status {
 /// | 16–17 | frames whose CRC was wrong |
 /// | 18–19 | fewest bytes of stack that were never used |
 /// | 20–23 | rounds of the main loop |
-/// | 24–31 | ticks asleep |
+/// | 24–31 | ticks in which the main loop had nothing to do |
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Measures {
     /// Compares that were missed and made late.
@@ -806,8 +806,8 @@ pub struct Measures {
     pub stack_left: u16,
     /// Rounds of the main loop.
     pub rounds: u32,
-    /// Ticks asleep.
-    pub asleep_ticks: u64,
+    /// Ticks in which the main loop had nothing to do.
+    pub idle_ticks: u64,
 }
 
 impl Measures {
@@ -824,7 +824,7 @@ impl Measures {
         frame.u16(self.damaged_frames);
         frame.u16(self.stack_left);
         frame.u32(self.rounds);
-        frame.u64(self.asleep_ticks);
+        frame.u64(self.idle_ticks);
     }
 
     fn decode(reader: &mut Reader<'_>) -> Option<Measures> {
@@ -839,7 +839,7 @@ impl Measures {
             damaged_frames: reader.u16()?,
             stack_left: reader.u16()?,
             rounds: reader.u32()?,
-            asleep_ticks: reader.u64()?,
+            idle_ticks: reader.u64()?,
         })
     }
 }
