@@ -24,7 +24,7 @@ impl Clock {
     pub(crate) fn start(&mut self) {
         regs::TCCR1B.write(0);
         regs::TCCR1A.write(0);
-        regs::TIMSK1.write(1);
+        regs::TIMSK1.write(0);
         regs::free(|| regs::TCNT1.write(0));
         regs::TCCR1B.write(1);
     }
