@@ -49,32 +49,43 @@ clock_moment:
 );
 
 unsafe extern "C" {
-    safe fn clock_moment() -> u32;
+    fn clock_moment() -> u32;
     #[link_name = "clock"]
     static mut CLOCK: u64;
 }
 
-/// Starts Timer1 at tick 0: normal mode, undivided, pins free (DS40002061B §16.11.1-2).
-pub(crate) fn start() {
-    regs::TCCR1B.write(0);
-    regs::TCCR1A.write(0);
-    regs::TIMSK1.write(1);
-    regs::free(|| regs::TCNT1.write(0));
-    regs::TCCR1B.write(1);
-}
+/// The clock's memory is the assembly's; whoever has this may use it.
+pub(crate) struct Clock(());
 
-/// Ticks since start-up, modulo 2^32.
-#[inline(always)]
-pub(crate) fn moment() -> Moment {
-    Moment(clock_moment())
-}
+impl Clock {
+    /// Not started; there must be one.
+    pub(crate) const fn new() -> Clock {
+        Clock(())
+    }
 
-/// Ticks since start-up.
-#[inline(never)]
-pub(crate) fn now() -> u64 {
-    moment();
-    // SAFETY: only `clock_moment` writes it, and the main loop alone calls that.
-    unsafe { CLOCK }
+    /// Starts Timer1 at tick 0: normal mode, undivided, pins free (DS40002061B §16.11.1-2).
+    pub(crate) fn start(&mut self) {
+        regs::TCCR1B.write(0);
+        regs::TCCR1A.write(0);
+        regs::TIMSK1.write(0);
+        regs::free(|| regs::TCNT1.write(0));
+        regs::TCCR1B.write(1);
+    }
+
+    /// Ticks since start-up, modulo 2^32.
+    #[inline(always)]
+    pub(crate) fn moment(&mut self) -> Moment {
+        // SAFETY: nobody else has this clock now.
+        Moment(unsafe { clock_moment() })
+    }
+
+    /// Ticks since start-up.
+    #[inline(never)]
+    pub(crate) fn now(&mut self) -> u64 {
+        self.moment();
+        // SAFETY: as above.
+        unsafe { CLOCK }
+    }
 }
 
 /// What Timer1 says at a moment.
@@ -84,7 +95,7 @@ pub(crate) const fn low_half(moment: u32) -> u16 {
     u16::from_le_bytes([b0, b1])
 }
 
-/// Timer1 as it stands.
+/// Timer1 as it stands. Interrupts are off for 6 cycles, because they use the byte that all its registers share.
 #[inline(always)]
 pub(crate) fn read() -> u16 {
     regs::timer1()

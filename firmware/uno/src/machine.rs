@@ -1,11 +1,12 @@
 //! What the [`Service`](pulsetrain_core::wire::Service) asks of a board, done on this one.
 
-use crate::clock::{self, TICK_HZ, low_half};
+use crate::clock::{TICK_HZ, low_half};
 use crate::link::{self, Receiver, Unread, WINDOW};
 use crate::memory::{self, POOL};
 use crate::steps::pins::{Layout, MAX_MOTORS, Pin};
 use crate::steps::motor::{self, SWITCHES};
-use crate::steps::stepper::{self, Stepper, Trouble};
+use crate::steps::stepper::{self, Trouble};
+use crate::steps::task;
 use pulsetrain_core::wire::frame::Tag;
 use pulsetrain_core::wire::message::{
     ALL_MOTORS, Cause, Configuration, Event, Info, Measures, flags,
@@ -18,7 +19,6 @@ const SWITCH_AHEAD: u64 = 1 << 30;
 
 /// Everything but the service that speaks for it.
 pub(crate) struct Board {
-    pub(crate) stepper: Stepper,
     power: Power,
     armed: bool,
     pull_in: [u32; MAX_MOTORS],
@@ -90,7 +90,6 @@ impl Board {
     /// A board that knows no pins, not started.
     pub(crate) const fn new() -> Board {
         Board {
-            stepper: Stepper::new(),
             power: Power::OFF,
             armed: false,
             pull_in: [0; MAX_MOTORS],
@@ -107,11 +106,13 @@ impl Board {
 
     /// Starts clock and line.
     pub(crate) fn begin(&mut self, last_reset: Cause) {
-        // SAFETY: main calls this once.
-        unsafe { self.stepper.begin() };
         self.last_reset = last_reset;
-        clock::start();
+        let mut shared = task::lock();
+        // SAFETY: main calls this once.
+        unsafe { shared.stepper.begin() };
+        shared.clock.start();
         link::start();
+        task::start();
     }
 
     const NO_MEASURES: Measures = Measures {
@@ -128,31 +129,18 @@ impl Board {
         idle_ticks: 0,
     };
 
-    /// Steps: everything that must be done often. Whether there is nothing more to do until an interrupt comes.
-    #[inline(always)]
-    pub(crate) fn work(&mut self, now: Moment) -> bool {
-        !self.armed || self.stepper.run(now)
-    }
-
     /// Waits until an interrupt comes, unless bytes wait already.
     #[inline(always)]
     pub(crate) fn rest(&mut self, receiver: &Receiver) {
-        let before = clock::moment();
-        if self.armed && !self.was_idle {
-            receiver.watch();
+        let idle = if self.armed && !self.was_idle {
+            u32::from(receiver.watch())
         } else {
-            // The overflow must not come between this look at the clock and the sleep, which it would not end then; and the one
-            // that ends the sleep must show less than now, or the clock would not see that it wrapped: 256 ticks are enough for
-            // both.
-            let [_, high, ..] = before.0.to_le_bytes();
-            if matches!(high, 0 | 0xff) {
-                return;
-            }
+            let before = task::lock().clock.moment();
             receiver.sleep();
-        }
-        let after = clock::moment();
-        self.woken = low_half(after.0);
-        self.measures.idle_ticks = self.measures.idle_ticks.wrapping_add(u64::from(after.since(before)));
+            task::lock().clock.moment().since(before)
+        };
+        self.measures.idle_ticks = self.measures.idle_ticks.wrapping_add(u64::from(idle));
+        self.woken = low_half(task::lock().clock.moment().0);
     }
 
     /// Counts a round of the main loop that begins now.
@@ -198,12 +186,15 @@ impl Board {
             }
             _ => {}
         }
+        let mut shared = task::lock();
+        let moment = shared.clock.moment();
         if self.armed {
+            shared.stepper.watch(moment);
+            drop(shared);
             self.look_for_faults();
             self.look_at_motors();
         } else {
-            let now = clock::moment();
-            self.stepper.rest(now);
+            shared.stepper.rest(moment);
         }
         if self.armed {
             let idle = self.is_idle();
@@ -218,7 +209,8 @@ impl Board {
     /// Tells each motor's faults, once.
     #[inline(never)]
     fn look_for_faults(&mut self) {
-        if let Some(trouble) = self.stepper.trouble() {
+        let trouble = task::lock().stepper.trouble();
+        if let Some(trouble) = trouble {
             match trouble {
                 Trouble::Late { ticks } => {
                     self.measures.late = self.measures.late.saturating_add(1);
@@ -237,8 +229,8 @@ impl Board {
     #[inline(never)]
     fn look_at_motors(&mut self) {
         for motor in 0..self.motors() {
-            let Some(axis) = self.stepper.motor_mut(motor) else { break };
-            let Some(fault) = axis.fault() else { continue };
+            let fault = task::lock().stepper.motor_mut(motor).and_then(|motor| motor.fault());
+            let Some(fault) = fault else { continue };
             let cause = match fault.reason {
                 motor::Reason::Missed => Cause::StepMissed,
                 motor::Reason::Mismatch => Cause::CheckFailed,
@@ -254,8 +246,10 @@ impl Board {
     /// The immediate stop. Bit by motor: it was faster than it can stop at once.
     #[inline(never)]
     fn stop(&mut self, cause: Cause, motor: u8, detail: u32) -> Stopped {
-        let uncertain = self.stepper.stop(&self.pull_in);
-        let tick = clock::now();
+        let mut shared = task::lock();
+        let uncertain = shared.stepper.stop(&self.pull_in);
+        let tick = shared.clock.now();
+        drop(shared);
         if self.armed {
             self.armed = false;
             self.last_stop = cause;
@@ -276,13 +270,14 @@ impl Board {
         for (place, motor) in self.pull_in.iter_mut().zip(configuration.motors()) {
             *place = motor.pull_in_ticks;
         }
-        let now = clock::moment();
-        self.stepper.configure(layout, configuration, now);
+        let mut shared = task::lock();
+        let now = shared.clock.moment();
+        shared.stepper.configure(layout, configuration, now);
     }
 
     #[inline(never)]
     fn tell(&mut self, cause: Cause, motor: u8, detail: u32) {
-        let at = clock::moment();
+        let at = task::lock().clock.moment();
         if cause == Cause::Finished {
             self.last_stop = cause;
         }
@@ -293,16 +288,15 @@ impl Board {
 
     #[inline(never)]
     fn is_idle(&self) -> bool {
-        self.stepper.is_idle()
+        task::lock().stepper.is_idle()
     }
+}
 
-    /// A moment within 2^31 ticks of now, in 64 bits.
-    #[inline(never)]
-    fn extended(&mut self, moment: Moment) -> u64 {
-        let now = clock::now();
-        let ahead = moment.since(Moment::of(now)).cast_signed();
-        now.wrapping_add_signed(i64::from(ahead))
-    }
+/// A moment within 2^31 ticks of `now`, in 64 bits.
+#[inline(never)]
+fn extended(now: u64, moment: Moment) -> u64 {
+    let ahead = moment.since(Moment::of(now)).cast_signed();
+    now.wrapping_add_signed(i64::from(ahead))
 }
 
 impl Machine for Board {
@@ -347,8 +341,9 @@ impl Machine for Board {
             self.armed = true;
             self.was_idle = true;
             self.told = 0;
-            let now = clock::moment();
-            self.stepper.start(now);
+            let mut shared = task::lock();
+            let now = shared.clock.moment();
+            shared.stepper.start(now);
         }
         Ok(())
     }
@@ -367,11 +362,11 @@ impl Machine for Board {
     }
 
     fn motors(&self) -> u8 {
-        self.stepper.motors().len() as u8
+        task::lock().stepper.count()
     }
 
     fn free(&self, motor: u8) -> u16 {
-        self.stepper.motors().get(usize::from(motor)).map_or(0, |motor| motor.room())
+        task::lock().stepper.motors().get(usize::from(motor)).map_or(0, |motor| motor.room())
     }
 
     #[inline(never)]
@@ -380,14 +375,24 @@ impl Machine for Board {
             return Err(Refusal::of(Reason::NotArmed));
         }
         let detail = u16::from(motor);
-        let Some(motor) = self.stepper.motor_mut(motor) else {
+        let full = Refusal { reason: Reason::Full, detail };
+        let len = packed.len() as u16;
+        let shared = task::lock();
+        let Some(axis) = shared.stepper.motors().get(usize::from(motor)) else {
             return Err(Refusal { reason: Reason::NoSuchMotor, detail });
         };
-        if motor.push(epoch, packed) { Ok(()) } else { Err(Refusal { reason: Reason::Full, detail }) }
+        let room = axis.push(epoch, len).ok_or(full)?;
+        drop(shared);
+        // The task may go on meanwhile: it takes from the other end.
+        room.write(packed);
+        if let Some(axis) = task::lock().stepper.motor_mut(motor) {
+            axis.pushed(epoch, len);
+        }
+        Ok(())
     }
 
     fn discard(&mut self, epoch: Epoch) {
-        self.stepper.discard(epoch);
+        task::lock().stepper.discard(epoch);
     }
 
     #[inline(never)]
@@ -395,19 +400,21 @@ impl Machine for Board {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
-        let limit = clock::now() + SWITCH_AHEAD;
-        let horizon = self.horizon();
+        let mut shared = task::lock();
+        let now = shared.clock.now();
+        let limit = now + SWITCH_AHEAD;
+        let horizon = extended(now, shared.stepper.horizon());
         let switched = if tick < horizon {
             Switched::Late { horizon }
         } else if tick >= limit {
             Switched::Early { limit }
-        } else if self.stepper.switch(epoch, Moment::of(tick)) {
+        } else if shared.stepper.switch(epoch, Moment::of(tick)) {
             Switched::Accepted
         } else {
             Switched::Full
         };
         if switched != Switched::Accepted {
-            self.discard(epoch);
+            shared.stepper.discard(epoch);
         }
         Ok(switched)
     }
@@ -416,9 +423,8 @@ impl Machine for Board {
         self.stop(Cause::StopNow, ALL_MOTORS, 0)
     }
 
-    #[inline(always)]
     fn clock(&mut self) -> u64 {
-        clock::now()
+        task::lock().clock.now()
     }
 
     fn flags(&self) -> u8 {
@@ -437,34 +443,36 @@ impl Machine for Board {
 
     #[inline(never)]
     fn horizon(&mut self) -> u64 {
-        let horizon = self.stepper.horizon();
-        self.extended(horizon)
+        let mut shared = task::lock();
+        let now = shared.clock.now();
+        extended(now, shared.stepper.horizon())
     }
 
     fn epoch(&self) -> Epoch {
-        self.stepper.epoch()
+        task::lock().stepper.epoch()
     }
 
     #[inline(never)]
     fn position(&mut self, motor: u8) -> i32 {
-        let unplayed = self.stepper.unplayed(motor);
-        self.stepper.motor_mut(motor).map_or(0, |motor| motor.position.wrapping_sub(i32::from(unplayed)))
+        let mut shared = task::lock();
+        let unplayed = shared.stepper.unplayed(motor);
+        shared.stepper.motor_mut(motor).map_or(0, |motor| motor.position.wrapping_sub(i32::from(unplayed)))
     }
 
     fn faults(&self, motor: u8) -> u8 {
-        self.stepper.motors().get(usize::from(motor)).map_or(0, stepper::faults)
+        task::lock().stepper.motors().get(usize::from(motor)).map_or(0, stepper::faults)
     }
 
     #[inline(never)]
     fn measures(&mut self) -> &mut Measures {
-        self.measures.fewest_groups = self.stepper.least_ahead();
+        self.measures.fewest_groups = task::lock().stepper.least_ahead();
         self.measures.stack_left = memory::stack_left();
         &mut self.measures
     }
 
     fn reset_measures(&mut self) {
         self.measures = Board::NO_MEASURES;
-        self.stepper.reset_measures();
+        task::lock().stepper.reset_measures();
     }
 
     fn can_baud(&self, _: Baud) -> bool {
@@ -492,6 +500,7 @@ impl Machine for Board {
             return None;
         }
         self.news = [second, News::NONE];
-        Some(Event { cause, motor, tick: self.extended(at), detail })
+        let now = task::lock().clock.now();
+        Some(Event { cause, motor, tick: extended(now, at), detail })
     }
 }

@@ -92,9 +92,8 @@ fn run(board: &mut Board, service: &mut Service, receiver: &mut Receiver, reply:
     regs::enable_interrupts();
     loop {
         regs::kick_watchdog();
-        let now = clock::moment();
+        let now = steps::task::lock().clock.moment();
         board.count_round(now);
-        let done = board.work(now);
         let now = millis(now);
         let next = now != last;
         let heard = listen(board, service, receiver, now);
@@ -106,7 +105,7 @@ fn run(board: &mut Board, service: &mut Service, receiver: &mut Receiver, reply:
         if next {
             last = now;
             board.housekeeping(now, receiver);
-        } else if done && !heard && reply.sent == reply.len {
+        } else if !heard && reply.sent == reply.len {
             board.rest(receiver);
         }
     }

@@ -15,12 +15,12 @@ __vectors:
     jmp __init
     .org 4 * 6
     jmp __vector_6                      // WDT
+    .org 4 * 7
+    jmp steps_task                      // TIMER2_COMPA
     .org 4 * 11
     jmp __vector_11                     // TIMER1_COMPA
     .org 4 * 12
     jmp __vector_12                     // TIMER1_COMPB
-    .org 4 * 13
-    reti                                // TIMER1_OVF: it is there to end a sleep, while no ring plays
     .org 4 * 18
     .global __vector_18
 __vector_18:

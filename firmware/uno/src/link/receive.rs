@@ -329,17 +329,11 @@ impl Receiver {
         self.body.get(1..=usize::from(self.len)).unwrap_or_default()
     }
 
-    /// Waits until a byte or a step interrupt came, awake: one that ends a sleep is 4 cycles later than others. Not for ever: a
-    /// ring may be empty.
+    /// Waits until a byte comes, but not for ever, and gives how many ticks it did nothing. It stays awake: an interrupt that
+    /// ends a sleep is 4 cycles later than others.
     #[inline(always)]
-    pub(crate) fn watch(&self) {
-        let played = || (regs::OCR0A.read(), regs::OCR0B.read());
-        let before = played();
-        for _ in 0..=255u8 {
-            if regs::EEARL.read() != self.tail || played() != before {
-                break;
-            }
-        }
+    pub(crate) fn watch(&self) -> u16 {
+        regs::watch_while_head_is(self.tail)
     }
 
     /// Sleeps until an interrupt has run, unless bytes wait.

@@ -212,38 +212,3 @@ global_asm!(
     "#,
     PULSE = const super::times::PULSE,
 );
-
-unsafe extern "C" {
-    /// Expands `n` steps into a ring from the group at `pending` on; gives the low byte of the last group's address.
-    fn steps_expand_ring(registers: *mut Registers, pending: *mut u8, n: u8, rise_fall: u16) -> u8;
-
-    /// The same with long pulses.
-    fn steps_expand_ring_long(registers: *mut Registers, pending: *mut u8, n: u8, rise_fall: u16) -> u8;
-}
-
-/// Expands the next `n` steps of `registers` into a ring, from its pending group on: each with `rise` and `fall`, or as two
-/// groups with `rise` each.
-///
-/// Gives the low byte of the address of the last group.
-///
-/// # Safety
-/// What the module says of `n` and the interval holds; `pending` is a ring's pending group, and the groups are free.
-#[inline(always)]
-pub(super) unsafe fn into_ring(
-    registers: &mut Registers,
-    pending: *mut u8,
-    n: u8,
-    rise: u8,
-    fall: u8,
-    long: bool,
-) -> u8 {
-    let masks = u16::from_le_bytes([rise, fall]);
-    // SAFETY: the caller's promise; the functions keep to the calling convention of avr-gcc.
-    unsafe {
-        if long {
-            steps_expand_ring_long(registers, pending, n, masks)
-        } else {
-            steps_expand_ring(registers, pending, n, masks)
-        }
-    }
-}

@@ -504,9 +504,9 @@ merge_give:
 /// Groups that the ring must have room for to go on.
 const ENOUGH: u8 = 8;
 /// How often one run of the merge goes on.
-const LOOKS: u8 = 2;
+const LOOKS: u8 = 4;
 /// How many lists one run fills at most; each takes about 1000 cycles.
-const FEEDS: u8 = 6;
+const FEEDS: u8 = 16;
 
 unsafe extern "C" {
     static mut ring_b_page: [u8; 256];
@@ -583,9 +583,9 @@ impl Merge {
         self.clear(first);
     }
 
-    /// Whether the last run did all that could be done then.
-    pub(crate) fn is_through(&self) -> bool {
-        self.feeds != 0
+    /// Whether the last run filled as many lists as one may.
+    pub(crate) fn is_broken_off(&self) -> bool {
+        self.feeds == 0
     }
 
     /// Whether steps are in lists, or anything else but fillers.

@@ -8,6 +8,7 @@
 //! - [`register`]: addresses, for assembly
 
 pub(crate) mod expand;
+mod fill;
 mod load;
 pub(crate) mod merge;
 pub(crate) mod motor;
@@ -16,4 +17,5 @@ pub(crate) mod register;
 pub(crate) mod ring;
 mod plan;
 pub(crate) mod stepper;
+pub(crate) mod task;
 mod times;

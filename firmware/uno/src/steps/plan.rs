@@ -684,6 +684,19 @@ plan_make:
     SHARED = const times::SHARED,
 );
 
+impl Plan {
+    /// Of the registers r18 to r25.
+    #[inline(always)]
+    pub(super) fn of([_, _, low, high, rise, fall, count, kind]: [u8; 8]) -> Plan {
+        match (count, kind) {
+            (0, _) => Plan::Nothing,
+            (count, 1) => Plan::Steps(count),
+            (3, _) => Plan::Found,
+            _ => Plan::One { tick: u16::from_le_bytes([low, high]), rise, fall, long: count == 2 },
+        }
+    }
+}
+
 unsafe extern "C" {
     fn steps_plan_next(motor: *mut Motor) -> u64;
     fn steps_make(motor: *mut Motor);
@@ -694,13 +707,7 @@ impl Motor {
     #[inline(always)]
     pub(crate) fn plan(&mut self) -> Plan {
         // SAFETY: the assembly uses this motor, its queue's memory and the times alone.
-        let [_, _, low, high, rise, fall, count, kind] = unsafe { steps_plan_next(self) }.to_le_bytes();
-        match (count, kind) {
-            (0, _) => Plan::Nothing,
-            (count, 1) => Plan::Steps(count),
-            (3, _) => Plan::Found,
-            _ => Plan::One { tick: u16::from_le_bytes([low, high]), rise, fall, long: count == 2 },
-        }
+        Plan::of(unsafe { steps_plan_next(self) }.to_le_bytes())
     }
 
     /// Makes the step that was found.

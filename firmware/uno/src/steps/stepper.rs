@@ -14,6 +14,7 @@
 //! A DIR line toggles at the end of a group, after the pulse and hold of every step before that looked at the line, and its
 //! set-up before the step that it is for. Planners leave room for that ([`Spacing`]); where they did not, the step is not made.
 
+use super::fill;
 use super::merge::Merge;
 use super::motor::{COUNT_AT_REST, Motor, flag};
 use super::pins::{Kind, Layout, Lines, MAX_MOTORS};
@@ -47,13 +48,11 @@ const FALL_COMPARE: [u8; 2] = [16, 48 + LATE];
 const EARLY: u16 = 128;
 /// So far ahead things are planned at most, ticks (3 ms).
 const AHEAD: u32 = 49_152;
-/// A ring is filled when it has room for so many groups.
-const ROOM_FOR: u8 = 20;
-/// And the merge's ring when it has room for so many.
-const ROOM_TO_MERGE: u8 = 8;
-/// Steps that are expanded at once: into a ring, and into a list of the merge; half as many if each is two groups.
-const STEPS: [u8; 2] = [31, 24];
-/// Plans that one call follows at most: other work waits meanwhile.
+/// The ring of several motors is filled when it has room for so many groups.
+const ROOM: u8 = 8;
+/// Steps that are expanded at once into a list of the merge; half as many if each is two ticks.
+const STEPS: u8 = 24;
+/// Things that one call does at most, beside batches of steps.
 const BATCH: u8 = 4;
 /// The longest of pulse, set-up and hold, ticks: what is past need not be remembered longer than a filler takes.
 pub(crate) const LONGEST: u16 = 4_096;
@@ -122,11 +121,22 @@ impl Spacing {
             early: lead.max(apart) + EARLY,
             fastest: fastest.max(made.saturating_add(if spacing.long { apart } else { 0 })),
             pulse,
-            most: if spacing.long { STEPS[1] / 2 } else { STEPS[1] },
+            most: if spacing.long { STEPS / 2 } else { STEPS },
             shared,
         };
         (spacing, times)
     }
+}
+
+/// How the rings were left.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Filled {
+    /// They had no room.
+    Full,
+    /// Something was put in.
+    Some,
+    /// All is planned that may be now.
+    Dry,
 }
 
 /// What went wrong in playing.
@@ -141,11 +151,12 @@ pub(crate) enum Trouble {
     Starved,
 }
 
-/// One ring and what is known of it.
-struct Track {
-    ring: Ring,
+/// One ring and what is known of it; [`fill`](super::fill) knows the layout.
+#[repr(C)]
+pub(super) struct Track {
+    pub(super) ring: Ring,
     /// Tick of the pending group.
-    at: Moment,
+    pub(super) at: Moment,
 }
 
 impl Track {
@@ -260,6 +271,8 @@ pub(crate) struct Stepper {
     merging: bool,
     /// Each motor has a ring of its own.
     apiece: bool,
+    /// Between [`Stepper::start`] and [`Stepper::stop`].
+    playing: bool,
     spacing: Spacing,
     /// GPIOR0: see [`flags`].
     flags: u8,
@@ -277,6 +290,7 @@ impl Stepper {
             count: 0,
             merging: false,
             apiece: false,
+            playing: false,
             spacing: Spacing::NONE,
             flags: 0,
             trouble: None,
@@ -291,6 +305,11 @@ impl Stepper {
     pub(crate) unsafe fn begin(&mut self) {
         // SAFETY: the caller's promise.
         self.merge = Some(unsafe { Merge::take() });
+    }
+
+    /// How many motors are in use.
+    pub(crate) fn count(&self) -> u8 {
+        self.count
     }
 
     /// The motors in use.
@@ -400,13 +419,18 @@ impl Stepper {
         {
             merge.begin(self.tracks[0].ring.name(), apart, low_half(first.0));
         }
+        for index in 0..self.count {
+            let motor = self.motors().get(usize::from(index));
+            let step = motor.map_or(Group::NOTHING, |motor| Group { rise: motor.step, fall: motor.step_fall });
+            let place = if self.apiece { usize::from(index & 1) } else { 0 };
+            self.tracks[place].ring.serve(step);
+        }
         for track in self.tracks_mut() {
             track.at = at;
             track.ring.clear();
             track.resume(at);
         }
-        // Rings wake the processor often enough.
-        regs::free(|| regs::TIMSK1.clear(1));
+        self.playing = true;
     }
 
     /// The immediate stop: plays no group more, and forgets all that was to come. A pulse that was begun still ends.
@@ -415,6 +439,7 @@ impl Stepper {
     #[inline(never)]
     pub(crate) fn stop(&mut self, pull_in: &[u32; MAX_MOTORS]) -> u8 {
         let mut uncertain = 0;
+        self.playing = false;
         for track in self.tracks_mut() {
             regs::free(|| track.ring.halt());
         }
@@ -438,8 +463,6 @@ impl Stepper {
         if let Some(merge) = &mut self.merge {
             merge.clear(0);
         }
-        // Timer1's overflow, for a look at the clock, while no ring wakes the processor.
-        regs::free(|| regs::TIMSK1.set(1));
         uncertain
     }
 
@@ -541,44 +564,47 @@ impl Stepper {
         count + i16::from(self.track(motor).ring.unplayed(levels, step, dir))
     }
 
-    /// Fills the rings as far as time allows. Whether there is nothing more to do until an interrupt comes.
-    #[inline(never)]
-    pub(crate) fn run(&mut self, now: Moment) -> bool {
+    /// Fills the rings as far as time allows.
+    #[inline(always)]
+    pub(crate) fn refill(&mut self, now: Moment) -> Filled {
+        if !self.playing {
+            return Filled::Dry;
+        }
         TIMES.set_limit(now.after(AHEAD));
-        let mut rest = true;
-        let Stepper { tracks, merge, trouble, least_ahead, spacing, .. } = self;
-        // SAFETY: as `motors_mut`; the other fields are borrowed beside.
+        let Stepper { tracks: [first, second], merge, spacing, count, .. } = self;
+        // SAFETY: as `motors_mut`; other fields are borrowed beside.
         let motors: &mut [Motor] =
-            unsafe { core::slice::from_raw_parts_mut((&raw mut MOTORS).cast(), usize::from(self.count)) };
-        let mut motors = motors;
-        for track in tracks {
-            let (mine, others) =
-                if self.apiece { motors.split_at_mut_checked(1).unwrap_or_default() } else { (motors, &mut [][..]) };
-            motors = others;
-            let merge = if self.merging { merge.as_deref_mut() } else { None };
-            let busy = match &merge {
-                Some(merge) => !merge.is_idle(),
-                None => mine.iter().any(|motor| motor.registers.left != 0),
-            };
-            if busy {
-                let ahead = track.at.since(now);
-                *least_ahead = (*least_ahead).min(if ahead >> 16 == 0 { low_half(ahead) } else { u16::MAX });
-            }
-            if let Some(what) = track.watch(now, busy) {
-                *trouble = Some(what);
-            }
-            if let Some(merge) = merge {
-                rest &= track.merge(merge);
-            } else if let [motor] = mine {
-                rest &= track.fill(motor, *spacing);
-            } else {
-                rest &= fill_shared(track, mine, *spacing);
-            }
-            if motors.is_empty() {
-                break;
+            unsafe { core::slice::from_raw_parts_mut((&raw mut MOTORS).cast(), usize::from(*count)) };
+        if self.merging
+            && let Some(merge) = merge
+        {
+            return first.merge(merge);
+        }
+        match motors {
+            [motor] => first.fill(motor, spacing.apart),
+            [one, two] if self.apiece => match (first.fill(one, spacing.apart), second.fill(two, spacing.apart)) {
+                (one, two) if one == two => one,
+                _ => Filled::Some,
+            },
+            motors => fill_shared(first, motors, *spacing),
+        }
+    }
+
+    /// Looks whether the rings are played as they should, and mends it. To be called every millisecond.
+    #[inline(never)]
+    pub(crate) fn watch(&mut self, now: Moment) {
+        let busy = !self.is_idle();
+        let mut trouble = None;
+        let mut least = self.least_ahead;
+        for track in self.tracks_mut() {
+            trouble = track.watch(now, busy).or(trouble);
+            let ahead = track.at.since(now);
+            if busy && ahead >> 16 == 0 {
+                least = least.min(low_half(ahead));
             }
         }
-        rest
+        self.least_ahead = least;
+        self.trouble = trouble.or(self.trouble);
     }
 }
 
@@ -589,64 +615,48 @@ impl Track {
         Moment(self.at.0.wrapping_add_signed(i32::from(ahead)))
     }
 
-    /// Has the merge fill this ring. Whether there is nothing more to do until a group has been played.
+    /// Has the merge fill this ring.
     #[inline(always)]
-    fn merge(&mut self, merge: &mut Merge) -> bool {
-        if self.ring.free() >= ROOM_TO_MERGE {
-            let begin = low_half(self.at.0);
-            let end = merge.run(&mut self.ring, begin);
-            // Less than the limit: 2^16 ticks.
-            self.at = self.at.after(u32::from(end.wrapping_sub(begin)));
+    fn merge(&mut self, merge: &mut Merge) -> Filled {
+        if self.ring.free() < ROOM {
+            return Filled::Full;
         }
-        merge.is_through()
+        let begin = low_half(self.at.0);
+        let end = merge.run(&mut self.ring, begin);
+        // Less than the limit: 2^16 ticks.
+        self.at = self.at.after(u32::from(end.wrapping_sub(begin)));
+        if !merge.is_broken_off() && self.ring.free() >= ROOM { Filled::Dry } else { Filled::Some }
     }
 
-    /// Fills this ring with what its only motor does. Whether there is nothing more to do until a group has been played.
+    /// Fills this ring with what its only motor does.
     #[inline(never)]
-    fn fill(&mut self, motor: &mut Motor, spacing: Spacing) -> bool {
+    fn fill(&mut self, motor: &mut Motor, apart: u8) -> Filled {
         for _ in 0..BATCH {
-            let free = self.ring.free();
-            // More at once costs less, but the ring must outlast all else that the main loop does.
-            if free < ROOM_FOR {
-                return true;
-            }
-            let groups = if spacing.long { free / 2 } else { free };
-            TIMES.set_most(STEPS[0].min(groups - 1));
-            match motor.plan() {
-                Plan::Nothing | Plan::Found => return true,
-                Plan::Steps(steps) => {
-                    let step = Group { rise: motor.step, fall: motor.step_fall };
-                    // SAFETY: the plan promises so many steps at such intervals, and they fit into `ROOM_FOR` groups.
-                    unsafe { self.ring.expand(&mut motor.registers, steps, step) };
-                    self.at = Moment(motor.registers.tick);
-                    if spacing.long {
-                        self.at = self.at.after(u32::from(TIMES.get().pulse));
-                    }
-                }
-                Plan::One { tick, rise, fall, long } => {
-                    let due = self.near(tick);
-                    let at = self.put(due, Group { rise, fall }, spacing.apart);
-                    // What follows must be looked at until all is in time again.
-                    motor.set(flag::SINGLY, at != due);
-                    if long {
-                        self.put(at.after(u32::from(TIMES.get().pulse)), Group { rise, fall: 0 }, spacing.apart);
-                    }
+            let plan = match fill::fill(self, motor) {
+                Ok(filled) => return filled,
+                Err(plan) => plan,
+            };
+            if let Plan::One { tick, rise, fall, long } = plan {
+                let due = self.near(tick);
+                let at = self.put(due, Group { rise, fall }, apart);
+                // What follows must be looked at until all is in time again.
+                motor.set(flag::SINGLY, at != due);
+                if long {
+                    self.put(at.after(u32::from(TIMES.get().pulse)), Group { rise, fall: 0 }, apart);
                 }
             }
         }
-        false
+        Filled::Some
     }
 }
 
 /// Fills the ring of motors that share DIR lines with the steps of all of them, one after the other.
-///
-/// Whether there is nothing more to do until a group has been played.
 #[inline(never)]
-fn fill_shared(track: &mut Track, motors: &mut [Motor], spacing: Spacing) -> bool {
+fn fill_shared(track: &mut Track, motors: &mut [Motor], spacing: Spacing) -> Filled {
     let times = TIMES.get();
     for _ in 0..BATCH {
-        if track.ring.free() < ROOM_FOR {
-            return true;
+        if track.ring.free() < ROOM {
+            return Filled::Full;
         }
         let mut end = track.at.after(u32::from(FILLER));
         if times.limit.is_before(end) {
@@ -667,14 +677,14 @@ fn fill_shared(track: &mut Track, motors: &mut [Motor], spacing: Spacing) -> boo
         }
         let Some(first) = first else {
             if end == times.limit {
-                return true;
+                return Filled::Dry;
             }
             // Out of the way of what may come soon after.
             track.push(end.before(512), Group::NOTHING);
             continue;
         };
         let ready = turn_shared(track, motors, first, &times, spacing);
-        let Some(motor) = motors.get_mut(first) else { return true };
+        let Some(motor) = motors.get_mut(first) else { return Filled::Dry };
         let rise = motor.step;
         let at = track.put(later(due, ready), Group { rise, fall: motor.step_fall }, spacing.apart);
         if spacing.long {
@@ -685,7 +695,7 @@ fn fill_shared(track: &mut Track, motors: &mut [Motor], spacing: Spacing) -> boo
         motor.settle();
         motor.free = at.after(u32::from(times.keep));
     }
-    false
+    Filled::Some
 }
 
 /// Turns the DIR line of motor `index` for its next step, if it is not as it must be; all motors that look at it know then.

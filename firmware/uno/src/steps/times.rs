@@ -61,12 +61,6 @@ impl Cell {
         // SAFETY: as `set`.
         unsafe { (*self.0.get()).limit = limit }
     }
-
-    #[inline(always)]
-    pub(crate) fn set_most(&self, most: u8) {
-        // SAFETY: as `set`.
-        unsafe { (*self.0.get()).most = most }
-    }
 }
 
 /// Offsets for the assembly.
