@@ -223,16 +223,6 @@ impl State {
         Some(Segment { count: 1 << m, interval: self.interval, add, add2: 0 })
     }
 
-    /// The m of the record that says just `segment`.
-    fn slows(&self, segment: &Segment, fraction_bits: u32) -> Option<u8> {
-        if segment.interval != self.interval || self.interval == 0 || !segment.count.is_power_of_two() {
-            return None;
-        }
-        let m = segment.count.trailing_zeros();
-        let is_it = self.slow(m, fraction_bits) == Some(*segment);
-        u8::try_from(m).ok().filter(|_| is_it)
-    }
-
     /// The registers after `segment` has been run with them.
     const fn after(self, segment: &Segment) -> State {
         let Segment { interval, add, add2, .. } = segment.after(segment.count);
@@ -327,12 +317,13 @@ impl Packing {
         }
         let (reset, state) =
             if self.is_beyond_narrow(state, segment) { (2, &State::new(state.direction)) } else { (0, state) };
-        let said = match self.layout(state, segment) {
-            Some(layout) => layout.len(segment.count),
-            None => Exact::of(segment).len(),
-        };
-        let slows = state.slows(segment, self.fraction_bits).is_some();
-        Ok(reset + if slows { said.min(SLOW_LEN) } else { said })
+        let layout = self.layout(state, segment);
+        Ok(reset
+            + match (self.slows(state, segment, layout.as_ref()), layout) {
+                (Some(_), _) => SLOW_LEN,
+                (None, Some(layout)) => layout.len(segment.count),
+                (None, None) => Exact::of(segment).len(),
+            })
     }
 
     /// Packs `item` into the front of `out`, moves `state` on and gives the number of bytes: at most
@@ -378,9 +369,7 @@ impl Packing {
                     return Err(PackError::NoSteps);
                 }
                 let layout = self.layout(&start, &segment);
-                let long = layout.as_ref().is_none_or(|layout| layout.len(segment.count) > SLOW_LEN);
-                let slows = if long { start.slows(&segment, self.fraction_bits) } else { None };
-                let next = match (slows, layout) {
+                let next = match (self.slows(&start, &segment, layout.as_ref()), layout) {
                     (Some(m), _) => {
                         writer.bytes(&[EXPLICIT_COUNT | (Control::Slow as u8 + m) << 3, 0]);
                         start.after(&segment)
@@ -499,6 +488,19 @@ impl Packing {
         let segment = Segment { count, interval, add, add2 };
         *state = state.after(&segment);
         Ok(Item::Run { segment, direction: state.direction })
+    }
+
+    /// The m of the record that says just `segment`, if it is the shortest that does: corrections do not say how one step
+    /// goes on.
+    fn slows(&self, state: &State, segment: &Segment, layout: Option<&Layout>) -> Option<u8> {
+        let Segment { count, interval, .. } = *segment;
+        let shortest = count == 1 || layout.is_none_or(|layout| layout.len(count) > SLOW_LEN);
+        if !shortest || interval != state.interval || interval == 0 || !count.is_power_of_two() {
+            return None;
+        }
+        let m = count.trailing_zeros();
+        let is_it = state.slow(m, self.fraction_bits) == Some(*segment);
+        u8::try_from(m).ok().filter(|_| is_it)
     }
 
     /// Whether a step would be predicted from by an add that narrow registers do not hold: one step alone does not say
@@ -797,7 +799,7 @@ mod tests {
     #[test]
     fn slowing_down_is_two_bytes_a_part() {
         let mut state = State { interval: 300_001, ..State::default() };
-        let parts = [3, 2, 1].map(|m| {
+        let parts = [3, 2, 1, 0].map(|m| {
             let segment = state.slow(m, 16).unwrap();
             state = state.after(&segment);
             Item::Run { segment, direction: Direction::Forward }
@@ -806,8 +808,8 @@ mod tests {
         assert_eq!(parts[0], run(8, 300_001, 16_407, 0, Direction::Forward));
         let first = run(1, 300_001, 0, 0, Direction::Forward);
         let exact = [0x27, 0, 0x03, 0x10, 1, 0xe1, 0x93, 0x04];
-        let items = [first, parts[0], parts[1], parts[2]];
-        check(&items, &[&exact[..], &[0x9f, 0], &[0x97, 0], &[0x8f, 0]].concat());
+        let items = [first, parts[0], parts[1], parts[2], parts[3]];
+        check(&items, &[&exact[..], &[0x9f, 0], &[0x97, 0], &[0x8f, 0], &[0x87, 0]].concat());
         // A hair off, and it is said as always.
         let off = run(8, 300_001, 16_408, 0, Direction::Forward);
         check(&[first, off], &[&exact[..], &[0x4f, 8, 0, 0x06, 0x10, 0]].concat());
