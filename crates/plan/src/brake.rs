@@ -39,13 +39,11 @@ const LONGEST: u32 = u16::MAX as u32;
 /// Of the limit, what a record that slows down may begin with: the rest is for rounding.
 const SLOWS: f64 = 0.995;
 /// If it begins with less, a segment that leads to more is worth its bytes.
-const GENTLE: f64 = 0.8;
+const GENTLE: f64 = 0.85;
 /// And so many bytes at most, before the first such record.
-const DEAR: usize = 8;
+const DEAR: usize = 9;
 /// Parts of so few steps need not brake hard.
 const FEW_STEPS: u32 = 4;
-/// How far the speed that is predicted may be from the law's.
-const NEAR: f64 = 0.1;
 
 /// What a board has been told before the tail.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -61,8 +59,8 @@ pub struct Told {
 pub(crate) struct Brake {
     /// When the first step is due, ticks from the tail's beginning.
     pub(crate) first: f64,
-    /// When it would be due without braking.
-    pub(crate) unbraked: f64,
+    /// The same if not braked before it.
+    pub(crate) unbraked: (f64, f64),
     /// The speed at that step, steps/tick, in the direction of motion.
     pub(crate) speed: f64,
     /// Largest deceleration, steps/tick².
@@ -127,28 +125,34 @@ impl Brake {
         design.state = if told.state.direction == self.direction { told.state } else { State::new(self.direction) };
         let mut segments = Vec::new();
 
-        // The first step: not before the tail, not much before it is due, and not after it would be if braked.
-        let due = told.accumulator.checked_add(design.state.interval)? as f64;
-        let least = (self.unbraked * (1.0 - NEAR) - 1.0).max(0.0) * scale;
-        let most = (self.first + 1.0) * scale;
-        if !(least..=most).contains(&due) || design.state.interval <= 0 {
-            let wanted = self.unbraked.min(self.first) * scale - told.accumulator as f64;
+        // Where the plan was to go on as predicted, the motor does so for one step more.
+        let (first, speed) = self.unbraked;
+        let State { interval, add, add2, .. } = design.state;
+        let before = interval - add + add2;
+        let due = told.accumulator.checked_add(interval)? as f64;
+        let on_time = (0.0..=(self.first + 1.0) * scale).contains(&due);
+        // By the law; and by what was said, which need not have been one interval.
+        let lawful = (scale / speed) as i64;
+        if !on_time || !design.goes_evenly(before) || !design.goes_evenly(lawful) {
+            // Not before the tail begins.
+            let wanted = (first * scale - told.accumulator as f64).max(1.0 - told.accumulator as f64);
             segments.push(design.single(wanted)?);
         }
-        if self.is_slow() {
+        let slow = Brake { speed, ..*self };
+        if slow.is_slow() {
             if segments.is_empty() {
-                segments.push(design.single(design.state.interval as f64)?);
+                segments.push(design.single(interval as f64)?);
             }
             return Some(self.runs(segments));
         }
-        // Now on at that speed, or at what it is one step later.
-        let first = (1.0 / self.speed * (1.0 - NEAR)).max(settings.min_interval_ticks as f64) * scale;
-        if !(first..=self.second() * (1.0 + NEAR) * scale).contains(&(design.state.interval as f64)) {
-            if segments.is_empty() {
-                segments.push(design.single(design.state.interval as f64)?);
-            }
+        let enough = settings.min_interval_ticks as f64 * scale;
+        if !segments.is_empty() {
             design.last = None;
-            segments.push(design.single(self.second() * scale)?);
+            if !design.goes_evenly(lawful) || (design.state.interval as f64) < enough {
+                segments.push(design.single(slow.second() * scale)?);
+            }
+        } else if (interval as f64) < enough {
+            return None;
         }
         let mut part = LEAST_PARTS[0];
         while design.goes_on() {
@@ -286,6 +290,12 @@ impl Design {
             let Segment { interval, add, add2, .. } = segment.after(segment.count);
             self.state = State { previous_count: segment.count, interval, add, add2, ..before };
         }
+    }
+
+    /// Whether what is predicted is within the limit after an interval `before`, to either side.
+    fn goes_evenly(&self, before: i64) -> bool {
+        let interval = self.state.interval;
+        before > 0 && interval > 0 && deceleration(before as f64, interval as f64).abs() <= self.limit
     }
 
     /// One step after about `interval`, ticks · 2^F.

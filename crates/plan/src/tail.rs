@@ -184,7 +184,7 @@ impl Braking {
             return None;
         }
         Some(Brake {
-            unbraked: way / speed,
+            unbraked: (way / speed, speed),
             first: 2.0 * way / (speed + square.sqrt()),
             speed: square.sqrt(),
             limit,

@@ -113,7 +113,7 @@ proptest! {
         }
         // Braking evenly and as hard as it may takes so long.
         let (end_s, rest_s) = (motion.speed.abs() / braking, tail.last().map_or(0.0, |(tick, _)| *tick as f64 / TICK_HZ));
-        prop_assert!(rest_s <= 2.5 * end_s + 2.0 / TICK_HZ, "steps until {rest_s} s; {end_s} s would do: {motion:?} {tail:?}");
+        prop_assert!(rest_s <= 2.5 * end_s + 2.0 / TICK_HZ, "steps until {rest_s} s; {end_s} s would do");
         // Nothing but the integers: the mean speed between steps only falls, and by no more than the limit.
         let quick: Vec<f64> = tail.windows(2).map(|pair| (pair[1].0 - pair[0].0) as f64).collect();
         for (pair, ticks) in quick.windows(2).zip(tail.windows(3)) {
