@@ -43,7 +43,7 @@ const GENTLE: f64 = 0.85;
 /// And so many bytes at most, before the first such record.
 const DEAR: usize = 9;
 /// Parts of so few steps need not brake hard.
-const FEW_STEPS: u32 = 4;
+const FEW_STEPS: u32 = 2;
 
 /// What a board has been told before the tail.
 #[derive(Clone, Copy, Debug, PartialEq)]
