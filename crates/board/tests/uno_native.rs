@@ -179,7 +179,9 @@ fn random_plans_on(kinds: &[Pins]) {
     let mut failed = Vec::new();
     for pins in kinds {
         let mut tally = Tally::default();
-        for seed in (1..=SEEDS).filter(|seed| std::env::var("SEED").is_ok_and(|only| only == seed.to_string()) || std::env::var("SEED").is_err()) {
+        for seed in (1..=SEEDS).filter(|seed| {
+            std::env::var("SEED").is_ok_and(|only| only == seed.to_string()) || std::env::var("SEED").is_err()
+        }) {
             println!("{}, seed {seed}", pins.name);
             let run = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| random_plans(pins, seed, &mut tally)));
             if run.is_err() {

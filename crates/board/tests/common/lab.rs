@@ -24,6 +24,12 @@ pub(crate) fn uno_after(port: VirtualUno, setup: &Setup) -> Uno {
     Shadowed::new(remote, native)
 }
 
+/// The counts as the board says them now.
+pub(crate) fn said(board: &mut Uno) -> Vec<i64> {
+    let status = board.board_mut().status().expect("it answers");
+    status.motors.as_slice().iter().map(|motor| i64::from(motor.position)).collect()
+}
+
 /// Edges of pins, steps of motors.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Lab {
