@@ -121,11 +121,14 @@ fn enable_follows_the_motors() {
     }
 }
 
+/// Beyond what was asked, ticks: 5 µs.
+const MOST_EXTRA_TICKS: u64 = 80;
+
 /// Pulses last what was asked, and little more: not the 10 µs of another driver.
 #[test]
 fn pulses_are_as_long_as_asked() {
     for pins in KINDS {
-        for (asked, most) in [(16, 40), (31, 45), (48, 130), (80, 130), (160, 220), (480, 560)] {
+        for asked in [16, 31, 48, 80, 160, 480] {
             let setup = uno_setup(pins, asked);
             let mut board = uno(&setup);
             let mut lab = Lab::default();
@@ -142,7 +145,10 @@ fn pulses_are_as_long_as_asked() {
                 let edges: Vec<_> = lab.edges.iter().filter(|edge| edge.line == *step).collect();
                 let widths = edges.chunks(2).map(|pair| pair[1].tick - pair[0].tick);
                 let (least, longest) = widths.fold((u64::MAX, 0), |(l, g), width| (width.min(l), width.max(g)));
-                assert!(least >= u64::from(asked) && longest <= most, "{pins:?}, {asked}: {least} to {longest} ticks");
+                assert!(
+                    least >= u64::from(asked) && longest <= u64::from(asked) + MOST_EXTRA_TICKS,
+                    "{pins:?}, {asked}: {least} to {longest} ticks"
+                );
             }
         }
     }

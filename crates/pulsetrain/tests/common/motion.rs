@@ -4,7 +4,6 @@ use super::uno::{Load, Mark, Seen, idle_round};
 use pulsetrain::drive::{Driven, Ended};
 use pulsetrain::lateness::{Lateness, Meter};
 use pulsetrain::prepare::Prepared;
-use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Edge, Observer, ScheduledStep};
 use pulsetrain_core::Direction;
 use pulsetrain_core::wire::Baud;
@@ -146,7 +145,7 @@ pub(crate) fn make<'a>(prepared: &'a Prepared, late_ticks: f64, watch: impl FnMu
     let peak_rate = planned.iter().map(|motor| motor.certificate.peak_speed.0).fold(0.0, f64::max);
     let kind = PinKind::of(&program.motors).map_err(|error| error.to_string())?;
     let constant = kind.constant_ticks();
-    let mut driven = Driven::uno(prepared, VirtualUno::new(), Baud::B1M).map_err(|error| error.to_string())?;
+    let mut driven = Driven::virtual_uno(prepared, Baud::B1M).map_err(|error| error.to_string())?;
     let options = Options {
         constant_ticks: constant.into(),
         bound_ticks: Some(certificate_ticks + late_ticks),
