@@ -9,11 +9,10 @@ use crate::native::QUEUE_LEN;
 use crate::{Board, Config, Edge, MotorConfig, Native, Port, PortError, Wiring};
 use pulsetrain_core::Epoch;
 use pulsetrain_core::packing::{Packing, State};
-use pulsetrain_core::wire::frame::MAX_FRAME;
 use pulsetrain_core::wire::message::{
     ALL_MOTORS, Cause, Configuration, Event, Info, Measures, MotorStatus, Reason, StatusHead, flags,
 };
-use pulsetrain_core::wire::{Baud, Machine, Millis, Refusal, Service, Stopped, Switched};
+use pulsetrain_core::wire::{Baud, Decoder, MAX_BODY, MAX_FRAME, Machine, Millis, Refusal, Service, Stopped, Switched};
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -353,6 +352,7 @@ type Flying = (u64, Baud, u8);
 #[derive(Debug)]
 pub struct ModelPort {
     model: Model,
+    decoder: Decoder,
     service: Service,
     /// Ticks since the port was opened.
     now: u64,
@@ -373,7 +373,8 @@ impl ModelPort {
     pub fn new() -> ModelPort {
         ModelPort {
             model: Model::new(),
-            service: Service::new(),
+            decoder: Decoder::new(),
+            service: Service::new(MAX_BODY),
             now: 0,
             baud: Baud::B115200,
             to_board: VecDeque::new(),
@@ -405,7 +406,8 @@ impl ModelPort {
     /// Its reset line, as when a port is opened: what it knew is gone, motors stand where they are.
     pub fn reset(&mut self) {
         self.model = Model::new();
-        self.service = Service::new();
+        self.decoder = Decoder::new();
+        self.service = Service::new(MAX_BODY);
         self.to_host.clear();
     }
 
@@ -421,13 +423,18 @@ impl ModelPort {
         self.now += ROUND;
         self.model.run(self.model.native.now() + ROUND - 1, &mut self.edges);
         let millis = Millis((self.now >> 14) as u16);
-        let ModelPort { model, service, now, to_board, to_host, noise, .. } = self;
+        let ModelPort { model, decoder, service, now, to_board, to_host, noise, .. } = self;
         while let Some((_, baud, byte)) = to_board.pop_front_if(|(at, ..)| *at <= *now) {
-            service.push(heard(byte, baud, model.baud, noise), millis, model);
+            let received = decoder.push(heard(byte, baud, model.baud, noise));
+            service.receive(received, decoder.body(), millis, model);
         }
         if to_host.back().is_none_or(|(at, ..)| *at <= *now) {
             let mut out = [0; MAX_FRAME + 1];
+            let baud = model.baud;
             let len = service.poll(millis, model, &mut out);
+            if model.baud != baud {
+                decoder.reset();
+            }
             let byte_ticks = byte_ticks(model.baud);
             to_host.extend((1..).zip(&out[..len]).map(|(index, byte)| (*now + index * byte_ticks, model.baud, *byte)));
         }

@@ -98,8 +98,8 @@ impl Machine for Notebook {
 }
 
 /// A board that host number 7 has taken with frame 0; frame 1 is next, and its tag is 1.
-fn taken() -> (Service<MAX_BODY>, Notebook) {
-    let (mut service, mut machine) = (Service::new(), Notebook::default());
+fn taken() -> (Service, Notebook) {
+    let (mut service, mut machine) = (Service::new(MAX_BODY), Notebook::default());
     say(&mut service, &mut machine, &frame(&Command::Hello { version: 1, nonce: 7 }, 0, Tag::NONE), 0);
     assert!(matches!(hear(&mut service, &mut machine, 0), Some((Tag::NONE, 0, Reply::Info(Info { tag: Tag(1), .. })))));
     (service, machine)
@@ -119,12 +119,20 @@ fn body(body: &[u8], tag: Tag) -> Vec<u8> {
     bytes[..len].to_vec()
 }
 
-fn say<const N: usize>(service: &mut Service<N>, machine: &mut Notebook, bytes: &[u8], ms: u16) {
-    assert_eq!(service.feed(bytes, Millis(ms), machine), (bytes.len(), true));
+fn say(service: &mut Service, machine: &mut Notebook, bytes: &[u8], ms: u16) {
+    say_in::<MAX_BODY>(service, machine, bytes, ms);
+}
+
+/// To a board that takes bodies of `N` bytes.
+fn say_in<const N: usize>(service: &mut Service, machine: &mut Notebook, bytes: &[u8], ms: u16) {
+    let mut decoder = Decoder::<N>::new();
+    let (len, received) = decoder.feed(bytes);
+    assert_eq!(len, bytes.len());
+    service.receive(received, decoder.body(), Millis(ms), machine);
 }
 
 /// The next reply: tag, sequence number, content.
-fn hear<const N: usize>(service: &mut Service<N>, machine: &mut Notebook, ms: u16) -> Option<(Tag, u8, Reply)> {
+fn hear(service: &mut Service, machine: &mut Notebook, ms: u16) -> Option<(Tag, u8, Reply)> {
     let mut bytes = [0; MAX_FRAME + 1];
     let len = service.poll(Millis(ms), machine, &mut bytes);
     let mut decoder = Decoder::<MAX_BODY>::new();
@@ -290,7 +298,7 @@ fn a_rate_that_brings_no_frame_is_given_up() {
 
 #[test]
 fn another_protocol_is_told_ours_and_not_taken() {
-    let (mut service, mut machine) = (Service::<MAX_BODY>::new(), Notebook::default());
+    let (mut service, mut machine) = (Service::new(MAX_BODY), Notebook::default());
     say(&mut service, &mut machine, &frame(&Command::Hello { version: 2, nonce: 7 }, 0, Tag::NONE), 0);
     assert!(matches!(hear(&mut service, &mut machine, 0), Some((_, 0, Reply::Info(Info { tag: Tag::NONE, .. })))));
     assert!(!service.is_taken());
@@ -299,14 +307,24 @@ fn another_protocol_is_told_ours_and_not_taken() {
 /// The smallest board takes four motors' configuration, and nothing longer.
 #[test]
 fn small_boards_take_what_every_board_must() {
-    let (mut service, mut machine) = (Service::<LEAST_BODY>::new(), Notebook::default());
-    say(&mut service, &mut machine, &frame(&Command::Hello { version: 1, nonce: 7 }, 0, Tag::NONE), 0);
+    let (mut service, mut machine) = (Service::new(LEAST_BODY), Notebook::default());
+    say_in::<LEAST_BODY>(&mut service, &mut machine, &frame(&Command::Hello { version: 1, nonce: 7 }, 0, Tag::NONE), 0);
     let Some((_, _, Reply::Info(info))) = hear(&mut service, &mut machine, 0) else { panic!("no info") };
     assert_eq!(usize::from(info.max_body), LEAST_BODY);
     let four = [MotorSetup::default().to_bytes(); 4].concat();
-    say(&mut service, &mut machine, &frame(&Command::Configure(Configuration::new(&four).unwrap()), 1, Tag(1)), 0);
+    say_in::<LEAST_BODY>(
+        &mut service,
+        &mut machine,
+        &frame(&Command::Configure(Configuration::new(&four).unwrap()), 1, Tag(1)),
+        0,
+    );
     assert!(matches!(hear(&mut service, &mut machine, 0), Some((_, 1, Reply::Configured(_)))));
     let five = [MotorSetup::default().to_bytes(); 5].concat();
-    say(&mut service, &mut machine, &frame(&Command::Configure(Configuration::new(&five).unwrap()), 2, Tag(1)), 0);
+    say_in::<LEAST_BODY>(
+        &mut service,
+        &mut machine,
+        &frame(&Command::Configure(Configuration::new(&five).unwrap()), 2, Tag(1)),
+        0,
+    );
     assert_eq!(hear(&mut service, &mut machine, 0), Some((Tag(1), 1, Reply::Missing { why: Missing::Gap })));
 }

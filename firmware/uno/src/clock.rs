@@ -1,21 +1,10 @@
 //! The board's clock: Timer1 at 16 MHz, extended to 64 bits by looking at it often enough.
 
 use crate::regs;
-use core::arch::global_asm;
 use pulsetrain_core::Moment;
 
 /// Ticks per second; one tick is one processor cycle.
 pub(crate) const TICK_HZ: u32 = 16_000_000;
-
-// The overflow of Timer1 (§12.4) is there to end a sleep, while no ring plays.
-global_asm!(
-    r#"
-    .section .text.overflow_interrupt, "ax", @progbits
-    .global __vector_13
-__vector_13:
-    reti
-    "#
-);
 
 /// Counts the wraps of Timer1. It must be asked at least once in 65 536 ticks (4.1 ms).
 pub(crate) struct Clock {
@@ -35,7 +24,7 @@ impl Clock {
     pub(crate) fn start(&mut self) {
         regs::TCCR1B.write(0);
         regs::TCCR1A.write(0);
-        regs::TIMSK1.write(1);
+        regs::TIMSK1.write(0);
         regs::free(|| regs::TCNT1.write(0));
         regs::TCCR1B.write(1);
     }

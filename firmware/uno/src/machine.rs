@@ -1,12 +1,12 @@
 //! What the [`Service`](pulsetrain_core::wire::Service) asks of a board, done on this one.
 
-use crate::clock::{self, Clock, TICK_HZ};
-use crate::link::{Link, WINDOW};
-use crate::memory::{self, POOL, Queues};
-use crate::regs;
+use crate::clock::TICK_HZ;
+use crate::link::{self, Receiver, Unread, WINDOW};
+use crate::memory::{self, POOL};
 use crate::steps::pins::{Layout, MAX_MOTORS, Pin};
-use crate::steps::stepper::{Stepper, Trouble};
-use pulsetrain_core::narrow::{self, PushRefused, SWITCHES};
+use crate::steps::motor::{self, SWITCHES};
+use crate::steps::stepper::{self, Trouble};
+use crate::steps::task;
 use pulsetrain_core::wire::frame::Tag;
 use pulsetrain_core::wire::message::{
     ALL_MOTORS, Cause, Configuration, Event, Info, Measures, MotorStatus, StatusHead, flags,
@@ -17,16 +17,8 @@ use pulsetrain_core::{Epoch, Moment};
 /// A switch must be less than this ahead, ticks: moments are told apart within 2^31, and pulse and set-up reach beyond.
 const SWITCH_AHEAD: u64 = 1 << 30;
 
-/// No sleep begins so soon after Timer1 wrapped: from the next wrap to the first look at it some 30 ticks pass.
-const AWAKE_AFTER_WRAP: u16 = 256;
-
 /// Everything but the service that speaks for it.
 pub(crate) struct Board {
-    pub(crate) clock: Clock,
-    pub(crate) link: Link,
-    /// Lent by main.
-    queues: Option<&'static mut Queues>,
-    pub(crate) stepper: Stepper,
     power: Power,
     armed: bool,
     pull_in: [u32; MAX_MOTORS],
@@ -105,10 +97,6 @@ impl Board {
     /// A board that knows no pins, not started.
     pub(crate) const fn new() -> Board {
         Board {
-            clock: Clock::new(),
-            link: Link::new(),
-            queues: None,
-            stepper: Stepper::new(),
             power: Power::OFF,
             armed: false,
             pull_in: [0; MAX_MOTORS],
@@ -125,13 +113,14 @@ impl Board {
     }
 
     /// Starts clock and line.
-    pub(crate) fn begin(&mut self, queues: &'static mut Queues, last_reset: Cause) {
-        self.queues = Some(queues);
-        // SAFETY: main calls this once.
-        unsafe { self.stepper.begin() };
+    pub(crate) fn begin(&mut self, last_reset: Cause) {
         self.last_reset = last_reset;
-        self.clock.start();
-        self.link.start();
+        let mut shared = task::lock();
+        // SAFETY: main calls this once.
+        unsafe { shared.stepper.begin() };
+        shared.clock.start();
+        link::start();
+        task::start();
     }
 
     const NO_MEASURES: Measures = Measures {
@@ -148,34 +137,14 @@ impl Board {
         asleep_ticks: 0,
     };
 
-    /// Steps: everything that must be done often. Whether there is nothing more to do until an interrupt comes.
-    #[inline(always)]
-    pub(crate) fn work(&mut self, now: Moment) -> bool {
-        match &self.queues {
-            Some(queues) if self.armed => self.stepper.run(now, queues),
-            _ => true,
-        }
-    }
-
     /// Sleeps until an interrupt comes, unless bytes wait already.
     #[inline(always)]
-    pub(crate) fn sleep(&mut self) {
-        let before = self.clock.moment();
-        let low = clock::low_half(before.0);
-        // The overflow that ends the sleep must show less than this, or the clock would not see that it wrapped.
-        if low < AWAKE_AFTER_WRAP {
-            return;
-        }
-        regs::disable_interrupts();
-        // One that was served since then would not end it.
-        if self.link.has_unread() || clock::read() < low {
-            regs::enable_interrupts();
-        } else {
-            regs::sleep();
-        }
-        let asleep = self.clock.moment().since(before);
-        self.asleep = self.asleep.wrapping_add(asleep);
-        self.woken = before.after(asleep);
+    pub(crate) fn sleep(&mut self, receiver: &Receiver) {
+        let before = task::lock().clock.moment();
+        receiver.sleep();
+        let now = task::lock().clock.moment();
+        self.asleep = self.asleep.wrapping_add(now.since(before));
+        self.woken = now;
     }
 
     /// Counts a round of the main loop that begins now.
@@ -190,24 +159,46 @@ impl Board {
         self.measures.rounds = self.measures.rounds.wrapping_add(1);
     }
 
+    /// Notes how many bytes wait to be read, and what was lost of them.
+    #[inline(always)]
+    pub(crate) fn note(&mut self, unread: &Unread) {
+        let bytes = u16::from(unread.bytes);
+        if bytes > self.measures.most_unread {
+            self.measures.most_unread = bytes;
+        }
+        if unread.lost != 0 {
+            self.overrun(unread.lost);
+        }
+    }
+
+    #[inline(never)]
+    fn overrun(&mut self, lost: u8) {
+        self.measures.lost_bytes = self.measures.lost_bytes.saturating_add(u16::from(lost));
+        self.tell(Cause::Overrun, ALL_MOTORS, u32::from(lost));
+    }
+
     /// What can wait a millisecond. The line's rate is changed here, when the last answer is out.
     #[inline(never)]
-    pub(crate) fn housekeeping(&mut self, now: Millis) {
+    pub(crate) fn housekeeping(&mut self, now: Millis, receiver: &mut Receiver) {
         match self.baud {
             // The last byte has gone from the data register into the shift register by now; out it is a round later.
-            Some((baud, false)) if self.link.can_send() => self.baud = Some((baud, true)),
+            Some((baud, false)) if link::can_send() => self.baud = Some((baud, true)),
             Some((baud, true)) => {
                 self.baud = None;
-                self.link.set_baud(baud);
+                link::set_baud(baud);
+                receiver.reset();
             }
             _ => {}
         }
+        let mut shared = task::lock();
+        let moment = shared.clock.moment();
         if self.armed {
+            shared.stepper.watch(moment);
+            drop(shared);
             self.look_for_faults();
             self.look_at_motors();
         } else {
-            let now = self.clock.moment();
-            self.stepper.rest(now);
+            shared.stepper.rest(moment);
         }
         if self.armed {
             let idle = self.is_idle();
@@ -222,7 +213,8 @@ impl Board {
     /// Tells each motor's faults, once.
     #[inline(never)]
     fn look_for_faults(&mut self) {
-        if let Some(trouble) = self.stepper.trouble() {
+        let trouble = task::lock().stepper.trouble();
+        if let Some(trouble) = trouble {
             match trouble {
                 Trouble::Late { ticks } => {
                     self.measures.late = self.measures.late.saturating_add(1);
@@ -241,12 +233,12 @@ impl Board {
     #[inline(never)]
     fn look_at_motors(&mut self) {
         for motor in 0..self.motors() {
-            let Some(axis) = self.stepper.axis_mut(motor) else { break };
-            let Some(fault) = axis.motor.fault() else { continue };
+            let fault = task::lock().stepper.motor_mut(motor).and_then(|motor| motor.fault());
+            let Some(fault) = fault else { continue };
             let cause = match fault.reason {
-                narrow::Reason::Missed => Cause::StepMissed,
-                narrow::Reason::Mismatch => Cause::CheckFailed,
-                narrow::Reason::Bad => Cause::BadItem,
+                motor::Reason::Missed => Cause::StepMissed,
+                motor::Reason::Mismatch => Cause::CheckFailed,
+                motor::Reason::Bad => Cause::BadItem,
             };
             if self.told & 1 << motor == 0 {
                 self.told |= 1 << motor;
@@ -258,8 +250,10 @@ impl Board {
     /// The immediate stop. Bit by motor: it was faster than it can stop at once.
     #[inline(never)]
     fn stop(&mut self, cause: Cause, motor: u8, detail: u32) -> Stopped {
-        let uncertain = self.stepper.stop(&self.pull_in);
-        let tick = self.clock.now();
+        let mut shared = task::lock();
+        let uncertain = shared.stepper.stop(&self.pull_in);
+        let tick = shared.clock.now();
+        drop(shared);
         if self.armed {
             self.armed = false;
             self.last_stop = cause;
@@ -280,13 +274,14 @@ impl Board {
         for (place, motor) in self.pull_in.iter_mut().zip(configuration.motors()) {
             *place = motor.pull_in_ticks;
         }
-        let now = self.clock.moment();
-        self.stepper.configure(layout, configuration, now);
+        let mut shared = task::lock();
+        let now = shared.clock.moment();
+        shared.stepper.configure(layout, configuration, now);
     }
 
     #[inline(never)]
     fn tell(&mut self, cause: Cause, motor: u8, detail: u32) {
-        let tick = self.clock.now();
+        let tick = task::lock().clock.now();
         if cause == Cause::Finished {
             self.last_stop = cause;
         }
@@ -295,16 +290,15 @@ impl Board {
 
     #[inline(never)]
     fn is_idle(&self) -> bool {
-        self.stepper.is_idle()
+        task::lock().stepper.is_idle()
     }
+}
 
-    /// A moment within 2^31 ticks of now, in 64 bits.
-    #[inline(never)]
-    fn extended(&mut self, moment: Moment) -> u64 {
-        let now = self.clock.now();
-        let ahead = moment.since(Moment::of(now)).cast_signed();
-        now.wrapping_add_signed(i64::from(ahead))
-    }
+/// A moment within 2^31 ticks of `now`, in 64 bits.
+#[inline(never)]
+fn extended(now: u64, moment: Moment) -> u64 {
+    let ahead = moment.since(Moment::of(now)).cast_signed();
+    now.wrapping_add_signed(i64::from(ahead))
 }
 
 impl Machine for Board {
@@ -349,8 +343,9 @@ impl Machine for Board {
             self.armed = true;
             self.was_idle = true;
             self.told = 0;
-            let now = self.clock.moment();
-            self.stepper.start(now);
+            let mut shared = task::lock();
+            let now = shared.clock.moment();
+            shared.stepper.start(now);
         }
         Ok(())
     }
@@ -369,11 +364,11 @@ impl Machine for Board {
     }
 
     fn motors(&self) -> u8 {
-        self.stepper.axes().len() as u8
+        task::lock().stepper.count()
     }
 
     fn free(&self, motor: u8) -> u16 {
-        self.stepper.axes().get(usize::from(motor)).map_or(0, |axis| axis.motor.bytes().room())
+        task::lock().stepper.motors().get(usize::from(motor)).map_or(0, |motor| motor.room())
     }
 
     #[inline(never)]
@@ -382,20 +377,15 @@ impl Machine for Board {
             return Err(Refusal::of(Reason::NotArmed));
         }
         let detail = u16::from(motor);
-        let Some(axis) = self.stepper.axis_mut(motor) else {
+        let mut shared = task::lock();
+        let Some(motor) = shared.stepper.motor_mut(motor) else {
             return Err(Refusal { reason: Reason::NoSuchMotor, detail });
         };
-        let pushed = self.queues.as_mut().map(|queues| axis.motor.push(queues, epoch, packed));
-        match pushed {
-            Some(Ok(())) => Ok(()),
-            Some(Err(PushRefused::NoRoom { .. } | PushRefused::TooManyEpochs)) | None => {
-                Err(Refusal { reason: Reason::Full, detail })
-            }
-        }
+        if motor.push(epoch, packed) { Ok(()) } else { Err(Refusal { reason: Reason::Full, detail }) }
     }
 
     fn discard(&mut self, epoch: Epoch) {
-        self.stepper.discard(epoch);
+        task::lock().stepper.discard(epoch);
     }
 
     #[inline(never)]
@@ -403,20 +393,21 @@ impl Machine for Board {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
-        let limit = self.clock.now() + SWITCH_AHEAD;
-        let horizon = self.stepper.horizon();
-        let horizon = self.extended(horizon);
+        let mut shared = task::lock();
+        let now = shared.clock.now();
+        let limit = now + SWITCH_AHEAD;
+        let horizon = extended(now, shared.stepper.horizon());
         let switched = if tick < horizon {
             Switched::Late { horizon }
         } else if tick >= limit {
             Switched::Early { limit }
-        } else if self.stepper.switch(epoch, Moment::of(tick)) {
+        } else if shared.stepper.switch(epoch, Moment::of(tick)) {
             Switched::Accepted
         } else {
             Switched::Full
         };
         if switched != Switched::Accepted {
-            self.discard(epoch);
+            shared.stepper.discard(epoch);
         }
         Ok(switched)
     }
@@ -426,7 +417,7 @@ impl Machine for Board {
     }
 
     fn clock(&mut self) -> u64 {
-        self.clock.now()
+        task::lock().clock.now()
     }
 
     fn flags(&self) -> u8 {
@@ -445,26 +436,28 @@ impl Machine for Board {
 
     #[inline(never)]
     fn status(&mut self) -> StatusHead {
-        let horizon = self.stepper.horizon();
-        let horizon = self.extended(horizon);
-        StatusHead { tick: self.clock.now(), horizon, epoch: self.stepper.epoch(), flags: self.flags() }
+        let flags = self.flags();
+        let mut shared = task::lock();
+        let tick = shared.clock.now();
+        let horizon = extended(tick, shared.stepper.horizon());
+        StatusHead { tick, horizon, epoch: shared.stepper.epoch(), flags }
     }
 
     fn motor(&mut self, motor: u8) -> MotorStatus {
-        let unplayed = self.stepper.unplayed(motor);
-        let Some(axis) = self.stepper.axis_mut(motor) else { return MotorStatus::default() };
+        let mut shared = task::lock();
+        let unplayed = shared.stepper.unplayed(motor);
+        let Some(motor) = shared.stepper.motor_mut(motor) else { return MotorStatus::default() };
         MotorStatus {
-            position: axis.position().wrapping_sub(i32::from(unplayed)),
-            free: axis.motor.bytes().room(),
-            faults: axis.faults(),
+            position: motor.position.wrapping_sub(i32::from(unplayed)),
+            free: motor.room(),
+            faults: stepper::faults(motor),
         }
     }
 
     #[inline(never)]
     fn measures(&mut self) -> Measures {
         Measures {
-            most_unread: u16::from(self.link.most_unread),
-            fewest_groups: self.stepper.fewest_groups(),
+            fewest_groups: task::lock().stepper.least_ahead(),
             stack_left: memory::stack_left(),
             asleep_ticks: u64::from(self.asleep),
             ..self.measures
@@ -473,8 +466,7 @@ impl Machine for Board {
 
     fn reset_measures(&mut self) {
         self.measures = Board::NO_MEASURES;
-        self.link.most_unread = 0;
-        self.stepper.reset_measures();
+        task::lock().stepper.reset_measures();
         self.asleep = 0;
     }
 

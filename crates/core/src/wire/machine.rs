@@ -124,7 +124,8 @@ pub trait Machine {
     /// Whether the line can do `baud`.
     fn can_baud(&self, baud: Baud) -> bool;
 
-    /// Changes the rate of the line as soon as all bytes that were handed over are out; what came in before is dropped.
+    /// Changes the rate of the line as soon as all bytes that were handed over are out; what came in before is dropped, and a
+    /// frame that it began.
     fn set_baud(&mut self, baud: Baud);
 
     /// Nobody has taken the board any more: the host said so, or was silent for too long. What is queued goes on to its

@@ -1,4 +1,4 @@
-//! The board's side: takes bytes, does through a [`Machine`] what they ask, and writes the answers.
+//! The board's side: takes frames, does through a [`Machine`] what they ask, and writes the answers.
 //!
 //! # Order
 //! A frame is taken when its sequence number is the next one; what comes again is answered again and not done again;
@@ -16,7 +16,7 @@
 //!
 //! [`Reply::Missing`]: super::Reply::Missing
 
-use super::frame::{Decoder, Encoder, Received, Tag};
+use super::frame::{Encoder, Received, Tag};
 use super::machine::{Machine, Refusal, Stopped, Switched};
 use super::message::{Cause, Configuration, Event, Missing, Reason, Status, kind, padded, parts};
 use super::{Baud, LEAST_BODY, MAX_BODY, Millis, VERSION};
@@ -70,19 +70,10 @@ enum Change {
     FellBack,
 }
 
-/// The board's side of the link, for bodies of up to `N` bytes: of [`LEAST_BODY`] to [`MAX_BODY`]. So many and some 45 bytes
-/// large.
+/// The board's side of the link. The bytes that come are taken by a [`Decoder`](super::Decoder), or whatever does the same
+/// on a board, and frames are handed over whole.
 #[derive(Clone, Debug)]
-pub struct Service<const N: usize = MAX_BODY> {
-    decoder: Decoder<N>,
-    link: Link,
-    /// Nothing was said at this rate yet.
-    new_rate: bool,
-}
-
-/// All of it but the frame that is being received.
-#[derive(Clone, Debug)]
-struct Link {
+pub struct Service {
     /// The newest session's; it is over unless `taken`.
     tag: Tag,
     nonce: u32,
@@ -109,14 +100,23 @@ struct Link {
     max_body: u8,
     events: u8,
     damaged: u16,
+    /// Nothing was said at this rate yet.
+    new_rate: bool,
 }
 
-impl<const N: usize> Service<N> {
-    /// Nobody has taken the board; the line is at 115 200 baud.
+impl Service {
+    /// Nobody has taken the board, which takes bodies of up to `max_body` bytes: of [`LEAST_BODY`] to [`MAX_BODY`]. The line is at
+    /// 115 200 baud.
+    ///
+    /// # Panics
+    /// With another `max_body`; where it is a constant, that shows when it is built.
+    ///
+    /// [`LEAST_BODY`]: super::LEAST_BODY
+    /// [`MAX_BODY`]: super::MAX_BODY
     #[must_use]
-    pub const fn new() -> Service<N> {
-        const { assert!(LEAST_BODY <= N && N <= MAX_BODY) };
-        let link = Link {
+    pub const fn new(max_body: usize) -> Service {
+        assert!(LEAST_BODY <= max_body && max_body <= MAX_BODY);
+        Service {
             tag: Tag::NONE,
             nonce: 0,
             taken: false,
@@ -134,49 +134,31 @@ impl<const N: usize> Service<N> {
             change: Change::None,
             fell_back: false,
             #[expect(clippy::cast_possible_truncation, reason = "below 128")]
-            max_body: N as u8,
+            max_body: max_body as u8,
             events: 0,
             damaged: 0,
-        };
-        Service { decoder: Decoder::new(), link, new_rate: false }
+            new_rate: false,
+        }
     }
 
     /// Whether a host has taken the board: other dialects on the line are off then.
     #[must_use]
     pub const fn is_taken(&self) -> bool {
-        self.link.taken
+        self.taken
     }
 
     /// The rate of the line.
     #[must_use]
     pub const fn baud(&self) -> Baud {
-        self.link.baud
+        self.baud
     }
 
-    /// Takes bytes from the line up to the end of a frame, and does what it asks. Gives how many it took, and whether
-    /// something ended, so that a reply may be due.
-    pub fn feed(&mut self, bytes: &[u8], now: Millis, machine: &mut impl Machine) -> (usize, bool) {
-        let (taken, received) = self.decoder.feed(bytes);
-        self.receive(received, now, machine);
-        (taken, received != Received::More)
-    }
-
-    /// Takes one byte from the line. `true` when it ended something, so that a reply may be due.
-    pub fn push(&mut self, byte: u8, now: Millis, machine: &mut impl Machine) -> bool {
-        let received = self.decoder.push(byte);
-        self.receive(received, now, machine);
-        received != Received::More
-    }
-
-    fn receive(&mut self, received: Received, now: Millis, machine: &mut impl Machine) {
-        match received {
-            Received::More => {}
-            Received::Frame(tag) => {
-                if let [seq, kind, payload @ ..] = self.decoder.body() {
-                    self.link.frame(tag, *seq, *kind, payload, now, machine);
-                }
-            }
-            Received::Damaged => self.link.damaged(),
+    /// Does what the frame asks for whose `body` the line brought; or notes that something came that was none.
+    pub fn receive(&mut self, received: Received, body: &[u8], now: Millis, machine: &mut impl Machine) {
+        match (received, body) {
+            (Received::Frame(tag), [seq, kind, payload @ ..]) => self.frame(tag, *seq, *kind, payload, now, machine),
+            (Received::More | Received::Frame(_), _) => {}
+            (Received::Damaged, _) => self.damaged(),
         }
     }
 
@@ -186,18 +168,13 @@ impl<const N: usize> Service<N> {
     /// room for [`MAX_FRAME`](super::MAX_FRAME) bytes and one more, or as many as the longest answer of this board takes;
     /// one that does not fit is not sent.
     pub fn poll(&mut self, now: Millis, machine: &mut impl Machine, out: &mut [u8]) -> usize {
-        let baud = self.link.baud;
-        self.link.watch(now, machine);
-        if baud != self.link.baud {
-            self.decoder.reset();
-            self.new_rate = true;
-        }
+        self.watch(now, machine);
         if !self.new_rate {
-            return self.link.reply(machine, out);
+            return self.reply(machine, out);
         }
         // A zero first: it ends what the host took for a frame while the rates were different.
         let Some((first, rest)) = out.split_first_mut() else { return 0 };
-        match self.link.reply(machine, rest) {
+        match self.reply(machine, rest) {
             0 => 0,
             len => {
                 *first = 0;
@@ -206,9 +183,7 @@ impl<const N: usize> Service<N> {
             }
         }
     }
-}
 
-impl Link {
     /// The reply that is due.
     fn reply(&mut self, machine: &mut impl Machine, out: &mut [u8]) -> usize {
         let Some((seq, kind, tag, say)) = self.due(machine) else { return 0 };
@@ -297,6 +272,7 @@ impl Link {
     fn set_baud(&mut self, baud: Baud, machine: &mut impl Machine) {
         if baud != self.baud {
             self.baud = baud;
+            self.new_rate = true;
             machine.set_baud(baud);
         }
     }
@@ -505,12 +481,6 @@ impl Link {
             }
             _ => {}
         }
-    }
-}
-
-impl<const N: usize> Default for Service<N> {
-    fn default() -> Service<N> {
-        Service::new()
     }
 }
 
