@@ -52,7 +52,7 @@ fn stops(pins: &[(u8, u8)], pulse_ticks: u16, interval: u64, shift: u64) {
     board.advance(report.tick + TICK_HZ / 50, &mut lab);
     let what = format!("{pins:?}, {pulse_ticks} ticks, shift {shift}");
     assert_eq!(report.positions, lab.counts(&setup), "{what}");
-    assert!(lab.counts(&setup).iter().any(|count| *count != 0), "{what}: nothing moved");
+    assert!(lab.edges.len() > 50, "{what}: nothing moved: {report:?}, asked {stop_at}, {:?}", lab.edges.last());
     // What the pins show after the stop is at most the end of a pulse.
     let after = |edge: &&pulsetrain_board::Edge| edge.tick > report.tick + u64::from(pulse_ticks) + TICK_HZ / 2000;
     assert_eq!(lab.edges.iter().find(after), None, "{what}");
@@ -134,7 +134,7 @@ fn counts(kind: usize) {
 }
 
 /// The board reads its clock for a status so long before it has read the last count, ticks, at most.
-const LOOK_TICKS: u64 = 12_000;
+const LOOK_TICKS: u64 = 24_000;
 
 #[test]
 fn counts_of_one_motor() {

@@ -88,6 +88,7 @@ fn half_way_round_nothing_is_past_that_is_to_come() {
 fn timer_1_wraps_between_steps() {
     for interval in [65_535, 65_536, 65_537, 131_072, 32_768, 49_152, 200_003] {
         for (pins, timing) in [(&[(8, 9)][..], SOFTWARE), (&[(9, 8), (10, 7)], EXACT)] {
+            println!("{pins:?}, {interval} ticks");
             let setup = uno_setup(pins, 16);
             let mut board = uno(&setup);
             let mut lab = Lab::default();
