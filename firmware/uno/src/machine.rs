@@ -377,11 +377,20 @@ impl Machine for Board {
             return Err(Refusal::of(Reason::NotArmed));
         }
         let detail = u16::from(motor);
-        let mut shared = task::lock();
-        let Some(motor) = shared.stepper.motor_mut(motor) else {
+        let full = Refusal { reason: Reason::Full, detail };
+        let len = packed.len() as u16;
+        let shared = task::lock();
+        let Some(axis) = shared.stepper.motors().get(usize::from(motor)) else {
             return Err(Refusal { reason: Reason::NoSuchMotor, detail });
         };
-        if motor.push(epoch, packed) { Ok(()) } else { Err(Refusal { reason: Reason::Full, detail }) }
+        let room = axis.push(epoch, len).ok_or(full)?;
+        drop(shared);
+        // The task may go on meanwhile: it takes from the other end.
+        room.write(packed);
+        if let Some(axis) = task::lock().stepper.motor_mut(motor) {
+            axis.pushed(epoch, len);
+        }
+        Ok(())
     }
 
     fn discard(&mut self, epoch: Epoch) {

@@ -123,6 +123,7 @@ pub(crate) const OCR1B: Reg16 = Reg16(0x8a);
 pub(crate) const TIMSK2: Reg8 = Reg8(0x70);
 pub(crate) const TCCR2A: Reg8 = Reg8(0xb0);
 pub(crate) const TCCR2B: Reg8 = Reg8(0xb1);
+pub(crate) const TCNT2: Reg8 = Reg8(0xb2);
 pub(crate) const OCR2A: Reg8 = Reg8(0xb3);
 /// §20.11: USART0.
 pub(crate) const UCSR0A: Reg8 = Reg8(0xc0);

@@ -75,6 +75,22 @@ struct Part {
     len: u16,
 }
 
+/// Room in a motor's queue. Bytes of it are nobody else's until they are said to be [`pushed`](Motor::pushed): where they go
+/// stays the same, whatever is taken off the front meanwhile.
+#[derive(Clone, Copy)]
+pub(crate) struct Room {
+    at: u16,
+    start: u16,
+    end: u16,
+}
+
+impl Room {
+    /// Writes `bytes`, as many as there is room for.
+    pub(crate) fn write(self, bytes: &[u8]) {
+        memory::fill_queue(self.at, self.start, self.end, bytes);
+    }
+}
+
 /// One motor. The first 64 bytes are the assembly's, which reaches them from a pointer.
 #[repr(C)]
 pub(crate) struct Motor {
@@ -186,26 +202,35 @@ impl Motor {
         self.parts.get(..usize::from(self.epochs)).unwrap_or_default()
     }
 
-    /// Puts `bytes` of `epoch` last; whether there was room for all of them, else for none.
+    /// Where `len` more bytes of `epoch` are to be written, if there is room for them: see [`Motor::pushed`].
     #[inline(never)]
-    pub(crate) fn push(&mut self, epoch: Epoch, bytes: &[u8]) -> bool {
-        let len = bytes.len() as u16;
-        if len > self.room() {
-            return false;
+    pub(crate) fn push(&self, epoch: Epoch, len: u16) -> Option<Room> {
+        let waiting = self.waiting();
+        let Motor { start, end, .. } = *self;
+        let is_new = match self.behind().last() {
+            Some(part) => part.epoch != epoch,
+            None => self.epoch != epoch,
+        };
+        if len > end - start - waiting || (is_new && usize::from(self.epochs) == PARTS) {
+            return None;
         }
-        let at = self.place(self.waiting());
+        Some(Room { at: self.place(waiting), start, end })
+    }
+
+    /// They have been written: they are the motor's from now on.
+    #[inline(never)]
+    pub(crate) fn pushed(&mut self, epoch: Epoch, len: u16) {
         let newest = usize::from(self.epochs).wrapping_sub(1);
         match self.parts.get_mut(newest) {
             Some(part) if part.epoch == epoch => part.len += len,
             None if self.epoch == epoch => self.ready += len,
             _ => {
-                let Some(part) = self.parts.get_mut(usize::from(self.epochs)) else { return false };
-                *part = Part { epoch, len };
-                self.epochs += 1;
+                if let Some(part) = self.parts.get_mut(usize::from(self.epochs)) {
+                    *part = Part { epoch, len };
+                    self.epochs += 1;
+                }
             }
         }
-        memory::fill_queue(at, self.start, self.end, bytes);
-        true
     }
 
     /// Takes back the bytes of `epoch` if they were pushed last. Not for the epoch being run.

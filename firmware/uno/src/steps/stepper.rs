@@ -14,7 +14,7 @@
 //! A DIR line toggles at the end of a group, after the pulse and hold of every step before that looked at the line, and its
 //! set-up before the step that it is for. Planners leave room for that ([`Spacing`]); where they did not, the step is not made.
 
-use super::fill::{self, Filled};
+use super::fill;
 use super::merge::Merge;
 use super::motor::{COUNT_AT_REST, Motor, flag};
 use super::pins::{Kind, Layout, Lines, MAX_MOTORS};
@@ -126,6 +126,17 @@ impl Spacing {
         };
         (spacing, times)
     }
+}
+
+/// How the rings were left.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Filled {
+    /// They had no room.
+    Full,
+    /// Something was put in.
+    Some,
+    /// All is planned that may be now.
+    Dry,
 }
 
 /// What went wrong in playing.
@@ -553,11 +564,11 @@ impl Stepper {
         count + i16::from(self.track(motor).ring.unplayed(levels, step, dir))
     }
 
-    /// Fills the rings as far as time allows. Whether all is planned that may be now.
+    /// Fills the rings as far as time allows.
     #[inline(always)]
-    pub(crate) fn refill(&mut self, now: Moment) -> bool {
+    pub(crate) fn refill(&mut self, now: Moment) -> Filled {
         if !self.playing {
-            return true;
+            return Filled::Dry;
         }
         TIMES.set_limit(now.after(AHEAD));
         let Stepper { tracks: [first, second], merge, spacing, count, .. } = self;
@@ -571,7 +582,10 @@ impl Stepper {
         }
         match motors {
             [motor] => first.fill(motor, spacing.apart),
-            [one, two] if self.apiece => first.fill(one, spacing.apart) & second.fill(two, spacing.apart),
+            [one, two] if self.apiece => match (first.fill(one, spacing.apart), second.fill(two, spacing.apart)) {
+                (one, two) if one == two => one,
+                _ => Filled::Some,
+            },
             motors => fill_shared(first, motors, *spacing),
         }
     }
@@ -601,27 +615,26 @@ impl Track {
         Moment(self.at.0.wrapping_add_signed(i32::from(ahead)))
     }
 
-    /// Has the merge fill this ring. Whether that is all that may be planned now.
+    /// Has the merge fill this ring.
     #[inline(always)]
-    fn merge(&mut self, merge: &mut Merge) -> bool {
+    fn merge(&mut self, merge: &mut Merge) -> Filled {
         if self.ring.free() < ROOM {
-            return false;
+            return Filled::Full;
         }
         let begin = low_half(self.at.0);
         let end = merge.run(&mut self.ring, begin);
         // Less than the limit: 2^16 ticks.
         self.at = self.at.after(u32::from(end.wrapping_sub(begin)));
-        !merge.is_broken_off() && self.ring.free() >= ROOM
+        if !merge.is_broken_off() && self.ring.free() >= ROOM { Filled::Dry } else { Filled::Some }
     }
 
-    /// Fills this ring with what its only motor does. Whether that is all that may be planned now.
+    /// Fills this ring with what its only motor does.
     #[inline(never)]
-    fn fill(&mut self, motor: &mut Motor, apart: u8) -> bool {
+    fn fill(&mut self, motor: &mut Motor, apart: u8) -> Filled {
         for _ in 0..BATCH {
             let plan = match fill::fill(self, motor) {
-                Filled::Full => return false,
-                Filled::Dry => return true,
-                Filled::Before(plan) => plan,
+                Ok(filled) => return filled,
+                Err(plan) => plan,
             };
             if let Plan::One { tick, rise, fall, long } = plan {
                 let due = self.near(tick);
@@ -633,19 +646,17 @@ impl Track {
                 }
             }
         }
-        false
+        Filled::Some
     }
 }
 
 /// Fills the ring of motors that share DIR lines with the steps of all of them, one after the other.
-///
-/// Whether that is all that may be planned now.
 #[inline(never)]
-fn fill_shared(track: &mut Track, motors: &mut [Motor], spacing: Spacing) -> bool {
+fn fill_shared(track: &mut Track, motors: &mut [Motor], spacing: Spacing) -> Filled {
     let times = TIMES.get();
     for _ in 0..BATCH {
         if track.ring.free() < ROOM {
-            return false;
+            return Filled::Full;
         }
         let mut end = track.at.after(u32::from(FILLER));
         if times.limit.is_before(end) {
@@ -666,14 +677,14 @@ fn fill_shared(track: &mut Track, motors: &mut [Motor], spacing: Spacing) -> boo
         }
         let Some(first) = first else {
             if end == times.limit {
-                return true;
+                return Filled::Dry;
             }
             // Out of the way of what may come soon after.
             track.push(end.before(512), Group::NOTHING);
             continue;
         };
         let ready = turn_shared(track, motors, first, &times, spacing);
-        let Some(motor) = motors.get_mut(first) else { return true };
+        let Some(motor) = motors.get_mut(first) else { return Filled::Dry };
         let rise = motor.step;
         let at = track.put(later(due, ready), Group { rise, fall: motor.step_fall }, spacing.apart);
         if spacing.long {
@@ -684,7 +695,7 @@ fn fill_shared(track: &mut Track, motors: &mut [Motor], spacing: Spacing) -> boo
         motor.settle();
         motor.free = at.after(u32::from(times.keep));
     }
-    false
+    Filled::Some
 }
 
 /// Turns the DIR line of motor `index` for its next step, if it is not as it must be; all motors that look at it know then.

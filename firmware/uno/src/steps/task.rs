@@ -1,24 +1,26 @@
 //! The task that keeps the rings filled: it comes again and again, whatever the main loop is doing, and is itself
 //! interrupted by steps and by bytes from the line.
 //!
-//! Timer2 calls it (CTC mode, DS40002061B §18.7.2, 64 cycles a count): every [`BUSY`] while there is much to do, every [`IDLE`]
-//! when all that may be planned is planned. It runs with its own interrupt off, so that it does not nest; and not inside the
-//! receive interrupt, which would then lose bytes: it comes back a little later.
+//! Timer2 calls it (normal mode, DS40002061B §18.7.1, 64 cycles a count): [`BUSY`] after it was done while there is much to do,
+//! [`IDLE`] when all that may be planned is planned. It runs with its own interrupt off, so that it does not nest; and not inside
+//! the receive interrupt, which would then lose bytes: it comes back a little later.
 //!
 //! What it works on, clock and stepper, belongs to whoever holds the [`Guard`]: main takes it with [`lock`], which keeps the
 //! task out as long as it lives. Rings last for a while: no guard may be held for longer than about 1500 cycles while motors
 //! move.
 
-use super::stepper::Stepper;
+use super::stepper::{Filled, Stepper};
 use crate::clock::Clock;
 use crate::regs;
 use core::arch::global_asm;
 use core::cell::UnsafeCell;
 use core::ops::{Deref, DerefMut};
 
-/// Counts of 64 cycles between two calls, less one, while there is much to do: 3008 cycles.
-const BUSY: u8 = 46;
-/// And while there is not: 16 384 cycles, a quarter of what Timer1 counts.
+/// Counts of 64 cycles until the next call, while there is much to do: 1792 cycles.
+const BUSY: u8 = 28;
+/// After a look that found a ring too full to be worth it.
+const SOON: u8 = 16;
+/// When all is planned that may be: 16 320 cycles, a quarter of what Timer1 counts.
 const IDLE: u8 = 255;
 
 /// What the task and main share.
@@ -71,7 +73,7 @@ impl DerefMut for Guard {
 
 /// Starts Timer2, and the task.
 pub(crate) fn start() {
-    regs::TCCR2A.write(0b10);
+    regs::TCCR2A.write(0);
     regs::OCR2A.write(IDLE);
     regs::TCCR2B.write(0b100);
     regs::TIMSK2.write(1 << 1);
@@ -127,6 +129,10 @@ extern "C" fn steps_refill() {
     // SAFETY: a guard would have kept this out.
     let Shared { clock, stepper } = unsafe { &mut *SHARED.0.get() };
     let now = clock.moment();
-    let idle = stepper.refill(now);
-    regs::OCR2A.write(if idle { IDLE } else { BUSY });
+    let counts = match stepper.refill(now) {
+        Filled::Dry => IDLE,
+        Filled::Full => SOON,
+        Filled::Some => BUSY,
+    };
+    regs::OCR2A.write(regs::TCNT2.read().wrapping_add(counts));
 }
