@@ -5,6 +5,7 @@
 
 use crate::command::{self, Done, Failure, command, install_debian, output, root, run, target_dir};
 use std::fs;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// Flash that is the firmware's: 32 KiB less the Uno's bootloader (optiboot, 512 bytes).
@@ -12,8 +13,47 @@ const FLASH: u64 = 32_768 - 512;
 /// Bytes of RAM.
 const RAM: u64 = 2048;
 
+/// The committed image.
+const IMAGE: &str = "crates/board/images/uno.hex";
+
 /// Builds the Uno's firmware, prints what it takes and writes crates/board/images/uno.hex.
 pub(crate) fn uno() -> Done {
+    let elf = build_uno()?;
+    let image = root().join(IMAGE);
+    if let Some(folder) = image.parent() {
+        fs::create_dir_all(folder).map_err(|why| Failure::File { path: folder.to_path_buf(), why })?;
+    }
+    write_image(&elf, &image)?;
+    print!("{}", measure(&elf)?);
+    Ok(())
+}
+
+/// Builds the firmware, and gives what the committed image takes.
+///
+/// # Errors
+/// When what was built is not what is committed.
+pub(crate) fn measure_uno() -> Done<String> {
+    let elf = build_uno()?;
+    let fresh = elf.with_extension("hex");
+    write_image(&elf, &fresh)?;
+    let read = |path: &Path| fs::read(path).map_err(|why| Failure::File { path: path.to_path_buf(), why });
+    if read(&fresh)? != read(&root().join(IMAGE))? {
+        return Err(Failure::Check(format!("{IMAGE} is not what its source makes: run `cargo xtask firmware uno`")));
+    }
+    measure(&elf)
+}
+
+/// What an image takes, as text.
+fn measure(elf: &Path) -> Done<String> {
+    table(&output(command("avr-size").arg("-A").arg(elf))?)
+}
+
+fn write_image(elf: &Path, to: &Path) -> Done {
+    run(command("avr-objcopy").args(["-O", "ihex", "-R", ".eeprom"]).arg(elf).arg(to))
+}
+
+/// Builds it; gives the ELF file.
+fn build_uno() -> Done<PathBuf> {
     if command::run(command("avr-gcc").arg("--version")).is_err() {
         // libgcc and the start-up code come with them.
         install_debian("gcc-avr")?;
@@ -30,13 +70,7 @@ pub(crate) fn uno() -> Done {
         .env_remove("CARGO_TARGET_AVR_NONE_RUSTFLAGS")
         .env_remove("CARGO_BUILD_TARGET")
         .env_remove("CARGO_BUILD_RUSTFLAGS"))?;
-    let elf = built.join("avr-none/release/uno.elf");
-    let sections = output(command("avr-size").arg("-A").arg(&elf))?;
-    let folder = root().join("crates/board/images");
-    fs::create_dir_all(&folder).map_err(|why| Failure::File { path: folder.clone(), why })?;
-    run(command("avr-objcopy").args(["-O", "ihex", "-R", ".eeprom"]).arg(&elf).arg(folder.join("uno.hex")))?;
-    print!("{}", table(&sections)?);
-    Ok(())
+    Ok(built.join("avr-none/release/uno.elf"))
 }
 
 /// A cargo that can build core for AVR, for which no compiled one exists: the pinned toolchain with its sources, which

@@ -39,6 +39,7 @@ struct Arguments {
 const AFTER_HELP: &str = "Examples:
   cargo xtask test                 what a contributor runs before sending a change
   cargo xtask ci                   what .ci/run runs
+  cargo xtask bench uno --hour     an hour on the virtual Uno
   cargo xtask fuzz --seconds 600   longer than CI does";
 
 #[derive(Subcommand)]
@@ -64,7 +65,13 @@ enum Task {
         board: Option<Firmware>,
     },
     /// Measure every figure, print it, and write docs/benchmarks.md
-    Bench,
+    Bench {
+        /// Only those of this board's firmware, in emulated cycles: a section of the report
+        board: Option<Firmware>,
+        /// Of the Uno: the simulated hour of four motors on one DIR line, a section of its own
+        #[arg(long, requires = "board")]
+        hour: bool,
+    },
     /// Write the golden files anew; read the difference before you commit it
     Golden,
 }
@@ -83,7 +90,9 @@ fn main() -> ExitCode {
         Task::Fuzz { seconds, target } => fuzz::run(seconds, target.as_deref()),
         Task::CrossCheck => cross_check::run(),
         Task::Firmware { board: None | Some(Firmware::Uno) } => firmware::uno(),
-        Task::Bench => bench::run(),
+        Task::Bench { board: None, .. } => bench::run(),
+        Task::Bench { board: Some(Firmware::Uno), hour: false } => bench::uno::run(),
+        Task::Bench { board: Some(Firmware::Uno), hour: true } => bench::uno::hour(),
         Task::Golden => golden::run(),
     };
     match done {

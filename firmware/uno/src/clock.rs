@@ -2,6 +2,7 @@
 //! (4.1 ms), or a wrap is missed.
 
 use crate::regs;
+use crate::steps::task;
 use core::arch::global_asm;
 use pulsetrain_core::Moment;
 
@@ -49,43 +50,34 @@ clock_moment:
 );
 
 unsafe extern "C" {
-    fn clock_moment() -> u32;
+    safe fn clock_moment() -> u32;
     #[link_name = "clock"]
     static mut CLOCK: u64;
 }
 
-/// The clock's memory is the assembly's; whoever has this may use it.
-pub(crate) struct Clock(());
+/// Starts Timer1 at tick 0: normal mode, undivided, pins free (DS40002061B §16.11.1-2).
+pub(crate) fn start() {
+    regs::TCCR1B.write(0);
+    regs::TCCR1A.write(0);
+    regs::TIMSK1.write(0);
+    regs::free(|| regs::TCNT1.write(0));
+    regs::TCCR1B.write(1);
+}
 
-impl Clock {
-    /// Not started; there must be one.
-    pub(crate) const fn new() -> Clock {
-        Clock(())
-    }
+/// Ticks since start-up, modulo 2^32.
+#[inline(always)]
+pub(crate) fn moment() -> Moment {
+    let _out = task::keep_out();
+    Moment(clock_moment())
+}
 
-    /// Starts Timer1 at tick 0: normal mode, undivided, pins free (DS40002061B §16.11.1-2).
-    pub(crate) fn start(&mut self) {
-        regs::TCCR1B.write(0);
-        regs::TCCR1A.write(0);
-        regs::TIMSK1.write(0);
-        regs::free(|| regs::TCNT1.write(0));
-        regs::TCCR1B.write(1);
-    }
-
-    /// Ticks since start-up, modulo 2^32.
-    #[inline(always)]
-    pub(crate) fn moment(&mut self) -> Moment {
-        // SAFETY: nobody else has this clock now.
-        Moment(unsafe { clock_moment() })
-    }
-
-    /// Ticks since start-up.
-    #[inline(never)]
-    pub(crate) fn now(&mut self) -> u64 {
-        self.moment();
-        // SAFETY: as above.
-        unsafe { CLOCK }
-    }
+/// Ticks since start-up.
+#[inline(never)]
+pub(crate) fn now() -> u64 {
+    let _out = task::keep_out();
+    moment();
+    // SAFETY: only `clock_moment` writes it, which nobody calls meanwhile: the task is kept out.
+    unsafe { CLOCK }
 }
 
 /// What Timer1 says at a moment.
@@ -95,7 +87,7 @@ pub(crate) const fn low_half(moment: u32) -> u16 {
     u16::from_le_bytes([b0, b1])
 }
 
-/// Timer1 as it stands. Interrupts are off for 6 cycles, because they use the byte that all its registers share.
+/// Timer1 as it stands.
 #[inline(always)]
 pub(crate) fn read() -> u16 {
     regs::timer1()

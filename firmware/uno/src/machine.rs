@@ -1,6 +1,6 @@
 //! What the [`Service`](pulsetrain_core::wire::Service) asks of a board, done on this one.
 
-use crate::clock::{TICK_HZ, low_half};
+use crate::clock::{self, TICK_HZ, low_half};
 use crate::link::{self, Receiver, Unread, WINDOW};
 use crate::memory::{self, POOL};
 use crate::steps::pins::{Layout, MAX_MOTORS, Pin};
@@ -107,10 +107,10 @@ impl Board {
     /// Starts clock and line.
     pub(crate) fn begin(&mut self, last_reset: Cause) {
         self.last_reset = last_reset;
-        let mut shared = task::lock();
+        let mut stepper = task::lock();
         // SAFETY: main calls this once.
-        unsafe { shared.stepper.begin() };
-        shared.clock.start();
+        unsafe { stepper.begin() };
+        clock::start();
         link::start();
         task::start();
     }
@@ -135,12 +135,12 @@ impl Board {
         let idle = if self.armed && !self.was_idle {
             u32::from(receiver.watch())
         } else {
-            let before = task::lock().clock.moment();
+            let before = clock::moment();
             receiver.sleep();
-            task::lock().clock.moment().since(before)
+            clock::moment().since(before)
         };
         self.measures.idle_ticks = self.measures.idle_ticks.wrapping_add(u64::from(idle));
-        self.woken = low_half(task::lock().clock.moment().0);
+        self.woken = low_half(clock::moment().0);
     }
 
     /// Counts a round of the main loop that begins now.
@@ -186,15 +186,15 @@ impl Board {
             }
             _ => {}
         }
-        let mut shared = task::lock();
-        let moment = shared.clock.moment();
+        let mut stepper = task::lock();
+        let moment = clock::moment();
         if self.armed {
-            shared.stepper.watch(moment);
-            drop(shared);
+            stepper.watch(moment);
+            drop(stepper);
             self.look_for_faults();
             self.look_at_motors();
         } else {
-            shared.stepper.rest(moment);
+            stepper.rest(moment);
         }
         if self.armed {
             let idle = self.is_idle();
@@ -209,7 +209,7 @@ impl Board {
     /// Tells each motor's faults, once.
     #[inline(never)]
     fn look_for_faults(&mut self) {
-        let trouble = task::lock().stepper.trouble();
+        let trouble = task::lock().trouble();
         if let Some(trouble) = trouble {
             match trouble {
                 Trouble::Late { ticks } => {
@@ -229,7 +229,7 @@ impl Board {
     #[inline(never)]
     fn look_at_motors(&mut self) {
         for motor in 0..self.motors() {
-            let fault = task::lock().stepper.motor_mut(motor).and_then(|motor| motor.fault());
+            let fault = task::lock().motor_mut(motor).and_then(|motor| motor.fault());
             let Some(fault) = fault else { continue };
             let cause = match fault.reason {
                 motor::Reason::Missed => Cause::StepMissed,
@@ -246,10 +246,8 @@ impl Board {
     /// The immediate stop. Bit by motor: it was faster than it can stop at once.
     #[inline(never)]
     fn stop(&mut self, cause: Cause, motor: u8, detail: u32) -> Stopped {
-        let mut shared = task::lock();
-        let uncertain = shared.stepper.stop(&self.pull_in);
-        let tick = shared.clock.now();
-        drop(shared);
+        let uncertain = task::lock().stop(&self.pull_in);
+        let tick = clock::now();
         if self.armed {
             self.armed = false;
             self.last_stop = cause;
@@ -270,14 +268,12 @@ impl Board {
         for (place, motor) in self.pull_in.iter_mut().zip(configuration.motors()) {
             *place = motor.pull_in_ticks;
         }
-        let mut shared = task::lock();
-        let now = shared.clock.moment();
-        shared.stepper.configure(layout, configuration, now);
+        task::lock().configure(layout, configuration, clock::moment());
     }
 
     #[inline(never)]
     fn tell(&mut self, cause: Cause, motor: u8, detail: u32) {
-        let at = task::lock().clock.moment();
+        let at = clock::moment();
         if cause == Cause::Finished {
             self.last_stop = cause;
         }
@@ -288,13 +284,14 @@ impl Board {
 
     #[inline(never)]
     fn is_idle(&self) -> bool {
-        task::lock().stepper.is_idle()
+        task::lock().is_idle()
     }
 }
 
-/// A moment within 2^31 ticks of `now`, in 64 bits.
+/// A moment within 2^31 ticks of now, in 64 bits.
 #[inline(never)]
-fn extended(now: u64, moment: Moment) -> u64 {
+fn extended(moment: Moment) -> u64 {
+    let now = clock::now();
     let ahead = moment.since(Moment::of(now)).cast_signed();
     now.wrapping_add_signed(i64::from(ahead))
 }
@@ -341,9 +338,7 @@ impl Machine for Board {
             self.armed = true;
             self.was_idle = true;
             self.told = 0;
-            let mut shared = task::lock();
-            let now = shared.clock.moment();
-            shared.stepper.start(now);
+            task::lock().start(clock::moment());
         }
         Ok(())
     }
@@ -362,11 +357,11 @@ impl Machine for Board {
     }
 
     fn motors(&self) -> u8 {
-        task::lock().stepper.count()
+        task::lock().count()
     }
 
     fn free(&self, motor: u8) -> u16 {
-        task::lock().stepper.motors().get(usize::from(motor)).map_or(0, |motor| motor.room())
+        task::lock().motors().get(usize::from(motor)).map_or(0, |motor| motor.room())
     }
 
     #[inline(never)]
@@ -377,22 +372,22 @@ impl Machine for Board {
         let detail = u16::from(motor);
         let full = Refusal { reason: Reason::Full, detail };
         let len = packed.len() as u16;
-        let shared = task::lock();
-        let Some(axis) = shared.stepper.motors().get(usize::from(motor)) else {
+        let stepper = task::lock();
+        let Some(axis) = stepper.motors().get(usize::from(motor)) else {
             return Err(Refusal { reason: Reason::NoSuchMotor, detail });
         };
         let room = axis.push(epoch, len).ok_or(full)?;
-        drop(shared);
+        drop(stepper);
         // The task may go on meanwhile: it takes from the other end.
         room.write(packed);
-        if let Some(axis) = task::lock().stepper.motor_mut(motor) {
+        if let Some(axis) = task::lock().motor_mut(motor) {
             axis.pushed(epoch, len);
         }
         Ok(())
     }
 
     fn discard(&mut self, epoch: Epoch) {
-        task::lock().stepper.discard(epoch);
+        task::lock().discard(epoch);
     }
 
     #[inline(never)]
@@ -400,21 +395,20 @@ impl Machine for Board {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
-        let mut shared = task::lock();
-        let now = shared.clock.now();
-        let limit = now + SWITCH_AHEAD;
-        let horizon = extended(now, shared.stepper.horizon());
+        let mut stepper = task::lock();
+        let limit = clock::now() + SWITCH_AHEAD;
+        let horizon = extended(stepper.horizon());
         let switched = if tick < horizon {
             Switched::Late { horizon }
         } else if tick >= limit {
             Switched::Early { limit }
-        } else if shared.stepper.switch(epoch, Moment::of(tick)) {
+        } else if stepper.switch(epoch, Moment::of(tick)) {
             Switched::Accepted
         } else {
             Switched::Full
         };
         if switched != Switched::Accepted {
-            shared.stepper.discard(epoch);
+            stepper.discard(epoch);
         }
         Ok(switched)
     }
@@ -423,8 +417,9 @@ impl Machine for Board {
         self.stop(Cause::StopNow, ALL_MOTORS, 0)
     }
 
+    #[inline(always)]
     fn clock(&mut self) -> u64 {
-        task::lock().clock.now()
+        clock::now()
     }
 
     fn flags(&self) -> u8 {
@@ -443,36 +438,36 @@ impl Machine for Board {
 
     #[inline(never)]
     fn horizon(&mut self) -> u64 {
-        let mut shared = task::lock();
-        let now = shared.clock.now();
-        extended(now, shared.stepper.horizon())
+        let horizon = task::lock().horizon();
+        extended(horizon)
     }
 
     fn epoch(&self) -> Epoch {
-        task::lock().stepper.epoch()
+        task::lock().epoch()
     }
 
     #[inline(never)]
     fn position(&mut self, motor: u8) -> i32 {
-        let mut shared = task::lock();
-        let unplayed = shared.stepper.unplayed(motor);
-        shared.stepper.motor_mut(motor).map_or(0, |motor| motor.position.wrapping_sub(i32::from(unplayed)))
+        let stepper = task::lock();
+        let unplayed = stepper.unplayed(motor);
+        let motor = stepper.motors().get(usize::from(motor));
+        motor.map_or(0, |motor| motor.position.wrapping_sub(i32::from(unplayed)))
     }
 
     fn faults(&self, motor: u8) -> u8 {
-        task::lock().stepper.motors().get(usize::from(motor)).map_or(0, stepper::faults)
+        task::lock().motors().get(usize::from(motor)).map_or(0, stepper::faults)
     }
 
     #[inline(never)]
     fn measures(&mut self) -> &mut Measures {
-        self.measures.fewest_groups = task::lock().stepper.least_ahead();
+        self.measures.fewest_groups = task::lock().least_ahead();
         self.measures.stack_left = memory::stack_left();
         &mut self.measures
     }
 
     fn reset_measures(&mut self) {
         self.measures = Board::NO_MEASURES;
-        task::lock().stepper.reset_measures();
+        task::lock().reset_measures();
     }
 
     fn can_baud(&self, _: Baud) -> bool {
@@ -500,7 +495,6 @@ impl Machine for Board {
             return None;
         }
         self.news = [second, News::NONE];
-        let now = task::lock().clock.now();
-        Some(Event { cause, motor, tick: extended(now, at), detail })
+        Some(Event { cause, motor, tick: extended(at), detail })
     }
 }
