@@ -107,9 +107,8 @@ impl Board {
     /// Starts clock and line.
     pub(crate) fn begin(&mut self, last_reset: Cause) {
         self.last_reset = last_reset;
-        let mut stepper = task::lock();
         // SAFETY: main calls this once.
-        unsafe { stepper.begin() };
+        unsafe { task::lock().begin() };
         clock::start();
         link::start();
         task::start();
