@@ -257,11 +257,11 @@ mod pty {
         /// # Errors
         /// When there is a file of that name, or none can be made there.
         pub fn new(link: &Path) -> io::Result<Pty> {
-            let now = Terminal::new()?;
-            // One that leads nowhere was left by a run that was killed.
+            // One that leads nowhere was left by a run that was killed. The new terminal may have the old one's name.
             if link.is_symlink() && !link.exists() {
                 std::fs::remove_file(link)?;
             }
+            let now = Terminal::new()?;
             symlink(&now.name, link)?;
             Ok(Pty { now, before: None, link: link.to_owned(), present: false })
         }
