@@ -16,7 +16,8 @@ pub(crate) fn run(args: &Board, console: &mut Console<'_>) -> miette::Result<Exi
         (Some(link), _) => on_pty(link, args, console),
         (None, Some(address)) => {
             let help = "choose another port number, or end the program that listens there";
-            let socket = Socket::listen(address).map_err(|error| miette!(help = help, "cannot listen at {address}: {error}"))?;
+            let socket =
+                Socket::listen(address).map_err(|error| miette!(help = help, "cannot listen at {address}: {error}"))?;
             let address = socket.address().map_err(|error| miette!("{address}: {error}"))?;
             serve(socket, &format!("at {address}, 115 200 baud"), args, console)
         }
