@@ -118,7 +118,7 @@ impl Board {
         late: 0,
         latest_ticks: 0,
         starved: 0,
-        fewest_groups: u16::MAX,
+        fewest_groups: 0,
         longest_round_ticks: 0,
         most_unread: 0,
         lost_bytes: 0,

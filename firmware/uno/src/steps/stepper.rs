@@ -111,7 +111,7 @@ impl Spacing {
         } else if merging {
             apart
         } else {
-            FASTEST[usize::from(beside)]
+            if beside { FASTEST[1] } else { FASTEST[0] }
         };
         let times = Times {
             limit: Moment(0),
