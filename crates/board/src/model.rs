@@ -9,9 +9,7 @@ use crate::native::QUEUE_LEN;
 use crate::{Board, Config, Edge, MotorConfig, Native, Port, PortError, Wiring};
 use pulsetrain_core::Epoch;
 use pulsetrain_core::packing::{Packing, State};
-use pulsetrain_core::wire::message::{
-    ALL_MOTORS, Cause, Configuration, Event, Info, Measures, MotorStatus, Reason, StatusHead, flags,
-};
+use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, Reason, flags};
 use pulsetrain_core::wire::{Baud, Decoder, MAX_BODY, MAX_FRAME, Machine, Millis, Refusal, Service, Stopped, Switched};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -47,6 +45,7 @@ struct Model {
     /// As the line is to be.
     baud: Baud,
     events: VecDeque<Event>,
+    measures: Measures,
     last_stop: Cause,
     was_idle: bool,
 }
@@ -70,6 +69,7 @@ impl Model {
             armed: false,
             baud: Baud::B115200,
             events: VecDeque::new(),
+            measures: Measures::default(),
             last_stop: Cause::None,
             was_idle: true,
         }
@@ -297,16 +297,19 @@ impl Machine for Model {
         configured | armed | if self.native.idle() { flags::IDLE } else { 0 }
     }
 
-    fn status(&mut self) -> StatusHead {
-        StatusHead {
-            tick: self.native.now(),
-            horizon: self.native.horizon(),
-            epoch: Board::epoch(&self.native),
-            flags: self.flags(),
-        }
+    fn horizon(&mut self) -> u64 {
+        self.native.horizon()
     }
 
-    fn motor(&mut self, motor: u8) -> MotorStatus {
+    fn epoch(&self) -> Epoch {
+        Board::epoch(&self.native)
+    }
+
+    fn position(&mut self, motor: u8) -> i32 {
+        self.native.positions().get(usize::from(motor)).map_or(0, |position| *position as i32)
+    }
+
+    fn faults(&self, motor: u8) -> u8 {
         let index = usize::from(motor);
         let faults = self.native.faults(index);
         let mut all = self.motors.get(index).map_or(0, |motor| motor.faults);
@@ -316,12 +319,15 @@ impl Machine for Model {
         if faults.setup_cut_short {
             all |= flags::SETUP_CUT_SHORT;
         }
-        let position = self.native.positions().get(index).map_or(0, |position| *position as i32);
-        MotorStatus { position, free: self.free(motor), faults: all }
+        all
     }
 
-    fn measures(&mut self) -> Measures {
-        Measures::default()
+    fn measures(&mut self) -> &mut Measures {
+        &mut self.measures
+    }
+
+    fn rate_fell_back(&mut self) {
+        self.tell(Cause::BaudFellBack, ALL_MOTORS, 0);
     }
 
     fn reset_measures(&mut self) {}

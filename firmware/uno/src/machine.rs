@@ -1,6 +1,6 @@
 //! What the [`Service`](pulsetrain_core::wire::Service) asks of a board, done on this one.
 
-use crate::clock::TICK_HZ;
+use crate::clock::{self, TICK_HZ, low_half};
 use crate::link::{self, Receiver, Unread, WINDOW};
 use crate::memory::{self, POOL};
 use crate::steps::pins::{Layout, MAX_MOTORS, Pin};
@@ -9,7 +9,7 @@ use crate::steps::stepper::{self, Trouble};
 use crate::steps::task;
 use pulsetrain_core::wire::frame::Tag;
 use pulsetrain_core::wire::message::{
-    ALL_MOTORS, Cause, Configuration, Event, Info, Measures, MotorStatus, StatusHead, flags,
+    ALL_MOTORS, Cause, Configuration, Event, Info, Measures, flags,
 };
 use pulsetrain_core::wire::{Baud, Machine, Millis, Reason, Refusal, Stopped, Switched};
 use pulsetrain_core::{Epoch, Moment};
@@ -24,14 +24,13 @@ pub(crate) struct Board {
     pull_in: [u32; MAX_MOTORS],
     /// To be set when the line is quiet; whether the last byte is on its way.
     pub(crate) baud: Option<(Baud, bool)>,
-    events: Events,
+    /// What the host has not been told yet: the oldest two, [`Cause::None`] for none; what does not fit is dropped.
+    news: [News; 2],
     /// Faults that were told, bit by motor.
     told: u8,
     was_idle: bool,
-    /// Ticks asleep, modulo 2^32: four minutes and a half.
-    asleep: u32,
-    /// When the round being made began, or the last sleep ended.
-    woken: Moment,
+    /// When the round being made began, or the last rest ended, modulo 2^16.
+    woken: u16,
     last_stop: Cause,
     last_reset: Cause,
     pub(crate) measures: Measures,
@@ -73,24 +72,18 @@ impl Power {
     }
 }
 
-/// What the host has not been told yet: the oldest few; what does not fit is dropped.
-struct Events {
-    waiting: [Option<Event>; 2],
+/// What the host is to be told.
+#[derive(Clone, Copy)]
+struct News {
+    cause: Cause,
+    motor: u8,
+    /// When; it must be told within 2^31 ticks (two minutes).
+    at: Moment,
+    detail: u32,
 }
 
-impl Events {
-    fn push(&mut self, event: Event) {
-        if let Some(place) = self.waiting.iter_mut().find(|place| place.is_none()) {
-            *place = Some(event);
-        }
-    }
-
-    fn pop(&mut self) -> Option<Event> {
-        let [first, second] = &mut self.waiting;
-        let event = first.take();
-        *first = second.take();
-        event
-    }
+impl News {
+    const NONE: News = News { cause: Cause::None, motor: 0, at: Moment(0), detail: 0 };
 }
 
 impl Board {
@@ -101,11 +94,10 @@ impl Board {
             armed: false,
             pull_in: [0; MAX_MOTORS],
             baud: None,
-            events: Events { waiting: [None; 2] },
+            news: [News::NONE; 2],
             told: 0,
             was_idle: true,
-            asleep: 0,
-            woken: Moment(0),
+            woken: 0,
             last_stop: Cause::None,
             last_reset: Cause::None,
             measures: Board::NO_MEASURES,
@@ -115,10 +107,10 @@ impl Board {
     /// Starts clock and line.
     pub(crate) fn begin(&mut self, last_reset: Cause) {
         self.last_reset = last_reset;
-        let mut shared = task::lock();
+        let mut stepper = task::lock();
         // SAFETY: main calls this once.
-        unsafe { shared.stepper.begin() };
-        shared.clock.start();
+        unsafe { stepper.begin() };
+        clock::start();
         link::start();
         task::start();
     }
@@ -134,24 +126,28 @@ impl Board {
         damaged_frames: 0,
         stack_left: 0,
         rounds: 0,
-        asleep_ticks: 0,
+        idle_ticks: 0,
     };
 
-    /// Sleeps until an interrupt comes, unless bytes wait already.
+    /// Waits until an interrupt comes, unless bytes wait already.
     #[inline(always)]
-    pub(crate) fn sleep(&mut self, receiver: &Receiver) {
-        let before = task::lock().clock.moment();
-        receiver.sleep();
-        let now = task::lock().clock.moment();
-        self.asleep = self.asleep.wrapping_add(now.since(before));
-        self.woken = now;
+    pub(crate) fn rest(&mut self, receiver: &Receiver) {
+        let before = clock::moment();
+        if self.armed && !self.was_idle {
+            receiver.watch();
+        } else {
+            receiver.sleep();
+        }
+        let after = clock::moment();
+        self.woken = low_half(after.0);
+        self.measures.idle_ticks = self.measures.idle_ticks.wrapping_add(u64::from(after.since(before)));
     }
 
     /// Counts a round of the main loop that begins now.
     #[inline(always)]
     pub(crate) fn count_round(&mut self, now: Moment) {
-        let [b0, b1, _, _] = now.since(self.woken).to_le_bytes();
-        let round = u16::from_le_bytes([b0, b1]);
+        let now = low_half(now.0);
+        let round = now.wrapping_sub(self.woken);
         if round > self.measures.longest_round_ticks {
             self.measures.longest_round_ticks = round;
         }
@@ -190,15 +186,15 @@ impl Board {
             }
             _ => {}
         }
-        let mut shared = task::lock();
-        let moment = shared.clock.moment();
+        let mut stepper = task::lock();
+        let moment = clock::moment();
         if self.armed {
-            shared.stepper.watch(moment);
-            drop(shared);
+            stepper.watch(moment);
+            drop(stepper);
             self.look_for_faults();
             self.look_at_motors();
         } else {
-            shared.stepper.rest(moment);
+            stepper.rest(moment);
         }
         if self.armed {
             let idle = self.is_idle();
@@ -213,7 +209,7 @@ impl Board {
     /// Tells each motor's faults, once.
     #[inline(never)]
     fn look_for_faults(&mut self) {
-        let trouble = task::lock().stepper.trouble();
+        let trouble = task::lock().trouble();
         if let Some(trouble) = trouble {
             match trouble {
                 Trouble::Late { ticks } => {
@@ -233,7 +229,7 @@ impl Board {
     #[inline(never)]
     fn look_at_motors(&mut self) {
         for motor in 0..self.motors() {
-            let fault = task::lock().stepper.motor_mut(motor).and_then(|motor| motor.fault());
+            let fault = task::lock().motor_mut(motor).and_then(|motor| motor.fault());
             let Some(fault) = fault else { continue };
             let cause = match fault.reason {
                 motor::Reason::Missed => Cause::StepMissed,
@@ -250,10 +246,8 @@ impl Board {
     /// The immediate stop. Bit by motor: it was faster than it can stop at once.
     #[inline(never)]
     fn stop(&mut self, cause: Cause, motor: u8, detail: u32) -> Stopped {
-        let mut shared = task::lock();
-        let uncertain = shared.stepper.stop(&self.pull_in);
-        let tick = shared.clock.now();
-        drop(shared);
+        let uncertain = task::lock().stop(&self.pull_in);
+        let tick = clock::now();
         if self.armed {
             self.armed = false;
             self.last_stop = cause;
@@ -274,35 +268,36 @@ impl Board {
         for (place, motor) in self.pull_in.iter_mut().zip(configuration.motors()) {
             *place = motor.pull_in_ticks;
         }
-        let mut shared = task::lock();
-        let now = shared.clock.moment();
-        shared.stepper.configure(layout, configuration, now);
+        task::lock().configure(layout, configuration, clock::moment());
     }
 
     #[inline(never)]
     fn tell(&mut self, cause: Cause, motor: u8, detail: u32) {
-        let tick = task::lock().clock.now();
+        let at = clock::moment();
         if cause == Cause::Finished {
             self.last_stop = cause;
         }
-        self.events.push(Event { cause, motor, tick, detail });
+        if let Some(place) = self.news.iter_mut().find(|news| news.cause == Cause::None) {
+            *place = News { cause, motor, at, detail };
+        }
     }
 
     #[inline(never)]
     fn is_idle(&self) -> bool {
-        task::lock().stepper.is_idle()
+        task::lock().is_idle()
     }
 }
 
-/// A moment within 2^31 ticks of `now`, in 64 bits.
+/// A moment within 2^31 ticks of now, in 64 bits.
 #[inline(never)]
-fn extended(now: u64, moment: Moment) -> u64 {
+fn extended(moment: Moment) -> u64 {
+    let now = clock::now();
     let ahead = moment.since(Moment::of(now)).cast_signed();
     now.wrapping_add_signed(i64::from(ahead))
 }
 
 impl Machine for Board {
-    #[inline(never)]
+    #[inline(always)]
     fn info(&mut self) -> Info {
         Info {
             nonce: 0,
@@ -343,9 +338,7 @@ impl Machine for Board {
             self.armed = true;
             self.was_idle = true;
             self.told = 0;
-            let mut shared = task::lock();
-            let now = shared.clock.moment();
-            shared.stepper.start(now);
+            task::lock().start(clock::moment());
         }
         Ok(())
     }
@@ -358,17 +351,17 @@ impl Machine for Board {
         let last_stop = self.last_stop;
         self.stop(Cause::None, ALL_MOTORS, 0);
         self.last_stop = last_stop;
-        self.events = Events { waiting: [None; 2] };
+        self.news = [News::NONE; 2];
         self.power.set(false);
         Ok(())
     }
 
     fn motors(&self) -> u8 {
-        task::lock().stepper.count()
+        task::lock().count()
     }
 
     fn free(&self, motor: u8) -> u16 {
-        task::lock().stepper.motors().get(usize::from(motor)).map_or(0, |motor| motor.room())
+        task::lock().motors().get(usize::from(motor)).map_or(0, |motor| motor.room())
     }
 
     #[inline(never)]
@@ -379,22 +372,22 @@ impl Machine for Board {
         let detail = u16::from(motor);
         let full = Refusal { reason: Reason::Full, detail };
         let len = packed.len() as u16;
-        let shared = task::lock();
-        let Some(axis) = shared.stepper.motors().get(usize::from(motor)) else {
+        let stepper = task::lock();
+        let Some(axis) = stepper.motors().get(usize::from(motor)) else {
             return Err(Refusal { reason: Reason::NoSuchMotor, detail });
         };
         let room = axis.push(epoch, len).ok_or(full)?;
-        drop(shared);
+        drop(stepper);
         // The task may go on meanwhile: it takes from the other end.
         room.write(packed);
-        if let Some(axis) = task::lock().stepper.motor_mut(motor) {
+        if let Some(axis) = task::lock().motor_mut(motor) {
             axis.pushed(epoch, len);
         }
         Ok(())
     }
 
     fn discard(&mut self, epoch: Epoch) {
-        task::lock().stepper.discard(epoch);
+        task::lock().discard(epoch);
     }
 
     #[inline(never)]
@@ -402,21 +395,20 @@ impl Machine for Board {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
-        let mut shared = task::lock();
-        let now = shared.clock.now();
-        let limit = now + SWITCH_AHEAD;
-        let horizon = extended(now, shared.stepper.horizon());
+        let mut stepper = task::lock();
+        let limit = clock::now() + SWITCH_AHEAD;
+        let horizon = extended(stepper.horizon());
         let switched = if tick < horizon {
             Switched::Late { horizon }
         } else if tick >= limit {
             Switched::Early { limit }
-        } else if shared.stepper.switch(epoch, Moment::of(tick)) {
+        } else if stepper.switch(epoch, Moment::of(tick)) {
             Switched::Accepted
         } else {
             Switched::Full
         };
         if switched != Switched::Accepted {
-            shared.stepper.discard(epoch);
+            stepper.discard(epoch);
         }
         Ok(switched)
     }
@@ -425,8 +417,9 @@ impl Machine for Board {
         self.stop(Cause::StopNow, ALL_MOTORS, 0)
     }
 
+    #[inline(always)]
     fn clock(&mut self) -> u64 {
-        task::lock().clock.now()
+        clock::now()
     }
 
     fn flags(&self) -> u8 {
@@ -444,39 +437,37 @@ impl Machine for Board {
     }
 
     #[inline(never)]
-    fn status(&mut self) -> StatusHead {
-        let flags = self.flags();
-        let mut shared = task::lock();
-        let tick = shared.clock.now();
-        let horizon = extended(tick, shared.stepper.horizon());
-        StatusHead { tick, horizon, epoch: shared.stepper.epoch(), flags }
+    fn horizon(&mut self) -> u64 {
+        let horizon = task::lock().horizon();
+        extended(horizon)
     }
 
-    fn motor(&mut self, motor: u8) -> MotorStatus {
-        let mut shared = task::lock();
-        let unplayed = shared.stepper.unplayed(motor);
-        let Some(motor) = shared.stepper.motor_mut(motor) else { return MotorStatus::default() };
-        MotorStatus {
-            position: motor.position.wrapping_sub(i32::from(unplayed)),
-            free: motor.room(),
-            faults: stepper::faults(motor),
-        }
+    fn epoch(&self) -> Epoch {
+        task::lock().epoch()
     }
 
     #[inline(never)]
-    fn measures(&mut self) -> Measures {
-        Measures {
-            fewest_groups: task::lock().stepper.least_ahead(),
-            stack_left: memory::stack_left(),
-            asleep_ticks: u64::from(self.asleep),
-            ..self.measures
-        }
+    fn position(&mut self, motor: u8) -> i32 {
+        let stepper = task::lock();
+        let unplayed = stepper.unplayed(motor);
+        let motor = stepper.motors().get(usize::from(motor));
+        motor.map_or(0, |motor| motor.position.wrapping_sub(i32::from(unplayed)))
+    }
+
+    fn faults(&self, motor: u8) -> u8 {
+        task::lock().motors().get(usize::from(motor)).map_or(0, stepper::faults)
+    }
+
+    #[inline(never)]
+    fn measures(&mut self) -> &mut Measures {
+        self.measures.fewest_groups = task::lock().least_ahead();
+        self.measures.stack_left = memory::stack_left();
+        &mut self.measures
     }
 
     fn reset_measures(&mut self) {
         self.measures = Board::NO_MEASURES;
-        task::lock().stepper.reset_measures();
-        self.asleep = 0;
+        task::lock().reset_measures();
     }
 
     fn can_baud(&self, _: Baud) -> bool {
@@ -487,6 +478,10 @@ impl Machine for Board {
         self.baud = Some((baud, false));
     }
 
+    fn rate_fell_back(&mut self) {
+        self.tell(Cause::BaudFellBack, ALL_MOTORS, 0);
+    }
+
     fn host_gone(&mut self, lost: bool) {
         if lost && self.armed && !self.is_idle() {
             self.last_stop = Cause::HostLost;
@@ -495,6 +490,11 @@ impl Machine for Board {
 
     #[inline(never)]
     fn event(&mut self) -> Option<Event> {
-        self.events.pop()
+        let [News { cause, motor, at, detail }, second] = self.news;
+        if cause == Cause::None {
+            return None;
+        }
+        self.news = [second, News::NONE];
+        Some(Event { cause, motor, tick: extended(at), detail })
     }
 }

@@ -92,7 +92,7 @@ fn run(board: &mut Board, service: &mut Service, receiver: &mut Receiver, reply:
     regs::enable_interrupts();
     loop {
         regs::kick_watchdog();
-        let now = steps::task::lock().clock.moment();
+        let now = clock::moment();
         board.count_round(now);
         let now = millis(now);
         let next = now != last;
@@ -106,7 +106,7 @@ fn run(board: &mut Board, service: &mut Service, receiver: &mut Receiver, reply:
             last = now;
             board.housekeeping(now, receiver);
         } else if !heard && reply.sent == reply.len {
-            board.sleep(receiver);
+            board.rest(receiver);
         }
     }
 }

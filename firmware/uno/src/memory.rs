@@ -14,7 +14,7 @@ use crate::regs;
 use core::arch::global_asm;
 
 /// Bytes of all motors' queues together.
-pub(crate) const POOL: usize = 200;
+pub(crate) const POOL: usize = 300;
 
 /// The memory of all motors' queues.
 static mut QUEUES: [u8; POOL] = [0; POOL];

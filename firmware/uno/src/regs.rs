@@ -97,6 +97,9 @@ pub(crate) const TIFR1: Reg8 = Reg8(0x36);
 pub(crate) const GPIOR0: Reg8 = Reg8(0x3e);
 /// §8.6.1: the EEPROM is not used; its address register is free storage.
 pub(crate) const EEARL: Reg8 = Reg8(0x41);
+/// §15.9.4-5: Timer0 is not used; its compare registers hold how far the [rings](crate::steps::ring) were played.
+pub(crate) const OCR0A: Reg8 = Reg8(0x47);
+pub(crate) const OCR0B: Reg8 = Reg8(0x48);
 /// §10.11.1: sleep mode and enable.
 pub(crate) const SMCR: Reg8 = Reg8(0x53);
 /// §11.9.1: why the chip was reset.

@@ -153,11 +153,9 @@ impl<'a> Encoder<'a> {
     }
 
     /// Eight bytes of the body.
-    #[inline(never)]
+    #[inline(always)]
     pub fn u64(&mut self, value: u64) {
-        let [a, b, c, d, e, f, g, h] = value.to_le_bytes();
-        self.u32(u32::from_le_bytes([a, b, c, d]));
-        self.u32(u32::from_le_bytes([e, f, g, h]));
+        self.bytes(&value.to_le_bytes());
     }
 
     /// Ends the frame and gives its length; `None` when the body is empty or longer than [`MAX_BODY`], or `out` too short.

@@ -5,12 +5,11 @@
 //! [`IDLE`] when all that may be planned is planned. It runs with its own interrupt off, so that it does not nest; and not inside
 //! the receive interrupt, which would then lose bytes: it comes back a little later.
 //!
-//! What it works on, clock and stepper, belongs to whoever holds the [`Guard`]: main takes it with [`lock`], which keeps the
-//! task out as long as it lives. Rings last for a while: no guard may be held for longer than about 1500 cycles while motors
-//! move.
+//! What it works on, the [`Stepper`], belongs to whoever holds the [`Guard`]: main takes it with [`lock`], which keeps the task
+//! out as long as it lives. Rings last for a while: no guard may be held for longer than about 1500 cycles while motors move.
 
 use super::stepper::{Filled, Stepper};
-use crate::clock::Clock;
+use crate::clock;
 use crate::regs;
 use core::arch::global_asm;
 use core::cell::UnsafeCell;
@@ -23,51 +22,58 @@ const SOON: u8 = 16;
 /// When all is planned that may be: 16 320 cycles, a quarter of what Timer1 counts.
 const IDLE: u8 = 255;
 
-/// What the task and main share.
-pub(crate) struct Shared {
-    pub(crate) clock: Clock,
-    pub(crate) stepper: Stepper,
-}
-
-struct Place(UnsafeCell<Shared>);
+struct Place(UnsafeCell<Stepper>);
 
 // SAFETY: main uses it under a guard, the task while there is none.
 unsafe impl Sync for Place {}
 
-static SHARED: Place = Place(UnsafeCell::new(Shared { clock: Clock::new(), stepper: Stepper::new() }));
+static STEPPER: Place = Place(UnsafeCell::new(Stepper::new()));
 
-/// Keeps the task out.
-pub(crate) struct Guard;
-
-/// Keeps the task out as long as the guard lives. There must not be two at once.
-#[inline(always)]
-pub(crate) fn lock() -> Guard {
-    regs::TIMSK2.write(0);
-    Guard
+/// Keeps the task out as long as it lives.
+pub(crate) struct Out {
+    /// The mask register as it was: the task may be out already.
+    before: u8,
 }
 
-impl Drop for Guard {
+/// Keeps the task out.
+#[inline(always)]
+pub(crate) fn keep_out() -> Out {
+    let before = regs::TIMSK2.read();
+    regs::TIMSK2.write(0);
+    Out { before }
+}
+
+impl Drop for Out {
     #[inline(always)]
     fn drop(&mut self) {
-        regs::TIMSK2.write(1 << 1);
+        regs::TIMSK2.write(self.before);
     }
 }
 
+/// The stepper, as main's alone.
+pub(crate) struct Guard(#[expect(dead_code, reason = "kept as long as the guard lives")] Out);
+
+/// Takes the stepper. Main must not hold two guards at once.
+#[inline(always)]
+pub(crate) fn lock() -> Guard {
+    Guard(keep_out())
+}
+
 impl Deref for Guard {
-    type Target = Shared;
+    type Target = Stepper;
 
     #[inline(always)]
-    fn deref(&self) -> &Shared {
+    fn deref(&self) -> &Stepper {
         // SAFETY: the task is out, and main has one guard at a time.
-        unsafe { &*SHARED.0.get() }
+        unsafe { &*STEPPER.0.get() }
     }
 }
 
 impl DerefMut for Guard {
     #[inline(always)]
-    fn deref_mut(&mut self) -> &mut Shared {
+    fn deref_mut(&mut self) -> &mut Stepper {
         // SAFETY: as `deref`.
-        unsafe { &mut *SHARED.0.get() }
+        unsafe { &mut *STEPPER.0.get() }
     }
 }
 
@@ -127,9 +133,8 @@ steps_task:                             // 4 response + 3 jump           7
 #[unsafe(no_mangle)]
 extern "C" fn steps_refill() {
     // SAFETY: a guard would have kept this out.
-    let Shared { clock, stepper } = unsafe { &mut *SHARED.0.get() };
-    let now = clock.moment();
-    let counts = match stepper.refill(now) {
+    let stepper = unsafe { &mut *STEPPER.0.get() };
+    let counts = match stepper.refill(clock::moment()) {
         Filled::Dry => IDLE,
         Filled::Full => SOON,
         Filled::Some => BUSY,
