@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::lab::{Lab, Timing, Uno, uno};
+use common::lab::{EXACT, Lab, SOFTWARE, Timing, Uno, uno};
 use common::{Random, TICK_HZ, uno_setup};
 use pulsetrain_board::{Board, Faults, Setup, SwitchRefused};
 use pulsetrain_core::wire::message::Cause;
@@ -14,11 +14,6 @@ struct Pins {
     pins: &'static [(u8, u8)],
     timing: Timing,
 }
-
-/// Software pins: an interrupt that is kept waiting is late, and steps of two motors that are close share one.
-const SOFTWARE: Timing = Timing { constant: 18, early: 60, late: 60 };
-/// The compare hardware's.
-const EXACT: Timing = Timing { constant: 1, early: 0, late: 0 };
 
 /// Every way to wire an Uno.
 const ALL: [Pins; 10] = [

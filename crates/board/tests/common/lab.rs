@@ -54,6 +54,11 @@ pub(crate) struct Timing {
     pub(crate) late: i64,
 }
 
+/// Software pins: an interrupt that is kept waiting is late, and steps of two motors that are close share one.
+pub(crate) const SOFTWARE: Timing = Timing { constant: 17, early: 60, late: 60 };
+/// The compare hardware's.
+pub(crate) const EXACT: Timing = Timing { constant: 1, early: 0, late: 0 };
+
 /// One pulse as the pins show it.
 #[derive(Clone, Copy, Debug)]
 struct Pulse {
