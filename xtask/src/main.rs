@@ -40,13 +40,15 @@ const AFTER_HELP: &str = "Examples:
   cargo xtask test                 what a contributor runs before sending a change
   cargo xtask ci                   what .ci/run runs
   cargo xtask bench uno --hour     an hour on the virtual Uno
-  cargo xtask fuzz --seconds 600   longer than CI does";
+  cargo xtask fuzz --seconds 600   longer than CI does
+  cargo xtask firmware --check     whether the committed image is what the source builds";
 
 #[derive(Subcommand)]
 enum Task {
     /// All tests, core built for the boards' processors, S-curves against ruckig
     Test,
-    /// `test`, and: format, lints, documentation, fuzzing for a moment, more property-test cases, the README's first command
+    /// `test`, and: format, lints, documentation, the firmware's images built anew and compared, fuzzing for a moment, more
+    /// property-test cases, the README's first command
     Ci,
     /// Give random and damaged input to everything that reads some
     Fuzz {
@@ -63,6 +65,9 @@ enum Task {
     Firmware {
         /// Which board; all, if none is said
         board: Option<Firmware>,
+        /// Write nothing: fail when a committed image is not what the source builds
+        #[arg(long)]
+        check: bool,
     },
     /// Measure every figure, print it, and write docs/benchmarks.md
     Bench {
@@ -89,7 +94,8 @@ fn main() -> ExitCode {
         Task::Ci => ci::run(),
         Task::Fuzz { seconds, target } => fuzz::run(seconds, target.as_deref()),
         Task::CrossCheck => cross_check::run(),
-        Task::Firmware { board: None | Some(Firmware::Uno) } => firmware::uno(),
+        Task::Firmware { board: None | Some(Firmware::Uno), check: false } => firmware::uno(),
+        Task::Firmware { board: None | Some(Firmware::Uno), check: true } => firmware::check_uno(),
         Task::Bench { board: None, .. } => bench::run(),
         Task::Bench { board: Some(Firmware::Uno), hour: false } => bench::uno::run(),
         Task::Bench { board: Some(Firmware::Uno), hour: true } => bench::uno::hour(),

@@ -724,6 +724,10 @@ impl<P: Port> Board for Remote<P> {
             setup_cut_short: faults & flags::SETUP_CUT_SHORT != 0,
         }
     }
+
+    fn lost(&self) -> Option<&RemoteError> {
+        self.error()
+    }
 }
 
 impl<P: Port> Remote<P> {

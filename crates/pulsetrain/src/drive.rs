@@ -24,7 +24,7 @@ use crate::session::{Session, SessionError};
 pub enum DriveError {
     /// The session could not begin or go on.
     #[error(transparent)]
-    Session(#[from] SessionError),
+    Session(SessionError),
     /// The native board cannot be wired so.
     #[error("the native board cannot run this motion: {0}")]
     Config(#[from] ConfigError),
@@ -39,6 +39,15 @@ pub enum DriveError {
         /// Whose.
         motor: String,
     },
+}
+
+impl From<SessionError> for DriveError {
+    fn from(error: SessionError) -> DriveError {
+        match error {
+            SessionError::Lost(error) => DriveError::Remote(error),
+            error => DriveError::Session(error),
+        }
+    }
 }
 
 /// A prepared motion on a board, just before its laws begin.
@@ -200,6 +209,9 @@ impl<'a, B: Board> Driven<'a, B> {
             progress(self.session.board().now());
         }
         let report = self.session.run(&mut since, progress);
+        if let Some(error) = self.session.board().lost() {
+            return Err(error.clone().into());
+        }
         let counts = report.counted.iter().zip(&report.replayed).zip(&report.faults);
         for (motor, ((counted, replayed), faults)) in self.program.motors.iter().zip(counts) {
             if counted != replayed || *faults != Faults::default() {

@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::{drive_problem, info, plan, port_problem};
 use crate::cli::Run;
 use crate::console::{self, Console, Exit, access};
-use crate::drive::{DriveError, Driven, Ended};
+use crate::drive::{Driven, Ended};
 use crate::human::{self, Table};
 use crate::interrupt;
 use crate::prepare::{Planned, Prepared};
@@ -79,8 +79,6 @@ pub(crate) fn run(
     let ended = driven.run_until(&mut scheduled, |seconds| bar.set(seconds), interrupt::wanted);
     drop(bar);
     let board = driven.board_mut();
-    // Why the line is lost says more than that the next part could not be sent.
-    let ended = ended.map_err(|error| board.error().cloned().map_or(error, DriveError::Remote));
     let Ended { counted, stopped } = ended.map_err(drive_problem)?;
     let Scheduled { writer, error } = scheduled;
     error.map_or_else(|| writer.finish(), Err).map_err(|error| access("write", &path, error))?;

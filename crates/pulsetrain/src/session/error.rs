@@ -1,6 +1,6 @@
 //! Why a session cannot go on as it should.
 
-use pulsetrain_board::SwitchRefused;
+use pulsetrain_board::{RemoteError, SwitchRefused};
 use pulsetrain_motion::LawError;
 use pulsetrain_plan::Refused;
 
@@ -31,7 +31,10 @@ pub enum SessionError {
     },
     /// The board did not accept what comes next: it was sent too late.
     #[error("the motion could not go on, so the motors stop as planned: {0}")]
-    Switch(#[from] SwitchRefused),
+    Switch(SwitchRefused),
+    /// Nothing can be said to the board any more.
+    #[error("the motion could not go on, so the motors stop as planned: {0}")]
+    Lost(RemoteError),
     /// The shortest part of the plan and its stop do not fit the board's queue.
     #[error("motor {motor}: the next steps and a stop take {needed} of the board's queue, which has room for {room}")]
     QueueTooShort {
