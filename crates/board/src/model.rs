@@ -41,6 +41,8 @@ const BRIDGE: u64 = TICK_HZ as u64 / 1000;
 /// What is not the line's: motors, queues, clock.
 #[derive(Debug)]
 struct Model {
+    /// Bytes of all queues together, and of what may wait to be read.
+    memory: [u16; 2],
     native: Native,
     motors: Vec<Motor>,
     /// For one that is sent again.
@@ -64,8 +66,9 @@ struct Motor {
 }
 
 impl Model {
-    fn new() -> Model {
+    fn new(memory: [u16; 2]) -> Model {
         Model {
+            memory,
             native: bare(),
             motors: Vec::new(),
             armed: false,
@@ -137,8 +140,8 @@ impl Machine for Model {
             tick_hz: TICK_HZ,
             fraction_bits: FRACTION_BITS as u8,
             max_motors: MOTORS,
-            pool: POOL,
-            window: UNREAD,
+            pool: self.memory[0],
+            window: self.memory[1],
             bauds: 0b1_1111,
             last_stop: self.last_stop,
             last_reset: Cause::PowerOn,
@@ -179,7 +182,7 @@ impl Machine for Model {
                 epoch: None,
                 state: State::default(),
                 sizes: VecDeque::new(),
-                capacity: usize::from(POOL) / count,
+                capacity: usize::from(self.memory[0]) / count,
                 faults: 0,
             })
             .collect();
@@ -371,8 +374,14 @@ impl ModelPort {
     /// A model that nobody has taken, at tick 0.
     #[must_use]
     pub fn new() -> ModelPort {
+        ModelPort::with_memory(POOL, UNREAD)
+    }
+
+    /// The same with queues of `pool` bytes in all, and so many bytes that may wait to be read.
+    #[must_use]
+    pub fn with_memory(pool: u16, unread: u16) -> ModelPort {
         ModelPort {
-            model: Model::new(),
+            model: Model::new([pool, unread]),
             service: Service::new(),
             now: 0,
             baud: Baud::B115200,
@@ -404,7 +413,7 @@ impl ModelPort {
 
     /// Its reset line, as when a port is opened: what it knew is gone, motors stand where they are.
     pub fn reset(&mut self) {
-        self.model = Model::new();
+        self.model = Model::new(self.model.memory);
         self.service = Service::new();
         self.to_host.clear();
     }
