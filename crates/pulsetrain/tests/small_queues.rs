@@ -65,6 +65,9 @@ impl Board for Watched {
     fn lead(&self) -> u64 {
         self.board.lead()
     }
+    fn shortest_lead(&self) -> u64 {
+        self.board.shortest_lead()
+    }
     fn switches(&self) -> usize {
         self.board.switches()
     }
@@ -132,6 +135,9 @@ struct Figures {
     /// Before the tick of a switch: the least, s.
     slack_s: f64,
     bytes_per_s: f64,
+    /// Of the plan of motor 0.
+    steps_per_segment: f64,
+    bytes_per_step: f64,
 }
 
 /// Streams for `seconds`, or to the end, through `queue` bytes a motor at 1 Mbaud.
@@ -167,6 +173,7 @@ fn stream(program: &Program, queue: u16, seconds: f64) -> Figures {
     let report = session.run(&mut observer, |_| {});
     assert_eq!(report.counted, report.replayed);
     assert!(report.faults.iter().all(|faults| *faults == Faults::default()), "{:?}", report.faults);
+    let certificate = session.certificate(0);
     let slack = &session.board().slack;
     let seconds = ran.min(report.last_step - report.zero) as f64 / TICK_HZ as f64;
     Figures {
@@ -176,6 +183,8 @@ fn stream(program: &Program, queue: u16, seconds: f64) -> Figures {
         refused: refused.or(report.failure),
         slack_s: slack.iter().min().copied().unwrap_or(0) as f64 / TICK_HZ as f64,
         bytes_per_s: bytes as f64 / seconds,
+        steps_per_segment: certificate.steps as f64 / certificate.segments as f64,
+        bytes_per_step: certificate.bytes as f64 / certificate.steps as f64,
     }
 }
 
@@ -186,14 +195,14 @@ fn tutorial(seconds: f64, cycles: u64) -> Program {
 }
 
 /// Motors at about `rate` steps/s that always change their speed, each in its own time.
-fn changing(motors: u8, rate: f64) -> Program {
+fn changing(motors: u8, rate: f64, omega: f64) -> Program {
     let law = |index: u8| {
-        let (swing, omega) = (0.05 * rate, 40.0 + 7.0 * f64::from(index));
+        let (swing, omega) = (0.05 * rate, omega + 7.0 * f64::from(index));
         // From rest to its speed within some 0.1 s; then up and down by a twentieth.
         let text = format!("{}*(t - (1 - exp(-20*t))/20) + {}*(1 - cos({omega}*t))", 0.95 * rate, swing / omega);
         Law::formula(&text, &[], 1.0, None).unwrap()
     };
-    program((0..motors).map(law).collect(), 25.0 * rate)
+    program((0..motors).map(law).collect(), (20.0 + 0.06 * omega) * rate)
 }
 
 /// `cargo test -p pulsetrain --test small_queues --release -- --ignored --nocapture` prints them.
@@ -204,19 +213,21 @@ fn figures() {
         ("tutorial, T = 1 s", tutorial(1.0, 2), 800, 3.0),
         ("tutorial, T = 0.8 s", tutorial(0.8, 2), 800, 3.0),
         ("tutorial, T = 0.1 s", tutorial(0.1, 10), 800, 3.0),
-        ("2 at 80 k", changing(2, 80e3), 280, 1.0),
-        ("3 at 38 k", changing(3, 38e3), 190, 1.0),
-        ("4 at 28 k", changing(4, 28e3), 140, 1.0),
+        ("2 at 80 k", changing(2, 80e3, 800.0), 280, 1.0),
+        ("3 at 38 k", changing(3, 38e3, 400.0), 190, 1.0),
+        ("4 at 28 k", changing(4, 28e3, 300.0), 140, 1.0),
     ];
     for (what, program, queue, seconds) in all {
         let figures = stream(&program, queue, seconds);
-        let Figures { seconds, steps, switches, refused, slack_s, bytes_per_s } = figures;
+        let Figures { seconds, steps, switches, refused, slack_s, bytes_per_s, .. } = &figures;
         println!(
-            "{what}, {queue} bytes a motor: {:.0} steps/s, {:.1} switches/s, least slack {:.1} ms, {:.0} bytes/s, {refused:?}",
-            steps as f64 / seconds,
-            switches as f64 / seconds,
+            "{what}, {queue} bytes a motor: {:.0} steps/s, {:.1} switches/s, least slack {:.1} ms, {:.0} bytes/s; {:.0} steps a segment, {:.3} bytes a step; {refused:?}",
+            *steps as f64 / seconds,
+            *switches as f64 / seconds,
             slack_s * 1e3,
             bytes_per_s,
+            figures.steps_per_segment,
+            figures.bytes_per_step,
         );
     }
 }
