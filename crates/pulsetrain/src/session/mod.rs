@@ -22,7 +22,7 @@ mod timeline;
 
 pub use error::SessionError;
 
-use chunk::{Chunk, RESERVE, Taken};
+use chunk::{Chunk, Taken, spare};
 use pace::Pace;
 use pulsetrain_board::{Board, Faults, Observer};
 use pulsetrain_core::Epoch;
@@ -46,6 +46,8 @@ pub struct Session<'a, B> {
     taken: Vec<Vec<Taken>>,
     /// When its tail begins: what comes after has not been sent yet.
     tail: u64,
+    /// How long the newest epoch is without its tail; 0 before the first.
+    length: u64,
     /// Beginnings of the epochs that may not have begun yet.
     waiting: VecDeque<u64>,
     /// The next epoch, as far as it is not in the queue yet.
@@ -91,7 +93,7 @@ impl<'a, B: Board> Session<'a, B> {
         if !board.is_idle() {
             return Err(SessionError::Busy);
         }
-        let pace = Pace::of(program, board.lead());
+        let pace = Pace::of(program, board.lead(), board.shortest_lead());
         let zero = board.now() + pace.tick_hz.div_ceil(1000) + 4 * pace.lead + pace.link;
         let counts = board.positions();
         let motors = program.motors.len();
@@ -109,6 +111,7 @@ impl<'a, B: Board> Session<'a, B> {
             begins: board.now(),
             taken: vec![Vec::new(); motors],
             tail: zero,
+            length: 0,
             waiting: VecDeque::new(),
             pending: None,
             complete: false,
@@ -139,7 +142,7 @@ impl<'a, B: Board> Session<'a, B> {
                 None if self.may_wait() => return Ok(()),
                 None => self.next_chunk()?,
             };
-            if !self.push(&mut chunk, RESERVE) {
+            if !self.push(&mut chunk, spare) {
                 self.pending = Some(chunk);
                 return Ok(());
             }
@@ -213,7 +216,7 @@ impl<'a, B: Board> Session<'a, B> {
     /// When `at` is too early or too late, or the new plan is refused; the old one goes on.
     pub fn change(&mut self, at: u64, program: &'a Program) -> Result<(), SessionError> {
         let (motors, old) = (program.motors.len(), self.timelines.len());
-        if motors != old || Pace::of(program, self.pace.link).is_unlike(&self.pace) {
+        if motors != old || Pace::of(program, self.pace.link, self.pace.hurry).is_unlike(&self.pace) {
             return Err(SessionError::Motors { program: motors, board: old });
         }
         let earliest = self.earliest();
@@ -348,7 +351,7 @@ impl<'a, B: Board> Session<'a, B> {
             // bit by bit, as room is made.
             Some(chunk) => {
                 let deadline = self.deadline(chunk.from);
-                let soon = if self.pace.link > 0 { deadline.min(now + self.pace.link) } else { deadline };
+                let soon = if self.pace.link > 0 { deadline.min(now + self.pace.look()) } else { deadline };
                 soon.max(now + self.pace.lead)
             }
             None if self.complete => u64::MAX,
