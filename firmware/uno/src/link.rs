@@ -17,7 +17,6 @@ mod receive;
 pub(crate) use receive::{LONGEST_BODY, Receiver, Unread};
 
 use crate::regs;
-use crate::steps::register;
 use core::arch::global_asm;
 use pulsetrain_core::wire::Baud;
 
@@ -28,14 +27,15 @@ pub(crate) const WINDOW: u16 = PAGE as u16 - 1;
 pub(crate) const PAGE: u8 = 128;
 
 /// UCSR0B (§20.11.3): receiver and transmitter on; bit 7 is the receive interrupt.
-const ON: u8 = 0x18;
-const ON_WITH_INTERRUPT: u8 = ON | 0x80;
+pub(crate) const ON: u8 = 0x18;
+pub(crate) const ON_WITH_INTERRUPT: u8 = ON | 0x80;
 
-// USART_RX: included where the vector is (start.rs), which saves the jump. No flag is touched before the registers are back;
-// r24 is kept in TCNT0, the counter of a timer that stands still.
-global_asm!(
-    r#"
-    .macro receive_interrupt            // 4 response                    4
+/// USART_RX, put where the vector is (vectors.rs), which saves the jump. No flag is touched before the registers are back; r24 is
+/// kept in TCNT0, the counter of a timer that stands still.
+macro_rules! receive_interrupt {
+    () => {
+        r#"
+    // 4 response                       //                              4
     out {SAVE24}, r24                   // 1                             5
     ldi r24, {ON}                       // 1                             6
     sts {UCSR0B}, r24                   // 2                             8
@@ -81,24 +81,19 @@ global_asm!(
     out {SREG}, r24
     ldi r30, 0
     rjmp 2b
-    .endm
+    "#
+    };
+}
 
+pub(crate) use receive_interrupt;
+
+global_asm!(
+    r#"
     .section .bss.receive_interrupt, "aw", @nobits
     .global receive_lap, receive_lost
 receive_lap: .skip 1
 receive_lost: .skip 1
-    "#,
-    SAVE24 = const register::TCNT0,
-    HEAD = const register::EEARL,
-    SREG = const register::SREG,
-    ON = const ON,
-    ON_WITH_INTERRUPT = const ON_WITH_INTERRUPT,
-    PAGE = const PAGE,
-    PAGE_BIT = const PAGE.trailing_zeros(),
-    UCSR0A = const 0xc0,
-    UCSR0B = const 0xc1,
-    UDR0 = const 0xc6,
-    OVERRUN = const 3,
+    "#
 );
 
 /// Opens the line at 115 200 baud.

@@ -81,15 +81,30 @@ pub(crate) fn start() {
     regs::TIMSK2.write(1 << 1);
 }
 
+/// Timer2's interrupt mask (DS40002061B §18.11.6).
+pub(crate) const TIMSK2: u8 = 0x70;
+
+/// Its beginning, put where the vector is (vectors.rs).
+macro_rules! task_interrupt {
+    () => {
+        r#"
+    // 4 response                       //                              4
+    push r24                            // 2                             6
+    ldi r24, 0                          // 1                             7
+    sts {TIMSK2}, r24                   // 2                             9
+    sei                                 // 1                            10
+    rjmp steps_task                     // 2: others are let in behind it, after 12
+    "#
+    };
+}
+
+pub(crate) use task_interrupt;
+
 global_asm!(
     r#"
     .section .text.steps_task, "ax", @progbits
     .global steps_task
-steps_task:                             // 4 response + 3 jump           7
-    push r24                            // 2                             9
-    ldi r24, 0                          // 1                            10
-    sts {TIMSK2}, r24                   // 2                            12
-    sei                                 // 1: others are let in behind the next, after 15
+steps_task:
     push r25
     in r25, {SREG}
     push r25
@@ -112,14 +127,14 @@ steps_task:                             // 4 response + 3 jump           7
 2:  pop r25
     out {SREG}, r25
     pop r25
+    // With others let in: the next call is a thousand cycles away.
     ldi r24, 1 << 1
-    cli                                 //                               1
-    sts {TIMSK2}, r24                   //                               3
-    pop r24                             //                               5
-    reti                                //                               9
+    sts {TIMSK2}, r24
+    pop r24
+    ret
     "#,
     SREG = const super::register::SREG,
-    TIMSK2 = const 0x70,
+    TIMSK2 = const TIMSK2,
     TCNT2 = const 0xb2,
     OCR2A = const 0xb3,
     UCSR0B = const 0xc1,
