@@ -148,7 +148,7 @@ fn prepared(period_s: f64) -> miette::Result<Prepared> {
         winding: None,
     };
     let program = Program { board, grid: Grid::REACH, tolerance: Tolerance::Seconds(1e-6), motors: vec![motor] };
-    Ok(Prepared { file: format!("a sinusoid of {period_s} s"), program, cut_at: None })
+    Ok(Prepared { file: format!("a sinusoid of {period_s} s"), program, cut_at: None, pause: None })
 }
 
 fn measure<P: Port>(prepared: &Prepared, period_s: f64, port: P, baud: Baud) -> Result<Row, DriveError> {
