@@ -4,6 +4,8 @@ fn main() {
     let folder = std::env::var("CARGO_MANIFEST_DIR").unwrap_or_default();
     println!("cargo::rerun-if-changed=memory.ld");
     println!("cargo::rustc-link-arg-bins={folder}/memory.ld");
+    // Vectors and start-up are src/start.rs.
+    println!("cargo::rustc-link-arg-bins=-nostartfiles");
     // Calls and jumps in two bytes where they reach.
     println!("cargo::rustc-link-arg-bins=-Wl,--relax");
     // RAM begins with two pages and a half of their own: see src/memory.rs.

@@ -39,6 +39,7 @@ struct Arguments {
 const AFTER_HELP: &str = "Examples:
   cargo xtask test                 what a contributor runs before sending a change
   cargo xtask ci                   what .ci/run runs
+  cargo xtask bench uno --hour     an hour on the virtual Uno
   cargo xtask fuzz --seconds 600   longer than CI does
   cargo xtask firmware --check     whether the committed image is what the source builds";
 
@@ -69,7 +70,13 @@ enum Task {
         check: bool,
     },
     /// Measure every figure, print it, and write docs/benchmarks.md
-    Bench,
+    Bench {
+        /// Only those of this board's firmware, in emulated cycles: a section of the report
+        board: Option<Firmware>,
+        /// Of the Uno: the simulated hour of four motors on one DIR line, a section of its own
+        #[arg(long, requires = "board")]
+        hour: bool,
+    },
     /// Write the golden files anew; read the difference before you commit it
     Golden,
 }
@@ -89,7 +96,9 @@ fn main() -> ExitCode {
         Task::CrossCheck => cross_check::run(),
         Task::Firmware { board: None | Some(Firmware::Uno), check: false } => firmware::uno(),
         Task::Firmware { board: None | Some(Firmware::Uno), check: true } => firmware::check_uno(),
-        Task::Bench => bench::run(),
+        Task::Bench { board: None, .. } => bench::run(),
+        Task::Bench { board: Some(Firmware::Uno), hour: false } => bench::uno::run(),
+        Task::Bench { board: Some(Firmware::Uno), hour: true } => bench::uno::hour(),
         Task::Golden => golden::run(),
     };
     match done {

@@ -57,6 +57,11 @@ impl Packer {
         Ok(len + item_len)
     }
 
+    /// What comes next is predicted from.
+    pub(crate) const fn state(&self) -> State {
+        self.state
+    }
+
     fn check(&self) -> Check {
         let tick = pulsetrain_core::Moment::of(self.accumulator >> 16);
         Check { position: self.moved, tick, fraction: self.accumulator as u16 }

@@ -1,5 +1,8 @@
 //! The firmware's expansion, in assembly, against the recurrence: random registers, on the emulated chip.
 
+mod common;
+
+use common::Random;
 use pulsetrain_core::narrow::Registers;
 use pulsetrain_emulator::{Atmega328p, hex};
 
@@ -12,18 +15,6 @@ const REGISTERS: u16 = 0x500;
 const TICKS: u16 = 0x600;
 const STACK: u16 = 0x8f0;
 const RETURN: u16 = 0x3ff0;
-
-/// A small generator of random numbers: xorshift64*.
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        self.0.wrapping_mul(0x2545_f491_4f6c_dd1d)
-    }
-}
 
 fn bytes_of(registers: &Registers) -> Vec<u8> {
     let mut bytes = registers.fraction.to_le_bytes().to_vec();
@@ -71,7 +62,7 @@ fn expansion_is_the_recurrence() {
     assert_eq!(entries.len(), 2, "one for rings, one for lists");
 
     let mut chip = Atmega328p::new(&image).unwrap();
-    let mut random = Random(0x9e37_79b9_7f4a_7c15);
+    let mut random = Random::new(1);
     let mut lawful = [0; 2];
     for round in 0..4000 {
         let n = 1 + (random.next() % 31) as u8;

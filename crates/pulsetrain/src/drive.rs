@@ -82,7 +82,8 @@ impl<'a> Driven<'a, Uno> {
     /// # Errors
     /// As [`Driven::native`], and when the firmware refuses the configuration.
     pub fn virtual_uno(prepared: &'a Prepared, baud: Baud) -> Result<Driven<'a, Uno>, DriveError> {
-        Driven::uno(prepared, VirtualUno::new(), baud)
+        // One that was made just now has known nobody: the same session each time, to the cycle.
+        Driven::with(prepared, |program| connect_as(VirtualUno::new(), program, baud, 1))
     }
 }
 
@@ -92,8 +93,15 @@ impl<'a, P: Port> Driven<'a, Shadowed<Remote<P>>> {
     /// # Errors
     /// As [`Driven::native`], and when nobody answers or the firmware refuses the configuration.
     pub fn uno(prepared: &'a Prepared, port: P, baud: Baud) -> Result<Driven<'a, Shadowed<Remote<P>>>, DriveError> {
+        Driven::with(prepared, |program| connect(port, program, baud))
+    }
+
+    fn with(
+        prepared: &'a Prepared,
+        connect: impl FnOnce(&Program) -> Result<Remote<P>, RemoteError>,
+    ) -> Result<Driven<'a, Shadowed<Remote<P>>>, DriveError> {
         let program = &prepared.program;
-        let remote = connect(port, program, baud)?;
+        let remote = connect(program)?;
         let lines = lines::of(program);
         let place = |pin: u8| place_of(&lines, pin);
         let places = (0..=UNO_LAST_PIN).map(place).collect();
@@ -115,7 +123,12 @@ const UNO_LAST_PIN: u8 = 19;
 /// # Errors
 /// When nobody answers, or the board refuses.
 pub fn connect<P: Port>(port: P, program: &Program, baud: Baud) -> Result<Remote<P>, RemoteError> {
-    let mut remote = Remote::open(port, session_number())?;
+    connect_as(port, program, baud, session_number())
+}
+
+/// The same with a session's number.
+fn connect_as<P: Port>(port: P, program: &Program, baud: Baud, number: u32) -> Result<Remote<P>, RemoteError> {
+    let mut remote = Remote::open(port, number)?;
     if baud != remote.link().baud() {
         remote.set_baud(baud)?;
     }

@@ -1,16 +1,18 @@
 //! Sessions over the link: to a model board, by a line that has faults.
 
+#[path = "../../board/tests/common/mod.rs"]
+mod common;
+
+use common::{TICK_HZ, model_setup};
 use pulsetrain::session::{Session, SessionError};
 use pulsetrain_board::faulty::{Faulty, Rates};
 use pulsetrain_board::model::ModelPort;
-use pulsetrain_board::{Board, Edge, Port, Remote, RemoteError, Setup};
-use pulsetrain_core::wire::message::MotorSetup;
+use pulsetrain_board::{Board, Edge, Port, Remote, RemoteError};
 use pulsetrain_core::wire::{Baud, Reason};
 use pulsetrain_motion::program::{self, DriverTiming, Limits, Motor, Program, Scale, Tolerance};
 use pulsetrain_motion::{Grid, Law, Time};
 use std::time::Duration;
 
-const TICK_HZ: u64 = 16_000_000;
 const TIMING: DriverTiming =
     DriverTiming { pulse_high_ns: 1000, pulse_low_ns: 1000, dir_setup_ns: 500, dir_hold_ns: 500 };
 
@@ -43,24 +45,13 @@ fn two_sines() -> Program {
     Program { board, grid: Grid::NEAREST, tolerance: Tolerance::Ticks(1.0), motors }
 }
 
-fn setup(motors: u8) -> Setup {
-    let motor = |index| MotorSetup {
-        step_pin: index,
-        dir_pin: 16 + index,
-        forward_high: true,
-        pull_in_ticks: 160_000,
-        ..MotorSetup::default()
-    };
-    Setup { pulse_ticks: 16, setup_ticks: 8, motors: (0..motors).map(motor).collect(), ..Setup::default() }
-}
-
 type Line = Faulty<ModelPort>;
 
 /// A model that is ready to move.
 fn connect(baud: Baud, seed: u64) -> Remote<Line> {
     let mut remote = Remote::open(Faulty::new(ModelPort::new(), seed), 7).unwrap();
     assert_eq!(remote.set_baud(baud), Ok(baud));
-    remote.configure(&setup(2)).unwrap();
+    remote.configure(&model_setup(2)).unwrap();
     remote
 }
 

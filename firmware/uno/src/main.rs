@@ -6,6 +6,7 @@
 //! - [`steps`]: from events to edges on the pins
 //! - [`link`]: the serial line
 //! - [`clock`]: Timer1, extended to 64 bits
+//! - [`start`]: the interrupt vectors, and what comes before main
 //! - [`reset`]: the watchdog, and why the program began
 //! - [`memory`]: what the 2048 bytes of RAM are for
 //! - [`regs`]: registers
@@ -33,17 +34,19 @@ mod machine;
 mod memory;
 mod regs;
 mod reset;
+mod start;
 mod steps;
 
 use core::panic::PanicInfo;
-use link::Link;
+use link::Receiver;
 use machine::Board;
-use memory::{Once, Queues};
+use memory::Once;
 use pulsetrain_core::Moment;
-use pulsetrain_core::wire::{Millis, Service};
+use pulsetrain_core::wire::frame::Received;
+use pulsetrain_core::wire::{MAX_BODY, Millis, Service};
 
 /// Bytes that one round of the main loop takes from the line at most.
-const BYTES_A_ROUND: u8 = 16;
+const BYTES_A_ROUND: u8 = 32;
 /// Room for the longest reply: Status of four motors.
 const REPLY_LEN: usize = 64;
 
@@ -55,8 +58,8 @@ struct Reply {
 }
 
 static BOARD: Once<Board> = Once::new(Board::new());
-static SERVICE: Once<Service> = Once::new(Service::new());
-static QUEUES: Once<Queues> = Once::new(Queues::new());
+static SERVICE: Once<Service> = Once::new(Service::new(MAX_BODY));
+static RECEIVER: Once<Receiver> = Once::new(Receiver::new());
 static REPLY: Once<Reply> = Once::new(Reply { bytes: [0; REPLY_LEN], len: 0, sent: 0 });
 
 #[unsafe(no_mangle)]
@@ -66,7 +69,7 @@ extern "C" fn main() -> ! {
     // compiler knows the addresses.
     unsafe {
         begin();
-        run(BOARD.take(), SERVICE.take(), REPLY.take())
+        run(BOARD.take(), SERVICE.take(), RECEIVER.take(), REPLY.take())
     }
 }
 
@@ -77,34 +80,33 @@ extern "C" fn main() -> ! {
 #[inline(never)]
 unsafe fn begin() {
     // SAFETY: the caller's promise; the references end here.
-    let (board, queues) = unsafe { (BOARD.take(), QUEUES.take()) };
-    board.begin(queues, reset::begin());
+    let board = unsafe { BOARD.take() };
+    board.begin(reset::begin());
 }
 
 /// The main loop. What it calls is not inlined: so the deepest call decides how much stack is needed, not their sum.
-fn run(board: &mut Board, service: &mut Service, reply: &mut Reply) -> ! {
+fn run(board: &mut Board, service: &mut Service, receiver: &mut Receiver, reply: &mut Reply) -> ! {
     let mut last = Millis(0);
     // Idle mode: timer and line go on (§10.3).
     regs::SMCR.write(1);
     regs::enable_interrupts();
     loop {
         regs::kick_watchdog();
-        let now = board.clock.moment();
+        let now = clock::moment();
         board.count_round(now);
-        let rest = board.work(now);
         let now = millis(now);
         let next = now != last;
-        let heard = listen(board, service, now);
+        let heard = listen(board, service, receiver, now);
         if reply.sent < reply.len {
-            reply.go_on(&mut board.link);
+            reply.go_on();
         } else if (heard || next || reply.len != 0) && board.baud.is_none() {
             speak(board, service, reply, now);
         }
         if next {
             last = now;
-            board.housekeeping(now);
-        } else if rest && !heard && reply.sent == reply.len {
-            board.sleep();
+            board.housekeeping(now, receiver);
+        } else if !heard && reply.sent == reply.len {
+            board.rest(receiver);
         }
     }
 }
@@ -112,23 +114,36 @@ fn run(board: &mut Board, service: &mut Service, reply: &mut Reply) -> ! {
 impl Reply {
     /// Sends its next byte, if the line takes it.
     #[inline(always)]
-    fn go_on(&mut self, link: &mut Link) {
-        if link.can_send()
+    fn go_on(&mut self) {
+        if link::can_send()
             && let Some(byte) = self.bytes.get(usize::from(self.sent))
         {
-            link.send(*byte);
+            link::send(*byte);
             self.sent += 1;
         }
     }
 }
 
 /// Takes bytes from the line, up to the end of a frame; whether it came to one.
+#[inline(always)]
+fn listen(board: &mut Board, service: &mut Service, receiver: &mut Receiver, now: Millis) -> bool {
+    let unread = receiver.unread();
+    board.note(&unread);
+    if unread.bytes == 0 {
+        return false;
+    }
+    let received = receiver.take(unread.bytes.min(BYTES_A_ROUND));
+    if received == Received::More {
+        return false;
+    }
+    hear(board, service, received, receiver.body(), now);
+    true
+}
+
+/// Does what a frame asks.
 #[inline(never)]
-fn listen(board: &mut Board, service: &mut Service, now: Millis) -> bool {
-    let bytes = board.link.unread(BYTES_A_ROUND);
-    let (taken, ended) = service.feed(bytes, now, board);
-    board.link.read(taken as u8);
-    ended
+fn hear(board: &mut Board, service: &mut Service, received: Received, body: &[u8], now: Millis) {
+    service.receive(received, body, now, board);
 }
 
 /// Asks the service for a reply.

@@ -12,13 +12,39 @@
 
 use crate::regs;
 use core::arch::global_asm;
-use pulsetrain_core::narrow::Pool;
 
 /// Bytes of all motors' queues together.
-pub(crate) const POOL: usize = 248;
+pub(crate) const POOL: usize = 300;
 
 /// The memory of all motors' queues.
-pub(crate) type Queues = Pool<POOL>;
+static mut QUEUES: [u8; POOL] = [0; POOL];
+
+/// First and last + 1 address of the queue of motor `index` of `motors`.
+#[inline(never)]
+pub(crate) fn queue(motors: u8, index: u8) -> (u16, u16) {
+    // Divided here, not on the chip.
+    let each = match motors {
+        1 => POOL,
+        2 => POOL / 2,
+        3 => POOL / 3,
+        _ => POOL / 4,
+    } as u16;
+    let start = (&raw const QUEUES).addr() as u16 + each * u16::from(index);
+    (start, start + each)
+}
+
+/// Writes `bytes` into the queue between `start` and `end`, from `at` on.
+#[inline(never)]
+pub(crate) fn fill_queue(mut at: u16, start: u16, end: u16, bytes: &[u8]) {
+    for byte in bytes {
+        // SAFETY: `at` is inside what `queue` gave, of which no reference exists; the assembly reads it at other times.
+        unsafe { core::ptr::with_exposed_provenance_mut::<u8>(usize::from(at)).write_volatile(*byte) };
+        at += 1;
+        if at == end {
+            at = start;
+        }
+    }
+}
 
 /// What the stack is filled with at start-up, to see later how far it came.
 pub(crate) const PAINT: u8 = 0xc5;
@@ -26,7 +52,6 @@ pub(crate) const PAINT: u8 = 0xc5;
 unsafe extern "C" {
     /// The first byte after everything that is not stack: the linker's.
     static mut _end: u8;
-    static receive_page: [u8; 128];
     static mut reset_note: u16;
     #[link_name = "end_of_program"]
     safe fn stop_and_reset() -> !;
@@ -35,15 +60,6 @@ unsafe extern "C" {
 /// See [`reset::end`](crate::reset::end).
 pub(crate) fn end_of_program() -> ! {
     stop_and_reset()
-}
-
-/// `len` bytes of the receive page, from `at` on: those between tail and head.
-#[inline(always)]
-pub(crate) fn received(at: u8, len: u8) -> &'static [u8] {
-    let first = (&raw const receive_page).cast::<u8>();
-    // SAFETY: inside the page: `at` is below its length, and the caller keeps to its end. The interrupt wrote them before it
-    // moved its head beyond them, and writes there no more until the tail is beyond them too.
-    unsafe { core::slice::from_raw_parts(first.add(usize::from(at)), usize::from(len)) }
 }
 
 /// What the reset note said, and what it says from now on.

@@ -97,6 +97,9 @@ pub(crate) const TIFR1: Reg8 = Reg8(0x36);
 pub(crate) const GPIOR0: Reg8 = Reg8(0x3e);
 /// §8.6.1: the EEPROM is not used; its address register is free storage.
 pub(crate) const EEARL: Reg8 = Reg8(0x41);
+/// §15.9.4-5: Timer0 is not used; its compare registers hold how far the [rings](crate::steps::ring) were played.
+pub(crate) const OCR0A: Reg8 = Reg8(0x47);
+pub(crate) const OCR0B: Reg8 = Reg8(0x48);
 /// §10.11.1: sleep mode and enable.
 pub(crate) const SMCR: Reg8 = Reg8(0x53);
 /// §11.9.1: why the chip was reset.
@@ -107,22 +110,24 @@ pub(crate) const SP: Reg16 = Reg16(0x5d);
 pub(crate) const SREG: Reg8 = Reg8(0x5f);
 /// §11.9.2.
 pub(crate) const WDTCSR: Reg8 = Reg8(0x60);
-/// §10.11.3: clocks of what is not used can be switched off.
-pub(crate) const PRR: Reg8 = Reg8(0x64);
 /// §16.11.8.
 pub(crate) const TIMSK1: Reg8 = Reg8(0x6f);
 /// §16.11.1.
 pub(crate) const TCCR1A: Reg8 = Reg8(0x80);
 /// §16.11.2.
 pub(crate) const TCCR1B: Reg8 = Reg8(0x81);
-/// §16.11.3: forced compares.
-pub(crate) const TCCR1C: Reg8 = Reg8(0x82);
 /// §16.11.4.
 pub(crate) const TCNT1: Reg16 = Reg16(0x84);
 /// §16.11.5.
 pub(crate) const OCR1A: Reg16 = Reg16(0x88);
 /// §16.11.6.
 pub(crate) const OCR1B: Reg16 = Reg16(0x8a);
+/// §18.11: Timer2.
+pub(crate) const TIMSK2: Reg8 = Reg8(0x70);
+pub(crate) const TCCR2A: Reg8 = Reg8(0xb0);
+pub(crate) const TCCR2B: Reg8 = Reg8(0xb1);
+pub(crate) const TCNT2: Reg8 = Reg8(0xb2);
+pub(crate) const OCR2A: Reg8 = Reg8(0xb3);
 /// §20.11: USART0.
 pub(crate) const UCSR0A: Reg8 = Reg8(0xc0);
 pub(crate) const UCSR0B: Reg8 = Reg8(0xc1);
@@ -193,12 +198,25 @@ pub(crate) fn disable_interrupts() {
     unsafe { asm!("cli") };
 }
 
-/// Sleeps until an interrupt has run, if `SMCR` allows it; interrupts are off when it is called, on when it returns.
+/// Sleeps until an interrupt has run, if [`EEARL`] is `head` and `SMCR` allows it. Interrupts are on afterwards; they are off for
+/// 5 cycles, and the sleep itself is one more before any comes in (§7.7): so none can slip in between.
 #[inline(always)]
-pub(crate) fn sleep() {
-    // SAFETY: as `enable_interrupts`. The instruction after `sei` runs before any interrupt (§7.7), so none can slip in
-    // between the caller's look at things and the sleep.
-    unsafe { asm!("sei", "sleep") };
+pub(crate) fn sleep_while_head_is(head: u8) {
+    // SAFETY: as `enable_interrupts`.
+    unsafe {
+        asm!(
+            "cli",
+            "in {now}, {EEARL}",
+            "cpse {now}, {head}",
+            "rjmp 1f",
+            "sei",
+            "sleep",
+            "1: sei",
+            now = out(reg) _,
+            head = in(reg) head,
+            EEARL = const crate::steps::register::EEARL,
+        );
+    }
 }
 
 /// Restarts the watchdog's time.

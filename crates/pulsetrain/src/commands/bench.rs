@@ -161,7 +161,7 @@ fn measure<P: Port>(prepared: &Prepared, period_s: f64, port: P, baud: Baud) -> 
     let board = driven.board_mut();
     let span = (board.now() - began) as f64;
     let said: Measures = board.measures(false)?;
-    let awake = (span - said.asleep_ticks as f64).max(0.0);
+    let awake = (span - said.idle_ticks as f64).max(0.0);
     Ok(Row {
         period_s,
         peak_steps_per_s: std::f64::consts::TAU * AMPLITUDE_STEPS / period_s,

@@ -67,6 +67,13 @@ impl<B: Board> Session<'_, B> {
     pub(super) fn chunk(&mut self, from: u64, until: u64, is_last: bool) -> Result<Chunk, SessionError> {
         let motors = self.timelines.len();
         let mut steps: Vec<Vec<Placed>> = (0..motors).map(|motor| self.source.steps_before(motor, until)).collect();
+        let mut items: Vec<Items> = (0..motors)
+            .map(|motor| {
+                let mut items = Items::new(from, self.pace.fraction_bits, self.board.sizer(motor));
+                steps[motor].iter().for_each(|placed| items.add(placed));
+                items
+            })
+            .collect();
         if !is_last {
             let standing: Vec<Standing> = (0..motors)
                 .map(|motor| {
@@ -75,22 +82,16 @@ impl<B: Board> Session<'_, B> {
                     Standing {
                         count: timeline.count_before(until).unwrap_or(0),
                         last_step: timeline.last_before(until),
+                        told: items[motor].told(until),
                     }
                 })
                 .collect();
-            for (steps, tail) in steps.iter_mut().zip(self.source.tails(until, &standing)?) {
+            for ((steps, items), tail) in steps.iter_mut().zip(&mut items).zip(self.source.tails(until, &standing)?) {
+                tail.iter().for_each(|placed| items.add(placed));
                 steps.extend(tail);
             }
         }
-        let unsent: Vec<VecDeque<Timed>> = steps
-            .iter()
-            .enumerate()
-            .map(|(motor, steps)| {
-                let mut items = Items::new(from, self.pace.fraction_bits, self.board.sizer(motor));
-                steps.iter().for_each(|placed| items.add(placed));
-                items.finish().into()
-            })
-            .collect();
+        let unsent: Vec<VecDeque<Timed>> = items.into_iter().map(|items| items.finish().into()).collect();
         let taken = unsent.iter().map(|items| items.iter().map(|timed| (timed.taken, timed.size)).collect()).collect();
         Ok(Chunk { from, until, is_last, steps, taken, unsent })
     }

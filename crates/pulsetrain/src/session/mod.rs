@@ -380,7 +380,7 @@ impl<'a, B: Board> Session<'a, B> {
 
     fn standing(&self, motor: usize, tick: u64) -> Standing {
         let timeline = &self.timelines[motor];
-        Standing { count: timeline.count_before(tick).unwrap_or(0), last_step: timeline.last_before(tick) }
+        Standing { count: timeline.count_before(tick).unwrap_or(0), last_step: timeline.last_before(tick), told: None }
     }
 
     /// Takes back what was pushed of an epoch that is not to come.

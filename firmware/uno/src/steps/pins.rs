@@ -93,9 +93,11 @@ pub(crate) struct Lines {
 }
 
 impl Lines {
+    /// None.
+    pub(crate) const NONE: Lines = Lines { step: 0, dir: 0, flags: 0, step_pin: 0, dir_pin: 0 };
+
     const FORWARD_HIGH: u8 = 1;
     const STEP_LOW: u8 = 2;
-    const SHARED_DIR: u8 = 4;
 
     /// Forward is DIR high.
     #[inline(always)]
@@ -107,12 +109,6 @@ impl Lines {
     #[inline(always)]
     pub(crate) const fn step_low(self) -> bool {
         self.flags & Lines::STEP_LOW != 0
-    }
-
-    /// Another motor has the same DIR line.
-    #[inline(always)]
-    pub(crate) const fn shared_dir(self) -> bool {
-        self.flags & Lines::SHARED_DIR != 0
     }
 
     /// Both lines as outputs at rest: STEP inactive, DIR low.
@@ -190,6 +186,11 @@ impl Layout {
         Ok(Layout { kind, shared, enable })
     }
 
+    /// Whether motors share a DIR line.
+    pub(crate) fn is_shared(&self) -> bool {
+        self.shared != 0
+    }
+
     /// The lines of `motor`, which is one of those that were checked.
     #[inline(never)]
     pub(crate) fn lines(&self, motor: &MotorSetup) -> Lines {
@@ -206,9 +207,6 @@ impl Layout {
         }
         if step_low {
             flags |= Lines::STEP_LOW;
-        }
-        if self.shared & bit(dir_pin) != 0 {
-            flags |= Lines::SHARED_DIR;
         }
         Lines { step, dir, flags, step_pin, dir_pin }
     }

@@ -20,6 +20,8 @@ addresses! {
     EEARL = 0x21;
     /// EEPROM address, high byte: two bits (1024 bytes of EEPROM); free storage.
     EEARH = 0x22;
+    /// Timer 0's counter, which stands still; free storage.
+    TCNT0 = 0x26;
     /// Timer 0's compare A; free storage.
     OCR0A = 0x27;
     /// Timer 0's compare B; free storage.

@@ -353,19 +353,29 @@ impl Group {
     pub(crate) const NOTHING: Group = Group { rise: 0, fall: 0 };
 }
 
-/// Main's end of a ring.
+/// The end of a ring where groups are put in; [`fill`](super::fill) knows the layout.
 #[derive(Debug)]
+#[repr(C)]
 pub(crate) struct Ring {
     /// The page it lies in: the high byte of its addresses.
-    page: u8,
+    pub(super) page: u8,
     /// The END bit, which also says which of the two it is.
     end: u8,
     /// With the compare hardware the bit that stands for STEP; else 0.
     edge: u8,
     /// Low byte of the address of the pending group.
-    head: u8,
+    pub(super) head: u8,
     /// What the pending group does.
-    pending: Group,
+    pub(super) pending: Group,
+    /// Its first byte once a step follows it.
+    pub(super) before_step: u8,
+    /// The first byte of a step's group that is followed by another, and that of the last one.
+    pub(super) step_first: u8,
+    pub(super) step_last: u8,
+    /// The last byte of a step's group.
+    pub(super) step_fall: u8,
+    /// Data address of the tail.
+    pub(super) tail_at: u8,
 }
 
 /// Pages of rings A and B, as memory.ld asserts.
@@ -378,7 +388,23 @@ impl Ring {
             Name::A => (PAGES[0], END_A),
             Name::B => (PAGES[1], END_B),
         };
-        Ring { page, end, edge: 0, head: 0, pending: Group::NOTHING }
+        let tail_at = 0x20
+            + match name {
+                Name::A => register::OCR0A,
+                Name::B => register::OCR0B,
+            };
+        Ring {
+            page,
+            end,
+            edge: 0,
+            head: 0,
+            pending: Group::NOTHING,
+            before_step: 0,
+            step_first: 0,
+            step_last: 0,
+            step_fall: 0,
+            tail_at,
+        }
     }
 
     /// A ring whose STEP edges the compare hardware makes on pin 9 (A) or 10 (B).
@@ -481,6 +507,7 @@ impl Ring {
     pub(crate) fn clear(&mut self) {
         self.head = 0;
         self.pending = Group::NOTHING;
+        self.prepare();
         // SAFETY: the interrupt of this ring is off (the caller's promise), so main is alone with page and tail.
         unsafe {
             self.group(0).write_volatile(self.end);
@@ -516,26 +543,20 @@ impl Ring {
         }
         self.head = next;
         self.pending = group;
+        self.prepare();
     }
 
-    /// Expands the next `n` steps of `registers` into the ring, each of which toggles `step`; with the compare
-    /// hardware `step` has its edge in both.
-    ///
-    /// # Safety
-    /// 1 ≤ `n` ≤ [`Ring::free`], and what [`super::expand`] says of `n` and the interval.
+    /// Every step of its one motor is `step`, from now on; [`fill`](super::fill) needs to know.
     #[inline(never)]
-    pub(crate) unsafe fn expand(&mut self, registers: &mut Registers, n: u8, step: Group) {
-        let first = self.group(self.head);
-        let rise = self.played(step, step);
-        let published = self.played(self.pending, step);
-        // SAFETY: the caller's promise. Published groups only reach up to the pending one.
-        unsafe {
-            let last = super::expand::into_ring(registers, first, n, rise, self.last(step));
-            self.group(last).write_volatile(self.waiting(step));
-            first.write_volatile(published);
-            self.head = last;
-        }
-        self.pending = step;
+    pub(crate) fn serve(&mut self, step: Group) {
+        self.step_first = self.played(step, step);
+        self.step_last = self.waiting(step);
+        self.step_fall = self.last(step);
+    }
+
+    /// Works out what [`fill`](super::fill) publishes of the pending group.
+    fn prepare(&mut self) {
+        self.before_step = self.played(self.pending, Group { rise: self.edge, fall: self.edge });
     }
 
     /// Adds to what the pending group toggles; not an edge of the compare hardware, which needs a group of its own.
@@ -543,6 +564,7 @@ impl Ring {
     pub(crate) fn amend(&mut self, group: Group) {
         self.pending.rise ^= group.rise;
         self.pending.fall ^= group.fall;
+        self.prepare();
         // SAFETY: the interrupt does not read the pending group beyond its END.
         unsafe { self.group(self.head.wrapping_add(3)).write_volatile(self.last(self.pending)) };
     }
