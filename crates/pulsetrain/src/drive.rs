@@ -31,6 +31,18 @@ pub enum DriveError {
     /// The board at the other end of the line.
     #[error(transparent)]
     Remote(#[from] RemoteError),
+    /// The shortest part of the plan and its stop do not fit the board's queue.
+    #[error(
+        "motor {motor}: the next steps and a stop take {needed} bytes of the board's queue, which has room for {room}"
+    )]
+    QueueTooShort {
+        /// Whose.
+        motor: String,
+        /// Bytes of the packed plan, or items of the native board.
+        needed: usize,
+        /// In the same unit.
+        room: usize,
+    },
     /// The board dropped steps: a fault of the planner or the board, not of the motion.
     #[error("motor {motor} missed steps on the board `{board}`; please report this motion file")]
     Missed {
@@ -41,10 +53,15 @@ pub enum DriveError {
     },
 }
 
-impl From<SessionError> for DriveError {
-    fn from(error: SessionError) -> DriveError {
+impl DriveError {
+    /// With the motor's name, and without what is only a session's view of it.
+    fn of(program: &Program, error: SessionError) -> DriveError {
         match error {
             SessionError::Lost(error) => DriveError::Remote(error),
+            SessionError::QueueTooShort { motor, needed, room } => {
+                let motor = program.motors.get(motor).map_or_else(String::new, |motor| motor.name.clone());
+                DriveError::QueueTooShort { motor, needed, room }
+            }
             error => DriveError::Session(error),
         }
     }
@@ -172,14 +189,15 @@ impl<'a, B: Board> Driven<'a, B> {
         mut lines: Vec<Line>,
         places: Vec<Option<u8>>,
     ) -> Result<Driven<'a, B>, DriveError> {
-        let mut session = Session::new(board, program)?;
+        let of = |error| DriveError::of(program, error);
+        let mut session = Session::new(board, program).map_err(of)?;
         // A first step soon after the start has its DIR set before: in a trace that is where the line begins.
         let mut level = |edge: Edge| {
             if let Some(Some(place)) = places.get(usize::from(edge.line)) {
                 lines[usize::from(*place)].initial = edge.level;
             }
         };
-        session.advance(session.zero() - 1, &mut level)?;
+        session.advance(session.zero() - 1, &mut level).map_err(of)?;
         Ok(Driven { session, program, lines, places })
     }
 
@@ -212,7 +230,7 @@ impl<'a, B: Board> Driven<'a, B> {
             match wish() {
                 Wish::Stop if !stopped => {
                     stopped = !self.session.is_complete();
-                    self.session.stop()?;
+                    self.session.stop().map_err(|error| DriveError::of(self.program, error))?;
                 }
                 Wish::StopNow => {
                     let stop = self.session.board_mut().stop_now(now, &mut since);
@@ -228,7 +246,7 @@ impl<'a, B: Board> Driven<'a, B> {
             if let Err(failure) = self.session.advance(last.map_or(soon, |last| soon.min(last)), &mut since) {
                 // The motors come to rest with the tail that the board has: that is waited for.
                 self.session.run(&mut since, progress);
-                return Err(failure.into());
+                return Err(DriveError::of(self.program, failure));
             }
             progress(self.session.board().now());
         }

@@ -71,7 +71,9 @@ pub(crate) fn run(args: &Bench, console: &mut Console<'_>) -> miette::Result<Exi
         };
         match measured {
             Ok(row) => rows.push(row),
-            Err(DriveError::Session(error)) => refused.push(format!("{}: {error}", prepared.file)),
+            Err(error @ (DriveError::Session(_) | DriveError::QueueTooShort { .. })) => {
+                refused.push(format!("{}: {error}", prepared.file));
+            }
             Err(error) => return Err(drive_problem(error)),
         }
     }

@@ -46,7 +46,10 @@ pub(crate) fn drive_problem(error: DriveError) -> Report {
         DriveError::Session(SessionError::Switch(SwitchRefused::Late { .. })) => {
             "the next part came too late: a faster line (--baud), a computer that does less meanwhile, a slower motion"
         }
-        DriveError::Session(SessionError::QueueTooShort { .. }) => {
+        DriveError::Remote(RemoteError::Stopped { .. }) => {
+            "the motors came to rest as planned, or where they were; `pulsetrain info` tells how the board fared"
+        }
+        DriveError::QueueTooShort { .. } => {
             "the motion needs more bytes than the board has: fewer motors, a wider tolerance, or a slower motion"
         }
         _ => return Report::new(error),

@@ -3,12 +3,13 @@
 use std::path::Path;
 
 use miette::miette;
+use pulsetrain_board::remote::in_words;
 use pulsetrain_board::{Observer, ScheduledStep, Serial};
 use pulsetrain_core::Direction;
 use pulsetrain_trace::steps;
 use serde::Serialize;
 
-use super::{drive_problem, info, plan, port_problem};
+use super::{drive_problem, plan, port_problem};
 use crate::cli::Run;
 use crate::console::{self, Console, Exit, access};
 use crate::drive::{Driven, Ended, Wish};
@@ -109,7 +110,7 @@ pub(crate) fn run(
         most_unread_bytes: measures.most_unread,
         lost_bytes: measures.lost_bytes,
         damaged_frames: measures.damaged_frames,
-        events: events.iter().map(|event| info::cause(event.cause).to_owned()).collect(),
+        events: events.iter().map(|event| in_words(event.cause).to_owned()).collect(),
         frames_repeated: board.link().counts().repeated,
     };
     let report =
