@@ -82,6 +82,14 @@ pub enum PortError {
         /// The port.
         name: String,
     },
+    /// It is there, but nothing that could be opened as a port.
+    #[error("{name} cannot be opened as a serial port: {why}")]
+    Unusable {
+        /// As it was asked for.
+        name: String,
+        /// What the system says.
+        why: String,
+    },
     /// It was there, and is no more.
     #[error("{name} is gone: {why}")]
     Gone {
