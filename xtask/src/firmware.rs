@@ -5,7 +5,7 @@
 
 use crate::command::{self, Done, Failure, command, install_debian, output, root, run, target_dir};
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::Command;
 
 /// Flash that is the firmware's: 32 KiB less the Uno's bootloader (optiboot, 512 bytes).
@@ -18,33 +18,24 @@ const IMAGE: &str = "crates/board/images/uno.hex";
 
 /// Builds the Uno's firmware, prints what it takes and writes crates/board/images/uno.hex.
 pub(crate) fn uno() -> Done {
-    let elf = build_uno()?;
+    let (built, table) = built_uno()?;
+    print!("{table}");
     let image = root().join(IMAGE);
-    if let Some(folder) = image.parent() {
-        fs::create_dir_all(folder).map_err(|why| Failure::File { path: folder.to_path_buf(), why })?;
-    }
-    write_image(&elf, &image)?;
-    print!("{}", measure(&elf)?);
-    Ok(())
-}
-
-/// Builds the firmware, and gives what the committed image takes.
-///
-/// # Errors
-/// When what was built is not what is committed.
-pub(crate) fn measure_uno() -> Done<String> {
-    let elf = build_uno()?;
-    let fresh = elf.with_extension("hex");
-    write_image(&elf, &fresh)?;
-    let read = |path: &Path| fs::read_to_string(path).map_err(|why| Failure::File { path: path.to_path_buf(), why });
-    same(&read(&root().join(IMAGE))?, &read(&fresh)?)?;
-    measure(&elf)
+    let copied = image.parent().map_or(Ok(()), fs::create_dir_all).and_then(|()| fs::copy(built, &image));
+    copied.map(drop).map_err(|why| Failure::File { path: image, why })
 }
 
 /// Builds the Uno's firmware, and fails when the committed image is another one.
 pub(crate) fn check_uno() -> Done {
-    print!("{}", measure_uno()?);
-    Ok(())
+    measure_uno().map(|table| print!("{table}"))
+}
+
+/// The same, and gives what the committed image takes, as text.
+pub(crate) fn measure_uno() -> Done<String> {
+    let (built, table) = built_uno()?;
+    let read = |path: PathBuf| fs::read_to_string(&path).map_err(|why| Failure::File { path, why });
+    same(&read(root().join(IMAGE))?, &read(built)?)?;
+    Ok(table)
 }
 
 fn same(committed: &str, built: &str) -> Done {
@@ -63,17 +54,8 @@ fn same(committed: &str, built: &str) -> Done {
     )))
 }
 
-/// What an image takes, as text.
-fn measure(elf: &Path) -> Done<String> {
-    table(&output(command("avr-size").arg("-A").arg(elf))?)
-}
-
-fn write_image(elf: &Path, to: &Path) -> Done {
-    run(command("avr-objcopy").args(["-O", "ihex", "-R", ".eeprom"]).arg(elf).arg(to))
-}
-
-/// Builds it; gives the ELF file.
-fn build_uno() -> Done<PathBuf> {
+/// Builds the Uno's firmware under `target/`. Gives the image's place, and what it takes, as text.
+fn built_uno() -> Done<(PathBuf, String)> {
     if command::run(command("avr-gcc").arg("--version")).is_err() {
         // libgcc and the start-up code come with them.
         install_debian("gcc-avr")?;
@@ -90,7 +72,11 @@ fn build_uno() -> Done<PathBuf> {
         .env_remove("CARGO_TARGET_AVR_NONE_RUSTFLAGS")
         .env_remove("CARGO_BUILD_TARGET")
         .env_remove("CARGO_BUILD_RUSTFLAGS"))?;
-    Ok(built.join("avr-none/release/uno.elf"))
+    let elf = built.join("avr-none/release/uno.elf");
+    let sections = output(command("avr-size").arg("-A").arg(&elf))?;
+    let image = built.join("uno.hex");
+    run(command("avr-objcopy").args(["-O", "ihex", "-R", ".eeprom"]).arg(&elf).arg(&image))?;
+    Ok((image, table(&sections)?))
 }
 
 /// A cargo that can build core for AVR, for which no compiled one exists: the pinned toolchain with its sources, which

@@ -14,7 +14,7 @@
 
 mod receive;
 
-pub(crate) use receive::{Receiver, Unread};
+pub(crate) use receive::{LONGEST_BODY, Receiver, Unread};
 
 use crate::regs;
 use crate::steps::register;

@@ -107,9 +107,8 @@ impl Board {
     /// Starts clock and line.
     pub(crate) fn begin(&mut self, last_reset: Cause) {
         self.last_reset = last_reset;
-        let mut stepper = task::lock();
         // SAFETY: main calls this once.
-        unsafe { stepper.begin() };
+        unsafe { task::lock().begin() };
         clock::start();
         link::start();
         task::start();
@@ -132,15 +131,15 @@ impl Board {
     /// Waits until an interrupt comes, unless bytes wait already.
     #[inline(always)]
     pub(crate) fn rest(&mut self, receiver: &Receiver) {
-        let before = clock::moment();
-        if self.armed && !self.was_idle {
-            receiver.watch();
+        let idle = if self.armed && !self.was_idle {
+            u32::from(receiver.watch())
         } else {
+            let before = clock::moment();
             receiver.sleep();
-        }
-        let after = clock::moment();
-        self.woken = low_half(after.0);
-        self.measures.idle_ticks = self.measures.idle_ticks.wrapping_add(u64::from(after.since(before)));
+            clock::moment().since(before)
+        };
+        self.measures.idle_ticks = self.measures.idle_ticks.wrapping_add(u64::from(idle));
+        self.woken = low_half(clock::moment().0);
     }
 
     /// Counts a round of the main loop that begins now.

@@ -38,29 +38,24 @@ mod start;
 mod steps;
 
 use core::panic::PanicInfo;
-use link::Receiver;
+use link::{LONGEST_BODY, Receiver};
 use machine::Board;
-use memory::Once;
+use memory::{Once, REPLY_LEN};
 use pulsetrain_core::Moment;
 use pulsetrain_core::wire::frame::Received;
-use pulsetrain_core::wire::{MAX_BODY, Millis, Service};
+use pulsetrain_core::wire::{Millis, Service};
 
 /// Bytes that one round of the main loop takes from the line at most.
 const BYTES_A_ROUND: u8 = 32;
-/// Room for the longest reply: Status of four motors.
-const REPLY_LEN: usize = 64;
-
 /// A reply on its way to the line.
 struct Reply {
-    bytes: [u8; REPLY_LEN],
+    bytes: &'static mut [u8; REPLY_LEN],
     len: u8,
     sent: u8,
 }
 
 static BOARD: Once<Board> = Once::new(Board::new());
-static SERVICE: Once<Service> = Once::new(Service::new(MAX_BODY));
-static RECEIVER: Once<Receiver> = Once::new(Receiver::new());
-static REPLY: Once<Reply> = Once::new(Reply { bytes: [0; REPLY_LEN], len: 0, sent: 0 });
+static SERVICE: Once<Service> = Once::new(Service::new(LONGEST_BODY));
 
 #[unsafe(no_mangle)]
 extern "C" fn main() -> ! {
@@ -69,7 +64,8 @@ extern "C" fn main() -> ! {
     // compiler knows the addresses.
     unsafe {
         begin();
-        run(BOARD.take(), SERVICE.take(), RECEIVER.take(), REPLY.take())
+        let (receiver, bytes) = memory::take();
+        run(BOARD.take(), SERVICE.take(), receiver, &mut Reply { bytes, len: 0, sent: 0 })
     }
 }
 
@@ -150,7 +146,7 @@ fn hear(board: &mut Board, service: &mut Service, received: Received, body: &[u8
 #[inline(never)]
 fn speak(board: &mut Board, service: &mut Service, reply: &mut Reply, now: Millis) {
     reply.sent = 0;
-    reply.len = service.poll(now, board, &mut reply.bytes) as u8;
+    reply.len = service.poll(now, board, reply.bytes) as u8;
 }
 
 /// Ticks / 2^14: 1.024 ms each.

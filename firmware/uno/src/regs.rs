@@ -97,9 +97,6 @@ pub(crate) const TIFR1: Reg8 = Reg8(0x36);
 pub(crate) const GPIOR0: Reg8 = Reg8(0x3e);
 /// §8.6.1: the EEPROM is not used; its address register is free storage.
 pub(crate) const EEARL: Reg8 = Reg8(0x41);
-/// §15.9.4-5: Timer0 is not used; its compare registers hold how far the [rings](crate::steps::ring) were played.
-pub(crate) const OCR0A: Reg8 = Reg8(0x47);
-pub(crate) const OCR0B: Reg8 = Reg8(0x48);
 /// §10.11.1: sleep mode and enable.
 pub(crate) const SMCR: Reg8 = Reg8(0x53);
 /// §11.9.1: why the chip was reset.
@@ -217,6 +214,28 @@ pub(crate) fn sleep_while_head_is(head: u8) {
             EEARL = const crate::steps::register::EEARL,
         );
     }
+}
+
+/// Looks at [`EEARL`] 256 times, as long as it is `head`, and gives how many cycles that took, those of interrupts not counted.
+#[inline(always)]
+pub(crate) fn watch_while_head_is(head: u8) -> u16 {
+    let left: u8;
+    // SAFETY: reads a register.
+    unsafe {
+        asm!(
+            "1: in {now}, {EEARL}", // 1
+            "cp {now}, {head}",     // 1
+            "brne 2f",              // 1
+            "dec {left}",           // 1
+            "brne 1b",              // 2: 6 together
+            "2:",
+            now = out(reg) _,
+            head = in(reg) head,
+            left = inout(reg) 0u8 => left,
+            EEARL = const crate::steps::register::EEARL,
+        );
+    }
+    6 * (256 - u16::from(left))
 }
 
 /// Restarts the watchdog's time.

@@ -9,8 +9,12 @@
 use super::PAGE;
 use crate::regs;
 use core::arch::global_asm;
-use pulsetrain_core::wire::MAX_BODY;
-use pulsetrain_core::wire::frame::{Received, Tag};
+use pulsetrain_core::wire::frame::{Received, Tag, framed_len};
+
+/// The longest body that is taken: two such frames may be on their way at once.
+pub(crate) const LONGEST_BODY: usize = 57;
+
+const _: () = assert!(2 * framed_len(LONGEST_BODY) <= super::WINDOW as usize);
 
 /// Where in a frame the next byte is.
 mod phase {
@@ -47,7 +51,7 @@ pub(crate) struct Receiver {
     /// Where the next byte goes.
     at: u16,
     /// The zero that COBS thinks before each body, the body, and the three bytes after it.
-    body: [u8; 1 + MAX_BODY + 3],
+    body: [u8; 1 + LONGEST_BODY + 3],
     /// What `receive_lap` was when the tail was last at the beginning of the page.
     lap: u8,
     /// What `receive_lost` was.
@@ -240,7 +244,7 @@ receive_frame:
     PAGE = const PAGE,
     AT = const AT,
     BODY = const BODY,
-    MAX = const MAX_BODY,
+    MAX = const LONGEST_BODY,
     START = const phase::START,
     IN_BODY = const phase::BODY,
     TRAILER = const phase::TRAILER,
@@ -277,7 +281,7 @@ impl Receiver {
             sum: [0; 2],
             len: 0,
             at: 0,
-            body: [0; 1 + MAX_BODY + 3],
+            body: [0; 1 + LONGEST_BODY + 3],
             lap: 0,
             lost: 0,
         }
@@ -329,17 +333,11 @@ impl Receiver {
         self.body.get(1..=usize::from(self.len)).unwrap_or_default()
     }
 
-    /// Waits until a byte or a step interrupt came, awake: one that ends a sleep is 4 cycles later than others. Not for ever: a
-    /// ring may be empty.
+    /// Waits until a byte comes, but not for ever, and gives how many ticks it did nothing. It stays awake: an interrupt that
+    /// ends a sleep is 4 cycles later than others.
     #[inline(always)]
-    pub(crate) fn watch(&self) {
-        let played = || (regs::OCR0A.read(), regs::OCR0B.read());
-        let before = played();
-        for _ in 0..=255u8 {
-            if regs::EEARL.read() != self.tail || played() != before {
-                break;
-            }
-        }
+    pub(crate) fn watch(&self) -> u16 {
+        regs::watch_while_head_is(self.tail)
     }
 
     /// Sleeps until an interrupt has run, unless bytes wait.

@@ -26,7 +26,7 @@
 //! |---|---|
 //! | GPIOR0 | [`flags`], bit-addressable |
 //! | GPIOR1, GPIOR2, EEDR | r24, r30, r31 of whoever was interrupted (interrupts do not nest) |
-//! | EEARH | page of ring B: 2, or 1 when a merge plays it and page 2 has the lists |
+//! | EEARH | page of ring B: 3; or 2, when there is no ring A |
 //! | OCR0A, OCR0B | low byte of the address of the next group to play, ring A and ring B |
 //!
 //! # Cycles
@@ -43,6 +43,7 @@
 use core::arch::global_asm;
 
 use super::register;
+use crate::memory::RING_PAGES;
 use pulsetrain_core::narrow::Registers;
 
 /// Bits of GPIOR0, which the interrupts look at and set.
@@ -88,14 +89,6 @@ pub(crate) const END_B: u8 = 1 << 7;
 // One macro, two interrupts: they differ in names, and in the shield's extra pins.
 global_asm!(
     r#"
-    .section .pages, "aw", @nobits
-    .p2align 8
-    // Half a page is enough for what comes over the line; variables begin in the other half.
-    .global ring_a_page, ring_b_page, receive_page
-ring_a_page:  .skip 256
-ring_b_page:  .skip 256
-receive_page: .skip 128
-
     .macro ring_interrupt vector, load_page, tail, pin, ocr, end_bit, extra, starved, com_mask, com_toggle, foc, dir_on_portb, enable_mask
     .global \vector
 \vector:                                // 4 response + 3 jump           7
@@ -378,15 +371,12 @@ pub(crate) struct Ring {
     pub(super) tail_at: u8,
 }
 
-/// Pages of rings A and B, as memory.ld asserts.
-const PAGES: [u8; 2] = [1, 2];
-
 impl Ring {
     /// A ring; [`Ring::clear`] comes before its use.
     pub(crate) const fn new(name: Name) -> Ring {
         let (page, end) = match name {
-            Name::A => (PAGES[0], END_A),
-            Name::B => (PAGES[1], END_B),
+            Name::A => (RING_PAGES[0], END_A),
+            Name::B => (RING_PAGES[1], END_B),
         };
         let tail_at = 0x20
             + match name {
@@ -416,9 +406,9 @@ impl Ring {
         Ring { edge, ..Ring::new(name) }
     }
 
-    /// A ring that the merge fills, in the page of ring A: the other has the lists.
-    pub(crate) const fn for_merge(name: Name) -> Ring {
-        Ring { page: PAGES[0], ..Ring::new(name) }
+    /// It is the only ring: in the page of ring A, whose other one is free for other things.
+    pub(crate) fn alone(&mut self) {
+        self.page = RING_PAGES[0];
     }
 
     /// For the merge: where the pending group is, and what it does.

@@ -365,7 +365,7 @@ impl Stepper {
         };
         self.flags = if spacing.extra { always | extra } else { always };
         let first = if kind == Kind::PortB { Name::B } else { Name::A };
-        self.tracks[0].ring = if self.merging { Ring::for_merge(first) } else { Ring::new(first) };
+        self.tracks[0].ring = Ring::new(first);
         self.count = MAX_MOTORS as u8;
         self.motors_mut().iter_mut().for_each(|motor| *motor = Motor::NONE);
         self.count = all;
@@ -394,6 +394,9 @@ impl Stepper {
                 (motor.start, motor.end, motor.next) = (start, end, start);
                 motor.flags = u8::from(shared) << flag::SINGLY;
             }
+        }
+        if !self.apiece || all == 1 {
+            self.tracks[0].ring.alone();
         }
         self.rest(now);
     }
