@@ -16,7 +16,13 @@ __vectors:
     .org 4 * 6
     jmp __vector_6                      // WDT
     .org 4 * 7
-    jmp steps_task                      // TIMER2_COMPA
+    // TIMER2_COMPA: lets others in at once, its own interrupt off, before it goes on in steps/task.rs. No flag is touched.
+    //                                     4 response                    4
+    push r24                            // 2                             6
+    ldi r24, 0                          // 1                             7
+    sts {TIMSK2}, r24                   // 2                             9
+    sei                                 // 1                            10
+    jmp steps_task                      // 3: they are let in behind it, after 13
     .org 4 * 11
     jmp __vector_11                     // TIMER1_COMPA
     .org 4 * 12
@@ -38,5 +44,6 @@ __init:
 
     .section .init9, "ax", @progbits
     jmp main
-    "#
+    "#,
+    TIMSK2 = const 0x70,
 );

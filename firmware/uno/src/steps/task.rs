@@ -85,11 +85,8 @@ global_asm!(
     r#"
     .section .text.steps_task, "ax", @progbits
     .global steps_task
-steps_task:                             // 4 response + 3 jump           7
-    push r24                            // 2                             9
-    ldi r24, 0                          // 1                            10
-    sts {TIMSK2}, r24                   // 2                            12
-    sei                                 // 1: others are let in behind the next, after 15
+    // Behind the vector (start.rs): r24 is on the stack, the task's interrupt off, others are let in.
+steps_task:
     push r25
     in r25, {SREG}
     push r25
