@@ -104,10 +104,7 @@ global_asm!(
     r#"
     .section .text.steps_task, "ax", @progbits
     .global steps_task
-<<<<<<< HEAD
-=======
-    // Behind the vector (start.rs): r24 is on the stack, the task's interrupt off, others are let in.
->>>>>>> main
+    // r24 is on the stack, the task's interrupt off, others are let in.
 steps_task:
     push r25
     in r25, {SREG}
