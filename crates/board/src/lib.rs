@@ -92,6 +92,11 @@ pub trait Board {
 
     /// What went wrong on a motor.
     fn faults(&self, motor: usize) -> Faults;
+
+    /// Why the board cannot be told anything any more, if it cannot.
+    fn lost(&self) -> Option<&RemoteError> {
+        None
+    }
 }
 
 pub use clock::BoardClock;

@@ -9,11 +9,8 @@ use crate::native::QUEUE_LEN;
 use crate::{Board, Config, Edge, MotorConfig, Native, Port, PortError, Wiring};
 use pulsetrain_core::Epoch;
 use pulsetrain_core::packing::{Packing, State};
-use pulsetrain_core::wire::frame::MAX_FRAME;
-use pulsetrain_core::wire::message::{
-    ALL_MOTORS, Cause, Configuration, Event, Info, Measures, MotorStatus, Reason, StatusHead, flags,
-};
-use pulsetrain_core::wire::{Baud, Machine, Millis, Refusal, Service, Stopped, Switched};
+use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, Reason, flags};
+use pulsetrain_core::wire::{Baud, Decoder, MAX_BODY, MAX_FRAME, Machine, Millis, Refusal, Service, Stopped, Switched};
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -50,6 +47,7 @@ struct Model {
     /// As the line is to be.
     baud: Baud,
     events: VecDeque<Event>,
+    measures: Measures,
     last_stop: Cause,
     was_idle: bool,
 }
@@ -74,6 +72,7 @@ impl Model {
             armed: false,
             baud: Baud::B115200,
             events: VecDeque::new(),
+            measures: Measures::default(),
             last_stop: Cause::None,
             was_idle: true,
         }
@@ -301,16 +300,19 @@ impl Machine for Model {
         configured | armed | if self.native.idle() { flags::IDLE } else { 0 }
     }
 
-    fn status(&mut self) -> StatusHead {
-        StatusHead {
-            tick: self.native.now(),
-            horizon: self.native.horizon(),
-            epoch: Board::epoch(&self.native),
-            flags: self.flags(),
-        }
+    fn horizon(&mut self) -> u64 {
+        self.native.horizon()
     }
 
-    fn motor(&mut self, motor: u8) -> MotorStatus {
+    fn epoch(&self) -> Epoch {
+        Board::epoch(&self.native)
+    }
+
+    fn position(&mut self, motor: u8) -> i32 {
+        self.native.positions().get(usize::from(motor)).map_or(0, |position| *position as i32)
+    }
+
+    fn faults(&self, motor: u8) -> u8 {
         let index = usize::from(motor);
         let faults = self.native.faults(index);
         let mut all = self.motors.get(index).map_or(0, |motor| motor.faults);
@@ -320,12 +322,15 @@ impl Machine for Model {
         if faults.setup_cut_short {
             all |= flags::SETUP_CUT_SHORT;
         }
-        let position = self.native.positions().get(index).map_or(0, |position| *position as i32);
-        MotorStatus { position, free: self.free(motor), faults: all }
+        all
     }
 
-    fn measures(&mut self) -> Measures {
-        Measures::default()
+    fn measures(&mut self) -> &mut Measures {
+        &mut self.measures
+    }
+
+    fn rate_fell_back(&mut self) {
+        self.tell(Cause::BaudFellBack, ALL_MOTORS, 0);
     }
 
     fn reset_measures(&mut self) {}
@@ -356,6 +361,7 @@ type Flying = (u64, Baud, u8);
 #[derive(Debug)]
 pub struct ModelPort {
     model: Model,
+    decoder: Decoder,
     service: Service,
     /// Ticks since the port was opened.
     now: u64,
@@ -382,7 +388,8 @@ impl ModelPort {
     pub fn with_memory(pool: u16, unread: u16) -> ModelPort {
         ModelPort {
             model: Model::new([pool, unread]),
-            service: Service::new(),
+            decoder: Decoder::new(),
+            service: Service::new(MAX_BODY),
             now: 0,
             baud: Baud::B115200,
             to_board: VecDeque::new(),
@@ -414,7 +421,8 @@ impl ModelPort {
     /// Its reset line, as when a port is opened: what it knew is gone, motors stand where they are.
     pub fn reset(&mut self) {
         self.model = Model::new(self.model.memory);
-        self.service = Service::new();
+        self.decoder = Decoder::new();
+        self.service = Service::new(MAX_BODY);
         self.to_host.clear();
     }
 
@@ -430,13 +438,18 @@ impl ModelPort {
         self.now += ROUND;
         self.model.run(self.model.native.now() + ROUND - 1, &mut self.edges);
         let millis = Millis((self.now >> 14) as u16);
-        let ModelPort { model, service, now, to_board, to_host, noise, .. } = self;
+        let ModelPort { model, decoder, service, now, to_board, to_host, noise, .. } = self;
         while let Some((_, baud, byte)) = to_board.pop_front_if(|(at, ..)| *at <= *now) {
-            service.push(heard(byte, baud, model.baud, noise), millis, model);
+            let received = decoder.push(heard(byte, baud, model.baud, noise));
+            service.receive(received, decoder.body(), millis, model);
         }
         if to_host.back().is_none_or(|(at, ..)| *at <= *now) {
             let mut out = [0; MAX_FRAME + 1];
+            let baud = model.baud;
             let len = service.poll(millis, model, &mut out);
+            if model.baud != baud {
+                decoder.reset();
+            }
             let byte_ticks = byte_ticks(model.baud);
             to_host.extend((1..).zip(&out[..len]).map(|(index, byte)| (*now + index * byte_ticks, model.baud, *byte)));
         }

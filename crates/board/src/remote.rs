@@ -10,7 +10,7 @@ use crate::link::{Answer, Link, LinkError};
 use crate::packer::{MAX_LEN, Packer};
 use crate::{Board, BoardClock, Edge, Faults, Observer, Sizer, StopReport, SwitchRefused};
 use pulsetrain_core::packing::Packing;
-use pulsetrain_core::wire::message::{Configuration, Event, Info, Measures, MotorSetup, NO_PIN, Status, flags};
+use pulsetrain_core::wire::message::{Cause, Configuration, Event, Info, Measures, MotorSetup, NO_PIN, Status, flags};
 use pulsetrain_core::wire::{Baud, Command, Reason, Reply, Switched};
 use pulsetrain_core::{Entry, Epoch, Item, Moment};
 use std::collections::VecDeque;
@@ -90,6 +90,14 @@ pub enum PortError {
         /// The port.
         name: String,
     },
+    /// It is there, but nothing that could be opened as a port.
+    #[error("{name} cannot be opened as a serial port: {why}")]
+    Unusable {
+        /// As it was asked for.
+        name: String,
+        /// What the system says.
+        why: String,
+    },
     /// It was there, and is no more.
     #[error("{name} is gone: {why}")]
     Gone {
@@ -127,6 +135,12 @@ pub enum RemoteError {
         /// As [`Reason`] says.
         detail: u16,
     },
+    /// The board stopped by itself, and takes nothing more.
+    #[error("the board stopped: {}", in_words(*.cause))]
+    Stopped {
+        /// Why.
+        cause: Cause,
+    },
     /// The answer was to something else.
     #[error("the board's answer makes no sense: its firmware is not what it says")]
     Nonsense,
@@ -152,6 +166,29 @@ fn said(reason: Reason, detail: u16) -> String {
         Reason::PinMix => format!("pin {detail} does not go with those before it"),
         Reason::Timing => format!("pulse, set-up or hold is beyond its limit of {detail} ticks"),
         Reason::Baud => format!("it cannot do rate {detail}"),
+    }
+}
+
+/// A cause in words: why a board stopped, or began anew.
+#[must_use]
+pub const fn in_words(cause: Cause) -> &'static str {
+    match cause {
+        Cause::None => "none yet",
+        Cause::Finished => "everything was done",
+        Cause::StopNow => "the host asked for an immediate stop",
+        Cause::HostLost => "the host was silent for too long",
+        Cause::Starved => "a queue ran dry",
+        Cause::BadItem => "a queue held what no host packs",
+        Cause::CheckFailed => "position or accumulator were not the host's",
+        Cause::StepMissed => "a step was asked for too late",
+        Cause::SetupCutShort => "a DIR set-up was cut short",
+        Cause::EdgeLate => "an edge was late",
+        Cause::Overrun => "bytes were lost on the line",
+        Cause::BaudFellBack => "the line fell back to 115 200 baud",
+        Cause::Watchdog => "the watchdog began the program anew",
+        Cause::BrownOut => "the supply fell too low",
+        Cause::ResetLine => "the reset line, as when a port is opened",
+        Cause::PowerOn => "power came on",
     }
 }
 
@@ -419,6 +456,16 @@ impl<P: Port> Remote<P> {
         &mut self.port
     }
 
+    /// Why it stopped says more than that its motors are not armed.
+    fn refused(&self, refused: RemoteError) -> RemoteError {
+        let stopped = self.events.iter().rev().map(|event| event.cause);
+        let cause = stopped.into_iter().find(|cause| !matches!(cause, Cause::None | Cause::Finished));
+        match (&refused, cause) {
+            (RemoteError::Refused { reason: Reason::NotArmed, .. }, Some(cause)) => RemoteError::Stopped { cause },
+            _ => refused,
+        }
+    }
+
     fn read_clock(&mut self) -> Result<(), RemoteError> {
         self.ask(&Command::Clock).map(drop)
     }
@@ -488,7 +535,8 @@ impl<P: Port> Remote<P> {
         self.port.receive(due.max(now + SHORTEST_ROUND), &mut self.inbox)?;
         self.link.input(&self.inbox, self.port.now());
         if let Some((reason, detail)) = self.link.refusal() {
-            return Err(RemoteError::Refused { what: "take more", reason, detail });
+            self.events.extend(std::iter::from_fn(|| self.link.event()));
+            return Err(self.refused(RemoteError::Refused { what: "take more", reason, detail }));
         }
         self.events.extend(std::iter::from_fn(|| self.link.event()));
         self.port.edges(&mut self.edges);
@@ -694,7 +742,8 @@ impl<P: Port> Board for Remote<P> {
             Reply::Switched(Switched::Early { limit }) => SwitchRefused::Early { limit },
             Reply::Switched(Switched::Full) => SwitchRefused::Full,
             _ => {
-                self.error.get_or_insert(refusal("go over to an epoch", &answer));
+                let why = self.refused(refusal("go over to an epoch", &answer));
+                self.error.get_or_insert(why);
                 SwitchRefused::Lost
             }
         };
@@ -783,6 +832,10 @@ impl<P: Port> Board for Remote<P> {
             step_missed: faults & (flags::STEP_MISSED | flags::BAD_ITEM | flags::CHECK_FAILED) != 0,
             setup_cut_short: faults & flags::SETUP_CUT_SHORT != 0,
         }
+    }
+
+    fn lost(&self) -> Option<&RemoteError> {
+        self.error()
     }
 }
 

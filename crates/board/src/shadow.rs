@@ -139,4 +139,8 @@ impl<B: Board> Board for Shadowed<B> {
     fn faults(&self, motor: usize) -> Faults {
         self.board.faults(motor)
     }
+
+    fn lost(&self) -> Option<&crate::RemoteError> {
+        self.board.lost()
+    }
 }

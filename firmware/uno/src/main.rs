@@ -6,6 +6,7 @@
 //! - [`steps`]: from events to edges on the pins
 //! - [`link`]: the serial line
 //! - [`clock`]: Timer1, extended to 64 bits
+//! - [`start`]: the interrupt vectors, and what comes before main
 //! - [`reset`]: the watchdog, and why the program began
 //! - [`memory`]: what the 2048 bytes of RAM are for
 //! - [`regs`]: registers
@@ -33,31 +34,28 @@ mod machine;
 mod memory;
 mod regs;
 mod reset;
+mod start;
 mod steps;
 
 use core::panic::PanicInfo;
-use link::Link;
+use link::{LONGEST_BODY, Receiver};
 use machine::Board;
-use memory::{Once, Queues};
+use memory::{Once, REPLY_LEN};
 use pulsetrain_core::Moment;
+use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Millis, Service};
 
 /// Bytes that one round of the main loop takes from the line at most.
-const BYTES_A_ROUND: u8 = 16;
-/// Room for the longest reply: Status of four motors.
-const REPLY_LEN: usize = 64;
-
+const BYTES_A_ROUND: u8 = 32;
 /// A reply on its way to the line.
 struct Reply {
-    bytes: [u8; REPLY_LEN],
+    bytes: &'static mut [u8; REPLY_LEN],
     len: u8,
     sent: u8,
 }
 
 static BOARD: Once<Board> = Once::new(Board::new());
-static SERVICE: Once<Service> = Once::new(Service::new());
-static QUEUES: Once<Queues> = Once::new(Queues::new());
-static REPLY: Once<Reply> = Once::new(Reply { bytes: [0; REPLY_LEN], len: 0, sent: 0 });
+static SERVICE: Once<Service> = Once::new(Service::new(LONGEST_BODY));
 
 #[unsafe(no_mangle)]
 extern "C" fn main() -> ! {
@@ -66,7 +64,8 @@ extern "C" fn main() -> ! {
     // compiler knows the addresses.
     unsafe {
         begin();
-        run(BOARD.take(), SERVICE.take(), REPLY.take())
+        let (receiver, bytes) = memory::take();
+        run(BOARD.take(), SERVICE.take(), receiver, &mut Reply { bytes, len: 0, sent: 0 })
     }
 }
 
@@ -77,34 +76,33 @@ extern "C" fn main() -> ! {
 #[inline(never)]
 unsafe fn begin() {
     // SAFETY: the caller's promise; the references end here.
-    let (board, queues) = unsafe { (BOARD.take(), QUEUES.take()) };
-    board.begin(queues, reset::begin());
+    let board = unsafe { BOARD.take() };
+    board.begin(reset::begin());
 }
 
 /// The main loop. What it calls is not inlined: so the deepest call decides how much stack is needed, not their sum.
-fn run(board: &mut Board, service: &mut Service, reply: &mut Reply) -> ! {
+fn run(board: &mut Board, service: &mut Service, receiver: &mut Receiver, reply: &mut Reply) -> ! {
     let mut last = Millis(0);
     // Idle mode: timer and line go on (§10.3).
     regs::SMCR.write(1);
     regs::enable_interrupts();
     loop {
         regs::kick_watchdog();
-        let now = board.clock.moment();
+        let now = clock::moment();
         board.count_round(now);
-        let rest = board.work(now);
         let now = millis(now);
         let next = now != last;
-        let heard = listen(board, service, now);
+        let heard = listen(board, service, receiver, now);
         if reply.sent < reply.len {
-            reply.go_on(&mut board.link);
+            reply.go_on();
         } else if (heard || next || reply.len != 0) && board.baud.is_none() {
             speak(board, service, reply, now);
         }
         if next {
             last = now;
-            board.housekeeping(now);
-        } else if rest && !heard && reply.sent == reply.len {
-            board.sleep();
+            board.housekeeping(now, receiver);
+        } else if !heard && reply.sent == reply.len {
+            board.rest(receiver);
         }
     }
 }
@@ -112,30 +110,43 @@ fn run(board: &mut Board, service: &mut Service, reply: &mut Reply) -> ! {
 impl Reply {
     /// Sends its next byte, if the line takes it.
     #[inline(always)]
-    fn go_on(&mut self, link: &mut Link) {
-        if link.can_send()
+    fn go_on(&mut self) {
+        if link::can_send()
             && let Some(byte) = self.bytes.get(usize::from(self.sent))
         {
-            link.send(*byte);
+            link::send(*byte);
             self.sent += 1;
         }
     }
 }
 
 /// Takes bytes from the line, up to the end of a frame; whether it came to one.
+#[inline(always)]
+fn listen(board: &mut Board, service: &mut Service, receiver: &mut Receiver, now: Millis) -> bool {
+    let unread = receiver.unread();
+    board.note(&unread);
+    if unread.bytes == 0 {
+        return false;
+    }
+    let received = receiver.take(unread.bytes.min(BYTES_A_ROUND));
+    if received == Received::More {
+        return false;
+    }
+    hear(board, service, received, receiver.body(), now);
+    true
+}
+
+/// Does what a frame asks.
 #[inline(never)]
-fn listen(board: &mut Board, service: &mut Service, now: Millis) -> bool {
-    let bytes = board.link.unread(BYTES_A_ROUND);
-    let (taken, ended) = service.feed(bytes, now, board);
-    board.link.read(taken as u8);
-    ended
+fn hear(board: &mut Board, service: &mut Service, received: Received, body: &[u8], now: Millis) {
+    service.receive(received, body, now, board);
 }
 
 /// Asks the service for a reply.
 #[inline(never)]
 fn speak(board: &mut Board, service: &mut Service, reply: &mut Reply, now: Millis) {
     reply.sent = 0;
-    reply.len = service.poll(now, board, &mut reply.bytes) as u8;
+    reply.len = service.poll(now, board, reply.bytes) as u8;
 }
 
 /// Ticks / 2^14: 1.024 ms each.

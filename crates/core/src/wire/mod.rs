@@ -1,7 +1,7 @@
 //! What host and board say to each other, and the board's side of it.
 //!
 //! # What is here, top down
-//! - [`service`]: the board's side: bytes in, replies out, everything else through [`Machine`]
+//! - [`service`]: the board's side: frames in, replies out, everything else through [`Machine`]
 //! - [`machine`]: what a board must be able to do for it
 //! - [`message`]: commands, answers, events, byte by byte
 //! - [`frame`]: bodies ↔ bytes on the line: COBS, CRC-16, a zero at the end

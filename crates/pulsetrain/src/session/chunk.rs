@@ -162,7 +162,9 @@ impl<B: Board> Session<'_, B> {
     /// Has the board go over to a chunk that is in its queue.
     pub(super) fn switch(&mut self, chunk: Chunk) -> Result<(), SessionError> {
         let epoch = self.epoch.next();
-        self.board.switch(epoch, chunk.from)?;
+        if let Err(refused) = self.board.switch(epoch, chunk.from) {
+            return Err(self.board.lost().map_or(SessionError::Switch(refused), |why| SessionError::Lost(why.clone())));
+        }
         let now = self.board.now();
         for (timeline, steps) in self.timelines.iter_mut().zip(&chunk.steps) {
             timeline.replace(chunk.from, steps);

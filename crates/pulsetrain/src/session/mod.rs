@@ -7,7 +7,7 @@
 //! Where epochs meet nothing is lost: every step keeps the tick that the plan gave it.
 //!
 //! # What is here, top down
-//! - [`Session`]: fills the queues, lets time pass, stops, changes to another program
+//! - [`Session`]: fills the queues, lets time pass, stops, changes to another program; `halt`: pauses and resumes
 //! - `chunk`: epochs: as much of the plan as fits, with a tail; `pace`: how far ahead
 //! - `source`: a program's plan, read ahead, and its tails
 //! - `items`: steps → items of an epoch
@@ -15,6 +15,7 @@
 
 mod chunk;
 mod error;
+mod halt;
 mod items;
 mod pace;
 mod source;
@@ -23,6 +24,7 @@ mod timeline;
 pub use error::SessionError;
 
 use chunk::{Chunk, Taken, spare};
+use halt::Course;
 use pace::Pace;
 use pulsetrain_board::{Board, Faults, Observer};
 use pulsetrain_core::Epoch;
@@ -54,6 +56,8 @@ pub struct Session<'a, B> {
     pending: Option<Chunk>,
     /// Nothing more is to be sent.
     complete: bool,
+    /// The program that was begun, or changed to, and how far its time is.
+    course: Course<'a>,
 }
 
 /// A motor at a tick, by its law.
@@ -115,6 +119,7 @@ impl<'a, B: Board> Session<'a, B> {
             waiting: VecDeque::new(),
             pending: None,
             complete: false,
+            course: Course::begun(program),
             board,
         };
         session.fill()?;
@@ -195,6 +200,7 @@ impl<'a, B: Board> Session<'a, B> {
     pub fn stop(&mut self) -> Result<u64, SessionError> {
         self.abandon();
         self.complete = true;
+        self.course.stopped();
         let from = self.earliest();
         if from < self.tail {
             let sent = self.chunk(from, from, false).and_then(|chunk| self.send(chunk));
@@ -217,6 +223,13 @@ impl<'a, B: Board> Session<'a, B> {
     /// # Errors
     /// When `at` is too early or too late, or the new plan is refused; the old one goes on.
     pub fn change(&mut self, at: u64, program: &'a Program) -> Result<(), SessionError> {
+        self.go_over(at, program, 0)?;
+        self.course = Course::begun(program);
+        Ok(())
+    }
+
+    /// As [`Session::change`]; the plan of the first `proven` ticks is known to be refused by nobody.
+    fn go_over(&mut self, at: u64, program: &'a Program, proven: u64) -> Result<(), SessionError> {
         let (motors, old) = (program.motors.len(), self.timelines.len());
         if motors != old || Pace::of(program, self.pace.link, self.pace.hurry).is_unlike(&self.pace) {
             return Err(SessionError::Motors { program: motors, board: old });
@@ -234,6 +247,7 @@ impl<'a, B: Board> Session<'a, B> {
             starts.push(Start { origin, last_step: self.standing(motor, at).last_before(at) });
             datums.push(datum);
         }
+        halt::prove(program, &starts, proven)?;
         let source = Source::from(program, at, &starts, datums)?;
         self.abandon();
         let old = std::mem::replace(&mut self.source, source);

@@ -38,9 +38,10 @@ const _: () = assert!(offset_of!(Registers, left) == 19);
 global_asm!(
     r#"
     .macro expand_enter                 //                              43 + 24
-    .irp r, 8,9,10,11,12,13,14,15,16,28,29
-    push r\r                            // 11 x 2                       22
+    .irp r, 8,9,10,11,12,13,14,15,16,17,28,29
+    push r\r                            // 12 x 2                       24
     .endr
+    lds r17, steps_times+{PULSE}        // 2                            26
     movw r28, r24                       // 1                            23
     movw r30, r22                       // 1                            24
     ldd r24, Y+19                       // 2                            26
@@ -99,8 +100,8 @@ global_asm!(
     sbc r8, r8                          // 1                            25
     std Y+10, r8                        // 2                            27
     mov r24, r30                        // 1                            28
-    .irp r, 29,28,16,15,14,13,12,11,10,9,8
-    pop r\r                             // 11 x 2                       50
+    .irp r, 29,28,17,16,15,14,13,12,11,10,9,8
+    pop r\r                             // 12 x 2                       52
     .endr
     ret                                 // 4                            54
     .endm
@@ -171,42 +172,43 @@ global_asm!(
     rjmp 4b
     .endm
 
+    // A long pulse: two groups a step, the second r17 ticks after the first.                       22
+    .macro ring_store_long
+    std Z+1, r23
+    std Z+2, r22
+    subi r30, -4
+    st Z, r18
+    std Z+3, r1
+    mov r19, r22
+    add r19, r17
+    std Z+2, r19
+    mov r19, r23
+    adc r19, r1
+    std Z+1, r19
+    subi r30, -4
+    st Z, r18
+    std Z+3, r1
+    .endm
+
     .macro list_store                   //                              4
     st Z+, r22
     st Z+, r23
     .endm
 
+    .macro list_store_long              //                              11
+    st Z+, r22
+    st Z+, r23
+    movw r18, r22
+    add r18, r17
+    adc r19, r1
+    st Z+, r18
+    st Z+, r19
+    .endm
+
     expander steps_expand_ring, ring_store
     expander steps_expand_list, list_store
+    expander steps_expand_ring_long, ring_store_long
+    expander steps_expand_list_long, list_store_long
     "#,
+    PULSE = const super::times::PULSE,
 );
-
-unsafe extern "C" {
-    /// Expands `n` steps into a ring from the group at `pending` on; gives the low byte of the last group's address.
-    fn steps_expand_ring(registers: *mut Registers, pending: *mut u8, n: u8, rise_fall: u16) -> u8;
-
-    /// Expands `n` steps into a list, low bytes first.
-    fn steps_expand_list(registers: *mut Registers, list: *mut u16, n: u8);
-}
-
-/// Expands the next `n` steps of `registers` into a ring, from its pending group on: each with `rise` and `fall`.
-///
-/// Gives the low byte of the address of the last step's group.
-///
-/// # Safety
-/// What the module says of `n` and the interval holds; `pending` is a ring's pending group, and `n` groups are free.
-#[inline(always)]
-pub(super) unsafe fn into_ring(registers: &mut Registers, pending: *mut u8, n: u8, rise: u8, fall: u8) -> u8 {
-    // SAFETY: the caller's promise; the function keeps to the calling convention of avr-gcc.
-    unsafe { steps_expand_ring(registers, pending, n, u16::from_le_bytes([rise, fall])) }
-}
-
-/// Expands the next `n` steps of `registers` into a list.
-///
-/// # Safety
-/// What the module says of `n` and the interval holds; `list` has room for `n` ticks.
-#[inline(always)]
-pub(crate) unsafe fn into_list(registers: *mut Registers, list: *mut u16, n: u8) {
-    // SAFETY: the caller's promise; the function keeps to the calling convention of avr-gcc.
-    unsafe { steps_expand_list(registers, list, n) }
-}
