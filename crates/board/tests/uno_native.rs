@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::lab::{EXACT, SHARED, Lab, SOFTWARE, Timing, Uno, uno};
+use common::lab::{EXACT, Lab, SHARED, SOFTWARE, Timing, Uno, uno};
 use common::{Random, TICK_HZ, uno_setup};
 use pulsetrain_board::{Board, Faults, Setup, SwitchRefused};
 use pulsetrain_core::wire::message::Cause;
