@@ -10,7 +10,7 @@ use crate::link::{Answer, Link, LinkError};
 use crate::packer::{MAX_LEN, Packer};
 use crate::{Board, BoardClock, Edge, Faults, Observer, Sizer, StopReport, SwitchRefused};
 use pulsetrain_core::packing::Packing;
-use pulsetrain_core::wire::message::{Configuration, Event, Info, Measures, MotorSetup, NO_PIN, Status, flags};
+use pulsetrain_core::wire::message::{Cause, Configuration, Event, Info, Measures, MotorSetup, NO_PIN, Status, flags};
 use pulsetrain_core::wire::{Baud, Command, Reason, Reply, Switched};
 use pulsetrain_core::{Entry, Epoch};
 use std::time::Duration;
@@ -20,6 +20,9 @@ const STATUS_EVERY: Duration = Duration::from_millis(50);
 
 /// How often it is asked for room while a queue is fuller than half.
 const ROOM_EVERY: Duration = Duration::from_millis(3);
+
+/// News of room, a frame and a switch on their way, each over USB bridges that hold bytes back for a millisecond or two.
+const SHORTEST_LEAD: Duration = Duration::from_millis(5);
 
 /// Time passes at least so much in each round, however close its end is estimated.
 const SHORTEST_ROUND: Duration = Duration::from_micros(10);
@@ -82,6 +85,14 @@ pub enum PortError {
         /// The port.
         name: String,
     },
+    /// It is there, but nothing that could be opened as a port.
+    #[error("{name} cannot be opened as a serial port: {why}")]
+    Unusable {
+        /// As it was asked for.
+        name: String,
+        /// What the system says.
+        why: String,
+    },
     /// It was there, and is no more.
     #[error("{name} is gone: {why}")]
     Gone {
@@ -119,6 +130,12 @@ pub enum RemoteError {
         /// As [`Reason`] says.
         detail: u16,
     },
+    /// The board stopped by itself, and takes nothing more.
+    #[error("the board stopped: {}", in_words(*.cause))]
+    Stopped {
+        /// Why.
+        cause: Cause,
+    },
     /// The answer was to something else.
     #[error("the board's answer makes no sense: its firmware is not what it says")]
     Nonsense,
@@ -144,6 +161,29 @@ fn said(reason: Reason, detail: u16) -> String {
         Reason::PinMix => format!("pin {detail} does not go with those before it"),
         Reason::Timing => format!("pulse, set-up or hold is beyond its limit of {detail} ticks"),
         Reason::Baud => format!("it cannot do rate {detail}"),
+    }
+}
+
+/// A cause in words: why a board stopped, or began anew.
+#[must_use]
+pub const fn in_words(cause: Cause) -> &'static str {
+    match cause {
+        Cause::None => "none yet",
+        Cause::Finished => "everything was done",
+        Cause::StopNow => "the host asked for an immediate stop",
+        Cause::HostLost => "the host was silent for too long",
+        Cause::Starved => "a queue ran dry",
+        Cause::BadItem => "a queue held what no host packs",
+        Cause::CheckFailed => "position or accumulator were not the host's",
+        Cause::StepMissed => "a step was asked for too late",
+        Cause::SetupCutShort => "a DIR set-up was cut short",
+        Cause::EdgeLate => "an edge was late",
+        Cause::Overrun => "bytes were lost on the line",
+        Cause::BaudFellBack => "the line fell back to 115 200 baud",
+        Cause::Watchdog => "the watchdog began the program anew",
+        Cause::BrownOut => "the supply fell too low",
+        Cause::ResetLine => "the reset line, as when a port is opened",
+        Cause::PowerOn => "power came on",
     }
 }
 
@@ -398,6 +438,16 @@ impl<P: Port> Remote<P> {
         &mut self.port
     }
 
+    /// Why it stopped says more than that its motors are not armed.
+    fn refused(&self, refused: RemoteError) -> RemoteError {
+        let stopped = self.events.iter().rev().map(|event| event.cause);
+        let cause = stopped.into_iter().find(|cause| !matches!(cause, Cause::None | Cause::Finished));
+        match (&refused, cause) {
+            (RemoteError::Refused { reason: Reason::NotArmed, .. }, Some(cause)) => RemoteError::Stopped { cause },
+            _ => refused,
+        }
+    }
+
     fn read_clock(&mut self) -> Result<(), RemoteError> {
         self.ask(&Command::Clock).map(drop)
     }
@@ -467,7 +517,8 @@ impl<P: Port> Remote<P> {
         self.port.receive(due.max(now + SHORTEST_ROUND), &mut self.inbox)?;
         self.link.input(&self.inbox, self.port.now());
         if let Some((reason, detail)) = self.link.refusal() {
-            return Err(RemoteError::Refused { what: "take more", reason, detail });
+            self.events.extend(std::iter::from_fn(|| self.link.event()));
+            return Err(self.refused(RemoteError::Refused { what: "take more", reason, detail }));
         }
         self.events.extend(std::iter::from_fn(|| self.link.event()));
         self.port.edges(&mut self.edges);
@@ -616,6 +667,11 @@ impl<P: Port> Board for Remote<P> {
         (lead.as_secs_f64() * f64::from(self.info.tick_hz)) as u64
     }
 
+    fn shortest_lead(&self) -> u64 {
+        let lead = SHORTEST_LEAD + Duration::from_secs(10 * u64::from(self.info.pool) / 4) / self.link.baud().rate();
+        (lead.as_secs_f64() * f64::from(self.info.tick_hz)) as u64
+    }
+
     fn switches(&self) -> usize {
         usize::from(self.info.switches)
     }
@@ -636,7 +692,8 @@ impl<P: Port> Board for Remote<P> {
             Reply::Switched(Switched::Early { limit }) => SwitchRefused::Early { limit },
             Reply::Switched(Switched::Full) => SwitchRefused::Full,
             _ => {
-                self.error.get_or_insert(refusal("go over to an epoch", &answer));
+                let why = self.refused(refusal("go over to an epoch", &answer));
+                self.error.get_or_insert(why);
                 SwitchRefused::Lost
             }
         };

@@ -31,6 +31,18 @@ pub enum DriveError {
     /// The board at the other end of the line.
     #[error(transparent)]
     Remote(#[from] RemoteError),
+    /// The shortest part of the plan and its stop do not fit the board's queue.
+    #[error(
+        "motor {motor}: the next steps and a stop take {needed} bytes of the board's queue, which has room for {room}"
+    )]
+    QueueTooShort {
+        /// Whose.
+        motor: String,
+        /// Bytes of the packed plan, or items of the native board.
+        needed: usize,
+        /// In the same unit.
+        room: usize,
+    },
     /// The board dropped steps: a fault of the planner or the board, not of the motion.
     #[error("motor {motor} missed steps on the board `{board}`; please report this motion file")]
     Missed {
@@ -41,10 +53,15 @@ pub enum DriveError {
     },
 }
 
-impl From<SessionError> for DriveError {
-    fn from(error: SessionError) -> DriveError {
+impl DriveError {
+    /// With the motor's name, and without what is only a session's view of it.
+    fn of(program: &Program, error: SessionError) -> DriveError {
         match error {
             SessionError::Lost(error) => DriveError::Remote(error),
+            SessionError::QueueTooShort { motor, needed, room } => {
+                let motor = program.motors.get(motor).map_or_else(String::new, |motor| motor.name.clone());
+                DriveError::QueueTooShort { motor, needed, room }
+            }
             error => DriveError::Session(error),
         }
     }
@@ -150,6 +167,19 @@ pub struct Ended {
     pub counted: Vec<i64>,
     /// It was stopped on the way, as planned for a stop.
     pub stopped: bool,
+    /// It was stopped at once: motors that were too fast for that may stand elsewhere than they count.
+    pub uncertain: Option<Vec<bool>>,
+}
+
+/// How a run is to go on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wish {
+    /// As planned.
+    GoOn,
+    /// To rest within the limits, as soon as possible.
+    Stop,
+    /// No further step.
+    StopNow,
 }
 
 impl<'a, B: Board> Driven<'a, B> {
@@ -159,14 +189,15 @@ impl<'a, B: Board> Driven<'a, B> {
         mut lines: Vec<Line>,
         places: Vec<Option<u8>>,
     ) -> Result<Driven<'a, B>, DriveError> {
-        let mut session = Session::new(board, program)?;
+        let of = |error| DriveError::of(program, error);
+        let mut session = Session::new(board, program).map_err(of)?;
         // A first step soon after the start has its DIR set before: in a trace that is where the line begins.
         let mut level = |edge: Edge| {
             if let Some(Some(place)) = places.get(usize::from(edge.line)) {
                 lines[usize::from(*place)].initial = edge.level;
             }
         };
-        session.advance(session.zero() - 1, &mut level)?;
+        session.advance(session.zero() - 1, &mut level).map_err(of)?;
         Ok(Driven { session, program, lines, places })
     }
 
@@ -175,10 +206,10 @@ impl<'a, B: Board> Driven<'a, B> {
     /// # Errors
     /// When the motion stopped before its end, or the board and the host count differently: faults of ours.
     pub fn run(&mut self, observer: &mut impl Observer, watch: impl FnMut(f64)) -> Result<Ended, DriveError> {
-        self.run_until(observer, watch, || false)
+        self.run_until(observer, watch, || Wish::GoOn)
     }
 
-    /// The same, but when `stop` says so the motors come to rest within their limits.
+    /// The same, but when `wish` says so the motors come to rest within their limits, or at once.
     ///
     /// # Errors
     /// As [`Driven::run`].
@@ -186,25 +217,36 @@ impl<'a, B: Board> Driven<'a, B> {
         &mut self,
         observer: &mut impl Observer,
         mut watch: impl FnMut(f64),
-        stop: impl Fn() -> bool,
+        wish: impl Fn() -> Wish,
     ) -> Result<Ended, DriveError> {
-        /// So often `stop` is asked, ticks of the board for each second.
+        /// So often `wish` is asked, ticks of the board for each second.
         const LOOKS_PER_S: u64 = 20;
         let (zero, tick_hz) = (self.session.zero(), self.program.board.tick_hz);
         let mut since = Since { zero, places: &self.places, observer };
         let mut progress = |tick: u64| watch(tick.saturating_sub(zero) as f64 / tick_hz as f64);
         let mut stopped = false;
-        while !self.session.is_complete() {
-            if stop() {
-                self.session.stop()?;
-                stopped = true;
-                break;
+        while !(self.session.is_complete() && self.rests()) {
+            let now = self.session.board().now();
+            match wish() {
+                Wish::Stop if !stopped => {
+                    stopped = !self.session.is_complete();
+                    self.session.stop().map_err(|error| DriveError::of(self.program, error))?;
+                }
+                Wish::StopNow => {
+                    let stop = self.session.board_mut().stop_now(now, &mut since);
+                    if let Some(error) = self.session.board().lost() {
+                        return Err(error.clone().into());
+                    }
+                    return Ok(Ended { counted: stop.positions, stopped: true, uncertain: Some(stop.uncertain) });
+                }
+                Wish::Stop | Wish::GoOn => {}
             }
-            let until = self.session.board().now() + tick_hz / LOOKS_PER_S;
-            if let Err(failure) = self.session.advance(until, &mut since) {
+            let soon = now + tick_hz / LOOKS_PER_S;
+            let last = self.session.last_step().filter(|last| self.session.is_complete() && *last >= now);
+            if let Err(failure) = self.session.advance(last.map_or(soon, |last| soon.min(last)), &mut since) {
                 // The motors come to rest with the tail that the board has: that is waited for.
                 self.session.run(&mut since, progress);
-                return Err(failure.into());
+                return Err(DriveError::of(self.program, failure));
             }
             progress(self.session.board().now());
         }
@@ -218,7 +260,13 @@ impl<'a, B: Board> Driven<'a, B> {
                 return Err(DriveError::Missed { motor: motor.name.clone(), board: self.program.board.name.clone() });
             }
         }
-        Ok(Ended { counted: report.counted, stopped })
+        Ok(Ended { counted: report.counted, stopped, uncertain: None })
+    }
+
+    /// Whether the last step that was told has been made.
+    fn rests(&self) -> bool {
+        let board = self.session.board();
+        board.is_idle() && self.session.last_step().is_none_or(|last| last < board.now())
     }
 }
 

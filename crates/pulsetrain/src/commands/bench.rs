@@ -71,7 +71,9 @@ pub(crate) fn run(args: &Bench, console: &mut Console<'_>) -> miette::Result<Exi
         };
         match measured {
             Ok(row) => rows.push(row),
-            Err(DriveError::Session(error)) => refused.push(format!("{}: {error}", prepared.file)),
+            Err(error @ (DriveError::Session(_) | DriveError::QueueTooShort { .. })) => {
+                refused.push(format!("{}: {error}", prepared.file));
+            }
             Err(error) => return Err(drive_problem(error)),
         }
     }
@@ -148,7 +150,7 @@ fn prepared(period_s: f64) -> miette::Result<Prepared> {
         winding: None,
     };
     let program = Program { board, grid: Grid::REACH, tolerance: Tolerance::Seconds(1e-6), motors: vec![motor] };
-    Ok(Prepared { file: format!("a sinusoid of {period_s} s"), program, cut_at: None })
+    Ok(Prepared { file: format!("a sinusoid of {period_s} s"), program, cut_at: None, pause: None })
 }
 
 fn measure<P: Port>(prepared: &Prepared, period_s: f64, port: P, baud: Baud) -> Result<Row, DriveError> {

@@ -1,5 +1,6 @@
 //! Why a session cannot go on as it should.
 
+use crate::pause::PauseError;
 use pulsetrain_board::{RemoteError, SwitchRefused};
 use pulsetrain_motion::LawError;
 use pulsetrain_plan::Refused;
@@ -45,6 +46,12 @@ pub enum SessionError {
         /// In the same unit.
         room: usize,
     },
+    /// The motion leaves no room for a pause, or for going on.
+    #[error(transparent)]
+    Pause(PauseError),
+    /// Nothing was paused, or the motors were stopped since.
+    #[error("the motion is not paused")]
+    NotPaused,
     /// A change before the board can be told.
     #[error("tick {at} is too early for a change; the earliest is {earliest}")]
     Early {
@@ -61,4 +68,13 @@ pub enum SessionError {
         /// Last tick at which a change joins the motion.
         latest: u64,
     },
+}
+
+impl From<PauseError> for SessionError {
+    fn from(error: PauseError) -> SessionError {
+        match error {
+            PauseError::Law { motor, error } => SessionError::Law { motor, error },
+            error @ PauseError::NoRoom { .. } => SessionError::Pause(error),
+        }
+    }
 }
