@@ -51,13 +51,17 @@ fn main() {
     }
 }
 
-/// What the table of boards says of it: how the edges are made, motors, pulse, shortest interval, lateness and horizon, ticks.
+/// What the table of boards says of it: how the edges are made, motors, pulse, shortest interval, lateness and
+/// horizon, ticks; bytes of its queues.
 fn limit(case: &Case, row: &Row) {
     let Some(seen) = row.seen.as_ref().filter(|_| row.verdict.is_empty()) else { return };
     let by = if kind_of(&case.pins[..case.motors]) == PinKind::Compare { "compare" } else { "software" };
     let late = seen.lateness.max_ticks.max(-seen.lateness.min_ticks);
     let interval = (TICK_HZ as f64 / row.asked) as u64;
-    println!("limit\t{by}\t{}\t{}\t{interval}\t{late}\t{}", case.motors, case.pulse_ticks, seen.horizon_ticks);
+    println!(
+        "limit\t{by}\t{}\t{}\t{interval}\t{late}\t{}\t{}",
+        case.motors, case.pulse_ticks, seen.horizon_ticks, seen.queue_bytes
+    );
 }
 
 fn show(row: &Row) {

@@ -91,6 +91,8 @@ struct Limit {
     interval: u32,
     late: u32,
     horizon: u32,
+    /// Bytes.
+    queues: u32,
 }
 
 impl Limit {
@@ -99,7 +101,15 @@ impl Limit {
         let by_compare = fields.next()? == "compare";
         let mut number = || fields.next()?.parse().ok();
         let motors = number()? as usize;
-        Some(Limit { by_compare, motors, pulse: number()?, interval: number()?, late: number()?, horizon: number()? })
+        Some(Limit {
+            by_compare,
+            motors,
+            pulse: number()?,
+            interval: number()?,
+            late: number()?,
+            horizon: number()?,
+            queues: number()?,
+        })
     }
 }
 
@@ -129,6 +139,7 @@ fn limits_source(limits: &[Limit]) -> Done<String> {
     };
     let software = limits.iter().filter(|limit| !limit.by_compare);
     let late = software.map(|limit| limit.late).max().unwrap_or(0);
+    let queues = limits.iter().map(|limit| limit.queues).min().unwrap_or(0);
     let horizon = limits.iter().map(|limit| limit.horizon).max().unwrap_or(0);
     Ok(format!(
         "//! What the Uno's firmware does on the emulated chip: written by `cargo xtask bench uno`, not by hand. In ticks.\n\n\
@@ -141,7 +152,9 @@ fn limits_source(limits: &[Limit]) -> Done<String> {
          /// Largest |edge − scheduled| beyond the constant.\n\
          pub(super) const LATENESS: u32 = {late};\n\
          /// The farthest that it commits itself ahead.\n\
-         pub(super) const HORIZON: u32 = {horizon};\n",
+         pub(super) const HORIZON: u32 = {horizon};\n\
+         /// Bytes of its queues.\n\
+         pub(super) const QUEUES: u32 = {queues};\n",
         PULSES.len(),
         PULSES.map(|pulse| pulse.to_string()).join(", "),
         rows(false, 4)?,
@@ -183,10 +196,10 @@ mod tests {
         let mut limits = Vec::new();
         for pulse in PULSES {
             for motors in 1..=4 {
-                limits.push(format!("limit\tsoftware\t{motors}\t{pulse}\t{}\t30\t5000", 100 * motors));
+                limits.push(format!("limit\tsoftware\t{motors}\t{pulse}\t{}\t30\t5000\t370", 100 * motors));
             }
-            limits.push(format!("limit\tsoftware\t3\t{pulse}\t333\t31\t5000"));
-            limits.extend([1, 2].map(|motors| format!("limit\tcompare\t{motors}\t{pulse}\t90\t0\t6000")));
+            limits.push(format!("limit\tsoftware\t3\t{pulse}\t333\t31\t5000\t370"));
+            limits.extend([1, 2].map(|motors| format!("limit\tcompare\t{motors}\t{pulse}\t90\t0\t6000\t370")));
         }
         let limits: Vec<_> = limits.iter().filter_map(|line| Limit::parse(line)).collect();
         let source = limits_source(&limits).expect("all there");
