@@ -38,6 +38,8 @@ const BRIDGE: u64 = TICK_HZ as u64 / 1000;
 /// What is not the line's: motors, queues, clock.
 #[derive(Debug)]
 struct Model {
+    /// Bytes of all queues together, and of what may wait to be read.
+    memory: [u16; 2],
     native: Native,
     motors: Vec<Motor>,
     /// For one that is sent again.
@@ -62,8 +64,9 @@ struct Motor {
 }
 
 impl Model {
-    fn new() -> Model {
+    fn new(memory: [u16; 2]) -> Model {
         Model {
+            memory,
             native: bare(),
             motors: Vec::new(),
             armed: false,
@@ -136,8 +139,8 @@ impl Machine for Model {
             tick_hz: TICK_HZ,
             fraction_bits: FRACTION_BITS as u8,
             max_motors: MOTORS,
-            pool: POOL,
-            window: UNREAD,
+            pool: self.memory[0],
+            window: self.memory[1],
             bauds: 0b1_1111,
             last_stop: self.last_stop,
             last_reset: Cause::PowerOn,
@@ -178,7 +181,7 @@ impl Machine for Model {
                 epoch: None,
                 state: State::default(),
                 sizes: VecDeque::new(),
-                capacity: usize::from(POOL) / count,
+                capacity: usize::from(self.memory[0]) / count,
                 faults: 0,
             })
             .collect();
@@ -377,8 +380,14 @@ impl ModelPort {
     /// A model that nobody has taken, at tick 0.
     #[must_use]
     pub fn new() -> ModelPort {
+        ModelPort::with_memory(POOL, UNREAD)
+    }
+
+    /// The same with queues of `pool` bytes in all, and so many bytes that may wait to be read.
+    #[must_use]
+    pub fn with_memory(pool: u16, unread: u16) -> ModelPort {
         ModelPort {
-            model: Model::new(),
+            model: Model::new([pool, unread]),
             decoder: Decoder::new(),
             service: Service::new(MAX_BODY),
             now: 0,
@@ -411,7 +420,7 @@ impl ModelPort {
 
     /// Its reset line, as when a port is opened: what it knew is gone, motors stand where they are.
     pub fn reset(&mut self) {
-        self.model = Model::new();
+        self.model = Model::new(self.model.memory);
         self.decoder = Decoder::new();
         self.service = Service::new(MAX_BODY);
         self.to_host.clear();

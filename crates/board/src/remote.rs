@@ -21,6 +21,9 @@ const STATUS_EVERY: Duration = Duration::from_millis(50);
 /// How often it is asked for room while a queue is fuller than half.
 const ROOM_EVERY: Duration = Duration::from_millis(3);
 
+/// News of room, a frame and a switch on their way, each over USB bridges that hold bytes back for a millisecond or two.
+const SHORTEST_LEAD: Duration = Duration::from_millis(5);
+
 /// Time passes at least so much in each round, however close its end is estimated.
 const SHORTEST_ROUND: Duration = Duration::from_micros(10);
 
@@ -661,6 +664,11 @@ impl<P: Port> Board for Remote<P> {
         // Half of all queues filled, as most that goes before a switch; a fault on the way; and the switch itself.
         let fill = Duration::from_secs(10 * u64::from(self.info.pool) / 2) / self.link.baud().rate();
         let lead = fill + 2 * self.link.shortest_timeout();
+        (lead.as_secs_f64() * f64::from(self.info.tick_hz)) as u64
+    }
+
+    fn shortest_lead(&self) -> u64 {
+        let lead = SHORTEST_LEAD + Duration::from_secs(10 * u64::from(self.info.pool) / 4) / self.link.baud().rate();
         (lead.as_secs_f64() * f64::from(self.info.tick_hz)) as u64
     }
 

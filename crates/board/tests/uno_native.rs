@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::lab::{Lab, Timing, Uno, uno};
+use common::lab::{EXACT, Lab, SHARED, SOFTWARE, Timing, Uno, uno};
 use common::{Random, TICK_HZ, uno_setup};
 use pulsetrain_board::{Board, Faults, Setup, SwitchRefused};
 use pulsetrain_core::wire::message::Cause;
@@ -15,11 +15,6 @@ struct Pins {
     timing: Timing,
 }
 
-/// Software pins: an interrupt that is kept waiting is late, and steps of two motors that are close share one.
-const SOFTWARE: Timing = Timing { constant: 18, early: 60, late: 60 };
-/// The compare hardware's.
-const EXACT: Timing = Timing { constant: 1, early: 0, late: 0 };
-
 /// Every way to wire an Uno.
 const ALL: [Pins; 10] = [
     Pins { name: "the tutorial", pins: &[(8, 9)], timing: SOFTWARE },
@@ -31,7 +26,7 @@ const ALL: [Pins; 10] = [
     Pins { name: "three on port D", pins: &[(2, 5), (3, 6), (4, 7)], timing: SOFTWARE },
     Pins { name: "three on port B", pins: &[(8, 11), (9, 12), (10, 13)], timing: SOFTWARE },
     Pins { name: "the CNC shield", pins: &[(2, 5), (3, 6), (4, 7), (12, 13)], timing: SOFTWARE },
-    Pins { name: "001", pins: &[(9, 8), (10, 8), (11, 8), (12, 8)], timing: SOFTWARE },
+    Pins { name: "001", pins: &[(9, 8), (10, 8), (11, 8), (12, 8)], timing: SHARED },
 ];
 
 impl Pins {
@@ -158,6 +153,13 @@ fn random_plans(pins: &Pins, seed: u64, tally: &mut Tally) {
         assert!(board.now() < patience, "it does not come to rest: {:?}", board.board_mut().events());
         let until = board.now() + TICK_HZ / 50;
         board.advance(until, &mut lab);
+    }
+    if std::env::var("MORE").is_ok() {
+        let n = lab.edges.len();
+        println!("stopped {stopped:?} edges {n} at {}, {:?}", board.now(), lab.edges.last());
+        let until = board.now() + TICK_HZ;
+        board.advance(until, &mut lab);
+        println!("then {:?} {:?}", lab.edges.len(), lab.edges.get(n));
     }
     assert!(board.agrees(), "the native board took something else");
     let remote = board.board_mut();

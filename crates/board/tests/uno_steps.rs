@@ -4,16 +4,11 @@
 
 mod common;
 
-use common::lab::{Lab, Timing, said, uno};
+use common::lab::{EXACT, Lab, SOFTWARE, Timing, said, uno};
 use common::segments::{Law, Stream};
 use common::{TICK_HZ, uno_setup};
 use pulsetrain_board::{Board, Faults};
 use pulsetrain_core::wire::message::Cause;
-
-/// An edge that nothing keeps waiting is 18 ticks after its step; steps that are close share a group.
-const SOFTWARE: Timing = Timing { constant: 18, early: 60, late: 60 };
-/// The compare hardware's.
-const EXACT: Timing = Timing { constant: 1, early: 0, late: 0 };
 
 /// Streams `law` to motors on `pins` for 0.2 s: every step is on the pins in its time, and no other; none is left out at the
 /// end.

@@ -51,6 +51,7 @@ fn stops(pins: &[(u8, u8)], pulse_ticks: u16, interval: u64, shift: u64) {
     let report = board.stop_now(stop_at, &mut lab);
     board.advance(report.tick + TICK_HZ / 50, &mut lab);
     let what = format!("{pins:?}, {pulse_ticks} ticks, shift {shift}");
+    println!("{what}: {report:?}");
     assert_eq!(report.positions, lab.counts(&setup), "{what}");
     assert!(lab.edges.len() > 50, "{what}: nothing moved: {report:?}, asked {stop_at}, {:?}", lab.edges.last());
     // What the pins show after the stop is at most the end of a pulse.

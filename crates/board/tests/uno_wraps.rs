@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::lab::{Lab, Timing, said, uno, uno_after};
+use common::lab::{EXACT, Lab, SOFTWARE, Timing, said, uno, uno_after};
 use common::{TICK_HZ, uno_setup};
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Faults, Port};
@@ -10,9 +10,6 @@ use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Cause;
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
 use std::time::Duration;
-
-const SOFTWARE: Timing = Timing { constant: 18, early: 60, late: 60 };
-const EXACT: Timing = Timing { constant: 1, early: 0, late: 0 };
 
 fn run(count: u32, interval: i64, forward: bool) -> Item {
     let segment = Segment { count, interval: interval << 16, add: 0, add2: 0 };

@@ -23,7 +23,9 @@ use crate::session::SessionError;
 /// What is wrong with a port, with what to do where the error itself does not say.
 pub(crate) fn port_problem(error: PortError) -> Report {
     let help = match &error {
-        PortError::NotThere { .. } | PortError::Unusable { .. } => "an Uno is usually /dev/ttyACM0, /dev/cu.usbmodem… or COM3",
+        PortError::NotThere { .. } | PortError::Unusable { .. } => {
+            "an Uno is usually /dev/ttyACM0, /dev/cu.usbmodem… or COM3"
+        }
         PortError::Busy { .. } | PortError::Denied { .. } => return miette!("{error}"),
         PortError::Gone { .. } => "look at the cable; the motors stop as planned, within half a second or so",
     };

@@ -23,7 +23,7 @@ mod timeline;
 
 pub use error::SessionError;
 
-use chunk::{Chunk, RESERVE, Taken};
+use chunk::{Chunk, Taken, spare};
 use halt::Course;
 use pace::Pace;
 use pulsetrain_board::{Board, Faults, Observer};
@@ -48,6 +48,8 @@ pub struct Session<'a, B> {
     taken: Vec<Vec<Taken>>,
     /// When its tail begins: what comes after has not been sent yet.
     tail: u64,
+    /// How long the newest epoch is without its tail; 0 before the first.
+    length: u64,
     /// Beginnings of the epochs that may not have begun yet.
     waiting: VecDeque<u64>,
     /// The next epoch, as far as it is not in the queue yet.
@@ -95,7 +97,7 @@ impl<'a, B: Board> Session<'a, B> {
         if !board.is_idle() {
             return Err(SessionError::Busy);
         }
-        let pace = Pace::of(program, board.lead());
+        let pace = Pace::of(program, board.lead(), board.shortest_lead());
         let zero = board.now() + pace.tick_hz.div_ceil(1000) + 4 * pace.lead + pace.link;
         let counts = board.positions();
         let motors = program.motors.len();
@@ -113,6 +115,7 @@ impl<'a, B: Board> Session<'a, B> {
             begins: board.now(),
             taken: vec![Vec::new(); motors],
             tail: zero,
+            length: 0,
             waiting: VecDeque::new(),
             pending: None,
             complete: false,
@@ -144,7 +147,7 @@ impl<'a, B: Board> Session<'a, B> {
                 None if self.may_wait() => return Ok(()),
                 None => self.next_chunk()?,
             };
-            if !self.push(&mut chunk, RESERVE) {
+            if !self.push(&mut chunk, spare) {
                 self.pending = Some(chunk);
                 return Ok(());
             }
@@ -226,7 +229,7 @@ impl<'a, B: Board> Session<'a, B> {
     /// As [`Session::change`]; the plan of the first `proven` ticks is known to be refused by nobody.
     fn go_over(&mut self, at: u64, program: &'a Program, proven: u64) -> Result<(), SessionError> {
         let (motors, old) = (program.motors.len(), self.timelines.len());
-        if motors != old || Pace::of(program, self.pace.link).is_unlike(&self.pace) {
+        if motors != old || Pace::of(program, self.pace.link, self.pace.hurry).is_unlike(&self.pace) {
             return Err(SessionError::Motors { program: motors, board: old });
         }
         let earliest = self.earliest();
@@ -362,7 +365,7 @@ impl<'a, B: Board> Session<'a, B> {
             // bit by bit, as room is made.
             Some(chunk) => {
                 let deadline = self.deadline(chunk.from);
-                let soon = if self.pace.link > 0 { deadline.min(now + self.pace.link) } else { deadline };
+                let soon = if self.pace.link > 0 { deadline.min(now + self.pace.look()) } else { deadline };
                 soon.max(now + self.pace.lead)
             }
             None if self.complete => u64::MAX,

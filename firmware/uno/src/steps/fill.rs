@@ -6,20 +6,19 @@
 use super::motor::Motor;
 use super::plan::Plan;
 use super::ring::Ring;
-use super::stepper::{Filled, Track};
+use super::stepper::Track;
 use super::times;
 use core::arch::global_asm;
 use core::mem::offset_of;
 
 /// A ring is filled when it has room for so many groups.
-const ROOM: u8 = 20;
+const ROOM: u8 = 14;
 /// Steps that are expanded at once; half as many if each is two groups.
 const STEPS: u8 = 31;
 /// Batches that are expanded in one go.
 const BATCHES: u8 = 3;
-/// The answer when the ring was full, and when it has had its batches or is full now.
+/// The answer when the ring is full, or has had its batches.
 const FULL: u8 = 255;
-const SOME: u8 = 254;
 
 global_asm!(
     r#"
@@ -52,13 +51,7 @@ fill_next:
     subi r24, 1
     push r24
     brcc 6f
-1:  pop r25
-    push r25
-    ldi r24, {FULL}
-    cpi r25, {BATCHES}
-    breq fill_done_near
-    ldi r24, {SOME}
-fill_done_near:
+1:  ldi r24, {FULL}
     rjmp fill_done
 6:  ldd r24, Y+{STEP}
     ldd r25, Y+{STEP_FALL}
@@ -135,7 +128,6 @@ fill_done:
     ROOM = const ROOM,
     STEPS = const STEPS,
     FULL = const FULL,
-    SOME = const SOME,
     TAIL_AT = const offset_of!(Track, ring) + offset_of!(Ring, tail_at),
     HEAD = const offset_of!(Track, ring) + offset_of!(Ring, head),
     PAGE = const offset_of!(Track, ring) + offset_of!(Ring, page),
@@ -158,13 +150,11 @@ unsafe extern "C" {
 
 /// Fills `track` with steps of `motor`, its only one; up to one thing that the assembly leaves to others: a [`Plan::One`].
 #[inline(always)]
-pub(super) fn fill(track: &mut Track, motor: &mut Motor) -> Result<Filled, Plan> {
+pub(super) fn fill(track: &mut Track, motor: &mut Motor) -> Option<Plan> {
     // SAFETY: the assembly uses both, the ring's page beyond what is published, the queue's memory and the times alone.
     let answer = unsafe { steps_fill(track, motor) }.to_le_bytes();
     match answer {
-        [.., FULL, _] => Ok(Filled::Full),
-        [.., SOME, _] => Ok(Filled::Some),
-        [.., 0, _] => Ok(Filled::Dry),
-        answer => Err(Plan::of(answer)),
+        [.., FULL | 0, _] => None,
+        answer => Some(Plan::of(answer)),
     }
 }

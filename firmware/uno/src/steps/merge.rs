@@ -583,11 +583,6 @@ impl Merge {
         self.clear(first);
     }
 
-    /// Whether the last run filled as many lists as one may.
-    pub(crate) fn is_broken_off(&self) -> bool {
-        self.feeds == 0
-    }
-
     /// Whether steps are in lists, or anything else but fillers.
     pub(crate) fn is_idle(&self) -> bool {
         self.lanes.iter().all(|lane| lane.masks == Group::NOTHING)

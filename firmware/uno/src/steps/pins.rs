@@ -4,7 +4,7 @@
 //!
 //! | kind | STEP and DIR | edges by |
 //! |---|---|---|
-//! | [`Kind::Compare`] | one or two motors, STEP on 9 and 10, DIR of its own on 2–13 | the timer, to the cycle |
+//! | [`Kind::Compare`] | one or two motors, STEP on 9 and 10, active high, DIR of its own on 2–13 | the timer, to the cycle |
 //! | [`Kind::PortD`] | all on 2–7 | software, one port |
 //! | [`Kind::PortB`] | all on 8–13 | software, one port |
 //! | [`Kind::Shield`] | on 2–7, and one motor with STEP 12, DIR 13 (the CNC shield's A axis) | software, both ports |
@@ -219,7 +219,9 @@ fn kind(configuration: &Configuration<'_>, steps: u16, dirs: u16, shared: u16) -
     const PORT_D: u16 = 0x00fc;
     const PORT_B: u16 = 0x3f00;
     let all = steps | dirs;
-    if steps & !COMPARE == 0 && shared == 0 {
+    // The compare hardware's pulses are high ones.
+    let low = configuration.motors().any(|motor| motor.step_low);
+    if steps & !COMPARE == 0 && shared == 0 && !low {
         return Ok(Kind::Compare);
     }
     if all & !PORT_D == 0 {

@@ -139,6 +139,8 @@ plan_fast:
     ldd r23, Y+{INTERVAL}+3
     tst r24
     brne plan_slow_up
+    cpi r23, 0x40
+    brsh plan_slow_up
     // How far the interval may go up or down within 31 steps: 31 |add| + 465 |add2|, for which 32 and 512 are taken.
     ldd r18, Y+{ADD}+1
     ldd r19, Y+{ADD}+2

@@ -8,6 +8,8 @@ macro_rules! addresses {
 addresses! {
     /// Toggles PORTB's pins when written.
     PINB = 0x03;
+    /// Levels of PORTB's outputs.
+    PORTB = 0x05;
     /// Toggles PORTD's pins when written.
     PIND = 0x09;
     /// Timer 1's flags, cleared by writing ones.

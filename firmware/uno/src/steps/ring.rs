@@ -668,6 +668,13 @@ impl Ring {
                 Name::A => 0b11 << 6,
                 Name::B => 0b11 << 4,
             };
+            // A long pulse goes on until the caller ends it: the port takes over the level.
+            let (pins, port) = (register::io(register::PINB), register::io(register::PORTB));
+            let pin = match self.name() {
+                Name::A => 1 << 1,
+                Name::B => 1 << 2,
+            };
+            port.write_volatile(port.read_volatile() | pins.read_volatile() & pin);
             mode.write_volatile(mode.read_volatile() & !com);
         }
     }

@@ -93,9 +93,14 @@ impl Spacing {
             if wanted <= extra {
                 (spacing.extra, spacing.apart, made) = (true, apart_extra, extra);
             } else {
-                // Its first edge may be late, its second early.
                 spacing.long = true;
-                pulse = wanted + u16::from(LATE) + u16::from(apart);
+                // Its first edge may be late, where the hardware does not make it; merged, its second may be early.
+                let more = match kind {
+                    Kind::Compare => 0,
+                    _ if merging => LATE + apart,
+                    _ => LATE,
+                };
+                pulse = (wanted + u16::from(more)).max(u16::from(apart));
                 made = pulse;
             }
         }
@@ -126,17 +131,6 @@ impl Spacing {
         };
         (spacing, times)
     }
-}
-
-/// How the rings were left.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Filled {
-    /// They had no room.
-    Full,
-    /// Something was put in.
-    Some,
-    /// All is planned that may be now.
-    Dry,
 }
 
 /// What went wrong in playing.
@@ -567,11 +561,11 @@ impl Stepper {
         count + i16::from(self.track(motor).ring.unplayed(levels, step, dir))
     }
 
-    /// Fills the rings as far as time allows.
+    /// Fills the rings as far as time allows. Gives how far ahead they are then, ticks.
     #[inline(always)]
-    pub(crate) fn refill(&mut self, now: Moment) -> Filled {
+    pub(crate) fn refill(&mut self, now: Moment) -> u16 {
         if !self.playing {
-            return Filled::Dry;
+            return u16::MAX;
         }
         TIMES.set_limit(now.after(AHEAD));
         let Stepper { tracks: [first, second], merge, spacing, count, .. } = self;
@@ -581,16 +575,19 @@ impl Stepper {
         if self.merging
             && let Some(merge) = merge
         {
-            return first.merge(merge);
+            first.merge(merge);
+        } else {
+            match motors {
+                [motor] => first.fill(motor, spacing.apart),
+                [one, two] if self.apiece => {
+                    first.fill(one, spacing.apart);
+                    second.fill(two, spacing.apart);
+                    return first.ahead().min(second.ahead());
+                }
+                motors => fill_shared(first, motors, *spacing),
+            }
         }
-        match motors {
-            [motor] => first.fill(motor, spacing.apart),
-            [one, two] if self.apiece => match (first.fill(one, spacing.apart), second.fill(two, spacing.apart)) {
-                (one, two) if one == two => one,
-                _ => Filled::Some,
-            },
-            motors => fill_shared(first, motors, *spacing),
-        }
+        first.ahead()
     }
 
     /// Looks whether the rings are played as they should, and mends it. To be called every millisecond.
@@ -618,48 +615,46 @@ impl Track {
         Moment(self.at.0.wrapping_add_signed(i32::from(ahead)))
     }
 
+    /// How far ahead its last group is, ticks.
+    #[inline(always)]
+    fn ahead(&self) -> u16 {
+        low_half(self.at.0).wrapping_sub(clock::read())
+    }
+
     /// Has the merge fill this ring.
     #[inline(always)]
-    fn merge(&mut self, merge: &mut Merge) -> Filled {
-        if self.ring.free() < ROOM {
-            return Filled::Full;
+    fn merge(&mut self, merge: &mut Merge) {
+        if self.ring.free() >= ROOM {
+            let begin = low_half(self.at.0);
+            let end = merge.run(&mut self.ring, begin);
+            // Less than the limit: 2^16 ticks.
+            self.at = self.at.after(u32::from(end.wrapping_sub(begin)));
         }
-        let begin = low_half(self.at.0);
-        let end = merge.run(&mut self.ring, begin);
-        // Less than the limit: 2^16 ticks.
-        self.at = self.at.after(u32::from(end.wrapping_sub(begin)));
-        if !merge.is_broken_off() && self.ring.free() >= ROOM { Filled::Dry } else { Filled::Some }
     }
 
     /// Fills this ring with what its only motor does.
     #[inline(never)]
-    fn fill(&mut self, motor: &mut Motor, apart: u8) -> Filled {
+    fn fill(&mut self, motor: &mut Motor, apart: u8) {
         for _ in 0..BATCH {
-            let plan = match fill::fill(self, motor) {
-                Ok(filled) => return filled,
-                Err(plan) => plan,
-            };
-            if let Plan::One { tick, rise, fall, long } = plan {
-                let due = self.near(tick);
-                let at = self.put(due, Group { rise, fall }, apart);
-                // What follows must be looked at until all is in time again.
-                motor.set(flag::SINGLY, at != due);
-                if long {
-                    self.put(at.after(u32::from(TIMES.get().pulse)), Group { rise, fall: 0 }, apart);
-                }
+            let Some(Plan::One { tick, rise, fall, long }) = fill::fill(self, motor) else { return };
+            let due = self.near(tick);
+            let at = self.put(due, Group { rise, fall }, apart);
+            // What follows must be looked at until all is in time again.
+            motor.set(flag::SINGLY, at != due);
+            if long {
+                self.put(at.after(u32::from(TIMES.get().pulse)), Group { rise, fall: 0 }, apart);
             }
         }
-        Filled::Some
     }
 }
 
 /// Fills the ring of motors that share DIR lines with the steps of all of them, one after the other.
 #[inline(never)]
-fn fill_shared(track: &mut Track, motors: &mut [Motor], spacing: Spacing) -> Filled {
+fn fill_shared(track: &mut Track, motors: &mut [Motor], spacing: Spacing) {
     let times = TIMES.get();
     for _ in 0..BATCH {
         if track.ring.free() < ROOM {
-            return Filled::Full;
+            return;
         }
         let mut end = track.at.after(u32::from(FILLER));
         if times.limit.is_before(end) {
@@ -680,14 +675,14 @@ fn fill_shared(track: &mut Track, motors: &mut [Motor], spacing: Spacing) -> Fil
         }
         let Some(first) = first else {
             if end == times.limit {
-                return Filled::Dry;
+                return;
             }
             // Out of the way of what may come soon after.
             track.push(end.before(512), Group::NOTHING);
             continue;
         };
         let ready = turn_shared(track, motors, first, &times, spacing);
-        let Some(motor) = motors.get_mut(first) else { return Filled::Dry };
+        let Some(motor) = motors.get_mut(first) else { return };
         let rise = motor.step;
         let at = track.put(later(due, ready), Group { rise, fall: motor.step_fall }, spacing.apart);
         if spacing.long {
@@ -698,7 +693,6 @@ fn fill_shared(track: &mut Track, motors: &mut [Motor], spacing: Spacing) -> Fil
         motor.settle();
         motor.free = at.after(u32::from(times.keep));
     }
-    Filled::Some
 }
 
 /// Turns the DIR line of motor `index` for its next step, if it is not as it must be; all motors that look at it know then.

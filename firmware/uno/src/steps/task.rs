@@ -1,26 +1,22 @@
 //! The task that keeps the rings filled: it comes again and again, whatever the main loop is doing, and is itself
 //! interrupted by steps and by bytes from the line.
 //!
-//! Timer2 calls it (normal mode, DS40002061B §18.7.1, 64 cycles a count): [`BUSY`] after it was done while there is much to do,
-//! [`IDLE`] when all that may be planned is planned. It runs with its own interrupt off, so that it does not nest; and not inside
-//! the receive interrupt, which would then lose bytes: it comes back a little later.
+//! Timer2 calls it (normal mode, DS40002061B §18.7.1, 64 cycles a count), again when a quarter of the time has passed that
+//! the rings were filled for: the rest is left for whatever keeps the task waiting. It runs with its own interrupt off, so that it does not nest; and not inside the receive interrupt, which would then lose
+//! bytes: it comes back a little later.
 //!
 //! What it works on, the [`Stepper`], belongs to whoever holds the [`Guard`]: main takes it with [`lock`], which keeps the task
 //! out as long as it lives. Rings last for a while: no guard may be held for longer than about 1500 cycles while motors move.
 
-use super::stepper::{Filled, Stepper};
+use super::stepper::Stepper;
 use crate::clock;
 use crate::regs;
 use core::arch::global_asm;
 use core::cell::UnsafeCell;
 use core::ops::{Deref, DerefMut};
 
-/// Counts of 64 cycles until the next call, while there is much to do: 1792 cycles.
-const BUSY: u8 = 28;
-/// After a look that found a ring too full to be worth it.
-const SOON: u8 = 16;
-/// When all is planned that may be: 16 320 cycles, a quarter of what Timer1 counts.
-const IDLE: u8 = 255;
+/// Counts of 64 cycles until the next call, at least. At most it is 255: a quarter of what Timer1 counts.
+const SOONEST: u8 = 4;
 
 struct Place(UnsafeCell<Stepper>);
 
@@ -80,7 +76,7 @@ impl DerefMut for Guard {
 /// Starts Timer2, and the task.
 pub(crate) fn start() {
     regs::TCCR2A.write(0);
-    regs::OCR2A.write(IDLE);
+    regs::OCR2A.write(SOONEST);
     regs::TCCR2B.write(0b100);
     regs::TIMSK2.write(1 << 1);
 }
@@ -134,10 +130,8 @@ steps_task:                             // 4 response + 3 jump           7
 extern "C" fn steps_refill() {
     // SAFETY: a guard would have kept this out.
     let stepper = unsafe { &mut *STEPPER.0.get() };
-    let counts = match stepper.refill(clock::moment()) {
-        Filled::Dry => IDLE,
-        Filled::Full => SOON,
-        Filled::Some => BUSY,
-    };
+    // A quarter of it, in counts of 64.
+    let [_, high] = stepper.refill(clock::moment()).to_le_bytes();
+    let counts = high.max(SOONEST);
     regs::OCR2A.write(regs::TCNT2.read().wrapping_add(counts));
 }
