@@ -116,6 +116,6 @@ fn interrupts_are_kept_out_as_long_as_the_table_says() {
     println!("receive {receive}, task {task}, steps {steps}, others {others} cycles; {stack_left} bytes of stack");
     // With the 4 cycles of the response, without the instruction that follows `sei`.
     assert_eq!((receive, steps), (9, 65));
-    assert!(task <= 12 && others <= 9);
+    assert!(task <= 10 && others <= 8);
     assert!(stack_left >= 40);
 }

@@ -3,14 +3,12 @@
 use crate::clock::{self, TICK_HZ, low_half};
 use crate::link::{self, Receiver, Unread, WINDOW};
 use crate::memory::{self, POOL};
-use crate::steps::pins::{Layout, MAX_MOTORS, Pin};
 use crate::steps::motor::{self, SWITCHES};
+use crate::steps::pins::{Layout, MAX_MOTORS, Pin};
 use crate::steps::stepper::{self, Trouble};
 use crate::steps::task;
 use pulsetrain_core::wire::frame::Tag;
-use pulsetrain_core::wire::message::{
-    ALL_MOTORS, Cause, Configuration, Event, Info, Measures, flags,
-};
+use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, flags};
 use pulsetrain_core::wire::{Baud, Machine, Millis, Reason, Refusal, Stopped, Switched};
 use pulsetrain_core::{Epoch, Moment};
 
@@ -118,7 +116,7 @@ impl Board {
         late: 0,
         latest_ticks: 0,
         starved: 0,
-        fewest_groups: u16::MAX,
+        fewest_groups: 0,
         longest_round_ticks: 0,
         most_unread: 0,
         lost_bytes: 0,

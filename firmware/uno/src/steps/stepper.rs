@@ -116,7 +116,7 @@ impl Spacing {
         } else if merging {
             apart
         } else {
-            FASTEST[usize::from(beside)]
+            if beside { FASTEST[1] } else { FASTEST[0] }
         };
         let times = Times {
             limit: Moment(0),
@@ -248,7 +248,6 @@ impl Track {
         self.ring.is_idle()
     }
 }
-
 
 /// All motors; the assembly knows where they are.
 #[unsafe(export_name = "steps_motors")]
@@ -699,13 +698,7 @@ fn fill_shared(track: &mut Track, motors: &mut [Motor], spacing: Spacing) {
 ///
 /// Gives the moment from which on the step may be made.
 #[inline(never)]
-fn turn_shared(
-    track: &mut Track,
-    motors: &mut [Motor],
-    index: usize,
-    times: &Times,
-    spacing: Spacing,
-) -> Moment {
+fn turn_shared(track: &mut Track, motors: &mut [Motor], index: usize, times: &Times, spacing: Spacing) -> Moment {
     let Some(motor) = motors.get(index) else { return track.at };
     let (dir, due) = (motor.dir, motor.due);
     if (motor.levels & dir != 0) == (motor.lines.forward_high() != motor.has(flag::BACKWARD)) {
