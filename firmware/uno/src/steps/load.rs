@@ -485,6 +485,7 @@ load_slow:
     sbc r20, r30
     sbc r21, r31
     sbc r22, r25
+    tst r22                             // sbc leaves Z to what is below
     brne load_bad_near
     sbrc r21, 7
     rjmp load_bad
