@@ -6,7 +6,7 @@
 //!
 //! Bytes from the host are taken into half a page of 256 bytes, so that the low byte of an address is all there is to a ring;
 //! EEARL, which is of no other use here, holds that of the place for the next byte. The interrupt lets the step interrupts in
-//! after 10 cycles: its own enable bit is off meanwhile, so that it cannot nest in itself. Bytes to the host are handed over
+//! after 11 cycles: its own enable bit is off meanwhile, so that it cannot nest in itself. Bytes to the host are handed over
 //! by the main loop when the USART is free.
 //!
 //! Bytes are lost when the USART has two and a third on its way (DS40002061B §20.7.3), or when the main loop is half a page
@@ -30,36 +30,35 @@ pub(crate) const PAGE: u8 = 128;
 pub(crate) const ON: u8 = 0x18;
 pub(crate) const ON_WITH_INTERRUPT: u8 = ON | 0x80;
 
-/// USART_RX, put where the vector is (vectors.rs), which saves the jump. No flag is touched before the registers are back; r24 is
-/// kept in TCNT0, the counter of a timer that stands still.
+/// USART_RX, put where the vector is (vectors.rs), which saves the jump. No flag is touched before the registers are back.
 macro_rules! receive_interrupt {
     () => {
         r#"
     // 4 response                       //                              4
-    out {SAVE24}, r24                   // 1                             5
-    ldi r24, {ON}                       // 1                             6
-    sts {UCSR0B}, r24                   // 2                             8
-    sei                                 // 1                             9
-    in r24, {HEAD}                      // 1: interrupts are let in behind it, after 10
-    push r30                            // 2                            12
-    mov r30, r24                        // 1                            13
-    push r31                            // 2                            15
-    ldi r31, hi8(receive_page)          // 1                            16
-    lds r24, {UCSR0A}                   // 2                            18
-    sbrc r24, {OVERRUN}                 // 2 (skips)                    20
+    push r24                            // 2                             6
+    ldi r24, {ON}                       // 1                             7
+    sts {UCSR0B}, r24                   // 2                             9
+    sei                                 // 1                            10
+    in r24, {HEAD}                      // 1: interrupts are let in behind it, after 11
+    push r30                            // 2                            13
+    mov r30, r24                        // 1                            14
+    push r31                            // 2                            16
+    ldi r31, hi8(receive_page)          // 1                            17
+    lds r24, {UCSR0A}                   // 2                            19
+    sbrc r24, {OVERRUN}                 // 2 (skips)                    21
     rjmp 3f
-1:  lds r24, {UDR0}                     // 2                            22
-    st Z+, r24                          // 2                            24
-    sbrc r30, {PAGE_BIT}                // 2 (skips)                    26
+1:  lds r24, {UDR0}                     // 2                            23
+    st Z+, r24                          // 2                            25
+    sbrc r30, {PAGE_BIT}                // 2 (skips)                    27
     rjmp 4f
-2:  out {HEAD}, r30                     // 1                            27
-    pop r31                             // 2                            29
-    pop r30                             // 2                            31
-    ldi r24, {ON_WITH_INTERRUPT}        // 1                            32
-    cli                                 // 1                            33
-    sts {UCSR0B}, r24                   // 2                            35
-    in r24, {SAVE24}                    // 1                            36
-    reti                                // 4                            40, 7 of them closed
+2:  out {HEAD}, r30                     // 1                            28
+    pop r31                             // 2                            30
+    pop r30                             // 2                            32
+    ldi r24, {ON_WITH_INTERRUPT}        // 1                            33
+    cli                                 // 1                            34
+    sts {UCSR0B}, r24                   // 2                            36
+    pop r24                             // 2                            38
+    reti                                // 4                            42, 9 of them closed
 
     // A byte was lost before this one.
 3:  in r24, {SREG}

@@ -119,12 +119,10 @@ pub(crate) const TCNT1: Reg16 = Reg16(0x84);
 pub(crate) const OCR1A: Reg16 = Reg16(0x88);
 /// §16.11.6.
 pub(crate) const OCR1B: Reg16 = Reg16(0x8a);
-/// §18.11: Timer2.
-pub(crate) const TIMSK2: Reg8 = Reg8(0x70);
-pub(crate) const TCCR2A: Reg8 = Reg8(0xb0);
-pub(crate) const TCCR2B: Reg8 = Reg8(0xb1);
-pub(crate) const TCNT2: Reg8 = Reg8(0xb2);
-pub(crate) const OCR2A: Reg8 = Reg8(0xb3);
+/// §15.9: Timer0.
+pub(crate) const TCCR0B: Reg8 = Reg8(0x45);
+pub(crate) const TCNT0: Reg8 = Reg8(0x46);
+pub(crate) const TIMSK0: Reg8 = Reg8(0x6e);
 /// §20.11: USART0.
 pub(crate) const UCSR0A: Reg8 = Reg8(0xc0);
 pub(crate) const UCSR0B: Reg8 = Reg8(0xc1);

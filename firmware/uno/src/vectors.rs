@@ -1,11 +1,10 @@
 //! The interrupt vectors and what comes before main.
 //!
 //! Vectors that are not used are never enabled, so that there is room between the others: the receive interrupt is where its
-//! vector is, and over those that follow; the task's has its beginning there.
+//! vector is, and over those that follow.
 
 use crate::link::{self, receive_interrupt};
 use crate::steps::register;
-use crate::steps::task::{self, task_interrupt};
 use core::arch::global_asm;
 
 // Four bytes each (DS40002061B §12.4). The short jump takes 2 cycles; the linker says if it does not reach.
@@ -17,19 +16,16 @@ __vectors:
     jmp __init
     .org 4 * 6
     jmp __vector_6                      // WDT
-    .org 4 * 7                          // TIMER2_COMPA
-    "#,
-    task_interrupt!(),
-    r#"
     .org 4 * 11
     rjmp __vector_11                    // TIMER1_COMPA
     .org 4 * 12
     rjmp __vector_12                    // TIMER1_COMPB
+    .org 4 * 16
+    push r24                            // TIMER0_OVF: 4 response, 2     6
+    rjmp steps_task_begin               // 2                             8
     .org 4 * 18                         // USART_RX
     "#,
     receive_interrupt!(),
-    TIMSK2 = const task::TIMSK2,
-    SAVE24 = const register::TCNT0,
     HEAD = const register::EEARL,
     SREG = const register::SREG,
     ON = const link::ON,

@@ -22,7 +22,7 @@ addresses! {
     EEARL = 0x21;
     /// EEPROM address, high byte: two bits (1024 bytes of EEPROM); free storage.
     EEARH = 0x22;
-    /// Timer 0's counter, which stands still; free storage.
+    /// Timer 0's counter: when the task comes again.
     TCNT0 = 0x26;
     /// Timer 0's compare A; free storage.
     OCR0A = 0x27;

@@ -1,9 +1,10 @@
 //! The task that keeps the rings filled: it comes again and again, whatever the main loop is doing, and is itself
 //! interrupted by steps and by bytes from the line.
 //!
-//! Timer2 calls it (normal mode, DS40002061B §18.7.1, 64 cycles a count), again when a quarter of the time has passed that
-//! the rings were filled for: the rest is left for whatever keeps the task waiting. It runs with its own interrupt off, so that it does not nest; and not inside the receive interrupt, which would then lose
-//! bytes: it comes back a little later.
+//! The overflow of Timer0 calls it (normal mode, DS40002061B §15.7.1, 64 cycles a count), again when a quarter of the time has
+//! passed that the rings were filled for: the rest is left for whatever keeps the task waiting. Compare matches of Timer1 go
+//! before it. It runs with its own interrupt off, so that it does not nest; and not inside the receive interrupt, which would
+//! then lose bytes: it comes back a little later.
 //!
 //! What it works on, the [`Stepper`], belongs to whoever holds the [`Guard`]: main takes it with [`lock`], which keeps the task
 //! out as long as it lives. Rings last for a while: no guard may be held for longer than about 1500 cycles while motors move.
@@ -34,15 +35,15 @@ pub(crate) struct Out {
 /// Keeps the task out.
 #[inline(always)]
 pub(crate) fn keep_out() -> Out {
-    let before = regs::TIMSK2.read();
-    regs::TIMSK2.write(0);
+    let before = regs::TIMSK0.read();
+    regs::TIMSK0.write(0);
     Out { before }
 }
 
 impl Drop for Out {
     #[inline(always)]
     fn drop(&mut self) {
-        regs::TIMSK2.write(self.before);
+        regs::TIMSK0.write(self.before);
     }
 }
 
@@ -73,39 +74,23 @@ impl DerefMut for Guard {
     }
 }
 
-/// Starts Timer2, and the task.
+/// Starts Timer0, and the task.
 pub(crate) fn start() {
-    regs::TCCR2A.write(0);
-    regs::OCR2A.write(SOONEST);
-    regs::TCCR2B.write(0b100);
-    regs::TIMSK2.write(1 << 1);
+    regs::TCNT0.write(SOONEST.wrapping_neg());
+    regs::TCCR0B.write(0b011);
+    regs::TIMSK0.write(1);
 }
-
-/// Timer2's interrupt mask (DS40002061B §18.11.6).
-pub(crate) const TIMSK2: u8 = 0x70;
-
-/// Its beginning, put where the vector is (vectors.rs).
-macro_rules! task_interrupt {
-    () => {
-        r#"
-    // 4 response                       //                              4
-    push r24                            // 2                             6
-    ldi r24, 0                          // 1                             7
-    sts {TIMSK2}, r24                   // 2                             9
-    sei                                 // 1                            10
-    rjmp steps_task                     // 2: others are let in behind it, after 12
-    "#
-    };
-}
-
-pub(crate) use task_interrupt;
 
 global_asm!(
     r#"
     .section .text.steps_task, "ax", @progbits
-    .global steps_task
-    // r24 is on the stack, the task's interrupt off, others are let in.
-steps_task:
+    .global steps_task_begin
+    // From the vector, which has put r24 onto the stack, after 8 cycles. No flag is touched.
+steps_task_begin:
+    ldi r24, 0                          // 1                             9
+    sts {TIMSK0}, r24                   // 2                            11
+    sei                                 // 1                            12
+    nop                                 // 1: others are let in behind it, after 13
     push r25
     in r25, {SREG}
     push r25
@@ -122,22 +107,20 @@ steps_task:
     .endr
     rjmp 2f
     // Inside the receive interrupt: again in one to two counts.
-1:  lds r24, {TCNT2}
-    subi r24, -2
-    sts {OCR2A}, r24
+1:  ldi r24, 254
+    out {TCNT0}, r24
 2:  pop r25
     out {SREG}, r25
     pop r25
     // With others let in: the next call is a thousand cycles away.
-    ldi r24, 1 << 1
-    sts {TIMSK2}, r24
+    ldi r24, 1
+    sts {TIMSK0}, r24
     pop r24
     ret
     "#,
     SREG = const super::register::SREG,
-    TIMSK2 = const TIMSK2,
-    TCNT2 = const 0xb2,
-    OCR2A = const 0xb3,
+    TIMSK0 = const 0x6e,
+    TCNT0 = const super::register::TCNT0,
     UCSR0B = const 0xc1,
 );
 
@@ -149,5 +132,5 @@ extern "C" fn steps_refill() {
     // A quarter of it, in counts of 64.
     let [_, high] = stepper.refill(clock::moment()).to_le_bytes();
     let counts = high.max(SOONEST);
-    regs::OCR2A.write(regs::TCNT2.read().wrapping_add(counts));
+    regs::TCNT0.write(counts.wrapping_neg());
 }
