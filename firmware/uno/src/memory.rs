@@ -62,8 +62,9 @@ unsafe extern "C" {
 /// # Safety
 /// Only once.
 pub(crate) unsafe fn take() -> (&'static mut Receiver, &'static mut [u8; REPLY_LEN]) {
+    let (frame, bytes) = (&raw mut receiver, &raw mut reply);
     // SAFETY: the caller's promise; any byte is one of a reply.
-    unsafe { ((&mut *(&raw mut receiver)).write(Receiver::new()), &mut *(&raw mut reply)) }
+    unsafe { ((*frame).write(Receiver::new()), &mut *bytes) }
 }
 
 /// First and last + 1 address of the queue of motor `index` of `motors`.
