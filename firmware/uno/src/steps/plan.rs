@@ -684,6 +684,7 @@ impl Plan {
     }
 }
 
+#[expect(improper_ctypes, reason = "the assembly knows fields by their offsets")]
 unsafe extern "C" {
     fn steps_plan_next(motor: *mut Motor) -> u64;
     fn steps_make(motor: *mut Motor);
