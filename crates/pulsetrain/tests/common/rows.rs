@@ -284,7 +284,7 @@ pub(crate) fn tutorial(period: Time, cycles: u64, (step, dir): (u8, u8), pulse_n
         winding: None,
     };
     let program = Program { board, grid: Grid::REACH, tolerance: Tolerance::Ticks(1.0), motors: vec![motor] };
-    Prepared { file: format!("the tutorial, T = {} s", period.seconds()), program, cut_at: None }
+    Prepared { file: format!("the tutorial, T = {} s", period.seconds()), program, cut_at: None, pause: None }
 }
 
 /// Period (s, as a fraction), STEP and DIR: the seed's periods, the fastest by the compare hardware.
