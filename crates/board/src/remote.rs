@@ -12,7 +12,8 @@ use crate::{Board, BoardClock, Edge, Faults, Observer, Sizer, StopReport, Switch
 use pulsetrain_core::packing::Packing;
 use pulsetrain_core::wire::message::{Cause, Configuration, Event, Info, Measures, MotorSetup, NO_PIN, Status, flags};
 use pulsetrain_core::wire::{Baud, Command, Reason, Reply, Switched};
-use pulsetrain_core::{Entry, Epoch};
+use pulsetrain_core::{Entry, Epoch, Item, Moment};
+use std::collections::VecDeque;
 use std::time::Duration;
 
 /// How often the board is asked for its status while time passes.
@@ -22,7 +23,11 @@ const STATUS_EVERY: Duration = Duration::from_millis(50);
 const ROOM_EVERY: Duration = Duration::from_millis(3);
 
 /// News of room, a frame and a switch on their way, each over USB bridges that hold bytes back for a millisecond or two.
-const SHORTEST_LEAD: Duration = Duration::from_millis(5);
+const SHORTEST_LEAD: Duration = Duration::from_millis(6);
+
+/// An item has left its queue so many ticks after it was due to, whatever the host's idea of the board's clock: 1 ms on an
+/// Uno.
+const TAKEN: u64 = 16_000;
 
 /// Time passes at least so much in each round, however close its end is estimated.
 const SHORTEST_ROUND: Duration = Duration::from_micros(10);
@@ -206,6 +211,15 @@ pub struct Setup {
     pub motors: Vec<MotorSetup>,
 }
 
+/// An item in a board's queue.
+#[derive(Clone, Copy, Debug)]
+struct Waiting {
+    epoch: Epoch,
+    /// When the board has taken it at the latest, if its switches are those that were accepted.
+    until: u64,
+    len: usize,
+}
+
 /// One motor, as far as the host remembers it.
 #[derive(Clone, Debug)]
 struct Motor {
@@ -217,6 +231,8 @@ struct Motor {
     packer: Packer,
     /// Packed, but not sent.
     packed: Vec<u8>,
+    /// What the board may not have taken yet, in order.
+    waiting: VecDeque<Waiting>,
     position: i64,
     faults: u8,
 }
@@ -340,8 +356,9 @@ impl<P: Port> Remote<P> {
             packing: Packing { fraction_bits, gain: motor.gain },
             capacity: usize::from(*bytes),
             epoch: None,
-            packer: Packer::new(Packing { fraction_bits, gain: motor.gain }),
+            packer: Packer::new(Packing { fraction_bits, gain: motor.gain }, usize::from(*bytes)),
             packed: Vec::new(),
+            waiting: VecDeque::new(),
             position: 0,
             faults: 0,
         };
@@ -361,6 +378,7 @@ impl<P: Port> Remote<P> {
         self.done("arm its motors", &Command::Arm)?;
         for motor in &mut self.motors {
             motor.forget();
+            motor.waiting.clear();
         }
         self.status().map(drop)
     }
@@ -596,6 +614,24 @@ impl Motor {
         self.packed.clear();
     }
 
+    /// Drops the items of an epoch, which are the last that were pushed.
+    fn drop_epoch(&mut self, epoch: Epoch) {
+        while self.waiting.pop_back_if(|item| item.epoch == epoch).is_some() {}
+    }
+
+    /// What is left of older epochs goes at `tick`.
+    fn switch(&mut self, epoch: Epoch, tick: u64) {
+        for item in self.waiting.iter_mut().filter(|item| item.epoch != epoch) {
+            item.until = item.until.min(tick);
+        }
+    }
+
+    /// Room that there is at tick `now`, sent or not, by when the board takes what.
+    fn room_at(&self, now: u64) -> usize {
+        let left = self.waiting.iter().skip_while(|item| item.until < now).map(|item| item.len);
+        self.capacity.saturating_sub(left.sum())
+    }
+
     /// The board counts in 32 bits.
     fn count(&mut self, position: i32) {
         let moved = position.wrapping_sub(self.position as i32);
@@ -614,10 +650,14 @@ impl<P: Port> Board for Remote<P> {
     fn push(&mut self, index: usize, entry: Entry) -> Result<(), Entry> {
         let (room, lost) = (self.room(index), self.error.is_some());
         let Some(motor) = self.motors.get_mut(index) else { return Err(entry) };
-        let now = self.port.now();
+        let (now, tick) = (self.port.now(), self.clock.tick_at(self.port.now()).unwrap_or(0).max(self.passed));
         let fresh = motor.epoch != Some(entry.epoch);
-        let mut packer = if fresh { Packer::new(motor.packing) } else { motor.packer };
+        let mut packer = if fresh { Packer::new(motor.packing, motor.capacity) } else { motor.packer };
         let mut bytes = [0; MAX_LEN];
+        let begins = match entry.item {
+            Item::Anchor { tick } => Some(tick),
+            Item::Dwell { .. } | Item::Run { .. } => packer.tick(),
+        };
         let Ok(len) = packer.pack(&entry.item, &mut bytes) else { return Err(entry) };
         if len > room {
             return Err(entry);
@@ -631,6 +671,12 @@ impl<P: Port> Board for Remote<P> {
         }
         motor.epoch = Some(entry.epoch);
         motor.packer = packer;
+        while motor.waiting.pop_front_if(|item| item.until + TAKEN < tick).is_some() {}
+        // Ticks of one queue are within 2^31 of now.
+        let until =
+            |begins: Moment| tick.saturating_add_signed(begins.0.wrapping_sub(tick as u32).cast_signed().into());
+        let until = begins.map_or(u64::MAX, until);
+        motor.waiting.push_back(Waiting { epoch: entry.epoch, until, len });
         motor.packed.extend_from_slice(&bytes[..len]);
         self.tell();
         Ok(())
@@ -639,6 +685,7 @@ impl<P: Port> Board for Remote<P> {
     fn discard(&mut self, epoch: Epoch) {
         for motor in self.motors.iter_mut().filter(|motor| motor.epoch == Some(epoch)) {
             motor.forget();
+            motor.drop_epoch(epoch);
         }
         if self.error.is_none() && self.done("drop an epoch", &Command::Discard { epoch }).is_ok() {
             // Without an answer the room stays what it was: too little.
@@ -647,17 +694,19 @@ impl<P: Port> Board for Remote<P> {
     }
 
     fn room(&self, motor: usize) -> usize {
-        let Some(Motor { packed, capacity, .. }) = self.motors.get(motor) else { return 0 };
+        let Some(queue) = self.motors.get(motor) else { return 0 };
         if self.error.is_some() {
             // For nothing: but a host that waits for room would wait for ever.
-            return *capacity;
+            return queue.capacity;
         }
-        u8::try_from(motor).map_or(0, |index| self.link.room(index).saturating_sub(packed.len()))
+        let said = u8::try_from(motor).map_or(0, |index| self.link.room(index).saturating_sub(queue.packed.len()));
+        // News of room is some milliseconds old. What is sent now arrives later still.
+        said.max(queue.room_at(self.now().saturating_sub(TAKEN)))
     }
 
     fn sizer(&self, motor: usize) -> Sizer {
-        let packing = self.motors.get(motor).map(|motor| motor.packing);
-        Sizer::packed(packing.unwrap_or(Packing { fraction_bits: u32::from(self.info.fraction_bits), gain: 0 }))
+        let none = Packing { fraction_bits: u32::from(self.info.fraction_bits), gain: 0 };
+        self.motors.get(motor).map_or(Sizer::packed(none, 0), |motor| Sizer::packed(motor.packing, motor.capacity))
     }
 
     fn lead(&self) -> u64 {
@@ -686,6 +735,7 @@ impl<P: Port> Board for Remote<P> {
         let refused = match answer.reply {
             Reply::Switched(Switched::Accepted) => {
                 self.epoch = epoch;
+                self.motors.iter_mut().for_each(|motor| motor.switch(epoch, tick));
                 return Ok(());
             }
             Reply::Switched(Switched::Late { horizon }) => SwitchRefused::Late { horizon },
@@ -699,6 +749,7 @@ impl<P: Port> Board for Remote<P> {
         };
         for motor in self.motors.iter_mut().filter(|motor| motor.epoch == Some(epoch)) {
             motor.forget();
+            motor.drop_epoch(epoch);
         }
         // The room that the dropped items took.
         let _ = self.status();
@@ -747,6 +798,7 @@ impl<P: Port> Board for Remote<P> {
         let answer = self.ask(&Command::StopNow);
         for motor in &mut self.motors {
             motor.forget();
+            motor.waiting.clear();
         }
         let report = match answer {
             Ok(Answer { reply: Reply::Stopped { stopped, positions }, .. }) => {

@@ -17,7 +17,7 @@ use pulsetrain_core::packing::{Packing, State};
 /// let segment = Segment { count: 40, interval: 100 << 16, add: 0, add2: 0 };
 /// let run = Item::Run { segment, direction: Direction::Forward };
 ///
-/// let mut packed = Sizer::packed(Packing { fraction_bits: 16, gain: 0 });
+/// let mut packed = Sizer::packed(Packing { fraction_bits: 16, gain: 0 }, 800);
 /// assert_eq!([packed.size(&anchor), packed.size(&run)], [6, 6]);
 /// // The same speed for 40 steps more: the header alone says so.
 /// assert_eq!(packed.size(&run), 1);
@@ -39,15 +39,15 @@ impl Sizer {
     #[must_use]
     pub fn items() -> Sizer {
         // Registers of any width.
-        let packer = Packer::new(Packing { fraction_bits: 32, gain: 0 });
+        let packer = Packer::new(Packing { fraction_bits: 32, gain: 0 }, 0);
         Sizer { packer, counts_bytes: false, head: 0 }
     }
 
-    /// For a queue of bytes that holds items as [`pulsetrain_core::packing`] packs them, with checks in between as a
-    /// [`Remote`](crate::Remote) sends them.
+    /// For a queue of `capacity` bytes that holds items as [`pulsetrain_core::packing`] packs them, with checks in between
+    /// as a [`Remote`](crate::Remote) sends them: none where there is hardly room for the items.
     #[must_use]
-    pub fn packed(packing: Packing) -> Sizer {
-        Sizer { packer: Packer::new(packing), counts_bytes: true, head: 0 }
+    pub fn packed(packing: Packing, capacity: usize) -> Sizer {
+        Sizer { packer: Packer::new(packing, capacity), counts_bytes: true, head: 0 }
     }
 
     /// The same, of a queue in which every epoch takes `head` for itself, before its first item.

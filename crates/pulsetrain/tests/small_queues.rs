@@ -205,29 +205,47 @@ fn changing(motors: u8, rate: f64, omega: f64) -> Program {
     program((0..motors).map(law).collect(), (20.0 + 0.06 * omega) * rate)
 }
 
-/// `cargo test -p pulsetrain --test small_queues --release -- --ignored --nocapture` prints them.
-#[test]
-#[ignore = "prints figures"]
-fn figures() {
-    let all = [
+/// Motions and queues of an Uno, bytes a motor, and how long to run, s.
+fn motions() -> [(&'static str, Program, u16, f64); 6] {
+    [
         ("tutorial, T = 1 s", tutorial(1.0, 2), 800, 3.0),
         ("tutorial, T = 0.8 s", tutorial(0.8, 2), 800, 3.0),
         ("tutorial, T = 0.1 s", tutorial(0.1, 10), 800, 3.0),
-        ("2 at 80 k", changing(2, 80e3, 800.0), 280, 1.0),
-        ("3 at 38 k", changing(3, 38e3, 400.0), 190, 1.0),
-        ("4 at 28 k", changing(4, 28e3, 300.0), 140, 1.0),
-    ];
-    for (what, program, queue, seconds) in all {
+        ("2 at 80 k", changing(2, 80e3, 900.0), 280, 1.0),
+        ("3 at 38 k", changing(3, 38e3, 500.0), 190, 1.0),
+        ("4 at 28 k", changing(4, 28e3, 350.0), 140, 1.0),
+    ]
+}
+
+#[test]
+fn what_an_uno_is_to_do_streams_through_its_queues() {
+    for (what, program, queue, seconds) in motions() {
         let figures = stream(&program, queue, seconds);
-        let Figures { seconds, steps, switches, refused, slack_s, bytes_per_s, .. } = &figures;
+        assert_eq!(figures.refused, None, "{what}");
+        // A switch was known to be accepted so long before its tick: what a board may be slower than the model.
+        assert!(figures.slack_s > 3e-3, "{what}: {figures:?}");
+        // Of 100 000 that the line can carry.
+        assert!(figures.bytes_per_s < 50_000.0, "{what}: {figures:?}");
+    }
+}
+
+/// `cargo test -p pulsetrain --test small_queues -- --ignored --nocapture` prints them.
+#[test]
+#[ignore = "prints figures"]
+fn figures() {
+    for (what, program, queue, seconds) in motions() {
+        let figures = stream(&program, queue, seconds);
+        let per_second = |count: f64| count / figures.seconds;
         println!(
-            "{what}, {queue} bytes a motor: {:.0} steps/s, {:.1} switches/s, least slack {:.1} ms, {:.0} bytes/s; {:.0} steps a segment, {:.3} bytes a step; {refused:?}",
-            *steps as f64 / seconds,
-            *switches as f64 / seconds,
-            slack_s * 1e3,
-            bytes_per_s,
+            "{what}, {queue} bytes a motor: {:.0} steps/s, {:.0} steps a segment, {:.3} bytes a step; {:.1} switches/s, \
+             {:.1} ms to spare, {:.0} bytes/s on the line; {:?}",
+            per_second(figures.steps as f64),
             figures.steps_per_segment,
             figures.bytes_per_step,
+            per_second(figures.switches as f64),
+            figures.slack_s * 1e3,
+            figures.bytes_per_s,
+            figures.refused,
         );
     }
 }

@@ -187,6 +187,8 @@ impl<'a, B: Board> Session<'a, B> {
             self.board.advance(if self.board.now() <= last { until.min(last) } else { until }, observer);
             progress(self.board.now());
         }
+        // Edges of the time in which the board was lost.
+        self.board.advance(self.board.now().saturating_sub(1), observer);
         self.report(failure)
     }
 

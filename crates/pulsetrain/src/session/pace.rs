@@ -54,7 +54,7 @@ impl Pace {
 
     /// How often to look whether there is room.
     pub(super) fn look(&self) -> u64 {
-        self.link.min(self.tick_hz / 400)
+        self.link.min(self.tick_hz / 640)
     }
 
     pub(super) fn is_unlike(&self, other: &Pace) -> bool {
