@@ -49,6 +49,11 @@ fn pins_are_outputs_when_a_configuration_names_them() {
         for pins in KINDS {
             let mut setup = uno_setup(pins, 16);
             setup.motors.iter_mut().for_each(|motor| motor.step_low = step_low);
+            if step_low && pins.contains(&(10, 7)) {
+                // Low pulses are made by software, which needs one port.
+                assert!(board.configure(&setup).is_err());
+                continue;
+            }
             board.configure(&setup).expect("it takes it");
             for pin in 2..20 {
                 let named = pins.iter().any(|(step, dir)| *step == pin || *dir == pin);

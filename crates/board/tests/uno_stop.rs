@@ -19,6 +19,9 @@ const KINDS: [&[(u8, u8)]; 7] = [
     &[(9, 8), (10, 8), (11, 8), (12, 8)],
 ];
 
+/// Ticks between the steps of each kind's motors.
+const INTERVALS: [u64; 7] = [900, 900, 2500, 2500, 2500, 3500, 8000];
+
 /// Begins a motion of motors that step `interval` ticks apart, each a little after the one before, forward and, where they
 /// have a DIR line of their own, now and then backward.
 fn begin(setup: &Setup, shift: u64, interval: u64, count: u32) -> (common::lab::Uno, Lab, u64) {
@@ -51,7 +54,7 @@ fn stops(pins: &[(u8, u8)], pulse_ticks: u16, interval: u64, shift: u64) {
     let report = board.stop_now(stop_at, &mut lab);
     board.advance(report.tick + TICK_HZ / 50, &mut lab);
     let what = format!("{pins:?}, {pulse_ticks} ticks, shift {shift}");
-    println!("{what}: {report:?}");
+    println!("{what}: {report:?} {:?}", board.board_mut().events());
     assert_eq!(report.positions, lab.counts(&setup), "{what}");
     assert!(lab.edges.len() > 50, "{what}: nothing moved: {report:?}, asked {stop_at}, {:?}", lab.edges.last());
     // What the pins show after the stop is at most the end of a pulse.
@@ -64,7 +67,7 @@ fn stops(pins: &[(u8, u8)], pulse_ticks: u16, interval: u64, shift: u64) {
 
 /// All shifts of a step in steps of a few ticks, on one kind of pins.
 fn stops_at_every_phase(kind: usize) {
-    let interval = [900, 900, 900, 900, 2500, 3500, 3500][kind];
+    let interval = INTERVALS[kind];
     for (pulse_ticks, apart) in [(16, 37), (160, 61)] {
         for shift in (0..interval).step_by(apart) {
             stops(KINDS[kind], pulse_ticks, interval, shift);
@@ -106,7 +109,7 @@ fn stops_with_a_shared_dir_line() {
 /// What the status says while motors move is what the pins had shown at some instant since it was asked.
 fn counts(kind: usize) {
     let setup = uno_setup(KINDS[kind], 16);
-    let interval = [900, 900, 900, 900, 2500, 3500, 3500][kind];
+    let interval = INTERVALS[kind];
     let (mut board, mut lab, from) = begin(&setup, 0, interval, 400);
     let random = &mut Random::new(kind as u64);
     let mut answers = Vec::new();

@@ -1,10 +1,10 @@
-//! Pauses on the virtual Uno: the committed firmware on an emulated chip.
+//! Pauses and stops on the virtual Uno: the committed firmware on an emulated chip.
 
 use pulsetrain::drive::connect;
 use pulsetrain::pause::Shelf;
 use pulsetrain::session::Session;
 use pulsetrain_board::virtual_uno::VirtualUno;
-use pulsetrain_board::{Board, Edge};
+use pulsetrain_board::{Board, Edge, Faults};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::program::{self, DriverTiming, Limits, Motor, Program, Scale, Tolerance};
 use pulsetrain_motion::{Grid, Law, Time, boards};
@@ -67,5 +67,26 @@ fn a_pause_on_the_chip_keeps_count_and_phase() {
     for (before, after) in pairs.filter(|(_, after)| **after > at_speed) {
         // Both within a certificate of 16 ticks; these pins are never late.
         assert!((after - before - late).abs() <= 36, "{} and not {late} late", after - before);
+    }
+}
+
+/// Tails are packed as nothing else is: in records that slow a motor down, and that most runs never come to.
+#[test]
+fn a_stop_on_the_chip_is_the_tail_that_was_planned() {
+    let law = Law::sine(2000.0, Time::from_seconds(10.0), Some(1)).unwrap();
+    let mut program = program(vec![motor(8, 9, law)]);
+    program.motors[0].limits.max_acceleration = Some(1000.0);
+    for tenths in [4, 10, 17, 24] {
+        let mut pulses = 0;
+        let mut observer = |edge: Edge| pulses += i64::from(edge.line == 8 && edge.level);
+        let board = connect(VirtualUno::new(), &program, Baud::B1M).unwrap();
+        let mut session = Session::new(board, &program).unwrap();
+        session.advance(session.zero() + tenths * 1_600_000, &mut observer).unwrap();
+        session.stop().unwrap();
+        let report = session.run(&mut observer, |_| {});
+        assert_eq!((report.failure, &report.counted), (None, &report.replayed), "{tenths}");
+        assert_eq!(report.faults, [Faults::default()], "{tenths}");
+        assert_eq!(report.counted, [pulses], "{tenths}");
+        assert!(pulses > 20, "{pulses}");
     }
 }

@@ -448,7 +448,7 @@ impl Machine for Board {
         let stepper = task::lock();
         let unplayed = stepper.unplayed(motor);
         let motor = stepper.motors().get(usize::from(motor));
-        motor.map_or(0, |motor| motor.position.wrapping_sub(i32::from(unplayed)))
+        motor.map_or(0, |motor| motor.planned().wrapping_sub(i32::from(unplayed)))
     }
 
     fn faults(&self, motor: u8) -> u8 {

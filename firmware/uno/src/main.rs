@@ -107,7 +107,10 @@ fn run(board: &mut Board, service: &mut Service, receiver: &mut Receiver, reply:
         }
         if next {
             last = now;
-            board.housekeeping(now, receiver);
+            // Now and then is enough, and a motor may need the time.
+            if now.0 & 3 == 0 {
+                board.housekeeping(now, receiver);
+            }
         } else if !heard && reply.sent == reply.len {
             board.rest(receiver);
         }

@@ -1,8 +1,9 @@
 //! The Uno's figures: on the emulated chip, in its cycles, which are the same on every machine.
 
 use super::report;
-use crate::command::{Done, Failure, cargo, output};
+use crate::command::{Done, Failure, cargo, output, root};
 use crate::firmware;
+use std::fs;
 
 /// Titles of the figures, by number.
 const TITLES: [&str; 5] = [
@@ -42,7 +43,8 @@ impl Row {
 /// Figures 1, 2, 3 and 5.
 pub(crate) fn run() -> Done {
     let size = firmware::measure_uno()?;
-    let (head, rows) = measure("")?;
+    let (head, rows, limits) = measure("")?;
+    write_limits(&limits)?;
     let mut text = format!("# The Uno, emulated\n\nWritten by `cargo xtask bench uno`. {PREFACE}\n");
     text.push_str(&tables(&head, &rows));
     text.push_str(&format!("\n## Flash and RAM\n\n```text\n{size}```\n"));
@@ -51,7 +53,7 @@ pub(crate) fn run() -> Done {
 
 /// Figure 4.
 pub(crate) fn hour() -> Done {
-    let (head, rows) = measure("-- hour")?;
+    let (head, rows, _) = measure("-- hour")?;
     let mut text = "# The Uno, emulated: an hour\n\nWritten by `cargo xtask bench uno --hour`.\n".to_owned();
     text.push_str(&tables(&head, &rows));
     finish("uno-hour", &text, &rows)
@@ -68,13 +70,96 @@ fn finish(section: &str, text: &str, rows: &[Row]) -> Done {
     Err(Failure::Check(format!("{} of the promised figures do not hold:{}", broken.len(), lines.collect::<String>())))
 }
 
+/// Head, rows, and limits for the table of boards.
+type Measured = (Vec<String>, Vec<Row>, Vec<Limit>);
+
 /// Runs the bench.
-fn measure(arguments: &str) -> Done<(Vec<String>, Vec<Row>)> {
+fn measure(arguments: &str) -> Done<Measured> {
     let text = output(&mut cargo(&format!("bench --package pulsetrain --bench uno {arguments}")))?;
     let mut lines = text.lines().filter(|line| line.contains('\t'));
     let head = lines.next().ok_or_else(|| Failure::Check("the bench printed no table".to_owned()))?;
     let head = head.split('\t').skip(2).map(str::to_owned).collect();
-    Ok((head, lines.map(parse).collect::<Done<_>>()?))
+    let (limits, rows): (Vec<_>, Vec<_>) = lines.partition(|line| line.starts_with("limit\t"));
+    Ok((head, rows.into_iter().map(parse).collect::<Done<_>>()?, limits.into_iter().filter_map(Limit::parse).collect()))
+}
+
+/// What a number of motors can do for good at one rate; all in ticks.
+struct Limit {
+    by_compare: bool,
+    motors: usize,
+    pulse: u32,
+    interval: u32,
+    late: u32,
+    horizon: u32,
+    /// Bytes.
+    queues: u32,
+}
+
+impl Limit {
+    fn parse(line: &str) -> Option<Limit> {
+        let mut fields = line.split('\t').skip(1);
+        let by_compare = fields.next()? == "compare";
+        let mut number = || fields.next()?.parse().ok();
+        let motors = number()? as usize;
+        Some(Limit {
+            by_compare,
+            motors,
+            pulse: number()?,
+            interval: number()?,
+            late: number()?,
+            horizon: number()?,
+            queues: number()?,
+        })
+    }
+}
+
+/// The pulses that limits are measured for, ticks.
+const PULSES: [u32; 3] = [16, 31, 80];
+
+/// Writes what the table of boards says of the Uno.
+fn write_limits(limits: &[Limit]) -> Done {
+    let path = root().join("crates/motion/src/boards/uno.rs");
+    fs::write(&path, limits_source(limits)?).map_err(|why| Failure::File { path, why })
+}
+
+fn limits_source(limits: &[Limit]) -> Done<String> {
+    let shortest = |by_compare: bool, motors: usize, pulse: u32| {
+        let of = limits.iter().filter(|l| (l.by_compare, l.motors, l.pulse) == (by_compare, motors, pulse));
+        // Where several kinds of pins were measured, what all of them do.
+        let missing = || Failure::Check(format!("no rate holds for {motors} motors with pulses of {pulse} ticks"));
+        of.map(|limit| limit.interval).max().ok_or_else(missing)
+    };
+    let rows = |by_compare: bool, most: usize| -> Done<String> {
+        let mut rows = String::new();
+        for motors in 1..=most {
+            let row = PULSES.iter().map(|pulse| Ok(shortest(by_compare, motors, *pulse)?.to_string()));
+            rows.push_str(&format!("    [{}],\n", row.collect::<Done<Vec<_>>>()?.join(", ")));
+        }
+        Ok(rows)
+    };
+    let software = limits.iter().filter(|limit| !limit.by_compare);
+    let late = software.map(|limit| limit.late).max().unwrap_or(0);
+    let queues = limits.iter().map(|limit| limit.queues).min().unwrap_or(0);
+    let horizon = limits.iter().map(|limit| limit.horizon).max().unwrap_or(0);
+    Ok(format!(
+        "//! What the Uno's firmware does on the emulated chip: written by `cargo xtask bench uno`, not by hand. In ticks.\n\n\
+         /// Pulses up to these lengths, a column each.\n\
+         pub(super) const PULSES: [u32; {}] = [{}];\n\
+         /// Shortest interval that holds for good, of each of 1 to 4 motors on one or two ports.\n\
+         pub(super) const BY_SOFTWARE: [[u32; {0}]; 4] = [\n{}];\n\
+         /// The same of one or two motors whose edges the compare hardware makes.\n\
+         pub(super) const BY_COMPARE: [[u32; {0}]; 2] = [\n{}];\n\
+         /// Largest |edge − scheduled| beyond the constant.\n\
+         pub(super) const LATENESS: u32 = {late};\n\
+         /// The farthest that it commits itself ahead.\n\
+         pub(super) const HORIZON: u32 = {horizon};\n\
+         /// Bytes of its queues.\n\
+         pub(super) const QUEUES: u32 = {queues};\n",
+        PULSES.len(),
+        PULSES.map(|pulse| pulse.to_string()).join(", "),
+        rows(false, 4)?,
+        rows(true, 2)?,
+    ))
 }
 
 fn parse(line: &str) -> Done<Row> {
@@ -105,6 +190,24 @@ fn tables(head: &[String], rows: &[Row]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn limits_are_those_that_all_pins_keep() {
+        let mut limits = Vec::new();
+        for pulse in PULSES {
+            for motors in 1..=4 {
+                limits.push(format!("limit\tsoftware\t{motors}\t{pulse}\t{}\t30\t5000\t370", 100 * motors));
+            }
+            limits.push(format!("limit\tsoftware\t3\t{pulse}\t333\t31\t5000\t370"));
+            limits.extend([1, 2].map(|motors| format!("limit\tcompare\t{motors}\t{pulse}\t90\t0\t6000\t370")));
+        }
+        let limits: Vec<_> = limits.iter().filter_map(|line| Limit::parse(line)).collect();
+        let source = limits_source(&limits).expect("all there");
+        for line in ["[333, 333, 333],", "[90, 90, 90],", "LATENESS: u32 = 31;", "HORIZON: u32 = 6000;"] {
+            assert!(source.contains(line), "{source}");
+        }
+        assert!(limits_source(&limits[1..]).is_err());
+    }
 
     #[test]
     fn a_row_is_read_as_it_was_written() {

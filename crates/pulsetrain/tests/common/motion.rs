@@ -197,6 +197,7 @@ pub(crate) fn make<'a>(prepared: &'a Prepared, late_ticks: f64, watch: impl FnMu
         lateness,
         load,
         horizon_ticks: 0,
+        queue_bytes: board.info().pool,
         shortest_pulse: shortest,
         stack_left,
         masked_cycles: board.port().chip().longest_masked().cycles,

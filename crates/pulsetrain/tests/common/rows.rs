@@ -20,6 +20,8 @@ pub(crate) struct Row {
     pub(crate) motors: usize,
     /// Steps/s reached, of each motor.
     pub(crate) rate: String,
+    /// Steps/s that the first motor was asked for; 0 for motions.
+    pub(crate) asked: f64,
     /// What is asked for: the same, or in words.
     pub(crate) required: String,
     pub(crate) seen: Option<Seen>,
@@ -134,6 +136,11 @@ impl Case {
         Run { pins: self.pins, laws, apart: self.apart, pulse_ticks: self.pulse_ticks, seconds, seed: 1 }
     }
 
+    /// Whether it is what the table of boards takes its limits from: one rate, motors beside one another.
+    pub(crate) fn is_limit(&self) -> bool {
+        self.swing == 0.0 && self.apart != 0.0 && self.ratios == ALIKE && self.turns == 0
+    }
+
     /// Streams it at a rate of the first motor.
     pub(crate) fn row(&self, rate: f64, seconds: f64) -> Row {
         let run = self.run(rate, seconds);
@@ -160,6 +167,7 @@ impl Case {
             pins: pins_text(&self.pins[..self.motors]),
             motors: self.motors,
             rate: reached,
+            asked: rate,
             required: self.required.map_or(String::new(), kilo),
             seen,
             verdict,
@@ -248,8 +256,10 @@ pub(crate) fn variations() -> Vec<Case> {
             cases.push(Case { ratios: UNEQUAL, ..case });
         }
         cases.push(Case { turns: 5, ..case });
-        cases.push(Case { pulse_ticks: 31, ..case });
-        cases.push(Case { pulse_ticks: 80, ..case });
+        for pulse_ticks in [31, 80] {
+            cases.push(Case { pulse_ticks, ..case });
+            cases.push(Case { pulse_ticks, ..constant });
+        }
     }
     cases
 }
@@ -274,7 +284,7 @@ pub(crate) fn tutorial(period: Time, cycles: u64, (step, dir): (u8, u8), pulse_n
         winding: None,
     };
     let program = Program { board, grid: Grid::REACH, tolerance: Tolerance::Ticks(1.0), motors: vec![motor] };
-    Prepared { file: format!("the tutorial, T = {} s", period.seconds()), program, cut_at: None }
+    Prepared { file: format!("the tutorial, T = {} s", period.seconds()), program, cut_at: None, pause: None }
 }
 
 /// Period (s, as a fraction), STEP and DIR: the seed's periods, the fastest by the compare hardware.
@@ -317,6 +327,7 @@ pub(crate) fn motion_row(figure: u8, law: String, prepared: &Prepared, limit: i6
         pins: pins_text(&pins),
         motors: motors.len(),
         rate: String::new(),
+        asked: 0.0,
         required: format!("max ≤ {limit}"),
         seen: None,
         verdict: String::new(),

@@ -58,6 +58,8 @@ pub(crate) struct Seen {
     pub(crate) load: Load,
     /// How far ahead the board was committed, ticks: most of what it said.
     pub(crate) horizon_ticks: u64,
+    /// Bytes of all queues.
+    pub(crate) queue_bytes: u16,
     /// Shortest pulse on the pins, ticks.
     pub(crate) shortest_pulse: u64,
     /// Bytes of stack that were never used.
@@ -222,7 +224,8 @@ pub(crate) fn stream(run: &Run) -> Result<Seen, String> {
     let masked_cycles = board.port().chip().longest_masked().cycles;
     let rates = pulses.edges.iter().map(rate).collect();
     let (lateness, shortest_pulse) = (pulses.meter.finish(), pulses.shortest);
-    Ok(Seen { lateness, rates, load, horizon_ticks, shortest_pulse, stack_left, masked_cycles, trouble })
+    let queue_bytes = board.info().pool;
+    Ok(Seen { queue_bytes, lateness, rates, load, horizon_ticks, shortest_pulse, stack_left, masked_cycles, trouble })
 }
 
 /// 99 of 100 edges must not be later than that, cycles.

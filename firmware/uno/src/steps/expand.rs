@@ -11,8 +11,8 @@
 //! # Cycles
 //! | into | changing law | cruise (add = add2 = 0) | around n steps |
 //! |---|---|---|---|
-//! | a ring | 23.5 | 15.5 | 150 |
-//! | a list | 18.5 | 10.5 | 150 |
+//! | a ring | 23.5 | 15.5 | 100 |
+//! | a list | 18.5 | 10.5 | 100 |
 
 use core::arch::global_asm;
 use core::mem::offset_of;
@@ -26,6 +26,8 @@ const _: () = assert!(offset_of!(Registers, add) == 11);
 const _: () = assert!(offset_of!(Registers, add2) == 15);
 const _: () = assert!(offset_of!(Registers, left) == 19);
 
+// Arguments: Y the registers (the motor), Z where the ticks go, r20 n, r18 and r19 rise and fall (ring only), r17 the length
+// of long pulses. Result: r24, the low byte of where the last one went. Keeps Y, r1 to r7, and r17 but for lists; not X.
 // Registers of the processor while expanding:
 //   r0 r21         fraction
 //   r22 r23 r24    tick, its low three bytes
@@ -37,20 +39,14 @@ const _: () = assert!(offset_of!(Registers, left) == 19);
 //   Y              the Registers; Z where the ticks go
 global_asm!(
     r#"
-    .macro expand_enter                 //                              43 + 24
-    .irp r, 8,9,10,11,12,13,14,15,16,17,28,29
-    push r\r                            // 12 x 2                       24
-    .endr
-    lds r17, steps_times+{PULSE}        // 2                            26
-    movw r28, r24                       // 1                            23
-    movw r30, r22                       // 1                            24
-    ldd r24, Y+19                       // 2                            26
-    ldd r25, Y+20                       // 2                            28
-    sub r24, r20                        // 1                            29
-    sbc r25, r1                         // 1                            30
-    std Y+19, r24                       // 2                            32
-    std Y+20, r25                       // 2                            34
-    ldd r0, Y+0                         // 17 x 2                       68
+    .macro expand_enter                 //                              52
+    ldd r24, Y+19                       // 2                            2
+    ldd r25, Y+20                       // 2                            4
+    sub r24, r20                        // 1                            5
+    sbc r25, r1                         // 1                            6
+    std Y+19, r24                       // 2                            8
+    std Y+20, r25                       // 2                            10
+    ldd r0, Y+0                         // 17 x 2                       44
     ldd r21, Y+1
     ldd r22, Y+2
     ldd r23, Y+3
@@ -67,7 +63,7 @@ global_asm!(
     ldd r14, Y+16
     ldd r15, Y+17
     ldd r16, Y+18
-    cp r9, r1                           // 8                            76
+    cp r9, r1                           // 8                            52
     .irp r, 10,11,12,13,14,15,16
     cpc r\r, r1
     .endr
@@ -80,7 +76,7 @@ global_asm!(
     std Y+14, r12
     .endm
 
-    .macro expand_leave                 //                              55 with ret
+    .macro expand_leave                 //                              32 with ret
     std Y+0, r0                         // 2                            2
     std Y+1, r21                        // 2                            4
     std Y+2, r22                        // 2                            6
@@ -100,10 +96,7 @@ global_asm!(
     sbc r8, r8                          // 1                            25
     std Y+10, r8                        // 2                            27
     mov r24, r30                        // 1                            28
-    .irp r, 29,28,17,16,15,14,13,12,11,10,9,8
-    pop r\r                             // 12 x 2                       52
-    .endr
-    ret                                 // 4                            54
+    ret                                 // 4                            32
     .endm
 
     .macro advance_tick                 //                              5
@@ -137,11 +130,11 @@ global_asm!(
     .section .text.\name, "ax", @progbits
     .global \name
 \name:
-    expand_enter                        //                              76
-    brne 8f                             // 2                            78
+    expand_enter                        //                              52
+    brne 8f                             // 2                            54
     rjmp 5f
 8:  sbrs r20, 0                         // 2 when odd, 3 when even
-    rjmp 2f                             //                              81
+    rjmp 2f                             //                              57
 1:  advance_tick
     \store
     advance_interval
@@ -156,7 +149,7 @@ global_asm!(
     subi r20, 2                         // 1
     brne 2b                             // 2: 3 for two steps
 3:  expand_leave_lawful                 //                              8
-4:  expand_leave                        //                              54
+4:  expand_leave                        //                              32
 5:  sbrs r20, 0
     rjmp 7f
 6:  advance_tick
@@ -210,5 +203,4 @@ global_asm!(
     expander steps_expand_ring_long, ring_store_long
     expander steps_expand_list_long, list_store_long
     "#,
-    PULSE = const super::times::PULSE,
 );

@@ -1,7 +1,7 @@
 //! The ring of a motor that has one of its own: plan, expand, publish, until the ring is full.
 //!
 //! # Cycles
-//! 90 a batch, beside what [`plan`](super::plan) and [`expand`](super::expand) take.
+//! 80 a batch and 90 a call, beside what [`plan`](super::plan) and [`expand`](super::expand) take.
 
 use super::motor::Motor;
 use super::plan::Plan;
@@ -25,18 +25,18 @@ global_asm!(
     .section .text.steps_fill, "ax", @progbits
     .global steps_fill
     // r24:25: the track; r22:23: its motor. The result is that of steps_plan, or FULL in r24.
-    // Inside, r16:17 is the track, Y the motor, r15 the batches left.
+    // Inside, r2:3 is the track, Y the motor; the batches left are on the stack.
 steps_fill:
-    .irp r, 14,15,16,17,28,29
+    .irp r, 2,3,8,9,10,11,12,13,14,15,16,17,28,29
     push r\r
     .endr
-    movw r16, r24
+    movw r2, r24
     movw r28, r22
     ldi r24, {BATCHES}
     push r24
 fill_next:
     // Is there room?
-    movw r30, r16
+    movw r30, r2
     ldd r26, Z+{TAIL_AT}
     clr r27
     ld r26, X
@@ -69,23 +69,24 @@ fill_next:
 7:  rjmp fill_done
     // r24 steps
     mov r20, r24
-    movw r30, r16
-    ldd r22, Z+{HEAD}
-    ldd r23, Z+{PAGE}
+    movw r30, r2
     ldd r18, Z+{STEP_FIRST}
     ldd r19, Z+{LAST_BYTE}
-    push r22
-    movw r24, r28
+    ldd r24, Z+{HEAD}
+    ldd r31, Z+{PAGE}
+    mov r30, r24
+    push r24
     ldd r26, Y+{STEP}
     ldd r27, Y+{STEP_FALL}
     cp r26, r27
     brne 3f
     call steps_expand_ring
     rjmp 4f
-3:  call steps_expand_ring_long
+3:  lds r17, steps_times+{PULSE}
+    call steps_expand_ring_long
     // Published from the end: what was pending comes last.
 4:  pop r22
-    movw r30, r16
+    movw r30, r2
     mov r26, r24
     ldd r27, Z+{PAGE}
     ldd r25, Z+{STEP_LAST}
@@ -119,7 +120,7 @@ fill_next:
     rjmp fill_next
 fill_done:
     pop r0
-    .irp r, 29,28,17,16,15,14
+    .irp r, 29,28,17,16,15,14,13,12,11,10,9,8,3,2
     pop r\r
     .endr
     ret

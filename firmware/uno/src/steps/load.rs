@@ -267,9 +267,35 @@ load_ran:
     rcall load_consume
     brcs 9f
     ldd r24, Y+{FLAGS}
-    sbrc r24, {ANCHORED}
-    ret                                 // without carry
+    sbrs r24, {ANCHORED}
+    rjmp 4f
+    // All its steps are counted.
+    ldd r18, Y+{POSITION}
+    ldd r19, Y+{POSITION}+1
+    ldd r20, Y+{POSITION}+2
+    ldd r21, Y+{POSITION}+3
+    ldd r22, Y+{LEFT}
+    ldd r23, Y+{LEFT}+1
+    sbrc r24, {BACKWARD}
+    rjmp 2f
+    add r18, r22
+    adc r19, r23
+    adc r20, r1
+    adc r21, r1
+    rjmp 3f
+2:  sub r18, r22
+    sbc r19, r23
+    sbc r20, r1
+    sbc r21, r1
+3:  std Y+{POSITION}, r18
+    std Y+{POSITION}+1, r19
+    std Y+{POSITION}+2, r20
+    std Y+{POSITION}+3, r21
+    clc
+    ret
     // A motion without an anchor.
+4:  std Y+{LEFT}, r1
+    std Y+{LEFT}+1, r1
     ldi r22, {MISSED}
     ldd r18, Y+{HORIZON}
     ldd r19, Y+{HORIZON}+1
@@ -304,6 +330,8 @@ load_consume:
     ret
 
 load_bad:
+    std Y+{LEFT}, r1                    // not counted yet
+    std Y+{LEFT}+1, r1
     ldi r22, {BAD}
 load_fail_here:
     ldd r18, Y+{TICK}
@@ -457,6 +485,7 @@ load_slow:
     sbc r20, r30
     sbc r21, r31
     sbc r22, r25
+    tst r22                             // sbc leaves Z to what is below
     brne load_bad_near
     sbrc r21, 7
     rjmp load_bad

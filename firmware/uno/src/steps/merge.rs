@@ -414,8 +414,10 @@ merge_give:
     call steps_plan
     pop r30
     tst r24
-    breq 8f
-    // X: the lane; r30: where its list ends
+    brne 2f
+    sec
+    ret
+2:  // X: the lane; r30: where its list ends
     ldi r26, {LANE_SIZE}
     mul r30, r26
     movw r26, r0
@@ -462,17 +464,19 @@ merge_give:
     lsl r24
     sub r30, r24
     st X, r30
-    movw r24, r28
+    .irp r, 8,9,10,11,12,13,16,17
+    push r\r
+    .endr
     cp r22, r23
-    movw r22, r30
     brne 4f
     call steps_expand_list
+    rjmp 5f
+4:  lds r17, steps_times+{PULSE}
+    call steps_expand_list_long
+5:  .irp r, 17,16,13,12,11,10,9,8
+    pop r\r
+    .endr
     clc
-    ret
-4:  call steps_expand_list_long
-    clc
-    ret
-8:  sec
     ret
     "#,
     LANE0 = const 0,

@@ -119,8 +119,8 @@ pub(crate) struct Motor {
     pub(crate) free: Moment,
     /// Tick of the switch that waits.
     pub(crate) switch_at: Moment,
-    /// Steps forward minus backward that were planned, played or not.
-    pub(crate) position: i32,
+    /// Steps forward minus backward, those of the segment being run included.
+    pub(super) position: i32,
     /// The lower bits of it at the last anchor.
     pub(crate) origin: u16,
     /// The levels of STEP and DIR once all that was planned has been played.
@@ -334,6 +334,7 @@ impl Motor {
     /// Without steps, anchor and prediction; the direction is forward.
     fn restart(&mut self) {
         self.settle();
+        self.uncount(0);
         let Registers { fraction, tick, .. } = self.registers;
         self.registers = Registers { fraction, tick, ..Registers::new() };
         self.count = COUNT_AT_REST;
@@ -344,7 +345,7 @@ impl Motor {
         self.set(flag::UNREADABLE, false);
     }
 
-    /// Forgets all that was to come. What was planned and never played is the caller's to take off the count.
+    /// Forgets all that was to come. What was planned and never played is the caller's to take off the count: [`Motor::uncount`].
     #[inline(never)]
     pub(crate) fn stop(&mut self) {
         self.restart();
@@ -352,6 +353,18 @@ impl Motor {
         self.set(flag::SWITCH, false);
         (self.ready, self.epochs, self.is_due) = (0, 0, false);
         self.next = self.start;
+    }
+
+    /// Steps forward minus backward that were planned, played or not.
+    pub(crate) fn planned(&self) -> i32 {
+        let left = i32::from(self.registers.left);
+        if self.has(flag::BACKWARD) { self.position.wrapping_add(left) } else { self.position.wrapping_sub(left) }
+    }
+
+    /// Takes steps that were planned and not played off the count. The rest of the segment is dropped.
+    pub(crate) fn uncount(&mut self, steps: i16) {
+        self.position = self.planned().wrapping_sub(i32::from(steps));
+        self.registers.left = 0;
     }
 
     /// Whether there is nothing to do, now or later, unless more is pushed.
@@ -375,7 +388,7 @@ impl Motor {
     #[inline(never)]
     pub(super) fn fail(&mut self, reason: Reason, tick: Moment) {
         self.fault = self.fault.or(Some(Fault { reason, tick }));
-        self.registers.left = 0;
+        self.uncount(0);
         self.set(flag::ANCHORED, false);
         // After a mismatch, an anchor would do; there is none but at the front of an epoch.
         self.set(flag::UNREADABLE, true);

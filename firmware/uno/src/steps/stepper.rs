@@ -51,7 +51,7 @@ const AHEAD: u32 = 49_152;
 /// The ring of several motors is filled when it has room for so many groups.
 const ROOM: u8 = 8;
 /// Steps that are expanded at once into a list of the merge; half as many if each is two ticks.
-const STEPS: u8 = 24;
+const STEPS: u8 = 31;
 /// Things that one call does at most, beside batches of steps.
 const BATCH: u8 = 4;
 /// The longest of pulse, set-up and hold, ticks: what is past need not be remembered longer than a filler takes.
@@ -445,7 +445,7 @@ impl Stepper {
             let going = left != 0 || !motor.is_idle();
             let interval = motor.registers.next_tick().since(Moment(motor.registers.tick));
             uncertain |= u8::from(going && interval < *slowest) << index;
-            motor.position = motor.position.wrapping_sub(i32::from(left));
+            motor.uncount(left);
             motor.stop();
         }
         // A pulse of two groups may be under way: its end is no group's any more.
