@@ -52,7 +52,8 @@ pub(crate) fn drive_problem(error: DriveError) -> Report {
             "the motors came to rest as planned, or where they were; `pulsetrain info` tells how the board fared"
         }
         DriveError::QueueTooShort { .. } => {
-            "the motion needs more bytes than the board has: fewer motors, a wider tolerance, or a slower motion"
+            "the motion needs more bytes than the board has: fewer motors, a wider tolerance, or a slower motion \
+             (--native runs it without a board)"
         }
         _ => return Report::new(error),
     };
