@@ -7,7 +7,7 @@ mod uno;
 use std::ops::RangeInclusive;
 
 use crate::pins::{PinKind, PinsError};
-use crate::program::{Board, Motor};
+use crate::program::{Board, Motor, Wiring};
 
 /// One row of the table: what plans are held against, and what else a user should know.
 #[derive(Clone, Debug, PartialEq)]
@@ -114,6 +114,11 @@ impl BoardRow {
         let column =
             uno::PULSES.iter().position(|longest| pulse <= u64::from(*longest)).unwrap_or(uno::PULSES.len() - 1);
         let of = |rows: &[[u32; uno::PULSES.len()]]| rows.iter().map(|by_pulse| by_pulse[column]).collect();
+        if shares_dir(motors) {
+            // One after the other.
+            let of: Vec<u32> = of(&uno::BY_SOFTWARE);
+            return (1..).zip(of).map(|(count, ticks)| ticks.max(count * SHARED_STEP_TICKS)).collect();
+        }
         if kind == PinKind::Compare { of(&uno::BY_COMPARE) } else { of(&uno::BY_SOFTWARE) }
     }
 
@@ -134,6 +139,20 @@ pub fn find(name: &str) -> Option<BoardRow> {
     table().into_iter().find(|row| row.board.name.eq_ignore_ascii_case(name))
 }
 
+/// What a step takes on an Uno whose motors share a DIR line, ticks.
+const SHARED_STEP_TICKS: u32 = 2_400;
+
+/// Whether two motors have one DIR line.
+fn shares_dir(motors: &[Motor]) -> bool {
+    let dir = |motor: &Motor| match motor.wiring {
+        Wiring::StepDir { dir, .. } => Some(dir),
+        Wiring::Coils { .. } => None,
+    };
+    motors.iter().enumerate().any(|(index, motor)| {
+        dir(motor).is_some() && motors.iter().skip(index + 1).any(|other| dir(other) == dir(motor))
+    })
+}
+
 /// Ticks between steps at a rate, rounded up: the shortest interval that the rate allows.
 fn interval_ticks(tick_hz: u64, rate_hz: u64) -> u32 {
     u32::try_from(tick_hz.div_ceil(rate_hz)).expect("an interval of a rate above 1 Hz fits 32 bits")
@@ -141,6 +160,9 @@ fn interval_ticks(tick_hz: u64, rate_hz: u64) -> u32 {
 
 fn uno() -> BoardRow {
     const TICK_HZ: u64 = 16_000_000;
+    // Of firmware/uno/src/steps/stepper.rs: 60 for an interrupt that is late before it, 76 for one after it, and twice the
+    // distance of groups, by which a merge moves edges.
+    const TURN_TICKS: u32 = 60 + 76 + 2 * 76;
     BoardRow {
         board: Board {
             name: "uno".to_owned(),
@@ -150,6 +172,7 @@ fn uno() -> BoardRow {
             // With pulses of 1 µs; what a program needs longer ones for, `shortest_intervals` says.
             min_interval_ticks: uno::BY_SOFTWARE.iter().map(|by_pulse| by_pulse[0]).collect(),
             hardware_timed: false,
+            turn_ticks: TURN_TICKS,
             source: "its firmware on an emulated ATmega328P: cargo xtask bench uno".to_owned(),
         },
         about: "Arduino Uno, ATmega328P",
@@ -179,6 +202,7 @@ fn due() -> BoardRow {
             max_motors: 8,
             min_interval_ticks: RATES_HZ.iter().map(|&rate| interval_ticks(TICK_HZ, rate)).collect(),
             hardware_timed: false,
+            turn_ticks: 0,
             source: "estimate: rates of Klipper on the same chip, as published".to_owned(),
         },
         about: "Arduino Due, SAM3X8E",
@@ -205,6 +229,7 @@ fn pico() -> BoardRow {
             max_motors: 8,
             min_interval_ticks: vec![interval_ticks(TICK_HZ, 625_000)],
             hardware_timed: true,
+            turn_ticks: 0,
             source: "estimate: prototype on an emulated RP2040, 8 motors on trapezoid ramps".to_owned(),
         },
         about: "Raspberry Pi Pico, RP2040",
@@ -230,6 +255,7 @@ fn native() -> BoardRow {
             max_motors: 8,
             min_interval_ticks: vec![50],
             hardware_timed: true,
+            turn_ticks: 0,
             source: "by definition: a board in virtual time".to_owned(),
         },
         about: "this computer, in virtual time: the same stepgen as the firmware's",

@@ -245,6 +245,8 @@ pub struct Board {
     pub min_interval_ticks: Vec<u32>,
     /// Whether the edges are timed in hardware (then the default tolerance is 1 tick, else 1 µs).
     pub hardware_timed: bool,
+    /// What a turn of DIR takes beside pulse, hold and set-up, ticks: from the step before it to the one after it.
+    pub turn_ticks: u32,
     /// Where the row's figures come from: "estimate" until a bench on the firmware has printed them.
     pub source: String,
 }

@@ -18,7 +18,7 @@ pub struct Settings {
     pub grid: Grid,
     /// Shortest interval between two steps, ticks: the board's, or the driver's pulse high + low if longer.
     pub min_interval_ticks: u64,
-    /// Shortest interval between two opposite steps, ticks: pulse + DIR hold + DIR setup.
+    /// Shortest interval between two opposite steps, ticks: pulse + DIR hold + DIR setup, and what the board needs for it.
     pub reversal_ticks: u64,
     /// What the motor can do.
     pub limits: Limits,
@@ -61,7 +61,7 @@ impl Settings {
             tolerance_ticks: program.tolerance.ticks(board.tick_hz),
             grid: program.grid,
             min_interval_ticks: own.max(timing.pulse_high + timing.pulse_low),
-            reversal_ticks: timing.reversal(),
+            reversal_ticks: timing.reversal() + u64::from(board.turn_ticks),
             limits: motor.limits,
             ..Settings::new(board.tick_hz, board.fraction_bits)
         }

@@ -64,7 +64,8 @@ impl<'a> SharedDir<'a> {
     ) -> usize {
         self.line = self.line.into_iter().chain(last_step).max_by_key(|(tick, _)| *tick);
         self.keep_ticks = self.keep_ticks.max((timing.pulse_high + timing.dir_hold) as i64);
-        self.setup_ticks = self.setup_ticks.max(timing.dir_setup as i64);
+        let turn = settings.reversal_ticks - (timing.pulse_high + timing.dir_hold).min(settings.reversal_ticks);
+        self.setup_ticks = self.setup_ticks.max(turn as i64);
         self.members.push(Member {
             motor,
             planner,

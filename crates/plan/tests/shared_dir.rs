@@ -57,6 +57,7 @@ fn program(laws: Vec<Law>, timing: DriverTiming) -> Program {
             max_motors: 4,
             min_interval_ticks: vec![160],
             hardware_timed: true,
+            turn_ticks: 0,
             source: "test".into(),
         },
         grid: Grid::NEAREST,

@@ -41,6 +41,7 @@ fn program(fraction_bits: u32, motors: Vec<Motor>) -> Program {
         max_motors: 16,
         min_interval_ticks: vec![160],
         hardware_timed: true,
+        turn_ticks: 0,
         source: "test".into(),
     };
     Program { board, grid: Grid::NEAREST, tolerance: Tolerance::Ticks(1.0), motors }

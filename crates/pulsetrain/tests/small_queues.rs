@@ -110,6 +110,7 @@ fn program(laws: Vec<Law>, acceleration: f64) -> Program {
         max_motors: 4,
         min_interval_ticks: vec![80],
         hardware_timed: true,
+        turn_ticks: 0,
         source: "test".into(),
     };
     let motor = |(index, law)| Motor {

@@ -42,6 +42,7 @@ fn program(grid: Grid, motors: Vec<Motor>) -> Program {
         max_motors: 4,
         min_interval_ticks: vec![320],
         hardware_timed: true,
+        turn_ticks: 0,
         source: "estimate".into(),
     };
     Program { board, grid, tolerance: Tolerance::Ticks(1.0), motors }
