@@ -1,7 +1,7 @@
 //! Hands the linker the memory map.
 
 /// As src/memory.rs has it; memory.ld compares.
-const POOL: usize = 436;
+const POOL: usize = 396;
 
 fn main() {
     let folder = std::env::var("CARGO_MANIFEST_DIR").unwrap_or_default();
