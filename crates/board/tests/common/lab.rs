@@ -57,7 +57,7 @@ pub(crate) struct Timing {
 /// Software pins: an interrupt that is kept waiting is late, and steps of two motors that are close share one.
 pub(crate) const SOFTWARE: Timing = Timing { constant: 17, early: 60, late: 60 };
 /// Motors on one DIR line: steps that are too close for one another's groups wait for the next.
-pub(crate) const SHARED: Timing = Timing { constant: 17, early: 60, late: 300 };
+pub(crate) const SHARED: Timing = Timing { constant: 17, early: 60, late: 400 };
 /// The compare hardware's.
 pub(crate) const EXACT: Timing = Timing { constant: 1, early: 0, late: 0 };
 

@@ -13,9 +13,12 @@ use pulsetrain_motion::program::Motor;
 use pulsetrain_trace::Line;
 use pulsetrain_trace::crossing::Crossings;
 use pulsetrain_trace::verdict::{EdgeJudge, Options};
+use std::collections::VecDeque;
 
 /// Further than that from its time a step was put off (by a shared DIR line), ticks: certificates are far below.
 const PUT_OFF_TICKS: f64 = 20.0;
+/// The phase is that of so many steps.
+const PHASE_STEPS: usize = 500;
 /// Within so many ticks of a touch of a level, a step is the one that the touch may have made.
 const TOUCH_TICKS: f64 = 50_000.0;
 
@@ -25,8 +28,8 @@ pub(crate) struct Schedule<'a> {
     pub(crate) steps: u64,
     /// Largest |scheduled − exact| of steps that were not put off, ticks.
     pub(crate) largest: f64,
-    /// The same of the last such step, signed: what is left of the phase.
-    pub(crate) last: f64,
+    /// Scheduled − exact of the last such steps, ticks.
+    recent: VecDeque<f64>,
     pub(crate) put_off: u64,
     /// Ticks.
     pub(crate) longest_put_off: f64,
@@ -37,7 +40,15 @@ pub(crate) struct Schedule<'a> {
 impl<'a> Schedule<'a> {
     fn new(prepared: &'a Prepared, motor: &'a Motor) -> Schedule<'a> {
         let crossings = Crossings::new(&motor.law, prepared.program.grid, prepared.program.board.tick_hz);
-        Schedule { crossings, steps: 0, largest: 0.0, last: 0.0, put_off: 0, longest_put_off: 0.0, wrong: 0 }
+        Schedule {
+            crossings,
+            steps: 0,
+            largest: 0.0,
+            recent: VecDeque::new(),
+            put_off: 0,
+            longest_put_off: 0.0,
+            wrong: 0,
+        }
     }
 
     fn step(&mut self, tick: u64, forward: bool) {
@@ -63,10 +74,18 @@ impl<'a> Schedule<'a> {
                 self.longest_put_off = self.longest_put_off.max(late);
             } else {
                 self.largest = self.largest.max(late.abs());
-                self.last = late;
+                if self.recent.len() == PHASE_STEPS {
+                    self.recent.pop_front();
+                }
+                self.recent.push_back(late);
             }
             return;
         }
+    }
+
+    /// What is left of the phase: the mean of scheduled − exact over the last steps, ticks.
+    pub(crate) fn phase(&self) -> f64 {
+        self.recent.iter().sum::<f64>() / self.recent.len().max(1) as f64
     }
 
     /// Steps that the law wants and that were not scheduled.

@@ -364,7 +364,7 @@ fn motion_row_and_phases(
             }
             phases.extend(made.schedules.iter().map(|schedule| Phase {
                 steps: schedule.steps,
-                last: schedule.last,
+                last: schedule.phase(),
                 put_off: schedule.put_off,
                 longest_put_off: schedule.longest_put_off,
             }));
@@ -380,8 +380,7 @@ fn motion_row_and_phases(
 pub(crate) fn hour(seconds: i64) -> Vec<Row> {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/sweep.toml");
     let length = Some(Time::from_ratio(seconds, 1));
-    let mut prepared = Prepared::load(std::path::Path::new(file), None, length).expect("an example");
-    prepared.program.tolerance = Tolerance::Ticks(1.0);
+    let prepared = Prepared::load(std::path::Path::new(file), None, length).expect("an example");
     let law = format!("001's four motors, {seconds} s");
     // Steps of several motors at one time wait for one another.
     let (mut all, phases) = motion_row_and_phases(4, law.clone(), &prepared, SHARED_CYCLES, true);
@@ -391,7 +390,7 @@ pub(crate) fn hour(seconds: i64) -> Vec<Row> {
         let Phase { steps, last, put_off, longest_put_off } = phase;
         rows.push(Row {
             law: format!(
-                "{law}: `{}`, phase error {last:.2} ticks at the end of {steps} steps; {put_off} put off for the line's sake, by \
+                "{law}: `{}`, phase error {last:.2} ticks over the last 500 of {steps} steps; {put_off} put off for the line's sake, by \
                  {longest_put_off:.0} ticks at most",
                 motor.name
             ),
