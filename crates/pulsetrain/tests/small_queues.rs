@@ -198,11 +198,12 @@ fn tutorial(seconds: f64, cycles: u64) -> Program {
 fn changing(motors: u8, rate: f64, omega: f64) -> Program {
     let law = |index: u8| {
         let (swing, omega) = (0.05 * rate, omega + 7.0 * f64::from(index));
-        // From rest to its speed within some 0.1 s; then up and down by a twentieth.
-        let text = format!("{}*(t - (1 - exp(-20*t))/20) + {}*(1 - cos({omega}*t))", 0.95 * rate, swing / omega);
+        // From rest to its speed within some 0.3 s; then up and down by a twentieth.
+        let text =
+            format!("{}*(t - (1 - exp(-8*t))/8) + {}*(1 - exp(-8*t))*(1 - cos({omega}*t))", 0.95 * rate, swing / omega);
         Law::formula(&text, &[], 1.0, None).unwrap()
     };
-    program((0..motors).map(law).collect(), (20.0 + 0.06 * omega) * rate)
+    program((0..motors).map(law).collect(), (8.0 + 0.06 * omega) * rate)
 }
 
 /// Motions and queues of an Uno, bytes a motor, and how long to run, s.
@@ -234,7 +235,6 @@ fn what_an_uno_is_to_do_streams_through_its_queues() {
 #[ignore = "prints figures"]
 fn figures() {
     for (what, program, queue, seconds) in motions() {
-        let queue = queue * std::env::var("PART").ok().and_then(|v| v.parse::<u16>().ok()).unwrap_or(100) / 100;
         let figures = stream(&program, queue, seconds);
         let per_second = |count: f64| count / figures.seconds;
         println!(
