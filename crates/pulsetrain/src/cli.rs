@@ -42,6 +42,9 @@ struct Cli {
 enum Command {
     /// Plan a motion, run it in virtual time, judge every edge, and write report, steps, trace and plot
     #[command(after_help = "\
+Motions for the board `uno` run on a virtual Uno, the real firmware on an emulated chip; others on the native board, this
+computer's own stepgen.
+
 Files written to DIR:
   report.json  what was planned, proven, run and judged
   steps.csv    motor,tick,dir,position
@@ -52,7 +55,7 @@ Examples:
   pulsetrain run examples/tutorial.toml
   pulsetrain run examples/sweep.toml --for \"60 s\" --out out/minute
   pulsetrain run examples/sweep.toml --pause-at \"2 s\" --resume-at \"3 s\"
-  pulsetrain run examples/formula.toml --virtual
+  pulsetrain run examples/tutorial.toml --native
   pulsetrain run examples/formula.toml --port /dev/ttyACM0")]
     Run(Run),
     /// Plan a motion and prove it: steps, segments, bytes, certificate, peak rates; nothing runs
@@ -70,7 +73,7 @@ Examples:
     /// Judge a capture against the motion: VCD, Saleae CSV, steps.csv, or a camera track (CSV of time and angle)
     #[command(after_help = "\
 Examples:
-  pulsetrain verify out/tutorial/trace.vcd examples/tutorial.toml
+  pulsetrain verify out/tutorial/trace.vcd examples/tutorial.toml --pins
   pulsetrain verify capture.csv examples/tutorial.toml --pins --align start+rate
   pulsetrain verify capture.csv examples/tutorial.toml --align start \\
       --line \"Channel 0=wheel.step\" --line \"Channel 1=wheel.dir\"")]
@@ -161,9 +164,9 @@ pub(crate) struct Run {
     /// Where the files go [default: out/ and the file's name without .toml]
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
-    /// Let the Uno's firmware run it, on an emulated chip, and judge its pins; for files of the board `uno`
-    #[arg(long = "virtual", conflicts_with = "port")]
-    pub(crate) on_virtual: bool,
+    /// Run it on this computer's own stepgen even if its board is `uno`, whose firmware would run it on an emulated chip
+    #[arg(long, conflicts_with = "port")]
+    pub(crate) native: bool,
     /// Let the board at this serial port run it, in real time; Ctrl-C stops the motors as planned, twice at once
     #[arg(long, value_name = "PORT")]
     pub(crate) port: Option<String>,

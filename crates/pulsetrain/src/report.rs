@@ -64,7 +64,7 @@ impl Display for RunReport {
             writeln!(f, "Run on the native board, in virtual time, and judged edge by edge:\n")?;
             return write!(f, "{}", VerdictTable(verdict));
         }
-        writeln!(f, "Run on the {runner}, in virtual time, and judged edge by edge, on its pins:\n")?;
+        writeln!(f, "Run on the {runner} (emulated chip), in virtual time, and judged edge by edge, on its pins:\n")?;
         let tick_s = 1.0 / verdict.tick_hz as f64;
         let Lateness { constant_ticks, p50_ticks, p99_ticks, max_ticks, lost, extra, .. } = *lateness;
         let max = ticks(max_ticks as f64, tick_s);

@@ -58,7 +58,10 @@ pub(crate) fn drive_problem(error: DriveError) -> Report {
             } else {
                 format!(" (each has {} bytes with 1, 2, … of them)", each.join(", "))
             };
-            let help = format!("what fits: fewer motors{each}, a wider tolerance, or a slower motion");
+            let help = format!(
+                "what fits: fewer motors{each}, a wider tolerance, or a slower motion; --native runs it \
+                 without a board"
+            );
             return miette!(help = help, "{error}");
         }
         _ => return Report::new(error),

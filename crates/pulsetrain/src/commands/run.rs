@@ -27,11 +27,8 @@ pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit>
     if let Some(name) = &args.port {
         return on_port::run(&prepared, &planned, name, args, &folder, console);
     }
-    if args.on_virtual && prepared.program.board.name != "uno" {
-        let board = &prepared.program.board.name;
-        return Err(miette!(help = "leave --virtual out, or add --board uno", "there is no virtual `{board}` yet"));
-    }
-    let (recorded, runner) = if !args.on_virtual {
+    let on_virtual_uno = prepared.program.board.name == "uno" && !args.native;
+    let (recorded, runner) = if !on_virtual_uno {
         let driven = Driven::native(&prepared)?;
         (to_files(&prepared, &planned, driven, Edges::default(), &folder, console)?, "native".to_owned())
     } else {

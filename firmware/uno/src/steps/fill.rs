@@ -15,8 +15,11 @@ use core::mem::offset_of;
 const ROOM: u8 = 14;
 /// Steps that are expanded at once; half as many if each is two groups.
 const STEPS: u8 = 31;
+/// And when there is room for so many, or half of it: the ring runs low.
+const FEW: u8 = 16;
+const LOW: u8 = 30;
 /// Batches that are expanded in one go.
-const BATCHES: u8 = 3;
+const BATCHES: u8 = 8;
 /// The answer when the ring is full, or has had its batches.
 const FULL: u8 = 255;
 
@@ -58,10 +61,15 @@ fill_next:
     cpse r24, r25
     lsr r26
     dec r26
-    cpi r26, {STEPS}
-    brlo 2f
-    ldi r26, {STEPS}
-2:  sts steps_times+{MOST}, r26
+    // Few at once while the ring runs low: they are published the sooner.
+    ldi r24, {FEW}
+    cpi r26, {LOW}
+    brsh 2f
+    ldi r24, {STEPS}
+    cp r26, r24
+    brsh 2f
+    mov r24, r26
+2:  sts steps_times+{MOST}, r24
     call steps_plan
     tst r24
     breq 7f
@@ -72,6 +80,12 @@ fill_next:
     movw r30, r2
     ldd r18, Z+{STEP_FIRST}
     ldd r19, Z+{LAST_BYTE}
+    ldd r23, Z+{UNLIKE}
+    mov r24, r23
+    sub r24, r20
+    brcc 7f
+    clr r24
+7:  std Z+{UNLIKE}, r24
     ldd r24, Z+{HEAD}
     ldd r31, Z+{PAGE}
     mov r30, r24
@@ -80,7 +94,11 @@ fill_next:
     ldd r27, Y+{STEP_FALL}
     cp r26, r27
     brne 3f
-    call steps_expand_ring
+    tst r23
+    brne 8f
+    call steps_expand_ring_again
+    rjmp 4f
+8:  call steps_expand_ring
     rjmp 4f
 3:  lds r17, steps_times+{PULSE}
     call steps_expand_ring_long
@@ -128,8 +146,11 @@ fill_done:
     BATCHES = const BATCHES,
     ROOM = const ROOM,
     STEPS = const STEPS,
+    FEW = const FEW,
+    LOW = const LOW,
     FULL = const FULL,
     TAIL_AT = const offset_of!(Track, ring) + offset_of!(Ring, tail_at),
+    UNLIKE = const offset_of!(Track, ring) + offset_of!(Ring, unlike),
     HEAD = const offset_of!(Track, ring) + offset_of!(Ring, head),
     PAGE = const offset_of!(Track, ring) + offset_of!(Ring, page),
     PENDING = const offset_of!(Track, ring) + offset_of!(Ring, pending),
@@ -145,6 +166,7 @@ fill_done:
     PULSE = const times::PULSE,
 );
 
+#[expect(improper_ctypes, reason = "the assembly knows fields by their offsets")]
 unsafe extern "C" {
     fn steps_fill(track: *mut Track, motor: *mut Motor) -> u64;
 }

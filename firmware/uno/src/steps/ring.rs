@@ -44,7 +44,6 @@ use core::arch::global_asm;
 
 use super::register;
 use crate::memory::RING_PAGES;
-use pulsetrain_core::narrow::Registers;
 
 /// Bits of GPIOR0, which the interrupts look at and set.
 pub(crate) mod flags {
@@ -60,6 +59,8 @@ pub(crate) mod flags {
     pub(crate) const STARVED_A: u8 = 4;
     /// Ring B reached its END mark.
     pub(crate) const STARVED_B: u8 = 5;
+    /// Either of them, as a mask.
+    pub(crate) const STARVED: u8 = 1 << STARVED_A | 1 << STARVED_B;
     /// With hardware edges on ring A, its DIR pin is on PORTB, not PORTD.
     pub(crate) const DIR_A_ON_PORTB: u8 = 6;
     /// With hardware edges on ring B, its DIR pin is on PORTB, not PORTD.
@@ -316,8 +317,8 @@ unsafe extern "C" {
 /// Bytes of a group.
 pub(crate) const GROUP: u8 = 4;
 
-/// Groups that a ring can hold beside the pending one.
-pub(crate) const CAPACITY: u8 = 62;
+/// Groups of a page.
+const GROUPS: u8 = 64;
 
 /// Which of the two.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -369,6 +370,9 @@ pub(crate) struct Ring {
     pub(super) step_fall: u8,
     /// Data address of the tail.
     pub(super) tail_at: u8,
+    /// So many groups must be filled with steps until none toggles anything else: expansion then need not say what steps
+    /// toggle.
+    pub(super) unlike: u8,
 }
 
 impl Ring {
@@ -394,6 +398,7 @@ impl Ring {
             step_last: 0,
             step_fall: 0,
             tail_at,
+            unlike: GROUPS,
         }
     }
 
@@ -544,8 +549,9 @@ impl Ring {
         self.step_fall = self.last(step);
     }
 
-    /// Works out what [`fill`](super::fill) publishes of the pending group.
+    /// The pending group is another: works out what [`fill`](super::fill) publishes of it.
     fn prepare(&mut self) {
+        self.unlike = GROUPS;
         self.before_step = self.played(self.pending, Group { rise: self.edge, fall: self.edge });
     }
 

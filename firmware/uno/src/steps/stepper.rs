@@ -51,11 +51,9 @@ const AHEAD: u32 = 49_152;
 /// The ring of several motors is filled when it has room for so many groups.
 const ROOM: u8 = 8;
 /// Steps that are expanded at once into a list of the merge; half as many if each is two ticks.
-const STEPS: u8 = 31;
+const STEPS: u8 = 24;
 /// Things that one call does at most, beside batches of steps.
 const BATCH: u8 = 4;
-/// The longest of pulse, set-up and hold, ticks: what is past need not be remembered longer than a filler takes.
-pub(crate) const LONGEST: u16 = 4_096;
 /// A compare that was missed is made so soon, ticks.
 const AGAIN: u16 = 48;
 /// After the ring ran empty the next group comes so soon, ticks: time enough to fill some more in.
@@ -565,6 +563,9 @@ impl Stepper {
     pub(crate) fn refill(&mut self, now: Moment) -> u16 {
         if !self.playing {
             return u16::MAX;
+        }
+        if regs::GPIOR0.read() & flags::STARVED != 0 {
+            self.watch(now);
         }
         TIMES.set_limit(now.after(AHEAD));
         let Stepper { tracks: [first, second], merge, spacing, count, .. } = self;
