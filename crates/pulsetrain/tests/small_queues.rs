@@ -5,9 +5,11 @@ use pulsetrain_board::model::ModelPort;
 use pulsetrain_board::{
     Board, Edge, Faults, Observer, Port, PortError, Remote, Setup, Sizer, StopReport, SwitchRefused,
 };
+use pulsetrain_core::narrow::{self, Pool, Settings};
+use pulsetrain_core::packing::{MAX_PACKED_LEN, Packing, State};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::MotorSetup;
-use pulsetrain_core::{Entry, Epoch};
+use pulsetrain_core::{Entry, Epoch, Item, Moment};
 use pulsetrain_motion::program::{self, DriverTiming, Limits, Motor, Program, Scale, Tolerance};
 use pulsetrain_motion::{Grid, Law, Time};
 use std::time::Duration;
@@ -47,11 +49,17 @@ impl Port for Counting {
 struct Watched {
     board: Remote<Counting>,
     slack: Vec<u64>,
+    /// All that motor 0 was told.
+    told: Vec<Entry>,
 }
 
 impl Board for Watched {
     fn push(&mut self, motor: usize, entry: Entry) -> Result<(), Entry> {
-        self.board.push(motor, entry)
+        self.board.push(motor, entry)?;
+        if motor == 0 {
+            self.told.push(entry);
+        }
+        Ok(())
     }
     fn discard(&mut self, epoch: Epoch) {
         self.board.discard(epoch);
@@ -157,7 +165,7 @@ fn stream(program: &Program, queue: u16, seconds: f64) -> Figures {
     let motors = (0..motors).map(motor).collect();
     remote.configure(&Setup { pulse_ticks: 16, setup_ticks: 8, motors, ..Setup::default() }).unwrap();
     let before = remote.port().bytes;
-    let board = Watched { board: remote, slack: Vec::new() };
+    let board = Watched { board: remote, slack: Vec::new(), told: Vec::new() };
     let mut steps = 0;
     let mut observer = |edge: Edge| steps += u64::from(edge.level && edge.line < 16);
     let mut session = match Session::new(board, program) {
@@ -174,6 +182,7 @@ fn stream(program: &Program, queue: u16, seconds: f64) -> Figures {
     let report = session.run(&mut observer, |_| {});
     assert_eq!(report.counted, report.replayed);
     assert!(report.faults.iter().all(|faults| *faults == Faults::default()), "{:?}", report.faults);
+    check_narrow(&session.board().told);
     let certificate = session.certificate(0);
     let slack = &session.board().slack;
     let seconds = ran.min(report.last_step - report.zero) as f64 / TICK_HZ as f64;
@@ -189,6 +198,53 @@ fn stream(program: &Program, queue: u16, seconds: f64) -> Figures {
     }
 }
 
+/// Each epoch, to the end of its tail, is what the motor of an 8-bit board can do.
+fn check_narrow(told: &[Entry]) {
+    for epoch in told.chunk_by(|_, next| !matches!(next.item, Item::Anchor { .. })) {
+        let packing = Packing { fraction_bits: 16, gain: 0 };
+        let (mut state, mut pool) = (State::default(), Pool::<8192>::new());
+        let mut motor = narrow::Motor::new(
+            Pool::<8192>::share(1, 0),
+            Settings { gap_ticks: 1, asserts_every_step: false, gain: 0 },
+        );
+        let mut now = Moment(0);
+        let mut steps = 0;
+        for entry in epoch {
+            let mut bytes = [0; MAX_PACKED_LEN];
+            let len = packing.pack(&mut state, &entry.item, &mut bytes).unwrap();
+            motor.push(&mut pool, Epoch(0), &bytes[..len]).unwrap();
+            match entry.item {
+                Item::Anchor { tick } => {
+                    while now.since(tick) > 1 << 20 && now.since(tick) < 1 << 31
+                        || tick.since(now) < 1 << 31 && tick.since(now) > 1 << 20
+                    {
+                        now = now.after(1 << 19);
+                        motor.pass(now);
+                    }
+                }
+                Item::Run { segment, .. } => steps += i64::from(segment.count),
+                Item::Dwell { .. } => {}
+            }
+        }
+        let mut made = 0;
+        for _ in 0..1000 {
+            while let Some(event) = motor.peek(&pool, now.after(1 << 22)) {
+                made += i64::from(event.kind == pulsetrain_core::channel::Kind::Step);
+                motor.take(event);
+            }
+            now = now.after(1 << 21);
+            motor.pass(now);
+        }
+        assert_eq!((made, motor.fault()), (steps, None), "{epoch:?}");
+    }
+}
+
+/// The same for motors of which no limits are known.
+fn unlimited(mut program: Program) -> Program {
+    program.motors.iter_mut().for_each(|motor| motor.limits = Limits { pull_in: 1000.0, ..Limits::default() });
+    Program { grid: Grid::REACH, ..program }
+}
+
 /// The tutorial's sine.
 fn tutorial(seconds: f64, cycles: u64) -> Program {
     let omega = std::f64::consts::TAU / seconds;
@@ -199,16 +255,18 @@ fn tutorial(seconds: f64, cycles: u64) -> Program {
 fn changing(motors: u8, rate: f64, omega: f64) -> Program {
     let law = |index: u8| {
         let (swing, omega) = (0.05 * rate, omega + 7.0 * f64::from(index));
-        // From rest to its speed within some 0.1 s; then up and down by a twentieth.
-        let text = format!("{}*(t - (1 - exp(-20*t))/20) + {}*(1 - cos({omega}*t))", 0.95 * rate, swing / omega);
+        // From rest to its speed within some 0.3 s; then up and down by a twentieth.
+        let text =
+            format!("{}*(t - (1 - exp(-8*t))/8) + {}*(1 - exp(-8*t))*(1 - cos({omega}*t))", 0.95 * rate, swing / omega);
         Law::formula(&text, &[], 1.0, None).unwrap()
     };
-    program((0..motors).map(law).collect(), (20.0 + 0.06 * omega) * rate)
+    program((0..motors).map(law).collect(), (8.0 + 0.06 * omega) * rate)
 }
 
 /// Motions and queues of an Uno, bytes a motor, and how long to run, s.
-fn motions() -> [(&'static str, Program, u16, f64); 6] {
+fn motions() -> [(&'static str, Program, u16, f64); 7] {
     [
+        ("tutorial, T = 10 s", unlimited(tutorial(10.0, 1)), 692, 12.0),
         ("tutorial, T = 1 s", tutorial(1.0, 2), 800, 3.0),
         ("tutorial, T = 0.8 s", tutorial(0.8, 2), 800, 3.0),
         ("tutorial, T = 0.1 s", tutorial(0.1, 10), 800, 3.0),
@@ -235,7 +293,6 @@ fn what_an_uno_is_to_do_streams_through_its_queues() {
 #[ignore = "prints figures"]
 fn figures() {
     for (what, program, queue, seconds) in motions() {
-        let queue = queue * std::env::var("PART").ok().and_then(|v| v.parse::<u16>().ok()).unwrap_or(100) / 100;
         let figures = stream(&program, queue, seconds);
         let per_second = |count: f64| count / figures.seconds;
         println!(

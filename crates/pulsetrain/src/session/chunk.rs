@@ -8,11 +8,9 @@ use pulsetrain_board::Board;
 use pulsetrain_core::Entry;
 use std::collections::VecDeque;
 
-/// Room that is kept free in a queue for a stop or a change: a fourth, if that is enough for one. A shorter queue is at its
-/// tail soon.
-pub(super) const fn spare(capacity: usize) -> usize {
-    if capacity < 256 { 0 } else { capacity / 4 }
-}
+/// One in so many places of a queue is kept free for a stop or a change, where there are enough of them. Those that are too
+/// short for that are at their tail soon.
+const RESERVE: usize = 4;
 
 /// What an item takes of the queue, and the tick at which it leaves it.
 pub(super) type Taken = (u64, usize);
@@ -46,7 +44,7 @@ impl<B: Board> Session<'_, B> {
                 .capacity
                 .iter()
                 .zip(left)
-                .map(|(capacity, left)| (capacity - spare(*capacity)).saturating_sub(left))
+                .map(|(capacity, left)| (capacity - self.spare(*capacity)).saturating_sub(left))
                 .collect();
             match self.chunk_within(self.tail, &rooms) {
                 Err(SessionError::QueueTooShort { .. }) if self.pace.hurry() => {}
@@ -131,11 +129,17 @@ impl<B: Board> Session<'_, B> {
         Ok(Chunk { from, until, is_last, steps, taken, unsent })
     }
 
-    /// Pushes what there is room for beyond what is to stay `free` of a queue; `true` when nothing of the chunk is left.
-    pub(super) fn push(&mut self, chunk: &mut Chunk, free: fn(usize) -> usize) -> bool {
+    /// What is to stay free of an empty queue.
+    const fn spare(&self, capacity: usize) -> usize {
+        if self.pace.is_hurried() { 0 } else { capacity / RESERVE }
+    }
+
+    /// Pushes what there is room for, but for what is to stay free if it `keeps` that; `true` when nothing of the chunk is
+    /// left.
+    pub(super) fn push(&mut self, chunk: &mut Chunk, keeps: bool) -> bool {
         let epoch = self.epoch.next();
         for (motor, unsent) in chunk.unsent.iter_mut().enumerate() {
-            let kept = free(self.capacity[motor]);
+            let kept = if keeps { self.spare(self.capacity[motor]) } else { 0 };
             while let Some(timed) = unsent.front().filter(|timed| self.board.room(motor) >= kept + timed.size) {
                 if self.board.push(motor, Entry { epoch, item: timed.item }).is_err() {
                     break;
@@ -148,7 +152,7 @@ impl<B: Board> Session<'_, B> {
 
     /// Sends a chunk that must be in the queue at once.
     pub(super) fn send(&mut self, mut chunk: Chunk) -> Result<(), SessionError> {
-        if self.push(&mut chunk, |_| 0) {
+        if self.push(&mut chunk, false) {
             return self.switch(chunk);
         }
         self.board.discard(self.epoch.next());

@@ -83,6 +83,14 @@ impl Items {
 
     fn dwell(&mut self, ticks: i128) {
         let mut left = ticks;
+        if let ([Timed { item: Item::Anchor { tick }, .. }], 1..=LONGEST_DWELL_TICKS) =
+            (self.items.as_mut_slice(), left)
+        {
+            // As good as a wait after it, and shorter.
+            *tick = tick.after(left as u32);
+            self.accumulator += left << self.fraction_bits;
+            return;
+        }
         while left > 0 {
             let part = left.min(LONGEST_DWELL_TICKS);
             self.push(Item::Dwell { ticks: part as u32 });

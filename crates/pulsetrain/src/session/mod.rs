@@ -23,7 +23,7 @@ mod timeline;
 
 pub use error::SessionError;
 
-use chunk::{Chunk, Taken, spare};
+use chunk::{Chunk, Taken};
 use halt::Course;
 use pace::Pace;
 use pulsetrain_board::{Board, Faults, Observer};
@@ -147,7 +147,7 @@ impl<'a, B: Board> Session<'a, B> {
                 None if self.may_wait() => return Ok(()),
                 None => self.next_chunk()?,
             };
-            if !self.push(&mut chunk, spare) {
+            if !self.push(&mut chunk, true) {
                 self.pending = Some(chunk);
                 return Ok(());
             }

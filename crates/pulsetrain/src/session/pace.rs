@@ -13,6 +13,7 @@ pub(super) struct Pace {
     pub(super) link: u64,
     /// And at least, if all goes well: what a queue makes do with in which no more has room.
     pub(super) hurry: u64,
+    hurried: bool,
     /// Shorter epochs are over before the next one is there.
     pub(super) shortest: u64,
     /// Most that one epoch brings.
@@ -37,6 +38,7 @@ impl Pace {
             lead,
             link,
             hurry,
+            hurried: false,
             shortest: (8 * lead).max(2 * link),
             chunk: within(tick_hz / 4),
             ahead: within(tick_hz / 2),
@@ -44,12 +46,21 @@ impl Pace {
         }
     }
 
-    /// For a queue that is too short to wait for what goes wrong on the way. `false` if it is so already.
+    /// For a queue that is too short to wait for what goes wrong on the way, and has nothing to spare; and again, for one
+    /// that has not even room for that. `false` if there is no more to win.
     pub(super) fn hurry(&mut self) -> bool {
-        let before = self.link;
-        self.link = self.hurry.min(self.link);
+        let least = self.hurry - self.hurry / 3;
+        if self.hurried && self.link <= least {
+            return false;
+        }
+        self.link = self.link.min(if self.hurried { least } else { self.hurry });
         self.shortest = (8 * self.lead).max(self.link);
-        self.link < before
+        self.hurried = true;
+        true
+    }
+
+    pub(super) const fn is_hurried(&self) -> bool {
+        self.hurried
     }
 
     /// How often to look whether there is room.
