@@ -8,7 +8,8 @@ use pulsetrain::session::{Session, SessionError};
 use pulsetrain_board::faulty::{Faulty, Rates};
 use pulsetrain_board::model::ModelPort;
 use pulsetrain_board::{Board, Edge, Port, Remote, RemoteError};
-use pulsetrain_core::wire::{Baud, Reason};
+use pulsetrain_core::wire::Baud;
+use pulsetrain_core::wire::message::Cause;
 use pulsetrain_motion::program::{self, DriverTiming, Limits, Motor, Program, Scale, Tolerance};
 use pulsetrain_motion::{Grid, Law, Time};
 use std::time::Duration;
@@ -208,9 +209,8 @@ fn a_board_that_refuses_to_go_on_says_why() {
     // As if somebody else had stopped it: it is not armed any more.
     session.board_mut().stop_now(0, &mut |_: Edge| {});
     let failure = session.advance(half + TICK_HZ, &mut |_: Edge| {}).unwrap_err();
-    assert!(failure.to_string().contains("its motors are not armed"), "{failure}");
-    let SessionError::Lost(RemoteError::Refused { reason, .. }) = failure else { panic!("{failure:?}") };
-    assert_eq!(reason, Reason::NotArmed);
+    assert!(failure.to_string().contains("the host asked for an immediate stop"), "{failure}");
+    assert_eq!(failure, SessionError::Lost(RemoteError::Stopped { cause: Cause::StopNow }));
 }
 
 #[test]
