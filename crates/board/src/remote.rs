@@ -181,7 +181,6 @@ pub const fn in_words(cause: Cause) -> &'static str {
         Cause::BadItem => "a queue held what no host packs",
         Cause::CheckFailed => "position or accumulator were not the host's",
         Cause::StepMissed => "a step was asked for too late",
-        Cause::SetupCutShort => "a DIR set-up was cut short",
         Cause::EdgeLate => "an edge was late",
         Cause::Overrun => "bytes were lost on the line",
         Cause::BaudFellBack => "the line fell back to 115 200 baud",

@@ -2,6 +2,7 @@
 
 /// A tick of a board's step timer, modulo 2^32. It has no `<`: see [`Moment::is_before`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[repr(transparent)]
 pub struct Moment(pub u32);
 
 impl Moment {

@@ -4,6 +4,7 @@ use crate::{Direction, Moment, Segment};
 
 /// A numbered generation of the plan; the numbers wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[repr(transparent)]
 pub struct Epoch(pub u8);
 
 impl Epoch {

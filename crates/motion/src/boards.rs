@@ -20,8 +20,9 @@ pub struct BoardRow {
     pub ram_bytes: Option<u32>,
     /// Flash, bytes; `None` where it is no limit.
     pub flash_bytes: Option<u32>,
-    /// Room for queued segments, bytes; `None` where it is no limit.
-    pub queue_bytes: Option<u32>,
+    /// Room for the queued segments of each motor, bytes: with 1, 2, … motors, the last serves for more; empty where it is no
+    /// limit.
+    pub queue_bytes: Vec<u32>,
     /// How far ahead it commits itself, ticks.
     pub horizon_ticks: u32,
     /// Largest |edge − scheduled| beyond its constant, ticks.
@@ -154,7 +155,8 @@ fn uno() -> BoardRow {
         about: "Arduino Uno, ATmega328P",
         ram_bytes: Some(2_048),
         flash_bytes: Some(32_256),
-        queue_bytes: Some(uno::QUEUES),
+        // One motor alone has the page of the second ring too. A test asks the virtual board.
+        queue_bytes: vec![uno::QUEUES + 256, uno::QUEUES / 2, uno::QUEUES / 3, uno::QUEUES / 4],
         horizon_ticks: uno::HORIZON,
         lateness_ticks: uno::LATENESS,
         note: "one or two motors with STEP on pins 9 and 10 are timed by the compare hardware: no lateness",
@@ -182,7 +184,7 @@ fn due() -> BoardRow {
         about: "Arduino Due, SAM3X8E",
         ram_bytes: Some(98_304),
         flash_bytes: Some(524_288),
-        queue_bytes: Some(65_536),
+        queue_bytes: (1..=8).map(|motors| 65_536 / motors).collect(),
         horizon_ticks: 42_000,
         lateness_ticks: 84,
         note: "3.3 V outputs: drivers with 5 V inputs may need a level shifter",
@@ -208,7 +210,7 @@ fn pico() -> BoardRow {
         about: "Raspberry Pi Pico, RP2040",
         ram_bytes: Some(264 * 1024),
         flash_bytes: Some(2 * 1024 * 1024),
-        queue_bytes: Some(131_072),
+        queue_bytes: (1..=8).map(|motors| 131_072 / motors).collect(),
         horizon_ticks: 1_250_000,
         lateness_ticks: 0,
         note: "edges come from PIO state machines fed by DMA: exact to the tick; 3.3 V outputs",
@@ -233,7 +235,7 @@ fn native() -> BoardRow {
         about: "this computer, in virtual time: the same stepgen as the firmware's",
         ram_bytes: None,
         flash_bytes: None,
-        queue_bytes: None,
+        queue_bytes: Vec::new(),
         horizon_ticks: 0,
         lateness_ticks: 0,
         note: "runs any motion without hardware; pins are names only",

@@ -12,6 +12,7 @@ use pulsetrain_board::{
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::MotorSetup;
+use pulsetrain_motion::boards;
 use pulsetrain_motion::program::{self, CoilSequence, Motor, Program};
 use pulsetrain_plan::Settings;
 use pulsetrain_trace::{Line, lines};
@@ -33,11 +34,20 @@ pub enum DriveError {
     Remote(#[from] RemoteError),
     /// The shortest part of the plan and its stop do not fit the board's queue.
     #[error(
-        "motor {motor}: the next steps and a stop take {needed} bytes of the board's queue, which has room for {room}"
+        "motor {motor} at {at_s:.3} s: the next {:.1} ms and a stop take {needed} bytes of its queue of {capacity}, where \
+         {room} are free by then", 1e3 * .span_s
     )]
     QueueTooShort {
         /// Whose.
         motor: String,
+        /// When, s of the laws.
+        at_s: f64,
+        /// What is to be told at once, s.
+        span_s: f64,
+        /// Of the empty queue.
+        capacity: usize,
+        /// Of each motor's queue with 1, 2, … motors, by the table of boards.
+        queue_bytes: Vec<u32>,
         /// Bytes of the packed plan, or items of the native board.
         needed: usize,
         /// In the same unit.
@@ -58,9 +68,10 @@ impl DriveError {
     fn of(program: &Program, error: SessionError) -> DriveError {
         match error {
             SessionError::Lost(error) => DriveError::Remote(error),
-            SessionError::QueueTooShort { motor, needed, room } => {
+            SessionError::QueueTooShort { motor, at_s, span_s, capacity, needed, room } => {
                 let motor = program.motors.get(motor).map_or_else(String::new, |motor| motor.name.clone());
-                DriveError::QueueTooShort { motor, needed, room }
+                let queue_bytes = boards::find(&program.board.name).map_or_else(Vec::new, |row| row.queue_bytes);
+                DriveError::QueueTooShort { motor, at_s, span_s, capacity, queue_bytes, needed, room }
             }
             error => DriveError::Session(error),
         }

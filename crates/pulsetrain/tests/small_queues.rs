@@ -234,6 +234,7 @@ fn what_an_uno_is_to_do_streams_through_its_queues() {
 #[ignore = "prints figures"]
 fn figures() {
     for (what, program, queue, seconds) in motions() {
+        let queue = queue * std::env::var("PART").ok().and_then(|v| v.parse::<u16>().ok()).unwrap_or(100) / 100;
         let figures = stream(&program, queue, seconds);
         let per_second = |count: f64| count / figures.seconds;
         println!(

@@ -3,8 +3,11 @@
 mod common;
 
 use common::motion::make;
-use common::rows::tutorial;
+use common::rows::{hour, tutorial};
 use pulsetrain::prepare::Prepared;
+use pulsetrain_board::virtual_uno::VirtualUno;
+use pulsetrain_board::{Board, Remote, Setup};
+use pulsetrain_core::wire::message::MotorSetup;
 use pulsetrain_motion::Time;
 use pulsetrain_motion::pins::PinKind;
 
@@ -18,6 +21,23 @@ fn swing((step, dir): (u8, u8)) -> Prepared {
 
 /// Software pins may be so late, cycles.
 const LATE: i64 = 60;
+
+/// The table's queues are those that the firmware shares out.
+#[test]
+fn queues_are_as_long_as_the_table_says() {
+    let row = pulsetrain_motion::boards::find("uno").expect("the Uno's row");
+    for (motors, bytes) in (1..).zip(&row.queue_bytes) {
+        let pins = [(2, 5), (3, 6), (4, 7), (12, 13)];
+        let motor = |&(step_pin, dir_pin): &(u8, u8)| MotorSetup { step_pin, dir_pin, ..MotorSetup::default() };
+        let motors: Vec<MotorSetup> = pins.iter().take(motors).map(motor).collect();
+        let setup = Setup { pulse_ticks: 16, setup_ticks: 16, hold_ticks: 16, motors, ..Setup::default() };
+        let mut uno = Remote::open(VirtualUno::new(), 1).expect("it answers");
+        uno.configure(&setup).expect("it takes the configuration");
+        for motor in 0..setup.motors.len() {
+            assert_eq!(uno.room(motor), *bytes as usize, "motor {motor} of {}", setup.motors.len());
+        }
+    }
+}
 
 /// Each kind's constant is what its edges come after their ticks if nothing keeps them waiting.
 #[test]
@@ -72,4 +92,14 @@ fn scheduled_within_the_certificate() {
     assert_eq!(made.schedules[0].steps, 8000);
     let largest = made.largest();
     assert!(largest <= made.certificate_ticks && largest > 0.5, "{largest} of {}", made.certificate_ticks);
+}
+
+/// 001's motors, as `cargo xtask bench uno --hour` has them for an hour.
+#[test]
+fn four_motors_on_one_dir_line_keep_their_phase() {
+    let rows = hour(10);
+    assert_eq!(rows.len(), 5);
+    for row in rows {
+        assert_eq!(row.verdict, "", "{}", row.law);
+    }
 }

@@ -9,7 +9,7 @@
 //! - [`vectors`]: the interrupt vectors, and what comes before main
 //! - [`reset`]: the watchdog, and why the program began
 //! - [`memory`]: what the 2048 bytes of RAM are for
-//! - [`regs`]: registers
+//! - [`regs`]: the registers, and instructions that Rust has no words for
 //!
 //! # Who interrupts whom
 //! Step interrupts play what is in the rings and let nobody in. The receive interrupt takes bytes from the line; the task
@@ -19,9 +19,9 @@
 //!
 //! | where | cycles |
 //! |---|---|
-//! | the task, until it lets others in | 12 |
-//! | receive interrupt, until it lets others in | 10 |
-//! | receive interrupt, its end | 7, and the instruction behind it |
+//! | the task, until it lets others in | 13 |
+//! | receive interrupt, until it lets others in | 11 |
+//! | receive interrupt, its end | 8, and the instruction behind it |
 //! | reading Timer1, setting its registers | up to 8 |
 //! | falling asleep | 5; only while nothing moves, and 4 more to wake up |
 //! | moving the stack pointer (the compiler's) | 3 |

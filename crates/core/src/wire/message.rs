@@ -128,8 +128,6 @@ codes! {
         CheckFailed = 6,
         /// A step was asked for too late, or too soon after another: it and what follows in its epoch were not made.
         StepMissed = 7,
-        /// A DIR edge came later than its set-up before the step.
-        SetupCutShort = 8,
         /// A compare was missed and made late; `detail` is by how many ticks.
         EdgeLate = 9,
         /// Bytes from the host were lost before they were read.
@@ -701,7 +699,7 @@ pub mod flags {
     pub const ARMED: u8 = 4;
     /// Of a motor: a step was asked for too late or too soon, and what followed in its epoch was not made.
     pub const STEP_MISSED: u8 = 1;
-    /// Of a motor: a DIR edge came later than its set-up before the step.
+    /// Of a motor: a DIR edge came later than its set-up before the step. The Uno puts the step off instead.
     pub const SETUP_CUT_SHORT: u8 = 2;
     /// Of a motor: its queue ran dry inside an item, or held what no packer makes.
     pub const BAD_ITEM: u8 = 4;

@@ -12,4 +12,4 @@ pub(super) const LATENESS: u32 = 45;
 /// The farthest that it commits itself ahead.
 pub(super) const HORIZON: u32 = 50000;
 /// Bytes of its queues.
-pub(super) const QUEUES: u32 = 370;
+pub(super) const QUEUES: u32 = 436;

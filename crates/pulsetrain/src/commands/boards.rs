@@ -20,7 +20,8 @@ struct Row {
     horizon_ticks: u32,
     ram_bytes: Option<u32>,
     flash_bytes: Option<u32>,
-    queue_bytes: Option<u32>,
+    /// Each motor's, with 1, 2, … motors; the last serves for more, none is no limit.
+    queue_bytes: Vec<u32>,
     source: String,
     note: &'static str,
 }

@@ -51,9 +51,18 @@ pub(crate) fn drive_problem(error: DriveError) -> Report {
         DriveError::Remote(RemoteError::Stopped { .. }) => {
             "the motors came to rest as planned, or where they were; `pulsetrain info` tells how the board fared"
         }
-        DriveError::QueueTooShort { .. } => {
-            "the motion needs more bytes than the board has: fewer motors, a wider tolerance, or a slower motion \
-             (--native runs it without a board)"
+        DriveError::QueueTooShort { queue_bytes, .. } => {
+            let each: Vec<String> = queue_bytes.iter().map(u32::to_string).collect();
+            let each = if each.is_empty() {
+                String::new()
+            } else {
+                format!(" (each has {} bytes with 1, 2, … of them)", each.join(", "))
+            };
+            let help = format!(
+                "what fits: fewer motors{each}, a wider tolerance, or a slower motion; --native runs it \
+                 without a board"
+            );
+            return miette!(help = help, "{error}");
         }
         _ => return Report::new(error),
     };

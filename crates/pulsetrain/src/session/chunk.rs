@@ -93,7 +93,7 @@ impl<B: Board> Session<'_, B> {
         let needs = chunk.unsent.iter().map(size_of).zip(rooms).enumerate();
         let short = needs.filter(|(_, (needed, room))| needed > room).max_by_key(|(_, (needed, _))| *needed);
         Ok(match short {
-            Some((motor, (needed, &room))) => Err(SessionError::QueueTooShort { motor, needed, room }),
+            Some((motor, (needed, &room))) => Err(self.too_short(motor, needed, room, from, until)),
             None => Ok(chunk),
         })
     }
@@ -152,11 +152,24 @@ impl<B: Board> Session<'_, B> {
             return self.switch(chunk);
         }
         self.board.discard(self.epoch.next());
+        let (from, until) = (chunk.from, chunk.until);
         let needed = chunk.taken.iter().map(|taken| taken.iter().map(|(_, size)| size).sum::<usize>());
         let unsent = needed.zip(chunk.unsent.iter().map(size_of)).enumerate();
         let short = unsent.max_by_key(|(_, (_, unsent))| *unsent);
         let (motor, (needed, unsent)) = short.unwrap_or_default();
-        Err(SessionError::QueueTooShort { motor, needed, room: needed - unsent })
+        Err(self.too_short(motor, needed, needed - unsent, from, until))
+    }
+
+    fn too_short(&self, motor: usize, needed: usize, room: usize, from: u64, until: u64) -> SessionError {
+        let seconds = |ticks: u64| ticks as f64 / self.pace.tick_hz as f64;
+        SessionError::QueueTooShort {
+            motor,
+            at_s: seconds(from.saturating_sub(self.source.zero())),
+            span_s: seconds(until.saturating_sub(from)),
+            capacity: self.capacity.get(motor).copied().unwrap_or(0),
+            needed,
+            room,
+        }
     }
 
     /// Has the board go over to a chunk that is in its queue.

@@ -37,10 +37,19 @@ pub enum SessionError {
     #[error("the motion could not go on, so the motors stop as planned: {0}")]
     Lost(RemoteError),
     /// The shortest part of the plan and its stop do not fit the board's queue.
-    #[error("motor {motor}: the next steps and a stop take {needed} of the board's queue, which has room for {room}")]
+    #[error(
+        "motor {motor} at {at_s:.3} s: the next {:.1} ms and a stop take {needed} of its queue of {capacity}, where \
+         {room} are free by then", 1e3 * .span_s
+    )]
     QueueTooShort {
         /// Index of the motor in the program.
         motor: usize,
+        /// When, s of the laws.
+        at_s: f64,
+        /// What is to be told at once, s: the shortest that is not over before the next can be told.
+        span_s: f64,
+        /// Room in the empty queue.
+        capacity: usize,
         /// Items or bytes, as the board's queue is measured.
         needed: usize,
         /// In the same unit.

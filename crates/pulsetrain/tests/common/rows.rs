@@ -311,6 +311,17 @@ pub(crate) fn tutorial_row((period, pins): ((i64, u64), (u8, u8)), pulse_ns: u32
 
 /// A motion as it is made, edges at most `limit` cycles late.
 pub(crate) fn motion_row(figure: u8, law: String, prepared: &Prepared, limit: i64, is_required: bool) -> Row {
+    motion_row_and_phases(figure, law, prepared, limit, is_required).0
+}
+
+fn motion_row_and_phases(
+    figure: u8,
+    law: String,
+    prepared: &Prepared,
+    limit: i64,
+    is_required: bool,
+) -> (Row, Vec<Phase>) {
+    let mut phases = Vec::new();
     let motors = &prepared.program.motors;
     let pins: Vec<_> = motors
         .iter()
@@ -351,23 +362,58 @@ pub(crate) fn motion_row(figure: u8, law: String, prepared: &Prepared, limit: i6
             if !said.is_empty() {
                 row.verdict = format!("FAILS: {}", said.join("; "));
             }
+            phases.extend(made.schedules.iter().map(|schedule| Phase {
+                steps: schedule.steps,
+                last: schedule.last,
+                put_off: schedule.put_off,
+                longest_put_off: schedule.longest_put_off,
+            }));
             row.seen = Some(made.seen);
         }
         Err(refused) => row.verdict = format!("FAILS: {refused}"),
     }
-    row
+    (row, phases)
 }
 
-/// Figure 4: 001's four motors on their shared DIR line, for so many seconds, then the planned stop. One row for each
-/// motor: what is left of its phase at the end.
+/// Figure 4: 001's four motors on their shared DIR line, for so many seconds, then the planned stop. A row for all edges, and
+/// one for each motor: what is left of its phase at the end.
 pub(crate) fn hour(seconds: i64) -> Vec<Row> {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/sweep.toml");
-    let mut prepared = match Prepared::load(std::path::Path::new(file), None, Some(Time::from_ratio(seconds, 1))) {
-        Ok(prepared) => prepared,
-        Err(error) => panic!("{error}"),
-    };
+    let length = Some(Time::from_ratio(seconds, 1));
+    let mut prepared = Prepared::load(std::path::Path::new(file), None, length).expect("an example");
     prepared.program.tolerance = Tolerance::Ticks(1.0);
     let law = format!("001's four motors, {seconds} s");
-    let whole = Row { figure: 4, ..motion_row(4, law.clone(), &prepared, MOST_CYCLES, true) };
-    vec![whole]
+    // Steps of several motors at one time wait for one another.
+    let (mut all, phases) = motion_row_and_phases(4, law.clone(), &prepared, SHARED_CYCLES, true);
+    all.required = format!("max ≤ {SHARED_CYCLES}");
+    let mut rows = vec![all.clone()];
+    for (motor, phase) in prepared.program.motors.iter().zip(phases) {
+        let Phase { steps, last, put_off, longest_put_off } = phase;
+        rows.push(Row {
+            law: format!(
+                "{law}: `{}`, phase error {last:.2} ticks at the end of {steps} steps; {put_off} put off for the line's sake, by \
+                 {longest_put_off:.0} ticks at most",
+                motor.name
+            ),
+            pins: String::new(),
+            rate: String::new(),
+            required: "phase < 1 tick".to_owned(),
+            seen: None,
+            verdict: if last.abs() < 1.0 { all.verdict.clone() } else { "MISSED".to_owned() },
+            ..all.clone()
+        });
+    }
+    rows
 }
+
+/// What is left of a motor's phase after a motion.
+#[derive(Clone, Copy, Debug)]
+struct Phase {
+    steps: u64,
+    last: f64,
+    put_off: u64,
+    longest_put_off: f64,
+}
+
+/// Lateness on a shared DIR line, cycles: three steps of others and a DIR line that turns may come before.
+const SHARED_CYCLES: i64 = 300;

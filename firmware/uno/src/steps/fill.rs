@@ -166,6 +166,7 @@ fill_done:
     PULSE = const times::PULSE,
 );
 
+#[expect(improper_ctypes, reason = "the assembly knows fields by their offsets")]
 unsafe extern "C" {
     fn steps_fill(track: *mut Track, motor: *mut Motor) -> u64;
 }

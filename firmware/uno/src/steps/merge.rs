@@ -545,8 +545,9 @@ impl Merge {
     /// # Safety
     /// To be called once.
     pub(crate) unsafe fn take() -> &'static mut Merge {
+        let merge = &raw mut MERGE;
         // SAFETY: the caller's promise: no other reference exists.
-        unsafe { &mut *(&raw mut MERGE) }
+        unsafe { &mut *merge }
     }
 
     /// What `lane` has still to do that is in no group yet: how many ticks, and what each of them toggles.

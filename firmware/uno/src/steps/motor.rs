@@ -63,6 +63,7 @@ pub(crate) struct Fault {
 }
 
 #[derive(Clone, Copy)]
+#[repr(C)]
 struct Switch {
     epoch: Epoch,
     at: Moment,
@@ -70,6 +71,7 @@ struct Switch {
 
 /// What waits of an epoch.
 #[derive(Clone, Copy)]
+#[repr(C)]
 struct Part {
     epoch: Epoch,
     len: u16,

@@ -32,8 +32,8 @@ pub(crate) enum Plan {
     Nothing,
     /// A step at [`Motor::due`].
     Found,
-    /// So many steps, for the expansion. They are counted already, and taken off by it.
-    Steps(u8),
+    /// Steps, for the expansion. They are counted already, and taken off by it.
+    Steps,
     /// One thing: the lower half of its tick, what is toggled then, and at the end of a short pulse.
     One {
         /// Lower half of the tick.
@@ -677,13 +677,14 @@ impl Plan {
     pub(super) fn of([_, _, low, high, rise, fall, count, kind]: [u8; 8]) -> Plan {
         match (count, kind) {
             (0, _) => Plan::Nothing,
-            (count, 1) => Plan::Steps(count),
+            (_, 1) => Plan::Steps,
             (3, _) => Plan::Found,
             _ => Plan::One { tick: u16::from_le_bytes([low, high]), rise, fall, long: count == 2 },
         }
     }
 }
 
+#[expect(improper_ctypes, reason = "the assembly knows fields by their offsets")]
 unsafe extern "C" {
     fn steps_plan_next(motor: *mut Motor) -> u64;
     fn steps_make(motor: *mut Motor);

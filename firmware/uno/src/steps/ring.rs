@@ -44,7 +44,6 @@ use core::arch::global_asm;
 
 use super::register;
 use crate::memory::RING_PAGES;
-use pulsetrain_core::narrow::Registers;
 
 /// Bits of GPIOR0, which the interrupts look at and set.
 pub(crate) mod flags {
@@ -320,9 +319,6 @@ pub(crate) const GROUP: u8 = 4;
 
 /// Groups of a page.
 const GROUPS: u8 = 64;
-
-/// Groups that a ring can hold beside the pending one.
-pub(crate) const CAPACITY: u8 = 62;
 
 /// Which of the two.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

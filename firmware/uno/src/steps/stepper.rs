@@ -54,8 +54,6 @@ const ROOM: u8 = 8;
 const STEPS: u8 = 24;
 /// Things that one call does at most, beside batches of steps.
 const BATCH: u8 = 4;
-/// The longest of pulse, set-up and hold, ticks: what is past need not be remembered longer than a filler takes.
-pub(crate) const LONGEST: u16 = 4_096;
 /// A compare that was missed is made so soon, ticks.
 const AGAIN: u16 = 48;
 /// After the ring ran empty the next group comes so soon, ticks: time enough to fill some more in.
