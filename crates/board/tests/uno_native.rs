@@ -89,7 +89,7 @@ fn random_items(pins: &Pins, setup: &Setup, random: &mut Random, from: u64, forw
         let count = (least + if random.one_in(3) { random.below(5) } else { random.below(200) }) as u32;
         // Within what a board has for it: 32 bits.
         let add = (((next - now) << 16) / i64::from(count)).clamp(-1 << 30, 1 << 30);
-        let next = now + (add * i64::from(count) >> 16);
+        let next = now + ((add * i64::from(count)) >> 16);
         let segment = Segment { count, interval: (now << 16) + random.below(1 << 16) as i64, add, add2: 0 };
         items.push(Item::Run { segment, direction });
         now = next;
