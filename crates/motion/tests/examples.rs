@@ -40,14 +40,14 @@ fn every_example_is_read() {
 }
 
 #[track_caller]
-fn check_tutorial(name: &str, period: Time, cycles: u64, pulse_high_ns: u32) {
+fn check_tutorial(name: &str, period: Time, cycles: u64, pulse_high_ns: u32, (step, dir): (u8, u8)) {
     let program = load(name);
     let motor = &program.motors[0];
     assert_eq!(
         (program.board.name.as_str(), program.grid, program.tolerance),
         ("uno", Grid::REACH, Tolerance::Ticks(1.0))
     );
-    assert_eq!(motor.wiring, Wiring::StepDir { step: 8, dir: 9, forward_high: false, enable: None });
+    assert_eq!(motor.wiring, Wiring::StepDir { step, dir, forward_high: false, enable: None });
     assert_eq!(motor.timing.pulse_high_ns, pulse_high_ns);
     assert_eq!(motor.law.end(), Some(period.times(cycles)));
     assert_eq!(motor.scale.steps_per_rev, 800.0);
@@ -58,14 +58,14 @@ fn check_tutorial(name: &str, period: Time, cycles: u64, pulse_high_ns: u32) {
 
 #[test]
 fn the_tutorial_and_its_variants() {
-    check_tutorial("tutorial.toml", Time::SECOND, 1, 10_000);
-    check_tutorial("tutorial-500s.toml", Time::from_ratio(500, 1), 1, 10_000);
-    check_tutorial("tutorial-10s.toml", Time::from_ratio(10, 1), 1, 10_000);
-    check_tutorial("tutorial-3s.toml", Time::from_ratio(3, 1), 1, 10_000);
-    check_tutorial("tutorial-1.5s.toml", Time::from_ratio(3, 2), 10, 10_000);
-    check_tutorial("tutorial-0.8s.toml", Time::from_ratio(4, 5), 1, 10_000);
-    check_tutorial("tutorial-0.1s.toml", Time::from_ratio(1, 10), 1, 3_000);
-    check_tutorial("tutorial-0.01s.toml", Time::from_ratio(1, 100), 1, 200);
+    check_tutorial("tutorial.toml", Time::SECOND, 1, 10_000, (8, 9));
+    check_tutorial("tutorial-500s.toml", Time::from_ratio(500, 1), 1, 10_000, (8, 9));
+    check_tutorial("tutorial-10s.toml", Time::from_ratio(10, 1), 1, 10_000, (8, 9));
+    check_tutorial("tutorial-3s.toml", Time::from_ratio(3, 1), 1, 10_000, (8, 9));
+    check_tutorial("tutorial-1.5s.toml", Time::from_ratio(3, 2), 10, 10_000, (8, 9));
+    check_tutorial("tutorial-0.8s.toml", Time::from_ratio(4, 5), 1, 10_000, (8, 9));
+    check_tutorial("tutorial-0.1s.toml", Time::from_ratio(1, 10), 1, 1_900, (9, 8));
+    check_tutorial("tutorial-0.01s.toml", Time::from_ratio(1, 100), 1, 200, (8, 9));
 }
 
 #[test]

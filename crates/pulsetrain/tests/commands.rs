@@ -170,7 +170,7 @@ fn examples_for_the_uno_run_on_its_firmware() {
     for entry in std::fs::read_dir(EXAMPLES).unwrap() {
         let path = entry.unwrap().path();
         let file = path.display().to_string();
-        // Too fast for an Uno, two of them: said by the planner.
+        // What is too fast for an Uno is said by the planner.
         if path.extension().is_none_or(|ending| ending != "toml")
             || pulsetrain(&["plan", &file, "--for", "3 s"]).exit == Exit::Refused
         {
