@@ -122,6 +122,17 @@ impl BoardRow {
         if kind == PinKind::Compare { of(&uno::BY_COMPARE) } else { of(&uno::BY_SOFTWARE) }
     }
 
+    /// [`Board::turn_ticks`] for these motors' pins.
+    #[must_use]
+    pub fn turn_ticks(&self, motors: &[Motor]) -> u32 {
+        match self.pin_kind(motors) {
+            Ok(Some(PinKind::PortD | PinKind::PortB | PinKind::Shield)) if motors.len() > 1 && !shares_dir(motors) => {
+                TURN_TICKS[1]
+            }
+            _ => self.board.turn_ticks,
+        }
+    }
+
     fn no_pin(&self, pin: String) -> PinError {
         PinError::None { board: self.board.name.clone(), pin, first: *self.pins.start(), last: *self.pins.end() }
     }
@@ -138,6 +149,11 @@ pub fn table() -> Vec<BoardRow> {
 pub fn find(name: &str) -> Option<BoardRow> {
     table().into_iter().find(|row| row.board.name.eq_ignore_ascii_case(name))
 }
+
+/// What a turn of DIR takes an Uno, ticks, and what it takes when motors are merged in one ring. It is in
+/// firmware/uno/src/steps/stepper.rs: for an interrupt that is late before it and after it, and the way to the line after the
+/// match; twice the distance of groups, by which a merge moves edges.
+const TURN_TICKS: [u32; 2] = [24 + 48 + 24, 60 + 16 + 60 + 2 * 76];
 
 /// What a step takes on an Uno whose motors share a DIR line, ticks.
 const SHARED_STEP_TICKS: u32 = 2_400;
@@ -160,9 +176,6 @@ fn interval_ticks(tick_hz: u64, rate_hz: u64) -> u32 {
 
 fn uno() -> BoardRow {
     const TICK_HZ: u64 = 16_000_000;
-    // Of firmware/uno/src/steps/stepper.rs: 60 for an interrupt that is late before it, 76 for one after it, and twice the
-    // distance of groups, by which a merge moves edges.
-    const TURN_TICKS: u32 = 60 + 76 + 2 * 76;
     BoardRow {
         board: Board {
             name: "uno".to_owned(),
@@ -172,7 +185,7 @@ fn uno() -> BoardRow {
             // With pulses of 1 µs; what a program needs longer ones for, `shortest_intervals` says.
             min_interval_ticks: uno::BY_SOFTWARE.iter().map(|by_pulse| by_pulse[0]).collect(),
             hardware_timed: false,
-            turn_ticks: TURN_TICKS,
+            turn_ticks: TURN_TICKS[0],
             source: "its firmware on an emulated ATmega328P: cargo xtask bench uno".to_owned(),
         },
         about: "Arduino Uno, ATmega328P",

@@ -109,6 +109,7 @@ impl Prepared {
             let refuse = |error: PinsError| Refusal::Pins { file: file.clone(), advice: error.advice(), error };
             row.pin_kind(&program.motors).map_err(refuse)?;
             program.board.min_interval_ticks = row.shortest_intervals(&program.motors);
+            program.board.turn_ticks = row.turn_ticks(&program.motors);
         }
         let cut_at =
             cut(&mut program, length).map_err(|(motor, error)| Refusal::Law { file: file.clone(), motor, error })?;

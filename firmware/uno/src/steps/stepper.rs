@@ -27,8 +27,8 @@ use crate::regs::{self, Reg16};
 use pulsetrain_core::wire::message::{self, Configuration};
 use pulsetrain_core::{Epoch, Moment};
 
-/// So late an edge made by an interrupt may be, ticks.
-const LATE: u8 = 60;
+/// So late an edge made by an interrupt may be, ticks; and where a merge moves it too.
+const LATE: [u8; 2] = [24, 60];
 /// Ticks between two groups, at least: from a match until the interrupt has set the next, and the longest time that it can be
 /// kept waiting; and the length of the interrupt + 4, so that delays die out.
 const APART: u8 = 48;
@@ -40,10 +40,10 @@ const APART_SHIELD: [u8; 2] = [60, 76];
 const APART_COMPARE: u8 = 96;
 /// Ticks between two steps of a motor with a ring of its own, at least, when they are not looked at: alone, and beside another.
 const FASTEST: [u16; 2] = [60, 130];
-/// From a group's tick to its `fall`, ticks: at least, and at most when an interrupt was kept waiting.
-const FALL: [u8; 2] = [16, 16 + LATE];
+/// From a group's tick to its `fall`, ticks, when no interrupt was kept waiting.
+const FALL: u8 = 16;
 /// The same with the compare hardware, where DIR is toggled on a longer way.
-const FALL_COMPARE: [u8; 2] = [16, 48 + LATE];
+const FALL_COMPARE: u8 = 48;
 /// What a turn of DIR may be earlier than it must, ticks.
 const EARLY: u16 = 128;
 /// So far ahead things are planned at most, ticks (3 ms).
@@ -85,6 +85,7 @@ impl Spacing {
             Kind::Compare => ((35, APART_COMPARE), (35, APART_COMPARE), FALL_COMPARE),
         };
         let wanted = configuration.pulse_ticks;
+        let late = LATE[usize::from(merging)];
         let mut spacing = Spacing { extra: false, long: false, apart };
         let (mut pulse, mut made) = (0, short);
         if wanted > short {
@@ -95,8 +96,8 @@ impl Spacing {
                 // Its first edge may be late, where the hardware does not make it; merged, its second may be early.
                 let more = match kind {
                     Kind::Compare => 0,
-                    _ if merging => LATE + apart,
-                    _ => LATE,
+                    _ if merging => late + apart,
+                    _ => late,
                 };
                 pulse = (wanted + u16::from(more)).max(u16::from(apart));
                 made = pulse;
@@ -105,7 +106,7 @@ impl Spacing {
         let apart = u16::from(spacing.apart);
         // The merge moves edges by half of that, either way.
         let slack = if merging { apart } else { 0 };
-        let lead = configuration.setup_ticks + u16::from(fall[1]) + slack;
+        let lead = configuration.setup_ticks + u16::from(fall + late) + slack;
         let beside = kind == Kind::Compare && configuration.motors().len() > 1;
         // An expansion counts the long pulse in 8 bits, and does not know the hardware's.
         let singly = spacing.long && (kind == Kind::Compare || pulse > 255);
@@ -119,7 +120,7 @@ impl Spacing {
         let times = Times {
             limit: Moment(0),
             gap: made + 1,
-            keep: (made + configuration.hold_ticks + u16::from(LATE) + slack).max(apart),
+            keep: (made + configuration.hold_ticks + u16::from(late) + slack).max(apart),
             lead: lead.max(apart),
             early: lead.max(apart) + EARLY,
             fastest: fastest.max(made.saturating_add(if spacing.long { apart } else { 0 })),
