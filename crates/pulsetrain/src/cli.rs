@@ -105,7 +105,7 @@ Examples:
   pulsetrain info --port /dev/ttyACM0
   pulsetrain info --board uno")]
     Info(At),
-    /// Let a board measure itself while it steps: cycles for a step, lateness, what its queues had left
+    /// Let a board measure itself while it steps: cycles for a step, lateness, how far ahead it was
     #[command(after_help = "\
 Sinusoids of growing speed on pins 8 (STEP) and 9 (DIR). On a real board disconnect the drivers first.
 

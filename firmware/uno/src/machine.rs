@@ -116,7 +116,7 @@ impl Board {
         late: 0,
         latest_ticks: 0,
         starved: 0,
-        fewest_groups: 0,
+        least_ahead_ticks: 0,
         longest_round_ticks: 0,
         most_unread: 0,
         lost_bytes: 0,
@@ -457,7 +457,7 @@ impl Machine for Board {
 
     #[inline(never)]
     fn measures(&mut self) -> &mut Measures {
-        self.measures.fewest_groups = task::lock().least_ahead();
+        self.measures.least_ahead_ticks = task::lock().least_ahead();
         self.measures.stack_left = memory::stack_left();
         &mut self.measures
     }

@@ -774,7 +774,7 @@ impl Status {
 /// | 2–3 | compares that were missed and made late |
 /// | 4–5 | the latest of them, ticks |
 /// | 6–7 | times that the step interrupt found nothing though steps were left |
-/// | 8–9 | fewest groups that a ring held while more were to come |
+/// | 8–9 | least that rings were filled ahead while there was more to come, ticks; 65535 if nothing was |
 /// | 10–11 | longest round of the main loop, ticks |
 /// | 12–13 | most bytes that waited to be read |
 /// | 14–15 | bytes from the line that were lost, or came damaged |
@@ -790,8 +790,8 @@ pub struct Measures {
     pub latest_ticks: u16,
     /// Times that the step interrupt found nothing though steps were left.
     pub starved: u16,
-    /// Fewest groups that a ring held while more were to come.
-    pub fewest_groups: u16,
+    /// Least that rings were filled ahead while there was more to come, ticks; `u16::MAX` if nothing was.
+    pub least_ahead_ticks: u16,
     /// Longest round of the main loop, ticks.
     pub longest_round_ticks: u16,
     /// Most bytes that waited to be read.
@@ -815,7 +815,7 @@ impl Measures {
         frame.u16(self.late);
         frame.u16(self.latest_ticks);
         frame.u16(self.starved);
-        frame.u16(self.fewest_groups);
+        frame.u16(self.least_ahead_ticks);
         frame.u16(self.longest_round_ticks);
         frame.u16(self.most_unread);
         frame.u16(self.lost_bytes);
@@ -830,7 +830,7 @@ impl Measures {
             late: reader.u16()?,
             latest_ticks: reader.u16()?,
             starved: reader.u16()?,
-            fewest_groups: reader.u16()?,
+            least_ahead_ticks: reader.u16()?,
             longest_round_ticks: reader.u16()?,
             most_unread: reader.u16()?,
             lost_bytes: reader.u16()?,

@@ -37,7 +37,7 @@ struct Row {
     compares_missed: u16,
     latest_ticks: u16,
     starved: u16,
-    fewest_groups: u16,
+    least_ahead_ticks: u16,
     longest_round_ticks: u16,
     most_unread_bytes: u16,
     stack_left_bytes: u16,
@@ -97,7 +97,7 @@ pub(crate) fn run(args: &Bench, console: &mut Console<'_>) -> miette::Result<Exi
         "missed",
         "latest",
         "starved",
-        "fewest groups",
+        "least ahead",
         "longest round",
     ]);
     let tick_s = 1.0 / 16e6;
@@ -111,7 +111,7 @@ pub(crate) fn run(args: &Bench, console: &mut Console<'_>) -> miette::Result<Exi
             row.compares_missed.to_string(),
             ticks(row.latest_ticks),
             row.starved.to_string(),
-            row.fewest_groups.to_string(),
+            ticks(row.least_ahead_ticks),
             ticks(row.longest_round_ticks),
         ]);
     }
@@ -173,7 +173,7 @@ fn measure<P: Port>(prepared: &Prepared, period_s: f64, port: P, baud: Baud) -> 
         compares_missed: said.late,
         latest_ticks: said.latest_ticks,
         starved: said.starved,
-        fewest_groups: said.fewest_groups,
+        least_ahead_ticks: said.least_ahead_ticks,
         longest_round_ticks: said.longest_round_ticks,
         most_unread_bytes: said.most_unread,
         stack_left_bytes: said.stack_left,

@@ -243,10 +243,12 @@ impl<'a> Judge<'a> {
         let sample_ticks = options.sample_hz.map_or(0, |sample_hz| (tick_hz as f64 / sample_hz).ceil() as u64);
         let spare_ticks = own_clock.max(sample_ticks);
         let bound = bound + spare_ticks as f64;
+        // What a turn of DIR takes the board itself, beside the drivers' times.
+        let turn = (f64::from(program.board.turn_ticks) / scale).ceil() as u64;
         let motors = program.motors.iter().map(|motor| {
-            let own = motor.timing.ticks(tick_hz).reversal();
+            let own = motor.timing.ticks(tick_hz).reversal() + turn;
             let sharing: Vec<u64> =
-                sharing(program, motor).map(|other| other.timing.ticks(tick_hz).reversal()).collect();
+                sharing(program, motor).map(|other| other.timing.ticks(tick_hz).reversal() + turn).collect();
             let reversal = sharing.iter().copied().max().unwrap_or(0).max(own) as f64;
             let put_off = sharing.len() as f64 * reversal;
             let limits = Limits {
