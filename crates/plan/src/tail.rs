@@ -11,6 +11,7 @@ use pulsetrain_core::Direction;
 use pulsetrain_motion::Time;
 use pulsetrain_motion::law::{Class, Curve, Entry, Fixed, Law, Piece};
 use pulsetrain_motion::program::{Program, Wiring};
+use std::collections::BTreeMap;
 
 /// A motor in motion, at the tick where its tail begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -80,6 +81,12 @@ pub fn stop_tail(motion: &Motion, settings: &Settings) -> Result<Tail, PlanError
 /// As for [`stop_tail`], and where motors that share a DIR line turn too close together.
 pub fn stop_tails(program: &Program, motors: &[(Motion, Option<(i64, Direction)>)]) -> Result<Vec<Tail>, Refused> {
     let settings: Vec<Settings> = program.motors.iter().map(|motor| Settings::of(program, motor)).collect();
+    // As they come, if that brings no opposite steps together.
+    let together: Result<Vec<Tail>, PlanError> =
+        motors.iter().zip(&settings).map(|((motion, _), settings)| stop_tail(motion, settings)).collect();
+    if let Some(tails) = together.ok().filter(|tails| are_apart(program, motors, tails, &settings)) {
+        return Ok(tails);
+    }
     let mut tails = vec![None; motors.len()];
     for (motor, tail) in tails.iter_mut().enumerate().filter(|(motor, _)| is_in_no_ones_way(program, motors, *motor)) {
         *tail = Some(stop_tail(&motors[motor].0, &settings[motor]).map_err(|error| Refused { motor, error })?);
@@ -110,6 +117,43 @@ pub fn stop_tails(program: &Program, motors: &[(Motion, Option<(i64, Direction)>
         None => Ok(Tail::anew(moves(motor)?, settings)),
     });
     tails.collect()
+}
+
+/// Whether opposite steps on each DIR line are far enough apart if the tails are done as they are; those of so many steps
+/// that it would take long to say are not.
+fn are_apart(
+    program: &Program,
+    motors: &[(Motion, Option<(i64, Direction)>)],
+    tails: &[Tail],
+    settings: &[Settings],
+) -> bool {
+    const MOST_STEPS: u64 = 20_000;
+    let mut lines: BTreeMap<u8, Vec<(i128, bool)>> = BTreeMap::new();
+    let mut steps_left = MOST_STEPS;
+    for (motor, tail) in tails.iter().enumerate() {
+        let Wiring::StepDir { dir, forward_high, .. } = program.motors[motor].wiring else { continue };
+        let level = |direction: Direction| (direction == Direction::Forward) == forward_high;
+        let line = lines.entry(dir).or_default();
+        line.extend(motors[motor].1.map(|(tick, direction)| (i128::from(tick), level(direction))));
+        let mut accumulator = i128::from(tail.start);
+        for next in &tail.moves {
+            match *next {
+                Move::Dwell { ticks } => accumulator += i128::from(ticks) << settings[motor].fraction_bits,
+                Move::Run { segment, direction } => {
+                    let Some(left) = steps_left.checked_sub(segment.count.into()) else { return false };
+                    steps_left = left;
+                    let tick = |k: u32| (accumulator + segment.span(k)) >> settings[motor].fraction_bits;
+                    line.extend((1..=segment.count).map(|k| (tick(k), level(direction))));
+                    accumulator += segment.span(segment.count);
+                }
+            }
+        }
+    }
+    let apart = settings.iter().map(|settings| i128::from(settings.reversal_ticks)).max().unwrap_or(0) + 1;
+    lines.values_mut().all(|steps| {
+        steps.sort_unstable();
+        steps.windows(2).all(|pair| pair[0].1 == pair[1].1 || pair[1].0 - pair[0].0 >= apart)
+    })
 }
 
 /// Whether the tail of a motor needs no regard for opposite steps on its DIR line: its own last step, and what other

@@ -46,16 +46,20 @@ impl Pace {
         }
     }
 
-    /// For a queue that is too short to wait for what goes wrong on the way, and has nothing to spare; and again, for one
-    /// that has not even room for that. `false` if there is no more to win.
+    /// For a queue that is too short: first it keeps nothing free, then it does not wait for what goes wrong on the way, at
+    /// last it hardly waits at all. `false` if there is no more to win.
     pub(super) fn hurry(&mut self) -> bool {
         let least = self.hurry - self.hurry / 3;
-        if self.hurried && self.link <= least {
+        if !self.hurried {
+            self.hurried = true;
+        } else if self.link > self.hurry {
+            self.link = self.hurry;
+        } else if self.link > least {
+            self.link = least;
+        } else {
             return false;
         }
-        self.link = self.link.min(if self.hurried { least } else { self.hurry });
-        self.shortest = (8 * self.lead).max(self.link);
-        self.hurried = true;
+        self.shortest = (8 * self.lead).max(self.link.min(self.hurry));
         true
     }
 
