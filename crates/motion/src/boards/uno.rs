@@ -3,13 +3,12 @@
 /// Pulses up to these lengths, a column each.
 pub(super) const PULSES: [u32; 3] = [16, 31, 80];
 /// Shortest interval that holds for good, of each of 1 to 4 motors on one or two ports.
-pub(super) const BY_SOFTWARE: [[u32; 3]; 4] =
-    [[127, 127, 300], [733, 733, 1500], [1100, 1100, 2000], [1600, 1600, 3000]];
+pub(super) const BY_SOFTWARE: [[u32; 3]; 4] = [[118, 130, 213], [350, 378, 617], [533, 603, 893], [769, 829, 1344]];
 /// The same of one or two motors whose edges the compare hardware makes.
-pub(super) const BY_COMPARE: [[u32; 3]; 2] = [[127, 127, 1900], [224, 224, 4000]];
+pub(super) const BY_COMPARE: [[u32; 3]; 2] = [[121, 121, 1584], [248, 248, 3404]];
 /// Largest |edge − scheduled| beyond the constant.
-pub(super) const LATENESS: u32 = 45;
+pub(super) const LATENESS: u32 = 37;
 /// The farthest that it commits itself ahead.
-pub(super) const HORIZON: u32 = 50000;
+pub(super) const HORIZON: u32 = 37991;
 /// Bytes of its queues.
 pub(super) const QUEUES: u32 = 396;
