@@ -85,14 +85,19 @@ pub(crate) fn run(args: &At, console: &mut Console<'_>) -> miette::Result<Exit> 
 }
 
 fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
-    /// Long enough for a first look at the clock's rate.
+    /// Long enough for a first look at the clock's rate, most often; and how often it is looked again.
     const LOOK_S: f64 = 1.0;
+    const LOOKS: usize = 4;
     let mut remote = Remote::open(port, session_number())?;
     let measures = remote.measures(false)?;
     let baud = remote.set_baud(baud)?;
     let info = *remote.info();
-    let until = remote.now() + (LOOK_S * f64::from(info.tick_hz)) as u64;
-    remote.advance(until, &mut |_| {});
+    for _ in 0..LOOKS {
+        if remote.clock().ppm().is_none() {
+            let until = remote.now() + (LOOK_S * f64::from(info.tick_hz)) as u64;
+            remote.advance(until, &mut |_| {});
+        }
+    }
     if let Some(error) = remote.error() {
         return Err(error.clone().into());
     }
