@@ -6,7 +6,7 @@
 //! | 0x180 | 72 | [`Receiver`]: the frame that is coming in |
 //! | 0x1c8 | 56 | the reply being sent |
 //! | 0x200 | 256 | ring A; the only ring, if one is enough |
-//! | 0x300 | 256 | ring B; the lists of a merge; for one motor more of its queue |
+//! | 0x300 | 256 | ring B; the lists of a merge; else more of the queues |
 //! | 0x400 | [`POOL`] | the motors' queues |
 //! | then | | initialised variables, others |
 //! | to 0x900 | at least 255 | stack, downwards: 211 is the most that a test saw |
@@ -19,7 +19,7 @@ use crate::regs;
 use core::arch::global_asm;
 use core::mem::MaybeUninit;
 
-/// Bytes of all motors' queues together; one motor alone has [`PAGE`] more.
+/// Bytes of all motors' queues together; [`PAGE`] more where one ring and no merge serves them.
 pub(crate) const POOL: usize = 396;
 /// Bytes of a ring.
 const PAGE: usize = 256;
@@ -67,19 +67,21 @@ pub(crate) unsafe fn take() -> (&'static mut Receiver, &'static mut [u8; REPLY_L
     unsafe { ((*frame).write(Receiver::new()), &mut *bytes) }
 }
 
-/// First and last + 1 address of the queue of motor `index` of `motors`.
+/// First and last + 1 address of the queue of motor `index` of `motors`; `with_page`: nobody else needs page B.
 #[inline(never)]
-pub(crate) fn queue(motors: u8, index: u8) -> (u16, u16) {
+pub(crate) fn queue(motors: u8, index: u8, with_page: bool) -> (u16, u16) {
+    /// Divided here, not on the chip.
+    const fn shares(bytes: usize) -> [u16; 4] {
+        [bytes as u16, (bytes / 2) as u16, (bytes / 3) as u16, (bytes / 4) as u16]
+    }
     // Only addresses are taken here.
-    let start = (&raw const queues).addr() as u16;
-    // Divided here, not on the chip.
-    let each = match motors {
-        1 => return ((&raw const ring_b_page).addr() as u16, start + POOL as u16),
-        2 => POOL / 2,
-        3 => POOL / 3,
-        _ => POOL / 4,
-    } as u16;
-    let start = start + each * u16::from(index);
+    let (start, shares) = if with_page {
+        ((&raw const ring_b_page).addr(), const { shares(PAGE + POOL) })
+    } else {
+        ((&raw const queues).addr(), const { shares(POOL) })
+    };
+    let each = shares[usize::from(motors.wrapping_sub(1) & 3)];
+    let start = start as u16 + each * u16::from(index);
     (start, start + each)
 }
 

@@ -287,6 +287,11 @@ impl Motor {
         self.last = now;
     }
 
+    /// Whether its DIR line is as its next step needs it.
+    pub(crate) fn faces(&self) -> bool {
+        (self.levels & self.dir != 0) == (self.lines.forward_high() != self.has(flag::BACKWARD))
+    }
+
     /// Whether [`Motor::switch`] would be taken.
     pub(crate) fn can_switch(&self, at: Moment) -> bool {
         let [first, second] = &self.switches;

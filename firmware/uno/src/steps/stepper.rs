@@ -376,7 +376,9 @@ impl Stepper {
                 self.flags |= u8::from(on_portb) << dir;
             }
             lines.drive();
-            let (start, end) = memory::queue(all, index);
+            // One ring, and no lists.
+            let with_page = all == 1 || shared;
+            let (start, end) = memory::queue(all, index, with_page);
             if let Some(motor) = self.motor_mut(index) {
                 motor.lines = lines;
                 (motor.step, motor.dir) = (lines.step, lines.dir);
@@ -682,17 +684,23 @@ fn fill_shared(track: &mut Track, motors: &mut [Motor], spacing: Spacing) {
             track.push(end.before(512), Group::NOTHING);
             continue;
         };
-        let ready = turn_shared(track, motors, first, &times, spacing);
-        let Some(motor) = motors.get_mut(first) else { return };
-        let rise = motor.step;
-        let at = track.put(later(due, ready), Group { rise, fall: motor.step_fall }, spacing.apart);
-        if spacing.long {
-            track.put(at.after(u32::from(times.pulse)), Group { rise, fall: 0 }, spacing.apart);
+        let due = later(due, turn_shared(track, motors, first, &times, spacing));
+        // All that step now, or nearly so, and look at lines that are right, go together.
+        let reach = due.after(u32::from(spacing.apart / 2));
+        let mut steps = 0;
+        for motor in motors.iter_mut() {
+            if motor.is_due && !reach.is_before(motor.due) && motor.faces() {
+                steps |= motor.step;
+                motor.make();
+                motor.is_due = false;
+                motor.settle();
+                motor.free = due.after(u32::from(spacing.apart) + u32::from(times.keep));
+            }
         }
-        motor.make();
-        motor.is_due = false;
-        motor.settle();
-        motor.free = at.after(u32::from(times.keep));
+        let at = track.put(due, Group { rise: steps, fall: if spacing.long { 0 } else { steps } }, spacing.apart);
+        if spacing.long {
+            track.put(at.after(u32::from(times.pulse)), Group { rise: steps, fall: 0 }, spacing.apart);
+        }
     }
 }
 
@@ -703,7 +711,7 @@ fn fill_shared(track: &mut Track, motors: &mut [Motor], spacing: Spacing) {
 fn turn_shared(track: &mut Track, motors: &mut [Motor], index: usize, times: &Times, spacing: Spacing) -> Moment {
     let Some(motor) = motors.get(index) else { return track.at };
     let (dir, due) = (motor.dir, motor.due);
-    if (motor.levels & dir != 0) == (motor.lines.forward_high() != motor.has(flag::BACKWARD)) {
+    if motor.faces() {
         return due;
     }
     let mut at = due.before(u32::from(times.early));
