@@ -1,0 +1,261 @@
+//! Numbers for a chip without a multiplier of 32 bits: products from bytes, and decimals from a line.
+
+/// An unsigned number m·2^e with 32 significant bits: m is 0 or at least 2^31.
+///
+/// Each product is off by at most 2^-32 of itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Float {
+    mantissa: u32,
+    exponent: i8,
+}
+
+impl Float {
+    /// 0.
+    pub const ZERO: Float = Float { mantissa: 0, exponent: 0 };
+    /// 10.
+    pub const TEN: Float = Float { mantissa: 0xa000_0000, exponent: -28 };
+    /// 0.1, rounded.
+    pub const TENTH: Float = Float { mantissa: 0xcccc_cccd, exponent: -35 };
+
+    /// `mantissa`·2^`exponent`; `mantissa` is 0 or has its highest bit set.
+    #[must_use]
+    pub const fn new(mantissa: u32, exponent: i8) -> Float {
+        Float { mantissa, exponent }
+    }
+
+    /// `digits`·10^`power`, if it is less than 2^32; what is less than 10^-18 is 0.
+    #[must_use]
+    #[inline(never)]
+    pub fn from_decimal(digits: u32, mut power: i8) -> Option<Float> {
+        let mut float = Float { mantissa: digits, exponent: 0 };
+        if digits == 0 {
+            return Some(float);
+        }
+        while float.mantissa < 1 << 31 {
+            float.mantissa <<= 1;
+            float.exponent -= 1;
+        }
+        while power > 0 {
+            if float.exponent > 0 {
+                return None;
+            }
+            float = float.times(Float::TEN);
+            power -= 1;
+        }
+        while power < 0 {
+            if float.exponent < -92 {
+                return Some(Float::ZERO);
+            }
+            float = float.times(Float::TENTH);
+            power += 1;
+        }
+        if float.exponent > 0 { None } else { Some(float) }
+    }
+
+    /// The product, rounded to nearest. Exponents must not leave i8: −128 ≤ sum + 32.
+    #[must_use]
+    #[inline(never)]
+    pub fn times(self, other: Float) -> Float {
+        let product = multiply(self.mantissa, other.mantissa);
+        let [_, _, _, b3, b4, b5, b6, b7] = product.to_le_bytes();
+        let mut mantissa = u32::from_le_bytes([b4, b5, b6, b7]);
+        if mantissa == 0 {
+            return Float::ZERO;
+        }
+        let mut exponent = self.exponent.wrapping_add(other.exponent).wrapping_add(32);
+        let mut below = b3;
+        if mantissa < 1 << 31 {
+            mantissa = mantissa << 1 | u32::from(below >> 7);
+            below <<= 1;
+            exponent -= 1;
+        }
+        if below >= 0x80 && mantissa != u32::MAX {
+            mantissa += 1;
+        }
+        Float { mantissa, exponent }
+    }
+
+    /// Whether it is less than `other`.
+    #[must_use]
+    pub fn is_less(self, other: Float) -> bool {
+        if other.mantissa == 0 {
+            return false;
+        }
+        if self.mantissa == 0 || self.exponent < other.exponent {
+            return true;
+        }
+        self.exponent == other.exponent && self.mantissa < other.mantissa
+    }
+
+    /// In units of 2^-`bits`, rounded to nearest, if it is less than 2^40 of them.
+    #[must_use]
+    #[inline(never)]
+    pub fn to_fixed(self, bits: i8) -> Option<(u32, u8)> {
+        let (mut low, mut high) = (self.mantissa, 0u8);
+        let mut exponent = self.exponent.saturating_add(bits);
+        if low == 0 {
+            return Some((0, 0));
+        }
+        while exponent > 0 {
+            if high >= 0x80 {
+                return None;
+            }
+            high = high << 1 | u8::from(low >= 1 << 31);
+            low <<= 1;
+            exponent -= 1;
+        }
+        let mut half = false;
+        while exponent < 0 {
+            half = low & 1 != 0;
+            low >>= 1;
+            exponent += 1;
+            if low == 0 && exponent < 0 {
+                half = false;
+                break;
+            }
+        }
+        Some((low + u32::from(half), high))
+    }
+
+    /// As m·2^−8n with 2^24 ≤ m < 2^32, and n; the last bits are lost. Less than 2^7 only.
+    #[must_use]
+    pub const fn to_scaled(self) -> Scaled {
+        let mut bytes = 0;
+        let mut exponent = self.exponent;
+        // −8 < exponent ≤ 0 in the end.
+        while exponent < -7 {
+            exponent += 8;
+            bytes += 1;
+        }
+        let mut mantissa = self.mantissa;
+        let mut half = false;
+        while exponent < 0 {
+            half = mantissa & 1 != 0;
+            mantissa >>= 1;
+            exponent += 1;
+        }
+        Scaled { mantissa: mantissa.saturating_add(half as u32), bytes }
+    }
+}
+
+/// m·2^−8n: a factor whose product is aligned by bytes, which an 8-bit chip moves for nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Scaled {
+    /// m.
+    pub mantissa: u32,
+    /// n.
+    pub bytes: u8,
+}
+
+/// The product of 16 bits and 16 bits.
+#[must_use]
+#[inline(always)]
+pub fn multiply_short(a: u16, b: u16) -> u32 {
+    let ([a0, a1], [b0, b1]) = (a.to_le_bytes(), b.to_le_bytes());
+    let [p0, p1] = byte_product(a0, b0);
+    let [q0, q1] = byte_product(a1, b1);
+    let outer = u32::from_le_bytes([p0, p1, q0, q1]);
+    let [r0, r1] = byte_product(a0, b1);
+    let [s0, s1] = byte_product(a1, b0);
+    outer.wrapping_add(u32::from_le_bytes([0, r0, r1, 0])).wrapping_add(u32::from_le_bytes([0, s0, s1, 0]))
+}
+
+#[inline(always)]
+fn byte_product(a: u8, b: u8) -> [u8; 2] {
+    (u16::from(a).wrapping_mul(u16::from(b))).to_le_bytes()
+}
+
+/// The product of 32 bits and 32 bits.
+#[must_use]
+#[inline(never)]
+pub fn multiply(a: u32, b: u32) -> u64 {
+    let ([a0, a1, a2, a3], [b0, b1, b2, b3]) = (a.to_le_bytes(), b.to_le_bytes());
+    let (a_low, a_high) = (u16::from_le_bytes([a0, a1]), u16::from_le_bytes([a2, a3]));
+    let (b_low, b_high) = (u16::from_le_bytes([b0, b1]), u16::from_le_bytes([b2, b3]));
+    let [l0, l1, l2, l3] = multiply_short(a_low, b_low).to_le_bytes();
+    let [h0, h1, h2, h3] = multiply_short(a_high, b_high).to_le_bytes();
+    let inner = u32::from_le_bytes([l2, l3, h0, h1]);
+    let top = u16::from_le_bytes([h2, h3]);
+    let (inner, carry) = inner.overflowing_add(multiply_short(a_low, b_high));
+    let top = top.wrapping_add(u16::from(carry));
+    let (inner, carry) = inner.overflowing_add(multiply_short(a_high, b_low));
+    let top = top.wrapping_add(u16::from(carry));
+    let ([i0, i1, i2, i3], [t0, t1]) = (inner.to_le_bytes(), top.to_le_bytes());
+    u64::from_le_bytes([l0, l1, i0, i1, i2, i3, t0, t1])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn value(float: Float) -> f64 {
+        power(2.0, float.exponent) * f64::from(float.mantissa)
+    }
+
+    fn power(base: f64, exponent: i8) -> f64 {
+        let product = (0..exponent.unsigned_abs()).fold(1.0, |product, _| product * base);
+        if exponent < 0 { 1.0 / product } else { product }
+    }
+
+    proptest! {
+        #[test]
+        fn products_are_exact(a: u32, b: u32) {
+            prop_assert_eq!(multiply(a, b), u64::from(a) * u64::from(b));
+            let (a, b) = ((a >> 16) as u16, (b >> 16) as u16);
+            prop_assert_eq!(multiply_short(a, b), u32::from(a) * u32::from(b));
+        }
+
+        #[test]
+        fn decimals_are_read(digits: u32, tens in -20..20_i8) {
+            let exact = f64::from(digits) * power(10.0, tens);
+            match Float::from_decimal(digits, tens) {
+                Some(float) => {
+                    prop_assert!((value(float) - exact).abs() <= exact * 1e-8 + 1e-18, "{} {}", value(float), exact);
+                    prop_assert!(float.mantissa == 0 || float.mantissa >= 1 << 31);
+                }
+                None => prop_assert!(exact > 4.294_967_2e9),
+            }
+        }
+
+        #[test]
+        fn order_is_kept(a: u32, b: u32, p in -8..2_i8, q in -8..2_i8) {
+            let (Some(a), Some(b)) = (Float::from_decimal(a, p), Float::from_decimal(b, q)) else { return Ok(()) };
+            prop_assert_eq!(a.is_less(b), value(a) < value(b));
+        }
+
+        #[test]
+        fn fixed_point_is_nearest(digits: u32, tens in -9..1_i8, bits in 0..33_i8) {
+            let Some(float) = Float::from_decimal(digits, tens) else { return Ok(()) };
+            let exact = value(float) * power(2.0, bits);
+            match float.to_fixed(bits) {
+                Some((low, high)) => {
+                    let fixed = f64::from(high) * 4_294_967_296.0 + f64::from(low);
+                    prop_assert!((fixed - exact).abs() <= 0.5, "{} {}", fixed, exact);
+                }
+                None => prop_assert!(exact >= 549_755_813_888.0),
+            }
+        }
+
+        #[test]
+        fn scaling_keeps_25_bits(digits in 1..=u32::MAX, tens in -16..-8_i8) {
+            let Some(float) = Float::from_decimal(digits, tens) else { return Ok(()) };
+            prop_assume!(value(float) < 1.9);
+            let Scaled { mantissa, bytes } = float.to_scaled();
+            let scaled = f64::from(mantissa) * power(256.0, -bytes.cast_signed());
+            prop_assert!((scaled / value(float) - 1.0).abs() <= power(2.0, -25), "{}", scaled);
+            prop_assert!(mantissa >= 1 << 24);
+        }
+    }
+
+    #[test]
+    fn ends_of_the_range() {
+        assert_eq!(Float::from_decimal(0, 127), Some(Float::ZERO));
+        assert_eq!(Float::from_decimal(1, 127), None);
+        assert_eq!(Float::from_decimal(u32::MAX, -128), Some(Float::ZERO));
+        assert_eq!(Float::ZERO.to_fixed(32), Some((0, 0)));
+        assert_eq!(Float::new(1 << 31, -31).to_fixed(39), Some((0, 128)));
+        assert_eq!(Float::new(1 << 31, -31).to_fixed(40), None);
+        assert!(!Float::ZERO.is_less(Float::ZERO) && Float::ZERO.is_less(Float::TENTH));
+    }
+}
