@@ -154,13 +154,13 @@ fn check_slice(slice: Slice, speed: i32) {
     assert_eq!((train.count, train.backward), (slice.count, slice.backward));
     for step in 0..u64::from(train.count) {
         // Millisteps to it, over millisteps a slice, times ticks a slice.
-        let way = u64::from(slice.distance) + (step * 1000 << 16);
+        let way = u64::from(slice.distance) + ((step * 1000) << 16);
         assert!(way <= u64::from(slice.speed), "{slice:?}: step {step} is not in it");
         let exact = u128::from(way) * (u128::from(TICKS) << 16) / u128::from(slice.speed);
         let at = u128::from(train.first) + u128::from(step) * u128::from(train.interval);
         assert!(at.abs_diff(exact) <= u128::from(TOLERANCE_TICKS) << 16, "{slice:?} {train:?} {step}: {exact}");
     }
-    let next = u64::from(slice.distance) + (u64::from(train.count) * 1000 << 16);
+    let next = u64::from(slice.distance) + ((u64::from(train.count) * 1000) << 16);
     assert!(next > u64::from(slice.speed), "{slice:?}: one more is in it");
 }
 
@@ -192,7 +192,7 @@ fn the_suite_of_commands() {
     check("stiffest", &[(0, Gains(20.0, 5.0)), (0, Target(8000)), (2000, Target(7999))], 20_000);
     check("softest", &[(0, Gains(0.01, 0.07)), (0, Target(1000))], 2_000_000);
     check("slowest", &[(0, Gains(0.01, 5.0)), (0, Target(1000))], 2_000_000);
-    check("decimals", &[(0, Gains(1.047198, 0.333333)), (0, Target(12_345))], 30_000);
+    check("decimals", &[(0, Gains(1.147198, 0.333333)), (0, Target(12_345))], 30_000);
 }
 
 #[test]

@@ -185,6 +185,7 @@ pub fn multiply(a: u32, b: u32) -> u64 {
 }
 
 #[cfg(test)]
+#[expect(clippy::float_arithmetic, reason = "tests compare with floats")]
 mod tests {
     use super::*;
     use proptest::prelude::*;
