@@ -61,7 +61,7 @@ pub(super) const THRESHOLD: i32 = 33_792_000;
 /// A step, in 2^-16 millisteps.
 pub(super) const STEP: i32 = 1000 << 16;
 
-const _: () = assert!(THRESHOLD == STEP / 2 + STEP / 64);
+const _: () = assert!(64 * (THRESHOLD as i64) == 33 * (STEP as i64));
 // In a tick: at most 15 thresholds are crossed, and a difference of speeds has 16 bits before the point.
 const _: () = assert!(FASTEST < 15_000 && FASTEST as u32 + (FASTEST_DRIFT as u32) < 1 << 15);
 
