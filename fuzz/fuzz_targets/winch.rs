@@ -1,0 +1,41 @@
+//! Bytes of any content to the text reader and to four paths: nothing breaks, limits hold, and the next line is read.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use pulsetrain_core::winch::path::{FASTEST, Path, Portable};
+use pulsetrain_core::winch::reply::{LONGEST, Reply};
+use pulsetrain_core::winch::text::{Command, Reader};
+use pulsetrain_core::winch::{obey, spacing};
+
+fuzz_target!(|input: (bool, Vec<u8>)| {
+    let (strict, bytes) = input;
+    let mut reader = Reader::new();
+    reader.set_strict(strict);
+    let mut paths = [const { Path::new() }; 4];
+    for byte in bytes.iter().take(2000) {
+        match reader.push(*byte) {
+            None => continue,
+            Some(Ok(command)) => obey(&mut paths, &command),
+            Some(Err(refusal)) => {
+                let mut line = [0; LONGEST];
+                let len = Reply::Refused(refusal).write(&mut line);
+                assert!(line[..len].ends_with(b"\r\n") && line[..len].is_ascii());
+            }
+        }
+        for path in &mut paths {
+            for _ in 0..20 {
+                let made = path.made();
+                let slice = path.tick::<Portable>();
+                assert!(path.speed().unsigned_abs() <= u32::from(FASTEST) << 16);
+                assert_eq!(path.made().wrapping_sub(made).unsigned_abs(), u32::from(slice.count));
+                if let Some(train) = slice.train() {
+                    let last = train.first + u32::from(train.count - 1) * train.interval;
+                    assert!(last >> 16 <= u32::from(spacing::TICKS) + 1, "{slice:?} {train:?}");
+                }
+            }
+        }
+    }
+    reader.push(b'\n');
+    let heard: Vec<_> = b"ping\n".iter().filter_map(|byte| reader.push(*byte)).collect();
+    assert_eq!(heard, [Ok(Command::Ping)]);
+});
