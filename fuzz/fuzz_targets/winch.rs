@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use pulsetrain_core::winch::path::{FASTEST, Path, Portable};
+use pulsetrain_core::winch::path::{FASTEST, Path};
 use pulsetrain_core::winch::reply::{LONGEST, Reply};
 use pulsetrain_core::winch::text::{Command, Reader};
 use pulsetrain_core::winch::{obey, spacing};
@@ -25,7 +25,7 @@ fuzz_target!(|input: (bool, Vec<u8>)| {
         for path in &mut paths {
             for _ in 0..20 {
                 let made = path.made();
-                let slice = path.tick::<Portable>();
+                let slice = path.tick();
                 assert!(path.speed().unsigned_abs() <= u32::from(FASTEST) << 16);
                 assert_eq!(path.made().wrapping_sub(made).unsigned_abs(), u32::from(slice.count));
                 if let Some(train) = slice.train() {

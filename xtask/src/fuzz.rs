@@ -20,6 +20,7 @@ const TARGETS: [(&str, &[&str]); 10] = [
     ("camera", &["fuzz/seeds/camera"]),
     ("packing", &["fuzz/seeds/packing"]),
     ("wire", &["fuzz/seeds/wire"]),
+    ("winch", &["fuzz/seeds/winch"]),
     ("narrow", &["fuzz/seeds/packing"]),
 ];
 

@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use pulsetrain_core::winch::number::Float;
-use pulsetrain_core::winch::path::{FASTEST, FASTEST_DRIFT, Gains, Limits, Path, Portable, STEEPEST, Slice};
+use pulsetrain_core::winch::path::{FASTEST, FASTEST_DRIFT, Gains, Limits, Path, STEEPEST, Slice};
 use pulsetrain_core::winch::spacing::{TICKS, TOLERANCE_TICKS};
 
 const DT: f64 = 1e-3;
@@ -131,7 +131,7 @@ fn compare(commands: &[(u32, Command)], ms: u32) -> (f64, f64) {
         }
         let before = path.speed();
         let made = path.made();
-        let slice = path.tick::<Portable>();
+        let slice = path.tick();
         check_slice(slice, before);
         let steps = i32::from(slice.count);
         assert_eq!(path.made().wrapping_sub(made), if slice.backward { -steps } else { steps });
@@ -213,11 +213,11 @@ fn a_speed_is_exact_over_time() {
         path.set_gains(Gains::new(float(1.0), float(1.0)).unwrap());
         path.set_drift(speed);
         for _ in 0..30_000 {
-            path.tick::<Portable>();
+            path.tick();
         }
         let from = path.made();
         for _ in 0..1_000_000 {
-            path.tick::<Portable>();
+            path.tick();
         }
         assert_eq!(path.made() - from, 1000 * i32::from(speed));
     }
@@ -230,7 +230,7 @@ fn steps_of_a_constant_speed_are_even() {
     path.set_drift(1234);
     let (mut last, mut spread) = (None, (f64::MAX, 0.0_f64));
     for ms in 0..60_000_u64 {
-        let Some(train) = path.tick::<Portable>().train() else { continue };
+        let Some(train) = path.tick().train() else { continue };
         for step in 0..u64::from(train.count) {
             let at = ms * (16_000 << 16) + u64::from(train.first) + step * u64::from(train.interval);
             if let Some(last) = last
@@ -254,29 +254,29 @@ fn it_stops_within_its_limit() {
         path.set_limits(Limits::new(float(10_000.0), float(amax)).unwrap());
         path.set_drift(drift);
         for _ in 0..5000 {
-            path.tick::<Portable>();
+            path.tick();
         }
         let speed = f64::from(path.speed()) / 65_536.0;
         path.stop();
         let time_ms = (speed.abs() / amax * 1000.0).ceil() as u32 + 1;
         for _ in 0..time_ms {
             let before = path.speed();
-            path.tick::<Portable>();
+            path.tick();
             let change = path.speed().abs_diff(before);
             assert!(f64::from(change) <= amax * 65.536 + 1.0, "{change} at {amax}");
         }
-        path.tick::<Portable>();
+        path.tick();
         assert!(path.is_at_rest() && path.speed().abs() < 16, "after {time_ms} ms: {path:?}");
         let made = path.made();
         for _ in 0..10_000 {
-            path.tick::<Portable>();
+            path.tick();
         }
         assert_eq!(path.made(), made, "it stays");
         path.set_gains(Gains::new(float(1.0), float(1.0)).unwrap());
         path.set_limits(Limits::DEFAULT);
         path.set_target(-5);
         for _ in 0..60_000 {
-            path.tick::<Portable>();
+            path.tick();
         }
         assert_eq!(path.made(), -5, "and goes on when told");
     }
@@ -290,18 +290,18 @@ fn far_targets_wait_their_turn() {
     for _ in 0..200 {
         path.set_drift(15_000);
         path.move_target(i32::MAX);
-        path.tick::<Portable>();
+        path.tick();
     }
     let speed = path.speed();
     for _ in 0..1000 {
-        path.tick::<Portable>();
+        path.tick();
         assert!(path.speed() >= speed, "a target far ahead stays ahead");
     }
     path.set_target(0);
     path.set_drift(0);
     path.set_gains(Gains::new(float(1.0), float(1.0)).unwrap());
     for _ in 0..30_000 {
-        path.tick::<Portable>();
+        path.tick();
     }
     assert!(path.made() == 0 && path.is_at_rest());
 }
@@ -353,7 +353,7 @@ proptest! {
             }
             for _ in 0..wait {
                 let before = f64::from(path.speed()) / 65_536.0;
-                path.tick::<Portable>();
+                path.tick();
                 let after = f64::from(path.speed()) / 65_536.0;
                 prop_assert!((after - before).abs() <= amax * 1e-3 + 1e-4);
                 prop_assert!(after.abs() <= vmax + 1e-4 || after.abs() < before.abs());
@@ -367,7 +367,7 @@ proptest! {
         for (wait, command) in commands {
             obey(&mut path, command);
             for _ in 0..wait {
-                path.tick::<Portable>();
+                path.tick();
             }
         }
         let last = [Command::Gains(1.0, 0.8), Command::Limits(5000.0, 50e3), Command::Ramp(0), Command::Drift(0)];
@@ -376,7 +376,7 @@ proptest! {
         }
         path.set_target(end);
         for _ in 0..40_000 {
-            path.tick::<Portable>();
+            path.tick();
         }
         prop_assert_eq!(path.made(), end);
         prop_assert!(path.is_at_rest());
@@ -391,7 +391,7 @@ proptest! {
         for (wait, command) in commands {
             obey(&mut path, command);
             for _ in 0..wait {
-                if let Some(train) = path.tick::<Portable>().train() {
+                if let Some(train) = path.tick().train() {
                     for step in 0..u64::from(train.count) {
                         let at = now + u64::from(train.first) + step * u64::from(train.interval);
                         if let Some((before, backward)) = last {

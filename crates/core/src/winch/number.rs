@@ -140,6 +140,7 @@ impl Float {
 
 /// m·2^−8n: a factor whose product is aligned by bytes, which an 8-bit chip moves for nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(C)]
 pub struct Scaled {
     /// m.
     pub mantissa: u32,

@@ -65,33 +65,9 @@ const _: () = assert!(64 * (THRESHOLD as i64) == 33 * (STEP as i64));
 // In a tick: at most 15 thresholds are crossed, and a difference of speeds has 16 bits before the point.
 const _: () = assert!(FASTEST < 15_000 && FASTEST as u32 + (FASTEST_DRIFT as u32) < 1 << 15);
 
-/// The products that take most of a tick's time: a processor may have better ones.
-pub trait Arithmetic {
-    /// `mantissa`·|`x`| / 256^`bytes`, rounded down, with `x`'s sign. `bytes` ≤ 4.
-    fn scale(mantissa: u32, x: i32, bytes: u8) -> i64;
-}
-
-/// In plain Rust.
-#[derive(Clone, Copy, Debug)]
-pub struct Portable;
-
-impl Arithmetic for Portable {
-    fn scale(mantissa: u32, x: i32, bytes: u8) -> i64 {
-        let [b0, b1, b2, b3, b4, b5, b6, b7] = multiply(mantissa, x.unsigned_abs()).to_le_bytes();
-        let product = match bytes {
-            0 => [b0, b1, b2, b3, b4, b5, b6, b7],
-            1 => [b1, b2, b3, b4, b5, b6, b7, 0],
-            2 => [b2, b3, b4, b5, b6, b7, 0, 0],
-            3 => [b3, b4, b5, b6, b7, 0, 0, 0],
-            _ => [b4, b5, b6, b7, 0, 0, 0, 0],
-        };
-        let product = i64::from_le_bytes(product);
-        if x < 0 { product.wrapping_neg() } else { product }
-    }
-}
-
 /// How a path follows its target: natural frequency f and damping ratio ζ, as k = (2πf)² and b = 4πfζ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(C)]
 pub struct Gains {
     /// k·10^-6.
     stiffness: Scaled,
@@ -101,7 +77,8 @@ pub struct Gains {
 
 /// Gains outside the region in which the recurrence is stable: 0.01 ≤ f ≤ 20 Hz, 0.07 ≤ ζ ≤ 5.
 ///
-/// At 1 kHz it is where k·(1 ms)² < b·(1 ms) < 2, that is ζ > πf·(1 ms), 0.063 at 20 Hz, and ζ < 1 s/(2πf), 7.9 there.
+/// At 1 kHz it is where k·(1 ms)² < b·(1 ms) < 2, that is ζ > πf·(1 ms), 0.063 at 20 Hz, and ζ < 1/(2πf·(1 ms)),
+/// 7.9 there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GainsRefused {
     /// f.
@@ -144,6 +121,7 @@ impl Gains {
 
 /// How fast a path may go and speed up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(C)]
 pub struct Limits {
     /// vmax, 2^-16 steps/s.
     speed: u32,
@@ -186,6 +164,7 @@ impl Limits {
 
 /// A number of 48 bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(C)]
 struct Wide {
     low: u32,
     high: i16,
@@ -235,15 +214,16 @@ pub struct Slice {
 /// One axis: where it is, where it is to go, and how.
 ///
 /// ```
-/// use pulsetrain_core::winch::path::{Path, Portable};
+/// use pulsetrain_core::winch::path::Path;
 /// let mut path = Path::new();
 /// path.set_target(100);
-/// let steps: u32 = (0..30_000).map(|_| u32::from(path.tick::<Portable>().count)).sum();
+/// let steps: u32 = (0..30_000).map(|_| u32::from(path.tick().count)).sum();
 /// assert!(steps > 100, "it rings");
 /// assert_eq!(path.made(), 100);
 /// assert!(path.is_at_rest());
 /// ```
 #[derive(Clone, Debug)]
+#[repr(C)]
 pub struct Path {
     /// Steps made, to the end of the last slice.
     made: i32,
@@ -251,20 +231,20 @@ pub struct Path {
     ahead: i32,
     /// q_d − q, millisteps rounded down; below the point it has what `ahead` has.
     gap: Wide,
-    /// q′, 2^-16 steps/s.
-    speed: i32,
-    /// What is below.
+    /// q′: what is below the next.
     speed_low: u16,
+    /// 2^-16 steps/s.
+    speed: i32,
     /// q_d′, steps/s.
     drift: i16,
     gains: Gains,
     limits: Limits,
-    /// What q_d still has to go at `ramp` steps/s, millisteps.
-    way: Wide,
-    /// 0: no limit, and no way.
-    ramp: u16,
     /// To rest within amax, wherever that is.
     stopping: bool,
+    /// 0: no limit, and no way.
+    ramp: u16,
+    /// What q_d still has to go at `ramp` steps/s, millisteps.
+    way: Wide,
 }
 
 impl Default for Path {
@@ -293,15 +273,24 @@ impl Path {
     }
 
     /// One millisecond.
+    ///
+    /// An 8-bit processor is to do it in assembly: [`prepare`](Path::prepare), then all from the second line of this
+    /// function and [`Slice::train`], with the same bits. Fields lie as they are declared, and without gaps there.
     #[inline(never)]
-    pub fn tick<A: Arithmetic>(&mut self) -> Slice {
-        if !self.way.is_zero() {
-            self.approach();
-        }
-        let change = self.change::<A>();
+    pub fn tick(&mut self) -> Slice {
+        self.prepare();
+        let change = self.change();
         let slice = self.advance();
         self.hasten(change);
         slice
+    }
+
+    /// The first part of a [`tick`](Path::tick), which has nothing to do unless a ramp is set.
+    #[inline(always)]
+    pub fn prepare(&mut self) {
+        if !self.way.is_zero() {
+            self.approach();
+        }
     }
 
     /// `a`: the target is `steps`.
@@ -409,7 +398,7 @@ impl Path {
 
     /// q″·10^-3 before it is clamped, 2^-32 steps/s.
     #[inline(always)]
-    fn change<A: Arithmetic>(&self) -> i64 {
+    fn change(&self) -> i64 {
         if self.stopping {
             return -self.whole_speed();
         }
@@ -430,7 +419,7 @@ impl Path {
         let Gains { stiffness, damping } = self.gains;
         // millisteps·k·10^-6 are steps/s.
         let pull = if stiffness.bytes >= fewer {
-            A::scale(stiffness.mantissa, gap, stiffness.bytes - fewer)
+            scale(stiffness.mantissa, gap, stiffness.bytes - fewer)
         } else if gap < 0 {
             // Beyond 2^55: more than damping (2^47) and amax (2^40) can take back.
             -1 << 60
@@ -438,7 +427,7 @@ impl Path {
             1 << 60
         };
         let behind = (i32::from(self.drift) << 16).wrapping_sub(self.speed);
-        pull + A::scale(damping.mantissa, behind, damping.bytes - 2)
+        pull + scale(damping.mantissa, behind, damping.bytes - 2)
     }
 
     /// q += q′ dt, q_d += q_d′ dt, and the steps on the way.
@@ -537,6 +526,20 @@ impl Path {
     }
 }
 
+/// `mantissa`·|`x`| / 256^`bytes`, rounded down, with `x`'s sign. `bytes` ≤ 4.
+fn scale(mantissa: u32, x: i32, bytes: u8) -> i64 {
+    let [b0, b1, b2, b3, b4, b5, b6, b7] = multiply(mantissa, x.unsigned_abs()).to_le_bytes();
+    let product = match bytes {
+        0 => [b0, b1, b2, b3, b4, b5, b6, b7],
+        1 => [b1, b2, b3, b4, b5, b6, b7, 0],
+        2 => [b2, b3, b4, b5, b6, b7, 0, 0],
+        3 => [b3, b4, b5, b6, b7, 0, 0, 0],
+        _ => [b4, b5, b6, b7, 0, 0, 0, 0],
+    };
+    let product = i64::from_le_bytes(product);
+    if x < 0 { product.wrapping_neg() } else { product }
+}
+
 /// Its upper 16 bits.
 #[inline(always)]
 const fn upper(value: i32) -> i16 {
@@ -609,7 +612,7 @@ mod tests {
         #[test]
         fn products_are_cut_towards_0(mantissa: u32, x in -i32::MAX..i32::MAX, bytes in 0..5_u8) {
             let exact = i128::from(mantissa) * i128::from(x) / (1 << (8 * bytes));
-            prop_assert_eq!(i128::from(Portable::scale(mantissa, x, bytes)), exact);
+            prop_assert_eq!(i128::from(scale(mantissa, x, bytes)), exact);
         }
     }
 }

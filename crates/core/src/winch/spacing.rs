@@ -14,7 +14,8 @@ pub const TICKS: u16 = 16_000;
 pub const TOLERANCE_TICKS: u8 = 1;
 
 /// The steps of a slice.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(C)]
 pub struct Train {
     /// How many: at least 1.
     pub count: u8,
