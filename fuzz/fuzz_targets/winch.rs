@@ -2,10 +2,11 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
+use pulsetrain_core::winch::letters::InMemory;
 use pulsetrain_core::winch::path::{FASTEST, Path};
 use pulsetrain_core::winch::reply::{LONGEST, Reply};
-use pulsetrain_core::winch::text::{Command, Reader};
-use pulsetrain_core::winch::{obey, spacing};
+use pulsetrain_core::winch::text::{Heard, Reader, Verb};
+use pulsetrain_core::winch::spacing;
 
 fuzz_target!(|input: (bool, Vec<u8>)| {
     let (strict, bytes) = input;
@@ -13,12 +14,12 @@ fuzz_target!(|input: (bool, Vec<u8>)| {
     reader.set_strict(strict);
     let mut paths = [const { Path::new() }; 4];
     for byte in bytes.iter().take(2000) {
-        match reader.push(*byte) {
-            None => continue,
-            Some(Ok(command)) => obey(&mut paths, &command),
-            Some(Err(refusal)) => {
+        match reader.push::<InMemory>(*byte) {
+            Heard::Nothing => continue,
+            Heard::Command(_) => reader.obey(&mut paths),
+            Heard::Refused(refusal) => {
                 let mut line = [0; LONGEST];
-                let len = Reply::Refused(refusal).write(&mut line);
+                let len = usize::from(Reply::Refused(refusal).write::<InMemory>(&mut line));
                 assert!(line[..len].ends_with(b"\r\n") && line[..len].is_ascii());
             }
         }
@@ -35,7 +36,7 @@ fuzz_target!(|input: (bool, Vec<u8>)| {
             }
         }
     }
-    reader.push(b'\n');
-    let heard: Vec<_> = b"ping\n".iter().filter_map(|byte| reader.push(*byte)).collect();
-    assert_eq!(heard, [Ok(Command::Ping)]);
+    reader.push::<InMemory>(b'\n');
+    let heard = b"ping\n".iter().map(|byte| reader.push::<InMemory>(*byte)).last();
+    assert_eq!(heard, Some(Heard::Command(Verb::Ping)));
 });

@@ -1,13 +1,47 @@
 //! Lines to commands, and replies to lines.
 
 use proptest::prelude::*;
+use pulsetrain_core::winch::letters::InMemory;
 use pulsetrain_core::winch::number::Float;
 use pulsetrain_core::winch::path::{Gains, Limits};
 use pulsetrain_core::winch::reply::{LONGEST, Reply};
-use pulsetrain_core::winch::text::{Command, Reader, Refusal, Verb, What};
+use pulsetrain_core::winch::text::{Heard, Reader, Refusal, Verb, What};
+
+/// What a reader says of a line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Command {
+    Version,
+    Ping,
+    Enable(bool),
+    Report(i32),
+    Strict(bool),
+    Deadman(i32),
+    Axes { verb: Verb, axes: u8, values: [i32; 4] },
+    Gains { axes: u8, gains: Gains },
+    Limits { axes: u8, limits: Limits },
+}
+
+fn push(reader: &mut Reader, byte: u8) -> Option<Result<Command, Refusal>> {
+    Some(Ok(match reader.push::<InMemory>(byte) {
+        Heard::Nothing => return None,
+        Heard::Refused(refusal) => return Some(Err(refusal)),
+        Heard::Command(verb) => match verb {
+            Verb::Version => Command::Version,
+            Verb::Ping => Command::Ping,
+            Verb::Enable => Command::Enable(reader.value() != 0),
+            Verb::Report => Command::Report(reader.value()),
+            Verb::Strict => Command::Strict(reader.value() != 0),
+            Verb::Deadman => Command::Deadman(reader.value()),
+            Verb::Gains => Command::Gains { axes: reader.axes(), gains: reader.gains() },
+            Verb::Limits => Command::Limits { axes: reader.axes(), limits: reader.limits() },
+            Verb::Unknown => unreachable!("refused"),
+            verb => Command::Axes { verb, axes: reader.axes(), values: reader.values() },
+        },
+    }))
+}
 
 fn read(reader: &mut Reader, text: &str) -> Vec<Result<Command, Refusal>> {
-    text.bytes().filter_map(|byte| reader.push(byte)).collect()
+    text.bytes().filter_map(|byte| push(reader, byte)).collect()
 }
 
 /// One line, as both modes hear it.
@@ -218,7 +252,7 @@ fn checksums() {
 #[track_caller]
 fn says(reply: Reply, text: &str) {
     let mut line = [0; LONGEST];
-    let len = reply.write(&mut line);
+    let len: usize = reply.write::<InMemory>(&mut line).into();
     assert_eq!(std::str::from_utf8(&line[..len]), Ok(format!("{text}\r\n").as_str()));
 }
 
@@ -229,8 +263,8 @@ fn replies() {
     says(Reply::Status { usec: 0, positions: [0, -1, 10, i32::MAX] }, "txyza 0 0 -1 10 2147483647");
     let longest = Reply::Status { usec: i32::MIN, positions: [i32::MIN; 4] };
     says(longest, &format!("txyza{}", " -2147483648".repeat(5)));
-    assert_eq!(longest.write(&mut [0; LONGEST]), LONGEST);
-    assert_eq!(longest.write(&mut [0; 9]), 9, "what does not fit is lost");
+    assert_eq!(usize::from(longest.write::<InMemory>(&mut [0; LONGEST])), LONGEST);
+    assert_eq!(longest.write::<InMemory>(&mut [0; 9]), 9, "what does not fit is lost");
     let refused = |what, word, text| says(Reply::Refused(Refusal { what, word }), text);
     refused(What::Command, 1, "err command 1");
     refused(What::Flags, 2, "err flags 2");
@@ -293,13 +327,13 @@ proptest! {
         reader.set_strict(strict);
         let mut line = 0;
         for byte in bytes {
-            let heard = reader.push(byte);
+            let heard = push(&mut reader, byte);
             let ends = byte == b'\n' || byte == b'\r';
             prop_assert!(ends || heard.is_none(), "only at its end");
             line = if ends { 0 } else { line + 1 };
         }
-        reader.push(b'\n');
-        let heard: Vec<_> = b"a y 77\n".iter().filter_map(|byte| reader.push(*byte)).collect();
+        push(&mut reader, b'\n');
+        let heard: Vec<_> = b"a y 77\n".iter().filter_map(|byte| push(&mut reader, *byte)).collect();
         prop_assert_eq!(heard, [Ok(axes(Verb::Target, 2, [0, 77, 0, 0]))]);
     }
 
@@ -312,7 +346,7 @@ proptest! {
         let mut reader = Reader::new();
         // Not strict, half of a line would be one with fewer values than flags.
         reader.set_strict(true);
-        let heard: Vec<_> = line.iter().filter_map(|byte| reader.push(*byte)).collect();
+        let heard: Vec<_> = line.iter().filter_map(|byte| push(&mut reader, *byte)).collect();
         let meant = Ok(axes(Verb::Target, 3, [100, -7, 0, 0]));
         // A digit of the checksum in upper case is the same digit, and a star may become the line's end.
         prop_assert!(heard.iter().all(|heard| heard.is_err() || *heard == meant), "{:?} {:?}", line, heard);
@@ -323,7 +357,7 @@ proptest! {
         let positions = positions.map(|position| position >> shift);
         let [x, y, z, a] = positions;
         let mut line = [0; LONGEST];
-        let len = Reply::Status { usec, positions }.write(&mut line);
+        let len: usize = Reply::Status { usec, positions }.write::<InMemory>(&mut line).into();
         let text = format!("txyza {usec} {x} {y} {z} {a}\r\n");
         prop_assert_eq!(std::str::from_utf8(&line[..len]).unwrap(), text);
     }

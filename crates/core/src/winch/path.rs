@@ -35,7 +35,7 @@
 //! What excites a ringing at ζ = 0.07 again and again at its own frequency grows to 9 times its offset, so that the sum
 //! stays below 0.1 step; `tests/winch_path.rs` looks for the worst.
 
-use super::number::{Float, Scaled, multiply};
+use super::number::{Float, Scaled};
 
 /// k·10^-6 for 1 Hz: (2π)²·10^-6.
 const STIFFNESS: Float = Float::new(0xa595_a0cd, -46);
@@ -131,7 +131,30 @@ pub struct Limits {
     change_high: u8,
 }
 
+impl Gains {
+    /// As mantissas and bytes, of k·10^-6 and b·10^-3.
+    pub(super) const fn parts(self) -> ([i32; 2], [u8; 2]) {
+        let Gains { stiffness, damping } = self;
+        ([stiffness.mantissa.cast_signed(), damping.mantissa.cast_signed()], [stiffness.bytes, damping.bytes])
+    }
+
+    pub(super) const fn from_parts([stiffness, damping]: [i32; 2], [stiffness_bytes, damping_bytes]: [u8; 2]) -> Gains {
+        Gains {
+            stiffness: Scaled { mantissa: stiffness.cast_unsigned(), bytes: stiffness_bytes },
+            damping: Scaled { mantissa: damping.cast_unsigned(), bytes: damping_bytes },
+        }
+    }
+}
+
 impl Limits {
+    pub(super) const fn parts(self) -> (i32, i32, u8) {
+        (self.speed.cast_signed(), self.change_low.cast_signed(), self.change_high)
+    }
+
+    pub(super) const fn from_parts(speed: i32, change_low: i32, change_high: u8) -> Limits {
+        Limits { speed: speed.cast_unsigned(), change_low: change_low.cast_unsigned(), change_high }
+    }
+
     /// 3500 steps/s, 35 000 steps/s². Source: seeds/003, `Path::Path`.
     pub const DEFAULT: Limits = Limits { speed: 3500 << 16, change_low: 0, change_high: 35 };
 
@@ -162,39 +185,77 @@ impl Limits {
     }
 }
 
-/// A number of 48 bits.
+/// A signed number of 48 bits, lowest byte first. It stays where they end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(C)]
-struct Wide {
-    low: u32,
-    high: i16,
-}
+struct Wide([u8; 6]);
 
 impl Wide {
-    const ZERO: Wide = Wide { low: 0, high: 0 };
+    const ZERO: Wide = Wide([0; 6]);
+    const MAX: Wide = Wide([0xff, 0xff, 0xff, 0xff, 0xff, 0x7f]);
+    const MIN: Wide = Wide([0, 0, 0, 0, 0, 0x80]);
 
-    /// The nearest that fits.
-    const fn of(value: i64) -> Wide {
-        let [b0, b1, b2, b3, b4, b5, b6, b7] = value.to_le_bytes();
-        let (low, high) = (u32::from_le_bytes([b0, b1, b2, b3]), i16::from_le_bytes([b4, b5]));
-        let beyond = i16::from_le_bytes([b6, b7]);
-        if beyond == if high < 0 { -1 } else { 0 } {
-            Wide { low, high }
-        } else if beyond < 0 {
-            Wide { low: 0, high: i16::MIN }
-        } else {
-            Wide { low: u32::MAX, high: i16::MAX }
+    #[inline(never)]
+    const fn of(value: i32) -> Wide {
+        let [b0, b1, b2, b3] = value.to_le_bytes();
+        let sign = if value < 0 { 0xff } else { 0 };
+        Wide([b0, b1, b2, b3, sign, sign])
+    }
+
+    /// Of steps: their millisteps.
+    #[inline(never)]
+    fn thousandfold(steps: i32) -> Wide {
+        let (one, mut sum) = (Wide::of(steps), Wide::ZERO);
+        // Ten bits, from the highest.
+        let (mut bits, mut left) = (1000u16, 10u8);
+        while left > 0 {
+            let twice = sum;
+            sum.add(&twice);
+            if bits & 0x200 != 0 {
+                sum.add(&one);
+            }
+            bits <<= 1;
+            left -= 1;
+        }
+        sum
+    }
+
+    #[inline(never)]
+    fn add(&mut self, other: &Wide) {
+        let (both, mut carry) = (self.is_negative() == other.is_negative(), 0);
+        for (place, more) in self.0.iter_mut().zip(&other.0) {
+            let [low, high] = (u16::from(*place) + u16::from(*more) + carry).to_le_bytes();
+            *place = low;
+            carry = high.into();
+        }
+        if both && self.is_negative() != other.is_negative() {
+            *self = if other.is_negative() { Wide::MIN } else { Wide::MAX };
         }
     }
 
+    #[inline(never)]
+    fn subtract(&mut self, other: &Wide) {
+        let mut negative = *other;
+        for place in &mut negative.0 {
+            *place = !*place;
+        }
+        self.add(&negative);
+        self.add(&Wide::of(1));
+    }
+
     const fn get(self) -> i64 {
-        let ([b0, b1, b2, b3], [b4, b5]) = (self.low.to_le_bytes(), self.high.to_le_bytes());
-        let sign = if self.high < 0 { 0xff } else { 0 };
+        let [b0, b1, b2, b3, b4, b5] = self.0;
+        let sign = if self.is_negative() { 0xff } else { 0 };
         i64::from_le_bytes([b0, b1, b2, b3, b4, b5, sign, sign])
     }
 
-    const fn is_zero(self) -> bool {
-        self.low == 0 && self.high == 0
+    const fn is_negative(&self) -> bool {
+        let [.., top] = self.0;
+        top >= 0x80
+    }
+
+    #[inline(never)]
+    fn is_zero(&self) -> bool {
+        self.0.iter().all(|byte| *byte == 0)
     }
 }
 
@@ -293,35 +354,44 @@ impl Path {
         }
     }
 
-    /// `a`: the target is `steps`.
+    /// `a`: the target is `steps`. Steps made wrap, and so does the way to it.
     pub fn set_target(&mut self, steps: i32) {
-        let gap = thousandfold(steps.wrapping_sub(self.made)).wrapping_add(i64::from(upper(self.ahead)));
-        self.aim(gap);
+        let mut gap = Wide::thousandfold(steps.wrapping_sub(self.made));
+        gap.add(&Wide::of(upper(self.ahead).into()));
+        self.aim(&gap);
     }
 
     /// `d`: the target moves by `steps`.
     pub fn move_target(&mut self, steps: i32) {
-        let gap = self.gap.get().wrapping_add(self.way.get()).wrapping_add(thousandfold(steps));
-        self.aim(gap);
+        let mut gap = Wide::thousandfold(steps);
+        gap.add(&self.gap);
+        gap.add(&self.way);
+        self.aim(&gap);
     }
 
     /// `v`: the target drifts by `speed` steps/s, at most [`FASTEST_DRIFT`] either way, for ever.
     pub fn set_drift(&mut self, speed: i16) {
         let most = FASTEST_DRIFT.cast_signed();
         self.stopping = false;
-        self.drift = speed.clamp(-most, most);
+        self.drift = if speed > most {
+            most
+        } else if speed < -most {
+            -most
+        } else {
+            speed
+        };
     }
 
     /// `r`: target and reference move by `steps` at once, whatever ramp is set.
     pub fn push_reference(&mut self, steps: i32) {
         self.stopping = false;
-        self.gap = Wide::of(self.gap.get().wrapping_add(thousandfold(steps)));
+        self.gap.add(&Wide::thousandfold(steps));
     }
 
     /// `s`: from now on the reference goes to its target by `speed` steps/s at most; 0: at once.
     pub fn set_ramp(&mut self, speed: u16) {
         self.ramp = speed;
-        self.aim(self.gap.get().wrapping_add(self.way.get()));
+        self.move_target(0);
     }
 
     /// `g`.
@@ -370,13 +440,16 @@ impl Path {
     }
 
     /// The target is `gap` millisteps from q.
-    fn aim(&mut self, gap: i64) {
+    #[inline(never)]
+    fn aim(&mut self, gap: &Wide) {
         self.stopping = false;
+        self.way = *gap;
         if self.ramp == 0 {
-            self.gap = Wide::of(gap);
+            self.gap = *gap;
             self.way = Wide::ZERO;
         } else {
-            self.way = Wide::of(gap.wrapping_sub(self.gap.get()));
+            let gap = self.gap;
+            self.way.subtract(&gap);
         }
     }
 
@@ -384,16 +457,16 @@ impl Path {
     #[cold]
     #[inline(never)]
     fn approach(&mut self) {
-        let (way, ramp) = (self.way.get(), i64::from(self.ramp));
-        let moved = if way > ramp {
-            ramp
-        } else if way < -ramp {
-            -ramp
-        } else {
-            way
-        };
-        self.way = Wide::of(way.wrapping_sub(moved));
-        self.gap = Wide::of(self.gap.get().wrapping_add(moved));
+        let ramp = i32::from(self.ramp);
+        let mut step = Wide::of(if self.way.is_negative() { -ramp } else { ramp });
+        let mut rest = self.way;
+        rest.subtract(&step);
+        if rest.is_negative() != self.way.is_negative() {
+            step = self.way;
+            rest = Wide::ZERO;
+        }
+        self.way = rest;
+        self.gap.add(&step);
     }
 
     /// q″·10^-3 before it is clamped, 2^-32 steps/s.
@@ -402,7 +475,7 @@ impl Path {
         if self.stopping {
             return -self.whole_speed();
         }
-        let ([b0, b1, b2, b3], [b4, b5]) = (self.gap.low.to_le_bytes(), self.gap.high.to_le_bytes());
+        let Wide([b0, b1, b2, b3, b4, b5]) = self.gap;
         // The four highest bytes that mean anything, and how many are below them.
         let [_, below, _, _] = self.ahead.to_le_bytes();
         let sign = |byte: u8| if byte >= 0x80 { 0xff } else { 0 };
@@ -471,12 +544,10 @@ impl Path {
     }
 
     /// q_d − q changes by `moved` millisteps; it stays where 48 bits end.
-    #[inline(always)]
     fn move_gap(&mut self, moved: i16) {
-        let (low, carry) = self.gap.low.overflowing_add(i32::from(moved).cast_unsigned());
-        let up = i16::from(carry) - i16::from(moved < 0);
-        if let Some(high) = self.gap.high.checked_add(up) {
-            self.gap = Wide { low, high };
+        let [b0, b1, b2, b3, b4, b5, b6, b7] = self.gap.get().wrapping_add(moved.into()).to_le_bytes();
+        if i16::from_le_bytes([b6, b7]) == if b5 >= 0x80 { -1 } else { 0 } {
+            self.gap = Wide([b0, b1, b2, b3, b4, b5]);
         }
     }
 
@@ -528,16 +599,8 @@ impl Path {
 
 /// `mantissa`·|`x`| / 256^`bytes`, rounded down, with `x`'s sign. `bytes` ≤ 4.
 fn scale(mantissa: u32, x: i32, bytes: u8) -> i64 {
-    let [b0, b1, b2, b3, b4, b5, b6, b7] = multiply(mantissa, x.unsigned_abs()).to_le_bytes();
-    let product = match bytes {
-        0 => [b0, b1, b2, b3, b4, b5, b6, b7],
-        1 => [b1, b2, b3, b4, b5, b6, b7, 0],
-        2 => [b2, b3, b4, b5, b6, b7, 0, 0],
-        3 => [b3, b4, b5, b6, b7, 0, 0, 0],
-        _ => [b4, b5, b6, b7, 0, 0, 0, 0],
-    };
-    let product = i64::from_le_bytes(product);
-    if x < 0 { product.wrapping_neg() } else { product }
+    let product = (u64::from(mantissa) * u64::from(x.unsigned_abs()) >> (8 * bytes)).cast_signed();
+    if x < 0 { -product } else { product }
 }
 
 /// Its upper 16 bits.
@@ -545,12 +608,6 @@ fn scale(mantissa: u32, x: i32, bytes: u8) -> i64 {
 const fn upper(value: i32) -> i16 {
     let [_, _, b2, b3] = value.to_le_bytes();
     i16::from_le_bytes([b2, b3])
-}
-
-/// Steps in millisteps.
-fn thousandfold(steps: i32) -> i64 {
-    let millisteps = multiply(steps.unsigned_abs(), 1000).cast_signed();
-    if steps < 0 { -millisteps } else { millisteps }
 }
 
 #[cfg(test)]
@@ -604,9 +661,21 @@ mod tests {
 
     proptest! {
         #[test]
-        fn wide_numbers_saturate(value: i64, shift in 0..64_u32) {
-            let value = value >> shift;
-            prop_assert_eq!(Wide::of(value).get(), value.clamp(-1 << 47, (1 << 47) - 1));
+        fn wide_numbers_saturate(bytes: [u8; 6], other: [u8; 6], steps: i32, high in 0..=255_u8) {
+            let clamped = |value: i64| value.clamp(-1 << 47, (1 << 47) - 1);
+            let mut bytes = bytes;
+            // Some near the ends.
+            bytes[5] = if high & 1 == 0 { high } else { bytes[5] };
+            let (mut sum, other) = (Wide(bytes), Wide(other));
+            let mut difference = sum;
+            sum.add(&other);
+            prop_assert_eq!(sum.get(), clamped(Wide(bytes).get() + other.get()));
+            difference.subtract(&other);
+            // Two additions: at an end the second may leave it by one.
+            let exact = clamped(Wide(bytes).get() - other.get());
+            prop_assert!((difference.get() - exact).abs() <= 1);
+            prop_assert_eq!(Wide::of(steps).get(), i64::from(steps));
+            prop_assert_eq!(Wide::thousandfold(steps).get(), i64::from(steps) * 1000);
         }
 
         #[test]

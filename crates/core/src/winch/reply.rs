@@ -1,12 +1,7 @@
 //! What a board says, as text.
 
+use super::letters::{Letters, REPLIES, text};
 use super::text::{Refusal, What};
-
-/// Of this dialect's firmware; after `id StepperWinch`, where the original had its day of compilation.
-pub const DATE: [u8; 11] = *b"Nov 21 2026";
-
-const MONTH_AND_DAY: u64 = letters([DATE[0], DATE[1], DATE[2], DATE[3], DATE[4], DATE[5], DATE[6], DATE[7]]);
-const YEAR: u64 = letters([DATE[8], DATE[9], DATE[10], 0, 0, 0, 0, 0]);
 
 /// The longest reply, bytes: a status of five numbers with eleven characters each.
 pub const LONGEST: usize = 5 + 5 * 12 + 2;
@@ -32,27 +27,34 @@ pub enum Reply {
 /// Bytes of a line being written.
 struct Writer<'a> {
     out: &'a mut [u8],
-    len: usize,
+    len: u8,
 }
 
 impl Writer<'_> {
     /// What does not fit is lost.
     #[inline(never)]
     fn byte(&mut self, byte: u8) {
-        if let Some(place) = self.out.get_mut(self.len) {
+        if let Some(place) = self.out.get_mut(usize::from(self.len)) {
             *place = byte;
             self.len += 1;
         }
     }
 
-    /// Up to the first 0. A number holds them, not a slice: constants would lie in an AVR's RAM.
+    /// The `nth` text of replies.
     #[inline(never)]
-    fn word(&mut self, bytes: u64) {
-        for byte in bytes.to_le_bytes() {
-            if byte == 0 {
-                return;
+    fn text<L: Letters>(&mut self, mut nth: u8) {
+        let mut at = REPLIES;
+        loop {
+            let letter = L::letter(at);
+            at += 1;
+            if letter == 0 {
+                if nth == 0 {
+                    return;
+                }
+                nth -= 1;
+            } else if nth == 0 {
+                self.byte(letter);
             }
-            self.byte(byte);
         }
     }
 
@@ -94,38 +96,30 @@ impl Writer<'_> {
     }
 }
 
-const fn letters(text: [u8; 8]) -> u64 {
-    u64::from_le_bytes(text)
-}
-
 impl Reply {
     /// Writes it, with CR LF, and says how many bytes it has; [`LONGEST`] at most.
     ///
     /// ```
+    /// use pulsetrain_core::winch::letters::InMemory;
     /// use pulsetrain_core::winch::reply::{LONGEST, Reply};
     /// let mut line = [0; LONGEST];
-    /// let len = Reply::Status { usec: -7, positions: [1, -20, 0, i32::MIN] }.write(&mut line);
-    /// assert_eq!(line[..len], *b"txyza -7 1 -20 0 -2147483648\r\n");
+    /// let len = Reply::Status { usec: -7, positions: [1, -20, 0, i32::MIN] }.write::<InMemory>(&mut line);
+    /// assert_eq!(line[..usize::from(len)], *b"txyza -7 1 -20 0 -2147483648\r\n");
     /// ```
     #[inline(never)]
-    pub fn write(&self, out: &mut [u8]) -> usize {
+    pub fn write<L: Letters>(&self, out: &mut [u8]) -> u8 {
         let mut to = Writer { out, len: 0 };
-        match *self {
-            Reply::Awake => to.word(letters(*b"awake\0\0\0")),
-            Reply::Id => {
-                to.word(letters(*b"id Stepp"));
-                to.word(letters(*b"erWinch "));
-                to.word(MONTH_AND_DAY);
-                to.word(YEAR);
-            }
+        match self {
+            Reply::Awake => to.text::<L>(text::AWAKE),
+            Reply::Id => to.text::<L>(text::ID),
             Reply::Status { usec, positions } => {
-                to.word(letters(*b"txyza\0\0\0"));
-                to.number(usec);
+                to.text::<L>(text::STATUS);
+                to.number(*usec);
                 for position in positions {
-                    to.number(position);
+                    to.number(*position);
                 }
             }
-            Reply::Refused(refusal) => to.refusal(refusal),
+            Reply::Refused(refusal) => to.refusal::<L>(*refusal),
         }
         to.byte(b'\r');
         to.byte(b'\n');
@@ -134,43 +128,20 @@ impl Reply {
 }
 
 impl Writer<'_> {
-    fn refusal(&mut self, Refusal { what, word }: Refusal) {
-        match what {
-            What::Rate => {
-                self.word(letters(*b"dbg inva"));
-                self.word(letters(*b"lid srat"));
-                self.word(letters(*b"e value\0"));
-                return;
-            }
-            What::Words => {
-                self.word(letters(*b"dbg exce"));
-                self.word(letters(*b"ssive in"));
-                self.word(letters(*b"put erro"));
-                self.word(letters(*b"r\0\0\0\0\0\0\0"));
-                return;
-            }
-            _ => {}
-        }
-        self.word(letters(*b"err \0\0\0\0"));
-        self.word(match what {
-            What::Command => letters(*b"command\0"),
-            What::Flags => letters(*b"flags\0\0\0"),
-            What::Number => letters(*b"number\0\0"),
-            What::Missing => letters(*b"missing\0"),
-            What::Extra => letters(*b"extra\0\0\0"),
-            What::Long => letters(*b"long\0\0\0\0"),
-            What::Noise => letters(*b"noise\0\0\0"),
-            What::Checksum => letters(*b"checksum"),
-            _ => letters(*b"range\0\0\0"),
-        });
+    #[inline(always)]
+    fn refusal<L: Letters>(&mut self, Refusal { what, word }: Refusal) {
+        let (what, hint) = match what {
+            What::Rate => return self.text::<L>(text::RATE),
+            What::Words => return self.text::<L>(text::WORDS),
+            What::Frequency => (What::Range, text::FREQUENCY),
+            What::Ratio => (What::Range, text::RATIO),
+            what => (what, 0),
+        };
+        self.text::<L>(text::ERROR);
+        self.text::<L>((what as u8).wrapping_sub(What::Command as u8).wrapping_add(text::FIRST_WHAT));
         self.number(word.into());
-        match what {
-            What::Frequency => {
-                self.word(letters(*b" 0.01..2"));
-                self.word(letters(*b"0 Hz\0\0\0\0"));
-            }
-            What::Ratio => self.word(letters(*b" 0.07..5")),
-            _ => {}
+        if hint != 0 {
+            self.text::<L>(hint);
         }
     }
 }

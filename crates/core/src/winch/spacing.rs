@@ -4,7 +4,6 @@
 //! comes distance / speed into it. One reciprocal of 16 bits gives both. What it rounds is not carried on: each slice
 //! begins anew from the path's own position, at a tick that is a multiple of [`TICKS`].
 
-use super::number::multiply_short;
 use super::path::Slice;
 
 /// Ticks of a slice: 1 ms at 16 MHz.
@@ -68,9 +67,9 @@ impl Slice {
 #[inline(never)]
 fn ticks(distance: u16, inverse: u16) -> u32 {
     // Speed ≥ distance, so that this is a fraction, of 32 bits after the doubling.
-    let [b0, b1, b2, b3] = (multiply_short(distance, inverse) << 1).to_le_bytes();
-    let below = upper(multiply_short(u16::from_le_bytes([b0, b1]), TICKS));
-    multiply_short(u16::from_le_bytes([b2, b3]), TICKS) + u32::from(below)
+    let [b0, b1, b2, b3] = (multiply(distance, inverse) << 1).to_le_bytes();
+    let below = upper(multiply(u16::from_le_bytes([b0, b1]), TICKS));
+    multiply(u16::from_le_bytes([b2, b3]), TICKS) + u32::from(below)
 }
 
 /// 2^31 / `value`, rounded down; `value` ≥ 2^15, and for 2^15 itself it is 2^16 − 1.
@@ -93,6 +92,10 @@ fn reciprocal(value: u16) -> u16 {
         bits -= 1;
     }
     quotient
+}
+
+const fn multiply(a: u16, b: u16) -> u32 {
+    (a as u32).wrapping_mul(b as u32)
 }
 
 #[inline(always)]

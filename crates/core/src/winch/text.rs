@@ -1,12 +1,13 @@
 //! Lines from the host, byte by byte, to commands.
 //!
 //! Nothing of a line acts before its end, so that a refused one changes nothing. Values are read as they come: there is
-//! no buffer for the line, and no token takes long.
+//! no buffer for the line, and no byte takes long.
 
+use super::letters::{Letters, NAMES};
 use super::number::Float;
-use super::path::{FASTEST_DRIFT, Gains, GainsRefused, Limits};
+use super::path::{FASTEST_DRIFT, Gains, GainsRefused, Limits, Path};
 
-/// Axes, x, y, z, a.
+/// Axes: x, y, z, a.
 const COUNT: usize = 4;
 
 /// The longest line, bytes without its ending.
@@ -15,64 +16,76 @@ pub const LONGEST_LINE: u8 = 80;
 /// The most words of a line.
 pub const MOST_WORDS: u8 = 10;
 
-/// Commands that take one whole number for each of their flags.
+/// What a command is called.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
 pub enum Verb {
     /// `a`: absolute targets, steps. Drivers are to be enabled.
     Target,
     /// `d`: the same, relative.
     Move,
-    /// `v`: drift of the targets, steps/s. Drivers are to be enabled.
+    /// `v`: drift of the targets, steps/s, at most [`FASTEST_DRIFT`] either way. Drivers are to be enabled.
     Drift,
     /// `r`: impulse of the reference, steps.
     Impulse,
-    /// `s`: ramp speed, steps/s; not positive: no limit.
+    /// `s`: ramp speed, 0 to 65 535 steps/s; 0: no limit.
     Ramp,
-}
-
-/// What a line asks for. A bit of `axes` stands for an axis: 1 for x, 2 for y, 4 for z, 8 for a.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Command {
+    /// `g`: gains.
+    Gains,
+    /// `l`: limits.
+    Limits,
+    /// `enable`: drivers on (not 0) or off.
+    Enable,
+    /// `srate`: the interval of status lines, 1 to 65 535 ms.
+    Report,
+    /// `deadman`: the longest silence, up to 65 535 ms, after which the axes are stopped; 0: any.
+    Deadman,
+    /// `strict`: whether any irregularity is to be refused (not 0).
+    Strict,
     /// `version`.
     Version,
     /// `ping`.
     Ping,
-    /// `enable`: drivers on or off.
-    Enable(bool),
-    /// `srate`: the interval of status lines, ms, at least 1.
-    Report(u16),
-    /// `strict`: whether any irregularity is to be refused.
-    Strict(bool),
-    /// `deadman`: the longest silence, ms, after which the axes are stopped; 0: any.
-    Deadman(u16),
-    /// `a`, `d`, `v`, `r`, `s`.
-    Axes {
-        /// Which.
-        verb: Verb,
-        /// For whom there is a value.
-        axes: u8,
-        /// By axis; 0 where there is none. Drifts are at most [`FASTEST_DRIFT`] either way, ramps 0 to 65 535.
-        values: [i32; COUNT],
-    },
-    /// `g`.
-    Gains {
-        /// For whom.
-        axes: u8,
-        /// Stable ones.
-        gains: Gains,
-    },
-    /// `l`.
-    Limits {
-        /// For whom.
-        axes: u8,
-        /// Bounded ones.
-        limits: Limits,
-    },
+    /// No command.
+    Unknown,
+}
+
+impl Verb {
+    /// The `index`th of the names.
+    const fn of(index: u8) -> Verb {
+        match index {
+            0 => Verb::Target,
+            1 => Verb::Move,
+            2 => Verb::Drift,
+            3 => Verb::Impulse,
+            4 => Verb::Ramp,
+            5 => Verb::Gains,
+            6 => Verb::Limits,
+            7 => Verb::Enable,
+            8 => Verb::Report,
+            9 => Verb::Deadman,
+            10 => Verb::Strict,
+            11 => Verb::Version,
+            12 => Verb::Ping,
+            _ => Verb::Unknown,
+        }
+    }
+
+    const fn has_flags(self) -> bool {
+        (self as u8) <= Verb::Limits as u8
+    }
+
+    const fn is_decimal(self) -> bool {
+        matches!(self, Verb::Gains | Verb::Limits)
+    }
 }
 
 /// Why a line was refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
 pub enum What {
+    /// Nothing is wrong.
+    Nothing,
     /// No such command.
     Command,
     /// A flag that is no axis, or an axis twice. Only when strict.
@@ -81,24 +94,24 @@ pub enum What {
     Number,
     /// A number that is too large, or too small.
     Range,
-    /// A frequency outside of 0.01 to 20 Hz.
-    Frequency,
-    /// A damping ratio outside of 0.07 to 5.
-    Ratio,
-    /// `srate` with a value that is not positive: `dbg`, as the original said it.
-    Rate,
     /// Too few values.
     Missing,
     /// Too many values. Only when strict.
     Extra,
-    /// More than [`MOST_WORDS`]: `dbg`, as the original said it.
-    Words,
     /// More than [`LONGEST_LINE`] bytes.
     Long,
     /// A byte that is no text.
     Noise,
     /// The checksum is not that of the line, or no checksum.
     Checksum,
+    /// A frequency outside of 0.01 to 20 Hz.
+    Frequency,
+    /// A damping ratio outside of 0.07 to 5.
+    Ratio,
+    /// `srate` with a value that is not positive: `dbg`, as the original said it.
+    Rate,
+    /// More than [`MOST_WORDS`]: `dbg`, as the original said it.
+    Words,
 }
 
 /// A refused line, of which nothing was done.
@@ -110,63 +123,15 @@ pub struct Refusal {
     pub word: u8,
 }
 
+/// What a byte has brought.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Kind {
-    Unknown,
-    Version,
-    Ping,
-    Enable,
-    Report,
-    Strict,
-    Deadman,
-    Axes(Verb),
-    Gains,
-    Limits,
-}
-
-impl Kind {
-    /// Of a word, its letters from the lowest byte up.
-    #[inline(never)]
-    fn of(word: u64) -> Kind {
-        const fn letters(text: [u8; 8]) -> u64 {
-            u64::from_le_bytes(text)
-        }
-        const VERSION: u64 = letters(*b"version\0");
-        const PING: u64 = letters(*b"ping\0\0\0\0");
-        const ENABLE: u64 = letters(*b"enable\0\0");
-        const REPORT: u64 = letters(*b"srate\0\0\0");
-        const STRICT: u64 = letters(*b"strict\0\0");
-        const DEADMAN: u64 = letters(*b"deadman\0");
-        if let [letter, 0, 0, 0, 0, 0, 0, 0] = word.to_le_bytes() {
-            return match letter {
-                b'a' => Kind::Axes(Verb::Target),
-                b'd' => Kind::Axes(Verb::Move),
-                b'v' => Kind::Axes(Verb::Drift),
-                b'r' => Kind::Axes(Verb::Impulse),
-                b's' => Kind::Axes(Verb::Ramp),
-                b'g' => Kind::Gains,
-                b'l' => Kind::Limits,
-                _ => Kind::Unknown,
-            };
-        }
-        match word {
-            VERSION => Kind::Version,
-            PING => Kind::Ping,
-            ENABLE => Kind::Enable,
-            REPORT => Kind::Report,
-            STRICT => Kind::Strict,
-            DEADMAN => Kind::Deadman,
-            _ => Kind::Unknown,
-        }
-    }
-
-    const fn has_flags(self) -> bool {
-        matches!(self, Kind::Axes(_) | Kind::Gains | Kind::Limits)
-    }
-
-    const fn is_decimal(self) -> bool {
-        matches!(self, Kind::Gains | Kind::Limits)
-    }
+pub enum Heard {
+    /// Nothing yet.
+    Nothing,
+    /// A command: the reader has it until the next byte.
+    Command(Verb),
+    /// A line that was refused.
+    Refused(Refusal),
 }
 
 /// A number being read, as atol and atof take it; but nothing may be left over after it.
@@ -244,116 +209,91 @@ impl Number {
         }
     }
 
-    const fn is_number(self) -> bool {
+    const fn is_number(&self) -> bool {
         let lacks_exponent = self.seen & seen::EXPONENT != 0 && self.exponent == NO_DIGIT;
         self.seen & (seen::BAD | seen::DIGIT) == seen::DIGIT && !lacks_exponent
     }
 
-    const fn is_negative(self) -> bool {
+    /// Whether it has a point, at which whole numbers end.
+    const fn is_cut(&self) -> bool {
+        self.seen & seen::POINT != 0
+    }
+
+    const fn is_negative(&self) -> bool {
         self.seen & seen::MINUS != 0
     }
 
-    fn integer(self, strict: bool) -> Result<i32, What> {
-        if !self.is_number() || (strict && self.seen & seen::POINT != 0) {
-            return Err(What::Number);
-        }
+    /// As a whole number of 32 bits, if it is one.
+    fn integer(&self) -> Option<i32> {
         let negative = self.is_negative();
         if self.power != 0 || self.digits > 0x7fff_ffff + u32::from(negative) {
-            return Err(What::Range);
+            return None;
         }
         let value = self.digits.cast_signed();
-        Ok(if negative { value.wrapping_neg() } else { value })
+        Some(if negative { value.wrapping_neg() } else { value })
     }
 
-    fn float(self) -> Result<Float, What> {
-        if !self.is_number() {
-            return Err(What::Number);
-        }
+    /// If it is not negative, and less than 2^32.
+    fn float(&self) -> Option<Float> {
         let exponent = if self.exponent == NO_DIGIT { 0 } else { self.exponent.cast_signed() };
         let exponent = if self.seen & seen::EXPONENT_MINUS != 0 { -exponent } else { exponent };
         // Within ±120, and Float goes on from there.
-        let float = Float::from_decimal(self.digits, self.power + exponent).ok_or(What::Range)?;
-        if self.is_negative() && float != Float::ZERO { Err(What::Range) } else { Ok(float) }
+        if self.is_negative() && self.digits != 0 {
+            return None;
+        }
+        Float::from_decimal(self.digits, self.power + exponent)
     }
 }
 
-/// The state of a checksum: `*` and two hexadecimal digits, at the end of a line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Check {
-    None,
-    Star,
-    High(u8),
-    Given(u8),
-    Bad,
+/// How far a checksum is: `*` and two hexadecimal digits, at the end of a line.
+mod check {
+    pub(super) const NONE: u8 = 0;
+    pub(super) const DONE: u8 = 3;
+    pub(super) const BAD: u8 = 4;
 }
 
 /// Reads lines.
 ///
 /// ```
-/// use pulsetrain_core::winch::text::{Command, Reader, Verb};
+/// use pulsetrain_core::winch::letters::InMemory;
+/// use pulsetrain_core::winch::text::{Heard, Reader, Verb, What};
 /// let mut reader = Reader::new();
-/// let command = b"a ax 5 7\r\n".iter().find_map(|byte| reader.push(*byte)).unwrap();
-/// assert_eq!(command, Ok(Command::Axes { verb: Verb::Target, axes: 0b1001, values: [7, 0, 0, 5] }));
-/// let refusal = b"a x seven\n".iter().find_map(|byte| reader.push(*byte)).unwrap().unwrap_err();
-/// assert_eq!(refusal.word, 3);
+/// let mut hear = |line: &[u8]| line.iter().map(|byte| reader.push::<InMemory>(*byte)).last().unwrap();
+/// assert_eq!(hear(b"a ax 5 7\n"), Heard::Command(Verb::Target));
+/// let Heard::Refused(refusal) = hear(b"a x seven\n") else { panic!() };
+/// assert_eq!((refusal.what, refusal.word), (What::Number, 3));
 /// ```
 #[derive(Clone, Debug)]
 pub struct Reader {
     strict: bool,
-    line: Line,
-}
-
-/// What is known of the line being read.
-#[derive(Clone, Debug)]
-struct Line {
+    /// Bytes of the line, or [`OVER`]: the next byte begins another.
     len: u8,
     /// Words begun.
     words: u8,
-    /// Whether the last of them is not over.
-    within: bool,
+    /// Letters of the word being read; 0 between words.
+    within: u8,
     /// Of all bytes before the checksum: exclusive or.
     sum: u8,
-    check: Check,
-    fault: Option<Refusal>,
-    kind: Kind,
+    check: u8,
+    /// What the checksum says.
+    given_sum: u8,
+    fault: Refusal,
+    verb: Verb,
     /// Flags that are axes, two bits each, the last one lowest; at most eight.
     order: u16,
     flags: u8,
     /// Axes among the flags.
     axes: u8,
-    /// Axes with a value; or how many values, for commands without axes.
+    /// Axes with a value.
     given: u8,
     number: Number,
-    /// Values by axis; the first word's letters, until it is over.
+    /// The first word's letters; then a value for each axis; of gains and limits: two mantissas and two exponents, and
+    /// in the end their three fields.
     values: [i32; COUNT],
-    decimals: [Float; 2],
 }
 
-impl Line {
-    const NONE: Line = Line {
-        len: 0,
-        words: 0,
-        within: false,
-        sum: 0,
-        check: Check::None,
-        fault: None,
-        kind: Kind::Unknown,
-        order: 0,
-        flags: 0,
-        axes: 0,
-        given: 0,
-        number: Number::NONE,
-        values: [0; COUNT],
-        decimals: [Float::ZERO; 2],
-    };
-
-    /// The first fault is the one told.
-    fn refuse(&mut self, what: What) {
-        if self.fault.is_none() {
-            self.fault = Some(Refusal { what, word: self.words });
-        }
-    }
-}
+/// A line has ended.
+const OVER: u8 = 0xff;
 
 impl Default for Reader {
     fn default() -> Reader {
@@ -365,7 +305,23 @@ impl Reader {
     /// At the beginning of a line, not strict.
     #[must_use]
     pub const fn new() -> Reader {
-        Reader { strict: false, line: Line::NONE }
+        Reader {
+            strict: false,
+            len: OVER,
+            words: 0,
+            within: 0,
+            sum: 0,
+            check: check::NONE,
+            given_sum: 0,
+            fault: Refusal { what: What::Nothing, word: 0 },
+            verb: Verb::Unknown,
+            order: 0,
+            flags: 0,
+            axes: 0,
+            given: 0,
+            number: Number::NONE,
+            values: [0; COUNT],
+        }
     }
 
     /// From now on any irregularity is refused, or none that does no harm.
@@ -374,265 +330,397 @@ impl Reader {
     }
 
     /// Forgets what it has of a line.
-    pub fn restart(&mut self) {
-        self.line = Line::NONE;
+    pub const fn restart(&mut self) {
+        self.len = OVER;
     }
 
-    /// Takes a byte. At a line's end, unless the line is blank: the command, or why there is none.
+    /// Takes a byte, and says at a line's end, unless the line is blank, what it was.
     #[inline(never)]
-    pub fn push(&mut self, byte: u8) -> Option<Result<Command, Refusal>> {
-        if byte == b'\n' || byte == b'\r' {
-            return self.end();
+    pub fn push<L: Letters>(&mut self, byte: u8) -> Heard {
+        if self.len == OVER {
+            *self = Reader { strict: self.strict, len: 0, ..Reader::new() };
         }
-        let line = &mut self.line;
-        if line.len == LONGEST_LINE {
-            line.refuse(What::Long);
-            return None;
-        }
-        line.len += 1;
-        if line.check != Check::None || byte == b'*' {
-            if line.within {
-                self.end_word();
+        let ends = byte == b'\n' || byte == b'\r';
+        if !ends {
+            if self.len == LONGEST_LINE {
+                self.refuse(What::Long);
+                return Heard::Nothing;
             }
-            self.line.push_check(byte);
-            return None;
+            self.len += 1;
         }
-        line.sum ^= byte;
-        if byte == b' ' || byte == b'\t' {
-            if line.within {
-                self.end_word();
+        let is_check = self.check != check::NONE || byte == b'*';
+        if ends || is_check || byte == b' ' || byte == b'\t' {
+            if self.within != 0 && self.fault.what == What::Nothing {
+                self.end_word::<L>();
             }
-            return None;
+            self.within = 0;
+            if ends {
+                return self.end();
+            }
+            if is_check {
+                self.push_check(byte);
+            } else {
+                self.sum ^= byte;
+            }
+            return Heard::Nothing;
         }
-        if !line.within {
-            line.within = true;
-            line.words += 1;
-            line.number = Number::NONE;
-            if line.words > MOST_WORDS {
-                line.refuse(What::Words);
+        self.sum ^= byte;
+        if self.within == 0 {
+            self.words += 1;
+            self.number = Number::NONE;
+            if self.words > MOST_WORDS {
+                self.refuse(What::Words);
             }
         }
+        self.within += 1;
         if !matches!(byte, 0x21..=0x7e) {
-            line.refuse(What::Noise);
+            self.refuse(What::Noise);
         }
-        if line.fault.is_none() {
-            self.push_word(byte);
+        match self.words {
+            1 => self.push_letter(byte),
+            2 if self.verb.has_flags() => self.push_flag(byte),
+            _ => self.number.push(byte, !self.verb.is_decimal()),
         }
-        None
+        Heard::Nothing
     }
 
-    #[inline(always)]
-    fn push_word(&mut self, byte: u8) {
-        let line = &mut self.line;
-        match line.words {
-            1 => line.push_letter(byte),
-            2 if line.kind.has_flags() => {
-                if !line.push_flag(byte) && self.strict {
-                    line.refuse(What::Flags);
+    /// The value of a command that has one and is not for axes.
+    #[must_use]
+    pub const fn value(&self) -> i32 {
+        let [value, ..] = self.values;
+        value
+    }
+
+    /// Axes that a command is for: those with a value, or for gains and limits all that are named. 1 is x, 2 y, 4 z, 8 a.
+    #[must_use]
+    pub const fn axes(&self) -> u8 {
+        if self.verb.is_decimal() { self.axes } else { self.given }
+    }
+
+    /// Values by axis; 0 where there is none.
+    #[must_use]
+    pub const fn values(&self) -> [i32; COUNT] {
+        self.values
+    }
+
+    /// What `g` says.
+    #[must_use]
+    pub const fn gains(&self) -> Gains {
+        let [stiffness, damping, bytes, _] = self.values;
+        let [stiffness_bytes, damping_bytes, ..] = bytes.to_le_bytes();
+        Gains::from_parts([stiffness, damping], [stiffness_bytes, damping_bytes])
+    }
+
+    /// What `l` says.
+    #[must_use]
+    pub const fn limits(&self) -> Limits {
+        let [speed, change_low, change_high, _] = self.values;
+        let [change_high, ..] = change_high.to_le_bytes();
+        Limits::from_parts(speed, change_low, change_high)
+    }
+
+    /// Does to four paths, in the order of x, y, z, a, what the command just heard says to axes. Other commands do
+    /// nothing to them, but for `enable 0`, which stops them all within their limits: when they have stopped, the drivers
+    /// may be released.
+    ///
+    /// ```
+    /// use pulsetrain_core::winch::letters::InMemory;
+    /// use pulsetrain_core::winch::path::Path;
+    /// use pulsetrain_core::winch::text::{Heard, Reader};
+    /// let (mut reader, mut paths) = (Reader::new(), [const { Path::new() }; 4]);
+    /// for byte in *b"v y 1000\n" {
+    ///     if let Heard::Command(_) = reader.push::<InMemory>(byte) {
+    ///         reader.obey(&mut paths);
+    ///     }
+    /// }
+    /// assert!(paths[0].is_at_rest() && !paths[1].is_at_rest());
+    /// ```
+    #[inline(never)]
+    pub fn obey(&self, paths: &mut [Path; COUNT]) {
+        let mut bits = self.axes();
+        if !self.verb.has_flags() {
+            if self.verb != Verb::Enable || self.value() != 0 {
+                return;
+            }
+            bits = 0b1111;
+        }
+        for (path, value) in paths.iter_mut().zip(&self.values) {
+            if bits & 1 != 0 {
+                match self.verb {
+                    Verb::Gains => path.set_gains(self.gains()),
+                    Verb::Limits => path.set_limits(self.limits()),
+                    Verb::Target => path.set_target(*value),
+                    Verb::Move => path.move_target(*value),
+                    Verb::Impulse => path.push_reference(*value),
+                    Verb::Drift => path.set_drift(low(*value).cast_signed()),
+                    Verb::Ramp => path.set_ramp(low(*value)),
+                    _ => path.stop(),
                 }
             }
-            _ => line.number.push(byte, !line.kind.is_decimal()),
+            bits >>= 1;
         }
     }
 
-    /// The word being read is over.
+    /// The first fault is the one told.
     #[inline(never)]
-    fn end_word(&mut self) {
-        let line = &mut self.line;
-        line.within = false;
-        if line.fault.is_some() {
-            return;
-        }
-        if line.words == 1 {
-            let [low, high, ..] = line.values;
-            let ([b0, b1, b2, b3], [b4, b5, b6, b7]) = (low.to_le_bytes(), high.to_le_bytes());
-            line.values = [0; COUNT];
-            line.kind = Kind::of(u64::from_le_bytes([b0, b1, b2, b3, b4, b5, b6, b7]));
-            if line.kind == Kind::Unknown {
-                line.refuse(What::Command);
-            }
-        } else if line.words > 2 || !line.kind.has_flags() {
-            match line.take_value(self.strict) {
-                Ok(true) => {}
-                Ok(false) if !self.strict => {}
-                Ok(false) => line.refuse(What::Extra),
-                Err(what) => line.refuse(what),
-            }
+    fn refuse(&mut self, what: What) {
+        if self.fault.what == What::Nothing {
+            self.fault = Refusal { what, word: self.words };
         }
     }
 
     /// The line is over.
-    #[inline(never)]
-    fn end(&mut self) -> Option<Result<Command, Refusal>> {
-        if self.line.within {
-            self.end_word();
+    #[inline(always)]
+    fn end(&mut self) -> Heard {
+        let cut = self.len == LONGEST_LINE;
+        self.len = OVER;
+        let checked = self.check == check::NONE || (self.check == check::DONE && self.given_sum == self.sum);
+        // Whatever else is wrong comes from that; but the end of a line that is too long was not read.
+        if !checked && !(cut && self.fault.what != What::Nothing) {
+            self.fault.what = What::Nothing;
+            self.refuse(What::Checksum);
         }
-        let line = &mut self.line;
-        match line.check {
-            Check::None => {}
-            Check::Given(sum) if sum == line.sum => {}
-            // The end of a line that is too long was not read.
-            _ if line.len == LONGEST_LINE && line.fault.is_some() => {}
-            // Whatever else is wrong with it comes from that.
-            _ => line.fault = Some(Refusal { what: What::Checksum, word: line.words }),
+        if self.fault.what == What::Nothing {
+            if self.words == 0 {
+                return Heard::Nothing;
+            }
+            self.check_values();
         }
-        let heard = match line.fault {
-            Some(refusal) => Some(Err(refusal)),
-            None if line.words == 0 => None,
-            None => Some(line.command(self.strict).map_err(|what| {
-                let word = match what {
-                    What::Missing => line.words + 1,
-                    What::Frequency => 3,
-                    What::Ratio | What::Range => 4,
-                    _ => line.words,
-                };
-                Refusal { what, word }
-            })),
-        };
-        self.restart();
-        heard
+        if self.fault.what == What::Nothing { Heard::Command(self.verb) } else { Heard::Refused(self.fault) }
     }
-}
 
-impl Line {
+    /// Whether the values of a line that is over are enough, and gains and limits are taken.
+    #[inline(always)]
+    fn check_values(&mut self) {
+        let mut values = self.words - 1;
+        let mut wanted = match self.verb {
+            Verb::Version | Verb::Ping => 0,
+            Verb::Gains | Verb::Limits => 2,
+            // An axis without a value is left alone; with none at all nothing would be done.
+            _ => 1,
+        };
+        if self.verb.has_flags() {
+            values = values.saturating_sub(1);
+            if self.strict && !self.verb.is_decimal() && self.flags > 1 {
+                wanted = self.flags;
+            }
+        }
+        if values < wanted {
+            self.words += 1;
+            self.refuse(What::Missing);
+        } else if self.verb.is_decimal() {
+            let [first, second, low, high] = self.values;
+            let [first_exponent, ..] = low.to_le_bytes();
+            let [second_exponent, ..] = high.to_le_bytes();
+            let first = Float::new(first.cast_unsigned(), first_exponent.cast_signed());
+            let second = Float::new(second.cast_unsigned(), second_exponent.cast_signed());
+            self.tune(first, second);
+        }
+    }
+
+    #[inline(never)]
+    fn tune(&mut self, first: Float, second: Float) {
+        if self.verb == Verb::Gains {
+            match Gains::new(first, second) {
+                Ok(gains) => {
+                    let ([stiffness, damping], [stiffness_bytes, damping_bytes]) = gains.parts();
+                    let bytes = i32::from_le_bytes([stiffness_bytes, damping_bytes, 0, 0]);
+                    self.values = [stiffness, damping, bytes, 0];
+                }
+                Err(GainsRefused::Frequency) => self.fault = Refusal { what: What::Frequency, word: 3 },
+                Err(GainsRefused::Ratio) => self.fault = Refusal { what: What::Ratio, word: 4 },
+            }
+        } else if let Some(limits) = Limits::new(first, second) {
+            let (speed, change_low, change_high) = limits.parts();
+            self.values = [speed, change_low, i32::from(change_high), 0];
+        } else {
+            self.fault = Refusal { what: What::Range, word: 4 };
+        }
+    }
+
+    #[inline(never)]
     fn push_check(&mut self, byte: u8) {
-        let digit = match byte {
-            b'0'..=b'9' => byte - b'0',
-            b'a'..=b'f' => byte - b'a' + 10,
-            b'A'..=b'F' => byte - b'A' + 10,
+        let digit = match byte | 0x20 {
+            b'0'..=b'9' if byte & 0x20 != 0 => byte - b'0',
+            letter @ b'a'..=b'f' => letter - b'a' + 10,
             _ => 16,
         };
-        self.check = match self.check {
-            Check::None => Check::Star,
-            Check::Star if digit < 16 => Check::High(digit << 4),
-            Check::High(high) if digit < 16 => Check::Given(high | digit),
-            _ => Check::Bad,
-        };
+        if self.check == check::NONE {
+            self.check = 1;
+        } else if digit < 16 && self.check < check::DONE {
+            self.check += 1;
+            self.given_sum = self.given_sum << 4 | digit;
+        } else {
+            self.check = check::BAD;
+        }
     }
 
-    /// The first word's letters stand in the first two values.
+    /// The first word's letters stand in the first two values, the last one lowest.
     fn push_letter(&mut self, byte: u8) {
         let [low, high, ..] = self.values;
         let ([b0, b1, b2, b3], [b4, b5, b6, b7]) = (low.to_le_bytes(), high.to_le_bytes());
         if b7 != 0 {
             self.refuse(What::Command);
         }
-        // The first letter ends up lowest: the others are put where the first 0 is.
-        let mut bytes = [b0, b1, b2, b3, b4, b5, b6, b7];
-        if let Some(free) = bytes.iter_mut().find(|letter| **letter == 0) {
-            *free = byte;
-        }
-        let [b0, b1, b2, b3, b4, b5, b6, b7] = bytes;
-        self.values = [i32::from_le_bytes([b0, b1, b2, b3]), i32::from_le_bytes([b4, b5, b6, b7]), 0, 0];
+        self.values = [i32::from_le_bytes([byte, b0, b1, b2]), i32::from_le_bytes([b3, b4, b5, b6]), 0, 0];
     }
 
-    /// Whether it is an axis, and for the first time.
-    fn push_flag(&mut self, byte: u8) -> bool {
-        let (axis, bit) = match byte {
-            b'x' => (0, 1),
-            b'y' => (1, 2),
-            b'z' => (2, 4),
-            b'a' => (3, 8),
-            _ => return false,
+    /// Finds the command that the letters are.
+    #[inline(never)]
+    fn find<L: Letters>(&mut self) {
+        let [low, high, ..] = self.values;
+        self.values = [0; COUNT];
+        let ([b0, b1, b2, b3], [b4, b5, b6, b7]) = (low.to_le_bytes(), high.to_le_bytes());
+        let letters = [b0, b1, b2, b3, b4, b5, b6, b7];
+        let mut at = NAMES;
+        let mut index = 0;
+        while index < Verb::Unknown as u8 {
+            // Names end with a 0, as letters do; both from the last letter to the first.
+            let mut same = true;
+            let mut place = 0;
+            loop {
+                let letter = L::letter(at);
+                at += 1;
+                same &= letters.get(place).is_none_or(|ours| *ours == letter);
+                place += 1;
+                if letter == 0 {
+                    break;
+                }
+            }
+            if same {
+                break;
+            }
+            index += 1;
+        }
+        self.verb = Verb::of(index);
+        if self.verb == Verb::Unknown {
+            self.refuse(What::Command);
+        }
+    }
+
+    fn push_flag(&mut self, byte: u8) {
+        let axis = match byte {
+            b'x'..=b'z' => byte - b'x',
+            b'a' => 3,
+            _ => {
+                if self.strict {
+                    self.refuse(What::Flags);
+                }
+                return;
+            }
         };
-        let again = self.axes & bit != 0;
+        let bit = bit(axis);
+        if self.strict && self.axes & bit != 0 {
+            self.refuse(What::Flags);
+        }
         self.axes |= bit;
         // There is no room for more than eight values.
         if self.flags < 8 {
-            self.order = self.order << 2 | axis;
+            self.order = self.order << 2 | u16::from(axis);
             self.flags += 1;
         }
-        !again
     }
 
-    /// Takes the number just read; whether one was wanted.
-    fn take_value(&mut self, strict: bool) -> Result<bool, What> {
-        match self.kind {
-            Kind::Version | Kind::Ping => Ok(false),
-            Kind::Gains | Kind::Limits => {
-                let Some(place) = self.decimals.get_mut(usize::from(self.given)) else { return Ok(false) };
-                *place = self.number.float()?;
-                self.given += 1;
-                Ok(true)
+    /// The word being read is over.
+    #[inline(never)]
+    fn end_word<L: Letters>(&mut self) {
+        let mut index = self.words - 1;
+        if index == 0 {
+            self.find::<L>();
+            return;
+        }
+        let mut wanted = 1;
+        match self.verb {
+            Verb::Version | Verb::Ping => wanted = 0,
+            verb if verb.has_flags() => {
+                if index == 1 {
+                    return;
+                }
+                index -= 1;
+                wanted = if verb.is_decimal() { 2 } else { self.flags };
             }
-            Kind::Axes(verb) => {
-                let index = self.words - 3;
-                if index >= self.flags {
-                    return Ok(false);
-                }
-                let mut value = self.number.integer(strict)?;
-                let mut order = self.order;
-                let mut last = self.flags - 1;
-                while last > index {
-                    order >>= 2;
-                    last -= 1;
-                }
-                let axis = u8::try_from(order & 3).unwrap_or(0);
-                let Some(place) = self.values.get_mut(usize::from(axis)) else { return Ok(false) };
-                match verb {
-                    Verb::Target => {}
-                    // Named twice, an axis moves by both.
-                    Verb::Move | Verb::Impulse => value = place.checked_add(value).ok_or(What::Range)?,
-                    Verb::Drift if value.unsigned_abs() > u32::from(FASTEST_DRIFT) => return Err(What::Range),
-                    Verb::Ramp if value > i32::from(u16::MAX) => return Err(What::Range),
-                    Verb::Drift => {}
-                    Verb::Ramp => value = if value < 0 { 0 } else { value },
-                }
-                *place = value;
-                self.given |= 1 << axis;
-                Ok(true)
+            _ => {}
+        }
+        if index > wanted {
+            if self.strict {
+                self.refuse(What::Extra);
             }
-            _ => {
-                if self.given != 0 {
-                    return Ok(false);
-                }
-                let value = self.number.integer(strict)?;
-                let is_time = matches!(self.kind, Kind::Report | Kind::Deadman);
-                if self.kind == Kind::Report && value <= 0 {
-                    return Err(What::Rate);
-                }
-                if is_time && !(0..=0xffff).contains(&value) {
-                    return Err(What::Range);
-                }
-                self.values = [value, 0, 0, 0];
-                self.given = 1;
-                Ok(true)
-            }
+        } else if !self.number.is_number() || (self.strict && !self.verb.is_decimal() && self.number.is_cut()) {
+            self.refuse(What::Number);
+        } else if self.verb.is_decimal() {
+            self.take_decimal(index);
+        } else {
+            self.take_integer(index, wanted);
         }
     }
 
-    fn command(&self, strict: bool) -> Result<Command, What> {
-        let (axes, [value, ..], [first, second]) = (self.axes, self.values, self.decimals);
-        let wanted = match self.kind {
-            Kind::Unknown | Kind::Version | Kind::Ping => 0,
-            Kind::Gains | Kind::Limits => 2,
-            // An axis without a value is left alone; with none at all nothing would be done.
-            Kind::Axes(_) if strict => self.flags + u8::from(self.flags == 0),
-            Kind::Axes(_) | Kind::Enable | Kind::Report | Kind::Strict | Kind::Deadman => 1,
+    /// Takes the number just read, the `index`th from 1.
+    #[inline(always)]
+    fn take_decimal(&mut self, index: u8) {
+        let Some(float) = self.number.float() else { return self.refuse(What::Range) };
+        let (mantissa, exponent) = float.parts();
+        let [first, second, low, high] = &mut self.values;
+        let (place, below) = if index == 1 { (first, low) } else { (second, high) };
+        *place = mantissa.cast_signed();
+        *below = exponent.into();
+    }
+
+    /// Takes the number just read, the `index`th from 1 of `count`.
+    #[inline(always)]
+    fn take_integer(&mut self, index: u8, count: u8) {
+        let Some(mut value) = self.number.integer() else { return self.refuse(What::Range) };
+        let mut axis = 0;
+        if self.verb.has_flags() {
+            let mut order = self.order;
+            let mut last = count;
+            while last > index {
+                order >>= 2;
+                last -= 1;
+            }
+            let [flag, _] = order.to_le_bytes();
+            axis = flag & 3;
+            self.given |= bit(axis);
+        }
+        let Some(place) = self.values.get_mut(usize::from(axis)) else { return };
+        let (least, most) = match self.verb {
+            Verb::Drift => (-FASTEST, FASTEST),
+            Verb::Ramp => (i32::MIN, 0xffff),
+            Verb::Report | Verb::Deadman => (0, 0xffff),
+            _ => (i32::MIN, i32::MAX),
         };
-        let values = if self.kind.has_flags() { self.words.saturating_sub(2) } else { self.words - 1 };
-        if values < wanted {
-            return Err(What::Missing);
-        }
-        let [b0, b1, _, _] = value.to_le_bytes();
-        let short = u16::from_le_bytes([b0, b1]);
-        Ok(match self.kind {
-            Kind::Unknown => return Err(What::Command),
-            Kind::Version => Command::Version,
-            Kind::Ping => Command::Ping,
-            Kind::Enable => Command::Enable(value != 0),
-            Kind::Strict => Command::Strict(value != 0),
-            Kind::Report => Command::Report(short),
-            Kind::Deadman => Command::Deadman(short),
-            Kind::Axes(verb) => Command::Axes { verb, axes: self.given, values: self.values },
-            Kind::Gains => {
-                let gains = Gains::new(first, second).map_err(|why| match why {
-                    GainsRefused::Frequency => What::Frequency,
-                    GainsRefused::Ratio => What::Ratio,
-                })?;
-                Command::Gains { axes, gains }
+        if matches!(self.verb, Verb::Move | Verb::Impulse) {
+            // Named twice, an axis moves by both.
+            let (sum, overflow) = place.overflowing_add(value);
+            if overflow {
+                return self.refuse(What::Range);
             }
-            Kind::Limits => Command::Limits { axes, limits: Limits::new(first, second).ok_or(What::Range)? },
-        })
+            value = sum;
+        }
+        if self.verb == Verb::Report && value <= 0 {
+            return self.refuse(What::Rate);
+        }
+        if value < least || value > most {
+            return self.refuse(What::Range);
+        }
+        if self.verb == Verb::Ramp && value < 0 {
+            value = 0;
+        }
+        *place = value;
     }
+}
+
+/// The fastest drift.
+const FASTEST: i32 = FASTEST_DRIFT as i32;
+
+/// An axis' bit.
+const fn bit(axis: u8) -> u8 {
+    // By steps: an AVR has no shift by a variable.
+    let low = if axis & 1 == 0 { 1 } else { 2 };
+    if axis & 2 == 0 { low } else { low << 2 }
+}
+
+/// Its lower half.
+const fn low(value: i32) -> u16 {
+    let [b0, b1, _, _] = value.to_le_bytes();
+    u16::from_le_bytes([b0, b1])
 }
