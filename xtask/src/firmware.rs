@@ -39,6 +39,19 @@ pub(crate) fn uno() -> Done {
     Ok(())
 }
 
+/// Assembles the tick of the Uno's winch by itself, for a test on the emulated chip, and writes
+/// crates/board/images/winch_tick.hex.
+pub(crate) fn winch_tick() -> Done {
+    let elf = target_dir().join("winch_tick.elf");
+    run(command("avr-gcc")
+        .args(["-mmcu=atmega328p", "-nostdlib", "-x", "assembler"])
+        .arg(root().join("firmware/uno/src/winch/tick.s"))
+        .arg("-o")
+        .arg(&elf))?;
+    print!("{}", table(&output(command("avr-size").arg("-A").arg(&elf))?)?);
+    run(command("avr-objcopy").args(["-O", "ihex"]).arg(&elf).arg(root().join("crates/board/images/winch_tick.hex")))
+}
+
 /// A cargo that can build core for AVR, for which no compiled one exists: the pinned toolchain with its sources, which
 /// rustup brings; or, without rustup, Debian's.
 fn build() -> Done<Command> {

@@ -74,6 +74,8 @@ enum Task {
 enum Firmware {
     /// The Arduino Uno: crates/board/images/uno.hex
     Uno,
+    /// Of the Uno's winch the tick alone, for its test: crates/board/images/winch_tick.hex
+    WinchTick,
 }
 
 fn main() -> ExitCode {
@@ -82,7 +84,9 @@ fn main() -> ExitCode {
         Task::Ci => ci::run(),
         Task::Fuzz { seconds, target } => fuzz::run(seconds, target.as_deref()),
         Task::CrossCheck => cross_check::run(),
-        Task::Firmware { board: None | Some(Firmware::Uno) } => firmware::uno(),
+        Task::Firmware { board: None } => firmware::uno().and_then(|()| firmware::winch_tick()),
+        Task::Firmware { board: Some(Firmware::Uno) } => firmware::uno(),
+        Task::Firmware { board: Some(Firmware::WinchTick) } => firmware::winch_tick(),
         Task::Bench => bench::run(),
         Task::Golden => golden::run(),
     };

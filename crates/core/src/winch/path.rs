@@ -105,11 +105,10 @@ impl Gains {
     /// When they are outside of the region; see [`GainsRefused`].
     #[inline(never)]
     pub fn new(frequency: Float, ratio: Float) -> Result<Gains, GainsRefused> {
-        let within = |value: Float, [low, high]: [Float; 2]| !value.is_less(low) && value.is_less(high);
-        if !within(frequency, FREQUENCY) {
+        if frequency.is_less(&FREQUENCY[0]) || !frequency.is_less(&FREQUENCY[1]) {
             return Err(GainsRefused::Frequency);
         }
-        if !within(ratio, RATIO) {
+        if ratio.is_less(&RATIO[0]) || !ratio.is_less(&RATIO[1]) {
             return Err(GainsRefused::Ratio);
         }
         Ok(Gains {
@@ -165,14 +164,14 @@ impl Limits {
     pub fn new(speed: Float, acceleration: Float) -> Option<Limits> {
         const FASTEST_FIXED: u32 = (FASTEST as u32) << 16;
         const STEEPEST_FLOAT: Float = Float::new(STEEPEST << 14, -14);
-        if acceleration.is_less(Float::new(1 << 31, -31)) {
+        if acceleration.is_less(&Float::new(1 << 31, -31)) {
             return None;
         }
         let speed = match speed.to_fixed(16) {
             Some((speed, 0)) if speed < FASTEST_FIXED => speed,
             _ => FASTEST_FIXED,
         };
-        let acceleration = if acceleration.is_less(STEEPEST_FLOAT) { acceleration } else { STEEPEST_FLOAT };
+        let acceleration = if acceleration.is_less(&STEEPEST_FLOAT) { acceleration } else { STEEPEST_FLOAT };
         let (change_low, change_high) = acceleration.times(MILLI).to_fixed(32).unwrap_or((0, 250));
         Some(Limits { speed, change_low, change_high })
     }
@@ -203,20 +202,15 @@ impl Wide {
 
     /// Of steps: their millisteps.
     #[inline(never)]
-    fn thousandfold(steps: i32) -> Wide {
-        let (one, mut sum) = (Wide::of(steps), Wide::ZERO);
-        // Ten bits, from the highest.
-        let (mut bits, mut left) = (1000u16, 10u8);
-        while left > 0 {
-            let twice = sum;
-            sum.add(&twice);
-            if bits & 0x200 != 0 {
-                sum.add(&one);
-            }
-            bits <<= 1;
-            left -= 1;
-        }
-        sum
+    const fn thousandfold(steps: i32) -> Wide {
+        // In halves of 16 bits, the upper one with the sign.
+        let [b0, b1, b2, b3] = steps.to_le_bytes();
+        let low = u32::from_le_bytes([b0, b1, 0, 0]).wrapping_mul(1000);
+        let [l0, l1, l2, l3] = low.to_le_bytes();
+        let sign = if steps < 0 { 0xff } else { 0 };
+        let high = i32::from_le_bytes([b2, b3, sign, sign]).wrapping_mul(1000);
+        let [h0, h1, h2, h3] = high.wrapping_add(i32::from_le_bytes([l2, l3, 0, 0])).to_le_bytes();
+        Wide([l0, l1, h0, h1, h2, h3])
     }
 
     #[inline(never)]
@@ -335,23 +329,17 @@ impl Path {
 
     /// One millisecond.
     ///
-    /// An 8-bit processor is to do it in assembly: [`prepare`](Path::prepare), then all from the second line of this
-    /// function and [`Slice::train`], with the same bits. Fields lie as they are declared, and without gaps there.
+    /// An 8-bit processor is to do it in assembly, and [`Slice::train`] with it, to the same bits: fields lie as they are
+    /// declared, and without gaps there.
     #[inline(never)]
     pub fn tick(&mut self) -> Slice {
-        self.prepare();
+        if !self.way.is_zero() {
+            self.approach();
+        }
         let change = self.change();
         let slice = self.advance();
         self.hasten(change);
         slice
-    }
-
-    /// The first part of a [`tick`](Path::tick), which has nothing to do unless a ramp is set.
-    #[inline(always)]
-    pub fn prepare(&mut self) {
-        if !self.way.is_zero() {
-            self.approach();
-        }
     }
 
     /// `a`: the target is `steps`. Steps made wrap, and so does the way to it.
@@ -411,6 +399,36 @@ impl Path {
         self.way = Wide::ZERO;
         self.gap = Wide::ZERO;
         self.stopping = true;
+    }
+
+    /// As it lies in an AVR's memory, for a tick in assembly.
+    #[must_use]
+    pub fn bytes(&self) -> [u8; 50] {
+        let Path { made, ahead, gap, speed_low, speed, drift, gains, limits, stopping, ramp, way } = self;
+        let Gains { stiffness, damping } = gains;
+        let mut bytes = [0; 50];
+        let mut places = bytes.iter_mut();
+        let mut put = |field: &[u8]| {
+            for (byte, place) in field.iter().zip(places.by_ref()) {
+                *place = *byte;
+            }
+        };
+        put(&made.to_le_bytes());
+        put(&ahead.to_le_bytes());
+        put(&gap.0);
+        put(&speed_low.to_le_bytes());
+        put(&speed.to_le_bytes());
+        put(&drift.to_le_bytes());
+        for gain in [stiffness, damping] {
+            put(&gain.mantissa.to_le_bytes());
+            put(&[gain.bytes]);
+        }
+        put(&limits.speed.to_le_bytes());
+        put(&limits.change_low.to_le_bytes());
+        put(&[limits.change_high, u8::from(*stopping)]);
+        put(&ramp.to_le_bytes());
+        put(&way.0);
+        bytes
     }
 
     /// Steps made, to the end of the last slice, wrapping.
@@ -634,9 +652,9 @@ mod tests {
             (RATIO[1], 5, 0, false),
         ] {
             let edge = Float::from_decimal(digits, power).unwrap();
-            assert_eq!(float.is_less(edge), low);
+            assert_eq!(float.is_less(&edge), low);
             let wider = Float::from_decimal(if low { 999_999 } else { 1_000_001 }, -6).unwrap().times(edge);
-            assert_eq!(float.is_less(wider), !low, "by less than 10^-6");
+            assert_eq!(float.is_less(&wider), !low, "by less than 10^-6");
         }
         assert_eq!(
             Limits::new(Float::from_decimal(35, 2).unwrap(), Float::from_decimal(35, 3).unwrap()),
