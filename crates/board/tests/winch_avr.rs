@@ -70,7 +70,7 @@ fn tick(chip: &mut Atmega328p, path: &Path) -> (Vec<u8>, Option<Train>, u64) {
         first: four(TRAIN + 2),
         interval: four(TRAIN + 6),
     });
-    ((PATH..PATH + 50).map(ram).collect(), train, cycles)
+    ((PATH..PATH + 51).map(ram).collect(), train, cycles)
 }
 
 fn line(random: &mut Random) -> String {

@@ -1,9 +1,9 @@
 //! All that is written or compared, in one piece: a board may keep it where its program is.
 
-/// Texts, each with a 0 at its end. The names of commands come first, in the order of [`Verb`](super::text::Verb), each
-/// from its last letter to its first.
+/// Texts, each with a 0 at its end. The names of commands come first, in the order of
+/// [`Verb`](super::text::Verb).
 const TEXTS: &[u8] = b"\
-a\0d\0v\0r\0s\0g\0l\0elbane\0etars\0namdaed\0tcirts\0noisrev\0gnip\0\
+a\0d\0v\0r\0s\0g\0l\0enable\0srate\0deadman\0strict\0version\0ping\0\
 id StepperWinch Nov 21 2026\0awake\0txyza\0err \0\
 command\0flags\0number\0range\0missing\0extra\0long\0noise\0checksum\0 0.01..20 Hz\0 0.07..5\0\
 dbg invalid srate value\0dbg excessive input error\0";

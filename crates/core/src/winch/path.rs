@@ -65,15 +65,22 @@ const _: () = assert!(64 * (THRESHOLD as i64) == 33 * (STEP as i64));
 // In a tick: at most 15 thresholds are crossed, and a difference of speeds has 16 bits before the point.
 const _: () = assert!(FASTEST < 15_000 && FASTEST as u32 + (FASTEST_DRIFT as u32) < 1 << 15);
 
-/// How a path follows its target: natural frequency f and damping ratio ζ, as k = (2πf)² and b = 4πfζ.
+/// How gains and limits lie in memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
-pub struct Gains {
-    /// k·10^-6.
-    stiffness: Scaled,
-    /// b·10^-3.
-    damping: Scaled,
+pub(super) struct Parts {
+    pub(super) first: u32,
+    pub(super) second: u32,
+    pub(super) low: u8,
+    pub(super) high: u8,
 }
+
+/// How a path follows its target: natural frequency f and damping ratio ζ, as k = (2πf)² and b = 4πfζ.
+///
+/// Mantissas and bytes ([`Scaled`]) of k·10^-6 and b·10^-3.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(transparent)]
+pub struct Gains(Parts);
 
 /// Gains outside the region in which the recurrence is stable: 0.01 ≤ f ≤ 20 Hz, 0.07 ≤ ζ ≤ 5.
 ///
@@ -89,7 +96,7 @@ pub enum GainsRefused {
 
 impl Gains {
     /// k = 4π², b = 1: 1 Hz, and it rings (ζ = 0.08). Source: seeds/003, `Path::Path`.
-    pub const DEFAULT: Gains = Gains { stiffness: STIFFNESS.to_scaled(), damping: MILLI.to_scaled() };
+    pub const DEFAULT: Gains = Gains::from_scaled(STIFFNESS.to_scaled(), MILLI.to_scaled());
 
     /// Of `frequency` Hz and damping ratio `ratio`.
     ///
@@ -97,71 +104,72 @@ impl Gains {
     /// use pulsetrain_core::winch::number::Float;
     /// use pulsetrain_core::winch::path::{Gains, GainsRefused};
     /// let number = |digits, power| Float::from_decimal(digits, power).unwrap();
-    /// assert!(Gains::new(number(20, 0), number(7, -2)).is_ok());
-    /// assert_eq!(Gains::new(number(2001, -2), number(1, 0)), Err(GainsRefused::Frequency));
+    /// assert!(Gains::new(&number(20, 0), &number(7, -2)).is_ok());
+    /// assert_eq!(Gains::new(&number(2001, -2), &number(1, 0)), Err(GainsRefused::Frequency));
     /// ```
     ///
     /// # Errors
     /// When they are outside of the region; see [`GainsRefused`].
     #[inline(never)]
-    pub fn new(frequency: Float, ratio: Float) -> Result<Gains, GainsRefused> {
+    pub fn new(frequency: &Float, ratio: &Float) -> Result<Gains, GainsRefused> {
         if frequency.is_less(&FREQUENCY[0]) || !frequency.is_less(&FREQUENCY[1]) {
             return Err(GainsRefused::Frequency);
         }
         if ratio.is_less(&RATIO[0]) || !ratio.is_less(&RATIO[1]) {
             return Err(GainsRefused::Ratio);
         }
-        Ok(Gains {
-            stiffness: frequency.times(frequency).times(STIFFNESS).to_scaled(),
-            damping: frequency.times(ratio).times(DAMPING).to_scaled(),
-        })
+        let stiffness = frequency.times(frequency).times(&STIFFNESS).to_scaled();
+        let damping = frequency.times(ratio).times(&DAMPING).to_scaled();
+        Ok(Gains::from_scaled(stiffness, damping))
+    }
+
+    const fn from_scaled(stiffness: Scaled, damping: Scaled) -> Gains {
+        let (first, second) = (stiffness.mantissa, damping.mantissa);
+        Gains(Parts { first, second, low: stiffness.bytes, high: damping.bytes })
+    }
+
+    pub(super) const fn of(parts: Parts) -> Gains {
+        Gains(parts)
+    }
+
+    pub(super) const fn parts(self) -> Parts {
+        self.0
     }
 }
 
 /// How fast a path may go and speed up.
+///
+/// vmax in 2^-16 steps/s; amax·10^-3 in 2^-32 steps/s, 40 bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(C)]
-pub struct Limits {
-    /// vmax, 2^-16 steps/s.
-    speed: u32,
-    /// amax·10^-3, 2^-32 steps/s: its lower 32 bits.
-    change_low: u32,
-    /// Its upper 8 bits.
-    change_high: u8,
-}
-
-impl Gains {
-    /// As mantissas and bytes, of k·10^-6 and b·10^-3.
-    pub(super) const fn parts(self) -> ([i32; 2], [u8; 2]) {
-        let Gains { stiffness, damping } = self;
-        ([stiffness.mantissa.cast_signed(), damping.mantissa.cast_signed()], [stiffness.bytes, damping.bytes])
-    }
-
-    pub(super) const fn from_parts([stiffness, damping]: [i32; 2], [stiffness_bytes, damping_bytes]: [u8; 2]) -> Gains {
-        Gains {
-            stiffness: Scaled { mantissa: stiffness.cast_unsigned(), bytes: stiffness_bytes },
-            damping: Scaled { mantissa: damping.cast_unsigned(), bytes: damping_bytes },
-        }
-    }
-}
+#[repr(transparent)]
+pub struct Limits(Parts);
 
 impl Limits {
-    pub(super) const fn parts(self) -> (i32, i32, u8) {
-        (self.speed.cast_signed(), self.change_low.cast_signed(), self.change_high)
+    pub(super) const fn of(parts: Parts) -> Limits {
+        Limits(parts)
     }
 
-    pub(super) const fn from_parts(speed: i32, change_low: i32, change_high: u8) -> Limits {
-        Limits { speed: speed.cast_unsigned(), change_low: change_low.cast_unsigned(), change_high }
+    pub(super) const fn parts(self) -> Parts {
+        self.0
+    }
+
+    const fn of_fixed(speed: u32, change_low: u32, change_high: u8) -> Limits {
+        Limits(Parts { first: speed, second: change_low, low: change_high, high: 0 })
+    }
+
+    /// vmax, 2^-16 steps/s.
+    const fn speed(&self) -> u32 {
+        self.0.first
     }
 
     /// 3500 steps/s, 35 000 steps/s². Source: seeds/003, `Path::Path`.
-    pub const DEFAULT: Limits = Limits { speed: 3500 << 16, change_low: 0, change_high: 35 };
+    pub const DEFAULT: Limits = Limits::of_fixed(3500 << 16, 0, 35);
 
     /// Of `speed` steps/s and `acceleration` steps/s², each at most [`FASTEST`] and [`STEEPEST`]: more is taken as that.
     /// `None` if the acceleration is less than 1 step/s²: nothing could stop then.
     #[must_use]
     #[inline(never)]
-    pub fn new(speed: Float, acceleration: Float) -> Option<Limits> {
+    pub fn new(speed: &Float, acceleration: &Float) -> Option<Limits> {
         const FASTEST_FIXED: u32 = (FASTEST as u32) << 16;
         const STEEPEST_FLOAT: Float = Float::new(STEEPEST << 14, -14);
         if acceleration.is_less(&Float::new(1 << 31, -31)) {
@@ -171,16 +179,16 @@ impl Limits {
             Some((speed, 0)) if speed < FASTEST_FIXED => speed,
             _ => FASTEST_FIXED,
         };
-        let acceleration = if acceleration.is_less(&STEEPEST_FLOAT) { acceleration } else { STEEPEST_FLOAT };
-        let (change_low, change_high) = acceleration.times(MILLI).to_fixed(32).unwrap_or((0, 250));
-        Some(Limits { speed, change_low, change_high })
+        let acceleration = if acceleration.is_less(&STEEPEST_FLOAT) { acceleration } else { &STEEPEST_FLOAT };
+        let (change_low, change_high) = acceleration.times(&MILLI).to_fixed(32).unwrap_or((0, 250));
+        Some(Limits::of_fixed(speed, change_low, change_high))
     }
 
     /// amax·10^-3, 2^-32 steps/s.
     #[inline(always)]
     const fn change(&self) -> i64 {
-        let [b0, b1, b2, b3] = self.change_low.to_le_bytes();
-        i64::from_le_bytes([b0, b1, b2, b3, self.change_high, 0, 0, 0])
+        let [b0, b1, b2, b3] = self.0.second.to_le_bytes();
+        i64::from_le_bytes([b0, b1, b2, b3, self.0.low, 0, 0, 0])
     }
 }
 
@@ -403,10 +411,9 @@ impl Path {
 
     /// As it lies in an AVR's memory, for a tick in assembly.
     #[must_use]
-    pub fn bytes(&self) -> [u8; 50] {
+    pub fn bytes(&self) -> [u8; 51] {
         let Path { made, ahead, gap, speed_low, speed, drift, gains, limits, stopping, ramp, way } = self;
-        let Gains { stiffness, damping } = gains;
-        let mut bytes = [0; 50];
+        let mut bytes = [0; 51];
         let mut places = bytes.iter_mut();
         let mut put = |field: &[u8]| {
             for (byte, place) in field.iter().zip(places.by_ref()) {
@@ -419,13 +426,12 @@ impl Path {
         put(&speed_low.to_le_bytes());
         put(&speed.to_le_bytes());
         put(&drift.to_le_bytes());
-        for gain in [stiffness, damping] {
-            put(&gain.mantissa.to_le_bytes());
-            put(&[gain.bytes]);
+        for Parts { first, second, low, high } in [gains.0, limits.0] {
+            put(&first.to_le_bytes());
+            put(&second.to_le_bytes());
+            put(&[low, high]);
         }
-        put(&limits.speed.to_le_bytes());
-        put(&limits.change_low.to_le_bytes());
-        put(&[limits.change_high, u8::from(*stopping)]);
+        put(&[u8::from(*stopping)]);
         put(&ramp.to_le_bytes());
         put(&way.0);
         bytes
@@ -507,10 +513,10 @@ impl Path {
             ([below, b0, b1, b2], 3)
         };
         let gap = i32::from_le_bytes(gap);
-        let Gains { stiffness, damping } = self.gains;
+        let Gains(Parts { first: stiffness, second: damping, low: stiffness_bytes, high: damping_bytes }) = self.gains;
         // millisteps·k·10^-6 are steps/s.
-        let pull = if stiffness.bytes >= fewer {
-            scale(stiffness.mantissa, gap, stiffness.bytes - fewer)
+        let pull = if stiffness_bytes >= fewer {
+            scale(stiffness, gap, stiffness_bytes - fewer)
         } else if gap < 0 {
             // Beyond 2^55: more than damping (2^47) and amax (2^40) can take back.
             -1 << 60
@@ -518,7 +524,7 @@ impl Path {
             1 << 60
         };
         let behind = (i32::from(self.drift) << 16).wrapping_sub(self.speed);
-        pull + scale(damping.mantissa, behind, damping.bytes - 2)
+        pull + scale(damping, behind, damping_bytes - 2)
     }
 
     /// q += q′ dt, q_d += q_d′ dt, and the steps on the way.
@@ -582,7 +588,7 @@ impl Path {
         };
         let old = self.whole_speed();
         let new = old.wrapping_add(change);
-        let ([b0, b1, b2, b3, b4, b5, _, _], fastest) = (new.to_le_bytes(), self.limits.speed.cast_signed());
+        let ([b0, b1, b2, b3, b4, b5, _, _], fastest) = (new.to_le_bytes(), self.limits.speed().cast_signed());
         self.speed_low = u16::from_le_bytes([b0, b1]);
         self.speed = i32::from_le_bytes([b2, b3, b4, b5]);
         if self.speed >= fastest || self.speed < -fastest {
@@ -597,7 +603,7 @@ impl Path {
     #[cold]
     #[inline(never)]
     fn slow_down(&mut self, old: i64) {
-        let fastest = i64::from(self.limits.speed) << 16;
+        let fastest = i64::from(self.limits.speed()) << 16;
         let least = old.abs() - self.limits.change();
         let magnitude = if least > fastest { least } else { fastest };
         let bounded = if self.speed < 0 { -magnitude } else { magnitude };
@@ -617,7 +623,7 @@ impl Path {
 
 /// `mantissa`·|`x`| / 256^`bytes`, rounded down, with `x`'s sign. `bytes` ≤ 4.
 fn scale(mantissa: u32, x: i32, bytes: u8) -> i64 {
-    let product = (u64::from(mantissa) * u64::from(x.unsigned_abs()) >> (8 * bytes)).cast_signed();
+    let product = ((u64::from(mantissa) * u64::from(x.unsigned_abs())) >> (8 * bytes)).cast_signed();
     if x < 0 { -product } else { product }
 }
 
@@ -653,11 +659,11 @@ mod tests {
         ] {
             let edge = Float::from_decimal(digits, power).unwrap();
             assert_eq!(float.is_less(&edge), low);
-            let wider = Float::from_decimal(if low { 999_999 } else { 1_000_001 }, -6).unwrap().times(edge);
+            let wider = Float::from_decimal(if low { 999_999 } else { 1_000_001 }, -6).unwrap().times(&edge);
             assert_eq!(float.is_less(&wider), !low, "by less than 10^-6");
         }
         assert_eq!(
-            Limits::new(Float::from_decimal(35, 2).unwrap(), Float::from_decimal(35, 3).unwrap()),
+            Limits::new(&Float::from_decimal(35, 2).unwrap(), &Float::from_decimal(35, 3).unwrap()),
             Some(Limits::DEFAULT)
         );
     }
@@ -665,16 +671,13 @@ mod tests {
     #[test]
     fn limits_have_ends() {
         let number = |digits| Float::from_decimal(digits, 0).unwrap();
-        assert_eq!(Limits::new(number(1), Float::TENTH), None);
-        assert_eq!(Limits::new(number(1), Float::ZERO), None);
+        assert_eq!(Limits::new(&number(1), &Float::TENTH), None);
+        assert_eq!(Limits::new(&number(1), &Float::ZERO), None);
         // 10^-3 is rounded up.
-        let most = Limits { speed: u32::from(FASTEST) << 16, change_low: 256, change_high: 250 };
-        assert_eq!(Limits::new(number(u32::MAX), number(u32::MAX)), Some(most));
-        assert_eq!(Limits::new(number(10_000), number(250_000)), Some(most));
-        assert_eq!(
-            Limits::new(Float::ZERO, number(1)),
-            Some(Limits { speed: 0, change_low: 4_294_967, change_high: 0 })
-        );
+        let most = Limits::of_fixed(u32::from(FASTEST) << 16, 256, 250);
+        assert_eq!(Limits::new(&number(u32::MAX), &number(u32::MAX)), Some(most));
+        assert_eq!(Limits::new(&number(10_000), &number(250_000)), Some(most));
+        assert_eq!(Limits::new(&Float::ZERO, &number(1)), Some(Limits::of_fixed(0, 4_294_967, 0)));
     }
 
     proptest! {

@@ -5,7 +5,7 @@
 
 use super::letters::{Letters, NAMES};
 use super::number::Float;
-use super::path::{FASTEST_DRIFT, Gains, GainsRefused, Limits, Path};
+use super::path::{FASTEST_DRIFT, Gains, GainsRefused, Limits, Parts, Path};
 
 /// Axes: x, y, z, a.
 const COUNT: usize = 4;
@@ -266,7 +266,15 @@ mod check {
 #[derive(Clone, Debug)]
 pub struct Reader {
     strict: bool,
-    /// Bytes of the line, or [`OVER`]: the next byte begins another.
+    /// A line has ended: the next byte begins another.
+    over: bool,
+    line: Line,
+}
+
+/// What is known of a line. All zeros at its beginning.
+#[derive(Clone, Debug)]
+struct Line {
+    /// Bytes.
     len: u8,
     /// Words begun.
     words: u8,
@@ -286,14 +294,35 @@ pub struct Reader {
     axes: u8,
     /// Axes with a value.
     given: u8,
+    /// Of the first word.
+    letters: [u8; LETTERS],
     number: Number,
-    /// The first word's letters; then a value for each axis; of gains and limits: two mantissas and two exponents, and
-    /// in the end their three fields.
+    /// A value for each axis; of gains and limits: two mantissas and two exponents, and in the end their [`Parts`].
     values: [i32; COUNT],
 }
 
-/// A line has ended.
-const OVER: u8 = 0xff;
+/// More than the longest command has.
+const LETTERS: usize = 8;
+
+impl Line {
+    const NONE: Line = Line {
+        len: 0,
+        words: 0,
+        within: 0,
+        sum: 0,
+        check: check::NONE,
+        given_sum: 0,
+        fault: Refusal { what: What::Nothing, word: 0 },
+        verb: Verb::Target,
+        order: 0,
+        flags: 0,
+        axes: 0,
+        given: 0,
+        letters: [0; LETTERS],
+        number: Number { digits: 0, power: 0, exponent: 0, seen: 0 },
+        values: [0; COUNT],
+    };
+}
 
 impl Default for Reader {
     fn default() -> Reader {
@@ -305,23 +334,7 @@ impl Reader {
     /// At the beginning of a line, not strict.
     #[must_use]
     pub const fn new() -> Reader {
-        Reader {
-            strict: false,
-            len: OVER,
-            words: 0,
-            within: 0,
-            sum: 0,
-            check: check::NONE,
-            given_sum: 0,
-            fault: Refusal { what: What::Nothing, word: 0 },
-            verb: Verb::Unknown,
-            order: 0,
-            flags: 0,
-            axes: 0,
-            given: 0,
-            number: Number::NONE,
-            values: [0; COUNT],
-        }
+        Reader { strict: false, over: false, line: Line::NONE }
     }
 
     /// From now on any irregularity is refused, or none that does no harm.
@@ -331,55 +344,59 @@ impl Reader {
 
     /// Forgets what it has of a line.
     pub const fn restart(&mut self) {
-        self.len = OVER;
+        self.over = true;
     }
 
     /// Takes a byte, and says at a line's end, unless the line is blank, what it was.
     #[inline(never)]
     pub fn push<L: Letters>(&mut self, byte: u8) -> Heard {
-        if self.len == OVER {
-            *self = Reader { strict: self.strict, len: 0, ..Reader::new() };
+        if self.over {
+            self.over = false;
+            self.line = Line::NONE;
         }
         let ends = byte == b'\n' || byte == b'\r';
         if !ends {
-            if self.len == LONGEST_LINE {
+            if self.line.len == LONGEST_LINE {
                 self.refuse(What::Long);
                 return Heard::Nothing;
             }
-            self.len += 1;
+            self.line.len += 1;
         }
-        let is_check = self.check != check::NONE || byte == b'*';
+        let is_check = self.line.check != check::NONE || byte == b'*';
         if ends || is_check || byte == b' ' || byte == b'\t' {
-            if self.within != 0 && self.fault.what == What::Nothing {
+            if self.line.within != 0 && self.line.fault.what == What::Nothing {
                 self.end_word::<L>();
             }
-            self.within = 0;
+            self.line.within = 0;
             if ends {
                 return self.end();
             }
             if is_check {
                 self.push_check(byte);
             } else {
-                self.sum ^= byte;
+                self.line.sum ^= byte;
             }
             return Heard::Nothing;
         }
-        self.sum ^= byte;
-        if self.within == 0 {
-            self.words += 1;
-            self.number = Number::NONE;
-            if self.words > MOST_WORDS {
+        self.line.sum ^= byte;
+        if self.line.within == 0 {
+            self.line.words += 1;
+            self.line.number = Number::NONE;
+            if self.line.words > MOST_WORDS {
                 self.refuse(What::Words);
             }
         }
-        self.within += 1;
+        self.line.within += 1;
         if !matches!(byte, 0x21..=0x7e) {
             self.refuse(What::Noise);
         }
-        match self.words {
-            1 => self.push_letter(byte),
-            2 if self.verb.has_flags() => self.push_flag(byte),
-            _ => self.number.push(byte, !self.verb.is_decimal()),
+        match self.line.words {
+            1 => match self.line.letters.get_mut(usize::from(self.line.within - 1)) {
+                Some(place) => *place = byte,
+                None => self.refuse(What::Command),
+            },
+            2 if self.line.verb.has_flags() => self.push_flag(byte),
+            _ => self.line.number.push(byte, !self.line.verb.is_decimal()),
         }
         Heard::Nothing
     }
@@ -387,36 +404,38 @@ impl Reader {
     /// The value of a command that has one and is not for axes.
     #[must_use]
     pub const fn value(&self) -> i32 {
-        let [value, ..] = self.values;
+        let [value, ..] = self.line.values;
         value
     }
 
     /// Axes that a command is for: those with a value, or for gains and limits all that are named. 1 is x, 2 y, 4 z, 8 a.
     #[must_use]
     pub const fn axes(&self) -> u8 {
-        if self.verb.is_decimal() { self.axes } else { self.given }
+        if self.line.verb.is_decimal() { self.line.axes } else { self.line.given }
     }
 
     /// Values by axis; 0 where there is none.
     #[must_use]
     pub const fn values(&self) -> [i32; COUNT] {
-        self.values
+        self.line.values
     }
 
     /// What `g` says.
     #[must_use]
     pub const fn gains(&self) -> Gains {
-        let [stiffness, damping, bytes, _] = self.values;
-        let [stiffness_bytes, damping_bytes, ..] = bytes.to_le_bytes();
-        Gains::from_parts([stiffness, damping], [stiffness_bytes, damping_bytes])
+        Gains::of(self.parts())
     }
 
     /// What `l` says.
     #[must_use]
     pub const fn limits(&self) -> Limits {
-        let [speed, change_low, change_high, _] = self.values;
-        let [change_high, ..] = change_high.to_le_bytes();
-        Limits::from_parts(speed, change_low, change_high)
+        Limits::of(self.parts())
+    }
+
+    const fn parts(&self) -> Parts {
+        let [first, second, bytes, _] = self.line.values;
+        let [low, high, ..] = bytes.to_le_bytes();
+        Parts { first: first.cast_unsigned(), second: second.cast_unsigned(), low, high }
     }
 
     /// Does to four paths, in the order of x, y, z, a, what the command just heard says to axes. Other commands do
@@ -438,15 +457,15 @@ impl Reader {
     #[inline(never)]
     pub fn obey(&self, paths: &mut [Path; COUNT]) {
         let mut bits = self.axes();
-        if !self.verb.has_flags() {
-            if self.verb != Verb::Enable || self.value() != 0 {
+        if !self.line.verb.has_flags() {
+            if self.line.verb != Verb::Enable || self.value() != 0 {
                 return;
             }
             bits = 0b1111;
         }
-        for (path, value) in paths.iter_mut().zip(&self.values) {
+        for (path, value) in paths.iter_mut().zip(&self.line.values) {
             if bits & 1 != 0 {
-                match self.verb {
+                match self.line.verb {
                     Verb::Gains => path.set_gains(self.gains()),
                     Verb::Limits => path.set_limits(self.limits()),
                     Verb::Target => path.set_target(*value),
@@ -464,52 +483,58 @@ impl Reader {
     /// The first fault is the one told.
     #[inline(never)]
     fn refuse(&mut self, what: What) {
-        if self.fault.what == What::Nothing {
-            self.fault = Refusal { what, word: self.words };
+        if self.line.fault.what == What::Nothing {
+            self.line.fault = Refusal { what, word: self.line.words };
         }
     }
 
     /// The line is over.
     #[inline(always)]
     fn end(&mut self) -> Heard {
-        let cut = self.len == LONGEST_LINE;
-        self.len = OVER;
-        let checked = self.check == check::NONE || (self.check == check::DONE && self.given_sum == self.sum);
+        let cut = self.line.len == LONGEST_LINE;
+        self.over = true;
+        let checked =
+            self.line.check == check::NONE || (self.line.check == check::DONE && self.line.given_sum == self.line.sum);
         // Whatever else is wrong comes from that; but the end of a line that is too long was not read.
-        if !checked && !(cut && self.fault.what != What::Nothing) {
-            self.fault.what = What::Nothing;
+        let excused = cut && self.line.fault.what != What::Nothing;
+        if !(checked || excused) {
+            self.line.fault.what = What::Nothing;
             self.refuse(What::Checksum);
         }
-        if self.fault.what == What::Nothing {
-            if self.words == 0 {
+        if self.line.fault.what == What::Nothing {
+            if self.line.words == 0 {
                 return Heard::Nothing;
             }
             self.check_values();
         }
-        if self.fault.what == What::Nothing { Heard::Command(self.verb) } else { Heard::Refused(self.fault) }
+        if self.line.fault.what == What::Nothing {
+            Heard::Command(self.line.verb)
+        } else {
+            Heard::Refused(self.line.fault)
+        }
     }
 
     /// Whether the values of a line that is over are enough, and gains and limits are taken.
     #[inline(always)]
     fn check_values(&mut self) {
-        let mut values = self.words - 1;
-        let mut wanted = match self.verb {
+        let mut values = self.line.words - 1;
+        let mut wanted = match self.line.verb {
             Verb::Version | Verb::Ping => 0,
             Verb::Gains | Verb::Limits => 2,
             // An axis without a value is left alone; with none at all nothing would be done.
             _ => 1,
         };
-        if self.verb.has_flags() {
+        if self.line.verb.has_flags() {
             values = values.saturating_sub(1);
-            if self.strict && !self.verb.is_decimal() && self.flags > 1 {
-                wanted = self.flags;
+            if self.strict && !self.line.verb.is_decimal() && self.line.flags > 1 {
+                wanted = self.line.flags;
             }
         }
         if values < wanted {
-            self.words += 1;
+            self.line.words += 1;
             self.refuse(What::Missing);
-        } else if self.verb.is_decimal() {
-            let [first, second, low, high] = self.values;
+        } else if self.line.verb.is_decimal() {
+            let [first, second, low, high] = self.line.values;
             let [first_exponent, ..] = low.to_le_bytes();
             let [second_exponent, ..] = high.to_le_bytes();
             let first = Float::new(first.cast_unsigned(), first_exponent.cast_signed());
@@ -520,22 +545,22 @@ impl Reader {
 
     #[inline(never)]
     fn tune(&mut self, first: Float, second: Float) {
-        if self.verb == Verb::Gains {
-            match Gains::new(first, second) {
-                Ok(gains) => {
-                    let ([stiffness, damping], [stiffness_bytes, damping_bytes]) = gains.parts();
-                    let bytes = i32::from_le_bytes([stiffness_bytes, damping_bytes, 0, 0]);
-                    self.values = [stiffness, damping, bytes, 0];
+        let parts = if self.line.verb == Verb::Gains {
+            match Gains::new(&first, &second) {
+                Ok(gains) => gains.parts(),
+                Err(why) => {
+                    self.line.words = if why == GainsRefused::Frequency { 3 } else { 4 };
+                    return self.refuse(if why == GainsRefused::Frequency { What::Frequency } else { What::Ratio });
                 }
-                Err(GainsRefused::Frequency) => self.fault = Refusal { what: What::Frequency, word: 3 },
-                Err(GainsRefused::Ratio) => self.fault = Refusal { what: What::Ratio, word: 4 },
             }
-        } else if let Some(limits) = Limits::new(first, second) {
-            let (speed, change_low, change_high) = limits.parts();
-            self.values = [speed, change_low, i32::from(change_high), 0];
+        } else if let Some(limits) = Limits::new(&first, &second) {
+            limits.parts()
         } else {
-            self.fault = Refusal { what: What::Range, word: 4 };
-        }
+            self.line.words = 4;
+            return self.refuse(What::Range);
+        };
+        let bytes = i32::from_le_bytes([parts.low, parts.high, 0, 0]);
+        self.line.values = [parts.first.cast_signed(), parts.second.cast_signed(), bytes, 0];
     }
 
     #[inline(never)]
@@ -545,44 +570,28 @@ impl Reader {
             letter @ b'a'..=b'f' => letter - b'a' + 10,
             _ => 16,
         };
-        if self.check == check::NONE {
-            self.check = 1;
-        } else if digit < 16 && self.check < check::DONE {
-            self.check += 1;
-            self.given_sum = self.given_sum << 4 | digit;
+        if self.line.check == check::NONE {
+            self.line.check = 1;
+        } else if digit < 16 && self.line.check < check::DONE {
+            self.line.check += 1;
+            self.line.given_sum = self.line.given_sum << 4 | digit;
         } else {
-            self.check = check::BAD;
+            self.line.check = check::BAD;
         }
-    }
-
-    /// The first word's letters stand in the first two values, the last one lowest.
-    fn push_letter(&mut self, byte: u8) {
-        let [low, high, ..] = self.values;
-        let ([b0, b1, b2, b3], [b4, b5, b6, b7]) = (low.to_le_bytes(), high.to_le_bytes());
-        if b7 != 0 {
-            self.refuse(What::Command);
-        }
-        self.values = [i32::from_le_bytes([byte, b0, b1, b2]), i32::from_le_bytes([b3, b4, b5, b6]), 0, 0];
     }
 
     /// Finds the command that the letters are.
     #[inline(never)]
     fn find<L: Letters>(&mut self) {
-        let [low, high, ..] = self.values;
-        self.values = [0; COUNT];
-        let ([b0, b1, b2, b3], [b4, b5, b6, b7]) = (low.to_le_bytes(), high.to_le_bytes());
-        let letters = [b0, b1, b2, b3, b4, b5, b6, b7];
         let mut at = NAMES;
         let mut index = 0;
         while index < Verb::Unknown as u8 {
-            // Names end with a 0, as letters do; both from the last letter to the first.
+            // Names end with a 0; so do letters, but for a word of eight, which is none of them.
             let mut same = true;
-            let mut place = 0;
-            loop {
+            for ours in &self.line.letters {
                 let letter = L::letter(at);
                 at += 1;
-                same &= letters.get(place).is_none_or(|ours| *ours == letter);
-                place += 1;
+                same &= *ours == letter;
                 if letter == 0 {
                     break;
                 }
@@ -592,8 +601,8 @@ impl Reader {
             }
             index += 1;
         }
-        self.verb = Verb::of(index);
-        if self.verb == Verb::Unknown {
+        self.line.verb = Verb::of(index);
+        if self.line.verb == Verb::Unknown {
             self.refuse(What::Command);
         }
     }
@@ -610,34 +619,34 @@ impl Reader {
             }
         };
         let bit = bit(axis);
-        if self.strict && self.axes & bit != 0 {
+        if self.strict && self.line.axes & bit != 0 {
             self.refuse(What::Flags);
         }
-        self.axes |= bit;
+        self.line.axes |= bit;
         // There is no room for more than eight values.
-        if self.flags < 8 {
-            self.order = self.order << 2 | u16::from(axis);
-            self.flags += 1;
+        if self.line.flags < 8 {
+            self.line.order = self.line.order << 2 | u16::from(axis);
+            self.line.flags += 1;
         }
     }
 
     /// The word being read is over.
     #[inline(never)]
     fn end_word<L: Letters>(&mut self) {
-        let mut index = self.words - 1;
+        let mut index = self.line.words - 1;
         if index == 0 {
             self.find::<L>();
             return;
         }
         let mut wanted = 1;
-        match self.verb {
+        match self.line.verb {
             Verb::Version | Verb::Ping => wanted = 0,
             verb if verb.has_flags() => {
                 if index == 1 {
                     return;
                 }
                 index -= 1;
-                wanted = if verb.is_decimal() { 2 } else { self.flags };
+                wanted = if verb.is_decimal() { 2 } else { self.line.flags };
             }
             _ => {}
         }
@@ -645,9 +654,11 @@ impl Reader {
             if self.strict {
                 self.refuse(What::Extra);
             }
-        } else if !self.number.is_number() || (self.strict && !self.verb.is_decimal() && self.number.is_cut()) {
+        } else if !self.line.number.is_number()
+            || (self.strict && !self.line.verb.is_decimal() && self.line.number.is_cut())
+        {
             self.refuse(What::Number);
-        } else if self.verb.is_decimal() {
+        } else if self.line.verb.is_decimal() {
             self.take_decimal(index);
         } else {
             self.take_integer(index, wanted);
@@ -657,9 +668,9 @@ impl Reader {
     /// Takes the number just read, the `index`th from 1.
     #[inline(always)]
     fn take_decimal(&mut self, index: u8) {
-        let Some(float) = self.number.float() else { return self.refuse(What::Range) };
+        let Some(float) = self.line.number.float() else { return self.refuse(What::Range) };
         let (mantissa, exponent) = float.parts();
-        let [first, second, low, high] = &mut self.values;
+        let [first, second, low, high] = &mut self.line.values;
         let (place, below) = if index == 1 { (first, low) } else { (second, high) };
         *place = mantissa.cast_signed();
         *below = exponent.into();
@@ -668,10 +679,10 @@ impl Reader {
     /// Takes the number just read, the `index`th from 1 of `count`.
     #[inline(always)]
     fn take_integer(&mut self, index: u8, count: u8) {
-        let Some(mut value) = self.number.integer() else { return self.refuse(What::Range) };
+        let Some(mut value) = self.line.number.integer() else { return self.refuse(What::Range) };
         let mut axis = 0;
-        if self.verb.has_flags() {
-            let mut order = self.order;
+        if self.line.verb.has_flags() {
+            let mut order = self.line.order;
             let mut last = count;
             while last > index {
                 order >>= 2;
@@ -679,16 +690,16 @@ impl Reader {
             }
             let [flag, _] = order.to_le_bytes();
             axis = flag & 3;
-            self.given |= bit(axis);
+            self.line.given |= bit(axis);
         }
-        let Some(place) = self.values.get_mut(usize::from(axis)) else { return };
-        let (least, most) = match self.verb {
+        let Some(place) = self.line.values.get_mut(usize::from(axis)) else { return };
+        let (least, most) = match self.line.verb {
             Verb::Drift => (-FASTEST, FASTEST),
             Verb::Ramp => (i32::MIN, 0xffff),
             Verb::Report | Verb::Deadman => (0, 0xffff),
             _ => (i32::MIN, i32::MAX),
         };
-        if matches!(self.verb, Verb::Move | Verb::Impulse) {
+        if matches!(self.line.verb, Verb::Move | Verb::Impulse) {
             // Named twice, an axis moves by both.
             let (sum, overflow) = place.overflowing_add(value);
             if overflow {
@@ -696,13 +707,13 @@ impl Reader {
             }
             value = sum;
         }
-        if self.verb == Verb::Report && value <= 0 {
+        if self.line.verb == Verb::Report && value <= 0 {
             return self.refuse(What::Rate);
         }
         if value < least || value > most {
             return self.refuse(What::Range);
         }
-        if self.verb == Verb::Ramp && value < 0 {
+        if self.line.verb == Verb::Ramp && value < 0 {
             value = 0;
         }
         *place = value;

@@ -5,8 +5,8 @@
 ;
 ; Path as it lies in memory (Path::bytes), all lowest byte first:
 ;    0 made             4 made less q, 2^-16 millisteps    8 gap, 6 bytes
-;   14 speed, 6 bytes  20 drift                           22 k: m, 4 bytes  26 n     27 b: m, 4 bytes  31 n
-;   32 vmax            36 amax dt, 5 bytes                41 stopping       42 ramp  44 way, 6 bytes
+;   14 speed, 6 bytes  20 drift                           22 k: m  26 b: m  30 k: n  31 b: n
+;   32 vmax            36 amax dt, 5 bytes                42 stopping       43 ramp  45 way, 6 bytes
 ; Train: 0 count, 1 backward, 2 first, 6 interval. Without steps only the count is written.
 ;
 ; r26 is 0 throughout, r1 again in the end. No interrupt may rely on r1 or the T flag. Stack: 22 bytes and two calls.
@@ -40,24 +40,24 @@ winch_tick:
     movw r12, r10
     movw r14, r10
     movw r16, r10
-    ldd r18, Y+41
+    ldd r18, Y+42
     tst r18
     breq 1f
     rjmp 60f
 1:
 
 ; While a ramp is set, the reference goes nearer to its target: step = +-ramp, or the way if that is less.
-    ldd r18, Y+42
-    ldd r19, Y+43
+    ldd r18, Y+43
+    ldd r19, Y+44
     mov r20, r18
     or r20, r19
     breq 5f
-    ldd r2, Y+44
-    ldd r3, Y+45
-    ldd r4, Y+46
-    ldd r5, Y+47
-    ldd r6, Y+48
-    ldd r7, Y+49
+    ldd r2, Y+45
+    ldd r3, Y+46
+    ldd r4, Y+47
+    ldd r5, Y+48
+    ldd r6, Y+49
+    ldd r7, Y+50
     mov r20, r2
     or r20, r3
     or r20, r4
@@ -91,12 +91,12 @@ winch_tick:
     movw r4, r2
     movw r6, r2
 3:
-    std Y+44, r2
-    std Y+45, r3
-    std Y+46, r4
-    std Y+47, r5
-    std Y+48, r6
-    std Y+49, r7
+    std Y+45, r2
+    std Y+46, r3
+    std Y+47, r4
+    std Y+48, r5
+    std Y+49, r6
+    std Y+50, r7
     ldd r2, Y+8
     ldd r3, Y+9
     ldd r4, Y+10
@@ -124,7 +124,7 @@ winch_tick:
     ldd r24, Y+12
     ldd r23, Y+11
     ldd r22, Y+10
-    ldd r27, Y+26
+    ldd r27, Y+30
     mov r18, r24
     lsl r18
     sbc r18, r18
@@ -188,7 +188,7 @@ winch_tick:
     ldd r27, Y+31
     subi r27, 2
     movw r30, r28
-    adiw r30, 27
+    adiw r30, 26
     rcall winch_term
 
 ; r2-r7: the old speed, 48 bits. Stopping, the change is what would bring it to 0.
@@ -199,7 +199,7 @@ winch_tick:
     ldd r5, Y+17
     ldd r6, Y+18
     ldd r7, Y+19
-    ldd r18, Y+41
+    ldd r18, Y+42
     tst r18
     breq 31f
     sub r10, r2
@@ -267,7 +267,7 @@ winch_tick:
     adc r13, r5
     adc r14, r6
     adc r15, r7
-    ldd r18, Y+41
+    ldd r18, Y+42
     tst r18
     breq 35f
     mov r18, r10
@@ -277,7 +277,7 @@ winch_tick:
     or r18, r14
     or r18, r15
     brne 35f
-    std Y+41, r26
+    std Y+42, r26
 35:
     ldd r18, Y+32
     ldd r19, Y+33
