@@ -107,9 +107,9 @@ fn obey(path: &mut Path, command: Command) {
         Command::Impulse(steps) => path.push_reference(steps),
         Command::Ramp(speed) => path.set_ramp(speed),
         Command::Gains(frequency, ratio) => {
-            path.set_gains(Gains::new(&float(frequency), &float(ratio)).expect("stable"))
+            path.set_gains(&Gains::new(float(frequency), float(ratio)).expect("stable"))
         }
-        Command::Limits(vmax, amax) => path.set_limits(Limits::new(&float(vmax), &float(amax)).expect("accepted")),
+        Command::Limits(vmax, amax) => path.set_limits(&Limits::new(float(vmax), float(amax)).expect("accepted")),
     }
 }
 
@@ -211,8 +211,8 @@ fn an_hour_does_not_creep() {
 fn a_speed_is_exact_over_time() {
     for speed in [1234, 1, -7, 3333, -9000] {
         let mut path = Path::new();
-        path.set_limits(Limits::new(&float(10_000.0), &float(100_000.0)).unwrap());
-        path.set_gains(Gains::new(&float(1.0), &float(1.0)).unwrap());
+        path.set_limits(&Limits::new(float(10_000.0), float(100_000.0)).unwrap());
+        path.set_gains(&Gains::new(float(1.0), float(1.0)).unwrap());
         path.set_drift(speed);
         for _ in 0..30_000 {
             path.tick();
@@ -228,7 +228,7 @@ fn a_speed_is_exact_over_time() {
 #[test]
 fn steps_of_a_constant_speed_are_even() {
     let mut path = Path::new();
-    path.set_gains(Gains::new(&float(2.0), &float(1.0)).unwrap());
+    path.set_gains(&Gains::new(float(2.0), float(1.0)).unwrap());
     path.set_drift(1234);
     let (mut last, mut spread) = (None, (f64::MAX, 0.0_f64));
     for ms in 0..60_000_u64 {
@@ -253,7 +253,7 @@ fn steps_of_a_constant_speed_are_even() {
 fn it_stops_within_its_limit() {
     for (drift, amax) in [(3000, 35_000.0), (-9000, 10_000.0), (15_000, 250_000.0), (3, 1.0)] {
         let mut path = Path::new();
-        path.set_limits(Limits::new(&float(10_000.0), &float(amax)).unwrap());
+        path.set_limits(&Limits::new(float(10_000.0), float(amax)).unwrap());
         path.set_drift(drift);
         for _ in 0..5000 {
             path.tick();
@@ -274,8 +274,8 @@ fn it_stops_within_its_limit() {
             path.tick();
         }
         assert_eq!(path.made(), made, "it stays");
-        path.set_gains(Gains::new(&float(1.0), &float(1.0)).unwrap());
-        path.set_limits(Limits::DEFAULT);
+        path.set_gains(&Gains::new(float(1.0), float(1.0)).unwrap());
+        path.set_limits(&Limits::DEFAULT);
         path.set_target(-5);
         for _ in 0..60_000 {
             path.tick();
@@ -301,7 +301,7 @@ fn far_targets_wait_their_turn() {
     }
     path.set_target(0);
     path.set_drift(0);
-    path.set_gains(Gains::new(&float(1.0), &float(1.0)).unwrap());
+    path.set_gains(&Gains::new(float(1.0), float(1.0)).unwrap());
     for _ in 0..30_000 {
         path.tick();
     }

@@ -81,12 +81,12 @@ fn axes(verb: Verb, axes: u8, values: [i32; 4]) -> Command {
 
 fn gains(axes: u8, frequency: (u32, i8), ratio: (u32, i8)) -> Command {
     let float = |(digits, power)| Float::from_decimal(digits, power).unwrap();
-    Command::Gains { axes, gains: Gains::new(&float(frequency), &float(ratio)).unwrap() }
+    Command::Gains { axes, gains: Gains::new(float(frequency), float(ratio)).unwrap() }
 }
 
 fn limits(axes: u8, speed: (u32, i8), acceleration: (u32, i8)) -> Command {
     let float = |(digits, power)| Float::from_decimal(digits, power).unwrap();
-    Command::Limits { axes, limits: Limits::new(&float(speed), &float(acceleration)).unwrap() }
+    Command::Limits { axes, limits: Limits::new(float(speed), float(acceleration)).unwrap() }
 }
 
 #[test]

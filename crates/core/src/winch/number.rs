@@ -45,14 +45,14 @@ impl Float {
             if float.exponent > 0 {
                 return None;
             }
-            float = float.times(&Float::TEN);
+            float = float.times(Float::TEN);
             power -= 1;
         }
         while power < 0 {
             if float.exponent < -92 {
                 return Some(Float::ZERO);
             }
-            float = float.times(&Float::TENTH);
+            float = float.times(Float::TENTH);
             power += 1;
         }
         if float.exponent > 0 { None } else { Some(float) }
@@ -61,7 +61,7 @@ impl Float {
     /// The product, rounded to nearest. Exponents must not leave i8: −128 ≤ sum + 32.
     #[must_use]
     #[inline(never)]
-    pub fn times(&self, other: &Float) -> Float {
+    pub fn times(self, other: Float) -> Float {
         let (mut mantissa, low) = multiply(self.mantissa, other.mantissa);
         let [_, _, _, mut below] = low.to_le_bytes();
         if mantissa == 0 {
@@ -82,7 +82,7 @@ impl Float {
     /// Whether it is less than `other`.
     #[must_use]
     #[inline(never)]
-    pub const fn is_less(&self, other: &Float) -> bool {
+    pub const fn is_less(self, other: Float) -> bool {
         if other.mantissa == 0 {
             return false;
         }
@@ -95,7 +95,7 @@ impl Float {
     /// In units of 2^-`bits`, rounded to nearest, if it is less than 2^40 of them.
     #[must_use]
     #[inline(never)]
-    pub fn to_fixed(&self, bits: i8) -> Option<(u32, u8)> {
+    pub fn to_fixed(self, bits: i8) -> Option<(u32, u8)> {
         let (mut low, mut high) = (self.mantissa, 0u8);
         let mut exponent = self.exponent.saturating_add(bits);
         if low == 0 {
@@ -207,7 +207,7 @@ mod tests {
         #[test]
         fn order_is_kept(a: u32, b: u32, p in -8..2_i8, q in -8..2_i8) {
             let (Some(a), Some(b)) = (Float::from_decimal(a, p), Float::from_decimal(b, q)) else { return Ok(()) };
-            prop_assert_eq!(a.is_less(&b), value(a) < value(b));
+            prop_assert_eq!(a.is_less(b), value(a) < value(b));
         }
 
         #[test]
@@ -242,6 +242,6 @@ mod tests {
         assert_eq!(Float::ZERO.to_fixed(32), Some((0, 0)));
         assert_eq!(Float::new(1 << 31, -31).to_fixed(39), Some((0, 128)));
         assert_eq!(Float::new(1 << 31, -31).to_fixed(40), None);
-        assert!(!Float::ZERO.is_less(&Float::ZERO) && Float::ZERO.is_less(&Float::TENTH));
+        assert!(!Float::ZERO.is_less(Float::ZERO) && Float::ZERO.is_less(Float::TENTH));
     }
 }

@@ -104,22 +104,22 @@ impl Gains {
     /// use pulsetrain_core::winch::number::Float;
     /// use pulsetrain_core::winch::path::{Gains, GainsRefused};
     /// let number = |digits, power| Float::from_decimal(digits, power).unwrap();
-    /// assert!(Gains::new(&number(20, 0), &number(7, -2)).is_ok());
-    /// assert_eq!(Gains::new(&number(2001, -2), &number(1, 0)), Err(GainsRefused::Frequency));
+    /// assert!(Gains::new(number(20, 0), number(7, -2)).is_ok());
+    /// assert_eq!(Gains::new(number(2001, -2), number(1, 0)), Err(GainsRefused::Frequency));
     /// ```
     ///
     /// # Errors
     /// When they are outside of the region; see [`GainsRefused`].
     #[inline(never)]
-    pub fn new(frequency: &Float, ratio: &Float) -> Result<Gains, GainsRefused> {
-        if frequency.is_less(&FREQUENCY[0]) || !frequency.is_less(&FREQUENCY[1]) {
+    pub fn new(frequency: Float, ratio: Float) -> Result<Gains, GainsRefused> {
+        if frequency.is_less(FREQUENCY[0]) || !frequency.is_less(FREQUENCY[1]) {
             return Err(GainsRefused::Frequency);
         }
-        if ratio.is_less(&RATIO[0]) || !ratio.is_less(&RATIO[1]) {
+        if ratio.is_less(RATIO[0]) || !ratio.is_less(RATIO[1]) {
             return Err(GainsRefused::Ratio);
         }
-        let stiffness = frequency.times(frequency).times(&STIFFNESS).to_scaled();
-        let damping = frequency.times(ratio).times(&DAMPING).to_scaled();
+        let stiffness = frequency.times(frequency).times(STIFFNESS).to_scaled();
+        let damping = frequency.times(ratio).times(DAMPING).to_scaled();
         Ok(Gains::from_scaled(stiffness, damping))
     }
 
@@ -169,18 +169,18 @@ impl Limits {
     /// `None` if the acceleration is less than 1 step/s²: nothing could stop then.
     #[must_use]
     #[inline(never)]
-    pub fn new(speed: &Float, acceleration: &Float) -> Option<Limits> {
+    pub fn new(speed: Float, acceleration: Float) -> Option<Limits> {
         const FASTEST_FIXED: u32 = (FASTEST as u32) << 16;
         const STEEPEST_FLOAT: Float = Float::new(STEEPEST << 14, -14);
-        if acceleration.is_less(&Float::new(1 << 31, -31)) {
+        if acceleration.is_less(Float::new(1 << 31, -31)) {
             return None;
         }
         let speed = match speed.to_fixed(16) {
             Some((speed, 0)) if speed < FASTEST_FIXED => speed,
             _ => FASTEST_FIXED,
         };
-        let acceleration = if acceleration.is_less(&STEEPEST_FLOAT) { acceleration } else { &STEEPEST_FLOAT };
-        let (change_low, change_high) = acceleration.times(&MILLI).to_fixed(32).unwrap_or((0, 250));
+        let acceleration = if acceleration.is_less(STEEPEST_FLOAT) { acceleration } else { STEEPEST_FLOAT };
+        let (change_low, change_high) = acceleration.times(MILLI).to_fixed(32).unwrap_or((0, 250));
         Some(Limits::of_fixed(speed, change_low, change_high))
     }
 
@@ -351,6 +351,7 @@ impl Path {
     }
 
     /// `a`: the target is `steps`. Steps made wrap, and so does the way to it.
+    #[inline(never)]
     pub fn set_target(&mut self, steps: i32) {
         let mut gap = Wide::thousandfold(steps.wrapping_sub(self.made));
         gap.add(&Wide::of(upper(self.ahead).into()));
@@ -358,6 +359,7 @@ impl Path {
     }
 
     /// `d`: the target moves by `steps`.
+    #[inline(never)]
     pub fn move_target(&mut self, steps: i32) {
         let mut gap = Wide::thousandfold(steps);
         gap.add(&self.gap);
@@ -366,6 +368,7 @@ impl Path {
     }
 
     /// `v`: the target drifts by `speed` steps/s, at most [`FASTEST_DRIFT`] either way, for ever.
+    #[inline(never)]
     pub fn set_drift(&mut self, speed: i16) {
         let most = FASTEST_DRIFT.cast_signed();
         self.stopping = false;
@@ -379,29 +382,34 @@ impl Path {
     }
 
     /// `r`: target and reference move by `steps` at once, whatever ramp is set.
+    #[inline(never)]
     pub fn push_reference(&mut self, steps: i32) {
         self.stopping = false;
         self.gap.add(&Wide::thousandfold(steps));
     }
 
     /// `s`: from now on the reference goes to its target by `speed` steps/s at most; 0: at once.
+    #[inline(never)]
     pub fn set_ramp(&mut self, speed: u16) {
         self.ramp = speed;
         self.move_target(0);
     }
 
     /// `g`.
-    pub fn set_gains(&mut self, gains: Gains) {
-        self.gains = gains;
+    #[inline(never)]
+    pub fn set_gains(&mut self, gains: &Gains) {
+        self.gains = *gains;
     }
 
     /// `l`.
-    pub fn set_limits(&mut self, limits: Limits) {
-        self.limits = limits;
+    #[inline(never)]
+    pub fn set_limits(&mut self, limits: &Limits) {
+        self.limits = *limits;
     }
 
     /// To rest within amax: it takes the speed divided by amax, 0.1 s at most by the first limits. The target is then
     /// where it came to rest, and any command for a new one ends it.
+    #[inline(never)]
     pub fn stop(&mut self) {
         self.drift = 0;
         self.way = Wide::ZERO;
@@ -658,12 +666,12 @@ mod tests {
             (RATIO[1], 5, 0, false),
         ] {
             let edge = Float::from_decimal(digits, power).unwrap();
-            assert_eq!(float.is_less(&edge), low);
-            let wider = Float::from_decimal(if low { 999_999 } else { 1_000_001 }, -6).unwrap().times(&edge);
-            assert_eq!(float.is_less(&wider), !low, "by less than 10^-6");
+            assert_eq!(float.is_less(edge), low);
+            let wider = Float::from_decimal(if low { 999_999 } else { 1_000_001 }, -6).unwrap().times(edge);
+            assert_eq!(float.is_less(wider), !low, "by less than 10^-6");
         }
         assert_eq!(
-            Limits::new(&Float::from_decimal(35, 2).unwrap(), &Float::from_decimal(35, 3).unwrap()),
+            Limits::new(Float::from_decimal(35, 2).unwrap(), Float::from_decimal(35, 3).unwrap()),
             Some(Limits::DEFAULT)
         );
     }
@@ -671,13 +679,13 @@ mod tests {
     #[test]
     fn limits_have_ends() {
         let number = |digits| Float::from_decimal(digits, 0).unwrap();
-        assert_eq!(Limits::new(&number(1), &Float::TENTH), None);
-        assert_eq!(Limits::new(&number(1), &Float::ZERO), None);
+        assert_eq!(Limits::new(number(1), Float::TENTH), None);
+        assert_eq!(Limits::new(number(1), Float::ZERO), None);
         // 10^-3 is rounded up.
         let most = Limits::of_fixed(u32::from(FASTEST) << 16, 256, 250);
-        assert_eq!(Limits::new(&number(u32::MAX), &number(u32::MAX)), Some(most));
-        assert_eq!(Limits::new(&number(10_000), &number(250_000)), Some(most));
-        assert_eq!(Limits::new(&Float::ZERO, &number(1)), Some(Limits::of_fixed(0, 4_294_967, 0)));
+        assert_eq!(Limits::new(number(u32::MAX), number(u32::MAX)), Some(most));
+        assert_eq!(Limits::new(number(10_000), number(250_000)), Some(most));
+        assert_eq!(Limits::new(Float::ZERO, number(1)), Some(Limits::of_fixed(0, 4_294_967, 0)));
     }
 
     proptest! {

@@ -463,11 +463,12 @@ impl Reader {
             }
             bits = 0b1111;
         }
+        let (gains, limits) = (self.gains(), self.limits());
         for (path, value) in paths.iter_mut().zip(&self.line.values) {
             if bits & 1 != 0 {
                 match self.line.verb {
-                    Verb::Gains => path.set_gains(self.gains()),
-                    Verb::Limits => path.set_limits(self.limits()),
+                    Verb::Gains => path.set_gains(&gains),
+                    Verb::Limits => path.set_limits(&limits),
                     Verb::Target => path.set_target(*value),
                     Verb::Move => path.move_target(*value),
                     Verb::Impulse => path.push_reference(*value),
@@ -546,14 +547,14 @@ impl Reader {
     #[inline(never)]
     fn tune(&mut self, first: Float, second: Float) {
         let parts = if self.line.verb == Verb::Gains {
-            match Gains::new(&first, &second) {
+            match Gains::new(first, second) {
                 Ok(gains) => gains.parts(),
                 Err(why) => {
                     self.line.words = if why == GainsRefused::Frequency { 3 } else { 4 };
                     return self.refuse(if why == GainsRefused::Frequency { What::Frequency } else { What::Ratio });
                 }
             }
-        } else if let Some(limits) = Limits::new(&first, &second) {
+        } else if let Some(limits) = Limits::new(first, second) {
             limits.parts()
         } else {
             self.line.words = 4;
