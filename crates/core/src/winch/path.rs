@@ -44,10 +44,10 @@ const DAMPING: Float = Float::new(0xcde3_2db4, -38);
 /// 10^-3.
 const MILLI: Float = Float::new(0x8312_6e98, -41);
 
-/// Lowest and highest f, Hz; a hair wider than said, for what decimals lose on their way.
-const FREQUENCY: [Float; 2] = [Float::new(0xa3d7_0900, -38), Float::new(0xa000_0100, -27)];
-/// Lowest and highest ζ.
-const RATIO: [Float; 2] = [Float::new(0x8f5c_2800, -35), Float::new(0xa000_0100, -29)];
+/// Lowest and highest f, Hz: 0.01 and 20.
+const FREQUENCY: [i32; 2] = [Float::new(0xa3d7_0000, -38).key(), Float::new(0xa000_0000, -27).key()];
+/// Lowest and highest ζ: 0.07 and 5.
+const RATIO: [i32; 2] = [Float::new(0x8f5c_0000, -35).key(), Float::new(0xa000_0000, -29).key()];
 
 /// The fastest that a path may go, steps/s; a higher vmax is taken as this.
 pub const FASTEST: u16 = 10_000;
@@ -112,10 +112,10 @@ impl Gains {
     /// When they are outside of the region; see [`GainsRefused`].
     #[inline(never)]
     pub fn new(frequency: Float, ratio: Float) -> Result<Gains, GainsRefused> {
-        if frequency.is_less(FREQUENCY[0]) || !frequency.is_less(FREQUENCY[1]) {
+        if frequency.key() < FREQUENCY[0] || frequency.key() > FREQUENCY[1] {
             return Err(GainsRefused::Frequency);
         }
-        if ratio.is_less(RATIO[0]) || !ratio.is_less(RATIO[1]) {
+        if ratio.key() < RATIO[0] || ratio.key() > RATIO[1] {
             return Err(GainsRefused::Ratio);
         }
         let stiffness = frequency.times(frequency).times(STIFFNESS).to_scaled();
@@ -172,14 +172,14 @@ impl Limits {
     pub fn new(speed: Float, acceleration: Float) -> Option<Limits> {
         const FASTEST_FIXED: u32 = (FASTEST as u32) << 16;
         const STEEPEST_FLOAT: Float = Float::new(STEEPEST << 14, -14);
-        if acceleration.is_less(Float::new(1 << 31, -31)) {
+        if acceleration.key() < Float::new(1 << 31, -31).key() {
             return None;
         }
         let speed = match speed.to_fixed(16) {
             Some((speed, 0)) if speed < FASTEST_FIXED => speed,
             _ => FASTEST_FIXED,
         };
-        let acceleration = if acceleration.is_less(STEEPEST_FLOAT) { acceleration } else { STEEPEST_FLOAT };
+        let acceleration = if acceleration.key() < STEEPEST_FLOAT.key() { acceleration } else { STEEPEST_FLOAT };
         let (change_low, change_high) = acceleration.times(MILLI).to_fixed(32).unwrap_or((0, 250));
         Some(Limits::of_fixed(speed, change_low, change_high))
     }
@@ -659,16 +659,9 @@ mod tests {
         check(STIFFNESS, 4.0 * pi * pi * 1e-6);
         check(DAMPING, 4.0 * pi * 1e-3);
         check(MILLI, 1e-3);
-        for (float, digits, power, low) in [
-            (FREQUENCY[0], 1, -2, true),
-            (FREQUENCY[1], 20, 0, false),
-            (RATIO[0], 7, -2, true),
-            (RATIO[1], 5, 0, false),
-        ] {
-            let edge = Float::from_decimal(digits, power).unwrap();
-            assert_eq!(float.is_less(edge), low);
-            let wider = Float::from_decimal(if low { 999_999 } else { 1_000_001 }, -6).unwrap().times(edge);
-            assert_eq!(float.is_less(wider), !low, "by less than 10^-6");
+        for (key, digits, power) in [(FREQUENCY[0], 1, -2), (FREQUENCY[1], 20, 0), (RATIO[0], 7, -2), (RATIO[1], 5, 0)]
+        {
+            assert_eq!(Float::from_decimal(digits, power).unwrap().key(), key);
         }
         assert_eq!(
             Limits::new(Float::from_decimal(35, 2).unwrap(), Float::from_decimal(35, 3).unwrap()),

@@ -608,6 +608,7 @@ impl Reader {
         }
     }
 
+    #[inline(never)]
     fn push_flag(&mut self, byte: u8) {
         let axis = match byte {
             b'x'..=b'z' => byte - b'x',
@@ -678,7 +679,7 @@ impl Reader {
     }
 
     /// Takes the number just read, the `index`th from 1 of `count`.
-    #[inline(always)]
+    #[inline(never)]
     fn take_integer(&mut self, index: u8, count: u8) {
         let Some(mut value) = self.line.number.integer() else { return self.refuse(What::Range) };
         let mut axis = 0;
