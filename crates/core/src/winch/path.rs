@@ -49,6 +49,10 @@ const FREQUENCY: [i32; 2] = [Float::new(0xa3d7_0000, -38).key(), Float::new(0xa0
 /// Lowest and highest ζ: 0.07 and 5.
 const RATIO: [i32; 2] = [Float::new(0x8f5c_0000, -35).key(), Float::new(0xa000_0000, -29).key()];
 
+/// vmax at first, steps/s. Source: seeds/003, `Path::Path`.
+pub const FIRST_SPEED: u16 = 3500;
+/// amax at first, steps/s². Source: seeds/003, `Path::Path`.
+pub const FIRST_ACCELERATION: u32 = 35_000;
 /// The fastest that a path may go, steps/s; a higher vmax is taken as this.
 pub const FASTEST: u16 = 10_000;
 /// The highest acceleration of a path, steps/s²; a higher amax is taken as this.
@@ -61,6 +65,7 @@ pub(super) const THRESHOLD: i32 = 33_792_000;
 /// A step, in 2^-16 millisteps.
 pub(super) const STEP: i32 = 1000 << 16;
 
+const _: () = assert!(FIRST_ACCELERATION == 35 * 1000);
 const _: () = assert!(64 * (THRESHOLD as i64) == 33 * (STEP as i64));
 // In a tick: at most 15 thresholds are crossed, and a difference of speeds has 16 bits before the point.
 const _: () = assert!(FASTEST < 15_000 && FASTEST as u32 + (FASTEST_DRIFT as u32) < 1 << 15);
@@ -162,8 +167,8 @@ impl Limits {
         self.0.first
     }
 
-    /// 3500 steps/s, 35 000 steps/s². Source: seeds/003, `Path::Path`.
-    pub const DEFAULT: Limits = Limits::of_fixed(3500 << 16, 0, 35);
+    /// [`FIRST_SPEED`] and [`FIRST_ACCELERATION`].
+    pub const DEFAULT: Limits = Limits::of_fixed((FIRST_SPEED as u32) << 16, 0, 35);
 
     /// Of `speed` steps/s and `acceleration` steps/s², each at most [`FASTEST`] and [`STEEPEST`]: more is taken as that.
     /// `None` if the acceleration is less than 1 step/s²: nothing could stop then.
