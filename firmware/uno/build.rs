@@ -1,12 +1,17 @@
 //! Hands the linker the memory map.
 
+/// As src/memory.rs has it; memory.ld compares.
+const POOL: usize = 436;
+
 fn main() {
     let folder = std::env::var("CARGO_MANIFEST_DIR").unwrap_or_default();
     println!("cargo::rerun-if-changed=memory.ld");
     println!("cargo::rustc-link-arg-bins={folder}/memory.ld");
+    // Vectors and start-up are src/vectors.rs.
+    println!("cargo::rustc-link-arg-bins=-nostartfiles");
     // Calls and jumps in two bytes where they reach.
     println!("cargo::rustc-link-arg-bins=-Wl,--relax");
-    // RAM begins with two pages and a half of their own: see src/memory.rs.
+    // RAM begins with pages of their own and the queues: see src/memory.rs.
     println!("cargo::rustc-link-arg-bins=-Wl,--section-start=.pages=0x800100");
-    println!("cargo::rustc-link-arg-bins=-Wl,--section-start=.data=0x800380");
+    println!("cargo::rustc-link-arg-bins=-Wl,--section-start=.data={:#x}", 0x80_0400 + POOL);
 }

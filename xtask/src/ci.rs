@@ -1,7 +1,7 @@
 //! What must hold before a change lands.
 
 use crate::command::{self, Done, cargo, command};
-use crate::{cross_check, fuzz, test};
+use crate::{cross_check, firmware, fuzz, test};
 
 /// Seconds that each fuzz target runs in CI.
 const FUZZ_SECONDS: u64 = 15;
@@ -15,6 +15,8 @@ pub(crate) fn run() -> Done {
     command::run(&mut cargo("fmt --manifest-path fuzz/Cargo.toml --check"))?;
     command::run(&mut cargo("clippy --workspace --all-targets -- -D warnings"))?;
     command::run(cargo("doc --workspace --no-deps --document-private-items").env("RUSTDOCFLAGS", "-D warnings"))?;
+    // What the virtual Uno runs, in the tests as well, is what the source says.
+    firmware::check_uno()?;
     test::run(Some(PROPERTY_CASES))?;
     cross_check::run()?;
     command::run(&mut cargo("run --release -- run examples/tutorial.toml"))?;

@@ -39,13 +39,16 @@ struct Arguments {
 const AFTER_HELP: &str = "Examples:
   cargo xtask test                 what a contributor runs before sending a change
   cargo xtask ci                   what .ci/run runs
-  cargo xtask fuzz --seconds 600   longer than CI does";
+  cargo xtask bench uno --hour     an hour on the virtual Uno
+  cargo xtask fuzz --seconds 600   longer than CI does
+  cargo xtask firmware --check     whether the committed image is what the source builds";
 
 #[derive(Subcommand)]
 enum Task {
     /// All tests, core built for the boards' processors, S-curves against ruckig
     Test,
-    /// `test`, and: format, lints, documentation, fuzzing for a moment, more property-test cases, the README's first command
+    /// `test`, and: format, lints, documentation, the firmware's images built anew and compared, fuzzing for a moment, more
+    /// property-test cases, the README's first command
     Ci,
     /// Give random and damaged input to everything that reads some
     Fuzz {
@@ -62,9 +65,18 @@ enum Task {
     Firmware {
         /// Which board; all, if none is said
         board: Option<Firmware>,
+        /// Write nothing: fail when a committed image is not what the source builds
+        #[arg(long)]
+        check: bool,
     },
     /// Measure every figure, print it, and write docs/benchmarks.md
-    Bench,
+    Bench {
+        /// Only those of this board's firmware, in emulated cycles: a section of the report
+        board: Option<Firmware>,
+        /// Of the Uno: the simulated hour of four motors on one DIR line, a section of its own
+        #[arg(long, requires = "board")]
+        hour: bool,
+    },
     /// Write the golden files anew; read the difference before you commit it
     Golden,
 }
@@ -74,8 +86,6 @@ enum Task {
 enum Firmware {
     /// The Arduino Uno: crates/board/images/uno.hex
     Uno,
-    /// Of the Uno's winch the tick alone, for its test: crates/board/images/winch_tick.hex
-    WinchTick,
 }
 
 fn main() -> ExitCode {
@@ -84,10 +94,11 @@ fn main() -> ExitCode {
         Task::Ci => ci::run(),
         Task::Fuzz { seconds, target } => fuzz::run(seconds, target.as_deref()),
         Task::CrossCheck => cross_check::run(),
-        Task::Firmware { board: None } => firmware::uno().and_then(|()| firmware::winch_tick()),
-        Task::Firmware { board: Some(Firmware::Uno) } => firmware::uno(),
-        Task::Firmware { board: Some(Firmware::WinchTick) } => firmware::winch_tick(),
-        Task::Bench => bench::run(),
+        Task::Firmware { board: None | Some(Firmware::Uno), check: false } => firmware::uno(),
+        Task::Firmware { board: None | Some(Firmware::Uno), check: true } => firmware::check_uno(),
+        Task::Bench { board: None, .. } => bench::run(),
+        Task::Bench { board: Some(Firmware::Uno), hour: false } => bench::uno::run(),
+        Task::Bench { board: Some(Firmware::Uno), hour: true } => bench::uno::hour(),
         Task::Golden => golden::run(),
     };
     match done {

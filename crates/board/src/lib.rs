@@ -55,6 +55,11 @@ pub trait Board {
     /// How long it may take to tell the board a thing and to hear that it was accepted, ticks; 0 if no time passes.
     fn lead(&self) -> u64;
 
+    /// The same if nothing goes wrong on the way, and not much is said: what is left to a board whose queue is short.
+    fn shortest_lead(&self) -> u64 {
+        self.lead()
+    }
+
     /// How many switches may wait, one after the other.
     fn switches(&self) -> usize;
 
@@ -87,6 +92,11 @@ pub trait Board {
 
     /// What went wrong on a motor.
     fn faults(&self, motor: usize) -> Faults;
+
+    /// Why the board cannot be told anything any more, if it cannot.
+    fn lost(&self) -> Option<&RemoteError> {
+        None
+    }
 }
 
 pub use clock::BoardClock;

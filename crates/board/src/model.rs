@@ -9,11 +9,8 @@ use crate::native::QUEUE_LEN;
 use crate::{Board, Config, Edge, MotorConfig, Native, Port, PortError, Wiring};
 use pulsetrain_core::Epoch;
 use pulsetrain_core::packing::{Packing, State};
-use pulsetrain_core::wire::frame::MAX_FRAME;
-use pulsetrain_core::wire::message::{
-    ALL_MOTORS, Cause, Configuration, Event, Info, Measures, MotorStatus, Reason, StatusHead, flags,
-};
-use pulsetrain_core::wire::{Baud, Machine, Millis, Refusal, Service, Stopped, Switched};
+use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, Reason, flags};
+use pulsetrain_core::wire::{Baud, Decoder, MAX_BODY, MAX_FRAME, Machine, Millis, Refusal, Service, Stopped, Switched};
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -41,6 +38,8 @@ const BRIDGE: u64 = TICK_HZ as u64 / 1000;
 /// What is not the line's: motors, queues, clock.
 #[derive(Debug)]
 struct Model {
+    /// Bytes of all queues together, and of what may wait to be read.
+    memory: [u16; 2],
     native: Native,
     motors: Vec<Motor>,
     /// For one that is sent again.
@@ -48,6 +47,7 @@ struct Model {
     /// As the line is to be.
     baud: Baud,
     events: VecDeque<Event>,
+    measures: Measures,
     last_stop: Cause,
     was_idle: bool,
 }
@@ -64,13 +64,15 @@ struct Motor {
 }
 
 impl Model {
-    fn new() -> Model {
+    fn new(memory: [u16; 2]) -> Model {
         Model {
+            memory,
             native: bare(),
             motors: Vec::new(),
             armed: false,
             baud: Baud::B115200,
             events: VecDeque::new(),
+            measures: Measures::default(),
             last_stop: Cause::None,
             was_idle: true,
         }
@@ -137,8 +139,8 @@ impl Machine for Model {
             tick_hz: TICK_HZ,
             fraction_bits: FRACTION_BITS as u8,
             max_motors: MOTORS,
-            pool: POOL,
-            window: UNREAD,
+            pool: self.memory[0],
+            window: self.memory[1],
             bauds: 0b1_1111,
             last_stop: self.last_stop,
             last_reset: Cause::PowerOn,
@@ -179,7 +181,7 @@ impl Machine for Model {
                 epoch: None,
                 state: State::default(),
                 sizes: VecDeque::new(),
-                capacity: usize::from(POOL) / count,
+                capacity: usize::from(self.memory[0]) / count,
                 faults: 0,
             })
             .collect();
@@ -298,16 +300,19 @@ impl Machine for Model {
         configured | armed | if self.native.idle() { flags::IDLE } else { 0 }
     }
 
-    fn status(&mut self) -> StatusHead {
-        StatusHead {
-            tick: self.native.now(),
-            horizon: self.native.horizon(),
-            epoch: Board::epoch(&self.native),
-            flags: self.flags(),
-        }
+    fn horizon(&mut self) -> u64 {
+        self.native.horizon()
     }
 
-    fn motor(&mut self, motor: u8) -> MotorStatus {
+    fn epoch(&self) -> Epoch {
+        Board::epoch(&self.native)
+    }
+
+    fn position(&mut self, motor: u8) -> i32 {
+        self.native.positions().get(usize::from(motor)).map_or(0, |position| *position as i32)
+    }
+
+    fn faults(&self, motor: u8) -> u8 {
         let index = usize::from(motor);
         let faults = self.native.faults(index);
         let mut all = self.motors.get(index).map_or(0, |motor| motor.faults);
@@ -317,12 +322,15 @@ impl Machine for Model {
         if faults.setup_cut_short {
             all |= flags::SETUP_CUT_SHORT;
         }
-        let position = self.native.positions().get(index).map_or(0, |position| *position as i32);
-        MotorStatus { position, free: self.free(motor), faults: all }
+        all
     }
 
-    fn measures(&mut self) -> Measures {
-        Measures::default()
+    fn measures(&mut self) -> &mut Measures {
+        &mut self.measures
+    }
+
+    fn rate_fell_back(&mut self) {
+        self.tell(Cause::BaudFellBack, ALL_MOTORS, 0);
     }
 
     fn reset_measures(&mut self) {}
@@ -353,6 +361,7 @@ type Flying = (u64, Baud, u8);
 #[derive(Debug)]
 pub struct ModelPort {
     model: Model,
+    decoder: Decoder,
     service: Service,
     /// Ticks since the port was opened.
     now: u64,
@@ -371,9 +380,16 @@ impl ModelPort {
     /// A model that nobody has taken, at tick 0.
     #[must_use]
     pub fn new() -> ModelPort {
+        ModelPort::with_memory(POOL, UNREAD)
+    }
+
+    /// The same with queues of `pool` bytes in all, and so many bytes that may wait to be read.
+    #[must_use]
+    pub fn with_memory(pool: u16, unread: u16) -> ModelPort {
         ModelPort {
-            model: Model::new(),
-            service: Service::new(),
+            model: Model::new([pool, unread]),
+            decoder: Decoder::new(),
+            service: Service::new(MAX_BODY),
             now: 0,
             baud: Baud::B115200,
             to_board: VecDeque::new(),
@@ -404,8 +420,9 @@ impl ModelPort {
 
     /// Its reset line, as when a port is opened: what it knew is gone, motors stand where they are.
     pub fn reset(&mut self) {
-        self.model = Model::new();
-        self.service = Service::new();
+        self.model = Model::new(self.model.memory);
+        self.decoder = Decoder::new();
+        self.service = Service::new(MAX_BODY);
         self.to_host.clear();
     }
 
@@ -421,13 +438,18 @@ impl ModelPort {
         self.now += ROUND;
         self.model.run(self.model.native.now() + ROUND - 1, &mut self.edges);
         let millis = Millis((self.now >> 14) as u16);
-        let ModelPort { model, service, now, to_board, to_host, noise, .. } = self;
+        let ModelPort { model, decoder, service, now, to_board, to_host, noise, .. } = self;
         while let Some((_, baud, byte)) = to_board.pop_front_if(|(at, ..)| *at <= *now) {
-            service.push(heard(byte, baud, model.baud, noise), millis, model);
+            let received = decoder.push(heard(byte, baud, model.baud, noise));
+            service.receive(received, decoder.body(), millis, model);
         }
         if to_host.back().is_none_or(|(at, ..)| *at <= *now) {
             let mut out = [0; MAX_FRAME + 1];
+            let baud = model.baud;
             let len = service.poll(millis, model, &mut out);
+            if model.baud != baud {
+                decoder.reset();
+            }
             let byte_ticks = byte_ticks(model.baud);
             to_host.extend((1..).zip(&out[..len]).map(|(index, byte)| (*now + index * byte_ticks, model.baud, *byte)));
         }

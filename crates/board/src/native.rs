@@ -158,8 +158,8 @@ pub enum SwitchRefused {
     /// Too many switches wait already.
     #[error("too many switches wait already")]
     Full,
-    /// Nothing can be said to the board any more; what it was told stands.
-    #[error("the board is not heard any more")]
+    /// Nothing can be said to the board any more; what it was told stands. [`Board::lost`](crate::Board::lost) says why.
+    #[error("nothing can be said to the board any more")]
     Lost,
 }
 

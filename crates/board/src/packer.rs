@@ -1,7 +1,7 @@
 //! Items of one epoch and motor → packed bytes, with checks in between.
 
-use pulsetrain_core::Item;
 use pulsetrain_core::packing::{CHECK_LEN, Check, MAX_PACKED_LEN, PackError, Packing, State};
+use pulsetrain_core::{Item, Moment};
 
 /// Longest that one item gets, with a check before it.
 pub(crate) const MAX_LEN: usize = CHECK_LEN + MAX_PACKED_LEN;
@@ -11,6 +11,10 @@ const _: () = assert!(MAX_LEN + 3 <= pulsetrain_core::wire::LEAST_BODY);
 
 /// A check goes before steps once so many bytes have gone without one: about one in a frame.
 const CHECK_EVERY: usize = 64;
+
+/// Queues of fewer bytes have no room for checks: what they hold is one epoch of a few frames and the end of another, and
+/// each begins with an anchor.
+const ROOM_FOR_CHECKS: usize = 256;
 
 /// The fraction bits that checks speak of.
 const CHECKED_BITS: u32 = 16;
@@ -24,11 +28,14 @@ pub(crate) struct Packer {
     accumulator: u64,
     moved: u16,
     unchecked: usize,
+    checks: bool,
 }
 
 impl Packer {
-    pub(crate) fn new(packing: Packing) -> Packer {
-        Packer { packing, state: State::default(), accumulator: 0, moved: 0, unchecked: 0 }
+    /// For a queue of `capacity` bytes.
+    pub(crate) fn new(packing: Packing, capacity: usize) -> Packer {
+        let checks = packing.fraction_bits == CHECKED_BITS && capacity >= ROOM_FOR_CHECKS;
+        Packer { packing, state: State::default(), accumulator: 0, moved: 0, unchecked: 0, checks }
     }
 
     /// Packs `item` into the front of `out`, perhaps after a check; gives the number of bytes.
@@ -38,7 +45,7 @@ impl Packer {
     pub(crate) fn pack(&mut self, item: &Item, out: &mut [u8; MAX_LEN]) -> Result<usize, PackError> {
         let mut len = 0;
         let is_run = matches!(item, Item::Run { .. });
-        if is_run && self.unchecked >= CHECK_EVERY && self.packing.fraction_bits == CHECKED_BITS {
+        if is_run && self.checks && self.unchecked >= CHECK_EVERY {
             len = self.packing.pack_check(&self.check(), out)?;
         }
         let item_len = self.packing.pack(&mut self.state, item, &mut out[len..])?;
@@ -57,8 +64,18 @@ impl Packer {
         Ok(len + item_len)
     }
 
+    /// The tick of the accumulator after all this; `None` for other fraction bits than an Uno's.
+    pub(crate) fn tick(&self) -> Option<Moment> {
+        (self.packing.fraction_bits == CHECKED_BITS).then(|| Moment::of(self.accumulator >> CHECKED_BITS))
+    }
+
+    /// What comes next is predicted from.
+    pub(crate) const fn state(&self) -> State {
+        self.state
+    }
+
     fn check(&self) -> Check {
-        let tick = pulsetrain_core::Moment::of(self.accumulator >> 16);
+        let tick = Moment::of(self.accumulator >> CHECKED_BITS);
         Check { position: self.moved, tick, fraction: self.accumulator as u16 }
     }
 }
@@ -68,7 +85,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
     use pulsetrain_core::narrow::{Motor, Pool, Settings};
-    use pulsetrain_core::{Direction, Epoch, Moment, Segment};
+    use pulsetrain_core::{Direction, Epoch, Segment};
 
     const PACKING: Packing = Packing { fraction_bits: 16, gain: 0 };
 
@@ -85,7 +102,7 @@ mod tests {
         /// The motor of an 8-bit board finds every check right, and what a check finds wrong it does not do.
         #[test]
         fn boards_agree_with_checks(items in prop::collection::vec(item(), 20..60), wrong in any::<prop::sample::Index>()) {
-            let mut packer = Packer::new(PACKING);
+            let mut packer = Packer::new(PACKING, ROOM_FOR_CHECKS);
             let mut packed = Vec::new();
             let mut checks = Vec::new();
             let (mut steps, mut moved) = (0, 0);

@@ -10,9 +10,10 @@ use crate::link::{Answer, Link, LinkError};
 use crate::packer::{MAX_LEN, Packer};
 use crate::{Board, BoardClock, Edge, Faults, Observer, Sizer, StopReport, SwitchRefused};
 use pulsetrain_core::packing::Packing;
-use pulsetrain_core::wire::message::{Configuration, Event, Info, Measures, MotorSetup, NO_PIN, Status, flags};
+use pulsetrain_core::wire::message::{Cause, Configuration, Event, Info, Measures, MotorSetup, NO_PIN, Status, flags};
 use pulsetrain_core::wire::{Baud, Command, Reason, Reply, Switched};
-use pulsetrain_core::{Entry, Epoch};
+use pulsetrain_core::{Entry, Epoch, Item, Moment};
+use std::collections::VecDeque;
 use std::time::Duration;
 
 /// How often the board is asked for its status while time passes.
@@ -20,6 +21,13 @@ const STATUS_EVERY: Duration = Duration::from_millis(50);
 
 /// How often it is asked for room while a queue is fuller than half.
 const ROOM_EVERY: Duration = Duration::from_millis(3);
+
+/// News of room, a frame and a switch on their way, each over USB bridges that hold bytes back for a millisecond or two.
+const SHORTEST_LEAD: Duration = Duration::from_millis(6);
+
+/// An item has left its queue so many ticks after it was due to, whatever the host's idea of the board's clock: 1 ms on an
+/// Uno.
+const TAKEN: u64 = 16_000;
 
 /// Time passes at least so much in each round, however close its end is estimated.
 const SHORTEST_ROUND: Duration = Duration::from_micros(10);
@@ -82,6 +90,14 @@ pub enum PortError {
         /// The port.
         name: String,
     },
+    /// It is there, but nothing that could be opened as a port.
+    #[error("{name} cannot be opened as a serial port: {why}")]
+    Unusable {
+        /// As it was asked for.
+        name: String,
+        /// What the system says.
+        why: String,
+    },
     /// It was there, and is no more.
     #[error("{name} is gone: {why}")]
     Gone {
@@ -119,6 +135,12 @@ pub enum RemoteError {
         /// As [`Reason`] says.
         detail: u16,
     },
+    /// The board stopped by itself, and takes nothing more.
+    #[error("the board stopped: {}", in_words(*.cause))]
+    Stopped {
+        /// Why.
+        cause: Cause,
+    },
     /// The answer was to something else.
     #[error("the board's answer makes no sense: its firmware is not what it says")]
     Nonsense,
@@ -147,6 +169,29 @@ fn said(reason: Reason, detail: u16) -> String {
     }
 }
 
+/// A cause in words: why a board stopped, or began anew.
+#[must_use]
+pub const fn in_words(cause: Cause) -> &'static str {
+    match cause {
+        Cause::None => "none yet",
+        Cause::Finished => "everything was done",
+        Cause::StopNow => "the host asked for an immediate stop",
+        Cause::HostLost => "the host was silent for too long",
+        Cause::Starved => "a queue ran dry",
+        Cause::BadItem => "a queue held what no host packs",
+        Cause::CheckFailed => "position or accumulator were not the host's",
+        Cause::StepMissed => "a step was asked for too late",
+        Cause::SetupCutShort => "a DIR set-up was cut short",
+        Cause::EdgeLate => "an edge was late",
+        Cause::Overrun => "bytes were lost on the line",
+        Cause::BaudFellBack => "the line fell back to 115 200 baud",
+        Cause::Watchdog => "the watchdog began the program anew",
+        Cause::BrownOut => "the supply fell too low",
+        Cause::ResetLine => "the reset line, as when a port is opened",
+        Cause::PowerOn => "power came on",
+    }
+}
+
 /// What a board is to be configured for.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Setup {
@@ -166,6 +211,15 @@ pub struct Setup {
     pub motors: Vec<MotorSetup>,
 }
 
+/// An item in a board's queue.
+#[derive(Clone, Copy, Debug)]
+struct Waiting {
+    epoch: Epoch,
+    /// When the board has taken it at the latest, if its switches are those that were accepted.
+    until: u64,
+    len: usize,
+}
+
 /// One motor, as far as the host remembers it.
 #[derive(Clone, Debug)]
 struct Motor {
@@ -177,6 +231,8 @@ struct Motor {
     packer: Packer,
     /// Packed, but not sent.
     packed: Vec<u8>,
+    /// What the board may not have taken yet, in order.
+    waiting: VecDeque<Waiting>,
     position: i64,
     faults: u8,
 }
@@ -300,8 +356,9 @@ impl<P: Port> Remote<P> {
             packing: Packing { fraction_bits, gain: motor.gain },
             capacity: usize::from(*bytes),
             epoch: None,
-            packer: Packer::new(Packing { fraction_bits, gain: motor.gain }),
+            packer: Packer::new(Packing { fraction_bits, gain: motor.gain }, usize::from(*bytes)),
             packed: Vec::new(),
+            waiting: VecDeque::new(),
             position: 0,
             faults: 0,
         };
@@ -321,6 +378,7 @@ impl<P: Port> Remote<P> {
         self.done("arm its motors", &Command::Arm)?;
         for motor in &mut self.motors {
             motor.forget();
+            motor.waiting.clear();
         }
         self.status().map(drop)
     }
@@ -398,6 +456,16 @@ impl<P: Port> Remote<P> {
         &mut self.port
     }
 
+    /// Why it stopped says more than that its motors are not armed.
+    fn refused(&self, refused: RemoteError) -> RemoteError {
+        let stopped = self.events.iter().rev().map(|event| event.cause);
+        let cause = stopped.into_iter().find(|cause| !matches!(cause, Cause::None | Cause::Finished));
+        match (&refused, cause) {
+            (RemoteError::Refused { reason: Reason::NotArmed, .. }, Some(cause)) => RemoteError::Stopped { cause },
+            _ => refused,
+        }
+    }
+
     fn read_clock(&mut self) -> Result<(), RemoteError> {
         self.ask(&Command::Clock).map(drop)
     }
@@ -467,7 +535,8 @@ impl<P: Port> Remote<P> {
         self.port.receive(due.max(now + SHORTEST_ROUND), &mut self.inbox)?;
         self.link.input(&self.inbox, self.port.now());
         if let Some((reason, detail)) = self.link.refusal() {
-            return Err(RemoteError::Refused { what: "take more", reason, detail });
+            self.events.extend(std::iter::from_fn(|| self.link.event()));
+            return Err(self.refused(RemoteError::Refused { what: "take more", reason, detail }));
         }
         self.events.extend(std::iter::from_fn(|| self.link.event()));
         self.port.edges(&mut self.edges);
@@ -545,6 +614,24 @@ impl Motor {
         self.packed.clear();
     }
 
+    /// Drops the items of an epoch, which are the last that were pushed.
+    fn drop_epoch(&mut self, epoch: Epoch) {
+        while self.waiting.pop_back_if(|item| item.epoch == epoch).is_some() {}
+    }
+
+    /// What is left of older epochs goes at `tick`.
+    fn switch(&mut self, epoch: Epoch, tick: u64) {
+        for item in self.waiting.iter_mut().filter(|item| item.epoch != epoch) {
+            item.until = item.until.min(tick);
+        }
+    }
+
+    /// Room that there is at tick `now`, sent or not, by when the board takes what.
+    fn room_at(&self, now: u64) -> usize {
+        let left = self.waiting.iter().skip_while(|item| item.until < now).map(|item| item.len);
+        self.capacity.saturating_sub(left.sum())
+    }
+
     /// The board counts in 32 bits.
     fn count(&mut self, position: i32) {
         let moved = position.wrapping_sub(self.position as i32);
@@ -563,10 +650,14 @@ impl<P: Port> Board for Remote<P> {
     fn push(&mut self, index: usize, entry: Entry) -> Result<(), Entry> {
         let (room, lost) = (self.room(index), self.error.is_some());
         let Some(motor) = self.motors.get_mut(index) else { return Err(entry) };
-        let now = self.port.now();
+        let (now, tick) = (self.port.now(), self.clock.tick_at(self.port.now()).unwrap_or(0).max(self.passed));
         let fresh = motor.epoch != Some(entry.epoch);
-        let mut packer = if fresh { Packer::new(motor.packing) } else { motor.packer };
+        let mut packer = if fresh { Packer::new(motor.packing, motor.capacity) } else { motor.packer };
         let mut bytes = [0; MAX_LEN];
+        let begins = match entry.item {
+            Item::Anchor { tick } => Some(tick),
+            Item::Dwell { .. } | Item::Run { .. } => packer.tick(),
+        };
         let Ok(len) = packer.pack(&entry.item, &mut bytes) else { return Err(entry) };
         if len > room {
             return Err(entry);
@@ -580,6 +671,12 @@ impl<P: Port> Board for Remote<P> {
         }
         motor.epoch = Some(entry.epoch);
         motor.packer = packer;
+        while motor.waiting.pop_front_if(|item| item.until + TAKEN < tick).is_some() {}
+        // Ticks of one queue are within 2^31 of now.
+        let until =
+            |begins: Moment| tick.saturating_add_signed(begins.0.wrapping_sub(tick as u32).cast_signed().into());
+        let until = begins.map_or(u64::MAX, until);
+        motor.waiting.push_back(Waiting { epoch: entry.epoch, until, len });
         motor.packed.extend_from_slice(&bytes[..len]);
         self.tell();
         Ok(())
@@ -588,6 +685,7 @@ impl<P: Port> Board for Remote<P> {
     fn discard(&mut self, epoch: Epoch) {
         for motor in self.motors.iter_mut().filter(|motor| motor.epoch == Some(epoch)) {
             motor.forget();
+            motor.drop_epoch(epoch);
         }
         if self.error.is_none() && self.done("drop an epoch", &Command::Discard { epoch }).is_ok() {
             // Without an answer the room stays what it was: too little.
@@ -596,23 +694,30 @@ impl<P: Port> Board for Remote<P> {
     }
 
     fn room(&self, motor: usize) -> usize {
-        let Some(Motor { packed, capacity, .. }) = self.motors.get(motor) else { return 0 };
+        let Some(queue) = self.motors.get(motor) else { return 0 };
         if self.error.is_some() {
             // For nothing: but a host that waits for room would wait for ever.
-            return *capacity;
+            return queue.capacity;
         }
-        u8::try_from(motor).map_or(0, |index| self.link.room(index).saturating_sub(packed.len()))
+        let said = u8::try_from(motor).map_or(0, |index| self.link.room(index).saturating_sub(queue.packed.len()));
+        // News of room is some milliseconds old. What is sent now arrives later still.
+        said.max(queue.room_at(self.now().saturating_sub(TAKEN)))
     }
 
     fn sizer(&self, motor: usize) -> Sizer {
-        let packing = self.motors.get(motor).map(|motor| motor.packing);
-        Sizer::packed(packing.unwrap_or(Packing { fraction_bits: u32::from(self.info.fraction_bits), gain: 0 }))
+        let none = Packing { fraction_bits: u32::from(self.info.fraction_bits), gain: 0 };
+        self.motors.get(motor).map_or(Sizer::packed(none, 0), |motor| Sizer::packed(motor.packing, motor.capacity))
     }
 
     fn lead(&self) -> u64 {
         // Half of all queues filled, as most that goes before a switch; a fault on the way; and the switch itself.
         let fill = Duration::from_secs(10 * u64::from(self.info.pool) / 2) / self.link.baud().rate();
         let lead = fill + 2 * self.link.shortest_timeout();
+        (lead.as_secs_f64() * f64::from(self.info.tick_hz)) as u64
+    }
+
+    fn shortest_lead(&self) -> u64 {
+        let lead = SHORTEST_LEAD + Duration::from_secs(10 * u64::from(self.info.pool) / 4) / self.link.baud().rate();
         (lead.as_secs_f64() * f64::from(self.info.tick_hz)) as u64
     }
 
@@ -630,18 +735,21 @@ impl<P: Port> Board for Remote<P> {
         let refused = match answer.reply {
             Reply::Switched(Switched::Accepted) => {
                 self.epoch = epoch;
+                self.motors.iter_mut().for_each(|motor| motor.switch(epoch, tick));
                 return Ok(());
             }
             Reply::Switched(Switched::Late { horizon }) => SwitchRefused::Late { horizon },
             Reply::Switched(Switched::Early { limit }) => SwitchRefused::Early { limit },
             Reply::Switched(Switched::Full) => SwitchRefused::Full,
             _ => {
-                self.error.get_or_insert(refusal("go over to an epoch", &answer));
+                let why = self.refused(refusal("go over to an epoch", &answer));
+                self.error.get_or_insert(why);
                 SwitchRefused::Lost
             }
         };
         for motor in self.motors.iter_mut().filter(|motor| motor.epoch == Some(epoch)) {
             motor.forget();
+            motor.drop_epoch(epoch);
         }
         // The room that the dropped items took.
         let _ = self.status();
@@ -690,6 +798,7 @@ impl<P: Port> Board for Remote<P> {
         let answer = self.ask(&Command::StopNow);
         for motor in &mut self.motors {
             motor.forget();
+            motor.waiting.clear();
         }
         let report = match answer {
             Ok(Answer { reply: Reply::Stopped { stopped, positions }, .. }) => {
@@ -723,6 +832,10 @@ impl<P: Port> Board for Remote<P> {
             step_missed: faults & (flags::STEP_MISSED | flags::BAD_ITEM | flags::CHECK_FAILED) != 0,
             setup_cut_short: faults & flags::SETUP_CUT_SHORT != 0,
         }
+    }
+
+    fn lost(&self) -> Option<&RemoteError> {
+        self.error()
     }
 }
 

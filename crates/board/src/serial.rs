@@ -156,7 +156,7 @@ fn refused(name: &str, error: &serialport::Error) -> PortError {
         ErrorKind::NoDevice if std::path::Path::new(&name).exists() => PortError::Busy { name },
         ErrorKind::NoDevice => PortError::NotThere { name, there_are: names() },
         ErrorKind::InvalidInput | ErrorKind::Unknown | ErrorKind::Io(_) => {
-            PortError::Gone { name, why: error.to_string() }
+            PortError::Unusable { name, why: error.to_string() }
         }
     }
 }

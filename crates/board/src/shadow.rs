@@ -87,6 +87,10 @@ impl<B: Board> Board for Shadowed<B> {
         self.board.lead()
     }
 
+    fn shortest_lead(&self) -> u64 {
+        self.board.shortest_lead()
+    }
+
     fn switches(&self) -> usize {
         self.board.switches()
     }
@@ -134,5 +138,9 @@ impl<B: Board> Board for Shadowed<B> {
 
     fn faults(&self, motor: usize) -> Faults {
         self.board.faults(motor)
+    }
+
+    fn lost(&self) -> Option<&crate::RemoteError> {
+        self.board.lost()
     }
 }

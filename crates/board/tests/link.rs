@@ -1,49 +1,23 @@
 //! The link to a model board: taking it, changing its rate, losing it, all with the board's own service.
 
+mod common;
+
+use common::{TICK_HZ, model_setup, run, tell, unseen};
 use pulsetrain_board::faulty::{Faulty, Rates};
 use pulsetrain_board::model::ModelPort;
-use pulsetrain_board::{Board, Edge, LinkError, Port, PortError, Remote, RemoteError, Setup, SwitchRefused};
-use pulsetrain_core::wire::message::{Cause, MotorSetup};
+use pulsetrain_board::{Board, Edge, LinkError, Port, PortError, Remote, RemoteError, SwitchRefused};
+use pulsetrain_core::wire::message::Cause;
 use pulsetrain_core::wire::{Baud, Reason};
-use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_core::{Entry, Epoch, Item, Moment};
 use std::cell::RefCell;
 use std::rc::Rc;
 use std::time::Duration;
 
-const TICK_HZ: u64 = 16_000_000;
-
-fn setup(motors: u8) -> Setup {
-    let motor = |index| MotorSetup {
-        step_pin: index,
-        dir_pin: 16 + index,
-        forward_high: true,
-        pull_in_ticks: 160_000,
-        ..MotorSetup::default()
-    };
-    Setup { pulse_ticks: 16, setup_ticks: 8, motors: (0..motors).map(motor).collect(), ..Setup::default() }
-}
-
 fn connect(seed: u64) -> Remote<Faulty<ModelPort>> {
     let mut remote = Remote::open(Faulty::new(ModelPort::new(), seed), 7).unwrap();
-    remote.configure(&setup(1)).unwrap();
+    remote.configure(&model_setup(1)).unwrap();
     remote
 }
-
-fn run(count: u32, interval: i64) -> Item {
-    let segment = Segment { count, interval: interval << 16, add: 0, add2: 0 };
-    Item::Run { segment, direction: Direction::Forward }
-}
-
-/// Items of an epoch that begins at a tick.
-fn tell<P: Port>(remote: &mut Remote<P>, epoch: u8, from: u64, items: &[Item]) {
-    let anchor = Item::Anchor { tick: Moment::of(from) };
-    for item in [anchor].iter().chain(items) {
-        remote.push(0, Entry { epoch: Epoch(epoch), item: *item }).unwrap();
-    }
-}
-
-/// Nobody looks.
-fn unseen(_: Edge) {}
 
 /// A line that two hosts share.
 #[derive(Clone)]
@@ -68,7 +42,7 @@ impl Port for Shared {
 fn a_board_that_is_taken_stays_with_its_host_until_good_bye_or_silence() {
     let line = Shared(Rc::new(RefCell::new(ModelPort::new())));
     let mut first = Remote::open(line.clone(), 1).unwrap();
-    first.configure(&setup(1)).unwrap();
+    first.configure(&model_setup(1)).unwrap();
     let from = first.now() + TICK_HZ / 10;
     tell(&mut first, 1, from, &[run(400, 160_000)]);
     first.switch(Epoch(1), from).unwrap();
@@ -271,9 +245,9 @@ fn refusals_say_what_and_why() {
     let refused = remote.arm().unwrap_err();
     assert_eq!(refused, RemoteError::Refused { what: "arm its motors", reason: Reason::NotConfigured, detail: 0 });
     assert_eq!(refused.to_string(), "the board refuses to arm its motors: it has no configuration");
-    let refused = remote.configure(&setup(5)).unwrap_err();
+    let refused = remote.configure(&model_setup(5)).unwrap_err();
     assert_eq!(refused.to_string(), "the board refuses to take this configuration: it drives at most 4 motors");
-    remote.configure(&setup(2)).unwrap();
+    remote.configure(&model_setup(2)).unwrap();
     let from = remote.now() + TICK_HZ / 10;
     tell(&mut remote, 1, from, &[run(100, 16_000)]);
     remote.switch(Epoch(1), from).unwrap();
@@ -281,7 +255,7 @@ fn refusals_say_what_and_why() {
     let refused = remote.release().unwrap_err();
     assert_eq!(refused.to_string(), "the board refuses to release its motors: its motors are moving");
     // Waits until they rest.
-    remote.configure(&setup(1)).unwrap();
+    remote.configure(&model_setup(1)).unwrap();
     assert!(remote.now() > from + 100 * 16_000);
 }
 

@@ -1,29 +1,27 @@
 //! The firmware's expansion, in assembly, against the recurrence: random registers, on the emulated chip.
 
+mod common;
+
+use common::Random;
 use pulsetrain_core::narrow::Registers;
 use pulsetrain_emulator::{Atmega328p, hex};
 
 const IMAGE: &str = include_str!("../images/uno.hex");
 
-/// How both expanders begin: r8 to r16, Y onto the stack, then the arguments to where they are used.
-const BEGINNING: [u16; 13] =
-    [0x928f, 0x929f, 0x92af, 0x92bf, 0x92cf, 0x92df, 0x92ef, 0x92ff, 0x930f, 0x93cf, 0x93df, 0x01ec, 0x01fb];
+/// How all expanders begin: r8 to r17 and Y onto the stack; then r17 is loaded with the pulse, and the arguments go to where
+/// they are used.
+const BEGINNING: [u16; 12] =
+    [0x928f, 0x929f, 0x92af, 0x92bf, 0x92cf, 0x92df, 0x92ef, 0x92ff, 0x930f, 0x931f, 0x93cf, 0x93df];
+/// `lds r17, …`, whose second word is the address.
+const LOAD_PULSE: u16 = 0x9110;
+const ARGUMENTS: [u16; 2] = [0x01ec, 0x01fb];
+/// Length of a long pulse, ticks.
+const PULSE: u8 = 160;
+
 const REGISTERS: u16 = 0x500;
 const TICKS: u16 = 0x600;
 const STACK: u16 = 0x8f0;
 const RETURN: u16 = 0x3ff0;
-
-/// A small generator of random numbers: xorshift64*.
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        self.0.wrapping_mul(0x2545_f491_4f6c_dd1d)
-    }
-}
 
 fn bytes_of(registers: &Registers) -> Vec<u8> {
     let mut bytes = registers.fraction.to_le_bytes().to_vec();
@@ -66,13 +64,16 @@ fn call(chip: &mut Atmega328p, entry: u16, registers: &Registers, n: u8) -> u64 
 fn expansion_is_the_recurrence() {
     let image = hex::parse(IMAGE, Atmega328p::FLASH_BYTES).unwrap();
     let words: Vec<_> = image.chunks_exact(2).map(|pair| u16::from_le_bytes([pair[0], pair[1]])).collect();
-    let found = words.windows(BEGINNING.len()).enumerate().filter(|(_, words)| *words == BEGINNING);
-    let entries: Vec<_> = found.map(|(at, _)| u16::try_from(at).unwrap()).collect();
-    assert_eq!(entries.len(), 2, "one for rings, one for lists");
+    let found = words
+        .windows(16)
+        .enumerate()
+        .filter(|(_, words)| words[..12] == BEGINNING && words[12] == LOAD_PULSE && words[14..] == ARGUMENTS);
+    let entries: Vec<_> = found.map(|(at, words)| (u16::try_from(at).unwrap(), words[13])).collect();
+    assert_eq!(entries.len(), 4, "one for rings, one for lists, and the same with long pulses");
 
     let mut chip = Atmega328p::new(&image).unwrap();
-    let mut random = Random(0x9e37_79b9_7f4a_7c15);
-    let mut lawful = [0; 2];
+    let mut random = Random::new(1);
+    let mut lawful = [0; 4];
     for round in 0..4000 {
         let n = 1 + (random.next() % 31) as u8;
         // Intervals of 2500 to 15 500 ticks, changing by so much that they stay positive and below 32 768 for 31 steps.
@@ -100,28 +101,48 @@ fn expansion_is_the_recurrence() {
                 expected.tick as u16
             })
             .collect();
-        for (kind, &entry) in entries.iter().enumerate() {
+        for (kind, &(entry, pulse_at)) in entries.iter().enumerate() {
+            chip.write_data(pulse_at, PULSE, &mut ());
             let cycles = call(&mut chip, entry, &registers, n);
             let ram = |address: u16| chip.ram()[usize::from(address - 0x100)];
             let after: Vec<_> = (0..21).map(|at| ram(REGISTERS + at)).collect();
             assert_eq!(after, bytes_of(&expected), "round {round}, {n} steps of {registers:?}");
             for (index, tick) in (0..).zip(&ticks) {
                 let [low, high] = tick.to_le_bytes();
-                if kind == 0 {
-                    // A group of four bytes: next's tick is in the second and third, what it toggles around them.
-                    let group = TICKS + 4 * index;
-                    assert_eq!([ram(group + 1), ram(group + 2)], [high, low]);
-                    assert_eq!([ram(group + 4), ram(group + 7)], [4, 4]);
-                } else {
-                    assert_eq!([ram(TICKS + 2 * index), ram(TICKS + 2 * index + 1)], [low, high]);
+                let [end_low, end_high] = tick.wrapping_add(PULSE.into()).to_le_bytes();
+                match kind {
+                    0 => {
+                        // A group of four bytes: next's tick is in the second and third, what it toggles around them.
+                        let group = TICKS + 4 * index;
+                        assert_eq!([ram(group + 1), ram(group + 2)], [high, low]);
+                        assert_eq!([ram(group + 4), ram(group + 7)], [4, 4]);
+                    }
+                    1 => assert_eq!([ram(TICKS + 2 * index), ram(TICKS + 2 * index + 1)], [low, high]),
+                    2 => {
+                        // One group for each end of the pulse.
+                        let group = TICKS + 8 * index;
+                        assert_eq!([ram(group + 1), ram(group + 2)], [high, low]);
+                        assert_eq!([ram(group + 4), ram(group + 7)], [4, 0]);
+                        assert_eq!([ram(group + 5), ram(group + 6)], [end_high, end_low]);
+                        assert_eq!([ram(group + 8), ram(group + 11)], [4, 0]);
+                    }
+                    _ => {
+                        let list = TICKS + 4 * index;
+                        let said = [ram(list), ram(list + 1), ram(list + 2), ram(list + 3)];
+                        assert_eq!(said, [low, high, end_low, end_high]);
+                    }
                 }
             }
             if !steady && n == 30 {
                 lawful[kind] = cycles;
             } else if !steady && n == 20 && lawful[kind] != 0 {
-                // As steps/expand.rs says: 23.5 and 18.5 cycles a step, but for 4 where the tick's fourth byte changes.
-                let [ring, list] = [235, 185];
-                assert!((lawful[kind] - cycles).abs_diff([ring, list][kind]) <= 4, "{} − {cycles}", lawful[kind]);
+                // As steps/expand.rs says: 23.5 and 18.5 cycles a step (36.5 and 25.5 with long pulses), but for 4 where the
+                // tick's fourth byte changes.
+                assert!(
+                    (lawful[kind] - cycles).abs_diff([235, 185, 365, 255][kind]) <= 4,
+                    "{} − {cycles}",
+                    lawful[kind]
+                );
             }
         }
     }

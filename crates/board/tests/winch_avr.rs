@@ -1,6 +1,6 @@
 //! The path of a winch in the Uno's assembly against core's: random commands, the same bits; and what a tick costs.
 //!
-//! images/winch_tick.hex is firmware/uno/src/winch/tick.s, assembled: `cargo xtask firmware winch-tick`.
+//! images/winch_tick.hex is firmware/uno/src/winch/tick.s, assembled: `cargo xtask firmware uno`.
 
 use pulsetrain_core::winch::letters::InMemory;
 use pulsetrain_core::winch::path::Path;

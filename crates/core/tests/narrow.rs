@@ -39,6 +39,8 @@ enum Part {
         turn: bool,
     },
     Reset,
+    /// Slowing down from what is predicted.
+    Slow(u32),
 }
 
 fn count() -> impl Strategy<Value = u32> {
@@ -68,6 +70,7 @@ fn part() -> impl Strategy<Value = Part> {
             |(count, corrections)| Part::Correct { count, corrections, turn: false }
         ),
         1 => Just(Part::Reset),
+        3 => (0u32..=15).prop_map(Part::Slow),
     ]
 }
 
@@ -247,6 +250,12 @@ impl Pair {
                     }
                     Item::Run { segment, direction }
                 }
+                Part::Slow(m) => match self.packed.slow(m, 16) {
+                    Some(segment) if segment.interval > 0 && fits(&segment) => {
+                        Item::Run { segment, direction: self.packed.direction }
+                    }
+                    _ => continue,
+                },
             };
             let len = self.packing.pack(&mut self.packed, &item, &mut buffer).unwrap();
             self.unsent.extend(&buffer[..len]);

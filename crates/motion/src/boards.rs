@@ -2,6 +2,8 @@
 //!
 //! A row says `estimate` in its source until a bench on the emulated firmware has printed its figures.
 
+mod uno;
+
 use std::ops::RangeInclusive;
 
 use crate::pins::{PinKind, PinsError};
@@ -100,6 +102,20 @@ impl BoardRow {
         if self.of_one_kind { PinKind::of(motors).map(Some) } else { Ok(None) }
     }
 
+    /// Shortest intervals by number of motors, ticks, for these motors' pins and their longest pulse: not less than
+    /// [`Board::min_interval_ticks`] by itself, which is that of the shortest pulses, but by the compare hardware.
+    #[must_use]
+    pub fn shortest_intervals(&self, motors: &[Motor]) -> Vec<u32> {
+        let Ok(Some(kind)) = self.pin_kind(motors) else { return self.board.min_interval_ticks.clone() };
+        let hz = self.board.tick_hz;
+        let pulse = motors.iter().map(|motor| motor.timing.ticks(hz).pulse_high).max().unwrap_or(0);
+        // The last column serves for what is longer: such pulses limit the rate themselves.
+        let column =
+            uno::PULSES.iter().position(|longest| pulse <= u64::from(*longest)).unwrap_or(uno::PULSES.len() - 1);
+        let of = |rows: &[[u32; uno::PULSES.len()]]| rows.iter().map(|by_pulse| by_pulse[column]).collect();
+        if kind == PinKind::Compare { of(&uno::BY_COMPARE) } else { of(&uno::BY_SOFTWARE) }
+    }
+
     fn no_pin(&self, pin: String) -> PinError {
         PinError::None { board: self.board.name.clone(), pin, first: *self.pins.start(), last: *self.pins.end() }
     }
@@ -124,24 +140,23 @@ fn interval_ticks(tick_hz: u64, rate_hz: u64) -> u32 {
 
 fn uno() -> BoardRow {
     const TICK_HZ: u64 = 16_000_000;
-    // Changing laws, staggered, 1.0 µs pulses. One and two motors: a compare channel each; three and four: merged.
-    const RATES_HZ: [u64; 4] = [183_700, 93_900, 45_100, 32_600];
     BoardRow {
         board: Board {
             name: "uno".to_owned(),
             tick_hz: TICK_HZ,
             fraction_bits: 16,
             max_motors: 4,
-            min_interval_ticks: RATES_HZ.iter().map(|&rate| interval_ticks(TICK_HZ, rate)).collect(),
+            // With pulses of 1 µs; what a program needs longer ones for, `shortest_intervals` says.
+            min_interval_ticks: uno::BY_SOFTWARE.iter().map(|by_pulse| by_pulse[0]).collect(),
             hardware_timed: false,
-            source: "estimate: assembly prototype on an emulated ATmega328P".to_owned(),
+            source: "its firmware on an emulated ATmega328P: cargo xtask bench uno".to_owned(),
         },
         about: "Arduino Uno, ATmega328P",
         ram_bytes: Some(2_048),
         flash_bytes: Some(32_256),
-        queue_bytes: Some(1_000),
-        horizon_ticks: 62 * 88,
-        lateness_ticks: 52,
+        queue_bytes: Some(uno::QUEUES),
+        horizon_ticks: uno::HORIZON,
+        lateness_ticks: uno::LATENESS,
         note: "one or two motors with STEP on pins 9 and 10 are timed by the compare hardware: no lateness",
         pins: 0..=19,
         reserved: &[(0..=1, "D0 and D1 are the serial line to the computer")],
@@ -235,19 +250,45 @@ mod tests {
 
     #[test]
     fn shortest_intervals_are_those_of_the_rates() {
-        let uno = find("Uno").unwrap().board;
-        assert_eq!(uno.min_interval_ticks, [88, 171, 355, 491]);
-        // The tutorial at T = 0.1 s: A·ω = 2000·2π/0.1 = 125 664 steps/s passes; at 0.01 s it does not.
-        let peak_hz = |period: f64| 2000.0 * std::f64::consts::TAU / period;
-        let limit_hz = uno.tick_hz as f64 / f64::from(uno.min_interval_ticks[0]);
-        assert!(peak_hz(0.1) < limit_hz && limit_hz < peak_hz(0.01));
         assert_eq!(find("pico").unwrap().board.min_interval_ticks, [200]);
+        // The tutorial at T = 0.1 s: A·ω = 2000·2π/0.1 = 125 664 steps/s passes on pin 9; at 0.01 s it does not.
+        let peak_hz = |period: f64| 2000.0 * std::f64::consts::TAU / period;
+        let limit_hz = |ticks: u32| 16e6 / f64::from(ticks);
+        let by_compare = limit_hz(uno::BY_COMPARE[0][0]);
+        assert!(peak_hz(0.1) < by_compare && by_compare < peak_hz(0.01), "{by_compare}");
     }
 
     #[test]
-    fn every_row_but_the_native_is_an_estimate_yet() {
+    fn motors_and_longer_pulses_take_time() {
+        let row = find("Uno").unwrap();
+        for column in 0..uno::PULSES.len() {
+            assert!(uno::BY_SOFTWARE.is_sorted_by_key(|by_pulse| by_pulse[column]));
+            assert!(uno::BY_COMPARE.is_sorted_by_key(|by_pulse| by_pulse[column]));
+        }
+        let motor = |step, pulse_high_ns| Motor {
+            name: "m".to_owned(),
+            law: crate::Law::sine(100.0, crate::Time::SECOND, Some(1)).unwrap(),
+            wiring: crate::program::Wiring::StepDir { step, dir: 8, forward_high: true, enable: None },
+            timing: crate::program::DriverTiming { pulse_high_ns, ..Default::default() },
+            limits: crate::program::Limits::default(),
+            scale: crate::program::Scale { unit: "step".to_owned(), steps_per_unit: 1.0, steps_per_rev: 200.0 },
+            winding: None,
+        };
+        let check = |step, pulse_ns, expected: &[[u32; 3]], column: usize| {
+            let expected: Vec<u32> = expected.iter().map(|by_pulse| by_pulse[column]).collect();
+            assert_eq!(row.shortest_intervals(&[motor(step, pulse_ns)]), expected, "{step}, {pulse_ns} ns");
+        };
+        check(11, 1000, &uno::BY_SOFTWARE, 0);
+        check(11, 1900, &uno::BY_SOFTWARE, 1);
+        check(11, 10_000, &uno::BY_SOFTWARE, 2);
+        check(9, 1000, &uno::BY_COMPARE, 0);
+    }
+
+    #[test]
+    fn what_no_bench_has_printed_is_an_estimate() {
         for row in table() {
-            assert_eq!(row.board.source.starts_with("estimate"), row.board.name != "native", "{}", row.board.name);
+            let is_measured = matches!(row.board.name.as_str(), "native" | "uno");
+            assert_eq!(row.board.source.starts_with("estimate"), !is_measured, "{}", row.board.name);
             assert!(row.board.min_interval_ticks.is_sorted(), "{}", row.board.name);
         }
     }

@@ -113,9 +113,9 @@ impl PinKind {
     pub const fn constant_ticks(self) -> u32 {
         match self {
             PinKind::Compare => 1,
-            PinKind::PortD => 18,
-            PinKind::PortB => 18,
-            PinKind::Shield => 18,
+            PinKind::PortD => 17,
+            PinKind::PortB => 17,
+            PinKind::Shield => 17,
         }
     }
 

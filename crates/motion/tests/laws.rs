@@ -301,3 +301,58 @@ proptest! {
         prop_assert!((x.speed + y.speed - z.speed).abs() < 1e-6 * (1.0 + x.speed.abs() + y.speed.abs()), "{x:?} {y:?} {z:?}");
     }
 }
+
+#[test]
+fn an_eased_law_keeps_its_path_and_goes_on_where_it_halted() {
+    let laws = [
+        sine(),
+        Law::sine(-40.0, s(0.3), None).unwrap(),
+        Law::trapezoid(500.0, 300.0, 700.0, 700.0).unwrap(),
+        Law::formula("30*sin(3*t)^3 + t^2", &[], 1.0, None).unwrap(),
+        Law::winch(&[(Time::ZERO, WinchCommand::Target(300.0))], WinchSettings::default(), None).unwrap(),
+    ];
+    for (row, law) in laws.iter().enumerate() {
+        let (from, after, over, back) = (s(0.1), s(0.55), s(0.4), s(0.25));
+        let halt = from + after + over.divided_by(2);
+        let out = law.clone().eased_out(from, after, over).unwrap();
+        let again = law.clone().eased_in(halt, back).unwrap();
+        assert_eq!((out.end(), out.class()), (Some(after + over), law.class().max(Class::Enclosed)), "{row}");
+        contiguous(&out, 10_000);
+        contiguous(&again, 3000);
+        let (mut own, mut slowed) = (Cursor::new(law), Cursor::new(&out));
+        for k in 0..=950 {
+            let t = 0.001 * f64::from(k);
+            let x = ((t - 0.55) / 0.4).max(0.0);
+            let (time, rate) = if x > 0.0 {
+                (0.65 + 0.4 * (x - x.powi(3) + 0.5 * x.powi(4)), 1.0 - 3.0 * x * x + 2.0 * x.powi(3))
+            } else {
+                (0.1 + t, 1.0)
+            };
+            let (got, want) = (slowed.at(s(t)).unwrap(), own.at(s(time)).unwrap());
+            assert!((got.position - want.position).abs() <= 1e-9 * (1.0 + want.position.abs()), "{row} at {t} s");
+            assert!((got.speed - rate * want.speed).abs() <= 1e-6 * (1.0 + want.speed.abs()), "{row} at {t} s");
+        }
+        assert!(slowed.at(s(0.95)).unwrap().speed.abs() < 1e-9, "{row}");
+        // From the halt on, and half the easing late for good.
+        let mut resumed = Cursor::new(&again);
+        let first = resumed.at(Time::ZERO).unwrap();
+        assert!((first.position - slowed.at(s(0.95)).unwrap().position).abs() < 1e-9 && first.speed == 0.0, "{row}");
+        for k in 0..=100 {
+            let t = back + s(0.0101 * f64::from(k));
+            let (got, want) = (resumed.at(t).unwrap(), own.at(halt + t - back.divided_by(2)).unwrap());
+            assert!((got.position - want.position).abs() <= 1e-9 * (1.0 + want.position.abs()), "{row} at {t:?}");
+        }
+    }
+    // After its end a law stays where it is, eased or not.
+    let law = Law::speed(10.0, Some(s(1.0))).unwrap();
+    let out = law.clone().eased_out(s(0.5), s(2.0), s(1.0)).unwrap();
+    at(&out, 0.25, 7.5);
+    at(&out, 2.5, 10.0);
+    assert_eq!(out.end(), Some(s(3.0)));
+    assert_eq!(law.clone().eased_in(s(0.5), s(0.5)).unwrap().end(), Some(s(0.75)));
+    let over = law.clone().eased_in(s(2.0), s(0.5)).unwrap();
+    at(&over, 0.25, 10.0);
+    assert_eq!(over.end(), Some(s(0.5)));
+    assert!(law.clone().eased_out(s(-1.0), Time::ZERO, s(1.0)).is_err());
+    assert!(law.eased_in(Time::ZERO, Time::ZERO).is_err());
+}

@@ -97,9 +97,13 @@ fn exact(curve: &Curve, u: Wide) -> Wide {
             wide(*x0) + wide(*factor) * (root - b) / (wide(2.0) * a)
         }
         Curve::Sum(curves) => curves.iter().fold(wide(0.0), |sum, c| sum + exact(c, u.clone())),
+        Curve::Warped { curve, time } => exact(curve, time.iter().rev().fold(wide(0.0), |sum, &c| sum * &u + wide(c))),
         Curve::Formula(_) => unreachable!("formulas have their own test"),
     }
 }
+
+/// How many there are: each as it is, and warped in three ways.
+const LAWS: usize = 4 * 6;
 
 fn laws() -> Vec<Law> {
     let ramp = TimerRamp { steps: 400, tick_s: 8e-6, start_count: 255, cruise_count: 18, accelerate_during: 100 };
@@ -107,18 +111,27 @@ fn laws() -> Vec<Law> {
         SCurve { distance: 9000.0, max_speed: 3000.0, max_acceleration: 9000.0, max_jerk: 1e5, start_speed: -500.0 };
     let sine = Law::sine(2000.0, Time::from_seconds(0.7), Some(2)).unwrap();
     let ramp = Law::timer_ramp(ramp).unwrap();
-    vec![
+    let eased = |law: &Law| {
+        let at = |part: u64| law.end().unwrap().times(part).divided_by(10);
+        let out = law.clone().eased_out(at(1), at(1), at(5)).unwrap();
+        let back = law.clone().eased_in(at(4), at(7)).unwrap();
+        let twice = back.clone().eased_out(at(0), at(2), at(3)).unwrap();
+        [out, back, twice]
+    };
+    let mut laws = vec![
         sine.clone(),
         Law::trapezoid(-5000.0, 900.0, 700.0, 1100.0).unwrap(),
         Law::s_curve(s).unwrap(),
         ramp.clone(),
         Law::table(&[(0.0, 0.0), (0.3, 200.0), (1.0, 250.0), (1.5, -90.0)], Interpolation::Monotone).unwrap(),
         Law::sum(vec![sine, Law::speed(123.4, Some(Time::SECOND)).unwrap(), ramp.scaled(2.5).unwrap()]).unwrap(),
-    ]
+    ];
+    laws.extend(laws.clone().iter().flat_map(eased));
+    laws
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 48, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 128, ..ProptestConfig::default() })]
 
     #[test]
     fn formulas_are_within_their_rounding(which in 0..FORMULAS.len(), index in 0_usize..12, part in 0.0_f64..1.0) {
@@ -129,7 +142,7 @@ proptest! {
     }
 
     #[test]
-    fn curves_are_within_their_rounding(which in 0_usize..6, index in 0_usize..30, part in 0.0_f64..1.0) {
+    fn curves_are_within_their_rounding(which in 0_usize..LAWS, index in 0_usize..30, part in 0.0_f64..1.0) {
         let law = &laws()[which];
         let pieces: Vec<Piece> = law.pieces().map(Result::unwrap).collect();
         let piece = &pieces[index % pieces.len()];
@@ -139,7 +152,7 @@ proptest! {
     }
 
     #[test]
-    fn curves_remainders_are_within_the_eighth(which in 0_usize..6, index in 0_usize..30, from in 0.0_f64..1.0, to in 0.0_f64..1.0) {
+    fn curves_remainders_are_within_the_eighth(which in 0_usize..LAWS, index in 0_usize..30, from in 0.0_f64..1.0, to in 0.0_f64..1.0) {
         let law = &laws()[which];
         let pieces: Vec<Piece> = law.pieces().map(Result::unwrap).collect();
         let piece = &pieces[index % pieces.len()];

@@ -1,5 +1,11 @@
-//! Braking in few segments: steps whose exact ticks do not matter, but whose speed and deceleration do.
+//! Braking in few bytes: steps whose exact ticks do not matter, but whose speed and deceleration do.
 //!
+//! Most of a tail are records of two bytes, each of which halves v² within 2^m steps ([`State::slow`]): the deceleration falls
+//! to a third within a part, and the next part begins with nearly as much as the one before. As m is a whole number, the first
+//! one may be too gentle by half; then a segment before it brings the motor to the speed at which it is not. Where no such
+//! record will do (too fast for the largest m, or so slow that its registers would overflow), segments are designed.
+//!
+//! # Designed segments
 //! Under a constant deceleration the time of a step is a square root, and no recurrence follows that for long. But a
 //! tail need not brake evenly: it must not brake harder than it may. So each segment lets the deceleration rise to the
 //! limit and fall again, as far as a cubic can; the next goes on from there. Fast motors lose most of the time at the
@@ -11,8 +17,8 @@
 use crate::Move;
 use crate::planner::LONGEST_WAIT_TICKS;
 use crate::settings::Settings;
-use pulsetrain_core::packing::Packing;
-use pulsetrain_core::{Direction, Segment};
+use pulsetrain_core::packing::{LONGEST_SLOW, MAX_PACKED_LEN, Packing, State};
+use pulsetrain_core::{Direction, Item, Segment};
 
 /// Of the limit, what a segment is designed for: the rest is for rounding, and for steps that are far apart.
 const DESIGN: f64 = 0.97;
@@ -30,11 +36,31 @@ const MOST: usize = 40;
 /// Most steps in one segment.
 const LONGEST: u32 = u16::MAX as u32;
 
+/// Of the limit, what a record that slows down may begin with: the rest is for rounding.
+const SLOWS: f64 = 0.995;
+/// If it begins with less, a segment that leads to more is worth its bytes.
+const GENTLE: f64 = 0.85;
+/// And so many bytes at most, before the first such record.
+const DEAR: usize = 9;
+/// Parts of so few steps need not brake hard.
+const FEW_STEPS: u32 = 2;
+
+/// What a board has been told before the tail.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Told {
+    /// The accumulator after the last step or wait, ticks · 2^F from the beginning of the tail.
+    pub accumulator: i64,
+    /// What the packed stream predicts of the next segment.
+    pub state: State,
+}
+
 /// How a motor is to be brought to rest. Ticks and steps.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Brake {
     /// When the first step is due, ticks from the tail's beginning.
     pub(crate) first: f64,
+    /// The same if not braked before it.
+    pub(crate) unbraked: (f64, f64),
     /// The speed at that step, steps/tick, in the direction of motion.
     pub(crate) speed: f64,
     /// Largest deceleration, steps/tick².
@@ -57,8 +83,7 @@ impl Brake {
                 break;
             }
         }
-        let run = |segment| Move::Run { segment, direction: self.direction };
-        best.map(|segments| segments.into_iter().map(run).collect())
+        best.map(|segments| self.runs(segments))
     }
 
     /// Mean speed of the last interval: from there a motor comes to rest within a step, or at once.
@@ -73,39 +98,105 @@ impl Brake {
             return None;
         }
         let mut segments = vec![Segment::single(((self.first * scale) as i64).max(1))];
-        let root = self.speed * self.speed - 2.0 * self.limit;
-        if self.speed <= self.at_rest() || root <= 0.0 {
+        if self.is_slow() {
             return Some(segments);
         }
-        let slowest = (1.0 / self.at_rest()).min(longest);
-        if slowest * self.at_rest() < 0.99 {
+        let mut design = self.design(settings)?;
+        // The interval after the first step, as if braked evenly.
+        design.state.interval = (self.second() * scale).ceil() as i64;
+        if (self.second() as u64) < settings.min_interval_ticks {
             return None;
         }
-        // The interval after the first step, as if braked evenly.
-        let second = 2.0 / (self.speed + root.sqrt());
-        let mut design = Design {
+        let mut part = least_part;
+        while design.goes_on() {
+            if segments.len() == MOST {
+                return None;
+            }
+            design.brake(&mut part, &mut segments)?;
+        }
+        Some(segments)
+    }
+
+    /// The moves to rest that go on from what the board was `told`: they begin where its accumulator is. `None` if they
+    /// do not fit few segments.
+    pub(crate) fn onward(&self, told: &Told, settings: &Settings) -> Option<Vec<Move>> {
+        let scale = (1u64 << settings.fraction_bits) as f64;
+        let mut design = self.design(settings)?;
+        design.state = if told.state.direction == self.direction { told.state } else { State::new(self.direction) };
+        let mut segments = Vec::new();
+
+        // Where the plan was to go on as predicted, the motor does so for one step more.
+        let (first, speed) = self.unbraked;
+        let State { interval, add, add2, .. } = design.state;
+        let before = interval - add + add2;
+        let due = told.accumulator.checked_add(interval)? as f64;
+        let on_time = (0.0..=(self.first + 1.0) * scale).contains(&due);
+        // By the law; and by what was said, which need not have been one interval.
+        let lawful = (scale / speed) as i64;
+        if !on_time || !design.goes_evenly(before) || !design.goes_evenly(lawful) {
+            // Not before the tail begins.
+            let wanted = (first * scale - told.accumulator as f64).max(1.0 - told.accumulator as f64);
+            segments.push(design.single(wanted)?);
+        }
+        let slow = Brake { speed, ..*self };
+        if slow.is_slow() {
+            if segments.is_empty() {
+                segments.push(design.single(interval as f64)?);
+            }
+            return Some(self.runs(segments));
+        }
+        let enough = settings.min_interval_ticks as f64 * scale;
+        if !segments.is_empty() {
+            design.last = None;
+            if !design.goes_evenly(lawful) || (design.state.interval as f64) < enough {
+                segments.push(design.single(slow.second() * scale)?);
+            }
+        } else if (interval as f64) < enough {
+            return None;
+        }
+        let mut part = LEAST_PARTS[0];
+        while design.goes_on() {
+            if segments.len() == MOST {
+                return None;
+            }
+            design.brake(&mut part, &mut segments)?;
+        }
+        Some(self.runs(segments))
+    }
+
+    fn runs(&self, segments: Vec<Segment>) -> Vec<Move> {
+        let run = |segment| Move::Run { segment, direction: self.direction };
+        segments.into_iter().map(run).collect()
+    }
+
+    /// Whether the motor is at rest one step after the first.
+    fn is_slow(&self) -> bool {
+        self.speed <= self.at_rest() || self.speed * self.speed <= 2.0 * self.limit
+    }
+
+    /// The interval after the first step if braked evenly, ticks.
+    fn second(&self) -> f64 {
+        let root = (self.speed * self.speed - 2.0 * self.limit).max(0.0).sqrt();
+        2.0 / (self.speed + root)
+    }
+
+    /// Nothing predicted yet; `None` if rest is slower than the longest interval.
+    fn design(&self, settings: &Settings) -> Option<Design> {
+        let scale = (1u64 << settings.fraction_bits) as f64;
+        let slowest = (1.0 / self.at_rest()).min(f64::from(LONGEST_WAIT_TICKS) - 1.0);
+        if slowest * self.at_rest() < 0.99 && !self.is_slow() {
+            return None;
+        }
+        Some(Design {
             limit: self.limit * scale.powi(-2),
             scale,
             last: None,
             slowest: (slowest * scale).ceil(),
             largest: if settings.fraction_bits <= 16 { f64::from(i32::MAX) } else { 1e17 },
             packing: settings.gain().map(|gain| Packing { fraction_bits: settings.fraction_bits, gain }),
-            predicted: Segment { interval: (second * scale).ceil() as i64, ..Segment::default() },
-            count: u32::MAX,
-        };
-        if (second as u64) < settings.min_interval_ticks {
-            return None;
-        }
-        let mut part = least_part;
-        while design.last.is_none_or(|last| (last as f64) < design.slowest) {
-            if segments.len() == MOST {
-                return None;
-            }
-            let segment = design.next(part)?;
-            segments.push(segment);
-            part *= SLACKENING;
-        }
-        Some(segments)
+            state: State { previous_count: u32::MAX, ..State::new(self.direction) },
+            parts: 0,
+        })
     }
 }
 
@@ -121,21 +212,45 @@ struct Design {
     /// Largest |add| and |add2|.
     largest: f64,
     packing: Option<Packing>,
-    /// What the next segment goes on with for no bytes.
-    predicted: Segment,
-    /// Steps of the last segment.
-    count: u32,
+    /// What the next segment goes on with for no bytes; a count of `u32::MAX` says that nothing is known of the units.
+    state: State,
+    /// Parts of two bytes so far.
+    parts: u32,
 }
 
 impl Design {
+    /// Adds what comes next: a part of two bytes if there is one, or else the segment that gets furthest.
+    fn brake(&mut self, least: &mut f64, segments: &mut Vec<Segment>) -> Option<()> {
+        let next = match self.slow() {
+            Some(segment) => segment,
+            None => {
+                let before = self.state;
+                let next = self.next(*least).or_else(|| {
+                    // In units that corrections do not have.
+                    self.state.previous_count = u32::MAX;
+                    self.next(*least)
+                });
+                if next.is_none() {
+                    self.state = before;
+                }
+                *least *= SLACKENING;
+                next?
+            }
+        };
+        segments.push(next);
+        Some(())
+    }
+
     /// The segment that gets furthest before the deceleration falls below `part` of the limit.
     fn next(&mut self, part: f64) -> Option<Segment> {
         let limit = self.limit * DESIGN;
         let mut best: Option<(f64, Segment)> = None;
         let levels = (0..=6).map(|k| part + (1.0 - part) * f64::from(k) / 6.0);
         let fresh = levels.map(|level| self.fresh(level * limit));
-        let onward = self.last.map(|_| (self.predicted.interval as f64, self.predicted.add as f64));
-        let from = self.last.unwrap_or(self.predicted.interval) as f64;
+        let onward = self.last.map(|_| (self.state.interval as f64, self.state.add as f64));
+        // What was told before the tail need not have braked at all.
+        let onward = onward.filter(|(interval, add)| add / interval.powi(3) >= 0.9 * part * limit);
+        let from = self.last.unwrap_or(self.state.interval) as f64;
         let mut consider = |own: f64, segment: Option<Segment>| {
             let Some(segment) = segment.and_then(|segment| self.replayed(segment)) else { return };
             // Fewer bytes are worth a part of the way.
@@ -155,17 +270,102 @@ impl Design {
         }
         consider(FRESH, Some(self.one_step(limit)));
         let (_, segment) = best?;
-        self.last = Some(segment.after(segment.count - 1).interval);
-        self.predicted = segment.after(segment.count);
-        self.count = segment.count;
+        self.go_on(&segment);
         Some(segment)
+    }
+
+    /// Whether the motor is still too fast to rest.
+    fn goes_on(&self) -> bool {
+        self.last.is_none_or(|last| (last as f64) < self.slowest)
+    }
+
+    fn go_on(&mut self, segment: &Segment) {
+        self.last = Some(segment.after(segment.count - 1).interval);
+        let before = self.state;
+        if let Some(packing) = self.packing.filter(|_| before.previous_count < u32::MAX) {
+            let run = Item::Run { segment: *segment, direction: self.state.direction };
+            // It has steps, and the buffer is long enough.
+            let _ = packing.pack(&mut self.state, &run, &mut [0; MAX_PACKED_LEN]);
+        } else {
+            let Segment { interval, add, add2, .. } = segment.after(segment.count);
+            self.state = State { previous_count: segment.count, interval, add, add2, ..before };
+        }
+    }
+
+    /// Whether what is predicted is within the limit after an interval `before`, to either side.
+    fn goes_evenly(&self, before: i64) -> bool {
+        let interval = self.state.interval;
+        before > 0 && interval > 0 && deceleration(before as f64, interval as f64).abs() <= self.limit
+    }
+
+    /// One step after about `interval`, ticks · 2^F.
+    fn single(&mut self, interval: f64) -> Option<Segment> {
+        if interval >= (f64::from(LONGEST_WAIT_TICKS) - 1.0) * self.scale {
+            return None;
+        }
+        let State { add, add2, .. } = self.state;
+        let segment = Segment { count: 1, interval: self.round(0, interval), add, add2 };
+        (segment.interval > 0).then(|| self.go_on(&segment))?;
+        Some(segment)
+    }
+
+    /// The part of two bytes that comes next, or the segment that leads to one; `None` if there is none.
+    fn slow(&mut self) -> Option<Segment> {
+        let packing = self.packing.filter(|_| self.state.previous_count < u32::MAX)?;
+        let State { interval, add, add2, .. } = self.state;
+        let predicted = Segment { count: 1, interval, add, add2 };
+        let brakes = |last: i64| interval >= last && deceleration(last as f64, interval as f64) <= self.limit;
+        if interval <= 0 || self.last.is_some_and(|last| !brakes(last)) {
+            return None;
+        }
+        if interval as f64 >= self.slowest {
+            // Slow enough after one step more.
+            self.go_on(&predicted);
+            return Some(predicted);
+        }
+        let longest = f64::from(LONGEST_WAIT_TICKS) * self.scale;
+        let parts = (0..=LONGEST_SLOW).filter_map(|m| self.state.slow(m, packing.fraction_bits));
+        let begins = |part: &Segment| deceleration(part.interval as f64, (part.interval + part.add) as f64);
+        let mut parts = parts.filter(|part| (part.after(part.count).interval as f64) < longest);
+        let part = parts.find(|part| begins(part) <= SLOWS * self.limit)?;
+        // One that is far too long, because the registers do not hold a shorter one, is none.
+        if part.count > FEW_STEPS && begins(&part) < LEAST_PARTS[1] * self.limit {
+            return None;
+        }
+        // What most of the time goes into is the beginning. Units are finer after the first part.
+        let gentle = self.parts < 2 && part.count >= 8 && begins(&part) < GENTLE * self.limit;
+        let dear = if self.parts == 0 { DEAR } else { usize::MAX };
+        let lead = gentle.then(|| self.leading(&part, dear)).flatten();
+        self.parts += if lead.is_some() { 2 } else { 1 };
+        let segment = lead.unwrap_or(part);
+        self.go_on(&segment);
+        Some(segment)
+    }
+
+    /// The segment of at most `dear` bytes after which half of `part` is not too hard any more.
+    fn leading(&self, part: &Segment, dear: usize) -> Option<Segment> {
+        let State { interval, .. } = self.state;
+        let (start, limit) = (interval as f64, DESIGN * self.limit);
+        // Deceleration goes with v², and half a part brakes twice as hard.
+        let peak = 2.0 * deceleration(start, (interval + part.add) as f64);
+        let wanted = start * (peak / (SLOWS * self.limit)).sqrt();
+        let packing = self.packing?;
+        let candidates = [false, true].into_iter().filter_map(|keeps| {
+            let add2 = if keeps { self.state.add2 } else { self.round(2, 0.0) };
+            let add = self.round(1, limit * start.powi(3));
+            let whole = self.replayed(Segment { count: LONGEST, interval, add, add2 })?;
+            let until = (1..=whole.count).find(|k| whole.after(*k).interval as f64 >= wanted)?;
+            let segment = Some(whole.truncated(until)).filter(|segment| segment.count > 2)?;
+            Some((packing.packed_len(&self.state, &segment).ok()?, segment))
+        });
+        candidates.filter(|(len, _)| *len <= dear).min_by_key(|(len, _)| *len).map(|(_, segment)| segment)
     }
 
     /// Interval and add at the beginning of a segment that brakes by `deceleration` there.
     fn fresh(&self, deceleration: f64) -> (f64, f64) {
         match self.last {
             None => {
-                let interval = self.predicted.interval as f64;
+                let interval = self.state.interval as f64;
                 (interval, deceleration * interval.powi(3))
             }
             Some(last) => {
@@ -179,17 +379,18 @@ impl Design {
     /// One interval longer than the last: the way out where no recurrence fits its registers.
     fn one_step(&self, limit: f64) -> Segment {
         let interval = match self.last {
-            None => self.predicted.interval as f64,
+            None => self.state.interval as f64,
             Some(last) => slower(last as f64, limit).min(self.slowest),
         };
-        Segment { count: 1, interval: self.round(0, interval), ..self.predicted }
+        let State { add, add2, .. } = self.state;
+        Segment { count: 1, interval: self.round(0, interval), add, add2 }
     }
 
     /// The nearest that the stream can say, from below for add and add2.
     fn round(&self, order: usize, value: f64) -> i64 {
-        let predicted = [self.predicted.interval, self.predicted.add, self.predicted.add2][order];
+        let predicted = [self.state.interval, self.state.add, self.state.add2][order];
         let unit = match &self.packing {
-            Some(packing) if self.count < u32::MAX => packing.units(self.count)[order],
+            Some(packing) if self.state.previous_count < u32::MAX => packing.units(self.state.previous_count)[order],
             _ => 1,
         };
         let correction = (value - predicted as f64) / unit as f64;

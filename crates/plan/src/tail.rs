@@ -1,6 +1,7 @@
 //! The stop tail: what ends every queue, so that losing the host is a planned stop.
 
 use crate::brake::Brake;
+pub use crate::brake::Told;
 use crate::ensemble::{Ensemble, Start};
 use crate::error::{PlanError, Refused};
 use crate::planner::Planner;
@@ -9,7 +10,7 @@ use crate::{Move, planner::Origin};
 use pulsetrain_core::Direction;
 use pulsetrain_motion::Time;
 use pulsetrain_motion::law::{Class, Curve, Entry, Fixed, Law, Piece};
-use pulsetrain_motion::program::Program;
+use pulsetrain_motion::program::{Program, Wiring};
 
 /// A motor in motion, at the tick where its tail begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,23 +23,44 @@ pub struct Motion {
     pub speed: f64,
     /// Largest acceleration that the law itself asked for so far, steps/s²: the tail's, if the motor's limit is not known.
     pub acceleration: f64,
+    /// What the board has been told before; `None` where that is not known, which costs bytes.
+    pub told: Option<Told>,
+}
+
+/// The moves that bring a motor to rest.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Tail {
+    /// The accumulator that they begin at, ticks · 2^F from the tick of the tail; no step comes before that tick.
+    pub start: i64,
+    /// In order.
+    pub moves: Vec<Move>,
+}
+
+impl Tail {
+    /// Moves that begin at the tick of the tail, with fraction ½.
+    fn anew(moves: Vec<Move>, settings: &Settings) -> Tail {
+        Tail { start: 1 << (settings.fraction_bits - 1), moves }
+    }
 }
 
 /// Where nothing says how hard a motor may be braked, it may be as hard as to stop it in this time, s.
 pub const SOFTEST_STOP_S: f64 = 1.0;
 
-/// The moves that bring a motor to rest within its limits; they begin at a tick, with fraction ½.
+/// The moves that bring a motor to rest within its limits.
 ///
 /// Up to the pull-in rate the motor stops at once. Faster, it is braked by no more than its largest acceleration; if the
 /// file gives none, than the largest that the law had, or than what takes 1 s. Within that the tail is short, not quick:
-/// a few segments, which take up to about twice the time.
+/// a few bytes, which take up to about twice the time.
 ///
 /// # Errors
 /// If a motor is so fast that the board cannot make its steps, which the plan before the tail would have met first.
-pub fn stop_tail(motion: &Motion, settings: &Settings) -> Result<Vec<Move>, PlanError> {
-    let Some(braking) = Braking::of(motion, settings) else { return Ok(Vec::new()) };
+pub fn stop_tail(motion: &Motion, settings: &Settings) -> Result<Tail, PlanError> {
+    let Some(braking) = Braking::of(motion, settings) else { return Ok(Tail::default()) };
+    if let Some(tail) = braking.onward(motion, settings) {
+        return Ok(tail);
+    }
     if let Some(moves) = braking.in_few_segments(motion, settings) {
-        return Ok(moves);
+        return Ok(Tail::anew(moves, settings));
     }
     let law = braking.law(motion);
     let origin = Origin { position: motion.position, theta: 0.0, speed: motion.speed };
@@ -47,7 +69,7 @@ pub fn stop_tail(motion: &Motion, settings: &Settings) -> Result<Vec<Move>, Plan
     while let Some(next) = planner.next_move()? {
         moves.push(next);
     }
-    Ok(moves)
+    Ok(Tail::anew(moves, settings))
 }
 
 /// The tails of all motors of a program, in order on shared DIR lines; they begin at one tick.
@@ -56,13 +78,20 @@ pub fn stop_tail(motion: &Motion, settings: &Settings) -> Result<Vec<Move>, Plan
 ///
 /// # Errors
 /// As for [`stop_tail`], and where motors that share a DIR line turn too close together.
-pub fn stop_tails(program: &Program, motors: &[(Motion, Option<(i64, Direction)>)]) -> Result<Vec<Vec<Move>>, Refused> {
+pub fn stop_tails(program: &Program, motors: &[(Motion, Option<(i64, Direction)>)]) -> Result<Vec<Tail>, Refused> {
+    let settings: Vec<Settings> = program.motors.iter().map(|motor| Settings::of(program, motor)).collect();
+    let mut tails = vec![None; motors.len()];
+    for (motor, tail) in tails.iter_mut().enumerate().filter(|(motor, _)| is_in_no_ones_way(program, motors, *motor)) {
+        *tail = Some(stop_tail(&motors[motor].0, &settings[motor]).map_err(|error| Refused { motor, error })?);
+    }
+    if let Some(tails) = tails.iter().cloned().collect() {
+        return Ok(tails);
+    }
     let at_rest = Law::rest(Time::SECOND).map_err(|error| Refused { motor: 0, error: error.into() })?;
     let mut laws = Vec::with_capacity(motors.len());
-    for ((motion, last_step), motor) in motors.iter().zip(&program.motors) {
-        let settings = Settings::of(program, motor);
-        let braking = Braking::of(motion, &settings);
-        let moves = braking.as_ref().map_or(Some(Vec::new()), |braking| braking.in_few_segments(motion, &settings));
+    for (((motion, last_step), settings), tail) in motors.iter().zip(&settings).zip(&tails) {
+        let braking = Braking::of(motion, settings).filter(|_| tail.is_none());
+        let moves = braking.as_ref().map_or(Some(Vec::new()), |braking| braking.in_few_segments(motion, settings));
         let law = braking.filter(|_| moves.is_none()).map(|braking| braking.law(motion));
         let (position, speed) = if law.is_some() { (motion.position, motion.speed) } else { (0, 0.0) };
         let start = Start { origin: Origin { position, theta: 0.0, speed }, last_step: *last_step };
@@ -73,8 +102,35 @@ pub fn stop_tails(program: &Program, motors: &[(Motion, Option<(i64, Direction)>
     for (motor, (_, _, moves)) in laws.iter().enumerate() {
         ensemble.go_first(motor, moves);
     }
-    let mut moves = |motor| std::iter::from_fn(|| ensemble.next_move(motor).transpose()).collect();
-    (0..motors.len()).map(&mut moves).collect()
+    let mut moves = |motor| -> Result<Vec<Move>, Refused> {
+        std::iter::from_fn(|| ensemble.next_move(motor).transpose()).collect()
+    };
+    let tails = tails.into_iter().zip(&settings).enumerate().map(|(motor, (tail, settings))| match tail {
+        Some(tail) => Ok(tail),
+        None => Ok(Tail::anew(moves(motor)?, settings)),
+    });
+    tails.collect()
+}
+
+/// Whether the tail of a motor needs no regard for opposite steps on its DIR line: its own last step, and what other
+/// motors did and do there, has the line as this tail has it.
+fn is_in_no_ones_way(program: &Program, motors: &[(Motion, Option<(i64, Direction)>)], motor: usize) -> bool {
+    let line = |motor: usize| match program.motors[motor].wiring {
+        Wiring::StepDir { dir, forward_high, .. } => Some((dir, forward_high)),
+        Wiring::Coils { .. } => None,
+    };
+    let (own, forward_high) = line(motor).unzip();
+    let levels = |other: usize| {
+        let (motion, last) = &motors[other];
+        let brakes = (motion.speed != 0.0).then_some(motion.speed > 0.0);
+        let made = last.map(|(_, direction)| direction == Direction::Forward);
+        let same = line(other).map(|(_, high)| high) == forward_high;
+        [brakes, made].map(|way| way.map(|forward| forward == same))
+    };
+    let shares = |other: &usize| *other == motor || (own.is_some() && line(*other).map(|(dir, _)| dir) == own);
+    let mut all = (0..motors.len()).filter(shares).flat_map(levels).flatten();
+    let first = all.next();
+    all.all(|level| Some(level) == first)
 }
 
 /// How a motor above its pull-in rate is to be braked.
@@ -100,8 +156,23 @@ impl Braking {
         Some(Braking { theta: motion.theta.clamp(low, high), deceleration })
     }
 
+    /// The moves to rest that go on from what the board was told.
+    fn onward(&self, motion: &Motion, settings: &Settings) -> Option<Tail> {
+        let told = motion.told?;
+        let moves = match self.brake(motion, settings) {
+            Some(brake) => brake.onward(&told, settings)?,
+            None => Vec::new(),
+        };
+        Some(Tail { start: told.accumulator, moves })
+    }
+
     /// The moves to rest; `None` if only the plan of the [law](Braking::law) will do, which takes more segments.
     fn in_few_segments(&self, motion: &Motion, settings: &Settings) -> Option<Vec<Move>> {
+        self.brake(motion, settings).map_or(Some(Vec::new()), |brake| brake.moves(settings))
+    }
+
+    /// `None` if the motor is at rest before its next step.
+    fn brake(&self, motion: &Motion, settings: &Settings) -> Option<Brake> {
         let hz = settings.tick_hz as f64;
         let (speed, limit) = (motion.speed.abs() / hz, self.deceleration / (hz * hz));
         let forward = motion.speed > 0.0;
@@ -110,17 +181,16 @@ impl Braking {
         let way = (level - self.theta).abs();
         let square = speed * speed - 2.0 * limit * way;
         if square <= 0.0 {
-            // At rest before the next step.
-            return Some(Vec::new());
+            return None;
         }
-        let brake = Brake {
+        Some(Brake {
+            unbraked: (way / speed, speed),
             first: 2.0 * way / (speed + square.sqrt()),
             speed: square.sqrt(),
             limit,
             pull_in: settings.limits.pull_in / hz,
             direction: if forward { Direction::Forward } else { Direction::Backward },
-        };
-        brake.moves(settings)
+        })
     }
 
     /// θ from the tail's first instant to rest.

@@ -1,19 +1,19 @@
 //! Stop tails, from any instant of any law within limits.
 
 use proptest::prelude::*;
-use pulsetrain_core::Item;
 use pulsetrain_core::packing::{MAX_PACKED_LEN, Packing, State};
+use pulsetrain_core::{Direction, Item};
 use pulsetrain_motion::law::Cursor;
 use pulsetrain_motion::program::Limits;
 use pulsetrain_motion::{Law, Time};
-use pulsetrain_plan::tail::{Motion, stop_tail};
+use pulsetrain_plan::tail::{Motion, Tail, Told, stop_tail};
 use pulsetrain_plan::{Move, Planner, Settings};
 
 const TICK_HZ: f64 = 16e6;
 
-/// (tick, position after the step) of moves that begin at tick 0 and `position`.
-fn steps(moves: impl IntoIterator<Item = Move>, mut position: i64) -> Vec<(i128, i64)> {
-    let mut accumulator = 1_i128 << 15;
+/// (tick, position after the step) of moves that begin at `accumulator` and `position`.
+fn steps(accumulator: i64, moves: impl IntoIterator<Item = Move>, mut position: i64) -> Vec<(i128, i64)> {
+    let mut accumulator = i128::from(accumulator);
     let mut steps = Vec::new();
     for next in moves {
         match next {
@@ -30,6 +30,34 @@ fn steps(moves: impl IntoIterator<Item = Move>, mut position: i64) -> Vec<(i128,
     steps
 }
 
+/// What a board knows of a plan up to `tick`.
+fn told(moves: &[Move], tick: i128, settings: &Settings) -> Told {
+    let packing = Packing { fraction_bits: settings.fraction_bits, gain: settings.gain().unwrap() };
+    let scale = settings.fraction_bits;
+    let (mut state, mut accumulator) = (State::default(), 1_i128 << (scale - 1));
+    for next in moves {
+        match *next {
+            Move::Dwell { ticks } => {
+                let end = accumulator + (i128::from(ticks) << scale);
+                if end >> scale >= tick {
+                    break;
+                }
+                accumulator = end;
+            }
+            Move::Run { segment, direction } => {
+                let before =
+                    (1..=segment.count).take_while(|k| (accumulator + segment.span(*k)) >> scale < tick).count();
+                let segment = segment.truncated(u32::try_from(before).unwrap());
+                if before > 0 {
+                    packing.pack(&mut state, &Item::Run { segment, direction }, &mut [0; MAX_PACKED_LEN]).unwrap();
+                }
+                accumulator += segment.span(segment.count);
+            }
+        }
+    }
+    Told { accumulator: i64::try_from(accumulator - (tick << scale)).unwrap(), state }
+}
+
 fn any_law() -> impl Strategy<Value = Law> {
     let sine = (20.0..2000.0f64, 0.5..5.0f64)
         .prop_map(|(amplitude, period_s)| Law::sine(amplitude, Time::from_seconds(period_s), Some(2)).unwrap());
@@ -44,7 +72,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(256))]
 
     #[test]
-    fn a_tail_stops_within_the_limits(law in any_law(), part in 0.0..1.0f64, pull_in in 0.0..200.0f64) {
+    fn a_tail_stops_within_the_limits(law in any_law(), part in 0.0..1.0f64, pull_in in 0.0..200.0f64, knows: bool) {
         // Limits that the law just keeps.
         let mut settings = Settings::new(16_000_000, 16);
         let mut planner = Planner::new(&law, &settings).unwrap();
@@ -58,16 +86,18 @@ proptest! {
         settings.min_interval_ticks = certificate.shortest_interval_ticks.unwrap_or(1) - 4;
 
         let tick = (part * law.end().unwrap().seconds() * TICK_HZ) as i128;
-        let made = steps(moves, 0);
-        let position = made.iter().take_while(|(t, _)| *t <= tick).last().map_or(0, |(_, position)| *position);
+        let made = steps(1 << 15, moves.iter().copied(), 0);
+        let position = made.iter().take_while(|(t, _)| *t < tick).last().map_or(0, |(_, position)| *position);
         let sample = Cursor::new(&law).at(Time::from_seconds(tick as f64 / TICK_HZ)).unwrap();
         let motion = Motion {
             position,
             theta: sample.position,
             speed: sample.speed,
             acceleration: certificate.peak_acceleration.0,
+            told: knows.then(|| told(&moves, tick, &settings)),
         };
-        let tail = steps(stop_tail(&motion, &settings).unwrap(), position);
+        let tail = stop_tail(&motion, &settings).unwrap();
+        let tail = steps(tail.start, tail.moves, position);
         let Some(&(first, _)) = tail.first() else {
             // Slow enough to stop at once, or less than the way to the next step.
             let way = motion.speed.powi(2) / (2.0 * braking);
@@ -103,32 +133,138 @@ proptest! {
         }
     }
 
-    /// Whatever an Uno can run, up to steps of 100 ticks, braked within 10 ms to 1 s.
     #[test]
-    fn a_tail_is_short(
-        log_speed in 2.0..5.2f64, stops_s in 0.01..1.0f64, theta in -0.49..0.49f64, back: bool, pull_in in 0.0..100.0f64,
-        fine: bool, coarse: bool,
-    ) {
-        let speed = 10f64.powf(log_speed);
-        let mut settings = Settings::new(16_000_000, if fine { 32 } else { 16 });
-        settings.tolerance_ticks = if coarse { 16.0 } else { 1.0 };
-        let braking = speed / stops_s;
-        settings.limits = Limits { max_speed: None, max_acceleration: Some(braking), pull_in };
-        let motion =
-            Motion { position: 0, theta, speed: if back { -speed } else { speed }, acceleration: 0.0 };
-        let moves = stop_tail(&motion, &settings).unwrap();
+    fn a_tail_is_short(case in case()) {
+        let (segments, bytes) = case.measured();
+        prop_assert!(segments <= 24, "{segments} segments");
+        prop_assert!(bytes <= case.most_bytes(), "{bytes} bytes");
+    }
+}
+
+/// What was the longest once, and what is the longest of those that [`bytes_of_tails`] measures.
+#[test]
+fn the_longest_tails_are_short() {
+    let slow = Case {
+        speed: 278.589,
+        stops_s: 0.918_515_709,
+        past: 0.484_375,
+        back: false,
+        pull_in: 0.0,
+        fine: false,
+        coarse: false,
+        knows: None,
+    };
+    let fast = Case { speed: 116_340.7, stops_s: 0.922_961, past: 0.759, back: true, pull_in: 65.3, ..slow };
+    let told = Case { speed: 114_836.3, stops_s: 0.805_570, past: 0.225_6, knows: Some((58, 0.251_7)), ..fast };
+    let fine = Case { speed: 157_292.0, stops_s: 0.978_639, past: 0.447_5, fine: true, ..fast };
+    for case in [slow, fast, Case { coarse: true, ..told }, told, fine] {
+        let (segments, bytes) = case.measured();
+        assert!(segments <= 24 && bytes <= case.most_bytes(), "{segments} segments, {bytes} bytes: {case:?}");
+    }
+    // The tutorial's sine at T = 1 s where it is fastest: 12 566 steps/s, 78 957 steps/s².
+    let tutorial = Case { speed: 12_566.0, stops_s: 0.159_2, knows: Some((60, 0.0)), ..slow };
+    assert!(tutorial.measured().1 <= 30, "{:?}", tutorial.measured());
+}
+
+/// Whatever an Uno can run, up to steps of 100 ticks, braked within 10 ms to 1 s.
+#[derive(Clone, Copy, Debug)]
+struct Case {
+    speed: f64,
+    stops_s: f64,
+    /// How much of an interval is past since the last step.
+    past: f64,
+    back: bool,
+    pull_in: f64,
+    fine: bool,
+    coarse: bool,
+    /// The count of the last segment, and what part of the braking its own acceleration was; unless nothing is known.
+    knows: Option<(u32, f64)>,
+}
+
+fn case() -> impl Strategy<Value = Case> {
+    let motion = (2.0..5.2f64, 0.01..1.0f64, 0.0..1.0f64, any::<bool>(), 0.0..100.0f64);
+    let knows = prop::option::weighted(0.8, (3u32..80, -1.0..1.0f64));
+    (motion, any::<bool>(), any::<bool>(), knows).prop_map(|(motion, fine, coarse, knows)| {
+        let (log_speed, stops_s, past, back, pull_in) = motion;
+        Case { speed: 10f64.powf(log_speed), stops_s, past, back, pull_in, fine, coarse, knows }
+    })
+}
+
+impl Case {
+    fn settings(&self) -> Settings {
+        let mut settings = Settings::new(16_000_000, if self.fine { 32 } else { 16 });
+        settings.tolerance_ticks = if self.coarse { 16.0 } else { 1.0 };
+        let max_acceleration = Some(self.speed / self.stops_s);
+        settings.limits = Limits { max_speed: None, max_acceleration, pull_in: self.pull_in };
+        settings
+    }
+
+    fn told(&self, settings: &Settings) -> Option<Told> {
+        let (previous_count, accelerates) = self.knows?;
+        let direction = if self.back { Direction::Backward } else { Direction::Forward };
+        let interval = TICK_HZ / self.speed * 2f64.powi(settings.fraction_bits as i32);
+        // The interval changes by its part of v·a, each step: −a/v³ in seconds.
+        let add = -accelerates * interval / (self.speed * self.stops_s);
+        let state = State { previous_count, interval: interval as i64, add: add as i64, add2: 0, direction };
+        Some(Told { accumulator: -(self.past * interval) as i64, state })
+    }
+
+    fn tail(&self, settings: &Settings) -> Tail {
+        // 1 − past of a step before the next one.
+        let (theta, sign) = (settings.grid.up_level(0) - (1.0 - self.past), if self.back { -1.0 } else { 1.0 });
+        let motion = Motion {
+            position: 0,
+            theta: sign * theta,
+            speed: sign * self.speed,
+            acceleration: 0.0,
+            told: self.told(settings),
+        };
+        stop_tail(&motion, settings).unwrap()
+    }
+
+    /// Segments, and bytes after what the board was told.
+    fn measured(&self) -> (usize, usize) {
+        let settings = self.settings();
         let packing = Packing { fraction_bits: settings.fraction_bits, gain: settings.gain().unwrap() };
-        let mut state = State::default();
-        let mut bytes = 0;
+        let mut state = self.told(&settings).map_or(State::default(), |told| told.state);
         let mut len = |item: Item| packing.pack(&mut state, &item, &mut [0; MAX_PACKED_LEN]).unwrap();
-        for next in &moves {
-            match *next {
-                Move::Dwell { ticks } => bytes += len(Item::Dwell { ticks: ticks.try_into().unwrap() }),
-                Move::Run { segment, direction } => bytes += len(Item::Run { segment, direction }),
-            }
+        let moves = self.tail(&settings).moves;
+        let bytes = moves.iter().map(|next| match *next {
+            Move::Dwell { ticks } => len(Item::Dwell { ticks: ticks.try_into().unwrap() }),
+            Move::Run { segment, direction } => len(Item::Run { segment, direction }),
+        });
+        (moves.len(), bytes.sum())
+    }
+
+    const fn most_bytes(&self) -> usize {
+        match (self.fine, self.knows) {
+            // 16 parts of 2 bytes; before them, where not even the largest is gentle enough, a segment of 13, and one of 8
+            // that leads to them; the last step or two, of 5.
+            (false, Some(_)) => 32 + 13 + 8 + 5,
+            // The first step, which may be one in full, and the next segment, which is.
+            (false, None) => 32 + 10 + 15 + 8 + 5,
+            // Registers that are twice as wide.
+            (true, _) => 90,
         }
-        // Boards with 32 fraction bits have wider registers, and room for them.
-        prop_assert!(moves.len() <= 8, "{} segments", moves.len());
-        prop_assert!(bytes <= if fine { 100 } else { 72 }, "{bytes} bytes");
+    }
+}
+
+/// `cargo test -p pulsetrain-plan --test tails -- --ignored --nocapture` prints what tails take, over many motions.
+#[test]
+#[ignore = "prints figures"]
+fn bytes_of_tails() {
+    use proptest::strategy::ValueTree;
+    let mut runner = proptest::test_runner::TestRunner::deterministic();
+    let mut all: [Vec<(usize, Case)>; 3] = Default::default();
+    for _ in 0..20_000 {
+        let case = case().new_tree(&mut runner).unwrap().current();
+        let (_, bytes) = case.measured();
+        all[if case.fine { 2 } else { usize::from(case.knows.is_none()) }].push((bytes, case));
+    }
+    for (cases, what) in all.iter_mut().zip(["F = 16, told", "F = 16, not told", "F = 32"]) {
+        cases.sort_by_key(|(bytes, _)| *bytes);
+        let at = |part: f64| cases[((cases.len() - 1) as f64 * part) as usize].0;
+        println!("{what}: median {} bytes, 90 % {}, 99 % {}, most {}", at(0.5), at(0.9), at(0.99), at(1.0));
+        println!("  {:?}", cases.last().unwrap().1);
     }
 }

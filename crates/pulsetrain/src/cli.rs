@@ -51,6 +51,7 @@ Files written to DIR:
 Examples:
   pulsetrain run examples/tutorial.toml
   pulsetrain run examples/sweep.toml --for \"60 s\" --out out/minute
+  pulsetrain run examples/sweep.toml --pause-at \"2 s\" --resume-at \"3 s\"
   pulsetrain run examples/formula.toml --virtual
   pulsetrain run examples/formula.toml --port /dev/ttyACM0")]
     Run(Run),
@@ -163,12 +164,18 @@ pub(crate) struct Run {
     /// Let the Uno's firmware run it, on an emulated chip, and judge its pins; for files of the board `uno`
     #[arg(long = "virtual", conflicts_with = "port")]
     pub(crate) on_virtual: bool,
-    /// Let the board at this serial port run it, in real time; Ctrl-C stops the motors as planned
+    /// Let the board at this serial port run it, in real time; Ctrl-C stops the motors as planned, twice at once
     #[arg(long, value_name = "PORT")]
     pub(crate) port: Option<String>,
     /// Rate of the line to the port, once the board is found
     #[arg(long, value_name = "BAUD", value_parser = baud, default_value = "1000000", requires = "port")]
     pub(crate) baud: Baud,
+    /// Bring all motors to a halt on their paths from this time on, as soon as their limits allow
+    #[arg(long, value_name = "TIME", value_parser = duration)]
+    pub(crate) pause_at: Option<Time>,
+    /// Go on from the halt at this time of the run, or as soon as the motors rest
+    #[arg(long, value_name = "TIME", value_parser = duration, requires = "pause_at")]
+    pub(crate) resume_at: Option<Time>,
     /// Print the report as JSON
     #[arg(long)]
     pub(crate) json: bool,

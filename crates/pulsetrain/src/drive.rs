@@ -24,13 +24,25 @@ use crate::session::{Session, SessionError};
 pub enum DriveError {
     /// The session could not begin or go on.
     #[error(transparent)]
-    Session(#[from] SessionError),
+    Session(SessionError),
     /// The native board cannot be wired so.
     #[error("the native board cannot run this motion: {0}")]
     Config(#[from] ConfigError),
     /// The board at the other end of the line.
     #[error(transparent)]
     Remote(#[from] RemoteError),
+    /// The shortest part of the plan and its stop do not fit the board's queue.
+    #[error(
+        "motor {motor}: the next steps and a stop take {needed} bytes of the board's queue, which has room for {room}"
+    )]
+    QueueTooShort {
+        /// Whose.
+        motor: String,
+        /// Bytes of the packed plan, or items of the native board.
+        needed: usize,
+        /// In the same unit.
+        room: usize,
+    },
     /// The board dropped steps: a fault of the planner or the board, not of the motion.
     #[error("motor {motor} missed steps on the board `{board}`; please report this motion file")]
     Missed {
@@ -39,6 +51,20 @@ pub enum DriveError {
         /// Whose.
         motor: String,
     },
+}
+
+impl DriveError {
+    /// With the motor's name, and without what is only a session's view of it.
+    fn of(program: &Program, error: SessionError) -> DriveError {
+        match error {
+            SessionError::Lost(error) => DriveError::Remote(error),
+            SessionError::QueueTooShort { motor, needed, room } => {
+                let motor = program.motors.get(motor).map_or_else(String::new, |motor| motor.name.clone());
+                DriveError::QueueTooShort { motor, needed, room }
+            }
+            error => DriveError::Session(error),
+        }
+    }
 }
 
 /// A prepared motion on a board, just before its laws begin.
@@ -73,7 +99,8 @@ impl<'a> Driven<'a, Uno> {
     /// # Errors
     /// As [`Driven::native`], and when the firmware refuses the configuration.
     pub fn virtual_uno(prepared: &'a Prepared, baud: Baud) -> Result<Driven<'a, Uno>, DriveError> {
-        Driven::uno(prepared, VirtualUno::new(), baud)
+        // One that was made just now has known nobody: the same session each time, to the cycle.
+        Driven::with(prepared, |program| connect_as(VirtualUno::new(), program, baud, 1))
     }
 }
 
@@ -83,8 +110,15 @@ impl<'a, P: Port> Driven<'a, Shadowed<Remote<P>>> {
     /// # Errors
     /// As [`Driven::native`], and when nobody answers or the firmware refuses the configuration.
     pub fn uno(prepared: &'a Prepared, port: P, baud: Baud) -> Result<Driven<'a, Shadowed<Remote<P>>>, DriveError> {
+        Driven::with(prepared, |program| connect(port, program, baud))
+    }
+
+    fn with(
+        prepared: &'a Prepared,
+        connect: impl FnOnce(&Program) -> Result<Remote<P>, RemoteError>,
+    ) -> Result<Driven<'a, Shadowed<Remote<P>>>, DriveError> {
         let program = &prepared.program;
-        let remote = connect(port, program, baud)?;
+        let remote = connect(program)?;
         let lines = lines::of(program);
         let place = |pin: u8| place_of(&lines, pin);
         let places = (0..=UNO_LAST_PIN).map(place).collect();
@@ -106,7 +140,12 @@ const UNO_LAST_PIN: u8 = 19;
 /// # Errors
 /// When nobody answers, or the board refuses.
 pub fn connect<P: Port>(port: P, program: &Program, baud: Baud) -> Result<Remote<P>, RemoteError> {
-    let mut remote = Remote::open(port, session_number())?;
+    connect_as(port, program, baud, session_number())
+}
+
+/// The same with a session's number.
+fn connect_as<P: Port>(port: P, program: &Program, baud: Baud, number: u32) -> Result<Remote<P>, RemoteError> {
+    let mut remote = Remote::open(port, number)?;
     if baud != remote.link().baud() {
         remote.set_baud(baud)?;
     }
@@ -128,6 +167,19 @@ pub struct Ended {
     pub counted: Vec<i64>,
     /// It was stopped on the way, as planned for a stop.
     pub stopped: bool,
+    /// It was stopped at once: motors that were too fast for that may stand elsewhere than they count.
+    pub uncertain: Option<Vec<bool>>,
+}
+
+/// How a run is to go on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wish {
+    /// As planned.
+    GoOn,
+    /// To rest within the limits, as soon as possible.
+    Stop,
+    /// No further step.
+    StopNow,
 }
 
 impl<'a, B: Board> Driven<'a, B> {
@@ -137,14 +189,15 @@ impl<'a, B: Board> Driven<'a, B> {
         mut lines: Vec<Line>,
         places: Vec<Option<u8>>,
     ) -> Result<Driven<'a, B>, DriveError> {
-        let mut session = Session::new(board, program)?;
+        let of = |error| DriveError::of(program, error);
+        let mut session = Session::new(board, program).map_err(of)?;
         // A first step soon after the start has its DIR set before: in a trace that is where the line begins.
         let mut level = |edge: Edge| {
             if let Some(Some(place)) = places.get(usize::from(edge.line)) {
                 lines[usize::from(*place)].initial = edge.level;
             }
         };
-        session.advance(session.zero() - 1, &mut level)?;
+        session.advance(session.zero() - 1, &mut level).map_err(of)?;
         Ok(Driven { session, program, lines, places })
     }
 
@@ -153,10 +206,10 @@ impl<'a, B: Board> Driven<'a, B> {
     /// # Errors
     /// When the motion stopped before its end, or the board and the host count differently: faults of ours.
     pub fn run(&mut self, observer: &mut impl Observer, watch: impl FnMut(f64)) -> Result<Ended, DriveError> {
-        self.run_until(observer, watch, || false)
+        self.run_until(observer, watch, || Wish::GoOn)
     }
 
-    /// The same, but when `stop` says so the motors come to rest within their limits.
+    /// The same, but when `wish` says so the motors come to rest within their limits, or at once.
     ///
     /// # Errors
     /// As [`Driven::run`].
@@ -164,36 +217,56 @@ impl<'a, B: Board> Driven<'a, B> {
         &mut self,
         observer: &mut impl Observer,
         mut watch: impl FnMut(f64),
-        stop: impl Fn() -> bool,
+        wish: impl Fn() -> Wish,
     ) -> Result<Ended, DriveError> {
-        /// So often `stop` is asked, ticks of the board for each second.
+        /// So often `wish` is asked, ticks of the board for each second.
         const LOOKS_PER_S: u64 = 20;
         let (zero, tick_hz) = (self.session.zero(), self.program.board.tick_hz);
         let mut since = Since { zero, places: &self.places, observer };
         let mut progress = |tick: u64| watch(tick.saturating_sub(zero) as f64 / tick_hz as f64);
         let mut stopped = false;
-        while !self.session.is_complete() {
-            if stop() {
-                self.session.stop()?;
-                stopped = true;
-                break;
+        while !(self.session.is_complete() && self.rests()) {
+            let now = self.session.board().now();
+            match wish() {
+                Wish::Stop if !stopped => {
+                    stopped = !self.session.is_complete();
+                    self.session.stop().map_err(|error| DriveError::of(self.program, error))?;
+                }
+                Wish::StopNow => {
+                    let stop = self.session.board_mut().stop_now(now, &mut since);
+                    if let Some(error) = self.session.board().lost() {
+                        return Err(error.clone().into());
+                    }
+                    return Ok(Ended { counted: stop.positions, stopped: true, uncertain: Some(stop.uncertain) });
+                }
+                Wish::Stop | Wish::GoOn => {}
             }
-            let until = self.session.board().now() + tick_hz / LOOKS_PER_S;
-            if let Err(failure) = self.session.advance(until, &mut since) {
+            let soon = now + tick_hz / LOOKS_PER_S;
+            let last = self.session.last_step().filter(|last| self.session.is_complete() && *last >= now);
+            if let Err(failure) = self.session.advance(last.map_or(soon, |last| soon.min(last)), &mut since) {
                 // The motors come to rest with the tail that the board has: that is waited for.
                 self.session.run(&mut since, progress);
-                return Err(failure.into());
+                return Err(DriveError::of(self.program, failure));
             }
             progress(self.session.board().now());
         }
         let report = self.session.run(&mut since, progress);
+        if let Some(error) = self.session.board().lost() {
+            return Err(error.clone().into());
+        }
         let counts = report.counted.iter().zip(&report.replayed).zip(&report.faults);
         for (motor, ((counted, replayed), faults)) in self.program.motors.iter().zip(counts) {
             if counted != replayed || *faults != Faults::default() {
                 return Err(DriveError::Missed { motor: motor.name.clone(), board: self.program.board.name.clone() });
             }
         }
-        Ok(Ended { counted: report.counted, stopped })
+        Ok(Ended { counted: report.counted, stopped, uncertain: None })
+    }
+
+    /// Whether the last step that was told has been made.
+    fn rests(&self) -> bool {
+        let board = self.session.board();
+        board.is_idle() && self.session.last_step().is_none_or(|last| last < board.now())
     }
 }
 

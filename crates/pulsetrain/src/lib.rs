@@ -5,6 +5,7 @@
 //! - `commands`: one file for each command
 //! - [`prepare`]: from a motion file to plans of all motors; [`fit`]: what would fit, where one is refused
 //! - [`session`]: a program, streamed into a board in epochs that end in stop tails; stops and live changes
+//! - [`pause`]: how a motion is brought to a halt on its path, and goes on
 //! - [`serve`]: a virtual Uno in real time, for any serial client; `interrupt`: Ctrl-C
 //! - [`drive`]: plans on the native board and on Unos; [`record`]: a run as it is seen: files, verdict, picture
 //! - [`lateness`]: edges against scheduled ticks
@@ -24,6 +25,7 @@ pub mod fit;
 pub mod human;
 mod interrupt;
 pub mod lateness;
+pub mod pause;
 pub mod plot;
 pub mod prepare;
 pub mod record;

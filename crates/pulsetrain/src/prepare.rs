@@ -11,6 +11,7 @@ use pulsetrain_plan::tail::SOFTEST_STOP_S;
 use pulsetrain_plan::{Certificate, Ensemble, Move, PlanError, Planner, Refused, Settings};
 
 use crate::fit;
+use crate::pause::{self, PauseError, Paused};
 
 /// How much of an endless motion is shown, s, if nobody says.
 pub const DEFAULT_LENGTH_S: f64 = 10.0;
@@ -24,6 +25,8 @@ pub struct Prepared {
     pub program: Program,
     /// Where endless laws were cut; they brake from there.
     pub cut_at: Option<Time>,
+    /// The pause that was put in.
+    pub pause: Option<Paused>,
 }
 
 /// Why a motion cannot be prepared or planned.
@@ -58,6 +61,24 @@ pub enum Refusal {
         /// How.
         error: LawError,
     },
+    /// There is nothing left to pause.
+    #[error("{file}: a pause at {at_s} s comes too late: the motion ends at {end_s} s")]
+    Over {
+        /// The motion file.
+        file: String,
+        /// Asked for, s.
+        at_s: f64,
+        /// When the last law ends, s.
+        end_s: f64,
+    },
+    /// The motion cannot be paused there.
+    #[error("{file}: {error}")]
+    Pause {
+        /// The motion file.
+        file: String,
+        /// Why not.
+        error: PauseError,
+    },
     /// A plan would break a limit.
     #[error("{file}: motor {motor}: {error}")]
     Plan {
@@ -87,10 +108,26 @@ impl Prepared {
         if let Some(row) = boards::find(&program.board.name) {
             let refuse = |error: PinsError| Refusal::Pins { file: file.clone(), advice: error.advice(), error };
             row.pin_kind(&program.motors).map_err(refuse)?;
+            program.board.min_interval_ticks = row.shortest_intervals(&program.motors);
         }
         let cut_at =
             cut(&mut program, length).map_err(|(motor, error)| Refusal::Law { file: file.clone(), motor, error })?;
-        Ok(Prepared { file, program, cut_at })
+        Ok(Prepared { file, program, cut_at, pause: None })
+    }
+
+    /// Has the motors come to a halt from `at` on, and go on at `until`; see [`pause::paused`].
+    ///
+    /// # Errors
+    /// When the motion is over by then, or leaves no room for it.
+    pub fn pause(&mut self, at: Time, until: Option<Time>) -> Result<(), Refusal> {
+        let file = || self.file.clone();
+        if self.end_s() <= at.seconds() {
+            return Err(Refusal::Over { file: file(), at_s: at.seconds(), end_s: self.end_s() });
+        }
+        let (program, paused) =
+            pause::paused(&self.program, at, until).map_err(|error| Refusal::Pause { file: file(), error })?;
+        (self.program, self.pause) = (program, Some(paused));
+        Ok(())
     }
 
     /// Plans every motor, all side by side; nothing is kept. `watch` hears how far the plan is, s.

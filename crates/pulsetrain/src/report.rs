@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use crate::human::{self, Table};
 use crate::lateness::Lateness;
+use crate::pause::Paused;
 
 /// What was planned.
 #[derive(Clone, Debug, Serialize)]
@@ -26,6 +27,9 @@ pub struct PlanReport {
     pub duration_s: f64,
     /// Where an endless motion was cut, s; the planned stop comes after.
     pub cut_at_s: Option<f64>,
+    /// The pause that was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pause: Option<Paused>,
     /// The motors, in the file's order.
     pub motors: Vec<MotorReport>,
 }
@@ -321,6 +325,14 @@ impl Display for PlanReport {
         )?;
         if let Some(cut) = self.cut_at_s {
             writeln!(f, "  endless: shown for {}, then the planned stop; --for sets it", human::seconds_to(cut, 6))?;
+        }
+        if let Some(Paused { slows_at_s, rests_at_s, goes_on_s }) = self.pause {
+            let time = |at_s| human::seconds_to(at_s, 6);
+            write!(f, "  pause: slows down from {} on, rests from {} on", time(slows_at_s), time(rests_at_s))?;
+            match goes_on_s {
+                Some((from_s, to_s)) => writeln!(f, "; goes on at {}, at speed from {} on", time(from_s), time(to_s))?,
+                None => writeln!(f, ", and stays there")?,
+            }
         }
         for motors in self.motors.chunks(ABREAST) {
             let table = side_by_side(motors, |motor| &motor.name, PLANNED, tick_s);

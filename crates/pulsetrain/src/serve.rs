@@ -126,21 +126,27 @@ const ROUND: Duration = Duration::from_millis(1);
 /// A chip that is further behind is not caught up with: its time goes on from where it is.
 const FARTHEST_BEHIND: Duration = Duration::from_millis(100);
 
+/// One that is further ahead goes on at once: a reset is a leap of 65 ms, and clients may come in close succession.
+const FARTHEST_AHEAD: Duration = Duration::from_millis(100);
+
 /// Lets a virtual Uno keep pace with the time of day until `stop` says so. Gives the time that it fell behind.
 ///
 /// # Errors
 /// As [`Service::round`].
 pub fn in_real_time<C: Client, W: Write>(service: &mut Service<C, W>, stop: impl Fn() -> bool) -> io::Result<Duration> {
-    let mut lost = Duration::ZERO;
+    // Of the chip's time: what was let go, and what it leapt ahead in resets, one for each client.
+    let (mut lost, mut leapt) = (Duration::ZERO, Duration::ZERO);
     let began = Instant::now();
     while !stop() {
-        let due = began.elapsed().saturating_sub(lost);
+        let due = (began.elapsed() + leapt).saturating_sub(lost);
         // In short strides, so that a slow computer still hears its client and Ctrl-C.
         service.round(due.min(service.now() + 10 * ROUND))?;
-        let behind = began.elapsed().saturating_sub(lost).saturating_sub(service.now());
+        let due = (began.elapsed() + leapt).saturating_sub(lost);
+        let behind = due.saturating_sub(service.now());
         if behind > FARTHEST_BEHIND {
             lost += behind;
         }
+        leapt += service.now().saturating_sub(due).saturating_sub(FARTHEST_AHEAD);
         if behind < ROUND {
             thread::sleep(ROUND);
         }
@@ -200,7 +206,9 @@ impl Client for Socket {
     }
 
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        if self.stream.as_mut().is_some_and(|stream| stream.write_all(bytes).is_err()) {
+        // A client that does not read loses what does not fit, as at a real port.
+        let gone = |error: io::Error| error.kind() != io::ErrorKind::WouldBlock;
+        if self.stream.as_mut().is_some_and(|stream| stream.write_all(bytes).is_err_and(gone)) {
             self.stream = None;
         }
         Ok(())
@@ -223,12 +231,24 @@ mod pty {
     use std::path::{Path, PathBuf};
     use std::time::Duration;
 
-    /// A pseudo-terminal, with a link to it that is gone in the end. Each client gets a new one.
+    /// A pseudo-terminal, with a link to it that is gone in the end. Each client gets a new one: it finds no rate, no lock
+    /// and no byte of the one before.
     #[derive(Debug)]
     pub struct Pty {
-        master: TTYPort,
+        /// Where the link leads.
+        now: Terminal,
+        /// Where it led before: a client may follow the link just before it is changed, and is served all the same.
+        before: Option<Terminal>,
         link: PathBuf,
         present: bool,
+    }
+
+    /// The board's end.
+    #[derive(Debug)]
+    struct Terminal {
+        master: TTYPort,
+        /// The client's end.
+        name: String,
     }
 
     impl Pty {
@@ -237,64 +257,84 @@ mod pty {
         /// # Errors
         /// When there is a file of that name, or none can be made there.
         pub fn new(link: &Path) -> io::Result<Pty> {
-            let (master, name) = pair()?;
-            // One that leads nowhere was left by a run that was killed.
+            // One that leads nowhere was left by a run that was killed. The new terminal may have the old one's name.
             if link.is_symlink() && !link.exists() {
                 std::fs::remove_file(link)?;
             }
-            symlink(name, link)?;
-            Ok(Pty { master, link: link.to_owned(), present: false })
+            let now = Terminal::new()?;
+            symlink(&now.name, link)?;
+            Ok(Pty { now, before: None, link: link.to_owned(), present: false })
         }
 
-        /// The next client finds no rate, no lock and no byte of the one before.
-        fn renew(&mut self) -> io::Result<()> {
-            let (master, name) = pair()?;
-            std::fs::remove_file(&self.link)?;
-            symlink(name, &self.link)?;
-            (self.master, self.present) = (master, false);
+        /// Has the link lead to `terminal`, without a moment in which there is none.
+        fn lead_to(&mut self, terminal: Terminal) -> io::Result<()> {
+            let mut name = self.link.clone().into_os_string();
+            name.push(format!(".{}", std::process::id()));
+            let fresh = PathBuf::from(name);
+            symlink(&terminal.name, &fresh)?;
+            std::fs::rename(&fresh, &self.link).inspect_err(|_| drop(std::fs::remove_file(&fresh)))?;
+            self.before = Some(std::mem::replace(&mut self.now, terminal));
             Ok(())
         }
     }
 
-    /// The client's end is closed again: then the other end knows whether somebody has it open.
-    fn pair() -> io::Result<(TTYPort, String)> {
-        let (mut master, client) = TTYPort::pair()?;
-        master.set_timeout(Duration::ZERO)?;
-        let name = client.name().ok_or_else(|| io::Error::other("the pseudo-terminal has no name"))?;
-        Ok((master, name))
+    impl Terminal {
+        /// The client's end is closed again: then the other end knows whether somebody has it open.
+        fn new() -> io::Result<Terminal> {
+            let (mut master, client) = TTYPort::pair()?;
+            master.set_timeout(Duration::ZERO)?;
+            let name = client.name().ok_or_else(|| io::Error::other("the pseudo-terminal has no name"))?;
+            Ok(Terminal { master, name })
+        }
+
+        /// Takes what the client sent, and says whether one has it open.
+        fn hear(&mut self, into: &mut Vec<u8>) -> bool {
+            let mut buffer = [0; 1024];
+            match self.master.read(&mut buffer) {
+                Ok(len) => into.extend_from_slice(&buffer[..len]),
+                // Somebody is there, and silent.
+                Err(error) => return error.kind() == io::ErrorKind::TimedOut,
+            }
+            true
+        }
     }
 
     impl Client for Pty {
         fn poll(&mut self, into: &mut Vec<u8>) -> io::Result<bool> {
-            let mut buffer = [0; 1024];
-            match self.master.read(&mut buffer) {
-                Ok(len) => {
-                    into.extend_from_slice(&buffer[..len]);
-                    self.present = true;
+            if self.now.hear(into) {
+                self.present = true;
+            } else if self.present {
+                self.present = false;
+                self.lead_to(Terminal::new()?)?;
+            } else if let Some(mut before) = self.before.take() {
+                self.present = before.hear(into);
+                if self.present {
+                    // Another one who comes meanwhile is to find it in use.
+                    self.lead_to(before)?;
+                } else {
+                    self.before = Some(before);
                 }
-                // Somebody is there, and silent.
-                Err(error) if error.kind() == io::ErrorKind::TimedOut => self.present = true,
-                Err(_) if self.present => self.renew()?,
-                Err(_) => {}
             }
             Ok(self.present)
         }
 
         fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
             // A client that does not read loses what does not fit, as at a real port.
-            let _ = self.master.write(bytes);
+            let _ = self.now.master.write(bytes);
             Ok(())
         }
 
         fn rate(&self) -> Option<u32> {
-            self.master.baud_rate().ok()
+            self.now.master.baud_rate().ok()
         }
     }
 
     impl Drop for Pty {
         fn drop(&mut self) {
-            // If somebody else took it away, it is gone all the same.
-            let _ = std::fs::remove_file(&self.link);
+            // If somebody else took it away, it is gone all the same; what they put there is theirs.
+            if std::fs::read_link(&self.link).is_ok_and(|to| to == Path::new(&self.now.name)) {
+                let _ = std::fs::remove_file(&self.link);
+            }
         }
     }
 }

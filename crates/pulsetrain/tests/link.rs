@@ -1,16 +1,18 @@
 //! Sessions over the link: to a model board, by a line that has faults.
 
+#[path = "../../board/tests/common/mod.rs"]
+mod common;
+
+use common::{TICK_HZ, model_setup};
 use pulsetrain::session::{Session, SessionError};
 use pulsetrain_board::faulty::{Faulty, Rates};
 use pulsetrain_board::model::ModelPort;
-use pulsetrain_board::{Board, Edge, Port, Remote, Setup};
-use pulsetrain_core::wire::Baud;
-use pulsetrain_core::wire::message::MotorSetup;
+use pulsetrain_board::{Board, Edge, Port, Remote, RemoteError};
+use pulsetrain_core::wire::{Baud, Reason};
 use pulsetrain_motion::program::{self, DriverTiming, Limits, Motor, Program, Scale, Tolerance};
 use pulsetrain_motion::{Grid, Law, Time};
 use std::time::Duration;
 
-const TICK_HZ: u64 = 16_000_000;
 const TIMING: DriverTiming =
     DriverTiming { pulse_high_ns: 1000, pulse_low_ns: 1000, dir_setup_ns: 500, dir_hold_ns: 500 };
 
@@ -43,24 +45,13 @@ fn two_sines() -> Program {
     Program { board, grid: Grid::NEAREST, tolerance: Tolerance::Ticks(1.0), motors }
 }
 
-fn setup(motors: u8) -> Setup {
-    let motor = |index| MotorSetup {
-        step_pin: index,
-        dir_pin: 16 + index,
-        forward_high: true,
-        pull_in_ticks: 160_000,
-        ..MotorSetup::default()
-    };
-    Setup { pulse_ticks: 16, setup_ticks: 8, motors: (0..motors).map(motor).collect(), ..Setup::default() }
-}
-
 type Line = Faulty<ModelPort>;
 
 /// A model that is ready to move.
 fn connect(baud: Baud, seed: u64) -> Remote<Line> {
     let mut remote = Remote::open(Faulty::new(ModelPort::new(), seed), 7).unwrap();
     assert_eq!(remote.set_baud(baud), Ok(baud));
-    remote.configure(&setup(2)).unwrap();
+    remote.configure(&model_setup(2)).unwrap();
     remote
 }
 
@@ -158,7 +149,11 @@ fn what_lasts_longer_ends_in_the_tail() {
                 line.cut(Duration::from_millis(ms));
             }
         });
-        assert!(matches!(other.failure, Some(SessionError::Switch(_))), "{ms} ms: {:?}", other.failure);
+        match other.failure {
+            Some(SessionError::Switch(_)) if ms < 1900 => {}
+            Some(SessionError::Lost(RemoteError::Link(_))) if ms > 1900 => {}
+            failure => panic!("{ms} ms: {failure:?}"),
+        }
         let made = other.since_zero();
         // The plan up to a tick, then a stop of its own, and at rest for good.
         let same = made.iter().zip(&clean).take_while(|(a, b)| a == b).count();
@@ -202,6 +197,20 @@ fn a_host_that_vanishes_leaves_motors_to_their_tail_and_the_board_to_the_next() 
     assert!(status.is_idle());
     let said: Vec<i64> = status.motors.as_slice().iter().map(|motor| i64::from(motor.position)).collect();
     assert_eq!(said, positions);
+}
+
+#[test]
+fn a_board_that_refuses_to_go_on_says_why() {
+    let program = two_sines();
+    let mut session = Session::new(connect(Baud::B1M, 1), &program).unwrap();
+    let half = session.zero() + TICK_HZ / 2;
+    session.advance(half, &mut |_: Edge| {}).unwrap();
+    // As if somebody else had stopped it: it is not armed any more.
+    session.board_mut().stop_now(0, &mut |_: Edge| {});
+    let failure = session.advance(half + TICK_HZ, &mut |_: Edge| {}).unwrap_err();
+    assert!(failure.to_string().contains("its motors are not armed"), "{failure}");
+    let SessionError::Lost(RemoteError::Refused { reason, .. }) = failure else { panic!("{failure:?}") };
+    assert_eq!(reason, Reason::NotArmed);
 }
 
 #[test]

@@ -165,6 +165,236 @@ fn opening_again_resets_the_board() {
     assert!(board.now() < 16_000_000, "its clock began anew: {}", board.now());
 }
 
+/// Through the system's pseudo-terminals, and in virtual time all the same: each end waits for what the other one wrote, so
+/// that the system may take as long as it likes.
+#[cfg(unix)]
+mod pty {
+    use super::{Memory, program, real::folder};
+    use pulsetrain::drive::connect;
+    use pulsetrain::serve::{Client, Pty, Service};
+    use pulsetrain::session::Session;
+    use pulsetrain_board::{Edge, Port, PortError, Remote};
+    use pulsetrain_core::wire::Baud;
+    use pulsetrain_core::wire::message::Cause;
+    use pulsetrain_motion::{Law, Time};
+    use pulsetrain_trace::vcd_file;
+    use serialport::{SerialPort, TTYPort};
+    use std::cell::{Cell, RefCell};
+    use std::io::{self, Read, Write};
+    use std::path::{Path, PathBuf};
+    use std::rc::Rc;
+    use std::time::Duration;
+
+    const ROUND: Duration = Duration::from_millis(1);
+
+    /// Bytes that one end wrote and the other one has not read yet.
+    #[derive(Default)]
+    struct UnderWay {
+        to_board: Cell<usize>,
+        to_client: Cell<usize>,
+    }
+
+    /// The board's end.
+    struct Counting {
+        pty: Pty,
+        under_way: Rc<UnderWay>,
+    }
+
+    impl Client for Counting {
+        fn poll(&mut self, into: &mut Vec<u8>) -> io::Result<bool> {
+            let left = &self.under_way.to_board;
+            loop {
+                let had = into.len();
+                let present = self.pty.poll(into)?;
+                left.set(left.get() - (into.len() - had));
+                if !present || left.get() == 0 {
+                    return Ok(present);
+                }
+                std::thread::yield_now();
+            }
+        }
+
+        fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+            self.under_way.to_client.set(self.under_way.to_client.get() + bytes.len());
+            self.pty.send(bytes)
+        }
+
+        fn rate(&self) -> Option<u32> {
+            self.pty.rate()
+        }
+    }
+
+    /// A board that is served.
+    struct Served {
+        service: RefCell<Service<Counting, Memory>>,
+        under_way: Rc<UnderWay>,
+        link: PathBuf,
+        trace: Memory,
+    }
+
+    impl Served {
+        fn new(link: PathBuf) -> Rc<Served> {
+            let (under_way, trace) = (Rc::new(UnderWay::default()), Memory::default());
+            let client = Counting { pty: Pty::new(&link).unwrap(), under_way: Rc::clone(&under_way) };
+            let service = RefCell::new(Service::new(client, Some(trace.clone())).unwrap());
+            Rc::new(Served { service, under_way, link, trace })
+        }
+
+        fn rounds(&self, rounds: u32) {
+            for _ in 0..rounds {
+                self.round_until(self.now() + ROUND);
+            }
+        }
+
+        fn round_until(&self, until: Duration) {
+            self.service.borrow_mut().round(until).unwrap();
+        }
+
+        fn now(&self) -> Duration {
+            self.service.borrow().now()
+        }
+
+        fn clients(&self) -> u64 {
+            self.service.borrow().clients()
+        }
+
+        fn leads_to(&self) -> PathBuf {
+            std::fs::read_link(&self.link).unwrap()
+        }
+
+        /// As `pulsetrain run --port LINK` does.
+        fn open(self: &Rc<Served>) -> Terminal {
+            self.open_at(&self.link)
+        }
+
+        fn open_at(self: &Rc<Served>, name: &Path) -> Terminal {
+            let terminal = serialport::new(name.display().to_string(), 115_200).timeout(Duration::from_secs(3600));
+            Terminal { terminal: terminal.open_native().unwrap(), served: Rc::clone(self) }
+        }
+
+        /// Ends it; when STEP rose, s of the chip.
+        fn steps(self: Rc<Served>) -> Vec<f64> {
+            let Served { service, trace, .. } = Rc::into_inner(self).expect("no client has it");
+            service.into_inner().finish().unwrap();
+            let trace = vcd_file::read(&trace.0.borrow()).unwrap();
+            let is_step = |line: u8| trace.lines[usize::from(line)].names.iter().any(|name| name.ends_with("pin8"));
+            let rises = trace.edges.iter().filter(|edge| edge.level && is_step(edge.line));
+            rises.map(|edge| edge.tick as f64 / trace.tick_hz as f64).collect()
+        }
+    }
+
+    /// The client's end: time passes as the client waits.
+    struct Terminal {
+        terminal: TTYPort,
+        served: Rc<Served>,
+    }
+
+    impl Drop for Terminal {
+        fn drop(&mut self) {
+            // What was not read by then is not.
+            self.served.under_way.to_board.set(0);
+            self.served.under_way.to_client.set(0);
+        }
+    }
+
+    impl Port for Terminal {
+        fn now(&self) -> Duration {
+            self.served.now()
+        }
+
+        fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+            let to_board = &self.served.under_way.to_board;
+            to_board.set(to_board.get() + bytes.len());
+            self.terminal.write_all(bytes).unwrap();
+            Ok(())
+        }
+
+        fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
+            while self.served.under_way.to_client.get() == 0 && self.now() < until {
+                self.served.round_until(until.min(self.now() + ROUND));
+            }
+            let (had, came) = (into.len(), self.served.under_way.to_client.take());
+            into.resize(had + came, 0);
+            self.terminal.read_exact(&mut into[had..]).unwrap();
+            Ok(())
+        }
+
+        fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
+            self.terminal.set_baud_rate(baud.rate()).unwrap();
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn one_client_after_the_other_runs_a_motion() {
+        let program = program();
+        let served = Served::new(folder("pty-one-after-the-other").join("uno"));
+        for (clients, baud) in [(1, Baud::B115200), (2, Baud::B1M)] {
+            let board = connect(served.open(), &program, baud).unwrap();
+            assert_eq!(board.link().baud(), baud);
+            let mut session = Session::new(board, &program).unwrap();
+            let report = session.run(&mut |_: Edge| {}, |_| {});
+            assert_eq!((report.failure, report.counted), (None, vec![0]));
+            drop(session.into_board().close());
+            assert_eq!(served.clients(), clients);
+            served.rounds(1);
+        }
+        let link = served.link.clone();
+        assert_eq!(served.steps().len(), 2 * 400);
+        assert!(!link.is_symlink(), "the link is gone");
+    }
+
+    #[test]
+    fn a_client_that_is_killed_leaves_the_motor_to_its_stop_and_the_board_to_the_next() {
+        let mut program = program();
+        // Longer than what is told ahead.
+        program.motors[0].law = Law::sine(100.0, Time::SECOND, Some(10)).unwrap();
+        let served = Served::new(folder("pty-killed").join("uno"));
+        let board = connect(served.open(), &program, Baud::B1M).unwrap();
+        let mut session = Session::new(board, &program).unwrap();
+        session.advance(session.zero() + 4_000_000, &mut |_: Edge| {}).unwrap();
+        // Without good-bye.
+        drop(session);
+        served.rounds(3000);
+        let ended = served.now().as_secs_f64();
+        assert_eq!(Remote::open(served.open(), 2).unwrap().info().last_reset, Cause::ResetLine);
+        assert_eq!(served.clients(), 2);
+        let steps = served.steps();
+        let [.., before, last] = steps[..] else { panic!("{} steps", steps.len()) };
+        assert!((100..2000).contains(&steps.len()) && last < ended - 1.0, "{} steps, the last at {last}", steps.len());
+        assert!(last - before > 0.002, "it slowed down: {} s between the last two steps", last - before);
+    }
+
+    #[test]
+    fn whoever_followed_the_link_just_before_it_changed_is_served() {
+        let served = Served::new(folder("pty-followed").join("uno"));
+        let followed = served.leads_to();
+        drop(Remote::open(served.open(), 1).unwrap());
+        // Now the board's end sees that nobody is there, and gives the next client a terminal of its own.
+        served.rounds(1);
+        assert_ne!(served.leads_to(), followed);
+        let board = Remote::open(served.open_at(&followed), 2).unwrap();
+        assert_eq!((served.clients(), board.info().last_reset), (2, Cause::ResetLine));
+        assert_eq!(served.leads_to(), followed, "to what is in use");
+        drop(board);
+        served.rounds(1);
+        Remote::open(served.open(), 3).unwrap().status().unwrap();
+        assert_eq!(served.clients(), 3);
+    }
+
+    #[test]
+    fn a_link_that_leads_nowhere_is_made_anew_and_what_another_put_there_is_left() {
+        let link = folder("pty-left").join("uno");
+        std::os::unix::fs::symlink("/nowhere/at/all", &link).unwrap();
+        let served = Served::new(link.clone());
+        Remote::open(served.open(), 1).unwrap().status().unwrap();
+        std::fs::remove_file(&link).unwrap();
+        std::fs::write(&link, "mine").unwrap();
+        drop(served);
+        assert_eq!(std::fs::read_to_string(&link).unwrap(), "mine");
+    }
+}
+
 /// Through the system, in real time: nothing here depends on how fast that is.
 #[cfg(unix)]
 mod real {
@@ -220,7 +450,7 @@ mod real {
         }
     }
 
-    fn folder(name: &str) -> PathBuf {
+    pub(super) fn folder(name: &str) -> PathBuf {
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
         let _ = std::fs::remove_dir_all(&folder);
         std::fs::create_dir_all(&folder).unwrap();

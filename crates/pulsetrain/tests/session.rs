@@ -1,6 +1,7 @@
 //! Sessions: what a board does under them is the plan, tick by tick, or a stop that was planned.
 
 use proptest::prelude::*;
+use pulsetrain::pause::Shelf;
 use pulsetrain::session::{MotorState, Session, SessionError};
 use pulsetrain_board::{
     Board, Config, Edge, Faults, MotorConfig, Native, Observer, ScheduledStep, Sizer, StopReport, SwitchRefused, Wiring,
@@ -422,6 +423,129 @@ proptest! {
         prop_assert_eq!(&report.counted, &report.replayed);
         check_counts(&session, &lab, current)?;
     }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    #[test]
+    fn pauses_keep_path_limits_and_counts(
+        program in programs(),
+        pauses in prop::collection::vec((0.0..0.6f64, 0.0..0.3f64), 1..4),
+    ) {
+        let Some(planned) = planned(&program) else { return Err(TestCaseError::reject("no plan")) };
+        let shelf = Shelf::default();
+        let mut lab = Lab::new(&program);
+        let mut session = Session::new(Bench::new(&program, 256), &program).unwrap();
+        let ticks = |seconds: f64| (seconds * TICK_HZ as f64) as u64;
+        for (after_s, rest_s) in pauses {
+            let until = session.board().now() + ticks(after_s);
+            prop_assert_eq!(session.advance(until, &mut lab), Ok(()));
+            let rests = match session.pause(&shelf) {
+                Ok(rests) => rests,
+                // Over by then, or too much for one motor; or motors that share a DIR line turn too close together.
+                Err(SessionError::Late { .. } | SessionError::Pause(_)) => continue,
+                Err(SessionError::Plan(_) | SessionError::QueueTooShort { .. }) if lab.is_shared() => continue,
+                Err(error) => return Err(TestCaseError::fail(error.to_string())),
+            };
+            prop_assert_eq!(session.pause(&shelf), Ok(rests), "once is enough");
+            prop_assert_eq!(session.advance(rests, &mut lab), Ok(()));
+            check_counts(&session, &lab, &program)?;
+            let halted = lab.counted.clone();
+            prop_assert_eq!(session.advance(rests + ticks(rest_s), &mut lab), Ok(()));
+            prop_assert_eq!(&lab.counted, &halted, "at rest");
+            match session.resume(&shelf) {
+                Ok(at_speed) => prop_assert!(at_speed > rests),
+                Err(SessionError::Pause(_)) => return Ok(()),
+                Err(SessionError::Plan(_) | SessionError::QueueTooShort { .. }) if lab.is_shared() => return Ok(()),
+                Err(error) => return Err(TestCaseError::fail(error.to_string())),
+            }
+            prop_assert_eq!(session.resume(&shelf), Err(SessionError::NotPaused));
+        }
+        let report = session.run(&mut lab, |_| {});
+        prop_assert_eq!(report.failure, None);
+        prop_assert_eq!(&report.counted, &report.replayed);
+        check_counts(&session, &lab, &program)?;
+        for ((steps, planned), m) in lab.steps.iter().zip(&planned).zip(&program.motors) {
+            // The same steps, at other times.
+            let way = |steps: &[(u64, i64)]| steps.iter().map(|(_, sign)| *sign).collect::<Vec<_>>();
+            if !lab.is_shared() {
+                prop_assert_eq!(way(steps), way(planned));
+                if let Some(limit) = m.limits.max_acceleration.filter(|_| m.limits.pull_in == 0.0) {
+                    check_acceleration(steps, limit, 1.5)?;
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn after_a_pause_every_motor_is_as_late_as_the_others() {
+    let sine = |a, period| Law::sine(a, Time::from_seconds(period), Some((4.0 / period) as u64)).unwrap();
+    let limits = Limits { max_speed: None, max_acceleration: Some(60_000.0), pull_in: 0.0 };
+    let laws = [sine(400.0, 1.0), sine(-150.0, 0.5), sine(90.0, 0.25)];
+    let program = program(16, laws.into_iter().enumerate().map(|(k, law)| motor(k, law, false, limits)).collect());
+    let run = |pauses: bool| {
+        let shelf = Shelf::default();
+        let mut lab = Lab::new(&program);
+        let mut session = Session::new(Bench::new(&program, 256), &program).unwrap();
+        let zero = session.zero();
+        let mut at_speed = 0;
+        if pauses {
+            session.advance(zero + TICK_HZ * 13 / 10, &mut lab).unwrap();
+            let rests = session.pause(&shelf).unwrap();
+            assert!(rests < session.board().now() + TICK_HZ / 2, "paused after {rests} ticks");
+            assert_eq!(session.resume(&shelf), Err(SessionError::Early { at: session.earliest(), earliest: rests }));
+            session.advance(rests + TICK_HZ / 3, &mut lab).unwrap();
+            at_speed = session.resume(&shelf).unwrap();
+            // During the easing another pause waits for its end.
+            let rests = session.pause(&shelf).unwrap();
+            assert!(rests > at_speed);
+            session.advance(rests, &mut lab).unwrap();
+            at_speed = session.resume(&shelf).unwrap();
+        }
+        assert_eq!(session.run(&mut lab, |_| {}).failure, None);
+        (lab.steps, zero, at_speed)
+    };
+    let (plain, zero, _) = run(false);
+    let (paused, again, at_speed) = run(true);
+    assert_eq!(zero, again);
+    let late = plain[0].last().map(|(tick, _)| paused[0].last().unwrap().0 - tick).unwrap();
+    assert!(late > TICK_HZ / 3);
+    let mut compared = 0;
+    for (plain, paused) in plain.iter().zip(&paused) {
+        assert_eq!(plain.len(), paused.len());
+        for (before, after) in plain.iter().zip(paused) {
+            assert_eq!(before.1, after.1);
+            if after.0 < zero + TICK_HZ {
+                assert_eq!(before, after);
+            } else if after.0 >= at_speed {
+                // Two certificates of a tick.
+                assert!((before.0 + late).abs_diff(after.0) <= 3, "{} and not {late} late", after.0 - before.0);
+                compared += 1;
+            }
+        }
+    }
+    assert!(compared > 2000, "{compared} steps");
+}
+
+#[test]
+fn a_motion_that_brakes_as_hard_as_it_may_is_paused_when_it_can_be() {
+    // 1 s up, 1 s down, all that the motor can do.
+    let limits = Limits { max_speed: None, max_acceleration: Some(1000.5), pull_in: 0.0 };
+    let law = Law::trapezoid(1000.0, 1000.0, 1000.0, 1000.0).unwrap();
+    let program = program(16, vec![motor(0, law, false, limits)]);
+    let shelf = Shelf::default();
+    let mut lab = Lab::new(&program);
+    let mut session = Session::new(Bench::new(&program, 256), &program).unwrap();
+    session.advance(session.zero() + TICK_HZ * 5 / 4, &mut lab).unwrap();
+    let rests = session.pause(&shelf).unwrap();
+    session.advance(rests, &mut lab).unwrap();
+    check_acceleration(&lab.steps[0], 1000.5, 1.5).unwrap();
+    session.resume(&shelf).unwrap();
+    let report = session.run(&mut lab, |_| {});
+    assert_eq!((report.failure, report.counted), (None, vec![1000]));
+    check_acceleration(&lab.steps[0], 1000.5, 1.5).unwrap();
 }
 
 /// Brakes from `state`, and then does `law`.

@@ -1,62 +1,75 @@
-//! Sessions on the virtual Uno: the committed firmware on an emulated chip.
+//! Motions on the virtual Uno, whole: planned, streamed by a session, and held against the law, step by step, edge by edge.
 
-use pulsetrain::session::Session;
-use pulsetrain_board::virtual_uno::VirtualUno;
-use pulsetrain_board::{Edge, Remote, Setup};
-use pulsetrain_core::wire::Baud;
-use pulsetrain_core::wire::message::MotorSetup;
-use pulsetrain_motion::program::{self, DriverTiming, Limits, Motor, Program, Scale, Tolerance};
-use pulsetrain_motion::{Grid, Law, Time};
+mod common;
 
-const TIMING: DriverTiming =
-    DriverTiming { pulse_high_ns: 1000, pulse_low_ns: 1000, dir_setup_ns: 500, dir_hold_ns: 500 };
+use common::motion::make;
+use common::rows::tutorial;
+use pulsetrain::prepare::Prepared;
+use pulsetrain_motion::Time;
+use pulsetrain_motion::pins::PinKind;
 
-fn motor(step: u8, dir: u8, law: Law) -> Motor {
-    Motor {
-        name: format!("m{step}"),
-        law,
-        wiring: program::Wiring::StepDir { step, dir, forward_high: true, enable: None },
-        timing: TIMING,
-        limits: Limits { max_speed: None, max_acceleration: Some(100_000.0), pull_in: 100.0 },
-        scale: Scale { unit: "rev".into(), steps_per_unit: 200.0, steps_per_rev: 200.0 },
-        winding: None,
-    }
+/// A period of 500 ms of ±200 steps, on one motor's pins.
+fn swing((step, dir): (u8, u8)) -> Prepared {
+    let mut prepared = tutorial(Time::from_ratio(4, 1), 1, (step, dir), 1000);
+    prepared.program.motors[0].law =
+        pulsetrain_motion::Law::sine(200.0, Time::from_ratio(1, 1), Some(1)).expect("a sinusoid");
+    prepared
 }
 
-fn program(motors: Vec<Motor>) -> Program {
-    let board = pulsetrain_motion::boards::find("uno").unwrap().board;
-    Program { board, grid: Grid::NEAREST, tolerance: Tolerance::Ticks(1.0), motors }
-}
+/// Software pins may be so late, cycles.
+const LATE: i64 = 60;
 
-fn connect(program: &Program, baud: Baud) -> Remote<VirtualUno> {
-    let mut remote = Remote::open(VirtualUno::new(), 7).unwrap();
-    if baud != Baud::B115200 {
-        assert_eq!(remote.set_baud(baud), Ok(baud));
-    }
-    let motors = program.motors.iter().map(|motor| {
-        let program::Wiring::StepDir { step, dir, forward_high, .. } = motor.wiring else { unreachable!() };
-        MotorSetup { step_pin: step, dir_pin: dir, forward_high, pull_in_ticks: 160_000, ..MotorSetup::default() }
-    });
-    let setup = Setup { pulse_ticks: 16, setup_ticks: 8, hold_ticks: 8, motors: motors.collect(), ..Setup::default() };
-    remote.configure(&setup).unwrap();
-    remote
-}
-
+/// Each kind's constant is what its edges come after their ticks if nothing keeps them waiting.
 #[test]
-fn a_sine_on_pins_8_and_9() {
-    let program = program(vec![motor(8, 9, Law::sine(100.0, Time::from_seconds(1.0), Some(1)).unwrap())]);
-    let remote = connect(&program, Baud::B1M);
-    eprintln!("{:?}", remote.info());
-    let mut session = Session::new(remote, &program).unwrap();
-    let mut edges = Vec::new();
-    let report = session.run(&mut |edge: Edge| edges.push(edge), |_| {});
-    eprintln!("{report:?}");
-    let board = session.board_mut();
-    let events = board.events();
-    eprintln!("{:?} {events:?}", board.error());
-    eprintln!("{:?}", board.measures(false));
-    let rises: Vec<_> = edges.iter().filter(|e| e.line == 8 && e.level).collect();
-    eprintln!("{} rises; first {:?}", rises.len(), &edges[..edges.len().min(12)]);
-    assert_eq!(report.counted, [0]);
-    assert_eq!(rises.len(), 400);
+fn constants_are_what_is_measured() {
+    for (pins, kind) in [
+        ((9, 8), PinKind::Compare),
+        ((10, 13), PinKind::Compare),
+        ((2, 5), PinKind::PortD),
+        ((6, 7), PinKind::PortD),
+        ((8, 9), PinKind::PortB),
+        ((12, 13), PinKind::PortB),
+    ] {
+        let prepared = swing(pins);
+        assert_eq!(PinKind::of(&prepared.program.motors), Ok(kind));
+        let made = make(&prepared, LATE as f64, |_| {}).expect("it begins");
+        let seen = made.seen;
+        assert_eq!(seen.trouble, "", "{pins:?}");
+        let lateness = seen.lateness;
+        assert_eq!((lateness.edges, lateness.lost, lateness.extra), (800, 0, 0), "{pins:?}");
+        assert_eq!(lateness.constant_ticks, u64::from(kind.constant_ticks()));
+        if kind == PinKind::Compare {
+            assert_eq!((lateness.min_ticks, lateness.max_ticks), (0, 0), "{pins:?}");
+        } else {
+            // A processor that sleeps takes 4 cycles more; nothing is earlier than an instruction's end.
+            assert!(lateness.min_ticks >= -1 && lateness.p50_ticks.abs() <= 4, "{pins:?}: {lateness:?}");
+        }
+    }
+}
+
+/// The shield's: both ports.
+#[test]
+fn the_shields_constant_too() {
+    let mut prepared = swing((2, 5));
+    let mut other = prepared.program.motors[0].clone();
+    other.name = "other".to_owned();
+    other.wiring = pulsetrain_motion::program::Wiring::StepDir { step: 12, dir: 13, forward_high: true, enable: None };
+    prepared.program.motors.push(other);
+    assert_eq!(PinKind::of(&prepared.program.motors), Ok(PinKind::Shield));
+    let made = make(&prepared, LATE as f64, |_| {}).expect("it begins");
+    assert_eq!(made.seen.trouble, "");
+    let lateness = made.seen.lateness;
+    assert_eq!((lateness.edges, lateness.lost, lateness.extra), (1600, 0, 0));
+    assert!(lateness.min_ticks >= -1 && lateness.p50_ticks.abs() <= 4, "{lateness:?}");
+}
+
+/// No step is scheduled further from its time than was proven.
+#[test]
+fn scheduled_within_the_certificate() {
+    let prepared = tutorial(Time::from_ratio(10, 1), 1, (8, 9), 1000);
+    let made = make(&prepared, LATE as f64, |_| {}).expect("it begins");
+    assert_eq!(made.seen.trouble, "");
+    assert_eq!(made.schedules[0].steps, 8000);
+    let largest = made.largest();
+    assert!(largest <= made.certificate_ticks && largest > 0.5, "{largest} of {}", made.certificate_ticks);
 }

@@ -1,64 +1,83 @@
-//! The board's clock: Timer1 at 16 MHz, extended to 64 bits by looking at it often enough.
+//! The board's clock: Timer1 at 16 MHz, extended to 64 bits by looking at it often enough: at least once in 65 536 ticks
+//! (4.1 ms), or a wrap is missed.
 
 use crate::regs;
+use crate::steps::task;
 use core::arch::global_asm;
 use pulsetrain_core::Moment;
 
 /// Ticks per second; one tick is one processor cycle.
 pub(crate) const TICK_HZ: u32 = 16_000_000;
 
-// The overflow of Timer1 (§12.4) is there to end a sleep, while no ring plays.
+// clock_moment: gives the clock's lower half in r22 to r25, as C has it. When Timer1 shows less than last time it has wrapped.
+// Interrupts are off for 6 cycles: they use the byte that all its registers share (DS40002061B §16.3).
 global_asm!(
     r#"
-    .section .text.overflow_interrupt, "ax", @progbits
-    .global __vector_13
-__vector_13:
-    reti
-    "#
+    .section .bss.clock, "aw", @nobits
+    .global clock
+clock: .skip 8                          // little-endian
+
+    .section .text.clock_moment, "ax", @progbits
+    .global clock_moment
+clock_moment:
+    in r18, 0x3f
+    cli
+    lds r22, {TCNT1}
+    lds r23, {TCNT1}+1
+    out 0x3f, r18
+    lds r18, clock
+    lds r19, clock+1
+    lds r24, clock+2
+    lds r25, clock+3
+    sts clock, r22
+    sts clock+1, r23
+    cp r22, r18
+    cpc r23, r19
+    brcc 2f
+    adiw r24, 1
+    sts clock+2, r24
+    sts clock+3, r25
+    brcc 2f
+    ldi r30, lo8(clock+4)
+    ldi r31, hi8(clock+4)
+1:  ld r18, Z                           // the upper half, once in four minutes
+    subi r18, -1
+    st Z+, r18
+    breq 1b                             // ends: it would take 9000 years to wrap
+2:  ret
+    "#,
+    TCNT1 = const crate::steps::register::TCNT1,
 );
 
-/// Counts the wraps of Timer1. It must be asked at least once in 65 536 ticks (4.1 ms).
-pub(crate) struct Clock {
-    /// The last reading.
-    low: u32,
-    /// Wraps of `low`.
-    high: u32,
+unsafe extern "C" {
+    safe fn clock_moment() -> u32;
+    #[link_name = "clock"]
+    static mut CLOCK: u64;
 }
 
-impl Clock {
-    /// Not started.
-    pub(crate) const fn new() -> Clock {
-        Clock { low: 0, high: 0 }
-    }
+/// Starts Timer1 at tick 0: normal mode, undivided, pins free (DS40002061B §16.11.1-2).
+pub(crate) fn start() {
+    regs::TCCR1B.write(0);
+    regs::TCCR1A.write(0);
+    regs::TIMSK1.write(0);
+    regs::free(|| regs::TCNT1.write(0));
+    regs::TCCR1B.write(1);
+}
 
-    /// Starts Timer1 at tick 0: normal mode, undivided, pins free (DS40002061B §16.11.1-2).
-    pub(crate) fn start(&mut self) {
-        regs::TCCR1B.write(0);
-        regs::TCCR1A.write(0);
-        regs::TIMSK1.write(1);
-        regs::free(|| regs::TCNT1.write(0));
-        regs::TCCR1B.write(1);
-    }
+/// Ticks since start-up, modulo 2^32.
+#[inline(always)]
+pub(crate) fn moment() -> Moment {
+    let _out = task::keep_out();
+    Moment(clock_moment())
+}
 
-    /// Ticks since start-up.
-    #[inline(never)]
-    pub(crate) fn now(&mut self) -> u64 {
-        self.moment();
-        u64::from(self.high) << 32 | u64::from(self.low)
-    }
-
-    /// The same, modulo 2^32.
-    #[inline(always)]
-    pub(crate) fn moment(&mut self) -> Moment {
-        // The lower half of `low` is what Timer1 said last time.
-        let passed = read().wrapping_sub(low_half(self.low));
-        let (now, wrapped) = self.low.overflowing_add(u32::from(passed));
-        self.low = now;
-        if wrapped {
-            self.high = self.high.wrapping_add(1);
-        }
-        Moment(now)
-    }
+/// Ticks since start-up.
+#[inline(never)]
+pub(crate) fn now() -> u64 {
+    let _out = task::keep_out();
+    moment();
+    // SAFETY: only `clock_moment` writes it, which nobody calls meanwhile: the task is kept out.
+    unsafe { CLOCK }
 }
 
 /// What Timer1 says at a moment.
@@ -68,7 +87,7 @@ pub(crate) const fn low_half(moment: u32) -> u16 {
     u16::from_le_bytes([b0, b1])
 }
 
-/// Timer1 as it stands. Interrupts are off for 6 cycles, because they use the byte that all its registers share.
+/// Timer1 as it stands.
 #[inline(always)]
 pub(crate) fn read() -> u16 {
     regs::timer1()

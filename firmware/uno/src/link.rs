@@ -1,13 +1,22 @@
 //! The serial line: USART0 at 8 bits, no parity, one stop bit.
 //!
-//! Bytes from the host are taken by an interrupt into half a page of 256 bytes, so that the low byte of an address is
-//! all there is to a ring; EEARL, which is of no other use here, holds that of the place for the next byte. The interrupt lets the step
-//! interrupts in after 15 cycles: its own enable bit is off meanwhile, so that it cannot nest in itself. Bytes to the host
-//! are handed over by the main loop when the USART is free.
+//! # What is here
+//! - this file: the interrupt that takes bytes from the host, rates, bytes to the host
+//! - [`receive`]: from bytes to frames
 //!
-//! A frame whose bytes were lost, here or in the USART (two bytes and one on its way, DS40002061B §20.7.3), fails its CRC.
+//! Bytes from the host are taken into half a page of 256 bytes, so that the low byte of an address is all there is to a ring;
+//! EEARL, which is of no other use here, holds that of the place for the next byte. The interrupt lets the step interrupts in
+//! after 11 cycles: its own enable bit is off meanwhile, so that it cannot nest in itself. Bytes to the host are handed over
+//! by the main loop when the USART is free.
+//!
+//! Bytes are lost when the USART has two and a third on its way (DS40002061B §20.7.3), or when the main loop is half a page
+//! behind. Both are counted; the frame fails its CRC.
 
-use crate::{memory, regs};
+mod receive;
+
+pub(crate) use receive::{LONGEST_BODY, Receiver, Unread};
+
+use crate::regs;
 use core::arch::global_asm;
 use pulsetrain_core::wire::Baud;
 
@@ -15,108 +24,104 @@ use pulsetrain_core::wire::Baud;
 pub(crate) const WINDOW: u16 = PAGE as u16 - 1;
 
 /// Bytes that the receive page has.
-const PAGE: u8 = 128;
+pub(crate) const PAGE: u8 = 128;
 
 /// UCSR0B (§20.11.3): receiver and transmitter on; bit 7 is the receive interrupt.
-const ON: u8 = 0x18;
-const ON_WITH_INTERRUPT: u8 = ON | 0x80;
+pub(crate) const ON: u8 = 0x18;
+pub(crate) const ON_WITH_INTERRUPT: u8 = ON | 0x80;
 
-// The vector is USART_RX (§12.4). No flag is touched before the registers are back.
-global_asm!(
-    r#"
-    .section .text.receive_interrupt, "ax", @progbits
-    .global __vector_18
-__vector_18:                    // 4 response + 3 jump           7
-    push r24                    // 2                             9
-    ldi r24, {ON}               // 1                            10
-    sts {UCSR0B}, r24           // 2                            12
-    sei                         // 1                            13
-    push r30                    // 2: interrupts are let in behind it, after 15
-    push r31                    // 2                            17
-    lds r24, {UDR0}             // 2                            19
-    in r30, {HEAD}              // 1                            20
-    ldi r31, hi8(receive_page)  // 1                            21
-    st Z+, r24                  // 2                            23
-    sbrc r30, 7                 // 1 or 2: half a page, and no flag is touched
-    ldi r30, 0                  // 1                            25
-    out {HEAD}, r30             // 1                            26
-    pop r31                     // 2                            28
-    pop r30                     // 2                            30
-    ldi r24, {ON_WITH_INTERRUPT} // 1                           31
-    cli                         // 1                            32
-    sts {UCSR0B}, r24           // 2                            34
-    pop r24                     // 2                            36
-    reti                        // 4                            40, 9 of them closed
-    "#,
-    HEAD = const crate::steps::register::EEARL,
-    ON = const ON,
-    ON_WITH_INTERRUPT = const ON_WITH_INTERRUPT,
-    UCSR0B = const 0xc1,
-    UDR0 = const 0xc6,
-);
+/// USART_RX, put where the vector is (vectors.rs), which saves the jump. No flag is touched before the registers are back.
+macro_rules! receive_interrupt {
+    () => {
+        r#"
+    // 4 response                       //                              4
+    push r24                            // 2                             6
+    ldi r24, {ON}                       // 1                             7
+    sts {UCSR0B}, r24                   // 2                             9
+    sei                                 // 1                            10
+    in r24, {HEAD}                      // 1: interrupts are let in behind it, after 11
+    push r30                            // 2                            13
+    mov r30, r24                        // 1                            14
+    push r31                            // 2                            16
+    ldi r31, hi8(receive_page)          // 1                            17
+    lds r24, {UCSR0A}                   // 2                            19
+    sbrc r24, {OVERRUN}                 // 2 (skips)                    21
+    rjmp 3f
+1:  lds r24, {UDR0}                     // 2                            23
+    st Z+, r24                          // 2                            25
+    sbrc r30, {PAGE_BIT}                // 2 (skips)                    27
+    rjmp 4f
+2:  out {HEAD}, r30                     // 1                            28
+    pop r31                             // 2                            30
+    pop r30                             // 2                            32
+    ldi r24, {ON_WITH_INTERRUPT}        // 1                            33
+    cli                                 // 1                            34
+    sts {UCSR0B}, r24                   // 2                            36
+    pop r24                             // 2                            38
+    reti                                // 4                            42, 9 of them closed
 
-/// The line, as the main loop sees it.
-pub(crate) struct Link {
-    /// Low byte of the address of the next byte to be read.
-    tail: u8,
-    /// Most bytes that waited.
-    pub(crate) most_unread: u8,
+    // A byte was lost before this one.
+3:  in r24, {SREG}
+    push r24
+    lds r24, receive_lost
+    inc r24
+    sts receive_lost, r24
+    pop r24
+    out {SREG}, r24
+    rjmp 1b
+
+    // The end of the page: another lap.
+4:  in r24, {SREG}
+    push r24
+    lds r24, receive_lap
+    subi r24, {PAGE}
+    sts receive_lap, r24
+    pop r24
+    out {SREG}, r24
+    ldi r30, 0
+    rjmp 2b
+    "#
+    };
 }
 
-impl Link {
-    /// Not started.
-    pub(crate) const fn new() -> Link {
-        Link { tail: 0, most_unread: 0 }
-    }
+pub(crate) use receive_interrupt;
 
-    /// Opens the line at 115 200 baud.
-    pub(crate) fn start(&mut self) {
-        regs::EEARL.write(0);
-        // 8 data bits, no parity, one stop bit (§20.11.4).
-        regs::UCSR0C.write(0x06);
-        self.set_baud(Baud::B115200);
-    }
+global_asm!(
+    r#"
+    .section .bss.receive_interrupt, "aw", @nobits
+    .global receive_lap, receive_lost
+receive_lap: .skip 1
+receive_lost: .skip 1
+    "#
+);
 
-    /// Changes the rate; the last byte must be out. What came in before is dropped.
-    pub(crate) fn set_baud(&mut self, baud: Baud) {
-        // Double speed (U2X) throughout: 16 MHz / 8 / (n + 1), exact but for 115 200, which becomes 117 647 (+2.1 %).
-        regs::UCSR0A.set(0x02);
-        regs::free(|| regs::UBRR0.write(u16::from(divisor(baud) - 1)));
-        self.tail = regs::EEARL.read();
-        regs::UCSR0B.write(ON_WITH_INTERRUPT);
-    }
+/// Opens the line at 115 200 baud.
+pub(crate) fn start() {
+    regs::EEARL.write(0);
+    // 8 data bits, no parity, one stop bit (§20.11.4).
+    regs::UCSR0C.write(0x06);
+    set_baud(Baud::B115200);
+}
 
-    /// Whether the USART takes another byte.
-    #[inline(always)]
-    pub(crate) fn can_send(&self) -> bool {
-        regs::UCSR0A.read() & 0x20 != 0
-    }
+/// Changes the rate; the last byte must be out. What came in before is to be dropped: [`Receiver::reset`].
+#[inline(never)]
+pub(crate) fn set_baud(baud: Baud) {
+    // Double speed (U2X) throughout: 16 MHz / 8 / (n + 1), exact but for 115 200, which becomes 117 647 (+2.1 %).
+    regs::UCSR0A.set(0x02);
+    regs::free(|| regs::UBRR0.write(u16::from(divisor(baud) - 1)));
+    regs::UCSR0B.write(ON_WITH_INTERRUPT);
+}
 
-    /// Hands over a byte; see [`Link::can_send`].
-    #[inline(always)]
-    pub(crate) fn send(&mut self, byte: u8) {
-        regs::UDR0.write(byte);
-    }
+/// Whether the USART takes another byte.
+#[inline(always)]
+pub(crate) fn can_send() -> bool {
+    regs::UCSR0A.read() & 0x20 != 0
+}
 
-    /// Whether bytes wait.
-    #[inline(always)]
-    pub(crate) fn has_unread(&self) -> bool {
-        regs::EEARL.read() != self.tail
-    }
-
-    /// Bytes from the host, up to the end of the page, and `most`.
-    #[inline(always)]
-    pub(crate) fn unread(&mut self, most: u8) -> &'static [u8] {
-        let unread = regs::EEARL.read().wrapping_sub(self.tail) & (PAGE - 1);
-        self.most_unread = self.most_unread.max(unread);
-        memory::received(self.tail, unread.min(PAGE - self.tail).min(most))
-    }
-
-    /// So many of them were read.
-    #[inline(always)]
-    pub(crate) fn read(&mut self, count: u8) {
-        self.tail = (self.tail + count) & (PAGE - 1);
-    }
+/// Hands over a byte; see [`can_send`].
+#[inline(always)]
+pub(crate) fn send(byte: u8) {
+    regs::UDR0.write(byte);
 }
 
 /// 2 000 000 / `divisor` baud.

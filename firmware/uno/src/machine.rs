@@ -1,45 +1,34 @@
 //! What the [`Service`](pulsetrain_core::wire::Service) asks of a board, done on this one.
 
-use crate::clock::{self, Clock, TICK_HZ};
-use crate::link::{Link, WINDOW};
-use crate::memory::{self, POOL, Queues};
-use crate::regs;
+use crate::clock::{self, TICK_HZ, low_half};
+use crate::link::{self, Receiver, Unread, WINDOW};
+use crate::memory::{self, POOL};
+use crate::steps::motor::{self, SWITCHES};
 use crate::steps::pins::{Layout, MAX_MOTORS, Pin};
-use crate::steps::stepper::{Stepper, Trouble};
-use pulsetrain_core::narrow::{self, PushRefused, SWITCHES};
+use crate::steps::stepper::{self, Trouble};
+use crate::steps::task;
 use pulsetrain_core::wire::frame::Tag;
-use pulsetrain_core::wire::message::{
-    ALL_MOTORS, Cause, Configuration, Event, Info, Measures, MotorStatus, StatusHead, flags,
-};
+use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, flags};
 use pulsetrain_core::wire::{Baud, Machine, Millis, Reason, Refusal, Stopped, Switched};
 use pulsetrain_core::{Epoch, Moment};
 
 /// A switch must be less than this ahead, ticks: moments are told apart within 2^31, and pulse and set-up reach beyond.
 const SWITCH_AHEAD: u64 = 1 << 30;
 
-/// No sleep begins so soon after Timer1 wrapped: from the next wrap to the first look at it some 30 ticks pass.
-const AWAKE_AFTER_WRAP: u16 = 256;
-
 /// Everything but the service that speaks for it.
 pub(crate) struct Board {
-    pub(crate) clock: Clock,
-    pub(crate) link: Link,
-    /// Lent by main.
-    queues: Option<&'static mut Queues>,
-    pub(crate) stepper: Stepper,
     power: Power,
     armed: bool,
     pull_in: [u32; MAX_MOTORS],
     /// To be set when the line is quiet; whether the last byte is on its way.
     pub(crate) baud: Option<(Baud, bool)>,
-    events: Events,
+    /// What the host has not been told yet: the oldest two, [`Cause::None`] for none; what does not fit is dropped.
+    news: [News; 2],
     /// Faults that were told, bit by motor.
     told: u8,
     was_idle: bool,
-    /// Ticks asleep, modulo 2^32: four minutes and a half.
-    asleep: u32,
-    /// When the round being made began, or the last sleep ended.
-    woken: Moment,
+    /// When the round being made began, or the last rest ended, modulo 2^16.
+    woken: u16,
     last_stop: Cause,
     last_reset: Cause,
     pub(crate) measures: Measures,
@@ -81,43 +70,32 @@ impl Power {
     }
 }
 
-/// What the host has not been told yet: the oldest few; what does not fit is dropped.
-struct Events {
-    waiting: [Option<Event>; 2],
+/// What the host is to be told.
+#[derive(Clone, Copy)]
+struct News {
+    cause: Cause,
+    motor: u8,
+    /// When; it must be told within 2^31 ticks (two minutes).
+    at: Moment,
+    detail: u32,
 }
 
-impl Events {
-    fn push(&mut self, event: Event) {
-        if let Some(place) = self.waiting.iter_mut().find(|place| place.is_none()) {
-            *place = Some(event);
-        }
-    }
-
-    fn pop(&mut self) -> Option<Event> {
-        let [first, second] = &mut self.waiting;
-        let event = first.take();
-        *first = second.take();
-        event
-    }
+impl News {
+    const NONE: News = News { cause: Cause::None, motor: 0, at: Moment(0), detail: 0 };
 }
 
 impl Board {
     /// A board that knows no pins, not started.
     pub(crate) const fn new() -> Board {
         Board {
-            clock: Clock::new(),
-            link: Link::new(),
-            queues: None,
-            stepper: Stepper::new(),
             power: Power::OFF,
             armed: false,
             pull_in: [0; MAX_MOTORS],
             baud: None,
-            events: Events { waiting: [None; 2] },
+            news: [News::NONE; 2],
             told: 0,
             was_idle: true,
-            asleep: 0,
-            woken: Moment(0),
+            woken: 0,
             last_stop: Cause::None,
             last_reset: Cause::None,
             measures: Board::NO_MEASURES,
@@ -125,64 +103,48 @@ impl Board {
     }
 
     /// Starts clock and line.
-    pub(crate) fn begin(&mut self, queues: &'static mut Queues, last_reset: Cause) {
-        self.queues = Some(queues);
-        // SAFETY: main calls this once.
-        unsafe { self.stepper.begin() };
+    pub(crate) fn begin(&mut self, last_reset: Cause) {
         self.last_reset = last_reset;
-        self.clock.start();
-        self.link.start();
+        // SAFETY: main calls this once.
+        unsafe { task::lock().begin() };
+        clock::start();
+        link::start();
+        task::start();
     }
 
     const NO_MEASURES: Measures = Measures {
         late: 0,
         latest_ticks: 0,
         starved: 0,
-        fewest_groups: u16::MAX,
+        fewest_groups: 0,
         longest_round_ticks: 0,
         most_unread: 0,
         lost_bytes: 0,
         damaged_frames: 0,
         stack_left: 0,
         rounds: 0,
-        asleep_ticks: 0,
+        idle_ticks: 0,
     };
 
-    /// Steps: everything that must be done often. Whether there is nothing more to do until an interrupt comes.
+    /// Waits until an interrupt comes, unless bytes wait already.
     #[inline(always)]
-    pub(crate) fn work(&mut self, now: Moment) -> bool {
-        match &self.queues {
-            Some(queues) if self.armed => self.stepper.run(now, queues),
-            _ => true,
-        }
-    }
-
-    /// Sleeps until an interrupt comes, unless bytes wait already.
-    #[inline(always)]
-    pub(crate) fn sleep(&mut self) {
-        let before = self.clock.moment();
-        let low = clock::low_half(before.0);
-        // The overflow that ends the sleep must show less than this, or the clock would not see that it wrapped.
-        if low < AWAKE_AFTER_WRAP {
-            return;
-        }
-        regs::disable_interrupts();
-        // One that was served since then would not end it.
-        if self.link.has_unread() || clock::read() < low {
-            regs::enable_interrupts();
+    pub(crate) fn rest(&mut self, receiver: &Receiver) {
+        let idle = if self.armed && !self.was_idle {
+            u32::from(receiver.watch())
         } else {
-            regs::sleep();
-        }
-        let asleep = self.clock.moment().since(before);
-        self.asleep = self.asleep.wrapping_add(asleep);
-        self.woken = before.after(asleep);
+            let before = clock::moment();
+            receiver.sleep();
+            clock::moment().since(before)
+        };
+        self.measures.idle_ticks = self.measures.idle_ticks.wrapping_add(u64::from(idle));
+        self.woken = low_half(clock::moment().0);
     }
 
     /// Counts a round of the main loop that begins now.
     #[inline(always)]
     pub(crate) fn count_round(&mut self, now: Moment) {
-        let [b0, b1, _, _] = now.since(self.woken).to_le_bytes();
-        let round = u16::from_le_bytes([b0, b1]);
+        let now = low_half(now.0);
+        let round = now.wrapping_sub(self.woken);
         if round > self.measures.longest_round_ticks {
             self.measures.longest_round_ticks = round;
         }
@@ -190,24 +152,46 @@ impl Board {
         self.measures.rounds = self.measures.rounds.wrapping_add(1);
     }
 
+    /// Notes how many bytes wait to be read, and what was lost of them.
+    #[inline(always)]
+    pub(crate) fn note(&mut self, unread: &Unread) {
+        let bytes = u16::from(unread.bytes);
+        if bytes > self.measures.most_unread {
+            self.measures.most_unread = bytes;
+        }
+        if unread.lost != 0 {
+            self.overrun(unread.lost);
+        }
+    }
+
+    #[inline(never)]
+    fn overrun(&mut self, lost: u8) {
+        self.measures.lost_bytes = self.measures.lost_bytes.saturating_add(u16::from(lost));
+        self.tell(Cause::Overrun, ALL_MOTORS, u32::from(lost));
+    }
+
     /// What can wait a millisecond. The line's rate is changed here, when the last answer is out.
     #[inline(never)]
-    pub(crate) fn housekeeping(&mut self, now: Millis) {
+    pub(crate) fn housekeeping(&mut self, now: Millis, receiver: &mut Receiver) {
         match self.baud {
             // The last byte has gone from the data register into the shift register by now; out it is a round later.
-            Some((baud, false)) if self.link.can_send() => self.baud = Some((baud, true)),
+            Some((baud, false)) if link::can_send() => self.baud = Some((baud, true)),
             Some((baud, true)) => {
                 self.baud = None;
-                self.link.set_baud(baud);
+                link::set_baud(baud);
+                receiver.reset();
             }
             _ => {}
         }
+        let mut stepper = task::lock();
+        let moment = clock::moment();
         if self.armed {
+            stepper.watch(moment);
+            drop(stepper);
             self.look_for_faults();
             self.look_at_motors();
         } else {
-            let now = self.clock.moment();
-            self.stepper.rest(now);
+            stepper.rest(moment);
         }
         if self.armed {
             let idle = self.is_idle();
@@ -222,7 +206,8 @@ impl Board {
     /// Tells each motor's faults, once.
     #[inline(never)]
     fn look_for_faults(&mut self) {
-        if let Some(trouble) = self.stepper.trouble() {
+        let trouble = task::lock().trouble();
+        if let Some(trouble) = trouble {
             match trouble {
                 Trouble::Late { ticks } => {
                     self.measures.late = self.measures.late.saturating_add(1);
@@ -241,12 +226,12 @@ impl Board {
     #[inline(never)]
     fn look_at_motors(&mut self) {
         for motor in 0..self.motors() {
-            let Some(axis) = self.stepper.axis_mut(motor) else { break };
-            let Some(fault) = axis.motor.fault() else { continue };
+            let fault = task::lock().motor_mut(motor).and_then(|motor| motor.fault());
+            let Some(fault) = fault else { continue };
             let cause = match fault.reason {
-                narrow::Reason::Missed => Cause::StepMissed,
-                narrow::Reason::Mismatch => Cause::CheckFailed,
-                narrow::Reason::Bad => Cause::BadItem,
+                motor::Reason::Missed => Cause::StepMissed,
+                motor::Reason::Mismatch => Cause::CheckFailed,
+                motor::Reason::Bad => Cause::BadItem,
             };
             if self.told & 1 << motor == 0 {
                 self.told |= 1 << motor;
@@ -258,8 +243,8 @@ impl Board {
     /// The immediate stop. Bit by motor: it was faster than it can stop at once.
     #[inline(never)]
     fn stop(&mut self, cause: Cause, motor: u8, detail: u32) -> Stopped {
-        let uncertain = self.stepper.stop(&self.pull_in);
-        let tick = self.clock.now();
+        let uncertain = task::lock().stop(&self.pull_in);
+        let tick = clock::now();
         if self.armed {
             self.armed = false;
             self.last_stop = cause;
@@ -280,35 +265,36 @@ impl Board {
         for (place, motor) in self.pull_in.iter_mut().zip(configuration.motors()) {
             *place = motor.pull_in_ticks;
         }
-        let now = self.clock.moment();
-        self.stepper.configure(layout, configuration, now);
+        task::lock().configure(layout, configuration, clock::moment());
     }
 
     #[inline(never)]
     fn tell(&mut self, cause: Cause, motor: u8, detail: u32) {
-        let tick = self.clock.now();
+        let at = clock::moment();
         if cause == Cause::Finished {
             self.last_stop = cause;
         }
-        self.events.push(Event { cause, motor, tick, detail });
+        if let Some(place) = self.news.iter_mut().find(|news| news.cause == Cause::None) {
+            *place = News { cause, motor, at, detail };
+        }
     }
 
     #[inline(never)]
     fn is_idle(&self) -> bool {
-        self.stepper.is_idle()
-    }
-
-    /// A moment within 2^31 ticks of now, in 64 bits.
-    #[inline(never)]
-    fn extended(&mut self, moment: Moment) -> u64 {
-        let now = self.clock.now();
-        let ahead = moment.since(Moment::of(now)).cast_signed();
-        now.wrapping_add_signed(i64::from(ahead))
+        task::lock().is_idle()
     }
 }
 
+/// A moment within 2^31 ticks of now, in 64 bits.
+#[inline(never)]
+fn extended(moment: Moment) -> u64 {
+    let now = clock::now();
+    let ahead = moment.since(Moment::of(now)).cast_signed();
+    now.wrapping_add_signed(i64::from(ahead))
+}
+
 impl Machine for Board {
-    #[inline(never)]
+    #[inline(always)]
     fn info(&mut self) -> Info {
         Info {
             nonce: 0,
@@ -349,8 +335,7 @@ impl Machine for Board {
             self.armed = true;
             self.was_idle = true;
             self.told = 0;
-            let now = self.clock.moment();
-            self.stepper.start(now);
+            task::lock().start(clock::moment());
         }
         Ok(())
     }
@@ -363,17 +348,17 @@ impl Machine for Board {
         let last_stop = self.last_stop;
         self.stop(Cause::None, ALL_MOTORS, 0);
         self.last_stop = last_stop;
-        self.events = Events { waiting: [None; 2] };
+        self.news = [News::NONE; 2];
         self.power.set(false);
         Ok(())
     }
 
     fn motors(&self) -> u8 {
-        self.stepper.axes().len() as u8
+        task::lock().count()
     }
 
     fn free(&self, motor: u8) -> u16 {
-        self.stepper.axes().get(usize::from(motor)).map_or(0, |axis| axis.motor.bytes().room())
+        task::lock().motors().get(usize::from(motor)).map_or(0, |motor| motor.room())
     }
 
     #[inline(never)]
@@ -382,20 +367,24 @@ impl Machine for Board {
             return Err(Refusal::of(Reason::NotArmed));
         }
         let detail = u16::from(motor);
-        let Some(axis) = self.stepper.axis_mut(motor) else {
+        let full = Refusal { reason: Reason::Full, detail };
+        let len = packed.len() as u16;
+        let stepper = task::lock();
+        let Some(axis) = stepper.motors().get(usize::from(motor)) else {
             return Err(Refusal { reason: Reason::NoSuchMotor, detail });
         };
-        let pushed = self.queues.as_mut().map(|queues| axis.motor.push(queues, epoch, packed));
-        match pushed {
-            Some(Ok(())) => Ok(()),
-            Some(Err(PushRefused::NoRoom { .. } | PushRefused::TooManyEpochs)) | None => {
-                Err(Refusal { reason: Reason::Full, detail })
-            }
+        let room = axis.push(epoch, len).ok_or(full)?;
+        drop(stepper);
+        // The task may go on meanwhile: it takes from the other end.
+        room.write(packed);
+        if let Some(axis) = task::lock().motor_mut(motor) {
+            axis.pushed(epoch, len);
         }
+        Ok(())
     }
 
     fn discard(&mut self, epoch: Epoch) {
-        self.stepper.discard(epoch);
+        task::lock().discard(epoch);
     }
 
     #[inline(never)]
@@ -403,20 +392,20 @@ impl Machine for Board {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
-        let limit = self.clock.now() + SWITCH_AHEAD;
-        let horizon = self.stepper.horizon();
-        let horizon = self.extended(horizon);
+        let mut stepper = task::lock();
+        let limit = clock::now() + SWITCH_AHEAD;
+        let horizon = extended(stepper.horizon());
         let switched = if tick < horizon {
             Switched::Late { horizon }
         } else if tick >= limit {
             Switched::Early { limit }
-        } else if self.stepper.switch(epoch, Moment::of(tick)) {
+        } else if stepper.switch(epoch, Moment::of(tick)) {
             Switched::Accepted
         } else {
             Switched::Full
         };
         if switched != Switched::Accepted {
-            self.discard(epoch);
+            stepper.discard(epoch);
         }
         Ok(switched)
     }
@@ -425,8 +414,9 @@ impl Machine for Board {
         self.stop(Cause::StopNow, ALL_MOTORS, 0)
     }
 
+    #[inline(always)]
     fn clock(&mut self) -> u64 {
-        self.clock.now()
+        clock::now()
     }
 
     fn flags(&self) -> u8 {
@@ -444,38 +434,37 @@ impl Machine for Board {
     }
 
     #[inline(never)]
-    fn status(&mut self) -> StatusHead {
-        let horizon = self.stepper.horizon();
-        let horizon = self.extended(horizon);
-        StatusHead { tick: self.clock.now(), horizon, epoch: self.stepper.epoch(), flags: self.flags() }
+    fn horizon(&mut self) -> u64 {
+        let horizon = task::lock().horizon();
+        extended(horizon)
     }
 
-    fn motor(&mut self, motor: u8) -> MotorStatus {
-        let unplayed = self.stepper.unplayed(motor);
-        let Some(axis) = self.stepper.axis_mut(motor) else { return MotorStatus::default() };
-        MotorStatus {
-            position: axis.position().wrapping_sub(i32::from(unplayed)),
-            free: axis.motor.bytes().room(),
-            faults: axis.faults(),
-        }
+    fn epoch(&self) -> Epoch {
+        task::lock().epoch()
     }
 
     #[inline(never)]
-    fn measures(&mut self) -> Measures {
-        Measures {
-            most_unread: u16::from(self.link.most_unread),
-            fewest_groups: self.stepper.fewest_groups(),
-            stack_left: memory::stack_left(),
-            asleep_ticks: u64::from(self.asleep),
-            ..self.measures
-        }
+    fn position(&mut self, motor: u8) -> i32 {
+        let stepper = task::lock();
+        let unplayed = stepper.unplayed(motor);
+        let motor = stepper.motors().get(usize::from(motor));
+        motor.map_or(0, |motor| motor.planned().wrapping_sub(i32::from(unplayed)))
+    }
+
+    fn faults(&self, motor: u8) -> u8 {
+        task::lock().motors().get(usize::from(motor)).map_or(0, stepper::faults)
+    }
+
+    #[inline(never)]
+    fn measures(&mut self) -> &mut Measures {
+        self.measures.fewest_groups = task::lock().least_ahead();
+        self.measures.stack_left = memory::stack_left();
+        &mut self.measures
     }
 
     fn reset_measures(&mut self) {
         self.measures = Board::NO_MEASURES;
-        self.link.most_unread = 0;
-        self.stepper.reset_measures();
-        self.asleep = 0;
+        task::lock().reset_measures();
     }
 
     fn can_baud(&self, _: Baud) -> bool {
@@ -486,6 +475,10 @@ impl Machine for Board {
         self.baud = Some((baud, false));
     }
 
+    fn rate_fell_back(&mut self) {
+        self.tell(Cause::BaudFellBack, ALL_MOTORS, 0);
+    }
+
     fn host_gone(&mut self, lost: bool) {
         if lost && self.armed && !self.is_idle() {
             self.last_stop = Cause::HostLost;
@@ -494,6 +487,11 @@ impl Machine for Board {
 
     #[inline(never)]
     fn event(&mut self) -> Option<Event> {
-        self.events.pop()
+        let [News { cause, motor, at, detail }, second] = self.news;
+        if cause == Cause::None {
+            return None;
+        }
+        self.news = [second, News::NONE];
+        Some(Event { cause, motor, tick: extended(at), detail })
     }
 }

@@ -6,20 +6,27 @@
 //! - [`steps`]: from events to edges on the pins
 //! - [`link`]: the serial line
 //! - [`clock`]: Timer1, extended to 64 bits
+//! - [`vectors`]: the interrupt vectors, and what comes before main
 //! - [`reset`]: the watchdog, and why the program began
 //! - [`memory`]: what the 2048 bytes of RAM are for
 //! - [`regs`]: registers
 //!
 //! # Who interrupts whom
-//! The main loop does everything but two things: step interrupts play what is in the rings, and the receive interrupt takes
-//! bytes from the line. The latter lets the former in. Nothing keeps interrupts out for longer than 13 cycles:
+//! Step interrupts play what is in the rings and let nobody in. The receive interrupt takes bytes from the line; the task
+//! ([`steps::task`]) keeps the rings filled; both let steps in, and the task lets bytes in. The main loop does all else. What
+//! keeps a step waiting, from the match of another interrupt or the first instruction with interrupts off to the first that
+//! may be interrupted again (crates/board/tests/uno_masked.rs measures it, while motors move):
 //!
 //! | where | cycles |
 //! |---|---|
-//! | receive interrupt, until it lets others in | 13 |
-//! | receive interrupt, its end | 8 |
-//! | reading or setting a register of 16 bits | 8 |
-//! | moving the stack pointer (the compiler's) | 5 |
+//! | the task, until it lets others in | 12 |
+//! | receive interrupt, until it lets others in | 10 |
+//! | receive interrupt, its end | 7, and the instruction behind it |
+//! | reading Timer1, setting its registers | up to 8 |
+//! | falling asleep | 5; only while nothing moves, and 4 more to wake up |
+//! | moving the stack pointer (the compiler's) | 3 |
+//!
+//! Two of them may follow each other. Pins and rates are set at rest, with up to 16.
 //!
 //! # What is not
 //! Motion: segments come from the host, and `pulsetrain_core::narrow` says when their steps are due.
@@ -34,30 +41,28 @@ mod memory;
 mod regs;
 mod reset;
 mod steps;
+mod vectors;
 
 use core::panic::PanicInfo;
-use link::Link;
+use link::{LONGEST_BODY, Receiver};
 use machine::Board;
-use memory::{Once, Queues};
+use memory::{Once, REPLY_LEN};
 use pulsetrain_core::Moment;
+use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Millis, Service};
 
 /// Bytes that one round of the main loop takes from the line at most.
-const BYTES_A_ROUND: u8 = 16;
-/// Room for the longest reply: Status of four motors.
-const REPLY_LEN: usize = 64;
+const BYTES_A_ROUND: u8 = 32;
 
 /// A reply on its way to the line.
 struct Reply {
-    bytes: [u8; REPLY_LEN],
+    bytes: &'static mut [u8; REPLY_LEN],
     len: u8,
     sent: u8,
 }
 
 static BOARD: Once<Board> = Once::new(Board::new());
-static SERVICE: Once<Service> = Once::new(Service::new());
-static QUEUES: Once<Queues> = Once::new(Queues::new());
-static REPLY: Once<Reply> = Once::new(Reply { bytes: [0; REPLY_LEN], len: 0, sent: 0 });
+static SERVICE: Once<Service> = Once::new(Service::new(LONGEST_BODY));
 
 #[unsafe(no_mangle)]
 extern "C" fn main() -> ! {
@@ -66,7 +71,8 @@ extern "C" fn main() -> ! {
     // compiler knows the addresses.
     unsafe {
         begin();
-        run(BOARD.take(), SERVICE.take(), REPLY.take())
+        let (receiver, bytes) = memory::take();
+        run(BOARD.take(), SERVICE.take(), receiver, &mut Reply { bytes, len: 0, sent: 0 })
     }
 }
 
@@ -77,34 +83,36 @@ extern "C" fn main() -> ! {
 #[inline(never)]
 unsafe fn begin() {
     // SAFETY: the caller's promise; the references end here.
-    let (board, queues) = unsafe { (BOARD.take(), QUEUES.take()) };
-    board.begin(queues, reset::begin());
+    let board = unsafe { BOARD.take() };
+    board.begin(reset::begin());
 }
 
 /// The main loop. What it calls is not inlined: so the deepest call decides how much stack is needed, not their sum.
-fn run(board: &mut Board, service: &mut Service, reply: &mut Reply) -> ! {
+fn run(board: &mut Board, service: &mut Service, receiver: &mut Receiver, reply: &mut Reply) -> ! {
     let mut last = Millis(0);
     // Idle mode: timer and line go on (§10.3).
     regs::SMCR.write(1);
     regs::enable_interrupts();
     loop {
         regs::kick_watchdog();
-        let now = board.clock.moment();
+        let now = clock::moment();
         board.count_round(now);
-        let rest = board.work(now);
         let now = millis(now);
         let next = now != last;
-        let heard = listen(board, service, now);
+        let heard = listen(board, service, receiver, now);
         if reply.sent < reply.len {
-            reply.go_on(&mut board.link);
+            reply.go_on();
         } else if (heard || next || reply.len != 0) && board.baud.is_none() {
             speak(board, service, reply, now);
         }
         if next {
             last = now;
-            board.housekeeping(now);
-        } else if rest && !heard && reply.sent == reply.len {
-            board.sleep();
+            // Now and then is enough, and a motor may need the time.
+            if now.0 & 3 == 0 {
+                board.housekeeping(now, receiver);
+            }
+        } else if !heard && reply.sent == reply.len {
+            board.rest(receiver);
         }
     }
 }
@@ -112,30 +120,43 @@ fn run(board: &mut Board, service: &mut Service, reply: &mut Reply) -> ! {
 impl Reply {
     /// Sends its next byte, if the line takes it.
     #[inline(always)]
-    fn go_on(&mut self, link: &mut Link) {
-        if link.can_send()
+    fn go_on(&mut self) {
+        if link::can_send()
             && let Some(byte) = self.bytes.get(usize::from(self.sent))
         {
-            link.send(*byte);
+            link::send(*byte);
             self.sent += 1;
         }
     }
 }
 
 /// Takes bytes from the line, up to the end of a frame; whether it came to one.
+#[inline(always)]
+fn listen(board: &mut Board, service: &mut Service, receiver: &mut Receiver, now: Millis) -> bool {
+    let unread = receiver.unread();
+    board.note(&unread);
+    if unread.bytes == 0 {
+        return false;
+    }
+    let received = receiver.take(unread.bytes.min(BYTES_A_ROUND));
+    if received == Received::More {
+        return false;
+    }
+    hear(board, service, received, receiver.body(), now);
+    true
+}
+
+/// Does what a frame asks.
 #[inline(never)]
-fn listen(board: &mut Board, service: &mut Service, now: Millis) -> bool {
-    let bytes = board.link.unread(BYTES_A_ROUND);
-    let (taken, ended) = service.feed(bytes, now, board);
-    board.link.read(taken as u8);
-    ended
+fn hear(board: &mut Board, service: &mut Service, received: Received, body: &[u8], now: Millis) {
+    service.receive(received, body, now, board);
 }
 
 /// Asks the service for a reply.
 #[inline(never)]
 fn speak(board: &mut Board, service: &mut Service, reply: &mut Reply, now: Millis) {
     reply.sent = 0;
-    reply.len = service.poll(now, board, &mut reply.bytes) as u8;
+    reply.len = service.poll(now, board, reply.bytes) as u8;
 }
 
 /// Ticks / 2^14: 1.024 ms each.

@@ -2,23 +2,98 @@
 //!
 //! | address | bytes | what |
 //! |---|---|---|
-//! | 0x100 | 256 | ring A |
-//! | 0x200 | 256 | ring B; with one ring, the lists of the merge |
-//! | 0x300 | 128 | receive page: what the USART's interrupt takes |
-//! | 0x380 | | [`Queues`], the motors, the service, the reply being sent, all else |
-//! | to 0x900 | at least 200 | stack, downwards |
+//! | 0x100 | 128 | receive page: what the USART's interrupt takes |
+//! | 0x180 | 72 | [`Receiver`]: the frame that is coming in |
+//! | 0x1c8 | 56 | the reply being sent |
+//! | 0x200 | 256 | ring A; the only ring, if one is enough |
+//! | 0x300 | 256 | ring B; the lists of a merge; for one motor more of its queue |
+//! | 0x400 | [`POOL`] | the motors' queues |
+//! | then | | initialised variables, others |
+//! | to 0x900 | at least 220 | stack, downwards; some 180 are used (crates/board/tests/uno_masked.rs) |
 //!
-//! memory.ld makes the linker refuse an image with less stack; `cargo xtask firmware` prints the table as it came out.
+//! memory.ld makes the linker refuse an image that is laid out otherwise, or has less stack; `cargo xtask firmware uno` prints
+//! what came out. Up to the queues nothing is set at start-up by the code that sets variables.
 
+use crate::link::Receiver;
 use crate::regs;
 use core::arch::global_asm;
-use pulsetrain_core::narrow::Pool;
+use core::mem::MaybeUninit;
 
-/// Bytes of all motors' queues together.
-pub(crate) const POOL: usize = 248;
+/// Bytes of all motors' queues together; one motor alone has [`PAGE`] more.
+pub(crate) const POOL: usize = 436;
+/// Bytes of a ring.
+const PAGE: usize = 256;
+/// Room for the longest reply: Status of four motors, and a zero before it.
+pub(crate) const REPLY_LEN: usize = 56;
 
-/// The memory of all motors' queues.
-pub(crate) type Queues = Pool<POOL>;
+const _: () = assert!(crate::link::PAGE as usize + size_of::<Receiver>() + REPLY_LEN == PAGE);
+
+global_asm!(
+    r#"
+    .section .pages, "aw", @nobits
+    .p2align 8
+    .global receive_page, receiver, reply, ring_a_page, ring_b_page, queues
+receive_page: .skip {RECEIVE_PAGE}
+receiver:     .skip {RECEIVER}
+reply:        .skip {REPLY}
+ring_a_page:  .skip {PAGE}
+ring_b_page:  .skip {PAGE}
+queues:       .skip {POOL}
+    "#,
+    RECEIVE_PAGE = const crate::link::PAGE,
+    RECEIVER = const size_of::<Receiver>(),
+    REPLY = const REPLY_LEN,
+    PAGE = const PAGE,
+    POOL = const POOL,
+);
+
+/// High bytes of the addresses of rings A and B.
+pub(crate) const RING_PAGES: [u8; 2] = [2, 3];
+
+unsafe extern "C" {
+    static mut receiver: MaybeUninit<Receiver>;
+    static mut reply: [u8; REPLY_LEN];
+    static ring_b_page: u8;
+    static queues: u8;
+}
+
+/// What there is one of in these pages.
+///
+/// # Safety
+/// Only once.
+pub(crate) unsafe fn take() -> (&'static mut Receiver, &'static mut [u8; REPLY_LEN]) {
+    // SAFETY: the caller's promise; any byte is one of a reply.
+    unsafe { ((&mut *(&raw mut receiver)).write(Receiver::new()), &mut *(&raw mut reply)) }
+}
+
+/// First and last + 1 address of the queue of motor `index` of `motors`.
+#[inline(never)]
+pub(crate) fn queue(motors: u8, index: u8) -> (u16, u16) {
+    // Only addresses are taken here.
+    let start = (&raw const queues).addr() as u16;
+    // Divided here, not on the chip.
+    let each = match motors {
+        1 => return ((&raw const ring_b_page).addr() as u16, start + POOL as u16),
+        2 => POOL / 2,
+        3 => POOL / 3,
+        _ => POOL / 4,
+    } as u16;
+    let start = start + each * u16::from(index);
+    (start, start + each)
+}
+
+/// Writes `bytes` into the queue between `start` and `end`, from `at` on.
+#[inline(never)]
+pub(crate) fn fill_queue(mut at: u16, start: u16, end: u16, bytes: &[u8]) {
+    for byte in bytes {
+        // SAFETY: `at` is inside what `queue` gave, of which no reference exists; the assembly reads it at other times.
+        unsafe { core::ptr::with_exposed_provenance_mut::<u8>(usize::from(at)).write_volatile(*byte) };
+        at += 1;
+        if at == end {
+            at = start;
+        }
+    }
+}
 
 /// What the stack is filled with at start-up, to see later how far it came.
 pub(crate) const PAINT: u8 = 0xc5;
@@ -26,7 +101,6 @@ pub(crate) const PAINT: u8 = 0xc5;
 unsafe extern "C" {
     /// The first byte after everything that is not stack: the linker's.
     static mut _end: u8;
-    static receive_page: [u8; 128];
     static mut reset_note: u16;
     #[link_name = "end_of_program"]
     safe fn stop_and_reset() -> !;
@@ -35,15 +109,6 @@ unsafe extern "C" {
 /// See [`reset::end`](crate::reset::end).
 pub(crate) fn end_of_program() -> ! {
     stop_and_reset()
-}
-
-/// `len` bytes of the receive page, from `at` on: those between tail and head.
-#[inline(always)]
-pub(crate) fn received(at: u8, len: u8) -> &'static [u8] {
-    let first = (&raw const receive_page).cast::<u8>();
-    // SAFETY: inside the page: `at` is below its length, and the caller keeps to its end. The interrupt wrote them before it
-    // moved its head beyond them, and writes there no more until the tail is beyond them too.
-    unsafe { core::slice::from_raw_parts(first.add(usize::from(at)), usize::from(len)) }
 }
 
 /// What the reset note said, and what it says from now on.

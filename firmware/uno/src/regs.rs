@@ -107,22 +107,22 @@ pub(crate) const SP: Reg16 = Reg16(0x5d);
 pub(crate) const SREG: Reg8 = Reg8(0x5f);
 /// §11.9.2.
 pub(crate) const WDTCSR: Reg8 = Reg8(0x60);
-/// §10.11.3: clocks of what is not used can be switched off.
-pub(crate) const PRR: Reg8 = Reg8(0x64);
 /// §16.11.8.
 pub(crate) const TIMSK1: Reg8 = Reg8(0x6f);
 /// §16.11.1.
 pub(crate) const TCCR1A: Reg8 = Reg8(0x80);
 /// §16.11.2.
 pub(crate) const TCCR1B: Reg8 = Reg8(0x81);
-/// §16.11.3: forced compares.
-pub(crate) const TCCR1C: Reg8 = Reg8(0x82);
 /// §16.11.4.
 pub(crate) const TCNT1: Reg16 = Reg16(0x84);
 /// §16.11.5.
 pub(crate) const OCR1A: Reg16 = Reg16(0x88);
 /// §16.11.6.
 pub(crate) const OCR1B: Reg16 = Reg16(0x8a);
+/// §15.9: Timer0.
+pub(crate) const TCCR0B: Reg8 = Reg8(0x45);
+pub(crate) const TCNT0: Reg8 = Reg8(0x46);
+pub(crate) const TIMSK0: Reg8 = Reg8(0x6e);
 /// §20.11: USART0.
 pub(crate) const UCSR0A: Reg8 = Reg8(0xc0);
 pub(crate) const UCSR0B: Reg8 = Reg8(0xc1);
@@ -193,12 +193,47 @@ pub(crate) fn disable_interrupts() {
     unsafe { asm!("cli") };
 }
 
-/// Sleeps until an interrupt has run, if `SMCR` allows it; interrupts are off when it is called, on when it returns.
+/// Sleeps until an interrupt has run, if [`EEARL`] is `head` and `SMCR` allows it. Interrupts are on afterwards; they are off for
+/// 5 cycles, and the sleep itself is one more before any comes in (§7.7): so none can slip in between.
 #[inline(always)]
-pub(crate) fn sleep() {
-    // SAFETY: as `enable_interrupts`. The instruction after `sei` runs before any interrupt (§7.7), so none can slip in
-    // between the caller's look at things and the sleep.
-    unsafe { asm!("sei", "sleep") };
+pub(crate) fn sleep_while_head_is(head: u8) {
+    // SAFETY: as `enable_interrupts`.
+    unsafe {
+        asm!(
+            "cli",
+            "in {now}, {EEARL}",
+            "cpse {now}, {head}",
+            "rjmp 1f",
+            "sei",
+            "sleep",
+            "1: sei",
+            now = out(reg) _,
+            head = in(reg) head,
+            EEARL = const crate::steps::register::EEARL,
+        );
+    }
+}
+
+/// Looks at [`EEARL`] 256 times, as long as it is `head`, and gives how many cycles that took, those of interrupts not counted.
+#[inline(always)]
+pub(crate) fn watch_while_head_is(head: u8) -> u16 {
+    let left: u8;
+    // SAFETY: reads a register.
+    unsafe {
+        asm!(
+            "1: in {now}, {EEARL}", // 1
+            "cp {now}, {head}",     // 1
+            "brne 2f",              // 1
+            "dec {left}",           // 1
+            "brne 1b",              // 2: 6 together
+            "2:",
+            now = out(reg) _,
+            head = in(reg) head,
+            left = inout(reg) 0u8 => left,
+            EEARL = const crate::steps::register::EEARL,
+        );
+    }
+    6 * (256 - u16::from(left))
 }
 
 /// Restarts the watchdog's time.

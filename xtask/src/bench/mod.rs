@@ -3,8 +3,9 @@
 mod first_run;
 mod peers;
 mod report;
+pub(crate) mod uno;
 
-use crate::command::{Done, Failure, cargo, output, root};
+use crate::command::{Done, Failure, cargo, output};
 use crate::ruckig;
 
 /// One measurement; an empty text where something does not apply.
@@ -44,8 +45,7 @@ pub(crate) fn run() -> Done {
 
     let report = report::markdown(&rows)?;
     print!("{report}");
-    let path = root().join("docs/benchmarks.md");
-    std::fs::write(&path, report).map_err(|why| Failure::File { path, why })?;
+    report::write(&report)?;
     let broken: Vec<_> =
         rows.iter().filter(|row| !row.is_within()).map(|row| format!("{}: {}", row.law, row.what)).collect();
     if broken.is_empty() { Ok(()) } else { Err(Failure::Check(format!("beyond their bounds: {}", broken.join("; ")))) }

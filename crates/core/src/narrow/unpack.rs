@@ -174,6 +174,10 @@ impl Unpacker {
         const ANCHOR: u8 = Control::Anchor as u8;
         const EXACT: u8 = Control::Exact as u8;
         const CHECK: u8 = Control::Check as u8;
+        const SLOW: u8 = Control::Slow as u8;
+        if control >= SLOW {
+            return self.slow(control - SLOW, reader.at, registers, bytes);
+        }
         let mut len = match control {
             REVERSE | RESET => 2,
             DWELL | ANCHOR => 6,
@@ -245,6 +249,30 @@ impl Unpacker {
         };
         bytes.consume(len, reader.at);
         Found::Record(record)
+    }
+
+    /// Slows down within 2^`m` steps, m at most 15: the record ends at `end`.
+    fn slow(&mut self, m: u8, end: u16, registers: &mut Registers, bytes: &mut Bytes) -> Found {
+        let (mut low, mut high) = (registers.interval_low, registers.interval_high);
+        let mut bits = m + 1;
+        while bits > 0 {
+            low = low >> 1 | u32::from(high & 1) << 31;
+            high >>= 1;
+            bits -= 1;
+        }
+        // t − t/8, of 40 bits.
+        let eighth = low >> 3 | u32::from(high & 7) << 29;
+        let (add, borrow) = low.overflowing_sub(eighth);
+        let beyond = high.wrapping_sub(high >> 3).wrapping_sub(borrow as u8);
+        if beyond != 0 || add >= 1 << 31 {
+            return Found::Bad;
+        }
+        registers.add = add.cast_signed();
+        registers.add2 = 0;
+        registers.left = 1 << m;
+        self.previous_count = registers.left;
+        bytes.consume(2, end);
+        Found::Record(Record::Run)
     }
 
     /// How far corrections are to be shifted to the left: 16 − [`unit_shift`](crate::packing::unit_shift).

@@ -104,30 +104,28 @@ const fn trailer(sum: Sum, tag: Tag) -> [u8; 3] {
 #[derive(Debug)]
 pub struct Encoder<'a> {
     out: &'a mut [u8],
-    /// Where the code of the run being written is.
-    code_at: usize,
-    /// Bytes written, length and codes included; beyond `out` when it is too short.
-    len: usize,
+    /// Bytes of the body; what is too many for `out` is counted, but not kept. At most 255.
+    len: u8,
 }
+
+/// Where the body begins: the length and the code of the first run come before it.
+const BODY_AT: usize = 2;
 
 impl<'a> Encoder<'a> {
     /// A frame into the front of `out`.
     #[must_use]
     pub fn new(out: &'a mut [u8]) -> Encoder<'a> {
-        Encoder { out, code_at: 1, len: 2 }
+        Encoder { out, len: 0 }
     }
 
     /// One byte of the body.
     // Small on a board, where it is called from everywhere.
     #[inline(never)]
     pub fn u8(&mut self, byte: u8) {
-        if byte == 0 {
-            self.close_run();
-            self.code_at = self.len;
-        } else if let Some(place) = self.out.get_mut(self.len) {
+        if let Some(place) = self.out.get_mut(BODY_AT + usize::from(self.len)) {
             *place = byte;
         }
-        self.len += 1;
+        self.len = self.len.saturating_add(1);
     }
 
     /// Bytes of the body.
@@ -141,42 +139,49 @@ impl<'a> Encoder<'a> {
     /// Two bytes of the body.
     #[inline(never)]
     pub fn u16(&mut self, value: u16) {
-        self.bytes(&value.to_le_bytes());
+        let [low, high] = value.to_le_bytes();
+        self.u8(low);
+        self.u8(high);
     }
 
     /// Four bytes of the body.
     #[inline(never)]
     pub fn u32(&mut self, value: u32) {
-        self.bytes(&value.to_le_bytes());
+        let [a, b, c, d] = value.to_le_bytes();
+        self.u16(u16::from_le_bytes([a, b]));
+        self.u16(u16::from_le_bytes([c, d]));
     }
 
     /// Eight bytes of the body.
-    #[inline(never)]
+    #[inline(always)]
     pub fn u64(&mut self, value: u64) {
         self.bytes(&value.to_le_bytes());
     }
 
     /// Ends the frame and gives its length; `None` when the body is empty or longer than [`MAX_BODY`], or `out` too short.
-    pub fn finish(mut self, tag: Tag) -> Option<usize> {
-        self.close_run();
-        let [len, ..] = self.len.wrapping_sub(2).to_le_bytes();
-        if self.len < 3 || self.len > MAX_BODY + 2 {
+    pub fn finish(self, tag: Tag) -> Option<usize> {
+        let len = usize::from(self.len);
+        if len == 0 || len > MAX_BODY {
             return None;
         }
-        let (body, end) = self.out.split_at_mut_checked(self.len)?;
-        *body.first_mut()? = length_byte(len);
+        let (body, end) = self.out.split_at_mut_checked(BODY_AT + len)?;
+        let end = end.first_chunk_mut::<4>()?;
+        let (first, coded) = body.split_first_mut()?;
+        *first = length_byte(self.len);
+        // A zero is thought before the body. Each becomes the way to the next, the last the way to the end.
+        *coded.first_mut()? = 0;
+        let mut run = 1;
+        for place in coded.iter_mut().rev() {
+            if *place == 0 {
+                *place = run;
+                run = 0;
+            }
+            run += 1;
+        }
         let sum = body.iter().fold(Sum::START, |sum, byte| sum.with(*byte));
         let [a, b, c] = trailer(sum, tag);
-        *end.first_chunk_mut()? = [a, b, c, 0];
-        Some(self.len + 4)
-    }
-
-    fn close_run(&mut self) {
-        // A run that is longer than a byte can say does not fit a frame anyway: `finish` refuses it.
-        let [run, ..] = self.len.wrapping_sub(self.code_at).to_le_bytes();
-        if let Some(code) = self.out.get_mut(self.code_at) {
-            *code = run;
-        }
+        *end = [a, b, c, 0];
+        Some(framed_len(len))
     }
 }
 

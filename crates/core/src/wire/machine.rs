@@ -1,6 +1,6 @@
 //! What a board must be able to do for the [`Service`](super::Service).
 
-use super::message::{Configuration, Event, Info, Measures, MotorStatus, Reason, StatusHead};
+use super::message::{Configuration, Event, Info, Measures, Reason};
 use super::{Baud, MAX_MOTORS};
 use crate::Epoch;
 
@@ -109,14 +109,20 @@ pub trait Machine {
     /// [`flags`](super::message::flags) of the board: asked for with every acknowledgement.
     fn flags(&self) -> u8;
 
-    /// What is common to all motors.
-    fn status(&mut self) -> StatusHead;
+    /// The first tick at which a switch would be accepted.
+    fn horizon(&mut self) -> u64;
 
-    /// What is each motor's.
-    fn motor(&mut self, motor: u8) -> MotorStatus;
+    /// The epoch being run, or that was run last.
+    fn epoch(&self) -> Epoch;
 
-    /// The board's own measurements.
-    fn measures(&mut self) -> Measures;
+    /// A motor's steps forward minus steps backward, pulses begun, modulo 2^32.
+    fn position(&mut self, motor: u8) -> i32;
+
+    /// [`flags`](super::message::flags) of a motor, since it was armed.
+    fn faults(&self, motor: u8) -> u8;
+
+    /// The board's own measurements, up to date. The service fills in the damaged frames.
+    fn measures(&mut self) -> &mut Measures;
 
     /// They begin anew.
     fn reset_measures(&mut self);
@@ -124,8 +130,13 @@ pub trait Machine {
     /// Whether the line can do `baud`.
     fn can_baud(&self, baud: Baud) -> bool;
 
-    /// Changes the rate of the line as soon as all bytes that were handed over are out; what came in before is dropped.
+    /// Changes the rate of the line as soon as all bytes that were handed over are out; what came in before is dropped, and a
+    /// frame that it began.
     fn set_baud(&mut self, baud: Baud);
+
+    /// The host is heard again after its new rate had been given up: an event
+    /// ([`Cause::BaudFellBack`](super::message::Cause::BaudFellBack)).
+    fn rate_fell_back(&mut self);
 
     /// Nobody has taken the board any more: the host said so, or was silent for too long. What is queued goes on to its
     /// tail.

@@ -3,8 +3,8 @@
 //! Every body begins with the sequence number and the kind; what follows is said in a table at each type. All integers
 //! are little-endian.
 //!
-//! The board writes its answers field by field into the frame ([`Info::encode`] and its like), the host reads them into
-//! structs ([`Reply::decode`]); commands the other way round ([`Command`]).
+//! The board writes its answers field by field into the frame ([`Info::encode`] and its like; Status, Switched and Stopped
+//! are [`service`](super::service)'s), the host reads them into structs ([`Reply::decode`]); commands the other way round ([`Command`]).
 
 use super::frame::{Encoder, Tag};
 use super::machine::{Stopped, Switched};
@@ -270,24 +270,19 @@ pub enum Command<'a> {
 /// Most packed bytes in one frame, to a board that takes the longest bodies; else three fewer than its longest body.
 pub const MAX_PACKED: usize = super::MAX_BODY - 3;
 
-/// The payload of a command other than Configure and Data, if it is as long as its kind says: its first byte, or 0, and a
-/// number in those after it.
-pub(super) fn parts(kind: u8, payload: &[u8]) -> Result<(u8, &[u8]), Reason> {
-    let len = match kind {
+/// Bytes of the payload of a command other than Configure and Data; `None` if there is no such kind.
+pub(super) const fn len_of(kind: u8) -> Option<u8> {
+    Some(match kind {
         kind::HELLO => 5,
         kind::SWITCH => 9,
         kind::DISCARD | kind::BAUD | kind::MEASURES => 1,
         kind::ARM | kind::RELEASE | kind::CLOCK | kind::STATUS | kind::STOP_NOW | kind::BYE | kind::POLL => 0,
-        _ => return Err(Reason::UnknownKind),
-    };
-    if payload.len() != len {
-        return Err(Reason::Malformed);
-    }
-    Ok(payload.split_first().map_or((0, &[]), |(first, number)| (*first, number)))
+        _ => return None,
+    })
 }
 
 /// The first bytes of `bytes`, and zeros if it has fewer.
-pub(super) fn padded<const N: usize>(bytes: &[u8]) -> [u8; N] {
+fn padded<const N: usize>(bytes: &[u8]) -> [u8; N] {
     let mut all = [0; N];
     for (place, byte) in all.iter_mut().zip(bytes) {
         *place = *byte;
@@ -333,7 +328,10 @@ impl<'a> Command<'a> {
         if kind == kind::CONFIGURE {
             return Configuration::decode(payload).map(Command::Configure).ok_or(Reason::Malformed);
         }
-        let (first, number) = parts(kind, payload)?;
+        if payload.len() != usize::from(len_of(kind).ok_or(Reason::UnknownKind)?) {
+            return Err(Reason::Malformed);
+        }
+        let (first, number) = payload.split_first().map_or((0, &[][..]), |(first, number)| (*first, number));
         Ok(match kind {
             kind::HELLO => Command::Hello { version: first, nonce: u32::from_le_bytes(padded(number)) },
             kind::ARM => Command::Arm,
@@ -601,12 +599,17 @@ impl Info {
     };
 
     /// Writes it.
+    // Most of it is constant on a board.
+    #[inline(always)]
     pub fn encode(&self, frame: &mut Encoder<'_>) {
         frame.u8(super::VERSION);
         frame.u32(self.nonce);
         frame.u8(self.tag.0);
         frame.u8(self.board);
-        frame.bytes(&self.firmware);
+        let [major, minor, patch] = self.firmware;
+        frame.u8(major);
+        frame.u8(minor);
+        frame.u8(patch);
         frame.u32(self.tick_hz);
         frame.u8(self.fraction_bits);
         frame.u8(self.max_motors);
@@ -755,20 +758,6 @@ impl Status {
         self.head.flags & flags::IDLE != 0
     }
 
-    /// Writes it.
-    pub fn encode(frame: &mut Encoder<'_>, head: &StatusHead, motors: impl ExactSizeIterator<Item = MotorStatus>) {
-        frame.u64(head.tick);
-        frame.u64(head.horizon);
-        frame.u8(head.epoch.0);
-        frame.u8(head.flags);
-        frame.u8(u8::try_from(motors.len()).unwrap_or(u8::MAX));
-        for motor in motors {
-            frame.u32(motor.position.cast_unsigned());
-            frame.u16(motor.free);
-            frame.u8(motor.faults);
-        }
-    }
-
     fn decode(reader: &mut Reader<'_>) -> Option<Status> {
         let [tick, horizon] = [reader.u64()?, reader.u64()?];
         let head = StatusHead { tick, horizon, epoch: Epoch(reader.u8()?), flags: reader.u8()? };
@@ -794,7 +783,7 @@ impl Status {
 /// | 16–17 | frames whose CRC was wrong |
 /// | 18–19 | fewest bytes of stack that were never used |
 /// | 20–23 | rounds of the main loop |
-/// | 24–31 | ticks asleep |
+/// | 24–31 | ticks in which the main loop had nothing to do |
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Measures {
     /// Compares that were missed and made late.
@@ -817,29 +806,25 @@ pub struct Measures {
     pub stack_left: u16,
     /// Rounds of the main loop.
     pub rounds: u32,
-    /// Ticks asleep.
-    pub asleep_ticks: u64,
+    /// Ticks in which the main loop had nothing to do.
+    pub idle_ticks: u64,
 }
 
 impl Measures {
     /// Writes it.
+    #[inline(always)]
     pub fn encode(&self, frame: &mut Encoder<'_>) {
-        let counts = [
-            self.late,
-            self.latest_ticks,
-            self.starved,
-            self.fewest_groups,
-            self.longest_round_ticks,
-            self.most_unread,
-            self.lost_bytes,
-            self.damaged_frames,
-            self.stack_left,
-        ];
-        for count in counts {
-            frame.u16(count);
-        }
+        frame.u16(self.late);
+        frame.u16(self.latest_ticks);
+        frame.u16(self.starved);
+        frame.u16(self.fewest_groups);
+        frame.u16(self.longest_round_ticks);
+        frame.u16(self.most_unread);
+        frame.u16(self.lost_bytes);
+        frame.u16(self.damaged_frames);
+        frame.u16(self.stack_left);
         frame.u32(self.rounds);
-        frame.u64(self.asleep_ticks);
+        frame.u64(self.idle_ticks);
     }
 
     fn decode(reader: &mut Reader<'_>) -> Option<Measures> {
@@ -854,7 +839,7 @@ impl Measures {
             damaged_frames: reader.u16()?,
             stack_left: reader.u16()?,
             rounds: reader.u32()?,
-            asleep_ticks: reader.u64()?,
+            idle_ticks: reader.u64()?,
         })
     }
 }
@@ -1053,16 +1038,14 @@ impl Reply {
 }
 
 impl Switched {
-    /// Writes it.
-    pub fn encode(self, frame: &mut Encoder<'_>) {
-        let (code, tick) = match self {
+    /// As the answer has it.
+    pub(super) const fn to_parts(self) -> (u8, u64) {
+        match self {
             Switched::Accepted => (0, 0),
             Switched::Late { horizon } => (1, horizon),
             Switched::Early { limit } => (2, limit),
             Switched::Full => (3, 0),
-        };
-        frame.u8(code);
-        frame.u64(tick);
+        }
     }
 }
 

@@ -1,4 +1,4 @@
-//! The board's side: takes bytes, does through a [`Machine`] what they ask, and writes the answers.
+//! The board's side: takes frames, does through a [`Machine`] what they ask, and writes the answers.
 //!
 //! # Order
 //! A frame is taken when its sequence number is the next one; what comes again is answered again and not done again;
@@ -16,9 +16,9 @@
 //!
 //! [`Reply::Missing`]: super::Reply::Missing
 
-use super::frame::{Decoder, Encoder, Received, Tag};
-use super::machine::{Machine, Refusal, Stopped, Switched};
-use super::message::{Cause, Configuration, Event, Missing, Reason, Status, kind, padded, parts};
+use super::frame::{Encoder, Received, Tag};
+use super::machine::{Machine, Refusal, Stopped};
+use super::message::{Configuration, Missing, Reason, kind, len_of};
 use super::{Baud, LEAST_BODY, MAX_BODY, Millis, VERSION};
 use crate::Epoch;
 
@@ -28,32 +28,16 @@ pub const TRIAL_MS: u16 = 250;
 /// How long a host may be silent unless it says otherwise, ms.
 pub const SILENCE_MS: u16 = 2000;
 
-/// The outcome of the last frame that needs an answer: what it takes to give that answer, again if need be.
-#[derive(Clone, Copy, Debug)]
-enum Outcome {
-    /// Done; or a question, which is answered anew whenever it is asked.
-    Done,
-    Refused(Refusal),
-    Switched(Switched),
-    Stopped(Stopped),
-}
-
-/// The frame that was answered last, or is to be answered.
+/// The frame that was answered last, or is to be answered: what it takes to give that answer, again if need be.
 #[derive(Clone, Copy, Debug)]
 struct Answer {
     seq: u8,
     kind: u8,
-    outcome: Outcome,
-}
-
-/// What a reply says.
-#[derive(Clone, Copy, Debug)]
-enum Say {
-    Missing(Missing),
-    Ack,
-    Event(Event),
-    Refused { kind: u8, refusal: Refusal },
-    Answer,
+    /// Why it was not done. Questions are answered anew whenever they are asked.
+    refused: Option<Refusal>,
+    /// Of Switch and StopNow, with `code`: a tick, and how the switch went or which motors are uncertain.
+    tick: [u8; 8],
+    code: u8,
 }
 
 /// How far a change of rate is.
@@ -70,19 +54,10 @@ enum Change {
     FellBack,
 }
 
-/// The board's side of the link, for bodies of up to `N` bytes: of [`LEAST_BODY`] to [`MAX_BODY`]. So many and some 45 bytes
-/// large.
+/// The board's side of the link. The bytes that come are taken by a [`Decoder`](super::Decoder), or whatever does the same
+/// on a board, and frames are handed over whole.
 #[derive(Clone, Debug)]
-pub struct Service<const N: usize = MAX_BODY> {
-    decoder: Decoder<N>,
-    link: Link,
-    /// Nothing was said at this rate yet.
-    new_rate: bool,
-}
-
-/// All of it but the frame that is being received.
-#[derive(Clone, Debug)]
-struct Link {
+pub struct Service {
     /// The newest session's; it is over unless `taken`.
     tag: Tag,
     nonce: u32,
@@ -104,25 +79,32 @@ struct Link {
     silence_ms: u16,
     baud: Baud,
     change: Change,
-    /// To be told as an event.
-    fell_back: bool,
     max_body: u8,
     events: u8,
     damaged: u16,
+    /// Nothing was said at this rate yet.
+    new_rate: bool,
 }
 
-impl<const N: usize> Service<N> {
-    /// Nobody has taken the board; the line is at 115 200 baud.
+impl Service {
+    /// Nobody has taken the board, which takes bodies of up to `max_body` bytes: of [`LEAST_BODY`] to [`MAX_BODY`]. The line is at
+    /// 115 200 baud.
+    ///
+    /// # Panics
+    /// With another `max_body`; where it is a constant, that shows when it is built.
+    ///
+    /// [`LEAST_BODY`]: super::LEAST_BODY
+    /// [`MAX_BODY`]: super::MAX_BODY
     #[must_use]
-    pub const fn new() -> Service<N> {
-        const { assert!(LEAST_BODY <= N && N <= MAX_BODY) };
-        let link = Link {
+    pub const fn new(max_body: usize) -> Service {
+        assert!(LEAST_BODY <= max_body && max_body <= MAX_BODY);
+        Service {
             tag: Tag::NONE,
             nonce: 0,
             taken: false,
             leaving: false,
             expected: 0,
-            answer: Answer { seq: 0, kind: kind::HELLO, outcome: Outcome::Done },
+            answer: Answer { seq: 0, kind: kind::HELLO, refused: None, tick: [0; 8], code: 0 },
             answer_due: false,
             ack_due: false,
             missing_due: None,
@@ -132,51 +114,32 @@ impl<const N: usize> Service<N> {
             silence_ms: SILENCE_MS,
             baud: Baud::B115200,
             change: Change::None,
-            fell_back: false,
             #[expect(clippy::cast_possible_truncation, reason = "below 128")]
-            max_body: N as u8,
+            max_body: max_body as u8,
             events: 0,
             damaged: 0,
-        };
-        Service { decoder: Decoder::new(), link, new_rate: false }
+            new_rate: false,
+        }
     }
 
     /// Whether a host has taken the board: other dialects on the line are off then.
     #[must_use]
     pub const fn is_taken(&self) -> bool {
-        self.link.taken
+        self.taken
     }
 
     /// The rate of the line.
     #[must_use]
     pub const fn baud(&self) -> Baud {
-        self.link.baud
+        self.baud
     }
 
-    /// Takes bytes from the line up to the end of a frame, and does what it asks. Gives how many it took, and whether
-    /// something ended, so that a reply may be due.
-    pub fn feed(&mut self, bytes: &[u8], now: Millis, machine: &mut impl Machine) -> (usize, bool) {
-        let (taken, received) = self.decoder.feed(bytes);
-        self.receive(received, now, machine);
-        (taken, received != Received::More)
-    }
-
-    /// Takes one byte from the line. `true` when it ended something, so that a reply may be due.
-    pub fn push(&mut self, byte: u8, now: Millis, machine: &mut impl Machine) -> bool {
-        let received = self.decoder.push(byte);
-        self.receive(received, now, machine);
-        received != Received::More
-    }
-
-    fn receive(&mut self, received: Received, now: Millis, machine: &mut impl Machine) {
-        match received {
-            Received::More => {}
-            Received::Frame(tag) => {
-                if let [seq, kind, payload @ ..] = self.decoder.body() {
-                    self.link.frame(tag, *seq, *kind, payload, now, machine);
-                }
-            }
-            Received::Damaged => self.link.damaged(),
+    /// Does what the frame asks for whose `body` the line brought; or notes that something came that was none.
+    pub fn receive(&mut self, received: Received, body: &[u8], now: Millis, machine: &mut impl Machine) {
+        match (received, body) {
+            (Received::Frame(tag), [seq, kind, payload @ ..]) => self.frame(tag, *seq, *kind, payload, now, machine),
+            (Received::More | Received::Frame(_), _) => {}
+            (Received::Damaged, _) => self.damaged(),
         }
     }
 
@@ -186,18 +149,13 @@ impl<const N: usize> Service<N> {
     /// room for [`MAX_FRAME`](super::MAX_FRAME) bytes and one more, or as many as the longest answer of this board takes;
     /// one that does not fit is not sent.
     pub fn poll(&mut self, now: Millis, machine: &mut impl Machine, out: &mut [u8]) -> usize {
-        let baud = self.link.baud;
-        self.link.watch(now, machine);
-        if baud != self.link.baud {
-            self.decoder.reset();
-            self.new_rate = true;
-        }
+        self.watch(now, machine);
         if !self.new_rate {
-            return self.link.reply(machine, out);
+            return self.reply(machine, out);
         }
         // A zero first: it ends what the host took for a frame while the rates were different.
         let Some((first, rest)) = out.split_first_mut() else { return 0 };
-        match self.link.reply(machine, rest) {
+        match self.reply(machine, rest) {
             0 => 0,
             len => {
                 *first = 0;
@@ -206,69 +164,51 @@ impl<const N: usize> Service<N> {
             }
         }
     }
-}
 
-impl Link {
     /// The reply that is due.
+    #[inline(never)]
     fn reply(&mut self, machine: &mut impl Machine, out: &mut [u8]) -> usize {
-        let Some((seq, kind, tag, say)) = self.due(machine) else { return 0 };
         let mut frame = Encoder::new(out);
-        frame.u8(seq);
-        frame.u8(kind);
-        match say {
-            Say::Missing(why) => frame.u8(why as u8),
-            Say::Ack => {
-                frame.u8(machine.flags());
-                free(&mut frame, machine);
-            }
-            Say::Event(event) => event.encode(&mut frame),
-            Say::Refused { kind, refusal } => {
-                frame.u8(kind);
-                frame.u8(refusal.reason as u8);
-                frame.u16(refusal.detail);
-            }
-            Say::Answer => self.answer(machine, &mut frame),
-        }
-        frame.finish(tag).unwrap_or(0)
-    }
-
-    /// What is to be said next, with its sequence number, kind and tag.
-    fn due(&mut self, machine: &mut impl Machine) -> Option<(u8, u8, Tag, Say)> {
-        if let Some(seq) = self.refusal_due.take() {
-            let refusal = Refusal::of(Reason::Taken);
-            return Some((seq, kind::REFUSED, Tag::NONE, Say::Refused { kind: kind::HELLO, refusal }));
-        }
-        let tag = if self.taken { self.tag } else { Tag::NONE };
-        if self.answer_due {
-            self.answer_due = false;
-            self.ack_due = false;
-            let Answer { seq, kind, outcome } = self.answer;
-            return Some(match outcome {
-                Outcome::Refused(refusal) => (seq, kind::REFUSED, tag, Say::Refused { kind, refusal }),
-                _ => (seq, kind | kind::ANSWER, if kind == kind::HELLO { Tag::NONE } else { tag }, Say::Answer),
-            });
-        }
+        let mut tag = if self.taken { self.tag } else { Tag::NONE };
         let last = self.expected.wrapping_sub(1);
-        if let Some(why) = self.missing_due.take() {
-            return Some((last, kind::MISSING, tag, Say::Missing(why)));
-        }
-        if self.ack_due {
+        if let Some(seq) = self.refusal_due.take() {
+            tag = Tag::NONE;
+            refuse(&mut frame, seq, kind::HELLO, Refusal::of(Reason::Taken));
+        } else if self.answer_due {
+            (self.answer_due, self.ack_due) = (false, false);
+            let Answer { seq, kind, refused, .. } = self.answer;
+            if let Some(refusal) = refused {
+                refuse(&mut frame, seq, kind, refusal);
+            } else {
+                if kind == kind::HELLO {
+                    tag = Tag::NONE;
+                }
+                frame.u8(seq);
+                frame.u8(kind | kind::ANSWER);
+                self.answer(machine, &mut frame);
+            }
+        } else if let Some(why) = self.missing_due.take() {
+            frame.u8(last);
+            frame.u8(kind::MISSING);
+            frame.u8(why as u8);
+        } else if self.ack_due {
             self.ack_due = false;
-            return Some((last, kind::POLL | kind::ANSWER, tag, Say::Ack));
-        }
+            frame.u8(last);
+            frame.u8(kind::POLL | kind::ANSWER);
+            frame.u8(machine.flags());
+            free(&mut frame, machine);
         // Around a change of rate nobody may hear it.
-        if !self.taken || matches!(self.change, Change::Due(_) | Change::Trial { .. }) {
-            return None;
+        } else if self.taken
+            && !matches!(self.change, Change::Due(_) | Change::Trial { .. })
+            && let Some(event) = machine.event()
+        {
+            self.events = self.events.wrapping_add(1);
+            frame.u8(self.events);
+            frame.u8(kind::EVENT);
+            event.encode(&mut frame);
         }
-        let event = if self.fell_back {
-            self.fell_back = false;
-            let (cause, motor) = (Cause::BaudFellBack, super::message::ALL_MOTORS);
-            Event { cause, motor, tick: machine.clock(), detail: 0 }
-        } else {
-            machine.event()?
-        };
-        self.events = self.events.wrapping_add(1);
-        Some((self.events, kind::EVENT, tag, Say::Event(event)))
+        // Nothing in it: nothing to be said.
+        frame.finish(tag).unwrap_or(0)
     }
 
     /// What time brings: the new rate, the end of its trial, a host that is lost.
@@ -297,12 +237,13 @@ impl Link {
     fn set_baud(&mut self, baud: Baud, machine: &mut impl Machine) {
         if baud != self.baud {
             self.baud = baud;
+            self.new_rate = true;
             machine.set_baud(baud);
         }
     }
 
     fn leave(&mut self, machine: &mut impl Machine, lost: bool) {
-        (self.taken, self.leaving, self.fell_back) = (false, false, false);
+        (self.taken, self.leaving) = (false, false);
         (self.answer_due, self.ack_due, self.missing_due) = (false, false, None);
         self.change = Change::None;
         self.set_baud(Baud::B115200, machine);
@@ -311,9 +252,9 @@ impl Link {
 
     fn frame(&mut self, tag: Tag, seq: u8, kind: u8, payload: &[u8], now: Millis, machine: &mut impl Machine) {
         if tag == Tag::NONE {
-            match (kind, parts(kind, payload)) {
-                (kind::HELLO, Ok((version, nonce))) => {
-                    self.hello(seq, version, u32::from_le_bytes(padded(nonce)), now);
+            match (kind, payload) {
+                (kind::HELLO, &[version, a, b, c, d]) => {
+                    self.hello(seq, version, u32::from_le_bytes([a, b, c, d]), now)
                 }
                 _ if self.taken => {}
                 _ => self.missing_due = Some(Missing::NotTaken),
@@ -330,7 +271,10 @@ impl Link {
         self.heard = now;
         match self.change {
             Change::Trial { .. } => self.change = Change::None,
-            Change::FellBack => (self.change, self.fell_back) = (Change::None, true),
+            Change::FellBack => {
+                self.change = Change::None;
+                machine.rate_fell_back();
+            }
             Change::None | Change::Due(_) => {}
         }
         match seq.wrapping_sub(self.expected) {
@@ -360,18 +304,17 @@ impl Link {
             (self.silence_ms, self.missing_told, self.ack_due, self.missing_due) = (SILENCE_MS, false, false, None);
         }
         self.heard = now;
-        self.answer = Answer { seq, kind: kind::HELLO, outcome: Outcome::Done };
-        self.answer_due = true;
+        self.answer_to(seq, kind::HELLO, None);
     }
 
     /// The frame that is next.
+    #[inline(always)]
     fn take(&mut self, seq: u8, kind: u8, payload: &[u8], machine: &mut impl Machine) {
-        let malformed = Refusal { reason: Reason::Malformed, detail: u16::from(kind) };
         let mut is_answered = true;
         let done = if let kind::DATA..0x18 = kind {
             let pushed = match payload {
                 [epoch, packed @ ..] if !packed.is_empty() => machine.push(kind & 7, Epoch(*epoch), packed),
-                _ => Err(malformed),
+                _ => Err(malformed(kind)),
             };
             if let Err(Refusal { reason: Reason::Full, .. }) = pushed {
                 return self.miss(Missing::NoRoom);
@@ -382,28 +325,30 @@ impl Link {
             is_answered = false;
             Ok(())
         } else {
-            self.answer.outcome = Outcome::Done;
             self.execute(kind, payload, machine)
         };
         self.expected = seq.wrapping_add(1);
         self.missing_told = false;
         self.missing_due = None;
-        if !is_answered {
+        if is_answered {
+            self.answer_to(seq, kind, done.err());
+        } else {
             self.ack_due = true;
-            return;
         }
-        if let Err(refusal) = done {
-            self.answer.outcome = Outcome::Refused(refusal);
-        }
-        (self.answer.seq, self.answer.kind, self.answer_due) = (seq, kind, true);
+    }
+
+    #[inline(never)]
+    fn answer_to(&mut self, seq: u8, kind: u8, refused: Option<Refusal>) {
+        (self.answer.seq, self.answer.kind, self.answer.refused) = (seq, kind, refused);
+        self.answer_due = true;
     }
 
     /// Does what a command asks for: what [`Command::decode`](super::Command::decode) would say of it, but without a detour
-    /// through RAM. The outcome was said to be done, and stays so unless there is more to say.
+    /// through RAM.
+    #[inline(never)]
     fn execute(&mut self, kind: u8, payload: &[u8], machine: &mut impl Machine) -> Result<(), Refusal> {
-        let refusal = |reason| Refusal { reason, detail: u16::from(kind) };
         if kind == kind::CONFIGURE {
-            let configuration = Configuration::decode(payload).ok_or(refusal(Reason::Malformed))?;
+            let configuration = Configuration::decode(payload).ok_or(malformed(kind))?;
             machine.configure(&configuration)?;
             self.silence_ms = match configuration.silence_ms {
                 0 => SILENCE_MS,
@@ -411,18 +356,24 @@ impl Link {
             };
             return Ok(());
         }
-        let (first, number) = parts(kind, payload).map_err(refusal)?;
+        let Some(len) = len_of(kind) else {
+            return Err(Refusal { reason: Reason::UnknownKind, detail: u16::from(kind) });
+        };
+        if payload.len() != usize::from(len) {
+            return Err(malformed(kind));
+        }
+        let first = payload.first().copied().unwrap_or(0);
         match kind {
-            kind::ARM => machine.arm()?,
-            kind::RELEASE => machine.release()?,
+            kind::ARM => return machine.arm(),
+            kind::RELEASE => return machine.release(),
             kind::DISCARD => machine.discard(Epoch(first)),
-            kind::SWITCH => {
-                let switched = machine.switch(Epoch(first), u64::from_le_bytes(padded(number)))?;
-                self.answer.outcome = Outcome::Switched(switched);
+            kind::SWITCH => return self.switch(payload, machine),
+            kind::STOP_NOW => {
+                let Stopped { tick, uncertain } = machine.stop_now();
+                (self.answer.tick, self.answer.code) = (tick.to_le_bytes(), uncertain);
             }
-            kind::STOP_NOW => self.answer.outcome = Outcome::Stopped(machine.stop_now()),
             kind::BAUD => {
-                let baud = Baud::from_code(first).ok_or(refusal(Reason::Malformed))?;
+                let baud = Baud::from_code(first).ok_or(malformed(kind))?;
                 if !machine.can_baud(baud) {
                     return Err(Refusal { reason: Reason::Baud, detail: u16::from(first) });
                 }
@@ -431,7 +382,7 @@ impl Link {
             kind::BYE => self.leaving = true,
             // With a tag: no session begins inside another.
             kind::HELLO => return Err(Refusal::of(Reason::Taken)),
-            kind::MEASURES if first > 1 => return Err(refusal(Reason::Malformed)),
+            kind::MEASURES if first > 1 => return Err(malformed(kind)),
             kind::MEASURES if first == 1 => {
                 self.damaged = 0;
                 machine.reset_measures();
@@ -442,9 +393,22 @@ impl Link {
         Ok(())
     }
 
+    #[inline(never)]
+    fn switch(&mut self, payload: &[u8], machine: &mut impl Machine) -> Result<(), Refusal> {
+        if let [epoch, tick @ ..] = payload
+            && let Some(tick) = tick.first_chunk()
+        {
+            let switched = machine.switch(Epoch(*epoch), u64::from_le_bytes(*tick))?;
+            let (code, tick) = switched.to_parts();
+            (self.answer.code, self.answer.tick) = (code, tick.to_le_bytes());
+        }
+        Ok(())
+    }
+
     /// The frame answered last came again. Only a change of rate is done again: the host has not seen it.
+    #[inline(always)]
     fn again(&mut self, payload: &[u8]) {
-        if let (kind::BAUD, Outcome::Done, [code]) = (self.answer.kind, self.answer.outcome, payload)
+        if let (kind::BAUD, None, [code]) = (self.answer.kind, self.answer.refused, payload)
             && let Some(baud) = Baud::from_code(*code)
         {
             self.change = Change::Due(baud);
@@ -466,23 +430,10 @@ impl Link {
         }
     }
 
-    #[inline(never)]
     /// The answer to what was asked last. What can be read from the machine is read now.
+    #[inline(never)]
     fn answer(&self, machine: &mut impl Machine, frame: &mut Encoder<'_>) {
-        match self.answer.outcome {
-            Outcome::Switched(switched) => return switched.encode(frame),
-            Outcome::Stopped(Stopped { tick, uncertain }) => {
-                frame.u64(tick);
-                frame.u8(uncertain);
-                let motors = machine.motors();
-                frame.u8(motors);
-                for motor in 0..motors {
-                    frame.u32(machine.motor(motor).position.cast_unsigned());
-                }
-                return;
-            }
-            Outcome::Done | Outcome::Refused(_) => {}
-        }
+        let motors = machine.motors();
         match self.answer.kind {
             kind::HELLO => {
                 let mut info = machine.info();
@@ -494,12 +445,31 @@ impl Link {
             kind::CONFIGURE => free(frame, machine),
             kind::CLOCK => frame.u64(machine.clock()),
             kind::STATUS => {
-                let head = machine.status();
-                let motors = machine.motors();
-                Status::encode(frame, &head, (0..motors).map(|motor| machine.motor(motor)));
+                frame.u64(machine.clock());
+                frame.u64(machine.horizon());
+                frame.u8(machine.epoch().0);
+                frame.u8(machine.flags());
+                frame.u8(motors);
+                for motor in 0..motors {
+                    frame.u32(machine.position(motor).cast_unsigned());
+                    frame.u16(machine.free(motor));
+                    frame.u8(machine.faults(motor));
+                }
+            }
+            kind::SWITCH => {
+                frame.u8(self.answer.code);
+                frame.bytes(&self.answer.tick);
+            }
+            kind::STOP_NOW => {
+                frame.bytes(&self.answer.tick);
+                frame.u8(self.answer.code);
+                frame.u8(motors);
+                for motor in 0..motors {
+                    frame.u32(machine.position(motor).cast_unsigned());
+                }
             }
             kind::MEASURES => {
-                let mut measures = machine.measures();
+                let measures = machine.measures();
                 measures.damaged_frames = self.damaged;
                 measures.encode(frame);
             }
@@ -508,12 +478,22 @@ impl Link {
     }
 }
 
-impl<const N: usize> Default for Service<N> {
-    fn default() -> Service<N> {
-        Service::new()
-    }
+/// Not as long as its kind says, or out of range.
+#[inline(never)]
+fn malformed(kind: u8) -> Refusal {
+    Refusal { reason: Reason::Malformed, detail: u16::from(kind) }
 }
 
+#[inline(never)]
+fn refuse(frame: &mut Encoder<'_>, seq: u8, kind: u8, refusal: Refusal) {
+    frame.u8(seq);
+    frame.u8(kind::REFUSED);
+    frame.u8(kind);
+    frame.u8(refusal.reason as u8);
+    frame.u16(refusal.detail);
+}
+
+#[inline(never)]
 fn free(frame: &mut Encoder<'_>, machine: &impl Machine) {
     let motors = machine.motors();
     frame.u8(motors);

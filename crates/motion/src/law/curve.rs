@@ -50,6 +50,13 @@ pub enum Curve {
     Formula(Window),
     /// All of them together.
     Sum(Vec<Curve>),
+    /// A curve in another time: curve(Σ c_k u^k).
+    Warped {
+        /// The curve, against its own time.
+        curve: Box<Curve>,
+        /// Its own time against u, s/s^k; it does not fall where the curve is used.
+        time: [f64; 5],
+    },
 }
 
 /// A curve whose step times have a formula, on one monotone stretch: u(x), x being θ.
@@ -130,6 +137,7 @@ impl Curve {
             }
             Curve::Formula(window) => window.value(u),
             Curve::Sum(curves) => curves.iter().map(|c| c.value(u)).sum(),
+            Curve::Warped { curve, time } => curve.value(expand::<1>(time.iter().copied(), u)[0]),
         }
     }
 
@@ -177,6 +185,11 @@ impl Curve {
                 jet.iter_mut().zip(window.jet(u)).for_each(|(jet, own)| *jet += own);
             }
             Curve::Sum(curves) => curves.iter().for_each(|c| c.add_jet(u, jet)),
+            Curve::Warped { curve, time } => {
+                let time: Jet = expand(time.iter().copied(), u);
+                let own = composed(&curve.jet(time[0]), &time);
+                jet.iter_mut().zip(own).for_each(|(jet, own)| *jet += own);
+            }
         }
     }
 
@@ -249,6 +262,7 @@ impl Curve {
                     *rounding += (curves.len() + 1) as f64 * ULP * majorant;
                 }
             }
+            Curve::Warped { curve, time } => (bounds, majorant) = warped_bounds(curve, time, a, b),
         }
         // Gradual underflow: far below any step, but a bound is a bound.
         bounds.rounding.iter_mut().for_each(|r| *r = *r * OUTWARD + f64::MIN_POSITIVE);
@@ -296,7 +310,7 @@ impl Curve {
             Curve::TimerRamp { u0, x0, factor, linear, quadratic } => {
                 Some(Inverse::Quadratic { x0: *x0, c: [*u0, linear / factor, quadratic / (factor * factor)] })
             }
-            Curve::Formula(_) | Curve::Sum(_) => None,
+            Curve::Formula(_) | Curve::Sum(_) | Curve::Warped { .. } => None,
         }
     }
 
@@ -308,6 +322,7 @@ impl Curve {
             Curve::TimerRamp { factor, .. } => *factor == 0.0,
             Curve::Formula(_) => false,
             Curve::Sum(curves) => curves.iter().all(Curve::is_constant),
+            Curve::Warped { curve, .. } => curve.is_constant(),
         }
     }
 
@@ -325,6 +340,7 @@ impl Curve {
                 Some(curve) => curve.raise(steps),
                 None => curves.push(Curve::constant(steps)),
             },
+            Curve::Warped { curve, .. } => curve.raise(steps),
         }
     }
 
@@ -342,6 +358,7 @@ impl Curve {
             }
             Curve::Formula(window) => window.scale(by),
             Curve::Sum(curves) => curves.iter_mut().for_each(|c| c.scale(by)),
+            Curve::Warped { curve, .. } => curve.scale(by),
         }
     }
 
@@ -351,23 +368,74 @@ impl Curve {
             return;
         }
         match self {
-            Curve::Polynomial(c) => {
-                let mut exact: Vec<Double> = c.iter().map(|&c| Double::from(c)).collect();
-                for k in 0..c.len() {
-                    for i in (k..c.len() - 1).rev() {
-                        exact[i] = exact[i] + by * exact[i + 1];
-                    }
-                    c[k] = exact[k].nearest();
-                }
-            }
+            Curve::Polynomial(c) => shift(c, by),
             Curve::Cosine { omega, phase, .. } => {
                 *phase = (Double::from(*phase) + Double::from(*omega) * by).wrapped().nearest();
             }
             Curve::TimerRamp { u0, .. } => *u0 = (Double::from(*u0) - by).nearest(),
             Curve::Formula(window) => window.rezero(by),
             Curve::Sum(curves) => curves.iter_mut().for_each(|c| c.rezero(by)),
+            Curve::Warped { time, .. } => shift(time, by),
         }
     }
+}
+
+/// The polynomial Σ c_k (u + by)^k in powers of u.
+fn shift(c: &mut [f64], by: Double) {
+    let mut exact: Vec<Double> = c.iter().map(|&c| Double::from(c)).collect();
+    for k in 0..c.len() {
+        for i in (k..c.len() - 1).rev() {
+            exact[i] = exact[i] + by * exact[i + 1];
+        }
+        c[k] = exact[k].nearest();
+    }
+}
+
+/// The first `N` coefficients of Σ c_k (q_1 x + q_2 x² + …)^k, by Horner's rule on truncated series.
+fn composed<const N: usize>(c: &[f64; N], q: &[f64; N]) -> [f64; N] {
+    let mut sum = [0.0; N];
+    for c in c.iter().rev() {
+        for k in (1..N).rev() {
+            sum[k] = (1..=k).map(|i| q[i] * sum[k - i]).sum();
+        }
+        sum[0] = *c;
+    }
+    sum
+}
+
+/// As [`Curve::bounds_and_majorant`], of a curve in another time.
+///
+/// Every coefficient of the composition is a sum of products of the curve's coefficients and the time's, with positive
+/// factors: bounds on those give bounds on it, on the eighth from all up to the eighth.
+fn warped_bounds(curve: &Curve, time: &[f64; 5], a: f64, b: f64) -> (Bounds, Jet) {
+    let reach = a.abs().max(b.abs());
+    let mut q: [f64; 9] = expand(time.iter().map(|c| c.abs()), reach);
+    q.iter_mut().for_each(|q| *q *= OUTWARD);
+    // Of a polynomial of degree 4: see above, and 3 roundings for its own coefficients.
+    let relative = 18.0 * ULP;
+    let off = relative * q[0];
+    let at = |u: f64| expand::<1>(time.iter().copied(), u)[0];
+    let (own, inner) = curve.bounds_and_majorant(at(a).min(at(b)) - off, at(a).max(at(b)) + off);
+    let mut c = [0.0; 9];
+    c[..8].copy_from_slice(&inner);
+    c[8] = own.eighth;
+    let all = composed(&c, &q);
+    // The curve's coefficients: their own roundings, and the time at which they are taken.
+    let mut doubts = [0.0; 9];
+    for k in 0..8 {
+        doubts[k] = own.rounding[k] + (k + 1) as f64 * c[k + 1] * off;
+    }
+    let doubts = composed(&doubts, &q);
+    let mut bounds = Bounds { eighth: all[8] * OUTWARD, rounding: [0.0; 8] };
+    let mut majorant = [0.0; 8];
+    bounds.rounding[0] = doubts[0] * OUTWARD;
+    majorant[0] = all[0];
+    for k in 1..8 {
+        majorant[k] = all[k] * OUTWARD;
+        // Up to 7 factors of the time, each off by `relative`; 8 rounds of 8 products and sums.
+        bounds.rounding[k] = doubts[k] * OUTWARD + majorant[k] * (8.0 * relative + 100.0 * ULP);
+    }
+    (bounds, majorant)
 }
 
 /// 1/k, since a product takes less time than a quotient.

@@ -22,6 +22,7 @@ mod profile;
 mod steady;
 mod table;
 mod timer_ramp;
+mod warp;
 pub mod winch;
 
 use crate::Time;
@@ -36,6 +37,7 @@ use std::sync::Arc;
 pub use steady::Steady;
 pub use table::Interpolation;
 pub use timer_ramp::TimerRamp;
+pub use warp::Warped;
 pub use winch::{WinchCommand, WinchSettings};
 
 /// A stretch of a law on which θ is one analytic curve: θ(t) = `origin` + `curve`(t − `zero`), for t in `start..=end`.
@@ -182,6 +184,8 @@ pub enum Law {
     Repeated(Box<Repeated>),
     /// One law with another beginning or end.
     Blended(Box<Blended>),
+    /// One law whose own time is slowed to a halt, or begins from one.
+    Warped(Box<Warped>),
 }
 
 /// θ = A − A·cos(2πt/T). Source: seeds/000, eq. 1.
@@ -285,6 +289,7 @@ impl Law {
             Law::Changed(changed) => changed.pieces(),
             Law::Repeated(repeated) => Box::new(repeated.pieces()),
             Law::Blended(blended) => Box::new(blended.pieces()),
+            Law::Warped(warped) => warped.pieces(),
         }
     }
 
@@ -302,6 +307,7 @@ impl Law {
             Law::Changed(changed) => changed.law.end().map(|end| end + changed.delay),
             Law::Repeated(repeated) => repeated.times.map(|n| repeated.period.times(n)),
             Law::Blended(blended) => blended.end(),
+            Law::Warped(warped) => warped.end(),
         }
     }
 
@@ -318,6 +324,7 @@ impl Law {
             Law::Changed(changed) => changed.law.class(),
             Law::Repeated(repeated) => repeated.law.class(),
             Law::Blended(blended) => blended.class(),
+            Law::Warped(warped) => warped.class(),
         }
     }
 }

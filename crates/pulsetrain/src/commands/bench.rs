@@ -71,7 +71,9 @@ pub(crate) fn run(args: &Bench, console: &mut Console<'_>) -> miette::Result<Exi
         };
         match measured {
             Ok(row) => rows.push(row),
-            Err(DriveError::Session(error)) => refused.push(format!("{}: {error}", prepared.file)),
+            Err(error @ (DriveError::Session(_) | DriveError::QueueTooShort { .. })) => {
+                refused.push(format!("{}: {error}", prepared.file));
+            }
             Err(error) => return Err(drive_problem(error)),
         }
     }
@@ -148,7 +150,7 @@ fn prepared(period_s: f64) -> miette::Result<Prepared> {
         winding: None,
     };
     let program = Program { board, grid: Grid::REACH, tolerance: Tolerance::Seconds(1e-6), motors: vec![motor] };
-    Ok(Prepared { file: format!("a sinusoid of {period_s} s"), program, cut_at: None })
+    Ok(Prepared { file: format!("a sinusoid of {period_s} s"), program, cut_at: None, pause: None })
 }
 
 fn measure<P: Port>(prepared: &Prepared, period_s: f64, port: P, baud: Baud) -> Result<Row, DriveError> {
@@ -161,7 +163,7 @@ fn measure<P: Port>(prepared: &Prepared, period_s: f64, port: P, baud: Baud) -> 
     let board = driven.board_mut();
     let span = (board.now() - began) as f64;
     let said: Measures = board.measures(false)?;
-    let awake = (span - said.asleep_ticks as f64).max(0.0);
+    let awake = (span - said.idle_ticks as f64).max(0.0);
     Ok(Row {
         period_s,
         peak_steps_per_s: std::f64::consts::TAU * AMPLITUDE_STEPS / period_s,

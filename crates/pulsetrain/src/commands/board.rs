@@ -1,5 +1,6 @@
 //! `pulsetrain board`: a virtual board in real time.
 
+use std::io::ErrorKind;
 use std::path::Path;
 
 use miette::miette;
@@ -15,7 +16,8 @@ pub(crate) fn run(args: &Board, console: &mut Console<'_>) -> miette::Result<Exi
         (Some(link), _) => on_pty(link, args, console),
         (None, Some(address)) => {
             let help = "choose another port number, or end the program that listens there";
-            let socket = Socket::listen(address).map_err(|error| miette!(help = help, "{address}: {error}"))?;
+            let socket =
+                Socket::listen(address).map_err(|error| miette!(help = help, "cannot listen at {address}: {error}"))?;
             let address = socket.address().map_err(|error| miette!("{address}: {error}"))?;
             serve(socket, &format!("at {address}, 115 200 baud"), args, console)
         }
@@ -25,8 +27,16 @@ pub(crate) fn run(args: &Board, console: &mut Console<'_>) -> miette::Result<Exi
 
 #[cfg(unix)]
 fn on_pty(link: &Path, args: &Board, console: &mut Console<'_>) -> miette::Result<Exit> {
-    let help = "LINK is a name that is free, in a folder where you may write";
-    let pty = serve::Pty::new(link).map_err(|error| miette!(help = help, "{}: {error}", link.display()))?;
+    let pty = serve::Pty::new(link).map_err(|error| match error.kind() {
+        ErrorKind::AlreadyExists => {
+            let help = "choose a name that is free; or remove it, if no virtual board is served there any more";
+            miette!(help = help, "{} is there already", link.display())
+        }
+        _ => {
+            let help = "LINK is a name that is free, in a folder where you may write";
+            miette!(help = help, "cannot make the link {}: {error}", link.display())
+        }
+    })?;
     serve(pty, &format!("at {}", link.display()), args, console)
 }
 

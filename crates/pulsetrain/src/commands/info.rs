@@ -1,8 +1,8 @@
 //! `pulsetrain info`: what a board says of itself.
 
+use pulsetrain_board::remote::in_words;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Port, Remote, Serial};
-use pulsetrain_core::wire::message::Cause;
 use pulsetrain_core::wire::{Baud, VERSION};
 use serde::Serialize;
 
@@ -108,8 +108,8 @@ fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
         switches: info.switches,
         bauds: Baud::ALL.into_iter().filter(|baud| info.bauds >> *baud as u8 & 1 == 1).map(Baud::rate).collect(),
         baud: baud.rate(),
-        last_stop: cause(info.last_stop),
-        last_reset: cause(info.last_reset),
+        last_stop: in_words(info.last_stop),
+        last_reset: in_words(info.last_reset),
         clock_ppm: remote.clock().ppm(),
         clock_s: remote.now() as f64 / f64::from(info.tick_hz),
         stack_left_bytes: measures.stack_left,
@@ -123,26 +123,4 @@ fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
     };
     remote.close();
     Ok(said)
-}
-
-/// A cause in words.
-pub(crate) const fn cause(cause: Cause) -> &'static str {
-    match cause {
-        Cause::None => "none yet",
-        Cause::Finished => "everything was done",
-        Cause::StopNow => "the host asked for an immediate stop",
-        Cause::HostLost => "the host was silent for too long",
-        Cause::Starved => "a queue ran dry",
-        Cause::BadItem => "a queue held what no host packs",
-        Cause::CheckFailed => "position or accumulator were not the host's",
-        Cause::StepMissed => "a step was asked for too late",
-        Cause::SetupCutShort => "a DIR set-up was cut short",
-        Cause::EdgeLate => "an edge was late",
-        Cause::Overrun => "bytes were lost on the line",
-        Cause::BaudFellBack => "the line fell back to 115 200 baud",
-        Cause::Watchdog => "the watchdog began the program anew",
-        Cause::BrownOut => "the supply fell too low",
-        Cause::ResetLine => "the reset line, as when a port is opened",
-        Cause::PowerOn => "power came on",
-    }
 }

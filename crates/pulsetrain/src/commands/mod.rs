@@ -23,7 +23,9 @@ use crate::session::SessionError;
 /// What is wrong with a port, with what to do where the error itself does not say.
 pub(crate) fn port_problem(error: PortError) -> Report {
     let help = match &error {
-        PortError::NotThere { .. } => "an Uno is usually /dev/ttyACM0, /dev/cu.usbmodem… or COM3",
+        PortError::NotThere { .. } | PortError::Unusable { .. } => {
+            "an Uno is usually /dev/ttyACM0, /dev/cu.usbmodem… or COM3"
+        }
         PortError::Busy { .. } | PortError::Denied { .. } => return miette!("{error}"),
         PortError::Gone { .. } => "look at the cable; the motors stop as planned, within half a second or so",
     };
@@ -46,7 +48,10 @@ pub(crate) fn drive_problem(error: DriveError) -> Report {
         DriveError::Session(SessionError::Switch(SwitchRefused::Late { .. })) => {
             "the next part came too late: a faster line (--baud), a computer that does less meanwhile, a slower motion"
         }
-        DriveError::Session(SessionError::QueueTooShort { .. }) => {
+        DriveError::Remote(RemoteError::Stopped { .. }) => {
+            "the motors came to rest as planned, or where they were; `pulsetrain info` tells how the board fared"
+        }
+        DriveError::QueueTooShort { .. } => {
             "the motion needs more bytes than the board has: fewer motors, a wider tolerance, or a slower motion"
         }
         _ => return Report::new(error),

@@ -3,15 +3,16 @@
 use std::path::Path;
 
 use miette::miette;
+use pulsetrain_board::remote::in_words;
 use pulsetrain_board::{Observer, ScheduledStep, Serial};
 use pulsetrain_core::Direction;
 use pulsetrain_trace::steps;
 use serde::Serialize;
 
-use super::{drive_problem, info, plan, port_problem};
+use super::{drive_problem, plan, port_problem};
 use crate::cli::Run;
 use crate::console::{self, Console, Exit, access};
-use crate::drive::{DriveError, Driven, Ended};
+use crate::drive::{Driven, Ended, Wish};
 use crate::human::{self, Table};
 use crate::interrupt;
 use crate::prepare::{Planned, Prepared};
@@ -36,6 +37,9 @@ struct Word {
     counted: Vec<i64>,
     /// The user stopped it on the way.
     stopped: bool,
+    /// The user stopped it at once: whose motors may stand elsewhere than they count.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    uncertain: Option<Vec<bool>>,
     /// Its clock against this computer's, ppm, and how much that may be off.
     clock_ppm: Option<(f64, f64)>,
     compares_missed: u16,
@@ -76,12 +80,18 @@ pub(crate) fn run(
     let mut scheduled = Scheduled { writer, error: None };
     let bar = console.progress(prepared.end_s(), &human::seconds_to(prepared.end_s(), 6));
     bar.stage("running");
-    let ended = driven.run_until(&mut scheduled, |seconds| bar.set(seconds), interrupt::wanted);
+    let ended = driven.run_until(
+        &mut scheduled,
+        |seconds| bar.set(seconds),
+        || match interrupt::times() {
+            0 => Wish::GoOn,
+            1 => Wish::Stop,
+            _ => Wish::StopNow,
+        },
+    );
     drop(bar);
     let board = driven.board_mut();
-    // Why the line is lost says more than that the next part could not be sent.
-    let ended = ended.map_err(|error| board.error().cloned().map_or(error, DriveError::Remote));
-    let Ended { counted, stopped } = ended.map_err(drive_problem)?;
+    let Ended { counted, stopped, uncertain } = ended.map_err(drive_problem)?;
     let Scheduled { writer, error } = scheduled;
     error.map_or_else(|| writer.finish(), Err).map_err(|error| access("write", &path, error))?;
 
@@ -90,6 +100,7 @@ pub(crate) fn run(
     let says = Word {
         counted,
         stopped,
+        uncertain,
         clock_ppm: board.clock().ppm(),
         compares_missed: measures.late,
         latest_ticks: measures.latest_ticks,
@@ -99,7 +110,7 @@ pub(crate) fn run(
         most_unread_bytes: measures.most_unread,
         lost_bytes: measures.lost_bytes,
         damaged_frames: measures.damaged_frames,
-        events: events.iter().map(|event| info::cause(event.cause).to_owned()).collect(),
+        events: events.iter().map(|event| in_words(event.cause).to_owned()).collect(),
         frames_repeated: board.link().counts().repeated,
     };
     let report =
@@ -129,7 +140,17 @@ fn print(report: &PortReport, planned: &[Planned], console: &mut Console<'_>) ->
         table.row([motor.name.clone(), steps(*counted), steps(planned.certificate.position)]);
     }
     console.print(format_args!("{table}\n"))?;
-    if says.stopped {
+    if let Some(uncertain) = &says.uncertain {
+        let motors = plan.motors.iter().zip(uncertain).filter(|(_, uncertain)| **uncertain);
+        let names: Vec<&str> = motors.map(|(motor, _)| motor.name.as_str()).collect();
+        match names.as_slice() {
+            [] => console.print("  stopped at once; no motor was too fast for that\n")?,
+            names => console.print(format_args!(
+                "  stopped at once; too fast for that, so may stand elsewhere than counted: {}\n",
+                names.join(", ")
+            ))?,
+        }
+    } else if says.stopped {
         console.print("  stopped on the way, within the motors' limits\n")?;
     }
     if let Some((ppm, doubt)) = says.clock_ppm {

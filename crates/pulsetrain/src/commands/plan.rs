@@ -37,6 +37,7 @@ pub(crate) fn report(prepared: &Prepared, planned: &[Planned]) -> PlanReport {
         tolerance_ticks: program.tolerance.ticks(board.tick_hz),
         duration_s: last_tick as f64 / board.tick_hz as f64,
         cut_at_s: prepared.cut_at.map(pulsetrain_motion::Time::seconds),
+        pause: prepared.pause,
         motors: motors.map(|(motor, planned)| MotorReport::new(motor, board, &planned.certificate)).collect(),
     }
 }

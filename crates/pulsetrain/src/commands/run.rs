@@ -17,7 +17,10 @@ use crate::record::{Edges, Files, Recorded, Recorder};
 use crate::report::RunReport;
 
 pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit> {
-    let prepared = args.motion.prepare()?;
+    let mut prepared = args.motion.prepare()?;
+    if let Some(at) = args.pause_at {
+        prepared.pause(at, args.resume_at)?;
+    }
     // All is planned, and refused if need be, before anything moves or is written.
     let planned = plan::plan(&prepared, console)?;
     let folder = args.out.clone().unwrap_or_else(|| default_folder(&args.motion.file));

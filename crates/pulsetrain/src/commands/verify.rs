@@ -72,6 +72,9 @@ pub(crate) fn run(args: &Verify, console: &mut Console<'_>) -> miette::Result<Ex
         if !report.ok && align == Align::None {
             console.print("Did the capture begin before the motion? Then say --align start, or start+rate\n")?;
         }
+        if !report.ok && !args.pins && program.board.name == "uno" {
+            console.print("Does it show an Uno's pins, a virtual one's too? Then say --pins\n")?;
+        }
     }
     Ok(exit(report.ok))
 }

@@ -8,8 +8,11 @@ use pulsetrain_board::Board;
 use pulsetrain_core::Entry;
 use std::collections::VecDeque;
 
-/// One in so many places of a queue is kept free for a stop or a change.
-pub(super) const RESERVE: usize = 4;
+/// Room that is kept free in a queue for a stop or a change: a fourth, if that is enough for one. A shorter queue is at its
+/// tail soon.
+pub(super) const fn spare(capacity: usize) -> usize {
+    if capacity < 256 { 0 } else { capacity / 4 }
+}
 
 /// What an item takes of the queue, and the tick at which it leaves it.
 pub(super) type Taken = (u64, usize);
@@ -33,40 +36,79 @@ pub(super) struct Chunk {
 impl<B: Board> Session<'_, B> {
     /// What comes after the tail's beginning: as much as fits by then.
     pub(super) fn next_chunk(&mut self) -> Result<Chunk, SessionError> {
-        let deadline = self.deadline(self.tail);
-        let left = self.taken.iter().map(|taken| {
-            let later = taken.iter().filter(|(tick, _)| *tick > deadline);
-            later.map(|(_, size)| size).sum::<usize>()
-        });
-        let rooms: Vec<usize> = self
-            .capacity
-            .iter()
-            .zip(left)
-            .map(|(capacity, left)| (capacity - capacity / RESERVE).saturating_sub(left))
-            .collect();
-        self.chunk_within(self.tail, &rooms)
+        loop {
+            let deadline = self.deadline(self.tail);
+            let left = self.taken.iter().map(|taken| {
+                let later = taken.iter().filter(|(tick, _)| *tick > deadline);
+                later.map(|(_, size)| size).sum::<usize>()
+            });
+            let rooms: Vec<usize> = self
+                .capacity
+                .iter()
+                .zip(left)
+                .map(|(capacity, left)| (capacity - spare(*capacity)).saturating_sub(left))
+                .collect();
+            match self.chunk_within(self.tail, &rooms) {
+                Err(SessionError::QueueTooShort { .. }) if self.pace.hurry() => {}
+                chunk => return chunk,
+            }
+        }
     }
 
-    /// The longest chunk from tick `from` that fits, with room left for a stop.
+    /// The longest chunk from tick `from` that fits, nearly.
     pub(super) fn chunk_within(&mut self, from: u64, rooms: &[usize]) -> Result<Chunk, SessionError> {
         let most = self.capacity.iter().min().map_or(1, |capacity| capacity / 2);
-        let (mut until, mut is_last) = self.source.read_ahead(from, from + self.pace.chunk, most)?;
-        loop {
-            let chunk = self.chunk(from, until, is_last)?;
-            let needs = chunk.unsent.iter().map(size_of).zip(rooms).enumerate();
-            let short = needs.filter(|(_, (needed, room))| needed > room).max_by_key(|(_, (needed, _))| *needed);
-            let Some((motor, (needed, &room))) = short else { return Ok(chunk) };
-            if until - from <= self.pace.shortest {
-                return Err(SessionError::QueueTooShort { motor, needed, room });
-            }
-            (until, is_last) = (from + (until - from) / 2, false);
+        // Not much longer than the last one: what is too long was planned in vain.
+        let limit = if self.length == 0 { self.pace.chunk } else { self.pace.chunk.min(2 * self.length) };
+        let (until, is_last) = self.source.read_ahead(from, from + limit.max(self.pace.shortest), most)?;
+        let too_short = match self.fitting(from, until, is_last, rooms)? {
+            Ok(chunk) => return Ok(chunk),
+            Err(error) => error,
+        };
+        // Between the longest that is known to fit and the shortest that does not.
+        let (mut fits, mut too_long) = (from + self.pace.shortest, until);
+        if fits >= too_long {
+            return Err(too_short);
         }
+        let mut longest = self.fitting(from, fits, false, rooms)??;
+        while too_long - fits > (fits - from) / 8 {
+            let middle = fits + (too_long - fits) / 2;
+            match self.fitting(from, middle, false, rooms)? {
+                Ok(chunk) => (fits, longest) = (middle, chunk),
+                Err(_) => too_long = middle,
+            }
+        }
+        Ok(longest)
+    }
+
+    /// The epoch from `from` on, whose tail begins at `until`, if the rooms hold it.
+    fn fitting(
+        &mut self,
+        from: u64,
+        until: u64,
+        is_last: bool,
+        rooms: &[usize],
+    ) -> Result<Result<Chunk, SessionError>, SessionError> {
+        let chunk = self.chunk(from, until, is_last)?;
+        let needs = chunk.unsent.iter().map(size_of).zip(rooms).enumerate();
+        let short = needs.filter(|(_, (needed, room))| needed > room).max_by_key(|(_, (needed, _))| *needed);
+        Ok(match short {
+            Some((motor, (needed, &room))) => Err(SessionError::QueueTooShort { motor, needed, room }),
+            None => Ok(chunk),
+        })
     }
 
     /// The epoch from `from` on, whose tail begins at `until`.
     pub(super) fn chunk(&mut self, from: u64, until: u64, is_last: bool) -> Result<Chunk, SessionError> {
         let motors = self.timelines.len();
         let mut steps: Vec<Vec<Placed>> = (0..motors).map(|motor| self.source.steps_before(motor, until)).collect();
+        let mut items: Vec<Items> = (0..motors)
+            .map(|motor| {
+                let mut items = Items::new(from, self.pace.fraction_bits, self.board.sizer(motor));
+                steps[motor].iter().for_each(|placed| items.add(placed));
+                items
+            })
+            .collect();
         if !is_last {
             let standing: Vec<Standing> = (0..motors)
                 .map(|motor| {
@@ -75,31 +117,25 @@ impl<B: Board> Session<'_, B> {
                     Standing {
                         count: timeline.count_before(until).unwrap_or(0),
                         last_step: timeline.last_before(until),
+                        told: items[motor].told(until),
                     }
                 })
                 .collect();
-            for (steps, tail) in steps.iter_mut().zip(self.source.tails(until, &standing)?) {
+            for ((steps, items), tail) in steps.iter_mut().zip(&mut items).zip(self.source.tails(until, &standing)?) {
+                tail.iter().for_each(|placed| items.add(placed));
                 steps.extend(tail);
             }
         }
-        let unsent: Vec<VecDeque<Timed>> = steps
-            .iter()
-            .enumerate()
-            .map(|(motor, steps)| {
-                let mut items = Items::new(from, self.pace.fraction_bits, self.board.sizer(motor));
-                steps.iter().for_each(|placed| items.add(placed));
-                items.finish().into()
-            })
-            .collect();
+        let unsent: Vec<VecDeque<Timed>> = items.into_iter().map(|items| items.finish().into()).collect();
         let taken = unsent.iter().map(|items| items.iter().map(|timed| (timed.taken, timed.size)).collect()).collect();
         Ok(Chunk { from, until, is_last, steps, taken, unsent })
     }
 
-    /// Pushes what there is room for beyond one in `reserve` places of the queue; `true` when nothing of the chunk is left.
-    pub(super) fn push(&mut self, chunk: &mut Chunk, reserve: usize) -> bool {
+    /// Pushes what there is room for beyond what is to stay `free` of a queue; `true` when nothing of the chunk is left.
+    pub(super) fn push(&mut self, chunk: &mut Chunk, free: fn(usize) -> usize) -> bool {
         let epoch = self.epoch.next();
         for (motor, unsent) in chunk.unsent.iter_mut().enumerate() {
-            let kept = self.capacity[motor].checked_div(reserve).unwrap_or(0);
+            let kept = free(self.capacity[motor]);
             while let Some(timed) = unsent.front().filter(|timed| self.board.room(motor) >= kept + timed.size) {
                 if self.board.push(motor, Entry { epoch, item: timed.item }).is_err() {
                     break;
@@ -112,7 +148,7 @@ impl<B: Board> Session<'_, B> {
 
     /// Sends a chunk that must be in the queue at once.
     pub(super) fn send(&mut self, mut chunk: Chunk) -> Result<(), SessionError> {
-        if self.push(&mut chunk, 0) {
+        if self.push(&mut chunk, |_| 0) {
             return self.switch(chunk);
         }
         self.board.discard(self.epoch.next());
@@ -126,7 +162,9 @@ impl<B: Board> Session<'_, B> {
     /// Has the board go over to a chunk that is in its queue.
     pub(super) fn switch(&mut self, chunk: Chunk) -> Result<(), SessionError> {
         let epoch = self.epoch.next();
-        self.board.switch(epoch, chunk.from)?;
+        if let Err(refused) = self.board.switch(epoch, chunk.from) {
+            return Err(self.board.lost().map_or(SessionError::Switch(refused), |why| SessionError::Lost(why.clone())));
+        }
         let now = self.board.now();
         for (timeline, steps) in self.timelines.iter_mut().zip(&chunk.steps) {
             timeline.replace(chunk.from, steps);
@@ -136,6 +174,7 @@ impl<B: Board> Session<'_, B> {
         self.waiting.retain(|begins| *begins > now && *begins < chunk.from);
         self.waiting.push_back(chunk.from);
         (self.epoch, self.begins, self.tail) = (epoch, chunk.from, chunk.until);
+        self.length = chunk.until - chunk.from;
         (self.taken, self.complete) = (chunk.taken, chunk.is_last);
         Ok(())
     }

@@ -1,6 +1,7 @@
 //! Why a session cannot go on as it should.
 
-use pulsetrain_board::SwitchRefused;
+use crate::pause::PauseError;
+use pulsetrain_board::{RemoteError, SwitchRefused};
 use pulsetrain_motion::LawError;
 use pulsetrain_plan::Refused;
 
@@ -31,7 +32,10 @@ pub enum SessionError {
     },
     /// The board did not accept what comes next: it was sent too late.
     #[error("the motion could not go on, so the motors stop as planned: {0}")]
-    Switch(#[from] SwitchRefused),
+    Switch(SwitchRefused),
+    /// Nothing can be said to the board any more.
+    #[error("the motion could not go on, so the motors stop as planned: {0}")]
+    Lost(RemoteError),
     /// The shortest part of the plan and its stop do not fit the board's queue.
     #[error("motor {motor}: the next steps and a stop take {needed} of the board's queue, which has room for {room}")]
     QueueTooShort {
@@ -42,6 +46,12 @@ pub enum SessionError {
         /// In the same unit.
         room: usize,
     },
+    /// The motion leaves no room for a pause, or for going on.
+    #[error(transparent)]
+    Pause(PauseError),
+    /// Nothing was paused, or the motors were stopped since.
+    #[error("the motion is not paused")]
+    NotPaused,
     /// A change before the board can be told.
     #[error("tick {at} is too early for a change; the earliest is {earliest}")]
     Early {
@@ -58,4 +68,13 @@ pub enum SessionError {
         /// Last tick at which a change joins the motion.
         latest: u64,
     },
+}
+
+impl From<PauseError> for SessionError {
+    fn from(error: PauseError) -> SessionError {
+        match error {
+            PauseError::Law { motor, error } => SessionError::Law { motor, error },
+            error @ PauseError::NoRoom { .. } => SessionError::Pause(error),
+        }
+    }
 }

@@ -7,6 +7,7 @@ use super::timeline::{Placed, tick_of};
 use pulsetrain_board::Sizer;
 use pulsetrain_core::{Item, Moment};
 use pulsetrain_plan::LONGEST_WAIT_TICKS;
+use pulsetrain_plan::tail::Told;
 
 /// Longest dwell of one item, ticks.
 const LONGEST_DWELL_TICKS: i128 = 1 << 30;
@@ -68,6 +69,12 @@ impl Items {
             }
         }
         self.accumulator = placed.end();
+    }
+
+    /// What the board knows after these items, at the beginning of a tail.
+    pub(super) fn told(&self, tick: u64) -> Option<Told> {
+        let accumulator = self.accumulator - (i128::from(tick) << self.fraction_bits);
+        Some(Told { accumulator: i64::try_from(accumulator).ok()?, state: self.sizer.state() })
     }
 
     pub(super) fn finish(self) -> Vec<Timed> {

@@ -7,7 +7,7 @@
 //! Where epochs meet nothing is lost: every step keeps the tick that the plan gave it.
 //!
 //! # What is here, top down
-//! - [`Session`]: fills the queues, lets time pass, stops, changes to another program
+//! - [`Session`]: fills the queues, lets time pass, stops, changes to another program; `halt`: pauses and resumes
 //! - `chunk`: epochs: as much of the plan as fits, with a tail; `pace`: how far ahead
 //! - `source`: a program's plan, read ahead, and its tails
 //! - `items`: steps → items of an epoch
@@ -15,6 +15,7 @@
 
 mod chunk;
 mod error;
+mod halt;
 mod items;
 mod pace;
 mod source;
@@ -22,7 +23,8 @@ mod timeline;
 
 pub use error::SessionError;
 
-use chunk::{Chunk, RESERVE, Taken};
+use chunk::{Chunk, Taken, spare};
+use halt::Course;
 use pace::Pace;
 use pulsetrain_board::{Board, Faults, Observer};
 use pulsetrain_core::Epoch;
@@ -46,12 +48,16 @@ pub struct Session<'a, B> {
     taken: Vec<Vec<Taken>>,
     /// When its tail begins: what comes after has not been sent yet.
     tail: u64,
+    /// How long the newest epoch is without its tail; 0 before the first.
+    length: u64,
     /// Beginnings of the epochs that may not have begun yet.
     waiting: VecDeque<u64>,
     /// The next epoch, as far as it is not in the queue yet.
     pending: Option<Chunk>,
     /// Nothing more is to be sent.
     complete: bool,
+    /// The program that was begun, or changed to, and how far its time is.
+    course: Course<'a>,
 }
 
 /// A motor at a tick, by its law.
@@ -91,7 +97,7 @@ impl<'a, B: Board> Session<'a, B> {
         if !board.is_idle() {
             return Err(SessionError::Busy);
         }
-        let pace = Pace::of(program, board.lead());
+        let pace = Pace::of(program, board.lead(), board.shortest_lead());
         let zero = board.now() + pace.tick_hz.div_ceil(1000) + 4 * pace.lead + pace.link;
         let counts = board.positions();
         let motors = program.motors.len();
@@ -109,9 +115,11 @@ impl<'a, B: Board> Session<'a, B> {
             begins: board.now(),
             taken: vec![Vec::new(); motors],
             tail: zero,
+            length: 0,
             waiting: VecDeque::new(),
             pending: None,
             complete: false,
+            course: Course::begun(program),
             board,
         };
         session.fill()?;
@@ -139,7 +147,7 @@ impl<'a, B: Board> Session<'a, B> {
                 None if self.may_wait() => return Ok(()),
                 None => self.next_chunk()?,
             };
-            if !self.push(&mut chunk, RESERVE) {
+            if !self.push(&mut chunk, spare) {
                 self.pending = Some(chunk);
                 return Ok(());
             }
@@ -179,6 +187,8 @@ impl<'a, B: Board> Session<'a, B> {
             self.board.advance(if self.board.now() <= last { until.min(last) } else { until }, observer);
             progress(self.board.now());
         }
+        // Edges of the time in which the board was lost.
+        self.board.advance(self.board.now().saturating_sub(1), observer);
         self.report(failure)
     }
 
@@ -190,6 +200,7 @@ impl<'a, B: Board> Session<'a, B> {
     pub fn stop(&mut self) -> Result<u64, SessionError> {
         self.abandon();
         self.complete = true;
+        self.course.stopped();
         let from = self.earliest();
         if from < self.tail {
             let sent = self.chunk(from, from, false).and_then(|chunk| self.send(chunk));
@@ -212,8 +223,15 @@ impl<'a, B: Board> Session<'a, B> {
     /// # Errors
     /// When `at` is too early or too late, or the new plan is refused; the old one goes on.
     pub fn change(&mut self, at: u64, program: &'a Program) -> Result<(), SessionError> {
+        self.go_over(at, program, 0)?;
+        self.course = Course::begun(program);
+        Ok(())
+    }
+
+    /// As [`Session::change`]; the plan of the first `proven` ticks is known to be refused by nobody.
+    fn go_over(&mut self, at: u64, program: &'a Program, proven: u64) -> Result<(), SessionError> {
         let (motors, old) = (program.motors.len(), self.timelines.len());
-        if motors != old || Pace::of(program, self.pace.link).is_unlike(&self.pace) {
+        if motors != old || Pace::of(program, self.pace.link, self.pace.hurry).is_unlike(&self.pace) {
             return Err(SessionError::Motors { program: motors, board: old });
         }
         let earliest = self.earliest();
@@ -229,6 +247,7 @@ impl<'a, B: Board> Session<'a, B> {
             starts.push(Start { origin, last_step: self.standing(motor, at).last_before(at) });
             datums.push(datum);
         }
+        halt::prove(program, &starts, proven)?;
         let source = Source::from(program, at, &starts, datums)?;
         self.abandon();
         let old = std::mem::replace(&mut self.source, source);
@@ -348,7 +367,7 @@ impl<'a, B: Board> Session<'a, B> {
             // bit by bit, as room is made.
             Some(chunk) => {
                 let deadline = self.deadline(chunk.from);
-                let soon = if self.pace.link > 0 { deadline.min(now + self.pace.link) } else { deadline };
+                let soon = if self.pace.link > 0 { deadline.min(now + self.pace.look()) } else { deadline };
                 soon.max(now + self.pace.lead)
             }
             None if self.complete => u64::MAX,
@@ -366,7 +385,7 @@ impl<'a, B: Board> Session<'a, B> {
 
     fn standing(&self, motor: usize, tick: u64) -> Standing {
         let timeline = &self.timelines[motor];
-        Standing { count: timeline.count_before(tick).unwrap_or(0), last_step: timeline.last_before(tick) }
+        Standing { count: timeline.count_before(tick).unwrap_or(0), last_step: timeline.last_before(tick), told: None }
     }
 
     /// Takes back what was pushed of an epoch that is not to come.

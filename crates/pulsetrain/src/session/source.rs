@@ -6,7 +6,7 @@ use pulsetrain_core::Direction;
 use pulsetrain_motion::Time;
 use pulsetrain_motion::law::Cursor;
 use pulsetrain_motion::program::Program;
-use pulsetrain_plan::tail::{Motion, stop_tails};
+use pulsetrain_plan::tail::{Motion, Tail, Told, stop_tails};
 use pulsetrain_plan::{Certificate, Ensemble, Move, Start};
 use std::collections::VecDeque;
 
@@ -44,6 +44,8 @@ pub(super) struct Place {
 pub(super) struct Standing {
     pub(super) count: i64,
     pub(super) last_step: Option<(u64, Direction)>,
+    /// What the board has been told up to there, if an epoch has it.
+    pub(super) told: Option<Told>,
 }
 
 impl Standing {
@@ -164,13 +166,14 @@ impl<'a> Source<'a> {
         for (motor, stand) in standing.iter().enumerate() {
             let place = self.place(motor, tick, stand.count)?;
             let acceleration = self.certificate(motor).peak_acceleration.0;
-            let motion = Motion { position: 0, theta: place.off, speed: place.speed, acceleration };
+            let motion = Motion { position: 0, theta: place.off, speed: place.speed, acceleration, told: stand.told };
             motions.push((motion, stand.last_before(tick)));
         }
         let fraction_bits = self.program.board.fraction_bits;
-        let start = (i128::from(tick) << fraction_bits) + (1 << (fraction_bits - 1));
+        let start = i128::from(tick) << fraction_bits;
         let tails = stop_tails(self.program, &motions)?;
-        Ok(tails.iter().map(|moves| placed(moves, start, fraction_bits)).collect())
+        let placed = |tail: &Tail| placed(&tail.moves, start + i128::from(tail.start), fraction_bits);
+        Ok(tails.iter().map(placed).collect())
     }
 }
 

@@ -11,8 +11,9 @@
 //! # Cycles
 //! | into | changing law | cruise (add = add2 = 0) | around n steps |
 //! |---|---|---|---|
-//! | a ring | 23.5 | 15.5 | 150 |
-//! | a list | 18.5 | 10.5 | 150 |
+//! | a ring | 23.5 | 15.5 | 100 |
+//! | a ring, all of which these steps have filled already | 19.5 | 11.5 | 100 |
+//! | a list | 18.5 | 10.5 | 100 |
 
 use core::arch::global_asm;
 use core::mem::offset_of;
@@ -26,6 +27,8 @@ const _: () = assert!(offset_of!(Registers, add) == 11);
 const _: () = assert!(offset_of!(Registers, add2) == 15);
 const _: () = assert!(offset_of!(Registers, left) == 19);
 
+// Arguments: Y the registers (the motor), Z where the ticks go, r20 n, r18 and r19 rise and fall (ring only), r17 the length
+// of long pulses. Result: r24, the low byte of where the last one went. Keeps Y, r1 to r7, and r17 but for lists; not X.
 // Registers of the processor while expanding:
 //   r0 r21         fraction
 //   r22 r23 r24    tick, its low three bytes
@@ -37,19 +40,14 @@ const _: () = assert!(offset_of!(Registers, left) == 19);
 //   Y              the Registers; Z where the ticks go
 global_asm!(
     r#"
-    .macro expand_enter                 //                              43 + 24
-    .irp r, 8,9,10,11,12,13,14,15,16,28,29
-    push r\r                            // 11 x 2                       22
-    .endr
-    movw r28, r24                       // 1                            23
-    movw r30, r22                       // 1                            24
-    ldd r24, Y+19                       // 2                            26
-    ldd r25, Y+20                       // 2                            28
-    sub r24, r20                        // 1                            29
-    sbc r25, r1                         // 1                            30
-    std Y+19, r24                       // 2                            32
-    std Y+20, r25                       // 2                            34
-    ldd r0, Y+0                         // 17 x 2                       68
+    .macro expand_enter                 //                              52
+    ldd r24, Y+19                       // 2                            2
+    ldd r25, Y+20                       // 2                            4
+    sub r24, r20                        // 1                            5
+    sbc r25, r1                         // 1                            6
+    std Y+19, r24                       // 2                            8
+    std Y+20, r25                       // 2                            10
+    ldd r0, Y+0                         // 17 x 2                       44
     ldd r21, Y+1
     ldd r22, Y+2
     ldd r23, Y+3
@@ -66,7 +64,7 @@ global_asm!(
     ldd r14, Y+16
     ldd r15, Y+17
     ldd r16, Y+18
-    cp r9, r1                           // 8                            76
+    cp r9, r1                           // 8                            52
     .irp r, 10,11,12,13,14,15,16
     cpc r\r, r1
     .endr
@@ -79,7 +77,7 @@ global_asm!(
     std Y+14, r12
     .endm
 
-    .macro expand_leave                 //                              55 with ret
+    .macro expand_leave                 //                              32 with ret
     std Y+0, r0                         // 2                            2
     std Y+1, r21                        // 2                            4
     std Y+2, r22                        // 2                            6
@@ -99,10 +97,7 @@ global_asm!(
     sbc r8, r8                          // 1                            25
     std Y+10, r8                        // 2                            27
     mov r24, r30                        // 1                            28
-    .irp r, 29,28,16,15,14,13,12,11,10,9,8
-    pop r\r                             // 11 x 2                       50
-    .endr
-    ret                                 // 4                            54
+    ret                                 // 4                            32
     .endm
 
     .macro advance_tick                 //                              5
@@ -136,11 +131,11 @@ global_asm!(
     .section .text.\name, "ax", @progbits
     .global \name
 \name:
-    expand_enter                        //                              76
-    brne 8f                             // 2                            78
+    expand_enter                        //                              52
+    brne 8f                             // 2                            54
     rjmp 5f
 8:  sbrs r20, 0                         // 2 when odd, 3 when even
-    rjmp 2f                             //                              81
+    rjmp 2f                             //                              57
 1:  advance_tick
     \store
     advance_interval
@@ -155,7 +150,7 @@ global_asm!(
     subi r20, 2                         // 1
     brne 2b                             // 2: 3 for two steps
 3:  expand_leave_lawful                 //                              8
-4:  expand_leave                        //                              54
+4:  expand_leave                        //                              32
 5:  sbrs r20, 0
     rjmp 7f
 6:  advance_tick
@@ -171,42 +166,50 @@ global_asm!(
     rjmp 4b
     .endm
 
+    // Into groups that toggle the same already.                                                    5
+    .macro ring_store_tick
+    std Z+1, r23
+    std Z+2, r22
+    subi r30, -4
+    .endm
+
+    // A long pulse: two groups a step, the second r17 ticks after the first.                       22
+    .macro ring_store_long
+    std Z+1, r23
+    std Z+2, r22
+    subi r30, -4
+    st Z, r18
+    std Z+3, r1
+    mov r19, r22
+    add r19, r17
+    std Z+2, r19
+    mov r19, r23
+    adc r19, r1
+    std Z+1, r19
+    subi r30, -4
+    st Z, r18
+    std Z+3, r1
+    .endm
+
     .macro list_store                   //                              4
     st Z+, r22
     st Z+, r23
     .endm
 
+    .macro list_store_long              //                              11
+    st Z+, r22
+    st Z+, r23
+    movw r18, r22
+    add r18, r17
+    adc r19, r1
+    st Z+, r18
+    st Z+, r19
+    .endm
+
     expander steps_expand_ring, ring_store
+    expander steps_expand_ring_again, ring_store_tick
     expander steps_expand_list, list_store
+    expander steps_expand_ring_long, ring_store_long
+    expander steps_expand_list_long, list_store_long
     "#,
 );
-
-unsafe extern "C" {
-    /// Expands `n` steps into a ring from the group at `pending` on; gives the low byte of the last group's address.
-    fn steps_expand_ring(registers: *mut Registers, pending: *mut u8, n: u8, rise_fall: u16) -> u8;
-
-    /// Expands `n` steps into a list, low bytes first.
-    fn steps_expand_list(registers: *mut Registers, list: *mut u16, n: u8);
-}
-
-/// Expands the next `n` steps of `registers` into a ring, from its pending group on: each with `rise` and `fall`.
-///
-/// Gives the low byte of the address of the last step's group.
-///
-/// # Safety
-/// What the module says of `n` and the interval holds; `pending` is a ring's pending group, and `n` groups are free.
-#[inline(always)]
-pub(super) unsafe fn into_ring(registers: &mut Registers, pending: *mut u8, n: u8, rise: u8, fall: u8) -> u8 {
-    // SAFETY: the caller's promise; the function keeps to the calling convention of avr-gcc.
-    unsafe { steps_expand_ring(registers, pending, n, u16::from_le_bytes([rise, fall])) }
-}
-
-/// Expands the next `n` steps of `registers` into a list.
-///
-/// # Safety
-/// What the module says of `n` and the interval holds; `list` has room for `n` ticks.
-#[inline(always)]
-pub(crate) unsafe fn into_list(registers: *mut Registers, list: *mut u16, n: u8) {
-    // SAFETY: the caller's promise; the function keeps to the calling convention of avr-gcc.
-    unsafe { steps_expand_list(registers, list, n) }
-}

@@ -1,9 +1,9 @@
 //! Two to four motors in one ring: each has a list of ticks, and the merge takes the earliest of their heads.
 //!
 //! # Lists
-//! A lane is one motor: up to 32 ticks that all toggle the same pins. When its list is used up, the [`Feeder`] gives the next:
-//! a batch of steps, expanded in assembly, or a single tick (a change of direction, half a long pulse, a filler:
-//! anything). All heads lie within 32 767 ticks of each other; lanes with nothing to do get fillers, masks 0.
+//! A lane is one motor: up to 32 ticks that all toggle the same pins. When its list is used up, the motor says what it does
+//! next ([`plan`](super::plan)): a batch of steps, expanded into the list, or one thing (a turn of DIR, nothing at all). A long
+//! pulse is two ticks. All heads lie within 32 767 ticks of each other, as no motor does nothing for longer than 16 384.
 //!
 //! # Spacing
 //! Groups are at least W ticks apart, so that the interrupt has set the compare register before the next match, even if
@@ -16,11 +16,13 @@
 //! 44 for the short pulse, 58 for the long one and the shield, 72 for the shield's long one.
 //!
 //! # Cycles
-//! A step: 34 to 37, and expansion's 18.5. A list: 108, and what the feeder takes. To and from Rust: 200.
+//! A step: 34 to 37, and expansion's 18.5. A list: 130, what the plan takes, and the expansion's beginning and end. To and from
+//! Rust: 200.
 
 use core::arch::global_asm;
 use core::mem::offset_of;
 
+use super::motor::Motor;
 use super::register;
 use super::ring::{END_A, END_B, Group, Name, Ring};
 
@@ -29,20 +31,6 @@ pub(crate) const LANES: usize = 4;
 
 /// Ticks that a lane's list holds.
 pub(crate) const LIST: u8 = 32;
-
-/// A lane has nothing more to do, for now.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Dry;
-
-/// Who fills lists.
-///
-/// There is one in a program. The assembly calls `steps_feed`, which the one who has it defines:
-/// `unsafe extern "C" fn steps_feed(feeder: *mut u8, lane: u8, merge: *mut Merge) -> bool`, by way of [`feed`].
-pub(crate) trait Feeder {
-    /// Gives `lane`, whose list is used up, its next ticks: by [`Merge::put`] or [`Merge::list`]. Or not: then the merge
-    /// comes back.
-    fn feed(&mut self, merge: &mut Merge, lane: u8) -> Result<(), Dry>;
-}
 
 /// One motor's list.
 #[derive(Clone, Copy, Debug)]
@@ -76,8 +64,8 @@ pub(crate) struct Merge {
     tail: u8,
     /// How often the merge may look for more room before it comes back.
     looks: u8,
-    /// What the feeder is called with.
-    feeder: *mut u8,
+    /// How many lists may be filled before it comes back: the line waits meanwhile.
+    feeds: u8,
     /// The lane without a head, if any.
     wanting: Option<u8>,
 }
@@ -350,33 +338,29 @@ merge_refill_\lane:                     // call                         3
     refill 2, r12, {LANE2}
     refill 3, r13, {LANE3}
 
-    // Has the lane r30 fed. Rust's functions keep r2 to r17, r28, r29, and r1 = 0.                 96
+    // Fills the list of the lane r30.                                                              62, and merge_give
 merge_feed:                             // call                         3
     push r30                            // 2                            5
     rcall merge_publish                 // 28                           33
-    pop r22                             // 2                            35
-    push r0                             // 5 x 4                        55
+    pop r30                             // 2                            35
+    push r0                             // 5 x 2                        45
     push r18
     push r19
     push r26
     push r27
-    push r22                            // 2 x 2                        59
-    point                               // 2                            61
-    ldd r24, Y+{FEEDER}                 // 4                            65
-    ldd r25, Y+{FEEDER}+1
-    movw r20, r28                       // 1                            66
-    call steps_feed                     // 4                            70
+    push r30
+    rcall merge_give
     pop r22
     pop r27
     pop r26
     pop r19
     pop r18
-    tst r24                             // 1                            71
-    breq merge_dry                      // 1                            72
-    load_masks                          // 21                           93
-    ldi r31, hi8(ring_b_page)           // 1                            94
+    brcs merge_dry                      // 1
+    point                               // 2
+    load_masks                          // 21
+    ldi r31, hi8(ring_b_page)           // 1
     pop r0
-    ret                                 // 4                            98
+    ret                                 // 4
 
     // Nothing for the lane r22: what was r0 and two return addresses go.
 merge_dry:
@@ -394,6 +378,105 @@ merge_leave:
     .irp r, 29,28,17,16,15,14,13,12,11,10,9,8,7,6,5,4,3,2
     pop r\r
     .endr
+    ret
+
+    .global steps_feed
+    // For Rust: fills the list of the lane r22; r24:25 is the state. Whether there was something to be done.
+steps_feed:
+    push r14
+    push r15
+    push r28
+    push r29
+    mov r30, r22
+    rcall merge_give
+    ldi r24, 1
+    sbci r24, 0
+    pop r29
+    pop r28
+    pop r15
+    pop r14
+    ret
+
+    // What the motor of lane r30 does next, into its list. Carry: nothing. Keeps r2 to r13, r16, r17.
+merge_give:
+    lds r24, steps_merge+{FEEDS}
+    subi r24, 1
+    brcc 1f
+    ret
+1:  sts steps_merge+{FEEDS}, r24
+    push r30
+    ldi r24, {MOTOR_SIZE}
+    mul r30, r24
+    movw r28, r0
+    clr r1
+    subi r28, lo8(-(steps_motors))
+    sbci r29, hi8(-(steps_motors))
+    call steps_plan
+    pop r30
+    tst r24
+    brne 2f
+    sec
+    ret
+2:  // X: the lane; r30: where its list ends
+    ldi r26, {LANE_SIZE}
+    mul r30, r26
+    movw r26, r0
+    clr r1
+    subi r26, lo8(-(steps_merge))
+    sbci r27, hi8(-(steps_merge))
+    inc r30
+    swap r30
+    lsl r30
+    lsl r30
+    ldi r31, hi8(ring_b_page)
+    cpi r25, 1
+    breq 3f
+    // one thing
+    st X+, r22
+    st X+, r23
+    adiw r26, 2
+    subi r30, 2
+    cpi r24, 1
+    breq 1f
+    subi r30, 2
+    st X, r30
+    st Z+, r20
+    st Z+, r21
+    lds r24, steps_times+{PULSE}
+    add r20, r24
+    lds r24, steps_times+{PULSE}+1
+    adc r21, r24
+    rjmp 2f
+1:  st X, r30
+2:  st Z+, r20
+    st Z+, r21
+    clc
+    ret
+    // r24 steps
+3:  ldd r22, Y+{STEP}
+    ldd r23, Y+{STEP_FALL}
+    st X+, r22
+    st X+, r23
+    adiw r26, 2
+    mov r20, r24
+    lsl r24
+    cpse r22, r23
+    lsl r24
+    sub r30, r24
+    st X, r30
+    .irp r, 8,9,10,11,12,13,16,17
+    push r\r
+    .endr
+    cp r22, r23
+    brne 4f
+    call steps_expand_list
+    rjmp 5f
+4:  lds r17, steps_times+{PULSE}
+    call steps_expand_list_long
+5:  .irp r, 17,16,13,12,11,10,9,8
+    pop r\r
+    .endr
+    clc
     ret
     "#,
     LANE0 = const 0,
@@ -413,18 +496,26 @@ merge_leave:
     SPACING = const offset_of!(Merge, spacing),
     TAIL = const offset_of!(Merge, tail),
     LOOKS = const offset_of!(Merge, looks),
-    FEEDER = const offset_of!(Merge, feeder),
+    FEEDS = const offset_of!(Merge, feeds),
+    LANE_SIZE = const LANE_SIZE,
+    MOTOR_SIZE = const size_of::<Motor>(),
+    STEP = const offset_of!(Motor, step),
+    STEP_FALL = const offset_of!(Motor, step_fall),
+    PULSE = const super::times::PULSE,
     ENOUGH = const ENOUGH,
 );
 
 /// Groups that the ring must have room for to go on.
 const ENOUGH: u8 = 8;
 /// How often one run of the merge goes on.
-const LOOKS: u8 = 2;
+const LOOKS: u8 = 4;
+/// How many lists one run fills at most; each takes about 1000 cycles.
+const FEEDS: u8 = 16;
 
 unsafe extern "C" {
     static mut ring_b_page: [u8; 256];
     fn steps_merge_run(state: *mut u8, free: u8) -> u8;
+    fn steps_feed(state: *mut u8, lane: u8) -> bool;
 }
 
 /// The one merge: the assembly knows it by this name.
@@ -439,24 +530,13 @@ static mut MERGE: Merge = Merge {
     spacing: 0,
     tail: 0,
     looks: 0,
-    feeder: core::ptr::null_mut(),
+    feeds: 0,
     wanting: None,
 };
 
 /// Byte after the list of `lane`.
 const fn end_of(lane: u8) -> u8 {
     (lane + 1).wrapping_mul(2 * LIST)
-}
-
-/// What the assembly calls: has `lane` fed.
-///
-/// # Safety
-/// Both are what [`Merge::run`] was called with, which waits meanwhile.
-#[inline(always)]
-pub(crate) unsafe fn feed<F: Feeder>(feeder: *mut u8, lane: u8, merge: *mut Merge) -> bool {
-    // SAFETY: `run` handed both to the assembly, and does not touch them until it returns.
-    let (feeder, merge) = unsafe { (&mut *feeder.cast::<F>(), &mut *merge) };
-    feeder.feed(merge, lane).is_ok()
 }
 
 impl Merge {
@@ -469,23 +549,6 @@ impl Merge {
         unsafe { &mut *(&raw mut MERGE) }
     }
 
-    /// Feeds `lane` with one tick, by its low 16 bits, and what is toggled then.
-    #[inline(always)]
-    pub(crate) fn put(&mut self, lane: u8, tick: u16, masks: Group) {
-        let list = self.list(lane, 1, masks);
-        // SAFETY: the place of one tick; lists are main's alone.
-        unsafe { list.write(tick) };
-    }
-
-    /// Feeds `lane` with `n` (1..=[`LIST`]) ticks, all of which toggle `masks`: where their low 16 bits are to be written.
-    #[inline(always)]
-    pub(crate) fn list(&mut self, lane: u8, n: u8, masks: Group) -> *mut u16 {
-        let entry = &mut self.lanes[usize::from(lane) % LANES];
-        entry.masks = masks;
-        entry.next = end_of(lane).wrapping_sub(2 * n);
-        (&raw mut ring_b_page).cast::<u8>().wrapping_add(usize::from(entry.next)).cast()
-    }
-
     /// What `lane` has still to do that is in no group yet: how many ticks, and what each of them toggles.
     pub(crate) fn listed(&self, lane: u8) -> (u8, Group) {
         let entry = &self.lanes[usize::from(lane) % LANES];
@@ -493,11 +556,12 @@ impl Merge {
         (end_of(lane).wrapping_sub(entry.next) / 2 + head, entry.masks)
     }
 
-    /// Takes the head of `lane` from its list, which is fed if it is used up.
-    fn advance<F: Feeder>(&mut self, feeder: &mut F, lane: u8) -> Result<(), Dry> {
+    /// Takes the head of `lane` from its list, which is filled if it is used up; whether there was one.
+    fn advance(&mut self, lane: u8) -> bool {
         let index = usize::from(lane) % LANES;
-        if self.lanes[index].next == end_of(lane) {
-            feeder.feed(self, lane)?;
+        // SAFETY: the lane is one of the four; the assembly uses its motor, its list and this state.
+        if self.lanes[index].next == end_of(lane) && !unsafe { steps_feed((&raw mut *self).cast(), lane) } {
+            return false;
         }
         let entry = &mut self.lanes[index];
         let list = (&raw const ring_b_page).cast::<u8>();
@@ -505,7 +569,7 @@ impl Merge {
         // SAFETY: two bytes inside the page; lists are main's alone.
         entry.head = unsafe { u16::from_le_bytes([list.wrapping_add(at).read(), list.wrapping_add(at + 1).read()]) };
         entry.next = entry.next.wrapping_add(2);
-        Ok(())
+        true
     }
 
     /// Begins anew: every lane has one tick to come, the low 16 bits of which are `first`, and at which it does nothing.
@@ -539,12 +603,13 @@ impl Merge {
         }
     }
 
-    /// Merges until `ring` is full or a lane is not fed. [`Merge::begin`] comes first. `at` is the tick of the ring's
-    /// pending group, its low 16 bits; gives that of the one that is pending then.
+    /// Merges until `ring` is full or a motor does nothing more within the limit. [`Merge::begin`] comes first. `at` is the
+    /// tick of the ring's pending group, its low 16 bits; gives that of the one that is pending then.
     #[inline(never)]
-    pub(crate) fn run<F: Feeder>(&mut self, ring: &mut Ring, at: u16, feeder: &mut F) -> u16 {
+    pub(crate) fn run(&mut self, ring: &mut Ring, at: u16) -> u16 {
+        self.feeds = FEEDS;
         if let Some(lane) = self.wanting {
-            if self.advance(feeder, lane).is_err() {
+            if !self.advance(lane) {
                 return at;
             }
             self.wanting = None;
@@ -556,8 +621,7 @@ impl Merge {
         (self.at, self.pending) = ring.merging();
         self.deadline = at.wrapping_add(u16::from(self.spacing));
         self.looks = LOOKS;
-        self.feeder = (&raw mut *feeder).cast();
-        // SAFETY: all heads are set, and the ring has room for `free` groups. `steps_feed` hands the feeder to `feed`.
+        // SAFETY: all heads are set, and the ring has room for `free` groups.
         let answer = unsafe { steps_merge_run((&raw mut *self).cast(), free) };
         self.wanting = Some(answer & 3);
         ring.merged(self.at, self.pending);

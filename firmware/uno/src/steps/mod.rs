@@ -8,8 +8,14 @@
 //! - [`register`]: addresses, for assembly
 
 pub(crate) mod expand;
+mod fill;
+mod load;
 pub(crate) mod merge;
+pub(crate) mod motor;
 pub(crate) mod pins;
+mod plan;
 pub(crate) mod register;
 pub(crate) mod ring;
 pub(crate) mod stepper;
+pub(crate) mod task;
+mod times;

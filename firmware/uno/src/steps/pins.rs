@@ -4,7 +4,7 @@
 //!
 //! | kind | STEP and DIR | edges by |
 //! |---|---|---|
-//! | [`Kind::Compare`] | one or two motors, STEP on 9 and 10, DIR of its own on 2–13 | the timer, to the cycle |
+//! | [`Kind::Compare`] | one or two motors, STEP on 9 and 10, active high, DIR of its own on 2–13 | the timer, to the cycle |
 //! | [`Kind::PortD`] | all on 2–7 | software, one port |
 //! | [`Kind::PortB`] | all on 8–13 | software, one port |
 //! | [`Kind::Shield`] | on 2–7, and one motor with STEP 12, DIR 13 (the CNC shield's A axis) | software, both ports |
@@ -93,9 +93,11 @@ pub(crate) struct Lines {
 }
 
 impl Lines {
+    /// None.
+    pub(crate) const NONE: Lines = Lines { step: 0, dir: 0, flags: 0, step_pin: 0, dir_pin: 0 };
+
     const FORWARD_HIGH: u8 = 1;
     const STEP_LOW: u8 = 2;
-    const SHARED_DIR: u8 = 4;
 
     /// Forward is DIR high.
     #[inline(always)]
@@ -107,12 +109,6 @@ impl Lines {
     #[inline(always)]
     pub(crate) const fn step_low(self) -> bool {
         self.flags & Lines::STEP_LOW != 0
-    }
-
-    /// Another motor has the same DIR line.
-    #[inline(always)]
-    pub(crate) const fn shared_dir(self) -> bool {
-        self.flags & Lines::SHARED_DIR != 0
     }
 
     /// Both lines as outputs at rest: STEP inactive, DIR low.
@@ -190,6 +186,11 @@ impl Layout {
         Ok(Layout { kind, shared, enable })
     }
 
+    /// Whether motors share a DIR line.
+    pub(crate) fn is_shared(&self) -> bool {
+        self.shared != 0
+    }
+
     /// The lines of `motor`, which is one of those that were checked.
     #[inline(never)]
     pub(crate) fn lines(&self, motor: &MotorSetup) -> Lines {
@@ -207,9 +208,6 @@ impl Layout {
         if step_low {
             flags |= Lines::STEP_LOW;
         }
-        if self.shared & bit(dir_pin) != 0 {
-            flags |= Lines::SHARED_DIR;
-        }
         Lines { step, dir, flags, step_pin, dir_pin }
     }
 }
@@ -221,7 +219,9 @@ fn kind(configuration: &Configuration<'_>, steps: u16, dirs: u16, shared: u16) -
     const PORT_D: u16 = 0x00fc;
     const PORT_B: u16 = 0x3f00;
     let all = steps | dirs;
-    if steps & !COMPARE == 0 && shared == 0 {
+    // The compare hardware's pulses are high ones.
+    let low = configuration.motors().any(|motor| motor.step_low);
+    if steps & !COMPARE == 0 && shared == 0 && !low {
         return Ok(Kind::Compare);
     }
     if all & !PORT_D == 0 {

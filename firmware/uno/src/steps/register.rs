@@ -8,6 +8,8 @@ macro_rules! addresses {
 addresses! {
     /// Toggles PORTB's pins when written.
     PINB = 0x03;
+    /// Levels of PORTB's outputs.
+    PORTB = 0x05;
     /// Toggles PORTD's pins when written.
     PIND = 0x09;
     /// Timer 1's flags, cleared by writing ones.
@@ -20,6 +22,8 @@ addresses! {
     EEARL = 0x21;
     /// EEPROM address, high byte: two bits (1024 bytes of EEPROM); free storage.
     EEARH = 0x22;
+    /// Timer 0's counter: when the task comes again.
+    TCNT0 = 0x26;
     /// Timer 0's compare A; free storage.
     OCR0A = 0x27;
     /// Timer 0's compare B; free storage.

@@ -26,7 +26,7 @@
 //! |---|---|
 //! | GPIOR0 | [`flags`], bit-addressable |
 //! | GPIOR1, GPIOR2, EEDR | r24, r30, r31 of whoever was interrupted (interrupts do not nest) |
-//! | EEARH | page of ring B: 2, or 1 when a merge plays it and page 2 has the lists |
+//! | EEARH | page of ring B: 3; or 2, when there is no ring A |
 //! | OCR0A, OCR0B | low byte of the address of the next group to play, ring A and ring B |
 //!
 //! # Cycles
@@ -43,6 +43,7 @@
 use core::arch::global_asm;
 
 use super::register;
+use crate::memory::RING_PAGES;
 use pulsetrain_core::narrow::Registers;
 
 /// Bits of GPIOR0, which the interrupts look at and set.
@@ -59,6 +60,8 @@ pub(crate) mod flags {
     pub(crate) const STARVED_A: u8 = 4;
     /// Ring B reached its END mark.
     pub(crate) const STARVED_B: u8 = 5;
+    /// Either of them, as a mask.
+    pub(crate) const STARVED: u8 = 1 << STARVED_A | 1 << STARVED_B;
     /// With hardware edges on ring A, its DIR pin is on PORTB, not PORTD.
     pub(crate) const DIR_A_ON_PORTB: u8 = 6;
     /// With hardware edges on ring B, its DIR pin is on PORTB, not PORTD.
@@ -88,14 +91,6 @@ pub(crate) const END_B: u8 = 1 << 7;
 // One macro, two interrupts: they differ in names, and in the shield's extra pins.
 global_asm!(
     r#"
-    .section .pages, "aw", @nobits
-    .p2align 8
-    // Half a page is enough for what comes over the line; variables begin in the other half.
-    .global ring_a_page, ring_b_page, receive_page
-ring_a_page:  .skip 256
-ring_b_page:  .skip 256
-receive_page: .skip 128
-
     .macro ring_interrupt vector, load_page, tail, pin, ocr, end_bit, extra, starved, com_mask, com_toggle, foc, dir_on_portb, enable_mask
     .global \vector
 \vector:                                // 4 response + 3 jump           7
@@ -323,6 +318,9 @@ unsafe extern "C" {
 /// Bytes of a group.
 pub(crate) const GROUP: u8 = 4;
 
+/// Groups of a page.
+const GROUPS: u8 = 64;
+
 /// Groups that a ring can hold beside the pending one.
 pub(crate) const CAPACITY: u8 = 62;
 
@@ -353,32 +351,59 @@ impl Group {
     pub(crate) const NOTHING: Group = Group { rise: 0, fall: 0 };
 }
 
-/// Main's end of a ring.
+/// The end of a ring where groups are put in; [`fill`](super::fill) knows the layout.
 #[derive(Debug)]
+#[repr(C)]
 pub(crate) struct Ring {
     /// The page it lies in: the high byte of its addresses.
-    page: u8,
+    pub(super) page: u8,
     /// The END bit, which also says which of the two it is.
     end: u8,
     /// With the compare hardware the bit that stands for STEP; else 0.
     edge: u8,
     /// Low byte of the address of the pending group.
-    head: u8,
+    pub(super) head: u8,
     /// What the pending group does.
-    pending: Group,
+    pub(super) pending: Group,
+    /// Its first byte once a step follows it.
+    pub(super) before_step: u8,
+    /// The first byte of a step's group that is followed by another, and that of the last one.
+    pub(super) step_first: u8,
+    pub(super) step_last: u8,
+    /// The last byte of a step's group.
+    pub(super) step_fall: u8,
+    /// Data address of the tail.
+    pub(super) tail_at: u8,
+    /// So many groups must be filled with steps until none toggles anything else: expansion then need not say what steps
+    /// toggle.
+    pub(super) unlike: u8,
 }
-
-/// Pages of rings A and B, as memory.ld asserts.
-const PAGES: [u8; 2] = [1, 2];
 
 impl Ring {
     /// A ring; [`Ring::clear`] comes before its use.
     pub(crate) const fn new(name: Name) -> Ring {
         let (page, end) = match name {
-            Name::A => (PAGES[0], END_A),
-            Name::B => (PAGES[1], END_B),
+            Name::A => (RING_PAGES[0], END_A),
+            Name::B => (RING_PAGES[1], END_B),
         };
-        Ring { page, end, edge: 0, head: 0, pending: Group::NOTHING }
+        let tail_at = 0x20
+            + match name {
+                Name::A => register::OCR0A,
+                Name::B => register::OCR0B,
+            };
+        Ring {
+            page,
+            end,
+            edge: 0,
+            head: 0,
+            pending: Group::NOTHING,
+            before_step: 0,
+            step_first: 0,
+            step_last: 0,
+            step_fall: 0,
+            tail_at,
+            unlike: GROUPS,
+        }
     }
 
     /// A ring whose STEP edges the compare hardware makes on pin 9 (A) or 10 (B).
@@ -390,9 +415,9 @@ impl Ring {
         Ring { edge, ..Ring::new(name) }
     }
 
-    /// A ring that the merge fills, in the page of ring A: the other has the lists.
-    pub(crate) const fn for_merge(name: Name) -> Ring {
-        Ring { page: PAGES[0], ..Ring::new(name) }
+    /// It is the only ring: in the page of ring A, whose other one is free for other things.
+    pub(crate) fn alone(&mut self) {
+        self.page = RING_PAGES[0];
     }
 
     /// For the merge: where the pending group is, and what it does.
@@ -481,6 +506,7 @@ impl Ring {
     pub(crate) fn clear(&mut self) {
         self.head = 0;
         self.pending = Group::NOTHING;
+        self.prepare();
         // SAFETY: the interrupt of this ring is off (the caller's promise), so main is alone with page and tail.
         unsafe {
             self.group(0).write_volatile(self.end);
@@ -516,26 +542,21 @@ impl Ring {
         }
         self.head = next;
         self.pending = group;
+        self.prepare();
     }
 
-    /// Expands the next `n` steps of `registers` into the ring, each of which toggles `step`; with the compare
-    /// hardware `step` has its edge in both.
-    ///
-    /// # Safety
-    /// 1 ≤ `n` ≤ [`Ring::free`], and what [`super::expand`] says of `n` and the interval.
+    /// Every step of its one motor is `step`, from now on; [`fill`](super::fill) needs to know.
     #[inline(never)]
-    pub(crate) unsafe fn expand(&mut self, registers: &mut Registers, n: u8, step: Group) {
-        let first = self.group(self.head);
-        let rise = self.played(step, step);
-        let published = self.played(self.pending, step);
-        // SAFETY: the caller's promise. Published groups only reach up to the pending one.
-        unsafe {
-            let last = super::expand::into_ring(registers, first, n, rise, self.last(step));
-            self.group(last).write_volatile(self.waiting(step));
-            first.write_volatile(published);
-            self.head = last;
-        }
-        self.pending = step;
+    pub(crate) fn serve(&mut self, step: Group) {
+        self.step_first = self.played(step, step);
+        self.step_last = self.waiting(step);
+        self.step_fall = self.last(step);
+    }
+
+    /// The pending group is another: works out what [`fill`](super::fill) publishes of it.
+    fn prepare(&mut self) {
+        self.unlike = GROUPS;
+        self.before_step = self.played(self.pending, Group { rise: self.edge, fall: self.edge });
     }
 
     /// Adds to what the pending group toggles; not an edge of the compare hardware, which needs a group of its own.
@@ -543,6 +564,7 @@ impl Ring {
     pub(crate) fn amend(&mut self, group: Group) {
         self.pending.rise ^= group.rise;
         self.pending.fall ^= group.fall;
+        self.prepare();
         // SAFETY: the interrupt does not read the pending group beyond its END.
         unsafe { self.group(self.head.wrapping_add(3)).write_volatile(self.last(self.pending)) };
     }
@@ -656,6 +678,13 @@ impl Ring {
                 Name::A => 0b11 << 6,
                 Name::B => 0b11 << 4,
             };
+            // A long pulse goes on until the caller ends it: the port takes over the level.
+            let (pins, port) = (register::io(register::PINB), register::io(register::PORTB));
+            let pin = match self.name() {
+                Name::A => 1 << 1,
+                Name::B => 1 << 2,
+            };
+            port.write_volatile(port.read_volatile() | pins.read_volatile() & pin);
             mode.write_volatile(mode.read_volatile() & !com);
         }
     }

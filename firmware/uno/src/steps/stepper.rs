@@ -1,34 +1,34 @@
-//! The slow engine: takes the events of all motors in order of time and makes groups of them.
+//! The step generator: rings, motors, and who fills what.
 //!
-//! It does everything: any interval, any direction, shared DIR lines, switches. What it costs is a few hundred cycles a
-//! step; where nothing but steps follows for a while, the fast engine takes over.
+//! | motors | who fills |
+//! |---|---|
+//! | one, or two on the compare hardware | each its own ring: [`Track::fill`] |
+//! | two to four with DIR lines of their own | the merge: [`Merge::run`] |
+//! | motors that share a DIR line | one step after the other: [`fill_shared`] |
 //!
 //! # Time
-//! The newest group of a ring is pending: its tick is fixed, what it does is not yet. An event half of [`APART`] ticks after
-//! it, or less, joins it; one that is further away becomes the next pending group, at least [`APART`] ticks later. While
-//! nothing is due, empty groups keep the compare register moving.
+//! The newest group of a ring is pending: its tick is fixed, what follows is not. Groups are at least `apart` ticks from each
+//! other; what would be nearer is put off, or joins the group that is there.
 //!
 //! # DIR
-//! A DIR line toggles at the end of a group. It does so after the pulse and hold of every step before that looked at the
-//! line, and its set-up before the step that it is for; when there is not enough room between (another motor's group is in
-//! the way, an interrupt was kept waiting), the step is late, never the set-up short.
+//! A DIR line toggles at the end of a group, after the pulse and hold of every step before that looked at the line, and its
+//! set-up before the step that it is for. Planners leave room for that ([`Spacing`]); where they did not, the step is not made.
 
-mod lanes;
-
-use super::merge::{LANES, Merge};
+use super::fill;
+use super::merge::Merge;
+use super::motor::{COUNT_AT_REST, Motor, flag};
 use super::pins::{Kind, Layout, Lines, MAX_MOTORS};
-use super::ring::{CAPACITY, Group, Name, Ring, flags};
+use super::plan::{FILLER, Plan};
+use super::ring::{Group, Name, Ring, flags};
+use super::times::{TIMES, Times};
 use crate::clock::{self, low_half};
-use crate::memory::{Once, Queues};
+use crate::memory;
 use crate::regs::{self, Reg16};
-use core::mem::MaybeUninit;
-use pulsetrain_core::channel::{self, Event};
-use pulsetrain_core::narrow::{Bytes, Motor, Reason, Settings};
 use pulsetrain_core::wire::message::{self, Configuration};
-use pulsetrain_core::{Direction, Epoch, Moment};
+use pulsetrain_core::{Epoch, Moment};
 
-/// So late an interrupt may be that was kept waiting, ticks.
-const LATE: u8 = 24;
+/// So late an edge made by an interrupt may be, ticks.
+const LATE: u8 = 60;
 /// Ticks between two groups, at least: from a match until the interrupt has set the next, and the longest time that it can be
 /// kept waiting; and the length of the interrupt + 4, so that delays die out.
 const APART: u8 = 48;
@@ -38,22 +38,24 @@ const APART_LONG: u8 = 60;
 const APART_SHIELD: [u8; 2] = [60, 76];
 /// With two of the compare hardware's.
 const APART_COMPARE: u8 = 96;
-/// Ticks between two steps of a motor with a ring of its own, at least, for the fast engine: alone, and beside another.
+/// Ticks between two steps of a motor with a ring of its own, at least, when they are not looked at: alone, and beside another.
 const FASTEST: [u16; 2] = [60, 130];
-/// Ticks between two groups, at most: the compare register is a quarter of the way round.
-const FILLER: u32 = 16_384;
 /// From a group's tick to its `fall`, ticks: at least, and at most when an interrupt was kept waiting.
-const FALL: [u8; 2] = [16, 48];
+const FALL: [u8; 2] = [16, 16 + LATE];
 /// The same with the compare hardware, where DIR is toggled on a longer way.
-const FALL_COMPARE: [u8; 2] = [16, 80];
-/// So far ahead a ring is filled while nothing is due, ticks (1.5 ms).
-const AHEAD_IDLE: u32 = 24_576;
-/// So far ahead it is filled at most, ticks (4 ms).
-const AHEAD: u32 = 65_536;
-/// A ring is filled when it has room for so many groups.
-const ROOM_FOR: u8 = 20;
-/// Groups that one call makes at most: other work waits meanwhile.
+const FALL_COMPARE: [u8; 2] = [16, 48 + LATE];
+/// What a turn of DIR may be earlier than it must, ticks.
+const EARLY: u16 = 128;
+/// So far ahead things are planned at most, ticks (3 ms).
+const AHEAD: u32 = 49_152;
+/// The ring of several motors is filled when it has room for so many groups.
+const ROOM: u8 = 8;
+/// Steps that are expanded at once into a list of the merge; half as many if each is two ticks.
+const STEPS: u8 = 24;
+/// Things that one call does at most, beside batches of steps.
 const BATCH: u8 = 4;
+/// The longest of pulse, set-up and hold, ticks: what is past need not be remembered longer than a filler takes.
+pub(crate) const LONGEST: u16 = 4_096;
 /// A compare that was missed is made so soon, ticks.
 const AGAIN: u16 = 48;
 /// After the ring ran empty the next group comes so soon, ticks: time enough to fill some more in.
@@ -61,35 +63,23 @@ const LEAD: u16 = 800;
 /// Steps that come later than this after the ring ran empty are not made any more: the motors stop. 100 µs.
 const TOO_LATE: u16 = 1600;
 
-/// The times of a configuration, ticks.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Times {
-    /// From a step's edge to the end of its pulse, as it is made.
-    pulse: u16,
+/// What a configuration asks of the spacing of groups.
+#[derive(Clone, Copy)]
+struct Spacing {
+    /// The interrupt's pulse is the one of 1.9 µs.
+    extra: bool,
     /// The end of the pulse is a group of its own.
     long: bool,
-    /// DIR before the step.
-    setup: u16,
-    /// DIR after the end of the pulse.
-    hold: u16,
-    /// Between two groups.
+    /// Between two groups, ticks.
     apart: u8,
-    /// Another motor has a ring of its own too.
-    beside: bool,
-    fall: [u8; 2],
 }
 
-impl Times {
-    /// From a group that toggles DIR to the step that it is for, at least.
-    #[inline(always)]
-    fn lead(&self) -> u32 {
-        u32::from(self.setup) + u32::from(self.fall[1])
-    }
+impl Spacing {
+    const NONE: Spacing = Spacing { extra: false, long: false, apart: APART };
 
-    const NONE: Times = Times { pulse: 16, long: false, setup: 0, hold: 0, apart: APART, beside: false, fall: FALL };
-
-    /// Pulses of so many ticks, or a little longer where that is what an interrupt makes; beyond that by two groups.
-    fn of(kind: Kind, configuration: &Configuration<'_>) -> Times {
+    /// Pulses of as many ticks as are asked for, or a little longer where that is what an interrupt makes; beyond that by
+    /// two groups. And the times that follow.
+    fn of(kind: Kind, configuration: &Configuration<'_>, merging: bool, shared: bool) -> (Spacing, Times) {
         // What the interrupt makes without and with its flag, and the distance that takes.
         let ((short, apart), (extra, apart_extra), fall) = match kind {
             Kind::PortD | Kind::PortB => ((16, APART), (31, APART_LONG), FALL),
@@ -97,17 +87,49 @@ impl Times {
             Kind::Compare => ((35, APART_COMPARE), (35, APART_COMPARE), FALL_COMPARE),
         };
         let wanted = configuration.pulse_ticks;
-        let (mut pulse, mut long, mut apart) = (short, false, apart);
+        let mut spacing = Spacing { extra: false, long: false, apart };
+        let (mut pulse, mut made) = (0, short);
         if wanted > short {
             if wanted <= extra {
-                (pulse, apart) = (extra, apart_extra);
+                (spacing.extra, spacing.apart, made) = (true, apart_extra, extra);
             } else {
-                // Its first edge may be late, its second never is.
-                (pulse, long) = (wanted.saturating_add(u16::from(LATE)).max(u16::from(apart)), true);
+                spacing.long = true;
+                // Its first edge may be late, where the hardware does not make it; merged, its second may be early.
+                let more = match kind {
+                    Kind::Compare => 0,
+                    _ if merging => LATE + apart,
+                    _ => LATE,
+                };
+                pulse = (wanted + u16::from(more)).max(u16::from(apart));
+                made = pulse;
             }
         }
+        let apart = u16::from(spacing.apart);
+        // The merge moves edges by half of that, either way.
+        let slack = if merging { apart } else { 0 };
+        let lead = configuration.setup_ticks + u16::from(fall[1]) + slack;
         let beside = kind == Kind::Compare && configuration.motors().len() > 1;
-        Times { pulse, long, setup: configuration.setup_ticks, hold: configuration.hold_ticks, apart, beside, fall }
+        // An expansion counts the long pulse in 8 bits, and does not know the hardware's.
+        let singly = spacing.long && (kind == Kind::Compare || pulse > 255);
+        let fastest = if singly {
+            u16::MAX
+        } else if merging {
+            apart
+        } else {
+            if beside { FASTEST[1] } else { FASTEST[0] }
+        };
+        let times = Times {
+            limit: Moment(0),
+            gap: made + 1,
+            keep: (made + configuration.hold_ticks + u16::from(LATE) + slack).max(apart),
+            lead: lead.max(apart),
+            early: lead.max(apart) + EARLY,
+            fastest: fastest.max(made.saturating_add(if spacing.long { apart } else { 0 })),
+            pulse,
+            most: if spacing.long { STEPS / 2 } else { STEPS },
+            shared,
+        };
+        (spacing, times)
     }
 }
 
@@ -123,129 +145,16 @@ pub(crate) enum Trouble {
     Starved,
 }
 
-/// What a motor wants next.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Wish {
-    /// Nothing that is known.
-    Nothing,
-    /// The end of its pulse.
-    Fall,
-    /// A step.
-    Step,
-    /// Its DIR line so.
-    Dir(Direction),
-}
-
-/// One motor and its lines.
-// The motor last: the processor reaches 64 bytes from a pointer.
+/// One ring and what is known of it; [`fill`](super::fill) knows the layout.
 #[repr(C)]
-pub(crate) struct Axis {
-    lines: Lines,
-    wish: Wish,
-    /// When.
-    due: Moment,
-    /// DIR stays until then.
-    free: Moment,
-    /// DIR is set up from then on.
-    ready: Moment,
-    /// What must be added to the motor's count, because stops left steps unmade.
-    made: i32,
-    pub(crate) motor: Motor,
-}
-
-impl Axis {
-    /// Steps forward minus backward that were taken from the queue, whether played or not yet.
-    pub(crate) fn position(&self) -> i32 {
-        self.motor.position().wrapping_add(self.made)
-    }
-
-    /// Whole ticks from the step before to the next one; after a segment, as it would go on.
-    fn interval(&self) -> u32 {
-        let registers = self.motor.registers();
-        registers.next_tick().since(Moment(registers.tick))
-    }
-
-    /// As [`flags`](pulsetrain_core::wire::message::flags) has them.
-    pub(crate) fn faults(&self) -> u8 {
-        match self.motor.fault().map(|fault| fault.reason) {
-            None => 0,
-            Some(Reason::Missed) => message::flags::STEP_MISSED,
-            Some(Reason::Mismatch) => message::flags::CHECK_FAILED,
-            Some(Reason::Bad) => message::flags::BAD_ITEM,
-        }
-    }
-
-    /// Finds out what it wants next, if that is not after `limit`.
-    #[inline(never)]
-    fn look(&mut self, queues: &Queues, limit: Moment, times: &Times) {
-        let lead = times.lead();
-        let Some(Event { tick, kind }) = self.motor.peek(queues, limit.after(lead + u32::from(times.apart))) else {
-            self.wish = Wish::Nothing;
-            return;
-        };
-        match kind {
-            channel::Kind::Step => {
-                self.wish = Wish::Step;
-                self.due = tick;
-            }
-            channel::Kind::Direction(direction) => {
-                self.wish = Wish::Dir(direction);
-                let latest = tick.before(lead);
-                // A line of its own may turn earlier, so that groups of other motors do not put the step off.
-                self.due = if self.lines.shared_dir() { latest } else { latest.before(u32::from(times.apart)) };
-            }
-        }
-    }
-
-    /// Steps that may be made without looking at them, not after `limit` and at least `fastest` ticks apart.
-    #[inline(never)]
-    fn grant(&mut self, fastest: u16, limit: Moment, times: &Times) -> u8 {
-        let free = match self.wish {
-            Wish::Nothing => true,
-            Wish::Step => !self.due.is_before(self.ready),
-            _ => false,
-        };
-        if !free || times.long {
-            return 0;
-        }
-        // Within what 16 bits tell apart.
-        let reach = Moment(self.motor.registers().tick).after(0x7fff);
-        self.motor.blind(fastest, if limit.is_before(reach) { limit } else { reach })
-    }
-
-    /// Notes that `steps` of them were made; gives the last one's tick.
-    #[inline(never)]
-    fn took(&mut self, steps: u8, times: &Times) -> Moment {
-        self.motor.took(steps);
-        self.wish = Wish::Nothing;
-        let end = Moment(self.motor.registers().tick);
-        self.free = end.after(u32::from(times.pulse) + u32::from(times.hold));
-        end
-    }
-
-    /// Takes the event that was found.
-    fn take(&mut self) {
-        let kind = match self.wish {
-            Wish::Dir(direction) => channel::Kind::Direction(direction),
-            _ => channel::Kind::Step,
-        };
-        let tick = self.motor.registers().next_tick();
-        self.motor.take(Event { tick, kind });
-        self.wish = Wish::Nothing;
-    }
-}
-
-/// One ring and what is known of it.
-struct Track {
-    ring: Ring,
+pub(super) struct Track {
+    pub(super) ring: Ring,
     /// Tick of the pending group.
-    at: Moment,
-    /// Lines that are high once the pending group has been played, as bits of a group.
-    levels: u8,
+    pub(super) at: Moment,
 }
 
 impl Track {
-    const NONE: Track = Track { ring: Ring::new(Name::A), at: Moment(0), levels: 0 };
+    const NONE: Track = Track { ring: Ring::new(Name::A), at: Moment(0) };
 
     /// The compare register, and the ring's bit in `TIMSK1` and `TIFR1`.
     #[inline(always)]
@@ -283,22 +192,19 @@ impl Track {
         self.at = tick;
     }
 
-    /// Puts `group` at `due`: into the pending group if that is near, not before `open`, and has other lines; else later.
-    ///
-    /// Gives its tick.
+    /// Puts `group` at `due`, into the pending group if that is not before, and has other lines; else as soon after as it can
+    /// be. Gives its tick.
     #[inline(never)]
-    fn put(&mut self, due: Moment, open: Moment, group: Group, apart: u8) -> Moment {
-        let near = due.before(u32::from(apart / 2)).is_before(self.at);
+    fn put(&mut self, due: Moment, group: Group, apart: u8) -> Moment {
         let pending = self.ring.pending();
         // An edge of the compare hardware needs a group of its own.
         let taken =
             pending.rise & group.rise | pending.fall & group.fall | self.ring.edge() & (group.rise | group.fall);
-        if near && !self.at.is_before(open) && taken == 0 {
+        if taken == 0 && !self.at.is_before(due) {
             self.ring.amend(group);
         } else {
             self.push(later(due, self.at.after(u32::from(apart))), group);
         }
-        self.levels ^= group.rise ^ group.fall;
         self.at
     }
 
@@ -343,74 +249,29 @@ impl Track {
     }
 }
 
-/// Room for the motors, apart from what begins with values: those would be kept in flash, too.
-static ROOM: Once<[MaybeUninit<Axis>; MAX_MOTORS]> = Once::new([const { MaybeUninit::uninit() }; MAX_MOTORS]);
-
-/// The motors in use.
-struct Axes {
-    /// Lent by [`Stepper::begin`].
-    room: Option<&'static mut [MaybeUninit<Axis>; MAX_MOTORS]>,
-    /// So many are there, the first ones.
-    count: u8,
-}
-
-impl Axes {
-    #[inline(never)]
-    fn all(&self) -> &[Axis] {
-        match &self.room {
-            // SAFETY: `push` made so many.
-            Some(room) => unsafe { core::slice::from_raw_parts(room.as_ptr().cast(), usize::from(self.count)) },
-            None => &[],
-        }
-    }
-
-    #[inline(never)]
-    fn all_mut(&mut self) -> &mut [Axis] {
-        match &mut self.room {
-            // SAFETY: `push` made so many.
-            Some(room) => unsafe { core::slice::from_raw_parts_mut(room.as_mut_ptr().cast(), usize::from(self.count)) },
-            None => &mut [],
-        }
-    }
-
-    /// One more, at position 0, if there is room.
-    #[inline(never)]
-    fn push(&mut self, lines: Lines, bytes: Bytes, settings: Settings) {
-        if let Some(room) = &mut self.room
-            && let Some(place) = room.get_mut(usize::from(self.count))
-        {
-            place.write(Axis {
-                lines,
-                wish: Wish::Nothing,
-                due: Moment(0),
-                free: Moment(0),
-                ready: Moment(0),
-                made: 0,
-                motor: Motor::new(bytes, settings),
-            });
-            self.count += 1;
-        }
-    }
-}
+/// All motors; the assembly knows where they are.
+#[unsafe(export_name = "steps_motors")]
+static mut MOTORS: [Motor; MAX_MOTORS] = [const { Motor::NONE }; MAX_MOTORS];
 
 /// All motors of a configuration, and their rings.
 pub(crate) struct Stepper {
     tracks: [Track; 2],
     /// The merge, from [`Stepper::begin`] on.
     merge: Option<&'static mut Merge>,
+    /// The motors in use are the first ones.
+    count: u8,
     /// Two motors or more in one ring, each with a DIR line of its own: the merge fills it.
     merging: bool,
-    /// Merging: tick of the last that each lane was fed.
-    last: [Moment; LANES],
-    axes: Axes,
     /// Each motor has a ring of its own.
     apiece: bool,
-    shield: bool,
-    times: Times,
+    /// Between [`Stepper::start`] and [`Stepper::stop`].
+    playing: bool,
+    spacing: Spacing,
     /// GPIOR0: see [`flags`].
     flags: u8,
     trouble: Option<Trouble>,
-    fewest_groups: u8,
+    /// How far ahead the rings were filled, ticks, at least.
+    least_ahead: u16,
 }
 
 impl Stepper {
@@ -419,95 +280,116 @@ impl Stepper {
         Stepper {
             tracks: [Track::NONE, Track::NONE],
             merge: None,
+            count: 0,
             merging: false,
-            last: [Moment(0); LANES],
-            axes: Axes { room: None, count: 0 },
             apiece: false,
-            shield: false,
-            times: Times::NONE,
+            playing: false,
+            spacing: Spacing::NONE,
             flags: 0,
             trouble: None,
-            fewest_groups: u8::MAX,
+            least_ahead: u16::MAX,
         }
     }
 
-    /// Takes the merge, and the room for the motors.
+    /// Takes the merge.
     ///
     /// # Safety
     /// Once in a program.
     pub(crate) unsafe fn begin(&mut self) {
         // SAFETY: the caller's promise.
-        unsafe {
-            self.merge = Some(Merge::take());
-            self.axes.room = Some(ROOM.take());
-        }
+        self.merge = Some(unsafe { Merge::take() });
+    }
+
+    /// How many motors are in use.
+    pub(crate) fn count(&self) -> u8 {
+        self.count
     }
 
     /// The motors in use.
-    pub(crate) fn axes(&self) -> &[Axis] {
-        self.axes.all()
+    #[inline(never)]
+    pub(crate) fn motors(&self) -> &[Motor] {
+        // SAFETY: only this stepper and the assembly that it calls use them; as long as this borrow lasts, neither does.
+        unsafe { core::slice::from_raw_parts((&raw const MOTORS).cast(), usize::from(self.count)) }
+    }
+
+    /// The same, to be changed.
+    #[inline(never)]
+    pub(crate) fn motors_mut(&mut self) -> &mut [Motor] {
+        // SAFETY: as `motors`.
+        unsafe { core::slice::from_raw_parts_mut((&raw mut MOTORS).cast(), usize::from(self.count)) }
     }
 
     /// A motor by its number.
-    #[inline(never)]
-    pub(crate) fn axis_mut(&mut self, motor: u8) -> Option<&mut Axis> {
-        self.axes.all_mut().get_mut(usize::from(motor))
+    pub(crate) fn motor_mut(&mut self, motor: u8) -> Option<&mut Motor> {
+        self.motors_mut().get_mut(usize::from(motor))
     }
 
     /// The rings in use.
     #[inline(never)]
     fn tracks_mut(&mut self) -> &mut [Track] {
-        let count = if self.apiece { self.axes.count } else { 1 };
+        let count = if self.apiece { self.count } else { 1 };
         self.tracks.get_mut(..usize::from(count)).unwrap_or_default()
+    }
+
+    /// The ring of a motor.
+    fn track(&self, motor: u8) -> &Track {
+        let [first, second] = &self.tracks;
+        if self.apiece && motor != 0 { second } else { first }
     }
 
     /// Motors and lines of `configuration`; all motors at position 0. Not while it plays.
     #[inline(never)]
     pub(crate) fn configure(&mut self, layout: &Layout, configuration: &Configuration<'_>, now: Moment) {
-        self.axes.all_mut().iter_mut().for_each(|axis| axis.lines.float());
+        self.motors().iter().for_each(|motor| motor.lines.float());
         let kind = layout.kind;
+        let motors = configuration.motors();
+        let all = motors.len() as u8;
+        let shared = layout.is_shared();
         self.apiece = kind == Kind::Compare;
-        self.shield = kind == Kind::Shield;
-        self.times = Times::of(kind, configuration);
+        self.merging = all > 1 && !self.apiece && !shared;
+        let (spacing, times) = Spacing::of(kind, configuration, self.merging, shared);
+        self.spacing = spacing;
+        TIMES.set(times);
         let (always, extra) = match kind {
             Kind::Shield => (1 << flags::EXTRA_A | 1 << flags::SHIELD, 1 << flags::SHIELD_LONG),
             Kind::PortB => (0, 1 << flags::EXTRA_B),
             Kind::PortD => (0, 1 << flags::EXTRA_A),
             Kind::Compare => (0, 0),
         };
-        self.flags = if self.times.pulse == 31 { always | extra } else { always };
+        self.flags = if spacing.extra { always | extra } else { always };
         let first = if kind == Kind::PortB { Name::B } else { Name::A };
         self.tracks[0].ring = Ring::new(first);
-        self.axes.count = 0;
-        let motors = configuration.motors();
-        let all = motors.len() as u8;
-        let gap_ticks = self.times.pulse.saturating_add(1);
-        for motor in motors {
-            let mut lines = layout.lines(&motor);
-            let index = self.axes.count;
+        self.count = MAX_MOTORS as u8;
+        self.motors_mut().iter_mut().for_each(|motor| *motor = Motor::NONE);
+        self.count = all;
+        for (index, setup) in (0u8..).zip(motors) {
+            let mut lines = layout.lines(&setup);
             if kind == Kind::Compare {
                 let track = &mut self.tracks[usize::from(index & 1)];
-                let (name, dir) = if motor.step_pin == 10 {
+                let (name, dir) = if setup.step_pin == 10 {
                     (Name::B, flags::DIR_B_ON_PORTB)
                 } else {
                     (Name::A, flags::DIR_A_ON_PORTB)
                 };
-                let on_portb = motor.dir_pin >= 8;
+                let on_portb = setup.dir_pin >= 8;
                 track.ring = Ring::hardware(name, on_portb);
                 lines.step = track.ring.edge();
                 self.flags |= u8::from(on_portb) << dir;
             }
             lines.drive();
-            let settings = Settings { gap_ticks, asserts_every_step: lines.shared_dir(), gain: motor.gain };
-            self.axes.push(lines, Queues::share(all, index), settings);
+            let (start, end) = memory::queue(all, index);
+            if let Some(motor) = self.motor_mut(index) {
+                motor.lines = lines;
+                (motor.step, motor.dir) = (lines.step, lines.dir);
+                motor.step_fall = if spacing.long { 0 } else { lines.step };
+                motor.gain = setup.gain.clamp(-43, 18);
+                motor.count = COUNT_AT_REST;
+                (motor.start, motor.end, motor.next) = (start, end, start);
+                motor.flags = u8::from(shared) << flag::SINGLY;
+            }
         }
-        self.merging = self.axes.count > 1 && !self.apiece && !self.axes().iter().any(|axis| axis.lines.shared_dir());
-        if self.merging {
-            self.tracks[0].ring = Ring::for_merge(first);
-            // The merge moves edges by half of that, either way.
-            let slack = u16::from(self.times.apart);
-            self.times.setup = self.times.setup.saturating_add(slack);
-            self.times.hold = self.times.hold.saturating_add(slack);
+        if !self.apiece || all == 1 {
+            self.tracks[0].ring.alone();
         }
         self.rest(now);
     }
@@ -515,32 +397,36 @@ impl Stepper {
     /// Begins to play, from a little after `now` on. Queues are empty.
     #[inline(never)]
     pub(crate) fn start(&mut self, now: Moment) {
-        let at = now.after(AHEAD_IDLE);
+        let at = now.after(AHEAD / 2);
         // The lists of a merge begin with a filler each.
-        let first = at.after(FILLER);
-        self.rest(if self.merging { first } else { now });
-        self.last = [first; LANES];
+        let first = if self.merging { at.after(u32::from(FILLER)) } else { at };
+        self.rest(first);
         self.trouble = None;
         regs::GPIOR0.write(self.flags);
-        let Stepper { tracks, axes, merge, .. } = self;
-        let [one, two] = tracks;
-        (one.at, two.at) = (at, at);
-        (one.levels, two.levels) = (0, 0);
-        for (motor, axis) in axes.all().iter().enumerate() {
-            let track = if self.apiece && motor != 0 { &mut *two } else { &mut *one };
-            track.levels |= axis.lines.levels();
+        for motor in self.motors_mut() {
+            let lines = motor.lines;
+            motor.levels = lines.levels();
+            let forward = (motor.levels & lines.dir != 0) == lines.forward_high();
+            motor.set(flag::TURN, !forward);
         }
+        let apart = self.spacing.apart;
         if self.merging
-            && let Some(merge) = merge
+            && let Some(merge) = &mut self.merge
         {
-            merge.begin(one.ring.name(), self.times.apart, low_half(first.0));
+            merge.begin(self.tracks[0].ring.name(), apart, low_half(first.0));
+        }
+        for index in 0..self.count {
+            let motor = self.motors().get(usize::from(index));
+            let step = motor.map_or(Group::NOTHING, |motor| Group { rise: motor.step, fall: motor.step_fall });
+            let place = if self.apiece { usize::from(index & 1) } else { 0 };
+            self.tracks[place].ring.serve(step);
         }
         for track in self.tracks_mut() {
+            track.at = at;
             track.ring.clear();
             track.resume(at);
         }
-        // Rings wake the processor often enough.
-        regs::free(|| regs::TIMSK1.clear(1));
+        self.playing = true;
     }
 
     /// The immediate stop: plays no group more, and forgets all that was to come. A pulse that was begun still ends.
@@ -548,62 +434,61 @@ impl Stepper {
     /// Gives, bit by motor, whether it was going faster than `pull_in`.
     #[inline(never)]
     pub(crate) fn stop(&mut self, pull_in: &[u32; MAX_MOTORS]) -> u8 {
-        let pulse = self.times.pulse;
         let mut uncertain = 0;
+        self.playing = false;
         for track in self.tracks_mut() {
             regs::free(|| track.ring.halt());
         }
-        for (index, slowest) in (0..self.axes.count).zip(pull_in) {
+        for (index, slowest) in (0..self.count).zip(pull_in) {
             let left = self.unplayed(index);
-            let Some(axis) = self.axis_mut(index) else { break };
-            let going = left != 0 || !axis.motor.is_idle();
-            uncertain |= u8::from(going && axis.interval() < *slowest) << index;
-            axis.made = axis.made.wrapping_sub(i32::from(left));
-            axis.motor.stop();
-            axis.wish = Wish::Nothing;
+            let Some(motor) = self.motor_mut(index) else { break };
+            let going = left != 0 || !motor.is_idle();
+            let interval = motor.registers.next_tick().since(Moment(motor.registers.tick));
+            uncertain |= u8::from(going && interval < *slowest) << index;
+            motor.uncount(left);
+            motor.stop();
         }
         // A pulse of two groups may be under way: its end is no group's any more.
-        if self.times.long {
-            for _ in 0..pulse / 4 {
+        if self.spacing.long {
+            for _ in 0..TIMES.get().pulse / 4 {
                 regs::kick_watchdog();
             }
         }
         self.tracks_mut().iter_mut().for_each(|track| track.ring.clear());
-        self.axes().iter().for_each(|axis| axis.lines.rest());
+        self.motors().iter().for_each(|motor| motor.lines.rest());
         if let Some(merge) = &mut self.merge {
             merge.clear(0);
         }
-        // Timer1's overflow, for a look at the clock, while no ring wakes the processor.
-        regs::free(|| regs::TIMSK1.set(1));
         uncertain
     }
 
     /// Notes that time goes on while nothing plays.
     pub(crate) fn rest(&mut self, now: Moment) {
-        for axis in self.axes.all_mut() {
-            axis.motor.pass(now);
-            (axis.free, axis.ready) = (now, now);
-        }
+        let count = self.count;
+        // The merge asks all four.
+        self.count = MAX_MOTORS as u8;
+        self.motors_mut().iter_mut().for_each(|motor| motor.rest(now));
+        self.count = count;
     }
 
     /// Whether nothing is left to do: no event, no end of a pulse, no step in a ring.
     pub(crate) fn is_idle(&self) -> bool {
-        self.axes().iter().all(|axis| axis.wish == Wish::Nothing && axis.motor.is_idle())
+        self.motors().iter().all(Motor::is_idle)
             && self.tracks[0].is_idle()
-            && !(self.apiece && self.axes.count > 1 && !self.tracks[1].is_idle())
+            && !(self.apiece && self.count > 1 && !self.tracks[1].is_idle())
             && !(self.merging && self.merge.as_ref().is_some_and(|merge| !merge.is_idle()))
     }
 
     /// The first tick at which a switch would be accepted.
     #[inline(never)]
-    pub(crate) fn horizon(&self) -> Moment {
-        let [first, second] = &self.tracks;
-        let mut horizon = first.at;
-        if self.apiece && self.axes.count > 1 {
-            horizon = later(horizon, second.at);
+    pub(crate) fn horizon(&mut self) -> Moment {
+        let mut horizon = self.tracks[0].at;
+        if self.apiece && self.count > 1 {
+            horizon = later(horizon, self.tracks[1].at);
         }
-        for axis in self.axes() {
-            horizon = later(horizon, axis.motor.horizon());
+        for motor in self.motors_mut() {
+            motor.settle();
+            horizon = later(horizon, motor.horizon);
         }
         horizon.after(1)
     }
@@ -611,30 +496,21 @@ impl Stepper {
     /// All motors go over to `epoch` at `at`, which is not before the horizon; or none does, because too many wait.
     #[inline(never)]
     pub(crate) fn switch(&mut self, epoch: Epoch, at: Moment) -> bool {
-        if self.axes().iter().any(|axis| axis.motor.check_switch(at).is_err()) {
-            return false;
+        let can = self.motors().iter().all(|motor| motor.can_switch(at));
+        if can {
+            self.motors_mut().iter_mut().for_each(|motor| motor.switch(epoch, at));
         }
-        for axis in self.axes.all_mut() {
-            // Checked above.
-            let _ = axis.motor.schedule_switch(epoch, at);
-            // What was looked up may be of the old epoch; the end of a pulse is not.
-            if axis.wish != Wish::Fall {
-                axis.wish = Wish::Nothing;
-            }
-        }
-        true
+        can
     }
 
     /// Takes back what was pushed last of `epoch`, of all motors.
     pub(crate) fn discard(&mut self, epoch: Epoch) {
-        for axis in self.axes.all_mut() {
-            axis.motor.discard(epoch);
-        }
+        self.motors_mut().iter_mut().for_each(|motor| motor.discard(epoch));
     }
 
     /// The epoch being run.
     pub(crate) fn epoch(&self) -> Epoch {
-        self.axes().first().map_or(Epoch(0), |axis| axis.motor.epoch())
+        self.motors().first().map_or(Epoch(0), Motor::epoch)
     }
 
     /// What went wrong in playing since this was asked last.
@@ -642,24 +518,22 @@ impl Stepper {
         self.trouble.take()
     }
 
-    /// Fewest groups that a ring held while more were to come.
-    pub(crate) fn fewest_groups(&self) -> u16 {
-        u16::from(self.fewest_groups)
+    /// How far ahead the rings were filled, ticks, at least, while there was something to do.
+    pub(crate) fn least_ahead(&self) -> u16 {
+        self.least_ahead
     }
 
-    /// [`Stepper::fewest_groups`] begins anew.
+    /// [`Stepper::least_ahead`] begins anew.
     pub(crate) fn reset_measures(&mut self) {
-        self.fewest_groups = u8::MAX;
+        self.least_ahead = u16::MAX;
     }
 
     /// Steps of a motor that were counted but not played yet, forward minus backward.
     #[inline(never)]
     pub(crate) fn unplayed(&self, motor: u8) -> i16 {
-        let [first, second] = &self.tracks;
-        let track = if self.apiece && motor != 0 { second } else { first };
-        let Some(Axis { lines, .. }) = self.axes().get(usize::from(motor)) else { return 0 };
+        let Some(Motor { lines, levels, .. }) = self.motors().get(usize::from(motor)) else { return 0 };
         let Lines { step, dir, .. } = *lines;
-        let (mut levels, mut count) = (track.levels, 0);
+        let (mut levels, mut count) = (*levels, 0);
         if lines.step_low() {
             levels ^= step;
         }
@@ -671,216 +545,189 @@ impl Stepper {
             && let Some(merge) = &self.merge
         {
             let (ticks, Group { rise, fall }) = merge.listed(motor);
-            if ticks != 0 {
-                levels ^= fall;
-                if rise & levels & step != 0 {
-                    count = if levels & dir != 0 { i16::from(ticks) } else { -i16::from(ticks) };
+            if rise & step != 0 {
+                let mut steps = i16::from(ticks);
+                if fall == 0 {
+                    // Every other tick ends a pulse, the last one does.
+                    levels ^= if ticks & 1 == 0 { 0 } else { step };
+                    steps /= 2;
                 }
-                levels ^= rise;
+                count = if levels & dir != 0 { steps } else { -steps };
+            } else if ticks != 0 {
+                levels ^= fall & dir;
             }
         }
-        count + i16::from(track.ring.unplayed(levels, step, dir))
+        count + i16::from(self.track(motor).ring.unplayed(levels, step, dir))
     }
 
-    /// Fills the rings as far as time allows. Whether there is nothing more to do until an interrupt comes.
-    #[inline(never)]
-    pub(crate) fn run(&mut self, now: Moment, queues: &Queues) -> bool {
-        let mut rest = true;
-        let Stepper { tracks, axes, merge, last, times, trouble, fewest_groups, .. } = self;
-        let mut axes = axes.all_mut();
-        for track in tracks {
-            let (mine, others) =
-                if self.apiece { axes.split_at_mut_checked(1).unwrap_or_default() } else { (axes, &mut [][..]) };
-            axes = others;
-            let merge = if self.merging { merge.as_deref_mut() } else { None };
-            let busy = match &merge {
-                Some(merge) => !merge.is_idle(),
-                None => mine.iter().any(|axis| axis.wish != Wish::Nothing || axis.motor.registers().left != 0),
-            };
-            let free = track.ring.free();
-            if busy {
-                *fewest_groups = (*fewest_groups).min(CAPACITY.wrapping_sub(free));
-            }
-            if let Some(what) = track.watch(now, busy) {
-                *trouble = Some(what);
-            }
-            if let Some(merge) = merge {
-                lanes::fill(merge, last, track, mine, now, queues, times);
-            } else if free >= ROOM_FOR {
-                // More at once costs less, but the ring must outlast all else that the main loop does.
-                rest &= fill(track, mine, now, queues, times);
-            }
-            if axes.is_empty() {
-                break;
-            }
+    /// Fills the rings as far as time allows. Gives how far ahead they are then, ticks.
+    #[inline(always)]
+    pub(crate) fn refill(&mut self, now: Moment) -> u16 {
+        if !self.playing {
+            return u16::MAX;
         }
-        rest
-    }
-}
-
-/// Fills one ring as far as time allows. Whether there is nothing more to do until one of its groups has been played.
-#[inline(never)]
-fn fill(track: &mut Track, axes: &mut [Axis], now: Moment, queues: &Queues, times: &Times) -> bool {
-    if let [axis] = axes {
-        // As long as nothing but steps comes there is nothing to look at.
-        let mut went = false;
-        while track.ring.free() >= ROOM_FOR && fast(track, axis, now, times) {
-            went = true;
-            if axis.motor.registers().left == 0 {
-                axis.look(queues, track.at.after(FILLER), times);
-            }
+        if regs::GPIOR0.read() & flags::STARVED != 0 {
+            self.watch(now);
         }
-        if went {
-            return false;
-        }
-    }
-    // No further is looked in this call.
-    let limit = track.at.after(FILLER);
-    for axis in &mut *axes {
-        // What is long past must not come back as the future.
-        axis.free = later(axis.free, track.at);
-        axis.ready = later(axis.ready, track.at);
-        if axis.wish == Wish::Nothing {
-            axis.motor.pass(track.at);
-            axis.look(queues, limit, times);
-        }
-    }
-    for _ in 0..BATCH {
-        let ahead = track.at.since(now);
-        if track.ring.free() < 2 || (ahead >= AHEAD && ahead < 1 << 31) {
-            return true;
-        }
-        let (index, due) = earliest(axes, limit.after(FILLER));
-        if limit.is_before(due) {
-            if ahead < AHEAD_IDLE || ahead >= 1 << 31 {
-                // Out of the way of what may come soon after it.
-                let clear = due.before(2 * u32::from(times.apart));
-                track.push(if clear.is_before(limit) { clear } else { limit }, Group::NOTHING);
-                return false;
-            }
-            return true;
-        }
-        play(track, axes, index, times);
-        if let Some(axis) = axes.get_mut(index)
-            && axis.wish == Wish::Nothing
+        TIMES.set_limit(now.after(AHEAD));
+        let Stepper { tracks: [first, second], merge, spacing, count, .. } = self;
+        // SAFETY: as `motors_mut`; other fields are borrowed beside.
+        let motors: &mut [Motor] =
+            unsafe { core::slice::from_raw_parts_mut((&raw mut MOTORS).cast(), usize::from(*count)) };
+        if self.merging
+            && let Some(merge) = merge
         {
-            axis.look(queues, limit, times);
+            first.merge(merge);
+        } else {
+            match motors {
+                [motor] => first.fill(motor, spacing.apart),
+                [one, two] if self.apiece => {
+                    first.fill(one, spacing.apart);
+                    second.fill(two, spacing.apart);
+                    return first.ahead().min(second.ahead());
+                }
+                motors => fill_shared(first, motors, *spacing),
+            }
         }
+        first.ahead()
     }
-    false
+
+    /// Looks whether the rings are played as they should, and mends it. To be called every millisecond.
+    #[inline(never)]
+    pub(crate) fn watch(&mut self, now: Moment) {
+        let busy = !self.is_idle();
+        let mut trouble = None;
+        let mut least = self.least_ahead;
+        for track in self.tracks_mut() {
+            trouble = track.watch(now, busy).or(trouble);
+            let ahead = track.at.since(now);
+            if busy && ahead >> 16 == 0 {
+                least = least.min(low_half(ahead));
+            }
+        }
+        self.least_ahead = least;
+        self.trouble = trouble.or(self.trouble);
+    }
 }
 
-/// The fast engine of a motor that has a ring of its own: expands steps into it as long as nothing but steps comes.
+impl Track {
+    /// The moment near the pending group's that has these lower bits.
+    fn near(&self, tick: u16) -> Moment {
+        let ahead = tick.wrapping_sub(low_half(self.at.0)).cast_signed();
+        Moment(self.at.0.wrapping_add_signed(i32::from(ahead)))
+    }
+
+    /// How far ahead its last group is, ticks.
+    #[inline(always)]
+    fn ahead(&self) -> u16 {
+        low_half(self.at.0).wrapping_sub(clock::read())
+    }
+
+    /// Has the merge fill this ring.
+    #[inline(always)]
+    fn merge(&mut self, merge: &mut Merge) {
+        if self.ring.free() >= ROOM {
+            let begin = low_half(self.at.0);
+            let end = merge.run(&mut self.ring, begin);
+            // Less than the limit: 2^16 ticks.
+            self.at = self.at.after(u32::from(end.wrapping_sub(begin)));
+        }
+    }
+
+    /// Fills this ring with what its only motor does.
+    #[inline(never)]
+    fn fill(&mut self, motor: &mut Motor, apart: u8) {
+        for _ in 0..BATCH {
+            let Some(Plan::One { tick, rise, fall, long }) = fill::fill(self, motor) else { return };
+            let due = self.near(tick);
+            let at = self.put(due, Group { rise, fall }, apart);
+            // What follows must be looked at until all is in time again.
+            motor.set(flag::SINGLY, at != due);
+            if long {
+                self.put(at.after(u32::from(TIMES.get().pulse)), Group { rise, fall: 0 }, apart);
+            }
+        }
+    }
+}
+
+/// Fills the ring of motors that share DIR lines with the steps of all of them, one after the other.
+#[inline(never)]
+fn fill_shared(track: &mut Track, motors: &mut [Motor], spacing: Spacing) {
+    let times = TIMES.get();
+    for _ in 0..BATCH {
+        if track.ring.free() < ROOM {
+            return;
+        }
+        let mut end = track.at.after(u32::from(FILLER));
+        if times.limit.is_before(end) {
+            end = times.limit;
+        }
+        let mut first: Option<usize> = None;
+        let mut due = end.after(1);
+        for (index, motor) in motors.iter_mut().enumerate() {
+            if !motor.is_due {
+                motor.settle();
+                motor.last = track.at;
+                motor.is_due = matches!(motor.plan(), Plan::Found);
+                motor.pass(track.at);
+            }
+            if motor.is_due && motor.due.is_before(due) {
+                (first, due) = (Some(index), motor.due);
+            }
+        }
+        let Some(first) = first else {
+            if end == times.limit {
+                return;
+            }
+            // Out of the way of what may come soon after.
+            track.push(end.before(512), Group::NOTHING);
+            continue;
+        };
+        let ready = turn_shared(track, motors, first, &times, spacing);
+        let Some(motor) = motors.get_mut(first) else { return };
+        let rise = motor.step;
+        let at = track.put(later(due, ready), Group { rise, fall: motor.step_fall }, spacing.apart);
+        if spacing.long {
+            track.put(at.after(u32::from(times.pulse)), Group { rise, fall: 0 }, spacing.apart);
+        }
+        motor.make();
+        motor.is_due = false;
+        motor.settle();
+        motor.free = at.after(u32::from(times.keep));
+    }
+}
+
+/// Turns the DIR line of motor `index` for its next step, if it is not as it must be; all motors that look at it know then.
 ///
-/// Whether it did.
+/// Gives the moment from which on the step may be made.
 #[inline(never)]
-fn fast(track: &mut Track, axis: &mut Axis, now: Moment, times: &Times) -> bool {
-    let fastest = FASTEST[usize::from(times.beside)];
-    let room = track.ring.free();
-    if axis.wish == Wish::Nothing {
-        // The pending group is the last step, and there are more.
-        let registers = axis.motor.registers();
-        if registers.left == 0 || registers.tick != track.at.0 {
-            return false;
-        }
-    } else {
-        let far = axis.due.since(track.at);
-        if far < u32::from(fastest) || far >= 1 << 15 {
-            return false;
-        }
+fn turn_shared(track: &mut Track, motors: &mut [Motor], index: usize, times: &Times, spacing: Spacing) -> Moment {
+    let Some(motor) = motors.get(index) else { return track.at };
+    let (dir, due) = (motor.dir, motor.due);
+    if (motor.levels & dir != 0) == (motor.lines.forward_high() != motor.has(flag::BACKWARD)) {
+        return due;
     }
-    if room < 2 {
-        return false;
+    let mut at = due.before(u32::from(times.early));
+    for motor in motors.iter_mut().filter(|motor| motor.dir == dir) {
+        at = later(at, motor.free);
+        motor.levels ^= dir;
     }
-    let steps = axis.grant(fastest, now.after(AHEAD), times).min(room - 1);
-    if steps == 0 {
-        return false;
-    }
-    let step = Group { rise: axis.lines.step, fall: axis.lines.step };
-    // SAFETY: `blind` promises so many steps at such intervals, and the ring has room for them.
-    unsafe { track.ring.expand(axis.motor.registers_mut(), steps, step) };
-    track.at = axis.took(steps, times);
-    true
-}
-
-/// Whose wish is due first, if any is before `due`; and when.
-#[inline(never)]
-fn earliest(axes: &[Axis], mut due: Moment) -> (usize, Moment) {
-    let (mut first, mut may_wait) = (0, false);
-    for (index, axis) in axes.iter().enumerate() {
-        // A step looks at its line before another motor may turn it.
-        let sooner = axis.due.is_before(due) || (axis.due == due && may_wait);
-        if axis.wish != Wish::Nothing && sooner {
-            first = index;
-            due = axis.due;
-            may_wait = matches!(axis.wish, Wish::Dir(_));
-        }
-    }
-    (first, due)
-}
-
-/// Makes what motor `index` wants, when it is due or as soon after as it can be.
-#[inline(never)]
-fn play(track: &mut Track, axes: &mut [Axis], index: usize, times: &Times) {
-    if let Some((due, open, group)) = plan(axes, index, track.levels, times) {
-        let tick = track.put(due, open, group, times.apart);
-        done(axes, index, tick, times);
-    }
-}
-
-/// When motor `index` can make what it wants, before when it must not, and how. Nothing if its line is right already.
-#[inline(never)]
-fn plan(axes: &mut [Axis], index: usize, levels: u8, times: &Times) -> Option<(Moment, Moment, Group)> {
-    let axis = axes.get_mut(index)?;
-    let Lines { step, dir, .. } = axis.lines;
-    let due = axis.due;
-    let (open, group) = match axis.wish {
-        Wish::Nothing => return None,
-        Wish::Fall => (due, Group { rise: step, fall: 0 }),
-        Wish::Step => (axis.ready, Group { rise: step, fall: if times.long { 0 } else { step } }),
-        Wish::Dir(direction) => {
-            if (levels & dir != 0) == ((direction == Direction::Forward) == axis.lines.forward_high()) {
-                axis.take();
-                return None;
-            }
-            let mut free = axis.free;
-            for axis in axes.iter().filter(|axis| axis.lines.dir == dir) {
-                free = later(free, axis.free);
-            }
-            (free.before(u32::from(times.fall[0])), Group { rise: 0, fall: dir })
-        }
-    };
-    Some((later(due, open), open, group))
-}
-
-/// Notes that motor `index` makes at `tick` what it wanted.
-#[inline(never)]
-fn done(axes: &mut [Axis], index: usize, tick: Moment, times: &Times) {
-    let Some(axis) = axes.get_mut(index) else { return };
-    let dir = axis.lines.dir;
-    match axis.wish {
-        Wish::Nothing | Wish::Fall => axis.wish = Wish::Nothing,
-        Wish::Step => {
-            axis.take();
-            let end = tick.after(u32::from(times.pulse));
-            axis.free = end.after(u32::from(times.hold));
-            if times.long {
-                axis.wish = Wish::Fall;
-                axis.due = end;
-            }
-        }
-        Wish::Dir(_) => {
-            axis.take();
-            let ready = tick.after(times.lead());
-            for axis in axes.iter_mut().filter(|axis| axis.lines.dir == dir) {
-                axis.ready = ready;
-            }
-        }
-    }
+    track.put(at, Group { rise: 0, fall: dir }, spacing.apart).after(u32::from(times.lead))
 }
 
 /// The later of two moments.
 #[inline(never)]
 fn later(one: Moment, other: Moment) -> Moment {
     if one.is_before(other) { other } else { one }
+}
+
+/// As [`flags`](pulsetrain_core::wire::message::flags) has the faults of a motor.
+pub(crate) fn faults(motor: &Motor) -> u8 {
+    use super::motor::Reason;
+    match motor.fault().map(|fault| fault.reason) {
+        None => 0,
+        Some(Reason::Missed) => message::flags::STEP_MISSED,
+        Some(Reason::Mismatch) => message::flags::CHECK_FAILED,
+        Some(Reason::Bad) => message::flags::BAD_ITEM,
+    }
 }

@@ -1,0 +1,192 @@
+//! Random segments as a planner makes them, and a stream of them into a board.
+
+use super::{Random, TICK_HZ};
+use pulsetrain_board::{Board, Observer, SwitchRefused};
+use pulsetrain_core::packing::{MAX_PACKED_LEN, Packing, State};
+use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Recurrence, Segment};
+use std::collections::VecDeque;
+
+/// The shortest first interval after a turn, ticks: pulse, hold and set-up of 1 µs each, and the firmware's own.
+const TURN_TICKS: f64 = 400.0;
+
+/// What a motor is to do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Law {
+    /// Steps per second, on the whole.
+    pub(crate) rate: f64,
+    /// The interval changes by so much of itself, either way, from segment to segment.
+    pub(crate) swing: f64,
+    /// One segment in so many turns around; 0: none.
+    pub(crate) turns: u64,
+}
+
+impl Law {
+    /// A speed that swings by ±10 %.
+    pub(crate) const fn changing(rate: f64) -> Law {
+        Law { rate, swing: 0.1, turns: 0 }
+    }
+
+    /// One speed.
+    pub(crate) const fn constant(rate: f64) -> Law {
+        Law { rate, swing: 0.0, turns: 0 }
+    }
+}
+
+/// Random segments of 40 to 80 steps and the ticks that they mean, replayed in wide integers.
+#[derive(Clone, Debug)]
+pub(crate) struct Source {
+    law: Law,
+    random: Random,
+    packing: Packing,
+    state: State,
+    recurrence: Recurrence,
+    direction: Direction,
+    interval: f64,
+    /// Ticks of the steps that were handed out and not asked for yet.
+    pub(crate) due: VecDeque<u64>,
+    /// Handed out, and not taken.
+    ahead: Option<Item>,
+    /// No segment begins after it.
+    end: u64,
+}
+
+impl Source {
+    /// From tick `start` to about tick `end`.
+    pub(crate) fn new(law: Law, seed: u64, start: u64, end: u64) -> Source {
+        Source {
+            law,
+            random: Random::new(seed),
+            packing: Packing { fraction_bits: 16, gain: 0 },
+            state: State::default(),
+            recurrence: Recurrence { accumulator: start << 16 | 1 << 15, interval: 0, add: 0, add2: 0 },
+            direction: Direction::Forward,
+            interval: TICK_HZ as f64 / law.rate,
+            due: VecDeque::new(),
+            ahead: Some(Item::Anchor { tick: Moment::of(start) }),
+            end,
+        }
+    }
+
+    /// The tick that all that was handed out leads to.
+    pub(crate) fn tick(&self) -> u64 {
+        self.recurrence.accumulator >> 16
+    }
+
+    /// The next item; nothing after the end.
+    fn item(&mut self) -> Option<Item> {
+        if self.ahead.is_some() {
+            return self.ahead.take();
+        }
+        if self.tick() >= self.end {
+            return None;
+        }
+        let count = 40 + self.random.below(41) as u32;
+        let steady = TICK_HZ as f64 / self.law.rate;
+        let goal = steady * (1.0 + self.law.swing * (2.0 * self.random.fraction() - 1.0));
+        if self.random.one_in(self.law.turns) {
+            self.direction = self.direction.reversed();
+            self.state = State::new(self.direction);
+            self.interval = self.interval.max(TURN_TICKS);
+        }
+        let n = f64::from(count);
+        let add = 1.3 * (goal - self.interval) / n;
+        let add2 = -2.0 * (add * n - (goal - self.interval)) / (n * n);
+        let units = self.packing.units(self.state.previous_count);
+        let near = |wanted: f64, predicted: i64, unit: i64| {
+            predicted + ((wanted * 65536.0 - predicted as f64) / unit as f64).round() as i64 * unit
+        };
+        let segment = Segment {
+            count,
+            interval: near(self.interval, self.state.interval, units[0]),
+            add: near(add, self.state.add, units[1]),
+            add2: near(add2, self.state.add2, units[2]),
+        };
+        let item = Item::Run { segment, direction: self.direction };
+        self.packing.pack(&mut self.state, &item, &mut [0; MAX_PACKED_LEN]).expect("steps");
+        self.recurrence.load(&segment);
+        for _ in 0..count {
+            self.recurrence.advance();
+            self.due.push_back(self.recurrence.accumulator >> 16);
+        }
+        self.interval = self.recurrence.interval as f64 / 65536.0;
+        Some(item)
+    }
+}
+
+/// One epoch without an end of its own, pushed as it fits: no session, no tails, so that the board is what is measured.
+#[derive(Clone, Debug)]
+pub(crate) struct Stream {
+    pub(crate) sources: Vec<Source>,
+    epoch: Epoch,
+    /// When the epoch begins.
+    pub(crate) begin: u64,
+    switched: bool,
+}
+
+impl Stream {
+    /// `laws` from a little after the board can know of them on, for `ticks`; motor m begins `apart` · m / motors of an
+    /// interval after the first.
+    pub(crate) fn new(board: &impl Board, laws: &[Law], apart: f64, seed: u64, ticks: u64) -> Stream {
+        let begin = board.now() + board.lead() + TICK_HZ / 10;
+        let motors = laws.len() as f64;
+        let sources = (0_u64..).zip(laws).map(|(index, law)| {
+            let offset = apart * TICK_HZ as f64 / law.rate * index as f64 / motors;
+            // In phase means that all do the very same.
+            let seed = if apart == 0.0 { seed } else { seed + 977 * index };
+            let start = begin + 8_000 + offset as u64;
+            Source::new(*law, seed, start, start + ticks)
+        });
+        Stream { sources: sources.collect(), epoch: board.epoch().next(), begin, switched: false }
+    }
+
+    /// Pushes what fits, and has the board begin.
+    ///
+    /// # Errors
+    /// As [`Board::switch`].
+    pub(crate) fn feed(&mut self, board: &mut impl Board) -> Result<(), SwitchRefused> {
+        let mut pushed = true;
+        while pushed {
+            pushed = false;
+            for (index, source) in self.sources.iter_mut().enumerate() {
+                let Some(item) = source.item() else { continue };
+                match board.push(index, Entry { epoch: self.epoch, item }) {
+                    Ok(()) => pushed = true,
+                    Err(entry) => source.ahead = Some(entry.item),
+                }
+            }
+        }
+        if !self.switched && board.now() + board.lead() * 3 / 2 > self.begin {
+            board.switch(self.epoch, self.begin)?;
+            self.switched = true;
+        }
+        Ok(())
+    }
+
+    /// Whether everything has been pushed.
+    pub(crate) fn is_told(&self) -> bool {
+        self.sources.iter().all(|source| source.ahead.is_none() && source.tick() >= source.end)
+    }
+
+    /// The tick of the last step of all.
+    pub(crate) fn last(&self) -> u64 {
+        self.sources.iter().map(Source::tick).max().unwrap_or(0)
+    }
+
+    /// Plays it all, to 1 ms after the last step; `look` sees the board every half millisecond, and may end it.
+    ///
+    /// # Errors
+    /// As [`Board::switch`], or what `look` says.
+    pub(crate) fn play<B: Board>(
+        &mut self,
+        board: &mut B,
+        observer: &mut impl Observer,
+        mut look: impl FnMut(&mut Stream, &mut B) -> Result<(), String>,
+    ) -> Result<(), String> {
+        while !self.is_told() || board.now() <= self.last() + TICK_HZ / 1000 {
+            self.feed(board).map_err(|refused| format!("the switch is refused: {refused}"))?;
+            board.advance(board.now() + TICK_HZ / 2000, observer);
+            look(self, board)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,15 @@
+//! What the Uno's firmware does on the emulated chip: written by `cargo xtask bench uno`, not by hand. In ticks.
+
+/// Pulses up to these lengths, a column each.
+pub(super) const PULSES: [u32; 3] = [16, 31, 80];
+/// Shortest interval that holds for good, of each of 1 to 4 motors on one or two ports.
+pub(super) const BY_SOFTWARE: [[u32; 3]; 4] =
+    [[127, 127, 300], [733, 733, 1500], [1100, 1100, 2000], [1600, 1600, 3000]];
+/// The same of one or two motors whose edges the compare hardware makes.
+pub(super) const BY_COMPARE: [[u32; 3]; 2] = [[127, 127, 1900], [224, 224, 4000]];
+/// Largest |edge − scheduled| beyond the constant.
+pub(super) const LATENESS: u32 = 45;
+/// The farthest that it commits itself ahead.
+pub(super) const HORIZON: u32 = 50000;
+/// Bytes of its queues.
+pub(super) const QUEUES: u32 = 370;

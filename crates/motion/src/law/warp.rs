@@ -1,0 +1,196 @@
+//! A law whose own time is slowed to a halt, or brought up to speed again: pause and resume.
+//!
+//! The path in space stays the same, and so do the phases of motors that are eased alike: only when they are where changes.
+//!
+//! With x from 0 to 1 over the easing, the law's time runs at 1 − (3x² − 2x³) or at 3x² − 2x³ of its rate: speeds are never
+//! higher than the law's, and accelerations are |θ''|·rate² + |θ'|·1.5/over at most.
+
+use super::{Class, Curve, Entry, Law, LawError, Piece, Pieces, checked};
+use crate::Time;
+use std::collections::VecDeque;
+
+/// A law from some time of its own on, with an easing.
+#[derive(Clone, Debug)]
+pub struct Warped {
+    law: Law,
+    from: Time,
+    ease: Ease,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Ease {
+    /// To a halt, after going on as it was for a while.
+    Out { after: Time, over: Time },
+    /// From a halt.
+    In { over: Time },
+}
+
+impl Law {
+    /// This law from its time `from` on, which goes on for `after` and is then slowed to a halt: its time takes `over` for
+    /// the last half of `over`. It ends there, at rest.
+    ///
+    /// ```
+    /// use pulsetrain_motion::{Law, Time, law::Cursor};
+    /// let seconds = Time::from_seconds;
+    /// let law = Law::speed(100.0, None)?.eased_out(seconds(3.0), seconds(1.0), seconds(0.5))?;
+    /// assert_eq!(law.end(), Some(seconds(1.5)));
+    /// let mut cursor = Cursor::new(&law);
+    /// assert_eq!(cursor.at(seconds(1.0))?.position, 400.0);
+    /// assert!((cursor.at(seconds(1.5))?.position - 425.0).abs() < 1e-9);
+    /// assert!(Law::speed(100.0, None)?.eased_out(seconds(3.0), seconds(1.0), Time::ZERO).is_err());
+    /// # Ok::<(), pulsetrain_motion::LawError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`LawError::Parameter`] if `from` or `after` is negative, or `over` not 1e-6 to 1e6 s.
+    pub fn eased_out(self, from: Time, after: Time, over: Time) -> Result<Law, LawError> {
+        checked("time before the easing", after.seconds(), "s", |t| (0.0..=1e12).contains(&t))?;
+        self.warped(from, over, Ease::Out { after, over })
+    }
+
+    /// This law from its time `from` on, from a halt: its first half of `over` takes `over`.
+    ///
+    /// What [`eased_out`](Law::eased_out) left goes on from `from + after + over/2` of then.
+    ///
+    /// # Errors
+    /// [`LawError::Parameter`] if `from` is negative, or `over` not 1e-6 to 1e6 s.
+    pub fn eased_in(self, from: Time, over: Time) -> Result<Law, LawError> {
+        self.warped(from, over, Ease::In { over })
+    }
+
+    fn warped(self, from: Time, over: Time, ease: Ease) -> Result<Law, LawError> {
+        checked("time of the law", from.seconds(), "s", |t| (0.0..=1e12).contains(&t))?;
+        checked("duration of the easing", over.seconds(), "s", |t| (1e-6..=1e6).contains(&t))?;
+        Ok(Law::Warped(Box::new(Warped { law: self, from, ease })))
+    }
+}
+
+/// A stretch of the warped law, from `start` to `end`, that begins at time `from` of the law itself.
+#[derive(Clone, Copy, Debug)]
+struct Stretch {
+    start: Time,
+    end: Time,
+    from: Time,
+    /// The law's time, since `from`, against the time since `start`, s; `None`: both alike.
+    map: Option<[f64; 5]>,
+}
+
+impl Stretch {
+    fn plain(start: Time, end: Time, from: Time) -> Stretch {
+        Stretch { start, end, from, map: None }
+    }
+
+    /// The law's time at the end.
+    fn to(&self) -> Time {
+        let span = self.end - self.start;
+        self.from + if self.map.is_some() { span.divided_by(2) } else { span }
+    }
+
+    /// When the law's time is `at`.
+    fn when(&self, at: Time) -> Time {
+        if at >= self.to() {
+            return self.end;
+        }
+        let Some(map) = self.map else { return self.start + (at - self.from) };
+        let wanted = (at - self.from).seconds();
+        let (mut before, mut after) = (Time::ZERO, self.end - self.start);
+        // Down to the last bit of what an f64 tells apart.
+        for _ in 0..64 {
+            let middle = before + (after - before).divided_by(2);
+            if evaluate(&map, middle.seconds()) < wanted { before = middle } else { after = middle }
+        }
+        self.start + after
+    }
+}
+
+fn evaluate(map: &[f64; 5], u: f64) -> f64 {
+    map.iter().rev().fold(0.0, |sum, c| sum * u + c)
+}
+
+impl Warped {
+    fn stretches(&self) -> Vec<Stretch> {
+        let over = |over: Time| over.seconds();
+        match self.ease {
+            Ease::Out { after, over: slowing } => {
+                let d = over(slowing);
+                let map = [0.0, 1.0, 0.0, -1.0 / (d * d), 0.5 / (d * d * d)];
+                let eased = Stretch { start: after, end: after + slowing, from: self.from + after, map: Some(map) };
+                let plain = Stretch::plain(Time::ZERO, after, self.from);
+                if after > Time::ZERO { vec![plain, eased] } else { vec![eased] }
+            }
+            Ease::In { over: rising } => {
+                let d = over(rising);
+                let map = [0.0, 0.0, 0.0, 1.0 / (d * d), -0.5 / (d * d * d)];
+                let eased = Stretch { start: Time::ZERO, end: rising, from: self.from, map: Some(map) };
+                vec![eased, Stretch::plain(rising, Time::MAX, eased.to())]
+            }
+        }
+    }
+
+    pub(super) fn end(&self) -> Option<Time> {
+        match self.ease {
+            Ease::Out { after, over } => Some(after + over),
+            Ease::In { over } => {
+                let half = over.divided_by(2);
+                self.law.end().map(|end| over + (end - self.from - half).clamp(Time::ZERO, Time::MAX))
+            }
+        }
+    }
+
+    pub(super) fn class(&self) -> Class {
+        self.law.class().max(Class::Enclosed)
+    }
+
+    pub(super) fn pieces(&self) -> Pieces<'_> {
+        let mut stretches: VecDeque<Stretch> = self.stretches().into();
+        let mut inner = self.law.pieces();
+        // The law's piece at hand, and how far the warped law is.
+        let mut piece: Option<Piece> = None;
+        let mut at = Time::ZERO;
+        let mut entered = false;
+        Box::new(std::iter::from_fn(move || {
+            loop {
+                let stretch = *stretches.front()?;
+                if at >= stretch.end {
+                    stretches.pop_front();
+                    continue;
+                }
+                // A piece that ends where the stretch is by now is over.
+                let over = |piece: &Piece| piece.end <= stretch.from || stretch.when(piece.end) <= at;
+                while piece.as_ref().is_none_or(over) {
+                    match inner.next() {
+                        Some(Ok(next)) => (piece, entered) = (Some(next), true),
+                        Some(Err(error)) => return Some(Err(error)),
+                        None => {
+                            // The law has ended: it stays where it is until the easing has, too.
+                            let end = if stretch.end == Time::MAX { at } else { stretch.end };
+                            let last = piece.as_ref().map(Piece::last_position);
+                            stretches.clear();
+                            return last.filter(|_| end > at).map(|position| Piece::rest(at, end, position));
+                        }
+                    }
+                }
+                let own = piece.as_ref()?;
+                let end = stretch.when(own.end);
+                let mut warped = own.clone();
+                (warped.start, warped.end) = (at, end);
+                match stretch.map {
+                    None => warped.zero = own.zero + (stretch.start - stretch.from),
+                    Some(mut map) => {
+                        map[0] = (stretch.from - own.zero).seconds();
+                        warped.zero = stretch.start;
+                        if !own.curve.is_constant() {
+                            warped.curve = Curve::Warped { curve: Box::new(own.curve.clone()), time: map };
+                        }
+                    }
+                }
+                // Where it was cut it goes on as it is.
+                if !std::mem::take(&mut entered) || own.start < stretch.from {
+                    warped.entry = Entry::Continuous;
+                }
+                at = end;
+                return Some(Ok(warped));
+            }
+        }))
+    }
+}

@@ -1,0 +1,69 @@
+//! The Uno's figures, in cycles of the emulated chip: what `cargo xtask bench uno` collects.
+//!
+//! A table, fields between tabs, the first of which says whether the row is promised, or that it is a limit for the table of
+//! boards. With the argument `hour` the hour of
+//! 001's four motors instead.
+
+#[path = "../tests/common/mod.rs"]
+mod common;
+
+use common::board::TICK_HZ;
+use common::rows::{COLUMNS, Case, PROMISED, Row, TUTORIALS, hour, rates, tutorial_row, variations};
+use common::uno::kind_of;
+use pulsetrain_motion::pins::PinKind;
+
+/// So long each rate is tried, s of the board's time; then the fastest once more, for longer.
+const TRY_S: f64 = 0.4;
+const LONG_S: f64 = 4.0;
+/// Variations run so long.
+const SHORT_S: f64 = 1.0;
+
+fn main() {
+    println!("promised\t{}", COLUMNS.join("\t"));
+    if std::env::args().any(|argument| argument == "hour") {
+        return hour(3600).iter().for_each(show);
+    }
+    for tutorial in TUTORIALS {
+        show(&tutorial_row(tutorial, 1000, true));
+        // The example files' own pulses; the longest period once is enough.
+        if tutorial.0 == (500, 1) {
+            continue;
+        }
+        let own_ns = if tutorial.0 == (1, 10) { 3000 } else { 10_000 };
+        show(&tutorial_row(tutorial, own_ns, false));
+    }
+    let rates = rates();
+    for case in PROMISED {
+        show(&case.fastest(&rates, TRY_S, LONG_S));
+    }
+    for case in variations() {
+        let row = case.fastest(&rates, TRY_S, SHORT_S);
+        show(&row);
+        if case.is_limit() {
+            limit(&case, &row);
+        }
+    }
+    for case in PROMISED {
+        for share in [0.1, 0.25, 0.5, 1.0] {
+            let row = Case { figure: 5, ..case }.row(share * case.required.unwrap_or(0.0), SHORT_S);
+            show(&Row { required: String::new(), is_required: false, ..row });
+        }
+    }
+}
+
+/// What the table of boards says of it: how the edges are made, motors, pulse, shortest interval, lateness and
+/// horizon, ticks; bytes of its queues.
+fn limit(case: &Case, row: &Row) {
+    let Some(seen) = row.seen.as_ref().filter(|_| row.verdict.is_empty()) else { return };
+    let by = if kind_of(&case.pins[..case.motors]) == PinKind::Compare { "compare" } else { "software" };
+    let late = seen.lateness.max_ticks.max(-seen.lateness.min_ticks);
+    let interval = (TICK_HZ as f64 / row.asked) as u64;
+    println!(
+        "limit\t{by}\t{}\t{}\t{interval}\t{late}\t{}\t{}",
+        case.motors, case.pulse_ticks, seen.horizon_ticks, seen.queue_bytes
+    );
+}
+
+fn show(row: &Row) {
+    println!("{}\t{}", row.is_required, row.fields().join("\t"));
+}

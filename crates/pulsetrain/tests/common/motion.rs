@@ -1,0 +1,207 @@
+//! Motions on the virtual Uno, whole: planned, streamed by a session, every step and edge held against the law.
+
+use super::uno::{Load, Mark, Seen, idle_round};
+use pulsetrain::drive::{Driven, Ended};
+use pulsetrain::lateness::{Lateness, Meter};
+use pulsetrain::prepare::Prepared;
+use pulsetrain_board::{Edge, Observer, ScheduledStep};
+use pulsetrain_core::Direction;
+use pulsetrain_core::wire::Baud;
+use pulsetrain_core::wire::message::Cause;
+use pulsetrain_motion::pins::PinKind;
+use pulsetrain_motion::program::Motor;
+use pulsetrain_trace::Line;
+use pulsetrain_trace::crossing::Crossings;
+use pulsetrain_trace::verdict::{EdgeJudge, Options};
+
+/// Further than that from its time a step was put off (by a shared DIR line), ticks: certificates are far below.
+const PUT_OFF_TICKS: f64 = 20.0;
+/// Within so many ticks of a touch of a level, a step is the one that the touch may have made.
+const TOUCH_TICKS: f64 = 50_000.0;
+
+/// One motor's scheduled steps against its law, by the judge's crossings.
+pub(crate) struct Schedule<'a> {
+    crossings: Crossings<'a>,
+    pub(crate) steps: u64,
+    /// Largest |scheduled − exact| of steps that were not put off, ticks.
+    pub(crate) largest: f64,
+    /// The same of the last such step, signed: what is left of the phase.
+    pub(crate) last: f64,
+    pub(crate) put_off: u64,
+    /// Ticks.
+    pub(crate) longest_put_off: f64,
+    /// Steps that the law does not want, or the other way.
+    pub(crate) wrong: u64,
+}
+
+impl<'a> Schedule<'a> {
+    fn new(prepared: &'a Prepared, motor: &'a Motor) -> Schedule<'a> {
+        let crossings = Crossings::new(&motor.law, prepared.program.grid, prepared.program.board.tick_hz);
+        Schedule { crossings, steps: 0, largest: 0.0, last: 0.0, put_off: 0, longest_put_off: 0.0, wrong: 0 }
+    }
+
+    fn step(&mut self, tick: u64, forward: bool) {
+        self.steps += 1;
+        loop {
+            let Ok(Some(crossing)) = self.crossings.advance() else {
+                self.wrong += 1;
+                return;
+            };
+            let late = (tick as i64 - crossing.at.tick) as f64 - crossing.at.fraction;
+            if crossing.optional {
+                let made = crossing.forward == forward && late.abs() < TOUCH_TICKS;
+                self.crossings.settle(made);
+                if !made {
+                    continue;
+                }
+            }
+            self.wrong += u64::from(crossing.forward != forward);
+            // What f64 cannot tell is nobody's error.
+            let late = late.signum() * (late.abs() - crossing.uncertainty_ticks).max(0.0);
+            if late.abs() > PUT_OFF_TICKS {
+                self.put_off += 1;
+                self.longest_put_off = self.longest_put_off.max(late);
+            } else {
+                self.largest = self.largest.max(late.abs());
+                self.last = late;
+            }
+            return;
+        }
+    }
+
+    /// Steps that the law wants and that were not scheduled.
+    fn missing(&mut self) -> u64 {
+        let mut missing = 0;
+        while let Ok(Some(crossing)) = self.crossings.advance() {
+            missing += u64::from(!crossing.optional);
+        }
+        missing
+    }
+}
+
+/// A motion as it was made.
+pub(crate) struct Made<'a> {
+    pub(crate) seen: Seen,
+    /// By motor.
+    pub(crate) schedules: Vec<Schedule<'a>>,
+    /// What is proven of |scheduled − exact|, of all motors, ticks.
+    pub(crate) certificate_ticks: f64,
+    /// Fastest by the law, steps/s.
+    pub(crate) peak_rate: f64,
+}
+
+impl Made<'_> {
+    /// Largest |scheduled − exact| of all motors, ticks.
+    pub(crate) fn largest(&self) -> f64 {
+        self.schedules.iter().map(|schedule| schedule.largest).fold(0.0, f64::max)
+    }
+}
+
+struct Look<'a, 's> {
+    judge: EdgeJudge<'a>,
+    schedules: &'s mut Vec<Schedule<'a>>,
+    meter: Meter,
+    /// By line: whose STEP it is.
+    steppers: Vec<Option<usize>>,
+    /// Last rising edge of each.
+    last: Vec<u64>,
+    shortest: u64,
+    backwards: u64,
+}
+
+impl Observer for Look<'_, '_> {
+    fn edge(&mut self, edge: Edge) {
+        let line = edge.line;
+        if let Some(Some(motor)) = self.steppers.get(usize::from(line)).copied() {
+            if edge.level {
+                self.meter.edge(motor, edge.tick);
+                self.last[motor] = edge.tick;
+            } else if self.last[motor] != 0 {
+                self.shortest = self.shortest.min(edge.tick - self.last[motor]);
+            }
+        }
+        let edge = pulsetrain_trace::Edge { tick: edge.tick, line, level: edge.level };
+        self.backwards += u64::from(self.judge.push(edge).is_err());
+    }
+
+    fn step(&mut self, step: ScheduledStep) {
+        self.meter.scheduled(step.motor, step.tick);
+        self.schedules[step.motor].step(step.tick, step.direction == Direction::Forward);
+    }
+}
+
+fn stepper(line: &Line, motors: &[Motor]) -> Option<usize> {
+    motors.iter().position(|motor| line.names.contains(&format!("{}.step", motor.name)))
+}
+
+/// Runs a motion on the virtual Uno at 1 Mbaud, in constant memory; `watch` hears how far it is, s.
+///
+/// # Errors
+/// When it cannot begin: the plan is refused, the queue is too short. What goes wrong later is in [`Seen::trouble`].
+pub(crate) fn make<'a>(prepared: &'a Prepared, late_ticks: f64, watch: impl FnMut(f64)) -> Result<Made<'a>, String> {
+    let program = &prepared.program;
+    let planned = prepared.plan(|_| {}).map_err(|error| error.to_string())?;
+    let certificate_ticks = planned.iter().map(|motor| motor.certificate.bound_ticks).fold(0.0, f64::max);
+    let peak_rate = planned.iter().map(|motor| motor.certificate.peak_speed.0).fold(0.0, f64::max);
+    let kind = PinKind::of(&program.motors).map_err(|error| error.to_string())?;
+    let constant = kind.constant_ticks();
+    let mut driven = Driven::virtual_uno(prepared, Baud::B1M).map_err(|error| error.to_string())?;
+    let options = Options {
+        constant_ticks: constant.into(),
+        bound_ticks: Some(certificate_ticks + late_ticks),
+        ..Options::default()
+    };
+    let judge = EdgeJudge::new(program.board.tick_hz, &driven.lines, program, &options).map_err(|e| e.to_string())?;
+    let idle_round = idle_round(driven.board_mut().port());
+    let began = Mark::of(driven.board_mut())?;
+    driven.board_mut().port_mut().chip_mut().forget_masked();
+    let mut schedules: Vec<_> = program.motors.iter().map(|motor| Schedule::new(prepared, motor)).collect();
+    let mut look = Look {
+        judge,
+        schedules: &mut schedules,
+        meter: Meter::new(program.motors.len(), constant.into()),
+        steppers: driven.lines.iter().map(|line| stepper(line, &program.motors)).collect(),
+        last: vec![0; program.motors.len()],
+        shortest: u64::MAX,
+        backwards: 0,
+    };
+    let ended: Result<Ended, _> = driven.run(&mut look, watch);
+    let Look { judge, meter, shortest, backwards, .. } = look;
+    let board = driven.board_mut();
+    let stack_left = board.measures(false).map_or(0, |measures| measures.stack_left);
+    let load = Mark::of(board).map_or(Load::default(), |now| now.load(began, idle_round));
+    let verdict = judge.finish().map_err(|error| error.to_string())?;
+    let lateness: Lateness = meter.finish();
+    let wrong: u64 = schedules.iter_mut().map(|schedule| schedule.wrong + schedule.missing()).sum();
+    let largest = schedules.iter().map(|schedule| schedule.largest).fold(0.0, f64::max);
+    let events = board.events();
+    let event = events.iter().find(|event| event.cause != Cause::Finished);
+    // The first of them is what matters: what comes after follows from it.
+    let trouble = if let Some(event) = event {
+        format!("{:?} ({})", event.cause, event.detail)
+    } else if let Err(error) = ended {
+        error.to_string()
+    } else if wrong > 0 {
+        format!("{wrong} steps scheduled that the law does not want, or the other way round")
+    } else if largest > certificate_ticks {
+        format!("scheduled {largest:.2} ticks off, certificate {certificate_ticks:.2}")
+    } else if let Some(failure) = verdict.failures.first() {
+        failure.to_string()
+    } else if backwards > 0 {
+        format!("{backwards} edges before the one before")
+    } else {
+        String::new()
+    };
+    let seen = Seen {
+        rates: Vec::new(),
+        lateness,
+        load,
+        horizon_ticks: 0,
+        queue_bytes: board.info().pool,
+        shortest_pulse: shortest,
+        stack_left,
+        masked_cycles: board.port().chip().longest_masked().cycles,
+        trouble,
+    };
+    Ok(Made { seen, schedules, certificate_ticks, peak_rate })
+}

@@ -1,0 +1,723 @@
+//! What a motor does next: a batch of steps that need no looking at, or one thing with its tick.
+//!
+//! # Fast and slow
+//! As long as a motor only steps, with intervals between [`Times::fastest`](super::times::Times) and 16 383 ticks that change
+//! little, its next up to 31 steps are granted at once: nobody looks at them one by one, the expansion makes them
+//! ([`expand`](super::expand)). All else is one thing at a time: a step, a turn of DIR, or nothing at all, which keeps the
+//! compare register moving (no two things are more than [`FILLER`] ticks apart).
+//!
+//! # DIR
+//! A line turns [`Times::early`](super::times::Times) before its step, or later if it is not free until then, but `lead` before
+//! it at least. The step is then committed: no switch takes it back.
+//!
+//! # Cycles
+//! 110 a batch, 190 where the limit is looked at; 250 to 400 for one thing.
+
+use super::motor::{Motor, Reason, flag};
+use super::times;
+use core::arch::global_asm;
+use core::mem::offset_of;
+use pulsetrain_core::Moment;
+
+/// Two things that a motor does are so far apart at most, ticks: the compare register is a quarter of the way round.
+pub(crate) const FILLER: u16 = 16_384;
+
+/// So far after a filler DIR is turned at the soonest, ticks: what is between two groups at least.
+const ROOM: u8 = 96;
+
+/// What a motor does next.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Plan {
+    /// Nothing within the limit.
+    Nothing,
+    /// A step at [`Motor::due`].
+    Found,
+    /// So many steps, for the expansion. They are counted already, and taken off by it.
+    Steps(u8),
+    /// One thing: the lower half of its tick, what is toggled then, and at the end of a short pulse.
+    One {
+        /// Lower half of the tick.
+        tick: u16,
+        /// What is toggled then.
+        rise: u8,
+        /// What is toggled at the end of a short pulse.
+        fall: u8,
+        /// A long pulse begins, which another group ends.
+        long: bool,
+    },
+}
+
+global_asm!(
+    r#"
+    .macro load_4 a, b, c, d, offset
+    ldd \a, Y+\offset
+    ldd \b, Y+\offset+1
+    ldd \c, Y+\offset+2
+    ldd \d, Y+\offset+3
+    .endm
+    .macro store_4 a, b, c, d, offset
+    std Y+\offset, \a
+    std Y+\offset+1, \b
+    std Y+\offset+2, \c
+    std Y+\offset+3, \d
+    .endm
+    // Compares a to d with the moment at Y+\offset; N: it is before. Uses \temp.
+    .macro compare_4 a, b, c, d, offset, temp
+    ldd \temp, Y+\offset
+    cp \a, \temp
+    ldd \temp, Y+\offset+1
+    cpc \b, \temp
+    ldd \temp, Y+\offset+2
+    cpc \c, \temp
+    ldd \temp, Y+\offset+3
+    cpc \d, \temp
+    .endm
+
+    .section .text.steps_plan, "ax", @progbits
+    .global steps_plan_next, steps_settle, steps_plan
+    // For Rust: r24:25 is the motor, the result as that of steps_plan.
+steps_plan_next:
+    push r14
+    push r15
+    push r28
+    push r29
+    movw r28, r24
+    rcall steps_plan
+    pop r29
+    pop r28
+    pop r15
+    pop r14
+    ret
+
+    // Horizon, last and free, if they were left to follow from the last step. Uses r18 to r21, r24, r25.
+steps_settle:
+    ldd r24, Y+{FLAGS}
+    sbrs r24, {STEPPED}
+    ret
+    andi r24, 0xff - (1 << {STEPPED})
+    std Y+{FLAGS}, r24
+    load_4 r18, r19, r20, r21, {TICK}
+    store_4 r18, r19, r20, r21, {LAST}
+    lds r24, steps_times+{GAP}
+    lds r25, steps_times+{GAP}+1
+    add r18, r24
+    adc r19, r25
+    adc r20, r1
+    adc r21, r1
+    store_4 r18, r19, r20, r21, {HORIZON}
+    load_4 r18, r19, r20, r21, {TICK}
+    lds r24, steps_times+{KEEP}
+    lds r25, steps_times+{KEEP}+1
+    add r18, r24
+    adc r19, r25
+    adc r20, r1
+    adc r21, r1
+    store_4 r18, r19, r20, r21, {FREE}
+    ret
+
+    // What the motor Y does next. r24: how many; 0: nothing within the limit. r25 is 1 for steps that the expansion makes;
+    // else r20:21 is the tick of one thing, r22 and r23 its rise and fall, and r24 is 2 if a long pulse begins.
+    // Keeps r2 to r13, r16, r17.
+steps_plan:
+    ldd r24, Y+{FLAGS}
+    andi r24, 1 << {TURN} | 1 << {STEPPED} | 1 << {ANCHORED} | 1 << {COMMITTED} | 1 << {SINGLY}
+    cpi r24, 1 << {STEPPED} | 1 << {ANCHORED}
+    brne 1f
+    ldd r24, Y+{LEFT}
+    ldd r25, Y+{LEFT}+1
+    or r24, r25
+    brne plan_fast
+    call steps_load
+    brcc steps_plan
+1:
+plan_slow_up:
+    rjmp plan_slow
+
+plan_fast:
+    ldd r24, Y+{INTERVAL}+4
+    ldd r22, Y+{INTERVAL}+2             // whole ticks
+    ldd r23, Y+{INTERVAL}+3
+    tst r24
+    brne plan_slow_up
+    cpi r23, 0x40
+    brsh plan_slow_up
+    // How far the interval may go up or down within 31 steps: 31 |add| + 465 |add2|, for which 32 and 512 are taken.
+    ldd r18, Y+{ADD}+1
+    ldd r19, Y+{ADD}+2
+    ldd r24, Y+{ADD}+3
+    sbrs r24, 7
+    rjmp 2f
+    com r18
+    com r19
+    com r24
+2:  ldd r20, Y+{ADD2}+1
+    ldd r21, Y+{ADD2}+2
+    ldd r25, Y+{ADD2}+3
+    sbrs r25, 7
+    rjmp 3f
+    com r20
+    com r21
+    com r25
+3:  or r24, r25
+    brne plan_slow_up
+    mov r24, r19
+    andi r24, 0x80
+    brne plan_slow_up
+    cpi r21, 8
+    brsh plan_slow_up
+    .rept 3
+    lsr r19
+    ror r18
+    .endr
+    lsl r20
+    rol r21
+    add r18, r20
+    adc r19, r21
+    subi r18, -4
+    sbci r19, -1
+    movw r24, r22
+    add r24, r18                        // the longest
+    adc r25, r19
+    cpi r25, 0x40
+    brsh plan_slow_near
+    sub r22, r18                        // the shortest
+    sbc r23, r19
+    brcs plan_slow_near
+    lds r18, steps_times+{FASTEST}
+    lds r19, steps_times+{FASTEST}+1
+    cp r22, r18
+    cpc r23, r19
+    brlo plan_slow_near
+    // At such rates a ring is full long before the limit.
+    ldd r20, Y+{FLAGS}
+    cpi r25, 2
+    brsh 3f
+    ldi r18, 255
+    ldi r19, 255
+    sbrs r20, {SWITCH}
+    rjmp plan_have_time
+    // The time until the limit, in 16 bits.
+3:  lds r18, steps_times+{LIMIT}
+    lds r19, steps_times+{LIMIT}+1
+    lds r20, steps_times+{LIMIT}+2
+    lds r21, steps_times+{LIMIT}+3
+    rcall plan_from_tick
+    brcs plan_nothing_near
+    ldd r20, Y+{FLAGS}
+    sbrc r20, {SWITCH}
+    rjmp plan_before_switch
+    rjmp plan_have_time
+plan_nothing_near:
+    clr r24
+    ret
+plan_slow_near:
+    rjmp plan_slow
+plan_have_time:
+    // No more than are left, and are asked for.
+    lds r21, steps_times+{MOST}
+    ldd r22, Y+{LEFT}
+    ldd r23, Y+{LEFT}+1
+    tst r23
+    brne 4f
+    cp r22, r21
+    brsh 4f
+    mov r21, r22
+    // Is there time for 32 of the longest?
+4:  cpi r25, 8
+    brsh 5f
+    movw r22, r24
+    .rept 5
+    lsl r22
+    rol r23
+    .endr
+    cp r18, r22
+    cpc r19, r23
+    brsh 7f
+    // If not, count.
+5:  clr r22
+6:  sub r18, r24
+    sbc r19, r25
+    brcs 8f
+    inc r22
+    cp r22, r21
+    brne 6b
+    rjmp 7f
+8:  mov r21, r22
+    tst r21
+    brne 7f
+    ldd r20, Y+{FLAGS}
+    sbrc r20, {SWITCH}
+    rjmp plan_slow
+    clr r24
+    ret
+7:  mov r24, r21
+    ldi r25, 1
+    ret
+
+    // The moment r18 to r21 less the registers' tick, in 16 bits, r18:19. Carry: it is before that. Uses r22.
+plan_from_tick:
+    ldd r22, Y+{TICK}
+    sub r18, r22
+    ldd r22, Y+{TICK}+1
+    sbc r19, r22
+    ldd r22, Y+{TICK}+2
+    sbc r20, r22
+    ldd r22, Y+{TICK}+3
+    sbc r21, r22
+    brmi 1f
+    or r20, r21
+    breq 2f
+    ser r18
+    ser r19
+2:  clc
+    ret
+1:  sec
+    ret
+
+    // No step at or after the switch: r18:19 at most until a tick before it.
+plan_before_switch:
+    movw r30, r18
+    load_4 r18, r19, r20, r21, {SWITCH_AT}
+    subi r18, 1
+    sbci r19, 0
+    sbci r20, 0
+    sbci r21, 0
+    rcall plan_from_tick
+    brcc 1f
+    rjmp plan_slow
+1:  cp r30, r18
+    cpc r31, r19
+    brsh 2f
+    movw r18, r30
+2:  rjmp plan_have_time
+
+plan_fail:                              // for a reason in r22; r18 to r21: when
+    clr r23
+    movw r24, r28
+    call steps_fail
+plan_slow:
+    rcall steps_settle
+1:  ldd r24, Y+{LEFT}
+    ldd r25, Y+{LEFT}+1
+    or r24, r25
+    brne plan_step
+    call steps_load
+    brcc 1b
+    // Nothing is left to be run.
+    rcall plan_window
+    ldd r24, Y+{FLAGS}
+    sbrs r24, {SWITCH}
+    rjmp plan_wait
+    rcall plan_switch_due
+    brcc 2f
+    rjmp plan_wait
+2:  rjmp plan_begin
+
+plan_step:
+    rcall plan_window
+    // r22 to r25: the tick of the next step
+    ldd r26, Y+{FRACTION}
+    ldd r27, Y+{INTERVAL}
+    add r26, r27
+    ldd r26, Y+{FRACTION}+1
+    ldd r27, Y+{INTERVAL}+1
+    adc r26, r27
+    load_4 r22, r23, r24, r25, {TICK}
+    ldd r26, Y+{INTERVAL}+2
+    adc r22, r26
+    ldd r26, Y+{INTERVAL}+3
+    adc r23, r26
+    ldd r26, Y+{INTERVAL}+4
+    adc r24, r26
+    adc r25, r1
+    // How far that is beyond the window
+    movw r26, r22
+    movw r30, r24
+    sub r26, r18
+    sbc r27, r19
+    sbc r30, r20
+    sbc r31, r21
+    ldd r0, Y+{FLAGS}
+    sbrc r0, {COMMITTED}
+    rjmp plan_committed
+    tst r31
+    brmi 3f
+    or r30, r31
+    brne plan_beyond
+    lds r14, steps_times+{EARLY}
+    lds r15, steps_times+{EARLY}+1
+    cp r14, r26
+    cpc r15, r27
+    brlo plan_beyond
+    // Does the switch come first?
+3:  sbrs r0, {SWITCH}
+    rjmp 4f
+    compare_4 r22, r23, r24, r25, {SWITCH_AT}, r26
+    brpl plan_begin
+    // Is it too soon?
+4:  compare_4 r22, r23, r24, r25, {HORIZON}, r26
+    brpl 5f
+plan_missed:
+    movw r18, r22
+    movw r20, r24
+    ldi r22, {MISSED}
+    rjmp plan_fail
+5:  sbrc r0, {SINGLY}
+    rjmp plan_found
+plan_turned:
+    sbrc r0, {TURN}
+    rjmp plan_turn
+    movw r26, r22
+    movw r30, r24
+    sub r26, r18
+    sbc r27, r19
+    sbc r30, r20
+    sbc r31, r21
+plan_committed:                         // r26, r27, r30, r31: how far beyond the window it is
+    mov r14, r26
+    or r14, r27
+    or r14, r30
+    or r14, r31
+    breq 1f
+    tst r31
+    brpl plan_wait_for
+1:  rcall plan_make
+    ldd r22, Y+{STEP}
+    ldd r23, Y+{STEP_FALL}
+    clr r25
+    ldi r24, 1
+    cpse r22, r23
+    ldi r24, 2
+    ret
+
+plan_beyond:
+    sbrs r0, {SWITCH}
+    rjmp plan_wait
+    rcall plan_switch_due
+    brcs plan_wait
+plan_begin:
+    movw r24, r28
+    call steps_begin
+    rjmp plan_slow
+
+    // The window: r18 to r21 is the last tick at which something may be done now. T: that is the limit.
+plan_window:
+    load_4 r18, r19, r20, r21, {LAST}
+    subi r19, {FILLER_HIGH}
+    sbci r20, -1
+    sbci r21, -1
+    lds r22, steps_times+{LIMIT}
+    lds r23, steps_times+{LIMIT}+1
+    lds r24, steps_times+{LIMIT}+2
+    lds r25, steps_times+{LIMIT}+3
+    clt
+    cp r22, r18
+    cpc r23, r19
+    cpc r24, r20
+    cpc r25, r21
+    brpl 1f
+    set
+    movw r18, r22
+    movw r20, r24
+1:  ret
+
+    // Carry is clear if the switch is due within the window, or `early` after it. Uses r14, r15, r26, r27, r30, r31.
+plan_switch_due:
+    movw r26, r18
+    movw r30, r20
+    lds r14, steps_times+{EARLY}
+    lds r15, steps_times+{EARLY}+1
+    add r26, r14
+    adc r27, r15
+    adc r30, r1
+    adc r31, r1
+    compare_4 r26, r27, r30, r31, {SWITCH_AT}, r14
+    clc
+    brpl 1f
+    sec
+1:  ret
+
+    // Nothing until the window's end. What comes within 512 ticks after it, by r26, r27, r30, r31, is given room.
+plan_wait_for:
+    or r30, r31
+    brne plan_wait
+    cpi r27, 2
+    brsh plan_wait
+    brts 4f
+    subi r19, 2
+    sbci r20, 0
+    sbci r21, 0
+plan_wait:
+    brts 4f
+    rjmp 5f
+4:  clr r24
+    ret
+5:  mov r25, r21
+    lds r24, steps_times+{SHARED}
+    tst r24
+    brne 2f
+    store_4 r18, r19, r20, r21, {LAST}
+    // DIR keeps clear of it.
+    movw r22, r18
+    movw r24, r20
+    subi r22, 256 - {ROOM}
+    sbci r23, -1
+    sbci r24, -1
+    sbci r25, -1
+    compare_4 r22, r23, r24, r25, {FREE}, r26
+    brmi 1f
+    store_4 r22, r23, r24, r25, {FREE}
+    // Nobody may come back to before it.
+1:  movw r22, r18
+    movw r24, r20
+    sec
+    adc r22, r1
+    adc r23, r1
+    adc r24, r1
+    adc r25, r1
+    compare_4 r22, r23, r24, r25, {HORIZON}, r26
+    brmi 2f
+    store_4 r22, r23, r24, r25, {HORIZON}
+    // An accumulator that is left behind would come back as the future.
+2:  ldd r26, Y+{LEFT}
+    ldd r27, Y+{LEFT}+1
+    or r26, r27
+    brne 3f
+    ldd r26, Y+{TICK}+3
+    sub r25, r26
+    cpi r25, 0x41
+    brlo 3f
+    cpi r25, 0x80
+    brsh 3f
+    ldd r24, Y+{FLAGS}
+    andi r24, 0xff - (1 << {ANCHORED})
+    std Y+{FLAGS}, r24
+3:  movw r20, r18
+    ldi r24, 1
+    clr r22
+    clr r23
+    clr r25
+    ret
+
+    // Turns DIR before the step at r22 to r25.
+plan_turn:
+    movw r26, r22
+    movw r30, r24
+    lds r14, steps_times+{EARLY}
+    lds r15, steps_times+{EARLY}+1
+    sub r26, r14
+    sbc r27, r15
+    sbc r30, r1
+    sbc r31, r1
+    compare_4 r26, r27, r30, r31, {FREE}, r14
+    brpl 1f
+    load_4 r26, r27, r30, r31, {FREE}
+1:  compare_4 r26, r27, r30, r31, {LAST}, r14
+    brpl 2f
+    load_4 r26, r27, r30, r31, {LAST}
+    // Is there time enough until the step? It is less than 2^15.
+2:  movw r14, r22
+    sub r14, r26
+    sbc r15, r27
+    lds r0, steps_times+{LEAD}
+    cp r14, r0
+    lds r0, steps_times+{LEAD}+1
+    cpc r15, r0
+    brge 4f
+    rjmp plan_missed
+4:  movw r14, r26
+    sub r26, r18
+    sbc r27, r19
+    sbc r30, r20
+    sbc r31, r21
+    mov r0, r26
+    or r0, r27
+    or r0, r30
+    or r0, r31
+    breq 3f
+    tst r31
+    brmi 3f
+    rjmp plan_wait_for
+3:  add r26, r18
+    adc r27, r19
+    adc r30, r20
+    adc r31, r21
+    store_4 r26, r27, r30, r31, {LAST}
+    sec
+    adc r22, r1
+    adc r23, r1
+    adc r24, r1
+    adc r25, r1
+    store_4 r22, r23, r24, r25, {HORIZON}
+    ldd r24, Y+{FLAGS}
+    andi r24, 0xff - (1 << {TURN})
+    ori r24, 1 << {COMMITTED}
+    std Y+{FLAGS}, r24
+    ldd r23, Y+{DIR}
+    ldd r24, Y+{LEVELS}
+    eor r24, r23
+    std Y+{LEVELS}, r24
+    movw r20, r26
+    clr r22
+    clr r25
+    ldi r24, 1
+    ret
+
+    // Where steps are looked at one by one, somebody else may have to do something about the line before.
+plan_found:
+    lds r26, steps_times+{SHARED}
+    tst r26
+    brne 1f
+    rjmp plan_turned
+1:  store_4 r22, r23, r24, r25, {DUE}
+    ldi r24, 3
+    clr r25
+    ret
+
+    .global steps_make
+    // For Rust: the motor r24:25 makes its next step, which was found.
+steps_make:
+    push r28
+    push r29
+    movw r28, r24
+    load_4 r22, r23, r24, r25, {DUE}
+    rcall plan_make
+    pop r29
+    pop r28
+    ret
+
+    // The next step, at r22 to r25. Its tick in r20:21.
+plan_make:
+    ldd r26, Y+{FRACTION}
+    ldd r27, Y+{INTERVAL}
+    add r26, r27
+    std Y+{FRACTION}, r26
+    ldd r26, Y+{FRACTION}+1
+    ldd r27, Y+{INTERVAL}+1
+    adc r26, r27
+    std Y+{FRACTION}+1, r26
+    store_4 r22, r23, r24, r25, {TICK}
+    // interval += add, 40 bits
+    ldd r30, Y+{ADD}+3
+    mov r31, r30
+    lsl r31
+    sbc r31, r31
+    load_4 r18, r19, r20, r21, {INTERVAL}
+    ldd r26, Y+{ADD}
+    add r18, r26
+    ldd r26, Y+{ADD}+1
+    adc r19, r26
+    ldd r26, Y+{ADD}+2
+    adc r20, r26
+    adc r21, r30
+    ldd r26, Y+{INTERVAL}+4
+    adc r26, r31
+    std Y+{INTERVAL}+4, r26
+    store_4 r18, r19, r20, r21, {INTERVAL}
+    // add += add2
+    load_4 r18, r19, r20, r21, {ADD2}
+    ldd r26, Y+{ADD}
+    add r18, r26
+    ldd r26, Y+{ADD}+1
+    adc r19, r26
+    ldd r26, Y+{ADD}+2
+    adc r20, r26
+    adc r21, r30
+    store_4 r18, r19, r20, r21, {ADD}
+    ldd r26, Y+{LEFT}
+    ldd r27, Y+{LEFT}+1
+    sbiw r26, 1
+    std Y+{LEFT}, r26
+    std Y+{LEFT}+1, r27
+    ldd r24, Y+{FLAGS}
+    andi r24, 0xff - (1 << {COMMITTED})
+    ori r24, 1 << {STEPPED}
+    std Y+{FLAGS}, r24
+    movw r20, r22
+    ret
+    "#,
+    FRACTION = const offset_of!(Motor, registers),
+    TICK = const offset_of!(Motor, registers) + 2,
+    INTERVAL = const offset_of!(Motor, registers) + 6,
+    ADD = const offset_of!(Motor, registers) + 11,
+    ADD2 = const offset_of!(Motor, registers) + 15,
+    LEFT = const offset_of!(Motor, registers) + 19,
+    FLAGS = const offset_of!(Motor, flags),
+    STEP = const offset_of!(Motor, step),
+    STEP_FALL = const offset_of!(Motor, step_fall),
+    DIR = const offset_of!(Motor, dir),
+    HORIZON = const offset_of!(Motor, horizon),
+    LAST = const offset_of!(Motor, last),
+    FREE = const offset_of!(Motor, free),
+    SWITCH_AT = const offset_of!(Motor, switch_at),
+    LEVELS = const offset_of!(Motor, levels),
+    DUE = const offset_of!(Motor, due),
+    TURN = const flag::TURN,
+    STEPPED = const flag::STEPPED,
+    ANCHORED = const flag::ANCHORED,
+    COMMITTED = const flag::COMMITTED,
+    SWITCH = const flag::SWITCH,
+    SINGLY = const flag::SINGLY,
+    MISSED = const Reason::Missed as u8,
+    LIMIT = const times::LIMIT,
+    GAP = const times::GAP,
+    KEEP = const times::KEEP,
+    LEAD = const times::LEAD,
+    EARLY = const times::EARLY,
+    FASTEST = const times::FASTEST,
+    MOST = const times::MOST,
+    ROOM = const ROOM,
+    FILLER_HIGH = const 256 - (FILLER >> 8),
+    SHARED = const times::SHARED,
+);
+
+impl Plan {
+    /// Of the registers r18 to r25.
+    #[inline(always)]
+    pub(super) fn of([_, _, low, high, rise, fall, count, kind]: [u8; 8]) -> Plan {
+        match (count, kind) {
+            (0, _) => Plan::Nothing,
+            (count, 1) => Plan::Steps(count),
+            (3, _) => Plan::Found,
+            _ => Plan::One { tick: u16::from_le_bytes([low, high]), rise, fall, long: count == 2 },
+        }
+    }
+}
+
+unsafe extern "C" {
+    fn steps_plan_next(motor: *mut Motor) -> u64;
+    fn steps_make(motor: *mut Motor);
+}
+
+impl Motor {
+    /// What it does next. Where DIR lines are shared, a step is only found: [`Motor::due`].
+    #[inline(always)]
+    pub(crate) fn plan(&mut self) -> Plan {
+        // SAFETY: the assembly uses this motor, its queue's memory and the times alone.
+        Plan::of(unsafe { steps_plan_next(self) }.to_le_bytes())
+    }
+
+    /// Makes the step that was found.
+    #[inline(always)]
+    pub(crate) fn make(&mut self) {
+        // SAFETY: as `plan`.
+        unsafe { steps_make(self) }
+    }
+}
+
+/// A switch is due.
+#[unsafe(no_mangle)]
+extern "C" fn steps_begin(motor: &mut Motor) {
+    motor.begin();
+}
+
+/// A step cannot be made, or a record not be read.
+#[unsafe(no_mangle)]
+extern "C" fn steps_fail(motor: &mut Motor, reason: u8, tick: u32) {
+    let reason = match reason {
+        1 => Reason::Missed,
+        2 => Reason::Mismatch,
+        _ => Reason::Bad,
+    };
+    motor.fail(reason, Moment(tick));
+}

@@ -1,0 +1,75 @@
+//! The times of a configuration, where the assembly finds them.
+
+use core::cell::UnsafeCell;
+use core::mem::offset_of;
+use pulsetrain_core::Moment;
+
+/// Ticks. The assembly knows the layout.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub(crate) struct Times {
+    /// Nothing is planned beyond this.
+    pub(crate) limit: Moment,
+    /// From a step to the next, at least.
+    pub(crate) gap: u16,
+    /// From a step until DIR may be turned.
+    pub(crate) keep: u16,
+    /// From a turn of DIR to the step that it is for, at least.
+    pub(crate) lead: u16,
+    /// The same, if there is time.
+    pub(crate) early: u16,
+    /// Between steps that are made without being looked at, at least.
+    pub(crate) fastest: u16,
+    /// From a step's tick to the group that ends its pulse; 0: the pulse is a short one, and of the same group.
+    pub(crate) pulse: u16,
+    /// Steps planned at once, at most.
+    pub(crate) most: u8,
+    /// Motors share DIR lines: each step is looked at by itself.
+    pub(crate) shared: bool,
+}
+
+impl Times {
+    const NONE: Times =
+        Times { limit: Moment(0), gap: 1, keep: 0, lead: 0, early: 0, fastest: 0, pulse: 0, most: 0, shared: false };
+}
+
+/// Something of main's alone, at an address that the assembly knows.
+pub(crate) struct Cell(UnsafeCell<Times>);
+
+// SAFETY: there is one thread, main; interrupts do not use it.
+unsafe impl Sync for Cell {}
+
+/// The one.
+#[unsafe(export_name = "steps_times")]
+pub(crate) static TIMES: Cell = Cell(UnsafeCell::new(Times::NONE));
+
+impl Cell {
+    #[inline(always)]
+    pub(crate) fn get(&self) -> Times {
+        // SAFETY: a copy, made by main, which alone writes it.
+        unsafe { *self.0.get() }
+    }
+
+    #[inline(always)]
+    pub(crate) fn set(&self, times: Times) {
+        // SAFETY: main alone uses it, and holds no reference.
+        unsafe { *self.0.get() = times }
+    }
+
+    #[inline(always)]
+    pub(crate) fn set_limit(&self, limit: Moment) {
+        // SAFETY: as `set`.
+        unsafe { (*self.0.get()).limit = limit }
+    }
+}
+
+/// Offsets for the assembly.
+pub(crate) const LIMIT: usize = offset_of!(Times, limit);
+pub(crate) const GAP: usize = offset_of!(Times, gap);
+pub(crate) const KEEP: usize = offset_of!(Times, keep);
+pub(crate) const LEAD: usize = offset_of!(Times, lead);
+pub(crate) const EARLY: usize = offset_of!(Times, early);
+pub(crate) const FASTEST: usize = offset_of!(Times, fastest);
+pub(crate) const PULSE: usize = offset_of!(Times, pulse);
+pub(crate) const MOST: usize = offset_of!(Times, most);
+pub(crate) const SHARED: usize = offset_of!(Times, shared);
