@@ -57,6 +57,8 @@ pub const FIRST_ACCELERATION: u32 = 35_000;
 pub const FASTEST: u16 = 10_000;
 /// The highest acceleration of a path, steps/s²; a higher amax is taken as this.
 pub const STEEPEST: u32 = 250_000;
+/// The same a millisecond, steps/s.
+const STEEPEST_CHANGE: u8 = 250;
 /// The fastest drift of a target, steps/s.
 pub const FASTEST_DRIFT: u16 = 15_000;
 
@@ -65,7 +67,7 @@ pub(super) const THRESHOLD: i32 = 33_792_000;
 /// A step, in 2^-16 millisteps.
 pub(super) const STEP: i32 = 1000 << 16;
 
-const _: () = assert!(FIRST_ACCELERATION == 35 * 1000);
+const _: () = assert!(FIRST_ACCELERATION == 35 * 1000 && STEEPEST == STEEPEST_CHANGE as u32 * 1000);
 const _: () = assert!(64 * (THRESHOLD as i64) == 33 * (STEP as i64));
 // In a tick: at most 15 thresholds are crossed, and a difference of speeds has 16 bits before the point.
 const _: () = assert!(FASTEST < 15_000 && FASTEST as u32 + (FASTEST_DRIFT as u32) < 1 << 15);
@@ -176,16 +178,17 @@ impl Limits {
     #[inline(never)]
     pub fn new(speed: Float, acceleration: Float) -> Option<Limits> {
         const FASTEST_FIXED: u32 = (FASTEST as u32) << 16;
-        const STEEPEST_FLOAT: Float = Float::new(STEEPEST << 14, -14);
         if acceleration.key() < Float::new(1 << 31, -31).key() {
             return None;
         }
-        let speed = match speed.to_fixed(16) {
-            Some((speed, 0)) if speed < FASTEST_FIXED => speed,
-            _ => FASTEST_FIXED,
-        };
-        let acceleration = if acceleration.key() < STEEPEST_FLOAT.key() { acceleration } else { STEEPEST_FLOAT };
-        let (change_low, change_high) = acceleration.times(MILLI).to_fixed(32).unwrap_or((0, 250));
+        let (mut speed, beyond) = speed.to_fixed(16);
+        if beyond != 0 || speed > FASTEST_FIXED {
+            speed = FASTEST_FIXED;
+        }
+        let (mut change_low, mut change_high) = acceleration.times(MILLI).to_fixed(32);
+        if change_high >= STEEPEST_CHANGE {
+            (change_low, change_high) = (0, STEEPEST_CHANGE);
+        }
         Some(Limits::of_fixed(speed, change_low, change_high))
     }
 
@@ -679,8 +682,7 @@ mod tests {
         let number = |digits| Float::from_decimal(digits, 0).unwrap();
         assert_eq!(Limits::new(number(1), Float::TENTH), None);
         assert_eq!(Limits::new(number(1), Float::ZERO), None);
-        // 10^-3 is rounded up.
-        let most = Limits::of_fixed(u32::from(FASTEST) << 16, 256, 250);
+        let most = Limits::of_fixed(u32::from(FASTEST) << 16, 0, 250);
         assert_eq!(Limits::new(number(u32::MAX), number(u32::MAX)), Some(most));
         assert_eq!(Limits::new(number(10_000), number(250_000)), Some(most));
         assert_eq!(Limits::new(Float::ZERO, number(1)), Some(Limits::of_fixed(0, 4_294_967, 0)));
