@@ -695,35 +695,29 @@ impl Reader {
             self.line.given |= bit(axis);
         }
         let Some(place) = self.line.values.get_mut(usize::from(axis)) else { return };
-        let (least, most) = match self.line.verb {
-            Verb::Drift => (-FASTEST, FASTEST),
-            Verb::Ramp => (i32::MIN, 0xffff),
-            Verb::Report | Verb::Deadman => (0, 0xffff),
-            _ => (i32::MIN, i32::MAX),
-        };
-        if matches!(self.line.verb, Verb::Move | Verb::Impulse) {
-            // Named twice, an axis moves by both.
-            let (sum, overflow) = place.overflowing_add(value);
-            if overflow {
-                return self.refuse(What::Range);
+        match self.line.verb {
+            Verb::Move | Verb::Impulse => {
+                // Named twice, an axis moves by both.
+                let (sum, overflow) = place.overflowing_add(value);
+                if overflow {
+                    return self.refuse(What::Range);
+                }
+                value = sum;
             }
-            value = sum;
-        }
-        if self.line.verb == Verb::Report && value <= 0 {
-            return self.refuse(What::Rate);
-        }
-        if value < least || value > most {
-            return self.refuse(What::Range);
-        }
-        if self.line.verb == Verb::Ramp && value < 0 {
-            value = 0;
+            Verb::Drift if value.unsigned_abs() > u32::from(FASTEST_DRIFT) => return self.refuse(What::Range),
+            Verb::Report if value <= 0 => return self.refuse(What::Rate),
+            Verb::Ramp if value < 0 => value = 0,
+            Verb::Ramp | Verb::Report | Verb::Deadman => {
+                let [_, _, b2, b3] = value.to_le_bytes();
+                if b2 | b3 != 0 {
+                    return self.refuse(What::Range);
+                }
+            }
+            _ => {}
         }
         *place = value;
     }
 }
-
-/// The fastest drift.
-const FASTEST: i32 = FASTEST_DRIFT as i32;
 
 /// An axis' bit.
 const fn bit(axis: u8) -> u8 {
