@@ -15,17 +15,24 @@ const RAM: u64 = 2048;
 
 /// The committed image.
 const IMAGE: &str = "crates/board/images/uno.hex";
+/// Of its winch the tick alone, committed for a test on the emulated chip.
+const WINCH_TICK: &str = "crates/board/images/winch_tick.hex";
 
-/// Builds the Uno's firmware, prints what it takes and writes crates/board/images/uno.hex.
+/// Builds the Uno's firmware, prints what it takes and writes the committed images.
 pub(crate) fn uno() -> Done {
     let (built, table) = built_uno()?;
     print!("{table}");
-    let image = root().join(IMAGE);
+    copy(built, IMAGE)?;
+    copy(built_winch_tick()?, WINCH_TICK)
+}
+
+fn copy(built: PathBuf, image: &str) -> Done {
+    let image = root().join(image);
     let copied = image.parent().map_or(Ok(()), fs::create_dir_all).and_then(|()| fs::copy(built, &image));
     copied.map(drop).map_err(|why| Failure::File { path: image, why })
 }
 
-/// Builds the Uno's firmware, and fails when the committed image is another one.
+/// Builds the Uno's firmware, and fails when a committed image is another one.
 pub(crate) fn check_uno() -> Done {
     measure_uno().map(|table| print!("{table}"))
 }
@@ -34,18 +41,20 @@ pub(crate) fn check_uno() -> Done {
 pub(crate) fn measure_uno() -> Done<String> {
     let (built, table) = built_uno()?;
     let read = |path: PathBuf| fs::read_to_string(&path).map_err(|why| Failure::File { path, why });
-    same(&read(root().join(IMAGE))?, &read(built)?)?;
+    for (image, built) in [(IMAGE, built), (WINCH_TICK, built_winch_tick()?)] {
+        same(image, &read(root().join(image))?, &read(built)?)?;
+    }
     Ok(table)
 }
 
-fn same(committed: &str, built: &str) -> Done {
+fn same(image: &str, committed: &str, built: &str) -> Done {
     let (committed, built): (Vec<_>, Vec<_>) = (committed.lines().collect(), built.lines().collect());
     if committed == built {
         return Ok(());
     }
     let first = committed.iter().zip(&built).take_while(|(a, b)| a == b).count();
     Err(Failure::Check(format!(
-        "{IMAGE} is not what firmware/uno builds: line {} is the first that differs, of {} committed and {} built. Run \
+        "{image} is not what firmware/uno builds: line {} is the first that differs, of {} committed and {} built. Run \
          `cargo xtask firmware`, and commit it with the change. (If nothing was changed, another version of rustc, \
          avr-gcc or avr-libc built it.)",
         first + 1,
@@ -77,6 +86,18 @@ fn built_uno() -> Done<(PathBuf, String)> {
     let image = built.join("uno.hex");
     run(command("avr-objcopy").args(["-O", "ihex", "-R", ".eeprom"]).arg(&elf).arg(&image))?;
     Ok((image, table(&sections)?))
+}
+
+/// Assembles the tick of the Uno's winch by itself. Gives the image's place.
+fn built_winch_tick() -> Done<PathBuf> {
+    let (elf, image) = (target_dir().join("winch_tick.elf"), target_dir().join("winch_tick.hex"));
+    run(command("avr-gcc")
+        .args(["-mmcu=atmega328p", "-nostdlib", "-x", "assembler"])
+        .arg(root().join("firmware/uno/src/winch/tick.s"))
+        .arg("-o")
+        .arg(&elf))?;
+    run(command("avr-objcopy").args(["-O", "ihex"]).arg(&elf).arg(&image))?;
+    Ok(image)
 }
 
 /// A cargo that can build core for AVR, for which no compiled one exists: the pinned toolchain with its sources, which
@@ -130,10 +151,10 @@ mod tests {
 
     #[test]
     fn an_image_that_is_another_is_told_with_what_to_do() {
-        assert!(same(":00\n:01\n", ":00\r\n:01\r\n").is_ok());
-        let said = same(":00\n:01\n:02\n", ":00\n:03\n").expect_err("they differ").to_string();
+        assert!(same(IMAGE, ":00\n:01\n", ":00\r\n:01\r\n").is_ok());
+        let said = same(IMAGE, ":00\n:01\n:02\n", ":00\n:03\n").expect_err("they differ").to_string();
         assert!(said.contains("line 2 is the first") && said.contains("cargo xtask firmware"), "{said}");
-        let said = same(":00\n:01\n", ":00\n").expect_err("they differ").to_string();
+        let said = same(IMAGE, ":00\n:01\n", ":00\n").expect_err("they differ").to_string();
         assert!(said.contains("line 2 is the first"), "{said}");
     }
 

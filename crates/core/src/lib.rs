@@ -28,6 +28,7 @@ pub mod output;
 pub mod packing;
 pub mod queue;
 pub mod segment;
+pub mod winch;
 pub mod wire;
 
 pub use axis::Axis;

@@ -7,9 +7,13 @@
 //! from one millisecond's value to the next along a straight line, from the middle of one to the middle of the next:
 //! θ is made of parabolas with a continuous speed, whose accelerations and speeds are the recurrence's own and so
 //! within its limits, and passes within a_max·(1 ms)²/8 of each of its positions (0.0044 step at 35 000 steps/s²).
+//!
+//! A board that works the path out itself does so in fixed point, in `pulsetrain_core::winch`; a test holds the two
+//! together. There a vmax below the present speed is approached within amax; here, as in the sketch, it holds at once.
 
 use super::{Curve, Double, Entry, FARTHEST, Law, LawError, Piece, checked};
 use crate::Time;
+use pulsetrain_core::winch::path::{FIRST_ACCELERATION, FIRST_SPEED};
 use std::sync::Arc;
 
 /// What the path starts with. The default is the sketch's.
@@ -26,10 +30,15 @@ pub struct WinchSettings {
 }
 
 impl Default for WinchSettings {
-    /// 1 Hz, b = 1.0 (it rings), 3500 steps/s, 35 000 steps/s². Source: seeds/003, `Path::Path`.
+    /// 1 Hz, b = 1.0 (it rings), and the limits that a board begins with. Source: seeds/003, `Path::Path`.
     fn default() -> WinchSettings {
         let omega = std::f64::consts::TAU;
-        WinchSettings { stiffness: omega * omega, damping: 1.0, max_speed: 3500.0, max_acceleration: 35_000.0 }
+        WinchSettings {
+            stiffness: omega * omega,
+            damping: 1.0,
+            max_speed: FIRST_SPEED.into(),
+            max_acceleration: FIRST_ACCELERATION.into(),
+        }
     }
 }
 
@@ -266,5 +275,38 @@ mod tests {
             assert!(middle.acceleration.abs() <= qdd_max * (1.0 + 1e-9));
         }
         assert_eq!(law.end(), Some(Time::from_seconds(4.0)));
+    }
+
+    #[test]
+    fn a_board_s_path_is_the_law_s() {
+        use pulsetrain_core::winch::path::Path as Fixed;
+        let ms = |k| Time::from_ratio(k, 1000);
+        let commands = [
+            (ms(0), WinchCommand::Target(800.0)),
+            (ms(700), WinchCommand::Drift(-500.0)),
+            (ms(1500), WinchCommand::RampSpeed(300.0)),
+            (ms(1600), WinchCommand::Move(2000.0)),
+            (ms(2500), WinchCommand::Impulse(-100.0)),
+            (ms(3000), WinchCommand::Drift(0.0)),
+            (ms(4000), WinchCommand::RampSpeed(0.0)),
+        ];
+        let law = Law::winch(&commands, WinchSettings::default(), Some(Time::from_seconds(8.0))).unwrap();
+        let (mut cursor, mut path) = (Cursor::new(&law), Fixed::new());
+        for now in 0..8000 {
+            let position = f64::from(path.made()) + f64::from(path.offset()) / 65_536_000.0;
+            let wanted = cursor.at(ms(now)).unwrap().position;
+            assert!((position - wanted).abs() < 0.0045, "{now} ms: {position} {wanted}");
+            for (_, command) in commands.iter().filter(|(at, _)| *at == ms(now)) {
+                match *command {
+                    WinchCommand::Target(x) => path.set_target(x as i32),
+                    WinchCommand::Move(x) => path.move_target(x as i32),
+                    WinchCommand::Drift(v) => path.set_drift(v as i16),
+                    WinchCommand::Impulse(x) => path.push_reference(x as i32),
+                    WinchCommand::RampSpeed(v) => path.set_ramp(v as u16),
+                    WinchCommand::Gains { .. } | WinchCommand::Limits { .. } => unreachable!("not among them"),
+                }
+            }
+            let _ = path.tick();
+        }
     }
 }

@@ -1,0 +1,315 @@
+"""The client: one line a command, status lines as they come."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Callable, Deque, Dict, Iterator, List, Optional, Protocol, Tuple, Type, Union
+from collections import deque
+
+#: The axes, in the order of a status line.
+AXES = "xyza"
+
+#: The line's rate, baud; 8 data bits, no parity, 1 stop bit, no flow control.
+BAUD = 115_200
+
+_WRAP = 1 << 32
+_HALF = 1 << 31
+
+
+class Transport(Protocol):
+    """What a client needs of a line; ``serial.Serial`` has it."""
+
+    def read(self, size: int) -> bytes:
+        """Up to ``size`` bytes; none if nothing came within the line's own timeout."""
+
+    def write(self, data: bytes) -> Optional[int]:
+        """Sends ``data``."""
+
+    def close(self) -> None:
+        """Ends it."""
+
+
+@dataclass(frozen=True)
+class Status:
+    """Where the motors are: one ``txyza`` line."""
+
+    #: The board's clock since this client first heard it, µs. It does not wrap; the line's own does, after 71.6 min.
+    usec: int
+    #: Steps made, by axis in the order of :data:`AXES`.
+    positions: Tuple[int, int, int, int]
+
+    @property
+    def seconds(self) -> float:
+        """The board's clock since this client first heard it, s."""
+        return self.usec / 1e6
+
+    def position(self, axis: str) -> int:
+        """Steps made by ``axis``: x, y, z or a."""
+        return self.positions[AXES.index(axis)]
+
+
+@dataclass(frozen=True)
+class Message:
+    """A line that is no status: ``awake``, ``id …``, ``dbg …``, ``err …``."""
+
+    #: Its words.
+    words: Tuple[str, ...]
+
+    @property
+    def is_error(self) -> bool:
+        """Whether the board has refused a line."""
+        return self.words[0] == "err" or self.words[:2] in (("dbg", "invalid"), ("dbg", "excessive"))
+
+    def __str__(self) -> str:
+        return " ".join(self.words)
+
+
+class CommandRefused(Exception):
+    """The board has refused a line and done nothing of it."""
+
+
+class NoAnswer(Exception):
+    """The board was asked, and said nothing in time."""
+
+
+def checksum(line: str) -> str:
+    """``line`` with its checksum: ``*`` and the exclusive or of all bytes before it, in hexadecimal.
+
+    >>> checksum("a x 1")
+    'a x 1*28'
+    """
+    total = 0
+    for byte in line.encode("ascii"):
+        total ^= byte
+    return f"{line}*{total:02x}"
+
+
+class Winch:
+    """A board, with the protocol's own verbs.
+
+    Values are whole steps or steps/s; each command names its axes, as keywords (``x=5``) or as flags (``"xy"``).
+    A board answers motion and gains with nothing unless it refuses them: :meth:`check` raises what it has said.
+    """
+
+    def __init__(
+        self, transport: Transport, *, with_checksum: bool = False, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        """Takes a line that is open. ``with_checksum``: each command carries one, which the original does not know."""
+        self._transport = transport
+        self._with_checksum = with_checksum
+        self._clock = clock
+        self._partial = b""
+        self._statuses: Deque[Status] = deque()
+        self._messages: Deque[Message] = deque()
+        self._last_raw: Optional[int] = None
+        self._usec = 0
+        self._errors: List[Message] = []
+
+    @classmethod
+    def open(cls, port: str, *, with_checksum: bool = False) -> "Winch":
+        """Opens a serial port or pseudo-terminal with pyserial. An Uno starts anew when its port is opened."""
+        import serial  # type: ignore[import-untyped, unused-ignore]
+
+        return cls(serial.Serial(port, BAUD, timeout=0.02), with_checksum=with_checksum)
+
+    def close(self) -> None:
+        """Closes the line. The board goes on with what it was told."""
+        self._transport.close()
+
+    def __enter__(self) -> "Winch":
+        return self
+
+    def __exit__(
+        self,
+        kind: Optional[Type[BaseException]],
+        error: Optional[BaseException],
+        trace: Optional[TracebackType],
+    ) -> None:
+        self.close()
+
+    # What a client sends.
+
+    def move_to(self, **targets: int) -> None:
+        """``a``: absolute targets, steps. The drivers are enabled."""
+        self._axes("a", targets)
+
+    def move_by(self, **offsets: int) -> None:
+        """``d``: targets relative to the present ones, steps. The drivers are enabled."""
+        self._axes("d", offsets)
+
+    def drift(self, **speeds: int) -> None:
+        """``v``: the targets drift on at these speeds, steps/s, until told otherwise. The drivers are enabled."""
+        self._axes("v", speeds)
+
+    def impulse(self, **steps: int) -> None:
+        """``r``: reference and target move by so many steps at once, whatever ramp is set."""
+        self._axes("r", steps)
+
+    def ramp(self, **speeds: int) -> None:
+        """``s``: the reference goes to new targets no faster than this, steps/s; 0 or less: at once."""
+        self._axes("s", speeds)
+
+    def gains(self, axes: str = AXES, *, frequency_hz: float, damping_ratio: float) -> None:
+        """``g``: natural frequency (0.01 to 20 Hz) and damping ratio (0.07 to 5; 1 is critical)."""
+        self.send(f"g {_flags(axes)} {frequency_hz:.6f} {damping_ratio:.6f}")
+
+    def limits(self, axes: str = AXES, *, speed: float, acceleration: float) -> None:
+        """``l``: the highest speed, steps/s, and acceleration, steps/s²."""
+        self.send(f"l {_flags(axes)} {speed:.6f} {acceleration:.6f}")
+
+    def enable(self, on: bool = True) -> None:
+        """``enable``: drivers on; or the motors stopped within their limits, and then the drivers off."""
+        self.send(f"enable {int(on)}")
+
+    def report_every(self, milliseconds: int) -> None:
+        """``srate``: the interval of status lines, ms."""
+        self.send(f"srate {int(milliseconds)}")
+
+    def strict(self, on: bool = True) -> None:
+        """``strict``: whether any irregularity of a line is refused. Boards with the original's firmware ignore it."""
+        self.send(f"strict {int(on)}")
+
+    def send(self, line: str) -> None:
+        """Sends a line as it is.
+
+        Raises :exc:`ValueError` if it has more than 80 bytes or 10 words, or is not printable ASCII.
+        """
+        text = checksum(line) if self._with_checksum else line
+        if not text.isascii() or not text.isprintable():
+            raise ValueError(f"not printable ASCII: {text!r}")
+        if len(text) > 80 or len(line.split()) > 10:
+            raise ValueError(f"a line has at most 80 bytes and 10 words: {text!r}")
+        self._transport.write(text.encode("ascii") + b"\n")
+
+    # What a client hears.
+
+    def poll(self) -> bool:
+        """Takes what has come from the line; whether anything had. It waits no longer than the line's timeout."""
+        data = self._transport.read(4096)
+        if not data:
+            return False
+        *lines, self._partial = (self._partial + data).split(b"\n")
+        for raw in lines:
+            self._hear(raw.decode("ascii", "replace").split())
+        return True
+
+    def statuses(self, seconds: float) -> Iterator[Status]:
+        """Statuses as they come, for so many seconds of this computer's clock."""
+        end = self._clock() + seconds
+        while True:
+            while self._statuses:
+                yield self._statuses.popleft()
+            if self._clock() >= end:
+                return
+            self.poll()
+
+    def latest(self) -> Optional[Status]:
+        """The last status of those that have come; ``None`` if none has since the last look."""
+        while self.poll():
+            pass
+        last = self._statuses[-1] if self._statuses else None
+        self._statuses.clear()
+        return last
+
+    def messages(self) -> List[Message]:
+        """All other lines that have come since the last look."""
+        taken = list(self._messages)
+        self._messages.clear()
+        return taken
+
+    def check(self) -> None:
+        """Raises :exc:`CommandRefused` if the board has refused anything since the last check."""
+        errors, self._errors = self._errors, []
+        if errors:
+            raise CommandRefused("; ".join(str(error) for error in errors))
+
+    def ping(self, timeout: float = 3.0) -> None:
+        """Waits until the board says ``awake``. Raises :exc:`NoAnswer` after ``timeout`` seconds.
+
+        It asks again and again: an Uno whose port was just opened is deaf for about a second.
+        """
+        self._ask("ping", "awake", timeout)
+
+    def version(self, timeout: float = 3.0) -> str:
+        """What the board calls itself. Raises :exc:`NoAnswer` after ``timeout`` seconds."""
+        return " ".join(self._ask("version", "id", timeout).words[1:])
+
+    def wait_until_still(self, timeout: float, *, quiet: float = 0.5) -> Status:
+        """The first status after which no motor has moved for ``quiet`` seconds of the board's clock.
+
+        Raises :exc:`NoAnswer` after ``timeout`` seconds.
+        """
+        still: Optional[Status] = None
+        for status in self.statuses(timeout):
+            if still is None or still.positions != status.positions:
+                still = status
+            elif status.usec - still.usec >= quiet * 1e6:
+                return status
+        raise NoAnswer(f"the motors were not still for {quiet} s within {timeout} s")
+
+    def _ask(self, question: str, answer: str, timeout: float) -> Message:
+        end, again = self._clock() + timeout, 0.0
+        others: List[Message] = []
+        try:
+            while self._clock() < end:
+                if self._clock() >= again:
+                    self.send(question)
+                    again = self._clock() + 0.25
+                self.poll()
+                while self._messages:
+                    message = self._messages.popleft()
+                    if message.words[0] == answer:
+                        return message
+                    others.append(message)
+        finally:
+            self._messages.extendleft(reversed(others))
+        raise NoAnswer(f"no answer to {question!r} in {timeout} s")
+
+    def _axes(self, verb: str, values: Dict[str, int]) -> None:
+        if not values:
+            raise ValueError(f"{verb!r} needs at least one axis, such as x=100")
+        numbers = " ".join(str(_whole(value)) for value in values.values())
+        self.send(f"{verb} {_flags(''.join(values))} {numbers}")
+
+    def _hear(self, words: List[str]) -> None:
+        if not words:
+            return
+        status = _status(words)
+        if status is None:
+            message = Message(tuple(words))
+            self._messages.append(message)
+            if message.is_error:
+                self._errors.append(message)
+            return
+        raw, positions = status
+        # Differences of a clock that wraps, as long as statuses are less than 35 minutes apart.
+        if self._last_raw is not None:
+            self._usec += (raw - self._last_raw + _HALF) % _WRAP - _HALF
+        self._last_raw = raw
+        self._statuses.append(Status(self._usec, positions))
+
+
+def _status(words: List[str]) -> Optional[Tuple[int, Tuple[int, int, int, int]]]:
+    if len(words) != 6 or words[0] != "txyza":
+        return None
+    try:
+        usec, x, y, z, a = (int(word) for word in words[1:])
+    except ValueError:
+        return None
+    return usec, (x, y, z, a)
+
+
+def _flags(axes: str) -> str:
+    if not axes or any(axis not in AXES for axis in axes) or len(set(axes)) != len(axes):
+        raise ValueError(f"axes are x, y, z and a, each at most once: {axes!r}")
+    return axes
+
+
+def _whole(value: Union[int, float]) -> int:
+    if value != int(value):
+        raise ValueError(f"not a whole number: {value!r}")
+    if not -_HALF <= value < _HALF:
+        raise ValueError(f"more than 32 bits: {value!r}")
+    return int(value)

@@ -1,0 +1,186 @@
+"""The client against a line of its own, and through a pseudo-terminal. ``python3 -m unittest`` in clients/python."""
+
+import importlib.util
+import os
+import threading
+import unittest
+from typing import Callable, List, Optional
+
+from pulsetrain_winch import CommandRefused, Message, NoAnswer, Status, Winch, checksum
+
+
+class FakeLine:
+    """Keeps what was written; gives what was queued, one piece a read. Time goes on by 10 ms a read."""
+
+    def __init__(self, *pieces: bytes) -> None:
+        self.pieces = list(pieces)
+        self.written = b""
+        self.now = 0.0
+        self.closed = False
+
+    def read(self, size: int) -> bytes:
+        self.now += 0.01
+        return self.pieces.pop(0)[:size] if self.pieces else b""
+
+    def write(self, data: bytes) -> Optional[int]:
+        self.written += data
+        return len(data)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def winch_on(line: FakeLine, **options: bool) -> Winch:
+    return Winch(line, clock=lambda: line.now, **options)
+
+
+class Commands(unittest.TestCase):
+    def sent(self, *calls: Callable[[Winch], None], **options: bool) -> List[str]:
+        line = FakeLine()
+        winch = winch_on(line, **options)
+        for call in calls:
+            call(winch)
+        return line.written.decode().splitlines()
+
+    def test_each_verb_is_a_line(self) -> None:
+        self.assertEqual(
+            self.sent(
+                lambda winch: winch.move_to(a=5, x=7),
+                lambda winch: winch.move_by(x=-50),
+                lambda winch: winch.drift(z=10, y=-10),
+                lambda winch: winch.impulse(x=3),
+                lambda winch: winch.ramp(x=400),
+                lambda winch: winch.gains(frequency_hz=2, damping_ratio=1.0),
+                lambda winch: winch.gains('x', frequency_hz=1 / 3, damping_ratio=0.5),
+                lambda winch: winch.limits('xy', speed=4000, acceleration=40_000),
+                lambda winch: winch.enable(),
+                lambda winch: winch.enable(False),
+                lambda winch: winch.report_every(40),
+                lambda winch: winch.strict(),
+            ),
+            [
+                "a ax 5 7",
+                "d x -50",
+                "v zy 10 -10",
+                "r x 3",
+                "s x 400",
+                "g xyza 2.000000 1.000000",
+                "g x 0.333333 0.500000",
+                "l xy 4000.000000 40000.000000",
+                "enable 1",
+                "enable 0",
+                "srate 40",
+                "strict 1",
+            ],
+        )
+
+    def test_checksums(self) -> None:
+        self.assertEqual(checksum("ping"), "ping*10")
+        self.assertEqual(self.sent(lambda winch: winch.move_to(x=1), with_checksum=True), ["a x 1*28"])
+
+    def test_what_is_refused_here(self) -> None:
+        winch = winch_on(FakeLine())
+        wrongs: List[Callable[[], None]] = [
+            lambda: winch.move_to(),
+            lambda: winch.move_to(w=1),
+            lambda: winch.move_to(x=1.5),  # type: ignore[arg-type]
+            lambda: winch.move_to(x=1 << 31),
+            lambda: winch.gains("", frequency_hz=1, damping_ratio=1),
+            lambda: winch.gains("xx", frequency_hz=1, damping_ratio=1),
+            lambda: winch.send("a x 1\nenable 0"),
+            lambda: winch.send("é"),
+            lambda: winch.send("a" * 81),
+            lambda: winch.send("a x 1 2 3 4 5 6 7 8 9"),
+        ]
+        for wrong in wrongs:
+            with self.assertRaises(ValueError):
+                wrong()
+
+
+class Hearing(unittest.TestCase):
+    def test_statuses_come_in_any_pieces(self) -> None:
+        line = FakeLine(b"awa", b"ke\r\ntxyza 1000 1 -2 ", b"3 -4\r\n", b"txyza 201000 5 6 7 8\r\ntxyza bad 1 2 3 4\r\n")
+        winch = winch_on(line)
+        self.assertEqual(
+            list(winch.statuses(0.1)), [Status(0, (1, -2, 3, -4)), Status(200_000, (5, 6, 7, 8))]
+        )
+        self.assertEqual([str(message) for message in winch.messages()], ["awake", "txyza bad 1 2 3 4"])
+        self.assertEqual(winch.messages(), [])
+
+    def test_the_clock_goes_on_when_the_board_s_wraps(self) -> None:
+        raw = [2_147_483_000, -2_147_483_296, -1, 100]
+        line = FakeLine(*(f"txyza {usec} 0 0 0 0\r\n".encode() for usec in raw))
+        times = [status.usec for status in winch_on(line).statuses(0.1)]
+        self.assertEqual(times, [0, 1000, 2_147_484_295, 2_147_484_396])
+
+    def test_latest(self) -> None:
+        line = FakeLine(b"txyza 0 1 1 1 1\r\n", b"txyza 1000000 2 3 4 5\r\n")
+        winch = winch_on(line)
+        latest = winch.latest()
+        assert latest is not None
+        self.assertEqual((latest.position("x"), latest.position("a"), latest.seconds), (2, 5, 1.0))
+        self.assertIsNone(winch.latest())
+
+    def test_refusals_are_raised_once(self) -> None:
+        winch = winch_on(FakeLine(b"err number 3\r\ndbg invalid srate value\r\ndbg hello\r\n"))
+        winch.poll()
+        with self.assertRaisesRegex(CommandRefused, "^err number 3; dbg invalid srate value$"):
+            winch.check()
+        winch.check()
+        self.assertEqual(winch.messages()[-1], Message(("dbg", "hello")))
+
+    def test_version_and_ping(self) -> None:
+        line = FakeLine(b"", b"awake\r\n", b"id StepperWinch Nov 21 2026\r\n")
+        winch = winch_on(line)
+        self.assertEqual(winch.version(), "StepperWinch Nov 21 2026")
+        self.assertEqual([str(message) for message in winch.messages()], ["awake"], "what was not asked for is kept")
+        self.assertEqual(line.written, b"version\n")
+
+    def test_a_silent_board(self) -> None:
+        line = FakeLine()
+        with self.assertRaisesRegex(NoAnswer, "'ping' in 1.0 s"):
+            winch_on(line).ping(timeout=1.0)
+        self.assertEqual(line.written, b"ping\n" * 4, "asked again and again")
+
+    def test_still(self) -> None:
+        lines = [f"txyza {200_000 * n} {min(n, 3)} 0 0 0\r\n".encode() for n in range(9)]
+        still = winch_on(FakeLine(*lines)).wait_until_still(1.0)
+        self.assertEqual((still.usec, still.positions), (1_200_000, (3, 0, 0, 0)))
+        with self.assertRaises(NoAnswer):
+            winch_on(FakeLine(*lines[:4])).wait_until_still(0.1)
+
+    def test_closing(self) -> None:
+        line = FakeLine()
+        with winch_on(line):
+            self.assertFalse(line.closed)
+        self.assertTrue(line.closed)
+
+
+@unittest.skipUnless(importlib.util.find_spec("serial") and hasattr(os, "openpty"), "needs pyserial and a pty")
+class PseudoTerminal(unittest.TestCase):
+    def test_a_board_behind_a_pty(self) -> None:
+        board, port = os.openpty()
+        heard: List[bytes] = []
+
+        def answer() -> None:
+            text = b""
+            while b"ping" not in text:
+                text += os.read(board, 100)
+            heard.append(text)
+            os.write(board, b"awake\r\ntxyza 5 1 2 3 4\r\n")
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        with Winch.open(os.ttyname(port)) as winch:
+            winch.move_to(x=1)
+            winch.ping(timeout=10.0)
+            thread.join()
+            status = next(winch.statuses(10.0))
+        self.assertTrue(heard[0].startswith(b"a x 1\nping\n"), heard)
+        self.assertEqual(status.positions, (1, 2, 3, 4))
+        os.close(board)
+        os.close(port)
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,71 @@
+//! All that is written or compared, in one piece: a board may keep it where its program is.
+
+/// Texts, each with a 0 at its end. The names of commands come first, in the order of
+/// [`Verb`](super::text::Verb).
+const TEXTS: &[u8] = b"\
+a\0d\0v\0r\0s\0g\0l\0enable\0srate\0deadman\0strict\0version\0ping\0\
+id StepperWinch Nov 21 2026\0awake\0txyza\0err \0\
+command\0flags\0number\0range\0missing\0extra\0long\0noise\0checksum\0 0.01..20 Hz\0 0.07..5\0\
+dbg invalid srate value\0dbg excessive input error\0";
+
+/// How many letters there are.
+pub const COUNT: usize = TEXTS.len();
+
+/// All of them.
+pub const LETTERS: [u8; COUNT] = {
+    let mut letters = [0; COUNT];
+    let mut at = 0;
+    while at < COUNT {
+        letters[at] = TEXTS[at];
+        at += 1;
+    }
+    letters
+};
+
+// A place fits a byte.
+const _: () = assert!(COUNT <= 255);
+
+/// Where the names of commands begin.
+pub(super) const NAMES: u8 = 0;
+
+/// Texts of replies, counted behind the names.
+pub(super) mod text {
+    pub(crate) const ID: u8 = 0;
+    pub(crate) const AWAKE: u8 = 1;
+    pub(crate) const STATUS: u8 = 2;
+    pub(crate) const ERROR: u8 = 3;
+    /// What is wrong, from `Command` to `Checksum`.
+    pub(crate) const FIRST_WHAT: u8 = 4;
+    pub(crate) const FREQUENCY: u8 = 13;
+    pub(crate) const RATIO: u8 = 14;
+    pub(crate) const RATE: u8 = 15;
+    pub(crate) const WORDS: u8 = 16;
+}
+
+/// Where the texts of replies begin.
+pub(super) const REPLIES: u8 = {
+    let (mut at, mut names) = (0, 0);
+    while names < super::text::Verb::Unknown as u8 {
+        if LETTERS[at as usize] == 0 {
+            names += 1;
+        }
+        at += 1;
+    }
+    at
+};
+
+/// [`LETTERS`], one by one. On an AVR constants would lie in RAM; its program memory has instructions of its own.
+pub trait Letters {
+    /// The letter at that place; 0 beyond the last.
+    fn letter(at: u8) -> u8;
+}
+
+/// From where constants are.
+#[derive(Clone, Copy, Debug)]
+pub struct InMemory;
+
+impl Letters for InMemory {
+    fn letter(at: u8) -> u8 {
+        LETTERS.get(usize::from(at)).copied().unwrap_or(0)
+    }
+}

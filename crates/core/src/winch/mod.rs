@@ -1,0 +1,25 @@
+//! StepperWinch's dialect: text lines from the host, and a path that the board works out itself.
+//!
+//! # What is here, top down
+//! - [`text`]: bytes of lines → commands, and these done to four paths
+//! - [`reply`]: replies → bytes
+//! - [`spacing`]: a millisecond of a path → ticks of its steps
+//! - [`path`]: the recurrence of one axis, at 1 kHz
+//! - [`letters`]: the texts of both
+//! - [`number`]: products and decimals without a floating point unit
+//!
+//! docs/winch.md has the commands and the equations.
+//!
+//! # What is not
+//! Pins, clocks, queues, when to report: the firmware's. The same path as a law on the host is `pulsetrain-motion`'s
+//! `law::winch`.
+
+pub mod letters;
+pub mod number;
+pub mod path;
+pub mod reply;
+pub mod spacing;
+pub mod text;
+
+/// The axes, in the order of their bits, of paths, and of positions in a status.
+pub const AXES: [u8; 4] = *b"xyza";

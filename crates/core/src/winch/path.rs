@@ -1,0 +1,716 @@
+//! The path of one axis: the recurrence at 1 kHz, in fixed point.
+//!
+//! Source: seeds/003, `Path::pollForInterval`, whose loop has no fixed rate; this one has 1 ms. Every millisecond, all
+//! from old values:
+//!
+//! - q″ = k (q_d − q) + b (q_d′ − q′), clamped to ±amax
+//! - q += q′ dt, then q′ += q″ dt, then q_d += q_d′ dt, then q′ is clamped to ±vmax
+//!
+//! One thing is other than there: when vmax is set below the present speed, the speed goes down to it by amax·dt a
+//! millisecond, not at once.
+//!
+//! # Formats
+//! Positions are in millisteps: at 1 kHz a speed of 1 step/s is one of them a tick, and so drifts are exact for ever.
+//!
+//! | what | unit | bits |
+//! |---|---|---|
+//! | speed q′ | steps/s | 16 before the point, 32 after it |
+//! | steps made less q | millistep | 16, 16: the position moves by the upper 32 bits of the speed |
+//! | q_d − q | millistep | 48, and the 16 after the point of the line before: q_d is a whole number of them |
+//! | k·10^-6, b·10^-3 | | 25 significant ones at least ([`Scaled`]) |
+//!
+//! q itself is nowhere: an axis may drift on past 2^31 steps.
+//!
+//! # How far from the exact recurrence
+//! Per tick, as an offset of the position that would do the same at rest:
+//!
+//! - q_d − q is rounded down to 24 significant bits, or 2^-8 millisteps if that is more.
+//! - The speed that moves q and that b acts on is rounded down to 2^-16 steps/s: at most b/k of it, 0.0024 step at the
+//!   region's edge (0.01 Hz, ζ = 5).
+//! - Products are cut at 2^-32 steps/s: 2^-32·1000/k, 6·10^-5 step at 0.01 Hz.
+//! - k and b themselves are rounded: 2^-25 of themselves, and 2^-30 in their conversion. A ringing of amplitude A is then
+//!   late by at most 2.3·A·2^-25/(12.5 ζ) steps: 0.01 step at A = 100 000 and ζ = 0.08.
+//! - amax·10^-3 is rounded to 2^-32 steps/s: 6·10^-8 T² steps after T seconds of acceleration.
+//!
+//! What excites a ringing at ζ = 0.07 again and again at its own frequency grows to 9 times its offset, so that the sum
+//! stays below 0.1 step; `tests/winch_path.rs` looks for the worst.
+
+use super::number::{Float, Scaled};
+
+/// k·10^-6 for 1 Hz: (2π)²·10^-6.
+const STIFFNESS: Float = Float::new(0xa595_a0cd, -46);
+/// b·10^-3 for 1 Hz and ζ = 1: 4π·10^-3.
+const DAMPING: Float = Float::new(0xcde3_2db4, -38);
+/// 10^-3.
+const MILLI: Float = Float::new(0x8312_6e98, -41);
+
+/// Lowest and highest f, Hz: 0.01 and 20.
+const FREQUENCY: [i32; 2] = [Float::new(0xa3d7_0000, -38).key(), Float::new(0xa000_0000, -27).key()];
+/// Lowest and highest ζ: 0.07 and 5.
+const RATIO: [i32; 2] = [Float::new(0x8f5c_0000, -35).key(), Float::new(0xa000_0000, -29).key()];
+
+/// vmax at first, steps/s. Source: seeds/003, `Path::Path`.
+pub const FIRST_SPEED: u16 = 3500;
+/// amax at first, steps/s². Source: seeds/003, `Path::Path`.
+pub const FIRST_ACCELERATION: u32 = 35_000;
+/// The fastest that a path may go, steps/s; a higher vmax is taken as this.
+pub const FASTEST: u16 = 10_000;
+/// The highest acceleration of a path, steps/s²; a higher amax is taken as this.
+pub const STEEPEST: u32 = 250_000;
+/// The same a millisecond, steps/s.
+const STEEPEST_CHANGE: u8 = 250;
+/// The fastest drift of a target, steps/s.
+pub const FASTEST_DRIFT: u16 = 15_000;
+
+/// 1/64 step beyond the middle between two: 515.625 millisteps, in 2^-16 of them.
+pub(super) const THRESHOLD: i32 = 33_792_000;
+/// A step, in 2^-16 millisteps.
+pub(super) const STEP: i32 = 1000 << 16;
+
+const _: () = assert!(FIRST_ACCELERATION == 35 * 1000 && STEEPEST == STEEPEST_CHANGE as u32 * 1000);
+const _: () = assert!(64 * (THRESHOLD as i64) == 33 * (STEP as i64));
+// In a tick: at most 15 thresholds are crossed, and a difference of speeds has 16 bits before the point.
+const _: () = assert!(FASTEST < 15_000 && FASTEST as u32 + (FASTEST_DRIFT as u32) < 1 << 15);
+
+/// How gains and limits lie in memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(C)]
+pub(super) struct Parts {
+    pub(super) first: u32,
+    pub(super) second: u32,
+    pub(super) low: u8,
+    pub(super) high: u8,
+}
+
+/// How a path follows its target: natural frequency f and damping ratio ζ, as k = (2πf)² and b = 4πfζ.
+///
+/// Mantissas and bytes ([`Scaled`]) of k·10^-6 and b·10^-3.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(transparent)]
+pub struct Gains(Parts);
+
+/// Gains outside the region in which the recurrence is stable: 0.01 ≤ f ≤ 20 Hz, 0.07 ≤ ζ ≤ 5.
+///
+/// At 1 kHz it is where k·(1 ms)² < b·(1 ms) < 2, that is ζ > πf·(1 ms), 0.063 at 20 Hz, and ζ < 1/(2πf·(1 ms)),
+/// 7.9 there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GainsRefused {
+    /// f.
+    Frequency,
+    /// ζ.
+    Ratio,
+}
+
+impl Gains {
+    /// k = 4π², b = 1: 1 Hz, and it rings (ζ = 0.08). Source: seeds/003, `Path::Path`.
+    pub const DEFAULT: Gains = Gains::from_scaled(STIFFNESS.to_scaled(), MILLI.to_scaled());
+
+    /// Of `frequency` Hz and damping ratio `ratio`.
+    ///
+    /// ```
+    /// use pulsetrain_core::winch::number::Float;
+    /// use pulsetrain_core::winch::path::{Gains, GainsRefused};
+    /// let number = |digits, power| Float::from_decimal(digits, power).unwrap();
+    /// assert!(Gains::new(number(20, 0), number(7, -2)).is_ok());
+    /// assert_eq!(Gains::new(number(2001, -2), number(1, 0)), Err(GainsRefused::Frequency));
+    /// ```
+    ///
+    /// # Errors
+    /// When they are outside of the region; see [`GainsRefused`].
+    #[inline(never)]
+    pub fn new(frequency: Float, ratio: Float) -> Result<Gains, GainsRefused> {
+        if frequency.key() < FREQUENCY[0] || frequency.key() > FREQUENCY[1] {
+            return Err(GainsRefused::Frequency);
+        }
+        if ratio.key() < RATIO[0] || ratio.key() > RATIO[1] {
+            return Err(GainsRefused::Ratio);
+        }
+        let stiffness = frequency.times(frequency).times(STIFFNESS).to_scaled();
+        let damping = frequency.times(ratio).times(DAMPING).to_scaled();
+        Ok(Gains::from_scaled(stiffness, damping))
+    }
+
+    const fn from_scaled(stiffness: Scaled, damping: Scaled) -> Gains {
+        let (first, second) = (stiffness.mantissa, damping.mantissa);
+        Gains(Parts { first, second, low: stiffness.bytes, high: damping.bytes })
+    }
+
+    pub(super) const fn of(parts: Parts) -> Gains {
+        Gains(parts)
+    }
+
+    pub(super) const fn parts(self) -> Parts {
+        self.0
+    }
+}
+
+/// How fast a path may go and speed up.
+///
+/// vmax in 2^-16 steps/s; amax·10^-3 in 2^-32 steps/s, 40 bits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(transparent)]
+pub struct Limits(Parts);
+
+impl Limits {
+    pub(super) const fn of(parts: Parts) -> Limits {
+        Limits(parts)
+    }
+
+    pub(super) const fn parts(self) -> Parts {
+        self.0
+    }
+
+    const fn of_fixed(speed: u32, change_low: u32, change_high: u8) -> Limits {
+        Limits(Parts { first: speed, second: change_low, low: change_high, high: 0 })
+    }
+
+    /// vmax, 2^-16 steps/s.
+    const fn speed(&self) -> u32 {
+        self.0.first
+    }
+
+    /// [`FIRST_SPEED`] and [`FIRST_ACCELERATION`].
+    pub const DEFAULT: Limits = Limits::of_fixed((FIRST_SPEED as u32) << 16, 0, 35);
+
+    /// Of `speed` steps/s and `acceleration` steps/s², each at most [`FASTEST`] and [`STEEPEST`]: more is taken as that.
+    /// `None` if the acceleration is less than 1 step/s²: nothing could stop then.
+    #[must_use]
+    #[inline(never)]
+    pub fn new(speed: Float, acceleration: Float) -> Option<Limits> {
+        const FASTEST_FIXED: u32 = (FASTEST as u32) << 16;
+        if acceleration.key() < Float::new(1 << 31, -31).key() {
+            return None;
+        }
+        let (mut speed, beyond) = speed.to_fixed(16);
+        if beyond != 0 || speed > FASTEST_FIXED {
+            speed = FASTEST_FIXED;
+        }
+        let (mut change_low, mut change_high) = acceleration.times(MILLI).to_fixed(32);
+        if change_high >= STEEPEST_CHANGE {
+            (change_low, change_high) = (0, STEEPEST_CHANGE);
+        }
+        Some(Limits::of_fixed(speed, change_low, change_high))
+    }
+
+    /// amax·10^-3, 2^-32 steps/s.
+    #[inline(always)]
+    const fn change(&self) -> i64 {
+        let [b0, b1, b2, b3] = self.0.second.to_le_bytes();
+        i64::from_le_bytes([b0, b1, b2, b3, self.0.low, 0, 0, 0])
+    }
+}
+
+/// A signed number of 48 bits, lowest byte first. It stays where they end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Wide([u8; 6]);
+
+impl Wide {
+    const ZERO: Wide = Wide([0; 6]);
+    const MAX: Wide = Wide([0xff, 0xff, 0xff, 0xff, 0xff, 0x7f]);
+    const MIN: Wide = Wide([0, 0, 0, 0, 0, 0x80]);
+
+    #[inline(never)]
+    const fn of(value: i32) -> Wide {
+        let [b0, b1, b2, b3] = value.to_le_bytes();
+        let sign = if value < 0 { 0xff } else { 0 };
+        Wide([b0, b1, b2, b3, sign, sign])
+    }
+
+    /// Of steps: their millisteps.
+    #[inline(never)]
+    const fn thousandfold(steps: i32) -> Wide {
+        // In halves of 16 bits, the upper one with the sign.
+        let [b0, b1, b2, b3] = steps.to_le_bytes();
+        let low = u32::from_le_bytes([b0, b1, 0, 0]).wrapping_mul(1000);
+        let [l0, l1, l2, l3] = low.to_le_bytes();
+        let sign = if steps < 0 { 0xff } else { 0 };
+        let high = i32::from_le_bytes([b2, b3, sign, sign]).wrapping_mul(1000);
+        let [h0, h1, h2, h3] = high.wrapping_add(i32::from_le_bytes([l2, l3, 0, 0])).to_le_bytes();
+        Wide([l0, l1, h0, h1, h2, h3])
+    }
+
+    #[inline(never)]
+    fn add(&mut self, other: &Wide) {
+        let (both, mut carry) = (self.is_negative() == other.is_negative(), 0);
+        for (place, more) in self.0.iter_mut().zip(&other.0) {
+            let [low, high] = (u16::from(*place) + u16::from(*more) + carry).to_le_bytes();
+            *place = low;
+            carry = high.into();
+        }
+        if both && self.is_negative() != other.is_negative() {
+            *self = if other.is_negative() { Wide::MIN } else { Wide::MAX };
+        }
+    }
+
+    #[inline(never)]
+    fn subtract(&mut self, other: &Wide) {
+        let mut negative = *other;
+        for place in &mut negative.0 {
+            *place = !*place;
+        }
+        self.add(&negative);
+        self.add(&Wide::of(1));
+    }
+
+    const fn get(self) -> i64 {
+        let [b0, b1, b2, b3, b4, b5] = self.0;
+        let sign = if self.is_negative() { 0xff } else { 0 };
+        i64::from_le_bytes([b0, b1, b2, b3, b4, b5, sign, sign])
+    }
+
+    const fn is_negative(&self) -> bool {
+        let [.., top] = self.0;
+        top >= 0x80
+    }
+
+    #[inline(never)]
+    fn is_zero(&self) -> bool {
+        self.0.iter().all(|byte| *byte == 0)
+    }
+}
+
+/// What a tick's millisecond brings: steps in one direction at one speed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Slice {
+    /// Steps that fall into it.
+    pub count: u8,
+    /// Which way.
+    pub backward: bool,
+    /// From its beginning to the first of them, 2^-16 millisteps. It means nothing without one.
+    pub distance: u32,
+    /// Speed, 2^-16 steps/s: as many of `distance` a millisecond.
+    pub speed: u32,
+}
+
+/// One axis: where it is, where it is to go, and how.
+///
+/// ```
+/// use pulsetrain_core::winch::path::Path;
+/// let mut path = Path::new();
+/// path.set_target(100);
+/// let steps: u32 = (0..30_000).map(|_| u32::from(path.tick().count)).sum();
+/// assert!(steps > 100, "it rings");
+/// assert_eq!(path.made(), 100);
+/// assert!(path.is_at_rest());
+/// ```
+#[derive(Clone, Debug)]
+#[repr(C)]
+pub struct Path {
+    /// Steps made, to the end of the last slice.
+    made: i32,
+    /// `made` less q, 2^-16 millisteps; within half a step and the threshold's 1/64.
+    ahead: i32,
+    /// q_d − q, millisteps rounded down; below the point it has what `ahead` has.
+    gap: Wide,
+    /// q′: what is below the next.
+    speed_low: u16,
+    /// 2^-16 steps/s.
+    speed: i32,
+    /// q_d′, steps/s.
+    drift: i16,
+    gains: Gains,
+    limits: Limits,
+    /// To rest within amax, wherever that is.
+    stopping: bool,
+    /// 0: no limit, and no way.
+    ramp: u16,
+    /// What q_d still has to go at `ramp` steps/s, millisteps.
+    way: Wide,
+}
+
+impl Default for Path {
+    fn default() -> Path {
+        Path::new()
+    }
+}
+
+impl Path {
+    /// At rest at 0, as a board begins.
+    #[must_use]
+    pub const fn new() -> Path {
+        Path {
+            made: 0,
+            ahead: 0,
+            gap: Wide::ZERO,
+            speed: 0,
+            speed_low: 0,
+            drift: 0,
+            gains: Gains::DEFAULT,
+            limits: Limits::DEFAULT,
+            way: Wide::ZERO,
+            ramp: 0,
+            stopping: false,
+        }
+    }
+
+    /// One millisecond.
+    ///
+    /// An 8-bit processor is to do it in assembly, and [`Slice::train`] with it, to the same bits: fields lie as they are
+    /// declared, and without gaps there.
+    #[inline(never)]
+    pub fn tick(&mut self) -> Slice {
+        if !self.way.is_zero() {
+            self.approach();
+        }
+        let change = self.change();
+        let slice = self.advance();
+        self.hasten(change);
+        slice
+    }
+
+    /// `a`: the target is `steps`. Steps made wrap, and so does the way to it.
+    #[inline(never)]
+    pub fn set_target(&mut self, steps: i32) {
+        let mut gap = Wide::thousandfold(steps.wrapping_sub(self.made));
+        gap.add(&Wide::of(upper(self.ahead).into()));
+        self.aim(&gap);
+    }
+
+    /// `d`: the target moves by `steps`.
+    #[inline(never)]
+    pub fn move_target(&mut self, steps: i32) {
+        let mut gap = Wide::thousandfold(steps);
+        gap.add(&self.gap);
+        gap.add(&self.way);
+        self.aim(&gap);
+    }
+
+    /// `v`: the target drifts by `speed` steps/s, at most [`FASTEST_DRIFT`] either way, for ever.
+    #[inline(never)]
+    pub fn set_drift(&mut self, speed: i16) {
+        let most = FASTEST_DRIFT.cast_signed();
+        self.stopping = false;
+        self.drift = if speed > most {
+            most
+        } else if speed < -most {
+            -most
+        } else {
+            speed
+        };
+    }
+
+    /// `r`: target and reference move by `steps` at once, whatever ramp is set.
+    #[inline(never)]
+    pub fn push_reference(&mut self, steps: i32) {
+        self.stopping = false;
+        self.gap.add(&Wide::thousandfold(steps));
+    }
+
+    /// `s`: from now on the reference goes to its target by `speed` steps/s at most; 0: at once.
+    #[inline(never)]
+    pub fn set_ramp(&mut self, speed: u16) {
+        self.ramp = speed;
+        self.move_target(0);
+    }
+
+    /// `g`.
+    #[inline(never)]
+    pub fn set_gains(&mut self, gains: &Gains) {
+        self.gains = *gains;
+    }
+
+    /// `l`.
+    #[inline(never)]
+    pub fn set_limits(&mut self, limits: &Limits) {
+        self.limits = *limits;
+    }
+
+    /// To rest within amax: it takes the speed divided by amax, 0.1 s at most by the first limits. The target is then
+    /// where it came to rest, and any command for a new one ends it.
+    #[inline(never)]
+    pub fn stop(&mut self) {
+        self.drift = 0;
+        self.way = Wide::ZERO;
+        self.gap = Wide::ZERO;
+        self.stopping = true;
+    }
+
+    /// As it lies in an AVR's memory, for a tick in assembly.
+    #[must_use]
+    pub fn bytes(&self) -> [u8; 51] {
+        let Path { made, ahead, gap, speed_low, speed, drift, gains, limits, stopping, ramp, way } = self;
+        let mut bytes = [0; 51];
+        let mut places = bytes.iter_mut();
+        let mut put = |field: &[u8]| {
+            for (byte, place) in field.iter().zip(places.by_ref()) {
+                *place = *byte;
+            }
+        };
+        put(&made.to_le_bytes());
+        put(&ahead.to_le_bytes());
+        put(&gap.0);
+        put(&speed_low.to_le_bytes());
+        put(&speed.to_le_bytes());
+        put(&drift.to_le_bytes());
+        for Parts { first, second, low, high } in [gains.0, limits.0] {
+            put(&first.to_le_bytes());
+            put(&second.to_le_bytes());
+            put(&[low, high]);
+        }
+        put(&[u8::from(*stopping)]);
+        put(&ramp.to_le_bytes());
+        put(&way.0);
+        bytes
+    }
+
+    /// Steps made, to the end of the last slice, wrapping.
+    #[must_use]
+    pub const fn made(&self) -> i32 {
+        self.made
+    }
+
+    /// q less [`made`](Path::made), 2^-16 millisteps: within ±33 792 000.
+    #[must_use]
+    pub const fn offset(&self) -> i32 {
+        -self.ahead
+    }
+
+    /// q′, 2^-16 steps/s: within ±[`FASTEST`].
+    #[must_use]
+    pub const fn speed(&self) -> i32 {
+        self.speed
+    }
+
+    /// Whether it goes slower than 1 step/s and is to stay where it is to within half a step.
+    #[must_use]
+    pub fn is_at_rest(&self) -> bool {
+        let near = self.gap.get().wrapping_add(500).cast_unsigned() <= 1000;
+        let slow = self.speed.wrapping_add(1 << 16).cast_unsigned() <= 2 << 16;
+        near && slow && self.drift == 0 && self.way.is_zero()
+    }
+
+    /// The target is `gap` millisteps from q.
+    #[inline(never)]
+    fn aim(&mut self, gap: &Wide) {
+        self.stopping = false;
+        self.way = *gap;
+        if self.ramp == 0 {
+            self.gap = *gap;
+            self.way = Wide::ZERO;
+        } else {
+            let gap = self.gap;
+            self.way.subtract(&gap);
+        }
+    }
+
+    /// The reference goes nearer to its target.
+    #[cold]
+    #[inline(never)]
+    fn approach(&mut self) {
+        let ramp = i32::from(self.ramp);
+        let mut step = Wide::of(if self.way.is_negative() { -ramp } else { ramp });
+        let mut rest = self.way;
+        rest.subtract(&step);
+        if rest.is_negative() != self.way.is_negative() {
+            step = self.way;
+            rest = Wide::ZERO;
+        }
+        self.way = rest;
+        self.gap.add(&step);
+    }
+
+    /// q″·10^-3 before it is clamped, 2^-32 steps/s.
+    #[inline(always)]
+    fn change(&self) -> i64 {
+        if self.stopping {
+            return -self.whole_speed();
+        }
+        let Wide([b0, b1, b2, b3, b4, b5]) = self.gap;
+        // The four highest bytes that mean anything, and how many are below them.
+        let [_, below, _, _] = self.ahead.to_le_bytes();
+        let sign = |byte: u8| if byte >= 0x80 { 0xff } else { 0 };
+        let (gap, fewer) = if b5 != sign(b4) {
+            ([b2, b3, b4, b5], 6)
+        } else if b4 != sign(b3) {
+            ([b1, b2, b3, b4], 5)
+        } else if b3 != sign(b2) {
+            ([b0, b1, b2, b3], 4)
+        } else {
+            ([below, b0, b1, b2], 3)
+        };
+        let gap = i32::from_le_bytes(gap);
+        let Gains(Parts { first: stiffness, second: damping, low: stiffness_bytes, high: damping_bytes }) = self.gains;
+        // millisteps·k·10^-6 are steps/s.
+        let pull = if stiffness_bytes >= fewer {
+            scale(stiffness, gap, stiffness_bytes - fewer)
+        } else if gap < 0 {
+            // Beyond 2^55: more than damping (2^47) and amax (2^40) can take back.
+            -1 << 60
+        } else {
+            1 << 60
+        };
+        let behind = (i32::from(self.drift) << 16).wrapping_sub(self.speed);
+        pull + scale(damping, behind, damping_bytes - 2)
+    }
+
+    /// q += q′ dt, q_d += q_d′ dt, and the steps on the way.
+    #[inline(always)]
+    fn advance(&mut self) -> Slice {
+        let (before, speed) = (self.ahead, self.speed);
+        let mut after = before.wrapping_sub(speed);
+        if !self.stopping {
+            let moved = upper(after).wrapping_sub(upper(before)).wrapping_add(self.drift);
+            self.move_gap(moved);
+        }
+        // Mirrored, a backward slice is a forward one.
+        let backward = speed < 0;
+        let mut distance = before;
+        if backward {
+            after = after.wrapping_neg();
+            distance = distance.wrapping_neg();
+        }
+        let distance = distance.wrapping_add(THRESHOLD).cast_unsigned();
+        // By halves, not one by one: LLVM would make a division of it.
+        let mut count = 0;
+        let mut weight = 8;
+        let mut far = 8 * STEP;
+        while weight != 0 {
+            if after <= STEP - THRESHOLD - far {
+                after += far;
+                count += weight;
+            }
+            weight >>= 1;
+            far >>= 1;
+        }
+        let steps = i32::from(count);
+        if backward {
+            self.made = self.made.wrapping_sub(steps);
+            self.ahead = after.wrapping_neg();
+        } else {
+            self.made = self.made.wrapping_add(steps);
+            self.ahead = after;
+        }
+        Slice { count, backward, distance, speed: speed.unsigned_abs() }
+    }
+
+    /// q_d − q changes by `moved` millisteps; it stays where 48 bits end.
+    fn move_gap(&mut self, moved: i16) {
+        let [b0, b1, b2, b3, b4, b5, b6, b7] = self.gap.get().wrapping_add(moved.into()).to_le_bytes();
+        if i16::from_le_bytes([b6, b7]) == if b5 >= 0x80 { -1 } else { 0 } {
+            self.gap = Wide([b0, b1, b2, b3, b4, b5]);
+        }
+    }
+
+    /// q′ += q″ dt, both clamped.
+    #[inline(always)]
+    fn hasten(&mut self, change: i64) {
+        let steepest = self.limits.change();
+        let change = if change > steepest {
+            steepest
+        } else if change < -steepest {
+            -steepest
+        } else {
+            change
+        };
+        let old = self.whole_speed();
+        let new = old.wrapping_add(change);
+        let ([b0, b1, b2, b3, b4, b5, _, _], fastest) = (new.to_le_bytes(), self.limits.speed().cast_signed());
+        self.speed_low = u16::from_le_bytes([b0, b1]);
+        self.speed = i32::from_le_bytes([b2, b3, b4, b5]);
+        if self.speed >= fastest || self.speed < -fastest {
+            self.slow_down(old);
+        }
+        if self.stopping && new == 0 {
+            self.stopping = false;
+        }
+    }
+
+    /// No faster than vmax, or by amax·dt slower than `old`, whichever is more.
+    #[cold]
+    #[inline(never)]
+    fn slow_down(&mut self, old: i64) {
+        let fastest = i64::from(self.limits.speed()) << 16;
+        let least = old.abs() - self.limits.change();
+        let magnitude = if least > fastest { least } else { fastest };
+        let bounded = if self.speed < 0 { -magnitude } else { magnitude };
+        let [b0, b1, b2, b3, b4, b5, _, _] = bounded.to_le_bytes();
+        self.speed_low = u16::from_le_bytes([b0, b1]);
+        self.speed = i32::from_le_bytes([b2, b3, b4, b5]);
+    }
+
+    /// 2^-32 steps/s.
+    #[inline(always)]
+    const fn whole_speed(&self) -> i64 {
+        let ([b0, b1], [b2, b3, b4, b5]) = (self.speed_low.to_le_bytes(), self.speed.to_le_bytes());
+        let sign = if self.speed < 0 { 0xff } else { 0 };
+        i64::from_le_bytes([b0, b1, b2, b3, b4, b5, sign, sign])
+    }
+}
+
+/// `mantissa`·|`x`| / 256^`bytes`, rounded down, with `x`'s sign. `bytes` ≤ 4.
+fn scale(mantissa: u32, x: i32, bytes: u8) -> i64 {
+    let product = ((u64::from(mantissa) * u64::from(x.unsigned_abs())) >> (8 * bytes)).cast_signed();
+    if x < 0 { -product } else { product }
+}
+
+/// Its upper 16 bits.
+#[inline(always)]
+const fn upper(value: i32) -> i16 {
+    let [_, _, b2, b3] = value.to_le_bytes();
+    i16::from_le_bytes([b2, b3])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn constants_are_what_they_say() {
+        let check = |float: Float, exact: f64| {
+            // By way of a scaled number: 25 bits at least.
+            let Scaled { mantissa, bytes } = float.to_scaled();
+            let value = f64::from(mantissa) / (1u64 << (8 * (bytes - 1))) as f64 / 256.0;
+            assert!((value / exact - 1.0).abs() < (1.0 / f64::from(1 << 25)), "{value} {exact}");
+        };
+        let pi = core::f64::consts::PI;
+        check(STIFFNESS, 4.0 * pi * pi * 1e-6);
+        check(DAMPING, 4.0 * pi * 1e-3);
+        check(MILLI, 1e-3);
+        for (key, digits, power) in [(FREQUENCY[0], 1, -2), (FREQUENCY[1], 20, 0), (RATIO[0], 7, -2), (RATIO[1], 5, 0)]
+        {
+            assert_eq!(Float::from_decimal(digits, power).unwrap().key(), key);
+        }
+        assert_eq!(
+            Limits::new(Float::from_decimal(35, 2).unwrap(), Float::from_decimal(35, 3).unwrap()),
+            Some(Limits::DEFAULT)
+        );
+    }
+
+    #[test]
+    fn limits_have_ends() {
+        let number = |digits| Float::from_decimal(digits, 0).unwrap();
+        assert_eq!(Limits::new(number(1), Float::TENTH), None);
+        assert_eq!(Limits::new(number(1), Float::ZERO), None);
+        let most = Limits::of_fixed(u32::from(FASTEST) << 16, 0, 250);
+        assert_eq!(Limits::new(number(u32::MAX), number(u32::MAX)), Some(most));
+        assert_eq!(Limits::new(number(10_000), number(250_000)), Some(most));
+        assert_eq!(Limits::new(Float::ZERO, number(1)), Some(Limits::of_fixed(0, 4_294_967, 0)));
+    }
+
+    proptest! {
+        #[test]
+        fn wide_numbers_saturate(bytes: [u8; 6], other: [u8; 6], steps: i32, high in 0..=255_u8) {
+            let clamped = |value: i64| value.clamp(-1 << 47, (1 << 47) - 1);
+            let mut bytes = bytes;
+            // Some near the ends.
+            bytes[5] = if high & 1 == 0 { high } else { bytes[5] };
+            let (mut sum, other) = (Wide(bytes), Wide(other));
+            let mut difference = sum;
+            sum.add(&other);
+            prop_assert_eq!(sum.get(), clamped(Wide(bytes).get() + other.get()));
+            difference.subtract(&other);
+            // Two additions: at an end the second may leave it by one.
+            let exact = clamped(Wide(bytes).get() - other.get());
+            prop_assert!((difference.get() - exact).abs() <= 1);
+            prop_assert_eq!(Wide::of(steps).get(), i64::from(steps));
+            prop_assert_eq!(Wide::thousandfold(steps).get(), i64::from(steps) * 1000);
+        }
+
+        #[test]
+        fn products_are_cut_towards_0(mantissa: u32, x in -i32::MAX..i32::MAX, bytes in 0..5_u8) {
+            let exact = i128::from(mantissa) * i128::from(x) / (1 << (8 * bytes));
+            prop_assert_eq!(i128::from(scale(mantissa, x, bytes)), exact);
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! From a millisecond of the path to the ticks of its steps: evenly spaced, anchored to the millisecond.
+//!
+//! Within a slice the path has one speed, so that its steps are one interval apart, 16 000 000 / speed, and the first
+//! comes distance / speed into it. One reciprocal of 16 bits gives both. What it rounds is not carried on: each slice
+//! begins anew from the path's own position, at a tick that is a multiple of [`TICKS`].
+
+use super::path::Slice;
+
+/// Ticks of a slice: 1 ms at 16 MHz.
+pub const TICKS: u16 = 16_000;
+
+/// How far a step's time may be from the exact one, ticks: reciprocal and distance are cut to 16 bits of a slice.
+pub const TOLERANCE_TICKS: u8 = 1;
+
+/// The steps of a slice.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(C)]
+pub struct Train {
+    /// How many: at least 1.
+    pub count: u8,
+    /// Which way.
+    pub backward: bool,
+    /// When the first is due, 2^-16 ticks after the slice's beginning: at most [`TICKS`].
+    pub first: u32,
+    /// From each to the next, 2^-16 ticks; 0 if there is but one.
+    pub interval: u32,
+}
+
+impl Slice {
+    /// When its steps are due, within [`TOLERANCE_TICKS`] of the exact times; `None` without steps.
+    ///
+    /// Two steps, be they of two slices and in opposite directions, are never nearer than the fastest speed has them.
+    ///
+    /// ```
+    /// use pulsetrain_core::winch::path::Slice;
+    /// // 4000 steps/s, the first 250 millisteps away: after 1000 ticks, then one each 4000.
+    /// let slice = Slice { count: 4, backward: false, distance: 250 << 16, speed: 4000 << 16 };
+    /// let train = slice.train().unwrap();
+    /// assert!((train.first >> 16).abs_diff(1000) <= 1 && (train.interval >> 16).abs_diff(4000) <= 1);
+    /// ```
+    #[must_use]
+    #[inline(never)]
+    pub fn train(self) -> Option<Train> {
+        let Slice { count, backward, mut distance, mut speed } = self;
+        if count == 0 || speed == 0 {
+            return None;
+        }
+        // To 16 significant bits. Below 256 steps/s there is one step at most, and `step` means nothing.
+        let mut step = 1000u16;
+        while speed < 1 << 24 {
+            speed <<= 8;
+            distance <<= 8;
+        }
+        while speed < 1 << 31 {
+            speed <<= 1;
+            distance <<= 1;
+            step <<= 1;
+        }
+        let inverse = reciprocal(upper(speed));
+        let first = ticks(upper(distance), inverse);
+        let interval = if count > 1 { ticks(step, inverse) } else { 0 };
+        Some(Train { count, backward, first, interval })
+    }
+}
+
+/// The part of a slice that `distance` takes, 2^-16 ticks.
+#[inline(never)]
+fn ticks(distance: u16, inverse: u16) -> u32 {
+    // Speed ≥ distance, so that this is a fraction, of 32 bits after the doubling.
+    let [b0, b1, b2, b3] = (multiply(distance, inverse) << 1).to_le_bytes();
+    let below = upper(multiply(u16::from_le_bytes([b0, b1]), TICKS));
+    multiply(u16::from_le_bytes([b2, b3]), TICKS) + u32::from(below)
+}
+
+/// 2^31 / `value`, rounded down; `value` ≥ 2^15, and for 2^15 itself it is 2^16 − 1.
+#[inline(never)]
+fn reciprocal(value: u16) -> u16 {
+    let (mut rest, mut quotient) = (0x8000u16, 0u16);
+    let mut bits = 16u8;
+    // 2^31 = 0x8000·2^16 and value ≥ 0x8000: the quotient has 16 bits, but for the smallest.
+    if value == 0x8000 {
+        return u16::MAX;
+    }
+    while bits > 0 {
+        let carry = rest >= 0x8000;
+        rest <<= 1;
+        quotient <<= 1;
+        if carry || rest >= value {
+            rest = rest.wrapping_sub(value);
+            quotient |= 1;
+        }
+        bits -= 1;
+    }
+    quotient
+}
+
+const fn multiply(a: u16, b: u16) -> u32 {
+    (a as u32).wrapping_mul(b as u32)
+}
+
+#[inline(always)]
+const fn upper(value: u32) -> u16 {
+    let [_, _, b2, b3] = value.to_le_bytes();
+    u16::from_le_bytes([b2, b3])
+}
