@@ -3,7 +3,7 @@
 mod common;
 
 use common::motion::make;
-use common::rows::tutorial;
+use common::rows::{hour, tutorial};
 use pulsetrain::prepare::Prepared;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Remote, Setup};
@@ -93,4 +93,14 @@ fn scheduled_within_the_certificate() {
     assert_eq!(made.schedules[0].steps, 8000);
     let largest = made.largest();
     assert!(largest <= made.certificate_ticks && largest > 0.5, "{largest} of {}", made.certificate_ticks);
+}
+
+/// 001's motors, as `cargo xtask bench uno --hour` has them for an hour.
+#[test]
+fn four_motors_on_one_dir_line_keep_their_phase() {
+    let rows = hour(10);
+    assert_eq!(rows.len(), 5);
+    for row in rows {
+        assert_eq!(row.verdict, "", "{}", row.law);
+    }
 }

@@ -5,7 +5,7 @@ use crate::link::{self, Receiver, Unread, WINDOW};
 use crate::memory::{self, POOL};
 use crate::steps::motor::{self, SWITCHES};
 use crate::steps::pins::{Layout, MAX_MOTORS, Pin};
-use crate::steps::stepper::{self, Trouble};
+use crate::steps::stepper::{self, LONGEST, Trouble};
 use crate::steps::task;
 use pulsetrain_core::wire::frame::Tag;
 use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, flags};
@@ -247,7 +247,9 @@ impl Board {
         let tick = clock::now();
         if self.armed {
             self.armed = false;
-            self.last_stop = cause;
+            if cause != Cause::None {
+                self.last_stop = cause;
+            }
             if cause != Cause::StopNow {
                 self.tell(cause, motor, detail);
             }
@@ -271,7 +273,8 @@ impl Board {
     #[inline(never)]
     fn tell(&mut self, cause: Cause, motor: u8, detail: u32) {
         let at = clock::moment();
-        if cause == Cause::Finished {
+        // That a host was lost is the better reason for the same end.
+        if cause == Cause::Finished && self.last_stop != Cause::HostLost {
             self.last_stop = cause;
         }
         if let Some(place) = self.news.iter_mut().find(|news| news.cause == Cause::None) {
@@ -319,6 +322,10 @@ impl Machine for Board {
         if self.armed && !self.is_idle() {
             return Err(Refusal::of(Reason::Moving));
         }
+        let Configuration { pulse_ticks, setup_ticks, hold_ticks, .. } = *configuration;
+        if pulse_ticks.max(setup_ticks).max(hold_ticks) > LONGEST {
+            return Err(Refusal { reason: Reason::Timing, detail: LONGEST });
+        }
         let layout = Layout::of(configuration)?;
         self.stop(Cause::None, ALL_MOTORS, 0);
         self.set_up(&layout, configuration);
@@ -333,6 +340,7 @@ impl Machine for Board {
         if !self.armed {
             self.power.set(true);
             self.armed = true;
+            self.last_stop = Cause::None;
             self.was_idle = true;
             self.told = 0;
             task::lock().start(clock::moment());
@@ -345,9 +353,7 @@ impl Machine for Board {
         if self.armed && !self.is_idle() {
             return Err(Refusal::of(Reason::Moving));
         }
-        let last_stop = self.last_stop;
         self.stop(Cause::None, ALL_MOTORS, 0);
-        self.last_stop = last_stop;
         self.news = [News::NONE; 2];
         self.power.set(false);
         Ok(())

@@ -179,6 +179,13 @@ pub(crate) fn timer1() -> u16 {
     u16::from_le_bytes([low, high])
 }
 
+/// The compiler moves no access to memory across this.
+#[inline(always)]
+pub(crate) fn barrier() {
+    // SAFETY: no instruction.
+    unsafe { asm!("") };
+}
+
 /// Lets interrupts in.
 #[inline(always)]
 pub(crate) fn enable_interrupts() {

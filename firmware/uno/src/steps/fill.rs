@@ -13,9 +13,8 @@ use core::mem::offset_of;
 
 /// A ring is filled when it has room for so many groups.
 const ROOM: u8 = 14;
-/// Steps that are expanded at once; half as many if each is two groups.
-const STEPS: u8 = 31;
-/// And when there is room for so many, or half of it: the ring runs low.
+/// Steps that are expanded at once when there is room for [`LOW`] of them or more: the ring runs low. Else as many as there is
+/// room for.
 const FEW: u8 = 16;
 const LOW: u8 = 30;
 /// Batches that are expanded in one go.
@@ -64,9 +63,6 @@ fill_next:
     // Few at once while the ring runs low: they are published the sooner.
     ldi r24, {FEW}
     cpi r26, {LOW}
-    brsh 2f
-    ldi r24, {STEPS}
-    cp r26, r24
     brsh 2f
     mov r24, r26
 2:  sts steps_times+{MOST}, r24
@@ -145,7 +141,6 @@ fill_done:
     "#,
     BATCHES = const BATCHES,
     ROOM = const ROOM,
-    STEPS = const STEPS,
     FEW = const FEW,
     LOW = const LOW,
     FULL = const FULL,

@@ -7,7 +7,8 @@
 //! | X, Z | the next byte of its queue, and where the queue's memory ends |
 //! | r15 | bytes of the record that were read |
 //! | r25 | the header, shifted to the right as its bits are used |
-//! | r14 | bit length of the previous count; r0 that of the gain's sum |
+//! | r14 | bit length of the previous count |
+//! | r0 | the narrow width, in bytes |
 //! | r18 to r22 | a number of 40 bits |
 //! | r23, r24 | counters |
 //!

@@ -11,9 +11,9 @@
 //! to W after it is put off to W. So no edge is early or late by more than W/2. Two ticks that toggle
 //! the same pin never share a group.
 //!
-//! W ≥ (match to compare register written, 27 to 39 cycles) + (the longest that an interrupt is kept waiting: 13 cycles in the
-//! receive interrupt, and an instruction of main's), and W ≥ the interrupt's length + 4, so that delays die out:
-//! 44 for the short pulse, 58 for the long one and the shield, 72 for the shield's long one.
+//! W ≥ (match to compare register written, 27 to 39 cycles) + (the longest that an interrupt is kept waiting: 13 cycles as the
+//! task begins, and an instruction of main's), and W ≥ the interrupt's length + 4, so that delays die out:
+//! 48 for the short pulse, 60 for the long one and the shield, 76 for the shield's long one.
 //!
 //! # Cycles
 //! A step: 34 to 37, and expansion's 18.5. A list: 130, what the plan takes, and the expansion's beginning and end. To and from
@@ -264,7 +264,7 @@ steps_merge_run:
     merge_state merge_12, r4, r5, r20, r21, 1, r6, r7, r22, r23, 2
     merge_state merge_13, r4, r5, r20, r21, 1, r8, r9, r28, r29, 3
 
-    // Publishes what has been put into the ring. Uses r24, r25, Y.                                 28
+    // Publishes what has been put into the ring. Uses r24, r25, Y.                                 24
 merge_publish:
     lds r28, steps_merge+{AT}           // 2
     cp r26, r28                         // 1
@@ -338,7 +338,7 @@ merge_refill_\lane:                     // call                         3
     refill 2, r12, {LANE2}
     refill 3, r13, {LANE3}
 
-    // Fills the list of the lane r30.                                                              62, and merge_give
+    // Fills the list of the lane r30.                                                              85, and merge_give
 merge_feed:                             // call                         3
     push r30                            // 2                            5
     rcall merge_publish                 // 28                           33

@@ -1,8 +1,10 @@
 //! Steps: from events to edges on the pins.
 //!
 //! # What is here, top down
-//! - [`stepper`]: the slow engine, which does everything, and says when the fast one may run
-//! - [`merge`]: two to four motors in one ring, and [`expand`]: registers → ticks; both the fast engine, in assembly
+//! - [`stepper`]: motors, rings, and who fills what; [`task`]: when
+//! - [`motor`]: one motor, its queue and what it has promised; [`times`]: what a configuration asks of all
+//! - [`load`]: records of the queue → registers; [`plan`]: what a motor does next; [`expand`]: registers → ticks
+//! - [`fill`]: a ring of one motor; [`merge`]: two to four motors in one ring
 //! - [`ring`]: groups of edges and the interrupts that play them
 //! - [`pins`]: which pins there are, and which of them one stepgen can serve together
 //! - [`register`]: addresses, for assembly

@@ -525,8 +525,7 @@ plan_turn:
     cpc r15, r0
     brge 4f
     rjmp plan_missed
-4:  movw r14, r26
-    sub r26, r18
+4:  sub r26, r18
     sbc r27, r19
     sbc r30, r20
     sbc r31, r21

@@ -634,7 +634,7 @@ impl Ring {
     }
 
     /// The immediate stop: no group is played after this, nor does the hardware make an edge. A pulse that the hardware
-    /// began is ended. [`Ring::newest_first`] then has what was not played. Interrupts must be off.
+    /// began is ended. [`Ring::unplayed`] then says what was not played. Interrupts must be off.
     #[inline(never)]
     pub(crate) fn halt(&mut self) {
         let (compare, bit) = self.compare();

@@ -54,6 +54,8 @@ const ROOM: u8 = 8;
 const STEPS: u8 = 24;
 /// Things that one call does at most, beside batches of steps.
 const BATCH: u8 = 4;
+/// The longest of pulse, set-up and hold, ticks: less than a filler, so that what is past need not be remembered longer.
+pub(crate) const LONGEST: u16 = 4_096;
 /// A compare that was missed is made so soon, ticks.
 const AGAIN: u16 = 48;
 /// After the ring ran empty the next group comes so soon, ticks: time enough to fill some more in.
@@ -621,7 +623,9 @@ impl Track {
     /// How far ahead its last group is, ticks.
     #[inline(always)]
     fn ahead(&self) -> u16 {
-        low_half(self.at.0).wrapping_sub(clock::read())
+        let ahead = low_half(self.at.0).wrapping_sub(clock::read());
+        // What would be beyond the limit is past.
+        if ahead > (AHEAD + 8192) as u16 { 0 } else { ahead }
     }
 
     /// Has the merge fill this ring.

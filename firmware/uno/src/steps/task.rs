@@ -7,7 +7,8 @@
 //! then lose bytes: it comes back a little later.
 //!
 //! What it works on, the [`Stepper`], belongs to whoever holds the [`Guard`]: main takes it with [`lock`], which keeps the task
-//! out as long as it lives. Rings last for a while: no guard may be held for longer than about 1500 cycles while motors move.
+//! out as long as it lives. Rings last for a while: no guard may be held for longer than about 2000 cycles while motors move (a
+//! position, which takes a look at every group, is the longest).
 
 use super::stepper::Stepper;
 use crate::clock;
@@ -37,12 +38,14 @@ pub(crate) struct Out {
 pub(crate) fn keep_out() -> Out {
     let before = regs::TIMSK0.read();
     regs::TIMSK0.write(0);
+    regs::barrier();
     Out { before }
 }
 
 impl Drop for Out {
     #[inline(always)]
     fn drop(&mut self) {
+        regs::barrier();
         regs::TIMSK0.write(self.before);
     }
 }

@@ -33,10 +33,10 @@ impl Times {
         Times { limit: Moment(0), gap: 1, keep: 0, lead: 0, early: 0, fastest: 0, pulse: 0, most: 0, shared: false };
 }
 
-/// Something of main's alone, at an address that the assembly knows.
+/// At an address that the assembly knows.
 pub(crate) struct Cell(UnsafeCell<Times>);
 
-// SAFETY: there is one thread, main; interrupts do not use it.
+// SAFETY: it belongs to whoever has the stepper: main under a guard, or the task.
 unsafe impl Sync for Cell {}
 
 /// The one.
@@ -46,13 +46,13 @@ pub(crate) static TIMES: Cell = Cell(UnsafeCell::new(Times::NONE));
 impl Cell {
     #[inline(always)]
     pub(crate) fn get(&self) -> Times {
-        // SAFETY: a copy, made by main, which alone writes it.
+        // SAFETY: a copy, made by who has the stepper, who alone writes it.
         unsafe { *self.0.get() }
     }
 
     #[inline(always)]
     pub(crate) fn set(&self, times: Times) {
-        // SAFETY: main alone uses it, and holds no reference.
+        // SAFETY: who has the stepper alone uses it, and holds no reference.
         unsafe { *self.0.get() = times }
     }
 
