@@ -5,8 +5,8 @@ use libfuzzer_sys::fuzz_target;
 use pulsetrain_core::winch::letters::InMemory;
 use pulsetrain_core::winch::path::{FASTEST, Path};
 use pulsetrain_core::winch::reply::{LONGEST, Reply};
-use pulsetrain_core::winch::text::{Heard, Reader, Verb};
 use pulsetrain_core::winch::spacing;
+use pulsetrain_core::winch::text::{Heard, Reader, Verb};
 
 fuzz_target!(|input: (bool, Vec<u8>)| {
     let (strict, bytes) = input;

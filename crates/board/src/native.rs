@@ -158,7 +158,7 @@ pub enum SwitchRefused {
     /// Too many switches wait already.
     #[error("too many switches wait already")]
     Full,
-    /// Nothing can be said to the board any more; what it was told stands. [`Board::lost`](crate::Board::lost) says why.
+    /// Nothing can be said to the board any more; what it was told stands. [`Board::lost`] says why.
     #[error("nothing can be said to the board any more")]
     Lost,
 }
