@@ -29,7 +29,8 @@
 //! Two of them may follow each other. Pins and rates are set at rest, with up to 16.
 //!
 //! # What is not
-//! Motion: segments come from the host, and `pulsetrain_core::narrow` says when their steps are due.
+//! Motion: segments come from the host, as `pulsetrain_core::packing` has them; when their steps are due is the recurrence of
+//! `pulsetrain_core::narrow::Registers`.
 #![no_std]
 #![no_main]
 #![feature(asm_experimental_arch, optimize_attribute)]

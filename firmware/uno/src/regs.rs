@@ -1,8 +1,8 @@
 //! The ATmega328P's registers, and the few instructions that Rust has no words for.
 //!
-//! Sections are those of the data sheet DS40002061B. Besides the assembly of the interrupts and of the fast engine this is
-//! the only place with `unsafe`, and everything it offers is safe to call: no register here moves memory, and what the
-//! interrupts share is said where it is shared.
+//! Sections are those of the data sheet DS40002061B. Everything here is safe to call: no register here moves memory, and what
+//! the interrupts share is said where it is shared. `unsafe` is needed elsewhere only where assembly is called, or memory at a
+//! fixed address used.
 
 use core::arch::asm;
 

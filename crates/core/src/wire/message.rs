@@ -120,11 +120,11 @@ codes! {
         StopNow = 2,
         /// The host was silent for too long; what was queued goes on to its tail.
         HostLost = 3,
-        /// A queue ran dry in the middle of an item.
+        /// Steps were left, and the step generator did not keep up: the motors stopped at once.
         Starved = 4,
-        /// Packed bytes that no packer makes; `detail` is the motor's count of bytes taken, modulo 2^32.
+        /// Packed bytes that no packer makes; `detail` is the tick up to which all was well, modulo 2^32, on an Uno.
         BadItem = 5,
-        /// Position or accumulator were not those that the host expected; `detail` is the position found.
+        /// Position or accumulator were not those that the host expected; `detail` as with `BadItem`.
         CheckFailed = 6,
         /// A step was asked for too late, or too soon after another: it and what follows in its epoch were not made.
         StepMissed = 7,
