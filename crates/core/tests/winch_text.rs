@@ -301,6 +301,8 @@ proptest! {
 
     #[test]
     fn decimals_are_rusts(text in "[+-]?[0-9]{0,5}[.]?[0-9]{0,9}(e[+-]?[0-9]{1,2})?") {
+        // Nothing at all is no word.
+        prop_assume!(!text.is_empty());
         // atof's, but for what only Rust takes.
         let exact = text.parse::<f64>().ok();
         let heard = read(&mut Reader::new(), &format!("l x {text} 1\n"));
