@@ -38,11 +38,12 @@ impl<const F: u32, const N: usize> Axis<F, N> {
     /// The next edge that comes not after `until`.
     pub fn next(&mut self, until: Moment) -> Option<Edge> {
         let owed = self.output.owed();
+        // As far as a DIR edge may come before its step, so that its tick does not hang on how `until` moves on. Also in mid-pulse:
+        // switches that are past must not look as if they waited.
+        let event = self.channel.peek(&mut self.queue, until.after(self.output.lead_ticks()));
         if let (Some(tick), Output::StepDir(_)) = (owed, &self.output) {
             return if until.is_before(tick) { None } else { self.settle() };
         }
-        // As far as a DIR edge may come before its step, so that its tick does not hang on how `until` moves on.
-        let event = self.channel.peek(&mut self.queue, until.after(self.output.lead_ticks()));
         let due = event.map(|event| self.output.due(event));
         if let Some(tick) = owed
             && due.is_none_or(|due| tick.is_before(due))
