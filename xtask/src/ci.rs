@@ -5,9 +5,8 @@ use crate::{cross_check, firmware, fuzz, test};
 
 /// Seconds that each fuzz target runs in CI.
 const FUZZ_SECONDS: u64 = 15;
-/// Cases of each property test in CI; in `cargo xtask test` as many as the test says, or 256. From some 580 on, two tests of
-/// `crates/pulsetrain/tests/session.rs` find a change and a pause that the session refuses although it should not.
-const PROPERTY_CASES: u32 = 256;
+/// Cases of each property test in CI; in `cargo xtask test` as many as the test says, or 256.
+const PROPERTY_CASES: u32 = 1024;
 
 /// Cheapest first: what fails, fails early.
 pub(crate) fn run() -> Done {

@@ -78,6 +78,10 @@ impl<'a, B: Board> Session<'a, B> {
         let program = self.course.program;
         self.attempt(|session, caution, spare| {
             let at = (session.earliest() + spare).max(at_speed);
+            // Past its last step a motion is over, even where its laws still come to rest.
+            if session.complete && at > session.tail {
+                return Err(SessionError::Late { at, latest: session.tail });
+            }
             // Ticks of a session stay far below 2^62.
             let since = Time::from_ratio(at.wrapping_sub(session.source.zero()).cast_signed(), hz);
             let time = from + since - eased.divided_by(2);
