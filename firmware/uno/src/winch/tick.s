@@ -11,35 +11,15 @@
 ;
 ; r26 is 0 throughout, r1 again in the end. No interrupt may rely on r1 or the T flag. Stack: 22 bytes and two calls.
 
-.global winch_tick
+.section .text.winch, "ax", @progbits
+.global winch_tick, winch_enter, winch_leave, winch_clear, winch_product
 winch_tick:
-    push r2
-    push r3
-    push r4
-    push r5
-    push r6
-    push r7
-    push r8
-    push r9
-    push r10
-    push r11
-    push r12
-    push r13
-    push r14
-    push r15
-    push r16
-    push r17
-    push r28
-    push r29
+    rcall winch_enter
     push r22
     push r23
     movw r28, r24
     clr r26
-    clr r10
-    clr r11
-    movw r12, r10
-    movw r14, r10
-    movw r16, r10
+    rcall winch_clear
     ldd r18, Y+42
     tst r18
     breq 1f
@@ -587,6 +567,7 @@ winch_tick:
     std Z+8, r12
     std Z+9, r13
 59:
+winch_leave:
     clr r1
     pop r29
     pop r28
@@ -614,9 +595,48 @@ winch_tick:
     mov r9, r27
     rjmp 30b
 
+; Puts the caller's registers onto the stack, for winch_leave to fetch.
+winch_enter:
+    pop r31
+    pop r30
+    push r2
+    push r3
+    push r4
+    push r5
+    push r6
+    push r7
+    push r8
+    push r9
+    push r10
+    push r11
+    push r12
+    push r13
+    push r14
+    push r15
+    push r16
+    push r17
+    push r28
+    push r29
+    ijmp
+
+winch_clear:
+    clr r10
+    clr r11
+    movw r12, r10
+    movw r14, r10
+    movw r16, r10
+    ret
+
 ; r10-r17 += X m / 256^n, towards 0, by sign and magnitude; m at Z, n in r27. All but the changing registers are
 ; lost.
 winch_term:
+    ld r18, Z+
+    ld r19, Z+
+    ld r20, Z+
+    ld r21, Z+
+
+; The same with m in r18-r21; Z stays.
+winch_product:
     bst r25, 7
     brtc 1f
     com r25
@@ -627,10 +647,6 @@ winch_term:
     sbci r24, 0xff
     sbci r25, 0xff
 1:
-    ld r18, Z+
-    ld r19, Z+
-    ld r20, Z+
-    ld r21, Z+
     mul r22, r18
     movw r2, r0
     mul r23, r19
