@@ -7,6 +7,7 @@ use crate::steps::motor::{self, SWITCHES};
 use crate::steps::pins::{Layout, MAX_MOTORS, Pin};
 use crate::steps::stepper::{self, LONGEST, Trouble};
 use crate::steps::task;
+use crate::winch::feed;
 use pulsetrain_core::wire::frame::Tag;
 use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, flags};
 use pulsetrain_core::wire::{Baud, Machine, Millis, Reason, Refusal, Stopped, Switched};
@@ -286,6 +287,66 @@ impl Board {
     fn is_idle(&self) -> bool {
         task::lock().is_idle()
     }
+
+    /// Whether the motors are powered, or were before they stopped by themselves.
+    #[inline(always)]
+    pub(crate) fn is_armed(&self) -> bool {
+        self.armed
+    }
+
+    /// Whether no motor moves.
+    #[inline(never)]
+    pub(crate) fn rests(&self) -> bool {
+        !self.armed || self.is_idle()
+    }
+
+    /// Takes on the winch's configuration. No motor moves.
+    #[inline(always)]
+    pub(crate) fn set_up_shield(&mut self) {
+        if let Some(configuration) = Configuration::decode(feed::shield()) {
+            // Nobody moves, and the pins are right.
+            let _ = self.configure(&configuration);
+        }
+    }
+
+    /// Powers the motors, which take their steps from the winch's paths.
+    #[inline(never)]
+    pub(crate) fn drive(&mut self) {
+        let _ = self.arm();
+        let _out = task::lock();
+        feed::begin(clock::moment());
+    }
+
+    /// Whether all paths are at rest, and the motors with them.
+    #[inline(always)]
+    pub(crate) fn has_arrived(&self) -> bool {
+        let stepper = task::lock();
+        feed::rests() && stepper.is_idle()
+    }
+
+    /// Takes the power from the motors, which rest.
+    pub(crate) fn stop_driving(&mut self) {
+        let _ = self.release();
+    }
+
+    /// The clock, µs, and the steps that were made by then, to five places from `to` on.
+    ///
+    /// # Safety
+    /// They must be there, and nobody else's.
+    #[inline(never)]
+    pub(crate) unsafe fn clock_and_positions(&mut self, mut to: *mut i32) {
+        let stepper = task::lock();
+        let [b0, b1, b2, b3, b4, ..] = clock::now().to_le_bytes();
+        let tail = stepper.tail();
+        let usec = i32::from_le_bytes([b1, b2, b3, b4]) << 4 | i32::from(b0 >> 4);
+        // SAFETY: the caller's promise.
+        unsafe { to.write(usec) };
+        for index in 0..MAX_MOTORS as u8 {
+            to = to.wrapping_add(1);
+            // SAFETY: as above.
+            unsafe { to.write(stepper.position(index, tail)) };
+        }
+    }
 }
 
 /// A moment within 2^31 ticks of now, in 64 bits.
@@ -452,9 +513,7 @@ impl Machine for Board {
     #[inline(never)]
     fn position(&mut self, motor: u8) -> i32 {
         let stepper = task::lock();
-        let unplayed = stepper.unplayed(motor);
-        let motor = stepper.motors().get(usize::from(motor));
-        motor.map_or(0, |motor| motor.planned().wrapping_sub(i32::from(unplayed)))
+        stepper.position(motor, stepper.tail_of(motor))
     }
 
     fn faults(&self, motor: u8) -> u8 {

@@ -24,6 +24,7 @@ use super::times::{TIMES, Times};
 use crate::clock::{self, low_half};
 use crate::memory;
 use crate::regs::{self, Reg16};
+use crate::winch::feed;
 use pulsetrain_core::wire::message::{self, Configuration};
 use pulsetrain_core::{Epoch, Moment};
 
@@ -443,7 +444,7 @@ impl Stepper {
             regs::free(|| track.ring.halt());
         }
         for (index, slowest) in (0..self.count).zip(pull_in) {
-            let left = self.unplayed(index);
+            let left = self.unplayed(index, self.tail_of(index));
             let Some(motor) = self.motor_mut(index) else { break };
             let going = left != 0 || !motor.is_idle();
             let interval = motor.registers.next_tick().since(Moment(motor.registers.tick));
@@ -531,9 +532,27 @@ impl Stepper {
         self.least_ahead = u16::MAX;
     }
 
-    /// Steps of a motor that were counted but not played yet, forward minus backward.
+    /// Where the first ring is played: low byte of the address of the next group.
+    pub(crate) fn tail(&self) -> u8 {
+        self.tracks[0].ring.tail()
+    }
+
+    /// The same of the ring of a motor.
+    pub(crate) fn tail_of(&self, motor: u8) -> u8 {
+        self.track(motor).ring.tail()
+    }
+
+    /// Steps that a motor has made, forward minus backward, when its ring was played up to `tail`.
     #[inline(never)]
-    pub(crate) fn unplayed(&self, motor: u8) -> i16 {
+    pub(crate) fn position(&self, motor: u8, tail: u8) -> i32 {
+        let unplayed = self.unplayed(motor, tail);
+        let motor = self.motors().get(usize::from(motor));
+        motor.map_or(0, |motor| motor.planned().wrapping_sub(i32::from(unplayed)))
+    }
+
+    /// Steps of a motor that were counted but not played yet, forward minus backward, when its ring was played up to `tail`.
+    #[inline(never)]
+    fn unplayed(&self, motor: u8, tail: u8) -> i16 {
         let Some(Motor { lines, levels, .. }) = self.motors().get(usize::from(motor)) else { return 0 };
         let Lines { step, dir, .. } = *lines;
         let (mut levels, mut count) = (*levels, 0);
@@ -560,7 +579,7 @@ impl Stepper {
                 levels ^= fall & dir;
             }
         }
-        count + i16::from(self.track(motor).ring.unplayed(levels, step, dir))
+        count + i16::from(self.track(motor).ring.unplayed(tail, levels, step, dir))
     }
 
     /// Fills the rings as far as time allows. Gives how far ahead they are then, ticks.
@@ -572,7 +591,9 @@ impl Stepper {
         if regs::GPIOR0.read() & flags::STARVED != 0 {
             self.watch(now);
         }
-        TIMES.set_limit(now.after(AHEAD));
+        if !feed::drives() {
+            TIMES.set_limit(now.after(AHEAD));
+        }
         let Stepper { tracks: [first, second], merge, spacing, count, .. } = self;
         // SAFETY: as `motors_mut`; other fields are borrowed beside.
         let motors: &mut [Motor] =
@@ -581,6 +602,10 @@ impl Stepper {
             && let Some(merge) = merge
         {
             first.merge(merge);
+            // Afterwards: it takes long, and the ring is full now.
+            if feed::drives() {
+                TIMES.set_limit(feed::advance(now));
+            }
         } else {
             match motors {
                 [motor] => first.fill(motor, spacing.apart),

@@ -11,14 +11,17 @@
 //! position, which takes a look at every group, is the longest).
 
 use super::stepper::Stepper;
-use crate::clock;
-use crate::regs;
+use crate::winch::feed;
+use crate::{clock, regs};
 use core::arch::global_asm;
 use core::cell::UnsafeCell;
 use core::ops::{Deref, DerefMut};
 
 /// Counts of 64 cycles until the next call, at least. At most it is 255: a quarter of what Timer1 counts.
 const SOONEST: u8 = 4;
+
+/// The same while the winch drives, at most: a call works out one slice, and takes most of one.
+const SLICES: u8 = 64;
 
 struct Place(UnsafeCell<Stepper>);
 
@@ -86,7 +89,8 @@ pub(crate) fn start() {
 
 global_asm!(
     r#"
-    .section .text.steps_task, "ax", @progbits
+    // As the ring's interrupts, in reach of the vectors.
+    .text
     .global steps_task_begin
     // From the vector, which has put r24 onto the stack, after 8 cycles. No flag is touched.
 steps_task_begin:
@@ -134,6 +138,9 @@ extern "C" fn steps_refill() {
     let stepper = unsafe { &mut *STEPPER.0.get() };
     // A quarter of it, in counts of 64.
     let [_, high] = stepper.refill(clock::moment()).to_le_bytes();
-    let counts = high.max(SOONEST);
+    let mut counts = high.max(SOONEST);
+    if feed::drives() && counts > SLICES {
+        counts = SLICES;
+    }
     regs::TCNT0.write(counts.wrapping_neg());
 }

@@ -94,13 +94,7 @@ winch_decimal:
     rjmp 1f
     ldi r24, 0x2d
     st X+, r24
-    com r21
-    com r20
-    com r19
-    neg r18
-    sbci r19, 0xff
-    sbci r20, 0xff
-    sbci r21, 0xff
+    rcall winch_negate
 1:
     push r22
     push r23

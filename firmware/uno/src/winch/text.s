@@ -1,7 +1,10 @@
 ; Lines from the host to commands: pulsetrain_core::winch::text::Reader, which says what each line means. To the same
 ; answers: crates/board/tests/winch_avr.rs compares them.
 ;
-;   u8 winch_push(Reader *r24, u8 r22)      0: nothing yet; 0x80 + Verb: a command; else the What of a refused line
+;   u16 winch_listen(Reader *r24, const u8 *r22, u8 r20)
+;
+; Takes bytes from the receive page, r20 at most from r22 on, up to the end of a line or a zero. r24: 0, nothing yet; 0x80 + Verb,
+; a command; 0x40, a zero; else the What of a refused line. r25: bytes that were not taken.
 ;
 ; Reader as it lies in memory:
 ;    0 bit 0 strict, bit 1 over      1 len      2 star      3 words      4 what      5 word
@@ -14,85 +17,121 @@
 ;   r18-r21  a number's digits           r22  its power of ten       r23  bit 0 minus, bit 1 point, bit 2 digits
 
 .section .text.winch, "ax", @progbits
-.global winch_push
-winch_push:
+.global winch_listen
+winch_listen:
     push r28
     push r29
     movw r28, r24
-    ldd r25, Y+0
-    sbrs r25, 1
+    movw r30, r22
+    ldd r24, Y+0
+    sbrs r24, 1
     rjmp 1f
-    andi r25, 0xfd
-    std Y+0, r25
+    andi r24, 0xfd
+    std Y+0, r24
     std Y+1, r1
     std Y+2, r1
     std Y+3, r1
     std Y+4, r1
 1:
-    ldd r24, Y+1
+    ldd r21, Y+1
+    ldd r18, Y+2
     movw r26, r28
     adiw r26, 25
-    add r26, r24
+    add r26, r21
     adc r27, r1
+    ldi r19, 0x20
+    cpse r21, r1
+    ld r19, -X
+    cpse r21, r1
+    adiw r26, 1
+
+; A byte: most are between + and ~, and not the first of a word.
+2:
+    subi r20, 1
+    brcs 8f
+    ld r22, Z+
+    andi r30, 0x7f
+    cpi r22, 0x2b
+    brlo 4f
+    cpi r22, 0x7f
+    brsh 4f
+    cpi r19, 0x21
+    brlo 4f
+    cpi r21, 80
+    breq 7f
+3:
+    st X+, r22
+    inc r21
+    mov r19, r22
+    rjmp 2b
+
+4:
+    tst r22
+    breq 10f
     cpi r22, 10
     breq 9f
     cpi r22, 13
     breq 9f
-    cpi r24, 80
-    ldi r25, 7                  ; Long
+    cpi r21, 80
     breq 7f
+    cpi r22, 0x2a
+    brne 5f
+    tst r18
+    brne 5f
+    mov r18, r21
+    inc r18
 
 ; A word begins behind a blank, unless the checksum does.
-    ldd r25, Y+2
-    cpi r22, 0x2a
-    brne 2f
-    tst r25
-    brne 2f
-    mov r25, r24
-    inc r25
-    std Y+2, r25
-2:
-    mov r23, r24
+5:
     mov r24, r22
     rcall winch_is_blank
-    breq 6f
-    or r23, r25
-    breq 3f                     ; the line's first byte
-    tst r25
-    brne 4f
-    sbiw r26, 1
-    ld r24, X+
+    breq 3b
+    tst r18
+    brne 6f
+    mov r24, r19
     rcall winch_is_blank
-    brne 4f
-3:
+    brne 6f
     ldd r24, Y+3
     inc r24
     std Y+3, r24
     cpi r24, 11
+    brlo 6f
     ldi r25, 13                 ; Words
-    brsh 5f
-4:
+    rcall winch_refuse
+6:
     mov r24, r22
     subi r24, 0x21
     cpi r24, 0x5e
-    brlo 6f
+    brlo 3b
     ldi r25, 8                  ; Noise
-5:
     rcall winch_refuse
-6:
-    st X, r22
-    ldd r24, Y+1
-    inc r24
-    std Y+1, r24
-    rjmp 8f
+    rjmp 3b
 7:
+    ldi r25, 7                  ; Long
     rcall winch_refuse
+    rjmp 2b
+
+; No more bytes.
 8:
+    std Y+1, r21
+    std Y+2, r18
+    clr r20
     clr r24
-    rjmp 19f
+    rjmp 20f
+
+; A zero: whatever came before is no line.
+10:
+    ldd r24, Y+0
+    ori r24, 2
+    std Y+0, r24
+    ldi r24, 0x40
+    rjmp 20f
 
 ; The line is over.
 9:
+    std Y+1, r21
+    std Y+2, r18
+    push r20
     ldd r24, Y+0
     ori r24, 2
     std Y+0, r24
@@ -104,12 +143,12 @@ winch_push:
     adiw r26, 25
     clr r22
     mov r23, r25
-10:
+21:
     dec r23
     breq 11f
     ld r24, X+
     eor r22, r24
-    rjmp 10b
+    rjmp 21b
 11:
     st X+, r1
     ldd r24, Y+1
@@ -158,6 +197,9 @@ winch_push:
     pop r14
     pop r13
 19:
+    pop r20
+20:
+    mov r25, r20
     pop r29
     pop r28
     ret
@@ -681,13 +723,7 @@ winch_take_whole:
 2:
     sbrs r23, 0
     rjmp 3f
-    com r21
-    com r20
-    com r19
-    neg r18
-    sbci r19, 0xff
-    sbci r20, 0xff
-    sbci r21, 0xff
+    rcall winch_negate
 3:
 ; Now the sign must be as it was written, but for 0.
     mov r25, r21

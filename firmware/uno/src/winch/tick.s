@@ -12,9 +12,14 @@
 ; r26 is 0 throughout, r1 again in the end. No interrupt may rely on r1 or the T flag. Stack: 22 bytes and two calls.
 
 .section .text.winch, "ax", @progbits
-.global winch_tick, winch_enter, winch_leave, winch_clear, winch_product
+.global winch_tick, winch_tick_inside, winch_enter, winch_leave, winch_clear, winch_product, winch_negate
 winch_tick:
     rcall winch_enter
+    rcall winch_tick_inside
+    rjmp winch_leave
+
+; The same where all registers are free.
+winch_tick_inside:
     push r22
     push r23
     movw r28, r24
@@ -206,13 +211,7 @@ winch_tick:
     rjmp 32f
     com r23
     com r22
-    com r21
-    com r20
-    com r19
-    neg r18
-    sbci r19, 0xff
-    sbci r20, 0xff
-    sbci r21, 0xff
+    rcall winch_negate
     sbci r22, 0xff
     cp r10, r18
     cpc r11, r19
@@ -290,13 +289,7 @@ winch_tick:
     rjmp 38f
     com r31
     com r30
-    com r25
-    com r24
-    com r23
-    neg r22
-    sbci r23, 0xff
-    sbci r24, 0xff
-    sbci r25, 0xff
+    rcall winch_negate_x
     sbci r30, 0xff
     sbci r31, 0xff
 38:
@@ -328,13 +321,7 @@ winch_tick:
     brtc 42f
     com r31
     com r30
-    com r25
-    com r24
-    com r23
-    neg r22
-    sbci r23, 0xff
-    sbci r24, 0xff
-    sbci r25, 0xff
+    rcall winch_negate_x
     sbci r30, 0xff
     sbci r31, 0xff
 42:
@@ -396,20 +383,8 @@ winch_tick:
 ; Mirrored, a backward slice is a forward one. T: backward.
     bst r7, 7
     brtc 46f
-    com r25
-    com r24
-    com r23
-    neg r22
-    sbci r23, 0xff
-    sbci r24, 0xff
-    sbci r25, 0xff
-    com r21
-    com r20
-    com r19
-    neg r18
-    sbci r19, 0xff
-    sbci r20, 0xff
-    sbci r21, 0xff
+    rcall winch_negate_x
+    rcall winch_negate
     com r7
     com r6
     com r5
@@ -442,13 +417,7 @@ winch_tick:
     sbci r24, 0x03
     sbci r25, 0x02
     brtc 49f
-    com r25
-    com r24
-    com r23
-    neg r22
-    sbci r23, 0xff
-    sbci r24, 0xff
-    sbci r25, 0xff
+    rcall winch_negate_x
 49:
     std Y+4, r22
     std Y+5, r23
@@ -515,7 +484,7 @@ winch_tick:
 54:
     brpl 55b
 
-; r22:r23 = 2^31 / r6:r7, bit by bit; the bits come in inverted.
+; r22:r23 = 2^31 / r6:r7, bit by bit; the bits come in inverted, and the one that goes out last is 0.
     ldi r24, 0
     ldi r25, 0x80
     cp r6, r24
@@ -525,7 +494,22 @@ winch_tick:
     ldi r23, 0xff
     rjmp 58f
 56:
-    ldi r27, 16
+    ldi r23, 0xfe
+61:
+    lsl r24
+    rol r25
+    brcs 1f
+    cp r24, r6
+    cpc r25, r7
+    brcs 2f
+1:
+    sub r24, r6
+    sbc r25, r7
+    clc
+2:
+    rol r23
+    brcs 61b
+    ldi r22, 0xfe
 57:
     lsl r24
     rol r25
@@ -539,9 +523,7 @@ winch_tick:
     clc
 2:
     rol r22
-    rol r23
-    dec r27
-    brne 57b
+    brcs 57b
     com r22
     com r23
 58:
@@ -567,6 +549,9 @@ winch_tick:
     std Z+8, r12
     std Z+9, r13
 59:
+    ret
+
+; Fetches what winch_enter has put onto the stack, and returns.
 winch_leave:
     clr r1
     pop r29
@@ -619,6 +604,26 @@ winch_enter:
     push r29
     ijmp
 
+; X, and r18-r21, with the other sign.
+winch_negate_x:
+    com r25
+    com r24
+    com r23
+    neg r22
+    sbci r23, 0xff
+    sbci r24, 0xff
+    sbci r25, 0xff
+    ret
+winch_negate:
+    com r21
+    com r20
+    com r19
+    neg r18
+    sbci r19, 0xff
+    sbci r20, 0xff
+    sbci r21, 0xff
+    ret
+
 winch_clear:
     clr r10
     clr r11
@@ -639,13 +644,7 @@ winch_term:
 winch_product:
     bst r25, 7
     brtc 1f
-    com r25
-    com r24
-    com r23
-    neg r22
-    sbci r23, 0xff
-    sbci r24, 0xff
-    sbci r25, 0xff
+    rcall winch_negate_x
 1:
     mul r22, r18
     movw r2, r0
