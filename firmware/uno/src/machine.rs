@@ -86,16 +86,16 @@ impl News {
 }
 
 impl Board {
-    /// A board that knows no pins, not started.
+    /// A board that knows no pins, not started: zeros, which take no flash. [`Board::begin`] comes before its use.
     pub(crate) const fn new() -> Board {
         Board {
-            power: Power::OFF,
+            power: Power { pin: Pin::UNSET, ..Power::OFF },
             armed: false,
             pull_in: [0; MAX_MOTORS],
-            baud: None,
+            baud: Some((Baud::B115200, false)),
             news: [News::NONE; 2],
             told: 0,
-            was_idle: true,
+            was_idle: false,
             woken: 0,
             last_stop: Cause::None,
             last_reset: Cause::None,
@@ -105,6 +105,8 @@ impl Board {
 
     /// Starts clock and line.
     pub(crate) fn begin(&mut self, last_reset: Cause) {
+        self.power.pin = Pin::NONE;
+        self.baud = None;
         self.last_reset = last_reset;
         // SAFETY: main calls this once.
         unsafe { task::lock().begin() };
@@ -313,8 +315,9 @@ impl Board {
     #[inline(never)]
     pub(crate) fn drive(&mut self) {
         let _ = self.arm();
-        let _out = task::lock();
+        let mut stepper = task::lock();
         feed::begin(clock::moment());
+        stepper.follow();
     }
 
     /// Whether all paths are at rest, and the motors with them.
@@ -327,25 +330,6 @@ impl Board {
     /// Takes the power from the motors, which rest.
     pub(crate) fn stop_driving(&mut self) {
         let _ = self.release();
-    }
-
-    /// The clock, µs, and the steps that were made by then, to five places from `to` on.
-    ///
-    /// # Safety
-    /// They must be there, and nobody else's.
-    #[inline(never)]
-    pub(crate) unsafe fn clock_and_positions(&mut self, mut to: *mut i32) {
-        let stepper = task::lock();
-        let [b0, b1, b2, b3, b4, ..] = clock::now().to_le_bytes();
-        let tail = stepper.tail();
-        let usec = i32::from_le_bytes([b1, b2, b3, b4]) << 4 | i32::from(b0 >> 4);
-        // SAFETY: the caller's promise.
-        unsafe { to.write(usec) };
-        for index in 0..MAX_MOTORS as u8 {
-            to = to.wrapping_add(1);
-            // SAFETY: as above.
-            unsafe { to.write(stepper.position(index, tail)) };
-        }
     }
 }
 

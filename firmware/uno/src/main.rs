@@ -127,11 +127,11 @@ fn run(board: &mut Board, service: &mut Service, winch: &mut Winch, receiver: &m
 }
 
 impl Reply {
-    /// Sends its next byte, if the line takes it.
+    /// Sends its next bytes, as many as the line takes: two, if it has been waiting.
     #[inline(always)]
     fn go_on(&mut self) {
-        if link::can_send() {
-            // SAFETY: `sent` is less than `len`: so many bytes are there, which nobody writes until all are sent.
+        while self.sent < self.len && link::can_send() {
+            // SAFETY: so many bytes are there, which nobody writes until all are sent.
             link::send(unsafe { self.next.read() });
             self.next = self.next.wrapping_add(1);
             self.sent += 1;
@@ -183,7 +183,7 @@ fn speak(board: &mut Board, service: &mut Service, winch: &mut Winch, reply: &mu
     reply.len = if winch.has_line() { 0 } else { service.poll(now, board, reply.bytes) as u8 };
     reply.next = reply.bytes.as_ptr();
     if reply.len == 0 {
-        (reply.next, reply.len) = winch.speak(board, reply.bytes);
+        (reply.next, reply.len) = winch.speak(reply.bytes);
         if reply.len != 0 {
             service.interrupted();
         }

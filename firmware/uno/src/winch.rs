@@ -18,7 +18,6 @@ use crate::clock;
 use crate::link::Receiver;
 use crate::machine::Board;
 use crate::memory::REPLY_LEN;
-use crate::steps::task;
 use core::arch::global_asm;
 use pulsetrain_core::Moment;
 use pulsetrain_core::winch::text::Verb;
@@ -42,7 +41,6 @@ const SPEED: usize = 18;
 
 /// Fields of the reader.
 mod reader {
-    pub(super) const FLAGS: usize = 0;
     pub(super) const WORD: usize = 5;
     pub(super) const AXES: usize = 7;
     pub(super) const GIVEN: usize = 8;
@@ -57,7 +55,7 @@ const ID: u8 = 15;
 const TAKEN: u8 = 16;
 
 /// From one status line to the next, at first, ms.
-const REPORT_MS: u16 = 200;
+const REPORT_MS: u8 = 200;
 
 /// What stands for bytes that were lost.
 static NOISE: u8 = 1;
@@ -80,13 +78,10 @@ global_asm!(include_str!("winch/text.s"), options(raw));
 global_asm!(include_str!("winch/reply.s"), options(raw));
 
 unsafe extern "C" {
-    static mut winch_paths: [u8; PATHS];
     static mut winch_reader: [u8; READER];
     static mut winch_line: [u8; LINE];
     static mut winch_asked: Asked;
-    fn winch_start(paths: *mut u8);
     fn winch_listen(reader: *mut u8, bytes: *const u8, count: u8) -> u16;
-    fn winch_obey(path: *mut u8, values: *const u8, verb: u8);
     fn winch_say(out: *mut u8, what: u8, word: u8) -> u8;
     fn winch_status(out: *mut u8, values: *const i32) -> u8;
 }
@@ -97,6 +92,8 @@ pub(crate) struct Winch {
     pub(crate) on: bool,
     /// Frames were seen: nothing is said until there is a command.
     quiet: bool,
+    /// Motors follow the paths.
+    drives: bool,
     /// What is to be said.
     say: u8,
 }
@@ -130,7 +127,7 @@ fn asked() -> &'static mut Asked {
 impl Winch {
     /// Text is not on yet.
     pub(crate) const fn new() -> Winch {
-        Winch { on: false, quiet: false, say: 0 }
+        Winch { on: false, quiet: false, drives: false, say: 0 }
     }
 
     /// Begins anew.
@@ -140,12 +137,7 @@ impl Winch {
             self.say = AWAKE;
         }
         // SAFETY: frames do not use the queues while text is on, and the task does not use paths while nothing drives.
-        unsafe {
-            winch_start((&raw mut winch_paths).cast());
-            (&raw mut winch_asked).cast::<u8>().write_bytes(0, size_of::<Asked>());
-        }
-        asked().report_ms = REPORT_MS;
-        put(reader::FLAGS, reader::OVER);
+        unsafe { feed::winch_begin() };
     }
 
     /// Reads lines among the `count` bytes that wait, and does what they say, up to one that is answered, or a zero. Gives how
@@ -194,25 +186,25 @@ impl Winch {
     /// Does what a line says.
     #[inline(never)]
     fn hear(&mut self, board: &mut Board, verb: u8) {
-        const STRICT: u8 = Verb::Strict as u8;
-        const REPORT: u8 = Verb::Report as u8;
-        const DEADMAN: u8 = Verb::Deadman as u8;
-        const VERSION: u8 = Verb::Version as u8;
-        const PING: u8 = Verb::Ping as u8;
         self.quiet = false;
+        let needed = feed::winch_do(verb);
         let asked = asked();
-        asked.dead = false;
-        let value = u16::from_le_bytes([get(reader::VALUES), get(reader::VALUES + 1)]);
-        match verb {
-            STRICT => put(reader::FLAGS, reader::OVER | if value != 0 { reader::STRICT } else { 0 }),
-            REPORT => asked.report_ms = value,
-            DEADMAN => asked.deadman_ms = value,
-            VERSION => self.say = ID,
-            PING => self.say = AWAKE,
-            _ => command(board, asked, verb),
-        }
         if asked.deadman_ms != 0 {
             asked.heard = clock::moment();
+        }
+        if needed & feed::AXES == 0 {
+            if needed != 0 {
+                self.say = needed;
+            }
+            return;
+        }
+        if !asked.set_up {
+            asked.set_up = true;
+            board.set_up_shield();
+        }
+        if needed & feed::DRIVE != 0 && !self.drives {
+            self.drives = true;
+            board.drive();
         }
     }
 
@@ -220,16 +212,16 @@ impl Winch {
     #[inline(never)]
     pub(crate) fn look(&mut self, board: &mut Board, service: &mut Service) {
         let now = clock::moment();
-        if feed::drives() {
+        if self.drives {
             let ran_dry = !board.is_armed();
             if ran_dry || (asked().releasing && board.has_arrived()) {
-                feed::end();
+                self.drives = false;
                 board.stop_driving();
                 // All stands still, and nobody knows where: as after a reset.
                 self.on &= !ran_dry;
             } else if is_silent(now) {
                 asked().dead = true;
-                obey(0b1111, Verb::Enable as u8);
+                feed::winch_obey_axes(0b1111, Verb::Enable as u8);
             }
         } else {
             feed::pass(now);
@@ -239,7 +231,7 @@ impl Winch {
             }
             self.on = on;
         }
-        service.hold(feed::drives());
+        service.hold(self.drives);
     }
 
     /// A line ended that neither was a frame nor could be read, because frames have the board.
@@ -250,7 +242,7 @@ impl Winch {
 
     /// What is to be said now, if anything: its first byte and how many there are. It may be written to `out`.
     #[inline(never)]
-    pub(crate) fn speak(&mut self, board: &mut Board, out: &mut [u8; REPLY_LEN]) -> (*const u8, u8) {
+    pub(crate) fn speak(&mut self, out: &mut [u8; REPLY_LEN]) -> (*const u8, u8) {
         let out = out.as_mut_ptr();
         let say = core::mem::replace(&mut self.say, 0);
         if say != 0 {
@@ -267,52 +259,8 @@ impl Winch {
         let values = line.wrapping_add(LINE - VALUES).cast();
         // SAFETY: the line is main's, and what was in it has been sent.
         unsafe {
-            board.clock_and_positions(values);
+            feed::winch_clock_and_positions(values);
             (line, winch_status(line, values))
-        }
-    }
-}
-
-/// A command to axes, or to the drivers.
-#[inline(always)]
-fn command(board: &mut Board, asked: &mut Asked, verb: u8) {
-    const ENABLE: u8 = Verb::Enable as u8;
-    const GAINS: u8 = Verb::Gains as u8;
-    let mut axes = get(if verb < GAINS { reader::GIVEN } else { reader::AXES });
-    let mut drive = verb <= Verb::Drift as u8;
-    if verb == ENABLE {
-        drive = (reader::VALUES..reader::VALUES + 4).any(|at| get(at) != 0);
-        asked.releasing = !drive;
-        axes = if drive { 0 } else { 0b1111 };
-    } else if verb < GAINS {
-        asked.releasing = false;
-    }
-    if !asked.set_up {
-        asked.set_up = true;
-        board.set_up_shield();
-    }
-    if drive && !feed::drives() {
-        board.drive();
-    }
-    obey(axes, verb);
-}
-
-/// Does what a command says to each of `axes`.
-#[inline(never)]
-fn obey(mut axes: u8, verb: u8) {
-    let _stepper = task::lock();
-    let mut path = (&raw mut winch_paths).cast::<u8>();
-    let mut value = (&raw const winch_reader).cast::<u8>().wrapping_add(reader::VALUES);
-    while axes != 0 {
-        if axes & 1 != 0 {
-            // SAFETY: the task is kept out, so that paths are main's.
-            unsafe { winch_obey(path, value, verb) };
-        }
-        axes >>= 1;
-        path = path.wrapping_add(PATH);
-        // Gains and limits are the same for all their axes.
-        if verb < Verb::Gains as u8 {
-            value = value.wrapping_add(4);
         }
     }
 }
@@ -327,9 +275,4 @@ fn is_silent(now: Moment) -> bool {
 fn get(at: usize) -> u8 {
     // SAFETY: the reader is main's alone; `at` is in it.
     unsafe { (&raw const winch_reader).cast::<u8>().wrapping_add(at).read() }
-}
-
-fn put(at: usize, byte: u8) {
-    // SAFETY: as `get`.
-    unsafe { (&raw mut winch_reader).cast::<u8>().wrapping_add(at).write(byte) }
 }

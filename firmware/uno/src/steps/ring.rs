@@ -377,6 +377,21 @@ pub(crate) struct Ring {
 }
 
 impl Ring {
+    /// None: zeros, which take no flash. [`Ring::alone`] comes before anything is done with it.
+    pub(crate) const NONE: Ring = Ring {
+        page: 0,
+        end: 0,
+        edge: 0,
+        head: 0,
+        pending: Group::NOTHING,
+        before_step: 0,
+        step_first: 0,
+        step_last: 0,
+        step_fall: 0,
+        tail_at: 0,
+        unlike: 0,
+    };
+
     /// A ring; [`Ring::clear`] comes before its use.
     pub(crate) const fn new(name: Name) -> Ring {
         let (page, end) = match name {
@@ -415,19 +430,6 @@ impl Ring {
     /// It is the only ring: in the page of ring A, whose other one is free for other things.
     pub(crate) fn alone(&mut self) {
         self.page = RING_PAGES[0];
-    }
-
-    /// For the merge: where the pending group is, and what it does.
-    #[inline(always)]
-    pub(super) fn merging(&self) -> (u8, Group) {
-        (self.head, self.pending)
-    }
-
-    /// From the merge: where the pending group is now, and what it does.
-    #[inline(always)]
-    pub(super) fn merged(&mut self, head: u8, pending: Group) {
-        self.head = head;
-        self.pending = pending;
     }
 
     /// Which of the two.
@@ -585,6 +587,11 @@ impl Ring {
     /// The interrupt may play more meanwhile: what counts is the moment at which `tail` was the tail.
     pub(crate) fn unplayed(&self, tail: u8, levels: u8, step: u8, dir: u8) -> i8 {
         let Group { rise, fall } = self.pending;
+        if self.unlike == 0 {
+            // All are steps of the ring's one motor, the pending group too.
+            let steps = (self.head.wrapping_sub(self.tail()) / GROUP + 1).cast_signed();
+            return if levels & dir != 0 { steps } else { -steps };
+        }
         // SAFETY: reads the published groups alone, which nobody writes now.
         unsafe {
             let newest = self.group(self.head);

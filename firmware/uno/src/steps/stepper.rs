@@ -2,9 +2,11 @@
 //!
 //! | motors | who fills |
 //! |---|---|
-//! | one, or two on the compare hardware | each its own ring: [`Track::fill`] |
-//! | two to four with DIR lines of their own | the merge: [`Merge::run`] |
+//! | one, or two on the compare hardware | each its own ring: [`fill`](super::fill) |
+//! | two to four with DIR lines of their own | the merge: [`merge`](super::merge) |
 //! | motors that share a DIR line | one step after the other: [`fill_shared`] |
+//!
+//! [`task`] calls them.
 //!
 //! # Time
 //! The newest group of a ring is pending: its tick is fixed, what follows is not. Groups are at least `apart` ticks from each
@@ -14,17 +16,16 @@
 //! A DIR line toggles at the end of a group, after the pulse and hold of every step before that looked at the line, and its
 //! set-up before the step that it is for. Planners leave room for that ([`Spacing`]); where they did not, the step is not made.
 
-use super::fill;
 use super::merge::Merge;
 use super::motor::{COUNT_AT_REST, Motor, flag};
 use super::pins::{Kind, Layout, Lines, MAX_MOTORS};
 use super::plan::{FILLER, Plan};
 use super::ring::{Group, Name, Ring, flags};
+use super::task::{self, mode};
 use super::times::{TIMES, Times};
 use crate::clock::{self, low_half};
 use crate::memory;
 use crate::regs::{self, Reg16};
-use crate::winch::feed;
 use pulsetrain_core::wire::message::{self, Configuration};
 use pulsetrain_core::{Epoch, Moment};
 
@@ -48,11 +49,11 @@ const FALL_COMPARE: u8 = 48;
 /// What a turn of DIR may be earlier than it must, ticks.
 const EARLY: u16 = 128;
 /// So far ahead things are planned at most, ticks (3 ms).
-const AHEAD: u32 = 49_152;
+pub(crate) const AHEAD: u32 = 49_152;
 /// The ring of several motors is filled when it has room for so many groups.
 const ROOM: u8 = 8;
 /// Steps that are expanded at once into a list of the merge; half as many if each is two ticks.
-const STEPS: u8 = 24;
+const STEPS: u8 = 32;
 /// Things that one call does at most, beside batches of steps.
 const BATCH: u8 = 4;
 /// The longest of pulse, set-up and hold, ticks: less than a filler, so that what is past need not be remembered longer.
@@ -76,7 +77,7 @@ struct Spacing {
 }
 
 impl Spacing {
-    const NONE: Spacing = Spacing { extra: false, long: false, apart: APART };
+    const NONE: Spacing = Spacing { extra: false, long: false, apart: 0 };
 
     /// Pulses of as many ticks as are asked for, or a little longer where that is what an interrupt makes; beyond that by
     /// two groups. And the times that follow.
@@ -153,10 +154,12 @@ pub(super) struct Track {
     pub(super) ring: Ring,
     /// Tick of the pending group.
     pub(super) at: Moment,
+    /// Ticks between two groups, at least.
+    apart: u8,
 }
 
 impl Track {
-    const NONE: Track = Track { ring: Ring::new(Name::A), at: Moment(0) };
+    const NONE: Track = Track { ring: Ring::NONE, at: Moment(0), apart: 0 };
 
     /// The compare register, and the ring's bit in `TIMSK1` and `TIFR1`.
     #[inline(always)]
@@ -257,7 +260,7 @@ static mut MOTORS: [Motor; MAX_MOTORS] = [const { Motor::NONE }; MAX_MOTORS];
 
 /// All motors of a configuration, and their rings.
 pub(crate) struct Stepper {
-    tracks: [Track; 2],
+    pub(super) tracks: [Track; 2],
     /// The merge, from [`Stepper::begin`] on.
     merge: Option<&'static mut Merge>,
     /// The motors in use are the first ones.
@@ -277,7 +280,7 @@ pub(crate) struct Stepper {
 }
 
 impl Stepper {
-    /// No motors.
+    /// No motors; zeros, which take no flash. [`Stepper::begin`] comes before its use.
     pub(crate) const fn new() -> Stepper {
         Stepper {
             tracks: [Track::NONE, Track::NONE],
@@ -288,8 +291,9 @@ impl Stepper {
             playing: false,
             spacing: Spacing::NONE,
             flags: 0,
-            trouble: None,
-            least_ahead: u16::MAX,
+            // `start` forgets it; it is zeros.
+            trouble: Some(Trouble::Late { ticks: 0 }),
+            least_ahead: 0,
         }
     }
 
@@ -300,6 +304,8 @@ impl Stepper {
     pub(crate) unsafe fn begin(&mut self) {
         // SAFETY: the caller's promise.
         self.merge = Some(unsafe { Merge::take() });
+        self.tracks[0].ring.alone();
+        self.reset_measures();
     }
 
     /// How many motors are in use.
@@ -417,7 +423,7 @@ impl Stepper {
         if self.merging
             && let Some(merge) = &mut self.merge
         {
-            merge.begin(self.tracks[0].ring.name(), apart, low_half(first.0));
+            merge.begin(self.tracks[0].ring.name(), self.count, apart, low_half(first.0));
         }
         for index in 0..self.count {
             let motor = self.motors().get(usize::from(index));
@@ -426,11 +432,27 @@ impl Stepper {
             self.tracks[place].ring.serve(step);
         }
         for track in self.tracks_mut() {
-            track.at = at;
+            (track.at, track.apart) = (at, apart);
             track.ring.clear();
             track.resume(at);
         }
         self.playing = true;
+        task::set_mode(match (self.merging, self.apiece || self.count == 1, self.count) {
+            (true, ..) => mode::MERGE,
+            (_, true, 1) => mode::APIECE,
+            (_, true, _) => mode::BOTH,
+            _ => mode::SHARED,
+        });
+    }
+
+    /// From now on motors take their steps from the winch's paths: see [`feed`](crate::winch::feed). It has just been started,
+    /// with a merge.
+    #[inline(always)]
+    pub(crate) fn follow(&mut self) {
+        if let Some(merge) = &mut self.merge {
+            merge.leave_room();
+        }
+        task::set_mode(mode::WINCH);
     }
 
     /// The immediate stop: plays no group more, and forgets all that was to come. A pulse that was begun still ends.
@@ -440,6 +462,7 @@ impl Stepper {
     pub(crate) fn stop(&mut self, pull_in: &[u32; MAX_MOTORS]) -> u8 {
         let mut uncertain = 0;
         self.playing = false;
+        task::set_mode(mode::NONE);
         for track in self.tracks_mut() {
             regs::free(|| track.ring.halt());
         }
@@ -485,14 +508,13 @@ impl Stepper {
 
     /// The first tick at which a switch would be accepted.
     #[inline(never)]
-    pub(crate) fn horizon(&mut self) -> Moment {
+    pub(crate) fn horizon(&self) -> Moment {
         let mut horizon = self.tracks[0].at;
         if self.apiece && self.count > 1 {
             horizon = later(horizon, self.tracks[1].at);
         }
-        for motor in self.motors_mut() {
-            motor.settle();
-            horizon = later(horizon, motor.horizon);
+        for motor in self.motors() {
+            horizon = later(horizon, motor.horizon());
         }
         horizon.after(1)
     }
@@ -532,12 +554,7 @@ impl Stepper {
         self.least_ahead = u16::MAX;
     }
 
-    /// Where the first ring is played: low byte of the address of the next group.
-    pub(crate) fn tail(&self) -> u8 {
-        self.tracks[0].ring.tail()
-    }
-
-    /// The same of the ring of a motor.
+    /// Where the ring of a motor is played: low byte of the address of the next group.
     pub(crate) fn tail_of(&self, motor: u8) -> u8 {
         self.track(motor).ring.tail()
     }
@@ -582,42 +599,12 @@ impl Stepper {
         count + i16::from(self.track(motor).ring.unplayed(tail, levels, step, dir))
     }
 
-    /// Fills the rings as far as time allows. Gives how far ahead they are then, ticks.
-    #[inline(always)]
-    pub(crate) fn refill(&mut self, now: Moment) -> u16 {
-        if !self.playing {
-            return u16::MAX;
-        }
-        if regs::GPIOR0.read() & flags::STARVED != 0 {
-            self.watch(now);
-        }
-        if !feed::drives() {
-            TIMES.set_limit(now.after(AHEAD));
-        }
-        let Stepper { tracks: [first, second], merge, spacing, count, .. } = self;
+    /// Fills the ring of motors that share DIR lines, as far as time allows.
+    pub(super) fn fill_shared(&mut self) {
+        let Stepper { tracks: [track, _], spacing, count, .. } = self;
         // SAFETY: as `motors_mut`; other fields are borrowed beside.
-        let motors: &mut [Motor] =
-            unsafe { core::slice::from_raw_parts_mut((&raw mut MOTORS).cast(), usize::from(*count)) };
-        if self.merging
-            && let Some(merge) = merge
-        {
-            first.merge(merge);
-            // Afterwards: it takes long, and the ring is full now.
-            if feed::drives() {
-                TIMES.set_limit(feed::advance(now));
-            }
-        } else {
-            match motors {
-                [motor] => first.fill(motor, spacing.apart),
-                [one, two] if self.apiece => {
-                    first.fill(one, spacing.apart);
-                    second.fill(two, spacing.apart);
-                    return first.ahead().min(second.ahead());
-                }
-                motors => fill_shared(first, motors, *spacing),
-            }
-        }
-        first.ahead()
+        let motors = unsafe { core::slice::from_raw_parts_mut((&raw mut MOTORS).cast(), usize::from(*count)) };
+        fill_shared(track, motors, *spacing);
     }
 
     /// Looks whether the rings are played as they should, and mends it. To be called every millisecond.
@@ -644,39 +631,19 @@ impl Track {
         let ahead = tick.wrapping_sub(low_half(self.at.0)).cast_signed();
         Moment(self.at.0.wrapping_add_signed(i32::from(ahead)))
     }
+}
 
-    /// How far ahead its last group is, ticks.
-    #[inline(always)]
-    fn ahead(&self) -> u16 {
-        let ahead = low_half(self.at.0).wrapping_sub(clock::read());
-        // What would be beyond the limit is past.
-        if ahead > (AHEAD + 8192) as u16 { 0 } else { ahead }
-    }
-
-    /// Has the merge fill this ring.
-    #[inline(always)]
-    fn merge(&mut self, merge: &mut Merge) {
-        if self.ring.free() >= ROOM {
-            let begin = low_half(self.at.0);
-            let end = merge.run(&mut self.ring, begin);
-            // Less than the limit: 2^16 ticks.
-            self.at = self.at.after(u32::from(end.wrapping_sub(begin)));
-        }
-    }
-
-    /// Fills this ring with what its only motor does.
-    #[inline(never)]
-    fn fill(&mut self, motor: &mut Motor, apart: u8) {
-        for _ in 0..BATCH {
-            let Some(Plan::One { tick, rise, fall, long }) = fill::fill(self, motor) else { return };
-            let due = self.near(tick);
-            let at = self.put(due, Group { rise, fall }, apart);
-            // What follows must be looked at until all is in time again.
-            motor.set(flag::SINGLY, at != due);
-            if long {
-                self.put(at.after(u32::from(TIMES.get().pulse)), Group { rise, fall: 0 }, apart);
-            }
-        }
+/// Puts one thing that `motor` does into its own ring, as [`fill`](super::fill) has it.
+#[unsafe(no_mangle)]
+extern "C" fn steps_place(answer: u64, track: &mut Track, motor: &mut Motor) {
+    let Plan::One { tick, rise, fall, long } = Plan::of(answer.to_le_bytes()) else { return };
+    let pulse = TIMES.get().pulse;
+    let due = track.near(tick);
+    let at = track.put(due, Group { rise, fall }, track.apart);
+    // What follows must be looked at until all is in time again.
+    motor.set(flag::SINGLY, at != due);
+    if long {
+        track.put(at.after(u32::from(pulse)), Group { rise, fall: 0 }, track.apart);
     }
 }
 

@@ -82,25 +82,10 @@ winch_tick_inside:
     std Y+48, r5
     std Y+49, r6
     std Y+50, r7
-    ldd r2, Y+8
-    ldd r3, Y+9
-    ldd r4, Y+10
-    ldd r5, Y+11
-    ldd r6, Y+12
-    ldd r7, Y+13
-    add r2, r18
-    adc r3, r19
-    adc r4, r20
-    adc r5, r20
-    adc r6, r20
-    adc r7, r20
-    brvs 5f
-    std Y+8, r2
-    std Y+9, r3
-    std Y+10, r4
-    std Y+11, r5
-    std Y+12, r6
-    std Y+13, r7
+    movw r30, r18
+    mov r27, r20
+    rcall winch_move_gap
+    rcall winch_clear
 5:
 
 ; X, r22-r25: the four bytes of the gap that mean anything; r27: how many bytes its product with k is to be
@@ -207,22 +192,12 @@ winch_tick_inside:
     ldd r21, Y+39
     ldd r22, Y+40
     clr r23
-    sbrs r17, 7
-    rjmp 32f
+    bst r17, 7
+    brtc 32f
     com r23
     com r22
     rcall winch_negate
     sbci r22, 0xff
-    cp r10, r18
-    cpc r11, r19
-    cpc r12, r20
-    cpc r13, r21
-    cpc r14, r22
-    cpc r15, r23
-    cpc r16, r23
-    cpc r17, r23
-    brge 34f
-    rjmp 33f
 32:
     cp r10, r18
     cpc r11, r19
@@ -232,7 +207,11 @@ winch_tick_inside:
     cpc r15, r23
     cpc r16, r23
     cpc r17, r23
-    brlt 34f
+    brlt 31f
+    brtc 33f
+    rjmp 34f
+31:
+    brtc 34f
 33:
     movw r10, r18
     movw r12, r20
@@ -359,25 +338,7 @@ winch_tick_inside:
     mov r27, r31
     lsl r27
     sbc r27, r27
-    ldd r10, Y+8
-    ldd r11, Y+9
-    ldd r12, Y+10
-    ldd r13, Y+11
-    ldd r14, Y+12
-    ldd r15, Y+13
-    add r10, r30
-    adc r11, r31
-    adc r12, r27
-    adc r13, r27
-    adc r14, r27
-    adc r15, r27
-    brvs 45f
-    std Y+8, r10
-    std Y+9, r11
-    std Y+10, r12
-    std Y+11, r13
-    std Y+12, r14
-    std Y+13, r15
+    rcall winch_move_gap
 45:
 
 ; Mirrored, a backward slice is a forward one. T: backward.
@@ -549,6 +510,7 @@ winch_tick_inside:
     std Z+8, r12
     std Z+9, r13
 59:
+    clr r1
     ret
 
 ; Fetches what winch_enter has put onto the stack, and returns.
@@ -603,6 +565,30 @@ winch_enter:
     push r28
     push r29
     ijmp
+
+; The gap += r30:31 with the sign r27, unless it would leave 48 bits. Uses r10-r15.
+winch_move_gap:
+    ldd r10, Y+8
+    ldd r11, Y+9
+    ldd r12, Y+10
+    ldd r13, Y+11
+    ldd r14, Y+12
+    ldd r15, Y+13
+    add r10, r30
+    adc r11, r31
+    adc r12, r27
+    adc r13, r27
+    adc r14, r27
+    adc r15, r27
+    brvs 1f
+    std Y+8, r10
+    std Y+9, r11
+    std Y+10, r12
+    std Y+11, r13
+    std Y+12, r14
+    std Y+13, r15
+1:
+    ret
 
 ; X, and r18-r21, with the other sign.
 winch_negate_x:
