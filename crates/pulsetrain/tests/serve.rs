@@ -8,6 +8,7 @@ use std::time::Duration;
 use pulsetrain::drive::connect;
 use pulsetrain::serve::{Client, Service};
 use pulsetrain::session::Session;
+use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Port, PortError, Remote};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Cause;
@@ -83,7 +84,7 @@ impl io::Write for Memory {
 
 /// The client's end: time passes as the client waits, a millisecond a round.
 struct Through {
-    service: Service<Pipe, Memory>,
+    service: Service<VirtualUno, Pipe, Memory>,
     pipe: Pipe,
 }
 
@@ -91,7 +92,7 @@ impl Through {
     fn new(trace: Option<Memory>) -> Through {
         let pipe = Pipe::default();
         *pipe.0.borrow_mut() = Between { present: true, rate: 115_200, ..Between::default() };
-        Through { service: Service::new(pipe.clone(), trace).unwrap(), pipe }
+        Through { service: Service::new(VirtualUno::new(), pipe.clone(), trace).unwrap(), pipe }
     }
 
     fn rounds(&mut self, rounds: u32) {
@@ -173,6 +174,7 @@ mod pty {
     use pulsetrain::drive::connect;
     use pulsetrain::serve::{Client, Pty, Service};
     use pulsetrain::session::Session;
+    use pulsetrain_board::virtual_uno::VirtualUno;
     use pulsetrain_board::{Edge, Port, PortError, Remote};
     use pulsetrain_core::wire::Baud;
     use pulsetrain_core::wire::message::Cause;
@@ -226,7 +228,7 @@ mod pty {
 
     /// A board that is served.
     struct Served {
-        service: RefCell<Service<Counting, Memory>>,
+        service: RefCell<Service<VirtualUno, Counting, Memory>>,
         under_way: Rc<UnderWay>,
         link: PathBuf,
         trace: Memory,
@@ -236,7 +238,7 @@ mod pty {
         fn new(link: PathBuf) -> Rc<Served> {
             let (under_way, trace) = (Rc::new(UnderWay::default()), Memory::default());
             let client = Counting { pty: Pty::new(&link).unwrap(), under_way: Rc::clone(&under_way) };
-            let service = RefCell::new(Service::new(client, Some(trace.clone())).unwrap());
+            let service = RefCell::new(Service::new(VirtualUno::new(), client, Some(trace.clone())).unwrap());
             Rc::new(Served { service, under_way, link, trace })
         }
 
