@@ -3,6 +3,7 @@
 //! # What is here
 //! - [`ci`], [`test`](mod@test): what must hold, each a list of commands
 //! - [`bench`](mod@bench), [`golden`], [`fuzz`]: what is measured, reviewed, tried
+//! - [`python`]: the tests of the client in Python
 //! - [`ruckig`]: S-curve durations against an independent library
 //! - [`cross_check`]: the AVR emulator against simavr and avr8js
 //! - [`firmware`]: the boards' firmware: built, measured, committed as images
@@ -21,6 +22,7 @@ mod cross_check;
 mod firmware;
 mod fuzz;
 mod golden;
+mod python;
 mod random;
 mod ruckig;
 mod test;
@@ -45,7 +47,7 @@ const AFTER_HELP: &str = "Examples:
 
 #[derive(Subcommand)]
 enum Task {
-    /// All tests, core built for the boards' processors, S-curves against ruckig
+    /// All tests, also the Python client's, core built for the boards' processors, S-curves against ruckig
     Test,
     /// `test`, and: format, lints, documentation, the firmware's images built anew and compared, fuzzing for a moment, more
     /// property-test cases, the README's first command
