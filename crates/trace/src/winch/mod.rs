@@ -259,7 +259,7 @@ impl Seen {
     /// Each status says what the pins have done.
     fn compare(&mut self, statuses: &[Status], options: &Options) {
         /// How far the reading of the clock and of the positions may be apart, µs.
-        const APART: u64 = 20;
+        const APART: u64 = 30;
         let ticks_per_us = options.tick_hz / 1e6;
         for status in statuses {
             let at = |usec: u64| (usec as f64 * ticks_per_us) as u64;
