@@ -107,14 +107,14 @@ pub(super) fn script(root: &Section, loader: Loader) -> Read<WinchScript> {
     Ok(WinchScript { lines, duration })
 }
 
-/// The lines of a file, but for blank ones and comments, and where each one begins.
+/// The lines of a file, without what comes after a `#`, but for blank ones; and where each one begins.
 fn lines_of(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let starts = text.split_inclusive('\n').scan(0, |next, line| {
         let start = *next;
         *next += line.len();
-        Some((start, line.trim_end_matches(['\n', '\r'])))
+        Some((start, line.split('#').next().unwrap_or_default().trim_end()))
     });
-    starts.filter(|(_, line)| !line.trim().is_empty() && !line.trim_start().starts_with('#'))
+    starts.filter(|(_, line)| !line.is_empty())
 }
 
 fn note_inside(node: &Node, at: Range<usize>, message: String) -> Noted {

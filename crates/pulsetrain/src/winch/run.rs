@@ -303,7 +303,13 @@ struct Drawing {
     is_told: [bool; 4],
     /// The path, for the close view.
     closely: [Vec<(f64, f64)>; 4],
+    /// Of so many milliseconds one is drawn.
+    every_ms: u64,
+    ms: [u64; 4],
 }
+
+/// Points of a path in the picture, or somewhat more.
+const POINTS: u64 = 1000;
 
 impl Drawing {
     fn new(run: &Run, options: &Options) -> Drawing {
@@ -317,11 +323,13 @@ impl Drawing {
             axes: std::array::from_fn(axis),
             is_told: std::array::from_fn(is_told),
             closely: [const { Vec::new() }; 4],
+            every_ms: (run.end - run.begin) / (CYCLES_PER_S / 1000) / POINTS + 1,
+            ms: [0; 4],
         }
     }
 
     fn finish(self, title: String) -> Picture {
-        let Drawing { axes, is_told, closely } = self;
+        let Drawing { axes, is_told, closely, .. } = self;
         let mut picture =
             Picture { title, tick_s: 1.0 / CYCLES_PER_S as f64, motors: Vec::new(), errors: Errors::Steps };
         let mut shown: Vec<_> = axes.into_iter().zip(closely).zip(is_told).filter(|(_, told)| *told).collect();
@@ -344,7 +352,10 @@ impl Onlooker for Drawing {
         if at_s < 0.0 {
             return;
         }
-        self.axes[axis].want(at_s, position, speed);
+        if self.ms[axis].is_multiple_of(self.every_ms) {
+            self.axes[axis].want(at_s, position, speed);
+        }
+        self.ms[axis] += 1;
         if self.closely[axis].len() < CLOSE && (position != 0.0 || !self.closely[axis].is_empty()) {
             self.closely[axis].push((at_s, position));
         }

@@ -37,7 +37,7 @@ const MOTION: &str = "toml";
 
 /// Reads a script, to end after `length` if that is given.
 ///
-/// Plain text has a line for each command, `<time>: <command>`; blank lines and those that begin with `#` are comments. Of
+/// Plain text has a line for each command, `<time>: <command>`; what comes after a `#` is a comment. Of
 /// a motion file the lines of its `law.winch` are taken.
 ///
 /// # Errors
@@ -60,7 +60,7 @@ pub fn load(path: &Path, length: Option<Time>) -> miette::Result<Script> {
 /// Reads the plain text of a script called `name`.
 ///
 /// ```
-/// let lines = pulsetrain::winch::script::parse("# there\n0 s: a x 100\n1.5 s: d x -50\n", "my.txt").unwrap();
+/// let lines = pulsetrain::winch::script::parse("# there\n0 s: a x 100\n1.5 s: d x -50  # back\n", "my.txt").unwrap();
 /// assert_eq!((lines[1].at_s, lines[1].text.as_str()), (1.5, "d x -50"));
 /// let error = pulsetrain::winch::script::parse("0 s: a x ten", "my.txt").unwrap_err();
 /// assert_eq!(error.to_string(), "a whole number from -2147483648 to 2147483647 is wanted");
@@ -80,8 +80,8 @@ pub fn parse(text: &str, name: &str) -> miette::Result<Vec<Line>> {
     for raw in text.split_inclusive('\n') {
         let start = next;
         next += raw.len();
-        let line = raw.trim_end();
-        if line.is_empty() || line.trim_start().starts_with('#') {
+        let line = raw.split('#').next().unwrap_or_default().trim_end();
+        if line.is_empty() {
             continue;
         }
         let whole = start..start + line.len();
