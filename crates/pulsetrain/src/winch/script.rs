@@ -109,6 +109,7 @@ pub fn parse(text: &str, name: &str) -> miette::Result<Vec<Line>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     #[track_caller]
     fn refuse(text: &str, place: &str, message: &str) {
@@ -125,6 +126,26 @@ mod tests {
         refuse("0 s: ping\r\n-1 s: ping", "-1 s", "not a time of 0 s to 10^6 s, with its unit");
         refuse("2 s: ping\n1 s: ping", "1 s", "before the line before it");
         refuse("# é\n2 s: a w 1", "w", "axes are letters of xyza, each once");
+    }
+
+    proptest! {
+        /// Any text is read or refused, and a refusal can be shown.
+        #[test]
+        fn any_text(text in prop::collection::vec(prop_oneof![
+            3 => prop::sample::select(vec!["0 s: ", "1 ms:", "a ", "x ", "xyza", " 5", "-1", "g x 1 1", "#", "\n", "\r\n", ":", "é"]).prop_map(String::from),
+            1 => ".{0,4}",
+        ], 0..30)) {
+            let text = text.concat();
+            match parse(&text, "script.txt") {
+                Ok(lines) => prop_assert!(lines.is_sorted_by(|a, b| a.at_s <= b.at_s)),
+                Err(error) => {
+                    let label = error.labels().and_then(|mut labels| labels.next()).unwrap();
+                    prop_assert!(text.get(label.offset()..label.offset() + label.len()).is_some());
+                    let shown = format!("{error:?}");
+                    prop_assert!(!shown.is_empty());
+                }
+            }
+        }
     }
 
     #[test]

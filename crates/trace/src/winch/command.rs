@@ -76,11 +76,11 @@ impl Command {
     pub fn parse(line: &str) -> Result<Command, WrongLine> {
         let wrong = |at: Range<usize>, message: &str| WrongLine { at, message: message.to_owned() };
         let whole = 0..line.len();
-        if line.len() > LONGEST {
-            return Err(wrong(LONGEST..line.len(), "a line has at most 80 bytes"));
-        }
         if let Some((at, _)) = line.char_indices().find(|(_, letter)| !matches!(letter, ' '..='~' | '\t')) {
             return Err(wrong(at..line.len(), "a line is printable ASCII"));
+        }
+        if line.len() > LONGEST {
+            return Err(wrong(LONGEST..line.len(), "a line has at most 80 bytes"));
         }
         let words = words(line);
         let Some(((name, name_at), values)) = words.split_first() else {
