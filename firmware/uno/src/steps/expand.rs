@@ -11,7 +11,7 @@
 //! # Cycles
 //! | into | changing law | cruise (add = add2 = 0) | around n steps |
 //! |---|---|---|---|
-//! | a ring | 23.5 | 15.5 | 100, and some 22 for every 12 |
+//! | a ring | 23.5 | the same | 100, and some 22 for every 12 |
 //! | a ring, all of which these steps have filled already | 19.5 | 11.5 | the same |
 //! | a list | 18.5 | 10.5 | 100 |
 
@@ -132,13 +132,15 @@ global_asm!(
     std Z+3, r19
     .endm
 
-    .macro expander name, store
+    .macro expander name, store, cruise
     .section .text.\name, "ax", @progbits
     .global \name
 \name:
     expand_enter                        //                              52
+    .if \cruise
     brne 8f                             // 2                            54
     rjmp 5f
+    .endif
 8:  sbrs r20, 0                         // 2 when odd, 3 when even
     rjmp 2f                             //                              57
 1:  advance_tick
@@ -156,6 +158,7 @@ global_asm!(
     brne 2b                             // 2: 3 for two steps
 3:  expand_leave_lawful                 //                              8
 4:  expand_leave                        //                              32
+    .if \cruise
 5:  sbrs r20, 0
     rjmp 7f
 6:  advance_tick
@@ -169,6 +172,7 @@ global_asm!(
     subi r20, 2
     brne 7b
     rjmp 4b
+    .endif
     .endm
 
     // Into groups that toggle the same already.                                                    5
@@ -198,14 +202,16 @@ global_asm!(
     mov r17, r18
     .endm
 
-    .macro ring_expander name, store
+    .macro ring_expander name, store, cruise
     .section .text.\name, "ax", @progbits
     .global \name
 \name:
     expand_enter
     mov r5, r20
+    .if \cruise
     brne 8f
     rjmp 5f
+    .endif
 8:  ring_some
     sbrs r20, 0
     rjmp 2f
@@ -228,6 +234,7 @@ global_asm!(
     rjmp 8b
     expand_leave_lawful
 4:  expand_leave
+    .if \cruise
 5:  ring_some
     sbrs r20, 0
     rjmp 7f
@@ -245,6 +252,7 @@ global_asm!(
     tst r5
     brne 5b
     rjmp 4b
+    .endif
     .endm
 
     // A long pulse: two groups a step, the second r17 ticks after the first.                       22
@@ -280,11 +288,11 @@ global_asm!(
     st Z+, r19
     .endm
 
-    ring_expander steps_expand_ring, ring_store
-    ring_expander steps_expand_ring_again, ring_store_tick
-    expander steps_expand_list, list_store
-    expander steps_expand_ring_long, ring_store_long
-    expander steps_expand_list_long, list_store_long
+    ring_expander steps_expand_ring, ring_store, 0
+    ring_expander steps_expand_ring_again, ring_store_tick, 1
+    expander steps_expand_list, list_store, 1
+    expander steps_expand_ring_long, ring_store_long, 0
+    expander steps_expand_list_long, list_store_long, 0
     "#,
     SOME = const SOME,
 );
