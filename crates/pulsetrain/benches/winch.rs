@@ -23,16 +23,16 @@ const AGAINST_PATH: &str = "steps against the path";
 
 fn main() {
     let uno = Uno::new();
-    let idle_round = uno.rounds(0.1).shortest;
     for speed in [0, 4000, 10_000] {
         let mut uno = uno.clone();
-        uno.drift(&format!("{speed}"));
-        let load = uno.rounds(0.5).load(idle_round);
+        uno.drift(&format!("{speed} {speed} {speed} {speed}"));
+        let load = uno.load(0.5);
         row("load, 4 axes", &format!("{speed} steps/s each"), &format!("{:.1} %", 100.0 * load), true);
     }
     for speed in [100, 1234, 4000, 10_000] {
-        spacing(&uno, speed);
+        spacing(&uno, &format!("{speed} steps/s, 4 axes"), [speed; 4]);
     }
+    spacing(&uno, "10000, 9990, −9970 and 9930 steps/s", [10_000, 9990, -9970, 9930]);
     effect(&uno, 0);
     effect(&uno, 10_000);
     commands(&uno);
@@ -47,23 +47,6 @@ struct Uno {
     port: VirtualUno,
     edges: Vec<Edge>,
     text: Vec<u8>,
-}
-
-/// Rounds of the main loop.
-struct Rounds {
-    count: u64,
-    /// Cycles awake of the shortest.
-    shortest: u64,
-    /// Cycles awake, and all of them.
-    awake: u64,
-    cycles: u64,
-}
-
-impl Rounds {
-    /// The share of the time that the main loop has not for itself, if one with nothing to do takes `idle` cycles.
-    fn load(&self, idle: u64) -> f64 {
-        self.awake.saturating_sub(self.count * idle) as f64 / self.cycles as f64
-    }
 }
 
 impl Uno {
@@ -99,35 +82,34 @@ impl Uno {
         there - self.port.zero().unwrap_or(0)
     }
 
-    /// All axes at one speed, for good.
-    fn drift(&mut self, speed: &str) {
-        self.tell(&format!("v xyza {speed} {speed} {speed} {speed}"));
+    /// All axes at these speeds, for good.
+    fn drift(&mut self, speeds: &str) {
+        self.tell(&format!("v xyza {speeds}"));
         self.run(3.0);
         self.edges.clear();
     }
 
-    /// Looks at the rounds of the main loop for a while, which begin with the watchdog; the chip goes on as if nobody had.
-    fn rounds(&self, seconds: f64) -> Rounds {
-        /// The watchdog's reset instruction, `wdr`.
-        const WDR: u16 = 0x95a8;
+    /// The share of the time that interrupts take, the paths among them; the chip goes on as if nobody had looked.
+    fn load(&self, seconds: f64) -> f64 {
+        /// Words of the table of vectors, but for the reset's.
+        const VECTORS: std::ops::Range<u16> = 2..52;
         let mut chip = self.port.chip().clone();
-        let (begin, asleep) = (chip.cycle(), chip.asleep_cycles());
+        let begin = chip.cycle();
         let end = begin + (seconds * CYCLES_PER_S as f64) as u64;
-        let (mut count, mut shortest, mut began) = (0, u64::MAX, None);
+        // Where the stack was as the outermost interrupt came: it is over when the stack is there again.
+        let (mut came_at, mut inside) = (None, 0);
         while chip.cycle() < end {
-            let at = 2 * chip.pc();
-            if u16::from_le_bytes([chip.flash_byte(at), chip.flash_byte(at + 1)]) == WDR && !chip.is_asleep() {
-                let awake = chip.cycle() - chip.asleep_cycles();
-                // The instruction that ends a sleep is looked at twice.
-                if let Some(began) = began.replace(awake).filter(|began| *began < awake) {
-                    count += 1;
-                    shortest = shortest.min(awake - began);
-                }
-            }
+            let (before, stack) = (chip.cycle(), chip.sp());
             chip.step(&mut ());
+            if came_at.is_none() && VECTORS.contains(&chip.pc()) && chip.sp() < stack {
+                came_at = Some(stack);
+            }
+            if let Some(outside) = came_at {
+                inside += chip.cycle() - before;
+                came_at = Some(outside).filter(|outside| chip.sp() < *outside);
+            }
         }
-        let cycles = chip.cycle() - begin;
-        Rounds { count, shortest, awake: cycles - (chip.asleep_cycles() - asleep), cycles }
+        inside as f64 / (chip.cycle() - begin) as f64
     }
 
     fn rises(&self, axis: usize) -> Vec<f64> {
@@ -150,19 +132,22 @@ impl Uno {
 }
 
 /// How far steps of constant speed are from where the path wants them, and their intervals from each other.
-fn spacing(uno: &Uno, speed: u32) {
+fn spacing(uno: &Uno, at: &str, speeds: [i32; 4]) {
     let mut uno = uno.clone();
-    uno.drift(&speed.to_string());
-    let seconds = if speed < 1000 { 10.0 } else { 2.0 };
+    // Whoever is behind its drift goes at its limit: no axis catches up with another.
+    for (axis, speed) in ["x", "y", "z", "a"].into_iter().zip(speeds) {
+        uno.tell(&format!("l {axis} {} 250000", speed.abs()));
+    }
+    uno.drift(&speeds.map(|speed| speed.to_string()).join(" "));
+    let seconds = if speeds[0] < 1000 { 10.0 } else { 2.0 };
     uno.run(seconds);
-    let at = format!("{speed} steps/s, 4 axes");
-    let interval = CYCLES_PER_S as f64 / f64::from(speed);
     let (mut errors, mut intervals) = (Vec::new(), Vec::new());
-    for axis in 0..4 {
+    for (axis, speed) in speeds.into_iter().enumerate() {
+        let interval = CYCLES_PER_S as f64 / f64::from(speed.abs());
         let rises = uno.rises(axis);
-        let wanted = seconds * f64::from(speed);
+        let wanted = seconds * f64::from(speed.abs());
         if (rises.len() as f64) < wanted - 2.0 {
-            return row(AGAINST_PATH, &at, &format!("{} steps of {wanted}", rises.len()), false);
+            return row(AGAINST_PATH, at, &format!("{} steps of {wanted}", rises.len()), false);
         }
         let off: Vec<f64> = (0..).zip(&rises).map(|(n, tick)| tick - rises[0] - f64::from(n) * interval).collect();
         // Where the path is to a constant, which is the board's.
@@ -177,8 +162,8 @@ fn spacing(uno: &Uno, speed: u32) {
     let p99 = sizes[sizes.len() * 99 / 100];
     let holds = p99 <= 4.0;
     let figure = format!("max {:.2} µs, 99 % {p99:.2} µs, rms {rms:.2} µs", most(&errors));
-    row(AGAINST_PATH, &at, &figure, holds);
-    row("intervals against the exact one", &at, &format!("max ±{:.2} µs", most(&intervals)), most(&intervals) <= 8.0);
+    row(AGAINST_PATH, at, &figure, holds);
+    row("intervals against the exact one", at, &format!("max ±{:.2} µs", most(&intervals)), most(&intervals) <= 8.0);
 }
 
 /// From a line's last byte to the slice of the path that obeys it, while the other axes go at `speed`.

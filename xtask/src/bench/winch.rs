@@ -4,8 +4,8 @@ use super::report;
 use crate::command::{Done, Failure, cargo, output};
 
 const PREFACE: &str = "Emulated: the committed image on the ATmega328P of `crates/emulator`, 16 MHz, 115 200 baud; no board was \
-connected. Load is the share of all cycles that the main loop has not for itself: all that it is awake, less what its rounds take \
-when there is nothing to do. Steps against the path are edges against the times of exactly even steps, less the board's constant. A \
+connected. Load is the share of all cycles in interrupts: those of the steps, the line, and the task that works out paths and puts \
+their steps in order. Steps against the path are edges against the times of exactly even steps, less the board's constant. A \
 line's effect is the beginning of the millisecond of the path that obeys it. The original is the StepperWinch sketch, on an \
 emulated ATmega328P too.";
 
