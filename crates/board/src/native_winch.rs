@@ -200,7 +200,9 @@ impl NativeWinch {
             self.paths.iter_mut().for_each(Path::stop);
         }
         let plays_at = self.zero + self.next_ms * u64::from(TICKS);
-        for (axis, path) in self.paths.iter_mut().enumerate() {
+        // While the drivers are off paths stand still.
+        let driven = if self.is_enabled { &mut self.paths[..] } else { &mut [] };
+        for (axis, path) in driven.iter_mut().enumerate() {
             let Some(train) = path.tick().train() else { continue };
             let first = plays_at + u64::from(train.first >> 16);
             self.planned.push(Reverse((first - SETUP, DIR_PINS[axis], !train.backward)));
@@ -210,7 +212,9 @@ impl NativeWinch {
                 self.planned.push(Reverse((at + PULSE, STEP_PINS[axis], false)));
             }
         }
-        if self.releasing && self.is_at_rest() && self.planned.is_empty() {
+        // Less than 1 step/s is what is left of a stop.
+        let is_slow = |path: &Path| path.speed().unsigned_abs() < 1 << 16;
+        if self.releasing && self.paths.iter().all(is_slow) && self.planned.is_empty() {
             self.enable(false);
         }
         if ms >= self.reported_ms + self.report_ms && self.line.unsent(self.now) == 0 {
@@ -246,7 +250,8 @@ impl NativeWinch {
             Verb::Strict => self.reader.set_strict(value != 0),
             Verb::Version => self.say(&Reply::Id),
             Verb::Ping => self.say(&Reply::Awake),
-            Verb::Impulse | Verb::Ramp | Verb::Gains | Verb::Limits | Verb::Unknown => {}
+            Verb::Impulse | Verb::Ramp => self.releasing = false,
+            Verb::Gains | Verb::Limits | Verb::Unknown => {}
         }
     }
 

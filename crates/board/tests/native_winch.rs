@@ -119,13 +119,13 @@ fn it_answers() {
 #[test]
 fn drivers_are_off_until_it_is_to_move_and_after_a_stop() {
     let mut lab = Lab::new();
-    lab.tell("g x 2 1");
-    lab.tell("r y 1");
-    lab.run_to(20);
-    assert!(!lab.winch.is_enabled());
+    lab.tell("g xy 2 1");
+    lab.tell("r y 100");
+    lab.run_to(500);
+    assert!(!lab.winch.is_enabled() && lab.winch.positions() == [0; 4], "what is told moves nothing yet");
     lab.tell("v x 3000");
     lab.run_to(1500);
-    assert!(lab.winch.is_enabled() && lab.winch.positions()[0] > 2000);
+    assert!(lab.winch.is_enabled() && lab.winch.positions()[0] > 1000 && lab.winch.positions()[1] > 90);
     lab.tell("enable 0");
     lab.run(200);
     assert!(!lab.winch.is_enabled() && lab.winch.is_at_rest());

@@ -15,8 +15,9 @@ use super::talk::{Said, Talk};
 use crate::human::{self, Table};
 use crate::plot::{Errors, MotorPicture, Picture};
 
-/// A byte on the line at 115 200 baud, and a frame of USB before the first one.
+/// A byte on the line at 115 200 baud, the same at what an Uno's bridge makes of it, and a frame of USB before the first one.
 const BYTE: Duration = Duration::from_nanos(86_806);
+const FAST_BYTE: Duration = Duration::from_nanos(85_000);
 const USB_FRAME: Duration = Duration::from_millis(1);
 
 /// What whoever looks on wants.
@@ -93,6 +94,7 @@ pub fn on_port<P: Port>(talk: &mut Talk<P>, script: &Script, watch: impl FnMut(f
 struct Sent {
     begin: Duration,
     end: Duration,
+    /// Each line with the times at which it is there, at the soonest and at the latest.
     told: Vec<(Duration, Duration, Command)>,
     statuses: Vec<Status>,
     refusals: Vec<Refusal>,
@@ -101,9 +103,9 @@ struct Sent {
 
 impl Sent {
     fn run(self, tick: impl Fn(Duration) -> u64) -> Run {
-        let told = |(sent, there, command): &(Duration, Duration, Command)| Told {
-            tick: tick(*sent),
-            until: tick(*there),
+        let told = |(soonest, latest, command): &(Duration, Duration, Command)| Told {
+            tick: tick(*soonest),
+            until: tick(*latest),
             command: *command,
         };
         Run {
@@ -130,13 +132,15 @@ fn send<P: Port>(
     let mut end = at(script.end_s);
     let (mut told, mut statuses, mut refusals) = (Vec::new(), Vec::new(), Vec::new());
     let mut lines = script.lines.iter().take_while(|line| line.at_s <= script.end_s).peekable();
-    // When the line is free again.
-    let mut free = begin;
+    // When the line is free again, at the soonest and at the latest.
+    let (mut soonest, mut free) = (begin, begin);
     let mut tell = |talk: &mut Talk<P>, text: &str, command: Command| {
         talk.tell(text)?;
         let now = talk.now();
-        free = free.max(now + USB_FRAME) + BYTE * (text.len() as u32 + 1);
-        told.push((now, free, command));
+        let bytes = text.len() as u32 + 1;
+        soonest = soonest.max(now) + FAST_BYTE * bytes;
+        free = free.max(now + USB_FRAME) + BYTE * bytes;
+        told.push((soonest, free, command));
         Ok::<(), PortError>(())
     };
     let mut stopped = false;

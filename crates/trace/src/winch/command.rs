@@ -41,6 +41,8 @@ pub enum Order {
 pub struct Command {
     /// What it says to x, y, z and a; nothing for lines that move no axis, such as `ping`.
     pub orders: [Option<Order>; 4],
+    /// It switches the drivers on: `a`, `d`, `v`, and `enable 1`.
+    pub enables: bool,
 }
 
 /// What is wrong with a line, and where in it.
@@ -102,6 +104,7 @@ impl Command {
                 for (axis, value) in axes.iter().zip(exactly(axes.len(), values, line)?) {
                     command.orders[*axis] = Some(single(name, value)?);
                 }
+                command.enables = matches!(*name, "a" | "d" | "v");
             }
             return Ok(command);
         }
@@ -118,8 +121,10 @@ impl Command {
         let values = exactly(usize::from(range.is_some()), values, line)?;
         if let (Some(range), [value]) = (range, values) {
             let number = whole_number(value, range)?;
-            if *name == "enable" && number == 0 {
-                command.orders = [Some(Order::Stop); 4];
+            match (*name, number) {
+                ("enable", 0) => command.orders = [Some(Order::Stop); 4],
+                ("enable", _) => command.enables = true,
+                _ => {}
             }
         }
         Ok(command)
@@ -218,6 +223,11 @@ mod tests {
         check("enable 0", 2, Some(Order::Stop));
         for silent in ["enable 1", "srate 20", "deadman 0", "strict 1", "version", "ping"] {
             check(silent, 0, None);
+        }
+        for (line, enables) in
+            [("a x 1", true), ("v x 0", true), ("enable 1", true), ("enable 0", false), ("r x 1", false)]
+        {
+            assert_eq!(Command::parse(line).unwrap().enables, enables, "{line}");
         }
     }
 

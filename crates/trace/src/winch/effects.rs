@@ -1,10 +1,12 @@
 //! In which millisecond each line came into effect: the way that agrees best with the steps.
 
-use super::path::Path;
-use super::{Options, Step, THRESHOLD, Told, obey};
+use std::collections::HashSet;
+
+use super::path::Board;
+use super::{Options, Step, THRESHOLD, Told};
 
 /// Ways that are followed at once.
-const WAYS: usize = 64;
+const WAYS: usize = 512;
 
 /// A way is given up that is so much worse than the best, steps².
 const HOPELESS: f64 = 4.0;
@@ -12,7 +14,7 @@ const HOPELESS: f64 = 4.0;
 /// One way in which it may have been.
 #[derive(Clone, Debug)]
 struct Way {
-    paths: [Path; 4],
+    board: Board,
     /// The millisecond of each line so far.
     effects: Vec<u64>,
     /// Sum of squared distances of steps from the paths, steps².
@@ -26,7 +28,7 @@ pub(super) fn find(told: &[Told], steps: &[Vec<Step>; 4], ms_end: u64, options: 
         .iter()
         .map(|told| (ms_of(told.tick).ceil() as u64, ms_of(told.until).ceil() as u64 + options.effect_ms))
         .collect();
-    let mut ways = vec![Way { paths: [Path::START; 4], effects: Vec::new(), distance: 0.0 }];
+    let mut ways = vec![Way { board: Board::START, effects: Vec::new(), distance: 0.0 }];
     let mut next = [0; 4];
     for ms in 0..ms_end {
         branch(&mut ways, told, &windows, ms);
@@ -37,13 +39,13 @@ pub(super) fn find(told: &[Told], steps: &[Vec<Step>; 4], ms_end: u64, options: 
             next[axis] += count;
             let position = now.last().map_or(before, |step| step.position) as f64;
             for way in &mut ways {
-                let path = &mut way.paths[axis];
-                way.distance += now.iter().map(|step| step.behind(path, ms).powi(2)).sum::<f64>();
-                path.tick();
-                let beyond = ((path.position - position).abs() - THRESHOLD).max(0.0);
+                way.distance += now.iter().map(|step| step.behind(&way.board, axis, ms).powi(2)).sum::<f64>();
+                let end = way.board.paths[axis].position + way.board.speed(axis) * 1e-3;
+                let beyond = ((end - position).abs() - THRESHOLD).max(0.0);
                 way.distance += beyond * beyond;
             }
         }
+        ways.iter_mut().for_each(|way| way.board.tick());
         prune(&mut ways);
     }
     let best = ways.swap_remove(0);
@@ -66,7 +68,7 @@ fn branch(ways: &mut Vec<Way>, told: &[Told], windows: &[(u64, u64)], ms: u64) {
         if ms < last {
             ways.push(way.clone());
         }
-        obey(&mut way.paths, &told[way.effects.len()].command);
+        way.board.obey(&told[way.effects.len()].command);
         way.effects.push(ms);
         open.push(way);
     }
@@ -79,14 +81,10 @@ fn prune(ways: &mut Vec<Way>) {
     }
     ways.sort_by(|a, b| a.distance.total_cmp(&b.distance).then_with(|| a.effects.cmp(&b.effects)));
     let worst = ways[0].distance + HOPELESS;
-    let mut kept: Vec<Way> = Vec::with_capacity(ways.len());
-    for way in ways.drain(..) {
-        let is_new = |known: &Way| known.effects.len() != way.effects.len() || known.paths != way.paths;
-        if way.distance <= worst && kept.len() < WAYS && kept.iter().all(is_new) {
-            kept.push(way);
-        }
-    }
-    *ways = kept;
+    let mut known = HashSet::with_capacity(ways.len());
+    ways.retain(|way| {
+        way.distance <= worst && known.len() < WAYS && known.insert((way.effects.len(), way.board.bits()))
+    });
 }
 
 #[cfg(test)]
@@ -96,28 +94,28 @@ mod tests {
 
     /// The steps of paths on which each line acts in a given millisecond.
     fn steps(lines: &[(u64, &str)], ms_end: u64) -> [Vec<Step>; 4] {
-        let mut paths = [Path::START; 4];
+        let mut board = Board::START;
         let mut steps: [Vec<Step>; 4] = [const { Vec::new() }; 4];
         for ms in 0..ms_end {
             for (_, line) in lines.iter().filter(|(at, _)| *at == ms) {
-                obey(&mut paths, &Command::parse(line).unwrap());
+                board.obey(&Command::parse(line).unwrap());
             }
-            for (path, steps) in paths.iter_mut().zip(&mut steps) {
+            for (axis, steps) in steps.iter_mut().enumerate() {
+                let (from, moved) = (board.paths[axis].position, board.speed(axis) * 1e-3);
                 loop {
                     let position = steps.last().map_or(0, |step| step.position);
-                    let to = path.position + path.speed * 1e-3;
-                    let beyond = to - position as f64;
+                    let beyond = from + moved - position as f64;
                     if beyond.abs() < THRESHOLD {
                         break;
                     }
                     let forward = beyond > 0.0;
                     let position = if forward { position + 1 } else { position - 1 };
                     let mut step = Step { ms: 0.0, position, forward };
-                    step.ms = ms as f64 + (step.wanted_at() - path.position) / (path.speed * 1e-3);
+                    step.ms = ms as f64 + (step.wanted_at() - from) / moved;
                     steps.push(step);
                 }
-                path.tick();
             }
+            board.tick();
         }
         steps
     }

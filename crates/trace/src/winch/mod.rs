@@ -19,7 +19,7 @@ mod path;
 pub use command::{AXES, Command, Order, WrongLine};
 
 use crate::Edge;
-use path::Path;
+use path::Board;
 use serde::Serialize;
 
 /// 1/64 step beyond the middle between two steps: where a path makes the next one.
@@ -31,7 +31,7 @@ const TOLD_FAULTS: usize = 8;
 /// A line that was sent.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Told {
-    /// Tick of the board's clock at which it was sent, or later, but not after it was there.
+    /// Tick of the board's clock before which it cannot have been there.
     pub tick: u64,
     /// The latest tick at which it can have been there.
     pub until: u64,
@@ -173,9 +173,9 @@ impl Step {
         self.position as f64 + if self.forward { THRESHOLD - 1.0 } else { 1.0 - THRESHOLD }
     }
 
-    /// How far the path is beyond that, in the step's own direction.
-    fn behind(self, path: &Path, begin_ms: u64) -> f64 {
-        let position = path.position + path.speed * 1e-3 * (self.ms - begin_ms as f64);
+    /// How far an axis' path is beyond that, in the step's own direction.
+    fn behind(self, board: &Board, axis: usize, begin_ms: u64) -> f64 {
+        let position = board.paths[axis].position + board.speed(axis) * 1e-3 * (self.ms - begin_ms as f64);
         let beyond = position - self.wanted_at();
         if self.forward { beyond } else { -beyond }
     }
@@ -216,15 +216,15 @@ pub fn judge(
 pub fn foretell(told: &[Told], end: u64, options: &Options, onlooker: &mut impl Onlooker) {
     let ms = |tick: u64| (tick as f64 / options.tick_hz * 1e3).ceil() as u64;
     let mut lines = told.iter().peekable();
-    let mut paths = [Path::START; 4];
+    let mut board = Board::START;
     for now in 0..ms(end) {
         while let Some(told) = lines.next_if(|told| ms(told.until) <= now) {
-            obey(&mut paths, &told.command);
+            board.obey(&told.command);
         }
-        for (axis, path) in paths.iter_mut().enumerate() {
-            onlooker.path(axis, now as f64 * 1e-3 - options.origin_s, path.position, path.speed);
-            path.tick();
+        for (axis, path) in board.paths.iter().enumerate() {
+            onlooker.path(axis, now as f64 * 1e-3 - options.origin_s, path.position, board.speed(axis));
         }
+        board.tick();
     }
 }
 
@@ -346,7 +346,7 @@ fn follow(
     options: &Options,
     onlooker: &mut impl Onlooker,
 ) {
-    let mut paths = [Path::START; 4];
+    let mut board = Board::START;
     let mut lines = told.iter().zip(effects).peekable();
     let mut next = [0; 4];
     let mut squares = [0.0; 4];
@@ -355,19 +355,22 @@ fn follow(
     let late_ms = options.late_ticks / options.tick_hz * 1e3;
     for ms in 0..ms_end {
         while let Some((told, _)) = lines.next_if(|(_, effect)| **effect <= ms) {
-            obey(&mut paths, &told.command);
+            board.obey(&told.command);
         }
-        for (axis, path) in paths.iter_mut().enumerate() {
+        let (mut positions, mut allowed) = ([0; 4], [0.0; 4]);
+        for axis in 0..4 {
+            let speed = board.speed(axis);
             let at_s = ms as f64 * 1e-3 - options.origin_s;
-            onlooker.path(axis, at_s, path.position, path.speed);
-            let allowed = options.bound_steps + path.speed.abs() * 1e-3 * late_ms;
+            onlooker.path(axis, at_s, board.paths[axis].position, speed);
+            allowed[axis] = options.bound_steps + speed.abs() * 1e-3 * late_ms;
+            let allowed = allowed[axis];
             let mut position = seen.steps[axis][..next[axis]].last().map_or(0, |step| step.position);
             while let Some(step) = seen.steps[axis].get(next[axis]).copied()
                 && step.ms < (ms + 1) as f64
             {
                 next[axis] += 1;
                 position = step.position;
-                let (behind, at_s) = (step.behind(path, ms), step.ms * 1e-3 - options.origin_s);
+                let (behind, at_s) = (step.behind(&board, axis, ms), step.ms * 1e-3 - options.origin_s);
                 onlooker.step(axis, at_s, position, behind);
                 squares[axis] += behind * behind;
                 let report = &mut seen.axes[axis];
@@ -384,28 +387,24 @@ fn follow(
                     });
                 }
             }
-            path.tick();
-            let beyond = (path.position - position as f64).abs() - THRESHOLD;
+            positions[axis] = position;
+        }
+        board.tick();
+        for (axis, position) in positions.into_iter().enumerate() {
+            let wanted = board.paths[axis].position;
+            let beyond = (wanted - position as f64).abs() - THRESHOLD;
             // A step at the end of a millisecond may be seen in the next.
-            if beyond <= allowed {
+            if beyond <= allowed[axis] {
                 lost[axis] = false;
             } else if !std::mem::replace(&mut lost[axis], true) {
-                let wanted = path.position;
-                seen.fault(axis, at_s + 1e-3, || format!("it is at {position}, the path at {wanted:.2}"));
+                let at_s = (ms + 1) as f64 * 1e-3 - options.origin_s;
+                seen.fault(axis, at_s, || format!("it is at {position}, the path at {wanted:.2}"));
             }
         }
     }
-    for (axis, path) in paths.iter().enumerate() {
+    for (axis, path) in board.paths.iter().enumerate() {
         let report = &mut seen.axes[axis];
         report.position_wanted = path.position;
         report.rms_error_steps = (squares[axis] / (report.steps as f64).max(1.0)).sqrt();
-    }
-}
-
-fn obey(paths: &mut [Path; 4], command: &Command) {
-    for (path, order) in paths.iter_mut().zip(command.orders) {
-        if let Some(order) = order {
-            path.obey(order);
-        }
     }
 }

@@ -3,10 +3,69 @@
 //! Source: seeds/003, `Path::pollForInterval`, at a fixed 1 kHz, with docs/winch.md's ramp, impulse and stop. Written for the
 //! judge: it shares nothing with the boards' fixed point (`pulsetrain_core::winch::path`).
 
-use super::command::Order;
+use super::command::{Command, Order};
 
 /// A millisecond, s.
 const DT: f64 = 1e-3;
+
+/// Four axes and their drivers. While these are off the paths stand still.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Board {
+    pub(super) paths: [Path; 4],
+    drives: bool,
+    /// The drivers are to be off as soon as no axis moves.
+    is_releasing: bool,
+}
+
+impl Board {
+    pub(super) const START: Board = Board { paths: [Path::START; 4], drives: false, is_releasing: false };
+
+    pub(super) fn obey(&mut self, command: &Command) {
+        for (path, order) in self.paths.iter_mut().zip(command.orders) {
+            let Some(order) = order else { continue };
+            path.obey(order);
+            match order {
+                Order::Stop => self.is_releasing = self.drives,
+                Order::Gains { .. } | Order::Limits { .. } => {}
+                _ => self.is_releasing = false,
+            }
+        }
+        if command.enables {
+            (self.drives, self.is_releasing) = (true, false);
+        }
+    }
+
+    /// One millisecond.
+    pub(super) fn tick(&mut self) {
+        if self.drives {
+            self.paths.iter_mut().for_each(Path::tick);
+        }
+        if self.is_releasing && self.paths.iter().all(|path| path.speed.abs() < 1.0) {
+            (self.drives, self.is_releasing) = (false, false);
+        }
+    }
+
+    /// All that it is, to tell two of them apart.
+    pub(super) fn bits(&self) -> ([[u64; 11]; 4], [bool; 2]) {
+        let bits = |path: &Path| {
+            let Path { position, speed, reference, target, drift, ramp, .. } = *path;
+            let Path { stiffness, damping, max_speed, max_acceleration, is_stopping, .. } = *path;
+            let numbers =
+                [position, speed, reference, target, drift, ramp, stiffness, damping, max_speed, max_acceleration];
+            let mut bits = [u64::from(is_stopping); 11];
+            for (place, number) in bits.iter_mut().zip(numbers) {
+                *place = number.to_bits();
+            }
+            bits
+        };
+        (self.paths.each_ref().map(bits), [self.drives, self.is_releasing])
+    }
+
+    /// How fast an axis goes in this millisecond, steps/s.
+    pub(super) fn speed(&self, axis: usize) -> f64 {
+        if self.drives { self.paths[axis].speed } else { 0.0 }
+    }
+}
 
 /// Where an axis is, and where it is to go; steps and seconds.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,7 +100,7 @@ impl Path {
         is_stopping: false,
     };
 
-    pub(super) fn obey(&mut self, order: Order) {
+    fn obey(&mut self, order: Order) {
         // Whoever is stopping has its target where it is.
         if self.is_stopping {
             (self.target, self.reference) = (self.position, self.position);
@@ -77,7 +136,7 @@ impl Path {
     }
 
     /// One millisecond: the position goes on by the speed that it had.
-    pub(super) fn tick(&mut self) {
+    fn tick(&mut self) {
         if self.ramp > 0.0 {
             let most = self.ramp * DT;
             self.reference += (self.target - self.reference).clamp(-most, most);
