@@ -727,7 +727,8 @@ const LOOKS: u8 = 12;
 /// How many lists one run fills at most; each takes about 1000 cycles.
 const FEEDS: u8 = 16;
 
-/// The one merge: the assembly knows it by this name.
+/// The one merge: the assembly knows it by this name. [`Merge::begin`] comes before its use: until then it is zeros, which take no
+/// flash.
 #[unsafe(export_name = "steps_merge")]
 static mut MERGE: Merge = Merge {
     lanes: [Lane { masks: Group::NOTHING, head: 0, next: 0 }; LANES],
@@ -741,7 +742,7 @@ static mut MERGE: Merge = Merge {
     looks: 0,
     feeds: 0,
     few_left: 0,
-    wanting: NONE,
+    wanting: 0,
 };
 
 /// Byte after the list of `lane`.
@@ -781,6 +782,11 @@ impl Merge {
         self.tail = tail + 0x20;
         self.few_left = 2 * FEW_LEFT[usize::from(motors.wrapping_sub(1)) % LANES] + 1;
         self.clear(first);
+    }
+
+    /// Lists are not filled up before they are used up: what they leave of their page is another's.
+    pub(crate) fn leave_room(&mut self) {
+        self.few_left = 0;
     }
 
     /// Whether steps are in lists, or anything else but fillers.

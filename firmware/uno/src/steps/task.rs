@@ -30,6 +30,9 @@ const SOONEST: u8 = 4;
 const RESERVE: u16 = 24 << 8;
 const RESERVE_BOTH: u16 = 32 << 8;
 
+/// Counts until the next call while the winch drives, at most: a call works out one slice, and takes most of one.
+const SLICES: u8 = 64;
+
 #[repr(transparent)]
 struct Place(UnsafeCell<Stepper>);
 
@@ -99,7 +102,8 @@ pub(crate) fn start() {
 
 global_asm!(
     r#"
-    .section .text.steps_task, "ax", @progbits
+    // As the ring's interrupts, in reach of the vectors.
+    .text
     .global steps_task_begin, steps_task_due
     // From the vector, which has put r24 onto the stack, after 8 cycles. No flag is touched.
 steps_task_begin:
@@ -131,13 +135,21 @@ steps_task_due:
     andi r25, {STARVED}
     breq 3f
     call steps_watch
-    // Nothing is planned beyond the limit.
-3:  call clock_moment
+    // Nothing is planned beyond the limit. The winch's slices take long, so that the ring is filled first.
+3:  lds r24, steps_mode
+    cpi r24, {WINCH}
+    brne 11f
+    call steps_merge_run
+11: call clock_moment
     ldi r18, {AHEAD} >> 8
     add r23, r18
     adc r24, r1
     adc r25, r1
-    sts steps_times+{LIMIT}, r22
+    lds r18, steps_mode
+    cpi r18, {WINCH}
+    brne 12f
+    call winch_advance
+12: sts steps_times+{LIMIT}, r22
     sts steps_times+{LIMIT}+1, r23
     sts steps_times+{LIMIT}+2, r24
     sts steps_times+{LIMIT}+3, r25
@@ -147,6 +159,8 @@ steps_task_due:
     breq 7f
     cpi r24, {BOTH}
     breq 8f
+    cpi r24, {WINCH}
+    breq 9f
     call steps_fill_shared
     rjmp 9f
 6:  call steps_merge_run
@@ -190,6 +204,11 @@ steps_task_due:
     ldi r25, {RESERVE_BOTH} >> 8
     breq 3f
     ldi r25, 255                        // that is never filled in one go
+    cpi r24, {WINCH}
+    brne 3f
+    cpi r26, {SLICES}
+    brlo 3f
+    ldi r26, {SLICES}
 3:  mov r24, r26
     sub r24, r25
     brcs 4f
@@ -260,6 +279,8 @@ task_ahead:
     LIMIT = const super::times::LIMIT,
     APIECE = const mode::APIECE,
     BOTH = const mode::BOTH,
+    WINCH = const mode::WINCH,
+    SLICES = const SLICES,
     TRACK = const offset_of!(Stepper, tracks),
     TRACK_SIZE = const size_of::<Track>(),
     AT = const offset_of!(Stepper, tracks) + offset_of!(Track, at),
@@ -289,6 +310,8 @@ pub(crate) mod mode {
     pub(crate) const BOTH: u8 = 3;
     /// One ring of motors that share DIR lines.
     pub(crate) const SHARED: u8 = 4;
+    /// One ring by the merge, from the winch's paths.
+    pub(crate) const WINCH: u8 = 5;
 }
 
 #[unsafe(export_name = "steps_mode")]
@@ -312,4 +335,11 @@ extern "C" fn steps_watch() {
 extern "C" fn steps_fill_shared() {
     // SAFETY: as above.
     unsafe { &mut *STEPPER.0.get() }.fill_shared();
+}
+
+/// Steps that a motor has made when the first ring was played up to `tail`. For who keeps the task out.
+#[unsafe(no_mangle)]
+extern "C" fn steps_position(motor: u8, tail: u8) -> i32 {
+    // SAFETY: the caller keeps the task out.
+    unsafe { &*STEPPER.0.get() }.position(motor, tail)
 }
