@@ -222,7 +222,7 @@ class VirtualBoard:
 )
 class VirtualBoards(unittest.TestCase):
     #: Boards that speak text.
-    BOARDS = ["winch"]
+    BOARDS = ["winch", "uno"]
 
     def assert_goes_to(self, winch: Winch, positions: Tuple[int, int, int, int]) -> None:
         """It gets there, and stays."""

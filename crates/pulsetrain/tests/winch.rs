@@ -11,7 +11,10 @@ use pulsetrain::winch::console::{Person, Plain, Wish, converse};
 use pulsetrain::winch::run::{Judged, Names, Run, Wish as RunWish, judge, on_port, on_virtual};
 use pulsetrain::winch::script::{self, Script};
 use pulsetrain::winch::talk::{Said, Talk};
+use pulsetrain_board::VirtualBoard;
 use pulsetrain_board::native_winch::NativeWinch;
+use pulsetrain_board::virtual_uno::VirtualUno;
+use pulsetrain_motion::pins::PinKind;
 use pulsetrain_trace::winch::{Options, Report};
 
 const NAMES: Names<'_> = Names { script: "script", runner: "native winch", board: "StepperWinch" };
@@ -21,14 +24,28 @@ fn script(text: &str, end_s: f64) -> Script {
 }
 
 fn run(script: &Script) -> Run {
-    let mut talk = Talk::new(NativeWinch::new());
+    run_on(NativeWinch::new(), script)
+}
+
+fn run_on(board: impl VirtualBoard, script: &Script) -> Run {
+    let mut talk = Talk::new(board);
     assert_eq!(talk.ask().unwrap().as_deref(), Some("StepperWinch Nov 21 2026"));
     on_virtual(&mut talk, script, |_| RunWish::GoOn).unwrap()
 }
 
 fn verdict(run: &Run) -> Report {
-    let Judged { report, .. } = judge(run, NAMES, &Options::default()).unwrap();
+    verdict_as(run, &Options::default())
+}
+
+fn verdict_as(run: &Run, options: &Options) -> Report {
+    let Judged { report, .. } = judge(run, NAMES, options).unwrap();
     report.verdict.unwrap()
+}
+
+/// When an Uno makes its edges: a constant later, and within what its merge moves them.
+fn of_uno() -> Options {
+    let late = pulsetrain_motion::boards::find("uno").unwrap().lateness_ticks;
+    Options { constant_ticks: PinKind::Shield.constant_ticks().into(), late_ticks: late.into(), ..Options::default() }
 }
 
 /// Gains, limits, targets in mid-move, an impulse, a drift, a ramp, a stop.
@@ -65,6 +82,17 @@ fn every_kind_of_line_is_followed() {
     }
     let (_, most) = verdict.effect_ms.unwrap();
     assert!(most < 4.0, "{most} ms");
+}
+
+#[test]
+fn the_uno_does_the_same() {
+    let run = run_on(VirtualUno::new(), &script(EVERYTHING, 3.0));
+    let verdict = verdict_as(&run, &of_uno());
+    assert!(verdict.ok && run.refusals.is_empty() && verdict.statuses > 130, "{verdict:?}");
+    for axis in &verdict.axes {
+        assert!(axis.steps > 200 && axis.max_error_steps < 0.03, "{axis:?}");
+        assert_eq!(axis.position_wanted.round() as i64, axis.position, "{axis:?}");
+    }
 }
 
 /// What is wrong is found, and said where.
@@ -205,20 +233,39 @@ fn line() -> impl Strategy<Value = String> {
     ]
 }
 
+/// Lines, each so many ms after the one before; and when it ends, s.
+fn random_script(lines: &[(u32, String)]) -> (String, f64) {
+    let mut at_ms = 0;
+    let mut text = "0 s: g xyza 1 0.5\n".to_owned();
+    for (wait, line) in lines {
+        at_ms += wait;
+        text.push_str(&format!("{at_ms} ms: {line}\n"));
+    }
+    (text, f64::from(at_ms) / 1e3 + 1.0)
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
 
     /// The board's fixed point and the judge's f64 agree on any script: two codes that share nothing.
     #[test]
     fn boards_and_judge_agree(lines in prop::collection::vec((0..500_u32, line()), 1..12)) {
-        let mut at_ms = 0;
-        let mut text = "0 s: g xyza 1 0.5\n".to_owned();
-        for (wait, line) in lines {
-            at_ms += wait;
-            text.push_str(&format!("{at_ms} ms: {line}\n"));
-        }
-        let run = run(&script(&text, f64::from(at_ms) / 1e3 + 1.0));
+        let (text, end_s) = random_script(&lines);
+        let run = run(&script(&text, end_s));
         let verdict = verdict(&run);
+        prop_assert!(verdict.ok, "{}{:?}", text, verdict);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 8, ..ProptestConfig::default() })]
+
+    /// So do the firmware's assembly, and the judge.
+    #[test]
+    fn the_uno_and_the_judge_agree(lines in prop::collection::vec((0..300_u32, line()), 1..10)) {
+        let (text, end_s) = random_script(&lines);
+        let run = run_on(VirtualUno::new(), &script(&text, end_s));
+        let verdict = verdict_as(&run, &of_uno());
         prop_assert!(verdict.ok, "{}{:?}", text, verdict);
     }
 }
