@@ -8,7 +8,9 @@
 //! - [`serial`]: a real serial port, in real time
 //! - [`faulty`]: a port whose frames suffer, by a seed; [`model`]: a board behind a serial line, without a chip
 //! - [`shadow`]: any board beside a native one that is told the same: what was scheduled, and what came of it
-//! - [`virtual_uno`]: the Uno's firmware on an emulated chip, as such a port
+//! - [`virtual_uno`]: the Uno's firmware on an emulated chip, as such a port; `bridge`: its USB, as far as time goes
+//! - [`native_winch`]: StepperWinch's text with core's own code instead of a firmware, as such a port
+//! - [`VirtualBoard`]: what both of them can do
 //! - [`BoardClock`]: such a board's clock, as the host sees it
 //!
 //! # What is not
@@ -16,11 +18,13 @@
 //! session's in `pulsetrain`.
 #![forbid(unsafe_code)]
 
+mod bridge;
 mod clock;
 pub mod faulty;
 pub mod link;
 pub mod model;
 pub mod native;
+pub mod native_winch;
 mod packer;
 pub mod remote;
 pub mod serial;
@@ -97,6 +101,18 @@ pub trait Board {
     fn lost(&self) -> Option<&RemoteError> {
         None
     }
+}
+
+/// A board in virtual time: time passes only while someone receives, and every edge of a pin is known.
+pub trait VirtualBoard: Port {
+    /// What DTR does as a program opens the port: the board starts again. Bytes under way are lost.
+    fn reset(&mut self);
+
+    /// Tick 0 of the board's own clock, in ticks of [`Port::now`]'s; `None` until it runs.
+    fn zero(&self) -> Option<u64>;
+
+    /// The rate of the line.
+    fn baud(&self) -> pulsetrain_core::wire::Baud;
 }
 
 pub use clock::BoardClock;

@@ -1,14 +1,15 @@
-//! A virtual Uno in real time, for a client at the other end of a pseudo-terminal or a socket.
+//! Virtual boards in real time: for a client at the other end of a pseudo-terminal or a socket, or for this program.
 //!
-//! [`Service::round`] knows no clock: it is told how far to come. [`in_real_time`] tells it the time of day.
+//! [`Service::round`] knows no clock: it is told how far to come. [`in_real_time`] tells it the time of day. [`Paced`] is a
+//! virtual board for whoever looks at it as time goes by.
 
 use std::io::{self, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use pulsetrain_board::Port;
-use pulsetrain_board::virtual_uno::{CYCLES_PER_S, VirtualUno};
+use pulsetrain_board::virtual_uno::CYCLES_PER_S;
+use pulsetrain_board::{Port, PortError, VirtualBoard};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_trace::{Edge, Line, vcd_file};
 
@@ -33,9 +34,9 @@ pub trait Client {
 /// The first and the last pin that is traced: 0 and 1 are the serial line, 19 is A5.
 const TRACED: std::ops::RangeInclusive<u8> = 2..=19;
 
-/// A virtual Uno and its client.
-pub struct Service<C, W: Write> {
-    uno: VirtualUno,
+/// A virtual board and its client.
+pub struct Service<B, C, W: Write> {
+    board: B,
     client: C,
     trace: Option<vcd_file::Writer<W>>,
     present: bool,
@@ -44,22 +45,22 @@ pub struct Service<C, W: Write> {
     edges: Vec<pulsetrain_board::Edge>,
 }
 
-impl<C: Client, W: Write> Service<C, W> {
-    /// An Uno that has just been plugged in; edges are written to `trace`.
+impl<B: VirtualBoard, C: Client, W: Write> Service<B, C, W> {
+    /// A board that has just been plugged in; edges are written to `trace`.
     ///
     /// # Errors
     /// When the trace cannot be begun.
-    pub fn new(client: C, trace: Option<W>) -> io::Result<Service<C, W>> {
+    pub fn new(board: B, client: C, trace: Option<W>) -> io::Result<Service<B, C, W>> {
         let lines: Vec<Line> = TRACED.map(|pin| Line::named(format!("pin{pin}"))).collect();
         let trace = trace.map(|out| vcd_file::Writer::new(out, CYCLES_PER_S, &lines)).transpose()?;
         let (bytes, edges) = (Vec::new(), Vec::new());
-        Ok(Service { uno: VirtualUno::new(), client, trace, present: false, clients: 0, bytes, edges })
+        Ok(Service { board, client, trace, present: false, clients: 0, bytes, edges })
     }
 
-    /// The chip's time.
+    /// The board's time.
     #[must_use]
     pub fn now(&self) -> Duration {
-        self.uno.now()
+        self.board.now()
     }
 
     /// Clients so far.
@@ -68,7 +69,7 @@ impl<C: Client, W: Write> Service<C, W> {
         self.clients
     }
 
-    /// Takes what the client sent, lets the chip come to `until`, and hands over what it said meanwhile.
+    /// Takes what the client sent, lets the board come to `until`, and hands over what it said meanwhile.
     ///
     /// # Errors
     /// When no client can come any more, or the trace cannot be written.
@@ -78,7 +79,7 @@ impl<C: Client, W: Write> Service<C, W> {
         if present && !self.present {
             // DTR, as the port is opened.
             self.trace_edges()?;
-            self.uno.reset();
+            self.board.reset();
             self.clients += 1;
         }
         self.present = present;
@@ -86,14 +87,14 @@ impl<C: Client, W: Write> Service<C, W> {
             // A client changes its rate when nothing is under way, so what has come since is at the new one.
             let rate = self.client.rate();
             let baud = Baud::ALL.into_iter().find(|baud| Some(baud.rate()) == rate);
-            if let Some(baud) = baud.filter(|baud| *baud != self.uno.baud()) {
-                self.uno.set_baud(baud).map_err(io::Error::other)?;
+            if let Some(baud) = baud.filter(|baud| *baud != self.board.baud()) {
+                self.board.set_baud(baud).map_err(io::Error::other)?;
             }
-            self.uno.send(&self.bytes).map_err(io::Error::other)?;
+            self.board.send(&self.bytes).map_err(io::Error::other)?;
         }
-        while self.uno.now() < until {
+        while self.board.now() < until {
             self.bytes.clear();
-            self.uno.receive(until, &mut self.bytes).map_err(io::Error::other)?;
+            self.board.receive(until, &mut self.bytes).map_err(io::Error::other)?;
             if self.present && !self.bytes.is_empty() {
                 self.client.send(&self.bytes)?;
             }
@@ -103,8 +104,8 @@ impl<C: Client, W: Write> Service<C, W> {
 
     fn trace_edges(&mut self) -> io::Result<()> {
         self.edges.clear();
-        self.uno.edges(&mut self.edges);
-        let (Some(trace), Some(zero)) = (&mut self.trace, self.uno.zero()) else { return Ok(()) };
+        self.board.edges(&mut self.edges);
+        let (Some(trace), Some(zero)) = (&mut self.trace, self.board.zero()) else { return Ok(()) };
         for edge in self.edges.iter().filter(|edge| TRACED.contains(&edge.line)) {
             trace.push(Edge { tick: edge.tick + zero, line: edge.line - TRACED.start(), level: edge.level })?;
         }
@@ -129,11 +130,65 @@ const FARTHEST_BEHIND: Duration = Duration::from_millis(100);
 /// One that is further ahead goes on at once: a reset is a leap of 65 ms, and clients may come in close succession.
 const FARTHEST_AHEAD: Duration = Duration::from_millis(100);
 
-/// Lets a virtual Uno keep pace with the time of day until `stop` says so. Gives the time that it fell behind.
+/// A virtual board that keeps pace with the time of day, as a port.
+#[derive(Debug)]
+pub struct Paced<B> {
+    board: B,
+    /// When the board's time was 0.
+    began: Instant,
+}
+
+impl<B: Port> Paced<B> {
+    /// From now on.
+    pub fn new(board: B) -> Paced<B> {
+        let began = Instant::now();
+        Paced { began: began.checked_sub(board.now()).unwrap_or(began), board }
+    }
+}
+
+impl<B: Port> Port for Paced<B> {
+    fn now(&self) -> Duration {
+        self.board.now()
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        self.board.send(bytes)
+    }
+
+    fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
+        let had = into.len();
+        while into.len() == had && self.board.now() < until {
+            let due = self.began.elapsed();
+            self.board.receive(due.min(until), into)?;
+            let behind = due.saturating_sub(self.board.now()).min(until.saturating_sub(self.board.now()));
+            if behind > FARTHEST_BEHIND {
+                // Not caught up with: its time goes on from where it is.
+                self.began += behind;
+            }
+            if into.len() == had && behind < ROUND && self.board.now() < until {
+                thread::sleep(ROUND);
+            }
+        }
+        Ok(())
+    }
+
+    fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
+        self.board.set_baud(baud)
+    }
+
+    fn edges(&mut self, into: &mut Vec<pulsetrain_board::Edge>) {
+        self.board.edges(into);
+    }
+}
+
+/// Lets a virtual board keep pace with the time of day until `stop` says so. Gives the time that it fell behind.
 ///
 /// # Errors
 /// As [`Service::round`].
-pub fn in_real_time<C: Client, W: Write>(service: &mut Service<C, W>, stop: impl Fn() -> bool) -> io::Result<Duration> {
+pub fn in_real_time<B: VirtualBoard, C: Client, W: Write>(
+    service: &mut Service<B, C, W>,
+    stop: impl Fn() -> bool,
+) -> io::Result<Duration> {
     // Of the chip's time: what was let go, and what it leapt ahead in resets, one for each client.
     let (mut lost, mut leapt) = (Duration::ZERO, Duration::ZERO);
     let began = Instant::now();
