@@ -8,9 +8,9 @@
 //! - [`feed`]: the task's side; from paths to the motors
 //!
 //! # Who has the board
-//! As long as frames have not taken it and no motor of theirs moves, text is *on*: every byte goes to the reader of lines as
-//! well as to that of frames. Paths and reader lie where frames have their queues. From the first command that enables the
-//! drivers, until `enable 0` has released them, text *drives*, and frames' Hello is refused.
+//! As long as frames have not taken it and no motor of theirs moves, text is *on*: every byte goes to the reader of lines, and from
+//! a zero on to that of frames too, until there is a command. Paths and reader lie where frames have their queues. From the first
+//! command that enables the drivers, until `enable 0` has released them, text *drives*, and frames' Hello is refused.
 
 pub(crate) mod feed;
 
