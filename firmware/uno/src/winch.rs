@@ -121,8 +121,9 @@ pub(crate) struct Asked {
 /// See [`Asked`]. While text is on.
 #[inline(always)]
 fn asked() -> &'static mut Asked {
+    let asked = &raw mut winch_asked;
     // SAFETY: main's alone; each use ends before the next begins, and it was set when text became on.
-    unsafe { &mut *(&raw mut winch_asked) }
+    unsafe { &mut *asked }
 }
 
 impl Winch {
