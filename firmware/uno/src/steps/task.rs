@@ -1,7 +1,7 @@
 //! The task that keeps the rings filled: it comes again and again, whatever the main loop is doing, and is itself
 //! interrupted by steps and by bytes from the line.
 //!
-//! The overflow of Timer0 calls it (normal mode, DS40002061B §15.7.1, 64 cycles a count), again when rings are down to
+//! The overflow of Timer0 calls it (normal mode, DS40002061B §15.7.1, 64 cycles a count), again when full rings are down to
 //! [`RESERVE`], or a quarter of the time has passed that they were filled for. Compare matches of Timer1 go
 //! before it. It runs with its own interrupt off, so that it does not nest; and not inside the receive interrupt, which would
 //! then lose bytes, but at its end.
@@ -11,6 +11,7 @@
 //! position, which takes a look at every group, is the longest).
 
 use super::motor::Motor;
+use super::ring::Ring;
 use super::stepper::{AHEAD, Stepper, Track};
 use crate::clock;
 use crate::regs;
@@ -26,9 +27,10 @@ pub(crate) const DUE: u8 = 4;
 const SOONEST: u8 = 4;
 
 /// Ticks that rings are filled for when the task comes again, if they can be: what keeps it waiting, loads of records and an
-/// expansion take no longer, with bytes coming in. For one ring, and for two.
+/// expansion take no longer, with bytes coming in. Two rings have no such time to give away.
 const RESERVE: u16 = 24 << 8;
-const RESERVE_BOTH: u16 = 32 << 8;
+/// A ring is full when it has room for fewer groups.
+const NEARLY: u8 = 20;
 
 /// Counts until the next call while the winch drives, at most: a call works out one slice, and takes most of one.
 const SLICES: u8 = 64;
@@ -196,21 +198,26 @@ steps_task_due:
 4:  cpi r26, {SOONEST}
     brsh 4f
     ldi r26, {SOONEST}
-    // Or all of it but the reserve.
-4:  ldi r25, {RESERVE} >> 8
-    lds r24, steps_mode
-    cpi r24, {BOTH}
-    brlo 3f
-    ldi r25, {RESERVE_BOTH} >> 8
-    breq 3f
-    ldi r25, 255                        // that is never filled in one go
-    cpi r24, {WINCH}
+4:  lds r25, steps_mode
+    cpi r25, {WINCH}
     brne 3f
     cpi r26, {SLICES}
-    brlo 3f
+    brlo 4f
     ldi r26, {SLICES}
-3:  mov r24, r26
+    rjmp 4f
+    // Or, where the only ring is full, all of it but the reserve.
+3:  cpi r25, {BOTH}
+    breq 4f
+    lds r30, steps_stepper+{TAIL_AT}
+    ldi r31, 0
+    ld r24, Z
+    lds r25, steps_stepper+{HEAD}
     sub r24, r25
+    dec r24
+    cpi r24, 4 * {NEARLY}
+    brsh 4f
+    mov r24, r26
+    subi r24, {RESERVE} >> 8
     brcs 4f
     cpi r24, 64
     brlo 3f
@@ -287,7 +294,9 @@ task_ahead:
     MOTOR_SIZE = const size_of::<Motor>(),
     SOONEST = const SOONEST,
     RESERVE = const RESERVE,
-    RESERVE_BOTH = const RESERVE_BOTH,
+    NEARLY = const NEARLY,
+    TAIL_AT = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, tail_at),
+    HEAD = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, head),
     TCNT1 = const super::register::TCNT1,
     SREG = const super::register::SREG,
     TIMSK0 = const super::register::TIMSK0,
