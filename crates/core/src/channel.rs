@@ -7,7 +7,7 @@
 //! Switches: a step of the old epoch at a tick ≥ `at` is not made, one before is. The new epoch makes no step
 //! before `at`.
 
-use crate::queue::{Epoch, Item, Queue};
+use crate::queue::{Epoch, Item, Items, Place};
 use crate::{Direction, Moment, Recurrence};
 
 /// What happens at a tick.
@@ -100,7 +100,7 @@ impl<const F: u32> Channel<F> {
     /// The next event that is not after `limit`; it stays next until [`take`](Channel::take).
     ///
     /// `limit` goes up from call to call, by less than 2^30 ticks beyond the last [`pass`](Channel::pass).
-    pub fn peek<const N: usize>(&mut self, queue: &mut Queue<N>, limit: Moment) -> Option<Event> {
+    pub fn peek(&mut self, items: &mut impl Items, limit: Moment) -> Option<Event> {
         loop {
             let tick = if self.left > 0 { self.next_tick() } else { self.last_tick() };
             if self.committed {
@@ -109,12 +109,12 @@ impl<const F: u32> Channel<F> {
             // Before anything else: beyond the limit, ticks may be too far from others to be compared with them.
             let beyond = self.anchored && limit.is_before(tick);
             if let Some(switch) = self.switches[0] {
-                let at_end = self.left == 0 && !self.has_item(queue);
+                let at_end = self.left == 0 && !items.wait(self.epoch);
                 if beyond || at_end || (self.anchored && !tick.is_before(switch.at)) {
                     if limit.is_before(switch.at) {
                         return None;
                     }
-                    self.begin(switch, queue);
+                    self.begin(switch, items);
                     continue;
                 }
             }
@@ -130,10 +130,12 @@ impl<const F: u32> Channel<F> {
                 let kind = if turned || self.assert_every_step { Kind::Direction(self.direction) } else { Kind::Step };
                 return Some(Event { tick, kind });
             }
-            if !self.has_item(queue) {
+            if !items.wait(self.epoch) {
                 return None;
             }
-            self.load(queue.pop()?.item);
+            if let Some(item) = items.take(&self.place()) {
+                self.load(item);
+            }
         }
     }
 
@@ -192,8 +194,8 @@ impl<const F: u32> Channel<F> {
     }
 
     /// Forgets everything that is not yet committed by a pulse: the motor stands where it is, and the count is right.
-    pub fn stop<const N: usize>(&mut self, queue: &mut Queue<N>) {
-        queue.clear();
+    pub fn stop(&mut self, items: &mut impl Items) {
+        items.clear();
         self.left = 0;
         self.committed = false;
         self.anchored = false;
@@ -226,12 +228,72 @@ impl<const F: u32> Channel<F> {
 
     /// Whether there is nothing to do, now or later, unless more is pushed.
     #[must_use]
-    pub fn is_idle<const N: usize>(&self, queue: &Queue<N>) -> bool {
-        self.left == 0 && self.switches[0].is_none() && !self.has_item(queue)
+    pub fn is_idle(&self, items: &impl Items) -> bool {
+        self.left == 0 && self.switches[0].is_none() && !items.wait(self.epoch)
     }
 
-    fn has_item<const N: usize>(&self, queue: &Queue<N>) -> bool {
-        queue.front().is_some_and(|entry| entry.epoch == self.epoch)
+    /// Where it is, the waits that were loaded included.
+    #[must_use]
+    pub const fn place(&self) -> Place {
+        let sixteenth = (self.recurrence.accumulator << (32 - F) >> 16).to_le_bytes();
+        Place {
+            position: self.position,
+            tick: self.last_tick(),
+            fraction: u16::from_le_bytes([sixteenth[0], sixteenth[1]]),
+        }
+    }
+
+    /// Takes steps of the run that is under way without an event for each: as many as `words` has room for, but none after
+    /// `limit`, and none that has to wait longer than `most` ticks.
+    ///
+    /// A step that comes d ticks after the one before is written as d − the channel's gap, with `bits` set. Gives how many were
+    /// taken: 0 unless the last event that was taken is a step, and the next one goes the same way.
+    pub fn take_steps(&mut self, limit: Moment, most: u32, bits: u32, words: &mut [u32]) -> u32 {
+        if self.committed || self.left == 0 || self.facing != Some(self.direction) || self.assert_every_step {
+            return 0;
+        }
+        let mut last = self.last_tick();
+        // Nothing was put between: the last step is what the horizon is from.
+        if self.horizon != last.after(self.gap) {
+            return 0;
+        }
+        let end = match self.switches[0] {
+            Some(switch) if !limit.is_before(switch.at) => switch.at,
+            _ => limit.after(1),
+        };
+        let mut recurrence = self.recurrence;
+        let mut taken = 0;
+        let left = usize::try_from(self.left).unwrap_or(usize::MAX);
+        for word in words.iter_mut().take(left) {
+            let mut next = recurrence;
+            next.advance();
+            let tick = Moment::of(next.accumulator >> F);
+            let wait = tick.since(last).wrapping_sub(self.gap);
+            if wait > most || !tick.is_before(end) {
+                break;
+            }
+            *word = wait | bits;
+            (recurrence, last) = (next, tick);
+            taken += 1;
+        }
+        if taken > 0 {
+            self.recurrence = recurrence;
+            self.left -= taken;
+            self.position = self.position.wrapping_add(self.direction.sign().wrapping_mul(taken.cast_signed()));
+            self.horizon = last.after(self.gap);
+        }
+        taken
+    }
+
+    /// Which way the run that is under way goes.
+    #[must_use]
+    pub const fn direction(&self) -> Direction {
+        self.direction
+    }
+
+    /// Corrects the position after a [`stop`](Channel::stop): steps that were taken, but not made.
+    pub const fn set_position(&mut self, position: i32) {
+        self.position = position;
     }
 
     fn load(&mut self, item: Item) {
@@ -259,8 +321,8 @@ impl<const F: u32> Channel<F> {
         self.anchored = false;
     }
 
-    fn begin<const N: usize>(&mut self, switch: Switch, queue: &mut Queue<N>) {
-        queue.skip_to(switch.epoch);
+    fn begin(&mut self, switch: Switch, items: &mut impl Items) {
+        items.skip_to(switch.epoch);
         self.epoch = switch.epoch;
         self.left = 0;
         self.anchored = false;
