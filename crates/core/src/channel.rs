@@ -229,7 +229,13 @@ impl<const F: u32> Channel<F> {
     /// Whether there is nothing to do, now or later, unless more is pushed.
     #[must_use]
     pub fn is_idle(&self, items: &impl Items) -> bool {
-        self.left == 0 && self.switches[0].is_none() && !items.wait(self.epoch)
+        self.is_done() && !items.wait(self.epoch)
+    }
+
+    /// Whether all items that were taken are done, and no switch waits.
+    #[must_use]
+    pub const fn is_done(&self) -> bool {
+        self.left == 0 && self.switches[0].is_none()
     }
 
     /// Where it is, the waits that were loaded included.

@@ -237,6 +237,7 @@ impl Coils {
     }
 
     fn set_position(&mut self, position: i32) {
+        self.release = None;
         let [steps, ..] = position.to_le_bytes();
         let phase = if self.sequence == Sequence::Half { steps } else { steps << 1 };
         self.phase = phase.wrapping_add(self.sequence.first_phase()) & 7;
@@ -250,6 +251,11 @@ impl Coils {
         let off = self.mask(self.pattern & !pattern);
         self.pattern = pattern;
         Edge { tick, set: on, clear: off }
+    }
+
+    /// Switches all coils off at once; the next step goes on from the phase that was left.
+    pub const fn switch_off(&mut self) {
+        (self.pattern, self.release) = (0, None);
     }
 
     fn levels(&self) -> u32 {

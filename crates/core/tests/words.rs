@@ -12,7 +12,7 @@ use Direction::{Backward, Forward};
 
 const F: u32 = 32;
 const PACKING: Packing = Packing { fraction_bits: F, gain: 0 };
-const N: usize = 256;
+const N: usize = 512;
 const RUNS: usize = 128;
 const POOL: usize = 4096;
 
@@ -97,9 +97,16 @@ impl Machine {
             levels: vec![(0, 0)],
             counted: vec![(0, 0)],
         };
-        machine.words.begin(&mut machine.tape, &mut machine.memory, Moment(2000), 1000);
-        machine.tick = Moment(2000 - 1000 - kind.overhead());
+        machine.start(1000);
         machine
+    }
+
+    /// The state machine's gate opens at tick `at`, and the lines change 1003 ticks later at first.
+    fn start(&mut self, at: u32) {
+        self.words.begin(&mut self.tape, &mut self.memory, 1000);
+        self.words.start(&mut self.tape, Moment(at));
+        self.done = 0;
+        self.tick = Moment(at + 3).before(self.kind.overhead());
     }
 
     fn push(&mut self, epoch: u8, items: &[Item]) {
@@ -138,7 +145,11 @@ impl Machine {
                         position += if (bits & dir != 0) == forward_high { 1 } else { -1 };
                     }
                 }
-                Kind::Coils { .. } => self.change(tick, bits),
+                Kind::Coils { .. } => {
+                    self.change(tick, bits);
+                    // As the tape says: the lines do not tell.
+                    position = self.tape.position_after(self.done + 1);
+                }
             }
             self.counted.push((tick.0, position));
             self.tick = tick;
@@ -251,6 +262,10 @@ proptest! {
             let overhead = machine.words.overhead();
             prop_assert_eq!(machine.tape.position_at(Moment(now), overhead, &machine.memory), axis.channel().position());
             prop_assert_eq!(machine.tape.position_after(machine.done), axis.channel().position());
+            if let [.., (before, was), (tick, is)] = machine.counted[..] {
+                let last = machine.tape.last(machine.done, overhead, &machine.memory);
+                prop_assert_eq!(last, (Moment(tick), if before == 0 { last.1 } else { tick - before }, is - was));
+            }
             now += pace.min(ahead / 2);
         }
         prop_assert_eq!(machine.words.channel().missed(), None);
@@ -289,11 +304,11 @@ fn all_that_is_between_is_in_a_word() {
         .iter()
         .map(|word| (word & LONGEST_WAIT, word >> 28))
         .collect();
-    // First that of `begin`, to tick 2000. Before each step its period less 13; DIR 20 before it; nothing up to 6000.
+    // First that of `begin`, to tick 2003. Before each step its period less 13; DIR 20 before it; nothing up to 6000.
     let (dir, step) = (0b1010, 0b0001);
     let expected = [
         (1000, 0),
-        (5080 - 2000 - 13, dir),
+        (5080 - 2003 - 13, dir),
         (20 - 13, dir | step),
         (100 - 13, dir | step),
         (180 - 13, 0),
@@ -320,9 +335,9 @@ fn a_full_tape_waits_for_time_to_pass() {
     assert!(!machine.tape.has_room(2));
     let written = machine.tape.written();
     assert!((N as u32 - 1..=N as u32).contains(&written), "{written}");
-    // A run is free once the next one has begun.
+    // A run is free once the next one has been done.
     let first = machine.memory[..N].to_vec();
-    machine.tape.pass(Moment(5000 + 20 * 70));
+    machine.tape.pass(Moment(5000 + 20 * 135));
     assert_eq!(machine.fill(200_000, 10_000), Filled::Part);
     assert!((64..=70).contains(&(machine.tape.written() - written)));
     assert_eq!(machine.memory[72..], first[72..], "what is to be played stays");
@@ -347,10 +362,9 @@ fn a_stop_counts_what_was_made() {
         let (words, packed) = (&mut machine.words, &mut machine.packed);
         words.stop(&mut packed.waiting(&machine.pool), made);
         assert_eq!(words.channel().position(), made);
-        assert!(words.is_idle(&packed.waiting(&machine.pool)));
+        assert!(words.is_idle(packed, Moment(6020)));
         // It goes on from there: the coils are those of its position.
-        machine.words.begin(&mut machine.tape, &mut machine.memory, Moment(20_000), 1000);
-        (machine.done, machine.tick) = (0, Moment(20_000 - 1000 - kind.overhead()));
+        machine.start(19_000);
         let before = machine.levels.last().unwrap().1;
         machine.push(2, &[Item::Anchor { tick: Moment(30_000) }, run(1, 100, direction.reversed())]);
         assert_eq!(machine.words.channel_mut().schedule_switch(Epoch(2), Moment(25_000)), Ok(()));
@@ -402,7 +416,7 @@ fn bytes_that_are_none_end_their_epoch() {
     assert_eq!(machine.words.channel_mut().schedule_switch(Epoch(2), Moment(9000)), Ok(()));
     assert_eq!(machine.fill(20_000, 100), Filled::All);
     assert_eq!((machine.words.channel().position(), machine.packed.fault()), (0, Some(Fault::BadItem)));
-    assert!(machine.words.is_idle(&machine.packed.waiting(&machine.pool)));
+    assert!(machine.words.is_idle(&machine.packed, Moment(20_000)));
     machine.packed.waiting(&machine.pool).clear();
     assert_eq!(usize::from(machine.packed.room()), POOL);
 }

@@ -317,6 +317,7 @@ fn setup(program: &Program) -> Setup {
             dir_pin: dir,
             forward_high,
             step_low: false,
+            coils: None,
             gain: Settings::of(program, motor).gain().unwrap_or(0),
             pull_in_ticks: u32::try_from(pull_in_ticks(motor, hz)).unwrap_or(u32::MAX),
         });

@@ -3,7 +3,7 @@
 use crate::narrow::{Bytes, Pool, PushRefused};
 use crate::packing::{CHECK_LEN, MAX_PACKED_LEN, Packing, State};
 use crate::queue::{Items, Place};
-use crate::{Epoch, Item};
+use crate::{Direction, Epoch, Item};
 
 /// What is wrong with packed bytes. The rest of their epoch is dropped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,8 +35,8 @@ pub struct Packed {
 impl Packed {
     /// An empty queue.
     #[must_use]
-    pub fn new(bytes: Bytes, packing: Packing) -> Packed {
-        Packed { bytes, packing, state: State::default(), anchored_at: 0, fault: None }
+    pub const fn new(bytes: Bytes, packing: Packing) -> Packed {
+        Packed { bytes, packing, state: State::new(Direction::Forward), anchored_at: 0, fault: None }
     }
 
     /// Puts packed items of `epoch` last, whole ones: all of them or, with an error, none.

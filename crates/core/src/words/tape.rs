@@ -20,14 +20,14 @@ const LONGEST_RUN: u32 = 64;
 
 /// What is known of a ring of `N` words (a power of two), in up to `RUNS` runs (a power of two).
 ///
-/// A word's place is free again once the run that it is in is past.
+/// A word's place is free again once the run that it is in is past, and the one after it.
 #[derive(Clone, Debug)]
 pub struct Tape<const N: usize, const RUNS: usize> {
     /// Words written so far, wrapping.
     written: u32,
-    /// Runs begun so far, and those that are past, wrapping.
-    begun: u32,
-    past: u32,
+    /// Numbers of the run that is being written and of the first that is kept, wrapping.
+    last: u32,
+    first: u32,
     runs: [Run; RUNS],
 }
 
@@ -42,27 +42,24 @@ impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
     #[expect(clippy::cast_possible_truncation, reason = "checked with N")]
     const MOST: u32 = RUNS as u32;
 
-    /// An empty tape, at tick 0 and position 0.
+    /// An empty tape, at tick 0 and position 0: all zeros.
     #[must_use]
     pub const fn new() -> Tape<N, RUNS> {
         let unused = Run { first: 0, tick: Moment(0), position: 0, sign: 0 };
-        Tape { written: 0, begun: 1, past: 0, runs: [unused; RUNS] }
+        Tape { written: 0, last: 0, first: 0, runs: [unused; RUNS] }
     }
 
     /// An empty tape whose first word comes after `tick`; words are numbered from 0 again.
     pub const fn begin(&mut self, tick: Moment, position: i32) {
-        (self.written, self.begun, self.past) = (0, 1, 0);
+        (self.written, self.last, self.first) = (0, 0, 0);
         self.runs[0] = Run { first: 0, tick, position, sign: 0 };
     }
 
     /// Sets the tick that the first word comes after, which was not known when the tape [began](Tape::begin) and the words
     /// that are on it were written: ticks are counted from `tick` instead of 0.
     pub fn set_start(&mut self, tick: Moment) {
-        let mut number = self.past;
-        while number != self.begun {
-            let run = &mut self.runs[Self::place(number)];
+        for run in &mut self.runs {
             run.tick = run.tick.after(tick.0);
-            number = number.wrapping_add(1);
         }
     }
 
@@ -75,7 +72,7 @@ impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
     /// Whether there is room for `words` words, each in a run of its own.
     #[must_use]
     pub const fn has_room(&self, words: u32) -> bool {
-        let runs = Self::MOST - self.begun.wrapping_sub(self.past);
+        let runs = Self::MOST - 1 - self.last.wrapping_sub(self.first);
         words <= self.free() && words <= runs
     }
 
@@ -84,7 +81,7 @@ impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
     pub const fn space(&self, sign: i32) -> (usize, usize) {
         let place = self.written & (Self::WORDS - 1);
         let mut len = Self::WORDS - place;
-        let last = &self.runs[Self::place(self.begun.wrapping_sub(1))];
+        let last = &self.runs[Self::place(self.last)];
         let used = self.written.wrapping_sub(last.first);
         let of_run = if last.sign == sign && used < LONGEST_RUN { LONGEST_RUN - used } else { LONGEST_RUN };
         if of_run < len {
@@ -102,23 +99,24 @@ impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
     /// Notes that `words` words were written where [`space`](Tape::space) said; the lines last changed at `tick` and the position
     /// was `position` before them, and each counts `sign`.
     pub fn wrote(&mut self, words: u32, tick: Moment, position: i32, sign: i32) {
-        let last = &self.runs[Self::place(self.begun.wrapping_sub(1))];
+        let last = &self.runs[Self::place(self.last)];
         if last.sign != sign || self.written.wrapping_sub(last.first) >= LONGEST_RUN {
-            self.runs[Self::place(self.begun)] = Run { first: self.written, tick, position, sign };
-            self.begun = self.begun.wrapping_add(1);
+            self.last = self.last.wrapping_add(1);
+            self.runs[Self::place(self.last)] = Run { first: self.written, tick, position, sign };
         }
         self.written = self.written.wrapping_add(words);
     }
 
     /// Notes that time is past `now`: frees the runs that are over. To be called at least once in 2^30 ticks.
     pub fn pass(&mut self, now: Moment) {
-        while self.begun.wrapping_sub(self.past) > 1 {
-            let next = &self.runs[Self::place(self.past.wrapping_add(1))];
-            // The word before the next run has changed the lines.
+        // The run before the one that is being done stays, for `last`.
+        while self.last.wrapping_sub(self.first) > 1 {
+            let next = &self.runs[Self::place(self.first.wrapping_add(2))];
+            // The word before it has changed the lines.
             if now.is_before(next.tick) {
                 break;
             }
-            self.past = self.past.wrapping_add(1);
+            self.first = self.first.wrapping_add(1);
         }
     }
 
@@ -128,6 +126,28 @@ impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
         let run = self.find(|run| !Moment(words).is_before(Moment(run.first)));
         let within = words.wrapping_sub(run.first).cast_signed();
         run.position.wrapping_add(run.sign.wrapping_mul(within))
+    }
+
+    /// What the last of the first `words` words (wrapping, at least 1) is: when it changed the lines, how long that was after
+    /// the word before, and what it counts.
+    #[must_use]
+    pub fn last(&self, words: u32, overhead: u32, memory: &[u32; N]) -> (Moment, u32, i32) {
+        let last = words.wrapping_sub(1);
+        let run = self.find(|run| !Moment(last).is_before(Moment(run.first)));
+        let (mut tick, mut number) = (run.tick, run.first);
+        loop {
+            let lasts = self.lasts(number, overhead, memory);
+            tick = tick.after(lasts);
+            if number == last || number.wrapping_sub(run.first) >= LONGEST_RUN {
+                return (tick, lasts, run.sign);
+            }
+            number = number.wrapping_add(1);
+        }
+    }
+
+    /// How long after the word before a word changes the lines.
+    fn lasts(&self, number: u32, overhead: u32, memory: &[u32; N]) -> u32 {
+        (memory[(number & (Self::WORDS - 1)) as usize] & super::LONGEST_WAIT).wrapping_add(overhead)
     }
 
     /// The position at tick `now`, not before the last [`pass`](Tape::pass): steps whose edges are not after it. `memory` is where the
@@ -140,8 +160,7 @@ impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
         }
         let (mut tick, mut number, mut position) = (run.tick, run.first, run.position);
         while number != self.written && number.wrapping_sub(run.first) < LONGEST_RUN {
-            let word = memory[(number & (Self::WORDS - 1)) as usize];
-            tick = tick.after((word & super::LONGEST_WAIT).wrapping_add(overhead));
+            tick = tick.after(self.lasts(number, overhead, memory));
             if now.is_before(tick) {
                 break;
             }
@@ -151,10 +170,10 @@ impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
         position
     }
 
-    /// The last run that is not past and that `fits`; the first one, if none does.
+    /// The last run that `fits`; the first that is kept, if none does.
     fn find(&self, fits: impl Fn(&Run) -> bool) -> &Run {
-        let mut number = self.begun.wrapping_sub(1);
-        while number != self.past && !fits(&self.runs[Self::place(number)]) {
+        let mut number = self.last;
+        while number != self.first && !fits(&self.runs[Self::place(number)]) {
             number = number.wrapping_sub(1);
         }
         &self.runs[Self::place(number)]
@@ -162,7 +181,7 @@ impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
 
     /// Words that may be written.
     const fn free(&self) -> u32 {
-        let first = self.runs[Self::place(self.past)].first;
+        let first = self.runs[Self::place(self.first)].first;
         Self::WORDS - self.written.wrapping_sub(first)
     }
 

@@ -31,6 +31,8 @@ pub struct Words<const F: u32> {
     step: u32,
     /// When the lines change in the last word.
     end: Moment,
+    /// Until when the last step, or the release of coils, takes.
+    busy: Option<Moment>,
     setup_cut_short: bool,
 }
 
@@ -59,6 +61,7 @@ impl<const F: u32> Words<F> {
             levels: 0,
             step,
             end: Moment(0),
+            busy: None,
             setup_cut_short: false,
         }
     }
@@ -98,25 +101,52 @@ impl<const F: u32> Words<F> {
         self.setup_cut_short = false;
     }
 
-    /// Whether nothing is left to do once the words are done.
+    /// The lines as they are after the last word.
     #[must_use]
-    pub fn is_idle(&self, items: &impl Items) -> bool {
-        self.output.owed().is_none() && self.channel.is_idle(items)
+    pub const fn levels(&self) -> u32 {
+        self.levels
     }
 
-    /// Begins a tape with a word that leaves the lines as they are: they change in it at tick `first`, and the state machine
-    /// begins its wait [`first_wait`](Words::first_wait) ticks before.
+    /// Whether nothing is left to do by `now`: no step, no end of a pulse, no release of coils.
+    #[must_use]
+    pub fn is_idle(&self, packed: &Packed, now: Moment) -> bool {
+        let rests = self.busy.is_none_or(|busy| !now.is_before(busy)) && self.output.owed().is_none();
+        rests && self.channel.is_done() && !packed.has(self.channel.epoch())
+    }
+
+    /// Notes that time is past `now`. To be called at least once in 2^30 ticks.
+    pub fn pass(&mut self, now: Moment) {
+        if self.busy.is_some_and(|busy| !now.is_before(busy)) {
+            self.busy = None;
+        }
+    }
+
+    /// Switches coils off, while no words are done; whoever sees to the lines does so too.
+    pub fn release(&mut self) {
+        if let Output::Coils(coils) = &mut self.output {
+            coils.switch_off();
+            self.levels = 0;
+        }
+    }
+
+    /// Begins a tape, with one word that waits for `wait` and leaves the lines as they are. When it begins is said later: by
+    /// [`start`](Words::start), which comes next.
     pub fn begin<const N: usize, const RUNS: usize>(
         &mut self,
         tape: &mut Tape<N, RUNS>,
         memory: &mut [u32; N],
-        first: Moment,
         wait: u32,
     ) {
-        tape.begin(first.before(wait).before(self.overhead), self.channel.position());
-        self.end = first.before(wait).before(self.overhead);
-        self.put(tape, memory, Due { tick: first, bits: self.idle_bits(), sign: 0 });
-        self.channel.pass(first.after(self.overhead));
+        self.end = Moment(STEP_DIR_OVERHEAD).before(self.overhead);
+        tape.begin(self.end, self.channel.position());
+        self.put(tape, memory, Due { tick: self.end.after(wait).after(self.overhead), bits: self.idle_bits(), sign: 0 });
+    }
+
+    /// The first word began at tick `at`: its lines change `wait` + [`STEP_DIR_OVERHEAD`] ticks later, whatever the motor.
+    pub fn start<const N: usize, const RUNS: usize>(&mut self, tape: &mut Tape<N, RUNS>, at: Moment) {
+        tape.set_start(at);
+        self.end = self.end.after(at.0);
+        self.channel.pass(self.end.after(self.overhead));
     }
 
     /// Stops: nothing more is taken, and the position is what was made. The lines stay as they would have been.
@@ -124,6 +154,7 @@ impl<const F: u32> Words<F> {
         self.channel.stop(items);
         self.channel.set_position(position);
         self.output.set_position(position);
+        self.busy = None;
         if let Some(levels) = self.output.coil_levels() {
             self.levels = levels;
         }
@@ -166,6 +197,7 @@ impl<const F: u32> Words<F> {
                 }
                 if !at_once {
                     self.put(tape, memory, Due { tick: release, bits: self.idle_bits(), sign: 0 });
+                    self.busy = Some(release);
                     self.channel.pass(release.after(self.overhead - 1));
                 }
                 continue;
@@ -217,6 +249,7 @@ impl<const F: u32> Words<F> {
                     // The end of the pulse is in the same word.
                     self.output.settle();
                 }
+                self.busy = Some(tick.after(self.overhead));
                 Some(Due { tick, bits: self.step_bits(), sign: self.sign() })
             }
         }
@@ -244,6 +277,7 @@ impl<const F: u32> Words<F> {
             }
             tape.wrote(taken, tick, position, sign);
             self.end = self.channel.place().tick;
+            self.busy = Some(self.end.after(self.overhead));
         }
     }
 
