@@ -8,6 +8,7 @@
 //! before `at`.
 
 use crate::queue::{Epoch, Item, Items, Place};
+use crate::words::{Expand, LONGEST_WAIT, Stretch};
 use crate::{Direction, Moment, Recurrence};
 
 /// What happens at a tick.
@@ -250,15 +251,16 @@ impl<const F: u32> Channel<F> {
     }
 
     /// Takes steps of the run that is under way without an event for each: as many as `words` has room for, but none after
-    /// `limit`, and none that has to wait longer than `most` ticks.
+    /// `limit`. Who works them out is `expand`: [`words::expand`](crate::words::expand), or what a board has that does the
+    /// same.
     ///
-    /// A step that comes d ticks after the one before is written as d − the channel's gap, with `bits` set. Gives how many were
+    /// A step that comes d ticks after the one before is written as d − the channel's gap + `bits`. Gives how many were
     /// taken: 0 unless the last event that was taken is a step, and the next one goes the same way.
-    pub fn take_steps(&mut self, limit: Moment, most: u32, bits: u32, words: &mut [u32]) -> u32 {
+    pub fn take_steps(&mut self, limit: Moment, bits: u32, words: &mut [u32], expand: Expand) -> u32 {
         if self.committed || self.left == 0 || self.facing != Some(self.direction) || self.assert_every_step {
             return 0;
         }
-        let mut last = self.last_tick();
+        let last = self.last_tick();
         // Nothing was put between: the last step is what the horizon is from.
         if self.horizon != last.after(self.gap) {
             return 0;
@@ -267,26 +269,18 @@ impl<const F: u32> Channel<F> {
             Some(switch) if !limit.is_before(switch.at) => switch.at,
             _ => limit.after(1),
         };
-        let mut recurrence = self.recurrence;
-        let mut taken = 0;
         let left = usize::try_from(self.left).unwrap_or(usize::MAX);
-        for word in words.iter_mut().take(left) {
-            let mut next = recurrence;
-            next.advance();
-            let tick = Moment::of(next.accumulator >> F);
-            let wait = tick.since(last).wrapping_sub(self.gap);
-            if wait > most || !tick.is_before(end) {
-                break;
-            }
-            *word = wait | bits;
-            (recurrence, last) = (next, tick);
-            taken += 1;
+        let room = words.len().min(left);
+        let ticks = end.since(last);
+        if room == 0 || end.is_before(last) {
+            return 0;
         }
+        let stretch = Stretch { gap: self.gap, ticks: ticks.min(LONGEST_WAIT), bits };
+        let taken = expand(&mut self.recurrence, &mut words[..room], &stretch).min(self.left);
         if taken > 0 {
-            self.recurrence = recurrence;
             self.left -= taken;
             self.position = self.position.wrapping_add(self.direction.sign().wrapping_mul(taken.cast_signed()));
-            self.horizon = last.after(self.gap);
+            self.horizon = self.last_tick().after(self.gap);
         }
         taken
     }

@@ -5,7 +5,7 @@ use pulsetrain_core::narrow::Pool;
 use pulsetrain_core::output::{Coils, Output, Sequence, StepDir, StepDirSettings};
 use pulsetrain_core::packing::{Check, MAX_PACKED_LEN, Packing, State};
 use pulsetrain_core::queue::Items;
-use pulsetrain_core::words::{Fault, Filled, LONGEST_WAIT, Packed, Tape, Words};
+use pulsetrain_core::words::{Fault, Filled, LONGEST_WAIT, Packed, Tape, Words, expand};
 use pulsetrain_core::{Axis, Direction, Entry, Epoch, Item, Moment, Segment};
 
 use Direction::{Backward, Forward};
@@ -120,7 +120,7 @@ impl Machine {
 
     fn fill(&mut self, until: u32, most: u32) -> Filled {
         let Machine { words, packed, pool, tape, memory, .. } = self;
-        words.fill(packed, pool, tape, memory, Moment(until), most)
+        words.fill(packed, pool, tape, memory, Moment(until), most, expand::<F>)
     }
 
     /// Does the words whose lines change up to `now`.

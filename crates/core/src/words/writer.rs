@@ -1,6 +1,6 @@
 //! Channel and output of one motor → words on its tape.
 
-use super::{COILS_OVERHEAD, LONGEST_WAIT, Packed, STEP_DIR_OVERHEAD, Tape, WAIT_BITS};
+use super::{COILS_OVERHEAD, Expand, LONGEST_WAIT, Packed, STEP_DIR_OVERHEAD, Tape, WAIT_BITS};
 use crate::channel::{Channel, Event, Kind};
 use crate::narrow::Pool;
 use crate::output::{Edge, Output};
@@ -139,7 +139,11 @@ impl<const F: u32> Words<F> {
     ) {
         self.end = Moment(STEP_DIR_OVERHEAD).before(self.overhead);
         tape.begin(self.end, self.channel.position());
-        self.put(tape, memory, Due { tick: self.end.after(wait).after(self.overhead), bits: self.idle_bits(), sign: 0 });
+        self.put(
+            tape,
+            memory,
+            Due { tick: self.end.after(wait).after(self.overhead), bits: self.idle_bits(), sign: 0 },
+        );
     }
 
     /// The first word began at tick `at`: its lines change `wait` + [`STEP_DIR_OVERHEAD`] ticks later, whatever the motor.
@@ -163,7 +167,8 @@ impl<const F: u32> Words<F> {
     /// Writes words up to tick `until`, `most` of them at most: every step up to then and `overhead` ticks longer is made, and the
     /// state machine has something to do until then.
     ///
-    /// `until` goes up from call to call, by less than 2^27 ticks.
+    /// `until` goes up from call to call, by less than 2^27 ticks. `expand` is the board's, or [`expand`](super::expand()).
+    #[expect(clippy::too_many_arguments, reason = "all that it needs is somebody else's")]
     pub fn fill<const N: usize, const RUNS: usize, const P: usize>(
         &mut self,
         packed: &mut Packed,
@@ -172,6 +177,7 @@ impl<const F: u32> Words<F> {
         memory: &mut [u32; N],
         until: Moment,
         most: u32,
+        expand: Expand,
     ) -> Filled {
         // A word that begins when this is over would be late for what comes before.
         let limit = until.after(self.overhead);
@@ -206,7 +212,7 @@ impl<const F: u32> Words<F> {
             if let Some(due) = self.make(event) {
                 self.put(tape, memory, due);
                 if event.kind == Kind::Step {
-                    self.go_on(tape, memory, limit, stop);
+                    self.go_on(tape, memory, limit, stop, expand);
                 }
             }
         }
@@ -262,6 +268,7 @@ impl<const F: u32> Words<F> {
         memory: &mut [u32; N],
         limit: Moment,
         stop: u32,
+        expand: Expand,
     ) {
         if self.step == 0 {
             return;
@@ -271,7 +278,7 @@ impl<const F: u32> Words<F> {
             let (at, len) = tape.space(sign);
             let (tick, position) = (self.end, self.channel.position());
             let Some(words) = memory.get_mut(at..at + len) else { return };
-            let taken = self.channel.take_steps(limit, LONGEST_WAIT, bits, words);
+            let taken = self.channel.take_steps(limit, bits, words, expand);
             if taken == 0 {
                 return;
             }

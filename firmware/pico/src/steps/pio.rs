@@ -32,12 +32,12 @@ const _: () = assert!(LONGEST_WAIT == (1 << 28) - 1);
 /// Step/dir: wait, the lines as they are to be, a pulse, the lines after it. Y is the pulse less [`SHORTEST_PULSE`].
 const STEP_DIR_PROGRAM: [u16; 7] = [
     WAIT_GATE,
-    OUT_X,                            // 1: also the place where it waits for words
-    JMP_X_DEC | STEP_DIR as u16 + 2,  // 2
-    OUT_PINS | 2,                     // 3
-    MOV_X_Y,                          // 4
-    JMP_X_DEC | STEP_DIR as u16 + 5,  // 5
-    OUT_PINS | 2,                     // 6
+    OUT_X,                           // 1: also the place where it waits for words
+    JMP_X_DEC | STEP_DIR as u16 + 2, // 2
+    OUT_PINS | 2,                    // 3
+    MOV_X_Y,                         // 4
+    JMP_X_DEC | STEP_DIR as u16 + 5, // 5
+    OUT_PINS | 2,                    // 6
 ];
 
 /// Coils: wait, and their next pattern.

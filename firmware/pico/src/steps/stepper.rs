@@ -1,5 +1,6 @@
 //! All motors: filling their tapes, starting and stopping together.
 
+use super::expand::expand;
 use super::pins::{Layout, Lines, Wired};
 use super::pio::{self, GATE, Halted, Machine};
 use super::{MOTORS, RING, feed};
@@ -226,7 +227,7 @@ impl Stepper {
     }
 
     /// Writes words for the next motor that needs some; whether there was one.
-    #[inline(always)]
+    #[inline(never)]
     pub(crate) fn fill(&mut self, now: Moment) -> bool {
         if !self.runs {
             return false;
@@ -248,7 +249,7 @@ impl Stepper {
                 continue;
             }
             self.least_ahead = self.least_ahead.min(ahead.max(0).cast_unsigned());
-            motor.words.fill(&mut motor.packed, pool, tape, ring, now.after(AHEAD), TURN);
+            motor.words.fill(&mut motor.packed, pool, tape, ring, now.after(AHEAD), TURN, expand);
             feed::publish(number, tape.written());
             return true;
         }
@@ -377,11 +378,7 @@ impl Stepper {
         else {
             return 0;
         };
-        if self.runs {
-            tape.position_at(now, motor.words.overhead(), ring)
-        } else {
-            motor.words.channel().position()
-        }
+        if self.runs { tape.position_at(now, motor.words.overhead(), ring) } else { motor.words.channel().position() }
     }
 
     /// Whether nothing is left to do on any motor: no step, no end of a pulse.
