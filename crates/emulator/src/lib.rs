@@ -22,6 +22,7 @@
 //! cycle in which its flag was set; its vector's instruction begins 4 cycles later.
 #![forbid(unsafe_code)]
 
+pub mod arm;
 mod avr;
 pub mod hex;
 mod observer;
