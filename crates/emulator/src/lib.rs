@@ -22,13 +22,16 @@
 //! cycle in which its flag was set; its vector's instruction begins 4 cycles later.
 #![forbid(unsafe_code)]
 
+pub mod arm;
 mod avr;
 pub mod hex;
 mod observer;
 mod pin;
+mod rp2040;
 mod serial;
 
 pub use avr::{Atmega328p, Boot, BootSize, ImageTooLarge, Masked, Odd, ResetCause};
 pub use observer::Observer;
-pub use pin::{Level, PinEdge, Port};
+pub use pin::{GpioEdge, Level, PinEdge, Port};
+pub use rp2040::Rp2040;
 pub use serial::{LineByte, UartByte};
