@@ -46,7 +46,7 @@ pub(crate) const LONGEST: u16 = 62_500;
 pub(crate) const LONGEST_IDLE_MS: u16 = 8000;
 
 /// SysTick is read so many ticks before the first instruction behind the gate.
-const GATE_TICKS: u32 = 0;
+const GATE_TICKS: u32 = 2;
 
 #[repr(C, align(4096))]
 struct Ring([u32; RING]);
