@@ -255,14 +255,13 @@ impl<const F: u32> Channel<F> {
     /// same.
     ///
     /// A step that comes d ticks after the one before is written as d − the channel's gap + `bits`. Gives how many were
-    /// taken: 0 unless the last event that was taken is a step, and the next one goes the same way.
+    /// taken: 0 if the next one goes another way. For who has made nothing since the step before.
     pub fn take_steps(&mut self, limit: Moment, bits: u32, words: &mut [u32], expand: Expand) -> u32 {
         if self.committed || self.left == 0 || self.facing != Some(self.direction) || self.assert_every_step {
             return 0;
         }
         let last = self.last_tick();
-        // Nothing was put between: the last step is what the horizon is from.
-        if self.horizon != last.after(self.gap) {
+        if self.next_tick().is_before(self.horizon) {
             return 0;
         }
         let end = match self.switches[0] {
@@ -283,6 +282,16 @@ impl<const F: u32> Channel<F> {
             self.horizon = self.last_tick().after(self.gap);
         }
         taken
+    }
+
+    /// Whether the next event is a step of the run that is under way, after `limit`, and no switch comes before.
+    #[must_use]
+    pub const fn waits_beyond(&self, limit: Moment) -> bool {
+        let switches = match self.switches[0] {
+            Some(switch) => !limit.is_before(switch.at),
+            None => false,
+        };
+        self.left > 0 && !self.committed && !switches && limit.is_before(self.next_tick())
     }
 
     /// Which way the run that is under way goes.

@@ -17,6 +17,9 @@ use pulsetrain_core::{Epoch, Moment};
 /// A switch must be less than this ahead, ticks: moments are told apart within 2^31.
 const SWITCH_AHEAD: u64 = 1 << 30;
 
+/// Motors that get words before others have their turn with the main loop.
+const FILLS_A_ROUND: u32 = 4;
+
 /// News that the host has not been told yet; what does not fit is dropped.
 const NEWS: usize = 8;
 
@@ -124,11 +127,17 @@ impl Board {
         idle_ticks: 0,
     };
 
-    /// What cannot wait: words for the motors. Whether there is more of that to do.
+    /// What cannot wait: words for the motors. Whether there was some of that to do.
     #[inline(always)]
     pub(crate) fn go_on(&mut self) -> bool {
-        let now = self.clock.moment();
-        let more = self.stepper.fill(now);
+        let mut more = false;
+        for _ in 0..FILLS_A_ROUND {
+            let now = self.clock.moment();
+            if !self.stepper.fill(now) {
+                break;
+            }
+            more = true;
+        }
         if self.stepper.has_starved() {
             self.starved();
         }
@@ -402,8 +411,8 @@ impl Machine for Board {
     }
 
     fn event(&mut self) -> Option<Event> {
-        let first = self.news[0].take();
+        let first = self.news[0].take()?;
         self.news.rotate_left(1);
-        first
+        Some(first)
     }
 }

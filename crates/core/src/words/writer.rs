@@ -164,10 +164,10 @@ impl<const F: u32> Words<F> {
         }
     }
 
-    /// Writes words up to tick `until`, `most` of them at most: every step up to then and `overhead` ticks longer is made, and the
-    /// state machine has something to do until then.
+    /// Writes words up to tick `until`, `most` of them or a few more: every step up to then is made, and the state machine has
+    /// something to do until tick `least` at least, which is not after it.
     ///
-    /// `until` goes up from call to call, by less than 2^27 ticks. `expand` is the board's, or [`expand`](super::expand()).
+    /// Both go up from call to call, by less than 2^27 ticks. `expand` is the board's, or [`expand`](super::expand()).
     #[expect(clippy::too_many_arguments, reason = "all that it needs is somebody else's")]
     pub fn fill<const N: usize, const RUNS: usize, const P: usize>(
         &mut self,
@@ -175,7 +175,7 @@ impl<const F: u32> Words<F> {
         pool: &Pool<P>,
         tape: &mut Tape<N, RUNS>,
         memory: &mut [u32; N],
-        until: Moment,
+        [least, until]: [Moment; 2],
         most: u32,
         expand: Expand,
     ) -> Filled {
@@ -184,11 +184,15 @@ impl<const F: u32> Words<F> {
         // As far as a DIR edge may come before its step, and coils' release before the next one.
         let look = limit.after(self.output.lead_ticks()).after(self.overhead);
         let stop = tape.written().wrapping_add(most);
+        self.go_on(tape, memory, limit, stop, expand);
         loop {
             if !tape.has_room(2) || !Moment(tape.written()).is_before(Moment(stop)) {
                 return Filled::Part;
             }
-            let event = self.channel.peek(&mut packed.waiting(pool), look);
+            if self.output.owed().is_none() && self.channel.waits_beyond(look) {
+                break;
+            }
+            let event = self.peek(packed, pool, look);
             if let (Output::Coils(_), Some(release)) = (&self.output, self.output.owed())
                 && event.is_none_or(|event| release.is_before(event.tick))
             {
@@ -216,7 +220,22 @@ impl<const F: u32> Words<F> {
                 }
             }
         }
-        // Coils' release is not an event: an idle word leaves it room.
+        if self.end.is_before(least) {
+            self.wait(tape, memory, until, limit);
+        }
+        Filled::All
+    }
+
+    /// Writes a word that leaves the lines as they are, up to `until`: nothing comes before `limit` from now on.
+    #[inline(never)]
+    fn wait<const N: usize, const RUNS: usize>(
+        &mut self,
+        tape: &mut Tape<N, RUNS>,
+        memory: &mut [u32; N],
+        until: Moment,
+        limit: Moment,
+    ) {
+        // Coils' release is not an event: the word leaves it room.
         let release = if let Output::Coils(_) = self.output { self.output.owed() } else { None };
         let tick = match release {
             Some(release) if release.is_before(limit) => release.before(self.overhead),
@@ -226,10 +245,16 @@ impl<const F: u32> Words<F> {
             self.put(tape, memory, Due { tick, bits: self.idle_bits(), sign: 0 });
         }
         self.channel.pass(limit);
-        Filled::All
+    }
+
+    // These are calls, so that each has the registers to itself: a run's steps need none of them.
+    #[inline(never)]
+    fn peek<const P: usize>(&mut self, packed: &mut Packed, pool: &Pool<P>, look: Moment) -> Option<Event> {
+        self.channel.peek(&mut packed.waiting(pool), look)
     }
 
     /// Takes an event; gives its word, if the lines change.
+    #[inline(never)]
     fn make(&mut self, event: Event) -> Option<Due> {
         let due = self.output.due(event);
         self.channel.take(event);
@@ -261,7 +286,8 @@ impl<const F: u32> Words<F> {
         }
     }
 
-    /// Writes the steps that follow one just written, as long as nothing else comes between.
+    /// Writes the steps that follow one that is the last word, as long as nothing else comes between.
+    #[inline(never)]
     fn go_on<const N: usize, const RUNS: usize>(
         &mut self,
         tape: &mut Tape<N, RUNS>,
@@ -270,7 +296,7 @@ impl<const F: u32> Words<F> {
         stop: u32,
         expand: Expand,
     ) {
-        if self.step == 0 {
+        if self.step == 0 || self.end != self.channel.place().tick {
             return;
         }
         let (bits, sign) = (self.step_bits(), self.sign());
@@ -289,6 +315,7 @@ impl<const F: u32> Words<F> {
     }
 
     /// Writes a word. Its wait fits: `until` does not go up by so much.
+    #[inline(never)]
     fn put<const N: usize, const RUNS: usize>(&mut self, tape: &mut Tape<N, RUNS>, memory: &mut [u32; N], due: Due) {
         let wait = due.tick.since(self.end).wrapping_sub(self.overhead);
         let (at, _) = tape.space(due.sign);

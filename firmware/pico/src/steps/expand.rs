@@ -1,4 +1,4 @@
-//! A run's steps, one word each: what `pulsetrain_core::words::expand` does, in 19 cycles a step.
+//! A run's steps, one word each: what `pulsetrain_core::words::expand` does, in 35 cycles for two steps.
 
 use core::arch::global_asm;
 use pulsetrain_core::Recurrence;
@@ -36,6 +36,10 @@ expand_steps:
     ldr r4, [r0, #16]           @ add
     ldr r5, [r0, #20]
     ldr r0, [r0]                @ the accumulator's fraction
+    mov r1, lr
+    subs r1, r6
+    lsls r1, r1, #29            @ an odd number begins in the middle
+    bmi 5f
 1:  adds r0, r2                 @ 1
     movs r1, #0                 @ 2: the carry stays
     adcs r1, r3                 @ 3: ticks of this step
@@ -51,8 +55,23 @@ expand_steps:
     adds r4, r1                 @ 14
     mov r1, r9                  @ 15
     adcs r5, r1                 @ 16
-    cmp r6, lr                  @ 17
-    bne 1b                      @ 19
+5:  adds r0, r2                 @ 17, and so on
+    movs r1, #0
+    adcs r1, r3
+    cmp r1, r11
+    blo 3f
+    subs r7, r1
+    bls 2f
+    adds r2, r4
+    adcs r3, r5
+    add r1, r12
+    stmia r6!, {{r1}}
+    mov r1, r8
+    adds r4, r1
+    mov r1, r9
+    adcs r5, r1
+    cmp r6, lr                  @ 33
+    bne 1b                      @ 35
     b 4f
 2:  adds r7, r1
 3:  subs r0, r2

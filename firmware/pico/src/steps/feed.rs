@@ -43,10 +43,10 @@ extern "C" fn dma_irq_0() {
     }
 }
 
-/// §2.5.7, CTRL: words, from a ring (the lowest 12 bits of the address go around), at the FIFO's request, before others, and
+/// §2.5.7, CTRL: words, from a ring (the lowest 13 bits of the address go around), at the FIFO's request, before others, and
 /// chained to itself, which is to nothing.
-const CTRL: u32 = 1 | 1 << 1 | 2 << 2 | 1 << 4 | 12 << 6;
-const _: () = assert!(RING * 4 == 1 << 12);
+const CTRL: u32 = 1 | 1 << 1 | 2 << 2 | 1 << 4 | 13 << 6;
+const _: () = assert!(RING * 4 == 1 << 13);
 
 /// The DMA takes orders, and its interrupt is let in.
 pub(crate) fn begin() {

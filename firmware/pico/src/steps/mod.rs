@@ -18,5 +18,5 @@ pub(crate) mod stepper;
 /// Motors at most: one for each state machine.
 pub(crate) const MOTORS: usize = 8;
 
-/// Words of a motor's ring: 4 KiB, at a multiple of that.
-pub(crate) const RING: usize = 1024;
+/// Words of a motor's ring: 8 KiB, at a multiple of that.
+pub(crate) const RING: usize = 2048;

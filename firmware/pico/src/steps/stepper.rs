@@ -27,14 +27,14 @@ const LONGEST_QUEUE: usize = 8192;
 /// Runs of a tape.
 const RUNS: usize = 128;
 
-/// Words are written so far ahead, ticks: 0.8 ms. A switch can be no sooner.
-const AHEAD: u32 = TICK_HZ / 1250;
+/// Words are written so far ahead, ticks: 1.2 ms. A switch can be no sooner.
+const AHEAD: u32 = TICK_HZ / 10_000 * 12;
 
 /// They are written when no more than this is left, ticks.
-const REFILL: u32 = AHEAD / 4 * 3;
+const REFILL: u32 = AHEAD / 2;
 
-/// Words that a motor gets before the next one has its turn, and 64 more at most.
-const TURN: u32 = 64;
+/// Words that a motor gets before the next one has its turn, and a run more at most.
+const TURN: u32 = 256;
 
 /// From the gate to the first change of lines: 0.5 ms, in which the first words are written.
 const FIRST_WAIT: u32 = TICK_HZ / 2000;
@@ -48,7 +48,7 @@ pub(crate) const LONGEST_IDLE_MS: u16 = 8000;
 /// SysTick is read so many ticks before the first instruction behind the gate.
 const GATE_TICKS: u32 = 2;
 
-#[repr(C, align(4096))]
+#[repr(C, align(8192))]
 struct Ring([u32; RING]);
 
 /// What is large, and nothing but zeros at first: so it takes no room in the image.
@@ -249,7 +249,8 @@ impl Stepper {
                 continue;
             }
             self.least_ahead = self.least_ahead.min(ahead.max(0).cast_unsigned());
-            motor.words.fill(&mut motor.packed, pool, tape, ring, now.after(AHEAD), TURN, expand);
+            let stretch = [now.after(REFILL), now.after(AHEAD)];
+            motor.words.fill(&mut motor.packed, pool, tape, ring, stretch, TURN, expand);
             feed::publish(number, tape.written());
             return true;
         }
