@@ -144,6 +144,18 @@ pub enum RemoteError {
     /// The answer was to something else.
     #[error("the board's answer makes no sense: its firmware is not what it says")]
     Nonsense,
+    /// Another kind of board than the plan is for.
+    #[error(
+        "the board is {is}, but the motion is planned for a clock of {wanted_hz} Hz and {wanted_bits} fraction bits"
+    )]
+    OtherBoard {
+        /// What it is: [`name_of`].
+        is: &'static str,
+        /// Ticks a second of the board that was planned for.
+        wanted_hz: u64,
+        /// Its F.
+        wanted_bits: u32,
+    },
     /// Motors that the board moves for a host before this one do not come to rest.
     #[error("the board still moves motors for a host before this one")]
     StillMoving,
@@ -188,6 +200,16 @@ pub const fn in_words(cause: Cause) -> &'static str {
         Cause::BrownOut => "the supply fell too low",
         Cause::ResetLine => "the reset line, as when a port is opened",
         Cause::PowerOn => "power came on",
+    }
+}
+
+/// What a board says that it is.
+#[must_use]
+pub const fn name_of(info: &Info) -> &'static str {
+    match info.board {
+        1 => "an Arduino Uno",
+        2 => "a Raspberry Pi Pico",
+        _ => "a model, no chip",
     }
 }
 
