@@ -19,6 +19,9 @@ use std::time::Duration;
 /// How often the board is asked for its status while time passes.
 const STATUS_EVERY: Duration = Duration::from_millis(50);
 
+/// A frame that is not full goes out when fewer are on their way, if it is half full; else when none is.
+const GATHERED: usize = 2;
+
 /// How often it is asked for room while a queue is fuller than half.
 const ROOM_EVERY: Duration = Duration::from_millis(3);
 
@@ -591,6 +594,18 @@ impl<P: Port> Remote<P> {
         }
     }
 
+    /// The same, but for what may wait: as long as frames are on their way more is gathered, so that frames are long.
+    fn gather(&mut self) {
+        let now = self.port.now();
+        let much = self.link.max_packed() / 2;
+        for (index, motor) in (0..).zip(&mut self.motors) {
+            let most = if motor.packed.len() > much { GATHERED } else { 1 };
+            if self.link.frames() < most {
+                motor.flush(index, &mut self.link, now);
+            }
+        }
+    }
+
     /// After so many ticks an item has left its queue.
     fn taken(&self) -> u64 {
         u64::from(self.info.tick_hz) / TAKEN_PER_S
@@ -795,8 +810,8 @@ impl<P: Port> Board for Remote<P> {
     }
 
     fn advance(&mut self, until: u64, observer: &mut impl Observer) {
-        self.flush();
         while self.now() <= until {
+            self.gather();
             if self.error.is_none() {
                 self.look_after();
             }
