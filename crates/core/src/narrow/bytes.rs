@@ -185,7 +185,7 @@ impl Bytes {
     }
 
     /// Reads from the front on.
-    pub(crate) const fn reader<'a, const N: usize>(&self, pool: &'a Pool<N>) -> Reader<'a, N> {
+    pub(super) const fn reader<'a, const N: usize>(&self, pool: &'a Pool<N>) -> Reader<'a, N> {
         Reader { pool, at: self.next, start: self.start, end: self.end }
     }
 
@@ -194,6 +194,19 @@ impl Bytes {
         self.next = at;
         self.len -= len as u16;
         self.parts[0].len -= len as u16;
+    }
+
+    /// Copies the bytes in front, as many as `out` has room for: no more than wait.
+    pub(crate) fn copy_first<const N: usize>(&self, pool: &Pool<N>, out: &mut [u8]) {
+        let to_end = usize::from(self.end - self.next).min(out.len());
+        let (first, rest) = out.split_at_mut(to_end);
+        for (part, at) in [(first, self.next), (rest, self.start)] {
+            let at = usize::from(at);
+            // Always inside; said so, there is no code for a panic.
+            if let Some(bytes) = pool.0.get(at..at + part.len()) {
+                part.copy_from_slice(bytes);
+            }
+        }
     }
 
     /// Drops the `len` bytes in front; there are so many of the first epoch.
@@ -236,7 +249,7 @@ impl Bytes {
 }
 
 /// A place in a ring.
-pub(crate) struct Reader<'a, const N: usize> {
+pub(super) struct Reader<'a, const N: usize> {
     pool: &'a Pool<N>,
     pub(super) at: u16,
     start: u16,
@@ -245,7 +258,7 @@ pub(crate) struct Reader<'a, const N: usize> {
 
 impl<const N: usize> Reader<'_, N> {
     /// The next byte.
-    pub(crate) fn byte(&mut self) -> u8 {
+    pub(super) fn byte(&mut self) -> u8 {
         let byte = self.pool.byte(self.at);
         self.at += 1;
         if self.at == self.end {

@@ -84,10 +84,7 @@ impl Packed {
     fn front<const N: usize>(&self, pool: &Pool<N>, epoch: Epoch) -> ([u8; MAX_PACKED_LEN], usize) {
         let mut front = [0; MAX_PACKED_LEN];
         let len = usize::from(self.bytes.waiting(epoch)).min(MAX_PACKED_LEN);
-        let mut reader = self.bytes.reader(pool);
-        for byte in &mut front[..len] {
-            *byte = reader.byte();
-        }
+        self.bytes.copy_first(pool, &mut front[..len]);
         (front, len)
     }
 

@@ -154,11 +154,6 @@ impl Machine {
         self.pio.instr(self.number).write(instruction);
     }
 
-    /// Whether it found no word since [`forget_stall`](Machine::forget_stall).
-    pub(crate) fn has_stalled(self) -> bool {
-        self.pio.fdebug().read() >> 24 & self.bit() != 0
-    }
-
     /// Forgets that it found no word.
     pub(crate) fn forget_stall(self) {
         self.pio.fdebug().write(self.bit() << 24);
@@ -199,6 +194,12 @@ impl Machine {
     pub(crate) fn set_lines(self, levels: u32) {
         self.execute(SET_PINS | levels);
     }
+}
+
+/// The machines of a block that found no word since [`forget_stall`](Machine::forget_stall).
+#[inline(always)]
+pub(crate) fn stalled(block: u8) -> u32 {
+    Pio(block).fdebug().read() >> 24 & 0xf
 }
 
 /// Halts the machines of a block that are in `mask`.

@@ -27,11 +27,14 @@ const LONGEST_QUEUE: usize = 8192;
 /// Runs of a tape.
 const RUNS: usize = 128;
 
-/// Words are written so far ahead, ticks: 1.2 ms. A switch can be no sooner.
-const AHEAD: u32 = TICK_HZ / 10_000 * 12;
+/// Words are written so far ahead, ticks: 2.4 ms. A switch can be no sooner.
+const AHEAD: u32 = TICK_HZ / 10_000 * 24;
 
 /// They are written when no more than this is left, ticks.
-const REFILL: u32 = AHEAD / 2;
+const REFILL: u32 = AHEAD / 4 * 3;
+
+/// All motors are looked at again after so many ticks at most.
+const MOST_SPARE: u32 = AHEAD / 8;
 
 /// Words that a motor gets before the next one has its turn, and a run more at most.
 const TURN: u32 = 256;
@@ -110,6 +113,8 @@ pub(crate) struct Stepper {
     /// Which motor has the next turn.
     turn: u8,
     least_ahead: u32,
+    /// No motor needs words before.
+    due: Moment,
 }
 
 impl Stepper {
@@ -128,6 +133,7 @@ impl Stepper {
             runs: false,
             turn: 0,
             least_ahead: u32::MAX,
+            due: Moment(0),
         }
     }
 
@@ -224,14 +230,16 @@ impl Stepper {
         }
         self.runs = true;
         self.least_ahead = u32::MAX;
+        self.due = at;
     }
 
     /// Writes words for the next motor that needs some; whether there was one.
     #[inline(never)]
     pub(crate) fn fill(&mut self, now: Moment) -> bool {
-        if !self.runs {
+        if !self.runs || now.is_before(self.due) {
             return false;
         }
+        let mut spare = MOST_SPARE;
         let Memory { rings, tapes, pool } = &mut *self.memory;
         for _ in 0..self.count {
             let number = self.turn;
@@ -242,18 +250,20 @@ impl Stepper {
             else {
                 continue;
             };
-            tape.pass(now);
-            motor.words.pass(now);
             let ahead = motor.words.end().since(now).cast_signed();
             if ahead >= REFILL.cast_signed() {
+                spare = spare.min(ahead.cast_unsigned() - REFILL);
                 continue;
             }
+            tape.pass(now);
+            motor.words.pass(now);
             self.least_ahead = self.least_ahead.min(ahead.max(0).cast_unsigned());
             let stretch = [now.after(REFILL), now.after(AHEAD)];
             motor.words.fill(&mut motor.packed, pool, tape, ring, stretch, TURN, expand);
             feed::publish(number, tape.written());
             return true;
         }
+        self.due = now.after(spare);
         false
     }
 
@@ -269,7 +279,7 @@ impl Stepper {
     /// Whether a state machine found no word: what it was to do is late already.
     #[inline(always)]
     pub(crate) fn has_starved(&self) -> bool {
-        self.runs && (0..self.count).any(|number| Machine::of(number).has_stalled())
+        self.runs && (pio::stalled(0) | if self.count > 4 { pio::stalled(1) } else { 0 }) != 0
     }
 
     /// The immediate stop: halts all state machines, and counts what they did. Gives the tick after which no step was begun,
