@@ -274,7 +274,7 @@ fn due() -> BoardRow {
 
 fn pico() -> BoardRow {
     const TICK_HZ: u64 = 125_000_000;
-    const RATES_HZ: [u64; 8] = [625_000, 625_000, 625_000, 625_000, 500_000, 500_000, 400_000, 400_000];
+    const RATES_HZ: [u64; 8] = [625_000, 625_000, 625_000, 625_000, 625_000, 625_000, 550_000, 500_000];
     BoardRow {
         board: Board {
             name: "pico".to_owned(),
@@ -284,14 +284,14 @@ fn pico() -> BoardRow {
             min_interval_ticks: RATES_HZ.iter().map(|&rate| interval_ticks(TICK_HZ, rate)).collect(),
             hardware_timed: true,
             turn_ticks: 0,
-            source: "estimate: its firmware on an emulated RP2040, with laws of one segment".to_owned(),
+            source: "estimate: its firmware on an emulated RP2040, sinusoids on all motors".to_owned(),
         },
         about: "Raspberry Pi Pico, RP2040",
         ram_bytes: Some(264 * 1024),
         flash_bytes: Some(2 * 1024 * 1024),
         // As firmware/pico shares them out. A test asks the virtual board.
         queue_bytes: (1..=8).map(|motors| (32_768 / motors).min(8_192)).collect(),
-        horizon_ticks: 150_000,
+        horizon_ticks: 300_000,
         lateness_ticks: 0,
         note: "edges come from PIO state machines fed by DMA: exact to the tick. STEP and DIR of a motor are neighbours, and so \
                are IN1 to IN4 of a ULN2003; 3.3 V outputs",
@@ -337,7 +337,7 @@ mod tests {
 
     #[test]
     fn shortest_intervals_are_those_of_the_rates() {
-        assert_eq!(find("pico").unwrap().board.min_interval_ticks, [200, 200, 200, 200, 250, 250, 313, 313]);
+        assert_eq!(find("pico").unwrap().board.min_interval_ticks, [200, 200, 200, 200, 200, 200, 228, 250]);
         // The tutorial at T = 0.1 s: A·ω = 2000·2π/0.1 = 125 664 steps/s passes on pin 9; at 0.01 s it does not.
         let peak_hz = |period: f64| 2000.0 * std::f64::consts::TAU / period;
         let limit_hz = |ticks: u32| 16e6 / f64::from(ticks);
