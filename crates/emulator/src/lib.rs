@@ -28,9 +28,11 @@ pub mod hex;
 pub mod image;
 mod observer;
 mod pin;
+mod rp2040;
 mod serial;
 
 pub use avr::{Atmega328p, Boot, BootSize, ImageTooLarge, Masked, Odd, ResetCause};
 pub use observer::Observer;
-pub use pin::{Level, PinEdge, Port};
+pub use pin::{GpioEdge, Level, PinEdge, Port};
+pub use rp2040::Rp2040;
 pub use serial::{LineByte, UartByte};

@@ -1,6 +1,6 @@
 //! What the chip tells the world.
 
-use crate::{PinEdge, UartByte};
+use crate::{GpioEdge, PinEdge, UartByte};
 
 /// Sees what leaves the chip, in the order of its cycles. Every method does nothing unless written otherwise.
 ///
@@ -22,7 +22,12 @@ pub trait Observer {
         let _ = edge;
     }
 
-    /// A character has left the USART. Characters come when their stop bit is over; a pin's edges may have been told
+    /// The same, of a chip whose pins have numbers only.
+    fn gpio(&mut self, edge: GpioEdge) {
+        let _ = edge;
+    }
+
+    /// A character has left a UART. Characters come when their stop bit is over; a pin's edges may have been told
     /// before that have later cycles than the character's start, never later than its end.
     fn transmit(&mut self, byte: UartByte) {
         let _ = byte;
@@ -31,6 +36,11 @@ pub trait Observer {
     /// From this cycle on, a cycle is `division` periods of the oscillator (CLKPR; 1 to 256).
     fn clock_division(&mut self, cycle: u64, division: u16) {
         let _ = (cycle, division);
+    }
+
+    /// From this cycle on, cycles come at this frequency (RP2040: clk_sys got another source or divider).
+    fn clock_frequency(&mut self, cycle: u64, hz: u64) {
+        let _ = (cycle, hz);
     }
 
     /// The watchdog has reset the chip.

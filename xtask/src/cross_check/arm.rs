@@ -83,8 +83,11 @@ pub(super) fn program(tools: &Tools) -> Done<Outcome> {
     Ok(Outcome { what: "ARMv6-M program, with rp2040js", compared, differences, exceptions })
 }
 
+/// Where rp2040js was put right: name, how often.
+type Met = Vec<(&'static str, usize)>;
+
 /// Answers, and what is after `met ` in the last line.
-fn split(text: &str) -> Done<(Vec<&str>, Vec<(&'static str, usize)>)> {
+fn split(text: &str) -> Done<(Vec<&str>, Met)> {
     const NAMES: [&str; 6] = ["SHIFT", "CARRY", "STORE", "BANK", "LINK", "STACK"];
     let mut lines: Vec<_> = text.lines().collect();
     let met = lines.pop().and_then(|last| last.strip_prefix("met "));

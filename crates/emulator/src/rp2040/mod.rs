@@ -1,0 +1,16 @@
+//! The RP2040 of the Raspberry Pi Pico.
+
+mod chip;
+mod clocks;
+mod dma;
+mod fabric;
+mod gpio;
+mod pio;
+mod sio;
+mod system;
+mod timer;
+mod uart;
+mod watchdog;
+mod xip;
+
+pub use chip::Rp2040;
