@@ -234,9 +234,7 @@ fn a_pin_between_machines() {
 fn irq_flags() {
     let mut bench = Bench::new();
     let waits = Machine::new(0, 1);
-    let program = pio_asm!(
-        "irq 4", "h:", "jmp h", "wait 1 irq 4", "set pins, 1", "g:", "jmp g"
-    ).program;
+    let program = pio_asm!("irq 4", "h:", "jmp h", "wait 1 irq 4", "set pins, 1", "g:", "jmp g").program;
     M.load(&mut bench, &program, 0);
     M.outputs(&mut bench, 0, 1);
     bench.set(waits.pinctrl(), 1 << 26);
@@ -388,14 +386,8 @@ fn moves() {
 #[test]
 fn side_set() {
     let mut bench = Bench::new();
-    let program = pio_asm!(
-        ".side_set 2 opt",
-        "nop side 0b01 [1]",
-        "nop [3]",
-        "nop side 0b10",
-        "pull block side 0b11",
-    )
-    .program;
+    let program =
+        pio_asm!(".side_set 2 opt", "nop side 0b01 [1]", "nop [3]", "nop side 0b10", "pull block side 0b11",).program;
     M.load(&mut bench, &program, 0);
     M.outputs(&mut bench, 10, 2);
     bench.set(M.pinctrl(), 3 << 29 | 10 << 10);
@@ -420,7 +412,8 @@ fn who_wins() {
     assert_eq!(edges, [(1, true)]);
 
     let mut bench = Bench::new();
-    let program = pio_asm!("set pins, 1 [1]", "set pins, 0", "h:", "jmp h", "set pins, 0 [1]", "set pins, 1", "jmp h").program;
+    let program =
+        pio_asm!("set pins, 1 [1]", "set pins, 0", "h:", "jmp h", "set pins, 0 [1]", "set pins, 1", "jmp h").program;
     let other = Machine::new(0, 3);
     for (machine, entry) in [(M, 0), (other, 3)] {
         machine.load(&mut bench, &program, 0);

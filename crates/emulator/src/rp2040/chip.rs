@@ -65,11 +65,8 @@ impl Rp2040 {
             return Err(ImageTooLarge { bytes: flash.len(), limit: Rp2040::FLASH_BYTES });
         }
         let config = Config { vector_table: VECTOR_TABLE, ..Config::default() };
-        let mut chip = Rp2040 {
-            cpu: Cpu::new(config),
-            system: System::new(flash, Rp2040::FLASH_BYTES),
-            asleep_cycles: 0,
-        };
+        let mut chip =
+            Rp2040 { cpu: Cpu::new(config), system: System::new(flash, Rp2040::FLASH_BYTES), asleep_cycles: 0 };
         chip.start(&mut ());
         Ok(chip)
     }

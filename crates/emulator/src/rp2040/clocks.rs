@@ -227,7 +227,13 @@ impl Clocks {
 
     /// Frequencies as they are from a cycle on. `Some` if clk_sys changed.
     pub(super) fn refresh(&mut self, cycle: u64) -> Option<u64> {
-        self.next = self.pll.iter().map(|pll| pll.locked_at).chain([self.xosc_stable_at]).filter(|at| *at > cycle).fold(NEVER, u64::min);
+        self.next = self
+            .pll
+            .iter()
+            .map(|pll| pll.locked_at)
+            .chain([self.xosc_stable_at])
+            .filter(|at| *at > cycle)
+            .fold(NEVER, u64::min);
         let wanted = self.wanted_sys_hz(cycle);
         if wanted == 0 || wanted == self.sys_hz {
             return None;

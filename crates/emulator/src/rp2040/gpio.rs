@@ -220,9 +220,8 @@ impl Gpio {
     }
 
     fn resolve(&mut self) {
-        let [uart, sio, pio0, pio1] =
-            [function::UART, function::SIO, function::PIO0, function::PIO1]
-                .map(|function| self.functions[function as usize]);
+        let [uart, sio, pio0, pio1] = [function::UART, function::SIO, function::PIO0, function::PIO1]
+            .map(|function| self.functions[function as usize]);
         let pick = |value: fn(&Driven) -> u32| {
             value(&self.uart) & uart | value(&self.sio) & sio | value(&self.pio[0]) & pio0 | value(&self.pio[1]) & pio1
         };

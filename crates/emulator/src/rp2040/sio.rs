@@ -131,7 +131,13 @@ impl Sio {
                 divider.dirty = false;
                 if ready { divider.quotient } else { 0 }
             }
-            0x074 => if ready { divider.remainder } else { 0 },
+            0x074 => {
+                if ready {
+                    divider.remainder
+                } else {
+                    0
+                }
+            }
             _ => u32::from(ready) | u32::from(divider.dirty) << 1,
         }
     }

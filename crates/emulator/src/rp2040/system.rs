@@ -133,11 +133,7 @@ impl System {
             let word = self.fabric.sio.read(core, address & 0xffc, inputs, at);
             lane(word, address, size)
         } else if address & 0xffff_c000 == DMA {
-            if self.fabric.dma_is_held() {
-                0
-            } else {
-                lane(self.dma.read(address & 0xffc), address, size)
-            }
+            if self.fabric.dma_is_held() { 0 } else { lane(self.dma.read(address & 0xffc), address, size) }
         } else {
             self.fabric.read(address, size, at, observer)?
         };

@@ -44,7 +44,11 @@ impl Timer {
 
     /// The timer's value in a cycle.
     fn count(&self, cycle: u64) -> u64 {
-        if self.paused { self.base_count } else { self.base_count.wrapping_add(self.tick.ticks(cycle) - self.base_tick) }
+        if self.paused {
+            self.base_count
+        } else {
+            self.base_count.wrapping_add(self.tick.ticks(cycle) - self.base_tick)
+        }
     }
 
     /// As after a reset, in a cycle.

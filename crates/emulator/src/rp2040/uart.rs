@@ -144,7 +144,8 @@ impl Uart {
         let stop = if self.lcr_h & STP2 != 0 { 2 } else { 1 };
         let bits = u64::from(self.data_bits()) + 1 + u64::from(self.lcr_h & PEN != 0) + stop;
         let data = data & (0xff >> (8 - self.data_bits()));
-        self.sending = Some(Sending { start_cycle: from_256.div_ceil(256), end_256: from_256 + bits * self.bit_256, data });
+        self.sending =
+            Some(Sending { start_cycle: from_256.div_ceil(256), end_256: from_256 + bits * self.bit_256, data });
         // The interrupt comes as the FIFO passes its level (DDI 0183 §2.8.2).
         let level = if self.depth() == 1 { 0 } else { [4, 8, 16, 24, 28, 28, 28, 28][(self.ifls & 7) as usize] };
         if self.tx.len() == level {
@@ -363,7 +364,8 @@ impl Uart {
                 if self.tx.len() < self.depth() {
                     self.tx.push_back(value as u8);
                 }
-                let level = if self.depth() == 1 { 0 } else { [4, 8, 16, 24, 28, 28, 28, 28][(self.ifls & 7) as usize] };
+                let level =
+                    if self.depth() == 1 { 0 } else { [4, 8, 16, 24, 28, 28, 28, 28][(self.ifls & 7) as usize] };
                 if self.tx.len() > level {
                     self.ris &= !TXRIS;
                 }

@@ -365,14 +365,7 @@ impl Pio {
         self.note_waits();
     }
 
-    fn write_machine(
-        &mut self,
-        number: usize,
-        offset: u32,
-        value: u32,
-        merge: impl Fn(u32) -> u32,
-        cycle: u64,
-    ) {
+    fn write_machine(&mut self, number: usize, offset: u32, value: u32, merge: impl Fn(u32) -> u32, cycle: u64) {
         self.settle(cycle + 1);
         let machine = &mut self.machines[number];
         match offset {
