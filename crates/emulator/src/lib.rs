@@ -25,6 +25,7 @@
 pub mod arm;
 mod avr;
 pub mod hex;
+pub mod image;
 mod observer;
 mod pin;
 mod rp2040;

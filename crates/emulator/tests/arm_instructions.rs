@@ -302,7 +302,7 @@ impl State {
                     self.r[14] = pc + 3;
                 }
                 self.r[15] = b / 2 * 2;
-                self.arm = b % 2 == 0;
+                self.arm = b.is_multiple_of(2);
             }
             "adr" => self.r[d] = (pc + 4) / 4 * 4 + 4 * i,
             "add from sp" => self.r[d] = self.r[13].wrapping_add(4 * i),
@@ -415,7 +415,7 @@ impl State {
         }
         if name == "pop" && extra {
             self.cycles += 2;
-            self.arm = self.r[15] % 2 == 0;
+            self.arm = self.r[15].is_multiple_of(2);
             self.r[15] = self.r[15] / 2 * 2;
         }
         Ok(())

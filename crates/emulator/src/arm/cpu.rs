@@ -241,6 +241,11 @@ impl Cpu {
         self.refresh();
     }
 
+    /// SysTick's current value (SYST_CVR) in the present cycle; looking changes nothing.
+    pub fn systick_value(&self) -> u32 {
+        self.systick.value_in(self.cycle)
+    }
+
     /// The cycle in which SysTick next asks for its exception, if it will.
     pub fn next_own_event(&self) -> Option<u64> {
         self.systick.next()

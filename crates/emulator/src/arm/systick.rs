@@ -80,6 +80,11 @@ impl SysTick {
         self.value
     }
 
+    /// What the value will be in a cycle, if nothing is written before.
+    pub(super) fn value_in(&self, cycle: u64) -> u32 {
+        self.after(self.ticks(cycle))
+    }
+
     /// SYST_CVR: any write clears it and COUNTFLAG, and asks for nothing.
     pub(super) fn clear(&mut self) {
         self.value = 0;
