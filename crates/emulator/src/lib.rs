@@ -34,5 +34,5 @@ mod serial;
 pub use avr::{Atmega328p, Boot, BootSize, ImageTooLarge, Masked, Odd, ResetCause};
 pub use observer::Observer;
 pub use pin::{GpioEdge, Level, PinEdge, Port};
-pub use rp2040::Rp2040;
+pub use rp2040::{Rp2040, UsbState};
 pub use serial::{LineByte, UartByte};

@@ -9,6 +9,7 @@ use super::pio::Pio;
 use super::sio::Sio;
 use super::timer::Timer;
 use super::uart::Uart;
+use super::usb::Usb;
 use super::watchdog::Watchdog;
 use super::xip::Xip;
 use crate::Observer;
@@ -42,6 +43,10 @@ const UART1: u32 = 0x4003_8000;
 const TIMER: u32 = 0x4005_4000;
 const WATCHDOG: u32 = 0x4005_8000;
 const ROSC: u32 = 0x4006_0000;
+/// Memory that processor and USB controller share, and its registers.
+const USB_DPRAM: u32 = 0x5010_0000;
+const USB_DPRAM_BYTES: u32 = 4096;
+const USB: u32 = 0x5011_0000;
 const PIO0: u32 = 0x5020_0000;
 const PIO1: u32 = 0x5030_0000;
 
@@ -57,6 +62,7 @@ mod reset {
     pub(super) const TIMER: u32 = 1 << 21;
     pub(super) const UART0: u32 = 1 << 22;
     pub(super) const UART1: u32 = 1 << 23;
+    pub(super) const USB: u32 = 1 << 24;
     pub(super) const ALL: u32 = 0x01ff_ffff;
 }
 
@@ -89,6 +95,7 @@ pub(super) struct Fabric {
     pub(super) timer: Timer,
     pub(super) watchdog: Watchdog,
     pub(super) uart: [Uart; 2],
+    pub(super) usb: Usb,
     pub(super) clocks: Clocks,
     /// RESETS: peripherals that are held in reset.
     resets: u32,
@@ -111,6 +118,7 @@ impl Fabric {
             timer: Timer::new(),
             watchdog: Watchdog::new(),
             uart: [Uart::new(0), Uart::new(1)],
+            usb: Usb::new(),
             clocks: Clocks::new(),
             resets: reset::ALL,
             reset_dma: false,
@@ -162,6 +170,9 @@ impl Fabric {
         if bits & reset::TIMER != 0 {
             self.timer.reset(cycle);
         }
+        if bits & reset::USB != 0 {
+            self.usb.reset(cycle);
+        }
     }
 
     fn is_held(&self, bit: u32) -> bool {
@@ -183,6 +194,7 @@ impl Fabric {
             UART0 => reset::UART0,
             UART1 => reset::UART1,
             TIMER => reset::TIMER,
+            USB => reset::USB,
             PIO0 => reset::PIO0,
             PIO1 => reset::PIO1,
             _ => 0,
@@ -192,7 +204,7 @@ impl Fabric {
     /// The cycle in which something happens next, the PIO blocks left out.
     pub(super) fn next_slow(&self) -> u64 {
         let uarts = self.uart[0].next.min(self.uart[1].next);
-        self.timer.next.min(self.watchdog.next).min(uarts).min(self.clocks.next)
+        self.timer.next.min(self.watchdog.next).min(uarts).min(self.usb.next).min(self.clocks.next)
     }
 
     /// Does what is due in a cycle in the slow peripherals. Returns whether the watchdog has run out.
@@ -205,6 +217,7 @@ impl Fabric {
                 self.requests |= 3 << (20 + 2 * number);
             }
         }
+        self.usb.run(cycle, observer);
         if self.clocks.next <= cycle {
             self.clocks_changed(cycle, observer);
         }
@@ -224,6 +237,7 @@ impl Fabric {
         for uart in &mut self.uart {
             uart.set_clocks(peri, sys);
         }
+        self.usb.set_clock(sys, cycle);
     }
 
     /// Brings to the pins what drives them, from a cycle on.
@@ -304,6 +318,11 @@ impl Fabric {
         })
     }
 
+    /// Where in the USB controller's memory an address lies.
+    fn usb_memory(address: u32) -> Option<u32> {
+        Some(address.wrapping_sub(USB_DPRAM)).filter(|offset| *offset < USB_DPRAM_BYTES)
+    }
+
     #[inline]
     pub(super) fn read_sram(&self, offset: usize, size: Size) -> Option<u32> {
         Some(match size {
@@ -331,6 +350,10 @@ impl Fabric {
     ) -> Result<u32, BusFault> {
         if let Some(value) = Fabric::sram_offset(address).and_then(|offset| self.read_sram(offset, size)) {
             return Ok(value);
+        }
+        if let Some(offset) = Fabric::usb_memory(address) {
+            let held = self.is_held(reset::USB);
+            return Ok(if held { 0 } else { self.usb.read_memory(offset, size) });
         }
         let word = match address >> 24 {
             // The boot ROM is not there: it reads as zeros.
@@ -374,6 +397,7 @@ impl Fabric {
             PLL_USB => self.clocks.read_pll(1, offset, cycle),
             UART0 | UART1 => self.uart[usize::from(base == UART1)].read(offset),
             TIMER => self.timer.read(offset, cycle),
+            USB => self.usb.read(offset, cycle),
             WATCHDOG => self.watchdog.read(offset, cycle),
             ROSC => self.clocks.read_rosc(offset, cycle),
             PIO0 | PIO1 => self.pio[usize::from(base == PIO1)].read(offset, cycle),
@@ -399,6 +423,12 @@ impl Fabric {
     ) -> Result<(), BusFault> {
         if let Some(offset) = Fabric::sram_offset(address) {
             self.write_sram(offset, size, value);
+            return Ok(());
+        }
+        if let Some(offset) = Fabric::usb_memory(address) {
+            if !self.is_held(reset::USB) {
+                self.usb.write_memory(offset, size, value, cycle);
+            }
             return Ok(());
         }
         let value = replicate(value, size);
@@ -462,6 +492,7 @@ impl Fabric {
                 self.requests |= 3 << (20 + 2 * number);
             }
             TIMER => self.timer.write(offset, value, merge, cycle),
+            USB => self.usb.write(offset, value, merge, cycle),
             WATCHDOG => {
                 self.watchdog.write(offset, value, merge, cycle);
                 self.clocks_changed(cycle + 1, observer);
@@ -485,6 +516,7 @@ impl Fabric {
     /// Levels of the interrupt lines of a processor, the DMA's left out (§2.3.2).
     pub(super) fn lines(&self, core: usize) -> u32 {
         self.timer.lines()
+            | u32::from(self.usb.line_asserted()) << 5
             | self.pio[0].lines() << 7
             | self.pio[1].lines() << 9
             | u32::from(self.gpio.line(core)) << 13

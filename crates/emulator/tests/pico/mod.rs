@@ -10,6 +10,7 @@ pub(crate) struct Seen {
     pub(crate) sent: Vec<UartByte>,
     pub(crate) frequencies: Vec<(u64, u64)>,
     pub(crate) resets: Vec<u64>,
+    pub(crate) packets: Vec<(u64, Vec<u8>)>,
 }
 
 impl Observer for Seen {
@@ -19,6 +20,10 @@ impl Observer for Seen {
 
     fn transmit(&mut self, byte: UartByte) {
         self.sent.push(byte);
+    }
+
+    fn usb(&mut self, cycle: u64, data: &[u8]) {
+        self.packets.push((cycle, data.to_vec()));
     }
 
     fn clock_frequency(&mut self, cycle: u64, hz: u64) {
