@@ -5,6 +5,7 @@
 
 use super::dma::Dma;
 use super::fabric::{APB_READ_WAITS, APB_WRITE_WAITS, Fabric, lane, merging, replicate};
+use super::pio::Pio;
 use crate::Observer;
 use crate::arm::{Bus, BusFault, Size};
 
@@ -49,6 +50,7 @@ impl System {
             if self.fabric.pio[block].next == now {
                 let effects = self.fabric.pio[block].run(now, &self.fabric.gpio.inputs);
                 pins |= effects.pins;
+                self.lines_changed |= self.fabric.pio[block].interrupts();
                 if effects.requests != 0 {
                     self.dma.requested(u64::from(effects.requests) << (8 * block), now);
                 }
@@ -56,6 +58,8 @@ impl System {
         }
         if self.dma.next == now {
             self.dma.run(now, &mut self.fabric, observer);
+            self.lines_changed |=
+                std::mem::take(&mut self.dma.lines_changed) | self.fabric.pio.iter().any(Pio::interrupts);
             self.after_write(now);
         }
         if self.fabric.next_slow() == now {
@@ -63,12 +67,13 @@ impl System {
                 self.reset = Some(false);
                 self.fabric.watchdog.next = NEVER;
             }
+            self.lines_changed = true;
             self.after_write(now);
         }
         if pins {
             self.fabric.drive(now + 1, observer);
+            self.lines_changed |= self.fabric.gpio.interrupts();
         }
-        self.lines_changed = true;
         self.schedule();
     }
 

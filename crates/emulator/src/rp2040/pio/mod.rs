@@ -218,9 +218,14 @@ impl Pio {
         self.intr() & self.inte[line] | self.intf[line]
     }
 
+    /// Whether some interrupt is enabled or forced.
+    pub(super) fn interrupts(&self) -> bool {
+        self.inte[0] | self.inte[1] | self.intf[0] | self.intf[1] != 0
+    }
+
     /// Both interrupt lines, bits 0 and 1.
     pub(super) fn lines(&self) -> u32 {
-        if self.inte[0] | self.inte[1] | self.intf[0] | self.intf[1] == 0 {
+        if !self.interrupts() {
             return 0;
         }
         u32::from(self.ints(0) != 0) | u32::from(self.ints(1) != 0) << 1
