@@ -298,6 +298,27 @@ fn failure() {
     assert_eq!(desk.bench.chip.usb_state(), UsbState::Failed);
 }
 
+/// Descriptors that cannot be: the PC gives up, and does not ask for ever; without endpoints there is no port to open.
+#[test]
+fn odd_descriptors() {
+    let cases: [(&'static [u8], UsbState); 4] = [
+        (&[9, 2, 9, 0, 0, 1, 0, 0x80, 50], UsbState::Failed),
+        (&[8, 2, 75, 0, 0, 1, 0, 0x80], UsbState::Failed),
+        (&[], UsbState::Failed),
+        (&[9, 2, 12, 0, 0, 1, 0, 0x80, 50, 0, 4, 200], UsbState::Open),
+    ];
+    for (configuration, state) in cases {
+        let mut desk = Desk::new();
+        desk.device.configuration = configuration;
+        desk.bench.chip.usb_open(true);
+        desk.device.start(&mut desk.bench);
+        desk.until(300 * MS, |desk| desk.bench.chip.usb_state() == state);
+        desk.bench.chip.usb_send(b"to nobody");
+        desk.bench.run(5 * MS);
+        assert_eq!((desk.bench.chip.usb_state(), desk.bench.chip.usb_backlog()), (state, 9));
+    }
+}
+
 /// §4.1.4: SOF_RD has the frame's number; its interrupt goes when that is read.
 #[test]
 fn frames() {
