@@ -4,6 +4,7 @@ mod pico;
 mod usb_device;
 
 use pico::{Bench, SET};
+use proptest::prelude::*;
 use pulsetrain_emulator::UsbState;
 use usb_device::*;
 
@@ -407,4 +408,32 @@ fn interrupt_and_reset() {
     chip.write(0x4000_c000, 0, &mut ());
     chip.run(420, &mut ());
     assert_eq!((chip.read(SIE_CTRL, &mut ()), chip.read(DPRAM, &mut ())), (0, 0x5678), "memory stays");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// Whatever the firmware writes, the PC goes on, or gives up; and all is well after the cable was out.
+    #[test]
+    fn any_firmware(writes in prop::collection::vec((any::<bool>(), 0_u32..64, any::<u32>(), 0_u64..200_000), 100)) {
+        let mut desk = Desk::open();
+        desk.bench.chip.usb_send(&[1; 500]);
+        for (memory, word, value, wait) in writes {
+            desk.bench.set(if memory { DPRAM + 4 * word } else { REGISTERS + 4 * (word % 40) }, value);
+            desk.bench.run(wait);
+            desk.bench.get(BUFF_STATUS);
+            desk.device.poll(&mut desk.bench);
+        }
+        desk.bench.chip.usb_plug(false);
+        desk.bench.run(MS);
+        // Its registers as after a reset.
+        desk.bench.set(0x4000_c000 + SET, 1 << 24);
+        desk.bench.run(1);
+        desk.bench.set(0x4000_c000, 0);
+        desk.bench.run(1);
+        desk.device = Device::new();
+        desk.device.start(&mut desk.bench);
+        desk.bench.chip.usb_plug(true);
+        desk.until(400 * MS, |desk| desk.bench.chip.usb_state() == UsbState::Open);
+    }
 }
