@@ -304,6 +304,18 @@ impl Fabric {
         if address >> 28 == 4 { APB_WRITE_WAITS } else { 0 }
     }
 
+    /// Whether a reading would take a word from an RX FIFO of a PIO block, and there is one.
+    pub(super) fn pio_word(&self, address: u32) -> Option<bool> {
+        let block = usize::from(address & !0x3fff == PIO1);
+        (address & !0x3fff | 0x10_0000 == PIO1).then(|| self.pio[block].has_word(address & 0xffc)).flatten()
+    }
+
+    /// Somebody reads an empty RX FIFO: 0.
+    pub(super) fn pio_underflow(&mut self, address: u32) -> u32 {
+        self.pio[usize::from(address & !0x3fff == PIO1)].underflow(address & 0xffc);
+        0
+    }
+
     /// Where in memory an address lies.
     #[inline]
     pub(super) fn sram_offset(address: u32) -> Option<usize> {
