@@ -413,7 +413,7 @@ impl Fabric {
             WATCHDOG => self.watchdog.read(offset, cycle),
             ROSC => self.clocks.read_rosc(offset, cycle),
             PIO0 | PIO1 => self.pio[usize::from(base == PIO1)].read(offset, cycle),
-            _ if address < 0x4007_4000 || address < 0x5070_0000 && address >= 0x5010_0000 => {
+            _ if is_plain(address) => {
                 self.plain_register(base | offset)
             }
             _ => return Err(BusFault { address }),
@@ -516,7 +516,7 @@ impl Fabric {
                 self.requests |= u64::from(effects.requests) << (8 * block);
             }
             SYSINFO => {}
-            _ if address < 0x4007_4000 || address < 0x5070_0000 && address >= 0x5010_0000 => {
+            _ if is_plain(address) => {
                 let register = self.plain.entry(base | offset).or_insert(0);
                 *register = merge(*register);
             }
@@ -536,6 +536,11 @@ impl Fabric {
             | u32::from(self.uart[0].line_asserted()) << 20
             | u32::from(self.uart[1].line_asserted()) << 21
     }
+}
+
+/// Where something lies that is not modelled, or only partly.
+fn is_plain(address: u32) -> bool {
+    matches!(address, 0x4000_0000..0x4007_4000 | 0x5010_0000..0x5050_0000)
 }
 
 /// The bytes that a narrow reading takes from a word.

@@ -200,7 +200,7 @@ impl Pio {
         let pins = || inputs.seen(cycle, self.input_sync_bypass);
         match instruction >> 5 & 3 {
             0 if pins() >> index & 1 == wanted => End::Done,
-            1 if pins() >> (index + self.machines[number].in_base() & 31) & 1 == wanted => End::Done,
+            1 if pins() >> ((index + self.machines[number].in_base()) & 31) & 1 == wanted => End::Done,
             2 => {
                 let flag = irq_flag(number, index);
                 if u32::from(self.irq & flag != 0) != wanted {
