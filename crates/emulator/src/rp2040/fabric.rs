@@ -413,9 +413,7 @@ impl Fabric {
             WATCHDOG => self.watchdog.read(offset, cycle),
             ROSC => self.clocks.read_rosc(offset, cycle),
             PIO0 | PIO1 => self.pio[usize::from(base == PIO1)].read(offset, cycle),
-            _ if is_plain(address) => {
-                self.plain_register(base | offset)
-            }
+            _ if is_plain(address) => self.plain_register(base | offset),
             _ => return Err(BusFault { address }),
         })
     }
