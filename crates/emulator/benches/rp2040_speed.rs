@@ -58,10 +58,10 @@ fn pulses(chip: &mut Rp2040) {
         chip.write(own + 0x04, 3 << 12, &mut ());
         chip.write(own + 0x08, 1 << 30 | 1 << 19 | 1 << 17, &mut ());
         // set pindirs, 3; then OUT has two pins.
-        chip.write(own + 0x14, 2 << 26 | 2 * machine << 5, &mut ());
+        chip.write(own + 0x14, 2 << 26 | machine << 6, &mut ());
         chip.write(own + 0x10, 0xe083, &mut ());
         chip.run(chip.cycle() + 10, &mut ());
-        chip.write(own + 0x14, 2 << 20 | 2 * machine, &mut ());
+        chip.write(own + 0x14, 2 << 20 | machine << 1, &mut ());
         let channel = 0x5000_0000 + 0x40 * machine;
         let request = machine / 4 * 8 + number;
         for (offset, value) in [

@@ -204,13 +204,8 @@ fn triggers() {
 #[test]
 fn pacing_timers() {
     let mut bench = Bench::new();
-    bench.give([0], 5);
-    bench.set(0xd000_0020, 1);
     // Two transfers in five cycles.
     bench.set(DMA + 0x420, 2 << 16 | 5);
-    let machine = Machine::new(0, 0);
-    machine.load(&mut bench, &pio_asm!("pull block", "push block").program, 0);
-    machine.enable(&mut bench);
     let begin = bench.now();
     start(&mut bench, 0, RAM, RAM + 0x100, 400, EN | WORD | INCR_READ | request(0x3b));
     bench.run(1004);

@@ -456,7 +456,7 @@ impl Dma {
                     let byte = if mode & 1 != 0 { byte.reverse_bits() } else { *byte };
                     for bit in (0..8).rev() {
                         let carry = (self.sniff_data >> top ^ u32::from(byte >> bit)) & 1;
-                        self.sniff_data = self.sniff_data << 1 ^ carry * polynomial;
+                        self.sniff_data = (self.sniff_data << 1) ^ (carry * polynomial);
                     }
                 }
             }

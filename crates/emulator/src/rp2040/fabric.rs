@@ -304,6 +304,18 @@ impl Fabric {
         if address >> 28 == 4 { APB_WRITE_WAITS } else { 0 }
     }
 
+    /// Whether a reading would take a word from an RX FIFO of a PIO block, and there is one.
+    pub(super) fn pio_word(&self, address: u32) -> Option<bool> {
+        let block = usize::from(address & !0x3fff == PIO1);
+        (address & !0x3fff | 0x10_0000 == PIO1).then(|| self.pio[block].has_word(address & 0xffc)).flatten()
+    }
+
+    /// Somebody reads an empty RX FIFO: 0.
+    pub(super) fn pio_underflow(&mut self, address: u32) -> u32 {
+        self.pio[usize::from(address & !0x3fff == PIO1)].underflow(address & 0xffc);
+        0
+    }
+
     /// Where in memory an address lies.
     #[inline]
     pub(super) fn sram_offset(address: u32) -> Option<usize> {
@@ -401,9 +413,7 @@ impl Fabric {
             WATCHDOG => self.watchdog.read(offset, cycle),
             ROSC => self.clocks.read_rosc(offset, cycle),
             PIO0 | PIO1 => self.pio[usize::from(base == PIO1)].read(offset, cycle),
-            _ if address < 0x4007_4000 || address < 0x5070_0000 && address >= 0x5010_0000 => {
-                self.plain_register(base | offset)
-            }
+            _ if is_plain(address) => self.plain_register(base | offset),
             _ => return Err(BusFault { address }),
         })
     }
@@ -504,7 +514,7 @@ impl Fabric {
                 self.requests |= u64::from(effects.requests) << (8 * block);
             }
             SYSINFO => {}
-            _ if address < 0x4007_4000 || address < 0x5070_0000 && address >= 0x5010_0000 => {
+            _ if is_plain(address) => {
                 let register = self.plain.entry(base | offset).or_insert(0);
                 *register = merge(*register);
             }
@@ -524,6 +534,11 @@ impl Fabric {
             | u32::from(self.uart[0].line_asserted()) << 20
             | u32::from(self.uart[1].line_asserted()) << 21
     }
+}
+
+/// Where something lies that is not modelled, or only partly.
+fn is_plain(address: u32) -> bool {
+    matches!(address, 0x4000_0000..0x4007_4000 | 0x5010_0000..0x5050_0000)
 }
 
 /// The bytes that a narrow reading takes from a word.

@@ -139,6 +139,10 @@ impl System {
             lane(word, address, size)
         } else if address & 0xffff_c000 == DMA {
             if self.fabric.dma_is_held() { 0 } else { lane(self.dma.read(address & 0xffc), address, size) }
+        } else if let Some(has_word) = self.fabric.pio_word(address) {
+            // The machine sees in this cycle that the word is still there, and a word that it pushes now comes too late.
+            self.advance(at + 1, observer);
+            if has_word { self.fabric.read(address, size, at, observer)? } else { self.fabric.pio_underflow(address) }
         } else {
             self.fabric.read(address, size, at, observer)?
         };

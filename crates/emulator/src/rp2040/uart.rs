@@ -255,7 +255,7 @@ impl Uart {
             }
         }
         // 32 bit periods without another (DDI 0183 §2.8.3).
-        self.timeout_at = cycle + (32 * self.bit_256 >> 8);
+        self.timeout_at = cycle + ((32 * self.bit_256) >> 8);
     }
 
     // Time.
