@@ -4,7 +4,7 @@
 //! - this file: start-up and the main loop
 //! - [`machine`]: what the link asks of a board, done on this one
 //! - [`steps`]: from packed bytes to edges on the pins
-//! - [`link`]: the serial line
+//! - [`link`], [`usb`]: the serial line, and the serial port over USB; whoever spoke last is answered
 //! - [`clock`]: the chip's clocks, and SysTick extended to 64 bits
 //! - [`reset`]: the watchdog, and why the program began
 //! - [`start`]: vectors, and memory that there is one of
@@ -28,10 +28,13 @@ mod regs;
 mod reset;
 mod start;
 mod steps;
+mod usb;
 
 use link::Line;
 use machine::Board;
+use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Decoder, MAX_BODY, MAX_FRAME, Millis, Service};
+use usb::Usb;
 
 /// Bytes that one round of the main loop takes from the line at most.
 const BYTES_A_ROUND: usize = 32;
@@ -43,8 +46,12 @@ const NAP: [u32; 2] = [50, 500];
 struct All {
     board: Board,
     service: Service,
-    decoder: Decoder,
     line: Line,
+    usb: Usb,
+    /// Of line and USB.
+    decoders: [Decoder; 2],
+    /// The last frame came over USB: there the answers go.
+    by_usb: bool,
     reply: Reply,
 }
 
@@ -65,8 +72,10 @@ extern "C" fn main() -> ! {
     let mut all = All {
         board,
         service: Service::new(MAX_BODY),
-        decoder: Decoder::new(),
         line,
+        usb: Usb::open(),
+        decoders: [Decoder::new(), Decoder::new()],
+        by_usb: false,
         reply: Reply { bytes: [0; MAX_FRAME + 1], len: 0, sent: 0 },
     };
     reset::begin();
@@ -85,11 +94,12 @@ impl All {
             self.count_round(now - woken);
             woken = now;
             let millis = millis(now);
-            let heard = self.listen(millis);
+            self.usb.poll();
+            let heard = self.listen(millis) | self.listen_usb(millis);
             let spoke = self.speak(millis);
             if millis != last {
                 last = millis;
-                self.board.housekeeping(millis, &mut self.line);
+                self.board.housekeeping(millis, &mut self.line, self.by_usb);
             }
             if !(more || heard || spoke) {
                 self.nap();
@@ -109,10 +119,35 @@ impl All {
         *most = (*most).max(unread as u16);
         for _ in 0..BYTES_A_ROUND {
             let Some(byte) = self.line.take() else { break };
-            let received = self.decoder.push(byte);
-            self.service.receive(received, self.decoder.body(), now, &mut self.board);
+            let received = self.decoders[0].push(byte);
+            self.answer_by(received, false);
+            self.service.receive(received, self.decoders[0].body(), now, &mut self.board);
         }
         true
+    }
+
+    /// The same, from USB.
+    #[inline(always)]
+    fn listen_usb(&mut self, now: Millis) -> bool {
+        if self.usb.waiting() == 0 {
+            return false;
+        }
+        for _ in 0..BYTES_A_ROUND {
+            let Some(byte) = self.usb.take() else { break };
+            let received = self.decoders[1].push(byte);
+            self.answer_by(received, true);
+            self.service.receive(received, self.decoders[1].body(), now, &mut self.board);
+        }
+        true
+    }
+
+    /// A frame says where the answers go; what was under way to the other one is dropped.
+    #[inline(always)]
+    fn answer_by(&mut self, received: Received, usb: bool) {
+        if matches!(received, Received::Frame(_)) && self.by_usb != usb {
+            self.by_usb = usb;
+            (self.reply.sent, self.reply.len) = (0, 0);
+        }
     }
 
     /// Sends what there is to say, as far as the line takes it; whether there was something.
@@ -124,13 +159,16 @@ impl All {
             reply.len = self.service.poll(now, &mut self.board, &mut reply.bytes);
         }
         let mut spoke = false;
-        while link::can_send()
-            && let Some(byte) = reply.bytes[..reply.len].get(reply.sent)
-        {
-            link::send(*byte);
+        while let Some(byte) = reply.bytes[..reply.len].get(reply.sent) {
+            match self.by_usb {
+                true if self.usb.can_send() => self.usb.send(*byte),
+                false if link::can_send() => link::send(*byte),
+                _ => return spoke,
+            }
             reply.sent += 1;
             spoke = true;
         }
+        self.usb.flush();
         spoke
     }
 
