@@ -95,7 +95,7 @@ impl All {
             woken = now;
             let millis = millis(now);
             self.usb.poll();
-            let heard = self.listen(millis) | self.listen_usb(millis);
+            let heard = self.listen(millis);
             let spoke = self.speak(millis);
             if millis != last {
                 last = millis;
@@ -108,35 +108,23 @@ impl All {
         }
     }
 
-    /// Takes bytes from the line; whether there were some.
+    /// Takes bytes from the line, or else from USB; whether there were some. One place for both: the way into the board is
+    /// long, and is there once.
     #[inline(always)]
     fn listen(&mut self, now: Millis) -> bool {
         let unread = self.line.waiting();
-        if unread == 0 {
+        let usb = unread == 0;
+        if usb && self.usb.waiting() == 0 {
             return false;
         }
         let most = &mut self.board.measures.most_unread;
         *most = (*most).max(unread as u16);
         for _ in 0..BYTES_A_ROUND {
-            let Some(byte) = self.line.take() else { break };
-            let received = self.decoders[0].push(byte);
-            self.answer_by(received, false);
-            self.service.receive(received, self.decoders[0].body(), now, &mut self.board);
-        }
-        true
-    }
-
-    /// The same, from USB.
-    #[inline(always)]
-    fn listen_usb(&mut self, now: Millis) -> bool {
-        if self.usb.waiting() == 0 {
-            return false;
-        }
-        for _ in 0..BYTES_A_ROUND {
-            let Some(byte) = self.usb.take() else { break };
-            let received = self.decoders[1].push(byte);
-            self.answer_by(received, true);
-            self.service.receive(received, self.decoders[1].body(), now, &mut self.board);
+            let byte = if usb { self.usb.take() } else { self.line.take() };
+            let Some(byte) = byte else { break };
+            let received = self.decoders[usize::from(usb)].push(byte);
+            self.answer_by(received, usb);
+            self.service.receive(received, self.decoders[usize::from(usb)].body(), now, &mut self.board);
         }
         true
     }

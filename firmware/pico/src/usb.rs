@@ -115,7 +115,7 @@ impl Usb {
     /// Does what the host asks for.
     #[inline(always)]
     pub(crate) fn poll(&mut self) {
-        if usb::INTS.read() & (1 << 16 | 1 << 12) != 0 || usb::BUFF_STATUS.read() & 3 != 0 {
+        if usb::INTS.read() != 0 {
             self.serve();
         }
     }
@@ -160,7 +160,7 @@ impl Usb {
     }
 
     /// The next byte from the host, if one came.
-    #[inline(always)]
+    #[inline(never)]
     pub(crate) fn take(&mut self) -> Option<u8> {
         if self.waiting() == 0 {
             return None;
