@@ -3,6 +3,7 @@
 //! What happens in cycle t reads what was there in the beginning of t and is seen in t + 1. State machines come first,
 //! then the DMA, then the slow peripherals; the processor's access comes last.
 
+use super::chip::Rp2040;
 use super::dma::Dma;
 use super::fabric::{APB_READ_WAITS, APB_WRITE_WAITS, Fabric, lane, merging, replicate};
 use super::pio::Pio;
@@ -223,9 +224,9 @@ impl System {
     /// The half-word of an instruction, and the cycles waited for it.
     #[inline]
     pub(super) fn fetch(&mut self, address: u32) -> Result<(u16, u32), BusFault> {
-        if let Some(offset) = Fabric::sram_offset(address) {
-            let half = self.fabric.read_sram(offset, Size::Half).ok_or(BusFault { address })?;
-            return Ok((half as u16, 0));
+        let offset = address.wrapping_sub(Rp2040::RAM_ADDRESS) as usize;
+        if let Some(&[low, high]) = self.fabric.sram.get(offset..offset + 2) {
+            return Ok((u16::from_le_bytes([low, high]), 0));
         }
         match address >> 24 {
             0x10..=0x13 => {
