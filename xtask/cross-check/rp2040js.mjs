@@ -3,6 +3,13 @@
 //
 //     node rp2040js.mjs MODULE instructions < cases        (MODULE: the path of the package's index.js)
 //     node rp2040js.mjs MODULE program IMAGE
+//     node rp2040js.mjs MODULE firmware IMAGE < what `cross_check_arm firmware` has printed
+//     node rp2040js.mjs MODULE usb IMAGE
+//
+// `firmware` executes the same instructions: what they load comes from the other side, so that peripherals and time do not
+// matter; exceptions are entered where it entered them. It prints `COUNT instructions, LOADS loads, EXCEPTIONS exceptions,
+// CHAINED of them chained`, or where the two part.
+// `usb` lets rp2040js's own PC enumerate the device.
 //
 // The last line is `met NAME=TIMES...`: how often it was put right where rp2040js 1.4.1 is not the manual's (ARM DDI 0419E)
 // or the TRM's (DDI 0484C):
@@ -18,13 +25,17 @@
 import { readFileSync } from 'node:fs';
 import { pathToFileURL } from 'node:url';
 
-const { RP2040 } = await import(pathToFileURL(process.argv[2]));
+const { RP2040, USBCDC } = await import(pathToFileURL(process.argv[2]));
 
 const RAM = 0x20000000;
 const CODE = RAM + 0x8000;
 const WFI = 0xbf30;
 const LINE = 1000;
 const MOST_INSTRUCTIONS = 20_000_000;
+const FLASH = 0x10000000;
+const ELF_MAGIC = 0x464c457f;
+const USB_BYTES = 1000;
+const usbByte = (at) => (at * 7 + (at >> 8)) & 0xff;
 
 const mcu = new RP2040();
 const quiet = () => {};
@@ -163,6 +174,142 @@ function program(image) {
   throw new Error('the program does not end');
 }
 
+/** The bytes of a UF2 or ELF file, in flash. */
+function loadFlash(path) {
+  const file = readFileSync(path);
+  const put = (address, bytes) => mcu.flash.set(bytes, address - FLASH);
+  if (file.readUInt32LE(0) === ELF_MAGIC) {
+    for (let number = 0; number < file.readUInt16LE(44); number++) {
+      const header = file.readUInt32LE(28) + 32 * number;
+      const [kind, offset, , physical, bytes] = [0, 4, 8, 12, 16].map((field) => file.readUInt32LE(header + field));
+      if (kind === 1 && bytes) put(physical, file.subarray(offset, offset + bytes));
+    }
+  } else {
+    for (let block = 0; block < file.length; block += 512) {
+      const bytes = file.readUInt32LE(block + 16);
+      put(file.readUInt32LE(block + 12), file.subarray(block + 32, block + 32 + bytes));
+    }
+  }
+  core.VTOR = FLASH + 0x100;
+  core.reset();
+  core.LR = 0xffffffff;
+}
+
+function firmware(image) {
+  loadFlash(image);
+  const events = readFileSync(0, 'utf8').trim().split('\n').map((line) => line.split(' '));
+  let at = 0;
+  const next = (kind) => {
+    if (events[at]?.[0] !== kind) throw new Error(`line ${at}: ${events[at]}, where rp2040js has ${kind}`);
+    return events[at++];
+  };
+  // Instructions come from memory; what they load from the other side; what they store goes to memory only.
+  const isRam = (address) => address >= RAM && address < RAM + mcu.sram.length;
+  let fetches = 0;
+  let returning = false;
+  let loads = 0;
+  const load = (mask) => {
+    loads++;
+    return (parseInt(next('v')[1], 16) & mask) >>> 0;
+  };
+  core.readUint32 = (address) => (returning ? mcu.readUint32(address) : load(0xffffffff));
+  core.readUint8 = () => load(0xff);
+  const isWide = (word) => word >> 12 === 0b1111 || word >> 11 === 0b11101;
+  core.readUint16 = (address) => {
+    if (fetches > 0) {
+      const word = mcu.readUint16(address);
+      fetches = fetches === 2 && isWide(word) ? 1 : 0;
+      return word;
+    }
+    return load(0xffff);
+  };
+  for (const bytes of [1, 2, 4]) {
+    const name = `writeUint${8 * bytes}`;
+    core[name] = (address, value) => {
+      if (isRam(address >>> 0)) mcu[name](address >>> 0, value);
+    };
+  }
+  core.checkForInterrupts = () => false;
+  // A return: back to what was interrupted; or, if another exception follows it, only as far as that one's vector.
+  const unstack = core.exceptionReturn.bind(core);
+  let count = 0;
+  let exceptions = 0;
+  let chained = 0;
+  core.exceptionReturn = (value) => {
+    const follows = (event) => event?.[0] === 't' && Number(event[1]) === count + 1;
+    if (follows(events[at]) || (events[at]?.[0] === 'h' && follows(events[at + 1]))) {
+      core.LR = (0xf0000000 | value) >>> 0;
+      core.PC -= 2;
+      return;
+    }
+    returning = true;
+    unstack(value);
+    returning = false;
+  };
+  let hash = 0x811c9dc5;
+  while (at < events.length) {
+    const [kind, when, exception, vector] = events[at];
+    if (kind === 'x' && Number(when) === count) {
+      at++;
+      exceptions++;
+      const read = core.readUint32;
+      core.readUint32 = () => (parseInt(vector, 16) & ~1) >>> 0;
+      core.exceptionEntry(Number(exception));
+      core.readUint32 = read;
+      continue;
+    }
+    if (kind === 't' && Number(when) === count) {
+      at++;
+      chained++;
+      core.IPSR = Number(exception);
+      core.PC = (parseInt(vector, 16) & ~1) >>> 0;
+      continue;
+    }
+    if (kind === 'h' && Number(when) === count) {
+      if (hex(hash) !== events[at][2]) throw new Error(`before instruction ${count}: other registers or flags`);
+      at++;
+      continue;
+    }
+    core.waiting = false;
+    core.interruptsUpdated = false;
+    fetches = 2;
+    step();
+    count++;
+    for (let number = 0; number < 16; number++) hash = Math.imul(hash ^ core.registers[number], 0x01000193);
+    hash = Math.imul(hash ^ flags(), 0x01000193);
+  }
+  console.log(`${count} instructions, ${loads} loads, ${exceptions} exceptions, ${chained} of them chained`);
+  console.log(report());
+}
+
+function usb(image) {
+  loadFlash(image);
+  const cdc = new USBCDC(mcu.usbCtrl);
+  const back = [];
+  let connected = false;
+  // It forgets a buffer that the device has given it before it knew the endpoints: reminded of it here.
+  const early = new Map();
+  const { onEndpointRead } = mcu.usbCtrl;
+  mcu.usbCtrl.onEndpointRead = (endpoint, size) => {
+    if (cdc.outEndpoint < 0) early.set(endpoint, size);
+    else onEndpointRead(endpoint, size);
+  };
+  cdc.onDeviceConnected = () => {
+    connected = true;
+    if (early.has(cdc.outEndpoint)) onEndpointRead(cdc.outEndpoint, early.get(cdc.outEndpoint));
+  };
+  cdc.onSerialData = (data) => back.push(...data);
+  let sent = 0;
+  for (let count = 0; count < MOST_INSTRUCTIONS && back.length < USB_BYTES; count++) {
+    // Its queue holds 512 bytes.
+    if (connected && sent < USB_BYTES && cdc.txFIFO.itemCount < 64) cdc.sendSerialByte(usbByte(sent++));
+    mcu.clock.tick(core.executeInstruction() * 8);
+  }
+  console.log(`${connected ? 'Open' : 'Enumerating'} ${back.map((byte) => hex(byte, 2)).join('')}`);
+}
+
 const [mode, image] = process.argv.slice(3);
 if (mode === 'instructions') instructions();
-else program(image);
+else if (mode === 'program') program(image);
+else if (mode === 'firmware') firmware(image);
+else usb(image);

@@ -7,7 +7,8 @@
 //!   prescaler
 //! - [`Observer`]: what leaves a chip, stamped with its cycle: [`PinEdge`] and [`UartByte`]
 //! - [`LineByte`]: what someone else sends to it, at a speed of their own
-//! - [`hex`]: Intel HEX
+//! - [`arm`]: the Cortex-M0+, apart from any chip
+//! - [`hex`]: Intel HEX; [`image`]: ELF and UF2
 //!
 //! # What is not
 //! SPI, two-wire, ADC, analogue comparator (their registers keep what is written), Timer2 with a crystal of its own,

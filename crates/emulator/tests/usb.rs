@@ -4,6 +4,7 @@ mod pico;
 mod usb_device;
 
 use pico::{Bench, SET};
+use proptest::prelude::*;
 use pulsetrain_emulator::UsbState;
 use usb_device::*;
 
@@ -298,6 +299,27 @@ fn failure() {
     assert_eq!(desk.bench.chip.usb_state(), UsbState::Failed);
 }
 
+/// Descriptors that cannot be: the PC gives up, and does not ask for ever; without endpoints there is no port to open.
+#[test]
+fn odd_descriptors() {
+    let cases: [(&'static [u8], UsbState); 4] = [
+        (&[9, 2, 9, 0, 0, 1, 0, 0x80, 50], UsbState::Failed),
+        (&[8, 2, 75, 0, 0, 1, 0, 0x80], UsbState::Failed),
+        (&[], UsbState::Failed),
+        (&[9, 2, 12, 0, 0, 1, 0, 0x80, 50, 0, 4, 200], UsbState::Open),
+    ];
+    for (configuration, state) in cases {
+        let mut desk = Desk::new();
+        desk.device.configuration = configuration;
+        desk.bench.chip.usb_open(true);
+        desk.device.start(&mut desk.bench);
+        desk.until(300 * MS, |desk| desk.bench.chip.usb_state() == state);
+        desk.bench.chip.usb_send(b"to nobody");
+        desk.bench.run(5 * MS);
+        assert_eq!((desk.bench.chip.usb_state(), desk.bench.chip.usb_backlog()), (state, 9));
+    }
+}
+
 /// §4.1.4: SOF_RD has the frame's number; its interrupt goes when that is read.
 #[test]
 fn frames() {
@@ -386,4 +408,32 @@ fn interrupt_and_reset() {
     chip.write(0x4000_c000, 0, &mut ());
     chip.run(420, &mut ());
     assert_eq!((chip.read(SIE_CTRL, &mut ()), chip.read(DPRAM, &mut ())), (0, 0x5678), "memory stays");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// Whatever the firmware writes, the PC goes on, or gives up; and all is well after the cable was out.
+    #[test]
+    fn any_firmware(writes in prop::collection::vec((any::<bool>(), 0_u32..64, any::<u32>(), 0_u64..200_000), 100)) {
+        let mut desk = Desk::open();
+        desk.bench.chip.usb_send(&[1; 500]);
+        for (memory, word, value, wait) in writes {
+            desk.bench.set(if memory { DPRAM + 4 * word } else { REGISTERS + 4 * (word % 40) }, value);
+            desk.bench.run(wait);
+            desk.bench.get(BUFF_STATUS);
+            desk.device.poll(&mut desk.bench);
+        }
+        desk.bench.chip.usb_plug(false);
+        desk.bench.run(MS);
+        // Its registers as after a reset.
+        desk.bench.set(0x4000_c000 + SET, 1 << 24);
+        desk.bench.run(1);
+        desk.bench.set(0x4000_c000, 0);
+        desk.bench.run(1);
+        desk.device = Device::new();
+        desk.device.start(&mut desk.bench);
+        desk.bench.chip.usb_plug(true);
+        desk.until(400 * MS, |desk| desk.bench.chip.usb_state() == UsbState::Open);
+    }
 }

@@ -1,4 +1,8 @@
-//! ARMv6-M in rp2040js and in ours: half-words from random states, and a program with every instruction compared.
+//! ARMv6-M in rp2040js and in ours: half-words from random states; a program, and firmware, with every instruction
+//! compared; and a USB device that others wrote, enumerated by both.
+//!
+//! Firmware is executed here on the whole chip, with its interrupts; rp2040js then executes the same instructions, gets
+//! what they load from here, and enters exceptions where they were entered: its peripherals take no part.
 //!
 //! Left out of the random cases:
 //! - hints, `bkpt`, `udf`, `svc`: they act on what is not compared here
@@ -9,7 +13,7 @@
 //! Where rp2040js is not the chip: xtask/cross-check/rp2040js.mjs lists it by name, and puts it right.
 
 use super::{Outcome, Tools};
-use crate::command::{self, Done, Failure};
+use crate::command::{self, Done, Failure, root};
 use crate::random::Random;
 
 const SEED: u64 = 2040;
@@ -85,6 +89,56 @@ pub(super) fn program(tools: &Tools) -> Done<Outcome> {
 
 /// Where rp2040js was put right: name, how often.
 type Met = Vec<(&'static str, usize)>;
+
+pub(super) fn firmware(tools: &Tools) -> Done<Outcome> {
+    const INSTRUCTIONS: &str = "2000000";
+    // What others wrote, and every image of a Pico that is committed.
+    let mut images = vec![tools.compile_usb()?];
+    let folder = root().join("crates/board/images");
+    let committed = std::fs::read_dir(&folder).map_err(|why| Failure::File { path: folder, why })?;
+    images.extend(committed.flatten().map(|file| file.path()).filter(|path| path.extension() == Some("uf2".as_ref())));
+    let (mut differences, mut compared, mut met) = (Vec::new(), Vec::new(), Met::new());
+    for image in images {
+        let name = image.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let ours = command::output(tools.ours_arm().arg("firmware").arg(&image).arg(INSTRUCTIONS))?;
+        match tools.ask("arm", tools.rp2040js().arg("firmware").arg(&image), &ours) {
+            Ok(theirs) => {
+                let (lines, exceptions) = split(&theirs)?;
+                met = exceptions
+                    .into_iter()
+                    .enumerate()
+                    .map(|(at, (name, times))| (name, times + earlier(&met, at)))
+                    .collect();
+                compared.push(format!("{name}: {}", lines.join(" ")));
+            }
+            // It has said where they part.
+            Err(failure) => differences.push(format!("{name}: {failure}")),
+        }
+    }
+    Ok(Outcome { what: "firmware, with rp2040js", compared: compared.join("; "), differences, exceptions: met })
+}
+
+fn earlier(met: &Met, at: usize) -> usize {
+    met.get(at).map_or(0, |(_, times)| *times)
+}
+
+pub(super) fn usb(tools: &Tools) -> Done<Outcome> {
+    const BYTES: usize = 1000;
+    let image = tools.compile_usb()?;
+    let ours = command::output(tools.ours_arm().arg("usb").arg(&image))?;
+    let theirs = command::output(tools.rp2040js().arg("usb").arg(&image))?;
+    // What both send, each byte with its bits turned.
+    let back: String = (0..BYTES).map(|at| format!("{:02x}", !((at * 7 + at / 256) as u8))).collect();
+    let expected = format!("Open {back}");
+    let mut differences = Vec::new();
+    for (side, answer) in [("ours", ours), ("rp2040js", theirs)] {
+        if answer.trim() != expected {
+            differences.push(format!("{side}: {:.60}..., {} characters", answer.trim(), answer.trim().len()));
+        }
+    }
+    let compared = format!("rp2040-hal with usbd-serial enumerated by both, {BYTES} bytes there and back");
+    Ok(Outcome { what: "USB device, with rp2040js", compared, differences, exceptions: Vec::new() })
+}
 
 /// Answers, and what is after `met ` in the last line.
 fn split(text: &str) -> Done<(Vec<&str>, Met)> {

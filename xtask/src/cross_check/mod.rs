@@ -5,13 +5,13 @@
 //! - [`programs`]: C programs, each byte of output with its cycle
 //! - [`instructions`]: every opcode from random states
 //! - [`timers`]: random timer programs, each edge and each reading with its cycle
-//! - [`arm`]: half-words of ARMv6-M from random states, and a program, every instruction
+//! - [`arm`]: half-words of ARMv6-M from random states; a program and firmware, every instruction; a USB device
 //! - [`tools`]: the three sides, built and installed; each reads cases and prints a line for what happened
 //!
 //! # What is not
 //! Interrupts, the UART's timing, sleep, the watchdog, EEPROM: simavr and avr8js are not the chip there
-//! (docs/emulator.md). The emulator's own tests hold these against the datasheet. Exceptions of the Cortex-M0+: rp2040js
-//! takes no time for them.
+//! (docs/emulator.md). The emulator's own tests hold these against the datasheet. What an
+//! exception of the Cortex-M0+ takes: rp2040js has no time for it.
 
 mod arm;
 mod instructions;
@@ -44,6 +44,8 @@ pub(crate) fn run() -> Done {
         timers::compare(&tools)?,
         arm::instructions(&tools)?,
         arm::program(&tools)?,
+        arm::firmware(&tools)?,
+        arm::usb(&tools)?,
     ];
     let mut unexplained = 0;
     for outcome in &outcomes {

@@ -77,6 +77,19 @@ impl Tools {
         command(target_dir().join("release/examples/cross_check_arm"))
     }
 
+    /// Compiles `usb_serial`; gives back the ELF file.
+    pub(super) fn compile_usb(&self) -> Done<PathBuf> {
+        const TARGET: &str = "thumbv6m-none-eabi";
+        let target = self.folder.join("usb-serial");
+        let source = root().join("xtask/cross-check/usb_serial");
+        command::run(command("rustup").args(["target", "add", TARGET]))?;
+        // Beside its manifest, so that no other configuration holds; link.x is cortex-m-rt's, memory.x its own.
+        let mut build = cargo("build --quiet --release --locked --target");
+        build.arg(TARGET).current_dir(&source).env("CARGO_TARGET_DIR", &target);
+        command::run(build.env("RUSTFLAGS", format!("-Clink-arg=-Tlink.x -Clink-arg=-L{}", source.display())))?;
+        Ok(target.join(TARGET).join("release/usb-serial"))
+    }
+
     /// Compiles `programs/arm.rs`; gives back the raw image of RAM.
     pub(super) fn compile_arm(&self) -> Done<PathBuf> {
         command::run(command("rustup").args(["target", "add", "thumbv6m-none-eabi"]))?;

@@ -103,6 +103,7 @@ pub(crate) struct Device {
     /// Bits of data endpoints that are done and not yet seen to.
     done: u32,
     pub(crate) configured: bool,
+    pub(crate) configuration: &'static [u8],
     /// DTR and RTS.
     pub(crate) line_state: u8,
     /// The first bytes of requests, the newest first.
@@ -120,6 +121,7 @@ impl Device {
             out_data1: false,
             done: 0,
             configured: false,
+            configuration: &CONFIGURATION,
             line_state: 0,
             requests: [0; 16],
         }
@@ -174,7 +176,7 @@ impl Device {
         self.data1 = true;
         let descriptor: Option<&'static [u8]> = match (request, value) {
             (0x0680, 0x0100) => Some(&DEVICE),
-            (0x0680, 0x0200) => Some(&CONFIGURATION),
+            (0x0680, 0x0200) => Some(self.configuration),
             (0x0680, 0x0300) => Some(&LANGUAGES),
             (0x0680, 0x0301) => Some(&MAKER),
             _ => None,

@@ -283,10 +283,13 @@ impl Host {
                 let texts = [*manufacturer, *product, *serial].into_iter().filter(|index| *index != 0);
                 self.requests.extend(texts.map(Request::string));
             }
-            (Request::Descriptor { length: 9, .. }, [_, _, low, high, ..]) if data.len() == 9 => {
+            // The beginning of the configuration has the length of all of it.
+            (Request::Descriptor { length: 9, .. }, [9, _, low, high, ..])
+                if data.len() == 9 && u16::from_le_bytes([*low, *high]) > 9 =>
+            {
                 self.requests.push_front(Request::configuration(u16::from_le_bytes([*low, *high])));
             }
-            (Request::Descriptor { length, .. }, _) if !request.is_optional() && data.len() == usize::from(length) => {
+            (Request::Descriptor { length: 10.., .. }, [9, ..]) if !request.is_optional() => {
                 self.port = port(data);
                 self.requests.push_back(Request::SetConfiguration(self.port.configuration));
             }
