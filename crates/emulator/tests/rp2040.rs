@@ -315,7 +315,8 @@ fn spinlocks() {
     assert_eq!(bench.get(lock), 1 << 9);
 }
 
-/// §4.7: the counter loses two a tick (erratum RP2040-E1); the chip starts again, scratch registers and reason stay.
+/// §4.7: the counter loses two a tick (erratum RP2040-E1); the chip starts again, scratch registers and reason stay. A
+/// watchdog that is told to reset nothing (§2.13.5, WDSEL) resets nothing; TRIGGER is another reason; RUN is none.
 #[test]
 fn the_watchdog() {
     let mut bench = Bench::new();
@@ -324,6 +325,10 @@ fn the_watchdog() {
     bench.set(SIO + 0x24, 1 << 3);
     bench.set(SIO + 0x14, 1 << 3);
     bench.set(WATCHDOG + 0xc, 0x1234);
+    bench.set(WATCHDOG, 1 << 31);
+    bench.run(10);
+    assert_eq!(bench.seen.resets, []);
+    bench.set(0x4001_0008, 0x1_fffc);
     let load = bench.now();
     bench.set(WATCHDOG + 4, 2000);
     bench.set(WATCHDOG, 1 << 30);
@@ -338,6 +343,13 @@ fn the_watchdog() {
     // The pin falls back, clocks are slow again.
     assert_eq!((bench.edges(3), bench.chip.clock_hz()), (vec![(at, false)], 6_500_000));
     assert_eq!((bench.get(WATCHDOG + 8), bench.get(WATCHDOG + 0xc)), (1, 0x1234));
+    bench.set(0x4001_0008, 0x1_fffc);
+    bench.set(WATCHDOG, 1 << 31);
+    let end = bench.now() + 1000;
+    bench.chip.run(end, &mut bench.seen);
+    assert_eq!((bench.get(WATCHDOG + 8), bench.get(WATCHDOG + 0xc), bench.seen.resets.len()), (2, 0x1234, 2));
+    bench.chip.reset(&mut bench.seen);
+    assert_eq!((bench.get(WATCHDOG + 8), bench.get(WATCHDOG + 0xc)), (0, 0));
 }
 
 // Programs. Thumb code by hand; what is asked of the processor itself is in its own tests.

@@ -10,7 +10,7 @@ use super::sio::Sio;
 use super::timer::Timer;
 use super::uart::Uart;
 use super::usb::Usb;
-use super::watchdog::Watchdog;
+use super::watchdog::{Cause, Watchdog};
 use super::xip::Xip;
 use crate::Observer;
 use crate::arm::{BusFault, Size};
@@ -49,6 +49,9 @@ const USB_DPRAM_BYTES: u32 = 4096;
 const USB: u32 = 0x5011_0000;
 const PIO0: u32 = 0x5020_0000;
 const PIO1: u32 = 0x5030_0000;
+
+/// The bit of processor 0 in the power-on state machine's registers.
+const PSM_PROC0: u32 = 1 << 15;
 
 /// Bits of RESETS (§2.14.3).
 mod reset {
@@ -127,13 +130,13 @@ impl Fabric {
         }
     }
 
-    /// As after a reset of the whole chip but for the watchdog's scratch registers; memory stays.
-    pub(super) fn reset(&mut self, forced: bool, cycle: u64, observer: &mut impl Observer) {
+    /// As after a reset of the whole chip; memory stays.
+    pub(super) fn reset(&mut self, cause: Cause, cycle: u64, observer: &mut impl Observer) {
         self.hold(reset::ALL, cycle);
         self.resets = reset::ALL;
         self.sio = Sio::new();
         self.xip.flush();
-        self.watchdog.reset(forced);
+        self.watchdog.reset(cause);
         self.clocks = Clocks::new();
         self.plain.clear();
         self.clocks_changed(cycle, observer);
@@ -222,6 +225,11 @@ impl Fabric {
             self.clocks_changed(cycle, observer);
         }
         self.watchdog.next <= cycle
+    }
+
+    /// Whether the watchdog may reset the processor, and with it, here, the whole chip (§2.13.5, PSM WDSEL).
+    pub(super) fn watchdog_resets(&self) -> bool {
+        self.plain_register(PSM | 8) & PSM_PROC0 != 0
     }
 
     /// Frequencies are other ones from a cycle on, maybe.

@@ -7,6 +7,7 @@ use super::chip::Rp2040;
 use super::dma::Dma;
 use super::fabric::{APB_READ_WAITS, APB_WRITE_WAITS, Fabric, lane, merging, replicate};
 use super::pio::Pio;
+use super::watchdog::Cause;
 use crate::Observer;
 use crate::arm::{Bus, BusFault, Size};
 
@@ -22,8 +23,8 @@ pub(super) struct System {
     pub(super) next: u64,
     /// Interrupt lines may have changed.
     pub(super) lines_changed: bool,
-    /// The watchdog, or a program, wants a reset: whether it was forced.
-    pub(super) reset: Option<bool>,
+    /// The watchdog, or the program, wants a reset.
+    pub(super) reset: Option<Cause>,
 }
 
 impl System {
@@ -65,7 +66,9 @@ impl System {
         }
         if self.fabric.next_slow() == now {
             if self.fabric.run_slow(now, observer) {
-                self.reset = Some(false);
+                if self.fabric.watchdog_resets() {
+                    self.reset = Some(Cause::RanOut);
+                }
                 self.fabric.watchdog.next = NEVER;
             }
             self.lines_changed = true;
@@ -87,8 +90,8 @@ impl System {
         if std::mem::take(&mut self.fabric.reset_dma) {
             self.dma = Dma::new();
         }
-        if self.fabric.watchdog.triggered() {
-            self.reset = Some(true);
+        if self.fabric.watchdog.triggered() && self.fabric.watchdog_resets() {
+            self.reset = Some(Cause::Forced);
         }
     }
 
@@ -290,6 +293,6 @@ impl<O: Observer> Bus for CoreBus<'_, O> {
     }
 
     fn request_reset(&mut self) {
-        self.system.reset = Some(true);
+        self.system.reset = Some(Cause::Program);
     }
 }
