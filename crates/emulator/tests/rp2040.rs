@@ -388,6 +388,33 @@ fn bus_cycles() {
     }
 }
 
+/// Two blocks enabled one after the other, by two stores, begin two cycles apart.
+#[test]
+fn two_enables() {
+    // str r1, [r0]; str r1, [r2]; wfi; b to it
+    let mut bench =
+        Bench { chip: Rp2040::new(&flash(&[0x6001, 0x6011, 0xbf30, 0xe7fd])).expect("it fits"), seen: Seen::default() };
+    bench.set(RESETS, 0);
+    for block in 0..2 {
+        let machine = Machine::new(block, 0);
+        let program = pio_asm!("set pins, 1", "h:", "jmp h").program;
+        for (at, word) in program.code.iter().enumerate() {
+            bench.set(machine.base() + 0x48 + 4 * at as u32, (*word).into());
+        }
+        bench.set(machine.pinctrl(), 1 << 26 | block << 5);
+        bench.give([block], 6 + block);
+        // OEOVER: an output, whatever the machine says.
+        bench.set(0x4001_4004 + 8 * block, 6 + block | 3 << 12);
+    }
+    for (register, value) in [(0, 0x5020_0000), (1, 1), (2, 0x5030_0000)] {
+        bench.chip.cpu_mut().set_register(register, value);
+    }
+    bench.chip.run(300, &mut bench.seen);
+    let edges: Vec<_> =
+        bench.seen.edges.iter().map(|edge| (edge.gpio, edge.cycle - bench.seen.edges[0].cycle)).collect();
+    assert_eq!(edges, [(0, 0), (1, 2)]);
+}
+
 /// A program that sleeps until the timer's alarm, and toggles a pin in its handler, from RAM: what comes between the
 /// match and the edge is 1 cycle to the flag, 15 of entry (TRM: 15 without waiting; here 12 of stacking and 3 to the
 /// handler), and the handler's.
