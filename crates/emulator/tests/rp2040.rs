@@ -209,6 +209,23 @@ fn uart_interrupts() {
     assert_eq!(bench.get(UART0 + 0x3c), 1 << 5);
 }
 
+/// Clock and pins may come last: what was written goes out then, and a character that begins after that is heard.
+#[test]
+fn uart_set_up_backwards() {
+    let mut bench = Bench::new();
+    for (offset, value) in [(0x24, 1), (0x28, 0), (0x2c, 0x70), (0x30, 0x301), (0, 5)] {
+        bench.set(UART0 + offset, value);
+    }
+    bench.chip.receive(0, LineByte::new(bench.now() + 500, 0x77, 16 * 256));
+    bench.run(100);
+    bench.set(CLOCKS + 0x48, 1 << 11);
+    bench.run(10);
+    bench.give([0, 1], 2);
+    bench.run(1000);
+    assert_eq!(bench.seen.sent.iter().map(|byte| byte.byte()).collect::<Vec<_>>(), [5]);
+    assert_eq!(bench.get(UART0), 0x77);
+}
+
 /// No pin, no characters: a program that forgets FUNCSEL is mute and deaf.
 #[test]
 fn uart_without_pins() {

@@ -243,7 +243,7 @@ impl Fabric {
         }
         let (peri, sys) = (self.clocks.peri_hz(cycle), self.clocks.sys_hz());
         for uart in &mut self.uart {
-            uart.set_clocks(peri, sys);
+            uart.set_clocks(peri, sys, cycle);
         }
         self.usb.set_clock(sys, cycle);
     }
@@ -270,11 +270,11 @@ impl Fabric {
     }
 
     /// Which pins the UARTs have (§2.19.2): every fourth is the TX or RX of one of them.
-    fn connect_uarts(&mut self) {
+    fn connect_uarts(&mut self, cycle: u64) {
         const TX: [u32; 2] = [1 << 0 | 1 << 12 | 1 << 16 | 1 << 28, 1 << 4 | 1 << 8 | 1 << 20 | 1 << 24];
         let pins = self.gpio.pins_of(function::UART);
         for (uart, tx) in self.uart.iter_mut().zip(TX) {
-            uart.connected = [pins & tx != 0, pins & tx << 1 != 0];
+            uart.connect([pins & tx != 0, pins & tx << 1 != 0], cycle);
         }
         // The line rests high; characters are told as such, not as edges.
         (self.gpio.uart.levels, self.gpio.uart.directions) = (u32::MAX, TX[0] | TX[1]);
@@ -483,13 +483,13 @@ impl Fabric {
                 let wanted = merge(self.resets) & reset::ALL;
                 self.hold(wanted & !self.resets, cycle + 1);
                 self.resets = wanted;
-                self.connect_uarts();
+                self.connect_uarts(cycle + 1);
                 self.clocks_changed(cycle + 1, observer);
                 self.drive(cycle + 1, observer);
             }
             IO_BANK0 => {
                 self.gpio.write(offset, value, merge);
-                self.connect_uarts();
+                self.connect_uarts(cycle + 1);
                 self.drive(cycle + 1, observer);
             }
             PADS_BANK0 => {
