@@ -281,7 +281,7 @@ fn pulse_trains(machines: u32, wait: u32, delay: impl Fn(u32, u32) -> u32) -> Ve
         machine.load(&mut bench, &program, 0);
         bench.set(machine.base() + 0x48 + 4 * 3, u32::from(program.code[3]) | wait << 8);
         machine.outputs(&mut bench, 2 * number, 2);
-        bench.set(machine.pinctrl(), 2 << 20 | 2 * number);
+        bench.set(machine.pinctrl(), 2 << 20 | number << 1);
         bench.set(machine.shiftctrl(), 1 << 30 | 1 << 19 | 1 << 17);
         let words: Vec<u32> = (0..WORDS).map(|n| delay(number, n) | 1 << 28).collect();
         let at = RAM + 0x1000 * number;
