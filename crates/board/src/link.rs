@@ -256,6 +256,12 @@ impl Link {
         self.row.push_back(Frame { seq, fills: Some((motor, packed.len())), bytes });
     }
 
+    /// How many frames wait to be sent, or to be confirmed.
+    #[must_use]
+    pub fn frames(&self) -> usize {
+        self.row.len()
+    }
+
     /// Asks for news of the queues, unless that is on its way already.
     pub fn poll(&mut self, now: Duration) {
         if self.row.is_empty() {

@@ -19,6 +19,9 @@ use std::time::Duration;
 /// How often the board is asked for its status while time passes.
 const STATUS_EVERY: Duration = Duration::from_millis(50);
 
+/// A frame that is not full goes out when fewer are on their way, if it is half full; else when none is.
+const GATHERED: usize = 2;
+
 /// How often it is asked for room while a queue is fuller than half.
 const ROOM_EVERY: Duration = Duration::from_millis(3);
 
@@ -569,6 +572,18 @@ impl<P: Port> Remote<P> {
         }
     }
 
+    /// The same, but for what may wait: as long as frames are on their way more is gathered, so that frames are long.
+    fn gather(&mut self) {
+        let now = self.port.now();
+        let much = self.link.max_packed() / 2;
+        for (index, motor) in (0..).zip(&mut self.motors) {
+            let most = if motor.packed.len() > much { GATHERED } else { 1 };
+            if self.link.frames() < most {
+                motor.flush(index, &mut self.link, now);
+            }
+        }
+    }
+
     /// Notes that the board is being told something that it may move for.
     fn tell(&mut self) {
         self.told = self.port.now();
@@ -768,8 +783,8 @@ impl<P: Port> Board for Remote<P> {
     }
 
     fn advance(&mut self, until: u64, observer: &mut impl Observer) {
-        self.flush();
         while self.now() <= until {
+            self.gather();
             if self.error.is_none() {
                 self.look_after();
             }

@@ -119,11 +119,12 @@ fn run(board: &mut Board, service: &mut Service, receiver: &mut Receiver, reply:
 }
 
 impl Reply {
-    /// Sends its next byte, if the line takes it.
+    /// Sends its next bytes, as many as the line takes: two, if it has been waiting.
     #[inline(always)]
     fn go_on(&mut self) {
-        if link::can_send()
+        while link::can_send()
             && let Some(byte) = self.bytes.get(usize::from(self.sent))
+            && self.sent < self.len
         {
             link::send(*byte);
             self.sent += 1;

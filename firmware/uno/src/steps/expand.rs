@@ -11,8 +11,8 @@
 //! # Cycles
 //! | into | changing law | cruise (add = add2 = 0) | around n steps |
 //! |---|---|---|---|
-//! | a ring | 23.5 | 15.5 | 100 |
-//! | a ring, all of which these steps have filled already | 19.5 | 11.5 | 100 |
+//! | a ring | 23.5 | the same | 100, and some 22 for every 12 |
+//! | a ring, all of which these steps have filled already | 19.5 | 11.5 | the same |
 //! | a list | 18.5 | 10.5 | 100 |
 
 use core::arch::global_asm;
@@ -27,6 +27,9 @@ const _: () = assert!(offset_of!(Registers, add) == 11);
 const _: () = assert!(offset_of!(Registers, add2) == 15);
 const _: () = assert!(offset_of!(Registers, left) == 19);
 
+/// So many steps of a ring are published at once: which takes some 22 cycles.
+const SOME: u8 = 12;
+
 // Arguments: Y the registers (the motor), Z where the ticks go, r20 n, r18 and r19 rise and fall (ring only), r17 the length
 // of long pulses. Result: r24, the low byte of where the last one went. Keeps Y, r1 to r7, and r17 but for lists; not X.
 // Registers of the processor while expanding:
@@ -36,7 +39,9 @@ const _: () = assert!(offset_of!(Registers, left) == 19);
 //   r9 to r12      add
 //   r13 to r16     add2
 //   r20            steps left of the batch
-//   r18 r19        rise and fall (ring only)
+//   r18 r19        first and last byte of a group (ring only)
+//   r5             steps left beyond the batch (ring only)
+//   r6 r7 r17      see above
 //   Y              the Registers; Z where the ticks go
 global_asm!(
     r#"
@@ -127,13 +132,15 @@ global_asm!(
     std Z+3, r19
     .endm
 
-    .macro expander name, store
+    .macro expander name, store, cruise
     .section .text.\name, "ax", @progbits
     .global \name
 \name:
     expand_enter                        //                              52
+    .if \cruise
     brne 8f                             // 2                            54
     rjmp 5f
+    .endif
 8:  sbrs r20, 0                         // 2 when odd, 3 when even
     rjmp 2f                             //                              57
 1:  advance_tick
@@ -151,6 +158,7 @@ global_asm!(
     brne 2b                             // 2: 3 for two steps
 3:  expand_leave_lawful                 //                              8
 4:  expand_leave                        //                              32
+    .if \cruise
 5:  sbrs r20, 0
     rjmp 7f
 6:  advance_tick
@@ -164,6 +172,7 @@ global_asm!(
     subi r20, 2
     brne 7b
     rjmp 4b
+    .endif
     .endm
 
     // Into groups that toggle the same already.                                                    5
@@ -171,6 +180,79 @@ global_asm!(
     std Z+1, r23
     std Z+2, r22
     subi r30, -4
+    .endm
+
+    // Into a ring, which gets them some at a time: r5 are left.                                    5
+    .macro ring_some
+    ldi r20, {SOME}
+    cp r5, r20
+    brsh .+2
+    mov r20, r5
+    sub r5, r20
+    .endm
+
+    // Z becomes the pending group; the one that was, r6, is published with the first byte r17.     9
+    .macro ring_publish
+    st Z, r7
+    eor r30, r6
+    eor r6, r30
+    eor r30, r6
+    st Z, r17
+    mov r30, r6
+    mov r17, r18
+    .endm
+
+    .macro ring_expander name, store, cruise
+    .section .text.\name, "ax", @progbits
+    .global \name
+\name:
+    expand_enter
+    mov r5, r20
+    .if \cruise
+    brne 8f
+    rjmp 5f
+    .endif
+8:  ring_some
+    sbrs r20, 0
+    rjmp 2f
+1:  advance_tick
+    \store
+    advance_interval
+    dec r20
+    breq 3f
+2:  advance_tick
+    \store
+    advance_interval
+    advance_tick
+    \store
+    advance_interval
+    subi r20, 2
+    brne 2b
+3:  ring_publish
+    tst r5
+    breq .+2
+    rjmp 8b
+    expand_leave_lawful
+4:  expand_leave
+    .if \cruise
+5:  ring_some
+    sbrs r20, 0
+    rjmp 7f
+6:  advance_tick
+    \store
+    dec r20
+    breq 9f
+7:  advance_tick
+    \store
+    advance_tick
+    \store
+    subi r20, 2
+    brne 7b
+9:  ring_publish
+    tst r5
+    brne 5b
+    rjmp 4b
+    .endif
     .endm
 
     // A long pulse: two groups a step, the second r17 ticks after the first.                       22
@@ -206,10 +288,11 @@ global_asm!(
     st Z+, r19
     .endm
 
-    expander steps_expand_ring, ring_store
-    expander steps_expand_ring_again, ring_store_tick
-    expander steps_expand_list, list_store
-    expander steps_expand_ring_long, ring_store_long
-    expander steps_expand_list_long, list_store_long
+    ring_expander steps_expand_ring, ring_store, 0
+    ring_expander steps_expand_ring_again, ring_store_tick, 1
+    expander steps_expand_list, list_store, 1
+    expander steps_expand_ring_long, ring_store_long, 0
+    expander steps_expand_list_long, list_store_long, 0
     "#,
+    SOME = const SOME,
 );

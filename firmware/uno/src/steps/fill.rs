@@ -1,10 +1,9 @@
 //! The ring of a motor that has one of its own: plan, expand, publish, until the ring is full.
 //!
 //! # Cycles
-//! 80 a batch and 90 a call, beside what [`plan`](super::plan) and [`expand`](super::expand) take.
+//! 90 a batch, beside what [`plan`](super::plan) and [`expand`](super::expand) take.
 
 use super::motor::Motor;
-use super::plan::Plan;
 use super::ring::Ring;
 use super::stepper::Track;
 use super::times;
@@ -13,29 +12,22 @@ use core::mem::offset_of;
 
 /// A ring is filled when it has room for so many groups.
 const ROOM: u8 = 14;
-/// Steps that are expanded at once when there is room for [`LOW`] of them or more: the ring runs low. Else as many as there is
-/// room for.
-const FEW: u8 = 16;
-const LOW: u8 = 30;
-/// Batches that are expanded in one go.
-const BATCHES: u8 = 8;
-/// The answer when the ring is full, or has had its batches.
-const FULL: u8 = 255;
+/// Long pulses that are expanded at once, at most.
+const FEW: u8 = 8;
+/// Batches of steps that one call makes at most; what Rust puts into the ring counts twice.
+const THINGS: u8 = 8;
 
 global_asm!(
     r#"
     .section .text.steps_fill, "ax", @progbits
     .global steps_fill
-    // r24:25: the track; r22:23: its motor. The result is that of steps_plan, or FULL in r24.
-    // Inside, r2:3 is the track, Y the motor; the batches left are on the stack.
+    // For the task: r24:25 is the track, r22:23 its motor. Uses all registers.
+    // Inside, r2:3 is the track, Y the motor, r4 how many things may be done yet.
 steps_fill:
-    .irp r, 2,3,8,9,10,11,12,13,14,15,16,17,28,29
-    push r\r
-    .endr
     movw r2, r24
     movw r28, r22
-    ldi r24, {BATCHES}
-    push r24
+    ldi r24, {THINGS}
+    mov r4, r24
 fill_next:
     // Is there room?
     movw r30, r2
@@ -49,31 +41,34 @@ fill_next:
     lsr r26
     cpi r26, {ROOM}
     brlo 1f
-    pop r24
-    subi r24, 1
-    push r24
-    brcc 6f
-1:  ldi r24, {FULL}
-    rjmp fill_done
-6:  ldd r24, Y+{STEP}
+    dec r4
+    brpl 6f
+1:  ret
+6:  dec r26
+    ldd r24, Y+{STEP}
     ldd r25, Y+{STEP_FALL}
-    cpse r24, r25
+    cp r24, r25
+    breq 2f
+    // Two groups a step; few at once while the ring runs low: they are published the sooner.
     lsr r26
-    dec r26
-    // Few at once while the ring runs low: they are published the sooner.
-    ldi r24, {FEW}
-    cpi r26, {LOW}
-    brsh 2f
-    mov r24, r26
-2:  sts steps_times+{MOST}, r24
+    cpi r26, {FEW}
+    brlo 2f
+    ldi r26, {FEW}
+2:  sts steps_times+{MOST}, r26
     call steps_plan
     tst r24
-    breq 7f
-    sbrs r25, 0
-7:  rjmp fill_done
-    // r24 steps
-    mov r20, r24
+    breq 1b
     movw r30, r2
+    sbrc r25, 0
+    rjmp 9f
+    // One thing, by Rust.
+    movw r16, r2
+    movw r14, r28
+    call steps_place
+    dec r4
+    rjmp fill_next
+    // r24 steps
+9:  mov r20, r24
     ldd r18, Z+{STEP_FIRST}
     ldd r19, Z+{LAST_BYTE}
     ldd r23, Z+{UNLIKE}
@@ -82,10 +77,12 @@ fill_next:
     brcc 7f
     clr r24
 7:  std Z+{UNLIKE}, r24
-    ldd r24, Z+{HEAD}
+    ldd r6, Z+{HEAD}
+    ldd r7, Z+{STEP_LAST}
+    ldd r17, Z+{BEFORE_STEP}
+    std Z+{BEFORE_STEP}, r18
     ldd r31, Z+{PAGE}
-    mov r30, r24
-    push r24
+    mov r30, r6
     ldd r26, Y+{STEP}
     ldd r27, Y+{STEP_FALL}
     cp r26, r27
@@ -96,21 +93,18 @@ fill_next:
     rjmp 4f
 8:  call steps_expand_ring
     rjmp 4f
-3:  lds r17, steps_times+{PULSE}
-    call steps_expand_ring_long
     // Published from the end: what was pending comes last.
-4:  pop r22
+3:  mov r5, r17
+    lds r17, steps_times+{PULSE}
+    call steps_expand_ring_long
     movw r30, r2
     mov r26, r24
     ldd r27, Z+{PAGE}
-    ldd r25, Z+{STEP_LAST}
-    st X, r25
+    st X, r7
+    mov r26, r6
+    st X, r5
+4:  movw r30, r2
     std Z+{HEAD}, r24
-    mov r26, r22
-    ldd r25, Z+{BEFORE_STEP}
-    st X, r25
-    ldd r25, Z+{STEP_FIRST}
-    std Z+{BEFORE_STEP}, r25
     ldd r22, Y+{STEP}
     ldd r23, Y+{STEP_FALL}
     std Z+{PENDING}, r22
@@ -132,18 +126,10 @@ fill_next:
     std Z+{AT}+2, r20
     std Z+{AT}+3, r21
     rjmp fill_next
-fill_done:
-    pop r0
-    .irp r, 29,28,17,16,15,14,13,12,11,10,9,8,3,2
-    pop r\r
-    .endr
-    ret
     "#,
-    BATCHES = const BATCHES,
     ROOM = const ROOM,
     FEW = const FEW,
-    LOW = const LOW,
-    FULL = const FULL,
+    THINGS = const THINGS,
     TAIL_AT = const offset_of!(Track, ring) + offset_of!(Ring, tail_at),
     UNLIKE = const offset_of!(Track, ring) + offset_of!(Ring, unlike),
     HEAD = const offset_of!(Track, ring) + offset_of!(Ring, head),
@@ -160,19 +146,3 @@ fill_done:
     MOST = const times::MOST,
     PULSE = const times::PULSE,
 );
-
-#[expect(improper_ctypes, reason = "the assembly knows fields by their offsets")]
-unsafe extern "C" {
-    fn steps_fill(track: *mut Track, motor: *mut Motor) -> u64;
-}
-
-/// Fills `track` with steps of `motor`, its only one; up to one thing that the assembly leaves to others: a [`Plan::One`].
-#[inline(always)]
-pub(super) fn fill(track: &mut Track, motor: &mut Motor) -> Option<Plan> {
-    // SAFETY: the assembly uses both, the ring's page beyond what is published, the queue's memory and the times alone.
-    let answer = unsafe { steps_fill(track, motor) }.to_le_bytes();
-    match answer {
-        [.., FULL | 0, _] => None,
-        answer => Some(Plan::of(answer)),
-    }
-}

@@ -5,20 +5,21 @@
 //! |---|---|
 //! | Y | the [`Motor`](super::motor::Motor) |
 //! | X, Z | the next byte of its queue, and where the queue's memory ends |
-//! | r15 | bytes of the record that were read |
 //! | r25 | the header, shifted to the right as its bits are used |
 //! | r14 | bit length of the previous count |
-//! | r0 | the narrow width, in bytes |
+//! | r15 | the narrow width, in bytes |
 //! | r18 to r22 | a number of 40 bits |
 //! | r23, r24 | counters |
 //!
 //! # Cycles
-//! A segment of three corrections of one byte each takes some 380; each byte more 30.
+//! A segment of three corrections of one byte each takes some 470, 95 of which find out whether its steps need looking at;
+//! a second byte 12 more.
 //!
 //! A record is whole in its frame, so that nobody looks whether its bytes are there before they are read: if more were read than
 //! there are, the record is bad, nothing of the epoch is made any more, and what was read came from the queue's own memory.
 
 use super::motor::{Motor, Reason, flag};
+use super::times;
 use core::arch::global_asm;
 use core::mem::offset_of;
 use pulsetrain_core::packing::COUNT_AFTER_EXACT;
@@ -29,16 +30,25 @@ global_asm!(
     r#"
     .section .text.steps_load, "ax", @progbits
 
-    // The next byte, in r24.                                                                       13 with its call
-load_byte:
-    ld r24, X+
-    inc r15
+    // The next byte, in \register.                                                                    5
+    .macro next_byte register
+    ld \register, X+
     cp r26, r30
-    cpc r27, r31
-    breq 1f
+    brne .+2
+    rcall load_wrap
+    .endm
+
+    // X may be where the queue's memory ends.
+load_wrap:
+    cpse r27, r31
     ret
-1:  ldd r26, Y+{START}
+    ldd r26, Y+{START}
     ldd r27, Y+{START}+1
+    ret
+
+    // The next byte, in r24.                                                                       12 with its call
+load_byte:
+    next_byte r24
     ret
 
     // r23 (0 to 5) bytes of two's complement, extended to r18 to r22.
@@ -81,35 +91,79 @@ load_number:
     ret
 
     // A correction of r23 bytes in units of 2^(16 - r24) ticks, that exponent being held in 0 to 16: r18 to r22.
+    //                                                              one byte 45, two 57; 4 to 8 more where 16 - r24 > 7
 load_correction:
-    push r24
-    rcall load_number
-    pop r24
-    ldi r23, 16
+    ldi r19, 16
     tst r24
     brmi 1f                             // as coarse as can be
-    sub r23, r24
+    sub r19, r24
     brcc 1f
-    ret                                 // as fine as can be
-1:  cpi r23, 8
-    brlo 2f
+    clr r19                             // as fine as can be
+    // r21 = 2^(r19 mod 8): bits are shifted by multiplying
+1:  ldi r21, 1
+    sbrc r19, 0
+    lsl r21
+    sbrs r19, 1
+    rjmp 2f
+    lsl r21
+    lsl r21
+2:  sbrc r19, 2
+    swap r21
+    cpi r23, 2
+    brlo 3f
+    brne load_wide
+    next_byte r24
+    next_byte r20
+    mov r23, r19
+    mul r24, r21
+    movw r18, r0
+    mulsu r20, r21
+    ldi r22, 0
+    add r19, r0
+    mov r20, r1
+    adc r20, r22
+    rjmp 4f
+3:  next_byte r18
+    mov r23, r19
+    mulsu r18, r21
+    movw r18, r0
+    mov r20, r1
+    lsl r20
+    sbc r20, r20
+4:  clr r1
+    mov r21, r20
+    lsl r21
+    sbc r21, r21
+    mov r22, r21
+    andi r23, 0xf8
+    brne load_shift_byte
+    ret
+    // The same of more bytes, one bit at a time.
+load_wide:
+    push r19
+    rcall load_number
+    pop r23
+load_shift:
+    cpi r23, 8
+    brlo 6f
+load_shift_byte:
     mov r22, r21
     mov r21, r20
     mov r20, r19
     mov r19, r18
     clr r18
     subi r23, 8
-    rjmp 1b
-2:  tst r23
-    breq 4f
-3:  lsl r18
+    rjmp load_shift
+6:  tst r23
+    breq 8f
+7:  lsl r18
     rol r19
     rol r20
     rol r21
     rol r22
     dec r23
-    brne 3b
-4:  ret
+    brne 7b
+8:  ret
 
     // Adds r18 to r21 to the four bytes at Y+\offset.
     .macro load_add offset
@@ -125,6 +179,18 @@ load_correction:
     ldd r24, Y+\offset+3
     adc r24, r21
     std Y+\offset+3, r24
+    .endm
+
+    // Whether the next field is wide is the next bit of r25; its width is put into r23, and Z says whether that is 0.   8
+    .macro field_width
+    mov r23, r15
+    lsr r25
+    brcc 99f
+    inc r23
+    cpi r23, 4
+    brne 99f
+    inc r23
+99: tst r23
     .endm
 
     .global steps_load
@@ -144,23 +210,26 @@ load_none:
     ldd r27, Y+{NEXT}+1
     ldd r30, Y+{END}
     ldd r31, Y+{END}+1
-    clr r15
-    rcall load_byte
-    mov r25, r24
+    next_byte r25
     ldd r18, Y+{COUNT}
     ldd r19, Y+{COUNT}+1
 
     // The bit length of the previous count.
-    clr r14
     mov r24, r18
+    ldi r20, 0
     tst r19
     breq 2f
-    ldi r24, 8
-    mov r14, r24
+    ldi r20, 8
     mov r24, r19
-2:  inc r14
+2:  cpi r24, 16
+    brlo 3f
+    subi r20, -4
+    swap r24
+    andi r24, 15
+3:  inc r20
     lsr r24
-    brne 2b
+    brne 3b
+    mov r14, r20
 
     // The count.
     mov r24, r25
@@ -190,7 +259,7 @@ load_none:
     sbc r19, r21
     rjmp load_have_count
 load_explicit:
-    rcall load_byte
+    next_byte r24
     tst r24
     brne 7f
     rjmp load_control
@@ -210,17 +279,16 @@ load_have_count:
 8:  std Y+{LEFT}, r18
     std Y+{LEFT}+1, r19
 
-    // Widths: narrow in r0.
     lsr r25
     lsr r25
     lsr r25
     mov r24, r25
     andi r24, 3
-    mov r0, r24
+    mov r15, r24
     lsr r25
     lsr r25
 
-    rcall load_field_width
+    field_width
     breq 1f
     ldd r24, Y+{GAIN}
     add r24, r14
@@ -236,7 +304,7 @@ load_have_count:
     ldd r24, Y+{LEFT}
     cpi r24, 2
     brlo load_run                       // one step
-2:  rcall load_field_width
+2:  field_width
     breq 3f
     ldd r24, Y+{GAIN}
     add r24, r14
@@ -250,7 +318,7 @@ load_have_count:
     ldd r24, Y+{LEFT}
     cpi r24, 3
     brlo load_run                       // two steps
-4:  rcall load_field_width
+4:  field_width
     breq load_run
     ldd r24, Y+{GAIN}
     add r24, r14
@@ -266,7 +334,8 @@ load_run:
     std Y+{COUNT}+1, r24
 load_ran:
     rcall load_consume
-    brcs 9f
+    brcc .+2
+    ret
     ldd r24, Y+{FLAGS}
     sbrs r24, {ANCHORED}
     rjmp 4f
@@ -292,6 +361,80 @@ load_ran:
     std Y+{POSITION}+1, r19
     std Y+{POSITION}+2, r20
     std Y+{POSITION}+3, r21
+
+    // Are all intervals of the segment, n = r22 of them, fit to be made without looking? They are within n |add| + n² |add2| / 2
+    // of the first: r19:20 is |add| in 2^-8 ticks, r15 |add2|.                                       about 95
+    std Y+{SURE}, r1
+    clc
+    tst r23
+    breq .+2
+    ret
+    ldd r24, Y+{ADD2}+3
+    ldd r25, Y+{ADD2}+2
+    ldd r15, Y+{ADD2}+1
+    sbrs r24, 7
+    rjmp 5f
+    com r24
+    com r25
+    com r15
+5:  or r25, r24
+    ldd r24, Y+{ADD}+3
+    ldd r20, Y+{ADD}+2
+    ldd r19, Y+{ADD}+1
+    sbrs r24, 7
+    rjmp 6f
+    com r24
+    com r20
+    com r19
+6:  or r25, r24
+    brne 7f                             // too much
+    inc r15
+    breq 7f
+    // From here on in 2^-8 ticks, r19:20: |add| + n |add2| / 2, and 2 for what is left out of it.
+    mul r22, r15
+    lsr r1
+    ror r0
+    ldi r24, 2
+    add r0, r24
+    adc r1, r25
+    add r19, r0
+    adc r20, r1
+    brcs 7f
+    // n times that, in ticks
+    mul r22, r19
+    mov r24, r1
+    mul r22, r20
+    movw r18, r0
+    add r18, r24
+    adc r19, r25
+    brcs 7f
+    ldd r24, Y+{INTERVAL}+4
+    tst r24
+    brne 7f
+    ldd r20, Y+{INTERVAL}+2
+    ldd r21, Y+{INTERVAL}+3
+    movw r24, r20
+    add r24, r18                        // the longest
+    adc r25, r19
+    brcs 7f
+    adiw r24, 2
+    brcs 7f
+    cpi r25, 7
+    brsh 7f
+    sub r20, r18                        // the shortest
+    sbc r21, r19
+    brcs 7f
+    subi r20, 2
+    sbci r21, 0
+    brcs 7f
+    lds r18, steps_times+{FASTEST}
+    lds r19, steps_times+{FASTEST}+1
+    cp r20, r18
+    cpc r21, r19
+    brlo 7f
+    inc r25
+    std Y+{SURE}, r25
+7:  clr r1
     clc
     ret
     // A motion without an anchor.
@@ -303,26 +446,25 @@ load_ran:
     ldd r20, Y+{HORIZON}+2
     ldd r21, Y+{HORIZON}+3
     rjmp load_fail
-9:  ret
-
-    // Whether the next field is wide is the next bit of r25; its width is put into r23, and Z says whether that is 0.
-load_field_width:
-    mov r23, r0
-    lsr r25
-    brcc 1f
-    inc r23
-    cpi r23, 4
-    brne 1f
-    inc r23
-1:  tst r23
-    ret
 
     // Takes the bytes that were read off the queue. Carry, and a fault, if there were not so many.
 load_consume:
-    ldd r24, Y+{READY}
+    movw r20, r26
+    ldd r18, Y+{NEXT}
+    ldd r19, Y+{NEXT}+1
+    sub r20, r18
+    sbc r21, r19
+    brcc 1f
+    add r20, r30                        // it went on at the start
+    adc r21, r31
+    ldd r18, Y+{START}
+    ldd r19, Y+{START}+1
+    sub r20, r18
+    sbc r21, r19
+1:  ldd r24, Y+{READY}
     ldd r25, Y+{READY}+1
-    sub r24, r15
-    sbc r25, r1
+    sub r24, r20
+    sbc r25, r21
     brcs load_bad
     std Y+{READY}, r24
     std Y+{READY}+1, r25
@@ -410,10 +552,8 @@ load_wait:
 
     // Position since the anchor, tick, fraction: all must be as they are here.
 load_check:
-    rcall load_byte
-    mov r18, r24
-    rcall load_byte
-    mov r19, r24
+    next_byte r18
+    next_byte r19
     ldd r20, Y+{ORIGIN}
     ldd r21, Y+{ORIGIN}+1
     add r18, r20
@@ -424,17 +564,18 @@ load_check:
     eor r19, r21
     or r18, r19                         // 0 as long as all agrees
     .irp at, {TICK}, {TICK}+1, {TICK}+2, {TICK}+3, {FRACTION}, {FRACTION}+1
-    rcall load_byte
+    next_byte r24
     ldd r19, Y+\at
     eor r24, r19
     or r18, r24
     .endr
+    mov r15, r18
     rcall load_consume
     brcs 1f
     ldd r24, Y+{FLAGS}
     sbrs r24, {ANCHORED}
-    clr r18
-    tst r18
+    clr r15
+    tst r15
     breq 1f                             // without carry
     ldi r22, {MISMATCH}
     rjmp load_fail_here
@@ -472,7 +613,7 @@ load_slow:
     brne 3b
     mov r23, r18
     mov r24, r19
-    movw r30, r20                       // where the queue ends is not needed any more
+    movw r30, r20
     mov r25, r22
     .rept 3
     lsr r25
@@ -497,6 +638,8 @@ load_slow:
     .irp at, 0,1,2,3
     std Y+{ADD2}+\at, r1
     .endr
+    ldd r30, Y+{END}
+    ldd r31, Y+{END}+1
     rjmp load_ran
 
     // A segment in full. r0: widths of interval and add; r14: of add2 and the count.
@@ -608,6 +751,8 @@ load_difference:
     LEFT = const offset_of!(Motor, registers) + 19,
     COUNT = const offset_of!(Motor, count),
     FLAGS = const offset_of!(Motor, flags),
+    SURE = const offset_of!(Motor, sure),
+    FASTEST = const times::FASTEST,
     GAIN = const offset_of!(Motor, gain),
     NEXT = const offset_of!(Motor, next),
     READY = const offset_of!(Motor, ready),

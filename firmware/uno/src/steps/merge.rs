@@ -5,6 +5,9 @@
 //! next ([`plan`](super::plan)): a batch of steps, expanded into the list, or one thing (a turn of DIR, nothing at all). A long
 //! pulse is two ticks. All heads lie within 32 767 ticks of each other, as no motor does nothing for longer than 16 384.
 //!
+//! Lists that are used up together take longer to fill than a ring lasts: while the ring is nearly full, short lists of steps
+//! are filled up before (`merge_top_up`): what is left moves to the front, and more steps go behind it.
+//!
 //! # Spacing
 //! Groups are at least W ticks apart, so that the interrupt has set the compare register before the next match, even if
 //! something kept it waiting. A tick less than W/2 after the last group (or before it) joins that group; one from W/2
@@ -16,15 +19,16 @@
 //! 48 for the short pulse, 60 for the long one and the shield, 76 for the shield's long one.
 //!
 //! # Cycles
-//! A step: 34 to 37, and expansion's 18.5. A list: 130, what the plan takes, and the expansion's beginning and end. To and from
-//! Rust: 200.
+//! A step: 34 to 37, and expansion's 18.5. A list: 130, what the plan takes, and the expansion's beginning and end. A call of
+//! the task: 280; 90 for looking at the lists; 75 each time that groups are published.
 
 use core::arch::global_asm;
 use core::mem::offset_of;
 
-use super::motor::Motor;
+use super::motor::{Motor, flag};
 use super::register;
 use super::ring::{END_A, END_B, Group, Name, Ring};
+use super::stepper::{Stepper, Track};
 
 /// Lanes; those of no motor are fed with fillers.
 pub(crate) const LANES: usize = 4;
@@ -66,8 +70,10 @@ pub(crate) struct Merge {
     looks: u8,
     /// How many lists may be filled before it comes back: the line waits meanwhile.
     feeds: u8,
-    /// The lane without a head, if any.
-    wanting: Option<u8>,
+    /// Lists with fewer bytes are filled up.
+    few_left: u8,
+    /// The lane without a head, or [`NONE`].
+    wanting: u8,
 }
 
 const LANE_SIZE: usize = size_of::<Lane>();
@@ -216,7 +222,6 @@ global_asm!(
     \what 11, {LANE1}+{NEXT}
     \what 12, {LANE2}+{NEXT}
     \what 13, {LANE3}+{NEXT}
-    \what 17, {PENDING_FALL}
     \what 18, {DEADLINE}
     \what 19, {DEADLINE}+1
     .endm
@@ -229,22 +234,87 @@ global_asm!(
 
     .section .text.steps_merge_run, "ax", @progbits
     .global steps_merge_run
-    // r24:25: steps_merge; r22: groups that the ring has room for, at least 1. Gives the lane that has no head.
+    // For the task: merges until the ring is full or a motor does nothing more within the limit. Uses all registers.
 steps_merge_run:
-    .irp r, 2,3,4,5,6,7,8,9,10,11,12,13,14,15,16,17,28,29
-    push r\r                            // 18 x 2                       36
-    .endr
-    movw r28, r24
-    push r22
-    each_head fetch                     // 15 x 2                       69
+    lds r24, steps_stepper+{RING}+{RING_HEAD}
+    lds r30, steps_merge+{TAIL}
+    ldi r31, 0
+    ld r17, Z
+    sub r17, r24
+    dec r17
+    lsr r17
+    lsr r17
+    cpi r17, {ROOM}
+    brsh 1f
+    ret
+1:  sts steps_merge+{AT}, r24
+    lds r24, steps_stepper+{RING}+{RING_PENDING}
+    sts steps_merge+{PENDING_RISE}, r24
+    lds r24, steps_stepper+{RING}+{RING_PENDING}+1
+    sts steps_merge+{PENDING_FALL}, r24
+    lds r24, steps_stepper+{TRACK_AT}
+    lds r25, steps_stepper+{TRACK_AT}+1
+    lds r18, steps_merge+{SPACING}
+    add r24, r18
+    adc r25, r1
+    sts steps_merge+{DEADLINE}, r24
+    sts steps_merge+{DEADLINE}+1, r25
+    movw r18, r24
+    ldi r24, {MOST_FEEDS}
+    sts steps_merge+{FEEDS}, r24
+    ldi r24, {MOST_LOOKS}
+    sts steps_merge+{LOOKS}, r24
+    lds r16, steps_merge+{WANTING}
+    cpi r16, {NONE}
+    breq 3f
+    // A lane has no head: the next of its list, which may have to be filled.
+    ldi r24, {LANE_SIZE}
+    mul r16, r24
+    movw r6, r0
+    clr r1
+    ldi r24, lo8(steps_merge)
+    ldi r25, hi8(steps_merge)
+    add r6, r24
+    adc r7, r25
+    movw r28, r6
+    ldd r30, Y+{NEXT}
+    mov r24, r16
+    inc r24
+    swap r24
+    lsl r24
+    lsl r24
+    cp r30, r24
+    brne 2f
+    mov r30, r16
+    rcall merge_give
+    brcc 1f
+    ret
+1:  movw r28, r6
+    ldd r30, Y+{NEXT}
+2:  ldi r31, hi8(ring_b_page)
+    ld r24, Z+
+    std Y+{HEAD}, r24
+    ld r24, Z+
+    std Y+{HEAD}+1, r24
+    std Y+{NEXT}, r30
+3:  point
+    each_head fetch                     // 15 x 2
+    mov r0, r17
+    ldd r17, Y+{PENDING_FALL}
     ldd r16, Y+{PENDING_RISE}
     ldd r24, Y+{END}
     or r16, r24
     ldd r26, Y+{AT}
     ldi r27, hi8(ring_a_page)
     ldi r31, hi8(ring_b_page)
-    load_masks                          //                              99
-    pop r0
+    ldi r30, {LOW}
+    cp r0, r30
+    brlo 4f
+    ldi r30, {FEW}
+    mov r0, r30
+4:  mov r30, r0
+    load_masks                          // 20, and it uses r0
+    mov r0, r30
     cp r2, r4
     cpc r3, r5
     brmi 2f
@@ -321,7 +391,11 @@ merge_look:
     lsr r30
     lsr r30
     load_masks
-    mov r0, r30
+    mov r31, r30
+    cpi r31, {LOW}
+    brlo 2f
+    ldi r31, {FEW}
+2:  mov r0, r31
     ldi r31, hi8(ring_b_page)
     cpi r30, {ENOUGH}
 1:  ret
@@ -369,35 +443,128 @@ merge_dry:
     pop r0
     .endr
 merge_leave:
+    sts steps_merge+{WANTING}, r24
     point
     ldd r25, Y+{END}
     com r25
     and r16, r25
     std Y+{PENDING_RISE}, r16
+    std Y+{PENDING_FALL}, r17
     each_head store
-    .irp r, 29,28,17,16,15,14,13,12,11,10,9,8,7,6,5,4,3,2
-    pop r\r
-    .endr
+    sts steps_stepper+{RING}+{RING_PENDING}, r16
+    sts steps_stepper+{RING}+{RING_PENDING}+1, r17
+    ldd r24, Y+{AT}
+    sts steps_stepper+{RING}+{RING_HEAD}, r24
+    // The track's tick: less than 2^16 after what it was.
+    ldd r24, Y+{SPACING}
+    sub r18, r24
+    sbc r19, r1
+    lds r24, steps_stepper+{TRACK_AT}
+    lds r25, steps_stepper+{TRACK_AT}+1
+    sts steps_stepper+{TRACK_AT}, r18
+    sts steps_stepper+{TRACK_AT}+1, r19
+    cp r18, r24
+    cpc r19, r25
+    brcc 1f
+    lds r24, steps_stepper+{TRACK_AT}+2
+    lds r25, steps_stepper+{TRACK_AT}+3
+    adiw r24, 1
+    sts steps_stepper+{TRACK_AT}+2, r24
+    sts steps_stepper+{TRACK_AT}+3, r25
+    // While the ring is nearly full, lists are filled up before they are used up: all of them at once take long.
+1:  lds r24, steps_merge+{AT}
+    lds r30, steps_merge+{TAIL}
+    ldi r31, 0
+    ld r25, Z
+    sub r25, r24
+    dec r25
+    cpi r25, 4 * {NEARLY}
+    brlo 1f
+    ret
+1:  ldi r24, {LANES}
+    mov r2, r24
+    ldi r28, lo8(steps_motors)
+    ldi r29, hi8(steps_motors)
+    ldi r24, lo8(steps_merge)
+    ldi r25, hi8(steps_merge)
+    movw r4, r24                        // the lane
+    ldi r24, 2 * {LIST}
+    mov r3, r24                         // where its list ends
+2:  rcall merge_top_up
+    subi r28, lo8(-({MOTOR_SIZE}))
+    sbci r29, hi8(-({MOTOR_SIZE}))
+    ldi r24, {LANE_SIZE}
+    add r4, r24
+    adc r5, r1
+    ldi r24, 2 * {LIST}
+    add r3, r24
+    dec r2
+    brne 2b
     ret
 
-    .global steps_feed
-    // For Rust: fills the list of the lane r22; r24:25 is the state. Whether there was something to be done.
-steps_feed:
-    push r14
-    push r15
-    push r28
-    push r29
-    mov r30, r22
-    rcall merge_give
-    ldi r24, 1
-    sbci r24, 0
-    pop r29
-    pop r28
-    pop r15
-    pop r14
+    // Fills up the list of the lane r4:5, whose motor is Y, if it has few ticks left, which are steps, and more that need no
+    // looking at are to come.
+merge_top_up:
+    movw r30, r4
+    ldd r6, Z+{NEXT}
+    mov r7, r3
+    sub r7, r6                          // bytes that are left
+    lds r24, steps_merge+{FEW_LEFT}
+    cp r7, r24
+    brsh 9f
+    ldd r24, Z+{RISE}
+    ldd r25, Y+{STEP}
+    cp r24, r25
+    brne 9f
+    ldd r24, Y+{STEP_FALL}
+    cp r24, r25
+    brne 9f
+1:  ldd r24, Y+{FLAGS}
+    andi r24, 1 << {TURN} | 1 << {STEPPED} | 1 << {ANCHORED} | 1 << {COMMITTED} | 1 << {SINGLY} | 1 << {SWITCH}
+    cpi r24, 1 << {STEPPED} | 1 << {ANCHORED}
+    brne 9f
+    ldd r24, Y+{LEFT}
+    ldd r25, Y+{LEFT}+1
+    or r24, r25
+    brne 2f
+    call steps_load
+    brcc 1b
+9:  ret
+2:  ldd r24, Y+{SURE}
+    tst r24
+    breq 9b
+    lds r8, steps_times+{MOST}
+    mov r24, r7
+    lsr r24
+    neg r24
+    subi r24, -{LIST}
+    sts steps_times+{MOST}, r24
+    call steps_plan
+    sts steps_times+{MOST}, r8
+    tst r24
+    breq 9b
+    // What is left goes before the r24 steps.
+    mov r20, r24
+    lsl r24
+    mov r30, r6
+    ldi r31, hi8(ring_b_page)
+    mov r26, r6
+    sub r26, r24
+    ldi r27, hi8(ring_b_page)
+    mov r6, r26
+    rjmp 4f
+3:  ld r25, Z+
+    st X+, r25
+    dec r7
+4:  tst r7
+    brne 3b
+    movw r30, r26                       // the last list ends with its page
+    call steps_expand_list
+    movw r30, r4
+    std Z+{NEXT}, r6
     ret
 
-    // What the motor of lane r30 does next, into its list. Carry: nothing. Keeps r2 to r13, r16, r17.
+    // What the motor of lane r30 does next, into its list; r18:19 is the deadline. Carry: nothing. Keeps r2 to r13, r16, r17.
 merge_give:
     lds r24, steps_merge+{FEEDS}
     subi r24, 1
@@ -411,12 +578,23 @@ merge_give:
     clr r1
     subi r28, lo8(-(steps_motors))
     sbci r29, hi8(-(steps_motors))
+    ldd r24, Y+{STEP}
+    tst r24
+    breq 1f
     call steps_plan
     pop r30
     tst r24
     brne 2f
     sec
     ret
+    // Nobody's lane: nothing, a filler after the pending group.
+1:  pop r30
+    movw r20, r18
+    subi r21, 256 - ({FILLER} >> 8)
+    clr r22
+    clr r23
+    ldi r24, 1
+    clr r25
 2:  // X: the lane; r30: where its list ends
     ldi r26, {LANE_SIZE}
     mul r30, r26
@@ -502,21 +680,52 @@ merge_give:
     STEP = const offset_of!(Motor, step),
     STEP_FALL = const offset_of!(Motor, step_fall),
     PULSE = const super::times::PULSE,
+    WANTING = const offset_of!(Merge, wanting),
+    NONE = const NONE,
+    RING = const offset_of!(Stepper, tracks) + offset_of!(Track, ring),
+    RING_HEAD = const offset_of!(Ring, head),
+    RING_PENDING = const offset_of!(Ring, pending),
+    TRACK_AT = const offset_of!(Stepper, tracks) + offset_of!(Track, at),
+    ROOM = const ROOM,
+    MOST_FEEDS = const FEEDS,
+    MOST_LOOKS = const LOOKS,
+    NEARLY = const NEARLY,
+    FEW_LEFT = const offset_of!(Merge, few_left),
+    FILLER = const super::plan::FILLER,
+    LANES = const LANES,
+    LIST = const LIST,
+    FLAGS = const offset_of!(Motor, flags),
+    LEFT = const offset_of!(Motor, registers) + 19,
+    SURE = const offset_of!(Motor, sure),
+    TURN = const flag::TURN,
+    STEPPED = const flag::STEPPED,
+    ANCHORED = const flag::ANCHORED,
+    COMMITTED = const flag::COMMITTED,
+    SINGLY = const flag::SINGLY,
+    SWITCH = const flag::SWITCH,
+    MOST = const super::times::MOST,
     ENOUGH = const ENOUGH,
+    LOW = const LOW,
+    FEW = const FEW,
 );
 
+/// The ring is filled when it has room for so many groups.
+const ROOM: u8 = 8;
+/// [`Merge::wanting`]: all lanes have heads.
+const NONE: u8 = 255;
+/// Lists are filled up while the ring has room for fewer groups.
+const NEARLY: u8 = 24;
+/// A list is filled up when what is left of it does not last while the ring is played, by number of motors: ticks.
+const FEW_LEFT: [u8; LANES] = [LIST, 16, 10, 8];
 /// Groups that the ring must have room for to go on.
 const ENOUGH: u8 = 8;
+/// So many groups are merged at once when the ring has room for [`LOW`] of them or more: they are published the sooner.
+const FEW: u8 = 12;
+const LOW: u8 = 32;
 /// How often one run of the merge goes on.
-const LOOKS: u8 = 4;
+const LOOKS: u8 = 12;
 /// How many lists one run fills at most; each takes about 1000 cycles.
 const FEEDS: u8 = 16;
-
-unsafe extern "C" {
-    static mut ring_b_page: [u8; 256];
-    fn steps_merge_run(state: *mut u8, free: u8) -> u8;
-    fn steps_feed(state: *mut u8, lane: u8) -> bool;
-}
 
 /// The one merge: the assembly knows it by this name.
 #[unsafe(export_name = "steps_merge")]
@@ -531,7 +740,8 @@ static mut MERGE: Merge = Merge {
     tail: 0,
     looks: 0,
     feeds: 0,
-    wanting: None,
+    few_left: 0,
+    wanting: NONE,
 };
 
 /// Byte after the list of `lane`.
@@ -553,30 +763,14 @@ impl Merge {
     /// What `lane` has still to do that is in no group yet: how many ticks, and what each of them toggles.
     pub(crate) fn listed(&self, lane: u8) -> (u8, Group) {
         let entry = &self.lanes[usize::from(lane) % LANES];
-        let head = u8::from(self.wanting != Some(lane));
+        let head = u8::from(self.wanting != lane);
         (end_of(lane).wrapping_sub(entry.next) / 2 + head, entry.masks)
-    }
-
-    /// Takes the head of `lane` from its list, which is filled if it is used up; whether there was one.
-    fn advance(&mut self, lane: u8) -> bool {
-        let index = usize::from(lane) % LANES;
-        // SAFETY: the lane is one of the four; the assembly uses its motor, its list and this state.
-        if self.lanes[index].next == end_of(lane) && !unsafe { steps_feed((&raw mut *self).cast(), lane) } {
-            return false;
-        }
-        let entry = &mut self.lanes[index];
-        let list = (&raw const ring_b_page).cast::<u8>();
-        let at = usize::from(entry.next);
-        // SAFETY: two bytes inside the page; lists are main's alone.
-        entry.head = unsafe { u16::from_le_bytes([list.wrapping_add(at).read(), list.wrapping_add(at + 1).read()]) };
-        entry.next = entry.next.wrapping_add(2);
-        true
     }
 
     /// Begins anew: every lane has one tick to come, the low 16 bits of which are `first`, and at which it does nothing.
     ///
     /// Groups will be at least `spacing` ticks apart (W).
-    pub(crate) fn begin(&mut self, name: Name, spacing: u8, first: u16) {
+    pub(crate) fn begin(&mut self, name: Name, motors: u8, spacing: u8, first: u16) {
         let (end, tail) = match name {
             Name::A => (END_A, register::OCR0A),
             Name::B => (END_B, register::OCR0B),
@@ -585,6 +779,7 @@ impl Merge {
         self.half = spacing / 2;
         self.end = end;
         self.tail = tail + 0x20;
+        self.few_left = 2 * FEW_LEFT[usize::from(motors.wrapping_sub(1)) % LANES] + 1;
         self.clear(first);
     }
 
@@ -596,36 +791,11 @@ impl Merge {
     /// Empties all lists but for a filler in each, at `first`.
     #[inline(never)]
     pub(crate) fn clear(&mut self, first: u16) {
-        self.wanting = None;
+        self.wanting = NONE;
         let mut next = 0u8;
         for lane in &mut self.lanes {
             next = next.wrapping_add(2 * LIST);
             *lane = Lane { masks: Group::NOTHING, head: first, next };
         }
-    }
-
-    /// Merges until `ring` is full or a motor does nothing more within the limit. [`Merge::begin`] comes first. `at` is the
-    /// tick of the ring's pending group, its low 16 bits; gives that of the one that is pending then.
-    #[inline(never)]
-    pub(crate) fn run(&mut self, ring: &mut Ring, at: u16) -> u16 {
-        self.feeds = FEEDS;
-        if let Some(lane) = self.wanting {
-            if !self.advance(lane) {
-                return at;
-            }
-            self.wanting = None;
-        }
-        let free = ring.free();
-        if free == 0 {
-            return at;
-        }
-        (self.at, self.pending) = ring.merging();
-        self.deadline = at.wrapping_add(u16::from(self.spacing));
-        self.looks = LOOKS;
-        // SAFETY: all heads are set, and the ring has room for `free` groups.
-        let answer = unsafe { steps_merge_run((&raw mut *self).cast(), free) };
-        self.wanting = Some(answer & 3);
-        ring.merged(self.at, self.pending);
-        self.deadline.wrapping_sub(u16::from(self.spacing))
     }
 }

@@ -129,9 +129,10 @@ pub(crate) struct Motor {
     pub(crate) levels: u8,
     /// The next step's tick, where steps are looked at one by one.
     pub(crate) due: Moment,
+    /// More than zero: all intervals of the segment are those of [`plan`](super::plan)'s fast path, and shorter than 256 times
+    /// this, ticks; at most 7.
+    pub(crate) sure: u8,
 
-    /// Bytes that wait of all epochs.
-    waiting: u16,
     parts: [Part; PARTS],
     /// How many of them there are.
     epochs: u8,
@@ -165,7 +166,7 @@ impl Motor {
         origin: 0,
         levels: 0,
         due: Moment(0),
-        waiting: 0,
+        sure: 0,
         parts: [Part { epoch: Epoch(0), len: 0 }; PARTS],
         epochs: 0,
         epoch: Epoch(0),
@@ -264,6 +265,16 @@ impl Motor {
             self.last = tick;
             self.horizon = tick.after(u32::from(times.gap));
             self.free = tick.after(u32::from(times.keep));
+        }
+    }
+
+    /// The first tick at which it can still be told otherwise.
+    #[inline(never)]
+    pub(crate) fn horizon(&self) -> Moment {
+        if self.has(flag::STEPPED) {
+            Moment(self.registers.tick).after(u32::from(TIMES.get().gap))
+        } else {
+            self.horizon
         }
     }
 

@@ -2,8 +2,9 @@
 //!
 //! # Fast and slow
 //! As long as a motor only steps, with intervals between [`Times::fastest`](super::times::Times) and 16 383 ticks that change
-//! little, its next up to 31 steps are granted at once: nobody looks at them one by one, the expansion makes them
-//! ([`expand`](super::expand)). All else is one thing at a time: a step, a turn of DIR, or nothing at all, which keeps the
+//! little, its next steps are granted at once: nobody looks at them one by one, the expansion makes them
+//! ([`expand`](super::expand)). That all of a segment's are such is found out when it is loaded ([`Motor::sure`]), where it
+//! is; else it is looked at for up to 31, or 7. All else is one thing at a time: a step, a turn of DIR, or nothing at all, which keeps the
 //! compare register moving (no two things are more than [`FILLER`] ticks apart).
 //!
 //! # DIR
@@ -11,7 +12,7 @@
 //! it at least. The step is then committed: no switch takes it back.
 //!
 //! # Cycles
-//! 110 a batch, 190 where the limit is looked at; 250 to 400 for one thing.
+//! 30 a batch, 65 where the limit is looked at; 110 and 190 where intervals are too; 250 to 400 for one thing.
 
 use super::motor::{Motor, Reason, flag};
 use super::times;
@@ -119,17 +120,60 @@ steps_settle:
     // else r20:21 is the tick of one thing, r22 and r23 its rise and fall, and r24 is 2 if a long pulse begins.
     // Keeps r2 to r13, r16, r17.
 steps_plan:
-    ldd r24, Y+{FLAGS}
+    ldd r20, Y+{FLAGS}
+    mov r24, r20
     andi r24, 1 << {TURN} | 1 << {STEPPED} | 1 << {ANCHORED} | 1 << {COMMITTED} | 1 << {SINGLY}
     cpi r24, 1 << {STEPPED} | 1 << {ANCHORED}
-    brne 1f
-    ldd r24, Y+{LEFT}
-    ldd r25, Y+{LEFT}+1
-    or r24, r25
-    brne plan_fast
-    call steps_load
+    brne plan_slow_up
+    ldd r22, Y+{LEFT}
+    ldd r23, Y+{LEFT}+1
+    mov r24, r22
+    or r24, r23
+    breq 4f
+    ldd r18, Y+{SURE}
+    tst r18
+    breq plan_fast
+    sbrc r20, {SWITCH}
+    rjmp plan_fast
+    cpi r18, 3
+    brsh 3f
+    // As many as are left, and asked for.
+2:  lds r24, steps_times+{MOST}
+    cp r24, r22
+    brlo 1f
+    mov r24, r22
+1:  ldi r25, 1
+    ret
+    // Is there time for 24 of the longest? At higher rates a ring is full long before the limit.
+3:  cpi r22, 24
+    brlo .+2
+    ldi r22, 24
+    mov r24, r18
+    swap r18
+    lsl r24
+    lsl r24
+    lsl r24
+    add r18, r24
+    lds r24, steps_times+{LIMIT}
+    ldd r25, Y+{TICK}
+    sub r24, r25
+    lds r19, steps_times+{LIMIT}+1
+    ldd r25, Y+{TICK}+1
+    sbc r19, r25
+    lds r24, steps_times+{LIMIT}+2
+    ldd r25, Y+{TICK}+2
+    sbc r24, r25
+    lds r21, steps_times+{LIMIT}+3
+    ldd r25, Y+{TICK}+3
+    sbc r21, r25
+    brmi plan_fast
+    or r24, r21
+    brne 2b
+    cp r19, r18
+    brsh 2b
+    rjmp plan_fast
+4:  call steps_load
     brcc steps_plan
-1:
 plan_slow_up:
     rjmp plan_slow
 
@@ -175,19 +219,33 @@ plan_fast:
     adc r19, r21
     subi r18, -4
     sbci r19, -1
-    movw r24, r22
+    ldi r26, 31
+2:  movw r24, r22
     add r24, r18                        // the longest
     adc r25, r19
     cpi r25, 0x40
-    brsh plan_slow_near
-    sub r22, r18                        // the shortest
-    sbc r23, r19
-    brcs plan_slow_near
-    lds r18, steps_times+{FASTEST}
-    lds r19, steps_times+{FASTEST}+1
-    cp r22, r18
-    cpc r23, r19
-    brlo plan_slow_near
+    brsh 3f
+    movw r30, r22
+    sub r30, r18                        // the shortest
+    sbc r31, r19
+    brcs 3f
+    lds r0, steps_times+{FASTEST}
+    cp r30, r0
+    lds r0, steps_times+{FASTEST}+1
+    cpc r31, r0
+    brsh 4f
+    // Too far: 7 steps, whose intervals go a quarter as far at most.
+3:  cpi r26, 7
+    breq plan_slow_near
+    ldi r26, 7
+    .rept 2
+    lsr r19
+    ror r18
+    .endr
+    subi r18, -1
+    sbci r19, -1
+    rjmp 2b
+4:
     // At such rates a ring is full long before the limit.
     ldd r20, Y+{FLAGS}
     cpi r25, 2
@@ -213,8 +271,11 @@ plan_nothing_near:
 plan_slow_near:
     rjmp plan_slow
 plan_have_time:
-    // No more than are left, and are asked for.
+    // No more than r26, than are left, and are asked for.
     lds r21, steps_times+{MOST}
+    cp r21, r26
+    brlo .+2
+    mov r21, r26
     ldd r22, Y+{LEFT}
     ldd r23, Y+{LEFT}+1
     tst r23
@@ -648,6 +709,7 @@ plan_make:
     HORIZON = const offset_of!(Motor, horizon),
     LAST = const offset_of!(Motor, last),
     FREE = const offset_of!(Motor, free),
+    SURE = const offset_of!(Motor, sure),
     SWITCH_AT = const offset_of!(Motor, switch_at),
     LEVELS = const offset_of!(Motor, levels),
     DUE = const offset_of!(Motor, due),

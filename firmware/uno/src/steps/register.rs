@@ -12,10 +12,14 @@ addresses! {
     PORTB = 0x05;
     /// Toggles PORTD's pins when written.
     PIND = 0x09;
+    /// Timer 0's flags, cleared by writing ones.
+    TIFR0 = 0x15;
     /// Timer 1's flags, cleared by writing ones.
     TIFR1 = 0x16;
     /// Free storage, bit-addressable.
     GPIOR0 = 0x1e;
+    /// EEPROM control; bits 4 and 5 are the mode of the next write, and free storage.
+    EECR = 0x1f;
     /// EEPROM data; free storage, as the EEPROM is not used.
     EEDR = 0x20;
     /// EEPROM address, low byte; free storage.
@@ -38,6 +42,8 @@ addresses! {
 
 // Beyond it, by data address: `lds` and `sts`.
 addresses! {
+    /// Timer 0's interrupt mask.
+    TIMSK0 = 0x6e;
     /// Timer 1's interrupt mask.
     TIMSK1 = 0x6f;
     /// Timer 1: compare output modes.

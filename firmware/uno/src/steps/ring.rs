@@ -416,19 +416,6 @@ impl Ring {
         self.page = RING_PAGES[0];
     }
 
-    /// For the merge: where the pending group is, and what it does.
-    #[inline(always)]
-    pub(super) fn merging(&self) -> (u8, Group) {
-        (self.head, self.pending)
-    }
-
-    /// From the merge: where the pending group is now, and what it does.
-    #[inline(always)]
-    pub(super) fn merged(&mut self, head: u8, pending: Group) {
-        self.head = head;
-        self.pending = pending;
-    }
-
     /// Which of the two.
     #[inline(always)]
     pub(crate) fn name(&self) -> Name {
@@ -584,6 +571,11 @@ impl Ring {
     /// The interrupt may play more meanwhile: what counts is the moment at which this is called.
     pub(crate) fn unplayed(&self, levels: u8, step: u8, dir: u8) -> i8 {
         let Group { rise, fall } = self.pending;
+        if self.unlike == 0 {
+            // All are steps of the ring's one motor, the pending group too.
+            let steps = (self.head.wrapping_sub(self.tail()) / GROUP + 1).cast_signed();
+            return if levels & dir != 0 { steps } else { -steps };
+        }
         // SAFETY: reads the published groups alone, which nobody writes now.
         unsafe {
             let newest = self.group(self.head);
@@ -689,6 +681,7 @@ impl Ring {
     fn skip(&mut self, tail: u8) {
         if tail == self.head {
             self.pending = Group::NOTHING;
+            self.prepare();
         } else {
             // SAFETY: the ring's interrupt is off.
             unsafe { self.tail_register().write_volatile(tail.wrapping_add(GROUP)) };

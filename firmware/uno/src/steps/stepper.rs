@@ -2,9 +2,11 @@
 //!
 //! | motors | who fills |
 //! |---|---|
-//! | one, or two on the compare hardware | each its own ring: [`Track::fill`] |
-//! | two to four with DIR lines of their own | the merge: [`Merge::run`] |
+//! | one, or two on the compare hardware | each its own ring: [`fill`](super::fill) |
+//! | two to four with DIR lines of their own | the merge: [`merge`](super::merge) |
 //! | motors that share a DIR line | one step after the other: [`fill_shared`] |
+//!
+//! [`task`] calls them.
 //!
 //! # Time
 //! The newest group of a ring is pending: its tick is fixed, what follows is not. Groups are at least `apart` ticks from each
@@ -14,12 +16,12 @@
 //! A DIR line toggles at the end of a group, after the pulse and hold of every step before that looked at the line, and its
 //! set-up before the step that it is for. Planners leave room for that ([`Spacing`]); where they did not, the step is not made.
 
-use super::fill;
 use super::merge::Merge;
 use super::motor::{COUNT_AT_REST, Motor, flag};
 use super::pins::{Kind, Layout, Lines, MAX_MOTORS};
 use super::plan::{FILLER, Plan};
 use super::ring::{Group, Name, Ring, flags};
+use super::task::{self, mode};
 use super::times::{TIMES, Times};
 use crate::clock::{self, low_half};
 use crate::memory;
@@ -47,11 +49,11 @@ const FALL_COMPARE: u8 = 48;
 /// What a turn of DIR may be earlier than it must, ticks.
 const EARLY: u16 = 128;
 /// So far ahead things are planned at most, ticks (3 ms).
-const AHEAD: u32 = 49_152;
+pub(super) const AHEAD: u32 = 49_152;
 /// The ring of several motors is filled when it has room for so many groups.
 const ROOM: u8 = 8;
 /// Steps that are expanded at once into a list of the merge; half as many if each is two ticks.
-const STEPS: u8 = 24;
+const STEPS: u8 = 32;
 /// Things that one call does at most, beside batches of steps.
 const BATCH: u8 = 4;
 /// The longest of pulse, set-up and hold, ticks: less than a filler, so that what is past need not be remembered longer.
@@ -152,10 +154,12 @@ pub(super) struct Track {
     pub(super) ring: Ring,
     /// Tick of the pending group.
     pub(super) at: Moment,
+    /// Ticks between two groups, at least.
+    apart: u8,
 }
 
 impl Track {
-    const NONE: Track = Track { ring: Ring::new(Name::A), at: Moment(0) };
+    const NONE: Track = Track { ring: Ring::new(Name::A), at: Moment(0), apart: 0 };
 
     /// The compare register, and the ring's bit in `TIMSK1` and `TIFR1`.
     #[inline(always)]
@@ -256,7 +260,7 @@ static mut MOTORS: [Motor; MAX_MOTORS] = [const { Motor::NONE }; MAX_MOTORS];
 
 /// All motors of a configuration, and their rings.
 pub(crate) struct Stepper {
-    tracks: [Track; 2],
+    pub(super) tracks: [Track; 2],
     /// The merge, from [`Stepper::begin`] on.
     merge: Option<&'static mut Merge>,
     /// The motors in use are the first ones.
@@ -416,7 +420,7 @@ impl Stepper {
         if self.merging
             && let Some(merge) = &mut self.merge
         {
-            merge.begin(self.tracks[0].ring.name(), apart, low_half(first.0));
+            merge.begin(self.tracks[0].ring.name(), self.count, apart, low_half(first.0));
         }
         for index in 0..self.count {
             let motor = self.motors().get(usize::from(index));
@@ -425,11 +429,17 @@ impl Stepper {
             self.tracks[place].ring.serve(step);
         }
         for track in self.tracks_mut() {
-            track.at = at;
+            (track.at, track.apart) = (at, apart);
             track.ring.clear();
             track.resume(at);
         }
         self.playing = true;
+        task::set_mode(match (self.merging, self.apiece || self.count == 1, self.count) {
+            (true, ..) => mode::MERGE,
+            (_, true, 1) => mode::APIECE,
+            (_, true, _) => mode::BOTH,
+            _ => mode::SHARED,
+        });
     }
 
     /// The immediate stop: plays no group more, and forgets all that was to come. A pulse that was begun still ends.
@@ -439,6 +449,7 @@ impl Stepper {
     pub(crate) fn stop(&mut self, pull_in: &[u32; MAX_MOTORS]) -> u8 {
         let mut uncertain = 0;
         self.playing = false;
+        task::set_mode(mode::NONE);
         for track in self.tracks_mut() {
             regs::free(|| track.ring.halt());
         }
@@ -484,14 +495,13 @@ impl Stepper {
 
     /// The first tick at which a switch would be accepted.
     #[inline(never)]
-    pub(crate) fn horizon(&mut self) -> Moment {
+    pub(crate) fn horizon(&self) -> Moment {
         let mut horizon = self.tracks[0].at;
         if self.apiece && self.count > 1 {
             horizon = later(horizon, self.tracks[1].at);
         }
-        for motor in self.motors_mut() {
-            motor.settle();
-            horizon = later(horizon, motor.horizon);
+        for motor in self.motors() {
+            horizon = later(horizon, motor.horizon());
         }
         horizon.after(1)
     }
@@ -563,36 +573,12 @@ impl Stepper {
         count + i16::from(self.track(motor).ring.unplayed(levels, step, dir))
     }
 
-    /// Fills the rings as far as time allows. Gives how far ahead they are then, ticks.
-    #[inline(always)]
-    pub(crate) fn refill(&mut self, now: Moment) -> u16 {
-        if !self.playing {
-            return u16::MAX;
-        }
-        if regs::GPIOR0.read() & flags::STARVED != 0 {
-            self.watch(now);
-        }
-        TIMES.set_limit(now.after(AHEAD));
-        let Stepper { tracks: [first, second], merge, spacing, count, .. } = self;
+    /// Fills the ring of motors that share DIR lines, as far as time allows.
+    pub(super) fn fill_shared(&mut self) {
+        let Stepper { tracks: [track, _], spacing, count, .. } = self;
         // SAFETY: as `motors_mut`; other fields are borrowed beside.
-        let motors: &mut [Motor] =
-            unsafe { core::slice::from_raw_parts_mut((&raw mut MOTORS).cast(), usize::from(*count)) };
-        if self.merging
-            && let Some(merge) = merge
-        {
-            first.merge(merge);
-        } else {
-            match motors {
-                [motor] => first.fill(motor, spacing.apart),
-                [one, two] if self.apiece => {
-                    first.fill(one, spacing.apart);
-                    second.fill(two, spacing.apart);
-                    return first.ahead().min(second.ahead());
-                }
-                motors => fill_shared(first, motors, *spacing),
-            }
-        }
-        first.ahead()
+        let motors = unsafe { core::slice::from_raw_parts_mut((&raw mut MOTORS).cast(), usize::from(*count)) };
+        fill_shared(track, motors, *spacing);
     }
 
     /// Looks whether the rings are played as they should, and mends it. To be called every millisecond.
@@ -619,39 +605,19 @@ impl Track {
         let ahead = tick.wrapping_sub(low_half(self.at.0)).cast_signed();
         Moment(self.at.0.wrapping_add_signed(i32::from(ahead)))
     }
+}
 
-    /// How far ahead its last group is, ticks.
-    #[inline(always)]
-    fn ahead(&self) -> u16 {
-        let ahead = low_half(self.at.0).wrapping_sub(clock::read());
-        // What would be beyond the limit is past.
-        if ahead > (AHEAD + 8192) as u16 { 0 } else { ahead }
-    }
-
-    /// Has the merge fill this ring.
-    #[inline(always)]
-    fn merge(&mut self, merge: &mut Merge) {
-        if self.ring.free() >= ROOM {
-            let begin = low_half(self.at.0);
-            let end = merge.run(&mut self.ring, begin);
-            // Less than the limit: 2^16 ticks.
-            self.at = self.at.after(u32::from(end.wrapping_sub(begin)));
-        }
-    }
-
-    /// Fills this ring with what its only motor does.
-    #[inline(never)]
-    fn fill(&mut self, motor: &mut Motor, apart: u8) {
-        for _ in 0..BATCH {
-            let Some(Plan::One { tick, rise, fall, long }) = fill::fill(self, motor) else { return };
-            let due = self.near(tick);
-            let at = self.put(due, Group { rise, fall }, apart);
-            // What follows must be looked at until all is in time again.
-            motor.set(flag::SINGLY, at != due);
-            if long {
-                self.put(at.after(u32::from(TIMES.get().pulse)), Group { rise, fall: 0 }, apart);
-            }
-        }
+/// Puts one thing that `motor` does into its own ring, as [`fill`](super::fill) has it.
+#[unsafe(no_mangle)]
+extern "C" fn steps_place(answer: u64, track: &mut Track, motor: &mut Motor) {
+    let Plan::One { tick, rise, fall, long } = Plan::of(answer.to_le_bytes()) else { return };
+    let pulse = TIMES.get().pulse;
+    let due = track.near(tick);
+    let at = track.put(due, Group { rise, fall }, track.apart);
+    // What follows must be looked at until all is in time again.
+    motor.set(flag::SINGLY, at != due);
+    if long {
+        track.put(at.after(u32::from(pulse)), Group { rise, fall: 0 }, track.apart);
     }
 }
 

@@ -1,30 +1,46 @@
 //! The task that keeps the rings filled: it comes again and again, whatever the main loop is doing, and is itself
 //! interrupted by steps and by bytes from the line.
 //!
-//! The overflow of Timer0 calls it (normal mode, DS40002061B §15.7.1, 64 cycles a count), again when a quarter of the time has
-//! passed that the rings were filled for: the rest is left for whatever keeps the task waiting. Compare matches of Timer1 go
+//! The overflow of Timer0 calls it (normal mode, DS40002061B §15.7.1, 64 cycles a count), again when full rings are down to
+//! [`RESERVE`], or a quarter of the time has passed that they were filled for. Compare matches of Timer1 go
 //! before it. It runs with its own interrupt off, so that it does not nest; and not inside the receive interrupt, which would
-//! then lose bytes: it comes back a little later.
+//! then lose bytes, but at its end.
 //!
 //! What it works on, the [`Stepper`], belongs to whoever holds the [`Guard`]: main takes it with [`lock`], which keeps the task
 //! out as long as it lives. Rings last for a while: no guard may be held for longer than about 2000 cycles while motors move (a
 //! position, which takes a look at every group, is the longest).
 
-use super::stepper::Stepper;
+use super::motor::Motor;
+use super::ring::Ring;
+use super::stepper::{AHEAD, Stepper, Track};
 use crate::clock;
 use crate::regs;
 use core::arch::global_asm;
 use core::cell::UnsafeCell;
+use core::mem::offset_of;
 use core::ops::{Deref, DerefMut};
+
+/// The bit of EECR that says that the task is due at the end of the receive interrupt.
+pub(crate) const DUE: u8 = 4;
 
 /// Counts of 64 cycles until the next call, at least. At most it is 255: a quarter of what Timer1 counts.
 const SOONEST: u8 = 4;
 
+/// Ticks that rings are filled for when the task comes again, if they can be: what keeps it waiting, loads of records and an
+/// expansion take no longer, with bytes coming in. For one ring, and for two.
+const RESERVE: u16 = 24 << 8;
+const RESERVE_BOTH: u16 = 32 << 8;
+/// A ring is full when it has room for fewer groups.
+const NEARLY: u8 = 20;
+
+#[repr(transparent)]
 struct Place(UnsafeCell<Stepper>);
 
 // SAFETY: main uses it under a guard, the task while there is none.
 unsafe impl Sync for Place {}
 
+/// The assembly knows where it is.
+#[unsafe(export_name = "steps_stepper")]
 static STEPPER: Place = Place(UnsafeCell::new(Stepper::new()));
 
 /// Keeps the task out as long as it lives.
@@ -87,30 +103,136 @@ pub(crate) fn start() {
 global_asm!(
     r#"
     .section .text.steps_task, "ax", @progbits
-    .global steps_task_begin
+    .global steps_task_begin, steps_task_due
     // From the vector, which has put r24 onto the stack, after 8 cycles. No flag is touched.
 steps_task_begin:
     ldi r24, 0                          // 1                             9
     sts {TIMSK0}, r24                   // 2                            11
     sei                                 // 1                            12
     nop                                 // 1: others are let in behind it, after 13
+    // From the receive interrupt, at its end, which has left r24 on the stack, the task out and interrupts on.
+steps_task_due:
     push r25
     in r25, {SREG}
     push r25
     lds r24, {UCSR0B}
     sbrs r24, 7
     rjmp 1f
+    cbi {EECR}, {DUE}
     .irp r, 0,1,18,19,20,21,22,23,26,27,30,31
     push r\r
     .endr
     clr r1
-    call steps_refill
+    lds r24, steps_mode
+    dec r24
+    brpl .+2
+    rjmp 5f
+    .irp r, 2,3,4,5,6,7,8,9,10,11,12,13,14,15,16,17,28,29
+    push r\r
+    .endr
+    in r25, {FLAGS}
+    andi r25, {STARVED}
+    breq 3f
+    call steps_watch
+    // Nothing is planned beyond the limit.
+3:  call clock_moment
+    ldi r18, {AHEAD} >> 8
+    add r23, r18
+    adc r24, r1
+    adc r25, r1
+    sts steps_times+{LIMIT}, r22
+    sts steps_times+{LIMIT}+1, r23
+    sts steps_times+{LIMIT}+2, r24
+    sts steps_times+{LIMIT}+3, r25
+    lds r24, steps_mode
+    cpi r24, {APIECE}
+    brlo 6f
+    breq 7f
+    cpi r24, {BOTH}
+    breq 8f
+    call steps_fill_shared
+    rjmp 9f
+6:  call steps_merge_run
+    rjmp 9f
+    // Two rings: first the one that is filled less far.
+8:  lds r24, steps_stepper+{AT}
+    lds r25, steps_stepper+{AT}+1
+    lds r18, steps_stepper+{AT}+{TRACK_SIZE}
+    lds r19, steps_stepper+{AT}+{TRACK_SIZE}+1
+    sub r24, r18
+    sbc r25, r19
+    brmi 8f
+    rcall task_fill_second
+    rjmp 7f
+8:  rcall task_fill_first
+    rcall task_fill_second
+    rjmp 9f
+7:  rcall task_fill_first
+    // A quarter of the time that they are filled for, in counts of 64.
+9:  lds r20, steps_stepper+{AT}
+    lds r21, steps_stepper+{AT}+1
+    rcall task_ahead
+    mov r26, r21
+    lds r24, steps_mode
+    cpi r24, {BOTH}
+    brne 4f
+    lds r20, steps_stepper+{AT}+{TRACK_SIZE}
+    lds r21, steps_stepper+{AT}+{TRACK_SIZE}+1
+    rcall task_ahead
+    cp r21, r26
+    brsh 4f
+    mov r26, r21
+4:  cpi r26, {SOONEST}
+    brsh 4f
+    ldi r26, {SOONEST}
+    // Or, where the ring is full, all of it but the reserve.
+4:  lds r30, steps_stepper+{TAIL_AT}
+    ldi r31, 0
+    ld r24, Z
+    lds r25, steps_stepper+{HEAD}
+    sub r24, r25
+    dec r24
+    cpi r24, 4 * {NEARLY}
+    brsh 4f
+    ldi r25, {RESERVE} >> 8
+    lds r24, steps_mode
+    cpi r24, {BOTH}
+    brne 3f
+    lds r30, steps_stepper+{TAIL_AT}+{TRACK_SIZE}
+    ld r24, Z
+    lds r25, steps_stepper+{HEAD}+{TRACK_SIZE}
+    sub r24, r25
+    dec r24
+    cpi r24, 4 * {NEARLY}
+    brsh 4f
+    ldi r25, {RESERVE_BOTH} >> 8
+3:  mov r24, r26
+    sub r24, r25
+    brcs 4f
+    cpi r24, 64
+    brlo 3f
+    ldi r24, 63
+3:  lsl r24
+    lsl r24
+    cp r24, r26
+    brlo 4f
+    mov r26, r24
+4:  neg r26
+    .irp r, 29,28,17,16,15,14,13,12,11,10,9,8,7,6,5,4,3,2
+    pop r\r
+    .endr
+    rjmp 6f
+5:  ldi r26, 1                          // nothing plays
+6:  out {TCNT0}, r26
+    ldi r26, 1
+    out {TIFR0}, r26                    // a call that this one was for
     .irp r, 31,30,27,26,23,22,21,20,19,18,1,0
     pop r\r
     .endr
     rjmp 2f
-    // Inside the receive interrupt: again in one to two counts.
-1:  ldi r24, 254
+    // Inside the receive interrupt: as soon as it ends; or in one to two counts, if it has looked for that already.
+1:  sbi {EECR}, {DUE}
+    ldi r24, 254
     out {TCNT0}, r24
 2:  pop r25
     out {SREG}, r25
@@ -120,20 +242,93 @@ steps_task_begin:
     sts {TIMSK0}, r24
     pop r24
     ret
+
+task_fill_first:
+    ldi r24, lo8(steps_stepper+{TRACK})
+    ldi r25, hi8(steps_stepper+{TRACK})
+    ldi r22, lo8(steps_motors)
+    ldi r23, hi8(steps_motors)
+    jmp steps_fill
+task_fill_second:
+    ldi r24, lo8(steps_stepper+{TRACK}+{TRACK_SIZE})
+    ldi r25, hi8(steps_stepper+{TRACK}+{TRACK_SIZE})
+    ldi r22, lo8(steps_motors+{MOTOR_SIZE})
+    ldi r23, hi8(steps_motors+{MOTOR_SIZE})
+    jmp steps_fill
+
+    // How far r20:21 is ahead; what would be beyond the limit is past. Interrupts are off for 6 cycles.
+task_ahead:
+    in r24, {SREG}
+    cli
+    lds r22, {TCNT1}
+    lds r23, {TCNT1}+1
+    out {SREG}, r24
+    sub r20, r22
+    sbc r21, r23
+    cpi r21, ({AHEAD} + 8192) >> 8
+    brlo 1f
+    clr r21
+1:  ret
     "#,
+    FLAGS = const super::register::GPIOR0,
+    STARVED = const super::ring::flags::STARVED,
+    AHEAD = const AHEAD,
+    LIMIT = const super::times::LIMIT,
+    APIECE = const mode::APIECE,
+    BOTH = const mode::BOTH,
+    TRACK = const offset_of!(Stepper, tracks),
+    TRACK_SIZE = const size_of::<Track>(),
+    AT = const offset_of!(Stepper, tracks) + offset_of!(Track, at),
+    MOTOR_SIZE = const size_of::<Motor>(),
+    SOONEST = const SOONEST,
+    RESERVE = const RESERVE,
+    NEARLY = const NEARLY,
+    TAIL_AT = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, tail_at),
+    HEAD = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, head),
+    RESERVE_BOTH = const RESERVE_BOTH,
+    TCNT1 = const super::register::TCNT1,
     SREG = const super::register::SREG,
-    TIMSK0 = const 0x6e,
+    TIMSK0 = const super::register::TIMSK0,
     TCNT0 = const super::register::TCNT0,
+    EECR = const super::register::EECR,
+    TIFR0 = const super::register::TIFR0,
+    DUE = const DUE,
     UCSR0B = const 0xc1,
 );
 
-/// What the interrupt calls.
+/// What the task fills, as [`steps_mode`](set_mode) says.
+pub(crate) mod mode {
+    /// Nothing plays.
+    pub(crate) const NONE: u8 = 0;
+    /// One ring by the merge.
+    pub(crate) const MERGE: u8 = 1;
+    /// One ring of one motor.
+    pub(crate) const APIECE: u8 = 2;
+    /// Two of them.
+    pub(crate) const BOTH: u8 = 3;
+    /// One ring of motors that share DIR lines.
+    pub(crate) const SHARED: u8 = 4;
+}
+
+#[unsafe(export_name = "steps_mode")]
+static mut MODE: u8 = mode::NONE;
+
+/// From here on the task fills what `mode` says. To be called by who has the stepper.
+pub(super) fn set_mode(mode: u8) {
+    // SAFETY: one byte; the task is out.
+    unsafe { (&raw mut MODE).write_volatile(mode) }
+}
+
+/// A ring ran empty.
 #[unsafe(no_mangle)]
-extern "C" fn steps_refill() {
-    // SAFETY: a guard would have kept this out.
-    let stepper = unsafe { &mut *STEPPER.0.get() };
-    // A quarter of it, in counts of 64.
-    let [_, high] = stepper.refill(clock::moment()).to_le_bytes();
-    let counts = high.max(SOONEST);
-    regs::TCNT0.write(counts.wrapping_neg());
+extern "C" fn steps_watch() {
+    // SAFETY: a guard would have kept the task out.
+    unsafe { &mut *STEPPER.0.get() }.watch(clock::moment());
+}
+
+/// Fills the ring of motors that share DIR lines.
+#[unsafe(no_mangle)]
+extern "C" fn steps_fill_shared() {
+    // SAFETY: as above.
+    unsafe { &mut *STEPPER.0.get() }.fill_shared();
 }

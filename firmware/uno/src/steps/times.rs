@@ -55,12 +55,6 @@ impl Cell {
         // SAFETY: who has the stepper alone uses it, and holds no reference.
         unsafe { *self.0.get() = times }
     }
-
-    #[inline(always)]
-    pub(crate) fn set_limit(&self, limit: Moment) {
-        // SAFETY: as `set`.
-        unsafe { (*self.0.get()).limit = limit }
-    }
 }
 
 /// Offsets for the assembly.
