@@ -48,7 +48,7 @@ pub trait Observer {
         let _ = (cycle, hz);
     }
 
-    /// The watchdog has reset the chip.
+    /// The chip has reset itself: its watchdog did, or its program asked for it.
     fn watchdog_reset(&mut self, cycle: u64) {
         let _ = cycle;
     }

@@ -260,6 +260,88 @@ fn eight_machines_at_once() {
     }
 }
 
+/// Pulses out of words: delay, a pair of pins, the same pair later. Eight machines of both blocks wait for one pin, begin
+/// in the same cycle, and every edge is where the words say: x + 4 + W cycles from pulse to pulse, W + 1 long.
+fn pulse_trains(machines: u32, wait: u32, delay: impl Fn(u32, u32) -> u32) -> Vec<Vec<(u64, bool)>> {
+    const WORDS: u32 = 64;
+    let mut bench = Bench::new();
+    let program = pio_asm!(
+        "wait 1 gpio 25",
+        ".wrap_target",
+        "out x, 28",
+        "l:",
+        "jmp x-- l",
+        "out pins, 2",
+        "out pins, 2",
+        ".wrap"
+    )
+    .program;
+    for number in 0..machines {
+        let machine = Machine::new(number / 4, number % 4);
+        machine.load(&mut bench, &program, 0);
+        bench.set(machine.base() + 0x48 + 4 * 3, u32::from(program.code[3]) | wait << 8);
+        machine.outputs(&mut bench, 2 * number, 2);
+        bench.set(machine.pinctrl(), 2 << 20 | number << 1);
+        bench.set(machine.shiftctrl(), 1 << 30 | 1 << 19 | 1 << 17);
+        let words: Vec<u32> = (0..WORDS).map(|n| delay(number, n) | 1 << 28).collect();
+        let at = RAM + 0x1000 * number;
+        fill(&mut bench, at, &words);
+        start(
+            &mut bench,
+            number,
+            at,
+            machine.txf(),
+            WORDS,
+            EN | WORD | INCR_READ | request(machine.dreq()) | chain(number),
+        );
+    }
+    bench.set(0x5020_0000, 0xf);
+    bench.run(7);
+    bench.set(0x5030_0000, 0xf);
+    bench.run(100);
+    bench.seen.edges.clear();
+    let gate = bench.now();
+    bench.chip.set_input(25, Some(true.into()));
+    bench.run(100_000);
+    // Starved, they rest low.
+    assert!((0..machines).all(|number| !bench.chip.pin(2 * number as u8).is_high()));
+    let edges = |number: u32| {
+        let of = bench.seen.edges.iter().filter(|edge| u32::from(edge.gpio) == 2 * number);
+        of.map(|edge| (edge.cycle - gate, edge.level.is_high())).collect::<Vec<_>>()
+    };
+    (0..machines).map(edges).collect()
+}
+
+#[test]
+fn eight_pulse_trains() {
+    for wait in [0, 3] {
+        let delay = |number: u32, n: u32| (number * 37 + n * n * 11) % 500 + 4;
+        let trains = pulse_trains(8, wait, delay);
+        for (number, train) in (0u32..).zip(&trains) {
+            // The gate is seen after 2 cycles of synchroniser; `out x` is the next, x + 1 jumps, `out pins`, its edge.
+            let rises: Vec<u64> = train.iter().filter(|edge| edge.1).map(|edge| edge.0).collect();
+            assert_eq!(rises[0], 2 + 1 + u64::from(delay(number, 0)) + 1 + 1 + 1, "machine {number}");
+            for n in 1..64 {
+                let period = u64::from(delay(number, n)) + 4 + u64::from(wait);
+                assert_eq!(rises[n as usize] - rises[n as usize - 1], period, "machine {number}, pulse {n}");
+            }
+            let lengths = train.chunks(2).map(|pulse| pulse[1].0 - pulse[0].0);
+            assert!(lengths.clone().eq(std::iter::repeat_n(u64::from(wait) + 1, 64)), "machine {number}");
+        }
+    }
+}
+
+/// The shortest periods that DMA keeps up with, a word a cycle: four machines every 4 cycles, eight every 8.
+#[test]
+fn the_shortest_pulses() {
+    for (machines, period) in [(4, 4), (8, 8)] {
+        for train in pulse_trains(machines, 0, |_, _| period - 4) {
+            let rises: Vec<u64> = train.iter().filter(|edge| edge.1).map(|edge| edge.0).collect();
+            assert!(rises.len() == 64 && rises.windows(2).all(|pair| pair[1] - pair[0] == u64::from(period)));
+        }
+    }
+}
+
 /// §2.5.7, HIGH_PRIORITY: channels in turn; a high one comes between any two of the low.
 #[test]
 fn priorities() {

@@ -209,6 +209,23 @@ fn uart_interrupts() {
     assert_eq!(bench.get(UART0 + 0x3c), 1 << 5);
 }
 
+/// Clock and pins may come last: what was written goes out then, and a character that begins after that is heard.
+#[test]
+fn uart_set_up_backwards() {
+    let mut bench = Bench::new();
+    for (offset, value) in [(0x24, 1), (0x28, 0), (0x2c, 0x70), (0x30, 0x301), (0, 5)] {
+        bench.set(UART0 + offset, value);
+    }
+    bench.chip.receive(0, LineByte::new(bench.now() + 500, 0x77, 16 * 256));
+    bench.run(100);
+    bench.set(CLOCKS + 0x48, 1 << 11);
+    bench.run(10);
+    bench.give([0, 1], 2);
+    bench.run(1000);
+    assert_eq!(bench.seen.sent.iter().map(|byte| byte.byte()).collect::<Vec<_>>(), [5]);
+    assert_eq!(bench.get(UART0), 0x77);
+}
+
 /// No pin, no characters: a program that forgets FUNCSEL is mute and deaf.
 #[test]
 fn uart_without_pins() {
@@ -315,7 +332,8 @@ fn spinlocks() {
     assert_eq!(bench.get(lock), 1 << 9);
 }
 
-/// §4.7: the counter loses two a tick (erratum RP2040-E1); the chip starts again, scratch registers and reason stay.
+/// §4.7: the counter loses two a tick (erratum RP2040-E1); the chip starts again, scratch registers and reason stay. A
+/// watchdog that is told to reset nothing (§2.13.5, WDSEL) resets nothing; TRIGGER is another reason; RUN is none.
 #[test]
 fn the_watchdog() {
     let mut bench = Bench::new();
@@ -324,6 +342,10 @@ fn the_watchdog() {
     bench.set(SIO + 0x24, 1 << 3);
     bench.set(SIO + 0x14, 1 << 3);
     bench.set(WATCHDOG + 0xc, 0x1234);
+    bench.set(WATCHDOG, 1 << 31);
+    bench.run(10);
+    assert_eq!(bench.seen.resets, []);
+    bench.set(0x4001_0008, 0x1_fffc);
     let load = bench.now();
     bench.set(WATCHDOG + 4, 2000);
     bench.set(WATCHDOG, 1 << 30);
@@ -338,6 +360,13 @@ fn the_watchdog() {
     // The pin falls back, clocks are slow again.
     assert_eq!((bench.edges(3), bench.chip.clock_hz()), (vec![(at, false)], 6_500_000));
     assert_eq!((bench.get(WATCHDOG + 8), bench.get(WATCHDOG + 0xc)), (1, 0x1234));
+    bench.set(0x4001_0008, 0x1_fffc);
+    bench.set(WATCHDOG, 1 << 31);
+    let end = bench.now() + 1000;
+    bench.chip.run(end, &mut bench.seen);
+    assert_eq!((bench.get(WATCHDOG + 8), bench.get(WATCHDOG + 0xc), bench.seen.resets.len()), (2, 0x1234, 2));
+    bench.chip.reset(&mut bench.seen);
+    assert_eq!((bench.get(WATCHDOG + 8), bench.get(WATCHDOG + 0xc)), (0, 0));
 }
 
 // Programs. Thumb code by hand; what is asked of the processor itself is in its own tests.
@@ -374,6 +403,33 @@ fn bus_cycles() {
         };
         assert_eq!((cycles(60), cycles(0)), (load, store), "{address:#x}");
     }
+}
+
+/// Two blocks enabled one after the other, by two stores, begin two cycles apart.
+#[test]
+fn two_enables() {
+    // str r1, [r0]; str r1, [r2]; wfi; b to it
+    let mut bench =
+        Bench { chip: Rp2040::new(&flash(&[0x6001, 0x6011, 0xbf30, 0xe7fd])).expect("it fits"), seen: Seen::default() };
+    bench.set(RESETS, 0);
+    for block in 0..2 {
+        let machine = Machine::new(block, 0);
+        let program = pio_asm!("set pins, 1", "h:", "jmp h").program;
+        for (at, word) in program.code.iter().enumerate() {
+            bench.set(machine.base() + 0x48 + 4 * at as u32, (*word).into());
+        }
+        bench.set(machine.pinctrl(), 1 << 26 | block << 5);
+        bench.give([block], 6 + block);
+        // OEOVER: an output, whatever the machine says.
+        bench.set(0x4001_4004 + 8 * block, 6 + block | 3 << 12);
+    }
+    for (register, value) in [(0, 0x5020_0000), (1, 1), (2, 0x5030_0000)] {
+        bench.chip.cpu_mut().set_register(register, value);
+    }
+    bench.chip.run(300, &mut bench.seen);
+    let edges: Vec<_> =
+        bench.seen.edges.iter().map(|edge| (edge.gpio, edge.cycle - bench.seen.edges[0].cycle)).collect();
+    assert_eq!(edges, [(0, 0), (1, 2)]);
 }
 
 /// A program that sleeps until the timer's alarm, and toggles a pin in its handler, from RAM: what comes between the

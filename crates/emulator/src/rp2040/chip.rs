@@ -3,6 +3,7 @@
 use super::fabric::Fabric;
 use super::system::{CoreBus, System};
 use super::usb::UsbState;
+use super::watchdog::Cause;
 use crate::arm::{Config, Cpu, Fault, Size};
 use crate::{ImageTooLarge, Level, LineByte, Observer};
 
@@ -81,13 +82,13 @@ impl Rp2040 {
     /// Resets the chip in the present cycle, as its RUN pin does. Cycles go on counting; RAM and flash are kept, and
     /// what the world does to the pins. Pins that fall back are told to the observer.
     pub fn reset(&mut self, observer: &mut impl Observer) {
-        self.restart(true, observer);
+        self.restart(Cause::Run, observer);
     }
 
-    fn restart(&mut self, forced: bool, observer: &mut impl Observer) {
+    fn restart(&mut self, cause: Cause, observer: &mut impl Observer) {
         let cycle = self.cpu.cycle();
         self.system.reset = None;
-        self.system.fabric.reset(forced, cycle, observer);
+        self.system.fabric.reset(cause, cycle, observer);
         self.system.dma = super::dma::Dma::new();
         self.start(observer);
     }
@@ -127,9 +128,9 @@ impl Rp2040 {
     /// Events up to now, resets, interrupt lines.
     fn attend(&mut self, observer: &mut impl Observer) {
         self.system.advance(self.cpu.cycle(), observer);
-        if let Some(forced) = self.system.reset {
+        if let Some(cause) = self.system.reset {
             observer.watchdog_reset(self.cpu.cycle());
-            self.restart(forced, observer);
+            self.restart(cause, observer);
         }
         if self.system.lines_changed {
             self.system.lines_changed = false;

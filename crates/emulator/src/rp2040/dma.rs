@@ -139,9 +139,13 @@ pub(super) struct Dma {
     wanting: [u16; 64],
     /// Those of them that may have something to issue, now or in a known cycle.
     looking: u32,
+    /// Those of them that were found to have.
+    ready: u32,
     /// The channel issued last of the low ones, and the high ones still to be considered in this round.
     last_low: usize,
     high_left: u32,
+    /// Channels of high priority.
+    high: u32,
     last_read_at: u64,
     last_write_at: u64,
     /// Interrupt lines may have changed.
@@ -168,8 +172,10 @@ impl Dma {
             sniff_data: 0,
             wanting: [0; 64],
             looking: 0,
+            ready: 0,
             last_low: CHANNELS - 1,
             high_left: 0,
+            high: 0,
             last_read_at: 0,
             last_write_at: 0,
             lines_changed: false,
@@ -192,6 +198,7 @@ impl Dma {
             let mut channels = u32::from(self.wanting[requests.trailing_zeros() as usize]);
             requests &= requests - 1;
             self.looking |= channels;
+            self.ready &= !channels;
             while channels != 0 {
                 let channel = &mut self.channels[channels.trailing_zeros() as usize];
                 channels &= channels - 1;
@@ -310,7 +317,10 @@ impl Dma {
             *channels &= !bit;
         }
         let channel = &self.channels[number];
+        let high = channel.ctrl & HIGH_PRIORITY != 0;
+        self.high = if high { self.high | u32::from(bit) } else { self.high & !u32::from(bit) };
         self.looking &= !u32::from(bit);
+        self.ready &= !u32::from(bit);
         if channel.wants() {
             self.wanting[channel.request() as usize] |= bit;
             if channel.check_at != NEVER {
@@ -374,20 +384,19 @@ impl Dma {
     /// Picks a channel: every high one once, then a single low one, in turn (§2.5.7, HIGH_PRIORITY).
     fn issue(&mut self, cycle: u64, fabric: &mut Fabric) {
         let Some(slot) = self.under_way.iter().position(Option::is_none) else { return };
-        let mut ready = 0u32;
-        let mut high = 0u32;
-        let mut looking = self.looking;
-        while looking != 0 {
-            let number = looking.trailing_zeros() as usize;
-            looking &= looking - 1;
+        let mut unknown = self.looking & !self.ready;
+        while unknown != 0 {
+            let number = unknown.trailing_zeros() as usize;
+            unknown &= unknown - 1;
             if self.may_issue(number, cycle, fabric) {
-                ready |= 1 << number;
-                high |= (self.channels[number].ctrl & HIGH_PRIORITY) >> 1 << number;
+                self.ready |= 1 << number;
             }
         }
+        let ready = self.ready;
         if ready == 0 {
             return;
         }
+        let high = ready & self.high;
         if ready & !high == 0 && high & self.high_left == 0 {
             // No low one waits: another round of the high ones.
             self.high_left = high;
@@ -404,6 +413,7 @@ impl Dma {
             (self.last_low, self.high_left) = (number, u32::MAX);
             number
         };
+        self.ready &= !(1 << number);
         self.begin(slot, number, cycle, fabric);
     }
 

@@ -10,7 +10,7 @@ use super::sio::Sio;
 use super::timer::Timer;
 use super::uart::Uart;
 use super::usb::Usb;
-use super::watchdog::Watchdog;
+use super::watchdog::{Cause, Watchdog};
 use super::xip::Xip;
 use crate::Observer;
 use crate::arm::{BusFault, Size};
@@ -49,6 +49,9 @@ const USB_DPRAM_BYTES: u32 = 4096;
 const USB: u32 = 0x5011_0000;
 const PIO0: u32 = 0x5020_0000;
 const PIO1: u32 = 0x5030_0000;
+
+/// The bit of processor 0 in the power-on state machine's registers.
+const PSM_PROC0: u32 = 1 << 15;
 
 /// Bits of RESETS (§2.14.3).
 mod reset {
@@ -127,13 +130,13 @@ impl Fabric {
         }
     }
 
-    /// As after a reset of the whole chip but for the watchdog's scratch registers; memory stays.
-    pub(super) fn reset(&mut self, forced: bool, cycle: u64, observer: &mut impl Observer) {
+    /// As after a reset of the whole chip; memory stays.
+    pub(super) fn reset(&mut self, cause: Cause, cycle: u64, observer: &mut impl Observer) {
         self.hold(reset::ALL, cycle);
         self.resets = reset::ALL;
         self.sio = Sio::new();
         self.xip.flush();
-        self.watchdog.reset(forced);
+        self.watchdog.reset(cause);
         self.clocks = Clocks::new();
         self.plain.clear();
         self.clocks_changed(cycle, observer);
@@ -224,6 +227,11 @@ impl Fabric {
         self.watchdog.next <= cycle
     }
 
+    /// Whether the watchdog may reset the processor, and with it, here, the whole chip (§2.13.5, PSM WDSEL).
+    pub(super) fn watchdog_resets(&self) -> bool {
+        self.plain_register(PSM | 8) & PSM_PROC0 != 0
+    }
+
     /// Frequencies are other ones from a cycle on, maybe.
     fn clocks_changed(&mut self, cycle: u64, observer: &mut impl Observer) {
         if let Some(hz) = self.clocks.refresh(cycle) {
@@ -235,7 +243,7 @@ impl Fabric {
         }
         let (peri, sys) = (self.clocks.peri_hz(cycle), self.clocks.sys_hz());
         for uart in &mut self.uart {
-            uart.set_clocks(peri, sys);
+            uart.set_clocks(peri, sys, cycle);
         }
         self.usb.set_clock(sys, cycle);
     }
@@ -262,11 +270,11 @@ impl Fabric {
     }
 
     /// Which pins the UARTs have (§2.19.2): every fourth is the TX or RX of one of them.
-    fn connect_uarts(&mut self) {
+    fn connect_uarts(&mut self, cycle: u64) {
         const TX: [u32; 2] = [1 << 0 | 1 << 12 | 1 << 16 | 1 << 28, 1 << 4 | 1 << 8 | 1 << 20 | 1 << 24];
         let pins = self.gpio.pins_of(function::UART);
         for (uart, tx) in self.uart.iter_mut().zip(TX) {
-            uart.connected = [pins & tx != 0, pins & tx << 1 != 0];
+            uart.connect([pins & tx != 0, pins & tx << 1 != 0], cycle);
         }
         // The line rests high; characters are told as such, not as edges.
         (self.gpio.uart.levels, self.gpio.uart.directions) = (u32::MAX, TX[0] | TX[1]);
@@ -475,13 +483,13 @@ impl Fabric {
                 let wanted = merge(self.resets) & reset::ALL;
                 self.hold(wanted & !self.resets, cycle + 1);
                 self.resets = wanted;
-                self.connect_uarts();
+                self.connect_uarts(cycle + 1);
                 self.clocks_changed(cycle + 1, observer);
                 self.drive(cycle + 1, observer);
             }
             IO_BANK0 => {
                 self.gpio.write(offset, value, merge);
-                self.connect_uarts();
+                self.connect_uarts(cycle + 1);
                 self.drive(cycle + 1, observer);
             }
             PADS_BANK0 => {

@@ -3,9 +3,11 @@
 //! What happens in cycle t reads what was there in the beginning of t and is seen in t + 1. State machines come first,
 //! then the DMA, then the slow peripherals; the processor's access comes last.
 
+use super::chip::Rp2040;
 use super::dma::Dma;
 use super::fabric::{APB_READ_WAITS, APB_WRITE_WAITS, Fabric, lane, merging, replicate};
 use super::pio::Pio;
+use super::watchdog::Cause;
 use crate::Observer;
 use crate::arm::{Bus, BusFault, Size};
 
@@ -21,8 +23,8 @@ pub(super) struct System {
     pub(super) next: u64,
     /// Interrupt lines may have changed.
     pub(super) lines_changed: bool,
-    /// The watchdog, or a program, wants a reset: whether it was forced.
-    pub(super) reset: Option<bool>,
+    /// The watchdog, or the program, wants a reset.
+    pub(super) reset: Option<Cause>,
 }
 
 impl System {
@@ -64,7 +66,9 @@ impl System {
         }
         if self.fabric.next_slow() == now {
             if self.fabric.run_slow(now, observer) {
-                self.reset = Some(false);
+                if self.fabric.watchdog_resets() {
+                    self.reset = Some(Cause::RanOut);
+                }
                 self.fabric.watchdog.next = NEVER;
             }
             self.lines_changed = true;
@@ -86,8 +90,8 @@ impl System {
         if std::mem::take(&mut self.fabric.reset_dma) {
             self.dma = Dma::new();
         }
-        if self.fabric.watchdog.triggered() {
-            self.reset = Some(true);
+        if self.fabric.watchdog.triggered() && self.fabric.watchdog_resets() {
+            self.reset = Some(Cause::Forced);
         }
     }
 
@@ -223,9 +227,9 @@ impl System {
     /// The half-word of an instruction, and the cycles waited for it.
     #[inline]
     pub(super) fn fetch(&mut self, address: u32) -> Result<(u16, u32), BusFault> {
-        if let Some(offset) = Fabric::sram_offset(address) {
-            let half = self.fabric.read_sram(offset, Size::Half).ok_or(BusFault { address })?;
-            return Ok((half as u16, 0));
+        let offset = address.wrapping_sub(Rp2040::RAM_ADDRESS) as usize;
+        if let Some(&[low, high]) = self.fabric.sram.get(offset..offset + 2) {
+            return Ok((u16::from_le_bytes([low, high]), 0));
         }
         match address >> 24 {
             0x10..=0x13 => {
@@ -289,6 +293,6 @@ impl<O: Observer> Bus for CoreBus<'_, O> {
     }
 
     fn request_reset(&mut self) {
-        self.system.reset = Some(true);
+        self.system.reset = Some(Cause::Program);
     }
 }

@@ -1,6 +1,8 @@
 //! A chip whose processor sleeps: registers are written by hand, in the cycle that is wanted.
 #![allow(dead_code, reason = "each test uses its part")]
 
+pub(crate) mod slow;
+
 use pulsetrain_emulator::{GpioEdge, Observer, Rp2040, UartByte};
 
 /// What left the chip.
