@@ -262,7 +262,7 @@ struct Motor {
 }
 
 /// A board at the other end of a [`Port`].
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Remote<P> {
     port: P,
     link: Link,

@@ -160,7 +160,7 @@ impl Pair {
 }
 
 /// An edge of a motor's line, high being active.
-fn as_line(setup: &Setup, edge: Edge) -> Option<Edge> {
+pub(crate) fn as_line(setup: &Setup, edge: Edge) -> Option<Edge> {
     let low = setup.motors.iter().any(|motor| motor.step_low && motor.coils.is_none() && motor.step_pin == edge.line);
     (edge.line != GATE).then_some(Edge { level: edge.level != low, ..edge })
 }

@@ -518,14 +518,14 @@ impl<'a> Configuration<'a> {
     pub(super) fn decode(payload: &'a [u8], known: u8) -> Option<Configuration<'a>> {
         let (head, motors) = payload.split_first_chunk::<13>()?;
         let [p0, p1, s0, s1, h0, h1, enable_pin, flags, i0, i1, q0, q1, count] = *head;
-        let mut unknown = flags & !3;
+        let mut unknown = flags;
         for [_, _, flags, ..] in motors.as_chunks::<MOTOR_SETUP_LEN>().0 {
-            unknown |= flags & !known;
-            if known & COILS_FLAGS != STEP_DIR_FLAGS && !matches!(flags >> 2 & 7, 0 | 1 | 3 | 5) {
+            unknown |= flags & !(known ^ STEP_DIR_FLAGS);
+            if known != STEP_DIR_FLAGS && !matches!(flags >> 2 & 7, 0 | 1 | 3 | 5) {
                 return None;
             }
         }
-        if unknown != 0 || motors.len() != usize::from(count) << 3 {
+        if unknown & !STEP_DIR_FLAGS != 0 || motors.len() != usize::from(count) << 3 {
             return None;
         }
         let mut configuration = Configuration::new(motors)?;

@@ -33,7 +33,7 @@ pub struct Tape<const N: usize, const RUNS: usize> {
 
 impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
     const WORDS: u32 = {
-        assert!(N.is_power_of_two() && N <= 1 << 16 && RUNS.is_power_of_two() && RUNS <= 1 << 16);
+        assert!(N.is_power_of_two() && N <= 1 << 15 && RUNS.is_power_of_two() && RUNS <= 1 << 15);
         #[expect(clippy::cast_possible_truncation, reason = "just checked")]
         let words = N as u32;
         words
