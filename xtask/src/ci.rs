@@ -12,7 +12,9 @@ const PROPERTY_CASES: u32 = 1024;
 pub(crate) fn run() -> Done {
     command::run(command("rustup").args(["component", "add", "rustfmt", "clippy"]))?;
     command::run(&mut cargo("fmt --all --check"))?;
-    command::run(&mut cargo("fmt --manifest-path fuzz/Cargo.toml --check"))?;
+    for manifest in ["fuzz/Cargo.toml", "xtask/cross-check/usb_serial/Cargo.toml"] {
+        command::run(&mut cargo(&format!("fmt --manifest-path {manifest} --check")))?;
+    }
     command::run(&mut cargo("clippy --workspace --all-targets -- -D warnings"))?;
     command::run(cargo("doc --workspace --no-deps --document-private-items").env("RUSTDOCFLAGS", "-D warnings"))?;
     // What the virtual boards run, in the tests as well, is what the sources say.

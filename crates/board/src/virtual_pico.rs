@@ -1,11 +1,13 @@
-//! The virtual Pico: the firmware's image on an emulated RP2040, behind a model of a USB adapter on its UART.
+//! The virtual Pico: the firmware's image on an emulated RP2040, behind a model of a USB adapter on its UART, or on its own
+//! USB port.
 //!
 //! It is a [`Port`] in virtual time: time passes only while someone receives, and every edge of a pin is known to the
-//! cycle. Bytes cross USB once a millisecond, then go over the line at its rate.
+//! cycle. Through the adapter, bytes cross USB once a millisecond, then go over the line at its rate. By its own port they
+//! go as the bus has time and the firmware takes them; a program gets what has come with the end of each frame.
 
 use crate::{Edge, Port, PortError};
 use pulsetrain_core::wire::Baud;
-use pulsetrain_emulator::{GpioEdge, LineByte, Observer, Rp2040, UartByte, image};
+use pulsetrain_emulator::{GpioEdge, LineByte, Observer, Rp2040, UartByte, UsbState, image};
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -27,6 +29,9 @@ const RATE_TOLERANCE: u64 = 45;
 /// The firmware starts its clock within so many cycles, or never.
 const START_UP: u64 = 50_000_000;
 
+/// A PC has enumerated the device and opened its port within so many cycles of its start, or never.
+const ENUMERATION: u64 = CYCLES_PER_S;
+
 /// SysTick counts down, modulo this.
 const SYSTICK: u32 = 1 << 24;
 
@@ -45,6 +50,12 @@ pub enum PicoError {
         /// Where it is.
         pc: u32,
     },
+    /// The PC cannot open its USB serial port.
+    #[error("the USB serial port is not open within {ENUMERATION} cycles: {state:?}")]
+    NoUsb {
+        /// How far the PC came.
+        state: UsbState,
+    },
 }
 
 /// A Raspberry Pi Pico in virtual time.
@@ -52,6 +63,8 @@ pub enum PicoError {
 pub struct VirtualPico {
     chip: Rp2040,
     outside: Outside,
+    /// By its own USB port, not by the UART.
+    by_usb: bool,
     /// The cycle of the firmware's tick 0.
     zero: u64,
     /// The rate of the adapter, and the one that it changes to at a cycle.
@@ -66,6 +79,8 @@ pub struct VirtualPico {
 struct Outside {
     edges: Vec<GpioEdge>,
     bytes: VecDeque<UartByte>,
+    /// What the PC took over USB, and when.
+    packets: VecDeque<(u64, Vec<u8>)>,
 }
 
 impl Observer for Outside {
@@ -76,6 +91,10 @@ impl Observer for Outside {
     fn transmit(&mut self, byte: UartByte) {
         self.bytes.push_back(byte);
     }
+
+    fn usb(&mut self, cycle: u64, data: &[u8]) {
+        self.packets.push_back((cycle, data.to_vec()));
+    }
 }
 
 impl VirtualPico {
@@ -83,6 +102,30 @@ impl VirtualPico {
     #[must_use]
     pub fn new() -> VirtualPico {
         VirtualPico::with_image(IMAGE).expect("the committed image runs: a test holds it")
+    }
+
+    /// A Pico with the committed firmware, whose USB serial port has just been opened.
+    #[must_use]
+    pub fn on_usb() -> VirtualPico {
+        VirtualPico::new().opened().expect("the committed image enumerates: a test holds it")
+    }
+
+    /// The same Pico by its own USB port: plugs it in and waits until the port is open.
+    ///
+    /// # Errors
+    /// [`PicoError::NoUsb`] if it is no USB serial port.
+    pub fn opened(mut self) -> Result<VirtualPico, PicoError> {
+        self.by_usb = true;
+        self.chip.usb_plug(true);
+        self.chip.usb_open(true);
+        let end = self.chip.cycle() + ENUMERATION;
+        while self.chip.usb_state() != UsbState::Open {
+            if self.chip.cycle() >= end {
+                return Err(PicoError::NoUsb { state: self.chip.usb_state() });
+            }
+            self.chip.run(self.next_frame(), &mut self.outside);
+        }
+        Ok(self)
     }
 
     /// A Pico with any firmware, a UF2 file, whose clock has just been started.
@@ -94,6 +137,7 @@ impl VirtualPico {
         let mut pico = VirtualPico {
             chip: Rp2040::new(&flash)?,
             outside: Outside::default(),
+            by_usb: false,
             zero: 0,
             baud: Baud::B115200,
             next_baud: None,
@@ -135,6 +179,9 @@ impl VirtualPico {
 
     /// Takes what has come over USB by `cycle`, if it was sent at the adapter's rate.
     fn fetch(&mut self, cycle: u64, into: &mut Vec<u8>) {
+        while let Some((_, packet)) = self.outside.packets.pop_front_if(|(end, _)| *end <= cycle) {
+            into.extend(packet);
+        }
         while let Some(byte) = self.outside.bytes.front().filter(|byte| byte.end_cycle <= cycle).copied() {
             self.outside.bytes.pop_front();
             if byte.uart != 0 {
@@ -181,6 +228,10 @@ impl Port for VirtualPico {
     }
 
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        if self.by_usb {
+            self.chip.usb_send(bytes);
+            return Ok(());
+        }
         let baud = self.next_baud.map_or(self.baud, |(_, baud)| baud);
         let frame = self.next_frame();
         for byte in bytes {

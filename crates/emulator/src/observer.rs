@@ -33,6 +33,11 @@ pub trait Observer {
         let _ = byte;
     }
 
+    /// The PC has taken a packet from the chip's USB serial port; the transaction ended in this cycle.
+    fn usb(&mut self, cycle: u64, data: &[u8]) {
+        let _ = (cycle, data);
+    }
+
     /// From this cycle on, a cycle is `division` periods of the oscillator (CLKPR; 1 to 256).
     fn clock_division(&mut self, cycle: u64, division: u16) {
         let _ = (cycle, division);
@@ -43,7 +48,7 @@ pub trait Observer {
         let _ = (cycle, hz);
     }
 
-    /// The watchdog has reset the chip.
+    /// The chip has reset itself: its watchdog did, or its program asked for it.
     fn watchdog_reset(&mut self, cycle: u64) {
         let _ = cycle;
     }

@@ -2,6 +2,8 @@
 
 mod arm_common;
 
+use proptest::prelude::*;
+
 use arm_common::{BX_LR, Bench, CODE, NOP, PROCESS_STACK, RAM, STACK, VECTORS, handler};
 use pulsetrain_emulator::arm::{FaultCause, Mode};
 
@@ -508,4 +510,31 @@ fn reset() {
     bench.cpu.reset(&mut bench.memory);
     assert_eq!((bench.cpu.pc(), bench.cpu.register(13), bench.now()), (CODE, STACK, cycle));
     assert_eq!((bench.cpu.mode(), bench.peek(ISER), bench.peek(ISPR)), (Mode::Thread, 0, 1 << 3));
+}
+
+proptest! {
+    /// Whatever code and lines do, each step takes time, and a processor that is not locked up goes on.
+    #[test]
+    fn any_code(code in prop::collection::vec(any::<u16>(), 500), lines in prop::collection::vec(any::<u32>(), 20), r in any::<[u32; 8]>()) {
+        let mut bench = nops();
+        bench.memory.set_code(CODE, &code);
+        bench.memory.set_code(handler(HARD_FAULT), &code);
+        for (number, value) in r.into_iter().enumerate() {
+            // Some are addresses of memory, or of the processor's own registers.
+            let value = if number % 2 == 0 { RAM + value % 0x1_0000 } else { value };
+            bench.cpu.set_register(number, if number == 7 { ICSR & !0xff | value & 0xff } else { value });
+        }
+        for line in lines {
+            bench.cpu.set_irq_lines(line);
+            for _ in 0..100 {
+                let before = bench.now();
+                let cycles = bench.step();
+                prop_assert!((1..=64).contains(&cycles), "{cycles}");
+                prop_assert_eq!(bench.now(), before + u64::from(cycles));
+                prop_assert_eq!(bench.cpu.pc() % 2, 0);
+                prop_assert_eq!(bench.cpu.register(13) % 4, 0);
+            }
+        }
+        prop_assert!(!bench.cpu.is_locked_up() || bench.cpu.fault().is_some());
+    }
 }

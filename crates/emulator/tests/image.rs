@@ -1,5 +1,6 @@
 //! Images: what is read, and that a broken file is refused with what is wrong, never loaded in part.
 
+use proptest::prelude::*;
 use pulsetrain_emulator::image::{ImageError, Piece, elf, flat, uf2};
 
 const RP2040: u32 = 0xe48b_ff56;
@@ -88,5 +89,31 @@ fn uf2_blocks() {
         let mut broken = [first.clone(), second.clone()].concat();
         broken[512 + at] = value;
         assert_eq!(uf2(&broken, RP2040), Err(ImageError::Uf2Block { block: 1 }), "byte {at}");
+    }
+}
+
+proptest! {
+    /// Damaged files are refused or loaded, and what is loaded lies within the limit.
+    #[test]
+    fn damaged_files(changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..20), cut in 0..600_usize) {
+        let elf_file = elf_file(&[(1, 0x1000_0000, &[1; 300]), (1, 0x1000_0200, &[2; 50])]);
+        let uf2_file = [
+            block(0x1000_0000, &[1; 256], 0, 2, 0x2000, RP2040),
+            block(0x1000_0100, &[2; 256], 1, 2, 0x2000, RP2040),
+        ].concat();
+        for mut file in [elf_file, uf2_file] {
+            for (at, byte) in &changes {
+                let at = at.index(file.len());
+                file[at] = *byte;
+            }
+            file.truncate(file.len().saturating_sub(cut));
+            for pieces in [elf(&file), uf2(&file, RP2040)].into_iter().flatten() {
+                let end = |piece: &Piece| u64::from(piece.address) + piece.bytes.len() as u64;
+                let fits = pieces.iter().all(|piece| piece.address >= 0x1000_0000 && end(piece) <= 0x1000_1000);
+                let memory = flat(&pieces, 0x1000_0000, 4096);
+                prop_assert_eq!(memory.is_ok(), fits);
+                prop_assert!(memory.is_ok_and(|memory| memory.len() <= 4096) || !fits);
+            }
+        }
     }
 }

@@ -266,7 +266,7 @@ fn irq_rel() {
         machine.enable(&mut bench);
         bench.run(10);
         let flags = bench.get(machine.base() + 0x30);
-        assert_eq!(flags, 1 << ((2 + number) % 4) | 1 << (4 | (3 + number) % 4) | 1 << 5, "machine {number}");
+        assert_eq!(flags, 1 << ((2 + number) % 4) | 1 << (4 + (3 + number) % 4) | 1 << 5, "machine {number}");
     }
 }
 
@@ -535,7 +535,7 @@ fn autopush() {
     let mut bench = Bench::new();
     M.load(&mut bench, &pio_asm!("in x, 16", "jmp x-- n", "n:").program, 0);
     bench.set(M.execctrl(), 1 << 12);
-    bench.set(M.shiftctrl(), AUTOPUSH | 32 << 20 & 0x1f0_0000);
+    bench.set(M.shiftctrl(), AUTOPUSH);
     M.force(&mut bench, 0xe03f);
     M.enable(&mut bench);
     bench.run(100);

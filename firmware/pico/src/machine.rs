@@ -160,13 +160,15 @@ impl Board {
         self.baud.is_some()
     }
 
-    /// What can wait a millisecond.
-    pub(crate) fn housekeeping(&mut self, now: Millis, line: &mut Line) {
+    /// What can wait a millisecond. `by_usb`: the rate asked for is USB's, which has none.
+    pub(crate) fn housekeeping(&mut self, now: Millis, line: &mut Line, by_usb: bool) {
         if let Some(baud) = self.baud
-            && link::is_out()
+            && (by_usb || link::is_out())
         {
             self.baud = None;
-            line.set_baud(baud);
+            if !by_usb {
+                line.set_baud(baud);
+            }
         }
         line.look_after();
         if link::has_overrun() {

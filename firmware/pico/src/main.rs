@@ -4,7 +4,7 @@
 //! - this file: start-up and the main loop
 //! - [`machine`]: what the link asks of a board, done on this one
 //! - [`steps`]: from packed bytes to edges on the pins
-//! - [`link`]: the serial line
+//! - [`link`], [`usb`]: the serial line, and the serial port over USB; whoever spoke last is answered
 //! - [`clock`]: the chip's clocks, and SysTick extended to 64 bits
 //! - [`reset`]: the watchdog, and why the program began
 //! - [`start`]: vectors, and memory that there is one of
@@ -28,10 +28,13 @@ mod regs;
 mod reset;
 mod start;
 mod steps;
+mod usb;
 
 use link::Line;
 use machine::Board;
+use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Decoder, MAX_BODY, MAX_FRAME, Millis, Service};
+use usb::Usb;
 
 /// Bytes that one round of the main loop takes from the line at most.
 const BYTES_A_ROUND: usize = 32;
@@ -43,8 +46,12 @@ const NAP: [u32; 2] = [50, 500];
 struct All {
     board: Board,
     service: Service,
-    decoder: Decoder,
     line: Line,
+    usb: Usb,
+    /// Of line and USB.
+    decoders: [Decoder; 2],
+    /// The last frame came over USB: there the answers go.
+    by_usb: bool,
     reply: Reply,
 }
 
@@ -65,8 +72,10 @@ extern "C" fn main() -> ! {
     let mut all = All {
         board,
         service: Service::new(MAX_BODY),
-        decoder: Decoder::new(),
         line,
+        usb: Usb::open(),
+        decoders: [Decoder::new(), Decoder::new()],
+        by_usb: false,
         reply: Reply { bytes: [0; MAX_FRAME + 1], len: 0, sent: 0 },
     };
     reset::begin();
@@ -85,11 +94,12 @@ impl All {
             self.count_round(now - woken);
             woken = now;
             let millis = millis(now);
+            self.usb.poll();
             let heard = self.listen(millis);
             let spoke = self.speak(millis);
             if millis != last {
                 last = millis;
-                self.board.housekeeping(millis, &mut self.line);
+                self.board.housekeeping(millis, &mut self.line, self.by_usb);
             }
             if !(more || heard || spoke) {
                 self.nap();
@@ -98,21 +108,34 @@ impl All {
         }
     }
 
-    /// Takes bytes from the line; whether there were some.
+    /// Takes bytes from the line, or else from USB; whether there were some. One place for both: the way into the board is
+    /// long, and is there once.
     #[inline(always)]
     fn listen(&mut self, now: Millis) -> bool {
         let unread = self.line.waiting();
-        if unread == 0 {
+        let usb = unread == 0;
+        if usb && self.usb.waiting() == 0 {
             return false;
         }
         let most = &mut self.board.measures.most_unread;
         *most = (*most).max(unread as u16);
         for _ in 0..BYTES_A_ROUND {
-            let Some(byte) = self.line.take() else { break };
-            let received = self.decoder.push(byte);
-            self.service.receive(received, self.decoder.body(), now, &mut self.board);
+            let byte = if usb { self.usb.take() } else { self.line.take() };
+            let Some(byte) = byte else { break };
+            let received = self.decoders[usize::from(usb)].push(byte);
+            self.answer_by(received, usb);
+            self.service.receive(received, self.decoders[usize::from(usb)].body(), now, &mut self.board);
         }
         true
+    }
+
+    /// A frame says where the answers go; what was under way to the other one is dropped.
+    #[inline(always)]
+    fn answer_by(&mut self, received: Received, usb: bool) {
+        if matches!(received, Received::Frame(_)) && self.by_usb != usb {
+            self.by_usb = usb;
+            (self.reply.sent, self.reply.len) = (0, 0);
+        }
     }
 
     /// Sends what there is to say, as far as the line takes it; whether there was something.
@@ -124,13 +147,16 @@ impl All {
             reply.len = self.service.poll(now, &mut self.board, &mut reply.bytes);
         }
         let mut spoke = false;
-        while link::can_send()
-            && let Some(byte) = reply.bytes[..reply.len].get(reply.sent)
-        {
-            link::send(*byte);
+        while let Some(byte) = reply.bytes[..reply.len].get(reply.sent) {
+            match self.by_usb {
+                true if self.usb.can_send() => self.usb.send(*byte),
+                false if link::can_send() => link::send(*byte),
+                _ => return spoke,
+            }
             reply.sent += 1;
             spoke = true;
         }
+        self.usb.flush();
         spoke
     }
 

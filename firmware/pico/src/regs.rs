@@ -54,8 +54,10 @@ pub(crate) mod reset {
     pub(crate) const PADS_BANK0: u32 = 1 << 8;
     pub(crate) const PIO: [u32; 2] = [1 << 10, 1 << 11];
     pub(crate) const PLL_SYS: u32 = 1 << 12;
+    pub(crate) const PLL_USB: u32 = 1 << 13;
     pub(crate) const TIMER: u32 = 1 << 21;
     pub(crate) const UART0: u32 = 1 << 22;
+    pub(crate) const USBCTRL: u32 = 1 << 24;
 }
 
 /// §2.16.7: the crystal oscillator.
@@ -63,11 +65,30 @@ pub(crate) const XOSC_CTRL: Reg = Reg(0x4002_4000);
 pub(crate) const XOSC_STATUS: Reg = Reg(0x4002_4004);
 pub(crate) const XOSC_STARTUP: Reg = Reg(0x4002_400c);
 
-/// §2.18.4: the system's PLL.
-pub(crate) const PLL_CS: Reg = Reg(0x4002_8000);
-pub(crate) const PLL_PWR: Reg = Reg(0x4002_8004);
-pub(crate) const PLL_FBDIV: Reg = Reg(0x4002_8008);
-pub(crate) const PLL_PRIM: Reg = Reg(0x4002_800c);
+/// §2.18.4: one of the two PLLs.
+#[derive(Clone, Copy)]
+pub(crate) struct Pll(u32);
+
+pub(crate) const PLL_SYS: Pll = Pll(0x4002_8000);
+pub(crate) const PLL_USB: Pll = Pll(0x4002_c000);
+
+impl Pll {
+    pub(crate) const fn cs(self) -> Reg {
+        Reg(self.0)
+    }
+
+    pub(crate) const fn pwr(self) -> Reg {
+        Reg(self.0 + 4)
+    }
+
+    pub(crate) const fn fbdiv(self) -> Reg {
+        Reg(self.0 + 8)
+    }
+
+    pub(crate) const fn prim(self) -> Reg {
+        Reg(self.0 + 12)
+    }
+}
 
 /// §2.15.7: clocks.
 pub(crate) const CLK_REF_CTRL: Reg = Reg(0x4000_8030);
@@ -75,6 +96,7 @@ pub(crate) const CLK_REF_SELECTED: Reg = Reg(0x4000_8038);
 pub(crate) const CLK_SYS_CTRL: Reg = Reg(0x4000_803c);
 pub(crate) const CLK_SYS_SELECTED: Reg = Reg(0x4000_8044);
 pub(crate) const CLK_PERI_CTRL: Reg = Reg(0x4000_8048);
+pub(crate) const CLK_USB_CTRL: Reg = Reg(0x4000_8054);
 pub(crate) const CLK_SYS_RESUS_CTRL: Reg = Reg(0x4000_8078);
 
 /// §4.7.6: the watchdog, and the tick of the timer.
@@ -123,6 +145,7 @@ pub(crate) const NVIC_ICPR: Reg = Reg(0xe000_e280);
 
 /// Interrupts (§2.3.2).
 pub(crate) const TIMER_IRQ_0: u32 = 1;
+pub(crate) const USBCTRL_IRQ: u32 = 1 << 5;
 pub(crate) const DMA_IRQ_0: u32 = 1 << 11;
 
 /// §2.19.6.1: what drives a pin.
@@ -224,6 +247,88 @@ pub(crate) const DMA_INTR: Reg = Reg(0x5000_0400);
 pub(crate) const DMA_INTE0: Reg = Reg(0x5000_0404);
 pub(crate) const DMA_INTS0: Reg = Reg(0x5000_040c);
 pub(crate) const DMA_ABORT: Reg = Reg(0x5000_0444);
+
+/// The USB controller: registers (§4.1.4), and the memory that it shares with the processor (§4.1.2.5), which can be
+/// accessed in bytes and half-words too.
+pub(crate) mod usb {
+    use super::Reg;
+
+    const MEMORY: u32 = 0x5010_0000;
+    const BYTES: u32 = 4096;
+
+    pub(crate) const ADDR_ENDP: Reg = Reg(0x5011_0000);
+    pub(crate) const MAIN_CTRL: Reg = Reg(0x5011_0040);
+    pub(crate) const SIE_CTRL: Reg = Reg(0x5011_004c);
+    pub(crate) const SIE_STATUS: Reg = Reg(0x5011_0050);
+    pub(crate) const BUFF_STATUS: Reg = Reg(0x5011_0058);
+    pub(crate) const EP_STALL_ARM: Reg = Reg(0x5011_0068);
+    pub(crate) const MUXING: Reg = Reg(0x5011_0074);
+    pub(crate) const PWR: Reg = Reg(0x5011_0078);
+    pub(crate) const INTE: Reg = Reg(0x5011_0090);
+    pub(crate) const INTS: Reg = Reg(0x5011_0098);
+
+    /// Bits of SIE_STATUS.
+    pub(crate) const BUS_RESET: u32 = 1 << 19;
+    pub(crate) const SETUP: u32 = 1 << 17;
+
+    /// Bits of a buffer's control (§4.1.2.5.3).
+    pub(crate) const AVAILABLE: u32 = 1 << 10;
+    pub(crate) const STALL: u32 = 1 << 11;
+    pub(crate) const RESET_HALF: u32 = 1 << 12;
+    pub(crate) const DATA1: u32 = 1 << 13;
+    pub(crate) const FULL: u32 = 1 << 15;
+
+    /// A word of the memory.
+    pub(crate) const fn memory(offset: u32) -> Reg {
+        Reg(MEMORY + offset % BYTES)
+    }
+
+    /// A byte of the memory.
+    #[inline(always)]
+    pub(crate) fn memory_byte(offset: u32) -> u8 {
+        // SAFETY: inside the memory; what the controller writes there is read as it is.
+        unsafe { core::ptr::read_volatile((MEMORY + offset % BYTES) as *const u8) }
+    }
+
+    /// Sets a byte of the memory.
+    #[inline(always)]
+    pub(crate) fn set_memory_byte(offset: u32, byte: u8) {
+        // SAFETY: inside the memory, which holds nothing of Rust's.
+        unsafe { core::ptr::write_volatile((MEMORY + offset % BYTES) as *mut u8, byte) }
+    }
+
+    /// An endpoint's control, not of endpoint 0.
+    pub(crate) const fn endpoint_control(endpoint: u32, out: bool) -> Reg {
+        memory(8 * endpoint + 4 * out as u32)
+    }
+
+    /// The control of an endpoint's buffers.
+    pub(crate) const fn buffer_control(endpoint: u32, out: bool) -> Reg {
+        memory(0x80 + 8 * endpoint + 4 * out as u32)
+    }
+
+    /// The half of it that is one buffer's: 0 or 1.
+    #[inline(always)]
+    pub(crate) fn buffer_half(endpoint: u32, out: bool, half: u32) -> u32 {
+        buffer_control(endpoint, out).read() >> (16 * half) & 0xffff
+    }
+
+    /// Gives a buffer to the controller: AVAILABLE comes 3 cycles of clk_usb, 8 of the processor's, after the other bits
+    /// (§4.1.2.5.1). The other half is the controller's, and is left alone.
+    pub(crate) fn arm_half(endpoint: u32, out: bool, half: u32, bits: u32) {
+        let address = buffer_control(endpoint, out).0 + 2 * half;
+        let write = |bits: u32| {
+            // SAFETY: as in `set_memory_byte`.
+            unsafe { core::ptr::write_volatile(address as *mut u16, bits as u16) }
+        };
+        write(bits);
+        for _ in 0..4 {
+            // Two cycles each, at least.
+            MAIN_CTRL.read();
+        }
+        write(bits | AVAILABLE);
+    }
+}
 
 /// Takes blocks out of reset and waits until they are.
 pub(crate) fn take_out_of_reset(blocks: u32) {

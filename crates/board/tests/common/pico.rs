@@ -71,7 +71,11 @@ pub(crate) struct Pair {
 
 impl Pair {
     pub(crate) fn new(setup: &Setup) -> Pair {
-        let mut pico = Remote::open(VirtualPico::new(), 1).expect("it answers");
+        Pair::over(VirtualPico::new(), setup)
+    }
+
+    pub(crate) fn over(port: VirtualPico, setup: &Setup) -> Pair {
+        let mut pico = Remote::open(port, 1).expect("it answers");
         assert_eq!(pico.set_baud(Baud::B2M), Ok(Baud::B2M));
         pico.configure(setup).unwrap_or_else(|error| panic!("{error}: {setup:?}"));
         let soon = pico.now() + TICK_HZ / 1000;

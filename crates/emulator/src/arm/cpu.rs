@@ -87,6 +87,7 @@ pub struct Cpu {
     /// CONTROL.nPRIV: thread mode has no privileges.
     pub(super) unprivileged: bool,
     pub(super) cycle: u64,
+    instructions: u64,
     /// Instructions may be executed up to here without looking at anything else.
     pub(super) attention: u64,
     pub(super) exceptions: Exceptions,
@@ -110,6 +111,7 @@ impl Cpu {
             process_stack: false,
             unprivileged: false,
             cycle: 0,
+            instructions: 0,
             attention: 0,
             exceptions: Exceptions::new(config.vector_table),
             systick: SysTick::new(config.systick_reference, config.systick_calibration),
@@ -156,6 +158,7 @@ impl Cpu {
     #[inline]
     fn instruction(&mut self, bus: &mut impl Bus) {
         let began = self.cycle;
+        self.instructions += 1;
         match bus.fetch(self.pc, self.cycle) {
             Ok(word) => {
                 self.cycle += u64::from(bus.wait_cycles());
@@ -174,6 +177,11 @@ impl Cpu {
     /// The cycle in which the next step begins.
     pub fn cycle(&self) -> u64 {
         self.cycle
+    }
+
+    /// Instructions executed so far, those that faulted included.
+    pub fn instructions(&self) -> u64 {
+        self.instructions
     }
 
     /// A register: R0 to R12, the stack pointer in use (13), LR (14), or the address of the next instruction (15).

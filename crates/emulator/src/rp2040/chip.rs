@@ -2,6 +2,8 @@
 
 use super::fabric::Fabric;
 use super::system::{CoreBus, System};
+use super::usb::UsbState;
+use super::watchdog::Cause;
 use crate::arm::{Config, Cpu, Fault, Size};
 use crate::{ImageTooLarge, Level, LineByte, Observer};
 
@@ -80,13 +82,13 @@ impl Rp2040 {
     /// Resets the chip in the present cycle, as its RUN pin does. Cycles go on counting; RAM and flash are kept, and
     /// what the world does to the pins. Pins that fall back are told to the observer.
     pub fn reset(&mut self, observer: &mut impl Observer) {
-        self.restart(true, observer);
+        self.restart(Cause::Run, observer);
     }
 
-    fn restart(&mut self, forced: bool, observer: &mut impl Observer) {
+    fn restart(&mut self, cause: Cause, observer: &mut impl Observer) {
         let cycle = self.cpu.cycle();
         self.system.reset = None;
-        self.system.fabric.reset(forced, cycle, observer);
+        self.system.fabric.reset(cause, cycle, observer);
         self.system.dma = super::dma::Dma::new();
         self.start(observer);
     }
@@ -126,9 +128,9 @@ impl Rp2040 {
     /// Events up to now, resets, interrupt lines.
     fn attend(&mut self, observer: &mut impl Observer) {
         self.system.advance(self.cpu.cycle(), observer);
-        if let Some(forced) = self.system.reset {
+        if let Some(cause) = self.system.reset {
             observer.watchdog_reset(self.cpu.cycle());
-            self.restart(forced, observer);
+            self.restart(cause, observer);
         }
         if self.system.lines_changed {
             self.system.lines_changed = false;
@@ -207,6 +209,44 @@ impl Rp2040 {
     /// Whether a UART has something to send.
     pub fn is_transmitting(&self, uart: u8) -> bool {
         self.system.fabric.uart[usize::from(uart & 1)].is_sending()
+    }
+
+    /// Plugs a PC into the USB port, or pulls the cable. The PC attaches, enumerates and configures the device when its
+    /// firmware is ready for it: [`usb_state`](Rp2040::usb_state).
+    pub fn usb_plug(&mut self, plugged: bool) {
+        let cycle = self.cpu.cycle();
+        self.system.fabric.usb.plug(plugged, cycle);
+        self.usb_changed();
+    }
+
+    /// A program on the PC opens the USB serial port, or closes it: as soon as there is one.
+    pub fn usb_open(&mut self, open: bool) {
+        let cycle = self.cpu.cycle();
+        self.system.fabric.usb.open(open, cycle);
+        self.usb_changed();
+    }
+
+    /// The PC sends bytes to the USB serial port from the present cycle on, as fast as the bus and the device take them.
+    /// They wait if the port is not open.
+    pub fn usb_send(&mut self, bytes: &[u8]) {
+        let cycle = self.cpu.cycle();
+        self.system.fabric.usb.send(bytes, cycle);
+        self.usb_changed();
+    }
+
+    /// How many of the bytes of [`usb_send`](Rp2040::usb_send) the device has not taken yet.
+    pub fn usb_backlog(&self) -> usize {
+        self.system.fabric.usb.backlog()
+    }
+
+    /// How far the PC has come with the USB device.
+    pub fn usb_state(&self) -> UsbState {
+        self.system.fabric.usb.state()
+    }
+
+    fn usb_changed(&mut self) {
+        self.system.schedule();
+        self.system.lines_changed = true;
     }
 
     // For developers, debuggers and tests.

@@ -135,13 +135,21 @@ pub(super) struct Dma {
     intf: [u32; 2],
     sniff_ctrl: u32,
     sniff_data: u32,
-    /// Channels that want to issue.
-    active: u32,
+    /// Channels that want to issue, by the DREQ that they wait for.
+    wanting: [u16; 64],
+    /// Those of them that may have something to issue, now or in a known cycle.
+    looking: u32,
+    /// Those of them that were found to have.
+    ready: u32,
     /// The channel issued last of the low ones, and the high ones still to be considered in this round.
     last_low: usize,
     high_left: u32,
+    /// Channels of high priority.
+    high: u32,
     last_read_at: u64,
     last_write_at: u64,
+    /// Interrupt lines may have changed.
+    pub(super) lines_changed: bool,
     /// The cycle in which something happens next.
     pub(super) next: u64,
 }
@@ -162,11 +170,15 @@ impl Dma {
             intf: [0; 2],
             sniff_ctrl: 0,
             sniff_data: 0,
-            active: 0,
+            wanting: [0; 64],
+            looking: 0,
+            ready: 0,
             last_low: CHANNELS - 1,
             high_left: 0,
+            high: 0,
             last_read_at: 0,
             last_write_at: 0,
+            lines_changed: false,
             next: NEVER,
         }
     }
@@ -181,12 +193,15 @@ impl Dma {
     }
 
     /// Peripherals have words, or room, since `cycle`: a bit for each DREQ number.
-    pub(super) fn requested(&mut self, requests: u64, cycle: u64) {
-        let mut active = self.active;
-        while active != 0 {
-            let channel = &mut self.channels[active.trailing_zeros() as usize];
-            active &= active - 1;
-            if requests >> channel.request() & 1 != 0 {
+    pub(super) fn requested(&mut self, mut requests: u64, cycle: u64) {
+        while requests != 0 {
+            let mut channels = u32::from(self.wanting[requests.trailing_zeros() as usize]);
+            requests &= requests - 1;
+            self.looking |= channels;
+            self.ready &= !channels;
+            while channels != 0 {
+                let channel = &mut self.channels[channels.trailing_zeros() as usize];
+                channels &= channels - 1;
                 channel.check_at = channel.check_at.min(cycle + 2);
                 self.next = self.next.min(cycle + 2);
             }
@@ -221,6 +236,7 @@ impl Dma {
             None => fabric.read(transfer.from, transfer.size, cycle, observer),
         };
         channel.reading -= 1;
+        self.lines_changed |= may_interrupt(transfer.from);
         let swap = channel.ctrl & BSWAP != 0;
         let (from, size, number) = (transfer.from, transfer.size, transfer.channel);
         let data = match own {
@@ -253,6 +269,7 @@ impl Dma {
                     }
                     None => fabric.write(transfer.to, transfer.size, word, cycle, observer),
                 };
+                self.lines_changed |= may_interrupt(transfer.to);
                 if written.is_err() {
                     self.fail(number, WRITE_ERROR);
                 }
@@ -262,7 +279,7 @@ impl Dma {
         if channel.aborting && channel.writing == 0 {
             (channel.aborting, channel.busy) = (false, false);
             // Erratum RP2040-E13: an abort of a channel that makes progress raises its interrupt.
-            self.intr |= 1 << number;
+            self.interrupt(number);
         }
     }
 
@@ -271,27 +288,45 @@ impl Dma {
         let channel = &mut self.channels[number];
         channel.ctrl |= error;
         (channel.busy, channel.to_issue, channel.check_at) = (false, 0, NEVER);
+        self.interrupt(number);
+        self.note(number);
+    }
+
+    fn interrupt(&mut self, number: usize) {
         self.intr |= 1 << number;
-        self.note_active(number);
+        self.lines_changed = true;
     }
 
     fn finish(&mut self, number: usize, cycle: u64) {
         let channel = &mut self.channels[number];
-        channel.busy = false;
-        channel.check_at = NEVER;
-        if channel.ctrl & IRQ_QUIET == 0 {
-            self.intr |= 1 << number;
+        (channel.busy, channel.check_at) = (false, NEVER);
+        let (quiet, chain) = (channel.ctrl & IRQ_QUIET != 0, (channel.ctrl >> 11 & 15) as usize);
+        if !quiet {
+            self.interrupt(number);
         }
-        let chain = (channel.ctrl >> 11 & 15) as usize;
-        self.note_active(number);
+        self.note(number);
         if chain != number && chain < CHANNELS {
             self.trigger(chain, cycle);
         }
     }
 
-    fn note_active(&mut self, number: usize) {
+    /// A channel's registers have changed.
+    fn note(&mut self, number: usize) {
         let bit = 1 << number;
-        self.active = if self.channels[number].wants() { self.active | bit } else { self.active & !bit };
+        for channels in &mut self.wanting {
+            *channels &= !bit;
+        }
+        let channel = &self.channels[number];
+        let high = channel.ctrl & HIGH_PRIORITY != 0;
+        self.high = if high { self.high | u32::from(bit) } else { self.high & !u32::from(bit) };
+        self.looking &= !u32::from(bit);
+        self.ready &= !u32::from(bit);
+        if channel.wants() {
+            self.wanting[channel.request() as usize] |= bit;
+            if channel.check_at != NEVER {
+                self.looking |= u32::from(bit);
+            }
+        }
     }
 
     /// Starts a channel; its first transfer may be issued in `cycle`.
@@ -307,7 +342,7 @@ impl Dma {
             self.finish(number, cycle);
             return;
         }
-        self.note_active(number);
+        self.note(number);
         self.next = self.next.min(cycle);
     }
 
@@ -317,7 +352,7 @@ impl Dma {
 
     /// Whether a channel may issue in `cycle`; if not, `check_at` is when to look again.
     fn may_issue(&mut self, number: usize, cycle: u64, fabric: &Fabric) -> bool {
-        let channel = self.channels[number];
+        let channel = &self.channels[number];
         if channel.check_at > cycle {
             return false;
         }
@@ -340,26 +375,28 @@ impl Dma {
             if credit.soon > under_way { cycle + 1 } else { NEVER }
         };
         self.channels[number].check_at = check_at;
+        if check_at == NEVER {
+            self.looking &= !(1 << number);
+        }
         false
     }
 
     /// Picks a channel: every high one once, then a single low one, in turn (§2.5.7, HIGH_PRIORITY).
     fn issue(&mut self, cycle: u64, fabric: &mut Fabric) {
         let Some(slot) = self.under_way.iter().position(Option::is_none) else { return };
-        let mut ready = 0u32;
-        let mut high = 0u32;
-        let mut active = self.active;
-        while active != 0 {
-            let number = active.trailing_zeros() as usize;
-            active &= active - 1;
+        let mut unknown = self.looking & !self.ready;
+        while unknown != 0 {
+            let number = unknown.trailing_zeros() as usize;
+            unknown &= unknown - 1;
             if self.may_issue(number, cycle, fabric) {
-                ready |= 1 << number;
-                high |= (self.channels[number].ctrl & HIGH_PRIORITY) >> 1 << number;
+                self.ready |= 1 << number;
             }
         }
+        let ready = self.ready;
         if ready == 0 {
             return;
         }
+        let high = ready & self.high;
         if ready & !high == 0 && high & self.high_left == 0 {
             // No low one waits: another round of the high ones.
             self.high_left = high;
@@ -376,6 +413,7 @@ impl Dma {
             (self.last_low, self.high_left) = (number, u32::MAX);
             number
         };
+        self.ready &= !(1 << number);
         self.begin(slot, number, cycle, fabric);
     }
 
@@ -390,11 +428,13 @@ impl Dma {
         channel.reading += 1;
         channel.writing += 1;
         let last = channel.to_issue == 0;
+        if last {
+            self.note(number);
+        }
         let read_at = (cycle + 1).max(self.last_read_at + 1) + u64::from(fabric.read_waits(from));
         let write_at = (read_at + 2).max(self.last_write_at + 1) + u64::from(fabric.write_waits(to));
         (self.last_read_at, self.last_write_at) = (read_at, write_at);
         self.under_way[slot] = Some(Transfer { channel: number, size, from, to, read_at, write_at, data: None, last });
-        self.note_active(number);
     }
 
     fn schedule(&mut self, cycle: u64) {
@@ -402,10 +442,10 @@ impl Dma {
         for transfer in self.under_way.iter().flatten() {
             next = next.min(if transfer.data.is_none() { transfer.read_at } else { transfer.write_at });
         }
-        let mut active = self.active;
-        while active != 0 {
-            let channel = &self.channels[active.trailing_zeros() as usize];
-            active &= active - 1;
+        let mut looking = self.looking;
+        while looking != 0 {
+            let channel = &self.channels[looking.trailing_zeros() as usize];
+            looking &= looking - 1;
             next = next.min(channel.check_at.max(cycle + 1));
         }
         self.next = next;
@@ -426,7 +466,7 @@ impl Dma {
                     let byte = if mode & 1 != 0 { byte.reverse_bits() } else { *byte };
                     for bit in (0..8).rev() {
                         let carry = (self.sniff_data >> top ^ u32::from(byte >> bit)) & 1;
-                        self.sniff_data = self.sniff_data << 1 ^ carry * polynomial;
+                        self.sniff_data = (self.sniff_data << 1) ^ (carry * polynomial);
                     }
                 }
             }
@@ -515,7 +555,7 @@ impl Dma {
                 let errors = (READ_ERROR | WRITE_ERROR) & channel.ctrl & !value;
                 channel.ctrl = merge(channel.ctrl) & 0x00ff_ffff | errors;
                 channel.check_at = cycle + 1;
-                self.note_active(number);
+                self.note(number);
                 self.next = self.next.min(cycle + 1);
             }
         }
@@ -524,7 +564,7 @@ impl Dma {
             if value != 0 {
                 self.trigger(number, cycle + 1);
             } else if self.channels[number].ctrl & IRQ_QUIET != 0 {
-                self.intr |= 1 << number;
+                self.interrupt(number);
             }
         }
     }
@@ -537,7 +577,7 @@ impl Dma {
         (channel.to_issue, channel.check_at) = (0, NEVER);
         channel.aborting = channel.writing > 0;
         channel.busy = channel.aborting;
-        self.note_active(number);
+        self.note(number);
     }
 }
 
@@ -561,6 +601,11 @@ fn field(offset: u32) -> Field {
 /// The offset of a register of the DMA itself; its atomic aliases are not for itself.
 fn own_register(address: u32) -> Option<u32> {
     (address & !0xfff == 0x5000_0000).then_some(address & 0xffc)
+}
+
+/// Whether an access there may change an interrupt line: memory cannot, and PIO is looked at anyway.
+fn may_interrupt(address: u32) -> bool {
+    !matches!(address >> 20, 0x100..=0x210 | 0x502 | 0x503)
 }
 
 fn swapped(word: u32, size: Size) -> u32 {

@@ -9,7 +9,8 @@ use super::pio::Pio;
 use super::sio::Sio;
 use super::timer::Timer;
 use super::uart::Uart;
-use super::watchdog::Watchdog;
+use super::usb::Usb;
+use super::watchdog::{Cause, Watchdog};
 use super::xip::Xip;
 use crate::Observer;
 use crate::arm::{BusFault, Size};
@@ -42,8 +43,15 @@ const UART1: u32 = 0x4003_8000;
 const TIMER: u32 = 0x4005_4000;
 const WATCHDOG: u32 = 0x4005_8000;
 const ROSC: u32 = 0x4006_0000;
+/// Memory that processor and USB controller share, and its registers.
+const USB_DPRAM: u32 = 0x5010_0000;
+const USB_DPRAM_BYTES: u32 = 4096;
+const USB: u32 = 0x5011_0000;
 const PIO0: u32 = 0x5020_0000;
 const PIO1: u32 = 0x5030_0000;
+
+/// The bit of processor 0 in the power-on state machine's registers.
+const PSM_PROC0: u32 = 1 << 15;
 
 /// Bits of RESETS (§2.14.3).
 mod reset {
@@ -57,6 +65,7 @@ mod reset {
     pub(super) const TIMER: u32 = 1 << 21;
     pub(super) const UART0: u32 = 1 << 22;
     pub(super) const UART1: u32 = 1 << 23;
+    pub(super) const USB: u32 = 1 << 24;
     pub(super) const ALL: u32 = 0x01ff_ffff;
 }
 
@@ -89,6 +98,7 @@ pub(super) struct Fabric {
     pub(super) timer: Timer,
     pub(super) watchdog: Watchdog,
     pub(super) uart: [Uart; 2],
+    pub(super) usb: Usb,
     pub(super) clocks: Clocks,
     /// RESETS: peripherals that are held in reset.
     resets: u32,
@@ -111,6 +121,7 @@ impl Fabric {
             timer: Timer::new(),
             watchdog: Watchdog::new(),
             uart: [Uart::new(0), Uart::new(1)],
+            usb: Usb::new(),
             clocks: Clocks::new(),
             resets: reset::ALL,
             reset_dma: false,
@@ -119,13 +130,13 @@ impl Fabric {
         }
     }
 
-    /// As after a reset of the whole chip but for the watchdog's scratch registers; memory stays.
-    pub(super) fn reset(&mut self, forced: bool, cycle: u64, observer: &mut impl Observer) {
+    /// As after a reset of the whole chip; memory stays.
+    pub(super) fn reset(&mut self, cause: Cause, cycle: u64, observer: &mut impl Observer) {
         self.hold(reset::ALL, cycle);
         self.resets = reset::ALL;
         self.sio = Sio::new();
         self.xip.flush();
-        self.watchdog.reset(forced);
+        self.watchdog.reset(cause);
         self.clocks = Clocks::new();
         self.plain.clear();
         self.clocks_changed(cycle, observer);
@@ -162,6 +173,9 @@ impl Fabric {
         if bits & reset::TIMER != 0 {
             self.timer.reset(cycle);
         }
+        if bits & reset::USB != 0 {
+            self.usb.reset(cycle);
+        }
     }
 
     fn is_held(&self, bit: u32) -> bool {
@@ -183,6 +197,7 @@ impl Fabric {
             UART0 => reset::UART0,
             UART1 => reset::UART1,
             TIMER => reset::TIMER,
+            USB => reset::USB,
             PIO0 => reset::PIO0,
             PIO1 => reset::PIO1,
             _ => 0,
@@ -192,7 +207,7 @@ impl Fabric {
     /// The cycle in which something happens next, the PIO blocks left out.
     pub(super) fn next_slow(&self) -> u64 {
         let uarts = self.uart[0].next.min(self.uart[1].next);
-        self.timer.next.min(self.watchdog.next).min(uarts).min(self.clocks.next)
+        self.timer.next.min(self.watchdog.next).min(uarts).min(self.usb.next).min(self.clocks.next)
     }
 
     /// Does what is due in a cycle in the slow peripherals. Returns whether the watchdog has run out.
@@ -205,10 +220,16 @@ impl Fabric {
                 self.requests |= 3 << (20 + 2 * number);
             }
         }
+        self.usb.run(cycle, observer);
         if self.clocks.next <= cycle {
             self.clocks_changed(cycle, observer);
         }
         self.watchdog.next <= cycle
+    }
+
+    /// Whether the watchdog may reset the processor, and with it, here, the whole chip (§2.13.5, PSM WDSEL).
+    pub(super) fn watchdog_resets(&self) -> bool {
+        self.plain_register(PSM | 8) & PSM_PROC0 != 0
     }
 
     /// Frequencies are other ones from a cycle on, maybe.
@@ -222,8 +243,9 @@ impl Fabric {
         }
         let (peri, sys) = (self.clocks.peri_hz(cycle), self.clocks.sys_hz());
         for uart in &mut self.uart {
-            uart.set_clocks(peri, sys);
+            uart.set_clocks(peri, sys, cycle);
         }
+        self.usb.set_clock(sys, cycle);
     }
 
     /// Brings to the pins what drives them, from a cycle on.
@@ -248,11 +270,11 @@ impl Fabric {
     }
 
     /// Which pins the UARTs have (§2.19.2): every fourth is the TX or RX of one of them.
-    fn connect_uarts(&mut self) {
+    fn connect_uarts(&mut self, cycle: u64) {
         const TX: [u32; 2] = [1 << 0 | 1 << 12 | 1 << 16 | 1 << 28, 1 << 4 | 1 << 8 | 1 << 20 | 1 << 24];
         let pins = self.gpio.pins_of(function::UART);
         for (uart, tx) in self.uart.iter_mut().zip(TX) {
-            uart.connected = [pins & tx != 0, pins & tx << 1 != 0];
+            uart.connect([pins & tx != 0, pins & tx << 1 != 0], cycle);
         }
         // The line rests high; characters are told as such, not as edges.
         (self.gpio.uart.levels, self.gpio.uart.directions) = (u32::MAX, TX[0] | TX[1]);
@@ -290,6 +312,18 @@ impl Fabric {
         if address >> 28 == 4 { APB_WRITE_WAITS } else { 0 }
     }
 
+    /// Whether a reading would take a word from an RX FIFO of a PIO block, and there is one.
+    pub(super) fn pio_word(&self, address: u32) -> Option<bool> {
+        let block = usize::from(address & !0x3fff == PIO1);
+        (address & !0x3fff | 0x10_0000 == PIO1).then(|| self.pio[block].has_word(address & 0xffc)).flatten()
+    }
+
+    /// Somebody reads an empty RX FIFO: 0.
+    pub(super) fn pio_underflow(&mut self, address: u32) -> u32 {
+        self.pio[usize::from(address & !0x3fff == PIO1)].underflow(address & 0xffc);
+        0
+    }
+
     /// Where in memory an address lies.
     #[inline]
     pub(super) fn sram_offset(address: u32) -> Option<usize> {
@@ -302,6 +336,11 @@ impl Fabric {
             let (bank, within) = (offset >> 16, offset & 0xffff);
             (((within & !3) << 2) + bank * 4 + (within & 3)) as usize
         })
+    }
+
+    /// Where in the USB controller's memory an address lies.
+    fn usb_memory(address: u32) -> Option<u32> {
+        Some(address.wrapping_sub(USB_DPRAM)).filter(|offset| *offset < USB_DPRAM_BYTES)
     }
 
     #[inline]
@@ -331,6 +370,10 @@ impl Fabric {
     ) -> Result<u32, BusFault> {
         if let Some(value) = Fabric::sram_offset(address).and_then(|offset| self.read_sram(offset, size)) {
             return Ok(value);
+        }
+        if let Some(offset) = Fabric::usb_memory(address) {
+            let held = self.is_held(reset::USB);
+            return Ok(if held { 0 } else { self.usb.read_memory(offset, size) });
         }
         let word = match address >> 24 {
             // The boot ROM is not there: it reads as zeros.
@@ -374,12 +417,11 @@ impl Fabric {
             PLL_USB => self.clocks.read_pll(1, offset, cycle),
             UART0 | UART1 => self.uart[usize::from(base == UART1)].read(offset),
             TIMER => self.timer.read(offset, cycle),
+            USB => self.usb.read(offset, cycle),
             WATCHDOG => self.watchdog.read(offset, cycle),
             ROSC => self.clocks.read_rosc(offset, cycle),
             PIO0 | PIO1 => self.pio[usize::from(base == PIO1)].read(offset, cycle),
-            _ if address < 0x4007_4000 || address < 0x5070_0000 && address >= 0x5010_0000 => {
-                self.plain_register(base | offset)
-            }
+            _ if is_plain(address) => self.plain_register(base | offset),
             _ => return Err(BusFault { address }),
         })
     }
@@ -399,6 +441,12 @@ impl Fabric {
     ) -> Result<(), BusFault> {
         if let Some(offset) = Fabric::sram_offset(address) {
             self.write_sram(offset, size, value);
+            return Ok(());
+        }
+        if let Some(offset) = Fabric::usb_memory(address) {
+            if !self.is_held(reset::USB) {
+                self.usb.write_memory(offset, size, value, cycle);
+            }
             return Ok(());
         }
         let value = replicate(value, size);
@@ -435,13 +483,13 @@ impl Fabric {
                 let wanted = merge(self.resets) & reset::ALL;
                 self.hold(wanted & !self.resets, cycle + 1);
                 self.resets = wanted;
-                self.connect_uarts();
+                self.connect_uarts(cycle + 1);
                 self.clocks_changed(cycle + 1, observer);
                 self.drive(cycle + 1, observer);
             }
             IO_BANK0 => {
                 self.gpio.write(offset, value, merge);
-                self.connect_uarts();
+                self.connect_uarts(cycle + 1);
                 self.drive(cycle + 1, observer);
             }
             PADS_BANK0 => {
@@ -462,6 +510,7 @@ impl Fabric {
                 self.requests |= 3 << (20 + 2 * number);
             }
             TIMER => self.timer.write(offset, value, merge, cycle),
+            USB => self.usb.write(offset, value, merge, cycle),
             WATCHDOG => {
                 self.watchdog.write(offset, value, merge, cycle);
                 self.clocks_changed(cycle + 1, observer);
@@ -473,7 +522,7 @@ impl Fabric {
                 self.requests |= u64::from(effects.requests) << (8 * block);
             }
             SYSINFO => {}
-            _ if address < 0x4007_4000 || address < 0x5070_0000 && address >= 0x5010_0000 => {
+            _ if is_plain(address) => {
                 let register = self.plain.entry(base | offset).or_insert(0);
                 *register = merge(*register);
             }
@@ -485,6 +534,7 @@ impl Fabric {
     /// Levels of the interrupt lines of a processor, the DMA's left out (§2.3.2).
     pub(super) fn lines(&self, core: usize) -> u32 {
         self.timer.lines()
+            | u32::from(self.usb.line_asserted()) << 5
             | self.pio[0].lines() << 7
             | self.pio[1].lines() << 9
             | u32::from(self.gpio.line(core)) << 13
@@ -492,6 +542,11 @@ impl Fabric {
             | u32::from(self.uart[0].line_asserted()) << 20
             | u32::from(self.uart[1].line_asserted()) << 21
     }
+}
+
+/// Where something lies that is not modelled, or only partly.
+fn is_plain(address: u32) -> bool {
+    matches!(address, 0x4000_0000..0x4007_4000 | 0x5010_0000..0x5050_0000)
 }
 
 /// The bytes that a narrow reading takes from a word.

@@ -285,6 +285,11 @@ impl Gpio {
         self.intr(group) & self.enables[who][group] | self.forces[who][group]
     }
 
+    /// Whether some interrupt is enabled.
+    pub(super) fn interrupts(&self) -> bool {
+        self.watches
+    }
+
     /// The interrupt line of a processor.
     pub(super) fn line(&self, processor: usize) -> bool {
         self.watches && (0..4).any(|group| self.ints(processor, group) != 0)

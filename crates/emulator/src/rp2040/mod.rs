@@ -10,7 +10,9 @@ mod sio;
 mod system;
 mod timer;
 mod uart;
+mod usb;
 mod watchdog;
 mod xip;
 
 pub use chip::Rp2040;
+pub use usb::UsbState;

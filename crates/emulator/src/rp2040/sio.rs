@@ -151,11 +151,7 @@ impl Sio {
             0x040..=0x04c => alias(&mut self.hi_enable, offset, value & 0x3f),
             // The sticky flags are cleared by any write.
             0x050 => (self.overflow[core], self.underflow[core]) = (false, false),
-            0x054 => {
-                if !self.send(1 - core, value) {
-                    self.overflow[core] = true;
-                }
-            }
+            0x054 => self.overflow[core] |= !self.send(1 - core, value),
             0x060..=0x074 => {
                 let divider = &mut self.divider[core];
                 match offset {

@@ -3,8 +3,11 @@
 //! What happens in cycle t reads what was there in the beginning of t and is seen in t + 1. State machines come first,
 //! then the DMA, then the slow peripherals; the processor's access comes last.
 
+use super::chip::Rp2040;
 use super::dma::Dma;
 use super::fabric::{APB_READ_WAITS, APB_WRITE_WAITS, Fabric, lane, merging, replicate};
+use super::pio::Pio;
+use super::watchdog::Cause;
 use crate::Observer;
 use crate::arm::{Bus, BusFault, Size};
 
@@ -20,8 +23,8 @@ pub(super) struct System {
     pub(super) next: u64,
     /// Interrupt lines may have changed.
     pub(super) lines_changed: bool,
-    /// The watchdog, or a program, wants a reset: whether it was forced.
-    pub(super) reset: Option<bool>,
+    /// The watchdog, or the program, wants a reset.
+    pub(super) reset: Option<Cause>,
 }
 
 impl System {
@@ -49,6 +52,7 @@ impl System {
             if self.fabric.pio[block].next == now {
                 let effects = self.fabric.pio[block].run(now, &self.fabric.gpio.inputs);
                 pins |= effects.pins;
+                self.lines_changed |= self.fabric.pio[block].interrupts();
                 if effects.requests != 0 {
                     self.dma.requested(u64::from(effects.requests) << (8 * block), now);
                 }
@@ -56,19 +60,24 @@ impl System {
         }
         if self.dma.next == now {
             self.dma.run(now, &mut self.fabric, observer);
+            self.lines_changed |=
+                std::mem::take(&mut self.dma.lines_changed) | self.fabric.pio.iter().any(Pio::interrupts);
             self.after_write(now);
         }
         if self.fabric.next_slow() == now {
             if self.fabric.run_slow(now, observer) {
-                self.reset = Some(false);
+                if self.fabric.watchdog_resets() {
+                    self.reset = Some(Cause::RanOut);
+                }
                 self.fabric.watchdog.next = NEVER;
             }
+            self.lines_changed = true;
             self.after_write(now);
         }
         if pins {
             self.fabric.drive(now + 1, observer);
+            self.lines_changed |= self.fabric.gpio.interrupts();
         }
-        self.lines_changed = true;
         self.schedule();
     }
 
@@ -81,8 +90,8 @@ impl System {
         if std::mem::take(&mut self.fabric.reset_dma) {
             self.dma = Dma::new();
         }
-        if self.fabric.watchdog.triggered() {
-            self.reset = Some(true);
+        if self.fabric.watchdog.triggered() && self.fabric.watchdog_resets() {
+            self.reset = Some(Cause::Forced);
         }
     }
 
@@ -134,6 +143,10 @@ impl System {
             lane(word, address, size)
         } else if address & 0xffff_c000 == DMA {
             if self.fabric.dma_is_held() { 0 } else { lane(self.dma.read(address & 0xffc), address, size) }
+        } else if let Some(has_word) = self.fabric.pio_word(address) {
+            // The machine sees in this cycle that the word is still there, and a word that it pushes now comes too late.
+            self.advance(at + 1, observer);
+            if has_word { self.fabric.read(address, size, at, observer)? } else { self.fabric.pio_underflow(address) }
         } else {
             self.fabric.read(address, size, at, observer)?
         };
@@ -214,9 +227,9 @@ impl System {
     /// The half-word of an instruction, and the cycles waited for it.
     #[inline]
     pub(super) fn fetch(&mut self, address: u32) -> Result<(u16, u32), BusFault> {
-        if let Some(offset) = Fabric::sram_offset(address) {
-            let half = self.fabric.read_sram(offset, Size::Half).ok_or(BusFault { address })?;
-            return Ok((half as u16, 0));
+        let offset = address.wrapping_sub(Rp2040::RAM_ADDRESS) as usize;
+        if let Some(&[low, high]) = self.fabric.sram.get(offset..offset + 2) {
+            return Ok((u16::from_le_bytes([low, high]), 0));
         }
         match address >> 24 {
             0x10..=0x13 => {
@@ -280,6 +293,6 @@ impl<O: Observer> Bus for CoreBus<'_, O> {
     }
 
     fn request_reset(&mut self) {
-        self.system.reset = Some(true);
+        self.system.reset = Some(Cause::Program);
     }
 }

@@ -65,7 +65,7 @@ pub(super) struct Uart {
     ready_256: u64,
     timeout_at: u64,
     /// Whether a pin is connected to the transmitter, to the receiver.
-    pub(super) connected: [bool; 2],
+    connected: [bool; 2],
     pub(super) next: u64,
 }
 
@@ -104,10 +104,29 @@ impl Uart {
         *self = Uart { line, clocks, connected, ..Uart::new(self.number) };
     }
 
-    /// clk_peri and clk_sys, Hz.
-    pub(super) fn set_clocks(&mut self, peri_hz: u64, sys_hz: u64) {
-        self.clocks = (peri_hz, sys_hz);
-        self.set_baud();
+    /// clk_peri and clk_sys, Hz, from a cycle on.
+    pub(super) fn set_clocks(&mut self, peri_hz: u64, sys_hz: u64, cycle: u64) {
+        if self.clocks != (peri_hz, sys_hz) {
+            self.clocks = (peri_hz, sys_hz);
+            self.set_baud();
+            self.go_on(cycle);
+        }
+    }
+
+    /// Whether pins are connected to the transmitter and to the receiver, from a cycle on.
+    pub(super) fn connect(&mut self, connected: [bool; 2], cycle: u64) {
+        if self.connected != connected {
+            self.connected = connected;
+            self.ready_256 = self.ready_256.max(cycle << 8);
+            self.go_on(cycle);
+        }
+    }
+
+    /// What could not begin before may begin now.
+    fn go_on(&mut self, cycle: u64) {
+        self.begin(cycle << 8);
+        self.listen();
+        self.schedule();
     }
 
     /// 16 (IBRD + FBRD/64) periods of clk_peri (§4.2.3.1).
@@ -255,7 +274,7 @@ impl Uart {
             }
         }
         // 32 bit periods without another (DDI 0183 §2.8.3).
-        self.timeout_at = cycle + (32 * self.bit_256 >> 8);
+        self.timeout_at = cycle + ((32 * self.bit_256) >> 8);
     }
 
     // Time.
@@ -388,8 +407,6 @@ impl Uart {
             0x048 => self.dmacr = merge(self.dmacr) & 7,
             _ => {}
         }
-        self.begin((cycle + 1) << 8);
-        self.listen();
-        self.schedule();
+        self.go_on(cycle + 1);
     }
 }

@@ -11,6 +11,19 @@ const PAUSES: u32 = 7 << 24;
 const TICK_ENABLE: u32 = 1 << 9;
 const TICK_RUNNING: u32 = 1 << 10;
 
+/// Why the chip starts again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Cause {
+    /// The RUN pin.
+    Run,
+    /// The watchdog's counter.
+    RanOut,
+    /// The watchdog's TRIGGER.
+    Forced,
+    /// SYSRESETREQ.
+    Program,
+}
+
 #[derive(Clone)]
 pub(super) struct Watchdog {
     ctrl: u32,
@@ -38,10 +51,15 @@ impl Watchdog {
         }
     }
 
-    /// As after a reset by itself: scratch registers and the reason (1: ran out, 2: forced) stay.
-    pub(super) fn reset(&mut self, forced: bool) {
-        let scratch = self.scratch;
-        *self = Watchdog { scratch, reason: if forced { 2 } else { 1 }, ..Watchdog::new() };
+    /// As after a reset. REASON says whether it was the watchdog, and its scratch registers outlast all but RUN.
+    pub(super) fn reset(&mut self, cause: Cause) {
+        let (reason, scratch) = match cause {
+            Cause::Run => (0, [0; 8]),
+            Cause::RanOut => (1, self.scratch),
+            Cause::Forced => (2, self.scratch),
+            Cause::Program => (0, self.scratch),
+        };
+        *self = Watchdog { scratch, reason, ..Watchdog::new() };
     }
 
     /// Cycles of clk_ref per tick; `None` while it is off.
@@ -72,9 +90,11 @@ impl Watchdog {
         };
     }
 
-    /// Whether a reset is wanted by the program (TRIGGER), which takes effect at once.
-    pub(super) fn triggered(&self) -> bool {
-        self.ctrl & TRIGGER != 0
+    /// Whether a reset is wanted by the program (TRIGGER, which clears itself).
+    pub(super) fn triggered(&mut self) -> bool {
+        let triggered = self.ctrl & TRIGGER != 0;
+        self.ctrl &= !TRIGGER;
+        triggered
     }
 
     pub(super) fn read(&self, offset: u32, cycle: u64) -> u32 {

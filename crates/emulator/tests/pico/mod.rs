@@ -1,6 +1,8 @@
 //! A chip whose processor sleeps: registers are written by hand, in the cycle that is wanted.
 #![allow(dead_code, reason = "each test uses its part")]
 
+pub(crate) mod slow;
+
 use pulsetrain_emulator::{GpioEdge, Observer, Rp2040, UartByte};
 
 /// What left the chip.
@@ -10,6 +12,7 @@ pub(crate) struct Seen {
     pub(crate) sent: Vec<UartByte>,
     pub(crate) frequencies: Vec<(u64, u64)>,
     pub(crate) resets: Vec<u64>,
+    pub(crate) packets: Vec<(u64, Vec<u8>)>,
 }
 
 impl Observer for Seen {
@@ -19,6 +22,10 @@ impl Observer for Seen {
 
     fn transmit(&mut self, byte: UartByte) {
         self.sent.push(byte);
+    }
+
+    fn usb(&mut self, cycle: u64, data: &[u8]) {
+        self.packets.push((cycle, data.to_vec()));
     }
 
     fn clock_frequency(&mut self, cycle: u64, hz: u64) {

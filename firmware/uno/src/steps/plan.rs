@@ -4,7 +4,7 @@
 //! As long as a motor only steps, with intervals between [`Times::fastest`](super::times::Times) and 16 383 ticks that change
 //! little, its next steps are granted at once: nobody looks at them one by one, the expansion makes them
 //! ([`expand`](super::expand)). That all of a segment's are such is found out when it is loaded ([`Motor::sure`]), where it
-//! is; else it is looked at for up to 31. All else is one thing at a time: a step, a turn of DIR, or nothing at all, which keeps the
+//! is; else it is looked at for up to 31, or 7. All else is one thing at a time: a step, a turn of DIR, or nothing at all, which keeps the
 //! compare register moving (no two things are more than [`FILLER`] ticks apart).
 //!
 //! # DIR
@@ -219,19 +219,33 @@ plan_fast:
     adc r19, r21
     subi r18, -4
     sbci r19, -1
-    movw r24, r22
+    ldi r26, 31
+2:  movw r24, r22
     add r24, r18                        // the longest
     adc r25, r19
     cpi r25, 0x40
-    brsh plan_slow_near
-    sub r22, r18                        // the shortest
-    sbc r23, r19
-    brcs plan_slow_near
-    lds r18, steps_times+{FASTEST}
-    lds r19, steps_times+{FASTEST}+1
-    cp r22, r18
-    cpc r23, r19
-    brlo plan_slow_near
+    brsh 3f
+    movw r30, r22
+    sub r30, r18                        // the shortest
+    sbc r31, r19
+    brcs 3f
+    lds r0, steps_times+{FASTEST}
+    cp r30, r0
+    lds r0, steps_times+{FASTEST}+1
+    cpc r31, r0
+    brsh 4f
+    // Too far: 7 steps, whose intervals go a quarter as far at most.
+3:  cpi r26, 7
+    breq plan_slow_near
+    ldi r26, 7
+    .rept 2
+    lsr r19
+    ror r18
+    .endr
+    subi r18, -1
+    sbci r19, -1
+    rjmp 2b
+4:
     // At such rates a ring is full long before the limit.
     ldd r20, Y+{FLAGS}
     cpi r25, 2
@@ -257,11 +271,11 @@ plan_nothing_near:
 plan_slow_near:
     rjmp plan_slow
 plan_have_time:
-    // No more than 31, than are left, and are asked for.
+    // No more than r26, than are left, and are asked for.
     lds r21, steps_times+{MOST}
-    cpi r21, 32
+    cp r21, r26
     brlo .+2
-    ldi r21, 31
+    mov r21, r26
     ldd r22, Y+{LEFT}
     ldd r23, Y+{LEFT}+1
     tst r23

@@ -681,6 +681,7 @@ impl Ring {
     fn skip(&mut self, tail: u8) {
         if tail == self.head {
             self.pending = Group::NOTHING;
+            self.prepare();
         } else {
             // SAFETY: the ring's interrupt is off.
             unsafe { self.tail_register().write_volatile(tail.wrapping_add(GROUP)) };

@@ -1,7 +1,7 @@
 //! The task that keeps the rings filled: it comes again and again, whatever the main loop is doing, and is itself
 //! interrupted by steps and by bytes from the line.
 //!
-//! The overflow of Timer0 calls it (normal mode, DS40002061B §15.7.1, 64 cycles a count), again when rings are down to
+//! The overflow of Timer0 calls it (normal mode, DS40002061B §15.7.1, 64 cycles a count), again when full rings are down to
 //! [`RESERVE`], or a quarter of the time has passed that they were filled for. Compare matches of Timer1 go
 //! before it. It runs with its own interrupt off, so that it does not nest; and not inside the receive interrupt, which would
 //! then lose bytes, but at its end.
@@ -11,6 +11,7 @@
 //! position, which takes a look at every group, is the longest).
 
 use super::motor::Motor;
+use super::ring::Ring;
 use super::stepper::{AHEAD, Stepper, Track};
 use crate::clock;
 use crate::regs;
@@ -29,6 +30,8 @@ const SOONEST: u8 = 4;
 /// expansion take no longer, with bytes coming in. For one ring, and for two.
 const RESERVE: u16 = 24 << 8;
 const RESERVE_BOTH: u16 = 32 << 8;
+/// A ring is full when it has room for fewer groups.
+const NEARLY: u8 = 20;
 
 #[repr(transparent)]
 struct Place(UnsafeCell<Stepper>);
@@ -182,14 +185,27 @@ steps_task_due:
 4:  cpi r26, {SOONEST}
     brsh 4f
     ldi r26, {SOONEST}
-    // Or all of it but the reserve.
-4:  ldi r25, {RESERVE} >> 8
+    // Or, where the ring is full, all of it but the reserve.
+4:  lds r30, steps_stepper+{TAIL_AT}
+    ldi r31, 0
+    ld r24, Z
+    lds r25, steps_stepper+{HEAD}
+    sub r24, r25
+    dec r24
+    cpi r24, 4 * {NEARLY}
+    brsh 4f
+    ldi r25, {RESERVE} >> 8
     lds r24, steps_mode
     cpi r24, {BOTH}
-    brlo 3f
+    brne 3f
+    lds r30, steps_stepper+{TAIL_AT}+{TRACK_SIZE}
+    ld r24, Z
+    lds r25, steps_stepper+{HEAD}+{TRACK_SIZE}
+    sub r24, r25
+    dec r24
+    cpi r24, 4 * {NEARLY}
+    brsh 4f
     ldi r25, {RESERVE_BOTH} >> 8
-    breq 3f
-    ldi r25, 255                        // that is never filled in one go
 3:  mov r24, r26
     sub r24, r25
     brcs 4f
@@ -266,6 +282,9 @@ task_ahead:
     MOTOR_SIZE = const size_of::<Motor>(),
     SOONEST = const SOONEST,
     RESERVE = const RESERVE,
+    NEARLY = const NEARLY,
+    TAIL_AT = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, tail_at),
+    HEAD = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, head),
     RESERVE_BOTH = const RESERVE_BOTH,
     TCNT1 = const super::register::TCNT1,
     SREG = const super::register::SREG,

@@ -61,21 +61,24 @@ impl Pio {
         if end != End::Again && machine.wants_refill() {
             self.refill(number, cycle);
         }
+        // Side-set is asserted again in every tick of a stall, which matters where somebody else writes the same pin.
+        let polls =
+            matches!(end, End::Wait(_)) && side.is_some_and(|(mask, _)| mask & self.driven_by_others(number) != 0);
         let machine = &mut self.machines[number];
         match end {
             End::Wait(stall) => {
                 machine.stall = stall;
-                machine.at = NEVER;
+                // A change on its way through the synchroniser comes unannounced.
+                let soon = stall == Stall::Pin && inputs.changed_since(cycle - Inputs::SYNCHRONISER.min(cycle));
+                machine.at = match () {
+                    () if !(polls || soon) => NEVER,
+                    () if forced => cycle + 1,
+                    () => machine.ticks_later(1),
+                };
                 match stall {
                     Stall::Tx => self.fdebug |= TXSTALL << number,
                     Stall::Rx => self.fdebug |= RXSTALL << number,
-                    Stall::Pin => {
-                        self.waits_for_pins = true;
-                        // A change on its way through the synchroniser comes unannounced.
-                        if inputs.changed_since(cycle - Inputs::SYNCHRONISER.min(cycle)) {
-                            machine.at = if forced { cycle + 1 } else { machine.ticks_later(1) };
-                        }
-                    }
+                    Stall::Pin => self.waits_for_pins = true,
                     _ => {}
                 }
                 return;
@@ -197,7 +200,7 @@ impl Pio {
         let pins = || inputs.seen(cycle, self.input_sync_bypass);
         match instruction >> 5 & 3 {
             0 if pins() >> index & 1 == wanted => End::Done,
-            1 if pins() >> (index + self.machines[number].in_base() & 31) & 1 == wanted => End::Done,
+            1 if pins() >> ((index + self.machines[number].in_base()) & 31) & 1 == wanted => End::Done,
             2 => {
                 let flag = irq_flag(number, index);
                 if u32::from(self.irq & flag != 0) != wanted {

@@ -169,6 +169,18 @@ impl Machine {
         }
     }
 
+    /// Another clock from a cycle on: as many ticks are left to what comes next as there were.
+    pub(super) fn change_clock(&mut self, cycle: u64, change: impl FnOnce(&mut Machine)) {
+        let going = self.enabled && !self.forced;
+        if going {
+            self.pause(cycle);
+        }
+        change(self);
+        if going {
+            self.resume(cycle);
+        }
+    }
+
     /// The divider begins anew with a tick in `cycle`.
     pub(super) fn restart_clock(&mut self, cycle: u64) {
         self.phase_256 = cycle << 8;

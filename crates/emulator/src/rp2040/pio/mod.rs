@@ -182,10 +182,20 @@ impl Pio {
         self.schedule();
     }
 
+    /// Whether a reading of a register would take a word out of an RX FIFO, and there is one.
+    pub(super) fn has_word(&self, offset: u32) -> Option<bool> {
+        (0x20..=0x2c).contains(&offset).then(|| !self.machines[(offset as usize - 0x20) / 4].rx.is_empty())
+    }
+
+    /// Somebody has read an empty RX FIFO.
+    pub(super) fn underflow(&mut self, offset: u32) {
+        self.fdebug |= RXUNDER << ((offset - 0x20) / 4);
+    }
+
     fn read_rx(&mut self, number: usize, cycle: u64) -> u32 {
         let machine = &mut self.machines[number];
         let Some(word) = machine.rx.pop(cycle) else {
-            self.fdebug |= RXUNDER << number;
+            self.underflow(0x20 + 4 * number as u32);
             return 0;
         };
         if machine.stall == Stall::Rx {
@@ -218,9 +228,14 @@ impl Pio {
         self.intr() & self.inte[line] | self.intf[line]
     }
 
+    /// Whether some interrupt is enabled or forced.
+    pub(super) fn interrupts(&self) -> bool {
+        self.inte[0] | self.inte[1] | self.intf[0] | self.intf[1] != 0
+    }
+
     /// Both interrupt lines, bits 0 and 1.
     pub(super) fn lines(&self) -> u32 {
-        if self.inte[0] | self.inte[1] | self.intf[0] | self.intf[1] == 0 {
+        if !self.interrupts() {
             return 0;
         }
         u32::from(self.ints(0) != 0) | u32::from(self.ints(1) != 0) << 1
@@ -347,10 +362,7 @@ impl Pio {
                 }
             }
             if value >> (number + 8) & 1 != 0 {
-                machine.restart_clock(cycle + 1);
-                if machine.at != NEVER {
-                    machine.at = machine.tick_from(machine.at.max(cycle + 1));
-                }
+                machine.change_clock(cycle + 1, |machine| machine.restart_clock(cycle + 1));
             }
             let enable = value >> number & 1 != 0;
             if enable != machine.enabled {
@@ -362,6 +374,14 @@ impl Pio {
                 }
             }
         }
+        self.look_again(cycle + 1);
+    }
+
+    /// What stalled machines wait for, or whom they disturb, may be something else from a cycle on.
+    fn look_again(&mut self, cycle: u64) {
+        for machine in self.machines.iter_mut().filter(|machine| machine.stall != Stall::No) {
+            wake(machine, cycle);
+        }
         self.note_waits();
     }
 
@@ -371,10 +391,7 @@ impl Pio {
         match offset {
             0x00 => {
                 let value = merge(machine.clkdiv);
-                machine.set_clkdiv(value, cycle + 1);
-                if machine.at != NEVER && !machine.forced {
-                    machine.at = machine.tick_from(machine.at.max(cycle + 1));
-                }
+                machine.change_clock(cycle + 1, |machine| machine.set_clkdiv(value, cycle + 1));
             }
             0x04 => {
                 machine.execctrl = merge(machine.execctrl) & 0x7fff_ff9f;
@@ -387,9 +404,6 @@ impl Pio {
                 if machine.enabled && machine.wants_refill() && !machine.tx.is_empty() {
                     machine.refill_at = machine.tick_from(cycle + 1);
                 }
-                if machine.stall != Stall::No {
-                    wake(machine, cycle + 1);
-                }
             }
             // SMx_INSTR: executed in the next cycle, whatever divider and SM_ENABLE say (§3.5.7).
             0x10 => {
@@ -398,6 +412,7 @@ impl Pio {
             0x14 => machine.pinctrl = merge(machine.pinctrl),
             _ => {}
         }
+        self.look_again(cycle + 1);
     }
 
     fn note_waits(&mut self) {
