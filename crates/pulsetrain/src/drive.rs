@@ -121,12 +121,12 @@ impl<'a> Driven<'a, Uno> {
 }
 
 impl<'a> Driven<'a, Pico> {
-    /// The same on the virtual Pico, at `baud`.
+    /// The same on the virtual Pico, over its USB; `baud` is the rate that the host reckons with.
     ///
     /// # Errors
     /// As [`Driven::native`], and when the firmware refuses the configuration.
     pub fn virtual_pico(prepared: &'a Prepared, baud: Baud) -> Result<Driven<'a, Pico>, DriveError> {
-        Driven::with(prepared, |program| connect_as(VirtualPico::new(), program, baud, 1))
+        Driven::with(prepared, |program| connect_as(VirtualPico::on_usb(), program, baud, 1))
     }
 }
 

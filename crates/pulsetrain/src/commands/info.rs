@@ -45,7 +45,7 @@ struct Said {
 pub(crate) fn run(args: &At, console: &mut Console<'_>) -> miette::Result<Exit> {
     let said = match &args.port {
         Some(name) => ask(Serial::open(name, false).map_err(port_problem)?, args.baud),
-        None if args.board.as_deref() == Some("pico") => ask(VirtualPico::new(), args.baud),
+        None if args.board.as_deref() == Some("pico") => ask(VirtualPico::on_usb(), args.baud),
         None => ask(VirtualUno::new(), args.baud),
     };
     let said = said.map_err(super::drive_problem)?;
