@@ -142,7 +142,7 @@ impl Slowly {
             let m = &self.pio.machines[machine];
             let there = if matches!(channel.pace, Pace::Tx(_)) { m.tx_depth - m.tx.len() } else { m.rx.len() };
             channel.coming = self.moved[machine].iter().map(|at| at + 2).filter(|at| *at > now).collect();
-            channel.credit = (there - channel.coming.len()) as u32;
+            channel.credit = there.saturating_sub(channel.coming.len()) as u32;
         }
         channel.started = now;
     }
@@ -155,6 +155,7 @@ impl Slowly {
             channel.credit += known as u32;
             if let Pace::Timer { x, y, since } = channel.pace
                 // What came before the start does not count.
+                && channel.busy
                 && now > channel.started
                 && (now - since) * x / y > (now - 1 - since) * x / y
             {
