@@ -410,7 +410,7 @@ impl Case {
 
     fn set_back(&mut self, number: usize) {
         let channel = &mut self.slowly.channels[number];
-        let far = |address: u32| address >= RAM && address < RAM + AREA && address > RAM + AREA * 3 / 4;
+        let far = |address: u32| (RAM + AREA * 3 / 4..RAM + AREA).contains(&address);
         if !channel.busy && channel.writing == 0 {
             let base = DMA + 0x40 * number as u32;
             if far(channel.read) {
