@@ -17,8 +17,9 @@ pub(crate) fn run() -> Done {
     }
     command::run(&mut cargo("clippy --workspace --all-targets -- -D warnings"))?;
     command::run(cargo("doc --workspace --no-deps --document-private-items").env("RUSTDOCFLAGS", "-D warnings"))?;
-    // What the virtual Uno runs, in the tests as well, is what the source says.
+    // What the virtual boards run, in the tests as well, is what the sources say.
     firmware::check_uno()?;
+    firmware::pico::check()?;
     test::run(Some(PROPERTY_CASES))?;
     cross_check::run()?;
     command::run(&mut cargo("run --release -- run examples/tutorial.toml"))?;

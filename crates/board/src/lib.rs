@@ -8,7 +8,7 @@
 //! - [`serial`]: a real serial port, in real time
 //! - [`faulty`]: a port whose frames suffer, by a seed; [`model`]: a board behind a serial line, without a chip
 //! - [`shadow`]: any board beside a native one that is told the same: what was scheduled, and what came of it
-//! - [`virtual_uno`]: the Uno's firmware on an emulated chip, as such a port
+//! - [`virtual_uno`], [`virtual_pico`]: the Uno's and the Pico's firmware on an emulated chip, as such a port
 //! - [`BoardClock`]: such a board's clock, as the host sees it
 //!
 //! # What is not
@@ -26,6 +26,7 @@ pub mod remote;
 pub mod serial;
 pub mod shadow;
 mod sizer;
+pub mod virtual_pico;
 pub mod virtual_uno;
 
 use pulsetrain_core::{Entry, Epoch};

@@ -210,7 +210,7 @@ fn firmware(file: &[u8], instructions: u64) -> Result<String, Box<dyn Error>> {
             0b01010 | 0b01011 if word >> 9 & 7 >= 3 => values.push(after.register(low)),
             0b01101 | 0b01111 | 0b10001 => values.push(after.register(low)),
             0b11001 => values.extend(list(word & 0xff).map(|number| after.register(number))),
-            0b10111 if word >> 9 == 0b1011_110 => {
+            0b10111 if word >> 9 == 0b101_1110 => {
                 values.extend(list(word & 0xff).map(|number| after.register(number)));
                 values.extend((word & 0x100 != 0).then_some(popped.unwrap_or(0)));
             }

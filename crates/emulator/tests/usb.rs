@@ -174,7 +174,7 @@ fn full_speed_to_the_pc() {
     let packets = &bench.seen.packets;
     assert!((50 * 19 - 1..=50 * 19).contains(&packets.len()), "{}", packets.len());
     for (at, (_, data)) in packets.iter().enumerate() {
-        let buffer = packets[0].1[0] as usize ^ 16 * (at % 2);
+        let buffer = packets[0].1[0] as usize ^ (16 * (at % 2));
         assert_eq!((data.len(), data[0] as usize), (64, buffer), "packet {at}");
     }
     // 616 bit times apart, whole within a frame.

@@ -1,14 +1,16 @@
-//! A virtual Uno in real time, for a client at the other end of a pseudo-terminal or a socket.
+//! A virtual board in real time, for a client at the other end of a pseudo-terminal or a socket.
 //!
 //! [`Service::round`] knows no clock: it is told how far to come. [`in_real_time`] tells it the time of day.
 
 use std::io::{self, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::ops::RangeInclusive;
 use std::thread;
 use std::time::{Duration, Instant};
 
 use pulsetrain_board::Port;
-use pulsetrain_board::virtual_uno::{CYCLES_PER_S, VirtualUno};
+use pulsetrain_board::virtual_pico::{self, VirtualPico};
+use pulsetrain_board::virtual_uno::{self, VirtualUno};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_trace::{Edge, Line, vcd_file};
 
@@ -30,12 +32,65 @@ pub trait Client {
     fn rate(&self) -> Option<u32>;
 }
 
-/// The first and the last pin that is traced: 0 and 1 are the serial line, 19 is A5.
-const TRACED: std::ops::RangeInclusive<u8> = 2..=19;
+/// A virtual board that can be served.
+pub trait VirtualBoard: Port {
+    /// What it is called.
+    const NAME: &'static str;
+    /// Of its clock, and of its trace.
+    const CYCLES_PER_S: u64;
+    /// The first and the last pin that is traced: not the serial line.
+    const TRACED: RangeInclusive<u8>;
 
-/// A virtual Uno and its client.
-pub struct Service<C, W: Write> {
-    uno: VirtualUno,
+    /// A client opens the port.
+    fn opened(&mut self);
+
+    /// The cycle of its firmware's tick 0; `None` until its clock runs.
+    fn zero(&self) -> Option<u64>;
+
+    /// The rate of its line.
+    fn baud(&self) -> Baud;
+}
+
+impl VirtualBoard for VirtualUno {
+    const NAME: &'static str = "Uno";
+    const CYCLES_PER_S: u64 = virtual_uno::CYCLES_PER_S;
+    /// The last is A5.
+    const TRACED: RangeInclusive<u8> = 2..=19;
+
+    /// DTR pulls the reset pin.
+    fn opened(&mut self) {
+        self.reset();
+    }
+
+    fn zero(&self) -> Option<u64> {
+        VirtualUno::zero(self)
+    }
+
+    fn baud(&self) -> Baud {
+        VirtualUno::baud(self)
+    }
+}
+
+impl VirtualBoard for VirtualPico {
+    const NAME: &'static str = "Pico";
+    const CYCLES_PER_S: u64 = virtual_pico::CYCLES_PER_S;
+    const TRACED: RangeInclusive<u8> = 2..=28;
+
+    /// Its UART has no such line.
+    fn opened(&mut self) {}
+
+    fn zero(&self) -> Option<u64> {
+        Some(VirtualPico::zero(self))
+    }
+
+    fn baud(&self) -> Baud {
+        VirtualPico::baud(self)
+    }
+}
+
+/// A virtual board and its client.
+pub struct Service<C, W: Write, B = VirtualUno> {
+    board: B,
     client: C,
     trace: Option<vcd_file::Writer<W>>,
     present: bool,
@@ -50,16 +105,26 @@ impl<C: Client, W: Write> Service<C, W> {
     /// # Errors
     /// When the trace cannot be begun.
     pub fn new(client: C, trace: Option<W>) -> io::Result<Service<C, W>> {
-        let lines: Vec<Line> = TRACED.map(|pin| Line::named(format!("pin{pin}"))).collect();
-        let trace = trace.map(|out| vcd_file::Writer::new(out, CYCLES_PER_S, &lines)).transpose()?;
+        Service::of(VirtualUno::new(), client, trace)
+    }
+}
+
+impl<C: Client, W: Write, B: VirtualBoard> Service<C, W, B> {
+    /// The same of any virtual board.
+    ///
+    /// # Errors
+    /// When the trace cannot be begun.
+    pub fn of(board: B, client: C, trace: Option<W>) -> io::Result<Service<C, W, B>> {
+        let lines: Vec<Line> = B::TRACED.map(|pin| Line::named(format!("pin{pin}"))).collect();
+        let trace = trace.map(|out| vcd_file::Writer::new(out, B::CYCLES_PER_S, &lines)).transpose()?;
         let (bytes, edges) = (Vec::new(), Vec::new());
-        Ok(Service { uno: VirtualUno::new(), client, trace, present: false, clients: 0, bytes, edges })
+        Ok(Service { board, client, trace, present: false, clients: 0, bytes, edges })
     }
 
     /// The chip's time.
     #[must_use]
     pub fn now(&self) -> Duration {
-        self.uno.now()
+        self.board.now()
     }
 
     /// Clients so far.
@@ -76,9 +141,8 @@ impl<C: Client, W: Write> Service<C, W> {
         self.bytes.clear();
         let present = self.client.poll(&mut self.bytes)?;
         if present && !self.present {
-            // DTR, as the port is opened.
             self.trace_edges()?;
-            self.uno.reset();
+            self.board.opened();
             self.clients += 1;
         }
         self.present = present;
@@ -86,14 +150,14 @@ impl<C: Client, W: Write> Service<C, W> {
             // A client changes its rate when nothing is under way, so what has come since is at the new one.
             let rate = self.client.rate();
             let baud = Baud::ALL.into_iter().find(|baud| Some(baud.rate()) == rate);
-            if let Some(baud) = baud.filter(|baud| *baud != self.uno.baud()) {
-                self.uno.set_baud(baud).map_err(io::Error::other)?;
+            if let Some(baud) = baud.filter(|baud| *baud != self.board.baud()) {
+                self.board.set_baud(baud).map_err(io::Error::other)?;
             }
-            self.uno.send(&self.bytes).map_err(io::Error::other)?;
+            self.board.send(&self.bytes).map_err(io::Error::other)?;
         }
-        while self.uno.now() < until {
+        while self.board.now() < until {
             self.bytes.clear();
-            self.uno.receive(until, &mut self.bytes).map_err(io::Error::other)?;
+            self.board.receive(until, &mut self.bytes).map_err(io::Error::other)?;
             if self.present && !self.bytes.is_empty() {
                 self.client.send(&self.bytes)?;
             }
@@ -103,10 +167,10 @@ impl<C: Client, W: Write> Service<C, W> {
 
     fn trace_edges(&mut self) -> io::Result<()> {
         self.edges.clear();
-        self.uno.edges(&mut self.edges);
-        let (Some(trace), Some(zero)) = (&mut self.trace, self.uno.zero()) else { return Ok(()) };
-        for edge in self.edges.iter().filter(|edge| TRACED.contains(&edge.line)) {
-            trace.push(Edge { tick: edge.tick + zero, line: edge.line - TRACED.start(), level: edge.level })?;
+        self.board.edges(&mut self.edges);
+        let (Some(trace), Some(zero)) = (&mut self.trace, self.board.zero()) else { return Ok(()) };
+        for edge in self.edges.iter().filter(|edge| B::TRACED.contains(&edge.line)) {
+            trace.push(Edge { tick: edge.tick + zero, line: edge.line - B::TRACED.start(), level: edge.level })?;
         }
         Ok(())
     }
@@ -129,11 +193,14 @@ const FARTHEST_BEHIND: Duration = Duration::from_millis(100);
 /// One that is further ahead goes on at once: a reset is a leap of 65 ms, and clients may come in close succession.
 const FARTHEST_AHEAD: Duration = Duration::from_millis(100);
 
-/// Lets a virtual Uno keep pace with the time of day until `stop` says so. Gives the time that it fell behind.
+/// Lets a virtual board keep pace with the time of day until `stop` says so. Gives the time that it fell behind.
 ///
 /// # Errors
 /// As [`Service::round`].
-pub fn in_real_time<C: Client, W: Write>(service: &mut Service<C, W>, stop: impl Fn() -> bool) -> io::Result<Duration> {
+pub fn in_real_time<C: Client, W: Write, B: VirtualBoard>(
+    service: &mut Service<C, W, B>,
+    stop: impl Fn() -> bool,
+) -> io::Result<Duration> {
     // Of the chip's time: what was let go, and what it leapt ahead in resets, one for each client.
     let (mut lost, mut leapt) = (Duration::ZERO, Duration::ZERO);
     let began = Instant::now();

@@ -40,6 +40,12 @@ impl<const N: usize> Pool<N> {
         }
     }
 
+    /// An empty queue in `len` bytes from `start` on; without room if they are not all there.
+    #[must_use]
+    pub const fn part(start: u16, len: u16) -> Bytes {
+        if start as usize + len as usize <= N { Bytes::new(start, len) } else { Bytes::new(0, 0) }
+    }
+
     /// The byte at `at`.
     pub(super) fn byte(&self, at: u16) -> u8 {
         // `at` is always inside; said so, there is no code for a panic.
@@ -169,12 +175,17 @@ impl Bytes {
     }
 
     /// Bytes of `epoch` that are next.
-    pub(super) const fn waiting(&self, epoch: Epoch) -> u16 {
+    pub(crate) const fn waiting(&self, epoch: Epoch) -> u16 {
         if self.epochs > 0 && self.parts[0].epoch.0 == epoch.0 { self.parts[0].len } else { 0 }
     }
 
+    /// The epoch in front, if bytes of it are.
+    pub(crate) const fn first(&self) -> Option<Epoch> {
+        if self.epochs > 0 && self.parts[0].len > 0 { Some(self.parts[0].epoch) } else { None }
+    }
+
     /// Reads from the front on.
-    pub(super) const fn reader<'a, const N: usize>(&self, pool: &'a Pool<N>) -> Reader<'a, N> {
+    pub(crate) const fn reader<'a, const N: usize>(&self, pool: &'a Pool<N>) -> Reader<'a, N> {
         Reader { pool, at: self.next, start: self.start, end: self.end }
     }
 
@@ -183,6 +194,13 @@ impl Bytes {
         self.next = at;
         self.len -= len as u16;
         self.parts[0].len -= len as u16;
+    }
+
+    /// Drops the `len` bytes in front; there are so many of the first epoch.
+    pub(crate) fn drop_first(&mut self, len: u16) {
+        self.next = self.place(len);
+        self.len -= len;
+        self.parts[0].len -= len;
     }
 
     fn drop_front(&mut self) {
@@ -218,7 +236,7 @@ impl Bytes {
 }
 
 /// A place in a ring.
-pub(super) struct Reader<'a, const N: usize> {
+pub(crate) struct Reader<'a, const N: usize> {
     pool: &'a Pool<N>,
     pub(super) at: u16,
     start: u16,
@@ -227,7 +245,7 @@ pub(super) struct Reader<'a, const N: usize> {
 
 impl<const N: usize> Reader<'_, N> {
     /// The next byte.
-    pub(super) fn byte(&mut self) -> u8 {
+    pub(crate) fn byte(&mut self) -> u8 {
         let byte = self.pool.byte(self.at);
         self.at += 1;
         if self.at == self.end {

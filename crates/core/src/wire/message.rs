@@ -10,6 +10,7 @@ use super::frame::{Encoder, Tag};
 use super::machine::{Stopped, Switched};
 use super::{Baud, MAX_MOTORS};
 use crate::Epoch;
+use crate::output::Sequence;
 
 /// What a command is, byte 1 of its body.
 pub mod kind {
@@ -101,7 +102,8 @@ codes! {
         PinTaken = 11,
         /// Pins that no stepgen of this board serves together; `detail` is the first pin that does not fit.
         PinMix = 12,
-        /// Pulse, set-up or hold is out of the board's range; `detail` is the limit, ticks.
+        /// Pulse, set-up or hold is out of the board's range; `detail` is the limit, ticks; or the time after which coils
+        /// are released: `detail` is its limit, ms.
         Timing = 13,
         /// A rate that the line cannot do; `detail` is its code.
         Baud = 14,
@@ -324,7 +326,7 @@ impl<'a> Command<'a> {
             };
         }
         if kind == kind::CONFIGURE {
-            return Configuration::decode(payload).map(Command::Configure).ok_or(Reason::Malformed);
+            return Configuration::decode(payload, COILS_FLAGS).map(Command::Configure).ok_or(Reason::Malformed);
         }
         if payload.len() != usize::from(len_of(kind).ok_or(Reason::UnknownKind)?) {
             return Err(Reason::Malformed);
@@ -421,9 +423,9 @@ pub struct Configuration<'a> {
 ///
 /// | byte | |
 /// |---|---|
-/// | 0 | pin of STEP |
-/// | 1 | pin of DIR; motors may share it |
-/// | 2 | bit 0: forward is DIR high; bit 1: STEP is active low; others 0 |
+/// | 0 | pin of STEP; of coils, that of IN1, which the pins of IN2 to IN4 follow |
+/// | 1 | pin of DIR; motors may share it; of coils 0 |
+/// | 2 | bit 0: forward is DIR high; bit 1: STEP is active low; bit 2: coils, switched as bits 3–4 say: 0 wave, 1 full, 2 half; others 0 |
 /// | 3 | packing gain, signed |
 /// | 4–7 | pull-in: the shortest interval that the motor can start and stop at, ticks |
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -440,7 +442,15 @@ pub struct MotorSetup {
     pub gain: i8,
     /// The shortest interval that the motor can start and stop at, ticks.
     pub pull_in_ticks: u32,
+    /// Four coils instead of STEP and DIR, on pins one after the other; not on every board.
+    pub coils: Option<Sequence>,
 }
+
+/// Bits of a [`MotorSetup`]'s flags that every board knows.
+pub const STEP_DIR_FLAGS: u8 = 0b11;
+
+/// And those of a board that drives coils.
+pub const COILS_FLAGS: u8 = 0b1_1111;
 
 /// Bytes of a [`MotorSetup`].
 pub const MOTOR_SETUP_LEN: usize = 8;
@@ -450,7 +460,13 @@ impl MotorSetup {
     #[must_use]
     pub const fn to_bytes(&self) -> [u8; MOTOR_SETUP_LEN] {
         let [a, b, c, d] = self.pull_in_ticks.to_le_bytes();
-        let flags = self.forward_high as u8 | (self.step_low as u8) << 1;
+        let coils = match self.coils {
+            None => 0,
+            Some(Sequence::Wave) => 1 << 2,
+            Some(Sequence::Full) => 1 << 2 | 1 << 3,
+            Some(Sequence::Half) => 1 << 2 | 2 << 3,
+        };
+        let flags = self.forward_high as u8 | (self.step_low as u8) << 1 | coils;
         [self.step_pin, self.dir_pin, flags, self.gain.cast_unsigned(), a, b, c, d]
     }
 
@@ -463,6 +479,12 @@ impl MotorSetup {
             step_low: flags & 2 != 0,
             gain: gain.cast_signed(),
             pull_in_ticks: u32::from_le_bytes([a, b, c, d]),
+            coils: match flags >> 2 & 7 {
+                1 => Some(Sequence::Wave),
+                3 => Some(Sequence::Full),
+                5 => Some(Sequence::Half),
+                _ => None,
+            },
         }
     }
 }
@@ -491,14 +513,19 @@ impl<'a> Configuration<'a> {
         self.motors.as_chunks::<MOTOR_SETUP_LEN>().0.iter().map(|bytes| MotorSetup::from_bytes(*bytes))
     }
 
-    pub(super) fn decode(payload: &'a [u8]) -> Option<Configuration<'a>> {
+    /// `known` are the flags of motors that the board knows.
+    #[inline(always)]
+    pub(super) fn decode(payload: &'a [u8], known: u8) -> Option<Configuration<'a>> {
         let (head, motors) = payload.split_first_chunk::<13>()?;
         let [p0, p1, s0, s1, h0, h1, enable_pin, flags, i0, i1, q0, q1, count] = *head;
         let mut unknown = flags;
         for [_, _, flags, ..] in motors.as_chunks::<MOTOR_SETUP_LEN>().0 {
-            unknown |= flags;
+            unknown |= flags & !(known ^ STEP_DIR_FLAGS);
+            if known != STEP_DIR_FLAGS && !matches!(flags >> 2 & 7, 0 | 1 | 3 | 5) {
+                return None;
+            }
         }
-        if unknown & !3 != 0 || motors.len() != usize::from(count) << 3 {
+        if unknown & !STEP_DIR_FLAGS != 0 || motors.len() != usize::from(count) << 3 {
             return None;
         }
         let mut configuration = Configuration::new(motors)?;
@@ -533,7 +560,7 @@ impl<'a> Configuration<'a> {
 /// | 2 | protocol: [`VERSION`](super::VERSION) |
 /// | 3–6 | the host's number from Hello |
 /// | 7 | the session's [`Tag`]: of all frames that follow, both ways |
-/// | 8 | board: 1 the Uno; 0 a model |
+/// | 8 | board: 1 the Uno, 2 the Pico; 0 a model |
 /// | 9–11 | firmware's version |
 /// | 12–15 | ticks a second |
 /// | 16 | F |
@@ -551,7 +578,7 @@ pub struct Info {
     pub nonce: u32,
     /// Of all frames that follow; the service's.
     pub tag: Tag,
-    /// 1 the Uno; 0 a model.
+    /// 1 the Uno, 2 the Pico; 0 a model.
     pub board: u8,
     /// Major, minor, patch.
     pub firmware: [u8; 3],

@@ -346,9 +346,9 @@ impl Service {
     /// Does what a command asks for: what [`Command::decode`](super::Command::decode) would say of it, but without a detour
     /// through RAM.
     #[inline(never)]
-    fn execute(&mut self, kind: u8, payload: &[u8], machine: &mut impl Machine) -> Result<(), Refusal> {
+    fn execute<M: Machine>(&mut self, kind: u8, payload: &[u8], machine: &mut M) -> Result<(), Refusal> {
         if kind == kind::CONFIGURE {
-            let configuration = Configuration::decode(payload).ok_or(malformed(kind))?;
+            let configuration = Configuration::decode(payload, M::MOTOR_FLAGS).ok_or(malformed(kind))?;
             machine.configure(&configuration)?;
             self.silence_ms = match configuration.silence_ms {
                 0 => SILENCE_MS,

@@ -4,10 +4,12 @@ use std::io::ErrorKind;
 use std::path::Path;
 
 use miette::miette;
+use pulsetrain_board::virtual_pico::VirtualPico;
+use pulsetrain_board::virtual_uno::VirtualUno;
 
 use crate::cli::Board;
 use crate::console::{self, Console, Exit};
-use crate::serve::{self, Client, Service, Socket};
+use crate::serve::{self, Client, Service, Socket, VirtualBoard};
 use crate::{human, interrupt};
 
 pub(crate) fn run(args: &Board, console: &mut Console<'_>) -> miette::Result<Exit> {
@@ -46,10 +48,24 @@ fn on_pty(_: &Path, _: &Board, _: &mut Console<'_>) -> miette::Result<Exit> {
 }
 
 fn serve<C: Client>(client: C, place: &str, args: &Board, console: &mut Console<'_>) -> miette::Result<Exit> {
+    if args.board == "pico" {
+        serve_board(VirtualPico::new(), client, place, args, console)
+    } else {
+        serve_board(VirtualUno::new(), client, place, args, console)
+    }
+}
+
+fn serve_board<B: VirtualBoard, C: Client>(
+    board: B,
+    client: C,
+    place: &str,
+    args: &Board,
+    console: &mut Console<'_>,
+) -> miette::Result<Exit> {
     let trace = args.trace.as_deref().map(console::create).transpose()?;
-    let broken = |error: std::io::Error| miette!("the virtual Uno cannot go on: {error}");
-    let mut service = Service::new(client, trace).map_err(broken)?;
-    console.print(format_args!("a virtual Uno is {place}; Ctrl-C ends it\n"))?;
+    let broken = |error: std::io::Error| miette!("the virtual {} cannot go on: {error}", B::NAME);
+    let mut service = Service::of(board, client, trace).map_err(broken)?;
+    console.print(format_args!("a virtual {} is {place}; Ctrl-C ends it\n", B::NAME))?;
     let lost = serve::in_real_time(&mut service, interrupt::wanted).map_err(broken)?;
     let (ran, clients) = (service.now().as_secs_f64(), service.clients());
     service.finish().map_err(broken)?;
