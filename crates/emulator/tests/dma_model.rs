@@ -142,7 +142,7 @@ impl Slowly {
             let m = &self.pio.machines[machine];
             let there = if matches!(channel.pace, Pace::Tx(_)) { m.tx_depth - m.tx.len() } else { m.rx.len() };
             channel.coming = self.moved[machine].iter().map(|at| at + 2).filter(|at| *at > now).collect();
-            channel.credit = (there - channel.coming.len()) as u32;
+            channel.credit = there.saturating_sub(channel.coming.len()) as u32;
         }
         channel.started = now;
     }
@@ -155,6 +155,7 @@ impl Slowly {
             channel.credit += known as u32;
             if let Pace::Timer { x, y, since } = channel.pace
                 // What came before the start does not count.
+                && channel.busy
                 && now > channel.started
                 && (now - since) * x / y > (now - 1 - since) * x / y
             {
@@ -409,7 +410,7 @@ impl Case {
 
     fn set_back(&mut self, number: usize) {
         let channel = &mut self.slowly.channels[number];
-        let far = |address: u32| address >= RAM && address < RAM + AREA && address > RAM + AREA * 3 / 4;
+        let far = |address: u32| (RAM + AREA * 3 / 4..RAM + AREA).contains(&address);
         if !channel.busy && channel.writing == 0 {
             let base = DMA + 0x40 * number as u32;
             if far(channel.read) {

@@ -421,7 +421,7 @@ fn two_enables() {
         bench.set(machine.pinctrl(), 1 << 26 | block << 5);
         bench.give([block], 6 + block);
         // OEOVER: an output, whatever the machine says.
-        bench.set(0x4001_4004 + 8 * block, 6 + block | 3 << 12);
+        bench.set(0x4001_4004 + 8 * block, 3 << 12 | (6 + block));
     }
     for (register, value) in [(0, 0x5020_0000), (1, 1), (2, 0x5030_0000)] {
         bench.chip.cpu_mut().set_register(register, value);

@@ -127,11 +127,12 @@ impl Generator {
     }
 }
 
-const GPOUT0: usize = 0;
+// Generators, by their place among the registers; the first four go to pins.
 const REF: usize = 4;
 const SYS: usize = 5;
 const PERI: usize = 6;
 
+/// The oscillators, the PLLs and the clocks' generators.
 #[derive(Clone)]
 pub(super) struct Clocks {
     generators: [Generator; 10],
@@ -151,10 +152,8 @@ pub(super) struct Clocks {
 
 impl Clocks {
     pub(super) fn new() -> Clocks {
-        let mut generators = [Generator { ctrl: 0, div: 0x100 }; 10];
-        generators[PERI].ctrl = 0;
         Clocks {
-            generators,
+            generators: [Generator { ctrl: 0, div: 0x100 }; 10],
             pll: [const { Pll::new() }; 2],
             xosc_ctrl: 0,
             xosc_startup: 0xc4,
@@ -289,7 +288,7 @@ impl Clocks {
                 match offset % 12 {
                     0 => generator.ctrl = merge(generator.ctrl),
                     // clk_peri has no divider.
-                    4 if number != PERI || number == GPOUT0 => generator.div = merge(generator.div),
+                    4 if number != PERI => generator.div = merge(generator.div),
                     _ => {}
                 }
             }

@@ -212,7 +212,7 @@ impl Dma {
     pub(super) fn run(&mut self, cycle: u64, fabric: &mut Fabric, observer: &mut impl Observer) {
         for slot in 0..4 {
             if self.under_way[slot].is_some_and(|transfer| transfer.read_at == cycle && transfer.data.is_none()) {
-                self.read_data(slot, cycle, fabric, observer);
+                self.read_data(slot, cycle, fabric);
             }
         }
         for slot in 0..4 {
@@ -227,24 +227,19 @@ impl Dma {
         self.schedule(cycle);
     }
 
-    fn read_data(&mut self, slot: usize, cycle: u64, fabric: &mut Fabric, observer: &mut impl Observer) {
-        let Some(transfer) = &mut self.under_way[slot] else { return };
-        let channel = &mut self.channels[transfer.channel];
-        let own = own_register(transfer.from);
-        let data = match own {
-            Some(_) => Ok(0),
-            None => fabric.read(transfer.from, transfer.size, cycle, observer),
-        };
-        channel.reading -= 1;
-        self.lines_changed |= may_interrupt(transfer.from);
-        let swap = channel.ctrl & BSWAP != 0;
-        let (from, size, number) = (transfer.from, transfer.size, transfer.channel);
-        let data = match own {
+    fn read_data(&mut self, slot: usize, cycle: u64, fabric: &mut Fabric) {
+        let Some(Transfer { channel: number, from, size, .. }) = self.under_way[slot] else { return };
+        let data = match own_register(from) {
             Some(offset) => Ok(lane(self.read(offset), from, size)),
-            None => data,
+            None => fabric.read(from, size, cycle),
         };
+        self.lines_changed |= may_interrupt(from);
+        let channel = &mut self.channels[number];
+        channel.reading -= 1;
+        let swaps = channel.ctrl & BSWAP != 0;
+        let data = data.map(|word| if swaps { swapped(word, size) } else { word });
         if let Some(transfer) = &mut self.under_way[slot] {
-            transfer.data = Some(data.map(|word| if swap { swapped(word, size) } else { word }));
+            transfer.data = Some(data);
         }
         if let Ok(word) = data {
             self.sniff(number, word, size);
@@ -457,8 +452,7 @@ impl Dma {
         if !wanted || self.channels[number].ctrl & SNIFF_EN == 0 {
             return;
         }
-        let swaps = (self.channels[number].ctrl & BSWAP != 0) != (self.sniff_ctrl & 1 << 9 != 0);
-        let word = if swaps { swapped(word, size) } else { word };
+        let word = if self.sniff_ctrl & 1 << 9 != 0 { swapped(word, size) } else { word };
         match self.sniff_ctrl >> 5 & 15 {
             mode @ 0..=3 => {
                 let (polynomial, top) = if mode < 2 { (0x04c1_1db7, 31) } else { (0x1021, 15) };

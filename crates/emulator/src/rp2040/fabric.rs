@@ -361,13 +361,7 @@ impl Fabric {
     }
 
     /// Reads in a cycle, waits being over.
-    pub(super) fn read(
-        &mut self,
-        address: u32,
-        size: Size,
-        cycle: u64,
-        observer: &mut impl Observer,
-    ) -> Result<u32, BusFault> {
+    pub(super) fn read(&mut self, address: u32, size: Size, cycle: u64) -> Result<u32, BusFault> {
         if let Some(value) = Fabric::sram_offset(address).and_then(|offset| self.read_sram(offset, size)) {
             return Ok(value);
         }
@@ -381,13 +375,13 @@ impl Fabric {
             0x10..=0x13 => self.xip.word(address),
             0x14 => self.xip.read(address & 0xfc),
             0x18 => self.plain.get(&(address & !3)).copied().unwrap_or(0),
-            0x40 | 0x50 => self.read_register(address, cycle, observer)?,
+            0x40 | 0x50 => self.read_register(address, cycle)?,
             _ => return Err(BusFault { address }),
         };
         Ok(lane(word, address, size))
     }
 
-    fn read_register(&mut self, address: u32, cycle: u64, _observer: &mut impl Observer) -> Result<u32, BusFault> {
+    fn read_register(&mut self, address: u32, cycle: u64) -> Result<u32, BusFault> {
         let (base, offset) = (address & !0x3fff, address & 0xffc);
         if self.is_held(Fabric::reset_bit(base)) {
             return Ok(0);

@@ -146,9 +146,9 @@ impl System {
         } else if let Some(has_word) = self.fabric.pio_word(address) {
             // The machine sees in this cycle that the word is still there, and a word that it pushes now comes too late.
             self.advance(at + 1, observer);
-            if has_word { self.fabric.read(address, size, at, observer)? } else { self.fabric.pio_underflow(address) }
+            if has_word { self.fabric.read(address, size, at)? } else { self.fabric.pio_underflow(address) }
         } else {
-            self.fabric.read(address, size, at, observer)?
+            self.fabric.read(address, size, at)?
         };
         // A reading may take words, clear flags, wake a machine.
         self.lines_changed = true;
