@@ -6,7 +6,7 @@ use common::Random;
 use common::pico::{Pair, TICK_HZ, as_line, coils, step_dir};
 use pulsetrain_board::{Board, Edge, Setup, StopReport};
 use pulsetrain_core::output::{HALF_STEPS, Sequence};
-use pulsetrain_core::wire::message::MotorSetup;
+use pulsetrain_core::wire::message::{Cause, MotorSetup};
 use pulsetrain_core::{Direction, Item, Moment, Segment};
 
 fn run(count: u32, ticks: i64, direction: Direction) -> Item {
@@ -90,4 +90,28 @@ fn the_count_is_what_the_pins_did_whenever_it_comes() {
         }
         assert!(in_pulse > u32::from(pulse_ticks) / 10, "{in_pulse} stops came inside a pulse");
     }
+}
+
+/// Eight motors ask for more than the processor does: a state machine runs dry, and all stop at once, with the reason.
+#[test]
+fn a_processor_that_does_not_keep_up_stops_all() {
+    let motors: Vec<_> = (0..8).map(|motor| step_dir(2 + 2 * motor)).collect();
+    let setup = Setup { pulse_ticks: 13, motors, ..Setup::default() };
+    let mut pair = Pair::new(&setup);
+    let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
+    for motor in 0..8 {
+        pair.push(motor, 1, &[Item::Anchor { tick: Moment::of(from) }, run(1_000_000, 120, Direction::Forward)]);
+    }
+    assert_eq!(pair.switch(1, from), Ok(()));
+    pair.pico.advance(from + TICK_HZ / 10, &mut |edge: Edge| pair.edges.extend(as_line(&setup, edge)));
+    let events = pair.pico.events();
+    assert!(events.iter().any(|event| event.cause == Cause::Starved), "{events:?}");
+    let status = pair.pico.status().expect("it answers");
+    assert!(status.is_idle());
+    let positions: Vec<_> = status.motors.as_slice().iter().map(|motor| Some(i64::from(motor.position))).collect();
+    assert_eq!(positions, pair.counts());
+    assert!(positions.iter().all(|position| *position > Some(1000)), "{positions:?}");
+    // It begins again when it is told to.
+    pair.pico.arm().expect("at rest");
+    assert!(pair.pico.status().expect("it answers").is_idle());
 }

@@ -4,6 +4,7 @@ use crate::clock::{Clock, TICK_HZ};
 use crate::link::{self, Line, WINDOW};
 use crate::regs;
 use crate::reset;
+use crate::start;
 use crate::steps::MOTORS;
 use crate::steps::pins::Layout;
 use crate::steps::stepper::{FRACTION_BITS, LONGEST, LONGEST_IDLE_MS, POOL, Stepper};
@@ -385,6 +386,7 @@ impl Machine for Board {
     }
 
     fn measures(&mut self) -> &mut Measures {
+        self.measures.stack_left = start::stack_left();
         self.measures.least_ahead_ticks = u16::try_from(self.stepper.least_ahead()).unwrap_or(u16::MAX);
         &mut self.measures
     }

@@ -1,4 +1,4 @@
-//! What comes before main: vectors, the copy to RAM; and memory that there is one of.
+//! What comes before main: vectors, the copy to RAM; the stack; and memory that there is one of.
 
 use core::arch::global_asm;
 
@@ -55,12 +55,37 @@ reset:
     bhs 4f
     stmia r0!, {{r3}}
     b 3b
-4:  ldr r0, =main
+4:  ldr r0, =stack_bottom
+    ldr r1, =stack_top
+    ldr r3, ={PAINT}
+5:  stmia r0!, {{r3}}
+    cmp r0, r1
+    blo 5b
+    ldr r0, =main
     blx r0
     .pool
     .size reset, . - reset
-    "#
+    "#,
+    PAINT = const PAINT,
 );
+
+/// What the stack is full of before it is used.
+const PAINT: u32 = 0xa5a5_a5a5;
+
+unsafe extern "C" {
+    static stack_bottom: [u32; STACK / 4];
+}
+
+/// Bytes of the stack: memory.ld says so too.
+const STACK: usize = 8192;
+
+/// Fewest bytes of stack that were never used.
+pub(crate) fn stack_left() -> u16 {
+    // SAFETY: the linker's symbol is where the stack's memory begins, of which only what lies above the stack pointer changes
+    // meanwhile; each word is read as the machine has it.
+    let words = (0..STACK / 4).take_while(|word| unsafe { (&raw const stack_bottom[*word]).read_volatile() } == PAINT);
+    (words.count() * 4) as u16
+}
 
 /// Something there is one of, which main takes and nobody else.
 pub(crate) struct Once<T>(core::cell::UnsafeCell<T>);
