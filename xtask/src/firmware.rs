@@ -17,15 +17,15 @@ const RAM: u64 = 2048;
 
 /// The committed image.
 const IMAGE: &str = "crates/board/images/uno.hex";
-/// Of its winch the tick alone, committed for a test on the emulated chip.
-const WINCH_TICK: &str = "crates/board/images/winch_tick.hex";
+/// Of its winch the assembly alone, committed for a test on the emulated chip.
+const WINCH: &str = "crates/board/images/winch.hex";
 
 /// Builds the Uno's firmware, prints what it takes and writes the committed images.
 pub(crate) fn uno() -> Done {
     let (built, table) = built_uno()?;
     print!("{table}");
     copy(built, IMAGE)?;
-    copy(built_winch_tick()?, WINCH_TICK)
+    copy(built_winch()?, WINCH)
 }
 
 fn copy(built: PathBuf, image: &str) -> Done {
@@ -43,7 +43,7 @@ pub(crate) fn check_uno() -> Done {
 pub(crate) fn measure_uno() -> Done<String> {
     let (built, table) = built_uno()?;
     let read = |path: PathBuf| fs::read_to_string(&path).map_err(|why| Failure::File { path, why });
-    for (image, built) in [(IMAGE, built), (WINCH_TICK, built_winch_tick()?)] {
+    for (image, built) in [(IMAGE, built), (WINCH, built_winch()?)] {
         same(image, &read(root().join(image))?, &read(built)?)?;
     }
     Ok(table)
@@ -90,12 +90,13 @@ fn built_uno() -> Done<(PathBuf, String)> {
     Ok((image, table(&sections)?))
 }
 
-/// Assembles the tick of the Uno's winch by itself. Gives the image's place.
-fn built_winch_tick() -> Done<PathBuf> {
-    let (elf, image) = (target_dir().join("winch_tick.elf"), target_dir().join("winch_tick.hex"));
+/// Assembles what the Uno's winch has of its own. Gives the image's place.
+fn built_winch() -> Done<PathBuf> {
+    let (elf, image) = (target_dir().join("winch.elf"), target_dir().join("winch.hex"));
     run(command("avr-gcc")
         .args(["-mmcu=atmega328p", "-nostdlib", "-x", "assembler"])
-        .arg(root().join("firmware/uno/src/winch/tick.s"))
+        .arg(root().join("crates/board/tests/winch_entries.s"))
+        .args(["tick.s", "text.s", "command.s", "reply.s"].map(|name| root().join("firmware/uno/src/winch").join(name)))
         .arg("-o")
         .arg(&elf))?;
     run(command("avr-objcopy").args(["-O", "ihex"]).arg(&elf).arg(&image))?;

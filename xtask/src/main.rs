@@ -3,6 +3,7 @@
 //! # What is here
 //! - [`ci`], [`test`](mod@test): what must hold, each a list of commands
 //! - [`bench`](mod@bench), [`golden`], [`fuzz`]: what is measured, reviewed, tried
+//! - [`python`]: the tests of the client in Python
 //! - [`ruckig`]: S-curve durations against an independent library
 //! - [`cross_check`]: the AVR emulator against simavr and avr8js
 //! - [`firmware`]: the boards' firmware: built, measured, committed as images
@@ -21,12 +22,13 @@ mod cross_check;
 mod firmware;
 mod fuzz;
 mod golden;
+mod python;
 mod random;
 mod ruckig;
 mod test;
 
 use clap::{Parser, Subcommand};
-use command::{Done, Failure};
+use command::Done;
 use std::process::ExitCode;
 
 /// Development tasks of Pulsetrain; each installs what it needs.
@@ -46,7 +48,7 @@ const AFTER_HELP: &str = "Examples:
 
 #[derive(Subcommand)]
 enum Task {
-    /// All tests, core built for the boards' processors, S-curves against ruckig
+    /// All tests, also the Python client's, core built for the boards' processors, S-curves against ruckig
     Test,
     /// `test`, and: format, lints, documentation, the firmware's images built anew and compared, fuzzing for a moment, more
     /// property-test cases, the README's first command
@@ -72,10 +74,10 @@ enum Task {
     },
     /// Measure every figure, print it, and write docs/benchmarks.md
     Bench {
-        /// Only those of this board's firmware, in emulated cycles: a section of the report
-        board: Option<Firmware>,
+        /// Only these, in emulated cycles: a section of the report
+        only: Option<Figures>,
         /// Of the Uno: the simulated hour of four motors on one DIR line, a section of its own
-        #[arg(long, requires = "board")]
+        #[arg(long, requires = "only")]
         hour: bool,
     },
     /// Write the golden files anew; read the difference before you commit it
@@ -101,6 +103,15 @@ fn firmware(board: Option<Firmware>, check: bool) -> Done {
     Ok(())
 }
 
+/// Figures that are measured by themselves.
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Figures {
+    /// The Arduino Uno's firmware
+    Uno,
+    /// StepperWinch's text on it
+    Winch,
+}
+
 fn main() -> ExitCode {
     let done = match Arguments::parse().task {
         Task::Test => test::run(None),
@@ -108,12 +119,10 @@ fn main() -> ExitCode {
         Task::Fuzz { seconds, target } => fuzz::run(seconds, target.as_deref()),
         Task::CrossCheck => cross_check::run(),
         Task::Firmware { board, check } => firmware(board, check),
-        Task::Bench { board: None, .. } => bench::run(),
-        Task::Bench { board: Some(Firmware::Uno), hour: false } => bench::uno::run(),
-        Task::Bench { board: Some(Firmware::Uno), hour: true } => bench::uno::hour(),
-        Task::Bench { board: Some(Firmware::Pico), .. } => {
-            Err(Failure::Check("there is no bench of the Pico yet".to_owned()))
-        }
+        Task::Bench { only: None, .. } => bench::run(),
+        Task::Bench { only: Some(Figures::Uno), hour: false } => bench::uno::run(),
+        Task::Bench { only: Some(Figures::Uno), hour: true } => bench::uno::hour(),
+        Task::Bench { only: Some(Figures::Winch), .. } => bench::winch::run(),
         Task::Golden => golden::run(),
     };
     match done {

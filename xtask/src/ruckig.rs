@@ -1,9 +1,9 @@
 //! S-curve durations against those of the ruckig package: an independent time-optimal planner.
 
-use crate::command::{self, Done, Failure, cargo, command, target_dir};
+use crate::command::{self, Done, Failure, cargo, command};
+use crate::python;
 use crate::random::Random;
 use std::fmt::Write as _;
-use std::path::PathBuf;
 
 /// Moves compared.
 pub(crate) const MOVES: usize = 1000;
@@ -18,7 +18,7 @@ pub(crate) fn compare() -> Done<f64> {
     let moves = random_moves();
     let ours = cargo("run --quiet --release --package pulsetrain-motion --example s_curve_durations");
     let ours = durations(ours, &moves)?;
-    let mut python = command(python_with_ruckig()?);
+    let mut python = command(python::with(PACKAGE)?);
     python.arg(SCRIPT);
     let theirs = durations(python, &moves)?;
 
@@ -61,20 +61,4 @@ fn durations(mut planner: std::process::Command, moves: &str) -> Done<Vec<f64>> 
     } else {
         Err(Failure::Check(format!("{MOVES} moves asked, {} durations answered: {planner:?}", durations.len())))
     }
-}
-
-/// A Python that has the package, in an environment of its own under the target folder.
-fn python_with_ruckig() -> Done<PathBuf> {
-    let environment = target_dir().join("python");
-    let bin = if cfg!(windows) { "Scripts" } else { "bin" };
-    let python = environment.join(bin).join("python");
-    // Without pip it is what an attempt that failed has left.
-    if !environment.join(bin).join(if cfg!(windows) { "pip.exe" } else { "pip" }).exists() {
-        let system = if cfg!(windows) { "python" } else { "python3" };
-        let make = || command::run(command(system).args(["-m", "venv"]).arg(&environment));
-        make().or_else(|_| command::install_debian("python3-venv").and_then(|()| make()))?;
-    }
-    let pip = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check", PACKAGE];
-    command::run(command(&python).args(pip))?;
-    Ok(python)
 }

@@ -9,8 +9,8 @@ const MAY_KNOW: [(&str, &[&str]); 9] = [
     ("pulsetrain-core", &[]),
     ("pulsetrain-motion", &["pulsetrain-core"]),
     ("pulsetrain-plan", &["pulsetrain-core", "pulsetrain-motion"]),
-    // The judge is independent of what it judges: it knows the law, never the plan.
-    ("pulsetrain-trace", &["pulsetrain-core", "pulsetrain-motion"]),
+    // The judge is independent of what it judges: it knows the law, never the plan, nor the fixed point of a board's path.
+    ("pulsetrain-trace", &["pulsetrain-motion"]),
     ("pulsetrain-board", &["pulsetrain-core", "pulsetrain-emulator"]),
     (
         "pulsetrain",

@@ -1,10 +1,16 @@
-"""The client against a line of its own, and through a pseudo-terminal. ``python3 -m unittest`` in clients/python."""
+"""The client against a line of its own, and against virtual boards at pseudo-terminals.
+
+``python3 -m unittest`` in clients/python; `cargo xtask test` does it with all that it needs.
+"""
 
 import importlib.util
 import os
+import subprocess
+import tempfile
 import threading
 import unittest
-from typing import Callable, List, Optional
+from pathlib import Path
+from typing import Callable, List, Optional, Tuple
 
 from pulsetrain_winch import CommandRefused, Message, NoAnswer, Status, Winch, checksum
 
@@ -180,6 +186,81 @@ class PseudoTerminal(unittest.TestCase):
         self.assertEqual(status.positions, (1, 2, 3, 4))
         os.close(board)
         os.close(port)
+
+
+
+def pulsetrain() -> Optional[str]:
+    """The program that is a virtual board: as the environment says, else as it was built last."""
+    target = Path(__file__).resolve().parents[3] / "target"
+    known = [os.environ.get("PULSETRAIN"), str(target / "debug/pulsetrain"), str(target / "release/pulsetrain")]
+    return next((path for path in known if path and Path(path).exists()), None)
+
+
+class VirtualBoard:
+    """`pulsetrain board BOARD --pty`, in real time, until it is left."""
+
+    def __init__(self, board: str) -> None:
+        self.folder = tempfile.TemporaryDirectory()
+        self.port = str(Path(self.folder.name) / "port")
+        command = [pulsetrain() or "", "board", board, "--pty", self.port]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        assert self.process.stdout is not None
+        self.process.stdout.readline()
+
+    def __enter__(self) -> str:
+        return self.port
+
+    def __exit__(self, *_: object) -> None:
+        self.process.terminate()
+        self.process.communicate()
+        self.folder.cleanup()
+
+
+@unittest.skipUnless(
+    importlib.util.find_spec("serial") and hasattr(os, "openpty") and pulsetrain(),
+    "needs pyserial, a pty, and pulsetrain: cargo build, or PULSETRAIN=…",
+)
+class VirtualBoards(unittest.TestCase):
+    #: Boards that speak text.
+    BOARDS = ["winch", "uno"]
+
+    def assert_goes_to(self, winch: Winch, positions: Tuple[int, int, int, int]) -> None:
+        """It gets there, and stays."""
+        for status in winch.statuses(60.0):
+            if status.positions == positions:
+                break
+        self.assertEqual(winch.wait_until_still(60.0).positions, positions)
+
+    def test_a_client_does_not_wait_and_is_obeyed(self) -> None:
+        for board in self.BOARDS:
+            with self.subTest(board), VirtualBoard(board) as port, Winch.open(port) as winch:
+                self.assertTrue(winch.version(timeout=30.0).startswith("StepperWinch"))
+                winch.report_every(20)
+                winch.gains(frequency_hz=3, damping_ratio=1)
+                winch.limits(speed=8000, acceleration=100_000)
+                for _ in range(100):
+                    winch.move_by(x=10)
+                winch.move_to(a=5, y=-300)
+                self.assert_goes_to(winch, (1000, -300, 0, 5))
+                winch.check()
+                winch.send("a x ten")
+                winch.ping(timeout=30.0)
+                with self.assertRaisesRegex(CommandRefused, "^err number 3$"):
+                    winch.check()
+
+    def test_four_boards_at_once(self) -> None:
+        boards = [VirtualBoard(self.BOARDS[0]) for _ in range(4)]
+        winches = [Winch.open(board.port) for board in boards]
+        try:
+            for number, winch in enumerate(winches, 1):
+                winch.gains(frequency_hz=3, damping_ratio=1)
+                winch.move_to(x=100 * number, a=-number)
+            for number, winch in enumerate(winches, 1):
+                self.assert_goes_to(winch, (100 * number, 0, 0, -number))
+        finally:
+            for winch, board in zip(winches, boards):
+                winch.close()
+                board.__exit__()
 
 
 if __name__ == "__main__":

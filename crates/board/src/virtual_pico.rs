@@ -5,7 +5,7 @@
 //! cycle. Through the adapter, bytes cross USB once a millisecond, then go over the line at its rate. By its own port they
 //! go as the bus has time and the firmware takes them; a program gets what has come with the end of each frame.
 
-use crate::{Edge, Port, PortError};
+use crate::{Edge, Port, PortError, VirtualBoard};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_emulator::{GpioEdge, LineByte, Observer, Rp2040, UartByte, UsbState, image};
 use std::collections::VecDeque;
@@ -219,6 +219,22 @@ impl Default for VirtualPico {
 impl std::fmt::Debug for VirtualPico {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("VirtualPico").field("cycle", &self.chip.cycle()).field("baud", &self.baud).finish()
+    }
+}
+
+impl VirtualBoard for VirtualPico {
+    const CYCLES_PER_S: u64 = CYCLES_PER_S;
+    const TRACED: std::ops::RangeInclusive<u8> = 2..=28;
+
+    /// Nothing: neither an adapter nor its own USB resets it.
+    fn reset(&mut self) {}
+
+    fn zero(&self) -> Option<u64> {
+        Some(self.zero)
+    }
+
+    fn baud(&self) -> Baud {
+        self.baud
     }
 }
 

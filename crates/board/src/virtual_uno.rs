@@ -4,23 +4,17 @@
 //! cycle. The bridge is an ATmega16U2 as on the real board: bytes cross USB once a millisecond, then go over the line
 //! at the rate that it can make, which at 115 200 baud is as far off as the chip's own.
 
-use crate::{Edge, Port, PortError};
+use crate::bridge::{bit_cycles, cycles, duration, garbled, next_frame};
+use crate::{Edge, Port, PortError, VirtualBoard};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_emulator::{Atmega328p, LineByte, Observer, PinEdge, Port as PinPort, ResetCause, UartByte, hex};
 use std::collections::VecDeque;
 use std::time::Duration;
 
+pub use crate::bridge::CYCLES_PER_S;
+
 /// The firmware that `cargo xtask firmware uno` built.
 const IMAGE: &str = include_str!("../images/uno.hex");
-
-/// Cycles per second; one tick of the firmware's clock is one cycle.
-pub const CYCLES_PER_S: u64 = 16_000_000;
-
-/// A frame of full-speed USB, 1 ms (USB 2.0, 8.4.3).
-const USB_FRAME: u64 = CYCLES_PER_S / 1000;
-
-/// The bridge has a 16 MHz clock too and divides it by 8 and a whole number (ATmega16U2, DS7799, 18.3.1).
-const BRIDGE_DIVIDER: u64 = 8;
 
 /// DTR pulls the reset pin low for so long, through 100 nF and 1 kΩ.
 const RESET_PULSE: u64 = CYCLES_PER_S / 10_000;
@@ -154,7 +148,7 @@ impl VirtualUno {
             let (own, theirs) = (bit_cycles(self.baud), u64::from(byte.cycles_per_bit));
             let off = own.abs_diff(theirs) * 1000 / own;
             // At a wrong rate something comes, but not what was sent.
-            into.push(if off <= RATE_TOLERANCE { byte.byte() } else { byte.byte().rotate_left(3) ^ 0x5a });
+            into.push(if off <= RATE_TOLERANCE { byte.byte() } else { garbled(byte.byte()) });
         }
         self.change_rate(cycle);
     }
@@ -177,6 +171,20 @@ impl Default for VirtualUno {
 impl std::fmt::Debug for VirtualUno {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("VirtualUno").field("cycle", &self.chip.cycle()).field("baud", &self.baud).finish()
+    }
+}
+
+impl VirtualBoard for VirtualUno {
+    fn reset(&mut self) {
+        VirtualUno::reset(self);
+    }
+
+    fn zero(&self) -> Option<u64> {
+        self.zero
+    }
+
+    fn baud(&self) -> Baud {
+        self.baud
     }
 }
 
@@ -236,23 +244,4 @@ const fn arduino_pin(port: PinPort, bit: u8) -> Option<u8> {
         (PinPort::C, 0..=5) => Some(14 + bit),
         _ => None,
     }
-}
-
-const fn next_frame(cycle: u64) -> u64 {
-    (cycle / USB_FRAME + 1) * USB_FRAME
-}
-
-/// Cycles of a bit at the rate that the bridge makes of `baud`.
-fn bit_cycles(baud: Baud) -> u64 {
-    let rate = u64::from(baud.rate()) * BRIDGE_DIVIDER;
-    (CYCLES_PER_S + rate / 2) / rate * BRIDGE_DIVIDER
-}
-
-fn duration(cycle: u64) -> Duration {
-    // 62.5 ns each; 2^63 ns are 292 years.
-    Duration::from_nanos((u128::from(cycle) * 125 / 2) as u64)
-}
-
-fn cycles(time: Duration) -> u64 {
-    u64::try_from((time.as_nanos() * 2).div_ceil(125)).unwrap_or(u64::MAX)
 }

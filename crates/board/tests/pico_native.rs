@@ -38,7 +38,7 @@ fn random_setup(kind: u64, random: &mut Random) -> Setup {
         motors: motors(kind, random),
         ..Setup::default()
     };
-    for motor in setup.motors.iter_mut().filter(|motor| motor.coils.is_none()) {
+    for motor in setup.motors.iter_mut().filter(|motor| motor.coils().is_none()) {
         (motor.forward_high, motor.step_low) = (random.one_in(2), random.one_in(2));
         motor.gain = random.below(5) as i8 - 2;
         if random.one_in(2) {
@@ -65,7 +65,7 @@ fn random_plans(kind: u64, seed: u64, tally: &mut Tally) {
         for (index, motor) in setup.motors.iter().enumerate() {
             // One motor by itself as fast as the state machine is, or nearly; several as fast as the processor is.
             let fastest = u64::from(overhead(&setup, motor)) + 1 + 100 * setup.motors.len() as u64;
-            let fastest = if motor.coils.is_some() { fastest.max(10_000) } else { fastest };
+            let fastest = if motor.coils().is_some() { fastest.max(10_000) } else { fastest };
             let items = random_items(&setup, motor, random, from, fastest);
             pair.push(index, epoch, &items);
         }

@@ -1,7 +1,6 @@
 //! The path in fixed point against the same recurrence in f64, and its steps against exact times.
 
 use proptest::prelude::*;
-use pulsetrain_core::winch::number::Float;
 use pulsetrain_core::winch::path::{FASTEST, FASTEST_DRIFT, Gains, Limits, Path, STEEPEST, Slice};
 use pulsetrain_core::winch::spacing::{TICKS, TOLERANCE_TICKS};
 
@@ -88,15 +87,17 @@ impl Exact {
     }
 }
 
-/// Up to nine digits, as a client would print them.
-fn float(value: f64) -> Float {
-    let mut power = 0;
-    let mut digits = value;
-    while power > -9 && digits.fract() != 0.0 && digits < 1e8 {
-        digits *= 10.0;
-        power -= 1;
-    }
-    Float::from_decimal(digits.round() as u32, power).expect("less than 2^32")
+/// As a client would print it, with `places` behind the point.
+fn fixed(value: f64, places: i32) -> u32 {
+    (value * 10_f64.powi(places)).round() as u32
+}
+
+fn gains_of(frequency: f64, ratio: f64) -> Gains {
+    Gains::new(fixed(frequency, 6), fixed(ratio, 6)).expect("stable")
+}
+
+fn limits_of(vmax: f64, amax: f64) -> Limits {
+    Limits::new(fixed(vmax, 3), fixed(amax, 3)).expect("accepted")
 }
 
 fn obey(path: &mut Path, command: Command) {
@@ -106,10 +107,8 @@ fn obey(path: &mut Path, command: Command) {
         Command::Drift(speed) => path.set_drift(speed),
         Command::Impulse(steps) => path.push_reference(steps),
         Command::Ramp(speed) => path.set_ramp(speed),
-        Command::Gains(frequency, ratio) => {
-            path.set_gains(&Gains::new(float(frequency), float(ratio)).expect("stable"))
-        }
-        Command::Limits(vmax, amax) => path.set_limits(&Limits::new(float(vmax), float(amax)).expect("accepted")),
+        Command::Gains(frequency, ratio) => path.set_gains(&gains_of(frequency, ratio)),
+        Command::Limits(vmax, amax) => path.set_limits(&limits_of(vmax, amax)),
     }
 }
 
@@ -211,8 +210,8 @@ fn an_hour_does_not_creep() {
 fn a_speed_is_exact_over_time() {
     for speed in [1234, 1, -7, 3333, -9000] {
         let mut path = Path::new();
-        path.set_limits(&Limits::new(float(10_000.0), float(100_000.0)).unwrap());
-        path.set_gains(&Gains::new(float(1.0), float(1.0)).unwrap());
+        path.set_limits(&limits_of(10_000.0, 100_000.0));
+        path.set_gains(&gains_of(1.0, 1.0));
         path.set_drift(speed);
         for _ in 0..30_000 {
             path.tick();
@@ -228,7 +227,7 @@ fn a_speed_is_exact_over_time() {
 #[test]
 fn steps_of_a_constant_speed_are_even() {
     let mut path = Path::new();
-    path.set_gains(&Gains::new(float(2.0), float(1.0)).unwrap());
+    path.set_gains(&gains_of(2.0, 1.0));
     path.set_drift(1234);
     let (mut last, mut spread) = (None, (f64::MAX, 0.0_f64));
     for ms in 0..60_000_u64 {
@@ -253,7 +252,7 @@ fn steps_of_a_constant_speed_are_even() {
 fn it_stops_within_its_limit() {
     for (drift, amax) in [(3000, 35_000.0), (-9000, 10_000.0), (15_000, 250_000.0), (3, 1.0)] {
         let mut path = Path::new();
-        path.set_limits(&Limits::new(float(10_000.0), float(amax)).unwrap());
+        path.set_limits(&limits_of(10_000.0, amax));
         path.set_drift(drift);
         for _ in 0..5000 {
             path.tick();
@@ -274,7 +273,7 @@ fn it_stops_within_its_limit() {
             path.tick();
         }
         assert_eq!(path.made(), made, "it stays");
-        path.set_gains(&Gains::new(float(1.0), float(1.0)).unwrap());
+        path.set_gains(&gains_of(1.0, 1.0));
         path.set_limits(&Limits::DEFAULT);
         path.set_target(-5);
         for _ in 0..60_000 {
@@ -301,7 +300,7 @@ fn far_targets_wait_their_turn() {
     }
     path.set_target(0);
     path.set_drift(0);
-    path.set_gains(&Gains::new(float(1.0), float(1.0)).unwrap());
+    path.set_gains(&gains_of(1.0, 1.0));
     for _ in 0..30_000 {
         path.tick();
     }

@@ -2,7 +2,6 @@
 
 use proptest::prelude::*;
 use pulsetrain_core::winch::letters::InMemory;
-use pulsetrain_core::winch::number::Float;
 use pulsetrain_core::winch::path::{Gains, Limits};
 use pulsetrain_core::winch::reply::{LONGEST, Reply};
 use pulsetrain_core::winch::text::{Heard, Reader, Refusal, Verb, What};
@@ -32,10 +31,10 @@ fn push(reader: &mut Reader, byte: u8) -> Option<Result<Command, Refusal>> {
             Verb::Report => Command::Report(reader.value()),
             Verb::Strict => Command::Strict(reader.value() != 0),
             Verb::Deadman => Command::Deadman(reader.value()),
-            Verb::Gains => Command::Gains { axes: reader.axes(), gains: reader.gains() },
-            Verb::Limits => Command::Limits { axes: reader.axes(), limits: reader.limits() },
+            Verb::Gains => Command::Gains { axes: reader.axes(), gains: reader.gains().expect("in the region") },
+            Verb::Limits => Command::Limits { axes: reader.axes(), limits: reader.limits().expect("it can stop") },
             Verb::Unknown => unreachable!("refused"),
-            verb => Command::Axes { verb, axes: reader.axes(), values: reader.values() },
+            verb => Command::Axes { verb, axes: reader.axes(), values: *reader.values() },
         },
     }))
 }
@@ -79,14 +78,14 @@ fn axes(verb: Verb, axes: u8, values: [i32; 4]) -> Command {
     Command::Axes { verb, axes, values }
 }
 
-fn gains(axes: u8, frequency: (u32, i8), ratio: (u32, i8)) -> Command {
-    let float = |(digits, power)| Float::from_decimal(digits, power).unwrap();
-    Command::Gains { axes, gains: Gains::new(float(frequency), float(ratio)).unwrap() }
+/// f and ζ in 10^-6.
+fn gains(axes: u8, frequency: u32, ratio: u32) -> Command {
+    Command::Gains { axes, gains: Gains::new(frequency, ratio).unwrap() }
 }
 
-fn limits(axes: u8, speed: (u32, i8), acceleration: (u32, i8)) -> Command {
-    let float = |(digits, power)| Float::from_decimal(digits, power).unwrap();
-    Command::Limits { axes, limits: Limits::new(float(speed), float(acceleration)).unwrap() }
+/// vmax and amax in 10^-3.
+fn limits(axes: u8, speed: u32, acceleration: u32) -> Command {
+    Command::Limits { axes, limits: Limits::new(speed, acceleration).unwrap() }
 }
 
 #[test]
@@ -103,8 +102,8 @@ fn commands_of_the_original() {
     check("r a -3", axes(Verb::Impulse, 8, [0, 0, 0, -3]));
     check("s xy 400 0", axes(Verb::Ramp, 3, [400, 0, 0, 0]));
     check("s x -1", axes(Verb::Ramp, 1, [0; 4]));
-    check("g xyza 2.000000 1.000000", gains(15, (2, 0), (1, 0)));
-    check("l xyza 4000 40000", limits(15, (4000, 0), (40_000, 0)));
+    check("g xyza 2.000000 1.000000", gains(15, 2_000_000, 1_000_000));
+    check("l xyza 4000 40000", limits(15, 4_000_000, 40_000_000));
 }
 
 #[test]
@@ -129,21 +128,28 @@ fn numbers() {
     for far in ["2147483648", "-2147483649", "99999999999999999999", "429496729599"] {
         refuse(&format!("a x {far}"), What::Range, 3);
     }
-    check("g x 2 .5", gains(1, (2, 0), (5, -1)));
-    check("g x 2. 5e-1", gains(1, (2, 0), (5, -1)));
-    check("g x +20E-1 0.05e+1", gains(1, (2, 0), (5, -1)));
-    check("g x 1.0471975511965976 0.7071067811865476", gains(1, (1_047_197_551, -9), (707_106_781, -9)));
-    check("l x 0 1", limits(1, (0, 0), (1, 0)));
-    check("l x 1e5 1e7", limits(1, (10_000, 0), (250_000, 0)));
-    check("l x 350000000e-5 35000.25", limits(1, (3500, 0), (3_500_025, -2)));
+    check("g x 2 .5", gains(1, 2_000_000, 500_000));
+    check("g x 2. 5e-1", gains(1, 2_000_000, 500_000));
+    check("g x +20E-1 0.05e+1", gains(1, 2_000_000, 500_000));
+    check("g x 1.0471975511965976 0.7071067811865476", gains(1, 1_047_198, 707_107));
+    check("l x 0 1", limits(1, 0, 1_000));
+    check("l x 1e5 1e7", limits(1, 10_000_000, 250_000_000));
+    check("l x 350000000e-5 35000.25", limits(1, 3_500_000, 35_000_250));
     for wrong in ["nan", "inf", "-inf", "infinity", "1e", "1e+", "1e+-1", "e3", ".", "1.5.", "2Hz", "1e1e1", "1e1.0"] {
         refuse(&format!("g x {wrong} 1"), What::Number, 3);
         refuse(&format!("l x 100 {wrong}"), What::Number, 4);
     }
-    for far in ["1e10", "1e99", "1e-99e", "5000000000"] {
-        let what = if far.ends_with('e') { What::Number } else { What::Range };
-        refuse(&format!("l x {far} 100"), what, 3);
+    refuse("l x 1e-99e 100", What::Number, 3);
+    // More than there is is all that there is; tiny numbers are 0.
+    for far in ["5000000000", "1e10", "1e99", "1e99999999999999999999999", &"9".repeat(60), "10000.0005"] {
+        check(&format!("l x {far} 5000"), limits(1, 10_000_000, 5_000_000));
     }
+    for tiny in ["0e99", "1e-99", "0.0004", &format!("0.{}1e50", "0".repeat(57)), "-0.0004"] {
+        check(&format!("l x {tiny} 5000"), limits(1, 0, 5_000_000));
+    }
+    check("l x 12345678901234567890e-18 5000", limits(1, 12_346, 5_000_000));
+    check("l x 0.0000000000005e13 5000", limits(1, 5000, 5_000_000));
+    check("g x 0.0099995 .0699995", gains(1, 10_000, 70_000));
 }
 
 #[test]
@@ -193,7 +199,7 @@ fn what_the_original_lets_pass() {
     check_lenient("d xxxxxxxxx 1 1 1 1 1 1 1 1", axes(Verb::Move, 1, [8, 0, 0, 0]), What::Flags, 2);
     check_lenient("enable 1 2", Command::Enable(true), What::Extra, 3);
     check_lenient("ping pong", Command::Ping, What::Extra, 2);
-    check_lenient("g xw 1 1 1", gains(1, (1, 0), (1, 0)), What::Flags, 2);
+    check_lenient("g xw 1 1 1", gains(1, 1_000_000, 1_000_000), What::Flags, 2);
     refuse_lenient("d xx 2147483647 1", What::Range, 4);
 }
 
@@ -218,7 +224,7 @@ fn lines() {
     let spaces = " ".repeat(80 - 5);
     check(&format!("d x{spaces}10"), axes(Verb::Move, 1, [10, 0, 0, 0]));
     refuse(&format!("d x{spaces} 10"), What::Long, 3);
-    refuse(&"x".repeat(300), What::Command, 1);
+    refuse(&"x".repeat(300), What::Long, 1);
     refuse(&" ".repeat(300), What::Long, 0);
     refuse(&format!("{}*", " ".repeat(300)), What::Long, 0);
     // Ten words fit.
@@ -310,14 +316,13 @@ proptest! {
             (None, [Err(refusal)]) => prop_assert_eq!(refusal.what, What::Number),
             (Some(value), [Err(refusal)]) => {
                 prop_assert_eq!(refusal.what, What::Range);
-                prop_assert!(!(0.0..=4.294_967_2e9).contains(&value));
+                prop_assert!(value < -0.0005);
             }
             (Some(value), [Ok(Command::Limits { axes: 1, limits })]) => {
-                // By whole steps/s: what the number was, within half a step/s.
-                let near = value.min(10_000.0) * 65_536.0;
-                let speed = format!("{limits:?}");
-                let speed: f64 = speed.split([':', ',']).nth(1).unwrap().trim().parse().unwrap();
-                prop_assert!((speed - near).abs() <= 1.0, "{} {}", speed, near);
+                // By thousandths: what the number was, to the nearest.
+                let nearest = (value.abs() * 1000.0).round().min(1e7) as u32;
+                let near = [nearest.saturating_sub(1), nearest, nearest + 1].map(|speed| Limits::new(speed, 1000));
+                prop_assert!(near.contains(&Some(*limits)), "{} {:?}", value, limits);
             }
             _ => prop_assert!(false, "{:?}", heard),
         }

@@ -90,16 +90,37 @@ Examples:
   pulsetrain motor --inductance 50mH --current 0.135A --voltage 12V --steps-per-rev 200 --microsteps 8
   pulsetrain motor --file examples/max-speed.toml")]
     Motor(Motor),
-    /// Be a virtual Uno or Pico in real time, for this program or any other serial client; Ctrl-C ends it
+    /// Be a virtual board in real time, for this program or any other serial client; Ctrl-C ends it
     #[command(after_help = "\
-The firmware runs on an emulated chip behind a model of the Uno's USB bridge, or of an adapter at the Pico's UART. A \
-client that opens the port resets an Uno, as a real one; a Pico stays as it is. Over --pty it follows the rate that the client sets; over --tcp the line stays at 115200 baud.
+`uno`, `pico`: the firmware runs on an emulated chip behind a model of the Uno's USB bridge, or of an adapter at the Pico's \
+UART. A client that opens the port resets an Uno, as a real one. Over --pty it follows the rate that the client sets; over \
+--tcp the line stays at 115200 baud. `winch`: StepperWinch's text on this computer's own path generator, without a chip; it \
+takes next to nothing.
 
 Examples:
   pulsetrain board uno --pty /tmp/uno               then: pulsetrain run FILE --port /tmp/uno
   pulsetrain board pico --pty /tmp/pico             then: pulsetrain run FILE --board pico --port /tmp/pico
-  pulsetrain board uno --tcp 127.0.0.1:4000 --trace pins.vcd")]
+  pulsetrain board uno --tcp 127.0.0.1:4000 --trace pins.vcd
+  pulsetrain board winch --pty /tmp/winch           then: pulsetrain winch --port /tmp/winch")]
     Board(Board),
+    /// Talk to a board in StepperWinch's text: a console, or a script of timed lines that is judged
+    #[command(after_help = "\
+A script has a line for each command, with its time, \"1.5 s: a x 100\"; or it is a motion file with law.winch. On a \
+virtual board every edge is judged against the path; of a real one its status lines are all that is known. Without a \
+script it is a console: in a terminal with the axes' positions, else line by line. docs/winch.md has the commands.
+
+Files written to DIR by a script:
+  report.json   what was sent and judged
+  plot.svg      position, intervals, speed, and how far steps are from the path
+  statuses.csv  what the board said of its axes
+  steps.csv, trace.vcd   every step and every edge, of virtual boards
+
+Examples:
+  pulsetrain winch examples/winch.toml --board uno
+  pulsetrain winch script.txt --native --out out/script
+  pulsetrain winch --port /dev/ttyACM0
+  echo \"a x 200\" | pulsetrain winch --native")]
+    Winch(Winch),
     /// Tell what a board is: firmware, limits, clock, why it stopped last, how it fared
     #[command(after_help = "\
 Examples:
@@ -134,6 +155,7 @@ impl Command {
             Command::Boards(args) | Command::Drivers(args) => args.json,
             Command::Info(args) => args.json,
             Command::Bench(args) => args.at.json,
+            Command::Winch(args) => args.json,
             Command::Plot(_) | Command::New(_) | Command::Board(_) => false,
         }
     }
@@ -188,7 +210,7 @@ pub(crate) struct Run {
 #[derive(Args, Debug)]
 pub(crate) struct Board {
     /// Which board
-    #[arg(value_parser = ["uno", "pico"])]
+    #[arg(value_parser = ["uno", "pico", "winch"])]
     pub(crate) board: String,
     /// Make a pseudo-terminal, and a link of this name to it, which is gone in the end
     #[arg(long, value_name = "LINK", required_unless_present = "tcp", conflicts_with = "tcp")]
@@ -225,6 +247,38 @@ pub(crate) struct Bench {
     /// Nothing is connected to pins 8 and 9 that may not move
     #[arg(long)]
     pub(crate) disconnected: bool,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct Winch {
+    /// Script of timed lines, or motion file (.toml) with law.winch; without one it is a console
+    pub(crate) script: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) at: WinchAt,
+    /// How long the script lasts [default: the motion's duration, or 4 s after its last line]
+    #[arg(long = "for", value_name = "TIME", value_parser = duration, requires = "script")]
+    pub(crate) length: Option<Time>,
+    /// Where the files go [default: out/ and the script's name without its ending]
+    #[arg(long, value_name = "DIR", requires = "script")]
+    pub(crate) out: Option<PathBuf>,
+    /// Print the report as JSON
+    #[arg(long, requires = "script")]
+    pub(crate) json: bool,
+}
+
+/// Which board is talked to.
+#[derive(Args, Debug)]
+#[group(required = true, multiple = false)]
+pub(crate) struct WinchAt {
+    /// The board at this serial port; opening it resets the board
+    #[arg(long, value_name = "PORT")]
+    pub(crate) port: Option<String>,
+    /// A virtual one
+    #[arg(long, value_name = "BOARD", value_parser = ["uno"])]
+    pub(crate) board: Option<String>,
+    /// This computer's own path generator, without a chip
+    #[arg(long)]
+    pub(crate) native: bool,
 }
 
 #[derive(Args, Debug)]
@@ -430,6 +484,7 @@ pub fn run_on<A: Into<OsString> + Clone>(args: impl IntoIterator<Item = A>, cons
         Command::Board(args) => commands::board::run(&args, console),
         Command::Info(args) => commands::info::run(&args, console),
         Command::Bench(args) => commands::bench::run(&args, console),
+        Command::Winch(args) => commands::winch::run(&args, console),
         Command::Boards(args) => commands::boards::run(&args, console),
         Command::Drivers(args) => commands::drivers::run(&args, console),
         Command::New(args) => commands::new::run(&args, console),

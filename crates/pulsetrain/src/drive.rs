@@ -342,7 +342,8 @@ fn setup(program: &Program) -> Setup {
             }
             // Boards with coils have them on pins one after the other: that was checked when the file was read.
             program::Wiring::Coils { pins, sequence } => {
-                (wired.step_pin, wired.coils) = (pins[0], Some(sequence_of(sequence)));
+                let coils = MotorSetup::coils_on(pins[0], sequence_of(sequence));
+                (wired.step_pin, wired.dir_pin) = (coils.step_pin, coils.dir_pin);
             }
         }
         setup.motors.push(wired);

@@ -6,7 +6,8 @@
 //! - [`prepare`]: from a motion file to plans of all motors; [`fit`]: what would fit, where one is refused
 //! - [`session`]: a program, streamed into a board in epochs that end in stop tails; stops and live changes
 //! - [`pause`]: how a motion is brought to a halt on its path, and goes on
-//! - [`serve`]: a virtual board in real time, for any serial client; `interrupt`: Ctrl-C
+//! - [`serve`]: virtual boards in real time, for any serial client; `interrupt`: Ctrl-C
+//! - [`winch`]: boards that work out their path themselves, told in text: scripts, and a console
 //! - [`drive`]: plans on the native board, on Unos and Picos; [`record`]: a run as it is seen: files, verdict, picture
 //! - [`lateness`]: edges against scheduled ticks
 //! - [`report`], [`plot`]: what it comes to, as JSON, tables and pictures; [`human`]: numbers as people read them
@@ -32,3 +33,4 @@ pub mod record;
 pub mod report;
 pub mod serve;
 pub mod session;
+pub mod winch;

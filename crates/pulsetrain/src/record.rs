@@ -12,7 +12,7 @@ use pulsetrain_trace::verdict::{EdgeJudge, JudgeError, Options, Report};
 use pulsetrain_trace::{Line, steps, vcd_file};
 
 use crate::lateness::{Lateness, Meter};
-use crate::plot::{MotorPicture, Picture};
+use crate::plot::{Errors, MotorPicture, Picture};
 use crate::prepare::Planned;
 
 /// Where the edges and steps of a run are written.
@@ -141,7 +141,7 @@ impl<'a, W: Write> Recorder<'a, W> {
             program,
             judge,
             files,
-            picture: Picture { title, tick_s, motors },
+            picture: Picture { title, tick_s, motors, errors: Errors::Ticks },
             positions,
             tick_s,
             steppers,

@@ -1,16 +1,14 @@
-//! A virtual board in real time, for a client at the other end of a pseudo-terminal or a socket.
+//! Virtual boards in real time: for a client at the other end of a pseudo-terminal or a socket, or for this program.
 //!
-//! [`Service::round`] knows no clock: it is told how far to come. [`in_real_time`] tells it the time of day.
+//! [`Service::round`] knows no clock: it is told how far to come. [`in_real_time`] tells it the time of day. [`Paced`] is a
+//! virtual board for whoever looks at it as time goes by.
 
 use std::io::{self, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
-use std::ops::RangeInclusive;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use pulsetrain_board::Port;
-use pulsetrain_board::virtual_pico::{self, VirtualPico};
-use pulsetrain_board::virtual_uno::{self, VirtualUno};
+use pulsetrain_board::{Port, PortError, VirtualBoard};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_trace::{Edge, Line, vcd_file};
 
@@ -32,64 +30,8 @@ pub trait Client {
     fn rate(&self) -> Option<u32>;
 }
 
-/// A virtual board that can be served.
-pub trait VirtualBoard: Port {
-    /// What it is called.
-    const NAME: &'static str;
-    /// Of its clock, and of its trace.
-    const CYCLES_PER_S: u64;
-    /// The first and the last pin that is traced: not the serial line.
-    const TRACED: RangeInclusive<u8>;
-
-    /// A client opens the port.
-    fn opened(&mut self);
-
-    /// The cycle of its firmware's tick 0; `None` until its clock runs.
-    fn zero(&self) -> Option<u64>;
-
-    /// The rate of its line.
-    fn baud(&self) -> Baud;
-}
-
-impl VirtualBoard for VirtualUno {
-    const NAME: &'static str = "Uno";
-    const CYCLES_PER_S: u64 = virtual_uno::CYCLES_PER_S;
-    /// The last is A5.
-    const TRACED: RangeInclusive<u8> = 2..=19;
-
-    /// DTR pulls the reset pin.
-    fn opened(&mut self) {
-        self.reset();
-    }
-
-    fn zero(&self) -> Option<u64> {
-        VirtualUno::zero(self)
-    }
-
-    fn baud(&self) -> Baud {
-        VirtualUno::baud(self)
-    }
-}
-
-impl VirtualBoard for VirtualPico {
-    const NAME: &'static str = "Pico";
-    const CYCLES_PER_S: u64 = virtual_pico::CYCLES_PER_S;
-    const TRACED: RangeInclusive<u8> = 2..=28;
-
-    /// Its UART has no such line.
-    fn opened(&mut self) {}
-
-    fn zero(&self) -> Option<u64> {
-        Some(VirtualPico::zero(self))
-    }
-
-    fn baud(&self) -> Baud {
-        VirtualPico::baud(self)
-    }
-}
-
 /// A virtual board and its client.
-pub struct Service<C, W: Write, B = VirtualUno> {
+pub struct Service<B, C, W: Write> {
     board: B,
     client: C,
     trace: Option<vcd_file::Writer<W>>,
@@ -99,29 +41,19 @@ pub struct Service<C, W: Write, B = VirtualUno> {
     edges: Vec<pulsetrain_board::Edge>,
 }
 
-impl<C: Client, W: Write> Service<C, W> {
-    /// An Uno that has just been plugged in; edges are written to `trace`.
+impl<B: VirtualBoard, C: Client, W: Write> Service<B, C, W> {
+    /// A board that has just been plugged in; edges are written to `trace`.
     ///
     /// # Errors
     /// When the trace cannot be begun.
-    pub fn new(client: C, trace: Option<W>) -> io::Result<Service<C, W>> {
-        Service::of(VirtualUno::new(), client, trace)
-    }
-}
-
-impl<C: Client, W: Write, B: VirtualBoard> Service<C, W, B> {
-    /// The same of any virtual board.
-    ///
-    /// # Errors
-    /// When the trace cannot be begun.
-    pub fn of(board: B, client: C, trace: Option<W>) -> io::Result<Service<C, W, B>> {
+    pub fn new(board: B, client: C, trace: Option<W>) -> io::Result<Service<B, C, W>> {
         let lines: Vec<Line> = B::TRACED.map(|pin| Line::named(format!("pin{pin}"))).collect();
         let trace = trace.map(|out| vcd_file::Writer::new(out, B::CYCLES_PER_S, &lines)).transpose()?;
         let (bytes, edges) = (Vec::new(), Vec::new());
         Ok(Service { board, client, trace, present: false, clients: 0, bytes, edges })
     }
 
-    /// The chip's time.
+    /// The board's time.
     #[must_use]
     pub fn now(&self) -> Duration {
         self.board.now()
@@ -133,7 +65,7 @@ impl<C: Client, W: Write, B: VirtualBoard> Service<C, W, B> {
         self.clients
     }
 
-    /// Takes what the client sent, lets the chip come to `until`, and hands over what it said meanwhile.
+    /// Takes what the client sent, lets the board come to `until`, and hands over what it said meanwhile.
     ///
     /// # Errors
     /// When no client can come any more, or the trace cannot be written.
@@ -141,8 +73,9 @@ impl<C: Client, W: Write, B: VirtualBoard> Service<C, W, B> {
         self.bytes.clear();
         let present = self.client.poll(&mut self.bytes)?;
         if present && !self.present {
+            // DTR, as the port is opened.
             self.trace_edges()?;
-            self.board.opened();
+            self.board.reset();
             self.clients += 1;
         }
         self.present = present;
@@ -193,12 +126,63 @@ const FARTHEST_BEHIND: Duration = Duration::from_millis(100);
 /// One that is further ahead goes on at once: a reset is a leap of 65 ms, and clients may come in close succession.
 const FARTHEST_AHEAD: Duration = Duration::from_millis(100);
 
+/// A virtual board that keeps pace with the time of day, as a port.
+#[derive(Debug)]
+pub struct Paced<B> {
+    board: B,
+    /// When the board's time was 0.
+    began: Instant,
+}
+
+impl<B: Port> Paced<B> {
+    /// From now on.
+    pub fn new(board: B) -> Paced<B> {
+        let began = Instant::now();
+        Paced { began: began.checked_sub(board.now()).unwrap_or(began), board }
+    }
+}
+
+impl<B: Port> Port for Paced<B> {
+    fn now(&self) -> Duration {
+        self.board.now()
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        self.board.send(bytes)
+    }
+
+    fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
+        let had = into.len();
+        while into.len() == had && self.board.now() < until {
+            let due = self.began.elapsed();
+            self.board.receive(due.min(until), into)?;
+            let behind = due.saturating_sub(self.board.now()).min(until.saturating_sub(self.board.now()));
+            if behind > FARTHEST_BEHIND {
+                // Not caught up with: its time goes on from where it is.
+                self.began += behind;
+            }
+            if into.len() == had && behind < ROUND && self.board.now() < until {
+                thread::sleep(ROUND);
+            }
+        }
+        Ok(())
+    }
+
+    fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
+        self.board.set_baud(baud)
+    }
+
+    fn edges(&mut self, into: &mut Vec<pulsetrain_board::Edge>) {
+        self.board.edges(into);
+    }
+}
+
 /// Lets a virtual board keep pace with the time of day until `stop` says so. Gives the time that it fell behind.
 ///
 /// # Errors
 /// As [`Service::round`].
-pub fn in_real_time<C: Client, W: Write, B: VirtualBoard>(
-    service: &mut Service<C, W, B>,
+pub fn in_real_time<B: VirtualBoard, C: Client, W: Write>(
+    service: &mut Service<B, C, W>,
     stop: impl Fn() -> bool,
 ) -> io::Result<Duration> {
     // Of the chip's time: what was let go, and what it leapt ahead in resets, one for each client.

@@ -61,6 +61,7 @@ fn help() {
     check(&["board", "--help"], Exit::Success, expect_file!["golden/help-board.txt"]);
     check(&["info", "--help"], Exit::Success, expect_file!["golden/help-info.txt"]);
     check(&["bench", "--help"], Exit::Success, expect_file!["golden/help-bench.txt"]);
+    check(&["winch", "--help"], Exit::Success, expect_file!["golden/help-winch.txt"]);
 }
 
 #[test]

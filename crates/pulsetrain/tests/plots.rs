@@ -1,6 +1,6 @@
 //! Plots of the tutorial's motion, from its own equations.
 
-use pulsetrain::plot::{MotorPicture, Picture};
+use pulsetrain::plot::{Errors, MotorPicture, Picture};
 use pulsetrain_motion::program::Scale;
 use pulsetrain_motion::{Law, Time};
 
@@ -19,7 +19,8 @@ fn tutorial(period: f64) -> Picture {
         motor.step(scheduled, reach);
         motor.error(scheduled, (scheduled - exact) / tick);
     }
-    let mut picture = Picture { title: format!("tutorial, T = {period} s"), tick_s: tick, motors: vec![motor] };
+    let title = format!("tutorial, T = {period} s");
+    let mut picture = Picture { title, tick_s: tick, motors: vec![motor], errors: Errors::Ticks };
     let window = picture.close_view().unwrap();
     picture.motors[0].want_closely(&law, window).unwrap();
     picture

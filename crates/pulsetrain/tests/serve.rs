@@ -8,6 +8,7 @@ use std::time::Duration;
 use pulsetrain::drive::connect;
 use pulsetrain::serve::{Client, Service};
 use pulsetrain::session::Session;
+use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Port, PortError, Remote};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Cause;
@@ -83,7 +84,7 @@ impl io::Write for Memory {
 
 /// The client's end: time passes as the client waits, a millisecond a round.
 struct Through {
-    service: Service<Pipe, Memory>,
+    service: Service<VirtualUno, Pipe, Memory>,
     pipe: Pipe,
 }
 
@@ -91,7 +92,7 @@ impl Through {
     fn new(trace: Option<Memory>) -> Through {
         let pipe = Pipe::default();
         *pipe.0.borrow_mut() = Between { present: true, rate: 115_200, ..Between::default() };
-        Through { service: Service::new(pipe.clone(), trace).unwrap(), pipe }
+        Through { service: Service::new(VirtualUno::new(), pipe.clone(), trace).unwrap(), pipe }
     }
 
     fn rounds(&mut self, rounds: u32) {
@@ -173,6 +174,7 @@ mod pty {
     use pulsetrain::drive::connect;
     use pulsetrain::serve::{Client, Pty, Service};
     use pulsetrain::session::Session;
+    use pulsetrain_board::virtual_uno::VirtualUno;
     use pulsetrain_board::{Edge, Port, PortError, Remote};
     use pulsetrain_core::wire::Baud;
     use pulsetrain_core::wire::message::Cause;
@@ -226,7 +228,7 @@ mod pty {
 
     /// A board that is served.
     struct Served {
-        service: RefCell<Service<Counting, Memory>>,
+        service: RefCell<Service<VirtualUno, Counting, Memory>>,
         under_way: Rc<UnderWay>,
         link: PathBuf,
         trace: Memory,
@@ -236,7 +238,7 @@ mod pty {
         fn new(link: PathBuf) -> Rc<Served> {
             let (under_way, trace) = (Rc::new(UnderWay::default()), Memory::default());
             let client = Counting { pty: Pty::new(&link).unwrap(), under_way: Rc::clone(&under_way) };
-            let service = RefCell::new(Service::new(client, Some(trace.clone())).unwrap());
+            let service = RefCell::new(Service::new(VirtualUno::new(), client, Some(trace.clone())).unwrap());
             Rc::new(Served { service, under_way, link, trace })
         }
 
@@ -400,7 +402,9 @@ mod pty {
 mod real {
     use pulsetrain::cli;
     use pulsetrain::console::Exit;
-    use pulsetrain_board::Link;
+    use pulsetrain::serve::Paced;
+    use pulsetrain_board::native_winch::NativeWinch;
+    use pulsetrain_board::{Link, Port};
     use pulsetrain_core::wire::frame::Received;
     use pulsetrain_core::wire::message::version_of;
     use pulsetrain_core::wire::{Decoder, VERSION};
@@ -410,16 +414,16 @@ mod real {
     use std::process::{Child, ChildStdout, Command, Stdio};
     use std::time::Duration;
 
-    /// `pulsetrain board uno`, ended at the latest when the test is.
+    /// `pulsetrain board`, ended at the latest when the test is.
     struct Served {
         process: Child,
         out: BufReader<ChildStdout>,
     }
 
     impl Served {
-        fn new(arguments: &[&str]) -> (Served, String) {
+        fn new(board: &str, arguments: &[&str]) -> (Served, String) {
             let mut process = Command::new(env!("CARGO_BIN_EXE_pulsetrain"))
-                .args(["board", "uno"])
+                .args(["board", board])
                 .args(arguments)
                 .stdout(Stdio::piped())
                 .spawn()
@@ -427,7 +431,7 @@ mod real {
             let mut out = BufReader::new(process.stdout.take().unwrap());
             let mut first = String::new();
             out.read_line(&mut first).unwrap();
-            assert!(first.contains("a virtual Uno is at"), "{first}");
+            assert!(first.to_lowercase().contains(&format!("a virtual {board} is at")), "{first}");
             (Served { process, out }, first)
         }
 
@@ -465,7 +469,7 @@ mod real {
 
     #[test]
     fn a_socket_answers_hello() {
-        let (served, first) = Served::new(&["--tcp", "127.0.0.1:0"]);
+        let (served, first) = Served::new("uno", &["--tcp", "127.0.0.1:0"]);
         let address = first.split_whitespace().find(|word| word.starts_with("127.0.0.1:")).unwrap();
         let mut stream = TcpStream::connect(address.trim_end_matches([',', ';'])).unwrap();
         stream.set_read_timeout(Some(Duration::from_millis(300))).unwrap();
@@ -486,6 +490,30 @@ mod real {
         assert!(answered);
         drop(stream);
         assert!(served.interrupt().contains("clients: 1"));
+    }
+
+    #[test]
+    fn a_winch_at_a_port_is_told_a_script() {
+        let folder = folder("serve-winch");
+        let (script, link, out) = (folder.join("script.txt"), folder.join("winch"), folder.join("out"));
+        std::fs::write(&script, "0 s: g xyza 5 1\n0 s: srate 20\n0 s: a xz 100 -50\n").unwrap();
+        let (served, _) = Served::new("winch", &["--pty", &link.display().to_string()]);
+        let [script, link, out] = [script, link, out].map(|path| path.display().to_string());
+        let (exit, said) = pulsetrain(&["winch", &script, "--port", &link, "--for", "1.5 s", "--out", &out]);
+        assert_eq!(exit, Exit::Success, "{said}");
+        assert!(said.contains("nobody looked at its pins") && said.contains("  x     100       100 "), "{said}");
+        assert!(served.interrupt().contains("clients: 1"));
+    }
+
+    #[test]
+    fn a_paced_board_is_where_it_was_asked_to_come() {
+        let mut winch = Paced::new(NativeWinch::new());
+        winch.send(b"ping\n").unwrap();
+        let (mut heard, until) = (Vec::new(), Duration::from_millis(30));
+        while winch.now() < until {
+            winch.receive(until, &mut heard).unwrap();
+        }
+        assert_eq!((winch.now(), heard.as_slice()), (until, &b"awake\r\nawake\r\n"[..]));
     }
 
     #[test]

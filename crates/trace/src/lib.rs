@@ -2,6 +2,7 @@
 //!
 //! # What is here, top down
 //! - [`verdict`]: the judge, from edges, steps or a film to a [`verdict::Report`]; its reading at a glance is [`summary`]
+//! - [`winch`]: the judge of boards that work out their own path
 //! - [`capture`]: any file that can be judged, by its content
 //! - [`vcd_file`], [`saleae`], [`steps`], [`camera`]: one file format each
 //! - [`crossing`]: when a law wants its steps, solved from θ(t) alone
@@ -23,6 +24,7 @@ pub mod summary;
 mod table;
 pub mod vcd_file;
 pub mod verdict;
+pub mod winch;
 
 pub use lines::{Edge, Line, Trace};
 pub use table::ReadError;

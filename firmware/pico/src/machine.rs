@@ -10,7 +10,7 @@ use crate::steps::pins::Layout;
 use crate::steps::stepper::{FRACTION_BITS, LONGEST, LONGEST_IDLE_MS, POOL, Stepper};
 use pulsetrain_core::narrow::EPOCHS;
 use pulsetrain_core::wire::message::{
-    ALL_MOTORS, COILS_FLAGS, Cause, Configuration, Event, Info, Measures, NO_PIN, flags,
+    ALL_MOTORS, Cause, Configuration, Event, Info, Measures, NO_PIN, flags,
 };
 use pulsetrain_core::wire::{Baud, Machine, Millis, Reason, Refusal, Stopped, Switched};
 use pulsetrain_core::{Epoch, Moment};
@@ -241,8 +241,6 @@ impl Board {
 }
 
 impl Machine for Board {
-    const MOTOR_FLAGS: u8 = COILS_FLAGS;
-
     fn info(&mut self) -> Info {
         Info {
             board: 2,
@@ -270,7 +268,7 @@ impl Machine for Board {
         if pulse_ticks.max(setup_ticks).max(hold_ticks) > LONGEST {
             return Err(Refusal { reason: Reason::Timing, detail: LONGEST });
         }
-        let has_coils = configuration.motors().any(|motor| motor.coils.is_some());
+        let has_coils = configuration.motors().any(|motor| motor.coils().is_some());
         if has_coils && idle_ms.is_some_and(|ms| ms > LONGEST_IDLE_MS) {
             return Err(Refusal { reason: Reason::Timing, detail: LONGEST_IDLE_MS });
         }

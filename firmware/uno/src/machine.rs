@@ -7,6 +7,7 @@ use crate::steps::motor::{self, SWITCHES};
 use crate::steps::pins::{Layout, MAX_MOTORS, Pin};
 use crate::steps::stepper::{self, LONGEST, Trouble};
 use crate::steps::task;
+use crate::winch::feed;
 use pulsetrain_core::wire::frame::Tag;
 use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, flags};
 use pulsetrain_core::wire::{Baud, Machine, Millis, Reason, Refusal, Stopped, Switched};
@@ -85,16 +86,16 @@ impl News {
 }
 
 impl Board {
-    /// A board that knows no pins, not started.
+    /// A board that knows no pins, not started: zeros, which take no flash. [`Board::begin`] comes before its use.
     pub(crate) const fn new() -> Board {
         Board {
-            power: Power::OFF,
+            power: Power { pin: Pin::UNSET, ..Power::OFF },
             armed: false,
             pull_in: [0; MAX_MOTORS],
-            baud: None,
+            baud: Some((Baud::B115200, false)),
             news: [News::NONE; 2],
             told: 0,
-            was_idle: true,
+            was_idle: false,
             woken: 0,
             last_stop: Cause::None,
             last_reset: Cause::None,
@@ -104,6 +105,8 @@ impl Board {
 
     /// Starts clock and line.
     pub(crate) fn begin(&mut self, last_reset: Cause) {
+        self.power.pin = Pin::NONE;
+        self.baud = None;
         self.last_reset = last_reset;
         // SAFETY: main calls this once.
         unsafe { task::lock().begin() };
@@ -286,6 +289,48 @@ impl Board {
     fn is_idle(&self) -> bool {
         task::lock().is_idle()
     }
+
+    /// Whether the motors are powered, or were before they stopped by themselves.
+    #[inline(always)]
+    pub(crate) fn is_armed(&self) -> bool {
+        self.armed
+    }
+
+    /// Whether no motor moves.
+    #[inline(never)]
+    pub(crate) fn rests(&self) -> bool {
+        !self.armed || self.is_idle()
+    }
+
+    /// Takes on the winch's configuration. No motor moves.
+    #[inline(always)]
+    pub(crate) fn set_up_shield(&mut self) {
+        if let Some(configuration) = Configuration::decode(feed::shield()) {
+            // Nobody moves, and the pins are right.
+            let _ = self.configure(&configuration);
+        }
+    }
+
+    /// Powers the motors, which take their steps from the winch's paths.
+    #[inline(never)]
+    pub(crate) fn drive(&mut self) {
+        let _ = self.arm();
+        let mut stepper = task::lock();
+        feed::begin(clock::moment());
+        stepper.follow();
+    }
+
+    /// Whether all paths are at rest, and the motors with them.
+    #[inline(always)]
+    pub(crate) fn has_arrived(&self) -> bool {
+        let stepper = task::lock();
+        feed::rests() && stepper.is_idle()
+    }
+
+    /// Takes the power from the motors, which rest.
+    pub(crate) fn stop_driving(&mut self) {
+        let _ = self.release();
+    }
 }
 
 /// A moment within 2^31 ticks of now, in 64 bits.
@@ -452,9 +497,7 @@ impl Machine for Board {
     #[inline(never)]
     fn position(&mut self, motor: u8) -> i32 {
         let stepper = task::lock();
-        let unplayed = stepper.unplayed(motor);
-        let motor = stepper.motors().get(usize::from(motor));
-        motor.map_or(0, |motor| motor.planned().wrapping_sub(i32::from(unplayed)))
+        stepper.position(motor, stepper.tail_of(motor))
     }
 
     fn faults(&self, motor: u8) -> u8 {

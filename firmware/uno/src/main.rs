@@ -5,6 +5,7 @@
 //! - [`machine`]: what the link asks of a board, done on this one
 //! - [`steps`]: from events to edges on the pins
 //! - [`link`]: the serial line
+//! - [`winch`]: text on it instead of frames, and motors that follow paths
 //! - [`clock`]: Timer1, extended to 64 bits
 //! - [`vectors`]: the interrupt vectors, and what comes before main
 //! - [`reset`]: the watchdog, and why the program began
@@ -43,6 +44,7 @@ mod regs;
 mod reset;
 mod steps;
 mod vectors;
+mod winch;
 
 use core::panic::PanicInfo;
 use link::{LONGEST_BODY, Receiver};
@@ -51,6 +53,7 @@ use memory::{Once, REPLY_LEN};
 use pulsetrain_core::Moment;
 use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Millis, Service};
+use winch::Winch;
 
 /// Bytes that one round of the main loop takes from the line at most.
 const BYTES_A_ROUND: u8 = 32;
@@ -58,12 +61,15 @@ const BYTES_A_ROUND: u8 = 32;
 /// A reply on its way to the line.
 struct Reply {
     bytes: &'static mut [u8; REPLY_LEN],
+    /// Its next byte: of `bytes`, or of the winch's line.
+    next: *const u8,
     len: u8,
     sent: u8,
 }
 
 static BOARD: Once<Board> = Once::new(Board::new());
 static SERVICE: Once<Service> = Once::new(Service::new(LONGEST_BODY));
+static WINCH: Once<Winch> = Once::new(Winch::new());
 
 #[unsafe(no_mangle)]
 extern "C" fn main() -> ! {
@@ -73,7 +79,8 @@ extern "C" fn main() -> ! {
     unsafe {
         begin();
         let (receiver, bytes) = memory::take();
-        run(BOARD.take(), SERVICE.take(), receiver, &mut Reply { bytes, len: 0, sent: 0 })
+        let reply = &mut Reply { bytes, next: core::ptr::null(), len: 0, sent: 0 };
+        run(BOARD.take(), SERVICE.take(), WINCH.take(), receiver, reply)
     }
 }
 
@@ -89,7 +96,7 @@ unsafe fn begin() {
 }
 
 /// The main loop. What it calls is not inlined: so the deepest call decides how much stack is needed, not their sum.
-fn run(board: &mut Board, service: &mut Service, receiver: &mut Receiver, reply: &mut Reply) -> ! {
+fn run(board: &mut Board, service: &mut Service, winch: &mut Winch, receiver: &mut Receiver, reply: &mut Reply) -> ! {
     let mut last = Millis(0);
     // Idle mode: timer and line go on (§10.3).
     regs::SMCR.write(1);
@@ -100,17 +107,18 @@ fn run(board: &mut Board, service: &mut Service, receiver: &mut Receiver, reply:
         board.count_round(now);
         let now = millis(now);
         let next = now != last;
-        let heard = listen(board, service, receiver, now);
+        let heard = listen(board, service, winch, receiver, now);
         if reply.sent < reply.len {
             reply.go_on();
         } else if (heard || next || reply.len != 0) && board.baud.is_none() {
-            speak(board, service, reply, now);
+            speak(board, service, winch, reply, now);
         }
         if next {
             last = now;
             // Now and then is enough, and a motor may need the time.
             if now.0 & 3 == 0 {
                 board.housekeeping(now, receiver);
+                winch.look(board, service);
             }
         } else if !heard && reply.sent == reply.len {
             board.rest(receiver);
@@ -122,11 +130,10 @@ impl Reply {
     /// Sends its next bytes, as many as the line takes: two, if it has been waiting.
     #[inline(always)]
     fn go_on(&mut self) {
-        while link::can_send()
-            && let Some(byte) = self.bytes.get(usize::from(self.sent))
-            && self.sent < self.len
-        {
-            link::send(*byte);
+        while self.sent < self.len && link::can_send() {
+            // SAFETY: so many bytes are there, which nobody writes until all are sent.
+            link::send(unsafe { self.next.read() });
+            self.next = self.next.wrapping_add(1);
             self.sent += 1;
         }
     }
@@ -134,14 +141,28 @@ impl Reply {
 
 /// Takes bytes from the line, up to the end of a frame; whether it came to one.
 #[inline(always)]
-fn listen(board: &mut Board, service: &mut Service, receiver: &mut Receiver, now: Millis) -> bool {
+fn listen(board: &mut Board, service: &mut Service, winch: &mut Winch, receiver: &mut Receiver, now: Millis) -> bool {
     let unread = receiver.unread();
     board.note(&unread);
-    if unread.bytes == 0 {
+    let mut count = unread.bytes;
+    if unread.lost != 0 {
+        winch.lose();
+    }
+    if !service.is_taken() {
+        count = winch.listen(board, receiver, count);
+        if winch.has_line() {
+            receiver.skip(count);
+            return false;
+        }
+    }
+    if count == 0 {
         return false;
     }
-    let received = receiver.take(unread.bytes.min(BYTES_A_ROUND));
+    let received = receiver.take(count.min(BYTES_A_ROUND));
     if received == Received::More {
+        if !winch.on && receiver.is_text() && service.silence(now) >= winch::SILENCE {
+            winch.refuse();
+        }
         return false;
     }
     hear(board, service, received, receiver.body(), now);
@@ -154,11 +175,19 @@ fn hear(board: &mut Board, service: &mut Service, received: Received, body: &[u8
     service.receive(received, body, now, board);
 }
 
-/// Asks the service for a reply.
+/// Asks the service for a reply, then the winch.
 #[inline(never)]
-fn speak(board: &mut Board, service: &mut Service, reply: &mut Reply, now: Millis) {
+fn speak(board: &mut Board, service: &mut Service, winch: &mut Winch, reply: &mut Reply, now: Millis) {
     reply.sent = 0;
-    reply.len = service.poll(now, board, reply.bytes) as u8;
+    // As long as there is text alone, the service has nothing to say.
+    reply.len = if winch.has_line() { 0 } else { service.poll(now, board, reply.bytes) as u8 };
+    reply.next = reply.bytes.as_ptr();
+    if reply.len == 0 {
+        (reply.next, reply.len) = winch.speak(reply.bytes);
+        if reply.len != 0 {
+            service.interrupted();
+        }
+    }
 }
 
 /// Ticks / 2^14: 1.024 ms each.

@@ -6,16 +6,16 @@
 //! | 0x180 | 72 | [`Receiver`]: the frame that is coming in |
 //! | 0x1c8 | 56 | the reply being sent |
 //! | 0x200 | 256 | ring A; the only ring, if one is enough |
-//! | 0x300 | 256 | ring B; the lists of a merge; else more of the queues |
-//! | 0x400 | [`POOL`] | the motors' queues |
+//! | 0x300 | 256 | ring B; the lists of a merge (and trains of the winch, in what its lists leave); else more of the queues |
+//! | 0x400 | [`POOL`] | the motors' queues; while text is on, the winch's paths, its reader and the line being sent |
 //! | then | | initialised variables, others |
-//! | to 0x900 | at least 255 | stack, downwards: 211 is the most that a test saw |
+//! | to 0x900 | at least 245 | stack, downwards: 170 is the most that a test saw |
 //!
 //! memory.ld makes the linker refuse an image that is laid out otherwise, or has less stack; `cargo xtask firmware uno` prints
 //! what came out. Up to the queues nothing is set at start-up by the code that sets variables.
 
 use crate::link::Receiver;
-use crate::regs;
+use crate::{regs, winch};
 use core::arch::global_asm;
 use core::mem::MaybeUninit;
 
@@ -32,20 +32,29 @@ global_asm!(
     r#"
     .section .pages, "aw", @nobits
     .p2align 8
-    .global receive_page, receiver, reply, ring_a_page, ring_b_page, queues
+    .global receive_page, receiver, reply, ring_a_page, ring_b_page, queues, winch_paths, winch_reader, winch_line, winch_asked
 receive_page: .skip {RECEIVE_PAGE}
 receiver:     .skip {RECEIVER}
 reply:        .skip {REPLY}
 ring_a_page:  .skip {PAGE}
 ring_b_page:  .skip {PAGE}
-queues:       .skip {POOL}
+queues:
+winch_paths:  .skip {PATHS}
+winch_reader: .skip {READER}
+winch_line:   .skip {LINE}
+winch_asked:  .skip {POOL} - {PATHS} - {READER} - {LINE}
     "#,
     RECEIVE_PAGE = const crate::link::PAGE,
     RECEIVER = const size_of::<Receiver>(),
     REPLY = const REPLY_LEN,
     PAGE = const PAGE,
     POOL = const POOL,
+    PATHS = const winch::PATHS,
+    READER = const winch::READER,
+    LINE = const winch::LINE,
 );
+
+const _: () = assert!(winch::PATHS + winch::READER + winch::LINE + size_of::<winch::Asked>() <= POOL);
 
 /// High bytes of the addresses of rings A and B.
 pub(crate) const RING_PAGES: [u8; 2] = [2, 3];
@@ -70,17 +79,15 @@ pub(crate) unsafe fn take() -> (&'static mut Receiver, &'static mut [u8; REPLY_L
 /// First and last + 1 address of the queue of motor `index` of `motors`; `with_page`: nobody else needs page B.
 #[inline(never)]
 pub(crate) fn queue(motors: u8, index: u8, with_page: bool) -> (u16, u16) {
-    /// Divided here, not on the chip.
-    const fn shares(bytes: usize) -> [u16; 4] {
-        [bytes as u16, (bytes / 2) as u16, (bytes / 3) as u16, (bytes / 4) as u16]
-    }
     // Only addresses are taken here.
-    let (start, shares) = if with_page {
-        ((&raw const ring_b_page).addr(), const { shares(PAGE + POOL) })
-    } else {
-        ((&raw const queues).addr(), const { shares(POOL) })
-    };
-    let each = shares[usize::from(motors.wrapping_sub(1) & 3)];
+    let (start, bytes) =
+        if with_page { ((&raw const ring_b_page).addr(), PAGE + POOL) } else { ((&raw const queues).addr(), POOL) };
+    // Divided by subtracting: it is done once a motor, and a division takes more of the flash.
+    let (mut each, mut left) = (0, bytes as u16);
+    while left >= u16::from(motors) {
+        left -= u16::from(motors);
+        each += 1;
+    }
     let start = start as u16 + each * u16::from(index);
     (start, start + each)
 }

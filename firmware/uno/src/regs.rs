@@ -84,6 +84,8 @@ impl Port {
     }
 }
 
+/// None: no register is there to be touched.
+pub(crate) const NO_PORT: Port = Port(0);
 /// Port B: pins 8 to 13.
 pub(crate) const PORT_B: Port = Port(0x25);
 /// Port C: pins A0 to A5.

@@ -4,6 +4,7 @@ mod first_run;
 mod peers;
 mod report;
 pub(crate) mod uno;
+pub(crate) mod winch;
 
 use crate::command::{Done, Failure, cargo, output};
 use crate::ruckig;

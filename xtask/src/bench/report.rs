@@ -52,7 +52,7 @@ pub(crate) fn markdown(rows: &[Row]) -> Done<String> {
 }
 
 /// The sections that are written by commands of their own, in their order.
-pub(crate) const SECTIONS: [&str; 2] = ["uno", "uno-hour"];
+pub(crate) const SECTIONS: [&str; 3] = ["uno", "uno-hour", "winch"];
 
 fn path() -> PathBuf {
     root().join("docs/benchmarks.md")

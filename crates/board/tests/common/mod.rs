@@ -5,6 +5,7 @@ pub(crate) mod lab;
 pub(crate) mod pico;
 pub(crate) mod random;
 pub(crate) mod segments;
+pub(crate) mod winch;
 
 pub(crate) use random::Random;
 

@@ -30,18 +30,18 @@ pub(crate) fn step_dir(pin: u8) -> MotorSetup {
 
 /// IN1 to IN4 on `pin` and the three after it.
 pub(crate) fn coils(pin: u8, sequence: Sequence) -> MotorSetup {
-    MotorSetup { step_pin: pin, pull_in_ticks: 1_250_000, coils: Some(sequence), ..MotorSetup::default() }
+    MotorSetup { pull_in_ticks: 1_250_000, ..MotorSetup::coils_on(pin, sequence) }
 }
 
 /// A word of a motor lasts so long at least, ticks.
 pub(crate) fn overhead(setup: &Setup, motor: &MotorSetup) -> u32 {
-    STEP_DIR_OVERHEAD + if motor.coils.is_some() { 0 } else { u32::from(setup.pulse_ticks).max(3) }
+    STEP_DIR_OVERHEAD + if motor.coils().is_some() { 0 } else { u32::from(setup.pulse_ticks).max(3) }
 }
 
 /// The native board of the same motors; its lines are the Pico's pins.
 pub(crate) fn native_config(setup: &Setup) -> Config {
     let motor = |motor: &MotorSetup| MotorConfig {
-        wiring: match motor.coils {
+        wiring: match motor.coils() {
             Some(sequence) => Wiring::Coils {
                 lines: [0, 1, 2, 3].map(|line| motor.step_pin + line),
                 sequence,
@@ -142,7 +142,7 @@ impl Pair {
     /// Steps of each motor by the Pico's edges: all, of a driver; of coils, `None`.
     pub(crate) fn counts(&self) -> Vec<Option<i64>> {
         let count = |motor: &MotorSetup| {
-            if motor.coils.is_some() {
+            if motor.coils().is_some() {
                 return None;
             }
             let (mut dir, mut count) = (false, 0);
@@ -161,7 +161,7 @@ impl Pair {
 
 /// An edge of a motor's line, high being active.
 pub(crate) fn as_line(setup: &Setup, edge: Edge) -> Option<Edge> {
-    let low = setup.motors.iter().any(|motor| motor.step_low && motor.coils.is_none() && motor.step_pin == edge.line);
+    let low = setup.motors.iter().any(|motor| motor.step_low && motor.coils().is_none() && motor.step_pin == edge.line);
     (edge.line != GATE).then_some(Edge { level: edge.level != low, ..edge })
 }
 

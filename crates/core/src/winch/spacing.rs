@@ -39,7 +39,6 @@ impl Slice {
     /// assert!((train.first >> 16).abs_diff(1000) <= 1 && (train.interval >> 16).abs_diff(4000) <= 1);
     /// ```
     #[must_use]
-    #[inline(never)]
     pub fn train(self) -> Option<Train> {
         let Slice { count, backward, mut distance, mut speed } = self;
         if count == 0 || speed == 0 {
@@ -64,7 +63,6 @@ impl Slice {
 }
 
 /// The part of a slice that `distance` takes, 2^-16 ticks.
-#[inline(never)]
 fn ticks(distance: u16, inverse: u16) -> u32 {
     // Speed ≥ distance, so that this is a fraction, of 32 bits after the doubling.
     let [b0, b1, b2, b3] = (multiply(distance, inverse) << 1).to_le_bytes();
@@ -73,7 +71,6 @@ fn ticks(distance: u16, inverse: u16) -> u32 {
 }
 
 /// 2^31 / `value`, rounded down; `value` ≥ 2^15, and for 2^15 itself it is 2^16 − 1.
-#[inline(never)]
 fn reciprocal(value: u16) -> u16 {
     let (mut rest, mut quotient) = (0x8000u16, 0u16);
     let mut bits = 16u8;
@@ -98,7 +95,6 @@ const fn multiply(a: u16, b: u16) -> u32 {
     (a as u32).wrapping_mul(b as u32)
 }
 
-#[inline(always)]
 const fn upper(value: u32) -> u16 {
     let [_, _, b2, b3] = value.to_le_bytes();
     u16::from_le_bytes([b2, b3])

@@ -1,11 +1,10 @@
 //! Lines from the host, byte by byte, to commands.
 //!
-//! Nothing of a line acts before its end, so that a refused one changes nothing. Values are read as they come: there is
-//! no buffer for the line, and no byte takes long.
+//! A line is kept, and read at its end: a refused one changes nothing. On an Uno assembly does the same,
+//! firmware/uno/src/winch/text.s; crates/board/tests/winch_avr.rs compares them.
 
 use super::letters::{Letters, NAMES};
-use super::number::Float;
-use super::path::{FASTEST_DRIFT, Gains, GainsRefused, Limits, Parts, Path};
+use super::path::{self, FASTEST, FASTEST_DRIFT, GENTLEST, Gains, Limits, Path, STEEPEST};
 
 /// Axes: x, y, z, a.
 const COUNT: usize = 4;
@@ -134,124 +133,6 @@ pub enum Heard {
     Refused(Refusal),
 }
 
-/// A number being read, as atol and atof take it; but nothing may be left over after it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Number {
-    digits: u32,
-    /// `digits` are to be multiplied by 10^`power`, and by the exponent.
-    power: i8,
-    /// [`NO_DIGIT`] until it has one.
-    exponent: u8,
-    seen: u8,
-}
-
-/// An exponent without digits.
-const NO_DIGIT: u8 = 0xff;
-/// More than any exponent that is taken.
-const BEYOND: u8 = 60;
-
-/// What has been seen of a number.
-mod seen {
-    pub(super) const MINUS: u8 = 1;
-    pub(super) const DIGIT: u8 = 2;
-    pub(super) const POINT: u8 = 4;
-    pub(super) const EXPONENT: u8 = 8;
-    pub(super) const EXPONENT_MINUS: u8 = 16;
-    /// The last byte.
-    pub(super) const EXPONENT_NOW: u8 = 32;
-    pub(super) const ANY: u8 = 64;
-    pub(super) const BAD: u8 = 128;
-}
-
-impl Number {
-    const NONE: Number = Number { digits: 0, power: 0, exponent: NO_DIGIT, seen: 0 };
-
-    /// Takes a byte. Of a `whole` number digits after a point do not count.
-    #[inline(never)]
-    fn push(&mut self, byte: u8, whole: bool) {
-        let digit = byte.wrapping_sub(b'0');
-        let before = self.seen;
-        self.seen = (before | seen::ANY) & !seen::EXPONENT_NOW;
-        if digit >= 10 {
-            self.seen |= match byte {
-                b'+' if before == 0 => 0,
-                b'-' if before == 0 => seen::MINUS,
-                b'+' if before & seen::EXPONENT_NOW != 0 => 0,
-                b'-' if before & seen::EXPONENT_NOW != 0 => seen::EXPONENT_MINUS,
-                b'.' if before & (seen::POINT | seen::EXPONENT) == 0 => seen::POINT,
-                b'e' | b'E' if !whole && before & (seen::DIGIT | seen::EXPONENT) == seen::DIGIT => {
-                    seen::EXPONENT | seen::EXPONENT_NOW
-                }
-                _ => seen::BAD,
-            };
-            return;
-        }
-        if before & seen::EXPONENT != 0 {
-            self.exponent = match self.exponent {
-                NO_DIGIT => digit,
-                tens @ 0..=5 => tens * 10 + digit,
-                _ => BEYOND,
-            };
-            return;
-        }
-        self.seen |= seen::DIGIT;
-        let after = before & seen::POINT != 0;
-        if after && whole {
-            return;
-        }
-        let limit = BEYOND.cast_signed();
-        if self.digits <= 429_496_728 {
-            self.digits = (self.digits << 3) + (self.digits << 1) + u32::from(digit);
-            // A number of so many zeros is 0 all the same.
-            self.power = if after && self.power > -limit { self.power - 1 } else { self.power };
-        } else if !after && self.power < limit {
-            self.power += 1;
-        }
-    }
-
-    const fn is_number(&self) -> bool {
-        let lacks_exponent = self.seen & seen::EXPONENT != 0 && self.exponent == NO_DIGIT;
-        self.seen & (seen::BAD | seen::DIGIT) == seen::DIGIT && !lacks_exponent
-    }
-
-    /// Whether it has a point, at which whole numbers end.
-    const fn is_cut(&self) -> bool {
-        self.seen & seen::POINT != 0
-    }
-
-    const fn is_negative(&self) -> bool {
-        self.seen & seen::MINUS != 0
-    }
-
-    /// As a whole number of 32 bits, if it is one.
-    fn integer(&self) -> Option<i32> {
-        let negative = self.is_negative();
-        if self.power != 0 || self.digits > 0x7fff_ffff + u32::from(negative) {
-            return None;
-        }
-        let value = self.digits.cast_signed();
-        Some(if negative { value.wrapping_neg() } else { value })
-    }
-
-    /// If it is not negative, and less than 2^32.
-    fn float(&self) -> Option<Float> {
-        let exponent = if self.exponent == NO_DIGIT { 0 } else { self.exponent.cast_signed() };
-        let exponent = if self.seen & seen::EXPONENT_MINUS != 0 { -exponent } else { exponent };
-        // Within ±120, and Float goes on from there.
-        if self.is_negative() && self.digits != 0 {
-            return None;
-        }
-        Float::from_decimal(self.digits, self.power + exponent)
-    }
-}
-
-/// How far a checksum is: `*` and two hexadecimal digits, at the end of a line.
-mod check {
-    pub(super) const NONE: u8 = 0;
-    pub(super) const DONE: u8 = 3;
-    pub(super) const BAD: u8 = 4;
-}
-
 /// Reads lines.
 ///
 /// ```
@@ -268,61 +149,32 @@ pub struct Reader {
     strict: bool,
     /// A line has ended: the next byte begins another.
     over: bool,
-    line: Line,
-}
-
-/// What is known of a line. All zeros at its beginning.
-#[derive(Clone, Debug)]
-struct Line {
-    /// Bytes.
-    len: u8,
-    /// Words begun.
-    words: u8,
-    /// Letters of the word being read; 0 between words.
-    within: u8,
-    /// Of all bytes before the checksum: exclusive or.
-    sum: u8,
-    check: u8,
-    /// What the checksum says.
-    given_sum: u8,
-    fault: Refusal,
     verb: Verb,
-    /// Flags that are axes, two bits each, the last one lowest; at most eight.
-    order: u16,
-    flags: u8,
     /// Axes among the flags.
     axes: u8,
     /// Axes with a value.
     given: u8,
-    /// Of the first word.
-    letters: [u8; LETTERS],
-    number: Number,
-    /// A value for each axis; of gains and limits: two mantissas and two exponents, and in the end their [`Parts`].
+    /// Words begun; when the line is read, that of the cursor.
+    words: u8,
+    /// What was wrong with it first.
+    fault: Refusal,
+    /// A value for each axis; of gains and limits two.
     values: [i32; COUNT],
+    /// Bytes of the line, without its end.
+    len: u8,
+    /// Where its checksum begins, counted from 1; 0: there is none.
+    star: u8,
+    /// The next byte to be read.
+    at: u8,
+    /// The line, a 0 behind it.
+    bytes: [u8; LONGEST_LINE as usize + 1],
 }
 
-/// More than the longest command has.
-const LETTERS: usize = 8;
+/// Places behind the point that decimals are taken to: of limits, and of gains.
+const PLACES: [i8; 2] = [3, 6];
 
-impl Line {
-    const NONE: Line = Line {
-        len: 0,
-        words: 0,
-        within: 0,
-        sum: 0,
-        check: check::NONE,
-        given_sum: 0,
-        fault: Refusal { what: What::Nothing, word: 0 },
-        verb: Verb::Target,
-        order: 0,
-        flags: 0,
-        axes: 0,
-        given: 0,
-        letters: [0; LETTERS],
-        number: Number { digits: 0, power: 0, exponent: 0, seen: 0 },
-        values: [0; COUNT],
-    };
-}
+/// An exponent that no number is brought back from, by as many digits as a line has beyond those that are kept.
+const FAR: u8 = 50;
 
 impl Default for Reader {
     fn default() -> Reader {
@@ -334,7 +186,20 @@ impl Reader {
     /// At the beginning of a line, not strict.
     #[must_use]
     pub const fn new() -> Reader {
-        Reader { strict: false, over: false, line: Line::NONE }
+        Reader {
+            strict: false,
+            over: true,
+            verb: Verb::Target,
+            axes: 0,
+            given: 0,
+            words: 0,
+            fault: Refusal { what: What::Nothing, word: 0 },
+            values: [0; COUNT],
+            len: 0,
+            star: 0,
+            at: 0,
+            bytes: [0; LONGEST_LINE as usize + 1],
+        }
     }
 
     /// From now on any irregularity is refused, or none that does no harm.
@@ -348,94 +213,69 @@ impl Reader {
     }
 
     /// Takes a byte, and says at a line's end, unless the line is blank, what it was.
-    #[inline(never)]
     pub fn push<L: Letters>(&mut self, byte: u8) -> Heard {
         if self.over {
-            self.over = false;
-            self.line = Line::NONE;
+            (self.over, self.len, self.star, self.words, self.fault.what) = (false, 0, 0, 0, What::Nothing);
+            self.put(0);
         }
-        let ends = byte == b'\n' || byte == b'\r';
-        if !ends {
-            if self.line.len == LONGEST_LINE {
-                self.refuse(What::Long);
-                return Heard::Nothing;
-            }
-            self.line.len += 1;
+        if byte == b'\n' || byte == b'\r' {
+            self.over = true;
+            return self.end::<L>();
         }
-        let is_check = self.line.check != check::NONE || byte == b'*';
-        if ends || is_check || byte == b' ' || byte == b'\t' {
-            if self.line.within != 0 && self.line.fault.what == What::Nothing {
-                self.end_word::<L>();
-            }
-            self.line.within = 0;
-            if ends {
-                return self.end();
-            }
-            if is_check {
-                self.push_check(byte);
-            } else {
-                self.line.sum ^= byte;
-            }
+        if self.len == LONGEST_LINE {
+            self.refuse(What::Long);
             return Heard::Nothing;
         }
-        self.line.sum ^= byte;
-        if self.line.within == 0 {
-            self.line.words += 1;
-            self.line.number = Number::NONE;
-            if self.line.words > MOST_WORDS {
-                self.refuse(What::Words);
+        if byte == b'*' && self.star == 0 {
+            self.star = self.len + 1;
+        }
+        if !is_blank(byte) {
+            if self.star == 0 && is_blank(self.before()) {
+                self.words += 1;
+                if self.words > MOST_WORDS {
+                    self.refuse(What::Words);
+                }
+            }
+            if !matches!(byte, 0x21..=0x7e) {
+                self.refuse(What::Noise);
             }
         }
-        self.line.within += 1;
-        if !matches!(byte, 0x21..=0x7e) {
-            self.refuse(What::Noise);
-        }
-        match self.line.words {
-            1 => match self.line.letters.get_mut(usize::from(self.line.within - 1)) {
-                Some(place) => *place = byte,
-                None => self.refuse(What::Command),
-            },
-            2 if self.line.verb.has_flags() => self.push_flag(byte),
-            _ => self.line.number.push(byte, !self.line.verb.is_decimal()),
-        }
+        self.put(byte);
+        self.len += 1;
         Heard::Nothing
     }
 
     /// The value of a command that has one and is not for axes.
     #[must_use]
     pub const fn value(&self) -> i32 {
-        let [value, ..] = self.line.values;
+        let [value, ..] = self.values;
         value
     }
 
     /// Axes that a command is for: those with a value, or for gains and limits all that are named. 1 is x, 2 y, 4 z, 8 a.
     #[must_use]
     pub const fn axes(&self) -> u8 {
-        if self.line.verb.is_decimal() { self.line.axes } else { self.line.given }
+        if self.verb.is_decimal() { self.axes } else { self.given }
     }
 
-    /// Values by axis; 0 where there is none.
+    /// Values by axis; 0 where there is none. Of gains f and ζ, 10^-6; of limits vmax and amax, 10^-3.
     #[must_use]
-    pub const fn values(&self) -> [i32; COUNT] {
-        self.line.values
+    pub const fn values(&self) -> &[i32; COUNT] {
+        &self.values
     }
 
     /// What `g` says.
     #[must_use]
-    pub const fn gains(&self) -> Gains {
-        Gains::of(self.parts())
+    pub const fn gains(&self) -> Option<Gains> {
+        let [frequency, ratio, ..] = self.values;
+        Gains::new(frequency.cast_unsigned(), ratio.cast_unsigned())
     }
 
     /// What `l` says.
     #[must_use]
-    pub const fn limits(&self) -> Limits {
-        Limits::of(self.parts())
-    }
-
-    const fn parts(&self) -> Parts {
-        let [first, second, bytes, _] = self.line.values;
-        let [low, high, ..] = bytes.to_le_bytes();
-        Parts { first: first.cast_unsigned(), second: second.cast_unsigned(), low, high }
+    pub const fn limits(&self) -> Option<Limits> {
+        let [speed, acceleration, ..] = self.values;
+        Limits::new(speed.cast_unsigned(), acceleration.cast_unsigned())
     }
 
     /// Does to four paths, in the order of x, y, z, a, what the command just heard says to axes. Other commands do
@@ -454,26 +294,24 @@ impl Reader {
     /// }
     /// assert!(paths[0].is_at_rest() && !paths[1].is_at_rest());
     /// ```
-    #[inline(never)]
     pub fn obey(&self, paths: &mut [Path; COUNT]) {
         let mut bits = self.axes();
-        if !self.line.verb.has_flags() {
-            if self.line.verb != Verb::Enable || self.value() != 0 {
+        if !self.verb.has_flags() {
+            if self.verb != Verb::Enable || self.value() != 0 {
                 return;
             }
             bits = 0b1111;
         }
-        let (gains, limits) = (self.gains(), self.limits());
-        for (path, value) in paths.iter_mut().zip(&self.line.values) {
+        for (path, value) in paths.iter_mut().zip(self.values) {
             if bits & 1 != 0 {
-                match self.line.verb {
-                    Verb::Gains => path.set_gains(&gains),
-                    Verb::Limits => path.set_limits(&limits),
-                    Verb::Target => path.set_target(*value),
-                    Verb::Move => path.move_target(*value),
-                    Verb::Impulse => path.push_reference(*value),
-                    Verb::Drift => path.set_drift(low(*value).cast_signed()),
-                    Verb::Ramp => path.set_ramp(low(*value)),
+                match self.verb {
+                    Verb::Gains => self.gains().iter().for_each(|gains| path.set_gains(gains)),
+                    Verb::Limits => self.limits().iter().for_each(|limits| path.set_limits(limits)),
+                    Verb::Target => path.set_target(value),
+                    Verb::Move => path.move_target(value),
+                    Verb::Impulse => path.push_reference(value),
+                    Verb::Drift => path.set_drift(low(value).cast_signed()),
+                    Verb::Ramp => path.set_ramp(low(value)),
                     _ => path.stop(),
                 }
             }
@@ -482,240 +320,387 @@ impl Reader {
     }
 
     /// The first fault is the one told.
-    #[inline(never)]
     fn refuse(&mut self, what: What) {
-        if self.line.fault.what == What::Nothing {
-            self.line.fault = Refusal { what, word: self.line.words };
+        if self.fault.what == What::Nothing {
+            self.fault = Refusal { what, word: self.words };
         }
+    }
+
+    /// The byte before the next one to be put; a blank at the beginning.
+    fn before(&self) -> u8 {
+        let Some(before) = self.len.checked_sub(1) else { return b' ' };
+        self.bytes.get(usize::from(before)).copied().unwrap_or(0)
+    }
+
+    /// Behind the line.
+    fn put(&mut self, byte: u8) {
+        if let Some(place) = self.bytes.get_mut(usize::from(self.len)) {
+            *place = byte;
+        }
+    }
+
+    /// The byte at the cursor; 0 at the end.
+    fn byte(&self) -> u8 {
+        self.bytes.get(usize::from(self.at)).copied().unwrap_or(0)
     }
 
     /// The line is over.
-    #[inline(always)]
-    fn end(&mut self) -> Heard {
-        let cut = self.line.len == LONGEST_LINE;
-        self.over = true;
-        let checked =
-            self.line.check == check::NONE || (self.line.check == check::DONE && self.line.given_sum == self.line.sum);
-        // Whatever else is wrong comes from that; but the end of a line that is too long was not read.
-        let excused = cut && self.line.fault.what != What::Nothing;
-        if !(checked || excused) {
-            self.line.fault.what = What::Nothing;
-            self.refuse(What::Checksum);
+    fn end<L: Letters>(&mut self) -> Heard {
+        self.put(0);
+        if self.star != 0 {
+            let is_right = self.is_checked();
+            // Whatever else is wrong comes from that; but the end of a line that is too long was not read.
+            if !is_right && self.fault.what != What::Long {
+                self.fault.what = What::Nothing;
+                self.refuse(What::Checksum);
+            }
+            self.len = self.star - 1;
+            self.put(0);
         }
-        if self.line.fault.what == What::Nothing {
-            if self.line.words == 0 {
+        if self.fault.what == What::Nothing {
+            if self.words == 0 {
                 return Heard::Nothing;
             }
-            self.check_values();
+            let what = self.read::<L>();
+            self.refuse(what);
         }
-        if self.line.fault.what == What::Nothing {
-            Heard::Command(self.line.verb)
-        } else {
-            Heard::Refused(self.line.fault)
+        match self.fault.what {
+            What::Nothing => Heard::Command(self.verb),
+            _ => Heard::Refused(self.fault),
         }
     }
 
-    /// Whether the values of a line that is over are enough, and gains and limits are taken.
-    #[inline(always)]
-    fn check_values(&mut self) {
-        let mut values = self.line.words - 1;
-        let mut wanted = match self.line.verb {
+    /// Whether the line ends with `*` and two hexadecimal digits, the exclusive or of all bytes before.
+    fn is_checked(&mut self) -> bool {
+        let mut sum = 0;
+        self.at = 0;
+        while self.at + 1 < self.star {
+            sum ^= self.byte();
+            self.at += 1;
+        }
+        let mut given = 0;
+        while self.at + 1 < self.len {
+            self.at += 1;
+            let byte = self.byte();
+            let digit = match byte | 0x20 {
+                b'0'..=b'9' if byte & 0x20 != 0 => byte - b'0',
+                letter @ b'a'..=b'f' => letter - b'a' + 10,
+                _ => return false,
+            };
+            given = given << 4 | digit;
+        }
+        sum == given && self.len == self.star + 2
+    }
+
+    /// Reads a line that is not blank; what is wrong with it, at the word of the cursor.
+    fn read<L: Letters>(&mut self) -> What {
+        (self.at, self.words, self.axes, self.given, self.values) = (0, 0, 0, 0, [0; COUNT]);
+        self.begin_word();
+        if !self.find::<L>() {
+            return What::Command;
+        }
+        // Values that are wanted.
+        let mut left = match self.verb {
             Verb::Version | Verb::Ping => 0,
-            Verb::Gains | Verb::Limits => 2,
-            // An axis without a value is left alone; with none at all nothing would be done.
             _ => 1,
         };
-        if self.line.verb.has_flags() {
-            values = values.saturating_sub(1);
-            if self.strict && !self.line.verb.is_decimal() && self.line.flags > 1 {
-                wanted = self.line.flags;
+        let mut flag = 0;
+        if self.verb.has_flags() {
+            if !self.begin_word() {
+                return What::Missing;
+            }
+            flag = self.at;
+            left = self.read_flags();
+            if self.strict && left == u8::MAX {
+                return What::Flags;
+            }
+            if self.verb.is_decimal() {
+                left = 2;
             }
         }
-        if values < wanted {
-            self.line.words += 1;
-            self.refuse(What::Missing);
-        } else if self.line.verb.is_decimal() {
-            let [first, second, low, high] = self.line.values;
-            let [first_exponent, ..] = low.to_le_bytes();
-            let [second_exponent, ..] = high.to_le_bytes();
-            let first = Float::new(first.cast_unsigned(), first_exponent.cast_signed());
-            let second = Float::new(second.cast_unsigned(), second_exponent.cast_signed());
-            self.tune(first, second);
-        }
-    }
-
-    #[inline(never)]
-    fn tune(&mut self, first: Float, second: Float) {
-        let parts = if self.line.verb == Verb::Gains {
-            match Gains::new(first, second) {
-                Ok(gains) => gains.parts(),
-                Err(why) => {
-                    self.line.words = if why == GainsRefused::Frequency { 3 } else { 4 };
-                    return self.refuse(if why == GainsRefused::Frequency { What::Frequency } else { What::Ratio });
-                }
-            }
-        } else if let Some(limits) = Limits::new(first, second) {
-            limits.parts()
-        } else {
-            self.line.words = 4;
-            return self.refuse(What::Range);
-        };
-        let bytes = i32::from_le_bytes([parts.low, parts.high, 0, 0]);
-        self.line.values = [parts.first.cast_signed(), parts.second.cast_signed(), bytes, 0];
-    }
-
-    #[inline(never)]
-    fn push_check(&mut self, byte: u8) {
-        let digit = match byte | 0x20 {
-            b'0'..=b'9' if byte & 0x20 != 0 => byte - b'0',
-            letter @ b'a'..=b'f' => letter - b'a' + 10,
-            _ => 16,
-        };
-        if self.line.check == check::NONE {
-            self.line.check = 1;
-        } else if digit < 16 && self.line.check < check::DONE {
-            self.line.check += 1;
-            self.line.given_sum = self.line.given_sum << 4 | digit;
-        } else {
-            self.line.check = check::BAD;
-        }
-    }
-
-    /// Finds the command that the letters are.
-    #[inline(never)]
-    fn find<L: Letters>(&mut self) {
-        let mut at = NAMES;
+        let all = self.strict || self.verb.is_decimal();
         let mut index = 0;
-        while index < Verb::Unknown as u8 {
-            // Names end with a 0; so do letters, but for a word of eight, which is none of them.
-            let mut same = true;
-            for ours in &self.line.letters {
-                let letter = L::letter(at);
-                at += 1;
-                same &= *ours == letter;
-                if letter == 0 {
-                    break;
+        while self.begin_word() {
+            if left == 0 {
+                if self.strict {
+                    return What::Extra;
                 }
+                self.skip_word();
+                continue;
             }
-            if same {
-                break;
+            left -= 1;
+            let what = if self.verb.is_decimal() {
+                self.read_decimal(index)
+            } else {
+                let after = self.at;
+                let mut axis = 0;
+                if self.verb.has_flags() {
+                    self.at = flag;
+                    axis = self.next_axis();
+                    flag = self.at;
+                    self.at = after;
+                }
+                self.read_whole(axis)
+            };
+            if what != What::Nothing {
+                return what;
             }
             index += 1;
         }
-        self.line.verb = Verb::of(index);
-        if self.line.verb == Verb::Unknown {
-            self.refuse(What::Command);
+        // An axis without a value is left alone; with none at all nothing would be done.
+        if left != 0 && (all || index == 0) { What::Missing } else { What::Nothing }
+    }
+
+    /// Goes to the next word; whether there is one.
+    fn begin_word(&mut self) -> bool {
+        while is_blank(self.byte()) {
+            self.at += 1;
+        }
+        self.words += 1;
+        self.byte() != 0
+    }
+
+    fn skip_word(&mut self) {
+        while !is_end(self.byte()) {
+            self.at += 1;
         }
     }
 
-    #[inline(never)]
-    fn push_flag(&mut self, byte: u8) {
-        let axis = match byte {
-            b'x'..=b'z' => byte - b'x',
-            b'a' => 3,
-            _ => {
-                if self.strict {
-                    self.refuse(What::Flags);
+    /// Finds the command that the word is.
+    fn find<L: Letters>(&mut self) -> bool {
+        let (begin, mut name, mut index) = (self.at, NAMES, 0);
+        while index < Verb::Unknown as u8 {
+            self.at = begin;
+            let mut same = true;
+            loop {
+                let letter = L::letter(name);
+                name += 1;
+                if letter == 0 {
+                    break;
                 }
-                return;
-            }
-        };
-        let bit = bit(axis);
-        if self.strict && self.line.axes & bit != 0 {
-            self.refuse(What::Flags);
-        }
-        self.line.axes |= bit;
-        // There is no room for more than eight values.
-        if self.line.flags < 8 {
-            self.line.order = self.line.order << 2 | u16::from(axis);
-            self.line.flags += 1;
-        }
-    }
-
-    /// The word being read is over.
-    #[inline(never)]
-    fn end_word<L: Letters>(&mut self) {
-        let mut index = self.line.words - 1;
-        if index == 0 {
-            self.find::<L>();
-            return;
-        }
-        let mut wanted = 1;
-        match self.line.verb {
-            Verb::Version | Verb::Ping => wanted = 0,
-            verb if verb.has_flags() => {
-                if index == 1 {
-                    return;
+                same &= letter == self.byte();
+                if same {
+                    self.at += 1;
                 }
-                index -= 1;
-                wanted = if verb.is_decimal() { 2 } else { self.line.flags };
             }
-            _ => {}
+            if same && is_end(self.byte()) {
+                self.verb = Verb::of(index);
+                return true;
+            }
+            index += 1;
         }
-        if index > wanted {
-            if self.strict {
-                self.refuse(What::Extra);
+        false
+    }
+
+    /// How many axes the flags name; strict: [`u8::MAX`] if other letters are among them, or an axis twice.
+    fn read_flags(&mut self) -> u8 {
+        let mut count = 0;
+        let mut is_bad = false;
+        while !is_end(self.byte()) {
+            let axis = axis(self.byte());
+            self.at += 1;
+            if axis < 4 {
+                let bit = bit(axis);
+                is_bad |= self.axes & bit != 0;
+                self.axes |= bit;
+                count += 1;
+            } else {
+                is_bad = true;
             }
-        } else if !self.line.number.is_number()
-            || (self.strict && !self.line.verb.is_decimal() && self.line.number.is_cut())
-        {
-            self.refuse(What::Number);
-        } else if self.line.verb.is_decimal() {
-            self.take_decimal(index);
-        } else {
-            self.take_integer(index, wanted);
+        }
+        if self.strict && is_bad { u8::MAX } else { count }
+    }
+
+    /// The axis of the next flag that is one. There is one.
+    fn next_axis(&mut self) -> u8 {
+        loop {
+            let axis = axis(self.byte());
+            self.at += 1;
+            if axis < 4 {
+                return axis;
+            }
         }
     }
 
-    /// Takes the number just read, the `index`th from 1.
-    #[inline(always)]
-    fn take_decimal(&mut self, index: u8) {
-        let Some(float) = self.line.number.float() else { return self.refuse(What::Range) };
-        let (mantissa, exponent) = float.parts();
-        let [first, second, low, high] = &mut self.line.values;
-        let (place, below) = if index == 1 { (first, low) } else { (second, high) };
-        *place = mantissa.cast_signed();
-        *below = exponent.into();
+    /// Whether a minus was passed by; or a plus.
+    fn sign(&mut self) -> bool {
+        let byte = self.byte();
+        if byte == b'-' || byte == b'+' {
+            self.at += 1;
+        }
+        byte == b'-'
     }
 
-    /// Takes the number just read, the `index`th from 1 of `count`.
-    #[inline(never)]
-    fn take_integer(&mut self, index: u8, count: u8) {
-        let Some(mut value) = self.line.number.integer() else { return self.refuse(What::Range) };
-        let mut axis = 0;
-        if self.line.verb.has_flags() {
-            let mut order = self.line.order;
-            let mut last = count;
-            while last > index {
-                order >>= 2;
-                last -= 1;
+    /// The digit at the cursor, or 10 or more.
+    fn digit(&self) -> u8 {
+        self.byte().wrapping_sub(b'0')
+    }
+
+    /// Reads a number as atol and atof do, but nothing may be left over after it.
+    fn number(&mut self) -> Option<Number> {
+        let mut number = Number { is_negative: self.sign(), is_cut: false, digits: 0, power: 0 };
+        let mut seen = false;
+        loop {
+            let digit = self.digit();
+            if digit < 10 {
+                seen = true;
+                // Of a whole number, digits after a point do not count.
+                if !number.is_cut || self.verb.is_decimal() {
+                    let fits = number.digits <= 429_496_728;
+                    if fits {
+                        number.digits = tenfold(number.digits) + u32::from(digit);
+                    }
+                    if number.is_cut && fits {
+                        number.power -= 1;
+                    } else if !number.is_cut && !fits {
+                        number.power += 1;
+                    }
+                }
+            } else if self.byte() == b'.' && !number.is_cut {
+                number.is_cut = true;
+            } else {
+                break;
             }
-            let [flag, _] = order.to_le_bytes();
-            axis = flag & 3;
-            self.line.given |= bit(axis);
+            self.at += 1;
         }
-        let Some(place) = self.line.values.get_mut(usize::from(axis)) else { return };
-        match self.line.verb {
+        if seen && self.verb.is_decimal() && self.byte() | 0x20 == b'e' {
+            self.at += 1;
+            let is_negative = self.sign();
+            seen = false;
+            let mut exponent = 0;
+            while self.digit() < 10 {
+                seen = true;
+                exponent = if exponent < FAR / 10 { exponent * 10 + self.digit() } else { FAR };
+                self.at += 1;
+            }
+            // A line is too short for a power beyond 127.
+            let exponent = exponent.cast_signed();
+            number.power += if is_negative { -exponent } else { exponent };
+        }
+        (seen && is_end(self.byte())).then_some(number)
+    }
+
+    /// Reads a whole number, the value of `axis`.
+    fn read_whole(&mut self, axis: u8) -> What {
+        let Some(number) = self.number() else { return What::Number };
+        if self.strict && number.is_cut {
+            return What::Number;
+        }
+        let Number { is_negative, digits, power, .. } = number;
+        if power != 0 || digits > 0x7fff_ffff + u32::from(is_negative) {
+            return What::Range;
+        }
+        let mut value = digits.cast_signed();
+        if is_negative {
+            value = value.wrapping_neg();
+        }
+        self.given |= bit(axis);
+        let Some(place) = self.values.get_mut(usize::from(axis)) else { return What::Nothing };
+        match self.verb {
             Verb::Move | Verb::Impulse => {
                 // Named twice, an axis moves by both.
                 let (sum, overflow) = place.overflowing_add(value);
                 if overflow {
-                    return self.refuse(What::Range);
+                    return What::Range;
                 }
                 value = sum;
             }
-            Verb::Drift if value.unsigned_abs() > u32::from(FASTEST_DRIFT) => return self.refuse(What::Range),
-            Verb::Report if value <= 0 => return self.refuse(What::Rate),
+            Verb::Drift if digits > u32::from(FASTEST_DRIFT) => return What::Range,
+            Verb::Report if value <= 0 => return What::Rate,
             Verb::Ramp if value < 0 => value = 0,
             Verb::Ramp | Verb::Report | Verb::Deadman => {
                 let [_, _, b2, b3] = value.to_le_bytes();
                 if b2 | b3 != 0 {
-                    return self.refuse(What::Range);
+                    return What::Range;
                 }
             }
             _ => {}
         }
         *place = value;
+        What::Nothing
+    }
+
+    /// Reads a decimal, the first or second of gains or limits.
+    fn read_decimal(&mut self, index: u8) -> What {
+        let Some(number) = self.number() else { return What::Number };
+        let is_gain = self.verb == Verb::Gains;
+        let [of_limits, of_gains] = PLACES;
+        let mut value = number.scaled(if is_gain { of_gains } else { of_limits });
+        if number.is_negative && value != 0 {
+            return What::Range;
+        }
+        if is_gain {
+            let (region, what) =
+                if index == 0 { (path::FREQUENCIES, What::Frequency) } else { (path::RATIOS, What::Ratio) };
+            if !path::is_within(value, region) {
+                return what;
+            }
+        } else {
+            let most = if index == 0 { u32::from(FASTEST) * 1000 } else { STEEPEST * 1000 };
+            if value > most {
+                value = most;
+            }
+            if index != 0 && value < GENTLEST * 1000 {
+                return What::Range;
+            }
+        }
+        if let Some(place) = self.values.get_mut(usize::from(index)) {
+            *place = value.cast_signed();
+        }
+        What::Nothing
+    }
+}
+
+/// A number as it was written: ±`digits`·10^`power`.
+#[derive(Clone, Copy, Debug)]
+struct Number {
+    is_negative: bool,
+    /// It has a point, at which whole numbers end.
+    is_cut: bool,
+    digits: u32,
+    power: i8,
+}
+
+impl Number {
+    /// Without its sign, in units of 10^-`places`, rounded to nearest; what is more than there are is all ones.
+    fn scaled(&self, places: i8) -> u32 {
+        let (mut value, mut power, mut up) = (self.digits, self.power + places, false);
+        while power > 0 && value != 0 {
+            if value > 429_496_729 {
+                return u32::MAX;
+            }
+            value = tenfold(value);
+            power -= 1;
+        }
+        while power < 0 {
+            up = value % 10 >= 5;
+            value /= 10;
+            power += 1;
+        }
+        value + u32::from(up)
+    }
+}
+
+/// Ten times as much, which must fit. An AVR's library multiplies slower.
+const fn tenfold(value: u32) -> u32 {
+    (value << 3) + (value << 1)
+}
+
+const fn is_blank(byte: u8) -> bool {
+    byte == b' ' || byte == b'\t'
+}
+
+/// Whether a word ends before this byte.
+const fn is_end(byte: u8) -> bool {
+    byte == 0 || is_blank(byte)
+}
+
+/// The axis of a flag, or 4 or more.
+const fn axis(flag: u8) -> u8 {
+    match flag {
+        b'a' => 3,
+        b'x'..=b'z' => flag - b'x',
+        _ => 4,
     }
 }
 

@@ -54,9 +54,6 @@ pub struct Stopped {
 /// Motors are numbered from 0; those beyond [`motors`](Machine::motors) are never asked for but in
 /// [`push`](Machine::push) and [`free`](Machine::free).
 pub trait Machine {
-    /// Flags of a [`MotorSetup`](super::message::MotorSetup) that it knows: a configuration with others is malformed.
-    const MOTOR_FLAGS: u8 = super::message::STEP_DIR_FLAGS;
-
     /// What it is, and its marks; the service fills in what is the session's.
     fn info(&mut self) -> Info;
 

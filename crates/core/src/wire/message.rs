@@ -326,7 +326,7 @@ impl<'a> Command<'a> {
             };
         }
         if kind == kind::CONFIGURE {
-            return Configuration::decode(payload, COILS_FLAGS).map(Command::Configure).ok_or(Reason::Malformed);
+            return Configuration::decode(payload).map(Command::Configure).ok_or(Reason::Malformed);
         }
         if payload.len() != usize::from(len_of(kind).ok_or(Reason::UnknownKind)?) {
             return Err(Reason::Malformed);
@@ -424,15 +424,15 @@ pub struct Configuration<'a> {
 /// | byte | |
 /// |---|---|
 /// | 0 | pin of STEP; of coils, that of IN1, which the pins of IN2 to IN4 follow |
-/// | 1 | pin of DIR; motors may share it; of coils 0 |
-/// | 2 | bit 0: forward is DIR high; bit 1: STEP is active low; bit 2: coils, switched as bits 3–4 say: 0 wave, 1 full, 2 half; others 0 |
+/// | 1 | pin of DIR; motors may share it. 240, 241, 242: four coils, switched one at a time, two at a time, in half steps |
+/// | 2 | bit 0: forward is DIR high; bit 1: STEP is active low; others 0 |
 /// | 3 | packing gain, signed |
 /// | 4–7 | pull-in: the shortest interval that the motor can start and stop at, ticks |
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MotorSetup {
     /// Pin of STEP.
     pub step_pin: u8,
-    /// Pin of DIR; motors may share it.
+    /// Pin of DIR; motors may share it. Or one of [`COILS`]: no board has so many pins.
     pub dir_pin: u8,
     /// Forward is DIR high.
     pub forward_high: bool,
@@ -442,31 +442,43 @@ pub struct MotorSetup {
     pub gain: i8,
     /// The shortest interval that the motor can start and stop at, ticks.
     pub pull_in_ticks: u32,
-    /// Four coils instead of STEP and DIR, on pins one after the other; not on every board.
-    pub coils: Option<Sequence>,
 }
 
-/// Bits of a [`MotorSetup`]'s flags that every board knows.
-pub const STEP_DIR_FLAGS: u8 = 0b11;
-
-/// And those of a board that drives coils.
-pub const COILS_FLAGS: u8 = 0b1_1111;
+/// What stands in DIR's place for four coils: wave, full and half step. Boards without coils refuse it as a pin.
+pub const COILS: [u8; 3] = [240, 241, 242];
 
 /// Bytes of a [`MotorSetup`].
 pub const MOTOR_SETUP_LEN: usize = 8;
 
 impl MotorSetup {
+    /// Four coils, IN1 on `pin` and IN2 to IN4 on the three after it; not on every board.
+    #[must_use]
+    pub fn coils_on(pin: u8, sequence: Sequence) -> MotorSetup {
+        let [wave, full, half] = COILS;
+        let dir_pin = match sequence {
+            Sequence::Wave => wave,
+            Sequence::Full => full,
+            Sequence::Half => half,
+        };
+        MotorSetup { step_pin: pin, dir_pin, ..MotorSetup::default() }
+    }
+
+    /// How its coils are switched; `None` of a driver.
+    #[must_use]
+    pub const fn coils(&self) -> Option<Sequence> {
+        match self.dir_pin {
+            240 => Some(Sequence::Wave),
+            241 => Some(Sequence::Full),
+            242 => Some(Sequence::Half),
+            _ => None,
+        }
+    }
+
     /// Its bytes.
     #[must_use]
     pub const fn to_bytes(&self) -> [u8; MOTOR_SETUP_LEN] {
         let [a, b, c, d] = self.pull_in_ticks.to_le_bytes();
-        let coils = match self.coils {
-            None => 0,
-            Some(Sequence::Wave) => 1 << 2,
-            Some(Sequence::Full) => 1 << 2 | 1 << 3,
-            Some(Sequence::Half) => 1 << 2 | 2 << 3,
-        };
-        let flags = self.forward_high as u8 | (self.step_low as u8) << 1 | coils;
+        let flags = self.forward_high as u8 | (self.step_low as u8) << 1;
         [self.step_pin, self.dir_pin, flags, self.gain.cast_unsigned(), a, b, c, d]
     }
 
@@ -479,12 +491,6 @@ impl MotorSetup {
             step_low: flags & 2 != 0,
             gain: gain.cast_signed(),
             pull_in_ticks: u32::from_le_bytes([a, b, c, d]),
-            coils: match flags >> 2 & 7 {
-                1 => Some(Sequence::Wave),
-                3 => Some(Sequence::Full),
-                5 => Some(Sequence::Half),
-                _ => None,
-            },
         }
     }
 }
@@ -513,19 +519,17 @@ impl<'a> Configuration<'a> {
         self.motors.as_chunks::<MOTOR_SETUP_LEN>().0.iter().map(|bytes| MotorSetup::from_bytes(*bytes))
     }
 
-    /// `known` are the flags of motors that the board knows.
-    #[inline(always)]
-    pub(super) fn decode(payload: &'a [u8], known: u8) -> Option<Configuration<'a>> {
+    /// Of the payload of a Configure frame; `None` if it is none.
+    #[must_use]
+    #[inline(never)]
+    pub fn decode(payload: &'a [u8]) -> Option<Configuration<'a>> {
         let (head, motors) = payload.split_first_chunk::<13>()?;
         let [p0, p1, s0, s1, h0, h1, enable_pin, flags, i0, i1, q0, q1, count] = *head;
         let mut unknown = flags;
         for [_, _, flags, ..] in motors.as_chunks::<MOTOR_SETUP_LEN>().0 {
-            unknown |= flags & !(known ^ STEP_DIR_FLAGS);
-            if known != STEP_DIR_FLAGS && !matches!(flags >> 2 & 7, 0 | 1 | 3 | 5) {
-                return None;
-            }
+            unknown |= flags;
         }
-        if unknown & !STEP_DIR_FLAGS != 0 || motors.len() != usize::from(count) << 3 {
+        if unknown & !3 != 0 || motors.len() != usize::from(count) << 3 {
             return None;
         }
         let mut configuration = Configuration::new(motors)?;

@@ -82,8 +82,10 @@ pub struct Service {
     max_body: u8,
     events: u8,
     damaged: u16,
-    /// Nothing was said at this rate yet.
+    /// What the host heard last was no frame: nothing was said at this rate yet, or something else.
     new_rate: bool,
+    /// Nobody may take the board.
+    held: bool,
 }
 
 impl Service {
@@ -119,7 +121,24 @@ impl Service {
             events: 0,
             damaged: 0,
             new_rate: false,
+            held: false,
         }
+    }
+
+    /// Whether another dialect has the board: Hello is refused then. Not while a host has taken it.
+    pub const fn hold(&mut self, held: bool) {
+        self.held = held;
+    }
+
+    /// Something that is no frame was sent: the next frame has a zero before it.
+    pub const fn interrupted(&mut self) {
+        self.new_rate = true;
+    }
+
+    /// How long no frame of the session has come.
+    #[must_use]
+    pub const fn silence(&self, now: Millis) -> u16 {
+        now.since(self.heard)
     }
 
     /// Whether a host has taken the board: other dialects on the line are off then.
@@ -290,7 +309,7 @@ impl Service {
 
     fn hello(&mut self, seq: u8, version: u8, nonce: u32, now: Millis) {
         let again = self.taken && nonce == self.nonce;
-        if self.taken && !again {
+        if self.held || (self.taken && !again) {
             self.refusal_due = Some(seq);
             return;
         }
@@ -346,9 +365,9 @@ impl Service {
     /// Does what a command asks for: what [`Command::decode`](super::Command::decode) would say of it, but without a detour
     /// through RAM.
     #[inline(never)]
-    fn execute<M: Machine>(&mut self, kind: u8, payload: &[u8], machine: &mut M) -> Result<(), Refusal> {
+    fn execute(&mut self, kind: u8, payload: &[u8], machine: &mut impl Machine) -> Result<(), Refusal> {
         if kind == kind::CONFIGURE {
-            let configuration = Configuration::decode(payload, M::MOTOR_FLAGS).ok_or(malformed(kind))?;
+            let configuration = Configuration::decode(payload).ok_or(malformed(kind))?;
             machine.configure(&configuration)?;
             self.silence_ms = match configuration.silence_ms {
                 0 => SILENCE_MS,

@@ -44,6 +44,7 @@ use std::sync::Arc;
 use miette::NamedSource;
 
 pub use problem::{FileError, Problem};
+pub use winch::WinchScript;
 
 use crate::boards::{self, BoardRow};
 use crate::law::{Law, LawError};
@@ -59,6 +60,27 @@ use reader::{Node, Noted, Read, Reader, Section};
 /// # Errors
 /// [`FileError`] with every problem found.
 pub fn load(path: &Path) -> Result<Program, FileError> {
+    let (name, text) = open(path)?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    read(&text, &name, &|named| fs::read_to_string(folder.join(named)))
+}
+
+/// Reads a motion file for the command lines of its winch, to send them to a board as text.
+///
+/// # Errors
+/// [`FileError`] with every problem found; also when the file has other motions, which a line of text cannot say.
+pub fn load_winch(path: &Path) -> Result<WinchScript, FileError> {
+    let (name, text) = open(path)?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let load = |named: &Path| fs::read_to_string(folder.join(named));
+    read_as(&text, &name, |root| {
+        program(root, &load)?;
+        winch::script(root, &load)
+    })
+}
+
+/// The name of a file, and its text.
+fn open(path: &Path) -> Result<(String, String), FileError> {
     let name = path.display().to_string();
     let text = fs::read_to_string(path).map_err(|error| {
         let source = Arc::new(NamedSource::new(&name, String::new()));
@@ -68,8 +90,7 @@ pub fn load(path: &Path) -> Result<Program, FileError> {
         };
         FileError::whole(&source, format!("cannot read {name}: {error}"), help)
     })?;
-    let folder = path.parent().unwrap_or(Path::new(""));
-    read(&text, &name, &|named| fs::read_to_string(folder.join(named)))
+    Ok((name, text))
 }
 
 /// Reads the text of a motion file called `name`; `load` gives the text of the files that it names.
@@ -84,19 +105,23 @@ pub fn load(path: &Path) -> Result<Program, FileError> {
 /// assert!(error.plain().starts_with("my.toml:1:1: unknown key `bord` in the motion file\n    did you mean `board`?"));
 /// ```
 pub fn read(text: &str, name: &str, load: &dyn Fn(&Path) -> io::Result<String>) -> Result<Program, FileError> {
+    read_as(text, name, |root| program(root, load))
+}
+
+fn read_as<T>(text: &str, name: &str, what: impl Fn(&Section) -> Read<T>) -> Result<T, FileError> {
     // A byte order mark is no part of the text, and would shift every place.
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let source = Arc::new(NamedSource::new(name, text.to_owned()));
     let reader = Reader::new(Arc::clone(&source));
-    let program = match toml_edit::Document::parse(text) {
-        Ok(document) => program(&Section::root(&reader, document.as_table()), load),
+    let found = match toml_edit::Document::parse(text) {
+        Ok(document) => what(&Section::root(&reader, document.as_table())),
         Err(error) => {
             let at = error.span().unwrap_or(0..0);
             Err(reader.note(at, "here", format!("not TOML: {}", error.message().trim_end()), ""))
         }
     };
-    match (program, FileError::of(reader.into_problems())) {
-        (Ok(program), None) => Ok(program),
+    match (found, FileError::of(reader.into_problems())) {
+        (Ok(found), None) => Ok(found),
         (_, Some(error)) => Err(error),
         // `Noted` is made by noting alone, so this cannot be; but a wrong file must never pass.
         (Err(Noted), None) => Err(FileError::whole(&source, "the file cannot be used".to_owned(), None)),

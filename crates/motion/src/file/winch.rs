@@ -42,16 +42,11 @@ pub(super) fn commands(p: &Section, loader: Loader, axis: char) -> Read<Vec<(Tim
     match (p.get("file"), p.get("commands")) {
         (Some(file), None) => {
             let source = Arc::new(NamedSource::new(file.as_text().unwrap_or_default(), load(&file, loader)?));
-            let mut start = 0;
-            for line in source.inner().split_inclusive('\n') {
-                let text = line.trim_end_matches(['\n', '\r']);
-                if !text.trim().is_empty() && !text.trim_start().starts_with('#') {
-                    add(text, &|at, message| {
-                        let labels = vec![(start + at.start..start + at.end, "here".to_owned())];
-                        file.reader.note_problem(Problem::new(&source, message, labels, None))
-                    })?;
-                }
-                start += line.len();
+            for (start, text) in lines_of(source.inner()) {
+                add(text, &|at, message| {
+                    let labels = vec![(start + at.start..start + at.end, "here".to_owned())];
+                    file.reader.note_problem(Problem::new(&source, message, labels, None))
+                })?;
             }
         }
         (None, Some(list)) => {
@@ -73,6 +68,53 @@ pub(super) fn commands(p: &Section, loader: Loader, axis: char) -> Read<Vec<(Tim
         }
     }
     Ok(commands)
+}
+
+/// A winch's command lines, as they are written: `"<time>: <command>"`, in order of time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WinchScript {
+    /// Without blank lines and comments.
+    pub lines: Vec<String>,
+    /// How long the motion lasts, if it says so.
+    pub duration: Option<Time>,
+}
+
+/// The lines of a file whose one motion is a winch's; they have been checked already, axis by axis.
+pub(super) fn script(root: &Section, loader: Loader) -> Read<WinchScript> {
+    const EXAMPLE: &str = "law.winch = { commands = [\"0 s: a x 100\"] }";
+    let motions = root.need("motion", EXAMPLE)?;
+    let motions = if motions.is_table() { vec![motions] } else { motions.list(EXAMPLE)? };
+    if let Some(second) = motions.get(1) {
+        return Err(second.note("one too many", "text is for one motion, a winch's", "keep the one with law.winch"));
+    }
+    // A file without a motion is none: `need` has said so, or the reader of all the file.
+    let motion = motions.first().ok_or(Noted)?.any_section("the motion".to_owned(), EXAMPLE)?;
+    for key in ["start", "repeat", "begin", "end"] {
+        if let Some(node) = motion.get(key) {
+            return Err(node.note("not here", format!("a line of text cannot say `{key}`"), "leave it out"));
+        }
+    }
+    let law = motion.need("law", EXAMPLE)?.any_section("the law".to_owned(), EXAMPLE)?;
+    let p = law.need("winch", EXAMPLE)?.any_section("the winch".to_owned(), EXAMPLE)?;
+    let lines = match p.get("file") {
+        Some(file) => lines_of(&load(&file, loader)?).map(|line| line.1.to_owned()).collect(),
+        None => {
+            let list = p.need("commands", EXAMPLE)?.list(EXAMPLE)?;
+            list.iter().map(|node| node.text(EXAMPLE).map(str::to_owned)).collect::<Read<_>>()?
+        }
+    };
+    let duration = p.get("duration").map(|node| node.duration("5 s")).transpose()?;
+    Ok(WinchScript { lines, duration })
+}
+
+/// The lines of a file, without what comes after a `#`, but for blank ones; and where each one begins.
+fn lines_of(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    let starts = text.split_inclusive('\n').scan(0, |next, line| {
+        let start = *next;
+        *next += line.len();
+        Some((start, line.split('#').next().unwrap_or_default().trim_end()))
+    });
+    starts.filter(|(_, line)| !line.is_empty())
 }
 
 fn note_inside(node: &Node, at: Range<usize>, message: String) -> Noted {

@@ -4,12 +4,14 @@ use std::io::ErrorKind;
 use std::path::Path;
 
 use miette::miette;
+use pulsetrain_board::VirtualBoard;
+use pulsetrain_board::native_winch::NativeWinch;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
 
 use crate::cli::Board;
 use crate::console::{self, Console, Exit};
-use crate::serve::{self, Client, Service, Socket, VirtualBoard};
+use crate::serve::{self, Client, Service, Socket};
 use crate::{human, interrupt};
 
 pub(crate) fn run(args: &Board, console: &mut Console<'_>) -> miette::Result<Exit> {
@@ -48,28 +50,29 @@ fn on_pty(_: &Path, _: &Board, _: &mut Console<'_>) -> miette::Result<Exit> {
 }
 
 fn serve<C: Client>(client: C, place: &str, args: &Board, console: &mut Console<'_>) -> miette::Result<Exit> {
-    if args.board == "pico" {
-        serve_board(VirtualPico::new(), client, place, args, console)
-    } else {
-        serve_board(VirtualUno::new(), client, place, args, console)
+    match args.board.as_str() {
+        "winch" => serve_board(NativeWinch::new(), "winch", client, place, args, console),
+        "pico" => serve_board(VirtualPico::new(), "Pico", client, place, args, console),
+        _ => serve_board(VirtualUno::new(), "Uno", client, place, args, console),
     }
 }
 
 fn serve_board<B: VirtualBoard, C: Client>(
     board: B,
+    name: &str,
     client: C,
     place: &str,
     args: &Board,
     console: &mut Console<'_>,
 ) -> miette::Result<Exit> {
     let trace = args.trace.as_deref().map(console::create).transpose()?;
-    let broken = |error: std::io::Error| miette!("the virtual {} cannot go on: {error}", B::NAME);
-    let mut service = Service::of(board, client, trace).map_err(broken)?;
-    console.print(format_args!("a virtual {} is {place}; Ctrl-C ends it\n", B::NAME))?;
+    let broken = |error: std::io::Error| miette!("the virtual {name} cannot go on: {error}");
+    let mut service = Service::new(board, client, trace).map_err(broken)?;
+    console.print(format_args!("a virtual {name} is {place}; Ctrl-C ends it\n"))?;
     let lost = serve::in_real_time(&mut service, interrupt::wanted).map_err(broken)?;
     let (ran, clients) = (service.now().as_secs_f64(), service.clients());
     service.finish().map_err(broken)?;
-    console.print(format_args!("{} on the chip's clock; clients: {clients}\n", human::seconds(ran)))?;
+    console.print(format_args!("{} on its clock; clients: {clients}\n", human::seconds(ran)))?;
     if !lost.is_zero() {
         console.print(format_args!("this computer was {} too slow for it\n", human::seconds(lost.as_secs_f64())))?;
     }

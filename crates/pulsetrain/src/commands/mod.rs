@@ -13,6 +13,7 @@ pub(crate) mod plan;
 pub(crate) mod plot;
 pub(crate) mod run;
 pub(crate) mod verify;
+pub(crate) mod winch;
 
 use miette::{Report, miette};
 use pulsetrain_board::{LinkError, PortError, RemoteError, SwitchRefused};

@@ -10,7 +10,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{FontStyle, register_font};
 
 use super::axis::{Axis, Labels};
-use super::{Envelope, MotorPicture, Picture};
+use super::{Envelope, Errors, MotorPicture, Picture};
 use crate::human;
 
 /// DejaVu Sans, reduced: see assets/LICENSE-DejaVu.txt. Registered as "sans-serif", which is also what the SVG asks for.
@@ -151,7 +151,7 @@ impl Drawing {
 
         let areas = errors.split_evenly(error_panels(picture));
         for ((colour, motor), area) in coloured(motors).zip(&areas) {
-            self.errors(motor, colour, area, &time)?;
+            self.errors(motor, picture.errors, colour, area, &time)?;
         }
         Ok(())
     }
@@ -162,7 +162,7 @@ impl Drawing {
         area.draw(&Text::new(title, (self.px(24) as i32, self.px(10) as i32), self.font(20)))?;
         let style = self.font(14).pos(Pos::new(HPos::Left, VPos::Center));
         let stepped = coloured(&picture.motors).map(|(colour, motor)| (stepped_label(motor), light(colour), 5));
-        let entries = stepped.chain([(LAW_LABEL.to_owned(), INK, 1)]);
+        let entries = stepped.chain([(picture.errors.wanted().to_owned(), INK, 1)]);
         for ((column, row), (label, colour, width)) in legend_places(picture).into_iter().zip(entries) {
             let (x, y) = (self.px(column) as i32, self.px(48 + row * LEGEND_ROW) as i32);
             let ends = vec![(x, y), (x + self.px(SWATCH) as i32, y)];
@@ -275,6 +275,7 @@ impl Drawing {
     fn errors<DB: DrawingBackend>(
         &self,
         motor: &MotorPicture,
+        title: Errors,
         colour: RGBColor,
         area: &Area<DB>,
         time: &TimeAxis,
@@ -283,7 +284,7 @@ impl Drawing {
         let (low, high) = motor.errors.range().unwrap_or((0.0, 0.0));
         // Wide enough for the bounds and for what breaks them.
         let range = (low.min(-1.2 * bound), high.max(1.2 * bound));
-        let title = format!("Error of {}, ticks; proven: at most {}", motor.name, human::significant(bound, 3));
+        let title = title.title(&motor.name, &human::significant(bound, 3));
         let y = Axis::linear(Some(range), 0.08, Labels::Number(1.0));
         let mut chart = self.panel(area, Panel { title: &title, x_title: &time.title(), x: time.axis(), y })?;
         if motor.errors.is_exact() {
@@ -320,7 +321,6 @@ impl TimeAxis {
     }
 }
 
-const LAW_LABEL: &str = "wanted by the law";
 const SWATCH: u32 = 22;
 
 fn stepped_label(motor: &MotorPicture) -> String {
@@ -330,7 +330,7 @@ fn stepped_label(motor: &MotorPicture) -> String {
 /// Column (in units of the SVG) and row of each entry of the legend, the law's last.
 fn legend_places(picture: &Picture) -> Vec<(u32, u32)> {
     // 9 units are wider than nearly every character of this size.
-    let widths = picture.motors.iter().map(stepped_label).chain([LAW_LABEL.into()]);
+    let widths = picture.motors.iter().map(stepped_label).chain([picture.errors.wanted().to_owned()]);
     let widths = widths.map(|label| SWATCH + 28 + 9 * label.chars().count() as u32);
     let (mut x, mut row) = (24, 0);
     widths

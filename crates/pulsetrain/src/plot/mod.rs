@@ -24,6 +24,35 @@ pub struct Picture {
     pub tick_s: f64,
     /// The motors, in the file's order.
     pub motors: Vec<MotorPicture>,
+    /// What the errors of steps are.
+    pub errors: Errors,
+}
+
+/// What the errors in a picture are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Errors {
+    /// How late steps are, ticks, within what was proven.
+    #[default]
+    Ticks,
+    /// How far steps are behind a path, steps, within what is allowed.
+    Steps,
+}
+
+impl Errors {
+    fn title(self, motor: &str, bound: &str) -> String {
+        match self {
+            Errors::Ticks => format!("Error of {motor}, ticks; proven: at most {bound}"),
+            Errors::Steps => format!("Steps of {motor} behind the path, steps; allowed: {bound}"),
+        }
+    }
+
+    /// What the thin line is.
+    const fn wanted(self) -> &'static str {
+        match self {
+            Errors::Ticks => "wanted by the law",
+            Errors::Steps => "the path",
+        }
+    }
 }
 
 /// One motor's curves.
@@ -33,7 +62,7 @@ pub struct MotorPicture {
     pub name: String,
     /// Steps to the user's unit.
     pub scale: Scale,
-    /// The certificate's bound, ticks.
+    /// The certificate's bound, ticks; of a path what is allowed, steps.
     pub bound_ticks: f64,
     wanted: Envelope,
     wanted_speed: Envelope,
@@ -105,6 +134,11 @@ impl MotorPicture {
         Ok(())
     }
 
+    /// Adds a point for the [`Picture::close_view`].
+    pub fn want_close(&mut self, t: f64, theta: f64) {
+        self.wanted_closely.push((t, theta));
+    }
+
     /// Adds points of the law in a stretch of time, s: for the [`Picture::close_view`].
     ///
     /// # Errors
@@ -114,7 +148,7 @@ impl MotorPicture {
         let start = cursor.at(Time::ZERO)?.position;
         for k in 0..=CLOSE_POINTS {
             let t = from + (to - from) * f64::from(k) / f64::from(CLOSE_POINTS);
-            self.wanted_closely.push((t, cursor.at(Time::from_seconds(t))?.position - start));
+            self.want_close(t, cursor.at(Time::from_seconds(t))?.position - start);
         }
         Ok(())
     }
@@ -144,9 +178,9 @@ impl MotorPicture {
         self.last = (t, position);
     }
 
-    /// Adds the error of the step at `t` seconds: how late it came, ticks.
-    pub fn error(&mut self, t: f64, late_ticks: f64) {
-        self.errors.push(t, late_ticks);
+    /// Adds the error of the step at `t` seconds, in the unit of [`Picture::errors`].
+    pub fn error(&mut self, t: f64, late: f64) {
+        self.errors.push(t, late);
     }
 
     /// The staircase of the first steps inside `window`.

@@ -39,8 +39,8 @@ impl Wired {
     /// # Errors
     /// When PIO cannot have them so: a state machine's outputs are one after the other (§3.5.6).
     fn of(setup: &MotorSetup) -> Result<Wired, Refusal> {
-        let MotorSetup { step_pin, dir_pin, forward_high, step_low, coils, .. } = *setup;
-        if let Some(sequence) = coils {
+        let MotorSetup { step_pin, dir_pin, forward_high, step_low, .. } = *setup;
+        if let Some(sequence) = setup.coils() {
             return Ok(Wired { base: step_pin, lines: Lines::Coils { sequence } });
         }
         let (base, step_line) = match dir_pin.wrapping_sub(step_pin) {

@@ -256,6 +256,7 @@ receive_frame:
 
 unsafe extern "C" {
     fn receive_frame(receiver: *mut Receiver, count: u8) -> u8;
+    static receive_page: u8;
     /// The interrupt's: 0x80 and 0 in turn, whenever it comes to the end of the page.
     static mut receive_lap: u8;
     /// The interrupt's: bytes that the USART lost before one that came, modulo 256.
@@ -308,6 +309,29 @@ impl Receiver {
             self.phase = phase::NOISE;
         }
         Unread { bytes, lost }
+    }
+
+    /// Where the byte is that is to be read after `count` others. What follows behind the page's end goes on at its beginning.
+    #[inline(always)]
+    pub(crate) fn after(&self, count: u8) -> *const u8 {
+        (&raw const receive_page).wrapping_add(usize::from(self.tail.wrapping_add(count) & (PAGE - 1)))
+    }
+
+    /// Whether nothing but text can have come last: what is being read is no frame, and the byte just taken ends a line.
+    #[inline(always)]
+    pub(crate) fn is_text(&self) -> bool {
+        // SAFETY: a byte of the page, read whole.
+        self.phase == phase::NOISE && unsafe { self.after(PAGE - 1).read_volatile() } == b'\n'
+    }
+
+    /// Drops `count` of them, which are no frame's.
+    #[inline(always)]
+    pub(crate) fn skip(&mut self, count: u8) {
+        let tail = self.tail + count;
+        if tail >= PAGE {
+            self.lap ^= PAGE;
+        }
+        self.tail = tail & (PAGE - 1);
     }
 
     /// Takes `count` of them, or fewer, up to the end of a frame.

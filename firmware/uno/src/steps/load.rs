@@ -19,7 +19,10 @@
 //! there are, the record is bad, nothing of the epoch is made any more, and what was read came from the queue's own memory.
 
 use super::motor::{Motor, Reason, flag};
+use super::plan::FILLER;
+use super::task::mode;
 use super::times;
+use crate::winch::feed;
 use core::arch::global_asm;
 use core::mem::offset_of;
 use pulsetrain_core::packing::COUNT_AFTER_EXACT;
@@ -203,6 +206,11 @@ steps_load:
     ldd r25, Y+{READY}+1
     or r24, r25
     brne 1f
+    // A motor of the winch has no bytes: its path gives it the steps of a millisecond at a time.
+    lds r24, steps_mode
+    cpi r24, {WINCH}
+    brne load_none
+    rjmp load_train
 load_none:
     sec
     ret
@@ -742,6 +750,123 @@ load_difference:
     sbc r24, r24
     cp r24, r22
     ret
+
+    // The next train of the winch (see winch/feed.rs), if there is one: its accumulator is an interval before its first step.
+load_train:
+    ldd r30, Y+{NEXT}
+    ldd r31, Y+{NEXT}+1
+    ld r22, Z
+    cpi r22, 1
+    brcc .+2
+    ret                                 // with carry
+    ldd r18, Z+6
+    ldd r19, Z+7
+    ldd r20, Z+8
+    ldd r21, Z+9
+    brne 1f
+    clr r18                             // one step: that of a slice is no shorter than the wait for it
+    clr r19
+    ldi r20, lo8({SLICE})
+    ldi r21, hi8({SLICE})
+1:  ldd r14, Z+2
+    sub r14, r18
+    ldd r15, Z+3
+    sbc r15, r19
+    ldd r24, Z+4
+    sbc r24, r20
+    ldd r25, Z+5
+    sbc r25, r21
+    sbc r23, r23
+    ldd r26, Z+10
+    add r24, r26
+    ldd r26, Z+11
+    adc r25, r26
+    ldd r26, Z+12
+    adc r26, r23
+    ldd r27, Z+13
+    adc r27, r23
+    ldd r22, Y+{FLAGS}
+    ldd r23, Z+1
+    eor r23, r22                        // whether it turns round
+    sbrs r22, {STEPPED}
+    rjmp 2f
+    // What follows from the step before must be known if it turns round, or if there is room for a filler before it.
+    sbrc r23, {BACKWARD}
+    rjmp 4f
+    movw r30, r24
+    add r30, r20
+    adc r31, r21
+    mov r0, r26
+    adc r0, r1
+    ldd r22, Y+{TICK}
+    sub r30, r22
+    ldd r22, Y+{TICK}+1
+    sbc r31, r22
+    ldd r22, Y+{TICK}+2
+    sbc r0, r22
+    tst r0
+    brne 4f
+    cpi r31, {FILLER_HIGH}
+    brsh 4f
+    ldd r30, Y+{NEXT}
+    ldd r31, Y+{NEXT}+1
+    rcall 3f
+    // All of it is granted at once, to whoever asked what the motor does next: steps of known slices need no other look.
+    pop r24
+    pop r24
+    ldd r24, Y+{LEFT}
+    ldi r25, 1
+    ret
+2:  sbrs r23, {BACKWARD}
+    rjmp 5f
+    ldi r23, 1 << {BACKWARD} | 1 << {TURN}
+    eor r22, r23
+5:  ori r22, 1 << {ANCHORED}
+    std Y+{FLAGS}, r22
+3:  ld r23, Z
+    st Z, r1
+    std Y+{LEFT}, r23
+    std Y+{LEFT}+1, r1
+    std Y+{FRACTION}, r14
+    std Y+{FRACTION}+1, r15
+    std Y+{TICK}, r24
+    std Y+{TICK}+1, r25
+    std Y+{TICK}+2, r26
+    std Y+{TICK}+3, r27
+    std Y+{INTERVAL}, r18
+    std Y+{INTERVAL}+1, r19
+    std Y+{INTERVAL}+2, r20
+    std Y+{INTERVAL}+3, r21
+    std Y+{INTERVAL}+4, r1
+    ldi r22, {TRAIN}
+    eor r30, r22
+    std Y+{NEXT}, r30
+    std Y+{SURE}, r1
+    // All its steps are counted.
+    ldd r18, Y+{POSITION}
+    ldd r19, Y+{POSITION}+1
+    ldd r20, Y+{POSITION}+2
+    ldd r21, Y+{POSITION}+3
+    ldd r22, Y+{FLAGS}
+    sbrc r22, {BACKWARD}
+    rjmp 6f
+    add r18, r23
+    adc r19, r1
+    adc r20, r1
+    adc r21, r1
+    rjmp 7f
+6:  sub r18, r23
+    sbc r19, r1
+    sbc r20, r1
+    sbc r21, r1
+7:  std Y+{POSITION}, r18
+    std Y+{POSITION}+1, r19
+    std Y+{POSITION}+2, r20
+    std Y+{POSITION}+3, r21
+    clc
+    ret
+4:  call steps_settle
+    rjmp load_train
     "#,
     FRACTION = const offset_of!(Motor, registers),
     TICK = const offset_of!(Motor, registers) + 2,
@@ -761,6 +886,11 @@ load_difference:
     HORIZON = const offset_of!(Motor, horizon),
     POSITION = const offset_of!(Motor, position),
     ORIGIN = const offset_of!(Motor, origin),
+    WINCH = const mode::WINCH,
+    SLICE = const feed::SLICE,
+    FILLER_HIGH = const FILLER >> 8,
+    STEPPED = const flag::STEPPED,
+    TRAIN = const feed::TRAIN,
     BACKWARD = const flag::BACKWARD,
     TURN = const flag::TURN,
     ANCHORED = const flag::ANCHORED,

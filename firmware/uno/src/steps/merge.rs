@@ -236,7 +236,7 @@ global_asm!(
     .global steps_merge_run
     // For the task: merges until the ring is full or a motor does nothing more within the limit. Uses all registers.
 steps_merge_run:
-    lds r24, steps_stepper+{RING}+{RING_HEAD}
+    lds r24, steps_merge+{AT}
     lds r30, steps_merge+{TAIL}
     ldi r31, 0
     ld r17, Z
@@ -247,12 +247,7 @@ steps_merge_run:
     cpi r17, {ROOM}
     brsh 1f
     ret
-1:  sts steps_merge+{AT}, r24
-    lds r24, steps_stepper+{RING}+{RING_PENDING}
-    sts steps_merge+{PENDING_RISE}, r24
-    lds r24, steps_stepper+{RING}+{RING_PENDING}+1
-    sts steps_merge+{PENDING_FALL}, r24
-    lds r24, steps_stepper+{TRACK_AT}
+1:  lds r24, steps_stepper+{TRACK_AT}
     lds r25, steps_stepper+{TRACK_AT}+1
     lds r18, steps_merge+{SPACING}
     add r24, r18
@@ -471,13 +466,13 @@ merge_leave:
     adiw r24, 1
     sts steps_stepper+{TRACK_AT}+2, r24
     sts steps_stepper+{TRACK_AT}+3, r25
-    // While the ring is nearly full, lists are filled up before they are used up: all of them at once take long.
+    // While the ring is nearly full (or has nothing), lists are filled up before they are used up: all of them at once take
+    // long.
 1:  lds r24, steps_merge+{AT}
     lds r30, steps_merge+{TAIL}
     ldi r31, 0
     ld r25, Z
     sub r25, r24
-    dec r25
     cpi r25, 4 * {NEARLY}
     brlo 1f
     ret
@@ -727,7 +722,8 @@ const LOOKS: u8 = 12;
 /// How many lists one run fills at most; each takes about 1000 cycles.
 const FEEDS: u8 = 16;
 
-/// The one merge: the assembly knows it by this name.
+/// The one merge: the assembly knows it by this name. [`Merge::begin`] comes before its use: until then it is zeros, which take no
+/// flash.
 #[unsafe(export_name = "steps_merge")]
 static mut MERGE: Merge = Merge {
     lanes: [Lane { masks: Group::NOTHING, head: 0, next: 0 }; LANES],
@@ -741,7 +737,7 @@ static mut MERGE: Merge = Merge {
     looks: 0,
     feeds: 0,
     few_left: 0,
-    wanting: NONE,
+    wanting: 0,
 };
 
 /// Byte after the list of `lane`.
@@ -779,8 +775,14 @@ impl Merge {
         self.half = spacing / 2;
         self.end = end;
         self.tail = tail + 0x20;
+        (self.at, self.pending) = (0, Group::NOTHING);
         self.few_left = 2 * FEW_LEFT[usize::from(motors.wrapping_sub(1)) % LANES] + 1;
         self.clear(first);
+    }
+
+    /// Lists are not filled up before they are used up: what they leave of their page is another's.
+    pub(crate) fn leave_room(&mut self) {
+        self.few_left = 0;
     }
 
     /// Whether steps are in lists, or anything else but fillers.

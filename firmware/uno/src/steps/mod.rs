@@ -20,4 +20,4 @@ pub(crate) mod register;
 pub(crate) mod ring;
 pub(crate) mod stepper;
 pub(crate) mod task;
-mod times;
+pub(crate) mod times;

@@ -41,6 +41,9 @@ impl Pin {
     /// No pin.
     pub(crate) const NONE: Pin = Pin { port: regs::PORT_B, mask: 0 };
 
+    /// Not even that: zeros, which take no flash. Nothing may be done to it.
+    pub(crate) const UNSET: Pin = Pin { port: regs::NO_PORT, mask: 0 };
+
     /// Pins 2 to 19 by their Arduino numbers; 0 and 1 are the serial line's.
     #[inline(never)]
     fn of(number: u8) -> Pin {

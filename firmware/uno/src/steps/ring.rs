@@ -200,7 +200,8 @@ global_asm!(
     .endr
     .endm
 
-    .section .text.ring_interrupts, "ax", @progbits
+    // Sections of this name come first: the vectors' short jumps must reach.
+    .text
     ring_interrupt __vector_11, "ldi r31, hi8(ring_a_page)", {TAIL_A}, {PIND}, {OCR1A}, 1, {EXTRA_A}, {STARVED_A}, 0x3f, 0x40, 0x80, {DIR_A_ON_PORTB}, 0xfd
 5:  sbic {FLAGS}, {SHIELD}              // 2 (skips)                    22
     rjmp 6f
@@ -376,6 +377,21 @@ pub(crate) struct Ring {
 }
 
 impl Ring {
+    /// None: zeros, which take no flash. [`Ring::alone`] comes before anything is done with it.
+    pub(crate) const NONE: Ring = Ring {
+        page: 0,
+        end: 0,
+        edge: 0,
+        head: 0,
+        pending: Group::NOTHING,
+        before_step: 0,
+        step_first: 0,
+        step_last: 0,
+        step_fall: 0,
+        tail_at: 0,
+        unlike: 0,
+    };
+
     /// A ring; [`Ring::clear`] comes before its use.
     pub(crate) const fn new(name: Name) -> Ring {
         let (page, end) = match name {
@@ -565,11 +581,11 @@ impl Ring {
         unsafe { self.tail_register().read_volatile() }
     }
 
-    /// Steps of the groups that were not played yet, forward minus backward: those that make `lines`' STEP active while its DIR is
+    /// Steps of the groups from `tail` on, forward minus backward: those that make `lines`' STEP active while its DIR is
     /// as it says. `levels` are those of STEP and DIR after the pending group, high where active and forward.
     ///
-    /// The interrupt may play more meanwhile: what counts is the moment at which this is called.
-    pub(crate) fn unplayed(&self, levels: u8, step: u8, dir: u8) -> i8 {
+    /// The interrupt may play more meanwhile: what counts is the moment at which `tail` was the tail.
+    pub(crate) fn unplayed(&self, tail: u8, levels: u8, step: u8, dir: u8) -> i8 {
         let Group { rise, fall } = self.pending;
         if self.unlike == 0 {
             // All are steps of the ring's one motor, the pending group too.
@@ -579,11 +595,10 @@ impl Ring {
         // SAFETY: reads the published groups alone, which nobody writes now.
         unsafe {
             let newest = self.group(self.head);
-            let last = self.tail();
             // The pending group's own bytes are END and its fall: they are given by hand.
             steps_unplayed(
                 newest,
-                last,
+                tail,
                 levels,
                 u16::from_le_bytes([step, dir]),
                 u16::from_le_bytes([rise, fall]),

@@ -49,7 +49,7 @@ const FALL_COMPARE: u8 = 48;
 /// What a turn of DIR may be earlier than it must, ticks.
 const EARLY: u16 = 128;
 /// So far ahead things are planned at most, ticks (3 ms).
-pub(super) const AHEAD: u32 = 49_152;
+pub(crate) const AHEAD: u32 = 49_152;
 /// The ring of several motors is filled when it has room for so many groups.
 const ROOM: u8 = 8;
 /// Steps that are expanded at once into a list of the merge; half as many if each is two ticks.
@@ -77,7 +77,7 @@ struct Spacing {
 }
 
 impl Spacing {
-    const NONE: Spacing = Spacing { extra: false, long: false, apart: APART };
+    const NONE: Spacing = Spacing { extra: false, long: false, apart: 0 };
 
     /// Pulses of as many ticks as are asked for, or a little longer where that is what an interrupt makes; beyond that by
     /// two groups. And the times that follow.
@@ -159,7 +159,7 @@ pub(super) struct Track {
 }
 
 impl Track {
-    const NONE: Track = Track { ring: Ring::new(Name::A), at: Moment(0), apart: 0 };
+    const NONE: Track = Track { ring: Ring::NONE, at: Moment(0), apart: 0 };
 
     /// The compare register, and the ring's bit in `TIMSK1` and `TIFR1`.
     #[inline(always)]
@@ -280,7 +280,7 @@ pub(crate) struct Stepper {
 }
 
 impl Stepper {
-    /// No motors.
+    /// No motors; zeros, which take no flash. [`Stepper::begin`] comes before its use.
     pub(crate) const fn new() -> Stepper {
         Stepper {
             tracks: [Track::NONE, Track::NONE],
@@ -291,8 +291,9 @@ impl Stepper {
             playing: false,
             spacing: Spacing::NONE,
             flags: 0,
-            trouble: None,
-            least_ahead: u16::MAX,
+            // `start` forgets it; it is zeros.
+            trouble: Some(Trouble::Late { ticks: 0 }),
+            least_ahead: 0,
         }
     }
 
@@ -303,6 +304,8 @@ impl Stepper {
     pub(crate) unsafe fn begin(&mut self) {
         // SAFETY: the caller's promise.
         self.merge = Some(unsafe { Merge::take() });
+        self.tracks[0].ring.alone();
+        self.reset_measures();
     }
 
     /// How many motors are in use.
@@ -442,6 +445,16 @@ impl Stepper {
         });
     }
 
+    /// From now on motors take their steps from the winch's paths: see [`feed`](crate::winch::feed). It has just been started,
+    /// with a merge.
+    #[inline(always)]
+    pub(crate) fn follow(&mut self) {
+        if let Some(merge) = &mut self.merge {
+            merge.leave_room();
+        }
+        task::set_mode(mode::WINCH);
+    }
+
     /// The immediate stop: plays no group more, and forgets all that was to come. A pulse that was begun still ends.
     ///
     /// Gives, bit by motor, whether it was going faster than `pull_in`.
@@ -454,7 +467,7 @@ impl Stepper {
             regs::free(|| track.ring.halt());
         }
         for (index, slowest) in (0..self.count).zip(pull_in) {
-            let left = self.unplayed(index);
+            let left = self.unplayed(index, self.tail_of(index));
             let Some(motor) = self.motor_mut(index) else { break };
             let going = left != 0 || !motor.is_idle();
             let interval = motor.registers.next_tick().since(Moment(motor.registers.tick));
@@ -541,9 +554,22 @@ impl Stepper {
         self.least_ahead = u16::MAX;
     }
 
-    /// Steps of a motor that were counted but not played yet, forward minus backward.
+    /// Where the ring of a motor is played: low byte of the address of the next group.
+    pub(crate) fn tail_of(&self, motor: u8) -> u8 {
+        self.track(motor).ring.tail()
+    }
+
+    /// Steps that a motor has made, forward minus backward, when its ring was played up to `tail`.
     #[inline(never)]
-    pub(crate) fn unplayed(&self, motor: u8) -> i16 {
+    pub(crate) fn position(&self, motor: u8, tail: u8) -> i32 {
+        let unplayed = self.unplayed(motor, tail);
+        let motor = self.motors().get(usize::from(motor));
+        motor.map_or(0, |motor| motor.planned().wrapping_sub(i32::from(unplayed)))
+    }
+
+    /// Steps of a motor that were counted but not played yet, forward minus backward, when its ring was played up to `tail`.
+    #[inline(never)]
+    fn unplayed(&self, motor: u8, tail: u8) -> i16 {
         let Some(Motor { lines, levels, .. }) = self.motors().get(usize::from(motor)) else { return 0 };
         let Lines { step, dir, .. } = *lines;
         let (mut levels, mut count) = (*levels, 0);
@@ -570,7 +596,7 @@ impl Stepper {
                 levels ^= fall & dir;
             }
         }
-        count + i16::from(self.track(motor).ring.unplayed(levels, step, dir))
+        count + i16::from(self.track(motor).ring.unplayed(tail, levels, step, dir))
     }
 
     /// Fills the ring of motors that share DIR lines, as far as time allows.

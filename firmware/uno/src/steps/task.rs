@@ -27,11 +27,13 @@ pub(crate) const DUE: u8 = 4;
 const SOONEST: u8 = 4;
 
 /// Ticks that rings are filled for when the task comes again, if they can be: what keeps it waiting, loads of records and an
-/// expansion take no longer, with bytes coming in. For one ring, and for two.
+/// expansion take no longer, with bytes coming in. Two rings have no such time to give away.
 const RESERVE: u16 = 24 << 8;
-const RESERVE_BOTH: u16 = 32 << 8;
 /// A ring is full when it has room for fewer groups.
 const NEARLY: u8 = 20;
+
+/// Counts until the next call while the winch drives, at most: a call works out one slice, and takes most of one.
+const SLICES: u8 = 64;
 
 #[repr(transparent)]
 struct Place(UnsafeCell<Stepper>);
@@ -102,7 +104,8 @@ pub(crate) fn start() {
 
 global_asm!(
     r#"
-    .section .text.steps_task, "ax", @progbits
+    // As the ring's interrupts, in reach of the vectors.
+    .text
     .global steps_task_begin, steps_task_due
     // From the vector, which has put r24 onto the stack, after 8 cycles. No flag is touched.
 steps_task_begin:
@@ -134,13 +137,21 @@ steps_task_due:
     andi r25, {STARVED}
     breq 3f
     call steps_watch
-    // Nothing is planned beyond the limit.
-3:  call clock_moment
+    // Nothing is planned beyond the limit. The winch's slices take long, so that the ring is filled first.
+3:  lds r24, steps_mode
+    cpi r24, {WINCH}
+    brne 11f
+    call steps_merge_run
+11: call clock_moment
     ldi r18, {AHEAD} >> 8
     add r23, r18
     adc r24, r1
     adc r25, r1
-    sts steps_times+{LIMIT}, r22
+    lds r18, steps_mode
+    cpi r18, {WINCH}
+    brne 12f
+    call winch_advance
+12: sts steps_times+{LIMIT}, r22
     sts steps_times+{LIMIT}+1, r23
     sts steps_times+{LIMIT}+2, r24
     sts steps_times+{LIMIT}+3, r25
@@ -150,6 +161,8 @@ steps_task_due:
     breq 7f
     cpi r24, {BOTH}
     breq 8f
+    cpi r24, {WINCH}
+    breq 9f
     call steps_fill_shared
     rjmp 9f
 6:  call steps_merge_run
@@ -185,8 +198,17 @@ steps_task_due:
 4:  cpi r26, {SOONEST}
     brsh 4f
     ldi r26, {SOONEST}
-    // Or, where the ring is full, all of it but the reserve.
-4:  lds r30, steps_stepper+{TAIL_AT}
+4:  lds r25, steps_mode
+    cpi r25, {WINCH}
+    brne 3f
+    cpi r26, {SLICES}
+    brlo 4f
+    ldi r26, {SLICES}
+    rjmp 4f
+    // Or, where the only ring is full, all of it but the reserve.
+3:  cpi r25, {BOTH}
+    breq 4f
+    lds r30, steps_stepper+{TAIL_AT}
     ldi r31, 0
     ld r24, Z
     lds r25, steps_stepper+{HEAD}
@@ -194,20 +216,8 @@ steps_task_due:
     dec r24
     cpi r24, 4 * {NEARLY}
     brsh 4f
-    ldi r25, {RESERVE} >> 8
-    lds r24, steps_mode
-    cpi r24, {BOTH}
-    brne 3f
-    lds r30, steps_stepper+{TAIL_AT}+{TRACK_SIZE}
-    ld r24, Z
-    lds r25, steps_stepper+{HEAD}+{TRACK_SIZE}
-    sub r24, r25
-    dec r24
-    cpi r24, 4 * {NEARLY}
-    brsh 4f
-    ldi r25, {RESERVE_BOTH} >> 8
-3:  mov r24, r26
-    sub r24, r25
+    mov r24, r26
+    subi r24, {RESERVE} >> 8
     brcs 4f
     cpi r24, 64
     brlo 3f
@@ -276,6 +286,8 @@ task_ahead:
     LIMIT = const super::times::LIMIT,
     APIECE = const mode::APIECE,
     BOTH = const mode::BOTH,
+    WINCH = const mode::WINCH,
+    SLICES = const SLICES,
     TRACK = const offset_of!(Stepper, tracks),
     TRACK_SIZE = const size_of::<Track>(),
     AT = const offset_of!(Stepper, tracks) + offset_of!(Track, at),
@@ -285,7 +297,6 @@ task_ahead:
     NEARLY = const NEARLY,
     TAIL_AT = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, tail_at),
     HEAD = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, head),
-    RESERVE_BOTH = const RESERVE_BOTH,
     TCNT1 = const super::register::TCNT1,
     SREG = const super::register::SREG,
     TIMSK0 = const super::register::TIMSK0,
@@ -308,6 +319,8 @@ pub(crate) mod mode {
     pub(crate) const BOTH: u8 = 3;
     /// One ring of motors that share DIR lines.
     pub(crate) const SHARED: u8 = 4;
+    /// One ring by the merge, from the winch's paths.
+    pub(crate) const WINCH: u8 = 5;
 }
 
 #[unsafe(export_name = "steps_mode")]
@@ -331,4 +344,11 @@ extern "C" fn steps_watch() {
 extern "C" fn steps_fill_shared() {
     // SAFETY: as above.
     unsafe { &mut *STEPPER.0.get() }.fill_shared();
+}
+
+/// Steps that a motor has made when the first ring was played up to `tail`. For who keeps the task out.
+#[unsafe(no_mangle)]
+extern "C" fn steps_position(motor: u8, tail: u8) -> i32 {
+    // SAFETY: the caller keeps the task out.
+    unsafe { &*STEPPER.0.get() }.position(motor, tail)
 }

@@ -29,8 +29,9 @@ pub(crate) struct Times {
 }
 
 impl Times {
+    /// Before the first configuration. Zeros take no flash.
     const NONE: Times =
-        Times { limit: Moment(0), gap: 1, keep: 0, lead: 0, early: 0, fastest: 0, pulse: 0, most: 0, shared: false };
+        Times { limit: Moment(0), gap: 0, keep: 0, lead: 0, early: 0, fastest: 0, pulse: 0, most: 0, shared: false };
 }
 
 /// At an address that the assembly knows.

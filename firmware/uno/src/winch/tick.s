@@ -11,35 +11,20 @@
 ;
 ; r26 is 0 throughout, r1 again in the end. No interrupt may rely on r1 or the T flag. Stack: 22 bytes and two calls.
 
-.global winch_tick
+.section .text.winch, "ax", @progbits
+.global winch_tick, winch_tick_inside, winch_enter, winch_leave, winch_clear, winch_product, winch_negate
 winch_tick:
-    push r2
-    push r3
-    push r4
-    push r5
-    push r6
-    push r7
-    push r8
-    push r9
-    push r10
-    push r11
-    push r12
-    push r13
-    push r14
-    push r15
-    push r16
-    push r17
-    push r28
-    push r29
+    rcall winch_enter
+    rcall winch_tick_inside
+    rjmp winch_leave
+
+; The same where all registers are free.
+winch_tick_inside:
     push r22
     push r23
     movw r28, r24
     clr r26
-    clr r10
-    clr r11
-    movw r12, r10
-    movw r14, r10
-    movw r16, r10
+    rcall winch_clear
     ldd r18, Y+42
     tst r18
     breq 1f
@@ -97,25 +82,10 @@ winch_tick:
     std Y+48, r5
     std Y+49, r6
     std Y+50, r7
-    ldd r2, Y+8
-    ldd r3, Y+9
-    ldd r4, Y+10
-    ldd r5, Y+11
-    ldd r6, Y+12
-    ldd r7, Y+13
-    add r2, r18
-    adc r3, r19
-    adc r4, r20
-    adc r5, r20
-    adc r6, r20
-    adc r7, r20
-    brvs 5f
-    std Y+8, r2
-    std Y+9, r3
-    std Y+10, r4
-    std Y+11, r5
-    std Y+12, r6
-    std Y+13, r7
+    movw r30, r18
+    mov r27, r20
+    rcall winch_move_gap
+    rcall winch_clear
 5:
 
 ; X, r22-r25: the four bytes of the gap that mean anything; r27: how many bytes its product with k is to be
@@ -222,28 +192,12 @@ winch_tick:
     ldd r21, Y+39
     ldd r22, Y+40
     clr r23
-    sbrs r17, 7
-    rjmp 32f
+    bst r17, 7
+    brtc 32f
     com r23
     com r22
-    com r21
-    com r20
-    com r19
-    neg r18
-    sbci r19, 0xff
-    sbci r20, 0xff
-    sbci r21, 0xff
+    rcall winch_negate
     sbci r22, 0xff
-    cp r10, r18
-    cpc r11, r19
-    cpc r12, r20
-    cpc r13, r21
-    cpc r14, r22
-    cpc r15, r23
-    cpc r16, r23
-    cpc r17, r23
-    brge 34f
-    rjmp 33f
 32:
     cp r10, r18
     cpc r11, r19
@@ -253,7 +207,11 @@ winch_tick:
     cpc r15, r23
     cpc r16, r23
     cpc r17, r23
-    brlt 34f
+    brlt 31f
+    brtc 33f
+    rjmp 34f
+31:
+    brtc 34f
 33:
     movw r10, r18
     movw r12, r20
@@ -310,13 +268,7 @@ winch_tick:
     rjmp 38f
     com r31
     com r30
-    com r25
-    com r24
-    com r23
-    neg r22
-    sbci r23, 0xff
-    sbci r24, 0xff
-    sbci r25, 0xff
+    rcall winch_negate_x
     sbci r30, 0xff
     sbci r31, 0xff
 38:
@@ -348,13 +300,7 @@ winch_tick:
     brtc 42f
     com r31
     com r30
-    com r25
-    com r24
-    com r23
-    neg r22
-    sbci r23, 0xff
-    sbci r24, 0xff
-    sbci r25, 0xff
+    rcall winch_negate_x
     sbci r30, 0xff
     sbci r31, 0xff
 42:
@@ -392,44 +338,14 @@ winch_tick:
     mov r27, r31
     lsl r27
     sbc r27, r27
-    ldd r10, Y+8
-    ldd r11, Y+9
-    ldd r12, Y+10
-    ldd r13, Y+11
-    ldd r14, Y+12
-    ldd r15, Y+13
-    add r10, r30
-    adc r11, r31
-    adc r12, r27
-    adc r13, r27
-    adc r14, r27
-    adc r15, r27
-    brvs 45f
-    std Y+8, r10
-    std Y+9, r11
-    std Y+10, r12
-    std Y+11, r13
-    std Y+12, r14
-    std Y+13, r15
+    rcall winch_move_gap
 45:
 
 ; Mirrored, a backward slice is a forward one. T: backward.
     bst r7, 7
     brtc 46f
-    com r25
-    com r24
-    com r23
-    neg r22
-    sbci r23, 0xff
-    sbci r24, 0xff
-    sbci r25, 0xff
-    com r21
-    com r20
-    com r19
-    neg r18
-    sbci r19, 0xff
-    sbci r20, 0xff
-    sbci r21, 0xff
+    rcall winch_negate_x
+    rcall winch_negate
     com r7
     com r6
     com r5
@@ -462,13 +378,7 @@ winch_tick:
     sbci r24, 0x03
     sbci r25, 0x02
     brtc 49f
-    com r25
-    com r24
-    com r23
-    neg r22
-    sbci r23, 0xff
-    sbci r24, 0xff
-    sbci r25, 0xff
+    rcall winch_negate_x
 49:
     std Y+4, r22
     std Y+5, r23
@@ -535,7 +445,7 @@ winch_tick:
 54:
     brpl 55b
 
-; r22:r23 = 2^31 / r6:r7, bit by bit; the bits come in inverted.
+; r22:r23 = 2^31 / r6:r7, bit by bit; the bits come in inverted, and the one that goes out last is 0.
     ldi r24, 0
     ldi r25, 0x80
     cp r6, r24
@@ -545,7 +455,22 @@ winch_tick:
     ldi r23, 0xff
     rjmp 58f
 56:
-    ldi r27, 16
+    ldi r23, 0xfe
+61:
+    lsl r24
+    rol r25
+    brcs 1f
+    cp r24, r6
+    cpc r25, r7
+    brcs 2f
+1:
+    sub r24, r6
+    sbc r25, r7
+    clc
+2:
+    rol r23
+    brcs 61b
+    ldi r22, 0xfe
 57:
     lsl r24
     rol r25
@@ -559,9 +484,7 @@ winch_tick:
     clc
 2:
     rol r22
-    rol r23
-    dec r27
-    brne 57b
+    brcs 57b
     com r22
     com r23
 58:
@@ -587,6 +510,11 @@ winch_tick:
     std Z+8, r12
     std Z+9, r13
 59:
+    clr r1
+    ret
+
+; Fetches what winch_enter has put onto the stack, and returns.
+winch_leave:
     clr r1
     pop r29
     pop r28
@@ -614,11 +542,56 @@ winch_tick:
     mov r9, r27
     rjmp 30b
 
-; r10-r17 += X m / 256^n, towards 0, by sign and magnitude; m at Z, n in r27. All but the changing registers are
-; lost.
-winch_term:
-    bst r25, 7
-    brtc 1f
+; Puts the caller's registers onto the stack, for winch_leave to fetch.
+winch_enter:
+    pop r31
+    pop r30
+    push r2
+    push r3
+    push r4
+    push r5
+    push r6
+    push r7
+    push r8
+    push r9
+    push r10
+    push r11
+    push r12
+    push r13
+    push r14
+    push r15
+    push r16
+    push r17
+    push r28
+    push r29
+    ijmp
+
+; The gap += r30:31 with the sign r27, unless it would leave 48 bits. Uses r10-r15.
+winch_move_gap:
+    ldd r10, Y+8
+    ldd r11, Y+9
+    ldd r12, Y+10
+    ldd r13, Y+11
+    ldd r14, Y+12
+    ldd r15, Y+13
+    add r10, r30
+    adc r11, r31
+    adc r12, r27
+    adc r13, r27
+    adc r14, r27
+    adc r15, r27
+    brvs 1f
+    std Y+8, r10
+    std Y+9, r11
+    std Y+10, r12
+    std Y+11, r13
+    std Y+12, r14
+    std Y+13, r15
+1:
+    ret
+
+; X, and r18-r21, with the other sign.
+winch_negate_x:
     com r25
     com r24
     com r23
@@ -626,11 +599,39 @@ winch_term:
     sbci r23, 0xff
     sbci r24, 0xff
     sbci r25, 0xff
-1:
+    ret
+winch_negate:
+    com r21
+    com r20
+    com r19
+    neg r18
+    sbci r19, 0xff
+    sbci r20, 0xff
+    sbci r21, 0xff
+    ret
+
+winch_clear:
+    clr r10
+    clr r11
+    movw r12, r10
+    movw r14, r10
+    movw r16, r10
+    ret
+
+; r10-r17 += X m / 256^n, towards 0, by sign and magnitude; m at Z, n in r27. All but the changing registers are
+; lost.
+winch_term:
     ld r18, Z+
     ld r19, Z+
     ld r20, Z+
     ld r21, Z+
+
+; The same with m in r18-r21; Z stays.
+winch_product:
+    bst r25, 7
+    brtc 1f
+    rcall winch_negate_x
+1:
     mul r22, r18
     movw r2, r0
     mul r23, r19

@@ -1,0 +1,349 @@
+//! A board that speaks StepperWinch's text, without firmware: core's reader, paths and spacing in virtual time.
+//!
+//! What the text means and which steps it makes is core's, the same code as on a chip; here are only a clock, a line and
+//! pins. docs/winch.md says what such a board does.
+
+use crate::bridge::{self, CYCLES_PER_S, bit_cycles};
+use crate::{Edge, Port, PortError, VirtualBoard};
+use pulsetrain_core::winch::AXES;
+use pulsetrain_core::winch::letters::InMemory;
+use pulsetrain_core::winch::path::Path;
+use pulsetrain_core::winch::reply::{LONGEST, Reply};
+use pulsetrain_core::winch::spacing::TICKS;
+use pulsetrain_core::winch::text::{Heard, Reader, Verb};
+use pulsetrain_core::wire::Baud;
+use std::cmp::Reverse;
+use std::collections::{BinaryHeap, VecDeque};
+use std::time::Duration;
+
+/// STEP of x, y, z and a: the CNC shield's pins.
+pub const STEP_PINS: [u8; 4] = [2, 3, 4, 12];
+/// DIR of the same; high is forward.
+pub const DIR_PINS: [u8; 4] = [5, 6, 7, 13];
+/// The drivers' common enable input; low is on.
+pub const ENABLE_PIN: u8 = 8;
+
+/// How long STEP stays high, ticks: 2 µs.
+const PULSE: u64 = 32;
+/// So long before a step DIR has its level, ticks: 5 µs.
+const SETUP: u64 = 80;
+/// The interval of status lines at first, ms.
+const FIRST_REPORT_MS: u64 = 200;
+/// Replies that wait for the line; one that does not fit is lost, whole.
+const UNSENT: usize = 256;
+
+// Steps of one axis are 100 µs apart at least, and a turn takes 124 µs: a pulse ends before the next DIR changes.
+const _: () = assert!(PULSE + SETUP < 1600 && SETUP < TICKS as u64);
+
+/// A StepperWinch board in virtual time. One tick is 62.5 ns, as on the Uno.
+///
+/// The slice of a path that is worked out in one millisecond is played in the next.
+///
+/// ```
+/// use pulsetrain_board::native_winch::NativeWinch;
+/// use pulsetrain_board::Port;
+/// use std::time::Duration;
+/// let (mut winch, mut heard) = (NativeWinch::new(), Vec::new());
+/// winch.send(b"ping\n").unwrap();
+/// while winch.now() < Duration::from_millis(10) {
+///     winch.receive(Duration::from_millis(10), &mut heard).unwrap();
+/// }
+/// assert_eq!(heard, b"awake\r\nawake\r\n");
+/// ```
+#[derive(Clone, Debug)]
+pub struct NativeWinch {
+    /// Ticks since it was made; the board's own clock began at `zero`.
+    now: u64,
+    zero: u64,
+    /// The next millisecond of the board's clock that has not begun.
+    next_ms: u64,
+    reader: Reader,
+    paths: [Path; 4],
+    forward: [bool; 4],
+    positions: [i32; 4],
+    is_enabled: bool,
+    /// The drivers are to be off as soon as nothing moves.
+    releasing: bool,
+    report_ms: u64,
+    reported_ms: u64,
+    /// The longest silence, ms; 0: any.
+    deadman_ms: u64,
+    heard_ms: u64,
+    /// Edges to come, the earliest first.
+    planned: BinaryHeap<Reverse<(u64, u8, bool)>>,
+    edges: Vec<Edge>,
+    line: Line,
+}
+
+/// The serial line; ticks are those of [`NativeWinch::now`].
+#[derive(Clone, Debug)]
+struct Line {
+    baud: Baud,
+    /// Bytes on their way to the board, and when each is there.
+    coming: VecDeque<(u64, u8)>,
+    /// The same to the host.
+    going: VecDeque<(u64, u8)>,
+    busy_to_board: u64,
+    busy_to_host: u64,
+}
+
+impl Default for NativeWinch {
+    fn default() -> NativeWinch {
+        NativeWinch::new()
+    }
+}
+
+impl NativeWinch {
+    /// One that has just been plugged in: it says `awake`, and its drivers are off.
+    #[must_use]
+    pub fn new() -> NativeWinch {
+        let line = Line {
+            baud: Baud::B115200,
+            coming: VecDeque::new(),
+            going: VecDeque::new(),
+            busy_to_board: 0,
+            busy_to_host: 0,
+        };
+        let mut winch = NativeWinch {
+            now: 0,
+            zero: 0,
+            next_ms: 0,
+            reader: Reader::new(),
+            paths: [const { Path::new() }; 4],
+            forward: [false; 4],
+            positions: [0; 4],
+            is_enabled: false,
+            releasing: false,
+            report_ms: FIRST_REPORT_MS,
+            reported_ms: 0,
+            deadman_ms: 0,
+            heard_ms: 0,
+            planned: BinaryHeap::new(),
+            edges: Vec::new(),
+            line,
+        };
+        winch.start();
+        winch
+    }
+
+    fn start(&mut self) {
+        self.edges.push(Edge { tick: 0, line: ENABLE_PIN, level: true });
+        self.say(&Reply::Awake);
+    }
+
+    /// Steps begun, of x, y, z and a.
+    #[must_use]
+    pub const fn positions(&self) -> [i32; 4] {
+        self.positions
+    }
+
+    /// Whether the drivers are on.
+    #[must_use]
+    pub const fn is_enabled(&self) -> bool {
+        self.is_enabled
+    }
+
+    /// Whether no axis moves, or is to.
+    #[must_use]
+    pub fn is_at_rest(&self) -> bool {
+        self.paths.iter().all(Path::is_at_rest)
+    }
+
+    /// The board's clock, ticks.
+    const fn clock(&self) -> u64 {
+        self.now - self.zero
+    }
+
+    fn run(&mut self, until: u64) {
+        while self.now < until {
+            let ms = self.zero + self.next_ms * u64::from(TICKS);
+            let byte = self.line.coming.front().map_or(u64::MAX, |byte| byte.0);
+            let next = until.min(ms).min(byte);
+            self.play(next);
+            self.now = next;
+            // A line that ends as a millisecond begins still acts on it.
+            if byte == next
+                && let Some((_, byte)) = self.line.coming.pop_front()
+            {
+                let noise = self.line.baud != Baud::B115200;
+                self.hear(if noise { bridge::garbled(byte) } else { byte });
+            } else if ms == next {
+                self.millisecond();
+            }
+        }
+    }
+
+    /// Makes the edges up to `until`.
+    fn play(&mut self, until: u64) {
+        while let Some(Reverse((at, line, level))) = self.planned.peek().copied()
+            && at <= until
+        {
+            self.planned.pop();
+            if level && let Some(axis) = STEP_PINS.iter().position(|pin| *pin == line) {
+                let step = if self.forward[axis] { 1 } else { -1 };
+                self.positions[axis] = self.positions[axis].wrapping_add(step);
+            } else if let Some(axis) = DIR_PINS.iter().position(|pin| *pin == line) {
+                if self.forward[axis] == level {
+                    continue;
+                }
+                self.forward[axis] = level;
+            }
+            self.edges.push(Edge { tick: at - self.zero, line, level });
+        }
+    }
+
+    /// Works out the millisecond after this one.
+    fn millisecond(&mut self) {
+        let ms = self.next_ms;
+        self.next_ms += 1;
+        if self.deadman_ms > 0 && ms == self.heard_ms + self.deadman_ms {
+            self.paths.iter_mut().for_each(Path::stop);
+        }
+        let plays_at = self.zero + self.next_ms * u64::from(TICKS);
+        // While the drivers are off paths stand still.
+        let driven = if self.is_enabled { &mut self.paths[..] } else { &mut [] };
+        for (axis, path) in driven.iter_mut().enumerate() {
+            let Some(train) = path.tick().train() else { continue };
+            let first = plays_at + u64::from(train.first >> 16);
+            self.planned.push(Reverse((first - SETUP, DIR_PINS[axis], !train.backward)));
+            for step in 0..u32::from(train.count) {
+                let at = plays_at + u64::from((train.first + step * train.interval) >> 16);
+                self.planned.push(Reverse((at, STEP_PINS[axis], true)));
+                self.planned.push(Reverse((at + PULSE, STEP_PINS[axis], false)));
+            }
+        }
+        // Less than 1 step/s is what is left of a stop.
+        let is_slow = |path: &Path| path.speed().unsigned_abs() < 1 << 16;
+        if self.releasing && self.paths.iter().all(is_slow) && self.planned.is_empty() {
+            self.enable(false);
+        }
+        if ms >= self.reported_ms + self.report_ms && self.line.unsent(self.now) == 0 {
+            self.reported_ms = ms;
+            let usec = self.clock() / (CYCLES_PER_S / 1_000_000);
+            self.say(&Reply::Status { usec: (usec as u32).cast_signed(), positions: self.positions });
+        }
+    }
+
+    fn enable(&mut self, on: bool) {
+        self.releasing = false;
+        if on != self.is_enabled {
+            self.is_enabled = on;
+            self.edges.push(Edge { tick: self.clock(), line: ENABLE_PIN, level: !on });
+        }
+    }
+
+    fn hear(&mut self, byte: u8) {
+        let verb = match self.reader.push::<InMemory>(byte) {
+            Heard::Nothing => return,
+            Heard::Refused(refusal) => return self.say(&Reply::Refused(refusal)),
+            Heard::Command(verb) => verb,
+        };
+        self.heard_ms = self.next_ms;
+        self.reader.obey(&mut self.paths);
+        let value = self.reader.value();
+        match verb {
+            Verb::Target | Verb::Move | Verb::Drift => self.enable(true),
+            Verb::Enable if value != 0 => self.enable(true),
+            Verb::Enable => self.releasing = self.is_enabled,
+            Verb::Report => self.report_ms = u64::from(value.unsigned_abs()),
+            Verb::Deadman => self.deadman_ms = u64::from(value.unsigned_abs()),
+            Verb::Strict => self.reader.set_strict(value != 0),
+            Verb::Version => self.say(&Reply::Id),
+            Verb::Ping => self.say(&Reply::Awake),
+            Verb::Impulse | Verb::Ramp => self.releasing = false,
+            Verb::Gains | Verb::Limits | Verb::Unknown => {}
+        }
+    }
+
+    fn say(&mut self, reply: &Reply) {
+        let mut text = [0; LONGEST];
+        let len = usize::from(reply.write::<InMemory>(&mut text));
+        if self.line.unsent(self.now) + len <= UNSENT {
+            self.line.say(self.now, &text[..len]);
+        }
+    }
+}
+
+impl Line {
+    fn byte_ticks(&self) -> u64 {
+        10 * bit_cycles(self.baud)
+    }
+
+    /// Bytes that the board has said and that are not on the line yet.
+    fn unsent(&self, now: u64) -> usize {
+        let left = self.busy_to_host.saturating_sub(now).div_ceil(self.byte_ticks());
+        usize::try_from(left).unwrap_or(usize::MAX)
+    }
+
+    fn say(&mut self, now: u64, text: &[u8]) {
+        let at_wrong_rate = self.baud != Baud::B115200;
+        for byte in text {
+            self.busy_to_host = self.busy_to_host.max(now) + self.byte_ticks();
+            let byte = if at_wrong_rate { bridge::garbled(*byte) } else { *byte };
+            self.going.push_back((self.busy_to_host, byte));
+        }
+    }
+}
+
+impl VirtualBoard for NativeWinch {
+    fn reset(&mut self) {
+        let NativeWinch { now, line: Line { baud, .. }, .. } = *self;
+        *self = NativeWinch::new();
+        (self.now, self.zero, self.line.baud) = (now, now, baud);
+        (self.line.busy_to_board, self.line.busy_to_host) = (now, now);
+        self.line.going.clear();
+        self.edges.clear();
+        self.start();
+    }
+
+    fn zero(&self) -> Option<u64> {
+        Some(self.zero)
+    }
+
+    fn baud(&self) -> Baud {
+        self.line.baud
+    }
+}
+
+impl Port for NativeWinch {
+    fn now(&self) -> Duration {
+        bridge::duration(self.now)
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        let frame = bridge::next_frame(self.now);
+        for byte in bytes {
+            self.line.busy_to_board = self.line.busy_to_board.max(frame) + self.line.byte_ticks();
+            self.line.coming.push_back((self.line.busy_to_board, *byte));
+        }
+        Ok(())
+    }
+
+    fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
+        let until = bridge::cycles(until);
+        let had = into.len();
+        while into.len() == had && self.now < until {
+            // Bytes reach the host with the next frame of USB.
+            let frame = bridge::next_frame(self.now);
+            self.run(frame.min(until));
+            while self.now == frame
+                && let Some((_, byte)) = self.line.going.pop_front_if(|(at, _)| *at <= frame)
+            {
+                into.push(byte);
+            }
+        }
+        Ok(())
+    }
+
+    /// Text is spoken at 115 200 baud; at another rate both ends hear noise.
+    fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
+        self.line.baud = baud;
+        Ok(())
+    }
+
+    fn edges(&mut self, into: &mut Vec<Edge>) {
+        into.append(&mut self.edges);
+    }
+}
+
+const _: () = assert!(AXES.len() == STEP_PINS.len());

@@ -1,0 +1,218 @@
+//! The winch's figures on the virtual Uno, in cycles of the emulated chip: what `cargo xtask bench winch` collects.
+//!
+//! A table, fields between tabs: what, at what, the figure; a last field says `FAILS` where it is not what was asked for.
+
+use std::time::Duration;
+
+use pulsetrain_board::virtual_uno::{CYCLES_PER_S, VirtualUno};
+use pulsetrain_board::{Edge, Port};
+use pulsetrain_trace::winch::{Command, Options, Told, judge};
+
+/// STEP and DIR of x, y, z and a.
+const STEP: [u8; 4] = [2, 3, 4, 12];
+const DIR: [u8; 4] = [5, 6, 7, 13];
+const TICKS_PER_US: f64 = CYCLES_PER_S as f64 / 1e6;
+const USB_FRAME: u64 = CYCLES_PER_S / 1000;
+/// A byte of the bridge at 115 200 baud: 10 bits of 136 cycles.
+const BYTE: u64 = 1360;
+
+/// As stiff and quick as it may be: speeds are reached soon.
+const QUICK: [&str; 2] = ["g xyza 5 1", "l xyza 10000 250000"];
+
+const AGAINST_PATH: &str = "steps against the path";
+
+fn main() {
+    let uno = Uno::new();
+    for speed in [0, 4000, 10_000] {
+        let mut uno = uno.clone();
+        uno.drift(&format!("{speed} {speed} {speed} {speed}"));
+        let load = uno.load(0.5);
+        row("load, 4 axes", &format!("{speed} steps/s each"), &format!("{:.1} %", 100.0 * load), true);
+    }
+    for speed in [100, 1234, 4000, 10_000] {
+        spacing(&uno, &format!("{speed} steps/s, 4 axes"), [speed; 4]);
+    }
+    spacing(&uno, "10000, 9990, −9970 and 9930 steps/s", [10_000, 9990, -9970, 9930]);
+    effect(&uno, 0);
+    effect(&uno, 10_000);
+    commands(&uno);
+}
+
+fn row(what: &str, at: &str, figure: &str, holds: bool) {
+    println!("{what}\t{at}\t{figure}\t{}", if holds { "" } else { "FAILS" });
+}
+
+#[derive(Clone)]
+struct Uno {
+    port: VirtualUno,
+    edges: Vec<Edge>,
+    text: Vec<u8>,
+}
+
+impl Uno {
+    /// One that has said `awake`, and been told a first line.
+    fn new() -> Uno {
+        let mut uno = Uno { port: VirtualUno::new(), edges: Vec::new(), text: Vec::new() };
+        uno.run(0.2);
+        for line in QUICK {
+            uno.tell(line);
+        }
+        uno.run(0.1);
+        assert!(uno.text.starts_with(b"awake"), "it does not speak text");
+        uno
+    }
+
+    fn now(&self) -> u64 {
+        self.port.chip().cycle() - self.port.zero().unwrap_or(0)
+    }
+
+    fn run(&mut self, seconds: f64) {
+        let until = self.port.now() + Duration::from_secs_f64(seconds);
+        while self.port.now() < until {
+            self.port.receive(until, &mut self.text).expect("it is virtual");
+            self.port.edges(&mut self.edges);
+        }
+    }
+
+    /// Sends a line; gives the tick at which its last byte is there, if the line was free.
+    fn tell(&mut self, line: &str) -> u64 {
+        let cycle = self.port.chip().cycle();
+        let there = (cycle / USB_FRAME + 1) * USB_FRAME + (line.len() as u64 + 1) * BYTE;
+        self.port.send(format!("{line}\n").as_bytes()).expect("it is virtual");
+        there - self.port.zero().unwrap_or(0)
+    }
+
+    /// All axes at these speeds, for good.
+    fn drift(&mut self, speeds: &str) {
+        self.tell(&format!("v xyza {speeds}"));
+        self.run(3.0);
+        self.edges.clear();
+    }
+
+    /// The share of the time that interrupts take, the paths among them; the chip goes on as if nobody had looked.
+    fn load(&self, seconds: f64) -> f64 {
+        /// Words of the table of vectors, but for the reset's.
+        const VECTORS: std::ops::Range<u16> = 2..52;
+        let mut chip = self.port.chip().clone();
+        let begin = chip.cycle();
+        let end = begin + (seconds * CYCLES_PER_S as f64) as u64;
+        // Where the stack was as the outermost interrupt came: it is over when the stack is there again.
+        let (mut came_at, mut inside) = (None, 0);
+        while chip.cycle() < end {
+            let (before, stack) = (chip.cycle(), chip.sp());
+            chip.step(&mut ());
+            if came_at.is_none() && VECTORS.contains(&chip.pc()) && chip.sp() < stack {
+                came_at = Some(stack);
+            }
+            if let Some(outside) = came_at {
+                inside += chip.cycle() - before;
+                came_at = Some(outside).filter(|outside| chip.sp() < *outside);
+            }
+        }
+        inside as f64 / (chip.cycle() - begin) as f64
+    }
+
+    fn rises(&self, axis: usize) -> Vec<f64> {
+        let rises = self.edges.iter().filter(|edge| edge.level && edge.line == STEP[axis]);
+        rises.map(|edge| edge.tick as f64).collect()
+    }
+
+    /// Steps forward minus steps backward since the edges were forgotten.
+    fn counted(&self, axis: usize) -> i64 {
+        let (mut forward, mut count) = (true, 0);
+        for edge in &self.edges {
+            if edge.line == DIR[axis] {
+                forward = edge.level;
+            } else if edge.line == STEP[axis] && edge.level {
+                count += if forward { 1 } else { -1 };
+            }
+        }
+        count
+    }
+}
+
+/// How far steps of constant speed are from where the path wants them, and their intervals from each other.
+fn spacing(uno: &Uno, at: &str, speeds: [i32; 4]) {
+    let mut uno = uno.clone();
+    // Whoever is behind its drift goes at its limit: no axis catches up with another.
+    for (axis, speed) in ["x", "y", "z", "a"].into_iter().zip(speeds) {
+        uno.tell(&format!("l {axis} {} 250000", speed.abs()));
+    }
+    uno.drift(&speeds.map(|speed| speed.to_string()).join(" "));
+    let seconds = if speeds[0] < 1000 { 10.0 } else { 2.0 };
+    uno.run(seconds);
+    let (mut errors, mut intervals) = (Vec::new(), Vec::new());
+    for (axis, speed) in speeds.into_iter().enumerate() {
+        let interval = CYCLES_PER_S as f64 / f64::from(speed.abs());
+        let rises = uno.rises(axis);
+        let wanted = seconds * f64::from(speed.abs());
+        if (rises.len() as f64) < wanted - 2.0 {
+            return row(AGAINST_PATH, at, &format!("{} steps of {wanted}", rises.len()), false);
+        }
+        let off: Vec<f64> = (0..).zip(&rises).map(|(n, tick)| tick - rises[0] - f64::from(n) * interval).collect();
+        // Where the path is to a constant, which is the board's.
+        let mean = off.iter().sum::<f64>() / off.len() as f64;
+        errors.extend(off.iter().map(|off| (off - mean) / TICKS_PER_US));
+        intervals.extend(rises.windows(2).map(|pair| (pair[1] - pair[0] - interval) / TICKS_PER_US));
+    }
+    let most = |values: &[f64]| values.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
+    let rms = (errors.iter().map(|error| error * error).sum::<f64>() / errors.len() as f64).sqrt();
+    let mut sizes: Vec<f64> = errors.iter().map(|error| error.abs()).collect();
+    sizes.sort_by(f64::total_cmp);
+    let p99 = sizes[sizes.len() * 99 / 100];
+    let holds = p99 <= 4.0;
+    let figure = format!("max {:.2} µs, 99 % {p99:.2} µs, rms {rms:.2} µs", most(&errors));
+    row(AGAINST_PATH, at, &figure, holds);
+    row("intervals against the exact one", at, &format!("max ±{:.2} µs", most(&intervals)), most(&intervals) <= 8.0);
+}
+
+/// From a line's last byte to the slice of the path that obeys it, while the other axes go at `speed`.
+fn effect(uno: &Uno, speed: u32) {
+    const LINES: usize = 60;
+    let mut uno = uno.clone();
+    let mut told = Vec::new();
+    let mut tell = |uno: &mut Uno, line: &str| {
+        let tick = uno.tell(line);
+        told.push(Told { tick, until: tick, command: Command::parse(line).expect("a line") });
+    };
+    for line in QUICK {
+        tell(&mut uno, line);
+    }
+    uno.run(0.1);
+    tell(&mut uno, &format!("v yza {speed} {speed} {speed}"));
+    uno.run(1.0);
+    for n in 0..LINES {
+        let sign = if n % 2 == 0 { "" } else { "-" };
+        // Spaces change when it ends, and nothing else.
+        tell(&mut uno, &format!("v x {sign}5000{}", " ".repeat(n % 13)));
+        uno.run(0.0371);
+    }
+    uno.run(0.05);
+    let convert = |edge: &Edge| pulsetrain_trace::Edge { tick: edge.tick, line: edge.line, level: edge.level };
+    let edges: Vec<_> = uno.edges.iter().map(convert).collect();
+    let options = Options { constant_ticks: 17.0, late_ticks: 60.0, ..Options::default() };
+    let verdict = judge(&told, &edges, &[], uno.now(), &options, &mut ()).expect("edges in order");
+    let (least, most) = verdict.effect_ms.unwrap_or((f64::NAN, f64::NAN));
+    let at = format!("the other axes at {speed} steps/s, {LINES} lines");
+    row("from a line's last byte to its effect", &at, &format!("{least:.2} to {most:.2} ms"), verdict.ok);
+}
+
+/// Lines back to back at the line's full rate, with the other axes at full speed.
+fn commands(uno: &Uno) {
+    const LINES: usize = 3000;
+    let mut uno = uno.clone();
+    uno.tell("srate 1000");
+    uno.tell("v yza 10000 10000 10000");
+    uno.run(1.0);
+    uno.text.clear();
+    uno.edges.clear();
+    let line = "d x 10";
+    uno.port.send(format!("{line}\n").repeat(LINES).as_bytes()).expect("it is virtual");
+    let seconds = ((line.len() + 1) * LINES) as f64 * BYTE as f64 / CYCLES_PER_S as f64;
+    uno.run(seconds + 6.0);
+    let obeyed = uno.counted(0) as f64 / 10.0;
+    let refused = uno.text.windows(3).filter(|word| word == b"err").count();
+    let at = format!("`{line}`, {LINES} back to back, the other axes at 10000 steps/s");
+    row("commands obeyed", &at, &format!("{obeyed} ({refused} refused)"), obeyed == LINES as f64);
+    row("commands a second at 115 200 baud", &at, &format!("{:.0}", obeyed / seconds), true);
+}

@@ -1,0 +1,185 @@
+//! `pulsetrain winch`: StepperWinch's text, from a script or by hand.
+
+use std::io::{BufRead, IsTerminal, stdin, stdout};
+use std::path::Path;
+use std::sync::mpsc::{Receiver, channel};
+use std::thread;
+
+use miette::{Report, miette};
+use pulsetrain_board::native_winch::NativeWinch;
+use pulsetrain_board::virtual_uno::{CYCLES_PER_S, VirtualUno};
+use pulsetrain_board::{Port, Serial, VirtualBoard};
+use pulsetrain_motion::boards;
+use pulsetrain_motion::pins::PinKind;
+use pulsetrain_trace::winch::{AXES, Options, Status};
+use pulsetrain_trace::{Line, Trace, steps, vcd_file};
+
+use super::{port_problem, run::draw};
+use crate::cli::Winch;
+use crate::console::{self, Console, Exit, access};
+use crate::winch::console::{ConsoleError, Plain, converse};
+use crate::winch::run::{Judged, Names, Run, Wish, by_word, judge, on_port, on_virtual};
+use crate::winch::script::{self, Script};
+use crate::winch::talk::Talk;
+use crate::winch::terminal::Terminal;
+use crate::{human, interrupt, serve};
+
+pub(crate) fn run(args: &Winch, console: &mut Console<'_>) -> miette::Result<Exit> {
+    // Ctrl-C is to stop the axes first.
+    interrupt::watch();
+    let Some(path) = &args.script else { return by_hand(args, console) };
+    // All is read, and refused if need be, before anything moves.
+    let script = script::load(path, args.length)?;
+    let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
+    let (run, judged) = match &args.at.port {
+        Some(port) => {
+            let mut talk = Talk::new(Serial::open(port, true).map_err(port_problem)?);
+            let board = ask(&mut talk, port)?;
+            let run = on_port(&mut talk, &script, watcher(&script, console)).map_err(port_problem)?;
+            let runner = format!("board at {port}");
+            let judged = by_word(&run, Names { script: &name, runner: &runner, board: &board });
+            (run, judged)
+        }
+        None if args.at.native => {
+            virtually(NativeWinch::new(), "native winch", &name, &script, Options::default(), console)?
+        }
+        None => virtually(VirtualUno::new(), "virtual Uno", &name, &script, of_uno(), console)?,
+    };
+    let folder =
+        args.out.clone().unwrap_or_else(|| Path::new("out").join(path.file_stem().unwrap_or(path.as_os_str())));
+    let Judged { report, picture } = judged;
+    console::write(&folder.join("report.json"), format!("{}\n", console::json(&report)?).as_bytes())?;
+    draw(&picture, &folder.join("plot.svg"))?;
+    let files = write_files(&run, &folder, report.verdict.is_some())?;
+    if args.json {
+        console.print_json(&report)?;
+    } else {
+        console.print(&report)?;
+        console.print(format_args!("{}: report.json, plot.svg, {files}\n", folder.display()))?;
+    }
+    Ok(if report.is_ok() { Exit::Success } else { Exit::BoundBroken })
+}
+
+fn virtually<B: VirtualBoard>(
+    board: B,
+    runner: &str,
+    name: &str,
+    script: &Script,
+    options: Options,
+    console: &Console<'_>,
+) -> miette::Result<(Run, Judged)> {
+    let mut talk = Talk::new(board);
+    let board = ask(&mut talk, runner)?;
+    let run = on_virtual(&mut talk, script, watcher(script, console)).map_err(port_problem)?;
+    let judged = judge(&run, Names { script: name, runner, board: &board }, &options)
+        .map_err(|error| miette!("{runner}: {error}"))?;
+    Ok((run, judged))
+}
+
+/// When an Uno makes its edges.
+fn of_uno() -> Options {
+    let late = boards::find("uno").map_or(0, |row| row.lateness_ticks);
+    Options { constant_ticks: PinKind::Shield.constant_ticks().into(), late_ticks: late.into(), ..Options::default() }
+}
+
+/// What the board calls itself.
+fn ask<P: Port>(talk: &mut Talk<P>, place: &str) -> miette::Result<String> {
+    talk.ask().map_err(port_problem)?.ok_or_else(|| {
+        let help = "is it StepperWinch, or Pulsetrain's firmware, and no program that sends frames has it?";
+        miette!(help = help, "the {place} does not speak StepperWinch's text: it does not answer `version`")
+    })
+}
+
+fn watcher(script: &Script, console: &Console<'_>) -> impl FnMut(f64) -> Wish {
+    let bar = console.progress(script.end_s, &human::seconds_to(script.end_s, 6));
+    bar.stage("running");
+    move |seconds| {
+        bar.set(seconds);
+        if interrupt::wanted() { Wish::Stop } else { Wish::GoOn }
+    }
+}
+
+/// What was seen, but for report and picture; says which files.
+fn write_files(run: &Run, folder: &Path, has_edges: bool) -> miette::Result<&'static str> {
+    let begin_us = run.begin as f64 / CYCLES_PER_S as f64 * 1e6;
+    let mut table = String::from("time_s,x,y,z,a\n");
+    for Status { usec, positions: [x, y, z, a] } in &run.statuses {
+        table.push_str(&format!("{:.6},{x},{y},{z},{a}\n", (*usec as f64 - begin_us) * 1e-6));
+    }
+    console::write(&folder.join("statuses.csv"), table.as_bytes())?;
+    if !has_edges {
+        return Ok("statuses.csv");
+    }
+    let broken = |error| access("write", folder, error);
+    // Ticks of both files are the board's.
+    let Options { step, dir, .. } = Options::default();
+    let mut lines: Vec<Line> = (0..20).map(|pin| Line::named(format!("pin{pin}"))).collect();
+    for (axis, (step, dir)) in AXES.iter().zip(step.into_iter().zip(dir)) {
+        lines[usize::from(step)].names.insert(0, format!("{axis}.step"));
+        lines[usize::from(dir)].names.insert(0, format!("{axis}.dir"));
+    }
+    let trace = Trace { tick_hz: CYCLES_PER_S, lines, edges: run.edges.clone() };
+    vcd_file::write(&trace, console::create(&folder.join("trace.vcd"))?).map_err(broken)?;
+    let names = AXES.map(String::from);
+    let mut rows =
+        steps::Writer::new(console::create(&folder.join("steps.csv"))?, CYCLES_PER_S, &names).map_err(broken)?;
+    let mut forward = [false; 4];
+    for edge in &run.edges {
+        if let Some(axis) = dir.iter().position(|line| *line == edge.line) {
+            forward[axis] = edge.level;
+        } else if let Some(axis) = step.iter().position(|line| *line == edge.line && edge.level) {
+            rows.push(steps::Step { motor: axis as u8, tick: edge.tick, forward: forward[axis] }).map_err(broken)?;
+        }
+    }
+    rows.finish().map_err(broken)?;
+    Ok("statuses.csv, steps.csv, trace.vcd")
+}
+
+/// A console.
+fn by_hand(args: &Winch, console: &mut Console<'_>) -> miette::Result<Exit> {
+    match &args.at.port {
+        Some(port) => hold(Serial::open(port, true).map_err(port_problem)?, port, console),
+        None if args.at.native => hold(serve::Paced::new(NativeWinch::new()), "native winch", console),
+        None => hold(serve::Paced::new(VirtualUno::new()), "virtual Uno", console),
+    }
+}
+
+fn hold<P: Port>(port: P, place: &str, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let mut talk = Talk::new(port);
+    let board = ask(&mut talk, place)?;
+    let ended = if stdin().is_terminal() && stdout().is_terminal() {
+        console.print(format_args!("{board}; `help` tells the commands, Ctrl-C stops all axes, `quit` ends\n"))?;
+        // Positions are to be seen as they change.
+        talk.tell("srate 50").map_err(port_problem)?;
+        let ended = Terminal::new(console.out)
+            .map_err(ConsoleError::from)
+            .and_then(|mut terminal| converse(&mut talk, &mut terminal));
+        // As it was at first; if the port is gone, that is told already.
+        ended.and_then(|()| Ok(talk.tell("srate 200")?))
+    } else {
+        let ended = converse(&mut talk, &mut Plain::new(typed(), console.out));
+        match ended {
+            // A reader that has gone away (`| head`) ends it.
+            Err(ConsoleError::Person(error)) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
+            ended => ended,
+        }
+    };
+    ended.map(|()| Exit::Success).map_err(|error| match error {
+        ConsoleError::Port(error) => port_problem(error),
+        error => Report::new(error),
+    })
+}
+
+/// Lines of the standard input, as they come.
+fn typed() -> Receiver<String> {
+    let (to_console, lines) = channel();
+    // It ends with the input, or with the program.
+    thread::spawn(move || {
+        for line in stdin().lock().lines().map_while(Result::ok) {
+            if to_console.send(line).is_err() {
+                return;
+            }
+        }
+    });
+    lines
+}

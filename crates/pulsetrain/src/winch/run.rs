@@ -1,0 +1,465 @@
+//! A script on a board: sent line by line at its times, then judged, drawn and written down.
+
+use std::fmt::{self, Display};
+use std::time::Duration;
+
+use pulsetrain_board::virtual_uno::CYCLES_PER_S;
+use pulsetrain_board::{Port, PortError, VirtualBoard};
+use pulsetrain_motion::program::Scale;
+use pulsetrain_trace::Edge;
+use pulsetrain_trace::winch::{self, AXES, Command, Onlooker, Options, Order, Status, Told};
+use serde::Serialize;
+
+use super::script::Script;
+use super::talk::{Said, Talk};
+use crate::human::{self, Table};
+use crate::plot::{Errors, MotorPicture, Picture};
+
+/// A byte on the line at 115 200 baud, the same at what an Uno's bridge makes of it, and a frame of USB before the first one.
+const BYTE: Duration = Duration::from_nanos(86_806);
+const FAST_BYTE: Duration = Duration::from_nanos(85_000);
+const USB_FRAME: Duration = Duration::from_millis(1);
+
+/// What whoever looks on wants.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wish {
+    /// That it goes on.
+    GoOn,
+    /// That it ends: all axes are stopped within their limits.
+    Stop,
+}
+
+/// How that is told, and how long the board is given for it.
+const STOP: &str = "enable 0";
+const AFTER_STOP: Duration = Duration::from_secs(1);
+
+/// What happened in a run. Times are the board's clock.
+#[derive(Clone, Debug)]
+pub struct Run {
+    /// When the script began, ticks.
+    pub begin: u64,
+    /// When it ended, ticks.
+    pub end: u64,
+    /// The lines that were sent.
+    pub told: Vec<Told>,
+    /// Status lines that came.
+    pub statuses: Vec<Status>,
+    /// Lines that were refused.
+    pub refusals: Vec<Refusal>,
+    /// All edges of the pins, if they are known.
+    pub edges: Vec<Edge>,
+}
+
+/// A line that the board refused.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Refusal {
+    /// When it said so, s from the script's beginning.
+    pub at_s: f64,
+    /// In its words.
+    pub said: String,
+}
+
+/// Runs a script on a virtual board, which has been asked for its name; `watch` hears the script's time, s.
+///
+/// # Errors
+/// When the port is gone.
+pub fn on_virtual<B: VirtualBoard>(
+    talk: &mut Talk<B>,
+    script: &Script,
+    watch: impl FnMut(f64) -> Wish,
+) -> Result<Run, PortError> {
+    // Its clock runs, as it has answered.
+    let zero = talk.port().zero().unwrap_or(0);
+    let to_tick = move |at: Duration| ticks(at) - zero;
+    send(talk, script, watch, |_, _| {}).map(|sent| sent.run(to_tick))
+}
+
+/// The same on a real board, of which nothing is known but what it says.
+///
+/// # Errors
+/// When the port is gone.
+pub fn on_port<P: Port>(talk: &mut Talk<P>, script: &Script, watch: impl FnMut(f64) -> Wish) -> Result<Run, PortError> {
+    // Its clock, from the status that came soonest.
+    let mut zero_us = f64::INFINITY;
+    let sent = send(talk, script, watch, |at, said| {
+        if let Said::Status(status) = said {
+            zero_us = zero_us.min(at.as_secs_f64() * 1e6 - status.usec as f64);
+        }
+    })?;
+    let zero_us = if zero_us.is_finite() { zero_us } else { 0.0 };
+    Ok(sent.run(move |at| ((at.as_secs_f64() * 1e6 - zero_us).max(0.0) * (CYCLES_PER_S as f64 / 1e6)) as u64))
+}
+
+/// What was sent and heard, in the port's time.
+struct Sent {
+    begin: Duration,
+    end: Duration,
+    /// Each line with the times at which it is there, at the soonest and at the latest.
+    told: Vec<(Duration, Duration, Command)>,
+    statuses: Vec<Status>,
+    refusals: Vec<Refusal>,
+    edges: Vec<Edge>,
+}
+
+impl Sent {
+    fn run(self, tick: impl Fn(Duration) -> u64) -> Run {
+        let told = |(soonest, latest, command): &(Duration, Duration, Command)| Told {
+            tick: tick(*soonest),
+            until: tick(*latest),
+            command: *command,
+        };
+        Run {
+            begin: tick(self.begin),
+            end: tick(self.end),
+            told: self.told.iter().map(told).collect(),
+            statuses: self.statuses,
+            refusals: self.refusals,
+            edges: self.edges,
+        }
+    }
+}
+
+fn send<P: Port>(
+    talk: &mut Talk<P>,
+    script: &Script,
+    mut watch: impl FnMut(f64) -> Wish,
+    mut also: impl FnMut(Duration, &Said),
+) -> Result<Sent, PortError> {
+    /// How often progress is told.
+    const SLICE: Duration = Duration::from_millis(50);
+    let begin = talk.now();
+    let at = |seconds: f64| begin + Duration::from_secs_f64(seconds);
+    let mut end = at(script.end_s);
+    let (mut told, mut statuses, mut refusals) = (Vec::new(), Vec::new(), Vec::new());
+    let mut lines = script.lines.iter().take_while(|line| line.at_s <= script.end_s).peekable();
+    // When the line is free again, at the soonest and at the latest.
+    let (mut soonest, mut free) = (begin, begin);
+    let mut tell = |talk: &mut Talk<P>, text: &str, command: Command| {
+        talk.tell(text)?;
+        let now = talk.now();
+        let bytes = text.len() as u32 + 1;
+        soonest = soonest.max(now) + FAST_BYTE * bytes;
+        free = free.max(now + USB_FRAME) + BYTE * bytes;
+        told.push((soonest, free, command));
+        Ok::<(), PortError>(())
+    };
+    let mut stopped = false;
+    while talk.now() < end {
+        let now = talk.now();
+        while let Some(line) = lines.next_if(|line| !stopped && at(line.at_s) <= now) {
+            tell(talk, &line.text, line.command)?;
+        }
+        let next = lines.peek().filter(|_| !stopped).map_or(end, |line| at(line.at_s));
+        let until = next.min(now + SLICE).min(end);
+        talk.wait(until, |at, said| {
+            also(at, &said);
+            match said {
+                Said::Status(status) => statuses.push(status),
+                Said::Line(ref line) if said.is_refusal() => {
+                    refusals.push(Refusal { at_s: (at - begin).as_secs_f64(), said: line.clone() });
+                }
+                Said::Line(_) => {}
+            }
+        })?;
+        if watch((talk.now() - begin).as_secs_f64()) == Wish::Stop && !stopped {
+            stopped = true;
+            end = end.min(talk.now() + AFTER_STOP);
+            tell(talk, STOP, Command::parse(STOP).unwrap_or_default())?;
+        }
+    }
+    let edge = |edge: pulsetrain_board::Edge| Edge { tick: edge.tick, line: edge.line, level: edge.level };
+    let edges = talk.edges().into_iter().map(edge).collect();
+    Ok(Sent { begin, end, told, statuses, refusals, edges })
+}
+
+fn ticks(at: Duration) -> u64 {
+    // 62.5 ns each.
+    (at.as_nanos() * 2 / 125) as u64
+}
+
+/// What a script came to.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    /// The script.
+    pub script: String,
+    /// What made the steps: "native winch", "virtual Uno", or "board at PORT".
+    pub runner: String,
+    /// What the board calls itself.
+    pub board: String,
+    /// How long it lasted, s.
+    pub duration_s: f64,
+    /// Lines sent.
+    pub lines: usize,
+    /// Lines refused.
+    pub refusals: Vec<Refusal>,
+    /// What the judge says of the pins' edges.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub verdict: Option<winch::Report>,
+    /// Without edges: what the board says of itself.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub word: Option<Vec<Word>>,
+}
+
+/// An axis by the board's own word.
+#[derive(Clone, Debug, Serialize)]
+pub struct Word {
+    /// x, y, z or a.
+    pub axis: String,
+    /// Its last position, steps.
+    pub position: i32,
+    /// Where the path is then, steps.
+    pub wanted: f64,
+    /// Largest distance of a status from the path, steps.
+    pub farthest: f64,
+    /// The path is at rest there.
+    pub is_at_rest: bool,
+}
+
+impl Word {
+    /// Whether it stands where it should; in a move nobody can say.
+    fn is_ok(&self) -> bool {
+        // Half a step and the threshold's 1/64, and 0.1 of the path.
+        !self.is_at_rest || (f64::from(self.position) - self.wanted).abs() < 0.62
+    }
+}
+
+impl Report {
+    /// Whether nothing was refused and no bound broke.
+    #[must_use]
+    pub fn is_ok(&self) -> bool {
+        let word_ok = self.word.iter().flatten().all(Word::is_ok);
+        self.refusals.is_empty() && word_ok && self.verdict.as_ref().is_none_or(|verdict| verdict.ok)
+    }
+}
+
+/// A run with its judgement.
+#[derive(Clone, Debug)]
+pub struct Judged {
+    /// What it came to.
+    pub report: Report,
+    /// The picture.
+    pub picture: Picture,
+}
+
+/// Judges a run by its edges.
+///
+/// # Errors
+/// When the edges are not in order of time.
+pub fn judge(run: &Run, names: Names<'_>, options: &Options) -> Result<Judged, winch::OutOfOrder> {
+    let options = &Options { origin_s: run.begin as f64 / options.tick_hz, ..options.clone() };
+    let mut drawing = Drawing::new(run, options);
+    let verdict = winch::judge(&run.told, &run.edges, &run.statuses, run.end, options, &mut drawing)?;
+    let report = Report { verdict: Some(verdict), ..names.report(run) };
+    Ok(Judged { report, picture: drawing.finish(names.title()) })
+}
+
+/// What is to be said of a run whose edges nobody saw.
+#[must_use]
+pub fn by_word(run: &Run, names: Names<'_>) -> Judged {
+    let options = Options { origin_s: run.begin as f64 / CYCLES_PER_S as f64, ..Options::default() };
+    let mut drawing = Drawing::new(run, &options);
+    let mut compared = Compared { run, drawing: &mut drawing, next: [0; 4], words: Vec::new() };
+    compared.words.extend(AXES.map(|axis| Word {
+        axis: axis.to_string(),
+        position: 0,
+        wanted: 0.0,
+        farthest: 0.0,
+        is_at_rest: true,
+    }));
+    winch::foretell(&run.told, run.end, &options, &mut compared);
+    let report = Report { word: Some(compared.words), ..names.report(run) };
+    Judged { report, picture: drawing.finish(names.title()) }
+}
+
+/// What things are called in a report.
+#[derive(Clone, Copy, Debug)]
+pub struct Names<'a> {
+    /// The script.
+    pub script: &'a str,
+    /// What made the steps.
+    pub runner: &'a str,
+    /// What the board calls itself.
+    pub board: &'a str,
+}
+
+impl Names<'_> {
+    fn title(&self) -> String {
+        format!("{} on the {}", self.script, self.runner)
+    }
+
+    fn report(&self, run: &Run) -> Report {
+        Report {
+            script: self.script.to_owned(),
+            runner: self.runner.to_owned(),
+            board: self.board.to_owned(),
+            duration_s: (run.end - run.begin) as f64 / CYCLES_PER_S as f64,
+            lines: run.told.len(),
+            refusals: run.refusals.clone(),
+            verdict: None,
+            word: None,
+        }
+    }
+}
+
+/// Draws as it looks on.
+struct Drawing {
+    axes: [MotorPicture; 4],
+    is_told: [bool; 4],
+    /// The path, for the close view.
+    closely: [Vec<(f64, f64)>; 4],
+    /// Of so many milliseconds one is drawn.
+    every_ms: u64,
+    ms: [u64; 4],
+}
+
+/// Points of a path in the picture, or somewhat more.
+const POINTS: u64 = 1000;
+
+impl Drawing {
+    fn new(run: &Run, options: &Options) -> Drawing {
+        let axis = |axis: usize| {
+            let scale = Scale { unit: "step".into(), steps_per_unit: 1.0, steps_per_rev: 1.0 };
+            MotorPicture::new(AXES[axis].to_string(), scale, options.bound_steps)
+        };
+        let moves = |order: Order| order != Order::Stop;
+        let is_told = |axis: usize| run.told.iter().any(|told| told.command.orders[axis].is_some_and(moves));
+        Drawing {
+            axes: std::array::from_fn(axis),
+            is_told: std::array::from_fn(is_told),
+            closely: [const { Vec::new() }; 4],
+            every_ms: (run.end - run.begin) / (CYCLES_PER_S / 1000) / POINTS + 1,
+            ms: [0; 4],
+        }
+    }
+
+    fn finish(self, title: String) -> Picture {
+        let Drawing { axes, is_told, closely, .. } = self;
+        let mut picture =
+            Picture { title, tick_s: 1.0 / CYCLES_PER_S as f64, motors: Vec::new(), errors: Errors::Steps };
+        let mut shown: Vec<_> = axes.into_iter().zip(closely).zip(is_told).filter(|(_, told)| *told).collect();
+        picture.motors = shown.iter().map(|((axis, _), _)| axis.clone()).collect();
+        if let Some((from, to)) = picture.close_view() {
+            for (axis, ((_, closely), _)) in picture.motors.iter_mut().zip(&mut shown) {
+                let inside = closely.iter().filter(|(t, _)| (from..=to).contains(t));
+                inside.for_each(|(t, position)| axis.want_close(*t, *position));
+            }
+        }
+        picture
+    }
+}
+
+/// So many milliseconds of the path are kept for the close view.
+const CLOSE: usize = 2000;
+
+impl Onlooker for Drawing {
+    fn path(&mut self, axis: usize, at_s: f64, position: f64, speed: f64) {
+        if at_s < 0.0 {
+            return;
+        }
+        if self.ms[axis].is_multiple_of(self.every_ms) {
+            self.axes[axis].want(at_s, position, speed);
+        }
+        self.ms[axis] += 1;
+        if self.closely[axis].len() < CLOSE && (position != 0.0 || !self.closely[axis].is_empty()) {
+            self.closely[axis].push((at_s, position));
+        }
+    }
+
+    fn step(&mut self, axis: usize, at_s: f64, position: i64, behind: f64) {
+        self.axes[axis].step(at_s, position);
+        self.axes[axis].error(at_s, behind);
+    }
+}
+
+/// Compares statuses with the path, and draws both.
+struct Compared<'a> {
+    run: &'a Run,
+    drawing: &'a mut Drawing,
+    next: [usize; 4],
+    words: Vec<Word>,
+}
+
+impl Onlooker for Compared<'_> {
+    fn path(&mut self, axis: usize, at_s: f64, position: f64, speed: f64) {
+        self.drawing.path(axis, at_s, position, speed);
+        let now_us = (at_s + self.run.begin as f64 / CYCLES_PER_S as f64) * 1e6;
+        while let Some(status) = self.run.statuses.get(self.next[axis])
+            && (status.usec as f64) < now_us + 1000.0
+        {
+            self.next[axis] += 1;
+            let said = status.positions[axis];
+            self.drawing.axes[axis].step(at_s, said.into());
+            let word = &mut self.words[axis];
+            (word.position, word.wanted, word.is_at_rest) = (said, position, speed.abs() < 1.0);
+            word.farthest = word.farthest.max((f64::from(said) - position).abs());
+        }
+    }
+
+    fn step(&mut self, _: usize, _: f64, _: i64, _: f64) {}
+}
+
+impl Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Report { script, runner, board, duration_s, lines, refusals, verdict, word } = self;
+        let duration = human::seconds(*duration_s);
+        writeln!(f, "{script}: {lines} lines in {duration}, to the {runner} ({board})\n")?;
+        if let Some(verdict) = verdict {
+            self.edges(verdict, f)?;
+        }
+        if let Some(words) = word {
+            writeln!(f, "This is the board's own word: nobody looked at its pins.\n")?;
+            let mut table = Table::new(["axis", "at", "the path", "farthest, in moves a few ms off"]);
+            for word in words {
+                table.row([
+                    word.axis.clone(),
+                    human::count(word.position.into()),
+                    hundredths(word.wanted),
+                    human::significant(word.farthest, 3),
+                ]);
+            }
+            writeln!(f, "{table}")?;
+        }
+        for Refusal { at_s, said } in refusals {
+            writeln!(f, "  refused at {}: {said}", human::seconds(*at_s))?;
+        }
+        writeln!(f, "{}", if self.is_ok() { "ok" } else { "NOT ok" })
+    }
+}
+
+/// To two digits after the point.
+fn hundredths(steps: f64) -> String {
+    human::significant((steps * 100.0).round() / 100.0, 9)
+}
+
+impl Report {
+    fn edges(&self, verdict: &winch::Report, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "Every edge, against the path in f64:\n")?;
+        let mut table =
+            Table::new(["axis", "steps", "ends at", "the path", "farthest from it", "rms", "shortest interval"]);
+        for axis in &verdict.axes {
+            table.row([
+                axis.axis.clone(),
+                human::count(axis.steps.into()),
+                human::count(axis.position.into()),
+                hundredths(axis.position_wanted),
+                format!("{} step", human::significant(axis.max_error_steps, 2)),
+                format!("{} step", human::significant(axis.rms_error_steps, 2)),
+                axis.shortest_interval_us.map_or_else(String::new, |us| human::seconds(us * 1e-6)),
+            ]);
+        }
+        writeln!(f, "{table}")?;
+        if let Some((least, most)) = verdict.effect_ms {
+            let ms = |ms: f64| human::significant(ms.max(0.0), 2);
+            writeln!(f, "  a line acted {} to {} ms after it had come", ms(least), ms(most))?;
+        }
+        writeln!(f, "  statuses that say what the pins did: {}", verdict.statuses)?;
+        for fault in &verdict.faults {
+            writeln!(f, "  {} at {}: {}", fault.axis, human::seconds(fault.at_s), fault.what)?;
+        }
+        let untold = verdict.fault_count - verdict.faults.len();
+        if untold > 0 {
+            writeln!(f, "  and {untold} faults more")?;
+        }
+        Ok(())
+    }
+}

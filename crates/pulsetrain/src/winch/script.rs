@@ -1,0 +1,160 @@
+//! Timed lines, from a file: plain text, or a motion file with a winch.
+
+use std::path::Path;
+
+use miette::{LabeledSpan, MietteDiagnostic, NamedSource, Report};
+use pulsetrain_motion::quantity::{Base, Quantity};
+use pulsetrain_motion::{Time, file};
+use pulsetrain_trace::winch::Command;
+
+use crate::console;
+
+/// What is sent to a board, and when.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Script {
+    /// In order of time.
+    pub lines: Vec<Line>,
+    /// When it ends, s.
+    pub end_s: f64,
+}
+
+/// A line, and when it is sent.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Line {
+    /// From the script's beginning, s.
+    pub at_s: f64,
+    /// As it is sent, without the line's end.
+    pub text: String,
+    /// What it says.
+    pub command: Command,
+}
+
+/// A script without a duration ends so long after its last line, s.
+const AFTER_S: f64 = 4.0;
+
+/// A motion file's ending; any other file is plain text.
+const MOTION: &str = "toml";
+
+/// Reads a script, to end after `length` if that is given.
+///
+/// Plain text has a line for each command, `<time>: <command>`; what comes after a `#` is a comment. Of
+/// a motion file the lines of its `law.winch` are taken.
+///
+/// # Errors
+/// With the place, when a line is not what a strict board takes, or times go back.
+pub fn load(path: &Path, length: Option<Time>) -> miette::Result<Script> {
+    let (lines, duration) = if path.extension().is_some_and(|ending| ending == MOTION) {
+        let script = file::load_winch(path)?;
+        // The file has been checked: what is wrong now is what a law takes and a board does not.
+        (parse(&script.lines.join("\n"), &path.display().to_string())?, script.duration)
+    } else {
+        let bytes = console::read(path)?;
+        let text = String::from_utf8(bytes).map_err(|_| miette::miette!("{} is no text", path.display()))?;
+        (parse(&text, &path.display().to_string())?, None)
+    };
+    let last = lines.last().map_or(0.0, |line| line.at_s);
+    let end_s = length.or(duration).map_or(last + AFTER_S, Time::seconds);
+    Ok(Script { lines, end_s })
+}
+
+/// Reads the plain text of a script called `name`.
+///
+/// ```
+/// let lines = pulsetrain::winch::script::parse("# there\n0 s: a x 100\n1.5 s: d x -50  # back\n", "my.txt").unwrap();
+/// assert_eq!((lines[1].at_s, lines[1].text.as_str()), (1.5, "d x -50"));
+/// let error = pulsetrain::winch::script::parse("0 s: a x ten", "my.txt").unwrap_err();
+/// assert_eq!(error.to_string(), "a whole number from -2147483648 to 2147483647 is wanted");
+/// ```
+///
+/// # Errors
+/// With the place.
+pub fn parse(text: &str, name: &str) -> miette::Result<Vec<Line>> {
+    let wrong = |at: std::ops::Range<usize>, message: String| {
+        let help = "a line is \"<time>: <command>\", such as \"1.5 s: a x 100\"; docs/winch.md has the commands";
+        let label = LabeledSpan::at(at, "here");
+        let diagnostic = MietteDiagnostic::new(message).with_help(help).with_label(label);
+        Report::new(diagnostic).with_source_code(NamedSource::new(name, text.to_owned()))
+    };
+    let mut lines: Vec<Line> = Vec::new();
+    let mut next = 0;
+    for raw in text.split_inclusive('\n') {
+        let start = next;
+        next += raw.len();
+        let line = raw.split('#').next().unwrap_or_default().trim_end();
+        if line.is_empty() {
+            continue;
+        }
+        let whole = start..start + line.len();
+        let Some((when, told)) = line.split_once(':') else {
+            return Err(wrong(whole, "a line without its time".to_owned()));
+        };
+        let time = Quantity::parse(when).ok().filter(|when| (when.base, when.per_seconds) == (Base::Time, 0));
+        let at_s = time.map(|when| when.value).filter(|at| (0.0..1e6).contains(at));
+        let Some(at_s) = at_s else {
+            return Err(wrong(start..start + when.len(), "not a time of 0 s to 10^6 s, with its unit".to_owned()));
+        };
+        if lines.last().is_some_and(|before| at_s < before.at_s) {
+            return Err(wrong(start..start + when.len(), "before the line before it".to_owned()));
+        }
+        let told_at = start + when.len() + 1;
+        let command = Command::parse(told).map_err(|error| {
+            let at = told_at + error.at.start..told_at + error.at.end;
+            wrong(at, error.message)
+        })?;
+        lines.push(Line { at_s, text: told.trim().to_owned(), command });
+    }
+    Ok(lines)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[track_caller]
+    fn refuse(text: &str, place: &str, message: &str) {
+        let error = parse(text, "script.txt").unwrap_err();
+        let label = error.labels().unwrap().next().unwrap();
+        let at = label.offset()..label.offset() + label.len();
+        assert_eq!((&text[at], error.to_string().as_str()), (place, message));
+    }
+
+    #[test]
+    fn refusals_point_at_the_place() {
+        refuse("0 s: ping\na x 1", "a x 1", "a line without its time");
+        refuse("1 step: ping", "1 step", "not a time of 0 s to 10^6 s, with its unit");
+        refuse("0 s: ping\r\n-1 s: ping", "-1 s", "not a time of 0 s to 10^6 s, with its unit");
+        refuse("2 s: ping\n1 s: ping", "1 s", "before the line before it");
+        refuse("# é\n2 s: a w 1", "w", "axes are letters of xyza, each once");
+    }
+
+    proptest! {
+        /// Any text is read or refused, and a refusal can be shown.
+        #[test]
+        fn any_text(text in prop::collection::vec(prop_oneof![
+            3 => prop::sample::select(vec!["0 s: ", "1 ms:", "a ", "x ", "xyza", " 5", "-1", "g x 1 1", "#", "\n", "\r\n", ":", "é"]).prop_map(String::from),
+            1 => ".{0,4}",
+        ], 0..30)) {
+            let text = text.concat();
+            match parse(&text, "script.txt") {
+                Ok(lines) => prop_assert!(lines.is_sorted_by(|a, b| a.at_s <= b.at_s)),
+                Err(error) => {
+                    let label = error.labels().and_then(|mut labels| labels.next()).unwrap();
+                    prop_assert!(text.get(label.offset()..label.offset() + label.len()).is_some());
+                    let shown = format!("{error:?}");
+                    prop_assert!(!shown.is_empty());
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_example_is_a_script() {
+        let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/winch.toml"));
+        let script = load(path, None).unwrap();
+        assert_eq!((script.lines.len(), script.end_s), (8, 8.0));
+        assert_eq!(script.lines[7].text, "a xyza 0 0 0 0");
+        let script = load(path, Some(Time::SECOND)).unwrap();
+        assert_eq!(script.end_s, 1.0);
+    }
+}

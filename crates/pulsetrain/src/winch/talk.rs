@@ -1,0 +1,161 @@
+//! Lines to a board and from it.
+
+use std::time::Duration;
+
+use pulsetrain_board::{Edge, Port, PortError};
+use pulsetrain_trace::winch::Status;
+
+/// What a board says.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Said {
+    /// Where its axes are.
+    Status(Status),
+    /// Anything else, without its line's end.
+    Line(String),
+}
+
+impl Said {
+    /// Whether it has refused a line.
+    #[must_use]
+    pub fn is_refusal(&self) -> bool {
+        matches!(self, Said::Line(line) if ["err ", "dbg invalid ", "dbg excessive "].iter().any(|word| line.starts_with(word)))
+    }
+}
+
+/// A port to a board that speaks text.
+#[derive(Debug)]
+pub struct Talk<P> {
+    port: P,
+    bytes: Vec<u8>,
+    /// What has come of a line.
+    partial: Vec<u8>,
+    clock: Clock,
+    edges: Vec<Edge>,
+}
+
+/// The longest line that is kept; what is longer is noise.
+const LONGEST: usize = 1000;
+
+/// How often a board is asked for its name, and for how long.
+const ASK_AGAIN: Duration = Duration::from_millis(250);
+const ASK_FOR: Duration = Duration::from_secs(4);
+
+impl<P: Port> Talk<P> {
+    /// Takes an open port.
+    pub fn new(port: P) -> Talk<P> {
+        Talk { port, bytes: Vec::new(), partial: Vec::new(), clock: Clock::default(), edges: Vec::new() }
+    }
+
+    /// The port's time.
+    pub fn now(&self) -> Duration {
+        self.port.now()
+    }
+
+    /// The port.
+    pub fn port(&self) -> &P {
+        &self.port
+    }
+
+    /// Sends a line.
+    ///
+    /// # Errors
+    /// When the port is gone.
+    pub fn tell(&mut self, line: &str) -> Result<(), PortError> {
+        self.port.send(format!("{line}\n").as_bytes())
+    }
+
+    /// Lets time pass until `until`, and hands over what the board says meanwhile, with the time at which it came.
+    ///
+    /// # Errors
+    /// When the port is gone.
+    pub fn wait(&mut self, until: Duration, mut hear: impl FnMut(Duration, Said)) -> Result<(), PortError> {
+        while self.port.now() < until {
+            self.bytes.clear();
+            self.port.receive(until, &mut self.bytes)?;
+            for byte in std::mem::take(&mut self.bytes) {
+                if byte != b'\n' {
+                    self.partial.push(byte);
+                    self.partial.truncate(LONGEST);
+                    continue;
+                }
+                let line = String::from_utf8_lossy(&self.partial).trim().to_owned();
+                self.partial.clear();
+                if !line.is_empty() {
+                    let said = self.clock.read(&line).map_or(Said::Line(line), Said::Status);
+                    hear(self.port.now(), said);
+                }
+            }
+        }
+        self.port.edges(&mut self.edges);
+        Ok(())
+    }
+
+    /// Asks the board what it is until it answers, and gives its answer; `None` if it does not speak text. A board that has
+    /// just been reset is deaf for a second or two.
+    ///
+    /// # Errors
+    /// When the port is gone.
+    pub fn ask(&mut self) -> Result<Option<String>, PortError> {
+        let end = self.now() + ASK_FOR;
+        let mut name = None;
+        while name.is_none() && self.now() < end {
+            self.tell("version")?;
+            self.wait(self.now() + ASK_AGAIN, |_, said| {
+                if let Said::Line(line) = said
+                    && let Some(id) = line.strip_prefix("id ")
+                {
+                    name = Some(id.to_owned());
+                }
+            })?;
+        }
+        Ok(name)
+    }
+
+    /// The edges of the board's pins since the last call: what a virtual board knows.
+    pub fn edges(&mut self) -> Vec<Edge> {
+        std::mem::take(&mut self.edges)
+    }
+}
+
+/// A board's clock without the wraps of its signed 32 bits.
+#[derive(Clone, Copy, Debug, Default)]
+struct Clock {
+    last: Option<u64>,
+}
+
+impl Clock {
+    /// A status line. Statuses must be less than 71 minutes apart.
+    fn read(&mut self, line: &str) -> Option<Status> {
+        let mut words = line.strip_prefix("txyza ")?.split(' ').map(str::parse::<i32>);
+        let mut number = || words.next()?.ok();
+        let raw = number()?.cast_unsigned();
+        let positions = [number()?, number()?, number()?, number()?];
+        if words.next().is_some() {
+            return None;
+        }
+        let usec = match self.last {
+            Some(last) => last + u64::from(raw.wrapping_sub(last as u32)),
+            None => raw.into(),
+        };
+        self.last = Some(usec);
+        Some(Status { usec, positions })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_clock_goes_on_when_the_line_s_wraps() {
+        let mut clock = Clock::default();
+        let mut read = |line: &str| clock.read(line).map(|status| status.usec);
+        assert_eq!(read("txyza 2147483000 1 -2 3 4"), Some(2_147_483_000));
+        assert_eq!(read("txyza -2147483296 1 -2 3 4"), Some(2_147_484_000));
+        assert_eq!(read("txyza -1 1 -2 3 4"), Some(4_294_967_295));
+        assert_eq!(read("txyza 99 1 -2 3 4"), Some(4_294_967_395));
+        for line in ["txyza 1 2 3 4", "txyza 1 2 3 4 5 6", "txyza 1 2 3 4 x", "awake"] {
+            assert_eq!(read(line), None, "{line}");
+        }
+    }
+}

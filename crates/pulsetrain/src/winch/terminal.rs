@@ -1,0 +1,326 @@
+//! A person at a terminal: what is said scrolls by, the last two rows are the axes' positions and the line being typed.
+
+use std::io::{self, Write};
+use std::time::Duration;
+
+use crossterm::cursor::{MoveToColumn, MoveUp};
+use crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+use crossterm::style::Print;
+use crossterm::terminal::{self, Clear, ClearType};
+use crossterm::{QueueableCommand, queue};
+use pulsetrain_trace::winch::{AXES, Status};
+
+use super::console::{Person, Wish};
+use super::talk::Said;
+
+/// A terminal, raw until this is dropped.
+pub(crate) struct Terminal<'a> {
+    screen: Screen<&'a mut dyn Write>,
+    editor: Editor,
+    /// Ctrl-C came; the next one ends.
+    has_stopped: bool,
+}
+
+impl<'a> Terminal<'a> {
+    /// Takes the terminal over.
+    ///
+    /// # Errors
+    /// When it is none.
+    pub(crate) fn new(out: &'a mut dyn Write) -> io::Result<Terminal<'a>> {
+        terminal::enable_raw_mode()?;
+        let mut terminal = Terminal { screen: Screen::new(out), editor: Editor::default(), has_stopped: false };
+        terminal.screen.begin(&terminal.editor)?;
+        Ok(terminal)
+    }
+}
+
+impl Drop for Terminal<'_> {
+    fn drop(&mut self) {
+        // There is nobody left to tell of an error.
+        let _ = self.screen.end();
+        let _ = terminal::disable_raw_mode();
+    }
+}
+
+impl Person for Terminal<'_> {
+    fn wishes(&mut self) -> io::Result<Vec<Wish>> {
+        let (mut wishes, mut is_touched) = (Vec::new(), false);
+        if let Ok((width, _)) = terminal::size() {
+            self.screen.width = width.into();
+        }
+        while event::poll(Duration::ZERO)? {
+            is_touched = true;
+            let Event::Key(key) = event::read()? else { continue };
+            if key.kind == KeyEventKind::Release {
+                continue;
+            }
+            match self.editor.press(key) {
+                Pressed::Nothing => {}
+                Pressed::Line(line) => {
+                    self.has_stopped = false;
+                    self.screen.print(&format!("> {line}"), &self.editor)?;
+                    wishes.push(Wish::Line(line));
+                }
+                Pressed::Interrupt if self.has_stopped => wishes.push(Wish::End),
+                Pressed::Interrupt => {
+                    self.has_stopped = true;
+                    self.screen.print("> enable 0      (Ctrl-C again, or quit, ends)", &self.editor)?;
+                    wishes.push(Wish::Stop);
+                }
+                Pressed::End => wishes.push(Wish::End),
+            }
+        }
+        if is_touched {
+            self.screen.draw(&self.editor)?;
+        }
+        Ok(wishes)
+    }
+
+    fn show(&mut self, said: &Said) -> io::Result<()> {
+        match said {
+            Said::Status(status) => {
+                self.screen.see(*status);
+                self.screen.draw(&self.editor)
+            }
+            Said::Line(line) => self.screen.print(line, &self.editor),
+        }
+    }
+
+    fn tell(&mut self, text: &str) -> io::Result<()> {
+        text.lines().try_for_each(|line| self.screen.print(line, &self.editor))
+    }
+
+    fn waits_for_rest(&self) -> bool {
+        false
+    }
+}
+
+/// The last two rows, and what scrolls by above them. The cursor is in the last one.
+struct Screen<W> {
+    out: W,
+    width: usize,
+    last: Option<Status>,
+    speeds: [f64; 4],
+}
+
+const PROMPT: &str = "> ";
+
+impl<W: Write> Screen<W> {
+    fn new(out: W) -> Screen<W> {
+        Screen { out, width: 80, last: None, speeds: [0.0; 4] }
+    }
+
+    /// Makes room for the two rows.
+    fn begin(&mut self, editor: &Editor) -> io::Result<()> {
+        self.out.queue(Print("\r\n"))?;
+        self.draw(editor)
+    }
+
+    fn end(&mut self) -> io::Result<()> {
+        queue!(self.out, Print("\r\n"))?;
+        self.out.flush()
+    }
+
+    fn see(&mut self, status: Status) {
+        if let Some(last) = self.last {
+            let seconds = status.usec.saturating_sub(last.usec) as f64 * 1e-6;
+            for (speed, (now, before)) in self.speeds.iter_mut().zip(status.positions.iter().zip(last.positions)) {
+                *speed = f64::from(now.wrapping_sub(before)) / seconds.max(1e-6);
+            }
+        }
+        self.last = Some(status);
+    }
+
+    fn positions(&self) -> String {
+        let Some(status) = self.last else { return "no status yet".to_owned() };
+        let axes = AXES.iter().zip(status.positions).zip(self.speeds);
+        let axes = axes.map(|((axis, position), speed)| format!("{axis} {position:>8} {speed:>+7.0}/s"));
+        format!("{}   {:.1} s", axes.collect::<Vec<_>>().join("   "), status.usec as f64 * 1e-6)
+    }
+
+    fn draw(&mut self, editor: &Editor) -> io::Result<()> {
+        self.out.queue(MoveUp(1))?;
+        self.rows(editor)
+    }
+
+    /// A line above the two rows.
+    fn print(&mut self, line: &str, editor: &Editor) -> io::Result<()> {
+        queue!(self.out, MoveUp(1), MoveToColumn(0), Clear(ClearType::FromCursorDown), Print(line), Print("\r\n"))?;
+        self.rows(editor)
+    }
+
+    /// Both rows, from the upper one on.
+    fn rows(&mut self, editor: &Editor) -> io::Result<()> {
+        // What is wider would wrap, and be more rows.
+        let most = self.width.saturating_sub(1);
+        let positions: String = self.positions().chars().take(most).collect();
+        let room = most.saturating_sub(PROMPT.len());
+        let (typed, cursor) = editor.shown(room);
+        queue!(self.out, MoveToColumn(0), Clear(ClearType::FromCursorDown), Print(positions), Print("\r\n"))?;
+        queue!(self.out, Print(PROMPT), Print(typed), MoveToColumn((PROMPT.len() + cursor) as u16))?;
+        self.out.flush()
+    }
+}
+
+/// The line being typed, and those before it. Lines are printable ASCII.
+#[derive(Clone, Debug, Default)]
+struct Editor {
+    text: String,
+    cursor: usize,
+    history: Vec<String>,
+    /// Which line of the history is shown, and what was typed before it was.
+    recalled: Option<(usize, String)>,
+}
+
+/// What a key did.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Pressed {
+    Nothing,
+    Line(String),
+    Interrupt,
+    End,
+}
+
+impl Editor {
+    fn press(&mut self, key: KeyEvent) -> Pressed {
+        if key.modifiers.contains(KeyModifiers::CONTROL) {
+            match key.code {
+                KeyCode::Char('c') => return Pressed::Interrupt,
+                KeyCode::Char('d') if self.text.is_empty() => return Pressed::End,
+                KeyCode::Char('a') => self.cursor = 0,
+                KeyCode::Char('e') => self.cursor = self.text.len(),
+                KeyCode::Char('k') => self.text.truncate(self.cursor),
+                KeyCode::Char('u') => {
+                    self.text.drain(..self.cursor);
+                    self.cursor = 0;
+                }
+                _ => {}
+            }
+            return Pressed::Nothing;
+        }
+        match key.code {
+            KeyCode::Enter => return self.enter(),
+            KeyCode::Char(letter @ ' '..='~') => {
+                self.text.insert(self.cursor, letter);
+                self.cursor += 1;
+            }
+            KeyCode::Backspace if self.cursor > 0 => {
+                self.cursor -= 1;
+                self.text.remove(self.cursor);
+            }
+            KeyCode::Delete if self.cursor < self.text.len() => {
+                self.text.remove(self.cursor);
+            }
+            KeyCode::Left => self.cursor = self.cursor.saturating_sub(1),
+            KeyCode::Right => self.cursor = (self.cursor + 1).min(self.text.len()),
+            KeyCode::Home => self.cursor = 0,
+            KeyCode::End => self.cursor = self.text.len(),
+            KeyCode::Up => self.recall(true),
+            KeyCode::Down => self.recall(false),
+            _ => {}
+        }
+        Pressed::Nothing
+    }
+
+    fn enter(&mut self) -> Pressed {
+        let line = std::mem::take(&mut self.text);
+        (self.cursor, self.recalled) = (0, None);
+        if !line.trim().is_empty() && self.history.last() != Some(&line) {
+            self.history.push(line.clone());
+        }
+        Pressed::Line(line)
+    }
+
+    /// Shows the line before the one that is shown, or the one after it.
+    fn recall(&mut self, before: bool) {
+        let (at, typed) = match &self.recalled {
+            Some((at, typed)) => (*at, typed.clone()),
+            None => (self.history.len(), self.text.clone()),
+        };
+        let to = if before { at.checked_sub(1) } else { Some(at + 1).filter(|to| *to <= self.history.len()) };
+        let Some(to) = to else { return };
+        self.text = self.history.get(to).unwrap_or(&typed).clone();
+        self.recalled = (to < self.history.len()).then_some((to, typed));
+        self.cursor = self.text.len();
+    }
+
+    /// As much of the line as fits, with the cursor in it, and where the cursor is.
+    fn shown(&self, room: usize) -> (&str, usize) {
+        let from = self.cursor.saturating_sub(room);
+        (&self.text[from..self.text.len().min(from + room)], self.cursor - from)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn keys(editor: &mut Editor, keys: impl IntoIterator<Item = KeyCode>) {
+        for key in keys {
+            assert_eq!(editor.press(KeyEvent::new(key, KeyModifiers::NONE)), Pressed::Nothing);
+        }
+    }
+
+    fn typed(editor: &mut Editor, text: &str) {
+        keys(editor, text.chars().map(KeyCode::Char));
+    }
+
+    fn enter(editor: &mut Editor) -> Pressed {
+        editor.press(KeyEvent::new(KeyCode::Enter, KeyModifiers::NONE))
+    }
+
+    fn control(editor: &mut Editor, letter: char) -> Pressed {
+        editor.press(KeyEvent::new(KeyCode::Char(letter), KeyModifiers::CONTROL))
+    }
+
+    #[test]
+    fn lines_are_edited() {
+        let mut editor = Editor::default();
+        typed(&mut editor, "a x é100");
+        keys(&mut editor, [KeyCode::Home, KeyCode::Delete, KeyCode::Char('d'), KeyCode::End, KeyCode::Backspace]);
+        keys(&mut editor, [KeyCode::Left, KeyCode::Char('5'), KeyCode::Right, KeyCode::Right]);
+        assert_eq!(editor.shown(80), ("d x 150", 7));
+        assert_eq!(editor.shown(3), ("150", 3));
+        assert_eq!(enter(&mut editor), Pressed::Line("d x 150".to_owned()));
+        typed(&mut editor, "ping pong");
+        keys(&mut editor, [KeyCode::Left; 5]);
+        assert_eq!(control(&mut editor, 'k'), Pressed::Nothing);
+        assert_eq!(editor.text, "ping");
+        assert_eq!(control(&mut editor, 'd'), Pressed::Nothing, "there is a line");
+        control(&mut editor, 'u');
+        assert_eq!((control(&mut editor, 'd'), control(&mut editor, 'c')), (Pressed::End, Pressed::Interrupt));
+    }
+
+    #[test]
+    fn lines_come_back() {
+        let mut editor = Editor::default();
+        for line in ["a x 1", "a x 2", "a x 2"] {
+            typed(&mut editor, line);
+            enter(&mut editor);
+        }
+        typed(&mut editor, "v");
+        let mut shown = Vec::new();
+        for key in [KeyCode::Up, KeyCode::Up, KeyCode::Up, KeyCode::Down, KeyCode::Down, KeyCode::Down] {
+            keys(&mut editor, [key]);
+            shown.push(editor.text.clone());
+        }
+        assert_eq!(shown, ["a x 2", "a x 1", "a x 1", "a x 2", "v", "v"]);
+    }
+
+    #[test]
+    fn the_screen_shows_positions_and_keeps_to_its_width() {
+        let (mut screen, mut editor) = (Screen::new(Vec::new()), Editor::default());
+        screen.see(Status { usec: 1_000_000, positions: [0, 5, 0, 0] });
+        screen.see(Status { usec: 1_200_000, positions: [100, 5, 0, -20] });
+        typed(&mut editor, "a x 1");
+        screen.draw(&editor).unwrap();
+        let text = String::from_utf8(std::mem::take(&mut screen.out)).unwrap();
+        assert!(text.contains("x      100    +500/s   y        5      +0/s"), "{text:?}");
+        assert!(text.ends_with("> a x 1\u{1b}[8G"), "{text:?}");
+        screen.width = 20;
+        screen.print("err number 3", &editor).unwrap();
+        let text = String::from_utf8(screen.out).unwrap();
+        assert!(text.contains("err number 3\r\n"), "{text:?}");
+        assert!(text.contains("x      100    +500/\r\n"), "{text:?}");
+    }
+}

@@ -1,0 +1,379 @@
+//! StepperWinch's text: scripts that are run and judged, and the console. On the native winch, in virtual time.
+
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::channel;
+
+use proptest::prelude::*;
+use pulsetrain::cli;
+use pulsetrain::console::Exit;
+use pulsetrain::winch::console::{Person, Plain, Wish, converse};
+use pulsetrain::winch::run::{Judged, Names, Run, Wish as RunWish, judge, on_port, on_virtual};
+use pulsetrain::winch::script::{self, Script};
+use pulsetrain::winch::talk::{Said, Talk};
+use pulsetrain_board::VirtualBoard;
+use pulsetrain_board::native_winch::NativeWinch;
+use pulsetrain_board::virtual_uno::VirtualUno;
+use pulsetrain_motion::pins::PinKind;
+use pulsetrain_trace::winch::{Options, Report};
+
+const NAMES: Names<'_> = Names { script: "script", runner: "native winch", board: "StepperWinch" };
+
+fn script(text: &str, end_s: f64) -> Script {
+    Script { lines: script::parse(text, "script").unwrap(), end_s }
+}
+
+fn run(script: &Script) -> Run {
+    run_on(NativeWinch::new(), script)
+}
+
+fn run_on(board: impl VirtualBoard, script: &Script) -> Run {
+    let mut talk = Talk::new(board);
+    assert_eq!(talk.ask().unwrap().as_deref(), Some("StepperWinch Nov 21 2026"));
+    on_virtual(&mut talk, script, |_| RunWish::GoOn).unwrap()
+}
+
+fn verdict(run: &Run) -> Report {
+    verdict_as(run, &Options::default())
+}
+
+fn verdict_as(run: &Run, options: &Options) -> Report {
+    let Judged { report, .. } = judge(run, NAMES, options).unwrap();
+    report.verdict.unwrap()
+}
+
+/// When an Uno makes its edges: a constant later, and within what its merge moves them.
+fn of_uno() -> Options {
+    let late = pulsetrain_motion::boards::find("uno").unwrap().lateness_ticks;
+    Options { constant_ticks: PinKind::Shield.constant_ticks().into(), late_ticks: late.into(), ..Options::default() }
+}
+
+/// Gains, limits, targets in mid-move, an impulse, a drift, a ramp, a stop.
+const EVERYTHING: &str = "
+0 s: srate 20
+0 s: g xyz 1 0.5
+0 s: l y 8000 200000
+0.1 s: a xy 800 4000
+0.4 s: d x 600
+0.45 s: r y -100
+0.5 s: g a 5 0.07
+0.6 s: v z 1234
+0.6 s: a a 300
+1 s: l z 500 5000
+1.5 s: enable 0
+1.7 s: a z 0
+1.8 s: s x 300
+1.8 s: a x 1000
+";
+
+fn everything() -> Run {
+    run(&script(EVERYTHING, 3.0))
+}
+
+#[test]
+fn every_kind_of_line_is_followed() {
+    let run = everything();
+    let verdict = verdict(&run);
+    assert!(verdict.ok, "{verdict:?}");
+    assert!(run.refusals.is_empty() && verdict.statuses > 130, "{verdict:?}");
+    for axis in &verdict.axes {
+        assert!(axis.steps > 200 && axis.max_error_steps < 0.01, "{axis:?}");
+        assert_eq!(axis.position_wanted.round() as i64, axis.position, "{axis:?}");
+    }
+    let (_, most) = verdict.effect_ms.unwrap();
+    assert!(most < 4.0, "{most} ms");
+}
+
+#[test]
+fn the_uno_does_the_same() {
+    let run = run_on(VirtualUno::new(), &script(EVERYTHING, 3.0));
+    let verdict = verdict_as(&run, &of_uno());
+    assert!(verdict.ok && run.refusals.is_empty() && verdict.statuses > 130, "{verdict:?}");
+    for axis in &verdict.axes {
+        assert!(axis.steps > 200 && axis.max_error_steps < 0.03, "{axis:?}");
+        assert_eq!(axis.position_wanted.round() as i64, axis.position, "{axis:?}");
+    }
+}
+
+/// What is wrong is found, and said where.
+#[track_caller]
+fn check_mutant(mutate: impl FnOnce(&mut Run), axis: char, what: &str) {
+    let mut run = everything();
+    mutate(&mut run);
+    let verdict = verdict(&run);
+    let first = verdict.faults.first().expect("a fault");
+    assert!(!verdict.ok && first.axis == axis && first.what.contains(what), "{:?}", verdict.faults);
+}
+
+/// The place of x's nth pulse among the edges.
+fn pulse(run: &Run, nth: usize) -> usize {
+    let rising = run.edges.iter().enumerate().filter(|(_, edge)| edge.line == 2 && edge.level);
+    rising.map(|(place, _)| place).nth(nth).unwrap()
+}
+
+#[test]
+fn mutants_are_caught() {
+    let falls_after = |run: &Run, rising: usize| {
+        rising + run.edges[rising..].iter().position(|edge| edge.line == 2 && !edge.level).unwrap()
+    };
+    // A step is dropped.
+    check_mutant(
+        |run| {
+            let rising = pulse(run, 100);
+            let falling = falls_after(run, rising);
+            run.edges.remove(falling);
+            run.edges.remove(rising);
+        },
+        'x',
+        "it is at 100, the path at 101.",
+    );
+    // One is added.
+    check_mutant(
+        |run| {
+            let (rising, next) = (pulse(run, 100), pulse(run, 101));
+            let middle = u64::midpoint(run.edges[rising].tick, run.edges[next].tick);
+            let mut pulse = [run.edges[rising], run.edges[falls_after(run, rising)]];
+            (pulse[0].tick, pulse[1].tick) = (middle, middle + 32);
+            run.edges.extend(pulse);
+            run.edges.sort_by_key(|edge| edge.tick);
+        },
+        'x',
+        "before the path",
+    );
+    // One is 0.11 step late.
+    check_mutant(
+        |run| {
+            let (rising, next) = (pulse(run, 100), pulse(run, 101));
+            let late = (run.edges[next].tick - run.edges[rising].tick) * 11 / 100;
+            let falling = falls_after(run, rising);
+            run.edges[rising].tick += late;
+            run.edges[falling].tick += late;
+            run.edges.sort_by_key(|edge| edge.tick);
+        },
+        'x',
+        "the step to 101 is 0.11",
+    );
+    // DIR is late.
+    check_mutant(
+        |run| {
+            let dir = run.edges.iter().position(|edge| edge.line == 5).unwrap();
+            let step = pulse(run, 0);
+            run.edges[dir].tick = run.edges[step].tick - 15;
+            run.edges.sort_by_key(|edge| edge.tick);
+        },
+        'x',
+        "DIR changes 15 ticks before a step",
+    );
+    // A pulse is short.
+    check_mutant(
+        |run| {
+            let rising = pulse(run, 100);
+            let falling = falls_after(run, rising);
+            run.edges[falling].tick = run.edges[rising].tick + 15;
+            run.edges.sort_by_key(|edge| edge.tick);
+        },
+        'x',
+        "a pulse of 15 ticks",
+    );
+    // A status says something else.
+    check_mutant(|run| run.statuses[50].positions[3] += 1, 'a', "but its pulses make");
+    // All come 10 ms late: no line may take so long.
+    check_mutant(|run| run.edges.iter_mut().for_each(|edge| edge.tick += 160_000), 'y', "it is at 0, the path at ");
+}
+
+#[test]
+fn a_stop_is_a_planned_one() {
+    let mut talk = Talk::new(NativeWinch::new());
+    talk.ask().unwrap();
+    let script = script("0 s: v x 3000\n5 s: v x -3000", 20.0);
+    let wish = |at_s: f64| if at_s > 2.0 { RunWish::Stop } else { RunWish::GoOn };
+    let run = on_virtual(&mut talk, &script, wish).unwrap();
+    let verdict = verdict(&run);
+    assert!(verdict.ok, "{verdict:?}");
+    let seconds = (run.end - run.begin) as f64 / 16e6;
+    assert!((3.0..3.2).contains(&seconds), "{seconds}");
+    assert!(!talk.port().is_enabled(), "drivers are off");
+}
+
+#[test]
+fn a_real_board_is_known_by_its_word() {
+    // The same without its edges.
+    let mut talk = Talk::new(NativeWinch::new());
+    talk.ask().unwrap();
+    let script = script("0 s: g xyza 2 1\n0.2 s: a xy 1000 -500\n1 s: a x 200", 4.0);
+    let run = on_port(&mut talk, &script, |_| RunWish::GoOn).unwrap();
+    let Judged { report, .. } = pulsetrain::winch::run::by_word(&run, NAMES);
+    assert!(report.is_ok() && report.verdict.is_none(), "{report:?}");
+    let word = report.word.clone().unwrap();
+    assert_eq!(word.iter().map(|axis| axis.position).collect::<Vec<_>>(), [200, -500, 0, 0]);
+    // In moves lines act some milliseconds before or after what is known.
+    assert!(word[0].farthest > 0.0 && word[0].farthest < 40.0, "{word:?}");
+    let mut elsewhere = run;
+    elsewhere.statuses.last_mut().unwrap().positions[1] += 1;
+    assert!(!pulsetrain::winch::run::by_word(&elsewhere, NAMES).report.is_ok());
+}
+
+fn line() -> impl Strategy<Value = String> {
+    let axes = prop::sample::select(vec!["x", "y", "xy", "za", "xyza"]);
+    prop_oneof![
+        (prop::sample::select(vec!["a", "d", "r"]), axes.clone(), -1500..1500_i32)
+            .prop_map(|(verb, axes, steps)| format!("{verb} {axes}{}", format!(" {steps}").repeat(axes.len()))),
+        (axes.clone(), -5000..5000_i32)
+            .prop_map(|(axes, speed)| format!("v {axes}{}", format!(" {speed}").repeat(axes.len()))),
+        (axes.clone(), 0..4000_i32)
+            .prop_map(|(axes, speed)| format!("s {axes}{}", format!(" {speed}").repeat(axes.len()))),
+        // With less damping a difference may grow until the next command.
+        (axes.clone(), 20..400_i32, 30..300_i32).prop_map(|(axes, f, ratio)| format!(
+            "g {axes} {} {}",
+            f64::from(f) / 100.0,
+            f64::from(ratio) / 100.0
+        )),
+        (axes, 100..10_000_i32, 1000..250_000_i32).prop_map(|(axes, v, a)| format!("l {axes} {v} {a}")),
+        Just("enable 0".to_owned()),
+    ]
+}
+
+/// Lines, each so many ms after the one before; and when it ends, s.
+fn random_script(lines: &[(u32, String)]) -> (String, f64) {
+    let mut at_ms = 0;
+    let mut text = "0 s: g xyza 1 0.5\n".to_owned();
+    for (wait, line) in lines {
+        at_ms += wait;
+        text.push_str(&format!("{at_ms} ms: {line}\n"));
+    }
+    (text, f64::from(at_ms) / 1e3 + 1.0)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
+
+    /// The board's fixed point and the judge's f64 agree on any script: two codes that share nothing.
+    #[test]
+    fn boards_and_judge_agree(lines in prop::collection::vec((0..500_u32, line()), 1..12)) {
+        let (text, end_s) = random_script(&lines);
+        let run = run(&script(&text, end_s));
+        let verdict = verdict(&run);
+        prop_assert!(verdict.ok, "{}{:?}", text, verdict);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 8, ..ProptestConfig::default() })]
+
+    /// So do the firmware's assembly, and the judge.
+    #[test]
+    fn the_uno_and_the_judge_agree(lines in prop::collection::vec((0..300_u32, line()), 1..10)) {
+        let (text, end_s) = random_script(&lines);
+        let run = run_on(VirtualUno::new(), &script(&text, end_s));
+        let verdict = verdict_as(&run, &of_uno());
+        prop_assert!(verdict.ok, "{}{:?}", text, verdict);
+    }
+}
+
+fn folder(name: &str) -> PathBuf {
+    let folder = std::env::temp_dir().join(format!("pulsetrain-winch-{name}-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    folder
+}
+
+fn command(args: &[&str]) -> (Exit, String, String) {
+    let (mut out, mut err) = (Vec::new(), Vec::new());
+    let exit = cli::run([&["pulsetrain", "winch"], args].concat(), &mut out, &mut err);
+    (exit, String::from_utf8(out).unwrap(), String::from_utf8(err).unwrap())
+}
+
+#[test]
+fn the_example_runs_and_leaves_its_files() {
+    let folder = folder("example");
+    let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/winch.toml");
+    let (exit, out, err) = command(&[example.to_str().unwrap(), "--native", "--out", folder.to_str().unwrap()]);
+    assert_eq!((exit, err.as_str()), (Exit::Success, ""), "{out}");
+    assert!(out.contains("8 lines in 8 s") && out.contains("\nok\n"), "{out}");
+    let read = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap();
+    assert!(read("plot.svg").contains("Steps of x behind the path"));
+    assert!(read("steps.csv").lines().count() > 3000 && read("trace.vcd").contains("step"));
+    assert!(read("statuses.csv").lines().count() > 30 && read("report.json").contains("\"ok\": true"));
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn a_wrong_script_is_refused_before_anything_moves() {
+    let folder = folder("wrong");
+    let path = folder.join("wrong.txt");
+    std::fs::write(&path, "0 s: a x 5\n1 s: g x nan 1\n").unwrap();
+    let out = folder.join("out");
+    let (exit, _, err) = command(&[path.to_str().unwrap(), "--native", "--out", out.to_str().unwrap()]);
+    assert_eq!(exit, Exit::Refused);
+    assert!(err.contains("a natural frequency is 0.01 to 20 Hz") && err.contains(":2:10]"), "{err}");
+    assert!(!out.exists());
+    let (exit, _, err) = command(&[path.to_str().unwrap()]);
+    assert_eq!(exit, Exit::Refused);
+    assert!(err.contains("--native") && err.contains("--port"), "{err}");
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+/// Someone who does one thing each look.
+struct Actor {
+    wishes: Vec<Wish>,
+    heard: Vec<Said>,
+    told: String,
+}
+
+impl Person for Actor {
+    fn wishes(&mut self) -> io::Result<Vec<Wish>> {
+        Ok(if self.wishes.is_empty() { vec![Wish::End] } else { vec![self.wishes.remove(0)] })
+    }
+
+    fn show(&mut self, said: &Said) -> io::Result<()> {
+        self.heard.push(said.clone());
+        Ok(())
+    }
+
+    fn tell(&mut self, text: &str) -> io::Result<()> {
+        self.told.push_str(text);
+        Ok(())
+    }
+
+    fn waits_for_rest(&self) -> bool {
+        false
+    }
+}
+
+#[test]
+fn a_person_types_lines() {
+    let line = |text: &str| Wish::Line(text.to_owned());
+    let mut wishes = vec![line("help"), line("  "), line("srate 10"), line("v x 3000"), line("jump")];
+    // A second of nothing.
+    wishes.extend([const { Wish::Line(String::new()) }; 25]);
+    wishes.push(Wish::Stop);
+    wishes.extend([const { Wish::Line(String::new()) }; 10]);
+    wishes.extend([line("quit"), line("v x 9")]);
+    let mut actor = Actor { wishes, heard: Vec::new(), told: String::new() };
+    let mut talk = Talk::new(NativeWinch::new());
+    converse(&mut talk, &mut actor).unwrap();
+    assert!(actor.told.contains("go to") && actor.told.contains("enable 0"));
+    assert!(actor.heard.contains(&Said::Line("err command 1".to_owned())));
+    assert!(talk.port().positions()[0] > 500 && talk.port().is_at_rest(), "it was stopped");
+    assert_eq!(actor.wishes.len(), 1, "after `quit` nobody is asked");
+}
+
+#[test]
+fn lines_from_a_pipe_are_obeyed_to_their_end() {
+    let (lines, to_console) = channel();
+    for line in ["g xyza 2 1", "a xy 100 -200"] {
+        lines.send(line.to_owned()).unwrap();
+    }
+    drop(lines);
+    let mut out = Vec::new();
+    let mut talk = Talk::new(NativeWinch::new());
+    converse(&mut talk, &mut Plain::new(to_console, &mut out)).unwrap();
+    let text = String::from_utf8(out).unwrap();
+    assert!(text.starts_with("awake\n") && text.trim_end().ends_with(" 100 -200 0 0"), "{text}");
+    // One that never rests is left alone after half a minute.
+    let (lines, to_console) = channel();
+    lines.send("v x 100".to_owned()).unwrap();
+    drop(lines);
+    let mut out = Vec::new();
+    converse(&mut talk, &mut Plain::new(to_console, &mut out)).unwrap();
+    assert!(String::from_utf8(out).unwrap().ends_with("the board goes on with what it was told\n"));
+}

@@ -1,0 +1,148 @@
+//! In which millisecond each line came into effect: the way that agrees best with the steps.
+
+use std::collections::HashSet;
+
+use super::path::Board;
+use super::{Options, Step, THRESHOLD, Told};
+
+/// Ways that are followed at once.
+const WAYS: usize = 512;
+
+/// A way is given up that is so much worse than the best, steps².
+const HOPELESS: f64 = 4.0;
+
+/// One way in which it may have been.
+#[derive(Clone, Debug)]
+struct Way {
+    board: Board,
+    /// The millisecond of each line so far.
+    effects: Vec<u64>,
+    /// Sum of squared distances of steps from the paths, steps².
+    distance: f64,
+}
+
+/// The millisecond from whose beginning on each line acts.
+pub(super) fn find(told: &[Told], steps: &[Vec<Step>; 4], ms_end: u64, options: &Options) -> Vec<u64> {
+    let ms_of = |tick: u64| tick as f64 / options.tick_hz * 1e3;
+    let windows: Vec<(u64, u64)> = told
+        .iter()
+        .map(|told| (ms_of(told.tick).ceil() as u64, ms_of(told.until).ceil() as u64 + options.effect_ms))
+        .collect();
+    let mut ways = vec![Way { board: Board::START, effects: Vec::new(), distance: 0.0 }];
+    let mut next = [0; 4];
+    for ms in 0..ms_end {
+        branch(&mut ways, told, &windows, ms);
+        for (axis, steps) in steps.iter().enumerate() {
+            let before = steps[..next[axis]].last().map_or(0, |step| step.position);
+            let count = steps[next[axis]..].partition_point(|step| step.ms < (ms + 1) as f64);
+            let now = &steps[next[axis]..next[axis] + count];
+            next[axis] += count;
+            let position = now.last().map_or(before, |step| step.position) as f64;
+            for way in &mut ways {
+                way.distance += now.iter().map(|step| step.behind(&way.board, axis, ms).powi(2)).sum::<f64>();
+                let end = way.board.paths[axis].position + way.board.speed(axis) * 1e-3;
+                let beyond = ((end - position).abs() - THRESHOLD).max(0.0);
+                way.distance += beyond * beyond;
+            }
+        }
+        ways.iter_mut().for_each(|way| way.board.tick());
+        prune(&mut ways);
+    }
+    let best = ways.swap_remove(0);
+    let left = windows[best.effects.len()..].iter().map(|window| window.0.max(ms_end));
+    best.effects.iter().copied().chain(left).collect()
+}
+
+/// Each way goes on with none, one or more of the lines that may act from now on.
+fn branch(ways: &mut Vec<Way>, told: &[Told], windows: &[(u64, u64)], ms: u64) {
+    let due = |way: &Way| windows.get(way.effects.len()).filter(|window| window.0 <= ms).copied();
+    if ways.iter().all(|way| due(way).is_none()) {
+        return;
+    }
+    let mut open = std::mem::take(ways);
+    while let Some(mut way) = open.pop() {
+        let Some((_, last)) = due(&way) else {
+            ways.push(way);
+            continue;
+        };
+        if ms < last {
+            ways.push(way.clone());
+        }
+        way.board.obey(&told[way.effects.len()].command);
+        way.effects.push(ms);
+        open.push(way);
+    }
+}
+
+/// Keeps the best ways, the best first; of two that come to the same the one with the earlier lines.
+fn prune(ways: &mut Vec<Way>) {
+    if ways.len() == 1 {
+        return;
+    }
+    ways.sort_by(|a, b| a.distance.total_cmp(&b.distance).then_with(|| a.effects.cmp(&b.effects)));
+    let worst = ways[0].distance + HOPELESS;
+    let mut known = HashSet::with_capacity(ways.len());
+    ways.retain(|way| {
+        way.distance <= worst && known.len() < WAYS && known.insert((way.effects.len(), way.board.bits()))
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::winch::Command;
+
+    /// The steps of paths on which each line acts in a given millisecond.
+    fn steps(lines: &[(u64, &str)], ms_end: u64) -> [Vec<Step>; 4] {
+        let mut board = Board::START;
+        let mut steps: [Vec<Step>; 4] = [const { Vec::new() }; 4];
+        for ms in 0..ms_end {
+            for (_, line) in lines.iter().filter(|(at, _)| *at == ms) {
+                board.obey(&Command::parse(line).unwrap());
+            }
+            for (axis, steps) in steps.iter_mut().enumerate() {
+                let (from, moved) = (board.paths[axis].position, board.speed(axis) * 1e-3);
+                loop {
+                    let position = steps.last().map_or(0, |step| step.position);
+                    let beyond = from + moved - position as f64;
+                    if beyond.abs() < THRESHOLD {
+                        break;
+                    }
+                    let forward = beyond > 0.0;
+                    let position = if forward { position + 1 } else { position - 1 };
+                    let mut step = Step { ms: 0.0, position, forward };
+                    step.ms = ms as f64 + (step.wanted_at() - from) / moved;
+                    steps.push(step);
+                }
+            }
+            board.tick();
+        }
+        steps
+    }
+
+    #[test]
+    fn lines_are_found_where_they_acted() {
+        let lines = [
+            (3, "g xyza 2 1"),
+            (5, "l xyza 8000 100000"),
+            (8, "a xyza 3000 200 -100 0"),
+            (402, "d x -500"),
+            (406, "v y 900"),
+            (700, "a x 0"),
+            (702, "enable 0"),
+        ];
+        let steps = steps(&lines, 1500);
+        // All that is known of each: within 6 ms before, and 2 more of doubt.
+        let told: Vec<Told> = lines
+            .iter()
+            .zip([1, 0, 3, 4, 1, 0, 5])
+            .map(|((ms, line), early)| {
+                let tick = (ms - early) * 16_000;
+                Told { tick, until: tick + 32_000, command: Command::parse(line).unwrap() }
+            })
+            .collect();
+        let found = find(&told, &steps, 1500, &Options::default());
+        // What makes no difference yet is taken as soon as it may be: gains and limits of axes at rest.
+        assert_eq!(found, [2, 5, 8, 402, 406, 700, 702]);
+    }
+}

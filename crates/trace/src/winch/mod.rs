@@ -1,0 +1,410 @@
+//! The judge of boards that work out their own path: do the edges follow StepperWinch's recurrence?
+//!
+//! # What is here
+//! - [`judge`]: lines that were sent, and edges → a [`Report`]
+//! - [`Command`]: lines, read
+//! - `path`: the recurrence in f64
+//! - `effects`: in which millisecond each line came into effect
+//!
+//! # What is not
+//! Anything of a board's own fixed point: lines, path and steps are stated here a second time.
+//!
+//! A board obeys a line a few milliseconds after it has come, and nothing says when. That is found out: of all the
+//! milliseconds within which it must be, those that agree best with the steps. How long it took is part of the report.
+
+mod command;
+mod effects;
+mod path;
+
+pub use command::{AXES, Command, Order, WrongLine};
+
+use crate::Edge;
+use path::Board;
+use serde::Serialize;
+
+/// 1/64 step beyond the middle between two steps: where a path makes the next one.
+const THRESHOLD: f64 = 0.5 + 1.0 / 64.0;
+
+/// Faults that are told one by one.
+const TOLD_FAULTS: usize = 8;
+
+/// A line that was sent.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Told {
+    /// Tick of the board's clock before which it cannot have been there.
+    pub tick: u64,
+    /// The latest tick at which it can have been there.
+    pub until: u64,
+    /// What it says.
+    pub command: Command,
+}
+
+/// A line that came from the board: where it says that its axes are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Status {
+    /// Its clock, µs, without the wraps at 32 bits.
+    pub usec: u64,
+    /// Steps made, of x, y, z and a.
+    pub positions: [i32; 4],
+}
+
+/// How a board is wired, when it does what, and what is allowed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Options {
+    /// Ticks per second.
+    pub tick_hz: f64,
+    /// STEP lines of x, y, z and a; a step is a rising edge.
+    pub step: [u8; 4],
+    /// DIR lines of the same; high is forward.
+    pub dir: [u8; 4],
+    /// Edges come so long after the path wants them, ticks.
+    pub constant_ticks: f64,
+    /// And may be so much earlier or later, ticks.
+    pub late_ticks: f64,
+    /// How far a step may be from the path, steps; besides what its lateness makes.
+    pub bound_steps: f64,
+    /// The longest that a line may take to its effect, ms.
+    pub effect_ms: u64,
+    /// The time that the report's times and the onlooker's count from, s of the board's clock.
+    pub origin_s: f64,
+    /// Shortest pulse, and shortest time from DIR to STEP, ticks.
+    pub shortest_ticks: u64,
+}
+
+impl Default for Options {
+    /// An Uno with a CNC shield: edges to the tick, within 0.1 step, as docs/winch.md has it; times of an A4988, 1 µs.
+    fn default() -> Options {
+        Options {
+            tick_hz: 16e6,
+            step: [2, 3, 4, 12],
+            dir: [5, 6, 7, 13],
+            constant_ticks: 0.0,
+            late_ticks: 1.0,
+            bound_steps: 0.1,
+            effect_ms: 6,
+            origin_s: 0.0,
+            shortest_ticks: 16,
+        }
+    }
+}
+
+/// The verdict.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// No bound broke.
+    pub ok: bool,
+    /// x, y, z and a.
+    pub axes: [AxisReport; 4],
+    /// Statuses that were compared with the pulses.
+    pub statuses: usize,
+    /// Shortest and longest time from a line's coming to the millisecond in which it moved an axis, ms; `None` without lines
+    /// for axes. Where a line makes no difference at first, the shortest that agrees.
+    pub effect_ms: Option<(f64, f64)>,
+    /// The first faults.
+    pub faults: Vec<Fault>,
+    /// All of them.
+    pub fault_count: usize,
+}
+
+/// What was seen of one axis.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct AxisReport {
+    /// x, y, z or a.
+    pub axis: String,
+    /// Steps in the trace.
+    pub steps: u64,
+    /// Steps forward minus steps backward in the end.
+    pub position: i64,
+    /// Where the path ends, steps.
+    pub position_wanted: f64,
+    /// Largest distance of a step from the path, steps.
+    pub max_error_steps: f64,
+    /// When that was, s from the origin.
+    pub max_error_at_s: f64,
+    /// Root of the mean square, steps.
+    pub rms_error_steps: f64,
+    /// Shortest time between two steps, µs.
+    pub shortest_interval_us: Option<f64>,
+    /// Shortest pulse, µs.
+    pub shortest_pulse_us: Option<f64>,
+    /// Shortest time from a change of DIR to the next step, µs.
+    pub shortest_setup_us: Option<f64>,
+}
+
+/// A bound that broke.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Fault {
+    /// x, y, z or a.
+    pub axis: char,
+    /// When, s from the origin.
+    pub at_s: f64,
+    /// What.
+    pub what: String,
+}
+
+/// Looks on while a run is judged: for pictures. Times are s from the origin, positions steps.
+pub trait Onlooker {
+    /// The path of an axis at the beginning of a millisecond, and its speed in it, steps/s.
+    fn path(&mut self, axis: usize, at_s: f64, position: f64, speed: f64);
+
+    /// A step to `position`, so many steps behind the path, or before it (negative).
+    fn step(&mut self, axis: usize, at_s: f64, position: i64, behind: f64);
+}
+
+/// Nobody looks on.
+impl Onlooker for () {
+    fn path(&mut self, _: usize, _: f64, _: f64, _: f64) {}
+    fn step(&mut self, _: usize, _: f64, _: i64, _: f64) {}
+}
+
+/// A step as it was seen.
+#[derive(Clone, Copy, Debug)]
+struct Step {
+    /// When the path was to want it: the edge less the board's constant, ms.
+    ms: f64,
+    /// Position after it.
+    position: i64,
+    forward: bool,
+}
+
+impl Step {
+    /// Where the path is as it wants this step.
+    fn wanted_at(self) -> f64 {
+        self.position as f64 + if self.forward { THRESHOLD - 1.0 } else { 1.0 - THRESHOLD }
+    }
+
+    /// How far an axis' path is beyond that, in the step's own direction.
+    fn behind(self, board: &Board, axis: usize, begin_ms: u64) -> f64 {
+        let position = board.paths[axis].position + board.speed(axis) * 1e-3 * (self.ms - begin_ms as f64);
+        let beyond = position - self.wanted_at();
+        if self.forward { beyond } else { -beyond }
+    }
+}
+
+/// Judges a run from tick 0 of the board's clock, when it stands at 0, to the beginning of the millisecond of `end`.
+///
+/// `told` and `edges` are in order of time; lines of `edges` are the board's pins.
+///
+/// # Errors
+/// When edges are not in order.
+pub fn judge(
+    told: &[Told],
+    edges: &[Edge],
+    statuses: &[Status],
+    end: u64,
+    options: &Options,
+    onlooker: &mut impl Onlooker,
+) -> Result<Report, OutOfOrder> {
+    let mut seen = see(edges, options)?;
+    let ms_end = (end as f64 / options.tick_hz * 1e3) as u64;
+    let effects = effects::find(told, &seen.steps, ms_end, options);
+    follow(told, &effects, &mut seen, ms_end, options, onlooker);
+    seen.compare(statuses, options);
+    let tick_ms = 1e3 / options.tick_hz;
+    let took = told.iter().zip(&effects).filter(|(told, _)| told.command != Command::default());
+    let took = took.map(|(told, effect)| *effect as f64 - told.until as f64 * tick_ms);
+    let effect_ms = took.fold(None, |span: Option<(f64, f64)>, ms| {
+        Some(span.map_or((ms, ms), |(low, high)| (low.min(ms), high.max(ms))))
+    });
+    let Seen { axes, faults, fault_count, .. } = seen;
+    Ok(Report { ok: fault_count == 0, axes, statuses: statuses.len(), effect_ms, faults, fault_count })
+}
+
+/// The paths alone, if each line acts in the first millisecond after it can have come.
+///
+/// For boards whose pins nobody sees: in a move they may be a few milliseconds off it.
+pub fn foretell(told: &[Told], end: u64, options: &Options, onlooker: &mut impl Onlooker) {
+    let ms = |tick: u64| (tick as f64 / options.tick_hz * 1e3).ceil() as u64;
+    let mut lines = told.iter().peekable();
+    let mut board = Board::START;
+    for now in 0..ms(end) {
+        while let Some(told) = lines.next_if(|told| ms(told.until) <= now) {
+            board.obey(&told.command);
+        }
+        for (axis, path) in board.paths.iter().enumerate() {
+            onlooker.path(axis, now as f64 * 1e-3 - options.origin_s, path.position, board.speed(axis));
+        }
+        board.tick();
+    }
+}
+
+/// An edge that was before the one before it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("edge {edge} is at tick {tick}, before the one before it")]
+pub struct OutOfOrder {
+    /// Which, from 0.
+    pub edge: usize,
+    /// When.
+    pub tick: u64,
+}
+
+/// What is known of the trace so far.
+struct Seen {
+    steps: [Vec<Step>; 4],
+    /// Edges of the same steps, ticks.
+    ticks: [Vec<u64>; 4],
+    axes: [AxisReport; 4],
+    faults: Vec<Fault>,
+    fault_count: usize,
+}
+
+impl Seen {
+    fn fault(&mut self, axis: usize, at_s: f64, what: impl FnOnce() -> String) {
+        if self.faults.len() < TOLD_FAULTS {
+            self.faults.push(Fault { axis: AXES[axis], at_s, what: what() });
+        }
+        self.fault_count += 1;
+    }
+
+    /// Each status says what the pins have done.
+    fn compare(&mut self, statuses: &[Status], options: &Options) {
+        /// How far the reading of the clock and of the positions may be apart, µs.
+        const APART: u64 = 30;
+        let ticks_per_us = options.tick_hz / 1e6;
+        for status in statuses {
+            let at = |usec: u64| (usec as f64 * ticks_per_us) as u64;
+            for (axis, said) in status.positions.into_iter().enumerate() {
+                let ticks = &self.ticks[axis];
+                let first = ticks.partition_point(|tick| *tick <= at(status.usec.saturating_sub(APART)));
+                let last = ticks.partition_point(|tick| *tick <= at(status.usec + APART));
+                let made = |count: usize| if count == 0 { 0 } else { self.steps[axis][count - 1].position };
+                // Positions are 32 bits that wrap.
+                let agrees = (first..=last).any(|count| made(count) as i32 == said);
+                if !agrees {
+                    let (made, at_s) = (made(last), status.usec as f64 * 1e-6 - options.origin_s);
+                    self.fault(axis, at_s, || format!("it says position {said}, but its pulses make {made}"));
+                }
+            }
+        }
+    }
+}
+
+/// Edges to steps, and what a driver needs of them.
+fn see(edges: &[Edge], options: &Options) -> Result<Seen, OutOfOrder> {
+    let name = |axis: usize| AxisReport { axis: AXES[axis].to_string(), ..AxisReport::default() };
+    let mut seen = Seen {
+        steps: [const { Vec::new() }; 4],
+        ticks: [const { Vec::new() }; 4],
+        axes: std::array::from_fn(name),
+        faults: Vec::new(),
+        fault_count: 0,
+    };
+    let tick_us = 1e6 / options.tick_hz;
+    let (mut forward, mut turned, mut risen) = ([false; 4], [None; 4], [None; 4]);
+    let mut last = 0;
+    let shorten = |shortest: &mut Option<f64>, us: f64| *shortest = Some(shortest.map_or(us, |old| old.min(us)));
+    for (edge, &Edge { tick, line, level }) in edges.iter().enumerate() {
+        if tick < last {
+            return Err(OutOfOrder { edge, tick });
+        }
+        last = tick;
+        let at_s = tick as f64 / options.tick_hz - options.origin_s;
+        if let Some(axis) = options.dir.iter().position(|dir| *dir == line) {
+            if risen[axis].is_some() {
+                seen.fault(axis, at_s, || "DIR changes while STEP is high".to_owned());
+            }
+            (forward[axis], turned[axis]) = (level, Some(tick));
+        }
+        let Some(axis) = options.step.iter().position(|step| *step == line) else { continue };
+        if !level {
+            let Some(risen) = risen[axis].take() else { continue };
+            let pulse: u64 = tick - risen;
+            shorten(&mut seen.axes[axis].shortest_pulse_us, pulse as f64 * tick_us);
+            if pulse < options.shortest_ticks {
+                seen.fault(axis, at_s, || format!("a pulse of {pulse} ticks"));
+            }
+            continue;
+        }
+        risen[axis] = Some(tick);
+        if let Some(turned) = turned[axis].take() {
+            let setup: u64 = tick - turned;
+            shorten(&mut seen.axes[axis].shortest_setup_us, setup as f64 * tick_us);
+            if setup < options.shortest_ticks {
+                seen.fault(axis, at_s, || format!("DIR changes {setup} ticks before a step"));
+            }
+        }
+        if let Some(before) = seen.ticks[axis].last() {
+            shorten(&mut seen.axes[axis].shortest_interval_us, (tick - before) as f64 * tick_us);
+        }
+        let forward = forward[axis];
+        let report = &mut seen.axes[axis];
+        report.position += if forward { 1 } else { -1 };
+        report.steps += 1;
+        let ms = (tick as f64 - options.constant_ticks) / options.tick_hz * 1e3;
+        seen.steps[axis].push(Step { ms, position: report.position, forward });
+        seen.ticks[axis].push(tick);
+    }
+    Ok(seen)
+}
+
+/// Goes along the paths, with each line in its millisecond, and looks at every step.
+fn follow(
+    told: &[Told],
+    effects: &[u64],
+    seen: &mut Seen,
+    ms_end: u64,
+    options: &Options,
+    onlooker: &mut impl Onlooker,
+) {
+    let mut board = Board::START;
+    let mut lines = told.iter().zip(effects).peekable();
+    let mut next = [0; 4];
+    let mut squares = [0.0; 4];
+    // Said once for each time that an axis is lost.
+    let mut lost = [false; 4];
+    let late_ms = options.late_ticks / options.tick_hz * 1e3;
+    for ms in 0..ms_end {
+        while let Some((told, _)) = lines.next_if(|(_, effect)| **effect <= ms) {
+            board.obey(&told.command);
+        }
+        let (mut positions, mut allowed) = ([0; 4], [0.0; 4]);
+        for axis in 0..4 {
+            let speed = board.speed(axis);
+            let at_s = ms as f64 * 1e-3 - options.origin_s;
+            onlooker.path(axis, at_s, board.paths[axis].position, speed);
+            allowed[axis] = options.bound_steps + speed.abs() * 1e-3 * late_ms;
+            let allowed = allowed[axis];
+            let mut position = seen.steps[axis][..next[axis]].last().map_or(0, |step| step.position);
+            while let Some(step) = seen.steps[axis].get(next[axis]).copied()
+                && step.ms < (ms + 1) as f64
+            {
+                next[axis] += 1;
+                position = step.position;
+                let (behind, at_s) = (step.behind(&board, axis, ms), step.ms * 1e-3 - options.origin_s);
+                onlooker.step(axis, at_s, position, behind);
+                squares[axis] += behind * behind;
+                let report = &mut seen.axes[axis];
+                if behind.abs() > report.max_error_steps {
+                    (report.max_error_steps, report.max_error_at_s) = (behind.abs(), at_s);
+                }
+                if behind.abs() > allowed {
+                    seen.fault(axis, at_s, || {
+                        let side = if behind > 0.0 { "behind" } else { "before" };
+                        format!(
+                            "the step to {position} is {:.3} step {side} the path, {allowed:.3} allowed",
+                            behind.abs()
+                        )
+                    });
+                }
+            }
+            positions[axis] = position;
+        }
+        board.tick();
+        for (axis, position) in positions.into_iter().enumerate() {
+            let wanted = board.paths[axis].position;
+            let beyond = (wanted - position as f64).abs() - THRESHOLD;
+            // A step at the end of a millisecond may be seen in the next.
+            if beyond <= allowed[axis] {
+                lost[axis] = false;
+            } else if !std::mem::replace(&mut lost[axis], true) {
+                let at_s = (ms + 1) as f64 * 1e-3 - options.origin_s;
+                seen.fault(axis, at_s, || format!("it is at {position}, the path at {wanted:.2}"));
+            }
+        }
+    }
+    for (axis, path) in board.paths.iter().enumerate() {
+        let report = &mut seen.axes[axis];
+        report.position_wanted = path.position;
+        report.rms_error_steps = (squares[axis] / (report.steps as f64).max(1.0)).sqrt();
+    }
+}

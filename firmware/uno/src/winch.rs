@@ -1,0 +1,278 @@
+//! The winch: text on the line instead of frames, and motors that follow paths which the board works out itself.
+//!
+//! docs/winch.md has the commands; what they mean is `pulsetrain_core::winch`. Paths, reader and replies are assembly that does
+//! the same (tick.s, command.s, text.s, reply.s), held to it by crates/board/tests/winch_avr.rs.
+//!
+//! # What is here
+//! - this file: the main loop's side; lines, and what they ask for
+//! - [`feed`]: the task's side; from paths to the motors
+//!
+//! # Who has the board
+//! As long as frames have not taken it and no motor of theirs moves, text is *on*: every byte goes to the reader of lines as
+//! well as to that of frames. Paths and reader lie where frames have their queues. From the first command that enables the
+//! drivers, until `enable 0` has released them, text *drives*, and frames' Hello is refused.
+
+pub(crate) mod feed;
+
+use crate::clock;
+use crate::link::Receiver;
+use crate::machine::Board;
+use crate::memory::REPLY_LEN;
+use core::arch::global_asm;
+use pulsetrain_core::Moment;
+use pulsetrain_core::winch::text::Verb;
+use pulsetrain_core::wire::Service;
+
+/// Bytes of four paths, of the reader, and of the longest line that is sent.
+pub(crate) const PATHS: usize = 4 * PATH;
+pub(crate) const READER: usize = TEXT + 81;
+pub(crate) const LINE: usize = pulsetrain_core::winch::reply::LONGEST;
+
+/// Bytes of what a status line says: the clock and four positions.
+const VALUES: usize = 5 * 4;
+// Before value k is read `txyza` and k numbers have been written.
+const _: () = assert!(5 + 12 * 4 <= LINE - VALUES + 4 * 4);
+
+const PATH: usize = 51;
+/// Where the reader has the line.
+const TEXT: usize = 25;
+/// Where a path has its speed, whole steps/s, in 2 bytes.
+const SPEED: usize = 18;
+
+/// Fields of the reader.
+mod reader {
+    pub(super) const WORD: usize = 5;
+    pub(super) const AXES: usize = 7;
+    pub(super) const GIVEN: usize = 8;
+    pub(super) const VALUES: usize = 9;
+    pub(super) const STRICT: u8 = 1;
+    pub(super) const OVER: u8 = 2;
+}
+
+/// What is said beside whats, as reply.s has it.
+const AWAKE: u8 = 14;
+const ID: u8 = 15;
+const TAKEN: u8 = 16;
+
+/// From one status line to the next, at first, ms.
+const REPORT_MS: u8 = 200;
+
+/// What stands for bytes that were lost.
+static NOISE: u8 = 1;
+
+/// The reader came to a zero.
+const ZERO: u8 = 0x40;
+
+// The reader knows how long the receive page is.
+const _: () = assert!(crate::link::PAGE == 0x80);
+
+/// A line waits for what it would say as long as no more bytes than this wait behind it.
+const PATIENCE: u8 = 64;
+
+/// Frames have been silent for so long if a line is told that they have the board, 1.024 ms.
+pub(crate) const SILENCE: u16 = 100;
+
+global_asm!(include_str!("winch/tick.s"), options(raw));
+global_asm!(include_str!("winch/command.s"), options(raw));
+global_asm!(include_str!("winch/text.s"), options(raw));
+global_asm!(include_str!("winch/reply.s"), options(raw));
+
+unsafe extern "C" {
+    static mut winch_reader: [u8; READER];
+    static mut winch_line: [u8; LINE];
+    static mut winch_asked: Asked;
+    fn winch_listen(reader: *mut u8, bytes: *const u8, count: u8) -> u16;
+    fn winch_say(out: *mut u8, what: u8, word: u8) -> u8;
+    fn winch_status(out: *mut u8, values: *const i32) -> u8;
+}
+
+/// Text, as main knows it.
+pub(crate) struct Winch {
+    /// Text is read; only then is there anything [`asked`].
+    pub(crate) on: bool,
+    /// Frames were seen: nothing is said until there is a command.
+    quiet: bool,
+    /// Motors follow the paths.
+    drives: bool,
+    /// What is to be said.
+    say: u8,
+}
+
+/// What text has asked for; where frames have their queues.
+#[repr(C)]
+pub(crate) struct Asked {
+    /// Pins are the shield's.
+    set_up: bool,
+    /// The drivers are to be released when all axes rest.
+    releasing: bool,
+    /// The deadman has stopped the axes.
+    dead: bool,
+    /// About which word something is to be said.
+    word: u8,
+    report_ms: u16,
+    deadman_ms: u16,
+    /// When the last status line was due.
+    reported: Moment,
+    /// When the last command came.
+    heard: Moment,
+}
+
+/// See [`Asked`]. While text is on.
+#[inline(always)]
+fn asked() -> &'static mut Asked {
+    // SAFETY: main's alone; each use ends before the next begins, and it was set when text became on.
+    unsafe { &mut *(&raw mut winch_asked) }
+}
+
+impl Winch {
+    /// Text is not on yet.
+    pub(crate) const fn new() -> Winch {
+        Winch { on: false, quiet: false, drives: false, say: 0 }
+    }
+
+    /// Begins anew.
+    #[inline(never)]
+    fn begin(&mut self) {
+        if !self.quiet {
+            self.say = AWAKE;
+        }
+        // SAFETY: frames do not use the queues while text is on, and the task does not use paths while nothing drives.
+        unsafe { feed::winch_begin() };
+    }
+
+    /// Reads lines among the `count` bytes that wait, and does what they say, up to one that is answered, or a zero. Gives how
+    /// many bytes were read.
+    #[inline(never)]
+    pub(crate) fn listen(&mut self, board: &mut Board, receiver: &Receiver, count: u8) -> u8 {
+        if !self.on {
+            return count;
+        }
+        let mut left = count;
+        while left != 0 && (self.say == 0 || left >= PATIENCE) {
+            // SAFETY: so many bytes wait in the page; the reader is main's alone while text is on.
+            let answer = unsafe { winch_listen((&raw mut winch_reader).cast(), receiver.after(count - left), left) };
+            let heard;
+            [heard, left] = answer.to_le_bytes();
+            if heard == ZERO {
+                // Frames have zeros, text has none.
+                self.quiet = true;
+                break;
+            }
+            if heard & 0x80 != 0 {
+                self.hear(board, heard & 0x7f);
+            } else if heard != 0 && !self.quiet {
+                self.say = heard;
+                asked().word = get(reader::WORD);
+            }
+        }
+        count - left
+    }
+
+    /// Bytes were lost: the line that they were of is refused.
+    #[inline(never)]
+    pub(crate) fn lose(&mut self) {
+        if self.on {
+            // SAFETY: a byte that no line may have, from elsewhere than the page.
+            unsafe { winch_listen((&raw mut winch_reader).cast(), &raw const NOISE, 1) };
+        }
+    }
+
+    /// Whether what was read last is text alone: no zero has come since the last command.
+    #[inline(always)]
+    pub(crate) fn has_line(&self) -> bool {
+        self.on && !self.quiet
+    }
+
+    /// Does what a line says.
+    #[inline(never)]
+    fn hear(&mut self, board: &mut Board, verb: u8) {
+        self.quiet = false;
+        let needed = feed::winch_do(verb);
+        let asked = asked();
+        if asked.deadman_ms != 0 {
+            asked.heard = clock::moment();
+        }
+        if needed & feed::AXES == 0 {
+            if needed != 0 {
+                self.say = needed;
+            }
+            return;
+        }
+        if !asked.set_up {
+            asked.set_up = true;
+            board.set_up_shield();
+        }
+        if needed & feed::DRIVE != 0 && !self.drives {
+            self.drives = true;
+            board.drive();
+        }
+    }
+
+    /// What time brings. To be called every few milliseconds.
+    #[inline(never)]
+    pub(crate) fn look(&mut self, board: &mut Board, service: &mut Service) {
+        let now = clock::moment();
+        if self.drives {
+            let ran_dry = !board.is_armed();
+            if ran_dry || (asked().releasing && board.has_arrived()) {
+                self.drives = false;
+                board.stop_driving();
+                // All stands still, and nobody knows where: as after a reset.
+                self.on &= !ran_dry;
+            } else if is_silent(now) {
+                asked().dead = true;
+                feed::winch_obey_axes(0b1111, Verb::Enable as u8);
+            }
+        } else {
+            feed::pass(now);
+            let on = !service.is_taken() && board.rests();
+            if on && !self.on {
+                self.begin();
+            }
+            self.on = on;
+        }
+        service.hold(self.drives);
+    }
+
+    /// A line ended that neither was a frame nor could be read, because frames have the board.
+    #[inline(always)]
+    pub(crate) fn refuse(&mut self) {
+        self.say = TAKEN;
+    }
+
+    /// What is to be said now, if anything: its first byte and how many there are. It may be written to `out`.
+    #[inline(never)]
+    pub(crate) fn speak(&mut self, out: &mut [u8; REPLY_LEN]) -> (*const u8, u8) {
+        let out = out.as_mut_ptr();
+        let say = core::mem::replace(&mut self.say, 0);
+        if say != 0 {
+            // SAFETY: there is room for the longest of these. That frames have the board is told about no word, whatever is read.
+            return (out, unsafe { winch_say(out, say, (&raw const winch_asked.word).read()) });
+        }
+        let now = clock::moment();
+        if !self.on || self.quiet || !feed::winch_has_passed(now, asked().reported, asked().report_ms) {
+            return (out, 0);
+        }
+        asked().reported = now;
+        let line = (&raw mut winch_line).cast::<u8>();
+        // At its end, so that each value has been read before it is written over.
+        let values = line.wrapping_add(LINE - VALUES).cast();
+        // SAFETY: the line is main's, and what was in it has been sent.
+        unsafe {
+            feed::winch_clock_and_positions(values);
+            (line, winch_status(line, values))
+        }
+    }
+}
+
+/// Whether the deadman is to stop the axes.
+fn is_silent(now: Moment) -> bool {
+    let Asked { deadman_ms, dead, heard, .. } = *asked();
+    deadman_ms != 0 && !dead && feed::winch_has_passed(now, heard, deadman_ms)
+}
+
+/// A byte of the reader.
+fn get(at: usize) -> u8 {
+    // SAFETY: the reader is main's alone; `at` is in it.
+    unsafe { (&raw const winch_reader).cast::<u8>().wrapping_add(at).read() }
+}

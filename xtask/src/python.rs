@@ -1,0 +1,33 @@
+//! Python: an environment of its own under the target folder, and the client's tests.
+
+use crate::command::{self, Done, cargo, command, root, target_dir};
+use std::path::PathBuf;
+
+/// What the client needs, from Python's registry.
+const PYSERIAL: &str = "pyserial==3.5";
+
+/// The tests of clients/python, against virtual boards at the ends of pseudo-terminals.
+pub(crate) fn test_client() -> Done {
+    let python = with(PYSERIAL)?;
+    command::run(&mut cargo("build --package pulsetrain"))?;
+    let pulsetrain = target_dir().join("debug").join(format!("pulsetrain{}", std::env::consts::EXE_SUFFIX));
+    let mut tests = command(python);
+    tests.args(["-m", "unittest"]).current_dir(root().join("clients/python")).env("PULSETRAIN", pulsetrain);
+    command::run(&mut tests)
+}
+
+/// A Python that has a package.
+pub(crate) fn with(package: &str) -> Done<PathBuf> {
+    let environment = target_dir().join("python");
+    let bin = if cfg!(windows) { "Scripts" } else { "bin" };
+    let python = environment.join(bin).join("python");
+    // Without pip it is what an attempt that failed has left.
+    if !environment.join(bin).join(if cfg!(windows) { "pip.exe" } else { "pip" }).exists() {
+        let system = if cfg!(windows) { "python" } else { "python3" };
+        let make = || command::run(command(system).args(["-m", "venv"]).arg(&environment));
+        make().or_else(|_| command::install_debian("python3-venv").and_then(|()| make()))?;
+    }
+    let pip = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check", package];
+    command::run(command(&python).args(pip))?;
+    Ok(python)
+}
