@@ -11,9 +11,9 @@
 //! - [`regs`]: the registers, and instructions that Rust has no words for
 //!
 //! # Who makes the edges
-//! State machines, which nobody interrupts: each word says how long to wait. The main loop writes words 0.8 ms ahead, motor by
+//! State machines, which nobody interrupts: each word says how long to wait. The main loop writes words up to 2.4 ms ahead, motor by
 //! motor, and does all else in between. One interrupt, of the DMA, hands on what was written: it must come within the eight
-//! words of a FIFO. If the main loop is late by 0.6 ms, or the interrupt by eight words, a state machine runs dry, which is
+//! words of a FIFO. If the main loop is late by 1.8 ms, or the interrupt by eight words, a state machine runs dry, which is
 //! seen, and all motors stop at once.
 //!
 //! # What is not
