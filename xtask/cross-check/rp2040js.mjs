@@ -304,6 +304,8 @@ function usb(image) {
     // Its queue holds 512 bytes.
     if (connected && sent < USB_BYTES && cdc.txFIFO.itemCount < 64) cdc.sendSerialByte(usbByte(sent++));
     mcu.clock.tick(core.executeInstruction() * 8);
+    // It would take an interrupt that PRIMASK keeps out (B1.5.17): `wfi` goes on at once.
+    core.waiting = false;
   }
   console.log(`${connected ? 'Open' : 'Enumerating'} ${back.map((byte) => hex(byte, 2)).join('')}`);
 }

@@ -10,8 +10,8 @@
 //!   open, and whose UART 0 gets a byte each millisecond. What is needed to execute the same again without the chip: `v VALUE` for each word loaded, `x COUNT EXCEPTION
 //!   VECTOR` for an exception entered after so many instructions, `t ...` for one that follows another's return without
 //!   unstacking; and `h COUNT HASH` as above.
-//! - `cross_check_arm usb IMAGE`: an ELF image on an RP2040 with a PC, which sends 1000 bytes to its serial port; prints
-//!   what comes back.
+//! - `cross_check_arm usb IMAGE`: the same, with a PC that sends 1000 bytes to its serial port; prints how far the PC came
+//!   and what comes back.
 
 use pulsetrain_emulator::arm::{Bus, BusFault, Config, Cpu, Size};
 use pulsetrain_emulator::{LineByte, Observer, Rp2040, UsbState, image};
@@ -160,18 +160,19 @@ fn hashed(hash: u32, cpu: &Cpu) -> u32 {
     registers.chain([cpu.xpsr() >> 28]).fold(hash, |hash, value| (hash ^ value).wrapping_mul(0x0100_0193))
 }
 
-/// A chip with an image in its flash.
-fn chip(pieces: &[image::Piece]) -> Result<Rp2040, Box<dyn Error>> {
-    Ok(Rp2040::new(&image::flat(pieces, Rp2040::FLASH_ADDRESS, Rp2040::FLASH_BYTES)?)?)
+/// A chip with an image in its flash, ELF or UF2.
+fn chip(file: &[u8]) -> Result<Rp2040, Box<dyn Error>> {
+    const RP2040_FAMILY: u32 = 0xe48b_ff56;
+    let is_elf = file.starts_with(b"\x7fELF");
+    let pieces = if is_elf { image::elf(file) } else { image::uf2(file, RP2040_FAMILY) }?;
+    Ok(Rp2040::new(&image::flat(&pieces, Rp2040::FLASH_ADDRESS, Rp2040::FLASH_BYTES)?)?)
 }
 
 fn firmware(file: &[u8], instructions: u64) -> Result<String, Box<dyn Error>> {
-    const RP2040_FAMILY: u32 = 0xe48b_ff56;
     const BAUD: u64 = 115_200;
     // Text and what is none.
     const LINE_BYTES: &[u8] = b"?\nG1 X9\n\x00\x80\xff";
-    let is_elf = file.starts_with(b"\x7fELF");
-    let mut chip = chip(&if is_elf { image::elf(file) } else { image::uf2(file, RP2040_FAMILY) }?)?;
+    let mut chip = chip(file)?;
     chip.usb_plug(true);
     chip.usb_open(true);
     let mut text = String::new();
@@ -240,7 +241,7 @@ impl Observer for Received {
 fn usb(file: &[u8]) -> Result<String, Box<dyn Error>> {
     const BYTES: usize = 1000;
     const MOST_CYCLES: u64 = 125_000_000;
-    let mut chip = chip(&image::elf(file)?)?;
+    let mut chip = chip(file)?;
     let mut received = Received::default();
     chip.usb_plug(true);
     chip.usb_open(true);
