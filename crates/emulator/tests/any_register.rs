@@ -67,7 +67,7 @@ fn any_register() {
             bench.set(region | alias | register, value);
             writes += 1;
             if random.one_in(4) {
-                bench.get(region | random.below(0x100) * 4);
+                bench.get(region + random.below(0x100) * 4);
             }
             if random.one_in(8) {
                 bench.chip.set_input(random.below(40) as u8, Some(random.one_in(2).into()));
