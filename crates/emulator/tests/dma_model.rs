@@ -367,6 +367,10 @@ impl Case {
     fn disturb(&mut self) {
         self.slowly.cycle(self.now);
         self.now += 1;
+        // No further than a sequence from the end: addresses are set back while nothing is under way there.
+        for number in 0..CHANNELS {
+            self.set_back(number);
+        }
         let (what, word) = (self.random.below(12), self.random.next());
         let number = (word % 8) as usize;
         let slowly = &mut self.slowly;
@@ -402,10 +406,6 @@ impl Case {
             }
         }
         self.bench.run(1);
-        // No further than a sequence from the end: addresses are set back while nothing is under way there.
-        for number in 0..CHANNELS {
-            self.set_back(number);
-        }
     }
 
     fn set_back(&mut self, number: usize) {

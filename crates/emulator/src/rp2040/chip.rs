@@ -276,11 +276,10 @@ impl Rp2040 {
         self.asleep_cycles
     }
 
-    /// Reads a word as the processor would in the present cycle, effects of reading included. An address at which
-    /// nothing answers reads as 0.
+    /// Reads a word as the processor would in the present cycle, effects of reading included, but without the bridge's
+    /// waiting. An address at which nothing answers reads as 0.
     pub fn read(&mut self, address: u32, observer: &mut impl Observer) -> u32 {
-        let read = self.system.read(0, address & !3, Size::Word, self.cpu.cycle(), observer);
-        read.map_or(0, |(word, _)| word)
+        self.system.look(address & !3, self.cpu.cycle(), observer)
     }
 
     /// Writes a word as the processor would, in the present cycle, but without the bridge's waiting: its effect is seen

@@ -5,7 +5,7 @@
 
 use super::chip::Rp2040;
 use super::dma::Dma;
-use super::fabric::{APB_READ_WAITS, APB_WRITE_WAITS, Fabric, lane, merging, replicate};
+use super::fabric::{APB_WRITE_WAITS, Fabric, lane, merging, replicate};
 use super::pio::Pio;
 use super::watchdog::Cause;
 use crate::Observer;
@@ -131,11 +131,29 @@ impl System {
         cycle: u64,
         observer: &mut impl Observer,
     ) -> Result<(u32, u32), BusFault> {
-        let waits = match address >> 28 {
-            4 => APB_READ_WAITS,
-            _ => self.fabric.read_waits(address),
-        };
-        let at = cycle + u64::from(waits);
+        let waits = self.fabric.read_waits(address);
+        Ok((self.read_at(core, address, size, cycle + u64::from(waits), observer)?, waits))
+    }
+
+    /// Reads a word without waiting; 0 where nobody is.
+    pub(super) fn look(&mut self, address: u32, cycle: u64, observer: &mut impl Observer) -> u32 {
+        match Fabric::sram_offset(address) {
+            Some(offset) => {
+                self.advance(cycle, observer);
+                self.fabric.read_sram(offset, Size::Word).unwrap_or(0)
+            }
+            None => self.read_at(0, address, Size::Word, cycle, observer).unwrap_or(0),
+        }
+    }
+
+    fn read_at(
+        &mut self,
+        core: usize,
+        address: u32,
+        size: Size,
+        at: u64,
+        observer: &mut impl Observer,
+    ) -> Result<u32, BusFault> {
         self.advance(at, observer);
         let value = if address & 0xf000_0000 == SIO {
             let inputs = self.fabric.gpio.inputs.seen(at, 0);
@@ -153,7 +171,7 @@ impl System {
         // A reading may take words, clear flags, wake a machine.
         self.lines_changed = true;
         self.schedule();
-        Ok((value, waits))
+        Ok(value)
     }
 
     /// Writes as a processor does. Gives back the cycles waited.

@@ -47,7 +47,7 @@ impl Timer {
         if self.paused {
             self.base_count
         } else {
-            self.base_count.wrapping_add(self.tick.ticks(cycle) - self.base_tick)
+            self.base_count.wrapping_add(self.tick.ticks(cycle).saturating_sub(self.base_tick))
         }
     }
 

@@ -78,7 +78,7 @@ impl Watchdog {
         if self.ctrl & ENABLE == 0 {
             return self.load;
         }
-        let passed = (self.tick.ticks(cycle) - self.loaded_tick) * 2;
+        let passed = self.tick.ticks(cycle).saturating_sub(self.loaded_tick).saturating_mul(2);
         self.load.saturating_sub(u32::try_from(passed).unwrap_or(u32::MAX))
     }
 

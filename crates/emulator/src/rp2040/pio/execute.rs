@@ -212,8 +212,8 @@ impl Pio {
                 End::Done
             }
             0 | 1 => End::Wait(Stall::Pin),
-            // Reserved: no condition that is ever met.
-            _ => End::Wait(Stall::No),
+            // Reserved: no condition that is ever met, however often it is looked at.
+            _ => End::Wait(Stall::Irq),
         }
     }
 
