@@ -12,11 +12,14 @@ const PROPERTY_CASES: u32 = 1024;
 pub(crate) fn run() -> Done {
     command::run(command("rustup").args(["component", "add", "rustfmt", "clippy"]))?;
     command::run(&mut cargo("fmt --all --check"))?;
-    command::run(&mut cargo("fmt --manifest-path fuzz/Cargo.toml --check"))?;
+    for manifest in ["fuzz/Cargo.toml", "xtask/cross-check/usb_serial/Cargo.toml"] {
+        command::run(&mut cargo(&format!("fmt --manifest-path {manifest} --check")))?;
+    }
     command::run(&mut cargo("clippy --workspace --all-targets -- -D warnings"))?;
     command::run(cargo("doc --workspace --no-deps --document-private-items").env("RUSTDOCFLAGS", "-D warnings"))?;
-    // What the virtual Uno runs, in the tests as well, is what the source says.
+    // What the virtual boards run, in the tests as well, is what the sources say.
     firmware::check_uno()?;
+    firmware::pico::check()?;
     test::run(Some(PROPERTY_CASES))?;
     cross_check::run()?;
     command::run(&mut cargo("run --release -- run examples/tutorial.toml"))?;

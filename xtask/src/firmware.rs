@@ -3,6 +3,8 @@
 //! The committed image is what users run; it is small, and the same bytes come out of the same toolchain on any machine:
 //! no path is in it.
 
+pub(crate) mod pico;
+
 use crate::command::{self, Done, Failure, command, install_debian, output, root, run, target_dir};
 use std::fs;
 use std::path::PathBuf;

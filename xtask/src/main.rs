@@ -28,6 +28,7 @@ mod ruckig;
 mod test;
 
 use clap::{Parser, Subcommand};
+use command::Done;
 use std::process::ExitCode;
 
 /// Development tasks of Pulsetrain; each installs what it needs.
@@ -88,6 +89,18 @@ enum Task {
 enum Firmware {
     /// The Arduino Uno: crates/board/images/uno.hex
     Uno,
+    /// The Raspberry Pi Pico: crates/board/images/pico.uf2
+    Pico,
+}
+
+fn firmware(board: Option<Firmware>, check: bool) -> Done {
+    if board.is_none_or(|board| matches!(board, Firmware::Uno)) {
+        if check { firmware::check_uno()? } else { firmware::uno()? }
+    }
+    if board.is_none_or(|board| matches!(board, Firmware::Pico)) {
+        if check { firmware::pico::check()? } else { firmware::pico::build()? }
+    }
+    Ok(())
 }
 
 /// Figures that are measured by themselves.
@@ -105,8 +118,7 @@ fn main() -> ExitCode {
         Task::Ci => ci::run(),
         Task::Fuzz { seconds, target } => fuzz::run(seconds, target.as_deref()),
         Task::CrossCheck => cross_check::run(),
-        Task::Firmware { board: None | Some(Firmware::Uno), check: false } => firmware::uno(),
-        Task::Firmware { board: None | Some(Firmware::Uno), check: true } => firmware::check_uno(),
+        Task::Firmware { board, check } => firmware(board, check),
         Task::Bench { only: None, .. } => bench::run(),
         Task::Bench { only: Some(Figures::Uno), hour: false } => bench::uno::run(),
         Task::Bench { only: Some(Figures::Uno), hour: true } => bench::uno::hour(),

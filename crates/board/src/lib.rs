@@ -8,9 +8,10 @@
 //! - [`serial`]: a real serial port, in real time
 //! - [`faulty`]: a port whose frames suffer, by a seed; [`model`]: a board behind a serial line, without a chip
 //! - [`shadow`]: any board beside a native one that is told the same: what was scheduled, and what came of it
-//! - [`virtual_uno`]: the Uno's firmware on an emulated chip, as such a port; `bridge`: its USB, as far as time goes
+//! - [`virtual_uno`], [`virtual_pico`]: the Uno's and the Pico's firmware on an emulated chip, as such a port; `bridge`: the Uno's
+//!   USB, as far as time goes
 //! - [`native_winch`]: StepperWinch's text with core's own code instead of a firmware, as such a port
-//! - [`VirtualBoard`]: what both of them can do
+//! - [`VirtualBoard`]: what all of them can do
 //! - [`BoardClock`]: such a board's clock, as the host sees it
 //!
 //! # What is not
@@ -30,6 +31,7 @@ pub mod remote;
 pub mod serial;
 pub mod shadow;
 mod sizer;
+pub mod virtual_pico;
 pub mod virtual_uno;
 
 use pulsetrain_core::{Entry, Epoch};
@@ -105,7 +107,12 @@ pub trait Board {
 
 /// A board in virtual time: time passes only while someone receives, and every edge of a pin is known.
 pub trait VirtualBoard: Port {
-    /// What DTR does as a program opens the port: the board starts again. Bytes under way are lost.
+    /// Ticks of [`Port::now`] in a second.
+    const CYCLES_PER_S: u64 = virtual_uno::CYCLES_PER_S;
+    /// The first and the last pin whose edges are worth a trace; an Uno's serial line is 0 and 1, its last pin A5.
+    const TRACED: std::ops::RangeInclusive<u8> = 2..=19;
+
+    /// What DTR does as a program opens the port: the board starts again, if it is wired so. Bytes under way are lost.
     fn reset(&mut self);
 
     /// Tick 0 of the board's own clock, in ticks of [`Port::now`]'s; `None` until it runs.

@@ -16,15 +16,12 @@ const CHECK_EVERY: usize = 64;
 /// each begins with an anchor.
 const ROOM_FOR_CHECKS: usize = 256;
 
-/// The fraction bits that checks speak of.
-const CHECKED_BITS: u32 = 16;
-
 /// Packs an epoch from its beginning on.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Packer {
     packing: Packing,
     state: State,
-    /// Where the board should be after all this: ticks · 2^16, wrapping, and steps since the anchor.
+    /// Where the board should be after all this: ticks · 2^F, wrapping, and steps since the anchor.
     accumulator: u64,
     moved: u16,
     unchecked: usize,
@@ -34,7 +31,7 @@ pub(crate) struct Packer {
 impl Packer {
     /// For a queue of `capacity` bytes.
     pub(crate) fn new(packing: Packing, capacity: usize) -> Packer {
-        let checks = packing.fraction_bits == CHECKED_BITS && capacity >= ROOM_FOR_CHECKS;
+        let checks = capacity >= ROOM_FOR_CHECKS;
         Packer { packing, state: State::default(), accumulator: 0, moved: 0, unchecked: 0, checks }
     }
 
@@ -52,11 +49,13 @@ impl Packer {
         self.unchecked = if len > 0 { item_len } else { self.unchecked + item_len };
         match *item {
             Item::Anchor { tick } => {
-                (self.accumulator, self.moved) = (u64::from(tick.0) << 16 | 1 << 15, 0);
+                (self.accumulator, self.moved) = (u64::from(tick.0) << self.bits() | (1 << self.bits()) >> 1, 0);
             }
-            Item::Dwell { ticks } => self.accumulator = self.accumulator.wrapping_add(u64::from(ticks) << 16),
+            Item::Dwell { ticks } => {
+                self.accumulator = self.accumulator.wrapping_add(u64::from(ticks) << self.bits());
+            }
             Item::Run { segment, direction } => {
-                // A board's accumulator has 48 bits of it, and wraps; so do counts.
+                // A board's accumulator has fewer bits, and wraps; so do counts.
                 self.accumulator = self.accumulator.wrapping_add(segment.span(segment.count) as u64);
                 self.moved = self.moved.wrapping_add((segment.count as u16).wrapping_mul(direction.sign() as u16));
             }
@@ -64,9 +63,14 @@ impl Packer {
         Ok(len + item_len)
     }
 
-    /// The tick of the accumulator after all this; `None` for other fraction bits than an Uno's.
-    pub(crate) fn tick(&self) -> Option<Moment> {
-        (self.packing.fraction_bits == CHECKED_BITS).then(|| Moment::of(self.accumulator >> CHECKED_BITS))
+    /// The tick of the accumulator after all this.
+    pub(crate) fn tick(&self) -> Moment {
+        Moment::of(self.accumulator >> self.bits())
+    }
+
+    /// F.
+    const fn bits(&self) -> u32 {
+        self.packing.fraction_bits
     }
 
     /// What comes next is predicted from.
@@ -75,8 +79,8 @@ impl Packer {
     }
 
     fn check(&self) -> Check {
-        let tick = Moment::of(self.accumulator >> CHECKED_BITS);
-        Check { position: self.moved, tick, fraction: self.accumulator as u16 }
+        let fraction = self.accumulator << (32 - self.bits()) >> 16;
+        Check { position: self.moved, tick: self.tick(), fraction: fraction as u16 }
     }
 }
 

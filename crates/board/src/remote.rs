@@ -28,9 +28,9 @@ const ROOM_EVERY: Duration = Duration::from_millis(3);
 /// News of room, a frame and a switch on their way, each over USB bridges that hold bytes back for a millisecond or two.
 const SHORTEST_LEAD: Duration = Duration::from_millis(6);
 
-/// An item has left its queue so many ticks after it was due to, whatever the host's idea of the board's clock: 1 ms on an
-/// Uno.
-const TAKEN: u64 = 16_000;
+/// An item has left its queue so long after it was due to, whatever the host's idea of the board's clock: a thousandth of a
+/// second.
+const TAKEN_PER_S: u64 = 1000;
 
 /// Time passes at least so much in each round, however close its end is estimated.
 const SHORTEST_ROUND: Duration = Duration::from_micros(10);
@@ -147,6 +147,18 @@ pub enum RemoteError {
     /// The answer was to something else.
     #[error("the board's answer makes no sense: its firmware is not what it says")]
     Nonsense,
+    /// Another kind of board than the plan is for.
+    #[error(
+        "the board is {is}, but the motion is planned for a clock of {wanted_hz} Hz and {wanted_bits} fraction bits"
+    )]
+    OtherBoard {
+        /// What it is: [`name_of`].
+        is: &'static str,
+        /// Ticks a second of the board that was planned for.
+        wanted_hz: u64,
+        /// Its F.
+        wanted_bits: u32,
+    },
     /// Motors that the board moves for a host before this one do not come to rest.
     #[error("the board still moves motors for a host before this one")]
     StillMoving,
@@ -191,6 +203,16 @@ pub const fn in_words(cause: Cause) -> &'static str {
         Cause::BrownOut => "the supply fell too low",
         Cause::ResetLine => "the reset line, as when a port is opened",
         Cause::PowerOn => "power came on",
+    }
+}
+
+/// What a board says that it is.
+#[must_use]
+pub const fn name_of(info: &Info) -> &'static str {
+    match info.board {
+        1 => "an Arduino Uno",
+        2 => "a Raspberry Pi Pico",
+        _ => "a model, no chip",
     }
 }
 
@@ -240,7 +262,7 @@ struct Motor {
 }
 
 /// A board at the other end of a [`Port`].
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Remote<P> {
     port: P,
     link: Link,
@@ -584,6 +606,11 @@ impl<P: Port> Remote<P> {
         }
     }
 
+    /// After so many ticks an item has left its queue.
+    fn taken(&self) -> u64 {
+        u64::from(self.info.tick_hz) / TAKEN_PER_S
+    }
+
     /// Notes that the board is being told something that it may move for.
     fn tell(&mut self) {
         self.told = self.port.now();
@@ -662,14 +689,14 @@ fn refusal(what: &'static str, answer: &Answer) -> RemoteError {
 
 impl<P: Port> Board for Remote<P> {
     fn push(&mut self, index: usize, entry: Entry) -> Result<(), Entry> {
-        let (room, lost) = (self.room(index), self.error.is_some());
+        let (room, lost, taken) = (self.room(index), self.error.is_some(), self.taken());
         let Some(motor) = self.motors.get_mut(index) else { return Err(entry) };
         let (now, tick) = (self.port.now(), self.clock.tick_at(self.port.now()).unwrap_or(0).max(self.passed));
         let fresh = motor.epoch != Some(entry.epoch);
         let mut packer = if fresh { Packer::new(motor.packing, motor.capacity) } else { motor.packer };
         let mut bytes = [0; MAX_LEN];
         let begins = match entry.item {
-            Item::Anchor { tick } => Some(tick),
+            Item::Anchor { tick } => tick,
             Item::Dwell { .. } | Item::Run { .. } => packer.tick(),
         };
         let Ok(len) = packer.pack(&entry.item, &mut bytes) else { return Err(entry) };
@@ -685,11 +712,11 @@ impl<P: Port> Board for Remote<P> {
         }
         motor.epoch = Some(entry.epoch);
         motor.packer = packer;
-        while motor.waiting.pop_front_if(|item| item.until + TAKEN < tick).is_some() {}
+        while motor.waiting.pop_front_if(|item| item.until + taken < tick).is_some() {}
         // Ticks of one queue are within 2^31 of now.
         let until =
             |begins: Moment| tick.saturating_add_signed(begins.0.wrapping_sub(tick as u32).cast_signed().into());
-        let until = begins.map_or(u64::MAX, until);
+        let until = until(begins);
         motor.waiting.push_back(Waiting { epoch: entry.epoch, until, len });
         motor.packed.extend_from_slice(&bytes[..len]);
         self.tell();
@@ -715,7 +742,7 @@ impl<P: Port> Board for Remote<P> {
         }
         let said = u8::try_from(motor).map_or(0, |index| self.link.room(index).saturating_sub(queue.packed.len()));
         // News of room is some milliseconds old. What is sent now arrives later still.
-        said.max(queue.room_at(self.now().saturating_sub(TAKEN)))
+        said.max(queue.room_at(self.now().saturating_sub(self.taken())))
     }
 
     fn sizer(&self, motor: usize) -> Sizer {

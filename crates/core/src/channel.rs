@@ -7,7 +7,8 @@
 //! Switches: a step of the old epoch at a tick ≥ `at` is not made, one before is. The new epoch makes no step
 //! before `at`.
 
-use crate::queue::{Epoch, Item, Queue};
+use crate::queue::{Epoch, Item, Items, Place};
+use crate::words::{Expand, LONGEST_WAIT, Stretch};
 use crate::{Direction, Moment, Recurrence};
 
 /// What happens at a tick.
@@ -100,7 +101,7 @@ impl<const F: u32> Channel<F> {
     /// The next event that is not after `limit`; it stays next until [`take`](Channel::take).
     ///
     /// `limit` goes up from call to call, by less than 2^30 ticks beyond the last [`pass`](Channel::pass).
-    pub fn peek<const N: usize>(&mut self, queue: &mut Queue<N>, limit: Moment) -> Option<Event> {
+    pub fn peek(&mut self, items: &mut impl Items, limit: Moment) -> Option<Event> {
         loop {
             let tick = if self.left > 0 { self.next_tick() } else { self.last_tick() };
             if self.committed {
@@ -109,12 +110,12 @@ impl<const F: u32> Channel<F> {
             // Before anything else: beyond the limit, ticks may be too far from others to be compared with them.
             let beyond = self.anchored && limit.is_before(tick);
             if let Some(switch) = self.switches[0] {
-                let at_end = self.left == 0 && !self.has_item(queue);
+                let at_end = self.left == 0 && !items.wait(self.epoch);
                 if beyond || at_end || (self.anchored && !tick.is_before(switch.at)) {
                     if limit.is_before(switch.at) {
                         return None;
                     }
-                    self.begin(switch, queue);
+                    self.begin(switch, items);
                     continue;
                 }
             }
@@ -130,10 +131,12 @@ impl<const F: u32> Channel<F> {
                 let kind = if turned || self.assert_every_step { Kind::Direction(self.direction) } else { Kind::Step };
                 return Some(Event { tick, kind });
             }
-            if !self.has_item(queue) {
+            if !items.wait(self.epoch) {
                 return None;
             }
-            self.load(queue.pop()?.item);
+            if let Some(item) = items.take(&self.place()) {
+                self.load(item);
+            }
         }
     }
 
@@ -192,8 +195,8 @@ impl<const F: u32> Channel<F> {
     }
 
     /// Forgets everything that is not yet committed by a pulse: the motor stands where it is, and the count is right.
-    pub fn stop<const N: usize>(&mut self, queue: &mut Queue<N>) {
-        queue.clear();
+    pub fn stop(&mut self, items: &mut impl Items) {
+        items.clear();
         self.left = 0;
         self.committed = false;
         self.anchored = false;
@@ -226,12 +229,80 @@ impl<const F: u32> Channel<F> {
 
     /// Whether there is nothing to do, now or later, unless more is pushed.
     #[must_use]
-    pub fn is_idle<const N: usize>(&self, queue: &Queue<N>) -> bool {
-        self.left == 0 && self.switches[0].is_none() && !self.has_item(queue)
+    pub fn is_idle(&self, items: &impl Items) -> bool {
+        self.is_done() && !items.wait(self.epoch)
     }
 
-    fn has_item<const N: usize>(&self, queue: &Queue<N>) -> bool {
-        queue.front().is_some_and(|entry| entry.epoch == self.epoch)
+    /// Whether all items that were taken are done, and no switch waits.
+    #[must_use]
+    pub const fn is_done(&self) -> bool {
+        self.left == 0 && self.switches[0].is_none()
+    }
+
+    /// Where it is, the waits that were loaded included.
+    #[must_use]
+    pub const fn place(&self) -> Place {
+        let sixteenth = (self.recurrence.accumulator << (32 - F) >> 16).to_le_bytes();
+        Place {
+            position: self.position,
+            tick: self.last_tick(),
+            fraction: u16::from_le_bytes([sixteenth[0], sixteenth[1]]),
+        }
+    }
+
+    /// Takes steps of the run that is under way without an event for each: as many as `words` has room for, but none after
+    /// `limit`. Who works them out is `expand`: [`words::expand`](crate::words::expand), or what a board has that does the
+    /// same.
+    ///
+    /// A step that comes d ticks after the one before is written as d − the channel's gap + `bits`. Gives how many were
+    /// taken: 0 if the next one goes another way. For who has made nothing since the step before.
+    pub fn take_steps(&mut self, limit: Moment, bits: u32, words: &mut [u32], expand: Expand) -> u32 {
+        if self.committed || self.left == 0 || self.facing != Some(self.direction) || self.assert_every_step {
+            return 0;
+        }
+        let last = self.last_tick();
+        if self.next_tick().is_before(self.horizon) {
+            return 0;
+        }
+        let end = match self.switches[0] {
+            Some(switch) if !limit.is_before(switch.at) => switch.at,
+            _ => limit.after(1),
+        };
+        let left = usize::try_from(self.left).unwrap_or(usize::MAX);
+        let room = words.len().min(left);
+        let ticks = end.since(last);
+        if room == 0 || end.is_before(last) {
+            return 0;
+        }
+        let stretch = Stretch { gap: self.gap, ticks: ticks.min(LONGEST_WAIT), bits };
+        let taken = expand(&mut self.recurrence, &mut words[..room], &stretch).min(self.left);
+        if taken > 0 {
+            self.left -= taken;
+            self.position = self.position.wrapping_add(self.direction.sign().wrapping_mul(taken.cast_signed()));
+            self.horizon = self.last_tick().after(self.gap);
+        }
+        taken
+    }
+
+    /// Whether the next event is a step of the run that is under way, after `limit`, and no switch comes before.
+    #[must_use]
+    pub const fn waits_beyond(&self, limit: Moment) -> bool {
+        let switches = match self.switches[0] {
+            Some(switch) => !limit.is_before(switch.at),
+            None => false,
+        };
+        self.left > 0 && !self.committed && !switches && limit.is_before(self.next_tick())
+    }
+
+    /// Which way the run that is under way goes.
+    #[must_use]
+    pub const fn direction(&self) -> Direction {
+        self.direction
+    }
+
+    /// Corrects the position after a [`stop`](Channel::stop): steps that were taken, but not made.
+    pub const fn set_position(&mut self, position: i32) {
+        self.position = position;
     }
 
     fn load(&mut self, item: Item) {
@@ -259,8 +330,8 @@ impl<const F: u32> Channel<F> {
         self.anchored = false;
     }
 
-    fn begin<const N: usize>(&mut self, switch: Switch, queue: &mut Queue<N>) {
-        queue.skip_to(switch.epoch);
+    fn begin(&mut self, switch: Switch, items: &mut impl Items) {
+        items.skip_to(switch.epoch);
         self.epoch = switch.epoch;
         self.left = 0;
         self.anchored = false;

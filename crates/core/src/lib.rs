@@ -5,6 +5,7 @@
 //! - [`axis`]: one motor's queue, channel and output together
 //! - [`output`]: steps → pin edges: step/dir drivers and coils; pulse width, DIR setup and hold
 //! - [`channel`]: queue items → (tick, step or direction change)
+//! - [`words`]: channel and output → words for state machines that make the edges
 //! - [`narrow`]: queue, channel and packing for an 8-bit chip
 //! - [`queue`]: items waiting, each tagged with its epoch
 //! - [`packing`]: segments as few bytes
@@ -30,6 +31,7 @@ pub mod queue;
 pub mod segment;
 pub mod winch;
 pub mod wire;
+pub mod words;
 
 pub use axis::Axis;
 pub use channel::Channel;

@@ -63,12 +63,30 @@ impl Output {
         }
     }
 
+    /// Takes note of a position that was corrected, after steps that were not made:
+    /// coils go on from its phase, and stay off if they are off; no pulse is under way.
+    pub fn set_position(&mut self, position: i32) {
+        match self {
+            Output::StepDir(driver) => driver.fall = None,
+            Output::Coils(coils) => coils.set_position(position),
+        }
+    }
+
     /// How long before an event its edge may come, ticks.
     #[must_use]
     pub const fn lead_ticks(&self) -> u32 {
         match self {
             Output::StepDir(driver) => driver.setup_ticks,
             Output::Coils(_) => 0,
+        }
+    }
+
+    /// The levels of coils, bit by line; `None` of a driver.
+    #[must_use]
+    pub fn coil_levels(&self) -> Option<u32> {
+        match self {
+            Output::StepDir(_) => None,
+            Output::Coils(coils) => Some(coils.levels()),
         }
     }
 
@@ -152,6 +170,16 @@ pub enum Sequence {
     Half,
 }
 
+impl Sequence {
+    /// The phase at position 0, an index into [`HALF_STEPS`].
+    const fn first_phase(self) -> u8 {
+        match self {
+            Sequence::Wave => 1,
+            Sequence::Full | Sequence::Half => 0,
+        }
+    }
+}
+
 /// Patterns of the coils, half step after half step, forward; bit 0 is IN1.
 ///
 /// Forward is what the program of seed 002 puts on the pins and calls counterclockwise. Its `out pins, 4` puts
@@ -183,7 +211,7 @@ impl Coils {
             lines: lines.map(bit),
             sequence,
             release_ticks,
-            phase: if sequence == Sequence::Wave { 1 } else { 0 },
+            phase: sequence.first_phase(),
             direction: Direction::Forward,
             pattern: 0,
             release: None,
@@ -208,11 +236,30 @@ impl Coils {
         }
     }
 
+    fn set_position(&mut self, position: i32) {
+        self.release = None;
+        let [steps, ..] = position.to_le_bytes();
+        let phase = if self.sequence == Sequence::Half { steps } else { steps << 1 };
+        self.phase = phase.wrapping_add(self.sequence.first_phase()) & 7;
+        if self.pattern != 0 {
+            self.pattern = HALF_STEPS[usize::from(self.phase)];
+        }
+    }
+
     fn change(&mut self, tick: Moment, pattern: u8) -> Edge {
         let on = self.mask(pattern & !self.pattern);
         let off = self.mask(self.pattern & !pattern);
         self.pattern = pattern;
         Edge { tick, set: on, clear: off }
+    }
+
+    /// Switches all coils off at once; the next step goes on from the phase that was left.
+    pub const fn switch_off(&mut self) {
+        (self.pattern, self.release) = (0, None);
+    }
+
+    fn levels(&self) -> u32 {
+        self.mask(self.pattern)
     }
 
     fn mask(&self, pattern: u8) -> u32 {

@@ -46,6 +46,50 @@ pub struct Entry {
     pub item: Item,
 }
 
+/// Where a channel is when it has done all items that it took.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Place {
+    /// Steps forward minus steps backward, wrapping.
+    pub position: i32,
+    /// The accumulator's tick.
+    pub tick: Moment,
+    /// And what is below, 2^-16 ticks.
+    pub fraction: u16,
+}
+
+/// What a channel takes items from, one after the other, those of an epoch behind those of the epoch before.
+pub trait Items {
+    /// Whether something of `epoch` is in front.
+    fn wait(&self, epoch: Epoch) -> bool;
+
+    /// Takes what is in front; `None` if it is no item after all. `here` is where the channel is by then.
+    fn take(&mut self, here: &Place) -> Option<Item>;
+
+    /// Drops what is in front of `epoch`; all, if nothing of that waits.
+    fn skip_to(&mut self, epoch: Epoch);
+
+    /// Drops everything.
+    fn clear(&mut self);
+}
+
+impl<const N: usize> Items for Queue<N> {
+    fn wait(&self, epoch: Epoch) -> bool {
+        self.front().is_some_and(|entry| entry.epoch == epoch)
+    }
+
+    fn take(&mut self, _: &Place) -> Option<Item> {
+        self.pop().map(|entry| entry.item)
+    }
+
+    fn skip_to(&mut self, epoch: Epoch) {
+        Queue::skip_to(self, epoch);
+    }
+
+    fn clear(&mut self) {
+        Queue::clear(self);
+    }
+}
+
 /// A ring of `N` entries.
 #[derive(Clone, Debug)]
 pub struct Queue<const N: usize> {

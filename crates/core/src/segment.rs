@@ -89,6 +89,7 @@ impl Segment {
 
 /// The live registers of a segment being run: a wrapping accumulator of 64 − F tick bits and F fraction bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(C)]
 pub struct Recurrence {
     /// Scheduled time of the last step, ticks · 2^F, wrapping.
     pub accumulator: u64,

@@ -59,3 +59,14 @@ pub struct PinEdge {
     /// The new level.
     pub level: Level,
 }
+
+/// As [`PinEdge`], of a pin that has a number only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct GpioEdge {
+    /// The first cycle in which the pin has its new level.
+    pub cycle: u64,
+    /// Its number: 0 to 29 on an RP2040.
+    pub gpio: u8,
+    /// The new level.
+    pub level: Level,
+}

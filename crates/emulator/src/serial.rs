@@ -3,6 +3,8 @@
 /// A character that the chip has sent, when its last stop bit is over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct UartByte {
+    /// Which UART of the chip; 0 where there is one.
+    pub uart: u8,
     /// The cycle in which its start bit begins.
     pub start_cycle: u64,
     /// The first cycle after its stop bit, or bits.

@@ -6,7 +6,7 @@ mod uno;
 
 use std::ops::RangeInclusive;
 
-use crate::pins::{PinKind, PinsError};
+use crate::pins::{self, PinKind, PinsError};
 use crate::program::{Board, Motor, Wiring};
 
 /// One row of the table: what plans are held against, and what else a user should know.
@@ -35,8 +35,18 @@ pub struct BoardRow {
     reserved: &'static [(RangeInclusive<u8>, &'static str)],
     /// Where the analogue pins A0, A1, … begin, and how many they are.
     analogue: Option<(u8, u8)>,
-    /// Whether its pins work together as [`PinKind`] says.
-    of_one_kind: bool,
+    pin_rules: PinRules,
+}
+
+/// How the pins of a board work together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum PinRules {
+    /// They are alike.
+    Alike,
+    /// As [`PinKind`] says.
+    Kinds,
+    /// As [`pins::check_pico`] says.
+    Neighbours,
 }
 
 /// Why a pin cannot drive a motor.
@@ -100,14 +110,21 @@ impl BoardRow {
     /// # Errors
     /// [`PinsError`] if they do not.
     pub fn pin_kind(&self, motors: &[Motor]) -> Result<Option<PinKind>, PinsError> {
-        if self.of_one_kind { PinKind::of(motors).map(Some) } else { Ok(None) }
+        match self.pin_rules {
+            PinRules::Alike => Ok(None),
+            PinRules::Kinds => PinKind::of(motors).map(Some),
+            PinRules::Neighbours => pins::check_pico(motors).map(|()| None),
+        }
     }
 
     /// Shortest intervals by number of motors, ticks, for these motors' pins and their longest pulse: not less than
     /// [`Board::min_interval_ticks`] by itself, which is that of the shortest pulses, but by the compare hardware.
     #[must_use]
     pub fn shortest_intervals(&self, motors: &[Motor]) -> Vec<u32> {
-        let Ok(Some(kind)) = self.pin_kind(motors) else { return self.board.min_interval_ticks.clone() };
+        let Ok(Some(kind)) = self.pin_kind(motors) else {
+            let word = if self.pin_rules == PinRules::Neighbours { word_ticks(motors, self.board.tick_hz) } else { 0 };
+            return self.board.min_interval_ticks.iter().map(|ticks| word.max(*ticks)).collect();
+        };
         let hz = self.board.tick_hz;
         let pulse = motors.iter().map(|motor| motor.timing.ticks(hz).pulse_high).max().unwrap_or(0);
         // The last column serves for what is longer: such pulses limit the rate themselves.
@@ -125,6 +142,9 @@ impl BoardRow {
     /// [`Board::turn_ticks`] for these motors' pins.
     #[must_use]
     pub fn turn_ticks(&self, motors: &[Motor]) -> u32 {
+        if self.pin_rules == PinRules::Neighbours {
+            return word_turn_ticks(motors, self.board.tick_hz);
+        }
         match self.pin_kind(motors) {
             Ok(Some(PinKind::PortD | PinKind::PortB | PinKind::Shield)) if motors.len() > 1 && !shares_dir(motors) => {
                 TURN_TICKS[1]
@@ -154,6 +174,26 @@ pub fn find(name: &str) -> Option<BoardRow> {
 /// firmware/uno/src/steps/stepper.rs: for an interrupt that is late before it and after it, and the way to the line after the
 /// match; twice the distance of groups, by which a merge moves edges.
 const TURN_TICKS: [u32; 2] = [24 + 48 + 24, 60 + 16 + 60 + 2 * 76];
+
+/// What a word of a Pico's state machine takes at least: the longest pulse of all motors and three cycles, which
+/// `pulsetrain_core::words` has. Steps are no closer, and DIR changes in a word of its own.
+fn word_ticks(motors: &[Motor], hz: u64) -> u32 {
+    let drivers = motors.iter().filter(|motor| matches!(motor.wiring, Wiring::StepDir { .. }));
+    let pulse = drivers.map(|motor| motor.timing.ticks(hz).pulse_high).max().unwrap_or(0).max(3);
+    u32::try_from(pulse + 3).unwrap_or(u32::MAX)
+}
+
+/// What a turn takes a Pico beside pulse, hold and set-up: the word that changes DIR begins when that of the step before is
+/// over, and ends before that of the step after.
+fn word_turn_ticks(motors: &[Motor], hz: u64) -> u32 {
+    let word = u64::from(word_ticks(motors, hz));
+    let setup = motors.iter().map(|motor| motor.timing.ticks(hz).dir_setup).max().unwrap_or(0).max(word);
+    let beside = |motor: &Motor| {
+        let timing = motor.timing.ticks(hz);
+        (word.max(timing.pulse_high + timing.dir_hold) + setup).saturating_sub(timing.reversal())
+    };
+    u32::try_from(motors.iter().map(beside).max().unwrap_or(0)).unwrap_or(u32::MAX)
+}
 
 /// What a step takes on an Uno whose motors share a DIR line, ticks.
 const SHARED_STEP_TICKS: u32 = 2_400;
@@ -199,7 +239,7 @@ fn uno() -> BoardRow {
         pins: 0..=19,
         reserved: &[(0..=1, "D0 and D1 are the serial line to the computer")],
         analogue: Some((14, 6)),
-        of_one_kind: true,
+        pin_rules: PinRules::Kinds,
     }
 }
 
@@ -228,34 +268,40 @@ fn due() -> BoardRow {
         pins: 0..=53,
         reserved: &[(0..=1, "D0 and D1 are the serial line to the computer")],
         analogue: Some((54, 0)),
-        of_one_kind: false,
+        pin_rules: PinRules::Alike,
     }
 }
 
 fn pico() -> BoardRow {
     const TICK_HZ: u64 = 125_000_000;
+    const RATES_HZ: [u64; 8] = [625_000, 625_000, 625_000, 625_000, 625_000, 625_000, 550_000, 500_000];
     BoardRow {
         board: Board {
             name: "pico".to_owned(),
             tick_hz: TICK_HZ,
             fraction_bits: 32,
             max_motors: 8,
-            min_interval_ticks: vec![interval_ticks(TICK_HZ, 625_000)],
+            min_interval_ticks: RATES_HZ.iter().map(|&rate| interval_ticks(TICK_HZ, rate)).collect(),
             hardware_timed: true,
             turn_ticks: 0,
-            source: "estimate: prototype on an emulated RP2040, 8 motors on trapezoid ramps".to_owned(),
+            source: "estimate: its firmware on an emulated RP2040, sinusoids on all motors".to_owned(),
         },
         about: "Raspberry Pi Pico, RP2040",
         ram_bytes: Some(264 * 1024),
         flash_bytes: Some(2 * 1024 * 1024),
-        queue_bytes: (1..=8).map(|motors| 131_072 / motors).collect(),
-        horizon_ticks: 1_250_000,
+        // As firmware/pico shares them out. A test asks the virtual board.
+        queue_bytes: (1..=8).map(|motors| (32_768 / motors).min(8_192)).collect(),
+        horizon_ticks: 300_000,
         lateness_ticks: 0,
-        note: "edges come from PIO state machines fed by DMA: exact to the tick; 3.3 V outputs",
+        note: "edges come from PIO state machines fed by DMA: exact to the tick. STEP and DIR of a motor are neighbours, and so \
+               are IN1 to IN4 of a ULN2003; 3.3 V outputs",
         pins: 0..=28,
-        reserved: &[(23..=25, "GPIO 23 to 25 run the Pico's own supply and LED and are not on its header")],
+        reserved: &[
+            (0..=1, "GPIO 0 and 1 are the serial line"),
+            (23..=25, "GPIO 23 to 25 run the Pico's own supply and LED and are not on its header"),
+        ],
         analogue: None,
-        of_one_kind: false,
+        pin_rules: PinRules::Neighbours,
     }
 }
 
@@ -281,7 +327,7 @@ fn native() -> BoardRow {
         pins: 0..=31,
         reserved: &[],
         analogue: None,
-        of_one_kind: false,
+        pin_rules: PinRules::Alike,
     }
 }
 
@@ -291,7 +337,7 @@ mod tests {
 
     #[test]
     fn shortest_intervals_are_those_of_the_rates() {
-        assert_eq!(find("pico").unwrap().board.min_interval_ticks, [200]);
+        assert_eq!(find("pico").unwrap().board.min_interval_ticks, [200, 200, 200, 200, 200, 200, 228, 250]);
         // The tutorial at T = 0.1 s: A·ω = 2000·2π/0.1 = 125 664 steps/s passes on pin 9; at 0.01 s it does not.
         let peak_hz = |period: f64| 2000.0 * std::f64::consts::TAU / period;
         let limit_hz = |ticks: u32| 16e6 / f64::from(ticks);

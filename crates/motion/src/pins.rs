@@ -1,7 +1,9 @@
-//! Which pins of an Uno work together.
+//! Which pins of a board work together.
 //!
 //! The Uno's interrupt moves pins by writing one port register: STEP and DIR lines that it moves must share one, or be
 //! those that the compare hardware moves. Enable lines are moved at leisure and may be anywhere.
+//!
+//! A Pico's state machine drives pins that stand one after the other (RP2040 datasheet, 3.5.6): [`check_pico`].
 
 use std::fmt;
 
@@ -47,12 +49,45 @@ pub enum PinsError {
         motor: String,
     },
     /// There is one enable line.
-    #[error("motors `{first}` and `{second}` have enable lines of their own, but an Uno has one for all")]
+    #[error("motors `{first}` and `{second}` have enable lines of their own, but the board has one for all")]
     TwoEnables {
         /// The first that has one.
         first: String,
         /// The first that has another, or another level.
         second: String,
+    },
+    /// A state machine cannot have both.
+    #[error(
+        "DIR of `{motor}` (pin {dir}) is not beside its STEP (pin {step}), but a Pico drives the two as neighbours"
+    )]
+    NotBeside {
+        /// Whose.
+        motor: String,
+        /// Pin of STEP.
+        step: u8,
+        /// Pin of DIR.
+        dir: u8,
+    },
+    /// Two state machines cannot have one.
+    #[error("motors `{first}` and `{second}` share DIR (pin {pin}), but a Pico needs one for each motor")]
+    SharedDir {
+        /// The one.
+        first: String,
+        /// The other.
+        second: String,
+        /// Their DIR.
+        pin: u8,
+    },
+    /// A state machine cannot have them all.
+    #[error(
+        "the coils of `{motor}` are on pins {}, {}, {} and {}, but a Pico drives four that stand one after the other, IN1 \
+         on the lowest", .pins[0], .pins[1], .pins[2], .pins[3]
+    )]
+    CoilsApart {
+        /// Whose.
+        motor: String,
+        /// IN1 to IN4.
+        pins: [u8; 4],
     },
     /// The pins are not of one kind.
     #[error("an Uno cannot drive these pins together: {}", list(.strays))]
@@ -78,6 +113,14 @@ impl PinsError {
     pub fn advice(&self) -> String {
         match self {
             PinsError::Coils { .. } => "give it a driver with STEP and DIR, or run it with --board native".to_owned(),
+            PinsError::NotBeside { step, .. } => {
+                format!("wire DIR to pin {}, or to the one below STEP", u16::from(*step) + 1)
+            }
+            PinsError::SharedDir { .. } => "give each motor a DIR beside its STEP".to_owned(),
+            PinsError::CoilsApart { pins, .. } => {
+                let first = u16::from(pins[0]);
+                format!("wire IN1 to IN4 to {first}, {}, {} and {}, say", first + 1, first + 2, first + 3)
+            }
             PinsError::TwoEnables { .. } => "wire the enable inputs to one pin, with one level".to_owned(),
             PinsError::Apart { nearest, .. } => {
                 let mut text = format!("nearest: {nearest}. What fits:");
@@ -186,6 +229,41 @@ impl PinKind {
         }
         strays
     }
+}
+
+/// Whether a Pico's state machines can drive these motors.
+///
+/// # Errors
+/// If the lines of a motor do not stand one after the other, or two have one.
+pub fn check_pico(motors: &[Motor]) -> Result<(), PinsError> {
+    let mut enable_line: Option<(&str, (u8, bool))> = None;
+    let mut dirs: Vec<(&str, u8)> = Vec::new();
+    for Motor { name, wiring, .. } in motors {
+        match *wiring {
+            Wiring::StepDir { step, dir, enable, .. } => {
+                if let Some((first, pin)) = dirs.iter().find(|(_, other)| *other == dir) {
+                    return Err(PinsError::SharedDir { first: (*first).to_owned(), second: name.clone(), pin: *pin });
+                }
+                dirs.push((name, dir));
+                if step.abs_diff(dir) != 1 {
+                    return Err(PinsError::NotBeside { motor: name.clone(), step, dir });
+                }
+                match (enable, enable_line) {
+                    (Some(enable), None) => enable_line = Some((name, enable)),
+                    (Some(enable), Some((first, known))) if enable != known => {
+                        return Err(PinsError::TwoEnables { first: first.to_owned(), second: name.clone() });
+                    }
+                    _ => {}
+                }
+            }
+            Wiring::Coils { pins, .. } => {
+                if !pins.iter().zip(&pins[1..]).all(|(pin, next)| pin.checked_add(1) == Some(*next)) {
+                    return Err(PinsError::CoilsApart { motor: name.clone(), pins });
+                }
+            }
+        }
+    }
+    Ok(())
 }
 
 /// The lines of one motor that steps need.

@@ -42,8 +42,8 @@ struct Cli {
 enum Command {
     /// Plan a motion, run it in virtual time, judge every edge, and write report, steps, trace and plot
     #[command(after_help = "\
-Motions for the board `uno` run on a virtual Uno, the real firmware on an emulated chip; others on the native board, this
-computer's own stepgen.
+Motions for the boards `uno` and `pico` run on a virtual one, the real firmware on an emulated chip; others on the native
+board, this computer's own stepgen.
 
 Files written to DIR:
   report.json  what was planned, proven, run and judged
@@ -92,12 +92,14 @@ Examples:
     Motor(Motor),
     /// Be a virtual board in real time, for this program or any other serial client; Ctrl-C ends it
     #[command(after_help = "\
-`uno`: the firmware runs on an emulated chip behind a model of the Uno's USB bridge. A client that opens the port resets \
-it, as a real one. Over --pty it follows the rate that the client sets; over --tcp the line stays at 115200 baud. `winch`: StepperWinch's text on this \
-computer's own path generator, without a chip; it takes next to nothing.
+`uno`, `pico`: the firmware runs on an emulated chip behind a model of the Uno's USB bridge, or of an adapter at the Pico's \
+UART. A client that opens the port resets an Uno, as a real one. Over --pty it follows the rate that the client sets; over \
+--tcp the line stays at 115200 baud. `winch`: StepperWinch's text on this computer's own path generator, without a chip; it \
+takes next to nothing.
 
 Examples:
   pulsetrain board uno --pty /tmp/uno               then: pulsetrain run FILE --port /tmp/uno
+  pulsetrain board pico --pty /tmp/pico             then: pulsetrain run FILE --board pico --port /tmp/pico
   pulsetrain board uno --tcp 127.0.0.1:4000 --trace pins.vcd
   pulsetrain board winch --pty /tmp/winch           then: pulsetrain winch --port /tmp/winch")]
     Board(Board),
@@ -123,7 +125,7 @@ Examples:
     #[command(after_help = "\
 Examples:
   pulsetrain info --port /dev/ttyACM0
-  pulsetrain info --board uno")]
+  pulsetrain info --board pico")]
     Info(At),
     /// Let a board measure itself while it steps: cycles for a step, lateness, how far ahead it was
     #[command(after_help = "\
@@ -185,7 +187,7 @@ pub(crate) struct Run {
     /// Where the files go [default: out/ and the file's name without .toml]
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
-    /// Run it on this computer's own stepgen even if its board is `uno`, whose firmware would run it on an emulated chip
+    /// Run it on this computer's own stepgen even if its board has a firmware, which would run it on an emulated chip
     #[arg(long, conflicts_with = "port")]
     pub(crate) native: bool,
     /// Let the board at this serial port run it, in real time; Ctrl-C stops the motors as planned, twice at once
@@ -208,7 +210,7 @@ pub(crate) struct Run {
 #[derive(Args, Debug)]
 pub(crate) struct Board {
     /// Which board
-    #[arg(value_parser = ["uno", "winch"])]
+    #[arg(value_parser = ["uno", "pico", "winch"])]
     pub(crate) board: String,
     /// Make a pseudo-terminal, and a link of this name to it, which is gone in the end
     #[arg(long, value_name = "LINK", required_unless_present = "tcp", conflicts_with = "tcp")]
@@ -228,7 +230,7 @@ pub(crate) struct At {
     #[arg(long, value_name = "PORT", required_unless_present = "board", conflicts_with = "board")]
     pub(crate) port: Option<String>,
     /// A virtual one
-    #[arg(long, value_name = "BOARD", value_parser = ["uno"])]
+    #[arg(long, value_name = "BOARD", value_parser = ["uno", "pico"])]
     pub(crate) board: Option<String>,
     /// Rate of the line, once the board is found
     #[arg(long, value_name = "BAUD", value_parser = baud, default_value = "1000000")]

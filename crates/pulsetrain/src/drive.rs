@@ -1,9 +1,11 @@
-//! Motions on the native board, on the virtual Uno and on real ones: a session, in bounded memory.
+//! Motions on the native board, on virtual boards and on real ones: a session, in bounded memory.
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use miette::Diagnostic;
 use pulsetrain_board::native::{ConfigError, Faults};
+use pulsetrain_board::remote::name_of;
+use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{
     Board, Config, Edge, MotorConfig, Native, Observer, Port, Remote, RemoteError, ScheduledStep, Setup, Shadowed,
@@ -91,6 +93,9 @@ pub struct Driven<'a, B> {
 /// The virtual Uno, and the native board that says which tick each of its steps was scheduled for.
 pub type Uno = Shadowed<Remote<VirtualUno>>;
 
+/// The same of a virtual Pico.
+pub type Pico = Shadowed<Remote<VirtualPico>>;
+
 impl<'a> Driven<'a, Native> {
     /// Sends the beginning of the motion to the native board, and lets it come to the tick at which the laws begin.
     ///
@@ -115,12 +120,22 @@ impl<'a> Driven<'a, Uno> {
     }
 }
 
+impl<'a> Driven<'a, Pico> {
+    /// The same on the virtual Pico, over its USB; `baud` is the rate that the host reckons with.
+    ///
+    /// # Errors
+    /// As [`Driven::native`], and when the firmware refuses the configuration.
+    pub fn virtual_pico(prepared: &'a Prepared, baud: Baud) -> Result<Driven<'a, Pico>, DriveError> {
+        Driven::with(prepared, |program| connect_as(VirtualPico::on_usb(), program, baud, 1))
+    }
+}
+
 impl<'a, P: Port> Driven<'a, Shadowed<Remote<P>>> {
-    /// The same on the Uno at the other end of a port, at `baud`.
+    /// The same on the board at the other end of a port, at `baud`.
     ///
     /// # Errors
     /// As [`Driven::native`], and when nobody answers or the firmware refuses the configuration.
-    pub fn uno(prepared: &'a Prepared, port: P, baud: Baud) -> Result<Driven<'a, Shadowed<Remote<P>>>, DriveError> {
+    pub fn at(prepared: &'a Prepared, port: P, baud: Baud) -> Result<Driven<'a, Shadowed<Remote<P>>>, DriveError> {
         Driven::with(prepared, |program| connect(port, program, baud))
     }
 
@@ -132,7 +147,7 @@ impl<'a, P: Port> Driven<'a, Shadowed<Remote<P>>> {
         let remote = connect(program)?;
         let lines = lines::of(program);
         let place = |pin: u8| place_of(&lines, pin);
-        let places = (0..=UNO_LAST_PIN).map(place).collect();
+        let places = (0..=LAST_PIN).map(place).collect();
         let board = Shadowed::new(remote, Native::new(&config(program))?);
         Driven::begin(board, program, lines, places)
     }
@@ -143,8 +158,8 @@ impl<'a, P: Port> Driven<'a, Shadowed<Remote<P>>> {
     }
 }
 
-/// Pin A5.
-const UNO_LAST_PIN: u8 = 19;
+/// The highest pin of any board with a firmware; an Uno's last is 19 (A5), a Pico's 28.
+const LAST_PIN: u8 = 28;
 
 /// Takes the board at the other end of a port and sets it up for a program.
 ///
@@ -157,6 +172,11 @@ pub fn connect<P: Port>(port: P, program: &Program, baud: Baud) -> Result<Remote
 /// The same with a session's number.
 fn connect_as<P: Port>(port: P, program: &Program, baud: Baud, number: u32) -> Result<Remote<P>, RemoteError> {
     let mut remote = Remote::open(port, number)?;
+    let (info, board) = (remote.info(), &program.board);
+    if u64::from(info.tick_hz) != board.tick_hz || u32::from(info.fraction_bits) != board.fraction_bits {
+        let is = name_of(info);
+        return Err(RemoteError::OtherBoard { is, wanted_hz: board.tick_hz, wanted_bits: board.fraction_bits });
+    }
     if baud != remote.link().baud() {
         remote.set_baud(baud)?;
     }
@@ -310,16 +330,23 @@ fn setup(program: &Program) -> Setup {
         setup.pulse_ticks = setup.pulse_ticks.max(ticks(timing.pulse_high));
         setup.setup_ticks = setup.setup_ticks.max(ticks(timing.dir_setup));
         setup.hold_ticks = setup.hold_ticks.max(ticks(timing.dir_hold));
-        let program::Wiring::StepDir { step, dir, forward_high, enable } = motor.wiring else { continue };
-        setup.enable = setup.enable.or(enable);
-        setup.motors.push(MotorSetup {
-            step_pin: step,
-            dir_pin: dir,
-            forward_high,
-            step_low: false,
+        let mut wired = MotorSetup {
             gain: Settings::of(program, motor).gain().unwrap_or(0),
             pull_in_ticks: u32::try_from(pull_in_ticks(motor, hz)).unwrap_or(u32::MAX),
-        });
+            ..MotorSetup::default()
+        };
+        match motor.wiring {
+            program::Wiring::StepDir { step, dir, forward_high, enable } => {
+                (wired.step_pin, wired.dir_pin, wired.forward_high) = (step, dir, forward_high);
+                setup.enable = setup.enable.or(enable);
+            }
+            // Boards with coils have them on pins one after the other: that was checked when the file was read.
+            program::Wiring::Coils { pins, sequence } => {
+                let coils = MotorSetup::coils_on(pins[0], sequence_of(sequence));
+                (wired.step_pin, wired.dir_pin) = (coils.step_pin, coils.dir_pin);
+            }
+        }
+        setup.motors.push(wired);
     }
     setup
 }
@@ -359,14 +386,16 @@ fn wiring(motor: &Motor, lines: &[Line], tick_hz: u64) -> Wiring {
                 setup_ticks: timing.dir_setup as u32,
             }
         }
-        program::Wiring::Coils { pins, sequence } => Wiring::Coils {
-            lines: pins.map(line),
-            sequence: match sequence {
-                CoilSequence::Wave => Sequence::Wave,
-                CoilSequence::Full => Sequence::Full,
-                CoilSequence::Half => Sequence::Half,
-            },
-            release_ticks: None,
-        },
+        program::Wiring::Coils { pins, sequence } => {
+            Wiring::Coils { lines: pins.map(line), sequence: sequence_of(sequence), release_ticks: None }
+        }
+    }
+}
+
+const fn sequence_of(sequence: CoilSequence) -> Sequence {
+    match sequence {
+        CoilSequence::Wave => Sequence::Wave,
+        CoilSequence::Full => Sequence::Full,
+        CoilSequence::Half => Sequence::Half,
     }
 }

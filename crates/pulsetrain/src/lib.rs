@@ -8,7 +8,7 @@
 //! - [`pause`]: how a motion is brought to a halt on its path, and goes on
 //! - [`serve`]: virtual boards in real time, for any serial client; `interrupt`: Ctrl-C
 //! - [`winch`]: boards that work out their path themselves, told in text: scripts, and a console
-//! - [`drive`]: plans on the native board and on Unos; [`record`]: a run as it is seen: files, verdict, picture
+//! - [`drive`]: plans on the native board, on Unos and Picos; [`record`]: a run as it is seen: files, verdict, picture
 //! - [`lateness`]: edges against scheduled ticks
 //! - [`report`], [`plot`]: what it comes to, as JSON, tables and pictures; [`human`]: numbers as people read them
 //! - [`console`]: where a command prints, its progress, its exit code

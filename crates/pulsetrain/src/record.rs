@@ -6,7 +6,7 @@ use miette::Diagnostic;
 use pulsetrain_board::{Edge, Observer, ScheduledStep};
 use pulsetrain_core::Direction;
 use pulsetrain_motion::pins::PinKind;
-use pulsetrain_motion::program::{Motor, Program};
+use pulsetrain_motion::program::{Motor, Program, Wiring};
 use pulsetrain_motion::{LawError, boards};
 use pulsetrain_trace::verdict::{EdgeJudge, JudgeError, Options, Report};
 use pulsetrain_trace::{Line, steps, vcd_file};
@@ -209,7 +209,10 @@ impl<W: Write> Observer for Recorder<'_, W> {
         if self.error.is_some() {
             return;
         }
-        self.meter.scheduled(step.motor, step.tick);
+        // Of coils no single edge is a step's: the judge sees to them.
+        if self.program.motors.get(step.motor).is_some_and(|motor| matches!(motor.wiring, Wiring::StepDir { .. })) {
+            self.meter.scheduled(step.motor, step.tick);
+        }
         let position = &mut self.positions[step.motor];
         *position += i64::from(step.direction.sign());
         self.picture.motors[step.motor].step(step.tick as f64 * self.tick_s, *position);

@@ -8,7 +8,6 @@ use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use pulsetrain_board::virtual_uno::CYCLES_PER_S;
 use pulsetrain_board::{Port, PortError, VirtualBoard};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_trace::{Edge, Line, vcd_file};
@@ -31,9 +30,6 @@ pub trait Client {
     fn rate(&self) -> Option<u32>;
 }
 
-/// The first and the last pin that is traced: 0 and 1 are the serial line, 19 is A5.
-const TRACED: std::ops::RangeInclusive<u8> = 2..=19;
-
 /// A virtual board and its client.
 pub struct Service<B, C, W: Write> {
     board: B,
@@ -51,8 +47,8 @@ impl<B: VirtualBoard, C: Client, W: Write> Service<B, C, W> {
     /// # Errors
     /// When the trace cannot be begun.
     pub fn new(board: B, client: C, trace: Option<W>) -> io::Result<Service<B, C, W>> {
-        let lines: Vec<Line> = TRACED.map(|pin| Line::named(format!("pin{pin}"))).collect();
-        let trace = trace.map(|out| vcd_file::Writer::new(out, CYCLES_PER_S, &lines)).transpose()?;
+        let lines: Vec<Line> = B::TRACED.map(|pin| Line::named(format!("pin{pin}"))).collect();
+        let trace = trace.map(|out| vcd_file::Writer::new(out, B::CYCLES_PER_S, &lines)).transpose()?;
         let (bytes, edges) = (Vec::new(), Vec::new());
         Ok(Service { board, client, trace, present: false, clients: 0, bytes, edges })
     }
@@ -106,8 +102,8 @@ impl<B: VirtualBoard, C: Client, W: Write> Service<B, C, W> {
         self.edges.clear();
         self.board.edges(&mut self.edges);
         let (Some(trace), Some(zero)) = (&mut self.trace, self.board.zero()) else { return Ok(()) };
-        for edge in self.edges.iter().filter(|edge| TRACED.contains(&edge.line)) {
-            trace.push(Edge { tick: edge.tick + zero, line: edge.line - TRACED.start(), level: edge.level })?;
+        for edge in self.edges.iter().filter(|edge| B::TRACED.contains(&edge.line)) {
+            trace.push(Edge { tick: edge.tick + zero, line: edge.line - B::TRACED.start(), level: edge.level })?;
         }
         Ok(())
     }

@@ -1,15 +1,19 @@
-//! The AVR emulator against what others wrote: simavr for instructions and programs, avr8js for timers.
+//! The emulator against what others wrote: of the AVR, simavr for instructions and programs, avr8js for timers; of the
+//! Cortex-M0+, rp2040js.
 //!
 //! # What is here
 //! - [`programs`]: C programs, each byte of output with its cycle
 //! - [`instructions`]: every opcode from random states
 //! - [`timers`]: random timer programs, each edge and each reading with its cycle
+//! - [`arm`]: half-words of ARMv6-M from random states; a program and firmware, every instruction; a USB device
 //! - [`tools`]: the three sides, built and installed; each reads cases and prints a line for what happened
 //!
 //! # What is not
 //! Interrupts, the UART's timing, sleep, the watchdog, EEPROM: simavr and avr8js are not the chip there
-//! (docs/emulator.md). The emulator's own tests hold these against the datasheet.
+//! (docs/emulator.md). The emulator's own tests hold these against the datasheet. What an
+//! exception of the Cortex-M0+ takes: rp2040js has no time for it.
 
+mod arm;
 mod instructions;
 mod programs;
 mod timers;
@@ -34,7 +38,15 @@ const SHOWN: usize = 20;
 /// All comparisons, and a table of them; fails on any difference that is not explained.
 pub(crate) fn run() -> Done {
     let tools = Tools::prepare()?;
-    let outcomes = [programs::compare(&tools)?, instructions::compare(&tools)?, timers::compare(&tools)?];
+    let outcomes = [
+        programs::compare(&tools)?,
+        instructions::compare(&tools)?,
+        timers::compare(&tools)?,
+        arm::instructions(&tools)?,
+        arm::program(&tools)?,
+        arm::firmware(&tools)?,
+        arm::usb(&tools)?,
+    ];
     let mut unexplained = 0;
     for outcome in &outcomes {
         for difference in outcome.differences.iter().take(SHOWN) {
@@ -42,11 +54,11 @@ pub(crate) fn run() -> Done {
         }
         unexplained += outcome.differences.len();
     }
-    println!("\n{:<34}{:>11}  compared", "cross-check of the AVR emulator", "differences");
+    println!("\n{:<36}{:>11}  compared", "cross-check of the emulator", "differences");
     for outcome in &outcomes {
-        println!("{:<34}{:>11}  {}", outcome.what, outcome.differences.len(), outcome.compared);
+        println!("{:<36}{:>11}  {}", outcome.what, outcome.differences.len(), outcome.compared);
         for (name, met) in &outcome.exceptions {
-            println!("{:<34}{:>11}  named exception {name}: met {met} times", "", "");
+            println!("{:<36}{:>11}  named exception {name}: met {met} times", "", "");
         }
     }
     match unexplained {

@@ -1,4 +1,4 @@
-//! The three sides: our emulator, simavr behind a harness of ours in C, avr8js behind one in JavaScript.
+//! The sides: our emulator, simavr behind a harness of ours in C, avr8js and rp2040js behind ones in JavaScript.
 
 use crate::command::{self, Done, Failure, cargo, command, root, target_dir};
 use std::path::{Path, PathBuf};
@@ -46,7 +46,10 @@ impl Tools {
             std::fs::copy(root().join("xtask/cross-check").join(file), folder.join(file)).map_err(failed)?;
         }
         command::run(command("npm").args(["ci", "--no-audit", "--no-fund", "--silent"]).current_dir(&folder))?;
-        command::run(&mut cargo("build --quiet --release --package pulsetrain-emulator --example cross_check"))?;
+        for example in ["cross_check", "cross_check_arm"] {
+            let build = format!("build --quiet --release --package pulsetrain-emulator --example {example}");
+            command::run(&mut cargo(&build))?;
+        }
         Ok(Tools { folder })
     }
 
@@ -62,6 +65,43 @@ impl Tools {
 
     pub(super) fn ours(&self) -> Command {
         command(target_dir().join("release/examples/cross_check"))
+    }
+
+    pub(super) fn rp2040js(&self) -> Command {
+        let mut node = command("node");
+        node.arg("xtask/cross-check/rp2040js.mjs").arg(self.folder.join("node_modules/rp2040js/dist/esm/index.js"));
+        node
+    }
+
+    pub(super) fn ours_arm(&self) -> Command {
+        command(target_dir().join("release/examples/cross_check_arm"))
+    }
+
+    /// Compiles `usb_serial`; gives back the ELF file.
+    pub(super) fn compile_usb(&self) -> Done<PathBuf> {
+        const TARGET: &str = "thumbv6m-none-eabi";
+        let target = self.folder.join("usb-serial");
+        let source = root().join("xtask/cross-check/usb_serial");
+        command::run(command("rustup").args(["target", "add", TARGET]))?;
+        // Beside its manifest, so that no other configuration holds; link.x is cortex-m-rt's, memory.x its own.
+        let mut build = cargo("build --quiet --release --locked --target");
+        build.arg(TARGET).current_dir(&source).env("CARGO_TARGET_DIR", &target);
+        command::run(build.env("RUSTFLAGS", format!("-Clink-arg=-Tlink.x -Clink-arg=-L{}", source.display())))?;
+        Ok(target.join(TARGET).join("release/usb-serial"))
+    }
+
+    /// Compiles `programs/arm.rs`; gives back the raw image of RAM.
+    pub(super) fn compile_arm(&self) -> Done<PathBuf> {
+        command::run(command("rustup").args(["target", "add", "thumbv6m-none-eabi"]))?;
+        let image = self.folder.join("arm.bin");
+        command::run(
+            command("rustc")
+                .args(["--edition", "2024", "--target", "thumbv6m-none-eabi", "-O", "-C", "panic=abort"])
+                .args(["-C", "link-arg=-Txtask/cross-check/programs/arm.ld", "-C", "link-arg=--oformat=binary", "-o"])
+                .arg(&image)
+                .arg("xtask/cross-check/programs/arm.rs"),
+        )?;
+        Ok(image)
     }
 
     /// Gives `cases` to one side; they stay in the target folder, for whoever looks into a difference.

@@ -2,6 +2,7 @@
 #![allow(dead_code, reason = "each test and bench uses some of it")]
 
 pub(crate) mod lab;
+pub(crate) mod pico;
 pub(crate) mod random;
 pub(crate) mod segments;
 pub(crate) mod winch;

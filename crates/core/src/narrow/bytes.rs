@@ -40,6 +40,12 @@ impl<const N: usize> Pool<N> {
         }
     }
 
+    /// An empty queue in `len` bytes from `start` on; without room if they are not all there.
+    #[must_use]
+    pub const fn part(start: u16, len: u16) -> Bytes {
+        if start as usize + len as usize <= N { Bytes::new(start, len) } else { Bytes::new(0, 0) }
+    }
+
     /// The byte at `at`.
     pub(super) fn byte(&self, at: u16) -> u8 {
         // `at` is always inside; said so, there is no code for a panic.
@@ -169,8 +175,13 @@ impl Bytes {
     }
 
     /// Bytes of `epoch` that are next.
-    pub(super) const fn waiting(&self, epoch: Epoch) -> u16 {
+    pub(crate) const fn waiting(&self, epoch: Epoch) -> u16 {
         if self.epochs > 0 && self.parts[0].epoch.0 == epoch.0 { self.parts[0].len } else { 0 }
+    }
+
+    /// The epoch in front, if bytes of it are.
+    pub(crate) const fn first(&self) -> Option<Epoch> {
+        if self.epochs > 0 && self.parts[0].len > 0 { Some(self.parts[0].epoch) } else { None }
     }
 
     /// Reads from the front on.
@@ -183,6 +194,26 @@ impl Bytes {
         self.next = at;
         self.len -= len as u16;
         self.parts[0].len -= len as u16;
+    }
+
+    /// Copies the bytes in front, as many as `out` has room for: no more than wait.
+    pub(crate) fn copy_first<const N: usize>(&self, pool: &Pool<N>, out: &mut [u8]) {
+        let to_end = usize::from(self.end - self.next).min(out.len());
+        let (first, rest) = out.split_at_mut(to_end);
+        for (part, at) in [(first, self.next), (rest, self.start)] {
+            let at = usize::from(at);
+            // Always inside; said so, there is no code for a panic.
+            if let Some(bytes) = pool.0.get(at..at + part.len()) {
+                part.copy_from_slice(bytes);
+            }
+        }
+    }
+
+    /// Drops the `len` bytes in front; there are so many of the first epoch.
+    pub(crate) fn drop_first(&mut self, len: u16) {
+        self.next = self.place(len);
+        self.len -= len;
+        self.parts[0].len -= len;
     }
 
     fn drop_front(&mut self) {

@@ -10,6 +10,7 @@ use super::frame::{Encoder, Tag};
 use super::machine::{Stopped, Switched};
 use super::{Baud, MAX_MOTORS};
 use crate::Epoch;
+use crate::output::Sequence;
 
 /// What a command is, byte 1 of its body.
 pub mod kind {
@@ -101,7 +102,8 @@ codes! {
         PinTaken = 11,
         /// Pins that no stepgen of this board serves together; `detail` is the first pin that does not fit.
         PinMix = 12,
-        /// Pulse, set-up or hold is out of the board's range; `detail` is the limit, ticks.
+        /// Pulse, set-up or hold is out of the board's range; `detail` is the limit, ticks; or the time after which coils
+        /// are released: `detail` is its limit, ms.
         Timing = 13,
         /// A rate that the line cannot do; `detail` is its code.
         Baud = 14,
@@ -421,8 +423,8 @@ pub struct Configuration<'a> {
 ///
 /// | byte | |
 /// |---|---|
-/// | 0 | pin of STEP |
-/// | 1 | pin of DIR; motors may share it |
+/// | 0 | pin of STEP; of coils, that of IN1, which the pins of IN2 to IN4 follow |
+/// | 1 | pin of DIR; motors may share it. 240, 241, 242: four coils, switched one at a time, two at a time, in half steps |
 /// | 2 | bit 0: forward is DIR high; bit 1: STEP is active low; others 0 |
 /// | 3 | packing gain, signed |
 /// | 4–7 | pull-in: the shortest interval that the motor can start and stop at, ticks |
@@ -430,7 +432,7 @@ pub struct Configuration<'a> {
 pub struct MotorSetup {
     /// Pin of STEP.
     pub step_pin: u8,
-    /// Pin of DIR; motors may share it.
+    /// Pin of DIR; motors may share it. Or one of [`COILS`]: no board has so many pins.
     pub dir_pin: u8,
     /// Forward is DIR high.
     pub forward_high: bool,
@@ -442,10 +444,36 @@ pub struct MotorSetup {
     pub pull_in_ticks: u32,
 }
 
+/// What stands in DIR's place for four coils: wave, full and half step. Boards without coils refuse it as a pin.
+pub const COILS: [u8; 3] = [240, 241, 242];
+
 /// Bytes of a [`MotorSetup`].
 pub const MOTOR_SETUP_LEN: usize = 8;
 
 impl MotorSetup {
+    /// Four coils, IN1 on `pin` and IN2 to IN4 on the three after it; not on every board.
+    #[must_use]
+    pub fn coils_on(pin: u8, sequence: Sequence) -> MotorSetup {
+        let [wave, full, half] = COILS;
+        let dir_pin = match sequence {
+            Sequence::Wave => wave,
+            Sequence::Full => full,
+            Sequence::Half => half,
+        };
+        MotorSetup { step_pin: pin, dir_pin, ..MotorSetup::default() }
+    }
+
+    /// How its coils are switched; `None` of a driver.
+    #[must_use]
+    pub const fn coils(&self) -> Option<Sequence> {
+        match self.dir_pin {
+            240 => Some(Sequence::Wave),
+            241 => Some(Sequence::Full),
+            242 => Some(Sequence::Half),
+            _ => None,
+        }
+    }
+
     /// Its bytes.
     #[must_use]
     pub const fn to_bytes(&self) -> [u8; MOTOR_SETUP_LEN] {
@@ -533,7 +561,7 @@ impl<'a> Configuration<'a> {
 /// | 2 | protocol: [`VERSION`](super::VERSION) |
 /// | 3–6 | the host's number from Hello |
 /// | 7 | the session's [`Tag`]: of all frames that follow, both ways |
-/// | 8 | board: 1 the Uno; 0 a model |
+/// | 8 | board: 1 the Uno, 2 the Pico; 0 a model |
 /// | 9–11 | firmware's version |
 /// | 12–15 | ticks a second |
 /// | 16 | F |
@@ -551,7 +579,7 @@ pub struct Info {
     pub nonce: u32,
     /// Of all frames that follow; the service's.
     pub tag: Tag,
-    /// 1 the Uno; 0 a model.
+    /// 1 the Uno, 2 the Pico; 0 a model.
     pub board: u8,
     /// Major, minor, patch.
     pub firmware: [u8; 3],

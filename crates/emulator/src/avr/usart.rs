@@ -247,7 +247,7 @@ impl Usart {
                 self.a |= TXC;
             }
             let Sending { data, start, end, bit } = sending;
-            observer.transmit(UartByte { start_cycle: start, end_cycle: end, data, cycles_per_bit: bit });
+            observer.transmit(UartByte { uart: 0, start_cycle: start, end_cycle: end, data, cycles_per_bit: bit });
         }
         if self.receiver_event() == cycle {
             self.receiver(cycle);

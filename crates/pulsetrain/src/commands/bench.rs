@@ -53,6 +53,10 @@ struct Rows {
 }
 
 pub(crate) fn run(args: &Bench, console: &mut Console<'_>) -> miette::Result<Exit> {
+    if args.at.board.as_deref() == Some("pico") {
+        let help = "`pulsetrain run FILE --board pico` measures the edges of a motion; `pulsetrain info --board pico` tells the rest";
+        return Err(miette!(help = help, "this bench is made for the Uno"));
+    }
     let mut rows = Vec::new();
     // What the board cannot do, and why.
     let mut refused = Vec::new();
@@ -155,7 +159,7 @@ fn prepared(period_s: f64) -> miette::Result<Prepared> {
 
 fn measure<P: Port>(prepared: &Prepared, period_s: f64, port: P, baud: Baud) -> Result<Row, DriveError> {
     let edges = Edges::of(&prepared.program);
-    let mut driven = Driven::uno(prepared, port, baud)?;
+    let mut driven = Driven::at(prepared, port, baud)?;
     driven.board_mut().measures(true)?;
     let began = driven.board_mut().now();
     let mut pins = Pins { meter: Meter::new(1, edges.constant_ticks.into()), steps: 0 };

@@ -1,6 +1,7 @@
 //! `pulsetrain info`: what a board says of itself.
 
 use pulsetrain_board::remote::in_words;
+use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Port, Remote, Serial};
 use pulsetrain_core::wire::{Baud, VERSION};
@@ -44,6 +45,7 @@ struct Said {
 pub(crate) fn run(args: &At, console: &mut Console<'_>) -> miette::Result<Exit> {
     let said = match &args.port {
         Some(name) => ask(Serial::open(name, false).map_err(port_problem)?, args.baud),
+        None if args.board.as_deref() == Some("pico") => ask(VirtualPico::on_usb(), args.baud),
         None => ask(VirtualUno::new(), args.baud),
     };
     let said = said.map_err(super::drive_problem)?;
@@ -102,7 +104,11 @@ fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
         return Err(error.clone().into());
     }
     let said = Said {
-        board: if info.board == 1 { "Arduino Uno" } else { "a model, no chip" },
+        board: match info.board {
+            1 => "Arduino Uno",
+            2 => "Raspberry Pi Pico",
+            _ => "a model, no chip",
+        },
         firmware: human::version(info.firmware),
         protocol: VERSION,
         tick_hz: info.tick_hz,

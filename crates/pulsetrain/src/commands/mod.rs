@@ -25,7 +25,7 @@ use crate::session::SessionError;
 pub(crate) fn port_problem(error: PortError) -> Report {
     let help = match &error {
         PortError::NotThere { .. } | PortError::Unusable { .. } => {
-            "an Uno is usually /dev/ttyACM0, /dev/cu.usbmodem… or COM3"
+            "an Uno is usually /dev/ttyACM0, /dev/cu.usbmodem… or COM3; so is the adapter at a Pico's UART"
         }
         PortError::Busy { .. } | PortError::Denied { .. } => return miette!("{error}"),
         PortError::Gone { .. } => "look at the cable; the motors stop as planned, within half a second or so",
@@ -39,8 +39,9 @@ pub(crate) fn drive_problem(error: DriveError) -> Report {
         DriveError::Remote(RemoteError::Port(port)) => return port_problem(port.clone()),
         DriveError::Remote(RemoteError::Link(LinkError::Nobody | LinkError::Version { .. })) => {
             "write crates/board/images/uno.hex to the board: avrdude -c arduino -p m328p -P PORT -b 115200 -U \
-             flash:w:uno.hex"
+             flash:w:uno.hex. A Pico: hold BOOTSEL as you plug it in, and copy crates/board/images/pico.uf2 to the drive"
         }
+        DriveError::Remote(RemoteError::OtherBoard { .. }) => "say --board with the board that is there",
         DriveError::Remote(RemoteError::Link(LinkError::Taken)) => "end the other program, or wait 2 s",
         DriveError::Remote(RemoteError::Link(LinkError::Lost | LinkError::Forgotten)) => {
             "look at cable, supply and hub; a board that is reset on the way loses its positions"

@@ -65,13 +65,13 @@ pub(crate) fn run(
     console: &mut Console<'_>,
 ) -> miette::Result<Exit> {
     let program = &prepared.program;
-    if program.board.name != "uno" {
-        let help = "add --board uno, or write board = \"uno\" in the file";
+    if !matches!(program.board.name.as_str(), "uno" | "pico") {
+        let help = "add --board uno or --board pico, or write it in the file";
         return Err(miette!(help = help, "{} is planned for the board `{}`", prepared.file, program.board.name));
     }
     interrupt::watch();
     let port = Serial::open(name, false).map_err(port_problem)?;
-    let mut driven = Driven::uno(prepared, port, args.baud).map_err(drive_problem)?;
+    let mut driven = Driven::at(prepared, port, args.baud).map_err(drive_problem)?;
     let firmware = human::version(driven.board_mut().info().firmware);
     let names: Vec<String> = program.motors.iter().map(|motor| motor.name.clone()).collect();
     let path = folder.join("steps.csv");

@@ -1,4 +1,4 @@
-//! `pulsetrain run`: plan, run on the native board or the virtual Uno, judge, report, draw.
+//! `pulsetrain run`: plan, run on the native board or a virtual one, judge, report, draw.
 
 use std::path::{Path, PathBuf};
 
@@ -27,14 +27,22 @@ pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit>
     if let Some(name) = &args.port {
         return on_port::run(&prepared, &planned, name, args, &folder, console);
     }
-    let on_virtual_uno = prepared.program.board.name == "uno" && !args.native;
-    let (recorded, runner) = if !on_virtual_uno {
-        let driven = Driven::native(&prepared)?;
-        (to_files(&prepared, &planned, driven, Edges::default(), &folder, console)?, "native".to_owned())
-    } else {
-        let mut driven = Driven::virtual_uno(&prepared, BAUD).map_err(drive_problem)?;
-        let runner = format!("virtual Uno, firmware {}", human::version(driven.board_mut().info().firmware));
-        (to_files(&prepared, &planned, driven, Edges::of(&prepared.program), &folder, console)?, runner)
+    let edges = Edges::of(&prepared.program);
+    let (recorded, runner) = match prepared.program.board.name.as_str() {
+        "uno" if !args.native => {
+            let mut driven = Driven::virtual_uno(&prepared, BAUD).map_err(drive_problem)?;
+            let runner = format!("virtual Uno, firmware {}", human::version(driven.board_mut().info().firmware));
+            (to_files(&prepared, &planned, driven, edges, &folder, console)?, runner)
+        }
+        "pico" if !args.native => {
+            let mut driven = Driven::virtual_pico(&prepared, PICO_BAUD).map_err(drive_problem)?;
+            let runner = format!("virtual Pico, firmware {}", human::version(driven.board_mut().info().firmware));
+            (to_files(&prepared, &planned, driven, edges, &folder, console)?, runner)
+        }
+        _ => {
+            let driven = Driven::native(&prepared)?;
+            (to_files(&prepared, &planned, driven, Edges::default(), &folder, console)?, "native".to_owned())
+        }
     };
     let Recorded { verdict, picture, lateness } = recorded;
     let report = RunReport { plan: plan::report(&prepared, &planned), runner, verdict, lateness };
@@ -52,6 +60,9 @@ pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit>
 
 /// The rate at which virtual boards are fed: what the real one's USB bridge makes exactly, and fast enough for all.
 const BAUD: Baud = Baud::B1M;
+
+/// And a Pico, whose clock makes it exactly too.
+const PICO_BAUD: Baud = Baud::B2M;
 
 fn to_files<B: Board>(
     prepared: &Prepared,

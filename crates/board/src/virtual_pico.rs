@@ -1,0 +1,292 @@
+//! The virtual Pico: the firmware's image on an emulated RP2040, behind a model of a USB adapter on its UART, or on its own
+//! USB port.
+//!
+//! It is a [`Port`] in virtual time: time passes only while someone receives, and every edge of a pin is known to the
+//! cycle. Through the adapter, bytes cross USB once a millisecond, then go over the line at its rate. By its own port they
+//! go as the bus has time and the firmware takes them; a program gets what has come with the end of each frame.
+
+use crate::{Edge, Port, PortError, VirtualBoard};
+use pulsetrain_core::wire::Baud;
+use pulsetrain_emulator::{GpioEdge, LineByte, Observer, Rp2040, UartByte, UsbState, image};
+use std::collections::VecDeque;
+use std::time::Duration;
+
+/// The firmware that `cargo xtask firmware pico` built.
+const IMAGE: &[u8] = include_bytes!("../images/pico.uf2");
+
+/// What a UF2 file calls the RP2040.
+const FAMILY: u32 = 0xe48b_ff56;
+
+/// Cycles per second; one tick of the firmware's clock is one cycle.
+pub const CYCLES_PER_S: u64 = 125_000_000;
+
+/// A frame of full-speed USB, 1 ms (USB 2.0, 8.4.3).
+const USB_FRAME: u64 = CYCLES_PER_S / 1000;
+
+/// A line that is sampled at a rate further off than this, of 1000, carries nothing.
+const RATE_TOLERANCE: u64 = 45;
+
+/// The firmware starts its clock within so many cycles, or never.
+const START_UP: u64 = 50_000_000;
+
+/// A PC has enumerated the device and opened its port within so many cycles of its start, or never.
+const ENUMERATION: u64 = CYCLES_PER_S;
+
+/// SysTick counts down, modulo this.
+const SYSTICK: u32 = 1 << 24;
+
+/// Why an image is none that the virtual Pico runs.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PicoError {
+    /// It is no UF2 file for it.
+    #[error(transparent)]
+    Image(#[from] image::ImageError),
+    /// Its flash cannot hold it.
+    #[error(transparent)]
+    TooLarge(#[from] pulsetrain_emulator::ImageTooLarge),
+    /// It does not start its clock: no firmware of ours.
+    #[error("the image does not start the board's clock within {START_UP} cycles; the program is at {pc:#010x}")]
+    NoClock {
+        /// Where it is.
+        pc: u32,
+    },
+    /// The PC cannot open its USB serial port.
+    #[error("the USB serial port is not open within {ENUMERATION} cycles: {state:?}")]
+    NoUsb {
+        /// How far the PC came.
+        state: UsbState,
+    },
+}
+
+/// A Raspberry Pi Pico in virtual time.
+#[derive(Clone)]
+pub struct VirtualPico {
+    chip: Rp2040,
+    outside: Outside,
+    /// By its own USB port, not by the UART.
+    by_usb: bool,
+    /// The cycle of the firmware's tick 0.
+    zero: u64,
+    /// The rate of the adapter, and the one that it changes to at a cycle.
+    baud: Baud,
+    next_baud: Option<(u64, Baud)>,
+    /// Sent by the adapter up to this cycle.
+    line_busy: u64,
+}
+
+/// What leaves the chip, until it is fetched.
+#[derive(Clone, Default)]
+struct Outside {
+    edges: Vec<GpioEdge>,
+    bytes: VecDeque<UartByte>,
+    /// What the PC took over USB, and when.
+    packets: VecDeque<(u64, Vec<u8>)>,
+}
+
+impl Observer for Outside {
+    fn gpio(&mut self, edge: GpioEdge) {
+        self.edges.push(edge);
+    }
+
+    fn transmit(&mut self, byte: UartByte) {
+        self.bytes.push_back(byte);
+    }
+
+    fn usb(&mut self, cycle: u64, data: &[u8]) {
+        self.packets.push_back((cycle, data.to_vec()));
+    }
+}
+
+impl VirtualPico {
+    /// A Pico with the committed firmware that has just started.
+    #[must_use]
+    pub fn new() -> VirtualPico {
+        VirtualPico::with_image(IMAGE).expect("the committed image runs: a test holds it")
+    }
+
+    /// A Pico with the committed firmware, whose USB serial port has just been opened.
+    #[must_use]
+    pub fn on_usb() -> VirtualPico {
+        VirtualPico::new().opened().expect("the committed image enumerates: a test holds it")
+    }
+
+    /// The same Pico by its own USB port: plugs it in and waits until the port is open.
+    ///
+    /// # Errors
+    /// [`PicoError::NoUsb`] if it is no USB serial port.
+    pub fn opened(mut self) -> Result<VirtualPico, PicoError> {
+        self.by_usb = true;
+        self.chip.usb_plug(true);
+        self.chip.usb_open(true);
+        let end = self.chip.cycle() + ENUMERATION;
+        while self.chip.usb_state() != UsbState::Open {
+            if self.chip.cycle() >= end {
+                return Err(PicoError::NoUsb { state: self.chip.usb_state() });
+            }
+            self.chip.run(self.next_frame(), &mut self.outside);
+        }
+        Ok(self)
+    }
+
+    /// A Pico with any firmware, a UF2 file, whose clock has just been started.
+    ///
+    /// # Errors
+    /// When it is no such file, or no firmware of ours.
+    pub fn with_image(uf2: &[u8]) -> Result<VirtualPico, PicoError> {
+        let flash = image::flat(&image::uf2(uf2, FAMILY)?, Rp2040::FLASH_ADDRESS, Rp2040::FLASH_BYTES)?;
+        let mut pico = VirtualPico {
+            chip: Rp2040::new(&flash)?,
+            outside: Outside::default(),
+            by_usb: false,
+            zero: 0,
+            baud: Baud::B115200,
+            next_baud: None,
+            line_busy: 0,
+        };
+        while pico.chip.cpu().systick_value() == 0 {
+            if pico.chip.cycle() >= START_UP {
+                return Err(PicoError::NoClock { pc: pico.chip.cpu().pc() });
+            }
+            pico.chip.step(&mut pico.outside);
+        }
+        let ticks = pico.chip.cpu().systick_value().wrapping_neg() & (SYSTICK - 1);
+        pico.zero = pico.chip.cycle() - u64::from(ticks);
+        Ok(pico)
+    }
+
+    /// The chip, to look into.
+    #[must_use]
+    pub const fn chip(&self) -> &Rp2040 {
+        &self.chip
+    }
+
+    /// The chip, to drive its pins.
+    pub const fn chip_mut(&mut self) -> &mut Rp2040 {
+        &mut self.chip
+    }
+
+    /// The cycle of the firmware's tick 0.
+    #[must_use]
+    pub const fn zero(&self) -> u64 {
+        self.zero
+    }
+
+    /// The rate of the line at the adapter's end.
+    #[must_use]
+    pub const fn baud(&self) -> Baud {
+        self.baud
+    }
+
+    /// Takes what has come over USB by `cycle`, if it was sent at the adapter's rate.
+    fn fetch(&mut self, cycle: u64, into: &mut Vec<u8>) {
+        while let Some((_, packet)) = self.outside.packets.pop_front_if(|(end, _)| *end <= cycle) {
+            into.extend(packet);
+        }
+        while let Some(byte) = self.outside.bytes.front().filter(|byte| byte.end_cycle <= cycle).copied() {
+            self.outside.bytes.pop_front();
+            if byte.uart != 0 {
+                continue;
+            }
+            self.change_rate(byte.end_cycle);
+            let (own, theirs) = (bit_256(self.baud) / 256, u64::from(byte.cycles_per_bit));
+            let off = own.abs_diff(theirs) * 1000 / own;
+            // At a wrong rate something comes, but not what was sent.
+            into.push(if off <= RATE_TOLERANCE { byte.byte() } else { byte.byte().rotate_left(3) ^ 0x5a });
+        }
+        self.change_rate(cycle);
+    }
+
+    fn change_rate(&mut self, cycle: u64) {
+        if let Some((at, baud)) = self.next_baud
+            && cycle >= at
+        {
+            (self.baud, self.next_baud) = (baud, None);
+        }
+    }
+
+    /// The next frame of USB.
+    fn next_frame(&self) -> u64 {
+        ((self.chip.cycle() - self.zero) / USB_FRAME + 1) * USB_FRAME + self.zero
+    }
+}
+
+impl Default for VirtualPico {
+    fn default() -> VirtualPico {
+        VirtualPico::new()
+    }
+}
+
+impl std::fmt::Debug for VirtualPico {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("VirtualPico").field("cycle", &self.chip.cycle()).field("baud", &self.baud).finish()
+    }
+}
+
+impl VirtualBoard for VirtualPico {
+    const CYCLES_PER_S: u64 = CYCLES_PER_S;
+    const TRACED: std::ops::RangeInclusive<u8> = 2..=28;
+
+    /// Nothing: neither an adapter nor its own USB resets it.
+    fn reset(&mut self) {}
+
+    fn zero(&self) -> Option<u64> {
+        Some(self.zero)
+    }
+
+    fn baud(&self) -> Baud {
+        self.baud
+    }
+}
+
+impl Port for VirtualPico {
+    fn now(&self) -> Duration {
+        Duration::from_nanos((self.chip.cycle() - self.zero) * 8)
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        if self.by_usb {
+            self.chip.usb_send(bytes);
+            return Ok(());
+        }
+        let baud = self.next_baud.map_or(self.baud, |(_, baud)| baud);
+        let frame = self.next_frame();
+        for byte in bytes {
+            let start = self.line_busy.max(frame);
+            let byte = LineByte::new(start, *byte, bit_256(baud) as u32);
+            self.line_busy = byte.end_cycle();
+            self.chip.receive(0, byte);
+        }
+        Ok(())
+    }
+
+    fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
+        let until = u64::try_from(until.as_nanos().div_ceil(8)).unwrap_or(u64::MAX).saturating_add(self.zero);
+        let had = into.len();
+        while into.len() == had && self.chip.cycle() < until {
+            // Bytes reach the host with the next frame of USB.
+            let frame = self.next_frame();
+            self.chip.run(frame.min(until), &mut self.outside);
+            if self.chip.cycle() >= frame {
+                self.fetch(frame, into);
+            }
+        }
+        Ok(())
+    }
+
+    fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
+        self.next_baud = Some((self.line_busy.max(self.chip.cycle()), baud));
+        self.change_rate(self.chip.cycle());
+        Ok(())
+    }
+
+    fn edges(&mut self, into: &mut Vec<Edge>) {
+        let zero = self.zero;
+        let edges = self.outside.edges.drain(..).filter(|edge| edge.cycle >= zero);
+        into.extend(edges.map(|edge| Edge { tick: edge.cycle - zero, line: edge.gpio, level: edge.level.is_high() }));
+    }
+}
+
+/// 1/256 cycles of a bit.
+fn bit_256(baud: Baud) -> u64 {
+    (CYCLES_PER_S * 256 + u64::from(baud.rate()) / 2) / u64::from(baud.rate())
+}

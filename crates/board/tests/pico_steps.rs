@@ -1,0 +1,31 @@
+//! The Pico's firmware on the emulated chip: its first words with a host, and its first steps.
+
+use pulsetrain_board::virtual_pico::VirtualPico;
+use pulsetrain_board::{Board, Edge, Remote, Setup};
+use pulsetrain_core::wire::message::MotorSetup;
+use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+
+#[test]
+fn steps_come_when_they_are_due() {
+    let mut remote = Remote::open(VirtualPico::new(), 1).expect("it answers");
+    println!("{:?}", remote.info());
+    let motor = |step_pin| MotorSetup { step_pin, dir_pin: step_pin + 1, forward_high: true, ..MotorSetup::default() };
+    let setup = Setup { pulse_ticks: 125, setup_ticks: 25, motors: vec![motor(2), motor(10)], ..Setup::default() };
+    remote.configure(&setup).expect("it is possible");
+    let at = remote.now() + remote.lead() + 1_000_000;
+    for motor in 0..2 {
+        let segment = Segment { count: 100, interval: 1000 << 32, add: 0, add2: 0 };
+        for item in [Item::Anchor { tick: Moment::of(at) }, Item::Run { segment, direction: Direction::Forward }] {
+            remote.push(motor, Entry { epoch: Epoch(1), item }).expect("room");
+        }
+    }
+    remote.switch(Epoch(1), at).expect("in time");
+    let mut edges = Vec::new();
+    remote.advance(at + 200_000, &mut |edge: Edge| edges.push(edge));
+    println!("{:?}", remote.status());
+    println!("{:?}", remote.measures(false));
+    println!("{:?}", remote.events());
+    let late: Vec<_> = edges.iter().map(|e| (e.tick as i64 - at as i64, e.line, e.level)).collect();
+    println!("{} edges: {:?}", edges.len(), &late[..late.len().min(20)]);
+    assert_eq!(remote.positions(), [100, 100]);
+}

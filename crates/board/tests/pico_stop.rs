@@ -1,0 +1,117 @@
+//! The immediate stop on the virtual Pico, at every instant: what it counts is what the pins did.
+
+mod common;
+
+use common::Random;
+use common::pico::{Pair, TICK_HZ, as_line, coils, step_dir};
+use pulsetrain_board::{Board, Edge, Setup, StopReport};
+use pulsetrain_core::output::{HALF_STEPS, Sequence};
+use pulsetrain_core::wire::message::{Cause, MotorSetup};
+use pulsetrain_core::{Direction, Item, Moment, Segment};
+
+fn run(count: u32, ticks: i64, direction: Direction) -> Item {
+    Item::Run { segment: Segment { count, interval: ticks << 32, add: 0, add2: 0 }, direction }
+}
+
+/// Two drivers and coils, under way: the second driver turns all the time.
+fn under_way(pulse_ticks: u16) -> Pair {
+    let setup = Setup {
+        pulse_ticks,
+        setup_ticks: 20,
+        hold_ticks: 5,
+        motors: vec![step_dir(2), step_dir(10), coils(16, Sequence::Half)],
+        ..Setup::default()
+    };
+    let mut pair = Pair::new(&setup);
+    let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
+    let word = i64::from(pulse_ticks) + 3;
+    pair.push(0, 1, &[Item::Anchor { tick: Moment::of(from) }, run(1_000_000, 2 * word + 300, Direction::Backward)]);
+    let mut turning = vec![Item::Anchor { tick: Moment::of(from) }];
+    for _ in 0..400 {
+        turning.push(run(2, 10_000, Direction::Forward));
+        turning.push(run(1, 10_000, Direction::Backward));
+    }
+    pair.push(1, 1, &turning);
+    pair.push(2, 1, &[Item::Anchor { tick: Moment::of(from) }, run(100_000, 19_997, Direction::Forward)]);
+    assert_eq!(pair.switch(1, from), Ok(()));
+    pair.advance(from + TICK_HZ / 500);
+    pair
+}
+
+/// What the coils' pins say of the position, modulo 8.
+fn phase(edges: &[Edge], motor: &MotorSetup) -> Option<usize> {
+    let mut levels = 0;
+    for edge in edges.iter().filter(|edge| (motor.step_pin..motor.step_pin + 4).contains(&edge.line)) {
+        let bit = 1 << (edge.line - motor.step_pin);
+        levels = if edge.level { levels | bit } else { levels & !bit };
+    }
+    HALF_STEPS.iter().position(|pattern| *pattern == levels)
+}
+
+#[test]
+fn the_count_is_what_the_pins_did_whenever_it_comes() {
+    let random = &mut Random::new(7);
+    for pulse_ticks in [13, 200] {
+        let begun = under_way(pulse_ticks);
+        let mut in_pulse = 0;
+        for _ in 0..150 {
+            // The same board again, a moment later.
+            let (mut pico, mut edges) = (begun.pico.clone(), begun.edges.clone());
+            let until = pico.now() + random.below(TICK_HZ / 16);
+            let StopReport { tick, positions, uncertain } =
+                pico.stop_now(until, &mut |edge: Edge| edges.extend(as_line(&begun.setup, edge)));
+            pico.advance(tick + TICK_HZ / 1000, &mut |edge: Edge| edges.extend(as_line(&begun.setup, edge)));
+            // The first driver and the coils are faster than their pull-in; the second may have just turned.
+            assert!(uncertain[0] && uncertain[2], "{uncertain:?} {positions:?} {tick}");
+            let motors = &begun.setup.motors;
+            for (motor, position) in motors.iter().zip(&positions).take(2) {
+                let rises = edges.iter().filter(|edge| edge.line == motor.step_pin && edge.level);
+                assert!(rises.clone().all(|edge| edge.tick <= tick), "a step after the stop");
+                let mut dir = false;
+                let mut count = 0;
+                let mut high: Option<u64> = None;
+                for edge in &edges {
+                    if edge.line == motor.dir_pin {
+                        assert_eq!(high, None, "DIR changes inside a pulse");
+                        dir = edge.level;
+                    } else if edge.line == motor.step_pin && edge.level {
+                        count += if dir == motor.forward_high { 1 } else { -1 };
+                        high = Some(edge.tick);
+                    } else if edge.line == motor.step_pin {
+                        let since = high.take().expect("a pulse begins before it ends");
+                        assert!(edge.tick - since >= u64::from(pulse_ticks), "a pulse of {}", edge.tick - since);
+                        in_pulse += u32::from(edge.tick > tick);
+                    }
+                }
+                assert_eq!(high, None, "a pulse has no end");
+                assert_eq!(count, *position);
+            }
+            assert_eq!(phase(&edges, &motors[2]), Some(positions[2].rem_euclid(8) as usize));
+        }
+        assert!(in_pulse > u32::from(pulse_ticks) / 10, "{in_pulse} stops came inside a pulse");
+    }
+}
+
+/// Eight motors ask for more than the processor does: a state machine runs dry, and all stop at once, with the reason.
+#[test]
+fn a_processor_that_does_not_keep_up_stops_all() {
+    let motors: Vec<_> = (0..8).map(|motor| step_dir(2 + 2 * motor)).collect();
+    let setup = Setup { pulse_ticks: 13, motors, ..Setup::default() };
+    let mut pair = Pair::new(&setup);
+    let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
+    for motor in 0..8 {
+        pair.push(motor, 1, &[Item::Anchor { tick: Moment::of(from) }, run(1_000_000, 120, Direction::Forward)]);
+    }
+    assert_eq!(pair.switch(1, from), Ok(()));
+    pair.pico.advance(from + TICK_HZ / 10, &mut |edge: Edge| pair.edges.extend(as_line(&setup, edge)));
+    let events = pair.pico.events();
+    assert!(events.iter().any(|event| event.cause == Cause::Starved), "{events:?}");
+    let status = pair.pico.status().expect("it answers");
+    assert!(status.is_idle());
+    let positions: Vec<_> = status.motors.as_slice().iter().map(|motor| Some(i64::from(motor.position))).collect();
+    assert_eq!(positions, pair.counts());
+    assert!(positions.iter().all(|position| *position > Some(1000)), "{positions:?}");
+    // It begins again when it is told to.
+    pair.pico.arm().expect("at rest");
+    assert!(pair.pico.status().expect("it answers").is_idle());
+}

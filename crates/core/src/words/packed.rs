@@ -1,0 +1,165 @@
+//! Packed bytes that wait → items for a channel.
+
+use crate::narrow::{Bytes, Pool, PushRefused};
+use crate::packing::{CHECK_LEN, MAX_PACKED_LEN, Packing, State};
+use crate::queue::{Items, Place};
+use crate::{Direction, Epoch, Item};
+
+/// What is wrong with packed bytes. The rest of their epoch is dropped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fault {
+    /// No packer makes them.
+    BadItem,
+    /// A check says that the motor ought to be elsewhere, or at another time.
+    CheckFailed,
+}
+
+/// How a check begins: control record 5.
+const CHECK: [u8; 2] = [0x2f, 0];
+
+/// Control records that are no items, of two bytes: reversal and reset. One by one they are as short as an item.
+const BARE: [u8; 2] = [0x07, 0x0f];
+
+/// A motor's packed bytes in a share of a [`Pool`], always the same one: each method that touches bytes is given it.
+#[derive(Clone, Debug)]
+pub struct Packed {
+    bytes: Bytes,
+    packing: Packing,
+    /// Of the epoch in front.
+    state: State,
+    /// Where the motor was at the last anchor.
+    anchored_at: i32,
+    fault: Option<Fault>,
+}
+
+impl Packed {
+    /// An empty queue.
+    #[must_use]
+    pub const fn new(bytes: Bytes, packing: Packing) -> Packed {
+        Packed { bytes, packing, state: State::new(Direction::Forward), anchored_at: 0, fault: None }
+    }
+
+    /// Puts packed items of `epoch` last, whole ones: all of them or, with an error, none.
+    ///
+    /// # Errors
+    /// As [`Bytes::push`].
+    pub fn push<const N: usize>(&mut self, pool: &mut Pool<N>, epoch: Epoch, packed: &[u8]) -> Result<(), PushRefused> {
+        self.bytes.push(pool, epoch, packed)
+    }
+
+    /// Takes back what was pushed last of `epoch`, which is not the one that is being run.
+    pub fn discard(&mut self, epoch: Epoch) {
+        self.bytes.discard(epoch);
+    }
+
+    /// Free bytes: what the host may still send.
+    #[must_use]
+    pub const fn room(&self) -> u16 {
+        self.bytes.room()
+    }
+
+    /// What was wrong with bytes since the queue was [cleared](Items::clear) last.
+    #[must_use]
+    pub const fn fault(&self) -> Option<Fault> {
+        self.fault
+    }
+
+    /// Forgets what was wrong.
+    pub const fn forgive(&mut self) {
+        self.fault = None;
+    }
+
+    /// With the memory that its bytes are in, a channel's items.
+    pub const fn waiting<'a, const N: usize>(&'a mut self, pool: &'a Pool<N>) -> Waiting<'a, N> {
+        Waiting { packed: self, pool }
+    }
+
+    /// Whether bytes of `epoch` are in front.
+    #[must_use]
+    pub const fn has(&self, epoch: Epoch) -> bool {
+        self.bytes.waiting(epoch) > 0
+    }
+
+    /// The bytes in front, as many of `epoch` as an item or a check takes at most.
+    fn front<const N: usize>(&self, pool: &Pool<N>, epoch: Epoch) -> ([u8; MAX_PACKED_LEN], usize) {
+        let mut front = [0; MAX_PACKED_LEN];
+        let len = usize::from(self.bytes.waiting(epoch)).min(MAX_PACKED_LEN);
+        self.bytes.copy_first(pool, &mut front[..len]);
+        (front, len)
+    }
+
+    fn take<const N: usize>(&mut self, pool: &Pool<N>, here: &Place) -> Option<Item> {
+        let epoch = self.bytes.first()?;
+        let (front, len) = self.front(pool, epoch);
+        let mut rest = &front[..len];
+        if let [c0, c1, p0, p1, t0, t1, t2, t3, f0, f1, ..] = *rest
+            && [c0, c1] == CHECK
+        {
+            self.consume(CHECK_LEN);
+            let moved = here.position.wrapping_sub(self.anchored_at).to_le_bytes();
+            let agrees = moved[..2] == [p0, p1]
+                && here.tick.0 == u32::from_le_bytes([t0, t1, t2, t3])
+                && here.fraction == u16::from_le_bytes([f0, f1]);
+            if !agrees {
+                self.give_up(epoch, Fault::CheckFailed);
+            }
+            return None;
+        }
+        if let [c0, 0, ..] = *rest
+            && BARE.contains(&c0)
+        {
+            rest = &rest[..2];
+        }
+        let len = rest.len();
+        let unpacked = self.packing.unpack(&mut self.state, &mut rest);
+        self.consume(len - rest.len());
+        match unpacked {
+            Ok(Some(Item::Anchor { tick })) => {
+                self.anchored_at = here.position;
+                Some(Item::Anchor { tick })
+            }
+            Ok(item) => item,
+            Err(_) => {
+                self.give_up(epoch, Fault::BadItem);
+                None
+            }
+        }
+    }
+
+    fn consume(&mut self, len: usize) {
+        // No more than MAX_PACKED_LEN.
+        self.bytes.drop_first(u16::try_from(len).unwrap_or(0));
+    }
+
+    fn give_up(&mut self, epoch: Epoch, fault: Fault) {
+        self.fault = self.fault.or(Some(fault));
+        self.bytes.drop_first(self.bytes.waiting(epoch));
+    }
+}
+
+/// A [`Packed`] and its memory.
+#[derive(Debug)]
+pub struct Waiting<'a, const N: usize> {
+    packed: &'a mut Packed,
+    pool: &'a Pool<N>,
+}
+
+impl<const N: usize> Items for Waiting<'_, N> {
+    fn wait(&self, epoch: Epoch) -> bool {
+        self.packed.has(epoch)
+    }
+
+    fn take(&mut self, here: &Place) -> Option<Item> {
+        self.packed.take(self.pool, here)
+    }
+
+    fn skip_to(&mut self, epoch: Epoch) {
+        self.packed.bytes.skip_to(epoch);
+        self.packed.state = State::default();
+    }
+
+    fn clear(&mut self) {
+        self.packed.bytes.clear();
+        self.packed.state = State::default();
+    }
+}

@@ -1,0 +1,484 @@
+//! Exceptions: which is due, entry and return, faults, sleep (ARMv6-M ARM DDI 0419E §B1.5, §B3.4).
+
+use super::bus::{Bus, Size};
+use super::cpu::{Cpu, LR, SP};
+use thiserror::Error;
+
+pub(super) const NMI: u32 = 2;
+pub(super) const HARD_FAULT: u32 = 3;
+pub(super) const SVCALL: u32 = 11;
+pub(super) const PENDSV: u32 = 14;
+pub(super) const SYSTICK: u32 = 15;
+/// Exception number of interrupt line 0.
+pub(super) const IRQ: u32 = 16;
+const EXCEPTIONS: usize = IRQ as usize + 32;
+
+/// Execution priority when nothing is active: less urgent than all.
+const LOWEST: i16 = i16::MAX;
+
+/// Cycles of an exception's entry up to the vector, and of the vector: TRM §3.6.1 gives the sum, 15.
+const STACKING: u64 = 12;
+const VECTOR: u64 = 3;
+const _: () = assert!(STACKING + VECTOR == 15);
+/// Cycles of unstacking, as of `pop` with eight registers: 3 + 8 (TRM table 3-1).
+const UNSTACKING: u64 = 11;
+const FRAME_BYTES: u32 = 32;
+
+/// Why the processor took a HardFault, or locked up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Error)]
+pub enum FaultCause {
+    /// What was fetched is no instruction of ARMv6-M.
+    #[error("no such instruction")]
+    Undefined,
+    /// `bkpt`, and no debugger is there.
+    #[error("breakpoint without a debugger")]
+    Breakpoint,
+    /// `svc` where its handler cannot be entered: PRIMASK is set, or the priority not sufficient.
+    #[error("svc at a priority that does not let it in")]
+    Supervisor,
+    /// A branch to an even address: a state that the processor does not have.
+    #[error("branch to an even address")]
+    NotThumb,
+    /// An address that is no multiple of the access's size.
+    #[error("unaligned access to {address:#010x}")]
+    Unaligned {
+        /// Where.
+        address: u32,
+    },
+    /// The bus refused a load or a store.
+    #[error("access to {address:#010x}, where nothing answers")]
+    Bus {
+        /// Where.
+        address: u32,
+    },
+    /// The bus refused an instruction.
+    #[error("instruction at {address:#010x}, where nothing answers")]
+    Fetch {
+        /// Where.
+        address: u32,
+    },
+    /// The vector could not be read.
+    #[error("vector at {address:#010x}, where nothing answers")]
+    Vector {
+        /// Where.
+        address: u32,
+    },
+    /// An exception's registers could not be saved or restored.
+    #[error("exception frame at {address:#010x}, where nothing answers")]
+    Frame {
+        /// Where.
+        address: u32,
+    },
+    /// No exception can return with this value.
+    #[error("exception return with {value:#010x}")]
+    Return {
+        /// EXC_RETURN.
+        value: u32,
+    },
+}
+
+/// A fault, and where it happened.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Fault {
+    /// Why.
+    pub cause: FaultCause,
+    /// The instruction, or where the processor would have gone on.
+    pub pc: u32,
+    /// In which cycle.
+    pub cycle: u64,
+}
+
+/// Whether the processor waits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Sleep {
+    Awake,
+    /// `wfi`, or sleep on exit.
+    Interrupt,
+    /// `wfe`.
+    Event,
+}
+
+/// Sets of exceptions are bits by exception number.
+#[derive(Clone, Debug)]
+pub(super) struct Exceptions {
+    pub(super) pending: u64,
+    pub(super) active: u64,
+    pub(super) enabled: u64,
+    /// Levels of the interrupt lines.
+    lines: u32,
+    nmi_line: bool,
+    /// By exception number; lower is more urgent.
+    pub(super) priority: [i16; EXCEPTIONS],
+    pub(super) primask: bool,
+    /// The exception that runs, IPSR.
+    current: u32,
+    /// Pending, and urgent enough to be entered now.
+    due: Option<u32>,
+    /// As `due`, PRIMASK or not: what ends `wfi`.
+    wakes: bool,
+    /// What the registers were saved for, while the vector is not yet read.
+    entering: Option<u32>,
+    /// The event register of `wfe`.
+    pub(super) event: bool,
+    pub(super) sleep: Sleep,
+    pub(super) sleep_on_exit: bool,
+    pub(super) sleep_deep: bool,
+    pub(super) event_on_pending: bool,
+    pub(super) locked_up: bool,
+    pub(super) vector_table: u32,
+    pub(super) fault: Option<Fault>,
+}
+
+const fn bit(exception: u32) -> u64 {
+    1 << exception
+}
+
+/// Exceptions that cannot be disabled.
+const ALWAYS_ENABLED: u64 = bit(NMI) | bit(HARD_FAULT) | bit(SVCALL) | bit(PENDSV) | bit(SYSTICK);
+
+impl Exceptions {
+    pub(super) fn new(vector_table: u32) -> Exceptions {
+        let mut priority = [0; EXCEPTIONS];
+        (priority[NMI as usize], priority[HARD_FAULT as usize]) = (-2, -1);
+        Exceptions {
+            pending: 0,
+            active: 0,
+            enabled: ALWAYS_ENABLED,
+            lines: 0,
+            nmi_line: false,
+            priority,
+            primask: false,
+            current: 0,
+            due: None,
+            wakes: false,
+            entering: None,
+            event: false,
+            sleep: Sleep::Awake,
+            sleep_on_exit: false,
+            sleep_deep: false,
+            event_on_pending: false,
+            locked_up: false,
+            vector_table,
+            fault: None,
+        }
+    }
+
+    pub(super) fn reset(&mut self, vector_table: u32) {
+        let (lines, nmi_line) = (self.lines, self.nmi_line);
+        *self = Exceptions { lines, nmi_line, ..Exceptions::new(vector_table) };
+        self.sample_lines();
+    }
+
+    pub(super) fn current(&self) -> u32 {
+        self.current
+    }
+
+    /// Makes exceptions pending.
+    pub(super) fn pend(&mut self, exceptions: u64) {
+        let new = exceptions & !self.pending;
+        self.pending |= exceptions;
+        if new != 0 && self.event_on_pending {
+            self.event = true;
+        }
+    }
+
+    /// An interrupt whose line is high is pending unless it is active (§B3.4.1).
+    pub(super) fn sample_lines(&mut self) {
+        self.pend(u64::from(self.lines) << IRQ & !self.active);
+    }
+
+    /// The most urgent of a set; among equals the one with the lowest number (§B1.5.4).
+    fn most_urgent(&self, set: u64) -> Option<(u32, i16)> {
+        let members = (0..EXCEPTIONS as u32).filter(|exception| set & bit(*exception) != 0);
+        members.map(|exception| (exception, self.priority[exception as usize])).min_by_key(|(_, priority)| *priority)
+    }
+
+    /// The most urgent of those that are pending and enabled.
+    pub(super) fn most_urgent_pending(&self) -> Option<u32> {
+        self.most_urgent(self.pending & self.enabled).map(|(exception, _)| exception)
+    }
+
+    /// Priority of what runs, PRIMASK left aside.
+    fn active_priority(&self) -> i16 {
+        self.most_urgent(self.active).map_or(LOWEST, |(_, priority)| priority)
+    }
+
+    fn execution_priority(&self) -> i16 {
+        self.active_priority().min(if self.primask { 0 } else { LOWEST })
+    }
+
+    fn refresh(&mut self) {
+        let candidate = self.most_urgent(self.pending & self.enabled);
+        let active = self.active_priority();
+        self.wakes = candidate.is_some_and(|(_, priority)| priority < active);
+        let threshold = self.execution_priority();
+        self.due = candidate.filter(|(_, priority)| *priority < threshold).map(|(exception, _)| exception);
+    }
+}
+
+impl Cpu {
+    /// Levels of the 32 interrupt lines from now on. A line that rises makes its interrupt pending; one that is still
+    /// high when its handler returns does so again (ARMv6-M ARM §B3.4.1).
+    #[inline]
+    pub fn set_irq_lines(&mut self, levels: u32) {
+        if levels != self.exceptions.lines {
+            let rising = levels & !self.exceptions.lines;
+            self.exceptions.lines = levels;
+            self.exceptions.pend(u64::from(rising) << IRQ);
+            self.refresh();
+        }
+    }
+
+    /// Level of the line of the interrupt that cannot be masked, from now on; its rise counts.
+    pub fn set_nmi_line(&mut self, level: bool) {
+        if level && !self.exceptions.nmi_line {
+            self.exceptions.pend(bit(NMI));
+        }
+        self.exceptions.nmi_line = level;
+        self.refresh();
+    }
+
+    /// An event from elsewhere (RXEV), such as another processor's `sev`: ends `wfe`.
+    pub fn event(&mut self) {
+        self.exceptions.event = true;
+        self.refresh();
+    }
+
+    /// Works out anew what is due, and how long instructions may be executed without looking.
+    pub(super) fn refresh(&mut self) {
+        let exceptions = &mut self.exceptions;
+        exceptions.refresh();
+        let now = exceptions.due.is_some()
+            || exceptions.sleep != Sleep::Awake
+            || exceptions.entering.is_some()
+            || exceptions.locked_up
+            || !self.thumb;
+        self.attention = if now { 0 } else { self.systick.next().unwrap_or(u64::MAX) };
+    }
+
+    pub(super) fn wakes(&self) -> bool {
+        match self.exceptions.sleep {
+            Sleep::Awake => true,
+            Sleep::Interrupt => self.exceptions.wakes,
+            Sleep::Event => self.exceptions.event || self.exceptions.due.is_some(),
+        }
+    }
+
+    /// Counts SysTick up to a cycle.
+    pub(super) fn count_systick(&mut self, cycle: u64) {
+        if self.systick.advance(cycle) {
+            self.exceptions.pend(bit(SYSTICK));
+        }
+    }
+
+    /// What is to be done before the next instruction: whether that was a step of its own.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn attend(&mut self, bus: &mut impl Bus) -> bool {
+        self.count_systick(self.cycle);
+        self.refresh();
+        if self.exceptions.locked_up && self.exceptions.due.is_none() {
+            self.cycle += 1;
+            return true;
+        }
+        if self.exceptions.sleep != Sleep::Awake {
+            if !self.wakes() {
+                self.cycle += 1;
+                return true;
+            }
+            if self.exceptions.sleep == Sleep::Event {
+                self.exceptions.event = false;
+            }
+            self.exceptions.sleep = Sleep::Awake;
+            self.refresh();
+        }
+        if let Some(exception) = self.exceptions.entering.take() {
+            // Something more urgent may have come since: late arrival.
+            self.take_vector(self.exceptions.due.unwrap_or(exception), bus);
+        } else if let Some(exception) = self.exceptions.due {
+            self.exceptions.locked_up = false;
+            self.exceptions.entering = Some(exception);
+            self.stack(bus);
+        } else if !self.thumb {
+            self.cycle += 1;
+            self.hard_fault(FaultCause::NotThumb);
+        } else {
+            return false;
+        }
+        true
+    }
+
+    /// Saves the registers (§B1.5.6, PushStack).
+    fn stack(&mut self, bus: &mut impl Bus) {
+        let began = self.cycle;
+        let sp = self.registers[SP];
+        let aligned = sp.wrapping_sub(FRAME_BYTES) & !4;
+        let padding = sp >> 2 & 1;
+        let xpsr = self.xpsr() | padding << 9;
+        let [r0, r1, r2, r3, .., r12, _, lr, _] = self.registers;
+        let frame = [r0, r1, r2, r3, r12, lr, self.pc, xpsr];
+        self.registers[LR] = match (self.exceptions.current, self.process_stack) {
+            (0, false) => 0xffff_fff9,
+            (0, true) => 0xffff_fffd,
+            _ => 0xffff_fff1,
+        };
+        self.registers[SP] = aligned;
+        self.thumb = true;
+        let mut waits = 0;
+        self.cycle += 2;
+        for (address, word) in (aligned..).step_by(4).zip(frame) {
+            let before = self.cycle;
+            if self.store_next(bus, address, Size::Word, word).is_err() {
+                self.derived_fault(FaultCause::Frame { address });
+                break;
+            }
+            waits += self.cycle - before - 1;
+        }
+        self.cycle = began + STACKING + waits;
+        self.refresh();
+    }
+
+    /// Goes to a handler (§B1.5.6, ExceptionTaken).
+    fn take_vector(&mut self, exception: u32, bus: &mut impl Bus) {
+        let began = self.cycle;
+        self.exceptions.pending &= !bit(exception);
+        self.exceptions.active |= bit(exception);
+        self.exceptions.current = exception;
+        self.use_process_stack(false);
+        self.exceptions.event = true;
+        let address = self.exceptions.vector_table.wrapping_add(4 * exception);
+        match bus.read(address, Size::Word, began) {
+            Ok(vector) => {
+                self.pc = vector & !1;
+                self.thumb = vector & 1 != 0;
+                self.cycle = began + VECTOR + u64::from(bus.wait_cycles());
+                self.refresh();
+            }
+            Err(_) => {
+                self.cycle = began + VECTOR;
+                self.hard_fault(FaultCause::Vector { address });
+            }
+        }
+    }
+
+    /// `bx` or `pop` of an EXC_RETURN value in handler mode (§B1.5.8): ends the handler.
+    pub(super) fn exception_return(&mut self, value: u32, bus: &mut impl Bus) -> Result<(), FaultCause> {
+        let returning = self.exceptions.current;
+        let nested = self.exceptions.active & !bit(returning) != 0;
+        let valid = match value {
+            0xffff_fff1 => nested,
+            0xffff_fff9 | 0xffff_fffd => !nested,
+            _ => false,
+        };
+        if !valid || self.exceptions.active & bit(returning) == 0 {
+            return Err(FaultCause::Return { value });
+        }
+        self.exceptions.active &= !bit(returning);
+        self.exceptions.sample_lines();
+        self.exceptions.event = true;
+        self.count_systick(self.cycle);
+        self.refresh();
+        if let Some(exception) = self.exceptions.due {
+            // Tail-chaining: the frame stays where it is, for the next handler.
+            self.registers[LR] = value;
+            self.exceptions.entering = Some(exception);
+        } else {
+            self.unstack(value, bus);
+            if value & 8 != 0 && self.exceptions.sleep_on_exit {
+                self.exceptions.sleep = Sleep::Interrupt;
+            }
+        }
+        self.refresh();
+        Ok(())
+    }
+
+    /// Restores the registers (§B1.5.8, PopStack).
+    fn unstack(&mut self, value: u32, bus: &mut impl Bus) {
+        let began = self.cycle;
+        let mut waits = 0;
+        self.use_process_stack(value == 0xffff_fffd);
+        let sp = self.registers[SP];
+        let mut frame = [0; 8];
+        self.cycle += 1;
+        for (address, word) in (sp..).step_by(4).zip(&mut frame) {
+            let before = self.cycle;
+            match self.load_next(bus, address, Size::Word) {
+                Ok(value) => *word = value,
+                Err(_) => {
+                    self.cycle = began + UNSTACKING;
+                    self.hard_fault(FaultCause::Frame { address });
+                    return;
+                }
+            }
+            waits += self.cycle - before - 1;
+        }
+        let [r0, r1, r2, r3, r12, lr, pc, xpsr] = frame;
+        self.registers[..4].copy_from_slice(&[r0, r1, r2, r3]);
+        (self.registers[12], self.registers[LR]) = (r12, lr);
+        self.pc = pc & !1;
+        self.registers[SP] = sp.wrapping_add(FRAME_BYTES) | (xpsr >> 9 & 1) << 2;
+        self.set_flags(xpsr);
+        self.thumb = xpsr >> 24 & 1 != 0;
+        self.exceptions.current = if value & 8 != 0 { 0 } else { xpsr & 0x3f };
+        self.cycle = began + UNSTACKING + waits;
+    }
+
+    /// `svc`: its exception, or a fault where that cannot be entered (§B1.5.4).
+    pub(super) fn supervisor_call(&mut self) -> Result<(), FaultCause> {
+        if self.exceptions.priority[SVCALL as usize] >= self.exceptions.execution_priority() {
+            return Err(FaultCause::Supervisor);
+        }
+        self.exceptions.pend(bit(SVCALL));
+        self.refresh();
+        Ok(())
+    }
+
+    /// `wfi`.
+    pub(super) fn wait_for_interrupt(&mut self) {
+        self.exceptions.sleep = Sleep::Interrupt;
+        self.refresh();
+    }
+
+    /// `wfe`: does not wait if an event has come since the last.
+    pub(super) fn wait_for_event(&mut self) {
+        if !std::mem::take(&mut self.exceptions.event) {
+            self.exceptions.sleep = Sleep::Event;
+            self.refresh();
+        }
+    }
+
+    /// An instruction, or what stands at `pc`, faults: a HardFault, or the end if one is being handled (§B1.5.9,
+    /// §B1.5.10).
+    #[cold]
+    pub(super) fn hard_fault(&mut self, cause: FaultCause) {
+        if self.exceptions.active_priority() < 0 {
+            self.lock_up(cause);
+            return;
+        }
+        self.remember(cause);
+        self.exceptions.pend(bit(HARD_FAULT));
+        self.refresh();
+    }
+
+    /// A fault while registers are saved: it is entered in place of what they were saved for (§B1.5.9).
+    fn derived_fault(&mut self, cause: FaultCause) {
+        if self.exceptions.due.is_some_and(|exception| exception <= HARD_FAULT) || self.exceptions.active_priority() < 0
+        {
+            self.exceptions.entering = None;
+            self.lock_up(cause);
+            return;
+        }
+        self.remember(cause);
+        self.exceptions.pend(bit(HARD_FAULT));
+    }
+
+    pub(super) fn lock_up(&mut self, cause: FaultCause) {
+        self.remember(cause);
+        self.exceptions.locked_up = true;
+        self.refresh();
+    }
+
+    fn remember(&mut self, cause: FaultCause) {
+        self.exceptions.fault = Some(Fault { cause, pc: self.pc, cycle: self.cycle });
+    }
+}

@@ -1,0 +1,132 @@
+//! SysTick, the processor's own timer (ARMv6-M ARM DDI 0419E §B3.3).
+//!
+//! The counter is worked out when somebody looks: a clock of which nothing comes costs nothing.
+
+const ENABLE: u32 = 1;
+const TICK_INTERRUPT: u32 = 1 << 1;
+const PROCESSOR_CLOCK: u32 = 1 << 2;
+const COUNT_FLAG: u32 = 1 << 16;
+/// Bits of reload and current value.
+const MASK: u32 = 0x00ff_ffff;
+
+#[derive(Clone, Debug)]
+pub(super) struct SysTick {
+    control: u32,
+    reload: u32,
+    /// The counter's value in the cycle `since`.
+    value: u32,
+    since: u64,
+    /// It has counted to 0 since SYST_CSR was last read.
+    counted: bool,
+    /// Cycles from one tick of the reference clock to the next; its ticks are at multiples of this.
+    reference: u32,
+    calibration: u32,
+}
+
+impl SysTick {
+    pub(super) fn new(reference: u32, calibration: u32) -> SysTick {
+        SysTick { control: 0, reload: 0, value: 0, since: 0, counted: false, reference: reference.max(1), calibration }
+    }
+
+    pub(super) fn reset(&mut self, cycle: u64) {
+        *self = SysTick { since: cycle, ..SysTick::new(self.reference, self.calibration) };
+    }
+
+    /// Brings the counter to what it is in `cycle`; whether it has reached 0 on the way with TICKINT set.
+    pub(super) fn advance(&mut self, cycle: u64) -> bool {
+        let ticks = self.ticks(cycle);
+        self.since = self.since.max(cycle);
+        if ticks < self.ticks_to_zero() {
+            self.value = self.after(ticks);
+            return false;
+        }
+        self.value = self.after(ticks);
+        self.counted = true;
+        self.control & TICK_INTERRUPT != 0
+    }
+
+    /// The cycle in which the counter is next 0, if that asks for an exception.
+    pub(super) fn next(&self) -> Option<u64> {
+        let ticks = self.ticks_to_zero();
+        let asks = self.control & TICK_INTERRUPT != 0 && ticks != u64::MAX;
+        asks.then(|| match self.processor_clock() {
+            true => self.since + ticks,
+            false => (self.since / self.period() + ticks) * self.period(),
+        })
+    }
+
+    pub(super) fn set_reference(&mut self, cycles: u32) {
+        self.reference = cycles.max(1);
+    }
+
+    /// SYST_CSR; reading clears COUNTFLAG.
+    pub(super) fn read_control(&mut self) -> u32 {
+        self.control | if std::mem::take(&mut self.counted) { COUNT_FLAG } else { 0 }
+    }
+
+    pub(super) fn write_control(&mut self, value: u32) {
+        self.control = value & (ENABLE | TICK_INTERRUPT | PROCESSOR_CLOCK);
+    }
+
+    pub(super) fn reload(&self) -> u32 {
+        self.reload
+    }
+
+    pub(super) fn write_reload(&mut self, value: u32) {
+        self.reload = value & MASK;
+    }
+
+    pub(super) fn value(&self) -> u32 {
+        self.value
+    }
+
+    /// What the value will be in a cycle, if nothing is written before.
+    pub(super) fn value_in(&self, cycle: u64) -> u32 {
+        self.after(self.ticks(cycle))
+    }
+
+    /// SYST_CVR: any write clears it and COUNTFLAG, and asks for nothing.
+    pub(super) fn clear(&mut self) {
+        self.value = 0;
+        self.counted = false;
+    }
+
+    pub(super) fn calibration(&self) -> u32 {
+        self.calibration
+    }
+
+    fn processor_clock(&self) -> bool {
+        self.control & PROCESSOR_CLOCK != 0
+    }
+
+    fn period(&self) -> u64 {
+        if self.processor_clock() { 1 } else { u64::from(self.reference) }
+    }
+
+    /// Ticks of its clock from `since` to `cycle`.
+    fn ticks(&self, cycle: u64) -> u64 {
+        if self.control & ENABLE == 0 || cycle <= self.since {
+            return 0;
+        }
+        cycle / self.period() - self.since / self.period()
+    }
+
+    /// Ticks from the present value until the counter goes from 1 to 0; never, if it is 0 and stays so.
+    fn ticks_to_zero(&self) -> u64 {
+        match (self.control & ENABLE, self.value, self.reload) {
+            (0, ..) | (_, 0, 0) => u64::MAX,
+            (_, 0, reload) => u64::from(reload) + 1,
+            (_, value, _) => u64::from(value),
+        }
+    }
+
+    /// The counter's value that many ticks later: down to 0, and at the next tick the reload value.
+    fn after(&self, ticks: u64) -> u32 {
+        let (value, turn) = (u64::from(self.value), u64::from(self.reload) + 1);
+        if ticks <= value {
+            return (value - ticks) as u32;
+        }
+        let beyond = (ticks - value) % turn;
+        if beyond == 0 { 0 } else { (turn - beyond) as u32 }
+    }
+}

@@ -1,0 +1,193 @@
+//! Program images for chips whose memory lies at high addresses: ELF as compilers write it, UF2 as boards take it.
+//! [`crate::hex`] is the AVR's.
+
+use thiserror::Error;
+
+/// Bytes that belong at an address.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Piece {
+    /// Of the first byte.
+    pub address: u32,
+    /// What belongs there.
+    pub bytes: Vec<u8>,
+}
+
+/// Why a file is not an image that can be loaded.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum ImageError {
+    /// It does not begin as ELF files do.
+    #[error("not an ELF file: it does not begin with 7f 45 4c 46")]
+    NotElf,
+    /// ELF, but for another kind of processor.
+    #[error("an ELF file for another processor: wanted are 32 bits, little endian, machine 40 (Arm)")]
+    OtherProcessor,
+    /// A header points beyond the end of the file.
+    #[error("the file is cut off: {what} ends at byte {end}, the file at {length}")]
+    CutOff {
+        /// What was to be read.
+        what: &'static str,
+        /// Where it should end.
+        end: u64,
+        /// Bytes of the file.
+        length: usize,
+    },
+    /// A UF2 file is a row of blocks of 512 bytes.
+    #[error("{length} bytes are no whole number of UF2 blocks of 512 bytes")]
+    Uf2Length {
+        /// Bytes of the file.
+        length: usize,
+    },
+    /// A block without UF2's magic numbers, or with more data than a block can hold.
+    #[error("block {block} is not a UF2 block")]
+    Uf2Block {
+        /// Which, from 0.
+        block: usize,
+    },
+    /// Blocks are missing, or of different files.
+    #[error("block {block} says that it is block {number} of {of}, after {before} others")]
+    Uf2Order {
+        /// Which, from 0.
+        block: usize,
+        /// What it says.
+        number: u32,
+        /// How many it says there are.
+        of: u32,
+        /// How many were before it.
+        before: u32,
+    },
+    /// Nothing in the file is to be loaded.
+    #[error("nothing in the file is to be loaded")]
+    Empty,
+    /// A piece is outside the memory that the image is for.
+    #[error("{bytes} bytes at {address:#010x} do not fit into memory from {base:#010x} with {limit} bytes")]
+    Outside {
+        /// Of the piece.
+        address: u32,
+        /// Of the piece.
+        bytes: usize,
+        /// Where memory begins.
+        base: u32,
+        /// Bytes of memory.
+        limit: usize,
+    },
+}
+
+/// The loadable segments of an ELF file for Arm, at their physical addresses: where they are stored, and not where
+/// start-up code copies them. Source: System V ABI, chapters 4 and 5.
+///
+/// # Errors
+/// [`ImageError`]: not such a file, cut off, or with nothing to load.
+pub fn elf(file: &[u8]) -> Result<Vec<Piece>, ImageError> {
+    const ARM: u16 = 40;
+    const LOADABLE: u32 = 1;
+    if !file.starts_with(b"\x7fELF") {
+        return Err(ImageError::NotElf);
+    }
+    // Class 1: 32 bits. Encoding 1: little endian.
+    if file.get(4..6) != Some(&[1, 1]) || half(file, 18, "the header")? != ARM {
+        return Err(ImageError::OtherProcessor);
+    }
+    let (table, size) = (word(file, 28, "the header")?, half(file, 42, "the header")?);
+    let count = half(file, 44, "the header")?;
+    let mut pieces = Vec::new();
+    for number in 0..u64::from(count) {
+        let at = u64::from(table) + number * u64::from(size);
+        let field = |offset| word(file, at + offset, "a program header");
+        let (kind, offset, address, bytes) = (field(0)?, field(4)?, field(12)?, field(16)?);
+        if kind == LOADABLE && bytes != 0 {
+            let bytes = part(file, offset.into(), bytes.into(), "a segment")?.to_vec();
+            pieces.push(Piece { address, bytes });
+        }
+    }
+    if pieces.is_empty() { Err(ImageError::Empty) } else { Ok(pieces) }
+}
+
+/// The blocks of a UF2 file that are for a family of chips (0xe48bff56: RP2040) or name none. Source:
+/// github.com/microsoft/uf2, README.
+///
+/// # Errors
+/// [`ImageError`]: not such a file, blocks missing, or none for that family.
+pub fn uf2(file: &[u8], family: u32) -> Result<Vec<Piece>, ImageError> {
+    const BLOCK: usize = 512;
+    const MAGIC: [(u64, u32); 3] = [(0, 0x0a32_4655), (4, 0x9e5d_5157), (508, 0x0ab1_6f30)];
+    const DATA: u64 = 32;
+    const MOST_DATA: u32 = 476;
+    const NOT_MAIN_FLASH: u32 = 1;
+    const HAS_FAMILY: u32 = 0x2000;
+    if !file.len().is_multiple_of(BLOCK) {
+        return Err(ImageError::Uf2Length { length: file.len() });
+    }
+    let mut pieces = Vec::new();
+    let mut before = 0;
+    for (number, block) in file.chunks(BLOCK).enumerate() {
+        let field = |offset| word(block, offset, "a block");
+        for (offset, magic) in MAGIC {
+            if field(offset)? != magic {
+                return Err(ImageError::Uf2Block { block: number });
+            }
+        }
+        let (flags, address, bytes, block_family) = (field(8)?, field(12)?, field(16)?, field(28)?);
+        if flags & NOT_MAIN_FLASH != 0 || flags & HAS_FAMILY != 0 && block_family != family {
+            continue;
+        }
+        if bytes > MOST_DATA {
+            return Err(ImageError::Uf2Block { block: number });
+        }
+        let (index, of) = (field(20)?, field(24)?);
+        if index != before || index >= of {
+            return Err(ImageError::Uf2Order { block: number, number: index, of, before });
+        }
+        before += 1;
+        pieces.push((of, Piece { address, bytes: part(block, DATA, bytes.into(), "a block")?.to_vec() }));
+    }
+    match pieces.last() {
+        None => Err(ImageError::Empty),
+        Some((of, _)) if *of != before => {
+            Err(ImageError::Uf2Order { block: file.len() / BLOCK - 1, number: before - 1, of: *of, before: before - 1 })
+        }
+        Some(_) => Ok(pieces.into_iter().map(|(_, piece)| piece).collect()),
+    }
+}
+
+/// Pieces as the content of a memory from `base` on, of at most `limit` bytes: gaps are 0xff, as in erased flash, and it
+/// ends with the last byte given.
+///
+/// # Errors
+/// [`ImageError::Outside`] names the piece that does not fit.
+///
+/// ```
+/// use pulsetrain_emulator::image::{ImageError, Piece, flat};
+/// let pieces = [Piece { address: 0x1000_0002, bytes: vec![1, 2] }];
+/// assert_eq!(flat(&pieces, 0x1000_0000, 4), Ok(vec![0xff, 0xff, 1, 2]));
+/// assert!(matches!(flat(&pieces, 0x1000_0000, 3), Err(ImageError::Outside { address: 0x1000_0002, .. })));
+/// ```
+pub fn flat(pieces: &[Piece], base: u32, limit: usize) -> Result<Vec<u8>, ImageError> {
+    let mut memory = Vec::new();
+    for Piece { address, bytes } in pieces {
+        let outside = ImageError::Outside { address: *address, bytes: bytes.len(), base, limit };
+        let start = address.checked_sub(base).ok_or(outside.clone())? as usize;
+        let end = start.checked_add(bytes.len()).filter(|end| *end <= limit).ok_or(outside)?;
+        if memory.len() < end {
+            memory.resize(end, 0xff);
+        }
+        memory[start..end].copy_from_slice(bytes);
+    }
+    Ok(memory)
+}
+
+fn part<'a>(file: &'a [u8], at: u64, bytes: u64, what: &'static str) -> Result<&'a [u8], ImageError> {
+    // Both come from fields of 32 bits: the sum cannot overflow.
+    let end = at + bytes;
+    let range = usize::try_from(at).ok().zip(usize::try_from(end).ok()).and_then(|(at, end)| file.get(at..end));
+    range.ok_or(ImageError::CutOff { what, end, length: file.len() })
+}
+
+fn half(file: &[u8], at: u64, what: &'static str) -> Result<u16, ImageError> {
+    let bytes = part(file, at, 2, what)?;
+    Ok(u16::from_le_bytes([bytes[0], bytes[1]]))
+}
+
+fn word(file: &[u8], at: u64, what: &'static str) -> Result<u32, ImageError> {
+    let bytes = part(file, at, 4, what)?;
+    Ok(u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]))
+}

@@ -1,0 +1,562 @@
+//! What lies at which address (RP2040 datasheet §2.2), but for the DMA controller, which uses it as the processors do.
+//!
+//! Who competes with whom for a memory bank or a bus is not modelled: every access goes through at once. What waits:
+//! the bridge to the slow peripherals ([`APB_READ_WAITS`], [`APB_WRITE_WAITS`]) and flash (see `xip`).
+
+use super::clocks::Clocks;
+use super::gpio::{Gpio, function};
+use super::pio::Pio;
+use super::sio::Sio;
+use super::timer::Timer;
+use super::uart::Uart;
+use super::usb::Usb;
+use super::watchdog::{Cause, Watchdog};
+use super::xip::Xip;
+use crate::Observer;
+use crate::arm::{BusFault, Size};
+use std::collections::BTreeMap;
+
+/// The bridge's additional cycles (§2.1.3: a read takes 3 cycles, a write 4).
+pub(super) const APB_READ_WAITS: u32 = 2;
+pub(super) const APB_WRITE_WAITS: u32 = 3;
+
+const SRAM: u32 = 0x2000_0000;
+const SRAM_BYTES: usize = 264 * 1024;
+/// The four large banks, word by word in turn.
+const STRIPED_BYTES: u32 = 256 * 1024;
+/// The same, bank after bank.
+const SRAM_BANKS: u32 = 0x2100_0000;
+
+// Peripherals by the upper bits of their address.
+const XIP_CTRL: u32 = 0x1400_0000;
+const SYSINFO: u32 = 0x4000_0000;
+const CLOCKS: u32 = 0x4000_8000;
+const RESETS: u32 = 0x4000_c000;
+const PSM: u32 = 0x4001_0000;
+const IO_BANK0: u32 = 0x4001_4000;
+const PADS_BANK0: u32 = 0x4001_c000;
+const XOSC: u32 = 0x4002_4000;
+const PLL_SYS: u32 = 0x4002_8000;
+const PLL_USB: u32 = 0x4002_c000;
+const UART0: u32 = 0x4003_4000;
+const UART1: u32 = 0x4003_8000;
+const TIMER: u32 = 0x4005_4000;
+const WATCHDOG: u32 = 0x4005_8000;
+const ROSC: u32 = 0x4006_0000;
+/// Memory that processor and USB controller share, and its registers.
+const USB_DPRAM: u32 = 0x5010_0000;
+const USB_DPRAM_BYTES: u32 = 4096;
+const USB: u32 = 0x5011_0000;
+const PIO0: u32 = 0x5020_0000;
+const PIO1: u32 = 0x5030_0000;
+
+/// The bit of processor 0 in the power-on state machine's registers.
+const PSM_PROC0: u32 = 1 << 15;
+
+/// Bits of RESETS (§2.14.3).
+mod reset {
+    pub(super) const DMA: u32 = 1 << 2;
+    pub(super) const IO_BANK0: u32 = 1 << 5;
+    pub(super) const PADS_BANK0: u32 = 1 << 8;
+    pub(super) const PIO0: u32 = 1 << 10;
+    pub(super) const PIO1: u32 = 1 << 11;
+    pub(super) const PLL_SYS: u32 = 1 << 12;
+    pub(super) const PLL_USB: u32 = 1 << 13;
+    pub(super) const TIMER: u32 = 1 << 21;
+    pub(super) const UART0: u32 = 1 << 22;
+    pub(super) const UART1: u32 = 1 << 23;
+    pub(super) const USB: u32 = 1 << 24;
+    pub(super) const ALL: u32 = 0x01ff_ffff;
+}
+
+/// What the DMA may do with a peripheral.
+pub(super) struct Credit {
+    /// It reads there; else it writes.
+    pub(super) reads: bool,
+    /// Transfers that it may have under way now, and once it knows of what came just now.
+    pub(super) now: u8,
+    pub(super) soon: u8,
+}
+
+/// How a write changes a register: address bits 12 and 13 say write, toggle, set or clear (§2.1.2).
+pub(super) fn merging(address: u32, value: u32) -> impl Fn(u32) -> u32 {
+    move |old| match address >> 12 & 3 {
+        0 => value,
+        1 => old ^ value,
+        2 => old | value,
+        _ => old & !value,
+    }
+}
+
+#[derive(Clone)]
+pub(super) struct Fabric {
+    pub(super) sram: Vec<u8>,
+    pub(super) xip: Xip,
+    pub(super) pio: [Pio; 2],
+    pub(super) gpio: Gpio,
+    pub(super) sio: Sio,
+    pub(super) timer: Timer,
+    pub(super) watchdog: Watchdog,
+    pub(super) uart: [Uart; 2],
+    pub(super) usb: Usb,
+    pub(super) clocks: Clocks,
+    /// RESETS: peripherals that are held in reset.
+    resets: u32,
+    /// The DMA controller was put into reset.
+    pub(super) reset_dma: bool,
+    /// Requests that arose outside a cycle of their peripheral.
+    pub(super) requests: u64,
+    /// Registers of what is not modelled: they keep what is written.
+    plain: BTreeMap<u32, u32>,
+}
+
+impl Fabric {
+    pub(super) fn new(image: &[u8], flash_bytes: usize) -> Fabric {
+        Fabric {
+            sram: vec![0; SRAM_BYTES],
+            xip: Xip::new(image, flash_bytes),
+            pio: [Pio::new(), Pio::new()],
+            gpio: Gpio::new(),
+            sio: Sio::new(),
+            timer: Timer::new(),
+            watchdog: Watchdog::new(),
+            uart: [Uart::new(0), Uart::new(1)],
+            usb: Usb::new(),
+            clocks: Clocks::new(),
+            resets: reset::ALL,
+            reset_dma: false,
+            requests: 0,
+            plain: BTreeMap::new(),
+        }
+    }
+
+    /// As after a reset of the whole chip; memory stays.
+    pub(super) fn reset(&mut self, cause: Cause, cycle: u64, observer: &mut impl Observer) {
+        self.hold(reset::ALL, cycle);
+        self.resets = reset::ALL;
+        self.sio = Sio::new();
+        self.xip.flush();
+        self.watchdog.reset(cause);
+        self.clocks = Clocks::new();
+        self.plain.clear();
+        self.clocks_changed(cycle, observer);
+        observer.clock_frequency(cycle, self.clocks.sys_hz());
+        self.drive(cycle, observer);
+    }
+
+    /// Puts peripherals into reset.
+    fn hold(&mut self, bits: u32, cycle: u64) {
+        if bits & reset::DMA != 0 {
+            self.reset_dma = true;
+        }
+        if bits & reset::IO_BANK0 != 0 {
+            self.gpio.reset_bank();
+        }
+        if bits & reset::PADS_BANK0 != 0 {
+            self.gpio.reset_pads();
+        }
+        for (bit, pio) in [reset::PIO0, reset::PIO1].into_iter().zip(&mut self.pio) {
+            if bits & bit != 0 {
+                *pio = Pio::new();
+            }
+        }
+        for (bit, which) in [(reset::PLL_SYS, 0), (reset::PLL_USB, 1)] {
+            if bits & bit != 0 {
+                self.clocks.reset_pll(which);
+            }
+        }
+        for (bit, uart) in [reset::UART0, reset::UART1].into_iter().zip(&mut self.uart) {
+            if bits & bit != 0 {
+                uart.reset();
+            }
+        }
+        if bits & reset::TIMER != 0 {
+            self.timer.reset(cycle);
+        }
+        if bits & reset::USB != 0 {
+            self.usb.reset(cycle);
+        }
+    }
+
+    fn is_held(&self, bit: u32) -> bool {
+        self.resets & bit != 0
+    }
+
+    /// Whether the DMA controller is in reset.
+    pub(super) fn dma_is_held(&self) -> bool {
+        self.is_held(reset::DMA)
+    }
+
+    /// The bit of RESETS of what lies at an address; 0 if it has none.
+    fn reset_bit(base: u32) -> u32 {
+        match base {
+            IO_BANK0 => reset::IO_BANK0,
+            PADS_BANK0 => reset::PADS_BANK0,
+            PLL_SYS => reset::PLL_SYS,
+            PLL_USB => reset::PLL_USB,
+            UART0 => reset::UART0,
+            UART1 => reset::UART1,
+            TIMER => reset::TIMER,
+            USB => reset::USB,
+            PIO0 => reset::PIO0,
+            PIO1 => reset::PIO1,
+            _ => 0,
+        }
+    }
+
+    /// The cycle in which something happens next, the PIO blocks left out.
+    pub(super) fn next_slow(&self) -> u64 {
+        let uarts = self.uart[0].next.min(self.uart[1].next);
+        self.timer.next.min(self.watchdog.next).min(uarts).min(self.usb.next).min(self.clocks.next)
+    }
+
+    /// Does what is due in a cycle in the slow peripherals. Returns whether the watchdog has run out.
+    pub(super) fn run_slow(&mut self, cycle: u64, observer: &mut impl Observer) -> bool {
+        if self.timer.next <= cycle {
+            self.timer.run(cycle);
+        }
+        for number in 0..2 {
+            if self.uart[number].next <= cycle && self.uart[number].run(cycle, observer) {
+                self.requests |= 3 << (20 + 2 * number);
+            }
+        }
+        self.usb.run(cycle, observer);
+        if self.clocks.next <= cycle {
+            self.clocks_changed(cycle, observer);
+        }
+        self.watchdog.next <= cycle
+    }
+
+    /// Whether the watchdog may reset the processor, and with it, here, the whole chip (§2.13.5, PSM WDSEL).
+    pub(super) fn watchdog_resets(&self) -> bool {
+        self.plain_register(PSM | 8) & PSM_PROC0 != 0
+    }
+
+    /// Frequencies are other ones from a cycle on, maybe.
+    fn clocks_changed(&mut self, cycle: u64, observer: &mut impl Observer) {
+        if let Some(hz) = self.clocks.refresh(cycle) {
+            observer.clock_frequency(cycle, hz);
+        }
+        if let Some(tick) = self.clocks.tick(self.watchdog.tick_cycles(), cycle) {
+            self.timer.set_tick(tick, cycle);
+            self.watchdog.set_tick(tick, cycle);
+        }
+        let (peri, sys) = (self.clocks.peri_hz(cycle), self.clocks.sys_hz());
+        for uart in &mut self.uart {
+            uart.set_clocks(peri, sys, cycle);
+        }
+        self.usb.set_clock(sys, cycle);
+    }
+
+    /// Brings to the pins what drives them, from a cycle on.
+    pub(super) fn drive(&mut self, cycle: u64, observer: &mut impl Observer) {
+        self.gpio.sio.levels = self.sio.out;
+        self.gpio.sio.directions = self.sio.out_enable;
+        for block in 0..2 {
+            self.gpio.pio[block].levels = self.pio[block].levels();
+            self.gpio.pio[block].directions = self.pio[block].directions();
+        }
+        let changed = self.gpio.update(cycle, observer);
+        self.tell(changed, cycle);
+    }
+
+    /// The inputs changed.
+    pub(super) fn tell(&mut self, changed: u32, cycle: u64) {
+        if changed != 0 {
+            for pio in &mut self.pio {
+                pio.pins_changed(changed, cycle);
+            }
+        }
+    }
+
+    /// Which pins the UARTs have (§2.19.2): every fourth is the TX or RX of one of them.
+    fn connect_uarts(&mut self, cycle: u64) {
+        const TX: [u32; 2] = [1 << 0 | 1 << 12 | 1 << 16 | 1 << 28, 1 << 4 | 1 << 8 | 1 << 20 | 1 << 24];
+        let pins = self.gpio.pins_of(function::UART);
+        for (uart, tx) in self.uart.iter_mut().zip(TX) {
+            uart.connect([pins & tx != 0, pins & tx << 1 != 0], cycle);
+        }
+        // The line rests high; characters are told as such, not as edges.
+        (self.gpio.uart.levels, self.gpio.uart.directions) = (u32::MAX, TX[0] | TX[1]);
+    }
+
+    /// What the DMA may do, by DREQ number (table of DREQs).
+    pub(super) fn credit(&self, request: u32, cycle: u64) -> Credit {
+        match request {
+            0..=15 => {
+                let (pio, number) = (&self.pio[(request / 8) as usize], (request % 8) as usize);
+                let (now, soon) = pio.credit(number, cycle);
+                Credit { reads: number >= 4, now, soon }
+            }
+            20..=23 => {
+                let reads = request & 1 != 0;
+                let now = self.uart[(request as usize - 20) / 2].credit(reads);
+                Credit { reads, now, soon: now }
+            }
+            // Peripherals that are not modelled never ask.
+            _ => Credit { reads: false, now: 0, soon: 0 },
+        }
+    }
+
+    /// Cycles that a reading of an address waits.
+    pub(super) fn read_waits(&mut self, address: u32) -> u32 {
+        match address >> 28 {
+            4 => APB_READ_WAITS,
+            1 if address < XIP_CTRL => self.xip.waits(address),
+            _ => 0,
+        }
+    }
+
+    /// Cycles that a writing of an address waits.
+    pub(super) fn write_waits(&self, address: u32) -> u32 {
+        if address >> 28 == 4 { APB_WRITE_WAITS } else { 0 }
+    }
+
+    /// Whether a reading would take a word from an RX FIFO of a PIO block, and there is one.
+    pub(super) fn pio_word(&self, address: u32) -> Option<bool> {
+        let block = usize::from(address & !0x3fff == PIO1);
+        (address & !0x3fff | 0x10_0000 == PIO1).then(|| self.pio[block].has_word(address & 0xffc)).flatten()
+    }
+
+    /// Somebody reads an empty RX FIFO: 0.
+    pub(super) fn pio_underflow(&mut self, address: u32) -> u32 {
+        self.pio[usize::from(address & !0x3fff == PIO1)].underflow(address & 0xffc);
+        0
+    }
+
+    /// Where in memory an address lies.
+    #[inline]
+    pub(super) fn sram_offset(address: u32) -> Option<usize> {
+        let offset = address.wrapping_sub(SRAM);
+        if offset < SRAM_BYTES as u32 {
+            return Some(offset as usize);
+        }
+        let offset = address.wrapping_sub(SRAM_BANKS);
+        (offset < STRIPED_BYTES).then(|| {
+            let (bank, within) = (offset >> 16, offset & 0xffff);
+            (((within & !3) << 2) + bank * 4 + (within & 3)) as usize
+        })
+    }
+
+    /// Where in the USB controller's memory an address lies.
+    fn usb_memory(address: u32) -> Option<u32> {
+        Some(address.wrapping_sub(USB_DPRAM)).filter(|offset| *offset < USB_DPRAM_BYTES)
+    }
+
+    #[inline]
+    pub(super) fn read_sram(&self, offset: usize, size: Size) -> Option<u32> {
+        Some(match size {
+            Size::Word => u32::from_le_bytes(*self.sram.get(offset..)?.first_chunk()?),
+            Size::Half => u16::from_le_bytes(*self.sram.get(offset..)?.first_chunk()?).into(),
+            Size::Byte => (*self.sram.get(offset)?).into(),
+        })
+    }
+
+    #[inline]
+    pub(super) fn write_sram(&mut self, offset: usize, size: Size, value: u32) {
+        let bytes = size.bytes() as usize;
+        if let Some(into) = self.sram.get_mut(offset..offset + bytes) {
+            into.copy_from_slice(&value.to_le_bytes()[..bytes]);
+        }
+    }
+
+    /// Reads in a cycle, waits being over.
+    pub(super) fn read(&mut self, address: u32, size: Size, cycle: u64) -> Result<u32, BusFault> {
+        if let Some(value) = Fabric::sram_offset(address).and_then(|offset| self.read_sram(offset, size)) {
+            return Ok(value);
+        }
+        if let Some(offset) = Fabric::usb_memory(address) {
+            let held = self.is_held(reset::USB);
+            return Ok(if held { 0 } else { self.usb.read_memory(offset, size) });
+        }
+        let word = match address >> 24 {
+            // The boot ROM is not there: it reads as zeros.
+            0x00 if address < 0x4000 => 0,
+            0x10..=0x13 => self.xip.word(address),
+            0x14 => self.xip.read(address & 0xfc),
+            0x18 => self.plain.get(&(address & !3)).copied().unwrap_or(0),
+            0x40 | 0x50 => self.read_register(address, cycle)?,
+            _ => return Err(BusFault { address }),
+        };
+        Ok(lane(word, address, size))
+    }
+
+    fn read_register(&mut self, address: u32, cycle: u64) -> Result<u32, BusFault> {
+        let (base, offset) = (address & !0x3fff, address & 0xffc);
+        if self.is_held(Fabric::reset_bit(base)) {
+            return Ok(0);
+        }
+        Ok(match base {
+            SYSINFO => match offset {
+                // RP2040 B2; an ASIC.
+                0x00 => 0x2000_2927,
+                0x04 => 2,
+                _ => 0,
+            },
+            CLOCKS => self.clocks.read(offset),
+            RESETS => match offset {
+                0x0 => self.resets,
+                0x8 => !self.resets & reset::ALL,
+                _ => self.plain_register(base | offset),
+            },
+            PSM => match offset {
+                // Everything is on.
+                0xc => 0x1_ffff,
+                _ => self.plain_register(base | offset),
+            },
+            IO_BANK0 => self.gpio.read(offset),
+            PADS_BANK0 => self.gpio.read_pad(offset),
+            XOSC => self.clocks.read_xosc(offset, cycle),
+            PLL_SYS => self.clocks.read_pll(0, offset, cycle),
+            PLL_USB => self.clocks.read_pll(1, offset, cycle),
+            UART0 | UART1 => self.uart[usize::from(base == UART1)].read(offset),
+            TIMER => self.timer.read(offset, cycle),
+            USB => self.usb.read(offset, cycle),
+            WATCHDOG => self.watchdog.read(offset, cycle),
+            ROSC => self.clocks.read_rosc(offset, cycle),
+            PIO0 | PIO1 => self.pio[usize::from(base == PIO1)].read(offset, cycle),
+            _ if is_plain(address) => self.plain_register(base | offset),
+            _ => return Err(BusFault { address }),
+        })
+    }
+
+    fn plain_register(&self, register: u32) -> u32 {
+        self.plain.get(&register).copied().unwrap_or(0)
+    }
+
+    /// Writes in a cycle, waits being over; what it changes is seen in the next.
+    pub(super) fn write(
+        &mut self,
+        address: u32,
+        size: Size,
+        value: u32,
+        cycle: u64,
+        observer: &mut impl Observer,
+    ) -> Result<(), BusFault> {
+        if let Some(offset) = Fabric::sram_offset(address) {
+            self.write_sram(offset, size, value);
+            return Ok(());
+        }
+        if let Some(offset) = Fabric::usb_memory(address) {
+            if !self.is_held(reset::USB) {
+                self.usb.write_memory(offset, size, value, cycle);
+            }
+            return Ok(());
+        }
+        let value = replicate(value, size);
+        match address >> 24 {
+            0x10 => self.xip.invalidate(address),
+            0x14 => self.xip.write(address & 0xfc, value),
+            0x18 => {
+                self.plain.insert(address & !3, value);
+            }
+            0x40 | 0x50 => self.write_register(address, value, cycle, observer)?,
+            _ => return Err(BusFault { address }),
+        }
+        Ok(())
+    }
+
+    fn write_register(
+        &mut self,
+        address: u32,
+        value: u32,
+        cycle: u64,
+        observer: &mut impl Observer,
+    ) -> Result<(), BusFault> {
+        let (base, offset) = (address & !0x3fff, address & 0xffc);
+        if self.is_held(Fabric::reset_bit(base)) {
+            return Ok(());
+        }
+        let merge = merging(address, value);
+        match base {
+            CLOCKS => {
+                self.clocks.write(offset, merge);
+                self.clocks_changed(cycle + 1, observer);
+            }
+            RESETS if offset == 0 => {
+                let wanted = merge(self.resets) & reset::ALL;
+                self.hold(wanted & !self.resets, cycle + 1);
+                self.resets = wanted;
+                self.connect_uarts(cycle + 1);
+                self.clocks_changed(cycle + 1, observer);
+                self.drive(cycle + 1, observer);
+            }
+            IO_BANK0 => {
+                self.gpio.write(offset, value, merge);
+                self.connect_uarts(cycle + 1);
+                self.drive(cycle + 1, observer);
+            }
+            PADS_BANK0 => {
+                self.gpio.write_pad(offset, merge);
+                self.drive(cycle + 1, observer);
+            }
+            XOSC => {
+                self.clocks.write_xosc(offset, merge, cycle);
+                self.clocks_changed(cycle + 1, observer);
+            }
+            PLL_SYS | PLL_USB => {
+                self.clocks.write_pll(usize::from(base == PLL_USB), offset, merge, cycle);
+                self.clocks_changed(cycle + 1, observer);
+            }
+            UART0 | UART1 => {
+                let number = usize::from(base == UART1);
+                self.uart[number].write(offset, value, merge, cycle);
+                self.requests |= 3 << (20 + 2 * number);
+            }
+            TIMER => self.timer.write(offset, value, merge, cycle),
+            USB => self.usb.write(offset, value, merge, cycle),
+            WATCHDOG => {
+                self.watchdog.write(offset, value, merge, cycle);
+                self.clocks_changed(cycle + 1, observer);
+            }
+            ROSC => self.clocks.write_rosc(offset, merge),
+            PIO0 | PIO1 => {
+                let block = usize::from(base == PIO1);
+                let effects = self.pio[block].write(offset, value, merge, cycle);
+                self.requests |= u64::from(effects.requests) << (8 * block);
+            }
+            SYSINFO => {}
+            _ if is_plain(address) => {
+                let register = self.plain.entry(base | offset).or_insert(0);
+                *register = merge(*register);
+            }
+            _ => return Err(BusFault { address }),
+        }
+        Ok(())
+    }
+
+    /// Levels of the interrupt lines of a processor, the DMA's left out (§2.3.2).
+    pub(super) fn lines(&self, core: usize) -> u32 {
+        self.timer.lines()
+            | u32::from(self.usb.line_asserted()) << 5
+            | self.pio[0].lines() << 7
+            | self.pio[1].lines() << 9
+            | u32::from(self.gpio.line(core)) << 13
+            | u32::from(self.sio.line(core)) << (15 + core)
+            | u32::from(self.uart[0].line_asserted()) << 20
+            | u32::from(self.uart[1].line_asserted()) << 21
+    }
+}
+
+/// Where something lies that is not modelled, or only partly.
+fn is_plain(address: u32) -> bool {
+    matches!(address, 0x4000_0000..0x4007_4000 | 0x5010_0000..0x5050_0000)
+}
+
+/// The bytes that a narrow reading takes from a word.
+pub(super) fn lane(word: u32, address: u32, size: Size) -> u32 {
+    match size {
+        Size::Word => word,
+        Size::Half => word >> ((address & 2) * 8) & 0xffff,
+        Size::Byte => word >> ((address & 3) * 8) & 0xff,
+    }
+}
+
+/// Narrow writes to registers write the whole word, the data repeated (§2.1.4).
+pub(super) fn replicate(word: u32, size: Size) -> u32 {
+    match size {
+        Size::Byte => (word & 0xff) * 0x0101_0101,
+        Size::Half => (word & 0xffff) * 0x0001_0001,
+        Size::Word => word,
+    }
+}

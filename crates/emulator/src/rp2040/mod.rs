@@ -1,0 +1,18 @@
+//! The RP2040 of the Raspberry Pi Pico.
+
+mod chip;
+mod clocks;
+mod dma;
+mod fabric;
+mod gpio;
+mod pio;
+mod sio;
+mod system;
+mod timer;
+mod uart;
+mod usb;
+mod watchdog;
+mod xip;
+
+pub use chip::Rp2040;
+pub use usb::UsbState;

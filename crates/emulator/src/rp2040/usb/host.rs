@@ -1,0 +1,458 @@
+//! The PC: notices the device, enumerates it, opens its serial port, moves bytes.
+//!
+//! It asks in the order of Linux (reset, a first look, reset, address, descriptors, strings, configuration), with the
+//! shortest times that USB 2.0 allows. One transaction follows the other without a pause, whole within a frame, the
+//! endpoints in turn; a token that is refused is repeated for ever, and costs its time. What drivers and programs on the
+//! PC add to that is not here.
+
+use super::NEVER;
+use super::bus::{Bus, REFUSED_IN_BITS, transaction_bits};
+use super::control::{Endpoint, Port, Request, Token, Transfer, port};
+use super::controller::{Answer, Controller, Direction};
+use crate::Observer;
+use std::collections::VecDeque;
+
+/// From the pull-up to the reset (USB 2.0 §7.1.7.3), length of a reset from a root port (TDRSTR), rest after it (TRSTRCY),
+/// rest after the address (§9.2.6.3), ms.
+const DEBOUNCE_MS: u64 = 100;
+const RESET_MS: u64 = 50;
+const RECOVERY_MS: u64 = 10;
+const ADDRESS_MS: u64 = 2;
+/// Without frames for so long the bus is suspended (§7.1.7.6).
+const SUSPEND_MS: u64 = 3;
+/// A request that takes longer has failed (§9.2.6.4).
+const REQUEST_MS: u64 = 5000;
+/// The address that the device gets.
+const ADDRESS: u8 = 1;
+
+/// How far the PC has come with the device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum UsbState {
+    /// No device: no cable, or its pull-up is off.
+    Detached,
+    /// It is being reset, asked and configured.
+    Enumerating,
+    /// It is configured, and no program has its serial port open.
+    Configured,
+    /// A program has its serial port open: bytes are moved.
+    Open,
+    /// It did not answer as it must, and the PC has given it up until it is plugged in anew.
+    Failed,
+}
+
+/// What the PC waits for, or does.
+#[derive(Clone, Debug)]
+enum Work {
+    /// For a device.
+    Nothing,
+    /// For a cycle, and then the next thing.
+    Wait(u64, After),
+    /// For the end of a transfer; given up if that is later than a cycle.
+    Control(Transfer, u64),
+    /// The device is configured: for programs.
+    Idle,
+    GivenUp,
+}
+
+/// What follows a wait. The device is reset twice; after the second time it gets its address.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum After {
+    Reset { second: bool },
+    Recovery { second: bool },
+    Ask { second: bool },
+    Address,
+}
+
+/// What shares the bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Pipe {
+    Control,
+    Notifications,
+    In,
+    Out,
+}
+
+const PIPES: [Pipe; 4] = [Pipe::Control, Pipe::Notifications, Pipe::In, Pipe::Out];
+
+/// A transaction that could be next.
+struct Offer {
+    answer: Answer,
+    /// Bit times if it is taken, and if it is refused.
+    bits: u64,
+    refused_bits: u64,
+    number: u8,
+    direction: Direction,
+}
+
+#[derive(Clone)]
+pub(super) struct Host {
+    pub(super) bus: Bus,
+    /// The cycle in which something happens next.
+    pub(super) next: u64,
+    plugged: bool,
+    work: Work,
+    /// The transaction on the bus, and the cycle in which it is over.
+    flight: Option<(u64, Pipe)>,
+    /// Which pipe comes first.
+    turn: usize,
+    /// The bus is free from here on; since then all is refused, each round of which takes so many bit times.
+    free: u64,
+    polling_bits: u64,
+    suspend_at: u64,
+    address: u8,
+    /// The largest packet of endpoint 0, if it is known.
+    packet0: Option<usize>,
+    port: Port,
+    configured: bool,
+    wanted_open: bool,
+    is_open: bool,
+    /// Requests to be made, in this order.
+    requests: VecDeque<Request>,
+    /// The next packet is DATA1.
+    in_data1: bool,
+    out_data1: bool,
+    out: VecDeque<u8>,
+}
+
+impl Host {
+    pub(super) fn new() -> Host {
+        Host {
+            bus: Bus::new(),
+            next: NEVER,
+            plugged: false,
+            work: Work::Nothing,
+            flight: None,
+            turn: 0,
+            free: 0,
+            polling_bits: 0,
+            suspend_at: NEVER,
+            address: 0,
+            packet0: None,
+            port: Port::default(),
+            configured: false,
+            wanted_open: false,
+            is_open: false,
+            requests: VecDeque::new(),
+            in_data1: false,
+            out_data1: false,
+            out: VecDeque::new(),
+        }
+    }
+
+    pub(super) fn plug(&mut self, plugged: bool) {
+        self.plugged = plugged;
+    }
+
+    pub(super) fn open(&mut self, open: bool) {
+        self.wanted_open = open;
+    }
+
+    pub(super) fn send(&mut self, bytes: &[u8]) {
+        self.out.extend(bytes);
+    }
+
+    /// Bytes that the device has not taken yet.
+    pub(super) fn backlog(&self) -> usize {
+        self.out.len()
+    }
+
+    pub(super) fn state(&self) -> UsbState {
+        match self.work {
+            Work::Nothing => UsbState::Detached,
+            Work::GivenUp => UsbState::Failed,
+            _ if self.is_open => UsbState::Open,
+            _ if self.configured => UsbState::Configured,
+            _ => UsbState::Enumerating,
+        }
+    }
+
+    /// Whether frames are on the bus: not before the end of the first reset.
+    pub(super) fn makes_frames(&self) -> bool {
+        match self.work {
+            Work::Nothing => false,
+            Work::Wait(_, after) => matches!(after, After::Ask { .. } | After::Address),
+            Work::Control(..) | Work::Idle | Work::GivenUp => true,
+        }
+    }
+
+    /// Does what is due in a cycle.
+    pub(super) fn run(&mut self, cycle: u64, controller: &mut Controller, observer: &mut impl Observer) {
+        if self.suspend_at <= cycle {
+            self.suspend_at = NEVER;
+            controller.suspend();
+        }
+        if let Some((end, pipe)) = self.flight
+            && end <= cycle
+        {
+            self.flight = None;
+            self.free = end;
+            self.finish(pipe, cycle, controller, observer);
+        }
+        match self.work {
+            Work::Wait(until, after) if until <= cycle => self.go_on(after, cycle, controller),
+            Work::Control(_, deadline) if deadline <= cycle => self.work = Work::GivenUp,
+            _ => {}
+        }
+    }
+
+    /// Sees what has changed by a cycle, and begins what can begin.
+    pub(super) fn plan(&mut self, cycle: u64, controller: &mut Controller) {
+        controller.set_power(self.plugged);
+        match (controller.is_attached(), &self.work) {
+            (false, Work::Nothing) => {}
+            (false, _) => self.detach(cycle),
+            (true, Work::Nothing) => {
+                self.suspend_at = NEVER;
+                self.work = Work::Wait(cycle + self.bus.milliseconds(DEBOUNCE_MS), After::Reset { second: false });
+            }
+            (true, Work::Idle) if self.wanted_open != self.is_open => {
+                let interface = self.port.interface;
+                if self.wanted_open {
+                    self.requests.push_back(Request::SetLineCoding(interface));
+                }
+                self.requests.push_back(Request::SetLineState(interface, self.wanted_open));
+                self.request(cycle);
+            }
+            _ => {}
+        }
+        if self.flight.is_none() && self.makes_frames() {
+            self.begin(cycle, controller);
+        }
+        let flight = self.flight.map_or(NEVER, |(end, _)| end);
+        let work = match self.work {
+            Work::Wait(until, _) => until,
+            Work::Control(_, deadline) => deadline,
+            _ => NEVER,
+        };
+        self.next = flight.min(work).min(self.suspend_at);
+    }
+
+    fn detach(&mut self, cycle: u64) {
+        let (bus, plugged, wanted_open) = (self.bus.clone(), self.plugged, self.wanted_open);
+        let suspend_at = cycle + self.bus.milliseconds(SUSPEND_MS);
+        *self = Host { bus, plugged, wanted_open, suspend_at, free: cycle, ..Host::new() };
+    }
+
+    /// After a wait.
+    fn go_on(&mut self, after: After, cycle: u64, controller: &mut Controller) {
+        let wait = |ms, then| Work::Wait(cycle + self.bus.milliseconds(ms), then);
+        match after {
+            After::Reset { second } => {
+                controller.bus_reset();
+                self.address = 0;
+                self.work = wait(RESET_MS, After::Recovery { second });
+            }
+            After::Recovery { second } => self.work = wait(RECOVERY_MS, After::Ask { second }),
+            After::Ask { second } => {
+                self.requests.push_back(if second { Request::SetAddress(ADDRESS) } else { Request::FIRST_LOOK });
+                self.request(cycle);
+            }
+            After::Address => {
+                self.requests.push_back(Request::DEVICE);
+                self.request(cycle);
+            }
+        }
+    }
+
+    /// Makes the next of the requests, if there is one.
+    fn request(&mut self, cycle: u64) {
+        self.work = match self.requests.pop_front() {
+            Some(request) => {
+                Work::Control(Transfer::new(request, self.packet0), cycle + self.bus.milliseconds(REQUEST_MS))
+            }
+            None => Work::Idle,
+        };
+    }
+
+    /// A request has its answer; none, if the device has refused what it may refuse.
+    fn answered(&mut self, request: Request, data: &[u8], cycle: u64) {
+        match (request, data) {
+            (Request::FIRST_LOOK, [_, _, _, _, _, _, _, packet, ..]) if *packet != 0 => {
+                self.packet0 = Some((*packet).into());
+                self.work = Work::Wait(cycle, After::Reset { second: true });
+                return;
+            }
+            (Request::SetAddress(address), _) => {
+                self.address = address;
+                self.work = Work::Wait(cycle + self.bus.milliseconds(ADDRESS_MS), After::Address);
+                return;
+            }
+            (Request::DEVICE, [.., manufacturer, product, serial, _]) if data.len() == 18 => {
+                self.requests.push_back(Request::configuration(9));
+                self.requests.push_back(Request::string(0));
+                let texts = [*manufacturer, *product, *serial].into_iter().filter(|index| *index != 0);
+                self.requests.extend(texts.map(Request::string));
+            }
+            // The beginning of the configuration has the length of all of it.
+            (Request::Descriptor { length: 9, .. }, [9, _, low, high, ..])
+                if data.len() == 9 && u16::from_le_bytes([*low, *high]) > 9 =>
+            {
+                self.requests.push_front(Request::configuration(u16::from_le_bytes([*low, *high])));
+            }
+            (Request::Descriptor { length: 10.., .. }, [9, ..]) if !request.is_optional() => {
+                self.port = port(data);
+                self.requests.push_back(Request::SetConfiguration(self.port.configuration));
+            }
+            (Request::SetConfiguration(_), _) => {
+                (self.in_data1, self.out_data1) = (false, false);
+                self.configured = true;
+            }
+            (Request::SetLineState(_, open), _) => {
+                self.is_open = open;
+                if !open {
+                    self.out.clear();
+                }
+            }
+            _ if request.is_optional() => {}
+            _ => {
+                self.work = Work::GivenUp;
+                return;
+            }
+        }
+        self.request(cycle);
+    }
+
+    /// What a pipe would do now; nothing, if it has nothing to do.
+    fn offer(&self, pipe: Pipe, controller: &Controller) -> Option<Offer> {
+        let offer = |number, direction, bytes: Option<usize>| {
+            let answer = if controller.has_address(self.address) {
+                controller.answer(number, direction)
+            } else {
+                Answer::Refused
+            };
+            let (bits, refused_bits) = match (bytes, answer) {
+                (Some(bytes), _) => (transaction_bits(bytes as u64), transaction_bits(bytes as u64)),
+                (None, Answer::Ready { bytes }) => (transaction_bits(bytes.into()), REFUSED_IN_BITS),
+                (None, _) => (REFUSED_IN_BITS, REFUSED_IN_BITS),
+            };
+            Offer { answer, bits, refused_bits, number, direction }
+        };
+        match pipe {
+            Pipe::Control => {
+                let Work::Control(transfer, _) = &self.work else { return None };
+                Some(match transfer.token() {
+                    Token::Setup(packet) => {
+                        let answer = if controller.has_address(self.address) {
+                            Answer::Ready { bytes: 8 }
+                        } else {
+                            Answer::Refused
+                        };
+                        Offer { answer, ..offer(0, Direction::Out, Some(packet.len())) }
+                    }
+                    Token::In => offer(0, Direction::In, None),
+                    Token::Out { data, .. } => offer(0, Direction::Out, Some(data.len())),
+                })
+            }
+            _ if !self.is_open => None,
+            Pipe::Notifications => {
+                // Asked for so seldom that a refusal costs nothing.
+                let endpoint = self.port.notifications?;
+                Some(Offer { refused_bits: 0, ..offer(endpoint.number, Direction::In, None) })
+            }
+            Pipe::In => Some(offer(self.port.data_in?.number, Direction::In, None)),
+            Pipe::Out if self.out.is_empty() => None,
+            Pipe::Out => {
+                let endpoint = self.port.data_out?;
+                Some(offer(endpoint.number, Direction::Out, Some(self.packet(endpoint))))
+            }
+        }
+    }
+
+    /// Bytes of the next packet to the device.
+    fn packet(&self, endpoint: Endpoint) -> usize {
+        endpoint.packet.min(self.out.len())
+    }
+
+    /// Begins the next transaction that the device does not refuse, if there is one.
+    fn begin(&mut self, cycle: u64, controller: &mut Controller) {
+        let mut chosen = None;
+        let mut refused_bits = 0;
+        for place in 0..PIPES.len() {
+            let index = (self.turn + place) % PIPES.len();
+            match self.offer(PIPES[index], controller) {
+                Some(offer) if offer.answer == Answer::Refused => {
+                    controller.refused(offer.number, offer.direction, false);
+                    refused_bits += offer.refused_bits;
+                }
+                Some(offer) if chosen.is_none() => chosen = Some((index, offer.bits)),
+                _ => {}
+            }
+        }
+        let Some((index, bits)) = chosen else {
+            self.polling_bits = refused_bits;
+            return;
+        };
+        let from = match (cycle > self.free, self.polling_bits) {
+            // The others were asked in between.
+            (false, _) => self.free + self.bus.cycles(refused_bits),
+            (true, 0) => cycle,
+            (true, round) => self.bus.next_poll(self.free, cycle, round),
+        };
+        let (_, end) = self.bus.fit(from, bits);
+        self.polling_bits = 0;
+        self.flight = Some((end, PIPES[index]));
+        self.turn = index + 1;
+    }
+
+    /// A transaction is over.
+    fn finish(&mut self, pipe: Pipe, cycle: u64, controller: &mut Controller, observer: &mut impl Observer) {
+        // What the device had armed when it began may be gone.
+        let Some(offer) = self.offer(pipe, controller).filter(|offer| offer.answer != Answer::Refused) else { return };
+        let Offer { answer, number, direction, .. } = offer;
+        if answer == Answer::Stall {
+            controller.refused(number, direction, true);
+            match &self.work {
+                Work::Control(transfer, _) if pipe == Pipe::Control && transfer.request.is_optional() => {
+                    let request = transfer.request;
+                    self.answered(request, &[], cycle);
+                }
+                _ => self.work = Work::GivenUp,
+            }
+            return;
+        }
+        match pipe {
+            Pipe::Control => self.finish_control(cycle, controller),
+            Pipe::Notifications => {
+                controller.take(number);
+            }
+            Pipe::In => {
+                let (data1, data) = controller.take(number);
+                // The other toggle: a packet that was here before.
+                if data1 == self.in_data1 {
+                    self.in_data1 = !data1;
+                    if !data.is_empty() {
+                        observer.usb(cycle, &data);
+                    }
+                }
+            }
+            Pipe::Out => {
+                let Some(endpoint) = self.port.data_out else { return };
+                let data: Vec<u8> = self.out.drain(..self.packet(endpoint)).collect();
+                controller.put(number, self.out_data1, &data);
+                self.out_data1 = !self.out_data1;
+            }
+        }
+    }
+
+    fn finish_control(&mut self, cycle: u64, controller: &mut Controller) {
+        let Work::Control(transfer, _) = &mut self.work else { return };
+        match transfer.token() {
+            Token::Setup(packet) => {
+                controller.setup(packet);
+                transfer.sent();
+            }
+            Token::In => {
+                let (data1, data) = controller.take(0);
+                transfer.received(data1, &data);
+            }
+            Token::Out { data1, data } => {
+                controller.put(0, data1, &data);
+                transfer.sent();
+            }
+        }
+        if transfer.is_done() {
+            let (request, data) = (transfer.request, std::mem::take(&mut transfer.data));
+            self.answered(request, &data, cycle);
+        }
+    }
+}

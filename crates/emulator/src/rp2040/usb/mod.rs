@@ -1,0 +1,136 @@
+//! USB: the chip's device controller and a PC at the other end of the cable (RP2040 datasheet §4.1; USB 2.0).
+//!
+//! - [`controller`]: registers, DPRAM, what the device answers to a token
+//! - [`bus`]: frames, and how long a transaction takes
+//! - [`host`]: the PC: attaches, enumerates, opens the serial port, moves bytes
+//! - [`control`]: control transfers, and what the PC asks in which order
+//!
+//! A transaction is one event, at its end: what the device has armed is then done, and flags are set. Polls that the
+//! device would refuse are not played; they take their time on the bus all the same.
+
+mod bus;
+mod control;
+mod controller;
+mod host;
+
+use crate::Observer;
+use crate::arm::Size;
+use controller::Controller;
+use host::Host;
+
+pub use host::UsbState;
+
+const NEVER: u64 = u64::MAX;
+
+#[derive(Clone)]
+pub(super) struct Usb {
+    controller: Controller,
+    host: Host,
+    /// clk_sys, Hz.
+    sys_hz: u64,
+    /// The last cycle in which something happened here.
+    now: u64,
+    /// The cycle in which something happens next.
+    pub(super) next: u64,
+}
+
+impl Usb {
+    pub(super) fn new() -> Usb {
+        Usb { controller: Controller::new(), host: Host::new(), sys_hz: 0, now: 0, next: NEVER }
+    }
+
+    /// The controller as after a reset; the PC sees that the device has gone.
+    pub(super) fn reset(&mut self, cycle: u64) {
+        self.controller.reset();
+        self.plan(cycle);
+    }
+
+    /// clk_sys from a cycle on, Hz.
+    pub(super) fn set_clock(&mut self, sys_hz: u64, cycle: u64) {
+        if sys_hz != self.sys_hz {
+            self.sys_hz = sys_hz;
+            self.host.bus.set_clock(sys_hz, cycle);
+            self.plan(cycle);
+        }
+    }
+
+    /// Does what is due up to a cycle. Returns whether anything was.
+    pub(super) fn run(&mut self, cycle: u64, observer: &mut impl Observer) -> bool {
+        let due = self.next <= cycle;
+        while self.next <= cycle {
+            let now = self.next;
+            self.host.run(now, &mut self.controller, observer);
+            self.plan(now);
+        }
+        due
+    }
+
+    fn plan(&mut self, cycle: u64) {
+        self.now = cycle;
+        self.host.plan(cycle, &mut self.controller);
+        // The start of a frame, if an interrupt waits for it.
+        let frame = self.frame().is_some_and(|frame| self.controller.wants_frames(frame));
+        self.next = self.host.next.min(if frame { self.host.bus.next_frame(cycle) } else { NEVER });
+    }
+
+    /// The number of the present frame, if the bus has frames.
+    fn frame(&self) -> Option<u32> {
+        self.host.makes_frames().then(|| self.host.bus.frame(self.now))
+    }
+
+    /// Whether the interrupt line is high (USBCTRL_IRQ).
+    pub(super) fn line_asserted(&self) -> bool {
+        self.controller.interrupts(self.frame()) != 0
+    }
+
+    pub(super) fn read(&mut self, offset: u32, cycle: u64) -> u32 {
+        self.now = cycle;
+        let value = self.controller.read(offset, self.frame());
+        if offset == controller::at::SOF_RD {
+            self.plan(cycle);
+        }
+        value
+    }
+
+    /// `value` is what was written, for bits that are cleared by writing ones; `merge` what it makes of the others.
+    pub(super) fn write(&mut self, offset: u32, value: u32, merge: impl Fn(u32) -> u32, cycle: u64) {
+        self.controller.write(offset, value, merge);
+        self.plan(cycle + 1);
+    }
+
+    pub(super) fn read_memory(&self, offset: u32, size: Size) -> u32 {
+        self.controller.memory.read(offset, size)
+    }
+
+    pub(super) fn write_memory(&mut self, offset: u32, size: Size, value: u32, cycle: u64) {
+        self.controller.memory.write(offset, size, value);
+        if self.controller.memory_written(offset) {
+            self.plan(cycle + 1);
+        }
+    }
+
+    // The world.
+
+    pub(super) fn plug(&mut self, plugged: bool, cycle: u64) {
+        self.host.plug(plugged);
+        self.plan(cycle);
+    }
+
+    pub(super) fn open(&mut self, open: bool, cycle: u64) {
+        self.host.open(open);
+        self.plan(cycle);
+    }
+
+    pub(super) fn send(&mut self, bytes: &[u8], cycle: u64) {
+        self.host.send(bytes);
+        self.plan(cycle);
+    }
+
+    pub(super) fn backlog(&self) -> usize {
+        self.host.backlog()
+    }
+
+    pub(super) fn state(&self) -> UsbState {
+        self.host.state()
+    }
+}

@@ -1,0 +1,127 @@
+//! The serial line: UART0 on GPIO 0 and 1, 8 bits, no parity, one stop bit.
+//!
+//! Bytes from the host go into a ring by DMA, without an interrupt; bytes to the host into the UART's FIFO.
+
+use crate::clock::TICK_HZ;
+use crate::regs::{self, Channel};
+use crate::start::Once;
+use pulsetrain_core::wire::Baud;
+
+/// Bytes of the ring.
+const RING: usize = 1024;
+
+/// Bytes that may be on their way: what the main loop has not read is never more.
+pub(crate) const WINDOW: u16 = RING as u16 - 64;
+
+/// The DMA channel: none of the motors'.
+const CHANNEL: Channel = Channel(11);
+
+/// §2.5.7, CTRL: bytes, into a ring of 2^10, at the UART's request (§2.5.3.1: 21), chained to itself, which is to nothing.
+const CTRL: u32 = 1 | 1 << 5 | 10 << 6 | 1 << 10 | (CHANNEL.0 as u32) << 11 | 21 << 15;
+const _: () = assert!(RING == 1 << 10);
+
+#[repr(C, align(1024))]
+struct Ring([u8; RING]);
+
+static RING_MEMORY: Once<Ring> = Once::new(Ring([0; RING]));
+
+/// The line, as main has it.
+pub(crate) struct Line {
+    /// Where the ring begins; the DMA writes there, so that there is no reference to it.
+    ring: *const u8,
+    /// Place of the next byte.
+    next: usize,
+}
+
+impl Line {
+    /// Opens the line at 115 200 baud. The DMA is out of reset.
+    ///
+    /// # Safety
+    /// Only once.
+    pub(crate) unsafe fn open() -> Line {
+        // SAFETY: the caller's promise; from here on the memory is the DMA's.
+        let ring = unsafe { RING_MEMORY.take() }.0.as_ptr();
+        regs::take_out_of_reset(regs::reset::UART0);
+        set_baud(Baud::B115200);
+        for pin in 0..2 {
+            // §2.19.6.3: input on, 4 mA, pull-up: a line that is not there is quiet. §2.19.2: function 2.
+            regs::pad(pin).write(1 << 6 | 1 << 4 | 1 << 3 | 1 << 1);
+            regs::gpio_ctrl(pin).write(2);
+        }
+        // §4.2.8: enabled, both ways; requests of the receiver.
+        regs::UART_CR.write(1 << 9 | 1 << 8 | 1);
+        regs::UART_DMACR.write(1);
+        CHANNEL.read_addr().write(regs::UART_DR.address());
+        CHANNEL.write_addr().write(ring as u32);
+        CHANNEL.ctrl().write(CTRL);
+        CHANNEL.trans_count_trig().write(u32::MAX);
+        Line { ring, next: 0 }
+    }
+
+    /// Bytes that wait.
+    #[inline(always)]
+    pub(crate) fn waiting(&self) -> usize {
+        (CHANNEL.write_addr().read() as usize).wrapping_sub(self.ring as usize + self.next) & (RING - 1)
+    }
+
+    /// The next byte, if one came.
+    #[inline(always)]
+    pub(crate) fn take(&mut self) -> Option<u8> {
+        if self.waiting() == 0 {
+            return None;
+        }
+        // SAFETY: inside the ring; the DMA has gone past.
+        let byte = unsafe { self.ring.add(self.next).read_volatile() };
+        self.next = (self.next + 1) & (RING - 1);
+        Some(byte)
+    }
+
+    /// Goes on for another 2^32 bytes, now and then.
+    pub(crate) fn look_after(&self) {
+        if CHANNEL.ctrl().read() & 1 << 24 == 0 {
+            CHANNEL.trans_count_trig().write(u32::MAX);
+        }
+    }
+
+    /// Changes the rate, and drops what came in before; the last byte must be out.
+    pub(crate) fn set_baud(&mut self, baud: Baud) {
+        set_baud(baud);
+        self.next = (self.next + self.waiting()) & (RING - 1);
+    }
+}
+
+/// Whether the receiver lost a byte, since the last call.
+pub(crate) fn has_overrun() -> bool {
+    let overrun = regs::UART_RSR.read() & 1 << 3 != 0;
+    if overrun {
+        regs::UART_RSR.write(0);
+    }
+    overrun
+}
+
+/// Whether the UART takes another byte.
+#[inline(always)]
+pub(crate) fn can_send() -> bool {
+    regs::UART_FR.read() & 1 << 5 == 0
+}
+
+/// Whether every byte is out, with its last bit.
+#[inline(always)]
+pub(crate) fn is_out() -> bool {
+    regs::UART_FR.read() & 1 << 3 == 0
+}
+
+/// Hands over a byte; see [`can_send`].
+#[inline(always)]
+pub(crate) fn send(byte: u8) {
+    regs::UART_DR.write(u32::from(byte));
+}
+
+fn set_baud(baud: Baud) {
+    // §4.2.7.1: the divisor in 64ths; a byte takes 16 of its cycles a bit.
+    let divisor = (4 * TICK_HZ + baud.rate() / 2) / baud.rate();
+    regs::UART_IBRD.write(divisor >> 6);
+    regs::UART_FBRD.write(divisor & 63);
+    // Taken with this write: 8 bits, FIFOs.
+    regs::UART_LCR.write(0b11 << 5 | 1 << 4);
+}

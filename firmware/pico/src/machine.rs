@@ -1,0 +1,420 @@
+//! What the [`Service`](pulsetrain_core::wire::Service) asks of a board, done on this one.
+
+use crate::clock::{Clock, TICK_HZ};
+use crate::link::{self, Line, WINDOW};
+use crate::regs;
+use crate::reset;
+use crate::start;
+use crate::steps::MOTORS;
+use crate::steps::pins::Layout;
+use crate::steps::stepper::{FRACTION_BITS, LONGEST, LONGEST_IDLE_MS, POOL, Stepper};
+use pulsetrain_core::narrow::EPOCHS;
+use pulsetrain_core::wire::message::{
+    ALL_MOTORS, Cause, Configuration, Event, Info, Measures, NO_PIN, flags,
+};
+use pulsetrain_core::wire::{Baud, Machine, Millis, Reason, Refusal, Stopped, Switched};
+use pulsetrain_core::{Epoch, Moment};
+
+/// A switch must be less than this ahead, ticks: moments are told apart within 2^31.
+const SWITCH_AHEAD: u64 = 1 << 30;
+
+/// Motors that get words before others have their turn with the main loop.
+const FILLS_A_ROUND: u32 = 4;
+
+/// News that the host has not been told yet; what does not fit is dropped.
+const NEWS: usize = 8;
+
+/// Everything but the service that speaks for it.
+pub(crate) struct Board {
+    pub(crate) clock: Clock,
+    stepper: Stepper,
+    power: Power,
+    armed: bool,
+    /// To be set when the line is quiet.
+    baud: Option<Baud>,
+    news: [Option<Event>; NEWS],
+    /// Faults that were told, bit by motor.
+    told: u8,
+    was_idle: bool,
+    last_stop: Cause,
+    last_reset: Cause,
+    pub(crate) measures: Measures,
+}
+
+/// The enable line of the drivers.
+struct Power {
+    pin: u8,
+    /// Enable is active high.
+    high: bool,
+    /// Rest after which the drivers are released.
+    idle_ms: Option<u16>,
+    on: bool,
+    /// When something was last to be done.
+    busy: Millis,
+}
+
+impl Power {
+    const OFF: Power = Power { pin: NO_PIN, high: false, idle_ms: None, on: false, busy: Millis(0) };
+
+    /// Takes on a pin, and releases the drivers.
+    fn set_up(&mut self, pin: u8, high: bool, idle_ms: Option<u16>) {
+        *self = Power { pin, high, idle_ms, ..Power::OFF };
+        self.set(false);
+        if pin != NO_PIN {
+            regs::SIO_OE_SET.write(1 << pin);
+            // §2.19.6.3: input on, 4 mA, Schmitt trigger. §2.19.2: the processor's.
+            regs::pad(pin).write(1 << 6 | 1 << 4 | 1 << 1);
+            regs::gpio_ctrl(pin).write(5);
+        }
+    }
+
+    fn set(&mut self, on: bool) {
+        self.on = on;
+        if self.pin != NO_PIN {
+            let register = if on == self.high { regs::SIO_OUT_SET } else { regs::SIO_OUT_CLR };
+            register.write(1 << self.pin);
+        }
+    }
+
+    /// Holds while there is something to do, and `idle_ms` longer.
+    fn look(&mut self, now: Millis, idle: bool) {
+        if !idle {
+            self.busy = now;
+            if !self.on {
+                self.set(true);
+            }
+        } else if let Some(idle_ms) = self.idle_ms
+            && self.on
+            && now.since(self.busy) >= idle_ms
+        {
+            self.set(false);
+        }
+    }
+}
+
+impl Board {
+    /// Starts clock and motors; it knows no pins yet.
+    ///
+    /// # Safety
+    /// Only once.
+    pub(crate) unsafe fn begin() -> Board {
+        Board {
+            clock: Clock::start(),
+            // SAFETY: the caller's promise.
+            stepper: unsafe { Stepper::begin() },
+            power: Power::OFF,
+            armed: false,
+            baud: None,
+            news: [None; NEWS],
+            told: 0,
+            was_idle: true,
+            last_stop: Cause::None,
+            last_reset: reset::why(),
+            measures: Board::NO_MEASURES,
+        }
+    }
+
+    const NO_MEASURES: Measures = Measures {
+        late: 0,
+        latest_ticks: 0,
+        starved: 0,
+        least_ahead_ticks: 0,
+        longest_round_ticks: 0,
+        most_unread: 0,
+        lost_bytes: 0,
+        damaged_frames: 0,
+        stack_left: 0,
+        rounds: 0,
+        idle_ticks: 0,
+    };
+
+    /// What cannot wait: words for the motors. Whether there was some of that to do.
+    #[inline(always)]
+    pub(crate) fn go_on(&mut self) -> bool {
+        let mut more = false;
+        for _ in 0..FILLS_A_ROUND {
+            let now = self.clock.moment();
+            if !self.stepper.fill(now) {
+                break;
+            }
+            more = true;
+        }
+        if self.stepper.has_starved() {
+            self.starved();
+        }
+        more
+    }
+
+    #[inline(never)]
+    fn starved(&mut self) {
+        self.measures.starved = self.measures.starved.saturating_add(1);
+        self.stop(Cause::Starved);
+    }
+
+    /// Whether motors are armed: the main loop may not sleep for long.
+    pub(crate) const fn is_armed(&self) -> bool {
+        self.armed
+    }
+
+    /// Whether the line is to be changed; nothing is said before.
+    pub(crate) const fn changes_rate(&self) -> bool {
+        self.baud.is_some()
+    }
+
+    /// What can wait a millisecond. `by_usb`: the rate asked for is USB's, which has none.
+    pub(crate) fn housekeeping(&mut self, now: Millis, line: &mut Line, by_usb: bool) {
+        if let Some(baud) = self.baud
+            && (by_usb || link::is_out())
+        {
+            self.baud = None;
+            if !by_usb {
+                line.set_baud(baud);
+            }
+        }
+        line.look_after();
+        if link::has_overrun() {
+            self.measures.lost_bytes = self.measures.lost_bytes.saturating_add(1);
+            self.tell(Cause::Overrun, ALL_MOTORS, 1);
+        }
+        let moment = self.clock.moment();
+        self.stepper.rest(moment);
+        if self.armed {
+            self.look_at_motors();
+            let idle = self.stepper.is_idle(moment);
+            self.power.look(now, idle);
+            if idle && !self.was_idle {
+                self.tell(Cause::Finished, ALL_MOTORS, 0);
+            }
+            self.was_idle = idle;
+        }
+    }
+
+    /// Tells what a motor's own queue asked for and could not be, once.
+    fn look_at_motors(&mut self) {
+        for motor in 0..self.stepper.count() {
+            let faults = self.stepper.faults(motor);
+            let cause = if faults & flags::CHECK_FAILED != 0 {
+                Cause::CheckFailed
+            } else if faults & flags::BAD_ITEM != 0 {
+                Cause::BadItem
+            } else if faults & flags::STEP_MISSED != 0 {
+                Cause::StepMissed
+            } else {
+                continue;
+            };
+            if self.told & 1 << motor == 0 {
+                self.told |= 1 << motor;
+                self.tell(cause, motor, 0);
+            }
+        }
+    }
+
+    /// The immediate stop.
+    fn stop(&mut self, cause: Cause) -> Stopped {
+        let (tick, uncertain) = self.stepper.stop(&mut self.clock);
+        if self.armed {
+            self.armed = false;
+            if cause != Cause::None {
+                self.last_stop = cause;
+            }
+            if !matches!(cause, Cause::StopNow | Cause::None) {
+                self.tell(cause, ALL_MOTORS, 0);
+            }
+        }
+        Stopped { tick, uncertain }
+    }
+
+    fn tell(&mut self, cause: Cause, motor: u8, detail: u32) {
+        let tick = self.clock.now();
+        // That a host was lost is the better reason for the same end.
+        if cause == Cause::Finished && self.last_stop != Cause::HostLost {
+            self.last_stop = cause;
+        }
+        if let Some(place) = self.news.iter_mut().find(|news| news.is_none()) {
+            *place = Some(Event { cause, motor, tick, detail });
+        }
+    }
+
+    fn is_idle(&self, now: Moment) -> bool {
+        self.stepper.is_idle(now)
+    }
+}
+
+impl Machine for Board {
+    fn info(&mut self) -> Info {
+        Info {
+            board: 2,
+            firmware: [0, 1, 0],
+            tick_hz: TICK_HZ,
+            fraction_bits: FRACTION_BITS as u8,
+            max_motors: MOTORS as u8,
+            pool: POOL as u16,
+            window: WINDOW,
+            bauds: 0b1_1111,
+            last_stop: self.last_stop,
+            last_reset: self.last_reset,
+            // One epoch is being run.
+            switches: EPOCHS as u8 - 1,
+            ..Info::NOBODY
+        }
+    }
+
+    fn configure(&mut self, configuration: &Configuration<'_>) -> Result<(), Refusal> {
+        let now = self.clock.moment();
+        if self.armed && !self.is_idle(now) {
+            return Err(Refusal::of(Reason::Moving));
+        }
+        let Configuration { pulse_ticks, setup_ticks, hold_ticks, idle_ms, .. } = *configuration;
+        if pulse_ticks.max(setup_ticks).max(hold_ticks) > LONGEST {
+            return Err(Refusal { reason: Reason::Timing, detail: LONGEST });
+        }
+        let has_coils = configuration.motors().any(|motor| motor.coils().is_some());
+        if has_coils && idle_ms.is_some_and(|ms| ms > LONGEST_IDLE_MS) {
+            return Err(Refusal { reason: Reason::Timing, detail: LONGEST_IDLE_MS });
+        }
+        let layout = Layout::of(configuration)?;
+        self.stop(Cause::None);
+        self.power.set_up(layout.enable, configuration.enable_high, idle_ms);
+        self.stepper.configure(&layout, configuration, now);
+        Ok(())
+    }
+
+    fn arm(&mut self) -> Result<(), Refusal> {
+        if self.motors() == 0 {
+            return Err(Refusal::of(Reason::NotConfigured));
+        }
+        if !self.armed {
+            self.power.set(true);
+            self.armed = true;
+            self.last_stop = Cause::None;
+            self.was_idle = true;
+            self.told = 0;
+            self.stepper.start(&mut self.clock);
+        }
+        Ok(())
+    }
+
+    fn release(&mut self) -> Result<(), Refusal> {
+        let now = self.clock.moment();
+        if self.armed && !self.is_idle(now) {
+            return Err(Refusal::of(Reason::Moving));
+        }
+        self.stop(Cause::None);
+        self.news = [None; NEWS];
+        self.power.set(false);
+        self.stepper.release_coils();
+        Ok(())
+    }
+
+    fn motors(&self) -> u8 {
+        self.stepper.count()
+    }
+
+    fn free(&self, motor: u8) -> u16 {
+        self.stepper.free(motor)
+    }
+
+    fn push(&mut self, motor: u8, epoch: Epoch, packed: &[u8]) -> Result<(), Refusal> {
+        let detail = u16::from(motor);
+        if !self.armed {
+            return Err(Refusal::of(Reason::NotArmed));
+        }
+        if motor >= self.motors() {
+            return Err(Refusal { reason: Reason::NoSuchMotor, detail });
+        }
+        self.stepper.push(motor, epoch, packed).ok_or(Refusal { reason: Reason::Full, detail })
+    }
+
+    fn discard(&mut self, epoch: Epoch) {
+        self.stepper.discard(epoch);
+    }
+
+    fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<Switched, Refusal> {
+        if !self.armed {
+            return Err(Refusal::of(Reason::NotArmed));
+        }
+        let horizon = self.horizon();
+        let limit = self.clock.now() + SWITCH_AHEAD;
+        let switched = if tick < horizon {
+            Switched::Late { horizon }
+        } else if tick >= limit {
+            Switched::Early { limit }
+        } else if self.stepper.switch(epoch, Moment::of(tick)) {
+            self.was_idle = false;
+            Switched::Accepted
+        } else {
+            Switched::Full
+        };
+        if switched != Switched::Accepted {
+            self.stepper.discard(epoch);
+        }
+        Ok(switched)
+    }
+
+    fn stop_now(&mut self) -> Stopped {
+        self.stop(Cause::StopNow)
+    }
+
+    fn clock(&mut self) -> u64 {
+        self.clock.now()
+    }
+
+    fn flags(&self) -> u8 {
+        let configured = if self.motors() > 0 { flags::CONFIGURED } else { 0 };
+        let armed = if self.armed { flags::ARMED } else { 0 };
+        configured | armed | if self.was_idle || !self.armed { flags::IDLE } else { 0 }
+    }
+
+    fn horizon(&mut self) -> u64 {
+        let now = self.clock.moment();
+        self.clock.extended(self.stepper.horizon(now))
+    }
+
+    fn epoch(&self) -> Epoch {
+        self.stepper.epoch()
+    }
+
+    fn position(&mut self, motor: u8) -> i32 {
+        let now = self.clock.moment();
+        self.stepper.position(motor, now)
+    }
+
+    fn faults(&self, motor: u8) -> u8 {
+        self.stepper.faults(motor)
+    }
+
+    fn measures(&mut self) -> &mut Measures {
+        self.measures.stack_left = start::stack_left();
+        self.measures.least_ahead_ticks = u16::try_from(self.stepper.least_ahead()).unwrap_or(u16::MAX);
+        &mut self.measures
+    }
+
+    fn reset_measures(&mut self) {
+        self.measures = Board::NO_MEASURES;
+        self.stepper.reset_measures();
+    }
+
+    fn can_baud(&self, _: Baud) -> bool {
+        true
+    }
+
+    fn set_baud(&mut self, baud: Baud) {
+        self.baud = Some(baud);
+    }
+
+    fn rate_fell_back(&mut self) {
+        self.tell(Cause::BaudFellBack, ALL_MOTORS, 0);
+    }
+
+    fn host_gone(&mut self, lost: bool) {
+        if lost && self.armed && !self.was_idle {
+            self.last_stop = Cause::HostLost;
+        }
+    }
+
+    fn event(&mut self) -> Option<Event> {
+        let first = self.news[0].take()?;
+        self.news.rotate_left(1);
+        Some(first)
+    }
+}

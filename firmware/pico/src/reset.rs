@@ -1,0 +1,67 @@
+//! How the program begins and how it ends: the watchdog, and why there was a reset.
+//!
+//! The main loop kicks the watchdog every round. If it does not for half a second, the watchdog resets the chip: PIO and pads with
+//! it, so that all lines float. So does a panic, or a fault, which no input reaches; but not before STEP has been left in peace.
+
+use crate::regs::{self, Pio};
+use core::panic::PanicInfo;
+use pulsetrain_core::wire::message::Cause;
+
+/// Before a reset of the watchdog's, µs. The counter goes down by two (erratum E1).
+const PATIENCE: u32 = 500_000;
+
+/// The program was ended by a panic or a fault.
+const ENDED: u32 = 0x50_a6_5e_1f;
+
+/// Why the program began.
+pub(crate) fn why() -> Cause {
+    let note = regs::WATCHDOG_SCRATCH0.read();
+    regs::WATCHDOG_SCRATCH0.write(0);
+    // §2.10.6: bits 8, 16.
+    let chip = regs::CHIP_RESET.read();
+    if regs::WATCHDOG_REASON.read() & 0b11 != 0 || note == ENDED {
+        Cause::Watchdog
+    } else if chip & 1 << 16 != 0 {
+        Cause::ResetLine
+    } else {
+        Cause::PowerOn
+    }
+}
+
+/// Starts the watchdog.
+pub(crate) fn begin() {
+    // §2.13.5: all but the oscillators.
+    regs::PSM_WDSEL.write(0x1_fffc);
+    kick_watchdog();
+    regs::WATCHDOG_CTRL.write(1 << 30);
+}
+
+/// To be called more often than twice a second.
+#[inline(always)]
+pub(crate) fn kick_watchdog() {
+    regs::WATCHDOG_LOAD.write(2 * PATIENCE);
+}
+
+/// Ends the program: motors stop, the watchdog resets the chip.
+fn end() -> ! {
+    regs::disable_interrupts();
+    for block in 0..2 {
+        if regs::RESETS_DONE.read() & regs::reset::PIO[usize::from(block)] != 0 {
+            Pio(u8::from(block)).ctrl().write(0);
+        }
+    }
+    regs::WATCHDOG_SCRATCH0.write(ENDED);
+    regs::WATCHDOG_CTRL.write(1 << 31 | 1 << 30);
+    loop {}
+}
+
+/// What no interrupt or fault should come to.
+#[unsafe(no_mangle)]
+extern "C" fn fault() -> ! {
+    end()
+}
+
+#[panic_handler]
+fn panic(_: &PanicInfo<'_>) -> ! {
+    end()
+}

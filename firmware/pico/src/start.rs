@@ -1,0 +1,111 @@
+//! What comes before main: vectors, the copy to RAM; the stack; and memory that there is one of.
+
+use core::arch::global_asm;
+
+/// The second stage of the boot ROM's start-up (§2.8.1): sets up the flash for reading, by its slowest command, which all
+/// flash chips know; this program is copied to RAM once.
+#[used]
+#[unsafe(link_section = ".boot2")]
+static BOOT2: [u8; 256] = rp2040_boot2::BOOT_LOADER_GENERIC_03H;
+
+// Vectors (ARMv6-M, B1.5.3; interrupts: RP2040 datasheet §2.3.2) and what the first instructions are. No interrupt but the
+// DMA's is ever enabled; whatever else comes is a fault, and ends the program.
+global_asm!(
+    r#"
+    .section .vectors, "a", %progbits
+    .word stack_top
+    .word reset
+    .word fault                 @ NMI
+    .word fault                 @ HardFault
+    .rept 7
+    .word 0
+    .endr
+    .word fault                 @ SVCall
+    .rept 2
+    .word 0
+    .endr
+    .word fault                 @ PendSV
+    .word fault                 @ SysTick
+    .rept 11
+    .word fault
+    .endr
+    .word dma_irq_0             @ 11
+    .rept 20
+    .word fault
+    .endr
+
+    .section .reset, "ax", %progbits
+    .global reset
+    .type reset, %function
+    .thumb_func
+reset:
+    cpsid i
+    ldr r0, =ram_start
+    ldr r1, =ram_end
+    ldr r2, =ram_load
+1:  cmp r0, r1
+    bhs 2f
+    ldmia r2!, {{r3}}
+    stmia r0!, {{r3}}
+    b 1b
+2:  ldr r0, =bss_start
+    ldr r1, =bss_end
+    movs r3, #0
+3:  cmp r0, r1
+    bhs 4f
+    stmia r0!, {{r3}}
+    b 3b
+4:  ldr r0, =stack_bottom
+    ldr r1, =stack_top
+    ldr r3, ={PAINT}
+5:  stmia r0!, {{r3}}
+    cmp r0, r1
+    blo 5b
+    ldr r0, =main
+    blx r0
+    .pool
+    .size reset, . - reset
+    "#,
+    PAINT = const PAINT,
+);
+
+/// What the stack is full of before it is used.
+const PAINT: u32 = 0xa5a5_a5a5;
+
+unsafe extern "C" {
+    static stack_bottom: [u32; STACK / 4];
+}
+
+/// Bytes of the stack: memory.ld says so too.
+const STACK: usize = 8192;
+
+/// Fewest bytes of stack that were never used.
+pub(crate) fn stack_left() -> u16 {
+    // SAFETY: the linker's symbol is where the stack's memory begins, of which only what lies above the stack pointer changes
+    // meanwhile; each word is read as the machine has it.
+    let words = (0..STACK / 4).take_while(|word| unsafe { (&raw const stack_bottom[*word]).read_volatile() } == PAINT);
+    (words.count() * 4) as u16
+}
+
+/// Something there is one of, which main takes and nobody else.
+pub(crate) struct Once<T>(core::cell::UnsafeCell<T>);
+
+// SAFETY: `take` hands it out once, to main; the interrupt does not know of it.
+unsafe impl<T> Sync for Once<T> {}
+
+impl<T> Once<T> {
+    /// `value`, to be taken.
+    pub(crate) const fn new(value: T) -> Once<T> {
+        Once(core::cell::UnsafeCell::new(value))
+    }
+
+    /// Takes it.
+    ///
+    /// # Safety
+    /// Only once.
+    #[expect(clippy::mut_from_ref, reason = "only once")]
+    pub(crate) unsafe fn take(&'static self) -> &'static mut T {
+        // SAFETY: the caller's promise.
+        unsafe { &mut *self.0.get() }
+    }
+}

@@ -1,0 +1,108 @@
+//! Which pins a configuration takes, and whether PIO can have them so.
+
+use super::MOTORS;
+use super::pio::GATE;
+use pulsetrain_core::output::Sequence;
+use pulsetrain_core::wire::message::{Configuration, MotorSetup, NO_PIN};
+use pulsetrain_core::wire::{Reason, Refusal};
+
+/// GPIOs that motors cannot have: the serial line, what the Pico needs itself, the gate; and those that are not there.
+const TAKEN: u32 = 0b11 | 0b111 << 23 | !0 << 29;
+const _: () = assert!(TAKEN >> GATE & 1 == 1);
+
+/// The lines of a motor.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Lines {
+    /// STEP and DIR, side by side.
+    StepDir {
+        /// 0 if STEP is the lower pin, 1 if DIR is.
+        step_line: u8,
+        forward_high: bool,
+        step_low: bool,
+    },
+    /// IN1 to IN4, from the lowest on.
+    Coils { sequence: Sequence },
+}
+
+/// A motor's pins, one after the other.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Wired {
+    /// The lowest.
+    pub(crate) base: u8,
+    pub(crate) lines: Lines,
+}
+
+impl Wired {
+    /// Of no motor.
+    pub(crate) const NONE: Wired = Wired { base: 0, lines: Lines::Coils { sequence: Sequence::Half } };
+
+    /// # Errors
+    /// When PIO cannot have them so: a state machine's outputs are one after the other (§3.5.6).
+    fn of(setup: &MotorSetup) -> Result<Wired, Refusal> {
+        let MotorSetup { step_pin, dir_pin, forward_high, step_low, .. } = *setup;
+        if let Some(sequence) = setup.coils() {
+            return Ok(Wired { base: step_pin, lines: Lines::Coils { sequence } });
+        }
+        let (base, step_line) = match dir_pin.wrapping_sub(step_pin) {
+            1 => (step_pin, 0),
+            0xff => (dir_pin, 1),
+            _ => return Err(Refusal { reason: Reason::PinMix, detail: u16::from(dir_pin) }),
+        };
+        Ok(Wired { base, lines: Lines::StepDir { step_line, forward_high, step_low } })
+    }
+
+    /// From the lowest to the highest.
+    pub(crate) fn pins(&self) -> core::ops::Range<u8> {
+        let count = match self.lines {
+            Lines::StepDir { .. } => 2,
+            Lines::Coils { .. } => 4,
+        };
+        self.base..self.base.saturating_add(count)
+    }
+
+    /// Whether the pin is low when its line is high.
+    pub(crate) fn is_inverted(&self, pin: u8) -> bool {
+        matches!(self.lines, Lines::StepDir { step_low: true, step_line, .. } if pin == self.base + step_line)
+    }
+}
+
+/// All pins of a configuration.
+#[derive(Clone, Copy)]
+pub(crate) struct Layout {
+    pub(crate) motors: [Wired; MOTORS],
+    pub(crate) count: u8,
+    /// The pin that enables all drivers, or [`NO_PIN`].
+    pub(crate) enable: u8,
+}
+
+impl Layout {
+    /// # Errors
+    /// When a pin is not there, is used twice, or does not stand beside the others of its motor; when there are too many motors.
+    pub(crate) fn of(configuration: &Configuration<'_>) -> Result<Layout, Refusal> {
+        let count = configuration.motors().len();
+        if count > MOTORS {
+            return Err(Refusal { reason: Reason::TooManyMotors, detail: MOTORS as u16 });
+        }
+        let mut layout = Layout { motors: [Wired::NONE; MOTORS], count: count as u8, enable: configuration.enable_pin };
+        let mut used = 0;
+        let mut take = |pin: u8| {
+            let detail = u16::from(pin);
+            if pin >= 32 || TAKEN >> pin & 1 != 0 {
+                return Err(Refusal { reason: Reason::Pin, detail });
+            }
+            if used >> pin & 1 != 0 {
+                return Err(Refusal { reason: Reason::PinTaken, detail });
+            }
+            used |= 1_u32 << pin;
+            Ok(())
+        };
+        for (place, setup) in layout.motors.iter_mut().zip(configuration.motors()) {
+            *place = Wired::of(&setup)?;
+            place.pins().try_for_each(&mut take)?;
+        }
+        if layout.enable != NO_PIN {
+            take(layout.enable)?;
+        }
+        Ok(layout)
+    }
+}

@@ -1,0 +1,214 @@
+//! The state machines: one for each motor, and two programs that are in both blocks.
+//!
+//! A machine waits for the gate, and takes word after word then: as `pulsetrain_core::words` has them. All machines see the gate
+//! in the same cycle. The gate is GPIO 25, which no header has; the Pico's LED is on it, and shines while motors are armed.
+
+use super::pins::{Lines, Wired};
+use crate::regs::{self, Pio};
+use pulsetrain_core::words::{LONGEST_WAIT, SHORTEST_PULSE};
+
+/// GPIO of the gate.
+pub(crate) const GATE: u8 = 25;
+
+/// Where the programs are in instruction memory, and the offsets in them (below).
+const STEP_DIR: u8 = 0;
+const COILS: u8 = 7;
+
+/// Of both programs: the gate; the first instruction of the loop.
+const LOOP: u8 = 1;
+
+/// Of both: the lines change with this one.
+const CHANGE: u8 = 3;
+
+/// Instructions (§3.4): `wait 1 gpio`, `out x`, `out pins`, `jmp x--`, `mov x, y`.
+const WAIT_GATE: u16 = 0x2080 | GATE as u16;
+const OUT_X: u16 = 0x6020 | 28;
+const OUT_PINS: u16 = 0x6000;
+const JMP_X_DEC: u16 = 0x0040;
+const MOV_X_Y: u16 = 0xa022;
+
+const _: () = assert!(LONGEST_WAIT == (1 << 28) - 1);
+
+/// Step/dir: wait, the lines as they are to be, a pulse, the lines after it. Y is the pulse less [`SHORTEST_PULSE`].
+const STEP_DIR_PROGRAM: [u16; 7] = [
+    WAIT_GATE,
+    OUT_X,                           // 1: also the place where it waits for words
+    JMP_X_DEC | STEP_DIR as u16 + 2, // 2
+    OUT_PINS | 2,                    // 3
+    MOV_X_Y,                         // 4
+    JMP_X_DEC | STEP_DIR as u16 + 5, // 5
+    OUT_PINS | 2,                    // 6
+];
+
+/// Coils: wait, and their next pattern.
+const COILS_PROGRAM: [u16; 4] = [WAIT_GATE, OUT_X, JMP_X_DEC | COILS as u16 + 2, OUT_PINS | 4];
+
+const _: () = assert!(COILS as usize == STEP_DIR as usize + STEP_DIR_PROGRAM.len());
+
+/// Instructions that are only made by hand: `pull block`, `mov y, osr`, `set pindirs`, `set pins`, `jmp`, `jmp !osre`.
+const PULL: u32 = 0x80a0;
+const MOV_Y_OSR: u32 = 0xa047;
+const SET_PINDIRS: u32 = 0xe080;
+const SET_PINS: u32 = 0xe000;
+const JMP: u32 = 0x0000;
+const JMP_NOT_OSRE: u32 = 0x00e0;
+
+/// §3.7, SHIFTCTRL: both FIFOs for sending; a word is pulled when all of the one before is used; bit 0 comes first.
+const SHIFTCTRL: u32 = 1 << 30 | 1 << 19;
+const AUTOPULL: u32 = 1 << 17;
+
+/// The state machine of a motor.
+#[derive(Clone, Copy)]
+pub(crate) struct Machine {
+    pio: Pio,
+    number: u8,
+}
+
+/// Where a machine was halted.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Halted {
+    /// The last word that it pulled has not changed the lines.
+    Before,
+    /// It has.
+    After,
+    /// It has, and its pulse is under way.
+    InPulse,
+}
+
+/// Sets up the gate, closed.
+pub(crate) fn close_gate() {
+    regs::SIO_OUT_CLR.write(1 << GATE);
+    regs::SIO_OE_SET.write(1 << GATE);
+    regs::pad(GATE).write(PAD);
+    regs::gpio_ctrl(GATE).write(5);
+}
+
+/// §2.19.6.3: input on, 4 mA, Schmitt trigger.
+const PAD: u32 = 1 << 6 | 1 << 4 | 1 << 1;
+
+/// Takes the block out of reset and loads the programs.
+pub(crate) fn load(block: u8) {
+    let bit = regs::reset::PIO[usize::from(block & 1)];
+    regs::RESETS_RESET.set(bit);
+    regs::take_out_of_reset(bit);
+    let pio = Pio(block);
+    for (at, instruction) in (0..).zip(STEP_DIR_PROGRAM.iter().chain(&COILS_PROGRAM)) {
+        pio.instr_mem(at).write(u32::from(*instruction));
+    }
+}
+
+impl Machine {
+    /// That of motor number `motor`.
+    pub(crate) const fn of(motor: u8) -> Machine {
+        Machine { pio: Pio(motor >> 2), number: motor & 3 }
+    }
+
+    /// The block that it is in.
+    pub(crate) const fn block(self) -> u8 {
+        self.pio.0
+    }
+
+    /// Its bit in fields of its block.
+    pub(crate) const fn bit(self) -> u32 {
+        1 << self.number
+    }
+
+    /// Where it takes words from: the address, and the request of its FIFO (§2.5.3.1).
+    pub(crate) const fn fifo(self) -> (u32, u32) {
+        (self.pio.txf(self.number).address(), (self.pio.0 as u32) << 3 | self.number as u32)
+    }
+
+    /// Sets it up before the gate, with nothing to do, its lines at `levels` and outputs.
+    pub(crate) fn set_up(self, wired: &Wired, pulse_ticks: u32, levels: u32) {
+        let Machine { pio, number } = self;
+        let (at, end, count) = match wired.lines {
+            Lines::StepDir { .. } => (STEP_DIR, STEP_DIR + 6, 2),
+            Lines::Coils { .. } => (COILS, COILS + 3, 4),
+        };
+        pio.ctrl().clear(self.bit());
+        pio.clkdiv(number).write(1 << 16);
+        pio.execctrl(number).write(u32::from(end) << 12 | u32::from(at + LOOP) << 7);
+        let base = u32::from(wired.base);
+        pio.pinctrl(number).write(count << 26 | count << 20 | base << 5 | base);
+        // Joining anew empties the FIFOs.
+        pio.shiftctrl(number).write(0);
+        pio.shiftctrl(number).write(SHIFTCTRL);
+        pio.txf(number).write(pulse_ticks.saturating_sub(SHORTEST_PULSE));
+        self.execute(PULL);
+        self.execute(MOV_Y_OSR);
+        self.execute(SET_PINS | levels);
+        self.execute(SET_PINDIRS | (1 << count) - 1);
+        // Nothing is left in its shift register, and no delay (§3.7, CTRL: SM_RESTART, CLKDIV_RESTART).
+        pio.ctrl().set(self.bit() << 4 | self.bit() << 8);
+        pio.shiftctrl(number).write(SHIFTCTRL | AUTOPULL);
+        self.execute(JMP | u32::from(at));
+        for pin in wired.pins() {
+            regs::pad(pin).write(PAD);
+            // §2.19.2: PIO0 is function 6, PIO1 is 7. An inverted output is bit 8.
+            regs::gpio_ctrl(pin).write(6 + u32::from(pio.0) | u32::from(wired.is_inverted(pin)) << 8);
+        }
+    }
+
+    /// Has it do an instruction now; only while it is halted.
+    fn execute(self, instruction: u32) {
+        self.pio.instr(self.number).write(instruction);
+    }
+
+    /// Forgets that it found no word.
+    pub(crate) fn forget_stall(self) {
+        self.pio.fdebug().write(self.bit() << 24);
+    }
+
+    /// Words in its FIFO.
+    pub(crate) fn waiting(self) -> u32 {
+        self.pio.flevel().read() >> (8 * self.number) & 15
+    }
+
+    /// Where it was halted.
+    pub(crate) fn halted(self, lines: &Lines) -> Halted {
+        let first = match lines {
+            Lines::StepDir { .. } => STEP_DIR,
+            Lines::Coils { .. } => COILS,
+        };
+        let at = self.pio.addr(self.number).read() as u8 - first;
+        match at {
+            0 => Halted::Before,
+            LOOP => {
+                // Whether the next word is in its shift register already: it jumps if so.
+                self.execute(JMP_NOT_OSRE | u32::from(first));
+                let jumped = self.pio.addr(self.number).read() as u8 == first;
+                self.execute(JMP | u32::from(first + LOOP));
+                if jumped { Halted::Before } else { Halted::After }
+            }
+            ..=CHANGE => Halted::Before,
+            _ => Halted::InPulse,
+        }
+    }
+
+    /// Ends the pulse that it was halted in: STEP has been active for long enough.
+    pub(crate) fn end_pulse(self) {
+        self.execute(u32::from(OUT_PINS | 2));
+    }
+
+    /// Sets its lines, while it is halted.
+    pub(crate) fn set_lines(self, levels: u32) {
+        self.execute(SET_PINS | levels);
+    }
+}
+
+/// The machines of a block that found no word since [`forget_stall`](Machine::forget_stall).
+#[inline(always)]
+pub(crate) fn stalled(block: u8) -> u32 {
+    Pio(block).fdebug().read() >> 24 & 0xf
+}
+
+/// Halts the machines of a block that are in `mask`.
+#[inline(always)]
+pub(crate) fn halt(block: u8, mask: u32) {
+    Pio(block).ctrl().clear(mask);
+}
+
+/// Lets the machines of a block that are in `mask` go, as far as the gate.
+pub(crate) fn enable(block: u8, mask: u32) {
+    Pio(block).ctrl().set(mask);
+}

@@ -1,0 +1,423 @@
+//! All motors: filling their tapes, starting and stopping together.
+
+use super::expand::expand;
+use super::pins::{Layout, Lines, Wired};
+use super::pio::{self, GATE, Halted, Machine};
+use super::{MOTORS, RING, feed};
+use crate::clock::{Clock, TICK_HZ};
+use crate::regs;
+use crate::start::Once;
+use pulsetrain_core::narrow::Pool;
+use pulsetrain_core::output::{Coils, Output, StepDir, StepDirSettings};
+use pulsetrain_core::packing::Packing;
+use pulsetrain_core::queue::Items;
+use pulsetrain_core::wire::message::{Configuration, flags};
+use pulsetrain_core::words::{Fault, Packed, SHORTEST_PULSE, STEP_DIR_OVERHEAD, Tape, Words};
+use pulsetrain_core::{Epoch, Moment};
+
+/// F.
+pub(crate) const FRACTION_BITS: u32 = 32;
+
+/// Bytes of all queues together.
+pub(crate) const POOL: usize = 32_768;
+
+/// Bytes of one motor's queue at most.
+const LONGEST_QUEUE: usize = 8192;
+
+/// Runs of a tape.
+const RUNS: usize = 128;
+
+/// Words are written so far ahead, ticks: 2.4 ms. A switch can be no sooner.
+const AHEAD: u32 = TICK_HZ / 10_000 * 24;
+
+/// They are written when no more than this is left, ticks.
+const REFILL: u32 = AHEAD / 4 * 3;
+
+/// All motors are looked at again after so many ticks at most.
+const MOST_SPARE: u32 = AHEAD / 8;
+
+/// Words that a motor gets before the next one has its turn, and a run more at most.
+const TURN: u32 = 256;
+
+/// From the gate to the first change of lines: 0.5 ms, in which the first words are written.
+const FIRST_WAIT: u32 = TICK_HZ / 2000;
+
+/// The longest pulse and set-up, ticks: 0.5 ms.
+pub(crate) const LONGEST: u16 = 62_500;
+
+/// A coil's release must be sooner than that after a step, ms: ticks are told apart within 2^31.
+pub(crate) const LONGEST_IDLE_MS: u16 = 8000;
+
+/// SysTick is read so many ticks before the first instruction behind the gate.
+const GATE_TICKS: u32 = 2;
+
+#[repr(C, align(8192))]
+struct Ring([u32; RING]);
+
+/// What is large, and nothing but zeros at first: so it takes no room in the image.
+pub(crate) struct Memory {
+    rings: [Ring; MOTORS],
+    tapes: [Tape<RING, RUNS>; MOTORS],
+    pool: Pool<POOL>,
+}
+
+static MEMORY: Once<Memory> = Once::new(Memory {
+    rings: [const { Ring([0; RING]) }; MOTORS],
+    tapes: [const { Tape::new() }; MOTORS],
+    pool: Pool::new(),
+});
+
+/// One motor.
+pub(crate) struct Motor {
+    words: Words<FRACTION_BITS>,
+    packed: Packed,
+    wired: Wired,
+    pulse_ticks: u32,
+    pull_in_ticks: u32,
+}
+
+impl Motor {
+    const NONE: Motor = Motor {
+        words: Words::new(Motor::NO_OUTPUT, 0, SHORTEST_PULSE),
+        packed: Packed::new(Pool::<POOL>::part(0, 0), Packing { fraction_bits: FRACTION_BITS, gain: 0 }),
+        wired: Wired::NONE,
+        pulse_ticks: SHORTEST_PULSE,
+        pull_in_ticks: 0,
+    };
+
+    const NO_OUTPUT: Output = Output::StepDir(StepDir::new(StepDirSettings {
+        step_line: 0,
+        dir_line: 1,
+        pulse_ticks: SHORTEST_PULSE,
+        setup_ticks: 0,
+        forward_high: false,
+        shared_dir: false,
+    }));
+}
+
+/// A motor and what is its own.
+struct Parts<'a> {
+    number: u8,
+    motor: &'a mut Motor,
+    tape: &'a mut Tape<RING, RUNS>,
+    ring: &'a mut [u32; RING],
+}
+
+/// All motors.
+pub(crate) struct Stepper {
+    motors: [Motor; MOTORS],
+    count: u8,
+    memory: &'static mut Memory,
+    /// The gate is open.
+    runs: bool,
+    /// Which motor has the next turn.
+    turn: u8,
+    least_ahead: u32,
+    /// No motor needs words before.
+    due: Moment,
+}
+
+impl Stepper {
+    /// Sets up what all motors share; there are none yet.
+    ///
+    /// # Safety
+    /// Only once.
+    pub(crate) unsafe fn begin() -> Stepper {
+        pio::close_gate();
+        feed::begin();
+        Stepper {
+            motors: [Motor::NONE; MOTORS],
+            count: 0,
+            // SAFETY: the caller's promise.
+            memory: unsafe { MEMORY.take() },
+            runs: false,
+            turn: 0,
+            least_ahead: u32::MAX,
+            due: Moment(0),
+        }
+    }
+
+    /// Motors configured.
+    pub(crate) const fn count(&self) -> u8 {
+        self.count
+    }
+
+    /// The motors with what is theirs, and the memory of their queues.
+    fn all(&mut self) -> (&mut Pool<POOL>, impl Iterator<Item = Parts<'_>>) {
+        let Memory { rings, tapes, pool } = &mut *self.memory;
+        let places = (0..).zip(&mut self.motors).zip(tapes).zip(rings).take(usize::from(self.count));
+        (pool, places.map(|(((number, motor), tape), Ring(ring))| Parts { number, motor, tape, ring }))
+    }
+
+    fn motor(&self, motor: u8) -> Option<&Motor> {
+        self.motors.get(usize::from(motor)).filter(|_| motor < self.count)
+    }
+
+    fn motors(&self) -> impl Iterator<Item = &Motor> {
+        self.motors.iter().take(usize::from(self.count))
+    }
+
+    fn motors_mut(&mut self) -> impl Iterator<Item = &mut Motor> {
+        self.motors.iter_mut().take(usize::from(self.count))
+    }
+
+    /// Takes on a configuration that is possible; nothing runs. Counts begin at 0.
+    pub(crate) fn configure(&mut self, layout: &Layout, configuration: &Configuration<'_>, now: Moment) {
+        self.count = layout.count;
+        let queue = (POOL / usize::from(layout.count.max(1))).min(LONGEST_QUEUE) as u16;
+        let pulse_ticks = u32::from(configuration.pulse_ticks).max(SHORTEST_PULSE);
+        let setup_ticks = u32::from(configuration.setup_ticks).max(pulse_ticks + STEP_DIR_OVERHEAD);
+        let release_ticks = configuration.idle_ms.map(|ms| u32::from(ms.max(1)) * (TICK_HZ / 1000));
+        let motors = self.motors.iter_mut().zip(configuration.motors()).zip(&layout.motors);
+        for (number, ((motor, setup), wired)) in (0..).zip(motors) {
+            let (output, step_line) = match wired.lines {
+                Lines::StepDir { step_line, forward_high, .. } => {
+                    let (dir_line, shared_dir) = (1 - step_line, false);
+                    let settings =
+                        StepDirSettings { step_line, dir_line, pulse_ticks, setup_ticks, forward_high, shared_dir };
+                    (Output::StepDir(StepDir::new(settings)), step_line)
+                }
+                Lines::Coils { sequence } => (Output::Coils(Coils::new([0, 1, 2, 3], sequence, release_ticks)), 0),
+            };
+            motor.words = Words::new(output, step_line, pulse_ticks);
+            let packing = Packing { fraction_bits: FRACTION_BITS, gain: setup.gain };
+            motor.packed = Packed::new(Pool::<POOL>::part(number * queue, queue), packing);
+            (motor.wired, motor.pulse_ticks, motor.pull_in_ticks) = (*wired, pulse_ticks, setup.pull_in_ticks);
+            motor.words.channel_mut().pass(now);
+        }
+        let blocks = layout.count.div_ceil(4);
+        for block in 0..blocks {
+            pio::load(block);
+        }
+        for number in 0..layout.count {
+            self.set_up_machine(number);
+        }
+    }
+
+    /// Sets up a motor's state machine, before the gate, and its pins.
+    fn set_up_machine(&self, number: u8) {
+        if let Some(motor) = self.motor(number) {
+            Machine::of(number).set_up(&motor.wired, motor.pulse_ticks, motor.words.levels());
+        }
+    }
+
+    /// Opens the gate: all state machines begin in the same cycle. Queues are empty, faults forgotten.
+    pub(crate) fn start(&mut self, clock: &mut Clock) {
+        let mut machines = [0; 2];
+        let (pool, all) = self.all();
+        for Parts { number, motor, tape, ring } in all {
+            let machine = Machine::of(number);
+            motor.packed.waiting(pool).clear();
+            motor.packed.forgive();
+            motor.words.forgive();
+            machine.set_up(&motor.wired, motor.pulse_ticks, motor.words.levels());
+            feed::set_up(number, ring, machine.fifo());
+            motor.words.begin(tape, ring, FIRST_WAIT);
+            feed::publish(number, tape.written());
+            machines[usize::from(machine.block() & 1)] |= machine.bit();
+        }
+        for (block, mask) in (0..).zip(machines).filter(|(_, mask)| *mask != 0) {
+            pio::enable(block, mask);
+        }
+        // By now each has its first word.
+        for number in 0..self.count {
+            Machine::of(number).forget_stall();
+        }
+        let value = regs::free(|| regs::set_and_time(1 << GATE));
+        let at = Moment::of(clock.seen(value)).after(GATE_TICKS);
+        for Parts { motor, tape, .. } in self.all().1 {
+            motor.words.start(tape, at);
+        }
+        self.runs = true;
+        self.least_ahead = u32::MAX;
+        self.due = at;
+    }
+
+    /// Writes words for the next motor that needs some; whether there was one.
+    #[inline(never)]
+    pub(crate) fn fill(&mut self, now: Moment) -> bool {
+        if !self.runs || now.is_before(self.due) {
+            return false;
+        }
+        let mut spare = MOST_SPARE;
+        let Memory { rings, tapes, pool } = &mut *self.memory;
+        for _ in 0..self.count {
+            let number = self.turn;
+            self.turn = if number + 1 >= self.count { 0 } else { number + 1 };
+            let index = usize::from(number);
+            let (Some(motor), Some(tape), Some(Ring(ring))) =
+                (self.motors.get_mut(index), tapes.get_mut(index), rings.get_mut(index))
+            else {
+                continue;
+            };
+            let ahead = motor.words.end().since(now).cast_signed();
+            if ahead >= REFILL.cast_signed() {
+                spare = spare.min(ahead.cast_unsigned() - REFILL);
+                continue;
+            }
+            tape.pass(now);
+            motor.words.pass(now);
+            self.least_ahead = self.least_ahead.min(ahead.max(0).cast_unsigned());
+            let stretch = [now.after(REFILL), now.after(AHEAD)];
+            motor.words.fill(&mut motor.packed, pool, tape, ring, stretch, TURN, expand);
+            feed::publish(number, tape.written());
+            return true;
+        }
+        self.due = now.after(spare);
+        false
+    }
+
+    /// Notes that time goes on, while nothing runs.
+    pub(crate) fn rest(&mut self, now: Moment) {
+        if !self.runs {
+            for motor in self.motors_mut() {
+                motor.words.channel_mut().pass(now);
+            }
+        }
+    }
+
+    /// Whether a state machine found no word: what it was to do is late already.
+    #[inline(always)]
+    pub(crate) fn has_starved(&self) -> bool {
+        self.runs && (pio::stalled(0) | if self.count > 4 { pio::stalled(1) } else { 0 }) != 0
+    }
+
+    /// The immediate stop: halts all state machines, and counts what they did. Gives the tick after which no step was begun,
+    /// and bit by motor whether it was faster than it can stop at once.
+    pub(crate) fn stop(&mut self, clock: &mut Clock) -> (u64, u8) {
+        if !self.runs {
+            return (clock.now(), 0);
+        }
+        self.runs = false;
+        // No interrupt starts a channel again.
+        let tick = regs::free(|| {
+            pio::halt(0, 0xf);
+            if self.count > 4 {
+                pio::halt(1, 0xf);
+            }
+            clock.now()
+        });
+        regs::SIO_OUT_CLR.write(1 << GATE);
+        let mut uncertain = 0;
+        let (pool, all) = self.all();
+        for Parts { number, motor, tape, ring } in all {
+            let machine = Machine::of(number);
+            let taken = regs::free(|| feed::end(number, ring));
+            let pulled = taken.wrapping_sub(machine.waiting());
+            let halted = machine.halted(&motor.wired.lines);
+            let done = if halted == Halted::Before { pulled.wrapping_sub(1) } else { pulled };
+            if halted == Halted::InPulse {
+                // As long as it ought to be, and a little longer.
+                let fall = clock.moment().after(motor.pulse_ticks);
+                while clock.moment().is_before(fall) {}
+                machine.end_pulse();
+            }
+            let made = tape.position_after(done);
+            let (words, mut items) = (&mut motor.words, motor.packed.waiting(pool));
+            let goes = made != words.channel().position() || !words.channel().is_idle(&items);
+            if goes && done != 0 {
+                let (last, interval, _) = tape.last(done, words.overhead(), ring);
+                let since = Moment::of(tick).since(last);
+                if interval.max(since) < motor.pull_in_ticks {
+                    uncertain |= 1 << number;
+                }
+            }
+            words.stop(&mut items, made);
+            if let Lines::Coils { .. } = motor.wired.lines {
+                machine.set_lines(words.levels());
+            }
+        }
+        (tick, uncertain)
+    }
+
+    /// Takes the current from coils; nothing runs.
+    pub(crate) fn release_coils(&mut self) {
+        for (number, motor) in (0..self.count).zip(&mut self.motors) {
+            if let Lines::Coils { .. } = motor.wired.lines {
+                motor.words.release();
+                Machine::of(number).set_lines(motor.words.levels());
+            }
+        }
+    }
+
+    /// Puts packed items last in a motor's queue; `None` if it has no room, or is not there.
+    pub(crate) fn push(&mut self, motor: u8, epoch: Epoch, packed: &[u8]) -> Option<()> {
+        let motor = self.motors.get_mut(usize::from(motor))?;
+        motor.packed.push(&mut self.memory.pool, epoch, packed).ok()
+    }
+
+    /// Takes back what was pushed last of `epoch`.
+    pub(crate) fn discard(&mut self, epoch: Epoch) {
+        for motor in self.motors_mut() {
+            motor.packed.discard(epoch);
+        }
+    }
+
+    /// Switches all motors, or none if too many switches wait or one is committed too far.
+    pub(crate) fn switch(&mut self, epoch: Epoch, at: Moment) -> bool {
+        if self.motors().any(|motor| motor.words.channel().check_switch(at).is_err()) {
+            return false;
+        }
+        for motor in self.motors_mut() {
+            // Just asked.
+            let _ = motor.words.channel_mut().schedule_switch(epoch, at);
+        }
+        true
+    }
+
+    /// The first tick that no motor is committed to, not before `now`.
+    pub(crate) fn horizon(&self, now: Moment) -> Moment {
+        let horizons = self.motors().map(|motor| motor.words.channel().horizon());
+        horizons.fold(now, |latest, horizon| if latest.is_before(horizon) { horizon } else { latest })
+    }
+
+    /// The epoch that is being run.
+    pub(crate) fn epoch(&self) -> Epoch {
+        self.motor(0).map_or(Epoch(0), |motor| motor.words.channel().epoch())
+    }
+
+    /// Free bytes of a motor's queue.
+    pub(crate) fn free(&self, motor: u8) -> u16 {
+        self.motor(motor).map_or(0, |motor| motor.packed.room())
+    }
+
+    /// Pulses that a motor has begun by now, forward less backward.
+    pub(crate) fn position(&self, number: u8, now: Moment) -> i32 {
+        let index = usize::from(number);
+        let (Some(motor), Some(tape), Some(Ring(ring))) =
+            (self.motor(number), self.memory.tapes.get(index), self.memory.rings.get(index))
+        else {
+            return 0;
+        };
+        if self.runs { tape.position_at(now, motor.words.overhead(), ring) } else { motor.words.channel().position() }
+    }
+
+    /// Whether nothing is left to do on any motor: no step, no end of a pulse.
+    pub(crate) fn is_idle(&self, now: Moment) -> bool {
+        !self.runs || self.motors().all(|motor| motor.words.is_idle(&motor.packed, now))
+    }
+
+    /// What is wrong with a motor's queue: [`flags`] of the motor.
+    pub(crate) fn faults(&self, motor: u8) -> u8 {
+        let Some(motor) = self.motor(motor) else { return 0 };
+        let missed = if motor.words.channel().missed().is_some() { flags::STEP_MISSED } else { 0 };
+        let cut = if motor.words.setup_cut_short() { flags::SETUP_CUT_SHORT } else { 0 };
+        missed
+            | cut
+            | match motor.packed.fault() {
+                Some(Fault::BadItem) => flags::BAD_ITEM,
+                Some(Fault::CheckFailed) => flags::CHECK_FAILED,
+                None => 0,
+            }
+    }
+
+    /// Least that any motor had left when it was filled, ticks.
+    pub(crate) const fn least_ahead(&self) -> u32 {
+        self.least_ahead
+    }
+
+    /// It is measured anew.
+    pub(crate) const fn reset_measures(&mut self) {
+        self.least_ahead = u32::MAX;
+    }
+}

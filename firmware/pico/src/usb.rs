@@ -1,0 +1,339 @@
+//! The USB device: a serial port (CDC 1.2) that any computer has a driver for. No interrupt: the main loop looks.
+//!
+//! Bytes from the host lie in two buffers of a packet each, so that the host sends one while the other is being read; a
+//! packet that finds none free waits on the host's side. Bytes to the host go out when a packet is full, and at `flush`.
+//! Sections are those of the RP2040 datasheet; tables of USB 2.0.
+
+use crate::regs::{self, usb};
+
+/// Bytes of a packet, of every endpoint that has data.
+const PACKET: usize = 64;
+
+/// Endpoints: of the host's notifications, which never come, and of the data, both ways.
+const NOTIFY: u32 = 1;
+const DATA: u32 = 2;
+
+/// Where packets lie in the controller's memory (§4.1.2.4): endpoint 0 has its place.
+const CONTROL_BUFFER: u32 = 0x100;
+const NOTIFY_BUFFER: u32 = 0x180;
+const OUT_BUFFER: u32 = 0x200;
+const IN_BUFFER: u32 = 0x280;
+
+/// Table 9-8. 1209:0001 is pid.codes' for tests; a serial port that does nothing else needs no driver that knows it.
+const DEVICE: [u8; 18] = [18, 1, 0, 2, 2, 0, 0, PACKET as u8, 0x09, 0x12, 0x01, 0x00, 0x00, 0x01, 1, 2, 0, 1];
+
+/// Tables 9-10, 9-12, 9-13; CDC 1.2 §5.2.3: the interface of the port, with what a driver must find, and that of its data.
+#[rustfmt::skip]
+const CONFIGURATION: [u8; 67] = [
+    // 100 mA from the bus.
+    9, 2, 67, 0, 2, 1, 0, 0x80, 50,
+    9, 4, 0, 0, 1, 2, 2, 0, 0,
+    5, 0x24, 0, 0x10, 0x01,
+    5, 0x24, 1, 0, 1,
+    4, 0x24, 2, 2,
+    5, 0x24, 6, 0, 1,
+    7, 5, 0x80 | NOTIFY as u8, 3, 8, 0, 255,
+    9, 4, 1, 0, 2, 10, 0, 0, 0,
+    7, 5, DATA as u8, 2, PACKET as u8, 0, 0,
+    7, 5, 0x80 | DATA as u8, 2, PACKET as u8, 0, 0,
+];
+
+/// English; the maker; the product.
+const TEXTS: [&[u8]; 3] = [
+    &[4, 3, 0x09, 0x04],
+    &[22, 3, b'P', 0, b'u', 0, b'l', 0, b's', 0, b'e', 0, b't', 0, b'r', 0, b'a', 0, b'i', 0, b'n', 0],
+    &[10, 3, b'P', 0, b'i', 0, b'c', 0, b'o', 0],
+];
+
+/// What a transfer of endpoint 0 waits for.
+#[derive(Clone, Copy, PartialEq)]
+enum Stage {
+    Idle,
+    /// The host takes a packet; then the rest.
+    Send,
+    /// The host's empty packet, or its data, which end the transfer or are followed by an empty one.
+    Take {
+        acknowledge: bool,
+    },
+    /// The host takes an empty packet.
+    Acknowledge,
+}
+
+/// The device.
+pub(crate) struct Usb {
+    stage: Stage,
+    /// Still to be sent on endpoint 0, and whether the next packet is DATA1.
+    rest: &'static [u8],
+    data1: bool,
+    /// The address that holds when the transfer is over.
+    address: Option<u8>,
+    /// What the host told of the port's speed: kept for it, used for nothing.
+    coding: [u8; 7],
+    configured: bool,
+    /// The half that is being read, how much of it was, and how much there is.
+    half: u32,
+    read: usize,
+    length: usize,
+    /// Bytes of the packet to the host that is being filled, and whether it is DATA1.
+    filled: usize,
+    in_data1: bool,
+    /// The last packet was full: without another the host does not know that it was the last.
+    full: bool,
+}
+
+impl Usb {
+    /// Switches the device on: the host may come. clk_usb is at 48 MHz.
+    pub(crate) fn open() -> Usb {
+        regs::RESETS_RESET.set(regs::reset::USBCTRL);
+        regs::take_out_of_reset(regs::reset::USBCTRL);
+        for word in 0..0x40 {
+            usb::memory(4 * word).write(0);
+        }
+        // §4.1.4: to the pads; the cable is there, as nothing on a Pico tells (GPIO 24 would); a device.
+        usb::MUXING.write(1 << 3 | 1);
+        usb::PWR.write(1 << 3 | 1 << 2);
+        usb::MAIN_CTRL.write(1);
+        // A flag for each buffer of endpoint 0, and the pull-up. An interrupt wakes the main loop: nobody serves it.
+        usb::INTE.write(1 << 16 | 1 << 12 | 1 << 4);
+        usb::SIE_CTRL.write(1 << 29 | 1 << 16);
+        Usb {
+            stage: Stage::Idle,
+            rest: &[],
+            data1: false,
+            address: None,
+            coding: [0, 0xc2, 1, 0, 0, 0, 8],
+            configured: false,
+            half: 0,
+            read: 0,
+            length: 0,
+            filled: 0,
+            in_data1: false,
+            full: false,
+        }
+    }
+
+    /// Does what the host asks for.
+    #[inline(always)]
+    pub(crate) fn poll(&mut self) {
+        if usb::INTS.read() != 0 {
+            self.serve();
+        }
+    }
+
+    #[inline(never)]
+    fn serve(&mut self) {
+        let status = usb::SIE_STATUS.read();
+        if status & usb::BUS_RESET != 0 {
+            usb::SIE_STATUS.write(usb::BUS_RESET);
+            usb::BUFF_STATUS.write(u32::MAX);
+            usb::ADDR_ENDP.write(0);
+            (self.stage, self.address) = (Stage::Idle, None);
+            self.configured = false;
+        }
+        let done = usb::BUFF_STATUS.read() & 3;
+        if done != 0 {
+            usb::BUFF_STATUS.write(done);
+            self.control_done();
+        }
+        if status & usb::SETUP != 0 {
+            usb::SIE_STATUS.write(usb::SETUP);
+            self.setup();
+        }
+    }
+
+    /// Bytes of the packet that is next to be read.
+    #[inline(always)]
+    pub(crate) fn waiting(&mut self) -> usize {
+        if self.read == self.length && self.configured {
+            let control = usb::buffer_half(DATA, true, self.half);
+            if control & usb::FULL == 0 {
+                return 0;
+            }
+            // The flag wakes the main loop; it comes back if the other half is full too.
+            usb::BUFF_STATUS.write(1 << (2 * DATA + 1));
+            (self.read, self.length) = (0, (control & 0x3ff) as usize);
+            if self.length == 0 {
+                self.free();
+            }
+        }
+        self.length - self.read
+    }
+
+    /// The next byte from the host, if one came.
+    #[inline(never)]
+    pub(crate) fn take(&mut self) -> Option<u8> {
+        if self.waiting() == 0 {
+            return None;
+        }
+        let at = OUT_BUFFER + PACKET as u32 * self.half + self.read as u32;
+        let byte = usb::memory_byte(at);
+        self.read += 1;
+        if self.read == self.length {
+            self.free();
+        }
+        Some(byte)
+    }
+
+    /// Gives the half that was read back to the host; each half keeps its toggle.
+    fn free(&mut self) {
+        (self.read, self.length) = (0, 0);
+        let toggle = if self.half == 1 { usb::DATA1 } else { 0 };
+        usb::arm_half(DATA, true, self.half, PACKET as u32 | toggle);
+        self.half ^= 1;
+    }
+
+    /// Whether there is room for another byte to the host.
+    #[inline(always)]
+    pub(crate) fn can_send(&self) -> bool {
+        self.configured && usb::buffer_half(DATA, false, 0) & usb::AVAILABLE == 0
+    }
+
+    /// Hands over a byte; see [`can_send`](Usb::can_send).
+    #[inline(always)]
+    pub(crate) fn send(&mut self, byte: u8) {
+        usb::set_memory_byte(IN_BUFFER + self.filled as u32, byte);
+        self.filled += 1;
+        if self.filled == PACKET {
+            self.hand_over();
+        }
+    }
+
+    /// Lets go what is not a full packet.
+    #[inline(always)]
+    pub(crate) fn flush(&mut self) {
+        if (self.filled != 0 || self.full) && self.can_send() {
+            self.hand_over();
+        }
+    }
+
+    fn hand_over(&mut self) {
+        let toggle = if self.in_data1 { usb::DATA1 } else { 0 };
+        self.in_data1 = !self.in_data1;
+        usb::arm_half(DATA, false, 0, self.filled as u32 | toggle | usb::FULL);
+        self.full = self.filled == PACKET;
+        self.filled = 0;
+    }
+
+    /// A request (table 9-2).
+    fn setup(&mut self) {
+        let (first, second) = (usb::memory(0).read(), usb::memory(4).read());
+        let (value, length) = ((first >> 16) as u16, (second >> 16) as usize);
+        let [index, kind] = value.to_le_bytes();
+        self.data1 = true;
+        // What was still armed of the last one is not for this one.
+        usb::buffer_control(0, false).write(0);
+        usb::buffer_control(0, true).write(0);
+        let descriptor: Option<&'static [u8]> = match (first & 0xffff, kind) {
+            (0x0680, 1) => Some(&DEVICE),
+            (0x0680, 2) => Some(&CONFIGURATION),
+            (0x0680, 3) => TEXTS.get(usize::from(index)).copied(),
+            // GET_CONFIGURATION; GET_STATUS of device, interface, endpoint.
+            (0x0880, _) => Some(if self.configured { &[1] } else { &[0] }),
+            (0x0080..=0x0082, _) => Some(&[0, 0]),
+            _ => None,
+        };
+        if let Some(descriptor) = descriptor {
+            self.rest = &descriptor[..descriptor.len().min(length)];
+            self.stage = Stage::Send;
+            self.send_rest();
+            return;
+        }
+        match first & 0xffff {
+            // SET_ADDRESS.
+            0x0500 => {
+                self.address = Some(index);
+                self.acknowledge();
+            }
+            // SET_CONFIGURATION.
+            0x0900 => {
+                self.configure(value == 1);
+                self.acknowledge();
+            }
+            // SET_LINE_CODING, GET_LINE_CODING, SET_CONTROL_LINE_STATE (CDC PSTN 1.2 §6.3.10 to §6.3.12).
+            0x2021 if length == self.coding.len() => {
+                self.stage = Stage::Take { acknowledge: true };
+                usb::arm_half(0, true, 0, PACKET as u32 | usb::DATA1);
+            }
+            0x21a1 => {
+                for (at, byte) in (0..).zip(self.coding) {
+                    usb::set_memory_byte(CONTROL_BUFFER + at, byte);
+                }
+                self.rest = &[];
+                self.stage = Stage::Send;
+                usb::arm_half(0, false, 0, self.coding.len().min(length) as u32 | usb::DATA1 | usb::FULL);
+            }
+            // Nobody reads while the port is closed: then bytes to the host wait.
+            0x2221 => self.acknowledge(),
+            // CLEAR_FEATURE of an endpoint that was halted: its toggle begins anew.
+            0x0102 => {
+                self.configure(self.configured);
+                self.acknowledge();
+            }
+            // Not here (§4.1.2.6.3): the host sees a stall and goes on.
+            _ => {
+                self.stage = Stage::Idle;
+                usb::EP_STALL_ARM.write(3);
+                usb::buffer_control(0, false).write(usb::STALL);
+                usb::buffer_control(0, true).write(usb::STALL);
+            }
+        }
+    }
+
+    fn control_done(&mut self) {
+        match self.stage {
+            Stage::Send if !self.rest.is_empty() => self.send_rest(),
+            Stage::Send => {
+                self.stage = Stage::Take { acknowledge: false };
+                usb::arm_half(0, true, 0, PACKET as u32 | usb::DATA1);
+            }
+            Stage::Take { acknowledge: true } => {
+                for (at, byte) in (0..).zip(&mut self.coding) {
+                    *byte = usb::memory_byte(CONTROL_BUFFER + at);
+                }
+                self.acknowledge();
+            }
+            Stage::Acknowledge => {
+                if let Some(address) = self.address.take() {
+                    usb::ADDR_ENDP.write(address.into());
+                }
+                self.stage = Stage::Idle;
+            }
+            Stage::Take { .. } | Stage::Idle => self.stage = Stage::Idle,
+        }
+    }
+
+    fn send_rest(&mut self) {
+        let (packet, rest) = self.rest.split_at(self.rest.len().min(PACKET));
+        self.rest = rest;
+        for (at, byte) in (CONTROL_BUFFER..).zip(packet) {
+            usb::set_memory_byte(at, *byte);
+        }
+        let toggle = if self.data1 { usb::DATA1 } else { 0 };
+        self.data1 = !self.data1;
+        usb::arm_half(0, false, 0, packet.len() as u32 | toggle | usb::FULL);
+    }
+
+    fn acknowledge(&mut self) {
+        self.stage = Stage::Acknowledge;
+        usb::arm_half(0, false, 0, usb::DATA1 | usb::FULL);
+    }
+
+    /// The data endpoints as at the beginning, on or off.
+    fn configure(&mut self, on: bool) {
+        self.configured = on;
+        (self.half, self.read, self.length) = (0, 0, 0);
+        (self.filled, self.in_data1, self.full) = (0, false, false);
+        for (endpoint, out) in [(NOTIFY, false), (DATA, false), (DATA, true)] {
+            usb::buffer_control(endpoint, out).write(usb::RESET_HALF);
+        }
+        // §4.1.2.5.2: enabled, interrupt or bulk, and where its buffer is; two buffers for what comes, each with its flag.
+        let enabled = if on { 1 << 31 } else { 0 };
+        usb::endpoint_control(NOTIFY, false).write(enabled | 3 << 26 | NOTIFY_BUFFER);
+        usb::endpoint_control(DATA, false).write(enabled | 2 << 26 | IN_BUFFER);
+        usb::endpoint_control(DATA, true).write(enabled | 1 << 30 | 1 << 29 | 2 << 26 | OUT_BUFFER);
+        if on {
+            usb::arm_half(DATA, true, 0, PACKET as u32);
+            usb::arm_half(DATA, true, 1, PACKET as u32 | usb::DATA1);
+        }
+    }
+}

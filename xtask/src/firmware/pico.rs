@@ -1,0 +1,189 @@
+//! The Pico's firmware: from the linker's ELF to the UF2 file that a board takes.
+
+use super::{Done, Failure, command, root, run, target_dir};
+use std::fs;
+
+/// Flash of a Pico, and where it is.
+const FLASH: u32 = 2 * 1024 * 1024;
+const FLASH_AT: u32 = 0x1000_0000;
+/// RAM, without the two banks that the stack is in.
+const RAM: u32 = 256 * 1024;
+
+/// The committed image.
+const IMAGE: &str = "crates/board/images/pico.uf2";
+
+/// Builds the firmware, prints what it takes and writes the committed image.
+pub(crate) fn build() -> Done {
+    let (uf2, table) = built()?;
+    print!("{table}");
+    let path = root().join(IMAGE);
+    fs::write(&path, uf2).map_err(|why| Failure::File { path, why })
+}
+
+/// Builds the firmware, and fails when the committed image is another one.
+pub(crate) fn check() -> Done {
+    let (uf2, table) = built()?;
+    print!("{table}");
+    let path = root().join(IMAGE);
+    let committed = fs::read(&path).map_err(|why| Failure::File { path, why })?;
+    if committed == uf2 {
+        return Ok(());
+    }
+    let first = committed.iter().zip(&uf2).take_while(|(a, b)| a == b).count();
+    Err(Failure::Check(format!(
+        "{IMAGE} is not what firmware/pico builds: byte {first} is the first that differs, of {} committed and {} built. \
+         Run `cargo xtask firmware pico`, and commit it with the change. (If nothing was changed, another version of rustc \
+         built it.)",
+        committed.len(),
+        uf2.len()
+    )))
+}
+
+/// Builds the firmware under `target/`. Gives the image, and what it takes, as text.
+fn built() -> Done<(Vec<u8>, String)> {
+    let target = "thumbv6m-none-eabi";
+    run(command("rustup").args(["target", "add", target]))?;
+    let folder = target_dir().join("pico");
+    let mut cargo = command("cargo");
+    // This xtask was itself started by a cargo, whose choice of toolchain would go on. `-Z location-detail` is in the
+    // folder's configuration.
+    cargo.env_remove("RUSTUP_TOOLCHAIN").env_remove("CARGO").env("RUSTC_BOOTSTRAP", "1");
+    run(cargo
+        .current_dir(root().join("firmware/pico"))
+        .args(["build", "--release", "--locked", "--target-dir"])
+        .arg(&folder)
+        // Nothing of this build's surroundings may reach that one.
+        .env_remove("RUSTFLAGS")
+        .env_remove("CARGO_ENCODED_RUSTFLAGS")
+        .env_remove("CARGO_TARGET_THUMBV6M_NONE_EABI_RUSTFLAGS")
+        .env_remove("CARGO_BUILD_TARGET")
+        .env_remove("CARGO_BUILD_RUSTFLAGS"))?;
+    let path = folder.join(target).join("release/pico");
+    let elf = fs::read(&path).map_err(|why| Failure::File { path, why })?;
+    let segments =
+        segments(&elf).ok_or_else(|| Failure::Check("the linker's file is no ELF file for Arm".to_owned()))?;
+    let table = table(&segments);
+    Ok((uf2(&flash(&segments)?), table))
+}
+
+/// What is to be loaded: a program header of type 1.
+struct Segment<'a> {
+    /// Where it is while the program runs, and where it is stored.
+    address: u32,
+    stored: u32,
+    bytes: &'a [u8],
+    /// Bytes in memory: more if the rest is zeros.
+    size: u32,
+}
+
+/// The segments of an ELF file of 32 bits, little-endian. System V ABI, chapter 5.
+fn segments(elf: &[u8]) -> Option<Vec<Segment<'_>>> {
+    let half = |at: usize| Some(u16::from_le_bytes(*elf.get(at..)?.first_chunk()?));
+    let word = |at: usize| Some(u32::from_le_bytes(*elf.get(at..)?.first_chunk()?));
+    let at = |at: usize| Some(word(at)? as usize);
+    if !elf.starts_with(b"\x7fELF\x01\x01") {
+        return None;
+    }
+    let (table, size, count) = (at(28)?, usize::from(half(42)?), usize::from(half(44)?));
+    let headers = (0..count).map(|number| table + number * size);
+    let loaded = headers.filter(|header| word(*header) == Some(1)).map(|header| {
+        let (offset, len) = (at(header + 4)?, at(header + 16)?);
+        Some(Segment {
+            address: word(header + 8)?,
+            stored: word(header + 12)?,
+            bytes: elf.get(offset..offset.checked_add(len)?)?,
+            size: word(header + 20)?,
+        })
+    });
+    loaded.collect()
+}
+
+/// The content of the flash, from its beginning.
+fn flash(segments: &[Segment<'_>]) -> Done<Vec<u8>> {
+    let mut flash = Vec::new();
+    for Segment { stored, bytes, .. } in segments.iter().filter(|segment| !segment.bytes.is_empty()) {
+        let outside = || Failure::Check(format!("{} bytes at {stored:#x} are not in the flash", bytes.len()));
+        let start = stored.checked_sub(FLASH_AT).filter(|start| *start < FLASH).ok_or_else(outside)? as usize;
+        let end = start + bytes.len();
+        if end > FLASH as usize {
+            return Err(outside());
+        }
+        if flash.len() < end {
+            flash.resize(end, 0);
+        }
+        flash[start..end].copy_from_slice(bytes);
+    }
+    Ok(flash)
+}
+
+/// Blocks of 512 bytes with 256 bytes of the flash each: github.com/microsoft/uf2, README.
+fn uf2(flash: &[u8]) -> Vec<u8> {
+    const PAYLOAD: usize = 256;
+    const HAS_FAMILY: u32 = 0x2000;
+    const RP2040: u32 = 0xe48b_ff56;
+    let blocks = flash.chunks(PAYLOAD);
+    let count = blocks.len() as u32;
+    let mut file = Vec::new();
+    for (number, bytes) in (0..).zip(blocks) {
+        let address = FLASH_AT + number * PAYLOAD as u32;
+        for word in [0x0a32_4655, 0x9e5d_5157, HAS_FAMILY, address, PAYLOAD as u32, number, count, RP2040] {
+            file.extend(word.to_le_bytes());
+        }
+        let mut data = [0; 476];
+        data[..bytes.len()].copy_from_slice(bytes);
+        file.extend(data);
+        file.extend(0x0ab1_6f30_u32.to_le_bytes());
+    }
+    file
+}
+
+/// What the image takes.
+fn table(segments: &[Segment<'_>]) -> String {
+    let flash: usize = segments.iter().map(|segment| segment.bytes.len()).sum();
+    let in_ram = segments.iter().filter(|segment| segment.address >> 24 == 0x20);
+    let (loaded, all) =
+        in_ram.fold((0, 0), |(loaded, all), segment| (loaded + segment.bytes.len(), all + segment.size));
+    format!(
+        "flash  {flash:>6} of {FLASH} bytes\nRAM    {all:>6} of {RAM} bytes: program {loaded}, the rest zeros at first; stack 8192 \
+         beside it\n"
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An ELF file with one segment, stored at the flash's beginning, at home in RAM.
+    fn elf(bytes: &[u8]) -> Vec<u8> {
+        let mut elf = vec![0; 52];
+        elf[..6].copy_from_slice(b"\x7fELF\x01\x01");
+        elf[28] = 52;
+        elf[42] = 32;
+        elf[44] = 1;
+        let len = bytes.len() as u32;
+        for word in [1, 84, 0x2000_0000, FLASH_AT, len, len + 8, 5, 4] {
+            elf.extend(word.to_le_bytes());
+        }
+        elf.extend(bytes);
+        elf
+    }
+
+    #[test]
+    fn bytes_go_where_they_are_stored() {
+        let elf = elf(&[7; 300]);
+        let segments = segments(&elf).expect("a whole file");
+        let file = uf2(&flash(&segments).expect("inside"));
+        assert_eq!(file.len(), 2 * 512);
+        assert_eq!(file[12..16], FLASH_AT.to_le_bytes());
+        assert_eq!(file[512 + 12..512 + 16], (FLASH_AT + 256).to_le_bytes());
+        assert_eq!((&file[32..288], file[512 + 32 + 43], file[512 + 32 + 44]), (&[7; 256][..], 7, 0));
+        assert!(table(&segments).contains("RAM       308 of 262144 bytes: program 300"), "{}", table(&segments));
+    }
+
+    #[test]
+    fn files_that_are_cut_off_are_refused() {
+        let elf = elf(&[7; 300]);
+        assert!(segments(&elf[..elf.len() - 1]).is_none());
+        assert!(segments(b"\x7fELF\x02\x01").is_none());
+    }
+}
