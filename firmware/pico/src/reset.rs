@@ -52,7 +52,9 @@ fn end() -> ! {
     }
     regs::WATCHDOG_SCRATCH0.write(ENDED);
     regs::WATCHDOG_CTRL.write(1 << 31 | 1 << 30);
-    loop {}
+    loop {
+        core::hint::spin_loop();
+    }
 }
 
 /// What no interrupt or fault should come to.

@@ -180,7 +180,7 @@ impl Machine {
                 self.execute(JMP | u32::from(first + LOOP));
                 if jumped { Halted::Before } else { Halted::After }
             }
-            ..=CHANGE => Halted::Before,
+            2..=CHANGE => Halted::Before,
             _ => Halted::InPulse,
         }
     }
