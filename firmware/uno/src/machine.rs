@@ -305,7 +305,12 @@ impl Board {
     /// Takes on the winch's configuration. No motor moves.
     #[inline(always)]
     pub(crate) fn set_up_shield(&mut self) {
-        if let Some(configuration) = Configuration::decode(feed::shield()) {
+        if let Some(mut configuration) = Configuration::new(feed::shield()) {
+            // STEP is high for 1.94 µs, for any driver on such a shield; DIR is right for 1 µs before and after.
+            configuration.pulse_ticks = 31;
+            configuration.setup_ticks = 16;
+            configuration.hold_ticks = 16;
+            configuration.enable_pin = 8;
             // Nobody moves, and the pins are right.
             let _ = self.configure(&configuration);
         }

@@ -8,9 +8,9 @@
 //! - [`feed`]: the task's side; from paths to the motors
 //!
 //! # Who has the board
-//! As long as frames have not taken it and no motor of theirs moves, text is *on*: every byte goes to the reader of lines as
-//! well as to that of frames. Paths and reader lie where frames have their queues. From the first command that enables the
-//! drivers, until `enable 0` has released them, text *drives*, and frames' Hello is refused.
+//! As long as frames have not taken it and no motor of theirs moves, text is *on*: every byte goes to the reader of lines, and from
+//! a zero on to that of frames too, until there is a command. Paths and reader lie where frames have their queues. From the first
+//! command that enables the drivers, until `enable 0` has released them, text *drives*, and frames' Hello is refused.
 
 pub(crate) mod feed;
 
@@ -20,7 +20,7 @@ use crate::machine::Board;
 use crate::memory::REPLY_LEN;
 use core::arch::global_asm;
 use pulsetrain_core::Moment;
-use pulsetrain_core::winch::text::Verb;
+use pulsetrain_core::winch::text::{Verb, What};
 use pulsetrain_core::wire::Service;
 
 /// Bytes of four paths, of the reader, and of the longest line that is sent.
@@ -41,6 +41,7 @@ const SPEED: usize = 18;
 
 /// Fields of the reader.
 mod reader {
+    pub(super) const WHAT: usize = 4;
     pub(super) const WORD: usize = 5;
     pub(super) const AXES: usize = 7;
     pub(super) const GIVEN: usize = 8;
@@ -57,8 +58,8 @@ const TAKEN: u8 = 16;
 /// From one status line to the next, at first, ms.
 const REPORT_MS: u8 = 200;
 
-/// What stands for bytes that were lost.
-static NOISE: u8 = 1;
+/// What the reader says of a line that has lost bytes: what, and word 0.
+const LOST: [u8; 2] = [What::Noise as u8, 0];
 
 /// The reader came to a zero.
 const ZERO: u8 = 0x40;
@@ -120,8 +121,9 @@ pub(crate) struct Asked {
 /// See [`Asked`]. While text is on.
 #[inline(always)]
 fn asked() -> &'static mut Asked {
+    let asked = &raw mut winch_asked;
     // SAFETY: main's alone; each use ends before the next begins, and it was set when text became on.
-    unsafe { &mut *(&raw mut winch_asked) }
+    unsafe { &mut *asked }
 }
 
 impl Winch {
@@ -168,12 +170,13 @@ impl Winch {
         count - left
     }
 
-    /// Bytes were lost: the line that they were of is refused.
-    #[inline(never)]
-    pub(crate) fn lose(&mut self) {
+    /// Bytes were lost: if a line has begun it is refused as noise. (What begins in the middle of one is no command, but for
+    /// such as do nothing.)
+    #[inline(always)]
+    pub(crate) fn lose(&self) {
         if self.on {
-            // SAFETY: a byte that no line may have, from elsewhere than the page.
-            unsafe { winch_listen((&raw mut winch_reader).cast(), &raw const NOISE, 1) };
+            // SAFETY: the reader is main's alone.
+            unsafe { (&raw mut winch_reader).cast::<u8>().wrapping_add(reader::WHAT).cast::<[u8; 2]>().write(LOST) };
         }
     }
 

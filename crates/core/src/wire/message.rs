@@ -519,10 +519,7 @@ impl<'a> Configuration<'a> {
         self.motors.as_chunks::<MOTOR_SETUP_LEN>().0.iter().map(|bytes| MotorSetup::from_bytes(*bytes))
     }
 
-    /// Of the payload of a Configure frame; `None` if it is none.
-    #[must_use]
-    #[inline(never)]
-    pub fn decode(payload: &'a [u8]) -> Option<Configuration<'a>> {
+    pub(super) fn decode(payload: &'a [u8]) -> Option<Configuration<'a>> {
         let (head, motors) = payload.split_first_chunk::<13>()?;
         let [p0, p1, s0, s1, h0, h1, enable_pin, flags, i0, i1, q0, q1, count] = *head;
         let mut unknown = flags;

@@ -175,14 +175,17 @@ fn pair(name: &str, values: &[Word<'_>]) -> Result<Order, WrongLine> {
     let [first, second] = values else {
         return Err(WrongLine { at: 0..0, message: "2 values wanted".to_owned() });
     };
+    // Boards read so many places behind the point.
+    let rounded = |value: f64, unit: f64| (value * unit).round() / unit;
     if name == "g" {
-        let frequency_hz = decimal(first, 0.01..=20.0, "a natural frequency is 0.01 to 20 Hz")?;
-        let ratio = decimal(second, 0.07..=5.0, "a damping ratio is 0.07 to 5")?;
+        let frequency_hz = rounded(decimal(first, 0.01..=20.0, "a natural frequency is 0.01 to 20 Hz")?, 1e6);
+        let ratio = rounded(decimal(second, 0.07..=5.0, "a damping ratio is 0.07 to 5")?, 1e6);
         return Ok(Order::Gains { frequency_hz, ratio });
     }
     let speed = decimal(first, 0.0..=4e9, "a speed is a number of steps/s, 0 or more")?;
     let acceleration = decimal(second, 1.0..=4e9, "an acceleration is 1 step/s² or more")?;
     // What is more is taken as the most that a board does.
+    let (speed, acceleration) = (rounded(speed, 1e3), rounded(acceleration, 1e3));
     Ok(Order::Limits { speed: speed.min(10e3), acceleration: acceleration.min(250e3) })
 }
 
@@ -218,7 +221,7 @@ mod tests {
         check("v z -15000", 0, None);
         check("r x 3", 0, Some(Order::Impulse(3.0)));
         check("s x -1", 0, Some(Order::Ramp(0.0)));
-        check("g xy 2.5 0.7", 1, Some(Order::Gains { frequency_hz: 2.5, ratio: 0.7 }));
+        check("g xy 2.5000001 0.7", 1, Some(Order::Gains { frequency_hz: 2.5, ratio: 0.7 }));
         check("l a 4e4 400", 3, Some(Order::Limits { speed: 10e3, acceleration: 400.0 }));
         check("enable 0", 2, Some(Order::Stop));
         for silent in ["enable 1", "srate 20", "deadman 0", "strict 1", "version", "ping"] {

@@ -43,8 +43,8 @@ pub(super) const DRIVE: u8 = 0x80;
 const _: () = assert!(Verb::Enable as u8 + 1 == Verb::Report as u8 && Verb::Report as u8 + 1 == Verb::Deadman as u8);
 const _: () = assert!(Verb::Strict as u8 + 1 == Verb::Version as u8 && Verb::Version as u8 + 1 == Verb::Ping as u8);
 
-/// Bytes of the shield's configuration.
-const SHIELD: usize = 13 + 4 * MOTOR_SETUP_LEN;
+/// Bytes of the shield's motors.
+const SHIELD: usize = 4 * MOTOR_SETUP_LEN;
 const _: () = assert!(super::TEXT + SHIELD <= super::READER);
 
 global_asm!(
@@ -381,7 +381,7 @@ winch_has_passed:
     sbc r24, r1
     ret
 
-    // The shield's configuration, as a Configure frame has it, to where the reader has a line.
+    // The shield's motors, as a configuration has them, to where the reader has a line.
 winch_copy_shield:
     ldi r26, lo8(winch_reader + {TEXT})
     ldi r27, hi8(winch_reader + {TEXT})
@@ -396,10 +396,6 @@ winch_copy_shield:
     movw r24, r22
     ret
 winch_shield:
-    // STEP is high for 1.94 us, for any driver on such a shield; DIR is right for 1 us before and after.
-    .byte 31, 0, 16, 0, 16, 0
-    // Enable on 8, active low; released by `enable 0` alone.
-    .byte 8, 0, 0, 0, 0, 0, 4
     .byte 2, 5, 1, 0, 0, 0, 0, 0
     .byte 3, 6, 1, 0, 0, 0, 0, 0
     .byte 4, 7, 1, 0, 0, 0, 0, 0
@@ -498,8 +494,7 @@ pub(crate) fn begin(now: Moment) {
     pass(now.after(FIRST));
 }
 
-/// The payload of the frame that would configure the board as the winch needs it: four motors on the CNC shield. It is where
-/// the line was that has been read.
+/// Four motors on the CNC shield, as a configuration has them. They are where the line was that has been read.
 #[inline(always)]
 pub(crate) fn shield() -> &'static [u8; SHIELD] {
     // SAFETY: main alone uses the reader, and nobody before the next byte.
