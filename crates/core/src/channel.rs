@@ -251,7 +251,7 @@ impl<const F: u32> Channel<F> {
     }
 
     /// Takes steps of the run that is under way without an event for each: as many as `words` has room for, but none after
-    /// `limit`. Who works them out is `expand`: [`words::expand`](crate::words::expand), or what a board has that does the
+    /// `limit`. Who works them out is `expand`: [`words::expand`](crate::words::expand()), or what a board has that does the
     /// same.
     ///
     /// A step that comes d ticks after the one before is written as d − the channel's gap + `bits`. Gives how many were

@@ -47,7 +47,7 @@ pub(crate) fn set_up() {
     // Its PLL is source 0.
     regs::CLK_USB_CTRL.write(1 << 11);
     // The timer counts the watchdog's ticks: one in 12 cycles of the crystal (§4.7.2).
-    regs::WATCHDOG_TICK.write(1 << 9 | CRYSTAL_HZ / 1_000_000);
+    regs::WATCHDOG_TICK.write((1 << 9) | (CRYSTAL_HZ / 1_000_000));
 }
 
 /// §2.18.3: power and oscillator on, wait for lock, dividers on.

@@ -9,9 +9,7 @@ use crate::steps::MOTORS;
 use crate::steps::pins::Layout;
 use crate::steps::stepper::{FRACTION_BITS, LONGEST, LONGEST_IDLE_MS, POOL, Stepper};
 use pulsetrain_core::narrow::EPOCHS;
-use pulsetrain_core::wire::message::{
-    ALL_MOTORS, Cause, Configuration, Event, Info, Measures, NO_PIN, flags,
-};
+use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, NO_PIN, flags};
 use pulsetrain_core::wire::{Baud, Machine, Millis, Reason, Refusal, Stopped, Switched};
 use pulsetrain_core::{Epoch, Moment};
 

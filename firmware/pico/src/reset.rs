@@ -47,12 +47,14 @@ fn end() -> ! {
     regs::disable_interrupts();
     for block in 0..2 {
         if regs::RESETS_DONE.read() & regs::reset::PIO[usize::from(block)] != 0 {
-            Pio(u8::from(block)).ctrl().write(0);
+            Pio(block).ctrl().write(0);
         }
     }
     regs::WATCHDOG_SCRATCH0.write(ENDED);
     regs::WATCHDOG_CTRL.write(1 << 31 | 1 << 30);
-    loop {}
+    loop {
+        core::hint::spin_loop();
+    }
 }
 
 /// What no interrupt or fault should come to.

@@ -3,7 +3,7 @@
 //! # What is here, top down
 //! - [`Words`]: channel and output of one motor → words, up to a tick
 //! - [`Packed`]: packed bytes that wait → items for its channel, checks compared
-//! - [`expand`]: a run's steps, one word each: the loop that has to be fast
+//! - [`expand()`]: a run's steps, one word each: the loop that has to be fast
 //! - [`Tape`]: the ring that words wait in, and what was counted where in it
 //!
 //! A state machine takes one word after the other, and each lasts as long as it says: the ticks of all edges follow from

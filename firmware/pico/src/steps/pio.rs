@@ -32,16 +32,16 @@ const _: () = assert!(LONGEST_WAIT == (1 << 28) - 1);
 /// Step/dir: wait, the lines as they are to be, a pulse, the lines after it. Y is the pulse less [`SHORTEST_PULSE`].
 const STEP_DIR_PROGRAM: [u16; 7] = [
     WAIT_GATE,
-    OUT_X,                           // 1: also the place where it waits for words
-    JMP_X_DEC | STEP_DIR as u16 + 2, // 2
-    OUT_PINS | 2,                    // 3
-    MOV_X_Y,                         // 4
-    JMP_X_DEC | STEP_DIR as u16 + 5, // 5
-    OUT_PINS | 2,                    // 6
+    OUT_X,                             // 1: also the place where it waits for words
+    JMP_X_DEC | (STEP_DIR as u16 + 2), // 2
+    OUT_PINS | 2,                      // 3
+    MOV_X_Y,                           // 4
+    JMP_X_DEC | (STEP_DIR as u16 + 5), // 5
+    OUT_PINS | 2,                      // 6
 ];
 
 /// Coils: wait, and their next pattern.
-const COILS_PROGRAM: [u16; 4] = [WAIT_GATE, OUT_X, JMP_X_DEC | COILS as u16 + 2, OUT_PINS | 4];
+const COILS_PROGRAM: [u16; 4] = [WAIT_GATE, OUT_X, JMP_X_DEC | (COILS as u16 + 2), OUT_PINS | 4];
 
 const _: () = assert!(COILS as usize == STEP_DIR as usize + STEP_DIR_PROGRAM.len());
 
@@ -137,7 +137,7 @@ impl Machine {
         self.execute(PULL);
         self.execute(MOV_Y_OSR);
         self.execute(SET_PINS | levels);
-        self.execute(SET_PINDIRS | (1 << count) - 1);
+        self.execute(SET_PINDIRS | ((1 << count) - 1));
         // Nothing is left in its shift register, and no delay (§3.7, CTRL: SM_RESTART, CLKDIV_RESTART).
         pio.ctrl().set(self.bit() << 4 | self.bit() << 8);
         pio.shiftctrl(number).write(SHIFTCTRL | AUTOPULL);
@@ -145,7 +145,7 @@ impl Machine {
         for pin in wired.pins() {
             regs::pad(pin).write(PAD);
             // §2.19.2: PIO0 is function 6, PIO1 is 7. An inverted output is bit 8.
-            regs::gpio_ctrl(pin).write(6 + u32::from(pio.0) | u32::from(wired.is_inverted(pin)) << 8);
+            regs::gpio_ctrl(pin).write((6 + u32::from(pio.0)) | (u32::from(wired.is_inverted(pin)) << 8));
         }
     }
 
@@ -180,7 +180,7 @@ impl Machine {
                 self.execute(JMP | u32::from(first + LOOP));
                 if jumped { Halted::Before } else { Halted::After }
             }
-            ..=CHANGE => Halted::Before,
+            2..=CHANGE => Halted::Before,
             _ => Halted::InPulse,
         }
     }
