@@ -6,7 +6,7 @@
 //! - [`python`]: the tests of the client in Python
 //! - [`ruckig`]: S-curve durations against an independent library
 //! - [`cross_check`]: the AVR emulator against simavr and avr8js
-//! - [`firmware`]: the boards' firmware: built, measured, committed as images
+//! - [`firmware`](mod@firmware): the boards' firmware: built, measured, committed as images
 //! - [`boards`]: core built for the boards' processors
 //! - [`command`]: running a command, and saying which
 //!
