@@ -33,11 +33,9 @@ fn main() {
         show(&tutorial_row(tutorial, own_ns, false));
     }
     let rates = rates();
-    for case in PROMISED {
-        show(&case.fastest(&rates, TRY_S, LONG_S));
-    }
-    for case in variations() {
-        let row = case.fastest(&rates, TRY_S, SHORT_S);
+    for case in PROMISED.into_iter().chain(variations()) {
+        let longer = if case.required.is_some() { LONG_S } else { SHORT_S };
+        let row = case.fastest(&rates, TRY_S, longer);
         show(&row);
         if case.is_limit() {
             limit(&case, &row);
@@ -54,7 +52,8 @@ fn main() {
 /// What the table of boards says of it: how the edges are made, motors, pulse, shortest interval, lateness and
 /// horizon, ticks; bytes of its queues.
 fn limit(case: &Case, row: &Row) {
-    let Some(seen) = row.seen.as_ref().filter(|_| row.verdict.is_empty()) else { return };
+    // It may be less than what is promised, and is the limit all the same.
+    let Some(seen) = row.seen.as_ref().filter(|_| !row.verdict.starts_with("FAILS")) else { return };
     let by = if kind_of(&case.pins[..case.motors]) == PinKind::Compare { "compare" } else { "software" };
     let late = seen.lateness.max_ticks.max(-seen.lateness.min_ticks);
     let interval = (TICK_HZ as f64 / row.asked) as u64;

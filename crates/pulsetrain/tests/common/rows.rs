@@ -136,9 +136,9 @@ impl Case {
         Run { pins: self.pins, laws, apart: self.apart, pulse_ticks: self.pulse_ticks, seconds, seed: 1 }
     }
 
-    /// Whether it is what the table of boards takes its limits from: one rate, motors beside one another.
+    /// Whether the table of boards takes its limits from it, from the slowest of its kind: one rate, motors beside one another.
     pub(crate) fn is_limit(&self) -> bool {
-        self.swing == 0.0 && self.apart != 0.0 && self.ratios == ALIKE && self.turns == 0
+        self.apart != 0.0 && self.ratios == ALIKE && self.turns == 0
     }
 
     /// Streams it at a rate of the first motor.
