@@ -9,7 +9,7 @@ use pulsetrain_motion::program::{Motor, Wiring};
 
 const WIRING: &str = include_str!("../../../docs/wiring.md");
 
-/// A set-up: what is under one heading.
+/// A set-up of the Uno: what is under one heading.
 struct SetUp<'a> {
     heading: &'a str,
     drawing: &'a str,
@@ -20,7 +20,8 @@ struct SetUp<'a> {
 }
 
 fn set_ups() -> Vec<SetUp<'static>> {
-    let sections = WIRING.split("\n## ").skip(1).filter(|section| section.contains("```text"));
+    let uno = WIRING.split("\n## A Raspberry Pi Pico").next().unwrap_or_default();
+    let sections = uno.split("\n## ").skip(1).filter(|section| section.contains("| pins | file |"));
     sections
         .map(|section| {
             let between = |from: &str, to: &str| section.split_once(from).and_then(|(_, rest)| rest.split_once(to));
@@ -89,6 +90,24 @@ fn every_set_up_is_accepted_and_has_its_files() {
     assert_eq!(kinds, [PortB, Shield, PortB, PortD, Compare]);
 }
 
+/// The Pico's drawing has the pins of its file.
+#[test]
+fn the_picos_set_up_is_its_files() {
+    let section =
+        WIRING.split("\n## ").find(|section| section.starts_with("A Raspberry Pi Pico")).expect("its section");
+    let drawing = section.split_once("```text\n").and_then(|(_, rest)| rest.split_once("```")).expect("a drawing").0;
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/pico.toml");
+    let program = file::load(&path).unwrap_or_else(|error| panic!("{}", error.plain()));
+    assert_eq!(program.board.name, "pico");
+    let pins: Vec<u8> = program.motors.iter().flat_map(|motor| motor.wiring.pins()).collect();
+    assert!(pins.len() >= 10, "{pins:?}");
+    for pin in pins {
+        let number = pin.to_string();
+        let drawn = drawing.split(|c: char| !c.is_ascii_digit()).any(|word| word == number);
+        assert!(drawn, "pin {pin} is not in the drawing");
+    }
+}
+
 /// The commands that the page gives are of files that exist; `readme.rs` runs the README's.
 #[test]
 fn the_files_of_the_commands_exist() {
@@ -98,7 +117,7 @@ fn the_files_of_the_commands_exist() {
         assert!(Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(name).is_file(), "{name}");
         found += 1;
     }
-    assert_eq!(found, 5);
+    assert_eq!(found, 6);
 }
 
 /// The page's table of pins says what the rule says.
