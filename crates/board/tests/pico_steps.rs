@@ -8,7 +8,6 @@ use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
 #[test]
 fn steps_come_when_they_are_due() {
     let mut remote = Remote::open(VirtualPico::new(), 1).expect("it answers");
-    println!("{:?}", remote.info());
     let motor = |step_pin| MotorSetup { step_pin, dir_pin: step_pin + 1, forward_high: true, ..MotorSetup::default() };
     let setup = Setup { pulse_ticks: 125, setup_ticks: 25, motors: vec![motor(2), motor(10)], ..Setup::default() };
     remote.configure(&setup).expect("it is possible");
@@ -22,10 +21,16 @@ fn steps_come_when_they_are_due() {
     remote.switch(Epoch(1), at).expect("in time");
     let mut edges = Vec::new();
     remote.advance(at + 200_000, &mut |edge: Edge| edges.push(edge));
-    println!("{:?}", remote.status());
-    println!("{:?}", remote.measures(false));
-    println!("{:?}", remote.events());
-    let late: Vec<_> = edges.iter().map(|e| (e.tick as i64 - at as i64, e.line, e.level)).collect();
-    println!("{} edges: {:?}", edges.len(), &late[..late.len().min(20)]);
+    let ticks = |line: u8, level: bool| edges.iter().filter(move |edge| (edge.line, edge.level) == (line, level));
+    for step_pin in [2, 10] {
+        // On their ticks, all 8 ns of them, and pulses as long as they are to be.
+        let due = (1..=100).map(|step| at + 1000 * step);
+        assert!(ticks(step_pin, true).map(|edge| edge.tick).eq(due.clone()), "STEP rises on pin {step_pin}");
+        assert!(
+            ticks(step_pin, false).map(|edge| edge.tick).eq(due.map(|tick| tick + 125)),
+            "STEP falls on pin {step_pin}"
+        );
+    }
+    remote.status().expect("it answers");
     assert_eq!(remote.positions(), [100, 100]);
 }
