@@ -6,9 +6,10 @@ mod common;
 use common::winch::Uno;
 use common::{Random, uno_setup};
 use pulsetrain_board::virtual_uno::VirtualUno;
-use pulsetrain_board::{LinkError, Port, PortError, Remote, RemoteError};
+use pulsetrain_board::{Board, Edge, LinkError, Port, PortError, Remote, RemoteError};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Measures;
+use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
 use pulsetrain_emulator::{Atmega328p, hex};
 use std::time::Duration;
 
@@ -63,6 +64,20 @@ fn without_main(uno: &mut Uno, work: impl FnOnce(&mut Uno)) {
         uno.port.chip_mut().step(&mut ());
     }
     uno.port.chip_mut().set_pc(main);
+}
+
+#[test]
+fn text_is_read_from_the_start() {
+    // As early as the USART takes a byte: a client that opens the port does not wait.
+    let mut uno = Uno { port: VirtualUno::new(), edges: Vec::new(), lines: Vec::new(), partial: Vec::new() };
+    while uno.port.zero().is_none() {
+        run_us(&mut uno, 50);
+    }
+    uno.send("version\nd x 5\n");
+    uno.run_ms(500);
+    let said: Vec<_> = uno.lines.iter().map(|line| &line.text[..]).filter(|text| !text.starts_with("txyza")).collect();
+    assert_eq!(said, ["awake", "id StepperWinch Nov 21 2026"]);
+    assert!(uno.steps(0).len() > 3);
 }
 
 #[test]
@@ -125,6 +140,27 @@ fn any_line_is_told_that_frames_have_the_board() {
         uno.run_ms(100);
         assert_eq!(uno.ask("ping", 30), ["err taken"], "after {line:?}");
     }
+}
+
+#[test]
+fn a_line_is_told_that_frames_motors_go_on() {
+    let mut uno = Uno::new();
+    let mut board = Remote::open(uno.port.clone(), 9).expect("it is free");
+    board.configure(&uno_setup(&[(2, 5)], 16)).expect("it takes it");
+    board.arm().expect("it is configured");
+    let from = board.now() + board.lead();
+    let segment = Segment { count: 900, interval: 16_000 << 16, add: 0, add2: 0 };
+    for item in [Item::Anchor { tick: Moment::of(from) }, Item::Run { segment, direction: Direction::Forward }] {
+        board.push(0, Entry { epoch: Epoch(1), item }).expect("room");
+    }
+    board.switch(Epoch(1), from).expect("in time");
+    board.advance(from, &mut |_: Edge| {});
+    uno.port = board.close();
+    uno.run_ms(200);
+    assert_eq!(uno.ask("enable 0", 30), ["err taken"]);
+    uno.run_ms(1000);
+    assert_eq!(uno.ask("ping", 30), ["awake"], "they rest");
+    assert_eq!(uno.steps(0).len(), 900);
 }
 
 /// A port that pauses behind each byte 10 of what is sent: the host's word may be cut anywhere.

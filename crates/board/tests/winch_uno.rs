@@ -153,11 +153,11 @@ fn enable_0_stops_and_releases() {
     uno.run_ms(700);
     let stopped = uno.say("enable 0").tick;
     uno.run_ms(300);
-    // High since before the clock ran, then on with the first command that moves; off again when all is still: docs/winch.md
-    // says 3000 / 35 000 s, and 20 ms at most.
+    // At first high, then on with the first command that moves; off again when all is still: docs/winch.md says 3000 / 35 000 s,
+    // and 20 ms at most.
     let levels = enable(&uno);
-    assert_eq!(levels.iter().map(|(_, level)| *level).collect::<Vec<_>>(), [false, true]);
-    let released = levels[1].0;
+    assert_eq!(levels.iter().map(|(_, level)| *level).collect::<Vec<_>>(), [true, false, true]);
+    let released = levels[2].0;
     let took = released - stopped;
     println!("released after {} us", took / 16);
     assert!(took < (86 + 20) * SLICE, "{took} ticks");
@@ -172,7 +172,7 @@ fn enable_0_stops_and_releases() {
     uno.run_ms(2000);
     assert_eq!(uno.statuses().last().unwrap().positions, [101, 100, 100, 100]);
     assert_eq!(uno.counted(uno.now()), [101, 100, 100, 100], "from {stands:?}");
-    assert_eq!(enable(&uno).len(), 3);
+    assert_eq!(enable(&uno).len(), 4);
 }
 
 #[test]

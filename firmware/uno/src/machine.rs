@@ -3,7 +3,6 @@
 use crate::clock::{self, TICK_HZ, low_half};
 use crate::link::{self, Receiver, Unread, WINDOW};
 use crate::memory::{self, POOL};
-use crate::regs;
 use crate::steps::motor::{self, SWITCHES};
 use crate::steps::pins::{Layout, MAX_MOTORS, Pin};
 use crate::steps::stepper::{self, LONGEST, Trouble};
@@ -107,9 +106,6 @@ impl Board {
     /// Starts clock and line.
     pub(crate) fn begin(&mut self, last_reset: Cause) {
         self.power.pin = Pin::NONE;
-        // A weak pull on pin 8, the CNC shield's ENABLE: drivers are off until they are wanted. Whatever else is wired to the
-        // pin is stronger.
-        regs::PORT_B.levels().set(1);
         self.baud = None;
         self.last_reset = last_reset;
         // SAFETY: main calls this once.

@@ -98,6 +98,8 @@ unsafe fn begin() {
 /// The main loop. What it calls is not inlined: so the deepest call decides how much stack is needed, not their sum.
 fn run(board: &mut Board, service: &mut Service, winch: &mut Winch, receiver: &mut Receiver, reply: &mut Reply) -> ! {
     let mut last = Millis(0);
+    // So that text is on before the first byte can have come.
+    winch.look(board, service, receiver, last);
     // Idle mode: timer and line go on (§10.3).
     regs::SMCR.write(1);
     regs::enable_interrupts();

@@ -9,8 +9,9 @@
 //!
 //! # Who has the board
 //! As long as frames have not taken it and no motor of theirs moves, text is *on*: every byte goes to the reader of lines, and from
-//! a zero on to that of frames too, until there is a command; no byte goes to either of them twice. Paths and reader lie where frames have their queues. From the first
-//! command that enables the drivers, until `enable 0` has released them, text *drives*, and frames' Hello is refused.
+//! a zero on to that of frames too, until there is a command; to either of them once. Paths and reader lie where frames have their
+//! queues. From the first command that enables the drivers, until `enable 0` has released them, text *drives*, and frames' Hello is
+//! refused.
 
 pub(crate) mod feed;
 
@@ -237,11 +238,10 @@ impl Winch {
             }
         } else {
             feed::pass(now);
-            let taken = service.is_taken();
-            if taken && receiver.ends_line(&mut self.seen) && service.silence(millis) >= SILENCE {
+            if !self.on && receiver.ends_line(&mut self.seen) && service.silence(millis) >= SILENCE {
                 self.say = TAKEN;
             }
-            let on = !taken && board.rests();
+            let on = !service.is_taken() && board.rests();
             if on && !self.on {
                 self.begin();
             }
