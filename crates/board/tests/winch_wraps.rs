@@ -61,13 +61,13 @@ fn across(tick: u64) -> Uno {
 fn deadman(tick: u64) {
     let mut uno = before(tick);
     uno.run_ms(700);
-    for line in ["l x 1000 100000", "g x 2 1", "deadman 400", "v x 1000"] {
-        uno.say(line);
-    }
+    let said = ["l x 1000 100000", "g x 2 1", "deadman 500", "v x 1000"].map(|line| uno.say(line).tick);
     uno.run_ms(900);
     let last = uno.steps(0).last().expect("it moves").tick;
-    let told = tick - TICK_HZ / 4;
-    assert!(last > told + 380 * SLICE && last < told + 440 * SLICE, "{tick}: {last}");
+    let after = last - said[3];
+    assert!(said[3] < tick - 100 * SLICE && last > tick + 10 * SLICE, "{tick}: {said:?}, {last}");
+    // It is looked for every 4 ms; the stop takes 10.
+    assert!((498 * SLICE..525 * SLICE).contains(&after), "{tick}: {} us", after / 16);
 }
 
 #[test]
