@@ -70,6 +70,9 @@ pub(crate) struct Usb {
     /// What the host told of the port's speed: kept for it, used for nothing.
     coding: [u8; 7],
     configured: bool,
+    /// A program has the port open, as far as its computer tells; and whether that is news.
+    open: bool,
+    opened: bool,
     /// The half that is being read, how much of it was, and how much there is.
     half: u32,
     read: usize,
@@ -103,6 +106,8 @@ impl Usb {
             address: None,
             coding: [0, 0xc2, 1, 0, 0, 0, 8],
             configured: false,
+            open: false,
+            opened: false,
             half: 0,
             read: 0,
             length: 0,
@@ -128,7 +133,7 @@ impl Usb {
             usb::BUFF_STATUS.write(u32::MAX);
             usb::ADDR_ENDP.write(0);
             (self.stage, self.address) = (Stage::Idle, None);
-            self.configured = false;
+            (self.configured, self.open) = (false, false);
         }
         let done = usb::BUFF_STATUS.read() & 3;
         if done != 0 {
@@ -139,6 +144,22 @@ impl Usb {
             usb::SIE_STATUS.write(usb::SETUP);
             self.setup();
         }
+    }
+
+    /// Whether a program has the port open.
+    pub(crate) const fn is_open(&self) -> bool {
+        self.open
+    }
+
+    /// A program has it open: some say nothing of DTR, but send.
+    pub(crate) const fn presume_open(&mut self) {
+        self.opened |= !self.open;
+        self.open = true;
+    }
+
+    /// Whether it was opened since the last call.
+    pub(crate) const fn was_opened(&mut self) -> bool {
+        core::mem::replace(&mut self.opened, false)
     }
 
     /// Bytes of the packet that is next to be read.
@@ -262,8 +283,14 @@ impl Usb {
                 self.stage = Stage::Send;
                 usb::arm_half(0, false, 0, self.coding.len().min(length) as u32 | usb::DATA1 | usb::FULL);
             }
-            // Nobody reads while the port is closed: then bytes to the host wait.
-            0x2221 => self.acknowledge(),
+            // Nobody reads while the port is closed: then bytes to the host wait. Bit 0 is DTR.
+            0x2221 => {
+                self.open = false;
+                if value & 1 != 0 {
+                    self.presume_open();
+                }
+                self.acknowledge();
+            }
             // CLEAR_FEATURE of an endpoint that was halted: its toggle begins anew.
             0x0102 => {
                 self.configure(self.configured);
