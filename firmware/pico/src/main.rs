@@ -36,9 +36,9 @@ mod winch;
 
 use link::Line;
 use machine::Board;
+use pulsetrain_core::winch::reply::Reply;
 use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Baud, MAX_BODY, Millis, Service};
-use pulsetrain_core::winch::reply::Reply;
 use talk::Talk;
 use usb::Usb;
 use winch::{Ear, Winch};
@@ -104,6 +104,8 @@ impl All {
     fn run(&mut self) -> ! {
         let mut last = Millis(0);
         let mut woken = 0;
+        // Text is on from the beginning.
+        self.housekeeping(last);
         loop {
             reset::kick_watchdog();
             self.winch.go_on(&mut self.board);

@@ -1,10 +1,10 @@
 //! What is heard and said on a way to a host.
 
 use crate::winch::Ear;
-use pulsetrain_core::wire::frame::Received;
-use pulsetrain_core::wire::{Decoder, MAX_FRAME, Millis, Service};
 use pulsetrain_core::winch::letters::InMemory;
 use pulsetrain_core::winch::reply::{LONGEST, Reply};
+use pulsetrain_core::wire::frame::Received;
+use pulsetrain_core::wire::{Decoder, MAX_FRAME, Millis, Service};
 
 /// Bytes that may wait to be sent: one frame, or a few lines.
 const ROOM: usize = 512;

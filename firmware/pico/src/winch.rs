@@ -11,13 +11,13 @@
 use crate::clock::TICK_HZ;
 use crate::machine::Board;
 use crate::steps::stepper::{AHEAD, CLEAR};
-use pulsetrain_core::wire::message::{Configuration, MOTOR_SETUP_LEN};
-use pulsetrain_core::wire::{Machine, Service};
 use pulsetrain_core::winch::letters::InMemory;
 use pulsetrain_core::winch::path::Slice;
 use pulsetrain_core::winch::reply::Reply;
 use pulsetrain_core::winch::session::Session;
 use pulsetrain_core::winch::text::{Heard, Reader};
+use pulsetrain_core::wire::message::{Configuration, MOTOR_SETUP_LEN};
+use pulsetrain_core::wire::{Machine, Service};
 
 /// Ticks of a slice, a millisecond: slices begin at the clock's multiples of it.
 pub(crate) const SLICE: u32 = TICK_HZ / 1000;
