@@ -13,20 +13,25 @@ from pathlib import Path
 from typing import Callable, List, Optional, Tuple
 
 from pulsetrain_winch import CommandRefused, Message, NoAnswer, Status, Winch, checksum
+from pulsetrain_winch.client import KEPT
 
 
 class FakeLine:
-    """Keeps what was written; gives what was queued, one piece a read. Time goes on by 10 ms a read."""
+    """Keeps what was written; gives what was queued, one piece a read. Time goes on by 10 ms a read.
 
-    def __init__(self, *pieces: bytes) -> None:
+    ``ever``: what comes in each read when the queue is empty.
+    """
+
+    def __init__(self, *pieces: bytes, ever: bytes = b"") -> None:
         self.pieces = list(pieces)
+        self.ever = ever
         self.written = b""
         self.now = 0.0
         self.closed = False
 
     def read(self, size: int) -> bytes:
         self.now += 0.01
-        return self.pieces.pop(0)[:size] if self.pieces else b""
+        return (self.pieces.pop(0) if self.pieces else self.ever)[:size]
 
     def write(self, data: bytes) -> Optional[int]:
         self.written += data
@@ -63,6 +68,7 @@ class Commands(unittest.TestCase):
                 lambda winch: winch.enable(False),
                 lambda winch: winch.report_every(40),
                 lambda winch: winch.strict(),
+                lambda winch: winch.deadman(500),
             ),
             [
                 "a ax 5 7",
@@ -77,6 +83,7 @@ class Commands(unittest.TestCase):
                 "enable 0",
                 "srate 40",
                 "strict 1",
+                "deadman 500",
             ],
         )
 
@@ -120,12 +127,33 @@ class Hearing(unittest.TestCase):
         self.assertEqual(times, [0, 1000, 2_147_484_295, 2_147_484_396])
 
     def test_latest(self) -> None:
-        line = FakeLine(b"txyza 0 1 1 1 1\r\n", b"txyza 1000000 2 3 4 5\r\n")
+        line = FakeLine(b"txyza 0 1 1 1 1\r\ntxyza 1000000 2 3 4 5\r\n")
         winch = winch_on(line)
         latest = winch.latest()
         assert latest is not None
         self.assertEqual((latest.position("x"), latest.position("a"), latest.seconds), (2, 5, 1.0))
         self.assertIsNone(winch.latest())
+
+    def test_latest_comes_back_however_fast_statuses_come(self) -> None:
+        for status in (b"txyza 0 1 1 1 1\r\n", b"txyza 0 1 1 1 1\r\n" * 1000):
+            line = FakeLine(ever=status)
+            latest = winch_on(line).latest()
+            assert latest is not None
+            self.assertEqual(latest.positions, (1, 1, 1, 1))
+            self.assertLess(line.now, 0.2, "seconds")
+
+    def test_what_nobody_asks_for_is_dropped_in_the_end(self) -> None:
+        many = KEPT // 100 + 10
+        line = FakeLine(*[b"txyza 0 1 1 1 1\r\nerr range 3\r\n" * 100] * many, b"x" * 9000 + b"\r\ntxyza 7 2 2 2 2\r\n")
+        winch = winch_on(line)
+        while winch.poll():
+            pass
+        self.assertEqual(len(winch.messages()), KEPT)
+        with self.assertRaises(CommandRefused) as refused:
+            winch.check()
+        self.assertEqual(str(refused.exception).count("err range 3"), KEPT)
+        kept = list(winch.statuses(0.0))
+        self.assertEqual((len(kept), kept[0].positions), (KEPT, (1, 1, 1, 1)))
 
     def test_refusals_are_raised_once(self) -> None:
         winch = winch_on(FakeLine(b"err number 3\r\ndbg invalid srate value\r\ndbg hello\r\n"))
@@ -141,6 +169,17 @@ class Hearing(unittest.TestCase):
         self.assertEqual(winch.version(), "StepperWinch Nov 21 2026")
         self.assertEqual([str(message) for message in winch.messages()], ["awake"], "what was not asked for is kept")
         self.assertEqual(line.written, b"version\n")
+
+    def test_what_was_said_before_the_question_is_no_answer(self) -> None:
+        # One is read already, one waits; only what comes after the question is its answer.
+        line = FakeLine(b"awake\r\n", b"awake\r\n", b"", b"err number 3\r\n", b"", b"awake\r\n", b"late\r\n")
+        winch = winch_on(line)
+        winch.poll()
+        winch.ping(timeout=1.0)
+        with self.assertRaisesRegex(CommandRefused, "^err number 3$"):
+            winch.check()
+        self.assertEqual([str(message) for message in winch.messages()], ["awake", "awake", "err number 3"])
+        self.assertEqual((line.written, line.pieces), (b"ping\n", [b"late\r\n"]))
 
     def test_a_silent_board(self) -> None:
         line = FakeLine()
@@ -186,7 +225,6 @@ class PseudoTerminal(unittest.TestCase):
         self.assertEqual(status.positions, (1, 2, 3, 4))
         os.close(board)
         os.close(port)
-
 
 
 def pulsetrain() -> Optional[str]:
