@@ -3,15 +3,11 @@
 mod common;
 
 use common::Random;
-use common::pico::{Pair, TICK_HZ, as_line, coils, step_dir};
+use common::pico::{Pair, TICK_HZ, as_line, coils, run, step_dir};
 use pulsetrain_board::{Board, Edge, Setup, StopReport};
 use pulsetrain_core::output::{HALF_STEPS, Sequence};
 use pulsetrain_core::wire::message::{Cause, MotorSetup};
-use pulsetrain_core::{Direction, Item, Moment, Segment};
-
-fn run(count: u32, ticks: i64, direction: Direction) -> Item {
-    Item::Run { segment: Segment { count, interval: ticks << 32, add: 0, add2: 0 }, direction }
-}
+use pulsetrain_core::{Direction, Item, Moment};
 
 /// Two drivers and coils, under way: the second driver turns all the time.
 fn under_way(pulse_ticks: u16) -> Pair {

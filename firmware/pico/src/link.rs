@@ -31,6 +31,7 @@ pub(crate) struct Line {
     ring: *const u8,
     /// Place of the next byte.
     next: usize,
+    baud: Baud,
 }
 
 impl Line {
@@ -55,7 +56,7 @@ impl Line {
         CHANNEL.write_addr().write(ring as u32);
         CHANNEL.ctrl().write(CTRL);
         CHANNEL.trans_count_trig().write(u32::MAX);
-        Line { ring, next: 0 }
+        Line { ring, next: 0, baud: Baud::B115200 }
     }
 
     /// Bytes that wait.
@@ -83,10 +84,13 @@ impl Line {
         }
     }
 
-    /// Changes the rate, and drops what came in before; the last byte must be out.
+    /// Changes the rate, and drops what came in at another one; the last byte must be out.
     pub(crate) fn set_baud(&mut self, baud: Baud) {
-        set_baud(baud);
-        self.next = (self.next + self.waiting()) & (RING - 1);
+        if baud != self.baud {
+            self.baud = baud;
+            set_baud(baud);
+            self.next = (self.next + self.waiting()) & (RING - 1);
+        }
     }
 }
 

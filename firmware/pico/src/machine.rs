@@ -28,8 +28,8 @@ pub(crate) struct Board {
     stepper: Stepper,
     power: Power,
     armed: bool,
-    /// To be set when the line is quiet.
-    baud: Option<Baud>,
+    /// The rate of the session's line, to be set when that is quiet.
+    pub(crate) baud: Option<Baud>,
     news: [Option<Event>; NEWS],
     /// Faults that were told, bit by motor.
     told: u8,
@@ -154,21 +154,8 @@ impl Board {
         self.armed
     }
 
-    /// Whether the line is to be changed; nothing is said before.
-    pub(crate) const fn changes_rate(&self) -> bool {
-        self.baud.is_some()
-    }
-
-    /// What can wait a millisecond. `by_usb`: the rate asked for is USB's, which has none.
-    pub(crate) fn housekeeping(&mut self, now: Millis, line: &mut Line, by_usb: bool) {
-        if let Some(baud) = self.baud
-            && (by_usb || link::is_out())
-        {
-            self.baud = None;
-            if !by_usb {
-                line.set_baud(baud);
-            }
-        }
+    /// What can wait a millisecond.
+    pub(crate) fn housekeeping(&mut self, now: Millis, line: &Line) {
         line.look_after();
         if link::has_overrun() {
             self.measures.lost_bytes = self.measures.lost_bytes.saturating_add(1);

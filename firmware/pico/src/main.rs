@@ -4,7 +4,7 @@
 //! - this file: start-up and the main loop
 //! - [`machine`]: what the link asks of a board, done on this one
 //! - [`steps`]: from packed bytes to edges on the pins
-//! - [`link`], [`usb`]: the serial line, and the serial port over USB; whoever spoke last is answered
+//! - [`link`], [`usb`]: the serial line, and the serial port over USB: one session, on whichever of them it was begun
 //! - [`clock`]: the chip's clocks, and SysTick extended to 64 bits
 //! - [`reset`]: the watchdog, and why the program began
 //! - [`start`]: vectors, and memory that there is one of
@@ -33,7 +33,7 @@ mod usb;
 use link::Line;
 use machine::Board;
 use pulsetrain_core::wire::frame::Received;
-use pulsetrain_core::wire::{Decoder, MAX_BODY, MAX_FRAME, Millis, Service};
+use pulsetrain_core::wire::{Baud, Decoder, MAX_BODY, MAX_FRAME, Millis, Service};
 use usb::Usb;
 
 /// Bytes that one round of the main loop takes from the line at most.
@@ -42,24 +42,47 @@ const BYTES_A_ROUND: usize = 32;
 /// How long the main loop sleeps at most, µs: while motors are armed, and else.
 const NAP: [u32; 2] = [50, 500];
 
+/// The ways to a host.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Way {
+    Uart,
+    Usb,
+}
+
 /// All there is one of.
 struct All {
     board: Board,
     service: Service,
     line: Line,
     usb: Usb,
-    /// Of line and USB.
-    decoders: [Decoder; 2],
-    /// The last frame came over USB: there the answers go.
-    by_usb: bool,
-    reply: Reply,
+    /// What is heard and said on each of them.
+    talks: [Talk; 2],
+    /// The session's; while there is none, that of the last frame.
+    way: Way,
 }
 
-/// A reply on its way to the line.
-struct Reply {
-    bytes: [u8; MAX_FRAME + 1],
+/// What is heard and said on a way.
+struct Talk {
+    decoder: Decoder,
+    reply: [u8; MAX_FRAME + 1],
     len: usize,
     sent: usize,
+}
+
+impl Talk {
+    const NONE: Talk = Talk { decoder: Decoder::new(), reply: [0; MAX_FRAME + 1], len: 0, sent: 0 };
+
+    /// Whether all was handed over that was to be said.
+    #[inline(always)]
+    const fn is_out(&self) -> bool {
+        self.sent == self.len
+    }
+
+    /// What was written into `reply` is to be said next.
+    #[inline(always)]
+    const fn begin(&mut self, len: usize) {
+        (self.len, self.sent) = (len, 0);
+    }
 }
 
 #[unsafe(no_mangle)]
@@ -69,15 +92,8 @@ extern "C" fn main() -> ! {
     regs::take_out_of_reset(blocks);
     // SAFETY: the start-up code calls main once.
     let (board, line) = unsafe { (Board::begin(), Line::open()) };
-    let mut all = All {
-        board,
-        service: Service::new(MAX_BODY),
-        line,
-        usb: Usb::open(),
-        decoders: [Decoder::new(), Decoder::new()],
-        by_usb: false,
-        reply: Reply { bytes: [0; MAX_FRAME + 1], len: 0, sent: 0 },
-    };
+    let mut all =
+        All { board, service: Service::new(MAX_BODY), line, usb: Usb::open(), talks: [Talk::NONE; 2], way: Way::Uart };
     reset::begin();
     regs::enable_interrupts();
     all.run()
@@ -99,7 +115,8 @@ impl All {
             let spoke = self.speak(millis);
             if millis != last {
                 last = millis;
-                self.board.housekeeping(millis, &mut self.line, self.by_usb);
+                self.set_baud();
+                self.board.housekeeping(millis, &mut self.line);
             }
             if !(more || heard || spoke) {
                 self.nap();
@@ -113,51 +130,73 @@ impl All {
     #[inline(always)]
     fn listen(&mut self, now: Millis) -> bool {
         let unread = self.line.waiting();
-        let usb = unread == 0;
-        if usb && self.usb.waiting() == 0 {
+        let way = if unread == 0 { Way::Usb } else { Way::Uart };
+        if way == Way::Usb && self.usb.waiting() == 0 {
             return false;
         }
         let most = &mut self.board.measures.most_unread;
         *most = (*most).max(unread as u16);
         for _ in 0..BYTES_A_ROUND {
-            let byte = if usb { self.usb.take() } else { self.line.take() };
+            let byte = match way {
+                Way::Uart => self.line.take(),
+                Way::Usb => self.usb.take(),
+            };
             let Some(byte) = byte else { break };
-            let received = self.decoders[usize::from(usb)].push(byte);
-            self.answer_by(received, usb);
-            self.service.receive(received, self.decoders[usize::from(usb)].body(), now, &mut self.board);
+            let talk = &mut self.talks[way as usize];
+            let received = talk.decoder.push(byte);
+            if way != self.way && self.service.is_taken() {
+                turn_away(talk, received);
+                continue;
+            }
+            if let Received::Frame(_) = received {
+                self.way = way;
+            }
+            self.service.receive(received, talk.decoder.body(), now, &mut self.board);
         }
         true
     }
 
-    /// A frame says where the answers go; what was under way to the other one is dropped.
-    #[inline(always)]
-    fn answer_by(&mut self, received: Received, usb: bool) {
-        if matches!(received, Received::Frame(_)) && self.by_usb != usb {
-            self.by_usb = usb;
-            (self.reply.sent, self.reply.len) = (0, 0);
-        }
-    }
-
-    /// Sends what there is to say, as far as the line takes it; whether there was something.
+    /// Sends what there is to say, as far as the lines take it; whether there was something.
     #[inline(always)]
     fn speak(&mut self, now: Millis) -> bool {
-        let reply = &mut self.reply;
-        if reply.sent == reply.len && !self.board.changes_rate() {
-            reply.sent = 0;
-            reply.len = self.service.poll(now, &mut self.board, &mut reply.bytes);
+        let talk = &mut self.talks[self.way as usize];
+        if !talk.is_out() && self.service.is_lost(now) {
+            // Nobody takes it, and the session ends only when something else can be said.
+            talk.begin(0);
+            self.service.interrupted();
+        }
+        // The change of rate is that of the UART, which is quiet until then.
+        if talk.is_out() && !(self.way == Way::Uart && self.board.baud.is_some()) {
+            let len = self.service.poll(now, &mut self.board, &mut talk.reply);
+            talk.begin(len);
         }
         let mut spoke = false;
-        while let Some(byte) = reply.bytes[..reply.len].get(reply.sent) {
-            match self.by_usb {
-                true if self.usb.can_send() => self.usb.send(*byte),
-                false if link::can_send() => link::send(*byte),
-                _ => return spoke,
-            }
-            reply.sent += 1;
+        let [uart, usb] = &mut self.talks;
+        while let Some(byte) = uart.reply[..uart.len].get(uart.sent)
+            && link::can_send()
+        {
+            link::send(*byte);
+            uart.sent += 1;
+            spoke = true;
+        }
+        while let Some(byte) = usb.reply[..usb.len].get(usb.sent)
+            && self.usb.can_send()
+        {
+            self.usb.send(*byte);
+            usb.sent += 1;
             spoke = true;
         }
         self.usb.flush();
         spoke
+    }
+
+    /// Changes the rate of the UART when all is out that was said at the old one. A session over USB changes none: there the
+    /// UART waits at 115 200 baud for the next host.
+    fn set_baud(&mut self) {
+        if self.board.baud.is_some() && self.talks[Way::Uart as usize].is_out() && link::is_out() {
+            let asked = self.board.baud.take().filter(|_| self.way == Way::Uart);
+            self.line.set_baud(asked.unwrap_or(Baud::B115200));
+        }
     }
 
     fn count_round(&mut self, ticks: u64) {
@@ -173,6 +212,15 @@ impl All {
         clock::sleep(us);
         let slept = self.board.clock.now() - before;
         self.board.measures.idle_ticks = self.board.measures.idle_ticks.wrapping_add(slept);
+    }
+}
+
+/// Says on a way that is not the session's what there is to be said there, if nothing else is under way.
+#[inline(never)]
+fn turn_away(talk: &mut Talk, received: Received) {
+    if talk.is_out() {
+        let len = Service::turn_away(received, talk.decoder.body(), &mut talk.reply);
+        talk.begin(len);
     }
 }
 

@@ -33,6 +33,11 @@ pub(crate) fn coils(pin: u8, sequence: Sequence) -> MotorSetup {
     MotorSetup { pull_in_ticks: 1_250_000, ..MotorSetup::coils_on(pin, sequence) }
 }
 
+/// Steps of one speed, `ticks` apart.
+pub(crate) fn run(count: u32, ticks: i64, direction: Direction) -> Item {
+    Item::Run { segment: Segment { count, interval: ticks << 32, add: 0, add2: 0 }, direction }
+}
+
 /// A word of a motor lasts so long at least, ticks.
 pub(crate) fn overhead(setup: &Setup, motor: &MotorSetup) -> u32 {
     STEP_DIR_OVERHEAD + if motor.coils().is_some() { 0 } else { u32::from(setup.pulse_ticks).max(3) }
