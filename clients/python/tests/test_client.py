@@ -3,9 +3,11 @@
 ``python3 -m unittest`` in clients/python; `cargo xtask test` does it with all that it needs.
 """
 
+import contextlib
 import importlib.util
 import os
 import subprocess
+import sys
 import tempfile
 import threading
 import unittest
@@ -14,6 +16,8 @@ from typing import Callable, List, Optional, Tuple
 
 from pulsetrain_winch import CommandRefused, Message, NoAnswer, Status, Winch, checksum
 from pulsetrain_winch.client import KEPT
+
+from .virtual import VirtualBoard, needs_boards, needs_pty
 
 
 class FakeLine:
@@ -201,7 +205,7 @@ class Hearing(unittest.TestCase):
         self.assertTrue(line.closed)
 
 
-@unittest.skipUnless(importlib.util.find_spec("serial") and hasattr(os, "openpty"), "needs pyserial and a pty")
+@needs_pty
 class PseudoTerminal(unittest.TestCase):
     def test_a_board_behind_a_pty(self) -> None:
         board, port = os.openpty()
@@ -227,37 +231,7 @@ class PseudoTerminal(unittest.TestCase):
         os.close(port)
 
 
-def pulsetrain() -> Optional[str]:
-    """The program that is a virtual board: as the environment says, else as it was built last."""
-    target = Path(__file__).resolve().parents[3] / "target"
-    known = [os.environ.get("PULSETRAIN"), str(target / "debug/pulsetrain"), str(target / "release/pulsetrain")]
-    return next((path for path in known if path and Path(path).exists()), None)
-
-
-class VirtualBoard:
-    """`pulsetrain board BOARD --pty`, in real time, until it is left."""
-
-    def __init__(self, board: str) -> None:
-        self.folder = tempfile.TemporaryDirectory()
-        self.port = str(Path(self.folder.name) / "port")
-        command = [pulsetrain() or "", "board", board, "--pty", self.port]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        assert self.process.stdout is not None
-        self.process.stdout.readline()
-
-    def __enter__(self) -> str:
-        return self.port
-
-    def __exit__(self, *_: object) -> None:
-        self.process.terminate()
-        self.process.communicate()
-        self.folder.cleanup()
-
-
-@unittest.skipUnless(
-    importlib.util.find_spec("serial") and hasattr(os, "openpty") and pulsetrain(),
-    "needs pyserial, a pty, and pulsetrain: cargo build, or PULSETRAIN=…",
-)
+@needs_boards
 class VirtualBoards(unittest.TestCase):
     #: Boards that speak text.
     BOARDS = ["winch", "uno"]
@@ -287,18 +261,42 @@ class VirtualBoards(unittest.TestCase):
                     winch.check()
 
     def test_four_boards_at_once(self) -> None:
-        boards = [VirtualBoard(self.BOARDS[0]) for _ in range(4)]
-        winches = [Winch.open(board.port) for board in boards]
-        try:
-            for number, winch in enumerate(winches, 1):
-                winch.gains(frequency_hz=3, damping_ratio=1)
-                winch.move_to(x=100 * number, a=-number)
-            for number, winch in enumerate(winches, 1):
-                self.assert_goes_to(winch, (100 * number, 0, 0, -number))
-        finally:
-            for winch, board in zip(winches, boards):
-                winch.close()
-                board.__exit__()
+        for board in self.BOARDS:
+            with self.subTest(board), contextlib.ExitStack() as stack:
+                ports = [stack.enter_context(VirtualBoard(board)) for _ in range(4)]
+                winches = [stack.enter_context(Winch.open(port)) for port in ports]
+                for number, winch in enumerate(winches, 1):
+                    winch.gains(frequency_hz=3, damping_ratio=1)
+                    winch.move_to(x=100 * number, a=-number)
+                for number, winch in enumerate(winches, 1):
+                    self.assert_goes_to(winch, (100 * number, 0, 0, -number))
+
+    def test_the_example_plots_a_run(self) -> None:
+        """With matplotlib a picture, without it a table."""
+        example = Path(__file__).resolve().parents[1] / "examples/plot_run.py"
+        has_plots = importlib.util.find_spec("matplotlib") is not None
+        for plots in [True, False] if has_plots else [False]:
+            with self.subTest(plots=plots), VirtualBoard("winch") as port, tempfile.TemporaryDirectory() as folder:
+                (Path(folder) / "without").mkdir()
+                (Path(folder) / "without/matplotlib.py").write_text("raise ImportError\n")
+                hidden = [] if plots else [str(Path(folder) / "without")]
+                path = os.pathsep.join([*hidden, str(example.parents[1])])
+                run = subprocess.run(
+                    [sys.executable, str(example), port],
+                    cwd=folder,
+                    env={**os.environ, "PYTHONPATH": path},
+                    capture_output=True,
+                    text=True,
+                )
+                self.assertEqual((run.returncode, run.stderr), (0, ""))
+                name, in_the_end, *table = run.stdout.splitlines()
+                self.assertTrue(name.startswith("StepperWinch"), name)
+                self.assertRegex(in_the_end, r"^[1-9]\d* statuses; in the end at \(")
+                if plots:
+                    self.assertEqual(table, ["run.svg"])
+                    self.assertIn("</svg>", (Path(folder) / "run.svg").read_text())
+                else:
+                    self.assertEqual(table[0], "seconds x y z a")
 
 
 if __name__ == "__main__":
