@@ -1,7 +1,7 @@
 //! A board that speaks StepperWinch's text, without firmware: core's reader, paths and spacing in virtual time.
 //!
-//! What the text means and which steps it makes is core's, the same code as on a chip; here are only a clock, a line and
-//! pins. docs/winch.md says what such a board does.
+//! What the text means and which steps it makes is core's; here are only a clock, a line and pins. (The Uno's firmware does the
+//! same in assembly: tests/winch_avr.rs compares the two.) docs/winch.md says what such a board does.
 
 use crate::bridge::{self, CYCLES_PER_S, bit_cycles};
 use crate::{Edge, Port, PortError, VirtualBoard};
