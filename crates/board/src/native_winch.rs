@@ -1,7 +1,8 @@
 //! A board that speaks StepperWinch's text, without firmware: core's reader and session in virtual time.
 //!
 //! What the text means and which steps it makes is core's, the same code as on a Pico; here are only a clock, a line and
-//! pins. docs/winch.md says what such a board does.
+//! pins. (The Uno's firmware does the same in assembly: tests/winch_avr.rs compares the two.) docs/winch.md says what such a
+//! board does.
 
 use crate::bridge::{self, CYCLES_PER_S, bit_cycles};
 use crate::{Edge, Port, PortError, VirtualBoard};

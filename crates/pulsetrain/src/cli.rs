@@ -257,7 +257,7 @@ pub(crate) struct Winch {
     #[command(flatten)]
     pub(crate) at: WinchAt,
     /// How long the script lasts [default: the motion's duration, or 4 s after its last line]
-    #[arg(long = "for", value_name = "TIME", value_parser = duration, requires = "script")]
+    #[arg(long = "for", value_name = "TIME", value_parser = duration, requires = "script", allow_hyphen_values = true)]
     pub(crate) length: Option<Time>,
     /// Where the files go [default: out/ and the script's name without its ending]
     #[arg(long, value_name = "DIR", requires = "script")]

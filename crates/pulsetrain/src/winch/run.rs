@@ -10,7 +10,7 @@ use pulsetrain_trace::winch::{self, AXES, Command, Onlooker, Options, Order, Sta
 use serde::Serialize;
 
 use super::script::Script;
-use super::talk::{Said, Talk};
+use super::talk::{Said, Talk, meaning};
 use crate::human::{self, Table};
 use crate::plot::{Errors, MotorPicture, Picture};
 
@@ -543,7 +543,8 @@ impl Display for Report {
             writeln!(f, "{table}")?;
         }
         for Refusal { at_s, said } in refusals {
-            writeln!(f, "  refused at {}: {said}", human::seconds(*at_s))?;
+            let meaning = meaning(said).map_or_else(String::new, |meaning| format!(" ({meaning})"));
+            writeln!(f, "  refused at {}: {said}{meaning}", human::seconds(*at_s))?;
         }
         for Trouble { at_s, what } in troubles {
             writeln!(f, "  the board at {}: {what}", human::seconds(*at_s))?;
