@@ -113,7 +113,7 @@ impl All {
             let now = self.board.clock.now();
             self.count_round(now - woken);
             woken = now;
-            let millis = millis(now);
+            let millis = clock::millis(now);
             self.usb.poll();
             let heard = self.listen(millis);
             let spoke = self.speak(millis);
@@ -317,9 +317,4 @@ impl All {
         let slept = self.board.clock.now() - before;
         self.board.measures.idle_ticks = self.board.measures.idle_ticks.wrapping_add(slept);
     }
-}
-
-/// Ticks / 2^17: 1.049 ms each.
-const fn millis(now: u64) -> Millis {
-    Millis((now >> 17) as u16)
 }
