@@ -34,13 +34,10 @@ use link::Line;
 use machine::Board;
 use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Baud, Decoder, MAX_BODY, MAX_FRAME, Millis, Service};
-use usb::Usb;
-
-/// Bytes that one round of the main loop takes from the line at most.
-const BYTES_A_ROUND: usize = 32;
+use usb::{Packet, Usb};
 
 /// How long the main loop sleeps at most, µs: while motors are armed, and else.
-const NAP: [u32; 2] = [50, 500];
+const NAP: [u32; 2] = [200, 500];
 
 /// The ways to a host.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -125,25 +122,25 @@ impl All {
         }
     }
 
-    /// Takes bytes from the line, or else from USB; whether there were some. One place for both: the way into the board is
-    /// long, and is there once.
+    /// Takes what came on the line, or else over USB: a packet's length at most; whether there was something. One place for both:
+    /// the way into the board is long, and is there once.
     #[inline(always)]
     fn listen(&mut self, now: Millis) -> bool {
+        let mut packet = Packet::default();
         let unread = self.line.waiting();
-        let way = if unread == 0 { Way::Usb } else { Way::Uart };
-        if way == Way::Usb && self.usb.waiting() == 0 {
+        let (way, mut bytes) = match unread {
+            0 => (Way::Usb, self.usb.read(&mut packet)),
+            _ => (Way::Uart, self.line.read(packet.as_flattened_mut())),
+        };
+        if bytes.is_empty() {
             return false;
         }
         let most = &mut self.board.measures.most_unread;
         *most = (*most).max(unread as u16);
-        for _ in 0..BYTES_A_ROUND {
-            let byte = match way {
-                Way::Uart => self.line.take(),
-                Way::Usb => self.usb.take(),
-            };
-            let Some(byte) = byte else { break };
+        while !bytes.is_empty() {
             let talk = &mut self.talks[way as usize];
-            let received = talk.decoder.push(byte);
+            let (taken, received) = talk.decoder.feed(bytes);
+            bytes = bytes.get(taken..).unwrap_or_default();
             if way != self.way && self.service.is_taken() {
                 turn_away(talk, received);
                 continue;
