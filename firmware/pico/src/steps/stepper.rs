@@ -37,7 +37,7 @@ const REFILL: u32 = AHEAD / 4 * 3;
 const MOST_SPARE: u32 = AHEAD / 8;
 
 /// Words that a motor gets before the next one has its turn, and a run more at most.
-const TURN: u32 = 256;
+const TURN: u32 = 512;
 
 /// From the gate to the first change of lines: 0.5 ms, in which the first words are written.
 const FIRST_WAIT: u32 = TICK_HZ / 2000;
