@@ -131,14 +131,14 @@ impl Board {
     pub(crate) fn go_on(&mut self) -> bool {
         let mut more = false;
         for _ in 0..FILLS_A_ROUND {
-            let now = self.clock.moment();
-            if !self.stepper.fill(now) {
+            // Words that come after that would be steps at wrong times.
+            if self.stepper.has_starved() {
+                self.starved();
+            }
+            if !self.stepper.fill(&mut self.clock) {
                 break;
             }
             more = true;
-        }
-        if self.stepper.has_starved() {
-            self.starved();
         }
         more
     }

@@ -13,8 +13,8 @@
 //! # Who makes the edges
 //! State machines, which nobody interrupts: each word says how long to wait. The main loop writes words up to 2.4 ms ahead, motor by
 //! motor, and does all else in between. One interrupt, of the DMA, hands on what was written: it must come within the eight
-//! words of a FIFO. If the main loop is late by 1.8 ms, or the interrupt by eight words, a state machine runs dry, which is
-//! seen, and all motors stop at once.
+//! words of a FIFO. If the main loop is late by 1.8 ms, or the interrupt by eight words, a state machine runs dry: it gets
+//! nothing more, and all motors stop as soon as the main loop sees it.
 //!
 //! # What is not
 //! Motion: segments come from the host, as `pulsetrain_core::packing` has them.

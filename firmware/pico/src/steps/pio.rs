@@ -159,6 +159,12 @@ impl Machine {
         self.pio.fdebug().write(self.bit() << 24);
     }
 
+    /// Whether it found no word since [`forget_stall`](Machine::forget_stall).
+    #[inline(always)]
+    pub(crate) fn is_dry(self) -> bool {
+        stalled(self.pio.0) & self.bit() != 0
+    }
+
     /// Words in its FIFO.
     pub(crate) fn waiting(self) -> u32 {
         self.pio.flevel().read() >> (8 * self.number) & 15

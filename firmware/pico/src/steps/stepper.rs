@@ -39,6 +39,10 @@ const MOST_SPARE: u32 = AHEAD / 8;
 /// Words that a motor gets before the next one has its turn, and a run more at most.
 const TURN: u32 = 512;
 
+/// Words that are handed over when a state machine has less than that to do may come too late, ticks: the way to the DMA's
+/// first transfer, and an interrupt before it.
+const NEARLY_DRY: u32 = 200;
+
 /// From the gate to the first change of lines: 0.5 ms, in which the first words are written.
 const FIRST_WAIT: u32 = TICK_HZ / 2000;
 
@@ -113,6 +117,8 @@ pub(crate) struct Stepper {
     /// Which motor has the next turn.
     turn: u8,
     least_ahead: u32,
+    /// A motor's words came too late, and were kept back.
+    too_late: bool,
     /// No motor needs words before.
     due: Moment,
 }
@@ -133,6 +139,7 @@ impl Stepper {
             runs: false,
             turn: 0,
             least_ahead: u32::MAX,
+            too_late: false,
             due: Moment(0),
         }
     }
@@ -228,14 +235,15 @@ impl Stepper {
         for Parts { motor, tape, .. } in self.all().1 {
             motor.words.start(tape, at);
         }
-        self.runs = true;
+        (self.runs, self.too_late) = (true, false);
         self.least_ahead = u32::MAX;
         self.due = at;
     }
 
     /// Writes words for the next motor that needs some; whether there was one.
     #[inline(never)]
-    pub(crate) fn fill(&mut self, now: Moment) -> bool {
+    pub(crate) fn fill(&mut self, clock: &mut Clock) -> bool {
+        let now = clock.moment();
         if !self.runs || now.is_before(self.due) {
             return false;
         }
@@ -259,7 +267,13 @@ impl Stepper {
             motor.words.pass(now);
             self.least_ahead = self.least_ahead.min(ahead.max(0).cast_unsigned());
             let stretch = [now.after(REFILL), now.after(AHEAD)];
+            let dry = motor.words.end().after(motor.words.overhead());
             motor.words.fill(&mut motor.packed, pool, tape, ring, stretch, TURN, expand);
+            if !clock.moment().after(NEARLY_DRY).is_before(dry) {
+                // Late words would be late steps: better none.
+                self.too_late = true;
+                return false;
+            }
             feed::publish(number, tape.written());
             return true;
         }
@@ -276,10 +290,11 @@ impl Stepper {
         }
     }
 
-    /// Whether a state machine found no word: what it was to do is late already.
+    /// Whether a state machine found no word, or nearly: what it was to do is late.
     #[inline(always)]
     pub(crate) fn has_starved(&self) -> bool {
-        self.runs && (pio::stalled(0) | if self.count > 4 { pio::stalled(1) } else { 0 }) != 0
+        let dry = || (pio::stalled(0) | if self.count > 4 { pio::stalled(1) } else { 0 }) != 0;
+        self.runs && (self.too_late || dry())
     }
 
     /// The immediate stop: halts all state machines, and counts what they did. Gives the tick after which no step was begun,
