@@ -147,7 +147,7 @@ fn what_is_sure_comes_eight_at_a_time() {
     let (mut tried, mut some) = (0, 0);
     while tried < 2000 {
         let (recurrence, stretch) = (random_recurrence(random), random_stretch(random));
-        let count = surely::<32>(&recurrence, &stretch, 1 + random.below(u64::from(MOST_SURELY)) as u32);
+        let count = surely(&recurrence, &stretch, 1 + random.below(u64::from(MOST_SURELY)) as u32);
         if count == 0 {
             continue;
         }
@@ -160,7 +160,7 @@ fn what_is_sure_comes_eight_at_a_time() {
         assert_eq!(ticks, ((after.accumulator >> 32) as u32).wrapping_sub((recurrence.accumulator >> 32) as u32));
         // 91 cycles for eight steps, and what is around them.
         let loops = u64::from(count.div_ceil(8));
-        assert!(cycles <= 11 * u64::from(count) + 3 * loops + 70, "{cycles} cycles for {count} steps");
+        assert!(cycles <= 11 * u64::from(count) + 3 * loops + 80, "{cycles} cycles for {count} steps");
         tried += 1;
         some += u32::from(count % 8 != 0);
     }

@@ -65,16 +65,17 @@ impl Line {
         (CHANNEL.write_addr().read() as usize).wrapping_sub(self.ring as usize + self.next) & (RING - 1)
     }
 
-    /// The next byte, if one came.
+    /// Takes bytes that came, as many as there is room for: where the ring ends, the others come with the next call.
     #[inline(always)]
-    pub(crate) fn take(&mut self) -> Option<u8> {
-        if self.waiting() == 0 {
-            return None;
+    pub(crate) fn read<'a>(&mut self, into: &'a mut [u8]) -> &'a [u8] {
+        let count = self.waiting().min(RING - self.next).min(into.len());
+        let Some(bytes) = into.get_mut(..count) else { return &[] };
+        for (at, byte) in (self.next..).zip(bytes.iter_mut()) {
+            // SAFETY: inside the ring; the DMA has gone past.
+            *byte = unsafe { self.ring.add(at).read_volatile() };
         }
-        // SAFETY: inside the ring; the DMA has gone past.
-        let byte = unsafe { self.ring.add(self.next).read_volatile() };
-        self.next = (self.next + 1) & (RING - 1);
-        Some(byte)
+        self.next = (self.next + count) & (RING - 1);
+        bytes
     }
 
     /// Goes on for another 2^32 bytes, now and then.

@@ -40,14 +40,11 @@ use pulsetrain_core::winch::reply::Reply;
 use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Baud, MAX_BODY, Millis, Service};
 use talk::Talk;
-use usb::Usb;
+use usb::{Packet, Usb};
 use winch::{Ear, Winch};
 
-/// Bytes that one round of the main loop takes from the line at most.
-const BYTES_A_ROUND: usize = 32;
-
 /// How long the main loop sleeps at most, µs: while motors are armed, and else.
-const NAP: [u32; 2] = [50, 500];
+const NAP: [u32; 2] = [200, 500];
 
 /// As long as fewer bytes than this wait on the UART, lines wait for room to be answered.
 const PATIENCE: usize = 512;
@@ -115,6 +112,9 @@ impl All {
             woken = now;
             let millis = clock::millis(now);
             self.usb.poll();
+            if self.usb.was_opened() {
+                self.greet();
+            }
             let heard = self.listen(millis);
             let spoke = self.speak(millis);
             if millis != last {
@@ -129,21 +129,23 @@ impl All {
         }
     }
 
+    /// Whoever has USB's port open now has said nothing yet, and heard nothing.
+    #[inline(never)]
+    fn greet(&mut self) {
+        let talk = &mut self.talks[Way::Usb as usize];
+        talk.hush();
+        talk.ear = Ear::new();
+        self.service.interrupted();
+        if self.winch.is_on() {
+            self.say(Way::Usb, &Reply::Awake);
+        }
+    }
+
     /// What can wait a millisecond.
     #[inline(never)]
     fn housekeeping(&mut self, now: Millis) {
         if self.board.housekeeping(now, &self.line) {
             self.talks[Way::Uart as usize].ear.lose();
-        }
-        if self.usb.was_opened() {
-            // Whoever has it open now has said nothing yet, and heard nothing.
-            let talk = &mut self.talks[Way::Usb as usize];
-            talk.hush();
-            talk.ear = Ear::new();
-            self.service.interrupted();
-            if self.winch.is_on() {
-                self.say(Way::Usb, &Reply::Awake);
-            }
         }
         if self.winch.look(&mut self.board, &mut self.service) {
             for way in Way::ALL {
@@ -159,41 +161,41 @@ impl All {
         }
     }
 
-    /// Takes bytes from the UART, or else from USB; whether there were some. One place for both: the way into the board is
-    /// long, and is there once.
+    /// Takes what came on the UART, or else over USB: a packet's length at most; whether there was something. One place for both:
+    /// the way into the board is long, and is there once.
     #[inline(always)]
     fn listen(&mut self, now: Millis) -> bool {
+        let mut packet = Packet::default();
         let unread = self.line.waiting();
-        let way = if unread == 0 || self.waits(Way::Uart, unread, now) { Way::Usb } else { Way::Uart };
-        if way == Way::Usb && (self.usb.waiting() == 0 || self.waits(Way::Usb, 0, now)) {
+        let (way, mut bytes) = if unread != 0 && !self.waits(Way::Uart, unread, now) {
+            (Way::Uart, self.line.read(packet.as_flattened_mut()))
+        } else if self.waits(Way::Usb, 0, now) {
+            return false;
+        } else {
+            (Way::Usb, self.usb.read(&mut packet))
+        };
+        if bytes.is_empty() {
             return false;
         }
         let most = &mut self.board.measures.most_unread;
         *most = (*most).max(unread as u16);
-        for count in 0..BYTES_A_ROUND {
-            let byte = match way {
-                Way::Uart => self.line.take(),
-                Way::Usb => self.usb.take(),
-            };
-            let Some(byte) = byte else { break };
-            let taken = self.service.is_taken();
-            if taken && way == self.way && self.service.silence(now) < SILENCE {
-                self.frame(way, byte, now);
+        if way == Way::Usb {
+            self.usb.presume_open();
+        }
+        while let [byte, rest @ ..] = bytes {
+            let is_taken = self.service.is_taken();
+            let talk = &mut self.talks[way as usize];
+            if is_taken && way == self.way && self.service.silence(now) < SILENCE {
+                let (taken, received) = talk.decoder.feed(bytes);
+                bytes = bytes.get(taken..).unwrap_or_default();
+                self.service.receive(received, talk.decoder.body(), now, &mut self.board);
                 continue;
             }
-            self.text(way, byte);
+            bytes = rest;
+            self.text(way, *byte);
             // Frames begin with a zero: before there is one it is all text.
             if self.ear(way).is_quiet() {
-                if taken && way != self.way {
-                    let talk = &mut self.talks[way as usize];
-                    let received = talk.decoder.push(byte);
-                    talk.turn_away(received);
-                } else {
-                    self.frame(way, byte, now);
-                }
-            }
-            if self.waits(way, unread.saturating_sub(count), now) {
-                break;
+                self.frame(way, *byte, now);
             }
         }
         true
@@ -211,16 +213,18 @@ impl All {
         !talk.has_room() && !talk.ear.is_quiet() && !talk.is_stuck(now) && unread < PATIENCE
     }
 
-    /// A byte of a frame, on the session's way or while there is no session.
-    #[inline(always)]
+    /// A byte that may be a frame's, beside text.
     fn frame(&mut self, way: Way, byte: u8, now: Millis) {
         let talk = &mut self.talks[way as usize];
         let received = talk.decoder.push(byte);
-        if let Received::Frame(_) = received
-            && self.way != way
-        {
-            self.way = way;
-            self.service.interrupted();
+        if self.way != way {
+            if self.service.is_taken() {
+                return talk.turn_away(received);
+            }
+            if let Received::Frame(_) = received {
+                self.way = way;
+                self.service.interrupted();
+            }
         }
         self.service.receive(received, talk.decoder.body(), now, &mut self.board);
     }

@@ -6,9 +6,13 @@ use pulsetrain_core::winch::reply::{LONGEST, Reply};
 use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Decoder, MAX_FRAME, Millis, Service};
 
-/// Bytes that may wait to be sent: one frame, or a few lines.
-const ROOM: usize = 512;
+/// Bytes that may wait to be sent: one frame, or lines.
+const ROOM: usize = 1024;
 const _: () = assert!(ROOM > MAX_FRAME);
+
+/// What the lines of one packet may say at most: 32 of two bytes that are no commands, and a status.
+const PACKET_SAYS: usize = 32 * "err command 1\r\n".len() + LONGEST;
+const _: () = assert!(PACKET_SAYS < ROOM);
 
 /// If no byte has left for so long, about ms, the host does not read: nothing waits for it.
 const STUCK: u16 = 20;
@@ -63,15 +67,15 @@ impl Talk {
         if self.is_out() {
             self.hush();
         }
-        if self.has_room() {
+        if ROOM - self.len >= LONGEST {
             self.len += usize::from(line.write::<InMemory>(&mut self.reply[self.len..]));
         }
     }
 
-    /// Whether a line of text has room.
+    /// Whether there is room for what a packet of lines may say.
     #[inline(always)]
     pub(crate) const fn has_room(&self) -> bool {
-        self.is_out() || ROOM - self.len >= LONGEST
+        self.is_out() || ROOM - self.len >= PACKET_SAYS
     }
 
     /// Whether the host does not read.

@@ -9,6 +9,9 @@ use crate::regs::{self, usb};
 /// Bytes of a packet, of every endpoint that has data.
 const PACKET: usize = 64;
 
+/// Room for one.
+pub(crate) type Packet = [[u8; 4]; PACKET / 4];
+
 /// Endpoints: of the host's notifications, which never come, and of the data, both ways.
 const NOTIFY: u32 = 1;
 const DATA: u32 = 2;
@@ -73,10 +76,8 @@ pub(crate) struct Usb {
     /// A program has the port open, as far as its computer tells; and whether that is news.
     open: bool,
     opened: bool,
-    /// The half that is being read, how much of it was, and how much there is.
+    /// The half that is next to be read.
     half: u32,
-    read: usize,
-    length: usize,
     /// Bytes of the packet to the host that is being filled, and whether it is DATA1.
     filled: usize,
     in_data1: bool,
@@ -109,8 +110,6 @@ impl Usb {
             open: false,
             opened: false,
             half: 0,
-            read: 0,
-            length: 0,
             filled: 0,
             in_data1: false,
             full: false,
@@ -153,7 +152,6 @@ impl Usb {
 
     /// A program has it open: some say nothing of DTR, but send.
     pub(crate) const fn presume_open(&mut self) {
-        self.opened |= !self.open;
         self.open = true;
     }
 
@@ -162,42 +160,31 @@ impl Usb {
         core::mem::replace(&mut self.opened, false)
     }
 
-    /// Bytes of the packet that is next to be read.
+    /// Takes the packet that is next, if one came: its bytes.
+    ///
+    /// Word by word, as the controller's memory is far from the processor.
     #[inline(always)]
-    pub(crate) fn waiting(&mut self) -> usize {
-        if self.read == self.length && self.configured {
-            let control = usb::buffer_half(DATA, true, self.half);
-            if control & usb::FULL == 0 {
-                return 0;
-            }
-            // The flag wakes the main loop; it comes back if the other half is full too.
-            usb::BUFF_STATUS.write(1 << (2 * DATA + 1));
-            (self.read, self.length) = (0, (control & 0x3ff) as usize);
-            if self.length == 0 {
-                self.free();
-            }
+    pub(crate) fn read<'a>(&mut self, into: &'a mut Packet) -> &'a [u8] {
+        if !self.configured {
+            return &[];
         }
-        self.length - self.read
-    }
-
-    /// The next byte from the host, if one came.
-    #[inline(never)]
-    pub(crate) fn take(&mut self) -> Option<u8> {
-        if self.waiting() == 0 {
-            return None;
+        let control = usb::buffer_half(DATA, true, self.half);
+        if control & usb::FULL == 0 {
+            return &[];
         }
-        let at = OUT_BUFFER + PACKET as u32 * self.half + self.read as u32;
-        let byte = usb::memory_byte(at);
-        self.read += 1;
-        if self.read == self.length {
-            self.free();
+        let len = (control & 0x3ff) as usize;
+        let buffer = OUT_BUFFER + PACKET as u32 * self.half;
+        for (at, word) in (buffer..).step_by(4).zip(into.iter_mut()) {
+            *word = usb::memory(at).read().to_le_bytes();
         }
-        Some(byte)
+        // The flag wakes the main loop; it comes back if the other half is full too.
+        usb::BUFF_STATUS.write(1 << (2 * DATA + 1));
+        self.free();
+        into.as_flattened().get(..len).unwrap_or_default()
     }
 
     /// Gives the half that was read back to the host; each half keeps its toggle.
     fn free(&mut self) {
-        (self.read, self.length) = (0, 0);
         let toggle = if self.half == 1 { usb::DATA1 } else { 0 };
         usb::arm_half(DATA, true, self.half, PACKET as u32 | toggle);
         self.half ^= 1;
@@ -285,10 +272,9 @@ impl Usb {
             }
             // Nobody reads while the port is closed: then bytes to the host wait. Bit 0 is DTR.
             0x2221 => {
-                self.open = false;
-                if value & 1 != 0 {
-                    self.presume_open();
-                }
+                let open = value & 1 != 0;
+                self.opened = open && !self.open;
+                self.open = open;
                 self.acknowledge();
             }
             // CLEAR_FEATURE of an endpoint that was halted: its toggle begins anew.
@@ -348,7 +334,7 @@ impl Usb {
     /// The data endpoints as at the beginning, on or off.
     fn configure(&mut self, on: bool) {
         self.configured = on;
-        (self.half, self.read, self.length) = (0, 0, 0);
+        self.half = 0;
         (self.filled, self.in_data1, self.full) = (0, false, false);
         for (endpoint, out) in [(NOTIFY, false), (DATA, false), (DATA, true)] {
             usb::buffer_control(endpoint, out).write(usb::RESET_HALF);

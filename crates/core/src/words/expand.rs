@@ -51,25 +51,28 @@ pub fn expand<const F: u32>(recurrence: &mut Recurrence, words: &mut [u32], stre
 /// [`surely`] looks so many steps ahead at most.
 pub const MOST_SURELY: u32 = 256;
 
-/// How many steps, `most` at most, [`expand`](expand()) is sure to take: for who works them out without looking at each.
+/// How many steps, `most` at most, [`expand`](expand()) is sure to take, with 32 fraction bits: for who works them out without
+/// looking at each.
 ///
 /// It reckons with the largest change of the interval at each of them, so that there may be more; 0 where it cannot say.
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "their ranges are looked at first")]
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "halves, whose ranges are looked at")]
 #[must_use]
-pub const fn surely<const F: u32>(recurrence: &Recurrence, stretch: &Stretch, most: u32) -> u32 {
-    const { assert!(F >= 16) };
+pub const fn surely(recurrence: &Recurrence, stretch: &Stretch, most: u32) -> u32 {
     let most = if most < MOST_SURELY { most } else { MOST_SURELY };
-    let interval = recurrence.interval >> F;
-    // 2^-16 ticks, rounded down.
-    let (add, add2) = (recurrence.add >> (F - 16), recurrence.add2 >> (F - 16));
-    if interval < 0 || interval >= 1 << 23 || add.unsigned_abs() >= 1 << 22 || add2.unsigned_abs() >= 1 << 14 {
+    // Whole ticks; add within 64 ticks, add2 within one.
+    let interval = (recurrence.interval >> 32) as u32;
+    let (add, add2) = ((recurrence.add >> 32) as i32, (recurrence.add2 >> 32) as i32);
+    if interval >= 1 << 23 || add.wrapping_add(64) as u32 >= 128 || add2.wrapping_add(1) as u32 >= 2 {
         return 0;
     }
-    let interval = interval as u32;
-    let first = (add as i32).unsigned_abs();
-    let last = (add as i32 + add2 as i32 * most as i32).unsigned_abs();
+    // 2^-16 ticks, rounded down.
+    let (add, add2) = ((recurrence.add >> 16) as i32, (recurrence.add2 >> 16) as i32);
+    let (first, last) = (add.unsigned_abs(), (add + add2 * most as i32).unsigned_abs());
     // Of one step, with what was rounded off; then of all, ticks.
     let change = (if first > last { first } else { last }) + most + 1;
+    if change >= 1 << 23 {
+        return 0;
+    }
     let change = (change * most >> 16) + 1;
     if interval < stretch.gap + change {
         return 0;
@@ -102,13 +105,13 @@ mod tests {
     #[test]
     fn a_steady_run_is_sure_up_to_the_end() {
         let stretch = |ticks| Stretch { gap: 16, ticks, bits: 0 };
-        // 200 ticks, and 3 in case something was rounded off and carried over.
-        assert_eq!(surely::<32>(&steady(200, 0), &stretch(203 * 100), 128), 99);
-        assert_eq!(surely::<32>(&steady(200, 0), &stretch(1 << 20), 128), 128);
-        assert_eq!(surely::<32>(&steady(15, 0), &stretch(1 << 20), 128), 0);
+        // 200 ticks, and 2 in case something was rounded off and carried over.
+        assert_eq!(surely(&steady(200, 0), &stretch(202 * 100), 128), 99);
+        assert_eq!(surely(&steady(200, 0), &stretch(1 << 20), 128), 128);
+        assert_eq!(surely(&steady(15, 0), &stretch(1 << 20), 128), 0);
         // A tick less with each step: after 128 steps it would be too soon.
-        assert_eq!(surely::<32>(&steady(140, -1 << 32), &stretch(1 << 20), 128), 0);
-        assert_eq!(surely::<32>(&steady(200, -1 << 32), &stretch(1 << 20), 128), 128);
+        assert_eq!(surely(&steady(140, -1 << 32), &stretch(1 << 20), 128), 0);
+        assert_eq!(surely(&steady(200, -1 << 32), &stretch(1 << 20), 128), 128);
     }
 
     proptest! {
@@ -126,7 +129,7 @@ mod tests {
             let recurrence =
                 Recurrence { accumulator: fraction.into(), interval: interval >> (scale - 8), add: add >> scale, add2: add2 >> scale };
             let stretch = Stretch { gap, ticks, bits: 0 };
-            let sure = surely::<32>(&recurrence, &stretch, most);
+            let sure = surely(&recurrence, &stretch, most);
             prop_assert!(sure <= most);
             let mut words = [0; 300];
             let taken = expand::<32>(&mut recurrence.clone(), &mut words[..sure as usize], &stretch);

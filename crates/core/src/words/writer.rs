@@ -316,6 +316,10 @@ impl<const F: u32> Words<F> {
             tape.wrote(taken, tick, position, sign);
             self.end = self.channel.place().tick;
             self.busy = Some(self.end.after(self.overhead));
+            // The next one is for later, or another item's.
+            if usize::try_from(taken).is_ok_and(|taken| taken < len) {
+                return;
+            }
         }
     }
 

@@ -181,11 +181,14 @@ unsafe extern "C" {
 }
 
 /// As [`pulsetrain_core::words::expand`], for 32 fraction bits.
+///
+/// A call, so that it has the registers to itself.
+#[inline(never)]
 pub(crate) fn expand(recurrence: &mut Recurrence, words: &mut [u32], stretch: &Stretch) -> u32 {
     if words.is_empty() {
         return 0;
     }
-    let sure = surely::<32>(recurrence, stretch, words.len() as u32);
+    let sure = surely(recurrence, stretch, words.len() as u32);
     let core::ops::Range { mut start, end } = words.as_mut_ptr_range();
     let mut rest = *stretch;
     if sure != 0 {

@@ -39,7 +39,7 @@ const REFILL: u32 = AHEAD / 4 * 3;
 const MOST_SPARE: u32 = AHEAD / 8;
 
 /// Words that a motor gets before the next one has its turn, and a run more at most.
-const TURN: u32 = 256;
+const TURN: u32 = 512;
 
 /// Words that are handed over when a state machine has less than that to do may come too late, ticks: the way to the DMA's
 /// first transfer, and an interrupt before it.
