@@ -3,7 +3,7 @@
 mod common;
 
 use common::Random;
-use common::pico::{Pair, TICK_HZ, as_line, coils, run, step_dir};
+use common::pico::{Pair, TICK_HZ, as_line, coil_levels, coils, pins_of, run, step_dir};
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::{Board, Edge, Port, Setup, StopReport};
 use pulsetrain_core::output::{HALF_STEPS, Sequence};
@@ -39,11 +39,7 @@ fn under_way(pulse_ticks: u16) -> Pair {
 
 /// What the coils' pins say of the position, modulo 8.
 fn phase(edges: &[Edge], motor: &MotorSetup) -> Option<usize> {
-    let mut levels = 0;
-    for edge in edges.iter().filter(|edge| (motor.step_pin..motor.step_pin + 4).contains(&edge.line)) {
-        let bit = 1 << (edge.line - motor.step_pin);
-        levels = if edge.level { levels | bit } else { levels & !bit };
-    }
+    let levels = coil_levels(edges, motor);
     HALF_STEPS.iter().position(|pattern| *pattern == levels)
 }
 
@@ -97,11 +93,7 @@ fn assert_first_edges_of(pair: &mut Pair, stop: u64) {
     let Pair { setup, native, edges, wanted, .. } = pair;
     native.advance(stop + TICK_HZ / 100, &mut |edge: Edge| wanted.push(edge));
     for motor in &setup.motors {
-        let lines = if motor.coils().is_some() {
-            motor.step_pin..motor.step_pin + 4
-        } else {
-            motor.step_pin..motor.dir_pin + 1
-        };
+        let lines = pins_of(motor);
         let [mut got, mut wanted] = [&*edges, &*wanted]
             .map(|edges| edges.iter().filter(|edge| lines.contains(&edge.line)).copied().collect::<Vec<_>>());
         got.sort_by_key(|edge| (edge.tick, edge.line));

@@ -158,6 +158,11 @@ impl<const F: u32> Channel<F> {
         }
     }
 
+    /// A new channel begins to exist at tick `now`: ticks are told apart within 2^31, and its own beginning may be longer ago.
+    pub const fn open_from(&mut self, now: Moment) {
+        self.horizon = now;
+    }
+
     /// Notes that time is past `now`. To be called at least once in 2^30 ticks, after all events up to `now` have
     /// been taken.
     pub fn pass(&mut self, now: Moment) {

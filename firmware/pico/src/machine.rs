@@ -1,12 +1,12 @@
 //! What the [`Service`](pulsetrain_core::wire::Service) asks of a board, done on this one.
 
-use crate::clock::{Clock, TICK_HZ};
+use crate::clock::{self, Clock, TICK_HZ};
 use crate::link::{self, Line, WINDOW};
 use crate::regs;
 use crate::reset;
 use crate::start;
 use crate::steps::MOTORS;
-use crate::steps::pins::Layout;
+use crate::steps::pins::{self, Layout};
 use crate::steps::stepper::{FRACTION_BITS, LONGEST, LONGEST_IDLE_MS, POOL, Stepper};
 use pulsetrain_core::narrow::EPOCHS;
 use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, NO_PIN, flags};
@@ -22,17 +22,22 @@ const FILLS_A_ROUND: u32 = 4;
 /// News that the host has not been told yet; what does not fit is dropped.
 const NEWS: usize = 8;
 
+/// Kinds of faults of a motor's queue.
+const FAULTS: usize = 3;
+
 /// Everything but the service that speaks for it.
 pub(crate) struct Board {
     pub(crate) clock: Clock,
     stepper: Stepper,
     power: Power,
+    /// The pins of the configuration, bit by GPIO.
+    pins: u32,
     armed: bool,
     /// The rate of the session's line, to be set when that is quiet.
     pub(crate) baud: Option<Baud>,
     news: [Option<Event>; NEWS],
-    /// Faults that were told, bit by motor.
-    told: u8,
+    /// Faults that were told, kind by kind, bit by motor.
+    told: [u8; FAULTS],
     was_idle: bool,
     last_stop: Cause,
     last_reset: Cause,
@@ -74,19 +79,21 @@ impl Power {
         }
     }
 
-    /// Holds while there is something to do, and `idle_ms` longer.
-    fn look(&mut self, now: Millis, idle: bool) {
+    /// Holds while there is something to do, and `idle_ms` longer. Whether it lets go just now.
+    fn look(&mut self, now: Millis, idle: bool) -> bool {
         if !idle {
             self.busy = now;
             if !self.on {
                 self.set(true);
             }
-        } else if let Some(idle_ms) = self.idle_ms
-            && self.on
-            && now.since(self.busy) >= idle_ms
-        {
+            return false;
+        }
+        let rests = self.idle_ms.is_some_and(|idle_ms| now.since(self.busy) >= idle_ms);
+        let goes = self.on && rests;
+        if goes {
             self.set(false);
         }
+        goes
     }
 }
 
@@ -101,10 +108,11 @@ impl Board {
             // SAFETY: the caller's promise.
             stepper: unsafe { Stepper::begin() },
             power: Power::OFF,
+            pins: 0,
             armed: false,
             baud: None,
             news: [None; NEWS],
-            told: 0,
+            told: [0; FAULTS],
             was_idle: true,
             last_stop: Cause::None,
             last_reset: reset::why(),
@@ -163,10 +171,13 @@ impl Board {
         }
         let moment = self.clock.moment();
         self.stepper.rest(moment);
+        let idle = self.stepper.is_idle(moment);
+        // While motors are armed their coils let go by themselves, to the tick.
+        if self.power.look(now, idle) && !self.armed {
+            self.stepper.release_coils();
+        }
         if self.armed {
             self.look_at_motors();
-            let idle = self.stepper.is_idle(moment);
-            self.power.look(now, idle);
             if idle && !self.was_idle {
                 self.tell(Cause::Finished, ALL_MOTORS, 0);
             }
@@ -174,22 +185,20 @@ impl Board {
         }
     }
 
-    /// Tells what a motor's own queue asked for and could not be, once.
+    /// Tells what a motor's own queue asked for and could not be: each kind once, until motors are armed again.
     fn look_at_motors(&mut self) {
+        const CAUSES: [(u8, Cause); FAULTS] = [
+            (flags::CHECK_FAILED, Cause::CheckFailed),
+            (flags::BAD_ITEM, Cause::BadItem),
+            (flags::STEP_MISSED, Cause::StepMissed),
+        ];
         for motor in 0..self.stepper.count() {
             let faults = self.stepper.faults(motor);
-            let cause = if faults & flags::CHECK_FAILED != 0 {
-                Cause::CheckFailed
-            } else if faults & flags::BAD_ITEM != 0 {
-                Cause::BadItem
-            } else if faults & flags::STEP_MISSED != 0 {
-                Cause::StepMissed
-            } else {
-                continue;
-            };
-            if self.told & 1 << motor == 0 {
-                self.told |= 1 << motor;
-                self.tell(cause, motor, 0);
+            for (kind, (flag, cause)) in CAUSES.into_iter().enumerate() {
+                if faults & flag != 0 && self.told[kind] & 1 << motor == 0 {
+                    self.told[kind] |= 1 << motor;
+                    self.tell(cause, motor, 0);
+                }
             }
         }
     }
@@ -259,6 +268,8 @@ impl Machine for Board {
         }
         let layout = Layout::of(configuration)?;
         self.stop(Cause::None);
+        pins::free(self.pins & !layout.used);
+        self.pins = layout.used;
         self.power.set_up(layout.enable, configuration.enable_high, idle_ms);
         self.stepper.configure(&layout, configuration, now);
         Ok(())
@@ -270,10 +281,11 @@ impl Machine for Board {
         }
         if !self.armed {
             self.power.set(true);
+            self.power.busy = clock::millis(self.clock.now());
             self.armed = true;
             self.last_stop = Cause::None;
             self.was_idle = true;
-            self.told = 0;
+            self.told = [0; FAULTS];
             self.stepper.start(&mut self.clock);
         }
         Ok(())
@@ -285,7 +297,6 @@ impl Machine for Board {
             return Err(Refusal::of(Reason::Moving));
         }
         self.stop(Cause::None);
-        self.news = [None; NEWS];
         self.power.set(false);
         self.stepper.release_coils();
         Ok(())
@@ -395,6 +406,8 @@ impl Machine for Board {
         if lost && self.armed && !self.was_idle {
             self.last_stop = Cause::HostLost;
         }
+        // They were its news.
+        self.news = [None; NEWS];
     }
 
     fn event(&mut self) -> Option<Event> {

@@ -106,7 +106,7 @@ impl All {
             let now = self.board.clock.now();
             self.count_round(now - woken);
             woken = now;
-            let millis = millis(now);
+            let millis = clock::millis(now);
             self.usb.poll();
             let heard = self.listen(millis);
             let spoke = self.speak(millis);
@@ -219,9 +219,4 @@ fn turn_away(talk: &mut Talk, received: Received) {
         let len = Service::turn_away(received, talk.decoder.body(), &mut talk.reply);
         talk.begin(len);
     }
-}
-
-/// Ticks / 2^17: 1.049 ms each.
-const fn millis(now: u64) -> Millis {
-    Millis((now >> 17) as u16)
 }

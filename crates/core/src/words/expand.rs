@@ -8,7 +8,7 @@ use crate::{Moment, Recurrence};
 pub struct Stretch {
     /// No step is sooner after the one before, ticks.
     pub gap: u32,
-    /// All come within less than that, ticks; below 2^28.
+    /// All come within less than that, ticks; below 2^25.
     pub ticks: u32,
     /// What the lines do: in all words.
     pub bits: u32,
@@ -25,8 +25,8 @@ pub type Expand = fn(&mut Recurrence, &mut [u32], &Stretch) -> u32;
 /// use pulsetrain_core::words::{Stretch, expand};
 /// let mut recurrence = Recurrence { accumulator: 1 << 31, interval: 100 << 32, add: 10 << 32, add2: 0 };
 /// let mut words = [0; 4];
-/// let taken = expand::<32>(&mut recurrence, &mut words, &Stretch { gap: 13, ticks: 330, bits: 0xa << 28 });
-/// assert_eq!((taken, words), (2, [0xa000_0057, 0xa000_0061, 0, 0]));
+/// let taken = expand::<32>(&mut recurrence, &mut words, &Stretch { gap: 13, ticks: 330, bits: 0xa << 25 });
+/// assert_eq!((taken, words), (2, [0x1400_0057, 0x1400_0061, 0, 0]));
 /// assert_eq!(recurrence.accumulator, (210 << 32) + (1 << 31));
 /// ```
 pub fn expand<const F: u32>(recurrence: &mut Recurrence, words: &mut [u32], stretch: &Stretch) -> u32 {

@@ -46,7 +46,7 @@ struct Due {
 
 impl<const F: u32> Words<F> {
     /// A motor at rest at position 0, all lines low. The lines of a driver are 0 and 1, `step_line` being that of STEP, and
-    /// its pulses `pulse_ticks` long; the lines of coils are 0 to 3.
+    /// its pulses `pulse_ticks` long; the lines of coils are four of 0 to 6.
     #[must_use]
     pub const fn new(output: Output, step_line: u8, pulse_ticks: u32) -> Words<F> {
         let (overhead, step) = match output {
@@ -153,21 +153,27 @@ impl<const F: u32> Words<F> {
         self.channel.pass(self.end.after(self.overhead));
     }
 
-    /// Stops: nothing more is taken, and the position is what was made. The lines stay as they would have been.
-    pub fn stop(&mut self, items: &mut impl Items, position: i32) {
+    /// Stops: nothing more is taken. The position is what was made, and the lines of coils stay as they were in the last word
+    /// that was done: on at that position's phase, or off.
+    pub fn stop(&mut self, items: &mut impl Items, position: i32, lines: u32) {
         self.channel.stop(items);
         self.channel.set_position(position);
         self.output.set_position(position);
         self.busy = None;
-        if let Some(levels) = self.output.coil_levels() {
-            self.levels = levels;
+        if let Output::Coils(coils) = &mut self.output {
+            if lines == 0 {
+                coils.switch_off()
+            } else {
+                coils.switch_on()
+            }
+            self.levels = coils.levels();
         }
     }
 
     /// Writes words up to tick `until`, `most` of them or a few more: every step up to then is made, and the state machine has
     /// something to do until tick `least` at least, which is not after it.
     ///
-    /// Both go up from call to call, by less than 2^27 ticks. `expand` is the board's, or [`expand`](super::expand()).
+    /// Both go up from call to call, by less than 2^24 ticks. `expand` is the board's, or [`expand`](super::expand()).
     #[expect(clippy::too_many_arguments, reason = "all that it needs is somebody else's")]
     pub fn fill<const N: usize, const RUNS: usize, const P: usize>(
         &mut self,

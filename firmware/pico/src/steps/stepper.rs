@@ -12,7 +12,7 @@ use pulsetrain_core::output::{Coils, Output, StepDir, StepDirSettings};
 use pulsetrain_core::packing::Packing;
 use pulsetrain_core::queue::Items;
 use pulsetrain_core::wire::message::{Configuration, flags};
-use pulsetrain_core::words::{Fault, Packed, SHORTEST_PULSE, STEP_DIR_OVERHEAD, Tape, Words};
+use pulsetrain_core::words::{Fault, Packed, SHORTEST_PULSE, STEP_DIR_OVERHEAD, Tape, Words, lines};
 use pulsetrain_core::{Epoch, Moment};
 
 /// F.
@@ -170,7 +170,10 @@ impl Stepper {
 
     /// Takes on a configuration that is possible; nothing runs. Counts begin at 0.
     pub(crate) fn configure(&mut self, layout: &Layout, configuration: &Configuration<'_>, now: Moment) {
-        self.count = layout.count;
+        if self.count > 4 && layout.count <= 4 {
+            pio::unload(1);
+        }
+        (self.count, self.turn) = (layout.count, 0);
         let queue = (POOL / usize::from(layout.count.max(1))).min(LONGEST_QUEUE) as u16;
         let pulse_ticks = u32::from(configuration.pulse_ticks).max(SHORTEST_PULSE);
         let setup_ticks = u32::from(configuration.setup_ticks).max(pulse_ticks + STEP_DIR_OVERHEAD);
@@ -184,13 +187,19 @@ impl Stepper {
                         StepDirSettings { step_line, dir_line, pulse_ticks, setup_ticks, forward_high, shared_dir };
                     (Output::StepDir(StepDir::new(settings)), step_line)
                 }
-                Lines::Coils { sequence } => (Output::Coils(Coils::new([0, 1, 2, 3], sequence, release_ticks)), 0),
+                Lines::Coils { sequence } => {
+                    let mut lines = [0; 4];
+                    for (line, pin) in lines.iter_mut().zip(wired.pins()) {
+                        *line = pin - wired.base;
+                    }
+                    (Output::Coils(Coils::new(lines, sequence, release_ticks)), 0)
+                }
             };
             motor.words = Words::new(output, step_line, pulse_ticks);
             let packing = Packing { fraction_bits: FRACTION_BITS, gain: setup.gain };
             motor.packed = Packed::new(Pool::<POOL>::part(number * queue, queue), packing);
             (motor.wired, motor.pulse_ticks, motor.pull_in_ticks) = (*wired, pulse_ticks, setup.pull_in_ticks);
-            motor.words.channel_mut().pass(now);
+            motor.words.channel_mut().open_from(now);
         }
         let blocks = layout.count.div_ceil(4);
         for block in 0..blocks {
@@ -313,7 +322,9 @@ impl Stepper {
             clock.now()
         });
         regs::SIO_OUT_CLR.write(1 << GATE);
-        let mut uncertain = 0;
+        let (mut uncertain, mut in_pulse) = (0, 0);
+        // By then all pulses that were begun are as long as they ought to be.
+        let mut fall = Moment::of(tick);
         let (pool, all) = self.all();
         for Parts { number, motor, tape, ring } in all {
             let machine = Machine::of(number);
@@ -322,10 +333,8 @@ impl Stepper {
             let halted = machine.halted(&motor.wired.lines);
             let done = if halted == Halted::Before { pulled.wrapping_sub(1) } else { pulled };
             if halted == Halted::InPulse {
-                // As long as it ought to be, and a little longer.
-                let fall = clock.moment().after(motor.pulse_ticks);
-                while clock.moment().is_before(fall) {}
-                machine.end_pulse();
+                in_pulse |= 1 << number;
+                fall = Moment::of(tick).after(motor.pulse_ticks);
             }
             let made = tape.position_after(done);
             let (words, mut items) = (&mut motor.words, motor.packed.waiting(pool));
@@ -337,10 +346,13 @@ impl Stepper {
                     uncertain |= 1 << number;
                 }
             }
-            words.stop(&mut items, made);
-            if let Lines::Coils { .. } = motor.wired.lines {
-                machine.set_lines(words.levels());
-            }
+            // Before its first word the lines are as in that.
+            let last = ring[done.saturating_sub(1) as usize % RING];
+            words.stop(&mut items, made, lines(last));
+        }
+        while clock.moment().is_before(fall) {}
+        for number in (0..self.count).filter(|number| in_pulse >> number & 1_u8 != 0) {
+            Machine::of(number).end_pulse();
         }
         (tick, uncertain)
     }
@@ -350,7 +362,7 @@ impl Stepper {
         for (number, motor) in (0..self.count).zip(&mut self.motors) {
             if let Lines::Coils { .. } = motor.wired.lines {
                 motor.words.release();
-                Machine::of(number).set_lines(motor.words.levels());
+                Machine::of(number).set_lines(&motor.wired, motor.words.levels());
             }
         }
     }
