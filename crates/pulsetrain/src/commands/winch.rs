@@ -8,7 +8,7 @@ use std::thread;
 use miette::{Report, miette};
 use pulsetrain_board::native_winch::NativeWinch;
 use pulsetrain_board::virtual_pico::VirtualPico;
-use pulsetrain_board::virtual_uno::{CYCLES_PER_S, VirtualUno};
+use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Port, PortError, Serial, VirtualBoard};
 use pulsetrain_motion::boards;
 use pulsetrain_motion::pins::PinKind;
