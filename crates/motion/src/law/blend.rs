@@ -307,6 +307,11 @@ fn shortest(
 }
 
 impl Blended {
+    /// The same beginning or end of another law.
+    pub(super) fn map(&self, f: impl Fn(&Law) -> Law) -> Blended {
+        Blended { law: f(&self.law), ..self.clone() }
+    }
+
     pub(super) fn end(&self) -> Option<Time> {
         self.tail.as_ref().map(|tail| tail.end).or_else(|| self.law.end())
     }

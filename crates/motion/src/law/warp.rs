@@ -137,6 +137,11 @@ impl Warped {
         }
     }
 
+    /// The same easing of another law.
+    pub(super) fn map(&self, f: impl Fn(&Law) -> Law) -> Warped {
+        Warped { law: f(&self.law), ..self.clone() }
+    }
+
     pub(super) fn class(&self) -> Class {
         self.law.class().max(Class::Enclosed)
     }
