@@ -132,6 +132,16 @@ impl fmt::Display for OutOfReach {
 }
 
 impl Delta {
+    /// The same robot, its lengths in units of `mm` millimetres.
+    pub(crate) fn in_unit(&self, mm: f64) -> Delta {
+        Delta {
+            base_mm: self.base_mm / mm,
+            upper_arm_mm: self.upper_arm_mm / mm,
+            forearm_mm: self.forearm_mm / mm,
+            effector_mm: self.effector_mm / mm,
+        }
+    }
+
     /// cos and sin of the direction in which an arm points.
     fn direction(arm: usize) -> (f64, f64) {
         match arm {

@@ -307,9 +307,9 @@ fn shortest(
 }
 
 impl Blended {
-    /// The same beginning or end of another law.
-    pub(super) fn map(&self, f: impl Fn(&Law) -> Law) -> Blended {
-        Blended { law: f(&self.law), ..self.clone() }
+    /// The law without its other beginning or end.
+    pub(super) const fn law(&self) -> &Law {
+        &self.law
     }
 
     pub(super) fn end(&self) -> Option<Time> {

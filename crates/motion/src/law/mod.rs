@@ -12,12 +12,14 @@
 //!
 //! Each constructor checks its parameters and returns [`LawError::Parameter`] that names the one out of range.
 
+mod arm;
 mod blend;
 mod circle;
 mod combine;
 pub mod cursor;
 pub mod curve;
 mod double;
+pub(crate) mod extent;
 pub mod formula;
 mod lorenz;
 mod profile;

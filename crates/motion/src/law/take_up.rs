@@ -54,14 +54,26 @@ impl Law {
         Ok(Law::TakeUp(Box::new(TakeUp { sum: [self, added] })))
     }
 
-    /// This law as its machine draws it: without what takes up slack.
+    /// This law as what the motor drives makes it: without what takes up slack. `None` if that cannot be told apart, in
+    /// laws made of ones that take up slack.
     #[must_use]
-    pub fn without_slack(&self) -> Law {
+    pub fn without_slack(&self) -> Option<&Law> {
         match self {
-            Law::TakeUp(take_up) => take_up.sum[0].clone(),
-            Law::Blended(blended) => Law::Blended(Box::new(blended.map(Law::without_slack))),
-            Law::Warped(warped) => Law::Warped(Box::new(warped.map(Law::without_slack))),
-            law => law.clone(),
+            Law::TakeUp(take_up) => Some(&take_up.sum[0]),
+            law => (!law.takes_up()).then_some(law),
+        }
+    }
+
+    /// Whether slack is taken up anywhere in it.
+    fn takes_up(&self) -> bool {
+        match self {
+            Law::TakeUp(_) | Law::Slack(_) => true,
+            Law::Sum(laws) | Law::Then(laws) => laws.iter().any(Law::takes_up),
+            Law::Changed(changed) => changed.law.takes_up(),
+            Law::Repeated(repeated) => repeated.law.takes_up(),
+            Law::Blended(blended) => blended.law().takes_up(),
+            Law::Warped(warped) => warped.law().takes_up(),
+            _ => false,
         }
     }
 }
@@ -242,7 +254,7 @@ mod tests {
             let added = with.at(seconds(at_s)).unwrap().position - plain.at(seconds(at_s)).unwrap().position;
             assert!((added - expected).abs() < 1e-6, "{added} at {at_s} s");
         }
-        assert_eq!(taking_up.without_slack().end(), law.end());
+        assert_eq!(taking_up.without_slack().unwrap().end(), law.end());
     }
 
     #[test]

@@ -334,8 +334,13 @@ impl Drawing {
 
     fn finish(self, title: String) -> Picture {
         let Drawing { axes, is_told, closely, .. } = self;
-        let mut picture =
-            Picture { title, tick_s: 1.0 / CYCLES_PER_S as f64, motors: Vec::new(), errors: Errors::Steps };
+        let mut picture = Picture {
+            title,
+            tick_s: 1.0 / CYCLES_PER_S as f64,
+            motors: Vec::new(),
+            errors: Errors::Steps,
+            figures: Vec::new(),
+        };
         let mut shown: Vec<_> = axes.into_iter().zip(closely).zip(is_told).filter(|(_, told)| *told).collect();
         picture.motors = shown.iter().map(|((axis, _), _)| axis.clone()).collect();
         if let Some((from, to)) = picture.close_view() {
