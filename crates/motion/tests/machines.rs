@@ -83,8 +83,8 @@ fn loader(path: &Path) -> io::Result<String> {
     match path.to_str() {
         Some("path.csv") => Ok("t,x,y,z\n0,0,0,-140\n1,20,10,-150\n2,0,0,-140\n".into()),
         Some("far.csv") => Ok("t,x,y,z\n0,0,0,-140\n1,20,10,-150\n2,0,170,-140\n".into()),
-        // Each row can be reached, what is between them cannot: the arms would have to fold too far.
-        Some("between.csv") => Ok("0,0,0,-190\n1,95,0,-140\n2,0,95,-140\n".into()),
+        // Each row can be reached, what is between them cannot: the arms cannot fold so far.
+        Some("between.csv") => Ok("0,120,0,-40\n1,-120,0,-40\n".into()),
         _ => Err(io::ErrorKind::NotFound.into()),
     }
 }

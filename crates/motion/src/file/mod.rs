@@ -438,13 +438,6 @@ fn motor_named(node: &Node, drafts: &[(String, Read<Draft>)]) -> Read<usize> {
 }
 
 fn read_motion(motion: &Section, draft: &Draft, load: Loader, timeline: &mut Timeline) -> Read<()> {
-    let context =
-        Context { reader: motion.reader, motor: &draft.name, gearing: &draft.gearing, limits: &draft.limits, load };
-    let node = motion.need("law", "law.sine = { amplitude = \"1 rev\", period = \"1 s\" }")?;
-    let law = context.law(&node);
-    let start = motion.get("start").map(|node| Ok((node.time("1 s")?, node))).transpose();
-    let repeat = motion.get("repeat").map(|node| Ok((laws::times(&node)?, node))).transpose();
-    let mut law = law?;
     if let Some(path) = motion.get("path") {
         return Err(path.note(
             "of a machine",
@@ -452,6 +445,13 @@ fn read_motion(motion: &Section, draft: &Draft, load: Loader, timeline: &mut Tim
             "write `law` for a motor, or name a `machine`",
         ));
     }
+    let context =
+        Context { reader: motion.reader, motor: &draft.name, gearing: &draft.gearing, limits: &draft.limits, load };
+    let node = motion.need("law", "law.sine = { amplitude = \"1 rev\", period = \"1 s\" }")?;
+    let law = context.law(&node);
+    let start = motion.get("start").map(|node| Ok((node.time("1 s")?, node))).transpose();
+    let repeat = motion.get("repeat").map(|node| Ok((laws::times(&node)?, node))).transpose();
+    let mut law = law?;
     if let Some((times, repeat)) = repeat? {
         law = law.repeated(times).map_err(|error| refuse(&repeat, &error))?;
     }

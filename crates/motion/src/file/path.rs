@@ -350,7 +350,7 @@ impl Reading<'_> {
             Err(error) => error,
         };
         let who = match error.arm() {
-            Some(arm) => format!(" of arm `{}`", self.motors[arm].name),
+            Some(arm) => format!(" for arm `{}`", self.motors[arm].name),
             None => String::new(),
         };
         Err(format!("the effector cannot be at ({x:.3}, {y:.3}, {z:.3}) mm{who}: {error}"))
