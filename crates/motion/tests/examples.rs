@@ -160,8 +160,7 @@ fn the_table_goes_through_its_points_five_times() {
 fn the_manuals_examples_are_motion_files() {
     for manual in ["motion-files.md", "machines.md"] {
         let manual = std::fs::read_to_string(examples().join("../docs").join(manual)).unwrap();
-        let blocks: Vec<&str> =
-            manual.split("```toml\n").skip(1).filter_map(|rest| rest.split("```").next()).collect();
+        let blocks: Vec<&str> = manual.split("```toml\n").skip(1).filter_map(|rest| rest.split("```").next()).collect();
         assert!(!blocks.is_empty());
         for block in blocks {
             let none = |_: &Path| Err(std::io::ErrorKind::NotFound.into());

@@ -49,7 +49,7 @@ pub use problem::{FileError, Problem};
 pub use winch::WinchScript;
 
 use crate::boards::{self, BoardRow};
-use crate::law::{Law, LawError};
+use crate::law::{Cursor, Law, LawError};
 use crate::program::{Motor, Program, Tolerance};
 use crate::quantity::{Base, nearest};
 use crate::{Grid, Time};
@@ -378,19 +378,17 @@ fn read_path(
     }
     let motors = machine.motors.iter().map(|motor| drafts[*motor].1.as_ref().map_err(|Noted| Noted));
     let reading = path::Reading { machine, motors: motors.collect::<Read<_>>()?, load };
-    let laws = reading.path(motion, last);
+    let path = reading.path(motion, last);
     let start = motion.get("start").map(|node| Ok((node.time("1 s")?, node))).transpose();
-    let (laws, start) = (laws?, start?);
+    let ((laws, end), start) = (path?, start?);
     // When the last of them has done what was before; whoever never does is told by `push`.
     let ends = machine.motors.iter().filter_map(|motor| timelines[*motor].as_ref().ok()?.end);
     let together = ends.fold(Time::ZERO, Time::max);
     let begin = start.as_ref().map_or(together, |(start, _)| *start);
     let mut home = Home { at: begin, steps: Vec::new() };
-    let mut end = Vec::new();
     for (motor, law) in machine.motors.iter().zip(laws) {
-        let [first, last] = path::ends(&law).map_err(|error| refuse(node, &error))?;
-        home.steps.push(first);
-        end.push(last);
+        let first = Cursor::new(&law).at(Time::ZERO).map_err(|error| refuse(node, &error))?;
+        home.steps.push(first.position);
         let at = start.clone().unwrap_or_else(|| (together, node.clone()));
         match &mut timelines[*motor] {
             Ok(timeline) => timeline.push(motion, Some(at), law)?,

@@ -54,8 +54,9 @@ pub(super) struct Reading<'a> {
 }
 
 impl Reading<'_> {
-    /// `path = { … }` of a motion, with its `repeat` and `ease`: the law of each motor, steps.
-    pub(super) fn path(&self, motion: &Section, last: Option<&[f64]>) -> Read<Vec<Law>> {
+    /// `path = { … }` of a motion, with its `repeat` and `ease`: the law of each motor, steps, and where a delta robot's arms
+    /// are at its end.
+    pub(super) fn path(&self, motion: &Section, last: Option<&[f64]>) -> Read<(Vec<Law>, Vec<f64>)> {
         let node = motion.need("path", "path.circle = { radius = \"20 mm\", period = \"4 s\" }")?;
         for key in ["law", "begin", "end"] {
             if motion.get(key).is_some() {
@@ -131,14 +132,19 @@ impl Reading<'_> {
                 })
                 .collect()
         };
-        // What never ends is looked at in one of its cycles.
-        let forever = matches!(repeat, Some((None, _)));
-        let looked_at = if forever { read.coordinates } else { timed(read.coordinates)? };
-        self.keeps_to_limits(path, &looked_at)?;
-        if let Kind::Delta { angles, .. } = &self.machine.kind {
-            self.arms_fit(motion, path, &joints, *angles, repeat.is_some(), last)?;
+        // One cycle stands for all: they are joined at the same speeds, or the planner refuses them.
+        self.keeps_to_limits(path, &read.coordinates)?;
+        if let Some((over, _)) = &ease
+            && let Ok(eased) =
+                read.coordinates.iter().map(|law| law.clone().eased(*over)).collect::<Result<Vec<_>, _>>()
+        {
+            self.keeps_to_limits(path, &eased)?;
         }
-        timed(joints)
+        let end = match &self.machine.kind {
+            Kind::Delta { angles, .. } => self.arms_fit(motion, path, &joints, *angles, repeat.is_some(), last)?,
+            Kind::Xy => Vec::new(),
+        };
+        Ok((timed(joints)?, end))
     }
 
     /// Lorenz's and DDS's figures are of two motors that move along their own axes.
@@ -406,7 +412,7 @@ impl Reading<'_> {
         Ok(())
     }
 
-    /// Angles within their limits; and what follows begins where the arms are.
+    /// Angles within their limits; and what follows begins where the arms are. Gives where they are at the end, steps.
     fn arms_fit(
         &self,
         motion: &Section,
@@ -415,11 +421,13 @@ impl Reading<'_> {
         angles: Option<(f64, f64)>,
         repeated: bool,
         last: Option<&[f64]>,
-    ) -> Read<()> {
+    ) -> Read<Vec<f64>> {
+        let mut last_steps = Vec::new();
         for (arm, law) in joints.iter().enumerate() {
             let (name, per_rad) = (&self.motors[arm].name, self.motors[arm].gearing.steps_per_rad());
             let degrees = |steps: f64| (steps / per_rad).to_degrees();
             let [first, end] = ends(law).map_err(|error| refuse(node, &error))?;
+            last_steps.push(end);
             if repeated && (end - first).abs() > MEETS_STEPS {
                 let off = degrees(end - first);
                 let message =
@@ -451,7 +459,7 @@ impl Reading<'_> {
                 }
             }
         }
-        Ok(())
+        Ok(last_steps)
     }
 }
 
@@ -468,7 +476,7 @@ fn broken(law: &Law) -> Option<LawError> {
 }
 
 /// Where a law begins and ends, steps.
-pub(super) fn ends(law: &Law) -> Result<[f64; 2], LawError> {
+fn ends(law: &Law) -> Result<[f64; 2], LawError> {
     let mut cursor = Cursor::new(law);
     let first = cursor.at(Time::ZERO)?.position;
     Ok([first, law.end().map_or(Ok(first), |end| cursor.at(end).map(|sample| sample.position))?])

@@ -16,19 +16,21 @@ pub(crate) enum Extent {
 
 /// Parts of a piece are not halved beyond this: what passes by less is rounding.
 const DEEPEST: u32 = 24;
+/// Stretches of laws that are looked at, at most.
+const MOST_STRETCHES: u32 = 1 << 18;
 /// What may pass, as part of the limit.
 const SLACK: f64 = 1e-9;
 
 /// When `laws` (side by side, each multiplied by its `scale`) pass `limit`, if they do: the time, and what they are then.
 ///
-/// The limit of speeds and accelerations must not be negative. Endless laws are looked at for ever.
+/// The limit of speeds and accelerations must not be negative.
 ///
 /// # Errors
-/// The laws' own.
+/// [`LawError::Parameter`] if there is too much to look at; and the laws' own.
 pub(crate) fn first_beyond(laws: &[(&Law, f64)], extent: Extent, limit: f64) -> Result<Option<(Time, f64)>, LawError> {
     let mut terms: Vec<(Pieces<'_>, Option<Piece>)> = laws.iter().map(|(law, _)| (law.pieces(), None)).collect();
     let mut at = Time::ZERO;
-    loop {
+    for _ in 0..MOST_STRETCHES {
         for (pieces, piece) in &mut terms {
             while piece.as_ref().is_none_or(|piece| piece.end <= at) {
                 match pieces.next() {
@@ -45,6 +47,7 @@ pub(crate) fn first_beyond(laws: &[(&Law, f64)], extent: Extent, limit: f64) -> 
         }
         at = end;
     }
+    Err(LawError::Parameter(format!("the path has more than {MOST_STRETCHES} parts: too long to be checked")))
 }
 
 /// The same between two times that lie in one piece of each law.
