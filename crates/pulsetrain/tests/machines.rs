@@ -69,12 +69,13 @@ fn the_butterfly_is_within_three_quarters_of_a_step() {
     assert!(tip > 0.6 / 80.0, "{tip} mm");
 }
 
-/// A step of an arm is 0.11°, some 0.14 mm at the end of 70 mm; the effector goes farther than the elbow where the arms stand
-/// badly.
+/// A step of an arm is 0.11°, 0.14 mm at the end of 70 mm, and half of it what rounding leaves. All three can be off by that, and
+/// the effector then goes up to 2.4 times as far.
 #[test]
 fn the_delta_robot_is_within_half_a_step_of_each_arm() {
     let (machine, motors, tip, off) = figure(&example("delta.toml"), "delta");
     assert_eq!(machine, "robot");
     assert!(motors <= OF_A_MOTOR, "{motors} steps");
-    assert!((0.02..0.16).contains(&tip) && off <= tip, "{tip} and {off} mm");
+    let of_an_arm = OF_A_MOTOR * 70.0 * std::f64::consts::TAU / 3200.0;
+    assert!((of_an_arm..2.4 * of_an_arm).contains(&tip) && off <= tip, "{tip} and {off} mm");
 }
