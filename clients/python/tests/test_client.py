@@ -234,7 +234,7 @@ class PseudoTerminal(unittest.TestCase):
 @needs_boards
 class VirtualBoards(unittest.TestCase):
     #: Boards that speak text.
-    BOARDS = ["winch", "uno"]
+    BOARDS = ["winch", "uno", "pico"]
 
     def assert_goes_to(self, winch: Winch, positions: Tuple[int, int, int, int]) -> None:
         """It gets there, and stays."""

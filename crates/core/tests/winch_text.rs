@@ -367,6 +367,7 @@ fn replies() {
     refused(What::Checksum, 2, "err checksum 2");
     refused(What::Rate, 2, "dbg invalid srate value");
     refused(What::Words, 11, "dbg excessive input error");
+    says(Reply::Taken, "err taken");
 }
 
 /// strtol's whole numbers, by Rust's own reading.

@@ -3,7 +3,6 @@
 use std::fmt::{self, Display};
 use std::time::Duration;
 
-use pulsetrain_board::virtual_uno::CYCLES_PER_S;
 use pulsetrain_board::{Port, PortError, VirtualBoard};
 use pulsetrain_motion::program::Scale;
 use pulsetrain_trace::Edge;
@@ -33,9 +32,14 @@ pub enum Wish {
 const STOP: &str = "enable 0";
 const AFTER_STOP: Duration = Duration::from_secs(1);
 
+/// Ticks of a run on a board whose pins nobody sees.
+const UNSEEN_TICK_HZ: u64 = 16_000_000;
+
 /// What happened in a run. Times are the board's clock.
 #[derive(Clone, Debug)]
 pub struct Run {
+    /// Ticks in a second.
+    pub tick_hz: u64,
     /// When the script began, ticks.
     pub begin: u64,
     /// When it ended, ticks.
@@ -81,8 +85,8 @@ pub fn on_virtual<B: VirtualBoard>(
 ) -> Result<Run, PortError> {
     // Its clock runs, as it has answered.
     let zero = talk.port().zero().unwrap_or(0);
-    let to_tick = move |at: Duration| ticks(at) - zero;
-    send(talk, script, watch, |_, _| {}).map(|sent| sent.run(to_tick))
+    let to_tick = move |at: Duration| ticks(at, B::CYCLES_PER_S) - zero;
+    send(talk, script, watch, |_, _| {}).map(|sent| sent.run(B::CYCLES_PER_S, to_tick))
 }
 
 /// The same on a real board, of which nothing is known but what it says.
@@ -98,7 +102,8 @@ pub fn on_port<P: Port>(talk: &mut Talk<P>, script: &Script, watch: impl FnMut(f
         }
     })?;
     let zero_us = if zero_us.is_finite() { zero_us } else { 0.0 };
-    Ok(sent.run(move |at| ((at.as_secs_f64() * 1e6 - zero_us).max(0.0) * (CYCLES_PER_S as f64 / 1e6)) as u64))
+    let ticks_per_us = UNSEEN_TICK_HZ as f64 / 1e6;
+    Ok(sent.run(UNSEEN_TICK_HZ, move |at| ((at.as_secs_f64() * 1e6 - zero_us).max(0.0) * ticks_per_us) as u64))
 }
 
 /// What was sent and heard, in the port's time.
@@ -114,13 +119,14 @@ struct Sent {
 }
 
 impl Sent {
-    fn run(self, tick: impl Fn(Duration) -> u64) -> Run {
+    fn run(self, tick_hz: u64, tick: impl Fn(Duration) -> u64) -> Run {
         let told = |(soonest, latest, command): &(Duration, Duration, Command)| Told {
             tick: tick(*soonest),
             until: tick(*latest),
             command: *command,
         };
         Run {
+            tick_hz,
             begin: tick(self.begin),
             end: tick(self.end),
             told: self.told.iter().map(told).collect(),
@@ -280,9 +286,8 @@ fn seconds(time: Duration) -> String {
     human::seconds(time.as_secs_f64())
 }
 
-fn ticks(at: Duration) -> u64 {
-    // 62.5 ns each.
-    (at.as_nanos() * 2 / 125) as u64
+fn ticks(at: Duration, tick_hz: u64) -> u64 {
+    (at.as_nanos() * u128::from(tick_hz) / 1_000_000_000) as u64
 }
 
 /// What a script came to.
@@ -367,7 +372,8 @@ pub fn judge(run: &Run, names: Names<'_>, options: &Options) -> Result<Judged, w
 /// What is to be said of a run whose edges nobody saw.
 #[must_use]
 pub fn by_word(run: &Run, names: Names<'_>) -> Judged {
-    let options = Options { origin_s: run.begin as f64 / CYCLES_PER_S as f64, ..Options::default() };
+    let tick_hz = run.tick_hz as f64;
+    let options = Options { tick_hz, origin_s: run.begin as f64 / tick_hz, ..Options::default() };
     let mut drawing = Drawing::new(run, &options);
     let mut compared = Compared { run, drawing: &mut drawing, next: [0; 4], words: Vec::new() };
     compared.words.extend(AXES.map(|axis| Word {
@@ -407,7 +413,7 @@ impl Names<'_> {
             script: self.script.to_owned(),
             runner: self.runner.to_owned(),
             board: self.board.to_owned(),
-            duration_s: (run.end - run.begin) as f64 / CYCLES_PER_S as f64,
+            duration_s: (run.end - run.begin) as f64 / run.tick_hz as f64,
             lines: run.told.len(),
             refusals: run.refusals.clone(),
             troubles: run.troubles.clone(),
@@ -426,6 +432,7 @@ struct Drawing {
     /// Of so many milliseconds one is drawn.
     every_ms: u64,
     ms: [u64; 4],
+    tick_s: f64,
 }
 
 /// Points of a path in the picture, or somewhat more.
@@ -443,15 +450,15 @@ impl Drawing {
             axes: std::array::from_fn(axis),
             is_told: std::array::from_fn(is_told),
             closely: [const { Vec::new() }; 4],
-            every_ms: (run.end - run.begin) / (CYCLES_PER_S / 1000) / POINTS + 1,
+            every_ms: (run.end - run.begin) / (run.tick_hz / 1000) / POINTS + 1,
             ms: [0; 4],
+            tick_s: 1.0 / run.tick_hz as f64,
         }
     }
 
     fn finish(self, title: String) -> Picture {
-        let Drawing { axes, is_told, closely, .. } = self;
-        let mut picture =
-            Picture { title, tick_s: 1.0 / CYCLES_PER_S as f64, motors: Vec::new(), errors: Errors::Steps };
+        let Drawing { axes, is_told, closely, tick_s, .. } = self;
+        let mut picture = Picture { title, tick_s, motors: Vec::new(), errors: Errors::Steps, figures: Vec::new() };
         let mut shown: Vec<_> = axes.into_iter().zip(closely).zip(is_told).filter(|(_, told)| *told).collect();
         picture.motors = shown.iter().map(|((axis, _), _)| axis.clone()).collect();
         if let Some((from, to)) = picture.close_view() {
@@ -498,7 +505,7 @@ struct Compared<'a> {
 impl Onlooker for Compared<'_> {
     fn path(&mut self, axis: usize, at_s: f64, position: f64, speed: f64) {
         self.drawing.path(axis, at_s, position, speed);
-        let now_us = (at_s + self.run.begin as f64 / CYCLES_PER_S as f64) * 1e6;
+        let now_us = (at_s + self.run.begin as f64 / self.run.tick_hz as f64) * 1e6;
         while let Some(status) = self.run.statuses.get(self.next[axis])
             && (status.usec as f64) < now_us + 1000.0
         {

@@ -94,6 +94,21 @@ impl Default for Options {
     }
 }
 
+impl Options {
+    /// A Pico with drivers on the pins of docs/wiring.md: edges to the tick, the same times of a driver.
+    #[must_use]
+    pub fn pico() -> Options {
+        Options {
+            tick_hz: 125e6,
+            step: [2, 4, 6, 8],
+            dir: [3, 5, 7, 9],
+            enable: 22,
+            shortest_ticks: 125,
+            ..Options::default()
+        }
+    }
+}
+
 /// The verdict.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
