@@ -3,7 +3,7 @@
 //! The coverage that leads the fuzzer is core's and the emulator's.
 #![no_main]
 
-#[allow(dead_code, reason = "the rest is for the tests")]
+#[allow(dead_code, unused_imports, reason = "the rest is for the tests")]
 #[path = "../../crates/board/tests/winch_avr.rs"]
 mod winch_avr;
 

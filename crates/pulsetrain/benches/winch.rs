@@ -39,10 +39,12 @@ fn main() {
         spacing(&uno, &format!("{speed} steps/s, 4 axes"), [speed; 4]);
     }
     spacing(&uno, "10000, 9990, −9970 and 9930 steps/s", [10_000, 9990, -9970, 9930]);
-    for speed in [0, 10_000] {
-        for between in [None, Some("d y 0"), Some("g yza 5 1")] {
-            effect(&uno, speed, between);
-        }
+    // As costly lines as there are at the full rate; at 10 000 steps/s, as docs/winch.md says, no shorter `g` than this one.
+    effect(&uno, 0, None);
+    effect(&uno, 0, Some("g yza 5 1"));
+    effect(&uno, 6000, Some("g yza 5 1"));
+    for between in [None, Some("d y 0"), Some("d yza 0 0 0"), Some("g yza 1.25 0.75"), Some("g yza 1.147198 0.333333")] {
+        effect(&uno, 10_000, between);
     }
     commands(&uno);
 }
