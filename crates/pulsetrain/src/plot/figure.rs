@@ -21,9 +21,9 @@ pub struct FigurePicture {
     pub wanted: Vec<[f64; 3]>,
     /// The stepped one, step by step.
     pub stepped: Vec<[f64; 3]>,
-    /// The wanted one during the first steps.
+    /// The wanted one during some steps near the beginning.
     pub close_wanted: Vec<[f64; 3]>,
-    /// The first steps.
+    /// Those steps.
     pub close_stepped: Vec<[f64; 3]>,
 }
 
@@ -70,7 +70,7 @@ fn axes<'a>(points: impl Iterator<Item = &'a Flat>) -> (Axis, Axis) {
 }
 
 impl Drawing {
-    /// All of a figure, and its first steps beside it.
+    /// All of a figure, and steps near its beginning beside it.
     pub(super) fn figure<DB: DrawingBackend>(
         &self,
         figure: &FigurePicture,
@@ -84,7 +84,7 @@ impl Drawing {
         self.line(&mut chart, stepped, light(colour), 4)?;
         self.line(&mut chart, wanted, INK, 1)?;
         let (wanted, stepped) = (figure.flats(&figure.close_wanted), figure.flats(&figure.close_stepped));
-        let title = format!("Its first {} steps, {unit}", figure.close_stepped.len().saturating_sub(1));
+        let title = format!("{} steps near its beginning, {unit}", figure.close_stepped.len().saturating_sub(1));
         let mut chart = self.figure_chart(figure, areas.1, &title, &[&wanted, &stepped])?;
         // Each motor's step by itself is a stroke along an axis: corners are where the tip stands.
         self.line(&mut chart, stepped.clone(), light(colour), 3)?;
