@@ -148,10 +148,8 @@ impl Box3 {
     fn around<'a>(points: impl Iterator<Item = &'a [f64; 3]>) -> Box3 {
         let mut around = Box3 { low: [f64::MAX; 3], high: [f64::MIN; 3] };
         for point in points {
-            for axis in 0..3 {
-                around.low[axis] = around.low[axis].min(point[axis]);
-                around.high[axis] = around.high[axis].max(point[axis]);
-            }
+            let sides = around.low.iter_mut().zip(&mut around.high).zip(point);
+            sides.for_each(|((low, high), at)| (*low, *high) = (low.min(*at), high.max(*at)));
         }
         around
     }
