@@ -169,8 +169,7 @@ impl Delta {
     /// # Errors
     /// [`OutOfReach`] of the first arm that cannot.
     pub fn angles(&self, [x, y, z]: [f64; 3]) -> Result<[f64; 3], OutOfReach> {
-        // Written so that not-a-number fails.
-        if !(z < 0.0) {
+        if z.is_nan() || z >= 0.0 {
             return Err(OutOfReach::Above);
         }
         let mut angles = [0.0; 3];
@@ -179,7 +178,7 @@ impl Delta {
             let out = cos * x + sin * y + (self.effector_mm - self.base_mm);
             let aside = cos * y - sin * x;
             let forearm = self.forearm_mm * self.forearm_mm - aside * aside;
-            if !(forearm > 0.0) {
+            if forearm.is_nan() || forearm <= 0.0 {
                 return Err(OutOfReach::Aside { arm, by_mm: aside.abs(), limit_mm: self.forearm_mm });
             }
             let (forearm_mm, distance_mm) = (forearm.sqrt(), libm::hypot(out, z));
@@ -215,8 +214,7 @@ impl Delta {
         let u = across / 2.0;
         let v = (along * along + up * up - 2.0 * along * u) / (2.0 * up);
         let square = self.forearm_mm * self.forearm_mm - u * u - v * v;
-        // Written so that not-a-number fails.
-        if !(square >= 0.0) {
+        if square.is_nan() || square < 0.0 {
             return None;
         }
         let down = if e3[2] < 0.0 { square.sqrt() } else { -square.sqrt() };
@@ -288,10 +286,10 @@ mod tests {
                 prop_assert!((got - wanted).abs() < 1e-6, "{back:?}");
             }
             // Each forearm is as long as it is, whatever the equations: elbow to joint.
-            for arm in 0..3 {
+            for (arm, angle) in angles.into_iter().enumerate() {
                 let (cos, sin) = Delta::direction(arm);
-                let out = 60.0 + 70.0 * angles[arm].cos();
-                let elbow = [cos * out, sin * out, -70.0 * angles[arm].sin()];
+                let out = 60.0 + 70.0 * angle.cos();
+                let elbow = [cos * out, sin * out, -70.0 * angle.sin()];
                 let joint = [x + 25.0 * cos, y + 25.0 * sin, z];
                 prop_assert!((norm(minus(elbow, joint)) - 150.0).abs() < 1e-9);
             }

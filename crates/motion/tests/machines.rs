@@ -183,7 +183,7 @@ fn the_lorenz_equations_hold_along_its_path() {
     let [mut x, mut y] = [0, 1].map(|motor: usize| Cursor::new(&xy.motors[motor].law));
     let mut z = Cursor::new(&z.motors[0].law);
     // Of 2 mm a unit and 80 steps a mm; half a unit of time a second.
-    let mut of = |cursor: &mut Cursor<'_>, t| {
+    let of = |cursor: &mut Cursor<'_>, t| {
         let sample = cursor.at(Time::from_seconds(t)).unwrap();
         (sample.position / 160.0, sample.speed / 160.0 / 0.5)
     };
@@ -322,9 +322,9 @@ fn machines() {
         "[[motion]]\nmachine = \"table\"\npath",
         "[[motion]]\nmotors = [\"x\", \"y\"]\npath",
         expect![[r#"
-        x.toml:23:1: the motion has no `law`
-            add, for example: law.sine = { amplitude = "1 rev", period = "1 s" }
-    "#]],
+            x.toml:25:1: `path` is for machines
+                write `law` for a motor, or name a `machine`
+        "#]],
     );
     check_xy(
         CIRCLE,
@@ -567,9 +567,9 @@ fn what_a_delta_robot_cannot() {
         "[30, 0, -150]",
         "[130, 0, -150]",
         expect![[r#"
-        x.toml:34:40: the effector cannot be at (130.000, 0.000, -150.000) mm of arm `b`: its joint is 180.3 mm from the shaft, limits 29.1 to 169.1 mm
-            keep the path within what the arms reach
-    "#]],
+            x.toml:34:40: the effector cannot be at (130.000, 0.000, -150.000) mm for arm `b`: its joint is 180.3 mm from the shaft, limits 29.1 to 169.1 mm
+                keep the path within what the arms reach
+        "#]],
     );
     check_delta(
         "[30, 0, -150]",
@@ -583,16 +583,17 @@ fn what_a_delta_robot_cannot() {
         LINES,
         "path.table = { file = \"far.csv\", unit = \"mm\" }",
         expect![[r#"
-        far.csv:4:1: the effector cannot be at (0.000, 170.000, -140.000) mm of arm `a`: its joint is 170.0 mm aside of the arm, limit 150.0 mm (the forearm)
-            keep the path within what the arms reach
-    "#]],
+            far.csv:4:1: the effector cannot be at (0.000, 170.000, -140.000) mm for arm `a`: its joint is 170.0 mm aside of the arm, limit 150.0 mm (the forearm)
+                keep the path within what the arms reach
+        "#]],
     );
     check_delta(
         LINES,
         "path.table = { file = \"between.csv\", unit = \"mm\" }",
         expect![[r#"
-        no problem
-    "#]],
+            x.toml:34:14: at 0.065492 s the effector cannot be at (104.282, 0.000, -40.000) mm for arm `a`: its joint is 80.0 mm from the shaft, limits 80.0 to 220.0 mm
+                keep the path within what the arms reach
+        "#]],
     );
     let formula = |x: &str| {
         format!("path.formula = {{ x = \"{x}\", y = \"0\", z = \"-140\", unit = \"mm\", duration = \"5 s\" }}")
@@ -601,9 +602,9 @@ fn what_a_delta_robot_cannot() {
         LINES,
         &formula("40*t"),
         expect![[r#"
-        x.toml:34:16: at 3.191650 s the effector cannot be at (127.666, 0.000, -140.000) mm of arm `b`: its joint is 171.4 mm from the shaft, limits 31.4 to 171.4 mm
-            keep the path within what the arms reach
-    "#]],
+            x.toml:34:16: at 3.191650 s the effector cannot be at (127.666, 0.000, -140.000) mm for arm `b`: its joint is 171.4 mm from the shaft, limits 31.4 to 171.4 mm
+                keep the path within what the arms reach
+        "#]],
     );
     check_delta(
         LINES,

@@ -4,7 +4,7 @@
 //! after one, and are taken there. Of motors with slack the drawn tip follows only once the slack is taken up.
 
 use std::cmp::Reverse;
-use std::collections::BinaryHeap;
+use std::collections::{BinaryHeap, VecDeque};
 use std::fmt::{self, Display};
 
 use pulsetrain_motion::Time;
@@ -62,8 +62,8 @@ pub(crate) struct Figure<'a> {
     joints: Vec<Joint<'a>>,
     worst: Worst,
     stepped: Trail,
-    close: Vec<[f64; 3]>,
-    close_until_s: f64,
+    /// When, s, and where the tip went, near the beginning.
+    close: VecDeque<(f64, [f64; 3])>,
     tick_s: f64,
     end_s: f64,
 }
@@ -83,6 +83,7 @@ struct Joint<'a> {
     /// The way of the first step, ±1.
     first: f64,
     position: f64,
+    steps: u64,
     /// Where what it drives is, steps.
     drawn: f64,
 }
@@ -98,6 +99,8 @@ struct Worst {
 const WANTED_POINTS: u32 = 6000;
 /// Steps in the close view.
 const CLOSE_STEPS: usize = 60;
+/// So many of them at most before each motor has stepped twice.
+const CLOSE_BEFORE: usize = 16;
 /// Points of the wanted figure in it.
 const CLOSE_POINTS: u32 = 600;
 
@@ -111,7 +114,7 @@ impl<'a> Figure<'a> {
         let joint = |(motor, slack): (&usize, &f64)| {
             let mut cursor = Cursor::new(program.motors[*motor].law.without_slack()?);
             let start = cursor.at(Time::ZERO).ok()?.position;
-            Some(Joint { cursor, start, slack: *slack, first: 0.0, position: 0.0, drawn: 0.0 })
+            Some(Joint { cursor, start, slack: *slack, first: 0.0, position: 0.0, steps: 0, drawn: 0.0 })
         };
         let joints: Option<Vec<Joint<'a>>> = machine.motors.iter().zip(&machine.slack).map(joint).collect();
         let ends = machine.motors.iter().filter_map(|motor| program.motors[*motor].law.end());
@@ -123,13 +126,12 @@ impl<'a> Figure<'a> {
             joints: joints.unwrap_or_default(),
             worst: Worst::default(),
             stepped: Trail::default(),
-            close: Vec::new(),
-            close_until_s: 0.0,
+            close: VecDeque::new(),
             end_s,
         };
         if let Some(tip) = figure.drawn() {
             figure.stepped.push(tip);
-            figure.close.push(tip);
+            figure.close.push_back((0.0, tip));
         }
         figure
     }
@@ -164,8 +166,11 @@ impl<'a> Figure<'a> {
             let Some(tip) = self.drawn() else { continue };
             self.stepped.push(tip);
             if self.close.len() <= CLOSE_STEPS {
-                self.close.push(tip);
-                self.close_until_s = t;
+                self.close.push_back((t, tip));
+                // A single motor's steps are no figure: the view begins a little before all of them have stepped.
+                if self.close.len() > CLOSE_BEFORE && self.joints.iter().any(|joint| joint.steps < 2) {
+                    self.close.pop_front();
+                }
             }
         }
     }
@@ -220,14 +225,15 @@ impl<'a> Figure<'a> {
     /// The figures' errors, and the picture; `None` where slack and path cannot be told apart.
     pub(crate) fn finish(mut self) -> Option<(FigureReport, FigurePicture)> {
         self.go_on(0);
-        let (end_s, close_until_s) = (self.end_s, self.close_until_s);
-        let mut sample = |until: f64, points: u32| {
-            let at = |k: u32| until * f64::from(k) / f64::from(points);
+        let end_s = self.end_s;
+        let (begin, until) = (self.close.front().map_or(0.0, |p| p.0), self.close.back().map_or(0.0, |p| p.0));
+        let mut sample = |from: f64, to: f64, points: u32| {
+            let at = |k: u32| from + (to - from) * f64::from(k) / f64::from(points);
             (0..=points).filter_map(|k| Some(self.wanted(at(k))?.1)).collect::<Vec<_>>()
         };
-        let wanted = sample(end_s, WANTED_POINTS);
+        let wanted = sample(0.0, end_s, WANTED_POINTS);
         // A cursor goes forward again from its beginning.
-        let close_wanted = sample(close_until_s, CLOSE_POINTS);
+        let close_wanted = sample(begin, until, CLOSE_POINTS);
         let steps_per_unit = match &self.machine.kinematics {
             Kinematics::Xy { steps_per_unit: [x, y] } if x == y => Some(*x),
             _ => None,
@@ -250,7 +256,7 @@ impl<'a> Figure<'a> {
             wanted,
             stepped: self.stepped.points,
             close_wanted,
-            close_stepped: self.close,
+            close_stepped: self.close.into_iter().map(|(_, tip)| tip).collect(),
         };
         Some((report, picture))
     }
@@ -263,6 +269,7 @@ impl Joint<'_> {
             self.first = (position - self.position).signum();
         }
         self.position = position;
+        self.steps += 1;
         // Forward first: what is driven is pushed along from behind, and stays ahead by up to the slack when it turns.
         let (least, most) =
             if self.first > 0.0 { (position, position + self.slack) } else { (position - self.slack, position) };
@@ -318,8 +325,15 @@ mod tests {
     fn what_a_motor_with_slack_drives_lags_when_it_turns() {
         let law = pulsetrain_motion::Law::rest(Time::SECOND).unwrap();
         for way in [1.0, -1.0] {
-            let mut joint =
-                Joint { cursor: Cursor::new(&law), start: 0.0, slack: 3.0, first: 0.0, position: 0.0, drawn: 0.0 };
+            let mut joint = Joint {
+                cursor: Cursor::new(&law),
+                start: 0.0,
+                slack: 3.0,
+                first: 0.0,
+                position: 0.0,
+                steps: 0,
+                drawn: 0.0,
+            };
             let mut go = |position: f64| {
                 joint.go_to(way * position);
                 way * joint.drawn

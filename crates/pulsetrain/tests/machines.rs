@@ -8,22 +8,26 @@ use pulsetrain::console::Exit;
 /// What rounding to whole steps leaves of each motor: half a step, the grid's hysteresis, and what it moves in a tick.
 const OF_A_MOTOR: f64 = 0.5 + 1.0 / 64.0 + 0.02;
 
-/// Runs a motion file on the native board; what is said of its first figure: machine, motors, tip, off the figure.
-fn figure(file: &Path, name: &str) -> (String, f64, f64, f64) {
+/// Runs a motion file with more arguments, which must go well: the report, and the picture.
+fn run(file: &Path, name: &str, more: &[&str]) -> (serde_json::Value, String) {
     let folder: PathBuf = std::env::temp_dir().join(format!("pulsetrain-machines-{name}-{}", std::process::id()));
     let (mut out, mut err) = (Vec::new(), Vec::new());
-    let out_folder = folder.display().to_string();
-    let file = file.display().to_string();
-    let args = ["pulsetrain", "run", &file, "--native", "--json", "--out", &out_folder];
+    let (file, out_folder) = (file.display().to_string(), folder.display().to_string());
+    let args = [&["pulsetrain", "run", &file, "--json", "--out", &out_folder], more].concat();
     let exit = cli::run(args, &mut out, &mut err);
     assert_eq!(exit, Exit::Success, "{}", String::from_utf8_lossy(&err));
-    let report: serde_json::Value = serde_json::from_slice(&out).expect("JSON");
+    let svg = std::fs::read_to_string(folder.join("plot.svg")).expect("a picture");
+    std::fs::remove_dir_all(folder).expect("the folder can go");
+    (serde_json::from_slice(&out).expect("JSON"), svg)
+}
+
+/// What is said of a file's first figure, on the native board: machine, motors, tip, off the figure.
+fn figure(file: &Path, name: &str) -> (String, f64, f64, f64) {
+    let (report, svg) = run(file, name, &["--native"]);
     let figure = &report["figures"][0];
     let number = |key: &str| figure[key].as_f64().expect("a number");
-    let svg = std::fs::read_to_string(folder.join("plot.svg")).expect("a picture");
     let machine = figure["machine"].as_str().expect("a name").to_owned();
     assert!(svg.contains(&format!("Figure of {machine}, mm")), "the picture shows no figure");
-    std::fs::remove_dir_all(folder).expect("the folder can go");
     (machine, number("motor_steps"), number("tip"), number("off_figure"))
 }
 
@@ -78,4 +82,16 @@ fn the_delta_robot_is_within_half_a_step_of_each_arm() {
     assert!(motors <= OF_A_MOTOR, "{motors} steps");
     let of_an_arm = OF_A_MOTOR * 70.0 * std::f64::consts::TAU / 3200.0;
     assert!((of_an_arm..2.4 * of_an_arm).contains(&tip) && off <= tip, "{tip} and {off} mm");
+}
+
+/// The beginning of each example on the board that it is for: the firmware on the emulated chip, every edge judged.
+#[test]
+fn the_examples_begin_on_their_boards() {
+    for (file, length, runner) in
+        [("circle.toml", "0.7 s", "Pico"), ("lorenz.toml", "2 s", "Uno"), ("delta.toml", "2 s", "Uno")]
+    {
+        let (report, _) = run(&example(file), &format!("board-{file}"), &["--for", length]);
+        assert_eq!(report["verdict"]["ok"], true, "{file}");
+        assert!(report["runner"].as_str().is_some_and(|name| name.contains(runner)), "{file}");
+    }
 }

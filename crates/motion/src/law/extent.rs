@@ -112,9 +112,9 @@ impl Model {
         let falling = |k: usize| (0..order).map(|i| (k - i) as f64).product::<f64>();
         let mut model = Model::default();
         let mut power = 1.0;
-        for k in order..8 {
-            model.c[k - order] = falling(k) * jet[k] * scale;
-            model.rest += falling(k) * bounds.rounding[k] * power;
+        for (k, (coefficient, rounding)) in jet.into_iter().zip(bounds.rounding).enumerate().skip(order) {
+            model.c[k - order] = falling(k) * coefficient * scale;
+            model.rest += falling(k) * rounding * power;
             power *= reach;
         }
         if order == 0 {

@@ -132,11 +132,12 @@ impl Lorenz {
             }
             let series = self.orbit.expand(state);
             let reach = reach(&series);
-            // Written so that not-a-number fails.
-            if !(reach >= SHORTEST) || series.iter().any(|s| (s[0] * self.scale).abs() > FARTHEST) {
-                start = last;
+            let far = series.iter().any(|s| (s[0] * self.scale).abs() > FARTHEST);
+            if reach.is_nan() || reach < SHORTEST || far {
                 let why = format!("the orbit runs away: it is at ({}, {}, {})", state[0], state[1], state[2]);
-                return Some(Err(LawError::Undefined { at_s: start.seconds(), why }));
+                let at_s = start.seconds();
+                start = last;
+                return Some(Err(LawError::Undefined { at_s, why }));
             }
             let end = last.min(start + Time::from_seconds(reach / self.speed));
             let ahead = (end - start).seconds() * self.speed;
@@ -152,5 +153,22 @@ impl Lorenz {
             start = end;
             Some(Ok(piece))
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_orbit_that_runs_away_is_told_with_its_time() {
+        // With σ < 0 and ρ = 0, x grows like e^(10 t).
+        let orbit = Orbit { sigma: -10.0, rho: 0.0, beta: 1.0, start: [1.0, 0.0, 0.0] };
+        let law = Law::lorenz(orbit, 0, 1.0, 1.0, Some(Time::from_seconds(100.0))).unwrap();
+        let error = law.pieces().find_map(Result::err).unwrap();
+        let LawError::Undefined { at_s, why } = error else { panic!("{error}") };
+        assert!((3.0..5.0).contains(&at_s), "{at_s} s");
+        assert!(why.starts_with("the orbit runs away"), "{why}");
+        assert_eq!(law.pieces().filter(Result::is_err).count(), 1);
     }
 }

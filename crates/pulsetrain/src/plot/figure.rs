@@ -21,9 +21,9 @@ pub struct FigurePicture {
     pub wanted: Vec<[f64; 3]>,
     /// The stepped one, step by step.
     pub stepped: Vec<[f64; 3]>,
-    /// The wanted one during the first steps.
+    /// The wanted one during some steps near the beginning.
     pub close_wanted: Vec<[f64; 3]>,
-    /// The first steps.
+    /// Those steps.
     pub close_stepped: Vec<[f64; 3]>,
 }
 
@@ -70,7 +70,7 @@ fn axes<'a>(points: impl Iterator<Item = &'a Flat>) -> (Axis, Axis) {
 }
 
 impl Drawing {
-    /// All of a figure, and its first steps beside it.
+    /// All of a figure, and steps near its beginning beside it.
     pub(super) fn figure<DB: DrawingBackend>(
         &self,
         figure: &FigurePicture,
@@ -84,7 +84,7 @@ impl Drawing {
         self.line(&mut chart, stepped, light(colour), 4)?;
         self.line(&mut chart, wanted, INK, 1)?;
         let (wanted, stepped) = (figure.flats(&figure.close_wanted), figure.flats(&figure.close_stepped));
-        let title = format!("Its first {} steps, {unit}", figure.close_stepped.len().saturating_sub(1));
+        let title = format!("{} steps near its beginning, {unit}", figure.close_stepped.len().saturating_sub(1));
         let mut chart = self.figure_chart(figure, areas.1, &title, &[&wanted, &stepped])?;
         // Each motor's step by itself is a stroke along an axis: corners are where the tip stands.
         self.line(&mut chart, stepped.clone(), light(colour), 3)?;
@@ -148,10 +148,8 @@ impl Box3 {
     fn around<'a>(points: impl Iterator<Item = &'a [f64; 3]>) -> Box3 {
         let mut around = Box3 { low: [f64::MAX; 3], high: [f64::MIN; 3] };
         for point in points {
-            for axis in 0..3 {
-                around.low[axis] = around.low[axis].min(point[axis]);
-                around.high[axis] = around.high[axis].max(point[axis]);
-            }
+            let sides = around.low.iter_mut().zip(&mut around.high).zip(point);
+            sides.for_each(|((low, high), at)| (*low, *high) = (low.min(*at), high.max(*at)));
         }
         around
     }

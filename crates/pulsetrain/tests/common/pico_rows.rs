@@ -258,7 +258,7 @@ fn motor(number: u8, law: Motion, timing: Timing) -> Motor {
 
 fn prepared(file: &str, motors: Vec<Motor>) -> Prepared {
     let board = boards::find("pico").expect("the table has the Pico").board;
-    let program = Program { board, grid: Grid::REACH, tolerance: Tolerance::Ticks(1.0), motors };
+    let program = Program { board, grid: Grid::REACH, tolerance: Tolerance::Ticks(1.0), motors, machines: Vec::new() };
     Prepared { file: file.to_owned(), program, cut_at: None, pause: None }
 }
 
@@ -318,7 +318,8 @@ pub(crate) fn sinusoids(rate: f64, cycles: u64) -> Row {
         motor(number, law, timing)
     });
     let prepared = prepared("sinusoids", motors.collect());
-    let (mut row, _) = motion_row(1, "sinusoids of 100 to 170 ms, planned and streamed by a session", &prepared, timing);
+    let (mut row, _) =
+        motion_row(1, "sinusoids of 100 to 170 ms, planned and streamed by a session", &prepared, timing);
     row.required = format!("{} peak", kilo(rate));
     if row.holds() && row.reached < 0.999 * rate {
         row.verdict = format!("MISSED: {}", row.rate);

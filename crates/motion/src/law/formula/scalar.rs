@@ -72,6 +72,8 @@ pub(super) struct Enclosed {
     pub(super) error: f64,
 }
 
+/// Added to errors, and to bounds at 0: far below any step, and far enough above what a processor is slow with.
+const LEAST: f64 = 1e-280;
 /// Units in the last place that the functions are widened by.
 const SLACK: f64 = 8.0 * ULP;
 
@@ -89,17 +91,23 @@ impl Enclosed {
 
     /// One operation's result in `low..=high` whose operands' errors make `carried`: rounds outward.
     fn result(low: f64, high: f64, carried: f64) -> Enclosed {
-        let (low, high) = (low.next_down(), high.next_up());
+        let low = if low.abs() < LEAST { low - LEAST } else { low.next_down() };
+        let high = if high.abs() < LEAST { high + LEAST } else { high.next_up() };
         let magnitude = low.abs().max(high.abs()) + carried;
-        Enclosed { low, high, error: (carried + ULP * magnitude) * (1.0 + 8.0 * ULP) + f64::MIN_POSITIVE }
+        Enclosed { low, high, error: (carried + ULP * magnitude) * (1.0 + 8.0 * ULP) + LEAST }
+    }
+
+    /// Whether it is 0, and is computed as 0.
+    fn is_nothing(self) -> bool {
+        self.low == 0.0 && self.high == 0.0 && self.error == 0.0
     }
 
     /// The same for a function of `libm`.
     fn function(low: f64, high: f64, carried: f64) -> Enclosed {
         let (low, high) = (low - SLACK * low.abs(), high + SLACK * high.abs());
         let magnitude = low.abs().max(high.abs()) + carried;
-        let error = (carried + 2.0 * ULP * magnitude) * (1.0 + 8.0 * ULP) + f64::MIN_POSITIVE;
-        Enclosed { low: low - f64::MIN_POSITIVE, high: high + f64::MIN_POSITIVE, error }
+        let error = (carried + 2.0 * ULP * magnitude) * (1.0 + 8.0 * ULP) + LEAST;
+        Enclosed { low: low - LEAST, high: high + LEAST, error }
     }
 
     /// `f`, rising, whose slope is `slope` at most.
@@ -118,6 +126,13 @@ impl Enclosed {
 impl Add for Enclosed {
     type Output = Enclosed;
     fn add(self, other: Enclosed) -> Enclosed {
+        // Nothing is rounded then.
+        if other.is_nothing() {
+            return self;
+        }
+        if self.is_nothing() {
+            return other;
+        }
         Enclosed::result(self.low + other.low, self.high + other.high, self.error + other.error)
     }
 }
@@ -139,6 +154,10 @@ impl Sub for Enclosed {
 impl Mul for Enclosed {
     type Output = Enclosed;
     fn mul(self, other: Enclosed) -> Enclosed {
+        // The series of polynomials are mostly zeros.
+        if (self.is_nothing() && other.is_sound()) || (other.is_nothing() && self.is_sound()) {
+            return Enclosed::exact(0.0);
+        }
         let products = [self.low * other.low, self.low * other.high, self.high * other.low, self.high * other.high];
         let low = products.into_iter().fold(f64::INFINITY, least);
         let high = products.into_iter().fold(f64::NEG_INFINITY, most);
