@@ -58,13 +58,22 @@ pub enum PicoError {
     },
 }
 
+/// The ways to a Pico; it has both at once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Line {
+    /// UART0 on GPIO 0 and 1, through a USB adapter.
+    Uart,
+    /// Its own USB port.
+    Usb,
+}
+
 /// A Raspberry Pi Pico in virtual time.
 #[derive(Clone)]
 pub struct VirtualPico {
     chip: Rp2040,
     outside: Outside,
-    /// By its own USB port, not by the UART.
-    by_usb: bool,
+    /// The one that it is a [`Port`] by.
+    line: Line,
     /// The cycle of the firmware's tick 0.
     zero: u64,
     /// The rate of the adapter, and the one that it changes to at a cycle.
@@ -115,7 +124,7 @@ impl VirtualPico {
     /// # Errors
     /// [`PicoError::NoUsb`] if it is no USB serial port.
     pub fn opened(mut self) -> Result<VirtualPico, PicoError> {
-        self.by_usb = true;
+        self.line = Line::Usb;
         self.chip.usb_plug(true);
         self.chip.usb_open(true);
         let end = self.chip.cycle() + ENUMERATION;
@@ -137,7 +146,7 @@ impl VirtualPico {
         let mut pico = VirtualPico {
             chip: Rp2040::new(&flash)?,
             outside: Outside::default(),
-            by_usb: false,
+            line: Line::Uart,
             zero: 0,
             baud: Baud::B115200,
             next_baud: None,
@@ -177,13 +186,48 @@ impl VirtualPico {
         self.baud
     }
 
-    /// Takes what has come over USB by `cycle`, if it was sent at the adapter's rate.
-    fn fetch(&mut self, cycle: u64, into: &mut Vec<u8>) {
-        while let Some((_, packet)) = self.outside.packets.pop_front_if(|(end, _)| *end <= cycle) {
-            into.extend(packet);
+    /// Hands over bytes on one of its lines, whichever it is a [`Port`] by.
+    pub fn send_on(&mut self, line: Line, bytes: &[u8]) {
+        if line == Line::Usb {
+            self.chip.usb_send(bytes);
+            return;
         }
-        while let Some(byte) = self.outside.bytes.front().filter(|byte| byte.end_cycle <= cycle).copied() {
-            self.outside.bytes.pop_front();
+        let baud = self.next_baud.map_or(self.baud, |(_, baud)| baud);
+        let frame = self.next_frame();
+        for byte in bytes {
+            let start = self.line_busy.max(frame);
+            let byte = LineByte::new(start, *byte, bit_256(baud) as u32);
+            self.line_busy = byte.end_cycle();
+            self.chip.receive(0, byte);
+        }
+    }
+
+    /// Lets time pass until `until`, or until bytes have come on one of its lines; appends them to `into`. What comes on the
+    /// other waits.
+    pub fn receive_on(&mut self, line: Line, until: Duration, into: &mut Vec<u8>) {
+        let until = u64::try_from(until.as_nanos().div_ceil(8)).unwrap_or(u64::MAX).saturating_add(self.zero);
+        let had = into.len();
+        // What has come while time passed for the other line.
+        self.fetch(line, self.next_frame() - USB_FRAME, into);
+        while into.len() == had && self.chip.cycle() < until {
+            // Bytes reach the host with the next frame of USB.
+            let frame = self.next_frame();
+            self.chip.run(frame.min(until), &mut self.outside);
+            if self.chip.cycle() >= frame {
+                self.fetch(line, frame, into);
+            }
+        }
+    }
+
+    /// Takes what has come on a line by `cycle`; through the adapter, if it was sent at its rate.
+    fn fetch(&mut self, line: Line, cycle: u64, into: &mut Vec<u8>) {
+        if line == Line::Usb {
+            while let Some((_, packet)) = self.outside.packets.pop_front_if(|(end, _)| *end <= cycle) {
+                into.extend(packet);
+            }
+            return;
+        }
+        while let Some(byte) = self.outside.bytes.pop_front_if(|byte| byte.end_cycle <= cycle) {
             if byte.uart != 0 {
                 continue;
             }
@@ -229,8 +273,9 @@ impl VirtualBoard for VirtualPico {
     /// Nothing: neither an adapter nor its own USB resets it.
     fn reset(&mut self) {}
 
+    /// The port's time begins with the firmware's clock.
     fn zero(&self) -> Option<u64> {
-        Some(self.zero)
+        Some(0)
     }
 
     fn baud(&self) -> Baud {
@@ -244,32 +289,12 @@ impl Port for VirtualPico {
     }
 
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
-        if self.by_usb {
-            self.chip.usb_send(bytes);
-            return Ok(());
-        }
-        let baud = self.next_baud.map_or(self.baud, |(_, baud)| baud);
-        let frame = self.next_frame();
-        for byte in bytes {
-            let start = self.line_busy.max(frame);
-            let byte = LineByte::new(start, *byte, bit_256(baud) as u32);
-            self.line_busy = byte.end_cycle();
-            self.chip.receive(0, byte);
-        }
+        self.send_on(self.line, bytes);
         Ok(())
     }
 
     fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
-        let until = u64::try_from(until.as_nanos().div_ceil(8)).unwrap_or(u64::MAX).saturating_add(self.zero);
-        let had = into.len();
-        while into.len() == had && self.chip.cycle() < until {
-            // Bytes reach the host with the next frame of USB.
-            let frame = self.next_frame();
-            self.chip.run(frame.min(until), &mut self.outside);
-            if self.chip.cycle() >= frame {
-                self.fetch(frame, into);
-            }
-        }
+        self.receive_on(self.line, until, into);
         Ok(())
     }
 

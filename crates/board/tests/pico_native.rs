@@ -17,8 +17,8 @@ fn motors(kind: u64, random: &mut Random) -> Vec<MotorSetup> {
         0 => vec![step_dir(2)],
         1 => vec![step_dir(27), step_dir(21), step_dir(2)],
         2 => (0..8).map(|motor| step_dir(2 + 2 * motor)).collect(),
-        3 => vec![coils(19, sequence(random))],
-        4 => (0..5).map(|motor| coils(2 + 4 * motor, sequence(random))).collect(),
+        3 => vec![coils([19, 20, 21, 22][random.below(4) as usize], sequence(random))],
+        4 => (0..6).map(|motor| coils(2 + 4 * motor, sequence(random))).collect(),
         _ => {
             let mut motors: Vec<_> = (0..4).map(|motor| step_dir(2 + 2 * motor)).collect();
             motors.extend([coils(10, sequence(random)), step_dir(21), coils(14, sequence(random))]);

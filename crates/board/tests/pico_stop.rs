@@ -3,15 +3,14 @@
 mod common;
 
 use common::Random;
-use common::pico::{Pair, TICK_HZ, as_line, coils, step_dir};
-use pulsetrain_board::{Board, Edge, Setup, StopReport};
+use common::pico::{Pair, TICK_HZ, as_line, coil_levels, coils, pins_of, run, step_dir};
+use pulsetrain_board::virtual_pico::VirtualPico;
+use pulsetrain_board::{Board, Edge, Port, Setup, StopReport};
 use pulsetrain_core::output::{HALF_STEPS, Sequence};
 use pulsetrain_core::wire::message::{Cause, MotorSetup};
-use pulsetrain_core::{Direction, Item, Moment, Segment};
-
-fn run(count: u32, ticks: i64, direction: Direction) -> Item {
-    Item::Run { segment: Segment { count, interval: ticks << 32, add: 0, add2: 0 }, direction }
-}
+use pulsetrain_core::{Direction, Item, Moment};
+use pulsetrain_emulator::arm::Mode;
+use std::time::Duration;
 
 /// Two drivers and coils, under way: the second driver turns all the time.
 fn under_way(pulse_ticks: u16) -> Pair {
@@ -40,11 +39,7 @@ fn under_way(pulse_ticks: u16) -> Pair {
 
 /// What the coils' pins say of the position, modulo 8.
 fn phase(edges: &[Edge], motor: &MotorSetup) -> Option<usize> {
-    let mut levels = 0;
-    for edge in edges.iter().filter(|edge| (motor.step_pin..motor.step_pin + 4).contains(&edge.line)) {
-        let bit = 1 << (edge.line - motor.step_pin);
-        levels = if edge.level { levels | bit } else { levels & !bit };
-    }
+    let levels = coil_levels(edges, motor);
     HALF_STEPS.iter().position(|pattern| *pattern == levels)
 }
 
@@ -92,6 +87,97 @@ fn the_count_is_what_the_pins_did_whenever_it_comes() {
     }
 }
 
+/// No edge is off its tick before a stop, and none comes after it: the Pico's are the first of the native board's, which
+/// goes on; but for the end of a pulse, which may be late.
+fn assert_first_edges_of(pair: &mut Pair, stop: u64) {
+    let Pair { setup, native, edges, wanted, .. } = pair;
+    native.advance(stop + TICK_HZ / 100, &mut |edge: Edge| wanted.push(edge));
+    for motor in &setup.motors {
+        let lines = pins_of(motor);
+        let [mut got, mut wanted] = [&*edges, &*wanted]
+            .map(|edges| edges.iter().filter(|edge| lines.contains(&edge.line)).copied().collect::<Vec<_>>());
+        got.sort_by_key(|edge| (edge.tick, edge.line));
+        wanted.sort_by_key(|edge| (edge.tick, edge.line));
+        assert!(got.len() > 100 && got.len() < wanted.len(), "{} edges of {}", got.len(), wanted.len());
+        for (number, (is, ought)) in got.iter().zip(&wanted).enumerate() {
+            let ends_pulse = motor.coils().is_none() && is.line == motor.step_pin && !is.level;
+            let same = if ends_pulse && number + 1 == got.len() {
+                is.line == ought.line && is.level == ought.level && is.tick >= ought.tick
+            } else {
+                is == ought && is.tick <= stop
+            };
+            assert!(same, "edge {number} of {}: {is:?} is not {ought:?}; the stop was at {stop}", got.len());
+        }
+    }
+}
+
+/// Keeps the main loop from doing anything for `ticks`, as nothing of ours ever does; interrupts go on. Gives when it is over.
+fn hold_up(pico: &mut VirtualPico, ticks: u64) -> u64 {
+    /// The lowest of the stack, where nothing is: `b .`.
+    const LOOP: u32 = 0x2004_0040;
+    let run = |pico: &mut VirtualPico, ticks: u64| {
+        let until = pico.now() + Duration::from_nanos(8 * ticks);
+        while pico.now() < until {
+            pico.receive(until, &mut Vec::new()).expect("it is there");
+        }
+    };
+    while {
+        let cpu = pico.chip().cpu();
+        cpu.is_asleep() || cpu.mode() != Mode::Thread || cpu.primask()
+    } {
+        run(pico, 1);
+    }
+    let (chip, at) = (pico.chip_mut(), (LOOP - 0x2000_0000) as usize);
+    chip.ram_mut()[at..at + 2].copy_from_slice(&[0xfe, 0xe7]);
+    let pc = chip.cpu().register(15);
+    chip.cpu_mut().set_register(15, LOOP);
+    run(pico, ticks);
+    while pico.chip().cpu().pc() != LOOP {
+        run(pico, 1);
+    }
+    pico.chip_mut().cpu_mut().set_register(15, pc);
+    pico.chip().cycle() - pico.zero()
+}
+
+/// The main loop is late: what is played up to the end of what was written is right, and then all is over.
+#[test]
+fn a_main_loop_that_is_late_plays_nothing_late() {
+    let mut stopped = 0;
+    for tenths_of_ms in [5, 15, 17, 18, 19, 20, 21, 22, 23, 24, 26, 40] {
+        // The third is the fastest; the coils have next to nothing to do.
+        let motors = vec![step_dir(2), step_dir(4), step_dir(6), coils(8, Sequence::Full), step_dir(12), step_dir(14)];
+        let setup = Setup { pulse_ticks: 125, setup_ticks: 40, motors, ..Setup::default() };
+        let mut pair = Pair::new(&setup);
+        let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
+        for (motor, ticks) in (0..).zip([1000, 40_000, 500, 100_000, 3333, 1111]) {
+            let items = [Item::Anchor { tick: Moment::of(from) }, run(1_000_000, ticks, Direction::Forward)];
+            pair.push(motor, 1, &items);
+        }
+        assert_eq!(pair.switch(1, from), Ok(()));
+        pair.advance(from + TICK_HZ / 20);
+        pair.pico.events();
+        let late = hold_up(pair.pico.port_mut(), tenths_of_ms * TICK_HZ / 10_000);
+        let until = late + TICK_HZ / 50;
+        pair.pico.advance(until, &mut |edge: Edge| pair.edges.extend(as_line(&setup, edge)));
+        if let Some(starved) = pair.pico.events().iter().find(|event| event.cause == Cause::Starved) {
+            stopped += 1;
+            // It may still be so far behind that one runs dry while others are filled.
+            assert!(starved.tick < late + 50_000, "{tenths_of_ms}");
+            assert_first_edges_of(&mut pair, starved.tick);
+            let status = pair.pico.status().expect("it answers");
+            let motors = status.motors.as_slice();
+            let positions: Vec<_> = motors.iter().map(|motor| Some(i64::from(motor.position))).collect();
+            for (position, count) in positions.iter().zip(pair.counts()) {
+                assert!(count.is_none() || count == *position, "{positions:?}");
+            }
+        } else {
+            pair.native.advance(until, &mut |edge: Edge| pair.wanted.push(edge));
+            pair.compare(until - TICK_HZ / 500);
+        }
+    }
+    assert!((3..=10).contains(&stopped), "{stopped}");
+}
+
 /// Eight motors ask for more than the processor does: a state machine runs dry, and all stop at once, with the reason.
 #[test]
 fn a_processor_that_does_not_keep_up_stops_all() {
@@ -111,6 +197,8 @@ fn a_processor_that_does_not_keep_up_stops_all() {
     let positions: Vec<_> = status.motors.as_slice().iter().map(|motor| Some(i64::from(motor.position))).collect();
     assert_eq!(positions, pair.counts());
     assert!(positions.iter().all(|position| *position > Some(1000)), "{positions:?}");
+    let starved = events.iter().find(|event| event.cause == Cause::Starved).expect("it is told").tick;
+    assert_first_edges_of(&mut pair, starved);
     // It begins again when it is told to.
     pair.pico.arm().expect("at rest");
     assert!(pair.pico.status().expect("it answers").is_idle());

@@ -158,6 +158,11 @@ impl<const F: u32> Channel<F> {
         }
     }
 
+    /// A new channel begins to exist at tick `now`: ticks are told apart within 2^31, and its own beginning may be longer ago.
+    pub const fn open_from(&mut self, now: Moment) {
+        self.horizon = now;
+    }
+
     /// Notes that time is past `now`. To be called at least once in 2^30 ticks, after all events up to `now` have
     /// been taken.
     pub fn pass(&mut self, now: Moment) {
@@ -260,7 +265,6 @@ impl<const F: u32> Channel<F> {
         if self.committed || self.left == 0 || self.facing != Some(self.direction) || self.assert_every_step {
             return 0;
         }
-        let last = self.last_tick();
         if self.next_tick().is_before(self.horizon) {
             return 0;
         }
@@ -268,17 +272,22 @@ impl<const F: u32> Channel<F> {
             Some(switch) if !limit.is_before(switch.at) => switch.at,
             _ => limit.after(1),
         };
+        let last = self.last_tick();
         let left = usize::try_from(self.left).unwrap_or(usize::MAX);
         let room = words.len().min(left);
-        let ticks = end.since(last);
+        let Some(words) = words.get_mut(..room) else { return 0 };
         if room == 0 || end.is_before(last) {
             return 0;
         }
-        let stretch = Stretch { gap: self.gap, ticks: ticks.min(LONGEST_WAIT), bits };
-        let taken = expand(&mut self.recurrence, &mut words[..room], &stretch).min(self.left);
+        let stretch = Stretch { gap: self.gap, ticks: end.since(last).min(LONGEST_WAIT), bits };
+        let taken = expand(&mut self.recurrence, words, &stretch).min(self.left);
         if taken > 0 {
             self.left -= taken;
-            self.position = self.position.wrapping_add(self.direction.sign().wrapping_mul(taken.cast_signed()));
+            let moved = taken.cast_signed();
+            self.position = match self.direction {
+                Direction::Forward => self.position.wrapping_add(moved),
+                Direction::Backward => self.position.wrapping_sub(moved),
+            };
             self.horizon = self.last_tick().after(self.gap);
         }
         taken

@@ -81,15 +81,6 @@ impl Output {
         }
     }
 
-    /// The levels of coils, bit by line; `None` of a driver.
-    #[must_use]
-    pub fn coil_levels(&self) -> Option<u32> {
-        match self {
-            Output::StepDir(_) => None,
-            Output::Coils(coils) => Some(coils.levels()),
-        }
-    }
-
     /// Fewest ticks between two steps to be told apart on the lines.
     #[must_use]
     pub const fn gap_ticks(&self) -> u32 {
@@ -258,7 +249,14 @@ impl Coils {
         (self.pattern, self.release) = (0, None);
     }
 
-    fn levels(&self) -> u32 {
+    /// Switches them on as the position has them, until the next step or [`switch_off`](Coils::switch_off).
+    pub const fn switch_on(&mut self) {
+        self.pattern = HALF_STEPS[self.phase as usize & 7];
+    }
+
+    /// The levels of the coils, bit by line.
+    #[must_use]
+    pub fn levels(&self) -> u32 {
         self.mask(self.pattern)
     }
 

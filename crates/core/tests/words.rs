@@ -5,7 +5,7 @@ use pulsetrain_core::narrow::Pool;
 use pulsetrain_core::output::{Coils, Output, Sequence, StepDir, StepDirSettings};
 use pulsetrain_core::packing::{Check, MAX_PACKED_LEN, Packing, State};
 use pulsetrain_core::queue::Items;
-use pulsetrain_core::words::{Fault, Filled, LONGEST_WAIT, Packed, Tape, Words, expand};
+use pulsetrain_core::words::{Fault, Filled, LONGEST_WAIT, Packed, Tape, Words, expand, lines};
 use pulsetrain_core::{Axis, Direction, Entry, Epoch, Item, Moment, Segment};
 
 use Direction::{Backward, Forward};
@@ -122,7 +122,7 @@ impl Machine {
         let Machine { words, packed, pool, tape, memory, .. } = self;
         // It may have less to do.
         let least = Moment(until - until / 1000 % 100);
-        words.fill(packed, pool, tape, memory, [least, Moment(until)], most, expand::<F>)
+        words.fill(&mut packed.waiting(pool), tape, memory, [least, Moment(until)], most, expand::<F>)
     }
 
     /// Does the words whose lines change up to `now`.
@@ -134,7 +134,7 @@ impl Machine {
                 break;
             }
             let before = self.levels.last().unwrap().1;
-            let bits = word >> 28;
+            let bits = lines(word);
             let mut position = self.counted.last().unwrap().1;
             match self.kind {
                 Kind::StepDir { pulse, forward_high, .. } => {
@@ -304,7 +304,7 @@ fn all_that_is_between_is_in_a_word() {
     assert_eq!(machine.fill(6000, 100), Filled::All);
     let words: Vec<_> = machine.memory[..machine.tape.written() as usize]
         .iter()
-        .map(|word| (word & LONGEST_WAIT, word >> 28))
+        .map(|word| (word & LONGEST_WAIT, lines(*word)))
         .collect();
     // First that of `begin`, to tick 2003. Before each step its period less 13; DIR 20 before it; nothing up to 6000.
     let (dir, step) = (0b1010, 0b0001);
@@ -362,7 +362,7 @@ fn a_stop_counts_what_was_made() {
         let made = machine.tape.position_after(machine.done);
         assert_eq!(made, 20 * sign);
         let (words, packed) = (&mut machine.words, &mut machine.packed);
-        words.stop(&mut packed.waiting(&machine.pool), made);
+        words.stop(&mut packed.waiting(&machine.pool), made, lines(machine.memory[machine.done as usize - 1]));
         assert_eq!(words.channel().position(), made);
         assert!(words.is_idle(packed, Moment(6020)));
         // It goes on from there: the coils are those of its position.

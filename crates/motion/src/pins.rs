@@ -3,11 +3,13 @@
 //! The Uno's interrupt moves pins by writing one port register: STEP and DIR lines that it moves must share one, or be
 //! those that the compare hardware moves. Enable lines are moved at leisure and may be anywhere.
 //!
-//! A Pico's state machine drives pins that stand one after the other (RP2040 datasheet, 3.5.6): [`check_pico`].
+//! A Pico's state machine drives pins that stand one after the other (RP2040 datasheet, 3.5.6): [`check_pico`]. Between GPIO 22
+//! and 26 its header has none; coils may lie over them.
 
 use std::fmt;
 
 use crate::program::{Motor, Wiring};
+use pulsetrain_core::wire::message::coil_pins;
 
 /// A set of pins that the Uno's firmware drives together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -80,8 +82,8 @@ pub enum PinsError {
     },
     /// A state machine cannot have them all.
     #[error(
-        "the coils of `{motor}` are on pins {}, {}, {} and {}, but a Pico drives four that stand one after the other, IN1 \
-         on the lowest", .pins[0], .pins[1], .pins[2], .pins[3]
+        "the coils of `{motor}` are on pins {}, {}, {} and {}, but a Pico drives four that stand one after the other on its \
+         header, IN1 on the lowest", .pins[0], .pins[1], .pins[2], .pins[3]
     )]
     CoilsApart {
         /// Whose.
@@ -118,8 +120,9 @@ impl PinsError {
             }
             PinsError::SharedDir { .. } => "give each motor a DIR beside its STEP".to_owned(),
             PinsError::CoilsApart { pins, .. } => {
-                let first = u16::from(pins[0]);
-                format!("wire IN1 to IN4 to {first}, {}, {} and {}, say", first + 1, first + 2, first + 3)
+                // Those after 22 have fewer than three after them.
+                let [in1, in2, in3, in4] = coil_pins(pins[0].min(22));
+                format!("wire IN1 to IN4 to {in1}, {in2}, {in3} and {in4}, say")
             }
             PinsError::TwoEnables { .. } => "wire the enable inputs to one pin, with one level".to_owned(),
             PinsError::Apart { nearest, .. } => {
@@ -257,7 +260,7 @@ pub fn check_pico(motors: &[Motor]) -> Result<(), PinsError> {
                 }
             }
             Wiring::Coils { pins, .. } => {
-                if !pins.iter().zip(&pins[1..]).all(|(pin, next)| pin.checked_add(1) == Some(*next)) {
+                if pins != coil_pins(pins[0]) {
                     return Err(PinsError::CoilsApart { motor: name.clone(), pins });
                 }
             }

@@ -3,6 +3,7 @@
 
 use crate::regs;
 use pulsetrain_core::Moment;
+use pulsetrain_core::wire::Millis;
 
 /// Ticks per second; one tick is one cycle of processor, PIO and DMA.
 pub(crate) const TICK_HZ: u32 = 125_000_000;
@@ -103,6 +104,11 @@ impl Clock {
         let ahead = moment.since(Moment::of(now)).cast_signed();
         now.wrapping_add_signed(i64::from(ahead))
     }
+}
+
+/// Ticks / 2^17: 1.049 ms each.
+pub(crate) const fn millis(now: u64) -> Millis {
+    Millis((now >> 17) as u16)
 }
 
 /// What ends a sleep, kept out though it is.

@@ -31,6 +31,7 @@ pub(crate) struct Line {
     ring: *const u8,
     /// Place of the next byte.
     next: usize,
+    baud: Baud,
 }
 
 impl Line {
@@ -55,7 +56,7 @@ impl Line {
         CHANNEL.write_addr().write(ring as u32);
         CHANNEL.ctrl().write(CTRL);
         CHANNEL.trans_count_trig().write(u32::MAX);
-        Line { ring, next: 0 }
+        Line { ring, next: 0, baud: Baud::B115200 }
     }
 
     /// Bytes that wait.
@@ -64,16 +65,17 @@ impl Line {
         (CHANNEL.write_addr().read() as usize).wrapping_sub(self.ring as usize + self.next) & (RING - 1)
     }
 
-    /// The next byte, if one came.
+    /// Takes bytes that came, as many as there is room for: where the ring ends, the others come with the next call.
     #[inline(always)]
-    pub(crate) fn take(&mut self) -> Option<u8> {
-        if self.waiting() == 0 {
-            return None;
+    pub(crate) fn read<'a>(&mut self, into: &'a mut [u8]) -> &'a [u8] {
+        let count = self.waiting().min(RING - self.next).min(into.len());
+        let Some(bytes) = into.get_mut(..count) else { return &[] };
+        for (at, byte) in (self.next..).zip(bytes.iter_mut()) {
+            // SAFETY: inside the ring; the DMA has gone past.
+            *byte = unsafe { self.ring.add(at).read_volatile() };
         }
-        // SAFETY: inside the ring; the DMA has gone past.
-        let byte = unsafe { self.ring.add(self.next).read_volatile() };
-        self.next = (self.next + 1) & (RING - 1);
-        Some(byte)
+        self.next = (self.next + count) & (RING - 1);
+        bytes
     }
 
     /// Goes on for another 2^32 bytes, now and then.
@@ -83,10 +85,13 @@ impl Line {
         }
     }
 
-    /// Changes the rate, and drops what came in before; the last byte must be out.
+    /// Changes the rate, and drops what came in at another one; the last byte must be out.
     pub(crate) fn set_baud(&mut self, baud: Baud) {
-        set_baud(baud);
-        self.next = (self.next + self.waiting()) & (RING - 1);
+        if baud != self.baud {
+            self.baud = baud;
+            set_baud(baud);
+            self.next = (self.next + self.waiting()) & (RING - 1);
+        }
     }
 }
 

@@ -1,14 +1,16 @@
 //! What the [`Service`](pulsetrain_core::wire::Service) asks of a board, done on this one.
 
-use crate::clock::{Clock, TICK_HZ};
+use crate::clock::{self, Clock, TICK_HZ};
 use crate::link::{self, Line, WINDOW};
 use crate::regs;
 use crate::reset;
 use crate::start;
 use crate::steps::MOTORS;
-use crate::steps::pins::Layout;
+use crate::steps::pins::{self, Layout};
 use crate::steps::stepper::{FRACTION_BITS, LONGEST, LONGEST_IDLE_MS, POOL, Stepper};
+use crate::winch;
 use pulsetrain_core::narrow::EPOCHS;
+use pulsetrain_core::winch::path::Slice;
 use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, NO_PIN, flags};
 use pulsetrain_core::wire::{Baud, Machine, Millis, Reason, Refusal, Stopped, Switched};
 use pulsetrain_core::{Epoch, Moment};
@@ -22,17 +24,22 @@ const FILLS_A_ROUND: u32 = 4;
 /// News that the host has not been told yet; what does not fit is dropped.
 const NEWS: usize = 8;
 
+/// Kinds of faults of a motor's queue.
+const FAULTS: usize = 3;
+
 /// Everything but the service that speaks for it.
 pub(crate) struct Board {
     pub(crate) clock: Clock,
     stepper: Stepper,
     power: Power,
+    /// The pins of the configuration, bit by GPIO.
+    pins: u32,
     armed: bool,
-    /// To be set when the line is quiet.
-    baud: Option<Baud>,
+    /// The rate of the session's line, to be set when that is quiet.
+    pub(crate) baud: Option<Baud>,
     news: [Option<Event>; NEWS],
-    /// Faults that were told, bit by motor.
-    told: u8,
+    /// Faults that were told, kind by kind, bit by motor.
+    told: [u8; FAULTS],
     was_idle: bool,
     last_stop: Cause,
     last_reset: Cause,
@@ -74,19 +81,21 @@ impl Power {
         }
     }
 
-    /// Holds while there is something to do, and `idle_ms` longer.
-    fn look(&mut self, now: Millis, idle: bool) {
+    /// Holds while there is something to do, and `idle_ms` longer. Whether it lets go just now.
+    fn look(&mut self, now: Millis, idle: bool) -> bool {
         if !idle {
             self.busy = now;
             if !self.on {
                 self.set(true);
             }
-        } else if let Some(idle_ms) = self.idle_ms
-            && self.on
-            && now.since(self.busy) >= idle_ms
-        {
+            return false;
+        }
+        let rests = self.idle_ms.is_some_and(|idle_ms| now.since(self.busy) >= idle_ms);
+        let goes = self.on && rests;
+        if goes {
             self.set(false);
         }
+        goes
     }
 }
 
@@ -101,10 +110,11 @@ impl Board {
             // SAFETY: the caller's promise.
             stepper: unsafe { Stepper::begin() },
             power: Power::OFF,
+            pins: 0,
             armed: false,
             baud: None,
             news: [None; NEWS],
-            told: 0,
+            told: [0; FAULTS],
             was_idle: true,
             last_stop: Cause::None,
             last_reset: reset::why(),
@@ -131,14 +141,14 @@ impl Board {
     pub(crate) fn go_on(&mut self) -> bool {
         let mut more = false;
         for _ in 0..FILLS_A_ROUND {
-            let now = self.clock.moment();
-            if !self.stepper.fill(now) {
+            // Words that come after that would be steps at wrong times.
+            if self.stepper.has_starved() {
+                self.starved();
+            }
+            if !self.stepper.fill(&mut self.clock) {
                 break;
             }
             more = true;
-        }
-        if self.stepper.has_starved() {
-            self.starved();
         }
         more
     }
@@ -149,60 +159,85 @@ impl Board {
         self.stop(Cause::Starved);
     }
 
+    /// Sets up the pins that text's axes have, drivers off, motors at 0; whether that could be done. Frames' motors rest.
+    pub(crate) fn wire(&mut self) -> bool {
+        winch::wiring().is_some_and(|wiring| self.configure(&wiring).is_ok())
+    }
+
+    /// Switches the drivers on and has motors follow paths, whose steps come by [`follow`](Board::follow) and begin at `first` or
+    /// later, at least a millisecond from now.
+    pub(crate) fn drive(&mut self, first: u64) -> bool {
+        self.stepper.follow_from(Moment::of(first));
+        self.arm().is_ok()
+    }
+
+    /// The steps of all axes in the millisecond that begins at tick `begin` and ends at `end`.
+    pub(crate) fn follow(&mut self, slices: [Slice; 4], begin: u64, end: u64) {
+        for (motor, slice) in (0..).zip(slices) {
+            if let Some(steps) = slice.steps(winch::SLICE) {
+                self.stepper.follow(motor, Moment::of(begin), steps);
+            }
+        }
+        self.stepper.follow_from(Moment::of(end));
+    }
+
+    /// Whether nothing moves, and nothing is to.
+    pub(crate) fn rests(&mut self) -> bool {
+        let now = self.clock.moment();
+        !self.armed || self.stepper.is_idle(now)
+    }
+
+    /// The clock, ticks, and the steps that the axes have made by then.
+    pub(crate) fn positions(&mut self) -> (u64, [i32; 4]) {
+        let now = self.clock.now();
+        (now, [0, 1, 2, 3].map(|motor| self.stepper.position(motor, Moment::of(now))))
+    }
+
     /// Whether motors are armed: the main loop may not sleep for long.
     pub(crate) const fn is_armed(&self) -> bool {
         self.armed
     }
 
-    /// Whether the line is to be changed; nothing is said before.
-    pub(crate) const fn changes_rate(&self) -> bool {
-        self.baud.is_some()
-    }
-
-    /// What can wait a millisecond. `by_usb`: the rate asked for is USB's, which has none.
-    pub(crate) fn housekeeping(&mut self, now: Millis, line: &mut Line, by_usb: bool) {
-        if let Some(baud) = self.baud
-            && (by_usb || link::is_out())
-        {
-            self.baud = None;
-            if !by_usb {
-                line.set_baud(baud);
-            }
-        }
+    /// What can wait a millisecond.
+    /// Whether bytes of the UART were lost.
+    pub(crate) fn housekeeping(&mut self, now: Millis, line: &Line) -> bool {
         line.look_after();
-        if link::has_overrun() {
+        let lost = link::has_overrun();
+        if lost {
             self.measures.lost_bytes = self.measures.lost_bytes.saturating_add(1);
             self.tell(Cause::Overrun, ALL_MOTORS, 1);
         }
         let moment = self.clock.moment();
         self.stepper.rest(moment);
+        let idle = self.stepper.is_idle(moment);
+        // While motors are armed their coils let go by themselves, to the tick.
+        if self.power.look(now, idle) && !self.armed {
+            self.stepper.release_coils();
+        }
         if self.armed {
             self.look_at_motors();
-            let idle = self.stepper.is_idle(moment);
-            self.power.look(now, idle);
             if idle && !self.was_idle {
                 self.tell(Cause::Finished, ALL_MOTORS, 0);
             }
             self.was_idle = idle;
         }
+        lost
     }
 
-    /// Tells what a motor's own queue asked for and could not be, once.
+    /// Tells what a motor's own queue asked for and could not be: each kind once, until motors are armed again.
     fn look_at_motors(&mut self) {
+        const CAUSES: [(u8, Cause); FAULTS] = [
+            (flags::CHECK_FAILED, Cause::CheckFailed),
+            (flags::BAD_ITEM, Cause::BadItem),
+            (flags::STEP_MISSED, Cause::StepMissed),
+        ];
         for motor in 0..self.stepper.count() {
             let faults = self.stepper.faults(motor);
-            let cause = if faults & flags::CHECK_FAILED != 0 {
-                Cause::CheckFailed
-            } else if faults & flags::BAD_ITEM != 0 {
-                Cause::BadItem
-            } else if faults & flags::STEP_MISSED != 0 {
-                Cause::StepMissed
-            } else {
-                continue;
-            };
-            if self.told & 1 << motor == 0 {
-                self.told |= 1 << motor;
-                self.tell(cause, motor, 0);
+            for (kind, (flag, cause)) in CAUSES.into_iter().enumerate() {
+                if faults & flag != 0 && self.told[kind] & 1 << motor == 0 {
+                    self.told[kind] |= 1 << motor;
+                    self.tell(cause, motor, 0);
+                }
             }
         }
     }
@@ -272,6 +307,8 @@ impl Machine for Board {
         }
         let layout = Layout::of(configuration)?;
         self.stop(Cause::None);
+        pins::free(self.pins & !layout.used);
+        self.pins = layout.used;
         self.power.set_up(layout.enable, configuration.enable_high, idle_ms);
         self.stepper.configure(&layout, configuration, now);
         Ok(())
@@ -283,10 +320,11 @@ impl Machine for Board {
         }
         if !self.armed {
             self.power.set(true);
+            self.power.busy = clock::millis(self.clock.now());
             self.armed = true;
             self.last_stop = Cause::None;
             self.was_idle = true;
-            self.told = 0;
+            self.told = [0; FAULTS];
             self.stepper.start(&mut self.clock);
         }
         Ok(())
@@ -298,7 +336,6 @@ impl Machine for Board {
             return Err(Refusal::of(Reason::Moving));
         }
         self.stop(Cause::None);
-        self.news = [None; NEWS];
         self.power.set(false);
         self.stepper.release_coils();
         Ok(())
@@ -408,6 +445,8 @@ impl Machine for Board {
         if lost && self.armed && !self.was_idle {
             self.last_stop = Cause::HostLost;
         }
+        // They were its news.
+        self.news = [None; NEWS];
     }
 
     fn event(&mut self) -> Option<Event> {

@@ -4,7 +4,9 @@
 //! - this file: start-up and the main loop
 //! - [`machine`]: what the link asks of a board, done on this one
 //! - [`steps`]: from packed bytes to edges on the pins
-//! - [`link`], [`usb`]: the serial line, and the serial port over USB; whoever spoke last is answered
+//! - [`winch`]: text instead of frames, and motors that follow paths
+//! - [`talk`]: what is heard and said on a way to a host
+//! - [`link`], [`usb`]: the serial line, and the serial port over USB: one session, on whichever of them it was begun
 //! - [`clock`]: the chip's clocks, and SysTick extended to 64 bits
 //! - [`reset`]: the watchdog, and why the program began
 //! - [`start`]: vectors, and memory that there is one of
@@ -13,11 +15,11 @@
 //! # Who makes the edges
 //! State machines, which nobody interrupts: each word says how long to wait. The main loop writes words up to 2.4 ms ahead, motor by
 //! motor, and does all else in between. One interrupt, of the DMA, hands on what was written: it must come within the eight
-//! words of a FIFO. If the main loop is late by 1.8 ms, or the interrupt by eight words, a state machine runs dry, which is
-//! seen, and all motors stop at once.
+//! words of a FIFO. If the main loop is late by 1.8 ms, or the interrupt by eight words, a state machine runs dry: it gets
+//! nothing more, and all motors stop as soon as the main loop sees it.
 //!
 //! # What is not
-//! Motion: segments come from the host, as `pulsetrain_core::packing` has them.
+//! Motion, but for the winch's paths: segments come from the host, as `pulsetrain_core::packing` has them.
 #![no_std]
 #![no_main]
 
@@ -28,19 +30,38 @@ mod regs;
 mod reset;
 mod start;
 mod steps;
+mod talk;
 mod usb;
+mod winch;
 
 use link::Line;
 use machine::Board;
+use pulsetrain_core::winch::reply::Reply;
 use pulsetrain_core::wire::frame::Received;
-use pulsetrain_core::wire::{Decoder, MAX_BODY, MAX_FRAME, Millis, Service};
-use usb::Usb;
-
-/// Bytes that one round of the main loop takes from the line at most.
-const BYTES_A_ROUND: usize = 32;
+use pulsetrain_core::wire::{Baud, MAX_BODY, Millis, Service};
+use talk::Talk;
+use usb::{Packet, Usb};
+use winch::{Ear, Winch};
 
 /// How long the main loop sleeps at most, µs: while motors are armed, and else.
-const NAP: [u32; 2] = [50, 500];
+const NAP: [u32; 2] = [200, 500];
+
+/// As long as fewer bytes than this wait on the UART, lines wait for room to be answered.
+const PATIENCE: usize = 512;
+
+/// If no frame of the session has come for so long, about ms, a line is told that frames have the board.
+const SILENCE: u16 = 100;
+
+/// The ways to a host.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Way {
+    Uart,
+    Usb,
+}
+
+impl Way {
+    const ALL: [Way; 2] = [Way::Uart, Way::Usb];
+}
 
 /// All there is one of.
 struct All {
@@ -48,18 +69,11 @@ struct All {
     service: Service,
     line: Line,
     usb: Usb,
-    /// Of line and USB.
-    decoders: [Decoder; 2],
-    /// The last frame came over USB: there the answers go.
-    by_usb: bool,
-    reply: Reply,
-}
-
-/// A reply on its way to the line.
-struct Reply {
-    bytes: [u8; MAX_FRAME + 1],
-    len: usize,
-    sent: usize,
+    /// What is heard and said on each of them.
+    talks: [Talk; 2],
+    /// The session's; while there is none, that of the last frame.
+    way: Way,
+    winch: Winch,
 }
 
 #[unsafe(no_mangle)]
@@ -74,9 +88,9 @@ extern "C" fn main() -> ! {
         service: Service::new(MAX_BODY),
         line,
         usb: Usb::open(),
-        decoders: [Decoder::new(), Decoder::new()],
-        by_usb: false,
-        reply: Reply { bytes: [0; MAX_FRAME + 1], len: 0, sent: 0 },
+        talks: [const { Talk::new() }; 2],
+        way: Way::Uart,
+        winch: Winch::new(),
     };
     reset::begin();
     regs::enable_interrupts();
@@ -87,19 +101,26 @@ impl All {
     fn run(&mut self) -> ! {
         let mut last = Millis(0);
         let mut woken = 0;
+        // Text is on from the beginning.
+        self.housekeeping(last);
         loop {
             reset::kick_watchdog();
+            self.winch.go_on(&mut self.board);
             let more = self.board.go_on();
             let now = self.board.clock.now();
             self.count_round(now - woken);
             woken = now;
-            let millis = millis(now);
+            let millis = clock::millis(now);
             self.usb.poll();
+            if self.usb.was_opened() {
+                self.greet();
+            }
             let heard = self.listen(millis);
             let spoke = self.speak(millis);
             if millis != last {
                 last = millis;
-                self.board.housekeeping(millis, &mut self.line, self.by_usb);
+                self.set_baud();
+                self.housekeeping(millis);
             }
             if !(more || heard || spoke) {
                 self.nap();
@@ -108,56 +129,182 @@ impl All {
         }
     }
 
-    /// Takes bytes from the line, or else from USB; whether there were some. One place for both: the way into the board is
-    /// long, and is there once.
+    /// Whoever has USB's port open now has said nothing yet, and heard nothing.
+    #[inline(never)]
+    fn greet(&mut self) {
+        let talk = &mut self.talks[Way::Usb as usize];
+        talk.hush();
+        talk.ear = Ear::new();
+        self.service.interrupted();
+        if self.winch.is_on() {
+            self.say(Way::Usb, &Reply::Awake);
+        }
+    }
+
+    /// What can wait a millisecond.
+    #[inline(never)]
+    fn housekeeping(&mut self, now: Millis) {
+        if self.board.housekeeping(now, &self.line) {
+            self.talks[Way::Uart as usize].ear.lose();
+        }
+        if self.winch.look(&mut self.board, &mut self.service) {
+            for way in Way::ALL {
+                if !self.ear(way).is_quiet() {
+                    self.say(way, &Reply::Awake);
+                }
+            }
+        }
+        if core::mem::take(&mut self.winch.report) {
+            for talk in &mut self.talks {
+                talk.ear.owes_status = true;
+            }
+        }
+    }
+
+    /// Takes what came on the UART, or else over USB: a packet's length at most; whether there was something. One place for both:
+    /// the way into the board is long, and is there once.
     #[inline(always)]
     fn listen(&mut self, now: Millis) -> bool {
+        let mut packet = Packet::default();
         let unread = self.line.waiting();
-        let usb = unread == 0;
-        if usb && self.usb.waiting() == 0 {
+        let (way, mut bytes) = if unread != 0 && !self.waits(Way::Uart, unread, now) {
+            (Way::Uart, self.line.read(packet.as_flattened_mut()))
+        } else if self.waits(Way::Usb, 0, now) {
+            return false;
+        } else {
+            (Way::Usb, self.usb.read(&mut packet))
+        };
+        if bytes.is_empty() {
             return false;
         }
         let most = &mut self.board.measures.most_unread;
         *most = (*most).max(unread as u16);
-        for _ in 0..BYTES_A_ROUND {
-            let byte = if usb { self.usb.take() } else { self.line.take() };
-            let Some(byte) = byte else { break };
-            let received = self.decoders[usize::from(usb)].push(byte);
-            self.answer_by(received, usb);
-            self.service.receive(received, self.decoders[usize::from(usb)].body(), now, &mut self.board);
+        if way == Way::Usb {
+            self.usb.presume_open();
+        }
+        while let [byte, rest @ ..] = bytes {
+            let is_taken = self.service.is_taken();
+            let talk = &mut self.talks[way as usize];
+            if is_taken && way == self.way && self.service.silence(now) < SILENCE {
+                let (taken, received) = talk.decoder.feed(bytes);
+                bytes = bytes.get(taken..).unwrap_or_default();
+                self.service.receive(received, talk.decoder.body(), now, &mut self.board);
+                continue;
+            }
+            bytes = rest;
+            self.text(way, *byte);
+            // Frames begin with a zero: before there is one it is all text.
+            if self.ear(way).is_quiet() {
+                self.frame(way, *byte, now);
+            }
         }
         true
     }
 
-    /// A frame says where the answers go; what was under way to the other one is dropped.
+    fn ear(&self, way: Way) -> &Ear {
+        &self.talks[way as usize].ear
+    }
+
+    /// Whether lines wait until there is room for what they would say. If the host does not read, or bytes would be lost, they do
+    /// not.
     #[inline(always)]
-    fn answer_by(&mut self, received: Received, usb: bool) {
-        if matches!(received, Received::Frame(_)) && self.by_usb != usb {
-            self.by_usb = usb;
-            (self.reply.sent, self.reply.len) = (0, 0);
+    fn waits(&self, way: Way, unread: usize, now: Millis) -> bool {
+        let talk = &self.talks[way as usize];
+        !talk.has_room() && !talk.ear.is_quiet() && !talk.is_stuck(now) && unread < PATIENCE
+    }
+
+    /// A byte that may be a frame's, beside text.
+    fn frame(&mut self, way: Way, byte: u8, now: Millis) {
+        let talk = &mut self.talks[way as usize];
+        let received = talk.decoder.push(byte);
+        if self.way != way {
+            if self.service.is_taken() {
+                return talk.turn_away(received);
+            }
+            if let Received::Frame(_) = received {
+                self.way = way;
+                self.service.interrupted();
+            }
+        }
+        self.service.receive(received, talk.decoder.body(), now, &mut self.board);
+    }
+
+    /// A byte of a line.
+    #[inline(never)]
+    fn text(&mut self, way: Way, byte: u8) {
+        let is_obeyed = self.winch.is_on() && !self.service.is_taken();
+        let reply = self.winch.hear(&mut self.talks[way as usize].ear, byte, is_obeyed);
+        if is_obeyed {
+            self.winch.settle(&mut self.board, &mut self.service);
+        }
+        if let Some(reply) = reply {
+            self.say(way, &reply);
         }
     }
 
-    /// Sends what there is to say, as far as the line takes it; whether there was something.
+    /// Says a line of text. Nobody hears it while USB's port is closed.
+    fn say(&mut self, way: Way, line: &Reply) {
+        if way == Way::Uart || self.usb.is_open() {
+            self.talks[way as usize].say(line);
+            self.service.interrupted();
+        }
+    }
+
+    /// Sends what there is to say, as far as the lines take it; whether there was something.
     #[inline(always)]
     fn speak(&mut self, now: Millis) -> bool {
-        let reply = &mut self.reply;
-        if reply.sent == reply.len && !self.board.changes_rate() {
-            reply.sent = 0;
-            reply.len = self.service.poll(now, &mut self.board, &mut reply.bytes);
+        let talk = &mut self.talks[self.way as usize];
+        if !talk.is_out() && self.service.is_lost(now) {
+            // Nobody takes it, and the session ends only when something else can be said.
+            talk.hush();
+            self.service.interrupted();
         }
-        let mut spoke = false;
-        while let Some(byte) = reply.bytes[..reply.len].get(reply.sent) {
-            match self.by_usb {
-                true if self.usb.can_send() => self.usb.send(*byte),
-                false if link::can_send() => link::send(*byte),
-                _ => return spoke,
+        // The change of rate is that of the UART, which is quiet until then.
+        if talk.is_out() && !(self.way == Way::Uart && self.board.baud.is_some()) {
+            talk.frame(|reply| self.service.poll(now, &mut self.board, reply));
+        }
+        for way in Way::ALL {
+            let talk = &mut self.talks[way as usize];
+            if talk.ear.owes_status && talk.is_out() {
+                talk.ear.owes_status = false;
+                self.report(way);
             }
-            reply.sent += 1;
-            spoke = true;
         }
+        let [uart, usb] = &mut self.talks;
+        let to_uart = uart.send(now, |byte| {
+            let can_send = link::can_send();
+            if can_send {
+                link::send(byte);
+            }
+            can_send
+        });
+        let to_usb = usb.send(now, |byte| {
+            let can_send = self.usb.can_send();
+            if can_send {
+                self.usb.send(byte);
+            }
+            can_send
+        });
         self.usb.flush();
-        spoke
+        to_uart || to_usb
+    }
+
+    /// Says where the axes are, on a way that has text alone.
+    #[inline(never)]
+    fn report(&mut self, way: Way) {
+        if self.winch.is_on() && !self.service.is_taken() && !self.ear(way).is_quiet() {
+            let status = self.winch.status(&mut self.board);
+            self.say(way, &status);
+        }
+    }
+
+    /// Changes the rate of the UART when all is out that was said at the old one. A session over USB changes none: there the
+    /// UART waits at 115 200 baud for the next host.
+    fn set_baud(&mut self) {
+        if self.board.baud.is_some() && self.talks[Way::Uart as usize].is_out() && link::is_out() {
+            let asked = self.board.baud.take().filter(|_| self.way == Way::Uart);
+            self.line.set_baud(asked.unwrap_or(Baud::B115200));
+        }
     }
 
     fn count_round(&mut self, ticks: u64) {
@@ -174,9 +321,4 @@ impl All {
         let slept = self.board.clock.now() - before;
         self.board.measures.idle_ticks = self.board.measures.idle_ticks.wrapping_add(slept);
     }
-}
-
-/// Ticks / 2^17: 1.049 ms each.
-const fn millis(now: u64) -> Millis {
-    Millis((now >> 17) as u16)
 }

@@ -122,6 +122,7 @@ pub(crate) const TIMER_INTE: Reg = Reg(0x4005_4038);
 pub(crate) const SIO_OUT_SET: Reg = Reg(0xd000_0014);
 pub(crate) const SIO_OUT_CLR: Reg = Reg(0xd000_0018);
 pub(crate) const SIO_OE_SET: Reg = Reg(0xd000_0024);
+pub(crate) const SIO_OE_CLR: Reg = Reg(0xd000_0028);
 
 /// §4.2.8: the first serial line.
 pub(crate) const UART_DR: Reg = Reg(0x4003_4000);

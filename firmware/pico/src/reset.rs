@@ -10,7 +10,9 @@ use pulsetrain_core::wire::message::Cause;
 /// Before a reset of the watchdog's, µs. The counter goes down by two (erratum E1).
 const PATIENCE: u32 = 500_000;
 
-/// The program was ended by a panic or a fault.
+/// Notes for the program that begins next: this one runs; it was ended by a panic or a fault. Only the watchdog's reset leaves
+/// them there (§4.7.5).
+const RUNS: u32 = 0x50_a6_5e_1e;
 const ENDED: u32 = 0x50_a6_5e_1f;
 
 /// Why the program began.
@@ -19,7 +21,8 @@ pub(crate) fn why() -> Cause {
     regs::WATCHDOG_SCRATCH0.write(0);
     // §2.10.6: bits 8, 16.
     let chip = regs::CHIP_RESET.read();
-    if regs::WATCHDOG_REASON.read() & 0b11 != 0 || note == ENDED {
+    // The boot ROM begins a program that it has just written to the flash by the watchdog too.
+    if regs::WATCHDOG_REASON.read() & 0b11 != 0 && matches!(note, RUNS | ENDED) {
         Cause::Watchdog
     } else if chip & 1 << 16 != 0 {
         Cause::ResetLine
@@ -33,6 +36,7 @@ pub(crate) fn begin() {
     // §2.13.5: all but the oscillators.
     regs::PSM_WDSEL.write(0x1_fffc);
     kick_watchdog();
+    regs::WATCHDOG_SCRATCH0.write(RUNS);
     regs::WATCHDOG_CTRL.write(1 << 30);
 }
 

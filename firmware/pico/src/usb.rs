@@ -9,6 +9,9 @@ use crate::regs::{self, usb};
 /// Bytes of a packet, of every endpoint that has data.
 const PACKET: usize = 64;
 
+/// Room for one.
+pub(crate) type Packet = [[u8; 4]; PACKET / 4];
+
 /// Endpoints: of the host's notifications, which never come, and of the data, both ways.
 const NOTIFY: u32 = 1;
 const DATA: u32 = 2;
@@ -70,10 +73,11 @@ pub(crate) struct Usb {
     /// What the host told of the port's speed: kept for it, used for nothing.
     coding: [u8; 7],
     configured: bool,
-    /// The half that is being read, how much of it was, and how much there is.
+    /// A program has the port open, as far as its computer tells; and whether that is news.
+    open: bool,
+    opened: bool,
+    /// The half that is next to be read.
     half: u32,
-    read: usize,
-    length: usize,
     /// Bytes of the packet to the host that is being filled, and whether it is DATA1.
     filled: usize,
     in_data1: bool,
@@ -103,9 +107,9 @@ impl Usb {
             address: None,
             coding: [0, 0xc2, 1, 0, 0, 0, 8],
             configured: false,
+            open: false,
+            opened: false,
             half: 0,
-            read: 0,
-            length: 0,
             filled: 0,
             in_data1: false,
             full: false,
@@ -128,7 +132,7 @@ impl Usb {
             usb::BUFF_STATUS.write(u32::MAX);
             usb::ADDR_ENDP.write(0);
             (self.stage, self.address) = (Stage::Idle, None);
-            self.configured = false;
+            (self.configured, self.open) = (false, false);
         }
         let done = usb::BUFF_STATUS.read() & 3;
         if done != 0 {
@@ -141,42 +145,46 @@ impl Usb {
         }
     }
 
-    /// Bytes of the packet that is next to be read.
-    #[inline(always)]
-    pub(crate) fn waiting(&mut self) -> usize {
-        if self.read == self.length && self.configured {
-            let control = usb::buffer_half(DATA, true, self.half);
-            if control & usb::FULL == 0 {
-                return 0;
-            }
-            // The flag wakes the main loop; it comes back if the other half is full too.
-            usb::BUFF_STATUS.write(1 << (2 * DATA + 1));
-            (self.read, self.length) = (0, (control & 0x3ff) as usize);
-            if self.length == 0 {
-                self.free();
-            }
-        }
-        self.length - self.read
+    /// Whether a program has the port open.
+    pub(crate) const fn is_open(&self) -> bool {
+        self.open
     }
 
-    /// The next byte from the host, if one came.
-    #[inline(never)]
-    pub(crate) fn take(&mut self) -> Option<u8> {
-        if self.waiting() == 0 {
-            return None;
+    /// A program has it open: some say nothing of DTR, but send.
+    pub(crate) const fn presume_open(&mut self) {
+        self.open = true;
+    }
+
+    /// Whether it was opened since the last call.
+    pub(crate) const fn was_opened(&mut self) -> bool {
+        core::mem::replace(&mut self.opened, false)
+    }
+
+    /// Takes the packet that is next, if one came: its bytes.
+    ///
+    /// Word by word, as the controller's memory is far from the processor.
+    #[inline(always)]
+    pub(crate) fn read<'a>(&mut self, into: &'a mut Packet) -> &'a [u8] {
+        if !self.configured {
+            return &[];
         }
-        let at = OUT_BUFFER + PACKET as u32 * self.half + self.read as u32;
-        let byte = usb::memory_byte(at);
-        self.read += 1;
-        if self.read == self.length {
-            self.free();
+        let control = usb::buffer_half(DATA, true, self.half);
+        if control & usb::FULL == 0 {
+            return &[];
         }
-        Some(byte)
+        let len = (control & 0x3ff) as usize;
+        let buffer = OUT_BUFFER + PACKET as u32 * self.half;
+        for (at, word) in (buffer..).step_by(4).zip(into.iter_mut()) {
+            *word = usb::memory(at).read().to_le_bytes();
+        }
+        // The flag wakes the main loop; it comes back if the other half is full too.
+        usb::BUFF_STATUS.write(1 << (2 * DATA + 1));
+        self.free();
+        into.as_flattened().get(..len).unwrap_or_default()
     }
 
     /// Gives the half that was read back to the host; each half keeps its toggle.
     fn free(&mut self) {
-        (self.read, self.length) = (0, 0);
         let toggle = if self.half == 1 { usb::DATA1 } else { 0 };
         usb::arm_half(DATA, true, self.half, PACKET as u32 | toggle);
         self.half ^= 1;
@@ -262,8 +270,13 @@ impl Usb {
                 self.stage = Stage::Send;
                 usb::arm_half(0, false, 0, self.coding.len().min(length) as u32 | usb::DATA1 | usb::FULL);
             }
-            // Nobody reads while the port is closed: then bytes to the host wait.
-            0x2221 => self.acknowledge(),
+            // Nobody reads while the port is closed: then bytes to the host wait. Bit 0 is DTR.
+            0x2221 => {
+                let open = value & 1 != 0;
+                self.opened = open && !self.open;
+                self.open = open;
+                self.acknowledge();
+            }
             // CLEAR_FEATURE of an endpoint that was halted: its toggle begins anew.
             0x0102 => {
                 self.configure(self.configured);
@@ -321,7 +334,7 @@ impl Usb {
     /// The data endpoints as at the beginning, on or off.
     fn configure(&mut self, on: bool) {
         self.configured = on;
-        (self.half, self.read, self.length) = (0, 0, 0);
+        self.half = 0;
         (self.filled, self.in_data1, self.full) = (0, false, false);
         for (endpoint, out) in [(NOTIFY, false), (DATA, false), (DATA, true)] {
             usb::buffer_control(endpoint, out).write(usb::RESET_HALF);

@@ -133,13 +133,14 @@ impl Board {
     #[inline(always)]
     pub(crate) fn rest(&mut self, receiver: &Receiver) {
         let idle = if self.armed && !self.was_idle {
-            u32::from(receiver.watch())
+            receiver.watch()
         } else {
-            let before = clock::moment();
+            let before = low_half(clock::moment().0);
+            // Not for 2^16 ticks: Timer0 interrupts it.
             receiver.sleep();
-            clock::moment().since(before)
+            low_half(clock::moment().0).wrapping_sub(before)
         };
-        self.measures.idle_ticks = self.measures.idle_ticks.wrapping_add(u64::from(idle));
+        memory::add(&mut self.measures.idle_ticks, idle);
         self.woken = low_half(clock::moment().0);
     }
 
@@ -152,7 +153,7 @@ impl Board {
             self.measures.longest_round_ticks = round;
         }
         self.woken = now;
-        self.measures.rounds = self.measures.rounds.wrapping_add(1);
+        memory::add(&mut self.measures.rounds, 1);
     }
 
     /// Notes how many bytes wait to be read, and what was lost of them.

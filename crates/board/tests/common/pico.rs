@@ -5,7 +5,7 @@ use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::{Board, Config, Edge, MotorConfig, Native, Remote, Setup, StopReport, SwitchRefused, Wiring};
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::Baud;
-use pulsetrain_core::wire::message::MotorSetup;
+use pulsetrain_core::wire::message::{MotorSetup, coil_pins};
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
 
 /// Ticks per second.
@@ -28,9 +28,14 @@ pub(crate) fn step_dir(pin: u8) -> MotorSetup {
     }
 }
 
-/// IN1 to IN4 on `pin` and the three after it.
+/// IN1 to IN4 from `pin` on.
 pub(crate) fn coils(pin: u8, sequence: Sequence) -> MotorSetup {
     MotorSetup { pull_in_ticks: 1_250_000, ..MotorSetup::coils_on(pin, sequence) }
+}
+
+/// Steps of one speed, `ticks` apart.
+pub(crate) fn run(count: u32, ticks: i64, direction: Direction) -> Item {
+    Item::Run { segment: Segment { count, interval: ticks << 32, add: 0, add2: 0 }, direction }
 }
 
 /// A word of a motor lasts so long at least, ticks.
@@ -38,12 +43,28 @@ pub(crate) fn overhead(setup: &Setup, motor: &MotorSetup) -> u32 {
     STEP_DIR_OVERHEAD + if motor.coils().is_some() { 0 } else { u32::from(setup.pulse_ticks).max(3) }
 }
 
+/// Pins of a motor.
+pub(crate) fn pins_of(motor: &MotorSetup) -> Vec<u8> {
+    if motor.coils().is_some() { coil_pins(motor.step_pin).to_vec() } else { vec![motor.step_pin, motor.dir_pin] }
+}
+
+/// What the pins of coils are like after `edges`, bit 0 being IN1.
+pub(crate) fn coil_levels(edges: &[Edge], motor: &MotorSetup) -> u8 {
+    let mut levels = 0;
+    for edge in edges {
+        if let Some(line) = coil_pins(motor.step_pin).iter().position(|pin| *pin == edge.line) {
+            levels = if edge.level { levels | 1 << line } else { levels & !(1 << line) };
+        }
+    }
+    levels
+}
+
 /// The native board of the same motors; its lines are the Pico's pins.
 pub(crate) fn native_config(setup: &Setup) -> Config {
     let motor = |motor: &MotorSetup| MotorConfig {
         wiring: match motor.coils() {
             Some(sequence) => Wiring::Coils {
-                lines: [0, 1, 2, 3].map(|line| motor.step_pin + line),
+                lines: coil_pins(motor.step_pin),
                 sequence,
                 release_ticks: setup.idle_ms.map(|ms| u32::from(ms) * 125_000),
             },
@@ -81,7 +102,8 @@ impl Pair {
         let soon = pico.now() + TICK_HZ / 1000;
         // What the pins do as they are set up is not compared.
         pico.advance(soon, &mut |_: Edge| {});
-        let native = Native::new(&native_config(setup)).expect("a native board can do it");
+        let mut native = Native::new(&native_config(setup)).expect("a native board can do it");
+        native.advance(soon, &mut |_: Edge| {});
         Pair { setup: setup.clone(), pico, native, edges: Vec::new(), wanted: Vec::new() }
     }
 

@@ -423,7 +423,7 @@ pub struct Configuration<'a> {
 ///
 /// | byte | |
 /// |---|---|
-/// | 0 | pin of STEP; of coils, that of IN1, which the pins of IN2 to IN4 follow |
+/// | 0 | pin of STEP; of coils, that of IN1, which the pins of IN2 to IN4 follow (on a Pico as on its header: 26 after 22) |
 /// | 1 | pin of DIR; motors may share it. 240, 241, 242: four coils, switched one at a time, two at a time, in half steps |
 /// | 2 | bit 0: forward is DIR high; bit 1: STEP is active low; others 0 |
 /// | 3 | packing gain, signed |
@@ -450,8 +450,25 @@ pub const COILS: [u8; 3] = [240, 241, 242];
 /// Bytes of a [`MotorSetup`].
 pub const MOTOR_SETUP_LEN: usize = 8;
 
+/// Pins of coils, IN1 to IN4, the first being `pin`: one after the other as a Pico's header has them, which goes on with
+/// GPIO 26 after 22.
+///
+/// ```
+/// use pulsetrain_core::wire::message::coil_pins;
+/// assert_eq!(coil_pins(2), [2, 3, 4, 5]);
+/// assert_eq!(coil_pins(21), [21, 22, 26, 27]);
+/// ```
+#[must_use]
+pub const fn coil_pins(pin: u8) -> [u8; 4] {
+    const fn next(pin: u8) -> u8 {
+        if pin == 22 { 26 } else { pin.wrapping_add(1) }
+    }
+    let (second, third) = (next(pin), next(next(pin)));
+    [pin, second, third, next(third)]
+}
+
 impl MotorSetup {
-    /// Four coils, IN1 on `pin` and IN2 to IN4 on the three after it; not on every board.
+    /// Four coils, from IN1 on `pin` on as [`coil_pins`] says; not on every board.
     #[must_use]
     pub fn coils_on(pin: u8, sequence: Sequence) -> MotorSetup {
         let [wave, full, half] = COILS;

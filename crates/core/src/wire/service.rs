@@ -8,7 +8,8 @@
 //!
 //! # Who may speak
 //! Hello takes the board; until Bye, or until the host was silent for too long, another Hello is refused. Each session
-//! has a [`Tag`], and frames of another one are as good as noise.
+//! has a [`Tag`], and frames of another one are as good as noise. A board with several lines hands over what comes on the
+//! session's own while it is [taken](Service::is_taken), and [turns away](Service::turn_away) the others.
 //!
 //! # Rate
 //! The board changes it after the answer to Baud is out, and goes back to 115 200 baud if it then hears nothing
@@ -141,6 +142,22 @@ impl Service {
         now.since(self.heard)
     }
 
+    /// Whether the host that has the board was silent for too long: [`poll`](Service::poll) ends its session. What is still under
+    /// way to it, on a line that does not take it, is to be dropped, and [`interrupted`](Service::interrupted) to be told so.
+    #[must_use]
+    pub const fn is_lost(&self, now: Millis) -> bool {
+        self.taken && now.since(self.heard) >= self.silence_ms
+    }
+
+    /// What there is to be said to something that came on a line that is not the session's: Hello is refused, all else is
+    /// nobody's. Writes it into the front of `out`, and gives its length, 0 if there is none.
+    pub fn turn_away(received: Received, body: &[u8], out: &mut [u8]) -> usize {
+        let (Received::Frame(Tag::NONE), &[seq, kind::HELLO, _, _, _, _, _]) = (received, body) else { return 0 };
+        let mut frame = Encoder::new(out);
+        refuse(&mut frame, seq, kind::HELLO, Refusal::of(Reason::Taken));
+        frame.finish(Tag::NONE).unwrap_or(0)
+    }
+
     /// Whether a host has taken the board: other dialects on the line are off then.
     #[must_use]
     pub const fn is_taken(&self) -> bool {
@@ -248,7 +265,7 @@ impl Service {
             }
             _ => {}
         }
-        if self.taken && now.since(self.heard) >= self.silence_ms {
+        if self.is_lost(now) {
             self.leave(machine, true);
         }
     }

@@ -11,9 +11,9 @@
 //!
 //! | step/dir: bits | | coils: bits | |
 //! |---|---|---|---|
-//! | 0–27 | wait x | 0–27 | wait x |
-//! | 28–29 | the lines then | 28–31 | the four coils then |
-//! | 30–31 | the lines a pulse later | | |
+//! | 0–24 | wait x | 0–24 | wait x |
+//! | 25–26 | the lines then | 25–31 | the lines then, of which four are the coils |
+//! | 27–28 | the lines a pulse later | | |
 //!
 //! and its lines change x + [`Words::overhead`] ticks after those of the word before.
 //!
@@ -25,7 +25,7 @@ mod packed;
 mod tape;
 mod writer;
 
-pub use expand::{Expand, Stretch, expand};
+pub use expand::{Expand, MOST_SURELY, Stretch, expand, surely};
 pub use packed::{Fault, Packed, Waiting};
 pub use tape::{Run, Tape};
 pub use writer::{Filled, Words};
@@ -33,8 +33,14 @@ pub use writer::{Filled, Words};
 /// The longest wait of one word, and the bits that it is in.
 pub const LONGEST_WAIT: u32 = (1 << WAIT_BITS) - 1;
 
-/// Bits of the wait.
-const WAIT_BITS: u32 = 28;
+/// Bits of the wait: it lasts 268 ms at 125 MHz, and the lines of coils may lie seven apart.
+const WAIT_BITS: u32 = 25;
+
+/// The lines as a word has them first.
+#[must_use]
+pub const fn lines(word: u32) -> u32 {
+    word >> WAIT_BITS
+}
 
 /// What a word of coils lasts beyond its wait, ticks: `out`, the loop's last round, `out`.
 pub const COILS_OVERHEAD: u32 = 3;

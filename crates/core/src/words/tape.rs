@@ -16,7 +16,7 @@ pub struct Run {
 }
 
 /// Words in one run at most: so many are looked at to find a position.
-const LONGEST_RUN: u32 = 128;
+const LONGEST_RUN: u32 = 256;
 
 /// What is known of a ring of `N` words (a power of two), in up to `RUNS` runs (a power of two).
 ///

@@ -2,7 +2,6 @@
 
 use super::{COILS_OVERHEAD, Expand, LONGEST_WAIT, Packed, STEP_DIR_OVERHEAD, Tape, WAIT_BITS};
 use crate::channel::{Channel, Event, Kind};
-use crate::narrow::Pool;
 use crate::output::{Edge, Output};
 use crate::queue::Items;
 use crate::{Direction, Moment};
@@ -46,7 +45,7 @@ struct Due {
 
 impl<const F: u32> Words<F> {
     /// A motor at rest at position 0, all lines low. The lines of a driver are 0 and 1, `step_line` being that of STEP, and
-    /// its pulses `pulse_ticks` long; the lines of coils are 0 to 3.
+    /// its pulses `pulse_ticks` long; the lines of coils are four of 0 to 6.
     #[must_use]
     pub const fn new(output: Output, step_line: u8, pulse_ticks: u32) -> Words<F> {
         let (overhead, step) = match output {
@@ -153,26 +152,32 @@ impl<const F: u32> Words<F> {
         self.channel.pass(self.end.after(self.overhead));
     }
 
-    /// Stops: nothing more is taken, and the position is what was made. The lines stay as they would have been.
-    pub fn stop(&mut self, items: &mut impl Items, position: i32) {
+    /// Stops: nothing more is taken. The position is what was made, and the lines of coils stay as they were in the last word
+    /// that was done: on at that position's phase, or off.
+    pub fn stop(&mut self, items: &mut impl Items, position: i32, lines: u32) {
         self.channel.stop(items);
         self.channel.set_position(position);
         self.output.set_position(position);
         self.busy = None;
-        if let Some(levels) = self.output.coil_levels() {
-            self.levels = levels;
+        if let Output::Coils(coils) = &mut self.output {
+            if lines == 0 {
+                coils.switch_off()
+            } else {
+                coils.switch_on()
+            }
+            self.levels = coils.levels();
         }
     }
 
     /// Writes words up to tick `until`, `most` of them or a few more: every step up to then is made, and the state machine has
     /// something to do until tick `least` at least, which is not after it.
     ///
-    /// Both go up from call to call, by less than 2^27 ticks. `expand` is the board's, or [`expand`](super::expand()).
+    /// Both go up from call to call, by less than 2^24 ticks. `items` are the motor's: a [`Packed`] with its memory, or what a board
+    /// has worked out itself. `expand` is the board's, or [`expand`](super::expand()).
     #[expect(clippy::too_many_arguments, reason = "all that it needs is somebody else's")]
-    pub fn fill<const N: usize, const RUNS: usize, const P: usize>(
+    pub fn fill<const N: usize, const RUNS: usize>(
         &mut self,
-        packed: &mut Packed,
-        pool: &Pool<P>,
+        items: &mut impl Items,
         tape: &mut Tape<N, RUNS>,
         memory: &mut [u32; N],
         [least, until]: [Moment; 2],
@@ -192,7 +197,7 @@ impl<const F: u32> Words<F> {
             if self.output.owed().is_none() && self.channel.waits_beyond(look) {
                 break;
             }
-            let event = self.peek(packed, pool, look);
+            let event = self.peek(items, look);
             if let (Output::Coils(_), Some(release)) = (&self.output, self.output.owed())
                 && event.is_none_or(|event| release.is_before(event.tick))
             {
@@ -249,8 +254,8 @@ impl<const F: u32> Words<F> {
 
     // These are calls, so that each has the registers to itself: a run's steps need none of them.
     #[inline(never)]
-    fn peek<const P: usize>(&mut self, packed: &mut Packed, pool: &Pool<P>, look: Moment) -> Option<Event> {
-        self.channel.peek(&mut packed.waiting(pool), look)
+    fn peek(&mut self, items: &mut impl Items, look: Moment) -> Option<Event> {
+        self.channel.peek(items, look)
     }
 
     /// Takes an event; gives its word, if the lines change.
@@ -311,6 +316,10 @@ impl<const F: u32> Words<F> {
             tape.wrote(taken, tick, position, sign);
             self.end = self.channel.place().tick;
             self.busy = Some(self.end.after(self.overhead));
+            // The next one is for later, or another item's.
+            if usize::try_from(taken).is_ok_and(|taken| taken < len) {
+                return;
+            }
         }
     }
 

@@ -4,6 +4,7 @@
 //! while the state machine still has eight. So nothing stale can be played; if nothing was written, it ends, and the state
 //! machine runs dry at the end of a word, where STEP is not active.
 
+use super::pio::Machine;
 use super::{MOTORS, RING};
 use crate::regs::{self, Channel};
 use core::sync::atomic::{AtomicU32, Ordering, compiler_fence};
@@ -37,7 +38,8 @@ extern "C" fn dma_irq_0() {
     let done = regs::DMA_INTS0.read();
     regs::DMA_INTS0.write(done);
     for (number, feed) in (0..).zip(&FEEDS) {
-        if done & 1 << number != 0 {
+        // A machine that ran dry gets nothing more: it would be late.
+        if done & 1 << number != 0 && !Machine::of(number).is_dry() {
             feed.go_on(Channel(number));
         }
     }

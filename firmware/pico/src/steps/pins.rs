@@ -2,8 +2,9 @@
 
 use super::MOTORS;
 use super::pio::GATE;
+use crate::regs;
 use pulsetrain_core::output::Sequence;
-use pulsetrain_core::wire::message::{Configuration, MotorSetup, NO_PIN};
+use pulsetrain_core::wire::message::{Configuration, MotorSetup, NO_PIN, coil_pins};
 use pulsetrain_core::wire::{Reason, Refusal};
 
 /// GPIOs that motors cannot have: the serial line, what the Pico needs itself, the gate; and those that are not there.
@@ -20,7 +21,7 @@ pub(crate) enum Lines {
         forward_high: bool,
         step_low: bool,
     },
-    /// IN1 to IN4, from the lowest on.
+    /// IN1 to IN4, from the lowest on, as [`coil_pins`] has them.
     Coils { sequence: Sequence },
 }
 
@@ -52,12 +53,17 @@ impl Wired {
     }
 
     /// From the lowest to the highest.
-    pub(crate) fn pins(&self) -> core::ops::Range<u8> {
-        let count = match self.lines {
-            Lines::StepDir { .. } => 2,
-            Lines::Coils { .. } => 4,
+    pub(crate) fn pins(&self) -> impl Iterator<Item = u8> {
+        let (pins, count) = match self.lines {
+            Lines::StepDir { .. } => ([self.base, self.base.wrapping_add(1), 0, 0], 2),
+            Lines::Coils { .. } => (coil_pins(self.base), 4),
         };
-        self.base..self.base.saturating_add(count)
+        pins.into_iter().take(count)
+    }
+
+    /// GPIOs from the lowest to the highest, both with those that the header leaves out.
+    pub(crate) fn span(&self) -> u32 {
+        self.pins().last().map_or(0, |last| u32::from(last.wrapping_sub(self.base)) + 1)
     }
 
     /// Whether the pin is low when its line is high.
@@ -73,6 +79,8 @@ pub(crate) struct Layout {
     pub(crate) count: u8,
     /// The pin that enables all drivers, or [`NO_PIN`].
     pub(crate) enable: u8,
+    /// All of them, bit by GPIO.
+    pub(crate) used: u32,
 }
 
 impl Layout {
@@ -83,8 +91,8 @@ impl Layout {
         if count > MOTORS {
             return Err(Refusal { reason: Reason::TooManyMotors, detail: MOTORS as u16 });
         }
-        let mut layout = Layout { motors: [Wired::NONE; MOTORS], count: count as u8, enable: configuration.enable_pin };
-        let mut used = 0;
+        let (enable, mut used) = (configuration.enable_pin, 0);
+        let mut motors = [Wired::NONE; MOTORS];
         let mut take = |pin: u8| {
             let detail = u16::from(pin);
             if pin >= 32 || TAKEN >> pin & 1 != 0 {
@@ -96,13 +104,23 @@ impl Layout {
             used |= 1_u32 << pin;
             Ok(())
         };
-        for (place, setup) in layout.motors.iter_mut().zip(configuration.motors()) {
+        for (place, setup) in motors.iter_mut().zip(configuration.motors()) {
             *place = Wired::of(&setup)?;
             place.pins().try_for_each(&mut take)?;
         }
-        if layout.enable != NO_PIN {
-            take(layout.enable)?;
+        if enable != NO_PIN {
+            take(enable)?;
         }
-        Ok(layout)
+        Ok(Layout { motors, count: count as u8, enable, used })
+    }
+}
+
+/// Gives GPIOs back, bit by GPIO: they are nobody's, as after a reset, and float.
+pub(crate) fn free(pins: u32) {
+    regs::SIO_OE_CLR.write(pins);
+    for pin in (0..30).filter(|pin| pins >> pin & 1 != 0) {
+        // §2.19.2, §2.19.6.3.
+        regs::gpio_ctrl(pin).write(31);
+        regs::pad(pin).write(1 << 6 | 1 << 4 | 1 << 2 | 1 << 1);
     }
 }

@@ -22,12 +22,12 @@ const CHANGE: u8 = 3;
 
 /// Instructions (§3.4): `wait 1 gpio`, `out x`, `out pins`, `jmp x--`, `mov x, y`.
 const WAIT_GATE: u16 = 0x2080 | GATE as u16;
-const OUT_X: u16 = 0x6020 | 28;
+const OUT_X: u16 = 0x6020 | 25;
 const OUT_PINS: u16 = 0x6000;
 const JMP_X_DEC: u16 = 0x0040;
 const MOV_X_Y: u16 = 0xa022;
 
-const _: () = assert!(LONGEST_WAIT == (1 << 28) - 1);
+const _: () = assert!(LONGEST_WAIT == (1 << 25) - 1);
 
 /// Step/dir: wait, the lines as they are to be, a pulse, the lines after it. Y is the pulse less [`SHORTEST_PULSE`].
 const STEP_DIR_PROGRAM: [u16; 7] = [
@@ -37,11 +37,12 @@ const STEP_DIR_PROGRAM: [u16; 7] = [
     OUT_PINS | 2,                      // 3
     MOV_X_Y,                           // 4
     JMP_X_DEC | (STEP_DIR as u16 + 5), // 5
-    OUT_PINS | 2,                      // 6
+    // All that is left of the word; the pins are two.
+    OUT_PINS | 5, // 6
 ];
 
-/// Coils: wait, and their next pattern.
-const COILS_PROGRAM: [u16; 4] = [WAIT_GATE, OUT_X, JMP_X_DEC | (COILS as u16 + 2), OUT_PINS | 4];
+/// Coils: wait, and their next pattern. It may lie over GPIOs that are not the motor's, on which it does nothing.
+const COILS_PROGRAM: [u16; 4] = [WAIT_GATE, OUT_X, JMP_X_DEC | (COILS as u16 + 2), OUT_PINS | 7];
 
 const _: () = assert!(COILS as usize == STEP_DIR as usize + STEP_DIR_PROGRAM.len());
 
@@ -86,6 +87,11 @@ pub(crate) fn close_gate() {
 /// §2.19.6.3: input on, 4 mA, Schmitt trigger.
 const PAD: u32 = 1 << 6 | 1 << 4 | 1 << 1;
 
+/// Puts a block that is not used any more into reset: its programs are gone, its pins are nobody's.
+pub(crate) fn unload(block: u8) {
+    regs::RESETS_RESET.set(regs::reset::PIO[usize::from(block & 1)]);
+}
+
 /// Takes the block out of reset and loads the programs.
 pub(crate) fn load(block: u8) {
     let bit = regs::reset::PIO[usize::from(block & 1)];
@@ -121,23 +127,20 @@ impl Machine {
     /// Sets it up before the gate, with nothing to do, its lines at `levels` and outputs.
     pub(crate) fn set_up(self, wired: &Wired, pulse_ticks: u32, levels: u32) {
         let Machine { pio, number } = self;
-        let (at, end, count) = match wired.lines {
-            Lines::StepDir { .. } => (STEP_DIR, STEP_DIR + 6, 2),
-            Lines::Coils { .. } => (COILS, COILS + 3, 4),
+        let (at, end) = match wired.lines {
+            Lines::StepDir { .. } => (STEP_DIR, STEP_DIR + 6),
+            Lines::Coils { .. } => (COILS, COILS + 3),
         };
         pio.ctrl().clear(self.bit());
         pio.clkdiv(number).write(1 << 16);
         pio.execctrl(number).write(u32::from(end) << 12 | u32::from(at + LOOP) << 7);
-        let base = u32::from(wired.base);
-        pio.pinctrl(number).write(count << 26 | count << 20 | base << 5 | base);
         // Joining anew empties the FIFOs.
         pio.shiftctrl(number).write(0);
         pio.shiftctrl(number).write(SHIFTCTRL);
         pio.txf(number).write(pulse_ticks.saturating_sub(SHORTEST_PULSE));
         self.execute(PULL);
         self.execute(MOV_Y_OSR);
-        self.execute(SET_PINS | levels);
-        self.execute(SET_PINDIRS | ((1 << count) - 1));
+        self.set_lines(wired, levels);
         // Nothing is left in its shift register, and no delay (§3.7, CTRL: SM_RESTART, CLKDIV_RESTART).
         pio.ctrl().set(self.bit() << 4 | self.bit() << 8);
         pio.shiftctrl(number).write(SHIFTCTRL | AUTOPULL);
@@ -157,6 +160,12 @@ impl Machine {
     /// Forgets that it found no word.
     pub(crate) fn forget_stall(self) {
         self.pio.fdebug().write(self.bit() << 24);
+    }
+
+    /// Whether it found no word since [`forget_stall`](Machine::forget_stall).
+    #[inline(always)]
+    pub(crate) fn is_dry(self) -> bool {
+        stalled(self.pio.0) & self.bit() != 0
     }
 
     /// Words in its FIFO.
@@ -187,12 +196,20 @@ impl Machine {
 
     /// Ends the pulse that it was halted in: STEP has been active for long enough.
     pub(crate) fn end_pulse(self) {
-        self.execute(u32::from(OUT_PINS | 2));
+        self.execute(u32::from(OUT_PINS | 5));
     }
 
-    /// Sets its lines, while it is halted.
-    pub(crate) fn set_lines(self, levels: u32) {
-        self.execute(SET_PINS | levels);
+    /// Sets its lines, and makes them outputs, while it is halted.
+    pub(crate) fn set_lines(self, wired: &Wired, levels: u32) {
+        let pinctrl = self.pio.pinctrl(self.number);
+        // `set` reaches five pins at most: one after the other.
+        for pin in wired.pins() {
+            let level = levels >> (pin - wired.base) & 1;
+            pinctrl.write(1 << 26 | u32::from(pin) << 5);
+            self.execute(SET_PINS | level);
+            self.execute(SET_PINDIRS | 1);
+        }
+        pinctrl.write(wired.span() << 20 | u32::from(wired.base));
     }
 }
 

@@ -10,10 +10,12 @@ use crate::start::Once;
 use pulsetrain_core::narrow::Pool;
 use pulsetrain_core::output::{Coils, Output, StepDir, StepDirSettings};
 use pulsetrain_core::packing::Packing;
-use pulsetrain_core::queue::Items;
+use pulsetrain_core::queue::{Items, Queue};
+use pulsetrain_core::winch::AXES;
+use pulsetrain_core::winch::spacing::Steps;
 use pulsetrain_core::wire::message::{Configuration, flags};
-use pulsetrain_core::words::{Fault, Packed, SHORTEST_PULSE, STEP_DIR_OVERHEAD, Tape, Words};
-use pulsetrain_core::{Epoch, Moment};
+use pulsetrain_core::words::{Fault, Packed, SHORTEST_PULSE, STEP_DIR_OVERHEAD, Tape, Words, lines};
+use pulsetrain_core::{Entry, Epoch, Item, Moment, Segment};
 
 /// F.
 pub(crate) const FRACTION_BITS: u32 = 32;
@@ -28,7 +30,7 @@ const LONGEST_QUEUE: usize = 8192;
 const RUNS: usize = 128;
 
 /// Words are written so far ahead, ticks: 2.4 ms. A switch can be no sooner.
-const AHEAD: u32 = TICK_HZ / 10_000 * 24;
+pub(crate) const AHEAD: u32 = TICK_HZ / 10_000 * 24;
 
 /// They are written when no more than this is left, ticks.
 const REFILL: u32 = AHEAD / 4 * 3;
@@ -37,7 +39,11 @@ const REFILL: u32 = AHEAD / 4 * 3;
 const MOST_SPARE: u32 = AHEAD / 8;
 
 /// Words that a motor gets before the next one has its turn, and a run more at most.
-const TURN: u32 = 256;
+const TURN: u32 = 512;
+
+/// Words that are handed over when a state machine has less than that to do may come too late, ticks: the way to the DMA's
+/// first transfer, and an interrupt before it.
+const NEARLY_DRY: u32 = 200;
 
 /// From the gate to the first change of lines: 0.5 ms, in which the first words are written.
 const FIRST_WAIT: u32 = TICK_HZ / 2000;
@@ -51,6 +57,12 @@ pub(crate) const LONGEST_IDLE_MS: u16 = 8000;
 /// SysTick is read so many ticks before the first instruction behind the gate.
 const GATE_TICKS: u32 = 2;
 
+/// Items of a motor that follows a path: three a millisecond, and [`AHEAD`] is less than three of those.
+const FOLLOWED: usize = 32;
+
+/// Before steps that are not known yet nothing is written for so long, ticks: longer than DIR is turned before one.
+pub(crate) const CLEAR: u32 = 2500;
+
 #[repr(C, align(8192))]
 struct Ring([u32; RING]);
 
@@ -59,12 +71,14 @@ pub(crate) struct Memory {
     rings: [Ring; MOTORS],
     tapes: [Tape<RING, RUNS>; MOTORS],
     pool: Pool<POOL>,
+    followed: [Queue<FOLLOWED>; AXES.len()],
 }
 
 static MEMORY: Once<Memory> = Once::new(Memory {
     rings: [const { Ring([0; RING]) }; MOTORS],
     tapes: [const { Tape::new() }; MOTORS],
     pool: Pool::new(),
+    followed: [const { Queue::new() }; AXES.len()],
 });
 
 /// One motor.
@@ -113,8 +127,12 @@ pub(crate) struct Stepper {
     /// Which motor has the next turn.
     turn: u8,
     least_ahead: u32,
+    /// A motor's words came too late, and were kept back.
+    too_late: bool,
     /// No motor needs words before.
     due: Moment,
+    /// Motors follow paths, whose steps are known up to then; else they do what was packed.
+    known: Option<Moment>,
 }
 
 impl Stepper {
@@ -133,7 +151,36 @@ impl Stepper {
             runs: false,
             turn: 0,
             least_ahead: u32::MAX,
+            too_late: false,
             due: Moment(0),
+            known: None,
+        }
+    }
+
+    /// From the next [`start`](Stepper::start) on motors follow paths, whose steps come by [`follow`](Stepper::follow): there are none
+    /// before `known`.
+    pub(crate) const fn follow_from(&mut self, known: Moment) {
+        self.known = Some(known);
+    }
+
+    /// Has a motor make steps in the millisecond that begins at `begin`.
+    pub(crate) fn follow(&mut self, number: u8, begin: Moment, steps: Steps) {
+        let epoch = self.epoch();
+        let Some(queue) = self.memory.followed.get_mut(usize::from(number)) else { return };
+        let mut push = |item| {
+            // If it has no room the main loop was late by several milliseconds, and the state machines have run dry.
+            let _ = queue.push(Entry { epoch, item });
+        };
+        let direction = steps.direction;
+        let run = |count: u8, interval: u64| {
+            // 2^-16 ticks to F = 32.
+            let segment = Segment { count: count.into(), interval: (interval << 16).cast_signed(), add: 0, add2: 0 };
+            Item::Run { segment, direction }
+        };
+        push(Item::Anchor { tick: begin });
+        push(run(1, steps.first));
+        if steps.count > 1 {
+            push(run(steps.count - 1, steps.interval));
         }
     }
 
@@ -144,7 +191,7 @@ impl Stepper {
 
     /// The motors with what is theirs, and the memory of their queues.
     fn all(&mut self) -> (&mut Pool<POOL>, impl Iterator<Item = Parts<'_>>) {
-        let Memory { rings, tapes, pool } = &mut *self.memory;
+        let Memory { rings, tapes, pool, .. } = &mut *self.memory;
         let places = (0..).zip(&mut self.motors).zip(tapes).zip(rings).take(usize::from(self.count));
         (pool, places.map(|(((number, motor), tape), Ring(ring))| Parts { number, motor, tape, ring }))
     }
@@ -163,7 +210,10 @@ impl Stepper {
 
     /// Takes on a configuration that is possible; nothing runs. Counts begin at 0.
     pub(crate) fn configure(&mut self, layout: &Layout, configuration: &Configuration<'_>, now: Moment) {
-        self.count = layout.count;
+        if self.count > 4 && layout.count <= 4 {
+            pio::unload(1);
+        }
+        (self.count, self.turn) = (layout.count, 0);
         let queue = (POOL / usize::from(layout.count.max(1))).min(LONGEST_QUEUE) as u16;
         let pulse_ticks = u32::from(configuration.pulse_ticks).max(SHORTEST_PULSE);
         let setup_ticks = u32::from(configuration.setup_ticks).max(pulse_ticks + STEP_DIR_OVERHEAD);
@@ -177,13 +227,19 @@ impl Stepper {
                         StepDirSettings { step_line, dir_line, pulse_ticks, setup_ticks, forward_high, shared_dir };
                     (Output::StepDir(StepDir::new(settings)), step_line)
                 }
-                Lines::Coils { sequence } => (Output::Coils(Coils::new([0, 1, 2, 3], sequence, release_ticks)), 0),
+                Lines::Coils { sequence } => {
+                    let mut lines = [0; 4];
+                    for (line, pin) in lines.iter_mut().zip(wired.pins()) {
+                        *line = pin - wired.base;
+                    }
+                    (Output::Coils(Coils::new(lines, sequence, release_ticks)), 0)
+                }
             };
             motor.words = Words::new(output, step_line, pulse_ticks);
             let packing = Packing { fraction_bits: FRACTION_BITS, gain: setup.gain };
             motor.packed = Packed::new(Pool::<POOL>::part(number * queue, queue), packing);
             (motor.wired, motor.pulse_ticks, motor.pull_in_ticks) = (*wired, pulse_ticks, setup.pull_in_ticks);
-            motor.words.channel_mut().pass(now);
+            motor.words.channel_mut().open_from(now);
         }
         let blocks = layout.count.div_ceil(4);
         for block in 0..blocks {
@@ -204,6 +260,7 @@ impl Stepper {
     /// Opens the gate: all state machines begin in the same cycle. Queues are empty, faults forgotten.
     pub(crate) fn start(&mut self, clock: &mut Clock) {
         let mut machines = [0; 2];
+        self.memory.followed.iter_mut().for_each(Queue::clear);
         let (pool, all) = self.all();
         for Parts { number, motor, tape, ring } in all {
             let machine = Machine::of(number);
@@ -228,19 +285,26 @@ impl Stepper {
         for Parts { motor, tape, .. } in self.all().1 {
             motor.words.start(tape, at);
         }
-        self.runs = true;
+        (self.runs, self.too_late) = (true, false);
         self.least_ahead = u32::MAX;
         self.due = at;
     }
 
     /// Writes words for the next motor that needs some; whether there was one.
     #[inline(never)]
-    pub(crate) fn fill(&mut self, now: Moment) -> bool {
+    pub(crate) fn fill(&mut self, clock: &mut Clock) -> bool {
+        let now = clock.moment();
         if !self.runs || now.is_before(self.due) {
             return false;
         }
         let mut spare = MOST_SPARE;
-        let Memory { rings, tapes, pool } = &mut *self.memory;
+        let (mut least, mut until) = (now.after(REFILL), now.after(AHEAD));
+        if let Some(known) = self.known {
+            let last = known.before(CLEAR);
+            until = if last.is_before(until) { last } else { until };
+            least = if last.is_before(least) { last } else { least };
+        }
+        let Memory { rings, tapes, pool, followed } = &mut *self.memory;
         for _ in 0..self.count {
             let number = self.turn;
             self.turn = if number + 1 >= self.count { 0 } else { number + 1 };
@@ -258,8 +322,17 @@ impl Stepper {
             tape.pass(now);
             motor.words.pass(now);
             self.least_ahead = self.least_ahead.min(ahead.max(0).cast_unsigned());
-            let stretch = [now.after(REFILL), now.after(AHEAD)];
-            motor.words.fill(&mut motor.packed, pool, tape, ring, stretch, TURN, expand);
+            let stretch = [least, until];
+            let dry = motor.words.end().after(motor.words.overhead());
+            match followed.get_mut(index).filter(|_| self.known.is_some()) {
+                Some(items) => motor.words.fill(items, tape, ring, stretch, TURN, expand),
+                None => motor.words.fill(&mut motor.packed.waiting(pool), tape, ring, stretch, TURN, expand),
+            };
+            if !clock.moment().after(NEARLY_DRY).is_before(dry) {
+                // Late words would be late steps: better none.
+                self.too_late = true;
+                return false;
+            }
             feed::publish(number, tape.written());
             return true;
         }
@@ -276,15 +349,17 @@ impl Stepper {
         }
     }
 
-    /// Whether a state machine found no word: what it was to do is late already.
+    /// Whether a state machine found no word, or nearly: what it was to do is late.
     #[inline(always)]
     pub(crate) fn has_starved(&self) -> bool {
-        self.runs && (pio::stalled(0) | if self.count > 4 { pio::stalled(1) } else { 0 }) != 0
+        let dry = || (pio::stalled(0) | if self.count > 4 { pio::stalled(1) } else { 0 }) != 0;
+        self.runs && (self.too_late || dry())
     }
 
     /// The immediate stop: halts all state machines, and counts what they did. Gives the tick after which no step was begun,
     /// and bit by motor whether it was faster than it can stop at once.
     pub(crate) fn stop(&mut self, clock: &mut Clock) -> (u64, u8) {
+        self.known = None;
         if !self.runs {
             return (clock.now(), 0);
         }
@@ -298,7 +373,9 @@ impl Stepper {
             clock.now()
         });
         regs::SIO_OUT_CLR.write(1 << GATE);
-        let mut uncertain = 0;
+        let (mut uncertain, mut in_pulse) = (0, 0);
+        // By then all pulses that were begun are as long as they ought to be.
+        let mut fall = Moment::of(tick);
         let (pool, all) = self.all();
         for Parts { number, motor, tape, ring } in all {
             let machine = Machine::of(number);
@@ -307,10 +384,8 @@ impl Stepper {
             let halted = machine.halted(&motor.wired.lines);
             let done = if halted == Halted::Before { pulled.wrapping_sub(1) } else { pulled };
             if halted == Halted::InPulse {
-                // As long as it ought to be, and a little longer.
-                let fall = clock.moment().after(motor.pulse_ticks);
-                while clock.moment().is_before(fall) {}
-                machine.end_pulse();
+                in_pulse |= 1 << number;
+                fall = Moment::of(tick).after(motor.pulse_ticks);
             }
             let made = tape.position_after(done);
             let (words, mut items) = (&mut motor.words, motor.packed.waiting(pool));
@@ -322,10 +397,13 @@ impl Stepper {
                     uncertain |= 1 << number;
                 }
             }
-            words.stop(&mut items, made);
-            if let Lines::Coils { .. } = motor.wired.lines {
-                machine.set_lines(words.levels());
-            }
+            // Before its first word the lines are as in that.
+            let last = ring[done.saturating_sub(1) as usize % RING];
+            words.stop(&mut items, made, lines(last));
+        }
+        while clock.moment().is_before(fall) {}
+        for number in (0..self.count).filter(|number| in_pulse >> number & 1_u8 != 0) {
+            Machine::of(number).end_pulse();
         }
         (tick, uncertain)
     }
@@ -335,7 +413,7 @@ impl Stepper {
         for (number, motor) in (0..self.count).zip(&mut self.motors) {
             if let Lines::Coils { .. } = motor.wired.lines {
                 motor.words.release();
-                Machine::of(number).set_lines(motor.words.levels());
+                Machine::of(number).set_lines(&motor.wired, motor.words.levels());
             }
         }
     }
@@ -394,7 +472,8 @@ impl Stepper {
 
     /// Whether nothing is left to do on any motor: no step, no end of a pulse.
     pub(crate) fn is_idle(&self, now: Moment) -> bool {
-        !self.runs || self.motors().all(|motor| motor.words.is_idle(&motor.packed, now))
+        let follows = self.known.is_some() && self.memory.followed.iter().any(|items| !items.is_empty());
+        !self.runs || (!follows && self.motors().all(|motor| motor.words.is_idle(&motor.packed, now)))
     }
 
     /// What is wrong with a motor's queue: [`flags`] of the motor.
