@@ -52,7 +52,7 @@ fn call(chip: &mut Atmega328p, entry: u16, is_long: bool, registers: &Registers,
     chip.set_register(17, if is_long { PULSE } else { 6 });
     chip.set_register(20, n);
     chip.set_register(18, 4);
-    chip.set_register(4, TAIL_AT.to_le_bytes()[0]);
+    chip.set_register(19, TAIL_AT.to_le_bytes()[0]);
     chip.set_register(6, TICKS.to_le_bytes()[0]);
     chip.set_register(7, 7);
     chip.set_register(1, 0);
@@ -119,7 +119,7 @@ fn expansion_is_the_recurrence() {
                         assert_eq!([ram(group + 1), ram(group + 2)], [high, low]);
                         assert_eq!(ram(TICKS), 6);
                         let last = index + 1 == u16::from(n);
-                        if last || (index + 1) % 12 == 0 {
+                        if last || (index + 1) % 8 == 0 {
                             assert_eq!(ram(group + 4), if last { 7 } else { 4 });
                         }
                     }
@@ -142,10 +142,10 @@ fn expansion_is_the_recurrence() {
             if !steady && n == 30 {
                 lawful[kind] = cycles;
             } else if !steady && n == 20 && lawful[kind] != 0 {
-                // As steps/expand.rs says: 19.5 and 18.5 cycles a step (36.5 and 25.5 with long pulses), and some 35 for the third
-                // dozen; but for 4 where the tick's fourth byte changes.
+                // As steps/expand.rs says: 19.5 and 18.5 cycles a step (36.5 and 25.5 with long pulses), and some 30 for the ring's
+                // fourth batch of 8; but for 4 where the tick's fourth byte changes.
                 assert!(
-                    (lawful[kind] - cycles).abs_diff([230, 185, 365, 255][kind]) <= 6,
+                    (lawful[kind] - cycles).abs_diff([225, 185, 365, 255][kind]) <= 6,
                     "{} − {cycles}",
                     lawful[kind]
                 );
@@ -227,6 +227,6 @@ fn a_ring_takes_what_it_has_room_for() {
             }
         }
     }
-    // 16.5 cycles a step.
-    assert_eq!(nearest.1 - nearest.0, 165, "{nearest:?}");
+    // 16.5 cycles a step, and some 30 for the third batch of 8.
+    assert!((nearest.1 - nearest.0).abs_diff(195) <= 6, "{nearest:?}");
 }

@@ -3,12 +3,12 @@
 /// Pulses up to these lengths, a column each.
 pub(super) const PULSES: [u32; 3] = [16, 31, 80];
 /// Shortest interval that holds for good, of each of 1 to 4 motors on one or two ports.
-pub(super) const BY_SOFTWARE: [[u32; 3]; 4] = [[115, 133, 230], [325, 368, 603], [495, 533, 893], [751, 751, 1454]];
+pub(super) const BY_SOFTWARE: [[u32; 3]; 4] = [[112, 124, 235], [325, 342, 617], [507, 533, 935], [733, 788, 1311]];
 /// The same of one or two motors whose edges the compare hardware makes.
-pub(super) const BY_COMPARE: [[u32; 3]; 2] = [[118, 115, 1797], [242, 230, 3404]];
+pub(super) const BY_COMPARE: [[u32; 3]; 2] = [[109, 109, 1797], [224, 224, 3333]];
 /// Largest |edge − scheduled| beyond the constant.
-pub(super) const LATENESS: u32 = 54;
+pub(super) const LATENESS: u32 = 50;
 /// The farthest that it commits itself ahead.
-pub(super) const HORIZON: u32 = 48609;
+pub(super) const HORIZON: u32 = 49087;
 /// Bytes of its queues.
 pub(super) const QUEUES: u32 = 396;

@@ -15,20 +15,18 @@ use core::mem::offset_of;
 const ROOM: u8 = 14;
 /// Long pulses that are expanded at once, at most.
 const FEW: u8 = 8;
-/// Batches of steps that one call makes at most; what Rust puts into the ring counts twice.
-const THINGS: u8 = 8;
 
 global_asm!(
     r#"
     .section .text.steps_fill, "ax", @progbits
     .global steps_fill
-    // For the task: r24:25 is the track, r22:23 its motor. Uses all registers.
+    // For the task: r24:25 is the track, r22:23 its motor, r20 how many things may be done. r4 is the same afterwards if there
+    // was no room, and less if there was. Uses all registers.
     // Inside, r2:3 is the track, Y the motor, r4 how many things may be done yet.
 steps_fill:
     movw r2, r24
     movw r28, r22
-    ldi r24, {THINGS}
-    mov r4, r24
+    mov r4, r20
 fill_next:
     // Is there room?
     movw r30, r2
@@ -45,22 +43,22 @@ fill_next:
     dec r4
     brpl 6f
 1:  ret
-6:  dec r26
+6:  ldd r24, Z+{UNLIKE}
+    tst r24
+    breq 5f
+    dec r26
     ldd r24, Y+{STEP}
     ldd r25, Y+{STEP_FALL}
     cp r24, r25
-    breq 2f
+    breq 3f
     // Two groups a step; few at once while the ring runs low: they are published the sooner.
     lsr r26
     cpi r26, {FEW}
     brlo 3f
     ldi r26, {FEW}
     rjmp 3f
-    // Where all groups are steps', the expansion looks how much room there is.
-2:  ldd r24, Z+{UNLIKE}
-    cpse r24, r1
-    rjmp 3f
-    ser r26
+    // All groups are steps': the expansion looks how much room there is.
+5:  ser r26
 3:  sts steps_times+{MOST}, r26
     call steps_plan
     tst r24
@@ -76,30 +74,38 @@ fill_next:
     rjmp fill_next
     // r24 steps
 9:  mov r20, r24
-    push r4
-    ldd r4, Z+{TAIL_AT}
     ldd r18, Z+{STEP_FIRST}
+    ldd r19, Z+{TAIL_AT}
     ldd r6, Z+{HEAD}
     ldd r7, Z+{STEP_LAST}
-    ldd r17, Z+{BEFORE_STEP}
-    std Z+{BEFORE_STEP}, r18
-    ldd r19, Z+{LAST_BYTE}
     ldd r21, Z+{UNLIKE}
+    tst r21
+    brne 8f
+    mov r17, r18
+    ldd r31, Z+{PAGE}
+    mov r30, r6
+    call steps_expand_ring
+    movw r30, r2
+    std Z+{HEAD}, r24
+    ldd r18, Y+{TICK}
+    ldd r19, Y+{TICK}+1
+    ldd r20, Y+{TICK}+2
+    ldd r21, Y+{TICK}+3
+    rjmp 5f
+8:  ldd r17, Z+{BEFORE_STEP}
+    std Z+{BEFORE_STEP}, r18
+    ldd r22, Z+{LAST_BYTE}
     ldd r31, Z+{PAGE}
     mov r30, r6
     ldd r26, Y+{STEP}
     ldd r27, Y+{STEP_FALL}
     cp r26, r27
     brne 3f
-    tst r21
-    brne 8f
-    call steps_expand_ring
-    rjmp 4f
     // Groups become steps'.
-8:  mov r25, r20
+    mov r25, r20
 1:  subi r30, -4
     st Z, r18
-    std Z+3, r19
+    std Z+3, r22
     dec r25
     brne 1b
     mov r30, r6
@@ -126,9 +132,7 @@ fill_next:
     mov r26, r6
     st X, r5
     clr r5
-4:  pop r4
-    movw r30, r2
-    std Z+{HEAD}, r24
+4:  std Z+{HEAD}, r24
     ldd r22, Y+{STEP}
     ldd r23, Y+{STEP_FALL}
     std Z+{PENDING}, r22
@@ -149,15 +153,14 @@ fill_next:
     std Z+{AT}+1, r19
     std Z+{AT}+2, r20
     std Z+{AT}+3, r21
-    // Is the ring full?
+    // What there was no room for waits.
     tst r5
-    brne 7f
+    brne 6f
     rjmp fill_next
-7:  ret
+6:  ret
     "#,
     ROOM = const ROOM,
     FEW = const FEW,
-    THINGS = const THINGS,
     TAIL_AT = const offset_of!(Track, ring) + offset_of!(Ring, tail_at),
     UNLIKE = const offset_of!(Track, ring) + offset_of!(Ring, unlike),
     HEAD = const offset_of!(Track, ring) + offset_of!(Ring, head),

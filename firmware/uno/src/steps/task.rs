@@ -32,6 +32,11 @@ const RESERVE: u16 = 24 << 8;
 /// A ring is full when it has room for fewer groups.
 const NEARLY: u8 = 20;
 
+/// Batches of steps that one call makes for a ring, at most; what Rust puts into the ring counts twice.
+const BATCHES: u8 = 8;
+/// So many of them two rings get first, by turns.
+const TURNS: u8 = 6;
+
 /// Counts until the next call while the winch drives, at most: a call works out one slice, and takes most of one.
 const SLICES: u8 = 64;
 
@@ -167,20 +172,29 @@ steps_task_due:
     rjmp 9f
 6:  call steps_merge_run
     rjmp 9f
-    // Two rings: first the one that is filled less far.
-8:  lds r24, steps_stepper+{AT}
+    // Two rings, a batch for the one that is filled less far, until that is full; then the other.
+8:  ldi r24, {TURNS}
+13: push r24
+    lds r24, steps_stepper+{AT}
     lds r25, steps_stepper+{AT}+1
     lds r18, steps_stepper+{AT}+{TRACK_SIZE}
     lds r19, steps_stepper+{AT}+{TRACK_SIZE}+1
     sub r24, r18
     sbc r25, r19
-    brmi 8f
+    ldi r20, 1
+    brmi 14f
     rcall task_fill_second
-    rjmp 7f
-8:  rcall task_fill_first
+    rjmp 15f
+14: rcall task_fill_first
+15: pop r24
+    dec r4
+    breq 16f
+    dec r24
+    brne 13b
+16: ldi r20, {BATCHES}
     rcall task_fill_second
-    rjmp 9f
-7:  rcall task_fill_first
+7:  ldi r20, {BATCHES}
+    rcall task_fill_first
     // A quarter of the time that they are filled for, in counts of 64.
 9:  lds r20, steps_stepper+{AT}
     lds r21, steps_stepper+{AT}+1
@@ -293,6 +307,8 @@ task_ahead:
     AT = const offset_of!(Stepper, tracks) + offset_of!(Track, at),
     MOTOR_SIZE = const size_of::<Motor>(),
     SOONEST = const SOONEST,
+    BATCHES = const BATCHES,
+    TURNS = const TURNS,
     RESERVE = const RESERVE,
     NEARLY = const NEARLY,
     TAIL_AT = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, tail_at),
