@@ -47,7 +47,7 @@ use winch::{Ear, Winch};
 const NAP: [u32; 2] = [200, 500];
 
 /// As long as fewer bytes than this wait on the UART, lines wait for room to be answered.
-const PATIENCE: usize = 512;
+const PATIENCE: usize = 768;
 
 /// If no frame of the session has come for so long, about ms, a line is told that frames have the board.
 const SILENCE: u16 = 100;
