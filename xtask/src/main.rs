@@ -78,7 +78,7 @@ enum Task {
     Bench {
         /// Only these, in emulated cycles: a section of the report
         only: Option<Figures>,
-        /// Of the Uno: the simulated hour of four motors on one DIR line, a section of its own
+        /// Of the Uno: the simulated hour of four motors on one DIR line; of the Pico: of eight; a section of its own
         #[arg(long, requires = "only")]
         hour: bool,
     },
@@ -114,6 +114,8 @@ enum Figures {
     Uno,
     /// StepperWinch's text on it
     Winch,
+    /// The Raspberry Pi Pico's firmware
+    Pico,
 }
 
 fn main() -> ExitCode {
@@ -127,6 +129,8 @@ fn main() -> ExitCode {
         Task::Bench { only: Some(Figures::Uno), hour: false } => bench::uno::run(),
         Task::Bench { only: Some(Figures::Uno), hour: true } => bench::uno::hour(),
         Task::Bench { only: Some(Figures::Winch), .. } => bench::winch::run(),
+        Task::Bench { only: Some(Figures::Pico), hour: false } => bench::pico::run(),
+        Task::Bench { only: Some(Figures::Pico), hour: true } => bench::pico::hour(),
         Task::Golden => golden::run(),
         Task::Pictures => pictures::run(),
     };

@@ -2,6 +2,7 @@
 
 use crate::boards::{self, PinError};
 use crate::electrical::Winding;
+use crate::machine::Machine;
 use crate::{Grid, Law};
 
 /// A motion file that has been read and checked: everything that the later stages need.
@@ -15,6 +16,8 @@ pub struct Program {
     pub tolerance: Tolerance,
     /// The motors, in the file's order.
     pub motors: Vec<Motor>,
+    /// Which of them draw figures together, in the file's order.
+    pub machines: Vec<Machine>,
 }
 
 /// Why a program cannot run on another board.

@@ -63,6 +63,7 @@ fn program(laws: Vec<Law>, timing: DriverTiming) -> Program {
         grid: Grid::NEAREST,
         tolerance: Tolerance::Ticks(1.0),
         motors: motors.collect(),
+        machines: Vec::new(),
     }
 }
 

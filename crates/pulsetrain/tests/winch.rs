@@ -80,7 +80,7 @@ fn every_kind_of_line_is_followed() {
     let run = everything();
     let verdict = verdict(&run);
     assert!(verdict.ok, "{verdict:?}");
-    assert!(run.refusals.is_empty() && verdict.statuses > 130, "{verdict:?}");
+    assert!(run.refusals.is_empty() && run.troubles.is_empty() && verdict.statuses > 130, "{verdict:?}");
     for axis in &verdict.axes {
         assert!(axis.steps > 200 && axis.max_error_steps < 0.01, "{axis:?}");
         assert_eq!(axis.position_wanted.round() as i64, axis.position, "{axis:?}");
@@ -93,7 +93,7 @@ fn every_kind_of_line_is_followed() {
 fn the_uno_does_the_same() {
     let run = run_on(VirtualUno::new(), &script(EVERYTHING, 3.0));
     let verdict = verdict_as(&run, &of_uno());
-    assert!(verdict.ok && run.refusals.is_empty() && verdict.statuses > 130, "{verdict:?}");
+    assert!(verdict.ok && run.refusals.is_empty() && run.troubles.is_empty() && verdict.statuses > 130, "{verdict:?}");
     for axis in &verdict.axes {
         assert!(axis.steps > 200 && axis.max_error_steps < 0.03, "{axis:?}");
         assert_eq!(axis.position_wanted.round() as i64, axis.position, "{axis:?}");
@@ -357,7 +357,7 @@ proptest! {
         let (text, end_s) = random_script(&lines);
         let run = run(&script(&text, end_s));
         let verdict = verdict(&run);
-        prop_assert!(verdict.ok, "{}{:?}", text, verdict);
+        prop_assert!(verdict.ok && run.troubles.is_empty(), "{}{:?} {:?}", text, verdict, run.troubles);
     }
 }
 
@@ -370,7 +370,7 @@ proptest! {
         let (text, end_s) = random_script(&lines);
         let run = run_on(VirtualUno::new(), &script(&text, end_s));
         let verdict = verdict_as(&run, &of_uno());
-        prop_assert!(verdict.ok, "{}{:?}", text, verdict);
+        prop_assert!(verdict.ok && run.troubles.is_empty(), "{}{:?} {:?}", text, verdict, run.troubles);
     }
 }
 

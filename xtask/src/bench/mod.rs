@@ -2,7 +2,9 @@
 
 mod first_run;
 mod peers;
+pub(crate) mod pico;
 mod report;
+mod table;
 pub(crate) mod uno;
 pub(crate) mod winch;
 

@@ -1,7 +1,7 @@
 //! The Uno's figures: on the emulated chip, in its cycles, which are the same on every machine.
 
-use super::report;
-use crate::command::{Done, Failure, cargo, output, root};
+use super::table::Table;
+use crate::command::{Done, Failure, root};
 use crate::firmware;
 use std::fs;
 
@@ -22,65 +22,29 @@ farthest that the rings were committed ahead. A rate holds if no step is lost, 9
 at most 60, and the board reports nothing; rates are tried 2.5 % apart. Random segments are of 40 to 80 steps; what changes by \
 ±10 % does so from segment to segment.";
 
-/// One line of the bench's table.
-struct Row {
-    figure: usize,
-    is_required: bool,
-    /// From the law on.
-    fields: Vec<String>,
-}
-
-impl Row {
-    fn verdict(&self) -> &str {
-        self.fields.last().map_or("", String::as_str)
-    }
-
-    fn holds(&self) -> bool {
-        self.verdict() == "holds"
-    }
-}
-
 /// Figures 1, 2, 3 and 5.
 pub(crate) fn run() -> Done {
     let size = firmware::measure_uno()?;
-    let (head, rows, limits) = measure("")?;
+    let (table, limits) = measure("")?;
     write_limits(&limits)?;
     let mut text = format!("# The Uno, emulated\n\nWritten by `cargo xtask bench uno`. {PREFACE}\n");
-    text.push_str(&tables(&head, &rows));
+    text.push_str(&table.markdown("Uno", &TITLES));
     text.push_str(&format!("\n## Flash and RAM\n\n```text\n{size}```\n"));
-    finish("uno", &text, &rows)
+    table.finish("uno", &text)
 }
 
 /// Figure 4.
 pub(crate) fn hour() -> Done {
-    let (head, rows, _) = measure("-- hour")?;
+    let (table, _) = measure("-- hour")?;
     let mut text = "# The Uno, emulated: an hour\n\nWritten by `cargo xtask bench uno --hour`.\n".to_owned();
-    text.push_str(&tables(&head, &rows));
-    finish("uno-hour", &text, &rows)
+    text.push_str(&table.markdown("Uno", &TITLES));
+    table.finish("uno-hour", &text)
 }
 
-fn finish(section: &str, text: &str, rows: &[Row]) -> Done {
-    print!("{text}");
-    report::write_section(section, text)?;
-    let broken: Vec<_> = rows.iter().filter(|row| row.is_required && !row.holds()).collect();
-    if broken.is_empty() {
-        return Ok(());
-    }
-    let lines = broken.iter().map(|row| format!("\n  {}: {}", row.fields[..3].join(", "), row.verdict()));
-    Err(Failure::Check(format!("{} of the promised figures do not hold:{}", broken.len(), lines.collect::<String>())))
-}
-
-/// Head, rows, and limits for the table of boards.
-type Measured = (Vec<String>, Vec<Row>, Vec<Limit>);
-
-/// Runs the bench.
-fn measure(arguments: &str) -> Done<Measured> {
-    let text = output(&mut cargo(&format!("bench --package pulsetrain --bench uno {arguments}")))?;
-    let mut lines = text.lines().filter(|line| line.contains('\t'));
-    let head = lines.next().ok_or_else(|| Failure::Check("the bench printed no table".to_owned()))?;
-    let head = head.split('\t').skip(2).map(str::to_owned).collect();
-    let (limits, rows): (Vec<_>, Vec<_>) = lines.partition(|line| line.starts_with("limit\t"));
-    Ok((head, rows.into_iter().map(parse).collect::<Done<_>>()?, limits.into_iter().filter_map(Limit::parse).collect()))
+/// Runs the bench; limits for the table of boards beside its rows.
+fn measure(arguments: &str) -> Done<(Table, Vec<Limit>)> {
+    let (table, limits) = Table::measured("uno", arguments)?;
+    Ok((table, limits.iter().filter_map(|line| Limit::parse(line)).collect()))
 }
 
 /// What a number of motors can do for good at one rate; all in ticks.
@@ -162,31 +126,6 @@ fn limits_source(limits: &[Limit]) -> Done<String> {
     ))
 }
 
-fn parse(line: &str) -> Done<Row> {
-    let bad = || Failure::Check(format!("not a row of the Uno's figures: {line}"));
-    let mut fields = line.split('\t').map(str::to_owned);
-    let is_required = fields.next().and_then(|text| text.parse().ok()).ok_or_else(bad)?;
-    let figure = fields.next().and_then(|text| text.parse().ok()).ok_or_else(bad)?;
-    Ok(Row { figure, is_required, fields: fields.collect() })
-}
-
-/// A table for each figure that there is.
-fn tables(head: &[String], rows: &[Row]) -> String {
-    let mut text = String::new();
-    for (figure, title) in (1..).zip(TITLES) {
-        let rows: Vec<_> = rows.iter().filter(|row| row.figure == figure).collect();
-        if rows.is_empty() {
-            continue;
-        }
-        text.push_str(&format!("\n## Uno, figure {figure}: {title}\n\n"));
-        text.push_str(&format!("| {} |\n|{}\n", head.join(" | "), "---|".repeat(head.len())));
-        for row in rows {
-            text.push_str(&format!("| {} |\n", row.fields.join(" | ")));
-        }
-    }
-    text
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -207,15 +146,5 @@ mod tests {
             assert!(source.contains(line), "{source}");
         }
         assert!(limits_source(&limits[1..]).is_err());
-    }
-
-    #[test]
-    fn a_row_is_read_as_it_was_written() {
-        let row = parse("true\t2\tchanging ±10 %\t1.0 µs\t8/9\tholds").expect("a row");
-        assert!(row.is_required && row.holds());
-        assert_eq!((row.figure, row.fields[0].as_str()), (2, "changing ±10 %"));
-        assert!(parse("maybe\t2\tx").is_err());
-        let table = tables(&["law".to_owned()], &[row]);
-        assert!(table.starts_with("\n## Uno, figure 2: Sustained"), "{table}");
     }
 }

@@ -1,13 +1,36 @@
 //! Random segments as a planner makes them, and a stream of them into a board.
 
-use super::{Random, TICK_HZ};
+use super::{Random, TICK_HZ, pico};
 use pulsetrain_board::{Board, Observer, SwitchRefused};
 use pulsetrain_core::packing::{MAX_PACKED_LEN, Packing, State};
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Recurrence, Segment};
 use std::collections::VecDeque;
 
-/// The shortest first interval after a turn, ticks: pulse, hold and set-up of 1 µs each, and the firmware's own.
-const TURN_TICKS: f64 = 400.0;
+/// The board that segments are for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Chip {
+    pub(crate) tick_hz: u64,
+    /// F.
+    pub(crate) fraction_bits: u32,
+    /// Steps of a segment at least; twice as many at most.
+    pub(crate) least_steps: u32,
+    /// The shortest first interval after a turn, ticks.
+    pub(crate) turn_ticks: f64,
+}
+
+impl Chip {
+    /// Pulse, hold and set-up of 1 µs each, and the firmware's own.
+    pub(crate) const UNO: Chip = Chip { tick_hz: TICK_HZ, fraction_bits: 16, least_steps: 40, turn_ticks: 400.0 };
+
+    /// As a planner has it at some 100 k steps/s and more.
+    pub(crate) const PICO: Chip =
+        Chip { tick_hz: pico::TICK_HZ, fraction_bits: 32, least_steps: 250, turn_ticks: 3000.0 };
+
+    /// Of a whole tick.
+    fn ticks(&self) -> f64 {
+        (1_u64 << self.fraction_bits) as f64
+    }
+}
 
 /// What a motor is to do.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,14 +55,17 @@ impl Law {
     }
 }
 
-/// Random segments of 40 to 80 steps and the ticks that they mean, replayed in wide integers.
+/// Random segments and the ticks that they mean, replayed in wide integers.
 #[derive(Clone, Debug)]
 pub(crate) struct Source {
+    chip: Chip,
     law: Law,
     random: Random,
     packing: Packing,
     state: State,
     recurrence: Recurrence,
+    /// Of the last step, or where it begins.
+    tick: u64,
     direction: Direction,
     interval: f64,
     /// Ticks of the steps that were handed out and not asked for yet.
@@ -48,28 +74,34 @@ pub(crate) struct Source {
     ahead: Option<Item>,
     /// No segment begins after it.
     end: u64,
+    /// Bytes of the segments that were handed out.
+    pub(crate) packed: usize,
 }
 
 impl Source {
     /// From tick `start` to about tick `end`.
-    pub(crate) fn new(law: Law, seed: u64, start: u64, end: u64) -> Source {
+    pub(crate) fn new(chip: Chip, law: Law, seed: u64, start: u64, end: u64) -> Source {
+        let fraction = chip.fraction_bits;
         Source {
+            chip,
             law,
             random: Random::new(seed),
-            packing: Packing { fraction_bits: 16, gain: 0 },
+            packing: Packing { fraction_bits: fraction, gain: 0 },
             state: State::default(),
-            recurrence: Recurrence { accumulator: start << 16 | 1 << 15, interval: 0, add: 0, add2: 0 },
+            recurrence: Recurrence { accumulator: start << fraction | 1 << (fraction - 1), interval: 0, add: 0, add2: 0 },
+            tick: start,
             direction: Direction::Forward,
-            interval: TICK_HZ as f64 / law.rate,
+            interval: chip.tick_hz as f64 / law.rate,
             due: VecDeque::new(),
             ahead: Some(Item::Anchor { tick: Moment::of(start) }),
             end,
+            packed: 0,
         }
     }
 
     /// The tick that all that was handed out leads to.
     pub(crate) fn tick(&self) -> u64 {
-        self.recurrence.accumulator >> 16
+        self.tick
     }
 
     /// The next item; nothing after the end.
@@ -80,20 +112,21 @@ impl Source {
         if self.tick() >= self.end {
             return None;
         }
-        let count = 40 + self.random.below(41) as u32;
-        let steady = TICK_HZ as f64 / self.law.rate;
+        let chip = self.chip;
+        let count = chip.least_steps + self.random.below(u64::from(chip.least_steps) + 1) as u32;
+        let steady = chip.tick_hz as f64 / self.law.rate;
         let goal = steady * (1.0 + self.law.swing * (2.0 * self.random.fraction() - 1.0));
         if self.random.one_in(self.law.turns) {
             self.direction = self.direction.reversed();
             self.state = State::new(self.direction);
-            self.interval = self.interval.max(TURN_TICKS);
+            self.interval = self.interval.max(chip.turn_ticks);
         }
         let n = f64::from(count);
         let add = 1.3 * (goal - self.interval) / n;
         let add2 = -2.0 * (add * n - (goal - self.interval)) / (n * n);
         let units = self.packing.units(self.state.previous_count);
         let near = |wanted: f64, predicted: i64, unit: i64| {
-            predicted + ((wanted * 65536.0 - predicted as f64) / unit as f64).round() as i64 * unit
+            predicted + ((wanted * chip.ticks() - predicted as f64) / unit as f64).round() as i64 * unit
         };
         let segment = Segment {
             count,
@@ -102,13 +135,16 @@ impl Source {
             add2: near(add2, self.state.add2, units[2]),
         };
         let item = Item::Run { segment, direction: self.direction };
-        self.packing.pack(&mut self.state, &item, &mut [0; MAX_PACKED_LEN]).expect("steps");
+        self.packed += self.packing.pack(&mut self.state, &item, &mut [0; MAX_PACKED_LEN]).expect("steps");
         self.recurrence.load(&segment);
         for _ in 0..count {
             self.recurrence.advance();
-            self.due.push_back(self.recurrence.accumulator >> 16);
+            // The accumulator has the lowest of their bits.
+            let now = Moment::of(self.recurrence.accumulator >> chip.fraction_bits);
+            self.tick += u64::from(now.since(Moment::of(self.tick)));
+            self.due.push_back(self.tick);
         }
-        self.interval = self.recurrence.interval as f64 / 65536.0;
+        self.interval = self.recurrence.interval as f64 / chip.ticks();
         Some(item)
     }
 }
@@ -116,6 +152,7 @@ impl Source {
 /// One epoch without an end of its own, pushed as it fits: no session, no tails, so that the board is what is measured.
 #[derive(Clone, Debug)]
 pub(crate) struct Stream {
+    chip: Chip,
     pub(crate) sources: Vec<Source>,
     epoch: Epoch,
     /// When the epoch begins.
@@ -124,19 +161,24 @@ pub(crate) struct Stream {
 }
 
 impl Stream {
+    /// On an Uno, see [`on`](Stream::on).
+    pub(crate) fn new(board: &impl Board, laws: &[Law], apart: f64, seed: u64, ticks: u64) -> Stream {
+        Stream::on(Chip::UNO, board, laws, apart, seed, ticks)
+    }
+
     /// `laws` from a little after the board can know of them on, for `ticks`; motor m begins `apart` · m / motors of an
     /// interval after the first.
-    pub(crate) fn new(board: &impl Board, laws: &[Law], apart: f64, seed: u64, ticks: u64) -> Stream {
-        let begin = board.now() + board.lead() + TICK_HZ / 10;
+    pub(crate) fn on(chip: Chip, board: &impl Board, laws: &[Law], apart: f64, seed: u64, ticks: u64) -> Stream {
+        let begin = board.now() + board.lead() + chip.tick_hz / 10;
         let motors = laws.len() as f64;
         let sources = (0_u64..).zip(laws).map(|(index, law)| {
-            let offset = apart * TICK_HZ as f64 / law.rate * index as f64 / motors;
+            let offset = apart * chip.tick_hz as f64 / law.rate * index as f64 / motors;
             // In phase means that all do the very same.
             let seed = if apart == 0.0 { seed } else { seed + 977 * index };
-            let start = begin + 8_000 + offset as u64;
-            Source::new(*law, seed, start, start + ticks)
+            let start = begin + chip.tick_hz / 2000 + offset as u64;
+            Source::new(chip, *law, seed, start, start + ticks)
         });
-        Stream { sources: sources.collect(), epoch: board.epoch().next(), begin, switched: false }
+        Stream { chip, sources: sources.collect(), epoch: board.epoch().next(), begin, switched: false }
     }
 
     /// Pushes what fits, and has the board begin.
@@ -182,9 +224,9 @@ impl Stream {
         observer: &mut impl Observer,
         mut look: impl FnMut(&mut Stream, &mut B) -> Result<(), String>,
     ) -> Result<(), String> {
-        while !self.is_told() || board.now() <= self.last() + TICK_HZ / 1000 {
+        while !self.is_told() || board.now() <= self.last() + self.chip.tick_hz / 1000 {
             self.feed(board).map_err(|refused| format!("the switch is refused: {refused}"))?;
-            board.advance(board.now() + TICK_HZ / 2000, observer);
+            board.advance(board.now() + self.chip.tick_hz / 2000, observer);
             look(self, board)?;
         }
         Ok(())

@@ -9,13 +9,13 @@ use miette::{Report, miette};
 use pulsetrain_board::native_winch::NativeWinch;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
-use pulsetrain_board::{Port, Serial, VirtualBoard};
+use pulsetrain_board::{Port, PortError, Serial, VirtualBoard};
 use pulsetrain_motion::boards;
 use pulsetrain_motion::pins::PinKind;
 use pulsetrain_trace::winch::{AXES, Options, Status};
 use pulsetrain_trace::{Line, Trace, steps, vcd_file};
 
-use super::{port_problem, run::draw};
+use super::run::draw;
 use crate::cli::Winch;
 use crate::console::{self, Console, Exit, access};
 use crate::winch::console::{ConsoleError, Plain, converse};
@@ -59,6 +59,18 @@ pub(crate) fn run(args: &Winch, console: &mut Console<'_>) -> miette::Result<Exi
         console.print(format_args!("{}: report.json, plot.svg, {files}\n", folder.display()))?;
     }
     Ok(if report.is_ok() { Exit::Success } else { Exit::BoundBroken })
+}
+
+/// What is wrong with a port of a board that is told in text: it has no stop tail.
+fn port_problem(error: PortError) -> Report {
+    match error {
+        PortError::Gone { .. } => {
+            let help = "look at the cable; the board goes on with what it was told, as long as it has power: `deadman <ms>` in \
+                        the script has it stop by itself";
+            miette!(help = help, "{error}")
+        }
+        error => super::port_problem(error),
+    }
 }
 
 fn virtually<B: VirtualBoard>(
@@ -192,4 +204,17 @@ fn typed() -> Receiver<String> {
         }
     });
     lines
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_board_in_text_goes_on_when_the_cable_is_gone() {
+        let help = |error: PortError| port_problem(error).help().map(|help| help.to_string()).unwrap_or_default();
+        let (name, why) = ("/dev/ttyACM0".to_owned(), "Broken pipe".to_owned());
+        assert!(help(PortError::Gone { name: name.clone(), why: why.clone() }).contains("goes on"));
+        assert!(help(PortError::Unusable { name, why }).contains("usually"));
+    }
 }

@@ -4,5 +4,7 @@
 #[path = "../../../board/tests/common/mod.rs"]
 pub(crate) mod board;
 pub(crate) mod motion;
+pub(crate) mod pico;
+pub(crate) mod pico_rows;
 pub(crate) mod rows;
 pub(crate) mod uno;

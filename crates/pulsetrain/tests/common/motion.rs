@@ -1,10 +1,10 @@
-//! Motions on the virtual Uno, whole: planned, streamed by a session, every step and edge held against the law.
+//! Motions on virtual boards, whole: planned, streamed by a session, every step and edge held against the law.
 
 use super::uno::{Load, Mark, Seen, idle_round};
 use pulsetrain::drive::{Driven, Ended};
 use pulsetrain::lateness::{Lateness, Meter};
 use pulsetrain::prepare::Prepared;
-use pulsetrain_board::{Edge, Observer, ScheduledStep};
+use pulsetrain_board::{Edge, Observer, Port, Remote, ScheduledStep, Shadowed};
 use pulsetrain_core::Direction;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Cause;
@@ -153,27 +153,50 @@ fn stepper(line: &Line, motors: &[Motor]) -> Option<usize> {
     motors.iter().position(|motor| line.names.contains(&format!("{}.step", motor.name)))
 }
 
-/// Runs a motion on the virtual Uno at 1 Mbaud, in constant memory; `watch` hears how far it is, s.
+/// What edges and steps of a motion came to, on any board.
+pub(crate) struct Followed<'a> {
+    pub(crate) lateness: Lateness,
+    /// By motor.
+    pub(crate) schedules: Vec<Schedule<'a>>,
+    /// What is proven of |scheduled − exact|, of all motors, ticks.
+    pub(crate) certificate_ticks: f64,
+    /// Fastest by the law, steps/s.
+    pub(crate) peak_rate: f64,
+    /// Shortest pulse on the pins, ticks.
+    pub(crate) shortest_pulse: u64,
+    /// What went wrong, the first of it; empty if all is well.
+    pub(crate) trouble: String,
+}
+
+impl Followed<'_> {
+    /// Largest |scheduled − exact| of all motors, ticks.
+    pub(crate) fn largest(&self) -> f64 {
+        self.schedules.iter().map(|schedule| schedule.largest).fold(0.0, f64::max)
+    }
+}
+
+/// Runs a motion in constant memory, and holds its steps against the law and its edges, `constant` ticks later, against the
+/// steps; `watch` hears how far it is, s.
 ///
 /// # Errors
-/// When it cannot begin: the plan is refused, the queue is too short. What goes wrong later is in [`Seen::trouble`].
-pub(crate) fn make<'a>(prepared: &'a Prepared, late_ticks: f64, watch: impl FnMut(f64)) -> Result<Made<'a>, String> {
+/// When it cannot begin: the plan is refused. What goes wrong later is in [`Followed::trouble`].
+pub(crate) fn follow<'a, P: Port>(
+    prepared: &'a Prepared,
+    driven: &mut Driven<'a, Shadowed<Remote<P>>>,
+    constant: u32,
+    late_ticks: f64,
+    watch: impl FnMut(f64),
+) -> Result<Followed<'a>, String> {
     let program = &prepared.program;
     let planned = prepared.plan(|_| {}).map_err(|error| error.to_string())?;
     let certificate_ticks = planned.iter().map(|motor| motor.certificate.bound_ticks).fold(0.0, f64::max);
     let peak_rate = planned.iter().map(|motor| motor.certificate.peak_speed.0).fold(0.0, f64::max);
-    let kind = PinKind::of(&program.motors).map_err(|error| error.to_string())?;
-    let constant = kind.constant_ticks();
-    let mut driven = Driven::virtual_uno(prepared, Baud::B1M).map_err(|error| error.to_string())?;
     let options = Options {
         constant_ticks: constant.into(),
         bound_ticks: Some(certificate_ticks + late_ticks),
         ..Options::default()
     };
     let judge = EdgeJudge::new(program.board.tick_hz, &driven.lines, program, &options).map_err(|e| e.to_string())?;
-    let idle_round = idle_round(driven.board_mut().port());
-    let began = Mark::of(driven.board_mut())?;
-    driven.board_mut().port_mut().chip_mut().forget_masked();
     let mut schedules: Vec<_> = program.motors.iter().map(|motor| Schedule::new(prepared, motor)).collect();
     let mut look = Look {
         judge,
@@ -186,14 +209,11 @@ pub(crate) fn make<'a>(prepared: &'a Prepared, late_ticks: f64, watch: impl FnMu
     };
     let ended: Result<Ended, _> = driven.run(&mut look, watch);
     let Look { judge, meter, shortest, backwards, .. } = look;
-    let board = driven.board_mut();
-    let stack_left = board.measures(false).map_or(0, |measures| measures.stack_left);
-    let load = Mark::of(board).map_or(Load::default(), |now| now.load(began, idle_round));
     let verdict = judge.finish().map_err(|error| error.to_string())?;
     let lateness: Lateness = meter.finish();
     let wrong: u64 = schedules.iter_mut().map(|schedule| schedule.wrong + schedule.missing()).sum();
     let largest = schedules.iter().map(|schedule| schedule.largest).fold(0.0, f64::max);
-    let events = board.events();
+    let events = driven.board_mut().events();
     let event = events.iter().find(|event| event.cause != Cause::Finished);
     // The first of them is what matters: what comes after follows from it.
     let trouble = if let Some(event) = event {
@@ -211,13 +231,31 @@ pub(crate) fn make<'a>(prepared: &'a Prepared, late_ticks: f64, watch: impl FnMu
     } else {
         String::new()
     };
+    Ok(Followed { lateness, schedules, certificate_ticks, peak_rate, shortest_pulse: shortest, trouble })
+}
+
+/// Runs a motion on the virtual Uno at 1 Mbaud, in constant memory; `watch` hears how far it is, s.
+///
+/// # Errors
+/// When it cannot begin: the plan is refused, the queue is too short. What goes wrong later is in [`Seen::trouble`].
+pub(crate) fn make<'a>(prepared: &'a Prepared, late_ticks: f64, watch: impl FnMut(f64)) -> Result<Made<'a>, String> {
+    let kind = PinKind::of(&prepared.program.motors).map_err(|error| error.to_string())?;
+    let mut driven = Driven::virtual_uno(prepared, Baud::B1M).map_err(|error| error.to_string())?;
+    let idle_round = idle_round(driven.board_mut().port());
+    let began = Mark::of(driven.board_mut())?;
+    driven.board_mut().port_mut().chip_mut().forget_masked();
+    let followed = follow(prepared, &mut driven, kind.constant_ticks(), late_ticks, watch)?;
+    let board = driven.board_mut();
+    let stack_left = board.measures(false).map_or(0, |measures| measures.stack_left);
+    let load = Mark::of(board).map_or(Load::default(), |now| now.load(began, idle_round));
+    let Followed { lateness, schedules, certificate_ticks, peak_rate, shortest_pulse, trouble } = followed;
     let seen = Seen {
         rates: Vec::new(),
         lateness,
         load,
         horizon_ticks: 0,
         queue_bytes: board.info().pool,
-        shortest_pulse: shortest,
+        shortest_pulse,
         stack_left,
         masked_cycles: board.port().chip().longest_masked().cycles,
         trouble,

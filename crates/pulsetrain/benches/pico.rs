@@ -1,0 +1,67 @@
+//! The Pico's figures, in cycles of the emulated chip: what `cargo xtask bench pico` collects.
+//!
+//! A table, fields between tabs, the first of which says whether the row is promised, or that it is a limit for the table of
+//! boards. With the argument `hour` an hour of 001's four motors, twice, instead.
+
+#[path = "../tests/common/mod.rs"]
+mod common;
+
+use common::pico_rows::{ABOVE, COLUMNS, Case, Row, promised, rates, sinusoids, start, sweep, uln2003};
+use pulsetrain_board::virtual_pico::VirtualPico;
+use pulsetrain_core::output::Sequence;
+
+/// So long each rate is tried, s of the board's time; then the fastest once more, for longer.
+const TRY_S: f64 = 0.05;
+const LONG_S: f64 = 1.0;
+/// Variations run so long.
+const SHORT_S: f64 = 0.25;
+
+fn main() {
+    println!("promised\t{}", COLUMNS.join("\t"));
+    if std::env::args().any(|argument| argument == "hour") {
+        return sweep(3600).iter().for_each(|row| show(row, true));
+    }
+    let pico = VirtualPico::on_usb();
+    for case in promised() {
+        show(&case.row(&pico, ABOVE * case.required.unwrap_or(0.0), LONG_S), true);
+    }
+    show(&sinusoids(625e3, 3), true);
+    // Each number of motors, for the table of boards.
+    for motors in 1..=8 {
+        let case = Case::changing(motors, "TMC2209");
+        let row = case.fastest(&pico, &rates("TMC2209"), TRY_S, SHORT_S);
+        show(&row, false);
+        // The speed swings: so long is the interval on the whole.
+        println!("limit\t{motors}\t{}\t{}", (125e6 / row.reached).ceil(), row.horizon_ticks);
+    }
+    for motors in [1, 2, 4, 8] {
+        show(&Case::changing(motors, "A4988").fastest(&pico, &rates("A4988"), TRY_S, SHORT_S), false);
+    }
+    let eight = Case::changing(8, "TMC2209");
+    for case in [
+        Case { swing: 0.0, ..eight },
+        Case { steps: 60, ..eight },
+        Case { steps: 1000, ..eight },
+        Case { turns: 5, ..eight },
+        Case { apart: 0.0, ..eight },
+    ] {
+        show(&case.fastest(&pico, &rates("TMC2209"), TRY_S, SHORT_S), false);
+    }
+    show(&start().row(&pico, 100e3, SHORT_S), true);
+    for sequence in [Sequence::Wave, Sequence::Full, Sequence::Half] {
+        for rate in [1000, 50_000] {
+            show(&uln2003(&pico, sequence, rate), true);
+        }
+    }
+    sweep(10).iter().for_each(|row| show(row, true));
+    for share in [0.0001, 0.1, 0.25, 0.5, 0.75, 1.0] {
+        for case in promised() {
+            let rate = share * case.required.unwrap_or(0.0);
+            show(&Case { figure: 5, required: None, ..case }.row(&pico, rate, SHORT_S), false);
+        }
+    }
+}
+
+fn show(row: &Row, is_promised: bool) {
+    println!("{is_promised}\t{}", row.fields().join("\t"));
+}

@@ -1,0 +1,91 @@
+//! The Pico's figures: on the emulated chip, in its cycles, which are the same on every machine.
+
+use super::table::Table;
+use crate::command::{Done, Failure, root};
+use std::fs;
+
+/// Titles of the figures, by number.
+const TITLES: [&str; 5] = [
+    "Laws with changing speed, streamed over USB: what is promised, and the fastest that holds",
+    "Eight motors that start in one cycle",
+    "Motors on ULN2003",
+    "001's four motors, twice",
+    "Load of the processor",
+];
+
+const PREFACE: &str = "Emulated: the committed image on the RP2040 of `crates/emulator`, 125 MHz, streamed over its USB (full speed, \
+frames of 1 ms) unless a row says otherwise; no board was connected. A cycle is 8 ns. Every STEP edge is held against its scheduled \
+tick, the board's constant being 0; a figure `lost` counts steps without an edge and edges without a step. `awake`: share of all \
+cycles that the processor did not sleep. `bytes/step`: of the segments, without frames. A rate holds if no step is lost, no edge \
+is a cycle off its tick, and the board reports nothing; rates are tried 2.5 % apart, and where the driver allows no more (A4988: \
+454 k, as speeds swing by 10 %) the search ends. What changes by ±10 % does so from segment to segment. The chip's buses are not \
+modelled where DMA and processor want the same bank of RAM at once.";
+
+/// Figures 1, 2, 3 and 5, and a short 4.
+pub(crate) fn run() -> Done {
+    let (table, limits) = Table::measured("pico", "")?;
+    write_limits(&limits)?;
+    let text = format!(
+        "# The Pico, emulated\n\nWritten by `cargo xtask bench pico`. {PREFACE}\n{}",
+        table.markdown("Pico", &TITLES)
+    );
+    table.finish("pico", &text)
+}
+
+/// Figure 4.
+pub(crate) fn hour() -> Done {
+    let (table, _) = Table::measured("pico", "-- hour")?;
+    let text = format!(
+        "# The Pico, emulated: an hour\n\nWritten by `cargo xtask bench pico --hour`.\n{}",
+        table.markdown("Pico", &TITLES)
+    );
+    table.finish("pico-hour", &text)
+}
+
+/// Motors of the table of boards.
+const MOTORS: usize = 8;
+
+/// Writes what the table of boards says of the Pico.
+fn write_limits(limits: &[String]) -> Done {
+    let path = root().join("crates/motion/src/boards/pico.rs");
+    fs::write(&path, limits_source(limits)?).map_err(|why| Failure::File { path, why })
+}
+
+fn limits_source(limits: &[String]) -> Done<String> {
+    let mut shortest = [None; MOTORS];
+    for line in limits {
+        let mut numbers = line.split('\t').skip(1).map(|field| field.parse::<usize>().ok());
+        if let (Some(Some(motors)), Some(Some(interval))) = (numbers.next(), numbers.next())
+            && let Some(place) = shortest.get_mut(motors.wrapping_sub(1))
+        {
+            *place = Some(interval);
+        }
+    }
+    let missing = || Failure::Check(format!("a number of motors has no rate that holds: {limits:?}"));
+    let mut intervals: Vec<usize> = shortest.into_iter().collect::<Option<_>>().ok_or_else(missing)?;
+    // What more motors do, fewer do too.
+    for place in (1..intervals.len()).rev() {
+        intervals[place - 1] = intervals[place - 1].min(intervals[place]);
+    }
+    let intervals: Vec<_> = intervals.iter().map(usize::to_string).collect();
+    Ok(format!(
+        "//! What the Pico's firmware does on the emulated chip: written by `cargo xtask bench pico`, not by hand. In ticks.\n\n\
+         /// Shortest interval that holds for good, of each of 1 to {MOTORS} motors.\n\
+         pub(super) const SHORTEST: [u32; {MOTORS}] = [{}];\n",
+        intervals.join(", ")
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn limits_are_those_of_each_number_of_motors() {
+        let intervals = [40, 60, 90, 85, 120, 140, 160, 180];
+        let lines: Vec<_> = (1..).zip(intervals).map(|(motors, ticks)| format!("limit\t{motors}\t{ticks}\t300000")).collect();
+        let source = limits_source(&lines).expect("all there");
+        assert!(source.contains("[40, 60, 85, 85, 120, 140, 160, 180];"), "{source}");
+        assert!(limits_source(&lines[1..]).is_err());
+    }
+}
