@@ -3,14 +3,11 @@
 mod common;
 
 use common::Random;
-use common::pico::{Pair, TICK_HZ, as_line, coil_levels, coils, pins_of, run, step_dir};
-use pulsetrain_board::virtual_pico::VirtualPico;
-use pulsetrain_board::{Board, Edge, Port, Setup, StopReport};
+use common::pico::{Pair, TICK_HZ, as_line, coil_levels, coils, hold_up, pins_of, run, step_dir};
+use pulsetrain_board::{Board, Edge, Setup, StopReport};
 use pulsetrain_core::output::{HALF_STEPS, Sequence};
 use pulsetrain_core::wire::message::{Cause, MotorSetup};
 use pulsetrain_core::{Direction, Item, Moment};
-use pulsetrain_emulator::arm::Mode;
-use std::time::Duration;
 
 /// Two drivers and coils, under way: the second driver turns all the time.
 fn under_way(pulse_ticks: u16) -> Pair {
@@ -109,34 +106,6 @@ fn assert_first_edges_of(pair: &mut Pair, stop: u64) {
             assert!(same, "edge {number} of {}: {is:?} is not {ought:?}; the stop was at {stop}", got.len());
         }
     }
-}
-
-/// Keeps the main loop from doing anything for `ticks`, as nothing of ours ever does; interrupts go on. Gives when it is over.
-fn hold_up(pico: &mut VirtualPico, ticks: u64) -> u64 {
-    /// The lowest of the stack, where nothing is: `b .`.
-    const LOOP: u32 = 0x2004_0040;
-    let run = |pico: &mut VirtualPico, ticks: u64| {
-        let until = pico.now() + Duration::from_nanos(8 * ticks);
-        while pico.now() < until {
-            pico.receive(until, &mut Vec::new()).expect("it is there");
-        }
-    };
-    while {
-        let cpu = pico.chip().cpu();
-        cpu.is_asleep() || cpu.mode() != Mode::Thread || cpu.primask()
-    } {
-        run(pico, 1);
-    }
-    let (chip, at) = (pico.chip_mut(), (LOOP - 0x2000_0000) as usize);
-    chip.ram_mut()[at..at + 2].copy_from_slice(&[0xfe, 0xe7]);
-    let pc = chip.cpu().register(15);
-    chip.cpu_mut().set_register(15, LOOP);
-    run(pico, ticks);
-    while pico.chip().cpu().pc() != LOOP {
-        run(pico, 1);
-    }
-    pico.chip_mut().cpu_mut().set_register(15, pc);
-    pico.chip().cycle() - pico.zero()
 }
 
 /// The main loop is late: what is played up to the end of what was written is right, and then all is over.

@@ -226,6 +226,14 @@ impl Rp2040 {
         self.usb_changed();
     }
 
+    /// The program that has the USB serial port open reads no more, and all that the PC keeps for it is full: the PC asks the device for
+    /// nothing, until the program reads again.
+    pub fn usb_fill(&mut self, is_full: bool) {
+        let cycle = self.cpu.cycle();
+        self.system.fabric.usb.fill(is_full, cycle);
+        self.usb_changed();
+    }
+
     /// The PC sends bytes to the USB serial port from the present cycle on, as fast as the bus and the device take them.
     /// They wait if the port is not open.
     pub fn usb_send(&mut self, bytes: &[u8]) {

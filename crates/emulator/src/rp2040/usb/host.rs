@@ -106,6 +106,8 @@ pub(super) struct Host {
     configured: bool,
     wanted_open: bool,
     is_open: bool,
+    /// The program does not read, and what the PC keeps for it is full.
+    is_full: bool,
     /// Requests to be made, in this order.
     requests: VecDeque<Request>,
     /// The next packet is DATA1.
@@ -132,6 +134,7 @@ impl Host {
             configured: false,
             wanted_open: false,
             is_open: false,
+            is_full: false,
             requests: VecDeque::new(),
             in_data1: false,
             out_data1: false,
@@ -145,6 +148,10 @@ impl Host {
 
     pub(super) fn open(&mut self, open: bool) {
         self.wanted_open = open;
+    }
+
+    pub(super) fn fill(&mut self, is_full: bool) {
+        self.is_full = is_full;
     }
 
     pub(super) fn send(&mut self, bytes: &[u8]) {
@@ -349,6 +356,7 @@ impl Host {
                 let endpoint = self.port.notifications?;
                 Some(Offer { refused_bits: 0, ..offer(endpoint.number, Direction::In, None) })
             }
+            Pipe::In if self.is_full => None,
             Pipe::In => Some(offer(self.port.data_in?.number, Direction::In, None)),
             Pipe::Out if self.out.is_empty() => None,
             Pipe::Out => {

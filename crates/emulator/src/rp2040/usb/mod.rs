@@ -121,6 +121,11 @@ impl Usb {
         self.plan(cycle);
     }
 
+    pub(super) fn fill(&mut self, is_full: bool, cycle: u64) {
+        self.host.fill(is_full);
+        self.plan(cycle);
+    }
+
     pub(super) fn send(&mut self, bytes: &[u8], cycle: u64) {
         self.host.send(bytes);
         self.plan(cycle);
