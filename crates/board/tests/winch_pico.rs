@@ -178,10 +178,11 @@ fn a_machine_that_ran_dry_is_a_new_beginning() {
     assert_eq!(pico.statuses().last().unwrap().positions, [0; 4]);
     pico.edges.clear();
     pico.lines.clear();
-    pico.send("a x 7\n");
+    // Its DIR is low already.
+    pico.send("g a 5 1\na a 7\n");
     pico.run_ms(2000);
-    assert_eq!(pico.counted(pico.now())[0], pico.statuses().last().unwrap().positions[0]);
-    assert!(pico.steps(0).len() >= 7);
+    assert_eq!(pico.counted(pico.now()), [0, 0, 0, 7]);
+    assert_eq!(pico.statuses().last().unwrap().positions, [0, 0, 0, 7]);
 }
 
 #[test]

@@ -318,7 +318,8 @@ pub(crate) fn sinusoids(rate: f64, cycles: u64) -> Row {
         motor(number, law, timing)
     });
     let prepared = prepared("sinusoids", motors.collect());
-    let (mut row, _) = motion_row(1, "sinusoids of 100 to 170 ms, planned and streamed by a session", &prepared, timing);
+    let (mut row, _) =
+        motion_row(1, "sinusoids of 100 to 170 ms, planned and streamed by a session", &prepared, timing);
     row.required = format!("{} peak", kilo(rate));
     if row.holds() && row.reached < 0.999 * rate {
         row.verdict = format!("MISSED: {}", row.rate);
