@@ -73,7 +73,7 @@ pub const fn surely(recurrence: &Recurrence, stretch: &Stretch, most: u32) -> u3
     if change >= 1 << 23 {
         return 0;
     }
-    let change = (change * most >> 16) + 1;
+    let change = ((change * most) >> 16) + 1;
     if interval < stretch.gap + change {
         return 0;
     }

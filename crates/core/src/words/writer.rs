@@ -174,7 +174,6 @@ impl<const F: u32> Words<F> {
     ///
     /// Both go up from call to call, by less than 2^24 ticks. `items` are the motor's: a [`Packed`] with its memory, or what a board
     /// has worked out itself. `expand` is the board's, or [`expand`](super::expand()).
-    #[expect(clippy::too_many_arguments, reason = "all that it needs is somebody else's")]
     pub fn fill<const N: usize, const RUNS: usize>(
         &mut self,
         items: &mut impl Items,
