@@ -107,13 +107,13 @@ impl All {
             self.count_round(now - woken);
             woken = now;
             let millis = clock::millis(now);
-            self.usb.poll();
+            self.usb.poll(&mut self.board.clock);
             let heard = self.listen(millis);
             let spoke = self.speak(millis);
             if millis != last {
                 last = millis;
                 self.set_baud();
-                self.board.housekeeping(millis, &mut self.line);
+                self.board.housekeeping(millis, &self.line);
             }
             if !(more || heard || spoke) {
                 self.nap();
@@ -183,7 +183,7 @@ impl All {
             usb.sent += 1;
             spoke = true;
         }
-        self.usb.flush();
+        self.usb.flush(&mut self.board.clock);
         spoke
     }
 
