@@ -75,11 +75,17 @@ impl Bench {
         let at = |offset: usize| Rp2040::RAM_ADDRESS + offset as u32;
         let saved = [4, 5, 6, 7, 8, 9, 10, 11].map(|register| (register, 0xabcd_0000 + register as u32));
         let cpu = self.chip.cpu_mut();
-        for (register, value) in
-            [(0, at(RECURRENCE)), (1, at(WORDS)), (2, at(WORDS) + 4 * count), (3, r3), (13, at(STACK)), (14, RETURN | 1)]
-                .into_iter()
-                .chain(saved)
-                .chain([(15, function)])
+        for (register, value) in [
+            (0, at(RECURRENCE)),
+            (1, at(WORDS)),
+            (2, at(WORDS) + 4 * count),
+            (3, r3),
+            (13, at(STACK)),
+            (14, RETURN | 1),
+        ]
+        .into_iter()
+        .chain(saved)
+        .chain([(15, function)])
         {
             cpu.set_register(register, value);
         }
@@ -125,8 +131,7 @@ fn step_by_step_it_is_what_core_does() {
         let (mut after, mut words) = (recurrence, vec![UNTOUCHED; count as usize]);
         let taken = expand::<32>(&mut after, &mut words, &stretch);
         bench.put(STRETCH, &[stretch.gap, stretch.ticks, stretch.bits]);
-        let (next, _) =
-            bench.call(bench.step_by_step, &recurrence, count, Rp2040::RAM_ADDRESS + STRETCH as u32);
+        let (next, _) = bench.call(bench.step_by_step, &recurrence, count, Rp2040::RAM_ADDRESS + STRETCH as u32);
         assert_eq!((next - Rp2040::RAM_ADDRESS - WORDS as u32) / 4, taken, "{recurrence:?} {stretch:?}");
         let taken = taken as usize;
         assert_eq!(bench.get(WORDS, taken), words[..taken], "{recurrence:?} {stretch:?}");

@@ -88,7 +88,12 @@ impl Source {
             random: Random::new(seed),
             packing: Packing { fraction_bits: fraction, gain: 0 },
             state: State::default(),
-            recurrence: Recurrence { accumulator: start << fraction | 1 << (fraction - 1), interval: 0, add: 0, add2: 0 },
+            recurrence: Recurrence {
+                accumulator: start << fraction | 1 << (fraction - 1),
+                interval: 0,
+                add: 0,
+                add2: 0,
+            },
             tick: start,
             direction: Direction::Forward,
             interval: chip.tick_hz as f64 / law.rate,
