@@ -2,6 +2,7 @@
 
 use crate::command::{self, Done, cargo, command};
 use crate::{cross_check, firmware, fuzz, test};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Seconds that each fuzz target runs in CI.
 const FUZZ_SECONDS: u64 = 15;
@@ -20,7 +21,10 @@ pub(crate) fn run() -> Done {
     // What the virtual boards run, in the tests as well, is what the sources say.
     firmware::check_uno()?;
     firmware::pico::check()?;
-    test::run(Some(PROPERTY_CASES))?;
+    // Other random scripts in each run; what failed is had again with the seed.
+    let seed = SystemTime::now().duration_since(UNIX_EPOCH).map_or(1, |since| since.as_secs());
+    eprintln!("PULSETRAIN_SEED={seed}");
+    test::run(Some(PROPERTY_CASES), Some(seed))?;
     cross_check::run()?;
     command::run(&mut cargo("run --release -- run examples/tutorial.toml"))?;
     fuzz::run(FUZZ_SECONDS, None)?;

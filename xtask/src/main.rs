@@ -3,6 +3,7 @@
 //! # What is here
 //! - [`ci`], [`test`](mod@test): what must hold, each a list of commands
 //! - [`bench`](mod@bench), [`golden`], [`fuzz`]: what is measured, reviewed, tried
+//! - [`pictures`]: what documents show
 //! - [`python`]: the tests of the client in Python
 //! - [`ruckig`]: S-curve durations against an independent library
 //! - [`cross_check`]: the AVR emulator against simavr and avr8js
@@ -22,6 +23,7 @@ mod cross_check;
 mod firmware;
 mod fuzz;
 mod golden;
+mod pictures;
 mod python;
 mod random;
 mod ruckig;
@@ -82,6 +84,8 @@ enum Task {
     },
     /// Write the golden files anew; read the difference before you commit it
     Golden,
+    /// Draw the documents' comparisons of the winch with the sketch; look at each before you commit it
+    Pictures,
 }
 
 /// A board with a firmware.
@@ -116,7 +120,7 @@ enum Figures {
 
 fn main() -> ExitCode {
     let done = match Arguments::parse().task {
-        Task::Test => test::run(None),
+        Task::Test => test::run(None, None),
         Task::Ci => ci::run(),
         Task::Fuzz { seconds, target } => fuzz::run(seconds, target.as_deref()),
         Task::CrossCheck => cross_check::run(),
@@ -128,6 +132,7 @@ fn main() -> ExitCode {
         Task::Bench { only: Some(Figures::Pico), hour: false } => bench::pico::run(),
         Task::Bench { only: Some(Figures::Pico), hour: true } => bench::pico::hour(),
         Task::Golden => golden::run(),
+        Task::Pictures => pictures::run(),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -1,18 +1,30 @@
-//! Python: an environment of its own under the target folder, and the client's tests.
+//! Python: an environment of its own under the target folder, and the client's types and tests.
 
 use crate::command::{self, Done, cargo, command, root, target_dir};
 use std::path::PathBuf;
 
 /// What the client needs, from Python's registry.
 const PYSERIAL: &str = "pyserial==3.5";
+/// What its example plots with.
+const MATPLOTLIB: &str = "matplotlib==3.11.2";
+/// What holds its types.
+const MYPY: &str = "mypy==2.4.1";
 
-/// The tests of clients/python, against virtual boards at the ends of pseudo-terminals.
+/// The types of clients/python, and its tests, against virtual boards at the ends of pseudo-terminals.
 pub(crate) fn test_client() -> Done {
-    let python = with(PYSERIAL)?;
-    command::run(&mut cargo("build --package pulsetrain"))?;
+    let client = root().join("clients/python");
+    with(PYSERIAL)?;
+    with(MATPLOTLIB)?;
+    let python = with(MYPY)?;
+    let types = ["-m", "mypy", "--strict", "--cache-dir"];
+    let cache = target_dir().join("mypy");
+    let sources = ["pulsetrain_winch", "tests", "examples"];
+    command::run(command(&python).args(types).arg(cache).args(sources).current_dir(&client))?;
+    // As the workspace's tests are built: an emulated chip in real time needs the optimizer.
+    command::run(&mut cargo("build --profile test --package pulsetrain"))?;
     let pulsetrain = target_dir().join("debug").join(format!("pulsetrain{}", std::env::consts::EXE_SUFFIX));
     let mut tests = command(python);
-    tests.args(["-m", "unittest"]).current_dir(root().join("clients/python")).env("PULSETRAIN", pulsetrain);
+    tests.args(["-m", "unittest"]).current_dir(client).env("PULSETRAIN", pulsetrain);
     command::run(&mut tests)
 }
 

@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Callable, Deque, Dict, Iterator, List, Optional, Protocol, Tuple, Type, Union
-from collections import deque
 
 #: The axes, in the order of a status line.
 AXES = "xyza"
 
 #: The line's rate, baud; 8 data bits, no parity, 1 stop bit, no flow control.
 BAUD = 115_200
+
+#: So many statuses, and so many other lines, are kept for whoever has not asked for them yet; older ones are dropped.
+KEPT = 10_000
+
+#: Bytes of a read: more than a board sends within a line's timeout.
+_READ = 4096
+#: Reads in a row that find so many: what an operating system may have kept, and no more, so that none waits for ever.
+_READS = 16
 
 _WRAP = 1 << 32
 _HALF = 1 << 31
@@ -101,11 +109,11 @@ class Winch:
         self._with_checksum = with_checksum
         self._clock = clock
         self._partial = b""
-        self._statuses: Deque[Status] = deque()
-        self._messages: Deque[Message] = deque()
+        self._statuses: Deque[Status] = deque(maxlen=KEPT)
+        self._messages: Deque[Message] = deque(maxlen=KEPT)
         self._last_raw: Optional[int] = None
         self._usec = 0
-        self._errors: List[Message] = []
+        self._errors: Deque[Message] = deque(maxlen=KEPT)
 
     @classmethod
     def open(cls, port: str, *, with_checksum: bool = False) -> "Winch":
@@ -171,6 +179,10 @@ class Winch:
         """``strict``: whether any irregularity of a line is refused. Boards with the original's firmware ignore it."""
         self.send(f"strict {int(on)}")
 
+    def deadman(self, milliseconds: int) -> None:
+        """``deadman``: without a line for so long, ms, the board stops all axes; 0: never. The original ignores it."""
+        self.send(f"deadman {int(milliseconds)}")
+
     def send(self, line: str) -> None:
         """Sends a line as it is.
 
@@ -187,13 +199,7 @@ class Winch:
 
     def poll(self) -> bool:
         """Takes what has come from the line; whether anything had. It waits no longer than the line's timeout."""
-        data = self._transport.read(4096)
-        if not data:
-            return False
-        *lines, self._partial = (self._partial + data).split(b"\n")
-        for raw in lines:
-            self._hear(raw.decode("ascii", "replace").split())
-        return True
+        return self._take() > 0
 
     def statuses(self, seconds: float) -> Iterator[Status]:
         """Statuses as they come, for so many seconds of this computer's clock."""
@@ -206,9 +212,11 @@ class Winch:
             self.poll()
 
     def latest(self) -> Optional[Status]:
-        """The last status of those that have come; ``None`` if none has since the last look."""
-        while self.poll():
-            pass
+        """The last status of those that have come; ``None`` if none has since the last look.
+
+        It waits no longer than the line's timeout, however often statuses come.
+        """
+        self._catch_up()
         last = self._statuses[-1] if self._statuses else None
         self._statuses.clear()
         return last
@@ -221,14 +229,16 @@ class Winch:
 
     def check(self) -> None:
         """Raises :exc:`CommandRefused` if the board has refused anything since the last check."""
-        errors, self._errors = self._errors, []
+        errors = list(self._errors)
+        self._errors.clear()
         if errors:
             raise CommandRefused("; ".join(str(error) for error in errors))
 
     def ping(self, timeout: float = 3.0) -> None:
         """Waits until the board says ``awake``. Raises :exc:`NoAnswer` after ``timeout`` seconds.
 
-        It asks again and again: an Uno whose port was just opened is deaf for about a second.
+        It asks again and again: an Uno whose port was just opened is deaf for about a second. What the board had said
+        before it was asked is no answer.
         """
         self._ask("ping", "awake", timeout)
 
@@ -250,8 +260,9 @@ class Winch:
         raise NoAnswer(f"the motors were not still for {quiet} s within {timeout} s")
 
     def _ask(self, question: str, answer: str, timeout: float) -> Message:
+        self._catch_up()
+        others = self.messages()
         end, again = self._clock() + timeout, 0.0
-        others: List[Message] = []
         try:
             while self._clock() < end:
                 if self._clock() >= again:
@@ -264,8 +275,24 @@ class Winch:
                         return message
                     others.append(message)
         finally:
-            self._messages.extendleft(reversed(others))
+            self._messages = deque([*others, *self._messages], maxlen=KEPT)
         raise NoAnswer(f"no answer to {question!r} in {timeout} s")
+
+    def _catch_up(self) -> None:
+        """Takes all that waits: a read that is not full has found the end."""
+        for _ in range(_READS):
+            if self._take() < _READ:
+                return
+
+    def _take(self) -> int:
+        """Takes what one read finds; how many bytes."""
+        data = self._transport.read(_READ)
+        *lines, self._partial = (self._partial + data).split(b"\n")
+        # No line of a board is so long: it is noise.
+        self._partial = self._partial[-_READ:]
+        for raw in lines:
+            self._hear(raw.decode("ascii", "replace").split())
+        return len(data)
 
     def _axes(self, verb: str, values: Dict[str, int]) -> None:
         if not values:

@@ -3,9 +3,11 @@
 ``python3 -m unittest`` in clients/python; `cargo xtask test` does it with all that it needs.
 """
 
+import contextlib
 import importlib.util
 import os
 import subprocess
+import sys
 import tempfile
 import threading
 import unittest
@@ -13,20 +15,27 @@ from pathlib import Path
 from typing import Callable, List, Optional, Tuple
 
 from pulsetrain_winch import CommandRefused, Message, NoAnswer, Status, Winch, checksum
+from pulsetrain_winch.client import KEPT
+
+from .virtual import VirtualBoard, needs_boards, needs_pty
 
 
 class FakeLine:
-    """Keeps what was written; gives what was queued, one piece a read. Time goes on by 10 ms a read."""
+    """Keeps what was written; gives what was queued, one piece a read. Time goes on by 10 ms a read.
 
-    def __init__(self, *pieces: bytes) -> None:
+    ``ever``: what comes in each read when the queue is empty.
+    """
+
+    def __init__(self, *pieces: bytes, ever: bytes = b"") -> None:
         self.pieces = list(pieces)
+        self.ever = ever
         self.written = b""
         self.now = 0.0
         self.closed = False
 
     def read(self, size: int) -> bytes:
         self.now += 0.01
-        return self.pieces.pop(0)[:size] if self.pieces else b""
+        return (self.pieces.pop(0) if self.pieces else self.ever)[:size]
 
     def write(self, data: bytes) -> Optional[int]:
         self.written += data
@@ -63,6 +72,7 @@ class Commands(unittest.TestCase):
                 lambda winch: winch.enable(False),
                 lambda winch: winch.report_every(40),
                 lambda winch: winch.strict(),
+                lambda winch: winch.deadman(500),
             ),
             [
                 "a ax 5 7",
@@ -77,6 +87,7 @@ class Commands(unittest.TestCase):
                 "enable 0",
                 "srate 40",
                 "strict 1",
+                "deadman 500",
             ],
         )
 
@@ -120,12 +131,33 @@ class Hearing(unittest.TestCase):
         self.assertEqual(times, [0, 1000, 2_147_484_295, 2_147_484_396])
 
     def test_latest(self) -> None:
-        line = FakeLine(b"txyza 0 1 1 1 1\r\n", b"txyza 1000000 2 3 4 5\r\n")
+        line = FakeLine(b"txyza 0 1 1 1 1\r\ntxyza 1000000 2 3 4 5\r\n")
         winch = winch_on(line)
         latest = winch.latest()
         assert latest is not None
         self.assertEqual((latest.position("x"), latest.position("a"), latest.seconds), (2, 5, 1.0))
         self.assertIsNone(winch.latest())
+
+    def test_latest_comes_back_however_fast_statuses_come(self) -> None:
+        for status in (b"txyza 0 1 1 1 1\r\n", b"txyza 0 1 1 1 1\r\n" * 1000):
+            line = FakeLine(ever=status)
+            latest = winch_on(line).latest()
+            assert latest is not None
+            self.assertEqual(latest.positions, (1, 1, 1, 1))
+            self.assertLess(line.now, 0.2, "seconds")
+
+    def test_what_nobody_asks_for_is_dropped_in_the_end(self) -> None:
+        many = KEPT // 100 + 10
+        line = FakeLine(*[b"txyza 0 1 1 1 1\r\nerr range 3\r\n" * 100] * many, b"x" * 9000 + b"\r\ntxyza 7 2 2 2 2\r\n")
+        winch = winch_on(line)
+        while winch.poll():
+            pass
+        self.assertEqual(len(winch.messages()), KEPT)
+        with self.assertRaises(CommandRefused) as refused:
+            winch.check()
+        self.assertEqual(str(refused.exception).count("err range 3"), KEPT)
+        kept = list(winch.statuses(0.0))
+        self.assertEqual((len(kept), kept[0].positions), (KEPT, (1, 1, 1, 1)))
 
     def test_refusals_are_raised_once(self) -> None:
         winch = winch_on(FakeLine(b"err number 3\r\ndbg invalid srate value\r\ndbg hello\r\n"))
@@ -141,6 +173,17 @@ class Hearing(unittest.TestCase):
         self.assertEqual(winch.version(), "StepperWinch Nov 21 2026")
         self.assertEqual([str(message) for message in winch.messages()], ["awake"], "what was not asked for is kept")
         self.assertEqual(line.written, b"version\n")
+
+    def test_what_was_said_before_the_question_is_no_answer(self) -> None:
+        # One is read already, one waits; only what comes after the question is its answer.
+        line = FakeLine(b"awake\r\n", b"awake\r\n", b"", b"err number 3\r\n", b"", b"awake\r\n", b"late\r\n")
+        winch = winch_on(line)
+        winch.poll()
+        winch.ping(timeout=1.0)
+        with self.assertRaisesRegex(CommandRefused, "^err number 3$"):
+            winch.check()
+        self.assertEqual([str(message) for message in winch.messages()], ["awake", "awake", "err number 3"])
+        self.assertEqual((line.written, line.pieces), (b"ping\n", [b"late\r\n"]))
 
     def test_a_silent_board(self) -> None:
         line = FakeLine()
@@ -162,7 +205,7 @@ class Hearing(unittest.TestCase):
         self.assertTrue(line.closed)
 
 
-@unittest.skipUnless(importlib.util.find_spec("serial") and hasattr(os, "openpty"), "needs pyserial and a pty")
+@needs_pty
 class PseudoTerminal(unittest.TestCase):
     def test_a_board_behind_a_pty(self) -> None:
         board, port = os.openpty()
@@ -188,41 +231,10 @@ class PseudoTerminal(unittest.TestCase):
         os.close(port)
 
 
-
-def pulsetrain() -> Optional[str]:
-    """The program that is a virtual board: as the environment says, else as it was built last."""
-    target = Path(__file__).resolve().parents[3] / "target"
-    known = [os.environ.get("PULSETRAIN"), str(target / "debug/pulsetrain"), str(target / "release/pulsetrain")]
-    return next((path for path in known if path and Path(path).exists()), None)
-
-
-class VirtualBoard:
-    """`pulsetrain board BOARD --pty`, in real time, until it is left."""
-
-    def __init__(self, board: str) -> None:
-        self.folder = tempfile.TemporaryDirectory()
-        self.port = str(Path(self.folder.name) / "port")
-        command = [pulsetrain() or "", "board", board, "--pty", self.port]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        assert self.process.stdout is not None
-        self.process.stdout.readline()
-
-    def __enter__(self) -> str:
-        return self.port
-
-    def __exit__(self, *_: object) -> None:
-        self.process.terminate()
-        self.process.communicate()
-        self.folder.cleanup()
-
-
-@unittest.skipUnless(
-    importlib.util.find_spec("serial") and hasattr(os, "openpty") and pulsetrain(),
-    "needs pyserial, a pty, and pulsetrain: cargo build, or PULSETRAIN=…",
-)
+@needs_boards
 class VirtualBoards(unittest.TestCase):
     #: Boards that speak text.
-    BOARDS = ["winch", "uno"]
+    BOARDS = ["winch", "uno", "pico"]
 
     def assert_goes_to(self, winch: Winch, positions: Tuple[int, int, int, int]) -> None:
         """It gets there, and stays."""
@@ -249,18 +261,42 @@ class VirtualBoards(unittest.TestCase):
                     winch.check()
 
     def test_four_boards_at_once(self) -> None:
-        boards = [VirtualBoard(self.BOARDS[0]) for _ in range(4)]
-        winches = [Winch.open(board.port) for board in boards]
-        try:
-            for number, winch in enumerate(winches, 1):
-                winch.gains(frequency_hz=3, damping_ratio=1)
-                winch.move_to(x=100 * number, a=-number)
-            for number, winch in enumerate(winches, 1):
-                self.assert_goes_to(winch, (100 * number, 0, 0, -number))
-        finally:
-            for winch, board in zip(winches, boards):
-                winch.close()
-                board.__exit__()
+        for board in self.BOARDS:
+            with self.subTest(board), contextlib.ExitStack() as stack:
+                ports = [stack.enter_context(VirtualBoard(board)) for _ in range(4)]
+                winches = [stack.enter_context(Winch.open(port)) for port in ports]
+                for number, winch in enumerate(winches, 1):
+                    winch.gains(frequency_hz=3, damping_ratio=1)
+                    winch.move_to(x=100 * number, a=-number)
+                for number, winch in enumerate(winches, 1):
+                    self.assert_goes_to(winch, (100 * number, 0, 0, -number))
+
+    def test_the_example_plots_a_run(self) -> None:
+        """With matplotlib a picture, without it a table."""
+        example = Path(__file__).resolve().parents[1] / "examples/plot_run.py"
+        has_plots = importlib.util.find_spec("matplotlib") is not None
+        for plots in [True, False] if has_plots else [False]:
+            with self.subTest(plots=plots), VirtualBoard("winch") as port, tempfile.TemporaryDirectory() as folder:
+                (Path(folder) / "without").mkdir()
+                (Path(folder) / "without/matplotlib.py").write_text("raise ImportError\n")
+                hidden = [] if plots else [str(Path(folder) / "without")]
+                path = os.pathsep.join([*hidden, str(example.parents[1])])
+                run = subprocess.run(
+                    [sys.executable, str(example), port],
+                    cwd=folder,
+                    env={**os.environ, "PYTHONPATH": path},
+                    capture_output=True,
+                    text=True,
+                )
+                self.assertEqual((run.returncode, run.stderr), (0, ""))
+                name, in_the_end, *table = run.stdout.splitlines()
+                self.assertTrue(name.startswith("StepperWinch"), name)
+                self.assertRegex(in_the_end, r"^[1-9]\d* statuses; in the end at \(")
+                if plots:
+                    self.assertEqual(table, ["run.svg"])
+                    self.assertIn("</svg>", (Path(folder) / "run.svg").read_text())
+                else:
+                    self.assertEqual(table[0], "seconds x y z a")
 
 
 if __name__ == "__main__":

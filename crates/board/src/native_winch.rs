@@ -1,16 +1,18 @@
-//! A board that speaks StepperWinch's text, without firmware: core's reader, paths and spacing in virtual time.
+//! A board that speaks StepperWinch's text, without firmware: core's reader and session in virtual time.
 //!
-//! What the text means and which steps it makes is core's, the same code as on a chip; here are only a clock, a line and
-//! pins. docs/winch.md says what such a board does.
+//! What the text means and which steps it makes is core's, the same code as on a Pico; here are only a clock, a line and
+//! pins. (The Uno's firmware does the same in assembly: tests/winch_avr.rs compares the two.) docs/winch.md says what such a
+//! board does.
 
 use crate::bridge::{self, CYCLES_PER_S, bit_cycles};
 use crate::{Edge, Port, PortError, VirtualBoard};
+use pulsetrain_core::Direction;
 use pulsetrain_core::winch::AXES;
 use pulsetrain_core::winch::letters::InMemory;
-use pulsetrain_core::winch::path::Path;
 use pulsetrain_core::winch::reply::{LONGEST, Reply};
+use pulsetrain_core::winch::session::Session;
 use pulsetrain_core::winch::spacing::TICKS;
-use pulsetrain_core::winch::text::{Heard, Reader, Verb};
+use pulsetrain_core::winch::text::{Heard, Reader};
 use pulsetrain_core::wire::Baud;
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
@@ -27,8 +29,6 @@ pub const ENABLE_PIN: u8 = 8;
 const PULSE: u64 = 32;
 /// So long before a step DIR has its level, ticks: 5 µs.
 const SETUP: u64 = 80;
-/// The interval of status lines at first, ms.
-const FIRST_REPORT_MS: u64 = 200;
 /// Replies that wait for the line; one that does not fit is lost, whole.
 const UNSENT: usize = 256;
 
@@ -58,17 +58,10 @@ pub struct NativeWinch {
     /// The next millisecond of the board's clock that has not begun.
     next_ms: u64,
     reader: Reader,
-    paths: [Path; 4],
+    session: Session,
     forward: [bool; 4],
     positions: [i32; 4],
     is_enabled: bool,
-    /// The drivers are to be off as soon as nothing moves.
-    releasing: bool,
-    report_ms: u64,
-    reported_ms: u64,
-    /// The longest silence, ms; 0: any.
-    deadman_ms: u64,
-    heard_ms: u64,
     /// Edges to come, the earliest first.
     planned: BinaryHeap<Reverse<(u64, u8, bool)>>,
     edges: Vec<Edge>,
@@ -109,15 +102,10 @@ impl NativeWinch {
             zero: 0,
             next_ms: 0,
             reader: Reader::new(),
-            paths: [const { Path::new() }; 4],
+            session: Session::new(),
             forward: [false; 4],
             positions: [0; 4],
             is_enabled: false,
-            releasing: false,
-            report_ms: FIRST_REPORT_MS,
-            reported_ms: 0,
-            deadman_ms: 0,
-            heard_ms: 0,
             planned: BinaryHeap::new(),
             edges: Vec::new(),
             line,
@@ -146,7 +134,7 @@ impl NativeWinch {
     /// Whether no axis moves, or is to.
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
-        self.paths.iter().all(Path::is_at_rest)
+        self.session.is_at_rest()
     }
 
     /// The board's clock, ticks.
@@ -194,38 +182,34 @@ impl NativeWinch {
 
     /// Works out the millisecond after this one.
     fn millisecond(&mut self) {
-        let ms = self.next_ms;
-        self.next_ms += 1;
-        if self.deadman_ms > 0 && ms == self.heard_ms + self.deadman_ms {
-            self.paths.iter_mut().for_each(Path::stop);
+        if self.session.is_report_due() && self.line.unsent(self.now) == 0 {
+            self.session.reported();
+            let usec = self.clock() / (CYCLES_PER_S / 1_000_000);
+            self.say(&Reply::Status { usec: (usec as u32).cast_signed(), positions: self.positions });
         }
+        self.next_ms += 1;
         let plays_at = self.zero + self.next_ms * u64::from(TICKS);
-        // While the drivers are off paths stand still.
-        let driven = if self.is_enabled { &mut self.paths[..] } else { &mut [] };
-        for (axis, path) in driven.iter_mut().enumerate() {
-            let Some(train) = path.tick().train() else { continue };
-            let first = plays_at + u64::from(train.first >> 16);
-            self.planned.push(Reverse((first - SETUP, DIR_PINS[axis], !train.backward)));
-            for step in 0..u32::from(train.count) {
-                let at = plays_at + u64::from((train.first + step * train.interval) >> 16);
+        for (axis, slice) in self.session.millisecond().into_iter().enumerate() {
+            let Some(steps) = slice.steps(TICKS.into()) else { continue };
+            let forward = steps.direction == Direction::Forward;
+            for (step, tick) in steps.ticks().enumerate() {
+                let at = plays_at + u64::from(tick);
+                if step == 0 {
+                    self.planned.push(Reverse((at - SETUP, DIR_PINS[axis], forward)));
+                }
                 self.planned.push(Reverse((at, STEP_PINS[axis], true)));
                 self.planned.push(Reverse((at + PULSE, STEP_PINS[axis], false)));
             }
         }
-        // Less than 1 step/s is what is left of a stop.
-        let is_slow = |path: &Path| path.speed().unsigned_abs() < 1 << 16;
-        if self.releasing && self.paths.iter().all(is_slow) && self.planned.is_empty() {
-            self.enable(false);
-        }
-        if ms >= self.reported_ms + self.report_ms && self.line.unsent(self.now) == 0 {
-            self.reported_ms = ms;
-            let usec = self.clock() / (CYCLES_PER_S / 1_000_000);
-            self.say(&Reply::Status { usec: (usec as u32).cast_signed(), positions: self.positions });
+        if self.session.has_stopped() && self.planned.is_empty() {
+            self.session.release();
+            self.enable();
         }
     }
 
-    fn enable(&mut self, on: bool) {
-        self.releasing = false;
+    /// Switches the drivers as they are to be.
+    fn enable(&mut self) {
+        let on = self.session.drives();
         if on != self.is_enabled {
             self.is_enabled = on;
             self.edges.push(Edge { tick: self.clock(), line: ENABLE_PIN, level: !on });
@@ -233,25 +217,14 @@ impl NativeWinch {
     }
 
     fn hear(&mut self, byte: u8) {
-        let verb = match self.reader.push::<InMemory>(byte) {
+        let reply = match self.reader.push::<InMemory>(byte) {
             Heard::Nothing => return,
-            Heard::Refused(refusal) => return self.say(&Reply::Refused(refusal)),
-            Heard::Command(verb) => verb,
+            Heard::Refused(refusal) => Some(Reply::Refused(refusal)),
+            Heard::Command(verb) => self.session.obey(verb, &mut self.reader),
         };
-        self.heard_ms = self.next_ms;
-        self.reader.obey(&mut self.paths);
-        let value = self.reader.value();
-        match verb {
-            Verb::Target | Verb::Move | Verb::Drift => self.enable(true),
-            Verb::Enable if value != 0 => self.enable(true),
-            Verb::Enable => self.releasing = self.is_enabled,
-            Verb::Report => self.report_ms = u64::from(value.unsigned_abs()),
-            Verb::Deadman => self.deadman_ms = u64::from(value.unsigned_abs()),
-            Verb::Strict => self.reader.set_strict(value != 0),
-            Verb::Version => self.say(&Reply::Id),
-            Verb::Ping => self.say(&Reply::Awake),
-            Verb::Impulse | Verb::Ramp => self.releasing = false,
-            Verb::Gains | Verb::Limits | Verb::Unknown => {}
+        self.enable();
+        if let Some(reply) = reply {
+            self.say(&reply);
         }
     }
 

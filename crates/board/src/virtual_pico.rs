@@ -273,8 +273,9 @@ impl VirtualBoard for VirtualPico {
     /// Nothing: neither an adapter nor its own USB resets it.
     fn reset(&mut self) {}
 
+    /// The port's time begins with the firmware's clock.
     fn zero(&self) -> Option<u64> {
-        Some(self.zero)
+        Some(0)
     }
 
     fn baud(&self) -> Baud {

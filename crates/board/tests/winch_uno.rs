@@ -3,6 +3,7 @@
 mod common;
 
 use common::Random;
+use common::seed::{rounds, seed};
 use common::winch::{ENABLE, SLICE, Said, Uno, follow};
 use pulsetrain_board::{LinkError, Remote, RemoteError};
 
@@ -46,15 +47,26 @@ fn it_answers() {
     assert!(uno.edges.iter().all(|edge| edge.line == 1), "but for the line's own pin");
     let statuses = uno.statuses();
     assert!(statuses.iter().all(|status| status.positions == [0; 4]));
-    for pair in statuses.windows(2) {
-        let apart = pair[1].usec - pair[0].usec;
-        assert!((200_000..203_000).contains(&apart), "{apart} us");
+    // Each at the first look behind its time, which is 200 ms after that of the one before: nothing adds up.
+    assert!(statuses.len() >= 5);
+    for (at, status) in statuses.iter().enumerate() {
+        let late = status.usec - statuses[0].usec - 200_000 * at as i32;
+        assert!((-1100..3000).contains(&late), "{late} us");
     }
+    // So often that a line takes longer, and back: no more than there is time for, and none is made up for.
+    uno.send("srate 1\n");
+    uno.run_ms(500);
+    let had = uno.statuses().len();
+    assert!(had > 100, "{had}");
+    uno.send("srate 200\n");
+    uno.run_ms(1000);
+    assert!((4..=6).contains(&(uno.statuses().len() - had)), "{:?}", &uno.statuses()[had..]);
     // What comes all at once is answered in order, and nothing is lost.
     let had = uno.lines.len();
     uno.send("ping\nversion\njump\nping\n");
     uno.run_ms(60);
-    let said: Vec<_> = uno.lines[had..].iter().map(|line| &line.text[..]).collect();
+    let said: Vec<_> =
+        uno.lines[had..].iter().map(|line| &line.text[..]).filter(|text| !text.starts_with("txyza")).collect();
     assert_eq!(said, ["awake", "id StepperWinch Nov 21 2026", "err command 1", "awake"]);
 }
 
@@ -142,14 +154,16 @@ fn enable_0_stops_and_releases() {
     uno.run_ms(700);
     let stopped = uno.say("enable 0").tick;
     uno.run_ms(300);
-    // At first high, then on with the first command that moves; off again when all is still: 3000 / 35 000 s after.
+    // High since before the clock ran, then on with the first command that moves; off again when all is still: docs/winch.md
+    // says 3000 / 35 000 s, and 20 ms at most.
     let levels = enable(&uno);
-    assert_eq!(levels.iter().map(|(_, level)| *level).collect::<Vec<_>>(), [true, false, true]);
-    let took = levels[2].0 - stopped;
+    assert_eq!(levels.iter().map(|(_, level)| *level).collect::<Vec<_>>(), [false, true]);
+    let released = levels[1].0;
+    let took = released - stopped;
     println!("released after {} us", took / 16);
     assert!(took < (86 + 20) * SLICE, "{took} ticks");
     let last = (0..4).filter_map(|axis| uno.steps(axis).last().copied()).map(|step| step.tick).max().unwrap();
-    assert!(last < levels[2].0 && last + 10 * SLICE > levels[2].0, "{last} {levels:?}");
+    assert!(last < released && last + 10 * SLICE > released, "{last} {levels:?}");
     uno.check_positions();
     // Where it stands it goes on from; a command meanwhile keeps the drivers on.
     let stands = uno.statuses().last().unwrap().positions;
@@ -159,7 +173,7 @@ fn enable_0_stops_and_releases() {
     uno.run_ms(2000);
     assert_eq!(uno.statuses().last().unwrap().positions, [101, 100, 100, 100]);
     assert_eq!(uno.counted(uno.now()), [101, 100, 100, 100], "from {stands:?}");
-    assert_eq!(enable(&uno).len(), 4);
+    assert_eq!(enable(&uno).len(), 3);
 }
 
 #[test]
@@ -232,7 +246,9 @@ fn any_line(random: &mut Random) -> String {
 
 #[test]
 fn any_commands_lose_no_step() {
-    for seed in 1..=4 {
+    let first = seed(1);
+    for seed in (0..4 * rounds()).map(|more| first.wrapping_add(more)) {
+        println!("seed {seed}");
         let (mut uno, mut random) = (Uno::new(), Random::new(seed));
         let mut said = Vec::new();
         for _ in 0..25 {

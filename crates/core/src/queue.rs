@@ -102,7 +102,8 @@ impl<const N: usize> Queue<N> {
     /// An empty queue.
     #[must_use]
     pub const fn new() -> Queue<N> {
-        let unused = Entry { epoch: Epoch(0), item: Item::Dwell { ticks: 0 } };
+        // Nothing but zeros, so that a static queue takes no room in an image.
+        let unused = Entry { epoch: Epoch(0), item: Item::Anchor { tick: Moment(0) } };
         Queue { entries: [unused; N], first: 0, len: 0 }
     }
 

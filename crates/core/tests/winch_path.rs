@@ -1,6 +1,7 @@
 //! The path in fixed point against the same recurrence in f64, and its steps against exact times.
 
 use proptest::prelude::*;
+use pulsetrain_core::Direction;
 use pulsetrain_core::winch::path::{FASTEST, FASTEST_DRIFT, Gains, Limits, Path, STEEPEST, Slice};
 use pulsetrain_core::winch::spacing::{TICKS, TOLERANCE_TICKS};
 
@@ -161,8 +162,27 @@ fn check_slice(slice: Slice, speed: i32) {
         let at = u128::from(train.first) + u128::from(step) * u128::from(train.interval);
         assert!(at.abs_diff(exact) <= u128::from(TOLERANCE_TICKS) << 16, "{slice:?} {train:?} {step}: {exact}");
     }
+    check_nearest(slice);
     let next = u64::from(slice.distance) + ((u64::from(train.count) * 1000) << 16);
     assert!(next > u64::from(slice.speed), "{slice:?}: one more is in it");
+}
+
+/// For clocks of 16 and 125 MHz each step is at the nearest tick, but for 2^-12 tick.
+#[track_caller]
+fn check_nearest(slice: Slice) {
+    for ticks in [16_000, 125_000] {
+        let steps = slice.steps(ticks).expect("there are some");
+        assert_eq!((steps.count, steps.direction == Direction::Backward), (slice.count, slice.backward));
+        assert_eq!(steps.ticks().count(), usize::from(slice.count));
+        for (step, tick) in (0..).zip(steps.ticks()) {
+            let way = u64::from(slice.distance) + ((step * 1000) << 16);
+            // 2^-20 ticks.
+            let exact = u128::from(way) * (u128::from(ticks) << 20) / u128::from(slice.speed);
+            let at = u128::from(steps.first + step * steps.interval) << 4;
+            assert!(exact >= at && exact - at < 1 << 8, "{slice:?} {steps:?} {step}: {exact}");
+            assert!((u128::from(tick) << 20).abs_diff(exact) <= (1 << 19) + (1 << 8), "{slice:?}: {tick}, {exact}");
+        }
+    }
 }
 
 #[track_caller]

@@ -122,7 +122,7 @@ impl Machine {
         let Machine { words, packed, pool, tape, memory, .. } = self;
         // It may have less to do.
         let least = Moment(until - until / 1000 % 100);
-        words.fill(packed, pool, tape, memory, [least, Moment(until)], most, expand::<F>)
+        words.fill(&mut packed.waiting(pool), tape, memory, [least, Moment(until)], most, expand::<F>)
     }
 
     /// Does the words whose lines change up to `now`.

@@ -5,7 +5,7 @@
 //! - [`program`]: what a file comes to, in steps, seconds and nanoseconds; [`Grid`]: θ to step times
 //! - [`drivers`], [`boards`]: the tables of drivers' needs and boards' limits; [`electrical`]: what a winding allows
 //! - [`pins`]: which pins of an Uno work together
-//! - [`law`]: θ(t) as a stream of analytic pieces
+//! - [`law`]: θ(t) as a stream of analytic pieces; [`machine`]: several motors that draw one figure
 //! - [`quantity`]: numbers with units; [`time`]: law time, exact
 //!
 //! # What is not
@@ -18,6 +18,7 @@ pub mod electrical;
 pub mod file;
 pub mod grid;
 pub mod law;
+pub mod machine;
 pub mod pins;
 pub mod program;
 pub mod quantity;

@@ -2,6 +2,7 @@
 
 use crate::boards::{self, PinError};
 use crate::electrical::Winding;
+use crate::machine::Machine;
 use crate::{Grid, Law};
 
 /// A motion file that has been read and checked: everything that the later stages need.
@@ -17,6 +18,8 @@ pub struct Program {
     pub idle_ms: Option<u16>,
     /// The motors, in the file's order.
     pub motors: Vec<Motor>,
+    /// Which of them draw figures together, in the file's order.
+    pub machines: Vec<Machine>,
 }
 
 /// The longest [`Program::idle_ms`]: what every board can. A Pico tells ticks of 8 ns apart within 2^31.

@@ -157,12 +157,47 @@ fn the_table_goes_through_its_points_five_times() {
 }
 
 #[test]
-fn the_manuals_example_is_a_motion_file() {
-    let manual = std::fs::read_to_string(examples().join("../docs/motion-files.md")).unwrap();
-    let blocks: Vec<&str> = manual.split("```toml\n").skip(1).filter_map(|rest| rest.split("```").next()).collect();
-    assert!(!blocks.is_empty());
-    for block in blocks {
-        let none = |_: &Path| Err(std::io::ErrorKind::NotFound.into());
-        file::read(block, "manual.toml", &none).unwrap_or_else(|error| panic!("{}", error.plain()));
+fn the_manuals_examples_are_motion_files() {
+    for manual in ["motion-files.md", "machines.md"] {
+        let manual = std::fs::read_to_string(examples().join("../docs").join(manual)).unwrap();
+        let blocks: Vec<&str> = manual.split("```toml\n").skip(1).filter_map(|rest| rest.split("```").next()).collect();
+        assert!(!blocks.is_empty());
+        for block in blocks {
+            let none = |_: &Path| Err(std::io::ErrorKind::NotFound.into());
+            file::read(block, "manual.toml", &none).unwrap_or_else(|error| panic!("{}", error.plain()));
+        }
     }
+}
+
+/// Where the first machine's tip is wanted.
+fn tip(program: &Program, at_s: f64) -> [f64; 3] {
+    let machine = &program.machines[0];
+    let moved = |motor: &usize| position(program, *motor, at_s) - position(program, *motor, 0.0);
+    machine.tip(&machine.motors.iter().map(moved).collect::<Vec<f64>>()).unwrap()
+}
+
+#[test]
+fn the_sketch_draws_a_circle_twice_with_the_accumulators_period() {
+    let program = load("circle.toml");
+    let add = (4_294_967_296.0_f64 / (4.0 * 50.0)).round();
+    let period = 4_294_967_296.0 / (add * 50.0);
+    // Eased in and out, half a second each; then slack is given its time.
+    let end = program.motors[0].law.end().unwrap().seconds();
+    assert!((end - (2.0 * period + 0.5 + 0.04)).abs() < 1e-12, "{end} s");
+    // Half a turn later: before x has turned round no slack is in it.
+    let [x, _, _] = tip(&program, 0.25 + period / 2.0);
+    assert!((x + 3.0).abs() < 1e-9, "{x} mm");
+}
+
+#[test]
+fn the_robot_picks_places_and_comes_back() {
+    let program = load("delta.toml");
+    let end = program.motors[0].law.end().unwrap().seconds();
+    for at_s in [0.0, end - 6.0, end] {
+        let [x, y, z] = tip(&program, at_s);
+        assert!(x.abs() < 1e-6 && y.abs() < 1e-6 && (z + 140.0).abs() < 1e-6, "({x}, {y}, {z}) at {at_s} s");
+    }
+    let [x, y, z] = tip(&program, end - 3.0);
+    // The spiral is widest after 2 turns of its 4.
+    assert!((x.hypot(y) - 40.0).abs() < 1e-6 && (z + 155.0).abs() < 1e-6, "({x}, {y}, {z})");
 }

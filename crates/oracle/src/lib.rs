@@ -7,6 +7,7 @@
 //! - [`Sine`]: 000's sinusoid, by arc cosines
 //! - [`Trapezoid`]: speed up, cruise, slow down, by square roots; constant speed is one without the first and last
 //! - [`Waves`]: a constant speed and sinusoids, by Newton's iteration
+//! - [`Lorenz`]: the states of an orbit, by extrapolation; no step times: nobody has them but of an interpolant
 //! - [`Crossing`]: when a step is due, exactly, and how far a scheduled tick is from it
 //!
 //! # What is not
@@ -14,11 +15,13 @@
 #![forbid(unsafe_code)]
 
 mod crossing;
+mod lorenz;
 mod sine;
 mod trapezoid;
 mod waves;
 
 pub use crossing::{Crossing, Rational, Real, rational};
+pub use lorenz::Lorenz;
 pub use sine::Sine;
 pub use trapezoid::Trapezoid;
 pub use waves::{Wave, Waves};

@@ -64,6 +64,7 @@ fn program(laws: Vec<Law>, timing: DriverTiming) -> Program {
         tolerance: Tolerance::Ticks(1.0),
         idle_ms: None,
         motors: motors.collect(),
+        machines: Vec::new(),
     }
 }
 

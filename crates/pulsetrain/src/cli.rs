@@ -94,8 +94,8 @@ Examples:
     #[command(after_help = "\
 `uno`, `pico`: the firmware runs on an emulated chip behind a model of the Uno's USB bridge, or of an adapter at the Pico's \
 UART. A client that opens the port resets an Uno, as a real one. Over --pty it follows the rate that the client sets; over \
---tcp the line stays at 115200 baud. `winch`: StepperWinch's text on this computer's own path generator, without a chip; it \
-takes next to nothing.
+--tcp the line stays at 115200 baud. Both speak StepperWinch's text too. `winch`: that text on this computer's own path \
+generator, without a chip; it takes next to nothing.
 
 Examples:
   pulsetrain board uno --pty /tmp/uno               then: pulsetrain run FILE --port /tmp/uno
@@ -117,6 +117,7 @@ Files written to DIR by a script:
 
 Examples:
   pulsetrain winch examples/winch.toml --board uno
+  pulsetrain winch examples/winch.toml --board pico
   pulsetrain winch script.txt --native --out out/script
   pulsetrain winch --port /dev/ttyACM0
   echo \"a x 200\" | pulsetrain winch --native")]
@@ -256,7 +257,7 @@ pub(crate) struct Winch {
     #[command(flatten)]
     pub(crate) at: WinchAt,
     /// How long the script lasts [default: the motion's duration, or 4 s after its last line]
-    #[arg(long = "for", value_name = "TIME", value_parser = duration, requires = "script")]
+    #[arg(long = "for", value_name = "TIME", value_parser = duration, requires = "script", allow_hyphen_values = true)]
     pub(crate) length: Option<Time>,
     /// Where the files go [default: out/ and the script's name without its ending]
     #[arg(long, value_name = "DIR", requires = "script")]
@@ -274,7 +275,7 @@ pub(crate) struct WinchAt {
     #[arg(long, value_name = "PORT")]
     pub(crate) port: Option<String>,
     /// A virtual one
-    #[arg(long, value_name = "BOARD", value_parser = ["uno"])]
+    #[arg(long, value_name = "BOARD", value_parser = ["uno", "pico"])]
     pub(crate) board: Option<String>,
     /// This computer's own path generator, without a chip
     #[arg(long)]

@@ -9,7 +9,7 @@
 //! - [`serve`]: virtual boards in real time, for any serial client; `interrupt`: Ctrl-C
 //! - [`winch`]: boards that work out their path themselves, told in text: scripts, and a console
 //! - [`drive`]: plans on the native board, on Unos and Picos; [`record`]: a run as it is seen: files, verdict, picture
-//! - [`lateness`]: edges against scheduled ticks
+//! - [`lateness`]: edges against scheduled ticks; [`figure`]: what machines draw, and how far off it is
 //! - [`report`], [`plot`]: what it comes to, as JSON, tables and pictures; [`human`]: numbers as people read them
 //! - [`console`]: where a command prints, its progress, its exit code
 //!
@@ -22,6 +22,7 @@ pub mod cli;
 mod commands;
 pub mod console;
 pub mod drive;
+pub mod figure;
 pub mod fit;
 pub mod human;
 mod interrupt;

@@ -11,6 +11,7 @@ use pulsetrain_motion::{LawError, boards};
 use pulsetrain_trace::verdict::{EdgeJudge, JudgeError, Options, Report};
 use pulsetrain_trace::{Line, steps, vcd_file};
 
+use crate::figure::{Figure, FigureReport};
 use crate::lateness::{Lateness, Meter};
 use crate::plot::{Errors, MotorPicture, Picture};
 use crate::prepare::Planned;
@@ -85,6 +86,7 @@ pub struct Recorder<'a, W: Write> {
     judge: EdgeJudge<'a>,
     files: Option<Files<W>>,
     picture: Picture,
+    figures: Vec<Figure<'a>>,
     positions: Vec<i64>,
     tick_s: f64,
     /// By line: the motor whose STEP it is, if lateness is measured.
@@ -103,6 +105,8 @@ pub struct Recorded {
     pub picture: Picture,
     /// How late STEP edges were against their scheduled ticks.
     pub lateness: Lateness,
+    /// How far machines' figures were off, in the file's order.
+    pub figures: Vec<FigureReport>,
 }
 
 impl<'a, W: Write> Recorder<'a, W> {
@@ -141,7 +145,8 @@ impl<'a, W: Write> Recorder<'a, W> {
             program,
             judge,
             files,
-            picture: Picture { title, tick_s, motors, errors: Errors::Ticks },
+            picture: Picture { title, tick_s, motors, errors: Errors::Ticks, figures: Vec::new() },
+            figures: Figure::all(program),
             positions,
             tick_s,
             steppers,
@@ -155,7 +160,7 @@ impl<'a, W: Write> Recorder<'a, W> {
     /// # Errors
     /// What went wrong on the way.
     pub fn finish(self, planned: &[Planned]) -> Result<Recorded, RecordError> {
-        let Recorder { program, judge, files, mut picture, tick_s, meter, error, .. } = self;
+        let Recorder { program, judge, files, mut picture, figures, tick_s, meter, error, .. } = self;
         if let Some(error) = error {
             return Err(error);
         }
@@ -176,7 +181,9 @@ impl<'a, W: Write> Recorder<'a, W> {
                 .and_then(|()| window.map_or(Ok(()), |window| drawn.want_closely(&motor.law, window)))
                 .map_err(|error| RecordError::Law { motor: motor.name.clone(), error })?;
         }
-        Ok(Recorded { verdict, picture, lateness: meter.finish() })
+        let (figures, pictures) = figures.into_iter().filter_map(Figure::finish).unzip();
+        picture.figures = pictures;
+        Ok(Recorded { verdict, picture, lateness: meter.finish(), figures })
     }
 
     fn note<T, E: Into<RecordError>>(&mut self, result: Result<T, E>) {
@@ -216,6 +223,7 @@ impl<W: Write> Observer for Recorder<'_, W> {
         let position = &mut self.positions[step.motor];
         *position += i64::from(step.direction.sign());
         self.picture.motors[step.motor].step(step.tick as f64 * self.tick_s, *position);
+        self.figures.iter_mut().for_each(|figure| figure.step(step.motor, step.tick, *position));
         if let Some(files) = &mut self.files {
             // A native board has 16 motors at most.
             let motor = step.motor as u8;

@@ -8,6 +8,7 @@ use pulsetrain_plan::Certificate;
 use pulsetrain_trace::verdict;
 use serde::Serialize;
 
+use crate::figure::FigureReport;
 use crate::human::{self, Table};
 use crate::lateness::Lateness;
 use crate::pause::Paused;
@@ -46,6 +47,9 @@ pub struct RunReport {
     pub verdict: verdict::Report,
     /// How late they were against their scheduled ticks.
     pub lateness: Lateness,
+    /// How far machines' figures were off.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub figures: Vec<FigureReport>,
 }
 
 impl RunReport {
@@ -59,9 +63,10 @@ impl RunReport {
 /// The verdict, after the plan.
 impl Display for RunReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let RunReport { runner, verdict, lateness, .. } = self;
+        let RunReport { runner, verdict, lateness, figures, .. } = self;
         if runner == "native" {
             writeln!(f, "Run on the native board, in virtual time, and judged edge by edge:\n")?;
+            write_figures(f, figures)?;
             return write!(f, "{}", VerdictTable(verdict));
         }
         writeln!(f, "Run on the {runner} (emulated chip), in virtual time, and judged edge by edge, on its pins:\n")?;
@@ -74,8 +79,13 @@ impl Display for RunReport {
         )?;
         writeln!(f, "  half of them {p50_ticks} ticks late at most, 99 % {p99_ticks}, all {max}")?;
         writeln!(f, "  steps lost {lost}, added {extra}\n")?;
+        write_figures(f, figures)?;
         write!(f, "{}", VerdictTable(verdict))
     }
+}
+
+fn write_figures(f: &mut fmt::Formatter<'_>, figures: &[FigureReport]) -> fmt::Result {
+    figures.iter().try_for_each(|figure| writeln!(f, "{figure}"))
 }
 
 /// What was planned for one motor.

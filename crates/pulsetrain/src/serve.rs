@@ -77,6 +77,7 @@ impl<B: VirtualBoard, C: Client, W: Write> Service<B, C, W> {
             self.trace_edges()?;
             self.board.reset();
             self.clients += 1;
+            self.begin()?;
         }
         self.present = present;
         if present {
@@ -98,6 +99,17 @@ impl<B: VirtualBoard, C: Client, W: Write> Service<B, C, W> {
         self.trace_edges()
     }
 
+    /// Lets the firmware begin before it gets what the client has sent already: clients of StepperWinch do not wait for
+    /// `awake`. A real Uno is deaf for a second or two more, in its bootloader, of which a virtual one has none.
+    fn begin(&mut self) -> io::Result<()> {
+        let listens = self.board.now() + UNTIL_IT_LISTENS;
+        let mut said = Vec::new();
+        while self.board.now() < listens {
+            self.board.receive(listens, &mut said).map_err(io::Error::other)?;
+        }
+        if said.is_empty() { Ok(()) } else { self.client.send(&said) }
+    }
+
     fn trace_edges(&mut self) -> io::Result<()> {
         self.edges.clear();
         self.board.edges(&mut self.edges);
@@ -116,6 +128,9 @@ impl<B: VirtualBoard, C: Client, W: Write> Service<B, C, W> {
         self.trace.map_or(Ok(()), vcd_file::Writer::finish)
     }
 }
+
+/// A firmware listens within so long after its reset.
+const UNTIL_IT_LISTENS: Duration = Duration::from_millis(10);
 
 /// How long the host sleeps between rounds: a frame of USB.
 const ROUND: Duration = Duration::from_millis(1);

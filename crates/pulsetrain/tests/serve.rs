@@ -151,6 +151,21 @@ fn a_client_runs_a_motion_and_the_trace_shows_it() {
 }
 
 #[test]
+fn a_client_that_does_not_wait_is_heard() {
+    let mut through = Through::new(None);
+    // With the opening, before the board has begun: clients of StepperWinch do not wait for `awake`.
+    through.send(b"version\nd x 30\nd x 12\n").unwrap();
+    through.rounds(1500);
+    let text = String::from_utf8(through.pipe.0.borrow().to_client.clone()).unwrap();
+    let lines: Vec<_> = text.lines().filter(|line| !line.starts_with("txyza")).collect();
+    assert_eq!(lines, ["awake", "id StepperWinch Nov 21 2026"]);
+    // It rings about 42.
+    let positions = text.lines().filter_map(|line| line.strip_prefix("txyza ")?.split(' ').nth(1)?.parse().ok());
+    let most: Option<i32> = positions.max();
+    assert!(most.is_some_and(|most| (60..84).contains(&most)), "{text}");
+}
+
+#[test]
 fn opening_again_resets_the_board() {
     let mut board = Remote::open(Through::new(None), 1).unwrap();
     let began = board.now();

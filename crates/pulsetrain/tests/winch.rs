@@ -1,8 +1,12 @@
 //! StepperWinch's text: scripts that are run and judged, and the console. On the native winch, in virtual time.
 
+#[path = "../../board/tests/common/seed.rs"]
+mod seed;
+
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::channel;
+use std::time::Duration;
 
 use proptest::prelude::*;
 use pulsetrain::cli;
@@ -11,9 +15,10 @@ use pulsetrain::winch::console::{Person, Plain, Wish, converse};
 use pulsetrain::winch::run::{Judged, Names, Run, Wish as RunWish, judge, on_port, on_virtual};
 use pulsetrain::winch::script::{self, Script};
 use pulsetrain::winch::talk::{Said, Talk};
-use pulsetrain_board::VirtualBoard;
 use pulsetrain_board::native_winch::NativeWinch;
 use pulsetrain_board::virtual_uno::VirtualUno;
+use pulsetrain_board::{Edge, Port, PortError, VirtualBoard};
+use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::pins::PinKind;
 use pulsetrain_trace::winch::{Options, Report};
 
@@ -75,7 +80,7 @@ fn every_kind_of_line_is_followed() {
     let run = everything();
     let verdict = verdict(&run);
     assert!(verdict.ok, "{verdict:?}");
-    assert!(run.refusals.is_empty() && verdict.statuses > 130, "{verdict:?}");
+    assert!(run.refusals.is_empty() && run.troubles.is_empty() && verdict.statuses > 130, "{verdict:?}");
     for axis in &verdict.axes {
         assert!(axis.steps > 200 && axis.max_error_steps < 0.01, "{axis:?}");
         assert_eq!(axis.position_wanted.round() as i64, axis.position, "{axis:?}");
@@ -88,7 +93,7 @@ fn every_kind_of_line_is_followed() {
 fn the_uno_does_the_same() {
     let run = run_on(VirtualUno::new(), &script(EVERYTHING, 3.0));
     let verdict = verdict_as(&run, &of_uno());
-    assert!(verdict.ok && run.refusals.is_empty() && verdict.statuses > 130, "{verdict:?}");
+    assert!(verdict.ok && run.refusals.is_empty() && run.troubles.is_empty() && verdict.statuses > 130, "{verdict:?}");
     for axis in &verdict.axes {
         assert!(axis.steps > 200 && axis.max_error_steps < 0.03, "{axis:?}");
         assert_eq!(axis.position_wanted.round() as i64, axis.position, "{axis:?}");
@@ -177,6 +182,26 @@ fn mutants_are_caught() {
     );
     // A status says something else.
     check_mutant(|run| run.statuses[50].positions[3] += 1, 'a', "but its pulses make");
+    // The drivers were never on; and they are not switched off.
+    check_mutant(|run| run.edges.retain(|edge| edge.line != 8), 'y', "a step while the drivers are off");
+    check_mutant(
+        |run| {
+            let off = run.edges.iter().rposition(|edge| edge.line == 8 && edge.level).unwrap();
+            run.edges.remove(off);
+        },
+        'x',
+        "all drivers are still on (ENABLE is low)",
+    );
+    // They are on 40 ms late.
+    check_mutant(
+        |run| {
+            let on = run.edges.iter().position(|edge| edge.line == 8 && !edge.level).unwrap();
+            run.edges[on].tick += 40 * 16_000;
+            run.edges.sort_by_key(|edge| edge.tick);
+        },
+        'y',
+        "a step while the drivers are off",
+    );
     // All come 10 ms late: no line may take so long.
     check_mutant(|run| run.edges.iter_mut().for_each(|edge| edge.tick += 160_000), 'y', "it is at 0, the path at ");
 }
@@ -213,6 +238,85 @@ fn a_real_board_is_known_by_its_word() {
     assert!(!pulsetrain::winch::run::by_word(&elsewhere, NAMES).report.is_ok());
 }
 
+/// A board that is not well: what it says from a time on is lost, or only lines that begin so; or it begins anew.
+struct Unwell {
+    winch: NativeWinch,
+    mute_from: Duration,
+    loses: &'static str,
+    resets_at: Option<Duration>,
+    partial: Vec<u8>,
+}
+
+impl Unwell {
+    fn new() -> Unwell {
+        let (mute_from, resets_at) = (Duration::MAX, None);
+        Unwell { winch: NativeWinch::new(), mute_from, loses: "nothing", resets_at, partial: Vec::new() }
+    }
+}
+
+impl Port for Unwell {
+    fn now(&self) -> Duration {
+        self.winch.now()
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        self.winch.send(bytes)
+    }
+
+    fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
+        if self.resets_at.is_some_and(|at| at <= self.now()) {
+            self.resets_at = None;
+            self.winch.reset();
+        }
+        let mut bytes = Vec::new();
+        self.winch.receive(until, &mut bytes)?;
+        self.partial.extend(bytes);
+        while let Some(end) = self.partial.iter().position(|byte| *byte == b'\n') {
+            let line: Vec<u8> = self.partial.drain(..=end).collect();
+            if self.winch.now() < self.mute_from && !line.starts_with(self.loses.as_bytes()) {
+                into.extend(line);
+            }
+        }
+        Ok(())
+    }
+
+    fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
+        self.winch.set_baud(baud)
+    }
+
+    fn edges(&mut self, _: &mut Vec<Edge>) {}
+}
+
+#[test]
+fn a_real_board_is_heard_to_the_end() {
+    let check = |board: Unwell, text: &str, expected: &[(f64, &str)]| {
+        let mut talk = Talk::new(board);
+        talk.ask().unwrap();
+        let run = on_port(&mut talk, &script(text, 5.0), |_| RunWish::GoOn).unwrap();
+        let report = pulsetrain::winch::run::by_word(&run, NAMES).report;
+        let troubles: Vec<_> = report.troubles.iter().map(|trouble| (trouble.at_s, &trouble.what[..])).collect();
+        assert_eq!(troubles.len(), expected.len(), "{troubles:?}");
+        for ((at_s, what), (near_s, begins)) in troubles.iter().zip(expected) {
+            assert!((at_s - near_s).abs() < 0.26 && what.starts_with(begins), "{troubles:?}");
+        }
+        assert_eq!(report.is_ok(), expected.is_empty(), "{report}");
+        assert!(troubles.iter().all(|(_, what)| report.to_string().contains(what)));
+    };
+    let move_and_rest = "0 s: g xyza 2 1\n0.2 s: a xy 100 -50";
+    check(Unwell::new(), move_and_rest, &[]);
+    check(Unwell::new(), &format!("{move_and_rest}\n1 s: ping\n2 s: srate 1500\n3 s: srate 20"), &[]);
+    let ms = Duration::from_millis;
+    // Never a status: nothing is ok, even if nothing was to move.
+    check(Unwell { loses: "txyza", ..Unwell::new() }, "0 s: ping", &[(5.0, "no status line for 5 s")]);
+    check(Unwell { loses: "txyza", ..Unwell::new() }, "0 s: srate 9000", &[(5.0, "no status line came")]);
+    check(Unwell { mute_from: ms(2500), ..Unwell::new() }, move_and_rest, &[(5.0, "no status line for 2.")]);
+    // It begins anew, at rest at 0, or where it was not to be.
+    let reset = || Unwell { resets_at: Some(ms(3000)), ..Unwell::new() };
+    let clock = "its clock went on by";
+    check(reset(), "0 s: ping", &[(2.8, "it began anew (`awake`)"), (2.8, clock)]);
+    check(Unwell { loses: "awake", ..reset() }, move_and_rest, &[(2.8, clock)]);
+}
+
 fn line() -> impl Strategy<Value = String> {
     let axes = prop::sample::select(vec!["x", "y", "xy", "za", "xyza"]);
     prop_oneof![
@@ -245,7 +349,7 @@ fn random_script(lines: &[(u32, String)]) -> (String, f64) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 24 * seed::rounds() as u32, ..ProptestConfig::default() })]
 
     /// The board's fixed point and the judge's f64 agree on any script: two codes that share nothing.
     #[test]
@@ -253,12 +357,12 @@ proptest! {
         let (text, end_s) = random_script(&lines);
         let run = run(&script(&text, end_s));
         let verdict = verdict(&run);
-        prop_assert!(verdict.ok, "{}{:?}", text, verdict);
+        prop_assert!(verdict.ok && run.troubles.is_empty(), "{}{:?} {:?}", text, verdict, run.troubles);
     }
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 8, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 8 * seed::rounds() as u32, ..ProptestConfig::default() })]
 
     /// So do the firmware's assembly, and the judge.
     #[test]
@@ -266,7 +370,7 @@ proptest! {
         let (text, end_s) = random_script(&lines);
         let run = run_on(VirtualUno::new(), &script(&text, end_s));
         let verdict = verdict_as(&run, &of_uno());
-        prop_assert!(verdict.ok, "{}{:?}", text, verdict);
+        prop_assert!(verdict.ok && run.troubles.is_empty(), "{}{:?} {:?}", text, verdict, run.troubles);
     }
 }
 

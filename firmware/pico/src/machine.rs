@@ -8,7 +8,9 @@ use crate::start;
 use crate::steps::MOTORS;
 use crate::steps::pins::{self, Layout};
 use crate::steps::stepper::{FRACTION_BITS, LONGEST, LONGEST_IDLE_MS, POOL, Stepper};
+use crate::winch;
 use pulsetrain_core::narrow::EPOCHS;
+use pulsetrain_core::winch::path::Slice;
 use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, NO_PIN, flags};
 use pulsetrain_core::wire::{Baud, Machine, Millis, Reason, Refusal, Stopped, Switched};
 use pulsetrain_core::{Epoch, Moment};
@@ -157,15 +159,51 @@ impl Board {
         self.stop(Cause::Starved);
     }
 
+    /// Sets up the pins that text's axes have, drivers off, motors at 0; whether that could be done. Frames' motors rest.
+    pub(crate) fn wire(&mut self) -> bool {
+        winch::wiring().is_some_and(|wiring| self.configure(&wiring).is_ok())
+    }
+
+    /// Switches the drivers on and has motors follow paths, whose steps come by [`follow`](Board::follow) and begin at `first` or
+    /// later, at least a millisecond from now.
+    pub(crate) fn drive(&mut self, first: u64) -> bool {
+        self.stepper.follow_from(Moment::of(first));
+        self.arm().is_ok()
+    }
+
+    /// The steps of all axes in the millisecond that begins at tick `begin` and ends at `end`.
+    pub(crate) fn follow(&mut self, slices: [Slice; 4], begin: u64, end: u64) {
+        for (motor, slice) in (0..).zip(slices) {
+            if let Some(steps) = slice.steps(winch::SLICE) {
+                self.stepper.follow(motor, Moment::of(begin), steps);
+            }
+        }
+        self.stepper.follow_from(Moment::of(end));
+    }
+
+    /// Whether nothing moves, and nothing is to.
+    pub(crate) fn rests(&mut self) -> bool {
+        let now = self.clock.moment();
+        !self.armed || self.stepper.is_idle(now)
+    }
+
+    /// The clock, ticks, and the steps that the axes have made by then.
+    pub(crate) fn positions(&mut self) -> (u64, [i32; 4]) {
+        let now = self.clock.now();
+        (now, [0, 1, 2, 3].map(|motor| self.stepper.position(motor, Moment::of(now))))
+    }
+
     /// Whether motors are armed: the main loop may not sleep for long.
     pub(crate) const fn is_armed(&self) -> bool {
         self.armed
     }
 
     /// What can wait a millisecond.
-    pub(crate) fn housekeeping(&mut self, now: Millis, line: &Line) {
+    /// Whether bytes of the UART were lost.
+    pub(crate) fn housekeeping(&mut self, now: Millis, line: &Line) -> bool {
         line.look_after();
-        if link::has_overrun() {
+        let lost = link::has_overrun();
+        if lost {
             self.measures.lost_bytes = self.measures.lost_bytes.saturating_add(1);
             self.tell(Cause::Overrun, ALL_MOTORS, 1);
         }
@@ -183,6 +221,7 @@ impl Board {
             }
             self.was_idle = idle;
         }
+        lost
     }
 
     /// Tells what a motor's own queue asked for and could not be: each kind once, until motors are armed again.

@@ -4,6 +4,8 @@
 //! - this file: start-up and the main loop
 //! - [`machine`]: what the link asks of a board, done on this one
 //! - [`steps`]: from packed bytes to edges on the pins
+//! - [`winch`]: text instead of frames, and motors that follow paths
+//! - [`talk`]: what is heard and said on a way to a host
 //! - [`link`], [`usb`]: the serial line, and the serial port over USB: one session, on whichever of them it was begun
 //! - [`clock`]: the chip's clocks, and SysTick extended to 64 bits
 //! - [`reset`]: the watchdog, and why the program began
@@ -17,7 +19,7 @@
 //! nothing more, and all motors stop as soon as the main loop sees it.
 //!
 //! # What is not
-//! Motion: segments come from the host, as `pulsetrain_core::packing` has them.
+//! Motion, but for the winch's paths: segments come from the host, as `pulsetrain_core::packing` has them.
 #![no_std]
 #![no_main]
 
@@ -28,22 +30,37 @@ mod regs;
 mod reset;
 mod start;
 mod steps;
+mod talk;
 mod usb;
+mod winch;
 
 use link::Line;
 use machine::Board;
+use pulsetrain_core::winch::reply::Reply;
 use pulsetrain_core::wire::frame::Received;
-use pulsetrain_core::wire::{Baud, Decoder, MAX_BODY, MAX_FRAME, Millis, Service};
+use pulsetrain_core::wire::{Baud, MAX_BODY, Millis, Service};
+use talk::Talk;
 use usb::{Packet, Usb};
+use winch::{Ear, Winch};
 
 /// How long the main loop sleeps at most, µs: while motors are armed, and else.
 const NAP: [u32; 2] = [200, 500];
+
+/// As long as fewer bytes than this wait on the UART, lines wait for room to be answered.
+const PATIENCE: usize = 512;
+
+/// If no frame of the session has come for so long, about ms, a line is told that frames have the board.
+const SILENCE: u16 = 100;
 
 /// The ways to a host.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Way {
     Uart,
     Usb,
+}
+
+impl Way {
+    const ALL: [Way; 2] = [Way::Uart, Way::Usb];
 }
 
 /// All there is one of.
@@ -56,30 +73,7 @@ struct All {
     talks: [Talk; 2],
     /// The session's; while there is none, that of the last frame.
     way: Way,
-}
-
-/// What is heard and said on a way.
-struct Talk {
-    decoder: Decoder,
-    reply: [u8; MAX_FRAME + 1],
-    len: usize,
-    sent: usize,
-}
-
-impl Talk {
-    const NONE: Talk = Talk { decoder: Decoder::new(), reply: [0; MAX_FRAME + 1], len: 0, sent: 0 };
-
-    /// Whether all was handed over that was to be said.
-    #[inline(always)]
-    const fn is_out(&self) -> bool {
-        self.sent == self.len
-    }
-
-    /// What was written into `reply` is to be said next.
-    #[inline(always)]
-    const fn begin(&mut self, len: usize) {
-        (self.len, self.sent) = (len, 0);
-    }
+    winch: Winch,
 }
 
 #[unsafe(no_mangle)]
@@ -89,8 +83,15 @@ extern "C" fn main() -> ! {
     regs::take_out_of_reset(blocks);
     // SAFETY: the start-up code calls main once.
     let (board, line) = unsafe { (Board::begin(), Line::open()) };
-    let mut all =
-        All { board, service: Service::new(MAX_BODY), line, usb: Usb::open(), talks: [Talk::NONE; 2], way: Way::Uart };
+    let mut all = All {
+        board,
+        service: Service::new(MAX_BODY),
+        line,
+        usb: Usb::open(),
+        talks: [const { Talk::new() }; 2],
+        way: Way::Uart,
+        winch: Winch::new(),
+    };
     reset::begin();
     regs::enable_interrupts();
     all.run()
@@ -100,20 +101,26 @@ impl All {
     fn run(&mut self) -> ! {
         let mut last = Millis(0);
         let mut woken = 0;
+        // Text is on from the beginning.
+        self.housekeeping(last);
         loop {
             reset::kick_watchdog();
+            self.winch.go_on(&mut self.board);
             let more = self.board.go_on();
             let now = self.board.clock.now();
             self.count_round(now - woken);
             woken = now;
             let millis = clock::millis(now);
             self.usb.poll(&mut self.board.clock);
+            if self.usb.was_opened() {
+                self.greet();
+            }
             let heard = self.listen(millis);
             let spoke = self.speak(millis);
             if millis != last {
                 last = millis;
                 self.set_baud();
-                self.board.housekeeping(millis, &self.line);
+                self.housekeeping(millis);
             }
             if !(more || heard || spoke) {
                 self.nap();
@@ -122,35 +129,125 @@ impl All {
         }
     }
 
-    /// Takes what came on the line, or else over USB: a packet's length at most; whether there was something. One place for both:
+    /// Whoever has USB's port open now has said nothing yet, and heard nothing.
+    #[inline(never)]
+    fn greet(&mut self) {
+        let talk = &mut self.talks[Way::Usb as usize];
+        talk.hush();
+        talk.ear = Ear::new();
+        self.service.interrupted();
+        if self.winch.is_on() {
+            self.say(Way::Usb, &Reply::Awake);
+        }
+    }
+
+    /// What can wait a millisecond.
+    #[inline(never)]
+    fn housekeeping(&mut self, now: Millis) {
+        if self.board.housekeeping(now, &self.line) {
+            self.talks[Way::Uart as usize].ear.lose();
+        }
+        if self.winch.look(&mut self.board, &mut self.service) {
+            for way in Way::ALL {
+                if !self.ear(way).is_quiet() {
+                    self.say(way, &Reply::Awake);
+                }
+            }
+        }
+        if core::mem::take(&mut self.winch.report) {
+            for talk in &mut self.talks {
+                talk.ear.owes_status = true;
+            }
+        }
+    }
+
+    /// Takes what came on the UART, or else over USB: a packet's length at most; whether there was something. One place for both:
     /// the way into the board is long, and is there once.
     #[inline(always)]
     fn listen(&mut self, now: Millis) -> bool {
         let mut packet = Packet::default();
         let unread = self.line.waiting();
-        let (way, mut bytes) = match unread {
-            0 => (Way::Usb, self.usb.read(&mut packet)),
-            _ => (Way::Uart, self.line.read(packet.as_flattened_mut())),
+        let (way, mut bytes) = if unread != 0 && !self.waits(Way::Uart, unread, now) {
+            (Way::Uart, self.line.read(packet.as_flattened_mut()))
+        } else if self.waits(Way::Usb, 0, now) {
+            return false;
+        } else {
+            (Way::Usb, self.usb.read(&mut packet))
         };
         if bytes.is_empty() {
             return false;
         }
         let most = &mut self.board.measures.most_unread;
         *most = (*most).max(unread as u16);
-        while !bytes.is_empty() {
+        if way == Way::Usb {
+            self.usb.presume_open();
+        }
+        while let [byte, rest @ ..] = bytes {
+            let is_taken = self.service.is_taken();
             let talk = &mut self.talks[way as usize];
-            let (taken, received) = talk.decoder.feed(bytes);
-            bytes = bytes.get(taken..).unwrap_or_default();
-            if way != self.way && self.service.is_taken() {
-                turn_away(talk, received);
+            if is_taken && way == self.way && self.service.silence(now) < SILENCE {
+                let (taken, received) = talk.decoder.feed(bytes);
+                bytes = bytes.get(taken..).unwrap_or_default();
+                self.service.receive(received, talk.decoder.body(), now, &mut self.board);
                 continue;
+            }
+            bytes = rest;
+            self.text(way, *byte);
+            // Frames begin with a zero: before there is one it is all text.
+            if self.ear(way).is_quiet() {
+                self.frame(way, *byte, now);
+            }
+        }
+        true
+    }
+
+    fn ear(&self, way: Way) -> &Ear {
+        &self.talks[way as usize].ear
+    }
+
+    /// Whether lines wait until there is room for what they would say. If the host does not read, or bytes would be lost, they do
+    /// not.
+    #[inline(always)]
+    fn waits(&self, way: Way, unread: usize, now: Millis) -> bool {
+        let talk = &self.talks[way as usize];
+        !talk.has_room() && !talk.ear.is_quiet() && !talk.is_stuck(now) && unread < PATIENCE
+    }
+
+    /// A byte that may be a frame's, beside text.
+    fn frame(&mut self, way: Way, byte: u8, now: Millis) {
+        let talk = &mut self.talks[way as usize];
+        let received = talk.decoder.push(byte);
+        if self.way != way {
+            if self.service.is_taken() {
+                return talk.turn_away(received);
             }
             if let Received::Frame(_) = received {
                 self.way = way;
+                self.service.interrupted();
             }
-            self.service.receive(received, talk.decoder.body(), now, &mut self.board);
         }
-        true
+        self.service.receive(received, talk.decoder.body(), now, &mut self.board);
+    }
+
+    /// A byte of a line.
+    #[inline(never)]
+    fn text(&mut self, way: Way, byte: u8) {
+        let is_obeyed = self.winch.is_on() && !self.service.is_taken();
+        let reply = self.winch.hear(&mut self.talks[way as usize].ear, byte, is_obeyed);
+        if is_obeyed {
+            self.winch.settle(&mut self.board, &mut self.service);
+        }
+        if let Some(reply) = reply {
+            self.say(way, &reply);
+        }
+    }
+
+    /// Says a line of text. Nobody hears it while USB's port is closed.
+    fn say(&mut self, way: Way, line: &Reply) {
+        if way == Way::Uart || self.usb.is_open() {
+            self.talks[way as usize].say(line);
+            self.service.interrupted();
+        }
     }
 
     /// Sends what there is to say, as far as the lines take it; whether there was something.
@@ -159,32 +256,46 @@ impl All {
         let talk = &mut self.talks[self.way as usize];
         if !talk.is_out() && self.service.is_lost(now) {
             // Nobody takes it, and the session ends only when something else can be said.
-            talk.begin(0);
+            talk.hush();
             self.service.interrupted();
         }
         // The change of rate is that of the UART, which is quiet until then.
         if talk.is_out() && !(self.way == Way::Uart && self.board.baud.is_some()) {
-            let len = self.service.poll(now, &mut self.board, &mut talk.reply);
-            talk.begin(len);
+            talk.frame(|reply| self.service.poll(now, &mut self.board, reply));
         }
-        let mut spoke = false;
+        for way in Way::ALL {
+            let talk = &mut self.talks[way as usize];
+            if talk.ear.owes_status && talk.is_out() {
+                talk.ear.owes_status = false;
+                self.report(way);
+            }
+        }
         let [uart, usb] = &mut self.talks;
-        while let Some(byte) = uart.reply[..uart.len].get(uart.sent)
-            && link::can_send()
-        {
-            link::send(*byte);
-            uart.sent += 1;
-            spoke = true;
-        }
-        while let Some(byte) = usb.reply[..usb.len].get(usb.sent)
-            && self.usb.can_send()
-        {
-            self.usb.send(*byte);
-            usb.sent += 1;
-            spoke = true;
-        }
+        let to_uart = uart.send(now, |byte| {
+            let can_send = link::can_send();
+            if can_send {
+                link::send(byte);
+            }
+            can_send
+        });
+        let to_usb = usb.send(now, |byte| {
+            let can_send = self.usb.can_send();
+            if can_send {
+                self.usb.send(byte);
+            }
+            can_send
+        });
         self.usb.flush(&mut self.board.clock);
-        spoke
+        to_uart || to_usb
+    }
+
+    /// Says where the axes are, on a way that has text alone.
+    #[inline(never)]
+    fn report(&mut self, way: Way) {
+        if self.winch.is_on() && !self.service.is_taken() && !self.ear(way).is_quiet() {
+            let status = self.winch.status(&mut self.board);
+            self.say(way, &status);
+        }
     }
 
     /// Changes the rate of the UART when all is out that was said at the old one. A session over USB changes none: there the
@@ -209,14 +320,5 @@ impl All {
         clock::sleep(us);
         let slept = self.board.clock.now() - before;
         self.board.measures.idle_ticks = self.board.measures.idle_ticks.wrapping_add(slept);
-    }
-}
-
-/// Says on a way that is not the session's what there is to be said there, if nothing else is under way.
-#[inline(never)]
-fn turn_away(talk: &mut Talk, received: Received) {
-    if talk.is_out() {
-        let len = Service::turn_away(received, talk.decoder.body(), &mut talk.reply);
-        talk.begin(len);
     }
 }

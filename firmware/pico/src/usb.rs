@@ -82,6 +82,9 @@ pub(crate) struct Usb {
     /// What the host told of the port's speed: kept for it, used for nothing.
     coding: [u8; 7],
     configured: bool,
+    /// A program has the port open, as far as its computer tells; and whether that is news.
+    open: bool,
+    opened: bool,
     /// The half that is next to be read.
     half: u32,
     /// The half whose packets are DATA0.
@@ -119,6 +122,8 @@ impl Usb {
             address: None,
             coding: [0, 0xc2, 1, 0, 0, 0, 8],
             configured: false,
+            open: false,
+            opened: false,
             half: 0,
             data0_half: 0,
             filled: 0,
@@ -152,7 +157,7 @@ impl Usb {
             usb::BUFF_STATUS.write(u32::MAX);
             usb::ADDR_ENDP.write(0);
             (self.stage, self.address) = (Stage::Idle, None);
-            self.configured = false;
+            (self.configured, self.open) = (false, false);
             // Nothing is known of the frames to come.
             self.began = now;
         }
@@ -165,6 +170,21 @@ impl Usb {
             usb::SIE_STATUS.write(usb::SETUP);
             self.setup();
         }
+    }
+
+    /// Whether a program has the port open.
+    pub(crate) const fn is_open(&self) -> bool {
+        self.open
+    }
+
+    /// A program has it open: some say nothing of DTR, but send.
+    pub(crate) const fn presume_open(&mut self) {
+        self.open = true;
+    }
+
+    /// Whether it was opened since the last call.
+    pub(crate) const fn was_opened(&mut self) -> bool {
+        core::mem::replace(&mut self.opened, false)
     }
 
     /// Takes the packet that is next, if one came: its bytes.
@@ -285,8 +305,13 @@ impl Usb {
                 self.stage = Stage::Send;
                 usb::arm_half(0, false, 0, self.coding.len().min(length) as u32 | usb::DATA1 | usb::FULL);
             }
-            // Nobody reads while the port is closed: then bytes to the host wait.
-            0x2221 => self.acknowledge(),
+            // Nobody reads while the port is closed: then bytes to the host wait. Bit 0 is DTR.
+            0x2221 => {
+                let open = value & 1 != 0;
+                self.opened = open && !self.open;
+                self.open = open;
+                self.acknowledge();
+            }
             // CLEAR_FEATURE: an endpoint is not halted any more, and its toggle begins anew; no other's.
             0x0102 if value == 0 && self.clear_halt(second & 0xffff) => self.acknowledge(),
             // Not here (§4.1.2.6.3): the host sees a stall and goes on.

@@ -11,6 +11,7 @@ pub(crate) const TICK_HZ: u32 = 16_000_000;
 
 // clock_moment: gives the clock's lower half in r22 to r25, as C has it. When Timer1 shows less than last time it has wrapped.
 // Interrupts are off for 6 cycles: they use the byte that all its registers share (DS40002061B §16.3).
+// clock_moment_alone: the same for main, which keeps the task out of it.
 global_asm!(
     r#"
     .section .bss.clock, "aw", @nobits
@@ -18,7 +19,15 @@ global_asm!(
 clock: .skip 8                          // little-endian
 
     .section .text.clock_moment, "ax", @progbits
-    .global clock_moment
+    .global clock_moment, clock_moment_alone
+clock_moment_alone:
+    lds r30, {TIMSK0}
+    push r30
+    sts {TIMSK0}, r1
+    rcall clock_moment
+    pop r30
+    sts {TIMSK0}, r30
+    ret
 clock_moment:
     in r18, 0x3f
     cli
@@ -47,10 +56,11 @@ clock_moment:
 2:  ret
     "#,
     TCNT1 = const crate::steps::register::TCNT1,
+    TIMSK0 = const crate::steps::register::TIMSK0,
 );
 
 unsafe extern "C" {
-    safe fn clock_moment() -> u32;
+    safe fn clock_moment_alone() -> u32;
     #[link_name = "clock"]
     static mut CLOCK: u64;
 }
@@ -67,8 +77,7 @@ pub(crate) fn start() {
 /// Ticks since start-up, modulo 2^32.
 #[inline(always)]
 pub(crate) fn moment() -> Moment {
-    let _out = task::keep_out();
-    Moment(clock_moment())
+    Moment(clock_moment_alone())
 }
 
 /// Ticks since start-up.

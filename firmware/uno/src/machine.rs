@@ -3,6 +3,7 @@
 use crate::clock::{self, TICK_HZ, low_half};
 use crate::link::{self, Receiver, Unread, WINDOW};
 use crate::memory::{self, POOL};
+use crate::regs;
 use crate::steps::motor::{self, SWITCHES};
 use crate::steps::pins::{Layout, MAX_MOTORS, Pin};
 use crate::steps::stepper::{self, LONGEST, Trouble};
@@ -106,6 +107,9 @@ impl Board {
     /// Starts clock and line.
     pub(crate) fn begin(&mut self, last_reset: Cause) {
         self.power.pin = Pin::NONE;
+        // A weak pull on pin 8, the CNC shield's ENABLE: drivers are off until they are wanted. Whatever else is wired to the
+        // pin is stronger.
+        regs::PORT_B.levels().set(1);
         self.baud = None;
         self.last_reset = last_reset;
         // SAFETY: main calls this once.
@@ -133,13 +137,14 @@ impl Board {
     #[inline(always)]
     pub(crate) fn rest(&mut self, receiver: &Receiver) {
         let idle = if self.armed && !self.was_idle {
-            u32::from(receiver.watch())
+            receiver.watch()
         } else {
-            let before = clock::moment();
+            let before = low_half(clock::moment().0);
+            // Not for 2^16 ticks: Timer0 interrupts it.
             receiver.sleep();
-            clock::moment().since(before)
+            low_half(clock::moment().0).wrapping_sub(before)
         };
-        self.measures.idle_ticks = self.measures.idle_ticks.wrapping_add(u64::from(idle));
+        memory::add(&mut self.measures.idle_ticks, idle);
         self.woken = low_half(clock::moment().0);
     }
 
@@ -152,7 +157,7 @@ impl Board {
             self.measures.longest_round_ticks = round;
         }
         self.woken = now;
-        self.measures.rounds = self.measures.rounds.wrapping_add(1);
+        memory::add(&mut self.measures.rounds, 1);
     }
 
     /// Notes how many bytes wait to be read, and what was lost of them.

@@ -47,7 +47,7 @@ mod vectors;
 mod winch;
 
 use core::panic::PanicInfo;
-use link::{LONGEST_BODY, Receiver};
+use link::{LONGEST_BODY, Receiver, Unread};
 use machine::Board;
 use memory::{Once, REPLY_LEN};
 use pulsetrain_core::Moment;
@@ -55,7 +55,7 @@ use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Millis, Service};
 use winch::Winch;
 
-/// Bytes that one round of the main loop takes from the line at most.
+/// Bytes that frames take in one round of the main loop at most.
 const BYTES_A_ROUND: u8 = 32;
 
 /// A reply on its way to the line.
@@ -111,14 +111,14 @@ fn run(board: &mut Board, service: &mut Service, winch: &mut Winch, receiver: &m
         if reply.sent < reply.len {
             reply.go_on();
         } else if (heard || next || reply.len != 0) && board.baud.is_none() {
-            speak(board, service, winch, reply, now);
+            speak(board, service, winch, receiver, reply, now);
         }
         if next {
             last = now;
             // Now and then is enough, and a motor may need the time.
             if now.0 & 3 == 0 {
                 board.housekeeping(now, receiver);
-                winch.look(board, service);
+                winch.look(board, service, receiver, now);
             }
         } else if !heard && reply.sent == reply.len {
             board.rest(receiver);
@@ -139,34 +139,30 @@ impl Reply {
     }
 }
 
-/// Takes bytes from the line, up to the end of a frame; whether it came to one.
+/// Takes bytes from the line, lines or up to the end of a frame; whether it came to one.
 #[inline(always)]
 fn listen(board: &mut Board, service: &mut Service, winch: &mut Winch, receiver: &mut Receiver, now: Millis) -> bool {
-    let unread = receiver.unread();
-    board.note(&unread);
-    let mut count = unread.bytes;
-    if unread.lost != 0 {
-        winch.lose();
-    }
-    if !service.is_taken() {
-        count = winch.listen(board, receiver, count);
-        if winch.has_line() {
-            receiver.skip(count);
-            return false;
-        }
-    }
+    let count =
+        if winch.on && !service.is_taken() { winch.listen(board, receiver) } else { unread(board, receiver).bytes };
+    // Before frames are read: the line before a Hello may have been the one that switches the drivers on.
+    service.hold(winch.drives);
     if count == 0 {
         return false;
     }
     let received = receiver.take(count.min(BYTES_A_ROUND));
     if received == Received::More {
-        if !winch.on && receiver.is_text() && service.silence(now) >= winch::SILENCE {
-            winch.refuse();
-        }
         return false;
     }
     hear(board, service, received, receiver.body(), now);
     true
+}
+
+/// What has come, noted.
+#[inline(never)]
+fn unread(board: &mut Board, receiver: &mut Receiver) -> Unread {
+    let unread = receiver.unread();
+    board.note(&unread);
+    unread
 }
 
 /// Does what a frame asks.
@@ -177,13 +173,20 @@ fn hear(board: &mut Board, service: &mut Service, received: Received, body: &[u8
 
 /// Asks the service for a reply, then the winch.
 #[inline(never)]
-fn speak(board: &mut Board, service: &mut Service, winch: &mut Winch, reply: &mut Reply, now: Millis) {
+fn speak(
+    board: &mut Board,
+    service: &mut Service,
+    winch: &mut Winch,
+    receiver: &Receiver,
+    reply: &mut Reply,
+    now: Millis,
+) {
     reply.sent = 0;
     // As long as there is text alone, the service has nothing to say.
     reply.len = if winch.has_line() { 0 } else { service.poll(now, board, reply.bytes) as u8 };
     reply.next = reply.bytes.as_ptr();
     if reply.len == 0 {
-        (reply.next, reply.len) = winch.speak(reply.bytes);
+        (reply.next, reply.len) = winch.speak(receiver, reply.bytes);
         if reply.len != 0 {
             service.interrupted();
         }

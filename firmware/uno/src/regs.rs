@@ -223,26 +223,27 @@ pub(crate) fn sleep_while_head_is(head: u8) {
     }
 }
 
-/// Looks at [`EEARL`] 256 times, as long as it is `head`, and gives how many cycles that took, those of interrupts not counted.
+/// Looks at [`EEARL`] 192 times, as long as it is `head`, and gives how many cycles that took, those of interrupts not counted.
 #[inline(always)]
 pub(crate) fn watch_while_head_is(head: u8) -> u16 {
-    let left: u8;
+    let mut cycles: u16 = 0;
     // SAFETY: reads a register.
     unsafe {
         asm!(
             "1: in {now}, {EEARL}", // 1
             "cp {now}, {head}",     // 1
             "brne 2f",              // 1
-            "dec {left}",           // 1
-            "brne 1b",              // 2: 6 together
+            "adiw {cycles}, 8",     // 2
+            "cpi {cycles:h}, 6",    // 1
+            "brne 1b",              // 2: 8 together
             "2:",
             now = out(reg) _,
             head = in(reg) head,
-            left = inout(reg) 0u8 => left,
+            cycles = inout(reg_iw) cycles,
             EEARL = const crate::steps::register::EEARL,
         );
     }
-    6 * (256 - u16::from(left))
+    cycles
 }
 
 /// Restarts the watchdog's time.

@@ -9,7 +9,7 @@
 //!
 //! # Who has the board
 //! As long as frames have not taken it and no motor of theirs moves, text is *on*: every byte goes to the reader of lines, and from
-//! a zero on to that of frames too, until there is a command. Paths and reader lie where frames have their queues. From the first
+//! a zero on to that of frames too, until there is a command; no byte goes to either of them twice. Paths and reader lie where frames have their queues. From the first
 //! command that enables the drivers, until `enable 0` has released them, text *drives*, and frames' Hello is refused.
 
 pub(crate) mod feed;
@@ -20,8 +20,8 @@ use crate::machine::Board;
 use crate::memory::REPLY_LEN;
 use core::arch::global_asm;
 use pulsetrain_core::Moment;
-use pulsetrain_core::winch::text::{Verb, What};
-use pulsetrain_core::wire::Service;
+use pulsetrain_core::winch::text::Verb;
+use pulsetrain_core::wire::{Millis, Service};
 
 /// Bytes of four paths, of the reader, and of the longest line that is sent.
 pub(crate) const PATHS: usize = 4 * PATH;
@@ -36,18 +36,22 @@ const _: () = assert!(5 + 12 * 4 <= LINE - VALUES + 4 * 4);
 const PATH: usize = 51;
 /// Where the reader has the line.
 const TEXT: usize = 25;
+/// Where a path has what gains say, and what limits do; as many bytes each.
+const OF_GAINS: usize = 22;
+const OF_LIMITS: usize = 32;
 /// Where a path has its speed, whole steps/s, in 2 bytes.
 const SPEED: usize = 18;
 
 /// Fields of the reader.
 mod reader {
-    pub(super) const WHAT: usize = 4;
+    pub(super) const STAR: usize = 2;
     pub(super) const WORD: usize = 5;
     pub(super) const AXES: usize = 7;
     pub(super) const GIVEN: usize = 8;
     pub(super) const VALUES: usize = 9;
     pub(super) const STRICT: u8 = 1;
     pub(super) const OVER: u8 = 2;
+    pub(super) const CHECKED: u8 = 4;
 }
 
 /// What is said beside whats, as reply.s has it.
@@ -57,9 +61,6 @@ const TAKEN: u8 = 16;
 
 /// From one status line to the next, at first, ms.
 const REPORT_MS: u8 = 200;
-
-/// What the reader says of a line that has lost bytes: what, and word 0.
-const LOST: [u8; 2] = [What::Noise as u8, 0];
 
 /// The reader came to a zero.
 const ZERO: u8 = 0x40;
@@ -71,7 +72,7 @@ const _: () = assert!(crate::link::PAGE == 0x80);
 const PATIENCE: u8 = 64;
 
 /// Frames have been silent for so long if a line is told that they have the board, 1.024 ms.
-pub(crate) const SILENCE: u16 = 100;
+const SILENCE: u16 = 100;
 
 global_asm!(include_str!("winch/tick.s"), options(raw));
 global_asm!(include_str!("winch/command.s"), options(raw));
@@ -94,9 +95,11 @@ pub(crate) struct Winch {
     /// Frames were seen: nothing is said until there is a command.
     quiet: bool,
     /// Motors follow the paths.
-    drives: bool,
+    pub(crate) drives: bool,
     /// What is to be said.
     say: u8,
+    /// Where the line was at the last look that frames have.
+    seen: u8,
 }
 
 /// What text has asked for; where frames have their queues.
@@ -129,7 +132,7 @@ fn asked() -> &'static mut Asked {
 impl Winch {
     /// Text is not on yet.
     pub(crate) const fn new() -> Winch {
-        Winch { on: false, quiet: false, drives: false, say: 0 }
+        Winch { on: false, quiet: false, drives: false, say: 0, seen: 0 }
     }
 
     /// Begins anew.
@@ -142,41 +145,47 @@ impl Winch {
         unsafe { feed::winch_begin() };
     }
 
-    /// Reads lines among the `count` bytes that wait, and does what they say, up to one that is answered, or a zero. Gives how
-    /// many bytes were read.
+    /// Reads lines among the bytes that wait, and does what they say, up to one that is answered, or a zero. What is text alone is
+    /// dropped then; gives how many bytes were read that may be frames' too.
+    ///
+    /// Of bytes that were lost nobody knows where: what waits is dropped, and the line that has begun is refused, or the next.
     #[inline(never)]
-    pub(crate) fn listen(&mut self, board: &mut Board, receiver: &Receiver, count: u8) -> u8 {
-        if !self.on {
-            return count;
-        }
-        let mut left = count;
-        while left != 0 && (self.say == 0 || left >= PATIENCE) {
-            // SAFETY: so many bytes wait in the page; the reader is main's alone while text is on.
-            let answer = unsafe { winch_listen((&raw mut winch_reader).cast(), receiver.after(count - left), left) };
-            let heard;
-            [heard, left] = answer.to_le_bytes();
-            if heard == ZERO {
-                // Frames have zeros, text has none.
-                self.quiet = true;
-                break;
+    pub(crate) fn listen(&mut self, board: &mut Board, receiver: &mut Receiver) -> u8 {
+        let (mut heard, mut taken) = (0, 0);
+        loop {
+            // Nothing is done before it is known that what was read had not been overwritten.
+            let unread = crate::unread(board, receiver);
+            if unread.lost != 0 {
+                // In their place a byte 1, which is no text: that text is on is one.
+                let _ = read((&raw const self.on).cast(), 1);
+                receiver.skip(unread.bytes);
+                return 0;
             }
             if heard & 0x80 != 0 {
                 self.hear(board, heard & 0x7f);
+            } else if heard == ZERO && !self.quiet {
+                // Frames have zeros, text has none: it is theirs too.
+                receiver.skip(taken - 1);
+                self.quiet = true;
+                return 0;
             } else if heard != 0 && !self.quiet {
                 self.say = heard;
                 asked().word = get(reader::WORD);
             }
-        }
-        count - left
-    }
-
-    /// Bytes were lost: if a line has begun it is refused as noise. (What begins in the middle of one is no command, but for
-    /// such as do nothing.)
-    #[inline(always)]
-    pub(crate) fn lose(&self) {
-        if self.on {
-            // SAFETY: the reader is main's alone.
-            unsafe { (&raw mut winch_reader).cast::<u8>().wrapping_add(reader::WHAT).cast::<[u8; 2]>().write(LOST) };
+            let mut count = unread.bytes - taken;
+            if self.quiet {
+                if taken != 0 {
+                    return taken;
+                }
+                count = count.min(crate::BYTES_A_ROUND);
+            }
+            receiver.skip(taken);
+            if count == 0 || (self.say != 0 && count < PATIENCE) {
+                return 0;
+            }
+            let left;
+            [heard, left] = read(receiver.after(0), count);
+            taken = count - left;
         }
     }
 
@@ -213,39 +222,36 @@ impl Winch {
 
     /// What time brings. To be called every few milliseconds.
     #[inline(never)]
-    pub(crate) fn look(&mut self, board: &mut Board, service: &mut Service) {
+    pub(crate) fn look(&mut self, board: &mut Board, service: &Service, receiver: &Receiver, millis: Millis) {
         let now = clock::moment();
         if self.drives {
             let ran_dry = !board.is_armed();
             if ran_dry || (asked().releasing && board.has_arrived()) {
                 self.drives = false;
-                board.stop_driving();
-                // All stands still, and nobody knows where: as after a reset.
+                // After that all stands still, and nobody knows where: as after a reset.
                 self.on &= !ran_dry;
+                board.stop_driving();
             } else if is_silent(now) {
                 asked().dead = true;
                 feed::winch_obey_axes(0b1111, Verb::Enable as u8);
             }
         } else {
             feed::pass(now);
-            let on = !service.is_taken() && board.rests();
+            let taken = service.is_taken();
+            if taken && receiver.ends_line(&mut self.seen) && service.silence(millis) >= SILENCE {
+                self.say = TAKEN;
+            }
+            let on = !taken && board.rests();
             if on && !self.on {
                 self.begin();
             }
             self.on = on;
         }
-        service.hold(self.drives);
-    }
-
-    /// A line ended that neither was a frame nor could be read, because frames have the board.
-    #[inline(always)]
-    pub(crate) fn refuse(&mut self) {
-        self.say = TAKEN;
     }
 
     /// What is to be said now, if anything: its first byte and how many there are. It may be written to `out`.
     #[inline(never)]
-    pub(crate) fn speak(&mut self, out: &mut [u8; REPLY_LEN]) -> (*const u8, u8) {
+    pub(crate) fn speak(&mut self, receiver: &Receiver, out: &mut [u8; REPLY_LEN]) -> (*const u8, u8) {
         let out = out.as_mut_ptr();
         let say = core::mem::replace(&mut self.say, 0);
         if say != 0 {
@@ -253,10 +259,15 @@ impl Winch {
             return (out, unsafe { winch_say(out, say, (&raw const winch_asked.word).read()) });
         }
         let now = clock::moment();
-        if !self.on || self.quiet || !feed::winch_has_passed(now, asked().reported, asked().report_ms) {
+        let asked = asked();
+        // Lines go before it.
+        if !self.on
+            || self.quiet
+            || receiver.waiting() >= PATIENCE / 2
+            || !feed::winch_has_passed(now, &mut asked.reported, asked.report_ms)
+        {
             return (out, 0);
         }
-        asked().reported = now;
         let line = (&raw mut winch_line).cast::<u8>();
         // At its end, so that each value has been read before it is written over.
         let values = line.wrapping_add(LINE - VALUES).cast();
@@ -268,10 +279,16 @@ impl Winch {
     }
 }
 
+/// Lets the reader take bytes from the receive page, as [`winch_listen`] does.
+fn read(bytes: *const u8, count: u8) -> [u8; 2] {
+    // SAFETY: there are so many bytes; the reader is main's alone while text is on.
+    unsafe { winch_listen((&raw mut winch_reader).cast(), bytes, count) }.to_le_bytes()
+}
+
 /// Whether the deadman is to stop the axes.
 fn is_silent(now: Moment) -> bool {
-    let Asked { deadman_ms, dead, heard, .. } = *asked();
-    deadman_ms != 0 && !dead && feed::winch_has_passed(now, heard, deadman_ms)
+    let asked = asked();
+    asked.deadman_ms != 0 && !asked.dead && feed::winch_has_passed(now, &mut asked.heard, asked.deadman_ms)
 }
 
 /// A byte of the reader.

@@ -4,6 +4,7 @@
 pub(crate) mod lab;
 pub(crate) mod pico;
 pub(crate) mod random;
+pub(crate) mod seed;
 pub(crate) mod segments;
 pub(crate) mod winch;
 

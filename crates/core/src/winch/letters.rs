@@ -6,7 +6,7 @@ const TEXTS: &[u8] = b"\
 a\0d\0v\0r\0s\0g\0l\0enable\0srate\0deadman\0strict\0version\0ping\0\
 id StepperWinch Nov 21 2026\0awake\0txyza\0err \0\
 command\0flags\0number\0range\0missing\0extra\0long\0noise\0checksum\0 0.01..20 Hz\0 0.07..5\0\
-dbg invalid srate value\0dbg excessive input error\0";
+dbg invalid srate value\0dbg excessive input error\0taken\0";
 
 /// How many letters there are.
 pub const COUNT: usize = TEXTS.len();
@@ -40,6 +40,7 @@ pub(super) mod text {
     pub(crate) const RATIO: u8 = 14;
     pub(crate) const RATE: u8 = 15;
     pub(crate) const WORDS: u8 = 16;
+    pub(crate) const TAKEN: u8 = 17;
 }
 
 /// Where the texts of replies begin.

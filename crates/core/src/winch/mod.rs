@@ -1,6 +1,7 @@
 //! StepperWinch's dialect: text lines from the host, and a path that the board works out itself.
 //!
 //! # What is here, top down
+//! - [`session`]: what lines ask of a whole board, and what time brings
 //! - [`text`]: bytes of lines → commands, and these done to four paths
 //! - [`reply`]: replies → bytes
 //! - [`spacing`]: a millisecond of a path → ticks of its steps
@@ -11,13 +12,14 @@
 //! docs/winch.md has the commands and the equations.
 //!
 //! # What is not
-//! Pins, clocks, queues, when to report: the firmware's. The same path as a law on the host is `pulsetrain-motion`'s
+//! Pins, clocks, lines: the board's. The same path as a law on the host is `pulsetrain-motion`'s
 //! `law::winch`.
 
 pub mod letters;
 pub mod number;
 pub mod path;
 pub mod reply;
+pub mod session;
 pub mod spacing;
 pub mod text;
 

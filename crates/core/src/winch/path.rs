@@ -236,6 +236,11 @@ pub struct Slice {
     pub speed: u32,
 }
 
+impl Slice {
+    /// Of an axis that stands still.
+    pub const NONE: Slice = Slice { count: 0, backward: false, distance: 0, speed: 0 };
+}
+
 /// One axis: where it is, where it is to go, and how.
 ///
 /// ```

@@ -22,6 +22,8 @@ pub enum Reply {
     },
     /// `err <what> <word>`, and what would be taken; or `dbg`, where the original said it so.
     Refused(Refusal),
+    /// `err taken`: frames have the board.
+    Taken,
 }
 
 /// Bytes of a line being written.
@@ -120,6 +122,10 @@ impl Reply {
                 }
             }
             Reply::Refused(refusal) => to.refusal::<L>(*refusal),
+            Reply::Taken => {
+                to.text::<L>(text::ERROR);
+                to.text::<L>(text::TAKEN);
+            }
         }
         to.byte(b'\r');
         to.byte(b'\n');

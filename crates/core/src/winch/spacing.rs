@@ -1,10 +1,17 @@
 //! From a millisecond of the path to the ticks of its steps: evenly spaced, anchored to the millisecond.
 //!
-//! Within a slice the path has one speed, so that its steps are one interval apart, 16 000 000 / speed, and the first
-//! comes distance / speed into it. One reciprocal of 16 bits gives both. What it rounds is not carried on: each slice
-//! begins anew from the path's own position, at a tick that is a multiple of [`TICKS`].
+//! Within a slice the path has one speed, so that its steps are one interval apart, and the first comes distance / speed
+//! into it. What is rounded is not carried on: each slice begins anew from the path's own position, at a tick that is a
+//! multiple of a millisecond's ticks.
+//!
+//! - [`Slice::steps`]: to the nearest tick, for any clock; two quotients of 34 bits.
+//! - [`Slice::train`]: within a tick, for an 8-bit chip with a clock of 16 MHz; one reciprocal of 16 bits.
 
-use super::path::Slice;
+use super::path::{FASTEST, STEP, Slice};
+use crate::Direction;
+
+// What comes within a slice is less than 2^34 of its 2^-16 ticks, and the divisor 2^30.
+const _: () = assert!((MOST_TICKS as u64) << 16 < 1 << 34 && (FASTEST as u64) << 16 < 1 << 30);
 
 /// Ticks of a slice: 1 ms at 16 MHz.
 pub const TICKS: u16 = 16_000;
@@ -12,7 +19,35 @@ pub const TICKS: u16 = 16_000;
 /// How far a step's time may be from the exact one, ticks: reciprocal and distance are cut to 16 bits of a slice.
 pub const TOLERANCE_TICKS: u8 = 1;
 
-/// The steps of a slice.
+/// The most ticks of a slice that [`Slice::steps`] is for: 1 ms at 131 MHz.
+pub const MOST_TICKS: u32 = 1 << 17;
+
+/// The steps of a slice, exact but for 2^-16 tick each.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Steps {
+    /// How many: at least 1.
+    pub count: u8,
+    /// Which way.
+    pub direction: Direction,
+    /// When the first is due, 2^-16 ticks after the slice's beginning: at most a slice.
+    pub first: u64,
+    /// From each to the next, 2^-16 ticks; 0 if there is but one.
+    pub interval: u64,
+}
+
+impl Steps {
+    /// The ticks, counted from the slice's beginning, each the nearest one; the last may be the next slice's first.
+    pub fn ticks(self) -> impl Iterator<Item = u32> {
+        let mut next = self.first + (1 << 15);
+        (0..self.count).map(move |_| {
+            let [_, _, b2, b3, b4, b5, _, _] = next.to_le_bytes();
+            next += self.interval;
+            u32::from_le_bytes([b2, b3, b4, b5])
+        })
+    }
+}
+
+/// The steps of a slice, as an 8-bit chip works them out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(C)]
 pub struct Train {
@@ -27,6 +62,27 @@ pub struct Train {
 }
 
 impl Slice {
+    /// When its steps are due, in a millisecond of `ticks` ticks, at most [`MOST_TICKS`]; `None` without steps.
+    ///
+    /// ```
+    /// use pulsetrain_core::winch::path::Slice;
+    /// // 3000 steps/s, the first 250 millisteps away: after a twelfth of a millisecond, then one each third of it.
+    /// let slice = Slice { count: 3, backward: false, distance: 250 << 16, speed: 3000 << 16 };
+    /// let steps = slice.steps(125_000).unwrap();
+    /// assert_eq!(steps.ticks().collect::<Vec<_>>(), [10_417, 52_083, 93_750]);
+    /// ```
+    #[must_use]
+    pub fn steps(self, ticks: u32) -> Option<Steps> {
+        let Slice { count, backward, distance, speed } = self;
+        if count == 0 || speed == 0 {
+            return None;
+        }
+        let part = |millisteps: u32| quotient((u64::from(millisteps) * u64::from(ticks)) << 16, speed);
+        let interval = if count > 1 { part(STEP.unsigned_abs()) } else { 0 };
+        let direction = if backward { Direction::Backward } else { Direction::Forward };
+        Some(Steps { count, direction, first: part(distance), interval })
+    }
+
     /// When its steps are due, within [`TOLERANCE_TICKS`] of the exact times; `None` without steps.
     ///
     /// Two steps, be they of two slices and in opposite directions, are never nearer than the fastest speed has them.
@@ -60,6 +116,22 @@ impl Slice {
         let interval = if count > 1 { ticks(step, inverse) } else { 0 };
         Some(Train { count, backward, first, interval })
     }
+}
+
+/// `dividend` / `divisor`, rounded down: less than 2^34. `divisor` is less than 2^30.
+fn quotient(dividend: u64, divisor: u32) -> u64 {
+    let (mut rest, mut quotient, mut bits) = (dividend, 0, 34u32);
+    let divisor = u64::from(divisor);
+    while bits > 0 {
+        bits -= 1;
+        let part = divisor << bits;
+        quotient <<= 1;
+        if rest >= part {
+            rest -= part;
+            quotient |= 1;
+        }
+    }
+    quotient
 }
 
 /// The part of a slice that `distance` takes, 2^-16 ticks.

@@ -23,7 +23,8 @@ pub enum Verb {
     Target,
     /// `d`: the same, relative.
     Move,
-    /// `v`: drift of the targets, steps/s, at most [`FASTEST_DRIFT`] either way. Drivers are to be enabled.
+    /// `v`: drift of the targets, steps/s, at most [`FASTEST_DRIFT`] either way; more is taken as that, or refused when strict.
+    /// Drivers are to be enabled.
     Drift,
     /// `r`: impulse of the reference, steps.
     Impulse,
@@ -101,7 +102,7 @@ pub enum What {
     Long,
     /// A byte that is no text.
     Noise,
-    /// The checksum is not that of the line, or no checksum.
+    /// The checksum is not that of the line, or no checksum; or it is missing where one is needed.
     Checksum,
     /// A frequency outside of 0.01 to 20 Hz.
     Frequency,
@@ -147,6 +148,8 @@ pub enum Heard {
 #[derive(Clone, Debug)]
 pub struct Reader {
     strict: bool,
+    /// There was a right checksum since strictness was last set.
+    checked: bool,
     /// A line has ended: the next byte begins another.
     over: bool,
     verb: Verb,
@@ -188,6 +191,7 @@ impl Reader {
     pub const fn new() -> Reader {
         Reader {
             strict: false,
+            checked: false,
             over: true,
             verb: Verb::Target,
             axes: 0,
@@ -203,8 +207,12 @@ impl Reader {
     }
 
     /// From now on any irregularity is refused, or none that does no harm.
+    ///
+    /// Strict, every line needs a checksum from the first right one on; which may be that of the line just read, the one that
+    /// asks for this.
     pub const fn set_strict(&mut self, strict: bool) {
         self.strict = strict;
+        self.checked = self.star != 0;
     }
 
     /// Forgets what it has of a line.
@@ -347,15 +355,19 @@ impl Reader {
     /// The line is over.
     fn end<L: Letters>(&mut self) -> Heard {
         self.put(0);
-        if self.star != 0 {
+        let is_right = if self.star != 0 {
             let is_right = self.is_checked();
-            // Whatever else is wrong comes from that; but the end of a line that is too long was not read.
-            if !is_right && self.fault.what != What::Long {
-                self.fault.what = What::Nothing;
-                self.refuse(What::Checksum);
-            }
+            self.checked |= is_right;
             self.len = self.star - 1;
             self.put(0);
+            is_right
+        } else {
+            self.words == 0 || !(self.strict && self.checked)
+        };
+        // Whatever else is wrong comes from that; but the end of a line that is too long was not read.
+        if !is_right && self.fault.what != What::Long {
+            self.fault.what = What::Nothing;
+            self.refuse(What::Checksum);
         }
         if self.fault.what == What::Nothing {
             if self.words == 0 {
@@ -605,7 +617,14 @@ impl Reader {
                 }
                 value = sum;
             }
-            Verb::Drift if digits > u32::from(FASTEST_DRIFT) => return What::Range,
+            Verb::Drift if digits > u32::from(FASTEST_DRIFT) => {
+                // No motor goes so fast.
+                if self.strict || digits > 0x7fff_ffff {
+                    return What::Range;
+                }
+                let fastest = i32::from(FASTEST_DRIFT);
+                value = if is_negative { -fastest } else { fastest };
+            }
             Verb::Report if value <= 0 => return What::Rate,
             Verb::Ramp if value < 0 => value = 0,
             Verb::Ramp | Verb::Report | Verb::Deadman => {

@@ -2,7 +2,6 @@
 
 use super::{COILS_OVERHEAD, Expand, LONGEST_WAIT, Packed, STEP_DIR_OVERHEAD, Tape, WAIT_BITS};
 use crate::channel::{Channel, Event, Kind};
-use crate::narrow::Pool;
 use crate::output::{Edge, Output};
 use crate::queue::Items;
 use crate::{Direction, Moment};
@@ -173,12 +172,12 @@ impl<const F: u32> Words<F> {
     /// Writes words up to tick `until`, `most` of them or a few more: every step up to then is made, and the state machine has
     /// something to do until tick `least` at least, which is not after it.
     ///
-    /// Both go up from call to call, by less than 2^24 ticks. `expand` is the board's, or [`expand`](super::expand()).
+    /// Both go up from call to call, by less than 2^24 ticks. `items` are the motor's: a [`Packed`] with its memory, or what a board
+    /// has worked out itself. `expand` is the board's, or [`expand`](super::expand()).
     #[expect(clippy::too_many_arguments, reason = "all that it needs is somebody else's")]
-    pub fn fill<const N: usize, const RUNS: usize, const P: usize>(
+    pub fn fill<const N: usize, const RUNS: usize>(
         &mut self,
-        packed: &mut Packed,
-        pool: &Pool<P>,
+        items: &mut impl Items,
         tape: &mut Tape<N, RUNS>,
         memory: &mut [u32; N],
         [least, until]: [Moment; 2],
@@ -198,7 +197,7 @@ impl<const F: u32> Words<F> {
             if self.output.owed().is_none() && self.channel.waits_beyond(look) {
                 break;
             }
-            let event = self.peek(packed, pool, look);
+            let event = self.peek(items, look);
             if let (Output::Coils(_), Some(release)) = (&self.output, self.output.owed())
                 && event.is_none_or(|event| release.is_before(event.tick))
             {
@@ -255,8 +254,8 @@ impl<const F: u32> Words<F> {
 
     // These are calls, so that each has the registers to itself: a run's steps need none of them.
     #[inline(never)]
-    fn peek<const P: usize>(&mut self, packed: &mut Packed, pool: &Pool<P>, look: Moment) -> Option<Event> {
-        self.channel.peek(&mut packed.waiting(pool), look)
+    fn peek(&mut self, items: &mut impl Items, look: Moment) -> Option<Event> {
+        self.channel.peek(items, look)
     }
 
     /// Takes an event; gives its word, if the lines change.

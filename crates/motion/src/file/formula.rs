@@ -2,6 +2,7 @@
 
 use super::laws::Context;
 use super::reader::{Node, Read};
+use crate::Time;
 use crate::law::Law;
 use crate::quantity::Base;
 
@@ -17,14 +18,26 @@ impl Context<'_> {
             None => Ok(Vec::new()),
         };
         let text = theta.text("theta = \"a*sin(2*pi*t)\"")?;
-        Law::formula(text, &parameters?, steps_per_unit, duration?).map_err(|error| {
-            let at = theta.inside(error.offset, error.length);
+        self.formula_of(&theta, text, &parameters?, steps_per_unit, duration?)
+    }
+
+    /// The law of a formula whose `text` is written at `node`.
+    pub(super) fn formula_of(
+        &self,
+        node: &Node,
+        text: &str,
+        parameters: &[(String, f64)],
+        steps_per_unit: f64,
+        duration: Option<Time>,
+    ) -> Read<Law> {
+        Law::formula(text, parameters, steps_per_unit, duration).map_err(|error| {
+            let at = node.inside(error.offset, error.length);
             self.reader.note(at, "here", format!("formula: {}", error.message), "")
         })
     }
 
     /// `where = { … }`: positions in the formula's unit, times in s, frequencies in Hz, bare numbers as they are.
-    fn formula_parameters(&self, node: &Node, steps_per_unit: f64) -> Read<Vec<(String, f64)>> {
+    pub(super) fn formula_parameters(&self, node: &Node, steps_per_unit: f64) -> Read<Vec<(String, f64)>> {
         let section = node.any_section("the formula's parameters".to_owned(), "where = { a = 3, w = \"2 Hz\" }")?;
         let read = section.nodes().into_iter().map(|node| {
             let value = match node.as_number() {

@@ -9,7 +9,7 @@ use super::reader::{Node, Noted, Read, Reader, Section};
 use super::refuse;
 use super::winch;
 use crate::Time;
-use crate::law::{Begin, End, Interpolation, Law, LawError, SCurve, TimerRamp};
+use crate::law::{Begin, End, Interpolation, Law, LawError, SCurve, TimerRamp, dds_period};
 use crate::program::Limits;
 use crate::quantity::{Base, nearest};
 
@@ -109,16 +109,10 @@ impl Context<'_> {
     }
 
     fn sine(&self, node: &Node) -> Read<Law> {
-        let p = self.parameters(node, &["amplitude", "period", "frequency", "cycles"])?;
+        let p = self.parameters(node, &["amplitude", "period", "frequency", "cycles", "dds"])?;
         let amplitude =
             p.need("amplitude", "amplitude = \"2.5 rev\"").and_then(|node| self.gearing.steps(&node, 0, "2.5 rev"));
-        let period = match (p.get("period"), p.get("frequency")) {
-            (None, Some(node)) => node.frequency("1 Hz").map(|(_, period)| period),
-            (Some(_), Some(node)) => {
-                Err(node.note("one too many", "a sine has either a `period` or a `frequency`", "leave one of them out"))
-            }
-            _ => p.need("period", "period = \"1 s\"").and_then(|node| node.duration("1 s")),
-        };
+        let period = period(&p, "sine");
         let cycles = p.get("cycles").map_or(Ok(Some(1)), |node| times(&node));
         self.made(node, Law::sine(amplitude?, period?, cycles?))
     }
@@ -245,23 +239,11 @@ impl Context<'_> {
         let p = self.parameters(node, &["file", "time", "unit", "columns", "interpolation"])?;
         let file = p.need("file", "file = \"path.csv\"")?;
         let unit = p.need("unit", "unit = \"rev\"").and_then(|node| self.unit(&node));
-        let seconds = p.get("time").map_or(Ok(1.0), |node| {
-            node.word(&[
-                ("s", 1.0),
-                ("ms", 1e-3),
-                ("us", 1e-6),
-                ("µs", 1e-6),
-                ("ns", 1e-9),
-                ("min", 60.0),
-                ("h", 3600.0),
-            ])
-        });
-        let columns = p.get("columns").map_or(Ok(points::Columns::default()), |node| points::columns(&node));
-        let interpolation = p.get("interpolation").map_or(Ok(Interpolation::Monotone), |node| {
-            node.word(&[("monotone", Interpolation::Monotone), ("linear", Interpolation::Linear)])
-        });
-        let points = points::read(&file, self.load, &columns?, seconds?, unit?)?;
-        self.made(node, Law::table(&points, interpolation?))
+        let (seconds, interpolation) = (time_unit(&p), interpolation(&p));
+        let columns = p.get("columns").map_or(Ok(points::Columns::first(1)), |node| points::columns(&node, 1));
+        let points = points::read(&file, self.load, &columns?, seconds?, &[unit?])?;
+        let rows: Vec<(f64, f64)> = points.rows.iter().map(|(t, positions)| (*t, positions[0])).collect();
+        self.made(node, Law::table(&rows, interpolation?))
     }
 
     fn winch(&self, node: &Node) -> Read<Law> {
@@ -351,6 +333,41 @@ impl Context<'_> {
             }
         }
     }
+}
+
+/// Seconds in the unit of a table's times.
+pub(super) fn time_unit(p: &Section) -> Read<f64> {
+    p.get("time").map_or(Ok(1.0), |node| {
+        node.word(&[("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("µs", 1e-6), ("ns", 1e-9), ("min", 60.0), ("h", 3600.0)])
+    })
+}
+
+/// What is laid through the rows of a table.
+pub(super) fn interpolation(p: &Section) -> Read<Interpolation> {
+    p.get("interpolation").map_or(Ok(Interpolation::Monotone), |node| {
+        node.word(&[("monotone", Interpolation::Monotone), ("linear", Interpolation::Linear)])
+    })
+}
+
+/// `period` or `frequency`, the one of them that a `what` has; with `dds`, the nearest that a phase accumulator makes.
+pub(super) fn period(p: &Section, what: &str) -> Read<Time> {
+    let (period, at) = match (p.get("period"), p.get("frequency")) {
+        (None, Some(node)) => (node.frequency("1 Hz")?.1, node),
+        (Some(_), Some(node)) => {
+            let message = format!("a {what} has either a `period` or a `frequency`");
+            return Err(node.note("one too many", message, "leave one of them out"));
+        }
+        _ => {
+            let node = p.need("period", "period = \"1 s\"")?;
+            (node.duration("1 s")?, node)
+        }
+    };
+    let Some(dds) = p.get("dds") else { return Ok(period) };
+    let (_, update) = dds.frequency("50 Hz")?;
+    dds_period(period, update).map_err(|error| {
+        let labels = vec![(at.at.clone(), "this period".to_owned()), (dds.at.clone(), "these updates".to_owned())];
+        at.reader.note_all(labels, error.to_string(), "give a higher `dds`, or leave it out: then the period is exact")
+    })
 }
 
 /// How often: a whole number, or "forever".

@@ -25,12 +25,14 @@
 //! # What is here
 //! - [`load`], [`read`]: the two ways in
 //! - [`FileError`], [`Problem`]: what is wrong, where, and what to do, for `miette` or as plain text
-//! - `motor`, `laws`, `formula`, `points`, `winch`: one module for each part of the file
+//! - `motor`, `machine`, `laws`, `path`, `formula`, `points`, `winch`: one module for each part of the file
 //! - `reader`: values with their places; problems are collected, so that one reading finds several
 
 mod formula;
 mod laws;
+mod machine;
 mod motor;
+mod path;
 mod points;
 mod problem;
 mod reader;
@@ -48,12 +50,13 @@ pub use problem::{FileError, Problem};
 pub use winch::WinchScript;
 
 use crate::boards::{self, BoardRow};
-use crate::law::{Law, LawError};
+use crate::law::{Cursor, Law, LawError};
 use crate::program::{LONGEST_IDLE_MS, Motor, Program, Tolerance};
 use crate::quantity::{Base, nearest};
 use crate::{Grid, Time};
 use laws::{Context, Loader};
-use motor::Draft;
+use machine::Home;
+use motor::{Draft, Gearing};
 use reader::{Node, Noted, Read, Reader, Section};
 
 /// Reads a motion file and the files that it names.
@@ -130,16 +133,20 @@ fn read_as<T>(text: &str, name: &str, what: impl Fn(&Section) -> Read<T>) -> Res
 }
 
 fn program(root: &Section, load: Loader) -> Read<Program> {
-    root.check_keys(&["board", "grid", "tolerance", "idle", "motor", "motion"]);
+    root.check_keys(&["board", "grid", "tolerance", "idle", "motor", "machine", "motion"]);
     let board = read_board(root);
     let grid = root.get("grid").map_or(Ok(Grid::NEAREST), |node| read_grid(&node));
     let tolerance = root.get("tolerance").map(|node| read_tolerance(&node)).transpose();
     let idle = root.get("idle").map_or(Ok(None), |node| read_idle(&node));
     let drafts = motor::read_all(root, board.as_ref().ok());
-    let timelines = read_motions(root, &drafts, load);
+    let machine_drafts = machine::read_all(root, &drafts);
+    let mut homes: Vec<Option<Home>> = machine_drafts.iter().map(|_| None).collect();
+    let timelines = read_motions(root, &drafts, &machine_drafts, &mut homes, load);
     let board = board?.board;
     let tolerance = tolerance?.unwrap_or_else(|| Tolerance::default_of(&board));
     let mut motors = Vec::new();
+    let mut gearings = Vec::new();
+    let mut slack = Vec::new();
     for ((_, draft), timeline) in drafts.into_iter().zip(timelines) {
         let draft = draft?;
         motors.push(Motor {
@@ -151,8 +158,17 @@ fn program(root: &Section, load: Loader) -> Read<Program> {
             limits: draft.limits,
             winding: draft.winding,
         });
+        slack.push(draft.backlash.map_or(0.0, |backlash| backlash.steps));
+        gearings.push(draft.gearing);
     }
-    Ok(Program { board, grid: grid?, tolerance, idle_ms: idle?, motors })
+    let mut machines = Vec::new();
+    for ((_, draft), home) in machine_drafts.into_iter().zip(homes) {
+        let draft = draft?;
+        let gearings: Vec<&Gearing> = draft.motors.iter().map(|motor| &gearings[*motor]).collect();
+        let slack: Vec<f64> = draft.motors.iter().map(|motor| slack[*motor]).collect();
+        machines.push(draft.finish(root, &motors, &gearings, &slack, home.as_ref())?);
+    }
+    Ok(Program { board, grid: grid?, tolerance, idle_ms: idle?, motors, machines })
 }
 
 fn read_board(root: &Section) -> Read<BoardRow> {
@@ -259,7 +275,14 @@ impl Timeline {
     }
 
     /// All of it as one law.
-    fn finish(mut self, reader: &Reader, draft: &Draft) -> Read<Law> {
+    fn finish(self, reader: &Reader, draft: &Draft) -> Read<Law> {
+        let law = self.joined(reader, draft)?;
+        let Some(backlash) = &draft.backlash else { return Ok(law) };
+        law.taking_up(backlash.steps, backlash.over)
+            .map_err(|error| reader.note(backlash.at.clone(), "out of range", format!("`backlash`: {error}"), ""))
+    }
+
+    fn joined(mut self, reader: &Reader, draft: &Draft) -> Read<Law> {
         match self.laws.len() {
             0 => {
                 let message = format!("motor `{}` has no motion", draft.name);
@@ -276,7 +299,13 @@ impl Timeline {
 }
 
 /// `[[motion]]`: the timeline of each motor, in the motors' order.
-fn read_motions(root: &Section, drafts: &[(String, Read<Draft>)], load: Loader) -> Vec<Read<Timeline>> {
+fn read_motions(
+    root: &Section,
+    drafts: &[(String, Read<Draft>)],
+    machines: &[(String, Read<machine::Draft>)],
+    homes: &mut [Option<Home>],
+    load: Loader,
+) -> Vec<Read<Timeline>> {
     const EXAMPLE: &str = "[[motion]] with motor = \"wheel\" and law.sine = { … }";
     let start = || Ok(Timeline { end: Some(Time::ZERO), ..Timeline::default() });
     let mut timelines: Vec<Read<Timeline>> = drafts.iter().map(|_| start()).collect();
@@ -287,15 +316,44 @@ fn read_motions(root: &Section, drafts: &[(String, Read<Draft>)], load: Loader) 
         timelines.iter_mut().for_each(|timeline| *timeline = Err(Noted));
         return timelines;
     };
+    // Where each machine's motors are after its last path, steps.
+    let mut last: Vec<Option<Vec<f64>>> = machines.iter().map(|_| None).collect();
     for node in motions.into_iter().filter(|_| !drafts.is_empty()) {
-        const KEYS: &[&str] = &["motor", "motors", "law", "start", "repeat", "begin", "end"];
+        const KEYS: &[&str] = &["motor", "motors", "machine", "law", "path", "start", "repeat", "ease", "begin", "end"];
         let Ok(motion) = node.section("the motion".to_owned(), KEYS, EXAMPLE) else { continue };
+        if let Some(node) = motion.get("machine") {
+            let Ok(machine) = machine::named(&node, machines) else {
+                blame_nobody(&mut timelines);
+                continue;
+            };
+            let index = machines.iter().position(|(name, _)| *name == machine.name).unwrap_or_default();
+            let moved = read_path(&motion, &node, machine, drafts, load, &mut timelines, last[index].as_deref());
+            match moved {
+                Ok((home, end)) => {
+                    homes[index].get_or_insert(home);
+                    last[index] = Some(end);
+                }
+                Err(Noted) => machine.motors.iter().for_each(|motor| timelines[*motor] = Err(Noted)),
+            }
+            continue;
+        }
         let Ok(indices) = motors_of(&motion, drafts) else {
-            // Whose motion it was meant to be is not known: no motor is then blamed for having none.
-            timelines.iter_mut().filter(|t| t.as_ref().is_ok_and(|t| t.laws.is_empty())).for_each(|t| *t = Err(Noted));
+            blame_nobody(&mut timelines);
             continue;
         };
         for index in indices {
+            if let Some(robot) = arm_of(index, machines) {
+                let message =
+                    format!("motor `{}` is an arm of machine `{robot}`, and moves with it alone", drafts[index].0);
+                motion.reader.note(
+                    motion.at.clone(),
+                    "an arm's motion",
+                    message,
+                    format!("write machine = \"{robot}\" and a path"),
+                );
+                timelines[index] = Err(Noted);
+                continue;
+            }
             let moved = match (&drafts[index].1, &mut timelines[index]) {
                 (Ok(draft), Ok(timeline)) => read_motion(&motion, draft, load, timeline),
                 _ => Err(Noted),
@@ -306,6 +364,57 @@ fn read_motions(root: &Section, drafts: &[(String, Read<Draft>)], load: Loader) 
         }
     }
     timelines
+}
+
+/// Whose motion one was meant to be is not known: no motor is then blamed for having none.
+fn blame_nobody(timelines: &mut [Read<Timeline>]) {
+    timelines.iter_mut().filter(|t| t.as_ref().is_ok_and(|t| t.laws.is_empty())).for_each(|t| *t = Err(Noted));
+}
+
+/// The delta robot that a motor is an arm of.
+fn arm_of(motor: usize, machines: &[(String, Read<machine::Draft>)]) -> Option<&str> {
+    machines.iter().find_map(|(name, draft)| {
+        let draft = draft.as_ref().ok()?;
+        (matches!(draft.kind, machine::Kind::Delta { .. }) && draft.motors.contains(&motor)).then_some(name.as_str())
+    })
+}
+
+/// A machine's motion: its motors begin it together. Gives where they stand then, and where at its end.
+fn read_path(
+    motion: &Section,
+    node: &Node,
+    machine: &machine::Draft,
+    drafts: &[(String, Read<Draft>)],
+    load: Loader,
+    timelines: &mut [Read<Timeline>],
+    last: Option<&[f64]>,
+) -> Read<(Home, Vec<f64>)> {
+    for key in ["motor", "motors"] {
+        if motion.get(key).is_some() {
+            let message = format!("a motion has either `machine` or `{key}`");
+            return Err(motion.reader.note(motion.key_span(key), "one too many", message, "leave one of them out"));
+        }
+    }
+    let motors = machine.motors.iter().map(|motor| drafts[*motor].1.as_ref().map_err(|Noted| Noted));
+    let reading = path::Reading { machine, motors: motors.collect::<Read<_>>()?, load };
+    let path = reading.path(motion, last);
+    let start = motion.get("start").map(|node| Ok((node.time("1 s")?, node))).transpose();
+    let ((laws, end), start) = (path?, start?);
+    // When the last of them has done what was before; whoever never does is told by `push`.
+    let ends = machine.motors.iter().filter_map(|motor| timelines[*motor].as_ref().ok()?.end);
+    let together = ends.fold(Time::ZERO, Time::max);
+    let begin = start.as_ref().map_or(together, |(start, _)| *start);
+    let mut home = Home { at: begin, steps: Vec::new() };
+    for (motor, law) in machine.motors.iter().zip(laws) {
+        let first = Cursor::new(&law).at(Time::ZERO).map_err(|error| refuse(node, &error))?;
+        home.steps.push(first.position);
+        let at = start.clone().unwrap_or_else(|| (together, node.clone()));
+        match &mut timelines[*motor] {
+            Ok(timeline) => timeline.push(motion, Some(at), law)?,
+            Err(Noted) => return Err(Noted),
+        }
+    }
+    Ok((home, end))
 }
 
 /// Which motors a motion is for.
@@ -322,24 +431,37 @@ fn motors_of(motion: &Section, drafts: &[(String, Read<Draft>)]) -> Read<Vec<usi
     }
     let mut found: Vec<usize> = Vec::new();
     for node in nodes {
-        let name = node.text("motor = \"wheel\"")?;
-        let index = drafts.iter().position(|(known, _)| known == name).ok_or_else(|| {
-            let names = || drafts.iter().map(|(name, _)| name.as_str());
-            let help = match nearest(name, names()) {
-                Some(near) => format!("did you mean \"{near}\"?"),
-                None => format!("the file's motors: {}", names().collect::<Vec<_>>().join(", ")),
-            };
-            node.note("not a motor of this file", format!("unknown motor \"{name}\""), help)
-        })?;
+        let index = motor_named(&node, drafts)?;
         if found.contains(&index) {
-            return Err(node.note("named twice", format!("the motion names motor \"{name}\" twice"), ""));
+            let message = format!("the motion names motor \"{}\" twice", drafts[index].0);
+            return Err(node.note("named twice", message, ""));
         }
         found.push(index);
     }
     Ok(found)
 }
 
+/// The motor that is named at `node`.
+fn motor_named(node: &Node, drafts: &[(String, Read<Draft>)]) -> Read<usize> {
+    let name = node.text("motor = \"wheel\"")?;
+    drafts.iter().position(|(known, _)| known == name).ok_or_else(|| {
+        let names = || drafts.iter().map(|(name, _)| name.as_str());
+        let help = match nearest(name, names()) {
+            Some(near) => format!("did you mean \"{near}\"?"),
+            None => format!("the file's motors: {}", names().collect::<Vec<_>>().join(", ")),
+        };
+        node.note("not a motor of this file", format!("unknown motor \"{name}\""), help)
+    })
+}
+
 fn read_motion(motion: &Section, draft: &Draft, load: Loader, timeline: &mut Timeline) -> Read<()> {
+    if let Some(path) = motion.get("path") {
+        return Err(path.note(
+            "of a machine",
+            "`path` is for machines",
+            "write `law` for a motor, or name a `machine`",
+        ));
+    }
     let context =
         Context { reader: motion.reader, motor: &draft.name, gearing: &draft.gearing, limits: &draft.limits, load };
     let node = motion.need("law", "law.sine = { amplitude = \"1 rev\", period = \"1 s\" }")?;
@@ -349,6 +471,9 @@ fn read_motion(motion: &Section, draft: &Draft, load: Loader, timeline: &mut Tim
     let mut law = law?;
     if let Some((times, repeat)) = repeat? {
         law = law.repeated(times).map_err(|error| refuse(&repeat, &error))?;
+    }
+    if let Some(node) = motion.get("ease") {
+        law = law.eased(node.duration("0.5 s")?).map_err(|error| refuse(&node, &error))?;
     }
     let law = context.blended(motion, law)?;
     timeline.push(motion, start?, law)

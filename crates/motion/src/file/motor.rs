@@ -4,6 +4,7 @@ use std::cell::RefCell;
 use std::ops::Range;
 
 use super::reader::{Node, Noted, Read, Reader, Section};
+use crate::Time;
 use crate::boards::BoardRow;
 use crate::drivers::{self, Driver, Input};
 use crate::electrical::Winding;
@@ -27,6 +28,7 @@ const KEYS: &[&str] = &[
     "max_speed",
     "max_acceleration",
     "pull_in",
+    "backlash",
     "inductance",
     "current",
     "voltage",
@@ -43,7 +45,18 @@ pub(super) struct Draft {
     pub(super) timing: Read<DriverTiming>,
     pub(super) limits: Limits,
     pub(super) winding: Option<Winding>,
+    pub(super) backlash: Option<Backlash>,
     pub(super) gearing: Gearing,
+}
+
+/// Slack behind a motor.
+#[derive(Clone, Debug)]
+pub(super) struct Backlash {
+    pub(super) steps: f64,
+    /// How long it takes to take it up.
+    pub(super) over: Time,
+    /// Where it is written.
+    pub(super) at: Range<usize>,
 }
 
 /// From the user's units to steps.
@@ -55,6 +68,8 @@ pub(super) struct Gearing {
     /// Steps in a revolution of what the motor drives.
     steps_per_turn: f64,
     steps_per_mm: Option<f64>,
+    /// Whether nothing turns: only lengths make sense.
+    lengths_only: bool,
     /// How often each unit of position was used.
     units: RefCell<Vec<(&'static str, u32)>>,
 }
@@ -117,8 +132,40 @@ impl Pins {
 }
 
 impl Gearing {
+    /// Of a coordinate of a machine's tip: its steps are mm.
+    pub(super) fn of_mm(name: &str) -> Gearing {
+        Gearing {
+            motor: name.to_owned(),
+            microsteps: 1,
+            steps_per_motor_turn: 1.0,
+            steps_per_turn: 1.0,
+            steps_per_mm: Some(1.0),
+            lengths_only: true,
+            units: RefCell::default(),
+        }
+    }
+
+    /// Steps in a radian of what the motor drives.
+    pub(super) fn steps_per_rad(&self) -> f64 {
+        self.steps_per_turn / std::f64::consts::TAU
+    }
+
+    /// Steps in a millimetre, if it has a lead.
+    pub(super) fn steps_per_mm(&self) -> Option<f64> {
+        self.steps_per_mm
+    }
+
     /// An amount, speed, acceleration or jerk in steps (per s^`per_seconds`).
     pub(super) fn steps(&self, node: &Node, per_seconds: u8, example: &str) -> Read<f64> {
+        let (steps, unit) = self.amount(node, per_seconds, example)?;
+        if per_seconds == 0 {
+            self.count(unit);
+        }
+        Ok(steps)
+    }
+
+    /// The same, and in which unit it is written.
+    fn amount(&self, node: &Node, per_seconds: u8, example: &str) -> Read<(f64, &'static str)> {
         let (base, example) = match self.steps_per_mm {
             Some(_) => (Base::Length, example.replace("rev", "mm")),
             None => (Base::Turn, example.to_owned()),
@@ -128,11 +175,8 @@ impl Gearing {
             return Err(node.wrong_kind(Kind { base, per_seconds }, &quantity, &example));
         }
         let steps = quantity.value * self.steps_per(node, quantity.base)?;
-        if per_seconds == 0 {
-            self.count(quantity.unit);
-        }
         if steps.is_finite() {
-            return Ok(steps);
+            return Ok((steps, quantity.unit));
         }
         Err(node.note("out of range", format!("`{}` is out of range", node.key), ""))
     }
@@ -140,6 +184,10 @@ impl Gearing {
     /// Steps in one of a base unit of position, which is used at `node`.
     pub(super) fn steps_per(&self, node: &Node, base: Base) -> Read<f64> {
         match base {
+            base if self.lengths_only && base != Base::Length => {
+                let message = format!("`{}` must be a length: {} is a coordinate of the tip", node.key, self.motor);
+                Err(node.note("not a length", message, "write it in mm, cm or m"))
+            }
             Base::FullStep => Ok(f64::from(self.microsteps)),
             Base::Turn => Ok(self.steps_per_turn),
             Base::Length => self.steps_per_mm.ok_or_else(|| {
@@ -201,11 +249,12 @@ pub(super) fn read(node: &Node, board: Option<&BoardRow>, pins: &mut Pins) -> Re
     let gearing = gearing?;
     let winding = read_winding(&section, &gearing, driver.ok().flatten());
     let limits = read_limits(&section, &gearing);
-    let (winding, mut limits) = (winding?, limits?);
+    let backlash = section.get("backlash").map(|node| read_backlash(&node, &gearing)).transpose();
+    let (winding, mut limits, backlash) = (winding?, limits?, backlash?);
     if limits.max_speed.is_none() {
         limits.max_speed = winding.map(|winding| winding.max_speed());
     }
-    Ok(Draft { name, at: node.at.clone(), wiring, timing, limits, winding, gearing })
+    Ok(Draft { name, at: node.at.clone(), wiring, timing, limits, winding, backlash, gearing })
 }
 
 fn read_driver(section: &Section) -> Read<Option<&'static Driver>> {
@@ -269,6 +318,7 @@ fn read_gearing(section: &Section, name: &str, microsteps: u32) -> Read<Gearing>
         steps_per_motor_turn,
         steps_per_turn,
         steps_per_mm: lead?.map(|lead_mm| steps_per_turn / lead_mm),
+        lengths_only: false,
         units: RefCell::default(),
     })
 }
@@ -478,6 +528,19 @@ fn read_limits(section: &Section, gearing: &Gearing) -> Read<Limits> {
     let pull_in = limit("pull_in", 1, "0.5 rev/s");
     let default = DEFAULT_PULL_IN_FULL_STEPS * f64::from(gearing.microsteps);
     Ok(Limits { max_speed: max_speed?, max_acceleration: max_acceleration?, pull_in: pull_in?.unwrap_or(default) })
+}
+
+/// `backlash = { slack = "6 step", over = "20 ms" }`.
+fn read_backlash(node: &Node, gearing: &Gearing) -> Read<Backlash> {
+    const EXAMPLE: &str = "backlash = { slack = \"6 step\", over = \"20 ms\" }";
+    let p = node.section("the backlash".to_owned(), &["slack", "over"], EXAMPLE)?;
+    let slack = p.need("slack", EXAMPLE).and_then(|node| {
+        // Nobody thinks in the unit of the slack.
+        let (steps, _) = gearing.amount(&node, 0, "6 step")?;
+        node.above_zero(steps)
+    });
+    let over = p.need("over", EXAMPLE).and_then(|node| node.duration("20 ms"));
+    Ok(Backlash { steps: slack?, over: over?, at: node.at.clone() })
 }
 
 /// `[motor]`: all motors, in the file's order.

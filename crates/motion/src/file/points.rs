@@ -9,40 +9,63 @@ use super::laws::{Loader, load};
 use super::problem::Problem;
 use super::reader::{Node, Noted, Read};
 
-/// Which columns hold the time and the position.
+/// Which columns hold the time and the positions.
 pub(super) enum Columns {
     /// Counted from 0.
-    Numbers(usize, usize),
+    Numbers(Vec<usize>),
     /// By the header's names.
-    Names(String, String),
+    Names(Vec<String>),
 }
 
-impl Default for Columns {
-    fn default() -> Columns {
-        Columns::Numbers(0, 1)
+impl Columns {
+    /// The first ones, of a time and so many positions.
+    pub(super) fn first(positions: usize) -> Columns {
+        Columns::Numbers((0..=positions).collect())
     }
 }
 
-/// `columns = [1, 2]`, counted from 1, or `columns = ["time", "angle"]`, by the header.
-pub(super) fn columns(node: &Node) -> Read<Columns> {
-    const EXAMPLE: &str = "columns = [1, 2], or [\"time\", \"angle\"] by the header";
-    let list = node.list(EXAMPLE)?;
-    let [time, position] = list.as_slice() else {
-        return Err(node.note("two columns", "`columns` must list two: time and position", EXAMPLE));
+/// `columns = [1, 2]`, counted from 1, or `columns = ["time", "angle"]`, by the header; of a time and so many positions.
+pub(super) fn columns(node: &Node, positions: usize) -> Read<Columns> {
+    let (example, wanted) = match positions {
+        1 => ("columns = [1, 2], or [\"time\", \"angle\"] by the header", "two: time and position"),
+        2 => ("columns = [1, 2, 3], or [\"time\", \"x\", \"y\"] by the header", "three: time, x and y"),
+        _ => ("columns = [1, 2, 3, 4], or [\"time\", \"x\", \"y\", \"z\"] by the header", "four: time, x, y and z"),
     };
-    if let (Some(time), Some(position)) = (time.as_text(), position.as_text()) {
-        return Ok(Columns::Names(time.to_owned(), position.to_owned()));
+    let list = node.list(example)?;
+    if list.len() != positions + 1 {
+        return Err(node.note("not as many", format!("`columns` must list {wanted}"), example));
+    }
+    if list.iter().all(|node| node.as_text().is_some()) {
+        return Ok(Columns::Names(list.iter().filter_map(Node::as_text).map(str::to_owned).collect()));
     }
     // Within 1..=1000, so they fit.
-    let number = |node: &Node| node.whole(1..=1000, EXAMPLE).map(|n| n as usize - 1);
-    Ok(Columns::Numbers(number(time)?, number(position)?))
+    let numbers: Read<Vec<usize>> =
+        list.iter().map(|node| node.whole(1..=1000, example).map(|n| n as usize - 1)).collect();
+    Ok(Columns::Numbers(numbers?))
 }
 
-/// Reads times, in units of `seconds`, and positions, in units of `steps`; the first time becomes 0 s.
+/// Rows of a CSV file.
+pub(super) struct Points {
+    /// Time, s, from the first row on, and positions.
+    pub(super) rows: Vec<(f64, Vec<f64>)>,
+    /// Where each row is written.
+    places: Vec<Range<usize>>,
+    source: Arc<NamedSource<String>>,
+}
+
+impl Points {
+    /// Notes a problem with a row.
+    pub(super) fn wrong(&self, file: &Node, row: usize, label: &str, message: String, help: &str) -> Noted {
+        let labels = vec![(self.places.get(row).cloned().unwrap_or(0..0), label.to_owned())];
+        file.reader.note_problem(Problem::new(&self.source, message, labels, Some(help.to_owned())))
+    }
+}
+
+/// Reads times, in units of `seconds`, and positions, each in units of its `steps`; the first time becomes 0 s.
 ///
 /// Lines that begin with `#` are comments, and a first line that is not of numbers is a header. Fields are parted by
 /// tabs, `;` or `,`: whichever of them the first line holds, in this order.
-pub(super) fn read(file: &Node, loader: Loader, columns: &Columns, seconds: f64, steps: f64) -> Read<Vec<(f64, f64)>> {
+pub(super) fn read(file: &Node, loader: Loader, columns: &Columns, seconds: f64, steps: &[f64]) -> Read<Points> {
     let text = load(file, loader)?;
     let name = file.as_text().unwrap_or_default();
     let source = Arc::new(NamedSource::new(name, text));
@@ -61,10 +84,10 @@ pub(super) fn read(file: &Node, loader: Loader, columns: &Columns, seconds: f64,
         .comment(Some(b'#'))
         .from_reader(text.as_bytes());
     let mut places = match columns {
-        Columns::Numbers(time, position) => Some((*time, *position)),
-        Columns::Names(..) => None,
+        Columns::Numbers(numbers) => Some(numbers.clone()),
+        Columns::Names(_) => None,
     };
-    let mut points: Vec<(f64, f64)> = Vec::new();
+    let mut points = Points { rows: Vec::new(), places: Vec::new(), source: Arc::clone(&source) };
     let mut first = true;
     for record in csv.records() {
         let record = record.map_err(|error| {
@@ -74,15 +97,15 @@ pub(super) fn read(file: &Node, loader: Loader, columns: &Columns, seconds: f64,
         let start = record.position().map_or(0, |position| position.byte() as usize).min(text.len());
         let line = start..text[start..].find('\n').map_or(text.len(), |length| start + length);
         let is_header = std::mem::take(&mut first) && record.iter().all(|field| field.parse::<f64>().is_err());
-        let Some((time, position)) = places else {
-            let Columns::Names(time, position) = columns else { continue };
+        let Some(places) = &places else {
+            let Columns::Names(names) = columns else { continue };
             let find = |name: &str| {
                 record
                     .iter()
                     .position(|field| field == name)
                     .ok_or_else(|| wrong(line.clone(), "the header", format!("the header has no column \"{name}\"")))
             };
-            places = Some((find(time)?, find(position)?));
+            places = Some(names.iter().map(|name| find(name)).collect::<Read<_>>()?);
             continue;
         };
         if is_header {
@@ -102,16 +125,20 @@ pub(super) fn read(file: &Node, loader: Loader, columns: &Columns, seconds: f64,
                 wrong(at, "not a number", format!("\"{field}\" is not a number"))
             })
         };
-        let point = (number(time)? * seconds, number(position)? * steps);
-        if points.last().is_some_and(|before| before.0 >= point.0) {
+        let values = places.iter().map(|column| number(*column)).collect::<Read<Vec<f64>>>()?;
+        let Some((time, positions)) = values.split_first() else { continue };
+        let time = time * seconds;
+        if points.rows.last().is_some_and(|before| before.0 >= time) {
             return Err(wrong(line, "not later than the line before", "times must increase from line to line".into()));
         }
-        points.push(point);
+        points.rows.push((time, positions.iter().zip(steps).map(|(position, steps)| position * steps).collect()));
+        points.places.push(line);
     }
-    if points.len() < 2 {
-        return Err(wrong(0..0, "too short", format!("a table needs two points at least, but has {}", points.len())));
+    let rows = &mut points.rows;
+    if rows.len() < 2 {
+        return Err(wrong(0..0, "too short", format!("a table needs two points at least, but has {}", rows.len())));
     }
-    let zero = points[0].0;
-    points.iter_mut().for_each(|point| point.0 -= zero);
+    let zero = rows[0].0;
+    rows.iter_mut().for_each(|row| row.0 -= zero);
     Ok(points)
 }

@@ -307,6 +307,11 @@ fn shortest(
 }
 
 impl Blended {
+    /// The law without its other beginning or end.
+    pub(super) const fn law(&self) -> &Law {
+        &self.law
+    }
+
     pub(super) fn end(&self) -> Option<Time> {
         self.tail.as_ref().map(|tail| tail.end).or_else(|| self.law.end())
     }

@@ -12,30 +12,38 @@
 //!
 //! Each constructor checks its parameters and returns [`LawError::Parameter`] that names the one out of range.
 
+mod arm;
 mod blend;
+mod circle;
 mod combine;
 pub mod cursor;
 pub mod curve;
 mod double;
+pub(crate) mod extent;
 pub mod formula;
+mod lorenz;
 mod profile;
 mod steady;
 mod table;
+mod take_up;
 mod timer_ramp;
 mod warp;
 pub mod winch;
 
 use crate::Time;
 pub use blend::{Begin, Blended, End};
+pub use circle::{Circle, dds_period};
 pub use combine::{Changed, Repeated};
 pub use cursor::{Cursor, Sample};
 pub use curve::{Bounds, Curve, Inverse, Jet};
 use double::Double;
 pub use formula::FormulaError;
+pub use lorenz::{Lorenz, Orbit};
 pub use profile::SCurve;
 use std::sync::Arc;
 pub use steady::Steady;
 pub use table::Interpolation;
+pub use take_up::{Slack, TakeUp};
 pub use timer_ramp::TimerRamp;
 pub use warp::Warped;
 pub use winch::{WinchCommand, WinchSettings};
@@ -170,6 +178,10 @@ pub enum Law {
     Steady(Steady),
     /// Pieces that were worked out beforehand: trapezoids, S-curves, ramps, tables.
     Fixed(Fixed),
+    /// One coordinate of a circle.
+    Circle(Circle),
+    /// One coordinate of an orbit of the Lorenz equations.
+    Lorenz(Lorenz),
     /// θ(t) in text.
     Formula(Arc<formula::Formula>),
     /// 003's path under a list of timed commands.
@@ -186,6 +198,10 @@ pub enum Law {
     Blended(Box<Blended>),
     /// One law whose own time is slowed to a halt, or begins from one.
     Warped(Box<Warped>),
+    /// One law, and what takes up slack at its turns.
+    TakeUp(Box<TakeUp>),
+    /// What takes up slack at a law's turns.
+    Slack(Box<Slack>),
 }
 
 /// θ = A − A·cos(2πt/T). Source: seeds/000, eq. 1.
@@ -282,6 +298,8 @@ impl Law {
             Law::Sine(sine) => Box::new((0..sine.half_periods()).map(|k| Ok(sine.half_period(k)))),
             Law::Steady(steady) => Box::new(steady.pieces()),
             Law::Fixed(fixed) => Box::new(fixed.pieces.iter().cloned().map(Ok)),
+            Law::Circle(circle) => Box::new(circle.pieces()),
+            Law::Lorenz(lorenz) => Box::new(lorenz.pieces()),
             Law::Formula(formula) => Box::new(formula.pieces()),
             Law::Winch(winch) => Box::new(winch.pieces()),
             Law::Sum(laws) => Box::new(combine::sum(laws)),
@@ -290,6 +308,8 @@ impl Law {
             Law::Repeated(repeated) => Box::new(repeated.pieces()),
             Law::Blended(blended) => Box::new(blended.pieces()),
             Law::Warped(warped) => warped.pieces(),
+            Law::TakeUp(take_up) => take_up.pieces(),
+            Law::Slack(slack) => Box::new(slack.pieces()),
         }
     }
 
@@ -300,6 +320,8 @@ impl Law {
             Law::Sine(sine) => sine.cycles.map(|n| sine.period.times(n)),
             Law::Steady(steady) => steady.duration,
             Law::Fixed(fixed) => fixed.pieces.last().map(|p| p.end),
+            Law::Circle(circle) => circle.end(),
+            Law::Lorenz(lorenz) => lorenz.end(),
             Law::Formula(formula) => formula.duration(),
             Law::Winch(winch) => winch.duration(),
             Law::Sum(laws) => laws.iter().map(Law::end).try_fold(Time::ZERO, |end, e| Some(end.max(e?))),
@@ -308,6 +330,8 @@ impl Law {
             Law::Repeated(repeated) => repeated.times.map(|n| repeated.period.times(n)),
             Law::Blended(blended) => blended.end(),
             Law::Warped(warped) => warped.end(),
+            Law::TakeUp(take_up) => take_up.end(),
+            Law::Slack(slack) => slack.end(),
         }
     }
 
@@ -316,8 +340,9 @@ impl Law {
     pub fn class(&self) -> Class {
         let worst = |laws: &[Law], least| laws.iter().map(Law::class).max().unwrap_or(least).max(least);
         match self {
-            Law::Sine(_) | Law::Steady(_) | Law::Winch(_) => Class::ClosedForm,
+            Law::Sine(_) | Law::Circle(_) | Law::Steady(_) | Law::Winch(_) => Class::ClosedForm,
             Law::Fixed(fixed) => fixed.class,
+            Law::Lorenz(_) => Lorenz::class(),
             Law::Formula(_) => Class::Enclosed,
             Law::Sum(laws) => worst(laws, Class::Enclosed),
             Law::Then(laws) => worst(laws, Class::ClosedForm),
@@ -325,6 +350,8 @@ impl Law {
             Law::Repeated(repeated) => repeated.law.class(),
             Law::Blended(blended) => blended.class(),
             Law::Warped(warped) => warped.class(),
+            Law::TakeUp(take_up) => take_up.class(),
+            Law::Slack(_) => Slack::class(),
         }
     }
 }

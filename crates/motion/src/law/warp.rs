@@ -58,6 +58,35 @@ impl Law {
         self.warped(from, over, Ease::In { over })
     }
 
+    /// This law from a halt, and to a halt at its end: its first and its last `over`/2 take `over` each. Laws that are eased
+    /// alike keep to the figure that they draw together.
+    ///
+    /// ```
+    /// use pulsetrain_motion::{Law, Time, law::Cursor};
+    /// let law = Law::speed(100.0, Some(Time::from_seconds(3.0)))?.eased(Time::SECOND)?;
+    /// assert_eq!(law.end(), Some(Time::from_seconds(4.0)));
+    /// let mut cursor = Cursor::new(&law);
+    /// assert_eq!(cursor.at(Time::from_seconds(2.0))?.position, 150.0);
+    /// assert!((cursor.at(Time::from_seconds(4.0))?.position - 300.0).abs() < 1e-9);
+    /// # Ok::<(), pulsetrain_motion::LawError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`LawError::Parameter`] if `over` is not 1e-6 to 1e6 s, or longer than the law.
+    pub fn eased(self, over: Time) -> Result<Law, LawError> {
+        let end = self.end();
+        let begun = self.eased_in(Time::ZERO, over)?;
+        match (end, begun.end()) {
+            (Some(end), Some(later)) if end >= over => begun.eased_out(Time::ZERO, later - over.divided_by(2), over),
+            (None, _) => Ok(begun),
+            _ => Err(LawError::Parameter(format!(
+                "an easing of {} s is longer than the motion, {} s",
+                over.seconds(),
+                end.map_or(0.0, Time::seconds)
+            ))),
+        }
+    }
+
     fn warped(self, from: Time, over: Time, ease: Ease) -> Result<Law, LawError> {
         checked("time of the law", from.seconds(), "s", |t| (0.0..=1e12).contains(&t))?;
         checked("duration of the easing", over.seconds(), "s", |t| (1e-6..=1e6).contains(&t))?;
@@ -135,6 +164,11 @@ impl Warped {
                 self.law.end().map(|end| over + (end - self.from - half).clamp(Time::ZERO, Time::MAX))
             }
         }
+    }
+
+    /// The law whose time it is.
+    pub(super) const fn law(&self) -> &Law {
+        &self.law
     }
 
     pub(super) fn class(&self) -> Class {

@@ -153,8 +153,14 @@ fn prepared(period_s: f64) -> miette::Result<Prepared> {
         scale: Scale { unit: "step".to_owned(), steps_per_unit: 1.0, steps_per_rev: 200.0 },
         winding: None,
     };
-    let program =
-        Program { board, grid: Grid::REACH, tolerance: Tolerance::Seconds(1e-6), idle_ms: None, motors: vec![motor] };
+    let program = Program {
+        board,
+        grid: Grid::REACH,
+        tolerance: Tolerance::Seconds(1e-6),
+        idle_ms: None,
+        motors: vec![motor],
+        machines: Vec::new(),
+    };
     Ok(Prepared { file: format!("a sinusoid of {period_s} s"), program, cut_at: None, pause: None })
 }
 

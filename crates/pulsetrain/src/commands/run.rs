@@ -44,8 +44,8 @@ pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit>
             (to_files(&prepared, &planned, driven, Edges::default(), &folder, console)?, "native".to_owned())
         }
     };
-    let Recorded { verdict, picture, lateness } = recorded;
-    let report = RunReport { plan: plan::report(&prepared, &planned), runner, verdict, lateness };
+    let Recorded { verdict, picture, lateness, figures } = recorded;
+    let report = RunReport { plan: plan::report(&prepared, &planned), runner, verdict, lateness, figures };
     console::write(&folder.join("report.json"), format!("{}\n", console::json(&report)?).as_bytes())?;
     draw(&picture, &folder.join("plot.svg"))?;
     if args.json {

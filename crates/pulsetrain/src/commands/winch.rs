@@ -7,14 +7,15 @@ use std::thread;
 
 use miette::{Report, miette};
 use pulsetrain_board::native_winch::NativeWinch;
-use pulsetrain_board::virtual_uno::{CYCLES_PER_S, VirtualUno};
-use pulsetrain_board::{Port, Serial, VirtualBoard};
+use pulsetrain_board::virtual_pico::VirtualPico;
+use pulsetrain_board::virtual_uno::VirtualUno;
+use pulsetrain_board::{Port, PortError, Serial, VirtualBoard};
 use pulsetrain_motion::boards;
 use pulsetrain_motion::pins::PinKind;
 use pulsetrain_trace::winch::{AXES, Options, Status};
 use pulsetrain_trace::{Line, Trace, steps, vcd_file};
 
-use super::{port_problem, run::draw};
+use super::run::draw;
 use crate::cli::Winch;
 use crate::console::{self, Console, Exit, access};
 use crate::winch::console::{ConsoleError, Plain, converse};
@@ -31,6 +32,7 @@ pub(crate) fn run(args: &Winch, console: &mut Console<'_>) -> miette::Result<Exi
     // All is read, and refused if need be, before anything moves.
     let script = script::load(path, args.length)?;
     let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
+    let options = if args.at.native { Options::default() } else { options_of(args.at.board.as_deref()) };
     let (run, judged) = match &args.at.port {
         Some(port) => {
             let mut talk = Talk::new(Serial::open(port, true).map_err(port_problem)?);
@@ -40,17 +42,16 @@ pub(crate) fn run(args: &Winch, console: &mut Console<'_>) -> miette::Result<Exi
             let judged = by_word(&run, Names { script: &name, runner: &runner, board: &board });
             (run, judged)
         }
-        None if args.at.native => {
-            virtually(NativeWinch::new(), "native winch", &name, &script, Options::default(), console)?
-        }
-        None => virtually(VirtualUno::new(), "virtual Uno", &name, &script, of_uno(), console)?,
+        None if args.at.native => virtually(NativeWinch::new(), "native winch", &name, &script, &options, console)?,
+        None if is_pico(args) => virtually(VirtualPico::new(), "virtual Pico", &name, &script, &options, console)?,
+        None => virtually(VirtualUno::new(), "virtual Uno", &name, &script, &options, console)?,
     };
     let folder =
         args.out.clone().unwrap_or_else(|| Path::new("out").join(path.file_stem().unwrap_or(path.as_os_str())));
     let Judged { report, picture } = judged;
     console::write(&folder.join("report.json"), format!("{}\n", console::json(&report)?).as_bytes())?;
     draw(&picture, &folder.join("plot.svg"))?;
-    let files = write_files(&run, &folder, report.verdict.is_some())?;
+    let files = write_files(&run, &folder, &options, report.verdict.is_some())?;
     if args.json {
         console.print_json(&report)?;
     } else {
@@ -60,24 +61,43 @@ pub(crate) fn run(args: &Winch, console: &mut Console<'_>) -> miette::Result<Exi
     Ok(if report.is_ok() { Exit::Success } else { Exit::BoundBroken })
 }
 
+/// What is wrong with a port of a board that is told in text: it has no stop tail.
+fn port_problem(error: PortError) -> Report {
+    match error {
+        PortError::Gone { .. } => {
+            let help = "look at the cable; the board goes on with what it was told, as long as it has power: `deadman <ms>` in \
+                        the script has it stop by itself";
+            miette!(help = help, "{error}")
+        }
+        error => super::port_problem(error),
+    }
+}
+
 fn virtually<B: VirtualBoard>(
     board: B,
     runner: &str,
     name: &str,
     script: &Script,
-    options: Options,
+    options: &Options,
     console: &Console<'_>,
 ) -> miette::Result<(Run, Judged)> {
     let mut talk = Talk::new(board);
     let board = ask(&mut talk, runner)?;
     let run = on_virtual(&mut talk, script, watcher(script, console)).map_err(port_problem)?;
-    let judged = judge(&run, Names { script: name, runner, board: &board }, &options)
+    let judged = judge(&run, Names { script: name, runner, board: &board }, options)
         .map_err(|error| miette!("{runner}: {error}"))?;
     Ok((run, judged))
 }
 
-/// When an Uno makes its edges.
-fn of_uno() -> Options {
+fn is_pico(args: &Winch) -> bool {
+    args.at.board.as_deref() == Some("pico")
+}
+
+/// How a virtual board is wired, and when it makes its edges.
+fn options_of(board: Option<&str>) -> Options {
+    if board == Some("pico") {
+        return Options::pico();
+    }
     let late = boards::find("uno").map_or(0, |row| row.lateness_ticks);
     Options { constant_ticks: PinKind::Shield.constant_ticks().into(), late_ticks: late.into(), ..Options::default() }
 }
@@ -100,8 +120,8 @@ fn watcher(script: &Script, console: &Console<'_>) -> impl FnMut(f64) -> Wish {
 }
 
 /// What was seen, but for report and picture; says which files.
-fn write_files(run: &Run, folder: &Path, has_edges: bool) -> miette::Result<&'static str> {
-    let begin_us = run.begin as f64 / CYCLES_PER_S as f64 * 1e6;
+fn write_files(run: &Run, folder: &Path, options: &Options, has_edges: bool) -> miette::Result<&'static str> {
+    let begin_us = run.begin as f64 / run.tick_hz as f64 * 1e6;
     let mut table = String::from("time_s,x,y,z,a\n");
     for Status { usec, positions: [x, y, z, a] } in &run.statuses {
         table.push_str(&format!("{:.6},{x},{y},{z},{a}\n", (*usec as f64 - begin_us) * 1e-6));
@@ -112,17 +132,18 @@ fn write_files(run: &Run, folder: &Path, has_edges: bool) -> miette::Result<&'st
     }
     let broken = |error| access("write", folder, error);
     // Ticks of both files are the board's.
-    let Options { step, dir, .. } = Options::default();
-    let mut lines: Vec<Line> = (0..20).map(|pin| Line::named(format!("pin{pin}"))).collect();
+    let Options { step, dir, .. } = *options;
+    let last = run.edges.iter().map(|edge| edge.line).chain(step).chain(dir).max().unwrap_or(0);
+    let mut lines: Vec<Line> = (0..=last.max(19)).map(|pin| Line::named(format!("pin{pin}"))).collect();
     for (axis, (step, dir)) in AXES.iter().zip(step.into_iter().zip(dir)) {
         lines[usize::from(step)].names.insert(0, format!("{axis}.step"));
         lines[usize::from(dir)].names.insert(0, format!("{axis}.dir"));
     }
-    let trace = Trace { tick_hz: CYCLES_PER_S, lines, edges: run.edges.clone() };
+    let trace = Trace { tick_hz: run.tick_hz, lines, edges: run.edges.clone() };
     vcd_file::write(&trace, console::create(&folder.join("trace.vcd"))?).map_err(broken)?;
     let names = AXES.map(String::from);
     let mut rows =
-        steps::Writer::new(console::create(&folder.join("steps.csv"))?, CYCLES_PER_S, &names).map_err(broken)?;
+        steps::Writer::new(console::create(&folder.join("steps.csv"))?, run.tick_hz, &names).map_err(broken)?;
     let mut forward = [false; 4];
     for edge in &run.edges {
         if let Some(axis) = dir.iter().position(|line| *line == edge.line) {
@@ -140,6 +161,7 @@ fn by_hand(args: &Winch, console: &mut Console<'_>) -> miette::Result<Exit> {
     match &args.at.port {
         Some(port) => hold(Serial::open(port, true).map_err(port_problem)?, port, console),
         None if args.at.native => hold(serve::Paced::new(NativeWinch::new()), "native winch", console),
+        None if is_pico(args) => hold(serve::Paced::new(VirtualPico::new()), "virtual Pico", console),
         None => hold(serve::Paced::new(VirtualUno::new()), "virtual Uno", console),
     }
 }
@@ -182,4 +204,17 @@ fn typed() -> Receiver<String> {
         }
     });
     lines
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_board_in_text_goes_on_when_the_cable_is_gone() {
+        let help = |error: PortError| port_problem(error).help().map(|help| help.to_string()).unwrap_or_default();
+        let (name, why) = ("/dev/ttyACM0".to_owned(), "Broken pipe".to_owned());
+        assert!(help(PortError::Gone { name: name.clone(), why: why.clone() }).contains("goes on"));
+        assert!(help(PortError::Unusable { name, why }).contains("usually"));
+    }
 }

@@ -27,8 +27,8 @@ const COLOURS: [RGBColor; 7] = [
     RGBColor(86, 180, 233),
     RGBColor(120, 120, 120),
 ];
-const INK: RGBColor = RGBColor(40, 40, 40);
-const GRID: RGBColor = RGBColor(225, 225, 225);
+pub(super) const INK: RGBColor = RGBColor(40, 40, 40);
+pub(super) const GRID: RGBColor = RGBColor(225, 225, 225);
 
 /// Lengths are in units of the SVG; a PNG has `PNG_SCALE` pixels for each.
 const WIDTH: u32 = 1200;
@@ -39,6 +39,8 @@ const HEAD: u32 = 64;
 const LEGEND_ROW: u32 = 22;
 const PANEL_HEIGHT: u32 = 350;
 const ERRORS_HEIGHT: u32 = 300;
+/// Of a machine's figure: its panels are about square inside.
+const FIGURE_HEIGHT: u32 = 598;
 
 /// Above this ratio an axis of intervals is logarithmic.
 const LOG_ABOVE: f64 = 30.0;
@@ -60,22 +62,22 @@ fn register() -> bool {
     *REGISTERED.get_or_init(|| register_font(FAMILY, FontStyle::Normal, FONT).is_ok())
 }
 
-type Area<DB> = DrawingArea<DB, Shift>;
-type Chart<'a, DB> = ChartContext<'a, DB, Cartesian2d<Axis, Axis>>;
-type Drawn<DB> = Result<(), DrawingAreaErrorKind<<DB as DrawingBackend>::ErrorType>>;
+pub(super) type Area<DB> = DrawingArea<DB, Shift>;
+pub(super) type Chart<'a, DB> = ChartContext<'a, DB, Cartesian2d<Axis, Axis>>;
+pub(super) type Drawn<DB> = Result<(), DrawingAreaErrorKind<<DB as DrawingBackend>::ErrorType>>;
 
-struct Drawing {
+pub(super) struct Drawing {
     scale: u32,
     /// Whether the backend joins the strokes of a line well; the bitmap's throws spikes at sharp corners.
     joins: bool,
 }
 
 /// What is around the curves of one panel.
-struct Panel<'a> {
-    title: &'a str,
-    x_title: &'a str,
-    x: Axis,
-    y: Axis,
+pub(super) struct Panel<'a> {
+    pub(super) title: &'a str,
+    pub(super) x_title: &'a str,
+    pub(super) x: Axis,
+    pub(super) y: Axis,
 }
 
 impl Drawing {
@@ -87,17 +89,22 @@ impl Drawing {
         self.panels(picture, &root).and_then(|()| root.present()).map_err(|error| error.to_string())
     }
 
-    fn px(&self, length: u32) -> u32 {
+    pub(super) fn px(&self, length: u32) -> u32 {
         length * self.scale
     }
 
-    fn font(&self, size: u32) -> TextStyle<'static> {
+    pub(super) fn font(&self, size: u32) -> TextStyle<'static> {
         (FAMILY, self.px(size)).into_font().color(&INK)
     }
 
     fn size(&self, picture: &Picture) -> (u32, u32) {
         let errors = error_panels(picture).0 as u32;
-        let height = HEAD + (legend_rows(picture) - 1) * LEGEND_ROW + 2 * PANEL_HEIGHT + errors * ERRORS_HEIGHT;
+        let figures = picture.figures.len() as u32;
+        let height = HEAD
+            + (legend_rows(picture) - 1) * LEGEND_ROW
+            + figures * FIGURE_HEIGHT
+            + 2 * PANEL_HEIGHT
+            + errors * ERRORS_HEIGHT;
         (self.px(WIDTH), self.px(height))
     }
 
@@ -105,6 +112,18 @@ impl Drawing {
         root.fill(&WHITE)?;
         let (head, body) = root.split_vertically(self.px(HEAD + (legend_rows(picture) - 1) * LEGEND_ROW));
         self.heading(picture, &head)?;
+        let figures = picture.figures.len();
+        let (above, body) = body.split_vertically(self.px(figures as u32 * FIGURE_HEIGHT));
+        if figures > 0 {
+            let panels = above.split_evenly((figures, 2));
+            for ((figure, colour), areas) in
+                picture.figures.iter().zip(COLOURS.into_iter().cycle()).zip(panels.chunks(2))
+            {
+                if let [all, close] = areas {
+                    self.figure(figure, colour, (all, close))?;
+                }
+            }
+        }
         let (upper, errors) = body.split_vertically(self.px(2 * PANEL_HEIGHT));
         let panels = upper.split_evenly((2, 2));
         let motors = &picture.motors;
@@ -172,7 +191,7 @@ impl Drawing {
         Ok(())
     }
 
-    fn panel<'a, DB: DrawingBackend>(
+    pub(super) fn panel<'a, DB: DrawingBackend>(
         &self,
         area: &'a Area<DB>,
         panel: Panel<'_>,
@@ -202,7 +221,7 @@ impl Drawing {
         Ok(chart)
     }
 
-    fn line<DB: DrawingBackend>(
+    pub(super) fn line<DB: DrawingBackend>(
         &self,
         chart: &mut Chart<'_, DB>,
         points: Vec<(f64, f64)>,
@@ -359,7 +378,7 @@ fn error_panels(picture: &Picture) -> (usize, usize) {
 }
 
 /// Paler, so that the law's line is seen on it; opaque, so that strokes may overlap.
-fn light(colour: RGBColor) -> RGBColor {
+pub(super) fn light(colour: RGBColor) -> RGBColor {
     let pale = |c: u8| 255 - ((255 - u32::from(c)) * 55 / 100) as u8;
     RGBColor(pale(colour.0), pale(colour.1), pale(colour.2))
 }

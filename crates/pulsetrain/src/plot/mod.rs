@@ -1,4 +1,4 @@
-//! Pictures of a motion: position wanted and stepped, intervals, speed, and the error of every step.
+//! Pictures of a motion: machines' figures, position wanted and stepped, intervals, speed, and the error of every step.
 //!
 //! [`Picture`] takes the law and the steps as they come, in bounded memory; [`Picture::svg`] and [`Picture::png`]
 //! draw it.
@@ -6,6 +6,7 @@
 mod axis;
 mod draw;
 mod envelope;
+mod figure;
 
 use std::path::Path;
 
@@ -14,6 +15,7 @@ use pulsetrain_motion::program::Scale;
 use pulsetrain_motion::{LawError, Time};
 
 pub use envelope::Envelope;
+pub use figure::FigurePicture;
 
 /// Everything that the plots show.
 #[derive(Clone, Debug)]
@@ -26,6 +28,8 @@ pub struct Picture {
     pub motors: Vec<MotorPicture>,
     /// What the errors of steps are.
     pub errors: Errors,
+    /// What machines draw, in the file's order.
+    pub figures: Vec<FigurePicture>,
 }
 
 /// What the errors in a picture are.

@@ -3,7 +3,6 @@
 use std::fmt::{self, Display};
 use std::time::Duration;
 
-use pulsetrain_board::virtual_uno::CYCLES_PER_S;
 use pulsetrain_board::{Port, PortError, VirtualBoard};
 use pulsetrain_motion::program::Scale;
 use pulsetrain_trace::Edge;
@@ -11,7 +10,7 @@ use pulsetrain_trace::winch::{self, AXES, Command, Onlooker, Options, Order, Sta
 use serde::Serialize;
 
 use super::script::Script;
-use super::talk::{Said, Talk};
+use super::talk::{Said, Talk, meaning};
 use crate::human::{self, Table};
 use crate::plot::{Errors, MotorPicture, Picture};
 
@@ -33,9 +32,14 @@ pub enum Wish {
 const STOP: &str = "enable 0";
 const AFTER_STOP: Duration = Duration::from_secs(1);
 
+/// Ticks of a run on a board whose pins nobody sees.
+const UNSEEN_TICK_HZ: u64 = 16_000_000;
+
 /// What happened in a run. Times are the board's clock.
 #[derive(Clone, Debug)]
 pub struct Run {
+    /// Ticks in a second.
+    pub tick_hz: u64,
     /// When the script began, ticks.
     pub begin: u64,
     /// When it ended, ticks.
@@ -46,6 +50,8 @@ pub struct Run {
     pub statuses: Vec<Status>,
     /// Lines that were refused.
     pub refusals: Vec<Refusal>,
+    /// What a board that is well does not do.
+    pub troubles: Vec<Trouble>,
     /// All edges of the pins, if they are known.
     pub edges: Vec<Edge>,
 }
@@ -59,6 +65,15 @@ pub struct Refusal {
     pub said: String,
 }
 
+/// A board began anew in mid-script, or fell silent.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Trouble {
+    /// When that was seen, s from the script's beginning.
+    pub at_s: f64,
+    /// What.
+    pub what: String,
+}
+
 /// Runs a script on a virtual board, which has been asked for its name; `watch` hears the script's time, s.
 ///
 /// # Errors
@@ -70,8 +85,8 @@ pub fn on_virtual<B: VirtualBoard>(
 ) -> Result<Run, PortError> {
     // Its clock runs, as it has answered.
     let zero = talk.port().zero().unwrap_or(0);
-    let to_tick = move |at: Duration| ticks(at) - zero;
-    send(talk, script, watch, |_, _| {}).map(|sent| sent.run(to_tick))
+    let to_tick = move |at: Duration| ticks(at, B::CYCLES_PER_S) - zero;
+    send(talk, script, watch, |_, _| {}).map(|sent| sent.run(B::CYCLES_PER_S, to_tick))
 }
 
 /// The same on a real board, of which nothing is known but what it says.
@@ -87,7 +102,8 @@ pub fn on_port<P: Port>(talk: &mut Talk<P>, script: &Script, watch: impl FnMut(f
         }
     })?;
     let zero_us = if zero_us.is_finite() { zero_us } else { 0.0 };
-    Ok(sent.run(move |at| ((at.as_secs_f64() * 1e6 - zero_us).max(0.0) * (CYCLES_PER_S as f64 / 1e6)) as u64))
+    let ticks_per_us = UNSEEN_TICK_HZ as f64 / 1e6;
+    Ok(sent.run(UNSEEN_TICK_HZ, move |at| ((at.as_secs_f64() * 1e6 - zero_us).max(0.0) * ticks_per_us) as u64))
 }
 
 /// What was sent and heard, in the port's time.
@@ -98,22 +114,25 @@ struct Sent {
     told: Vec<(Duration, Duration, Command)>,
     statuses: Vec<Status>,
     refusals: Vec<Refusal>,
+    troubles: Vec<Trouble>,
     edges: Vec<Edge>,
 }
 
 impl Sent {
-    fn run(self, tick: impl Fn(Duration) -> u64) -> Run {
+    fn run(self, tick_hz: u64, tick: impl Fn(Duration) -> u64) -> Run {
         let told = |(soonest, latest, command): &(Duration, Duration, Command)| Told {
             tick: tick(*soonest),
             until: tick(*latest),
             command: *command,
         };
         Run {
+            tick_hz,
             begin: tick(self.begin),
             end: tick(self.end),
             told: self.told.iter().map(told).collect(),
             statuses: self.statuses,
             refusals: self.refusals,
+            troubles: self.troubles,
             edges: self.edges,
         }
     }
@@ -131,11 +150,13 @@ fn send<P: Port>(
     let at = |seconds: f64| begin + Duration::from_secs_f64(seconds);
     let mut end = at(script.end_s);
     let (mut told, mut statuses, mut refusals) = (Vec::new(), Vec::new(), Vec::new());
+    let mut health = Health::new(begin);
     let mut lines = script.lines.iter().take_while(|line| line.at_s <= script.end_s).peekable();
     // When the line is free again, at the soonest and at the latest.
     let (mut soonest, mut free) = (begin, begin);
-    let mut tell = |talk: &mut Talk<P>, text: &str, command: Command| {
+    let mut tell = |talk: &mut Talk<P>, health: &mut Health, text: &str, command: Command| {
         talk.tell(text)?;
+        health.told(text);
         let now = talk.now();
         let bytes = text.len() as u32 + 1;
         soonest = soonest.max(now) + FAST_BYTE * bytes;
@@ -147,12 +168,13 @@ fn send<P: Port>(
     while talk.now() < end {
         let now = talk.now();
         while let Some(line) = lines.next_if(|line| !stopped && at(line.at_s) <= now) {
-            tell(talk, &line.text, line.command)?;
+            tell(talk, &mut health, &line.text, line.command)?;
         }
         let next = lines.peek().filter(|_| !stopped).map_or(end, |line| at(line.at_s));
         let until = next.min(now + SLICE).min(end);
         talk.wait(until, |at, said| {
             also(at, &said);
+            health.heard(at, &said);
             match said {
                 Said::Status(status) => statuses.push(status),
                 Said::Line(ref line) if said.is_refusal() => {
@@ -164,17 +186,108 @@ fn send<P: Port>(
         if watch((talk.now() - begin).as_secs_f64()) == Wish::Stop && !stopped {
             stopped = true;
             end = end.min(talk.now() + AFTER_STOP);
-            tell(talk, STOP, Command::parse(STOP).unwrap_or_default())?;
+            tell(talk, &mut health, STOP, Command::parse(STOP).unwrap_or_default())?;
         }
     }
+    health.look(talk.now());
     let edge = |edge: pulsetrain_board::Edge| Edge { tick: edge.tick, line: edge.line, level: edge.level };
     let edges = talk.edges().into_iter().map(edge).collect();
-    Ok(Sent { begin, end, told, statuses, refusals, edges })
+    Ok(Sent { begin, end, told, statuses, refusals, troubles: health.troubles, edges })
 }
 
-fn ticks(at: Duration) -> u64 {
-    // 62.5 ns each.
-    (at.as_nanos() * 2 / 125) as u64
+/// Looks whether the board goes on as a board does: it begins once, and its statuses come.
+struct Health {
+    begin: Duration,
+    /// The interval of statuses until the next one: while it changes, the longer.
+    due: Duration,
+    /// The interval after that.
+    next_due: Duration,
+    /// The last status: when it came, by the port, and its clock, µs.
+    last: Option<(Duration, u64)>,
+    /// `ping`s that have not been answered.
+    pings: usize,
+    troubles: Vec<Trouble>,
+}
+
+/// What a status may be late by the board's own clock: other replies may have the line.
+const STATUS_LATE: Duration = Duration::from_millis(50);
+/// What this computer may be late to hear it.
+const HEARD_LATE: Duration = Duration::from_millis(300);
+/// Two clocks do not differ by so much between two statuses, unless one began anew: a resonator is within 0.5 % of 65 s.
+const CLOCKS_APART: Duration = Duration::from_secs(1);
+
+impl Health {
+    fn new(begin: Duration) -> Health {
+        // What a board begins with.
+        let due = Duration::from_millis(200);
+        Health { begin, due, next_due: due, last: None, pings: 0, troubles: Vec::new() }
+    }
+
+    fn told(&mut self, text: &str) {
+        let mut words = text.split_ascii_whitespace();
+        match (words.next(), words.next().and_then(|value| value.parse().ok())) {
+            (Some("ping"), _) => self.pings += 1,
+            (Some("srate"), Some(ms)) => {
+                self.next_due = Duration::from_millis(ms);
+                self.due = self.due.max(self.next_due);
+            }
+            _ => {}
+        }
+    }
+
+    fn heard(&mut self, at: Duration, said: &Said) {
+        match said {
+            Said::Line(line) if line == "awake" => match self.pings.checked_sub(1) {
+                Some(left) => self.pings = left,
+                None => {
+                    let what = "it began anew (`awake`): positions, gains and limits are lost".to_owned();
+                    self.trouble(at, what);
+                }
+            },
+            Said::Line(_) => {}
+            Said::Status(status) => {
+                if let Some((before, clock)) = self.last {
+                    let passed = Duration::from_micros(status.usec.saturating_sub(clock));
+                    let waited = at.saturating_sub(before);
+                    if passed.abs_diff(waited) > CLOCKS_APART {
+                        let (passed, waited) = (seconds(passed), seconds(waited));
+                        self.trouble(at, format!("its clock went on by {passed} in {waited}: it began anew"));
+                    } else if passed > self.due + STATUS_LATE {
+                        self.silent(at, passed);
+                    }
+                } else {
+                    self.look(at);
+                }
+                self.last = Some((at, status.usec));
+                self.due = self.next_due;
+            }
+        }
+    }
+
+    /// Whether a status is overdue by the port's time.
+    fn look(&mut self, now: Duration) {
+        let waited = now.saturating_sub(self.last.map_or(self.begin, |last| last.0));
+        if waited > self.due + HEARD_LATE {
+            self.silent(now, waited);
+        }
+    }
+
+    fn silent(&mut self, at: Duration, passed: Duration) {
+        let what = format!("no status line for {}, where one is due every {}", seconds(passed), seconds(self.due));
+        self.trouble(at, what);
+    }
+
+    fn trouble(&mut self, at: Duration, what: String) {
+        self.troubles.push(Trouble { at_s: at.saturating_sub(self.begin).as_secs_f64(), what });
+    }
+}
+
+fn seconds(time: Duration) -> String {
+    human::seconds(time.as_secs_f64())
+}
+
+fn ticks(at: Duration, tick_hz: u64) -> u64 {
+    (at.as_nanos() * u128::from(tick_hz) / 1_000_000_000) as u64
 }
 
 /// What a script came to.
@@ -192,6 +305,8 @@ pub struct Report {
     pub lines: usize,
     /// Lines refused.
     pub refusals: Vec<Refusal>,
+    /// What a board that is well does not do.
+    pub troubles: Vec<Trouble>,
     /// What the judge says of the pins' edges.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub verdict: Option<winch::Report>,
@@ -224,11 +339,12 @@ impl Word {
 }
 
 impl Report {
-    /// Whether nothing was refused and no bound broke.
+    /// Whether nothing was refused, no bound broke, and the board was heard to the end.
     #[must_use]
     pub fn is_ok(&self) -> bool {
         let word_ok = self.word.iter().flatten().all(Word::is_ok);
-        self.refusals.is_empty() && word_ok && self.verdict.as_ref().is_none_or(|verdict| verdict.ok)
+        let all_well = self.refusals.is_empty() && self.troubles.is_empty();
+        all_well && word_ok && self.verdict.as_ref().is_none_or(|verdict| verdict.ok)
     }
 }
 
@@ -256,7 +372,8 @@ pub fn judge(run: &Run, names: Names<'_>, options: &Options) -> Result<Judged, w
 /// What is to be said of a run whose edges nobody saw.
 #[must_use]
 pub fn by_word(run: &Run, names: Names<'_>) -> Judged {
-    let options = Options { origin_s: run.begin as f64 / CYCLES_PER_S as f64, ..Options::default() };
+    let tick_hz = run.tick_hz as f64;
+    let options = Options { tick_hz, origin_s: run.begin as f64 / tick_hz, ..Options::default() };
     let mut drawing = Drawing::new(run, &options);
     let mut compared = Compared { run, drawing: &mut drawing, next: [0; 4], words: Vec::new() };
     compared.words.extend(AXES.map(|axis| Word {
@@ -267,7 +384,11 @@ pub fn by_word(run: &Run, names: Names<'_>) -> Judged {
         is_at_rest: true,
     }));
     winch::foretell(&run.told, run.end, &options, &mut compared);
-    let report = Report { word: Some(compared.words), ..names.report(run) };
+    let mut report = Report { word: Some(compared.words), ..names.report(run) };
+    if run.statuses.is_empty() && report.troubles.is_empty() {
+        let what = "no status line came: without one nobody knows where the axes are".to_owned();
+        report.troubles.push(Trouble { at_s: report.duration_s, what });
+    }
     Judged { report, picture: drawing.finish(names.title()) }
 }
 
@@ -292,9 +413,10 @@ impl Names<'_> {
             script: self.script.to_owned(),
             runner: self.runner.to_owned(),
             board: self.board.to_owned(),
-            duration_s: (run.end - run.begin) as f64 / CYCLES_PER_S as f64,
+            duration_s: (run.end - run.begin) as f64 / run.tick_hz as f64,
             lines: run.told.len(),
             refusals: run.refusals.clone(),
+            troubles: run.troubles.clone(),
             verdict: None,
             word: None,
         }
@@ -310,6 +432,7 @@ struct Drawing {
     /// Of so many milliseconds one is drawn.
     every_ms: u64,
     ms: [u64; 4],
+    tick_s: f64,
 }
 
 /// Points of a path in the picture, or somewhat more.
@@ -327,15 +450,15 @@ impl Drawing {
             axes: std::array::from_fn(axis),
             is_told: std::array::from_fn(is_told),
             closely: [const { Vec::new() }; 4],
-            every_ms: (run.end - run.begin) / (CYCLES_PER_S / 1000) / POINTS + 1,
+            every_ms: (run.end - run.begin) / (run.tick_hz / 1000) / POINTS + 1,
             ms: [0; 4],
+            tick_s: 1.0 / run.tick_hz as f64,
         }
     }
 
     fn finish(self, title: String) -> Picture {
-        let Drawing { axes, is_told, closely, .. } = self;
-        let mut picture =
-            Picture { title, tick_s: 1.0 / CYCLES_PER_S as f64, motors: Vec::new(), errors: Errors::Steps };
+        let Drawing { axes, is_told, closely, tick_s, .. } = self;
+        let mut picture = Picture { title, tick_s, motors: Vec::new(), errors: Errors::Steps, figures: Vec::new() };
         let mut shown: Vec<_> = axes.into_iter().zip(closely).zip(is_told).filter(|(_, told)| *told).collect();
         picture.motors = shown.iter().map(|((axis, _), _)| axis.clone()).collect();
         if let Some((from, to)) = picture.close_view() {
@@ -382,7 +505,7 @@ struct Compared<'a> {
 impl Onlooker for Compared<'_> {
     fn path(&mut self, axis: usize, at_s: f64, position: f64, speed: f64) {
         self.drawing.path(axis, at_s, position, speed);
-        let now_us = (at_s + self.run.begin as f64 / CYCLES_PER_S as f64) * 1e6;
+        let now_us = (at_s + self.run.begin as f64 / self.run.tick_hz as f64) * 1e6;
         while let Some(status) = self.run.statuses.get(self.next[axis])
             && (status.usec as f64) < now_us + 1000.0
         {
@@ -400,7 +523,7 @@ impl Onlooker for Compared<'_> {
 
 impl Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Report { script, runner, board, duration_s, lines, refusals, verdict, word } = self;
+        let Report { script, runner, board, duration_s, lines, refusals, troubles, verdict, word } = self;
         let duration = human::seconds(*duration_s);
         writeln!(f, "{script}: {lines} lines in {duration}, to the {runner} ({board})\n")?;
         if let Some(verdict) = verdict {
@@ -420,7 +543,11 @@ impl Display for Report {
             writeln!(f, "{table}")?;
         }
         for Refusal { at_s, said } in refusals {
-            writeln!(f, "  refused at {}: {said}", human::seconds(*at_s))?;
+            let meaning = meaning(said).map_or_else(String::new, |meaning| format!(" ({meaning})"));
+            writeln!(f, "  refused at {}: {said}{meaning}", human::seconds(*at_s))?;
+        }
+        for Trouble { at_s, what } in troubles {
+            writeln!(f, "  the board at {}: {what}", human::seconds(*at_s))?;
         }
         writeln!(f, "{}", if self.is_ok() { "ok" } else { "NOT ok" })
     }

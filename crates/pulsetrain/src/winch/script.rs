@@ -7,7 +7,7 @@ use pulsetrain_motion::quantity::{Base, Quantity};
 use pulsetrain_motion::{Time, file};
 use pulsetrain_trace::winch::Command;
 
-use crate::console;
+use crate::{console, human};
 
 /// What is sent to a board, and when.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,6 +32,9 @@ pub struct Line {
 /// A script without a duration ends so long after its last line, s.
 const AFTER_S: f64 = 4.0;
 
+/// What every refusal says.
+const HELP: &str = "a line is \"<time>: <command>\", such as \"1.5 s: a x 100\"; docs/winch.md has the commands";
+
 /// A motion file's ending; any other file is plain text.
 const MOTION: &str = "toml";
 
@@ -48,10 +51,16 @@ pub fn load(path: &Path, length: Option<Time>) -> miette::Result<Script> {
         // The file has been checked: what is wrong now is what a law takes and a board does not.
         (parse(&script.lines.join("\n"), &path.display().to_string())?, script.duration)
     } else {
-        let bytes = console::read(path)?;
-        let text = String::from_utf8(bytes).map_err(|_| miette::miette!("{} is no text", path.display()))?;
+        let bytes = console::read(path).map_err(|error| miette::miette!(help = HELP, "{error}"))?;
+        let text = String::from_utf8(bytes).map_err(|error| {
+            let line = error.as_bytes()[..error.utf8_error().valid_up_to()].split(|byte| *byte == b'\n').count();
+            miette::miette!(help = HELP, "{} is no text: line {line} is not UTF-8", path.display())
+        })?;
         (parse(&text, &path.display().to_string())?, None)
     };
+    if lines.is_empty() {
+        return Err(miette::miette!(help = HELP, "{} has no line to send", path.display()));
+    }
     let last = lines.last().map_or(0.0, |line| line.at_s);
     let end_s = length.or(duration).map_or(last + AFTER_S, Time::seconds);
     Ok(Script { lines, end_s })
@@ -70,9 +79,8 @@ pub fn load(path: &Path, length: Option<Time>) -> miette::Result<Script> {
 /// With the place.
 pub fn parse(text: &str, name: &str) -> miette::Result<Vec<Line>> {
     let wrong = |at: std::ops::Range<usize>, message: String| {
-        let help = "a line is \"<time>: <command>\", such as \"1.5 s: a x 100\"; docs/winch.md has the commands";
         let label = LabeledSpan::at(at, "here");
-        let diagnostic = MietteDiagnostic::new(message).with_help(help).with_label(label);
+        let diagnostic = MietteDiagnostic::new(message).with_help(HELP).with_label(label);
         Report::new(diagnostic).with_source_code(NamedSource::new(name, text.to_owned()))
     };
     let mut lines: Vec<Line> = Vec::new();
@@ -93,8 +101,9 @@ pub fn parse(text: &str, name: &str) -> miette::Result<Vec<Line>> {
         let Some(at_s) = at_s else {
             return Err(wrong(start..start + when.len(), "not a time of 0 s to 10^6 s, with its unit".to_owned()));
         };
-        if lines.last().is_some_and(|before| at_s < before.at_s) {
-            return Err(wrong(start..start + when.len(), "before the line before it".to_owned()));
+        if let Some(before) = lines.last().filter(|before| at_s < before.at_s) {
+            let message = format!("times go back: the line before is sent at {}", human::seconds(before.at_s));
+            return Err(wrong(start..start + when.len(), message));
         }
         let told_at = start + when.len() + 1;
         let command = Command::parse(told).map_err(|error| {
@@ -124,7 +133,7 @@ mod tests {
         refuse("0 s: ping\na x 1", "a x 1", "a line without its time");
         refuse("1 step: ping", "1 step", "not a time of 0 s to 10^6 s, with its unit");
         refuse("0 s: ping\r\n-1 s: ping", "-1 s", "not a time of 0 s to 10^6 s, with its unit");
-        refuse("2 s: ping\n1 s: ping", "1 s", "before the line before it");
+        refuse("2 s: ping\n1 s: ping", "1 s", "times go back: the line before is sent at 2 s");
         refuse("# é\n2 s: a w 1", "w", "axes are letters of xyza, each once");
     }
 
@@ -146,6 +155,24 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn files_that_are_no_scripts() {
+        let path = std::env::temp_dir().join(format!("pulsetrain-script-{}.txt", std::process::id()));
+        let load = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).unwrap();
+            let error = load(&path, None).unwrap_err();
+            assert!(error.help().is_some(), "{error:?}");
+            error.to_string()
+        };
+        assert!(load(b"0 s: ping\n\xff\n").ends_with(" is no text: line 2 is not UTF-8"));
+        for nothing in ["", "\n\n", "# later\n"] {
+            assert!(load(nothing.as_bytes()).ends_with(" has no line to send"));
+        }
+        std::fs::remove_file(&path).unwrap();
+        let error = super::load(&path, None).unwrap_err();
+        assert!(error.to_string().starts_with("cannot read ") && error.help().is_some());
     }
 
     #[test]

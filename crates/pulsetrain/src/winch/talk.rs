@@ -22,6 +22,33 @@ impl Said {
     }
 }
 
+/// What a refusal means, for people: of `err <what> <word>`, by docs/winch.md.
+///
+/// ```
+/// use pulsetrain::winch::talk::meaning;
+/// assert_eq!(meaning("err missing 3").unwrap(), "word 3: a value is missing");
+/// assert_eq!(meaning("awake"), None);
+/// ```
+#[must_use]
+pub fn meaning(line: &str) -> Option<String> {
+    let mut words = line.strip_prefix("err ")?.split(' ');
+    let means = match words.next()? {
+        "command" => "no such command; `help` tells them",
+        "number" => "not a number",
+        "range" => "beyond what it may be",
+        "missing" => "a value is missing",
+        "flags" => "axes are letters of xyza, each once",
+        "extra" => "nobody wants it",
+        "long" => "the line has more than 80 bytes",
+        "noise" => return Some("something came that was not sent; say it again".to_owned()),
+        "checksum" => "the checksum is wrong",
+        "taken" => return Some("a program that sends frames has the board".to_owned()),
+        _ => return None,
+    };
+    let place = words.next().filter(|word| *word != "0").map(|word| format!("word {word}: "));
+    Some(format!("{}{means}", place.unwrap_or_default()))
+}
+
 /// A port to a board that speaks text.
 #[derive(Debug)]
 pub struct Talk<P> {

@@ -11,7 +11,7 @@ use crossterm::{QueueableCommand, queue};
 use pulsetrain_trace::winch::{AXES, Status};
 
 use super::console::{Person, Wish};
-use super::talk::Said;
+use super::talk::{Said, meaning};
 
 /// A terminal, raw until this is dropped.
 pub(crate) struct Terminal<'a> {
@@ -82,7 +82,10 @@ impl Person for Terminal<'_> {
                 self.screen.see(*status);
                 self.screen.draw(&self.editor)
             }
-            Said::Line(line) => self.screen.print(line, &self.editor),
+            Said::Line(line) => match meaning(line) {
+                Some(meaning) => self.screen.print(&format!("{line}   ({meaning})"), &self.editor),
+                None => self.screen.print(line, &self.editor),
+            },
         }
     }
 

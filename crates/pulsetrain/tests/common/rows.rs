@@ -283,8 +283,14 @@ pub(crate) fn tutorial(period: Time, cycles: u64, (step, dir): (u8, u8), pulse_n
         scale: Scale { unit: "step".to_owned(), steps_per_unit: 1.0, steps_per_rev: 800.0 },
         winding: None,
     };
-    let program =
-        Program { board, grid: Grid::REACH, tolerance: Tolerance::Ticks(1.0), idle_ms: None, motors: vec![motor] };
+    let program = Program {
+        board,
+        grid: Grid::REACH,
+        tolerance: Tolerance::Ticks(1.0),
+        idle_ms: None,
+        motors: vec![motor],
+        machines: Vec::new(),
+    };
     Prepared { file: format!("the tutorial, T = {} s", period.seconds()), program, cut_at: None, pause: None }
 }
 

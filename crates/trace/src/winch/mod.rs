@@ -57,6 +57,8 @@ pub struct Options {
     pub step: [u8; 4],
     /// DIR lines of the same; high is forward.
     pub dir: [u8; 4],
+    /// The drivers' common enable line; low is on. Before its first edge they are off.
+    pub enable: u8,
     /// Edges come so long after the path wants them, ticks.
     pub constant_ticks: f64,
     /// And may be so much earlier or later, ticks.
@@ -65,6 +67,8 @@ pub struct Options {
     pub bound_steps: f64,
     /// The longest that a line may take to its effect, ms.
     pub effect_ms: u64,
+    /// The longest that the drivers may take to go on or off, ms after they are to: off is when all axes have stopped.
+    pub release_ms: u64,
     /// The time that the report's times and the onlooker's count from, s of the board's clock.
     pub origin_s: f64,
     /// Shortest pulse, and shortest time from DIR to STEP, ticks.
@@ -78,12 +82,29 @@ impl Default for Options {
             tick_hz: 16e6,
             step: [2, 3, 4, 12],
             dir: [5, 6, 7, 13],
+            enable: 8,
             constant_ticks: 0.0,
             late_ticks: 1.0,
             bound_steps: 0.1,
             effect_ms: 6,
+            release_ms: 30,
             origin_s: 0.0,
             shortest_ticks: 16,
+        }
+    }
+}
+
+impl Options {
+    /// A Pico with drivers on the pins of docs/wiring.md: edges to the tick, the same times of a driver.
+    #[must_use]
+    pub fn pico() -> Options {
+        Options {
+            tick_hz: 125e6,
+            step: [2, 4, 6, 8],
+            dir: [3, 5, 7, 9],
+            enable: 22,
+            shortest_ticks: 125,
+            ..Options::default()
         }
     }
 }
@@ -240,6 +261,8 @@ pub struct OutOfOrder {
 
 /// What is known of the trace so far.
 struct Seen {
+    /// When the drivers went on or off, ticks.
+    drives: Vec<(u64, bool)>,
     steps: [Vec<Step>; 4],
     /// Edges of the same steps, ticks.
     ticks: [Vec<u64>; 4],
@@ -283,6 +306,7 @@ impl Seen {
 fn see(edges: &[Edge], options: &Options) -> Result<Seen, OutOfOrder> {
     let name = |axis: usize| AxisReport { axis: AXES[axis].to_string(), ..AxisReport::default() };
     let mut seen = Seen {
+        drives: Vec::new(),
         steps: [const { Vec::new() }; 4],
         ticks: [const { Vec::new() }; 4],
         axes: std::array::from_fn(name),
@@ -291,6 +315,7 @@ fn see(edges: &[Edge], options: &Options) -> Result<Seen, OutOfOrder> {
     };
     let tick_us = 1e6 / options.tick_hz;
     let (mut forward, mut turned, mut risen) = ([false; 4], [None; 4], [None; 4]);
+    let mut undriven = [false; 4];
     let mut last = 0;
     let shorten = |shortest: &mut Option<f64>, us: f64| *shortest = Some(shortest.map_or(us, |old| old.min(us)));
     for (edge, &Edge { tick, line, level }) in edges.iter().enumerate() {
@@ -305,6 +330,9 @@ fn see(edges: &[Edge], options: &Options) -> Result<Seen, OutOfOrder> {
             }
             (forward[axis], turned[axis]) = (level, Some(tick));
         }
+        if line == options.enable && seen.drives.last().is_none_or(|(_, on)| *on == level) {
+            seen.drives.push((tick, !level));
+        }
         let Some(axis) = options.step.iter().position(|step| *step == line) else { continue };
         if !level {
             let Some(risen) = risen[axis].take() else { continue };
@@ -316,6 +344,12 @@ fn see(edges: &[Edge], options: &Options) -> Result<Seen, OutOfOrder> {
             continue;
         }
         risen[axis] = Some(tick);
+        // A row of such steps is told once.
+        let is_driven = seen.drives.last().is_some_and(|(_, on)| *on);
+        if !is_driven && !std::mem::replace(&mut undriven[axis], true) {
+            seen.fault(axis, at_s, || "a step while the drivers are off (ENABLE is high)".to_owned());
+        }
+        undriven[axis] &= !is_driven;
         if let Some(turned) = turned[axis].take() {
             let setup: u64 = tick - turned;
             shorten(&mut seen.axes[axis].shortest_setup_us, setup as f64 * tick_us);
@@ -337,6 +371,28 @@ fn see(edges: &[Edge], options: &Options) -> Result<Seen, OutOfOrder> {
     Ok(seen)
 }
 
+/// Whether the drivers are on and off when they are to be.
+#[derive(Default)]
+struct Drivers {
+    /// Edges of ENABLE so far.
+    next: usize,
+    are_on: bool,
+    /// Milliseconds since they were as they are to be.
+    differ_ms: u64,
+}
+
+impl Drivers {
+    /// Goes on to the end of a millisecond; what is wanted, when they have not been so for too long: said once.
+    fn differ(&mut self, seen: &Seen, wanted: bool, ms: u64, options: &Options) -> Option<bool> {
+        let end = ((ms + 1) as f64 * 1e-3 * options.tick_hz) as u64;
+        while let Some((_, on)) = seen.drives.get(self.next).filter(|(tick, _)| *tick <= end) {
+            (self.are_on, self.next) = (*on, self.next + 1);
+        }
+        self.differ_ms = if self.are_on == wanted { 0 } else { self.differ_ms + 1 };
+        (self.differ_ms == options.release_ms).then_some(wanted)
+    }
+}
+
 /// Goes along the paths, with each line in its millisecond, and looks at every step.
 fn follow(
     told: &[Told],
@@ -353,6 +409,7 @@ fn follow(
     // Said once for each time that an axis is lost.
     let mut lost = [false; 4];
     let late_ms = options.late_ticks / options.tick_hz * 1e3;
+    let mut drivers = Drivers::default();
     for ms in 0..ms_end {
         while let Some((told, _)) = lines.next_if(|(_, effect)| **effect <= ms) {
             board.obey(&told.command);
@@ -390,6 +447,11 @@ fn follow(
             positions[axis] = position;
         }
         board.tick();
+        if let Some(wanted) = drivers.differ(seen, board.drives, ms, options) {
+            let level = if wanted { "off (ENABLE is high)" } else { "on (ENABLE is low)" };
+            let at_s = (ms + 1) as f64 * 1e-3 - options.origin_s;
+            seen.fault(0, at_s, || format!("all drivers are still {level}"));
+        }
         for (axis, position) in positions.into_iter().enumerate() {
             let wanted = board.paths[axis].position;
             let beyond = (wanted - position as f64).abs() - THRESHOLD;

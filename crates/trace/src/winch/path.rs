@@ -12,7 +12,8 @@ const DT: f64 = 1e-3;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Board {
     pub(super) paths: [Path; 4],
-    drives: bool,
+    /// The drivers are on.
+    pub(super) drives: bool,
     /// The drivers are to be off as soon as no axis moves.
     is_releasing: bool,
 }

@@ -10,10 +10,12 @@ use crate::start::Once;
 use pulsetrain_core::narrow::Pool;
 use pulsetrain_core::output::{Coils, Output, StepDir, StepDirSettings};
 use pulsetrain_core::packing::Packing;
-use pulsetrain_core::queue::Items;
+use pulsetrain_core::queue::{Items, Queue};
+use pulsetrain_core::winch::AXES;
+use pulsetrain_core::winch::spacing::Steps;
 use pulsetrain_core::wire::message::{Configuration, flags};
 use pulsetrain_core::words::{Fault, Packed, SHORTEST_PULSE, STEP_DIR_OVERHEAD, Tape, Words, lines};
-use pulsetrain_core::{Epoch, Moment};
+use pulsetrain_core::{Entry, Epoch, Item, Moment, Segment};
 
 /// F.
 pub(crate) const FRACTION_BITS: u32 = 32;
@@ -28,7 +30,7 @@ const LONGEST_QUEUE: usize = 8192;
 const RUNS: usize = 128;
 
 /// Words are written so far ahead, ticks: 2.4 ms. A switch can be no sooner.
-const AHEAD: u32 = TICK_HZ / 10_000 * 24;
+pub(crate) const AHEAD: u32 = TICK_HZ / 10_000 * 24;
 
 /// They are written when no more than this is left, ticks.
 const REFILL: u32 = AHEAD / 4 * 3;
@@ -55,6 +57,12 @@ pub(crate) const LONGEST_IDLE_MS: u16 = 8000;
 /// SysTick is read so many ticks before the first instruction behind the gate.
 const GATE_TICKS: u32 = 2;
 
+/// Items of a motor that follows a path: three a millisecond, and [`AHEAD`] is less than three of those.
+const FOLLOWED: usize = 32;
+
+/// Before steps that are not known yet nothing is written for so long, ticks: longer than DIR is turned before one.
+pub(crate) const CLEAR: u32 = 2500;
+
 #[repr(C, align(8192))]
 struct Ring([u32; RING]);
 
@@ -63,12 +71,14 @@ pub(crate) struct Memory {
     rings: [Ring; MOTORS],
     tapes: [Tape<RING, RUNS>; MOTORS],
     pool: Pool<POOL>,
+    followed: [Queue<FOLLOWED>; AXES.len()],
 }
 
 static MEMORY: Once<Memory> = Once::new(Memory {
     rings: [const { Ring([0; RING]) }; MOTORS],
     tapes: [const { Tape::new() }; MOTORS],
     pool: Pool::new(),
+    followed: [const { Queue::new() }; AXES.len()],
 });
 
 /// One motor.
@@ -121,6 +131,8 @@ pub(crate) struct Stepper {
     too_late: bool,
     /// No motor needs words before.
     due: Moment,
+    /// Motors follow paths, whose steps are known up to then; else they do what was packed.
+    known: Option<Moment>,
 }
 
 impl Stepper {
@@ -141,6 +153,34 @@ impl Stepper {
             least_ahead: u32::MAX,
             too_late: false,
             due: Moment(0),
+            known: None,
+        }
+    }
+
+    /// From the next [`start`](Stepper::start) on motors follow paths, whose steps come by [`follow`](Stepper::follow): there are none
+    /// before `known`.
+    pub(crate) const fn follow_from(&mut self, known: Moment) {
+        self.known = Some(known);
+    }
+
+    /// Has a motor make steps in the millisecond that begins at `begin`.
+    pub(crate) fn follow(&mut self, number: u8, begin: Moment, steps: Steps) {
+        let epoch = self.epoch();
+        let Some(queue) = self.memory.followed.get_mut(usize::from(number)) else { return };
+        let mut push = |item| {
+            // If it has no room the main loop was late by several milliseconds, and the state machines have run dry.
+            let _ = queue.push(Entry { epoch, item });
+        };
+        let direction = steps.direction;
+        let run = |count: u8, interval: u64| {
+            // 2^-16 ticks to F = 32.
+            let segment = Segment { count: count.into(), interval: (interval << 16).cast_signed(), add: 0, add2: 0 };
+            Item::Run { segment, direction }
+        };
+        push(Item::Anchor { tick: begin });
+        push(run(1, steps.first));
+        if steps.count > 1 {
+            push(run(steps.count - 1, steps.interval));
         }
     }
 
@@ -151,7 +191,7 @@ impl Stepper {
 
     /// The motors with what is theirs, and the memory of their queues.
     fn all(&mut self) -> (&mut Pool<POOL>, impl Iterator<Item = Parts<'_>>) {
-        let Memory { rings, tapes, pool } = &mut *self.memory;
+        let Memory { rings, tapes, pool, .. } = &mut *self.memory;
         let places = (0..).zip(&mut self.motors).zip(tapes).zip(rings).take(usize::from(self.count));
         (pool, places.map(|(((number, motor), tape), Ring(ring))| Parts { number, motor, tape, ring }))
     }
@@ -220,6 +260,7 @@ impl Stepper {
     /// Opens the gate: all state machines begin in the same cycle. Queues are empty, faults forgotten.
     pub(crate) fn start(&mut self, clock: &mut Clock) {
         let mut machines = [0; 2];
+        self.memory.followed.iter_mut().for_each(Queue::clear);
         let (pool, all) = self.all();
         for Parts { number, motor, tape, ring } in all {
             let machine = Machine::of(number);
@@ -257,7 +298,13 @@ impl Stepper {
             return false;
         }
         let mut spare = MOST_SPARE;
-        let Memory { rings, tapes, pool } = &mut *self.memory;
+        let (mut least, mut until) = (now.after(REFILL), now.after(AHEAD));
+        if let Some(known) = self.known {
+            let last = known.before(CLEAR);
+            until = if last.is_before(until) { last } else { until };
+            least = if last.is_before(least) { last } else { least };
+        }
+        let Memory { rings, tapes, pool, followed } = &mut *self.memory;
         for _ in 0..self.count {
             let number = self.turn;
             self.turn = if number + 1 >= self.count { 0 } else { number + 1 };
@@ -275,9 +322,12 @@ impl Stepper {
             tape.pass(now);
             motor.words.pass(now);
             self.least_ahead = self.least_ahead.min(ahead.max(0).cast_unsigned());
-            let stretch = [now.after(REFILL), now.after(AHEAD)];
+            let stretch = [least, until];
             let dry = motor.words.end().after(motor.words.overhead());
-            motor.words.fill(&mut motor.packed, pool, tape, ring, stretch, TURN, expand);
+            match followed.get_mut(index).filter(|_| self.known.is_some()) {
+                Some(items) => motor.words.fill(items, tape, ring, stretch, TURN, expand),
+                None => motor.words.fill(&mut motor.packed.waiting(pool), tape, ring, stretch, TURN, expand),
+            };
             if !clock.moment().after(NEARLY_DRY).is_before(dry) {
                 // Late words would be late steps: better none.
                 self.too_late = true;
@@ -309,6 +359,7 @@ impl Stepper {
     /// The immediate stop: halts all state machines, and counts what they did. Gives the tick after which no step was begun,
     /// and bit by motor whether it was faster than it can stop at once.
     pub(crate) fn stop(&mut self, clock: &mut Clock) -> (u64, u8) {
+        self.known = None;
         if !self.runs {
             return (clock.now(), 0);
         }
@@ -421,7 +472,8 @@ impl Stepper {
 
     /// Whether nothing is left to do on any motor: no step, no end of a pulse.
     pub(crate) fn is_idle(&self, now: Moment) -> bool {
-        !self.runs || self.motors().all(|motor| motor.words.is_idle(&motor.packed, now))
+        let follows = self.known.is_some() && self.memory.followed.iter().any(|items| !items.is_empty());
+        !self.runs || (!follows && self.motors().all(|motor| motor.words.is_idle(&motor.packed, now)))
     }
 
     /// What is wrong with a motor's queue: [`flags`] of the motor.

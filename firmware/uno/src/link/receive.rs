@@ -311,17 +311,32 @@ impl Receiver {
         Unread { bytes, lost }
     }
 
+    /// How many bytes wait, if none were overwritten.
+    #[inline(always)]
+    pub(crate) fn waiting(&self) -> u8 {
+        regs::EEARL.read().wrapping_sub(self.tail) & (PAGE - 1)
+    }
+
     /// Where the byte is that is to be read after `count` others. What follows behind the page's end goes on at its beginning.
     #[inline(always)]
     pub(crate) fn after(&self, count: u8) -> *const u8 {
         (&raw const receive_page).wrapping_add(usize::from(self.tail.wrapping_add(count) & (PAGE - 1)))
     }
 
-    /// Whether nothing but text can have come last: what is being read is no frame, and the byte just taken ends a line.
+    /// Whether the byte taken last ends a line; it is told once. `seen` is where that was asked last: in between nothing may have
+    /// come, as in the middle of a frame it would.
     #[inline(always)]
-    pub(crate) fn is_text(&self) -> bool {
-        // SAFETY: a byte of the page, read whole.
-        self.phase == phase::NOISE && unsafe { self.after(PAGE - 1).read_volatile() } == b'\n'
+    pub(crate) fn ends_line(&self, seen: &mut u8) -> bool {
+        if core::mem::replace(seen, self.tail) != self.tail {
+            return false;
+        }
+        let last = self.after(PAGE - 1).cast_mut();
+        // SAFETY: a byte of the page that has been taken: nobody reads it, and the interrupt may write over it.
+        unsafe {
+            let is_end = last.read_volatile() == b'\n';
+            last.write_volatile(0);
+            is_end
+        }
     }
 
     /// Drops `count` of them, which are no frame's.

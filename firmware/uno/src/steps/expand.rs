@@ -8,15 +8,23 @@
 //! 1 ≤ n ≤ `left`, n ≤ 255, and before and after each of the n steps −32768 ≤ interval < 32768 ticks: then the time moves by
 //! less than 2^24 ticks, and the interval's fifth byte is its sign.
 //!
+//! # Rings
+//! A ring is filled while it is played: the expansion publishes some steps, looks how much room there is by now, and goes on
+//! until all are made or the ring is full. What there was no room for stays in `left`. All groups that it comes to are a step's
+//! already, so that ticks alone are written.
+//!
+//! Where the segment is sure and all its intervals are shorter than 256 ticks ([`Motor::sure`] is 1), they and their changes fit
+//! into 24 bits, and n of them into 16.
+//!
 //! # Cycles
-//! | into | changing law | cruise (add = add2 = 0) | around n steps |
-//! |---|---|---|---|
-//! | a ring | 23.5 | the same | 100, and some 22 for every 12 |
-//! | a ring, all of which these steps have filled already | 19.5 | 11.5 | the same |
-//! | a list | 18.5 | 10.5 | 100 |
+//! | into | changing law | shorter than 256 ticks | cruise (add = add2 = 0) | around n steps |
+//! |---|---|---|---|---|
+//! | a ring | 19.5 | 16.5 | 11.5 | 110, and some 35 for every 12 |
+//! | a list | 18.5 | | 10.5 | 100 |
 
 use core::arch::global_asm;
 use core::mem::offset_of;
+use super::motor::Motor;
 use pulsetrain_core::narrow::Registers;
 
 const _: () = assert!(offset_of!(Registers, fraction) == 0);
@@ -27,11 +35,16 @@ const _: () = assert!(offset_of!(Registers, add) == 11);
 const _: () = assert!(offset_of!(Registers, add2) == 15);
 const _: () = assert!(offset_of!(Registers, left) == 19);
 
-/// So many steps of a ring are published at once: which takes some 22 cycles.
+/// So many steps of a ring are published at once: which takes some 35 cycles.
 const SOME: u8 = 12;
+/// And so many at least.
+const LEAST: u8 = 4;
 
-// Arguments: Y the registers (the motor), Z where the ticks go, r20 n, r18 and r19 rise and fall (ring only), r17 the length
-// of long pulses. Result: r24, the low byte of where the last one went. Keeps Y, r1 to r7, and r17 but for lists; not X.
+// Arguments: Y the registers (the motor), Z where the ticks go, r20 n, r17 the length of long pulses; for a ring r4, the data
+// address of its tail, r6, the low byte of Z, and first bytes of groups: r17 of the one that is pending, r18 of a step that is
+// followed by another, r7 of the last. For a ring of long pulses r18, what either edge toggles.
+// Result: r24, the low byte of where the last one went; for a ring r5, steps that there was no room for.
+// Keeps Y, r1 to r4, r7; r17 but for lists and rings; not X.
 // Registers of the processor while expanding:
 //   r0 r21         fraction
 //   r22 r23 r24    tick, its low three bytes
@@ -39,7 +52,7 @@ const SOME: u8 = 12;
 //   r9 to r12      add
 //   r13 to r16     add2
 //   r20            steps left of the batch
-//   r18 r19        first and last byte of a group (ring only)
+//   r18 r19        first byte of a group; second tick of a long pulse
 //   r5             steps left beyond the batch (ring only)
 //   r6 r7 r17      see above
 //   Y              the Registers; Z where the ticks go
@@ -124,14 +137,6 @@ global_asm!(
     adc r12, r16
     .endm
 
-    .macro ring_store                   //                              9
-    std Z+1, r23
-    std Z+2, r22
-    subi r30, -4
-    st Z, r18
-    std Z+3, r19
-    .endm
-
     .macro expander name, store, cruise
     .section .text.\name, "ax", @progbits
     .global \name
@@ -175,20 +180,37 @@ global_asm!(
     .endif
     .endm
 
-    // Into groups that toggle the same already.                                                    5
-    .macro ring_store_tick
+    // Into groups that toggle the same already.
+    .macro ring_store                   //                              5
     std Z+1, r23
     std Z+2, r22
     subi r30, -4
     .endm
 
-    // Into a ring, which gets them some at a time: r5 are left.                                    5
-    .macro ring_some
+    // Steps for the ring at once, r20, of the r5 that are left; \done if there are none, or no room.         21
+    .macro ring_some done
+    mov r20, r31
+    mov r30, r4
+    clr r31
+    ld r30, Z
+    mov r31, r20
+    mov r20, r30
+    mov r30, r6
+    sub r20, r6
+    dec r20
+    lsr r20
+    lsr r20
+    cpi r20, {LEAST}
+    brsh .+2
+    rjmp \done
+    cpi r20, {SOME}
+    brlo .+2
     ldi r20, {SOME}
     cp r5, r20
     brsh .+2
     mov r20, r5
     sub r5, r20
+    sbrs r20, 0
     .endm
 
     // Z becomes the pending group; the one that was, r6, is published with the first byte r17.     9
@@ -202,58 +224,99 @@ global_asm!(
     mov r17, r18
     .endm
 
-    .macro ring_expander name, store, cruise
-    .section .text.\name, "ax", @progbits
-    .global \name
-\name:
+    .section .text.steps_expand_ring, "ax", @progbits
+    .global steps_expand_ring
+steps_expand_ring:
     expand_enter
-    mov r5, r20
-    .if \cruise
+    mov r5, r20                         // keeps Z
     brne 8f
     rjmp 5f
-    .endif
-8:  ring_some
-    sbrs r20, 0
+8:  ldd r20, Y+{SURE}
+    cpi r20, 1
+    brne 8f
+    cp r20, r5
+    brsh 8f                             // one step
+    rjmp 10f
+8:  ring_some 4f
     rjmp 2f
 1:  advance_tick
-    \store
+    ring_store
     advance_interval
     dec r20
     breq 3f
 2:  advance_tick
-    \store
+    ring_store
     advance_interval
     advance_tick
-    \store
+    ring_store
     advance_interval
     subi r20, 2
     brne 2b
 3:  ring_publish
     tst r5
-    breq .+2
+    breq 4f
     rjmp 8b
-    expand_leave_lawful
-4:  expand_leave
-    .if \cruise
-5:  ring_some
-    sbrs r20, 0
+4:  expand_leave_lawful
+    // What there was no room for is left.
+3:  ldd r20, Y+19
+    add r20, r5
+    std Y+19, r20
+    ldd r20, Y+20
+    adc r20, r1
+    std Y+20, r20
+    expand_leave
+5:  ring_some 3b
     rjmp 7f
 6:  advance_tick
-    \store
+    ring_store
     dec r20
     breq 9f
 7:  advance_tick
-    \store
+    ring_store
     advance_tick
-    \store
+    ring_store
     subi r20, 2
     brne 7b
 9:  ring_publish
     tst r5
     brne 5b
-    rjmp 4b
-    .endif
+    rjmp 3b
+    // All intervals are shorter than 256 ticks: they, and their changes, have 24 bits, and the time has 16 that change.
+    .macro advance_near                 //                              15
+    add r0, r25
+    adc r21, r26
+    adc r22, r27
+    adc r23, r1
+    ring_store
+    add r25, r9
+    adc r26, r10
+    adc r27, r11
+    add r9, r13
+    adc r10, r14
+    adc r11, r15
     .endm
+10: ring_some 13f
+    rjmp 12f
+11: advance_near
+    dec r20
+    breq 14f
+12: advance_near
+    advance_near
+    subi r20, 2
+    brne 12b
+14: ring_publish
+    tst r5
+    breq 13f
+    rjmp 10b
+13: mov r12, r11
+    lsl r12
+    sbc r12, r12
+    ldd r20, Y+2
+    cp r22, r20
+    ldd r20, Y+3
+    cpc r23, r20
+    adc r24, r1
+    rjmp 4b
 
     // A long pulse: two groups a step, the second r17 ticks after the first.                       22
     .macro ring_store_long
@@ -288,11 +351,11 @@ global_asm!(
     st Z+, r19
     .endm
 
-    ring_expander steps_expand_ring, ring_store, 0
-    ring_expander steps_expand_ring_again, ring_store_tick, 1
     expander steps_expand_list, list_store, 1
     expander steps_expand_ring_long, ring_store_long, 0
     expander steps_expand_list_long, list_store_long, 0
     "#,
     SOME = const SOME,
+    LEAST = const LEAST,
+    SURE = const offset_of!(Motor, sure),
 );

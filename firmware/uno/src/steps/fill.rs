@@ -1,7 +1,8 @@
 //! The ring of a motor that has one of its own: plan, expand, publish, until the ring is full.
 //!
 //! # Cycles
-//! 90 a batch, beside what [`plan`](super::plan) and [`expand`](super::expand) take.
+//! 100 a batch, beside what [`plan`](super::plan) and [`expand`](super::expand) take; 8 more a step as long as there are groups
+//! that are not a step's.
 
 use super::motor::Motor;
 use super::ring::Ring;
@@ -52,9 +53,15 @@ fill_next:
     // Two groups a step; few at once while the ring runs low: they are published the sooner.
     lsr r26
     cpi r26, {FEW}
-    brlo 2f
+    brlo 3f
     ldi r26, {FEW}
-2:  sts steps_times+{MOST}, r26
+    rjmp 3f
+    // Where all groups are steps', the expansion looks how much room there is.
+2:  ldd r24, Z+{UNLIKE}
+    cpse r24, r1
+    rjmp 3f
+    ser r26
+3:  sts steps_times+{MOST}, r26
     call steps_plan
     tst r24
     breq 1b
@@ -69,29 +76,44 @@ fill_next:
     rjmp fill_next
     // r24 steps
 9:  mov r20, r24
+    push r4
+    ldd r4, Z+{TAIL_AT}
     ldd r18, Z+{STEP_FIRST}
-    ldd r19, Z+{LAST_BYTE}
-    ldd r23, Z+{UNLIKE}
-    mov r24, r23
-    sub r24, r20
-    brcc 7f
-    clr r24
-7:  std Z+{UNLIKE}, r24
     ldd r6, Z+{HEAD}
     ldd r7, Z+{STEP_LAST}
     ldd r17, Z+{BEFORE_STEP}
     std Z+{BEFORE_STEP}, r18
+    ldd r19, Z+{LAST_BYTE}
+    ldd r21, Z+{UNLIKE}
     ldd r31, Z+{PAGE}
     mov r30, r6
     ldd r26, Y+{STEP}
     ldd r27, Y+{STEP_FALL}
     cp r26, r27
     brne 3f
-    tst r23
+    tst r21
     brne 8f
-    call steps_expand_ring_again
+    call steps_expand_ring
     rjmp 4f
-8:  call steps_expand_ring
+    // Groups become steps'.
+8:  mov r25, r20
+1:  subi r30, -4
+    st Z, r18
+    std Z+3, r19
+    dec r25
+    brne 1b
+    mov r30, r6
+    push r21
+    push r20
+    call steps_expand_ring
+    pop r20
+    pop r21
+    sub r20, r5
+    sub r21, r20
+    brcc .+2
+    clr r21
+    movw r30, r2
+    std Z+{UNLIKE}, r21
     rjmp 4f
     // Published from the end: what was pending comes last.
 3:  mov r5, r17
@@ -103,7 +125,9 @@ fill_next:
     st X, r7
     mov r26, r6
     st X, r5
-4:  movw r30, r2
+    clr r5
+4:  pop r4
+    movw r30, r2
     std Z+{HEAD}, r24
     ldd r22, Y+{STEP}
     ldd r23, Y+{STEP_FALL}
@@ -125,7 +149,11 @@ fill_next:
     std Z+{AT}+1, r19
     std Z+{AT}+2, r20
     std Z+{AT}+3, r21
+    // Is the ring full?
+    tst r5
+    brne 7f
     rjmp fill_next
+7:  ret
     "#,
     ROOM = const ROOM,
     FEW = const FEW,

@@ -6,9 +6,14 @@
 ; tick.s has it, and so is the use of registers.
 
 .section .text.winch, "ax", @progbits
-.global winch_obey
+.global winch_obey, winch_obey_inside
 winch_obey:
     rcall winch_enter
+    rcall winch_obey_inside
+    rjmp winch_leave
+
+; The same where all registers are free; r1 is any then.
+winch_obey_inside:
     movw r28, r24
     movw r30, r22
     clr r26
@@ -106,7 +111,7 @@ winch_obey:
     rcall winch_keep
 9:
     std Y+42, r26
-    rjmp winch_leave
+    ret
 
 ; enable 0.
 10:
@@ -119,7 +124,7 @@ winch_obey:
     rcall winch_keep
     ldi r18, 1
     std Y+42, r18
-    rjmp winch_leave
+    ret
 
 ; g: k = f f C, b = f ratio C, each as its four highest bytes and where they are.
 20:
@@ -161,7 +166,7 @@ winch_obey:
     std Y+24, r20
     std Y+25, r21
     std Y+30, r30
-    rjmp winch_leave
+    ret
 
 ; l: vmax C / 2^24, amax C / 2^16.
 30:
@@ -191,18 +196,47 @@ winch_obey:
     std Y+38, r12
     std Y+39, r13
     std Y+40, r14
-    rjmp winch_leave
+    ret
 
-; r10-r15 = 1000 X; keeps r20.
+; r10-r15 = 1000 X, all of them 0 before. Uses r18 and r19.
 winch_thousandfold:
-    push r20
     ldi r18, lo8(1000)
     ldi r19, hi8(1000)
-    clr r20
-    clr r21
-    clr r27
-    rcall winch_product
-    pop r20
+    mul r22, r18
+    movw r10, r0
+    mul r24, r18
+    movw r12, r0
+    mul r23, r18
+    add r11, r0
+    adc r12, r1
+    adc r13, r26
+    adc r14, r26
+    mul r25, r18
+    add r13, r0
+    adc r14, r1
+    adc r15, r26
+    mul r22, r19
+    add r11, r0
+    adc r12, r1
+    adc r13, r26
+    adc r14, r26
+    adc r15, r26
+    mul r23, r19
+    add r12, r0
+    adc r13, r1
+    adc r14, r26
+    adc r15, r26
+    mul r24, r19
+    add r13, r0
+    adc r14, r1
+    adc r15, r26
+    mul r25, r19
+    add r14, r0
+    adc r15, r1
+    sbrs r25, 7
+    ret
+    sub r14, r18
+    sbc r15, r19
     ret
 
 ; r18-r21 = the four highest bytes of X times r18-r21; r30 goes up by the bytes that are above them in 64 bits.

@@ -6,6 +6,10 @@
 //!
 //! Nothing is planned beyond what is known: the limit is [`CLEAR`] before the next slice begins, so that DIR can be turned for
 //! a step at its very beginning.
+//!
+//! Main keeps the task out for 1340 cycles at most to obey a line, and for 3480 to take four positions at one time (measured with
+//! steps in between, four axes at 10 000 steps/s). Slices are worked out early enough for that: at least 8000 ticks were left,
+//! crates/board/tests/winch_line.rs.
 
 use super::{Asked, reader};
 use crate::steps::motor::Motor;
@@ -27,6 +31,8 @@ const BEGIN: u8 = 10;
 /// Where a motor's trains are: in the merge's lists, which end each quarter of the page. A slice makes 11 steps at most.
 const LANE: u8 = 64;
 const _: () = assert!(2 * TRAIN + 2 * 11 <= LANE);
+
+const _: () = assert!(SLICE == SLICE >> 7 << 7 && SLICE >> 7 < 256);
 
 /// Slices are worked out that begin this soon, ticks.
 const AHEAD: u32 = 36_864;
@@ -264,15 +270,16 @@ winch_do:
 8:  ldi r24, {OVER}
     cpse r18, r1
     ori r24, {STRICT}
+    ldd r18, Z+{STAR}
+    cpse r18, r1
+    ori r24, {CHECKED}
     st Z, r24
 11: ldi r24, 0
     ret
 
     // What the verb r22 says, to each of the axes r24.
 winch_obey_axes:
-    .irp r, 14,15,16,17,28,29
-    push r\r
-    .endr
+    rcall winch_enter
     mov r16, r22
     mov r17, r24
     ldi r24, lo8(winch_paths)
@@ -285,14 +292,43 @@ winch_obey_axes:
     sts {TIMSK0}, r1
 1:  lsr r17
     brcc 2f
+    cpi r16, {OF_GAINS}
+    brsh 4f
+    .irp r, 14,15,16,17,28,29
+    push r\r
+    .endr
     movw r24, r14
     movw r22, r28
     mov r20, r16
-    rcall winch_obey
+    rcall winch_obey_inside
+    clr r1
+    .irp r, 29,28,17,16,15,14
+    pop r\r
+    .endr
+    mov r24, r16
+    subi r24, {GAINS}
+    cpi r24, 2
+    brsh 2f
+    // Gains and limits are worked out once: the others get those of this one, from r16 of Y on.
+    movw r28, r14
+    ldi r16, {OF_GAINS}
+    sbrc r24, 0
+    ldi r16, {OF_LIMITS}
+    rjmp 2f
+4:  movw r30, r28
+    add r30, r16
+    adc r31, r1
+    movw r26, r14
+    add r26, r16
+    adc r27, r1
+    ldi r24, {OF_LIMITS} - {OF_GAINS}
+5:  ld r25, Z+
+    st X+, r25
+    dec r24
+    brne 5b
 2:  movw r24, r14
     adiw r24, {PATH}
     movw r14, r24
-    // Gains and limits are the same for all their axes.
     cpi r16, {GAINS}
     brsh 3f
     adiw r28, 4
@@ -300,10 +336,7 @@ winch_obey_axes:
     brne 1b
     pop r24
     sts {TIMSK0}, r24
-    .irp r, 29,28,17,16,15,14
-    pop r\r
-    .endr
-    ret
+    rjmp winch_leave
 
     // The clock, in us, and the steps that four motors have made by then, to five places from r24:25 on.
 winch_clock_and_positions:
@@ -351,34 +384,64 @@ winch_clock_and_positions:
     .endr
     ret
 
-    // Whether at r22 to r25 it is r16:17 milliseconds since r18 to r21.
+    // Whether at r22 to r25 it is r18:19 milliseconds since the moment at r20:21. That becomes so much later then, so that
+    // nothing adds up; or now, if it was twice as long.
 winch_has_passed:
-    sub r22, r18
-    sbc r23, r19
-    sbc r24, r20
-    sbc r25, r21
-    ldi r26, lo8({SLICE})
-    ldi r27, hi8({SLICE})
-    mul r16, r26
+    movw r30, r20
+    movw r26, r18
+    ld r0, Z
+    sub r22, r0
+    ldd r0, Z+1
+    sbc r23, r0
+    ldd r0, Z+2
+    sbc r24, r0
+    ldd r0, Z+3
+    sbc r25, r0
+    ldi r21, {SLICE} >> 7               // r18 to r21: the milliseconds in ticks
+    clr r20
+    mul r26, r21
     movw r18, r0
-    mul r17, r27
-    movw r20, r0
-    mul r16, r27
+    mul r27, r21
     add r19, r0
     adc r20, r1
-    clr r30
-    adc r21, r30
-    mul r17, r26
-    add r19, r0
-    adc r20, r1
-    adc r21, r30
     clr r1
+    mov r21, r20
+    mov r20, r19
+    mov r19, r18
+    clr r18
+    lsr r21
+    ror r20
+    ror r19
+    ror r18
     sub r22, r18
     sbc r23, r19
     sbc r24, r20
     sbc r25, r21
+    brcs 2f
+    cp r22, r18
+    cpc r23, r19
+    cpc r24, r20
+    cpc r25, r21
+    brcs 1f
+    add r18, r22
+    adc r19, r23
+    adc r20, r24
+    adc r21, r25
+1:  ld r24, Z
+    add r18, r24
+    st Z+, r18
+    ld r24, Z
+    adc r19, r24
+    st Z+, r19
+    ld r24, Z
+    adc r20, r24
+    st Z+, r20
+    ld r24, Z
+    adc r21, r24
+    st Z+, r21
     ldi r24, 1
-    sbc r24, r1
+    ret
+2:  ldi r24, 0
     ret
 
     // The shield's motors, as a configuration has them, to where the reader has a line.
@@ -444,6 +507,8 @@ winch_begin:
     NAMED = const reader::AXES,
     OVER = const reader::OVER,
     STRICT = const reader::STRICT,
+    CHECKED = const reader::CHECKED,
+    STAR = const reader::STAR,
     IMPULSE = const Verb::Impulse as u8,
     GAINS = const Verb::Gains as u8,
     ENABLE = const Verb::Enable as u8,
@@ -459,6 +524,8 @@ winch_begin:
     SHIELD = const SHIELD,
     TEXT = const super::TEXT,
     SPEED = const super::SPEED,
+    OF_GAINS = const super::OF_GAINS,
+    OF_LIMITS = const super::OF_LIMITS,
     MOTOR_SIZE = const size_of::<Motor>(),
     BEGIN = const BEGIN,
     TRAIN = const TRAIN,
@@ -476,7 +543,7 @@ unsafe extern "C" {
     pub(super) safe fn winch_obey_axes(axes: u8, verb: u8);
     pub(super) fn winch_clock_and_positions(to: *mut i32);
     safe fn winch_rests() -> u8;
-    pub(super) safe fn winch_has_passed(now: Moment, then: Moment, ms: u16) -> bool;
+    pub(super) safe fn winch_has_passed(now: Moment, then: &mut Moment, ms: u16) -> bool;
 }
 
 /// No slice begins before `now`. To be called at least once in 2^31 ticks while nothing drives.

@@ -7,7 +7,7 @@
 ; a command; 0x40, a zero; else the What of a refused line. r25: bytes that were not taken.
 ;
 ; Reader as it lies in memory:
-;    0 bit 0 strict, bit 1 over      1 len      2 star      3 words      4 what      5 word
+;    0 bit 0 strict, bit 1 over, bit 2 checked      1 len      2 star      3 words      4 what      5 word
 ;    6 verb      7 axes      8 given      9 values, 4 of 4 bytes      25 the line, 81 bytes
 ;
 ; While a line is read:
@@ -56,7 +56,8 @@ winch_listen:
     cpi r22, 0x7f
     brsh 4f
     cpi r19, 0x21
-    brlo 4f
+    brlo 13f
+23:
     cpi r21, 80
     breq 7f
 3:
@@ -66,6 +67,8 @@ winch_listen:
     rjmp 2b
 
 4:
+    cpi r22, 0x20
+    breq 23b
     tst r22
     breq 10f
     cpi r22, 10
@@ -86,11 +89,14 @@ winch_listen:
     mov r24, r22
     rcall winch_is_blank
     breq 3b
+14:
     tst r18
     brne 6f
-    mov r24, r19
-    rcall winch_is_blank
+    cpi r19, 0x20
+    breq 15f
+    cpi r19, 9
     brne 6f
+15:
     ldd r24, Y+3
     inc r24
     std Y+3, r24
@@ -106,6 +112,9 @@ winch_listen:
     ldi r25, 8                  ; Noise
     rcall winch_refuse
     rjmp 3b
+13:
+    cpi r21, 80
+    brne 14b
 7:
     ldi r25, 7                  ; Long
     rcall winch_refuse
@@ -137,8 +146,16 @@ winch_listen:
     std Y+0, r24
     st X, r1
     ldd r25, Y+2
-    tst r25
+    cpse r25, r1
+    rjmp 22f
+    andi r24, 5                 ; Strict, and there was a checksum before: a line that is not blank needs one
+    cpi r24, 5
+    brne 16f
+    ldd r24, Y+3
+    tst r24
     breq 16f
+    rjmp 12f
+22:
     movw r26, r28
     adiw r26, 25
     clr r22
@@ -162,7 +179,11 @@ winch_listen:
     rcall winch_hex
     brcc 12f
     eor r22, r24
-    breq 16f
+    brne 12f
+    ldd r24, Y+0
+    ori r24, 4
+    std Y+0, r24
+    rjmp 16f
 12:
     ldd r24, Y+4
     cpi r24, 7
@@ -244,7 +265,9 @@ winch_hex:
 ; The cursor goes to the next word; Z: there is none.
 winch_begin_word:
     ld r24, X+
-    rcall winch_is_blank
+    cpi r24, 0x20
+    breq winch_begin_word
+    cpi r24, 9
     breq winch_begin_word
     sbiw r26, 1
     ldd r25, Y+3
@@ -331,8 +354,9 @@ winch_read:
     std Y+3, r1
     movw r30, r28
     adiw r30, 7
-    ldi r24, 18
+    ldi r24, 9
 1:
+    st Z+, r1
     st Z+, r1
     dec r24
     brne 1b
@@ -718,8 +742,16 @@ winch_take_whole:
     ldi r30, lo8(winch_drift)
     ldi r31, hi8(winch_drift)
     rcall winch_compare
+    brcs 2f
     ldi r24, 4
-    brcc 7f
+    ldd r25, Y+0
+    sbrs r25, 0
+    sbrc r21, 7
+    ret
+    ldi r18, lo8(15000)
+    ldi r19, hi8(15000)
+    clr r20
+    clr r21
 2:
     sbrs r23, 0
     rjmp 3f

@@ -1,0 +1,47 @@
+"""Virtual boards at the ends of pseudo-terminals."""
+
+import importlib.util
+import os
+import subprocess
+import tempfile
+import unittest
+from pathlib import Path
+from typing import Optional
+
+
+def pulsetrain() -> Optional[str]:
+    """The program that is a virtual board: as the environment says, else as it was built last."""
+    target = Path(__file__).resolve().parents[3] / "target"
+    known = [os.environ.get("PULSETRAIN"), str(target / "debug/pulsetrain"), str(target / "release/pulsetrain")]
+    return next((path for path in known if path and Path(path).exists()), None)
+
+
+#: For tests that go through pseudo-terminals.
+needs_pty = unittest.skipUnless(
+    importlib.util.find_spec("serial") and hasattr(os, "openpty"), "needs pyserial and a pty"
+)
+#: For tests with virtual boards.
+needs_boards = unittest.skipUnless(
+    importlib.util.find_spec("serial") and hasattr(os, "openpty") and pulsetrain(),
+    "needs pyserial, a pty, and pulsetrain: cargo build, or PULSETRAIN=…",
+)
+
+
+class VirtualBoard:
+    """`pulsetrain board BOARD --pty`, in real time if the computer can, until it is left."""
+
+    def __init__(self, board: str) -> None:
+        self.folder = tempfile.TemporaryDirectory()
+        self.port = str(Path(self.folder.name) / "port")
+        command = [pulsetrain() or "", "board", board, "--pty", self.port]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        assert self.process.stdout is not None
+        self.process.stdout.readline()
+
+    def __enter__(self) -> str:
+        return self.port
+
+    def __exit__(self, *_: object) -> None:
+        self.process.terminate()
+        self.process.communicate()
+        self.folder.cleanup()

@@ -1,0 +1,155 @@
+//! What text asks of a board, and what time brings: all of it but lines, pins and the clock.
+//!
+//! It counts milliseconds by being told of each one; what it works out is played when the board says. Whoever has several
+//! lines to hosts has a [`Reader`] for each, and one session. On an Uno assembly does the same, firmware/uno/src/winch.
+
+use super::path::{Path, Slice};
+use super::reply::Reply;
+use super::text::{Reader, Verb};
+
+/// The interval of status lines at first, ms.
+pub const FIRST_REPORT_MS: u16 = 200;
+
+/// A path slower than this, 2^-16 steps/s, is at the end of a stop: less than 1 step/s is left.
+const STOPPED: u32 = 1 << 16;
+
+/// Four axes, and what was asked of them.
+///
+/// ```
+/// use pulsetrain_core::winch::letters::InMemory;
+/// use pulsetrain_core::winch::session::Session;
+/// use pulsetrain_core::winch::text::{Heard, Reader};
+/// let (mut session, mut reader) = (Session::new(), Reader::new());
+/// let mut steps = 0;
+/// for byte in *b"enable 1\nv x 1000\n" {
+///     if let Heard::Command(verb) = reader.push::<InMemory>(byte) {
+///         assert_eq!(session.obey(verb, &mut reader), None, "nothing is to be said");
+///     }
+/// }
+/// for _ in 0..10_000 {
+///     steps += u32::from(session.millisecond()[0].count);
+/// }
+/// assert!(session.drives() && (9_000..11_000).contains(&steps));
+/// ```
+#[derive(Clone, Debug)]
+pub struct Session {
+    paths: [Path; 4],
+    /// A command was for axes, or for their drivers.
+    wired: bool,
+    /// The drivers are to be on, and paths go on.
+    drives: bool,
+    /// The drivers are to be off as soon as nothing moves.
+    releasing: bool,
+    report_ms: u16,
+    /// Since the last status line.
+    unreported_ms: u32,
+    /// The longest silence; 0: any.
+    deadman_ms: u16,
+    /// Since the last command.
+    unheard_ms: u32,
+}
+
+impl Default for Session {
+    fn default() -> Session {
+        Session::new()
+    }
+}
+
+impl Session {
+    /// As a board begins: at rest at 0, drivers off.
+    #[must_use]
+    pub const fn new() -> Session {
+        Session {
+            paths: [const { Path::new() }; 4],
+            wired: false,
+            drives: false,
+            releasing: false,
+            report_ms: FIRST_REPORT_MS,
+            unreported_ms: 0,
+            deadman_ms: 0,
+            unheard_ms: 0,
+        }
+    }
+
+    /// Does what a line says that `reader` has just heard; gives what is to be answered.
+    pub fn obey(&mut self, verb: Verb, reader: &mut Reader) -> Option<Reply> {
+        self.unheard_ms = 0;
+        reader.obey(&mut self.paths);
+        let value = reader.value();
+        let [low, high, ..] = value.to_le_bytes();
+        // The reader takes no more of these than 16 bits.
+        let ms = u16::from_le_bytes([low, high]);
+        match verb {
+            Verb::Target | Verb::Move | Verb::Drift => self.enable(),
+            Verb::Enable if value != 0 => self.enable(),
+            Verb::Enable => (self.wired, self.releasing) = (true, self.drives),
+            Verb::Impulse | Verb::Ramp => (self.wired, self.releasing) = (true, false),
+            Verb::Gains | Verb::Limits => self.wired = true,
+            Verb::Report => self.report_ms = ms,
+            Verb::Deadman => self.deadman_ms = ms,
+            Verb::Strict => reader.set_strict(value != 0),
+            Verb::Version => return Some(Reply::Id),
+            Verb::Ping => return Some(Reply::Awake),
+            Verb::Unknown => {}
+        }
+        None
+    }
+
+    /// Works out another millisecond of all paths. While the drivers are off paths stand still.
+    pub fn millisecond(&mut self) -> [Slice; 4] {
+        if self.deadman_ms != 0 && self.unheard_ms == u32::from(self.deadman_ms) {
+            self.paths.iter_mut().for_each(Path::stop);
+        }
+        self.unheard_ms = self.unheard_ms.saturating_add(1);
+        self.unreported_ms = self.unreported_ms.saturating_add(1);
+        if !self.drives {
+            return [Slice::NONE; 4];
+        }
+        self.paths.each_mut().map(Path::tick)
+    }
+
+    /// Whether a command was for axes or their drivers: before that the board's pins may be anything.
+    #[must_use]
+    pub const fn is_wired(&self) -> bool {
+        self.wired
+    }
+
+    /// Whether the drivers are to be on.
+    #[must_use]
+    pub const fn drives(&self) -> bool {
+        self.drives
+    }
+
+    /// Whether they are to be released as soon as no step is left that was worked out: `enable 0` was said, and the paths
+    /// have stopped.
+    #[must_use]
+    pub fn has_stopped(&self) -> bool {
+        self.releasing && self.paths.iter().all(|path| path.speed().unsigned_abs() < STOPPED)
+    }
+
+    /// The drivers are off now.
+    pub const fn release(&mut self) {
+        (self.drives, self.releasing) = (false, false);
+    }
+
+    /// Whether a status line is due: to be asked before each [`millisecond`](Session::millisecond).
+    #[must_use]
+    pub const fn is_report_due(&self) -> bool {
+        self.unreported_ms >= self.report_ms as u32
+    }
+
+    /// A status line was said, or nobody is there to read one.
+    pub const fn reported(&mut self) {
+        self.unreported_ms = 0;
+    }
+
+    /// Whether no axis moves, or is to.
+    #[must_use]
+    pub fn is_at_rest(&self) -> bool {
+        self.paths.iter().all(Path::is_at_rest)
+    }
+
+    const fn enable(&mut self) {
+        (self.wired, self.drives, self.releasing) = (true, true, false);
+    }
+}

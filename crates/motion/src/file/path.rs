@@ -1,0 +1,565 @@
+//! Paths of a machine's tip: from `path.circle = { … }` to a law for each of its motors.
+
+use super::laws::{self, Context, Loader, interpolation, period, time_unit};
+use super::machine::{Draft, Kind};
+use super::motor::{self, Gearing};
+use super::points::{self, Points};
+use super::reader::{Node, Read, Section};
+use super::refuse;
+use crate::Time;
+use crate::law::extent::{Extent, first_beyond};
+use crate::law::{Cursor, Law, LawError, Orbit};
+use crate::machine::Delta;
+use crate::program::Limits;
+use crate::quantity::{Quantity, nearest};
+
+/// Every path by name, with an example.
+const PATHS: &[(&str, &str)] = &[
+    ("circle", "circle = { radius = \"20 mm\", period = \"4 s\", cycles = 2 }"),
+    ("lorenz", "lorenz = { scale = \"1 mm\", speed = 0.5, duration = \"60 s\" }"),
+    ("formula", "formula = { x = \"20*cos(t)\", y = \"20*sin(t)\", unit = \"mm\", duration = \"10 s\" }"),
+    ("table", "table = { file = \"path.csv\", unit = \"mm\" }"),
+    (
+        "lines",
+        "lines = { points = [[0, 0], [40, 0], [40, 30]], unit = \"mm\", speed = \"100 mm/s\", acceleration = \"1000 mm/s^2\" }",
+    ),
+];
+
+/// The names of a tip's coordinates.
+const COORDINATES: [&str; 3] = ["x", "y", "z"];
+
+/// Joints that are no farther apart meet, steps.
+const MEETS_STEPS: f64 = 1e-3;
+
+/// A path, coordinate by coordinate: in steps of an xy machine's motors, in mm of a delta robot's effector.
+struct Path<'a> {
+    coordinates: Vec<Law>,
+    form: Form<'a>,
+}
+
+enum Form<'a> {
+    /// In text, with its parameters.
+    Text { texts: Vec<&'a str>, parameters: Vec<(String, f64)>, mm_per_unit: f64, duration: Time },
+    /// Polynomials; rows of a file can be pointed at.
+    Polynomials { table: Option<(Node<'a>, Points)> },
+    /// Laws of other kinds.
+    Other,
+}
+
+/// A machine and what its paths are read with.
+pub(super) struct Reading<'a> {
+    pub(super) machine: &'a Draft,
+    pub(super) motors: Vec<&'a motor::Draft>,
+    pub(super) load: Loader<'a>,
+}
+
+impl Reading<'_> {
+    /// `path = { … }` of a motion, with its `repeat` and `ease`: the law of each motor, steps, and where a delta robot's arms
+    /// are at its end.
+    pub(super) fn path(&self, motion: &Section, last: Option<&[f64]>) -> Read<(Vec<Law>, Vec<f64>)> {
+        let node = motion.need("path", "path.circle = { radius = \"20 mm\", period = \"4 s\" }")?;
+        for key in ["law", "begin", "end"] {
+            if motion.get(key).is_some() {
+                let help = if key == "law" { "leave it out" } else { "give `ease`, which keeps to the path" };
+                let message = format!("a machine's motion has no `{key}`");
+                return Err(motion.reader.note(motion.key_span(key), "not of a machine", message, help));
+            }
+        }
+        let repeat = motion.get("repeat").map(|node| Ok((laws::times(&node)?, node))).transpose();
+        let ease = motion.get("ease").map(|node| Ok((node.duration("0.5 s")?, node))).transpose();
+        let section = node.any_section("the path".to_owned(), PATHS[0].1)?;
+        let paths = section.nodes();
+        let [path] = paths.as_slice() else {
+            let help = format!("known: {}", names());
+            return Err(node.note("not one", "a machine's motion has exactly one path", help));
+        };
+        let gearings = COORDINATES.map(Gearing::of_mm);
+        let limits = Limits::default();
+        let contexts: Vec<Context<'_>> = match self.machine.kind {
+            Kind::Xy => self
+                .motors
+                .iter()
+                .map(|motor| Context {
+                    reader: motion.reader,
+                    motor: &motor.name,
+                    gearing: &motor.gearing,
+                    limits: &motor.limits,
+                    load: self.load,
+                })
+                .collect(),
+            Kind::Delta { .. } => COORDINATES
+                .iter()
+                .zip(&gearings)
+                .map(|(name, gearing)| Context {
+                    reader: motion.reader,
+                    motor: name,
+                    gearing,
+                    limits: &limits,
+                    load: self.load,
+                })
+                .collect(),
+        };
+        let read = match path.key {
+            "circle" => self.circle(&contexts, path),
+            "lorenz" => self.lorenz(&contexts, path),
+            "formula" => formula(&contexts, path),
+            "table" => table(&contexts, path),
+            "lines" => self.lines(&contexts, path),
+            unknown => {
+                let help = match nearest(unknown, PATHS.iter().map(|path| path.0)) {
+                    Some(near) => format!("did you mean `{near}`?"),
+                    None => format!("known: {}", names()),
+                };
+                let at = section.key_span(unknown);
+                return Err(motion.reader.note(at, "not a path", format!("unknown path `{unknown}`"), help));
+            }
+        }?;
+        let joints = match &self.machine.kind {
+            Kind::Xy => read.coordinates.clone(),
+            Kind::Delta { arms, .. } => self.arms(arms, path, &read)?,
+        };
+        let (repeat, ease) = (repeat?, ease?);
+        let timed = |laws: Vec<Law>| -> Read<Vec<Law>> {
+            laws.into_iter()
+                .map(|mut law| {
+                    if let Some((times, node)) = &repeat {
+                        law = law.repeated(*times).map_err(|error| refuse(node, &error))?;
+                    }
+                    match &ease {
+                        Some((over, node)) => law.eased(*over).map_err(|error| refuse(node, &error)),
+                        None => Ok(law),
+                    }
+                })
+                .collect()
+        };
+        // One cycle stands for all: they are joined at the same speeds, or the planner refuses them.
+        self.keeps_to_limits(path, &read.coordinates)?;
+        if let Some((over, _)) = &ease
+            && let Ok(eased) =
+                read.coordinates.iter().map(|law| law.clone().eased(*over)).collect::<Result<Vec<_>, _>>()
+        {
+            self.keeps_to_limits(path, &eased)?;
+        }
+        let end = match &self.machine.kind {
+            Kind::Delta { angles, .. } => self.arms_fit(motion, path, &joints, *angles, repeat.is_some(), last)?,
+            Kind::Xy => Vec::new(),
+        };
+        Ok((timed(joints)?, end))
+    }
+
+    /// Lorenz's and DDS's figures are of two motors that move along their own axes.
+    fn xy_only(&self, path: &Node) -> Read<()> {
+        match self.machine.kind {
+            Kind::Xy => Ok(()),
+            Kind::Delta { .. } => {
+                let message = format!("`{}` is a path of xy machines", path.key);
+                Err(path.note("not of a delta robot", message, "a delta robot has formula, table and lines"))
+            }
+        }
+    }
+
+    fn circle<'a>(&self, contexts: &[Context<'_>], node: &Node<'a>) -> Read<Path<'a>> {
+        self.xy_only(node)?;
+        let p = parameters(node, &["radius", "period", "frequency", "cycles", "dds"])?;
+        let period = period(&p, "circle");
+        let cycles = p.get("cycles").map_or(Ok(Some(1)), |node| laws::times(&node));
+        let radius = p.need("radius", "radius = \"20 mm\"")?;
+        let radii: Read<Vec<f64>> = contexts
+            .iter()
+            .map(|context| {
+                let steps = context.gearing.steps(&radius, 0, "20 mm")?;
+                radius.above_zero(steps)
+            })
+            .collect();
+        let (period, cycles) = (period?, cycles?);
+        let laws = radii?.into_iter().enumerate().map(|(k, radius)| Law::circle(radius, period, cycles, k));
+        Ok(Path { coordinates: made(node, laws)?, form: Form::Other })
+    }
+
+    fn lorenz<'a>(&self, contexts: &[Context<'_>], node: &Node<'a>) -> Read<Path<'a>> {
+        self.xy_only(node)?;
+        let known = ["sigma", "rho", "beta", "start", "axes", "scale", "speed", "duration"];
+        let p = parameters(node, &known)?;
+        let number =
+            |key: &str, without: f64| p.get(key).map_or(Ok(without), |node| node.number(&format!("{key} = {without}")));
+        let classic = Orbit::CLASSIC;
+        let (sigma, rho, beta) =
+            (number("sigma", classic.sigma), number("rho", classic.rho), number("beta", classic.beta));
+        let start = p.get("start").map_or(Ok(classic.start), |node| {
+            const EXAMPLE: &str = "start = [1, 1, 25]";
+            match node.list(EXAMPLE)?.as_slice() {
+                [x, y, z] => Ok([x.number(EXAMPLE)?, y.number(EXAMPLE)?, z.number(EXAMPLE)?]),
+                _ => Err(node.note("three numbers", "`start` must list three numbers: x, y and z", EXAMPLE)),
+            }
+        });
+        let axes = p.get("axes").map_or(Ok([0, 2]), |node| {
+            const EXAMPLE: &str = "axes = [\"x\", \"z\"]";
+            match node.list(EXAMPLE)?.as_slice() {
+                [a, b] => {
+                    let words = [("x", 0), ("y", 1), ("z", 2)];
+                    Ok([a.word(&words)?, b.word(&words)?])
+                }
+                _ => Err(node.note(
+                    "two of x, y, z",
+                    "`axes` must list two: what the first and the second motor draw",
+                    EXAMPLE,
+                )),
+            }
+        });
+        let scale = p.need("scale", "scale = \"1 mm\"").and_then(|node| {
+            contexts
+                .iter()
+                .map(|context| {
+                    let steps = context.gearing.steps(&node, 0, "1 mm")?;
+                    node.above_zero(steps)
+                })
+                .collect::<Read<Vec<f64>>>()
+        });
+        let speed = p.get("speed").map_or(Ok(1.0), |node| {
+            let speed = node.number("speed = 0.5")?;
+            node.above_zero(speed)
+        });
+        let duration = p.get("duration").map(|node| node.duration("60 s")).transpose();
+        let orbit = Orbit { sigma: sigma?, rho: rho?, beta: beta?, start: start? };
+        let (axes, speed, duration) = (axes?, speed?, duration?);
+        let laws = scale?.into_iter().zip(axes).map(|(scale, axis)| Law::lorenz(orbit, axis, scale, speed, duration));
+        Ok(Path { coordinates: made(node, laws)?, form: Form::Other })
+    }
+
+    /// Straight lines from rest to rest.
+    fn lines<'a>(&self, contexts: &[Context<'_>], node: &Node<'a>) -> Read<Path<'a>> {
+        let p = parameters(node, &["points", "unit", "speed", "acceleration", "pause"])?;
+        let mm = p.need("unit", "unit = \"mm\"").and_then(|node| mm_per_unit(&node));
+        let limit = |key: &str, per_seconds, of_machine: Option<f64>, example| match (p.get(key), of_machine) {
+            (None, Some(limit)) => Ok(limit),
+            _ => p
+                .need(key, &format!("{key} = \"{example}\""))
+                .and_then(|node| node.positive(crate::quantity::Base::Length, per_seconds, example)),
+        };
+        let speed = limit("speed", 1, self.machine.max_speed, "100 mm/s");
+        let acceleration = limit("acceleration", 2, self.machine.max_acceleration, "1000 mm/s^2");
+        let pause = p.get("pause").map(|node| node.duration("200 ms")).transpose();
+        let steps_per_mm: Vec<f64> = contexts
+            .iter()
+            .map(|context| {
+                context.gearing.steps_per_mm().ok_or_else(|| {
+                    let message = format!("motor `{}` has no `lead`: lines are in mm", context.motor);
+                    node.note("needs lengths", message, "give the motor a `lead`; or write a formula or a table")
+                })
+            })
+            .collect::<Read<_>>()?;
+        const EXAMPLE: &str = "points = [[0, 0, -140], [40, 0, -140]]";
+        let points = p.need("points", EXAMPLE)?;
+        let list = points.list(EXAMPLE)?;
+        if list.len() < 2 {
+            return Err(points.note(
+                "too few",
+                format!("lines need two points at least, but there are {}", list.len()),
+                "",
+            ));
+        }
+        let (mm, speed, acceleration, pause) = (mm?, speed?, acceleration?, pause?);
+        let mut corners: Vec<Vec<f64>> = Vec::new();
+        for point in &list {
+            let numbers = point.list(EXAMPLE)?;
+            if numbers.len() != contexts.len() {
+                let (wanted, found) = (contexts.len(), numbers.len());
+                return Err(point.note(
+                    "not a point",
+                    format!("a point of this machine is {wanted} numbers, but this has {found}"),
+                    "",
+                ));
+            }
+            let corner = numbers.iter().map(|node| Ok(node.number(EXAMPLE)? * mm)).collect::<Read<Vec<f64>>>()?;
+            if corners.last() == Some(&corner) {
+                return Err(point.note(
+                    "the same",
+                    "this is the point before it",
+                    "leave it out; to wait there, give `pause`",
+                ));
+            }
+            if let Kind::Delta { arms, .. } = &self.machine.kind {
+                self.reaches(arms, &corner).map_err(|why| point.note("out of reach", why, WITHIN_REACH))?;
+            }
+            corners.push(corner);
+        }
+        let law = |k: usize| -> Result<Law, LawError> {
+            let mut laws = Vec::new();
+            for ends in corners.windows(2) {
+                let distance = ends[0].iter().zip(&ends[1]).map(|(a, b)| (b - a) * (b - a)).sum::<f64>().sqrt();
+                let part = (ends[1][k] - ends[0][k]) / distance;
+                laws.push(Law::trapezoid(distance, speed, acceleration, acceleration)?.scaled(part * steps_per_mm[k])?);
+                if let Some(pause) = pause {
+                    laws.push(Law::rest(pause)?);
+                }
+            }
+            Law::then(laws)?.shifted(corners[0][k] * steps_per_mm[k])
+        };
+        let coordinates = made(node, (0..contexts.len()).map(law))?;
+        Ok(Path { coordinates, form: Form::Polynomials { table: None } })
+    }
+
+    /// What each arm of a delta robot does while its effector follows a path.
+    fn arms(&self, robot: &Delta, node: &Node, path: &Path<'_>) -> Read<Vec<Law>> {
+        let steps_per_rad = |arm: usize| self.motors[arm].gearing.steps_per_rad();
+        let laws = match &path.form {
+            Form::Text { texts, parameters, mm_per_unit, duration } => {
+                // In the formula's own unit, so that its parameters mean the same.
+                let robot = robot.in_unit(*mm_per_unit);
+                let law = |arm| {
+                    let text = robot.formula(arm, [texts[0], texts[1], texts[2]]);
+                    Law::formula(&text, parameters, steps_per_rad(arm), Some(*duration))
+                        .map_err(|error| LawError::Parameter(error.message))
+                };
+                made(node, (0..3).map(law))?
+            }
+            Form::Polynomials { table } => {
+                if let Some((file, points)) = table {
+                    for (row, (_, point)) in points.rows.iter().enumerate() {
+                        self.reaches(robot, point)
+                            .map_err(|why| points.wrong(file, row, "out of reach", why, WITHIN_REACH))?;
+                    }
+                }
+                let [x, y, z] = path.coordinates.as_slice() else {
+                    return Err(node.note("three", "a delta robot's path has three coordinates", ""));
+                };
+                let tip = [x.clone(), y.clone(), z.clone()];
+                made(node, (0..3).map(|arm| Law::delta_arm(robot, arm, &tip, steps_per_rad(arm))))?
+            }
+            Form::Other => return Err(node.note("not here", "a delta robot cannot follow this path", "")),
+        };
+        // All of it is looked at, in enclosures: where an arm does not reach, its law has no value.
+        for law in &laws {
+            if let Some(error) = broken(law) {
+                let LawError::Undefined { at_s, .. } = error else { return Err(refuse(node, &error)) };
+                // The enclosures end just before the limit: a little further on is beyond it.
+                let why = [0.0, 1e-9, 1e-6, 1e-3].into_iter().find_map(|later| {
+                    let at = Time::from_seconds(at_s + later);
+                    let point = |law: &Law| Cursor::new(law).at(at).map(|sample| sample.position);
+                    let point = path.coordinates.iter().map(point).collect::<Result<Vec<f64>, _>>().ok()?;
+                    self.reaches(robot, &point).err()
+                });
+                return Err(match why {
+                    Some(why) => node.note("leaves the workspace", format!("at {at_s:.6} s {why}"), WITHIN_REACH),
+                    None => refuse(node, &error),
+                });
+            }
+        }
+        Ok(laws)
+    }
+
+    /// Whether the effector can be at a point, mm; else what is wrong.
+    fn reaches(&self, robot: &Delta, point: &[f64]) -> Result<(), String> {
+        let &[x, y, z] = point else { return Ok(()) };
+        let error = match robot.angles([x, y, z]) {
+            Ok(_) => return Ok(()),
+            Err(error) => error,
+        };
+        let who = match error.arm() {
+            Some(arm) => format!(" for arm `{}`", self.motors[arm].name),
+            None => String::new(),
+        };
+        Err(format!("the effector cannot be at ({x:.3}, {y:.3}, {z:.3}) mm{who}: {error}"))
+    }
+
+    /// The tip's speed and acceleration against the machine's limits.
+    fn keeps_to_limits(&self, node: &Node, coordinates: &[Law]) -> Read<()> {
+        if coordinates.iter().any(|law| law.end().is_none()) {
+            let limited = self.machine.max_speed.is_some() || self.machine.max_acceleration.is_some();
+            if limited {
+                let message = "a machine with max_speed or max_acceleration needs paths that end";
+                return Err(node.note("endless", message, "give a duration or cycles; `repeat` may be \"forever\""));
+            }
+            return Ok(());
+        }
+        let mm_per_step = |k: usize| match self.machine.kind {
+            Kind::Xy => 1.0 / self.motors[k].gearing.steps_per_mm().unwrap_or(f64::INFINITY),
+            Kind::Delta { .. } => 1.0,
+        };
+        let terms: Vec<(&Law, f64)> = coordinates.iter().enumerate().map(|(k, law)| (law, mm_per_step(k))).collect();
+        let limits = [
+            (
+                Extent::Speed,
+                self.machine.max_speed,
+                "speed",
+                "mm/s",
+                "slow the path down, or raise the machine's max_speed",
+            ),
+            (
+                Extent::Acceleration,
+                self.machine.max_acceleration,
+                "acceleration",
+                "mm/s²",
+                "slow the path down, or raise the machine's max_acceleration",
+            ),
+        ];
+        for (extent, limit, what, unit, help) in limits {
+            let Some(limit) = limit else { continue };
+            let beyond = first_beyond(&terms, extent, limit).map_err(|error| refuse(node, &error))?;
+            if let Some((at, value)) = beyond {
+                let place: Vec<String> = terms
+                    .iter()
+                    .filter_map(|(law, mm)| Some(format!("{:.3}", Cursor::new(law).at(at).ok()?.position * mm)))
+                    .collect();
+                let message = format!(
+                    "the tip's {what} at {:.6} s, at ({}) mm, is {value:.1} {unit}, limit {limit:.1} {unit}",
+                    at.seconds(),
+                    place.join(", "),
+                );
+                return Err(node.note("too fast", message, help));
+            }
+        }
+        Ok(())
+    }
+
+    /// Angles within their limits; and what follows begins where the arms are. Gives where they are at the end, steps.
+    fn arms_fit(
+        &self,
+        motion: &Section,
+        node: &Node,
+        joints: &[Law],
+        angles: Option<(f64, f64)>,
+        repeated: bool,
+        last: Option<&[f64]>,
+    ) -> Read<Vec<f64>> {
+        let mut last_steps = Vec::new();
+        for (arm, law) in joints.iter().enumerate() {
+            let (name, per_rad) = (&self.motors[arm].name, self.motors[arm].gearing.steps_per_rad());
+            let degrees = |steps: f64| (steps / per_rad).to_degrees();
+            let [first, end] = ends(law).map_err(|error| refuse(node, &error))?;
+            last_steps.push(end);
+            if repeated && (end - first).abs() > MEETS_STEPS {
+                let off = degrees(end - first);
+                let message =
+                    format!("the path does not end where it begins: arm `{name}` is {off:.3}° off, each time more");
+                let help = "close the path, or leave `repeat` out";
+                return Err(motion.reader.note(motion.key_span("repeat"), "not closed", message, help));
+            }
+            if let Some(before) = last.and_then(|last| last.get(arm)).filter(|last| (*last - first).abs() > MEETS_STEPS)
+            {
+                let message = format!(
+                    "this path does not begin where the one before ends: arm `{name}` is at {:.3}° then, and {:.3}° is wanted",
+                    degrees(*before),
+                    degrees(first)
+                );
+                return Err(node.note("begins elsewhere", message, "begin it at the last point of the path before"));
+            }
+            let Some((least, most)) = angles else { continue };
+            for (sign, limit) in [(1.0, most), (-1.0, -least)] {
+                let beyond = first_beyond(&[(law, sign / per_rad)], Extent::Value, limit);
+                if let Some((at, value)) = beyond.map_err(|error| refuse(node, &error))? {
+                    let degrees = |rad: f64| (sign * rad).to_degrees();
+                    let message = format!(
+                        "arm `{name}` would be at {:.1}° at {:.6} s, limit {:.1}°",
+                        degrees(value),
+                        at.seconds(),
+                        degrees(limit)
+                    );
+                    return Err(node.note("beyond `angles`", message, WITHIN_REACH));
+                }
+            }
+        }
+        Ok(last_steps)
+    }
+}
+
+const WITHIN_REACH: &str = "keep the path within what the arms reach";
+
+/// Pieces of a delta robot's path, at most: all are looked at before anything moves.
+const MOST_PIECES: usize = 1 << 18;
+
+/// What breaks in a law that ends, if anything does.
+fn broken(law: &Law) -> Option<LawError> {
+    let too_long =
+        || LawError::Parameter(format!("the path has more than {MOST_PIECES} parts: too long to be checked"));
+    law.pieces().enumerate().find_map(|(k, piece)| piece.err().or_else(|| (k >= MOST_PIECES).then(too_long)))
+}
+
+/// Where a law begins and ends, steps.
+fn ends(law: &Law) -> Result<[f64; 2], LawError> {
+    let mut cursor = Cursor::new(law);
+    let first = cursor.at(Time::ZERO)?.position;
+    Ok([first, law.end().map_or(Ok(first), |end| cursor.at(end).map(|sample| sample.position))?])
+}
+
+fn formula<'a>(contexts: &[Context<'_>], node: &Node<'a>) -> Read<Path<'a>> {
+    let names = &COORDINATES[..contexts.len()];
+    let known = [names, &["unit", "duration", "where"]].concat();
+    let p = parameters(node, &known)?;
+    let unit = p.need("unit", "unit = \"mm\"");
+    let duration = p.get("duration").map(|node| node.duration("10 s")).transpose();
+    let is_delta = contexts.len() == 3;
+    if is_delta {
+        p.need("duration", "duration = \"10 s\"")?;
+    }
+    let (unit, duration) = (unit?, duration?);
+    let (mut coordinates, mut texts, mut parameters, mut scale) = (Vec::new(), Vec::new(), Vec::new(), 1.0);
+    for (name, context) in names.iter().zip(contexts) {
+        let text = p.need(name, &format!("{name} = \"20*cos(2*pi*t)\""))?;
+        scale = context.unit(&unit)?;
+        parameters = match p.get("where") {
+            Some(node) => context.formula_parameters(&node, scale)?,
+            None => Vec::new(),
+        };
+        let written = text.text(&format!("{name} = \"20*cos(2*pi*t)\""))?;
+        let law = context.formula_of(&text, written, &parameters, scale, duration)?;
+        // Where it is undefined or jumps is told here, in the coordinate's own words.
+        if is_delta && let Some(error) = broken(&law) {
+            return Err(refuse(&text, &error));
+        }
+        coordinates.push(law);
+        texts.push(written);
+    }
+    let form = match duration {
+        Some(duration) => Form::Text { texts, parameters, mm_per_unit: scale, duration },
+        None => Form::Other,
+    };
+    Ok(Path { coordinates, form })
+}
+
+fn table<'a>(contexts: &[Context<'_>], node: &Node<'a>) -> Read<Path<'a>> {
+    let p = parameters(node, &["file", "time", "unit", "columns", "interpolation"])?;
+    let file = p.need("file", "file = \"path.csv\"")?;
+    let unit = p.need("unit", "unit = \"mm\"")?;
+    let steps = contexts.iter().map(|context| context.unit(&unit)).collect::<Read<Vec<f64>>>()?;
+    let (seconds, interpolation) = (time_unit(&p), interpolation(&p));
+    let count = contexts.len();
+    let columns = p.get("columns").map_or(Ok(points::Columns::first(count)), |node| points::columns(&node, count));
+    let points = points::read(&file, contexts[0].load, &columns?, seconds?, &steps)?;
+    let interpolation = interpolation?;
+    let law = |k: usize| {
+        let rows: Vec<(f64, f64)> = points.rows.iter().map(|(t, positions)| (*t, positions[k])).collect();
+        Law::table(&rows, interpolation)
+    };
+    let coordinates = made(node, (0..count).map(law))?;
+    Ok(Path { coordinates, form: Form::Polynomials { table: Some((file, points)) } })
+}
+
+/// Millimetres in a unit of length.
+fn mm_per_unit(node: &Node) -> Read<f64> {
+    let text = node.text("unit = \"mm\"")?;
+    let one = Quantity::parse(&format!("1 {text}")).ok();
+    match one.filter(|one| one.base == crate::quantity::Base::Length && one.per_seconds == 0) {
+        Some(one) => Ok(one.value),
+        None => Err(node.note(
+            "not a length",
+            format!("`unit` must be a unit of length, but is \"{text}\""),
+            "one of: mm, cm, m",
+        )),
+    }
+}
+
+fn parameters<'a>(node: &Node<'a>, known: &[&str]) -> Read<Section<'a>> {
+    let example = PATHS.iter().find(|path| path.0 == node.key).map_or(PATHS[0].1, |path| path.1);
+    node.section(format!("path `{}`", node.key), known, example)
+}
+
+/// What constructors made of the parameters at `node`.
+fn made(node: &Node, laws: impl Iterator<Item = Result<Law, LawError>>) -> Read<Vec<Law>> {
+    laws.map(|law| law.map_err(|error| node.note("cannot be followed", format!("path `{}`: {error}", node.key), "")))
+        .collect()
+}
+
+fn names() -> String {
+    PATHS.iter().map(|path| path.0).collect::<Vec<_>>().join(", ")
+}

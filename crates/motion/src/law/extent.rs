@@ -1,0 +1,168 @@
+//! Whether several laws together ever pass a limit: a proof by bounds, not by looking here and there.
+
+use super::{Law, LawError, Piece, Pieces};
+use crate::Time;
+
+/// What of laws is held against a limit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Extent {
+    /// The first law's value.
+    Value,
+    /// The length of the vector that the laws' speeds make.
+    Speed,
+    /// The same of their accelerations.
+    Acceleration,
+}
+
+/// Parts of a piece are not halved beyond this: what passes by less is rounding.
+const DEEPEST: u32 = 24;
+/// Stretches of laws that are looked at, at most.
+const MOST_STRETCHES: u32 = 1 << 18;
+/// What may pass, as part of the limit.
+const SLACK: f64 = 1e-9;
+
+/// When `laws` (side by side, each multiplied by its `scale`) pass `limit`, if they do: the time, and what they are then.
+///
+/// The limit of speeds and accelerations must not be negative.
+///
+/// # Errors
+/// [`LawError::Parameter`] if there is too much to look at; and the laws' own.
+pub(crate) fn first_beyond(laws: &[(&Law, f64)], extent: Extent, limit: f64) -> Result<Option<(Time, f64)>, LawError> {
+    let mut terms: Vec<(Pieces<'_>, Option<Piece>)> = laws.iter().map(|(law, _)| (law.pieces(), None)).collect();
+    let mut at = Time::ZERO;
+    for _ in 0..MOST_STRETCHES {
+        for (pieces, piece) in &mut terms {
+            while piece.as_ref().is_none_or(|piece| piece.end <= at) {
+                match pieces.next() {
+                    Some(next) => *piece = Some(next?),
+                    None => return Ok(None),
+                }
+            }
+        }
+        let pieces: Vec<(&Piece, f64)> =
+            terms.iter().zip(laws).filter_map(|((_, piece), (_, scale))| Some((piece.as_ref()?, *scale))).collect();
+        let Some(end) = pieces.iter().map(|(piece, _)| piece.end).min() else { return Ok(None) };
+        if let Some(found) = in_part(&pieces, extent, limit, (at, end), 0) {
+            return Ok(Some(found));
+        }
+        at = end;
+    }
+    Err(LawError::Parameter(format!("the path has more than {MOST_STRETCHES} parts: too long to be checked")))
+}
+
+/// The same between two times that lie in one piece of each law.
+fn in_part(
+    pieces: &[(&Piece, f64)],
+    extent: Extent,
+    limit: f64,
+    (from, to): (Time, Time),
+    depth: u32,
+) -> Option<(Time, f64)> {
+    let middle = from + (to - from).divided_by(2);
+    let reach = 0.5 * (to - from).seconds() * (1.0 + 1e-12);
+    let (here, most) = match extent {
+        Extent::Value => {
+            let (piece, scale) = *pieces.first()?;
+            let model = Model::of(piece, scale, 0, (from, middle, to), reach);
+            (model.c[0], model.most(reach))
+        }
+        Extent::Speed | Extent::Acceleration => {
+            let order = if extent == Extent::Speed { 1 } else { 2 };
+            // The square of the length as one polynomial: in a circle its terms cancel.
+            let (mut square, mut rest) = (Model::default(), 0.0);
+            for &(piece, scale) in pieces {
+                let model = Model::of(piece, scale, order, (from, middle, to), reach);
+                for (i, a) in model.c[..8].iter().enumerate() {
+                    for (j, b) in model.c[..8].iter().enumerate() {
+                        square.c[i + j] += a * b;
+                    }
+                }
+                let size: f64 = model.c.iter().rev().fold(0.0, |sum, c| sum * reach + c.abs());
+                rest += model.rest * (2.0 * size + model.rest);
+            }
+            square.rest = rest;
+            (square.c[0].max(0.0).sqrt(), square.most(reach).max(0.0).sqrt())
+        }
+    };
+    let allowed = limit + SLACK * limit.abs();
+    if here > allowed || !most.is_finite() {
+        return Some((middle, here));
+    }
+    if most <= allowed || depth == DEEPEST {
+        return None;
+    }
+    in_part(pieces, extent, limit, (from, middle), depth + 1)
+        .or_else(|| in_part(pieces, extent, limit, (middle, to), depth + 1))
+}
+
+/// A polynomial about the middle of a part, and how far it may be off in the part.
+#[derive(Default)]
+struct Model {
+    c: [f64; 15],
+    rest: f64,
+}
+
+impl Model {
+    /// Of the `order`th derivative of a piece.
+    fn of(piece: &Piece, scale: f64, order: usize, (from, middle, to): (Time, Time, Time), reach: f64) -> Model {
+        let u = |t: Time| (t - piece.zero).seconds();
+        let jet = piece.curve.jet(u(middle));
+        let bounds = piece.curve.bounds(u(from), u(to));
+        // k·(k − 1)·…: what is left of x^k.
+        let falling = |k: usize| (0..order).map(|i| (k - i) as f64).product::<f64>();
+        let mut model = Model::default();
+        let mut power = 1.0;
+        for k in order..8 {
+            model.c[k - order] = falling(k) * jet[k] * scale;
+            model.rest += falling(k) * bounds.rounding[k] * power;
+            power *= reach;
+        }
+        if order == 0 {
+            model.c[0] += piece.origin as f64 * scale;
+        }
+        model.rest = (model.rest + falling(8) * bounds.eighth * power) * scale.abs();
+        model
+    }
+
+    /// What it is nowhere above.
+    fn most(&self, reach: f64) -> f64 {
+        self.c[0] + self.c[1..].iter().rev().fold(0.0, |sum, c| (sum + c.abs()) * reach) + self.rest
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[track_caller]
+    fn check(laws: &[(&Law, f64)], extent: Extent, peak: f64, at_s: Option<f64>) {
+        let beyond = |limit| first_beyond(laws, extent, limit).unwrap();
+        assert_eq!(beyond(peak * 1.000_001), None);
+        let (when, value) = beyond(peak * 0.999_999).expect("the peak is beyond it");
+        assert!(value > peak * 0.999_999 && value < peak * 1.000_001, "{value}");
+        if let Some(at_s) = at_s {
+            assert!((when.seconds() - at_s).abs() < 2e-3 * at_s, "{} s", when.seconds());
+        }
+    }
+
+    #[test]
+    fn peaks_are_found_where_they_are() {
+        let sine = Law::sine(100.0, Time::SECOND, Some(1)).unwrap();
+        check(&[(&sine, 1.0)], Extent::Value, 200.0, Some(0.5));
+        check(&[(&sine, 0.5)], Extent::Speed, 50.0 * std::f64::consts::TAU, Some(0.25));
+        let formula = Law::formula("exp(-t)*sin(t)", &[], 1.0, Some(Time::from_seconds(3.0))).unwrap();
+        // Where sin = cos: t = π/4.
+        let quarter = std::f64::consts::FRAC_PI_4;
+        check(&[(&formula, 1.0)], Extent::Value, (-quarter).exp() * quarter.sin(), Some(quarter));
+    }
+
+    /// A constant speed just below the limit needs no endless halving.
+    #[test]
+    fn a_circle_has_one_speed_and_one_acceleration() {
+        let period = Time::from_seconds(2.0);
+        let [x, y] = [0, 1].map(|k| Law::circle(30.0, period, Some(5), k).unwrap());
+        let omega = std::f64::consts::PI;
+        check(&[(&x, 1.0), (&y, 1.0)], Extent::Speed, 30.0 * omega, None);
+        check(&[(&x, 1.0), (&y, 1.0)], Extent::Acceleration, 30.0 * omega * omega, None);
+    }
+}

@@ -1,0 +1,291 @@
+//! Backlash: the slack of belts and gears, taken up quickly whenever a motor turns round.
+//!
+//! What the motor drives stands still while the slack is taken up. Source: seeds/002, "Slop in the etch a sketch mechanism".
+
+use super::combine;
+use super::{Class, Curve, Double, Entry, Law, LawError, Piece, Pieces, checked};
+use crate::Time;
+use std::collections::VecDeque;
+
+/// A law whose motor goes farther by the slack after each turning point, within `over`, on a cubic from rest to rest.
+#[derive(Clone, Debug)]
+pub struct TakeUp {
+    /// The law, then what is added to it.
+    sum: [Law; 2],
+}
+
+/// What is added to a law at its turning points.
+#[derive(Clone, Debug)]
+pub struct Slack {
+    law: Law,
+    steps: f64,
+    over: Time,
+}
+
+/// A law has turned round once it has come back this far, steps: less is rounding, or makes no step.
+const TURNED: f64 = 0.25;
+/// Looks in each piece; turns between them are found by their change of sign.
+const LOOKS: u32 = 16;
+/// Positions that are the same, steps.
+const SAME: f64 = 1e-9;
+
+impl Law {
+    /// This law for a motor with slack behind it: `slack` more steps at each turn, within `over` from the turn on.
+    ///
+    /// Which way the first motion goes the slack is taken up already. The law ends `over` later, so that its last turn
+    /// can be served. Peak speed of the added motion is 1.5·slack/over, its acceleration 6·slack/over².
+    ///
+    /// ```
+    /// use pulsetrain_motion::{Law, Time, law::Cursor};
+    /// let law = Law::sine(100.0, Time::SECOND, Some(1))?.taking_up(8.0, Time::from_ratio(1, 50))?;
+    /// let mut cursor = Cursor::new(&law);
+    /// let mut at = |s| cursor.at(Time::from_seconds(s)).map(|sample| sample.position);
+    /// assert_eq!(at(0.5)?, 200.0); // the top
+    /// assert!((at(0.75)? - (100.0 - 8.0)).abs() < 1e-9);
+    /// # Ok::<(), pulsetrain_motion::LawError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`LawError::Parameter`] if the slack is not 0 to 1e9 steps, or `over` not 1e-6 to 1e3 s.
+    pub fn taking_up(self, slack: f64, over: Time) -> Result<Law, LawError> {
+        checked("slack", slack, "steps", |s| (0.0..=1e9).contains(&s))?;
+        checked("time to take it up", over.seconds(), "s", |s| (1e-6..=1e3).contains(&s))?;
+        let added = Law::Slack(Box::new(Slack { law: self.clone(), steps: slack, over }));
+        Ok(Law::TakeUp(Box::new(TakeUp { sum: [self, added] })))
+    }
+
+    /// This law as what the motor drives makes it: without what takes up slack. `None` if that cannot be told apart, in
+    /// laws made of ones that take up slack.
+    #[must_use]
+    pub fn without_slack(&self) -> Option<&Law> {
+        match self {
+            Law::TakeUp(take_up) => Some(&take_up.sum[0]),
+            law => (!law.takes_up()).then_some(law),
+        }
+    }
+
+    /// Whether slack is taken up anywhere in it.
+    fn takes_up(&self) -> bool {
+        match self {
+            Law::TakeUp(_) | Law::Slack(_) => true,
+            Law::Sum(laws) | Law::Then(laws) => laws.iter().any(Law::takes_up),
+            Law::Changed(changed) => changed.law.takes_up(),
+            Law::Repeated(repeated) => repeated.law.takes_up(),
+            Law::Blended(blended) => blended.law().takes_up(),
+            Law::Warped(warped) => warped.law().takes_up(),
+            _ => false,
+        }
+    }
+}
+
+impl TakeUp {
+    pub(super) fn end(&self) -> Option<Time> {
+        self.sum[1].end()
+    }
+
+    pub(super) fn class(&self) -> Class {
+        self.sum[0].class().max(Class::Enclosed)
+    }
+
+    pub(super) fn pieces(&self) -> Pieces<'_> {
+        Box::new(combine::sum(&self.sum))
+    }
+}
+
+impl Slack {
+    pub(super) fn end(&self) -> Option<Time> {
+        self.law.end().map(|end| end + self.over)
+    }
+
+    pub(super) fn class() -> Class {
+        Class::Enclosed
+    }
+
+    pub(super) fn pieces(&self) -> impl Iterator<Item = Result<Piece, LawError>> + '_ {
+        Added {
+            slack: self,
+            turns: Turns::new(self.law.pieces()),
+            ready: VecDeque::new(),
+            at: Time::ZERO,
+            level: 0.0,
+            ended: false,
+        }
+    }
+}
+
+/// The pieces of a [`Slack`].
+struct Added<'a> {
+    slack: &'a Slack,
+    turns: Turns<'a>,
+    ready: VecDeque<Result<Piece, LawError>>,
+    /// Up to when there are pieces.
+    at: Time,
+    /// How much is added there, steps.
+    level: f64,
+    ended: bool,
+}
+
+impl Iterator for Added<'_> {
+    type Item = Result<Piece, LawError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        while self.ready.is_empty() && !self.ended {
+            match self.turns.of_a_piece() {
+                Some(Ok(turns)) => {
+                    turns.into_iter().for_each(|(when, direction)| self.take_up(when, direction));
+                    // A turn may yet begin at the farthest point so far, not before it.
+                    self.rest_until(self.turns.farthest.0);
+                }
+                Some(Err(error)) => {
+                    self.ended = true;
+                    self.ready.push_back(Err(error));
+                }
+                None => {
+                    self.ended = true;
+                    self.rest_until(self.slack.end().unwrap_or(self.at));
+                }
+            }
+        }
+        self.ready.pop_front()
+    }
+}
+
+impl Added<'_> {
+    fn rest_until(&mut self, until: Time) {
+        if until > self.at {
+            self.ready.push_back(Piece::rest(self.at, until, Double::from(self.level)));
+            self.at = until;
+        }
+    }
+
+    /// From `when` on, or from when the take-up before it is done.
+    fn take_up(&mut self, when: Time, direction: f64) {
+        self.rest_until(when);
+        let (start, over) = (self.at, self.slack.over.seconds());
+        let by = direction * self.slack.steps;
+        // 3x² − 2x³: begins and ends at rest.
+        let curve =
+            Curve::Polynomial(vec![self.level, 0.0, 3.0 * by / (over * over), -2.0 * by / (over * over * over)]);
+        (self.at, self.level) = (start + self.slack.over, self.level + by);
+        let entry = Entry::Continuous;
+        self.ready.push_back(Ok(Piece { zero: start, start, end: self.at, origin: 0, curve, entry }));
+    }
+}
+
+/// Finds the turning points of a law.
+struct Turns<'a> {
+    pieces: Pieces<'a>,
+    /// The way it goes, ±1; 0 before its first motion.
+    direction: f64,
+    /// When and where it was farthest in that direction.
+    farthest: (Time, Double),
+    begun: bool,
+}
+
+impl<'a> Turns<'a> {
+    fn new(pieces: Pieces<'a>) -> Turns<'a> {
+        Turns { pieces, direction: 0.0, farthest: (Time::ZERO, Double::ZERO), begun: false }
+    }
+
+    /// The turns, each with the direction from then on, that are certain after one more piece.
+    fn of_a_piece(&mut self) -> Option<Result<Vec<(Time, f64)>, LawError>> {
+        let piece = match self.pieces.next()? {
+            Ok(piece) => piece,
+            Err(error) => return Some(Err(error)),
+        };
+        if !std::mem::replace(&mut self.begun, true) {
+            self.farthest.1 = piece.first_position();
+        }
+        let mut turns = Vec::new();
+        let look = |k: u32| piece.first() + (piece.last() - piece.first()) * f64::from(k) / f64::from(LOOKS);
+        let speed = |u: f64| piece.curve.jet(u)[1];
+        for k in 0..LOOKS {
+            let (from, to) = (look(k), look(k + 1));
+            if speed(from) * speed(to) < 0.0 {
+                let (mut a, mut b) = (from, to);
+                while 0.5 * (a + b) > a && 0.5 * (a + b) < b {
+                    let middle = 0.5 * (a + b);
+                    if speed(middle) * speed(from) > 0.0 { a = middle } else { b = middle }
+                }
+                turns.extend(self.go_on(piece.zero + Time::from_seconds(b), piece.position(b)));
+            }
+            let end = if k + 1 == LOOKS { piece.end } else { piece.zero + Time::from_seconds(to) };
+            turns.extend(self.go_on(end, piece.position(to)));
+        }
+        Some(Ok(turns))
+    }
+
+    /// Hears where the law goes; tells of a turn when it has come back far enough.
+    fn go_on(&mut self, at: Time, position: Double) -> Option<(Time, f64)> {
+        let by = (position - self.farthest.1).nearest();
+        if self.direction == 0.0 {
+            if by.abs() > TURNED {
+                (self.direction, self.farthest) = (by.signum(), (at, position));
+            }
+        } else if by * self.direction > 0.0 {
+            self.farthest = (at, position);
+        } else if by * self.direction >= -SAME {
+            // It rests there.
+            self.farthest.0 = at;
+        } else if by * self.direction < -TURNED {
+            let turn = (self.farthest.0, -self.direction);
+            (self.direction, self.farthest) = (-self.direction, (at, position));
+            return Some(turn);
+        }
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::law::Cursor;
+
+    fn seconds(s: f64) -> Time {
+        Time::from_seconds(s)
+    }
+
+    /// Largest |law with slack taken up − law − expected| over a law's looks.
+    #[track_caller]
+    fn check(law: Law, slack: f64, over_s: f64, looks: &[(f64, f64)]) {
+        let taking_up = law.clone().taking_up(slack, seconds(over_s)).unwrap();
+        let (mut plain, mut with) = (Cursor::new(&law), Cursor::new(&taking_up));
+        for &(at_s, expected) in looks {
+            let added = with.at(seconds(at_s)).unwrap().position - plain.at(seconds(at_s)).unwrap().position;
+            assert!((added - expected).abs() < 1e-6, "{added} at {at_s} s");
+        }
+        assert_eq!(taking_up.without_slack().unwrap().end(), law.end());
+    }
+
+    #[test]
+    fn slack_is_taken_up_at_each_turn_and_only_there() {
+        // Forward, back, forward: turns at 0.5, 1, 1.5 s.
+        let sine = Law::sine(500.0, Time::SECOND, Some(2)).unwrap();
+        let looks = [(0.2, 0.0), (0.5, 0.0), (0.51, -5.0), (0.52, -10.0), (0.99, -10.0), (1.02, 0.0), (1.6, -10.0)];
+        check(sine.clone(), 10.0, 0.02, &looks);
+        // Backwards first: the slack is behind it the other way.
+        check(sine.scaled(-1.0).unwrap(), 10.0, 0.02, &[(0.4, 0.0), (0.6, 10.0), (1.1, 0.0)]);
+    }
+
+    #[test]
+    fn a_rest_at_the_turn_ends_before_the_take_up_begins() {
+        let move_by = |d: f64| Law::trapezoid(d, 400.0, 4000.0, 4000.0).unwrap();
+        let law = Law::then(vec![move_by(100.0), Law::rest(Time::SECOND).unwrap(), move_by(-100.0)]).unwrap();
+        let turn = move_by(100.0).end().unwrap().seconds() + 1.0;
+        check(law, 6.0, 0.01, &[(turn - 1e-9, 0.0), (turn + 0.005, -3.0), (turn + 0.01, -6.0)]);
+    }
+
+    #[test]
+    fn a_pause_in_the_same_direction_is_no_turn() {
+        let move_by = |d: f64| Law::trapezoid(d, 400.0, 4000.0, 4000.0).unwrap();
+        let law = Law::then(vec![move_by(100.0), Law::rest(Time::SECOND).unwrap(), move_by(100.0)]).unwrap();
+        check(law, 6.0, 0.01, &[(0.9, 0.0), (1.5, 0.0), (2.0, 0.0)]);
+    }
+
+    #[test]
+    fn an_endless_law_without_turns_has_pieces_all_the_way() {
+        let law = Law::speed(1000.0, None).unwrap().taking_up(5.0, seconds(0.1)).unwrap();
+        assert_eq!(law.end(), None);
+        assert_eq!(Cursor::new(&law).at(seconds(1e6)).unwrap().position, 1e9);
+    }
+}

@@ -1,0 +1,101 @@
+//! What is heard and said on a way to a host.
+
+use crate::winch::Ear;
+use pulsetrain_core::winch::letters::InMemory;
+use pulsetrain_core::winch::reply::{LONGEST, Reply};
+use pulsetrain_core::wire::frame::Received;
+use pulsetrain_core::wire::{Decoder, MAX_FRAME, Millis, Service};
+
+/// Bytes that may wait to be sent: one frame, or lines.
+const ROOM: usize = 1024;
+const _: () = assert!(ROOM > MAX_FRAME);
+
+/// What the lines of one packet may say at most: 32 of two bytes that are no commands, and a status.
+const PACKET_SAYS: usize = 32 * "err command 1\r\n".len() + LONGEST;
+const _: () = assert!(PACKET_SAYS < ROOM);
+
+/// If no byte has left for so long, about ms, the host does not read: nothing waits for it.
+const STUCK: u16 = 20;
+
+/// One way's.
+pub(crate) struct Talk {
+    pub(crate) decoder: Decoder,
+    pub(crate) ear: Ear,
+    reply: [u8; ROOM],
+    len: usize,
+    sent: usize,
+    /// When a byte left last, or nothing waited.
+    moved: Millis,
+}
+
+impl Talk {
+    /// Nothing was heard yet.
+    pub(crate) const fn new() -> Talk {
+        Talk { decoder: Decoder::new(), ear: Ear::new(), reply: [0; ROOM], len: 0, sent: 0, moved: Millis(0) }
+    }
+
+    /// Whether all was handed over that was to be said.
+    #[inline(always)]
+    pub(crate) const fn is_out(&self) -> bool {
+        self.sent == self.len
+    }
+
+    /// Forgets what was to be said.
+    pub(crate) const fn hush(&mut self) {
+        (self.len, self.sent) = (0, 0);
+    }
+
+    /// Says a frame, which `write` writes and gives the length of; all before is out.
+    #[inline(always)]
+    pub(crate) fn frame(&mut self, write: impl FnOnce(&mut [u8]) -> usize) {
+        self.sent = 0;
+        self.len = write(&mut self.reply);
+    }
+
+    /// Says on a way that is not the session's what there is to be said there, if nothing else is under way.
+    #[inline(never)]
+    pub(crate) fn turn_away(&mut self, received: Received) {
+        if self.is_out() {
+            self.sent = 0;
+            self.len = Service::turn_away(received, self.decoder.body(), &mut self.reply);
+        }
+    }
+
+    /// Says a line of text, behind what waits; one that has no room is dropped.
+    #[inline(never)]
+    pub(crate) fn say(&mut self, line: &Reply) {
+        if self.is_out() {
+            self.hush();
+        }
+        if ROOM - self.len >= LONGEST {
+            self.len += usize::from(line.write::<InMemory>(&mut self.reply[self.len..]));
+        }
+    }
+
+    /// Whether there is room for what a packet of lines may say.
+    #[inline(always)]
+    pub(crate) const fn has_room(&self) -> bool {
+        self.is_out() || ROOM - self.len >= PACKET_SAYS
+    }
+
+    /// Whether the host does not read.
+    pub(crate) const fn is_stuck(&self, now: Millis) -> bool {
+        now.since(self.moved) >= STUCK
+    }
+
+    /// Sends what waits, as long as `send` takes a byte; whether one was sent.
+    #[inline(always)]
+    pub(crate) fn send(&mut self, now: Millis, mut send: impl FnMut(u8) -> bool) -> bool {
+        let sent = self.sent;
+        while let Some(byte) = self.reply[..self.len].get(self.sent)
+            && send(*byte)
+        {
+            self.sent += 1;
+        }
+        let moved = self.sent != sent;
+        if moved || self.is_out() {
+            self.moved = now;
+        }
+        moved
+    }
+}

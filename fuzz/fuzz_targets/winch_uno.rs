@@ -1,0 +1,21 @@
+//! Bytes of any content to the Uno's reader of lines, in assembly on the emulated chip, and to core's: they hear the same.
+//!
+//! The coverage that leads the fuzzer is core's and the emulator's.
+#![no_main]
+
+#[allow(dead_code, reason = "the rest is for the tests")]
+#[path = "../../crates/board/tests/winch_avr.rs"]
+mod winch_avr;
+
+use libfuzzer_sys::fuzz_target;
+use winch_avr::Readers;
+
+fuzz_target!(|input: (bool, &[u8])| {
+    let (strict, bytes) = input;
+    let mut readers = Readers::new(strict);
+    // Zeros are frames'.
+    let bytes: Vec<u8> = bytes.iter().copied().filter(|byte| *byte != 0).take(600).collect();
+    for line in bytes.split_inclusive(|byte| *byte == b'\n') {
+        readers.push(line);
+    }
+});
