@@ -211,8 +211,12 @@ pub(crate) fn random_items(
         }
         let next = interval(random);
         let count = (1 + if random.one_in(3) { random.below(5) } else { random.below(2000) }) as u32;
-        let add = ((next - now) << 32) / i64::from(count);
-        let segment = Segment { count, interval: (now << 32) + random.below(1 << 32) as i64, add, add2: 0 };
+        // Half of them bend: intervals lie above the line between the two, so that none is shorter than both.
+        let steps = i64::from(count);
+        let bend = if random.one_in(2) { now.min(next).min(1 << 20) << 32 } else { 0 };
+        let add2 = -bend / (steps * steps).max(8);
+        let add = ((next - now) << 32) / steps - add2 * (steps - 1) / 2;
+        let segment = Segment { count, interval: (now << 32) + random.below(1 << 32) as i64, add, add2 };
         items.push(Item::Run { segment, direction });
         now = next.max(fastest as i64);
     }
