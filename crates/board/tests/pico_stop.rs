@@ -1,4 +1,5 @@
-//! The immediate stop on the virtual Pico, at every instant: what it counts is what the pins did.
+//! The immediate stop on the virtual Pico, whenever it comes: what it counts is what the pins did. `pico_stop_at.rs` has it in
+//! cycle after cycle.
 
 mod common;
 
@@ -45,7 +46,6 @@ fn the_count_is_what_the_pins_did_whenever_it_comes() {
     let random = &mut Random::new(7);
     for pulse_ticks in [13, 200] {
         let begun = under_way(pulse_ticks);
-        let mut in_pulse = 0;
         for _ in 0..150 {
             // The same board again, a moment later.
             let (mut pico, mut edges) = (begun.pico.clone(), begun.edges.clone());
@@ -72,7 +72,6 @@ fn the_count_is_what_the_pins_did_whenever_it_comes() {
                     } else if edge.line == motor.step_pin {
                         let since = high.take().expect("a pulse begins before it ends");
                         assert!(edge.tick - since >= u64::from(pulse_ticks), "a pulse of {}", edge.tick - since);
-                        in_pulse += u32::from(edge.tick > tick);
                     }
                 }
                 assert_eq!(high, None, "a pulse has no end");
@@ -80,7 +79,6 @@ fn the_count_is_what_the_pins_did_whenever_it_comes() {
             }
             assert_eq!(phase(&edges, &motors[2]), Some(positions[2].rem_euclid(8) as usize));
         }
-        assert!(in_pulse > u32::from(pulse_ticks) / 10, "{in_pulse} stops came inside a pulse");
     }
 }
 

@@ -111,7 +111,7 @@ impl All {
             self.count_round(now - woken);
             woken = now;
             let millis = clock::millis(now);
-            self.usb.poll();
+            self.usb.poll(&mut self.board.clock);
             if self.usb.was_opened() {
                 self.greet();
             }
@@ -285,7 +285,7 @@ impl All {
             }
             can_send
         });
-        self.usb.flush();
+        self.usb.flush(&mut self.board.clock);
         to_uart || to_usb
     }
 

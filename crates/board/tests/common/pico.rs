@@ -215,8 +215,12 @@ pub(crate) fn random_items(
         }
         let next = interval(random);
         let count = (1 + if random.one_in(3) { random.below(5) } else { random.below(2000) }) as u32;
-        let add = ((next - now) << 32) / i64::from(count);
-        let segment = Segment { count, interval: (now << 32) + random.below(1 << 32) as i64, add, add2: 0 };
+        // Half of them bend: intervals lie above the line between the two, so that none is shorter than both.
+        let steps = i64::from(count);
+        let bend = if random.one_in(2) { now.min(next).min(1 << 20) << 32 } else { 0 };
+        let add2 = -bend / (steps * steps).max(8);
+        let add = ((next - now) << 32) / steps - add2 * (steps - 1) / 2;
+        let segment = Segment { count, interval: (now << 32) + random.below(1 << 32) as i64, add, add2 };
         items.push(Item::Run { segment, direction });
         now = next.max(fastest as i64);
     }
@@ -225,8 +229,8 @@ pub(crate) fn random_items(
 
 /// Keeps the main loop from doing anything for `ticks`, as nothing of ours ever does; interrupts go on. Gives when it is over.
 pub(crate) fn hold_up(pico: &mut VirtualPico, ticks: u64) -> u64 {
-    /// The lowest of the stack, where nothing is: `b .`.
-    const LOOP: u32 = 0x2004_0040;
+    /// At the end of RAM, where nothing is: `b .`.
+    const LOOP: u32 = 0x2003_c000;
     let run = |pico: &mut VirtualPico, ticks: u64| {
         let until = pico.now() + Duration::from_nanos(8 * ticks);
         while pico.now() < until {

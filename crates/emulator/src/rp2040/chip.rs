@@ -242,6 +242,20 @@ impl Rp2040 {
         self.usb_changed();
     }
 
+    /// The PC clears an endpoint of the USB serial port (bit 7: to the PC), halted or not: it goes on from DATA0.
+    pub fn usb_clear_halt(&mut self, endpoint: u8) {
+        let cycle = self.cpu.cycle();
+        self.system.fabric.usb.clear_halt(endpoint, cycle);
+        self.usb_changed();
+    }
+
+    /// The PC asks the USB device for a configuration; one that it refuses changes nothing.
+    pub fn usb_try_configuration(&mut self, value: u8) {
+        let cycle = self.cpu.cycle();
+        self.system.fabric.usb.try_configuration(value, cycle);
+        self.usb_changed();
+    }
+
     /// How many of the bytes of [`usb_send`](Rp2040::usb_send) the device has not taken yet.
     pub fn usb_backlog(&self) -> usize {
         self.system.fabric.usb.backlog()

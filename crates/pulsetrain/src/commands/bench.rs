@@ -157,6 +157,7 @@ fn prepared(period_s: f64) -> miette::Result<Prepared> {
         board,
         grid: Grid::REACH,
         tolerance: Tolerance::Seconds(1e-6),
+        idle_ms: None,
         motors: vec![motor],
         machines: Vec::new(),
     };

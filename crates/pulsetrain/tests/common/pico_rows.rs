@@ -258,7 +258,7 @@ fn motor(number: u8, law: Motion, timing: Timing) -> Motor {
 
 fn prepared(file: &str, motors: Vec<Motor>) -> Prepared {
     let board = boards::find("pico").expect("the table has the Pico").board;
-    let program = Program { board, grid: Grid::REACH, tolerance: Tolerance::Ticks(1.0), motors };
+    let program = Program { board, grid: Grid::REACH, tolerance: Tolerance::Ticks(1.0), idle_ms: None, motors };
     Prepared { file: file.to_owned(), program, cut_at: None, pause: None }
 }
 

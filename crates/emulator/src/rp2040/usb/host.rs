@@ -108,6 +108,8 @@ pub(super) struct Host {
     is_open: bool,
     /// The program does not read, and what the PC keeps for it is full.
     is_full: bool,
+    /// What programs ask the driver for beside that.
+    asked: Vec<Request>,
     /// Requests to be made, in this order.
     requests: VecDeque<Request>,
     /// The next packet is DATA1.
@@ -135,6 +137,7 @@ impl Host {
             wanted_open: false,
             is_open: false,
             is_full: false,
+            asked: Vec::new(),
             requests: VecDeque::new(),
             in_data1: false,
             out_data1: false,
@@ -152,6 +155,11 @@ impl Host {
 
     pub(super) fn fill(&mut self, is_full: bool) {
         self.is_full = is_full;
+    }
+
+    /// A program has an endpoint of the port cleared, or a configuration set; when the device is configured.
+    pub(super) fn ask(&mut self, request: Request) {
+        self.asked.push(request);
     }
 
     pub(super) fn send(&mut self, bytes: &[u8]) {
@@ -218,6 +226,10 @@ impl Host {
                     self.requests.push_back(Request::SetLineCoding(interface));
                 }
                 self.requests.push_back(Request::SetLineState(interface, self.wanted_open));
+                self.request(cycle);
+            }
+            (true, Work::Idle) if self.configured && !self.asked.is_empty() => {
+                self.requests.extend(self.asked.drain(..));
                 self.request(cycle);
             }
             _ => {}
@@ -310,6 +322,8 @@ impl Host {
                     self.out.clear();
                 }
             }
+            (Request::ClearHalt(endpoint), _) if endpoint & 0x80 != 0 => self.in_data1 = false,
+            (Request::ClearHalt(_), _) => self.out_data1 = false,
             _ if request.is_optional() => {}
             _ => {
                 self.work = Work::GivenUp;
@@ -350,7 +364,8 @@ impl Host {
                     Token::Out { data, .. } => offer(0, Direction::Out, Some(data.len())),
                 })
             }
-            _ if !self.is_open => None,
+            // A driver clears an endpoint when nothing is under way there.
+            _ if !self.is_open || self.clears() => None,
             Pipe::Notifications => {
                 // Asked for so seldom that a refusal costs nothing.
                 let endpoint = self.port.notifications?;
@@ -364,6 +379,11 @@ impl Host {
                 Some(offer(endpoint.number, Direction::Out, Some(self.packet(endpoint))))
             }
         }
+    }
+
+    /// Whether an endpoint is being cleared.
+    fn clears(&self) -> bool {
+        matches!(&self.work, Work::Control(Transfer { request: Request::ClearHalt(_), .. }, _))
     }
 
     /// Bytes of the next packet to the device.
