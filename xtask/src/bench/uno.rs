@@ -60,7 +60,73 @@ struct Limit {
 }
 
 impl Limit {
-    #[cfg(test)]
+    fn parse(line: &str) -> Option<Limit> {
+        let mut fields = line.split('\t').skip(1);
+        let by_compare = fields.next()? == "compare";
+        let mut number = || fields.next()?.parse().ok();
+        let motors = number()? as usize;
+        Some(Limit {
+            by_compare,
+            motors,
+            pulse: number()?,
+            interval: number()?,
+            late: number()?,
+            horizon: number()?,
+            queues: number()?,
+        })
+    }
+}
+
+/// The pulses that limits are measured for, ticks.
+const PULSES: [u32; 3] = [16, 31, 80];
+
+/// Writes what the table of boards says of the Uno.
+fn write_limits(limits: &[Limit]) -> Done {
+    let path = root().join("crates/motion/src/boards/uno.rs");
+    fs::write(&path, limits_source(limits)?).map_err(|why| Failure::File { path, why })
+}
+
+fn limits_source(limits: &[Limit]) -> Done<String> {
+    let shortest = |by_compare: bool, motors: usize, pulse: u32| {
+        let of = limits.iter().filter(|l| (l.by_compare, l.motors, l.pulse) == (by_compare, motors, pulse));
+        // Where several kinds of pins were measured, what all of them do.
+        let missing = || Failure::Check(format!("no rate holds for {motors} motors with pulses of {pulse} ticks"));
+        of.map(|limit| limit.interval).max().ok_or_else(missing)
+    };
+    let rows = |by_compare: bool, most: usize| -> Done<String> {
+        let mut rows = String::new();
+        for motors in 1..=most {
+            let row = PULSES.iter().map(|pulse| Ok(shortest(by_compare, motors, *pulse)?.to_string()));
+            rows.push_str(&format!("    [{}],\n", row.collect::<Done<Vec<_>>>()?.join(", ")));
+        }
+        Ok(rows)
+    };
+    let software = limits.iter().filter(|limit| !limit.by_compare);
+    let late = software.map(|limit| limit.late).max().unwrap_or(0);
+    let queues = limits.iter().map(|limit| limit.queues).min().unwrap_or(0);
+    let horizon = limits.iter().map(|limit| limit.horizon).max().unwrap_or(0);
+    Ok(format!(
+        "//! What the Uno's firmware does on the emulated chip: written by `cargo xtask bench uno`, not by hand. In ticks.\n\n\
+         /// Pulses up to these lengths, a column each.\n\
+         pub(super) const PULSES: [u32; {}] = [{}];\n\
+         /// Shortest interval that holds for good, of each of 1 to 4 motors on one or two ports.\n\
+         pub(super) const BY_SOFTWARE: [[u32; {0}]; 4] = [\n{}];\n\
+         /// The same of one or two motors whose edges the compare hardware makes.\n\
+         pub(super) const BY_COMPARE: [[u32; {0}]; 2] = [\n{}];\n\
+         /// Largest |edge − scheduled| beyond the constant.\n\
+         pub(super) const LATENESS: u32 = {late};\n\
+         /// The farthest that it commits itself ahead.\n\
+         pub(super) const HORIZON: u32 = {horizon};\n\
+         /// Bytes of its queues.\n\
+         pub(super) const QUEUES: u32 = {queues};\n",
+        PULSES.len(),
+        PULSES.map(|pulse| pulse.to_string()).join(", "),
+        rows(false, 4)?,
+        rows(true, 2)?,
+    ))
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
 
