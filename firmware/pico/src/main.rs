@@ -36,6 +36,9 @@ use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Baud, Decoder, MAX_BODY, MAX_FRAME, Millis, Service};
 use usb::{Packet, Usb};
 
+/// So many rounds of the main loop may pass in which the host is not heard, as motors need words; 0.2 ms each.
+const MOST_DEAF: u32 = 7;
+
 /// How long the main loop sleeps at most, µs: while motors are armed, and else.
 const NAP: [u32; 2] = [200, 500];
 
@@ -100,6 +103,7 @@ impl All {
     fn run(&mut self) -> ! {
         let mut last = Millis(0);
         let mut woken = 0;
+        let mut deaf = 0;
         loop {
             reset::kick_watchdog();
             let more = self.board.go_on();
@@ -108,8 +112,9 @@ impl All {
             woken = now;
             let millis = clock::millis(now);
             self.usb.poll();
-            let heard = self.listen(millis);
-            let spoke = self.speak(millis);
+            // Over USB the host waits, and the UART has room for all that may come.
+            deaf = if self.board.is_behind() && deaf < MOST_DEAF { deaf + 1 } else { 0 };
+            let (heard, spoke) = if deaf == 0 { (self.listen(millis), self.speak(millis)) } else { (false, false) };
             if millis != last {
                 last = millis;
                 self.set_baud();
@@ -124,7 +129,7 @@ impl All {
 
     /// Takes what came on the line, or else over USB: a packet's length at most; whether there was something. One place for both:
     /// the way into the board is long, and is there once.
-    #[inline(always)]
+    #[inline(never)]
     fn listen(&mut self, now: Millis) -> bool {
         let mut packet = Packet::default();
         let unread = self.line.waiting();
@@ -139,7 +144,7 @@ impl All {
         *most = (*most).max(unread as u16);
         while !bytes.is_empty() {
             let talk = &mut self.talks[way as usize];
-            let (taken, received) = talk.decoder.feed(bytes);
+            let (taken, received) = feed(&mut talk.decoder, bytes);
             bytes = bytes.get(taken..).unwrap_or_default();
             if way != self.way && self.service.is_taken() {
                 turn_away(talk, received);
@@ -154,7 +159,7 @@ impl All {
     }
 
     /// Sends what there is to say, as far as the lines take it; whether there was something.
-    #[inline(always)]
+    #[inline(never)]
     fn speak(&mut self, now: Millis) -> bool {
         let talk = &mut self.talks[self.way as usize];
         if !talk.is_out() && self.service.is_lost(now) {
@@ -205,11 +210,17 @@ impl All {
     /// Sleeps until something may be to do.
     fn nap(&mut self) {
         let before = self.board.clock.now();
-        let us = if self.board.is_armed() { NAP[0] } else { NAP[1] };
+        let us = if self.board.is_armed() { NAP[0].min(self.board.spare_us()) } else { NAP[1] };
         clock::sleep(us);
         let slept = self.board.clock.now() - before;
         self.board.measures.idle_ticks = self.board.measures.idle_ticks.wrapping_add(slept);
     }
+}
+
+/// As [`Decoder::feed`]: a call, so that it has the registers to itself.
+#[inline(never)]
+fn feed(decoder: &mut Decoder, bytes: &[u8]) -> (usize, Received) {
+    decoder.feed(bytes)
 }
 
 /// Says on a way that is not the session's what there is to be said there, if nothing else is under way.

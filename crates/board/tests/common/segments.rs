@@ -24,7 +24,7 @@ impl Chip {
 
     /// As a planner has it at some 100 k steps/s and more.
     pub(crate) const PICO: Chip =
-        Chip { tick_hz: pico::TICK_HZ, fraction_bits: 32, least_steps: 250, turn_ticks: 3000.0 };
+        Chip { tick_hz: pico::TICK_HZ, fraction_bits: 32, least_steps: 500, turn_ticks: 3000.0 };
 
     /// Of a whole tick.
     fn ticks(&self) -> f64 {
@@ -88,7 +88,12 @@ impl Source {
             random: Random::new(seed),
             packing: Packing { fraction_bits: fraction, gain: 0 },
             state: State::default(),
-            recurrence: Recurrence { accumulator: start << fraction | 1 << (fraction - 1), interval: 0, add: 0, add2: 0 },
+            recurrence: Recurrence {
+                accumulator: start << fraction | 1 << (fraction - 1),
+                interval: 0,
+                add: 0,
+                add2: 0,
+            },
             tick: start,
             direction: Direction::Forward,
             interval: chip.tick_hz as f64 / law.rate,
