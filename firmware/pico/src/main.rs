@@ -118,7 +118,7 @@ impl All {
             if millis != last {
                 last = millis;
                 self.set_baud();
-                self.board.housekeeping(millis, &mut self.line);
+                self.board.housekeeping(millis, &self.line);
             }
             if !(more || heard || spoke) {
                 self.nap();
