@@ -134,6 +134,7 @@ Sinusoids of growing speed on pins 8 (STEP) and 9 (DIR). On a real board disconn
 
 Examples:
   pulsetrain bench --board uno
+  pulsetrain bench --board pico
   pulsetrain bench --port /dev/ttyACM0 --disconnected")]
     Bench(Bench),
     /// List the boards with their limits

@@ -38,10 +38,13 @@ use link::Line;
 use machine::Board;
 use pulsetrain_core::winch::reply::Reply;
 use pulsetrain_core::wire::frame::Received;
-use pulsetrain_core::wire::{Baud, MAX_BODY, Millis, Service};
+use pulsetrain_core::wire::{Baud, Decoder, MAX_BODY, Millis, Service};
 use talk::Talk;
 use usb::{Packet, Usb};
 use winch::{Ear, Winch};
+
+/// So many rounds of the main loop may pass in which the host is not heard, as motors need words; 0.2 ms each.
+const MOST_DEAF: u32 = 7;
 
 /// How long the main loop sleeps at most, µs: while motors are armed, and else.
 const NAP: [u32; 2] = [200, 500];
@@ -103,6 +106,7 @@ impl All {
         let mut woken = 0;
         // Text is on from the beginning.
         self.housekeeping(last);
+        let mut deaf = 0;
         loop {
             reset::kick_watchdog();
             self.winch.go_on(&mut self.board);
@@ -115,8 +119,9 @@ impl All {
             if self.usb.was_opened() {
                 self.greet();
             }
-            let heard = self.listen(millis);
-            let spoke = self.speak(millis);
+            // Over USB the host waits, and the UART has room for all that may come.
+            deaf = if self.board.is_behind() && deaf < MOST_DEAF { deaf + 1 } else { 0 };
+            let (heard, spoke) = if deaf == 0 { (self.listen(millis), self.speak(millis)) } else { (false, false) };
             if millis != last {
                 last = millis;
                 self.set_baud();
@@ -163,7 +168,7 @@ impl All {
 
     /// Takes what came on the UART, or else over USB: a packet's length at most; whether there was something. One place for both:
     /// the way into the board is long, and is there once.
-    #[inline(always)]
+    #[inline(never)]
     fn listen(&mut self, now: Millis) -> bool {
         let mut packet = Packet::default();
         let unread = self.line.waiting();
@@ -186,7 +191,7 @@ impl All {
             let is_taken = self.service.is_taken();
             let talk = &mut self.talks[way as usize];
             if is_taken && way == self.way && self.service.silence(now) < SILENCE {
-                let (taken, received) = talk.decoder.feed(bytes);
+                let (taken, received) = feed(&mut talk.decoder, bytes);
                 bytes = bytes.get(taken..).unwrap_or_default();
                 self.service.receive(received, talk.decoder.body(), now, &mut self.board);
                 continue;
@@ -251,7 +256,7 @@ impl All {
     }
 
     /// Sends what there is to say, as far as the lines take it; whether there was something.
-    #[inline(always)]
+    #[inline(never)]
     fn speak(&mut self, now: Millis) -> bool {
         let talk = &mut self.talks[self.way as usize];
         if !talk.is_out() && self.service.is_lost(now) {
@@ -316,9 +321,15 @@ impl All {
     /// Sleeps until something may be to do.
     fn nap(&mut self) {
         let before = self.board.clock.now();
-        let us = if self.board.is_armed() { NAP[0] } else { NAP[1] };
+        let us = if self.board.is_armed() { NAP[0].min(self.board.spare_us()) } else { NAP[1] };
         clock::sleep(us);
         let slept = self.board.clock.now() - before;
         self.board.measures.idle_ticks = self.board.measures.idle_ticks.wrapping_add(slept);
     }
+}
+
+/// As [`Decoder::feed`]: a call, so that it has the registers to itself.
+#[inline(never)]
+fn feed(decoder: &mut Decoder, bytes: &[u8]) -> (usize, Received) {
+    decoder.feed(bytes)
 }

@@ -217,6 +217,14 @@ impl<const F: u32> Words<F> {
                 continue;
             }
             let Some(event) = event.filter(|event| !limit.is_before(self.output.due(*event))) else { break };
+            if event.kind == Kind::Step {
+                // A segment that goes on where the one before ended: its first step is one of many, too.
+                let before = tape.written();
+                self.go_on(tape, memory, limit, stop, expand);
+                if tape.written() != before {
+                    continue;
+                }
+            }
             if let Some(due) = self.make(event) {
                 self.put(tape, memory, due);
                 if event.kind == Kind::Step {
