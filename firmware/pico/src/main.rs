@@ -39,6 +39,7 @@ use machine::Board;
 use pulsetrain_core::winch::reply::Reply;
 use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Baud, Decoder, MAX_BODY, Millis, Service};
+use start::Once;
 use talk::Talk;
 use usb::{Packet, Usb};
 use winch::{Ear, Winch};
@@ -73,11 +74,15 @@ struct All {
     line: Line,
     usb: Usb,
     /// What is heard and said on each of them.
-    talks: [Talk; 2],
+    talks: &'static mut [Talk; 2],
     /// The session's; while there is none, that of the last frame.
     way: Way,
-    winch: Winch,
+    winch: &'static mut Winch,
 }
+
+// The stack has no room for these.
+static TALKS: Once<[Talk; 2]> = Once::new([const { Talk::new() }; 2]);
+static WINCH: Once<Winch> = Once::new(Winch::new());
 
 #[unsafe(no_mangle)]
 extern "C" fn main() -> ! {
@@ -85,16 +90,8 @@ extern "C" fn main() -> ! {
     let blocks = regs::reset::IO_BANK0 | regs::reset::PADS_BANK0 | regs::reset::TIMER;
     regs::take_out_of_reset(blocks);
     // SAFETY: the start-up code calls main once.
-    let (board, line) = unsafe { (Board::begin(), Line::open()) };
-    let mut all = All {
-        board,
-        service: Service::new(MAX_BODY),
-        line,
-        usb: Usb::open(),
-        talks: [const { Talk::new() }; 2],
-        way: Way::Uart,
-        winch: Winch::new(),
-    };
+    let (board, line, talks, winch) = unsafe { (Board::begin(), Line::open(), TALKS.take(), WINCH.take()) };
+    let mut all = All { board, service: Service::new(MAX_BODY), line, usb: Usb::open(), talks, way: Way::Uart, winch };
     reset::begin();
     regs::enable_interrupts();
     all.run()
@@ -160,7 +157,7 @@ impl All {
             }
         }
         if core::mem::take(&mut self.winch.report) {
-            for talk in &mut self.talks {
+            for talk in &mut *self.talks {
                 talk.ear.owes_status = true;
             }
         }
@@ -275,7 +272,7 @@ impl All {
                 self.report(way);
             }
         }
-        let [uart, usb] = &mut self.talks;
+        let [uart, usb] = &mut *self.talks;
         let to_uart = uart.send(now, |byte| {
             let can_send = link::can_send();
             if can_send {
