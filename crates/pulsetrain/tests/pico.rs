@@ -2,6 +2,12 @@
 
 use pulsetrain::cli;
 use pulsetrain::console::Exit;
+use pulsetrain_board::virtual_pico::VirtualPico;
+use pulsetrain_board::{Board, Edge, Remote, Setup};
+use pulsetrain_core::wire::Baud;
+use pulsetrain_core::wire::message::MotorSetup;
+use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_motion::boards;
 use std::path::PathBuf;
 
 fn pulsetrain(args: &[&str]) -> (Exit, String) {
@@ -12,7 +18,7 @@ fn pulsetrain(args: &[&str]) -> (Exit, String) {
 
 /// What it says, without the drawing's line ends.
 fn in_a_line(said: &str) -> String {
-    said.split(['│', '\n']).map(str::trim).collect::<Vec<_>>().join(" ")
+    said.replace('│', " ").split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
 fn folder(name: &str) -> PathBuf {
@@ -163,4 +169,58 @@ fn a_virtual_pico_tells_of_itself() {
     let (_, said) = pulsetrain(&["info", "--board", "pico"]);
     assert!(said.contains("Raspberry Pi Pico") && said.contains("power came on"), "{said}");
     assert!(!said.contains("compares"), "{said}");
+}
+
+/// STEP on pin 2, 4, …, DIR beside it.
+fn drivers(count: u8) -> Vec<MotorSetup> {
+    let motor = |motor| MotorSetup {
+        step_pin: 2 + 2 * motor,
+        dir_pin: 3 + 2 * motor,
+        forward_high: true,
+        pull_in_ticks: 1_250_000,
+        ..MotorSetup::default()
+    };
+    (0..count).map(motor).collect()
+}
+
+/// The table's row says what the firmware has: its queues, and how far ahead it commits itself at most.
+#[test]
+fn the_table_says_what_the_firmware_has() {
+    let row = boards::find("pico").unwrap();
+    for count in 1..=8 {
+        let mut pico = Remote::open(VirtualPico::new(), 1).unwrap();
+        pico.configure(&Setup { pulse_ticks: 13, motors: drivers(count), ..Setup::default() }).unwrap();
+        for motor in 0..usize::from(count) {
+            assert_eq!(pico.room(motor), row.queue_bytes[usize::from(count) - 1] as usize, "{count} motors");
+        }
+    }
+    // Usual times, and the longest, with a turn before each step.
+    for (pulse_ticks, setup_ticks, most) in [(13, 20, 300_100), (62_500, 62_500, row.horizon_ticks)] {
+        let mut pico = Remote::open(VirtualPico::new(), 1).unwrap();
+        assert_eq!(pico.set_baud(Baud::B2M), Ok(Baud::B2M));
+        pico.configure(&Setup { pulse_ticks, setup_ticks, hold_ticks: 5, motors: drivers(2), ..Setup::default() })
+            .unwrap();
+        let from = pico.now() + pico.lead() + 2_000_000;
+        for motor in 0..2 {
+            let mut items = vec![Item::Anchor { tick: Moment::of(from) }];
+            for turn in 0..300 {
+                let segment =
+                    Segment { count: 1, interval: (200_000 + 777 * i64::from(turn % 5)) << 32, add: 0, add2: 0 };
+                let direction = if turn % 2 == 0 { Direction::Forward } else { Direction::Backward };
+                items.push(Item::Run { segment, direction });
+            }
+            for item in items {
+                pico.push(motor, Entry { epoch: Epoch(1), item }).unwrap();
+            }
+        }
+        assert_eq!(pico.switch(Epoch(1), from), Ok(()));
+        let mut ahead = 0;
+        while !pico.is_idle() {
+            let until = pico.now() + 70_001;
+            pico.advance(until, &mut |_: Edge| {});
+            let status = pico.status().unwrap();
+            ahead = ahead.max(status.head.horizon - status.head.tick);
+        }
+        assert!((250_000..=u64::from(most)).contains(&ahead), "{ahead} ticks ahead, {most} are stated");
+    }
 }
