@@ -119,6 +119,9 @@ enum Figures {
 }
 
 fn main() -> ExitCode {
+    if let Some(code) = firmware::pico::as_rustc() {
+        return code;
+    }
     let done = match Arguments::parse().task {
         Task::Test => test::run(None, None),
         Task::Ci => ci::run(),

@@ -18,6 +18,8 @@ from .virtual import VirtualBoard, needs_boards
 #: Seven commands in one write of 80 bytes: more than the 64 that an Uno's own serial buffer holds.
 BURST = b"version\nenable 1\ng xyza 2.00 1.0\nl xyza 4000 40000\nsrate 40\nd xy 5 -5\nd za 7 -7\n"
 FRAME_S = 0.04
+#: Boards that speak text.
+BOARDS = ["winch", "uno", "pico"]
 #: How long a computer may take for a few seconds of a board's time.
 PATIENCE_S = 120.0
 
@@ -88,17 +90,17 @@ class Original(unittest.TestCase):
                 self.assertRegex(others[0], r"^id StepperWinch \w{3} \d+ \d{4}$")
 
     def test_a_performance(self) -> None:
-        for board in ["winch", "uno"]:
+        for board in BOARDS:
             with self.subTest(board):
                 self.perform(board, 1)
 
     def test_four_boards_of_one_host(self) -> None:
-        for board in ["winch", "uno"]:
+        for board in BOARDS:
             with self.subTest(board):
                 self.perform(board, 4)
 
     def test_what_it_does_not_know_is_logged_and_harmless(self) -> None:
-        for board in ["winch", "uno"]:
+        for board in BOARDS:
             with self.subTest(board), VirtualBoard(board) as port:
                 client = OriginalClient(port)
                 client.send(b"a xqy 40 50\nv x\nhello 1\na x 1e3abc\nsrate -1\n\n\r\na x nan\nversion\n")

@@ -270,8 +270,19 @@ impl VirtualBoard for VirtualPico {
     const CYCLES_PER_S: u64 = CYCLES_PER_S;
     const TRACED: std::ops::RangeInclusive<u8> = 2..=28;
 
-    /// Nothing: neither an adapter nor its own USB resets it.
-    fn reset(&mut self) {}
+    /// Opens its own USB port anew, which the firmware hears of (DTR) and nothing is reset by; an adapter at the UART tells nothing.
+    fn reset(&mut self) {
+        if self.line == Line::Usb {
+            for open in [false, true] {
+                self.outside.packets.clear();
+                self.chip.usb_open(open);
+                let end = self.chip.cycle() + ENUMERATION;
+                while (self.chip.usb_state() == UsbState::Open) != open && self.chip.cycle() < end {
+                    self.chip.run(self.next_frame(), &mut self.outside);
+                }
+            }
+        }
+    }
 
     /// The port's time begins with the firmware's clock.
     fn zero(&self) -> Option<u64> {

@@ -3,10 +3,11 @@
 mod common;
 
 use common::Random;
-use common::pico::{Pair, TICK_HZ, coils, overhead, random_items, step_dir};
+use common::pico::{Pair, TICK_HZ, coil_levels, coils, overhead, pins_of, random_items, run, step_dir};
 use pulsetrain_board::{Board, Faults, Setup, SwitchRefused};
-use pulsetrain_core::output::Sequence;
+use pulsetrain_core::output::{HALF_STEPS, Sequence};
 use pulsetrain_core::wire::message::{Cause, MotorSetup};
+use pulsetrain_core::{Direction, Item, Moment};
 
 const SEQUENCES: [Sequence; 3] = [Sequence::Wave, Sequence::Full, Sequence::Half];
 
@@ -54,6 +55,8 @@ struct Tally {
     edges: usize,
     refused: u32,
     taken: u32,
+    /// Runs whose acceleration changes.
+    bent: usize,
 }
 
 /// Random epochs; switches at random ticks, of which some come too late; at the end rest, or a stop.
@@ -61,25 +64,28 @@ fn random_plans(kind: u64, seed: u64, tally: &mut Tally) {
     let random = &mut Random::new(100 * kind + seed);
     let setup = random_setup(kind, random);
     let mut pair = Pair::new(&setup);
-    let push = |pair: &mut Pair, random: &mut Random, epoch: u8, from: u64| {
+    let push = |pair: &mut Pair, random: &mut Random, epoch: u8, from: u64, tally: &mut Tally| {
         for (index, motor) in setup.motors.iter().enumerate() {
             // One motor by itself as fast as the state machine is, or nearly; several as fast as the processor is.
             let fastest = u64::from(overhead(&setup, motor)) + 1 + 100 * setup.motors.len() as u64;
             let fastest = if motor.coils().is_some() { fastest.max(10_000) } else { fastest };
             let items = random_items(&setup, motor, random, from, fastest);
+            let bends = |item: &&Item| matches!(item, Item::Run { segment, .. } if segment.add2 != 0);
+            tally.bent += items.iter().filter(bends).count();
             pair.push(index, epoch, &items);
         }
     };
     let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
-    push(&mut pair, random, 1, from);
+    push(&mut pair, random, 1, from, tally);
     assert_eq!(pair.switch(1, from), Ok(()));
     let mut epoch = 1;
-    for _ in 0..random.below(4) {
+    for _ in 0..random.between(1, 5) {
         let until = pair.pico.now() + random.below(TICK_HZ / 25);
         pair.advance(until);
         // From the past to a little after it can be taken.
-        let from = pair.pico.now() + random.below(pair.pico.lead());
-        push(&mut pair, random, epoch + 1, from);
+        let reach = if random.one_in(3) { pair.pico.lead() / 16 } else { pair.pico.lead() };
+        let from = pair.pico.now() + random.below(reach);
+        push(&mut pair, random, epoch + 1, from, tally);
         match pair.switch(epoch + 1, from) {
             Ok(()) => (epoch, tally.taken) = (epoch + 1, tally.taken + 1),
             Err(SwitchRefused::Late { .. }) => tally.refused += 1,
@@ -91,6 +97,17 @@ fn random_plans(kind: u64, seed: u64, tally: &mut Tally) {
         let report = pair.stop_now(tick);
         // Pulses that were begun end.
         pair.advance(report.tick + TICK_HZ / 1000);
+        for (motor, position) in setup.motors.iter().zip(&report.positions) {
+            let Some(sequence) = motor.coils() else { continue };
+            let (first, half_steps) = match sequence {
+                Sequence::Wave => (1, 2),
+                Sequence::Full => (0, 2),
+                Sequence::Half => (0, 1),
+            };
+            let pattern = HALF_STEPS[(first + half_steps * position).rem_euclid(8) as usize];
+            let levels = coil_levels(&pair.edges, motor);
+            assert!(levels == pattern || levels == 0, "{levels:04b} at {position}, not {pattern:04b}: {setup:?}");
+        }
         let counts = pair.counts();
         for (position, count) in report.positions.iter().zip(&counts) {
             assert!(count.is_none_or(|count| count == *position), "{:?} {counts:?}", report.positions);
@@ -125,7 +142,12 @@ fn random_plans_on(kinds: std::ops::Range<u64>, seeds: u64) {
             println!("kind {kind}, seed {seed}");
             random_plans(kind, seed, &mut tally);
         }
-        println!("kind {kind}: {} edges, {} switches taken, {} refused", tally.edges, tally.taken, tally.refused);
+        // The comparison was of something, and both answers to a switch were seen.
+        let Tally { edges, taken, refused, bent } = tally;
+        assert!(
+            edges > 20_000 && taken >= 2 && refused >= 2 && bent > 20,
+            "kind {kind}: {edges} {taken} {refused} {bent}"
+        );
     }
 }
 
@@ -140,4 +162,32 @@ fn drivers() {
 #[test]
 fn coils_and_both() {
     random_plans_on(3..6, SEEDS);
+}
+
+/// Six motors with coils turn at each phase, both ways: every pattern comes once, in its tick.
+#[test]
+fn coils_turn_at_each_phase() {
+    let motors: Vec<_> = (0..6).map(|motor: u8| coils(2 + 4 * motor, SEQUENCES[usize::from(motor) % 3])).collect();
+    let setup = Setup { motors, ..Setup::default() };
+    let mut pair = Pair::new(&setup);
+    let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
+    for motor in 0..6 {
+        let mut items = vec![Item::Anchor { tick: Moment::of(from) }];
+        // Forward by one more than backward: each round turns one step further on.
+        for _ in 0..8 {
+            items.push(run(9, 125_000 + 1_111 * motor, Direction::Forward));
+            items.push(run(8, 125_000 + 1_111 * motor, Direction::Backward));
+        }
+        pair.push(motor as usize, 1, &items);
+    }
+    assert_eq!(pair.switch(1, from), Ok(()));
+    pair.advance(from + TICK_HZ / 4);
+    pair.compare(from + TICK_HZ / 4);
+    assert_eq!(pair.pico.positions(), [8; 6]);
+    for motor in &setup.motors {
+        let pins = pins_of(motor);
+        let ticks: std::collections::BTreeSet<_> =
+            pair.edges.iter().filter(|edge| pins.contains(&edge.line)).map(|edge| edge.tick).collect();
+        assert_eq!(ticks.len(), 8 * 17, "a pattern for each step");
+    }
 }

@@ -1,16 +1,14 @@
-//! The immediate stop on the virtual Pico, at every instant: what it counts is what the pins did.
+//! The immediate stop on the virtual Pico, whenever it comes: what it counts is what the pins did. `pico_stop_at.rs` has it in
+//! cycle after cycle.
 
 mod common;
 
 use common::Random;
-use common::pico::{Pair, TICK_HZ, as_line, coil_levels, coils, pins_of, run, step_dir};
-use pulsetrain_board::virtual_pico::VirtualPico;
-use pulsetrain_board::{Board, Edge, Port, Setup, StopReport};
+use common::pico::{Pair, TICK_HZ, as_line, coil_levels, coils, hold_up, pins_of, run, step_dir};
+use pulsetrain_board::{Board, Edge, Setup, StopReport};
 use pulsetrain_core::output::{HALF_STEPS, Sequence};
 use pulsetrain_core::wire::message::{Cause, MotorSetup};
 use pulsetrain_core::{Direction, Item, Moment};
-use pulsetrain_emulator::arm::Mode;
-use std::time::Duration;
 
 /// Two drivers and coils, under way: the second driver turns all the time.
 fn under_way(pulse_ticks: u16) -> Pair {
@@ -48,11 +46,12 @@ fn the_count_is_what_the_pins_did_whenever_it_comes() {
     let random = &mut Random::new(7);
     for pulse_ticks in [13, 200] {
         let begun = under_way(pulse_ticks);
-        let mut in_pulse = 0;
         for _ in 0..150 {
             // The same board again, a moment later.
             let (mut pico, mut edges) = (begun.pico.clone(), begun.edges.clone());
             let until = pico.now() + random.below(TICK_HZ / 16);
+            // Naps and frames of USB have their own rhythm, which a stop would come in.
+            hold_up(pico.port_mut(), random.below(10_000));
             let StopReport { tick, positions, uncertain } =
                 pico.stop_now(until, &mut |edge: Edge| edges.extend(as_line(&begun.setup, edge)));
             pico.advance(tick + TICK_HZ / 1000, &mut |edge: Edge| edges.extend(as_line(&begun.setup, edge)));
@@ -75,7 +74,6 @@ fn the_count_is_what_the_pins_did_whenever_it_comes() {
                     } else if edge.line == motor.step_pin {
                         let since = high.take().expect("a pulse begins before it ends");
                         assert!(edge.tick - since >= u64::from(pulse_ticks), "a pulse of {}", edge.tick - since);
-                        in_pulse += u32::from(edge.tick > tick);
                     }
                 }
                 assert_eq!(high, None, "a pulse has no end");
@@ -83,7 +81,6 @@ fn the_count_is_what_the_pins_did_whenever_it_comes() {
             }
             assert_eq!(phase(&edges, &motors[2]), Some(positions[2].rem_euclid(8) as usize));
         }
-        assert!(in_pulse > u32::from(pulse_ticks) / 10, "{in_pulse} stops came inside a pulse");
     }
 }
 
@@ -109,34 +106,6 @@ fn assert_first_edges_of(pair: &mut Pair, stop: u64) {
             assert!(same, "edge {number} of {}: {is:?} is not {ought:?}; the stop was at {stop}", got.len());
         }
     }
-}
-
-/// Keeps the main loop from doing anything for `ticks`, as nothing of ours ever does; interrupts go on. Gives when it is over.
-fn hold_up(pico: &mut VirtualPico, ticks: u64) -> u64 {
-    /// The lowest of the stack, where nothing is: `b .`.
-    const LOOP: u32 = 0x2004_0040;
-    let run = |pico: &mut VirtualPico, ticks: u64| {
-        let until = pico.now() + Duration::from_nanos(8 * ticks);
-        while pico.now() < until {
-            pico.receive(until, &mut Vec::new()).expect("it is there");
-        }
-    };
-    while {
-        let cpu = pico.chip().cpu();
-        cpu.is_asleep() || cpu.mode() != Mode::Thread || cpu.primask()
-    } {
-        run(pico, 1);
-    }
-    let (chip, at) = (pico.chip_mut(), (LOOP - 0x2000_0000) as usize);
-    chip.ram_mut()[at..at + 2].copy_from_slice(&[0xfe, 0xe7]);
-    let pc = chip.cpu().register(15);
-    chip.cpu_mut().set_register(15, LOOP);
-    run(pico, ticks);
-    while pico.chip().cpu().pc() != LOOP {
-        run(pico, 1);
-    }
-    pico.chip_mut().cpu_mut().set_register(15, pc);
-    pico.chip().cycle() - pico.zero()
 }
 
 /// The main loop is late: what is played up to the end of what was written is right, and then all is over.
@@ -186,7 +155,7 @@ fn a_processor_that_does_not_keep_up_stops_all() {
     let mut pair = Pair::new(&setup);
     let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
     for motor in 0..8 {
-        pair.push(motor, 1, &[Item::Anchor { tick: Moment::of(from) }, run(1_000_000, 120, Direction::Forward)]);
+        pair.push(motor, 1, &[Item::Anchor { tick: Moment::of(from) }, run(1_000_000, 60, Direction::Forward)]);
     }
     assert_eq!(pair.switch(1, from), Ok(()));
     pair.pico.advance(from + TICK_HZ / 10, &mut |edge: Edge| pair.edges.extend(as_line(&setup, edge)));

@@ -3,10 +3,12 @@
 mod common;
 
 use common::Random;
-use common::pico::{Pair, TICK_HZ, overhead, random_items, step_dir};
+use common::pico::{Pair, TICK_HZ, overhead, random_items, run, step_dir};
 use pulsetrain_board::virtual_pico::{CYCLES_PER_S, VirtualPico};
-use pulsetrain_board::{Board, Setup};
-use pulsetrain_emulator::UsbState;
+use pulsetrain_board::{Board, Link, Setup};
+use pulsetrain_core::{Direction, Item, Moment};
+use pulsetrain_emulator::{Observer, Rp2040, UsbState};
+use std::time::Duration;
 
 /// Within 300 ms of its start a program has its port open.
 #[test]
@@ -41,4 +43,97 @@ fn random_plans() {
         assert!(pair.edges.len() > 1000);
         assert_eq!(pair.pico.positions(), pair.native.positions());
     }
+}
+
+/// A session over USB whose motor moves for some 2 s, with questions all the time; `meanwhile` is called every 10 ms, with how
+/// often it was before.
+fn asked_all_the_time(mut meanwhile: impl FnMut(u32, &mut Pair)) -> Pair {
+    let setup = Setup { pulse_ticks: 125, motors: vec![step_dir(2)], ..Setup::default() };
+    let mut pair = Pair::over(VirtualPico::on_usb(), &setup);
+    let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
+    let mut items = vec![Item::Anchor { tick: Moment::of(from) }];
+    items.extend((0..500).map(|number| run(20 + number % 3, 24_000 + 7 * i64::from(number), Direction::Forward)));
+    pair.push(0, 1, &items);
+    assert_eq!(pair.switch(1, from), Ok(()));
+    let mut round = 0;
+    while !pair.pico.is_idle() {
+        meanwhile(round, &mut pair);
+        round += 1;
+        for _ in 0..3 {
+            pair.pico.status().expect("it answers");
+        }
+        pair.advance(pair.pico.now() + TICK_HZ / 100);
+        assert_eq!(pair.pico.error(), None, "round {round}");
+    }
+    pair.advance(pair.pico.now() + TICK_HZ / 100);
+    let until = pair.native.now();
+    pair.compare(until);
+    assert!(pair.pico.positions()[0] > 10_000, "{:?}", pair.pico.positions());
+    assert_eq!(pair.pico.positions(), pair.native.positions());
+    pair
+}
+
+/// CLEAR_FEATURE of one endpoint: its toggle begins anew, at the PC as on the board, and no byte is lost either way (USB 2.0
+/// §9.4.1, §5.8.5). A configuration that is not there, and an endpoint that is not, are refused, and change nothing.
+#[test]
+fn endpoints_can_be_cleared_in_a_session() {
+    let mut before = None;
+    let pair = asked_all_the_time(|round, pair| {
+        // The text that a port is greeted with is no frame.
+        before.get_or_insert(pair.pico.link().counts().damaged);
+        let chip = pair.pico.port_mut().chip_mut();
+        match round % 8 {
+            0 => chip.usb_clear_halt(0x82),
+            2 => chip.usb_clear_halt(0x02),
+            3 => chip.usb_clear_halt(0x81),
+            4 => [0x02, 0x82, 0x02].into_iter().for_each(|endpoint| chip.usb_clear_halt(endpoint)),
+            6 => chip.usb_try_configuration(2),
+            _ => {}
+        }
+        assert_eq!(chip.usb_state(), UsbState::Open);
+    });
+    let counts = pair.pico.link().counts();
+    assert_eq!((counts.repeated, Some(counts.damaged)), (0, before), "{counts:?}");
+}
+
+/// When the PC took packets, and their length.
+struct Packets(Vec<(u64, usize)>);
+
+impl Observer for Packets {
+    fn usb(&mut self, cycle: u64, data: &[u8]) {
+        self.0.push((cycle, data.len()));
+    }
+}
+
+/// Erratum E15: no packet to the PC is begun in the last fifth of a frame.
+#[test]
+fn no_packet_goes_out_at_the_end_of_a_frame() {
+    const FRAME: u64 = CYCLES_PER_S / 1000;
+    let mut chip = VirtualPico::on_usb().chip().clone();
+    let mut packets = Packets(Vec::new());
+    // When frames begin: on a chip of its own, as looking is noticed.
+    let mut other = chip.clone();
+    let number = |chip: &mut Rp2040| chip.read(0x5011_0048, &mut Packets(Vec::new()));
+    let (was, mut began) = (number(&mut other), other.cycle());
+    while number(&mut other) == was {
+        other.run(other.cycle() + 20, &mut packets);
+        began = other.cycle();
+    }
+    let mut link = Link::new(1);
+    link.hello(Duration::ZERO);
+    let mut hello = Vec::new();
+    link.output(Duration::ZERO, &mut hello);
+    for number in 0..800 {
+        // At all times of a frame, answered each time.
+        chip.usb_send(&hello);
+        chip.run(chip.cycle() + FRAME / 7 + number * 311, &mut packets);
+    }
+    let mut places = [0_u32; 10];
+    for (end, bytes) in &packets.0 {
+        let place = (end + FRAME - began % FRAME) % FRAME;
+        places[(place * 10 / FRAME) as usize] += 1;
+        // A full packet and its acknowledgement take 50 µs.
+        assert!(place < FRAME * 17 / 20, "{bytes} bytes at {} µs of a frame; {places:?}", place / 125);
+    }
+    assert!(packets.0.len() > 400 && places[..8].iter().all(|count| *count > 0), "{places:?}");
 }

@@ -4,7 +4,7 @@
 mod common;
 
 use common::Random;
-use common::pico::step_dir;
+use common::pico::{hold_up, step_dir};
 use common::winch::{Lab, Pico, Said, Status, Wired, follow};
 use pulsetrain_board::virtual_pico::{Line, VirtualPico};
 use pulsetrain_board::{LinkError, Port, Remote, RemoteError, Setup};
@@ -136,6 +136,53 @@ fn bursts_are_obeyed() {
             pico.check_positions();
         }
     }
+}
+
+/// A host that does not read is obeyed all the same, and so is one on the other line; when it reads again it hears whole lines.
+#[test]
+fn nobody_waits_for_who_does_not_read() {
+    let mut port = VirtualPico::on_usb();
+    let run = |port: &mut VirtualPico, line, ms| {
+        let (until, mut heard) = (port.now() + std::time::Duration::from_millis(ms), Vec::new());
+        while port.now() < until {
+            port.receive_on(line, until, &mut heard);
+        }
+        heard
+    };
+    port.send_on(Line::Usb, b"g xyza 5 1\n");
+    run(&mut port, Line::Usb, 10);
+    port.chip_mut().usb_fill(true);
+    port.send_on(Line::Usb, "nonsense\nd x 10\n".repeat(100).as_bytes());
+    port.send_on(Line::Uart, "d y 10\n".repeat(100).as_bytes());
+    run(&mut port, Line::Uart, 2500);
+    port.chip_mut().usb_fill(false);
+    let heard = run(&mut port, Line::Usb, 300);
+    let text = String::from_utf8(heard).expect("text");
+    let known = |line: &str| line.starts_with("txyza ") || line == "err command 1";
+    assert!(text.ends_with("\r\n") && text.lines().all(known), "{text}");
+    assert!(text.trim_end().ends_with(" 1000 1000 0 0"), "{text}");
+}
+
+/// A main loop that is held up, as nothing of ours does: the axes stop, nobody knows where they stand, and text begins anew.
+#[test]
+fn a_machine_that_ran_dry_is_a_new_beginning() {
+    let mut pico = Pico::new();
+    pico.send("g xyza 5 1\nv xyza 1000 2000 3000 -3000\n");
+    pico.run_ms(500);
+    hold_up(&mut pico.port, 4 * SLICE);
+    let held = pico.now();
+    pico.run_ms(300);
+    assert_eq!(pico.lines.iter().filter(|line| line.text == "awake").count(), 2);
+    assert!((0..4).all(|axis| pico.steps(axis).last().is_some_and(|step| step.tick < held)), "all stand");
+    assert_eq!(enable(&pico).last().map(|(_, level)| *level), Some(true), "the drivers are off");
+    assert_eq!(pico.statuses().last().unwrap().positions, [0; 4]);
+    pico.edges.clear();
+    pico.lines.clear();
+    // Its DIR is low already.
+    pico.send("g a 5 1\na a 7\n");
+    pico.run_ms(2000);
+    assert_eq!(pico.counted(pico.now()), [0, 0, 0, 7]);
+    assert_eq!(pico.statuses().last().unwrap().positions, [0, 0, 0, 7]);
 }
 
 #[test]

@@ -329,6 +329,29 @@ proptest! {
     }
 }
 
+/// The patterns of seed 002's program as it puts them on the pins, bit 0 on IN1, from each of its own numbers: forward it goes
+/// through them as they stand.
+#[test]
+fn coils_go_the_way_of_the_seed() {
+    let half: [u32; 8] = [0b1001, 0b1000, 0b1100, 0b0100, 0b0110, 0b0010, 0b0011, 0b0001];
+    let full: [u32; 4] = [0b1001, 0b1100, 0b0110, 0b0011];
+    let wave: [u32; 4] = [0b1000, 0b0100, 0b0010, 0b0001];
+    let cases: [(Sequence, &[u32]); 3] = [(Sequence::Half, &half), (Sequence::Full, &full), (Sequence::Wave, &wave)];
+    for (sequence, patterns) in cases {
+        for (direction, sign) in [(Forward, 1), (Backward, -1)] {
+            let mut axis = Axis::<F, 8>::new(Output::Coils(Coils::new([0, 1, 2, 3], sequence, None)));
+            push(&mut axis, 0, &[anchor(0), run(20, 100, direction)]);
+            let mut levels = 0;
+            for (number, edge) in (1..).zip(edges(&mut axis, END)) {
+                levels = levels & !edge.clear | edge.set;
+                let place = (sign * number as i32).rem_euclid(patterns.len() as i32) as usize;
+                assert_eq!(levels, patterns[place], "{sequence:?}, step {number} {direction:?}");
+            }
+            assert_ne!(levels, 0, "{sequence:?}: no edge");
+        }
+    }
+}
+
 #[test]
 fn the_direction_comes_before_its_step_with_its_tick() {
     let mut channel = Channel::<F>::new(1, false);

@@ -292,7 +292,9 @@ fn pico() -> BoardRow {
         flash_bytes: Some(2 * 1024 * 1024),
         // As firmware/pico shares them out. A test asks the virtual board.
         queue_bytes: (1..=8).map(|motors| (32_768 / motors).min(8_192)).collect(),
-        horizon_ticks: 300_000,
+        // 2.4 ms; with the longest pulses and set-up, by which a word and a DIR edge begin before their tick, 0.5 ms more for each.
+        // A test asks the virtual board.
+        horizon_ticks: 300_000 + 2 * 62_503,
         lateness_ticks: 0,
         note: "edges come from PIO state machines fed by DMA: exact to the tick. STEP and DIR of a motor are neighbours, and so \
                are IN1 to IN4 of a ULN2003; 3.3 V outputs",

@@ -14,11 +14,16 @@ pub struct Program {
     pub grid: Grid,
     /// Largest |scheduled − exact| that the user accepts.
     pub tolerance: Tolerance,
+    /// After so long a rest, ms, drivers and coils are switched off (1 to [`LONGEST_IDLE_MS`]); `None`: they hold.
+    pub idle_ms: Option<u16>,
     /// The motors, in the file's order.
     pub motors: Vec<Motor>,
     /// Which of them draw figures together, in the file's order.
     pub machines: Vec<Machine>,
 }
+
+/// The longest [`Program::idle_ms`]: what every board can. A Pico tells ticks of 8 ns apart within 2^31.
+pub const LONGEST_IDLE_MS: u16 = 8000;
 
 /// Why a program cannot run on another board.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

@@ -268,6 +268,24 @@ fn ranges() {
             write tolerance = "1 tick", or "1 us"
     "#]],
     );
+    for (idle, said) in [("0", "0"), ("8.1", "8.1"), ("-1", "-1")] {
+        let error = read(&GOOD.replacen("tolerance", &format!("idle = \"{idle} s\"\ntolerance"), 1)).unwrap_err();
+        assert_eq!(
+            error.plain(),
+            format!(
+                "x.toml:3:8: `idle` must be from 1 ms to 8 s, but this is {said} s\n    write idle = \"hold\" for motors that are \
+                 never switched off\n"
+            )
+        );
+    }
+    check(
+        "tolerance = \"1 tick\"",
+        "idle = \"5 rev\"",
+        expect![[r#"
+            x.toml:3:8: `idle` must be a time, but this is an angle
+                write, for example: idle = "2 s"
+        "#]],
+    );
     check(
         "\"reach\"",
         "{ hysteresis = \"0.7 step\" }",
@@ -807,6 +825,16 @@ fn boards_can_be_changed_if_the_pins_are_there() {
 }
 
 #[test]
+fn idle_is_hold_or_a_time() {
+    let idle = |text: &str| read(&GOOD.replacen("tolerance", &format!("{text}\ntolerance"), 1)).unwrap().idle_ms;
+    assert_eq!(idle(""), None);
+    assert_eq!(idle("idle = \"hold\""), None);
+    assert_eq!(idle("idle = \"1 ms\""), Some(1));
+    assert_eq!(idle("idle = \"2.5 s\""), Some(2500));
+    assert_eq!(idle("idle = \"8 s\""), Some(8000));
+}
+
+#[test]
 fn units_come_to_steps() {
     let end = |text: &str| read(text).unwrap().motors[0].law.end().unwrap();
     assert_eq!(end(&GOOD.replace("period = \"1 s\"", "frequency = \"4 Hz\"")), Time::from_ratio(1, 4));
@@ -869,7 +897,7 @@ proptest! {
 
     #[test]
     fn any_value_anywhere(key in prop::sample::select(vec![
-        "board", "grid", "tolerance", "steps_per_rev", "microsteps", "driver", "pins", "forward", "gear", "lead",
+        "board", "grid", "tolerance", "idle", "steps_per_rev", "microsteps", "driver", "pins", "forward", "gear", "lead",
         "max_speed", "pull_in", "inductance", "enabled", "sequence", "pulse_high", "amplitude", "period", "cycles",
         "motor", "start", "repeat", "begin", "law.sine", "law.table", "law.formula", "law.winch", "law.sum",
     ]), value in prop::sample::select(vec![

@@ -62,6 +62,7 @@ fn program(laws: Vec<Law>, timing: DriverTiming) -> Program {
         },
         grid: Grid::NEAREST,
         tolerance: Tolerance::Ticks(1.0),
+        idle_ms: None,
         motors: motors.collect(),
         machines: Vec::new(),
     }

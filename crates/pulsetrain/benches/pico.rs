@@ -12,9 +12,9 @@ use pulsetrain_core::output::Sequence;
 
 /// So long each rate is tried, s of the board's time; then the fastest once more, for longer.
 const TRY_S: f64 = 0.05;
-const LONG_S: f64 = 1.0;
+const LONG_S: f64 = 0.5;
 /// Variations run so long.
-const SHORT_S: f64 = 0.25;
+const SHORT_S: f64 = 0.1;
 
 fn main() {
     println!("promised\t{}", COLUMNS.join("\t"));
@@ -25,7 +25,7 @@ fn main() {
     for case in promised() {
         show(&case.row(&pico, ABOVE * case.required.unwrap_or(0.0), LONG_S), true);
     }
-    show(&sinusoids(625e3, 3), true);
+    show(&sinusoids(624e3, 1), true);
     // Each number of motors, for the table of boards.
     for motors in 1..=8 {
         let case = Case::changing(motors, "TMC2209");
@@ -41,7 +41,8 @@ fn main() {
     for case in [
         Case { swing: 0.0, ..eight },
         Case { steps: 60, ..eight },
-        Case { steps: 1000, ..eight },
+        Case { steps: 250, ..eight },
+        Case { steps: 2000, ..eight },
         Case { turns: 5, ..eight },
         Case { apart: 0.0, ..eight },
     ] {

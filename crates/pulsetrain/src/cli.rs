@@ -92,9 +92,9 @@ Examples:
     Motor(Motor),
     /// Be a virtual board in real time, for this program or any other serial client; Ctrl-C ends it
     #[command(after_help = "\
-`uno`, `pico`: the firmware runs on an emulated chip behind a model of the Uno's USB bridge, or of an adapter at the Pico's \
-UART. A client that opens the port resets an Uno, as a real one. Over --pty it follows the rate that the client sets; over \
---tcp the line stays at 115200 baud. Both speak StepperWinch's text too. `winch`: that text on this computer's own path \
+`uno`, `pico`: the firmware runs on an emulated chip behind a model of the Uno's USB bridge, or by the Pico's own USB. A client \
+that opens the port resets an Uno, as a real one. Over --pty it follows the rate that the client sets; over --tcp the line stays \
+at 115200 baud. Both speak StepperWinch's text too. `winch`: that text on this computer's own path \
 generator, without a chip; it takes next to nothing.
 
 Examples:
@@ -134,6 +134,7 @@ Sinusoids of growing speed on pins 8 (STEP) and 9 (DIR). On a real board disconn
 
 Examples:
   pulsetrain bench --board uno
+  pulsetrain bench --board pico
   pulsetrain bench --port /dev/ttyACM0 --disconnected")]
     Bench(Bench),
     /// List the boards with their limits

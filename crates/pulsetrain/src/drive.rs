@@ -324,7 +324,7 @@ impl<O: Observer> Observer for Since<'_, O> {
 fn setup(program: &Program) -> Setup {
     let hz = program.board.tick_hz;
     let ticks = |ticks: u64| u16::try_from(ticks).unwrap_or(u16::MAX);
-    let mut setup = Setup::default();
+    let mut setup = Setup { idle_ms: program.idle_ms, ..Setup::default() };
     for motor in &program.motors {
         let timing = motor.timing.ticks(hz);
         setup.pulse_ticks = setup.pulse_ticks.max(ticks(timing.pulse_high));
@@ -368,11 +368,12 @@ fn config(program: &Program) -> Config {
     let motors = program
         .motors
         .iter()
-        .map(|motor| MotorConfig { wiring: wiring(motor, &lines, hz), pull_in_ticks: pull_in_ticks(motor, hz) });
+        .map(|motor| MotorConfig { wiring: wiring(motor, &lines, program), pull_in_ticks: pull_in_ticks(motor, hz) });
     Config { fraction_bits: program.board.fraction_bits, motors: motors.collect() }
 }
 
-fn wiring(motor: &Motor, lines: &[Line], tick_hz: u64) -> Wiring {
+fn wiring(motor: &Motor, lines: &[Line], program: &Program) -> Wiring {
+    let tick_hz = program.board.tick_hz;
     // Every pin of a program has a line; a board refuses the number that stands for none.
     let line = |pin: u8| place_of(lines, pin).unwrap_or(u8::MAX);
     match motor.wiring {
@@ -387,7 +388,9 @@ fn wiring(motor: &Motor, lines: &[Line], tick_hz: u64) -> Wiring {
             }
         }
         program::Wiring::Coils { pins, sequence } => {
-            Wiring::Coils { lines: pins.map(line), sequence: sequence_of(sequence), release_ticks: None }
+            // Within 2^31 on every board: `LONGEST_IDLE_MS`.
+            let release_ticks = program.idle_ms.map(|ms| (u64::from(ms) * tick_hz / 1000) as u32);
+            Wiring::Coils { lines: pins.map(line), sequence: sequence_of(sequence), release_ticks }
         }
     }
 }

@@ -44,7 +44,14 @@ fn two_sines() -> Program {
         source: "test".into(),
     };
     let motors = vec![motor(0, law(300.0, 1.0, 3)), motor(1, law(-200.0, 1.5, 2))];
-    Program { board, grid: Grid::NEAREST, tolerance: Tolerance::Ticks(1.0), motors, machines: Vec::new() }
+    Program {
+        board,
+        grid: Grid::NEAREST,
+        tolerance: Tolerance::Ticks(1.0),
+        idle_ms: None,
+        motors,
+        machines: Vec::new(),
+    }
 }
 
 type Line = Faulty<ModelPort>;

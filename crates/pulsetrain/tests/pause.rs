@@ -26,7 +26,14 @@ fn motor(step: u8, dir: u8, law: Law) -> Motor {
 
 fn program(motors: Vec<Motor>) -> Program {
     let board = boards::find("uno").unwrap().board;
-    Program { board, grid: Grid::NEAREST, tolerance: Tolerance::Seconds(1e-6), motors, machines: Vec::new() }
+    Program {
+        board,
+        grid: Grid::NEAREST,
+        tolerance: Tolerance::Seconds(1e-6),
+        idle_ms: None,
+        motors,
+        machines: Vec::new(),
+    }
 }
 
 #[test]

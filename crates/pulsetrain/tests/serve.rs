@@ -484,7 +484,16 @@ mod real {
 
     #[test]
     fn a_socket_answers_hello() {
-        let (served, first) = Served::new("uno", &["--tcp", "127.0.0.1:0"]);
+        says_hello_to("uno");
+    }
+
+    #[test]
+    fn a_picos_socket_answers_hello() {
+        says_hello_to("pico");
+    }
+
+    fn says_hello_to(board: &str) {
+        let (served, first) = Served::new(board, &["--tcp", "127.0.0.1:0"]);
         let address = first.split_whitespace().find(|word| word.starts_with("127.0.0.1:")).unwrap();
         let mut stream = TcpStream::connect(address.trim_end_matches([',', ';'])).unwrap();
         stream.set_read_timeout(Some(Duration::from_millis(300))).unwrap();

@@ -44,7 +44,14 @@ fn program(fraction_bits: u32, motors: Vec<Motor>) -> Program {
         turn_ticks: 0,
         source: "test".into(),
     };
-    Program { board, grid: Grid::NEAREST, tolerance: Tolerance::Ticks(1.0), motors, machines: Vec::new() }
+    Program {
+        board,
+        grid: Grid::NEAREST,
+        tolerance: Tolerance::Ticks(1.0),
+        idle_ms: None,
+        motors,
+        machines: Vec::new(),
+    }
 }
 
 /// A native board with a shorter queue, on which one bit of one segment may tip over.

@@ -131,7 +131,14 @@ fn program(laws: Vec<Law>, acceleration: f64) -> Program {
         winding: None,
     };
     let motors = (0..).zip(laws).map(motor).collect();
-    Program { board, grid: Grid::NEAREST, tolerance: Tolerance::Ticks(1.0), motors, machines: Vec::new() }
+    Program {
+        board,
+        grid: Grid::NEAREST,
+        tolerance: Tolerance::Ticks(1.0),
+        idle_ms: None,
+        motors,
+        machines: Vec::new(),
+    }
 }
 
 /// What came of a run.

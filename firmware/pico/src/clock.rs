@@ -114,11 +114,11 @@ pub(crate) const fn millis(now: u64) -> Millis {
 /// What ends a sleep, kept out though it is.
 const WAKERS: u32 = regs::TIMER_IRQ_0 | regs::USBCTRL_IRQ;
 
-/// Sleeps for about `us` µs, or until USB has something or the DMA's interrupt.
+/// Sleeps for about `us` µs, at least 2 (an alarm that is not ahead comes after 72 min), or until USB has something or the DMA's interrupt.
 pub(crate) fn sleep(us: u32) {
     regs::TIMER_INTE.write(1);
     regs::disable_interrupts();
-    regs::TIMER_ALARM0.write(regs::TIMER_RAW.read().wrapping_add(us));
+    regs::TIMER_ALARM0.write(regs::TIMER_RAW.read().wrapping_add(us.max(2)));
     // Kept out, it wakes all the same; nobody serves it.
     regs::NVIC_ISER.write(WAKERS);
     regs::wait_for_interrupt();

@@ -153,6 +153,18 @@ impl Board {
         more
     }
 
+    /// How long no motor needs words, µs.
+    pub(crate) fn spare_us(&mut self) -> u32 {
+        let now = self.clock.moment();
+        self.stepper.spare(now) / (TICK_HZ / 1_000_000)
+    }
+
+    /// Whether words for the motors are more urgent than what the host says.
+    #[inline(always)]
+    pub(crate) const fn is_behind(&self) -> bool {
+        self.stepper.is_behind()
+    }
+
     #[inline(never)]
     fn starved(&mut self) {
         self.measures.starved = self.measures.starved.saturating_add(1);

@@ -38,16 +38,20 @@ use link::Line;
 use machine::Board;
 use pulsetrain_core::winch::reply::Reply;
 use pulsetrain_core::wire::frame::Received;
-use pulsetrain_core::wire::{Baud, MAX_BODY, Millis, Service};
+use pulsetrain_core::wire::{Baud, Decoder, MAX_BODY, Millis, Service};
+use start::Once;
 use talk::Talk;
 use usb::{Packet, Usb};
 use winch::{Ear, Winch};
+
+/// So many rounds of the main loop may pass in which the host is not heard, as motors need words; 0.2 ms each.
+const MOST_DEAF: u32 = 7;
 
 /// How long the main loop sleeps at most, µs: while motors are armed, and else.
 const NAP: [u32; 2] = [200, 500];
 
 /// As long as fewer bytes than this wait on the UART, lines wait for room to be answered.
-const PATIENCE: usize = 512;
+const PATIENCE: usize = 768;
 
 /// If no frame of the session has come for so long, about ms, a line is told that frames have the board.
 const SILENCE: u16 = 100;
@@ -70,11 +74,15 @@ struct All {
     line: Line,
     usb: Usb,
     /// What is heard and said on each of them.
-    talks: [Talk; 2],
+    talks: &'static mut [Talk; 2],
     /// The session's; while there is none, that of the last frame.
     way: Way,
-    winch: Winch,
+    winch: &'static mut Winch,
 }
+
+// The stack has no room for these.
+static TALKS: Once<[Talk; 2]> = Once::new([const { Talk::new() }; 2]);
+static WINCH: Once<Winch> = Once::new(Winch::new());
 
 #[unsafe(no_mangle)]
 extern "C" fn main() -> ! {
@@ -82,16 +90,8 @@ extern "C" fn main() -> ! {
     let blocks = regs::reset::IO_BANK0 | regs::reset::PADS_BANK0 | regs::reset::TIMER;
     regs::take_out_of_reset(blocks);
     // SAFETY: the start-up code calls main once.
-    let (board, line) = unsafe { (Board::begin(), Line::open()) };
-    let mut all = All {
-        board,
-        service: Service::new(MAX_BODY),
-        line,
-        usb: Usb::open(),
-        talks: [const { Talk::new() }; 2],
-        way: Way::Uart,
-        winch: Winch::new(),
-    };
+    let (board, line, talks, winch) = unsafe { (Board::begin(), Line::open(), TALKS.take(), WINCH.take()) };
+    let mut all = All { board, service: Service::new(MAX_BODY), line, usb: Usb::open(), talks, way: Way::Uart, winch };
     reset::begin();
     regs::enable_interrupts();
     all.run()
@@ -103,6 +103,7 @@ impl All {
         let mut woken = 0;
         // Text is on from the beginning.
         self.housekeeping(last);
+        let mut deaf = 0;
         loop {
             reset::kick_watchdog();
             self.winch.go_on(&mut self.board);
@@ -111,12 +112,13 @@ impl All {
             self.count_round(now - woken);
             woken = now;
             let millis = clock::millis(now);
-            self.usb.poll();
+            self.usb.poll(&mut self.board.clock);
             if self.usb.was_opened() {
                 self.greet();
             }
-            let heard = self.listen(millis);
-            let spoke = self.speak(millis);
+            // Over USB the host waits, and the UART has room for all that may come.
+            deaf = if self.board.is_behind() && deaf < MOST_DEAF { deaf + 1 } else { 0 };
+            let (heard, spoke) = if deaf == 0 { (self.listen(millis), self.speak(millis)) } else { (false, false) };
             if millis != last {
                 last = millis;
                 self.set_baud();
@@ -155,7 +157,7 @@ impl All {
             }
         }
         if core::mem::take(&mut self.winch.report) {
-            for talk in &mut self.talks {
+            for talk in &mut *self.talks {
                 talk.ear.owes_status = true;
             }
         }
@@ -163,7 +165,7 @@ impl All {
 
     /// Takes what came on the UART, or else over USB: a packet's length at most; whether there was something. One place for both:
     /// the way into the board is long, and is there once.
-    #[inline(always)]
+    #[inline(never)]
     fn listen(&mut self, now: Millis) -> bool {
         let mut packet = Packet::default();
         let unread = self.line.waiting();
@@ -186,7 +188,7 @@ impl All {
             let is_taken = self.service.is_taken();
             let talk = &mut self.talks[way as usize];
             if is_taken && way == self.way && self.service.silence(now) < SILENCE {
-                let (taken, received) = talk.decoder.feed(bytes);
+                let (taken, received) = feed(&mut talk.decoder, bytes);
                 bytes = bytes.get(taken..).unwrap_or_default();
                 self.service.receive(received, talk.decoder.body(), now, &mut self.board);
                 continue;
@@ -251,7 +253,7 @@ impl All {
     }
 
     /// Sends what there is to say, as far as the lines take it; whether there was something.
-    #[inline(always)]
+    #[inline(never)]
     fn speak(&mut self, now: Millis) -> bool {
         let talk = &mut self.talks[self.way as usize];
         if !talk.is_out() && self.service.is_lost(now) {
@@ -270,7 +272,7 @@ impl All {
                 self.report(way);
             }
         }
-        let [uart, usb] = &mut self.talks;
+        let [uart, usb] = &mut *self.talks;
         let to_uart = uart.send(now, |byte| {
             let can_send = link::can_send();
             if can_send {
@@ -285,7 +287,7 @@ impl All {
             }
             can_send
         });
-        self.usb.flush();
+        self.usb.flush(&mut self.board.clock);
         to_uart || to_usb
     }
 
@@ -316,9 +318,15 @@ impl All {
     /// Sleeps until something may be to do.
     fn nap(&mut self) {
         let before = self.board.clock.now();
-        let us = if self.board.is_armed() { NAP[0] } else { NAP[1] };
+        let us = if self.board.is_armed() { NAP[0].min(self.board.spare_us()) } else { NAP[1] };
         clock::sleep(us);
         let slept = self.board.clock.now() - before;
         self.board.measures.idle_ticks = self.board.measures.idle_ticks.wrapping_add(slept);
     }
+}
+
+/// As [`Decoder::feed`]: a call, so that it has the registers to itself.
+#[inline(never)]
+fn feed(decoder: &mut Decoder, bytes: &[u8]) -> (usize, Received) {
+    decoder.feed(bytes)
 }

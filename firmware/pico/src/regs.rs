@@ -260,6 +260,7 @@ pub(crate) mod usb {
     pub(crate) const ADDR_ENDP: Reg = Reg(0x5011_0000);
     pub(crate) const MAIN_CTRL: Reg = Reg(0x5011_0040);
     pub(crate) const SIE_CTRL: Reg = Reg(0x5011_004c);
+    pub(crate) const SOF_RD: Reg = Reg(0x5011_0048);
     pub(crate) const SIE_STATUS: Reg = Reg(0x5011_0050);
     pub(crate) const BUFF_STATUS: Reg = Reg(0x5011_0058);
     pub(crate) const EP_STALL_ARM: Reg = Reg(0x5011_0068);
@@ -273,6 +274,7 @@ pub(crate) mod usb {
     pub(crate) const SETUP: u32 = 1 << 17;
 
     /// Bits of a buffer's control (§4.1.2.5.3).
+    pub(crate) const LEN: u32 = 0x3ff;
     pub(crate) const AVAILABLE: u32 = 1 << 10;
     pub(crate) const STALL: u32 = 1 << 11;
     pub(crate) const RESET_HALF: u32 = 1 << 12;

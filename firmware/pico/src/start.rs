@@ -8,11 +8,12 @@ use core::arch::global_asm;
 #[unsafe(link_section = ".boot2")]
 static BOOT2: [u8; 256] = rp2040_boot2::BOOT_LOADER_GENERIC_03H;
 
-// Vectors (ARMv6-M, B1.5.3; interrupts: RP2040 datasheet §2.3.2) and what the first instructions are. No interrupt but the
+// Vectors (ARMv6-M, B1.5.3; interrupts: RP2040 datasheet §2.3.2), which are copied to RAM too, and what the first instructions are. No interrupt but the
 // DMA's is ever enabled; whatever else comes is a fault, and ends the program.
 global_asm!(
     r#"
     .section .vectors, "a", %progbits
+vectors:
     .word stack_top
     .word reset
     .word fault                 @ NMI
@@ -33,6 +34,11 @@ global_asm!(
     .rept 20
     .word fault
     .endr
+
+    .section .bss.vectors, "aw", %nobits
+    .balign 256
+ram_vectors:
+    .space 4 * {VECTORS}
 
     .section .reset, "ax", %progbits
     .global reset
@@ -55,7 +61,17 @@ reset:
     bhs 4f
     stmia r0!, {{r3}}
     b 3b
-4:  ldr r0, =stack_bottom
+4:  ldr r0, =ram_vectors        @ from where interrupts take them from now on (ARMv6-M, B3.2.5)
+    ldr r1, =vectors
+    ldr r2, =ram_vectors + 4 * {VECTORS}
+6:  ldmia r1!, {{r3}}
+    stmia r0!, {{r3}}
+    cmp r0, r2
+    blo 6b
+    ldr r0, ={VTOR}
+    ldr r1, =ram_vectors
+    str r1, [r0]
+    ldr r0, =stack_bottom
     ldr r1, =stack_top
     ldr r3, ={PAINT}
 5:  stmia r0!, {{r3}}
@@ -67,7 +83,12 @@ reset:
     .size reset, . - reset
     "#,
     PAINT = const PAINT,
+    VECTORS = const VECTORS,
+    VTOR = const 0xe000_ed08_u32,
 );
+
+/// Vectors: 16 of the processor, 32 of interrupts.
+const VECTORS: usize = 48;
 
 /// What the stack is full of before it is used.
 const PAINT: u32 = 0xa5a5_a5a5;

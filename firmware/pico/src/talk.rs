@@ -7,7 +7,7 @@ use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Decoder, MAX_FRAME, Millis, Service};
 
 /// Bytes that may wait to be sent: one frame, or lines.
-const ROOM: usize = 1024;
+const ROOM: usize = 2048;
 const _: () = assert!(ROOM > MAX_FRAME);
 
 /// What the lines of one packet may say at most: 32 of two bytes that are no commands, and a status.
@@ -64,8 +64,9 @@ impl Talk {
     /// Says a line of text, behind what waits; one that has no room is dropped.
     #[inline(never)]
     pub(crate) fn say(&mut self, line: &Reply) {
-        if self.is_out() {
-            self.hush();
+        if ROOM - self.len < LONGEST {
+            self.reply.copy_within(self.sent..self.len, 0);
+            (self.len, self.sent) = (self.len - self.sent, 0);
         }
         if ROOM - self.len >= LONGEST {
             self.len += usize::from(line.write::<InMemory>(&mut self.reply[self.len..]));
@@ -75,7 +76,7 @@ impl Talk {
     /// Whether there is room for what a packet of lines may say.
     #[inline(always)]
     pub(crate) const fn has_room(&self) -> bool {
-        self.is_out() || ROOM - self.len >= PACKET_SAYS
+        ROOM - (self.len - self.sent) >= PACKET_SAYS
     }
 
     /// Whether the host does not read.

@@ -4,6 +4,7 @@
 //! packet that finds none free waits on the host's side. Bytes to the host go out when a packet is full, and at `flush`.
 //! Sections are those of the RP2040 datasheet; tables of USB 2.0.
 
+use crate::clock::{Clock, TICK_HZ};
 use crate::regs::{self, usb};
 
 /// Bytes of a packet, of every endpoint that has data.
@@ -21,6 +22,14 @@ const CONTROL_BUFFER: u32 = 0x100;
 const NOTIFY_BUFFER: u32 = 0x180;
 const OUT_BUFFER: u32 = 0x200;
 const IN_BUFFER: u32 = 0x280;
+
+/// Erratum E15: after some errors of the bus while a packet goes to the host the controller hangs, most of all at the end of a
+/// frame, where hubs cut off what is under way. So none is begun in the last fifth, as TinyUSB has it. Ticks.
+const LAST_IN: u64 = (TICK_HZ / 1000 * 4 / 5) as u64;
+
+/// A frame, by a host's and a board's clock (500 and 100 ppm, USB 2.0 §7.1.11), ticks; frames are counted modulo 2048.
+const LONGEST_FRAME: u64 = (TICK_HZ / 1000 + TICK_HZ / 1000 * 6 / 10_000 + 1) as u64;
+const FRAMES: u32 = 0x7ff;
 
 /// Table 9-8. 1209:0001 is pid.codes' for tests; a serial port that does nothing else needs no driver that knows it.
 const DEVICE: [u8; 18] = [18, 1, 0, 2, 2, 0, 0, PACKET as u8, 0x09, 0x12, 0x01, 0x00, 0x00, 0x01, 1, 2, 0, 1];
@@ -78,11 +87,16 @@ pub(crate) struct Usb {
     opened: bool,
     /// The half that is next to be read.
     half: u32,
+    /// The half whose packets are DATA0.
+    data0_half: u32,
     /// Bytes of the packet to the host that is being filled, and whether it is DATA1.
     filled: usize,
     in_data1: bool,
     /// The last packet was full: without another the host does not know that it was the last.
     full: bool,
+    /// The present frame's number, and the tick at which it began.
+    frame: u32,
+    began: u64,
 }
 
 impl Usb {
@@ -97,8 +111,9 @@ impl Usb {
         usb::MUXING.write(1 << 3 | 1);
         usb::PWR.write(1 << 3 | 1 << 2);
         usb::MAIN_CTRL.write(1);
-        // A flag for each buffer of endpoint 0, and the pull-up. An interrupt wakes the main loop: nobody serves it.
-        usb::INTE.write(1 << 16 | 1 << 12 | 1 << 4);
+        // A flag for each buffer of endpoint 0, and the pull-up. An interrupt wakes the main loop: nobody serves it. Frames,
+        // requests, resets, buffers.
+        usb::INTE.write(1 << 17 | 1 << 16 | 1 << 12 | 1 << 4);
         usb::SIE_CTRL.write(1 << 29 | 1 << 16);
         Usb {
             stage: Stage::Idle,
@@ -110,22 +125,32 @@ impl Usb {
             open: false,
             opened: false,
             half: 0,
+            data0_half: 0,
             filled: 0,
             in_data1: false,
             full: false,
+            frame: 0,
+            began: 0,
         }
     }
 
     /// Does what the host asks for.
     #[inline(always)]
-    pub(crate) fn poll(&mut self) {
+    pub(crate) fn poll(&mut self, clock: &mut Clock) {
         if usb::INTS.read() != 0 {
-            self.serve();
+            self.serve(clock.now());
         }
     }
 
     #[inline(never)]
-    fn serve(&mut self) {
+    fn serve(&mut self, now: u64) {
+        // To be read, or the interrupt stays. A frame is seen late, never early.
+        let frame = usb::SOF_RD.read();
+        let frames = frame.wrapping_sub(self.frame) & FRAMES;
+        if frames != 0 {
+            self.frame = frame;
+            self.began = now.min(self.began + u64::from(frames) * LONGEST_FRAME);
+        }
         let status = usb::SIE_STATUS.read();
         if status & usb::BUS_RESET != 0 {
             usb::SIE_STATUS.write(usb::BUS_RESET);
@@ -133,6 +158,8 @@ impl Usb {
             usb::ADDR_ENDP.write(0);
             (self.stage, self.address) = (Stage::Idle, None);
             (self.configured, self.open) = (false, false);
+            // Nothing is known of the frames to come.
+            self.began = now;
         }
         let done = usb::BUFF_STATUS.read() & 3;
         if done != 0 {
@@ -172,7 +199,7 @@ impl Usb {
         if control & usb::FULL == 0 {
             return &[];
         }
-        let len = (control & 0x3ff) as usize;
+        let len = (control & usb::LEN) as usize;
         let buffer = OUT_BUFFER + PACKET as u32 * self.half;
         for (at, word) in (buffer..).step_by(4).zip(into.iter_mut()) {
             *word = usb::memory(at).read().to_le_bytes();
@@ -185,14 +212,25 @@ impl Usb {
 
     /// Gives the half that was read back to the host; each half keeps its toggle.
     fn free(&mut self) {
-        let toggle = if self.half == 1 { usb::DATA1 } else { 0 };
-        usb::arm_half(DATA, true, self.half, PACKET as u32 | toggle);
+        self.arm(self.half);
         self.half ^= 1;
+    }
+
+    /// Gives a half to the host.
+    fn arm(&self, half: u32) {
+        let toggle = if half == self.data0_half { 0 } else { usb::DATA1 };
+        usb::arm_half(DATA, true, half, PACKET as u32 | toggle);
     }
 
     /// Whether there is room for another byte to the host.
     #[inline(always)]
     pub(crate) fn can_send(&self) -> bool {
+        self.filled < PACKET && self.is_free()
+    }
+
+    /// Whether the host took the packet before.
+    #[inline(always)]
+    fn is_free(&self) -> bool {
         self.configured && usb::buffer_half(DATA, false, 0) & usb::AVAILABLE == 0
     }
 
@@ -201,15 +239,12 @@ impl Usb {
     pub(crate) fn send(&mut self, byte: u8) {
         usb::set_memory_byte(IN_BUFFER + self.filled as u32, byte);
         self.filled += 1;
-        if self.filled == PACKET {
-            self.hand_over();
-        }
     }
 
-    /// Lets go what is not a full packet.
+    /// Lets go what there is.
     #[inline(always)]
-    pub(crate) fn flush(&mut self) {
-        if (self.filled != 0 || self.full) && self.can_send() {
+    pub(crate) fn flush(&mut self, clock: &mut Clock) {
+        if (self.filled != 0 || self.full) && self.is_free() && clock.now() - self.began < LAST_IN {
             self.hand_over();
         }
     }
@@ -252,8 +287,8 @@ impl Usb {
                 self.address = Some(index);
                 self.acknowledge();
             }
-            // SET_CONFIGURATION.
-            0x0900 => {
+            // SET_CONFIGURATION: there is one, and none.
+            0x0900 if value <= 1 => {
                 self.configure(value == 1);
                 self.acknowledge();
             }
@@ -277,11 +312,8 @@ impl Usb {
                 self.open = open;
                 self.acknowledge();
             }
-            // CLEAR_FEATURE of an endpoint that was halted: its toggle begins anew.
-            0x0102 => {
-                self.configure(self.configured);
-                self.acknowledge();
-            }
+            // CLEAR_FEATURE: an endpoint is not halted any more, and its toggle begins anew; no other's.
+            0x0102 if value == 0 && self.clear_halt(second & 0xffff) => self.acknowledge(),
             // Not here (§4.1.2.6.3): the host sees a stall and goes on.
             _ => {
                 self.stage = Stage::Idle;
@@ -289,6 +321,41 @@ impl Usb {
                 usb::buffer_control(0, false).write(usb::STALL);
                 usb::buffer_control(0, true).write(usb::STALL);
             }
+        }
+    }
+
+    /// Has an endpoint go on from DATA0, whose address is `index`; whether there is one. What was read or is to be sent stays;
+    /// the host sends and takes nothing meanwhile.
+    fn clear_halt(&mut self, index: u32) -> bool {
+        const TO_HOST: u32 = 0x80;
+        const DATA_TO_HOST: u32 = TO_HOST | DATA;
+        const NOTIFY_TO_HOST: u32 = TO_HOST | NOTIFY;
+        match index {
+            // Nothing is ever sent there; endpoint 0 begins anew with each request.
+            NOTIFY_TO_HOST | 0 | TO_HOST => true,
+            DATA_TO_HOST if self.configured => {
+                let control = usb::buffer_half(DATA, false, 0);
+                let waits = control & usb::AVAILABLE != 0;
+                if waits {
+                    usb::buffer_control(DATA, false).write(0);
+                    usb::arm_half(DATA, false, 0, control & (usb::LEN | usb::FULL));
+                }
+                self.in_data1 = waits;
+                true
+            }
+            DATA if self.configured => {
+                let [full, other] =
+                    [self.half, self.half ^ 1].map(|half| usb::buffer_half(DATA, true, half) & usb::FULL != 0);
+                // The one that the host's next packet goes into.
+                self.data0_half = if full && !other { self.half ^ 1 } else { self.half };
+                for half in 0..2 {
+                    if usb::buffer_half(DATA, true, half) & usb::AVAILABLE != 0 {
+                        self.arm(half);
+                    }
+                }
+                true
+            }
+            _ => false,
         }
     }
 
@@ -334,7 +401,7 @@ impl Usb {
     /// The data endpoints as at the beginning, on or off.
     fn configure(&mut self, on: bool) {
         self.configured = on;
-        self.half = 0;
+        (self.half, self.data0_half) = (0, 0);
         (self.filled, self.in_data1, self.full) = (0, false, false);
         for (endpoint, out) in [(NOTIFY, false), (DATA, false), (DATA, true)] {
             usb::buffer_control(endpoint, out).write(usb::RESET_HALF);
@@ -345,8 +412,8 @@ impl Usb {
         usb::endpoint_control(DATA, false).write(enabled | 2 << 26 | IN_BUFFER);
         usb::endpoint_control(DATA, true).write(enabled | 1 << 30 | 1 << 29 | 2 << 26 | OUT_BUFFER);
         if on {
-            usb::arm_half(DATA, true, 0, PACKET as u32);
-            usb::arm_half(DATA, true, 1, PACKET as u32 | usb::DATA1);
+            self.arm(0);
+            self.arm(1);
         }
     }
 }

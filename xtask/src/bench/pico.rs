@@ -83,7 +83,8 @@ mod tests {
     #[test]
     fn limits_are_those_of_each_number_of_motors() {
         let intervals = [40, 60, 90, 85, 120, 140, 160, 180];
-        let lines: Vec<_> = (1..).zip(intervals).map(|(motors, ticks)| format!("limit\t{motors}\t{ticks}\t300000")).collect();
+        let lines: Vec<_> =
+            (1..).zip(intervals).map(|(motors, ticks)| format!("limit\t{motors}\t{ticks}\t300000")).collect();
         let source = limits_source(&lines).expect("all there");
         assert!(source.contains("[40, 60, 85, 85, 120, 140, 160, 180];"), "{source}");
         assert!(limits_source(&lines[1..]).is_err());

@@ -1,7 +1,8 @@
 //! The Pico's firmware: from the linker's ELF to the UF2 file that a board takes.
 
 use super::{Done, Failure, command, root, run, target_dir};
-use std::fs;
+use std::process::ExitCode;
+use std::{env, fs};
 
 /// Flash of a Pico, and where it is.
 const FLASH: u32 = 2 * 1024 * 1024;
@@ -20,35 +21,56 @@ pub(crate) fn build() -> Done {
     fs::write(&path, uf2).map_err(|why| Failure::File { path, why })
 }
 
-/// Builds the firmware, and fails when the committed image is not as long.
-///
-/// Bytes cannot be compared: cargo makes the hashes of crates outside of a workspace of where they lie, and the order of some
-/// functions follows them. What the image does is the tests' to say, which run it.
+/// Builds the firmware, and fails when the committed image is another one.
 pub(crate) fn check() -> Done {
     let (uf2, table) = built()?;
     print!("{table}");
     let path = root().join(IMAGE);
     let committed = fs::read(&path).map_err(|why| Failure::File { path, why })?;
-    if committed.len() == uf2.len() {
+    if committed == uf2 {
         return Ok(());
     }
+    let first = committed.iter().zip(&uf2).take_while(|(a, b)| a == b).count();
     Err(Failure::Check(format!(
-        "{IMAGE} is not what firmware/pico builds: it has {} bytes, {} are built. Run `cargo xtask firmware pico`, and commit it \
-         with the change. (If nothing was changed, another version of rustc built it.)",
+        "{IMAGE} is not what firmware/pico builds: byte {first} is the first that differs, of {} committed and {} built. Run `cargo \
+         xtask firmware pico`, and commit it with the change. (If nothing was changed, another version of rustc built it.)",
         committed.len(),
         uf2.len()
     )))
+}
+
+/// Set where this program stands in for rustc: see [`as_rustc`].
+const AS_RUSTC: &str = "PULSETRAIN_AS_RUSTC";
+
+/// What rustc says, if this program was started by cargo in its place (`RUSTC_WRAPPER`), with the arguments for it.
+///
+/// Cargo tells crates apart by a hash, of which symbols are made, and of them the order of functions. Of a crate outside of the
+/// workspace, as core is of the firmware's, it is made of the folder that it lies in. Here it is made of name and version: the
+/// image is the same wherever it is built.
+pub(crate) fn as_rustc() -> Option<ExitCode> {
+    env::var_os(AS_RUSTC)?;
+    let mut arguments = env::args().skip(1);
+    let rustc = arguments.next()?;
+    let of_package = |what: &str| env::var(what).unwrap_or_default();
+    let metadata = format!("metadata={}-{}", of_package("CARGO_PKG_NAME"), of_package("CARGO_PKG_VERSION"));
+    let arguments =
+        arguments.map(|argument| if argument.starts_with("metadata=") { metadata.clone() } else { argument });
+    let status = std::process::Command::new(rustc).args(arguments).status().ok()?;
+    Some(if status.success() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 /// Builds the firmware under `target/`. Gives the image, and what it takes, as text.
 fn built() -> Done<(Vec<u8>, String)> {
     let target = "thumbv6m-none-eabi";
     run(command("rustup").args(["target", "add", target]))?;
-    let folder = target_dir().join("pico");
+    // Not that of a build in which this program had no part: cargo would take what is there.
+    let folder = target_dir().join("pico-image");
     let mut cargo = command("cargo");
     // This xtask was itself started by a cargo, whose choice of toolchain would go on. `-Z location-detail` is in the
     // folder's configuration.
     cargo.env_remove("RUSTUP_TOOLCHAIN").env_remove("CARGO").env("RUSTC_BOOTSTRAP", "1");
+    let this = env::current_exe().map_err(|why| Failure::File { path: "xtask".into(), why })?;
+    cargo.env("RUSTC_WRAPPER", this).env(AS_RUSTC, "1");
     run(cargo
         .current_dir(root().join("firmware/pico"))
         .args(["build", "--release", "--locked", "--target-dir"])

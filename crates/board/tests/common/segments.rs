@@ -24,7 +24,7 @@ impl Chip {
 
     /// As a planner has it at some 100 k steps/s and more.
     pub(crate) const PICO: Chip =
-        Chip { tick_hz: pico::TICK_HZ, fraction_bits: 32, least_steps: 250, turn_ticks: 3000.0 };
+        Chip { tick_hz: pico::TICK_HZ, fraction_bits: 32, least_steps: 500, turn_ticks: 3000.0 };
 
     /// Of a whole tick.
     fn ticks(&self) -> f64 {

@@ -196,6 +196,15 @@ impl Bytes {
         self.parts[0].len -= len as u16;
     }
 
+    /// The `len` bytes in front, no more than wait, where they are; `None` if the ring ends among them.
+    pub(crate) fn first_in_place<'a, const N: usize>(&self, pool: &'a Pool<N>, len: u16) -> Option<&'a [u8]> {
+        let end = self.next + len;
+        if end > self.end {
+            return None;
+        }
+        pool.0.get(usize::from(self.next)..usize::from(end))
+    }
+
     /// Copies the bytes in front, as many as `out` has room for: no more than wait.
     pub(crate) fn copy_first<const N: usize>(&self, pool: &Pool<N>, out: &mut [u8]) {
         let to_end = usize::from(self.end - self.next).min(out.len());

@@ -51,36 +51,48 @@ pub fn expand<const F: u32>(recurrence: &mut Recurrence, words: &mut [u32], stre
 /// [`surely`] looks so many steps ahead at most.
 pub const MOST_SURELY: u32 = 256;
 
-/// How many steps, `most` at most, [`expand`](expand()) is sure to take, with 32 fraction bits: for who works them out without
-/// looking at each.
+/// What is sure of the next steps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sure {
+    /// [`expand`](expand()) takes so many; there may be more.
+    pub count: u32,
+    /// In all of them add is of one sign and within half a tick: its upper half stays as it is.
+    pub gentle: bool,
+}
+
+/// What is sure of the next steps, `most` at most, with 32 fraction bits: for who works them out without looking at each.
 ///
-/// It reckons with the largest change of the interval at each of them, so that there may be more; 0 where it cannot say.
+/// It reckons with the largest change of the interval at each of them. Where it cannot say, the count is 0.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "halves, whose ranges are looked at")]
 #[must_use]
-pub const fn surely(recurrence: &Recurrence, stretch: &Stretch, most: u32) -> u32 {
+pub const fn surely(recurrence: &Recurrence, stretch: &Stretch, most: u32) -> Sure {
+    const NOTHING: Sure = Sure { count: 0, gentle: false };
     let most = if most < MOST_SURELY { most } else { MOST_SURELY };
     // Whole ticks; add within 64 ticks, add2 within one.
     let interval = (recurrence.interval >> 32) as u32;
     let (add, add2) = ((recurrence.add >> 32) as i32, (recurrence.add2 >> 32) as i32);
     if interval >= 1 << 23 || add.wrapping_add(64) as u32 >= 128 || add2.wrapping_add(1) as u32 >= 2 {
-        return 0;
+        return NOTHING;
     }
-    // 2^-16 ticks, rounded down.
-    let (add, add2) = ((recurrence.add >> 16) as i32, (recurrence.add2 >> 16) as i32);
-    let (first, last) = (add.unsigned_abs(), (add + add2 * most as i32).unsigned_abs());
-    // Of one step, with what was rounded off; then of all, ticks.
-    let change = (if first > last { first } else { last }) + most + 1;
+    // 2^-16 ticks, rounded down: `last` by up to `rounded`.
+    let (add, add2, rounded) = ((recurrence.add >> 16) as i32, (recurrence.add2 >> 16) as i32, most + 1);
+    let last = add + add2 * most as i32;
+    let largest = if add.unsigned_abs() > last.unsigned_abs() { add.unsigned_abs() } else { last.unsigned_abs() };
+    // Of one step; then of all, ticks.
+    let change = largest + rounded;
     if change >= 1 << 23 {
-        return 0;
+        return NOTHING;
     }
-    let change = (change * most >> 16) + 1;
+    // It changes steadily: what holds at both ends holds between them.
+    let gentle = change < 1 << 15 && ((add >= 0 && last >= 0) || (add < 0 && last < -(rounded as i32)));
+    let change = ((change * most) >> 16) + 1;
     if interval < stretch.gap + change {
-        return 0;
+        return NOTHING;
     }
     // The fraction may carry one over.
     let longest = interval + change + 1;
     if most * longest < stretch.ticks {
-        return most;
+        return Sure { count: most, gentle };
     }
     // A division by shifts: a Cortex-M0+ has none.
     let (mut count, mut bit) = (0, MOST_SURELY / 2);
@@ -90,7 +102,7 @@ pub const fn surely(recurrence: &Recurrence, stretch: &Stretch, most: u32) -> u3
         }
         bit /= 2;
     }
-    count
+    Sure { count, gentle }
 }
 
 #[cfg(test)]
@@ -105,13 +117,15 @@ mod tests {
     #[test]
     fn a_steady_run_is_sure_up_to_the_end() {
         let stretch = |ticks| Stretch { gap: 16, ticks, bits: 0 };
+        let sure = |count, gentle| Sure { count, gentle };
         // 200 ticks, and 2 in case something was rounded off and carried over.
-        assert_eq!(surely(&steady(200, 0), &stretch(202 * 100), 128), 99);
-        assert_eq!(surely(&steady(200, 0), &stretch(1 << 20), 128), 128);
-        assert_eq!(surely(&steady(15, 0), &stretch(1 << 20), 128), 0);
+        assert_eq!(surely(&steady(200, 0), &stretch(202 * 100), 128), sure(99, true));
+        assert_eq!(surely(&steady(200, 0), &stretch(1 << 20), 128), sure(128, true));
+        assert_eq!(surely(&steady(15, 0), &stretch(1 << 20), 128), sure(0, false));
         // A tick less with each step: after 128 steps it would be too soon.
-        assert_eq!(surely(&steady(140, -1 << 32), &stretch(1 << 20), 128), 0);
-        assert_eq!(surely(&steady(200, -1 << 32), &stretch(1 << 20), 128), 128);
+        assert_eq!(surely(&steady(140, -1 << 32), &stretch(1 << 20), 128), sure(0, false));
+        assert_eq!(surely(&steady(200, -1 << 32), &stretch(1 << 20), 128), sure(128, false));
+        assert_eq!(surely(&steady(200, -1 << 30), &stretch(1 << 20), 128), sure(128, true));
     }
 
     proptest! {
@@ -130,10 +144,15 @@ mod tests {
                 Recurrence { accumulator: fraction.into(), interval: interval >> (scale - 8), add: add >> scale, add2: add2 >> scale };
             let stretch = Stretch { gap, ticks, bits: 0 };
             let sure = surely(&recurrence, &stretch, most);
-            prop_assert!(sure <= most);
+            prop_assert!(sure.count <= most);
             let mut words = [0; 300];
-            let taken = expand::<32>(&mut recurrence.clone(), &mut words[..sure as usize], &stretch);
-            prop_assert_eq!(taken, sure);
+            let mut after = recurrence;
+            let taken = expand::<32>(&mut after, &mut words[..sure.count as usize], &stretch);
+            prop_assert_eq!(taken, sure.count);
+            if sure.gentle {
+                let upper = |add: i64| (add >> 31, add >> 32);
+                prop_assert_eq!(upper(after.add), upper(recurrence.add));
+            }
         }
     }
 }

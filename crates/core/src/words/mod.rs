@@ -25,7 +25,7 @@ mod packed;
 mod tape;
 mod writer;
 
-pub use expand::{Expand, MOST_SURELY, Stretch, expand, surely};
+pub use expand::{Expand, MOST_SURELY, Stretch, Sure, expand, surely};
 pub use packed::{Fault, Packed, Waiting};
 pub use tape::{Run, Tape};
 pub use writer::{Filled, Words};

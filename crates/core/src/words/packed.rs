@@ -14,6 +14,11 @@ pub enum Fault {
     CheckFailed,
 }
 
+/// Bytes that an item or a check takes at most.
+#[expect(clippy::cast_possible_truncation, reason = "checked beside it")]
+const MOST_IN_FRONT: u16 = MAX_PACKED_LEN as u16;
+const _: () = assert!(CHECK_LEN <= MAX_PACKED_LEN && MAX_PACKED_LEN < 256);
+
 /// How a check begins: control record 5.
 const CHECK: [u8; 2] = [0x2f, 0];
 
@@ -80,18 +85,22 @@ impl Packed {
         self.bytes.waiting(epoch) > 0
     }
 
-    /// The bytes in front, as many of `epoch` as an item or a check takes at most.
-    fn front<const N: usize>(&self, pool: &Pool<N>, epoch: Epoch) -> ([u8; MAX_PACKED_LEN], usize) {
-        let mut front = [0; MAX_PACKED_LEN];
-        let len = usize::from(self.bytes.waiting(epoch)).min(MAX_PACKED_LEN);
-        self.bytes.copy_first(pool, &mut front[..len]);
-        (front, len)
-    }
-
     fn take<const N: usize>(&mut self, pool: &Pool<N>, here: &Place) -> Option<Item> {
         let epoch = self.bytes.first()?;
-        let (front, len) = self.front(pool, epoch);
-        let mut rest = &front[..len];
+        let len = self.bytes.waiting(epoch).min(MOST_IN_FRONT);
+        if let Some(front) = self.bytes.first_in_place(pool, len) {
+            return self.take_from(front, epoch, here);
+        }
+        let mut front = [0; MAX_PACKED_LEN];
+        let front = front.get_mut(..usize::from(len))?;
+        self.bytes.copy_first(pool, front);
+        self.take_from(front, epoch, here)
+    }
+
+    // A call, so that it is there once.
+    #[inline(never)]
+    fn take_from(&mut self, front: &[u8], epoch: Epoch, here: &Place) -> Option<Item> {
+        let mut rest = front;
         if let [c0, c1, p0, p1, t0, t1, t2, t3, f0, f1, ..] = *rest
             && [c0, c1] == CHECK
         {

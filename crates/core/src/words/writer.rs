@@ -174,7 +174,6 @@ impl<const F: u32> Words<F> {
     ///
     /// Both go up from call to call, by less than 2^24 ticks. `items` are the motor's: a [`Packed`] with its memory, or what a board
     /// has worked out itself. `expand` is the board's, or [`expand`](super::expand()).
-    #[expect(clippy::too_many_arguments, reason = "all that it needs is somebody else's")]
     pub fn fill<const N: usize, const RUNS: usize>(
         &mut self,
         items: &mut impl Items,
@@ -218,6 +217,14 @@ impl<const F: u32> Words<F> {
                 continue;
             }
             let Some(event) = event.filter(|event| !limit.is_before(self.output.due(*event))) else { break };
+            if event.kind == Kind::Step {
+                // A segment that goes on where the one before ended: its first step is one of many, too.
+                let before = tape.written();
+                self.go_on(tape, memory, limit, stop, expand);
+                if tape.written() != before {
+                    continue;
+                }
+            }
             if let Some(due) = self.make(event) {
                 self.put(tape, memory, due);
                 if event.kind == Kind::Step {

@@ -226,11 +226,33 @@ impl Rp2040 {
         self.usb_changed();
     }
 
+    /// The program that has the USB serial port open reads no more, and all that the PC keeps for it is full: the PC asks the device for
+    /// nothing, until the program reads again.
+    pub fn usb_fill(&mut self, is_full: bool) {
+        let cycle = self.cpu.cycle();
+        self.system.fabric.usb.fill(is_full, cycle);
+        self.usb_changed();
+    }
+
     /// The PC sends bytes to the USB serial port from the present cycle on, as fast as the bus and the device take them.
     /// They wait if the port is not open.
     pub fn usb_send(&mut self, bytes: &[u8]) {
         let cycle = self.cpu.cycle();
         self.system.fabric.usb.send(bytes, cycle);
+        self.usb_changed();
+    }
+
+    /// The PC clears an endpoint of the USB serial port (bit 7: to the PC), halted or not: it goes on from DATA0.
+    pub fn usb_clear_halt(&mut self, endpoint: u8) {
+        let cycle = self.cpu.cycle();
+        self.system.fabric.usb.clear_halt(endpoint, cycle);
+        self.usb_changed();
+    }
+
+    /// The PC asks the USB device for a configuration; one that it refuses changes nothing.
+    pub fn usb_try_configuration(&mut self, value: u8) {
+        let cycle = self.cpu.cycle();
+        self.system.fabric.usb.try_configuration(value, cycle);
         self.usb_changed();
     }
 

@@ -4,6 +4,7 @@
 //! board = "uno"                       # uno, due, pico or native
 //! grid = "reach"                      # or "nearest" (default), or { hysteresis = "0.1 step" }
 //! tolerance = "1 tick"                # or a time, such as "1 us"
+//! idle = "hold"                       # or a rest, such as "2 s", after which drivers and coils are switched off
 //!
 //! [motor.wheel]
 //! steps_per_rev = 200
@@ -50,7 +51,7 @@ pub use winch::WinchScript;
 
 use crate::boards::{self, BoardRow};
 use crate::law::{Cursor, Law, LawError};
-use crate::program::{Motor, Program, Tolerance};
+use crate::program::{LONGEST_IDLE_MS, Motor, Program, Tolerance};
 use crate::quantity::{Base, nearest};
 use crate::{Grid, Time};
 use laws::{Context, Loader};
@@ -132,10 +133,11 @@ fn read_as<T>(text: &str, name: &str, what: impl Fn(&Section) -> Read<T>) -> Res
 }
 
 fn program(root: &Section, load: Loader) -> Read<Program> {
-    root.check_keys(&["board", "grid", "tolerance", "motor", "machine", "motion"]);
+    root.check_keys(&["board", "grid", "tolerance", "idle", "motor", "machine", "motion"]);
     let board = read_board(root);
     let grid = root.get("grid").map_or(Ok(Grid::NEAREST), |node| read_grid(&node));
     let tolerance = root.get("tolerance").map(|node| read_tolerance(&node)).transpose();
+    let idle = root.get("idle").map_or(Ok(None), |node| read_idle(&node));
     let drafts = motor::read_all(root, board.as_ref().ok());
     let machine_drafts = machine::read_all(root, &drafts);
     let mut homes: Vec<Option<Home>> = machine_drafts.iter().map(|_| None).collect();
@@ -166,7 +168,7 @@ fn program(root: &Section, load: Loader) -> Read<Program> {
         let slack: Vec<f64> = draft.motors.iter().map(|motor| slack[*motor]).collect();
         machines.push(draft.finish(root, &motors, &gearings, &slack, home.as_ref())?);
     }
-    Ok(Program { board, grid: grid?, tolerance, motors, machines })
+    Ok(Program { board, grid: grid?, tolerance, idle_ms: idle?, motors, machines })
 }
 
 fn read_board(root: &Section) -> Read<BoardRow> {
@@ -214,6 +216,23 @@ fn read_tolerance(node: &Node) -> Read<Tolerance> {
             Err(node.note(quantity.kind().to_string(), message, "write tolerance = \"1 tick\", or \"1 us\""))
         }
     }
+}
+
+/// Whole milliseconds, or none at all.
+fn read_idle(node: &Node) -> Read<Option<u16>> {
+    if node.as_text() == Some("hold") {
+        return Ok(None);
+    }
+    let seconds = node.measure(Base::Time, 0, "2 s")?;
+    let ms = (seconds * 1000.0).round();
+    if (1.0..=f64::from(LONGEST_IDLE_MS)).contains(&ms) {
+        return Ok(Some(ms as u16));
+    }
+    let (message, help) = (
+        format!("`idle` must be from 1 ms to {} s, but this is {seconds} s", LONGEST_IDLE_MS / 1000),
+        "write idle = \"hold\" for motors that are never switched off",
+    );
+    Err(node.note("out of range", message, help))
 }
 
 /// What one motor does, in order, from the common time zero on.

@@ -52,7 +52,7 @@ fn on_pty(_: &Path, _: &Board, _: &mut Console<'_>) -> miette::Result<Exit> {
 fn serve<C: Client>(client: C, place: &str, args: &Board, console: &mut Console<'_>) -> miette::Result<Exit> {
     match args.board.as_str() {
         "winch" => serve_board(NativeWinch::new(), "winch", client, place, args, console),
-        "pico" => serve_board(VirtualPico::new(), "Pico", client, place, args, console),
+        "pico" => serve_board(VirtualPico::on_usb(), "Pico", client, place, args, console),
         _ => serve_board(VirtualUno::new(), "Uno", client, place, args, console),
     }
 }

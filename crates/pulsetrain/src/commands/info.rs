@@ -37,8 +37,9 @@ struct Said {
     longest_round_ticks: u16,
     lost_bytes: u16,
     damaged_frames: u16,
-    compares_missed: u16,
-    latest_ticks: u16,
+    /// Of boards that compare each edge with a timer: not of a Pico, which has none.
+    compares_missed: Option<u16>,
+    latest_ticks: Option<u16>,
     starved: u16,
 }
 
@@ -79,12 +80,17 @@ pub(crate) fn run(args: &At, console: &mut Console<'_>) -> miette::Result<Exit> 
     row("longest round", ticks(said.longest_round_ticks));
     row("most unread", format!("{} B", said.most_unread_bytes));
     row("stack left", format!("{} B at least", said.stack_left_bytes));
-    row("compares missed", format!("{}, the latest by {}", said.compares_missed, ticks(said.latest_ticks)));
+    if let (Some(missed), Some(latest)) = (said.compares_missed, said.latest_ticks) {
+        row("compares missed", format!("{missed}, the latest by {}", ticks(latest)));
+    }
     row("starved", format!("{} times", said.starved));
     row("line faults", format!("{} bytes lost, {} frames damaged", said.lost_bytes, said.damaged_frames));
     console.print(&table)?;
     Ok(Exit::Success)
 }
+
+/// [`Info`](pulsetrain_core::wire::message::Info)'s number of it.
+const UNO: u8 = 1;
 
 fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
     /// Long enough for a first look at the clock's rate, most often; and how often it is looked again.
@@ -103,9 +109,10 @@ fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
     if let Some(error) = remote.error() {
         return Err(error.clone().into());
     }
+    let compares = info.board == UNO;
     let said = Said {
         board: match info.board {
-            1 => "Arduino Uno",
+            UNO => "Arduino Uno",
             2 => "Raspberry Pi Pico",
             _ => "a model, no chip",
         },
@@ -128,8 +135,8 @@ fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
         longest_round_ticks: measures.longest_round_ticks,
         lost_bytes: measures.lost_bytes,
         damaged_frames: measures.damaged_frames,
-        compares_missed: measures.late,
-        latest_ticks: measures.latest_ticks,
+        compares_missed: compares.then_some(measures.late),
+        latest_ticks: compares.then_some(measures.latest_ticks),
         starved: measures.starved,
     };
     remote.close();

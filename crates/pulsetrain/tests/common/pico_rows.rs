@@ -11,7 +11,7 @@ use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::{Board, Edge, Remote, Setup};
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::Baud;
-use pulsetrain_core::wire::message::Cause;
+use pulsetrain_core::wire::message::{Cause, coil_pins};
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
 use pulsetrain_motion::program::{Limits, Motor, Program, Scale, Tolerance, Wiring};
 use pulsetrain_motion::{Grid, Law as Motion, Time, boards};
@@ -127,9 +127,10 @@ pub(crate) struct Case {
 }
 
 impl Case {
-    /// What planned motions are like at such rates, or worse: [`sinusoids`] have fewer segments.
+    /// What planned motions are like at such rates, or worse: a sinusoid of 1 s that peaks at 622 k steps/s has 1160 steps in a
+    /// segment, as [`sinusoids`] show.
     pub(crate) const fn changing(motors: usize, driver: &'static str) -> Case {
-        Case { figure: 1, motors, driver, swing: 0.1, steps: 250, turns: 0, apart: 1.0, required: None }
+        Case { figure: 1, motors, driver, swing: 0.1, steps: 500, turns: 0, apart: 1.0, required: None }
     }
 
     fn name(&self) -> String {
@@ -258,7 +259,8 @@ fn motor(number: u8, law: Motion, timing: Timing) -> Motor {
 
 fn prepared(file: &str, motors: Vec<Motor>) -> Prepared {
     let board = boards::find("pico").expect("the table has the Pico").board;
-    let program = Program { board, grid: Grid::REACH, tolerance: Tolerance::Ticks(1.0), motors, machines: Vec::new() };
+    let machines = Vec::new();
+    let program = Program { board, grid: Grid::REACH, tolerance: Tolerance::Ticks(1.0), idle_ms: None, motors, machines };
     Prepared { file: file.to_owned(), program, cut_at: None, pause: None }
 }
 
@@ -311,15 +313,15 @@ fn motion_row<'a>(figure: u8, law: &str, prepared: &'a Prepared, timing: Timing)
 pub(crate) fn sinusoids(rate: f64, cycles: u64) -> Row {
     let timing = Timing::of("TMC2209");
     let motors = (0..8_u8).map(|number| {
-        // 100 ms to 170 ms.
-        let period = Time::from_ratio(100 + 10 * i64::from(number), 1000);
+        // 1000 ms to 1070 ms.
+        let period = Time::from_ratio(1000 + 10 * i64::from(number), 1000);
         let amplitude = (rate * period.seconds() / std::f64::consts::TAU).floor();
         let law = Motion::sine(amplitude, period, Some(cycles)).expect("a sinusoid");
         motor(number, law, timing)
     });
     let prepared = prepared("sinusoids", motors.collect());
     let (mut row, _) =
-        motion_row(1, "sinusoids of 100 to 170 ms, planned and streamed by a session", &prepared, timing);
+        motion_row(1, "sinusoids of 1.00 to 1.07 s, planned and streamed by a session", &prepared, timing);
     row.required = format!("{} peak", kilo(rate));
     if row.holds() && row.reached < 0.999 * rate {
         row.verdict = format!("MISSED: {}", row.rate);
@@ -375,12 +377,12 @@ fn pattern(sequence: Sequence, position: i64) -> u8 {
 pub(crate) fn uln2003(pico: &VirtualPico, sequence: Sequence, rate: u64) -> Row {
     let bases: Vec<u8> = (0..ULN_MOTORS).map(|motor| 2 + 4 * motor).collect();
     let motors: Vec<_> = bases.iter().map(|base| coils(*base, sequence)).collect();
-    let pins: Vec<_> = bases.iter().map(|base| format!("{base}–{}", base + 3)).collect();
+    let pins = bases.iter().map(|base| coil_pins(*base).map(|pin| pin.to_string()).join("/"));
     let mut row = Row {
         figure: 3,
         law: format!("{sequence:?} steps, reversals at each of the 8 phases, both ways"),
         timing: "ULN2003".to_owned(),
-        pins: pins.join(" "),
+        pins: pins.collect::<Vec<_>>().join(" "),
         motors: motors.len(),
         rate: kilo(rate as f64),
         required: "every pattern and interval".to_owned(),
@@ -395,7 +397,7 @@ pub(crate) fn uln2003(pico: &VirtualPico, sequence: Sequence, rate: u64) -> Row 
     };
     let setup = Setup { motors, ..Setup::default() };
     let mut board = Remote::open(pico.clone(), 7).expect("it answers");
-    board.configure(&setup).expect("five groups of four pins");
+    board.configure(&setup).expect("six groups of four pins");
     let begin = board.now() + board.lead() + TICK_HZ / 10;
     let mut wanted = Vec::new();
     let mut last = 0;
@@ -412,7 +414,7 @@ pub(crate) fn uln2003(pico: &VirtualPico, sequence: Sequence, rate: u64) -> Row 
     board.advance(last + TICK_HZ / 1000, &mut |edge: Edge| edges.push(edge));
     edges.sort_by_key(|edge| edge.tick);
     for (base, wanted) in bases.iter().zip(&wanted) {
-        let seen = patterns(&edges, *base);
+        let seen = patterns(&edges, coil_pins(*base));
         row.edges += seen.len() as u64;
         let wrong = (0..seen.len().max(wanted.len())).filter(|&at| seen.get(at) != wanted.get(at)).count();
         row.lost += wrong as u64;
@@ -427,7 +429,7 @@ pub(crate) fn uln2003(pico: &VirtualPico, sequence: Sequence, rate: u64) -> Row 
 }
 
 /// Motors with coils.
-const ULN_MOTORS: u8 = 5;
+const ULN_MOTORS: u8 = 6;
 
 /// Items of a motor that goes back and forth so that it turns at every phase; ticks and positions of its steps.
 fn reversals(start: u64, interval: u32) -> (Vec<Item>, Vec<(u64, i64)>) {
@@ -454,10 +456,11 @@ fn reversals(start: u64, interval: u32) -> (Vec<Item>, Vec<(u64, i64)>) {
 }
 
 /// The patterns that four lines show, and from when on.
-fn patterns(edges: &[Edge], base: u8) -> Vec<(u64, u8)> {
+fn patterns(edges: &[Edge], pins: [u8; 4]) -> Vec<(u64, u8)> {
     let (mut all, mut now) = (Vec::<(u64, u8)>::new(), 0);
-    for edge in edges.iter().filter(|edge| (base..base + 4).contains(&edge.line)) {
-        let bit = 1 << (edge.line - base);
+    for edge in edges {
+        let Some(input) = pins.iter().position(|pin| *pin == edge.line) else { continue };
+        let bit = 1 << input;
         now = if edge.level { now | bit } else { now & !bit };
         match all.last_mut().filter(|(tick, _)| *tick == edge.tick) {
             Some((_, pattern)) => *pattern = now,

@@ -287,6 +287,7 @@ pub(crate) fn tutorial(period: Time, cycles: u64, (step, dir): (u8, u8), pulse_n
         board,
         grid: Grid::REACH,
         tolerance: Tolerance::Ticks(1.0),
+        idle_ms: None,
         motors: vec![motor],
         machines: Vec::new(),
     };

@@ -45,7 +45,7 @@ fn program(grid: Grid, motors: Vec<Motor>) -> Program {
         turn_ticks: 0,
         source: "estimate".into(),
     };
-    Program { board, grid, tolerance: Tolerance::Ticks(1.0), motors, machines: Vec::new() }
+    Program { board, grid, tolerance: Tolerance::Ticks(1.0), idle_ms: None, motors, machines: Vec::new() }
 }
 
 /// Steps of θ = A − A·cos(2πt/T) by its inverse, levels n − ½ + h: nothing of the judge's.

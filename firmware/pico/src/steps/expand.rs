@@ -1,9 +1,9 @@
-//! A run's steps, one word each: what `pulsetrain_core::words::expand` does, in 91 cycles for eight steps of which none can be
-//! too soon or too late, and in 35 cycles for two of the others.
+//! A run's steps, one word each: what `pulsetrain_core::words::expand` does, in 75 or 91 cycles for eight steps of which
+//! none can be too soon or too late, and in 35 cycles for two of the others.
 
 use core::arch::global_asm;
 use pulsetrain_core::Recurrence;
-use pulsetrain_core::words::{Stretch, surely};
+use pulsetrain_core::words::{Stretch, Sure, surely};
 
 // In: r0 the recurrence, r1 the first word, r2 the end of the words, r3 the stretch. Out: r0 the end of what was written.
 // Ticks and fraction of the accumulator are added up apart: what the fraction carries over is a step's ticks.
@@ -99,11 +99,8 @@ expand_steps:
     "#
 );
 
-/// Instructions of one step in `expand_surely`.
-const STEP: u32 = 10;
-
-// In: r0 the recurrence, r1 the first word, r2 the end of the words, after it, r3 the bits less the gap. Out: r0 ticks that passed.
-// It begins in the middle of eight steps, so that the last of them is the last word.
+// In: r0 the recurrence, r1 the first word, r2 the end of the words, after it, r3 the bits less the gap, on the stack whether add
+// is gentle. Out: r0 ticks that passed. It begins in the middle of eight steps, so that the last of them is the last word.
 global_asm!(
     r#"
     .section .text.expand_surely, "ax", %progbits
@@ -126,10 +123,16 @@ expand_surely:
     negs r4, r4
     movs r5, #7
     ands r4, r5                 @ steps to be left out
-    movs r5, #2*{STEP}
+    ldr r1, [sp, #32]
+    cmp r1, #0
+    bne 3f
+    movs r5, #20                @ bytes of a step
     muls r4, r5
     adr r1, 1f
-    adds r1, r4
+    b 4f
+3:  lsls r4, r4, #4             @ 16 of a gentle one
+    adr r1, 2f
+4:  adds r1, r4
     adds r1, #1                 @ Thumb
     ldr r7, [r0, #28]
     mov r8, r7
@@ -156,7 +159,22 @@ expand_surely:
     .endr
     cmp r6, lr                  @ 89
     bne 1b                      @ 91
-    pop {{r1}}
+    b 5f
+    .balign 4
+2:
+    .rept 8
+    adds r0, r2                 @ 1
+    mov r1, r12                 @ 2
+    adcs r1, r3                 @ 3
+    add r9, r1                  @ 4
+    stmia r6!, {{r1}}           @ 6
+    adds r2, r4                 @ 7
+    adcs r3, r5                 @ 8
+    adds r4, r7                 @ 9: the upper half stays
+    .endr
+    cmp r6, lr                  @ 73
+    bne 2b                      @ 75
+5:  pop {{r1}}
     str r0, [r1]
     str r2, [r1, #8]
     str r3, [r1, #12]
@@ -171,12 +189,11 @@ expand_surely:
     mov r9, r5
     pop {{r4-r7, pc}}
     .size expand_surely, . - expand_surely
-    "#,
-    STEP = const STEP,
+    "#
 );
 
 unsafe extern "C" {
-    fn expand_surely(recurrence: *mut Recurrence, words: *mut u32, end: *mut u32, offset: u32) -> u32;
+    fn expand_surely(recurrence: *mut Recurrence, words: *mut u32, end: *mut u32, offset: u32, gentle: u32) -> u32;
     fn expand_steps(recurrence: *mut Recurrence, words: *mut u32, end: *mut u32, stretch: *const Stretch) -> *mut u32;
 }
 
@@ -188,20 +205,21 @@ pub(crate) fn expand(recurrence: &mut Recurrence, words: &mut [u32], stretch: &S
     if words.is_empty() {
         return 0;
     }
-    let sure = surely(recurrence, stretch, words.len() as u32);
+    let Sure { count, gentle } = surely(recurrence, stretch, words.len() as u32);
     let core::ops::Range { mut start, end } = words.as_mut_ptr_range();
     let mut rest = *stretch;
-    if sure != 0 {
+    if count != 0 {
+        let offset = stretch.bits.wrapping_sub(stretch.gap);
         // SAFETY: there are so many words at least.
-        let next = unsafe { start.add(sure as usize) };
+        let next = unsafe { start.add(count as usize) };
         // SAFETY: it writes words from `start` on up to `next`; the recurrence is laid out as in C.
-        rest.ticks -= unsafe { expand_surely(recurrence, start, next, stretch.bits.wrapping_sub(stretch.gap)) };
+        rest.ticks -= unsafe { expand_surely(recurrence, start, next, offset, gentle.into()) };
         start = next;
     }
     if start == end {
-        return sure;
+        return count;
     }
     // SAFETY: it writes words from `start` on, at least one and none at `end` or after it; both types are laid out as in C.
     let next = unsafe { expand_steps(recurrence, start, end, &rest) };
-    sure + ((next as u32 - start as u32) >> 2)
+    count + ((next as u32 - start as u32) >> 2)
 }

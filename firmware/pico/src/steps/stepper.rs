@@ -35,6 +35,9 @@ pub(crate) const AHEAD: u32 = TICK_HZ / 10_000 * 24;
 /// They are written when no more than this is left, ticks.
 const REFILL: u32 = AHEAD / 4 * 3;
 
+/// A motor that has less ahead comes before what the host says, ticks.
+const BEHIND: u32 = AHEAD / 2;
+
 /// All motors are looked at again after so many ticks at most.
 const MOST_SPARE: u32 = AHEAD / 8;
 
@@ -129,6 +132,8 @@ pub(crate) struct Stepper {
     least_ahead: u32,
     /// A motor's words came too late, and were kept back.
     too_late: bool,
+    /// The motor that got words last had less than [`BEHIND`].
+    behind: bool,
     /// No motor needs words before.
     due: Moment,
     /// Motors follow paths, whose steps are known up to then; else they do what was packed.
@@ -152,6 +157,7 @@ impl Stepper {
             turn: 0,
             least_ahead: u32::MAX,
             too_late: false,
+            behind: false,
             due: Moment(0),
             known: None,
         }
@@ -285,7 +291,7 @@ impl Stepper {
         for Parts { motor, tape, .. } in self.all().1 {
             motor.words.start(tape, at);
         }
-        (self.runs, self.too_late) = (true, false);
+        (self.runs, self.too_late, self.behind) = (true, false, false);
         self.least_ahead = u32::MAX;
         self.due = at;
     }
@@ -321,6 +327,7 @@ impl Stepper {
             }
             tape.pass(now);
             motor.words.pass(now);
+            self.behind = ahead < BEHIND.cast_signed();
             self.least_ahead = self.least_ahead.min(ahead.max(0).cast_unsigned());
             let stretch = [least, until];
             let dry = motor.words.end().after(motor.words.overhead());
@@ -337,7 +344,20 @@ impl Stepper {
             return true;
         }
         self.due = now.after(spare);
+        self.behind = false;
         false
+    }
+
+    /// How long no motor needs words, ticks.
+    pub(crate) const fn spare(&self, now: Moment) -> u32 {
+        let spare = self.due.since(now).cast_signed();
+        if self.runs && spare > 0 { spare.cast_unsigned() } else { MOST_SPARE }
+    }
+
+    /// Whether words are more urgent than what the host says.
+    #[inline(always)]
+    pub(crate) const fn is_behind(&self) -> bool {
+        self.runs && self.behind
     }
 
     /// Notes that time goes on, while nothing runs.

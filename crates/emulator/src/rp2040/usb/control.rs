@@ -20,6 +20,10 @@ pub(super) enum Request {
     SetLineCoding(u8),
     /// Whether somebody has the port open (DTR, RTS), for an interface.
     SetLineState(u8, bool),
+    /// An endpoint goes on after a halt, from DATA0 (USB 2.0 §9.4.5).
+    ClearHalt(u8),
+    /// A configuration that a program asks for.
+    TryConfiguration(u8),
 }
 
 const DEVICE: u8 = 1;
@@ -43,7 +47,14 @@ impl Request {
 
     /// Whether the device may refuse it: it goes on without.
     pub(super) fn is_optional(self) -> bool {
-        matches!(self, Request::Descriptor { kind: STRING, .. } | Request::SetLineCoding(_) | Request::SetLineState(..))
+        matches!(
+            self,
+            Request::Descriptor { kind: STRING, .. }
+                | Request::SetLineCoding(_)
+                | Request::SetLineState(..)
+                | Request::ClearHalt(_)
+                | Request::TryConfiguration(_)
+        )
     }
 
     fn setup(self) -> [u8; 8] {
@@ -54,7 +65,8 @@ impl Request {
                 (0x80, 6, u16::from_be_bytes([kind, index]), language, length)
             }
             Request::SetAddress(address) => (0x00, 5, address.into(), 0, 0),
-            Request::SetConfiguration(value) => (0x00, 9, value.into(), 0, 0),
+            Request::SetConfiguration(value) | Request::TryConfiguration(value) => (0x00, 9, value.into(), 0, 0),
+            Request::ClearHalt(endpoint) => (0x02, 1, 0, endpoint.into(), 0),
             Request::SetLineCoding(interface) => (0x21, 0x20, 0, interface.into(), 7),
             Request::SetLineState(interface, on) => (0x21, 0x22, if on { 3 } else { 0 }, interface.into(), 0),
         };

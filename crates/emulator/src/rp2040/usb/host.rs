@@ -106,6 +106,10 @@ pub(super) struct Host {
     configured: bool,
     wanted_open: bool,
     is_open: bool,
+    /// The program does not read, and what the PC keeps for it is full.
+    is_full: bool,
+    /// What programs ask the driver for beside that.
+    asked: Vec<Request>,
     /// Requests to be made, in this order.
     requests: VecDeque<Request>,
     /// The next packet is DATA1.
@@ -132,6 +136,8 @@ impl Host {
             configured: false,
             wanted_open: false,
             is_open: false,
+            is_full: false,
+            asked: Vec::new(),
             requests: VecDeque::new(),
             in_data1: false,
             out_data1: false,
@@ -145,6 +151,15 @@ impl Host {
 
     pub(super) fn open(&mut self, open: bool) {
         self.wanted_open = open;
+    }
+
+    pub(super) fn fill(&mut self, is_full: bool) {
+        self.is_full = is_full;
+    }
+
+    /// A program has an endpoint of the port cleared, or a configuration set; when the device is configured.
+    pub(super) fn ask(&mut self, request: Request) {
+        self.asked.push(request);
     }
 
     pub(super) fn send(&mut self, bytes: &[u8]) {
@@ -211,6 +226,10 @@ impl Host {
                     self.requests.push_back(Request::SetLineCoding(interface));
                 }
                 self.requests.push_back(Request::SetLineState(interface, self.wanted_open));
+                self.request(cycle);
+            }
+            (true, Work::Idle) if self.configured && !self.asked.is_empty() => {
+                self.requests.extend(self.asked.drain(..));
                 self.request(cycle);
             }
             _ => {}
@@ -303,6 +322,8 @@ impl Host {
                     self.out.clear();
                 }
             }
+            (Request::ClearHalt(endpoint), _) if endpoint & 0x80 != 0 => self.in_data1 = false,
+            (Request::ClearHalt(_), _) => self.out_data1 = false,
             _ if request.is_optional() => {}
             _ => {
                 self.work = Work::GivenUp;
@@ -343,12 +364,14 @@ impl Host {
                     Token::Out { data, .. } => offer(0, Direction::Out, Some(data.len())),
                 })
             }
-            _ if !self.is_open => None,
+            // A driver clears an endpoint when nothing is under way there.
+            _ if !self.is_open || self.clears() => None,
             Pipe::Notifications => {
                 // Asked for so seldom that a refusal costs nothing.
                 let endpoint = self.port.notifications?;
                 Some(Offer { refused_bits: 0, ..offer(endpoint.number, Direction::In, None) })
             }
+            Pipe::In if self.is_full => None,
             Pipe::In => Some(offer(self.port.data_in?.number, Direction::In, None)),
             Pipe::Out if self.out.is_empty() => None,
             Pipe::Out => {
@@ -356,6 +379,11 @@ impl Host {
                 Some(offer(endpoint.number, Direction::Out, Some(self.packet(endpoint))))
             }
         }
+    }
+
+    /// Whether an endpoint is being cleared.
+    fn clears(&self) -> bool {
+        matches!(&self.work, Work::Control(Transfer { request: Request::ClearHalt(_), .. }, _))
     }
 
     /// Bytes of the next packet to the device.

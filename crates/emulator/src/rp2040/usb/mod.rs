@@ -121,6 +121,21 @@ impl Usb {
         self.plan(cycle);
     }
 
+    pub(super) fn fill(&mut self, is_full: bool, cycle: u64) {
+        self.host.fill(is_full);
+        self.plan(cycle);
+    }
+
+    pub(super) fn clear_halt(&mut self, endpoint: u8, cycle: u64) {
+        self.host.ask(control::Request::ClearHalt(endpoint));
+        self.plan(cycle);
+    }
+
+    pub(super) fn try_configuration(&mut self, value: u8, cycle: u64) {
+        self.host.ask(control::Request::TryConfiguration(value));
+        self.plan(cycle);
+    }
+
     pub(super) fn send(&mut self, bytes: &[u8], cycle: u64) {
         self.host.send(bytes);
         self.plan(cycle);

@@ -1,0 +1,226 @@
+//! Commands with the Pico: its firmware runs the examples, its pins are checked, its coils let go when the file says so.
+
+use pulsetrain::cli;
+use pulsetrain::console::Exit;
+use pulsetrain_board::virtual_pico::VirtualPico;
+use pulsetrain_board::{Board, Edge, Remote, Setup};
+use pulsetrain_core::wire::Baud;
+use pulsetrain_core::wire::message::MotorSetup;
+use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_motion::boards;
+use std::path::PathBuf;
+
+fn pulsetrain(args: &[&str]) -> (Exit, String) {
+    let (mut out, mut err) = (Vec::new(), Vec::new());
+    let exit = cli::run([&["pulsetrain"], args].concat(), &mut out, &mut err);
+    (exit, String::from_utf8(out).unwrap() + &String::from_utf8(err).unwrap())
+}
+
+/// What it says, without the drawing's line ends.
+fn in_a_line(said: &str) -> String {
+    said.replace('│', " ").split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+fn folder(name: &str) -> PathBuf {
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).unwrap();
+    folder
+}
+
+/// The seed's tutorial, which is for an Uno, and the Pico's own example: on its firmware, and its pins pass the judge.
+#[test]
+fn its_firmware_runs_the_tutorial_and_its_own_example() {
+    let folder = folder("pico-examples");
+    for name in ["tutorial.toml", "pico.toml"] {
+        let file = format!("../../examples/{name}");
+        let out = folder.join(name).display().to_string();
+        let (exit, said) = pulsetrain(&["run", &file, "--board", "pico", "--out", &out]);
+        assert_eq!(exit, Exit::Success, "{said}");
+        assert!(said.contains("Run on the virtual Pico, firmware"), "{said}");
+        let (exit, said) = pulsetrain(&["verify", &format!("{out}/trace.vcd"), &file, "--board", "pico", "--pins"]);
+        assert_eq!(exit, Exit::Success, "{said}");
+    }
+}
+
+/// Motors on ULN2003 boards, four pins each from these on; and more of the file.
+fn on_coils(first: &[[u8; 4]], more: &str) -> String {
+    let mut text = format!("board = \"pico\"\n{more}\n");
+    for (number, pins) in first.iter().enumerate() {
+        let sequence = ["microsteps = 2", "sequence = \"full\"", "sequence = \"wave\""][number % 3];
+        text += &format!(
+            "[motor.m{number}]\nsteps_per_rev = 32\n{sequence}\ndriver = \"ULN2003\"\npins = {{ in = {pins:?} }}\npull_in = \"300 \
+             step/s\"\n[[motion]]\nmotor = \"m{number}\"\nlaw.sine = {{ amplitude = \"{} step\", period = \"0.5 s\" }}\n",
+            10 + number
+        );
+    }
+    text
+}
+
+const SIX: [[u8; 4]; 6] =
+    [[2, 3, 4, 5], [6, 7, 8, 9], [10, 11, 12, 13], [14, 15, 16, 17], [18, 19, 20, 21], [22, 26, 27, 28]];
+
+/// Six of them, in all three sequences: to the tick; switched off at the end if the file says so, on the Pico as on the native board.
+#[test]
+fn six_motors_with_coils_hold_or_let_go() {
+    let folder = folder("pico-coils");
+    for (idle, on) in [("", true), ("idle = \"hold\"", true), ("idle = \"100 ms\"", false)] {
+        let file = folder.join("six.toml").display().to_string();
+        std::fs::write(&file, on_coils(&SIX, idle)).unwrap();
+        for board in ["pico", "native"] {
+            let out = folder.join(board).display().to_string();
+            let (exit, said) = pulsetrain(&["run", &file, "--board", board, "--out", &out]);
+            assert_eq!(exit, Exit::Success, "{said}");
+            let trace = format!("{out}/trace.vcd");
+            let (exit, said) = pulsetrain(&["verify", &trace, &file, "--board", board, "--pins"]);
+            assert_eq!(exit, Exit::Success, "{said}");
+            // The levels at the end: `1` or `0`, and the line's letter.
+            let vcd = std::fs::read_to_string(&trace).unwrap();
+            let mut high = std::collections::BTreeSet::new();
+            for change in vcd.lines().skip_while(|line| !line.contains("$enddefinitions")).filter(|line| line.len() > 1)
+            {
+                match change.split_at(1) {
+                    ("1", line) => drop(high.insert(line.to_owned())),
+                    ("0", line) => drop(high.remove(line)),
+                    _ => {}
+                }
+            }
+            assert_eq!(!high.is_empty(), on, "{idle} on {board}: {high:?}");
+            if on {
+                assert!(high.len() >= SIX.len(), "{idle} on {board}: {high:?}");
+            }
+        }
+    }
+}
+
+/// Pins that state machines cannot have so: refused before anything is planned, with what would fit.
+#[test]
+fn pins_that_do_not_fit_are_refused_with_what_would() {
+    let folder = folder("pico-pins");
+    let drivers = |pins: &[&str]| {
+        let mut text = "board = \"pico\"\n".to_owned();
+        for (number, pins) in pins.iter().enumerate() {
+            text += &format!(
+                "[motor.m{number}]\nsteps_per_rev = 200\nmicrosteps = 16\ndriver = \"TMC2209\"\npins = {{ {pins} }}\nforward = \
+                 \"high\"\n[[motion]]\nmotor = \"m{number}\"\nlaw.sine = {{ amplitude = \"1 deg\", period = \"1 s\" }}\n"
+            );
+        }
+        text
+    };
+    let cases = [
+        (
+            drivers(&["step = 2, dir = 4"]),
+            "DIR of `m0` (pin 4) is not beside its STEP (pin 2), but a Pico drives the two as neighbours",
+            "wire DIR to pin 3",
+        ),
+        (
+            drivers(&["step = 2, dir = 3", "step = 4, dir = 3"]),
+            "motors `m0` and `m1` share DIR (pin 3), but a Pico needs one for each motor",
+            "give each motor a DIR beside its STEP",
+        ),
+        (
+            drivers(&["step = 2, dir = 3, enable = 6", "step = 4, dir = 5, enable = 7"]),
+            "motors `m0` and `m1` have enable lines of their own",
+            "wire the enable inputs to one pin",
+        ),
+        (
+            on_coils(&[[2, 3, 4, 6]], ""),
+            "the coils of `m0` are on pins 2, 3, 4 and 6, but a Pico drives four that stand one after the other",
+            "wire IN1 to IN4 to 2, 3, 4 and 5, say",
+        ),
+        (on_coils(&[[5, 4, 3, 2]], ""), "the coils of `m0` are on pins 5, 4, 3 and 2", "to 5, 6, 7 and 8, say"),
+        (on_coils(&[[21, 22, 26, 28]], ""), "are on pins 21, 22, 26 and 28", "to 21, 22, 26 and 27, say"),
+        (on_coils(&[[26, 27, 28, 2]], ""), "are on pins 26, 27, 28 and 2", "to 22, 26, 27 and 28, say"),
+    ];
+    for (text, said, fits) in cases {
+        let file = folder.join("pins.toml").display().to_string();
+        std::fs::write(&file, &text).unwrap();
+        let (exit, out) = pulsetrain(&["plan", &file]);
+        let out = in_a_line(&out);
+        assert_eq!(exit, Exit::Refused, "{out}");
+        assert!(out.contains(said) && out.contains(fits), "{out}");
+    }
+    // Pins that are not there at all, as the file is read.
+    for (pins, why) in [
+        ("step = 1, dir = 2", "serial line"),
+        ("step = 24, dir = 25", "not on its header"),
+        ("step = 29, dir = 28", "no pin 29"),
+    ] {
+        let file = folder.join("pins.toml").display().to_string();
+        std::fs::write(&file, drivers(&[pins])).unwrap();
+        let (exit, out) = pulsetrain(&["plan", &file]);
+        assert_eq!(exit, Exit::Refused, "{out}");
+        assert!(in_a_line(&out).contains(why), "{out}");
+    }
+}
+
+#[test]
+fn a_virtual_pico_tells_of_itself() {
+    let (exit, said) = pulsetrain(&["info", "--board", "pico", "--json"]);
+    assert_eq!(exit, Exit::Success, "{said}");
+    let info: serde_json::Value = serde_json::from_str(&said).unwrap();
+    assert_eq!((&info["board"], &info["tick_hz"]), (&"Raspberry Pi Pico".into(), &125_000_000.into()));
+    assert_eq!((&info["motors"], &info["fraction_bits"]), (&8.into(), &32.into()));
+    assert_eq!(info["queue_bytes"], 32_768);
+    let [ppm, doubt] = [0, 1].map(|index| info["clock_ppm"][index].as_f64().unwrap());
+    assert!(ppm.abs() <= doubt, "{ppm} {doubt}");
+    // It has no compares that could be missed.
+    assert!(info["compares_missed"].is_null());
+    let (_, said) = pulsetrain(&["info", "--board", "pico"]);
+    assert!(said.contains("Raspberry Pi Pico") && said.contains("power came on"), "{said}");
+    assert!(!said.contains("compares"), "{said}");
+}
+
+/// STEP on pin 2, 4, …, DIR beside it.
+fn drivers(count: u8) -> Vec<MotorSetup> {
+    let motor = |motor| MotorSetup {
+        step_pin: 2 + 2 * motor,
+        dir_pin: 3 + 2 * motor,
+        forward_high: true,
+        pull_in_ticks: 1_250_000,
+        ..MotorSetup::default()
+    };
+    (0..count).map(motor).collect()
+}
+
+/// The table's row says what the firmware has: its queues, and how far ahead it commits itself at most.
+#[test]
+fn the_table_says_what_the_firmware_has() {
+    let row = boards::find("pico").unwrap();
+    for count in 1..=8 {
+        let mut pico = Remote::open(VirtualPico::new(), 1).unwrap();
+        pico.configure(&Setup { pulse_ticks: 13, motors: drivers(count), ..Setup::default() }).unwrap();
+        for motor in 0..usize::from(count) {
+            assert_eq!(pico.room(motor), row.queue_bytes[usize::from(count) - 1] as usize, "{count} motors");
+        }
+    }
+    // Usual times, and the longest, with a turn before each step.
+    for (pulse_ticks, setup_ticks, most) in [(13, 20, 300_100), (62_500, 62_500, row.horizon_ticks)] {
+        let mut pico = Remote::open(VirtualPico::new(), 1).unwrap();
+        assert_eq!(pico.set_baud(Baud::B2M), Ok(Baud::B2M));
+        pico.configure(&Setup { pulse_ticks, setup_ticks, hold_ticks: 5, motors: drivers(2), ..Setup::default() })
+            .unwrap();
+        let from = pico.now() + pico.lead() + 2_000_000;
+        for motor in 0..2 {
+            let mut items = vec![Item::Anchor { tick: Moment::of(from) }];
+            for turn in 0..300 {
+                let segment =
+                    Segment { count: 1, interval: (200_000 + 777 * i64::from(turn % 5)) << 32, add: 0, add2: 0 };
+                let direction = if turn % 2 == 0 { Direction::Forward } else { Direction::Backward };
+                items.push(Item::Run { segment, direction });
+            }
+            for item in items {
+                pico.push(motor, Entry { epoch: Epoch(1), item }).unwrap();
+            }
+        }
+        assert_eq!(pico.switch(Epoch(1), from), Ok(()));
+        let mut ahead = 0;
+        while !pico.is_idle() {
+            let until = pico.now() + 70_001;
+            pico.advance(until, &mut |_: Edge| {});
+            let status = pico.status().unwrap();
+            ahead = ahead.max(status.head.horizon - status.head.tick);
+        }
+        assert!((250_000..=u64::from(most)).contains(&ahead), "{ahead} ticks ahead, {most} are stated");
+    }
+}

@@ -1,0 +1,50 @@
+//! The Pico's figures in short: what `cargo xtask bench pico` measures for longer, with their bounds.
+
+mod common;
+
+use common::pico_rows::{ABOVE, Row, promised, start, sweep, uln2003};
+use pulsetrain_board::virtual_pico::VirtualPico;
+use pulsetrain_core::output::Sequence;
+
+fn held(row: &Row) {
+    assert_eq!(row.verdict, "", "{row:?}");
+    assert_eq!((row.lost, row.off), (0, 0), "{row:?}");
+}
+
+/// Eight motors at 625 k steps/s each with a TMC2209's times, at 250 k with an A4988's, every edge in its cycle.
+#[test]
+fn eight_motors_follow_laws_with_changing_speed() {
+    let pico = VirtualPico::on_usb();
+    for (case, most_awake) in promised().into_iter().zip([0.95, 0.6]) {
+        let rate = case.required.expect("it is promised");
+        let row = case.row(&pico, ABOVE * rate, 0.1);
+        held(&row);
+        assert!(row.reached >= rate, "{row:?}");
+        assert!(row.edges as f64 > 0.09 * 8.0 * rate, "{row:?}");
+        assert!(row.awake.is_some_and(|awake| awake < most_awake), "{row:?}");
+    }
+}
+
+#[test]
+fn eight_motors_start_in_one_cycle() {
+    held(&start().row(&VirtualPico::on_usb(), 100e3, 0.1));
+}
+
+/// Each pattern of the seed's table at its tick, in both directions from each phase.
+#[test]
+fn coils_turn_at_every_phase() {
+    let pico = VirtualPico::on_usb();
+    for sequence in [Sequence::Wave, Sequence::Full, Sequence::Half] {
+        let row = uln2003(&pico, sequence, 10_000);
+        held(&row);
+        assert!(row.edges > 6 * 500, "{row:?}");
+    }
+}
+
+/// 001's four motors, twice, as `cargo xtask bench pico --hour` has them for an hour.
+#[test]
+fn eight_motors_keep_their_phase() {
+    let rows = sweep(5);
+    assert_eq!(rows.len(), 9);
+    rows.iter().for_each(held);
+}
