@@ -85,7 +85,7 @@ pub const fn surely(recurrence: &Recurrence, stretch: &Stretch, most: u32) -> Su
     }
     // It changes steadily: what holds at both ends holds between them.
     let gentle = change < 1 << 15 && ((add >= 0 && last >= 0) || (add < 0 && last < -(rounded as i32)));
-    let change = (change * most >> 16) + 1;
+    let change = ((change * most) >> 16) + 1;
     if interval < stretch.gap + change {
         return NOTHING;
     }
