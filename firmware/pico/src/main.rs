@@ -42,6 +42,9 @@ const MOST_DEAF: u32 = 7;
 /// How long the main loop sleeps at most, µs: while motors are armed, and else.
 const NAP: [u32; 2] = [200, 500];
 
+/// How long at least, µs: an alarm that the timer has passed when it is set would come an hour later.
+const SHORTEST_NAP: u32 = 10;
+
 /// The ways to a host.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Way {
@@ -210,7 +213,7 @@ impl All {
     /// Sleeps until something may be to do.
     fn nap(&mut self) {
         let before = self.board.clock.now();
-        let us = if self.board.is_armed() { NAP[0].min(self.board.spare_us()) } else { NAP[1] };
+        let us = if self.board.is_armed() { self.board.spare_us().clamp(SHORTEST_NAP, NAP[0]) } else { NAP[1] };
         clock::sleep(us);
         let slept = self.board.clock.now() - before;
         self.board.measures.idle_ticks = self.board.measures.idle_ticks.wrapping_add(slept);
