@@ -318,7 +318,7 @@ impl All {
     /// Sleeps until something may be to do.
     fn nap(&mut self) {
         let before = self.board.clock.now();
-        let us = if self.board.is_armed() { NAP[0].min(self.board.spare_us()) } else { NAP[1] };
+        let us = if self.board.is_armed() { self.board.spare_us().min(NAP[0]) } else { NAP[1] };
         clock::sleep(us);
         let slept = self.board.clock.now() - before;
         self.board.measures.idle_ticks = self.board.measures.idle_ticks.wrapping_add(slept);

@@ -23,7 +23,7 @@ use crate::record::Edges;
 const PERIODS_S: [f64; 4] = [2.0, 1.0, 0.5, 0.25];
 /// On an Uno the tutorial's amplitude, whose own sketch manages the first at a third of its speed; a Pico is faster.
 const UNO_STEPS: f64 = 2000.0;
-const PICO_STEPS: f64 = 25_000.0;
+const PICO_STEPS: f64 = 19_000.0;
 const STEP_PIN: u8 = 8;
 const DIR_PIN: u8 = 9;
 
