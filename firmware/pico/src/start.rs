@@ -98,7 +98,7 @@ unsafe extern "C" {
 }
 
 /// Bytes of the stack: memory.ld says so too.
-const STACK: usize = 8192;
+const STACK: usize = 16_384;
 
 /// Fewest bytes of stack that were never used.
 pub(crate) fn stack_left() -> u16 {

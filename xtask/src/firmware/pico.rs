@@ -7,8 +7,8 @@ use std::{env, fs};
 /// Flash of a Pico, and where it is.
 const FLASH: u32 = 2 * 1024 * 1024;
 const FLASH_AT: u32 = 0x1000_0000;
-/// RAM, without the two banks that the stack is in.
-const RAM: u32 = 256 * 1024;
+/// RAM, without the stack.
+const RAM: u32 = 248 * 1024;
 
 /// The committed image.
 const IMAGE: &str = "crates/board/images/pico.uf2";
@@ -167,7 +167,7 @@ fn table(segments: &[Segment<'_>]) -> String {
     let (loaded, all) =
         in_ram.fold((0, 0), |(loaded, all), segment| (loaded + segment.bytes.len(), all + segment.size));
     format!(
-        "flash  {flash:>6} of {FLASH} bytes\nRAM    {all:>6} of {RAM} bytes: program {loaded}, the rest zeros at first; stack 8192 \
+        "flash  {flash:>6} of {FLASH} bytes\nRAM    {all:>6} of {RAM} bytes: program {loaded}, the rest zeros at first; stack 16384 \
          beside it\n"
     )
 }
@@ -200,7 +200,7 @@ mod tests {
         assert_eq!(file[12..16], FLASH_AT.to_le_bytes());
         assert_eq!(file[512 + 12..512 + 16], (FLASH_AT + 256).to_le_bytes());
         assert_eq!((&file[32..288], file[512 + 32 + 43], file[512 + 32 + 44]), (&[7; 256][..], 7, 0));
-        assert!(table(&segments).contains("RAM       308 of 262144 bytes: program 300"), "{}", table(&segments));
+        assert!(table(&segments).contains("RAM       308 of 253952 bytes: program 300"), "{}", table(&segments));
     }
 
     #[test]
