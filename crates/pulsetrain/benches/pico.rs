@@ -51,7 +51,8 @@ fn main() {
     show(&start().row(&pico, 100e3, SHORT_S), true);
     for sequence in [Sequence::Wave, Sequence::Full, Sequence::Half] {
         for rate in [1000, 50_000] {
-            show(&uln2003(&pico, sequence, rate), true);
+            // The first is what 28BYJ-48 motors do at most.
+            show(&uln2003(&pico, sequence, rate), rate == 1000);
         }
     }
     sweep(10).iter().for_each(|row| show(row, true));
