@@ -35,7 +35,7 @@ fn eight_motors_start_in_one_cycle() {
 fn coils_turn_at_every_phase() {
     let pico = VirtualPico::on_usb();
     for sequence in [Sequence::Wave, Sequence::Full, Sequence::Half] {
-        let row = uln2003(&pico, sequence, 10_000);
+        let row = uln2003(&pico, sequence, 2000);
         held(&row);
         assert!(row.edges > 6 * 500, "{row:?}");
     }
