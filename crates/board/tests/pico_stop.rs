@@ -2,9 +2,11 @@
 //! cycle after cycle.
 
 mod common;
+mod held;
 
 use common::Random;
-use common::pico::{Pair, TICK_HZ, as_line, coil_levels, coils, hold_up, pins_of, run, step_dir};
+use common::pico::{Pair, TICK_HZ, as_line, coil_levels, coils, pins_of, run, step_dir};
+use held::hold_for;
 use pulsetrain_board::{Board, Edge, Setup, StopReport};
 use pulsetrain_core::output::{HALF_STEPS, Sequence};
 use pulsetrain_core::wire::message::{Cause, MotorSetup};
@@ -51,7 +53,7 @@ fn the_count_is_what_the_pins_did_whenever_it_comes() {
             let (mut pico, mut edges) = (begun.pico.clone(), begun.edges.clone());
             let until = pico.now() + random.below(TICK_HZ / 16);
             // Naps and frames of USB have their own rhythm, which a stop would come in.
-            hold_up(pico.port_mut(), random.below(10_000));
+            hold_for(pico.port_mut(), random.below(10_000));
             let StopReport { tick, positions, uncertain } =
                 pico.stop_now(until, &mut |edge: Edge| edges.extend(as_line(&begun.setup, edge)));
             pico.advance(tick + TICK_HZ / 1000, &mut |edge: Edge| edges.extend(as_line(&begun.setup, edge)));
@@ -125,7 +127,7 @@ fn a_main_loop_that_is_late_plays_nothing_late() {
         assert_eq!(pair.switch(1, from), Ok(()));
         pair.advance(from + TICK_HZ / 20);
         pair.pico.events();
-        let late = hold_up(pair.pico.port_mut(), tenths_of_ms * TICK_HZ / 10_000);
+        let late = hold_for(pair.pico.port_mut(), tenths_of_ms * TICK_HZ / 10_000);
         let until = late + TICK_HZ / 50;
         pair.pico.advance(until, &mut |edge: Edge| pair.edges.extend(as_line(&setup, edge)));
         if let Some(starved) = pair.pico.events().iter().find(|event| event.cause == Cause::Starved) {

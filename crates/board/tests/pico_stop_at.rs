@@ -2,15 +2,16 @@
 //! counts is what the pins did.
 
 mod common;
+mod held;
 
 use common::pico::{TICK_HZ, as_line, coil_levels, coils, run, step_dir};
+use held::hold_up;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::{Board, Edge, Port, PortError, Remote, Setup, StopReport};
 use pulsetrain_core::output::{HALF_STEPS, Sequence};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::MotorSetup;
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment};
-use pulsetrain_emulator::arm::Mode;
 use std::collections::BTreeSet;
 use std::time::Duration;
 
@@ -24,40 +25,8 @@ const COILS: [u32; 3] = [8, 9, 10];
 #[derive(Clone)]
 struct Held {
     pico: VirtualPico,
-    /// The cycle, and where the main loop goes on.
-    until: Option<(Duration, u32)>,
-}
-
-impl Held {
-    fn run(&mut self, until: Duration, into: &mut Vec<u8>) {
-        let had = into.len();
-        while self.pico.now() < until && into.len() == had {
-            self.pico.receive(until, into).expect("it is there");
-        }
-    }
-
-    /// Holds the main loop up from now on: in a loop at the end of RAM, where nothing is. It is 500 times `nop`
-    /// and a branch back, so that it can be left in nearly every cycle.
-    fn hold(&mut self, until: Duration) {
-        const LOOP: u32 = 0x2003_c000;
-        const NOPS: usize = 500;
-        const NOP: u16 = 0xbf00;
-        const BACK: u16 = 0xe000 | (-(NOPS as i16) - 2) as u16 & 0x7ff;
-        let is_free = |pico: &VirtualPico| {
-            let cpu = pico.chip().cpu();
-            !cpu.is_asleep() && cpu.mode() == Mode::Thread && !cpu.primask()
-        };
-        while !is_free(&self.pico) {
-            let soon = self.pico.now() + Duration::from_nanos(8);
-            self.run(soon, &mut Vec::new());
-        }
-        let at = (LOOP - 0x2000_0000) as usize;
-        let chip = self.pico.chip_mut();
-        let code: Vec<u8> = [NOP; NOPS].iter().chain([&BACK]).flat_map(|code| code.to_le_bytes()).collect();
-        chip.ram_mut()[at..at + code.len()].copy_from_slice(&code);
-        self.until = Some((until, chip.cpu().register(15)));
-        chip.cpu_mut().set_register(15, LOOP);
-    }
+    /// From when to when.
+    stretch: Option<[Duration; 2]>,
 }
 
 impl Port for Held {
@@ -68,14 +37,11 @@ impl Port for Held {
         self.pico.send(bytes)
     }
     fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
-        if let Some((free, pc)) = self.until.filter(|(free, _)| *free <= until) {
-            self.run(free, into);
-            while self.pico.chip().cpu().mode() != Mode::Thread {
-                let soon = self.pico.now() + Duration::from_nanos(8);
-                self.run(soon, into);
+        if let Some([begin, end]) = self.stretch.take_if(|[begin, _]| *begin <= until) {
+            while self.now() < begin {
+                self.pico.receive(begin, into)?;
             }
-            self.pico.chip_mut().cpu_mut().set_register(15, pc);
-            self.until = None;
+            hold_up(&mut self.pico, end, into);
         }
         self.pico.receive(until, into)
     }
@@ -89,7 +55,7 @@ impl Port for Held {
 
 /// All motors under way with `interval` ticks from one step to the next, turning at times; so long that the words are written.
 fn under_way(setup: &Setup, intervals: &[i64]) -> (Remote<Held>, Vec<Edge>, u64) {
-    let mut board = Remote::open(Held { pico: VirtualPico::new(), until: None }, 1).expect("it answers");
+    let mut board = Remote::open(Held { pico: VirtualPico::new(), stretch: None }, 1).expect("it answers");
     assert_eq!(board.set_baud(Baud::B2M), Ok(Baud::B2M));
     board.configure(setup).unwrap_or_else(|error| panic!("{error}: {setup:?}"));
     let soon = board.now() + TICK_HZ / 1000;
@@ -144,24 +110,24 @@ fn check(setup: &Setup, edges: &[Edge], report: &StopReport) {
     }
 }
 
-/// Stops the same board in each of `cycles` cycles, the first of which is the latest that comes out at or before tick `first`; gives
-/// at which instructions each motor's machine was halted.
+/// Stops the same board in each of `cycles` cycles, or nearly: what the main loop does in between varies. `around`: in the middle
+/// of them is the first of these ticks that can be, from one on, each so long after the one before. Ends when it has seen enough;
+/// gives at which instructions each motor's machine was halted.
 fn stop_in_each(
     setup: &Setup,
     begun: &(Remote<Held>, Vec<Edge>, u64),
-    first: Option<u64>,
+    around: Option<(u64, u64)>,
     cycles: u64,
+    is_enough: impl Fn(&[BTreeSet<u32>]) -> bool,
 ) -> Vec<BTreeSet<u32>> {
-    // The frame crosses USB and the line in the meantime, and the state machines have words for longer.
-    const HOLD: u64 = TICK_HZ * 13 / 10_000;
+    const HOLD: u64 = TICK_HZ / 10_000;
     let (board, edges, _) = begun;
-    let stop = |board: &Remote<Held>, late: u64| {
+    let stop = |stretch: Option<[u64; 2]>| {
         let (mut board, mut edges) = (board.clone(), edges.clone());
         let mut observer = |edge: Edge| edges.extend(as_line(setup, edge));
-        let held = board.port_mut();
-        let until = held.now() + Duration::from_nanos(8 * (HOLD + late));
-        held.hold(until);
         let now = board.now();
+        let held = board.port_mut();
+        held.stretch = stretch.map(|stretch| stretch.map(|ticks| held.now() + Duration::from_nanos(8 * ticks)));
         let report = board.stop_now(now, &mut observer);
         board.advance(report.tick + TICK_HZ / 1000, &mut observer);
         check(setup, &edges, &report);
@@ -171,13 +137,26 @@ fn stop_in_each(
         let halted: Vec<u32> = (0..setup.motors.len() as u32).map(at).collect();
         (report.tick, halted)
     };
-    let begin = match first {
-        None => 0,
-        Some(first) => first.checked_sub(stop(board, 0).0).expect("it can be stopped as soon as that"),
-    };
+    // Held up around the time at which it hears of the stop, and so that it does nothing but hear, and sleeps no more, afterwards.
+    let heard = stop(None).0.checked_sub(board.now()).expect("it is stopped later");
+    let stretch = |early: u64, late: u64| Some([heard.saturating_sub(early), heard + HOLD + late]);
+    let early = (HOLD..)
+        .step_by(100)
+        .find(|early| stop(stretch(*early, 0)).0 + 1 == stop(stretch(*early, 1)).0)
+        .expect("the main loop hears at some time");
+    let stop = |late| stop(stretch(early, late));
+    let begin = around.map_or(0, |(from, every)| {
+        let soonest = stop(0).0 + cycles;
+        let first = from + (soonest - from).next_multiple_of(every) - cycles / 2;
+        // The longer it was held up, the more there is to do before it hears.
+        (0..4).fold(0, |late: u64, _| (late + first).saturating_sub(stop(late).0))
+    });
     let mut seen = vec![BTreeSet::new(); setup.motors.len()];
     for late in begin..begin + cycles {
-        for (seen, at) in seen.iter_mut().zip(stop(board, late).1) {
+        if is_enough(&seen) {
+            break;
+        }
+        for (seen, at) in seen.iter_mut().zip(stop(late).1) {
             seen.insert(at);
         }
     }
@@ -187,10 +166,12 @@ fn stop_in_each(
 struct Unseen;
 impl pulsetrain_emulator::Observer for Unseen {}
 
-/// Eight drivers, in both blocks, with the shortest pulse, a usual one and a long one, STEP active high and low: in each cycle of a
-/// two words and more.
+/// Eight drivers, in both blocks, with the shortest pulse, a usual one and a long one, STEP active high and low: in cycle after
+/// cycle, until such as are alike were halted at all instructions.
 #[test]
-fn drivers_in_every_cycle_of_a_word() {
+fn drivers_at_every_instruction() {
+    /// Quick motors of one block, with STEP active low or high.
+    const ALIKE: [&[usize]; 4] = [&[0, 3], &[2], &[4, 7], &[6]];
     for (pulse_ticks, interval) in [(3, 250_i64), (13, 260), (100, 400)] {
         let mut motors: Vec<MotorSetup> = (0..8).map(|motor| step_dir(2 + 2 * motor)).collect();
         motors.iter_mut().step_by(3).for_each(|motor| motor.step_low = true);
@@ -199,14 +180,14 @@ fn drivers_in_every_cycle_of_a_word() {
         let intervals: Vec<i64> =
             (0..8).map(|motor| if motor % 4 == 1 { 2_000 } else { interval + 3 * motor }).collect();
         let begun = under_way(&setup, &intervals);
-        let seen = stop_in_each(&setup, &begun, None, 2 * interval as u64);
-        let mut all = BTreeSet::new();
-        for (motor, seen) in seen.iter().enumerate().filter(|(motor, _)| motor % 4 != 1) {
-            // With the shortest pulse the loop of it is one round: as all others, one cycle.
-            assert_eq!(seen, &STEP_DIR.into(), "motor {motor}, pulse {pulse_ticks}");
-            all.extend(seen);
-        }
-        assert_eq!(all, STEP_DIR.into());
+        // With the shortest pulse the loop of it is one round: as all others, one cycle.
+        let is_enough = |seen: &[BTreeSet<u32>]| {
+            ALIKE.iter().all(|alike| {
+                alike.iter().flat_map(|motor| &seen[*motor]).collect::<BTreeSet<_>>() == STEP_DIR.iter().collect()
+            })
+        };
+        let seen = stop_in_each(&setup, &begun, None, 4000, is_enough);
+        assert!(is_enough(&seen), "pulse {pulse_ticks}: {seen:?}");
     }
 }
 
@@ -219,11 +200,7 @@ fn coils_around_each_change_of_lines() {
     let setup = Setup { motors, ..Setup::default() };
     // All change in the same tick, every 0.4 ms.
     let begun = under_way(&setup, &[50_000; 6]);
-    let from = begun.2;
-    // Held up for as long as that, the state machines still have words.
-    let now = begun.0.now() + TICK_HZ * 14 / 10_000;
-    let change = from + (now - from).next_multiple_of(50_000);
-    let seen = stop_in_each(&setup, &begun, Some(change - 40), 80);
+    let seen = stop_in_each(&setup, &begun, Some((begun.2, 50_000)), 400, |_| false);
     for (motor, seen) in seen.iter().enumerate() {
         assert_eq!(seen, &COILS.into(), "motor {motor}");
     }

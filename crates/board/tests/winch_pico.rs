@@ -2,10 +2,12 @@
 //! against core's paths, to the tick.
 
 mod common;
+mod held;
 
 use common::Random;
-use common::pico::{hold_up, step_dir};
+use common::pico::step_dir;
 use common::winch::{Lab, Pico, Said, Status, Wired, follow};
+use held::hold_for;
 use pulsetrain_board::virtual_pico::{Line, VirtualPico};
 use pulsetrain_board::{LinkError, Port, Remote, RemoteError, Setup};
 use pulsetrain_emulator::UsbState;
@@ -169,7 +171,7 @@ fn a_machine_that_ran_dry_is_a_new_beginning() {
     let mut pico = Pico::new();
     pico.send("g xyza 5 1\nv xyza 1000 2000 3000 -3000\n");
     pico.run_ms(500);
-    hold_up(&mut pico.port, 4 * SLICE);
+    hold_for(&mut pico.port, 4 * SLICE);
     let held = pico.now();
     pico.run_ms(300);
     assert_eq!(pico.lines.iter().filter(|line| line.text == "awake").count(), 2);

@@ -2,15 +2,11 @@
 
 use super::Random;
 use pulsetrain_board::virtual_pico::VirtualPico;
-use pulsetrain_board::{
-    Board, Config, Edge, MotorConfig, Native, Port, Remote, Setup, StopReport, SwitchRefused, Wiring,
-};
+use pulsetrain_board::{Board, Config, Edge, MotorConfig, Native, Remote, Setup, StopReport, SwitchRefused, Wiring};
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{MotorSetup, coil_pins};
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
-use pulsetrain_emulator::arm::Mode;
-use std::time::Duration;
 
 /// Ticks per second.
 pub(crate) const TICK_HZ: u64 = 125_000_000;
@@ -225,32 +221,4 @@ pub(crate) fn random_items(
         now = next.max(fastest as i64);
     }
     items
-}
-
-/// Keeps the main loop from doing anything for `ticks`, as nothing of ours ever does; interrupts go on. Gives when it is over.
-pub(crate) fn hold_up(pico: &mut VirtualPico, ticks: u64) -> u64 {
-    /// At the end of RAM, where nothing is: `b .`.
-    const LOOP: u32 = 0x2003_c000;
-    let run = |pico: &mut VirtualPico, ticks: u64| {
-        let until = pico.now() + Duration::from_nanos(8 * ticks);
-        while pico.now() < until {
-            pico.receive(until, &mut Vec::new()).expect("it is there");
-        }
-    };
-    while {
-        let cpu = pico.chip().cpu();
-        cpu.is_asleep() || cpu.mode() != Mode::Thread || cpu.primask()
-    } {
-        run(pico, 1);
-    }
-    let (chip, at) = (pico.chip_mut(), (LOOP - 0x2000_0000) as usize);
-    chip.ram_mut()[at..at + 2].copy_from_slice(&[0xfe, 0xe7]);
-    let pc = chip.cpu().register(15);
-    chip.cpu_mut().set_register(15, LOOP);
-    run(pico, ticks);
-    while pico.chip().cpu().pc() != LOOP {
-        run(pico, 1);
-    }
-    pico.chip_mut().cpu_mut().set_register(15, pc);
-    pico.chip().cycle() - pico.zero()
 }

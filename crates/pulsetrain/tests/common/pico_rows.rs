@@ -260,7 +260,8 @@ fn motor(number: u8, law: Motion, timing: Timing) -> Motor {
 fn prepared(file: &str, motors: Vec<Motor>) -> Prepared {
     let board = boards::find("pico").expect("the table has the Pico").board;
     let machines = Vec::new();
-    let program = Program { board, grid: Grid::REACH, tolerance: Tolerance::Ticks(1.0), idle_ms: None, motors, machines };
+    let program =
+        Program { board, grid: Grid::REACH, tolerance: Tolerance::Ticks(1.0), idle_ms: None, motors, machines };
     Prepared { file: file.to_owned(), program, cut_at: None, pause: None }
 }
 

@@ -22,10 +22,10 @@
 //! | a ring | 19.5 | 16.5 | 11.5 | 110, and some 30 for every 8 |
 //! | a list | 18.5 | | 10.5 | 100 |
 
-use core::arch::global_asm;
-use core::mem::offset_of;
 use super::motor::Motor;
 use super::register;
+use core::arch::global_asm;
+use core::mem::offset_of;
 use pulsetrain_core::narrow::Registers;
 
 const _: () = assert!(offset_of!(Registers, fraction) == 0);
