@@ -2,7 +2,6 @@
 
 use crate::command::{self, Done, cargo, command};
 use crate::{cross_check, firmware, fuzz, test};
-use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Seconds that each fuzz target runs in CI.
 const FUZZ_SECONDS: u64 = 15;
@@ -21,10 +20,7 @@ pub(crate) fn run() -> Done {
     // What the virtual boards run, in the tests as well, is what the sources say.
     firmware::check_uno()?;
     firmware::pico::check()?;
-    // Other random scripts in each run; what failed is had again with the seed.
-    let seed = SystemTime::now().duration_since(UNIX_EPOCH).map_or(1, |since| since.as_secs());
-    eprintln!("PULSETRAIN_SEED={seed}");
-    test::run(Some(PROPERTY_CASES), Some(seed))?;
+    test::run(Some(PROPERTY_CASES))?;
     cross_check::run()?;
     command::run(&mut cargo("run --release -- run examples/tutorial.toml"))?;
     fuzz::run(FUZZ_SECONDS, None)?;

@@ -123,7 +123,7 @@ fn main() -> ExitCode {
         return code;
     }
     let done = match Arguments::parse().task {
-        Task::Test => test::run(None, None),
+        Task::Test => test::run(None),
         Task::Ci => ci::run(),
         Task::Fuzz { seconds, target } => fuzz::run(seconds, target.as_deref()),
         Task::CrossCheck => cross_check::run(),

@@ -5,12 +5,10 @@ use crate::{boards, python, ruckig};
 
 /// All tests of the workspace and of the Python client, core built for the boards' processors, S-curves against ruckig.
 ///
-/// `property_cases`: of each property test that does not set its own; else proptest's 256. `seed`: of the random scripts that
-/// are else the same in every run.
-pub(crate) fn run(property_cases: Option<u32>, seed: Option<u64>) -> Done {
+/// `property_cases`: of each property test that does not set its own; else proptest's 256.
+pub(crate) fn run(property_cases: Option<u32>) -> Done {
     let mut tests = cargo("test --workspace --no-fail-fast");
     tests.envs(property_cases.map(|cases| ("PROPTEST_CASES", cases.to_string())));
-    tests.envs(seed.map(|seed| ("PULSETRAIN_SEED", seed.to_string())));
     command::run(&mut tests)?;
     python::test_client()?;
     boards::build_core()?;
