@@ -342,7 +342,9 @@ fn coils_go_the_way_of_the_seed() {
             let mut axis = Axis::<F, 8>::new(Output::Coils(Coils::new([0, 1, 2, 3], sequence, None)));
             push(&mut axis, 0, &[anchor(0), run(20, 100, direction)]);
             let mut levels = 0;
-            for (number, edge) in (1_i32..).zip(edges(&mut axis, END)) {
+            // An edge without lines is DIR's, which coils have none of.
+            let changes = edges(&mut axis, END).into_iter().filter(|edge| edge.set | edge.clear != 0);
+            for (number, edge) in (1_i32..).zip(changes) {
                 levels = levels & !edge.clear | edge.set;
                 let place = (sign * number).rem_euclid(patterns.len() as i32) as usize;
                 assert_eq!(levels, patterns[place], "{sequence:?}, step {number} {direction:?}");

@@ -12,7 +12,7 @@ use Direction::{Backward, Forward};
 
 const F: u32 = 32;
 const PACKING: Packing = Packing { fraction_bits: F, gain: 0 };
-const N: usize = 512;
+const N: usize = 1024;
 const RUNS: usize = 128;
 const POOL: usize = 4096;
 
@@ -339,17 +339,17 @@ fn a_full_tape_waits_for_time_to_pass() {
     assert!((N as u32 - 1..=N as u32).contains(&written), "{written}");
     // A run is free once the next one has been done.
     let first = machine.memory[..N].to_vec();
-    machine.tape.pass(Moment(5000 + 20 * 265));
+    machine.tape.pass(Moment(5000 + 20 * 521));
     assert_eq!(machine.fill(200_000, 10_000), Filled::Part);
-    assert!((128..=134).contains(&(machine.tape.written() - written)));
-    assert_eq!(machine.memory[136..], first[136..], "what is to be played stays");
+    assert!((256..=262).contains(&(machine.tape.written() - written)));
+    assert_eq!(machine.memory[264..], first[264..], "what is to be played stays");
 }
 
 #[test]
 fn no_more_is_written_than_was_allowed() {
     let mut machine = begun(DRIVER, &[Item::Anchor { tick: Moment(5000) }, run(10_000, 20, Forward)]);
     assert_eq!(machine.fill(20_000, 10), Filled::Part);
-    assert!(machine.tape.written() <= 10 + 128);
+    assert!(machine.tape.written() <= 10 + 256);
 }
 
 #[test]

@@ -95,12 +95,12 @@ pub const fn surely(recurrence: &Recurrence, stretch: &Stretch, most: u32) -> Su
         return Sure { count: most, gentle };
     }
     // A division by shifts: a Cortex-M0+ has none.
-    let (mut count, mut bit) = (0, MOST_SURELY / 2);
+    let (mut count, mut bit) = (0, MOST_SURELY >> 1);
     while bit != 0 {
         if (count + bit) * longest < stretch.ticks && count + bit <= most {
             count += bit;
         }
-        bit /= 2;
+        bit >>= 1;
     }
     Sure { count, gentle }
 }
