@@ -119,8 +119,8 @@ fn random_recurrence(random: &mut Random) -> Recurrence {
 }
 
 fn random_stretch(random: &mut Random) -> Stretch {
-    let ticks = if random.one_in(2) { 1 << 27 } else { 1 + random.below(300_000) as u32 };
-    Stretch { gap: 6 + random.below(40) as u32, ticks, bits: (random.below(16) as u32) << 28 }
+    let ticks = if random.one_in(2) { (1 << 25) - 1 } else { 1 + random.below(300_000) as u32 };
+    Stretch { gap: 6 + random.below(40) as u32, ticks, bits: (random.below(128) as u32) << 25 }
 }
 
 #[test]

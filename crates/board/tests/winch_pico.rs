@@ -140,6 +140,17 @@ fn bursts_are_obeyed() {
     }
 }
 
+/// The longest answers to the shortest lines: packet after packet, none is lost.
+#[test]
+fn each_line_of_a_burst_is_answered() {
+    let mut pico = on_usb();
+    pico.run_ms(50);
+    pico.send("*\n".repeat(400));
+    pico.run_ms(500);
+    let answers = pico.lines.iter().filter(|line| line.text == "err checksum 0");
+    assert_eq!(answers.count(), 400);
+}
+
 /// A host that does not read is obeyed all the same, and so is one on the other line; when it reads again it hears whole lines.
 #[test]
 fn nobody_waits_for_who_does_not_read() {
@@ -247,6 +258,7 @@ fn text_and_frames_exclude_each_other() {
         // Frames have it.
         let mut board = Remote::open(pico.port.clone(), 9).expect("it is free");
         board.configure(&setup).expect("it takes it");
+        assert!(board.events().is_empty(), "what text did is not told");
         let mut taken = Pico { port: board.port().clone(), ..pico.clone() };
         taken.run_ms(150);
         taken.partial.clear();

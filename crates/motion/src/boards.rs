@@ -297,7 +297,7 @@ fn pico() -> BoardRow {
         horizon_ticks: 300_000 + 2 * 62_503,
         lateness_ticks: 0,
         note: "edges come from PIO state machines fed by DMA: exact to the tick. STEP and DIR of a motor are neighbours, and so \
-               are IN1 to IN4 of a ULN2003; 3.3 V outputs",
+               are IN1 to IN4 of a ULN2003 (GP26 is next to GP22); 3.3 V outputs",
         pins: 0..=28,
         reserved: &[
             (0..=1, "GPIO 0 and 1 are the serial line"),

@@ -272,7 +272,7 @@ pub(crate) struct Winch {
 #[derive(Args, Debug)]
 #[group(required = true, multiple = false)]
 pub(crate) struct WinchAt {
-    /// The board at this serial port; opening it resets the board
+    /// The board at this serial port; opening it resets an Uno
     #[arg(long, value_name = "PORT")]
     pub(crate) port: Option<String>,
     /// A virtual one

@@ -446,7 +446,8 @@ impl Person for Actor {
 #[test]
 fn a_person_types_lines() {
     let line = |text: &str| Wish::Line(text.to_owned());
-    let mut wishes = vec![line("help"), line("  "), line("srate 10"), line("v x 3000"), line("jump")];
+    let mut wishes =
+        vec![line("help"), line("  "), line("srate 10"), line("v x 3000"), line("jump"), line("strict 1*1a")];
     // A second of nothing.
     wishes.extend([const { Wish::Line(String::new()) }; 25]);
     wishes.push(Wish::Stop);

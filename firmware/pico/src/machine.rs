@@ -210,8 +210,7 @@ impl Board {
         self.armed
     }
 
-    /// What can wait a millisecond.
-    /// Whether bytes of the UART were lost.
+    /// What can wait a millisecond. Whether bytes of the UART were lost.
     pub(crate) fn housekeeping(&mut self, now: Millis, line: &Line) -> bool {
         line.look_after();
         let lost = link::has_overrun();

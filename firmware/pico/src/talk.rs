@@ -10,8 +10,8 @@ use pulsetrain_core::wire::{Decoder, MAX_FRAME, Millis, Service};
 const ROOM: usize = 2048;
 const _: () = assert!(ROOM > MAX_FRAME);
 
-/// What the lines of one packet may say at most: 32 of two bytes that are no commands, and a status.
-const PACKET_SAYS: usize = 32 * "err command 1\r\n".len() + LONGEST;
+/// What the lines of one packet may say at most: 32 of two bytes (`*` and a line's end), and a status.
+const PACKET_SAYS: usize = 32 * "err checksum 0\r\n".len() + LONGEST;
 const _: () = assert!(PACKET_SAYS < ROOM);
 
 /// If no byte has left for so long, about ms, the host does not read: nothing waits for it.

@@ -185,6 +185,8 @@ impl Winch {
                 self.drives = false;
                 // Nothing moves any more.
                 let _ = board.release();
+                // What there is to tell of text is no news for frames.
+                board.host_gone(false);
                 // If it ran dry nobody knows where the motors stand: as after a reset.
                 self.on &= !ran_dry;
                 service.hold(false);

@@ -33,7 +33,9 @@ pub(crate) fn hold_up(pico: &mut VirtualPico, until: Duration, into: &mut Vec<u8
     }
     let (chip, at) = (pico.chip_mut(), (LOOP - 0x2000_0000) as usize);
     let code: Vec<u8> = [NOP; NOPS].iter().chain([&BACK]).flat_map(|code| code.to_le_bytes()).collect();
-    chip.ram_mut()[at..at + code.len()].copy_from_slice(&code);
+    let place = &mut chip.ram_mut()[at..at + code.len()];
+    assert!(place.iter().all(|byte| *byte == 0) || *place == *code, "something is there");
+    place.copy_from_slice(&code);
     let pc = chip.cpu().register(15);
     chip.cpu_mut().set_register(15, LOOP);
     run(pico, until, into);

@@ -137,7 +137,7 @@ mod tests {
             add in -1i64 << 40..1 << 40,
             add2 in -1i64 << 34..1 << 34,
             gap in 1u32..5000,
-            ticks in 1u32..1 << 28,
+            ticks in 1u32..1 << 25,
             most in 1u32..300,
         ) {
             let recurrence =

@@ -57,6 +57,9 @@ pub enum ConsoleError {
     Person(#[from] io::Error),
 }
 
+/// `enable 0` with its checksum: a strict board that wants one on each line stops, too.
+const STOP: &str = "enable 0*11";
+
 /// What can be typed.
 pub const HELP: &str = "\
   a <axes> <steps>…           go to: `a xy 100 -50`     d <axes> <steps>…    go on by
@@ -99,7 +102,7 @@ pub fn converse<P: Port>(talk: &mut Talk<P>, person: &mut impl Person) -> Result
                             talk.tell(line)?;
                         }
                     },
-                    Wish::Stop => talk.tell("enable 0")?,
+                    Wish::Stop => talk.tell(STOP)?,
                     Wish::End => ended = Some(talk.now()),
                 }
             }

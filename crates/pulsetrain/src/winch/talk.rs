@@ -41,7 +41,7 @@ pub fn meaning(line: &str) -> Option<String> {
         "extra" => "nobody wants it",
         "long" => "the line has more than 80 bytes",
         "noise" => return Some("something came that was not sent; say it again".to_owned()),
-        "checksum" => "the checksum is wrong",
+        "checksum" => "the checksum is wrong, or missing where each line needs one (`strict 0*1b` ends that)",
         "taken" => return Some("a program that sends frames has the board".to_owned()),
         _ => return None,
     };

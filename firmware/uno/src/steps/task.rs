@@ -8,7 +8,7 @@
 //!
 //! What it works on, the [`Stepper`], belongs to whoever holds the [`Guard`]: main takes it with [`lock`], which keeps the task
 //! out as long as it lives. Rings last for a while: no guard may be held for longer than about 2000 cycles while motors move (a
-//! position, which takes a look at every group, is the longest).
+//! position, which takes a look at every group, is the longest), but for the four positions of a winch's status (`winch/feed.rs`).
 
 use super::motor::Motor;
 use super::ring::Ring;
