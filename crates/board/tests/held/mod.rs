@@ -28,7 +28,14 @@ pub(crate) fn hold_up(pico: &mut VirtualPico, until: Duration, into: &mut Vec<u8
         let cpu = pico.chip().cpu();
         cpu.is_asleep() || cpu.mode() != Mode::Thread || cpu.primask()
     };
-    while is_away(pico) {
+    // An exception whose frame is being stacked would bring back what is set now.
+    let is_interrupted = |pico: &VirtualPico| {
+        let mut later = pico.clone();
+        let soon = later.now() + Duration::from_nanos(8 * 20);
+        run(&mut later, soon, &mut Vec::new());
+        later.chip().cpu().mode() != Mode::Thread
+    };
+    while is_away(pico) || is_interrupted(pico) {
         run_on(pico, into);
     }
     let (chip, at) = (pico.chip_mut(), (LOOP - 0x2000_0000) as usize);
@@ -36,10 +43,10 @@ pub(crate) fn hold_up(pico: &mut VirtualPico, until: Duration, into: &mut Vec<u8
     let place = &mut chip.ram_mut()[at..at + code.len()];
     assert!(place.iter().all(|byte| *byte == 0) || *place == *code, "something is there");
     place.copy_from_slice(&code);
-    let pc = chip.cpu().register(15);
+    let [sp, pc] = [13, 15].map(|register| chip.cpu().register(register));
     chip.cpu_mut().set_register(15, LOOP);
     run(pico, until, into);
-    while pico.chip().cpu().mode() != Mode::Thread {
+    while pico.chip().cpu().mode() != Mode::Thread || pico.chip().cpu().register(13) != sp {
         run_on(pico, into);
     }
     pico.chip_mut().cpu_mut().set_register(15, pc);
