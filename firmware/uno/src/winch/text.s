@@ -136,8 +136,16 @@ winch_listen:
     ldi r24, 0x40
     rjmp 20f
 
-; The line is over.
+; The line is over. Blanks at its end are none of it.
 9:
+    subi r21, 1
+    brcs 24f
+    ld r24, -X
+    rcall winch_is_blank
+    breq 9b
+    adiw r26, 1
+24:
+    inc r21
     std Y+1, r21
     std Y+2, r18
     push r20
@@ -615,10 +623,7 @@ winch_take_decimal:
     cpc r20, r24
     cpc r21, r25
     brcs 2f
-    ser r18
-    ser r19
-    movw r20, r18
-    rjmp 6f
+    rjmp 10f                    ; more than 32 bits
 2:
     rcall winch_tenfold
     dec r22
@@ -654,9 +659,9 @@ winch_take_decimal:
     or r24, r19
     or r24, r20
     or r24, r21
-    brne 11f
+    brne 10f
 
-; Between least and most; more than a limit's most is taken as that.
+; Between least and most; more than a limit's most is taken as that, but when strict.
 7:
     mov r24, r16
     subi r24, 5
@@ -675,6 +680,9 @@ winch_take_decimal:
     brcs 8f
     cpi r16, 5
     breq 10f
+    ldd r25, Y+0
+    sbrc r25, 0
+    rjmp 10f
     sbiw r30, 4
     lpm r18, Z+
     lpm r19, Z+
@@ -688,7 +696,6 @@ winch_take_decimal:
     add r24, r17
     cpi r16, 5
     breq 12f
-11:
     ldi r24, 4                  ; Range
 12:
     ret
@@ -796,7 +803,22 @@ winch_take_whole:
     breq 10f
     cpi r16, 9
     breq 11f
+    cpi r16, 10
+    breq 14f
+    cpi r16, 7
+    brne 13f
+    ldd r25, Y+0
+    sbrs r25, 0
+13:
     rjmp winch_store
+
+; strict, and enable when strict: 0 or 1.
+14:
+    cpi r18, 2
+    cpc r19, r1
+    cpc r20, r1
+    cpc r21, r1
+    brlo 13b
 7:
     ldi r24, 4                  ; Range
     ret
