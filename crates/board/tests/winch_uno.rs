@@ -25,7 +25,7 @@ fn script(uno: &mut Uno, lines: &[(u64, &str)]) -> Vec<Said> {
 
 #[test]
 fn statuses_are_on_time_while_four_axes_run() {
-    for (speed, most_us) in [(4000, 1200), (9000, 1500), (10_000, 1500)] {
+    for (speed, most_us) in [(4000, 1300), (9000, 1500), (10_000, 1500)] {
         let mut uno = Uno::new();
         uno.send("l xyza 10000 100000\ng xyza 2 1\nsrate 40\n");
         uno.send(format!("v xyza {} {} {} {}\n", speed, speed - 31, -speed, 17 - speed));

@@ -608,14 +608,12 @@ winch_take_decimal:
     brne 1f
     subi r22, 0xfd
 1:
+    rcall winch_is_nothing
+    breq 6f
+9:
     tst r22
     breq 6f
     brmi 3f
-    mov r24, r18
-    or r24, r19
-    or r24, r20
-    or r24, r21
-    breq 6f
     ldi r24, 0x99
     ldi r25, 0x19
     cpi r18, 0x9a
@@ -627,7 +625,7 @@ winch_take_decimal:
 2:
     rcall winch_tenfold
     dec r22
-    rjmp 1b
+    rjmp 9b
 3:
     clr r24
     ldi r25, 32
@@ -655,10 +653,7 @@ winch_take_decimal:
 6:
     sbrs r23, 0
     rjmp 7f
-    mov r24, r18
-    or r24, r19
-    or r24, r20
-    or r24, r21
+    rcall winch_is_nothing
     brne 10f
 
 ; Between least and most; more than a limit's most is taken as that, but when strict.
@@ -722,6 +717,14 @@ winch_store:
     clr r24
     ret
 
+; Z: r18-r21 are 0. r25 is not kept.
+winch_is_nothing:
+    mov r25, r18
+    or r25, r19
+    or r25, r20
+    or r25, r21
+    ret
+
 ; Where value r24 is.
 winch_place:
     lsl r24
@@ -772,10 +775,7 @@ winch_take_whole:
     com r25
     tst r25
     breq 4f
-    mov r25, r18
-    or r25, r19
-    or r25, r20
-    or r25, r21
+    rcall winch_is_nothing
     brne 7f
 4:
     clr r24
@@ -848,10 +848,7 @@ winch_take_whole:
     movw r20, r18
     rjmp winch_store
 10:
-    mov r25, r18
-    or r25, r19
-    or r25, r20
-    or r25, r21
+    rcall winch_is_nothing
     breq 12f
     sbrc r21, 7
     rjmp 12f
