@@ -39,10 +39,14 @@ pub(crate) fn drive_problem(error: DriveError) -> Report {
         DriveError::Remote(RemoteError::Port(port)) => return port_problem(port.clone()),
         DriveError::Remote(RemoteError::Link(LinkError::Nobody | LinkError::Version { .. })) => {
             "write crates/board/images/uno.hex to the board: avrdude -c arduino -p m328p -P PORT -b 115200 -U \
-             flash:w:uno.hex. A Pico: hold BOOTSEL as you plug it in, and copy crates/board/images/pico.uf2 to the drive"
+             flash:w:uno.hex. A Pico: hold BOOTSEL as you plug it in, and copy crates/board/images/pico.uf2 to the drive. A board \
+             that speaks text alone, as the StepperWinch sketch and `board winch`: `pulsetrain winch --port PORT`"
         }
         DriveError::Remote(RemoteError::OtherBoard { .. }) => "say --board with the board that is there",
-        DriveError::Remote(RemoteError::Link(LinkError::Taken)) => "end the other program, or wait 2 s",
+        DriveError::Remote(RemoteError::Link(LinkError::Taken)) => {
+            "end the other program, or wait 2 s. If text has switched its drivers on (`pulsetrain winch`, a StepperWinch client), it \
+             has it until it is told `enable 0`: echo \"enable 0\" | pulsetrain winch --port PORT"
+        }
         DriveError::Remote(RemoteError::Link(LinkError::Lost | LinkError::Forgotten)) => {
             "look at cable, supply and hub; a board that is reset on the way loses its positions"
         }
