@@ -97,7 +97,7 @@ class Commands(unittest.TestCase):
 
     def test_what_is_refused_here(self) -> None:
         winch = winch_on(FakeLine())
-        wrongs: List[Callable[[], None]] = [
+        wrongs: List[Callable[[], object]] = [
             lambda: winch.move_to(),
             lambda: winch.move_to(w=1),
             lambda: winch.move_to(x=1.5),  # type: ignore[arg-type]
