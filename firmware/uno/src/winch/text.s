@@ -627,6 +627,8 @@ winch_take_decimal:
     dec r22
     rjmp 9b
 3:
+    rcall winch_is_nothing      ; nor is anything rounded up of it
+    breq 6f
     clr r24
     ldi r25, 32
 4:
