@@ -176,6 +176,9 @@ pub struct Reader {
 /// Places behind the point that decimals are taken to: of limits, and of gains.
 const PLACES: [i8; 2] = [3, 6];
 
+/// Powers of ten that may be left when 32 bits are full.
+const FARTHEST: i8 = 32;
+
 /// An exponent that no number is brought back from, by as many digits as a line has beyond those that are kept.
 const FAR: u8 = 50;
 
@@ -685,12 +688,13 @@ struct Number {
 }
 
 impl Number {
-    /// Without its sign, in units of 10^-`places`, rounded to nearest; `None` if 32 bits do not hold it.
+    /// Without its sign, in units of 10^-`places`, rounded to nearest; all ones is what 32 bits do not hold, and `None` what a
+    /// float of the original does not, 4.29·10^41 units on.
     fn scaled(&self, places: i8) -> Option<u32> {
         let (mut value, mut power, mut up) = (self.digits, self.power + places, false);
         while power > 0 && value != 0 {
             if value > 429_496_729 {
-                return None;
+                return if power > FARTHEST { None } else { Some(u32::MAX) };
             }
             value = tenfold(value);
             power -= 1;

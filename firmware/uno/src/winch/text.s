@@ -621,7 +621,12 @@ winch_take_decimal:
     cpc r20, r24
     cpc r21, r25
     brcs 2f
-    rjmp 10f                    ; more than 32 bits
+    cpi r22, 33                 ; more than 32 bits, and more than a float of the original
+    brge 10f
+    ser r18
+    ser r19
+    movw r20, r18
+    rjmp 6f
 2:
     rcall winch_tenfold
     dec r22
