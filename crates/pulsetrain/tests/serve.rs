@@ -589,7 +589,14 @@ mod real {
         let (exit, said) = pulsetrain(&["winch", &script, "--port", &link, "--for", "1.5 s", "--out", &out]);
         assert_eq!(exit, Exit::Success, "{said}");
         assert!(said.contains("nobody looked at its pins") && said.contains("  x     100       100 "), "{said}");
-        assert!(served.interrupt().contains("clients: 1"));
+        // Frames are nothing to it: that is told, with what helps.
+        let (exit, said) = pulsetrain(&["info", "--port", &link]);
+        assert_eq!(exit, Exit::Refused, "{said}");
+        assert!(
+            said.split_whitespace().collect::<Vec<_>>().join(" ").contains("pulsetrain winch --port PORT"),
+            "{said}"
+        );
+        assert!(served.interrupt().contains("clients: 2"));
     }
 
     #[test]

@@ -74,3 +74,15 @@ pub(crate) fn drive_problem(error: DriveError) -> Report {
     };
     miette!(help = help, "{error}")
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_board_that_text_has_tells_how_it_gets_free() {
+        let taken = drive_problem(DriveError::Remote(RemoteError::Link(LinkError::Taken)));
+        assert!(taken.to_string().contains("`enable 0`"), "{taken}");
+        assert!(taken.help().is_some_and(|help| help.to_string().contains("pulsetrain winch --port PORT")));
+    }
+}
