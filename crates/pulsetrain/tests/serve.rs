@@ -600,6 +600,27 @@ mod real {
     }
 
     #[test]
+    fn a_pipe_s_exit_code_tells_whether_all_was_obeyed() {
+        for (lines, code, expected) in [
+            (&b"g x 5 1\nd x 40\n"[..], 0, " 40 0 0 0\n"),
+            (b"d x 1\nd x ten\n", 1, "err number 3\n"),
+            (b"g x 5 1\nd x 4\xff\nd x 40\n", 1, "err noise 3\n"),
+        ] {
+            let mut process = Command::new(env!("CARGO_BIN_EXE_pulsetrain"))
+                .args(["winch", "--native"])
+                .stdin(Stdio::piped())
+                .stdout(Stdio::piped())
+                .spawn()
+                .unwrap();
+            process.stdin.take().unwrap().write_all(lines).unwrap();
+            let output = process.wait_with_output().unwrap();
+            let said = String::from_utf8(output.stdout).unwrap();
+            assert_eq!(output.status.code(), Some(code), "{said}");
+            assert!(said.contains(expected), "{said}");
+        }
+    }
+
+    #[test]
     fn a_paced_board_is_where_it_was_asked_to_come() {
         let mut winch = Paced::new(NativeWinch::new());
         winch.send(b"ping\n").unwrap();
