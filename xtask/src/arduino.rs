@@ -11,7 +11,7 @@ const PACKAGES: [(&str, &str); 4] = [
     ("/usr/bin/avrdude", "avrdude"),
 ];
 
-/// Real bootloaders on the virtual Uno, programmed by avrdude and by `pulsetrain flash`.
+/// Real bootloaders on the virtual Uno, programmed by avrdude and by `pulsetrain flash`; baked sketches, compiled.
 pub(crate) fn test() -> Done {
     if !cfg!(target_os = "linux") {
         println!("the tests with Debian's Arduino core were left out: this is no Linux");
@@ -26,6 +26,7 @@ pub(crate) fn test() -> Done {
     for tests in [
         "test --package pulsetrain-board --test uno_bootloader -- --ignored",
         "test --package pulsetrain --test flash -- --ignored",
+        "test --package pulsetrain --test sketch -- --ignored",
     ] {
         command::run(cargo(tests).env("PULSETRAIN_OPTIBOOT", &optiboot))?;
     }

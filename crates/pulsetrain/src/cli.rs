@@ -123,6 +123,15 @@ Examples:
   pulsetrain ports
   pulsetrain ports --ask       open each, and ask whether Pulsetrain's firmware is there; that resets an Uno")]
     Ports(Ports),
+    /// Put a motion onto a board for good: it runs at power-up, without this computer
+    #[command(after_help = "\
+The sketch is plain C++ with tables in flash, for the Arduino IDE; no library. Endless motions that repeat keep their phase for ever: each \
+turn begins at its own exact time, to 2^-48 of a tick. It takes the Uno's Timer1, and stops millis() and delay().
+
+Examples:
+  pulsetrain bake examples/tutorial.toml --sketch tutorial        writes tutorial/tutorial.ino
+  pulsetrain bake examples/sweep.toml --sketch sweep              four motors, for ever")]
+    Bake(Bake),
     /// Compare a board's clock with this computer's; `run --clock-ppm` then corrects for it
     #[command(after_help = "\
 An Uno has a ceramic resonator, off by up to 0.5 %, which moves with temperature; a Pico a crystal, off by 50 ppm or less.
@@ -190,6 +199,7 @@ impl Command {
             Command::Flash(args) => args.json,
             Command::Ports(args) => args.json,
             Command::Calibrate(args) => args.json,
+            Command::Bake(args) => args.json,
             Command::Plot(_) | Command::New(_) | Command::Board(_) => false,
         }
     }
@@ -265,6 +275,24 @@ pub(crate) struct Board {
     #[arg(long, value_name = "PPM", default_value_t = 0, allow_hyphen_values = true,
           value_parser = clap::value_parser!(i32).range(-100_000..=100_000))]
     pub(crate) clock_ppm: i32,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct Bake {
+    /// Motion file (TOML)
+    pub(crate) file: PathBuf,
+    /// Write an Arduino sketch into this folder, which gives it its name
+    #[arg(long, value_name = "DIR")]
+    pub(crate) sketch: PathBuf,
+    /// Hold the motion against this board's limits instead of the file's
+    #[arg(long, value_name = "BOARD", value_parser = board)]
+    pub(crate) board: Option<String>,
+    /// How much of an endless motion, with its unit; the planned stop comes after [default: it never ends]
+    #[arg(long = "for", value_name = "TIME", value_parser = duration)]
+    pub(crate) length: Option<Time>,
+    /// Print what it comes to as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
 }
 
 #[derive(Args, Debug)]
@@ -580,6 +608,7 @@ pub fn run_on<A: Into<OsString> + Clone>(args: impl IntoIterator<Item = A>, cons
         Command::Flash(args) => commands::flash::run(&args, console),
         Command::Ports(args) => commands::ports::run(&args, console),
         Command::Calibrate(args) => commands::calibrate::run(&args, console),
+        Command::Bake(args) => commands::bake::run(&args, console),
         Command::Boards(args) => commands::boards::run(&args, console),
         Command::Drivers(args) => commands::drivers::run(&args, console),
         Command::New(args) => commands::new::run(&args, console),
