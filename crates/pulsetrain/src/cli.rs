@@ -125,12 +125,13 @@ Examples:
     Ports(Ports),
     /// Put a motion onto a board for good: it runs at power-up, without this computer
     #[command(after_help = "\
-The sketch is plain C++ with tables in flash, for the Arduino IDE; no library. Endless motions that repeat keep their phase for ever: each \
+For an Arduino Uno. The image needs nothing else; the sketch is plain C++ with tables in flash, for the Arduino IDE, without a library. Endless motions that repeat keep their phase for ever: each \
 turn begins at its own exact time, to 2^-48 of a tick. It takes the Uno's Timer1, and stops millis() and delay().
 
 Examples:
-  pulsetrain bake examples/tutorial.toml --sketch tutorial        writes tutorial/tutorial.ino
-  pulsetrain bake examples/sweep.toml --sketch sweep              four motors, for ever")]
+  pulsetrain bake examples/sweep.toml --output sweep.hex          four motors, for ever
+  pulsetrain flash uno --port /dev/ttyACM0 --image sweep.hex      onto the Uno; `flash uno` alone brings the firmware back
+  pulsetrain bake examples/tutorial.toml --sketch tutorial        writes tutorial/tutorial.ino")]
     Bake(Bake),
     /// Compare a board's clock with this computer's; `run --clock-ppm` then corrects for it
     #[command(after_help = "\
@@ -282,8 +283,11 @@ pub(crate) struct Bake {
     /// Motion file (TOML)
     pub(crate) file: PathBuf,
     /// Write an Arduino sketch into this folder, which gives it its name
-    #[arg(long, value_name = "DIR")]
-    pub(crate) sketch: PathBuf,
+    #[arg(long, value_name = "DIR", required_unless_present = "output", conflicts_with = "output")]
+    pub(crate) sketch: Option<PathBuf>,
+    /// Write an image of an Uno's flash there (Intel HEX)
+    #[arg(long, short, value_name = "FILE")]
+    pub(crate) output: Option<PathBuf>,
     /// Hold the motion against this board's limits instead of the file's
     #[arg(long, value_name = "BOARD", value_parser = board)]
     pub(crate) board: Option<String>,

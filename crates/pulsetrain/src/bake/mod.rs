@@ -1,11 +1,16 @@
 //! Plans that stay on a board: motions without a host.
 //!
 //! - [`table`]: a motor's plan as rows, with what repeats for ever
-//! - [`sketch`]: an Arduino sketch that plays such tables
+//! - [`sketch`]: an Arduino sketch that plays such tables; [`image`]: an image of an Uno's flash that does, without a compiler
+//! - `parts`: what both tell the player (`player.h`), which is the same
 
+pub mod image;
+mod parts;
 pub mod sketch;
 pub mod table;
 
+pub use image::Image;
+pub use parts::Size;
 pub use sketch::Sketch;
 pub use table::{Row, Table};
 
@@ -53,7 +58,7 @@ pub enum BakeError {
         /// The longest, s.
         limit_s: f64,
     },
-    /// A pin or a kind of driver that a sketch cannot have.
+    /// A pin or a kind of driver that cannot be baked.
     #[error("motor {motor}: {what}")]
     Wiring {
         /// Whose.
@@ -61,15 +66,15 @@ pub enum BakeError {
         /// What is in the way.
         what: String,
     },
-    /// A board whose ticks are not a sketch's.
-    #[error("a sketch runs on an Arduino Uno; this is planned for the board `{board}`")]
+    /// Another board.
+    #[error("only an Arduino Uno can be baked for yet; this is planned for the board `{board}`")]
     Board {
         /// What it is planned for.
         board: String,
     },
-    /// More steps a second than the sketch can work out.
+    /// More steps a second than the player can work out.
     #[error(
-        "{rate_hz:.0} steps/s are too many for a sketch: it works out {limit_hz:.0} a second, of all motors together"
+        "{rate_hz:.0} steps/s are too many: what is baked works out {limit_hz:.0} a second, of all motors together"
     )]
     TooFast {
         /// At the fastest, of all motors.
@@ -97,7 +102,7 @@ impl BakeError {
                 "what repeats for ever: endless sines, sweeps and circles, and `repeat = \"forever\"`; --for cuts the motion"
             }
             BakeError::Wait { .. } => "a shorter rest",
-            BakeError::Wiring { .. } => "what a sketch can drive: STEP and DIR on pins 2 to 13",
+            BakeError::Wiring { .. } => "what can be baked: at most four motors with STEP and DIR on pins 2 to 13",
             BakeError::Board { .. } => "say --board uno, if its motors fit there",
             BakeError::TooFast { .. } => {
                 "a slower motion, fewer microsteps; or `pulsetrain run --port`, whose firmware is several times faster"

@@ -1,30 +1,3 @@
-struct Row {
-  uint16_t steps;    // bit 15: backward; 0: a wait
-  uint16_t part;     // of the interval, ticks / 65536
-  uint32_t ticks;    // of the interval, or the wait
-  int32_t add;       // to the interval after each step, ticks / 65536
-  int32_t add2;      // to that
-};
-
-// A time or an interval: ticks of 62.5 ns, and 1/65536 of them. Both wrap.
-struct Fixed {
-  uint16_t part;
-  uint32_t ticks;
-};
-
-// What never changes of a motor.
-struct Plan {
-  uint16_t first, end, turn;     // rows; turn: where it begins again, or NEVER
-  Fixed base, period;            // the step before the first turn; what each turn adds
-  uint32_t rest;                 // of the period, ticks / 2^48
-  uint8_t step_b, step_d;        // STEP on port B and D
-  uint8_t dir_b, dir_d;          // DIR
-  uint8_t forward;               // level of DIR that is forward
-  uint16_t setup, clear;         // DIR comes so long before STEP at least, and after the STEP before it; ticks
-};
-const uint16_t NEVER = 0xffff;
-
-@TABLES@
 // What does.
 struct Motor {
   uint16_t row, left;            // the next row; steps left of the present one
@@ -33,7 +6,7 @@ struct Motor {
   Fixed base;
   uint32_t carry;
 };
-Motor motors[MOTORS];
+Motor motors[MOST];
 
 // Edges that are worked out, and not made yet: ticks since the event before; pins to toggle, and those to toggle again
 // after a pulse. The producer writes at `head`, the interrupt reads at `tail`.
@@ -55,7 +28,7 @@ ISR(TIMER1_COMPA_vect) {
     PINB = event.b;
     PIND = event.d;
     if (event.pulse_b | event.pulse_d) {
-      __builtin_avr_delay_cycles(PULSE);
+      _delay_loop_2(PULSE);
       PINB = event.pulse_b;
       PIND = event.pulse_d;
     }
@@ -220,13 +193,12 @@ static bool produce() {
   return true;
 }
 
-void setup() {
-  // The Arduino core's clock would delay steps: millis() and delay() stand still from here on.
-  TIMSK0 = 0;
+// Before the first tick.
+static void prepare() {
   TCCR1A = 0;
   TCCR1B = 0;
   TCNT1 = 0;
-@PINS@  for (uint8_t number = 0; number < MOTORS; number++) {
+  for (uint8_t number = 0; number < MOTORS; number++) {
     Motor &motor = motors[number];
     motor.row = plans[number].first;
     motor.base = plans[number].base;
@@ -238,12 +210,13 @@ void setup() {
   }
 }
 
-void loop() {
+// From the first tick to the last, if there is one.
+static void play() {
   while (produce()) {
     if (ran_dry) {
       // Steps came faster than they could be worked out: better none than late ones. The lamp shines.
-      pinMode(LED_BUILTIN, OUTPUT);
-      digitalWrite(LED_BUILTIN, HIGH);
+      DDRB |= LAMP;
+      PORTB |= LAMP;
       for (;;) {}
     }
   }
