@@ -26,7 +26,7 @@ pub(crate) fn test() -> Done {
     for tests in [
         "test --package pulsetrain-board --test uno_bootloader -- --ignored",
         "test --package pulsetrain --test flash -- --ignored",
-        "test --package pulsetrain --test baked -- --ignored sketches",
+        "test --package pulsetrain --test baked -- --ignored --skip an_hour",
     ] {
         command::run(cargo(tests).env("PULSETRAIN_OPTIBOOT", &optiboot))?;
     }

@@ -6,11 +6,13 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
+use pulsetrain::bake::Image;
 use pulsetrain::cli;
 use pulsetrain::console::Exit;
 use pulsetrain::prepare::Prepared;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Port, hex, stk500};
+use pulsetrain_motion::file;
 use pulsetrain_trace::verdict::{self, Align, Options, Report};
 use pulsetrain_trace::{Edge, Line, Trace};
 
@@ -78,7 +80,10 @@ fn run(command: &mut Command) {
 
 /// Every edge of the pins in so long.
 fn trace(image: &[u8], seconds: f64) -> Trace {
-    let mut uno = VirtualUno::with_image(image).unwrap();
+    watched(&mut VirtualUno::with_image(image).unwrap(), seconds)
+}
+
+fn watched(uno: &mut VirtualUno, seconds: f64) -> Trace {
     let end = uno.now() + Duration::from_secs_f64(seconds);
     let (mut edges, mut all) = (Vec::new(), Vec::new());
     while uno.now() < end {
@@ -126,6 +131,51 @@ fn sketches_keep_to_the_law() {
     assert_eq!(report.motors[0].steps_got, 8000);
     judged("sweep.toml", Way::Sketch, 20.0, FOUR_MOTORS);
     judged("max-speed.toml", Way::Sketch, 20.0, ONE_MOTOR);
+}
+
+/// Motors at the greatest rate that is taken, all turning and at speeds that change all the time: none falls behind.
+#[test]
+fn the_greatest_rate_can_be_kept() {
+    const PINS: [(u8, u8); 4] = [(8, 9), (2, 5), (3, 6), (10, 11)];
+    for (motors, pulse) in [(1, "1 us"), (1, "10 us"), (2, "1 us"), (3, "5 us"), (4, "2 us")] {
+        let mut text = String::from("board = \"uno\"\ntolerance = \"1 us\"\n");
+        for (motor, (step, dir)) in PINS.iter().enumerate().take(motors) {
+            // Peaks of 2 pi A / T that come to 13 900 steps/s together, at periods that are no multiples of one another.
+            let period = 0.4 + 0.0371 * motor as f64;
+            let amplitude = 13_900.0 / motors as f64 * period / std::f64::consts::TAU;
+            text += &format!(
+                "[motor.m{motor}]\nsteps_per_rev = 200\ndriver = \"A4988\"\npulse_high = \"{pulse}\"\n\
+                 pins = {{ step = {step}, dir = {dir} }}\nforward = \"high\"\n\
+                 [[motion]]\nmotor = \"m{motor}\"\n\
+                 law.sine = {{ amplitude = \"{amplitude:.3} step\", period = \"{period} s\", cycles = 3 }}\n"
+            );
+        }
+        let program = file::read(&text, "m.toml", &|_| Err(std::io::ErrorKind::NotFound.into())).unwrap();
+        let image = Image::new(&program).unwrap();
+        let bound_ticks = Some(16.0 + FOUR_MOTORS);
+        let options = Options { align: Align::Start, bound_ticks, ..Options::default() };
+        let report = verdict::judge(&trace(&image.flash, 2.0), &program, &options).unwrap();
+        assert!(report.ok, "{motors} motors, pulses of {pulse}: {report:?}");
+        assert_eq!(report.motors[0].steps_got, report.motors[0].steps_wanted);
+    }
+}
+
+/// From its box to a motion: the bootloader takes the image, and starts it at each power-up.
+#[test]
+#[ignore = "needs Debian's arduino-core-avr and gcc-avr; cargo xtask test runs it"]
+fn a_bootloader_takes_an_image_and_starts_it() {
+    let optiboot = std::env::var("PULSETRAIN_OPTIBOOT").expect("cargo xtask test says where it is");
+    let optiboot = hex::parse(&fs::read_to_string(optiboot).unwrap(), stk500::FLASH_BYTES).unwrap();
+    let uno = VirtualUno::with_bootloader(&[], &optiboot).unwrap();
+    let image = baked("tutorial.toml", Way::Image);
+    let mut uno = stk500::Bootloader::find(uno, stk500::RATES[0]).unwrap().program(&image, |_| {}).unwrap();
+    for _ in 0..2 {
+        let program = Prepared::endless(&example("tutorial.toml"), None).unwrap().program;
+        let options = Options { align: Align::Start, bound_ticks: Some(1.0 + ONE_MOTOR), ..Options::default() };
+        let report = verdict::judge(&watched(&mut uno, 3.0), &program, &options).unwrap();
+        assert!(report.ok, "{report:?}");
+        uno.reset();
+    }
 }
 
 #[test]
