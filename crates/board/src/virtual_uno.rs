@@ -279,7 +279,7 @@ impl Port for VirtualUno {
         for byte in bytes {
             let start = self.line_busy.max(frame);
             let byte = LineByte::new(start, *byte, bit as u32 * 256);
-            self.line_busy = byte.end_cycle();
+            self.line_busy = byte.end_cycle() + bit * u64::from(self.baud().stop_bits() - 1);
             self.chip.receive(byte);
         }
         Ok(())
