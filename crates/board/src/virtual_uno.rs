@@ -183,7 +183,7 @@ impl VirtualUno {
     /// The rate of the line at the bridge's end, if it is one of the protocol's; else its first, 115 200 baud.
     #[must_use]
     pub fn baud(&self) -> Baud {
-        Baud::ALL.into_iter().find(|baud| baud.rate() == self.rate).unwrap_or_default()
+        of_protocol(self.rate)
     }
 
     /// Changes the rate to any, bits a second (from 1200 on), once all bytes that were handed over are out.
@@ -274,12 +274,13 @@ impl Port for VirtualUno {
     }
 
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
-        let bit = bit_cycles(self.next_rate.map_or(self.rate, |(_, rate)| rate));
+        let rate = self.next_rate.map_or(self.rate, |(_, rate)| rate);
+        let (bit, rest) = (bit_cycles(rate), u64::from(of_protocol(rate).stop_bits() - 1));
         let frame = next_frame(self.chip.cycle());
         for byte in bytes {
             let start = self.line_busy.max(frame);
             let byte = LineByte::new(start, *byte, bit as u32 * 256);
-            self.line_busy = byte.end_cycle() + bit * u64::from(self.baud().stop_bits() - 1);
+            self.line_busy = byte.end_cycle() + bit * rest;
             self.chip.receive(byte);
         }
         Ok(())
@@ -312,6 +313,11 @@ impl Port for VirtualUno {
             Some(Edge { tick, line: arduino_pin(edge.port, edge.bit)?, level })
         }));
     }
+}
+
+/// The protocol's rate of so many bits a second; its first if it has none such.
+fn of_protocol(rate: u32) -> Baud {
+    Baud::ALL.into_iter().find(|baud| baud.rate() == rate).unwrap_or_default()
 }
 
 /// The Uno's number of a pin: 0 to 7 on port D, 8 to 13 on B, A0 to A5 (14 to 19) on C.

@@ -8,6 +8,7 @@
 //! - [`talk`]: what is heard and said on a way to a host
 //! - [`link`], [`usb`]: the serial line, and the serial port over USB: one session, on whichever of them it was begun
 //! - [`clock`]: the chip's clocks, and SysTick extended to 64 bits
+//! - [`flash`]: the number by which two boards are told apart
 //! - [`reset`]: the watchdog, and why the program began
 //! - [`start`]: vectors, and memory that there is one of
 //! - [`regs`]: the registers, and instructions that Rust has no words for
@@ -24,6 +25,7 @@
 #![no_main]
 
 mod clock;
+mod flash;
 mod link;
 mod machine;
 mod regs;
@@ -90,8 +92,10 @@ extern "C" fn main() -> ! {
     let blocks = regs::reset::IO_BANK0 | regs::reset::PADS_BANK0 | regs::reset::TIMER;
     regs::take_out_of_reset(blocks);
     // SAFETY: the start-up code calls main once.
-    let (board, line, talks, winch) = unsafe { (Board::begin(), Line::open(), TALKS.take(), WINCH.take()) };
-    let mut all = All { board, service: Service::new(MAX_BODY), line, usb: Usb::open(), talks, way: Way::Uart, winch };
+    let (board, line, usb) = unsafe { (Board::begin(), Line::open(), Usb::open(flash::unique_id())) };
+    // SAFETY: as above.
+    let (talks, winch) = unsafe { (TALKS.take(), WINCH.take()) };
+    let mut all = All { board, service: Service::new(MAX_BODY), line, usb, talks, way: Way::Uart, winch };
     reset::begin();
     regs::enable_interrupts();
     all.run()
@@ -146,7 +150,7 @@ impl All {
     /// What can wait a millisecond.
     #[inline(never)]
     fn housekeeping(&mut self, now: Millis) {
-        if self.board.housekeeping(now, &self.line) {
+        if self.board.housekeeping(now, &mut self.line) {
             self.talks[Way::Uart as usize].ear.lose();
         }
         if self.winch.look(&mut self.board, &mut self.service) {
@@ -178,6 +182,9 @@ impl All {
         };
         if bytes.is_empty() {
             return false;
+        }
+        if way == Way::Uart && self.line.take_gap() {
+            self.talks[Way::Uart as usize].ear.lose();
         }
         let most = &mut self.board.measures.most_unread;
         *most = (*most).max(unread as u16);
