@@ -42,7 +42,7 @@ use pulsetrain_core::wire::{Baud, Decoder, MAX_BODY, Millis, Service};
 use start::Once;
 use talk::Talk;
 use usb::{Packet, Usb};
-use winch::{Ear, Winch};
+use winch::{Brought, Ear, Winch};
 
 /// So many rounds of the main loop may pass in which the host is not heard, as motors need words; 0.2 ms each.
 const MOST_DEAF: u32 = 7;
@@ -139,7 +139,7 @@ impl All {
         talk.ear = Ear::new();
         self.service.interrupted();
         if self.winch.is_on() {
-            self.say(Way::Usb, &Reply::Awake);
+            self.say(Way::Usb, &talk::Line::Winch(Reply::Awake));
         }
     }
 
@@ -150,15 +150,23 @@ impl All {
             self.talks[Way::Uart as usize].ear.lose();
         }
         if self.winch.look(&mut self.board, &mut self.service) {
-            for way in Way::ALL {
-                if !self.ear(way).is_quiet() {
-                    self.say(way, &Reply::Awake);
-                }
-            }
+            self.say_to_text(&talk::Line::Winch(Reply::Awake));
+        }
+        while let Some(done) = self.winch.move_done(&mut self.board) {
+            self.say_to_text(&talk::Line::Verbs(done));
         }
         if core::mem::take(&mut self.winch.report) {
             for talk in &mut *self.talks {
                 talk.ear.owes_status = true;
+            }
+        }
+    }
+
+    /// Says a line wherever text is spoken.
+    fn say_to_text(&mut self, line: &talk::Line) {
+        for way in Way::ALL {
+            if !self.ear(way).is_quiet() {
+                self.say(way, line);
             }
         }
     }
@@ -235,7 +243,11 @@ impl All {
     #[inline(never)]
     fn text(&mut self, way: Way, byte: u8) {
         let is_obeyed = self.winch.is_on() && !self.service.is_taken();
-        let reply = self.winch.hear(&mut self.talks[way as usize].ear, byte, is_obeyed);
+        let reply = match self.winch.hear(&mut self.talks[way as usize].ear, byte, is_obeyed) {
+            Brought::Nothing => None,
+            Brought::Answer(reply) => Some(reply),
+            Brought::Told(told) => Some(talk::Line::Verbs(self.winch.tell(&mut self.board, &told))),
+        };
         if is_obeyed {
             self.winch.settle(&mut self.board, &mut self.service);
         }
@@ -245,7 +257,7 @@ impl All {
     }
 
     /// Says a line of text. Nobody hears it while USB's port is closed.
-    fn say(&mut self, way: Way, line: &Reply) {
+    fn say(&mut self, way: Way, line: &talk::Line) {
         if way == Way::Uart || self.usb.is_open() {
             self.talks[way as usize].say(line);
             self.service.interrupted();
@@ -296,7 +308,7 @@ impl All {
     fn report(&mut self, way: Way) {
         if self.winch.is_on() && !self.service.is_taken() && !self.ear(way).is_quiet() {
             let status = self.winch.status(&mut self.board);
-            self.say(way, &status);
+            self.say(way, &talk::Line::Winch(status));
         }
     }
 
