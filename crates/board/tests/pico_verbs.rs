@@ -158,7 +158,7 @@ fn random_verb(limits: &Limits, random: &mut Random) -> Verb {
         4..8 => {
             let shortest = u64::from(limits.shortest);
             // Now and then one that lasts seconds: the next one does not wait for its end.
-            let longest = if random.one_in(4) { 3 * TICK_HZ } else { 20 * shortest + 100_000 };
+            let longest = if random.one_in(6) { 3 * TICK_HZ } else { shortest << random.between(1, 9) };
             Verb::Speed { ticks: random.between(shortest, longest) }
         }
         8 => Verb::Course(Course::Stationary),
@@ -203,7 +203,7 @@ fn random_live_scripts() {
             println!("kind {kind}, seed {seed}");
             edges += random_script(kind, seed);
         }
-        assert!(edges > 5_000, "kind {kind}: {edges} edges");
+        assert!(edges > 2_000, "kind {kind}: {edges} edges");
     }
 }
 
@@ -230,7 +230,7 @@ fn plans_and_verbs_keep_apart() {
     assert_eq!(refused(pico.release().expect_err("they move")), (Reason::Moving, 0));
     for (orders, reason, detail) in [
         (vec![(2, Verb::Run)], Reason::NoSuchMotor, 2),
-        (vec![(0, Verb::Halt), (1, Verb::Speed { ticks: 256 })], Reason::Period, 257),
+        (vec![(0, Verb::Halt), (1, Verb::Speed { ticks: 253 })], Reason::Period, 254),
         (vec![(0, Verb::Run), (1, Verb::Move { steps: 5 }), (1, Verb::Run), (1, Verb::Run)], Reason::Busy, 1),
     ] {
         assert_eq!(refused(pico.tell_motors(&orders).expect_err("it cannot be")), (reason, detail));

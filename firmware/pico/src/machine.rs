@@ -299,6 +299,12 @@ impl Board {
         Stopped { tick, uncertain }
     }
 
+    /// Whether motors that rest, and are not told directly yet, would do that.
+    pub(crate) fn would_obey(&mut self, orders: &Orders<'_>) -> Result<(), Refusal> {
+        self.verbs.begin(self.stepper.limits(), 0);
+        self.verbs.obey(orders).map(drop)
+    }
+
     /// Motors that are told directly forget what they do.
     pub(crate) fn halt(&mut self) {
         if self.obeys {

@@ -24,7 +24,8 @@ use pulsetrain_core::winch::reply::Reply;
 use pulsetrain_core::winch::session::Session;
 use pulsetrain_core::winch::text::{Heard, Reader, Refusal, Verb, What};
 use pulsetrain_core::wire::message::{Configuration, Event, MOTOR_SETUP_LEN};
-use pulsetrain_core::wire::{self, Machine, Reason, Service};
+use pulsetrain_core::wire::orders::Orders;
+use pulsetrain_core::wire::{Machine, Reason, Refusal as Refused, Service};
 
 /// Ticks of a slice, a millisecond: slices begin at the clock's multiples of it.
 pub(crate) const SLICE: u32 = TICK_HZ / 1000;
@@ -196,24 +197,24 @@ impl Winch {
         }
         self.session.heard();
         self.wired = self.wired || board.wire();
-        let begins = !self.tells;
-        if begins && (!self.wired || board.arm().is_err()) {
-            return text::Reply::Refused(wire::Refusal::of(Reason::Moving));
+        let done = match told.orders() {
+            Some(orders) if self.wired => self.obey(board, &orders),
+            _ => Err(Refused::of(Reason::Moving)),
+        };
+        match done {
+            Ok(()) => text::Reply::At { obeyed: board.obeyed, axes: told.axes() },
+            Err(refused) => text::Reply::Refused(refused),
         }
-        let Some(orders) = told.orders() else { return text::Reply::Unread(What::Extra, 1) };
-        match board.obey(&orders) {
-            Ok(()) => {
-                (self.tells, self.ends) = (true, false);
-                text::Reply::At { obeyed: board.obeyed, axes: told.axes() }
-            }
-            Err(refusal) => {
-                if begins {
-                    // Nothing moves: a line that is refused does not enable the drivers.
-                    let _ = board.release();
-                }
-                text::Reply::Refused(refusal)
-            }
+    }
+
+    fn obey(&mut self, board: &mut Board, orders: &Orders<'_>) -> Result<(), Refused> {
+        if !self.tells {
+            // A line that is refused does not enable the drivers.
+            board.would_obey(orders)?;
+            board.arm()?;
         }
+        (self.tells, self.ends) = (true, false);
+        board.obey(orders)
     }
 
     /// A move of verbs that was done.
