@@ -12,7 +12,9 @@ use pulsetrain_core::packing::{Packing, State};
 use pulsetrain_core::verbs::{Limits, Verbs};
 use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, Reason, flags};
 use pulsetrain_core::wire::orders::{Obeyed, Orders};
-use pulsetrain_core::wire::{Baud, Decoder, Encoder, MAX_BODY, MAX_FRAME, Machine, Millis, Refusal, Service, Stopped, Switched};
+use pulsetrain_core::wire::{
+    Baud, Decoder, Encoder, MAX_BODY, MAX_FRAME, Machine, Millis, Refusal, Service, Stopped, Switched,
+};
 use std::collections::VecDeque;
 use std::time::Duration;
 

@@ -90,7 +90,8 @@ impl NativeVerbs {
             let end = until.min(self.verbs.known() + SLICE);
             let native = &mut self.native;
             // What the queues have no room for has to be played first: no step after it is worked out.
-            let full = (0..self.verbs.motors().len()).any(|motor| native.credit(motor) < 2 * pulsetrain_core::verbs::motor::MOST_ITEMS);
+            let full = (0..self.verbs.motors().len())
+                .any(|motor| native.credit(motor) < 2 * pulsetrain_core::verbs::motor::MOST_ITEMS);
             assert!(!full, "orders come faster than time goes on");
             let push = |motor: u8, item| {
                 native.push(motor.into(), Entry { epoch: Epoch(0), item }).expect("just looked");

@@ -184,7 +184,9 @@ fn said(reason: Reason, detail: u16) -> String {
         Reason::Timing => format!("pulse, set-up or hold is beyond its limit of {detail} ticks"),
         Reason::Baud => format!("it cannot do rate {detail}"),
         Reason::Period => format!("a period must be {detail} ticks at least, and 2^62 at most"),
-        Reason::Busy => format!("motor {detail} has a move under way and one that waits: wait until one is done, or halt it"),
+        Reason::Busy => {
+            format!("motor {detail} has a move under way and one that waits: wait until one is done, or halt it")
+        }
         Reason::Obeying => "its motors are told directly until they are released".to_owned(),
     }
 }

@@ -118,7 +118,8 @@ fn moves_have_exactly_their_steps() {
         let obeyed = pair.tell(&[(0, Verb::Speed { ticks }), (0, Verb::Move { steps })]).expect("it can");
         let first = obeyed.tick;
         pair.advance(first + u64::from(steps) * ticks + TICK_HZ / 100);
-        let rises: Vec<_> = pair.edges.iter().filter(|edge| edge.line == 2 && edge.level).map(|edge| edge.tick).collect();
+        let rises: Vec<_> =
+            pair.edges.iter().filter(|edge| edge.line == 2 && edge.level).map(|edge| edge.tick).collect();
         let wanted: Vec<_> = (0..u64::from(steps)).map(|step| first + step * ticks).collect();
         assert_eq!(rises, wanted, "{steps} steps");
         let done = if steps == 0 { first } else { first + u64::from(steps) * ticks };
@@ -218,7 +219,9 @@ fn plans_and_verbs_keep_apart() {
     // Motors that a plan moves.
     let pico = &mut pair.pico;
     let from = pico.now() + pico.lead() + TICK_HZ / 100;
-    for item in [Item::Anchor { tick: Moment::of(from) }, common::pico::run(500, 12_500, pulsetrain_core::Direction::Forward)] {
+    for item in
+        [Item::Anchor { tick: Moment::of(from) }, common::pico::run(500, 12_500, pulsetrain_core::Direction::Forward)]
+    {
         pico.push(0, Entry { epoch: Epoch(1), item }).expect("room");
     }
     pico.switch(Epoch(1), from).expect("in time");

@@ -72,7 +72,10 @@ fn lines_move_motors_and_say_when_they_are_done() {
     let at = numbers(at)[0];
     let ticks = |count: u64, period: u64| (0..count).map(|step| at + step * period).collect::<Vec<_>>();
     assert_eq!([talk.rises(STEP[0]), talk.rises(STEP[1])], [ticks(3, 62_500), ticks(100, 31_250)]);
-    assert_eq!([x.as_str(), y.as_str()], [format!("done x {} 1", at + 3 * 62_500), format!("done y {} 1", at + 100 * 31_250)]);
+    assert_eq!(
+        [x.as_str(), y.as_str()],
+        [format!("done x {} 1", at + 3 * 62_500), format!("done y {} 1", at + 100 * 31_250)]
+    );
 
     // Backward, in mid-run, with DIR before the step.
     talk.ask("run x");

@@ -51,6 +51,11 @@ pub(crate) fn set_up() {
     regs::WATCHDOG_TICK.write((1 << 9) | (CRYSTAL_HZ / 1_000_000));
 }
 
+/// Takes pins and timer out of reset.
+pub(crate) fn take_pins() {
+    regs::take_out_of_reset(regs::reset::IO_BANK0 | regs::reset::PADS_BANK0 | regs::reset::TIMER);
+}
+
 /// §2.18.3: power and oscillator on, wait for lock, dividers on.
 fn start_pll(pll: regs::Pll, reset: u32, feedback: u32, dividers: [u32; 2]) {
     regs::RESETS_RESET.set(reset);

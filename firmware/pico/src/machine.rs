@@ -7,11 +7,11 @@ use crate::reset;
 use crate::start::{self, Once};
 use crate::steps::MOTORS;
 use crate::steps::pins::{self, Layout};
-use crate::steps::stepper::{FRACTION_BITS, LONGEST, LONGEST_IDLE_MS, POOL, Stepper};
+use crate::steps::stepper::{FRACTION_BITS, LONGEST, LONGEST_IDLE_MS, POOL, Pace, Stepper};
 use crate::winch;
 use pulsetrain_core::narrow::EPOCHS;
-use pulsetrain_core::verbs::Verbs;
 use pulsetrain_core::verbs::motor::MOST_ITEMS;
+use pulsetrain_core::verbs::{Motor, Verbs};
 use pulsetrain_core::winch::path::Slice;
 use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, NO_PIN, flags};
 use pulsetrain_core::wire::orders::{Obeyed, Orders};
@@ -45,6 +45,8 @@ pub(crate) struct Board {
     armed: bool,
     /// Motors are told directly, by what is in `verbs`; `obeyed` came of it last.
     obeys: bool,
+    /// At which pace.
+    pub(crate) pace: Pace,
     verbs: &'static mut Verbs,
     pub(crate) obeyed: Obeyed,
     /// The rate of the session's line, to be set when that is quiet.
@@ -125,6 +127,7 @@ impl Board {
             pins: 0,
             armed: false,
             obeys: false,
+            pace: Pace::NEAR,
             // SAFETY: the caller's promise.
             verbs: unsafe { VERBS.take() },
             obeyed: Obeyed::NONE,
@@ -299,6 +302,26 @@ impl Board {
         Stopped { tick, uncertain }
     }
 
+    /// When the next move is done that is worked out, ticks.
+    pub(crate) fn next_done(&self) -> Option<u64> {
+        self.verbs.motors().iter().filter_map(Motor::next_done).min()
+    }
+
+    /// What can wait a millisecond, without a line to a host.
+    pub(crate) fn look_after(&mut self, now: Millis) {
+        let moment = self.clock.moment();
+        self.stepper.rest(moment);
+        let idle = self.is_idle(moment);
+        if self.power.look(now, idle) && !self.armed {
+            self.stepper.release_coils();
+        }
+    }
+
+    /// Whether a motor that is told directly has nothing to do, and all that it did was told.
+    pub(crate) fn is_told(&self, motor: u8) -> bool {
+        self.verbs.motors().get(usize::from(motor)).is_none_or(|motor| motor.is_at_rest() && motor.is_told())
+    }
+
     /// Whether motors that rest, and are not told directly yet, would do that.
     pub(crate) fn would_obey(&mut self, orders: &Orders<'_>) -> Result<(), Refusal> {
         self.verbs.begin(self.stepper.limits(), 0);
@@ -341,7 +364,7 @@ impl Board {
         let now = self.clock.now();
         // Nothing that is written comes after that: see `Words::fill`.
         let written = self.clock.extended(self.stepper.horizon(Moment::of(now)));
-        self.stepper.shorten();
+        self.stepper.set_pace(self.pace);
         let known = now.max(written) + u64::from(self.stepper.foresight());
         self.verbs.begin(self.stepper.limits(), known);
         self.stepper.follow_from(Moment::of(known));

@@ -82,7 +82,7 @@ pub const LONGEST_PERIOD: u64 = 1 << 62;
 pub const MOST_ITEMS: usize = 6;
 
 /// Done moves that are kept until they are asked for.
-const KEPT: usize = 4;
+const KEPT: u32 = 4;
 
 /// After so many ticks without a step the channel's accumulator is set anew: it tells ticks apart within 2^30.
 const STALE: u64 = 1 << 29;
@@ -126,7 +126,7 @@ pub struct Motor {
     done: u32,
     told: u32,
     /// When the last of them were.
-    done_at: [u64; KEPT],
+    done_at: [u64; KEPT as usize],
 }
 
 impl Motor {
@@ -148,7 +148,7 @@ impl Motor {
             position,
             done: 0,
             told: 0,
-            done_at: [0; KEPT],
+            done_at: [0; KEPT as usize],
         }
     }
 
@@ -261,16 +261,20 @@ impl Motor {
     ///
     /// Of those that nobody asked for in time the oldest are left out; the number tells it.
     pub fn take_done(&mut self, now: u64) -> Option<(u64, u32)> {
-        let mut untold = self.done.wrapping_sub(self.told) as usize;
-        if untold > KEPT {
-            untold = KEPT;
-            self.told = self.done.wrapping_sub(KEPT as u32);
+        let at = self.next_done().filter(|at| *at <= now)?;
+        let oldest = self.done.wrapping_sub(KEPT);
+        if self.done.wrapping_sub(self.told) > KEPT {
+            self.told = oldest;
         }
-        let at = *self.done_at.get(untold.checked_sub(1)?)?;
-        (at <= now).then(|| {
-            self.told = self.told.wrapping_add(1);
-            (at, self.told)
-        })
+        self.told = self.told.wrapping_add(1);
+        Some((at, self.told))
+    }
+
+    /// When the oldest move that was worked out, and not told yet, is done.
+    #[must_use]
+    pub fn next_done(&self) -> Option<u64> {
+        let untold = self.done.wrapping_sub(self.told).min(KEPT);
+        self.done_at.get(untold.checked_sub(1)? as usize).copied()
     }
 
     /// Whether all moves that were worked out have been told as done.

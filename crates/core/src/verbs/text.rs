@@ -175,7 +175,8 @@ pub enum Reply {
 }
 
 /// The longest reply, bytes.
-pub const LONGEST: usize = "at ".len() + 20 + AXES.len() * (" x".len() + " -2147483648".len() + " 4294967295".len()) + 2;
+pub const LONGEST: usize =
+    "at ".len() + 20 + AXES.len() * (" x".len() + " -2147483648".len() + " 4294967295".len()) + 2;
 
 impl Reply {
     /// Writes it, with CR LF, and says how many bytes it has; [`LONGEST`] at most.

@@ -33,6 +33,9 @@ pub struct Orders<'a> {
 }
 
 impl<'a> Orders<'a> {
+    /// Nothing is told, only asked.
+    pub const NONE: Orders<'static> = Orders { bytes: &[] };
+
     /// Of a frame's payload; `None` if it is none.
     #[must_use]
     pub fn decode(bytes: &'a [u8]) -> Option<Orders<'a>> {

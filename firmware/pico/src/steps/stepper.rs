@@ -32,8 +32,28 @@ const RUNS: usize = 128;
 /// Words are written so far ahead, ticks: 2.4 ms. A switch can be no sooner.
 pub(crate) const AHEAD: u32 = TICK_HZ / 10_000 * 24;
 
-/// The same while motors are told directly: 1.2 ms. What is written can be told otherwise no more.
-const SHORT_AHEAD: u32 = AHEAD / 2;
+/// They are written when no more than this is left, ticks.
+const REFILL: u32 = AHEAD / 4 * 3;
+
+/// How far ahead words are written, and when again.
+#[derive(Clone, Copy)]
+pub(crate) struct Pace {
+    /// So far, ticks.
+    ahead: u32,
+    /// When no more than this is left, ticks.
+    refill: u32,
+}
+
+impl Pace {
+    /// Of plans and paths.
+    const FAR: Pace = Pace { ahead: AHEAD, refill: REFILL };
+
+    /// Of motors that are told directly, by the main loop: what is written can be told otherwise no more.
+    pub(crate) const NEAR: Pace = Pace { ahead: TICK_HZ / 10_000 * 12, refill: TICK_HZ / 10_000 * 9 };
+
+    /// The same by an interrupt, which is never late: seldom.
+    pub(crate) const SELDOM: Pace = Pace { ahead: TICK_HZ / 10_000 * 16, refill: TICK_HZ / 10_000 * 5 };
+}
 
 /// Words that a motor gets before the next one has its turn, and a run more at most.
 const TURN: u32 = 512;
@@ -136,8 +156,7 @@ pub(crate) struct Stepper {
     due: Moment,
     /// Steps are worked out here and known up to then; else motors do what was packed.
     known: Option<Moment>,
-    /// Words are written so far ahead, ticks.
-    ahead: u32,
+    pace: Pace,
     /// Before steps that are not known yet nothing is written for so long, ticks: longer than DIR is turned before one.
     clear: u32,
 }
@@ -162,7 +181,7 @@ impl Stepper {
             behind: false,
             due: Moment(0),
             known: None,
-            ahead: AHEAD,
+            pace: Pace::FAR,
             clear: CLEAR,
         }
     }
@@ -173,14 +192,14 @@ impl Stepper {
         self.known = Some(known);
     }
 
-    /// Motors are told directly from now on: words are written less far ahead.
-    pub(crate) const fn shorten(&mut self) {
-        self.ahead = SHORT_AHEAD;
+    /// From now on, until it stops, words are written at another pace.
+    pub(crate) const fn set_pace(&mut self, pace: Pace) {
+        self.pace = pace;
     }
 
     /// So far ahead steps have to be known, ticks.
     pub(crate) const fn foresight(&self) -> u32 {
-        self.ahead + self.clear
+        self.pace.ahead + self.clear
     }
 
     /// Whether each motor's queue has room for `items` items more.
@@ -277,7 +296,8 @@ impl Stepper {
             let packing = Packing { fraction_bits: FRACTION_BITS, gain: setup.gain };
             motor.packed = Packed::new(Pool::<POOL>::part(number * queue, queue), packing);
             (motor.wired, motor.pulse_ticks, motor.pull_in_ticks) = (*wired, pulse_ticks, setup.pull_in_ticks);
-            motor.limits = limits(&motor.words, layout.count, setup_ticks, pulse_ticks + u32::from(configuration.hold_ticks));
+            motor.limits =
+                limits(&motor.words, layout.count, setup_ticks, pulse_ticks + u32::from(configuration.hold_ticks));
             motor.words.channel_mut().open_from(now);
         }
         self.clear = CLEAR.max(setup_ticks + 4 * (pulse_ticks + STEP_DIR_OVERHEAD));
@@ -337,9 +357,9 @@ impl Stepper {
         if !self.runs || now.is_before(self.due) {
             return false;
         }
-        let refill = self.refill();
+        let Pace { ahead: far, refill } = self.pace;
         let mut spare = self.most_spare();
-        let (mut least, mut until) = (now.after(refill), now.after(self.ahead));
+        let (mut least, mut until) = (now.after(refill), now.after(far));
         if let Some(known) = self.known {
             let last = known.before(self.clear);
             until = if last.is_before(until) { last } else { until };
@@ -363,7 +383,7 @@ impl Stepper {
             tape.pass(now);
             motor.words.pass(now);
             // Then it comes before what the host says.
-            self.behind = ahead < (self.ahead / 2).cast_signed();
+            self.behind = ahead < (refill / 3 * 2).cast_signed();
             self.least_ahead = self.least_ahead.min(ahead.max(0).cast_unsigned());
             let stretch = [least, until];
             let dry = motor.words.end().after(motor.words.overhead());
@@ -384,20 +404,20 @@ impl Stepper {
         false
     }
 
-    /// Words are written when no more than this is left, ticks.
-    const fn refill(&self) -> u32 {
-        self.ahead / 4 * 3
-    }
-
     /// All motors are looked at again after so many ticks at most.
     const fn most_spare(&self) -> u32 {
-        self.ahead / 8
+        (self.pace.ahead - self.pace.refill) / 2
     }
 
     /// How long no motor needs words, ticks.
     pub(crate) const fn spare(&self, now: Moment) -> u32 {
         let spare = self.due.since(now).cast_signed();
-        if self.runs && spare > 0 { spare.cast_unsigned() } else { self.most_spare() }
+        match spare {
+            _ if !self.runs => self.most_spare(),
+            // One needs some by now.
+            ..0 => 0,
+            spare => spare.cast_unsigned(),
+        }
     }
 
     /// Whether words are more urgent than what the host says.
@@ -425,7 +445,7 @@ impl Stepper {
     /// The immediate stop: halts all state machines, and counts what they did. Gives the tick after which no step was begun,
     /// and bit by motor whether it was faster than it can stop at once.
     pub(crate) fn stop(&mut self, clock: &mut Clock) -> (u64, u8) {
-        (self.known, self.ahead) = (None, AHEAD);
+        (self.known, self.pace) = (None, Pace::FAR);
         if !self.runs {
             return (clock.now(), 0);
         }
