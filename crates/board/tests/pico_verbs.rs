@@ -208,6 +208,20 @@ fn random_live_scripts() {
     }
 }
 
+/// SPEED and DIRECTION show within six steps or 2 ms, whichever is longer.
+#[test]
+fn what_is_told_shows_soon() {
+    for (rate, times) in [(100, 4), (1000, 12), (10_000, 30), (100_000, 30)] {
+        for turns in [false, true] {
+            let delay = common::delays::delay(rate, turns, times);
+            println!("{rate} steps/s, turns {turns}: {delay:?}");
+            assert!(delay.is_kept(), "{rate} steps/s, turns {turns}: {delay:?}");
+            // What docs/pico.md says of the tick, and a while to be read.
+            assert!(delay.held_us <= 1500.0, "{delay:?}");
+        }
+    }
+}
+
 /// A plan and verbs do not mix, and each says so.
 #[test]
 fn plans_and_verbs_keep_apart() {

@@ -82,7 +82,7 @@ fn lines_move_motors_and_say_when_they_are_done() {
     let answer = talk.ask("dir x -1");
     let turned = numbers(&answer[0])[0];
     talk.ask("dir x 0");
-    let down = talk.edges.iter().filter(|edge| edge.line == DIR[0] && !edge.level).last().expect("it turned").tick;
+    let down = talk.edges.iter().rfind(|edge| edge.line == DIR[0] && !edge.level).expect("it turned").tick;
     let first = talk.rises(STEP[0]).into_iter().find(|tick| *tick >= turned).expect("it goes on");
     assert_eq!(first - down, 625);
     let stood = talk.rises(STEP[0]).len();
@@ -90,7 +90,7 @@ fn lines_move_motors_and_say_when_they_are_done() {
     assert_eq!(talk.rises(STEP[0]).len(), stood);
 
     // Off, and text begins anew.
-    let driven = |talk: &Talk| talk.edges.iter().filter(|edge| edge.line == ENABLE).last().map(|edge| !edge.level);
+    let driven = |talk: &Talk| talk.edges.iter().rfind(|edge| edge.line == ENABLE).map(|edge| !edge.level);
     assert_eq!(driven(&talk), Some(true));
     assert_eq!(talk.ask("enable 0"), ["awake"]);
     assert_eq!(driven(&talk), Some(false));

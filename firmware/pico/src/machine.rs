@@ -189,7 +189,7 @@ impl Board {
     /// How long no motor needs words, µs.
     pub(crate) fn spare_us(&mut self) -> u32 {
         let now = self.clock.moment();
-        self.stepper.spare(now) / (TICK_HZ / 1_000_000)
+        clock::us(self.stepper.spare(now))
     }
 
     /// Whether words for the motors are more urgent than what the host says.

@@ -38,7 +38,7 @@ pub use pulsetrain_core::wire::orders::Obeyed;
 pub const TICKS_PER_S: u32 = TICK_HZ;
 
 /// How often motors are looked after, at least, µs.
-const ROUND_US: u32 = 1000;
+const ROUND_US: u32 = 1200;
 
 /// And at most: an alarm that is not ahead comes after 72 min.
 const SHORTEST_ROUND_US: u32 = 5;
@@ -128,9 +128,9 @@ impl State {
     fn spare_us(&mut self) -> u32 {
         let now = self.board.clock.now();
         let done = self.board.next_done().map_or(u64::MAX, |done| done.saturating_sub(now));
+        let done = u32::try_from(done).map_or(ROUND_US, clock::us);
         // A little later, so that it is over.
-        let done = u32::try_from(done / 125).map_or(u32::MAX, |us| us.saturating_add(2));
-        self.board.spare_us().min(done).clamp(SHORTEST_ROUND_US, ROUND_US)
+        (self.board.spare_us().min(done) + 2).clamp(SHORTEST_ROUND_US, ROUND_US)
     }
 
     fn take_done(&mut self) -> Option<(Done, Option<fn(Done)>, Option<Waker>)> {
@@ -218,7 +218,7 @@ impl Motors {
         now()
     }
 
-    /// Sleeps until the clock is at `tick`, or up to 1 ms longer.
+    /// Sleeps until the clock is at `tick`, or up to 1.2 ms longer.
     pub fn sleep_until(self, tick: u64) {
         while now() < tick {
             regs::wait_for_interrupt();

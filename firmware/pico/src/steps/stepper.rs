@@ -32,27 +32,47 @@ const RUNS: usize = 128;
 /// Words are written so far ahead, ticks: 2.4 ms. A switch can be no sooner.
 pub(crate) const AHEAD: u32 = TICK_HZ / 10_000 * 24;
 
-/// They are written when no more than this is left, ticks.
-const REFILL: u32 = AHEAD / 4 * 3;
-
-/// How far ahead words are written, and when again.
+/// How far ahead words are written, and when again; all in ticks.
 #[derive(Clone, Copy)]
 pub(crate) struct Pace {
-    /// So far, ticks.
+    /// So far.
     ahead: u32,
-    /// When no more than this is left, ticks.
+    /// When no more than this is left.
     refill: u32,
+    /// A motor whose words end sooner gets some, if another needs them.
+    soon: u32,
+    /// Words for rest are written if the last step is sooner.
+    least: u32,
+    /// All motors are looked at again after so long at most.
+    spare: u32,
+    /// A motor that has less comes before what the host says.
+    behind: u32,
 }
+
+/// 0.1 ms, ticks.
+const TENTH_MS: u32 = TICK_HZ / 10_000;
 
 impl Pace {
     /// Of plans and paths.
-    const FAR: Pace = Pace { ahead: AHEAD, refill: REFILL };
+    const FAR: Pace = Pace::of_main_loop(AHEAD);
 
     /// Of motors that are told directly, by the main loop: what is written can be told otherwise no more.
-    pub(crate) const NEAR: Pace = Pace { ahead: TICK_HZ / 10_000 * 12, refill: TICK_HZ / 10_000 * 9 };
+    pub(crate) const NEAR: Pace = Pace::of_main_loop(12 * TENTH_MS);
 
-    /// The same by an interrupt, which is never late: seldom.
-    pub(crate) const SELDOM: Pace = Pace { ahead: TICK_HZ / 10_000 * 16, refill: TICK_HZ / 10_000 * 5 };
+    /// The same by an interrupt, which is never late: as seldom as can be.
+    pub(crate) const SELDOM: Pace = Pace {
+        ahead: 16 * TENTH_MS,
+        refill: 4 * TENTH_MS,
+        soon: 10 * TENTH_MS,
+        least: 16 * TENTH_MS,
+        spare: 12 * TENTH_MS,
+        behind: 0,
+    };
+
+    const fn of_main_loop(ahead: u32) -> Pace {
+        let refill = ahead / 4 * 3;
+        Pace { ahead, refill, soon: refill, least: refill, spare: ahead / 8, behind: ahead / 2 }
+    }
 }
 
 /// Words that a motor gets before the next one has its turn, and a run more at most.
@@ -357,9 +377,9 @@ impl Stepper {
         if !self.runs || now.is_before(self.due) {
             return false;
         }
-        let Pace { ahead: far, refill } = self.pace;
-        let mut spare = self.most_spare();
-        let (mut least, mut until) = (now.after(refill), now.after(far));
+        let pace = self.pace;
+        let mut spare = pace.spare;
+        let (mut least, mut until) = (now.after(pace.least), now.after(pace.ahead));
         if let Some(known) = self.known {
             let last = known.before(self.clear);
             until = if last.is_before(until) { last } else { until };
@@ -376,14 +396,14 @@ impl Stepper {
                 continue;
             };
             let ahead = motor.words.end().since(now).cast_signed();
-            if ahead >= refill.cast_signed() {
-                spare = spare.min(ahead.cast_unsigned() - refill);
+            if ahead >= pace.soon.cast_signed() {
+                spare = spare.min(ahead.cast_unsigned() - pace.refill);
                 continue;
             }
             tape.pass(now);
             motor.words.pass(now);
             // Then it comes before what the host says.
-            self.behind = ahead < (refill / 3 * 2).cast_signed();
+            self.behind = ahead < pace.behind.cast_signed();
             self.least_ahead = self.least_ahead.min(ahead.max(0).cast_unsigned());
             let stretch = [least, until];
             let dry = motor.words.end().after(motor.words.overhead());
@@ -404,16 +424,11 @@ impl Stepper {
         false
     }
 
-    /// All motors are looked at again after so many ticks at most.
-    const fn most_spare(&self) -> u32 {
-        (self.pace.ahead - self.pace.refill) / 2
-    }
-
     /// How long no motor needs words, ticks.
     pub(crate) const fn spare(&self, now: Moment) -> u32 {
         let spare = self.due.since(now).cast_signed();
         match spare {
-            _ if !self.runs => self.most_spare(),
+            _ if !self.runs => self.pace.spare,
             // One needs some by now.
             ..0 => 0,
             spare => spare.cast_unsigned(),
