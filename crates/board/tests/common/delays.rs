@@ -53,7 +53,7 @@ pub(crate) fn delay(rate: u64, turns: bool, times: u32) -> Delay {
         pico.status().expect("it answers");
         // The adapter hands it over with the next millisecond; then it is on the line, 2 million bits a second.
         let frame = TICK_HZ / 1000;
-        let sent = (pico.port().chip().cycle() - pico.port().zero()).div_ceil(frame) * frame + FRAME * 625;
+        let sent = ((pico.port().chip().cycle() - pico.port().zero()) / frame + 1) * frame + FRAME * 625;
         let obeyed = pico.tell_motors(&[(0, verb)]).expect("it can");
         let mut edges = Vec::new();
         pico.advance(obeyed.tick + 3 * slow, &mut |edge: Edge| edges.push(edge));
