@@ -113,7 +113,7 @@ fn drivers(count: u8) -> Setup {
 /// One move: exactly its steps, from the tick that the answer says, a period apart; done a period after the last.
 #[test]
 fn moves_have_exactly_their_steps() {
-    for (steps, ticks) in [(0, 5000), (1, 5000), (2, 125_000), (8, 12_500), (100, 7001), (2000, 2500)] {
+    for (steps, ticks) in [(0, 5000), (1, 5000), (2, 125_000), (8, 12_500), (100, 7001), (2000, 2500), (70_000, 254)] {
         let mut pair = Pair::new(&drivers(1));
         let obeyed = pair.tell(&[(0, Verb::Speed { ticks }), (0, Verb::Move { steps })]).expect("it can");
         let first = obeyed.tick;
@@ -205,6 +205,34 @@ fn random_live_scripts() {
             edges += random_script(kind, seed);
         }
         assert!(edges > 2_000, "kind {kind}: {edges} edges");
+    }
+}
+
+/// What docs/pico.md promises as the shortest periods: all motors at once, all changing direction now and then.
+#[test]
+fn the_shortest_periods_hold() {
+    let coils: Vec<_> = (0..6).map(|motor| coils(2 + 4 * motor, Sequence::Half)).collect();
+    let short = Setup { pulse_ticks: 3, setup_ticks: 6, hold_ticks: 3, ..drivers(1) };
+    for setup in [short, drivers(1), drivers(4), drivers(8), Setup { motors: coils, ..Setup::default() }] {
+        let mut pair = Pair::new(&setup);
+        let all = |verb: &dyn Fn(&MotorSetup) -> Verb| -> Vec<(u8, Verb)> {
+            (0..).zip(&setup.motors).map(|(number, motor)| (number, verb(motor))).collect()
+        };
+        pair.tell(&all(&|motor| Verb::Speed { ticks: limits(&setup, motor).shortest.into() })).expect("it can");
+        pair.tell(&all(&|_| Verb::Run)).expect("it can");
+        for turn in 0..6 {
+            pair.advance(pair.pico.now() + TICK_HZ / 50);
+            let course = if turn % 2 == 0 { Course::Backward } else { Course::Forward };
+            pair.tell(&all(&|_| Verb::Course(course))).expect("it can");
+        }
+        pair.tell(&all(&|_| Verb::Halt)).expect("it can");
+        pair.advance(pair.pico.now() + TICK_HZ / 50);
+        pair.compare();
+        assert!(pair.pico.status().expect("it answers").is_idle());
+        assert_eq!(pair.pico.positions(), pair.native.positions());
+        let fastest = setup.motors.iter().map(|motor| limits(&setup, motor).shortest).min().expect("motors");
+        let least = TICK_HZ / 10 / u64::from(fastest) * setup.motors.len() as u64;
+        assert!(pair.edges.len() as u64 > least, "{} edges, {least}", pair.edges.len());
     }
 }
 

@@ -6,6 +6,7 @@
 #![no_std]
 #![no_main]
 
+use core::sync::atomic::{AtomicU32, Ordering};
 use libm::{atan2f, cosf, roundf, sinf, sqrtf};
 use pulsetrain_pico::motors::{Course, MotorSetup, Motors, Sequence, TICKS_PER_S, Times, Verb, block_on};
 
@@ -31,13 +32,17 @@ const WAY: [[f32; 3]; 6] = [
     [-30.0, 30.0, -150.0],
 ];
 
+/// Moves that were done: counted in the interrupt.
+static DONE: AtomicU32 = AtomicU32::new(0);
+
 #[unsafe(no_mangle)]
 extern "C" fn main() -> ! {
     let wiring = [2, 6, 10].map(|pin| MotorSetup::coils_on(pin, Sequence::Half));
     // SAFETY: once, and nothing else is set up.
     let Ok(motors) = (unsafe { Motors::begin(&wiring, Times::default()) }) else { panic!() };
+    motors.on_done(|_| DONE.store(DONE.load(Ordering::Relaxed) + 1, Ordering::Relaxed));
     // Arms begin level.
-    let mut stand = [0_i32; 3];
+    let (mut stand, mut moves) = ([0_i32; 3], 0);
     for point in WAY.iter().cycle() {
         // What is out of reach is left out.
         let Some(target) = steps(*point) else { continue };
@@ -56,6 +61,11 @@ extern "C" fn main() -> ! {
             block_on(motor.rests());
         }
         stand = target;
+        moves += 3;
+        // Each way is three moves, also where an arm stays as it is.
+        if DONE.load(Ordering::Relaxed) != moves {
+            panic!();
+        }
     }
     panic!()
 }

@@ -25,7 +25,7 @@ use core::future::Future;
 use core::pin::{Pin, pin};
 use core::task::{Context, Poll, Waker};
 use pulsetrain_core::wire::Machine;
-use pulsetrain_core::wire::message::{Configuration, MOTOR_SETUP_LEN, NO_PIN};
+use pulsetrain_core::wire::message::{Configuration, Event, MOTOR_SETUP_LEN, NO_PIN};
 use pulsetrain_core::wire::orders::{MOST_ORDERS, ORDER_LEN, Orders, order};
 
 pub use pulsetrain_core::output::Sequence;
@@ -110,12 +110,12 @@ extern "C" fn look_after() {
         let now = clock::millis(state.board.clock.now());
         state.board.look_after(now);
     });
-    while let Some((done, on_done, waker)) = with(State::take_done) {
-        // Outside of `with`: it may tell motors what to do next.
-        if let Some(on_done) = on_done {
+    while let Some(done) = with(State::take_done) {
+        // Outside of `with`: they may tell motors what to do next.
+        if let Some(on_done) = with(|state| state.on_done) {
             on_done(done);
         }
-        if let Some(waker) = waker {
+        if let Some(waker) = with(|state| state.take_waker(done.motor)) {
             waker.wake();
         }
     }
@@ -133,11 +133,13 @@ impl State {
         (self.board.spare_us().min(done) + 2).clamp(SHORTEST_ROUND_US, ROUND_US)
     }
 
-    fn take_done(&mut self) -> Option<(Done, Option<fn(Done)>, Option<Waker>)> {
-        let event = self.board.move_done()?;
-        let done = Done { motor: event.motor, tick: event.tick, number: event.detail };
-        let waker = self.wakers.get_mut(usize::from(event.motor)).and_then(Option::take);
-        Some((done, self.on_done, waker))
+    fn take_done(&mut self) -> Option<Done> {
+        let Event { motor, tick, detail, .. } = self.board.move_done()?;
+        Some(Done { motor, tick, number: detail })
+    }
+
+    fn take_waker(&mut self, motor: u8) -> Option<Waker> {
+        self.wakers.get_mut(usize::from(motor)).and_then(Option::take)
     }
 }
 
