@@ -17,6 +17,9 @@ use std::time::Duration;
 /// Nothing is confirmed sooner, whatever the rate: USB bridges hold bytes back for 1 to 2 ms each way.
 const SHORTEST_TIMEOUT: Duration = Duration::from_millis(8);
 
+/// Bits of a byte on the line, at most: start, data and two stop bits.
+pub(crate) const BITS: u64 = 11;
+
 /// Each further silence doubles the time-out, up to this.
 const LONGEST_TIMEOUT: Duration = Duration::from_millis(50);
 
@@ -402,7 +405,7 @@ impl Link {
     /// acknowledgement and another one before that, and a bridge on either side.
     #[must_use]
     pub fn shortest_timeout(&self) -> Duration {
-        let bits = 10 * 3 * MAX_FRAME as u64;
+        let bits = BITS * 3 * MAX_FRAME as u64;
         SHORTEST_TIMEOUT + Duration::from_nanos(bits * 1_000_000_000 / u64::from(self.baud.rate()))
     }
 

@@ -84,10 +84,8 @@ impl<B: VirtualBoard, C: Client, W: Write> Service<B, C, W> {
         self.present = present;
         if present {
             // A client changes its rate when nothing is under way, so what has come since is at the new one.
-            let rate = self.client.rate();
-            let baud = Baud::ALL.into_iter().find(|baud| Some(baud.rate()) == rate);
-            if let Some(baud) = baud.filter(|baud| *baud != self.board.baud()) {
-                self.board.set_baud(baud).map_err(io::Error::other)?;
+            if let Some(rate) = self.client.rate() {
+                self.board.follow(rate).map_err(io::Error::other)?;
             }
             self.board.send(&self.bytes).map_err(io::Error::other)?;
         }
@@ -102,7 +100,7 @@ impl<B: VirtualBoard, C: Client, W: Write> Service<B, C, W> {
     }
 
     /// Lets the firmware begin before it gets what the client has sent already: clients of StepperWinch do not wait for
-    /// `awake`. A real Uno is deaf for a second or two more, in its bootloader, of which a virtual one has none.
+    /// `awake`. A real Uno is deaf for a second or two more, in its bootloader; so is a virtual one that has one.
     fn begin(&mut self) -> io::Result<()> {
         let listens = self.board.now() + UNTIL_IT_LISTENS;
         let mut said = Vec::new();

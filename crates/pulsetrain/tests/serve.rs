@@ -34,7 +34,13 @@ law.sine = { amplitude = "0.5 rev", period = "1 s", cycles = 1 }
 "#;
 
 fn program() -> Program {
-    file::read(MOTION, "wheel.toml", &|_| Err(io::ErrorKind::NotFound.into())).unwrap()
+    program_for("uno")
+}
+
+/// The same motion on another board.
+fn program_for(board: &str) -> Program {
+    let text = MOTION.replace("uno", board);
+    file::read(&text, "wheel.toml", &|_| Err(io::ErrorKind::NotFound.into())).unwrap()
 }
 
 /// What lies between client and board.
@@ -201,14 +207,16 @@ fn a_client_that_sets_no_rate_finds_the_first() {
 /// that the system may take as long as it likes.
 #[cfg(unix)]
 mod pty {
-    use super::{Memory, program, real::folder};
+    use super::{Memory, program, program_for, real::folder};
     use pulsetrain::drive::connect;
     use pulsetrain::serve::{Client, Pty, Service};
     use pulsetrain::session::Session;
+    use pulsetrain_board::virtual_pico::VirtualPico;
     use pulsetrain_board::virtual_uno::VirtualUno;
-    use pulsetrain_board::{Edge, Port, PortError, Remote};
+    use pulsetrain_board::{Edge, Port, PortError, Remote, VirtualBoard};
     use pulsetrain_core::wire::Baud;
     use pulsetrain_core::wire::message::Cause;
+    use pulsetrain_motion::program::Program;
     use pulsetrain_motion::{Law, Time};
     use pulsetrain_trace::vcd_file;
     use serialport::{SerialPort, TTYPort};
@@ -258,18 +266,24 @@ mod pty {
     }
 
     /// A board that is served.
-    struct Served {
-        service: RefCell<Service<VirtualUno, Counting, Memory>>,
+    struct Served<B> {
+        service: RefCell<Service<B, Counting, Memory>>,
         under_way: Rc<UnderWay>,
         link: PathBuf,
         trace: Memory,
     }
 
-    impl Served {
-        fn new(link: PathBuf) -> Rc<Served> {
+    impl Served<VirtualUno> {
+        fn new(link: PathBuf) -> Rc<Served<VirtualUno>> {
+            Served::of(VirtualUno::new(), link)
+        }
+    }
+
+    impl<B: VirtualBoard> Served<B> {
+        fn of(board: B, link: PathBuf) -> Rc<Served<B>> {
             let (under_way, trace) = (Rc::new(UnderWay::default()), Memory::default());
             let client = Counting { pty: Pty::new(&link).unwrap(), under_way: Rc::clone(&under_way) };
-            let service = RefCell::new(Service::new(VirtualUno::new(), client, Some(trace.clone())).unwrap());
+            let service = RefCell::new(Service::new(board, client, Some(trace.clone())).unwrap());
             Rc::new(Served { service, under_way, link, trace })
         }
 
@@ -296,11 +310,11 @@ mod pty {
         }
 
         /// As `pulsetrain run --port LINK` does.
-        fn open(self: &Rc<Served>) -> Terminal {
+        fn open(self: &Rc<Served<B>>) -> Terminal<B> {
             self.open_at(&self.link)
         }
 
-        fn open_at(self: &Rc<Served>, name: &Path) -> Terminal {
+        fn open_at(self: &Rc<Served<B>>, name: &Path) -> Terminal<B> {
             let terminal = serialport::new(name.display().to_string(), 115_200).timeout(Duration::from_secs(3600));
             Terminal { terminal: terminal.open_native().unwrap(), served: Rc::clone(self) }
         }
@@ -317,12 +331,12 @@ mod pty {
     }
 
     /// The client's end: time passes as the client waits.
-    struct Terminal {
+    struct Terminal<B> {
         terminal: TTYPort,
-        served: Rc<Served>,
+        served: Rc<Served<B>>,
     }
 
-    impl Drop for Terminal {
+    impl<B> Drop for Terminal<B> {
         fn drop(&mut self) {
             // What was not read by then is not.
             self.served.under_way.to_board.set(0);
@@ -330,7 +344,7 @@ mod pty {
         }
     }
 
-    impl Port for Terminal {
+    impl<B: VirtualBoard> Port for Terminal<B> {
         fn now(&self) -> Duration {
             self.served.now()
         }
@@ -360,12 +374,17 @@ mod pty {
 
     #[test]
     fn one_client_after_the_other_runs_a_motion() {
-        let program = program();
-        let served = Served::new(folder("pty-one-after-the-other").join("uno"));
+        let folder = folder("pty-one-after-the-other");
+        one_after_the_other(VirtualUno::new(), &program(), folder.join("uno"));
+        one_after_the_other(VirtualPico::on_usb(), &program_for("pico"), folder.join("pico"));
+    }
+
+    fn one_after_the_other<B: VirtualBoard>(board: B, program: &Program, link: PathBuf) {
+        let served = Served::of(board, link);
         for (clients, baud) in [(1, Baud::B115200), (2, Baud::B1M)] {
-            let board = connect(served.open(), &program, baud).unwrap();
+            let board = connect(served.open(), program, baud).unwrap();
             assert_eq!(board.link().baud(), baud);
-            let mut session = Session::new(board, &program).unwrap();
+            let mut session = Session::new(board, program).unwrap();
             let report = session.run(&mut |_: Edge| {}, |_| {});
             assert_eq!((report.failure, report.counted), (None, vec![0]));
             drop(session.into_board().close());

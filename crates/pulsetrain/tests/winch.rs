@@ -16,6 +16,7 @@ use pulsetrain::winch::run::{Judged, Names, Run, Wish as RunWish, judge, on_port
 use pulsetrain::winch::script::{self, Script};
 use pulsetrain::winch::talk::{Said, Talk};
 use pulsetrain_board::native_winch::NativeWinch;
+use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Edge, Port, PortError, VirtualBoard};
 use pulsetrain_core::wire::Baud;
@@ -579,4 +580,22 @@ fn lines_from_a_pipe_are_obeyed_to_their_end() {
             && text.ends_with("no status tells whether the axes rest; the board goes on with what it was told\n"),
         "{text}"
     );
+}
+
+/// Verbs through the same console: the move is done, and told.
+#[test]
+fn motors_are_told_directly_from_a_pipe() {
+    let (lines, to_console) = channel();
+    for line in ["speed x 7", "move x 20"] {
+        lines.send(line.to_owned()).unwrap();
+    }
+    drop(lines);
+    let mut out = Vec::new();
+    let mut talk = Talk::new(VirtualPico::new());
+    converse(&mut talk, &mut Plain::new(to_console, &mut out)).unwrap();
+    let said = String::from_utf8(out).unwrap();
+    for part in ["err period 500", "at ", " x 0 0", "done x "] {
+        assert!(said.contains(part), "{part} is not in {said}");
+    }
+    assert!(said.trim_end().ends_with(" 20 0 0 0"), "{said}");
 }

@@ -95,6 +95,17 @@ impl Session {
         None
     }
 
+    /// Something else was told than what a [`Verb`] is: the silence is over.
+    pub const fn heard(&mut self) {
+        self.unheard_ms = 0;
+    }
+
+    /// Whether the silence lasts longer than it may.
+    #[must_use]
+    pub const fn is_forsaken(&self) -> bool {
+        self.deadman_ms != 0 && self.unheard_ms > self.deadman_ms as u32
+    }
+
     /// Works out another millisecond of all paths. While the drivers are off paths stand still.
     pub fn millisecond(&mut self) -> [Slice; 4] {
         if self.drives && self.deadman_ms != 0 && self.unheard_ms == u32::from(self.deadman_ms) {

@@ -256,6 +256,12 @@ impl Reader {
         Heard::Nothing
     }
 
+    /// The line that was read last, without its checksum: until the next byte comes.
+    #[must_use]
+    pub fn line(&self) -> &[u8] {
+        self.bytes.get(..usize::from(self.len)).unwrap_or_default()
+    }
+
     /// The value of a command that has one and is not for axes.
     #[must_use]
     pub const fn value(&self) -> i32 {

@@ -70,6 +70,7 @@ pub const HELP: &str = "\
   enable 0                    stop all axes, then drivers off     enable 1    drivers on
   srate <ms>    status lines          deadman <ms>    stop after so long a silence, 0: never
   strict 0|1    refuse irregular lines      version, ping
+  on a Pico:  move <axes> <n>…  run <axes>  speed <axes> <ticks>…  dir <axes> <1, -1, 0>…  halt    told directly: docs/pico.md
   help, quit    of this console; quit leaves the board as it is
 ";
 
