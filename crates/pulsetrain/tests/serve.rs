@@ -319,12 +319,17 @@ mod pty {
             Terminal { terminal: terminal.open_native().unwrap(), served: Rc::clone(self) }
         }
 
-        /// Ends it; when STEP rose, s of the chip.
-        fn steps(self: Rc<Served>) -> Vec<f64> {
+        /// Ends it; when the motion's STEP rose, s of the chip.
+        fn steps(self: Rc<Served<B>>) -> Vec<f64> {
+            self.rises("pin8")
+        }
+
+        /// Ends it; when a pin rose, s of the chip.
+        fn rises(self: Rc<Served<B>>, pin: &str) -> Vec<f64> {
             let Served { service, trace, .. } = Rc::into_inner(self).expect("no client has it");
             service.into_inner().finish().unwrap();
             let trace = vcd_file::read(&trace.0.borrow()).unwrap();
-            let is_step = |line: u8| trace.lines[usize::from(line)].names.iter().any(|name| name.ends_with("pin8"));
+            let is_step = |line: u8| trace.lines[usize::from(line)].names.iter().any(|name| name.ends_with(pin));
             let rises = trace.edges.iter().filter(|edge| edge.level && is_step(edge.line));
             rises.map(|edge| edge.tick as f64 / trace.tick_hz as f64).collect()
         }
@@ -478,7 +483,7 @@ mod pty {
         second.read_exact(&mut said).unwrap();
         assert_eq!(String::from_utf8(said).unwrap().lines().next(), Some("awake"));
         drop(second);
-        assert_eq!(served.steps().len(), 0, "what it said before that is dropped");
+        assert_eq!(served.rises("pin2").len(), 0, "what it said before that is dropped");
     }
 
     #[test]
