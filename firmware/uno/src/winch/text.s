@@ -614,25 +614,6 @@ winch_take_decimal:
     tst r22
     breq 6f
     brmi 3f
-    cpi r22, 2                  ; two places at once, as long as the value has 24 bits
-    brlo 11f
-    tst r21
-    brne 11f
-    ldi r24, 100
-    mul r20, r24
-    movw r30, r0
-    mov r25, r19
-    mul r18, r24
-    movw r18, r0
-    mul r25, r24
-    add r19, r0
-    adc r30, r1
-    clr r1
-    adc r31, r1
-    movw r20, r30
-    subi r22, 2
-    rjmp 9b
-11:
     ldi r24, 0x99
     ldi r25, 0x19
     cpi r18, 0x9a
