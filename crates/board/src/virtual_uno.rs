@@ -183,7 +183,7 @@ impl VirtualUno {
     /// The rate of the line at the bridge's end, if it is one of the protocol's; else its first, 115 200 baud.
     #[must_use]
     pub fn baud(&self) -> Baud {
-        Baud::ALL.into_iter().find(|baud| baud.rate() == self.rate).unwrap_or_default()
+        baud_of(self.rate)
     }
 
     /// Changes the rate to any, bits a second (from 1200 on), once all bytes that were handed over are out.
@@ -274,7 +274,8 @@ impl Port for VirtualUno {
     }
 
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
-        let bit = bit_cycles(self.next_rate.map_or(self.rate, |(_, rate)| rate));
+        let rate = self.next_rate.map_or(self.rate, |(_, rate)| rate);
+        let bit = bit_cycles(rate);
         let frame = next_frame(self.chip.cycle());
         for byte in bytes {
             let start = self.line_busy.max(frame);
@@ -312,6 +313,11 @@ impl Port for VirtualUno {
             Some(Edge { tick, line: arduino_pin(edge.port, edge.bit)?, level })
         }));
     }
+}
+
+/// The protocol's rate of so many bits a second; of others its first.
+fn baud_of(rate: u32) -> Baud {
+    Baud::ALL.into_iter().find(|baud| baud.rate() == rate).unwrap_or_default()
 }
 
 /// The Uno's number of a pin: 0 to 7 on port D, 8 to 13 on B, A0 to A5 (14 to 19) on C.
