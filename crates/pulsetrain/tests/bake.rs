@@ -143,6 +143,8 @@ fn what_cannot_be_baked_is_told() {
     let fast = program("law.sine = { amplitude = \"20 rev\", period = \"1 s\" }");
     let error = Sketch::new(&fast, "fast").unwrap_err();
     assert!(matches!(error, BakeError::TooFast { rate_hz, .. } if rate_hz > 20_000.0), "{error}");
+    // 4000 steps * 2 pi: 25 100 steps/s, where 14 000 fit.
+    assert!(error.to_string().contains("the motion 1.8"), "{error}");
     let mut pico = program("law.sine = { amplitude = \"0.1 rev\", period = \"1 s\" }");
     pico.board.name = "pico".into();
     assert!(matches!(Sketch::new(&pico, "pico"), Err(BakeError::Board { .. })));
