@@ -118,6 +118,8 @@ enum Figures {
     Winch,
     /// The Raspberry Pi Pico's firmware
     Pico,
+    /// MOVE, SPEED and DIRECTION on it
+    Verbs,
 }
 
 fn main() -> ExitCode {
@@ -134,6 +136,7 @@ fn main() -> ExitCode {
         Task::Bench { only: Some(Figures::Uno), hour: false } => bench::uno::run(),
         Task::Bench { only: Some(Figures::Uno), hour: true } => bench::uno::hour(),
         Task::Bench { only: Some(Figures::Winch), .. } => bench::winch::run(),
+        Task::Bench { only: Some(Figures::Verbs), .. } => bench::verbs::run(),
         Task::Bench { only: Some(Figures::Pico), hour: false } => bench::pico::run(),
         Task::Bench { only: Some(Figures::Pico), hour: true } => bench::pico::hour(),
         Task::Golden => golden::run(),

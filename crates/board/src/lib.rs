@@ -4,6 +4,7 @@
 //! - [`Board`]: what a session needs of any board
 //! - [`Sizer`]: what items take in its queues
 //! - [`native`]: the project's own stepgen on the PC, in virtual time
+//! - [`native_verbs`]: the same with motors that are told directly
 //! - [`remote`]: a board at the other end of a [`Port`], through `link`, the host's side of docs/protocol.md
 //! - [`serial`]: a real serial port, in real time; [`stk500`]: an Uno's bootloader, at any port
 //! - [`faulty`]: a port whose frames suffer, by a seed; [`model`]: a board behind a serial line, without a chip
@@ -25,6 +26,7 @@ pub mod faulty;
 pub mod link;
 pub mod model;
 pub mod native;
+pub mod native_verbs;
 pub mod native_winch;
 mod packer;
 pub mod remote;

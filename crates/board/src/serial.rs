@@ -5,7 +5,7 @@
 
 use crate::{Port, PortError};
 use pulsetrain_core::wire::Baud;
-use serialport::{ClearBuffer, ErrorKind, SerialPort, SerialPortType};
+use serialport::{ClearBuffer, ErrorKind, SerialPort, SerialPortType, StopBits};
 use std::io::{self, Read};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
@@ -142,6 +142,8 @@ impl Port for Serial {
     fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
         // Until the last byte is out of the computer; a bridge may still have some, and changes after them.
         self.port.flush().map_err(|error| self.gone(error))?;
+        let stop_bits = if baud.stop_bits() == 2 { StopBits::Two } else { StopBits::One };
+        self.port.set_stop_bits(stop_bits).map_err(|error| self.gone(error))?;
         self.port.set_baud_rate(baud.rate()).map_err(|error| self.gone(error))
     }
 }

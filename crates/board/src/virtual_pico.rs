@@ -197,7 +197,7 @@ impl VirtualPico {
         for byte in bytes {
             let start = self.line_busy.max(frame);
             let byte = LineByte::new(start, *byte, bit_256(baud) as u32);
-            self.line_busy = byte.end_cycle();
+            self.line_busy = byte.end_cycle() + u64::from(baud.stop_bits() - 1) * bit_256(baud) / 256;
             self.chip.receive(0, byte);
         }
     }

@@ -183,7 +183,7 @@ impl VirtualUno {
     /// The rate of the line at the bridge's end, if it is one of the protocol's; else its first, 115 200 baud.
     #[must_use]
     pub fn baud(&self) -> Baud {
-        baud_of(self.rate)
+        of_protocol(self.rate)
     }
 
     /// Changes the rate to any, bits a second (from 1200 on), once all bytes that were handed over are out.
@@ -275,12 +275,12 @@ impl Port for VirtualUno {
 
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
         let rate = self.next_rate.map_or(self.rate, |(_, rate)| rate);
-        let bit = bit_cycles(rate);
+        let (bit, rest) = (bit_cycles(rate), u64::from(of_protocol(rate).stop_bits() - 1));
         let frame = next_frame(self.chip.cycle());
         for byte in bytes {
             let start = self.line_busy.max(frame);
             let byte = LineByte::new(start, *byte, bit as u32 * 256);
-            self.line_busy = byte.end_cycle();
+            self.line_busy = byte.end_cycle() + bit * rest;
             self.chip.receive(byte);
         }
         Ok(())
@@ -315,8 +315,8 @@ impl Port for VirtualUno {
     }
 }
 
-/// The protocol's rate of so many bits a second; of others its first.
-fn baud_of(rate: u32) -> Baud {
+/// The protocol's rate of so many bits a second; its first if it has none such.
+fn of_protocol(rate: u32) -> Baud {
     Baud::ALL.into_iter().find(|baud| baud.rate() == rate).unwrap_or_default()
 }
 

@@ -159,7 +159,8 @@ Examples:
   pulsetrain winch examples/winch.toml --board pico
   pulsetrain winch script.txt --native --out out/script
   pulsetrain winch --port /dev/ttyACM0
-  echo \"a x 200\" | pulsetrain winch --native")]
+  echo \"a x 200\" | pulsetrain winch --native
+  echo \"move x 2000\" | pulsetrain winch --board pico     MOVE, SPEED, DIRECTION: docs/pico.md")]
     Winch(Winch),
     /// Tell what a board is: firmware, limits, clock, why it stopped last, how it fared
     #[command(after_help = "\
