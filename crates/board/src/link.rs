@@ -48,7 +48,10 @@ pub enum LinkError {
     #[error("no board answers; is its firmware Pulsetrain's, and is the port the right one?")]
     Nobody,
     /// Another host has the board.
-    #[error("another program drives this board; it is free once that says good-bye, or 2 s after it was last heard")]
+    #[error(
+        "another program drives this board; it is free once that says good-bye, or 2 s after it was last heard; or, if that \
+         speaks text, after `enable 0`"
+    )]
     Taken,
     /// It speaks another version of the protocol.
     #[error("the board's firmware speaks protocol {board}, this program {host}: write the firmware that belongs to it")]

@@ -11,8 +11,8 @@ use pulsetrain_emulator::{GpioEdge, LineByte, Observer, Rp2040, UartByte, UsbSta
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// The firmware that `cargo xtask firmware pico` built.
-const IMAGE: &[u8] = include_bytes!("../images/pico.uf2");
+/// The firmware that `cargo xtask firmware pico` built, as a Pico's drive takes it (UF2).
+pub const IMAGE: &[u8] = include_bytes!("../images/pico.uf2");
 
 /// What a UF2 file calls the RP2040.
 const FAMILY: u32 = 0xe48b_ff56;

@@ -106,6 +106,25 @@ pub(crate) const WATCHDOG_REASON: Reg = Reg(0x4005_8008);
 pub(crate) const WATCHDOG_SCRATCH0: Reg = Reg(0x4005_800c);
 pub(crate) const WATCHDOG_TICK: Reg = Reg(0x4005_802c);
 
+/// §4.10.13: the serial interface to the flash.
+pub(crate) mod ssi {
+    use super::Reg;
+
+    pub(crate) const CTRLR0: Reg = Reg(0x1800_0000);
+    pub(crate) const SSIENR: Reg = Reg(0x1800_0008);
+    pub(crate) const SR: Reg = Reg(0x1800_0028);
+    pub(crate) const DR0: Reg = Reg(0x1800_0060);
+
+    /// Bits of SR: the receiver has something.
+    pub(crate) const RFNE: u32 = 1 << 3;
+}
+
+/// §2.19.6.2: what drives the chip select of the flash, bits 8 and 9: the interface; 2: low; 3: high.
+pub(crate) const QSPI_SS_CTRL: Reg = Reg(0x4001_800c);
+
+/// §2.20.2: the chip and its revision.
+pub(crate) const CHIP_ID: Reg = Reg(0x4000_0000);
+
 /// §2.13.5: which blocks a reset of the watchdog reaches.
 pub(crate) const PSM_WDSEL: Reg = Reg(0x4001_0008);
 
@@ -114,6 +133,7 @@ pub(crate) const CHIP_RESET: Reg = Reg(0x4006_4008);
 
 /// §4.6.5: the timer, µs.
 pub(crate) const TIMER_ALARM0: Reg = Reg(0x4005_4010);
+pub(crate) const TIMER_ALARM1: Reg = Reg(0x4005_4014);
 pub(crate) const TIMER_RAW: Reg = Reg(0x4005_4028);
 pub(crate) const TIMER_INTR: Reg = Reg(0x4005_4034);
 pub(crate) const TIMER_INTE: Reg = Reg(0x4005_4038);
@@ -144,8 +164,12 @@ pub(crate) const NVIC_ISER: Reg = Reg(0xe000_e100);
 pub(crate) const NVIC_ICER: Reg = Reg(0xe000_e180);
 pub(crate) const NVIC_ICPR: Reg = Reg(0xe000_e280);
 
+/// Priorities of the first four: two bits at the top of each byte, 0 the highest.
+pub(crate) const NVIC_IPR0: Reg = Reg(0xe000_e400);
+
 /// Interrupts (§2.3.2).
 pub(crate) const TIMER_IRQ_0: u32 = 1;
+pub(crate) const TIMER_IRQ_1: u32 = 1 << 1;
 pub(crate) const USBCTRL_IRQ: u32 = 1 << 5;
 pub(crate) const DMA_IRQ_0: u32 = 1 << 11;
 
@@ -232,6 +256,11 @@ impl Channel {
         self.at(4)
     }
 
+    /// Transfers that are still to be made.
+    pub(crate) const fn trans_count(self) -> Reg {
+        self.at(8)
+    }
+
     /// CTRL without starting it.
     pub(crate) const fn ctrl(self) -> Reg {
         self.at(0x10)
@@ -316,14 +345,17 @@ pub(crate) mod usb {
         buffer_control(endpoint, out).read() >> (16 * half) & 0xffff
     }
 
+    /// Sets it, while the controller has nothing to do with it.
+    pub(crate) fn set_half(endpoint: u32, out: bool, half: u32, bits: u32) {
+        let address = buffer_control(endpoint, out).0 + 2 * half;
+        // SAFETY: as in `set_memory_byte`.
+        unsafe { core::ptr::write_volatile(address as *mut u16, bits as u16) }
+    }
+
     /// Gives a buffer to the controller: AVAILABLE comes 3 cycles of clk_usb, 8 of the processor's, after the other bits
     /// (§4.1.2.5.1). The other half is the controller's, and is left alone.
     pub(crate) fn arm_half(endpoint: u32, out: bool, half: u32, bits: u32) {
-        let address = buffer_control(endpoint, out).0 + 2 * half;
-        let write = |bits: u32| {
-            // SAFETY: as in `set_memory_byte`.
-            unsafe { core::ptr::write_volatile(address as *mut u16, bits as u16) }
-        };
+        let write = |bits: u32| set_half(endpoint, out, half, bits);
         write(bits);
         for _ in 0..4 {
             // Two cycles each, at least.
@@ -367,6 +399,13 @@ pub(crate) fn free<T>(f: impl FnOnce() -> T) -> T {
 pub(crate) fn wait_for_interrupt() {
     // SAFETY: it does nothing.
     unsafe { asm!("dsb", "wfi", options(nostack, preserves_flags)) }
+}
+
+/// What was written to the processor's own registers has its effect.
+#[inline(always)]
+pub(crate) fn settle() {
+    // SAFETY: it changes nothing.
+    unsafe { asm!("dsb", "isb", options(nostack, preserves_flags)) }
 }
 
 /// Sets the GPIO bits of `mask` and reads SysTick as soon as can be after it: always the same number of cycles.

@@ -3,7 +3,7 @@
 //! # What is here, top down
 //! - [`service`]: the board's side: frames in, replies out, everything else through [`Machine`]
 //! - [`machine`]: what a board must be able to do for it
-//! - [`message`]: commands, answers, events, byte by byte
+//! - [`message`]: commands, answers, events, byte by byte; [`orders`]: those that tell motors directly
 //! - [`frame`]: bodies ↔ bytes on the line: COBS, CRC-16, a zero at the end
 //!
 //! docs/protocol.md says the same in tables, and a test holds the two against each other. Integers are little-endian.
@@ -14,6 +14,7 @@
 pub mod frame;
 pub mod machine;
 pub mod message;
+pub mod orders;
 pub mod service;
 
 pub use frame::{Decoder, Encoder, MAX_BODY, MAX_FRAME};
