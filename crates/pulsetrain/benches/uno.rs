@@ -15,6 +15,8 @@ use pulsetrain_motion::pins::PinKind;
 /// So long each rate is tried, s of the board's time; then the fastest once more, for longer.
 const TRY_S: f64 = 0.4;
 const LONG_S: f64 = 4.0;
+/// Limits are so much slower than the fastest rate that held.
+const MARGIN: f64 = 1.025;
 /// Variations run so long.
 const SHORT_S: f64 = 1.0;
 
@@ -64,7 +66,8 @@ fn limit(case: &Case, row: &Row, horizon: u64) {
         _ => "software",
     };
     let late = seen.lateness.max_ticks.max(-seen.lateness.min_ticks);
-    let interval = (TICK_HZ as f64 / row.asked) as u64;
+    // A step of the ladder slower than what held: other random segments, and longer runs, may come together worse.
+    let interval = (MARGIN * TICK_HZ as f64 / row.asked).ceil() as u64;
     println!(
         "limit\t{by}\t{}\t{}\t{interval}\t{late}\t{}\t{}",
         case.motors, case.pulse_ticks, horizon, seen.queue_bytes
