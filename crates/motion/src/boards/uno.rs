@@ -9,8 +9,8 @@ pub(super) const PAIR: [u32; 3] = [220, 350, 617];
 /// The same of one or two motors whose edges the compare hardware makes.
 pub(super) const BY_COMPARE: [[u32; 3]; 2] = [[109, 109, 1797], [224, 224, 3333]];
 /// Largest |edge − scheduled| beyond the constant.
-pub(super) const LATENESS: u32 = 50;
+pub(super) const LATENESS: u32 = 53;
 /// The farthest that it commits itself ahead.
-pub(super) const HORIZON: u32 = 49087;
+pub(super) const HORIZON: u32 = 64560;
 /// Bytes of its queues.
 pub(super) const QUEUES: u32 = 396;
