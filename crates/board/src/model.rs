@@ -9,8 +9,12 @@ use crate::native::QUEUE_LEN;
 use crate::{Board, Config, Edge, MotorConfig, Native, Port, PortError, Wiring};
 use pulsetrain_core::Epoch;
 use pulsetrain_core::packing::{Packing, State};
+use pulsetrain_core::verbs::{Limits, Verbs};
 use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, Reason, flags};
-use pulsetrain_core::wire::{Baud, Decoder, MAX_BODY, MAX_FRAME, Machine, Millis, Refusal, Service, Stopped, Switched};
+use pulsetrain_core::wire::orders::{Obeyed, Orders};
+use pulsetrain_core::wire::{
+    Baud, Decoder, Encoder, MAX_BODY, MAX_FRAME, Machine, Millis, Refusal, Service, Stopped, Switched,
+};
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -32,6 +36,12 @@ const UNREAD: u16 = 240;
 /// How long the main loop takes for a round, ticks.
 const ROUND: u64 = 800;
 
+/// Motors that are told directly are worked out so far ahead, ticks: a verb holds from there on. Two rounds, and set-up of DIR.
+const AHEAD: u64 = 4 * ROUND;
+
+/// Of such motors the period until they are told another one, ticks: 1000 steps/s.
+const FIRST_PERIOD: u32 = TICK_HZ / 1000;
+
 /// A bridge hands bytes on once in so many ticks: 1 ms.
 const BRIDGE: u64 = TICK_HZ as u64 / 1000;
 
@@ -50,6 +60,10 @@ struct Model {
     measures: Measures,
     last_stop: Cause,
     was_idle: bool,
+    limits: Vec<Limits>,
+    /// Motors are told directly, until they are released or stopped.
+    verbs: Option<Verbs>,
+    obeyed: Obeyed,
 }
 
 #[derive(Debug)]
@@ -75,13 +89,31 @@ impl Model {
             measures: Measures::default(),
             last_stop: Cause::None,
             was_idle: true,
+            limits: Vec::new(),
+            verbs: None,
+            obeyed: Obeyed::NONE,
         }
+    }
+
+    /// Works out what motors do that are told directly.
+    fn work_out(&mut self, until: u64) {
+        if let Some(verbs) = &mut self.verbs {
+            verbs.work_out::<FRACTION_BITS>(until, |motor, item| {
+                let entry = pulsetrain_core::Entry { epoch: Board::epoch(&self.native), item };
+                self.native.push(motor.into(), entry).expect("a slice has few items");
+            });
+        }
+    }
+
+    fn rests(&self) -> bool {
+        self.native.idle() && self.verbs.as_ref().is_none_or(Verbs::is_at_rest)
     }
 
     /// Runs up to and with `tick`.
     fn run(&mut self, tick: u64, edges: &mut Vec<Edge>) {
+        self.work_out(tick + AHEAD);
         self.native.advance(tick, &mut |edge: Edge| edges.push(edge));
-        let idle = self.native.idle();
+        let idle = self.rests();
         if idle && !self.was_idle {
             self.stopped(Cause::Finished);
         }
@@ -132,6 +164,8 @@ fn bare() -> Native {
 }
 
 impl Machine for Model {
+    const OBEYS: bool = true;
+
     fn info(&mut self) -> Info {
         Info {
             board: 0,
@@ -150,7 +184,7 @@ impl Machine for Model {
     }
 
     fn configure(&mut self, configuration: &Configuration<'_>) -> Result<(), Refusal> {
-        if !self.native.idle() {
+        if !self.rests() {
             return Err(Refusal::of(Reason::Moving));
         }
         if configuration.motors().len() > usize::from(MOTORS) {
@@ -173,6 +207,13 @@ impl Machine for Model {
             native.advance(last, &mut |_: Edge| {});
         }
         self.native = native;
+        let [pulse, setup, hold] = [configuration.pulse_ticks, configuration.setup_ticks, configuration.hold_ticks];
+        let turn = u32::from(pulse.max(1)) + u32::from(hold) + u32::from(setup);
+        let shortest = u32::from(pulse.max(1)) + 1;
+        self.limits = configuration
+            .motors()
+            .map(|_| Limits { shortest, turn: turn.max(shortest), period: FIRST_PERIOD.max(shortest) })
+            .collect();
         let count = configuration.motors().len().max(1);
         self.motors = configuration
             .motors()
@@ -193,22 +234,24 @@ impl Machine for Model {
         if self.motors.is_empty() {
             return Err(Refusal::of(Reason::NotConfigured));
         }
-        if !self.native.idle() {
+        if !self.rests() {
             return Err(Refusal::of(Reason::Moving));
         }
         // Clears the queues of what was left in them.
         self.native.stop_now(self.native.now().saturating_sub(1), &mut |_: Edge| {});
         self.empty();
+        self.verbs = None;
         self.motors.iter_mut().for_each(|motor| motor.faults = 0);
         self.armed = true;
         Ok(())
     }
 
     fn release(&mut self) -> Result<(), Refusal> {
-        if !self.native.idle() {
+        if !self.rests() {
             return Err(Refusal::of(Reason::Moving));
         }
         self.armed = false;
+        self.verbs = None;
         Ok(())
     }
 
@@ -225,6 +268,9 @@ impl Machine for Model {
     fn push(&mut self, index: u8, epoch: Epoch, packed: &[u8]) -> Result<(), Refusal> {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
+        }
+        if self.verbs.is_some() {
+            return Err(Refusal::of(Reason::Obeying));
         }
         let free = usize::from(self.free(index));
         let Some(motor) = self.motors.get_mut(usize::from(index)) else {
@@ -264,6 +310,9 @@ impl Machine for Model {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
+        if self.verbs.is_some() {
+            return Err(Refusal::of(Reason::Obeying));
+        }
         Ok(match self.native.switch(epoch, tick) {
             Ok(()) => {
                 self.was_idle = false;
@@ -285,6 +334,7 @@ impl Machine for Model {
         let uncertain = (0..).zip(&report.uncertain).fold(0, |all, (bit, one)| all | u8::from(*one) << bit);
         self.empty();
         self.armed = false;
+        self.verbs = None;
         self.stopped(Cause::StopNow);
         self.was_idle = true;
         Stopped { tick: report.tick, uncertain }
@@ -297,7 +347,7 @@ impl Machine for Model {
     fn flags(&self) -> u8 {
         let configured = if self.motors.is_empty() { 0 } else { flags::CONFIGURED };
         let armed = if self.armed { flags::ARMED } else { 0 };
-        configured | armed | if self.native.idle() { flags::IDLE } else { 0 }
+        configured | armed | if self.rests() { flags::IDLE } else { 0 }
     }
 
     fn horizon(&mut self) -> u64 {
@@ -344,12 +394,48 @@ impl Machine for Model {
     }
 
     fn host_gone(&mut self, lost: bool) {
-        if lost && !self.native.idle() {
+        if lost && !self.rests() {
             self.stopped(Cause::HostLost);
+        }
+        if let Some(verbs) = &mut self.verbs {
+            verbs.forsake(lost);
         }
     }
 
+    fn obey(&mut self, orders: &Orders<'_>) -> Result<(), Refusal> {
+        if !self.armed {
+            return Err(Refusal::of(Reason::NotArmed));
+        }
+        if self.verbs.is_none() {
+            if !self.native.idle() {
+                return Err(Refusal::of(Reason::Moving));
+            }
+            let positions = self.native.positions();
+            let motors = self.limits.iter().zip(positions).map(|(limits, position)| (*limits, position as i32));
+            let mut verbs = Verbs::new();
+            verbs.begin(motors, self.native.now() + AHEAD);
+            self.verbs = Some(verbs);
+        }
+        if let Some(verbs) = &mut self.verbs {
+            self.obeyed = verbs.obey(orders)?;
+            self.was_idle = false;
+        }
+        Ok(())
+    }
+
+    fn obeyed(&self, frame: &mut Encoder<'_>) {
+        self.obeyed.encode(frame);
+    }
+
     fn event(&mut self) -> Option<Event> {
+        let now = self.native.now();
+        let done = self.verbs.as_mut().and_then(|verbs| {
+            let motors = (0..).zip(verbs.motors_mut());
+            motors.filter_map(|(number, motor)| motor.take_done(now).map(|done| (number, done))).next()
+        });
+        if let Some((motor, (tick, detail))) = done {
+            return Some(Event { cause: Cause::MoveDone, motor, tick, detail });
+        }
         self.events.pop_front()
     }
 }

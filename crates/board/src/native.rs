@@ -73,6 +73,14 @@ impl Wiring {
         }
     }
 
+    /// So long before a step its lines may have to change, ticks.
+    pub(crate) const fn lead_ticks(&self) -> u32 {
+        match *self {
+            Wiring::StepDir { setup_ticks, .. } => setup_ticks,
+            Wiring::Coils { .. } => 0,
+        }
+    }
+
     fn longest_ticks(&self) -> u32 {
         match *self {
             Wiring::StepDir { pulse_ticks, setup_ticks, .. } => pulse_ticks.max(setup_ticks),

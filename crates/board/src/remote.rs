@@ -6,11 +6,13 @@
 //! When the board is lost, nothing waits for it: what is pushed goes nowhere, switches are refused, time goes on, and
 //! [`Remote::error`] says why. What the board was told ends in its tail.
 
-use crate::link::{Answer, Link, LinkError};
+use crate::link::{Answer, BITS, Link, LinkError};
 use crate::packer::{MAX_LEN, Packer};
 use crate::{Board, BoardClock, Edge, Faults, Observer, Sizer, StopReport, SwitchRefused};
 use pulsetrain_core::packing::Packing;
+use pulsetrain_core::verbs::Verb;
 use pulsetrain_core::wire::message::{Cause, Configuration, Event, Info, Measures, MotorSetup, NO_PIN, Status, flags};
+use pulsetrain_core::wire::orders::{Obeyed, Orders, order};
 use pulsetrain_core::wire::{Baud, Command, Reason, Reply, Switched};
 use pulsetrain_core::{Entry, Epoch, Item, Moment};
 use std::collections::VecDeque;
@@ -181,6 +183,11 @@ fn said(reason: Reason, detail: u16) -> String {
         Reason::PinMix => format!("pin {detail} does not go with those before it"),
         Reason::Timing => format!("pulse, set-up or hold is beyond its limit of {detail} ticks"),
         Reason::Baud => format!("it cannot do rate {detail}"),
+        Reason::Period => format!("a period must be {detail} ticks at least, and 2^62 at most"),
+        Reason::Busy => {
+            format!("motor {detail} has a move under way and one that waits: wait until one is done, or halt it")
+        }
+        Reason::Obeying => "its motors are told directly until they are released".to_owned(),
     }
 }
 
@@ -203,6 +210,7 @@ pub const fn in_words(cause: Cause) -> &'static str {
         Cause::BrownOut => "the supply fell too low",
         Cause::ResetLine => "the reset line, as when a port is opened",
         Cause::PowerOn => "power came on",
+        Cause::MoveDone => "a move was done",
     }
 }
 
@@ -436,6 +444,28 @@ impl<P: Port> Remote<P> {
         match answer.reply {
             Reply::Measures(measures) => Ok(measures),
             _ => Err(refusal("say what it measured", &answer)),
+        }
+    }
+
+    /// Tells motors directly: see [`Verbs`](pulsetrain_core::verbs::Verbs). `orders` are motors and what each is told, eight at most, all from the
+    /// same tick on.
+    ///
+    /// Moves that are done are told as [`events`](Remote::events), [`Cause::MoveDone`].
+    ///
+    /// # Errors
+    /// When the board is lost, or refuses: nothing was done then.
+    ///
+    /// # Panics
+    /// With more than eight orders.
+    pub fn tell_motors(&mut self, orders: &[(u8, Verb)]) -> Result<Obeyed, RemoteError> {
+        let bytes: Vec<u8> = orders.iter().flat_map(|(motor, verb)| order(*motor, *verb)).collect();
+        let command = Command::Orders(Orders::decode(&bytes).expect("at most eight orders"));
+        self.told = self.port.now();
+        self.idle = false;
+        let answer = self.ask(&command)?;
+        match answer.reply {
+            Reply::Obeyed(obeyed) => Ok(obeyed),
+            _ => Err(self.refused(refusal("do that", &answer))),
         }
     }
 
@@ -752,13 +782,13 @@ impl<P: Port> Board for Remote<P> {
 
     fn lead(&self) -> u64 {
         // Half of all queues filled, as most that goes before a switch; a fault on the way; and the switch itself.
-        let fill = Duration::from_secs(10 * u64::from(self.info.pool) / 2) / self.link.baud().rate();
+        let fill = Duration::from_secs(BITS * u64::from(self.info.pool) / 2) / self.link.baud().rate();
         let lead = fill + 2 * self.link.shortest_timeout();
         (lead.as_secs_f64() * f64::from(self.info.tick_hz)) as u64
     }
 
     fn shortest_lead(&self) -> u64 {
-        let lead = SHORTEST_LEAD + Duration::from_secs(10 * u64::from(self.info.pool) / 4) / self.link.baud().rate();
+        let lead = SHORTEST_LEAD + Duration::from_secs(BITS * u64::from(self.info.pool) / 4) / self.link.baud().rate();
         (lead.as_secs_f64() * f64::from(self.info.tick_hz)) as u64
     }
 

@@ -5,6 +5,7 @@
 //! - [`axis`]: one motor's queue, channel and output together
 //! - [`output`]: steps → pin edges: step/dir drivers and coils; pulse width, DIR setup and hold
 //! - [`channel`]: queue items → (tick, step or direction change)
+//! - [`verbs`]: motors told directly: so many steps, one every so many ticks, this way or that
 //! - [`words`]: channel and output → words for state machines that make the edges
 //! - [`narrow`]: queue, channel and packing for an 8-bit chip
 //! - [`queue`]: items waiting, each tagged with its epoch
@@ -29,6 +30,7 @@ pub mod output;
 pub mod packing;
 pub mod queue;
 pub mod segment;
+pub mod verbs;
 pub mod winch;
 pub mod wire;
 pub mod words;

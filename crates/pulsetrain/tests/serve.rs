@@ -187,6 +187,22 @@ fn opening_again_resets_the_board() {
     assert!(board.now() < 16_000_000, "its clock began anew: {}", board.now());
 }
 
+#[test]
+fn a_client_that_sets_no_rate_finds_the_first() {
+    let program = program();
+    let board = connect(Through::new(None), &program, Baud::B1M).unwrap();
+    assert_eq!(board.link().baud(), Baud::B1M);
+    let mut port = board.close();
+    port.pipe.0.borrow_mut().present = false;
+    port.rounds(5);
+    // What a pseudo-terminal has at first, and no board.
+    *port.pipe.0.borrow_mut() = Between { present: true, rate: 38_400, ..Between::default() };
+    port.send(b"version\n").unwrap();
+    port.rounds(100);
+    let text = String::from_utf8(port.pipe.0.borrow().to_client.clone()).unwrap();
+    assert!(text.starts_with("awake\r\nid StepperWinch"), "{text}");
+}
+
 /// Through the system's pseudo-terminals, and in virtual time all the same: each end waits for what the other one wrote, so
 /// that the system may take as long as it likes.
 #[cfg(unix)]
@@ -411,11 +427,58 @@ mod pty {
         assert_ne!(served.leads_to(), followed);
         let board = Remote::open(served.open_at(&followed), 2).unwrap();
         assert_eq!((served.clients(), board.info().last_reset), (2, Cause::ResetLine));
-        assert_eq!(served.leads_to(), followed, "to what is in use");
+        assert_ne!(served.leads_to(), followed, "to what is free");
         drop(board);
         served.rounds(1);
         Remote::open(served.open(), 3).unwrap().status().unwrap();
         assert_eq!(served.clients(), 3);
+    }
+
+    #[test]
+    fn a_close_with_an_open_right_behind_it_is_seen() {
+        let served = Served::new(folder("pty-at-once").join("uno"));
+        for clients in 1..5 {
+            // No round of the board's in between; what the one before had begun is not glued to what this one says.
+            let mut terminal = served.open();
+            terminal.send(b"version\nping\na x 1").unwrap();
+            served.rounds(100);
+            assert_eq!(served.clients(), clients);
+            let mut said = vec![0; served.under_way.to_client.take()];
+            terminal.terminal.read_exact(&mut said).unwrap();
+            let said = String::from_utf8(said).unwrap();
+            let lines: Vec<&str> = said.lines().filter(|line| !line.starts_with("txyza")).collect();
+            assert!(matches!(lines[..], ["awake", id, "awake"] if id.starts_with("id ")), "{lines:?}");
+        }
+    }
+
+    #[test]
+    fn a_second_client_is_told_that_the_board_is_taken() {
+        let served = Served::new(folder("pty-second").join("uno"));
+        let mut first = served.open();
+        served.rounds(100);
+        let mut second = serialport::new(served.leads_to().display().to_string(), 115_200)
+            .timeout(Duration::from_secs(3600))
+            .open_native()
+            .unwrap();
+        second.write_all(b"a x 100\n").unwrap();
+        let mut said = [0; 11];
+        while second.bytes_to_read().unwrap() < 11 {
+            served.rounds(1);
+        }
+        second.read_exact(&mut said).unwrap();
+        assert_eq!(&said, b"err taken\r\n");
+        assert_eq!(served.clients(), 1);
+        // When the first one goes it is served, from then on.
+        first.send(b"ping\n").unwrap();
+        served.rounds(20);
+        drop(first);
+        served.rounds(100);
+        assert_eq!(served.clients(), 2);
+        let mut said = vec![0; served.under_way.to_client.take()];
+        second.read_exact(&mut said).unwrap();
+        assert_eq!(String::from_utf8(said).unwrap().lines().next(), Some("awake"));
+        drop(second);
+        assert_eq!(served.steps().len(), 0, "what it said before that is dropped");
     }
 
     #[test]
@@ -545,7 +608,14 @@ mod real {
         let (exit, said) = pulsetrain(&["winch", &script, "--port", &link, "--for", "1.5 s", "--out", &out]);
         assert_eq!(exit, Exit::Success, "{said}");
         assert!(said.contains("nobody looked at its pins") && said.contains("  x     100       100 "), "{said}");
-        assert!(served.interrupt().contains("clients: 1"));
+        // Frames are nothing to it: that is told, with what helps.
+        let (exit, said) = pulsetrain(&["info", "--port", &link]);
+        assert_eq!(exit, Exit::Refused, "{said}");
+        assert!(
+            said.split_whitespace().collect::<Vec<_>>().join(" ").contains("pulsetrain winch --port PORT"),
+            "{said}"
+        );
+        assert!(served.interrupt().contains("clients: 2"));
     }
 
     #[test]

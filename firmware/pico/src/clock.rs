@@ -51,6 +51,11 @@ pub(crate) fn set_up() {
     regs::WATCHDOG_TICK.write((1 << 9) | (CRYSTAL_HZ / 1_000_000));
 }
 
+/// Takes pins and timer out of reset.
+pub(crate) fn take_pins() {
+    regs::take_out_of_reset(regs::reset::IO_BANK0 | regs::reset::PADS_BANK0 | regs::reset::TIMER);
+}
+
 /// §2.18.3: power and oscillator on, wait for lock, dividers on.
 fn start_pll(pll: regs::Pll, reset: u32, feedback: u32, dividers: [u32; 2]) {
     regs::RESETS_RESET.set(reset);
@@ -109,6 +114,12 @@ impl Clock {
 /// Ticks / 2^17: 1.049 ms each.
 pub(crate) const fn millis(now: u64) -> Millis {
     Millis((now >> 17) as u16)
+}
+
+/// µs of so many ticks, rounded down, or one fewer: a division takes this processor 150 cycles.
+pub(crate) const fn us(ticks: u32) -> u32 {
+    const TICKS_PER_US: u64 = TICK_HZ as u64 / 1_000_000;
+    ((ticks as u64 * ((1 << 32) / TICKS_PER_US)) >> 32) as u32
 }
 
 /// What ends a sleep, kept out though it is.

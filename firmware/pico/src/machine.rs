@@ -4,15 +4,18 @@ use crate::clock::{self, Clock, TICK_HZ};
 use crate::link::{self, Line, WINDOW};
 use crate::regs;
 use crate::reset;
-use crate::start;
+use crate::start::{self, Once};
 use crate::steps::MOTORS;
 use crate::steps::pins::{self, Layout};
-use crate::steps::stepper::{FRACTION_BITS, LONGEST, LONGEST_IDLE_MS, POOL, Stepper};
+use crate::steps::stepper::{FRACTION_BITS, LONGEST, LONGEST_IDLE_MS, POOL, Pace, Stepper};
 use crate::winch;
 use pulsetrain_core::narrow::EPOCHS;
+use pulsetrain_core::verbs::motor::MOST_ITEMS;
+use pulsetrain_core::verbs::{Motor, Verbs};
 use pulsetrain_core::winch::path::Slice;
 use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, NO_PIN, flags};
-use pulsetrain_core::wire::{Baud, Machine, Millis, Reason, Refusal, Stopped, Switched};
+use pulsetrain_core::wire::orders::{Obeyed, Orders};
+use pulsetrain_core::wire::{Baud, Encoder, Machine, Millis, Reason, Refusal, Stopped, Switched};
 use pulsetrain_core::{Epoch, Moment};
 
 /// A switch must be less than this ahead, ticks: moments are told apart within 2^31.
@@ -27,6 +30,11 @@ const NEWS: usize = 8;
 /// Kinds of faults of a motor's queue.
 const FAULTS: usize = 3;
 
+/// What motors do that are told directly is worked out so many ticks at least at once: 0.1 ms.
+const SLICE: u64 = TICK_HZ as u64 / 10_000;
+
+static VERBS: Once<Verbs> = Once::new(Verbs::new());
+
 /// Everything but the service that speaks for it.
 pub(crate) struct Board {
     pub(crate) clock: Clock,
@@ -35,6 +43,12 @@ pub(crate) struct Board {
     /// The pins of the configuration, bit by GPIO.
     pins: u32,
     armed: bool,
+    /// Motors are told directly, by what is in `verbs`; `obeyed` came of it last.
+    obeys: bool,
+    /// At which pace.
+    pub(crate) pace: Pace,
+    verbs: &'static mut Verbs,
+    pub(crate) obeyed: Obeyed,
     /// The rate of the session's line, to be set when that is quiet.
     pub(crate) baud: Option<Baud>,
     news: [Option<Event>; NEWS],
@@ -112,6 +126,11 @@ impl Board {
             power: Power::OFF,
             pins: 0,
             armed: false,
+            obeys: false,
+            pace: Pace::NEAR,
+            // SAFETY: the caller's promise.
+            verbs: unsafe { VERBS.take() },
+            obeyed: Obeyed::NONE,
             baud: None,
             news: [None; NEWS],
             told: [0; FAULTS],
@@ -140,6 +159,9 @@ impl Board {
     #[inline(always)]
     pub(crate) fn go_on(&mut self) -> bool {
         let mut more = false;
+        if self.obeys {
+            self.work_out();
+        }
         for _ in 0..FILLS_A_ROUND {
             // Words that come after that would be steps at wrong times.
             if self.stepper.has_starved() {
@@ -153,10 +175,21 @@ impl Board {
         more
     }
 
+    /// Works out what motors do that are told directly, as far as words are written.
+    #[inline(never)]
+    fn work_out(&mut self) {
+        let Board { verbs, stepper, clock, .. } = self;
+        let until = clock.now() + u64::from(stepper.foresight()) + SLICE;
+        if until >= verbs.known() + SLICE && stepper.has_room(MOST_ITEMS) {
+            verbs.work_out::<FRACTION_BITS>(until, |motor, item| stepper.take(motor, item));
+            stepper.follow_from(Moment::of(until));
+        }
+    }
+
     /// How long no motor needs words, µs.
     pub(crate) fn spare_us(&mut self) -> u32 {
         let now = self.clock.moment();
-        self.stepper.spare(now) / (TICK_HZ / 1_000_000)
+        clock::us(self.stepper.spare(now))
     }
 
     /// Whether words for the motors are more urgent than what the host says.
@@ -196,7 +229,7 @@ impl Board {
     /// Whether nothing moves, and nothing is to.
     pub(crate) fn rests(&mut self) -> bool {
         let now = self.clock.moment();
-        !self.armed || self.stepper.is_idle(now)
+        !self.armed || self.is_idle(now)
     }
 
     /// The clock, ticks, and the steps that the axes have made by then.
@@ -222,7 +255,7 @@ impl Board {
         }
         let moment = self.clock.moment();
         self.stepper.rest(moment);
-        let idle = self.stepper.is_idle(moment);
+        let idle = self.is_idle(moment);
         // While motors are armed their coils let go by themselves, to the tick.
         if self.power.look(now, idle) && !self.armed {
             self.stepper.release_coils();
@@ -258,6 +291,7 @@ impl Board {
     /// The immediate stop.
     fn stop(&mut self, cause: Cause) -> Stopped {
         let (tick, uncertain) = self.stepper.stop(&mut self.clock);
+        self.obeys = false;
         if self.armed {
             self.armed = false;
             if cause != Cause::None {
@@ -268,6 +302,48 @@ impl Board {
             }
         }
         Stopped { tick, uncertain }
+    }
+
+    /// When the next move is done that is worked out, ticks.
+    pub(crate) fn next_done(&self) -> Option<u64> {
+        self.verbs.motors().iter().filter_map(Motor::next_done).min()
+    }
+
+    /// What can wait a millisecond, without a line to a host.
+    pub(crate) fn look_after(&mut self, now: Millis) {
+        let moment = self.clock.moment();
+        self.stepper.rest(moment);
+        let idle = self.is_idle(moment);
+        if self.power.look(now, idle) && !self.armed {
+            self.stepper.release_coils();
+        }
+    }
+
+    /// Whether a motor that is told directly has nothing to do, and all that it did was told.
+    pub(crate) fn is_told(&self, motor: u8) -> bool {
+        self.verbs.motors().get(usize::from(motor)).is_none_or(|motor| motor.is_at_rest() && motor.is_told())
+    }
+
+    /// Whether motors that rest, and are not told directly yet, would do that.
+    pub(crate) fn would_obey(&mut self, orders: &Orders<'_>) -> Result<(), Refusal> {
+        self.verbs.begin(self.stepper.limits(), 0);
+        self.verbs.obey(orders).map(drop)
+    }
+
+    /// Motors that are told directly forget what they do.
+    pub(crate) fn halt(&mut self) {
+        if self.obeys {
+            self.verbs.forsake(true);
+        }
+    }
+
+    /// A move that was done and not told yet.
+    pub(crate) fn move_done(&mut self) -> Option<Event> {
+        let now = self.clock.now();
+        (0..).zip(self.verbs.motors_mut()).find_map(|(motor, verbs)| {
+            let (tick, detail) = verbs.take_done(now)?;
+            Some(Event { cause: Cause::MoveDone, motor, tick, detail })
+        })
     }
 
     fn tell(&mut self, cause: Cause, motor: u8, detail: u32) {
@@ -282,11 +358,25 @@ impl Board {
     }
 
     fn is_idle(&self, now: Moment) -> bool {
-        self.stepper.is_idle(now)
+        self.stepper.is_idle(now) && (!self.obeys || self.verbs.is_at_rest())
+    }
+
+    /// Motors that rest are told directly from now on.
+    fn begin_to_obey(&mut self) {
+        let now = self.clock.now();
+        // Nothing that is written comes after that: see `Words::fill`.
+        let written = self.clock.extended(self.stepper.horizon(Moment::of(now)));
+        self.stepper.set_pace(self.pace);
+        let known = now.max(written) + u64::from(self.stepper.foresight());
+        self.verbs.begin(self.stepper.limits(), known);
+        self.stepper.follow_from(Moment::of(known));
+        self.obeys = true;
     }
 }
 
 impl Machine for Board {
+    const OBEYS: bool = true;
+
     fn info(&mut self) -> Info {
         Info {
             board: 2,
@@ -370,6 +460,9 @@ impl Machine for Board {
         if motor >= self.motors() {
             return Err(Refusal { reason: Reason::NoSuchMotor, detail });
         }
+        if self.obeys {
+            return Err(Refusal::of(Reason::Obeying));
+        }
         self.stepper.push(motor, epoch, packed).ok_or(Refusal { reason: Reason::Full, detail })
     }
 
@@ -380,6 +473,9 @@ impl Machine for Board {
     fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<Switched, Refusal> {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
+        }
+        if self.obeys {
+            return Err(Refusal::of(Reason::Obeying));
         }
         let horizon = self.horizon();
         let limit = self.clock.now() + SWITCH_AHEAD;
@@ -401,6 +497,26 @@ impl Machine for Board {
 
     fn stop_now(&mut self) -> Stopped {
         self.stop(Cause::StopNow)
+    }
+
+    fn obey(&mut self, orders: &Orders<'_>) -> Result<(), Refusal> {
+        if !self.armed {
+            return Err(Refusal::of(Reason::NotArmed));
+        }
+        if !self.obeys {
+            let now = self.clock.moment();
+            if !self.is_idle(now) {
+                return Err(Refusal::of(Reason::Moving));
+            }
+            self.begin_to_obey();
+        }
+        self.obeyed = self.verbs.obey(orders)?;
+        self.was_idle &= self.verbs.is_at_rest();
+        Ok(())
+    }
+
+    fn obeyed(&self, frame: &mut Encoder<'_>) {
+        self.obeyed.encode(frame);
     }
 
     fn clock(&mut self) -> u64 {
@@ -458,11 +574,19 @@ impl Machine for Board {
         if lost && self.armed && !self.was_idle {
             self.last_stop = Cause::HostLost;
         }
+        if self.obeys {
+            self.verbs.forsake(lost);
+        }
         // They were its news.
         self.news = [None; NEWS];
     }
 
     fn event(&mut self) -> Option<Event> {
+        if self.obeys
+            && let Some(done) = self.move_done()
+        {
+            return Some(done);
+        }
         let first = self.news[0].take()?;
         self.news.rotate_left(1);
         Some(first)

@@ -133,6 +133,7 @@ pub(crate) const CHIP_RESET: Reg = Reg(0x4006_4008);
 
 /// §4.6.5: the timer, µs.
 pub(crate) const TIMER_ALARM0: Reg = Reg(0x4005_4010);
+pub(crate) const TIMER_ALARM1: Reg = Reg(0x4005_4014);
 pub(crate) const TIMER_RAW: Reg = Reg(0x4005_4028);
 pub(crate) const TIMER_INTR: Reg = Reg(0x4005_4034);
 pub(crate) const TIMER_INTE: Reg = Reg(0x4005_4038);
@@ -163,8 +164,12 @@ pub(crate) const NVIC_ISER: Reg = Reg(0xe000_e100);
 pub(crate) const NVIC_ICER: Reg = Reg(0xe000_e180);
 pub(crate) const NVIC_ICPR: Reg = Reg(0xe000_e280);
 
+/// Priorities of the first four: two bits at the top of each byte, 0 the highest.
+pub(crate) const NVIC_IPR0: Reg = Reg(0xe000_e400);
+
 /// Interrupts (§2.3.2).
 pub(crate) const TIMER_IRQ_0: u32 = 1;
+pub(crate) const TIMER_IRQ_1: u32 = 1 << 1;
 pub(crate) const USBCTRL_IRQ: u32 = 1 << 5;
 pub(crate) const DMA_IRQ_0: u32 = 1 << 11;
 
@@ -394,6 +399,13 @@ pub(crate) fn free<T>(f: impl FnOnce() -> T) -> T {
 pub(crate) fn wait_for_interrupt() {
     // SAFETY: it does nothing.
     unsafe { asm!("dsb", "wfi", options(nostack, preserves_flags)) }
+}
+
+/// What was written to the processor's own registers has its effect.
+#[inline(always)]
+pub(crate) fn settle() {
+    // SAFETY: it changes nothing.
+    unsafe { asm!("dsb", "isb", options(nostack, preserves_flags)) }
 }
 
 /// Sets the GPIO bits of `mask` and reads SysTick as soon as can be after it: always the same number of cycles.

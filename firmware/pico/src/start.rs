@@ -37,6 +37,7 @@ vectors:
 
     .section .bss.vectors, "aw", %nobits
     .balign 256
+    .global ram_vectors
 ram_vectors:
     .space 4 * {VECTORS}
 
@@ -108,6 +109,17 @@ pub(crate) fn stack_left() -> u16 {
     (words.count() * 4) as u16
 }
 
+unsafe extern "C" {
+    /// The vectors that interrupts are taken from.
+    static mut ram_vectors: [u32; VECTORS];
+}
+
+/// Has `handler` called for interrupt `number` (§2.3.2), which is not let in yet.
+pub(crate) fn set_handler(number: usize, handler: extern "C" fn()) {
+    // SAFETY: a word of the table; the processor reads it only when that interrupt comes.
+    unsafe { (&raw mut ram_vectors[16 + number]).write_volatile(handler as usize as u32) }
+}
+
 /// Something there is one of, which main takes and nobody else.
 pub(crate) struct Once<T>(core::cell::UnsafeCell<T>);
 
@@ -128,5 +140,27 @@ impl<T> Once<T> {
     pub(crate) unsafe fn take(&'static self) -> &'static mut T {
         // SAFETY: the caller's promise.
         unsafe { &mut *self.0.get() }
+    }
+}
+
+/// Something that main and one interrupt have in turn.
+pub(crate) struct Shared<T>(core::cell::UnsafeCell<T>);
+
+// SAFETY: who calls `with` promises that nobody else has it meanwhile.
+unsafe impl<T> Sync for Shared<T> {}
+
+impl<T> Shared<T> {
+    /// `value`, to be had.
+    pub(crate) const fn new(value: T) -> Shared<T> {
+        Shared(core::cell::UnsafeCell::new(value))
+    }
+
+    /// Has it.
+    ///
+    /// # Safety
+    /// Nobody else has it until `f` is back: the interrupt is kept out, or it is the interrupt that calls; and `f` does not call this.
+    pub(crate) unsafe fn with<U>(&self, f: impl FnOnce(&mut T) -> U) -> U {
+        // SAFETY: the caller's promise.
+        f(unsafe { &mut *self.0.get() })
     }
 }

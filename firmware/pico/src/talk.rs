@@ -1,8 +1,9 @@
 //! What is heard and said on a way to a host.
 
 use crate::winch::Ear;
+use pulsetrain_core::verbs::text;
 use pulsetrain_core::winch::letters::InMemory;
-use pulsetrain_core::winch::reply::{LONGEST, Reply};
+use pulsetrain_core::winch::reply::{self, Reply};
 use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Decoder, MAX_FRAME, Millis, Service};
 
@@ -10,9 +11,18 @@ use pulsetrain_core::wire::{Decoder, MAX_FRAME, Millis, Service};
 const ROOM: usize = 2048;
 const _: () = assert!(ROOM > MAX_FRAME);
 
-/// What the lines of one packet may say at most: 32 of two bytes (`*` and a line's end), and a status.
-const PACKET_SAYS: usize = 32 * "err checksum 0\r\n".len() + LONGEST;
-const _: () = assert!(PACKET_SAYS < ROOM);
+/// The longest line.
+const LONGEST: usize = if reply::LONGEST > text::LONGEST { reply::LONGEST } else { text::LONGEST };
+
+/// What the lines of one packet may say at most, and a status: 32 of two bytes (`*` and a line's end), or as many `halt`s.
+const PACKET_SAYS: usize = 64 / "halt\n".len() * LONGEST + LONGEST;
+const _: () = assert!(PACKET_SAYS < ROOM && PACKET_SAYS > 32 * "err checksum 0\r\n".len() + LONGEST);
+
+/// A line of text to a host.
+pub(crate) enum Line {
+    Winch(Reply),
+    Verbs(text::Reply),
+}
 
 /// If no byte has left for so long, about ms, the host does not read: nothing waits for it.
 const STUCK: u16 = 20;
@@ -63,13 +73,17 @@ impl Talk {
 
     /// Says a line of text, behind what waits; one that has no room is dropped.
     #[inline(never)]
-    pub(crate) fn say(&mut self, line: &Reply) {
+    pub(crate) fn say(&mut self, line: &Line) {
         if ROOM - self.len < LONGEST {
             self.reply.copy_within(self.sent..self.len, 0);
             (self.len, self.sent) = (self.len - self.sent, 0);
         }
         if ROOM - self.len >= LONGEST {
-            self.len += usize::from(line.write::<InMemory>(&mut self.reply[self.len..]));
+            let room = &mut self.reply[self.len..];
+            self.len += match line {
+                Line::Winch(reply) => usize::from(reply.write::<InMemory>(room)),
+                Line::Verbs(reply) => reply.write(room),
+            };
         }
     }
 

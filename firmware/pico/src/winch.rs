@@ -7,17 +7,25 @@
 //! As long as frames have not taken it and no motor of theirs moves, text is *on*. From the first command that enables the drivers,
 //! until `enable 0` has released them, text *drives*, and frames' Hello is refused. Text has one session, whose axes and settings are
 //! those of both lines, and an [`Ear`] for each of them.
+//!
+//! # Verbs
+//! Lines that tell motors directly (`pulsetrain_core::verbs::text`) enable the drivers, too, of the same axes, and text *tells* them
+//! until `enable 0`. Paths and verbs do not mix: who has the axes keeps them until then. After verbs text begins anew, since paths
+//! would not know where the axes are.
 
 use crate::clock::TICK_HZ;
 use crate::machine::Board;
 use crate::steps::stepper::{AHEAD, CLEAR};
+use crate::talk::Line;
+use pulsetrain_core::verbs::text::{self, Read, Told};
 use pulsetrain_core::winch::letters::InMemory;
 use pulsetrain_core::winch::path::Slice;
 use pulsetrain_core::winch::reply::Reply;
 use pulsetrain_core::winch::session::Session;
-use pulsetrain_core::winch::text::{Heard, Reader};
-use pulsetrain_core::wire::message::{Configuration, MOTOR_SETUP_LEN};
-use pulsetrain_core::wire::{Machine, Service};
+use pulsetrain_core::winch::text::{Heard, Reader, Refusal, Verb, What};
+use pulsetrain_core::wire::message::{Configuration, Event, MOTOR_SETUP_LEN};
+use pulsetrain_core::wire::orders::Orders;
+use pulsetrain_core::wire::{Machine, Reason, Refusal as Refused, Service};
 
 /// Ticks of a slice, a millisecond: slices begin at the clock's multiples of it.
 pub(crate) const SLICE: u32 = TICK_HZ / 1000;
@@ -89,6 +97,21 @@ impl Ear {
     }
 }
 
+/// What a byte of a line has brought.
+pub(crate) enum Brought {
+    Nothing,
+    /// Something to say.
+    Answer(Line),
+    /// Something to tell motors directly.
+    Told(Told),
+}
+
+impl Brought {
+    const fn answer(reply: Reply) -> Brought {
+        Brought::Answer(Line::Winch(reply))
+    }
+}
+
 /// Text, as main has it.
 pub(crate) struct Winch {
     session: Session,
@@ -96,6 +119,9 @@ pub(crate) struct Winch {
     /// Pins are text's.
     wired: bool,
     drives: bool,
+    /// Verbs have the axes, and lose them as soon as these rest.
+    tells: bool,
+    ends: bool,
     /// The beginning of the next slice to be worked out, ticks.
     next: u64,
     /// A status line is due.
@@ -105,7 +131,16 @@ pub(crate) struct Winch {
 impl Winch {
     /// Text is not on yet.
     pub(crate) const fn new() -> Winch {
-        Winch { session: Session::new(), on: false, wired: false, drives: false, next: 0, report: false }
+        Winch {
+            session: Session::new(),
+            on: false,
+            wired: false,
+            drives: false,
+            tells: false,
+            ends: false,
+            next: 0,
+            report: false,
+        }
     }
 
     /// Whether lines are obeyed.
@@ -114,23 +149,78 @@ impl Winch {
     }
 
     /// Takes a byte of a line; gives what is to be answered. `obeyed`: frames do not have the board.
-    pub(crate) fn hear(&mut self, ear: &mut Ear, byte: u8, obeyed: bool) -> Option<Reply> {
+    pub(crate) fn hear(&mut self, ear: &mut Ear, byte: u8, obeyed: bool) -> Brought {
         if byte == 0 {
             // Frames have zeros, text has none.
             ear.quiet = true;
             ear.reader.restart();
-            return None;
+            return Brought::Nothing;
         }
         match ear.reader.push::<InMemory>(byte) {
-            Heard::Nothing => None,
-            Heard::Refused(_) if ear.quiet => None,
-            Heard::Refused(_) | Heard::Command(_) if !obeyed => Some(Reply::Taken),
-            Heard::Refused(refusal) => Some(Reply::Refused(refusal)),
+            Heard::Nothing => Brought::Nothing,
+            // The winch does not know verbs.
+            Heard::Refused(refusal @ Refusal { what: What::Command, .. }) if obeyed => {
+                match text::read(ear.reader.line()) {
+                    Read::Told(told) => {
+                        ear.quiet = false;
+                        Brought::Told(told)
+                    }
+                    _ if ear.quiet => Brought::Nothing,
+                    Read::Refused(what, word) => Brought::Answer(Line::Verbs(text::Reply::Unread(what, word))),
+                    Read::Unknown => Brought::answer(Reply::Refused(refusal)),
+                }
+            }
+            Heard::Refused(_) if ear.quiet => Brought::Nothing,
+            Heard::Refused(_) | Heard::Command(_) if !obeyed => Brought::answer(Reply::Taken),
+            Heard::Refused(refusal) => Brought::answer(Reply::Refused(refusal)),
             Heard::Command(verb) => {
                 ear.quiet = false;
-                self.session.obey(verb, &mut ear.reader)
+                match verb {
+                    Verb::Target | Verb::Move | Verb::Drift if self.tells => {
+                        Brought::Answer(Line::Verbs(text::Reply::Verbs))
+                    }
+                    Verb::Enable if self.tells => {
+                        self.session.heard();
+                        self.ends = ear.reader.value() == 0;
+                        Brought::Nothing
+                    }
+                    _ => self.session.obey(verb, &mut ear.reader).map_or(Brought::Nothing, Brought::answer),
+                }
             }
         }
+    }
+
+    /// Tells motors directly what a line says; gives what is to be answered.
+    pub(crate) fn tell(&mut self, board: &mut Board, told: &Told) -> text::Reply {
+        if self.drives {
+            return text::Reply::Path;
+        }
+        self.session.heard();
+        self.wired = self.wired || board.wire();
+        let done = match told.orders() {
+            Some(orders) if self.wired => self.obey(board, &orders),
+            _ => Err(Refused::of(Reason::Moving)),
+        };
+        match done {
+            Ok(()) => text::Reply::At { obeyed: board.obeyed, axes: told.axes() },
+            Err(refused) => text::Reply::Refused(refused),
+        }
+    }
+
+    fn obey(&mut self, board: &mut Board, orders: &Orders<'_>) -> Result<(), Refused> {
+        if !self.tells {
+            // A line that is refused does not enable the drivers.
+            board.would_obey(orders)?;
+            board.arm()?;
+        }
+        (self.tells, self.ends) = (true, false);
+        board.obey(orders)
+    }
+
+    /// A move of verbs that was done.
+    pub(crate) fn move_done(&mut self, board: &mut Board) -> Option<text::Reply> {
+        let Event { motor, tick, detail, .. } = if self.tells { board.move_done()? } else { return None };
+        Some(text::Reply::Done { axis: motor, tick, number: detail })
     }
 
     /// Sees to what a command has changed.
@@ -147,7 +237,7 @@ impl Winch {
                 self.session.release();
             }
         }
-        service.hold(self.drives);
+        service.hold(self.drives || self.tells);
     }
 
     /// Works out the slices that are due, and hands their steps on.
@@ -178,6 +268,19 @@ impl Winch {
 
     /// What time brings; to be called every millisecond or so. Whether text begins anew.
     pub(crate) fn look(&mut self, board: &mut Board, service: &mut Service) -> bool {
+        if self.tells {
+            if self.ends || self.session.is_forsaken() {
+                board.halt();
+            }
+            if !board.is_armed() || (self.ends && board.rests()) {
+                // Nothing moves any more.
+                let _ = board.release();
+                board.host_gone(false);
+                (self.tells, self.on) = (false, false);
+                service.hold(false);
+            }
+            return false;
+        }
         if self.drives {
             let ran_dry = !board.is_armed();
             if ran_dry || (self.session.has_stopped() && board.rests()) {

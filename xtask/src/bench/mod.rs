@@ -6,6 +6,7 @@ pub(crate) mod pico;
 mod report;
 mod table;
 pub(crate) mod uno;
+pub(crate) mod verbs;
 pub(crate) mod winch;
 
 use crate::command::{Done, Failure, cargo, output};

@@ -52,7 +52,7 @@ pub(crate) fn markdown(rows: &[Row]) -> Done<String> {
 }
 
 /// The sections that are written by commands of their own, in their order.
-pub(crate) const SECTIONS: [&str; 5] = ["uno", "uno-hour", "winch", "pico", "pico-hour"];
+pub(crate) const SECTIONS: [&str; 6] = ["uno", "uno-hour", "winch", "pico", "pico-hour", "verbs"];
 
 fn path() -> PathBuf {
     root().join("docs/benchmarks.md")

@@ -1,6 +1,7 @@
 //! The Pico's firmware: from the linker's ELF to the UF2 file that a board takes.
 
 use super::{Done, Failure, command, root, run, target_dir};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::{env, fs};
 
@@ -10,29 +11,43 @@ const FLASH_AT: u32 = 0x1000_0000;
 /// RAM, without the stack.
 const RAM: u32 = 248 * 1024;
 
-/// The committed image.
-const IMAGE: &str = "crates/board/images/pico.uf2";
+/// The committed images: the firmware, and the library's examples.
+const IMAGES: [(&str, &str); 4] = [
+    ("pico", "crates/board/images/pico.uf2"),
+    ("examples/dds_circle", "crates/board/images/dds_circle.uf2"),
+    ("examples/lorenz", "crates/board/images/lorenz.uf2"),
+    ("examples/delta", "crates/board/images/delta.uf2"),
+];
 
-/// Builds the firmware, prints what it takes and writes the committed image.
+/// Builds the firmware and its examples, prints what they take and writes the committed images.
 pub(crate) fn build() -> Done {
-    let (uf2, table) = built()?;
-    print!("{table}");
-    let path = root().join(IMAGE);
-    fs::write(&path, uf2).map_err(|why| Failure::File { path, why })
+    let folder = compiled()?;
+    for (name, image) in IMAGES {
+        let (uf2, table) = linked(&folder, name)?;
+        print!("{name}:\n{table}");
+        let path = root().join(image);
+        fs::write(&path, uf2).map_err(|why| Failure::File { path, why })?;
+    }
+    Ok(())
 }
 
-/// Builds the firmware, and fails when the committed image is another one.
+/// Builds the firmware and its examples, and fails when a committed image is another one.
 pub(crate) fn check() -> Done {
-    let (uf2, table) = built()?;
-    print!("{table}");
-    let path = root().join(IMAGE);
+    let folder = compiled()?;
+    IMAGES.into_iter().try_for_each(|(name, image)| check_one(&folder, name, image))
+}
+
+fn check_one(folder: &Path, name: &str, image: &str) -> Done {
+    let (uf2, table) = linked(folder, name)?;
+    print!("{name}:\n{table}");
+    let path = root().join(image);
     let committed = fs::read(&path).map_err(|why| Failure::File { path, why })?;
     if committed == uf2 {
         return Ok(());
     }
     let first = committed.iter().zip(&uf2).take_while(|(a, b)| a == b).count();
     Err(Failure::Check(format!(
-        "{IMAGE} is not what firmware/pico builds: byte {first} is the first that differs, of {} committed and {} built. Run `cargo \
+        "{image} is not what firmware/pico builds: byte {first} is the first that differs, of {} committed and {} built. Run `cargo \
          xtask firmware pico`, and commit it with the change. (If nothing was changed, another version of rustc built it.)",
         committed.len(),
         uf2.len()
@@ -59,8 +74,8 @@ pub(crate) fn as_rustc() -> Option<ExitCode> {
     Some(if status.success() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// Builds the firmware under `target/`. Gives the image, and what it takes, as text.
-fn built() -> Done<(Vec<u8>, String)> {
+/// Builds the firmware and its examples under `target/`; gives the folder.
+fn compiled() -> Done<PathBuf> {
     let target = "thumbv6m-none-eabi";
     run(command("rustup").args(["target", "add", target]))?;
     // Not that of a build in which this program had no part: cargo would take what is there.
@@ -73,7 +88,7 @@ fn built() -> Done<(Vec<u8>, String)> {
     cargo.env("RUSTC_WRAPPER", this).env(AS_RUSTC, "1");
     run(cargo
         .current_dir(root().join("firmware/pico"))
-        .args(["build", "--release", "--locked", "--target-dir"])
+        .args(["build", "--release", "--locked", "--bins", "--examples", "--target-dir"])
         .arg(&folder)
         // Nothing of this build's surroundings may reach that one.
         .env_remove("RUSTFLAGS")
@@ -81,7 +96,12 @@ fn built() -> Done<(Vec<u8>, String)> {
         .env_remove("CARGO_TARGET_THUMBV6M_NONE_EABI_RUSTFLAGS")
         .env_remove("CARGO_BUILD_TARGET")
         .env_remove("CARGO_BUILD_RUSTFLAGS"))?;
-    let path = folder.join(target).join("release/pico");
+    Ok(folder.join(target).join("release"))
+}
+
+/// What was built by that name: the image, and what it takes, as text.
+fn linked(folder: &Path, name: &str) -> Done<(Vec<u8>, String)> {
+    let path = folder.join(name);
     let elf = fs::read(&path).map_err(|why| Failure::File { path, why })?;
     let segments =
         segments(&elf).ok_or_else(|| Failure::Check("the linker's file is no ELF file for Arm".to_owned()))?;

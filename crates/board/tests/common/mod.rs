@@ -1,6 +1,8 @@
 //! What the tests of boards and links share, and the benches of the Uno.
 #![allow(dead_code, reason = "each test and bench uses some of it")]
 
+pub(crate) mod delays;
+pub(crate) mod examples;
 pub(crate) mod lab;
 pub(crate) mod pico;
 pub(crate) mod random;

@@ -43,7 +43,7 @@ pub struct Session {
     report_ms: u16,
     /// Since the last status line.
     unreported_ms: u32,
-    /// The longest silence; 0: any.
+    /// The longest silence, while the drivers are on; 0: any.
     deadman_ms: u16,
     /// Since the last command.
     unheard_ms: u32,
@@ -95,9 +95,20 @@ impl Session {
         None
     }
 
+    /// Something else was told than what a [`Verb`] is: the silence is over.
+    pub const fn heard(&mut self) {
+        self.unheard_ms = 0;
+    }
+
+    /// Whether the silence lasts longer than it may.
+    #[must_use]
+    pub const fn is_forsaken(&self) -> bool {
+        self.deadman_ms != 0 && self.unheard_ms > self.deadman_ms as u32
+    }
+
     /// Works out another millisecond of all paths. While the drivers are off paths stand still.
     pub fn millisecond(&mut self) -> [Slice; 4] {
-        if self.deadman_ms != 0 && self.unheard_ms == u32::from(self.deadman_ms) {
+        if self.drives && self.deadman_ms != 0 && self.unheard_ms == u32::from(self.deadman_ms) {
             self.paths.iter_mut().for_each(Path::stop);
         }
         self.unheard_ms = self.unheard_ms.saturating_add(1);

@@ -1,6 +1,8 @@
 //! What a board must be able to do for the [`Service`](super::Service).
 
-use super::message::{Configuration, Event, Info, Measures, Reason};
+use super::frame::Encoder;
+use super::message::{Configuration, Event, Info, Measures, Reason, kind};
+use super::orders::Orders;
 use super::{Baud, MAX_MOTORS};
 use crate::Epoch;
 
@@ -54,6 +56,9 @@ pub struct Stopped {
 /// Motors are numbered from 0; those beyond [`motors`](Machine::motors) are never asked for but in
 /// [`push`](Machine::push) and [`free`](Machine::free).
 pub trait Machine {
+    /// Whether its motors can be told directly: [`obey`](Machine::obey).
+    const OBEYS: bool = false;
+
     /// What it is, and its marks; the service fills in what is the session's.
     fn info(&mut self) -> Info;
 
@@ -102,6 +107,21 @@ pub trait Machine {
 
     /// The immediate, unplanned stop: no step begins from now on. The motors stay powered, but must be armed again.
     fn stop_now(&mut self) -> Stopped;
+
+    /// Has motors do what they are told directly, all of it or nothing. From then on, until they are released or stopped, no plans
+    /// are taken.
+    ///
+    /// # Errors
+    /// [`Reason::NotArmed`]; [`Reason::Moving`]: a plan is under way; what [`Verbs::obey`](crate::verbs::Verbs::obey) says.
+    fn obey(&mut self, orders: &Orders<'_>) -> Result<(), Refusal> {
+        let _ = orders;
+        Err(Refusal { reason: Reason::UnknownKind, detail: u16::from(kind::ORDERS) })
+    }
+
+    /// Writes what came of what was obeyed last: an [`Obeyed`](super::orders::Obeyed).
+    fn obeyed(&self, frame: &mut Encoder<'_>) {
+        let _ = frame;
+    }
 
     /// The 64-bit clock, now.
     fn clock(&mut self) -> u64;

@@ -8,6 +8,7 @@
 
 use super::frame::{Encoder, Tag};
 use super::machine::{Stopped, Switched};
+use super::orders::{Obeyed, Orders};
 use super::{Baud, MAX_MOTORS};
 use crate::Epoch;
 use crate::output::Sequence;
@@ -40,6 +41,8 @@ pub mod kind {
     pub const POLL: u8 = 0x0c;
     /// [`Command::Measures`](super::Command::Measures)
     pub const MEASURES: u8 = 0x0d;
+    /// [`Command::Orders`](super::Command::Orders)
+    pub const ORDERS: u8 = 0x0e;
     /// [`Command::Data`](super::Command::Data) for motor 0; the next seven are for the others.
     pub const DATA: u8 = 0x10;
     /// Set in an answer's kind; the rest is the command's.
@@ -107,6 +110,12 @@ codes! {
         Timing = 13,
         /// A rate that the line cannot do; `detail` is its code.
         Baud = 14,
+        /// A period that is shorter than the motor's shortest, which is `detail`, ticks; or beyond 2^62.
+        Period = 15,
+        /// A move waits already behind the one that is under way; `detail` is the motor.
+        Busy = 16,
+        /// Motors are told directly, until they are released or stopped: no plan is taken.
+        Obeying = 17,
     }
 }
 
@@ -144,6 +153,8 @@ codes! {
         ResetLine = 14,
         /// Power came on.
         PowerOn = 15,
+        /// A motor that is told directly has done a move, its last period included; `detail` is how many since it was armed.
+        MoveDone = 16,
     }
 }
 
@@ -250,6 +261,8 @@ pub enum Command<'a> {
         /// Whether they begin anew before the answer.
         reset: bool,
     },
+    /// Tells motors directly; not every board takes it. Answer: [`Obeyed`].
+    Orders(Orders<'a>),
     /// Packed items for a motor's queue: whole ones. Acknowledged by an [`Ack`], which may answer several at once.
     ///
     /// | byte | |
@@ -270,7 +283,7 @@ pub enum Command<'a> {
 /// Most packed bytes in one frame, to a board that takes the longest bodies; else three fewer than its longest body.
 pub const MAX_PACKED: usize = super::MAX_BODY - 3;
 
-/// Bytes of the payload of a command other than Configure and Data; `None` if there is no such kind.
+/// Bytes of the payload of a command other than Configure, Orders and Data; `None` if there is no such kind.
 pub(super) const fn len_of(kind: u8) -> Option<u8> {
     Some(match kind {
         kind::HELLO => 5,
@@ -308,6 +321,7 @@ impl<'a> Command<'a> {
             Command::Bye => kind::BYE,
             Command::Poll => kind::POLL,
             Command::Measures { .. } => kind::MEASURES,
+            Command::Orders(_) => kind::ORDERS,
             Command::Data { motor, .. } => kind::DATA | (*motor & 7),
         }
     }
@@ -327,6 +341,9 @@ impl<'a> Command<'a> {
         }
         if kind == kind::CONFIGURE {
             return Configuration::decode(payload).map(Command::Configure).ok_or(Reason::Malformed);
+        }
+        if kind == kind::ORDERS {
+            return Orders::decode(payload).map(Command::Orders).ok_or(Reason::Malformed);
         }
         if payload.len() != usize::from(len_of(kind).ok_or(Reason::UnknownKind)?) {
             return Err(Reason::Malformed);
@@ -367,6 +384,7 @@ impl<'a> Command<'a> {
             }
             Command::Baud { baud } => frame.u8(baud as u8),
             Command::Measures { reset } => frame.u8(u8::from(reset)),
+            Command::Orders(orders) => orders.encode(&mut frame),
             Command::Data { epoch, packed, .. } => {
                 frame.u8(epoch.0);
                 frame.bytes(packed);
@@ -973,6 +991,8 @@ pub enum Reply {
     Ack(Ack),
     /// To Measures.
     Measures(Measures),
+    /// To Orders.
+    Obeyed(Obeyed),
     /// To Arm, Release, Discard, Baud, Bye: done. No payload.
     Done {
         /// The command's kind.
@@ -1074,6 +1094,7 @@ impl Reply {
                 Reply::Ack(Ack { flags, free: PerMotor::decode(count, || reader.u16())? })
             }
             kind::MEASURES => Reply::Measures(Measures::decode(reader)?),
+            kind::ORDERS => Reply::Obeyed(Obeyed::decode(core::mem::take(&mut reader.0))?),
             kind::ARM | kind::RELEASE | kind::DISCARD | kind::BAUD | kind::BYE => Reply::Done { kind },
             _ => return None,
         })

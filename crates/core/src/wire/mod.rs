@@ -3,7 +3,7 @@
 //! # What is here, top down
 //! - [`service`]: the board's side: frames in, replies out, everything else through [`Machine`]
 //! - [`machine`]: what a board must be able to do for it
-//! - [`message`]: commands, answers, events, byte by byte
+//! - [`message`]: commands, answers, events, byte by byte; [`orders`]: those that tell motors directly
 //! - [`frame`]: bodies ↔ bytes on the line: COBS, CRC-16, a zero at the end
 //!
 //! docs/protocol.md says the same in tables, and a test holds the two against each other. Integers are little-endian.
@@ -14,6 +14,7 @@
 pub mod frame;
 pub mod machine;
 pub mod message;
+pub mod orders;
 pub mod service;
 
 pub use frame::{Decoder, Encoder, MAX_BODY, MAX_FRAME};
@@ -60,6 +61,21 @@ impl Baud {
             Baud::B500k => 500_000,
             Baud::B1M => 1_000_000,
             Baud::B2M => 2_000_000,
+        }
+    }
+
+    /// Stop bits that a host puts behind each of its bytes; one is enough for every board. The second is a rest for a board that
+    /// is told much at a high rate, and takes each byte by an interrupt. At 115 200 baud, where text is told too, there is one.
+    ///
+    /// ```
+    /// use pulsetrain_core::wire::Baud;
+    /// assert_eq!((Baud::B115200.stop_bits(), Baud::B1M.stop_bits()), (1, 2));
+    /// ```
+    #[must_use]
+    pub const fn stop_bits(self) -> u8 {
+        match self {
+            Baud::B115200 => 1,
+            Baud::B250k | Baud::B500k | Baud::B1M | Baud::B2M => 2,
         }
     }
 

@@ -20,6 +20,7 @@
 use super::frame::{Encoder, Received, Tag};
 use super::machine::{Machine, Refusal, Stopped};
 use super::message::{Configuration, Missing, Reason, kind, len_of};
+use super::orders::Orders;
 use super::{Baud, LEAST_BODY, MAX_BODY, Millis, VERSION};
 use crate::Epoch;
 
@@ -382,7 +383,7 @@ impl Service {
     /// Does what a command asks for: what [`Command::decode`](super::Command::decode) would say of it, but without a detour
     /// through RAM.
     #[inline(never)]
-    fn execute(&mut self, kind: u8, payload: &[u8], machine: &mut impl Machine) -> Result<(), Refusal> {
+    fn execute<M: Machine>(&mut self, kind: u8, payload: &[u8], machine: &mut M) -> Result<(), Refusal> {
         if kind == kind::CONFIGURE {
             let configuration = Configuration::decode(payload).ok_or(malformed(kind))?;
             machine.configure(&configuration)?;
@@ -391,6 +392,9 @@ impl Service {
                 ms => ms,
             };
             return Ok(());
+        }
+        if M::OBEYS && kind == kind::ORDERS {
+            return machine.obey(&Orders::decode(payload).ok_or(malformed(kind))?);
         }
         let Some(len) = len_of(kind) else {
             return Err(Refusal { reason: Reason::UnknownKind, detail: u16::from(kind) });
@@ -468,7 +472,7 @@ impl Service {
 
     /// The answer to what was asked last. What can be read from the machine is read now.
     #[inline(never)]
-    fn answer(&self, machine: &mut impl Machine, frame: &mut Encoder<'_>) {
+    fn answer<M: Machine>(&self, machine: &mut M, frame: &mut Encoder<'_>) {
         let motors = machine.motors();
         match self.answer.kind {
             kind::HELLO => {
@@ -509,6 +513,7 @@ impl Service {
                 measures.damaged_frames = self.damaged;
                 measures.encode(frame);
             }
+            kind::ORDERS if M::OBEYS => machine.obeyed(frame),
             _ => {}
         }
     }

@@ -71,6 +71,12 @@ impl<const F: u32> Words<F> {
         self.overhead
     }
 
+    /// Whether its steps are pulses; else patterns of coils.
+    #[must_use]
+    pub const fn makes_pulses(&self) -> bool {
+        self.step != 0
+    }
+
     /// The channel: position, horizon, epoch.
     #[must_use]
     pub const fn channel(&self) -> &Channel<F> {

@@ -27,6 +27,7 @@ impl Said {
 /// ```
 /// use pulsetrain::winch::talk::meaning;
 /// assert_eq!(meaning("err missing 3").unwrap(), "word 3: a value is missing");
+/// assert_eq!(meaning("err period 500").unwrap(), "that is too short: 500 ticks at least");
 /// assert_eq!(meaning("awake"), None);
 /// ```
 #[must_use]
@@ -42,6 +43,14 @@ pub fn meaning(line: &str) -> Option<String> {
         "long" => "the line has more than 80 bytes",
         "noise" => return Some("something came that was not sent; say it again".to_owned()),
         "checksum" => "the checksum is wrong, or missing where each line needs one (`strict 0*1b` ends that)",
+        "period" => {
+            let shortest = words.next().unwrap_or_default();
+            return Some(format!("that is too short: {shortest} ticks at least"));
+        }
+        "busy" => return Some("a move waits already: wait until one is done, or halt it".to_owned()),
+        "moving" => return Some("the motors still move".to_owned()),
+        "path" => return Some("the axes follow paths: `enable 0` ends that".to_owned()),
+        "verbs" => return Some("the axes are told directly: `enable 0` ends that".to_owned()),
         "taken" => return Some("a program that sends frames has the board".to_owned()),
         _ => return None,
     };

@@ -11,7 +11,7 @@ use pulsetrain_core::narrow::Pool;
 use pulsetrain_core::output::{Coils, Output, StepDir, StepDirSettings};
 use pulsetrain_core::packing::Packing;
 use pulsetrain_core::queue::{Items, Queue};
-use pulsetrain_core::winch::AXES;
+use pulsetrain_core::verbs::Limits;
 use pulsetrain_core::winch::spacing::Steps;
 use pulsetrain_core::wire::message::{Configuration, flags};
 use pulsetrain_core::words::{Fault, Packed, SHORTEST_PULSE, STEP_DIR_OVERHEAD, Tape, Words, lines};
@@ -32,14 +32,48 @@ const RUNS: usize = 128;
 /// Words are written so far ahead, ticks: 2.4 ms. A switch can be no sooner.
 pub(crate) const AHEAD: u32 = TICK_HZ / 10_000 * 24;
 
-/// They are written when no more than this is left, ticks.
-const REFILL: u32 = AHEAD / 4 * 3;
+/// How far ahead words are written, and when again; all in ticks.
+#[derive(Clone, Copy)]
+pub(crate) struct Pace {
+    /// So far.
+    ahead: u32,
+    /// When no more than this is left.
+    refill: u32,
+    /// A motor whose words end sooner gets some, if another needs them.
+    soon: u32,
+    /// Words for rest are written if the last step is sooner.
+    least: u32,
+    /// All motors are looked at again after so long at most.
+    spare: u32,
+    /// A motor that has less comes before what the host says.
+    behind: u32,
+}
 
-/// A motor that has less ahead comes before what the host says, ticks.
-const BEHIND: u32 = AHEAD / 2;
+/// 0.1 ms, ticks.
+const TENTH_MS: u32 = TICK_HZ / 10_000;
 
-/// All motors are looked at again after so many ticks at most.
-const MOST_SPARE: u32 = AHEAD / 8;
+impl Pace {
+    /// Of plans and paths.
+    const FAR: Pace = Pace::of_main_loop(AHEAD);
+
+    /// Of motors that are told directly, by the main loop: what is written can be told otherwise no more.
+    pub(crate) const NEAR: Pace = Pace::of_main_loop(12 * TENTH_MS);
+
+    /// The same by an interrupt, which is never late: as seldom as can be.
+    pub(crate) const SELDOM: Pace = Pace {
+        ahead: 16 * TENTH_MS,
+        refill: 4 * TENTH_MS,
+        soon: 10 * TENTH_MS,
+        least: 16 * TENTH_MS,
+        spare: 12 * TENTH_MS,
+        behind: 0,
+    };
+
+    const fn of_main_loop(ahead: u32) -> Pace {
+        let refill = ahead / 4 * 3;
+        Pace { ahead, refill, soon: refill, least: refill, spare: ahead / 8, behind: ahead / 2 }
+    }
+}
 
 /// Words that a motor gets before the next one has its turn, and a run more at most.
 const TURN: u32 = 512;
@@ -60,7 +94,8 @@ pub(crate) const LONGEST_IDLE_MS: u16 = 8000;
 /// SysTick is read so many ticks before the first instruction behind the gate.
 const GATE_TICKS: u32 = 2;
 
-/// Items of a motor that follows a path: three a millisecond, and [`AHEAD`] is less than three of those.
+/// Items of a motor whose steps are worked out here: of a path three a millisecond, and [`AHEAD`] is less than three of those; of verbs
+/// no more than there is [room](Stepper::has_room) for.
 const FOLLOWED: usize = 32;
 
 /// Before steps that are not known yet nothing is written for so long, ticks: longer than DIR is turned before one.
@@ -74,14 +109,14 @@ pub(crate) struct Memory {
     rings: [Ring; MOTORS],
     tapes: [Tape<RING, RUNS>; MOTORS],
     pool: Pool<POOL>,
-    followed: [Queue<FOLLOWED>; AXES.len()],
+    followed: [Queue<FOLLOWED>; MOTORS],
 }
 
 static MEMORY: Once<Memory> = Once::new(Memory {
     rings: [const { Ring([0; RING]) }; MOTORS],
     tapes: [const { Tape::new() }; MOTORS],
     pool: Pool::new(),
-    followed: [const { Queue::new() }; AXES.len()],
+    followed: [const { Queue::new() }; MOTORS],
 });
 
 /// One motor.
@@ -91,6 +126,8 @@ pub(crate) struct Motor {
     wired: Wired,
     pulse_ticks: u32,
     pull_in_ticks: u32,
+    /// What it can be told directly.
+    limits: Limits,
 }
 
 impl Motor {
@@ -100,6 +137,7 @@ impl Motor {
         wired: Wired::NONE,
         pulse_ticks: SHORTEST_PULSE,
         pull_in_ticks: 0,
+        limits: Limits { shortest: 1, turn: 1, period: 1 },
     };
 
     const NO_OUTPUT: Output = Output::StepDir(StepDir::new(StepDirSettings {
@@ -136,8 +174,11 @@ pub(crate) struct Stepper {
     behind: bool,
     /// No motor needs words before.
     due: Moment,
-    /// Motors follow paths, whose steps are known up to then; else they do what was packed.
+    /// Steps are worked out here and known up to then; else motors do what was packed.
     known: Option<Moment>,
+    pace: Pace,
+    /// Before steps that are not known yet nothing is written for so long, ticks: longer than DIR is turned before one.
+    clear: u32,
 }
 
 impl Stepper {
@@ -160,13 +201,43 @@ impl Stepper {
             behind: false,
             due: Moment(0),
             known: None,
+            pace: Pace::FAR,
+            clear: CLEAR,
         }
     }
 
-    /// From the next [`start`](Stepper::start) on motors follow paths, whose steps come by [`follow`](Stepper::follow): there are none
-    /// before `known`.
+    /// From the next [`start`](Stepper::start) on, or from where all motors rest, their steps come by [`follow`](Stepper::follow) or
+    /// [`take`](Stepper::take): there are none before `known`.
     pub(crate) const fn follow_from(&mut self, known: Moment) {
         self.known = Some(known);
+    }
+
+    /// From now on, until it stops, words are written at another pace.
+    pub(crate) const fn set_pace(&mut self, pace: Pace) {
+        self.pace = pace;
+    }
+
+    /// So far ahead steps have to be known, ticks.
+    pub(crate) const fn foresight(&self) -> u32 {
+        self.pace.ahead + self.clear
+    }
+
+    /// Whether each motor's queue has room for `items` items more.
+    pub(crate) fn has_room(&self, items: usize) -> bool {
+        self.memory.followed.iter().all(|queue| queue.credit() >= items)
+    }
+
+    /// Has a motor do an item: there is room.
+    pub(crate) fn take(&mut self, number: u8, item: Item) {
+        let epoch = self.epoch();
+        if let Some(queue) = self.memory.followed.get_mut(usize::from(number)) {
+            let _ = queue.push(Entry { epoch, item });
+        }
+    }
+
+    /// What each motor can be told directly, and its position.
+    pub(crate) fn limits(&self) -> impl Iterator<Item = (Limits, i32)> {
+        self.motors().map(|motor| (motor.limits, motor.words.channel().position()))
     }
 
     /// Has a motor make steps in the millisecond that begins at `begin`.
@@ -245,8 +316,11 @@ impl Stepper {
             let packing = Packing { fraction_bits: FRACTION_BITS, gain: setup.gain };
             motor.packed = Packed::new(Pool::<POOL>::part(number * queue, queue), packing);
             (motor.wired, motor.pulse_ticks, motor.pull_in_ticks) = (*wired, pulse_ticks, setup.pull_in_ticks);
+            motor.limits =
+                limits(&motor.words, layout.count, setup_ticks, pulse_ticks + u32::from(configuration.hold_ticks));
             motor.words.channel_mut().open_from(now);
         }
+        self.clear = CLEAR.max(setup_ticks + 4 * (pulse_ticks + STEP_DIR_OVERHEAD));
         let blocks = layout.count.div_ceil(4);
         for block in 0..blocks {
             pio::load(block);
@@ -303,10 +377,11 @@ impl Stepper {
         if !self.runs || now.is_before(self.due) {
             return false;
         }
-        let mut spare = MOST_SPARE;
-        let (mut least, mut until) = (now.after(REFILL), now.after(AHEAD));
+        let pace = self.pace;
+        let mut spare = pace.spare;
+        let (mut least, mut until) = (now.after(pace.least), now.after(pace.ahead));
         if let Some(known) = self.known {
-            let last = known.before(CLEAR);
+            let last = known.before(self.clear);
             until = if last.is_before(until) { last } else { until };
             least = if last.is_before(least) { last } else { least };
         }
@@ -321,13 +396,14 @@ impl Stepper {
                 continue;
             };
             let ahead = motor.words.end().since(now).cast_signed();
-            if ahead >= REFILL.cast_signed() {
-                spare = spare.min(ahead.cast_unsigned() - REFILL);
+            if ahead >= pace.soon.cast_signed() {
+                spare = spare.min(ahead.cast_unsigned() - pace.refill);
                 continue;
             }
             tape.pass(now);
             motor.words.pass(now);
-            self.behind = ahead < BEHIND.cast_signed();
+            // Then it comes before what the host says.
+            self.behind = ahead < pace.behind.cast_signed();
             self.least_ahead = self.least_ahead.min(ahead.max(0).cast_unsigned());
             let stretch = [least, until];
             let dry = motor.words.end().after(motor.words.overhead());
@@ -351,7 +427,12 @@ impl Stepper {
     /// How long no motor needs words, ticks.
     pub(crate) const fn spare(&self, now: Moment) -> u32 {
         let spare = self.due.since(now).cast_signed();
-        if self.runs && spare > 0 { spare.cast_unsigned() } else { MOST_SPARE }
+        match spare {
+            _ if !self.runs => self.pace.spare,
+            // One needs some by now.
+            ..0 => 0,
+            spare => spare.cast_unsigned(),
+        }
     }
 
     /// Whether words are more urgent than what the host says.
@@ -379,7 +460,7 @@ impl Stepper {
     /// The immediate stop: halts all state machines, and counts what they did. Gives the tick after which no step was begun,
     /// and bit by motor whether it was faster than it can stop at once.
     pub(crate) fn stop(&mut self, clock: &mut Clock) -> (u64, u8) {
-        self.known = None;
+        (self.known, self.pace) = (None, Pace::FAR);
         if !self.runs {
             return (clock.now(), 0);
         }
@@ -520,3 +601,18 @@ impl Stepper {
         self.least_ahead = u32::MAX;
     }
 }
+
+/// What a motor can be told directly: `pulse` is what a pulse and the hold of DIR take, `setup` DIR's set-up, ticks.
+fn limits(words: &Words<FRACTION_BITS>, count: u8, setup: u32, pulse: u32) -> Limits {
+    let (work, turn) =
+        if words.makes_pulses() { (STEP_TICKS, pulse.max(words.overhead()) + setup) } else { (PATTERN_TICKS, 0) };
+    let shortest = (work * u32::from(count)).max(words.overhead() + 1);
+    Limits { shortest, turn: turn.max(shortest), period: FIRST_PERIOD.max(shortest) }
+}
+
+/// What a step costs of the processor's time while motors are told directly, with room for all else, cycles: of a driver, and of coils.
+const STEP_TICKS: u32 = 125;
+const PATTERN_TICKS: u32 = 4000;
+
+/// The period until another is said, ticks: 1000 steps/s, as fast as the motors of seed 002 turn.
+const FIRST_PERIOD: u32 = TICK_HZ / 1000;

@@ -1,0 +1,287 @@
+//! Motors of a Pico that are told directly: the edges of the native board, all of them, tick for tick, on random live scripts.
+
+mod common;
+
+use common::Random;
+use common::pico::{TICK_HZ, as_line, coils, native_config, overhead, step_dir};
+use pulsetrain_board::native_verbs::NativeVerbs;
+use pulsetrain_board::virtual_pico::VirtualPico;
+use pulsetrain_board::{Board, Edge, Faults, Remote, RemoteError, Setup};
+use pulsetrain_core::output::Sequence;
+use pulsetrain_core::verbs::{Course, Limits, Verb};
+use pulsetrain_core::wire::message::{Cause, MotorSetup, Reason};
+use pulsetrain_core::wire::orders::{Obeyed, Orders, order};
+use pulsetrain_core::wire::{Baud, MAX_MOTORS};
+use pulsetrain_core::{Entry, Epoch, Item, Moment};
+
+/// What the firmware lets a motor be told: docs/pico.md.
+fn limits(setup: &Setup, motor: &MotorSetup) -> Limits {
+    let (work, least) = (if motor.coils().is_some() { 4000 } else { 125 }, overhead(setup, motor) + 1);
+    let shortest = (work * setup.motors.len() as u32).max(least);
+    let pulse = u32::from(setup.pulse_ticks).max(3);
+    let turn = (pulse + u32::from(setup.hold_ticks)).max(least - 1) + u32::from(setup.setup_ticks).max(pulse + 3);
+    let turn = if motor.coils().is_some() { shortest } else { turn.max(shortest) };
+    Limits { shortest, turn, period: shortest.max(125_000) }
+}
+
+/// A virtual Pico and a native board that is told what the Pico obeyed.
+struct Pair {
+    setup: Setup,
+    pico: Remote<VirtualPico>,
+    native: NativeVerbs,
+    edges: Vec<Edge>,
+    wanted: Vec<Edge>,
+    /// Moves that were done: motor, tick, number.
+    done: Vec<(usize, u64, u32)>,
+}
+
+impl Pair {
+    fn new(setup: &Setup) -> Pair {
+        let mut pico = Remote::open(VirtualPico::new(), 1).expect("it answers");
+        assert_eq!(pico.set_baud(Baud::B2M), Ok(Baud::B2M));
+        pico.configure(setup).unwrap_or_else(|error| panic!("{error}: {setup:?}"));
+        let soon = pico.now() + TICK_HZ / 1000;
+        pico.advance(soon, &mut |_: Edge| {});
+        let limits: Vec<_> = setup.motors.iter().map(|motor| limits(setup, motor)).collect();
+        let native = NativeVerbs::new(&native_config(setup), &limits).expect("a native board can do it");
+        let (edges, wanted, done) = (Vec::new(), Vec::new(), Vec::new());
+        Pair { setup: setup.clone(), pico, native, edges, wanted, done }
+    }
+
+    /// Tells both; the native board what the Pico did, from the same tick on.
+    fn tell(&mut self, orders: &[(u8, Verb)]) -> Result<Obeyed, RemoteError> {
+        let obeyed = self.pico.tell_motors(orders)?;
+        let bytes: Vec<u8> = orders.iter().flat_map(|(motor, verb)| order(*motor, *verb)).collect();
+        if let Some(last) = obeyed.tick.checked_sub(TICK_HZ / 100).filter(|last| *last > self.native.now()) {
+            // Edges that nothing can change any more, so that its queues have room.
+            self.native.advance(last, &mut |edge: Edge| self.wanted.push(edge));
+        }
+        let wanted = self.native.obey(obeyed.tick, &Orders::decode(&bytes).expect("orders"));
+        assert_eq!(Ok(obeyed), wanted, "{orders:?}");
+        Ok(obeyed)
+    }
+
+    fn advance(&mut self, until: u64) {
+        let Pair { setup, pico, edges, .. } = self;
+        pico.advance(until, &mut |edge: Edge| edges.extend(as_line(setup, edge)));
+        for event in self.pico.events() {
+            match event.cause {
+                Cause::MoveDone => self.done.push((event.motor.into(), event.tick, event.detail)),
+                Cause::Finished => {}
+                _ => panic!("{event:?}"),
+            }
+        }
+    }
+
+    /// Compares all edges before now, and the moves that were done.
+    fn compare(&mut self) {
+        let until = self.pico.now() - TICK_HZ / 1000;
+        self.native.advance(until, &mut |edge: Edge| self.wanted.push(edge));
+        for edges in [&mut self.edges, &mut self.wanted] {
+            edges.retain(|edge| edge.tick <= until);
+            edges.sort_by_key(|edge| (edge.tick, edge.line));
+        }
+        let differ = self.edges.iter().zip(&self.wanted).position(|(got, wanted)| got != wanted);
+        let around = differ.map(|at| (&self.edges[at.saturating_sub(2)..=at], &self.wanted[at]));
+        assert!(differ.is_none(), "edge {differ:?}: {around:?}; {:?}", self.setup);
+        assert_eq!(self.edges.len(), self.wanted.len());
+        for motor in 0..self.setup.motors.len() {
+            let of = |(index, ..): &&(usize, u64, u32)| *index == motor;
+            let told: Vec<_> = self.done.iter().filter(of).copied().collect();
+            assert!(told.is_sorted_by_key(|(_, tick, _)| *tick), "{told:?}");
+            assert!(told.iter().map(|(.., number)| *number).eq(1..=told.len() as u32), "{told:?}");
+        }
+        let mut wanted = self.native.done();
+        wanted.retain(|(_, tick, _)| *tick <= until);
+        self.done.retain(|(_, tick, _)| *tick <= until);
+        // The native board keeps the last of each motor.
+        for done in wanted {
+            assert!(self.done.contains(&done), "{done:?} is not among {:?}", self.done);
+        }
+        assert_eq!(self.pico.error(), None);
+        for motor in 0..self.setup.motors.len() {
+            assert_eq!(self.pico.faults(motor), Faults::default());
+        }
+    }
+}
+
+fn drivers(count: u8) -> Setup {
+    let motors = (0..count).map(|motor| step_dir(2 + 2 * motor)).collect();
+    Setup { pulse_ticks: 250, setup_ticks: 625, hold_ticks: 250, motors, ..Setup::default() }
+}
+
+/// One move: exactly its steps, from the tick that the answer says, a period apart; done a period after the last.
+#[test]
+fn moves_have_exactly_their_steps() {
+    for (steps, ticks) in [(0, 5000), (1, 5000), (2, 125_000), (8, 12_500), (100, 7001), (2000, 2500), (70_000, 254)] {
+        let mut pair = Pair::new(&drivers(1));
+        let obeyed = pair.tell(&[(0, Verb::Speed { ticks }), (0, Verb::Move { steps })]).expect("it can");
+        let first = obeyed.tick;
+        pair.advance(first + u64::from(steps) * ticks + TICK_HZ / 100);
+        let rises: Vec<_> =
+            pair.edges.iter().filter(|edge| edge.line == 2 && edge.level).map(|edge| edge.tick).collect();
+        let wanted: Vec<_> = (0..u64::from(steps)).map(|step| first + step * ticks).collect();
+        assert_eq!(rises, wanted, "{steps} steps");
+        let done = if steps == 0 { first } else { first + u64::from(steps) * ticks };
+        assert_eq!(pair.done, [(0, done, 1)]);
+        assert!(pair.pico.status().expect("it answers").is_idle());
+        pair.compare();
+    }
+}
+
+/// Motors of all kinds, and times of all kinds.
+fn random_setup(kind: u64, random: &mut Random) -> Setup {
+    let sequence = |random: &mut Random| [Sequence::Wave, Sequence::Full, Sequence::Half][random.below(3) as usize];
+    let mut motors: Vec<_> = match kind {
+        0 => vec![step_dir(2)],
+        1 => vec![coils(2, Sequence::Half), coils(6, Sequence::Half)],
+        2 => (0..MAX_MOTORS as u8).map(|motor| step_dir(2 + 2 * motor)).collect(),
+        3 => (0..4).map(|motor| coils(2 + 4 * motor, sequence(random))).collect(),
+        _ => vec![step_dir(2), coils(4, sequence(random)), step_dir(10), step_dir(27), coils(19, sequence(random))],
+    };
+    for motor in motors.iter_mut().filter(|motor| motor.coils().is_none()) {
+        (motor.forward_high, motor.step_low) = (random.one_in(2), random.one_in(2));
+    }
+    Setup {
+        pulse_ticks: [0, 13, 125, 250, 1250][random.below(5) as usize],
+        setup_ticks: random.below(2000) as u16,
+        hold_ticks: random.below(2000) as u16,
+        idle_ms: random.one_in(2).then(|| random.between(1, 40) as u16),
+        motors,
+        ..Setup::default()
+    }
+}
+
+fn random_verb(limits: &Limits, random: &mut Random) -> Verb {
+    match random.below(12) {
+        0..3 => Verb::Move { steps: [0, 1, 2, 8, 100, 2000, u32::MAX][random.below(7) as usize] },
+        3 => Verb::Run,
+        4..8 => {
+            let shortest = u64::from(limits.shortest);
+            // Now and then one that lasts seconds: the next one does not wait for its end.
+            let longest = if random.one_in(6) { 3 * TICK_HZ } else { shortest << random.between(1, 9) };
+            Verb::Speed { ticks: random.between(shortest, longest) }
+        }
+        8 => Verb::Course(Course::Stationary),
+        9 => Verb::Course(Course::Forward),
+        10 => Verb::Course(Course::Backward),
+        _ => Verb::Halt,
+    }
+}
+
+/// A random live script; how many edges there were.
+fn random_script(kind: u64, seed: u64) -> usize {
+    let random = &mut Random::new(1000 * kind + seed);
+    let mut pair = Pair::new(&random_setup(kind, random));
+    for _ in 0..random.between(10, 40) {
+        let orders: Vec<_> = (0..random.between(1, 9))
+            .map(|_| {
+                let motor = random.below(pair.setup.motors.len() as u64) as u8;
+                (motor, random_verb(&limits(&pair.setup, &pair.setup.motors[usize::from(motor)]), random))
+            })
+            .collect();
+        match pair.tell(&orders) {
+            Ok(_) | Err(RemoteError::Refused { reason: Reason::Busy, .. }) => {}
+            Err(error) => panic!("{error}: {orders:?}"),
+        }
+        pair.advance(pair.pico.now() + random.below(TICK_HZ / 50));
+    }
+    // To rest: whatever is under way ends.
+    let halts: Vec<_> = (0..pair.setup.motors.len() as u8).map(|motor| (motor, Verb::Halt)).collect();
+    pair.tell(&halts).expect("always");
+    pair.advance(pair.pico.now() + TICK_HZ / 10);
+    pair.compare();
+    assert!(pair.pico.status().expect("it answers").is_idle());
+    assert_eq!(pair.pico.positions(), pair.native.positions());
+    pair.edges.len()
+}
+
+#[test]
+fn random_live_scripts() {
+    for kind in 0..5 {
+        let mut edges = 0;
+        for seed in 0..6 {
+            println!("kind {kind}, seed {seed}");
+            edges += random_script(kind, seed);
+        }
+        assert!(edges > 2_000, "kind {kind}: {edges} edges");
+    }
+}
+
+/// What docs/pico.md promises as the shortest periods: all motors at once, all changing direction now and then.
+#[test]
+fn the_shortest_periods_hold() {
+    let coils: Vec<_> = (0..6).map(|motor| coils(2 + 4 * motor, Sequence::Half)).collect();
+    let short = Setup { pulse_ticks: 3, setup_ticks: 6, hold_ticks: 3, ..drivers(1) };
+    for setup in [short, drivers(1), drivers(4), drivers(8), Setup { motors: coils, ..Setup::default() }] {
+        let mut pair = Pair::new(&setup);
+        let all = |verb: &dyn Fn(&MotorSetup) -> Verb| -> Vec<(u8, Verb)> {
+            (0..).zip(&setup.motors).map(|(number, motor)| (number, verb(motor))).collect()
+        };
+        pair.tell(&all(&|motor| Verb::Speed { ticks: limits(&setup, motor).shortest.into() })).expect("it can");
+        pair.tell(&all(&|_| Verb::Run)).expect("it can");
+        for turn in 0..6 {
+            pair.advance(pair.pico.now() + TICK_HZ / 50);
+            let course = if turn % 2 == 0 { Course::Backward } else { Course::Forward };
+            pair.tell(&all(&|_| Verb::Course(course))).expect("it can");
+        }
+        pair.tell(&all(&|_| Verb::Halt)).expect("it can");
+        pair.advance(pair.pico.now() + TICK_HZ / 50);
+        pair.compare();
+        assert!(pair.pico.status().expect("it answers").is_idle());
+        assert_eq!(pair.pico.positions(), pair.native.positions());
+        let fastest = setup.motors.iter().map(|motor| limits(&setup, motor).shortest).min().expect("motors");
+        let least = TICK_HZ / 10 / u64::from(fastest) * setup.motors.len() as u64;
+        assert!(pair.edges.len() as u64 > least, "{} edges, {least}", pair.edges.len());
+    }
+}
+
+/// SPEED and DIRECTION show within six steps or 2 ms, whichever is longer.
+#[test]
+fn what_is_told_shows_soon() {
+    for (rate, times) in [(100, 4), (1000, 12), (10_000, 30), (100_000, 30)] {
+        for turns in [false, true] {
+            let delay = common::delays::delay(rate, turns, times);
+            println!("{rate} steps/s, turns {turns}: {delay:?}");
+            assert!(delay.is_kept(), "{rate} steps/s, turns {turns}: {delay:?}");
+            // What docs/pico.md says of the tick, and a while to be read.
+            assert!(delay.held_us <= 1500.0, "{delay:?}");
+        }
+    }
+}
+
+/// A plan and verbs do not mix, and each says so.
+#[test]
+fn plans_and_verbs_keep_apart() {
+    let mut pair = Pair::new(&drivers(2));
+    let refused = |error: RemoteError| match error {
+        RemoteError::Refused { reason, detail, .. } => (reason, detail),
+        error => panic!("{error}"),
+    };
+    // Motors that a plan moves.
+    let pico = &mut pair.pico;
+    let from = pico.now() + pico.lead() + TICK_HZ / 100;
+    for item in
+        [Item::Anchor { tick: Moment::of(from) }, common::pico::run(500, 12_500, pulsetrain_core::Direction::Forward)]
+    {
+        pico.push(0, Entry { epoch: Epoch(1), item }).expect("room");
+    }
+    pico.switch(Epoch(1), from).expect("in time");
+    assert_eq!(refused(pico.tell_motors(&[(0, Verb::Run)]).expect_err("a plan is under way")), (Reason::Moving, 0));
+    pico.advance(from + TICK_HZ / 10, &mut |_: Edge| {});
+    // Where the plan has left them, verbs go on.
+    let obeyed = pico.tell_motors(&[(0, Verb::Move { steps: 3 }), (1, Verb::Run)]).expect("they rest");
+    assert_eq!(obeyed.motors()[0].position, 500);
+    assert_eq!(refused(pico.release().expect_err("they move")), (Reason::Moving, 0));
+    for (orders, reason, detail) in [
+        (vec![(2, Verb::Run)], Reason::NoSuchMotor, 2),
+        (vec![(0, Verb::Halt), (1, Verb::Speed { ticks: 253 })], Reason::Period, 254),
+        (vec![(0, Verb::Run), (1, Verb::Move { steps: 5 }), (1, Verb::Run), (1, Verb::Run)], Reason::Busy, 1),
+    ] {
+        assert_eq!(refused(pico.tell_motors(&orders).expect_err("it cannot be")), (reason, detail));
+    }
+    pico.push(0, Entry { epoch: Epoch(2), item: Item::Anchor { tick: Moment(0) } }).expect("the host knows no better");
+    pico.advance(pico.now() + TICK_HZ / 10, &mut |_: Edge| {});
+    assert!(pico.switch(Epoch(2), pico.now() + TICK_HZ / 10).is_err());
+    assert_eq!(pico.error().cloned().map(refused).map(|(reason, _)| reason), Some(Reason::Obeying));
+}

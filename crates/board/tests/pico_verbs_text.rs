@@ -1,0 +1,160 @@
+//! Verbs as lines of text, to the virtual Pico: answers, done lines, pins, and how they keep apart from paths and frames.
+
+use pulsetrain_board::virtual_pico::VirtualPico;
+use pulsetrain_board::{Edge, Port, Remote};
+use std::time::Duration;
+
+/// STEP and DIR of x and y, and the drivers' enable input.
+const STEP: [u8; 2] = [2, 4];
+const DIR: [u8; 2] = [3, 5];
+const ENABLE: u8 = 22;
+
+struct Talk {
+    pico: VirtualPico,
+    heard: Vec<u8>,
+    edges: Vec<Edge>,
+}
+
+impl Talk {
+    fn new() -> Talk {
+        let mut talk = Talk { pico: VirtualPico::new(), heard: Vec::new(), edges: Vec::new() };
+        talk.say("srate 60000");
+        talk.pass(5);
+        talk.lines();
+        talk
+    }
+
+    fn say(&mut self, line: &str) {
+        self.pico.send(format!("{line}\n").as_bytes()).expect("a virtual port");
+    }
+
+    fn pass(&mut self, ms: u64) {
+        let until = self.pico.now() + Duration::from_millis(ms);
+        while self.pico.now() < until {
+            self.pico.receive(until, &mut self.heard).expect("a virtual port");
+        }
+        self.pico.edges(&mut self.edges);
+    }
+
+    /// What was heard since the last call, status lines left out.
+    fn lines(&mut self) -> Vec<String> {
+        let text = String::from_utf8(std::mem::take(&mut self.heard)).expect("text");
+        text.lines().filter(|line| !line.starts_with("txyza")).map(str::to_owned).collect()
+    }
+
+    /// Says a line and gives what is answered within 30 ms.
+    fn ask(&mut self, line: &str) -> Vec<String> {
+        self.say(line);
+        self.pass(30);
+        self.lines()
+    }
+
+    fn rises(&self, pin: u8) -> Vec<u64> {
+        self.edges.iter().filter(|edge| edge.line == pin && edge.level).map(|edge| edge.tick).collect()
+    }
+}
+
+/// The numbers in a line.
+fn numbers(line: &str) -> Vec<u64> {
+    line.split(' ').filter_map(|word| word.parse().ok()).collect()
+}
+
+#[test]
+fn lines_move_motors_and_say_when_they_are_done() {
+    let mut talk = Talk::new();
+    let answer = talk.ask("speed xy 62500 31250");
+    let [at] = &answer[..] else { panic!("{answer:?}") };
+    assert!(at.starts_with("at ") && at.ends_with(" x 0 - y 0 -"), "{at}");
+    talk.say("move xy 3 100");
+    talk.pass(100);
+    let lines = talk.lines();
+    let [at, x, y] = &lines[..] else { panic!("{lines:?}") };
+    let at = numbers(at)[0];
+    let ticks = |count: u64, period: u64| (0..count).map(|step| at + step * period).collect::<Vec<_>>();
+    assert_eq!([talk.rises(STEP[0]), talk.rises(STEP[1])], [ticks(3, 62_500), ticks(100, 31_250)]);
+    assert_eq!(
+        [x.as_str(), y.as_str()],
+        [format!("done x {} 1", at + 3 * 62_500), format!("done y {} 1", at + 100 * 31_250)]
+    );
+
+    // Backward, in mid-run, with DIR before the step.
+    talk.ask("run x");
+    let answer = talk.ask("dir x -1");
+    let turned = numbers(&answer[0])[0];
+    talk.ask("dir x 0");
+    let down = talk.edges.iter().rfind(|edge| edge.line == DIR[0] && !edge.level).expect("it turned").tick;
+    let first = talk.rises(STEP[0]).into_iter().find(|tick| *tick >= turned).expect("it goes on");
+    assert_eq!(first - down, 625);
+    let stood = talk.rises(STEP[0]).len();
+    talk.pass(50);
+    assert_eq!(talk.rises(STEP[0]).len(), stood);
+
+    // Off, and text begins anew.
+    let driven = |talk: &Talk| talk.edges.iter().rfind(|edge| edge.line == ENABLE).map(|edge| !edge.level);
+    assert_eq!(driven(&talk), Some(true));
+    assert_eq!(talk.ask("enable 0"), ["awake"]);
+    assert_eq!(driven(&talk), Some(false));
+    talk.say("srate 20");
+    talk.pass(60);
+    let text = String::from_utf8(talk.heard.clone()).expect("text");
+    assert!(text.lines().last().is_some_and(|line| line.ends_with(" 0 0 0 0")), "{text}");
+}
+
+#[test]
+fn what_cannot_be_is_told_and_changes_nothing() {
+    let mut talk = Talk::new();
+    for (line, answer) in [
+        ("move b 1", "err flags 2"),
+        ("move x", "err missing 3"),
+        ("move x 4294967296", "err range 3"),
+        ("speed x 12.5", "err number 3"),
+        ("run x 1", "err extra 3"),
+        ("speed x 499", "err period 500"),
+        ("speed x 4611686018427387905", "err period 500"),
+        ("moves x 1", "err command 1"),
+    ] {
+        assert_eq!(talk.ask(line), [answer], "{line}");
+    }
+    assert!(!talk.edges.iter().any(|edge| edge.line == ENABLE && !edge.level), "no refused line enables the drivers");
+    // With checksums, when strict: that of the line, or nothing is done.
+    let summed = |line: &str| format!("{line}*{:02x}", line.bytes().fold(0, |sum, byte| sum ^ byte));
+    assert_eq!(talk.ask(&summed("strict 1")).len(), 0);
+    assert_eq!(talk.ask("move x 2"), ["err checksum 3"]);
+    assert_eq!(talk.ask("move x 2*00"), ["err checksum 3"]);
+    talk.say(&summed("move x 2"));
+    talk.pass(50);
+    assert_eq!(talk.lines().len(), 2, "at, done");
+    assert_eq!(talk.rises(STEP[0]).len(), 2);
+}
+
+#[test]
+fn verbs_paths_and_frames_keep_apart() {
+    let mut talk = Talk::new();
+    // A path has the axes.
+    talk.ask("g x 5 1");
+    talk.ask("d x 40");
+    assert_eq!(talk.ask("move x 5"), ["err path"]);
+    talk.pass(3000);
+    assert_eq!(talk.rises(STEP[0]).len(), 40);
+    talk.ask("enable 0");
+    // Verbs have them, where the path left them.
+    let answer = talk.ask("move x 5");
+    assert!(answer[0].contains(" x 40 0"), "{answer:?}");
+    assert_eq!(talk.ask("a x 7"), ["err verbs"]);
+    assert_eq!(talk.ask("move x 1000000").len(), 1);
+    assert_eq!(talk.ask("move x 1").len(), 1);
+    assert_eq!(talk.ask("move x 1"), ["err busy x"]);
+    // A host of frames is refused, until the axes are released; deadman ends a run.
+    talk.ask("deadman 40");
+    talk.pass(100);
+    let stood = talk.rises(STEP[0]).len();
+    talk.pass(100);
+    assert_eq!(talk.rises(STEP[0]).len(), stood, "the deadman's time is over");
+    let before = talk.pico.clone();
+    let refused = Remote::open(before, 3).map(drop).expect_err("text has the board").to_string();
+    assert!(refused.contains("another"), "{refused}");
+    talk.ask("enable 0");
+    talk.pass(20);
+    let remote = Remote::open(talk.pico, 4).expect("nobody has it");
+    assert!(remote.info().board == 2);
+}

@@ -1,0 +1,128 @@
+//! Motors told directly: so many steps, one every so many ticks, this way or that.
+//!
+//! # What is here, top down
+//! - [`Verbs`]: all motors, and how far what they do is known
+//! - [`motor`]: one motor: from [`Verb`]s to evenly spaced steps, as items for its channel
+//! - [`text`]: verbs as lines of text
+//!
+//! What motors do is worked out a little ahead, slice after slice ([`Verbs::work_out`]); what was worked out stands. A verb holds
+//! from the end of the last slice on, for all motors that one order names from the same tick, and the answer says which
+//! ([`Obeyed`](crate::wire::orders::Obeyed)): the same verbs at the same ticks make the same edges on every board.
+//!
+//! # What is not
+//! Acceleration: a motor that is told another speed has it with its next step. Ramps are whoever's who speaks, or a plan's.
+
+pub mod motor;
+pub mod text;
+
+pub use motor::{Course, Limits, Motor, Refused, Verb};
+
+use crate::Item;
+use crate::wire::MAX_MOTORS;
+use crate::wire::machine::Refusal;
+use crate::wire::message::Reason;
+use crate::wire::orders::{Obeyed, Orders};
+
+/// All motors of a board that obeys verbs.
+#[derive(Clone, Debug)]
+pub struct Verbs {
+    motors: [Motor; MAX_MOTORS],
+    count: u8,
+    /// What happens before this tick is worked out.
+    known: u64,
+}
+
+impl Verbs {
+    /// No motors.
+    #[must_use]
+    pub const fn new() -> Verbs {
+        Verbs { motors: [Motor::NONE; MAX_MOTORS], count: 0, known: 0 }
+    }
+
+    /// Begins with motors at rest, at these positions and within these limits, [`MAX_MOTORS`] at most; nothing happens before
+    /// `known`.
+    pub fn begin(&mut self, motors: impl Iterator<Item = (Limits, i32)>, known: u64) {
+        (self.count, self.known) = (0, known);
+        for (motor, (limits, position)) in self.motors.iter_mut().zip(motors) {
+            *motor = Motor::new(limits, position, known);
+            self.count += 1;
+        }
+    }
+
+    /// What happens before this tick is worked out: a verb holds from there on.
+    #[must_use]
+    pub const fn known(&self) -> u64 {
+        self.known
+    }
+
+    /// The motors.
+    #[must_use]
+    pub fn motors(&self) -> &[Motor] {
+        self.motors.get(..usize::from(self.count)).unwrap_or_default()
+    }
+
+    /// The motors, to ask them what is done.
+    pub fn motors_mut(&mut self) -> &mut [Motor] {
+        self.motors.get_mut(..usize::from(self.count)).unwrap_or_default()
+    }
+
+    /// Does all of what is ordered, from [`known`](Verbs::known) on, or none of it.
+    ///
+    /// # Errors
+    /// [`Reason::NoSuchMotor`], [`Reason::Period`], [`Reason::Busy`].
+    pub fn obey(&mut self, orders: &Orders<'_>) -> Result<Obeyed, Refusal> {
+        let mut motors = self.motors;
+        for (motor, verb) in orders.iter() {
+            let detail = u16::from(motor);
+            let place = motors.get_mut(usize::from(motor)).filter(|_| motor < self.count);
+            let place = place.ok_or(Refusal { reason: Reason::NoSuchMotor, detail })?;
+            place.obey(verb, self.known).map_err(|refused| match refused {
+                Refused::Period { shortest } => {
+                    Refusal { reason: Reason::Period, detail: u16::try_from(shortest).unwrap_or(u16::MAX) }
+                }
+                Refused::Busy => Refusal { reason: Reason::Busy, detail },
+            })?;
+        }
+        self.motors = motors;
+        Ok(self.obeyed())
+    }
+
+    /// How all motors are from [`known`](Verbs::known) on, unless they are told something else.
+    #[must_use]
+    pub fn obeyed(&self) -> Obeyed {
+        Obeyed::new(self.known, self.motors().iter().map(|motor| (motor.position(), motor.next_step())))
+    }
+
+    /// Works out what all motors do up to tick `until` (not included; less than 2^30 after [`known`](Verbs::known)), and hands it
+    /// over as items for their channels, of `F` fraction bits: [`MOST_ITEMS`](motor::MOST_ITEMS) for each motor at most.
+    pub fn work_out<const F: u32>(&mut self, until: u64, mut push: impl FnMut(u8, Item)) {
+        if until <= self.known {
+            return;
+        }
+        self.known = until;
+        for (number, motor) in (0..).zip(self.motors_mut()) {
+            motor.work_out::<F>(until, |item| push(number, item));
+        }
+    }
+
+    /// Whether no step will come, and nothing will be done, unless more is said.
+    #[must_use]
+    pub fn is_at_rest(&self) -> bool {
+        self.motors().iter().all(Motor::is_at_rest)
+    }
+
+    /// Nobody is there to say more: motors that run without an end stop; with `lost`, all do, whatever they were told.
+    pub fn forsake(&mut self, lost: bool) {
+        let known = self.known;
+        for motor in self.motors_mut().iter_mut().filter(|motor| lost || motor.is_endless()) {
+            // It is never refused.
+            let _ = motor.obey(Verb::Halt, known);
+        }
+    }
+}
+
+impl Default for Verbs {
+    fn default() -> Verbs {
+        Verbs::new()
+    }
+}

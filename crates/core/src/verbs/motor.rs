@@ -1,0 +1,340 @@
+//! One motor that is told directly: verbs → evenly spaced steps.
+//!
+//! Between two steps there is never less than the period that holds when the second one is made, and exactly that unless the
+//! motor stood still, or had no steps to make, or had to turn. A verb counts from a tick on, `at`: the next step is then due a
+//! (new) period after the last one, or at `at` if that is past. So a speed that was slow does not have to end first.
+
+use crate::{Direction, Item, Moment, Segment};
+
+/// What a motor can be told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verb {
+    /// So many steps, and then a done event, when the last one's period is over. Behind a move that is under way one more may
+    /// wait; a motor that [runs](Verb::Run) makes so many more, and is done.
+    Move {
+        /// Any number; with 0 it is done at once.
+        steps: u32,
+    },
+    /// Steps without an end.
+    Run,
+    /// The period: exactly so many ticks from step to step.
+    Speed {
+        /// From the motor's shortest to [`LONGEST_PERIOD`].
+        ticks: u64,
+    },
+    /// Which way.
+    Course(Course),
+    /// Forgets the move, or the run, and what waits behind it, without a done event.
+    Halt,
+}
+
+/// Which way a motor goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[repr(u8)]
+pub enum Course {
+    /// It stands; a move waits.
+    Stationary = 0,
+    /// The position counts up.
+    Forward = 1,
+    /// It counts down.
+    Backward = 2,
+}
+
+impl Course {
+    /// The direction; `None` if it stands.
+    #[must_use]
+    pub const fn direction(self) -> Option<Direction> {
+        match self {
+            Course::Stationary => None,
+            Course::Forward => Some(Direction::Forward),
+            Course::Backward => Some(Direction::Backward),
+        }
+    }
+}
+
+/// What a motor's lines allow, ticks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// Shortest period, at least 1.
+    pub shortest: u32,
+    /// Fewest from a step to one the other way.
+    pub turn: u32,
+    /// The period until another is said, at least `shortest`.
+    pub period: u32,
+}
+
+/// Why a verb is not obeyed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refused {
+    /// The period is shorter than the motor's shortest, or longer than [`LONGEST_PERIOD`].
+    Period {
+        /// The shortest, ticks.
+        shortest: u32,
+    },
+    /// A move waits behind the one that is under way.
+    Busy,
+}
+
+/// The longest period, ticks: a thousand years at 125 MHz.
+pub const LONGEST_PERIOD: u64 = 1 << 62;
+
+/// Items that [`Motor::work_out`] hands over at most: two moves, each an anchor, its first step, the others.
+pub const MOST_ITEMS: usize = 6;
+
+/// Done moves that are kept until they are asked for.
+const KEPT: u32 = 4;
+
+/// After so many ticks without a step the channel's accumulator is set anew: it tells ticks apart within 2^30.
+const STALE: u64 = 1 << 29;
+
+/// What is under way.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Task {
+    Rest,
+    /// So many steps are left; with 0 the last one's period.
+    Steps(u32),
+    Endless,
+}
+
+/// One motor.
+///
+/// ```
+/// use pulsetrain_core::verbs::{Limits, Motor, Verb};
+/// let mut motor = Motor::new(Limits { shortest: 10, turn: 20, period: 1000 }, 0, 0);
+/// motor.obey(Verb::Move { steps: 3 }, 50).unwrap();
+/// assert_eq!(motor.next_step(), Some(50));
+/// motor.work_out::<32>(5000, |_| {});
+/// assert_eq!(motor.position(), 3);
+/// assert_eq!(motor.take_done(3049), None, "the last step's period is not over");
+/// assert_eq!(motor.take_done(3050), Some((3050, 1)));
+/// ```
+#[derive(Clone, Copy, Debug)]
+pub struct Motor {
+    limits: Limits,
+    period: u64,
+    course: Course,
+    task: Task,
+    waiting: Task,
+    /// Nothing happens before it.
+    open: u64,
+    /// The last step.
+    last: Option<(u64, Direction)>,
+    /// Where the channel's accumulator is.
+    reached: Option<u64>,
+    position: i32,
+    /// Moves done so far, wrapping, and how many of them were told.
+    done: u32,
+    told: u32,
+    /// When the last of them were.
+    done_at: [u64; KEPT as usize],
+}
+
+impl Motor {
+    /// Of no board.
+    pub const NONE: Motor = Motor::new(Limits { shortest: 1, turn: 1, period: 1 }, 0, 0);
+
+    /// A motor at rest, facing forward; nothing happens before tick `open`.
+    #[must_use]
+    pub const fn new(limits: Limits, position: i32, open: u64) -> Motor {
+        Motor {
+            limits,
+            period: limits.period as u64,
+            course: Course::Forward,
+            task: Task::Rest,
+            waiting: Task::Rest,
+            open,
+            last: None,
+            reached: None,
+            position,
+            done: 0,
+            told: 0,
+            done_at: [0; KEPT as usize],
+        }
+    }
+
+    /// Does what a verb says from tick `at` on: not before what was [worked out](Motor::work_out).
+    ///
+    /// # Errors
+    /// When it cannot be; nothing changes then.
+    pub fn obey(&mut self, verb: Verb, at: u64) -> Result<(), Refused> {
+        match verb {
+            Verb::Move { steps } => self.begin(Task::Steps(steps))?,
+            Verb::Run => self.begin(Task::Endless)?,
+            Verb::Speed { ticks } if u64::from(self.limits.shortest) <= ticks && ticks <= LONGEST_PERIOD => {
+                self.period = ticks;
+            }
+            Verb::Speed { .. } => return Err(Refused::Period { shortest: self.limits.shortest }),
+            Verb::Course(course) => self.course = course,
+            Verb::Halt => (self.task, self.waiting) = (Task::Rest, Task::Rest),
+        }
+        self.open = self.open.max(at);
+        Ok(())
+    }
+
+    fn begin(&mut self, task: Task) -> Result<(), Refused> {
+        match (self.task, self.waiting) {
+            (Task::Rest | Task::Endless, _) => self.task = task,
+            (Task::Steps(_), Task::Rest) => self.waiting = task,
+            (Task::Steps(_), _) => return Err(Refused::Busy),
+        }
+        Ok(())
+    }
+
+    /// Works out what it does up to tick `until` (not included; less than 2^32 after the last call's), and hands it over as items
+    /// for a channel of `F` fraction bits.
+    pub fn work_out<const F: u32>(&mut self, until: u64, mut push: impl FnMut(Item)) {
+        loop {
+            match self.task {
+                Task::Rest if self.waiting == Task::Rest => return,
+                Task::Rest => (self.task, self.waiting) = (self.waiting, Task::Rest),
+                Task::Steps(0) => {
+                    let due = self.rested();
+                    if due >= until {
+                        return;
+                    }
+                    self.task = Task::Rest;
+                    self.note_done(due);
+                }
+                Task::Steps(_) | Task::Endless => {
+                    let Some((first, direction)) = self.due().filter(|(first, _)| *first < until) else { return };
+                    let span = u32::try_from(until - 1 - first).unwrap_or(u32::MAX);
+                    let mut count = times(span, self.period).saturating_add(1);
+                    if let Task::Steps(left) = &mut self.task {
+                        count = count.min(*left);
+                        *left -= count;
+                    }
+                    self.make::<F>(first, count, direction, &mut push);
+                }
+            }
+        }
+    }
+
+    /// Hands over `count` steps, the first at tick `first`.
+    fn make<const F: u32>(&mut self, first: u64, count: u32, direction: Direction, push: &mut impl FnMut(Item)) {
+        let run = |count: u32, ticks: u64| {
+            // Fewer than 2^30 ticks: what is further apart has an anchor, or comes with another call.
+            let segment = Segment { count, interval: (ticks << F).cast_signed(), add: 0, add2: 0 };
+            Item::Run { segment, direction }
+        };
+        let mut gap = self.reached.map_or(STALE, |reached| first - reached);
+        if gap >= STALE {
+            push(Item::Anchor { tick: Moment::of(first).before(1) });
+            gap = 1;
+        }
+        let last = first + u64::from(count - 1) * self.period;
+        if gap == self.period || count == 1 {
+            push(run(count, gap));
+        } else {
+            push(run(1, gap));
+            push(run(count - 1, self.period));
+        }
+        (self.last, self.reached) = (Some((last, direction)), Some(last));
+        let moved = count.cast_signed();
+        self.position = match direction {
+            Direction::Forward => self.position.wrapping_add(moved),
+            Direction::Backward => self.position.wrapping_sub(moved),
+        };
+    }
+
+    /// When the last step's period is over.
+    fn rested(&self) -> u64 {
+        self.last.map_or(self.open, |(last, _)| self.open.max(last.saturating_add(self.period)))
+    }
+
+    /// When the next step is due, and which way it goes; `None` while the motor stands.
+    fn due(&self) -> Option<(u64, Direction)> {
+        let direction = self.course.direction()?;
+        let turned = match self.last {
+            Some((last, facing)) if facing != direction => last.saturating_add(u64::from(self.limits.turn)),
+            _ => 0,
+        };
+        Some((self.rested().max(turned), direction))
+    }
+
+    fn note_done(&mut self, at: u64) {
+        self.done_at.rotate_right(1);
+        self.done_at[0] = at;
+        self.done = self.done.wrapping_add(1);
+    }
+
+    /// The oldest move that was done by tick `now` and was not told yet: when, and how many are done with it, wrapping.
+    ///
+    /// Of those that nobody asked for in time the oldest are left out; the number tells it.
+    pub fn take_done(&mut self, now: u64) -> Option<(u64, u32)> {
+        let at = self.next_done().filter(|at| *at <= now)?;
+        let oldest = self.done.wrapping_sub(KEPT);
+        if self.done.wrapping_sub(self.told) > KEPT {
+            self.told = oldest;
+        }
+        self.told = self.told.wrapping_add(1);
+        Some((at, self.told))
+    }
+
+    /// When the oldest move that was worked out, and not told yet, is done.
+    #[must_use]
+    pub fn next_done(&self) -> Option<u64> {
+        let untold = self.done.wrapping_sub(self.told).min(KEPT);
+        self.done_at.get(untold.checked_sub(1)? as usize).copied()
+    }
+
+    /// Whether all moves that were worked out have been told as done.
+    #[must_use]
+    pub const fn is_told(&self) -> bool {
+        self.told == self.done
+    }
+
+    /// Steps forward less steps backward that were worked out, wrapping.
+    #[must_use]
+    pub const fn position(&self) -> i32 {
+        self.position
+    }
+
+    /// When the next step comes, if it is told nothing else; `None` if none does, now, or at all.
+    #[must_use]
+    pub fn next_step(&self) -> Option<u64> {
+        let next = match (self.task, self.waiting) {
+            (Task::Rest, _) | (Task::Steps(0), Task::Rest | Task::Steps(0)) => return None,
+            _ => self.due(),
+        };
+        next.map(|(tick, _)| tick)
+    }
+
+    /// Whether it has nothing to do, not even to wait for a last period, or until it is told a way to go.
+    #[must_use]
+    pub fn is_at_rest(&self) -> bool {
+        self.task == Task::Rest && self.waiting == Task::Rest
+    }
+
+    /// Whether it [runs](Verb::Run), or is going to.
+    #[must_use]
+    pub fn is_endless(&self) -> bool {
+        self.task == Task::Endless || self.waiting == Task::Endless
+    }
+
+    /// Steps of the move under way that were not worked out yet; `None` of a run.
+    #[must_use]
+    pub const fn left(&self) -> Option<u32> {
+        match self.task {
+            Task::Rest => Some(0),
+            Task::Steps(left) => Some(left),
+            Task::Endless => None,
+        }
+    }
+}
+
+/// How many times `part` (at least 1) goes into `whole`, by shifts: boards have no division.
+fn times(whole: u32, part: u64) -> u32 {
+    let Some(part) = u32::try_from(part).ok().filter(|part| *part <= whole) else { return 0 };
+    let (mut rest, mut count) = (whole, 0);
+    let mut shift = part.leading_zeros() - whole.leading_zeros();
+    loop {
+        if let Some(left) = rest.checked_sub(part << shift) {
+            rest = left;
+            count |= 1 << shift;
+        }
+        if shift == 0 {
+            return count;
+        }
+        shift -= 1;
+    }
+}

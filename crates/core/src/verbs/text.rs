@@ -1,0 +1,292 @@
+//! Verbs as lines of text, beside the winch's, and what is said to them.
+//!
+//! | line | |
+//! |---|---|
+//! | `move xy 100 200` | so many steps, then `done` |
+//! | `run x` | steps without an end |
+//! | `speed xy 125000` | ticks from step to step; one value is for all axes that are named |
+//! | `dir x 1` | 1 forward, -1 backward, 0 stationary |
+//! | `halt`, `halt xy` | forgets move and run: of all axes, or of these |
+//!
+//! All that a line says holds from the same tick on, and the answer says which. docs/pico.md has what the verbs mean.
+//!
+//! Lines are cut, and their checksums compared, by the winch's [`Reader`](crate::winch::text::Reader), which knows none of these
+//! words.
+
+use super::{Course, Verb};
+use crate::winch::AXES;
+use crate::winch::text::What;
+use crate::wire::Refusal;
+use crate::wire::message::Reason;
+use crate::wire::orders::{ORDER_LEN, Obeyed, Orders, order};
+
+/// What a line says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Read {
+    /// Its first word is none of these.
+    Unknown,
+    /// It cannot be read: what is wrong, and in which word, counted from 1.
+    Refused(What, u8),
+    /// Something to do.
+    Told(Told),
+}
+
+/// A line that was read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Told {
+    orders: [[u8; ORDER_LEN]; AXES.len()],
+    count: u8,
+    axes: u8,
+}
+
+impl Told {
+    /// The same as in a frame.
+    #[must_use]
+    pub fn orders(&self) -> Option<Orders<'_>> {
+        Orders::decode(self.orders.get(..usize::from(self.count))?.as_flattened())
+    }
+
+    /// Its axes: 1 is x, 2 y, 4 z, 8 a.
+    #[must_use]
+    pub const fn axes(&self) -> u8 {
+        self.axes
+    }
+}
+
+/// Reads a line, without its end and its checksum.
+///
+/// ```
+/// use pulsetrain_core::verbs::text::{Read, read};
+/// use pulsetrain_core::verbs::Verb;
+/// use pulsetrain_core::winch::text::What;
+/// let Read::Told(told) = read(b"move xz 100 8") else { panic!() };
+/// let orders: Vec<_> = told.orders().unwrap().iter().collect();
+/// assert_eq!(orders, [(0, Verb::Move { steps: 100 }), (2, Verb::Move { steps: 8 })]);
+/// assert_eq!(read(b"move x many"), Read::Refused(What::Number, 3));
+/// assert_eq!(read(b"a x 5"), Read::Unknown);
+/// ```
+#[must_use]
+pub fn read(line: &[u8]) -> Read {
+    let mut words = line.split(|byte| *byte == b' ' || *byte == b'\t').filter(|word| !word.is_empty());
+    let Some(name) = words.next() else { return Read::Unknown };
+    let (has_value, is_halt) = match name {
+        b"move" | b"speed" | b"dir" => (true, false),
+        b"run" => (false, false),
+        b"halt" => (false, true),
+        _ => return Read::Unknown,
+    };
+    let mut told = Told { orders: [[0; ORDER_LEN]; AXES.len()], count: 0, axes: 0 };
+    let flags = match words.next() {
+        Some(flags) => flags,
+        None if is_halt => &AXES,
+        None => return Read::Refused(What::Missing, 2),
+    };
+    let (mut last, mut word) = (None, 2);
+    for flag in flags {
+        let axis = (0..).zip(AXES).find(|(axis, name)| name == flag && told.axes >> axis & 1 == 0);
+        let Some((axis, _)) = axis else { return Read::Refused(What::Flags, 2) };
+        told.axes |= 1 << axis;
+        let verb = if has_value {
+            let verb = match words.next() {
+                Some(value) => {
+                    word += 1;
+                    verb(name, value)
+                }
+                // One value is for all.
+                None if word == 3 => last.ok_or(What::Missing),
+                None => Err(What::Missing),
+            };
+            match verb {
+                Ok(verb) => verb,
+                Err(what) => return Read::Refused(what, if what == What::Missing { word + 1 } else { word }),
+            }
+        } else if is_halt {
+            Verb::Halt
+        } else {
+            Verb::Run
+        };
+        last = Some(verb);
+        if let Some(place) = told.orders.get_mut(usize::from(told.count)) {
+            *place = order(axis, verb);
+        }
+        told.count += 1;
+    }
+    if words.next().is_some() {
+        return Read::Refused(What::Extra, word + 1);
+    }
+    Read::Told(told)
+}
+
+/// What `name` says with that value.
+fn verb(name: &[u8], value: &[u8]) -> Result<Verb, What> {
+    let (is_negative, digits) = match value {
+        [b'-', digits @ ..] => (true, digits),
+        [b'+', digits @ ..] | digits => (false, digits),
+    };
+    if digits.is_empty() {
+        return Err(What::Number);
+    }
+    let mut number = 0_u64;
+    for digit in digits {
+        let digit = digit.wrapping_sub(b'0');
+        if digit > 9 {
+            return Err(What::Number);
+        }
+        number = number.saturating_mul(10).saturating_add(digit.into());
+    }
+    match (name, is_negative && number != 0, number) {
+        (b"dir", false, 0) => Ok(Verb::Course(Course::Stationary)),
+        (b"dir", false, 1) => Ok(Verb::Course(Course::Forward)),
+        (b"dir", true, 1) => Ok(Verb::Course(Course::Backward)),
+        (b"speed", false, ticks) => Ok(Verb::Speed { ticks }),
+        (b"move", false, steps) => u32::try_from(steps).map(|steps| Verb::Move { steps }).map_err(|_| What::Range),
+        _ => Err(What::Range),
+    }
+}
+
+/// A line to the host.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reply {
+    /// `at <tick> x <position> <ticks to the next step> …`: the axes that a line named. `-` instead of ticks: no step comes, or none
+    /// within 2^32 ticks.
+    At {
+        /// From where on it holds, and what each axis does then.
+        obeyed: Obeyed,
+        /// As [`Told::axes`].
+        axes: u8,
+    },
+    /// `done <axis> <tick> <number>`: a move was done, the last step's period included; the axis' so many since it was enabled.
+    Done {
+        /// 0 is x.
+        axis: u8,
+        /// When.
+        tick: u64,
+        /// Of this axis, wrapping.
+        number: u32,
+    },
+    /// `err <what> <word>`: the line cannot be read.
+    Unread(What, u8),
+    /// `err period <shortest>`, `err busy <axis>`: it cannot be done.
+    Refused(Refusal),
+    /// `err path`: the winch's paths have the axes; `enable 0` ends that.
+    Path,
+    /// `err verbs`: the axes are told directly, and the winch's commands do not move them; `enable 0` ends that.
+    Verbs,
+}
+
+/// The longest reply, bytes.
+pub const LONGEST: usize =
+    "at ".len() + 20 + AXES.len() * (" x".len() + " -2147483648".len() + " 4294967295".len()) + 2;
+
+impl Reply {
+    /// Writes it, with CR LF, and says how many bytes it has; [`LONGEST`] at most.
+    ///
+    /// ```
+    /// use pulsetrain_core::verbs::text::{LONGEST, Reply};
+    /// let mut line = [0; LONGEST];
+    /// let len = Reply::Done { axis: 3, tick: u64::MAX, number: 7 }.write(&mut line);
+    /// assert_eq!(line[..len], *b"done a 18446744073709551615 7\r\n");
+    /// ```
+    pub fn write(&self, out: &mut [u8]) -> usize {
+        let mut to = Writer { out, len: 0 };
+        match self {
+            Reply::At { obeyed, axes } => {
+                to.text(b"at");
+                to.number(obeyed.tick);
+                for ((axis, next), name) in (0..).zip(obeyed.motors()).zip(AXES) {
+                    if axes >> axis & 1 != 0 {
+                        to.text(&[b' ', name]);
+                        to.signed(next.position);
+                        if next.wait == u32::MAX {
+                            to.text(b" -");
+                        } else {
+                            to.number(next.wait.into());
+                        }
+                    }
+                }
+            }
+            Reply::Done { axis, tick, number } => {
+                to.text(b"done ");
+                to.text(&[name(u16::from(*axis))]);
+                to.number(*tick);
+                to.number((*number).into());
+            }
+            Reply::Unread(what, word) => {
+                to.text(match what {
+                    What::Flags => b"err flags",
+                    What::Number => b"err number",
+                    What::Range => b"err range",
+                    What::Missing => b"err missing",
+                    _ => b"err extra",
+                });
+                to.number((*word).into());
+            }
+            Reply::Refused(Refusal { reason: Reason::Period, detail }) => {
+                to.text(b"err period");
+                to.number((*detail).into());
+            }
+            Reply::Refused(Refusal { reason: Reason::Busy, detail }) => {
+                to.text(b"err busy ");
+                to.text(&[name(*detail)]);
+            }
+            Reply::Refused(_) => to.text(b"err moving"),
+            Reply::Path => to.text(b"err path"),
+            Reply::Verbs => to.text(b"err verbs"),
+        }
+        to.text(b"\r\n");
+        to.len
+    }
+}
+
+const fn name(axis: u16) -> u8 {
+    AXES[(axis & 3) as usize]
+}
+
+/// Bytes of a line being written; what does not fit is lost.
+struct Writer<'a> {
+    out: &'a mut [u8],
+    len: usize,
+}
+
+impl Writer<'_> {
+    fn text(&mut self, text: &[u8]) {
+        for byte in text {
+            if let Some(place) = self.out.get_mut(self.len) {
+                *place = *byte;
+                self.len += 1;
+            }
+        }
+    }
+
+    fn signed(&mut self, value: i32) {
+        if value < 0 {
+            self.text(b" -");
+            self.digits(value.unsigned_abs().into());
+        } else {
+            self.number(value.unsigned_abs().into());
+        }
+    }
+
+    /// A space, and the number.
+    fn number(&mut self, value: u64) {
+        self.text(b" ");
+        self.digits(value);
+    }
+
+    /// Digit by digit, by subtraction: boards have no division.
+    fn digits(&mut self, value: u64) {
+        let (mut rest, mut begun) = (value, false);
+        for power in (0..20).rev() {
+            let unit = 10_u64.pow(power);
+            let mut digit = b'0';
+            while rest >= unit {
+                rest -= unit;
+                digit += 1;
+            }
+            begun |= digit != b'0' || power == 0;
+            if begun {
+                self.text(&[digit]);
+            }
+        }
+    }
+}

@@ -1,0 +1,155 @@
+//! Verbs in frames: what a host tells motors directly, and what comes of it.
+
+use super::MAX_MOTORS;
+use super::frame::Encoder;
+use crate::verbs::{Course, Verb};
+
+/// Verbs in one frame at most.
+pub const MOST_ORDERS: usize = 8;
+
+/// Bytes of each.
+pub const ORDER_LEN: usize = 9;
+
+/// Codes of verbs, in the upper half of an order's first byte.
+mod code {
+    pub(super) const MOVE: u8 = 0;
+    pub(super) const SPEED: u8 = 1;
+    pub(super) const COURSE: u8 = 2;
+    pub(super) const RUN: u8 = 3;
+    pub(super) const HALT: u8 = 4;
+}
+
+/// Verbs for motors, all from the same tick on; what they mean is [`verbs`](crate::verbs)' business.
+///
+/// | byte | |
+/// |---|---|
+/// | 2… | up to eight orders, nine bytes each, done in their order; none: nothing is told, only asked |
+/// | +0 | bits 0–2: the motor; bits 4–7: 0 move, 1 speed, 2 course, 3 run, 4 halt; others 0 |
+/// | +1–8 | move: steps, below 2^32; speed: ticks from step to step, at most 2^62; course: 0 stationary, 1 forward, 2 backward; else 0 |
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Orders<'a> {
+    /// As they are in the frame; each was read once.
+    bytes: &'a [u8],
+}
+
+impl<'a> Orders<'a> {
+    /// Nothing is told, only asked.
+    pub const NONE: Orders<'static> = Orders { bytes: &[] };
+
+    /// Of a frame's payload; `None` if it is none.
+    #[must_use]
+    pub fn decode(bytes: &'a [u8]) -> Option<Orders<'a>> {
+        let (orders, rest) = bytes.as_chunks::<ORDER_LEN>();
+        let whole = rest.is_empty() && orders.len() <= MOST_ORDERS;
+        (whole && orders.iter().all(|order| read(order).is_some())).then_some(Orders { bytes })
+    }
+
+    /// The motors, and what each is told.
+    pub fn iter(&self) -> impl Iterator<Item = (u8, Verb)> + 'a {
+        self.bytes.as_chunks::<ORDER_LEN>().0.iter().filter_map(read)
+    }
+
+    /// Writes them.
+    pub(super) fn encode(&self, frame: &mut Encoder<'_>) {
+        frame.bytes(self.bytes);
+    }
+}
+
+fn read(order: &[u8; ORDER_LEN]) -> Option<(u8, Verb)> {
+    let [first, value @ ..] = *order;
+    let value = u64::from_le_bytes(value);
+    let verb = match (first >> 4, value) {
+        (code::MOVE, steps) => Verb::Move { steps: u32::try_from(steps).ok()? },
+        (code::SPEED, ticks) => Verb::Speed { ticks },
+        (code::COURSE, 0) => Verb::Course(Course::Stationary),
+        (code::COURSE, 1) => Verb::Course(Course::Forward),
+        (code::COURSE, 2) => Verb::Course(Course::Backward),
+        (code::RUN, 0) => Verb::Run,
+        (code::HALT, 0) => Verb::Halt,
+        _ => return None,
+    };
+    (first & 8 == 0).then_some((first & 7, verb))
+}
+
+/// An order's bytes: what [`Orders::decode`] takes, one after the other. Motors are counted modulo 8.
+#[must_use]
+pub const fn order(motor: u8, verb: Verb) -> [u8; ORDER_LEN] {
+    let (code, value) = match verb {
+        Verb::Move { steps } => (code::MOVE, steps as u64),
+        Verb::Speed { ticks } => (code::SPEED, ticks),
+        Verb::Course(course) => (code::COURSE, course as u64),
+        Verb::Run => (code::RUN, 0),
+        Verb::Halt => (code::HALT, 0),
+    };
+    let [a, b, c, d, e, f, g, h] = value.to_le_bytes();
+    [motor & 7 | code << 4, a, b, c, d, e, f, g, h]
+}
+
+/// From where on an order holds, and what each motor does then: the answer to [`Orders`].
+///
+/// | byte | |
+/// |---|---|
+/// | 2–9 | the tick from which on it holds |
+/// | 10 | motors |
+/// | 11… | eight bytes each: position there (4); ticks from there to the next step (4), 2^32 − 1: none, or later |
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Obeyed {
+    /// The tick from which on the order holds: steps before it are as they were to be.
+    pub tick: u64,
+    motors: [Next; MAX_MOTORS],
+    count: u8,
+}
+
+/// What a motor does from a tick on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Next {
+    /// Steps forward less steps backward before it, modulo 2^32.
+    pub position: i32,
+    /// Ticks from there to the next step; [`u32::MAX`]: none, or later.
+    pub wait: u32,
+}
+
+impl Obeyed {
+    /// Of no motors.
+    pub const NONE: Obeyed = Obeyed { tick: 0, motors: [Next { position: 0, wait: u32::MAX }; MAX_MOTORS], count: 0 };
+
+    /// Of motors at tick `tick`: where each is, and when it steps next.
+    #[must_use]
+    pub fn new(tick: u64, motors: impl Iterator<Item = (i32, Option<u64>)>) -> Obeyed {
+        let mut obeyed = Obeyed { tick, ..Obeyed::NONE };
+        for (place, (position, next)) in obeyed.motors.iter_mut().zip(motors) {
+            let wait = next.and_then(|next| u32::try_from(next.saturating_sub(tick)).ok());
+            *place = Next { position, wait: wait.unwrap_or(u32::MAX) };
+            obeyed.count += 1;
+        }
+        obeyed
+    }
+
+    /// Each motor's.
+    #[must_use]
+    pub fn motors(&self) -> &[Next] {
+        self.motors.get(..usize::from(self.count)).unwrap_or_default()
+    }
+
+    /// Writes it.
+    pub fn encode(&self, frame: &mut Encoder<'_>) {
+        frame.u64(self.tick);
+        frame.u8(self.count);
+        for Next { position, wait } in self.motors() {
+            frame.u32(position.cast_unsigned());
+            frame.u32(*wait);
+        }
+    }
+
+    pub(super) fn decode(payload: &[u8]) -> Option<Obeyed> {
+        let (tick, rest) = payload.split_first_chunk()?;
+        let (count, rest) = rest.split_first()?;
+        let (motors, rest) = rest.as_chunks::<8>();
+        let mut obeyed = Obeyed { tick: u64::from_le_bytes(*tick), count: *count, ..Obeyed::NONE };
+        for (place, [a, b, c, d, wait @ ..]) in obeyed.motors.iter_mut().zip(motors) {
+            *place = Next { position: i32::from_le_bytes([*a, *b, *c, *d]), wait: u32::from_le_bytes(*wait) };
+        }
+        let whole = rest.is_empty() && motors.len() == usize::from(*count) && motors.len() <= MAX_MOTORS;
+        whole.then_some(obeyed)
+    }
+}

@@ -1,0 +1,375 @@
+//! Motors told directly: every step at its tick, none lost, none twice, against a model that looks at each tick.
+
+use proptest::prelude::*;
+use pulsetrain_core::channel::Kind;
+use pulsetrain_core::verbs::motor::{LONGEST_PERIOD, MOST_ITEMS};
+use pulsetrain_core::verbs::text::{LONGEST, Read, Reply, read};
+use pulsetrain_core::verbs::{Course, Limits, Motor, Refused, Verb, Verbs};
+use pulsetrain_core::winch::text::What;
+use pulsetrain_core::wire::frame::{Encoder, Received, Tag};
+use pulsetrain_core::wire::message::{self, Command, Reason, kind};
+use pulsetrain_core::wire::orders::{MOST_ORDERS, Next, Obeyed, Orders, order};
+use pulsetrain_core::wire::{Decoder, MAX_FRAME, Refusal};
+use pulsetrain_core::{Channel, Direction, Entry, Epoch, Item, Moment, Queue};
+
+const LIMITS: Limits = Limits { shortest: 3, turn: 40, period: 25 };
+
+/// What a motor did: steps with their ticks, and the ticks at which moves were done.
+#[derive(Debug, Default, PartialEq)]
+struct Made {
+    steps: Vec<(u64, Direction)>,
+    done: Vec<u64>,
+}
+
+/// A motor by the letter: looks at each tick whether a step is due.
+fn by_the_letter(script: &[(u64, Verb)], end: u64) -> Made {
+    let (mut made, mut period, mut course) = (Made::default(), 25, Course::Forward);
+    // Moves: steps left, without an end if None; the first is under way.
+    let mut moves: Vec<Option<u32>> = Vec::new();
+    let mut script = script.iter().peekable();
+    for tick in 0..end {
+        while let Some((_, verb)) = script.next_if(|(at, _)| *at == tick) {
+            let mut begin = |steps| match moves[..] {
+                [] => moves.push(steps),
+                [None, ..] => moves = vec![steps],
+                [Some(_)] => moves.push(steps),
+                _ => {}
+            };
+            match *verb {
+                Verb::Move { steps } => begin(Some(steps)),
+                Verb::Run => begin(None),
+                Verb::Speed { ticks } if ticks >= 3 => period = ticks,
+                Verb::Speed { .. } => {}
+                Verb::Course(to) => course = to,
+                Verb::Halt => moves.clear(),
+            }
+        }
+        let since = made.steps.last().map_or(u64::MAX, |(last, _)| tick - last);
+        while moves.first() == Some(&Some(0)) && since >= period {
+            moves.remove(0);
+            made.done.push(tick);
+        }
+        let Some(direction) = course.direction() else { continue };
+        let turns = made.steps.last().is_some_and(|(_, facing)| *facing != direction);
+        if since < period || (turns && since < 40) {
+            continue;
+        }
+        if let Some(left) = moves.first_mut() {
+            *left = left.map(|left| left - 1);
+            made.steps.push((tick, direction));
+        }
+    }
+    made
+}
+
+/// The same by slices and a channel.
+fn by_slices(script: &[(u64, Verb)], end: u64, slices: &[u64]) -> Made {
+    let (mut motor, mut known) = (Motor::new(LIMITS, 0, 0), 0);
+    let (mut queue, mut channel) = (Queue::<64>::new(), Channel::<32>::new(1, false));
+    let (mut made, mut lengths) = (Made::default(), slices.iter().cycle());
+    let mut script = script.iter().peekable();
+    while known < end {
+        let next = script.peek().map_or(end, |(at, _)| *at).min(known + lengths.next().expect("cycles")).min(end);
+        let mut items = 0;
+        motor.work_out::<32>(next, |item| {
+            items += 1;
+            queue.push(Entry { epoch: Epoch(0), item }).expect("room");
+        });
+        assert!(items <= MOST_ITEMS);
+        known = next;
+        // A channel whose limit is a little short takes the rest with the next slice.
+        let limit = Moment::of(known).before(1);
+        while let Some(event) = channel.peek(&mut queue, limit) {
+            channel.take(event);
+            match event.kind {
+                Kind::Direction(_) => {}
+                Kind::Step => made.steps.push((event.tick.0.into(), channel.direction())),
+            }
+        }
+        assert!(queue.is_empty() && channel.missed().is_none());
+        made.done.extend(std::iter::from_fn(|| motor.take_done(known)).map(|(at, _)| at));
+        while let Some((_, verb)) = script.next_if(|(at, _)| *at == known) {
+            // A script may ask for what cannot be: then nothing happens.
+            let _ = motor.obey(*verb, known);
+        }
+    }
+    assert_eq!(motor.position(), made.steps.iter().map(|(_, direction)| direction.sign()).sum::<i32>());
+    made
+}
+
+fn verb() -> impl Strategy<Value = Verb> {
+    prop_oneof![
+        3 => (0u32..9).prop_map(|steps| Verb::Move { steps }),
+        1 => Just(Verb::Run),
+        3 => (0u64..120).prop_map(|ticks| Verb::Speed { ticks }),
+        1 => Just(Verb::Course(Course::Stationary)),
+        2 => Just(Verb::Course(Course::Forward)),
+        2 => Just(Verb::Course(Course::Backward)),
+        1 => Just(Verb::Halt),
+    ]
+}
+
+fn script() -> impl Strategy<Value = Vec<(u64, Verb)>> {
+    prop::collection::vec((0u64..300, verb()), 0..40).prop_map(|script| {
+        let mut at = 0;
+        let step = |(wait, verb)| {
+            at += wait;
+            (at, verb)
+        };
+        script.into_iter().map(step).collect()
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(512))]
+    #[test]
+    fn every_step_is_where_the_letter_has_it(script in script(), slices in prop::collection::vec(1u64..400, 1..8)) {
+        let end = script.last().map_or(0, |(at, _)| *at) + 2000;
+        let (wanted, made) = (by_the_letter(&script, end), by_slices(&script, end, &slices));
+        prop_assert_eq!(&made.steps, &wanted.steps);
+        // Of moves that are done in one slice the oldest may be told no more; here no slice has so many.
+        prop_assert_eq!(made.done, wanted.done);
+    }
+
+    #[test]
+    fn orders_are_read_as_they_were_written(orders in prop::collection::vec((0u8..8, verb()), 0..=MOST_ORDERS)) {
+        let bytes: Vec<u8> = orders.iter().flat_map(|(motor, verb)| order(*motor, *verb)).collect();
+        let command = Command::Orders(Orders::decode(&bytes).expect("whole orders"));
+        let mut frame = [0; MAX_FRAME];
+        let len = command.encode(7, Tag(3), &mut frame).expect("fits");
+        let mut decoder: Decoder = Decoder::new();
+        prop_assert_eq!(decoder.feed(&frame[..len]), (len, Received::Frame(Tag(3))));
+        let [7, kind::ORDERS, payload @ ..] = decoder.body() else { panic!("{:?}", decoder.body()) };
+        prop_assert_eq!(Command::decode(kind::ORDERS, payload), Ok(command));
+        let Ok(Command::Orders(read)) = Command::decode(kind::ORDERS, payload) else { panic!() };
+        prop_assert_eq!(read.iter().collect::<Vec<_>>(), orders);
+    }
+}
+
+/// Counts and ticks of steps, from the items alone: so many that a channel would take too long.
+fn count(steps: u32, ticks: u64, slice: u64) -> (u64, u64, u64) {
+    let limits = Limits { shortest: 1, turn: 1, period: 1 };
+    let mut motor = Motor::new(limits, 0, 0);
+    motor.obey(Verb::Speed { ticks }, 1000).unwrap();
+    motor.obey(Verb::Move { steps }, 1000).unwrap();
+    let (mut known, mut count, mut at, mut first) = (0, 0, 0u64, None);
+    loop {
+        known += slice;
+        motor.work_out::<32>(known, |item| match item {
+            Item::Anchor { tick } => {
+                // The tick with these low bits in the slice.
+                let from = known - slice;
+                at = from + u64::from(tick.since(Moment::of(from)).cast_signed().max(0).cast_unsigned());
+                if tick.is_before(Moment::of(from)) {
+                    at = from - 1;
+                }
+            }
+            Item::Run { segment, .. } => {
+                assert_eq!((segment.add, segment.add2, segment.interval & 0xffff_ffff), (0, 0, 0));
+                first.get_or_insert(at + (segment.interval >> 32).cast_unsigned());
+                at += (segment.interval >> 32).cast_unsigned() * u64::from(segment.count);
+                count += u64::from(segment.count);
+            }
+            Item::Dwell { .. } => panic!("it makes none"),
+        });
+        if let Some((done, number)) = motor.take_done(u64::MAX) {
+            assert_eq!((number, motor.is_at_rest()), (1, true));
+            assert_eq!(motor.position(), steps.cast_signed());
+            assert_eq!(first.unwrap_or(1000), 1000);
+            return (count, at, done);
+        }
+    }
+}
+
+/// MOVE n makes exactly n steps, a period apart, across every boundary of words and slices; it is done a period after the last.
+#[test]
+fn a_move_has_exactly_its_steps() {
+    assert_eq!(count(0, 5, 777), (0, 0, 1000));
+    for (steps, ticks, slice) in [
+        (1, 50, 12_500),
+        (2, 12_500, 12_500),
+        (8, 12_499, 12_500),
+        (100, 125_000, 12_500),
+        (2000, 125_000, 10_007),
+        (2000, 7, 12_500),
+        (65_536, 3, 999),
+        // Long periods: the channel's interval of 31 bits, and moments of 32, are not their end.
+        (3, (1 << 31) - 1, 1 << 29),
+        (3, 1 << 31, 1 << 29),
+        (3, 1 << 32, 1 << 29),
+        (3, (1 << 33) + 12_345, 1 << 29),
+        (2, 1 << 40, 1 << 30),
+        (u32::MAX, 1, 1 << 30),
+        (u32::MAX, 3, 1 << 30),
+    ] {
+        let last = 1000 + u64::from(steps - 1) * ticks;
+        assert_eq!(count(steps, ticks, slice), (steps.into(), last, last + ticks), "{steps} steps, {ticks} ticks");
+    }
+}
+
+#[test]
+fn what_cannot_be_is_refused_and_changes_nothing() {
+    let mut motor = Motor::new(LIMITS, 0, 0);
+    assert_eq!(motor.obey(Verb::Speed { ticks: 2 }, 9), Err(Refused::Period { shortest: 3 }));
+    assert_eq!(motor.obey(Verb::Speed { ticks: LONGEST_PERIOD + 1 }, 9), Err(Refused::Period { shortest: 3 }));
+    assert_eq!(motor.obey(Verb::Speed { ticks: LONGEST_PERIOD }, 9), Ok(()));
+    for steps in [4, 5] {
+        assert_eq!(motor.obey(Verb::Move { steps }, 9), Ok(()));
+    }
+    assert_eq!(motor.obey(Verb::Move { steps: 6 }, 9), Err(Refused::Busy));
+    assert_eq!(motor.obey(Verb::Run, 9), Err(Refused::Busy));
+    assert_eq!(motor.next_step(), Some(9));
+
+    let mut verbs = Verbs::new();
+    verbs.begin([(LIMITS, 5), (LIMITS, -5)].into_iter(), 100);
+    let mut tell = |orders: &[(u8, Verb)]| {
+        let bytes: Vec<u8> = orders.iter().flat_map(|(motor, verb)| order(*motor, *verb)).collect();
+        verbs.obey(&Orders::decode(&bytes).expect("whole orders"))
+    };
+    let go = Verb::Move { steps: 1 };
+    let refused = |reason, detail| Err(Refusal { reason, detail });
+    assert_eq!(tell(&[(0, go), (2, go)]), refused(Reason::NoSuchMotor, 2));
+    assert_eq!(tell(&[(0, go), (1, Verb::Speed { ticks: 1 })]), refused(Reason::Period, 3));
+    assert_eq!(tell(&[(1, go), (1, go), (1, go)]), refused(Reason::Busy, 1));
+    // Of all that nothing was done.
+    let obeyed = tell(&[]).expect("a question");
+    let rests = |position| Next { position, wait: u32::MAX };
+    assert_eq!((obeyed.tick, obeyed.motors()), (100, &[rests(5), rests(-5)][..]));
+    let obeyed = tell(&[(1, go)]).expect("possible");
+    assert_eq!(obeyed.motors(), [rests(5), Next { position: -5, wait: 0 }]);
+}
+
+/// Nobody is there any more: runs end, and moves too if the host was lost.
+#[test]
+fn who_is_forsaken_stops() {
+    for lost in [false, true] {
+        let mut verbs = Verbs::new();
+        verbs.begin([(LIMITS, 0); 2].into_iter(), 100);
+        let bytes = [order(0, Verb::Run), order(1, Verb::Move { steps: 10 })].concat();
+        verbs.obey(&Orders::decode(&bytes).expect("whole orders")).expect("possible");
+        verbs.work_out::<32>(151, |_, _| {});
+        verbs.forsake(lost);
+        verbs.work_out::<32>(10_000, |_, _| {});
+        let positions: Vec<i32> = verbs.motors().iter().map(Motor::position).collect();
+        assert_eq!(positions, if lost { [3, 3] } else { [3, 10] });
+        assert!(verbs.is_at_rest());
+    }
+}
+
+/// A host that does not ask misses the oldest, and sees from the number that it does.
+#[test]
+fn done_moves_are_numbered() {
+    let mut motor = Motor::new(LIMITS, 0, 0);
+    for number in 0..9 {
+        motor.obey(Verb::Move { steps: 1 }, 1000 * number).unwrap();
+        motor.work_out::<32>(1000 * number + 500, |_| {});
+    }
+    let told: Vec<_> = std::iter::from_fn(|| motor.take_done(u64::MAX)).collect();
+    assert_eq!(told, [(5025, 6), (6025, 7), (7025, 8), (8025, 9)]);
+    assert!(motor.is_told());
+}
+
+#[test]
+fn orders_that_are_none_are_refused() {
+    let good = order(3, Verb::Move { steps: u32::MAX });
+    assert!(Orders::decode(&good).is_some() && Orders::decode(&[]).is_some());
+    let bad = |at: usize, byte: u8| {
+        let mut order = good;
+        order[at] = byte;
+        Orders::decode(&order).is_none()
+    };
+    // A bit between motor and verb; a verb that is none; 2^32 steps; a value where there is none; half an order; one too many.
+    assert_eq!([bad(0, 0x0b), bad(0, 0x53), bad(5, 1), bad(0, 0x33)], [true; 4]);
+    assert_eq!(Orders::decode(&good[..8]), None);
+    assert_eq!(Orders::decode(&good.repeat(9)), None);
+    assert_eq!(Command::decode(kind::ORDERS, &good[..8]), Err(Reason::Malformed));
+}
+
+#[test]
+fn what_came_of_orders_is_read_as_it_was_written() {
+    for count in 0..=8 {
+        let motors = (0..count).map(|motor| (motor - 4, (motor & 1 == 0).then_some(1 << (40 + motor) | 77)));
+        let obeyed = Obeyed::new(1 << 40, motors);
+        let mut frame = [0; MAX_FRAME];
+        let mut to = Encoder::new(&mut frame);
+        to.u8(9);
+        to.u8(kind::ORDERS | kind::ANSWER);
+        obeyed.encode(&mut to);
+        let len = to.finish(Tag(1)).expect("the longest fits");
+        let mut decoder: Decoder = Decoder::new();
+        decoder.feed(&frame[..len]);
+        assert_eq!(message::Reply::decode(decoder.body()), Some((9, message::Reply::Obeyed(obeyed))));
+        assert_eq!(message::Reply::decode(&decoder.body()[..decoder.body().len() - 1]), None);
+    }
+}
+
+#[test]
+fn lines_say_what_orders_do() {
+    fn told(line: &str, expected: &[(u8, Verb)]) {
+        let Read::Told(told) = read(line.as_bytes()) else { panic!("{line}: {:?}", read(line.as_bytes())) };
+        assert_eq!(told.orders().expect("orders").iter().collect::<Vec<_>>(), expected, "{line}");
+        assert_eq!(told.axes(), expected.iter().fold(0, |axes, (axis, _)| axes | 1 << axis));
+    }
+    let go = |steps| Verb::Move { steps };
+    told("move x 4294967295", &[(0, go(u32::MAX))]);
+    told(" move\tax  +1   0 ", &[(3, go(1)), (0, go(0))]);
+    told("speed xyza 4611686018427387904", &[0, 1, 2, 3].map(|axis| (axis, Verb::Speed { ticks: 1 << 62 })));
+    told("dir zx -1 0", &[(2, Verb::Course(Course::Backward)), (0, Verb::Course(Course::Stationary))]);
+    told("dir y 1", &[(1, Verb::Course(Course::Forward))]);
+    told("run yz", &[(1, Verb::Run), (2, Verb::Run)]);
+    told("halt", &[0, 1, 2, 3].map(|axis| (axis, Verb::Halt)));
+    told("halt a", &[(3, Verb::Halt)]);
+
+    for (line, what, word) in [
+        ("move", What::Missing, 2),
+        ("move x", What::Missing, 3),
+        ("move xyz 1 2", What::Missing, 5),
+        ("move x 1 2", What::Extra, 4),
+        ("run x 1", What::Extra, 3),
+        ("move b 1", What::Flags, 2),
+        ("move xx 1", What::Flags, 2),
+        ("move x 4294967296", What::Range, 3),
+        ("move x -1", What::Range, 3),
+        ("move xy 1 1e3", What::Number, 4),
+        ("speed x -", What::Number, 3),
+        ("speed x 99999999999999999999999", What::Range, 3),
+        ("dir x 2", What::Range, 3),
+    ] {
+        let refused = match read(line.as_bytes()) {
+            // What no motor takes is refused by the motor.
+            Read::Told(told) if line.starts_with("speed") => {
+                assert_eq!(told.orders().expect("orders").iter().next(), Some((0, Verb::Speed { ticks: u64::MAX })));
+                continue;
+            }
+            refused => refused,
+        };
+        assert_eq!(refused, Read::Refused(what, word), "{line}");
+    }
+    for line in ["", "  ", "a x 5", "mov x 1", "MOVE x 1", "enable 1"] {
+        assert_eq!(read(line.as_bytes()), Read::Unknown, "{line}");
+    }
+}
+
+#[test]
+fn replies_are_lines() {
+    fn check(reply: Reply, expected: &str) {
+        let mut line = [0; LONGEST];
+        let len = reply.write(&mut line);
+        assert_eq!(std::str::from_utf8(&line[..len]), Ok(format!("{expected}\r\n").as_str()));
+    }
+    let motors = [(i32::MIN, Some(7)), (5, None), (0, Some(u64::MAX)), (i32::MAX, Some(u64::from(u32::MAX - 1) + 7))];
+    let obeyed = Obeyed::new(7, motors.into_iter());
+    check(Reply::At { obeyed, axes: 0b0101 }, "at 7 x -2147483648 0 z 0 -");
+    check(Reply::At { obeyed, axes: 0b1010 }, "at 7 y 5 - a 2147483647 4294967294");
+    check(Reply::Done { axis: 1, tick: 0, number: u32::MAX }, "done y 0 4294967295");
+    check(Reply::Unread(What::Missing, 3), "err missing 3");
+    check(Reply::Refused(Refusal { reason: Reason::Period, detail: 500 }), "err period 500");
+    check(Reply::Refused(Refusal { reason: Reason::Busy, detail: 2 }), "err busy z");
+    check(Reply::Path, "err path");
+    check(Reply::Verbs, "err verbs");
+    // The longest of all.
+    let worst = Obeyed::new(u64::MAX, [(i32::MIN, Some(u64::MAX)); 4].into_iter());
+    let mut line = [0; 2 * LONGEST];
+    let len = Reply::At { obeyed: worst, axes: 0b1111 }.write(&mut line);
+    assert!(len <= LONGEST, "{len}");
+}

@@ -1,0 +1,65 @@
+//! Draws circles with two ULN2003 motors, on GPIO 2 to 5 and 6 to 9, without a host: direct digital synthesis of their speeds, as seed
+//! 002 does it.
+//!
+//! A phase accumulator of 32 bits goes on 100 times a second; a table of sines makes speeds of its upper bits, a quarter of a turn
+//! apart for the two motors, and [`convert`] periods of the speeds.
+#![no_std]
+#![no_main]
+
+use pulsetrain_pico::motors::{Course, MotorSetup, Motors, Sequence, TICKS_PER_S, Times, Verb};
+
+/// How often speeds are set, Hz.
+const RATE_HZ: u32 = 100;
+
+/// A circle takes so long, s.
+const PERIOD_S: u32 = 8;
+
+/// Its radius, half steps.
+const RADIUS: f32 = 400.0;
+
+/// How far the accumulator goes each time: all of it in [`PERIOD_S`].
+const INCREMENT: u32 = ((1 << 32) / (RATE_HZ * PERIOD_S) as u64) as u32;
+
+/// The largest speed, half steps/s.
+const FASTEST: f32 = RADIUS * 2.0 * core::f32::consts::PI / PERIOD_S as f32;
+
+#[unsafe(no_mangle)]
+extern "C" fn main() -> ! {
+    let wiring = [2, 6].map(|pin| MotorSetup::coils_on(pin, Sequence::Half));
+    // SAFETY: once, and nothing else is set up.
+    let Ok(motors) = (unsafe { Motors::begin(&wiring, Times::default()) }) else { panic!() };
+    let mut sines = [0.0; 256];
+    for (at, sine) in (0..).zip(&mut sines) {
+        // In the middle of what the accumulator's upper bits stand for.
+        *sine = FASTEST * libm::sinf((at as f32 + 0.5) * 2.0 * core::f32::consts::PI / 256.0);
+    }
+    let speed = |phase: u32| sines[(phase >> 24) as usize];
+    // A speed holds until the next: it is that of the time's middle.
+    let (mut phase, mut next) = (INCREMENT / 2, motors.now());
+    let _ = motors.tell(&[(0, Verb::Run), (1, Verb::Run)]);
+    loop {
+        let speeds = [speed(phase), speed(phase.wrapping_add(1 << 30))];
+        let [x, y] = speeds.map(|speed| (course(speed), Verb::Speed { ticks: convert(speed) }));
+        // Periods of speeds that the motors have are never refused.
+        let _ = motors.tell(&[(0, x.0), (0, x.1), (1, y.0), (1, y.1)]);
+        phase = phase.wrapping_add(INCREMENT);
+        next += u64::from(TICKS_PER_S / RATE_HZ);
+        motors.sleep_until(next);
+    }
+}
+
+fn course(speed: f32) -> Verb {
+    Verb::Course(if speed > 0.0 {
+        Course::Forward
+    } else if speed < 0.0 {
+        Course::Backward
+    } else {
+        Course::Stationary
+    })
+}
+
+/// A speed, half steps/s, as the wait from step to step. It is its inverse: twice the wait is half the speed.
+fn convert(speed: f32) -> u64 {
+    // From a step in ten seconds on; slower ones are as slow as that.
+    (TICKS_PER_S as f32 / speed.abs().max(0.1)) as u64
+}
