@@ -2,28 +2,53 @@
 
 use crate::command::{self, Done, cargo, command};
 use crate::{cross_check, firmware, fuzz, test};
+use std::time::Instant;
 
 /// Seconds that each fuzz target runs in CI.
 const FUZZ_SECONDS: u64 = 15;
 /// Cases of each property test in CI; in `cargo xtask test` as many as the test says, or 256.
 const PROPERTY_CASES: u32 = 1024;
 
+/// A part of CI: its name, and what it does.
+type Stage = (&'static str, fn() -> Done);
+
 /// Cheapest first: what fails, fails early.
+const STAGES: [Stage; 8] = [
+    ("format", format),
+    ("lints", || command::run(&mut cargo("clippy --workspace --all-targets -- -D warnings"))),
+    ("documentation", documentation),
+    // What the virtual boards run, in the tests as well, is what the sources say.
+    ("images", || firmware::check_uno().and_then(|()| firmware::pico::check())),
+    ("tests", || test::run(Some(PROPERTY_CASES))),
+    ("cross-check", cross_check::run),
+    ("first command of the README", || command::run(&mut cargo("run --release -- run examples/tutorial.toml"))),
+    ("fuzzing", || fuzz::run(FUZZ_SECONDS, None)),
+];
+
+/// Runs every stage, and prints what each took.
 pub(crate) fn run() -> Done {
+    let mut took = Vec::new();
+    for (name, stage) in STAGES {
+        let start = Instant::now();
+        stage()?;
+        took.push((name, start.elapsed().as_secs()));
+    }
+    for (name, seconds) in took {
+        println!("xtask ci: {name}: {} min {:02} s", seconds / 60, seconds % 60);
+    }
+    println!("xtask ci: all passed");
+    Ok(())
+}
+
+fn format() -> Done {
     command::run(command("rustup").args(["component", "add", "rustfmt", "clippy"]))?;
     command::run(&mut cargo("fmt --all --check"))?;
     for manifest in ["fuzz/Cargo.toml", "xtask/cross-check/usb_serial/Cargo.toml"] {
         command::run(&mut cargo(&format!("fmt --manifest-path {manifest} --check")))?;
     }
-    command::run(&mut cargo("clippy --workspace --all-targets -- -D warnings"))?;
-    command::run(cargo("doc --workspace --no-deps --document-private-items").env("RUSTDOCFLAGS", "-D warnings"))?;
-    // What the virtual boards run, in the tests as well, is what the sources say.
-    firmware::check_uno()?;
-    firmware::pico::check()?;
-    test::run(Some(PROPERTY_CASES))?;
-    cross_check::run()?;
-    command::run(&mut cargo("run --release -- run examples/tutorial.toml"))?;
-    fuzz::run(FUZZ_SECONDS, None)?;
-    println!("xtask ci: all passed");
     Ok(())
+}
+
+fn documentation() -> Done {
+    command::run(cargo("doc --workspace --no-deps --document-private-items").env("RUSTDOCFLAGS", "-D warnings"))
 }

@@ -19,13 +19,16 @@ const RAM: u64 = 2048;
 const IMAGE: &str = "crates/board/images/uno.hex";
 /// Of its winch the assembly alone, committed for a test on the emulated chip.
 const WINCH: &str = "crates/board/images/winch.hex";
+/// What plays baked motions.
+const PLAYER: &str = "crates/pulsetrain/src/bake/player.hex";
 
 /// Builds the Uno's firmware, prints what it takes and writes the committed images.
 pub(crate) fn uno() -> Done {
     let (built, table) = built_uno()?;
     print!("{table}");
     copy(built, IMAGE)?;
-    copy(built_winch()?, WINCH)
+    copy(built_winch()?, WINCH)?;
+    copy(built_player()?, PLAYER)
 }
 
 fn copy(built: PathBuf, image: &str) -> Done {
@@ -43,7 +46,7 @@ pub(crate) fn check_uno() -> Done {
 pub(crate) fn measure_uno() -> Done<String> {
     let (built, table) = built_uno()?;
     let read = |path: PathBuf| fs::read_to_string(&path).map_err(|why| Failure::File { path, why });
-    for (image, built) in [(IMAGE, built), (WINCH, built_winch()?)] {
+    for (image, built) in [(IMAGE, built), (WINCH, built_winch()?), (PLAYER, built_player()?)] {
         same(image, &read(root().join(image))?, &read(built)?)?;
     }
     Ok(table)
@@ -100,6 +103,17 @@ fn built_winch() -> Done<PathBuf> {
         .arg("-o")
         .arg(&elf))?;
     run(command("avr-objcopy").args(["-O", "ihex"]).arg(&elf).arg(&image))?;
+    Ok(image)
+}
+
+/// Compiles what plays baked motions. Gives the image's place.
+fn built_player() -> Done<PathBuf> {
+    let (elf, image) = (target_dir().join("player.elf"), target_dir().join("player.hex"));
+    let mut compiler = command("avr-g++");
+    compiler.args("-mmcu=atmega328p -DF_CPU=16000000L -Os -Wall -Wextra -Werror -fno-exceptions".split(' '));
+    compiler.args("-fno-threadsafe-statics -ffunction-sections -Wl,--gc-sections".split(' '));
+    run(compiler.arg(root().join("crates/pulsetrain/src/bake/player.cpp")).arg("-o").arg(&elf))?;
+    run(command("avr-objcopy").args(["-O", "ihex", "-j", ".text", "-j", ".data"]).args([&elf, &image]))?;
     Ok(image)
 }
 

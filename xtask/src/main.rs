@@ -4,6 +4,7 @@
 //! - [`ci`], [`test`](mod@test): what must hold, each a list of commands
 //! - [`bench`](mod@bench), [`golden`], [`fuzz`]: what is measured, reviewed, tried
 //! - [`pictures`]: what documents show
+//! - [`arduino`]: tests with what Debian has for the Uno: bootloaders, compiler, avrdude
 //! - [`python`]: the tests of the client in Python
 //! - [`ruckig`]: S-curve durations against an independent library
 //! - [`cross_check`]: the AVR emulator against simavr and avr8js
@@ -15,6 +16,7 @@
 //! The tests themselves: they are in each crate's `tests/`, and those of the whole repository in `xtask/tests/`.
 #![forbid(unsafe_code)]
 
+mod arduino;
 mod bench;
 mod boards;
 mod ci;

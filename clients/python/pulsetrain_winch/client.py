@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from dataclasses import dataclass
@@ -161,11 +162,11 @@ class Winch:
 
     def gains(self, axes: str = AXES, *, frequency_hz: float, damping_ratio: float) -> None:
         """``g``: natural frequency (0.01 to 20 Hz) and damping ratio (0.07 to 5; 1 is critical)."""
-        self.send(f"g {_flags(axes)} {frequency_hz:.6f} {damping_ratio:.6f}")
+        self.send(f"g {_flags(axes)} {_decimal(frequency_hz)} {_decimal(damping_ratio)}")
 
     def limits(self, axes: str = AXES, *, speed: float, acceleration: float) -> None:
         """``l``: the highest speed, steps/s, and acceleration, steps/s²."""
-        self.send(f"l {_flags(axes)} {speed:.6f} {acceleration:.6f}")
+        self.send(f"l {_flags(axes)} {_decimal(speed)} {_decimal(acceleration)}")
 
     def enable(self, on: bool = True) -> None:
         """``enable``: drivers on; or the motors stopped within their limits, and then the drivers off."""
@@ -173,7 +174,7 @@ class Winch:
 
     def report_every(self, milliseconds: int) -> None:
         """``srate``: the interval of status lines, ms."""
-        self.send(f"srate {int(milliseconds)}")
+        self.send(f"srate {_whole(milliseconds)}")
 
     def strict(self, on: bool = True) -> None:
         """``strict``: whether any irregularity of a line is refused. Boards with the original's firmware ignore it."""
@@ -181,7 +182,7 @@ class Winch:
 
     def deadman(self, milliseconds: int) -> None:
         """``deadman``: without a line for so long, ms, the board stops all axes; 0: never. The original ignores it."""
-        self.send(f"deadman {int(milliseconds)}")
+        self.send(f"deadman {_whole(milliseconds)}")
 
     def send(self, line: str) -> None:
         """Sends a line as it is.
@@ -249,14 +250,22 @@ class Winch:
     def wait_until_still(self, timeout: float, *, quiet: float = 0.5) -> Status:
         """The first status after which no motor has moved for ``quiet`` seconds of the board's clock.
 
-        Raises :exc:`NoAnswer` after ``timeout`` seconds.
+        Statuses that came before the call do not count: what was sent just before it has its effect first. Raises
+        :exc:`NoAnswer` after ``timeout`` seconds of this computer's clock, and :exc:`ValueError` if that is no longer than
+        ``quiet``, so that nothing could be seen.
         """
+        if not 0 < quiet < timeout:
+            raise ValueError(f"quiet must be more than 0 and less than the timeout of {timeout} s: {quiet!r}")
+        self._catch_up()
+        self._statuses.clear()
         still: Optional[Status] = None
         for status in self.statuses(timeout):
             if still is None or still.positions != status.positions:
                 still = status
             elif status.usec - still.usec >= quiet * 1e6:
                 return status
+        if still is None:
+            raise NoAnswer(f"no status came in {timeout} s")
         raise NoAnswer(f"the motors were not still for {quiet} s within {timeout} s")
 
     def _ask(self, question: str, answer: str, timeout: float) -> Message:
@@ -334,8 +343,19 @@ def _flags(axes: str) -> str:
     return axes
 
 
+def _number(value: Union[int, float]) -> Union[int, float]:
+    # True is 1 to Python, and a mistake here.
+    if isinstance(value, bool) or not math.isfinite(value):
+        raise ValueError(f"not a number: {value!r}")
+    return value
+
+
+def _decimal(value: float) -> str:
+    return f"{_number(value):.6f}"
+
+
 def _whole(value: Union[int, float]) -> int:
-    if value != int(value):
+    if _number(value) != int(value):
         raise ValueError(f"not a whole number: {value!r}")
     if not -_HALF <= value < _HALF:
         raise ValueError(f"more than 32 bits: {value!r}")

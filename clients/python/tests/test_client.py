@@ -97,11 +97,21 @@ class Commands(unittest.TestCase):
 
     def test_what_is_refused_here(self) -> None:
         winch = winch_on(FakeLine())
-        wrongs: List[Callable[[], None]] = [
+        wrongs: List[Callable[[], object]] = [
             lambda: winch.move_to(),
             lambda: winch.move_to(w=1),
             lambda: winch.move_to(x=1.5),  # type: ignore[arg-type]
             lambda: winch.move_to(x=1 << 31),
+            lambda: winch.move_to(x=True),
+            lambda: winch.drift(x=float("nan")),  # type: ignore[arg-type]
+            lambda: winch.drift(x=float("inf")),  # type: ignore[arg-type]
+            lambda: winch.report_every(2.5),  # type: ignore[arg-type]
+            lambda: winch.deadman(True),
+            lambda: winch.gains(frequency_hz=float("nan"), damping_ratio=1),
+            lambda: winch.gains(frequency_hz=1, damping_ratio=True),
+            lambda: winch.limits(speed=float("inf"), acceleration=1),
+            lambda: winch.wait_until_still(0.5),
+            lambda: winch.wait_until_still(0.5, quiet=0.0),
             lambda: winch.gains("", frequency_hz=1, damping_ratio=1),
             lambda: winch.gains("xx", frequency_hz=1, damping_ratio=1),
             lambda: winch.send("a x 1\nenable 0"),
@@ -193,10 +203,22 @@ class Hearing(unittest.TestCase):
 
     def test_still(self) -> None:
         lines = [f"txyza {200_000 * n} {min(n, 3)} 0 0 0\r\n".encode() for n in range(9)]
-        still = winch_on(FakeLine(*lines)).wait_until_still(1.0)
+        still = winch_on(FakeLine(b"", *lines)).wait_until_still(1.0)
         self.assertEqual((still.usec, still.positions), (1_200_000, (3, 0, 0, 0)))
-        with self.assertRaises(NoAnswer):
-            winch_on(FakeLine(*lines[:4])).wait_until_still(0.1)
+        with self.assertRaisesRegex(NoAnswer, "not still for 0.05 s within 0.1 s"):
+            winch_on(FakeLine(b"", *lines[:4])).wait_until_still(0.1, quiet=0.05)
+        with self.assertRaisesRegex(NoAnswer, "no status came in 0.1 s"):
+            winch_on(FakeLine()).wait_until_still(0.1, quiet=0.05)
+
+    def test_rest_before_the_question_is_none(self) -> None:
+        before = [f"txyza {200_000 * n} 0 0 0 0\r\n".encode() for n in range(9)]
+        after = [f"txyza {200_000 * (9 + n)} {min(n, 3)} 0 0 0\r\n".encode() for n in range(9)]
+        line = FakeLine(*before, b"", *after)
+        winch = winch_on(line)
+        for _ in before[:-1]:
+            winch.poll()
+        winch.move_to(x=3)
+        self.assertEqual(winch.wait_until_still(1.0).positions, (3, 0, 0, 0))
 
     def test_closing(self) -> None:
         line = FakeLine()

@@ -1,6 +1,5 @@
 //! The Uno's USB bridge, an ATmega16U2, as far as time goes: frames of USB, and the rates that it can make.
 
-use pulsetrain_core::wire::Baud;
 use std::time::Duration;
 
 /// Cycles per second; one tick of the firmware's clock is one cycle.
@@ -22,10 +21,10 @@ pub(crate) const fn next_frame(cycle: u64) -> u64 {
     (cycle / USB_FRAME + 1) * USB_FRAME
 }
 
-/// Cycles of a bit at the rate that the bridge makes of `baud`.
-pub(crate) fn bit_cycles(baud: Baud) -> u64 {
-    let rate = u64::from(baud.rate()) * BRIDGE_DIVIDER;
-    (CYCLES_PER_S + rate / 2) / rate * BRIDGE_DIVIDER
+/// Cycles of a bit at what the bridge makes of a rate in bits a second, 1200 or more.
+pub(crate) fn bit_cycles(rate: u32) -> u64 {
+    let rate = u64::from(rate) * BRIDGE_DIVIDER;
+    (CYCLES_PER_S + rate / 2) / rate.max(1) * BRIDGE_DIVIDER
 }
 
 pub(crate) fn duration(cycle: u64) -> Duration {

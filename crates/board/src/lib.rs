@@ -6,13 +6,13 @@
 //! - [`native`]: the project's own stepgen on the PC, in virtual time
 //! - [`native_verbs`]: the same with motors that are told directly
 //! - [`remote`]: a board at the other end of a [`Port`], through `link`, the host's side of docs/protocol.md
-//! - [`serial`]: a real serial port, in real time
+//! - [`serial`]: a real serial port, in real time; [`stk500`]: an Uno's bootloader, at any port
 //! - [`faulty`]: a port whose frames suffer, by a seed; [`model`]: a board behind a serial line, without a chip
 //! - [`shadow`]: any board beside a native one that is told the same: what was scheduled, and what came of it
 //! - [`virtual_uno`], [`virtual_pico`]: the Uno's and the Pico's firmware on an emulated chip, as such a port; `bridge`: the Uno's
 //!   USB, as far as time goes
 //! - [`native_winch`]: StepperWinch's text with core's own code instead of a firmware, as such a port
-//! - [`VirtualBoard`]: what all of them can do
+//! - [`VirtualBoard`]: what all of them can do; [`skewed`]: one whose clock is off
 //! - [`BoardClock`]: such a board's clock, as the host sees it
 //!
 //! # What is not
@@ -33,6 +33,8 @@ pub mod remote;
 pub mod serial;
 pub mod shadow;
 mod sizer;
+pub mod skewed;
+pub mod stk500;
 pub mod virtual_pico;
 pub mod virtual_uno;
 
@@ -122,6 +124,15 @@ pub trait VirtualBoard: Port {
 
     /// The rate of the line.
     fn baud(&self) -> pulsetrain_core::wire::Baud;
+
+    /// Takes on the rate that a client set, bits a second, if the board's end can.
+    ///
+    /// # Errors
+    /// As [`Port::set_baud`].
+    fn follow(&mut self, rate: u32) -> Result<(), PortError> {
+        let baud = pulsetrain_core::wire::Baud::ALL.into_iter().find(|baud| baud.rate() == rate);
+        baud.filter(|baud| *baud != self.baud()).map_or(Ok(()), |baud| self.set_baud(baud))
+    }
 }
 
 pub use clock::BoardClock;
@@ -129,6 +140,7 @@ pub use link::{Link, LinkError};
 pub use native::{
     Config, Edge, Faults, MotorConfig, Native, Observer, ScheduledStep, StopReport, SwitchRefused, Wiring,
 };
+pub use pulsetrain_emulator::{hex, image};
 pub use remote::{Port, PortError, Remote, RemoteError, Setup};
 pub use serial::Serial;
 pub use shadow::Shadowed;

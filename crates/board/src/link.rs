@@ -17,6 +17,9 @@ use std::time::Duration;
 /// Nothing is confirmed sooner, whatever the rate: USB bridges hold bytes back for 1 to 2 ms each way.
 const SHORTEST_TIMEOUT: Duration = Duration::from_millis(8);
 
+/// Bits of a byte on the line, at most: start, data and two stop bits.
+pub(crate) const BITS: u64 = 11;
+
 /// Each further silence doubles the time-out, up to this.
 const LONGEST_TIMEOUT: Duration = Duration::from_millis(50);
 
@@ -45,7 +48,10 @@ pub enum LinkError {
     #[error("no board answers; is its firmware Pulsetrain's, and is the port the right one?")]
     Nobody,
     /// Another host has the board.
-    #[error("another program drives this board; it is free once that says good-bye, or 2 s after it was last heard")]
+    #[error(
+        "another program drives this board; it is free once that says good-bye, or 2 s after it was last heard; or, if that \
+         speaks text, after `enable 0`"
+    )]
     Taken,
     /// It speaks another version of the protocol.
     #[error("the board's firmware speaks protocol {board}, this program {host}: write the firmware that belongs to it")]
@@ -399,7 +405,7 @@ impl Link {
     /// acknowledgement and another one before that, and a bridge on either side.
     #[must_use]
     pub fn shortest_timeout(&self) -> Duration {
-        let bits = 10 * 3 * MAX_FRAME as u64;
+        let bits = BITS * 3 * MAX_FRAME as u64;
         SHORTEST_TIMEOUT + Duration::from_nanos(bits * 1_000_000_000 / u64::from(self.baud.rate()))
     }
 

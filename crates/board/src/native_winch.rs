@@ -239,7 +239,7 @@ impl NativeWinch {
 
 impl Line {
     fn byte_ticks(&self) -> u64 {
-        10 * bit_cycles(self.baud)
+        10 * bit_cycles(self.baud.rate())
     }
 
     /// Bytes that the board has said and that are not on the line yet.

@@ -6,7 +6,7 @@
 //! When the board is lost, nothing waits for it: what is pushed goes nowhere, switches are refused, time goes on, and
 //! [`Remote::error`] says why. What the board was told ends in its tail.
 
-use crate::link::{Answer, Link, LinkError};
+use crate::link::{Answer, BITS, Link, LinkError};
 use crate::packer::{MAX_LEN, Packer};
 use crate::{Board, BoardClock, Edge, Faults, Observer, Sizer, StopReport, SwitchRefused};
 use pulsetrain_core::packing::Packing;
@@ -782,13 +782,13 @@ impl<P: Port> Board for Remote<P> {
 
     fn lead(&self) -> u64 {
         // Half of all queues filled, as most that goes before a switch; a fault on the way; and the switch itself.
-        let fill = Duration::from_secs(10 * u64::from(self.info.pool) / 2) / self.link.baud().rate();
+        let fill = Duration::from_secs(BITS * u64::from(self.info.pool) / 2) / self.link.baud().rate();
         let lead = fill + 2 * self.link.shortest_timeout();
         (lead.as_secs_f64() * f64::from(self.info.tick_hz)) as u64
     }
 
     fn shortest_lead(&self) -> u64 {
-        let lead = SHORTEST_LEAD + Duration::from_secs(10 * u64::from(self.info.pool) / 4) / self.link.baud().rate();
+        let lead = SHORTEST_LEAD + Duration::from_secs(BITS * u64::from(self.info.pool) / 4) / self.link.baud().rate();
         (lead.as_secs_f64() * f64::from(self.info.tick_hz)) as u64
     }
 

@@ -5,7 +5,7 @@
 
 use crate::{Port, PortError};
 use pulsetrain_core::wire::Baud;
-use serialport::{ClearBuffer, ErrorKind, SerialPort};
+use serialport::{ClearBuffer, ErrorKind, SerialPort, SerialPortType, StopBits};
 use std::io::{self, Read};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
@@ -44,14 +44,23 @@ impl Serial {
     /// # Errors
     /// When there is no such port, it is in use, or the user may not open it; each says what to do.
     pub fn open(name: &str, reset: bool) -> Result<Serial, PortError> {
-        let baud = Baud::B115200.rate();
-        let builder = serialport::new(name, baud).timeout(READ_TIMEOUT);
+        Serial::open_at(name, reset, Baud::B115200.rate())
+    }
+
+    /// The same at any rate, bits a second.
+    ///
+    /// # Errors
+    /// As [`open`](Serial::open).
+    pub fn open_at(name: &str, reset: bool, rate: u32) -> Result<Serial, PortError> {
+        let builder = serialport::new(name, rate).timeout(READ_TIMEOUT);
         let builder = if reset { builder.dtr_on_open(false) } else { builder };
         let mut port = builder.open().map_err(|error| refused(name, &error))?;
         if reset {
+            // Some adapters have the capacitor at RTS. A pseudo-terminal has neither, and needs none.
+            let _ = port.write_request_to_send(false);
             thread::sleep(DTR_LOW);
-            // A pseudo-terminal has no DTR, and needs none.
             let _ = port.write_data_terminal_ready(true);
+            let _ = port.write_request_to_send(true);
         }
         // What came before belongs to nobody; a pseudo-terminal may not know how to drop it.
         let _ = port.clear(ClearBuffer::Input);
@@ -133,6 +142,8 @@ impl Port for Serial {
     fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
         // Until the last byte is out of the computer; a bridge may still have some, and changes after them.
         self.port.flush().map_err(|error| self.gone(error))?;
+        let stop_bits = if baud.stop_bits() == 2 { StopBits::Two } else { StopBits::One };
+        self.port.set_stop_bits(stop_bits).map_err(|error| self.gone(error))?;
         self.port.set_baud_rate(baud.rate()).map_err(|error| self.gone(error))
     }
 }
@@ -140,8 +151,50 @@ impl Port for Serial {
 /// The names of the serial ports that this computer has.
 #[must_use]
 pub fn names() -> Vec<String> {
-    let ports = serialport::available_ports().unwrap_or_default();
-    ports.into_iter().map(|port| port.port_name).collect()
+    list().into_iter().map(|port| port.name).collect()
+}
+
+/// A serial port of this computer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Listed {
+    /// What [`Serial::open`] takes.
+    pub name: String,
+    /// What its USB device says of itself, if it has one.
+    pub usb: Option<Usb>,
+}
+
+/// What a USB device says of itself.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Usb {
+    /// Vendor.
+    pub vendor: u16,
+    /// Product of that vendor.
+    pub product: u16,
+    /// The product's name.
+    pub name: Option<String>,
+    /// Serial number.
+    pub serial: Option<String>,
+}
+
+/// The serial ports that this computer has, by name. Nothing is opened.
+#[must_use]
+pub fn list() -> Vec<Listed> {
+    // Without that folder, as in some containers, the library panics.
+    if cfg!(target_os = "linux") && !std::path::Path::new("/sys/class/tty").exists() {
+        return Vec::new();
+    }
+    let ports = serialport::available_ports().unwrap_or_default().into_iter().map(|port| {
+        let usb = match port.port_type {
+            SerialPortType::UsbPort(usb) => {
+                Some(Usb { vendor: usb.vid, product: usb.pid, name: usb.product, serial: usb.serial_number })
+            }
+            _ => None,
+        };
+        Listed { name: port.port_name, usb }
+    });
+    let mut ports: Vec<Listed> = ports.collect();
+    ports.sort_by(|a, b| a.name.cmp(&b.name));
+    ports
 }
 
 /// What an error on opening means.

@@ -11,8 +11,8 @@ use pulsetrain_emulator::{GpioEdge, LineByte, Observer, Rp2040, UartByte, UsbSta
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// The firmware that `cargo xtask firmware pico` built.
-const IMAGE: &[u8] = include_bytes!("../images/pico.uf2");
+/// The firmware that `cargo xtask firmware pico` built, as a Pico's drive takes it (UF2).
+pub const IMAGE: &[u8] = include_bytes!("../images/pico.uf2");
 
 /// What a UF2 file calls the RP2040.
 const FAMILY: u32 = 0xe48b_ff56;
@@ -197,7 +197,7 @@ impl VirtualPico {
         for byte in bytes {
             let start = self.line_busy.max(frame);
             let byte = LineByte::new(start, *byte, bit_256(baud) as u32);
-            self.line_busy = byte.end_cycle();
+            self.line_busy = byte.end_cycle() + u64::from(baud.stop_bits() - 1) * bit_256(baud) / 256;
             self.chip.receive(0, byte);
         }
     }

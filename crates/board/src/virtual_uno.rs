@@ -7,7 +7,9 @@
 use crate::bridge::{bit_cycles, cycles, duration, garbled, next_frame};
 use crate::{Edge, Port, PortError, VirtualBoard};
 use pulsetrain_core::wire::Baud;
-use pulsetrain_emulator::{Atmega328p, LineByte, Observer, PinEdge, Port as PinPort, ResetCause, UartByte, hex};
+use pulsetrain_emulator::{
+    Atmega328p, Boot, BootSize, LineByte, Observer, PinEdge, Port as PinPort, ResetCause, UartByte, hex,
+};
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -28,6 +30,21 @@ const RATE_TOLERANCE: u64 = 45;
 /// Control register B of Timer1, and its counter (DS40002061B, 31).
 const TCCR1B: u16 = 0x81;
 const TCNT1: u16 = 0x84;
+/// CS12 to CS10: a tick is a cycle, as in the firmware. Bootloaders and the Arduino core divide.
+const UNDIVIDED: u8 = 1;
+
+/// What the Arduino IDE locks when it burns a bootloader: programs cannot write it, nor read it.
+const LOCKS: u8 = 0xcf;
+
+/// Cycles that the bootloader is run at a time; the fewest that a program takes to its clock's start are more.
+const BOOTLOADER_STRIDE: u64 = 64;
+
+/// The committed firmware, as it lies in the flash from address 0 on.
+#[must_use]
+pub fn image() -> Vec<u8> {
+    // Held by a test: the image is committed and whole.
+    hex::parse(IMAGE, Atmega328p::FLASH_BYTES).unwrap_or_default()
+}
 
 /// An Arduino Uno in virtual time.
 #[derive(Clone)]
@@ -36,11 +53,35 @@ pub struct VirtualUno {
     outside: Outside,
     /// The cycle of the firmware's tick 0, once its clock runs.
     zero: Option<u64>,
-    /// The rate of the bridge, and the one that it changes to at a cycle.
-    baud: Baud,
-    next_baud: Option<(u64, Baud)>,
+    /// The rate of the bridge, bits a second, and the one that it changes to at a cycle.
+    rate: u32,
+    next_rate: Option<(u64, u32)>,
     /// Sent by the bridge up to this cycle.
     line_busy: u64,
+    /// Where the bootloader begins, word address, if there is one.
+    bootloader: Option<u16>,
+}
+
+/// Why there cannot be such an Uno.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum BootloaderError {
+    /// Bootloaders begin where a boot section can (DS40002061B, table 27-7).
+    #[error(
+        "this is no bootloader of an ATmega328P: its first byte is at {start:#06x}, a boot section begins at 0x7000, \
+         0x7800, 0x7c00 or 0x7e00"
+    )]
+    NotInBootSection {
+        /// Address of its first byte.
+        start: usize,
+    },
+    /// The program reaches into it.
+    #[error("the program has {bytes} bytes, before the bootloader there is room for {limit}")]
+    ImageTooLarge {
+        /// Of the program.
+        bytes: usize,
+        /// Where the bootloader begins.
+        limit: usize,
+    },
 }
 
 /// What leaves the chip, until it is fetched.
@@ -70,9 +111,7 @@ impl VirtualUno {
     /// An Uno with the committed firmware that has just been plugged in and opened.
     #[must_use]
     pub fn new() -> VirtualUno {
-        // Held by a test: the image is committed and whole.
-        let image = hex::parse(IMAGE, Atmega328p::FLASH_BYTES).unwrap_or_default();
-        VirtualUno::with_image(&image).expect("no image is larger than what it was parsed for")
+        VirtualUno::with_image(&image()).expect("no image is larger than what it was parsed for")
     }
 
     /// An Uno with any firmware.
@@ -80,16 +119,39 @@ impl VirtualUno {
     /// # Errors
     /// When the flash cannot hold it.
     pub fn with_image(image: &[u8]) -> Result<VirtualUno, pulsetrain_emulator::ImageTooLarge> {
-        let mut uno = VirtualUno {
-            chip: Atmega328p::new(image)?,
-            outside: Outside::default(),
-            zero: None,
-            baud: Baud::B115200,
-            next_baud: None,
-            line_busy: 0,
+        Ok(VirtualUno::plugged_in(Atmega328p::new(image)?, None))
+    }
+
+    /// An Uno as it is sold: a bootloader at the end of its flash, which each reset starts and which no program can
+    /// overwrite, and a program before it, or none (an empty one).
+    ///
+    /// # Errors
+    /// [`BootloaderError`]: a bootloader for another chip, or a program that reaches into it.
+    pub fn with_bootloader(program: &[u8], bootloader: &[u8]) -> Result<VirtualUno, BootloaderError> {
+        let start = bootloader.iter().position(|byte| *byte != 0xff).unwrap_or(0);
+        let size = match start {
+            0x7e00 => BootSize::Words256,
+            0x7c00 => BootSize::Words512,
+            0x7800 => BootSize::Words1024,
+            0x7000 => BootSize::Words2048,
+            _ => return Err(BootloaderError::NotInBootSection { start }),
         };
+        if program.len() > start {
+            return Err(BootloaderError::ImageTooLarge { bytes: program.len(), limit: start });
+        }
+        let mut flash = bootloader.to_vec();
+        flash[..program.len()].copy_from_slice(program);
+        let chip = Atmega328p::with_boot(&flash, Boot { size, start: true });
+        let mut chip = chip.map_err(|_| BootloaderError::NotInBootSection { start: flash.len() })?;
+        chip.set_locks(LOCKS);
+        Ok(VirtualUno::plugged_in(chip, Some((start / 2) as u16)))
+    }
+
+    fn plugged_in(chip: Atmega328p, bootloader: Option<u16>) -> VirtualUno {
+        let (outside, rate) = (Outside::default(), Baud::B115200.rate());
+        let mut uno = VirtualUno { chip, outside, zero: None, rate, next_rate: None, line_busy: 0, bootloader };
         uno.reset();
-        Ok(uno)
+        uno
     }
 
     /// What DTR does as a program opens the port: the chip starts again. Bytes under way are lost.
@@ -118,17 +180,28 @@ impl VirtualUno {
         self.zero
     }
 
-    /// The rate of the line at the bridge's end.
+    /// The rate of the line at the bridge's end, if it is one of the protocol's; else its first, 115 200 baud.
     #[must_use]
-    pub const fn baud(&self) -> Baud {
-        self.baud
+    pub fn baud(&self) -> Baud {
+        of_protocol(self.rate)
+    }
+
+    /// Changes the rate to any, bits a second (from 1200 on), once all bytes that were handed over are out.
+    pub fn set_rate(&mut self, rate: u32) {
+        self.next_rate = Some((self.line_busy.max(self.chip.cycle()), rate.max(1200)));
+        self.change_rate(self.chip.cycle());
     }
 
     fn run(&mut self, until: u64) {
         while self.zero.is_none() && self.chip.cycle() < until {
+            if self.bootloader.is_some_and(|start| self.chip.pc() >= start) {
+                // It has Timer1 for a light. Programs start the clock later than this after it.
+                self.chip.run(until.min(self.chip.cycle() + BOOTLOADER_STRIDE), &mut self.outside);
+                continue;
+            }
             self.chip.step(&mut self.outside);
             // Just started: no instruction is in the middle of a 16-bit register, whose common byte this reads.
-            if self.chip.read_data(TCCR1B, &mut ()) & 7 != 0 {
+            if self.chip.read_data(TCCR1B, &mut ()) & 7 == UNDIVIDED {
                 let low = self.chip.read_data(TCNT1, &mut ());
                 let high = self.chip.read_data(TCNT1 + 1, &mut ());
                 self.zero = Some(self.chip.cycle() - u64::from(u16::from_le_bytes([low, high])));
@@ -145,7 +218,7 @@ impl VirtualUno {
         while let Some(byte) = self.outside.bytes.front().filter(|byte| byte.end_cycle <= cycle).copied() {
             self.outside.bytes.pop_front();
             self.change_rate(byte.end_cycle);
-            let (own, theirs) = (bit_cycles(self.baud), u64::from(byte.cycles_per_bit));
+            let (own, theirs) = (bit_cycles(self.rate), u64::from(byte.cycles_per_bit));
             let off = own.abs_diff(theirs) * 1000 / own;
             // At a wrong rate something comes, but not what was sent.
             into.push(if off <= RATE_TOLERANCE { byte.byte() } else { garbled(byte.byte()) });
@@ -154,10 +227,10 @@ impl VirtualUno {
     }
 
     fn change_rate(&mut self, cycle: u64) {
-        if let Some((at, baud)) = self.next_baud
+        if let Some((at, rate)) = self.next_rate
             && cycle >= at
         {
-            (self.baud, self.next_baud) = (baud, None);
+            (self.rate, self.next_rate) = (rate, None);
         }
     }
 }
@@ -170,7 +243,7 @@ impl Default for VirtualUno {
 
 impl std::fmt::Debug for VirtualUno {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("VirtualUno").field("cycle", &self.chip.cycle()).field("baud", &self.baud).finish()
+        f.debug_struct("VirtualUno").field("cycle", &self.chip.cycle()).field("rate", &self.rate).finish()
     }
 }
 
@@ -184,7 +257,14 @@ impl VirtualBoard for VirtualUno {
     }
 
     fn baud(&self) -> Baud {
-        self.baud
+        VirtualUno::baud(self)
+    }
+
+    fn follow(&mut self, rate: u32) -> Result<(), PortError> {
+        if rate != self.next_rate.map_or(self.rate, |(_, rate)| rate) {
+            self.set_rate(rate);
+        }
+        Ok(())
     }
 }
 
@@ -194,13 +274,13 @@ impl Port for VirtualUno {
     }
 
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
-        let baud = self.next_baud.map_or(self.baud, |(_, baud)| baud);
-        let bit = bit_cycles(baud);
+        let rate = self.next_rate.map_or(self.rate, |(_, rate)| rate);
+        let (bit, rest) = (bit_cycles(rate), u64::from(of_protocol(rate).stop_bits() - 1));
         let frame = next_frame(self.chip.cycle());
         for byte in bytes {
             let start = self.line_busy.max(frame);
             let byte = LineByte::new(start, *byte, bit as u32 * 256);
-            self.line_busy = byte.end_cycle();
+            self.line_busy = byte.end_cycle() + bit * rest;
             self.chip.receive(byte);
         }
         Ok(())
@@ -221,8 +301,7 @@ impl Port for VirtualUno {
     }
 
     fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
-        self.next_baud = Some((self.line_busy.max(self.chip.cycle()), baud));
-        self.change_rate(self.chip.cycle());
+        self.set_rate(baud.rate());
         Ok(())
     }
 
@@ -234,6 +313,11 @@ impl Port for VirtualUno {
             Some(Edge { tick, line: arduino_pin(edge.port, edge.bit)?, level })
         }));
     }
+}
+
+/// The protocol's rate of so many bits a second; its first if it has none such.
+fn of_protocol(rate: u32) -> Baud {
+    Baud::ALL.into_iter().find(|baud| baud.rate() == rate).unwrap_or_default()
 }
 
 /// The Uno's number of a pin: 0 to 7 on port D, 8 to 13 on B, A0 to A5 (14 to 19) on C.

@@ -2,11 +2,13 @@
 //! the tick; and a cable that is pulled.
 
 mod common;
+mod held;
 
 use common::pico::{TICK_HZ, coils, step_dir};
 use common::segments::{Chip, Law, Stream};
+use held::hold_for;
 use pulsetrain_board::faulty::{Faulty, Rates};
-use pulsetrain_board::virtual_pico::VirtualPico;
+use pulsetrain_board::virtual_pico::{Line, VirtualPico};
 use pulsetrain_board::{Board, Edge, Port, Remote, Setup};
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::Baud;
@@ -116,4 +118,46 @@ fn a_cable_that_is_pulled_is_the_end_of_the_queue() {
             status.motors.as_slice()
         );
     }
+}
+
+/// More bytes than the ring of the UART holds, while the main loop is held up: what is lost is counted and told, the session goes
+/// on; text says that something was lost, and obeys no line that was sewn together.
+#[test]
+fn a_ring_that_overflows_is_noticed() {
+    // 130 ms at 115 200 baud are 1500 bytes; the ring has 1024.
+    const HELD: u64 = TICK_HZ / 1000 * 140;
+    let mut board = Remote::open(VirtualPico::new(), 7).expect("it answers");
+    board.configure(&Setup { pulse_ticks: 250, motors: vec![step_dir(2)], ..Setup::default() }).expect("it takes it");
+    board.port_mut().send_on(Line::Uart, &[0; 1500]);
+    hold_for(board.port_mut(), HELD);
+    let soon = board.now() + TICK_HZ / 20;
+    board.advance(soon, &mut |_: Edge| {});
+    let lost = board.measures(false).expect("it answers").lost_bytes;
+    assert!((1025..=1500).contains(&lost), "{lost} bytes lost");
+    // Motors that are armed run dry meanwhile: that is another test's.
+    let events = board.events();
+    let told: Vec<_> = events.iter().filter(|event| event.cause == Cause::Overrun).map(|event| event.detail).collect();
+    assert_eq!(told, [u32::from(lost)]);
+    assert_eq!(board.error(), None);
+
+    let mut port = VirtualPico::new();
+    let mut heard = Vec::new();
+    let run = |port: &mut VirtualPico, heard: &mut Vec<u8>, ms| {
+        let until = port.now() + Duration::from_millis(ms);
+        while port.now() < until {
+            port.receive(until, heard).expect("it is there");
+        }
+    };
+    port.send(b"srate 65535\n").expect("it is there");
+    run(&mut port, &mut heard, 50);
+    heard.clear();
+    // Of these the last, whole, would move; sewn to what is left of another it must not.
+    port.send(("version\n".repeat(188) + "a x 5\n").as_bytes()).expect("it is there");
+    hold_for(&mut port, HELD);
+    run(&mut port, &mut heard, 100);
+    port.send(b"\nversion\n").expect("it is there");
+    run(&mut port, &mut heard, 100);
+    let text = String::from_utf8_lossy(&heard);
+    let errors = text.lines().filter(|line| line.starts_with("err noise")).count();
+    assert!(errors == 1 && text.ends_with("id StepperWinch Nov 21 2026\r\n"), "{text}");
 }

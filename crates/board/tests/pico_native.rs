@@ -3,11 +3,11 @@
 mod common;
 
 use common::Random;
-use common::pico::{Pair, TICK_HZ, coil_levels, coils, overhead, pins_of, random_items, run, step_dir};
+use common::pico::{Pair, TICK_HZ, coil_levels, coils, overhead, random_items, step_dir};
 use pulsetrain_board::{Board, Faults, Setup, SwitchRefused};
+use pulsetrain_core::Item;
 use pulsetrain_core::output::{HALF_STEPS, Sequence};
 use pulsetrain_core::wire::message::{Cause, MotorSetup};
-use pulsetrain_core::{Direction, Item, Moment};
 
 const SEQUENCES: [Sequence; 3] = [Sequence::Wave, Sequence::Full, Sequence::Half];
 
@@ -68,7 +68,6 @@ fn random_plans(kind: u64, seed: u64, tally: &mut Tally) {
         for (index, motor) in setup.motors.iter().enumerate() {
             // One motor by itself as fast as the state machine is, or nearly; several as fast as the processor is.
             let fastest = u64::from(overhead(&setup, motor)) + 1 + 100 * setup.motors.len() as u64;
-            let fastest = if motor.coils().is_some() { fastest.max(10_000) } else { fastest };
             let items = random_items(&setup, motor, random, from, fastest);
             let bends = |item: &&Item| matches!(item, Item::Run { segment, .. } if segment.add2 != 0);
             tally.bent += items.iter().filter(bends).count();
@@ -162,32 +161,4 @@ fn drivers() {
 #[test]
 fn coils_and_both() {
     random_plans_on(3..6, SEEDS);
-}
-
-/// Six motors with coils turn at each phase, both ways: every pattern comes once, in its tick.
-#[test]
-fn coils_turn_at_each_phase() {
-    let motors: Vec<_> = (0..6).map(|motor: u8| coils(2 + 4 * motor, SEQUENCES[usize::from(motor) % 3])).collect();
-    let setup = Setup { motors, ..Setup::default() };
-    let mut pair = Pair::new(&setup);
-    let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
-    for motor in 0..6 {
-        let mut items = vec![Item::Anchor { tick: Moment::of(from) }];
-        // Forward by one more than backward: each round turns one step further on.
-        for _ in 0..8 {
-            items.push(run(9, 125_000 + 1_111 * motor, Direction::Forward));
-            items.push(run(8, 125_000 + 1_111 * motor, Direction::Backward));
-        }
-        pair.push(motor as usize, 1, &items);
-    }
-    assert_eq!(pair.switch(1, from), Ok(()));
-    pair.advance(from + TICK_HZ / 4);
-    pair.compare(from + TICK_HZ / 4);
-    assert_eq!(pair.pico.positions(), [8; 6]);
-    for motor in &setup.motors {
-        let pins = pins_of(motor);
-        let ticks: std::collections::BTreeSet<_> =
-            pair.edges.iter().filter(|edge| pins.contains(&edge.line)).map(|edge| edge.tick).collect();
-        assert_eq!(ticks.len(), 8 * 17, "a pattern for each step");
-    }
 }

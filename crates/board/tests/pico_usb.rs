@@ -5,7 +5,7 @@ mod common;
 use common::Random;
 use common::pico::{Pair, TICK_HZ, overhead, random_items, run, step_dir};
 use pulsetrain_board::virtual_pico::{CYCLES_PER_S, VirtualPico};
-use pulsetrain_board::{Board, Link, Setup};
+use pulsetrain_board::{Board, Link, Port, Setup};
 use pulsetrain_core::{Direction, Item, Moment};
 use pulsetrain_emulator::{Observer, Rp2040, UsbState};
 use std::time::Duration;
@@ -94,6 +94,89 @@ fn endpoints_can_be_cleared_in_a_session() {
     });
     let counts = pair.pico.link().counts();
     assert_eq!((counts.repeated, Some(counts.damaged)), (0, before), "{counts:?}");
+}
+
+/// Endpoints that are halted and cleared in a session (USB 2.0 §9.4.5, §9.4.9): no byte is lost either way.
+#[test]
+fn endpoints_can_be_halted_in_a_session() {
+    let pair = asked_all_the_time(|round, pair| {
+        let chip = pair.pico.port_mut().chip_mut();
+        let halted: &[u8] = match round % 8 {
+            0 => &[0x82],
+            2 => &[0x02],
+            4 => &[0x82, 0x02, 0x81],
+            _ => &[],
+        };
+        halted.iter().for_each(|endpoint| chip.usb_halt(*endpoint));
+        halted.iter().for_each(|endpoint| chip.usb_clear_halt(*endpoint));
+        // There is no such endpoint; endpoint 0 does not halt.
+        [0x03, 0x83, 0x00].into_iter().for_each(|endpoint| chip.usb_halt(endpoint));
+        assert_eq!(chip.usb_state(), UsbState::Open);
+    });
+    assert_eq!(pair.pico.link().counts().repeated, 0, "{:?}", pair.pico.link().counts());
+}
+
+/// What a halted endpoint does: nothing, for as long as it is; what was to go there goes after that.
+#[test]
+fn a_halted_endpoint_keeps_what_it_has() {
+    let text = |pico: &mut VirtualPico, ms| {
+        let until = pico.now() + Duration::from_millis(ms);
+        let mut heard = Vec::new();
+        while pico.now() < until {
+            pico.receive(until, &mut heard).expect("it is there");
+        }
+        String::from_utf8(heard).expect("text")
+    };
+    let lines = "version\n".repeat(30);
+    let answers = "id StepperWinch Nov 21 2026\r\n".repeat(30);
+    let mut pico = VirtualPico::on_usb();
+    pico.send(b"srate 65535\n").expect("it is there");
+    text(&mut pico, 300);
+    for round in 0..3 {
+        // To the PC: the board hears, and its answers wait.
+        pico.chip_mut().usb_halt(0x82);
+        assert_eq!(text(&mut pico, 5), "");
+        pico.send(lines.as_bytes()).expect("it is there");
+        assert_eq!(text(&mut pico, 50), "", "round {round}");
+        pico.chip_mut().usb_clear_halt(0x82);
+        assert_eq!(text(&mut pico, 100), answers, "round {round}");
+        // To the board: what is sent waits at the PC.
+        pico.chip_mut().usb_halt(0x02);
+        assert_eq!(text(&mut pico, 5), "");
+        pico.send(lines.as_bytes()).expect("it is there");
+        assert_eq!(text(&mut pico, 50), "", "round {round}");
+        assert_eq!(pico.chip().usb_backlog(), lines.len());
+        pico.chip_mut().usb_clear_halt(0x02);
+        assert_eq!(text(&mut pico, 100), answers, "round {round}");
+    }
+}
+
+/// A board that has just started, before a PC asks what it is.
+fn plugged_in(change: impl FnOnce(&mut Rp2040)) -> VirtualPico {
+    let mut pico = VirtualPico::new();
+    change(pico.chip_mut());
+    pico.opened().expect("it enumerates")
+}
+
+/// The serial number is that of the flash chip, so that two boards can be told apart; a flash that has none gives none.
+#[test]
+fn two_boards_have_two_serial_numbers() {
+    let serial = |id: [u8; 8]| plugged_in(|chip| chip.set_flash_id(id)).chip().usb_text(3);
+    assert_eq!(serial([0xe6, 0x61, 0x64, 0x08, 0x43, 0x0f, 0x9a, 0xb0]).as_deref(), Some("E6616408430F9AB0"));
+    assert_eq!(serial([1; 8]).as_deref(), Some("0101010101010101"));
+    assert_eq!(serial([0xff; 8]), None);
+    assert_eq!(serial([0; 8]), None);
+}
+
+/// Erratum E5 is not worked around: a chip that has it says so where it is looked for.
+#[test]
+fn a_chip_before_b2_says_so() {
+    let names = |revision| {
+        let pico = plugged_in(|chip| chip.set_revision(revision));
+        [1, 2].map(|index| pico.chip().usb_text(index).expect("it has a name"))
+    };
+    assert_eq!(names(2), ["Pulsetrain", "Pico"]);
+    assert_eq!(names(1), ["Pulsetrain", "Pico (before B2: see E5)"]);
 }
 
 /// When the PC took packets, and their length.

@@ -9,7 +9,7 @@ use common::pico::step_dir;
 use common::winch::{Lab, Pico, Said, Status, Wired, follow};
 use held::hold_for;
 use pulsetrain_board::virtual_pico::{Line, VirtualPico};
-use pulsetrain_board::{LinkError, Port, Remote, RemoteError, Setup};
+use pulsetrain_board::{Link, LinkError, Port, Remote, RemoteError, Setup};
 use pulsetrain_emulator::UsbState;
 
 /// Ticks of a slice, and of a µs.
@@ -279,20 +279,29 @@ fn text_and_frames_exclude_each_other() {
     }
 }
 
-/// Wherever a Hello comes between the bytes of a command that enables the drivers and its effect, one of both has the board.
+/// Wherever a Hello comes between the bytes of a command that enables the drivers and its effect, one of both has the board: the
+/// command on the UART, Hello over USB.
 #[test]
 fn hello_in_the_moment_of_a_command() {
-    for us in (250..4000).step_by(625) {
-        let mut pico = Pico::new();
-        pico.send("v x 1000\n");
+    // Who had the board: text, frames.
+    let mut had = [0, 0];
+    for us in (0..3000).step_by(500) {
+        let mut pico = on_usb();
+        pico.port.send_on(Line::Uart, b"v x 1000\n");
         let until = pico.port.now() + std::time::Duration::from_micros(us);
         while pico.port.now() < until {
             pico.port.receive(until, &mut Vec::new()).unwrap();
         }
         let opened = Remote::open(pico.port.clone(), 9);
         match opened {
-            Err(RemoteError::Link(LinkError::Taken)) => {}
+            Err(RemoteError::Link(LinkError::Taken)) => {
+                had[0] += 1;
+                let mut pico = Lab::around(pico.port);
+                pico.run_ms(100);
+                assert!(!pico.steps(0).is_empty(), "{us} us: text has it");
+            }
             Ok(board) => {
+                had[1] += 1;
                 let mut pico = Lab::around(board.port().clone());
                 pico.run_ms(100);
                 assert_eq!(pico.steps(0).len(), 0, "{us} us: frames have it");
@@ -300,6 +309,25 @@ fn hello_in_the_moment_of_a_command() {
             Err(error) => panic!("{us} us: {error}"),
         }
     }
+    assert!(had[0] > 0 && had[1] > 0, "text {}, frames {}", had[0], had[1]);
+}
+
+/// What comes of a Hello on a line: why it is refused, if it is.
+fn hello_on(port: &mut VirtualPico, line: Line) -> Option<LinkError> {
+    let mut link = Link::new(77);
+    link.hello(port.now());
+    let patience = port.now() + std::time::Duration::from_secs(8);
+    let mut heard = Vec::new();
+    while link.error().is_none() && link.info().is_none() {
+        assert!(port.now() < patience, "no answer on {line:?}");
+        heard.clear();
+        link.output(port.now(), &mut heard);
+        port.send_on(line, &heard);
+        heard.clear();
+        port.receive_on(line, port.now() + std::time::Duration::from_millis(1), &mut heard);
+        link.input(&heard, port.now());
+    }
+    link.error()
 }
 
 /// Frames on one line: text on the other is told so; and while text drives, Hello is refused on both.
@@ -322,7 +350,12 @@ fn each_line_hears_of_the_other() {
     // Axes and settings are the same by both.
     port.send_on(Line::Uart, b"g x 5 1\na x 50\n");
     port.send_on(Line::Usb, b"srate 50\n");
-    run(&mut port, &mut lines, 1500);
+    run(&mut port, &mut lines, 30);
+    // Text drives, and what it is told on one line holds frames off on both.
+    for line in [Line::Usb, Line::Uart] {
+        assert_eq!(hello_on(&mut port.clone(), line), Some(LinkError::Taken), "{line:?}");
+    }
+    run(&mut port, &mut lines, 1470);
     for heard in &lines {
         let text = String::from_utf8_lossy(heard);
         assert!(text.lines().count() > 25 && text.trim_end().ends_with(" 50 0 0 0"), "{text}");

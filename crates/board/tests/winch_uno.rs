@@ -24,6 +24,29 @@ fn script(uno: &mut Uno, lines: &[(u64, &str)]) -> Vec<Said> {
 }
 
 #[test]
+fn statuses_are_on_time_while_four_axes_run() {
+    for (speed, most_us) in [(4000, 1300), (9000, 1500), (10_000, 1500)] {
+        let mut uno = Uno::new();
+        uno.send("l xyza 10000 100000\ng xyza 2 1\nsrate 40\n");
+        uno.send(format!("v xyza {} {} {} {}\n", speed, speed - 31, -speed, 17 - speed));
+        uno.run_ms(800);
+        let had = uno.statuses().len();
+        uno.run_ms(4000);
+        let statuses = &uno.statuses()[had..];
+        assert!(statuses.len() >= 98, "{}", statuses.len());
+        let late: Vec<i32> = statuses
+            .iter()
+            .enumerate()
+            .map(|(at, status)| status.usec - statuses[0].usec - 40_000 * at as i32)
+            .collect();
+        let apart = late.iter().max().unwrap() - late.iter().min().unwrap();
+        println!("at {speed} steps/s statuses are within {apart} us of one time in 40 ms");
+        assert!(apart <= most_us, "{speed} steps/s: {apart} us");
+        uno.check_positions();
+    }
+}
+
+#[test]
 fn it_answers() {
     let mut uno = Uno::new();
     let mut check =
@@ -51,7 +74,7 @@ fn it_answers() {
     assert!(statuses.len() >= 5);
     for (at, status) in statuses.iter().enumerate() {
         let late = status.usec - statuses[0].usec - 200_000 * at as i32;
-        assert!((-1100..3000).contains(&late), "{late} us");
+        assert!((-1100..1100).contains(&late), "{late} us");
     }
     // So often that a line takes longer, and back: no more than there is time for, and none is made up for.
     uno.send("srate 1\n");

@@ -181,13 +181,15 @@ pub const HALF_STEPS: [u8; 8] = [0x9, 0x8, 0xc, 0x4, 0x6, 0x2, 0x3, 0x1];
 /// The four coils of a motor. They are off until the first step.
 #[derive(Clone, Debug)]
 pub struct Coils {
-    lines: [u32; 4],
+    /// The lines that are high at each phase.
+    levels: [u32; 8],
     sequence: Sequence,
     release_ticks: Option<u32>,
     /// Index into `HALF_STEPS`.
     phase: u8,
     direction: Direction,
-    pattern: u8,
+    /// The lines that are high.
+    now: u32,
     release: Option<Moment>,
 }
 
@@ -198,13 +200,18 @@ impl Coils {
     /// next step goes on from the phase that was left.
     #[must_use]
     pub fn new(lines: [u8; 4], sequence: Sequence, release_ticks: Option<u32>) -> Coils {
+        let lines = lines.map(bit);
+        let high = |pattern: u8| {
+            let on = lines.iter().enumerate().filter(|(number, _)| pattern >> number & 1 != 0);
+            on.fold(0, |levels, (_, line)| levels | line)
+        };
         Coils {
-            lines: lines.map(bit),
+            levels: HALF_STEPS.map(high),
             sequence,
             release_ticks,
             phase: sequence.first_phase(),
             direction: Direction::Forward,
-            pattern: 0,
+            now: 0,
             release: None,
         }
     }
@@ -216,14 +223,36 @@ impl Coils {
                 Edge { tick, set: 0, clear: 0 }
             }
             Kind::Step => {
-                let half_steps = if self.sequence == Sequence::Half { 1 } else { 2 };
-                self.phase = match self.direction {
-                    Direction::Forward => self.phase.wrapping_add(half_steps),
-                    Direction::Backward => self.phase.wrapping_sub(half_steps),
-                } & 7;
+                self.phase = self.phase.wrapping_add(self.phases()) & 7;
                 self.release = self.release_ticks.map(|ticks| tick.after(ticks));
-                self.change(tick, HALF_STEPS[usize::from(self.phase)])
+                self.change(tick, self.of_phase())
             }
+        }
+    }
+
+    /// Makes as many steps as there are `words`, the last of them at `tick`, the way that the one before went: each word gets the
+    /// lines that are high after its step, from bit `shift` on.
+    pub(crate) fn run(&mut self, words: &mut [u32], shift: u32, tick: Moment) {
+        let phases = self.phases();
+        for word in words {
+            self.phase = self.phase.wrapping_add(phases) & 7;
+            *word |= self.of_phase() << shift;
+        }
+        self.now = self.of_phase();
+        self.release = self.release_ticks.map(|ticks| tick.after(ticks));
+    }
+
+    /// If no step follows within so many ticks, all coils are switched off.
+    pub(crate) const fn release_ticks(&self) -> Option<u32> {
+        self.release_ticks
+    }
+
+    /// What a step adds to the phase, modulo 8.
+    const fn phases(&self) -> u8 {
+        let half_steps: u8 = if let Sequence::Half = self.sequence { 1 } else { 2 };
+        match self.direction {
+            Direction::Forward => half_steps,
+            Direction::Backward => half_steps.wrapping_neg(),
         }
     }
 
@@ -232,38 +261,35 @@ impl Coils {
         let [steps, ..] = position.to_le_bytes();
         let phase = if self.sequence == Sequence::Half { steps } else { steps << 1 };
         self.phase = phase.wrapping_add(self.sequence.first_phase()) & 7;
-        if self.pattern != 0 {
-            self.pattern = HALF_STEPS[usize::from(self.phase)];
+        if self.now != 0 {
+            self.now = self.of_phase();
         }
     }
 
-    fn change(&mut self, tick: Moment, pattern: u8) -> Edge {
-        let on = self.mask(pattern & !self.pattern);
-        let off = self.mask(self.pattern & !pattern);
-        self.pattern = pattern;
-        Edge { tick, set: on, clear: off }
+    const fn change(&mut self, tick: Moment, now: u32) -> Edge {
+        let edge = Edge { tick, set: now & !self.now, clear: self.now & !now };
+        self.now = now;
+        edge
     }
 
     /// Switches all coils off at once; the next step goes on from the phase that was left.
     pub const fn switch_off(&mut self) {
-        (self.pattern, self.release) = (0, None);
+        (self.now, self.release) = (0, None);
     }
 
     /// Switches them on as the position has them, until the next step or [`switch_off`](Coils::switch_off).
     pub const fn switch_on(&mut self) {
-        self.pattern = HALF_STEPS[self.phase as usize & 7];
+        self.now = self.of_phase();
     }
 
     /// The levels of the coils, bit by line.
     #[must_use]
-    pub fn levels(&self) -> u32 {
-        self.mask(self.pattern)
+    pub const fn levels(&self) -> u32 {
+        self.now
     }
 
-    fn mask(&self, pattern: u8) -> u32 {
-        let [in1, in2, in3, in4] = self.lines;
-        let when = |bit: u8, line: u32| if pattern & bit != 0 { line } else { 0 };
-        when(1, in1) | when(2, in2) | when(4, in3) | when(8, in4)
+    const fn of_phase(&self) -> u32 {
+        self.levels[self.phase as usize & 7]
     }
 }
 

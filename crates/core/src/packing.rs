@@ -706,13 +706,14 @@ const fn width_of(value: i64) -> u8 {
 
 /// Little-endian two's complement of up to 8 bytes.
 fn signed(bytes: &[u8]) -> i64 {
-    let mut value = 0;
+    let mut value = match bytes.last() {
+        Some(128..) => -1,
+        _ => 0,
+    };
     for &byte in bytes.iter().rev() {
-        value = value << 8 | u64::from(byte);
+        value = value << 8 | i64::from(byte);
     }
-    let unused = 64 - 8 * u32::try_from(bytes.len()).unwrap_or(8);
-    // A shift by 64, of no bytes, leaves the 0 that it is.
-    value.checked_shl(unused).unwrap_or(0).cast_signed() >> (unused & 63)
+    value
 }
 
 fn take<const N: usize>(rest: &mut &[u8]) -> Result<[u8; N], UnpackError> {

@@ -327,6 +327,35 @@ fn far_targets_wait_their_turn() {
     assert!(path.made() == 0 && path.is_at_rest());
 }
 
+#[test]
+fn a_target_is_never_approached_round_the_end_of_32_bits() {
+    let (near, far) = (i32::MAX - 3, i32::MIN + 3);
+    for (from, target) in [(100, i32::MIN), (-100, i32::MAX), (near, far), (far, near), (-1, i32::MAX), (0, i32::MIN)] {
+        let mut path = Path::at(from);
+        path.set_target(target);
+        let up = target > from;
+        for _ in 0..2000 {
+            let slice = path.tick();
+            assert!(slice.count == 0 || slice.backward != up, "from {from} to {target}");
+        }
+        assert!((path.made() > from) == up, "from {from} to {target}: {}", path.made());
+    }
+}
+
+#[test]
+fn beyond_32_bits_targets_count_from_the_position_shown() {
+    // Three steps below the end, ten up: the position wraps, and the way back is that of the position shown.
+    let mut path = Path::at(i32::MAX - 3);
+    path.set_gains(&gains_of(2.0, 1.0));
+    path.move_target(10);
+    (0..3000).for_each(|_| _ = path.tick());
+    assert!(path.is_at_rest());
+    assert_eq!(path.made(), i32::MIN + 6);
+    path.set_target(i32::MIN);
+    (0..3000).for_each(|_| _ = path.tick());
+    assert_eq!(path.made(), i32::MIN);
+}
+
 fn gains() -> impl Strategy<Value = Command> {
     // Over the whole region, as a client prints them.
     (-2.0..1.30103_f64, -1.1549..0.69897_f64).prop_map(|(f, z)| {

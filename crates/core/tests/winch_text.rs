@@ -133,16 +133,24 @@ fn numbers() {
     check("g x +20E-1 0.05e+1", gains(1, 2_000_000, 500_000));
     check("g x 1.0471975511965976 0.7071067811865476", gains(1, 1_047_198, 707_107));
     check("l x 0 1", limits(1, 0, 1_000));
-    check("l x 1e5 1e7", limits(1, 10_000_000, 250_000_000));
+    check("l x 1e4 25e4", limits(1, 10_000_000, 250_000_000));
+    check_lenient("l x 1e5 1e6", limits(1, 10_000_000, 250_000_000), What::Range, 3);
+    check_lenient("l x 1e4 250000.001", limits(1, 10_000_000, 250_000_000), What::Range, 4);
     check("l x 350000000e-5 35000.25", limits(1, 3_500_000, 35_000_250));
     for wrong in ["nan", "inf", "-inf", "infinity", "1e", "1e+", "1e+-1", "e3", ".", "1.5.", "2Hz", "1e1e1", "1e1.0"] {
         refuse(&format!("g x {wrong} 1"), What::Number, 3);
         refuse(&format!("l x 100 {wrong}"), What::Number, 4);
     }
     refuse("l x 1e-99e 100", What::Number, 3);
-    // More than there is is all that there is; tiny numbers are 0.
-    for far in ["5000000000", "1e10", "1e99", "1e99999999999999999999999", &"9".repeat(60), "10000.0005"] {
-        check(&format!("l x {far} 5000"), limits(1, 10_000_000, 5_000_000));
+    // More than a path has is all that it has, as long as atof's float holds it; tiny numbers are 0.
+    for far in ["10000.0005", "4294967.3", "5000000000", "1e10", "1e38", "4.29e38", "42900000000e28"] {
+        check_lenient(&format!("l x {far} 5000"), limits(1, 10_000_000, 5_000_000), What::Range, 3);
+    }
+    for far in ["4.3e38", "43000000000e28", "1e39", "1e99", "1e99999999999999999999999", &"9".repeat(60), "-1e999"] {
+        refuse(&format!("l x {far} 5000"), What::Range, 3);
+        refuse(&format!("l x 5000 {far}"), What::Range, 4);
+        refuse(&format!("g x {far} 1"), What::Frequency, 3);
+        refuse(&format!("g x 1 {far}"), What::Ratio, 4);
     }
     for tiny in ["0e99", "1e-99", "0.0004", &format!("0.{}1e50", "0".repeat(57)), "-0.0004"] {
         check(&format!("l x {tiny} 5000"), limits(1, 0, 5_000_000));
@@ -156,7 +164,8 @@ fn numbers() {
 fn a_speed_that_no_motor_has() {
     check_lenient("v x 15001", axes(Verb::Drift, 1, [15_000, 0, 0, 0]), What::Range, 3);
     check_lenient("v xy 15000 -15001", axes(Verb::Drift, 3, [15_000, -15_000, 0, 0]), What::Range, 4);
-    check_lenient("v a 2147483647", axes(Verb::Drift, 8, [0, 0, 0, 15_000]), What::Range, 3);
+    check_lenient("v a -2147483647", axes(Verb::Drift, 8, [0, 0, 0, -15_000]), What::Range, 3);
+    refuse("v a -2147483648", What::Range, 3);
 }
 
 /// With its checksum.
@@ -241,7 +250,8 @@ fn what_would_do_harm() {
     refuse("g x 20.001 1", What::Frequency, 3);
     refuse("g x 0 1", What::Frequency, 3);
     refuse("g x 1e-99 1", What::Frequency, 3);
-    refuse("g x -1 1", What::Range, 3);
+    refuse("g x -1 1", What::Frequency, 3);
+    refuse("g x 1 -1", What::Ratio, 4);
     refuse("g x 1 0.0699", What::Ratio, 4);
     refuse("g x 1 5.001", What::Ratio, 4);
     refuse("l x -1 100", What::Range, 3);
@@ -249,6 +259,9 @@ fn what_would_do_harm() {
     refuse("l x 100 0.5", What::Range, 4);
     refuse("v x 2147483648", What::Range, 3);
     refuse("s x 65536", What::Range, 3);
+    for number in ["2", "-1", "256", "-2147483648"] {
+        refuse(&format!("strict {number}"), What::Range, 2);
+    }
     refuse("srate 0", What::Rate, 2);
     refuse("srate -5", What::Rate, 2);
     refuse("srate 65536", What::Range, 2);
@@ -279,6 +292,9 @@ fn what_the_original_lets_pass() {
     check_lenient("a xx 5 7", axes(Verb::Target, 1, [7, 0, 0, 0]), What::Flags, 2);
     check_lenient("d xx 5 7", axes(Verb::Move, 1, [12, 0, 0, 0]), What::Flags, 2);
     check_lenient("d xxxxxxxxx 1 1 1 1 1 1 1 1", axes(Verb::Move, 1, [8, 0, 0, 0]), What::Flags, 2);
+    for number in ["2", "-1", "256", "-2147483648"] {
+        check_lenient(&format!("enable {number}"), Command::Enable(true), What::Range, 2);
+    }
     check_lenient("enable 1 2", Command::Enable(true), What::Extra, 3);
     check_lenient("ping pong", Command::Ping, What::Extra, 2);
     check_lenient("g xw 1 1 1", gains(1, 1_000_000, 1_000_000), What::Flags, 2);
@@ -325,16 +341,17 @@ fn checksums() {
     for text in ["a xy 100 -7", "a xy 100 -7 "] {
         check(&format!("{text}*{:02x}", sum(text)), command);
         check(&format!("{text}*{:02X}", sum(text)), command);
+        check(&format!("{text}*{:02x} \t ", sum(text)), command);
         for bit in 0..8 {
             refuse(&format!("{text}*{:02x}", sum(text) ^ 1 << bit), What::Checksum, 4);
         }
     }
-    for end in ["*", "*1", "*123", "*1g", "**", "*12 ", "* 12"] {
+    for end in ["*", "*1", "*123", "*1g", "**", "*12 ", "* 12", "* ", "*1 2", "*12 3"] {
         refuse(&format!("ping{end}"), What::Checksum, 1);
     }
     refuse("nonsense*00", What::Checksum, 1);
     refuse("*01", What::Checksum, 0);
-    assert_eq!(read(&mut Reader::new(), "*00\n"), [], "a blank line with its checksum");
+    assert_eq!(read(&mut Reader::new(), "*00\n*00 \n"), [], "a blank line with its checksum");
 }
 
 #[track_caller]
@@ -399,7 +416,7 @@ proptest! {
             (None, [Err(refusal)]) => prop_assert_eq!(refusal.what, What::Number),
             (Some(value), [Err(refusal)]) => {
                 prop_assert_eq!(refusal.what, What::Range);
-                prop_assert!(value < -0.0005);
+                prop_assert!(value < -0.0005 || value > 4.29e38, "{value}");
             }
             (Some(value), [Ok(Command::Limits { axes: 1, limits })]) => {
                 // By thousandths: what the number was, to the nearest.

@@ -436,3 +436,60 @@ fn resets_and_reversals_in_a_row_are_no_items() {
     assert_eq!(machine.fill(20_000, 100), Filled::All);
     assert_eq!(machine.packed.fault(), None);
 }
+
+/// Ten hours of steps, forward and back, through a thousand wraps of 32 bits: every word's tick, added up in 64 bits, is that of
+/// exact arithmetic, to the last.
+#[test]
+fn ten_hours_lose_no_tick() {
+    const HZ: u64 = 125_000_000;
+    const TEN_HOURS: u64 = 36_000 * HZ;
+    let kind = Kind::StepDir { pulse: 13, setup: 3, forward_high: true, dir_first: false };
+    let mut machine = Machine::new(kind);
+    let mut tick = u64::from(machine.tick.0);
+    let push = |machine: &mut Machine, item: &Item| {
+        let mut bytes = [0; MAX_PACKED_LEN];
+        let len = PACKING.pack(&mut machine.packer, item, &mut bytes).unwrap();
+        machine.packed.push(&mut machine.pool, Epoch(0), &bytes[..len]).unwrap();
+    };
+    let first = 10_000_000_u32;
+    push(&mut machine, &Item::Anchor { tick: Moment(first) });
+    let mut exact = (i128::from(first) << F) + (1 << (F - 1));
+    let mut due = std::collections::VecDeque::new();
+    let (mut number, mut steps, mut position) = (0_u64, 0_u64, 0_i32);
+    let mut now = u64::from(first);
+    while now < TEN_HOURS {
+        while usize::from(machine.packed.room()) > MAX_PACKED_LEN && due.len() < 4000 {
+            // Some 100 steps/s, with fractions of all kinds, faster and slower.
+            let fraction = number.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            let segment = Segment {
+                count: 300 + (fraction % 500) as u32,
+                interval: (1_250_000 << F) + (fraction >> 20) as i64,
+                add: (fraction >> 30) as i32 as i64 * 4,
+                add2: (fraction >> 50) as i64 - (1 << 13),
+            };
+            let direction = if number / 7 % 2 == 0 { Forward } else { Backward };
+            number += 1;
+            push(&mut machine, &Item::Run { segment, direction });
+            let sign = if direction == Forward { 1 } else { -1 };
+            due.extend((1..=segment.count).map(|k| ((exact + segment.span(k)) >> F, sign)));
+            exact += segment.span(segment.count);
+        }
+        now += 6_000_000;
+        while machine.fill(now as u32, 400) == Filled::Part {}
+        while machine.done != machine.tape.written() {
+            let word = machine.memory[machine.done as usize % N];
+            tick += u64::from((word & LONGEST_WAIT) + kind.overhead());
+            machine.done += 1;
+            if lines(word) & 1 != 0 {
+                let (ought, sign) = due.pop_front().expect("a step too many");
+                assert_eq!(i128::from(tick), ought, "step {steps}");
+                (steps, position) = (steps + 1, position.wrapping_add(sign));
+            }
+        }
+        assert_eq!(machine.words.channel().position(), position);
+        machine.words.pass(Moment(now as u32));
+        machine.tape.pass(Moment(now as u32));
+    }
+    assert!(tick + HZ > TEN_HOURS && steps > 3_000_000, "{steps} steps up to tick {tick}");
+    assert_eq!((machine.packed.fault(), machine.words.channel().missed()), (None, None));
+}

@@ -4,7 +4,7 @@
 //! # What is here
 //! - [`Atmega328p`]: the processor of the Arduino Uno. All instructions; Timer0, 1 and 2 with their waveforms and
 //!   traps; USART; ports, external and pin change interrupts; watchdog, EEPROM, sleep modes, power reduction, clock
-//!   prescaler
+//!   prescaler; self-programming of flash, boot section, lock bits
 //! - [`Rp2040`]: the chip of the Raspberry Pi Pico, one of its processors. Both PIO blocks, DMA, SIO, GPIO, timer, both
 //!   UARTs, USB with a PC at its other end, clocks and PLLs, resets, watchdog, flash in place with its cache
 //! - [`Observer`]: what leaves a chip, stamped with its cycle: [`PinEdge`], [`GpioEdge`] and [`UartByte`]
@@ -14,8 +14,7 @@
 //!
 //! # What is not
 //! ATmega328P: SPI, two-wire, ADC, analogue comparator (their registers keep what is written), Timer2 with a crystal of its own,
-//! self-programming (`spm` does nothing), synchronous and SPI modes of the USART, brown-out by voltage, fuses but for
-//! the boot section.
+//! synchronous and SPI modes of the USART, brown-out by voltage, fuses but for the boot section.
 //!
 //! RP2040: the second processor, the boot ROM, interpolators, PWM, SPI, I2C, ADC, RTC, writing to flash, who waits when
 //! two want the same memory bank (`docs/emulator.md`).

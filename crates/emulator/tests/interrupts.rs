@@ -378,7 +378,7 @@ fn eeprom() {
     assert_eq!(bench.chip.eeprom()[5], 0x05);
 }
 
-/// What the chip does not have is one cycle of nothing, and counted; `spm` does nothing.
+/// What the chip does not have is one cycle of nothing, and counted; `spm` outside the boot section does nothing.
 #[test]
 fn odd_instructions() {
     let mut bench = Bench::with(&[NOP, 0x0001, 0x95e8, 0x95d8]);

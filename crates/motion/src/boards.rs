@@ -123,8 +123,13 @@ impl BoardRow {
     #[must_use]
     pub fn shortest_intervals(&self, motors: &[Motor]) -> Vec<u32> {
         let Ok(Some(kind)) = self.pin_kind(motors) else {
-            let word = if self.pin_rules == PinRules::Neighbours { word_ticks(motors, self.board.tick_hz) } else { 0 };
-            return self.board.min_interval_ticks.iter().map(|ticks| word.max(*ticks)).collect();
+            let is_pico = self.pin_rules == PinRules::Neighbours;
+            let word = if is_pico { word_ticks(motors, self.board.tick_hz) } else { 0 };
+            let has_coils = is_pico && motors.iter().any(|motor| matches!(motor.wiring, Wiring::Coils { .. }));
+            // Coils take it longer; beside drivers there may be more motors than there are pins for coils.
+            let coils = |count: usize| pico::COILS.get(count).or(pico::COILS.last()).map_or(0, |ticks| *ticks);
+            let of = |(count, ticks): (usize, &u32)| word.max(*ticks).max(if has_coils { coils(count) } else { 0 });
+            return self.board.min_interval_ticks.iter().enumerate().map(of).collect();
         };
         let hz = self.board.tick_hz;
         let pulse = motors.iter().map(|motor| motor.timing.ticks(hz).pulse_high).max().unwrap_or(0);
@@ -227,6 +232,7 @@ fn uno() -> BoardRow {
             min_interval_ticks: uno::BY_SOFTWARE.iter().map(|by_pulse| by_pulse[0]).collect(),
             hardware_timed: false,
             turn_ticks: TURN_TICKS[0],
+            segment_ticks: Vec::new(),
             source: "its firmware on an emulated ATmega328P: cargo xtask bench uno".to_owned(),
         },
         about: "Arduino Uno, ATmega328P",
@@ -257,6 +263,7 @@ fn due() -> BoardRow {
             min_interval_ticks: RATES_HZ.iter().map(|&rate| interval_ticks(TICK_HZ, rate)).collect(),
             hardware_timed: false,
             turn_ticks: 0,
+            segment_ticks: Vec::new(),
             source: "estimate: rates of Klipper on the same chip, as published".to_owned(),
         },
         about: "Arduino Due, SAM3X8E",
@@ -285,6 +292,7 @@ fn pico() -> BoardRow {
             min_interval_ticks: pico::SHORTEST.to_vec(),
             hardware_timed: true,
             turn_ticks: 0,
+            segment_ticks: pico::SEGMENT.to_vec(),
             source: "its firmware on an emulated RP2040: cargo xtask bench pico".to_owned(),
         },
         about: "Raspberry Pi Pico, RP2040",
@@ -318,6 +326,7 @@ fn native() -> BoardRow {
             min_interval_ticks: vec![50],
             hardware_timed: true,
             turn_ticks: 0,
+            segment_ticks: Vec::new(),
             source: "by definition: a board in virtual time".to_owned(),
         },
         about: "this computer, in virtual time: the same stepgen as the firmware's",

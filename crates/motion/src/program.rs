@@ -255,6 +255,9 @@ pub struct Board {
     pub hardware_timed: bool,
     /// What a turn of DIR takes beside pulse, hold and set-up, ticks: from the step before it to the one after it.
     pub turn_ticks: u32,
+    /// How long after one another a motor's segments may come for good, each of which turns, with 1, 2, … motors, ticks; the last
+    /// entry serves for more. What its steps take, each the shortest interval, comes on top. Empty if it is not known.
+    pub segment_ticks: Vec<u32>,
     /// Where the row's figures come from: "estimate" until a bench on the firmware has printed them.
     pub source: String,
 }

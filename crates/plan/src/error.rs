@@ -5,7 +5,7 @@ use pulsetrain_motion::LawError;
 /// Whose limit a plan would break.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Limit {
-    /// The board cannot make steps that close together.
+    /// The board cannot make steps, or begin segments, that close together.
     Board,
     /// The file gives the motor a maximum speed.
     MotorSpeed,
@@ -37,6 +37,18 @@ pub enum PlanError {
         /// Asked for, steps/s.
         rate_hz: f64,
         /// The board's limit, steps/s.
+        limit_hz: f64,
+    },
+    /// Segments come faster than the board takes them from its queue.
+    #[error(
+        "at t = {at_s:.6} s the motion bends or turns so often that it takes {rate_hz:.0} segments/s; of each of so many motors the board does {limit_hz:.0} segments/s at most"
+    )]
+    TooManySegments {
+        /// When, s.
+        at_s: f64,
+        /// Asked for, segments/s.
+        rate_hz: f64,
+        /// The board's limit, segments/s.
         limit_hz: f64,
     },
     /// A step that waits for a shared DIR line would come too close to the motor's next or last one.
@@ -120,7 +132,7 @@ impl PlanError {
     #[must_use]
     pub fn limit(&self) -> Option<Limit> {
         match self {
-            PlanError::TooFastForBoard { .. } => Some(Limit::Board),
+            PlanError::TooFastForBoard { .. } | PlanError::TooManySegments { .. } => Some(Limit::Board),
             PlanError::TooFast { .. } => Some(Limit::MotorSpeed),
             PlanError::TooMuchAcceleration { .. } => Some(Limit::MotorAcceleration),
             PlanError::SpeedJump { .. } => Some(Limit::PullIn),
@@ -138,6 +150,7 @@ impl PlanError {
     pub fn at_s(&self) -> Option<f64> {
         match self {
             PlanError::TooFastForBoard { at_s, .. }
+            | PlanError::TooManySegments { at_s, .. }
             | PlanError::TooFast { at_s, .. }
             | PlanError::LineTooBusy { at_s, .. }
             | PlanError::TooMuchAcceleration { at_s, .. }

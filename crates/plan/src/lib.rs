@@ -36,7 +36,7 @@ pub use certificate::Certificate;
 pub use ensemble::{Ensemble, Start};
 pub use error::{PlanError, Refused};
 pub use planner::{LONGEST_WAIT_TICKS, Origin, Planner};
-pub use settings::Settings;
+pub use settings::{Load, Settings};
 
 use pulsetrain_core::{Direction, Segment};
 

@@ -71,8 +71,21 @@ pub struct Planner<'a> {
     next: Option<Run>,
     moves: VecDeque<Move>,
     last_step: Option<i64>,
+    backlog: Backlog,
     direction: Option<Direction>,
     finished: bool,
+}
+
+/// What the board's processor has not come to yet, if it had no more than this motor's share.
+#[derive(Clone, Copy, Debug, Default)]
+struct Backlog {
+    /// Work, ticks.
+    ticks: i64,
+    /// Up to this tick.
+    seen: i64,
+    /// When it began, and segments since then.
+    since: i64,
+    segments: u32,
 }
 
 /// Where a plan begins, if not at the law's own start.
@@ -157,6 +170,7 @@ impl<'a> Planner<'a> {
             next: None,
             moves: VecDeque::new(),
             last_step: None,
+            backlog: Backlog::default(),
             direction: None,
             finished: false,
         })
@@ -233,6 +247,7 @@ impl<'a> Planner<'a> {
             return Err(PlanError::NotProvable { at_s, bound_ticks: fit.bound, tolerance_ticks });
         }
         self.check_spacing(&segment, &before)?;
+        self.check_load(&segment)?;
         self.certificate.add(&segment, direction, fit.bound);
         self.give(Move::Run { segment, direction });
         Ok(())
@@ -272,6 +287,29 @@ impl<'a> Planner<'a> {
         let known = &mut self.certificate.shortest_interval_ticks;
         *known = Some(known.map_or(ticks as u64, |known| known.min(ticks as u64)));
         Ok(())
+    }
+
+    /// Refuses segments that come so close together that the board's processor does not get through them.
+    fn check_load(&mut self, segment: &Segment) -> Result<(), PlanError> {
+        let Some(load) = self.settings.load else { return Ok(()) };
+        let tick = self.registers.tick;
+        let Backlog { ticks, seen, since, segments } = &mut self.backlog;
+        let spare = (tick - *seen).saturating_sub(i64::from(segment.count).saturating_mul(load.step_ticks as i64));
+        *ticks -= spare.max(0);
+        if *ticks <= 0 {
+            (*ticks, *since, *segments) = (0, *seen, 0);
+        }
+        *ticks += load.segment_ticks as i64;
+        (*seen, *segments) = (tick, *segments + 1);
+        if *ticks <= (load.burst_ticks.max(load.segment_ticks)) as i64 {
+            return Ok(());
+        }
+        let hz = self.settings.tick_hz as f64;
+        Err(PlanError::TooManySegments {
+            at_s: tick as f64 / hz,
+            rate_hz: f64::from(*segments) * hz / (tick - *since).max(1) as f64,
+            limit_hz: hz / load.segment_ticks as f64,
+        })
     }
 
     /// Makes the next run the current one, or waits for it; `false` at the end of the law.

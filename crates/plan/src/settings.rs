@@ -20,8 +20,21 @@ pub struct Settings {
     pub min_interval_ticks: u64,
     /// Shortest interval between two opposite steps, ticks: pulse + DIR hold + DIR setup, and what the board needs for it.
     pub reversal_ticks: u64,
+    /// What the board's processor can do, if that is known.
+    pub load: Option<Load>,
     /// What the motor can do.
     pub limits: Limits,
+}
+
+/// What steps and segments of one motor take a board's processor, ticks of the motor's share of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Load {
+    /// A step.
+    pub step_ticks: u64,
+    /// A segment, beside its steps.
+    pub segment_ticks: u64,
+    /// So much may be put off, as a board works ahead.
+    pub burst_ticks: u64,
 }
 
 impl Settings {
@@ -36,6 +49,7 @@ impl Settings {
             grid: Grid::NEAREST,
             min_interval_ticks: 1,
             reversal_ticks: 1,
+            load: None,
             limits: Limits { max_speed: None, max_acceleration: None, pull_in: 0.0 },
         }
     }
@@ -55,13 +69,17 @@ impl Settings {
         let board = &program.board;
         let timing = motor.timing.ticks(board.tick_hz);
         // The table's last entry serves for more motors.
-        let intervals = &board.min_interval_ticks;
-        let own = intervals.get(program.motors.len() - 1).or(intervals.last()).map_or(1, |&ticks| u64::from(ticks));
+        let of = |table: &[u32]| table.get(program.motors.len() - 1).or(table.last()).map(|&ticks| u64::from(ticks));
+        let own = of(&board.min_interval_ticks).unwrap_or(1);
+        // Half of what boards have ready for their motors.
+        let burst_ticks = board.tick_hz / 1000;
+        let load = of(&board.segment_ticks).map(|segment_ticks| Load { step_ticks: own, segment_ticks, burst_ticks });
         Settings {
             tolerance_ticks: program.tolerance.ticks(board.tick_hz),
             grid: program.grid,
             min_interval_ticks: own.max(timing.pulse_high + timing.pulse_low),
             reversal_ticks: timing.reversal() + u64::from(board.turn_ticks),
+            load,
             limits: motor.limits,
             ..Settings::new(board.tick_hz, board.fraction_bits)
         }

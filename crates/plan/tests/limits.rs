@@ -3,7 +3,7 @@
 use pulsetrain_motion::law::{Begin, End, LawError};
 use pulsetrain_motion::program::Limits;
 use pulsetrain_motion::{Law, Time};
-use pulsetrain_plan::{Certificate, Move, PlanError, Planner, Settings};
+use pulsetrain_plan::{Certificate, Load, Move, PlanError, Planner, Settings};
 
 const LIMITS: Limits = Limits { max_speed: Some(1000.0), max_acceleration: Some(5000.0), pull_in: 100.0 };
 
@@ -155,4 +155,38 @@ fn an_endless_rest_is_a_stream_of_waits() {
             assert!(planner.tick() > before);
         }
     }
+}
+
+/// A motion that turns 2 · `hz` times a second, on a board whose processor does a segment in so many ticks.
+fn turning(hz: f64, load: Option<Load>) -> Result<Certificate, PlanError> {
+    let law = Law::sine(3.2, Time::from_seconds(1.0 / hz), Some(200)).unwrap();
+    let settings = Settings { limits: FREE, load, ..Settings::new(125_000_000, 32) };
+    let mut planner = Planner::new(&law, &settings)?;
+    while planner.next_move()?.is_some() {}
+    Ok(planner.certificate().clone())
+}
+
+#[test]
+fn segments_that_come_faster_than_the_board_takes_them_are_refused() {
+    let load = |segment_ticks| Some(Load { step_ticks: 139, segment_ticks, burst_ticks: 125_000 });
+    let segments = |hz| turning(hz, None).unwrap().segments as f64 / 200.0 * hz;
+    let most = 125e6 / 26_000.0;
+    // As slow as the board can do for good, and a burst is none of its business.
+    let slow = 100.0;
+    assert!(segments(slow) < 0.5 * most, "{}", segments(slow));
+    assert!(turning(slow, load(26_000)).is_ok());
+    let fast = 4000.0;
+    assert!(segments(fast) > 2.0 * most, "{}", segments(fast));
+    match turning(fast, load(26_000)) {
+        Err(PlanError::TooManySegments { at_s, rate_hz, limit_hz }) => {
+            assert!(close(limit_hz, most) && rate_hz > most, "{rate_hz} of {limit_hz}");
+            // Some five segments may wait: the sixth or so is refused.
+            assert!(at_s < 0.01, "{at_s}");
+        }
+        other => panic!("{other:?}"),
+    }
+    // Steps take their time too.
+    let steps = Load { step_ticks: 12_000, segment_ticks: 2_600, burst_ticks: 125_000 };
+    assert!(turning(fast, load(2_600)).is_ok());
+    assert!(turning(fast, Some(steps)).is_err());
 }

@@ -58,6 +58,7 @@ fn program(laws: Vec<Law>, timing: DriverTiming) -> Program {
             min_interval_ticks: vec![160],
             hardware_timed: true,
             turn_ticks: 0,
+            segment_ticks: Vec::new(),
             source: "test".into(),
         },
         grid: Grid::NEAREST,

@@ -6,7 +6,10 @@
 #[path = "../tests/common/mod.rs"]
 mod common;
 
-use common::pico_rows::{ABOVE, COLUMNS, Case, Row, promised, rates, sinusoids, start, sweep, uln2003};
+use common::pico::COILS;
+use common::pico_rows::{
+    ABOVE, BETWEEN_TURNS, COLUMNS, Case, Row, ULN_MOTORS, promised, rates, sinusoids, start, sweep, uln2003,
+};
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_core::output::Sequence;
 
@@ -32,7 +35,15 @@ fn main() {
         let row = case.fastest(&pico, &rates("TMC2209"), TRY_S, SHORT_S);
         show(&row, false);
         // The speed swings: so long is the interval on the whole.
-        println!("limit\t{motors}\t{}\t{}", (125e6 / row.reached).ceil(), row.horizon_ticks);
+        limit("SHORTEST", motors, &row, 1);
+        let row = Case::turning(motors, "TMC2209").fastest(&pico, &rates("TMC2209"), TRY_S, SHORT_S);
+        show(&row, false);
+        limit("SEGMENT", motors, &row, BETWEEN_TURNS);
+    }
+    for motors in 1..=usize::from(ULN_MOTORS) {
+        let row = Case { figure: 3, ..Case::changing(motors, COILS) }.fastest(&pico, &rates(COILS), TRY_S, SHORT_S);
+        show(&row, false);
+        limit("COILS", motors, &row, 1);
     }
     for motors in [1, 2, 4, 8] {
         show(&Case::changing(motors, "A4988").fastest(&pico, &rates("A4988"), TRY_S, SHORT_S), false);
@@ -62,6 +73,11 @@ fn main() {
             show(&Case { figure: 5, required: None, ..case }.row(&pico, rate, SHORT_S), false);
         }
     }
+}
+
+/// For the table of boards: what so many steps of each of so many motors take at least, ticks.
+fn limit(table: &str, motors: usize, row: &Row, steps: u32) {
+    println!("limit\t{table}\t{motors}\t{}", (125e6 * f64::from(steps) / row.reached).ceil());
 }
 
 fn show(row: &Row, is_promised: bool) {

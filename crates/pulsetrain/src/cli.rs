@@ -13,7 +13,7 @@ use pulsetrain_motion::{Time, boards};
 
 use crate::commands;
 use crate::console::{Console, Exit};
-use crate::prepare::Prepared;
+use crate::prepare::{Prepared, WORST_CLOCK_PPM};
 
 const EXIT_CODES: &str = "\
 Exit codes:
@@ -101,8 +101,47 @@ Examples:
   pulsetrain board uno --pty /tmp/uno               then: pulsetrain run FILE --port /tmp/uno
   pulsetrain board pico --pty /tmp/pico             then: pulsetrain run FILE --board pico --port /tmp/pico
   pulsetrain board uno --tcp 127.0.0.1:4000 --trace pins.vcd
-  pulsetrain board winch --pty /tmp/winch           then: pulsetrain winch --port /tmp/winch")]
+  pulsetrain board winch --pty /tmp/winch           then: pulsetrain winch --port /tmp/winch
+  pulsetrain board uno --pty /tmp/uno --bootloader optiboot.hex
+                                                    then: pulsetrain flash uno --port /tmp/uno")]
     Board(Board),
+    /// Write the firmware to a board, and read it back; nothing else has to be installed
+    #[command(after_help = "\
+An Uno (or a Nano with its newer bootloader) is programmed through its bootloader, at 115200 baud, after a reset by DTR; the older \
+bootloader of Nanos, at 57600 baud, is larger and leaves the firmware no room. A Pico is a drive as long as BOOTSEL is held while \
+it is plugged in: the firmware is copied there, and that drive is found by itself, or named with --port.
+
+Examples:
+  pulsetrain ports                              which port it is
+  pulsetrain flash uno --port /dev/ttyACM0
+  pulsetrain flash pico
+  pulsetrain flash pico --port /media/me/RPI-RP2")]
+    Flash(Flash),
+    /// List this computer's serial ports and waiting Picos, with what is there
+    #[command(after_help = "\
+Examples:
+  pulsetrain ports
+  pulsetrain ports --ask       open each, and ask whether Pulsetrain's firmware is there; that resets an Uno")]
+    Ports(Ports),
+    /// Put a motion onto a board for good: it runs at power-up, without this computer
+    #[command(after_help = "\
+For an Arduino Uno. The image needs nothing else; the sketch is plain C++ with tables in flash, for the Arduino IDE, without a library. Endless motions that repeat keep their phase for ever: each \
+turn begins at its own exact time, to 2^-48 of a tick. It takes the Uno's Timer1, and stops millis() and delay().
+
+Examples:
+  pulsetrain bake examples/sweep.toml --output sweep.hex          four motors, for ever
+  pulsetrain flash uno --port /dev/ttyACM0 --image sweep.hex      onto the Uno; `flash uno` alone brings the firmware back
+  pulsetrain bake examples/tutorial.toml --sketch tutorial        writes tutorial/tutorial.ino")]
+    Bake(Bake),
+    /// Compare a board's clock with this computer's; `run --clock-ppm` then corrects for it
+    #[command(after_help = "\
+An Uno has a ceramic resonator, off by up to 0.5 %, which moves with temperature; a Pico a crystal, off by 50 ppm or less.
+
+Examples:
+  pulsetrain calibrate --port /dev/ttyACM0
+  pulsetrain calibrate --port /dev/ttyACM0 --for \"10 min\"
+  pulsetrain run examples/tutorial.toml --port /dev/ttyACM0 --clock-ppm=-1250")]
+    Calibrate(Calibrate),
     /// Talk to a board in StepperWinch's text: a console, or a script of timed lines that is judged
     #[command(after_help = "\
 A script has a line for each command, with its time, \"1.5 s: a x 100\"; or it is a motion file with law.winch. On a \
@@ -159,6 +198,10 @@ impl Command {
             Command::Info(args) => args.json,
             Command::Bench(args) => args.at.json,
             Command::Winch(args) => args.json,
+            Command::Flash(args) => args.json,
+            Command::Ports(args) => args.json,
+            Command::Calibrate(args) => args.json,
+            Command::Bake(args) => args.json,
             Command::Plot(_) | Command::New(_) | Command::Board(_) => false,
         }
     }
@@ -199,6 +242,9 @@ pub(crate) struct Run {
     /// Rate of the line to the port, once the board is found
     #[arg(long, value_name = "BAUD", value_parser = baud, default_value = "1000000", requires = "port")]
     pub(crate) baud: Baud,
+    /// How much faster than it should the board's clock runs, ppm, as `pulsetrain calibrate` tells: it is corrected for
+    #[arg(long, value_name = "PPM", value_parser = clock_ppm, requires = "port", allow_hyphen_values = true)]
+    pub(crate) clock_ppm: Option<f64>,
     /// Bring all motors to a halt on their paths from this time on, as soon as their limits allow
     #[arg(long, value_name = "TIME", value_parser = duration)]
     pub(crate) pause_at: Option<Time>,
@@ -224,6 +270,73 @@ pub(crate) struct Board {
     /// Write every edge of every pin there (VCD); its time is the chip's
     #[arg(long, value_name = "FILE")]
     pub(crate) trace: Option<PathBuf>,
+    /// Only `uno`: a bootloader (Intel HEX), and a flash that is empty but for it, as of an Uno that was just bought
+    #[arg(long, value_name = "FILE")]
+    pub(crate) bootloader: Option<PathBuf>,
+    /// How much faster than it should the board's clock runs, ppm; an Uno's resonator may be off by 5000 either way
+    #[arg(long, value_name = "PPM", default_value_t = 0, allow_hyphen_values = true,
+          value_parser = clap::value_parser!(i32).range(-100_000..=100_000))]
+    pub(crate) clock_ppm: i32,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct Bake {
+    /// Motion file (TOML)
+    pub(crate) file: PathBuf,
+    /// Write an Arduino sketch into this folder, which gives it its name
+    #[arg(long, value_name = "DIR", required_unless_present = "output", conflicts_with = "output")]
+    pub(crate) sketch: Option<PathBuf>,
+    /// Write an image of an Uno's flash there (Intel HEX)
+    #[arg(long, short, value_name = "FILE")]
+    pub(crate) output: Option<PathBuf>,
+    /// Hold the motion against this board's limits instead of the file's
+    #[arg(long, value_name = "BOARD", value_parser = board)]
+    pub(crate) board: Option<String>,
+    /// How much of an endless motion, with its unit; the planned stop comes after [default: it never ends]
+    #[arg(long = "for", value_name = "TIME", value_parser = duration)]
+    pub(crate) length: Option<Time>,
+    /// Print what it comes to as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct Calibrate {
+    /// The board at this serial port
+    #[arg(long, value_name = "PORT")]
+    pub(crate) port: String,
+    /// How long its clock is watched: twice as long, twice as sure
+    #[arg(long = "for", value_name = "TIME", value_parser = duration, default_value = "60 s")]
+    pub(crate) length: Time,
+    /// Print what was found as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct Flash {
+    /// Which board
+    #[arg(value_parser = ["uno", "pico"])]
+    pub(crate) board: String,
+    /// The Uno's serial port; the folder where the Pico's drive is [default for a Pico: the one that is found]
+    #[arg(long, value_name = "PORT", required_if_eq("board", "uno"))]
+    pub(crate) port: Option<String>,
+    /// Write this image instead of the firmware: Intel HEX for an Uno, UF2 for a Pico
+    #[arg(long, value_name = "FILE")]
+    pub(crate) image: Option<PathBuf>,
+    /// Print what was done as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct Ports {
+    /// Open each port, and ask whether Pulsetrain's firmware is there. That resets an Uno
+    #[arg(long)]
+    pub(crate) ask: bool,
+    /// Print the list as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
 }
 
 /// Which board is asked.
@@ -424,6 +537,15 @@ fn baud(text: &str) -> Result<Baud, String> {
     found.map(|(baud, _)| baud).ok_or_else(|| format!("the rates are {}", rates.join(", ")))
 }
 
+fn clock_ppm(text: &str) -> Result<f64, String> {
+    let ppm = text.parse::<f64>().map_err(|_| "write a number, like -1250".to_owned())?;
+    if ppm.abs() <= WORST_CLOCK_PPM {
+        Ok(ppm)
+    } else {
+        Err(format!("no board's clock is off by more than {WORST_CLOCK_PPM} ppm"))
+    }
+}
+
 fn duration(text: &str) -> Result<Time, String> {
     let quantity = positive(text, Base::Time, "60 s")?;
     quantity.time().ok_or_else(|| "this is not a time".into())
@@ -488,6 +610,10 @@ pub fn run_on<A: Into<OsString> + Clone>(args: impl IntoIterator<Item = A>, cons
         Command::Info(args) => commands::info::run(&args, console),
         Command::Bench(args) => commands::bench::run(&args, console),
         Command::Winch(args) => commands::winch::run(&args, console),
+        Command::Flash(args) => commands::flash::run(&args, console),
+        Command::Ports(args) => commands::ports::run(&args, console),
+        Command::Calibrate(args) => commands::calibrate::run(&args, console),
+        Command::Bake(args) => commands::bake::run(&args, console),
         Command::Boards(args) => commands::boards::run(&args, console),
         Command::Drivers(args) => commands::drivers::run(&args, console),
         Command::New(args) => commands::new::run(&args, console),

@@ -19,7 +19,7 @@ use pulsetrain_motion::program::{self, CoilSequence, Motor, Program};
 use pulsetrain_plan::Settings;
 use pulsetrain_trace::{Line, lines};
 
-use crate::prepare::Prepared;
+use crate::prepare::{Prepared, WORST_CLOCK_PPM};
 use crate::session::{Session, SessionError};
 
 /// Why a run did not come to its end.
@@ -173,7 +173,9 @@ pub fn connect<P: Port>(port: P, program: &Program, baud: Baud) -> Result<Remote
 fn connect_as<P: Port>(port: P, program: &Program, baud: Baud, number: u32) -> Result<Remote<P>, RemoteError> {
     let mut remote = Remote::open(port, number)?;
     let (info, board) = (remote.info(), &program.board);
-    if u64::from(info.tick_hz) != board.tick_hz || u32::from(info.fraction_bits) != board.fraction_bits {
+    // The plan's rate is the board's by the host's clock, if that was measured.
+    let off_hz = u64::from(info.tick_hz).abs_diff(board.tick_hz) as f64;
+    if off_hz > board.tick_hz as f64 * WORST_CLOCK_PPM * 1e-6 || u32::from(info.fraction_bits) != board.fraction_bits {
         let is = name_of(info);
         return Err(RemoteError::OtherBoard { is, wanted_hz: board.tick_hz, wanted_bits: board.fraction_bits });
     }

@@ -16,6 +16,9 @@ use crate::pause::{self, PauseError, Paused};
 /// How much of an endless motion is shown, s, if nobody says.
 pub const DEFAULT_LENGTH_S: f64 = 10.0;
 
+/// No board's clock is further off than this, ppm: twice what a ceramic resonator may be.
+pub const WORST_CLOCK_PPM: f64 = 10_000.0;
+
 /// A motion that can be planned.
 #[derive(Clone, Debug)]
 pub struct Prepared {
@@ -95,11 +98,11 @@ pub enum Refusal {
 }
 
 impl Prepared {
-    /// Reads a motion file, puts it on `board` if that is given, and cuts endless laws after `length`.
+    /// Reads a motion file and puts it on `board` if that is given; endless laws stay so.
     ///
     /// # Errors
     /// When the file is wrong, or does not fit the board.
-    pub fn load(path: &Path, board: Option<&str>, length: Option<Time>) -> miette::Result<Prepared> {
+    pub fn endless(path: &Path, board: Option<&str>) -> miette::Result<Prepared> {
         let mut program = file::load(path)?;
         let file = path.display().to_string();
         if let Some(row) = board.and_then(boards::find) {
@@ -111,9 +114,25 @@ impl Prepared {
             program.board.min_interval_ticks = row.shortest_intervals(&program.motors);
             program.board.turn_ticks = row.turn_ticks(&program.motors);
         }
+        Ok(Prepared { file, program, cut_at: None, pause: None })
+    }
+
+    /// The same, and cuts endless laws after `length`.
+    ///
+    /// # Errors
+    /// As [`Prepared::endless`], and when a law breaks before it can be cut.
+    pub fn load(path: &Path, board: Option<&str>, length: Option<Time>) -> miette::Result<Prepared> {
+        let Prepared { file, mut program, .. } = Prepared::endless(path, board)?;
         let cut_at =
             cut(&mut program, length).map_err(|(motor, error)| Refusal::Law { file: file.clone(), motor, error })?;
         Ok(Prepared { file, program, cut_at, pause: None })
+    }
+
+    /// Plans for a board whose clock runs `ppm` 10^-6 faster than its nominal rate: a second of the law is then a second of
+    /// whoever measured that. To whole ticks a second: on an Uno to 0.03 ppm.
+    pub fn calibrate(&mut self, ppm: f64) {
+        let hz = &mut self.program.board.tick_hz;
+        *hz = (*hz as f64 * (1.0 + ppm * 1e-6)).round() as u64;
     }
 
     /// Has the motors come to a halt from `at` on, and go on at `until`; see [`pause::paused`].

@@ -77,15 +77,15 @@ impl<B: VirtualBoard, C: Client, W: Write> Service<B, C, W> {
             self.trace_edges()?;
             self.board.reset();
             self.clients += 1;
+            // Whatever the client before it had; one that sets no rate, or none that a board has, stays at that.
+            self.board.set_baud(Baud::B115200).map_err(io::Error::other)?;
             self.begin()?;
         }
         self.present = present;
         if present {
             // A client changes its rate when nothing is under way, so what has come since is at the new one.
-            let rate = self.client.rate();
-            let baud = Baud::ALL.into_iter().find(|baud| Some(baud.rate()) == rate);
-            if let Some(baud) = baud.filter(|baud| *baud != self.board.baud()) {
-                self.board.set_baud(baud).map_err(io::Error::other)?;
+            if let Some(rate) = self.client.rate() {
+                self.board.follow(rate).map_err(io::Error::other)?;
             }
             self.board.send(&self.bytes).map_err(io::Error::other)?;
         }
@@ -100,7 +100,7 @@ impl<B: VirtualBoard, C: Client, W: Write> Service<B, C, W> {
     }
 
     /// Lets the firmware begin before it gets what the client has sent already: clients of StepperWinch do not wait for
-    /// `awake`. A real Uno is deaf for a second or two more, in its bootloader, of which a virtual one has none.
+    /// `awake`. A real Uno is deaf for a second or two more, in its bootloader; so is a virtual one that has one.
     fn begin(&mut self) -> io::Result<()> {
         let listens = self.board.now() + UNTIL_IT_LISTENS;
         let mut said = Vec::new();
@@ -297,17 +297,21 @@ mod pty {
     use std::path::{Path, PathBuf};
     use std::time::Duration;
 
-    /// A pseudo-terminal, with a link to it that is gone in the end. Each client gets a new one: it finds no rate, no lock
-    /// and no byte of the one before.
+    /// Pseudo-terminals, with a link to the one that is free, which is gone in the end. Each client gets a new one: it finds no
+    /// rate, no lock and no byte of the one before, and a client that closes is not mistaken for the next, however soon that opens.
     #[derive(Debug)]
     pub struct Pty {
+        /// A client has it.
+        served: Option<Terminal>,
         /// Where the link leads.
-        now: Terminal,
-        /// Where it led before: a client may follow the link just before it is changed, and is served all the same.
+        free: Terminal,
+        /// What the last client had: another may have followed the link just before it was changed, and is served all the same.
         before: Option<Terminal>,
         link: PathBuf,
-        present: bool,
     }
+
+    /// What a client hears that comes while another has the board, as a board says it.
+    const TAKEN: &[u8] = b"err taken\r\n";
 
     /// The board's end.
     #[derive(Debug)]
@@ -327,19 +331,19 @@ mod pty {
             if link.is_symlink() && !link.exists() {
                 std::fs::remove_file(link)?;
             }
-            let now = Terminal::new()?;
-            symlink(&now.name, link)?;
-            Ok(Pty { now, before: None, link: link.to_owned(), present: false })
+            let free = Terminal::new()?;
+            symlink(&free.name, link)?;
+            Ok(Pty { served: None, free, before: None, link: link.to_owned() })
         }
 
-        /// Has the link lead to `terminal`, without a moment in which there is none.
-        fn lead_to(&mut self, terminal: Terminal) -> io::Result<()> {
+        /// A client has the free one: the link leads to another, without a moment in which there is none.
+        fn serve(&mut self) -> io::Result<()> {
             let mut name = self.link.clone().into_os_string();
             name.push(format!(".{}", std::process::id()));
-            let fresh = PathBuf::from(name);
-            symlink(&terminal.name, &fresh)?;
-            std::fs::rename(&fresh, &self.link).inspect_err(|_| drop(std::fs::remove_file(&fresh)))?;
-            self.before = Some(std::mem::replace(&mut self.now, terminal));
+            let (aside, fresh) = (PathBuf::from(name), Terminal::new()?);
+            symlink(&fresh.name, &aside)?;
+            std::fs::rename(&aside, &self.link).inspect_err(|_| drop(std::fs::remove_file(&aside)))?;
+            self.served = Some(std::mem::replace(&mut self.free, fresh));
             Ok(())
         }
     }
@@ -367,38 +371,44 @@ mod pty {
 
     impl Client for Pty {
         fn poll(&mut self, into: &mut Vec<u8>) -> io::Result<bool> {
-            if self.now.hear(into) {
-                self.present = true;
-            } else if self.present {
-                self.present = false;
-                self.lead_to(Terminal::new()?)?;
-            } else if let Some(mut before) = self.before.take() {
-                self.present = before.hear(into);
-                if self.present {
-                    // Another one who comes meanwhile is to find it in use.
-                    self.lead_to(before)?;
-                } else {
-                    self.before = Some(before);
+            if let Some(mut served) = self.served.take() {
+                if !served.hear(into) {
+                    // The next one is served from the next look on, so that the board sees it come.
+                    self.before = Some(served);
+                    return Ok(false);
                 }
+                self.served = Some(served);
+                let mut dropped = Vec::new();
+                if self.free.hear(&mut dropped) && !dropped.is_empty() {
+                    let _ = self.free.master.write(TAKEN);
+                }
+                return Ok(true);
             }
-            Ok(self.present)
+            if self.free.hear(into) {
+                self.serve()?;
+            } else if self.before.as_mut().is_some_and(|before| before.hear(into)) {
+                self.served = self.before.take();
+            }
+            Ok(self.served.is_some())
         }
 
         fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
             // A client that does not read loses what does not fit, as at a real port.
-            let _ = self.now.master.write(bytes);
+            if let Some(served) = &mut self.served {
+                let _ = served.master.write(bytes);
+            }
             Ok(())
         }
 
         fn rate(&self) -> Option<u32> {
-            self.now.master.baud_rate().ok()
+            self.served.as_ref()?.master.baud_rate().ok()
         }
     }
 
     impl Drop for Pty {
         fn drop(&mut self) {
             // If somebody else took it away, it is gone all the same; what they put there is theirs.
-            if std::fs::read_link(&self.link).is_ok_and(|to| to == Path::new(&self.now.name)) {
+            if std::fs::read_link(&self.link).is_ok_and(|to| to == Path::new(&self.free.name)) {
                 let _ = std::fs::remove_file(&self.link);
             }
         }

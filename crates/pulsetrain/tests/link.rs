@@ -41,6 +41,7 @@ fn two_sines() -> Program {
         min_interval_ticks: vec![160],
         hardware_timed: true,
         turn_ticks: 0,
+        segment_ticks: Vec::new(),
         source: "test".into(),
     };
     let motors = vec![motor(0, law(300.0, 1.0, 3)), motor(1, law(-200.0, 1.5, 2))];

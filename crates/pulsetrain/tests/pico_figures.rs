@@ -2,9 +2,14 @@
 
 mod common;
 
-use common::pico_rows::{ABOVE, Row, promised, start, sweep, uln2003};
+use common::pico::COILS;
+use common::pico_rows::{ABOVE, BETWEEN_TURNS, Case, Row, ULN_MOTORS, on_coils, promised, start, sweep, uln2003};
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_core::output::Sequence;
+use pulsetrain_motion::boards;
+
+/// Rates are tried 2.5 % apart, and random speeds have a mean that is not exactly what was asked for.
+const BELOW: f64 = 0.95;
 
 fn held(row: &Row) {
     assert_eq!(row.verdict, "", "{row:?}");
@@ -35,9 +40,37 @@ fn eight_motors_start_in_one_cycle() {
 fn coils_turn_at_every_phase() {
     let pico = VirtualPico::on_usb();
     for sequence in [Sequence::Wave, Sequence::Full, Sequence::Half] {
-        let row = uln2003(&pico, sequence, 2000);
-        held(&row);
-        assert!(row.edges > 6 * 500, "{row:?}");
+        for rate in [2000, 50_000] {
+            let row = uln2003(&pico, sequence, rate);
+            held(&row);
+            assert!(row.edges > 6 * 500, "{row:?}");
+        }
+    }
+}
+
+/// What the table of boards says of steps, of coils and of turns: at its limits, or a little below, nothing starves.
+#[test]
+fn limits_of_the_table_hold() {
+    let pico = VirtualPico::on_usb();
+    let row = boards::find("pico").expect("the table has it");
+    let rate = |ticks: u32| row.board.tick_hz as f64 / f64::from(ticks);
+    for motors in [1, 2, 4, 6, 8] {
+        let place = motors - 1;
+        let mut cases = vec![
+            (Case::changing(motors, "TMC2209"), rate(row.board.min_interval_ticks[place])),
+            (Case::turning(motors, "TMC2209"), f64::from(BETWEEN_TURNS) * rate(row.board.segment_ticks[place])),
+        ];
+        if motors <= usize::from(ULN_MOTORS) {
+            let intervals = row.shortest_intervals(&on_coils(motors));
+            cases.push((Case::changing(motors, COILS), rate(intervals[place])));
+        }
+        for (case, limit) in cases {
+            for seed in 1..=3 {
+                let row = Case { seed, ..case }.row(&pico, BELOW * limit, 0.06);
+                held(&row);
+                assert!(row.edges as f64 > 0.04 * BELOW * limit * motors as f64, "{row:?}");
+            }
+        }
     }
 }
 

@@ -34,7 +34,13 @@ law.sine = { amplitude = "0.5 rev", period = "1 s", cycles = 1 }
 "#;
 
 fn program() -> Program {
-    file::read(MOTION, "wheel.toml", &|_| Err(io::ErrorKind::NotFound.into())).unwrap()
+    program_for("uno")
+}
+
+/// The same motion on another board.
+fn program_for(board: &str) -> Program {
+    let text = MOTION.replace("uno", board);
+    file::read(&text, "wheel.toml", &|_| Err(io::ErrorKind::NotFound.into())).unwrap()
 }
 
 /// What lies between client and board.
@@ -181,18 +187,36 @@ fn opening_again_resets_the_board() {
     assert!(board.now() < 16_000_000, "its clock began anew: {}", board.now());
 }
 
+#[test]
+fn a_client_that_sets_no_rate_finds_the_first() {
+    let program = program();
+    let board = connect(Through::new(None), &program, Baud::B1M).unwrap();
+    assert_eq!(board.link().baud(), Baud::B1M);
+    let mut port = board.close();
+    port.pipe.0.borrow_mut().present = false;
+    port.rounds(5);
+    // What a pseudo-terminal has at first, and no board.
+    *port.pipe.0.borrow_mut() = Between { present: true, rate: 38_400, ..Between::default() };
+    port.send(b"version\n").unwrap();
+    port.rounds(100);
+    let text = String::from_utf8(port.pipe.0.borrow().to_client.clone()).unwrap();
+    assert!(text.starts_with("awake\r\nid StepperWinch"), "{text}");
+}
+
 /// Through the system's pseudo-terminals, and in virtual time all the same: each end waits for what the other one wrote, so
 /// that the system may take as long as it likes.
 #[cfg(unix)]
 mod pty {
-    use super::{Memory, program, real::folder};
+    use super::{Memory, program, program_for, real::folder};
     use pulsetrain::drive::connect;
     use pulsetrain::serve::{Client, Pty, Service};
     use pulsetrain::session::Session;
+    use pulsetrain_board::virtual_pico::VirtualPico;
     use pulsetrain_board::virtual_uno::VirtualUno;
-    use pulsetrain_board::{Edge, Port, PortError, Remote};
+    use pulsetrain_board::{Edge, Port, PortError, Remote, VirtualBoard};
     use pulsetrain_core::wire::Baud;
     use pulsetrain_core::wire::message::Cause;
+    use pulsetrain_motion::program::Program;
     use pulsetrain_motion::{Law, Time};
     use pulsetrain_trace::vcd_file;
     use serialport::{SerialPort, TTYPort};
@@ -242,18 +266,24 @@ mod pty {
     }
 
     /// A board that is served.
-    struct Served {
-        service: RefCell<Service<VirtualUno, Counting, Memory>>,
+    struct Served<B> {
+        service: RefCell<Service<B, Counting, Memory>>,
         under_way: Rc<UnderWay>,
         link: PathBuf,
         trace: Memory,
     }
 
-    impl Served {
-        fn new(link: PathBuf) -> Rc<Served> {
+    impl Served<VirtualUno> {
+        fn new(link: PathBuf) -> Rc<Served<VirtualUno>> {
+            Served::of(VirtualUno::new(), link)
+        }
+    }
+
+    impl<B: VirtualBoard> Served<B> {
+        fn of(board: B, link: PathBuf) -> Rc<Served<B>> {
             let (under_way, trace) = (Rc::new(UnderWay::default()), Memory::default());
             let client = Counting { pty: Pty::new(&link).unwrap(), under_way: Rc::clone(&under_way) };
-            let service = RefCell::new(Service::new(VirtualUno::new(), client, Some(trace.clone())).unwrap());
+            let service = RefCell::new(Service::new(board, client, Some(trace.clone())).unwrap());
             Rc::new(Served { service, under_way, link, trace })
         }
 
@@ -280,11 +310,11 @@ mod pty {
         }
 
         /// As `pulsetrain run --port LINK` does.
-        fn open(self: &Rc<Served>) -> Terminal {
+        fn open(self: &Rc<Served<B>>) -> Terminal<B> {
             self.open_at(&self.link)
         }
 
-        fn open_at(self: &Rc<Served>, name: &Path) -> Terminal {
+        fn open_at(self: &Rc<Served<B>>, name: &Path) -> Terminal<B> {
             let terminal = serialport::new(name.display().to_string(), 115_200).timeout(Duration::from_secs(3600));
             Terminal { terminal: terminal.open_native().unwrap(), served: Rc::clone(self) }
         }
@@ -301,12 +331,12 @@ mod pty {
     }
 
     /// The client's end: time passes as the client waits.
-    struct Terminal {
+    struct Terminal<B> {
         terminal: TTYPort,
-        served: Rc<Served>,
+        served: Rc<Served<B>>,
     }
 
-    impl Drop for Terminal {
+    impl<B> Drop for Terminal<B> {
         fn drop(&mut self) {
             // What was not read by then is not.
             self.served.under_way.to_board.set(0);
@@ -314,7 +344,7 @@ mod pty {
         }
     }
 
-    impl Port for Terminal {
+    impl<B: VirtualBoard> Port for Terminal<B> {
         fn now(&self) -> Duration {
             self.served.now()
         }
@@ -344,12 +374,17 @@ mod pty {
 
     #[test]
     fn one_client_after_the_other_runs_a_motion() {
-        let program = program();
-        let served = Served::new(folder("pty-one-after-the-other").join("uno"));
+        let folder = folder("pty-one-after-the-other");
+        one_after_the_other(VirtualUno::new(), &program(), folder.join("uno"));
+        one_after_the_other(VirtualPico::on_usb(), &program_for("pico"), folder.join("pico"));
+    }
+
+    fn one_after_the_other<B: VirtualBoard>(board: B, program: &Program, link: PathBuf) {
+        let served = Served::of(board, link);
         for (clients, baud) in [(1, Baud::B115200), (2, Baud::B1M)] {
-            let board = connect(served.open(), &program, baud).unwrap();
+            let board = connect(served.open(), program, baud).unwrap();
             assert_eq!(board.link().baud(), baud);
-            let mut session = Session::new(board, &program).unwrap();
+            let mut session = Session::new(board, program).unwrap();
             let report = session.run(&mut |_: Edge| {}, |_| {});
             assert_eq!((report.failure, report.counted), (None, vec![0]));
             drop(session.into_board().close());
@@ -392,11 +427,58 @@ mod pty {
         assert_ne!(served.leads_to(), followed);
         let board = Remote::open(served.open_at(&followed), 2).unwrap();
         assert_eq!((served.clients(), board.info().last_reset), (2, Cause::ResetLine));
-        assert_eq!(served.leads_to(), followed, "to what is in use");
+        assert_ne!(served.leads_to(), followed, "to what is free");
         drop(board);
         served.rounds(1);
         Remote::open(served.open(), 3).unwrap().status().unwrap();
         assert_eq!(served.clients(), 3);
+    }
+
+    #[test]
+    fn a_close_with_an_open_right_behind_it_is_seen() {
+        let served = Served::new(folder("pty-at-once").join("uno"));
+        for clients in 1..5 {
+            // No round of the board's in between; what the one before had begun is not glued to what this one says.
+            let mut terminal = served.open();
+            terminal.send(b"version\nping\na x 1").unwrap();
+            served.rounds(100);
+            assert_eq!(served.clients(), clients);
+            let mut said = vec![0; served.under_way.to_client.take()];
+            terminal.terminal.read_exact(&mut said).unwrap();
+            let said = String::from_utf8(said).unwrap();
+            let lines: Vec<&str> = said.lines().filter(|line| !line.starts_with("txyza")).collect();
+            assert!(matches!(lines[..], ["awake", id, "awake"] if id.starts_with("id ")), "{lines:?}");
+        }
+    }
+
+    #[test]
+    fn a_second_client_is_told_that_the_board_is_taken() {
+        let served = Served::new(folder("pty-second").join("uno"));
+        let mut first = served.open();
+        served.rounds(100);
+        let mut second = serialport::new(served.leads_to().display().to_string(), 115_200)
+            .timeout(Duration::from_secs(3600))
+            .open_native()
+            .unwrap();
+        second.write_all(b"a x 100\n").unwrap();
+        let mut said = [0; 11];
+        while second.bytes_to_read().unwrap() < 11 {
+            served.rounds(1);
+        }
+        second.read_exact(&mut said).unwrap();
+        assert_eq!(&said, b"err taken\r\n");
+        assert_eq!(served.clients(), 1);
+        // When the first one goes it is served, from then on.
+        first.send(b"ping\n").unwrap();
+        served.rounds(20);
+        drop(first);
+        served.rounds(100);
+        assert_eq!(served.clients(), 2);
+        let mut said = vec![0; served.under_way.to_client.take()];
+        second.read_exact(&mut said).unwrap();
+        assert_eq!(String::from_utf8(said).unwrap().lines().next(), Some("awake"));
+        drop(second);
+        assert_eq!(served.steps().len(), 0, "what it said before that is dropped");
     }
 
     #[test]
@@ -526,7 +608,14 @@ mod real {
         let (exit, said) = pulsetrain(&["winch", &script, "--port", &link, "--for", "1.5 s", "--out", &out]);
         assert_eq!(exit, Exit::Success, "{said}");
         assert!(said.contains("nobody looked at its pins") && said.contains("  x     100       100 "), "{said}");
-        assert!(served.interrupt().contains("clients: 1"));
+        // Frames are nothing to it: that is told, with what helps.
+        let (exit, said) = pulsetrain(&["info", "--port", &link]);
+        assert_eq!(exit, Exit::Refused, "{said}");
+        assert!(
+            said.split_whitespace().collect::<Vec<_>>().join(" ").contains("pulsetrain winch --port PORT"),
+            "{said}"
+        );
+        assert!(served.interrupt().contains("clients: 2"));
     }
 
     #[test]

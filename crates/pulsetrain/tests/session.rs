@@ -42,6 +42,7 @@ fn program(fraction_bits: u32, motors: Vec<Motor>) -> Program {
         min_interval_ticks: vec![160],
         hardware_timed: true,
         turn_ticks: 0,
+        segment_ticks: Vec::new(),
         source: "test".into(),
     };
     Program {

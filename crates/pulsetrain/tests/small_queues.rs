@@ -119,6 +119,7 @@ fn program(laws: Vec<Law>, acceleration: f64) -> Program {
         min_interval_ticks: vec![80],
         hardware_timed: true,
         turn_ticks: 0,
+        segment_ticks: Vec::new(),
         source: "test".into(),
     };
     let motor = |(index, law)| Motor {

@@ -6,7 +6,7 @@ use crate::start::Once;
 use crate::talk::{self, Talk};
 use crate::usb::{Packet, Usb};
 use crate::winch::{Brought, Ear, Winch};
-use crate::{clock, regs, reset};
+use crate::{clock, flash, regs, reset};
 use pulsetrain_core::winch::reply::Reply;
 use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Baud, Decoder, MAX_BODY, Millis, Service};
@@ -59,8 +59,10 @@ pub unsafe fn run() -> ! {
     clock::set_up();
     clock::take_pins();
     // SAFETY: the caller's promise.
-    let (board, line, talks, winch) = unsafe { (Board::begin(), Line::open(), TALKS.take(), WINCH.take()) };
-    let mut all = All { board, service: Service::new(MAX_BODY), line, usb: Usb::open(), talks, way: Way::Uart, winch };
+    let (board, line, usb) = unsafe { (Board::begin(), Line::open(), Usb::open(flash::unique_id())) };
+    // SAFETY: as above.
+    let (talks, winch) = unsafe { (TALKS.take(), WINCH.take()) };
+    let mut all = All { board, service: Service::new(MAX_BODY), line, usb, talks, way: Way::Uart, winch };
     reset::begin();
     regs::enable_interrupts();
     all.run()
@@ -115,7 +117,7 @@ impl All {
     /// What can wait a millisecond.
     #[inline(never)]
     fn housekeeping(&mut self, now: Millis) {
-        if self.board.housekeeping(now, &self.line) {
+        if self.board.housekeeping(now, &mut self.line) {
             self.talks[Way::Uart as usize].ear.lose();
         }
         if self.winch.look(&mut self.board, &mut self.service) {
@@ -155,6 +157,9 @@ impl All {
         };
         if bytes.is_empty() {
             return false;
+        }
+        if way == Way::Uart && self.line.take_gap() {
+            self.talks[Way::Uart as usize].ear.lose();
         }
         let most = &mut self.board.measures.most_unread;
         *most = (*most).max(unread as u16);

@@ -9,6 +9,7 @@
 //! - `talk`: what is heard and said on a way to a host
 //! - `link`, `usb`: the serial line, and the serial port over USB: one session, on whichever of them it was begun
 //! - `clock`: the chip's clocks, and SysTick extended to 64 bits
+//! - `flash`: the number by which two boards are told apart
 //! - `reset`: the watchdog, and why the program began
 //! - `start`: vectors, and memory that there is one of
 //! - `regs`: the registers, and instructions that Rust has no words for
@@ -25,6 +26,7 @@
 
 mod clock;
 pub mod firmware;
+mod flash;
 mod link;
 mod machine;
 pub mod motors;

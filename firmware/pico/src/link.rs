@@ -31,6 +31,12 @@ pub(crate) struct Line {
     ring: *const u8,
     /// Place of the next byte.
     next: usize,
+    /// Bytes taken from the ring, wrapping, since the DMA was told how many may come.
+    taken: u32,
+    /// Bytes that came into a full ring and were not told of.
+    lost: u32,
+    /// What comes next does not follow what came last.
+    gap: bool,
     baud: Baud,
 }
 
@@ -56,7 +62,7 @@ impl Line {
         CHANNEL.write_addr().write(ring as u32);
         CHANNEL.ctrl().write(CTRL);
         CHANNEL.trans_count_trig().write(u32::MAX);
-        Line { ring, next: 0, baud: Baud::B115200 }
+        Line { ring, next: 0, taken: 0, lost: 0, gap: false, baud: Baud::B115200 }
     }
 
     /// Bytes that wait.
@@ -65,9 +71,38 @@ impl Line {
         (CHANNEL.write_addr().read() as usize).wrapping_sub(self.ring as usize + self.next) & (RING - 1)
     }
 
+    /// If more came than the ring holds, those that wait are others than they were: drops them all.
+    #[inline(always)]
+    fn look_for_loss(&mut self) {
+        // §2.5.7, TRANS_COUNT: what may still come.
+        let unread = (!CHANNEL.trans_count().read()).wrapping_sub(self.taken);
+        if unread > RING as u32 {
+            self.lost = self.lost.saturating_add(unread);
+            self.gap = true;
+            self.drop_all();
+        }
+    }
+
+    fn drop_all(&mut self) {
+        // In this order: a byte that comes in between counts as one that waits, never as one too few.
+        self.taken = !CHANNEL.trans_count().read();
+        self.next = (self.next + self.waiting()) & (RING - 1);
+    }
+
+    /// Whether bytes were lost before those that were read last, since the last call.
+    pub(crate) const fn take_gap(&mut self) -> bool {
+        core::mem::replace(&mut self.gap, false)
+    }
+
+    /// Bytes lost, since the last call.
+    pub(crate) const fn take_loss(&mut self) -> u32 {
+        core::mem::replace(&mut self.lost, 0)
+    }
+
     /// Takes bytes that came, as many as there is room for: where the ring ends, the others come with the next call.
     #[inline(always)]
     pub(crate) fn read<'a>(&mut self, into: &'a mut [u8]) -> &'a [u8] {
+        self.look_for_loss();
         let count = self.waiting().min(RING - self.next).min(into.len());
         let Some(bytes) = into.get_mut(..count) else { return &[] };
         for (at, byte) in (self.next..).zip(bytes.iter_mut()) {
@@ -75,12 +110,14 @@ impl Line {
             *byte = unsafe { self.ring.add(at).read_volatile() };
         }
         self.next = (self.next + count) & (RING - 1);
+        self.taken = self.taken.wrapping_add(count as u32);
         bytes
     }
 
     /// Goes on for another 2^32 bytes, now and then.
-    pub(crate) fn look_after(&self) {
+    pub(crate) fn look_after(&mut self) {
         if CHANNEL.ctrl().read() & 1 << 24 == 0 {
+            self.taken = self.taken.wrapping_sub(u32::MAX);
             CHANNEL.trans_count_trig().write(u32::MAX);
         }
     }
@@ -90,7 +127,7 @@ impl Line {
         if baud != self.baud {
             self.baud = baud;
             set_baud(baud);
-            self.next = (self.next + self.waiting()) & (RING - 1);
+            self.drop_all();
         }
     }
 }

@@ -243,13 +243,15 @@ impl Board {
         self.armed
     }
 
-    /// What can wait a millisecond. Whether bytes of the UART were lost.
-    pub(crate) fn housekeeping(&mut self, now: Millis, line: &Line) -> bool {
+    /// What can wait a millisecond. Whether the UART lost a byte by itself.
+    pub(crate) fn housekeeping(&mut self, now: Millis, line: &mut Line) -> bool {
         line.look_after();
-        let lost = link::has_overrun();
-        if lost {
-            self.measures.lost_bytes = self.measures.lost_bytes.saturating_add(1);
-            self.tell(Cause::Overrun, ALL_MOTORS, 1);
+        let overrun = link::has_overrun();
+        let lost = line.take_loss().saturating_add(overrun.into());
+        if lost != 0 {
+            let all = u32::from(self.measures.lost_bytes).saturating_add(lost);
+            self.measures.lost_bytes = u16::try_from(all).unwrap_or(u16::MAX);
+            self.tell(Cause::Overrun, ALL_MOTORS, lost);
         }
         let moment = self.clock.moment();
         self.stepper.rest(moment);
@@ -265,7 +267,7 @@ impl Board {
             }
             self.was_idle = idle;
         }
-        lost
+        overrun
     }
 
     /// Tells what a motor's own queue asked for and could not be: each kind once, until motors are armed again.

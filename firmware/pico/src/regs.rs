@@ -106,6 +106,25 @@ pub(crate) const WATCHDOG_REASON: Reg = Reg(0x4005_8008);
 pub(crate) const WATCHDOG_SCRATCH0: Reg = Reg(0x4005_800c);
 pub(crate) const WATCHDOG_TICK: Reg = Reg(0x4005_802c);
 
+/// §4.10.13: the serial interface to the flash.
+pub(crate) mod ssi {
+    use super::Reg;
+
+    pub(crate) const CTRLR0: Reg = Reg(0x1800_0000);
+    pub(crate) const SSIENR: Reg = Reg(0x1800_0008);
+    pub(crate) const SR: Reg = Reg(0x1800_0028);
+    pub(crate) const DR0: Reg = Reg(0x1800_0060);
+
+    /// Bits of SR: the receiver has something.
+    pub(crate) const RFNE: u32 = 1 << 3;
+}
+
+/// §2.19.6.2: what drives the chip select of the flash, bits 8 and 9: the interface; 2: low; 3: high.
+pub(crate) const QSPI_SS_CTRL: Reg = Reg(0x4001_800c);
+
+/// §2.20.2: the chip and its revision.
+pub(crate) const CHIP_ID: Reg = Reg(0x4000_0000);
+
 /// §2.13.5: which blocks a reset of the watchdog reaches.
 pub(crate) const PSM_WDSEL: Reg = Reg(0x4001_0008);
 
@@ -237,6 +256,11 @@ impl Channel {
         self.at(4)
     }
 
+    /// Transfers that are still to be made.
+    pub(crate) const fn trans_count(self) -> Reg {
+        self.at(8)
+    }
+
     /// CTRL without starting it.
     pub(crate) const fn ctrl(self) -> Reg {
         self.at(0x10)
@@ -321,14 +345,17 @@ pub(crate) mod usb {
         buffer_control(endpoint, out).read() >> (16 * half) & 0xffff
     }
 
+    /// Sets it, while the controller has nothing to do with it.
+    pub(crate) fn set_half(endpoint: u32, out: bool, half: u32, bits: u32) {
+        let address = buffer_control(endpoint, out).0 + 2 * half;
+        // SAFETY: as in `set_memory_byte`.
+        unsafe { core::ptr::write_volatile(address as *mut u16, bits as u16) }
+    }
+
     /// Gives a buffer to the controller: AVAILABLE comes 3 cycles of clk_usb, 8 of the processor's, after the other bits
     /// (§4.1.2.5.1). The other half is the controller's, and is left alone.
     pub(crate) fn arm_half(endpoint: u32, out: bool, half: u32, bits: u32) {
-        let address = buffer_control(endpoint, out).0 + 2 * half;
-        let write = |bits: u32| {
-            // SAFETY: as in `set_memory_byte`.
-            unsafe { core::ptr::write_volatile(address as *mut u16, bits as u16) }
-        };
+        let write = |bits: u32| set_half(endpoint, out, half, bits);
         write(bits);
         for _ in 0..4 {
             // Two cycles each, at least.

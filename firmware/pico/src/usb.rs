@@ -6,6 +6,7 @@
 
 use crate::clock::{Clock, TICK_HZ};
 use crate::regs::{self, usb};
+use crate::start::Once;
 
 /// Bytes of a packet, of every endpoint that has data.
 const PACKET: usize = 64;
@@ -16,6 +17,14 @@ pub(crate) type Packet = [[u8; 4]; PACKET / 4];
 /// Endpoints: of the host's notifications, which never come, and of the data, both ways.
 const NOTIFY: u32 = 1;
 const DATA: u32 = 2;
+
+/// Endpoints to the host have this in their addresses.
+const TO_HOST: u32 = 0x80;
+const DATA_TO_HOST: u32 = TO_HOST | DATA;
+const NOTIFY_TO_HOST: u32 = TO_HOST | NOTIFY;
+
+/// Addresses of the endpoints that can be halted.
+const HALTS: [u32; 3] = [DATA, DATA_TO_HOST, NOTIFY_TO_HOST];
 
 /// Where packets lie in the controller's memory (§4.1.2.4): endpoint 0 has its place.
 const CONTROL_BUFFER: u32 = 0x100;
@@ -32,7 +41,16 @@ const LONGEST_FRAME: u64 = (TICK_HZ / 1000 + TICK_HZ / 1000 * 6 / 10_000 + 1) as
 const FRAMES: u32 = 0x7ff;
 
 /// Table 9-8. 1209:0001 is pid.codes' for tests; a serial port that does nothing else needs no driver that knows it.
-const DEVICE: [u8; 18] = [18, 1, 0, 2, 2, 0, 0, PACKET as u8, 0x09, 0x12, 0x01, 0x00, 0x00, 0x01, 1, 2, 0, 1];
+const fn device(serial: u8) -> [u8; 18] {
+    [18, 1, 0, 2, 2, 0, 0, PACKET as u8, 0x09, 0x12, 0x01, 0x00, 0x00, 0x01, 1, PRODUCT, serial, 1]
+}
+
+static DEVICE: [u8; 18] = device(SERIAL);
+static DEVICE_WITHOUT_SERIAL: [u8; 18] = device(0);
+
+/// The texts that are product and serial number.
+const PRODUCT: u8 = 2;
+const SERIAL: u8 = 3;
 
 /// Tables 9-10, 9-12, 9-13; CDC 1.2 §5.2.3: the interface of the port, with what a driver must find, and that of its data.
 #[rustfmt::skip]
@@ -51,11 +69,39 @@ const CONFIGURATION: [u8; 67] = [
 ];
 
 /// English; the maker; the product.
-const TEXTS: [&[u8]; 3] = [
-    &[4, 3, 0x09, 0x04],
-    &[22, 3, b'P', 0, b'u', 0, b'l', 0, b's', 0, b'e', 0, b't', 0, b'r', 0, b'a', 0, b'i', 0, b'n', 0],
-    &[10, 3, b'P', 0, b'i', 0, b'c', 0, b'o', 0],
-];
+static TEXTS: [&[u8]; 3] = [&[4, 3, 0x09, 0x04], &text::<22>(b"Pulsetrain"), &text::<10>(b"Pico")];
+
+/// The product, on a chip before revision B2. Erratum E5: a device on a hub that is busy may not see the end of the bus's reset,
+/// and is never found then. What TinyUSB does against that takes GPIO 15 away for a while, and is not done here.
+static OLD_PRODUCT: &[u8] = &text::<50>(b"Pico (before B2: see E5)");
+
+/// Table 9-16: `letters` as a text of `N` bytes, two and two for each letter.
+const fn text<const N: usize>(letters: &[u8]) -> [u8; N] {
+    assert!(N == 2 + 2 * letters.len());
+    let mut text = [0; N];
+    (text[0], text[1]) = (N as u8, 3);
+    let mut at = 0;
+    while at < letters.len() {
+        text[2 + 2 * at] = letters[at];
+        at += 1;
+    }
+    text
+}
+
+/// The serial number as a text of USB's: 16 digits.
+type Serial = [u8; 34];
+
+static SERIAL_TEXT: Once<Serial> = Once::new([0; 34]);
+
+/// Fills it with the number of the flash chip; `None` if there is none.
+fn serial(text: &'static mut Serial, id: Option<[u8; 8]>) -> Option<&'static Serial> {
+    let digits = id?.into_iter().flat_map(|byte| [byte >> 4, byte & 15]);
+    (text[0], text[1]) = (text.len() as u8, 3);
+    for (place, digit) in text[2..].chunks_exact_mut(2).zip(digits) {
+        place[0] = if digit < 10 { b'0' + digit } else { b'A' - 10 + digit };
+    }
+    Some(text)
+}
 
 /// What a transfer of endpoint 0 waits for.
 #[derive(Clone, Copy, PartialEq)]
@@ -82,6 +128,11 @@ pub(crate) struct Usb {
     /// What the host told of the port's speed: kept for it, used for nothing.
     coding: [u8; 7],
     configured: bool,
+    /// Text 3, if there is one.
+    serial: Option<&'static Serial>,
+    /// Endpoints that the host has halted, bit by [`HALTS`]; and what was ready to go to the host then.
+    halted: u8,
+    kept: Option<u32>,
     /// A program has the port open, as far as its computer tells; and whether that is news.
     open: bool,
     opened: bool,
@@ -100,8 +151,13 @@ pub(crate) struct Usb {
 }
 
 impl Usb {
-    /// Switches the device on: the host may come. clk_usb is at 48 MHz.
-    pub(crate) fn open() -> Usb {
+    /// Switches the device on: the host may come. clk_usb is at 48 MHz. `id`: a number that no other board has.
+    ///
+    /// # Safety
+    /// Only once.
+    pub(crate) unsafe fn open(id: Option<[u8; 8]>) -> Usb {
+        // SAFETY: the caller's promise.
+        let text = unsafe { SERIAL_TEXT.take() };
         regs::RESETS_RESET.set(regs::reset::USBCTRL);
         regs::take_out_of_reset(regs::reset::USBCTRL);
         for word in 0..0x40 {
@@ -122,6 +178,9 @@ impl Usb {
             address: None,
             coding: [0, 0xc2, 1, 0, 0, 0, 8],
             configured: false,
+            serial: serial(text, id),
+            halted: 0,
+            kept: None,
             open: false,
             opened: false,
             half: 0,
@@ -210,9 +269,13 @@ impl Usb {
         into.as_flattened().get(..len).unwrap_or_default()
     }
 
-    /// Gives the half that was read back to the host; each half keeps its toggle.
+    /// Gives the half that was read back to the host; each half keeps its toggle. A halted endpoint waits.
     fn free(&mut self) {
-        self.arm(self.half);
+        if self.is_halted(DATA) {
+            usb::set_half(DATA, true, self.half, if self.half == 0 { usb::STALL } else { 0 });
+        } else {
+            self.arm(self.half);
+        }
         self.half ^= 1;
     }
 
@@ -231,7 +294,9 @@ impl Usb {
     /// Whether the host took the packet before.
     #[inline(always)]
     fn is_free(&self) -> bool {
-        self.configured && usb::buffer_half(DATA, false, 0) & usb::AVAILABLE == 0
+        self.configured
+            && !self.is_halted(DATA_TO_HOST)
+            && usb::buffer_half(DATA, false, 0) & usb::AVAILABLE == 0
     }
 
     /// Hands over a byte; see [`can_send`](Usb::can_send).
@@ -267,11 +332,15 @@ impl Usb {
         usb::buffer_control(0, false).write(0);
         usb::buffer_control(0, true).write(0);
         let descriptor: Option<&'static [u8]> = match (first & 0xffff, kind) {
-            (0x0680, 1) => Some(&DEVICE),
+            (0x0680, 1) => Some(if self.serial.is_some() { &DEVICE } else { &DEVICE_WITHOUT_SERIAL }),
             (0x0680, 2) => Some(&CONFIGURATION),
+            (0x0680, 3) if index == SERIAL => self.serial.map(|text| text.as_slice()),
+            // §2.20.2: the revision is in the highest bits; 2 is B2.
+            (0x0680, 3) if index == PRODUCT && regs::CHIP_ID.read() >> 28 < 2 => Some(OLD_PRODUCT),
             (0x0680, 3) => TEXTS.get(usize::from(index)).copied(),
             // GET_CONFIGURATION; GET_STATUS of device, interface, endpoint.
             (0x0880, _) => Some(if self.configured { &[1] } else { &[0] }),
+            (0x0082, _) if self.is_halted(second & 0xffff) => Some(&[1, 0]),
             (0x0080..=0x0082, _) => Some(&[0, 0]),
             _ => None,
         };
@@ -314,6 +383,8 @@ impl Usb {
             }
             // CLEAR_FEATURE: an endpoint is not halted any more, and its toggle begins anew; no other's.
             0x0102 if value == 0 && self.clear_halt(second & 0xffff) => self.acknowledge(),
+            // SET_FEATURE: an endpoint is halted.
+            0x0302 if value == 0 && self.halt(second & 0xffff) => self.acknowledge(),
             // Not here (§4.1.2.6.3): the host sees a stall and goes on.
             _ => {
                 self.stage = Stage::Idle;
@@ -324,15 +395,62 @@ impl Usb {
         }
     }
 
+    /// Whether the host has halted an endpoint, by its address.
+    #[inline(always)]
+    fn is_halted(&self, index: u32) -> bool {
+        HALTS.iter().enumerate().any(|(bit, address)| *address == index && self.halted >> bit & 1 != 0)
+    }
+
+    fn set_halted(&mut self, index: u32, on: bool) {
+        for (bit, _) in HALTS.iter().enumerate().filter(|(_, address)| **address == index) {
+            self.halted = self.halted & !(1 << bit) | u8::from(on) << bit;
+        }
+    }
+
+    /// Halts an endpoint, whose address is `index`: it stalls until it is cleared; whether there is one. What was read or is to be
+    /// sent stays. Endpoint 0 is never halted (USB 2.0 §9.4.5 leaves that open).
+    fn halt(&mut self, index: u32) -> bool {
+        if !self.configured || !HALTS.contains(&index) {
+            return false;
+        }
+        if self.is_halted(index) {
+            return true;
+        }
+        self.set_halted(index, true);
+        let out = index & TO_HOST == 0;
+        let control = usb::buffer_control(index & 15, out);
+        let was = control.read();
+        if index == DATA_TO_HOST {
+            self.kept = (was & usb::AVAILABLE != 0).then_some(was & (usb::LEN | usb::FULL));
+        }
+        // §4.1.2.5.3: one bit for both buffers. What came and was not read yet stays.
+        let came = if out { was & !(usb::AVAILABLE | usb::AVAILABLE << 16) } else { 0 };
+        control.write(came | usb::STALL);
+        true
+    }
+
     /// Has an endpoint go on from DATA0, whose address is `index`; whether there is one. What was read or is to be sent stays;
     /// the host sends and takes nothing meanwhile.
     fn clear_halt(&mut self, index: u32) -> bool {
-        const TO_HOST: u32 = 0x80;
-        const DATA_TO_HOST: u32 = TO_HOST | DATA;
-        const NOTIFY_TO_HOST: u32 = TO_HOST | NOTIFY;
+        let was_halted = self.is_halted(index);
+        self.set_halted(index, false);
         match index {
-            // Nothing is ever sent there; endpoint 0 begins anew with each request.
-            NOTIFY_TO_HOST | 0 | TO_HOST => true,
+            // Endpoint 0 begins anew with each request.
+            0 | TO_HOST => true,
+            // Nothing is ever sent there.
+            NOTIFY_TO_HOST => {
+                usb::buffer_control(NOTIFY, false).write(0);
+                true
+            }
+            DATA_TO_HOST if was_halted => {
+                usb::buffer_control(DATA, false).write(0);
+                let kept = self.kept.take();
+                if let Some(control) = kept {
+                    usb::arm_half(DATA, false, 0, control);
+                }
+                self.in_data1 = kept.is_some();
+                true
+            }
             DATA_TO_HOST if self.configured => {
                 let control = usb::buffer_half(DATA, false, 0);
                 let waits = control & usb::AVAILABLE != 0;
@@ -349,7 +467,12 @@ impl Usb {
                 // The one that the host's next packet goes into.
                 self.data0_half = if full && !other { self.half ^ 1 } else { self.half };
                 for half in 0..2 {
-                    if usb::buffer_half(DATA, true, half) & usb::AVAILABLE != 0 {
+                    let control = usb::buffer_half(DATA, true, half);
+                    if was_halted && control & usb::STALL != 0 {
+                        usb::set_half(DATA, true, half, control & !usb::STALL);
+                    }
+                    let is_free = if was_halted { control & usb::FULL == 0 } else { control & usb::AVAILABLE != 0 };
+                    if is_free {
                         self.arm(half);
                     }
                 }
@@ -402,6 +525,7 @@ impl Usb {
     fn configure(&mut self, on: bool) {
         self.configured = on;
         (self.half, self.data0_half) = (0, 0);
+        (self.halted, self.kept) = (0, None);
         (self.filled, self.in_data1, self.full) = (0, false, false);
         for (endpoint, out) in [(NOTIFY, false), (DATA, false), (DATA, true)] {
             usb::buffer_control(endpoint, out).write(usb::RESET_HALF);

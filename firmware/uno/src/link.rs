@@ -54,23 +54,11 @@ macro_rules! receive_interrupt {
 2:  out {HEAD}, r30                     // 1                            28
     pop r31                             // 2                            30
     pop r30                             // 2                            32
-    sbic {EECR}, {DUE}                  // 2 (skips)                    34
-    rjmp 5f
-6:  ldi r24, {ON_WITH_INTERRUPT}        // 1                            35
-    cli                                 // 1                            36
-    sts {UCSR0B}, r24                   // 2                            38
-    pop r24                             // 2                            40
-    reti                                // 4                            44, 9 of them closed
-
-    // The task waits for the end of this, and is called, unless it is kept out.
-5:  lds r24, {TIMSK0}
-    sbrs r24, 0
-    rjmp 6b
-    ldi r24, 0
-    sts {TIMSK0}, r24
-    ldi r24, {ON_WITH_INTERRUPT}
-    sts {UCSR0B}, r24
-    rjmp steps_task_due
+    ldi r24, {ON_WITH_INTERRUPT}        // 1                            33
+    cli                                 // 1                            34
+    sts {UCSR0B}, r24                   // 2                            36
+    pop r24                             // 2                            38
+    reti                                // 4                            42, 9 of them closed
 
     // A byte was lost before this one.
 3:  in r24, {SREG}

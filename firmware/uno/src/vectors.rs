@@ -4,7 +4,7 @@
 //! vector is, and over those that follow.
 
 use crate::link::{self, receive_interrupt};
-use crate::steps::{register, task};
+use crate::steps::register;
 use core::arch::global_asm;
 
 // Four bytes each (DS40002061B §12.4). The short jump takes 2 cycles; the linker says if it does not reach.
@@ -32,13 +32,10 @@ __vectors:
     ON_WITH_INTERRUPT = const link::ON_WITH_INTERRUPT,
     PAGE = const link::PAGE,
     PAGE_BIT = const link::PAGE.trailing_zeros(),
-    TIMSK0 = const register::TIMSK0,
     UCSR0A = const 0xc0,
     UCSR0B = const 0xc1,
     UDR0 = const 0xc6,
     OVERRUN = const 3,
-    EECR = const register::EECR,
-    DUE = const task::DUE,
 );
 
 // `__do_copy_data` and `__do_clear_bss`, libgcc's, are in the sections .init4 between .init2 and .init9.

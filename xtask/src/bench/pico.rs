@@ -42,8 +42,12 @@ pub(crate) fn hour() -> Done {
     table.finish("pico-hour", &text)
 }
 
-/// Motors of the table of boards.
-const MOTORS: usize = 8;
+/// What the table of boards says of the Pico: names, for how many motors at most, and what they are.
+const LIMITS: [(&str, usize, &str); 3] = [
+    ("SHORTEST", 8, "Shortest interval that holds for good, of each of 1 to 8 motors."),
+    ("COILS", 6, "The same of each of 1 to 6 motors on coils."),
+    ("SEGMENT", 8, "Shortest time between turns that holds for good, of each of 1 to 8 motors."),
+];
 
 /// Writes what the table of boards says of the Pico.
 fn write_limits(limits: &[String]) -> Done {
@@ -52,28 +56,34 @@ fn write_limits(limits: &[String]) -> Done {
 }
 
 fn limits_source(limits: &[String]) -> Done<String> {
-    let mut shortest = [None; MOTORS];
-    for line in limits {
-        let mut numbers = line.split('\t').skip(1).map(|field| field.parse::<usize>().ok());
-        if let (Some(Some(motors)), Some(Some(interval))) = (numbers.next(), numbers.next())
-            && let Some(place) = shortest.get_mut(motors.wrapping_sub(1))
-        {
-            *place = Some(interval);
+    let mut source =
+        "//! What the Pico's firmware does on the emulated chip: written by `cargo xtask bench pico`, not by hand. In \
+                      ticks.\n"
+            .to_owned();
+    for (name, motors, what) in LIMITS {
+        let mut shortest = vec![None; motors];
+        for line in limits {
+            let mut fields = line.split('\t').skip(1);
+            if fields.next() != Some(name) {
+                continue;
+            }
+            let mut numbers = fields.map(|field| field.parse::<usize>().ok());
+            if let (Some(Some(motors)), Some(Some(interval))) = (numbers.next(), numbers.next())
+                && let Some(place) = shortest.get_mut(motors.wrapping_sub(1))
+            {
+                *place = Some(interval);
+            }
         }
+        let missing = || Failure::Check(format!("{name}: a number of motors has no rate that holds: {limits:?}"));
+        let mut intervals: Vec<usize> = shortest.into_iter().collect::<Option<_>>().ok_or_else(missing)?;
+        // What more motors do, fewer do too.
+        for place in (1..intervals.len()).rev() {
+            intervals[place - 1] = intervals[place - 1].min(intervals[place]);
+        }
+        let intervals: Vec<_> = intervals.iter().map(usize::to_string).collect();
+        source += &format!("\n/// {what}\npub(super) const {name}: [u32; {motors}] = [{}];\n", intervals.join(", "));
     }
-    let missing = || Failure::Check(format!("a number of motors has no rate that holds: {limits:?}"));
-    let mut intervals: Vec<usize> = shortest.into_iter().collect::<Option<_>>().ok_or_else(missing)?;
-    // What more motors do, fewer do too.
-    for place in (1..intervals.len()).rev() {
-        intervals[place - 1] = intervals[place - 1].min(intervals[place]);
-    }
-    let intervals: Vec<_> = intervals.iter().map(usize::to_string).collect();
-    Ok(format!(
-        "//! What the Pico's firmware does on the emulated chip: written by `cargo xtask bench pico`, not by hand. In ticks.\n\n\
-         /// Shortest interval that holds for good, of each of 1 to {MOTORS} motors.\n\
-         pub(super) const SHORTEST: [u32; {MOTORS}] = [{}];\n",
-        intervals.join(", ")
-    ))
+    Ok(source)
 }
 
 #[cfg(test)]
@@ -83,10 +93,13 @@ mod tests {
     #[test]
     fn limits_are_those_of_each_number_of_motors() {
         let intervals = [40, 60, 90, 85, 120, 140, 160, 180];
-        let lines: Vec<_> =
-            (1..).zip(intervals).map(|(motors, ticks)| format!("limit\t{motors}\t{ticks}\t300000")).collect();
+        let of = |(name, motors, _): (&'static str, usize, &str)| {
+            (1..=motors).zip(intervals).map(move |(motors, ticks)| format!("limit\t{name}\t{motors}\t{ticks}"))
+        };
+        let lines: Vec<_> = LIMITS.into_iter().flat_map(of).collect();
         let source = limits_source(&lines).expect("all there");
-        assert!(source.contains("[40, 60, 85, 85, 120, 140, 160, 180];"), "{source}");
+        assert!(source.contains("SHORTEST: [u32; 8] = [40, 60, 85, 85, 120, 140, 160, 180];"), "{source}");
+        assert!(source.contains("COILS: [u32; 6] = [40, 60, 85, 85, 120, 140];"), "{source}");
         assert!(limits_source(&lines[1..]).is_err());
     }
 }

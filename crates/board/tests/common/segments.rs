@@ -14,17 +14,21 @@ pub(crate) struct Chip {
     pub(crate) fraction_bits: u32,
     /// Steps of a segment at least; twice as many at most.
     pub(crate) least_steps: u32,
+    /// A segment has so many times the steps of the one before at most: after a turn, which resets the units that segments are
+    /// said in, a planner begins with short ones.
+    pub(crate) growth: u32,
     /// The shortest first interval after a turn, ticks.
     pub(crate) turn_ticks: f64,
 }
 
 impl Chip {
     /// Pulse, hold and set-up of 1 µs each, and the firmware's own.
-    pub(crate) const UNO: Chip = Chip { tick_hz: TICK_HZ, fraction_bits: 16, least_steps: 40, turn_ticks: 400.0 };
+    pub(crate) const UNO: Chip =
+        Chip { tick_hz: TICK_HZ, fraction_bits: 16, least_steps: 40, growth: 20, turn_ticks: 400.0 };
 
     /// As a planner has it at some 100 k steps/s and more.
     pub(crate) const PICO: Chip =
-        Chip { tick_hz: pico::TICK_HZ, fraction_bits: 32, least_steps: 500, turn_ticks: 3000.0 };
+        Chip { tick_hz: pico::TICK_HZ, fraction_bits: 32, least_steps: 500, growth: 2, turn_ticks: 3000.0 };
 
     /// Of a whole tick.
     fn ticks(&self) -> f64 {
@@ -118,7 +122,7 @@ impl Source {
             return None;
         }
         let chip = self.chip;
-        let count = chip.least_steps + self.random.below(u64::from(chip.least_steps) + 1) as u32;
+        let steps = chip.least_steps + self.random.below(u64::from(chip.least_steps) + 1) as u32;
         let steady = chip.tick_hz as f64 / self.law.rate;
         let goal = steady * (1.0 + self.law.swing * (2.0 * self.random.fraction() - 1.0));
         if self.random.one_in(self.law.turns) {
@@ -126,6 +130,7 @@ impl Source {
             self.state = State::new(self.direction);
             self.interval = self.interval.max(chip.turn_ticks);
         }
+        let count = steps.min(chip.growth.saturating_mul(self.state.previous_count));
         let n = f64::from(count);
         let add = 1.3 * (goal - self.interval) / n;
         let add2 = -2.0 * (add * n - (goal - self.interval)) / (n * n);

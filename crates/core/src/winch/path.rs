@@ -194,9 +194,9 @@ impl Wide {
         Wide([b0, b1, b2, b3, b4, b5])
     }
 
-    /// Of steps: their millisteps.
-    const fn thousandfold(steps: i32) -> Wide {
-        Wide::of(steps as i64 * 1000)
+    /// Of steps, less than 2^32 either way: their millisteps.
+    const fn thousandfold(steps: i64) -> Wide {
+        Wide::of(steps * 1000)
     }
 
     const fn add(&mut self, other: &Wide) {
@@ -287,8 +287,14 @@ impl Path {
     /// At rest at 0, as a board begins.
     #[must_use]
     pub const fn new() -> Path {
+        Path::at(0)
+    }
+
+    /// The same at `steps`.
+    #[must_use]
+    pub const fn at(steps: i32) -> Path {
         Path {
-            made: 0,
+            made: steps,
             ahead: 0,
             gap: Wide::ZERO,
             speed: 0,
@@ -316,16 +322,25 @@ impl Path {
         slice
     }
 
-    /// `a`: the target is `steps`. Steps made wrap, and so does the way to it.
+    /// `a`: the target is `steps`, from [`made`](Path::made) up to it or down: the way is never round the end of 32 bits, which
+    /// a difference of 32 bits would take from 2^31 steps on.
+    ///
+    /// ```
+    /// use pulsetrain_core::winch::path::Path;
+    /// let mut path = Path::at(1);
+    /// path.set_target(i32::MIN);
+    /// let backward = (0..100).filter(|_| path.tick().backward).count();
+    /// assert!(backward > 90, "down, though the way is longer than what 32 bits hold");
+    /// ```
     pub fn set_target(&mut self, steps: i32) {
-        let mut gap = Wide::thousandfold(steps.wrapping_sub(self.made));
+        let mut gap = Wide::thousandfold(i64::from(steps) - i64::from(self.made));
         gap.add(&Wide::of(upper(self.ahead).into()));
         self.aim(&gap);
     }
 
-    /// `d`: the target moves by `steps`.
+    /// `d`: the target moves by `steps`. It may leave 32 bits, as with a drift: [`made`](Path::made) then wraps.
     pub fn move_target(&mut self, steps: i32) {
-        let mut gap = Wide::thousandfold(steps);
+        let mut gap = Wide::thousandfold(steps.into());
         gap.add(&self.gap);
         gap.add(&self.way);
         self.aim(&gap);
@@ -347,7 +362,7 @@ impl Path {
     /// `r`: target and reference move by `steps` at once, whatever ramp is set.
     pub fn push_reference(&mut self, steps: i32) {
         self.stopping = false;
-        self.gap.add(&Wide::thousandfold(steps));
+        self.gap.add(&Wide::thousandfold(steps.into()));
     }
 
     /// `s`: from now on the reference goes to its target by `speed` steps/s at most; 0: at once.
@@ -625,7 +640,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn wide_numbers_saturate(bytes: [u8; 6], other: [u8; 6], steps: i32, high in 0..=255_u8) {
+        fn wide_numbers_saturate(bytes: [u8; 6], other: [u8; 6], steps in -1_i64 << 32..1 << 32, high in 0..=255_u8) {
             let clamped = |value: i64| value.clamp(-1 << 47, (1 << 47) - 1);
             let mut bytes = bytes;
             // Some near the ends.
@@ -636,8 +651,8 @@ mod tests {
             prop_assert_eq!(sum.get(), clamped(Wide(bytes).get() + other.get()));
             difference.subtract(&other);
             prop_assert_eq!(difference.get(), clamped(Wide(bytes).get() - other.get()));
-            prop_assert_eq!(Wide::of(steps.into()).get(), i64::from(steps));
-            prop_assert_eq!(Wide::thousandfold(steps).get(), i64::from(steps) * 1000);
+            prop_assert_eq!(Wide::of(steps).get(), steps);
+            prop_assert_eq!(Wide::thousandfold(steps).get(), steps * 1000);
         }
 
         #[test]

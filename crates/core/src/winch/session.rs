@@ -43,7 +43,7 @@ pub struct Session {
     report_ms: u16,
     /// Since the last status line.
     unreported_ms: u32,
-    /// The longest silence; 0: any.
+    /// The longest silence, while the drivers are on; 0: any.
     deadman_ms: u16,
     /// Since the last command.
     unheard_ms: u32,
@@ -108,7 +108,7 @@ impl Session {
 
     /// Works out another millisecond of all paths. While the drivers are off paths stand still.
     pub fn millisecond(&mut self) -> [Slice; 4] {
-        if self.deadman_ms != 0 && self.unheard_ms == u32::from(self.deadman_ms) {
+        if self.drives && self.deadman_ms != 0 && self.unheard_ms == u32::from(self.deadman_ms) {
             self.paths.iter_mut().for_each(Path::stop);
         }
         self.unheard_ms = self.unheard_ms.saturating_add(1);

@@ -32,15 +32,15 @@ pub enum Verb {
     Ramp,
     /// `g`: gains.
     Gains,
-    /// `l`: limits.
+    /// `l`: limits. More than a path has is taken as that, or refused when strict.
     Limits,
-    /// `enable`: drivers on (not 0) or off.
+    /// `enable`: drivers on (not 0; strict: 1) or off.
     Enable,
     /// `srate`: the interval of status lines, 1 to 65 535 ms.
     Report,
     /// `deadman`: the longest silence, up to 65 535 ms, after which the axes are stopped; 0: any.
     Deadman,
-    /// `strict`: whether any irregularity is to be refused (not 0).
+    /// `strict`: whether any irregularity is to be refused (1), or not (0).
     Strict,
     /// `version`.
     Version,
@@ -175,6 +175,9 @@ pub struct Reader {
 
 /// Places behind the point that decimals are taken to: of limits, and of gains.
 const PLACES: [i8; 2] = [3, 6];
+
+/// Powers of ten that may be left when 32 bits are full.
+const FARTHEST: i8 = 32;
 
 /// An exponent that no number is brought back from, by as many digits as a line has beyond those that are kept.
 const FAR: u8 = 50;
@@ -362,6 +365,9 @@ impl Reader {
     fn end<L: Letters>(&mut self) -> Heard {
         self.put(0);
         let is_right = if self.star != 0 {
+            while is_blank(self.before()) {
+                self.len -= 1;
+            }
             let is_right = self.is_checked();
             self.checked |= is_right;
             self.len = self.star - 1;
@@ -631,6 +637,8 @@ impl Reader {
                 let fastest = i32::from(FASTEST_DRIFT);
                 value = if is_negative { -fastest } else { fastest };
             }
+            Verb::Strict if value.cast_unsigned() > 1 => return What::Range,
+            Verb::Enable if self.strict && value.cast_unsigned() > 1 => return What::Range,
             Verb::Report if value <= 0 => return What::Rate,
             Verb::Ramp if value < 0 => value = 0,
             Verb::Ramp | Verb::Report | Verb::Deadman => {
@@ -650,24 +658,23 @@ impl Reader {
         let Some(number) = self.number() else { return What::Number };
         let is_gain = self.verb == Verb::Gains;
         let [of_limits, of_gains] = PLACES;
-        let mut value = number.scaled(if is_gain { of_gains } else { of_limits });
+        let (range, out_of_range) = match (is_gain, index) {
+            (true, 0) => (path::FREQUENCIES, What::Frequency),
+            (true, _) => (path::RATIOS, What::Ratio),
+            (false, 0) => ([0, u32::from(FASTEST) * 1000], What::Range),
+            (false, _) => ([GENTLEST * 1000, STEEPEST * 1000], What::Range),
+        };
+        let Some(mut value) = number.scaled(if is_gain { of_gains } else { of_limits }) else { return out_of_range };
         if number.is_negative && value != 0 {
-            return What::Range;
+            return out_of_range;
         }
-        if is_gain {
-            let (region, what) =
-                if index == 0 { (path::FREQUENCIES, What::Frequency) } else { (path::RATIOS, What::Ratio) };
-            if !path::is_within(value, region) {
-                return what;
-            }
-        } else {
-            let most = if index == 0 { u32::from(FASTEST) * 1000 } else { STEEPEST * 1000 };
-            if value > most {
-                value = most;
-            }
-            if index != 0 && value < GENTLEST * 1000 {
-                return What::Range;
-            }
+        let [_, most] = range;
+        if !is_gain && !self.strict && value > most {
+            // What the original takes and no board does.
+            value = most;
+        }
+        if !path::is_within(value, range) {
+            return out_of_range;
         }
         if let Some(place) = self.values.get_mut(usize::from(index)) {
             *place = value.cast_signed();
@@ -687,12 +694,13 @@ struct Number {
 }
 
 impl Number {
-    /// Without its sign, in units of 10^-`places`, rounded to nearest; what is more than there are is all ones.
-    fn scaled(&self, places: i8) -> u32 {
+    /// Without its sign, in units of 10^-`places`, rounded to nearest; all ones is what 32 bits do not hold, and `None` what a
+    /// float of the original does not, 4.29·10^41 units on.
+    fn scaled(&self, places: i8) -> Option<u32> {
         let (mut value, mut power, mut up) = (self.digits, self.power + places, false);
         while power > 0 && value != 0 {
             if value > 429_496_729 {
-                return u32::MAX;
+                return if power > FARTHEST { None } else { Some(u32::MAX) };
             }
             value = tenfold(value);
             power -= 1;
@@ -702,7 +710,7 @@ impl Number {
             value /= 10;
             power += 1;
         }
-        value + u32::from(up)
+        Some(value + u32::from(up))
     }
 }
 

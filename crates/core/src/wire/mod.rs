@@ -64,6 +64,21 @@ impl Baud {
         }
     }
 
+    /// Stop bits that a host puts behind each of its bytes; one is enough for every board. The second is a rest for a board that
+    /// is told much at a high rate, and takes each byte by an interrupt. At 115 200 baud, where text is told too, there is one.
+    ///
+    /// ```
+    /// use pulsetrain_core::wire::Baud;
+    /// assert_eq!((Baud::B115200.stop_bits(), Baud::B1M.stop_bits()), (1, 2));
+    /// ```
+    #[must_use]
+    pub const fn stop_bits(self) -> u8 {
+        match self {
+            Baud::B115200 => 1,
+            Baud::B250k | Baud::B500k | Baud::B1M | Baud::B2M => 2,
+        }
+    }
+
     /// The rate that `code` stands for.
     ///
     /// ```

@@ -314,10 +314,18 @@ impl<const F: u32> Words<F> {
         stop: u32,
         expand: Expand,
     ) {
-        if self.step == 0 || self.end != self.channel.place().tick {
+        if self.end != self.channel.place().tick {
             return;
         }
-        let (bits, sign) = (self.step_bits(), self.sign());
+        let (bits, limit) = match &self.output {
+            Output::StepDir(_) => (self.step_bits(), limit),
+            // Nearer than that none of them lets coils be released before it.
+            Output::Coils(coils) => match coils.release_ticks().map(|ticks| self.end.after(ticks)) {
+                Some(release) if release.is_before(limit) => (0, release),
+                _ => (0, limit),
+            },
+        };
+        let sign = self.sign();
         while tape.has_room(2) && Moment(tape.written()).is_before(Moment(stop)) {
             let (at, len) = tape.space(sign);
             let (tick, position) = (self.end, self.channel.position());
@@ -326,11 +334,16 @@ impl<const F: u32> Words<F> {
             if taken == 0 {
                 return;
             }
-            tape.wrote(taken, tick, position, sign);
+            let made = usize::try_from(taken).map_or(len, |taken| taken.min(len));
             self.end = self.channel.place().tick;
+            if let (Output::Coils(coils), Some(words)) = (&mut self.output, words.get_mut(..made)) {
+                coils.run(words, WAIT_BITS, self.end);
+                self.levels = coils.levels();
+            }
+            tape.wrote(taken, tick, position, sign);
             self.busy = Some(self.end.after(self.overhead));
             // The next one is for later, or another item's.
-            if usize::try_from(taken).is_ok_and(|taken| taken < len) {
+            if made < len {
                 return;
             }
         }

@@ -1,6 +1,6 @@
 //! The chip: processor and peripherals on one clock.
 
-use super::cpu::{Cpu, FLASH_BYTES, Masked, Odd};
+use super::cpu::{Cpu, FLASH_BYTES, Io, Masked, Odd};
 use super::eeprom;
 use super::peripherals::Peripherals;
 use super::registers::Bus;
@@ -62,6 +62,17 @@ impl Boot {
             BootSize::Words1024 => 0x3c00,
             BootSize::Words2048 => 0x3800,
         }
+    }
+
+    /// The fuses, low, high, extended: the Uno's, but for BOOTSZ and BOOTRST (§28.2; a cleared bit is programmed).
+    const fn fuses(self) -> [u8; 3] {
+        let size = match self.size {
+            BootSize::Words256 => 0b110,
+            BootSize::Words512 => 0b100,
+            BootSize::Words1024 => 0b010,
+            BootSize::Words2048 => 0b000,
+        };
+        [0xff, 0xd8 | size | !self.start as u8, 0xfd]
     }
 }
 
@@ -130,7 +141,8 @@ impl Atmega328p {
         if flash.len() > FLASH_BYTES {
             return Err(ImageTooLarge { bytes: flash.len(), limit: FLASH_BYTES });
         }
-        let mut chip = Atmega328p { cpu: Cpu::new(flash), peripherals: Peripherals::new(), boot, asleep_cycles: 0 };
+        let peripherals = Peripherals::new(boot.section(), boot.fuses());
+        let mut chip = Atmega328p { cpu: Cpu::new(flash), peripherals, boot, asleep_cycles: 0 };
         chip.reset(ResetCause::PowerOn, &mut ());
         Ok(chip)
     }
@@ -203,8 +215,10 @@ impl Atmega328p {
             cpu.interrupt(vector, &mut Bus { peripherals, observer });
             return;
         }
-        cpu.horizon = if single || waits { cpu.cycle + 1 } else { until.min(peripherals.next) };
-        cpu.execute(&mut Bus { peripherals, observer });
+        let writing = peripherals.programming.blocks();
+        cpu.horizon = if single || waits || writing { cpu.cycle + 1 } else { until.min(peripherals.next) };
+        let mut bus = Bus { peripherals, observer };
+        if writing && bus.program_blocked(cpu.pc) { cpu.blocked(&mut bus) } else { cpu.execute(&mut bus) }
     }
 
     // The world.
@@ -338,7 +352,19 @@ impl Atmega328p {
         self.cpu.odd
     }
 
-    /// Times that `spm` was executed; it does nothing, as on the chip outside the boot section.
+    /// The lock byte, whose cleared bits lock (§28.1). Erasing the chip, which a programmer does, is
+    /// [`set_locks`](Atmega328p::set_locks) to 0xff.
+    pub fn locks(&self) -> u8 {
+        self.peripherals.programming.locks
+    }
+
+    /// Sets the lock byte, as a programmer does; 0xcf on an Uno: `spm` may not write the boot section, `lpm` elsewhere
+    /// not read it.
+    pub fn set_locks(&mut self, locks: u8) {
+        self.peripherals.programming.locks = locks;
+    }
+
+    /// Times that `spm` was executed. Outside the boot section it does nothing.
     pub fn spm_count(&self) -> u64 {
         self.peripherals.spm
     }

@@ -6,6 +6,7 @@
 //! 8-4). What is written is there from cycle c + n on, at which the next instruction begins.
 
 use super::decode::{Op, Step, decode};
+use super::spm::Change;
 
 /// Bits of SREG.
 pub(super) mod flag {
@@ -23,6 +24,7 @@ use flag::{C, H, I, N, S, T, V, Z};
 /// Bytes of flash, words of flash, bytes of RAM (DS40002061B §8).
 pub(super) const FLASH_BYTES: usize = 32 * 1024;
 pub(super) const FLASH_WORDS: usize = FLASH_BYTES / 2;
+const PAGE_WORDS: usize = super::spm::PAGE_WORDS as usize;
 pub(super) const RAM_START: u16 = 0x100;
 pub(super) const RAM_BYTES: usize = 2048;
 pub(super) const RAM_END: u16 = RAM_START + RAM_BYTES as u16 - 1;
@@ -49,8 +51,12 @@ pub(super) trait Io {
     fn watchdog(&mut self, cycle: u64);
     /// `sleep`, which begins in `cycle`: whether the processor stops.
     fn sleep(&mut self, cycle: u64) -> bool;
-    /// `spm`.
-    fn store_program_memory(&mut self);
+    /// `spm` at word address `pc` that begins in `cycle`, with Z and R1:R0: what becomes of the flash.
+    fn store_program_memory(&mut self, pc: u16, z: u16, word: u16, cycle: u64) -> Option<Change>;
+    /// `lpm` at word address `pc` that begins in `cycle`, with Z: what it reads if not the flash.
+    fn load_program_memory(&mut self, pc: u16, z: u16, cycle: u64) -> Option<u8>;
+    /// Whether nothing can be executed at a word address, as its section is being written.
+    fn program_blocked(&self, pc: u16) -> bool;
 }
 
 /// What a program did that a developer wants to know.
@@ -188,6 +194,29 @@ impl Cpu {
         // The stretch with interrupts off begins with the entry itself.
         self.set_interrupts(false);
         self.cycle += 4;
+    }
+
+    /// What `spm` makes of the flash.
+    fn program(&mut self, change: Option<Change>) {
+        let (from, words) = match change {
+            None => return,
+            Some(Change::Erase(from)) => (from, [0xffff; PAGE_WORDS]),
+            Some(Change::Write(from, words)) => {
+                let from = from & PC_MASK;
+                (from, std::array::from_fn(|at| words[at] & self.flash[usize::from(from) + at]))
+            }
+        };
+        let from = usize::from(from & PC_MASK);
+        self.flash[from..from + PAGE_WORDS].copy_from_slice(&words);
+        // The word before them may be an instruction of two words.
+        for at in (from + FLASH_WORDS - 1..).take(PAGE_WORDS + 1).map(|at| at % FLASH_WORDS) {
+            self.program[at] = decode(self.flash[at], self.flash[(at + 1) % FLASH_WORDS]);
+        }
+    }
+
+    /// One instruction of a section that is being written: what is read there is 0xffff.
+    pub(super) fn blocked(&mut self, io: &mut impl Io) {
+        self.instruction(Op::Undefined, io);
     }
 
     /// Executes instructions up to the first that begins at or after the horizon.
@@ -400,7 +429,8 @@ impl Cpu {
             Op::Lpm { d, increment } => {
                 cycles = 3;
                 let address = self.pair(30);
-                let value = self.flash_byte(address);
+                let special = io.load_program_memory(here & PC_MASK, address, self.cycle);
+                let value = special.unwrap_or_else(|| self.flash_byte(address));
                 if increment {
                     self.set_pair(30, address.wrapping_add(1));
                 }
@@ -466,7 +496,11 @@ impl Cpu {
                 self.look(io);
                 return;
             }
-            Op::Spm => io.store_program_memory(),
+            Op::Spm => {
+                let change = io.store_program_memory(here & PC_MASK, self.pair(30), self.pair(0), self.cycle);
+                self.program(change);
+                self.horizon = 0;
+            }
         }
         self.pc = pc & PC_MASK;
         self.cycle += cycles;

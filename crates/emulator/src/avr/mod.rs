@@ -8,6 +8,7 @@ mod external;
 mod peripherals;
 mod ports;
 mod registers;
+mod spm;
 mod timer;
 mod timer16;
 mod timer8;

@@ -3,6 +3,7 @@
 use super::eeprom::Eeprom;
 use super::external::{External, SYNCHRONISER};
 use super::ports::Ports;
+use super::spm::SelfProgramming;
 use super::timer::{Clock, ICF, OCF, Outputs, TOV, Timer};
 use super::timer8::Timer8;
 use super::timer16::Timer16;
@@ -24,6 +25,7 @@ mod vector {
     pub(super) const USART_UDRE: u32 = 19;
     pub(super) const USART_TX: u32 = 20;
     pub(super) const EE_READY: u32 = 22;
+    pub(super) const SPM_READY: u32 = 25;
 }
 
 /// From the write that opens a timed sequence to the first cycle in which it is too late: what is written must take
@@ -117,6 +119,7 @@ pub(super) struct Peripherals {
     pub(super) usart: Usart,
     pub(super) watchdog: Watchdog,
     pub(super) eeprom: Eeprom,
+    pub(super) programming: SelfProgramming,
     pub(super) external: External,
     /// Registers without an effect here.
     pub(super) plain: [u8; 0x100],
@@ -147,10 +150,14 @@ pub(super) struct Peripherals {
     pub(super) watchdog_reset: bool,
     /// Times that `spm` was executed.
     pub(super) spm: u64,
+    /// Where the boot section begins, word address.
+    pub(super) boot: u16,
+    /// The fuses: low, high, extended.
+    pub(super) fuses: [u8; 3],
 }
 
 impl Peripherals {
-    pub(super) fn new() -> Peripherals {
+    pub(super) fn new(boot: u16, fuses: [u8; 3]) -> Peripherals {
         Peripherals {
             ports: Ports::default(),
             timer0: Timer8::new(),
@@ -159,6 +166,7 @@ impl Peripherals {
             usart: Usart::default(),
             watchdog: Watchdog::new(),
             eeprom: Eeprom::new(),
+            programming: SelfProgramming::new(),
             external: External::default(),
             plain: [0; 0x100],
             smcr: 0,
@@ -179,6 +187,8 @@ impl Peripherals {
             usart_off_at: 0,
             watchdog_reset: false,
             spm: 0,
+            boot,
+            fuses,
         }
     }
 
@@ -190,6 +200,7 @@ impl Peripherals {
         self.timer2.reset(cycle);
         self.usart.reset(cycle);
         self.eeprom.reset();
+        self.programming.reset();
         self.external = External::default();
         self.plain = [0; 0x100];
         (self.smcr, self.mcucr, self.prr, self.gtccr) = (0, 0, 0, 0);
@@ -238,8 +249,10 @@ impl Peripherals {
         waiting |= u32::from(usart & EMPTY != 0) << vector::USART_UDRE;
         waiting |= u32::from(usart & TRANSMITTED != 0) << vector::USART_TX;
         waiting |= u32::from(self.eeprom.pending()) << vector::EE_READY;
+        waiting |= u32::from(self.programming.pending()) << vector::SPM_READY;
         self.waiting = waiting;
-        self.next = self.clocked_event().min(self.watchdog.next_event()).min(self.eeprom.next_event());
+        let memories = self.eeprom.next_event().min(self.programming.next_event());
+        self.next = self.clocked_event().min(self.watchdog.next_event()).min(memories);
     }
 
     /// The next event of what the I/O clock drives.
@@ -278,6 +291,9 @@ impl Peripherals {
             self.external.event(now, self.sleeping.is_none());
             if self.eeprom.next_event() == now {
                 self.eeprom.event();
+            }
+            if self.programming.next_event() == now {
+                self.programming.event();
             }
             if self.watchdog.next_event() == now && self.watchdog.event(now) == TimeOut::Reset {
                 self.watchdog_reset = true;

@@ -4,6 +4,7 @@
 
 use super::cpu::Io;
 use super::peripherals::{OPEN, PRTIM0, PRTIM1, PRTIM2, PRUSART0, Peripherals, Pins, WDRF};
+use super::spm::{Change, NRWW_START, Store};
 use super::timer::Timer;
 use super::timer8::{shared_clock, timer2_clock};
 use super::timer16::Wide;
@@ -246,6 +247,7 @@ impl<O: Observer> Io for Bus<'_, O> {
             EIFR => self.peripherals.external.flags,
             EIMSK => self.peripherals.external.mask,
             EECR => self.peripherals.eeprom.read(cycle),
+            SPMCSR => self.peripherals.programming.read(cycle),
             EEDR => self.peripherals.eeprom.data,
             EEARL => self.peripherals.eeprom.address.to_le_bytes()[0],
             EEARH => self.peripherals.eeprom.address.to_le_bytes()[1],
@@ -326,7 +328,11 @@ impl<O: Observer> Io for Bus<'_, O> {
             EIMSK => self.peripherals.external.mask = value & 3,
             EECR => {
                 let division = self.peripherals.division();
+                let idle = self.peripherals.eeprom.next_event() == u64::MAX;
                 self.peripherals.halt += self.peripherals.eeprom.write(value, cycle, division);
+                if idle && self.peripherals.eeprom.next_event() != u64::MAX {
+                    self.peripherals.programming.eeprom_written();
+                }
             }
             EEDR => self.peripherals.eeprom.data = value,
             EEARL => self.peripherals.eeprom.set_address(0, value),
@@ -337,8 +343,10 @@ impl<O: Observer> Io for Bus<'_, O> {
             // Bits are cleared by zeros (§11.9.1).
             MCUSR => self.peripherals.mcusr &= value,
             MCUCR => self.write_mcucr(value, cycle),
-            // Self-programming is not emulated: SPMEN and the rest read 0.
-            SPMCSR => {}
+            SPMCSR => {
+                let eeprom_busy = self.peripherals.eeprom.next_event() != u64::MAX;
+                self.peripherals.programming.write(value, cycle, eeprom_busy);
+            }
             WDTCSR => {
                 let forced = self.peripherals.mcusr & WDRF != 0;
                 self.peripherals.watchdog.write(value, cycle, forced);
@@ -405,7 +413,23 @@ impl<O: Observer> Io for Bus<'_, O> {
         self.peripherals.sleep(cycle, self.observer)
     }
 
-    fn store_program_memory(&mut self) {
+    fn store_program_memory(&mut self, pc: u16, z: u16, word: u16, cycle: u64) -> Option<Change> {
+        let division = self.peripherals.division();
+        let Peripherals { programming, boot, .. } = &mut *self.peripherals;
+        let (boot, from_boot) = (*boot, pc >= *boot);
+        let (change, halt) = programming.store(Store { z, word, from_boot, boot, cycle, division });
         self.peripherals.spm += 1;
+        self.peripherals.halt += halt;
+        self.peripherals.refresh();
+        change
+    }
+
+    fn load_program_memory(&mut self, pc: u16, z: u16, cycle: u64) -> Option<u8> {
+        let Peripherals { programming, boot, fuses, .. } = &mut *self.peripherals;
+        if programming.attends() { programming.load(z, *fuses, pc >= *boot, *boot, cycle) } else { None }
+    }
+
+    fn program_blocked(&self, pc: u16) -> bool {
+        self.peripherals.programming.blocks() && pc < NRWW_START
     }
 }

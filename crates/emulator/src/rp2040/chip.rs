@@ -79,6 +79,16 @@ impl Rp2040 {
         self.system.lines_changed = true;
     }
 
+    /// Gives the flash chip its number, which no other has.
+    pub fn set_flash_id(&mut self, id: [u8; 8]) {
+        self.system.fabric.ssi.id = id;
+    }
+
+    /// Makes it a chip of another revision, as SYSINFO tells it: 1 is B0 or B1, 2, as it is at first, B2. Nothing else is another.
+    pub fn set_revision(&mut self, revision: u8) {
+        self.system.fabric.revision = u32::from(revision) & 15;
+    }
+
     /// Resets the chip in the present cycle, as its RUN pin does. Cycles go on counting; RAM and flash are kept, and
     /// what the world does to the pins. Pins that fall back are told to the observer.
     pub fn reset(&mut self, observer: &mut impl Observer) {
@@ -254,6 +264,19 @@ impl Rp2040 {
         let cycle = self.cpu.cycle();
         self.system.fabric.usb.try_configuration(value, cycle);
         self.usb_changed();
+    }
+
+    /// The PC halts an endpoint of the USB serial port (bit 7: to the PC): nothing goes there until it is
+    /// [cleared](Rp2040::usb_clear_halt).
+    pub fn usb_halt(&mut self, endpoint: u8) {
+        let cycle = self.cpu.cycle();
+        self.system.fabric.usb.halt(endpoint, cycle);
+        self.usb_changed();
+    }
+
+    /// A text of the USB device, by its index; `None` if the PC was told none.
+    pub fn usb_text(&self, index: u8) -> Option<String> {
+        self.system.fabric.usb.text(index)
     }
 
     /// How many of the bytes of [`usb_send`](Rp2040::usb_send) the device has not taken yet.

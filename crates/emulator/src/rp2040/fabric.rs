@@ -7,6 +7,7 @@ use super::clocks::Clocks;
 use super::gpio::{Gpio, function};
 use super::pio::Pio;
 use super::sio::Sio;
+use super::ssi::Ssi;
 use super::timer::Timer;
 use super::uart::Uart;
 use super::usb::Usb;
@@ -34,6 +35,8 @@ const CLOCKS: u32 = 0x4000_8000;
 const RESETS: u32 = 0x4000_c000;
 const PSM: u32 = 0x4001_0000;
 const IO_BANK0: u32 = 0x4001_4000;
+/// Control of the flash's chip select.
+const QSPI_SS_CTRL: u32 = 0x4001_800c;
 const PADS_BANK0: u32 = 0x4001_c000;
 const XOSC: u32 = 0x4002_4000;
 const PLL_SYS: u32 = 0x4002_8000;
@@ -92,6 +95,9 @@ pub(super) fn merging(address: u32, value: u32) -> impl Fn(u32) -> u32 {
 pub(super) struct Fabric {
     pub(super) sram: Vec<u8>,
     pub(super) xip: Xip,
+    pub(super) ssi: Ssi,
+    /// Of the chip: 1 is B0 or B1, 2 is B2.
+    pub(super) revision: u32,
     pub(super) pio: [Pio; 2],
     pub(super) gpio: Gpio,
     pub(super) sio: Sio,
@@ -115,6 +121,8 @@ impl Fabric {
         Fabric {
             sram: vec![0; SRAM_BYTES],
             xip: Xip::new(image, flash_bytes),
+            ssi: Ssi::new(),
+            revision: 2,
             pio: [Pio::new(), Pio::new()],
             gpio: Gpio::new(),
             sio: Sio::new(),
@@ -136,6 +144,7 @@ impl Fabric {
         self.resets = reset::ALL;
         self.sio = Sio::new();
         self.xip.flush();
+        self.ssi.reset();
         self.watchdog.reset(cause);
         self.clocks = Clocks::new();
         self.plain.clear();
@@ -374,7 +383,7 @@ impl Fabric {
             0x00 if address < 0x4000 => 0,
             0x10..=0x13 => self.xip.word(address),
             0x14 => self.xip.read(address & 0xfc),
-            0x18 => self.plain.get(&(address & !3)).copied().unwrap_or(0),
+            0x18 => self.ssi.read(address & 0xfc),
             0x40 | 0x50 => self.read_register(address, cycle)?,
             _ => return Err(BusFault { address }),
         };
@@ -388,8 +397,8 @@ impl Fabric {
         }
         Ok(match base {
             SYSINFO => match offset {
-                // RP2040 B2; an ASIC.
-                0x00 => 0x2000_2927,
+                // RP2040; an ASIC.
+                0x00 => self.revision << 28 | 0x2927,
                 0x04 => 2,
                 _ => 0,
             },
@@ -447,9 +456,7 @@ impl Fabric {
         match address >> 24 {
             0x10 => self.xip.invalidate(address),
             0x14 => self.xip.write(address & 0xfc, value),
-            0x18 => {
-                self.plain.insert(address & !3, value);
-            }
+            0x18 => self.ssi.write(address & 0xfc, value),
             0x40 | 0x50 => self.write_register(address, value, cycle, observer)?,
             _ => return Err(BusFault { address }),
         }
@@ -519,6 +526,9 @@ impl Fabric {
             _ if is_plain(address) => {
                 let register = self.plain.entry(base | offset).or_insert(0);
                 *register = merge(*register);
+                if base | offset == QSPI_SS_CTRL {
+                    self.ssi.set_select(*register >> 8 & 3);
+                }
             }
             _ => return Err(BusFault { address }),
         }

@@ -7,6 +7,7 @@ mod fabric;
 mod gpio;
 mod pio;
 mod sio;
+mod ssi;
 mod system;
 mod timer;
 mod uart;

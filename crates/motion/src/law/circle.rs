@@ -69,6 +69,10 @@ impl Circle {
         self.cycles.map(|n| self.period.times(n))
     }
 
+    pub(super) fn cycle(&self) -> Option<(Time, Time)> {
+        self.cycles.is_none().then_some((Time::ZERO, self.period))
+    }
+
     /// From turning point to turning point: half periods, but for a sine's first and last quarter.
     pub(super) fn pieces(&self) -> impl Iterator<Item = Result<Piece, LawError>> + '_ {
         let end = self.end().unwrap_or(Time::MAX);

@@ -335,6 +335,32 @@ impl Law {
         }
     }
 
+    /// From which time on the law repeats itself for ever, and after which time; `None` of one that ends, or of which that is not known.
+    ///
+    /// ```
+    /// use pulsetrain_motion::{Law, Time};
+    /// let endless = Law::sine(100.0, Time::SECOND, None)?.delayed(Time::from_seconds(0.5))?;
+    /// assert_eq!(endless.cycle(), Some((Time::from_seconds(0.5), Time::SECOND)));
+    /// assert_eq!(Law::sine(100.0, Time::SECOND, Some(3))?.cycle(), None);
+    /// # Ok::<(), pulsetrain_motion::LawError>(())
+    /// ```
+    #[must_use]
+    pub fn cycle(&self) -> Option<(Time, Time)> {
+        match self {
+            Law::Sine(sine) if sine.cycles.is_none() => Some((Time::ZERO, sine.period)),
+            Law::Circle(circle) => circle.cycle(),
+            Law::Changed(changed) => changed.law.cycle().map(|(from, period)| (from + changed.delay, period)),
+            Law::Repeated(repeated) if repeated.times.is_none() => Some((Time::ZERO, repeated.period)),
+            Law::Then(laws) => {
+                let (last, before) = laws.split_last()?;
+                let begins = before.iter().map(Law::end).try_fold(Time::ZERO, |end, e| Some(end + e?))?;
+                last.cycle().map(|(from, period)| (begins + from, period))
+            }
+            Law::Sum(laws) if laws.len() == 1 => laws[0].cycle(),
+            _ => None,
+        }
+    }
+
     /// What a certificate of this law is relative to.
     #[must_use]
     pub fn class(&self) -> Class {

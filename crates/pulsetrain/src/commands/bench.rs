@@ -3,7 +3,7 @@
 use miette::miette;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
-use pulsetrain_board::{Board, Edge, Observer, Port, ScheduledStep, Serial};
+use pulsetrain_board::{Board, Edge, Observer, Port, Remote, ScheduledStep, Serial};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Measures;
 use pulsetrain_motion::program::{DriverTiming, Limits, Motor, Program, Scale, Tolerance, Wiring};
@@ -13,7 +13,7 @@ use serde::Serialize;
 use super::{drive_problem, port_problem};
 use crate::cli::Bench;
 use crate::console::{Console, Exit};
-use crate::drive::{DriveError, Driven};
+use crate::drive::{DriveError, Driven, session_number};
 use crate::human::{self, Table};
 use crate::lateness::{Lateness, Meter};
 use crate::prepare::Prepared;
@@ -57,7 +57,14 @@ struct Rows {
 }
 
 pub(crate) fn run(args: &Bench, console: &mut Console<'_>) -> miette::Result<Exit> {
-    let is_pico = args.at.board.as_deref() == Some("pico");
+    let is_pico = match &args.at.port {
+        Some(_) if !args.disconnected => {
+            let help = "switch the drivers' supply off, or take the wires off, and say --disconnected";
+            return Err(miette!(help = help, "this steps pin {STEP_PIN} and turns pin {DIR_PIN}"));
+        }
+        Some(name) => is_pico(Serial::open(name, false).map_err(port_problem)?)?,
+        None => args.at.board.as_deref() == Some("pico"),
+    };
     let (board, amplitude) = if is_pico { ("pico", PICO_STEPS) } else { ("uno", UNO_STEPS) };
     let mut rows = Vec::new();
     // What the board cannot do, and why.
@@ -65,18 +72,16 @@ pub(crate) fn run(args: &Bench, console: &mut Console<'_>) -> miette::Result<Exi
     for period_s in PERIODS_S {
         let prepared = prepared(board, amplitude, period_s)?;
         let measured = match &args.at.port {
-            Some(_) if !args.disconnected => {
-                let help = "switch the drivers' supply off, or take the wires off, and say --disconnected";
-                return Err(miette!(help = help, "this steps pin {STEP_PIN} and turns pin {DIR_PIN}"));
-            }
             Some(name) => {
                 let port = Serial::open(name, false).map_err(port_problem)?;
                 measure(&prepared, (amplitude, period_s), port, args.at.baud).map(|row| Row { pins: None, ..row })
             }
-            None if is_pico => measure(&prepared, (amplitude, period_s), VirtualPico::on_usb(), args.at.baud)
-                .map(|row| Row { compares_missed: None, latest_ticks: None, ..row }),
+            None if is_pico => measure(&prepared, (amplitude, period_s), VirtualPico::on_usb(), args.at.baud),
             None => measure(&prepared, (amplitude, period_s), VirtualUno::new(), args.at.baud),
         };
+        // It has no compares that could be missed.
+        let measured =
+            measured.map(|row| if is_pico { Row { compares_missed: None, latest_ticks: None, ..row } } else { row });
         match measured {
             Ok(row) => rows.push(row),
             Err(error @ (DriveError::Session(_) | DriveError::QueueTooShort { .. })) => {
@@ -91,7 +96,8 @@ pub(crate) fn run(args: &Bench, console: &mut Console<'_>) -> miette::Result<Exi
         return Ok(exit);
     }
     let way = match &args.at.port {
-        _ if is_pico => "streamed over USB to the virtual Pico".to_owned(),
+        Some(name) if is_pico => format!("streamed to the Pico at {name}"),
+        None if is_pico => "streamed over USB to the virtual Pico".to_owned(),
         Some(name) => format!("streamed at {} baud to the Uno at {name}", human::count(args.at.baud.rate().into())),
         None => format!("streamed at {} baud to the virtual Uno", human::count(args.at.baud.rate().into())),
     };
@@ -149,6 +155,19 @@ pub(crate) fn run(args: &Bench, console: &mut Console<'_>) -> miette::Result<Exi
         console.print(format_args!("\n  not made: {why}\n"))?;
     }
     Ok(exit)
+}
+
+/// Whether the board at a port is a Pico, or else an Uno, by what its firmware says.
+fn is_pico(port: impl Port) -> miette::Result<bool> {
+    let remote = Remote::open(port, session_number()).map_err(|error| drive_problem(error.into()))?;
+    let tick_hz = u64::from(remote.info().tick_hz);
+    remote.close();
+    let has_clock = |board: &str| boards::find(board).is_some_and(|row| row.board.tick_hz == tick_hz);
+    match (has_clock("pico"), has_clock("uno")) {
+        (true, _) => Ok(true),
+        (_, true) => Ok(false),
+        _ => Err(miette!("the board has a clock of {tick_hz} Hz: it is neither an Uno nor a Pico")),
+    }
 }
 
 /// A period of a sinusoid.
@@ -225,5 +244,16 @@ impl Observer for Pins {
     fn step(&mut self, step: ScheduledStep) {
         self.steps += 1;
         self.meter.scheduled(0, step.tick);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_board_at_a_port_says_what_it_is() {
+        assert!(is_pico(VirtualPico::on_usb()).unwrap());
+        assert!(!is_pico(VirtualUno::new()).unwrap());
     }
 }

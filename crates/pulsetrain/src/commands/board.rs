@@ -6,8 +6,10 @@ use std::path::Path;
 use miette::miette;
 use pulsetrain_board::VirtualBoard;
 use pulsetrain_board::native_winch::NativeWinch;
+use pulsetrain_board::skewed::Skewed;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
+use pulsetrain_board::{hex, stk500};
 
 use crate::cli::Board;
 use crate::console::{self, Console, Exit};
@@ -15,6 +17,9 @@ use crate::serve::{self, Client, Service, Socket};
 use crate::{human, interrupt};
 
 pub(crate) fn run(args: &Board, console: &mut Console<'_>) -> miette::Result<Exit> {
+    if args.bootloader.is_some() && args.board != "uno" {
+        return Err(miette!(help = "leave --bootloader out", "only `uno` has a bootloader that can be given"));
+    }
     interrupt::watch();
     match (&args.pty, args.tcp) {
         (Some(link), _) => on_pty(link, args, console),
@@ -53,8 +58,20 @@ fn serve<C: Client>(client: C, place: &str, args: &Board, console: &mut Console<
     match args.board.as_str() {
         "winch" => serve_board(NativeWinch::new(), "winch", client, place, args, console),
         "pico" => serve_board(VirtualPico::on_usb(), "Pico", client, place, args, console),
-        _ => serve_board(VirtualUno::new(), "Uno", client, place, args, console),
+        _ => match &args.bootloader {
+            None => serve_board(VirtualUno::new(), "Uno", client, place, args, console),
+            Some(file) => serve_board(just_bought(file)?, "Uno", client, place, args, console),
+        },
     }
+}
+
+/// An Uno that has a bootloader and nothing else.
+fn just_bought(file: &Path) -> miette::Result<VirtualUno> {
+    let help = "a bootloader of an Uno is at the end of its flash: Optiboot's 512 bytes from 0x7e00 on";
+    let text = String::from_utf8_lossy(&console::read(file)?).into_owned();
+    let image = hex::parse(&text, stk500::FLASH_BYTES)
+        .map_err(|error| miette!(help = help, "{} is no Intel HEX of an ATmega328P: {error}", file.display()))?;
+    VirtualUno::with_bootloader(&[], &image).map_err(|error| miette!(help = help, "{}: {error}", file.display()))
 }
 
 fn serve_board<B: VirtualBoard, C: Client>(
@@ -67,7 +84,7 @@ fn serve_board<B: VirtualBoard, C: Client>(
 ) -> miette::Result<Exit> {
     let trace = args.trace.as_deref().map(console::create).transpose()?;
     let broken = |error: std::io::Error| miette!("the virtual {name} cannot go on: {error}");
-    let mut service = Service::new(board, client, trace).map_err(broken)?;
+    let mut service = Service::new(Skewed::new(board, args.clock_ppm), client, trace).map_err(broken)?;
     console.print(format_args!("a virtual {name} is {place}; Ctrl-C ends it\n"))?;
     let lost = serve::in_real_time(&mut service, interrupt::wanted).map_err(broken)?;
     let (ran, clients) = (service.now().as_secs_f64(), service.clients());

@@ -1,16 +1,20 @@
 //! The commands, one file each.
 
+pub(crate) mod bake;
 pub(crate) mod bench;
 pub(crate) mod board;
 pub(crate) mod boards;
+pub(crate) mod calibrate;
 pub(crate) mod drivers;
 pub(crate) mod explain;
+pub(crate) mod flash;
 pub(crate) mod info;
 pub(crate) mod motor;
 pub(crate) mod new;
 pub(crate) mod on_port;
 pub(crate) mod plan;
 pub(crate) mod plot;
+pub(crate) mod ports;
 pub(crate) mod run;
 pub(crate) mod verify;
 pub(crate) mod winch;
@@ -38,11 +42,15 @@ pub(crate) fn drive_problem(error: DriveError) -> Report {
     let help = match &error {
         DriveError::Remote(RemoteError::Port(port)) => return port_problem(port.clone()),
         DriveError::Remote(RemoteError::Link(LinkError::Nobody | LinkError::Version { .. })) => {
-            "write crates/board/images/uno.hex to the board: avrdude -c arduino -p m328p -P PORT -b 115200 -U \
-             flash:w:uno.hex. A Pico: hold BOOTSEL as you plug it in, and copy crates/board/images/pico.uf2 to the drive"
+            "write the firmware to the board: `pulsetrain flash uno --port PORT`; a Pico: hold BOOTSEL as you plug it in, then \
+             `pulsetrain flash pico`. A board that speaks text alone, as the StepperWinch sketch and `board winch`: \
+             `pulsetrain winch --port PORT`"
         }
         DriveError::Remote(RemoteError::OtherBoard { .. }) => "say --board with the board that is there",
-        DriveError::Remote(RemoteError::Link(LinkError::Taken)) => "end the other program, or wait 2 s",
+        DriveError::Remote(RemoteError::Link(LinkError::Taken)) => {
+            "end the other program, or wait 2 s. If text has switched its drivers on (`pulsetrain winch`, a StepperWinch client), it \
+             has it until it is told `enable 0`: echo \"enable 0\" | pulsetrain winch --port PORT"
+        }
         DriveError::Remote(RemoteError::Link(LinkError::Lost | LinkError::Forgotten)) => {
             "look at cable, supply and hub; a board that is reset on the way loses its positions"
         }
@@ -69,4 +77,16 @@ pub(crate) fn drive_problem(error: DriveError) -> Report {
         _ => return Report::new(error),
     };
     miette!(help = help, "{error}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_board_that_text_has_tells_how_it_gets_free() {
+        let taken = drive_problem(DriveError::Remote(RemoteError::Link(LinkError::Taken)));
+        assert!(taken.to_string().contains("`enable 0`"), "{taken}");
+        assert!(taken.help().is_some_and(|help| help.to_string().contains("pulsetrain winch --port PORT")));
+    }
 }

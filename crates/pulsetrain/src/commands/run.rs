@@ -18,6 +18,9 @@ use crate::report::RunReport;
 
 pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit> {
     let mut prepared = args.motion.prepare()?;
+    if let Some(ppm) = args.clock_ppm {
+        prepared.calibrate(ppm);
+    }
     if let Some(at) = args.pause_at {
         prepared.pause(at, args.resume_at)?;
     }

@@ -18,7 +18,7 @@ use pulsetrain_trace::{Line, Trace, steps, vcd_file};
 use super::run::draw;
 use crate::cli::Winch;
 use crate::console::{self, Console, Exit, access};
-use crate::winch::console::{ConsoleError, Plain, converse};
+use crate::winch::console::{ConsoleError, Ended, Plain, converse};
 use crate::winch::run::{Judged, Names, Run, Wish, by_word, judge, on_port, on_virtual};
 use crate::winch::script::{self, Script};
 use crate::winch::talk::Talk;
@@ -177,16 +177,18 @@ fn hold<P: Port>(port: P, place: &str, console: &mut Console<'_>) -> miette::Res
             .map_err(ConsoleError::from)
             .and_then(|mut terminal| converse(&mut talk, &mut terminal));
         // As it was at first; if the port is gone, that is told already.
-        ended.and_then(|()| Ok(talk.tell("srate 200")?))
+        ended.and_then(|_| Ok(talk.tell("srate 200")?)).map(|()| Exit::Success)
     } else {
-        let ended = converse(&mut talk, &mut Plain::new(typed(), console.out));
-        match ended {
+        match converse(&mut talk, &mut Plain::new(typed(), console.out)) {
+            Ok(Ended { refused: 0, is_settled: true }) => Ok(Exit::Success),
+            // As of a script.
+            Ok(_) => Ok(Exit::BoundBroken),
             // A reader that has gone away (`| head`) ends it.
-            Err(ConsoleError::Person(error)) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
-            ended => ended,
+            Err(ConsoleError::Person(error)) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(Exit::Success),
+            Err(error) => Err(error),
         }
     };
-    ended.map(|()| Exit::Success).map_err(|error| match error {
+    ended.map_err(|error| match error {
         ConsoleError::Port(error) => port_problem(error),
         error => Report::new(error),
     })
@@ -197,8 +199,9 @@ fn typed() -> Receiver<String> {
     let (to_console, lines) = channel();
     // It ends with the input, or with the program.
     thread::spawn(move || {
-        for line in stdin().lock().lines().map_while(Result::ok) {
-            if to_console.send(line).is_err() {
+        for line in stdin().lock().split(b'\n').map_while(Result::ok) {
+            // What is no text is for the board to refuse.
+            if to_console.send(String::from_utf8_lossy(&line).into_owned()).is_err() {
                 return;
             }
         }

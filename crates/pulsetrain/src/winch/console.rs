@@ -58,7 +58,7 @@ pub enum ConsoleError {
 }
 
 /// `enable 0` with its checksum: a strict board that wants one on each line stops, too.
-const STOP: &str = "enable 0*11";
+pub(super) const STOP: &str = "enable 0*11";
 
 /// What can be typed.
 pub const HELP: &str = "\
@@ -83,12 +83,22 @@ const REST_US: u64 = 500_000;
 /// And so long it is waited for: with the gains at first a move rings for ten seconds and more.
 const LONGEST_WAIT: Duration = Duration::from_secs(30);
 
+/// How a console ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Ended {
+    /// Lines that the board has refused.
+    pub refused: usize,
+    /// Nobody was to wait for the axes to rest, or they do.
+    pub is_settled: bool,
+}
+
 /// Lets a person talk to a board until they end it.
 ///
 /// # Errors
 /// When either is gone.
-pub fn converse<P: Port>(talk: &mut Talk<P>, person: &mut impl Person) -> Result<(), ConsoleError> {
+pub fn converse<P: Port>(talk: &mut Talk<P>, person: &mut impl Person) -> Result<Ended, ConsoleError> {
     let mut rest = Rest::default();
+    let mut refused = 0;
     let mut ended = None;
     loop {
         if ended.is_none() {
@@ -111,11 +121,15 @@ pub fn converse<P: Port>(talk: &mut Talk<P>, person: &mut impl Person) -> Result
         if let Some(ended) = ended {
             let waited = talk.now().saturating_sub(ended);
             if !person.waits_for_rest() || rest.is_reached {
-                return Ok(());
+                return Ok(Ended { refused, is_settled: true });
             }
             if waited > LONGEST_WAIT {
-                person.tell("the axes still move; the board goes on with what it was told\n")?;
-                return Ok(());
+                let what = match rest.since {
+                    Some(_) => "the axes still move",
+                    None => "no status tells whether the axes rest",
+                };
+                person.tell(&format!("{what}; the board goes on with what it was told\n"))?;
+                return Ok(Ended { refused, is_settled: false });
             }
         }
         let mut shown = Ok(());
@@ -123,6 +137,7 @@ pub fn converse<P: Port>(talk: &mut Talk<P>, person: &mut impl Person) -> Result
             if let Said::Status(status) = &said {
                 rest.see(*status);
             }
+            refused += usize::from(said.is_refusal());
             if shown.is_ok() {
                 shown = person.show(&said);
             }

@@ -29,7 +29,7 @@ pub enum Wish {
 }
 
 /// How that is told, and how long the board is given for it.
-const STOP: &str = "enable 0";
+const STOP: &str = super::console::STOP;
 const AFTER_STOP: Duration = Duration::from_secs(1);
 
 /// Ticks of a run on a board whose pins nobody sees.
@@ -46,6 +46,8 @@ pub struct Run {
     pub end: u64,
     /// The lines that were sent.
     pub told: Vec<Told>,
+    /// How many were not, as the run ended before their time.
+    pub unsent: usize,
     /// Status lines that came.
     pub statuses: Vec<Status>,
     /// Lines that were refused.
@@ -112,6 +114,7 @@ struct Sent {
     end: Duration,
     /// Each line with the times at which it is there, at the soonest and at the latest.
     told: Vec<(Duration, Duration, Command)>,
+    unsent: usize,
     statuses: Vec<Status>,
     refusals: Vec<Refusal>,
     troubles: Vec<Trouble>,
@@ -130,6 +133,7 @@ impl Sent {
             begin: tick(self.begin),
             end: tick(self.end),
             told: self.told.iter().map(told).collect(),
+            unsent: self.unsent,
             statuses: self.statuses,
             refusals: self.refusals,
             troubles: self.troubles,
@@ -190,9 +194,11 @@ fn send<P: Port>(
         }
     }
     health.look(talk.now());
+    let sent = told.len() - usize::from(stopped);
+    let unsent = script.lines.len() - sent;
     let edge = |edge: pulsetrain_board::Edge| Edge { tick: edge.tick, line: edge.line, level: edge.level };
     let edges = talk.edges().into_iter().map(edge).collect();
-    Ok(Sent { begin, end, told, statuses, refusals, troubles: health.troubles, edges })
+    Ok(Sent { begin, end, told, unsent, statuses, refusals, troubles: health.troubles, edges })
 }
 
 /// Looks whether the board goes on as a board does: it begins once, and its statuses come.
@@ -224,7 +230,7 @@ impl Health {
     }
 
     fn told(&mut self, text: &str) {
-        let mut words = text.split_ascii_whitespace();
+        let mut words = text.split('*').next().unwrap_or_default().split_ascii_whitespace();
         match (words.next(), words.next().and_then(|value| value.parse().ok())) {
             (Some("ping"), _) => self.pings += 1,
             (Some("srate"), Some(ms)) => {
@@ -303,6 +309,8 @@ pub struct Report {
     pub duration_s: f64,
     /// Lines sent.
     pub lines: usize,
+    /// Lines that were not: it ended before their time.
+    pub unsent: usize,
     /// Lines refused.
     pub refusals: Vec<Refusal>,
     /// What a board that is well does not do.
@@ -415,6 +423,7 @@ impl Names<'_> {
             board: self.board.to_owned(),
             duration_s: (run.end - run.begin) as f64 / run.tick_hz as f64,
             lines: run.told.len(),
+            unsent: run.unsent,
             refusals: run.refusals.clone(),
             troubles: run.troubles.clone(),
             verdict: None,
@@ -444,7 +453,7 @@ impl Drawing {
             let scale = Scale { unit: "step".into(), steps_per_unit: 1.0, steps_per_rev: 1.0 };
             MotorPicture::new(AXES[axis].to_string(), scale, options.bound_steps)
         };
-        let moves = |order: Order| order != Order::Stop;
+        let moves = |order: Order| !matches!(order, Order::Stop | Order::Halt);
         let is_told = |axis: usize| run.told.iter().any(|told| told.command.orders[axis].is_some_and(moves));
         Drawing {
             axes: std::array::from_fn(axis),
@@ -523,9 +532,12 @@ impl Onlooker for Compared<'_> {
 
 impl Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Report { script, runner, board, duration_s, lines, refusals, troubles, verdict, word } = self;
+        let Report { script, runner, board, duration_s, lines, unsent, refusals, troubles, verdict, word } = self;
         let duration = human::seconds(*duration_s);
         writeln!(f, "{script}: {lines} lines in {duration}, to the {runner} ({board})\n")?;
+        if *unsent > 0 {
+            writeln!(f, "The last {unsent} of its lines were not sent: it ended before their time.\n")?;
+        }
         if let Some(verdict) = verdict {
             self.edges(verdict, f)?;
         }
@@ -580,6 +592,14 @@ impl Report {
             writeln!(f, "  a line acted {} to {} ms after it had come", ms(least), ms(most))?;
         }
         writeln!(f, "  statuses that say what the pins did: {}", verdict.statuses)?;
+        for axis in verdict.axes.iter().filter(|axis| axis.max_doubt_steps > 0.05) {
+            let doubt = human::significant(axis.max_doubt_steps, 2);
+            writeln!(
+                f,
+                "  {}: what rounding makes grows with these gains; its path is known to {doubt} step by its steps",
+                axis.axis
+            )?;
+        }
         for fault in &verdict.faults {
             writeln!(f, "  {} at {}: {}", fault.axis, human::seconds(fault.at_s), fault.what)?;
         }

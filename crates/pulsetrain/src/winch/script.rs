@@ -32,6 +32,9 @@ pub struct Line {
 /// A script without a duration ends so long after its last line, s.
 const AFTER_S: f64 = 4.0;
 
+/// A line this near to where a deadman strikes may come before it or after it, s.
+const NEAR_DEADMAN_S: f64 = 0.05;
+
 /// What every refusal says.
 const HELP: &str = "a line is \"<time>: <command>\", such as \"1.5 s: a x 100\"; docs/winch.md has the commands";
 
@@ -84,6 +87,7 @@ pub fn parse(text: &str, name: &str) -> miette::Result<Vec<Line>> {
         Report::new(diagnostic).with_source_code(NamedSource::new(name, text.to_owned()))
     };
     let mut lines: Vec<Line> = Vec::new();
+    let mut board = Board::default();
     let mut next = 0;
     for raw in text.split_inclusive('\n') {
         let start = next;
@@ -105,14 +109,55 @@ pub fn parse(text: &str, name: &str) -> miette::Result<Vec<Line>> {
             let message = format!("times go back: the line before is sent at {}", human::seconds(before.at_s));
             return Err(wrong(start..start + when.len(), message));
         }
-        let told_at = start + when.len() + 1;
-        let command = Command::parse(told).map_err(|error| {
+        // As it is sent: a checksum is of that.
+        let text = told.trim();
+        let told_at = start + when.len() + 1 + (told.len() - told.trim_start().len());
+        let command = Command::parse(text).map_err(|error| {
             let at = told_at + error.at.start..told_at + error.at.end;
             wrong(at, error.message)
         })?;
-        lines.push(Line { at_s, text: told.trim().to_owned(), command });
+        let line = Line { at_s, text: text.to_owned(), command };
+        board.hear(&line).map_err(|message| wrong(whole, message))?;
+        lines.push(line);
     }
     Ok(lines)
+}
+
+/// What lines before ask of the next one.
+#[derive(Default)]
+struct Board {
+    strict: bool,
+    /// There was a checksum since strictness was last set.
+    is_checked: bool,
+    /// When the last line came, s, and how long a silence may be.
+    last_s: f64,
+    deadman_ms: u16,
+}
+
+impl Board {
+    /// Takes a line; what is wrong with it, if anything.
+    fn hear(&mut self, line: &Line) -> Result<(), String> {
+        let Line { at_s, text, command } = line;
+        if self.strict && self.is_checked && !command.is_checked {
+            let sum = text.bytes().fold(0, |sum, byte| sum ^ byte);
+            return Err(format!("the board wants a checksum on each line by now: {text}*{sum:02x}"));
+        }
+        let strikes_s = self.last_s + f64::from(self.deadman_ms) * 1e-3;
+        if self.deadman_ms != 0 && (at_s - strikes_s).abs() < NEAR_DEADMAN_S {
+            return Err(format!(
+                "it comes as the deadman strikes, at {}: nobody can say which is first; send it {} before that or after it",
+                human::seconds(strikes_s),
+                human::seconds(NEAR_DEADMAN_S)
+            ));
+        }
+        if let Some(strict) = command.strict {
+            (self.strict, self.is_checked) = (strict, command.is_checked);
+        }
+        self.is_checked |= command.is_checked;
+        self.deadman_ms = command.deadman_ms.unwrap_or(self.deadman_ms);
+        self.last_s = *at_s;
+        Ok(())
+    }
 }
 
 #[cfg(test)]
@@ -135,6 +180,31 @@ mod tests {
         refuse("0 s: ping\r\n-1 s: ping", "-1 s", "not a time of 0 s to 10^6 s, with its unit");
         refuse("2 s: ping\n1 s: ping", "1 s", "times go back: the line before is sent at 2 s");
         refuse("# é\n2 s: a w 1", "w", "axes are letters of xyza, each once");
+        refuse("0 s: ping*11", "*11", "not the checksum of the line, which is *10");
+        let wanted = "the board wants a checksum on each line by now: a x 1*28";
+        refuse("0 s: strict 1*1a\n1 s: a x 1", "1 s: a x 1", wanted);
+        refuse("0 s: strict 1\n1 s: ping*10\n1 s: a x 1", "1 s: a x 1", wanted);
+    }
+
+    #[test]
+    fn checksums_are_sent_as_they_stand() {
+        let lines = parse("0 s: ping\n0 s: ping*10\n1 s: a x 1  # not strict\n", "script.txt").unwrap();
+        assert_eq!((lines[1].text.as_str(), lines[2].text.as_str()), ("ping*10", "a x 1"));
+        assert!(parse("0 s: strict 1*1a\n1 s: a x 1*28\n2 s: strict 0*1b\n3 s: ping\n", "script.txt").is_ok());
+    }
+
+    #[test]
+    fn no_line_comes_as_a_deadman_strikes() {
+        let script = |at: &str| format!("0 s: deadman 500\n1 s: a x 9\n{at}: ping");
+        for at in ["1.45 s", "1.55 s", "3 s"] {
+            assert!(parse(&script(at), "script.txt").is_ok(), "{at}");
+        }
+        let at = "1.52 s: ping";
+        refuse(
+            &script("1.52 s"),
+            at,
+            "it comes as the deadman strikes, at 1.5 s: nobody can say which is first; send it 50 ms before that or after it",
+        );
     }
 
     proptest! {

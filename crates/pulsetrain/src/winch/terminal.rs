@@ -56,6 +56,10 @@ impl Person for Terminal<'_> {
             }
             match self.editor.press(key) {
                 Pressed::Nothing => {}
+                Pressed::Strange(letter) => {
+                    let what = format!("{letter:?} was not taken: a line is printable ASCII");
+                    self.screen.print(&what, &self.editor)?;
+                }
                 Pressed::Line(line) => {
                     self.has_stopped = false;
                     self.screen.print(&format!("> {line}"), &self.editor)?;
@@ -179,6 +183,8 @@ struct Editor {
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Pressed {
     Nothing,
+    /// A letter that no line has.
+    Strange(char),
     Line(String),
     Interrupt,
     End,
@@ -207,6 +213,7 @@ impl Editor {
                 self.text.insert(self.cursor, letter);
                 self.cursor += 1;
             }
+            KeyCode::Char(letter) => return Pressed::Strange(letter),
             KeyCode::Backspace if self.cursor > 0 => {
                 self.cursor -= 1;
                 self.text.remove(self.cursor);
@@ -279,7 +286,9 @@ mod tests {
     #[test]
     fn lines_are_edited() {
         let mut editor = Editor::default();
-        typed(&mut editor, "a x é100");
+        typed(&mut editor, "a x ");
+        assert_eq!(editor.press(KeyEvent::new(KeyCode::Char('é'), KeyModifiers::NONE)), Pressed::Strange('é'));
+        typed(&mut editor, "100");
         keys(&mut editor, [KeyCode::Home, KeyCode::Delete, KeyCode::Char('d'), KeyCode::End, KeyCode::Backspace]);
         keys(&mut editor, [KeyCode::Left, KeyCode::Char('5'), KeyCode::Right, KeyCode::Right]);
         assert_eq!(editor.shown(80), ("d x 150", 7));

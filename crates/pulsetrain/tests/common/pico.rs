@@ -1,10 +1,11 @@
 //! The Pico's figures: streams on the virtual Pico, over its USB, every edge held against its scheduled tick.
 
-use super::board::pico::{TICK_HZ, step_dir};
+use super::board::pico::{TICK_HZ, coils, pins_of, step_dir};
 use super::board::segments::{Chip, Law, Stream};
 use pulsetrain::lateness::{Lateness, Meter};
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::{Board, Edge, Observer, Remote, ScheduledStep, Setup};
+use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::message::{Cause, MotorSetup};
 use pulsetrain_motion::drivers;
 use pulsetrain_motion::program::DriverTiming;
@@ -17,11 +18,18 @@ pub(crate) struct Timing {
 }
 
 impl Timing {
-    /// Of a driver in the table.
+    /// Of a driver in the table; of coils, which need none.
     pub(crate) fn of(driver: &'static str) -> Timing {
+        if driver == COILS {
+            let ns = DriverTiming { pulse_high_ns: 0, pulse_low_ns: 0, dir_setup_ns: 0, dir_hold_ns: 0 };
+            return Timing { driver, ns };
+        }
         Timing { driver, ns: drivers::find(driver).expect("the table has it").timing() }
     }
 }
+
+/// In the place of a driver: half steps of coils.
+pub(crate) const COILS: &str = "ULN2003";
 
 /// A stream of random segments.
 #[derive(Clone, Debug)]
@@ -57,18 +65,21 @@ pub(crate) struct Seen {
     pub(crate) trouble: String,
 }
 
-/// GPIO 2/3, 4/5, … 16/17.
-pub(crate) fn motors(count: usize) -> Vec<MotorSetup> {
-    (0..count as u8).map(|motor| step_dir(2 + 2 * motor)).collect()
+/// GPIO 2/3, 4/5, … 16/17; of coils 2/3/4/5, …
+fn motors(driver: &str, count: usize) -> Vec<MotorSetup> {
+    let motor = |motor| if driver == COILS { coils(2 + 4 * motor, Sequence::Half) } else { step_dir(2 + 2 * motor) };
+    (0..count as u8).map(motor).collect()
 }
 
 fn ticks_of(ns: u32) -> u16 {
     (u64::from(ns) * TICK_HZ).div_ceil(1_000_000_000) as u16
 }
 
-/// Looks at the STEP lines.
+/// Looks at the STEP lines, or at those of coils: a half step is one edge.
 struct Pulses {
-    steps: Vec<u8>,
+    /// The motors' lines, of which each edge is a step, or each that rises.
+    lines: Vec<Vec<u8>>,
+    both_ways: bool,
     meter: Meter,
     /// First and last rising edge of each, and how many.
     edges: Vec<(u64, u64, u64)>,
@@ -77,9 +88,9 @@ struct Pulses {
 
 impl Observer for Pulses {
     fn edge(&mut self, edge: Edge) {
-        let Some(motor) = self.steps.iter().position(|step| *step == edge.line) else { return };
+        let Some(motor) = self.lines.iter().position(|lines| lines.contains(&edge.line)) else { return };
         let (first, last, count) = &mut self.edges[motor];
-        if edge.level {
+        if edge.level || self.both_ways {
             self.meter.edge(motor, edge.tick);
             *first = if *count == 0 { edge.tick } else { *first };
             (*last, *count) = (edge.tick, *count + 1);
@@ -100,15 +111,17 @@ pub(crate) fn stream(pico: VirtualPico, run: &Run) -> Result<Seen, String> {
         pulse_ticks: ticks_of(run.timing.ns.pulse_high_ns),
         setup_ticks: ticks_of(run.timing.ns.dir_setup_ns),
         hold_ticks: ticks_of(run.timing.ns.dir_hold_ns),
-        motors: motors(run.motors),
+        motors: motors(run.timing.driver, run.motors),
         ..Setup::default()
     };
     let mut board = Remote::open(pico, 7).map_err(text)?;
     board.configure(&setup).map_err(text)?;
     let ticks = (run.seconds * TICK_HZ as f64) as u64;
     let mut stream = Stream::on(run.chip, &board, &vec![run.law; run.motors], run.apart, run.seed, ticks);
+    let has_coils = run.timing.driver == COILS;
     let mut pulses = Pulses {
-        steps: setup.motors.iter().map(|motor| motor.step_pin).collect(),
+        lines: setup.motors.iter().map(|motor| if has_coils { pins_of(motor) } else { vec![motor.step_pin] }).collect(),
+        both_ways: has_coils,
         meter: Meter::new(run.motors, 0),
         edges: vec![(0, 0, 0); run.motors],
         shortest: u64::MAX,

@@ -3,7 +3,7 @@
 use super::board::pico::{TICK_HZ, coils};
 use super::board::segments::{Chip, Law};
 use super::motion::{Followed, follow};
-use super::pico::{Run, Seen, Timing, stream};
+use super::pico::{COILS, Run, Seen, Timing, stream};
 use pulsetrain::drive::{Driven, Pico};
 use pulsetrain::lateness::Lateness;
 use pulsetrain::prepare::Prepared;
@@ -13,7 +13,7 @@ use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{Cause, coil_pins};
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
-use pulsetrain_motion::program::{Limits, Motor, Program, Scale, Tolerance, Wiring};
+use pulsetrain_motion::program::{CoilSequence, Limits, Motor, Program, Scale, Tolerance, Wiring};
 use pulsetrain_motion::{Grid, Law as Motion, Time, boards};
 
 /// One line of the table.
@@ -100,13 +100,23 @@ pub(crate) fn kilo(rate: f64) -> String {
 
 fn timing_text(timing: Timing) -> String {
     let ns = timing.ns;
+    if timing.driver == COILS {
+        return format!("{COILS}, half steps");
+    }
     format!("{}: {} ns, {} ns, {} ns", timing.driver, ns.pulse_high_ns, ns.dir_setup_ns, ns.dir_hold_ns)
 }
 
-/// STEP and DIR of so many motors as tables have them.
-fn pins_text(motors: usize) -> String {
+/// STEP and DIR of so many motors as tables have them, or IN1 to IN4.
+fn pins_text(driver: &str, motors: usize) -> String {
+    if driver == COILS {
+        let pins = (0..motors as u8).map(|motor| coil_pins(2 + 4 * motor).map(|pin| pin.to_string()).join("/"));
+        return pins.collect::<Vec<_>>().join(" ");
+    }
     (0..motors).map(|motor| format!("{}/{}", 2 + 2 * motor, 3 + 2 * motor)).collect::<Vec<_>>().join(" ")
 }
+
+/// Steps of [`Case::turning`]: after a turn segments begin so short.
+pub(crate) const BETWEEN_TURNS: u32 = 8;
 
 /// Motors that follow random segments.
 #[derive(Clone, Copy, Debug)]
@@ -120,17 +130,36 @@ pub(crate) struct Case {
     pub(crate) steps: u32,
     /// One segment in so many turns; 0: none.
     pub(crate) turns: u64,
+    /// The shortest first interval after a turn, ticks.
+    pub(crate) turn_ticks: f64,
     /// In phase at 0, staggered at 1.
     pub(crate) apart: f64,
     /// Steps/s of each that are promised.
     pub(crate) required: Option<f64>,
+    pub(crate) seed: u64,
 }
 
 impl Case {
     /// What planned motions are like at such rates, or worse: a sinusoid of 1 s that peaks at 622 k steps/s has 1160 steps in a
     /// segment, as [`sinusoids`] show.
     pub(crate) const fn changing(motors: usize, driver: &'static str) -> Case {
-        Case { figure: 1, motors, driver, swing: 0.1, steps: 500, turns: 0, apart: 1.0, required: None }
+        Case {
+            figure: 1,
+            motors,
+            driver,
+            swing: 0.1,
+            steps: 500,
+            turns: 0,
+            turn_ticks: 3000.0,
+            apart: 1.0,
+            required: None,
+            seed: 1,
+        }
+    }
+
+    /// Back and forth, eight steps each: as many turns as steps at that rate, divided by eight.
+    pub(crate) const fn turning(motors: usize, driver: &'static str) -> Case {
+        Case { swing: 0.0, steps: BETWEEN_TURNS, turns: 1, turn_ticks: 100.0, ..Case::changing(motors, driver) }
     }
 
     fn name(&self) -> String {
@@ -142,6 +171,9 @@ impl Case {
             (_, true) => ", in phase",
             (_, false) => ", staggered",
         };
+        if self.turns == 1 {
+            return format!("{law}, a turn every {} steps{phase}", self.steps);
+        }
         format!("{law}, segments of {} to {} steps{turns}{phase}", self.steps, 2 * self.steps)
     }
 
@@ -149,11 +181,11 @@ impl Case {
         Run {
             motors: self.motors,
             timing: Timing::of(self.driver),
-            chip: Chip { least_steps: self.steps, ..Chip::PICO },
+            chip: Chip { least_steps: self.steps, turn_ticks: self.turn_ticks, ..Chip::PICO },
             law: Law { rate, swing: self.swing, turns: self.turns },
             apart: self.apart,
             seconds,
-            seed: 1,
+            seed: self.seed,
         }
     }
 
@@ -164,7 +196,7 @@ impl Case {
             figure: self.figure,
             law: self.name(),
             timing: timing_text(Timing::of(self.driver)),
-            pins: pins_text(self.motors),
+            pins: pins_text(self.driver, self.motors),
             motors: self.motors,
             rate: "–".to_owned(),
             required: self.required.map_or(String::new(), kilo),
@@ -219,11 +251,11 @@ impl Case {
 }
 
 /// Rates that are tried, steps/s: 2.5 % apart, up to what the driver allows.
-pub(crate) fn rates(driver: &str) -> Vec<f64> {
-    let ns = Timing::of(if driver == "A4988" { "A4988" } else { "TMC2209" }).ns;
-    // The speed swings by 10 %.
-    let most = 1e9 / f64::from(ns.pulse_high_ns + ns.pulse_low_ns) / 1.1;
-    let rates = std::iter::successors(Some(100_000.0), |rate: &f64| Some((rate * 1.025 / 1000.0).ceil() * 1000.0));
+pub(crate) fn rates(driver: &'static str) -> Vec<f64> {
+    let ns = Timing::of(driver).ns;
+    // The speed swings by 10 %; coils' limit is the processor's.
+    let most = 1e9 / f64::from(ns.pulse_high_ns + ns.pulse_low_ns).max(200.0) / 1.1;
+    let rates = std::iter::successors(Some(10_000.0), |rate: &f64| Some((rate * 1.025 / 100.0).ceil() * 100.0));
     rates.take_while(|rate| *rate <= most).collect()
 }
 
@@ -257,6 +289,17 @@ fn motor(number: u8, law: Motion, timing: Timing) -> Motor {
     }
 }
 
+/// So many motors on coils.
+pub(crate) fn on_coils(motors: usize) -> Vec<Motor> {
+    let timing = Timing::of(COILS);
+    let law = || Motion::sine(1.0, Time::SECOND, Some(1)).expect("a sinusoid");
+    let wired = |number: u8| {
+        let wiring = Wiring::Coils { pins: coil_pins(2 + 4 * number), sequence: CoilSequence::Half };
+        Motor { wiring, ..motor(number, law(), timing) }
+    };
+    (0..motors as u8).map(wired).collect()
+}
+
 fn prepared(file: &str, motors: Vec<Motor>) -> Prepared {
     let board = boards::find("pico").expect("the table has the Pico").board;
     let machines = Vec::new();
@@ -272,7 +315,7 @@ fn motion_row<'a>(figure: u8, law: &str, prepared: &'a Prepared, timing: Timing)
         figure,
         law: law.to_owned(),
         timing: timing_text(timing),
-        pins: pins_text(motors),
+        pins: pins_text(timing.driver, motors),
         motors,
         rate: "–".to_owned(),
         required: String::new(),
@@ -430,7 +473,7 @@ pub(crate) fn uln2003(pico: &VirtualPico, sequence: Sequence, rate: u64) -> Row 
 }
 
 /// Motors with coils.
-const ULN_MOTORS: u8 = 6;
+pub(crate) const ULN_MOTORS: u8 = 6;
 
 /// Items of a motor that goes back and forth so that it turns at every phase; ticks and positions of its steps.
 fn reversals(start: u64, interval: u32) -> (Vec<Item>, Vec<(u64, i64)>) {

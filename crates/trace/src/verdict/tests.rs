@@ -43,6 +43,7 @@ fn program(grid: Grid, motors: Vec<Motor>) -> Program {
         min_interval_ticks: vec![320],
         hardware_timed: true,
         turn_ticks: 0,
+        segment_ticks: Vec::new(),
         source: "estimate".into(),
     };
     Program { board, grid, tolerance: Tolerance::Ticks(1.0), idle_ms: None, motors, machines: Vec::new() }

@@ -32,8 +32,10 @@ pub enum Order {
         /// Steps/s².
         acceleration: f64,
     },
-    /// `enable 0`: to rest within the limits.
+    /// `enable 0`: to rest within the limits, and then the drivers off.
     Stop,
+    /// A deadman has struck: to rest within the limits, if the drivers are on.
+    Halt,
 }
 
 /// A line, read.
@@ -43,6 +45,18 @@ pub struct Command {
     pub orders: [Option<Order>; 4],
     /// It switches the drivers on: `a`, `d`, `v`, and `enable 1`.
     pub enables: bool,
+    /// `deadman`: the longest silence from now on, ms; 0: any.
+    pub deadman_ms: Option<u16>,
+    /// `strict`: whether it is asked for.
+    pub strict: Option<bool>,
+    /// The line ends with its checksum.
+    pub is_checked: bool,
+}
+
+impl Command {
+    /// What a deadman does as it strikes.
+    pub(super) const HALT: Command =
+        Command { orders: [Some(Order::Halt); 4], enables: false, deadman_ms: None, strict: None, is_checked: false };
 }
 
 /// What is wrong with a line, and where in it.
@@ -69,6 +83,7 @@ impl Command {
     /// use pulsetrain_trace::winch::{Command, Order};
     /// let command = Command::parse("a ax 5 7").unwrap();
     /// assert_eq!(command.orders[0], Some(Order::Target(7.0)));
+    /// assert!(Command::parse("a x 1*28").unwrap().is_checked);
     /// let wrong = Command::parse("g x 25 1").unwrap_err();
     /// assert_eq!((wrong.at, wrong.message.as_str()), (4..6, "a natural frequency is 0.01 to 20 Hz"));
     /// ```
@@ -84,6 +99,7 @@ impl Command {
         if line.len() > LONGEST {
             return Err(wrong(LONGEST..line.len(), "a line has at most 80 bytes"));
         }
+        let (line, is_checked) = checked(line)?;
         let words = words(line);
         let Some(((name, name_at), values)) = words.split_first() else {
             return Err(wrong(whole, "a command is missing"));
@@ -91,7 +107,7 @@ impl Command {
         if words.len() > MOST_WORDS {
             return Err(wrong(words[MOST_WORDS].1.start..line.len(), "a line has at most 10 words"));
         }
-        let mut command = Command::default();
+        let mut command = Command { is_checked, ..Command::default() };
         if let "a" | "d" | "v" | "r" | "s" | "g" | "l" = *name {
             let Some(((flags, flags_at), values)) = values.split_first() else {
                 return Err(wrong(whole, "the axes are missing, such as x or xyza"));
@@ -124,11 +140,26 @@ impl Command {
             match (*name, number) {
                 ("enable", 0) => command.orders = [Some(Order::Stop); 4],
                 ("enable", _) => command.enables = true,
+                ("deadman", ms) => command.deadman_ms = u16::try_from(ms).ok(),
+                ("strict", on) => command.strict = Some(on == 1),
                 _ => {}
             }
         }
         Ok(command)
     }
+}
+
+/// The line without its checksum, and whether it has one.
+fn checked(line: &str) -> Result<(&str, bool), WrongLine> {
+    let Some((rest, given)) = line.split_once('*') else { return Ok((line, false)) };
+    let sum = rest.bytes().fold(0, |sum, byte| sum ^ byte);
+    let given = given.trim_end();
+    let digits = given.len() == 2 && given.bytes().all(|digit| digit.is_ascii_hexdigit());
+    if digits && u8::from_str_radix(given, 16) == Ok(sum) {
+        return Ok((rest, true));
+    }
+    let message = format!("not the checksum of the line, which is *{sum:02x}");
+    Err(WrongLine { at: rest.len()..line.trim_end().len(), message })
 }
 
 type Word<'a> = (&'a str, Range<usize>);
@@ -182,11 +213,9 @@ fn pair(name: &str, values: &[Word<'_>]) -> Result<Order, WrongLine> {
         let ratio = rounded(decimal(second, 0.07..=5.0, "a damping ratio is 0.07 to 5")?, 1e6);
         return Ok(Order::Gains { frequency_hz, ratio });
     }
-    let speed = decimal(first, 0.0..=4e9, "a speed is a number of steps/s, 0 or more")?;
-    let acceleration = decimal(second, 1.0..=4e9, "an acceleration is 1 step/s² or more")?;
-    // What is more is taken as the most that a board does.
-    let (speed, acceleration) = (rounded(speed, 1e3), rounded(acceleration, 1e3));
-    Ok(Order::Limits { speed: speed.min(10e3), acceleration: acceleration.min(250e3) })
+    let speed = decimal(first, 0.0..=10e3, "a highest speed is 0 to 10 000 steps/s")?;
+    let acceleration = decimal(second, 1.0..=250e3, "a highest acceleration is 1 to 250 000 steps/s²")?;
+    Ok(Order::Limits { speed: rounded(speed, 1e3), acceleration: rounded(acceleration, 1e3) })
 }
 
 fn whole_number((text, at): &Word<'_>, range: RangeInclusive<i64>) -> Result<i64, WrongLine> {
@@ -222,7 +251,9 @@ mod tests {
         check("r x 3", 0, Some(Order::Impulse(3.0)));
         check("s x -1", 0, Some(Order::Ramp(0.0)));
         check("g xy 2.5000001 0.7", 1, Some(Order::Gains { frequency_hz: 2.5, ratio: 0.7 }));
-        check("l a 4e4 400", 3, Some(Order::Limits { speed: 10e3, acceleration: 400.0 }));
+        check("l a 4e3 400", 3, Some(Order::Limits { speed: 4e3, acceleration: 400.0 }));
+        check("a x 1*28", 0, Some(Order::Target(1.0)));
+        check("a x 1 *08 ", 0, Some(Order::Target(1.0)));
         check("enable 0", 2, Some(Order::Stop));
         for silent in ["enable 1", "srate 20", "deadman 0", "strict 1", "version", "ping"] {
             check(silent, 0, None);
@@ -258,7 +289,12 @@ mod tests {
         refuse("ping 1", "1", "0 values wanted, but 1 found");
         refuse("g x nan 1", "nan", "a natural frequency is 0.01 to 20 Hz");
         refuse("g x 1 inf", "inf", "a damping ratio is 0.07 to 5");
-        refuse("l x 1 0.5", "0.5", "an acceleration is 1 step/s² or more");
+        refuse("l x 1 0.5", "0.5", "a highest acceleration is 1 to 250 000 steps/s²");
+        refuse("l x 10001 5", "10001", "a highest speed is 0 to 10 000 steps/s");
+        refuse("enable 2", "2", "a whole number from 0 to 1 is wanted");
+        refuse("a x 1*29 ", "*29", "not the checksum of the line, which is *28");
+        refuse("a x 1*+8", "*+8", "not the checksum of the line, which is *28");
+        refuse("ping*", "*", "not the checksum of the line, which is *10");
         refuse("", "", "a command is missing");
         refuse("a x", "a x", "1 value wanted, but 0 found");
         refuse("a", "a", "the axes are missing, such as x or xyza");

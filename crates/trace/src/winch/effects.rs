@@ -39,7 +39,10 @@ pub(super) fn find(told: &[Told], steps: &[Vec<Step>; 4], ms_end: u64, options: 
             next[axis] += count;
             let position = now.last().map_or(before, |step| step.position) as f64;
             for way in &mut ways {
-                way.distance += now.iter().map(|step| step.behind(&way.board, axis, ms).powi(2)).sum::<f64>();
+                for step in now {
+                    way.distance += step.behind(&way.board, axis, ms).powi(2);
+                    step.show(&mut way.board, axis, ms, options);
+                }
                 let end = way.board.paths[axis].position + way.board.speed(axis) * 1e-3;
                 let beyond = ((end - position).abs() - THRESHOLD).max(0.0);
                 way.distance += beyond * beyond;

@@ -144,6 +144,9 @@ pub struct AxisReport {
     pub max_error_at_s: f64,
     /// Root of the mean square, steps.
     pub rms_error_steps: f64,
+    /// How little the path itself was known at most, steps: with gains at the edge of their region, at the limits, what a board
+    /// rounds grows.
+    pub max_doubt_steps: f64,
     /// Shortest time between two steps, µs.
     pub shortest_interval_us: Option<f64>,
     /// Shortest pulse, µs.
@@ -200,6 +203,16 @@ impl Step {
         let beyond = position - self.wanted_at();
         if self.forward { beyond } else { -beyond }
     }
+
+    /// Shows the step to its axis' path, which may take it in.
+    fn show(self, board: &mut Board, axis: usize, begin_ms: u64, options: &Options) {
+        /// Steps that a board makes are so near to its own path, besides its lateness.
+        const NEAR: f64 = 0.01;
+        let (behind, speed) = (self.behind(board, axis, begin_ms), board.speed(axis));
+        let within = NEAR + speed.abs() * options.late_ticks / options.tick_hz;
+        let behind = if self.forward { behind } else { -behind };
+        board.paths[axis].see(behind, (self.ms - begin_ms as f64) * 1e-3, within);
+    }
 }
 
 /// Judges a run from tick 0 of the board's clock, when it stands at 0, to the beginning of the millisecond of `end`.
@@ -218,11 +231,15 @@ pub fn judge(
 ) -> Result<Report, OutOfOrder> {
     let mut seen = see(edges, options)?;
     let ms_end = (end as f64 / options.tick_hz * 1e3) as u64;
+    let told = &with_deadman(told, end, options);
     let effects = effects::find(told, &seen.steps, ms_end, options);
     follow(told, &effects, &mut seen, ms_end, options, onlooker);
     seen.compare(statuses, options);
     let tick_ms = 1e3 / options.tick_hz;
-    let took = told.iter().zip(&effects).filter(|(told, _)| told.command != Command::default());
+    let is_for_axes = |command: &Command| {
+        *command != Command::HALT && (command.enables || command.orders.iter().any(Option::is_some))
+    };
+    let took = told.iter().zip(&effects).filter(|(told, _)| is_for_axes(&told.command));
     let took = took.map(|(told, effect)| *effect as f64 - told.until as f64 * tick_ms);
     let effect_ms = took.fold(None, |span: Option<(f64, f64)>, ms| {
         Some(span.map_or((ms, ms), |(low, high)| (low.min(ms), high.max(ms))))
@@ -236,6 +253,7 @@ pub fn judge(
 /// For boards whose pins nobody sees: in a move they may be a few milliseconds off it.
 pub fn foretell(told: &[Told], end: u64, options: &Options, onlooker: &mut impl Onlooker) {
     let ms = |tick: u64| (tick as f64 / options.tick_hz * 1e3).ceil() as u64;
+    let told = with_deadman(told, end, options);
     let mut lines = told.iter().peekable();
     let mut board = Board::START;
     for now in 0..ms(end) {
@@ -247,6 +265,28 @@ pub fn foretell(told: &[Told], end: u64, options: &Options, onlooker: &mut impl 
         }
         board.tick();
     }
+}
+
+/// A deadman strikes at the soonest when its time is over, and so much later at most, ms: a board looks for it now and then.
+const DEADMAN_LATE_MS: u64 = 6;
+
+/// The lines, and what a deadman does between them: as long after a line as one has asked for, unless the next is there before.
+fn with_deadman(told: &[Told], end: u64, options: &Options) -> Vec<Told> {
+    let ticks = |ms: u64| (ms as f64 * 1e-3 * options.tick_hz) as u64;
+    let mut all = Vec::with_capacity(told.len());
+    let mut deadman_ms = 0;
+    for (at, line) in told.iter().enumerate() {
+        all.push(*line);
+        deadman_ms = line.command.deadman_ms.map_or(deadman_ms, u64::from);
+        if deadman_ms == 0 {
+            continue;
+        }
+        let (tick, until) = (line.tick + ticks(deadman_ms), line.until + ticks(deadman_ms + DEADMAN_LATE_MS));
+        if told.get(at + 1).map_or(end, |next| next.tick) > tick {
+            all.push(Told { tick, until, command: Command::HALT });
+        }
+    }
+    all
 }
 
 /// An edge that was before the one before it.
@@ -419,7 +459,10 @@ fn follow(
             let speed = board.speed(axis);
             let at_s = ms as f64 * 1e-3 - options.origin_s;
             onlooker.path(axis, at_s, board.paths[axis].position, speed);
-            allowed[axis] = options.bound_steps + speed.abs() * 1e-3 * late_ms;
+            let doubt = board.paths[axis].doubt.steps();
+            let report = &mut seen.axes[axis];
+            report.max_doubt_steps = report.max_doubt_steps.max(doubt);
+            allowed[axis] = options.bound_steps + speed.abs() * 1e-3 * late_ms + doubt;
             let allowed = allowed[axis];
             let mut position = seen.steps[axis][..next[axis]].last().map_or(0, |step| step.position);
             while let Some(step) = seen.steps[axis].get(next[axis]).copied()
@@ -428,6 +471,7 @@ fn follow(
                 next[axis] += 1;
                 position = step.position;
                 let (behind, at_s) = (step.behind(&board, axis, ms), step.ms * 1e-3 - options.origin_s);
+                step.show(&mut board, axis, ms, options);
                 onlooker.step(axis, at_s, position, behind);
                 squares[axis] += behind * behind;
                 let report = &mut seen.axes[axis];

@@ -24,10 +24,13 @@ impl Board {
     pub(super) fn obey(&mut self, command: &Command) {
         for (path, order) in self.paths.iter_mut().zip(command.orders) {
             let Some(order) = order else { continue };
+            if order == Order::Halt && !self.drives {
+                continue;
+            }
             path.obey(order);
             match order {
                 Order::Stop => self.is_releasing = self.drives,
-                Order::Gains { .. } | Order::Limits { .. } => {}
+                Order::Gains { .. } | Order::Limits { .. } | Order::Halt => {}
                 _ => self.is_releasing = false,
             }
         }
@@ -83,6 +86,7 @@ pub(super) struct Path {
     max_speed: f64,
     max_acceleration: f64,
     is_stopping: bool,
+    pub(super) doubt: Doubt,
 }
 
 impl Path {
@@ -99,12 +103,14 @@ impl Path {
         max_speed: 3500.0,
         max_acceleration: 35e3,
         is_stopping: false,
+        doubt: Doubt { position: 0.0, both: 0.0, speed: 0.0, offset: 0.0 },
     };
 
     fn obey(&mut self, order: Order) {
         // Whoever is stopping has its target where it is.
         if self.is_stopping {
             (self.target, self.reference) = (self.position, self.position);
+            self.doubt.rebase();
         }
         match order {
             Order::Gains { frequency_hz, ratio } => {
@@ -116,7 +122,12 @@ impl Path {
                 (self.max_speed, self.max_acceleration) = (speed, acceleration);
                 return;
             }
-            Order::Target(steps) => self.target = steps,
+            Order::Target(steps) => {
+                // Beyond 32 bits from the position shown, which wraps.
+                let turns = ((self.position.round() + TURN / 2.0) / TURN).floor();
+                self.target = steps + turns * TURN;
+                self.doubt.count_from_zero(self.ramp > 0.0);
+            }
             Order::Move(steps) => self.target += steps,
             Order::Drift(speed) => self.drift = speed,
             Order::Impulse(steps) => {
@@ -124,7 +135,7 @@ impl Path {
                 self.reference += steps;
             }
             Order::Ramp(speed) => self.ramp = speed,
-            Order::Stop => {
+            Order::Stop | Order::Halt => {
                 self.drift = 0.0;
                 self.is_stopping = true;
                 return;
@@ -148,6 +159,9 @@ impl Path {
             self.stiffness * (self.reference - self.position) + self.damping * (self.drift - self.speed)
         };
         let acceleration = wanted.clamp(-self.max_acceleration, self.max_acceleration);
+        let mut doubt = self.doubt;
+        doubt.tick(self, wanted, acceleration);
+        self.doubt = doubt;
         self.position += self.speed * DT;
         // A speed above a new limit goes down within amax, not at once.
         let fastest = self.max_speed.max(self.speed.abs() - self.max_acceleration * DT);
@@ -158,6 +172,246 @@ impl Path {
             self.speed = 0.0;
             self.is_stopping = false;
             (self.target, self.reference) = (self.position, self.position);
+            self.doubt.rebase();
         }
+    }
+
+    /// A step was seen `after_s` after the millisecond's beginning, `behind` steps behind this path in the forward direction; the
+    /// board makes its steps within `within` of its own path. Where the board's path may be is then known better.
+    ///
+    /// That is done only where the path alone says too little: elsewhere no step moves it.
+    pub(super) fn see(&mut self, behind: f64, after_s: f64, within: f64) {
+        if self.doubt.steps() > LEAST_DOUBT
+            && let Some((position, speed)) = self.doubt.see(-behind, after_s, within)
+        {
+            self.position += position;
+            self.speed += speed;
+        }
+    }
+}
+
+/// Steps from one end of 32 bits to the other.
+const TURN: f64 = 4_294_967_296.0;
+
+/// Below that the path is judged by itself, steps.
+const LEAST_DOUBT: f64 = 0.05;
+
+/// What a board may cut in a millisecond: of what acts on the speed, of the speed as it acts, steps/s, and of the result, steps/s.
+const CUT: f64 = 1.0 / 4_194_304.0;
+const CUT_SPEED: f64 = 1.0 / 65_536.0;
+const CUT_RESULT: f64 = 1.0 / 2_147_483_648.0;
+
+/// How far a board that rounds may be from the path: an ellipse of differences in position and speed which it does not leave.
+///
+/// It is little nearly everywhere. But with a natural frequency near 20 Hz and a small damping ratio, at the limits, the recurrence
+/// itself is chaotic: of two paths that begin 10^-4 step apart one is at one end of its swing in the end, the other at the other.
+/// So the ellipse goes along with the path, by its derivative, grows by what is cut, and each step that is seen cuts off what
+/// cannot be.
+///
+/// Source of both: Schweppe, Uncertain Dynamic Systems, 1973, §4.3 and 4.4 (sum of ellipsoids, and with a strip).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Doubt {
+    /// The matrix P: differences x are those with xᵀ P⁻¹ x ≤ 1; steps², steps²/s and steps²/s².
+    position: f64,
+    both: f64,
+    speed: f64,
+    /// What the reference may be off besides, as it was taken from the position in a stop, steps.
+    offset: f64,
+}
+
+impl Doubt {
+    /// The largest difference in position, steps.
+    pub(super) fn steps(&self) -> f64 {
+        self.position.sqrt() + self.offset
+    }
+
+    /// The reference is from now on where the axis is.
+    fn rebase(&mut self) {
+        (self.offset, self.position, self.both) = (self.steps(), 0.0, 0.0);
+    }
+
+    /// The target is a position again; with a ramp the reference is there later.
+    fn count_from_zero(&mut self, is_later: bool) {
+        self.add(self.offset, 0.0, 1.0);
+        if !is_later {
+            self.offset = 0.0;
+        }
+    }
+
+    /// The millisecond that `path` is about to do, in which it wants one acceleration and gets another.
+    fn tick(&mut self, path: &Path, wanted: f64, acceleration: f64) {
+        let Path { stiffness, damping, max_speed, max_acceleration, .. } = *path;
+        let (stiffness, damping) = if path.is_stopping { (0.0, 1.0 / DT) } else { (stiffness, damping) };
+        let (off, off_speed) = (self.position.sqrt(), self.speed.sqrt());
+        // A clamped acceleration does not depend on where the axis is.
+        let acts = if acceleration == wanted { 1.0 } else { 0.0 };
+        let mut change = [-acts * stiffness * DT, 1.0 - acts * damping * DT];
+        let mut cut = CUT_RESULT;
+        if acts != 0.0 {
+            let parts =
+                (stiffness * (path.reference - path.position)).abs() + (damping * (path.drift - path.speed)).abs();
+            cut += DT * (CUT * parts + damping * CUT_SPEED);
+        } else {
+            cut += DT * CUT * max_acceleration;
+        }
+        // Near the clamp it may be this way or that.
+        let swing = stiffness * off + damping * off_speed;
+        if (wanted.abs() - max_acceleration).abs() < swing {
+            cut += DT * swing;
+        }
+        let (next, falling) = (path.speed + acceleration * DT, path.speed.abs() - max_acceleration * DT);
+        let fastest = max_speed.max(falling);
+        if next.abs() > fastest {
+            change = [0.0, if falling > max_speed { 1.0 } else { 0.0 }];
+        }
+        if (next.abs() - fastest).abs() < off_speed {
+            cut += off_speed;
+        }
+        // A P Aᵀ, where A's first row is 1, DT and its second is `change`.
+        let Doubt { position: p, both: c, speed: s, .. } = *self;
+        let [along, own] = change;
+        self.position = p + 2.0 * DT * c + DT * DT * s;
+        self.both = along * p + (own + along * DT) * c + own * DT * s;
+        self.speed = along * along * p + 2.0 * along * own * c + own * own * s;
+        self.add(DT * CUT_SPEED, cut, path.stiffness);
+    }
+
+    /// Differences up to so much come to it: the smallest ellipse around all sums, positions and speeds made comparable by the
+    /// stiffness.
+    fn add(&mut self, position: f64, speed: f64, stiffness: f64) {
+        // Around a rectangle.
+        let (more, more_speed) = (2.0 * position * position, 2.0 * speed * speed);
+        let size = |position: f64, speed: f64| position + speed / stiffness;
+        let (had, comes) = (size(self.position, self.speed), size(more, more_speed));
+        if comes == 0.0 {
+            return;
+        }
+        let (grow, part) =
+            if had == 0.0 { (1.0, 1.0) } else { (1.0 + (comes / had).sqrt(), 1.0 + (had / comes).sqrt()) };
+        self.position = self.position * grow + more * part;
+        self.both *= grow;
+        self.speed = self.speed * grow + more_speed * part;
+    }
+
+    /// The difference in position, `after_s` from now, is `seen`, to `within`: keeps what agrees, and gives by how much its middle
+    /// moves. `None` if nothing agrees, or nothing would be gained.
+    fn see(&mut self, seen: f64, after_s: f64, within: f64) -> Option<(f64, f64)> {
+        let within = within + self.offset;
+        let (by_position, by_speed) = (self.position + after_s * self.both, self.both + after_s * self.speed);
+        let span = by_position + after_s * by_speed;
+        if span <= 0.0 || seen.abs() > within + span.sqrt() {
+            return None;
+        }
+        // Of the ellipses around all that agrees, one for each weight of what was seen, the smallest of a few.
+        let kept = |weight: f64| {
+            let sum = within * within + weight * span;
+            let size = 1.0 + weight - weight * seen * seen / sum;
+            let kept = Doubt {
+                position: size * (self.position - weight * by_position * by_position / sum),
+                both: size * (self.both - weight * by_position * by_speed / sum),
+                speed: size * (self.speed - weight * by_speed * by_speed / sum),
+                offset: self.offset,
+            };
+            (kept, weight / sum * seen)
+        };
+        let best = [0.1, 0.3, 1.0, 3.0, 10.0, 30.0].map(kept).into_iter().min_by(|(one, _), (other, _)| {
+            let area = |doubt: &Doubt| doubt.position * doubt.speed - doubt.both * doubt.both;
+            area(one).total_cmp(&area(other))
+        });
+        let (doubt, moved) = best.filter(|(doubt, _)| doubt.position < self.position)?;
+        *self = doubt;
+        Some((by_position * moved, by_speed * moved))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A path as a board might round it.
+    fn coarse(path: &mut Path) {
+        let speed = path.speed;
+        let acts = (speed / CUT_SPEED).floor() * CUT_SPEED;
+        path.speed = acts;
+        path.tick();
+        path.speed += speed - acts;
+    }
+
+    fn order(random: &mut impl FnMut(f64) -> f64) -> Order {
+        match random(6.0) as u8 {
+            0 => Order::Target((random(6000.0) - 3000.0).round()),
+            1 => Order::Target((random(600e3) - 300e3).round()),
+            2 => Order::Move((random(1000.0) - 500.0).round()),
+            3 => Order::Drift((random(6000.0) - 3000.0).round()),
+            4 => Order::Stop,
+            _ => Order::Drift(0.0),
+        }
+    }
+
+    #[test]
+    fn a_board_that_rounds_stays_within_the_doubt() {
+        let mut state = 7_u64;
+        let mut random = |below: f64| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 33) as f64 / (1_u64 << 31) as f64 * below
+        };
+        let mut farthest = 0.0_f64;
+        // The doubt stays far below a step, so that a step too few or too many is seen.
+        for (frequency_hz, ratio, speed, acceleration, most) in [
+            (20.0, 0.07, 10e3, 250e3, 0.5),
+            (20.0, 0.1, 10e3, 250e3, 0.5),
+            (20.0, 0.07, 3500.0, 35e3, 0.5),
+            (10.0, 0.07, 3500.0, 35e3, 0.2),
+            (1.0, 0.08, 3500.0, 35e3, 0.1),
+            (0.01, 5.0, 3500.0, 35e3, 0.1),
+            (20.0, 5.0, 10e3, 250e3, 0.05),
+        ] {
+            let (mut path, mut board) = (Path::START, Path::START);
+            let (mut doubt, mut apart, mut blind) = (0.0_f64, 0.0_f64, Path::START);
+            for path in [&mut path, &mut board, &mut blind] {
+                path.obey(Order::Gains { frequency_hz, ratio });
+                path.obey(Order::Limits { speed, acceleration });
+            }
+            let mut next = 0;
+            for ms in 0..60_000 {
+                if ms == next {
+                    next += 20 + random(1000.0) as u32;
+                    let order = order(&mut random);
+                    [&mut path, &mut board, &mut blind].into_iter().for_each(|path| path.obey(order));
+                }
+                path.tick();
+                blind.tick();
+                coarse(&mut board);
+                let name = format!("{frequency_hz} Hz, {ratio}, ms {ms}");
+                assert!(
+                    (path.position - board.position).abs() <= path.doubt.steps() + 1e-9,
+                    "{name}: {path:?} {board:?}"
+                );
+                let after = random(DT);
+                let noise = random(0.08) - 0.04;
+                let behind = (path.position + path.speed * after) - (board.position + board.speed * after) + noise;
+                path.see(behind, after, 0.04);
+                assert!(
+                    (path.position - board.position).abs() <= path.doubt.steps() + 1e-9,
+                    "{name}: {path:?} {board:?}"
+                );
+                doubt = doubt.max(path.doubt.steps());
+                apart = apart.max((blind.position - board.position).abs());
+            }
+            println!("{frequency_hz} Hz, {ratio}: doubt {doubt:.4}, without steps {apart:.4}");
+            assert!(doubt < most, "{frequency_hz} Hz, {ratio}: {doubt}");
+            farthest = farthest.max(apart);
+        }
+        assert!(farthest > 0.1, "without steps it would not do: {farthest}");
+    }
+
+    #[test]
+    fn a_target_counts_from_the_position_shown() {
+        let mut path = Path { position: 2_147_483_660.0, ..Path::START };
+        path.obey(Order::Target(-2_147_483_648.0));
+        assert_eq!(path.target, 2_147_483_648.0);
+        let mut path = Path { position: 100.0, ..Path::START };
+        path.obey(Order::Target(-2_147_483_648.0));
+        assert_eq!(path.target, -2_147_483_648.0);
     }
 }

@@ -4,7 +4,7 @@
 //! The overflow of Timer0 calls it (normal mode, DS40002061B §15.7.1, 64 cycles a count), again when full rings are down to
 //! [`RESERVE`], or a quarter of the time has passed that they were filled for. Compare matches of Timer1 go
 //! before it. It runs with its own interrupt off, so that it does not nest; and not inside the receive interrupt, which would
-//! then lose bytes, but at its end.
+//! then lose bytes: it comes again until that has ended.
 //!
 //! What it works on, the [`Stepper`], belongs to whoever holds the [`Guard`]: main takes it with [`lock`], which keeps the task
 //! out as long as it lives. Rings last for a while: no guard may be held for longer than about 2000 cycles while motors move (a
@@ -19,9 +19,6 @@ use core::arch::global_asm;
 use core::cell::UnsafeCell;
 use core::mem::offset_of;
 use core::ops::{Deref, DerefMut};
-
-/// The bit of EECR that says that the task is due at the end of the receive interrupt.
-pub(crate) const DUE: u8 = 4;
 
 /// Counts of 64 cycles until the next call, at least. At most it is 255: a quarter of what Timer1 counts.
 const SOONEST: u8 = 4;
@@ -111,22 +108,19 @@ global_asm!(
     r#"
     // As the ring's interrupts, in reach of the vectors.
     .text
-    .global steps_task_begin, steps_task_due
+    .global steps_task_begin
     // From the vector, which has put r24 onto the stack, after 8 cycles. No flag is touched.
 steps_task_begin:
     ldi r24, 0                          // 1                             9
     sts {TIMSK0}, r24                   // 2                            11
     sei                                 // 1                            12
     nop                                 // 1: others are let in behind it, after 13
-    // From the receive interrupt, at its end, which has left r24 on the stack, the task out and interrupts on.
-steps_task_due:
     push r25
     in r25, {SREG}
     push r25
     lds r24, {UCSR0B}
     sbrs r24, 7
     rjmp 1f
-    cbi {EECR}, {DUE}
     .irp r, 0,1,18,19,20,21,22,23,26,27,30,31
     push r\r
     .endr
@@ -254,9 +248,8 @@ steps_task_due:
     pop r\r
     .endr
     rjmp 2f
-    // Inside the receive interrupt: as soon as it ends; or in one to two counts, if it has looked for that already.
-1:  sbi {EECR}, {DUE}
-    ldi r24, 254
+    // Inside the receive interrupt: again in one to two counts, when that has ended.
+1:  ldi r24, 254
     out {TCNT0}, r24
 2:  pop r25
     out {SREG}, r25
@@ -317,9 +310,7 @@ task_ahead:
     SREG = const super::register::SREG,
     TIMSK0 = const super::register::TIMSK0,
     TCNT0 = const super::register::TCNT0,
-    EECR = const super::register::EECR,
     TIFR0 = const super::register::TIFR0,
-    DUE = const DUE,
     UCSR0B = const 0xc1,
 );
 

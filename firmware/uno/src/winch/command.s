@@ -38,7 +38,7 @@ winch_obey_inside:
     cpi r20, 0
     brne 1f
 
-; a: from the steps made to the target, and from q to the steps made.
+; a: from the steps made to the target, a difference of 33 bits, and from q to the steps made.
     ldd r18, Y+0
     sub r22, r18
     ldd r18, Y+1
@@ -47,6 +47,8 @@ winch_obey_inside:
     sbc r24, r18
     ldd r18, Y+3
     sbc r25, r18
+    in r18, 0x3f                ; SREG
+    bst r18, 4                  ; S: the sign, whether 32 bits overflowed or not
     rcall winch_thousandfold
     ldd r18, Y+6
     ldd r19, Y+7
@@ -63,6 +65,7 @@ winch_obey_inside:
 
 ; d and r: from q to the reference, and for d on to the target.
 1:
+    bst r25, 7
     rcall winch_thousandfold
 2:
     movw r30, r28
@@ -198,7 +201,7 @@ winch_obey_inside:
     std Y+40, r14
     ret
 
-; r10-r15 = 1000 X, all of them 0 before. Uses r18 and r19.
+; r10-r15 = 1000 X, all of them 0 before; T is X's sign, its bit 32. Uses r18 and r19.
 winch_thousandfold:
     ldi r18, lo8(1000)
     ldi r19, hi8(1000)
@@ -233,10 +236,10 @@ winch_thousandfold:
     mul r25, r19
     add r14, r0
     adc r15, r1
-    sbrs r25, 7
-    ret
+    brtc 1f
     sub r14, r18
     sbc r15, r19
+1:
     ret
 
 ; r18-r21 = the four highest bytes of X times r18-r21; r30 goes up by the bytes that are above them in 64 bits.

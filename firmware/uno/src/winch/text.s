@@ -136,8 +136,16 @@ winch_listen:
     ldi r24, 0x40
     rjmp 20f
 
-; The line is over.
+; The line is over. Blanks at its end are none of it.
 9:
+    subi r21, 1
+    brcs 24f
+    ld r24, -X
+    rcall winch_is_blank
+    breq 9b
+    adiw r26, 1
+24:
+    inc r21
     std Y+1, r21
     std Y+2, r18
     push r20
@@ -600,14 +608,12 @@ winch_take_decimal:
     brne 1f
     subi r22, 0xfd
 1:
+    rcall winch_is_nothing
+    breq 6f
+9:
     tst r22
     breq 6f
     brmi 3f
-    mov r24, r18
-    or r24, r19
-    or r24, r20
-    or r24, r21
-    breq 6f
     ldi r24, 0x99
     ldi r25, 0x19
     cpi r18, 0x9a
@@ -615,6 +621,8 @@ winch_take_decimal:
     cpc r20, r24
     cpc r21, r25
     brcs 2f
+    cpi r22, 33                 ; more than 32 bits, and more than a float of the original
+    brge 10f
     ser r18
     ser r19
     movw r20, r18
@@ -622,8 +630,10 @@ winch_take_decimal:
 2:
     rcall winch_tenfold
     dec r22
-    rjmp 1b
+    rjmp 9b
 3:
+    rcall winch_is_nothing      ; nor is anything rounded up of it
+    breq 6f
     clr r24
     ldi r25, 32
 4:
@@ -650,13 +660,10 @@ winch_take_decimal:
 6:
     sbrs r23, 0
     rjmp 7f
-    mov r24, r18
-    or r24, r19
-    or r24, r20
-    or r24, r21
-    brne 11f
+    rcall winch_is_nothing
+    brne 10f
 
-; Between least and most; more than a limit's most is taken as that.
+; Between least and most; more than a limit's most is taken as that, but when strict.
 7:
     mov r24, r16
     subi r24, 5
@@ -675,6 +682,9 @@ winch_take_decimal:
     brcs 8f
     cpi r16, 5
     breq 10f
+    ldd r25, Y+0
+    sbrc r25, 0
+    rjmp 10f
     sbiw r30, 4
     lpm r18, Z+
     lpm r19, Z+
@@ -688,7 +698,6 @@ winch_take_decimal:
     add r24, r17
     cpi r16, 5
     breq 12f
-11:
     ldi r24, 4                  ; Range
 12:
     ret
@@ -713,6 +722,14 @@ winch_store:
     std Z+2, r20
     std Z+3, r21
     clr r24
+    ret
+
+; Z: r18-r21 are 0. r25 is not kept.
+winch_is_nothing:
+    mov r25, r18
+    or r25, r19
+    or r25, r20
+    or r25, r21
     ret
 
 ; Where value r24 is.
@@ -765,10 +782,7 @@ winch_take_whole:
     com r25
     tst r25
     breq 4f
-    mov r25, r18
-    or r25, r19
-    or r25, r20
-    or r25, r21
+    rcall winch_is_nothing
     brne 7f
 4:
     clr r24
@@ -796,7 +810,22 @@ winch_take_whole:
     breq 10f
     cpi r16, 9
     breq 11f
+    cpi r16, 10
+    breq 14f
+    cpi r16, 7
+    brne 13f
+    ldd r25, Y+0
+    sbrs r25, 0
+13:
     rjmp winch_store
+
+; strict, and enable when strict: 0 or 1.
+14:
+    cpi r18, 2
+    cpc r19, r1
+    cpc r20, r1
+    cpc r21, r1
+    brlo 13b
 7:
     ldi r24, 4                  ; Range
     ret
@@ -826,10 +855,7 @@ winch_take_whole:
     movw r20, r18
     rjmp winch_store
 10:
-    mov r25, r18
-    or r25, r19
-    or r25, r20
-    or r25, r21
+    rcall winch_is_nothing
     breq 12f
     sbrc r21, 7
     rjmp 12f

@@ -22,13 +22,15 @@ pub(super) enum Request {
     SetLineState(u8, bool),
     /// An endpoint goes on after a halt, from DATA0 (USB 2.0 §9.4.5).
     ClearHalt(u8),
+    /// An endpoint stalls until it is cleared (USB 2.0 §9.4.9).
+    SetHalt(u8),
     /// A configuration that a program asks for.
     TryConfiguration(u8),
 }
 
 const DEVICE: u8 = 1;
 const CONFIGURATION: u8 = 2;
-const STRING: u8 = 3;
+pub(super) const STRING: u8 = 3;
 const INTERFACE: u8 = 4;
 const ENDPOINT: u8 = 5;
 
@@ -53,6 +55,7 @@ impl Request {
                 | Request::SetLineCoding(_)
                 | Request::SetLineState(..)
                 | Request::ClearHalt(_)
+                | Request::SetHalt(_)
                 | Request::TryConfiguration(_)
         )
     }
@@ -67,6 +70,7 @@ impl Request {
             Request::SetAddress(address) => (0x00, 5, address.into(), 0, 0),
             Request::SetConfiguration(value) | Request::TryConfiguration(value) => (0x00, 9, value.into(), 0, 0),
             Request::ClearHalt(endpoint) => (0x02, 1, 0, endpoint.into(), 0),
+            Request::SetHalt(endpoint) => (0x02, 3, 0, endpoint.into(), 0),
             Request::SetLineCoding(interface) => (0x21, 0x20, 0, interface.into(), 7),
             Request::SetLineState(interface, on) => (0x21, 0x22, if on { 3 } else { 0 }, interface.into(), 0),
         };

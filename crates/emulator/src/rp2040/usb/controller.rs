@@ -398,7 +398,9 @@ impl Controller {
         }
         let (control, _) = self.buffer(number, direction);
         let stall_armed = number != 0 || self.stall_arm & bit(0, direction) != 0;
-        if control & buffer::STALL != 0 && stall_armed {
+        // One bit, in the first buffer's half, for both (§4.1.2.5.3).
+        let both = self.memory.read(Controller::control_offset(number, direction), Size::Word);
+        if both & buffer::STALL != 0 && stall_armed {
             return Answer::Stall;
         }
         let filled = control & buffer::FULL != 0;

@@ -7,10 +7,10 @@
 
 use super::NEVER;
 use super::bus::{Bus, REFUSED_IN_BITS, transaction_bits};
-use super::control::{Endpoint, Port, Request, Token, Transfer, port};
+use super::control::{Endpoint, Port, Request, STRING, Token, Transfer, port};
 use super::controller::{Answer, Controller, Direction};
 use crate::Observer;
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 
 /// From the pull-up to the reset (USB 2.0 §7.1.7.3), length of a reset from a root port (TDRSTR), rest after it (TRSTRCY),
 /// rest after the address (§9.2.6.3), ms.
@@ -116,6 +116,10 @@ pub(super) struct Host {
     in_data1: bool,
     out_data1: bool,
     out: VecDeque<u8>,
+    /// Endpoints that have stalled, of data to the PC and from it, of notifications: they are left alone until they are cleared.
+    stalled: [bool; 3],
+    /// The device's texts, by index.
+    texts: BTreeMap<u8, String>,
 }
 
 impl Host {
@@ -142,7 +146,13 @@ impl Host {
             in_data1: false,
             out_data1: false,
             out: VecDeque::new(),
+            stalled: [false; 3],
+            texts: BTreeMap::new(),
         }
+    }
+
+    pub(super) fn text(&self, index: u8) -> Option<String> {
+        self.texts.get(&index).cloned()
     }
 
     pub(super) fn plug(&mut self, plugged: bool) {
@@ -322,8 +332,20 @@ impl Host {
                     self.out.clear();
                 }
             }
-            (Request::ClearHalt(endpoint), _) if endpoint & 0x80 != 0 => self.in_data1 = false,
-            (Request::ClearHalt(_), _) => self.out_data1 = false,
+            (Request::ClearHalt(endpoint), _) => {
+                let is = |of: Option<Endpoint>| of.is_some_and(|of| of.number == endpoint & 15);
+                match endpoint & 0x80 != 0 {
+                    true if is(self.port.data_in) => (self.in_data1, self.stalled[0]) = (false, false),
+                    false if is(self.port.data_out) => (self.out_data1, self.stalled[1]) = (false, false),
+                    true if is(self.port.notifications) => self.stalled[2] = false,
+                    _ => {}
+                }
+            }
+            (Request::Descriptor { kind: STRING, index: index @ 1.., .. }, [_, _, units @ ..]) => {
+                let units: Vec<u16> =
+                    units.chunks_exact(2).map(|pair| u16::from_le_bytes([pair[0], pair[1]])).collect();
+                self.texts.insert(index, String::from_utf16_lossy(&units));
+            }
             _ if request.is_optional() => {}
             _ => {
                 self.work = Work::GivenUp;
@@ -366,14 +388,15 @@ impl Host {
             }
             // A driver clears an endpoint when nothing is under way there.
             _ if !self.is_open || self.clears() => None,
+            Pipe::Notifications if self.stalled[2] => None,
             Pipe::Notifications => {
                 // Asked for so seldom that a refusal costs nothing.
                 let endpoint = self.port.notifications?;
                 Some(Offer { refused_bits: 0, ..offer(endpoint.number, Direction::In, None) })
             }
-            Pipe::In if self.is_full => None,
+            Pipe::In if self.is_full || self.stalled[0] => None,
             Pipe::In => Some(offer(self.port.data_in?.number, Direction::In, None)),
-            Pipe::Out if self.out.is_empty() => None,
+            Pipe::Out if self.out.is_empty() || self.stalled[1] => None,
             Pipe::Out => {
                 let endpoint = self.port.data_out?;
                 Some(offer(endpoint.number, Direction::Out, Some(self.packet(endpoint))))
@@ -434,6 +457,9 @@ impl Host {
                     let request = transfer.request;
                     self.answered(request, &[], cycle);
                 }
+                _ if pipe == Pipe::In => self.stalled[0] = true,
+                _ if pipe == Pipe::Out => self.stalled[1] = true,
+                _ if pipe == Pipe::Notifications => self.stalled[2] = true,
                 _ => self.work = Work::GivenUp,
             }
             return;

@@ -131,6 +131,15 @@ impl Usb {
         self.plan(cycle);
     }
 
+    pub(super) fn halt(&mut self, endpoint: u8, cycle: u64) {
+        self.host.ask(control::Request::SetHalt(endpoint));
+        self.plan(cycle);
+    }
+
+    pub(super) fn text(&self, index: u8) -> Option<String> {
+        self.host.text(index)
+    }
+
     pub(super) fn try_configuration(&mut self, value: u8, cycle: u64) {
         self.host.ask(control::Request::TryConfiguration(value));
         self.plan(cycle);

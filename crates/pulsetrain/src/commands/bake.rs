@@ -1,0 +1,78 @@
+//! `pulsetrain bake`: a motion that stays on a board.
+
+use std::path::Path;
+
+use miette::miette;
+use pulsetrain_plan::Refused;
+use serde::Serialize;
+
+use crate::bake::{BakeError, Image, Size, Sketch};
+use crate::cli::Bake;
+use crate::console::{self, Console, Exit};
+use crate::human;
+use crate::prepare::Prepared;
+
+/// What it comes to.
+#[derive(Debug, Serialize)]
+struct Baked {
+    /// The .ino file, or the image.
+    file: String,
+    rows: usize,
+    table_bytes: usize,
+    /// It repeats for ever.
+    endless: bool,
+}
+
+pub(crate) fn run(args: &Bake, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let prepared = match args.length {
+        None => Prepared::endless(&args.file, args.board.as_deref())?,
+        length => Prepared::load(&args.file, args.board.as_deref(), length)?,
+    };
+    let refused = |error| match error {
+        BakeError::Plan(Refused { motor, error }) => prepared.refuse(Refused { motor, error }).into(),
+        error => miette!(help = error.advice(), "{}: {error}", prepared.file),
+    };
+    let (path, text, size) = match (&args.sketch, &args.output) {
+        (Some(folder), _) => {
+            let name = sketch_name(folder)?;
+            let title = Path::new(&prepared.file).file_name().unwrap_or_default().to_string_lossy();
+            let sketch = Sketch::new(&prepared.program, &title.replace(char::is_control, " ")).map_err(refused)?;
+            (folder.join(format!("{name}.ino")), sketch.text, sketch.size)
+        }
+        (None, Some(file)) => {
+            let image = Image::new(&prepared.program).map_err(refused)?;
+            (file.clone(), image.hex(), image.size)
+        }
+        (None, None) => return Err(miette!("say --sketch DIR or --output FILE")),
+    };
+    console::write(&path, text.as_bytes())?;
+    let Size { rows, bytes, endless } = size;
+    let baked = Baked { file: path.display().to_string(), rows, table_bytes: bytes, endless };
+    if args.json {
+        console.print_json(&baked)?;
+        return Ok(Exit::Success);
+    }
+    let (rows, bytes) = (human::count(rows as i128), human::count(bytes as i128));
+    let ends = if endless { "it repeats for ever" } else { "it runs once after power-up" };
+    console.print(format_args!("{}: {rows} rows, {bytes} bytes of flash for them; {ends}\n", baked.file))?;
+    if args.sketch.is_none() {
+        console
+            .print(format_args!("`pulsetrain flash uno --port PORT --image {}` writes it to the Uno\n", baked.file))?;
+    }
+    Ok(Exit::Success)
+}
+
+/// A sketch is called as its folder.
+fn sketch_name(folder: &Path) -> miette::Result<String> {
+    let name = folder.file_name().map(|name| name.to_string_lossy().into_owned()).filter(|name| is_name(name));
+    name.ok_or_else(|| {
+        let help =
+            "the Arduino IDE wants letters, digits, dots, dashes and underscores, beginning with a letter or digit";
+        miette!(help = help, "{} is no name for a sketch", folder.display())
+    })
+}
+
+fn is_name(name: &str) -> bool {
+    let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.');
+    name.len() <= 63 && name.chars().all(allowed) && name.starts_with(|c: char| c.is_ascii_alphanumeric())
+}

@@ -1,0 +1,98 @@
+//! `pulsetrain calibrate`: a board's clock against this computer's.
+
+use miette::miette;
+use pulsetrain_board::{Board, Port, Remote, RemoteError, Serial};
+use serde::Serialize;
+
+use super::{drive_problem, port_problem};
+use crate::cli::Calibrate;
+use crate::console::{Console, Exit};
+use crate::drive::session_number;
+use crate::human;
+
+/// What was found.
+#[derive(Debug, Serialize)]
+struct Found {
+    /// How much faster than its nominal rate the board's clock runs by this computer's, and how much that may be off.
+    clock_ppm: f64,
+    within_ppm: f64,
+    /// How long it was watched, s of the board.
+    seconds: f64,
+}
+
+pub(crate) fn run(args: &Calibrate, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let seconds = args.length.seconds();
+    let bar = console.progress(seconds, &human::seconds(seconds));
+    bar.stage("comparing");
+    let port = Serial::open(&args.port, false).map_err(port_problem)?;
+    let compared = compare(port, seconds, |done| bar.set(done)).map_err(|error| drive_problem(error.into()))?;
+    drop(bar);
+    let Some((clock_ppm, within_ppm)) = compared else {
+        let help = "half a second is the least; a minute tells it to some 70 ppm";
+        return Err(miette!(help = help, "{} is too short to compare clocks", human::seconds(seconds)));
+    };
+    if args.json {
+        console.print_json(&Found { clock_ppm, within_ppm, seconds })?;
+        return Ok(Exit::Success);
+    }
+    let (ppm, within) = (human::significant(clock_ppm, 4), human::significant(within_ppm, 2));
+    let way = if clock_ppm < 0.0 { "slower" } else { "faster" };
+    console.print(format_args!(
+        "the board's clock is {ppm} ppm off this computer's, give or take {within}: it runs {way}.\n\
+         `pulsetrain run FILE --port {} --clock-ppm={clock_ppm:.1}` corrects for it. It moves with the board's temperature.\n",
+        args.port
+    ))?;
+    Ok(Exit::Success)
+}
+
+/// Watches a board's clock for so long: how much faster than its nominal rate it runs, ppm, and how much that may be off. `None` if that
+/// was too short to say anything. `watch` hears how much of the time has passed, s.
+fn compare<P: Port>(port: P, seconds: f64, mut watch: impl FnMut(f64)) -> Result<Option<(f64, f64)>, RemoteError> {
+    /// How often the progress is told.
+    const LOOKS_PER_S: f64 = 5.0;
+    let mut board = Remote::open(port, session_number())?;
+    let hz = f64::from(board.info().tick_hz);
+    let began = board.now();
+    let end = began + (seconds * hz) as u64;
+    while board.now() < end {
+        let next = (board.now() + (hz / LOOKS_PER_S) as u64).min(end);
+        board.advance(next, &mut |_| {});
+        if let Some(error) = board.error() {
+            return Err(error.clone());
+        }
+        watch((board.now() - began) as f64 / hz);
+    }
+    let ppm = board.clock().ppm();
+    board.close();
+    Ok(ppm)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pulsetrain_board::skewed::Skewed;
+    use pulsetrain_board::virtual_pico::VirtualPico;
+    use pulsetrain_board::virtual_uno::VirtualUno;
+
+    /// In simulated time: the estimate holds the truth within what it says of itself, and says what is of use.
+    #[test]
+    fn a_clock_that_is_off_is_found_out() {
+        for off in [5000, -5000, 0, 37] {
+            let uno = Skewed::new(VirtualUno::new(), off);
+            let (ppm, within) = compare(uno, 10.0, |_| {}).unwrap().expect("long enough");
+            assert!((ppm - f64::from(off)).abs() <= within && within < 500.0, "{off}: {ppm} ± {within}");
+        }
+        let pico = Skewed::new(VirtualPico::on_usb(), -40);
+        let (ppm, within) = compare(pico, 2.0, |_| {}).unwrap().expect("long enough");
+        assert!((ppm + 40.0).abs() <= within && within < 1500.0, "{ppm} ± {within}");
+    }
+
+    #[test]
+    fn twice_as_long_is_twice_as_sure() {
+        let within =
+            |seconds| compare(Skewed::new(VirtualUno::new(), 1000), seconds, |_| {}).unwrap().map(|found| found.1);
+        let (short, long) = (within(4.0).unwrap(), within(8.0).unwrap());
+        assert!(long < 0.7 * short, "{short} {long}");
+        assert_eq!(within(0.1), None);
+    }
+}

@@ -1,0 +1,251 @@
+//! `pulsetrain flash`: the committed firmware, or another image, onto a board.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::{fs, io};
+
+use miette::{Report, miette};
+use pulsetrain_board::stk500::{self, Bootloader, FlashError, Progress};
+use pulsetrain_board::{Serial, hex, image, virtual_pico, virtual_uno};
+use serde::Serialize;
+
+use super::port_problem;
+use crate::cli::Flash;
+use crate::console::{self, Console, Exit};
+use crate::human;
+
+/// What was done.
+#[derive(Debug, Serialize)]
+struct Flashed {
+    board: &'static str,
+    /// Port, or folder.
+    place: String,
+    bytes: usize,
+    /// Of the bootloader, bits a second.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    baud: Option<u32>,
+    /// Whether every byte was read back and is right. A Pico's drive is gone as soon as it has all.
+    verified: bool,
+}
+
+pub(crate) fn run(args: &Flash, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let flashed = match (args.board.as_str(), &args.port) {
+        ("uno", Some(port)) => uno(port, args.image.as_deref(), console)?,
+        ("uno", None) => return Err(miette!(help = "`pulsetrain ports` lists them", "say --port PORT")),
+        (_, port) => pico(port.as_deref(), args.image.as_deref(), console)?,
+    };
+    if args.json {
+        console.print_json(&flashed)?;
+        return Ok(Exit::Success);
+    }
+    let Flashed { board, place, bytes, .. } = &flashed;
+    let bytes = human::count(*bytes as i128);
+    if *board == "uno" {
+        console.print(format_args!(
+            "{bytes} bytes are on the Uno at {place}, and were read back; `pulsetrain info --port {place}` asks it\n"
+        ))?;
+    } else if flashed.verified {
+        console.print(format_args!("{bytes} bytes are at {place}, and were read back\n"))?;
+    } else {
+        console.print(format_args!(
+            "{bytes} bytes were written to {place}; the Pico took them and has begun anew: `pulsetrain ports` shows its port\n"
+        ))?;
+    }
+    Ok(Exit::Success)
+}
+
+fn uno(name: &str, file: Option<&Path>, console: &Console<'_>) -> miette::Result<Flashed> {
+    let image = match file {
+        None => virtual_uno::image(),
+        Some(file) => {
+            let text = String::from_utf8_lossy(&console::read(file)?).into_owned();
+            hex::parse(&text, stk500::FLASH_BYTES).map_err(|error| {
+                miette!(help = "an Uno's image is a file in Intel HEX", "{}: {error}", file.display())
+            })?
+        }
+    };
+    for rate in stk500::RATES {
+        let bar = console.progress(2.0 * image.len() as f64, &format!("{} KB", image.len().div_ceil(1000)));
+        bar.stage("asking");
+        let port = Serial::open_at(name, true, rate).map_err(port_problem)?;
+        let done = Bootloader::find(port, rate).and_then(|found| {
+            found.program(&image, |progress| match progress {
+                Progress::Written(bytes) => {
+                    bar.stage("writing");
+                    bar.set(bytes as f64);
+                }
+                Progress::Verified(bytes) => {
+                    bar.stage("reading back");
+                    bar.set((image.len() + bytes) as f64);
+                }
+            })
+        });
+        match done {
+            Ok(_) => {
+                let place = name.to_owned();
+                return Ok(Flashed { board: "uno", place, bytes: image.len(), baud: Some(rate), verified: true });
+            }
+            Err(FlashError::NoBootloader { .. }) => {}
+            Err(error) => return Err(problem(name, error)),
+        }
+    }
+    let [new, old] = stk500::RATES;
+    let help = "is it an Uno (`pulsetrain ports`)? If it has no reset by DTR, press its button as you start this. Boards without \
+                a bootloader, or with one of another kind, take crates/board/images/uno.hex by a programmer";
+    Err(miette!(help = help, "no Uno's bootloader answers at {name}, neither at {new} nor at {old} baud"))
+}
+
+/// What is wrong, with what to do.
+fn problem(name: &str, error: FlashError) -> Report {
+    let help = match &error {
+        FlashError::Port(port) => return port_problem(port.clone()),
+        FlashError::NoBootloader { .. } => "press the board's reset button as you start this",
+        FlashError::OtherChip { .. } => "nothing was written; the firmware is for the ATmega328P of Uno and Nano",
+        FlashError::TooLarge { rate, .. } if *rate != stk500::RATES[0] => {
+            "nothing was written; burn Optiboot over the old bootloader, which leaves 1.5 KB more (Arduino IDE: board Arduino \
+             Uno, Tools, Burn Bootloader; it takes a programmer or a second Uno)"
+        }
+        FlashError::TooLarge { .. } => "nothing was written; the image is for a larger chip",
+        FlashError::LostSync { .. } => {
+            "the board has no whole program now; look at cable and supply, then start this again"
+        }
+        FlashError::Mismatch { .. } => {
+            "the board has no whole program now: start this again; if it is the same address each time its flash is worn out"
+        }
+    };
+    miette!(help = help, "{name}: {error}")
+}
+
+/// What says that a folder is a chip's drive, and of which.
+const INFO: &str = "INFO_UF2.TXT";
+/// The name of the file that is written; the chip does not look at it.
+const COPY: &str = "pulsetrain.uf2";
+/// The RP2040's family (github.com/microsoft/uf2, families).
+const FAMILY: u32 = 0xe48b_ff56;
+/// Written at a time, so that the progress moves.
+const PIECE: usize = 16 * 1024;
+
+fn pico(folder: Option<&str>, file: Option<&Path>, console: &Console<'_>) -> miette::Result<Flashed> {
+    let bytes = match file {
+        None => virtual_pico::IMAGE.to_vec(),
+        Some(file) => console::read(file)?,
+    };
+    if let (Some(file), Err(error)) = (file, image::uf2(&bytes, FAMILY)) {
+        return Err(miette!(help = "a Pico's image is a UF2 file for the RP2040", "{}: {error}", file.display()));
+    }
+    let folder = match folder {
+        Some(folder) => PathBuf::from(folder),
+        None => the_only(drives())?,
+    };
+    check(&folder)?;
+    let path = folder.join(COPY);
+    let bar = console.progress(bytes.len() as f64, &format!("{} KB", bytes.len().div_ceil(1000)));
+    bar.stage("writing");
+    copy(&path, &bytes, |done| bar.set(done as f64)).or_else(|(written, error)| {
+        // The chip begins anew as soon as it has the last block: the drive goes away under our hands.
+        if written == bytes.len() && !folder.join(INFO).exists() { Ok(()) } else { Err(not_written(&path, &error)) }
+    })?;
+    let verified = folder.join(INFO).exists();
+    if verified && fs::read(&path).is_ok_and(|read| read != bytes) {
+        let help = "hold BOOTSEL as you plug it in again, and start this again";
+        return Err(miette!(help = help, "{} is not what was written to it", path.display()));
+    }
+    Ok(Flashed { board: "pico", place: folder.display().to_string(), bytes: bytes.len(), baud: None, verified })
+}
+
+/// Writes a file; an error comes with the bytes that were handed over before it.
+fn copy(path: &Path, bytes: &[u8], progress: impl Fn(usize)) -> Result<(), (usize, io::Error)> {
+    let mut file = fs::File::create(path).map_err(|error| (0, error))?;
+    let mut done = 0;
+    for piece in bytes.chunks(PIECE) {
+        file.write_all(piece).map_err(|error| (done, error))?;
+        done += piece.len();
+        progress(done);
+    }
+    file.sync_all().map_err(|error| (done, error))
+}
+
+fn not_written(path: &Path, error: &io::Error) -> Report {
+    let help = match error.kind() {
+        io::ErrorKind::StorageFull => "the disk is full; a Pico's drive has room: is this one?",
+        io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
+            "you may not write there; drives that the desktop mounts are yours, others are with `mount -o uid=$USER`"
+        }
+        _ => "hold BOOTSEL as you plug the Pico in again, and start this again",
+    };
+    miette!(help = help, "cannot write {}: {error}", path.display())
+}
+
+/// Whether a folder is the drive of a Pico.
+fn check(folder: &Path) -> miette::Result<()> {
+    let hold = "hold BOOTSEL as you plug the Pico in: its drive is called RPI-RP2";
+    if !folder.is_dir() {
+        return Err(miette!(help = hold, "{} is no folder: a Pico is written to as a drive", folder.display()));
+    }
+    let Ok(info) = fs::read_to_string(folder.join(INFO)) else {
+        return Err(miette!(help = hold, "{} is no Pico's drive: there is no {INFO} in it", folder.display()));
+    };
+    let board = info.lines().find_map(|line| line.trim().strip_prefix("Board-ID:")).map_or("", str::trim);
+    if board == "RPI-RP2" {
+        return Ok(());
+    }
+    let help = "the firmware is for the RP2040 of a Raspberry Pi Pico; a Pico 2 has another chip";
+    Err(miette!(help = help, "{} is the drive of another board: it calls itself {board:?}", folder.display()))
+}
+
+fn the_only(mut drives: Vec<PathBuf>) -> miette::Result<PathBuf> {
+    match drives.len() {
+        1 => Ok(drives.remove(0)),
+        0 => {
+            let help = "hold BOOTSEL as you plug it in, and wait for its drive, RPI-RP2; where nothing mounts drives by itself \
+                        mount it, and name the folder with --port";
+            Err(miette!(help = help, "no Pico waits for an image"))
+        }
+        _ => {
+            let names: Vec<String> = drives.iter().map(|drive| drive.display().to_string()).collect();
+            let help = "name one with --port";
+            Err(miette!(help = help, "{} Picos wait for an image: {}", names.len(), names.join(", ")))
+        }
+    }
+}
+
+/// The Picos' drives that are mounted.
+pub(crate) fn drives() -> Vec<PathBuf> {
+    let folders: Vec<PathBuf> = if cfg!(windows) {
+        ('D'..='Z').map(|letter| PathBuf::from(format!("{letter}:\\"))).collect()
+    } else if cfg!(target_os = "macos") {
+        fs::read_dir("/Volumes").map_or_else(|_| Vec::new(), |all| all.flatten().map(|entry| entry.path()).collect())
+    } else {
+        mounted(&fs::read_to_string("/proc/mounts").unwrap_or_default())
+    };
+    folders.into_iter().filter(|folder| check(folder).is_ok()).collect()
+}
+
+/// Where file systems of drives' kind are mounted, as /proc/mounts says (fstab(5): blanks are written as \040).
+fn mounted(table: &str) -> Vec<PathBuf> {
+    let lines = table.lines().map(|line| line.split(' ').collect::<Vec<_>>());
+    let drives = lines.filter(|fields| fields.get(2).is_some_and(|kind| matches!(*kind, "vfat" | "msdos" | "fuseblk")));
+    drives.map(|fields| PathBuf::from(fields[1].replace("\\040", " "))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn drives_are_found_among_what_is_mounted() {
+        let table = "/dev/sda1 / ext4 rw 0 0\n\
+                     /dev/sdb1 /media/me/RPI-RP2 vfat rw,nosuid 0 0\n\
+                     /dev/sdc1 /media/me/MY\\040STICK vfat rw 0 0\n\
+                     proc /proc proc rw 0 0\n";
+        assert_eq!(mounted(table), [PathBuf::from("/media/me/RPI-RP2"), PathBuf::from("/media/me/MY STICK")]);
+    }
+
+    #[test]
+    fn one_drive_is_taken_none_and_several_are_told() {
+        let two = vec![PathBuf::from("/a"), PathBuf::from("/b")];
+        assert_eq!(the_only(two[..1].to_vec()).unwrap(), two[0]);
+        assert_eq!(the_only(two).unwrap_err().to_string(), "2 Picos wait for an image: /a, /b");
+        assert_eq!(the_only(Vec::new()).unwrap_err().to_string(), "no Pico waits for an image");
+    }
+}
