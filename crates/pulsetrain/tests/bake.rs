@@ -135,9 +135,16 @@ fn what_cannot_be_baked_is_told() {
     assert!(matches!(tables(&endless), Err(BakeError::Endless { motor }) if motor == "wheel"));
     let waits = program("start = \"140 s\"\nlaw.sine = { amplitude = \"0.1 rev\", period = \"1 s\", cycles = 1 }");
     assert!(matches!(tables(&waits), Err(BakeError::Wait { limit_s, .. }) if (134.0..135.0).contains(&limit_s)));
+    // Waits that are short enough each, and not together.
+    let waits = program(
+        "law.then = [ { rest = \"100 s\" }, { rest = \"50 s\" }, { sine = { amplitude = \"0.1 rev\", period = \"1 s\", cycles = 1 } } ]",
+    );
+    assert!(matches!(tables(&waits), Err(BakeError::Wait { wait_s, .. }) if (150.0..150.2).contains(&wait_s)));
     let fast = program("law.sine = { amplitude = \"20 rev\", period = \"1 s\" }");
     let error = Sketch::new(&fast, "fast").unwrap_err();
     assert!(matches!(error, BakeError::TooFast { rate_hz, .. } if rate_hz > 20_000.0), "{error}");
+    // 4000 steps * 2 pi: 25 100 steps/s, where 14 000 fit.
+    assert!(error.to_string().contains("the motion 1.8"), "{error}");
     let mut pico = program("law.sine = { amplitude = \"0.1 rev\", period = \"1 s\" }");
     pico.board.name = "pico".into();
     assert!(matches!(Sketch::new(&pico, "pico"), Err(BakeError::Board { .. })));

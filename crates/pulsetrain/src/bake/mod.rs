@@ -74,7 +74,8 @@ pub enum BakeError {
     },
     /// More steps a second than the player can work out.
     #[error(
-        "{rate_hz:.0} steps/s are too many: what is baked works out {limit_hz:.0} a second, of all motors together"
+        "{rate_hz:.0} steps/s are too many: what is baked works out {limit_hz:.0} a second, of all motors together; the motion \
+         {:.2} times slower fits", (100.0 * .rate_hz / .limit_hz).ceil() / 100.0
     )]
     TooFast {
         /// At the fastest, of all motors.

@@ -107,7 +107,7 @@ impl Unrolled {
     /// [`BakeError::NotPeriodic`], [`BakeError::Wait`].
     pub fn table(self, motor: &str, program: &Program, cycle: Option<(Time, Time)>) -> Result<Table, BakeError> {
         let hz = program.board.tick_hz;
-        let mut rows = Rows { rows: Vec::new(), motor, hz };
+        let mut rows = Rows { rows: Vec::new(), motor, hz, waited: 0 };
         let shortest = self.steps.windows(2).map(|pair| pair[1].0 - pair[0].0).min().unwrap_or(i128::MAX);
         let shortest = u64::try_from(shortest >> self.fraction_bits).unwrap_or(u64::MAX);
         let Some((from, period)) = cycle else {
@@ -195,6 +195,8 @@ struct Rows<'a> {
     rows: Vec<Row>,
     motor: &'a str,
     hz: u64,
+    /// Ticks since the last step.
+    waited: u64,
 }
 
 impl Rows<'_> {
@@ -209,13 +211,13 @@ impl Rows<'_> {
         }
     }
 
-    fn wait(&self, ticks: u64) -> Result<u32, BakeError> {
+    /// Waits from one step to the next count together.
+    fn wait(&mut self, ticks: u64) -> Result<u32, BakeError> {
+        self.waited = self.waited.saturating_add(ticks);
         let seconds = |ticks: u64| ticks as f64 / self.hz as f64;
-        u32::try_from(ticks).ok().filter(|ticks| u64::from(*ticks) < LONGEST_WAIT).ok_or_else(|| BakeError::Wait {
-            motor: self.motor.to_owned(),
-            wait_s: seconds(ticks),
-            limit_s: seconds(LONGEST_WAIT),
-        })
+        let (wait_s, limit_s) = (seconds(self.waited), seconds(LONGEST_WAIT));
+        let fits = u32::try_from(ticks).ok().filter(|_| self.waited < LONGEST_WAIT);
+        fits.ok_or_else(|| BakeError::Wait { motor: self.motor.to_owned(), wait_s, limit_s })
     }
 
     /// As few rows as the fields hold: a segment whose differences are too large for them goes step by step.
@@ -225,6 +227,7 @@ impl Rows<'_> {
             let fits = i32::try_from(left.add).ok().zip(i32::try_from(left.add2).ok());
             let (count, (add, add2)) = fits.map_or((1, (0, 0)), |both| (left.count.min(Row::MOST), both));
             let ticks = self.wait((left.interval >> 16).max(0).cast_unsigned())?;
+            self.waited = 0;
             let part = (left.interval & 0xffff) as u16;
             self.rows.push(Row { count: count as u16, backward, ticks, part, add, add2 });
             left = left.after(count);
