@@ -77,7 +77,7 @@ impl<B: VirtualBoard, C: Client, W: Write> Service<B, C, W> {
             self.trace_edges()?;
             self.board.reset();
             self.clients += 1;
-            // Whatever the client before it had; one that sets no rate, or none that a board has, stays at that.
+            // Whatever the client before it had.
             self.board.set_baud(Baud::B115200).map_err(io::Error::other)?;
             self.begin()?;
         }
@@ -291,6 +291,7 @@ pub use pty::Pty;
 #[cfg(unix)]
 mod pty {
     use super::Client;
+    use pulsetrain_core::wire::Baud;
     use serialport::{SerialPort, TTYPort};
     use std::io::{self, Read, Write};
     use std::os::unix::fs::symlink;
@@ -351,7 +352,9 @@ mod pty {
     impl Terminal {
         /// The client's end is closed again: then the other end knows whether somebody has it open.
         fn new() -> io::Result<Terminal> {
-            let (mut master, client) = TTYPort::pair()?;
+            let (mut master, mut client) = TTYPort::pair()?;
+            // For a client that sets no rate; it stays as the client's end is closed.
+            client.set_baud_rate(Baud::B115200.rate())?;
             master.set_timeout(Duration::ZERO)?;
             let name = client.name().ok_or_else(|| io::Error::other("the pseudo-terminal has no name"))?;
             Ok(Terminal { master, name })

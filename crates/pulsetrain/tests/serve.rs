@@ -187,22 +187,6 @@ fn opening_again_resets_the_board() {
     assert!(board.now() < 16_000_000, "its clock began anew: {}", board.now());
 }
 
-#[test]
-fn a_client_that_sets_no_rate_finds_the_first() {
-    let program = program();
-    let board = connect(Through::new(None), &program, Baud::B1M).unwrap();
-    assert_eq!(board.link().baud(), Baud::B1M);
-    let mut port = board.close();
-    port.pipe.0.borrow_mut().present = false;
-    port.rounds(5);
-    // What a pseudo-terminal has at first, and no board.
-    *port.pipe.0.borrow_mut() = Between { present: true, rate: 38_400, ..Between::default() };
-    port.send(b"version\n").unwrap();
-    port.rounds(100);
-    let text = String::from_utf8(port.pipe.0.borrow().to_client.clone()).unwrap();
-    assert!(text.starts_with("awake\r\nid StepperWinch"), "{text}");
-}
-
 /// Through the system's pseudo-terminals, and in virtual time all the same: each end waits for what the other one wrote, so
 /// that the system may take as long as it likes.
 #[cfg(unix)]
@@ -453,6 +437,24 @@ mod pty {
             let said = String::from_utf8(said).unwrap();
             let lines: Vec<&str> = said.lines().filter(|line| !line.starts_with("txyza")).collect();
             assert!(matches!(lines[..], ["awake", id, "awake"] if id.starts_with("id ")), "{lines:?}");
+        }
+    }
+
+    #[test]
+    fn a_client_that_sets_no_rate_has_the_boards_first() {
+        let link = folder("pty-rate").join("uno");
+        let mut pty = Pty::new(&link).unwrap();
+        for rate in [None, Some(1_000_000), None] {
+            let mut plain = None;
+            let mut terminal = None;
+            match rate {
+                Some(rate) => terminal = Some(serialport::new(link.display().to_string(), rate).open_native().unwrap()),
+                None => plain = Some(std::fs::File::options().read(true).write(true).open(&link).unwrap()),
+            }
+            assert!(pty.poll(&mut Vec::new()).unwrap());
+            assert_eq!(pty.rate(), rate.or(Some(115_200)));
+            drop((plain, terminal));
+            assert!(!pty.poll(&mut Vec::new()).unwrap());
         }
     }
 
