@@ -5,6 +5,7 @@
 
 use crate::native::ConfigError;
 use crate::{Board, Config, Native, Observer};
+use pulsetrain_core::verbs::motor::MOST_ITEMS;
 use pulsetrain_core::verbs::{Limits, Motor, Verbs};
 use pulsetrain_core::wire::message::Reason;
 use pulsetrain_core::wire::orders::{Obeyed, Orders};
@@ -61,12 +62,15 @@ impl NativeVerbs {
     /// Does all of what is ordered, from tick `at` on, or none of it.
     ///
     /// # Errors
-    /// As [`Verbs::obey`] says; [`Reason::Timing`] if `at` is before [`open`](NativeVerbs::open).
+    /// As [`Verbs::obey`] says; [`Reason::Timing`] if `at` is before [`open`](NativeVerbs::open); [`Reason::Full`] if so many orders came
+    /// since time went on that the queues have no room: [`advance`](NativeVerbs::advance) first.
     pub fn obey(&mut self, at: u64, orders: &Orders<'_>) -> Result<Obeyed, Refusal> {
         if at < self.open() {
             return Err(Refusal::of(Reason::Timing));
         }
-        self.work_out(at);
+        if !self.work_out(at) {
+            return Err(Refusal::of(Reason::Full));
+        }
         self.verbs.obey(orders)
     }
 
@@ -80,19 +84,22 @@ impl NativeVerbs {
     pub fn advance(&mut self, until: u64, observer: &mut impl Observer) {
         while self.native.now() <= until {
             let end = until.min(self.native.now() + SLICE - 1);
-            self.work_out(end + self.lead + 1);
+            let is_known = self.work_out(end + self.lead + 1);
+            // What is known has to be played first, so that there is room in the queues.
+            let known = self.verbs.known().saturating_sub(self.lead + 1);
+            let end = if is_known { end } else { end.min(known).max(self.native.now()) };
             self.native.advance(end, observer);
         }
     }
 
-    fn work_out(&mut self, until: u64) {
+    /// Works out what motors do up to `until`; whether the queues had room for it.
+    fn work_out(&mut self, until: u64) -> bool {
         while self.verbs.known() < until {
             let end = until.min(self.verbs.known() + SLICE);
             let native = &mut self.native;
-            // What the queues have no room for has to be played first: no step after it is worked out.
-            let full = (0..self.verbs.motors().len())
-                .any(|motor| native.credit(motor) < 2 * pulsetrain_core::verbs::motor::MOST_ITEMS);
-            assert!(!full, "orders come faster than time goes on");
+            if (0..self.verbs.motors().len()).any(|motor| native.credit(motor) < MOST_ITEMS) {
+                return false;
+            }
             let push = |motor: u8, item| {
                 native.push(motor.into(), Entry { epoch: Epoch(0), item }).expect("just looked");
             };
@@ -102,6 +109,7 @@ impl NativeVerbs {
                 _ => self.verbs.work_out::<32>(end, push),
             }
         }
+        true
     }
 
     /// Moves that were done by now and were not asked for yet: motor, tick, how many of this motor's are done with it.
@@ -135,5 +143,40 @@ impl NativeVerbs {
     #[must_use]
     pub fn faults(&self, motor: usize) -> crate::Faults {
         Board::faults(&self.native, motor)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{MotorConfig, Wiring};
+    use pulsetrain_core::verbs::Verb;
+    use pulsetrain_core::wire::orders::order;
+
+    /// More orders than the queues have room for are refused, and time that goes on makes room; no step is lost.
+    #[test]
+    fn too_many_orders_at_once_are_refused() {
+        let wiring = Wiring::StepDir { step: 2, dir: 3, forward_high: true, pulse_ticks: 2, setup_ticks: 5 };
+        let config = Config { fraction_bits: 32, motors: vec![MotorConfig { wiring, pull_in_ticks: 0 }] };
+        let limits = Limits { shortest: 3, turn: 9, period: 3 };
+        let mut board = NativeVerbs::new(&config, &[limits]).expect("a board");
+        let (mut steps, mut refused, mut rises) = (0, 0, 0);
+        for time in 0..3000_u64 {
+            let one = order(0, Verb::Move { steps: 1 });
+            match board.obey(10 + 7 * time, &Orders::decode(&one).expect("one order")) {
+                Ok(_) => steps += 1,
+                Err(Refusal { reason: Reason::Full, .. }) => {
+                    refused += 1;
+                    board.advance(7 * time - 30, &mut |edge: crate::Edge| {
+                        rises += u32::from(edge.line == 2 && edge.level)
+                    });
+                }
+                Err(other) => panic!("{other:?}"),
+            }
+        }
+        board.advance(100_000, &mut |edge: crate::Edge| rises += u32::from(edge.line == 2 && edge.level));
+        assert!(refused > 0 && steps > 2000, "{refused} {steps}");
+        assert_eq!((rises, board.positions()), (steps, vec![i64::from(steps)]));
+        assert!(board.is_idle() && board.faults(0) == crate::Faults::default());
     }
 }

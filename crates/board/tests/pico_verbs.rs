@@ -6,13 +6,14 @@ use common::Random;
 use common::pico::{TICK_HZ, as_line, coils, native_config, overhead, step_dir};
 use pulsetrain_board::native_verbs::NativeVerbs;
 use pulsetrain_board::virtual_pico::VirtualPico;
-use pulsetrain_board::{Board, Edge, Faults, Remote, RemoteError, Setup};
+use pulsetrain_board::{Board, Edge, Faults, Port, Remote, RemoteError, Setup};
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::verbs::{Course, Limits, Verb};
 use pulsetrain_core::wire::message::{Cause, MotorSetup, Reason};
 use pulsetrain_core::wire::orders::{Obeyed, Orders, order};
 use pulsetrain_core::wire::{Baud, MAX_MOTORS};
 use pulsetrain_core::{Entry, Epoch, Item, Moment};
+use std::time::Duration;
 
 /// What the firmware lets a motor be told: docs/pico.md.
 fn limits(setup: &Setup, motor: &MotorSetup) -> Limits {
@@ -246,6 +247,51 @@ fn what_is_told_shows_soon() {
             assert!(delay.is_kept(), "{rate} steps/s, turns {turns}: {delay:?}");
             // What docs/pico.md says of the tick, and a while to be read.
             assert!(delay.held_us <= 1500.0, "{delay:?}");
+        }
+    }
+}
+
+/// A period beyond what an interval of a segment has, and beyond where moments are told apart, 17 s: to the tick, too.
+#[test]
+fn a_period_may_be_long() {
+    let mut pair = Pair::new(&drivers(1));
+    let ticks = (1 << 31) + 12_345;
+    let obeyed = pair.tell(&[(0, Verb::Speed { ticks }), (0, Verb::Move { steps: 3 })]).expect("it can");
+    pair.advance(obeyed.tick + ticks + TICK_HZ / 10);
+    // The third one need not wait so long.
+    let sooner = pair.tell(&[(0, Verb::Speed { ticks: 125_000 })]).expect("it can");
+    pair.advance(sooner.tick + TICK_HZ / 10);
+    let rises: Vec<_> = pair.edges.iter().filter(|edge| edge.line == 2 && edge.level).map(|edge| edge.tick).collect();
+    assert_eq!(rises, [obeyed.tick, obeyed.tick + ticks, sooner.tick]);
+    assert_eq!(pair.done, [(0, sooner.tick + 125_000, 1)]);
+    pair.compare();
+}
+
+/// A host that is gone: with Bye moves go on to their end and runs stop; one that is lost leaves nothing that moves.
+#[test]
+fn who_is_left_alone_stops() {
+    for says_bye in [true, false] {
+        let mut pair = Pair::new(&drivers(2));
+        let run = [(0, Verb::Run), (1, Verb::Move { steps: 4000 })];
+        let obeyed = pair.tell(&run).expect("it can");
+        pair.advance(obeyed.tick + TICK_HZ / 50);
+        let (mut heard, mut edges) = (Vec::new(), std::mem::take(&mut pair.edges));
+        let mut port = if says_bye { pair.pico.close() } else { pair.pico.port().clone() };
+        let until = port.now() + Duration::from_secs(5);
+        while port.now() < until {
+            port.receive(until, &mut heard).expect("a virtual port");
+        }
+        port.edges(&mut edges);
+        let last = |pin: u8| {
+            let rises = edges.iter().filter(|edge| edge.line == pin && edge.level && edge.tick >= obeyed.tick);
+            rises.map(|edge| edge.tick - obeyed.tick).max().expect("it moved") as f64 / TICK_HZ as f64
+        };
+        let stops = [last(2), last(4)];
+        if says_bye {
+            assert!(stops[0] < 0.1 && (stops[1] - 3.999).abs() < 1e-9, "{stops:?}");
+        } else {
+            // Two seconds of silence (of 1.049 ms to the link's ms), and what was worked out.
+            assert!(stops.iter().all(|stop| (2.0..2.15).contains(stop)), "{stops:?}");
         }
     }
 }

@@ -131,6 +131,19 @@ proptest! {
         prop_assert_eq!(made.done, wanted.done);
     }
 
+    /// Any line is read, or refused at one of its words; any payload is orders, or none.
+    #[test]
+    fn any_bytes_are_read(line in prop::collection::vec(prop_oneof![any::<u8>(), prop::sample::select(&b"move speed dir run halt xyza 0129-"[..])], 0..81)) {
+        match read(&line) {
+            Read::Refused(_, word) => prop_assert!((2..=7).contains(&word)),
+            Read::Told(told) => prop_assert!((1..=4).contains(&told.orders().expect("orders").iter().count())),
+            Read::Unknown => {}
+        }
+        if let Some(orders) = Orders::decode(&line) {
+            prop_assert_eq!(orders.iter().count() * 9, line.len());
+        }
+    }
+
     #[test]
     fn orders_are_read_as_they_were_written(orders in prop::collection::vec((0u8..8, verb()), 0..=MOST_ORDERS)) {
         let bytes: Vec<u8> = orders.iter().flat_map(|(motor, verb)| order(*motor, *verb)).collect();

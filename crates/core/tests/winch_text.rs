@@ -416,7 +416,7 @@ proptest! {
             (None, [Err(refusal)]) => prop_assert_eq!(refusal.what, What::Number),
             (Some(value), [Err(refusal)]) => {
                 prop_assert_eq!(refusal.what, What::Range);
-                prop_assert!(value < -0.0005 || value > 4.29e38, "{value}");
+                prop_assert!(!(-0.0005..=4.29e38).contains(&value), "{value}");
             }
             (Some(value), [Ok(Command::Limits { axes: 1, limits })]) => {
                 // By thousandths: what the number was, to the nearest.

@@ -142,7 +142,14 @@ impl BoardRow {
             let of: Vec<u32> = of(&uno::BY_SOFTWARE);
             return (1..).zip(of).map(|(count, ticks)| ticks.max(count * SHARED_STEP_TICKS)).collect();
         }
-        if kind == PinKind::Compare { of(&uno::BY_COMPARE) } else { of(&uno::BY_SOFTWARE) }
+        if kind == PinKind::Compare {
+            return of(&uno::BY_COMPARE);
+        }
+        let mut intervals = of(&uno::BY_SOFTWARE);
+        if kind == PinKind::PortD && motors.len() == 2 {
+            intervals[1] = uno::PAIR[column];
+        }
+        intervals
     }
 
     /// [`Board::turn_ticks`] for these motors' pins.
@@ -155,6 +162,7 @@ impl BoardRow {
             Ok(Some(PinKind::PortD | PinKind::PortB | PinKind::Shield)) if motors.len() > 1 && !shares_dir(motors) => {
                 TURN_TICKS[1]
             }
+            Ok(Some(PinKind::Compare)) if motors.len() > 1 => TURN_TICKS[2],
             _ => self.board.turn_ticks,
         }
     }
@@ -176,10 +184,10 @@ pub fn find(name: &str) -> Option<BoardRow> {
     table().into_iter().find(|row| row.board.name.eq_ignore_ascii_case(name))
 }
 
-/// What a turn of DIR takes an Uno, ticks, and what it takes when motors are merged in one ring. It is in
-/// firmware/uno/src/steps/stepper.rs: for an interrupt that is late before it and after it, and the way to the line after the
-/// match; twice the distance of groups, by which a merge moves edges.
-const TURN_TICKS: [u32; 2] = [24 + 48 + 24, 60 + 16 + 60 + 2 * 76];
+/// What a turn of DIR takes an Uno, ticks; what it takes when motors are merged in one ring; and with two of the compare
+/// hardware's. It is in firmware/uno/src/steps/stepper.rs: for an interrupt that is late before it and after it, and the way to the
+/// line after the match; twice the distance of groups, by which a merge moves edges; or what that is more for two.
+const TURN_TICKS: [u32; 3] = [24 + 48 + 24, 60 + 16 + 60 + 2 * 76, 24 + 48 + 24 + 2 * (120 - 96)];
 
 /// What a word of a Pico's state machine takes at least: the longest pulse of all motors and three cycles, which
 /// `pulsetrain_core::words` has. Steps are no closer, and DIR changes in a word of its own.
@@ -383,6 +391,17 @@ mod tests {
         check(11, 1900, &uno::BY_SOFTWARE, 1);
         check(11, 10_000, &uno::BY_SOFTWARE, 2);
         check(9, 1000, &uno::BY_COMPARE, 0);
+        // Two on port D have a ring each.
+        let pair = |steps: [u8; 2], pulse_ns| {
+            let own_dir = |step: u8| Motor {
+                wiring: crate::program::Wiring::StepDir { step, dir: step + 2, forward_high: true, enable: None },
+                ..motor(step, pulse_ns)
+            };
+            row.shortest_intervals(&steps.map(own_dir))[1]
+        };
+        assert_eq!([pair([2, 3], 1000), pair([2, 3], 5000)], [uno::PAIR[0], uno::PAIR[2]]);
+        assert_eq!(pair([8, 9], 1000), uno::BY_SOFTWARE[1][0]);
+        assert!(uno::PAIR[0] < uno::BY_SOFTWARE[1][0] && uno::PAIR[0] < uno::PAIR[2]);
     }
 
     #[test]

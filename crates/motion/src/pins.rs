@@ -160,7 +160,7 @@ impl PinKind {
         match self {
             PinKind::Compare => 1,
             PinKind::PortD => 17,
-            PinKind::PortB => 17,
+            PinKind::PortB => 19,
             PinKind::Shield => 17,
         }
     }

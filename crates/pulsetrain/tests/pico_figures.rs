@@ -56,9 +56,14 @@ fn limits_of_the_table_hold() {
     let rate = |ticks: u32| row.board.tick_hz as f64 / f64::from(ticks);
     for motors in [1, 2, 4, 6, 8] {
         let place = motors - 1;
+        let (step, segment) = (row.board.min_interval_ticks[place], row.board.segment_ticks[place]);
+        let changing = Case::changing(motors, "TMC2209");
         let mut cases = vec![
-            (Case::changing(motors, "TMC2209"), rate(row.board.min_interval_ticks[place])),
-            (Case::turning(motors, "TMC2209"), f64::from(BETWEEN_TURNS) * rate(row.board.segment_ticks[place])),
+            (changing, rate(step)),
+            (Case::turning(motors, "TMC2209"), f64::from(BETWEEN_TURNS) * rate(segment)),
+            // As the planner adds them up, 90 steps in a segment.
+            (Case { steps: 60, ..changing }, rate(step + segment / 90)),
+            (Case { steps: 60, turns: 5, turn_ticks: 300.0, ..changing }, rate(step + segment / 60)),
         ];
         if motors <= usize::from(ULN_MOTORS) {
             let intervals = row.shortest_intervals(&on_coils(motors));

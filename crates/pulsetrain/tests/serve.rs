@@ -319,12 +319,17 @@ mod pty {
             Terminal { terminal: terminal.open_native().unwrap(), served: Rc::clone(self) }
         }
 
-        /// Ends it; when STEP rose, s of the chip.
-        fn steps(self: Rc<Served>) -> Vec<f64> {
+        /// Ends it; when the motion's STEP rose, s of the chip.
+        fn steps(self: Rc<Served<B>>) -> Vec<f64> {
+            self.rises("pin8")
+        }
+
+        /// Ends it; when a pin rose, s of the chip.
+        fn rises(self: Rc<Served<B>>, pin: &str) -> Vec<f64> {
             let Served { service, trace, .. } = Rc::into_inner(self).expect("no client has it");
             service.into_inner().finish().unwrap();
             let trace = vcd_file::read(&trace.0.borrow()).unwrap();
-            let is_step = |line: u8| trace.lines[usize::from(line)].names.iter().any(|name| name.ends_with("pin8"));
+            let is_step = |line: u8| trace.lines[usize::from(line)].names.iter().any(|name| name.ends_with(pin));
             let rises = trace.edges.iter().filter(|edge| edge.level && is_step(edge.line));
             rises.map(|edge| edge.tick as f64 / trace.tick_hz as f64).collect()
         }
@@ -478,7 +483,7 @@ mod pty {
         second.read_exact(&mut said).unwrap();
         assert_eq!(String::from_utf8(said).unwrap().lines().next(), Some("awake"));
         drop(second);
-        assert_eq!(served.steps().len(), 0, "what it said before that is dropped");
+        assert_eq!(served.rises("pin2").len(), 0, "what it said before that is dropped");
     }
 
     #[test]
@@ -616,6 +621,27 @@ mod real {
             "{said}"
         );
         assert!(served.interrupt().contains("clients: 2"));
+    }
+
+    #[test]
+    fn a_pipe_s_exit_code_tells_whether_all_was_obeyed() {
+        for (lines, code, expected) in [
+            (&b"g x 5 1\nd x 40\n"[..], 0, " 40 0 0 0\n"),
+            (b"d x 1\nd x ten\n", 1, "err number 3\n"),
+            (b"g x 5 1\nd x 4\xff\nd x 40\n", 1, "err noise 3\n"),
+        ] {
+            let mut process = Command::new(env!("CARGO_BIN_EXE_pulsetrain"))
+                .args(["winch", "--native"])
+                .stdin(Stdio::piped())
+                .stdout(Stdio::piped())
+                .spawn()
+                .unwrap();
+            process.stdin.take().unwrap().write_all(lines).unwrap();
+            let output = process.wait_with_output().unwrap();
+            let said = String::from_utf8(output.stdout).unwrap();
+            assert_eq!(output.status.code(), Some(code), "{said}");
+            assert!(said.contains(expected), "{said}");
+        }
     }
 
     #[test]

@@ -243,7 +243,16 @@ fn tell(verbs: &[(u8, Verb)]) -> Result<Obeyed, Refusal> {
         *place = order(*motor, *verb);
     }
     let orders = Orders::decode(used.as_flattened()).ok_or(full)?;
-    with(|state| state.board.obey(&orders).map(|()| state.board.obeyed))
+    let obeyed = with(|state| state.board.obey(&orders).map(|()| state.board.obeyed))?;
+    // Who waits for a motor's rest has it now.
+    for (motor, verb) in verbs {
+        if *verb == Verb::Halt
+            && let Some(waker) = with(|state| state.take_waker(*motor))
+        {
+            waker.wake();
+        }
+    }
+    Ok(obeyed)
 }
 
 /// One motor.

@@ -377,7 +377,8 @@ impl Machine for Board {
         if pulse_ticks.max(setup_ticks).max(hold_ticks) > LONGEST {
             return Err(Refusal { reason: Reason::Timing, detail: LONGEST });
         }
-        let layout = Layout::of(configuration)?;
+        let mut layout = Layout::of(configuration)?;
+        layout.part(configuration.motors().len() as u8, pulse_ticks);
         self.stop(Cause::None, ALL_MOTORS, 0);
         self.set_up(&layout, configuration);
         Ok(())

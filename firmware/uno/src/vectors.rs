@@ -5,6 +5,7 @@
 
 use crate::link::{self, receive_interrupt};
 use crate::steps::register;
+use crate::steps::ring::flags;
 use core::arch::global_asm;
 
 // Four bytes each (DS40002061B §12.4). The short jump takes 2 cycles; the linker says if it does not reach.
@@ -19,7 +20,9 @@ __vectors:
     .org 4 * 11
     rjmp __vector_11                    // TIMER1_COMPA
     .org 4 * 12
-    rjmp __vector_12                    // TIMER1_COMPB
+    sbic {FLAGS}, {B_ON_PORTD}          // TIMER1_COMPB: 2 (skips)
+    rjmp ring_b_on_portd
+    rjmp __vector_12
     .org 4 * 16
     push r24                            // TIMER0_OVF: 4 response, 2     6
     rjmp steps_task_begin               // 2                             8
@@ -27,6 +30,8 @@ __vectors:
     "#,
     receive_interrupt!(),
     HEAD = const register::EEARL,
+    FLAGS = const register::GPIOR0,
+    B_ON_PORTD = const flags::B_ON_PORTD,
     SREG = const register::SREG,
     ON = const link::ON,
     ON_WITH_INTERRUPT = const link::ON_WITH_INTERRUPT,

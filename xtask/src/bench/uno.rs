@@ -47,9 +47,20 @@ fn measure(arguments: &str) -> Done<(Table, Vec<Limit>)> {
     Ok((table, limits.iter().filter_map(|line| Limit::parse(line)).collect()))
 }
 
+/// How edges are made, as far as it decides what rates hold.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum By {
+    /// By the compare hardware.
+    Compare,
+    /// By software, for two motors on port D that have a ring each.
+    Pair,
+    /// By software, of one ring.
+    Software,
+}
+
 /// What a number of motors can do for good at one rate; all in ticks.
 struct Limit {
-    by_compare: bool,
+    by: By,
     motors: usize,
     pulse: u32,
     interval: u32,
@@ -62,11 +73,15 @@ struct Limit {
 impl Limit {
     fn parse(line: &str) -> Option<Limit> {
         let mut fields = line.split('\t').skip(1);
-        let by_compare = fields.next()? == "compare";
+        let by = match fields.next()? {
+            "compare" => By::Compare,
+            "pair" => By::Pair,
+            _ => By::Software,
+        };
         let mut number = || fields.next()?.parse().ok();
         let motors = number()? as usize;
         Some(Limit {
-            by_compare,
+            by,
             motors,
             pulse: number()?,
             interval: number()?,
@@ -87,21 +102,20 @@ fn write_limits(limits: &[Limit]) -> Done {
 }
 
 fn limits_source(limits: &[Limit]) -> Done<String> {
-    let shortest = |by_compare: bool, motors: usize, pulse: u32| {
-        let of = limits.iter().filter(|l| (l.by_compare, l.motors, l.pulse) == (by_compare, motors, pulse));
+    let shortest = |by: By, motors: usize, pulse: u32| {
+        let of = limits.iter().filter(|l| l.by == by && (l.motors, l.pulse) == (motors, pulse));
         // Where several kinds of pins were measured, what all of them do.
         let missing = || Failure::Check(format!("no rate holds for {motors} motors with pulses of {pulse} ticks"));
         of.map(|limit| limit.interval).max().ok_or_else(missing)
     };
-    let rows = |by_compare: bool, most: usize| -> Done<String> {
-        let mut rows = String::new();
-        for motors in 1..=most {
-            let row = PULSES.iter().map(|pulse| Ok(shortest(by_compare, motors, *pulse)?.to_string()));
-            rows.push_str(&format!("    [{}],\n", row.collect::<Done<Vec<_>>>()?.join(", ")));
-        }
-        Ok(rows)
+    let row = |by: By, motors: usize| -> Done<String> {
+        let row = PULSES.iter().map(|pulse| Ok(shortest(by, motors, *pulse)?.to_string()));
+        Ok(format!("[{}]", row.collect::<Done<Vec<_>>>()?.join(", ")))
     };
-    let software = limits.iter().filter(|limit| !limit.by_compare);
+    let rows = |by: By, most: usize| -> Done<String> {
+        (1..=most).map(|motors| Ok(format!("    {},\n", row(by, motors)?))).collect()
+    };
+    let software = limits.iter().filter(|limit| limit.by != By::Compare);
     let late = software.map(|limit| limit.late).max().unwrap_or(0);
     let queues = limits.iter().map(|limit| limit.queues).min().unwrap_or(0);
     let horizon = limits.iter().map(|limit| limit.horizon).max().unwrap_or(0);
@@ -111,6 +125,8 @@ fn limits_source(limits: &[Limit]) -> Done<String> {
          pub(super) const PULSES: [u32; {}] = [{}];\n\
          /// Shortest interval that holds for good, of each of 1 to 4 motors on one or two ports.\n\
          pub(super) const BY_SOFTWARE: [[u32; {0}]; 4] = [\n{}];\n\
+         /// The same of two motors on pins 2-7, each with a DIR line of its own: these have a ring each.\n\
+         pub(super) const PAIR: [u32; {0}] = {};\n\
          /// The same of one or two motors whose edges the compare hardware makes.\n\
          pub(super) const BY_COMPARE: [[u32; {0}]; 2] = [\n{}];\n\
          /// Largest |edge − scheduled| beyond the constant.\n\
@@ -121,8 +137,9 @@ fn limits_source(limits: &[Limit]) -> Done<String> {
          pub(super) const QUEUES: u32 = {queues};\n",
         PULSES.len(),
         PULSES.map(|pulse| pulse.to_string()).join(", "),
-        rows(false, 4)?,
-        rows(true, 2)?,
+        rows(By::Software, 4)?,
+        row(By::Pair, 2)?,
+        rows(By::Compare, 2)?,
     ))
 }
 
@@ -138,11 +155,19 @@ mod tests {
                 limits.push(format!("limit\tsoftware\t{motors}\t{pulse}\t{}\t30\t5000\t370", 100 * motors));
             }
             limits.push(format!("limit\tsoftware\t3\t{pulse}\t333\t31\t5000\t370"));
+            limits.push(format!("limit\tpair\t2\t{pulse}\t144\t31\t5000\t370"));
             limits.extend([1, 2].map(|motors| format!("limit\tcompare\t{motors}\t{pulse}\t90\t0\t6000\t370")));
         }
         let limits: Vec<_> = limits.iter().filter_map(|line| Limit::parse(line)).collect();
         let source = limits_source(&limits).expect("all there");
-        for line in ["[333, 333, 333],", "[90, 90, 90],", "LATENESS: u32 = 31;", "HORIZON: u32 = 6000;"] {
+        for line in [
+            "[200, 200, 200],",
+            "[333, 333, 333],",
+            "= [144, 144, 144];",
+            "[90, 90, 90],",
+            "LATENESS: u32 = 31;",
+            "HORIZON: u32 = 6000;",
+        ] {
             assert!(source.contains(line), "{source}");
         }
         assert!(limits_source(&limits[1..]).is_err());

@@ -122,10 +122,12 @@ impl<'a> Encoder<'a> {
     // Small on a board, where it is called from everywhere.
     #[inline(never)]
     pub fn u8(&mut self, byte: u8) {
-        if let Some(place) = self.out.get_mut(BODY_AT + usize::from(self.len)) {
-            *place = byte;
-        }
-        self.len = self.len.saturating_add(1);
+        let Some(place) = self.out.get_mut(BODY_AT + usize::from(self.len)) else {
+            self.len = u8::MAX;
+            return;
+        };
+        *place = byte;
+        self.len = self.len.wrapping_add(1);
     }
 
     /// Bytes of the body.
@@ -178,7 +180,7 @@ impl<'a> Encoder<'a> {
             }
             run += 1;
         }
-        let sum = body.iter().fold(Sum::START, |sum, byte| sum.with(*byte));
+        let sum = body.iter().fold(Sum::START, |sum, byte| sum.with_one(*byte));
         let [a, b, c] = trailer(sum, tag);
         *end = [a, b, c, 0];
         Some(framed_len(len))

@@ -22,8 +22,9 @@ const _: () = assert!(CHECK_LEN <= MAX_PACKED_LEN && MAX_PACKED_LEN < 256);
 /// How a check begins: control record 5.
 const CHECK: [u8; 2] = [0x2f, 0];
 
-/// Control records that are no items, of two bytes: reversal and reset. One by one they are as short as an item.
-const BARE: [u8; 2] = [0x07, 0x0f];
+/// Control records that are no items, of two bytes: reversal and reset. The state is new after each.
+const REVERSE: u8 = 0x07;
+const RESET: u8 = 0x0f;
 
 /// A motor's packed bytes in a share of a [`Pool`], always the same one: each method that touches bytes is given it.
 #[derive(Clone, Debug)]
@@ -114,10 +115,11 @@ impl Packed {
             }
             return None;
         }
-        if let [c0, 0, ..] = *rest
-            && BARE.contains(&c0)
-        {
-            rest = &rest[..2];
+        if let [c0 @ (REVERSE | RESET), 0, ..] = *rest {
+            self.consume(2);
+            let was = self.state.direction;
+            self.state = State::new(if c0 == REVERSE { was.reversed() } else { was });
+            return None;
         }
         let len = rest.len();
         let unpacked = self.packing.unpack(&mut self.state, &mut rest);

@@ -4,11 +4,13 @@
 pub(super) const PULSES: [u32; 3] = [16, 31, 80];
 /// Shortest interval that holds for good, of each of 1 to 4 motors on one or two ports.
 pub(super) const BY_SOFTWARE: [[u32; 3]; 4] = [[112, 124, 235], [325, 342, 617], [507, 533, 935], [733, 788, 1311]];
+/// The same of two motors on pins 2-7, each with a DIR line of its own: these have a ring each.
+pub(super) const PAIR: [u32; 3] = [220, 350, 617];
 /// The same of one or two motors whose edges the compare hardware makes.
 pub(super) const BY_COMPARE: [[u32; 3]; 2] = [[109, 109, 1797], [224, 224, 3333]];
 /// Largest |edge − scheduled| beyond the constant.
-pub(super) const LATENESS: u32 = 50;
+pub(super) const LATENESS: u32 = 53;
 /// The farthest that it commits itself ahead.
-pub(super) const HORIZON: u32 = 49087;
+pub(super) const HORIZON: u32 = 64560;
 /// Bytes of its queues.
 pub(super) const QUEUES: u32 = 396;

@@ -261,6 +261,11 @@ pub(crate) fn variations() -> Vec<Case> {
             cases.push(Case { pulse_ticks, ..constant });
         }
     }
+    // Two that have one ring, as they would on the shield with its pins 12 and 13.
+    for pulse_ticks in [PULSE, 31, 80] {
+        let case = Case { figure: 3, pulse_ticks, required: None, ..Case::changing(PORT_B, 2, 0.0) };
+        cases.extend([case, Case { swing: 0.0, ..case }]);
+    }
     cases
 }
 

@@ -710,8 +710,9 @@ const ROOM: u8 = 8;
 const NONE: u8 = 255;
 /// Lists are filled up while the ring has room for fewer groups.
 const NEARLY: u8 = 24;
-/// A list is filled up when what is left of it does not last while the ring is played, by number of motors: ticks.
-const FEW_LEFT: [u8; LANES] = [LIST, 16, 10, 8];
+/// A list is filled up when what is left of it does not last while the ring is played, ticks: of two motors, and of more.
+const FEW_OF_TWO: u8 = 16;
+const FEW_OF_MORE: u8 = 9;
 /// Groups that the ring must have room for to go on.
 const ENOUGH: u8 = 8;
 /// So many groups are merged at once when the ring has room for [`LOW`] of them or more: they are published the sooner.
@@ -776,7 +777,7 @@ impl Merge {
         self.end = end;
         self.tail = tail + 0x20;
         (self.at, self.pending) = (0, Group::NOTHING);
-        self.few_left = 2 * FEW_LEFT[usize::from(motors.wrapping_sub(1)) % LANES] + 1;
+        self.few_left = 2 * if motors == 2 { FEW_OF_TWO } else { FEW_OF_MORE } + 1;
         self.clear(first);
     }
 

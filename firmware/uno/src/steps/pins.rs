@@ -6,6 +6,7 @@
 //! |---|---|---|
 //! | [`Kind::Compare`] | one or two motors, STEP on 9 and 10, active high, DIR of its own on 2–13 | the timer, to the cycle |
 //! | [`Kind::PortD`] | all on 2–7 | software, one port |
+//! | [`Kind::TwoOnD`] | two motors on 2–7, each with a DIR of its own, pulses up to 1 µs or over 1.9 µs | software, a ring each |
 //! | [`Kind::PortB`] | all on 8–13 | software, one port |
 //! | [`Kind::Shield`] | on 2–7, and one motor with STEP 12, DIR 13 (the CNC shield's A axis) | software, both ports |
 
@@ -23,6 +24,8 @@ pub(crate) enum Kind {
     Compare,
     /// On PORTD.
     PortD,
+    /// On PORTD, two motors that have a ring each: its interrupts make the short pulse alone.
+    TwoOnD,
     /// On PORTB.
     PortB,
     /// On PORTD, and on PB4 and PB5 as bits 0 and 1.
@@ -187,6 +190,14 @@ impl Layout {
         }
         let kind = kind(configuration, steps, dirs, shared)?;
         Ok(Layout { kind, shared, enable })
+    }
+
+    /// Gives two motors on PORTD a ring each, if they can have them.
+    #[inline(never)]
+    pub(crate) fn part(&mut self, motors: u8, pulse_ticks: u16) {
+        if self.kind == Kind::PortD && self.shared == 0 && motors == 2 && !matches!(pulse_ticks, 17..32) {
+            self.kind = Kind::TwoOnD;
+        }
     }
 
     /// Whether motors share a DIR line.

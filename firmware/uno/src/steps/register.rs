@@ -18,8 +18,6 @@ addresses! {
     TIFR1 = 0x16;
     /// Free storage, bit-addressable.
     GPIOR0 = 0x1e;
-    /// EEPROM control; bits 4 and 5 are the mode of the next write, and free storage.
-    EECR = 0x1f;
     /// EEPROM data; free storage, as the EEPROM is not used.
     EEDR = 0x20;
     /// EEPROM address, low byte; free storage.

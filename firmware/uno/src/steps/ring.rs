@@ -19,7 +19,8 @@
 //!
 //! # The two interrupts
 //! Compare match A plays ring A: on PORTD (`Kind::PortD`), on PORTD with PB4 and PB5 as bits 0 and 1 (`Kind::Shield`), or the
-//! hardware's own pin 9 (`Kind::Compare`). Compare match B plays ring B: on PORTB, or the hardware's pin 10.
+//! hardware's own pin 9 (`Kind::Compare`). Compare match B plays ring B: on PORTB, the hardware's pin 10, or PORTD beside
+//! ring A (`Kind::TwoOnD`).
 //! Registers are kept in I/O registers that nothing else uses, and no flag is touched, so that SREG needs no care:
 //!
 //! | register | holds |
@@ -30,12 +31,16 @@
 //! | OCR0A, OCR0B | low byte of the address of the next group to play, ring A and ring B |
 //!
 //! # Cycles
-//! From the match to the end, 4 for the interrupt and 3 for the vector's jump included (§7.7.1):
+//! From the match to the end, 4 for the interrupt and 3 for the edge's way to the pin and the vector's jump included (§7.7.1,
+//! §14.2.4); ring B's vector takes 1 or 2 more to tell the ports apart:
 //!
 //! | kind | to the rising edge | pulse | total |
 //! |---|---|---|---|
-//! | PORTD, PORTB | 17 | 16 (1.0 µs) | 38 |
-//! | the same, long | 17 | 31 (1.94 µs) | 53 |
+//! | PORTD | 17 | 16 (1.0 µs) | 38 |
+//! | the same by ring B | 18 | 16 | 39 |
+//! | PORTB | 19 | 16 | 40 |
+//! | PORTD, long | 17 | 31 (1.94 µs) | 53 |
+//! | PORTB, long | 19 | 31 | 55 |
 //! | shield | 17, PB4 26 | 24 or 25, PB4 19 (1.19 µs) | 50 to 53 |
 //! | shield, long | the same | 36 or 37, PB4 31 | 62 to 65 |
 //! | compare, a plain step | by the hardware | 35 (2.19 µs) | 40 |
@@ -53,8 +58,10 @@ pub(crate) mod flags {
     pub(crate) const EXTRA_B: u8 = 1;
     /// Ring A plays PB4 and PB5 too.
     pub(crate) const SHIELD: u8 = 2;
-    /// The shield's pulse is the 1.9 µs one.
+    /// The shield's pulse is the 1.9 µs one; where there is no shield, ring B plays PORTD, as ring A does.
     pub(crate) const SHIELD_LONG: u8 = 3;
+    /// See [`SHIELD_LONG`].
+    pub(crate) const B_ON_PORTD: u8 = SHIELD_LONG;
     /// Ring A reached its END mark.
     pub(crate) const STARVED_A: u8 = 4;
     /// Ring B reached its END mark.
@@ -85,6 +92,8 @@ mod hardware {
 pub(crate) const END_A: u8 = 1 << 1;
 /// END of ring B: PB7 is the crystal.
 pub(crate) const END_B: u8 = 1 << 7;
+/// END of ring B where it plays PORTD: PD0 is RXD.
+const END_B_ON_PORTD: u8 = 1 << 0;
 
 // Interrupt code of one ring: `\vector` is its name, `\pin` its PINx, `\ocr` OCR1xL, `\tail` where the tail is kept.
 // One macro, two interrupts: they differ in names, and in the shield's extra pins.
@@ -233,6 +242,31 @@ global_asm!(
     out {PINB}, r24                     // 1                            48
     in r24, {SAVE24}                    // 1                            49
     reti                                // 4                            53
+
+    // Ring B on PORTD: the short pulse alone.
+    .global ring_b_on_portd
+ring_b_on_portd:                        // as the others, and 1            8
+    out {SAVE24}, r24                   // 1                             9
+    out {SAVE30}, r30                   // 1                             10
+    out {SAVE31}, r31                   // 1                            11
+    in r30, {TAIL_B}                    // 1                            12
+    in r31, {PAGE_B}                    // 1                            13
+    ld r24, Z+                          // 2                            15
+    sbrc r24, {END_ON_PORTD}            // 2 (skips)                    17
+    rjmp 2b
+    out {PIND}, r24                     // 1  the rising edge           18
+    ld r24, Z+                          // 2                            20
+    sts {OCR1B}+1, r24                  // 2                            22
+    ld r24, Z+                          // 2                            24
+    sts {OCR1B}, r24                    // 2                            26
+    ld r24, Z+                          // 2                            28
+    out {TAIL_B}, r30                   // 1                            29
+    in r30, {SAVE30}                    // 1                            30
+    in r31, {SAVE31}                    // 1                            31
+    wait 2                              // 2                            33
+    out {PIND}, r24                     // 1  the falling edge: 18 + 16 34
+    in r24, {SAVE24}                    // 1                            35
+    reti                                // 4                            39
     "#,
     SAVE24 = const register::GPIOR1,
     SAVE30 = const register::GPIOR2,
@@ -257,6 +291,7 @@ global_asm!(
     STARVED_B = const flags::STARVED_B,
     DIR_A_ON_PORTB = const flags::DIR_A_ON_PORTB,
     DIR_B_ON_PORTB = const flags::DIR_B_ON_PORTB,
+    END_ON_PORTD = const END_B_ON_PORTD.trailing_zeros(),
 );
 
 // Looks at the groups from the newest to the next one to be played; 17 to 30 cycles each.
@@ -392,39 +427,34 @@ impl Ring {
         unlike: 0,
     };
 
-    /// A ring; [`Ring::clear`] comes before its use.
-    pub(crate) const fn new(name: Name) -> Ring {
-        let (page, end) = match name {
-            Name::A => (RING_PAGES[0], END_A),
-            Name::B => (RING_PAGES[1], END_B),
+    /// Becomes one of the two; [`Ring::clear`] comes before its use. `end` is its END bit, `edge` the bit that stands for STEP if
+    /// the compare hardware makes its edges, else 0.
+    #[inline(never)]
+    fn become_one(&mut self, name: Name, end: u8, edge: u8) {
+        *self = Ring { end, edge, unlike: GROUPS, ..Ring::NONE };
+        (self.page, self.tail_at) = match name {
+            Name::A => (RING_PAGES[0], 0x20 + register::OCR0A),
+            Name::B => (RING_PAGES[1], 0x20 + register::OCR0B),
         };
-        let tail_at = 0x20
-            + match name {
-                Name::A => register::OCR0A,
-                Name::B => register::OCR0B,
-            };
-        Ring {
-            page,
-            end,
-            edge: 0,
-            head: 0,
-            pending: Group::NOTHING,
-            before_step: 0,
-            step_first: 0,
-            step_last: 0,
-            step_fall: 0,
-            tail_at,
-            unlike: GROUPS,
-        }
+    }
+
+    /// A ring of PORTD, of the shield, or of PORTB.
+    pub(crate) fn plain(&mut self, name: Name) {
+        self.become_one(name, if name == Name::A { END_A } else { END_B }, 0);
+    }
+
+    /// Ring B on PORTD, beside ring A; GPIOR0 must say the same ([`flags::B_ON_PORTD`]).
+    pub(crate) fn second_on_portd(&mut self) {
+        self.become_one(Name::B, END_B_ON_PORTD, 0);
     }
 
     /// A ring whose STEP edges the compare hardware makes on pin 9 (A) or 10 (B).
     ///
     /// `dir_on_portb` says on which port the DIR pin is; GPIOR0 must say the same ([`flags::DIR_A_ON_PORTB`]).
-    pub(crate) const fn hardware(name: Name, dir_on_portb: bool) -> Ring {
+    pub(crate) fn hardware(&mut self, name: Name, dir_on_portb: bool) {
         // A bit that no DIR pin of that port has: PD0 is RXD, PB7 the crystal.
         let edge = if dir_on_portb { 1 << 7 } else { 1 << 0 };
-        Ring { edge, ..Ring::new(name) }
+        self.become_one(name, if name == Name::A { END_A } else { END_B }, edge);
     }
 
     /// It is the only ring: in the page of ring A, whose other one is free for other things.

@@ -2,7 +2,7 @@
 //!
 //! | motors | who fills |
 //! |---|---|
-//! | one, or two on the compare hardware | each its own ring: [`fill`](super::fill) |
+//! | one, or two on the compare hardware or on PORTD | each its own ring: [`fill`](super::fill) |
 //! | two to four with DIR lines of their own | the merge: [`merge`](super::merge) |
 //! | motors that share a DIR line | one step after the other: [`fill_shared`] |
 //!
@@ -29,7 +29,7 @@ use crate::regs::{self, Reg16};
 use pulsetrain_core::wire::message::{self, Configuration};
 use pulsetrain_core::{Epoch, Moment};
 
-/// So late an edge made by an interrupt may be, ticks; and where a merge moves it too.
+/// So late an edge made by an interrupt may be, ticks; and where a merge moves it too, or another ring's interrupt comes first.
 const LATE: [u8; 2] = [24, 60];
 /// Ticks between two groups, at least: from a match until the interrupt has set the next, and the longest time that it can be
 /// kept waiting; and the length of the interrupt + 4, so that delays die out.
@@ -38,8 +38,10 @@ const APART: u8 = 48;
 const APART_LONG: u8 = 60;
 /// The shield's, and with pulses of 1.9 µs.
 const APART_SHIELD: [u8; 2] = [60, 76];
-/// With two of the compare hardware's.
-const APART_COMPARE: u8 = 96;
+/// With the compare hardware, or with two rings on PORTD, where the other's interrupt may come first.
+const APART_BESIDE: u8 = 96;
+/// With two of the compare hardware's: the other's longer way, of 67 cycles, may come first.
+const APART_TWO_COMPARE: u8 = 120;
 /// Ticks between two steps of a motor with a ring of its own, at least, when they are not looked at: alone, and beside another.
 const FASTEST: [u16; 2] = [60, 130];
 /// From a group's tick to its `fall`, ticks, when no interrupt was kept waiting.
@@ -82,14 +84,19 @@ impl Spacing {
     /// Pulses of as many ticks as are asked for, or a little longer where that is what an interrupt makes; beyond that by
     /// two groups. And the times that follow.
     fn of(kind: Kind, configuration: &Configuration<'_>, merging: bool, shared: bool) -> (Spacing, Times) {
+        let beside = configuration.motors().len() > 1;
         // What the interrupt makes without and with its flag, and the distance that takes.
         let ((short, apart), (extra, apart_extra), fall) = match kind {
+            Kind::TwoOnD => ((16, APART_BESIDE), (16, APART_BESIDE), FALL),
             Kind::PortD | Kind::PortB => ((16, APART), (31, APART_LONG), FALL),
             Kind::Shield => ((17, APART_SHIELD[0]), (31, APART_SHIELD[1]), FALL),
-            Kind::Compare => ((35, APART_COMPARE), (35, APART_COMPARE), FALL_COMPARE),
+            Kind::Compare => {
+                let apart = if beside { APART_TWO_COMPARE } else { APART_BESIDE };
+                ((35, apart), (35, apart), FALL_COMPARE)
+            }
         };
         let wanted = configuration.pulse_ticks;
-        let late = LATE[usize::from(merging)];
+        let late = LATE[usize::from(merging || kind == Kind::TwoOnD)];
         let mut spacing = Spacing { extra: false, long: false, apart };
         let (mut pulse, mut made) = (0, short);
         if wanted > short {
@@ -111,7 +118,6 @@ impl Spacing {
         // The merge moves edges by half of that, either way.
         let slack = if merging { apart } else { 0 };
         let lead = configuration.setup_ticks + u16::from(fall + late) + slack;
-        let beside = kind == Kind::Compare && configuration.motors().len() > 1;
         // An expansion counts the long pulse in 8 bits, and does not know the hardware's.
         let singly = spacing.long && (kind == Kind::Compare || pulse > 255);
         let fastest = if singly {
@@ -353,7 +359,7 @@ impl Stepper {
         let motors = configuration.motors();
         let all = motors.len() as u8;
         let shared = layout.is_shared();
-        self.apiece = kind == Kind::Compare;
+        self.apiece = matches!(kind, Kind::Compare | Kind::TwoOnD);
         self.merging = all > 1 && !self.apiece && !shared;
         let (spacing, times) = Spacing::of(kind, configuration, self.merging, shared);
         self.spacing = spacing;
@@ -361,12 +367,13 @@ impl Stepper {
         let (always, extra) = match kind {
             Kind::Shield => (1 << flags::EXTRA_A | 1 << flags::SHIELD, 1 << flags::SHIELD_LONG),
             Kind::PortB => (0, 1 << flags::EXTRA_B),
-            Kind::PortD => (0, 1 << flags::EXTRA_A),
+            Kind::PortD | Kind::TwoOnD => (1 << flags::B_ON_PORTD, 1 << flags::EXTRA_A),
             Kind::Compare => (0, 0),
         };
         self.flags = if spacing.extra { always | extra } else { always };
         let first = if kind == Kind::PortB { Name::B } else { Name::A };
-        self.tracks[0].ring = Ring::new(first);
+        self.tracks[0].ring.plain(first);
+        self.tracks[1].ring.second_on_portd();
         self.count = MAX_MOTORS as u8;
         self.motors_mut().iter_mut().for_each(|motor| *motor = Motor::NONE);
         self.count = all;
@@ -380,7 +387,7 @@ impl Stepper {
                     (Name::A, flags::DIR_A_ON_PORTB)
                 };
                 let on_portb = setup.dir_pin >= 8;
-                track.ring = Ring::hardware(name, on_portb);
+                track.ring.hardware(name, on_portb);
                 lines.step = track.ring.edge();
                 self.flags |= u8::from(on_portb) << dir;
             }
