@@ -6,6 +6,7 @@ use pulsetrain_core::wire::frame::{Received, Tag};
 use pulsetrain_core::wire::message::{
     Configuration, Event, Info, Measures, Missing, MotorSetup, MotorStatus, Reason, StatusHead,
 };
+use pulsetrain_core::wire::orders::{Obeyed, Orders};
 use pulsetrain_core::wire::service::{SILENCE_MS, TRIAL_MS};
 use pulsetrain_core::wire::{
     Baud, Command, Decoder, Encoder, LEAST_BODY, MAX_BODY, MAX_FRAME, Machine, Millis, Refusal, Reply, Service,
@@ -26,7 +27,20 @@ impl Notebook {
     }
 }
 
+impl Notebook {
+    const OBEYED: [(i32, Option<u64>); 2] = [(-1, None), (-2, Some(86))];
+}
+
 impl Machine for Notebook {
+    const OBEYS: bool = true;
+
+    fn obey(&mut self, orders: &Orders<'_>) -> Result<(), Refusal> {
+        self.note(format!("{:?}", Command::Orders(*orders)));
+        Ok(())
+    }
+    fn obeyed(&self, frame: &mut Encoder<'_>) {
+        Obeyed::new(77, Notebook::OBEYED.into_iter()).encode(frame);
+    }
     fn info(&mut self) -> Info {
         Info::NOBODY
     }
@@ -199,6 +213,9 @@ proptest! {
  let Reply::Measures(measures) = reply else { panic!("{reply:?}") };
  prop_assert_eq!(measures.late, 3);
 }
+                Ok(Command::Orders(_)) => {
+                    prop_assert_eq!(reply, Reply::Obeyed(Obeyed::new(77, Notebook::OBEYED.into_iter())));
+                }
                 Ok(Command::Configure(_)) => {
                     let Reply::Configured(free) = reply else { panic!("{reply:?}") };
                     prop_assert_eq!(free.as_slice(), [100, 101]);

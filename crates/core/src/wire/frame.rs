@@ -104,7 +104,7 @@ const fn trailer(sum: Sum, tag: Tag) -> [u8; 3] {
 #[derive(Debug)]
 pub struct Encoder<'a> {
     out: &'a mut [u8],
-    /// Bytes of the body; what is too many for `out` is counted, but not kept. At most 255.
+    /// Bytes of the body; 255 once they are too many for `out`.
     len: u8,
 }
 
@@ -112,9 +112,10 @@ pub struct Encoder<'a> {
 const BODY_AT: usize = 2;
 
 impl<'a> Encoder<'a> {
-    /// A frame into the front of `out`.
+    /// A frame into the front of `out`, which has no more than 256 bytes: no frame is as long.
     #[must_use]
     pub fn new(out: &'a mut [u8]) -> Encoder<'a> {
+        debug_assert!(out.len() <= 256, "room for a frame, not for {} bytes", out.len());
         Encoder { out, len: 0 }
     }
 

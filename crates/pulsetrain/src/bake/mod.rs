@@ -49,11 +49,11 @@ pub enum BakeError {
         most: u64,
     },
     /// A wait is longer than the counter can tell.
-    #[error("motor {motor} rests for {wait_s:.0} s; the longest wait is {limit_s:.0} s")]
+    #[error("motor {motor} rests for {wait_s:.0} s or more; the longest wait is {limit_s:.0} s")]
     Wait {
         /// Whose.
         motor: String,
-        /// How long, s.
+        /// How long at least, s.
         wait_s: f64,
         /// The longest, s.
         limit_s: f64,
