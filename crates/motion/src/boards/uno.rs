@@ -3,14 +3,14 @@
 /// Pulses up to these lengths, a column each.
 pub(super) const PULSES: [u32; 3] = [16, 31, 80];
 /// Shortest interval that holds for good, of each of 1 to 4 motors on one or two ports.
-pub(super) const BY_SOFTWARE: [[u32; 3]; 4] = [[112, 124, 235], [325, 342, 617], [507, 533, 935], [733, 788, 1311]];
+pub(super) const BY_SOFTWARE: [[u32; 3]; 4] = [[113, 131, 231], [327, 352, 603], [508, 547, 873], [717, 770, 1345]];
 /// The same of two motors on pins 2-7, each with a DIR line of its own: these have a ring each.
-pub(super) const PAIR: [u32; 3] = [220, 350, 617];
+pub(super) const PAIR: [u32; 3] = [214, 352, 429];
 /// The same of one or two motors whose edges the compare hardware makes.
-pub(super) const BY_COMPARE: [[u32; 3]; 2] = [[109, 109, 1797], [224, 224, 3333]];
+pub(super) const BY_COMPARE: [[u32; 3]; 2] = [[113, 110, 1886], [220, 220, 3645]];
 /// Largest |edge − scheduled| beyond the constant.
-pub(super) const LATENESS: u32 = 53;
+pub(super) const LATENESS: u32 = 54;
 /// The farthest that it commits itself ahead.
-pub(super) const HORIZON: u32 = 64560;
+pub(super) const HORIZON: u32 = 75612;
 /// Bytes of its queues.
 pub(super) const QUEUES: u32 = 396;
