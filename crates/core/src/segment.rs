@@ -154,7 +154,7 @@ mod tests {
             let after = segment.after(count);
             let n = i128::from(count);
             let pairs = n * (n - 1) / 2;
-            let low = |wide: i128| (wide & i128::from(u64::MAX)) as u64 as i64;
+            let low = |wide: i128| i64::from_le_bytes(*wide.to_le_bytes().first_chunk().unwrap());
             prop_assert_eq!(after.add, low(i128::from(add) + n * i128::from(add2)));
             let (first, second) = (n * i128::from(add), low(i128::from(low(pairs)) * i128::from(add2)));
             prop_assert_eq!(after.interval, low(i128::from(interval) + i128::from(low(first)) + i128::from(second)));

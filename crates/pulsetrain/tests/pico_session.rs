@@ -103,7 +103,7 @@ impl Pins {
         let bit = 1 << edge.line;
         self.levels = if edge.level { self.levels | bit } else { self.levels & !bit };
         let motor = usize::from(edge.line / 2).wrapping_sub(1);
-        if let Some(steps) = self.steps.get_mut(motor).filter(|_| edge.level && edge.line % 2 == 0) {
+        if let Some(steps) = self.steps.get_mut(motor).filter(|_| edge.level && edge.line.is_multiple_of(2)) {
             steps.push((edge.tick, if self.levels >> (edge.line + 1) & 1 == 1 { 1 } else { -1 }));
         }
     }
