@@ -101,7 +101,7 @@ const fn times(value: i64, k: u32) -> i64 {
 const fn times_pairs(value: i64, k: u32) -> i64 {
     if k >= 1 << 16 {
         let k = k as u64;
-        return value.wrapping_mul((k * (k - 1) / 2).cast_signed());
+        return value.wrapping_mul(((k * (k - 1)) >> 1).cast_signed());
     }
     // Of two numbers in a row one is even.
     let (half, other) = if k & 1 == 0 { (k >> 1, k.saturating_sub(1)) } else { (k >> 1, k) };

@@ -7,7 +7,7 @@
 //!
 //! What motors do is worked out a little ahead, slice after slice ([`Verbs::work_out`]); what was worked out stands. A verb holds
 //! from the end of the last slice on, for all motors that one order names from the same tick, and the answer says which
-//! ([`Obeyed`](crate::wire::orders::Obeyed)): the same verbs at the same ticks make the same edges on every board.
+//! ([`Obeyed`]): the same verbs at the same ticks make the same edges on every board.
 //!
 //! # What is not
 //! Acceleration: a motor that is told another speed has it with its next step. Ramps are whoever's who speaks, or a plan's.
