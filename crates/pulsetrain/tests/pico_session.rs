@@ -2,6 +2,7 @@
 //! planned. As `session.rs` has it of the native board.
 
 use proptest::prelude::*;
+use proptest::test_runner::TestRunner;
 use pulsetrain::drive::connect;
 use pulsetrain::pause::Shelf;
 use pulsetrain::session::{MotorState, Session, SessionError};
@@ -152,12 +153,20 @@ fn run_out(session: &mut Pico<'_>, pins: &mut Pins) {
     }
 }
 
-proptest! {
-    // Each is seconds of an emulated chip.
-    #![proptest_config(ProptestConfig::with_cases(6))]
+/// Each case is seconds of an emulated chip: as many as this, whatever is said of other random tests.
+const CASES: u32 = 6;
 
-    #[test]
-    fn epochs_change_no_tick(program in programs()) {
+/// Has `test` pass on random values.
+fn each<S: Strategy>(values: S, test: impl Fn(S::Value) -> Result<(), TestCaseError>) {
+    let config = ProptestConfig { cases: CASES, ..ProptestConfig::default() };
+    if let Err(error) = TestRunner::new(config).run(&values, test) {
+        panic!("{error}");
+    }
+}
+
+#[test]
+fn epochs_change_no_tick() {
+    each(programs(), |program| {
         let Some(planned) = planned(&program) else { return Err(TestCaseError::reject("no plan")) };
         let mut pins = Pins::new(&program);
         let mut session = begin(&program);
@@ -170,10 +179,13 @@ proptest! {
             prop_assert_eq!(&from_zero, planned);
         }
         check_counts(&session, &pins)?;
-    }
+        Ok(())
+    });
+}
 
-    #[test]
-    fn a_lost_host_is_a_planned_stop(program in programs(), lost_s in 0.0..0.6f64) {
+#[test]
+fn a_lost_host_is_a_planned_stop() {
+    each((programs(), 0.0..0.6f64), |(program, lost_s)| {
         prop_assume!(planned(&program).is_some());
         let mut pins = Pins::new(&program);
         let mut session = begin(&program);
@@ -194,15 +206,15 @@ proptest! {
                 prop_assert!(speed <= slow, "it stops at once from {} steps/s; {} would do", speed, slow);
             }
         }
-    }
+        Ok(())
+    });
+}
 
-    #[test]
-    fn stops_pauses_and_changes_keep_the_count(
-        program in programs(),
-        pauses in prop::collection::vec((0.0..0.3f64, 0.0..0.1f64), 1..3),
-        change in (0.0..0.2f64, 0u64..1_000_000, smooth_law()),
-        stop_s in 0.0..0.3f64,
-    ) {
+#[test]
+fn stops_pauses_and_changes_keep_the_count() {
+    let pauses = prop::collection::vec((0.0..0.3f64, 0.0..0.1f64), 1..3);
+    let change = (0.0..0.2f64, 0u64..1_000_000, smooth_law());
+    each((programs(), pauses, change, 0.0..0.3f64), |(program, pauses, change, stop_s)| {
         prop_assume!(planned(&program).is_some());
         let cell = std::cell::OnceCell::new();
         let shelf = Shelf::default();
@@ -247,7 +259,8 @@ proptest! {
         prop_assert_eq!(&report.counted, &report.replayed);
         run_out(&mut session, &mut pins);
         check_counts(&session, &pins)?;
-    }
+        Ok(())
+    });
 }
 
 /// Brakes from `state`, and then does `law`.
