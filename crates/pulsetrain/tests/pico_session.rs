@@ -1,8 +1,10 @@
 //! Sessions on the virtual Pico, its committed firmware over its USB: what its pins do is the plan, tick by tick, or a stop that was
 //! planned. As `session.rs` has it of the native board.
 
+#[path = "common/random.rs"]
+mod random;
+
 use proptest::prelude::*;
-use proptest::test_runner::TestRunner;
 use pulsetrain::drive::connect;
 use pulsetrain::pause::Shelf;
 use pulsetrain::session::{MotorState, Session, SessionError};
@@ -13,6 +15,7 @@ use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::program::{DriverTiming, Limits, Motor, Program, Scale, Tolerance, Wiring};
 use pulsetrain_motion::{Grid, Law, Time, boards};
 use pulsetrain_plan::{Ensemble, Move};
+use random::each;
 
 const TICK_HZ: u64 = 125_000_000;
 const TIMING: DriverTiming =
@@ -153,20 +156,12 @@ fn run_out(session: &mut Pico<'_>, pins: &mut Pins) {
     }
 }
 
-/// Each case is seconds of an emulated chip: as many as this, whatever is said of other random tests.
+/// Each case is seconds of an emulated chip.
 const CASES: u32 = 6;
-
-/// Has `test` pass on random values.
-fn each<S: Strategy>(values: S, test: impl Fn(S::Value) -> Result<(), TestCaseError>) {
-    let config = ProptestConfig { cases: CASES, ..ProptestConfig::default() };
-    if let Err(error) = TestRunner::new(config).run(&values, test) {
-        panic!("{error}");
-    }
-}
 
 #[test]
 fn epochs_change_no_tick() {
-    each(programs(), |program| {
+    each(CASES, programs(), |program| {
         let Some(planned) = planned(&program) else { return Err(TestCaseError::reject("no plan")) };
         let mut pins = Pins::new(&program);
         let mut session = begin(&program);
@@ -185,7 +180,7 @@ fn epochs_change_no_tick() {
 
 #[test]
 fn a_lost_host_is_a_planned_stop() {
-    each((programs(), 0.0..0.6f64), |(program, lost_s)| {
+    each(CASES, (programs(), 0.0..0.6f64), |(program, lost_s)| {
         prop_assume!(planned(&program).is_some());
         let mut pins = Pins::new(&program);
         let mut session = begin(&program);
@@ -214,7 +209,7 @@ fn a_lost_host_is_a_planned_stop() {
 fn stops_pauses_and_changes_keep_the_count() {
     let pauses = prop::collection::vec((0.0..0.3f64, 0.0..0.1f64), 1..3);
     let change = (0.0..0.2f64, 0u64..1_000_000, smooth_law());
-    each((programs(), pauses, change, 0.0..0.3f64), |(program, pauses, change, stop_s)| {
+    each(CASES, (programs(), pauses, change, 0.0..0.3f64), |(program, pauses, change, stop_s)| {
         prop_assume!(planned(&program).is_some());
         let cell = std::cell::OnceCell::new();
         let shelf = Shelf::default();

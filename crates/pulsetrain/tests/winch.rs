@@ -1,5 +1,7 @@
 //! StepperWinch's text: scripts that are run and judged, and the console. On the native winch, in virtual time.
 
+#[path = "common/random.rs"]
+mod random;
 #[path = "../../board/tests/common/seed.rs"]
 mod seed;
 
@@ -22,6 +24,7 @@ use pulsetrain_board::{Edge, Port, PortError, VirtualBoard};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::pins::PinKind;
 use pulsetrain_trace::winch::{Options, Report};
+use random::each;
 
 const NAMES: Names<'_> = Names { script: "script", runner: "native winch", board: "StepperWinch" };
 
@@ -427,30 +430,30 @@ fn random_script(lines: &[(u32, String)]) -> (String, f64) {
     (text, f64::from(at_ms) / 1e3 + 1.0)
 }
 
-proptest! {
-    #![proptest_config(ProptestConfig { cases: 24 * seed::rounds() as u32, ..ProptestConfig::default() })]
-
-    /// The board's fixed point and the judge's f64 agree on any script: two codes that share nothing.
-    #[test]
-    fn boards_and_judge_agree(lines in prop::collection::vec((0..500_u32, line()), 1..12)) {
+/// The board's fixed point and the judge's f64 agree on any script: two codes that share nothing.
+#[test]
+fn boards_and_judge_agree() {
+    let lines = prop::collection::vec((0..500_u32, line()), 1..12);
+    each(24 * seed::rounds() as u32, lines, |lines| {
         let (text, end_s) = random_script(&lines);
         let run = run(&script(&text, end_s));
         let verdict = verdict(&run);
         prop_assert!(verdict.ok && run.troubles.is_empty(), "{}{:?} {:?}", text, verdict, run.troubles);
-    }
+        Ok(())
+    });
 }
 
-proptest! {
-    #![proptest_config(ProptestConfig { cases: 8 * seed::rounds() as u32, ..ProptestConfig::default() })]
-
-    /// So do the firmware's assembly, and the judge.
-    #[test]
-    fn the_uno_and_the_judge_agree(lines in prop::collection::vec((0..300_u32, line()), 1..10)) {
+/// So do the firmware's assembly, and the judge.
+#[test]
+fn the_uno_and_the_judge_agree() {
+    let lines = prop::collection::vec((0..300_u32, line()), 1..10);
+    each(8 * seed::rounds() as u32, lines, |lines| {
         let (text, end_s) = random_script(&lines);
         let run = run_on(VirtualUno::new(), &script(&text, end_s));
         let verdict = verdict_as(&run, &of_uno());
         prop_assert!(verdict.ok && run.troubles.is_empty(), "{}{:?} {:?}", text, verdict, run.troubles);
-    }
+        Ok(())
+    });
 }
 
 fn folder(name: &str) -> PathBuf {
