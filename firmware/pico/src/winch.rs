@@ -270,7 +270,7 @@ impl Winch {
     pub(crate) fn look(&mut self, board: &mut Board, service: &mut Service) -> bool {
         if self.tells {
             if self.ends || self.session.is_forsaken() {
-                board.halt();
+                board.halt(true);
             }
             if !board.is_armed() || (self.ends && board.rests()) {
                 // Nothing moves any more.
