@@ -272,7 +272,8 @@ impl Winch {
             if self.ends || self.session.is_forsaken() {
                 board.halt(true);
             }
-            if !board.is_armed() || (self.ends && board.rests()) {
+            // What was done is told first.
+            if board.next_done().is_none() && (!board.is_armed() || (self.ends && board.rests())) {
                 // Nothing moves any more.
                 let _ = board.release();
                 board.host_gone(false);
