@@ -179,7 +179,7 @@ impl Motors {
         regs::enable_interrupts();
         board.arm()?;
         // Words are written from now on; nothing is told.
-        board.obey(&Orders::NONE)?;
+        board.begin_verbs()?;
         // SAFETY: the interrupt is not let in yet.
         unsafe {
             STATE.with(|state| *state = Some(State { board, on_done: None, wakers: [const { None }; MOTORS] }));

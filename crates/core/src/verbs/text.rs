@@ -238,6 +238,16 @@ impl Reply {
     }
 }
 
+/// What the digits of a number are worth, from a table: a product of 64 bits takes a board longer than all else here.
+const UNITS: [u64; 20] = {
+    let (mut units, mut place) = ([1; 20], 19);
+    while place > 0 {
+        place -= 1;
+        units[place] = 10 * units[place + 1];
+    }
+    units
+};
+
 const fn name(axis: u16) -> u8 {
     AXES[(axis & 3) as usize]
 }
@@ -276,14 +286,13 @@ impl Writer<'_> {
     /// Digit by digit, by subtraction: boards have no division.
     fn digits(&mut self, value: u64) {
         let (mut rest, mut begun) = (value, false);
-        for power in (0..20).rev() {
-            let unit = 10_u64.pow(power);
+        for unit in UNITS {
             let mut digit = b'0';
             while rest >= unit {
                 rest -= unit;
                 digit += 1;
             }
-            begun |= digit != b'0' || power == 0;
+            begun |= digit != b'0' || unit == 1;
             if begun {
                 self.text(&[digit]);
             }

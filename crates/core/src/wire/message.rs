@@ -768,6 +768,8 @@ pub mod flags {
     pub const BAD_ITEM: u8 = 4;
     /// Of a motor: position or accumulator were not those that the host expected.
     pub const CHECK_FAILED: u8 = 8;
+    /// Of a motor: it was stopped at once above its pull-in speed, and may stand elsewhere than it counts. An Uno says it in Stopped alone.
+    pub const UNCERTAIN: u8 = 16;
 }
 
 /// What is common to all motors.

@@ -221,9 +221,9 @@ impl Stepper {
         self.pace = pace;
     }
 
-    /// So far ahead steps have to be known, ticks.
-    pub(crate) const fn foresight(&self) -> u32 {
-        self.pace.ahead + self.clear
+    /// So far ahead steps have to be known at a pace, ticks.
+    pub(crate) const fn foresight(&self, pace: Pace) -> u32 {
+        pace.ahead + self.clear
     }
 
     /// Whether each motor's queue has room for `items` items more.
@@ -242,6 +242,11 @@ impl Stepper {
     /// What each motor can be told directly, and its position.
     pub(crate) fn limits(&self) -> impl Iterator<Item = (Limits, i32)> {
         self.motors().map(|motor| (motor.limits, motor.words.channel().position()))
+    }
+
+    /// The shortest interval that a motor can start and stop at, ticks.
+    pub(crate) fn pull_in_ticks(&self, motor: u8) -> u32 {
+        self.motor(motor).map_or(0, |motor| motor.pull_in_ticks)
     }
 
     /// Has a motor make steps in the millisecond that begins at `begin`.
