@@ -441,6 +441,8 @@ fn replies_are_lines() {
     check(Reply::Unread(What::Missing, 3), "err missing 3");
     check(Reply::Refused(Refusal { reason: Reason::Period, detail: 500 }), "err period 500");
     check(Reply::Refused(Refusal { reason: Reason::Busy, detail: 2 }), "err busy z");
+    check(Reply::Refused(Refusal::of(Reason::NotArmed)), "err stopped");
+    check(Reply::Refused(Refusal::of(Reason::Moving)), "err moving");
     check(Reply::Path, "err path");
     check(Reply::Verbs, "err verbs");
     // The longest of all: a tick of 20 digits, and the longest wait that is told.

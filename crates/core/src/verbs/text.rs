@@ -166,7 +166,8 @@ pub enum Reply {
     },
     /// `err <what> <word>`: the line cannot be read.
     Unread(What, u8),
-    /// `err period <shortest>`, `err busy <axis>`: it cannot be done.
+    /// `err period <shortest>`, `err busy <axis>`: it cannot be done; `err stopped`: motors stopped by themselves, and text begins anew;
+    /// `err moving`: the axes cannot be had.
     Refused(Refusal),
     /// `err path`: the winch's paths have the axes; `enable 0` ends that.
     Path,
@@ -229,6 +230,7 @@ impl Reply {
                 to.text(b"err busy ");
                 to.text(&[name(*detail)]);
             }
+            Reply::Refused(Refusal { reason: Reason::NotArmed, .. }) => to.text(b"err stopped"),
             Reply::Refused(_) => to.text(b"err moving"),
             Reply::Path => to.text(b"err path"),
             Reply::Verbs => to.text(b"err verbs"),

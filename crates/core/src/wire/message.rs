@@ -112,7 +112,7 @@ codes! {
         Baud = 14,
         /// A period that is shorter than the motor's shortest, which is `detail`, ticks; or beyond 2^62.
         Period = 15,
-        /// A move waits already behind the one that is under way; `detail` is the motor.
+        /// A move waits already behind the one that is under way, or four were not told as done yet; `detail` is the motor.
         Busy = 16,
         /// Motors are told directly, until they are released or stopped: no plan is taken.
         Obeying = 17,
