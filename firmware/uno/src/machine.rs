@@ -416,7 +416,7 @@ impl Machine for Board {
     }
 
     fn free(&self, motor: u8) -> u16 {
-        task::lock().motors().get(usize::from(motor)).map_or(0, |motor| motor.room())
+        task::lock().motor(motor).map_or(0, |motor| motor.room())
     }
 
     #[inline(never)]
@@ -427,8 +427,8 @@ impl Machine for Board {
         let detail = u16::from(motor);
         let full = Refusal { reason: Reason::Full, detail };
         let len = packed.len() as u16;
-        let stepper = task::lock();
-        let Some(axis) = stepper.motors().get(usize::from(motor)) else {
+        let mut stepper = task::lock();
+        let Some(axis) = stepper.motor_mut(motor) else {
             return Err(Refusal { reason: Reason::NoSuchMotor, detail });
         };
         let room = axis.push(epoch, len).ok_or(full)?;
@@ -508,7 +508,7 @@ impl Machine for Board {
     }
 
     fn faults(&self, motor: u8) -> u8 {
-        task::lock().motors().get(usize::from(motor)).map_or(0, stepper::faults)
+        task::lock().motor(motor).map_or(0, stepper::faults)
     }
 
     #[inline(never)]
