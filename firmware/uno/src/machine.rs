@@ -7,9 +7,11 @@ use crate::steps::motor::{self, SWITCHES};
 use crate::steps::pins::{Layout, MAX_MOTORS, Pin};
 use crate::steps::stepper::{self, LONGEST, Trouble};
 use crate::steps::task;
+use crate::store;
 use crate::winch::feed;
 use pulsetrain_core::wire::frame::Tag;
 use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, flags};
+use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{Baud, Machine, Millis, Reason, Refusal, Stopped, Switched};
 use pulsetrain_core::{Epoch, Moment};
 
@@ -348,6 +350,22 @@ fn extended(moment: Moment) -> u64 {
 }
 
 impl Machine for Board {
+    const STORES: bool = true;
+
+    fn store(&mut self, settings: Option<&[u8; SETTINGS_LEN]>) -> Result<(), Refusal> {
+        if self.armed {
+            return Err(Refusal::of(Reason::Moving));
+        }
+        if let Some(settings) = settings {
+            store::write(settings);
+        }
+        Ok(())
+    }
+
+    fn stored(&mut self, settings: &mut [u8; SETTINGS_LEN]) -> bool {
+        store::read(settings)
+    }
+
     #[inline(always)]
     fn info(&mut self) -> Info {
         Info {

@@ -31,8 +31,10 @@ use core::slice;
 use pulsetrain_core::wire::message::{self, Configuration};
 use pulsetrain_core::{Epoch, Moment};
 
-/// So late an edge made by an interrupt may be, ticks; and where a merge moves it too, or another ring's interrupt comes first.
-const LATE: [u8; 2] = [24, 60];
+/// So late an edge made by an interrupt may be, ticks.
+const LATE: u8 = 24;
+/// The same where a merge moves it too, or another ring's interrupt comes first.
+const LATE_MOVED: u8 = 60;
 /// Ticks between two groups, at least: from a match until the interrupt has set the next, and the longest time that it can be
 /// kept waiting; and the length of the interrupt + 4, so that delays die out.
 const APART: u8 = 48;
@@ -98,7 +100,7 @@ impl Spacing {
             }
         };
         let wanted = configuration.pulse_ticks;
-        let late = LATE[usize::from(merging || kind == Kind::TwoOnD)];
+        let late = if merging || kind == Kind::TwoOnD { LATE_MOVED } else { LATE };
         let mut spacing = Spacing { extra: false, long: false, apart };
         let (mut pulse, mut made) = (0, short);
         if wanted > short {
@@ -712,7 +714,7 @@ fn fill_shared(track: &mut Track, motors: &mut [Motor], spacing: Spacing) {
             track.push(end.before(512), Group::NOTHING);
             continue;
         };
-        let due = later(due, turn_shared(track, motors, first, &times, spacing));
+        let due = later(due, turn_shared(track, motors, first, spacing));
         // All that step now, or nearly so, and look at lines that are right, go together.
         let reach = due.after(u32::from(spacing.apart / 2));
         let mut steps = 0;
@@ -736,7 +738,8 @@ fn fill_shared(track: &mut Track, motors: &mut [Motor], spacing: Spacing) {
 ///
 /// Gives the moment from which on the step may be made.
 #[inline(never)]
-fn turn_shared(track: &mut Track, motors: &mut [Motor], index: usize, times: &Times, spacing: Spacing) -> Moment {
+fn turn_shared(track: &mut Track, motors: &mut [Motor], index: usize, spacing: Spacing) -> Moment {
+    let times = TIMES.get();
     let Some(motor) = motors.get(index) else { return track.at };
     let (dir, due) = (motor.dir, motor.due);
     if motor.faces() {
