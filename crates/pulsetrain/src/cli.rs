@@ -105,7 +105,7 @@ Examples:
   pulsetrain board uno --pty /tmp/uno --bootloader optiboot.hex
                                                     then: pulsetrain flash uno --port /tmp/uno")]
     Board(Board),
-    /// Write the firmware to a board, and read it back; nothing else has to be installed
+    /// Write the firmware to a board, and to an Uno read it back; nothing else has to be installed
     #[command(after_help = "\
 An Uno (or a Nano with its newer bootloader) is programmed through its bootloader, at 115200 baud, after a reset by DTR; the older \
 bootloader of Nanos, at 57600 baud, is larger and leaves the firmware no room. A Pico is a drive as long as BOOTSEL is held while \
@@ -305,6 +305,9 @@ pub(crate) struct Bake {
     /// How much of an endless motion, with its unit; the planned stop comes after [default: it never ends]
     #[arg(long = "for", value_name = "TIME", value_parser = duration)]
     pub(crate) length: Option<Time>,
+    /// How much faster than it should the board's clock runs, ppm, as `pulsetrain calibrate` tells: it is corrected for
+    #[arg(long, value_name = "PPM", value_parser = clock_ppm, allow_hyphen_values = true)]
+    pub(crate) clock_ppm: Option<f64>,
     /// Print what it comes to as JSON
     #[arg(long)]
     pub(crate) json: bool,
