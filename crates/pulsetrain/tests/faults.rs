@@ -1,0 +1,185 @@
+//! Faults: what a board does, and what its host says, when something goes wrong. The table of docs/faults.md comes from here.
+//!
+//! Each case is a whole run of a short motion, as `pulsetrain run` does it, on the virtual Uno or the virtual Pico, in emulated time.
+//! A usual run tries some of the places, by a seed that it prints; `PULSETRAIN_ROUNDS` as many times as many, up to all.
+
+#[path = "faults/bench.rs"]
+mod bench;
+#[path = "faults/line.rs"]
+mod line;
+#[path = "../../board/tests/common/seed.rs"]
+mod seed;
+#[path = "faults/table.rs"]
+mod table;
+
+use bench::{Bench, Chip, Moved};
+use expect_test::expect_file;
+use line::{Fault, Mishap, Way};
+use pulsetrain_board::virtual_pico::VirtualPico;
+use pulsetrain_board::virtual_uno::VirtualUno;
+use seed::{rounds, seed};
+use std::time::Duration;
+use table::Row;
+
+/// What is below this line in docs/faults.md comes from here.
+const MARK: &str = "<!-- From here on written by `UPDATE_EXPECT=1 cargo test -p pulsetrain --test faults`. -->\n";
+
+#[test]
+fn every_fault_is_met_as_docs_faults_md_says() {
+    let seed = seed(1);
+    let boards = std::thread::scope(|scope| {
+        let boards = [scope.spawn(|| rows::<VirtualUno>(seed)), scope.spawn(|| rows::<VirtualPico>(seed))];
+        boards.map(|rows| rows.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+    });
+    // Each fault on the one board, then on the other.
+    let [uno, pico] = boards;
+    assert_eq!(uno.len(), pico.len());
+    let rows: Vec<Row> = uno.into_iter().zip(pico).flat_map(|(uno, pico)| [uno, pico]).collect();
+    let page = include_str!("../../../docs/faults.md");
+    let (head, _) = page.split_once(MARK).expect("the mark is there");
+    expect_file!["../../../docs/faults.md"].assert_eq(&format!("{head}{MARK}\n{}", table::markdown(&rows)));
+}
+
+fn rows<P: Chip>(seed: u64) -> Vec<Row> {
+    let bench = Bench::<P>::new();
+    let mut rows = bytes(&bench, seed);
+    rows.extend(lines(&bench, seed));
+    rows.extend(hosts(&bench, seed));
+    rows.extend(boards(&bench, seed));
+    rows
+}
+
+/// Some of so many places: `few`, or as many times as many as there are rounds, evenly apart, from one on that the seed says.
+fn some(places: u64, few: u64, seed: u64) -> impl Iterator<Item = u64> {
+    let stride = (places / (few * rounds())).max(1);
+    (0..places).skip((seed.wrapping_mul(0x9e37_79b9) % stride) as usize).step_by(stride as usize)
+}
+
+const fn ms(ms: u64) -> Duration {
+    Duration::from_millis(ms)
+}
+
+/// Of each byte, on each way.
+fn bytes<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
+    const FEW: u64 = 8;
+    let mut rows = Vec::new();
+    for (way, name) in [(Way::ToBoard, "to the board"), (Way::ToHost, "to the host")] {
+        let places = bench.line.gone(way);
+        for what in ["lost", "with a bit changed", "doubled", "swapped with the next"] {
+            let mut row = Row::new(format!("a byte {name} {what}"), P::NAME, format!("{places} bytes"), Moved::AsPlanned);
+            for at in some(places, FEW, seed) {
+                let mishap = match what {
+                    "lost" => Mishap::Dropped,
+                    "with a bit changed" => Mishap::Flipped((seed.wrapping_add(at.wrapping_mul(5)) % 8) as u8),
+                    "doubled" => Mishap::Doubled,
+                    _ => Mishap::Swapped,
+                };
+                let fault = Fault::Byte { way, at, mishap };
+                row.add(&bench.run(fault).0, fault);
+            }
+            rows.push(row);
+        }
+    }
+    rows
+}
+
+/// So long after its first step the motion is not queued to its end.
+const MIDDLE: u64 = 500;
+
+/// Tries a fault at some of the milliseconds of a stretch of the motion, ms from its first step on.
+fn at_moments<P: Chip>(
+    bench: &Bench<P>,
+    row: (String, std::ops::Range<u64>, Moved),
+    few: u64,
+    seed: u64,
+    fault: impl Fn(Duration) -> Fault,
+) -> Row {
+    let (name, stretch, moved) = row;
+    let places = stretch.end - stretch.start;
+    let mut row = Row::new(name, P::NAME, format!("{places} moments, 1 ms apart"), moved);
+    let t = std::time::Instant::now();
+    for (count, after) in some(places, few, seed).enumerate() {
+        let at = bench.line.time_of(bench.first) + ms(stretch.start + after);
+        try_at(bench, &mut row, fault(at), count == 0);
+    }
+    println!("{row:?} {:?}", t.elapsed());
+    row
+}
+
+fn try_at<P: Chip>(bench: &Bench<P>, row: &mut Row, fault: Fault, again: bool) {
+    let (seen, line) = bench.run(fault);
+    row.add(&seen, fault);
+    if seen.error.is_some() {
+        bench.check_next(&seen, &line, again);
+    }
+}
+
+/// Of the line: silence, noise, cables.
+fn lines<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
+    let length = bench.length_ms();
+    let silence = |name: &str, lasts: u64, stretch, moved, few| {
+        let fault = |from| Fault::Silence { from, lasts: ms(lasts) };
+        at_moments(bench, (format!("the line silent for {name}"), stretch, moved), few, seed, fault)
+    };
+    let mut rows = vec![
+        silence("1 ms", 1, 0..length, Moved::AsPlanned, 3),
+        silence("50 ms", 50, 0..length, Moved::AsPlanned, 6),
+        silence("1 s", 1000, 0..MIDDLE, Moved::Tail, 4),
+        silence("10 s", 10_000, 0..MIDDLE, Moved::Tail, 2),
+        silence("good", 1_000_000, 0..MIDDLE, Moved::Tail, 2),
+        silence("good, after all was told", 1_000_000, length - 100..length, Moved::AsPlanned, 1),
+    ];
+    let unplugged = |from| Fault::Unplugged { from };
+    let name = "the port gone from the computer".to_owned();
+    rows.push(at_moments(bench, (name.clone(), 0..MIDDLE, Moved::Tail), 8, seed, unplugged));
+
+    let edges: Vec<u64> = bench.ticks().into_iter().filter(|tick| *tick < bench.first + bench.ticks_of(MIDDLE)).collect();
+    let mut row = Row::new(format!("{name} as a step is made"), P::NAME, format!("{} steps", edges.len()), Moved::Tail);
+    for place in some(edges.len() as u64, 8, seed) {
+        try_at(bench, &mut row, unplugged(bench.line.time_of(edges[place as usize])), false);
+    }
+    rows.push(row);
+
+    let burst = |bytes| move |at| Fault::Burst { at, bytes };
+    for bytes in [200, 2000] {
+        let name = format!("{bytes} bytes of noise");
+        rows.push(at_moments(bench, (name, 0..length, Moved::AsPlanned), 4, seed, burst(bytes)));
+    }
+    let mut row = Row::new("an adapter that stays at 115 200 baud", P::NAME, "once", Moved::AsPlanned);
+    row.add(&bench.run(Fault::Stuck).0, Fault::Stuck);
+    rows.push(row);
+    rows
+}
+
+/// Of the host, and of other programs.
+fn hosts<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
+    let length = bench.length_ms();
+    let stall = |name: &str, lasts: u64, stretch, moved, few| {
+        let fault = |at| Fault::Stall { at, lasts: ms(lasts) };
+        at_moments(bench, (format!("the host stalled for {name}"), stretch, moved), few, seed, fault)
+    };
+    let mut rows = vec![
+        stall("1 ms", 1, 0..length, Moved::AsPlanned, 3),
+        stall("100 ms", 100, 0..length, Moved::AsPlanned, 4),
+        stall("1 s", 1000, 0..MIDDLE, Moved::Tail, 4),
+        stall("10 s", 10_000, 0..MIDDLE, Moved::Tail, 2),
+    ];
+    let hello = |at| Fault::Hello { at };
+    rows.push(at_moments(bench, ("another host says Hello".to_owned(), 0..length, Moved::AsPlanned), 4, seed, hello));
+    let opened = |at| Fault::Opened { at };
+    let moved = if P::NAME == "uno" { Moved::Halted } else { Moved::AsPlanned };
+    rows.push(at_moments(bench, ("another program opens the port".to_owned(), 0..MIDDLE, moved), 4, seed, opened));
+    for look in [5, 20] {
+        let slow = |from| Fault::Slow { from, look: ms(look) };
+        let name = format!("a host that looks at the line every {look} ms only");
+        rows.push(at_moments(bench, (name, 0..MIDDLE, Moved::AsPlanned), 2, seed, slow));
+    }
+    rows
+}
+
+/// Of the board.
+fn boards<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
+    let hung = |at| Fault::Hung { at };
+    let name = "its program hangs: the watchdog bites after 1 s".to_owned();
+    vec![at_moments(bench, (name, 0..MIDDLE, Moved::Halted), 2, seed, hung)]
+}
