@@ -115,7 +115,7 @@ pub trait Board {
     /// # Errors
     /// When it cannot be asked.
     fn fared(&mut self) -> Result<Fared, RemoteError> {
-        Ok(Fared { positions: self.positions(), last_stop: Cause::Finished, was_reset: false })
+        Ok(Fared { positions: self.positions(), last_stop: Cause::Finished, reset: None })
     }
 }
 
@@ -126,8 +126,8 @@ pub struct Fared {
     pub positions: Vec<i64>,
     /// Why its motors stopped last.
     pub last_stop: Cause,
-    /// It began anew since it was taken.
-    pub was_reset: bool,
+    /// Why it began anew, if it did since it was taken.
+    pub reset: Option<Cause>,
 }
 
 /// A board in virtual time: time passes only while someone receives, and every edge of a pin is known.

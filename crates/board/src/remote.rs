@@ -519,10 +519,7 @@ impl<P: Port> Remote<P> {
     fn told_stop(&self) -> Option<Cause> {
         let told = self.events.iter().rev().map(|event| event.cause);
         told.into_iter().find(|cause| {
-            matches!(
-                cause,
-                Cause::StopNow | Cause::Starved | Cause::BadItem | Cause::CheckFailed | Cause::StepMissed
-            )
+            matches!(cause, Cause::StopNow | Cause::Starved | Cause::BadItem | Cause::CheckFailed | Cause::StepMissed)
         })
     }
 
@@ -921,17 +918,20 @@ impl<P: Port> Board for Remote<P> {
         if is_lost {
             self.take_again()?;
         }
-        let Answer { reply: Reply::Clock { tick }, answered, .. } = self.ask(&Command::Clock)? else {
+        let Answer { reply: Reply::Clock { tick }, asked, answered } = self.ask(&Command::Clock)? else {
             return Err(RemoteError::Nonsense);
         };
-        // A clock that begins anew is far behind; one that runs on is within what it may be off.
-        let expected = clock.tick_at(answered).unwrap_or(0);
-        let was_reset = tick + expected / CLOCK_DOUBT + u64::from(self.info.tick_hz) / 4 < expected;
+        // A clock that began anew is far behind; one that runs on is within what it may be off, and what readings are uncertain by. A
+        // board that still knows the session was not reset.
+        let expected = clock.tick_at(asked).unwrap_or(0);
+        let reading = 2 * (answered - asked) + SHORTEST_LEAD;
+        let doubt = expected / CLOCK_DOUBT + (reading.as_secs_f64() * f64::from(self.info.tick_hz)) as u64;
+        let was_reset = is_lost && tick + doubt < expected;
         let status = self.at_rest()?;
         let counts = status.motors.as_slice().iter().map(|motor| i64::from(motor.position));
         let positions = if was_reset { counts.collect() } else { self.positions() };
         let last_stop = if is_lost { self.info.last_stop } else { self.told_stop().unwrap_or(Cause::Finished) };
-        Ok(Fared { positions, last_stop, was_reset })
+        Ok(Fared { positions, last_stop, reset: was_reset.then_some(self.info.last_reset) })
     }
 }
 

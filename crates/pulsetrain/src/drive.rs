@@ -4,12 +4,12 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use miette::Diagnostic;
 use pulsetrain_board::native::{ConfigError, Faults};
-use pulsetrain_board::remote::name_of;
+use pulsetrain_board::remote::{in_words, name_of};
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{
-    Board, Config, Edge, Fared, MotorConfig, Native, Observer, Port, Remote, RemoteError, ScheduledStep, Setup, Shadowed,
-    Wiring,
+    Board, Config, Edge, Fared, LinkError, MotorConfig, Native, Observer, Port, Remote, RemoteError, ScheduledStep,
+    Setup, Shadowed, Wiring,
 };
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::Baud;
@@ -118,14 +118,19 @@ pub enum Knowledge {
         or: Option<Vec<i64>>,
     },
     /// The board began anew and has lost its count: they were there when it was heard last.
-    HeardLast,
+    HeardLast {
+        /// Why it began anew.
+        reset: Cause,
+    },
 }
 
 impl Whereabouts {
     /// What to do before the next run.
     const fn advice(&self) -> &'static str {
         match self.by {
-            Knowledge::Counted => "nothing moves until the next run, which begins from here: bring the motors to where it is to begin",
+            Knowledge::Counted => {
+                "nothing moves until the next run, which begins from here: bring the motors to where it is to begin"
+            }
             Knowledge::StoppedAtOnce => {
                 "nothing moves until the next run. Look where the motors are: one that was stopped at speed may have gone further than it \
                  counted; `pulsetrain info --port PORT` tells how the board fared"
@@ -134,7 +139,7 @@ impl Whereabouts {
                 "look at the cable and at the board's supply. The motors stop as planned, within a second or so, and nothing moves until the \
                  next run. An Uno that lost its supply, or whose port was opened again, was reset: look where the motors are"
             }
-            Knowledge::HeardLast => {
+            Knowledge::HeardLast { .. } => {
                 "nothing moves until the next run. Bring the motors to where it is to begin: nobody knows where they are. Look for what \
                  reset the board: its supply, or another program that opened its port"
             }
@@ -160,10 +165,11 @@ impl std::fmt::Display for Whereabouts {
                     None => Ok(()),
                 }
             }
-            Knowledge::HeardLast => write!(
+            Knowledge::HeardLast { reset } => write!(
                 f,
-                "the board began anew on the way, and has lost its count. When it was heard last: {motors}; the motors stopped at once, \
-                 soon after that"
+                "the board began anew on the way ({}) and has lost its count. When it was heard last: {motors}; the motors stopped at \
+                 once, soon after that",
+                in_words(*reset)
             ),
         }
     }
@@ -276,7 +282,15 @@ pub fn connect_as<P: Port>(port: P, program: &Program, baud: Baud, number: u32) 
         return Err(RemoteError::OtherBoard { is, wanted_hz: board.tick_hz, wanted_bits: board.fraction_bits });
     }
     if baud != remote.link().baud() {
-        remote.set_baud(baud)?;
+        match remote.set_baud(baud) {
+            // Neither heard the other any more: both begin again at the first rate, and stay there.
+            Err(RemoteError::Link(LinkError::Lost)) => {
+                let mut port = remote.close();
+                port.set_baud(Baud::B115200)?;
+                remote = Remote::open(port, !number)?;
+            }
+            changed => drop(changed?),
+        }
     }
     remote.configure(&setup(program))?;
     Ok(remote)
@@ -396,7 +410,7 @@ impl<'a, B: Board> Driven<'a, B> {
     fn whereabouts(&mut self, report: &Report) -> Whereabouts {
         let heard = self.session.board().positions();
         let (counts, by) = match self.session.board_mut().fared() {
-            Ok(Fared { was_reset: true, .. }) => (heard, Knowledge::HeardLast),
+            Ok(Fared { reset: Some(reset), .. }) => (heard, Knowledge::HeardLast { reset }),
             Ok(Fared { positions, last_stop, .. }) => match last_stop {
                 Cause::None | Cause::Finished | Cause::HostLost => (positions, Knowledge::Counted),
                 _ => (positions, Knowledge::StoppedAtOnce),

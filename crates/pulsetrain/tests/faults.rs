@@ -5,19 +5,22 @@
 
 #[path = "faults/bench.rs"]
 mod bench;
+#[path = "../../board/tests/common/mod.rs"]
+mod common;
 #[path = "faults/line.rs"]
 mod line;
-#[path = "../../board/tests/common/seed.rs"]
-mod seed;
 #[path = "faults/table.rs"]
 mod table;
+#[path = "faults/text.rs"]
+mod text;
 
 use bench::{Bench, Chip, Moved};
+use common::seed::{rounds, seed};
+use common::winch::Wired;
 use expect_test::expect_file;
 use line::{Fault, Mishap, Way};
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
-use seed::{rounds, seed};
 use std::time::Duration;
 use table::Row;
 
@@ -28,7 +31,7 @@ const MARK: &str = "<!-- From here on written by `UPDATE_EXPECT=1 cargo test -p 
 fn every_fault_is_met_as_docs_faults_md_says() {
     let seed = seed(1);
     let boards = std::thread::scope(|scope| {
-        let boards = [scope.spawn(|| rows::<VirtualUno>(seed)), scope.spawn(|| rows::<VirtualPico>(seed))];
+        let boards = [scope.spawn(|| rows(VirtualUno::new(), seed)), scope.spawn(|| rows(VirtualPico::on_usb(), seed))];
         boards.map(|rows| rows.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
     });
     // Each fault on the one board, then on the other.
@@ -40,12 +43,13 @@ fn every_fault_is_met_as_docs_faults_md_says() {
     expect_file!["../../../docs/faults.md"].assert_eq(&format!("{head}{MARK}\n{}", table::markdown(&rows)));
 }
 
-fn rows<P: Chip>(seed: u64) -> Vec<Row> {
-    let bench = Bench::<P>::new();
+fn rows<P: Chip + Wired>(fresh: P, seed: u64) -> Vec<Row> {
+    let bench = Bench::new(fresh.clone());
     let mut rows = bytes(&bench, seed);
     rows.extend(lines(&bench, seed));
     rows.extend(hosts(&bench, seed));
     rows.extend(boards(&bench, seed));
+    rows.extend(text::rows(&fresh, seed));
     rows
 }
 
@@ -61,12 +65,14 @@ const fn ms(ms: u64) -> Duration {
 
 /// Of each byte, on each way.
 fn bytes<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
-    const FEW: u64 = 8;
+    const FEW: u64 = 4;
     let mut rows = Vec::new();
     for (way, name) in [(Way::ToBoard, "to the board"), (Way::ToHost, "to the host")] {
         let places = bench.line.gone(way);
         for what in ["lost", "with a bit changed", "doubled", "swapped with the next"] {
-            let mut row = Row::new(format!("a byte {name} {what}"), P::NAME, format!("{places} bytes"), Moved::AsPlanned);
+            // How many there are depends on the firmware's timing.
+            let mut row =
+                Row::new(format!("a byte {name} {what}"), P::NAME, "each byte of a session", Moved::AsPlanned);
             for at in some(places, FEW, seed) {
                 let mishap = match what {
                     "lost" => Mishap::Dropped,
@@ -83,8 +89,8 @@ fn bytes<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
     rows
 }
 
-/// So long after its first step the motion is not queued to its end.
-const MIDDLE: u64 = 500;
+/// So long after its first step the motion is told to its end, ms.
+const TOLD: u64 = 1000;
 
 /// Tries a fault at some of the milliseconds of a stretch of the motion, ms from its first step on.
 fn at_moments<P: Chip>(
@@ -97,12 +103,10 @@ fn at_moments<P: Chip>(
     let (name, stretch, moved) = row;
     let places = stretch.end - stretch.start;
     let mut row = Row::new(name, P::NAME, format!("{places} moments, 1 ms apart"), moved);
-    let t = std::time::Instant::now();
     for (count, after) in some(places, few, seed).enumerate() {
         let at = bench.line.time_of(bench.first) + ms(stretch.start + after);
         try_at(bench, &mut row, fault(at), count == 0);
     }
-    println!("{row:?} {:?}", t.elapsed());
     row
 }
 
@@ -122,20 +126,23 @@ fn lines<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
         at_moments(bench, (format!("the line silent for {name}"), stretch, moved), few, seed, fault)
     };
     let mut rows = vec![
-        silence("1 ms", 1, 0..length, Moved::AsPlanned, 3),
-        silence("50 ms", 50, 0..length, Moved::AsPlanned, 6),
-        silence("1 s", 1000, 0..MIDDLE, Moved::Tail, 4),
-        silence("10 s", 10_000, 0..MIDDLE, Moved::Tail, 2),
-        silence("good", 1_000_000, 0..MIDDLE, Moved::Tail, 2),
-        silence("good, after all was told", 1_000_000, length - 100..length, Moved::AsPlanned, 1),
+        silence("1 ms", 1, 0..length, Moved::AsPlanned, 2),
+        silence("50 ms", 50, 0..length, Moved::AsPlanned, 3),
+        silence("1 s", 1000, 0..P::UNTOLD_MS, Moved::Tail, 2),
+        silence("10 s", 10_000, 0..P::UNTOLD_MS, Moved::Tail, 1),
+        silence("good", 1_000_000, 0..P::UNTOLD_MS, Moved::Tail, 1),
+        silence("good, after all was told", 1_000_000, TOLD..length, Moved::AsPlanned, 1),
     ];
     let unplugged = |from| Fault::Unplugged { from };
     let name = "the port gone from the computer".to_owned();
-    rows.push(at_moments(bench, (name.clone(), 0..MIDDLE, Moved::Tail), 8, seed, unplugged));
+    rows.push(at_moments(bench, (name.clone(), 0..P::UNTOLD_MS, Moved::Tail), 4, seed, unplugged));
+    let late = format!("{name}, after all was told");
+    rows.push(at_moments(bench, (late, TOLD..length, Moved::AsPlanned), 1, seed, unplugged));
 
-    let edges: Vec<u64> = bench.ticks().into_iter().filter(|tick| *tick < bench.first + bench.ticks_of(MIDDLE)).collect();
+    let edges: Vec<u64> =
+        bench.ticks().into_iter().filter(|tick| *tick < bench.first + bench.ticks_of(P::UNTOLD_MS)).collect();
     let mut row = Row::new(format!("{name} as a step is made"), P::NAME, format!("{} steps", edges.len()), Moved::Tail);
-    for place in some(edges.len() as u64, 8, seed) {
+    for place in some(edges.len() as u64, 4, seed) {
         try_at(bench, &mut row, unplugged(bench.line.time_of(edges[place as usize])), false);
     }
     rows.push(row);
@@ -143,7 +150,7 @@ fn lines<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
     let burst = |bytes| move |at| Fault::Burst { at, bytes };
     for bytes in [200, 2000] {
         let name = format!("{bytes} bytes of noise");
-        rows.push(at_moments(bench, (name, 0..length, Moved::AsPlanned), 4, seed, burst(bytes)));
+        rows.push(at_moments(bench, (name, 0..length, Moved::AsPlanned), 2, seed, burst(bytes)));
     }
     let mut row = Row::new("an adapter that stays at 115 200 baud", P::NAME, "once", Moved::AsPlanned);
     row.add(&bench.run(Fault::Stuck).0, Fault::Stuck);
@@ -159,27 +166,51 @@ fn hosts<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
         at_moments(bench, (format!("the host stalled for {name}"), stretch, moved), few, seed, fault)
     };
     let mut rows = vec![
-        stall("1 ms", 1, 0..length, Moved::AsPlanned, 3),
-        stall("100 ms", 100, 0..length, Moved::AsPlanned, 4),
-        stall("1 s", 1000, 0..MIDDLE, Moved::Tail, 4),
-        stall("10 s", 10_000, 0..MIDDLE, Moved::Tail, 2),
+        stall("1 ms", 1, 0..length, Moved::AsPlanned, 2),
+        stall("100 ms", 100, 0..length, Moved::AsPlanned, 3),
+        stall("1 s", 1000, 0..P::UNTOLD_MS, Moved::Tail, 2),
+        stall("10 s", 10_000, 0..P::UNTOLD_MS, Moved::Tail, 2),
     ];
     let hello = |at| Fault::Hello { at };
-    rows.push(at_moments(bench, ("another host says Hello".to_owned(), 0..length, Moved::AsPlanned), 4, seed, hello));
+    rows.push(at_moments(bench, ("another host says Hello".to_owned(), 0..length, Moved::AsPlanned), 2, seed, hello));
     let opened = |at| Fault::Opened { at };
     let moved = if P::NAME == "uno" { Moved::Halted } else { Moved::AsPlanned };
-    rows.push(at_moments(bench, ("another program opens the port".to_owned(), 0..MIDDLE, moved), 4, seed, opened));
-    for look in [5, 20] {
+    rows.push(at_moments(
+        bench,
+        ("another program opens the port".to_owned(), 0..P::UNTOLD_MS, moved),
+        2,
+        seed,
+        opened,
+    ));
+    for (look, moved) in [(5, Moved::AsPlanned), (20, Moved::AsPlanned), (1500, Moved::Tail)] {
         let slow = |from| Fault::Slow { from, look: ms(look) };
-        let name = format!("a host that looks at the line every {look} ms only");
-        rows.push(at_moments(bench, (name, 0..MIDDLE, Moved::AsPlanned), 2, seed, slow));
+        let name = format!("a slow host: it looks at the line every {look} ms");
+        rows.push(at_moments(bench, (name, 0..P::UNTOLD_MS / 2, moved), 1, seed, slow));
     }
     rows
 }
 
-/// Of the board.
+/// Of the board, and of files.
 fn boards<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
     let hung = |at| Fault::Hung { at };
     let name = "its program hangs: the watchdog bites after 1 s".to_owned();
-    vec![at_moments(bench, (name, 0..MIDDLE, Moved::Halted), 2, seed, hung)]
+    let mut rows = vec![at_moments(bench, (name, 0..P::UNTOLD_MS, Moved::Halted), 1, seed, hung)];
+
+    let mut row = Row::new("its clock 0.5 % fast, or slow", P::NAME, "both", Moved::AsPlanned);
+    for ppm in [5000, -5000] {
+        row.add(&bench.run_on(bench.skewed(ppm)), ppm);
+    }
+    rows.push(row);
+
+    let mut row = Row::new("the motion file written over, and removed", P::NAME, "once", Moved::AsPlanned);
+    row.add(&bench.run_without_file(), ());
+    rows.push(row);
+
+    let mut row = Row::new("the disk full as the trace is written", P::NAME, "3 sizes", Moved::AsPlanned);
+    for bytes in [2000, 5000, 10_000] {
+        let (seen, said) = bench.run_on_full_disk(bytes);
+        row.add_as(&seen, bytes, &said);
+    }
+    rows.push(row);
+    rows
 }

@@ -4,11 +4,14 @@ use crate::line::{Fault, Line};
 use miette::Diagnostic;
 use pulsetrain::drive::{DriveError, Driven, Knowledge, Whereabouts, connect_as};
 use pulsetrain::prepare::Prepared;
+use pulsetrain::record::{Edges, Files, Recorder};
 use pulsetrain_board::skewed::Skewed;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::{self, VirtualUno};
 use pulsetrain_board::{Edge, Port, Remote, VirtualBoard};
 use pulsetrain_core::wire::Baud;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Two motors, there and back, for 1.4 s; on an Uno, STEP is on the pins that the compare hardware times. They come to rest within 0.1 s,
@@ -60,8 +63,8 @@ pub(crate) trait Chip: VirtualBoard + Clone {
     const NAME: &str;
     /// STEP and DIR of each motor.
     const PINS: [(u8, u8); 2];
-    /// Plugged in, its port open.
-    fn fresh() -> Self;
+    /// So long after its first step the motion is not told to its end, ms.
+    const UNTOLD_MS: u64;
     /// Has its main loop stand still for good; interrupts go on.
     fn hang(&mut self);
 }
@@ -69,10 +72,7 @@ pub(crate) trait Chip: VirtualBoard + Clone {
 impl Chip for VirtualUno {
     const NAME: &str = "uno";
     const PINS: [(u8, u8); 2] = [(9, 8), (10, 7)];
-
-    fn fresh() -> VirtualUno {
-        VirtualUno::new()
-    }
+    const UNTOLD_MS: u64 = 900;
 
     fn hang(&mut self) {
         // RJMP to itself (DS40002061B, 31): the firmware has one, for panics.
@@ -87,10 +87,7 @@ impl Chip for VirtualUno {
 impl Chip for VirtualPico {
     const NAME: &str = "pico";
     const PINS: [(u8, u8); 2] = [(2, 3), (4, 5)];
-
-    fn fresh() -> VirtualPico {
-        VirtualPico::on_usb()
-    }
+    const UNTOLD_MS: u64 = 650;
 
     fn hang(&mut self) {
         // A branch to itself, at the end of RAM, where nothing is.
@@ -113,17 +110,14 @@ impl Chip for VirtualPico {
     }
 }
 
-/// One whose clock is half a percent fast.
+/// One whose clock is off.
 impl<P: Chip> Chip for Skewed<P> {
     const NAME: &str = P::NAME;
     const PINS: [(u8, u8); 2] = P::PINS;
-
-    fn fresh() -> Skewed<P> {
-        Skewed::new(P::fresh(), 5000)
-    }
+    const UNTOLD_MS: u64 = P::UNTOLD_MS;
 
     fn hang(&mut self) {
-        unreachable!("clocks that are off hang nowhere");
+        unreachable!("a board whose clock is off has no other fault here");
     }
 }
 
@@ -168,6 +162,8 @@ pub(crate) enum Moved {
     Halted,
     /// Not at all.
     NotAtAll,
+    /// As told by the lines that arrived whole.
+    ByWholeLines,
 }
 
 impl Moved {
@@ -177,6 +173,7 @@ impl Moved {
             Moved::Tail => "as planned, then a stop within the limits",
             Moved::Halted => "as planned, then nothing more",
             Moved::NotAtAll => "nothing moved",
+            Moved::ByWholeLines => "what the lines say that arrived whole",
         }
     }
 }
@@ -195,6 +192,7 @@ pub(crate) struct Seen {
 /// A board, and its run without a fault.
 pub(crate) struct Bench<P> {
     fresh: P,
+    file: PathBuf,
     prepared: Prepared,
     clean: Steps,
     /// When the first step came, and the last, ticks.
@@ -205,14 +203,17 @@ pub(crate) struct Bench<P> {
 }
 
 impl<P: Chip> Bench<P> {
-    pub(crate) fn new() -> Bench<P> {
+    /// Of a board that is plugged in, its port open.
+    pub(crate) fn new(fresh: P) -> Bench<P> {
         let [(step0, dir0), (step1, dir1)] = P::PINS;
         let pins = [("STEP0", step0), ("DIR0", dir0), ("STEP1", step1), ("DIR1", dir1)];
-        let text = pins.iter().fold(MOTION.replace("BOARD", P::NAME), |text, (name, pin)| text.replace(name, &pin.to_string()));
-        let no_files = |_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into());
-        let program = pulsetrain_motion::file::read(&text, "motion.toml", &no_files).expect("it is a motion file");
-        let prepared = Prepared { file: "motion.toml".to_owned(), program, cut_at: None, pause: None };
-        let fresh = P::fresh();
+        let text = pins
+            .iter()
+            .fold(MOTION.replace("BOARD", P::NAME), |text, (name, pin)| text.replace(name, &pin.to_string()));
+        let file =
+            Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("faults-{}-{}.toml", P::NAME, std::process::id()));
+        std::fs::write(&file, &text).expect("a folder for tests");
+        let prepared = Prepared::load(&file, None, None).expect("it is a motion file");
         let line = Line::new(fresh.clone(), Fault::Nothing);
         let error = drive(&prepared, &line, 1);
         assert!(error.is_none(), "{}: {error:?}", P::NAME);
@@ -220,7 +221,7 @@ impl<P: Chip> Bench<P> {
         assert_eq!(counts(&clean), END, "{}", P::NAME);
         let ticks = || clean.iter().flatten().map(|step| step.tick);
         let (first, last) = (ticks().min().expect("steps"), ticks().max().expect("steps"));
-        Bench { fresh, prepared, clean, first, last, line }
+        Bench { fresh, file, prepared, clean, first, last, line }
     }
 
     /// All steps of the clean run, ticks.
@@ -244,12 +245,59 @@ impl<P: Chip> Bench<P> {
         if error.is_some() {
             line.leave_alone(GIVEN_UP);
         }
-        (self.judge(error, &line), line)
+        (self.judge(error, &line.all_edges()), line)
+    }
+
+    /// The board, with a clock that is so many 10^-6 fast.
+    pub(crate) fn skewed(&self, ppm: i32) -> Skewed<P> {
+        Skewed::new(self.fresh.clone(), ppm)
+    }
+
+    /// Runs it on another board of the kind.
+    pub(crate) fn run_on<Q: Chip>(&self, board: Q) -> Seen {
+        let line = Line::new(board, Fault::Nothing);
+        let error = drive(&self.prepared, &line, 1);
+        self.judge(error, &line.all_edges())
+    }
+
+    /// Runs it while the motion file is written over, and taken away.
+    pub(crate) fn run_without_file(&self) -> Seen {
+        let line = Line::new(self.fresh.clone(), Fault::Nothing);
+        let prepared = Prepared::load(&self.file, None, None).expect("it is a motion file");
+        let mut driven =
+            Driven::with(&prepared, |program| connect_as(line.clone(), program, Baud::B1M, 1)).expect("it begins");
+        let mut looks = 0;
+        let ended = driven.run(&mut |_: Edge| {}, |_| {
+            looks += 1;
+            match looks {
+                3 => std::fs::write(&self.file, "board = 1").expect("it is ours"),
+                5 => std::fs::remove_file(&self.file).expect("it is ours"),
+                _ => {}
+            }
+        });
+        assert!(looks > 5 && !self.file.exists(), "too late: {looks}");
+        self.judge(ended.err(), &line.all_edges())
+    }
+
+    /// Runs it while its edges are written to a disk that is full after so many bytes; also gives what the user is told.
+    pub(crate) fn run_on_full_disk(&self, bytes: usize) -> (Seen, String) {
+        let line = Line::new(self.fresh.clone(), Fault::Nothing);
+        let planned = self.prepared.plan(|_| {}).expect("it is planned");
+        let mut driven =
+            Driven::with(&self.prepared, |program| connect_as(line.clone(), program, Baud::B1M, 1)).expect("it begins");
+        let disk = || Disk { room: bytes };
+        let program = &self.prepared.program;
+        let files = Files::new(program, &driven.lines, disk(), disk()).expect("there is room for that");
+        let recorder = Recorder::new(program, &driven.lines, String::new(), Some(files), &Edges::of(program));
+        let mut recorder = recorder.expect("it begins");
+        let ended = driven.run(&mut recorder, |_| {});
+        let error = recorder.finish(&planned).expect_err("the disk is full");
+        (self.judge(ended.err(), &line.all_edges()), error.to_string())
     }
 
     /// What the pins showed, against the clean run.
-    fn judge(&self, error: Option<DriveError>, line: &Line<P>) -> Seen {
-        let steps = steps_of::<P>(&line.all_edges());
+    fn judge(&self, error: Option<DriveError>, edges: &[Edge]) -> Seen {
+        let steps = steps_of::<P>(edges);
         let first = steps.iter().filter_map(|steps| steps.first()).map(|step| step.tick).min();
         let Some(first) = first else { return Seen { moved: Moved::NotAtAll, error, steps, is_part: true } };
         let (mut moved, mut is_part) = (Moved::AsPlanned, true);
@@ -296,7 +344,7 @@ impl<P: Chip> Bench<P> {
         if again {
             let error = drive(&self.prepared, line, 3);
             assert!(error.is_none(), "{}: {error:?}", P::NAME);
-            let seen = self.judge(None, line);
+            let seen = self.judge(None, &line.all_edges());
             assert_eq!(seen.moved, Moved::AsPlanned, "{}: from there on", P::NAME);
         }
     }
@@ -317,7 +365,7 @@ impl Seen {
 
     /// Whether the host says that the board was reset.
     fn was_reset(&self) -> bool {
-        self.whereabouts().is_some_and(|whereabouts| whereabouts.by == Knowledge::HeardLast)
+        self.whereabouts().is_some_and(|whereabouts| matches!(whereabouts.by, Knowledge::HeardLast { .. }))
     }
 
     /// Where the host says that the motors are, they are.
@@ -327,8 +375,10 @@ impl Seen {
         let made = counts(&self.steps);
         match by {
             Knowledge::Counted | Knowledge::StoppedAtOnce | Knowledge::Told { or: None } => assert_eq!(said, made),
-            Knowledge::Told { or: Some(or) } => assert!(said == made || *or == made, "{said:?} or {or:?}, but {made:?}"),
-            Knowledge::HeardLast => {
+            Knowledge::Told { or: Some(or) } => {
+                assert!(said == made || *or == made, "{said:?} or {or:?}, but {made:?}")
+            }
+            Knowledge::HeardLast { .. } => {
                 // They were there on the way.
                 for (said, steps) in said.iter().zip(&self.steps) {
                     let mut count = 0;
@@ -342,24 +392,32 @@ impl Seen {
         }
     }
 
-    /// What the user reads, with N for every number; empty if nothing is wrong.
+    /// What the user reads; empty if nothing is wrong.
     pub(crate) fn said(&self) -> String {
         let Some(error) = &self.error else { return String::new() };
         let help = error.help().map_or_else(String::new, |help| format!("\nhelp: {help}"));
-        let mut said = String::new();
-        for letter in format!("{error}{help}").chars() {
-            match letter {
-                '0'..='9' if said.ends_with('N') => {}
-                '0'..='9' => {
-                    if said.ends_with(" -") {
-                        said.pop();
-                    }
-                    said.push('N');
-                }
-                letter => said.push(letter),
+        format!("{error}{help}")
+    }
+}
+
+/// A disk with so much room.
+struct Disk {
+    room: usize,
+}
+
+impl Write for Disk {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match self.room.min(bytes.len()) {
+            0 => Err(io::ErrorKind::StorageFull.into()),
+            written => {
+                self.room -= written;
+                Ok(written)
             }
         }
-        said
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
     }
 }
 

@@ -30,23 +30,47 @@ pub(crate) enum Mishap {
 pub(crate) enum Fault {
     Nothing,
     /// To one byte, counted from the port's opening.
-    Byte { way: Way, at: u64, mishap: Mishap },
+    Byte {
+        way: Way,
+        at: u64,
+        mishap: Mishap,
+    },
     /// From then on nothing passes, for so long.
-    Silence { from: Duration, lasts: Duration },
+    Silence {
+        from: Duration,
+        lasts: Duration,
+    },
     /// From then on the computer has no such port any more.
-    Unplugged { from: Duration },
+    Unplugged {
+        from: Duration,
+    },
     /// Then the host does nothing for so long; what the board says meanwhile waits for it.
-    Stall { at: Duration, lasts: Duration },
+    Stall {
+        at: Duration,
+        lasts: Duration,
+    },
     /// Then so many bytes come to the board that no host sent.
-    Burst { at: Duration, bytes: u16 },
+    Burst {
+        at: Duration,
+        bytes: u16,
+    },
     /// Then another program opens the port.
-    Opened { at: Duration },
+    Opened {
+        at: Duration,
+    },
     /// From then on the host is slow: each look at the line takes so long.
-    Slow { from: Duration, look: Duration },
+    Slow {
+        from: Duration,
+        look: Duration,
+    },
     /// Then another host says Hello.
-    Hello { at: Duration },
+    Hello {
+        at: Duration,
+    },
     /// Then the board's program hangs.
-    Hung { at: Duration },
+    Hung {
+        at: Duration,
+    },
     /// The adapter says yes to every rate, and stays at its first.
     Stuck,
 }
@@ -76,8 +100,7 @@ struct Struck<P> {
 
 impl<P: Chip> Line<P> {
     pub(crate) fn new(board: P, fault: Fault) -> Line<P> {
-        let struck =
-            Struck { board, fault, gone: [0; 2], swapped: None, held: Vec::new(), edges: Vec::new(), told: 0 };
+        let struck = Struck { board, fault, gone: [0; 2], swapped: None, held: Vec::new(), edges: Vec::new(), told: 0 };
         Line(Rc::new(RefCell::new(struck)))
     }
 

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
 /// A fault on a board.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub(crate) struct Row {
     fault: String,
     board: &'static str,
@@ -24,10 +24,38 @@ impl Row {
 
     /// Adds what one try came to; `what` was tried.
     pub(crate) fn add(&mut self, seen: &Seen, what: impl std::fmt::Debug) {
+        self.add_as(seen, what, &seen.said());
+    }
+
+    /// The same where the host said something else.
+    pub(crate) fn add_as(&mut self, seen: &Seen, what: impl std::fmt::Debug, said: &str) {
         let Row { fault, board, moved, .. } = self;
         assert_eq!(seen.moved(*moved), *moved, "{fault}, {board}: {what:?}: {:?}", seen.error);
-        self.said.insert(seen.said());
+        self.said.insert(numberless(said));
     }
+
+    /// Adds what was said where [`Seen`] does not fit.
+    pub(crate) fn say(&mut self, said: &str) {
+        self.said.insert(numberless(said));
+    }
+}
+
+/// With N for every number.
+fn numberless(text: &str) -> String {
+    let mut less = String::new();
+    for letter in text.chars() {
+        match letter {
+            '0'..='9' if less.ends_with('N') => {}
+            '0'..='9' => {
+                if less.ends_with(" -") {
+                    less.pop();
+                }
+                less.push('N');
+            }
+            letter => less.push(letter),
+        }
+    }
+    less
 }
 
 /// The table, and below it what the host says.
