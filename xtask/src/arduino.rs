@@ -1,6 +1,6 @@
-//! Tests that need what others wrote for the Uno: Debian's Arduino core with its bootloaders, its compiler, avrdude.
+//! What others wrote for the Uno, and tests run on the virtual one: Debian's Arduino core with its bootloaders, its compiler, avrdude.
 
-use crate::command::{self, Done, cargo, command, install_debian, target_dir};
+use crate::command::{self, Done, command, install_debian, target_dir};
 use std::path::{Path, PathBuf};
 
 /// A file of each package, by which it is known to be there; and the package.
@@ -11,26 +11,19 @@ const PACKAGES: [(&str, &str); 4] = [
     ("/usr/bin/avrdude", "avrdude"),
 ];
 
-/// Real bootloaders on the virtual Uno, programmed by avrdude and by `pulsetrain flash`; baked sketches, compiled.
-pub(crate) fn test() -> Done {
+/// Installs it, and builds Optiboot: where its image is, as the tests of bootloaders ask for it. `None` where there is no Debian; those
+/// tests are for Linux alone.
+pub(crate) fn prepare() -> Done<Option<PathBuf>> {
     if !cfg!(target_os = "linux") {
-        println!("the tests with Debian's Arduino core were left out: this is no Linux");
-        return Ok(());
+        println!("the tests with Debian's Arduino core are left out: this is no Linux");
+        return Ok(None);
     }
     for (file, package) in PACKAGES {
         if !Path::new(file).exists() {
             install_debian(package)?;
         }
     }
-    let optiboot = optiboot()?;
-    for tests in [
-        "test --package pulsetrain-board --test uno_bootloader -- --ignored",
-        "test --package pulsetrain --test flash -- --ignored",
-        "test --package pulsetrain --test baked -- --ignored --skip an_hour",
-    ] {
-        command::run(cargo(tests).env("PULSETRAIN_OPTIBOOT", &optiboot))?;
-    }
-    Ok(())
+    optiboot().map(Some)
 }
 
 /// Optiboot's source, as Debian has it.

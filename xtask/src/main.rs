@@ -4,7 +4,7 @@
 //! - [`ci`], [`test`](mod@test): what must hold, each a list of commands
 //! - [`bench`](mod@bench), [`golden`], [`fuzz`]: what is measured, reviewed, tried
 //! - [`pictures`]: what documents show
-//! - [`arduino`]: tests with what Debian has for the Uno: bootloaders, compiler, avrdude
+//! - [`arduino`]: what Debian has for the Uno, and tests use: bootloaders, compiler, avrdude
 //! - [`python`]: the tests of the client in Python
 //! - [`ruckig`]: S-curve durations against an independent library
 //! - [`cross_check`]: the AVR emulator against simavr and avr8js

@@ -9,8 +9,8 @@ use crate::{arduino, boards, python, ruckig};
 pub(crate) fn run(property_cases: Option<u32>) -> Done {
     let mut tests = cargo("test --workspace --no-fail-fast");
     tests.envs(property_cases.map(|cases| ("PROPTEST_CASES", cases.to_string())));
+    tests.envs(arduino::prepare()?.map(|image| ("PULSETRAIN_OPTIBOOT", image)));
     command::run(&mut tests)?;
-    arduino::test()?;
     python::test_client()?;
     boards::build_core()?;
     let worst = ruckig::compare()?;

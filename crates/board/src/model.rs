@@ -62,7 +62,8 @@ struct Model {
     was_idle: bool,
     limits: Vec<Limits>,
     /// Motors are told directly, until they are released or stopped.
-    verbs: Option<Verbs>,
+    obeys: bool,
+    verbs: Verbs,
     obeyed: Obeyed,
 }
 
@@ -75,6 +76,8 @@ struct Motor {
     sizes: VecDeque<usize>,
     capacity: usize,
     faults: u8,
+    /// The shortest interval that it can start and stop at, ticks.
+    pull_in_ticks: u64,
 }
 
 impl Model {
@@ -90,15 +93,16 @@ impl Model {
             last_stop: Cause::None,
             was_idle: true,
             limits: Vec::new(),
-            verbs: None,
+            obeys: false,
+            verbs: Verbs::new(),
             obeyed: Obeyed::NONE,
         }
     }
 
     /// Works out what motors do that are told directly.
     fn work_out(&mut self, until: u64) {
-        if let Some(verbs) = &mut self.verbs {
-            verbs.work_out::<FRACTION_BITS>(until, |motor, item| {
+        if self.obeys {
+            self.verbs.work_out::<FRACTION_BITS>(until, |motor, item| {
                 let entry = pulsetrain_core::Entry { epoch: Board::epoch(&self.native), item };
                 self.native.push(motor.into(), entry).expect("a slice has few items");
             });
@@ -106,7 +110,14 @@ impl Model {
     }
 
     fn rests(&self) -> bool {
-        self.native.idle() && self.verbs.as_ref().is_none_or(Verbs::is_at_rest)
+        self.native.idle() && (!self.obeys || self.verbs.rest_at(self.native.now()))
+    }
+
+    /// These motors were stopped faster than they can.
+    fn flag(&mut self, uncertain: u8) {
+        for (number, motor) in self.motors.iter_mut().enumerate() {
+            motor.faults |= if uncertain >> number & 1 == 0 { 0 } else { flags::UNCERTAIN };
+        }
     }
 
     /// Runs up to and with `tick`.
@@ -224,6 +235,7 @@ impl Machine for Model {
                 sizes: VecDeque::new(),
                 capacity: usize::from(self.memory[0]) / count,
                 faults: 0,
+                pull_in_ticks: motor.pull_in_ticks.into(),
             })
             .collect();
         self.armed = false;
@@ -240,7 +252,7 @@ impl Machine for Model {
         // Clears the queues of what was left in them.
         self.native.stop_now(self.native.now().saturating_sub(1), &mut |_: Edge| {});
         self.empty();
-        self.verbs = None;
+        self.obeys = false;
         self.motors.iter_mut().for_each(|motor| motor.faults = 0);
         self.armed = true;
         Ok(())
@@ -251,7 +263,7 @@ impl Machine for Model {
             return Err(Refusal::of(Reason::Moving));
         }
         self.armed = false;
-        self.verbs = None;
+        self.obeys = false;
         Ok(())
     }
 
@@ -269,7 +281,7 @@ impl Machine for Model {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
-        if self.verbs.is_some() {
+        if self.obeys {
             return Err(Refusal::of(Reason::Obeying));
         }
         let free = usize::from(self.free(index));
@@ -310,7 +322,7 @@ impl Machine for Model {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
-        if self.verbs.is_some() {
+        if self.obeys {
             return Err(Refusal::of(Reason::Obeying));
         }
         Ok(match self.native.switch(epoch, tick) {
@@ -334,7 +346,11 @@ impl Machine for Model {
         let uncertain = (0..).zip(&report.uncertain).fold(0, |all, (bit, one)| all | u8::from(*one) << bit);
         self.empty();
         self.armed = false;
-        self.verbs = None;
+        if self.obeys {
+            self.verbs.stop(report.tick, 0);
+        }
+        self.obeys = false;
+        self.flag(uncertain);
         self.stopped(Cause::StopNow);
         self.was_idle = true;
         Stopped { tick: report.tick, uncertain }
@@ -397,8 +413,11 @@ impl Machine for Model {
         if lost && !self.rests() {
             self.stopped(Cause::HostLost);
         }
-        if let Some(verbs) = &mut self.verbs {
-            verbs.forsake(lost);
+        if self.obeys {
+            let motors = &self.motors;
+            let uncertain =
+                self.verbs.forsake(lost, |motor| motors.get(usize::from(motor)).map_or(0, |motor| motor.pull_in_ticks));
+            self.flag(uncertain);
         }
     }
 
@@ -406,18 +425,18 @@ impl Machine for Model {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
-        if self.verbs.is_none() {
+        if !self.obeys {
             if !self.native.idle() {
                 return Err(Refusal::of(Reason::Moving));
             }
             let positions = self.native.positions();
             let motors = self.limits.iter().zip(positions).map(|(limits, position)| (*limits, position as i32));
-            let mut verbs = Verbs::new();
-            verbs.begin(motors, self.native.now() + AHEAD);
-            self.verbs = Some(verbs);
+            self.verbs.begin(motors, self.native.now() + AHEAD);
         }
-        if let Some(verbs) = &mut self.verbs {
-            self.obeyed = verbs.obey(orders)?;
+        self.obeyed = self.verbs.obey(orders)?;
+        // Who only asks leaves motors as they are.
+        if !orders.is_empty() {
+            self.obeys = true;
             self.was_idle = false;
         }
         Ok(())
@@ -429,10 +448,8 @@ impl Machine for Model {
 
     fn event(&mut self) -> Option<Event> {
         let now = self.native.now();
-        let done = self.verbs.as_mut().and_then(|verbs| {
-            let motors = (0..).zip(verbs.motors_mut());
-            motors.filter_map(|(number, motor)| motor.take_done(now).map(|done| (number, done))).next()
-        });
+        let mut motors = (0..).zip(self.verbs.motors_mut());
+        let done = motors.find_map(|(number, motor)| motor.take_done(now).map(|done| (number, done)));
         if let Some((motor, (tick, detail))) = done {
             return Some(Event { cause: Cause::MoveDone, motor, tick, detail });
         }

@@ -6,11 +6,12 @@
 use crate::native::ConfigError;
 use crate::{Board, Config, Native, Observer};
 use pulsetrain_core::verbs::motor::MOST_ITEMS;
-use pulsetrain_core::verbs::{Limits, Motor, Verbs};
+use pulsetrain_core::verbs::{Limits, Verbs};
 use pulsetrain_core::wire::message::Reason;
 use pulsetrain_core::wire::orders::{Obeyed, Orders};
 use pulsetrain_core::wire::{MAX_MOTORS, Refusal};
 use pulsetrain_core::{Entry, Epoch};
+use std::collections::VecDeque;
 
 /// What is worked out at once, ticks.
 const SLICE: u64 = 1 << 20;
@@ -41,6 +42,8 @@ pub struct NativeVerbs {
     fraction_bits: u32,
     /// So long before a step its DIR may have to change, ticks.
     lead: u64,
+    /// Moves that were worked out and not asked for yet, of each motor: when they are done, and how many then are.
+    done: Vec<VecDeque<(u64, u32)>>,
 }
 
 impl NativeVerbs {
@@ -56,7 +59,8 @@ impl NativeVerbs {
         verbs.begin(limits.iter().map(|limits| (*limits, 0)), 0);
         let native = Native::new(config)?;
         let lead = config.motors.iter().map(|motor| u64::from(motor.wiring.lead_ticks())).max().unwrap_or(0);
-        Ok(NativeVerbs { native, verbs, fraction_bits: config.fraction_bits, lead })
+        let done = vec![VecDeque::new(); limits.len()];
+        Ok(NativeVerbs { native, verbs, fraction_bits: config.fraction_bits, lead, done })
     }
 
     /// Does all of what is ordered, from tick `at` on, or none of it.
@@ -108,17 +112,22 @@ impl NativeVerbs {
                 24 => self.verbs.work_out::<24>(end, push),
                 _ => self.verbs.work_out::<32>(end, push),
             }
+            // Here is room for them all, so that no move is refused for want of it.
+            for (motor, done) in self.verbs.motors_mut().iter_mut().zip(&mut self.done) {
+                done.extend(std::iter::from_fn(|| motor.take_done(u64::MAX)));
+            }
         }
         true
     }
 
-    /// Moves that were done by now and were not asked for yet: motor, tick, how many of this motor's are done with it.
+    /// Moves that were done by now and were not asked for yet, all of them: motor, tick, how many of this motor's are done with it.
     pub fn done(&mut self) -> Vec<(usize, u64, u32)> {
         let now = self.native.now();
-        let of = |(index, motor): (usize, &mut Motor)| {
-            std::iter::from_fn(|| motor.take_done(now)).map(|(at, count)| (index, at, count)).collect::<Vec<_>>()
+        let of = |(index, done): (usize, &mut VecDeque<(u64, u32)>)| {
+            let by_now = std::iter::from_fn(|| done.pop_front_if(|(at, _)| *at <= now));
+            by_now.map(|(at, count)| (index, at, count)).collect::<Vec<_>>()
         };
-        self.verbs.motors_mut().iter_mut().enumerate().flat_map(of).collect()
+        self.done.iter_mut().enumerate().flat_map(of).collect()
     }
 
     /// The first tick that has not been passed.
@@ -136,7 +145,7 @@ impl NativeVerbs {
     /// Whether nothing moves, and nothing is to.
     #[must_use]
     pub fn is_idle(&self) -> bool {
-        self.verbs.is_at_rest() && self.native.is_idle()
+        self.verbs.rest_at(self.native.now()) && self.native.is_idle()
     }
 
     /// What went wrong on a motor: nothing, while the limits are its own.

@@ -9,7 +9,7 @@ use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::{Board, Edge, Faults, Port, Remote, RemoteError, Setup};
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::verbs::{Course, Limits, Verb};
-use pulsetrain_core::wire::message::{Cause, MotorSetup, Reason};
+use pulsetrain_core::wire::message::{Cause, MotorSetup, Reason, flags};
 use pulsetrain_core::wire::orders::{Obeyed, Orders, order};
 use pulsetrain_core::wire::{Baud, MAX_MOTORS};
 use pulsetrain_core::{Entry, Epoch, Item, Moment};
@@ -93,15 +93,41 @@ impl Pair {
             assert!(told.iter().map(|(.., number)| *number).eq(1..=told.len() as u32), "{told:?}");
         }
         let mut wanted = self.native.done();
-        wanted.retain(|(_, tick, _)| *tick <= until);
-        self.done.retain(|(_, tick, _)| *tick <= until);
-        // The native board keeps the last of each motor.
-        for done in wanted {
-            assert!(self.done.contains(&done), "{done:?} is not among {:?}", self.done);
+        for done in [&mut self.done, &mut wanted] {
+            done.retain(|(_, tick, _)| *tick <= until);
+            done.sort_unstable();
+        }
+        assert_eq!(self.done, wanted);
+        for motor in self.setup.motors.iter().filter(|motor| motor.coils().is_none()) {
+            self.compare_dir(motor);
         }
         assert_eq!(self.pico.error(), None);
         for motor in 0..self.setup.motors.len() {
             assert_eq!(self.pico.faults(motor), Faults::default());
+        }
+    }
+}
+
+impl Pair {
+    /// The driver's own times around each turn: DIR stays for a hold after a pulse, and is there for a set-up before the next.
+    fn compare_dir(&self, motor: &MotorSetup) {
+        let Setup { setup_ticks, hold_ticks, .. } = self.setup;
+        let (mut turned, mut fallen) = (None, None);
+        for edge in &self.edges {
+            if edge.line == motor.dir_pin {
+                turned = Some(edge.tick);
+                let held = fallen.map_or(u64::MAX, |fallen| edge.tick - fallen);
+                assert!(held >= hold_ticks.into(), "DIR turns {held} ticks after a pulse, {edge:?}; {:?}", self.setup);
+            } else if edge.line == motor.step_pin && edge.level {
+                let before = turned.map_or(u64::MAX, |turned| edge.tick - turned);
+                assert!(
+                    before >= setup_ticks.into(),
+                    "DIR turns {before} ticks before a step, {edge:?}; {:?}",
+                    self.setup
+                );
+            } else if edge.line == motor.step_pin {
+                fallen = Some(edge.tick);
+            }
         }
     }
 }
@@ -128,6 +154,31 @@ fn moves_have_exactly_their_steps() {
         assert!(pair.pico.status().expect("it answers").is_idle());
         pair.compare();
     }
+}
+
+/// Moves whose lengths are around a motor's turn with the words (512), the ring (2048), and 16 bits, one after the other, so that
+/// each begins somewhere else in the ring.
+#[test]
+fn moves_across_turns_and_rings_have_exactly_their_steps() {
+    let mut pair = Pair::new(&drivers(2));
+    let mut begun = 0;
+    pair.tell(&[(0, Verb::Speed { ticks: 260 }), (1, Verb::Speed { ticks: 300 })]).expect("it can");
+    for around in [512, 1024, 2048, 4096, 65_536] {
+        for steps in around - 2..=around + 2 {
+            let orders = [(0, Verb::Move { steps }), (1, Verb::Move { steps })];
+            let first = pair.tell(&orders).expect("it can").tick;
+            pair.advance(first + u64::from(steps) * 300 + TICK_HZ / 100);
+            for (pin, ticks) in [(2, 260), (4, 300)] {
+                let rises = pair.edges.iter().filter(|edge| edge.line == pin && edge.level && edge.tick >= first);
+                let wanted = (0..u64::from(steps)).map(|step| first + step * ticks);
+                assert!(rises.map(|edge| edge.tick).eq(wanted), "{steps} steps of pin {pin}");
+            }
+            begun += steps;
+        }
+    }
+    pair.compare();
+    pair.pico.status().expect("it answers");
+    assert_eq!(pair.pico.positions(), [i64::from(begun); 2]);
 }
 
 /// Motors of all kinds, and times of all kinds.
@@ -267,13 +318,75 @@ fn a_period_may_be_long() {
     pair.compare();
 }
 
-/// A host that is gone: with Bye moves go on to their end and runs stop; one that is lost leaves nothing that moves.
+/// Short moves in a row, on a line that is slower than they are done: each that is obeyed is told, with its number.
+#[test]
+fn short_moves_in_a_row_are_all_told() {
+    let mut pair = Pair::new(&drivers(4));
+    assert_eq!(pair.pico.set_baud(Baud::B115200), Ok(Baud::B115200));
+    let all = |verb| [0, 1, 2, 3].map(|motor| (motor, verb));
+    pair.tell(&all(Verb::Speed { ticks: 1000 })).expect("it can");
+    let (mut moves, mut refused) = (0, 0);
+    for _ in 0..200 {
+        match pair.tell(&[0, 0, 1, 1, 2, 2, 3, 3].map(|motor| (motor, Verb::Move { steps: 1 }))) {
+            Ok(_) => moves += 2,
+            Err(RemoteError::Refused { reason: Reason::Busy, .. }) => refused += 1,
+            Err(error) => panic!("{error}"),
+        }
+    }
+    pair.advance(pair.pico.now() + TICK_HZ / 2);
+    pair.compare();
+    assert_eq!(pair.done.len(), 4 * moves);
+    assert!(moves > 10 && refused > 10, "{moves} {refused}");
+}
+
+/// A board that says that it rests has told of all moves: not before the last period is over. Who releases the motors then misses
+/// nothing.
+#[test]
+fn rest_comes_after_the_last_period() {
+    let mut pair = Pair::new(&drivers(1));
+    for part in 0..16 {
+        let ticks = 1_250_000 + 17_389 * part;
+        let first = pair.tell(&[(0, Verb::Speed { ticks }), (0, Verb::Move { steps: 2 })]).expect("it can").tick;
+        let done = first + 2 * ticks;
+        pair.advance(done - TICK_HZ / 500);
+        let status = loop {
+            let status = pair.pico.status().expect("it answers");
+            if status.is_idle() {
+                break status;
+            }
+        };
+        assert!(status.head.tick >= done, "at rest {} ticks before the move is done", done - status.head.tick);
+        pair.pico.release().expect("it rests");
+        pair.pico.advance(pair.pico.now() + TICK_HZ / 100, &mut |_: Edge| {});
+        let events: Vec<_> = pair.pico.events().into_iter().map(|event| (event.cause, event.tick)).collect();
+        let [(Cause::MoveDone, told), (Cause::Finished, finished)] = events[..] else { panic!("{events:?}") };
+        assert!(told == done && finished >= done, "{events:?}, {done}");
+        pair.pico.arm().expect("it rests");
+    }
+}
+
+/// A new host at the port of one that is gone.
+fn next_host(mut port: VirtualPico) -> Remote<VirtualPico> {
+    port.set_baud(Baud::B115200).expect("a virtual port");
+    Remote::open(port, 2).expect("nobody has it")
+}
+
+/// Bit by motor: stopped faster than it can.
+fn uncertain(pico: &mut Remote<VirtualPico>) -> u8 {
+    let status = pico.status().expect("it answers");
+    let flagged = status.motors.as_slice().iter().map(|motor| u8::from(motor.faults & flags::UNCERTAIN != 0));
+    (0..).zip(flagged).fold(0, |all, (motor, flag)| all | flag << motor)
+}
+
+/// A host that is gone: with Bye moves go on to their end and runs stop; one that is lost leaves nothing that moves. Motors that were
+/// faster than they can stop are flagged.
 #[test]
 fn who_is_left_alone_stops() {
     for says_bye in [true, false] {
-        let mut pair = Pair::new(&drivers(2));
-        let run = [(0, Verb::Run), (1, Verb::Move { steps: 4000 })];
-        let obeyed = pair.tell(&run).expect("it can");
+        let mut pair = Pair::new(&drivers(3));
+        // The third has a run behind its move.
+        let orders = [(0, Verb::Run), (1, Verb::Move { steps: 4000 }), (2, Verb::Move { steps: 3000 }), (2, Verb::Run)];
+        let obeyed = pair.tell(&orders).expect("it can");
         pair.advance(obeyed.tick + TICK_HZ / 50);
         let (mut heard, mut edges) = (Vec::new(), std::mem::take(&mut pair.edges));
         let mut port = if says_bye { pair.pico.close() } else { pair.pico.port().clone() };
@@ -286,14 +399,64 @@ fn who_is_left_alone_stops() {
             let rises = edges.iter().filter(|edge| edge.line == pin && edge.level && edge.tick >= obeyed.tick);
             rises.map(|edge| edge.tick - obeyed.tick).max().expect("it moved") as f64 / TICK_HZ as f64
         };
-        let stops = [last(2), last(4)];
+        let stops = [last(2), last(4), last(6)];
         if says_bye {
-            assert!(stops[0] < 0.1 && (stops[1] - 3.999).abs() < 1e-9, "{stops:?}");
+            assert!(stops[0] < 0.1, "{stops:?}");
+            assert!((stops[1] - 3.999).abs() < 1e-9 && (stops[2] - 2.999).abs() < 1e-9, "{stops:?}");
         } else {
             // Two seconds of silence (of 1.049 ms to the link's ms), and what was worked out.
             assert!(stops.iter().all(|stop| (2.0..2.15).contains(stop)), "{stops:?}");
         }
+        let mut next = next_host(port);
+        assert_eq!(uncertain(&mut next), if says_bye { 0b001 } else { 0b111 });
+        next.configure(&drivers(3)).expect("it rests");
+        assert_eq!(uncertain(&mut next), 0);
     }
+}
+
+/// A move that waits for a way to go waits for nobody when its host is gone: the next one can have the board.
+#[test]
+fn who_waits_for_a_way_to_go_is_forgotten() {
+    let mut pair = Pair::new(&drivers(2));
+    let stands = Verb::Course(Course::Stationary);
+    pair.tell(&[(0, stands), (0, Verb::Move { steps: 5 }), (1, stands), (1, Verb::Run)]).expect("it can");
+    pair.advance(pair.pico.now() + TICK_HZ / 50);
+    let mut next = next_host(pair.pico.close());
+    assert_eq!(uncertain(&mut next), 0, "they stood");
+    next.configure(&drivers(2)).expect("it rests");
+    assert_eq!(next.positions(), [0, 0]);
+}
+
+/// Orders that are refused, and questions, leave armed motors as they are: a plan that is being sent goes on.
+#[test]
+fn a_first_order_that_does_nothing_changes_nothing() {
+    let mut pair = Pair::new(&drivers(1));
+    let pico = &mut pair.pico;
+    let from = pico.now() + pico.lead() + TICK_HZ / 10;
+    let push = |pico: &mut Remote<VirtualPico>, item| pico.push(0, Entry { epoch: Epoch(1), item }).expect("room");
+    push(pico, Item::Anchor { tick: Moment::of(from) });
+    let refused = pico.tell_motors(&[(0, Verb::Speed { ticks: 3 })]).expect_err("too short");
+    assert!(matches!(refused, RemoteError::Refused { reason: Reason::Period, detail: 254, .. }), "{refused}");
+    assert_eq!(pico.tell_motors(&[]).expect("a question").motors()[0].position, 0);
+    push(pico, common::pico::run(500, 12_500, pulsetrain_core::Direction::Forward));
+    pico.switch(Epoch(1), from).expect("in time");
+    let mut rises = 0;
+    pico.advance(from + TICK_HZ / 10, &mut |edge: Edge| rises += u32::from(edge.line == 2 && edge.level));
+    assert_eq!((rises, pico.positions(), pico.error()), (500, vec![500], None));
+}
+
+/// What docs/pico.md says of the tick from which on the first order holds, to motors that were armed long before: 3.6 ms after it came.
+#[test]
+fn the_first_order_holds_later() {
+    let mut latest = 0.0_f64;
+    for part in 0..24 {
+        let mut pair = Pair::new(&drivers(1));
+        pair.pico.advance(pair.pico.now() + TICK_HZ / 100 + part * 12_345, &mut |_: Edge| {});
+        let (sent, obeyed) = common::delays::tell(&mut pair.pico, &[(0, Verb::Run)]);
+        latest = latest.max(common::delays::us(obeyed.tick, sent));
+    }
+    println!("at most {latest} µs");
+    assert!((2400.0..=3600.0).contains(&latest), "{latest} µs");
 }
 
 /// A plan and verbs do not mix, and each says so.

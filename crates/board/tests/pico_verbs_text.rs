@@ -17,7 +17,11 @@ struct Talk {
 
 impl Talk {
     fn new() -> Talk {
-        let mut talk = Talk { pico: VirtualPico::new(), heard: Vec::new(), edges: Vec::new() };
+        Talk::over(VirtualPico::new())
+    }
+
+    fn over(pico: VirtualPico) -> Talk {
+        let mut talk = Talk { pico, heard: Vec::new(), edges: Vec::new() };
         talk.say("srate 60000");
         talk.pass(5);
         talk.lines();
@@ -157,4 +161,83 @@ fn verbs_paths_and_frames_keep_apart() {
     talk.pass(20);
     let remote = Remote::open(talk.pico, 4).expect("nobody has it");
     assert!(remote.info().board == 2);
+}
+
+/// A host that speaks faster than it can be answered hears of every move that is done, though not every answer.
+#[test]
+fn every_done_is_told_to_a_host_that_floods_the_line() {
+    let mut talk = Talk::new();
+    talk.ask("speed xyza 1000");
+    for _ in 0..400 {
+        talk.say("move xyza 1");
+    }
+    talk.pass(3000);
+    let lines = talk.lines();
+    let answered = lines.iter().filter(|line| line.starts_with("at ")).count();
+    for (axis, name) in ["x", "y", "z", "a"].into_iter().enumerate() {
+        let done = lines.iter().filter(|line| line.starts_with(&format!("done {name} ")));
+        let told: Vec<u64> = done.map(|line| numbers(line)[1]).collect();
+        let steps = talk.rises(2 + 2 * axis as u8).len() as u64;
+        assert!(told.iter().copied().eq(1..=steps), "{name}: {steps} steps, {told:?}");
+        assert!(steps > 20, "{steps}");
+    }
+    assert!(answered > 20, "{answered}");
+    assert!(lines.iter().any(|line| line.starts_with("err busy ")), "more than could be told");
+}
+
+/// Packets full of lines over USB, while four axes run as fast as they can: no word is late, and no line is lost.
+#[test]
+fn packets_of_lines_leave_time_for_steps() {
+    let mut talk = Talk::over(VirtualPico::on_usb());
+    talk.ask("speed xyza 500");
+    let begun = numbers(&talk.ask("run xyza")[0])[0];
+    for _ in 0..100 {
+        talk.say("run xyza\nrun xyza\nrun xyza\nrun xyza\nrun xyza\nrun xyza\nrun xyza");
+        talk.pass(3);
+    }
+    talk.pass(100);
+    let lines = talk.lines();
+    assert!(lines.len() == 700 && lines.iter().all(|line| line.starts_with("at ")), "{lines:?}");
+    let rises = talk.rises(STEP[1]);
+    assert!(rises.len() > 80_000, "{}", rises.len());
+    assert!(rises.iter().enumerate().all(|(step, tick)| *tick == begun + 500 * step as u64));
+}
+
+/// Status lines go on while verbs have the axes, and count their steps.
+#[test]
+fn status_lines_go_on() {
+    let mut talk = Talk::new();
+    talk.ask("srate 5");
+    talk.ask("speed x 125000");
+    talk.heard.clear();
+    talk.say("move x 400");
+    talk.pass(600);
+    let text = String::from_utf8(std::mem::take(&mut talk.heard)).expect("text");
+    let status: Vec<u64> =
+        text.lines().filter(|line| line.starts_with("txyza ")).map(|line| numbers(line)[1]).collect();
+    assert!(status.len() > 50 && status.is_sorted() && status.last() == Some(&400), "{status:?}");
+    let under_way = status.iter().filter(|steps| (1..400).contains(*steps)).count();
+    assert!(under_way > 30, "{status:?}");
+}
+
+/// What docs/pico.md says of the tick from which on a line holds: 1.5 ms after its end, and one that enables the drivers 2.3.
+#[test]
+fn a_line_holds_soon() {
+    let mut talk = Talk::new();
+    // The adapter hands bytes over with the next millisecond; each has ten bits.
+    let hear = |talk: &mut Talk, line: &str| {
+        let now = talk.pico.chip().cycle() - talk.pico.zero();
+        let end = (now / 125_000 + 1) * 125_000 + (line.len() as u64 + 1) * 10 * 125_000_000 / 115_200;
+        let answer = talk.ask(line);
+        let at = numbers(&answer[0])[0];
+        at.saturating_sub(end) as f64 / 125.0
+    };
+    let first = hear(&mut talk, "run x");
+    assert!(first <= 2300.0, "{first} µs");
+    let mut latest = 0_f64;
+    for time in 0..40 {
+        latest = latest.max(hear(&mut talk, &format!("speed xy {}", 125_000 + 997 * time)));
+    }
+    println!("first {first} µs, others at most {latest} µs");
+    assert!(latest <= 1500.0, "{latest} µs");
 }

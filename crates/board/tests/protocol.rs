@@ -182,6 +182,7 @@ fn numbers_are_those_of_the_code() {
         (flags::SETUP_CUT_SHORT, "SETUP_CUT_SHORT"),
         (flags::BAD_ITEM, "BAD_ITEM"),
         (flags::CHECK_FAILED, "CHECK_FAILED"),
+        (flags::UNCERTAIN, "UNCERTAIN"),
     ];
     let told = rows("Numbers", "bit of value").into_iter().map(|row| (row[0].clone(), row[1].clone()));
     assert!(told.eq(bits.map(|(value, name)| (value.to_string(), format!("`{name}`")))));

@@ -1,6 +1,8 @@
 //! Real bootloaders on the virtual Uno, which others wrote: those of Debian's arduino-core-avr. `cargo xtask test` installs it, builds
 //! Optiboot from its source, and runs these.
 
+#![cfg(target_os = "linux")]
+
 use pulsetrain_board::stk500::{Bootloader, FlashError, RATES};
 use pulsetrain_board::virtual_uno::{self, BootloaderError, VirtualUno};
 use pulsetrain_board::{Board, Port, Remote};
@@ -16,7 +18,9 @@ fn bootloader(path: &str) -> Vec<u8> {
 }
 
 fn optiboot() -> Vec<u8> {
-    bootloader(&std::env::var("PULSETRAIN_OPTIBOOT").expect("cargo xtask test says where its image is"))
+    bootloader(
+        &std::env::var("PULSETRAIN_OPTIBOOT").expect("run `cargo xtask test`: it builds Optiboot, and says where"),
+    )
 }
 
 fn flash(uno: &VirtualUno, bytes: usize) -> Vec<u8> {
@@ -24,7 +28,6 @@ fn flash(uno: &VirtualUno, bytes: usize) -> Vec<u8> {
 }
 
 #[test]
-#[ignore = "needs Debian's arduino-core-avr and gcc-avr; cargo xtask test runs it"]
 fn optiboot_writes_the_firmware_and_starts_it() {
     let uno = VirtualUno::with_bootloader(&[], &optiboot()).expect("it is for this chip");
     let image = virtual_uno::image();
@@ -41,7 +44,6 @@ fn optiboot_writes_the_firmware_and_starts_it() {
 }
 
 #[test]
-#[ignore = "needs Debian's arduino-core-avr and gcc-avr; cargo xtask test runs it"]
 fn left_alone_it_starts_the_program_after_a_second() {
     let image = virtual_uno::image();
     let mut uno = VirtualUno::with_bootloader(&image, &optiboot()).expect("it is for this chip");
@@ -56,7 +58,6 @@ fn left_alone_it_starts_the_program_after_a_second() {
 }
 
 #[test]
-#[ignore = "needs Debian's arduino-core-avr and gcc-avr; cargo xtask test runs it"]
 fn the_bootloader_cannot_be_overwritten() {
     let optiboot = optiboot();
     let uno = VirtualUno::with_bootloader(&[], &optiboot).expect("it is for this chip");
@@ -70,7 +71,6 @@ fn the_bootloader_cannot_be_overwritten() {
 }
 
 #[test]
-#[ignore = "needs Debian's arduino-core-avr and gcc-avr; cargo xtask test runs it"]
 fn the_older_bootloader_answers_at_its_own_rate() {
     let old = bootloader(OLD);
     let new = || VirtualUno::with_bootloader(&[], &old).expect("it is for this chip");

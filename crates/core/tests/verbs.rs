@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use pulsetrain_core::channel::Kind;
-use pulsetrain_core::verbs::motor::{LONGEST_PERIOD, MOST_ITEMS};
+use pulsetrain_core::verbs::motor::{LONGEST_PERIOD, MOST_ITEMS, MOST_UNTOLD};
 use pulsetrain_core::verbs::text::{LONGEST, Read, Reply, read};
 use pulsetrain_core::verbs::{Course, Limits, Motor, Refused, Verb, Verbs};
 use pulsetrain_core::winch::text::What;
@@ -62,12 +62,14 @@ fn by_the_letter(script: &[(u64, Verb)], end: u64) -> Made {
     made
 }
 
-/// The same by slices and a channel.
-fn by_slices(script: &[(u64, Verb)], end: u64, slices: &[u64]) -> Made {
+/// The same by slices and a channel, and what of the script was obeyed. Moves are told as done `lag` ticks behind what is worked out, as
+/// on a board, which works out ahead.
+fn by_slices(script: &[(u64, Verb)], end: u64, slices: &[u64], lag: u64) -> (Made, Vec<(u64, Verb)>) {
     let (mut motor, mut known) = (Motor::new(LIMITS, 0, 0), 0);
     let (mut queue, mut channel) = (Queue::<64>::new(), Channel::<32>::new(1, false));
     let (mut made, mut lengths) = (Made::default(), slices.iter().cycle());
     let mut script = script.iter().peekable();
+    let mut obeyed = Vec::new();
     while known < end {
         let next = script.peek().map_or(end, |(at, _)| *at).min(known + lengths.next().expect("cycles")).min(end);
         let mut items = 0;
@@ -87,14 +89,22 @@ fn by_slices(script: &[(u64, Verb)], end: u64, slices: &[u64]) -> Made {
             }
         }
         assert!(queue.is_empty() && channel.missed().is_none());
-        made.done.extend(std::iter::from_fn(|| motor.take_done(known)).map(|(at, _)| at));
+        let told = known.saturating_sub(lag);
+        while let Some((at, number)) = motor.take_done(told) {
+            made.done.push(at);
+            assert_eq!(number as usize, made.done.len(), "none is left out");
+        }
+        assert!(motor.next_done().is_none_or(|at| at > told));
         while let Some((_, verb)) = script.next_if(|(at, _)| *at == known) {
             // A script may ask for what cannot be: then nothing happens.
-            let _ = motor.obey(*verb, known);
+            if motor.obey(*verb, known).is_ok() {
+                obeyed.push((known, *verb));
+            }
         }
     }
+    made.done.extend(std::iter::from_fn(|| motor.take_done(end)).map(|(at, _)| at));
     assert_eq!(motor.position(), made.steps.iter().map(|(_, direction)| direction.sign()).sum::<i32>());
-    made
+    (made, obeyed)
 }
 
 fn verb() -> impl Strategy<Value = Verb> {
@@ -125,10 +135,15 @@ proptest! {
     #[test]
     fn every_step_is_where_the_letter_has_it(script in script(), slices in prop::collection::vec(1u64..400, 1..8)) {
         let end = script.last().map_or(0, |(at, _)| *at) + 2000;
-        let (wanted, made) = (by_the_letter(&script, end), by_slices(&script, end, &slices));
-        prop_assert_eq!(&made.steps, &wanted.steps);
-        // Of moves that are done in one slice the oldest may be told no more; here no slice has so many.
-        prop_assert_eq!(made.done, wanted.done);
+        prop_assert_eq!(by_slices(&script, end, &slices, 0).0, by_the_letter(&script, end));
+    }
+
+    /// Who is told late hears of every move that was obeyed; a move of which nobody could be told is not obeyed.
+    #[test]
+    fn every_move_is_told(script in script(), slices in prop::collection::vec(1u64..400, 1..8), lag in 1u64..3000) {
+        let end = script.last().map_or(0, |(at, _)| *at) + 2000;
+        let (made, obeyed) = by_slices(&script, end, &slices, lag);
+        prop_assert_eq!(made, by_the_letter(&obeyed, end));
     }
 
     /// Any line is read, or refused at one of its words; any payload is orders, or none.
@@ -252,33 +267,81 @@ fn what_cannot_be_is_refused_and_changes_nothing() {
     assert_eq!(obeyed.motors(), [rests(5), Next { position: -5, wait: 0 }]);
 }
 
-/// Nobody is there any more: runs end, and moves too if the host was lost.
+/// Two motors that were told so at tick 100, and left alone at 151: where they come to stand, and who cannot be sure of it, with a
+/// pull-in of 30 ticks and of 20.
+fn forsaken(orders: &[(u8, Verb)], lost: bool) -> ([i32; 2], u8) {
+    let mut verbs = Verbs::new();
+    verbs.begin([(LIMITS, 0); 2].into_iter(), 100);
+    let bytes: Vec<u8> = orders.iter().flat_map(|(motor, verb)| order(*motor, *verb)).collect();
+    verbs.obey(&Orders::decode(&bytes).expect("whole orders")).expect("possible");
+    verbs.work_out::<32>(151, |_, _| {});
+    let uncertain = verbs.forsake(lost, |motor| [30, 20][usize::from(motor)]);
+    verbs.work_out::<32>(1 << 20, |_, _| {});
+    assert!(verbs.rest_at(1 << 20), "{orders:?}");
+    let positions: Vec<i32> = verbs.motors().iter().map(Motor::position).collect();
+    ([positions[0], positions[1]], uncertain)
+}
+
+/// Nobody is there any more: runs end, and moves too if the host was lost. Who was too fast to stop so is flagged.
 #[test]
 fn who_is_forsaken_stops() {
-    for lost in [false, true] {
+    let go = |steps| Verb::Move { steps };
+    let run_and_move = [(0, Verb::Run), (1, go(10))];
+    assert_eq!(forsaken(&run_and_move, false), ([3, 10], 1));
+    assert_eq!(forsaken(&run_and_move, true), ([3, 3], 1));
+    // A move goes on to its end also with a run behind it.
+    assert_eq!(forsaken(&[(0, go(20)), (0, Verb::Run), (1, go(10)), (1, go(4))], false), ([20, 14], 0));
+    // Of what has no end without a word nothing is left; what comes before it is done.
+    let stands = Verb::Course(Course::Stationary);
+    assert_eq!(forsaken(&[(0, stands), (0, go(5)), (1, stands), (1, go(0)), (1, go(3))], false), ([0, 0], 0));
+    // At 16 ticks from step to step both are too fast; who has made all steps is not.
+    let fast = Verb::Speed { ticks: 16 };
+    assert_eq!(forsaken(&[(0, fast), (1, fast), (0, go(99)), (1, go(99))], true), ([4, 4], 3));
+    assert_eq!(forsaken(&[(0, fast), (1, fast), (0, go(4)), (1, go(4))], true), ([4, 4], 0));
+}
+
+/// Stopped at once: moves that were done by then are told, later ones are not; of a motor that ran dry none is.
+#[test]
+fn who_is_stopped_was_not_done_later() {
+    for (dry, told) in [(0, 1), (1, 0)] {
         let mut verbs = Verbs::new();
-        verbs.begin([(LIMITS, 0); 2].into_iter(), 100);
-        let bytes = [order(0, Verb::Run), order(1, Verb::Move { steps: 10 })].concat();
+        verbs.begin([(LIMITS, 0)].into_iter(), 100);
+        let bytes = [order(0, Verb::Move { steps: 1 }), order(0, Verb::Move { steps: 2 })].concat();
         verbs.obey(&Orders::decode(&bytes).expect("whole orders")).expect("possible");
-        verbs.work_out::<32>(151, |_, _| {});
-        verbs.forsake(lost);
-        verbs.work_out::<32>(10_000, |_, _| {});
-        let positions: Vec<i32> = verbs.motors().iter().map(Motor::position).collect();
-        assert_eq!(positions, if lost { [3, 3] } else { [3, 10] });
-        assert!(verbs.is_at_rest());
+        verbs.work_out::<32>(1000, |_, _| {});
+        // They would be done at 125 and 175.
+        assert!(verbs.rest_at(175) && !verbs.rest_at(174));
+        verbs.stop(174, dry);
+        assert!(verbs.rest_at(174));
+        let motor = &mut verbs.motors_mut()[0];
+        let done: Vec<_> = std::iter::from_fn(|| motor.take_done(u64::MAX)).collect();
+        assert_eq!(done, [(125, 1)][..told]);
+        assert!(motor.is_told());
     }
 }
 
-/// A host that does not ask misses the oldest, and sees from the number that it does.
+/// No move is taken that nobody could be told of; as soon as one is told there is room for another.
 #[test]
-fn done_moves_are_numbered() {
+fn a_move_that_could_not_be_told_is_refused() {
     let mut motor = Motor::new(LIMITS, 0, 0);
-    for number in 0..9 {
-        motor.obey(Verb::Move { steps: 1 }, 1000 * number).unwrap();
+    let go = |motor: &mut Motor, number: u64| {
+        let taken = motor.obey(Verb::Move { steps: 1 }, 1000 * number);
         motor.work_out::<32>(1000 * number + 500, |_| {});
+        taken
+    };
+    for number in 0..u64::from(MOST_UNTOLD) {
+        assert_eq!(go(&mut motor, number), Ok(()));
     }
+    assert_eq!(go(&mut motor, 4), Err(Refused::Busy));
+    // Neither runs nor speeds need room.
+    assert_eq!(motor.obey(Verb::Speed { ticks: 30 }, 4500), Ok(()));
+    assert_eq!(motor.obey(Verb::Run, 4500), Ok(()));
+    assert_eq!(motor.obey(Verb::Halt, 4500), Ok(()));
+    assert_eq!(motor.take_done(u64::MAX), Some((25, 1)));
+    assert_eq!(go(&mut motor, 5), Ok(()));
+    assert_eq!(go(&mut motor, 6), Err(Refused::Busy));
     let told: Vec<_> = std::iter::from_fn(|| motor.take_done(u64::MAX)).collect();
-    assert_eq!(told, [(5025, 6), (6025, 7), (7025, 8), (8025, 9)]);
+    assert_eq!(told, [(1025, 2), (2025, 3), (3025, 4), (5030, 5)]);
     assert!(motor.is_told());
 }
 
@@ -378,11 +441,15 @@ fn replies_are_lines() {
     check(Reply::Unread(What::Missing, 3), "err missing 3");
     check(Reply::Refused(Refusal { reason: Reason::Period, detail: 500 }), "err period 500");
     check(Reply::Refused(Refusal { reason: Reason::Busy, detail: 2 }), "err busy z");
+    check(Reply::Refused(Refusal::of(Reason::NotArmed)), "err stopped");
+    check(Reply::Refused(Refusal::of(Reason::Moving)), "err moving");
     check(Reply::Path, "err path");
     check(Reply::Verbs, "err verbs");
-    // The longest of all.
-    let worst = Obeyed::new(u64::MAX, [(i32::MIN, Some(u64::MAX)); 4].into_iter());
+    // The longest of all: a tick of 20 digits, and the longest wait that is told.
+    let tick = u64::MAX - u64::from(u32::MAX - 1);
+    let worst = Obeyed::new(tick, [(i32::MIN, Some(u64::MAX)); 4].into_iter());
     let mut line = [0; 2 * LONGEST];
     let len = Reply::At { obeyed: worst, axes: 0b1111 }.write(&mut line);
-    assert!(len <= LONGEST, "{len}");
+    assert!(line[..len].ends_with(b" a -2147483648 4294967294\r\n"), "{:?}", str::from_utf8(&line[..len]));
+    assert_eq!(len, LONGEST);
 }

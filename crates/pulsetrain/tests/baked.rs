@@ -1,5 +1,8 @@
 //! What `pulsetrain bake` makes on the virtual Uno, judged on its pins: images, and sketches, compiled with Debian's Arduino core.
-//! `cargo xtask test` installs what sketches need, and runs those.
+//! `cargo xtask test` installs what sketches need.
+
+#[path = "../../board/tests/common/seed.rs"]
+mod seed;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -125,7 +128,7 @@ fn images_keep_to_the_law() {
 }
 
 #[test]
-#[ignore = "needs Debian's arduino-core-avr and gcc-avr; cargo xtask test runs it"]
+#[cfg(target_os = "linux")]
 fn sketches_keep_to_the_law() {
     let report = judged("tutorial.toml", Way::Sketch, 1.5, ONE_MOTOR);
     assert_eq!(report.motors[0].steps_got, 8000);
@@ -162,9 +165,10 @@ fn the_greatest_rate_can_be_kept() {
 
 /// From its box to a motion: the bootloader takes the image, and starts it at each power-up.
 #[test]
-#[ignore = "needs Debian's arduino-core-avr and gcc-avr; cargo xtask test runs it"]
+#[cfg(target_os = "linux")]
 fn a_bootloader_takes_an_image_and_starts_it() {
-    let optiboot = std::env::var("PULSETRAIN_OPTIBOOT").expect("cargo xtask test says where it is");
+    let optiboot =
+        std::env::var("PULSETRAIN_OPTIBOOT").expect("run `cargo xtask test`: it builds Optiboot, and says where");
     let optiboot = hex::parse(&fs::read_to_string(optiboot).unwrap(), stk500::FLASH_BYTES).unwrap();
     let uno = VirtualUno::with_bootloader(&[], &optiboot).unwrap();
     let image = baked("tutorial.toml", Way::Image);
@@ -178,10 +182,10 @@ fn a_bootloader_takes_an_image_and_starts_it() {
     }
 }
 
+/// Past the wrap of the player's ticks, 268 s; with PULSETRAIN_ROUNDS=12 an hour.
 #[test]
-#[ignore = "takes minutes; run by hand"]
-fn an_hour_keeps_its_phase() {
-    let report = judged("sweep.toml", Way::Image, 3600.0, FOUR_MOTORS);
+fn phases_are_kept() {
+    let report = judged("sweep.toml", Way::Image, 300.0 * seed::rounds() as f64, FOUR_MOTORS);
     for motor in &report.motors {
         println!("{}: {} steps, drift {} ppm", motor.motor, motor.steps_got, motor.drift_ppm);
         assert!(motor.drift_ppm.abs() < 1e-4, "{motor:?}");

@@ -126,7 +126,7 @@ fn ports_are_listed() {
 
 /// Optiboot on the virtual Uno, in real time: each try may take as long as it likes, and a computer that is too busy to
 /// meet the bootloader's second gets another.
-#[cfg(unix)]
+#[cfg(target_os = "linux")]
 mod bootloader {
     use super::{Folder, pulsetrain};
     use pulsetrain::console::Exit;
@@ -135,7 +135,7 @@ mod bootloader {
 
     /// Built from Debian's source by `cargo xtask test`.
     fn optiboot() -> String {
-        std::env::var("PULSETRAIN_OPTIBOOT").expect("cargo xtask test says where its image is")
+        std::env::var("PULSETRAIN_OPTIBOOT").expect("run `cargo xtask test`: it builds Optiboot, and says where")
     }
 
     const IMAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../board/images/uno.hex");
@@ -181,7 +181,6 @@ mod bootloader {
     }
 
     #[test]
-    #[ignore = "needs Debian's arduino-core-avr; cargo xtask test runs it"]
     fn flash_writes_the_firmware_and_info_finds_it() {
         let folder = Folder::new("optiboot");
         let link = folder.path("uno");
@@ -191,7 +190,6 @@ mod bootloader {
     }
 
     #[test]
-    #[ignore = "needs Debian's arduino-core-avr and avrdude; cargo xtask test runs it"]
     fn avrdude_writes_the_firmware_and_info_finds_it() {
         let folder = Folder::new("avrdude");
         let link = folder.path("uno");
@@ -207,7 +205,6 @@ mod bootloader {
     }
 
     #[test]
-    #[ignore = "takes seconds of real time; cargo xtask test runs it"]
     fn without_a_bootloader_it_is_said_and_nothing_is_written() {
         let folder = Folder::new("without");
         let link = folder.path("uno");

@@ -1,13 +1,16 @@
 //! Sessions on the virtual Pico, its committed firmware over its USB: what its pins do is the plan, tick by tick, or a stop that was
 //! planned. As `session.rs` has it of the native board.
 
+#[path = "common/onward.rs"]
+mod onward;
 #[path = "common/random.rs"]
 mod random;
 
+use onward::onward;
 use proptest::prelude::*;
 use pulsetrain::drive::connect;
 use pulsetrain::pause::Shelf;
-use pulsetrain::session::{MotorState, Session, SessionError};
+use pulsetrain::session::{Session, SessionError};
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::{Board, Edge, Faults, Remote};
 use pulsetrain_core::Direction;
@@ -256,16 +259,4 @@ fn stops_pauses_and_changes_keep_the_count() {
         check_counts(&session, &pins)?;
         Ok(())
     });
-}
-
-/// Brakes from `state`, and then does `law`.
-fn onward(state: MotorState, law: &Law, braking: f64) -> Law {
-    let law = law.clone();
-    if state.speed.abs() < 1e-3 {
-        return law.shifted(state.theta).unwrap();
-    }
-    let seconds = state.speed.abs() / braking;
-    let curve = vec![state.theta, state.speed, -0.5 * braking.copysign(state.speed)];
-    let brake = Law::polynomials([(Time::from_seconds(seconds), curve)]).unwrap();
-    Law::then(vec![brake, law]).unwrap()
 }

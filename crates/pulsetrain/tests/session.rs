@@ -1,8 +1,12 @@
 //! Sessions: what a board does under them is the plan, tick by tick, or a stop that was planned.
 
+#[path = "common/onward.rs"]
+mod onward;
+
+use onward::onward;
 use proptest::prelude::*;
 use pulsetrain::pause::Shelf;
-use pulsetrain::session::{MotorState, Session, SessionError};
+use pulsetrain::session::{Session, SessionError};
 use pulsetrain_board::{
     Board, Config, Edge, Faults, MotorConfig, Native, Observer, ScheduledStep, Sizer, StopReport, SwitchRefused, Wiring,
 };
@@ -555,18 +559,6 @@ fn a_motion_that_brakes_as_hard_as_it_may_is_paused_when_it_can_be() {
     let report = session.run(&mut lab, |_| {});
     assert_eq!((report.failure, report.counted), (None, vec![1000]));
     check_acceleration(&lab.steps[0], 1000.5, 1.5).unwrap();
-}
-
-/// Brakes from `state`, and then does `law`.
-fn onward(state: MotorState, law: &Law, braking: f64) -> Law {
-    let law = law.clone();
-    if state.speed.abs() < 1e-3 {
-        return law.shifted(state.theta).unwrap();
-    }
-    let seconds = state.speed.abs() / braking;
-    let curve = vec![state.theta, state.speed, -0.5 * braking.copysign(state.speed)];
-    let brake = Law::polynomials([(Time::from_seconds(seconds), curve)]).unwrap();
-    Law::then(vec![brake, law]).unwrap()
 }
 
 /// From the last steps of the plan on, the motors slow down within their limits.

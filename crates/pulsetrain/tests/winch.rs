@@ -1,7 +1,5 @@
 //! StepperWinch's text: scripts that are run and judged, and the console. On the native winch, in virtual time.
 
-#[path = "common/random.rs"]
-mod random;
 #[path = "../../board/tests/common/seed.rs"]
 mod seed;
 
@@ -24,7 +22,6 @@ use pulsetrain_board::{Edge, Port, PortError, VirtualBoard};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::pins::PinKind;
 use pulsetrain_trace::winch::{Options, Report};
-use random::each;
 
 const NAMES: Names<'_> = Names { script: "script", runner: "native winch", board: "StepperWinch" };
 
@@ -400,6 +397,18 @@ fn a_real_board_is_heard_to_the_end() {
     check(Unwell { loses: "awake", ..reset() }, move_and_rest, &[(2.8, clock)]);
 }
 
+/// `enable 0` releases as the axes stop; a line that moves nothing, at any moment about that, keeps them held or comes too late.
+#[test]
+fn a_line_about_the_release_is_found_by_enable() {
+    for ms in (440..490).step_by(2) {
+        let text = format!(
+            "0 s: g xyza 1 0.5\n0 s: s y 3067\n0 s: g y 2.59 0.54\n0 s: a y -1308\n377 ms: enable 0\n{ms} ms: s x 0\n"
+        );
+        let verdict = verdict(&run(&script(&text, 1.5)));
+        assert!(verdict.ok, "{text}{verdict:?}");
+    }
+}
+
 fn line() -> impl Strategy<Value = String> {
     let axes = prop::sample::select(vec!["x", "y", "xy", "za", "xyza"]);
     prop_oneof![
@@ -430,30 +439,30 @@ fn random_script(lines: &[(u32, String)]) -> (String, f64) {
     (text, f64::from(at_ms) / 1e3 + 1.0)
 }
 
-/// The board's fixed point and the judge's f64 agree on any script: two codes that share nothing.
-#[test]
-fn boards_and_judge_agree() {
-    let lines = prop::collection::vec((0..500_u32, line()), 1..12);
-    each(24 * seed::rounds() as u32, lines, |lines| {
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 24 * seed::rounds() as u32, ..ProptestConfig::default() })]
+
+    /// The board's fixed point and the judge's f64 agree on any script: two codes that share nothing.
+    #[test]
+    fn boards_and_judge_agree(lines in prop::collection::vec((0..500_u32, line()), 1..12)) {
         let (text, end_s) = random_script(&lines);
         let run = run(&script(&text, end_s));
         let verdict = verdict(&run);
         prop_assert!(verdict.ok && run.troubles.is_empty(), "{}{:?} {:?}", text, verdict, run.troubles);
-        Ok(())
-    });
+    }
 }
 
-/// So do the firmware's assembly, and the judge.
-#[test]
-fn the_uno_and_the_judge_agree() {
-    let lines = prop::collection::vec((0..300_u32, line()), 1..10);
-    each(8 * seed::rounds() as u32, lines, |lines| {
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 8 * seed::rounds() as u32, ..ProptestConfig::default() })]
+
+    /// So do the firmware's assembly, and the judge.
+    #[test]
+    fn the_uno_and_the_judge_agree(lines in prop::collection::vec((0..300_u32, line()), 1..10)) {
         let (text, end_s) = random_script(&lines);
         let run = run_on(VirtualUno::new(), &script(&text, end_s));
         let verdict = verdict_as(&run, &of_uno());
         prop_assert!(verdict.ok && run.troubles.is_empty(), "{}{:?} {:?}", text, verdict, run.troubles);
-        Ok(())
-    });
+    }
 }
 
 fn folder(name: &str) -> PathBuf {

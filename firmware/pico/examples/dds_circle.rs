@@ -40,8 +40,10 @@ extern "C" fn main() -> ! {
     loop {
         let speeds = [speed(phase), speed(phase.wrapping_add(1 << 30))];
         let [x, y] = speeds.map(|speed| (course(speed), Verb::Speed { ticks: convert(speed) }));
-        // Periods of speeds that the motors have are never refused.
-        let _ = motors.tell(&[(0, x.0), (0, x.1), (1, y.0), (1, y.1)]);
+        // Periods of speeds that the motors have are not refused: they stopped, and what is drawn is not what it ought to be.
+        if motors.tell(&[(0, x.0), (0, x.1), (1, y.0), (1, y.1)]).is_err() {
+            panic!();
+        }
         phase = phase.wrapping_add(INCREMENT);
         next += u64::from(TICKS_PER_S / RATE_HZ);
         motors.sleep_until(next);

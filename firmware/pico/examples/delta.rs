@@ -40,7 +40,7 @@ extern "C" fn main() -> ! {
     let wiring = [2, 6, 10].map(|pin| MotorSetup::coils_on(pin, Sequence::Half));
     // SAFETY: once, and nothing else is set up.
     let Ok(motors) = (unsafe { Motors::begin(&wiring, Times::default()) }) else { panic!() };
-    motors.on_done(|_| DONE.store(DONE.load(Ordering::Relaxed) + 1, Ordering::Relaxed));
+    motors.on_done(|_, _| DONE.store(DONE.load(Ordering::Relaxed) + 1, Ordering::Relaxed));
     // Arms begin level.
     let (mut stand, mut moves) = ([0_i32; 3], 0);
     for point in WAY.iter().cycle() {
@@ -58,7 +58,10 @@ extern "C" fn main() -> ! {
         let [a, b, c] = way.map(|way| Verb::Move { steps: way.unsigned_abs() });
         let _ = motors.tell(&[(0, a), (1, b), (2, c)]);
         for motor in (0..3).filter_map(|number| motors.motor(number)) {
-            block_on(motor.rests());
+            if block_on(motor.rests()).is_err() {
+                // They stopped on the way, and the effector is somewhere else.
+                panic!();
+            }
         }
         stand = target;
         moves += 3;

@@ -32,8 +32,10 @@ extern "C" fn main() -> ! {
     loop {
         let rates = [SIGMA * (y - x), x * (RHO - z) - y, x * y - BETA * z];
         let (right, up) = (verbs(rates[0]), verbs(rates[2]));
-        // Periods of speeds that the motors have are never refused.
-        let _ = motors.tell(&[(0, right.0), (0, right.1), (1, up.0), (1, up.1)]);
+        // Periods of speeds that the motors have are not refused: they stopped, and what is drawn is not what it ought to be.
+        if motors.tell(&[(0, right.0), (0, right.1), (1, up.0), (1, up.1)]).is_err() {
+            panic!();
+        }
         [x, y, z] = [x + step * rates[0], y + step * rates[1], z + step * rates[2]];
         next += u64::from(TICKS_PER_S / RATE_HZ);
         motors.sleep_until(next);

@@ -44,6 +44,8 @@ struct All {
     talks: &'static mut [Talk; 2],
     /// The session's; while there is none, that of the last frame.
     way: Way,
+    /// By which motors were told as text last: there is to be room for what they have done.
+    teller: Way,
     winch: &'static mut Winch,
 }
 
@@ -62,7 +64,8 @@ pub unsafe fn run() -> ! {
     let (board, line, usb) = unsafe { (Board::begin(), Line::open(), Usb::open(flash::unique_id())) };
     // SAFETY: as above.
     let (talks, winch) = unsafe { (TALKS.take(), WINCH.take()) };
-    let mut all = All { board, service: Service::new(MAX_BODY), line, usb, talks, way: Way::Uart, winch };
+    let (way, teller) = (Way::Uart, Way::Uart);
+    let mut all = All { board, service: Service::new(MAX_BODY), line, usb, talks, way, teller, winch };
     reset::begin();
     regs::enable_interrupts();
     all.run()
@@ -120,11 +123,16 @@ impl All {
         if self.board.housekeeping(now, &mut self.line) {
             self.talks[Way::Uart as usize].ear.lose();
         }
+        // One that has no room yet is told later: it is not taken off before. Nobody waits for a host that does not read.
+        let teller = self.teller as usize;
+        while let talk = &self.talks[teller]
+            && (talk.has_room_for_line() || talk.ear.is_quiet() || talk.is_stuck(now))
+            && let Some(done) = self.winch.move_done(&mut self.board)
+        {
+            self.say_to_text(&talk::Line::Verbs(done));
+        }
         if self.winch.look(&mut self.board, &mut self.service) {
             self.say_to_text(&talk::Line::Winch(Reply::Awake));
-        }
-        while let Some(done) = self.winch.move_done(&mut self.board) {
-            self.say_to_text(&talk::Line::Verbs(done));
         }
         if core::mem::take(&mut self.winch.report) {
             for talk in &mut *self.talks {
@@ -220,7 +228,13 @@ impl All {
         let reply = match self.winch.hear(&mut self.talks[way as usize].ear, byte, is_obeyed) {
             Brought::Nothing => None,
             Brought::Answer(reply) => Some(reply),
-            Brought::Told(told) => Some(talk::Line::Verbs(self.winch.tell(&mut self.board, &told))),
+            Brought::Told(told) => {
+                self.teller = way;
+                let reply = self.winch.tell(&mut self.board, &told);
+                // A packet has a dozen lines, whose work together is longer than words last.
+                self.board.go_on();
+                Some(talk::Line::Verbs(reply))
+            }
         };
         if is_obeyed {
             self.winch.settle(&mut self.board, &mut self.service);

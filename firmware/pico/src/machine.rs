@@ -7,6 +7,7 @@ use crate::reset;
 use crate::start::{self, Once};
 use crate::steps::MOTORS;
 use crate::steps::pins::{self, Layout};
+use crate::steps::pio;
 use crate::steps::stepper::{FRACTION_BITS, LONGEST, LONGEST_IDLE_MS, POOL, Pace, Stepper};
 use crate::winch;
 use pulsetrain_core::narrow::EPOCHS;
@@ -54,6 +55,8 @@ pub(crate) struct Board {
     news: [Option<Event>; NEWS],
     /// Faults that were told, kind by kind, bit by motor.
     told: [u8; FAULTS],
+    /// Motors that were stopped faster than they can, since they were armed, bit by motor.
+    uncertain: u8,
     was_idle: bool,
     last_stop: Cause,
     last_reset: Cause,
@@ -134,6 +137,7 @@ impl Board {
             baud: None,
             news: [None; NEWS],
             told: [0; FAULTS],
+            uncertain: 0,
             was_idle: true,
             last_stop: Cause::None,
             last_reset: reset::why(),
@@ -178,8 +182,8 @@ impl Board {
     /// Works out what motors do that are told directly, as far as words are written.
     #[inline(never)]
     fn work_out(&mut self) {
-        let Board { verbs, stepper, clock, .. } = self;
-        let until = clock.now() + u64::from(stepper.foresight()) + SLICE;
+        let Board { verbs, stepper, clock, pace, .. } = self;
+        let until = clock.now() + u64::from(stepper.foresight(*pace)) + SLICE;
         if until >= verbs.known() + SLICE && stepper.has_room(MOST_ITEMS) {
             verbs.work_out::<FRACTION_BITS>(until, |motor, item| stepper.take(motor, item));
             stepper.follow_from(Moment::of(until));
@@ -228,7 +232,7 @@ impl Board {
 
     /// Whether nothing moves, and nothing is to.
     pub(crate) fn rests(&mut self) -> bool {
-        let now = self.clock.moment();
+        let now = self.clock.now();
         !self.armed || self.is_idle(now)
     }
 
@@ -253,13 +257,7 @@ impl Board {
             self.measures.lost_bytes = u16::try_from(all).unwrap_or(u16::MAX);
             self.tell(Cause::Overrun, ALL_MOTORS, lost);
         }
-        let moment = self.clock.moment();
-        self.stepper.rest(moment);
-        let idle = self.is_idle(moment);
-        // While motors are armed their coils let go by themselves, to the tick.
-        if self.power.look(now, idle) && !self.armed {
-            self.stepper.release_coils();
-        }
+        let idle = self.look_after(now);
         if self.armed {
             self.look_at_motors();
             if idle && !self.was_idle {
@@ -291,7 +289,12 @@ impl Board {
     /// The immediate stop.
     fn stop(&mut self, cause: Cause) -> Stopped {
         let (tick, uncertain) = self.stepper.stop(&mut self.clock);
-        self.obeys = false;
+        self.uncertain |= uncertain;
+        if self.obeys {
+            self.obeys = false;
+            let dry = (0..self.motors()).filter(|motor| pio::Machine::of(*motor).is_dry());
+            self.verbs.stop(tick, dry.fold(0, |all, motor| all | 1 << motor));
+        }
         if self.armed {
             self.armed = false;
             if cause != Cause::None {
@@ -309,14 +312,16 @@ impl Board {
         self.verbs.motors().iter().filter_map(Motor::next_done).min()
     }
 
-    /// What can wait a millisecond, without a line to a host.
-    pub(crate) fn look_after(&mut self, now: Millis) {
-        let moment = self.clock.moment();
-        self.stepper.rest(moment);
-        let idle = self.is_idle(moment);
+    /// What can wait a millisecond, without a line to a host. Whether nothing moves, and nothing is to.
+    pub(crate) fn look_after(&mut self, now: Millis) -> bool {
+        let tick = self.clock.now();
+        self.stepper.rest(Moment::of(tick));
+        let idle = self.is_idle(tick);
+        // While motors are armed their coils let go by themselves, to the tick.
         if self.power.look(now, idle) && !self.armed {
             self.stepper.release_coils();
         }
+        idle
     }
 
     /// Whether a motor that is told directly has nothing to do, and all that it did was told.
@@ -330,14 +335,15 @@ impl Board {
         self.verbs.obey(orders).map(drop)
     }
 
-    /// Motors that are told directly forget what they do.
-    pub(crate) fn halt(&mut self) {
+    /// Motors that are told directly forget what they do; with `all` false only [what has no end](Verbs::forsake).
+    pub(crate) fn halt(&mut self, all: bool) {
         if self.obeys {
-            self.verbs.forsake(true);
+            let stepper = &self.stepper;
+            self.uncertain |= self.verbs.forsake(all, |motor| u64::from(stepper.pull_in_ticks(motor)));
         }
     }
 
-    /// A move that was done and not told yet.
+    /// A move that was done and not told yet; also after motors were stopped.
     pub(crate) fn move_done(&mut self) -> Option<Event> {
         let now = self.clock.now();
         (0..).zip(self.verbs.motors_mut()).find_map(|(motor, verbs)| {
@@ -357,19 +363,43 @@ impl Board {
         }
     }
 
-    fn is_idle(&self, now: Moment) -> bool {
-        self.stepper.is_idle(now) && (!self.obeys || self.verbs.is_at_rest())
+    /// Whether at tick `now` nothing moves, and nothing is to: a last period is over, too.
+    fn is_idle(&self, now: u64) -> bool {
+        self.stepper.is_idle(Moment::of(now)) && (!self.obeys || self.verbs.rest_at(now))
     }
 
-    /// Motors that rest are told directly from now on.
-    fn begin_to_obey(&mut self) {
+    /// Has armed motors that rest be told directly from now on.
+    ///
+    /// # Errors
+    /// [`Reason::NotArmed`], [`Reason::Moving`].
+    pub(crate) fn begin_verbs(&mut self) -> Result<(), Refusal> {
+        if !self.obeys {
+            self.meet()?;
+            self.begin_to_obey();
+        }
+        Ok(())
+    }
+
+    /// Motors that rest, and are not told directly yet, would be from here on; so far nothing of theirs changes.
+    fn meet(&mut self) -> Result<(), Refusal> {
         let now = self.clock.now();
+        if !self.armed {
+            return Err(Refusal::of(Reason::NotArmed));
+        }
+        if !self.is_idle(now) {
+            return Err(Refusal::of(Reason::Moving));
+        }
         // Nothing that is written comes after that: see `Words::fill`.
         let written = self.clock.extended(self.stepper.horizon(Moment::of(now)));
-        self.stepper.set_pace(self.pace);
-        let known = now.max(written) + u64::from(self.stepper.foresight());
+        let known = now.max(written) + u64::from(self.stepper.foresight(self.pace));
         self.verbs.begin(self.stepper.limits(), known);
-        self.stepper.follow_from(Moment::of(known));
+        Ok(())
+    }
+
+    /// They are: see [`meet`](Board::meet).
+    fn begin_to_obey(&mut self) {
+        self.stepper.set_pace(self.pace);
+        self.stepper.follow_from(Moment::of(self.verbs.known()));
         self.obeys = true;
     }
 }
@@ -396,7 +426,7 @@ impl Machine for Board {
     }
 
     fn configure(&mut self, configuration: &Configuration<'_>) -> Result<(), Refusal> {
-        let now = self.clock.moment();
+        let now = self.clock.now();
         if self.armed && !self.is_idle(now) {
             return Err(Refusal::of(Reason::Moving));
         }
@@ -413,7 +443,7 @@ impl Machine for Board {
         pins::free(self.pins & !layout.used);
         self.pins = layout.used;
         self.power.set_up(layout.enable, configuration.enable_high, idle_ms);
-        self.stepper.configure(&layout, configuration, now);
+        self.stepper.configure(&layout, configuration, Moment::of(now));
         Ok(())
     }
 
@@ -427,14 +457,14 @@ impl Machine for Board {
             self.armed = true;
             self.last_stop = Cause::None;
             self.was_idle = true;
-            self.told = [0; FAULTS];
+            (self.told, self.uncertain) = ([0; FAULTS], 0);
             self.stepper.start(&mut self.clock);
         }
         Ok(())
     }
 
     fn release(&mut self) -> Result<(), Refusal> {
-        let now = self.clock.moment();
+        let now = self.clock.now();
         if self.armed && !self.is_idle(now) {
             return Err(Refusal::of(Reason::Moving));
         }
@@ -504,14 +534,14 @@ impl Machine for Board {
             return Err(Refusal::of(Reason::NotArmed));
         }
         if !self.obeys {
-            let now = self.clock.moment();
-            if !self.is_idle(now) {
-                return Err(Refusal::of(Reason::Moving));
-            }
-            self.begin_to_obey();
+            self.meet()?;
         }
         self.obeyed = self.verbs.obey(orders)?;
-        self.was_idle &= self.verbs.is_at_rest();
+        // Who is refused, or only asks, leaves motors as they are.
+        if !self.obeys && !orders.is_empty() {
+            self.begin_to_obey();
+        }
+        self.was_idle &= self.verbs.motors().iter().all(Motor::is_at_rest);
         Ok(())
     }
 
@@ -544,7 +574,8 @@ impl Machine for Board {
     }
 
     fn faults(&self, motor: u8) -> u8 {
-        self.stepper.faults(motor)
+        let uncertain = if self.uncertain >> motor & 1 != 0 { flags::UNCERTAIN } else { 0 };
+        self.stepper.faults(motor) | uncertain
     }
 
     fn measures(&mut self) -> &mut Measures {
@@ -574,17 +605,14 @@ impl Machine for Board {
         if lost && self.armed && !self.was_idle {
             self.last_stop = Cause::HostLost;
         }
-        if self.obeys {
-            self.verbs.forsake(lost);
-        }
+        self.halt(lost);
         // They were its news.
         self.news = [None; NEWS];
     }
 
     fn event(&mut self) -> Option<Event> {
-        if self.obeys
-            && let Some(done) = self.move_done()
-        {
+        // What was done comes before that all was.
+        if let Some(done) = self.move_done() {
             return Some(done);
         }
         let first = self.news[0].take()?;

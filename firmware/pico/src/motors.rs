@@ -10,19 +10,37 @@
 //!
 //! # What it takes
 //! State machines and DMA channels with the motors' numbers: up to four motors leave PIO block 1 and all its state machines to the
-//! program. The gate (GPIO 25), DMA interrupt 0, alarm 1 of the timer with its interrupt, and SysTick.
+//! program. The gate (GPIO 25), DMA interrupt 0, alarm 1 of the timer with its interrupt, and SysTick. The vectors, too: a program's
+//! own interrupts come by [`set_handler`].
+//!
+//! # What a program may not do
+//! Keep the library's interrupts out for long: by `cpsid`, or by an interrupt of its own that they wait for.
+//! - The timer's comes when some motor has words for 0.4 ms left, and has to write more for all before they are used up. So it may be
+//!   kept out for that, less what its own round takes: with one motor 0.3 ms; with four 0.25 ms at 25 000 steps/s, 0.14 ms at
+//!   250 000; with eight 0.14 ms at 62 500 steps/s, 0.04 ms at 125 000, their shortest period. What [`Motors::on_done`] calls takes of the same.
+//! - The DMA's hands on what was written as soon as the eight words of a FIFO are all that is left: eight steps, or fewer at a turn.
+//!   So it may be kept out for seven of the shortest periods in use: 17 µs at 400 000 steps/s, 7 µs at a million. That is what
+//!   an interrupt of the highest priority may take at most, and after a reset all have that; one that takes longer needs a lower one
+//!   (0x40, 0x80 or 0xc0 in the NVIC's IPR; the timer's has 0xc0).
+//!
+//! Who does all the same runs a motor dry: then all stop at once, without ramps, and count what they did; of moves that were done in
+//! the last 1.7 ms before some are not told. From then on [`Motors::tell`] and [`Motor::rests`] say
+//! [`NotArmed`](Reason::NotArmed), until [`Motors::arm`] begins again.
 //!
 //! # What is not
-//! Ramps: a motor has a new speed with its next step.
+//! Ramps: a motor has a new speed with its next step. Motors for the other core, or for interrupts of one's own: neither can get at
+//! [`Motors`].
 
 use crate::clock::{self, TICK_HZ};
 use crate::machine::Board;
 use crate::regs;
-use crate::start::{Shared, set_handler};
+use crate::start::{self, Shared};
 use crate::steps::MOTORS;
 use crate::steps::stepper::Pace;
 use core::future::Future;
+use core::marker::PhantomData;
 use core::pin::{Pin, pin};
+use core::sync::atomic::{Ordering, compiler_fence};
 use core::task::{Context, Poll, Waker};
 use pulsetrain_core::wire::Machine;
 use pulsetrain_core::wire::message::{Configuration, Event, MOTOR_SETUP_LEN, NO_PIN};
@@ -30,9 +48,9 @@ use pulsetrain_core::wire::orders::{MOST_ORDERS, ORDER_LEN, Orders, order};
 
 pub use pulsetrain_core::output::Sequence;
 pub use pulsetrain_core::verbs::{Course, Verb};
-pub use pulsetrain_core::wire::Refusal;
 pub use pulsetrain_core::wire::message::{MotorSetup, Reason};
 pub use pulsetrain_core::wire::orders::Obeyed;
+pub use pulsetrain_core::wire::{Refusal, Stopped};
 
 /// Ticks a second: a tick is 8 ns.
 pub const TICKS_PER_S: u32 = TICK_HZ;
@@ -42,6 +60,9 @@ const ROUND_US: u32 = 1200;
 
 /// And at most: an alarm that is not ahead comes after 72 min.
 const SHORTEST_ROUND_US: u32 = 5;
+
+/// Futures that wait for one motor; of more the oldest is woken for nothing, and waits again.
+const WAITING: usize = 4;
 
 /// Times that all motors have in common.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,8 +100,10 @@ pub struct Done {
 /// What main and the timer's interrupt have.
 struct State {
     board: Board,
-    on_done: Option<fn(Done)>,
-    wakers: [Option<Waker>; MOTORS],
+    on_done: Option<fn(Motors, Done)>,
+    wakers: [[Option<Waker>; WAITING]; MOTORS],
+    /// Times that motors were armed, wrapping.
+    armings: u32,
 }
 
 static STATE: Shared<Option<State>> = Shared::new(None);
@@ -89,7 +112,8 @@ static STATE: Shared<Option<State>> = Shared::new(None);
 fn with<T>(f: impl FnOnce(&mut State) -> T) -> T {
     regs::NVIC_ICER.write(regs::TIMER_IRQ_1);
     regs::settle();
-    // SAFETY: only the timer's interrupt has it else, and that is kept out, or it is what calls; no `f` in this file calls `with`.
+    // SAFETY: only main and the timer's interrupt, on one core, call this: who else could has no `Motors`. The interrupt is kept
+    // out, or it is what calls. No `f` in this file calls `with`, nor anybody else's code.
     let done = unsafe {
         STATE.with(|state| match state {
             Some(state) => f(state),
@@ -97,6 +121,8 @@ fn with<T>(f: impl FnOnce(&mut State) -> T) -> T {
             None => panic!(),
         })
     };
+    // What `f` wrote is in memory before the interrupt comes.
+    compiler_fence(Ordering::SeqCst);
     regs::NVIC_ISER.write(regs::TIMER_IRQ_1);
     done
 }
@@ -105,22 +131,34 @@ fn with<T>(f: impl FnOnce(&mut State) -> T) -> T {
 extern "C" fn look_after() {
     // Alarm 1's bit, of what was raised.
     regs::TIMER_INTR.write(1 << 1);
-    with(|state| {
+    let motors = with(|state| {
         while state.board.go_on() {}
         let now = clock::millis(state.board.clock.now());
         state.board.look_after(now);
+        Motors::of(state.board.motors())
     });
     while let Some(done) = with(State::take_done) {
         // Outside of `with`: they may tell motors what to do next.
         if let Some(on_done) = with(|state| state.on_done) {
-            on_done(done);
+            on_done(motors, done);
         }
-        if let Some(waker) = with(|state| state.take_waker(done.motor)) {
-            waker.wake();
-        }
+        wake(done.motor);
+    }
+    if !motors.is_armed() {
+        (0..motors.count).for_each(wake);
     }
     let us = with(State::spare_us);
-    regs::TIMER_ALARM1.write(regs::TIMER_RAW.read().wrapping_add(us));
+    // With nothing between: an alarm that is set for a time that is past comes after 72 min.
+    regs::free(|| regs::TIMER_ALARM1.write(regs::TIMER_RAW.read().wrapping_add(us)));
+}
+
+/// Wakes who waits for a motor: that is the executor's code, so outside of `with`.
+fn wake(motor: u8) {
+    with(|state| state.wakers.get_mut(usize::from(motor)).map(core::mem::take))
+        .into_iter()
+        .flatten()
+        .flatten()
+        .for_each(Waker::wake);
 }
 
 impl State {
@@ -138,16 +176,55 @@ impl State {
         Some(Done { motor, tick, number: detail })
     }
 
-    fn take_waker(&mut self, motor: u8) -> Option<Waker> {
-        self.wakers.get_mut(usize::from(motor)).and_then(Option::take)
+    /// Arms the motors, which rest and are told directly from then on.
+    fn arm(&mut self) -> Result<(), Refusal> {
+        self.board.arm()?;
+        // Words are written from now on; nothing is told.
+        self.board.begin_verbs()?;
+        self.armings = self.armings.wrapping_add(1);
+        Ok(())
+    }
+
+    /// How waiting for a motor ends that was begun at that arming; `None`: it does not yet.
+    fn waited(&self, motor: u8, arming: u32) -> Option<Result<(), Refusal>> {
+        if !self.board.is_armed() || self.armings != arming {
+            return Some(Err(Refusal::of(Reason::NotArmed)));
+        }
+        self.board.is_told(motor).then_some(Ok(()))
+    }
+
+    /// Keeps a waker, unless it has it. If there was no room, `waker` is then the one that waited for longest, and true.
+    fn keep(&mut self, motor: u8, waker: &mut Option<Waker>) -> bool {
+        let Some(places) = self.wakers.get_mut(usize::from(motor)) else { return false };
+        if places.iter().flatten().any(|kept| waker.as_ref().is_some_and(|waker| waker.will_wake(kept))) {
+            return false;
+        }
+        // The newest is last.
+        places.rotate_left(1);
+        core::mem::swap(&mut places[WAITING - 1], waker);
+        waker.is_some()
     }
 }
 
-/// All motors.
+/// All motors, on the core that began them, in main and in [`on_done`](Motors::on_done): it can be sent to nobody else.
 #[derive(Clone, Copy, Debug)]
 pub struct Motors {
     count: u8,
+    here: Here,
 }
+
+/// What cannot be sent to another core, nor be had by an interrupt.
+type Here = PhantomData<*const ()>;
+
+/// Fails to compile if one can be sent: then there are two `is_sent`.
+const _: fn() = {
+    trait Sent<A> {
+        fn is_sent() {}
+    }
+    impl<T> Sent<()> for T {}
+    impl<T: Send> Sent<u8> for T {}
+    <Motors as Sent<_>>::is_sent
+};
 
 impl Motors {
     /// Sets up the chip at 125 MHz and the motors, whose drivers are enabled; nothing moves.
@@ -156,7 +233,7 @@ impl Motors {
     /// What a Pico cannot do: see [`Reason`]; [`Reason::TooManyMotors`] with more than 8.
     ///
     /// # Safety
-    /// Only once, and before other parts of the chip are set up; nothing else changes what the [module](self) takes.
+    /// Only once, in main, on core 0, and before other parts of the chip are set up; nothing else changes what the [module](self) takes.
     pub unsafe fn begin(motors: &[MotorSetup], times: Times) -> Result<Motors, Refusal> {
         let mut bytes = [0; MOTORS * MOTOR_SETUP_LEN];
         let too_many = Refusal { reason: Reason::TooManyMotors, detail: MOTORS as u16 };
@@ -177,41 +254,80 @@ impl Motors {
         board.pace = Pace::SELDOM;
         board.configure(&configuration)?;
         regs::enable_interrupts();
-        board.arm()?;
-        // Words are written from now on; nothing is told.
-        board.obey(&Orders::NONE)?;
+        let wakers = [const { [const { None }; WAITING] }; MOTORS];
+        let mut state = State { board, on_done: None, wakers, armings: 0 };
+        state.arm()?;
         // SAFETY: the interrupt is not let in yet.
         unsafe {
-            STATE.with(|state| *state = Some(State { board, on_done: None, wakers: [const { None }; MOTORS] }));
+            STATE.with(|place| *place = Some(state));
         }
-        set_handler(1, look_after);
+        start::set_handler(TIMER_IRQ_1, look_after);
         // Behind the DMA's.
         regs::NVIC_IPR0.write(0xc0 << 8);
         regs::TIMER_INTE.write(1 << 1);
         regs::TIMER_ALARM1.write(regs::TIMER_RAW.read().wrapping_add(SHORTEST_ROUND_US));
         regs::NVIC_ISER.write(regs::TIMER_IRQ_1);
-        Ok(Motors { count: motors.len() as u8 })
+        Ok(Motors::of(motors.len() as u8))
+    }
+
+    const fn of(count: u8) -> Motors {
+        Motors { count, here: PhantomData }
     }
 
     /// A motor; `None` if there are fewer.
     #[must_use]
     pub fn motor(self, number: u8) -> Option<Motor> {
-        (number < self.count).then_some(Motor { number })
+        (number < self.count).then_some(Motor { number, here: PhantomData })
     }
 
     /// Tells motors, by their numbers, what to do, all from the same tick on, or none of it; up to eight things.
     ///
     /// # Errors
-    /// [`Reason::NoSuchMotor`], [`Reason::Period`], [`Reason::Busy`]; [`Reason::NotArmed`] if motors stopped since their words were
-    /// late (interrupts were kept out for 1 ms); [`Reason::Full`] with more than eight.
+    /// [`Reason::NoSuchMotor`], [`Reason::Period`], [`Reason::Busy`]; [`Reason::NotArmed`] if motors [were stopped](Motors::stop), or
+    /// stopped since their words were late; [`Reason::Full`] with more than eight.
     pub fn tell(self, verbs: &[(u8, Verb)]) -> Result<Obeyed, Refusal> {
         tell(verbs)
     }
 
     /// Calls `on_done` with each move that is done, in the timer's interrupt, some 10 µs later. It may tell motors what to do
-    /// next, and ought to be short.
-    pub fn on_done(self, on_done: fn(Done)) {
+    /// next; how long it may take the [module](self) says. If it [stops](Motors::stop) them and [arms](Motors::arm) them again, it is
+    /// not told of others that were done by then.
+    pub fn on_done(self, on_done: fn(Motors, Done)) {
         with(|state| state.on_done = Some(on_done));
+    }
+
+    /// Stops all motors at once, without ramps; tells after which tick no step was begun, and whose position is uncertain. What
+    /// they were to do is forgotten, without "done"; positions are what they did, coils and drivers hold.
+    pub fn stop(self) -> Stopped {
+        let stopped = with(|state| state.board.stop_now());
+        look_after_soon();
+        stopped
+    }
+
+    /// Releases drivers and coils of motors that rest, which are then not armed.
+    ///
+    /// # Errors
+    /// [`Reason::Moving`].
+    pub fn release(self) -> Result<(), Refusal> {
+        with(|state| state.board.release())?;
+        look_after_soon();
+        Ok(())
+    }
+
+    /// Begins again after motors were [stopped](Motors::stop) or [released](Motors::release), or stopped since words were late: enables
+    /// drivers; positions stay, periods and directions are as at first, moves are counted from 0. Nothing moves until it is told. If
+    /// motors are armed it does nothing.
+    ///
+    /// # Errors
+    /// None that is known: they were configured.
+    pub fn arm(self) -> Result<(), Refusal> {
+        with(|state| if state.board.is_armed() { Ok(()) } else { state.arm() })
+    }
+
+    /// Whether motors can be told what to do: since [`begin`](Motors::begin) or [`arm`](Motors::arm) nothing stopped them.
+    #[must_use]
+    pub fn is_armed(self) -> bool {
+        with(|state| state.board.is_armed())
     }
 
     /// The clock, ticks.
@@ -226,6 +342,11 @@ impl Motors {
             regs::wait_for_interrupt();
         }
     }
+}
+
+/// Has the timer's interrupt come now.
+fn look_after_soon() {
+    regs::NVIC_ISPR.write(regs::TIMER_IRQ_1);
 }
 
 fn now() -> u64 {
@@ -246,19 +367,18 @@ fn tell(verbs: &[(u8, Verb)]) -> Result<Obeyed, Refusal> {
     let obeyed = with(|state| state.board.obey(&orders).map(|()| state.board.obeyed))?;
     // Who waits for a motor's rest has it now.
     for (motor, verb) in verbs {
-        if *verb == Verb::Halt
-            && let Some(waker) = with(|state| state.take_waker(*motor))
-        {
-            waker.wake();
+        if *verb == Verb::Halt {
+            wake(*motor);
         }
     }
     Ok(obeyed)
 }
 
-/// One motor.
+/// One motor; as [`Motors`], it stays on its core.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Motor {
     number: u8,
+    here: Here,
 }
 
 impl Motor {
@@ -315,30 +435,36 @@ impl Motor {
     }
 
     /// Waits until it [is at rest](Motor::is_at_rest).
-    pub fn rests(self) -> impl Future<Output = ()> {
-        Rests { motor: self }
+    ///
+    /// # Errors
+    /// [`Reason::NotArmed`] as soon as motors are not armed, or were not at some time since this was called: they may not have done
+    /// what they were to do.
+    pub fn rests(self) -> impl Future<Output = Result<(), Refusal>> {
+        Rests { motor: self, arming: with(|state| state.armings) }
     }
 }
 
 /// See [`Motor::rests`].
 struct Rests {
     motor: Motor,
+    arming: u32,
 }
 
 impl Future for Rests {
-    type Output = ();
+    type Output = Result<(), Refusal>;
 
-    fn poll(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<()> {
-        let number = self.motor.number;
-        with(|state| {
-            if state.board.is_told(number) {
-                return Poll::Ready(());
-            }
-            if let Some(place) = state.wakers.get_mut(usize::from(number)) {
-                *place = Some(context.waker().clone());
-            }
-            Poll::Pending
-        })
+    fn poll(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Self::Output> {
+        let Rests { motor: Motor { number, .. }, arming } = *self;
+        // Cloned and dropped out here: that is the executor's code.
+        let mut waker = Some(context.waker().clone());
+        let (waited, is_older) = with(|state| {
+            let waited = state.waited(number, arming);
+            (waited, waited.is_none() && state.keep(number, &mut waker))
+        });
+        if let Some(older) = waker.filter(|_| is_older) {
+            older.wake();
+        }
+        waited.map_or(Poll::Pending, Poll::Ready)
     }
 }
 
@@ -353,4 +479,37 @@ pub fn block_on<F: Future>(future: F) -> F::Output {
         // The timer's interrupt ends it.
         regs::wait_for_interrupt();
     }
+}
+
+/// The timer's alarm 1, of the chip's interrupts.
+const TIMER_IRQ_1: usize = 1;
+
+/// Interrupts of the chip (§2.3.2).
+const INTERRUPTS: usize = 32;
+
+/// What the library has of them.
+const TAKEN: [usize; 2] = [TIMER_IRQ_1, 11];
+
+/// No interrupt of the program's: the library has it, or there is none of that number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NotYours {
+    /// Which.
+    pub interrupt: usize,
+}
+
+/// Has `handler` called for an interrupt of the chip, by its number (RP2040 datasheet, §2.3.2): 0 to 31, but 1 and 11. It comes as soon as it is let
+/// in by the NVIC's ISER, which is the program's to do. One without a handler ends the program.
+///
+/// # Errors
+/// [`NotYours`]; nothing changes then.
+///
+/// # Safety
+/// The interrupt is not let in yet. The handler takes no longer than the [module](self) allows, at its priority, and has what others have too only as Rust
+/// allows for threads. It lets nobody else in by `cpsie` who keeps interrupts out.
+pub unsafe fn set_handler(interrupt: usize, handler: extern "C" fn()) -> Result<(), NotYours> {
+    if interrupt >= INTERRUPTS || TAKEN.contains(&interrupt) {
+        return Err(NotYours { interrupt });
+    }
+    start::set_handler(interrupt, handler);
+    Ok(())
 }

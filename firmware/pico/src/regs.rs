@@ -162,6 +162,7 @@ pub(crate) const SYST_CVR: Reg = Reg(0xe000_e018);
 /// ARMv6-M, B3.4: interrupts.
 pub(crate) const NVIC_ISER: Reg = Reg(0xe000_e100);
 pub(crate) const NVIC_ICER: Reg = Reg(0xe000_e180);
+pub(crate) const NVIC_ISPR: Reg = Reg(0xe000_e200);
 pub(crate) const NVIC_ICPR: Reg = Reg(0xe000_e280);
 
 /// Priorities of the first four: two bits at the top of each byte, 0 the highest.

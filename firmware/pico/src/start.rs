@@ -8,8 +8,9 @@ use core::arch::global_asm;
 #[unsafe(link_section = ".boot2")]
 static BOOT2: [u8; 256] = rp2040_boot2::BOOT_LOADER_GENERIC_03H;
 
-// Vectors (ARMv6-M, B1.5.3; interrupts: RP2040 datasheet §2.3.2), which are copied to RAM too, and what the first instructions are. No interrupt but the
-// DMA's is ever enabled; whatever else comes is a fault, and ends the program.
+// Vectors (ARMv6-M, B1.5.3; interrupts: RP2040 datasheet §2.3.2), which are copied to RAM too, and what the first instructions are. The firmware lets in no
+// interrupt but the DMA's; a program that uses the library, also the timer's and its own: `set_handler`. Whatever else comes is a
+// fault, and ends the program.
 global_asm!(
     r#"
     .section .vectors, "a", %progbits
@@ -123,7 +124,7 @@ pub(crate) fn set_handler(number: usize, handler: extern "C" fn()) {
 /// Something there is one of, which main takes and nobody else.
 pub(crate) struct Once<T>(core::cell::UnsafeCell<T>);
 
-// SAFETY: `take` hands it out once, to main; the interrupt does not know of it.
+// SAFETY: `take` hands it out once; who has it keeps it to itself, or shares what it becomes a part of by `Shared`.
 unsafe impl<T> Sync for Once<T> {}
 
 impl<T> Once<T> {

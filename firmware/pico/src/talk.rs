@@ -78,7 +78,7 @@ impl Talk {
             self.reply.copy_within(self.sent..self.len, 0);
             (self.len, self.sent) = (self.len - self.sent, 0);
         }
-        if ROOM - self.len >= LONGEST {
+        if self.has_room_for_line() {
             let room = &mut self.reply[self.len..];
             self.len += match line {
                 Line::Winch(reply) => usize::from(reply.write::<InMemory>(room)),
@@ -90,7 +90,16 @@ impl Talk {
     /// Whether there is room for what a packet of lines may say.
     #[inline(always)]
     pub(crate) const fn has_room(&self) -> bool {
-        ROOM - (self.len - self.sent) >= PACKET_SAYS
+        self.room() >= PACKET_SAYS
+    }
+
+    /// Whether there is room for a line.
+    pub(crate) const fn has_room_for_line(&self) -> bool {
+        self.room() >= LONGEST
+    }
+
+    const fn room(&self) -> usize {
+        ROOM - (self.len - self.sent)
     }
 
     /// Whether the host does not read.

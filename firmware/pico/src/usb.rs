@@ -294,9 +294,7 @@ impl Usb {
     /// Whether the host took the packet before.
     #[inline(always)]
     fn is_free(&self) -> bool {
-        self.configured
-            && !self.is_halted(DATA_TO_HOST)
-            && usb::buffer_half(DATA, false, 0) & usb::AVAILABLE == 0
+        self.configured && !self.is_halted(DATA_TO_HOST) && usb::buffer_half(DATA, false, 0) & usb::AVAILABLE == 0
     }
 
     /// Hands over a byte; see [`can_send`](Usb::can_send).

@@ -270,9 +270,10 @@ impl Winch {
     pub(crate) fn look(&mut self, board: &mut Board, service: &mut Service) -> bool {
         if self.tells {
             if self.ends || self.session.is_forsaken() {
-                board.halt();
+                board.halt(true);
             }
-            if !board.is_armed() || (self.ends && board.rests()) {
+            // What was done is told first.
+            if board.next_done().is_none() && (!board.is_armed() || (self.ends && board.rests())) {
                 // Nothing moves any more.
                 let _ = board.release();
                 board.host_gone(false);

@@ -12,11 +12,12 @@ const FLASH_AT: u32 = 0x1000_0000;
 const RAM: u32 = 248 * 1024;
 
 /// The committed images: the firmware, and the library's examples.
-const IMAGES: [(&str, &str); 4] = [
+const IMAGES: [(&str, &str); 5] = [
     ("pico", "crates/board/images/pico.uf2"),
     ("examples/dds_circle", "crates/board/images/dds_circle.uf2"),
     ("examples/lorenz", "crates/board/images/lorenz.uf2"),
     ("examples/delta", "crates/board/images/delta.uf2"),
+    ("examples/mailbox", "crates/board/images/mailbox.uf2"),
 ];
 
 /// Builds the firmware and its examples, prints what they take and writes the committed images.

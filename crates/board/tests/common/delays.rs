@@ -6,6 +6,7 @@ use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::{Board, Edge, Remote, Setup};
 use pulsetrain_core::verbs::{Course, Verb};
 use pulsetrain_core::wire::Baud;
+use pulsetrain_core::wire::orders::Obeyed;
 
 /// The longest delays seen.
 #[derive(Clone, Copy, Debug, Default)]
@@ -28,6 +29,20 @@ impl Delay {
 /// A frame of one order: its bytes on the line.
 const FRAME: u64 = 17;
 
+/// Tells a motor something when nothing else waits for an answer: the tick at which all of it is on the line, and what comes of it.
+pub(crate) fn tell(pico: &mut Remote<VirtualPico>, order: &[(u8, Verb); 1]) -> (u64, Obeyed) {
+    pico.status().expect("it answers");
+    // The adapter hands it over with the next millisecond; then it is on the line, 2 million bits a second.
+    let frame = TICK_HZ / 1000;
+    let sent = ((pico.port().chip().cycle() - pico.port().zero()) / frame + 1) * frame + FRAME * 625;
+    (sent, pico.tell_motors(order).expect("it can"))
+}
+
+/// How long after `sent` it is `tick`, µs.
+pub(crate) fn us(tick: u64, sent: u64) -> f64 {
+    tick.saturating_sub(sent) as f64 * 1e6 / TICK_HZ as f64
+}
+
 /// A motor at `rate` steps/s is told another speed, or the other way if `turns`, `times` times.
 pub(crate) fn delay(rate: u64, turns: bool, times: u32) -> Delay {
     let random = &mut Random::new(rate);
@@ -49,12 +64,7 @@ pub(crate) fn delay(rate: u64, turns: bool, times: u32) -> Delay {
             (false, true) => Verb::Speed { ticks: slow },
             (false, false) => Verb::Speed { ticks: fast },
         };
-        // Nothing else waits for an answer.
-        pico.status().expect("it answers");
-        // The adapter hands it over with the next millisecond; then it is on the line, 2 million bits a second.
-        let frame = TICK_HZ / 1000;
-        let sent = ((pico.port().chip().cycle() - pico.port().zero()) / frame + 1) * frame + FRAME * 625;
-        let obeyed = pico.tell_motors(&[(0, verb)]).expect("it can");
+        let (sent, obeyed) = tell(&mut pico, &[(0, verb)]);
         let mut edges = Vec::new();
         pico.advance(obeyed.tick + 3 * slow, &mut |edge: Edge| edges.push(edge));
         let rises: Vec<_> = edges.iter().filter(|edge| edge.line == 2 && edge.level).map(|edge| edge.tick).collect();
@@ -68,10 +78,9 @@ pub(crate) fn delay(rate: u64, turns: bool, times: u32) -> Delay {
         };
         let new = new.expect("it shows");
         let since = rises.iter().filter(|tick| (sent..=rises[new]).contains(tick)).count() as u64;
-        let us = |tick: u64| tick.saturating_sub(sent) as f64 * 1e6 / TICK_HZ as f64;
         worst.steps = worst.steps.max(since);
-        worst.us = worst.us.max(us(rises[new]));
-        worst.held_us = worst.held_us.max(us(obeyed.tick));
+        worst.us = worst.us.max(us(rises[new], sent));
+        worst.held_us = worst.held_us.max(us(obeyed.tick, sent));
     }
     worst
 }

@@ -4,6 +4,7 @@
 pub(crate) mod delays;
 pub(crate) mod examples;
 pub(crate) mod lab;
+pub(crate) mod mailbox;
 pub(crate) mod pico;
 pub(crate) mod random;
 pub(crate) mod seed;

@@ -105,18 +105,39 @@ impl Verbs {
         }
     }
 
-    /// Whether no step will come, and nothing will be done, unless more is said.
+    /// Whether no step will come, and nothing will be done, after tick `now` unless more is said; steps that were worked out may still
+    /// have to be made.
     #[must_use]
-    pub fn is_at_rest(&self) -> bool {
-        self.motors().iter().all(Motor::is_at_rest)
+    pub fn rest_at(&self, now: u64) -> bool {
+        self.motors().iter().all(|motor| motor.rests_at(now))
     }
 
-    /// Nobody is there to say more: motors that run without an end stop; with `lost`, all do, whatever they were told.
-    pub fn forsake(&mut self, lost: bool) {
-        let known = self.known;
-        for motor in self.motors_mut().iter_mut().filter(|motor| lost || motor.is_endless()) {
-            // It is never refused.
-            let _ = motor.obey(Verb::Halt, known);
+    /// Nobody is there to say more: motors forget [what has no end](Motor::forsake); with `lost`, whatever they were told. Gives, bit by
+    /// motor, which ones leave steps out that were to come sooner than `pull_in` ticks of that motor after the last one: they may come to
+    /// stand elsewhere than they count.
+    #[must_use]
+    pub fn forsake(&mut self, lost: bool, pull_in: impl Fn(u8) -> u64) -> u8 {
+        let mut uncertain = 0;
+        for (number, motor) in (0..).zip(self.motors_mut()) {
+            let was_faster = motor.gap().is_some_and(|gap| gap < pull_in(number));
+            if lost {
+                // It is never refused; no step comes any more, whatever `at`.
+                let _ = motor.obey(Verb::Halt, 0);
+            } else {
+                motor.forsake();
+            }
+            if was_faster && motor.gap().is_none() {
+                uncertain |= 1 << number;
+            }
+        }
+        uncertain
+    }
+
+    /// All motors were stopped at once, after tick `tick`: see [`Motor::stop`]. Of those in `dry`, bit by motor, not even the steps before
+    /// that were all made: no move that was not told yet counts as done.
+    pub fn stop(&mut self, tick: u64, dry: u8) {
+        for (number, motor) in (0..).zip(self.motors_mut()) {
+            motor.stop(if dry >> number & 1 == 0 { tick } else { 0 });
         }
     }
 }

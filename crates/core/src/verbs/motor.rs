@@ -12,7 +12,7 @@ pub enum Verb {
     /// So many steps, and then a done event, when the last one's period is over. Behind a move that is under way one more may
     /// wait; a motor that [runs](Verb::Run) makes so many more, and is done.
     Move {
-        /// Any number; with 0 it is done at once.
+        /// Any number; with 0 it is done when the last step's period is over, which may be that of a move before.
         steps: u32,
     },
     /// Steps without an end.
@@ -71,7 +71,7 @@ pub enum Refused {
         /// The shortest, ticks.
         shortest: u32,
     },
-    /// A move waits behind the one that is under way.
+    /// A move waits behind the one that is under way, or [`MOST_UNTOLD`] moves would be done and not told.
     Busy,
 }
 
@@ -81,8 +81,9 @@ pub const LONGEST_PERIOD: u64 = 1 << 62;
 /// Items that [`Motor::work_out`] hands over at most: two moves, each an anchor, its first step, the others.
 pub const MOST_ITEMS: usize = 6;
 
-/// Done moves that are kept until they are asked for.
-const KEPT: u32 = 4;
+/// Moves that may be under way, waiting, or done and not [told](Motor::take_done): no more are taken, so that of none it is lost when
+/// it was done.
+pub const MOST_UNTOLD: u32 = 4;
 
 /// After so many ticks without a step the channel's accumulator is set anew: it tells ticks apart within 2^30.
 const STALE: u64 = 1 << 29;
@@ -122,11 +123,11 @@ pub struct Motor {
     /// Where the channel's accumulator is.
     reached: Option<u64>,
     position: i32,
-    /// Moves done so far, wrapping, and how many of them were told.
+    /// Moves done so far, as far as was worked out, wrapping, and how many of them were told.
     done: u32,
     told: u32,
-    /// When the last of them were.
-    done_at: [u64; KEPT as usize],
+    /// When the last of them were, the newest first.
+    done_at: [u64; MOST_UNTOLD as usize],
 }
 
 impl Motor {
@@ -148,7 +149,7 @@ impl Motor {
             position,
             done: 0,
             told: 0,
-            done_at: [0; KEPT as usize],
+            done_at: [0; MOST_UNTOLD as usize],
         }
     }
 
@@ -172,12 +173,42 @@ impl Motor {
     }
 
     fn begin(&mut self, task: Task) -> Result<(), Refused> {
+        let is_move = |task| matches!(task, Task::Steps(_));
+        if is_move(task) && self.untold() + u32::from(is_move(self.task)) >= MOST_UNTOLD {
+            return Err(Refused::Busy);
+        }
         match (self.task, self.waiting) {
             (Task::Rest | Task::Endless, _) => self.task = task,
             (Task::Steps(_), Task::Rest) => self.waiting = task,
             (Task::Steps(_), _) => return Err(Refused::Busy),
         }
         Ok(())
+    }
+
+    /// Nobody will say more: it forgets what would have no end, a run, and a move that waits for a way to go; what waits behind a move
+    /// that has an end, or the move itself.
+    pub fn forsake(&mut self) {
+        let stands = self.course == Course::Stationary;
+        let ends = |task| match task {
+            Task::Rest => true,
+            Task::Steps(left) => left == 0 || !stands,
+            Task::Endless => false,
+        };
+        if !ends(self.task) {
+            (self.task, self.waiting) = (Task::Rest, Task::Rest);
+        } else if !ends(self.waiting) {
+            self.waiting = Task::Rest;
+        }
+    }
+
+    /// It was stopped at once, and no step was begun after tick `at`: it has nothing to do, and no move was done later. What comes of it
+    /// is not worked out: [`position`](Motor::position) is no more where it stands.
+    pub fn stop(&mut self, at: u64) {
+        (self.task, self.waiting) = (Task::Rest, Task::Rest);
+        while self.untold() > 0 && self.done_at[0] > at {
+            self.done_at.rotate_left(1);
+            self.done = self.done.wrapping_sub(1);
+        }
     }
 
     /// Works out what it does up to tick `until` (not included; less than 2^32 after the last call's), and hands it over as items
@@ -258,14 +289,8 @@ impl Motor {
     }
 
     /// The oldest move that was done by tick `now` and was not told yet: when, and how many are done with it, wrapping.
-    ///
-    /// Of those that nobody asked for in time the oldest are left out; the number tells it.
     pub fn take_done(&mut self, now: u64) -> Option<(u64, u32)> {
         let at = self.next_done().filter(|at| *at <= now)?;
-        let oldest = self.done.wrapping_sub(KEPT);
-        if self.done.wrapping_sub(self.told) > KEPT {
-            self.told = oldest;
-        }
         self.told = self.told.wrapping_add(1);
         Some((at, self.told))
     }
@@ -273,8 +298,12 @@ impl Motor {
     /// When the oldest move that was worked out, and not told yet, is done.
     #[must_use]
     pub fn next_done(&self) -> Option<u64> {
-        let untold = self.done.wrapping_sub(self.told).min(KEPT);
-        self.done_at.get(untold.checked_sub(1)? as usize).copied()
+        self.done_at.get(self.untold().checked_sub(1)? as usize).copied()
+    }
+
+    /// Moves that were worked out and not told yet, [`MOST_UNTOLD`] at most.
+    const fn untold(&self) -> u32 {
+        self.done.wrapping_sub(self.told)
     }
 
     /// Whether all moves that were worked out have been told as done.
@@ -299,26 +328,22 @@ impl Motor {
         next.map(|(tick, _)| tick)
     }
 
-    /// Whether it has nothing to do, not even to wait for a last period, or until it is told a way to go.
+    /// Whether nothing is left to work out, not even a last period, or a wait until it is told a way to go.
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
         self.task == Task::Rest && self.waiting == Task::Rest
     }
 
-    /// Whether it [runs](Verb::Run), or is going to.
+    /// The same by tick `now`: what it did last is done by then, too.
     #[must_use]
-    pub fn is_endless(&self) -> bool {
-        self.task == Task::Endless || self.waiting == Task::Endless
+    pub fn rests_at(&self, now: u64) -> bool {
+        self.is_at_rest() && (self.untold() == 0 || self.done_at[0] <= now)
     }
 
-    /// Steps of the move under way that were not worked out yet; `None` of a run.
+    /// How long after its last step the next one comes, ticks, if it is told nothing else; `None` if none does, or there was none.
     #[must_use]
-    pub const fn left(&self) -> Option<u32> {
-        match self.task {
-            Task::Rest => Some(0),
-            Task::Steps(left) => Some(left),
-            Task::Endless => None,
-        }
+    pub fn gap(&self) -> Option<u64> {
+        Some(self.next_step()?.saturating_sub(self.last?.0))
     }
 }
 

@@ -166,7 +166,8 @@ pub enum Reply {
     },
     /// `err <what> <word>`: the line cannot be read.
     Unread(What, u8),
-    /// `err period <shortest>`, `err busy <axis>`: it cannot be done.
+    /// `err period <shortest>`, `err busy <axis>`: it cannot be done; `err stopped`: motors stopped by themselves, and text begins anew;
+    /// `err moving`: the axes cannot be had.
     Refused(Refusal),
     /// `err path`: the winch's paths have the axes; `enable 0` ends that.
     Path,
@@ -229,6 +230,7 @@ impl Reply {
                 to.text(b"err busy ");
                 to.text(&[name(*detail)]);
             }
+            Reply::Refused(Refusal { reason: Reason::NotArmed, .. }) => to.text(b"err stopped"),
             Reply::Refused(_) => to.text(b"err moving"),
             Reply::Path => to.text(b"err path"),
             Reply::Verbs => to.text(b"err verbs"),
@@ -237,6 +239,16 @@ impl Reply {
         to.len
     }
 }
+
+/// What the digits of a number are worth, from a table: a product of 64 bits takes a board longer than all else here.
+const UNITS: [u64; 20] = {
+    let (mut units, mut place) = ([1; 20], 19);
+    while place > 0 {
+        place -= 1;
+        units[place] = 10 * units[place + 1];
+    }
+    units
+};
 
 const fn name(axis: u16) -> u8 {
     AXES[(axis & 3) as usize]
@@ -276,14 +288,13 @@ impl Writer<'_> {
     /// Digit by digit, by subtraction: boards have no division.
     fn digits(&mut self, value: u64) {
         let (mut rest, mut begun) = (value, false);
-        for power in (0..20).rev() {
-            let unit = 10_u64.pow(power);
+        for unit in UNITS {
             let mut digit = b'0';
             while rest >= unit {
                 rest -= unit;
                 digit += 1;
             }
-            begun |= digit != b'0' || power == 0;
+            begun |= digit != b'0' || unit == 1;
             if begun {
                 self.text(&[digit]);
             }

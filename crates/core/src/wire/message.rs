@@ -112,7 +112,7 @@ codes! {
         Baud = 14,
         /// A period that is shorter than the motor's shortest, which is `detail`, ticks; or beyond 2^62.
         Period = 15,
-        /// A move waits already behind the one that is under way; `detail` is the motor.
+        /// A move waits already behind the one that is under way, or four were not told as done yet; `detail` is the motor.
         Busy = 16,
         /// Motors are told directly, until they are released or stopped: no plan is taken.
         Obeying = 17,
@@ -768,6 +768,8 @@ pub mod flags {
     pub const BAD_ITEM: u8 = 4;
     /// Of a motor: position or accumulator were not those that the host expected.
     pub const CHECK_FAILED: u8 = 8;
+    /// Of a motor: it was stopped at once above its pull-in speed, and may stand elsewhere than it counts. An Uno says it in Stopped alone.
+    pub const UNCERTAIN: u8 = 16;
 }
 
 /// What is common to all motors.

@@ -44,6 +44,12 @@ impl<'a> Orders<'a> {
         (whole && orders.iter().all(|order| read(order).is_some())).then_some(Orders { bytes })
     }
 
+    /// Whether nothing is told.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.bytes.is_empty()
+    }
+
     /// The motors, and what each is told.
     pub fn iter(&self) -> impl Iterator<Item = (u8, Verb)> + 'a {
         self.bytes.as_chunks::<ORDER_LEN>().0.iter().filter_map(read)

@@ -1,9 +1,9 @@
-//! In which millisecond each line came into effect: the way that agrees best with the steps.
+//! In which millisecond each line came into effect: the way that agrees best with the steps, and with what ENABLE did.
 
 use std::collections::HashSet;
 
 use super::path::Board;
-use super::{Options, Step, THRESHOLD, Told};
+use super::{Differing, Drivers, Options, Seen, THRESHOLD, Told};
 
 /// Ways that are followed at once.
 const WAYS: usize = 512;
@@ -17,22 +17,25 @@ struct Way {
     board: Board,
     /// The millisecond of each line so far.
     effects: Vec<u64>,
+    differing: Differing,
     /// Sum of squared distances of steps from the paths, steps².
     distance: f64,
 }
 
 /// The millisecond from whose beginning on each line acts.
-pub(super) fn find(told: &[Told], steps: &[Vec<Step>; 4], ms_end: u64, options: &Options) -> Vec<u64> {
+pub(super) fn find(told: &[Told], seen: &Seen, ms_end: u64, options: &Options) -> Vec<u64> {
     let ms_of = |tick: u64| tick as f64 / options.tick_hz * 1e3;
     let windows: Vec<(u64, u64)> = told
         .iter()
         .map(|told| (ms_of(told.tick).ceil() as u64, ms_of(told.until).ceil() as u64 + options.effect_ms))
         .collect();
-    let mut ways = vec![Way { board: Board::START, effects: Vec::new(), distance: 0.0 }];
+    let mut ways =
+        vec![Way { board: Board::START, effects: Vec::new(), differing: Differing::default(), distance: 0.0 }];
+    let mut drivers = Drivers::new(&seen.drives);
     let mut next = [0; 4];
     for ms in 0..ms_end {
         branch(&mut ways, told, &windows, ms);
-        for (axis, steps) in steps.iter().enumerate() {
+        for (axis, steps) in seen.steps.iter().enumerate() {
             let before = steps[..next[axis]].last().map_or(0, |step| step.position);
             let count = steps[next[axis]..].partition_point(|step| step.ms < (ms + 1) as f64);
             let now = &steps[next[axis]..next[axis] + count];
@@ -48,7 +51,14 @@ pub(super) fn find(told: &[Told], steps: &[Vec<Step>; 4], ms_end: u64, options: 
                 way.distance += beyond * beyond;
             }
         }
-        ways.iter_mut().for_each(|way| way.board.tick());
+        let are_on = drivers.at_end_of(ms, options);
+        for way in &mut ways {
+            way.board.tick();
+            if way.differing.go_on(are_on != way.board.drives, options) {
+                // As bad as a step at its bound.
+                way.distance += options.bound_steps.powi(2);
+            }
+        }
         prune(&mut ways);
     }
     let best = ways.swap_remove(0);
@@ -86,24 +96,26 @@ fn prune(ways: &mut Vec<Way>) {
     let worst = ways[0].distance + HOPELESS;
     let mut known = HashSet::with_capacity(ways.len());
     ways.retain(|way| {
-        way.distance <= worst && known.len() < WAYS && known.insert((way.effects.len(), way.board.bits()))
+        way.distance <= worst
+            && known.len() < WAYS
+            && known.insert((way.effects.len(), way.differing, way.board.bits()))
     });
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::winch::Command;
+    use crate::winch::{Command, Step, see};
 
-    /// The steps of paths on which each line acts in a given millisecond.
-    fn steps(lines: &[(u64, &str)], ms_end: u64) -> [Vec<Step>; 4] {
+    /// What is seen of paths on which each line acts in a given millisecond.
+    fn seen(lines: &[(u64, &str)], ms_end: u64, options: &Options) -> Seen {
         let mut board = Board::START;
-        let mut steps: [Vec<Step>; 4] = [const { Vec::new() }; 4];
+        let mut seen = see(&[], options).unwrap();
         for ms in 0..ms_end {
             for (_, line) in lines.iter().filter(|(at, _)| *at == ms) {
                 board.obey(&Command::parse(line).unwrap());
             }
-            for (axis, steps) in steps.iter_mut().enumerate() {
+            for (axis, steps) in seen.steps.iter_mut().enumerate() {
                 let (from, moved) = (board.paths[axis].position, board.speed(axis) * 1e-3);
                 loop {
                     let position = steps.last().map_or(0, |step| step.position);
@@ -119,8 +131,11 @@ mod tests {
                 }
             }
             board.tick();
+            if seen.drives.last().is_some_and(|(_, on)| *on) != board.drives {
+                seen.drives.push(((ms as f64 * 1e-3 * options.tick_hz) as u64, board.drives));
+            }
         }
-        steps
+        seen
     }
 
     #[test]
@@ -134,7 +149,8 @@ mod tests {
             (700, "a x 0"),
             (702, "enable 0"),
         ];
-        let steps = steps(&lines, 1500);
+        let options = Options::default();
+        let seen = seen(&lines, 1500, &options);
         // All that is known of each: within 6 ms before, and 2 more of doubt.
         let told: Vec<Told> = lines
             .iter()
@@ -144,7 +160,7 @@ mod tests {
                 Told { tick, until: tick + 32_000, command: Command::parse(line).unwrap() }
             })
             .collect();
-        let found = find(&told, &steps, 1500, &Options::default());
+        let found = find(&told, &seen, 1500, &options);
         // What makes no difference yet is taken as soon as it may be: gains and limits of axes at rest.
         assert_eq!(found, [2, 5, 8, 402, 406, 700, 702]);
     }

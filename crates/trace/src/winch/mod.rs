@@ -232,7 +232,7 @@ pub fn judge(
     let mut seen = see(edges, options)?;
     let ms_end = (end as f64 / options.tick_hz * 1e3) as u64;
     let told = &with_deadman(told, end, options);
-    let effects = effects::find(told, &seen.steps, ms_end, options);
+    let effects = effects::find(told, &seen, ms_end, options);
     follow(told, &effects, &mut seen, ms_end, options, onlooker);
     seen.compare(statuses, options);
     let tick_ms = 1e3 / options.tick_hz;
@@ -411,25 +411,38 @@ fn see(edges: &[Edge], options: &Options) -> Result<Seen, OutOfOrder> {
     Ok(seen)
 }
 
-/// Whether the drivers are on and off when they are to be.
-#[derive(Default)]
-struct Drivers {
-    /// Edges of ENABLE so far.
-    next: usize,
+/// The edges of ENABLE, gone along.
+struct Drivers<'a> {
+    edges: &'a [(u64, bool)],
     are_on: bool,
-    /// Milliseconds since they were as they are to be.
-    differ_ms: u64,
 }
 
-impl Drivers {
-    /// Goes on to the end of a millisecond; what is wanted, when they have not been so for too long: said once.
-    fn differ(&mut self, seen: &Seen, wanted: bool, ms: u64, options: &Options) -> Option<bool> {
+impl<'a> Drivers<'a> {
+    fn new(edges: &'a [(u64, bool)]) -> Drivers<'a> {
+        Drivers { edges, are_on: false }
+    }
+
+    /// Whether they are on at the end of the next millisecond.
+    fn at_end_of(&mut self, ms: u64, options: &Options) -> bool {
         let end = ((ms + 1) as f64 * 1e-3 * options.tick_hz) as u64;
-        while let Some((_, on)) = seen.drives.get(self.next).filter(|(tick, _)| *tick <= end) {
-            (self.are_on, self.next) = (*on, self.next + 1);
+        while let Some(((tick, on), later)) = self.edges.split_first()
+            && *tick <= end
+        {
+            (self.are_on, self.edges) = (*on, later);
         }
-        self.differ_ms = if self.are_on == wanted { 0 } else { self.differ_ms + 1 };
-        (self.differ_ms == options.release_ms).then_some(wanted)
+        self.are_on
+    }
+}
+
+/// Milliseconds since the drivers were as they are to be.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+struct Differing(u64);
+
+impl Differing {
+    /// Goes on by a millisecond; whether they have differed for too long now: said once.
+    fn go_on(&mut self, differ: bool, options: &Options) -> bool {
+        self.0 = if differ { self.0 + 1 } else { 0 };
+        self.0 == options.release_ms
     }
 }
 
@@ -449,7 +462,8 @@ fn follow(
     // Said once for each time that an axis is lost.
     let mut lost = [false; 4];
     let late_ms = options.late_ticks / options.tick_hz * 1e3;
-    let mut drivers = Drivers::default();
+    let drives = std::mem::take(&mut seen.drives);
+    let (mut drivers, mut differing) = (Drivers::new(&drives), Differing::default());
     for ms in 0..ms_end {
         while let Some((told, _)) = lines.next_if(|(_, effect)| **effect <= ms) {
             board.obey(&told.command);
@@ -491,8 +505,8 @@ fn follow(
             positions[axis] = position;
         }
         board.tick();
-        if let Some(wanted) = drivers.differ(seen, board.drives, ms, options) {
-            let level = if wanted { "off (ENABLE is high)" } else { "on (ENABLE is low)" };
+        if differing.go_on(drivers.at_end_of(ms, options) != board.drives, options) {
+            let level = if board.drives { "off (ENABLE is high)" } else { "on (ENABLE is low)" };
             let at_s = (ms + 1) as f64 * 1e-3 - options.origin_s;
             seen.fault(0, at_s, || format!("all drivers are still {level}"));
         }

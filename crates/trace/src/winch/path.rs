@@ -260,11 +260,14 @@ impl Doubt {
             cut += DT * swing;
         }
         let (next, falling) = (path.speed + acceleration * DT, path.speed.abs() - max_acceleration * DT);
-        let fastest = max_speed.max(falling);
-        if next.abs() > fastest {
-            change = [0.0, if falling > max_speed { 1.0 } else { 0.0 }];
+        if falling > max_speed {
+            // It goes down by amax, whatever is wanted.
+            (change, cut) = ([0.0, 1.0], CUT_RESULT + DT * CUT * max_acceleration);
+        } else if next.abs() > max_speed {
+            change = [0.0, 0.0];
         }
-        if (next.abs() - fastest).abs() < off_speed {
+        let is_near = |speed: f64| (speed - max_speed).abs() < off_speed;
+        if is_near(next.abs()) || is_near(falling) {
             cut += off_speed;
         }
         // A P Aᵀ, where A's first row is 1, DT and its second is `change`.
@@ -403,6 +406,27 @@ mod tests {
             farthest = farthest.max(apart);
         }
         assert!(farthest > 0.1, "without steps it would not do: {farthest}");
+    }
+
+    #[test]
+    fn a_limit_below_the_speed_leaves_little_doubt() {
+        let (mut path, mut board) = (Path::START, Path::START);
+        let mut tell = |orders: &[Order], ms: u32| {
+            orders.iter().for_each(|order| [&mut path, &mut board].into_iter().for_each(|path| path.obey(*order)));
+            for _ in 0..ms {
+                path.tick();
+                coarse(&mut board);
+                let apart = (path.position - board.position).abs();
+                assert!(apart <= path.doubt.steps() + 1e-9 && path.doubt.steps() < 0.05, "{path:?} {board:?}");
+            }
+            path.speed
+        };
+        assert!(tell(&[Order::Drift(2682.0)], 400) > 600.0);
+        let falls = Order::Limits { speed: 100.0, acceleration: 1616.0 };
+        assert!(tell(&[falls], 100) > 300.0);
+        assert!((99.0..=100.0).contains(&tell(&[], 3000)));
+        assert!(tell(&[Order::Limits { speed: 2000.0, acceleration: 9000.0 }], 1000) > 1000.0);
+        assert_eq!(tell(&[falls, Order::Stop], 2000), 0.0);
     }
 
     #[test]

@@ -45,6 +45,8 @@ pub(crate) struct Pace {
     least: u32,
     /// All motors are looked at again after so long at most.
     spare: u32,
+    /// Words that are due by now may wait so long: the more of them are written at a time the less each takes.
+    late: u32,
     /// A motor that has less comes before what the host says.
     behind: u32,
 }
@@ -66,12 +68,14 @@ impl Pace {
         soon: 10 * TENTH_MS,
         least: 16 * TENTH_MS,
         spare: 12 * TENTH_MS,
+        late: 0,
         behind: 0,
     };
 
     const fn of_main_loop(ahead: u32) -> Pace {
         let refill = ahead / 4 * 3;
-        Pace { ahead, refill, soon: refill, least: refill, spare: ahead / 8, behind: ahead / 2 }
+        let spare = ahead / 8;
+        Pace { ahead, refill, soon: refill, least: refill, spare, late: spare, behind: ahead / 2 }
     }
 }
 
@@ -170,7 +174,7 @@ pub(crate) struct Stepper {
     least_ahead: u32,
     /// A motor's words came too late, and were kept back.
     too_late: bool,
-    /// The motor that got words last had less than [`BEHIND`].
+    /// The motor that got words last had less than its [pace](Pace)'s `behind`.
     behind: bool,
     /// No motor needs words before.
     due: Moment,
@@ -217,9 +221,9 @@ impl Stepper {
         self.pace = pace;
     }
 
-    /// So far ahead steps have to be known, ticks.
-    pub(crate) const fn foresight(&self) -> u32 {
-        self.pace.ahead + self.clear
+    /// So far ahead steps have to be known at a pace, ticks.
+    pub(crate) const fn foresight(&self, pace: Pace) -> u32 {
+        pace.ahead + self.clear
     }
 
     /// Whether each motor's queue has room for `items` items more.
@@ -238,6 +242,11 @@ impl Stepper {
     /// What each motor can be told directly, and its position.
     pub(crate) fn limits(&self) -> impl Iterator<Item = (Limits, i32)> {
         self.motors().map(|motor| (motor.limits, motor.words.channel().position()))
+    }
+
+    /// The shortest interval that a motor can start and stop at, ticks.
+    pub(crate) fn pull_in_ticks(&self, motor: u8) -> u32 {
+        self.motor(motor).map_or(0, |motor| motor.pull_in_ticks)
     }
 
     /// Has a motor make steps in the millisecond that begins at `begin`.
@@ -424,13 +433,13 @@ impl Stepper {
         false
     }
 
-    /// How long no motor needs words, ticks.
+    /// How long motors may be left alone, ticks.
     pub(crate) const fn spare(&self, now: Moment) -> u32 {
         let spare = self.due.since(now).cast_signed();
         match spare {
             _ if !self.runs => self.pace.spare,
-            // One needs some by now.
-            ..0 => 0,
+            // One needs words by now.
+            ..=0 => self.pace.late,
             spare => spare.cast_unsigned(),
         }
     }
