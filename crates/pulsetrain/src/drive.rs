@@ -289,7 +289,8 @@ pub fn connect_as<P: Port>(port: P, program: &Program, baud: Baud, number: u32) 
                 port.set_baud(Baud::B115200)?;
                 remote = Remote::open(port, !number)?;
             }
-            changed => drop(changed?),
+            Err(error) => return Err(error),
+            Ok(_) => {}
         }
     }
     remote.configure(&setup(program))?;
