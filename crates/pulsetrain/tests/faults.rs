@@ -27,20 +27,23 @@ use table::Row;
 /// What is below this line in docs/faults.md comes from here.
 const MARK: &str = "<!-- From here on written by `UPDATE_EXPECT=1 cargo test -p pulsetrain --test faults`. -->\n";
 
+/// The page is of this one.
+const OWN_SEED: u64 = 1;
+
 #[test]
 fn every_fault_is_met_as_docs_faults_md_says() {
-    let seed = seed(1);
+    let seed = seed(OWN_SEED);
     let boards = std::thread::scope(|scope| {
         let boards = [scope.spawn(|| rows(VirtualUno::new(), seed)), scope.spawn(|| rows(VirtualPico::on_usb(), seed))];
         boards.map(|rows| rows.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
     });
-    // Each fault on the one board, then on the other.
-    let [uno, pico] = boards;
-    assert_eq!(uno.len(), pico.len());
-    let rows: Vec<Row> = uno.into_iter().zip(pico).flat_map(|(uno, pico)| [uno, pico]).collect();
+    if (seed, rounds()) != (OWN_SEED, 1) {
+        // Other places may bring other words; what must hold was held.
+        return;
+    }
     let page = include_str!("../../../docs/faults.md");
     let (head, _) = page.split_once(MARK).expect("the mark is there");
-    expect_file!["../../../docs/faults.md"].assert_eq(&format!("{head}{MARK}\n{}", table::markdown(&rows)));
+    expect_file!["../../../docs/faults.md"].assert_eq(&format!("{head}{MARK}\n{}", table::markdown(&boards)));
 }
 
 fn rows<P: Chip + Wired>(fresh: P, seed: u64) -> Vec<Row> {
@@ -89,7 +92,9 @@ fn bytes<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
     rows
 }
 
-/// So long after its first step the motion is told to its end, ms.
+/// Up to then after its first step the motion is not told to its end, ms.
+const UNTOLD: u64 = 650;
+/// And from then on it is.
 const TOLD: u64 = 1000;
 
 /// Tries a fault at some of the milliseconds of a stretch of the motion, ms from its first step on.
@@ -128,19 +133,19 @@ fn lines<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
     let mut rows = vec![
         silence("1 ms", 1, 0..length, Moved::AsPlanned, 2),
         silence("50 ms", 50, 0..length, Moved::AsPlanned, 3),
-        silence("1 s", 1000, 0..P::UNTOLD_MS, Moved::Tail, 2),
-        silence("10 s", 10_000, 0..P::UNTOLD_MS, Moved::Tail, 1),
-        silence("good", 1_000_000, 0..P::UNTOLD_MS, Moved::Tail, 1),
+        silence("1 s", 1000, 0..UNTOLD, Moved::Tail, 2),
+        silence("10 s", 10_000, 0..UNTOLD, Moved::Tail, 1),
+        silence("good", 1_000_000, 0..UNTOLD, Moved::Tail, 1),
         silence("good, after all was told", 1_000_000, TOLD..length, Moved::AsPlanned, 1),
     ];
     let unplugged = |from| Fault::Unplugged { from };
     let name = "the port gone from the computer".to_owned();
-    rows.push(at_moments(bench, (name.clone(), 0..P::UNTOLD_MS, Moved::Tail), 4, seed, unplugged));
+    rows.push(at_moments(bench, (name.clone(), 0..UNTOLD, Moved::Tail), 4, seed, unplugged));
     let late = format!("{name}, after all was told");
     rows.push(at_moments(bench, (late, TOLD..length, Moved::AsPlanned), 1, seed, unplugged));
 
     let edges: Vec<u64> =
-        bench.ticks().into_iter().filter(|tick| *tick < bench.first + bench.ticks_of(P::UNTOLD_MS)).collect();
+        bench.ticks().into_iter().filter(|tick| *tick < bench.first + bench.ticks_of(UNTOLD)).collect();
     let mut row = Row::new(format!("{name} as a step is made"), P::NAME, format!("{} steps", edges.len()), Moved::Tail);
     for place in some(edges.len() as u64, 4, seed) {
         try_at(bench, &mut row, unplugged(bench.line.time_of(edges[place as usize])), false);
@@ -168,24 +173,18 @@ fn hosts<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
     let mut rows = vec![
         stall("1 ms", 1, 0..length, Moved::AsPlanned, 2),
         stall("100 ms", 100, 0..length, Moved::AsPlanned, 3),
-        stall("1 s", 1000, 0..P::UNTOLD_MS, Moved::Tail, 2),
-        stall("10 s", 10_000, 0..P::UNTOLD_MS, Moved::Tail, 2),
+        stall("1 s", 1000, 0..UNTOLD, Moved::Tail, 2),
+        stall("10 s", 10_000, 0..UNTOLD, Moved::Tail, 2),
     ];
     let hello = |at| Fault::Hello { at };
     rows.push(at_moments(bench, ("another host says Hello".to_owned(), 0..length, Moved::AsPlanned), 2, seed, hello));
     let opened = |at| Fault::Opened { at };
     let moved = if P::NAME == "uno" { Moved::Halted } else { Moved::AsPlanned };
-    rows.push(at_moments(
-        bench,
-        ("another program opens the port".to_owned(), 0..P::UNTOLD_MS, moved),
-        2,
-        seed,
-        opened,
-    ));
+    rows.push(at_moments(bench, ("another program opens the port".to_owned(), 0..UNTOLD, moved), 2, seed, opened));
     for (look, moved) in [(5, Moved::AsPlanned), (20, Moved::AsPlanned), (1500, Moved::Tail)] {
         let slow = |from| Fault::Slow { from, look: ms(look) };
         let name = format!("a slow host: it looks at the line every {look} ms");
-        rows.push(at_moments(bench, (name, 0..P::UNTOLD_MS / 2, moved), 1, seed, slow));
+        rows.push(at_moments(bench, (name, 0..UNTOLD / 2, moved), 1, seed, slow));
     }
     rows
 }
@@ -194,7 +193,7 @@ fn hosts<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
 fn boards<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
     let hung = |at| Fault::Hung { at };
     let name = "its program hangs: the watchdog bites after 1 s".to_owned();
-    let mut rows = vec![at_moments(bench, (name, 0..P::UNTOLD_MS, Moved::Halted), 1, seed, hung)];
+    let mut rows = vec![at_moments(bench, (name, 0..UNTOLD, Moved::Halted), 1, seed, hung)];
 
     let mut row = Row::new("its clock 0.5 % fast, or slow", P::NAME, "both", Moved::AsPlanned);
     for ppm in [5000, -5000] {

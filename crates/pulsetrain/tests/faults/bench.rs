@@ -63,8 +63,6 @@ pub(crate) trait Chip: VirtualBoard + Clone {
     const NAME: &str;
     /// STEP and DIR of each motor.
     const PINS: [(u8, u8); 2];
-    /// So long after its first step the motion is not told to its end, ms.
-    const UNTOLD_MS: u64;
     /// Has its main loop stand still for good; interrupts go on.
     fn hang(&mut self);
 }
@@ -72,7 +70,6 @@ pub(crate) trait Chip: VirtualBoard + Clone {
 impl Chip for VirtualUno {
     const NAME: &str = "uno";
     const PINS: [(u8, u8); 2] = [(9, 8), (10, 7)];
-    const UNTOLD_MS: u64 = 900;
 
     fn hang(&mut self) {
         // RJMP to itself (DS40002061B, 31): the firmware has one, for panics.
@@ -87,7 +84,6 @@ impl Chip for VirtualUno {
 impl Chip for VirtualPico {
     const NAME: &str = "pico";
     const PINS: [(u8, u8); 2] = [(2, 3), (4, 5)];
-    const UNTOLD_MS: u64 = 650;
 
     fn hang(&mut self) {
         // A branch to itself, at the end of RAM, where nothing is.
@@ -114,7 +110,6 @@ impl Chip for VirtualPico {
 impl<P: Chip> Chip for Skewed<P> {
     const NAME: &str = P::NAME;
     const PINS: [(u8, u8); 2] = P::PINS;
-    const UNTOLD_MS: u64 = P::UNTOLD_MS;
 
     fn hang(&mut self) {
         unreachable!("a board whose clock is off has no other fault here");
@@ -173,7 +168,7 @@ impl Moved {
             Moved::Tail => "as planned, then a stop within the limits",
             Moved::Halted => "as planned, then nothing more",
             Moved::NotAtAll => "nothing moved",
-            Moved::ByWholeLines => "what the lines say that arrived whole",
+            Moved::ByWholeLines => "as the lines say that arrived whole; for others, `err`",
         }
     }
 }

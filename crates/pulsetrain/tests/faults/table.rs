@@ -40,49 +40,63 @@ impl Row {
     }
 }
 
-/// With N for every number.
+/// With N for every number, and without what is said where an answer was missing.
 fn numberless(text: &str) -> String {
     let mut less = String::new();
-    for letter in text.chars() {
-        match letter {
-            '0'..='9' if less.ends_with('N') => {}
-            '0'..='9' => {
-                if less.ends_with(" -") {
-                    less.pop();
+    for line in text.lines() {
+        let line = line.split("; if it did not take").next().unwrap_or(line);
+        less.push_str(if less.is_empty() { "" } else { "\n" });
+        for letter in line.chars() {
+            match letter {
+                '0'..='9' if less.ends_with('N') => {}
+                '0'..='9' => {
+                    if less.ends_with(" -") {
+                        less.pop();
+                    }
+                    less.push('N');
                 }
-                less.push('N');
+                letter => less.push(letter),
             }
-            letter => less.push(letter),
         }
     }
     less
 }
 
-/// The table, and below it what the host says.
-pub(crate) fn markdown(rows: &[Row]) -> String {
+/// The table, of the same faults on an Uno and on a Pico, and below it what the host says.
+pub(crate) fn markdown([uno, pico]: &[Vec<Row>; 2]) -> String {
     let mut text = "| fault | board | tried | the motors | the host says |\n|---|---|---|---|---|\n".to_owned();
     let mut messages: Vec<&str> = Vec::new();
-    for Row { fault, board, places, moved, said } in rows {
-        let numbers = said.iter().map(|said| {
-            if said.is_empty() {
-                return "nothing".to_owned();
-            }
-            let place = messages.iter().position(|message| message == said).unwrap_or_else(|| {
-                messages.push(said);
-                messages.len() - 1
-            });
-            format!("{}", place + 1)
-        });
-        let numbers = numbers.collect::<Vec<_>>().join(" or ");
-        let _ = writeln!(text, "| {fault} | {board} | {places} | {} | {numbers} |", moved.in_words());
+    let mut write = |row @ Row { fault, places, .. }: &Row, board: &str| {
+        let (moved, said) = (row.moved.in_words(), numbers(&row.said, &mut messages));
+        let _ = writeln!(text, "| {fault} | {board} | {places} | {moved} | {said} |");
+    };
+    assert_eq!(uno.len(), pico.len(), "the same faults");
+    for (uno, pico) in uno.iter().zip(pico) {
+        if (&uno.places, uno.moved, &uno.said) == (&pico.places, pico.moved, &pico.said) {
+            write(uno, "Uno, Pico");
+        } else {
+            write(uno, "Uno");
+            write(pico, "Pico");
+        }
     }
     text.push_str("\nWhat the host says, N for every number:\n");
     for (number, message) in (1..).zip(&messages) {
-        let _ = write!(text, "\n{number}. ```text\n");
-        for line in message.lines() {
-            let _ = writeln!(text, "   {line}");
-        }
-        text.push_str("   ```\n");
+        let _ = write!(text, "\n{number}.\n```text\n{message}\n```\n");
     }
     text
+}
+
+/// Which of the messages they are; new ones come last.
+fn numbers<'a>(said: &'a BTreeSet<String>, messages: &mut Vec<&'a str>) -> String {
+    let number = |said: &'a String| {
+        if said.is_empty() {
+            return "–".to_owned();
+        }
+        let place = messages.iter().position(|message| message == said).unwrap_or_else(|| {
+            messages.push(said);
+            messages.len() - 1
+        });
+        format!("{}", place + 1)
+    };
+    said.iter().map(number).collect::<Vec<_>>().join(" or ")
 }
