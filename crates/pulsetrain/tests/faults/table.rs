@@ -65,7 +65,7 @@ fn numberless(text: &str) -> String {
 /// The table, of the same faults on an Uno and on a Pico, and below it what the host says.
 pub(crate) fn markdown([uno, pico]: &[Vec<Row>; 2]) -> String {
     let mut text = "| fault | board | tried | the motors | the host says |\n|---|---|---|---|---|\n".to_owned();
-    let mut messages: Vec<&str> = Vec::new();
+    let mut messages = Vec::new();
     let mut write = |row @ Row { fault, places, .. }: &Row, board: &str| {
         let (moved, said) = (row.moved.in_words(), numbers(&row.said, &mut messages));
         let _ = writeln!(text, "| {fault} | {board} | {places} | {moved} | {said} |");
@@ -87,13 +87,13 @@ pub(crate) fn markdown([uno, pico]: &[Vec<Row>; 2]) -> String {
 }
 
 /// Which of the messages they are; new ones come last.
-fn numbers<'a>(said: &'a BTreeSet<String>, messages: &mut Vec<&'a str>) -> String {
-    let number = |said: &'a String| {
+fn numbers(said: &BTreeSet<String>, messages: &mut Vec<String>) -> String {
+    let number = |said: &String| {
         if said.is_empty() {
             return "–".to_owned();
         }
         let place = messages.iter().position(|message| message == said).unwrap_or_else(|| {
-            messages.push(said);
+            messages.push(said.clone());
             messages.len() - 1
         });
         format!("{}", place + 1)
