@@ -37,7 +37,7 @@ pub(crate) fn rows<P: Chip + Wired>(fresh: &P, seed: u64) -> Vec<Row> {
                         sent.remove(at);
                     }
                     "doubled" => sent.insert(at, bytes[at]),
-                    _ => sent[at] ^= 1 << (seed as usize + 3 * at) % 8,
+                    _ => sent[at] ^= 1 << ((seed as usize + 3 * at) % 8),
                 }
                 let mut lab = Lab::around(fresh.clone());
                 lab.run_ms(80);
