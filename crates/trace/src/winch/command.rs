@@ -76,6 +76,10 @@ const COMMANDS: &str = "a, d, v, r, s, g, l, enable, srate, deadman, strict, ver
 const LONGEST: usize = 80;
 const MOST_WORDS: usize = 10;
 
+/// What is said to the lines of `docs/pico.md`, which tell motors directly: a script is of paths, and they have none.
+const VERB: &str = "scripts are of paths, and this tells motors directly: nothing would judge it. Without SCRIPT, `pulsetrain winch` \
+                    takes such lines from the standard input";
+
 impl Command {
     /// Reads a line without irregularities: what a board takes in its strict mode, and what it would refuse is refused here.
     ///
@@ -129,6 +133,7 @@ impl Command {
             "enable" | "strict" => Some(0..=1),
             "srate" => Some(1..=65_535),
             "deadman" => Some(0..=65_535),
+            "move" | "run" | "speed" | "dir" | "halt" => return Err(wrong(name_at.clone(), VERB)),
             _ => {
                 let message = format!("unknown command; known: {COMMANDS}");
                 return Err(WrongLine { at: name_at.clone(), message });
@@ -282,6 +287,9 @@ mod tests {
             "jump",
             "unknown command; known: a, d, v, r, s, g, l, enable, srate, deadman, strict, version, ping",
         );
+        for name in ["move", "run", "speed", "dir", "halt"] {
+            refuse(&format!("{name} x 1"), name, VERB);
+        }
         refuse("a xw 1 2", "xw", "axes are letters of xyza, each once");
         refuse("a xx 1 2", "xx", "axes are letters of xyza, each once");
         refuse("a xy 1", "a xy 1", "2 values wanted, but 1 found");
