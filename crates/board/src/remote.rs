@@ -8,7 +8,7 @@
 
 use crate::link::{Answer, BITS, Link, LinkError};
 use crate::packer::{MAX_LEN, Packer};
-use crate::{Board, BoardClock, Edge, Faults, Observer, Sizer, StopReport, SwitchRefused};
+use crate::{Board, BoardClock, Edge, Fared, Faults, Observer, Sizer, StopReport, SwitchRefused};
 use pulsetrain_core::packing::Packing;
 use pulsetrain_core::verbs::Verb;
 use pulsetrain_core::wire::message::{Cause, Configuration, Event, Info, Measures, MotorSetup, NO_PIN, Status, flags};
@@ -39,6 +39,9 @@ const SHORTEST_ROUND: Duration = Duration::from_micros(10);
 
 /// Readings of the clock before the first motion.
 const FIRST_READINGS: usize = 8;
+
+/// No clock is further off than one part in so many: twice what a ceramic resonator may be.
+const CLOCK_DOUBT: u64 = 100;
 
 /// How long motors that still move, for a host before this one, may take to come to rest.
 const REST: Duration = Duration::from_secs(30);
@@ -371,13 +374,7 @@ impl<P: Port> Remote<P> {
         (configuration.enable_pin, configuration.enable_high) = setup.enable.unwrap_or((NO_PIN, false));
         configuration.idle_ms = setup.idle_ms;
         configuration.silence_ms = setup.silence_ms;
-        let patience = self.port.now() + REST;
-        while !self.status()?.is_idle() {
-            if self.port.now() > patience {
-                return Err(RemoteError::StillMoving);
-            }
-            self.pause(STATUS_EVERY)?;
-        }
+        self.at_rest()?;
         let answer = self.ask(&Command::Configure(configuration))?;
         let Reply::Configured(queues) = answer.reply else { return Err(refusal("take this configuration", &answer)) };
         if queues.as_slice().len() != setup.motors.len() {
@@ -538,12 +535,18 @@ impl<P: Port> Remote<P> {
 
     /// Why it stopped says more than that its motors are not armed.
     fn refused(&self, refused: RemoteError) -> RemoteError {
-        let stopped = self.events.iter().rev().map(|event| event.cause);
-        let cause = stopped.into_iter().find(|cause| !matches!(cause, Cause::None | Cause::Finished));
-        match (&refused, cause) {
+        match (&refused, self.told_stop()) {
             (RemoteError::Refused { reason: Reason::NotArmed, .. }, Some(cause)) => RemoteError::Stopped { cause },
             _ => refused,
         }
+    }
+
+    /// The stop that was none of the plan's, if the board told of one.
+    fn told_stop(&self) -> Option<Cause> {
+        let told = self.events.iter().rev().map(|event| event.cause);
+        told.into_iter().find(|cause| {
+            matches!(cause, Cause::StopNow | Cause::Starved | Cause::BadItem | Cause::CheckFailed | Cause::StepMissed)
+        })
     }
 
     fn read_clock(&mut self) -> Result<(), RemoteError> {
@@ -934,9 +937,58 @@ impl<P: Port> Board for Remote<P> {
     fn lost(&self) -> Option<&RemoteError> {
         self.error()
     }
+
+    fn fared(&mut self) -> Result<Fared, RemoteError> {
+        let clock = self.clock.clone();
+        let is_lost = self.link.error().is_some();
+        if is_lost {
+            self.take_again()?;
+        }
+        let Answer { reply: Reply::Clock { tick }, asked, answered } = self.ask(&Command::Clock)? else {
+            return Err(RemoteError::Nonsense);
+        };
+        // A clock that began anew is far behind; one that runs on is within what it may be off, and what readings are uncertain by. A
+        // board that still knows the session was not reset.
+        let expected = clock.tick_at(asked).unwrap_or(0);
+        let reading = 2 * (answered - asked) + SHORTEST_LEAD;
+        let doubt = expected / CLOCK_DOUBT + (reading.as_secs_f64() * f64::from(self.info.tick_hz)) as u64;
+        let was_reset = is_lost && tick + doubt < expected;
+        let status = self.at_rest()?;
+        let counts = status.motors.as_slice().iter().map(|motor| i64::from(motor.position));
+        let positions = if was_reset { counts.collect() } else { self.positions() };
+        let last_stop = if is_lost { self.info.last_stop } else { self.told_stop().unwrap_or(Cause::Finished) };
+        Ok(Fared { positions, last_stop, reset: was_reset.then_some(self.info.last_reset) })
+    }
 }
 
 impl<P: Port> Remote<P> {
+    /// Takes a board that was lost, or has forgotten the session, with a new one.
+    fn take_again(&mut self) -> Result<(), RemoteError> {
+        self.port.set_baud(Baud::B115200)?;
+        self.link = Link::new(!self.info.nonce);
+        self.link.hello(self.port.now());
+        match self.answer()?.reply {
+            Reply::Info(info) => self.info = info,
+            _ => return Err(RemoteError::Nonsense),
+        }
+        Ok(())
+    }
+
+    /// Waits until no motor moves.
+    fn at_rest(&mut self) -> Result<Status, RemoteError> {
+        let patience = self.port.now() + REST;
+        loop {
+            let status = self.status()?;
+            if status.is_idle() {
+                return Ok(status);
+            }
+            if self.port.now() > patience {
+                return Err(RemoteError::StillMoving);
+            }
+            self.pause(STATUS_EVERY)?;
+        }
+    }
+
     /// Nobody knows whether the board stopped: it stops as it was planned at the latest.
     fn unknown_stop(&self) -> StopReport {
         StopReport { tick: self.now(), positions: self.positions(), uncertain: vec![true; self.motors.len()] }
