@@ -554,6 +554,70 @@ fn a_person_types_lines() {
 }
 
 #[test]
+fn a_stop_asks_for_no_checksums() {
+    let mut wishes: Vec<Wish> = ["strict 1", "v x 800"].map(|text| Wish::Line(text.to_owned())).to_vec();
+    wishes.push(Wish::Stop);
+    wishes.extend(["a x 0", "strict 0", "ping"].map(|text| Wish::Line(text.to_owned())));
+    wishes.extend([const { Wish::Line(String::new()) }; 3]);
+    let mut actor = Actor { wishes, heard: Vec::new(), told: String::new() };
+    let mut talk = Talk::new(NativeWinch::new());
+    assert_eq!(converse(&mut talk, &mut actor).unwrap(), Ended { refused: 0, is_settled: true });
+    assert_eq!(actor.heard.last(), Some(&Said::Line("awake".to_owned())));
+}
+
+#[test]
+fn a_board_that_wants_checksums_is_found() {
+    let mut board = NativeWinch::new();
+    board.send(b"strict 1*1a\n").unwrap();
+    let mut later = Talk::new(board);
+    assert_eq!(later.ask().unwrap().as_deref(), Some("StepperWinch Nov 21 2026"));
+    assert_eq!(later.as_wanted("enable 0"), "enable 0*11");
+    // Until it is said anew.
+    later.tell("strict 0*1b").unwrap();
+    later.tell("strict 1").unwrap();
+    assert_eq!(later.as_wanted("enable 0"), "enable 0");
+    later.tell("ping*99").unwrap();
+    assert_eq!(later.as_wanted("enable 0"), "enable 0", "a wrong one asks for none");
+}
+
+/// What a console without a terminal makes of lines, and all that it prints.
+fn piped(port: impl Port, input: impl IntoIterator<Item = &'static str>) -> (Ended, String) {
+    let (lines, to_console) = channel();
+    for line in input {
+        lines.send(line.to_owned()).unwrap();
+    }
+    drop(lines);
+    let mut out = Vec::new();
+    let ended = converse(&mut Talk::new(port), &mut Plain::new(to_console, &mut out)).unwrap();
+    (ended, String::from_utf8(out).unwrap())
+}
+
+#[test]
+fn a_refusal_among_many_answers_is_told() {
+    let burst = || std::iter::repeat_n("version", 60).chain(["a x nan"]).chain(std::iter::repeat_n("version", 40));
+    for (ended, said) in [piped(VirtualUno::new(), burst()), piped(NativeWinch::new(), burst())] {
+        assert_eq!(ended, Ended { refused: 1, is_settled: true }, "{said}");
+        assert!(said.lines().filter(|line| line.starts_with("id ")).count() == 100, "{said}");
+        assert!(said.contains("err number 3\n"), "{said}");
+    }
+}
+
+#[test]
+fn slow_axes_are_waited_for() {
+    // A step a second; then none for a while, and it rests at once.
+    let (ended, said) = piped(NativeWinch::new(), ["g x 5 1", "s x 1", "a x 2"]);
+    assert!(ended.is_settled && said.trim_end().ends_with(" 2 0 0 0"), "{said}");
+    // The first step comes after more than a second, the last one after minutes.
+    for lines in [&["g x 0.01 1", "a x 100"][..], &["v x 1"]] {
+        let (ended, said) = piped(NativeWinch::new(), lines.iter().copied());
+        assert!(!ended.is_settled && said.contains("the axes still move"), "{said}");
+    }
+    // Nothing moves while the drivers are off.
+    let (ended, _) = piped(NativeWinch::new(), ["r x 100"]);
+    assert!(ended.is_settled);
+}
+
+#[test]
 fn lines_from_a_pipe_are_obeyed_to_their_end() {
     let (lines, to_console) = channel();
     for line in ["g xyza 2 1", "a xy 100 -200"] {

@@ -172,12 +172,12 @@ fn hold<P: Port>(port: P, place: &str, console: &mut Console<'_>) -> miette::Res
     let ended = if stdin().is_terminal() && stdout().is_terminal() {
         console.print(format_args!("{board}; `help` tells the commands, Ctrl-C stops all axes, `quit` ends\n"))?;
         // Positions are to be seen as they change.
-        talk.tell("srate 50").map_err(port_problem)?;
+        talk.tell(&talk.as_wanted("srate 50")).map_err(port_problem)?;
         let ended = Terminal::new(console.out)
             .map_err(ConsoleError::from)
             .and_then(|mut terminal| converse(&mut talk, &mut terminal));
         // As it was at first; if the port is gone, that is told already.
-        ended.and_then(|_| Ok(talk.tell("srate 200")?)).map(|()| Exit::Success)
+        ended.and_then(|_| Ok(talk.tell(&talk.as_wanted("srate 200"))?)).map(|()| Exit::Success)
     } else {
         match converse(&mut talk, &mut Plain::new(typed(), console.out)) {
             Ok(Ended { refused: 0, is_settled: true }) => Ok(Exit::Success),

@@ -15,7 +15,7 @@ use crate::human::{self, Table};
 use crate::plot::{Errors, MotorPicture, Picture};
 
 /// A byte on the line at 115 200 baud, the same at what an Uno's bridge makes of it, and a frame of USB before the first one.
-const BYTE: Duration = Duration::from_nanos(86_806);
+pub(super) const BYTE: Duration = Duration::from_nanos(86_806);
 const FAST_BYTE: Duration = Duration::from_nanos(85_000);
 const USB_FRAME: Duration = Duration::from_millis(1);
 
@@ -190,7 +190,8 @@ fn send<P: Port>(
         if watch((talk.now() - begin).as_secs_f64()) == Wish::Stop && !stopped {
             stopped = true;
             end = end.min(talk.now() + AFTER_STOP);
-            tell(talk, &mut health, STOP, Command::parse(STOP).unwrap_or_default())?;
+            let stop = talk.as_wanted(STOP);
+            tell(talk, &mut health, &stop, Command::parse(&stop).unwrap_or_default())?;
         }
     }
     health.look(talk.now());

@@ -7,6 +7,7 @@ use pulsetrain_motion::quantity::{Base, Quantity};
 use pulsetrain_motion::{Time, file};
 use pulsetrain_trace::winch::Command;
 
+use super::talk::with_checksum;
 use crate::{console, human};
 
 /// What is sent to a board, and when.
@@ -139,8 +140,7 @@ impl Board {
     fn hear(&mut self, line: &Line) -> Result<(), String> {
         let Line { at_s, text, command } = line;
         if self.strict && self.is_checked && !command.is_checked {
-            let sum = text.bytes().fold(0, |sum, byte| sum ^ byte);
-            return Err(format!("the board wants a checksum on each line by now: {text}*{sum:02x}"));
+            return Err(format!("the board wants a checksum on each line by now: {}", with_checksum(text)));
         }
         let strikes_s = self.last_s + f64::from(self.deadman_ms) * 1e-3;
         if self.deadman_ms != 0 && (at_s - strikes_s).abs() < NEAR_DEADMAN_S {
