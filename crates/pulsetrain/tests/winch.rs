@@ -504,6 +504,10 @@ fn a_wrong_script_is_refused_before_anything_moves() {
     let (exit, _, err) = command(&[path.to_str().unwrap()]);
     assert_eq!(exit, Exit::Refused);
     assert!(err.contains("--native") && err.contains("--port"), "{err}");
+    // So is a folder that cannot be.
+    std::fs::write(&path, "0 s: a x 5\n").unwrap();
+    let (exit, _, err) = command(&[path.to_str().unwrap(), "--native", "--out", path.to_str().unwrap()]);
+    assert!(exit == Exit::Refused && err.contains("nothing was sent"), "{err}");
     std::fs::remove_dir_all(folder).unwrap();
 }
 

@@ -33,6 +33,12 @@ pub(crate) fn run(args: &Winch, console: &mut Console<'_>) -> miette::Result<Exi
     let script = script::load(path, args.length)?;
     let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
     let options = if args.at.native { Options::default() } else { options_of(args.at.board.as_deref()) };
+    let folder =
+        args.out.clone().unwrap_or_else(|| Path::new("out").join(path.file_stem().unwrap_or(path.as_os_str())));
+    std::fs::create_dir_all(&folder).map_err(|error| {
+        let help = "say --out DIR, a folder in which you may write; nothing was sent";
+        miette!(help = help, "{}", access("make", &folder, error))
+    })?;
     let (run, judged) = match &args.at.port {
         Some(port) => {
             let mut talk = Talk::new(Serial::open(port, true).map_err(port_problem)?);
@@ -46,8 +52,6 @@ pub(crate) fn run(args: &Winch, console: &mut Console<'_>) -> miette::Result<Exi
         None if is_pico(args) => virtually(VirtualPico::new(), "virtual Pico", &name, &script, &options, console)?,
         None => virtually(VirtualUno::new(), "virtual Uno", &name, &script, &options, console)?,
     };
-    let folder =
-        args.out.clone().unwrap_or_else(|| Path::new("out").join(path.file_stem().unwrap_or(path.as_os_str())));
     let Judged { report, picture } = judged;
     console::write(&folder.join("report.json"), format!("{}\n", console::json(&report)?).as_bytes())?;
     draw(&picture, &folder.join("plot.svg"))?;
