@@ -12,7 +12,9 @@ use proptest::prelude::*;
 use pulsetrain::cli;
 use pulsetrain::console::Exit;
 use pulsetrain::winch::console::{Ended, Person, Plain, Wish, converse};
-use pulsetrain::winch::run::{Judged, Names, Run, Wish as RunWish, judge, on_port, on_virtual};
+use pulsetrain::winch::run::{
+    Judged, Names, Run, Wish as RunWish, by_word, judge, on_port, on_virtual, stands_elsewhere,
+};
 use pulsetrain::winch::script::{self, Script};
 use pulsetrain::winch::talk::{Said, Talk};
 use pulsetrain_board::native_winch::NativeWinch;
@@ -316,6 +318,76 @@ fn a_real_board_is_known_by_its_word() {
     let mut elsewhere = run;
     elsewhere.statuses.last_mut().unwrap().positions[1] += 1;
     assert!(!pulsetrain::winch::run::by_word(&elsewhere, NAMES).report.is_ok());
+}
+
+/// What is said of axes by the board's own word: whether each is judged, and whether all is ok.
+fn words(run: &Run) -> ([bool; 4], bool) {
+    let report = by_word(run, NAMES).report;
+    let word = report.word.as_ref().unwrap();
+    (std::array::from_fn(|axis| word[axis].is_judged), report.is_ok())
+}
+
+#[test]
+fn where_a_real_board_rests_after_a_drift_is_not_judged() {
+    let text = "
+0 s: g xyza 2 1
+0.1 s: v x 1000
+0.1 s: v y 1000
+0.1 s: a z 300
+2.1 s: v xy 0 0
+2.2 s: a y 5
+3 s: v a 2000
+3.5 s: deadman 300
+";
+    let mut run = {
+        let mut talk = Talk::new(NativeWinch::new());
+        talk.ask().unwrap();
+        on_port(&mut talk, &script(text, 6.0), |_| RunWish::GoOn).unwrap()
+    };
+    assert_eq!(words(&run), ([false, true, true, false], true));
+    let report = by_word(&run, NAMES).report.to_string();
+    assert!(report.contains("not judged: it moves, or had a drift"), "{report}");
+    // Some milliseconds of 1000 steps/s more or less are no fault; an absolute target that is missed is one.
+    run.statuses.last_mut().unwrap().positions[0] += 5;
+    assert!(words(&run).1);
+    run.statuses.last_mut().unwrap().positions[1] += 1;
+    assert_eq!(words(&run), ([false, true, true, false], false));
+    // A stop in mid-move is as uncertain, one at rest changes nothing.
+    let stopped = |text: &str| {
+        let mut talk = Talk::new(NativeWinch::new());
+        talk.ask().unwrap();
+        words(&on_port(&mut talk, &script(text, 6.0), |_| RunWish::GoOn).unwrap())
+    };
+    let to_100 = "0 s: g x 2 1\n0.1 s: a x 100\n";
+    assert_eq!(stopped(&format!("{to_100}0.3 s: enable 0\n")), ([false, true, true, true], true));
+    assert_eq!(stopped(&format!("{to_100}4 s: enable 0\n4.5 s: d x 7\n")), ([true; 4], true));
+}
+
+#[test]
+fn a_real_board_that_stands_elsewhere_is_told() {
+    let mut talk = Talk::new(NativeWinch::new());
+    talk.ask().unwrap();
+    assert_eq!(stands_elsewhere(&mut talk).unwrap(), None);
+    on_port(&mut talk, &script("0 s: g xyza 2 1\n0 s: a xa 100 -7", 4.0), |_| RunWish::GoOn).unwrap();
+    assert_eq!(stands_elsewhere(&mut talk).unwrap(), Some([100, 0, 0, -7]));
+    // One that says nothing is heard of later.
+    let mut talk = Talk::new(Unwell { loses: "txyza", ..Unwell::new() });
+    talk.ask().unwrap();
+    assert_eq!(stands_elsewhere(&mut talk).unwrap(), None);
+}
+
+#[test]
+fn a_picture_of_a_real_board_shows_no_steps() {
+    let mut talk = Talk::new(NativeWinch::new());
+    talk.ask().unwrap();
+    let run = on_port(&mut talk, &script("0 s: g x 2 1\n0 s: a x 100", 2.0), |_| RunWish::GoOn).unwrap();
+    let of_word = by_word(&run, NAMES).picture.svg().unwrap();
+    for part in ["Position, step", "Speed, step", "x, as the board says", "the path"] {
+        assert!(of_word.contains(part), "{part}");
+    }
+    for part in ["Interval", "step number", "behind the path", "at the start", "tick"] {
+        assert!(!of_word.contains(part), "{part}");
+    }
 }
 
 /// A board that is not well: what it says from a time on is lost, or only lines that begin so; or it begins anew.

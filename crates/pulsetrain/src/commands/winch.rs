@@ -19,7 +19,7 @@ use super::run::draw;
 use crate::cli::Winch;
 use crate::console::{self, Console, Exit, access};
 use crate::winch::console::{ConsoleError, Ended, Plain, converse};
-use crate::winch::run::{Judged, Names, Run, Wish, by_word, judge, on_port, on_virtual};
+use crate::winch::run::{Judged, Names, Run, Wish, by_word, judge, on_port, on_virtual, stands_elsewhere};
 use crate::winch::script::{self, Script};
 use crate::winch::talk::Talk;
 use crate::winch::terminal::Terminal;
@@ -43,6 +43,9 @@ pub(crate) fn run(args: &Winch, console: &mut Console<'_>) -> miette::Result<Exi
         Some(port) => {
             let mut talk = Talk::new(Serial::open(port, true).map_err(port_problem)?);
             let board = ask(&mut talk, port)?;
+            if let Some(positions) = stands_elsewhere(&mut talk).map_err(port_problem)? {
+                return Err(begins_elsewhere(port, positions));
+            }
             let run = on_port(&mut talk, &script, watcher(&script, console)).map_err(port_problem)?;
             let runner = format!("board at {port}");
             let judged = by_word(&run, Names { script: &name, runner: &runner, board: &board });
@@ -75,6 +78,15 @@ fn port_problem(error: PortError) -> Report {
         }
         error => super::port_problem(error),
     }
+}
+
+/// Nothing was sent to a board that a script cannot be judged on.
+fn begins_elsewhere(port: &str, [x, y, z, a]: [i32; 4]) -> Report {
+    let help = "go to 0 by hand (`a xyza 0 0 0 0`), or plug the board in anew, which also brings back gains and limits";
+    miette!(
+        help = help,
+        "the axes of the board at {port} stand at x {x}, y {y}, z {z}, a {a}, and a script is judged from 0 on"
+    )
 }
 
 fn virtually<B: VirtualBoard>(

@@ -76,6 +76,16 @@ pub struct Trouble {
     pub what: String,
 }
 
+/// Where the axes of a real board stand that are not at 0, as it says itself; `None` if they are there, or it says nothing for
+/// a second. It is judged by its word from 0 on.
+///
+/// # Errors
+/// When the port is gone.
+pub fn stands_elsewhere<P: Port>(talk: &mut Talk<P>) -> Result<Option<[i32; 4]>, PortError> {
+    let status = talk.status(Duration::from_secs(1))?;
+    Ok(status.map(|status| status.positions).filter(|positions| *positions != [0; 4]))
+}
+
 /// Runs a script on a virtual board, which has been asked for its name; `watch` hears the script's time, s.
 ///
 /// # Errors
@@ -337,13 +347,16 @@ pub struct Word {
     pub farthest: f64,
     /// The path is at rest there.
     pub is_at_rest: bool,
+    /// It rests there whichever milliseconds the lines acted in. In a move, after a drift and after a stop in mid-move each
+    /// millisecond makes a difference, and nobody saw it.
+    pub is_judged: bool,
 }
 
 impl Word {
     /// Whether it stands where it should; in a move nobody can say.
     fn is_ok(&self) -> bool {
         // Half a step and the threshold's 1/64, and 0.1 of the path.
-        !self.is_at_rest || (f64::from(self.position) - self.wanted).abs() < 0.62
+        !self.is_judged || (f64::from(self.position) - self.wanted).abs() < 0.62
     }
 }
 
@@ -391,14 +404,20 @@ pub fn by_word(run: &Run, names: Names<'_>) -> Judged {
         wanted: 0.0,
         farthest: 0.0,
         is_at_rest: true,
+        is_judged: true,
     }));
-    winch::foretell(&run.told, run.end, &options, &mut compared);
-    let mut report = Report { word: Some(compared.words), ..names.report(run) };
+    let is_known = winch::foretell(&run.told, run.end, &options, &mut compared);
+    let mut words = compared.words;
+    for (word, is_known) in words.iter_mut().zip(is_known) {
+        word.is_judged = word.is_at_rest && is_known;
+    }
+    let mut report = Report { word: Some(words), ..names.report(run) };
     if run.statuses.is_empty() && report.troubles.is_empty() {
         let what = "no status line came: without one nobody knows where the axes are".to_owned();
         report.troubles.push(Trouble { at_s: report.duration_s, what });
     }
-    Judged { report, picture: drawing.finish(names.title()) }
+    let picture = Picture { errors: Errors::Unknown, ..drawing.finish(names.title()) };
+    Judged { report, picture }
 }
 
 /// What things are called in a report.
@@ -544,16 +563,26 @@ impl Display for Report {
         }
         if let Some(words) = word {
             writeln!(f, "This is the board's own word: nobody looked at its pins.\n")?;
-            let mut table = Table::new(["axis", "at", "the path", "farthest, in moves a few ms off"]);
+            let mut table = Table::new(["axis", "at", "the path", "farthest, in moves a few ms off", "at rest"]);
             for word in words {
                 table.row([
                     word.axis.clone(),
                     human::count(word.position.into()),
                     hundredths(word.wanted),
                     human::significant(word.farthest, 3),
+                    match (word.is_judged, word.is_ok()) {
+                        (false, _) => "not judged".to_owned(),
+                        (true, true) => "ok".to_owned(),
+                        (true, false) => "NOT ok".to_owned(),
+                    },
                 ]);
             }
             writeln!(f, "{table}")?;
+            if words.iter().any(|word| !word.is_judged) {
+                let why = "it moves, or had a drift or was stopped in mid-move, and no absolute target since: where it is depends on \
+                           the millisecond in which a line acted";
+                writeln!(f, "  not judged: {why}")?;
+            }
         }
         for Refusal { at_s, said } in refusals {
             let meaning = meaning(said).map_or_else(String::new, |meaning| format!(" ({meaning})"));

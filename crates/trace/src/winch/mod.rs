@@ -250,8 +250,9 @@ pub fn judge(
 
 /// The paths alone, if each line acts in the first millisecond after it can have come.
 ///
-/// For boards whose pins nobody sees: in a move they may be a few milliseconds off it.
-pub fn foretell(told: &[Told], end: u64, options: &Options, onlooker: &mut impl Onlooker) {
+/// For boards whose pins nobody sees: in a move they may be a few milliseconds off it. Gives for each axis whether it comes to
+/// rest at the same place all the same: not after a drift, or a stop in mid-move, until it has an absolute target again.
+pub fn foretell(told: &[Told], end: u64, options: &Options, onlooker: &mut impl Onlooker) -> [bool; 4] {
     let ms = |tick: u64| (tick as f64 / options.tick_hz * 1e3).ceil() as u64;
     let told = with_deadman(told, end, options);
     let mut lines = told.iter().peekable();
@@ -265,6 +266,7 @@ pub fn foretell(told: &[Told], end: u64, options: &Options, onlooker: &mut impl 
         }
         board.tick();
     }
+    board.paths.map(|path| !path.depends_on_time)
 }
 
 /// A deadman strikes at the soonest when its time is over, and so much later at most, ms: a board looks for it now and then.
