@@ -300,6 +300,19 @@ fn a_stop_is_a_planned_one() {
     let seconds = (run.end - run.begin) as f64 / 16e6;
     assert!((3.0..3.2).contains(&seconds), "{seconds}");
     assert!(!talk.port().is_enabled(), "drivers are off");
+    let report = judge(&run, NAMES, &Options::default()).unwrap().report;
+    assert_eq!((report.lines, report.unsent), (1, 1), "the stop is no line of the script");
+    let text = report.to_string();
+    assert!(text.contains("1 line in ") && text.contains("Its last line was not sent"), "{text}");
+}
+
+#[test]
+fn position_and_path_are_compared_at_the_same_moment() {
+    // 0.6 ms into a millisecond, five steps on.
+    let verdict = verdict(&run(&script("0 s: l x 10000 250000\n0 s: g x 5 1\n0 s: v x 9000", 1.0006)));
+    let axis = &verdict.axes[0];
+    assert!(verdict.ok && axis.position > 1000, "{verdict:?}");
+    assert!((axis.position as f64 - axis.position_wanted).abs() < 0.62, "{axis:?}");
 }
 
 #[test]
@@ -581,6 +594,14 @@ fn a_wrong_script_is_refused_before_anything_moves() {
     let (exit, _, err) = command(&[path.to_str().unwrap(), "--native", "--out", path.to_str().unwrap()]);
     assert!(exit == Exit::Refused && err.contains("nothing was sent"), "{err}");
     std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn a_virtual_board_without_a_way_to_it_is_refused() {
+    let (mut out, mut err) = (Vec::new(), Vec::new());
+    assert_eq!(cli::run(["pulsetrain", "board", "uno"], &mut out, &mut err), Exit::Refused);
+    let err = String::from_utf8(err).unwrap();
+    assert!(err.contains("say --pty LINK or --tcp ADDRESS"), "{err}");
 }
 
 /// Someone who does one thing each look.

@@ -46,6 +46,8 @@ pub struct Run {
     pub end: u64,
     /// The lines that were sent.
     pub told: Vec<Told>,
+    /// The last of them is not of the script: whoever looked on wanted a stop.
+    pub is_stopped: bool,
     /// How many were not, as the run ended before their time.
     pub unsent: usize,
     /// Status lines that came.
@@ -124,6 +126,7 @@ struct Sent {
     end: Duration,
     /// Each line with the times at which it is there, at the soonest and at the latest.
     told: Vec<(Duration, Duration, Command)>,
+    is_stopped: bool,
     unsent: usize,
     statuses: Vec<Status>,
     refusals: Vec<Refusal>,
@@ -143,6 +146,7 @@ impl Sent {
             begin: tick(self.begin),
             end: tick(self.end),
             told: self.told.iter().map(told).collect(),
+            is_stopped: self.is_stopped,
             unsent: self.unsent,
             statuses: self.statuses,
             refusals: self.refusals,
@@ -205,11 +209,10 @@ fn send<P: Port>(
         }
     }
     health.look(talk.now());
-    let sent = told.len() - usize::from(stopped);
-    let unsent = script.lines.len() - sent;
+    let unsent = script.lines.len() - (told.len() - usize::from(stopped));
     let edge = |edge: pulsetrain_board::Edge| Edge { tick: edge.tick, line: edge.line, level: edge.level };
     let edges = talk.edges().into_iter().map(edge).collect();
-    Ok(Sent { begin, end, told, unsent, statuses, refusals, troubles: health.troubles, edges })
+    Ok(Sent { begin, end, told, is_stopped: stopped, unsent, statuses, refusals, troubles: health.troubles, edges })
 }
 
 /// Looks whether the board goes on as a board does: it begins once, and its statuses come.
@@ -318,9 +321,9 @@ pub struct Report {
     pub board: String,
     /// How long it lasted, s.
     pub duration_s: f64,
-    /// Lines sent.
+    /// Lines of the script that were sent.
     pub lines: usize,
-    /// Lines that were not: it ended before their time.
+    /// Those that were not: it ended before their time.
     pub unsent: usize,
     /// Lines refused.
     pub refusals: Vec<Refusal>,
@@ -353,7 +356,7 @@ pub struct Word {
 }
 
 impl Word {
-    /// Whether it stands where it should; in a move nobody can say.
+    /// Whether it stands where it should, as far as that can be said.
     fn is_ok(&self) -> bool {
         // Half a step and the threshold's 1/64, and 0.1 of the path.
         !self.is_judged || (f64::from(self.position) - self.wanted).abs() < 0.62
@@ -442,7 +445,7 @@ impl Names<'_> {
             runner: self.runner.to_owned(),
             board: self.board.to_owned(),
             duration_s: (run.end - run.begin) as f64 / run.tick_hz as f64,
-            lines: run.told.len(),
+            lines: run.told.len() - usize::from(run.is_stopped),
             unsent: run.unsent,
             refusals: run.refusals.clone(),
             troubles: run.troubles.clone(),
@@ -554,9 +557,12 @@ impl Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Report { script, runner, board, duration_s, lines, unsent, refusals, troubles, verdict, word } = self;
         let duration = human::seconds(*duration_s);
-        writeln!(f, "{script}: {lines} lines in {duration}, to the {runner} ({board})\n")?;
-        if *unsent > 0 {
-            writeln!(f, "The last {unsent} of its lines were not sent: it ended before their time.\n")?;
+        let plural = if *lines == 1 { "" } else { "s" };
+        writeln!(f, "{script}: {lines} line{plural} in {duration}, to the {runner} ({board})\n")?;
+        match unsent {
+            0 => {}
+            1 => writeln!(f, "Its last line was not sent: it ended before its time.\n")?,
+            _ => writeln!(f, "The last {unsent} of its lines were not sent: it ended before their time.\n")?,
         }
         if let Some(verdict) = verdict {
             self.edges(verdict, f)?;

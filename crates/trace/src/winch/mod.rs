@@ -134,9 +134,9 @@ pub struct AxisReport {
     pub axis: String,
     /// Steps in the trace.
     pub steps: u64,
-    /// Steps forward minus steps backward in the end.
+    /// Steps forward minus steps backward, before the end of the last whole millisecond.
     pub position: i64,
-    /// Where the path ends, steps.
+    /// Where the path is then, steps.
     pub position_wanted: f64,
     /// Largest distance of a step from the path, steps.
     pub max_error_steps: f64,
@@ -526,6 +526,7 @@ fn follow(
     }
     for (axis, path) in board.paths.iter().enumerate() {
         let report = &mut seen.axes[axis];
+        report.position = seen.steps[axis][..next[axis]].last().map_or(0, |step| step.position);
         report.position_wanted = path.position;
         report.rms_error_steps = (squares[axis] / (report.steps as f64).max(1.0)).sqrt();
     }
