@@ -13,7 +13,7 @@ use pulsetrain_core::packing::Packing;
 use pulsetrain_core::verbs::Verb;
 use pulsetrain_core::wire::message::{Cause, Configuration, Event, Info, Measures, MotorSetup, NO_PIN, Status, flags};
 use pulsetrain_core::wire::orders::{Obeyed, Orders, order};
-use pulsetrain_core::wire::{Baud, Command, Reason, Reply, Switched};
+use pulsetrain_core::wire::{Baud, Command, Reason, Reply, Settings, Switched};
 use pulsetrain_core::{Entry, Epoch, Item, Moment};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -466,6 +466,32 @@ impl<P: Port> Remote<P> {
         match answer.reply {
             Reply::Obeyed(obeyed) => Ok(obeyed),
             _ => Err(self.refused(refusal("do that", &answer))),
+        }
+    }
+
+    /// Has the board keep `settings` without power, in place of those before. They hold for configurations and text that come after.
+    ///
+    /// # Errors
+    /// When the board is lost, or refuses: its motors are powered, it keeps nothing, or limits are beyond what
+    /// [`Settings`] says.
+    pub fn store(&mut self, settings: &Settings) -> Result<(), RemoteError> {
+        let stored = self.settings(Some(*settings))?;
+        if stored == Some(*settings) { Ok(()) } else { Err(RemoteError::Nonsense) }
+    }
+
+    /// What the board keeps without power; `None` if nothing was stored, or it was damaged.
+    ///
+    /// # Errors
+    /// When the board is lost, or refuses: its motors are powered, or it keeps nothing.
+    pub fn stored(&mut self) -> Result<Option<Settings>, RemoteError> {
+        self.settings(None)
+    }
+
+    fn settings(&mut self, settings: Option<Settings>) -> Result<Option<Settings>, RemoteError> {
+        let answer = self.ask(&Command::Store(settings))?;
+        match answer.reply {
+            Reply::Stored(stored) => Ok(stored),
+            _ => Err(refusal("keep settings", &answer)),
         }
     }
 
