@@ -228,7 +228,8 @@ impl Winch {
             asked.heard = clock::moment();
         }
         if needed & feed::AXES == 0 {
-            if needed != 0 {
+            // A refusal waits until it is told; 0, that nothing is to be said, becomes the most.
+            if needed != 0 && self.say.wrapping_sub(1) >= AWAKE - 1 {
                 self.say = needed;
             }
             return;
