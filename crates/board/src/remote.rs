@@ -693,10 +693,10 @@ impl<P: Port> Remote<P> {
         }
     }
 
-    fn hand_over(&mut self, observer: &mut impl Observer) {
-        for edge in self.edges.drain(..) {
-            observer.edge(edge);
-        }
+    /// A virtual board may be beyond `until`, to the end of a frame of USB: its later edges wait.
+    fn hand_over(&mut self, until: u64, observer: &mut impl Observer) {
+        let due = self.edges.partition_point(|edge| edge.tick <= until);
+        self.edges.drain(..due).for_each(|edge| observer.edge(edge));
     }
 }
 
@@ -886,9 +886,9 @@ impl<P: Port> Board for Remote<P> {
                 }
             }
             self.passed = self.passed.max(self.clock.tick_at(self.port.now()).unwrap_or(0).min(until + 1));
-            self.hand_over(observer);
+            self.hand_over(until, observer);
         }
-        self.hand_over(observer);
+        self.hand_over(until, observer);
     }
 
     fn stop_now(&mut self, tick: u64, observer: &mut impl Observer) -> StopReport {
@@ -914,7 +914,7 @@ impl<P: Port> Board for Remote<P> {
             }
             Err(_) => self.unknown_stop(),
         };
-        self.hand_over(observer);
+        self.hand_over(u64::MAX, observer);
         report
     }
 

@@ -272,7 +272,7 @@ pub(crate) struct Board {
     #[arg(value_parser = ["uno", "pico", "winch"])]
     pub(crate) board: String,
     /// Make a pseudo-terminal, and a link of this name to it, which is gone in the end
-    #[arg(long, value_name = "LINK", required_unless_present = "tcp", conflicts_with = "tcp")]
+    #[arg(long, value_name = "LINK", conflicts_with = "tcp")]
     pub(crate) pty: Option<PathBuf>,
     /// Listen at this address, for one client at a time
     #[arg(long, value_name = "ADDRESS")]
