@@ -110,7 +110,8 @@ fn built_winch() -> Done<PathBuf> {
 fn built_player() -> Done<PathBuf> {
     let (elf, image) = (target_dir().join("player.elf"), target_dir().join("player.hex"));
     let mut compiler = command("avr-g++");
-    compiler.args("-mmcu=atmega328p -DF_CPU=16000000L -Os -Wall -Wextra -Werror -fno-exceptions".split(' '));
+    compiler
+        .args("-mmcu=atmega328p -DF_CPU=16000000L -std=gnu++11 -Os -Wall -Wextra -Werror -fno-exceptions".split(' '));
     compiler.args("-fno-threadsafe-statics -ffunction-sections -Wl,--gc-sections".split(' '));
     run(compiler.arg(root().join("crates/pulsetrain/src/bake/player.cpp")).arg("-o").arg(&elf))?;
     run(command("avr-objcopy").args(["-O", "ihex", "-j", ".text", "-j", ".data"]).args([&elf, &image]))?;

@@ -6,6 +6,6 @@ use crate::command::{self, Done, cargo, command};
 pub(crate) fn run() -> Done {
     command::run(cargo("test --package pulsetrain-plan --test golden").env("UPDATE_EXPECT", "1"))?;
     command::run(cargo("test --package pulsetrain-core --test winch_golden").env("UPDATE_EXPECT", "1"))?;
-    command::run(cargo("test --package pulsetrain --test uno_golden").env("UPDATE_EXPECT", "1"))?;
+    command::run(cargo("test --package pulsetrain --test uno_golden --test faults").env("UPDATE_EXPECT", "1"))?;
     command::run(command("git").args(["diff", "--stat", "--", "*/golden/*"]))
 }

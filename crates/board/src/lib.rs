@@ -38,6 +38,7 @@ pub mod stk500;
 pub mod virtual_pico;
 pub mod virtual_uno;
 
+use pulsetrain_core::wire::message::Cause;
 use pulsetrain_core::{Entry, Epoch};
 
 /// What a session needs of a board.
@@ -107,6 +108,26 @@ pub trait Board {
     fn lost(&self) -> Option<&RemoteError> {
         None
     }
+
+    /// Lets the motors come to rest, and says what the board counted: also one that was lost, if it can be found again. Nothing is
+    /// to be told to it afterwards.
+    ///
+    /// # Errors
+    /// When it cannot be asked.
+    fn fared(&mut self) -> Result<Fared, RemoteError> {
+        Ok(Fared { positions: self.positions(), last_stop: Cause::Finished, reset: None })
+    }
+}
+
+/// How a board fared, by its own word.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Fared {
+    /// Steps forward minus steps backward of each motor; from 0 on, if it was reset.
+    pub positions: Vec<i64>,
+    /// Why its motors stopped last.
+    pub last_stop: Cause,
+    /// Why it began anew, if it did since it was taken.
+    pub reset: Option<Cause>,
 }
 
 /// A board in virtual time: time passes only while someone receives, and every edge of a pin is known.

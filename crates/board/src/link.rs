@@ -62,7 +62,7 @@ pub enum LinkError {
         host: u8,
     },
     /// It was heard before, and is no more.
-    #[error("the board does not answer any more; what it was told ends in a planned stop")]
+    #[error("the board does not answer any more")]
     Lost,
     /// It began anew, or gave us up.
     #[error("the board does not know this session any more: it was reset, or heard nothing for too long")]

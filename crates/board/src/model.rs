@@ -12,6 +12,7 @@ use pulsetrain_core::packing::{Packing, State};
 use pulsetrain_core::verbs::{Limits, Verbs};
 use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, Reason, flags};
 use pulsetrain_core::wire::orders::{Obeyed, Orders};
+use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{
     Baud, Decoder, Encoder, MAX_BODY, MAX_FRAME, Machine, Millis, Refusal, Service, Stopped, Switched,
 };
@@ -65,6 +66,8 @@ struct Model {
     obeys: bool,
     verbs: Verbs,
     obeyed: Obeyed,
+    /// What it keeps without power.
+    settings: Option<[u8; SETTINGS_LEN]>,
 }
 
 #[derive(Debug)]
@@ -96,6 +99,7 @@ impl Model {
             obeys: false,
             verbs: Verbs::new(),
             obeyed: Obeyed::NONE,
+            settings: None,
         }
     }
 
@@ -176,6 +180,7 @@ fn bare() -> Native {
 
 impl Machine for Model {
     const OBEYS: bool = true;
+    const STORES: bool = true;
 
     fn info(&mut self) -> Info {
         Info {
@@ -444,6 +449,19 @@ impl Machine for Model {
 
     fn obeyed(&self, frame: &mut Encoder<'_>) {
         self.obeyed.encode(frame);
+    }
+
+    fn store(&mut self, settings: Option<&[u8; SETTINGS_LEN]>) -> Result<(), Refusal> {
+        if self.armed {
+            return Err(Refusal::of(Reason::Moving));
+        }
+        self.settings = settings.copied().or(self.settings);
+        Ok(())
+    }
+
+    fn stored(&mut self, settings: &mut [u8; SETTINGS_LEN]) -> bool {
+        *settings = self.settings.unwrap_or_default();
+        self.settings.is_some()
     }
 
     fn event(&mut self) -> Option<Event> {

@@ -4,7 +4,7 @@
 //! as there: tests/pico_verbs.rs compares them.
 
 use crate::native::ConfigError;
-use crate::{Board, Config, Native, Observer};
+use crate::{Board, Config, Edge, Native, Observer};
 use pulsetrain_core::verbs::motor::MOST_ITEMS;
 use pulsetrain_core::verbs::{Limits, Verbs};
 use pulsetrain_core::wire::message::Reason;
@@ -52,12 +52,24 @@ impl NativeVerbs {
     /// # Errors
     /// When the configuration asks for what no board has, or has more than eight motors.
     pub fn new(config: &Config, limits: &[Limits]) -> Result<NativeVerbs, ConfigError> {
-        if config.motors.len() > MAX_MOTORS || limits.len() != config.motors.len() {
-            return Err(ConfigError::Motors(config.motors.len()));
+        NativeVerbs::at(config, limits, &vec![0; limits.len()], 0)
+    }
+
+    /// The same with its motors at `positions`, and its clock at tick `now`.
+    ///
+    /// # Errors
+    /// As [`new`](NativeVerbs::new), and with another number of positions.
+    pub fn at(config: &Config, limits: &[Limits], positions: &[i32], now: u64) -> Result<NativeVerbs, ConfigError> {
+        let count = config.motors.len();
+        if count > MAX_MOTORS || limits.len() != count || positions.len() != count {
+            return Err(ConfigError::Motors(count));
+        }
+        let mut native = Native::new(config)?;
+        if let Some(last) = now.checked_sub(1) {
+            native.advance(last, &mut |_: Edge| {});
         }
         let mut verbs = Verbs::new();
-        verbs.begin(limits.iter().map(|limits| (*limits, 0)), 0);
-        let native = Native::new(config)?;
+        verbs.begin(limits.iter().copied().zip(positions.iter().copied()), now);
         let lead = config.motors.iter().map(|motor| u64::from(motor.wiring.lead_ticks())).max().unwrap_or(0);
         let done = vec![VecDeque::new(); limits.len()];
         Ok(NativeVerbs { native, verbs, fraction_bits: config.fraction_bits, lead, done })
@@ -140,6 +152,12 @@ impl NativeVerbs {
     #[must_use]
     pub fn positions(&self) -> Vec<i64> {
         self.native.positions()
+    }
+
+    /// All motors forget what they were told: no step is made that was not worked out.
+    pub fn halt(&mut self) {
+        // They stop as they go, whatever their pull-in.
+        let _ = self.verbs.forsake(true, |_| 0);
     }
 
     /// Whether nothing moves, and nothing is to.

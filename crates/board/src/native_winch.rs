@@ -3,17 +3,22 @@
 //! What the text means and which steps it makes is core's, the same code as on a Pico; here are only a clock, a line and
 //! pins. (The Uno's firmware does the same in assembly: tests/winch_avr.rs compares the two.) docs/winch.md says what such a
 //! board does.
+//!
+//! Lines that tell axes directly are a Pico's, docs/pico.md, with ticks of 62.5 ns: [`NativeVerbs`] makes the steps.
 
 use crate::bridge::{self, CYCLES_PER_S, bit_cycles};
-use crate::{Edge, Port, PortError, VirtualBoard};
+use crate::native_verbs::NativeVerbs;
+use crate::{Config, Edge, MotorConfig, Port, PortError, VirtualBoard, Wiring};
 use pulsetrain_core::Direction;
+use pulsetrain_core::verbs::Limits;
+use pulsetrain_core::verbs::text::{self, Read, Told};
 use pulsetrain_core::winch::AXES;
 use pulsetrain_core::winch::letters::InMemory;
 use pulsetrain_core::winch::reply::{LONGEST, Reply};
 use pulsetrain_core::winch::session::Session;
 use pulsetrain_core::winch::spacing::TICKS;
-use pulsetrain_core::winch::text::{Heard, Reader};
-use pulsetrain_core::wire::Baud;
+use pulsetrain_core::winch::text::{Heard, Reader, Refusal, Verb, What};
+use pulsetrain_core::wire::{Baud, Reason, Refusal as Refused};
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
 use std::time::Duration;
@@ -31,6 +36,10 @@ const PULSE: u64 = 32;
 const SETUP: u64 = 80;
 /// Replies that wait for the line; one that does not fit is lost, whole.
 const UNSENT: usize = 256;
+
+/// What axes can be told directly: their lines are low for as long as a pulse, DIR stays as long behind one; 1000 steps/s at first.
+const LIMITS: Limits =
+    Limits { shortest: 2 * PULSE as u32, turn: (2 * PULSE + SETUP) as u32, period: (CYCLES_PER_S / 1000) as u32 };
 
 // Steps of one axis are 100 µs apart at least, and a turn takes 124 µs: a pulse ends before the next DIR changes.
 const _: () = assert!(PULSE + SETUP < 1600 && SETUP < TICKS as u64);
@@ -50,7 +59,7 @@ const _: () = assert!(PULSE + SETUP < 1600 && SETUP < TICKS as u64);
 /// }
 /// assert_eq!(heard, b"awake\r\nawake\r\n");
 /// ```
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct NativeWinch {
     /// Ticks since it was made; the board's own clock began at `zero`.
     now: u64,
@@ -62,6 +71,11 @@ pub struct NativeWinch {
     forward: [bool; 4],
     positions: [i32; 4],
     is_enabled: bool,
+    /// Axes that are told directly: they lose them when they rest, and that `ends`.
+    verbs: Option<NativeVerbs>,
+    ends: bool,
+    /// Lines about moves that were done, for which there was no room yet.
+    done: VecDeque<text::Reply>,
     /// Edges to come, the earliest first.
     planned: BinaryHeap<Reverse<(u64, u8, bool)>>,
     edges: Vec<Edge>,
@@ -106,6 +120,9 @@ impl NativeWinch {
             forward: [false; 4],
             positions: [0; 4],
             is_enabled: false,
+            verbs: None,
+            ends: false,
+            done: VecDeque::new(),
             planned: BinaryHeap::new(),
             edges: Vec::new(),
             line,
@@ -134,7 +151,7 @@ impl NativeWinch {
     /// Whether no axis moves, or is to.
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
-        self.session.is_at_rest()
+        self.session.is_at_rest() && self.verbs.as_ref().is_none_or(NativeVerbs::is_idle)
     }
 
     /// The board's clock, ticks.
@@ -163,6 +180,13 @@ impl NativeWinch {
 
     /// Makes the edges up to `until`.
     fn play(&mut self, until: u64) {
+        if let Some(verbs) = &mut self.verbs {
+            let (zero, planned) = (self.zero, &mut self.planned);
+            let plan = |edge: Edge| planned.push(Reverse((zero + edge.tick, edge.line, edge.level)));
+            verbs.advance(until - zero, &mut { plan });
+            let done = |(axis, tick, number)| text::Reply::Done { axis: axis as u8, tick, number };
+            self.done.extend(verbs.done().into_iter().map(done));
+        }
         while let Some(Reverse((at, line, level))) = self.planned.peek().copied()
             && at <= until
         {
@@ -201,6 +225,23 @@ impl NativeWinch {
                 self.planned.push(Reverse((at + PULSE, STEP_PINS[axis], false)));
             }
         }
+        while let Some(done) = self.done.pop_front() {
+            if !self.say_of_verbs(&done) {
+                self.done.push_front(done);
+                break;
+            }
+        }
+        if let Some(verbs) = &mut self.verbs {
+            if self.ends || self.session.is_forsaken() {
+                verbs.halt();
+            }
+            // What was done is told first.
+            if self.ends && verbs.is_idle() && self.done.is_empty() {
+                (self.verbs, self.session, self.positions) = (None, Session::new(), [0; 4]);
+                self.enable();
+                self.say(&Reply::Awake);
+            }
+        }
         if self.session.has_stopped() && self.planned.is_empty() {
             self.session.release();
             self.enable();
@@ -209,7 +250,7 @@ impl NativeWinch {
 
     /// Switches the drivers as they are to be.
     fn enable(&mut self) {
-        let on = self.session.drives();
+        let on = self.session.drives() || self.verbs.is_some();
         if on != self.is_enabled {
             self.is_enabled = on;
             self.edges.push(Edge { tick: self.clock(), line: ENABLE_PIN, level: !on });
@@ -219,7 +260,25 @@ impl NativeWinch {
     fn hear(&mut self, byte: u8) {
         let reply = match self.reader.push::<InMemory>(byte) {
             Heard::Nothing => return,
+            // The winch does not know verbs.
+            Heard::Refused(refusal @ Refusal { what: What::Command, .. }) => match text::read(self.reader.line()) {
+                Read::Unknown => Some(Reply::Refused(refusal)),
+                Read::Refused(what, word) => return self.answer(&text::Reply::Unread(what, word)),
+                Read::Told(told) => {
+                    let reply = self.tell(&told);
+                    self.enable();
+                    return self.answer(&reply);
+                }
+            },
             Heard::Refused(refusal) => Some(Reply::Refused(refusal)),
+            Heard::Command(Verb::Target | Verb::Move | Verb::Drift) if self.verbs.is_some() => {
+                return self.answer(&text::Reply::Verbs);
+            }
+            Heard::Command(Verb::Enable) if self.verbs.is_some() => {
+                self.session.heard();
+                self.ends = self.reader.value() == 0;
+                None
+            }
             Heard::Command(verb) => self.session.obey(verb, &mut self.reader),
         };
         self.enable();
@@ -228,12 +287,77 @@ impl NativeWinch {
         }
     }
 
+    /// Tells axes directly what a line says; gives what is to be answered.
+    fn tell(&mut self, told: &Told) -> text::Reply {
+        if self.session.drives() {
+            return text::Reply::Path;
+        }
+        self.session.heard();
+        let Some(orders) = told.orders() else { return text::Reply::Refused(Refused::of(Reason::Malformed)) };
+        // A first line that is refused changes nothing.
+        let mut first = self.verbs.is_none().then(|| self.verbs_from_here());
+        let Some(verbs) = self.verbs.as_mut().or(first.as_mut()) else { return text::Reply::Path };
+        match verbs.obey(verbs.open(), &orders) {
+            Ok(obeyed) => {
+                self.ends = false;
+                if let Some(verbs) = first {
+                    self.verbs = Some(verbs);
+                    self.lower_dir();
+                }
+                text::Reply::At { obeyed, axes: told.axes() }
+            }
+            Err(refused) => text::Reply::Refused(refused),
+        }
+    }
+
+    /// Axes that can be told directly, where they stand.
+    fn verbs_from_here(&self) -> NativeVerbs {
+        let motor = |axis: usize| MotorConfig {
+            wiring: Wiring::StepDir {
+                step: STEP_PINS[axis],
+                dir: DIR_PINS[axis],
+                forward_high: true,
+                pulse_ticks: PULSE as u32,
+                setup_ticks: SETUP as u32,
+            },
+            pull_in_ticks: 0,
+        };
+        let config = Config { fraction_bits: 32, motors: (0..AXES.len()).map(motor).collect() };
+        NativeVerbs::at(&config, &[LIMITS; AXES.len()], &self.positions, self.clock() + 1).expect("four axes")
+    }
+
+    /// DIR is low where [`NativeVerbs`] begin.
+    fn lower_dir(&mut self) {
+        let tick = self.clock();
+        for (forward, line) in self.forward.iter_mut().zip(DIR_PINS).filter(|(forward, _)| **forward) {
+            *forward = false;
+            self.edges.push(Edge { tick, line, level: false });
+        }
+    }
+
     fn say(&mut self, reply: &Reply) {
         let mut text = [0; LONGEST];
-        let len = usize::from(reply.write::<InMemory>(&mut text));
-        if self.line.unsent(self.now) + len <= UNSENT {
-            self.line.say(self.now, &text[..len]);
+        let len = reply.write::<InMemory>(&mut text);
+        self.say_bytes(&text[..usize::from(len)]);
+    }
+
+    fn answer(&mut self, reply: &text::Reply) {
+        self.say_of_verbs(reply);
+    }
+
+    /// Whether there was room for it.
+    fn say_of_verbs(&mut self, reply: &text::Reply) -> bool {
+        let mut text = [0; text::LONGEST];
+        let len = reply.write(&mut text);
+        self.say_bytes(&text[..len])
+    }
+
+    fn say_bytes(&mut self, text: &[u8]) -> bool {
+        let has_room = self.line.unsent(self.now) + text.len() <= UNSENT;
+        if has_room {
+            self.line.say(self.now, text);
         }
+        has_room
     }
 }
 

@@ -8,12 +8,12 @@
 
 use crate::link::{Answer, BITS, Link, LinkError};
 use crate::packer::{MAX_LEN, Packer};
-use crate::{Board, BoardClock, Edge, Faults, Observer, Sizer, StopReport, SwitchRefused};
+use crate::{Board, BoardClock, Edge, Fared, Faults, Observer, Sizer, StopReport, SwitchRefused};
 use pulsetrain_core::packing::Packing;
 use pulsetrain_core::verbs::Verb;
 use pulsetrain_core::wire::message::{Cause, Configuration, Event, Info, Measures, MotorSetup, NO_PIN, Status, flags};
 use pulsetrain_core::wire::orders::{Obeyed, Orders, order};
-use pulsetrain_core::wire::{Baud, Command, Reason, Reply, Switched};
+use pulsetrain_core::wire::{Baud, Command, Reason, Reply, Settings, Switched};
 use pulsetrain_core::{Entry, Epoch, Item, Moment};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -39,6 +39,9 @@ const SHORTEST_ROUND: Duration = Duration::from_micros(10);
 
 /// Readings of the clock before the first motion.
 const FIRST_READINGS: usize = 8;
+
+/// No clock is further off than one part in so many: twice what a ceramic resonator may be.
+const CLOCK_DOUBT: u64 = 100;
 
 /// How long motors that still move, for a host before this one, may take to come to rest.
 const REST: Duration = Duration::from_secs(30);
@@ -371,13 +374,7 @@ impl<P: Port> Remote<P> {
         (configuration.enable_pin, configuration.enable_high) = setup.enable.unwrap_or((NO_PIN, false));
         configuration.idle_ms = setup.idle_ms;
         configuration.silence_ms = setup.silence_ms;
-        let patience = self.port.now() + REST;
-        while !self.status()?.is_idle() {
-            if self.port.now() > patience {
-                return Err(RemoteError::StillMoving);
-            }
-            self.pause(STATUS_EVERY)?;
-        }
+        self.at_rest()?;
         let answer = self.ask(&Command::Configure(configuration))?;
         let Reply::Configured(queues) = answer.reply else { return Err(refusal("take this configuration", &answer)) };
         if queues.as_slice().len() != setup.motors.len() {
@@ -469,6 +466,32 @@ impl<P: Port> Remote<P> {
         }
     }
 
+    /// Has the board keep `settings` without power, in place of those before. They hold for configurations and text that come after.
+    ///
+    /// # Errors
+    /// When the board is lost, or refuses: its motors are powered, it keeps nothing, or limits are beyond what
+    /// [`Settings`] says.
+    pub fn store(&mut self, settings: &Settings) -> Result<(), RemoteError> {
+        let stored = self.settings(Some(*settings))?;
+        if stored == Some(*settings) { Ok(()) } else { Err(RemoteError::Nonsense) }
+    }
+
+    /// What the board keeps without power; `None` if nothing was stored, or it was damaged.
+    ///
+    /// # Errors
+    /// When the board is lost, or refuses: its motors are powered, or it keeps nothing.
+    pub fn stored(&mut self) -> Result<Option<Settings>, RemoteError> {
+        self.settings(None)
+    }
+
+    fn settings(&mut self, settings: Option<Settings>) -> Result<Option<Settings>, RemoteError> {
+        let answer = self.ask(&Command::Store(settings))?;
+        match answer.reply {
+            Reply::Stored(stored) => Ok(stored),
+            _ => Err(refusal("keep settings", &answer)),
+        }
+    }
+
     /// Gives the board up; what it was told goes on. Gives the port back.
     pub fn close(mut self) -> P {
         // Unanswered, it is over all the same: the board gives up a silent host.
@@ -512,12 +535,18 @@ impl<P: Port> Remote<P> {
 
     /// Why it stopped says more than that its motors are not armed.
     fn refused(&self, refused: RemoteError) -> RemoteError {
-        let stopped = self.events.iter().rev().map(|event| event.cause);
-        let cause = stopped.into_iter().find(|cause| !matches!(cause, Cause::None | Cause::Finished));
-        match (&refused, cause) {
+        match (&refused, self.told_stop()) {
             (RemoteError::Refused { reason: Reason::NotArmed, .. }, Some(cause)) => RemoteError::Stopped { cause },
             _ => refused,
         }
+    }
+
+    /// The stop that was none of the plan's, if the board told of one.
+    fn told_stop(&self) -> Option<Cause> {
+        let told = self.events.iter().rev().map(|event| event.cause);
+        told.into_iter().find(|cause| {
+            matches!(cause, Cause::StopNow | Cause::Starved | Cause::BadItem | Cause::CheckFailed | Cause::StepMissed)
+        })
     }
 
     fn read_clock(&mut self) -> Result<(), RemoteError> {
@@ -664,10 +693,10 @@ impl<P: Port> Remote<P> {
         }
     }
 
-    fn hand_over(&mut self, observer: &mut impl Observer) {
-        for edge in self.edges.drain(..) {
-            observer.edge(edge);
-        }
+    /// A virtual board may be beyond `until`, to the end of a frame of USB: its later edges wait.
+    fn hand_over(&mut self, until: u64, observer: &mut impl Observer) {
+        let due = self.edges.partition_point(|edge| edge.tick <= until);
+        self.edges.drain(..due).for_each(|edge| observer.edge(edge));
     }
 }
 
@@ -857,9 +886,9 @@ impl<P: Port> Board for Remote<P> {
                 }
             }
             self.passed = self.passed.max(self.clock.tick_at(self.port.now()).unwrap_or(0).min(until + 1));
-            self.hand_over(observer);
+            self.hand_over(until, observer);
         }
-        self.hand_over(observer);
+        self.hand_over(until, observer);
     }
 
     fn stop_now(&mut self, tick: u64, observer: &mut impl Observer) -> StopReport {
@@ -885,7 +914,7 @@ impl<P: Port> Board for Remote<P> {
             }
             Err(_) => self.unknown_stop(),
         };
-        self.hand_over(observer);
+        self.hand_over(u64::MAX, observer);
         report
     }
 
@@ -908,9 +937,58 @@ impl<P: Port> Board for Remote<P> {
     fn lost(&self) -> Option<&RemoteError> {
         self.error()
     }
+
+    fn fared(&mut self) -> Result<Fared, RemoteError> {
+        let clock = self.clock.clone();
+        let is_lost = self.link.error().is_some();
+        if is_lost {
+            self.take_again()?;
+        }
+        let Answer { reply: Reply::Clock { tick }, asked, answered } = self.ask(&Command::Clock)? else {
+            return Err(RemoteError::Nonsense);
+        };
+        // A clock that began anew is far behind; one that runs on is within what it may be off, and what readings are uncertain by. A
+        // board that still knows the session was not reset.
+        let expected = clock.tick_at(asked).unwrap_or(0);
+        let reading = 2 * (answered - asked) + SHORTEST_LEAD;
+        let doubt = expected / CLOCK_DOUBT + (reading.as_secs_f64() * f64::from(self.info.tick_hz)) as u64;
+        let was_reset = is_lost && tick + doubt < expected;
+        let status = self.at_rest()?;
+        let counts = status.motors.as_slice().iter().map(|motor| i64::from(motor.position));
+        let positions = if was_reset { counts.collect() } else { self.positions() };
+        let last_stop = if is_lost { self.info.last_stop } else { self.told_stop().unwrap_or(Cause::Finished) };
+        Ok(Fared { positions, last_stop, reset: was_reset.then_some(self.info.last_reset) })
+    }
 }
 
 impl<P: Port> Remote<P> {
+    /// Takes a board that was lost, or has forgotten the session, with a new one.
+    fn take_again(&mut self) -> Result<(), RemoteError> {
+        self.port.set_baud(Baud::B115200)?;
+        self.link = Link::new(!self.info.nonce);
+        self.link.hello(self.port.now());
+        match self.answer()?.reply {
+            Reply::Info(info) => self.info = info,
+            _ => return Err(RemoteError::Nonsense),
+        }
+        Ok(())
+    }
+
+    /// Waits until no motor moves.
+    fn at_rest(&mut self) -> Result<Status, RemoteError> {
+        let patience = self.port.now() + REST;
+        loop {
+            let status = self.status()?;
+            if status.is_idle() {
+                return Ok(status);
+            }
+            if self.port.now() > patience {
+                return Err(RemoteError::StillMoving);
+            }
+            self.pause(STATUS_EVERY)?;
+        }
+    }
+
     /// Nobody knows whether the board stopped: it stops as it was planned at the latest.
     fn unknown_stop(&self) -> StopReport {
         StopReport { tick: self.now(), positions: self.positions(), uncertain: vec![true; self.motors.len()] }

@@ -143,4 +143,8 @@ impl<B: Board> Board for Shadowed<B> {
     fn lost(&self) -> Option<&crate::RemoteError> {
         self.board.lost()
     }
+
+    fn fared(&mut self) -> Result<crate::Fared, crate::RemoteError> {
+        self.board.fared()
+    }
 }

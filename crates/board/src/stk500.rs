@@ -77,6 +77,12 @@ pub enum FlashError {
         /// Bits a second.
         rate: u32,
     },
+    /// The program has no bytes.
+    #[error("the program is empty")]
+    Empty,
+    /// The bootloader answered once, and then no more or something else, before anything was written.
+    #[error("the bootloader answers no more when it is to begin")]
+    NotBegun,
     /// The bootloader answered once, and then no more or something else.
     #[error("the bootloader no longer answers, at address {address:#06x} of the {doing}")]
     LostSync {
@@ -153,14 +159,17 @@ impl<P: Port> Bootloader<P> {
     /// erased flash; pages after it stay as they are.
     ///
     /// # Errors
-    /// [`FlashError`]: before anything is written when it does not fit. After any other the board has no whole program, and
-    /// still its bootloader.
+    /// [`FlashError`]: before anything is written [`FlashError::Empty`], [`FlashError::TooLarge`] and [`FlashError::NotBegun`]. After any
+    /// other the board has no whole program, and still its bootloader.
     pub fn program(mut self, image: &[u8], mut progress: impl FnMut(Progress)) -> Result<P, FlashError> {
         let limit = room(self.rate);
+        if image.is_empty() {
+            return Err(FlashError::Empty);
+        }
         if image.len() > limit {
             return Err(FlashError::TooLarge { bytes: image.len(), limit, rate: self.rate });
         }
-        self.at(0, "writing", &[ENTER_PROGRAMMING], 0)?;
+        self.ask(&[ENTER_PROGRAMMING], 0)?.ok_or(FlashError::NotBegun)?;
         for (number, bytes) in image.chunks(PAGE).enumerate() {
             let address = number * PAGE;
             let mut page = [0xff; PAGE];
@@ -178,7 +187,8 @@ impl<P: Port> Bootloader<P> {
             }
             progress(Progress::Verified(address + bytes.len()));
         }
-        self.at(image.len(), "reading back", &[LEAVE_PROGRAMMING], 0)?;
+        // All is there and right; Optiboot is reset by its watchdog as it says so, and its answer may be lost.
+        self.ask(&[LEAVE_PROGRAMMING], 0)?;
         Ok(self.port)
     }
 

@@ -308,3 +308,62 @@ proptest! {
         }
     }
 }
+
+/// The lines that tell axes directly: steps at their ticks, done lines, and whose the axes are.
+#[test]
+fn verbs_move_axes_from_where_a_path_left_them() {
+    let mut lab = Lab::new();
+    let ask = |lab: &mut Lab, line: &str, ms: u64| -> Vec<String> {
+        let before = lab.replies().len();
+        lab.tell(line);
+        lab.run(ms);
+        lab.replies()[before..].iter().map(|line| (*line).to_owned()).collect()
+    };
+    lab.run(20);
+    assert_eq!(ask(&mut lab, "speed x 63", 20), ["err period 64"]);
+    assert_eq!(ask(&mut lab, "move x", 20), ["err missing 3"]);
+    assert!(!lab.winch.is_enabled(), "no refused line enables the drivers");
+    ask(&mut lab, "g x 5 1", 20);
+    ask(&mut lab, "d x 40", 20);
+    assert_eq!(ask(&mut lab, "move x 5", 3000), ["err path"]);
+    ask(&mut lab, "enable 0", 100);
+    assert_eq!((lab.winch.positions(), lab.winch.is_enabled()), ([40, 0, 0, 0], false));
+
+    // Verbs have the axes, where the path left them.
+    let begun = lab.edges.len();
+    let at = ask(&mut lab, "speed xy 32000 8000", 20);
+    assert!(at.len() == 1 && at[0].ends_with(" x 40 - y 0 -"), "{at:?}");
+    assert!(lab.winch.is_enabled());
+    assert_eq!(ask(&mut lab, "dir x -1", 20).len(), 1);
+    let lines = ask(&mut lab, "move xy 3 100", 100);
+    let first: u64 = lines[0].split(' ').nth(1).and_then(|tick| tick.parse().ok()).expect("a tick");
+    let done = [format!("done x {} 1", first + 96_000), format!("done y {} 1", first + 800_000)];
+    assert_eq!(lines[1..], done);
+    let steps = lab.steps();
+    let ticks = |count: u64, period: u64| (0..count).map(move |step| first + step * period);
+    assert!(steps[0][40..].iter().copied().eq(ticks(3, 32_000).zip([39, 38, 37])));
+    assert!(steps[1].iter().map(|(tick, _)| *tick).eq(ticks(100, 8000)));
+    assert!(lab.edges[begun..].iter().any(|edge| edge.line == DIR_PINS[0] && !edge.level));
+    assert_eq!(ask(&mut lab, "a x 7", 20), ["err verbs"]);
+
+    // A deadman ends a run; positions go on in status lines; enable 0 begins anew.
+    ask(&mut lab, "srate 10", 5);
+    ask(&mut lab, "run y", 20);
+    ask(&mut lab, "deadman 40", 100);
+    let stood = lab.winch.positions();
+    lab.run(100);
+    assert_eq!(lab.winch.positions(), stood);
+    assert_eq!(lab.statuses().last().map(|(_, positions)| *positions), Some(stood.map(i64::from)));
+    assert!(stood[1] > 200 && stood[0] == 37, "{stood:?}");
+    assert_eq!(ask(&mut lab, "enable 0", 30), ["awake"]);
+    assert_eq!((lab.winch.positions(), lab.winch.is_enabled(), lab.winch.is_at_rest()), ([0; 4], false, true));
+    // Done lines of many short moves wait for room.
+    for _ in 0..60 {
+        lab.tell("move xyza 1");
+    }
+    let before = lab.replies().len();
+    lab.run(2000);
+    let told = lab.replies()[before..].iter().filter(|line| line.starts_with("done a ")).count();
+    assert_eq!(told, lab.winch.positions()[3].unsigned_abs() as usize);
+    assert!(told > 20, "{told}");
+}

@@ -9,7 +9,7 @@ use pulsetrain_core::wire::message::{
 };
 use pulsetrain_core::wire::service::{SILENCE_MS, TRIAL_MS};
 use pulsetrain_core::wire::{
-    Baud, Command, Decoder, Encoder, LEAST_BODY, MAX_BODY, MAX_FRAME, MAX_MOTORS, Reply, Switched, VERSION,
+    Baud, Command, Decoder, Encoder, LEAST_BODY, MAX_BODY, MAX_FRAME, MAX_MOTORS, Reply, Settings, Switched, VERSION,
 };
 use std::time::Duration;
 
@@ -17,6 +17,7 @@ const DOC: &str = include_str!("../../../docs/protocol.md");
 const FRAME: &str = include_str!("../../core/src/wire/frame.rs");
 const MESSAGE: &str = include_str!("../../core/src/wire/message.rs");
 const ORDERS: &str = include_str!("../../core/src/wire/orders.rs");
+const SETTINGS: &str = include_str!("../../core/src/wire/settings.rs");
 
 /// A table, and the heading or the item that it belongs to.
 type Table = (String, Vec<String>);
@@ -90,6 +91,7 @@ fn rows(heading: &str, first: &str) -> Vec<Vec<String>> {
 fn byte_tables_are_those_of_the_code() {
     let mut source = tables_of_source(MESSAGE);
     source.extend(tables_of_source(ORDERS));
+    source.extend(tables_of_source(SETTINGS));
     assert!(source.len() >= 20, "{} tables", source.len());
     let frame = tables_of_source(FRAME).remove(0);
     assert!(tables_of_doc().contains(&("Frames".into(), frame.1)), "the table of frames");
@@ -138,6 +140,8 @@ fn layouts_are_as_long_as_their_tables() {
     assert_eq!(read(0x86), (Some(21), None));
     let switched = read(0x88).0.expect("one");
     check("Switched", switched);
+    check("Settings", command(Command::Store(Some(Settings::default()))));
+    check("Stored", read(0x8f).0.expect("one"));
     assert_eq!(MotorSetup::default().to_bytes().len(), 8);
     assert_eq!(command(Command::Configure(Configuration::new(&[]).expect("no motors"))), 15);
 }

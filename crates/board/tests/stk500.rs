@@ -18,6 +18,8 @@ struct Model {
     broken: Option<usize>,
     /// Silent from this address on.
     dies_at: usize,
+    /// A command that is heard, and gets no answer.
+    mute: Option<u8>,
     started: bool,
 }
 
@@ -32,6 +34,7 @@ impl Model {
             said: b"awake\n".to_vec(),
             broken: None,
             dies_at: usize::MAX,
+            mute: None,
             started: false,
         }
     }
@@ -63,6 +66,9 @@ impl Model {
                 }
             }
             other => panic!("{other:x?} is no command"),
+        }
+        if self.mute == Some(command[0]) {
+            return;
         }
         self.said.push(0x14);
         self.said.extend(answer);
@@ -147,8 +153,21 @@ fn what_goes_wrong_is_said_with_its_address() {
 }
 
 #[test]
+fn no_answer_at_either_end_is_no_half_program() {
+    let mut model = Model { mute: Some(0x50), ..Model::new() };
+    assert_eq!(program(&mut model, &image(1000)), Err(FlashError::NotBegun));
+    assert!(model.flash.iter().all(|byte| *byte == 0x55), "nothing was written");
+
+    // The chip is reset as it answers: all was read back before.
+    let mut model = Model { mute: Some(0x51), ..Model::new() };
+    assert!(program(&mut model, &image(1000)).is_ok());
+    assert!(model.started && model.flash[..1000] == image(1000));
+}
+
+#[test]
 fn what_does_not_fit_is_not_begun() {
     let mut model = Model::new();
+    assert_eq!(program(&mut model, &[]), Err(FlashError::Empty));
     let bytes = room(115_200) + 1;
     let error = program(&mut model, &image(bytes)).unwrap_err();
     assert_eq!(error, FlashError::TooLarge { bytes, limit: 32_256, rate: 115_200 });

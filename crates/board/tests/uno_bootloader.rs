@@ -61,11 +61,26 @@ fn left_alone_it_starts_the_program_after_a_second() {
 fn the_bootloader_cannot_be_overwritten() {
     let optiboot = optiboot();
     let uno = VirtualUno::with_bootloader(&[], &optiboot).expect("it is for this chip");
-    // A host that takes it for a smaller one: what is written above is compared, and differs.
-    let mut image = vec![0; 32_256];
-    image[32_255] = 1;
-    let mut uno = Bootloader::find(uno, RATES[0]).expect("it answers").program(&image, |_| {}).expect("it fits");
-    assert_eq!(flash(&uno, 32_768)[32_256..], optiboot[32_256..]);
+    let mut uno = Bootloader::find(uno, RATES[0]).expect("it answers").program(&[0; 128], |_| {}).expect("it fits");
+    uno.reset();
+    // A host that knows no limit sends the bootloader's own pages, and one below, word addresses 0x3f00, 0x3f40 and 0x3ec0.
+    let mut ask = |bytes: &[u8]| {
+        uno.send(bytes).expect("it is there");
+        let (mut answer, until) = (Vec::new(), uno.now() + Duration::from_millis(900));
+        while answer.len() < 2 && uno.now() < until {
+            uno.receive(until, &mut answer).expect("it is there");
+        }
+        answer
+    };
+    assert_eq!(ask(&[0x30, 0x20]), [0x14, 0x10], "it is in step");
+    for (low, high) in [(0x00, 0x3f), (0x40, 0x3f), (0xc0, 0x3e)] {
+        assert_eq!(ask(&[0x55, low, high, 0x20]), [0x14, 0x10]);
+        let page = [&[0x64, 0, 128, b'F'], [0xa5; 128].as_slice(), &[0x20]].concat();
+        assert_eq!(ask(&page), [0x14, 0x10], "it does not know that it was refused");
+    }
+    let read = flash(&uno, 32_768);
+    assert_eq!(read[0x7d80..0x7e00], [0xa5; 128], "pages are written so");
+    assert_eq!(read[0x7e00..], optiboot[0x7e00..], "the lock bits keep its own");
     uno.reset();
     assert!(Bootloader::find(uno, RATES[0]).is_ok(), "and it still answers");
 }

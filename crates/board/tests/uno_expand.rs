@@ -19,7 +19,7 @@ const STACK: u16 = 0x8f0;
 /// Where the ring's tail is: data address of OCR0A.
 const TAIL_AT: u16 = 0x47;
 /// Of a motor, behind the registers: whether all intervals are shorter than 256 ticks.
-const SURE: u16 = REGISTERS + 63;
+const SURE: u16 = REGISTERS + 61;
 const RETURN: u16 = 0x3ff0;
 
 fn bytes_of(registers: &Registers) -> Vec<u8> {

@@ -324,6 +324,10 @@ fn any_line_is_obeyed_at_the_full_rate() {
         ("g xyza 1.999999 1.000001", 200),
         ("g x 2.000 1.000", 200),
         ("g xyza 2.0 1.0", 200),
+        ("g x 2.5 1.5", 200),
+        ("g a 0.5 0.7", 200),
+        ("g a 20 0.07", 200),
+        ("g a 2 0.999", 200),
         ("l a 1e4 1e5", 200),
         ("l xyza 1e4 1e5", 200),
         ("enable 1", 200),
@@ -342,8 +346,8 @@ fn any_line_is_obeyed_at_the_full_rate() {
         assert_eq!(measures.lost_bytes, 0, "{line:?}: {measures:?}");
     }
     // Gains with little to read are too many a second for that, but not for slower motors.
-    for line in ["g a 2 1", "g xyza 2 1"] {
-        let (said, measures) = flood(line, 200, 6000);
+    for line in ["g a 2 1", "g a 9 5", "g xyza 2 1"] {
+        let (said, measures) = flood(line, 200, 8000);
         assert_eq!((said, measures.lost_bytes), (vec!["awake".to_owned()], 0), "{line:?}: {measures:?}");
     }
 }

@@ -153,6 +153,18 @@ fn four_axes_at_full_speed() {
     assert!(uno.lines.iter().skip(1).all(|line| line.text != "awake"));
 }
 
+/// Of a long burst some answers take the place of others, but not of a refusal.
+#[test]
+fn a_refusal_among_answers_is_told() {
+    for (before, after) in [(0, 200), (10, 40), (40, 10), (60, 100), (199, 1)] {
+        let mut uno = Uno::new();
+        uno.send(format!("{}a x nan\n{}", "version\n".repeat(before), "version\n".repeat(after)));
+        uno.run_ms(1000);
+        let refusals = uno.lines.iter().filter(|line| line.text == "err number 3").count();
+        assert_eq!(refusals, 1, "behind {before}, before {after}: {:?}", uno.lines);
+    }
+}
+
 #[test]
 fn bursts_are_obeyed() {
     for others in ["", "v xza 9999 -9990 9971\n"] {

@@ -8,9 +8,10 @@ use pulsetrain_core::wire::message::{
 };
 use pulsetrain_core::wire::orders::{Obeyed, Orders};
 use pulsetrain_core::wire::service::{SILENCE_MS, TRIAL_MS};
+use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{
     Baud, Command, Decoder, Encoder, LEAST_BODY, MAX_BODY, MAX_FRAME, Machine, Millis, Refusal, Reply, Service,
-    Stopped, Switched,
+    Settings, Stopped, Switched,
 };
 
 /// Says yes to everything.
@@ -19,6 +20,7 @@ struct Notebook {
     asked: Vec<String>,
     full: bool,
     measures: Measures,
+    settings: Option<[u8; SETTINGS_LEN]>,
 }
 
 impl Notebook {
@@ -37,6 +39,17 @@ impl Machine for Notebook {
     fn obey(&mut self, orders: &Orders<'_>) -> Result<(), Refusal> {
         self.note(format!("{:?}", Command::Orders(*orders)));
         Ok(())
+    }
+    const STORES: bool = true;
+
+    fn store(&mut self, settings: Option<&[u8; SETTINGS_LEN]>) -> Result<(), Refusal> {
+        self.note(format!("{:?}", Command::Store(settings.map(|bytes| Settings::decode(bytes).expect("possible")))));
+        self.settings = settings.copied().or(self.settings);
+        Ok(())
+    }
+    fn stored(&mut self, settings: &mut [u8; SETTINGS_LEN]) -> bool {
+        *settings = self.settings.unwrap_or_default();
+        self.settings.is_some()
     }
     fn obeyed(&self, frame: &mut Encoder<'_>) {
         Obeyed::new(77, Notebook::OBEYED.into_iter()).encode(frame);
@@ -216,6 +229,10 @@ proptest! {
                 Ok(Command::Orders(_)) => {
                     prop_assert_eq!(reply, Reply::Obeyed(Obeyed::new(77, Notebook::OBEYED.into_iter())));
                 }
+                Ok(Command::Store(_)) => {
+                    let kept = machine.settings.map(|bytes| Settings::decode(&bytes).expect("possible"));
+                    prop_assert_eq!(reply, Reply::Stored(kept));
+                }
                 Ok(Command::Configure(_)) => {
                     let Reply::Configured(free) = reply else { panic!("{reply:?}") };
                     prop_assert_eq!(free.as_slice(), [100, 101]);
@@ -302,6 +319,40 @@ fn silence_frees_a_board_and_not_before() {
         hear(&mut service, &mut machine, 0),
         Some((_, 9, Reply::Info(Info { tag: Tag(2), nonce: 8, .. })))
     ));
+}
+
+#[test]
+fn settings_are_kept_and_told() {
+    let (mut service, mut machine) = taken();
+    let settings =
+        Settings { deadman_ms: 500, silence_ms: 300, vmax: 3_000_000, amax: 20_000_000, ..Settings::default() };
+    let mut seq = 0;
+    let mut ask = |service: &mut Service, machine: &mut Notebook, payload: &[u8]| {
+        seq += 1;
+        say(service, machine, &body(&[&[seq, 0x0f][..], payload].concat(), Tag(1)), 0);
+        let heard = hear(service, machine, 0).expect("an answer");
+        assert_eq!((heard.0, heard.1), (Tag(1), seq));
+        heard.2
+    };
+    assert_eq!(ask(&mut service, &mut machine, &[]), Reply::Stored(None));
+    assert_eq!(ask(&mut service, &mut machine, &settings.to_bytes()), Reply::Stored(Some(settings)));
+    // Refused, and what was kept stays: limits beyond text's, half of a pair, not as long as it is.
+    let with = |vmax, amax| Settings { vmax, amax, ..settings }.to_bytes();
+    let malformed = Reply::Refused { kind: 0x0f, reason: Reason::Malformed, detail: 0x0f };
+    for bad in [with(10_000_001, 1000), with(1, 0), with(1, 999), with(1, 250_000_001)] {
+        assert_eq!(ask(&mut service, &mut machine, &bad), malformed, "{bad:?}");
+    }
+    assert_eq!(ask(&mut service, &mut machine, &[0; SETTINGS_LEN - 1]), malformed);
+    assert_eq!(ask(&mut service, &mut machine, &[0; SETTINGS_LEN + 1]), malformed);
+    assert_eq!(ask(&mut service, &mut machine, &[]), Reply::Stored(Some(settings)));
+    // Their silence is a configuration's that does not say one.
+    let mut configuration = Configuration::new(&[]).expect("no motors");
+    for (seq, silence_ms, is) in [(10, 0, 300), (11, 700, 700)] {
+        configuration.silence_ms = silence_ms;
+        say(&mut service, &mut machine, &frame(&Command::Configure(configuration), seq, Tag(1)), 0);
+        assert!(hear(&mut service, &mut machine, 0).is_some());
+        assert!(!service.is_lost(Millis(is - 1)) && service.is_lost(Millis(is)), "{silence_ms} ms");
+    }
 }
 
 #[test]

@@ -4,7 +4,8 @@ use proptest::prelude::*;
 use pulsetrain_core::Epoch;
 use pulsetrain_core::wire::frame::{Received, Tag, framed_len};
 use pulsetrain_core::wire::message::{Configuration, MAX_PACKED, MotorSetup};
-use pulsetrain_core::wire::{Baud, Command, Decoder, Encoder, MAX_BODY, MAX_FRAME};
+use pulsetrain_core::wire::settings::{AMAX, MOST_VMAX};
+use pulsetrain_core::wire::{Baud, Command, Decoder, Encoder, MAX_BODY, MAX_FRAME, Settings};
 
 fn framed(body: &[u8], tag: Tag) -> Vec<u8> {
     let mut out = [0; MAX_FRAME];
@@ -201,6 +202,11 @@ proptest! {
             10 => Command::Bye,
             11 => Command::Poll,
             12 => Command::Measures { reset: flags & 1 != 0 },
+            13 => {
+                let [deadman_ms, idle_ms, silence_ms, ..] = times;
+                let (vmax, amax) = (nonce % (MOST_VMAX + 1), nonce.clamp(AMAX[0], AMAX[1]));
+                Command::Store(Some(Settings { deadman_ms, idle_ms, silence_ms, vmax, amax }))
+            }
             _ => Command::Data { motor: flags, epoch: Epoch(epoch), packed: &packed },
         };
         let mut bytes = [0; MAX_FRAME];

@@ -247,6 +247,33 @@ fn its_interrupt_waits_as_long_as_nothing_is_written() {
     assert!((WRITING..WRITING + 10).contains(&took), "{took}: vector 25, at word 50");
 }
 
+/// §27.9.1: the interrupt asks as long as SPMEN is clear, so that it does not come between the request and its `spm`.
+#[test]
+fn its_interrupt_leaves_the_request_its_four_cycles() {
+    let mut bench = bench();
+    bench.set(0x55, 1); // MCUCR: IVCE, then IVSEL: vectors in the boot section.
+    bench.set(0x55, 2);
+    bench.chip.set_pc(0x3f80);
+    bench.set(SPMCSR, PGERS | SPMEN | SPMIE);
+    bench.set(SREG, 0x80);
+    let mut nops = 0;
+    while bench.chip.pc() != 0x3f00 + 50 && nops < 20 {
+        bench.chip.step(&mut bench.seen);
+        nops += 1;
+    }
+    assert!((4..8).contains(&nops), "{nops}: vector 25, at word 50");
+    // With its `spm` at once the page is erased.
+    let mut bench = bench_with_interrupts();
+    spm(&mut bench, PGERS | SPMIE, 0x1280, 0);
+    assert_eq!(flash_word(&bench, 0x940), 0xffff);
+}
+
+fn bench_with_interrupts() -> Bench {
+    let mut bench = bench();
+    bench.set(SREG, 0x80);
+    bench
+}
+
 #[test]
 fn locks_fuses_and_signature_are_read_by_lpm() {
     let mut bench = bench();

@@ -214,13 +214,7 @@ const SHARED_STEP_TICKS: u32 = 2_400;
 
 /// Whether two motors have one DIR line.
 fn shares_dir(motors: &[Motor]) -> bool {
-    let dir = |motor: &Motor| match motor.wiring {
-        Wiring::StepDir { dir, .. } => Some(dir),
-        Wiring::Coils { .. } => None,
-    };
-    motors.iter().enumerate().any(|(index, motor)| {
-        dir(motor).is_some() && motors.iter().skip(index + 1).any(|other| dir(other) == dir(motor))
-    })
+    motors.iter().any(|motor| motors.iter().any(|other| other.shares_dir_with(motor)))
 }
 
 /// Ticks between steps at a rate, rounded up: the shortest interval that the rate allows.

@@ -127,6 +127,18 @@ pub struct Motor {
     pub winding: Option<Winding>,
 }
 
+impl Motor {
+    /// Whether another motor has the same DIR line.
+    #[must_use]
+    pub fn shares_dir_with(&self, other: &Motor) -> bool {
+        let dir = |motor: &Motor| match motor.wiring {
+            Wiring::StepDir { dir, .. } => Some(dir),
+            Wiring::Coils { .. } => None,
+        };
+        !std::ptr::eq(self, other) && dir(self).is_some() && dir(self) == dir(other)
+    }
+}
+
 /// Steps to the user's unit, for reports and plots.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scale {

@@ -148,10 +148,7 @@ impl<'a> Ensemble<'a> {
 
 /// The motor's DIR pin, if another motor has the same.
 fn shared_dir_pin(program: &Program, index: usize) -> Option<u8> {
-    let dir = |motor: usize| match program.motors[motor].wiring {
-        Wiring::StepDir { dir, .. } => Some(dir),
-        Wiring::Coils { .. } => None,
-    };
-    let own = dir(index)?;
-    (0..program.motors.len()).any(|other| other != index && dir(other) == Some(own)).then_some(own)
+    let own = &program.motors[index];
+    let Wiring::StepDir { dir, .. } = own.wiring else { return None };
+    program.motors.iter().any(|other| other.shares_dir_with(own)).then_some(dir)
 }

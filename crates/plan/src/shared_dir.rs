@@ -107,6 +107,11 @@ impl<'a> SharedDir<'a> {
             if let Some(next) = self.members[place].out.pop_front() {
                 return Ok(Some(next));
             }
+            // Others of the line may go on for ever.
+            let member = &self.members[place];
+            if member.ended && member.segment.is_none() {
+                return Ok(None);
+            }
             if !self.take_step()? {
                 return Ok(self.members[place].out.pop_front());
             }

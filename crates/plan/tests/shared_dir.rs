@@ -176,3 +176,18 @@ fn the_shortest_interval_is_that_of_the_steps_made() {
         assert_eq!(certificate.shortest_interval_ticks, shortest);
     }
 }
+
+/// One motor of a line that ends beside one that goes on for ever: its plan comes to an end.
+#[test]
+fn a_plan_ends_although_others_on_its_line_do_not() {
+    let period = Time::SECOND;
+    let laws = vec![Law::sine(10.0, period, None).unwrap(), Law::sine(10.0, period, Some(2)).unwrap()];
+    let program =
+        program(laws, DriverTiming { pulse_high_ns: 1000, pulse_low_ns: 1000, dir_setup_ns: 200, dir_hold_ns: 200 });
+    let mut ensemble = Ensemble::new(&program).unwrap();
+    let mut ends = Replay::new();
+    while let Some(next) = ensemble.next_move(1).unwrap() {
+        ends.take(next);
+    }
+    assert_eq!(ends.steps.len(), 80);
+}

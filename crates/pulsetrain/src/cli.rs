@@ -105,7 +105,7 @@ Examples:
   pulsetrain board uno --pty /tmp/uno --bootloader optiboot.hex
                                                     then: pulsetrain flash uno --port /tmp/uno")]
     Board(Board),
-    /// Write the firmware to a board, and read it back; nothing else has to be installed
+    /// Write the firmware to a board, and to an Uno read it back; nothing else has to be installed
     #[command(after_help = "\
 An Uno (or a Nano with its newer bootloader) is programmed through its bootloader, at 115200 baud, after a reset by DTR; the older \
 bootloader of Nanos, at 57600 baud, is larger and leaves the firmware no room. A Pico is a drive as long as BOOTSEL is held while \
@@ -168,6 +168,15 @@ Examples:
   pulsetrain info --port /dev/ttyACM0
   pulsetrain info --board pico")]
     Info(At),
+    /// Have a board keep settings without power, or tell those that it keeps
+    #[command(after_help = "\
+What is not said stays as it was. Settings hold where nobody says otherwise: those of text from its next start on, `silence` from the next configuration on. A Pico keeps none yet.
+
+Examples:
+  pulsetrain store --port /dev/ttyACM0
+  pulsetrain store --port /dev/ttyACM0 --deadman 500ms --limits 3000 20000
+  pulsetrain store --port /dev/ttyACM0 --clear")]
+    Store(Store),
     /// Let a board measure itself while it steps: cycles for a step, lateness, how far ahead it was
     #[command(after_help = "\
 Sinusoids of growing speed on pins 8 (STEP) and 9 (DIR). On a real board disconnect the drivers first.
@@ -196,6 +205,7 @@ impl Command {
             Command::Motor(args) => args.json,
             Command::Boards(args) | Command::Drivers(args) => args.json,
             Command::Info(args) => args.json,
+            Command::Store(args) => args.json,
             Command::Bench(args) => args.at.json,
             Command::Winch(args) => args.json,
             Command::Flash(args) => args.json,
@@ -295,6 +305,9 @@ pub(crate) struct Bake {
     /// How much of an endless motion, with its unit; the planned stop comes after [default: it never ends]
     #[arg(long = "for", value_name = "TIME", value_parser = duration)]
     pub(crate) length: Option<Time>,
+    /// How much faster than it should the board's clock runs, ppm, as `pulsetrain calibrate` tells: it is corrected for
+    #[arg(long, value_name = "PPM", value_parser = clock_ppm, allow_hyphen_values = true)]
+    pub(crate) clock_ppm: Option<f64>,
     /// Print what it comes to as JSON
     #[arg(long)]
     pub(crate) json: bool,
@@ -352,6 +365,35 @@ pub(crate) struct At {
     #[arg(long, value_name = "BAUD", value_parser = baud, default_value = "1000000")]
     pub(crate) baud: Baud,
     /// Print what it says as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// What a board keeps.
+#[derive(Args, Debug)]
+pub(crate) struct Store {
+    /// The board at this serial port
+    #[arg(long, value_name = "PORT", required_unless_present = "board", conflicts_with = "board")]
+    pub(crate) port: Option<String>,
+    /// A virtual one, which forgets it again
+    #[arg(long, value_name = "BOARD", value_parser = ["uno"])]
+    pub(crate) board: Option<String>,
+    /// Text's axes stop when no command was obeyed for so long, or "off"
+    #[arg(long, value_name = "TIME", value_parser = kept_time)]
+    pub(crate) deadman: Option<u16>,
+    /// Text releases the drivers when all axes have rested for so long, or "off"
+    #[arg(long, value_name = "TIME", value_parser = kept_time)]
+    pub(crate) idle: Option<u16>,
+    /// A host that does not say otherwise is lost after so long a silence, or "off" for 2 s
+    #[arg(long, value_name = "TIME", value_parser = kept_time)]
+    pub(crate) silence: Option<u16>,
+    /// Greatest speed, steps/s, and acceleration, steps/s², of text's axes at its start; 0 0: the board's own
+    #[arg(long, value_names = ["SPEED", "ACCELERATION"], num_args = 2, allow_negative_numbers = true)]
+    pub(crate) limits: Option<Vec<f64>>,
+    /// Forget all that was kept before
+    #[arg(long)]
+    pub(crate) clear: bool,
+    /// Print what it keeps as JSON
     #[arg(long)]
     pub(crate) json: bool,
 }
@@ -551,6 +593,15 @@ fn duration(text: &str) -> Result<Time, String> {
     quantity.time().ok_or_else(|| "this is not a time".into())
 }
 
+/// A time that a board keeps, ms; 0 is off.
+fn kept_time(text: &str) -> Result<u16, String> {
+    if text == "off" {
+        return Ok(0);
+    }
+    let ms = (duration(text)?.seconds() * 1000.0).round();
+    if (1.0..=65_535.0).contains(&ms) { Ok(ms as u16) } else { Err("a board keeps 1 ms to 65.535 s, or off".into()) }
+}
+
 fn frequency(text: &str) -> Result<f64, String> {
     measured(text, (Base::Cycle, 1), "25 MHz").map(|quantity| quantity.value)
 }
@@ -608,6 +659,7 @@ pub fn run_on<A: Into<OsString> + Clone>(args: impl IntoIterator<Item = A>, cons
         Command::Motor(args) => commands::motor::run(&args, console),
         Command::Board(args) => commands::board::run(&args, console),
         Command::Info(args) => commands::info::run(&args, console),
+        Command::Store(args) => commands::store::run(&args, console),
         Command::Bench(args) => commands::bench::run(&args, console),
         Command::Winch(args) => commands::winch::run(&args, console),
         Command::Flash(args) => commands::flash::run(&args, console),

@@ -4,23 +4,23 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use miette::Diagnostic;
 use pulsetrain_board::native::{ConfigError, Faults};
-use pulsetrain_board::remote::name_of;
+use pulsetrain_board::remote::{in_words, name_of};
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{
-    Board, Config, Edge, MotorConfig, Native, Observer, Port, Remote, RemoteError, ScheduledStep, Setup, Shadowed,
-    Wiring,
+    Board, Config, Edge, Fared, LinkError, MotorConfig, Native, Observer, Port, Remote, RemoteError, ScheduledStep,
+    Setup, Shadowed, Wiring,
 };
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::Baud;
-use pulsetrain_core::wire::message::MotorSetup;
+use pulsetrain_core::wire::message::{Cause, MotorSetup};
 use pulsetrain_motion::boards;
 use pulsetrain_motion::program::{self, CoilSequence, Motor, Program};
 use pulsetrain_plan::Settings;
 use pulsetrain_trace::{Line, lines};
 
 use crate::prepare::{Prepared, WORST_CLOCK_PPM};
-use crate::session::{Session, SessionError};
+use crate::session::{Report, Session, SessionError};
 
 /// Why a run did not come to its end.
 #[derive(Debug, thiserror::Error, Diagnostic)]
@@ -63,9 +63,25 @@ pub enum DriveError {
         /// Whose.
         motor: String,
     },
+    /// The motors were on their way.
+    #[error("{why}\n{whereabouts}")]
+    Halted {
+        /// Why they did not come to the motion's end.
+        why: Box<DriveError>,
+        /// Where they are.
+        whereabouts: Whereabouts,
+        /// What to do.
+        #[help]
+        advice: &'static str,
+    },
 }
 
 impl DriveError {
+    /// The same with where the motors are.
+    fn halted(self, whereabouts: Whereabouts) -> DriveError {
+        DriveError::Halted { why: Box::new(self), advice: whereabouts.advice(), whereabouts }
+    }
+
     /// With the motor's name, and without what is only a session's view of it.
     fn of(program: &Program, error: SessionError) -> DriveError {
         match error {
@@ -76,6 +92,85 @@ impl DriveError {
                 DriveError::QueueTooShort { motor, at_s, span_s, capacity, queue_bytes, needed, room }
             }
             error => DriveError::Session(error),
+        }
+    }
+}
+
+/// Where the motors are after a run that did not come to its end, and how sure that is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Whereabouts {
+    /// Each motor's name and its steps forward minus backward since the board was set up.
+    pub motors: Vec<(String, i64)>,
+    /// How that is known.
+    pub by: Knowledge,
+}
+
+/// How it is known where motors are.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Knowledge {
+    /// The board counted them; they came to rest within their limits.
+    Counted,
+    /// The board counted them, and stopped them at once; one that was faster than its pull-in rate may have gone on.
+    StoppedAtOnce,
+    /// It is what the board was told; it cannot be asked.
+    Told {
+        /// Where they are if the board did not take the last that it was sent; `None` if nothing was on its way.
+        or: Option<Vec<i64>>,
+    },
+    /// The board began anew and has lost its count: they were there when it was heard last.
+    HeardLast {
+        /// Why it began anew.
+        reset: Cause,
+    },
+}
+
+impl Whereabouts {
+    /// What to do before the next run.
+    const fn advice(&self) -> &'static str {
+        match self.by {
+            Knowledge::Counted => {
+                "nothing moves until the next run, which begins from here: bring the motors to where it is to begin"
+            }
+            Knowledge::StoppedAtOnce => {
+                "nothing moves until the next run. Look where the motors are: one that was stopped at speed may have gone further than it \
+                 counted; `pulsetrain info --port PORT` tells how the board fared"
+            }
+            Knowledge::Told { .. } => {
+                "look at the cable and at the board's supply. The motors stop as planned, within a second or so, and nothing moves until the \
+                 next run. An Uno that lost its supply, or whose port was opened again, was reset: look where the motors are"
+            }
+            Knowledge::HeardLast { .. } => {
+                "nothing moves until the next run. Bring the motors to where it is to begin: nobody knows where they are. Look for what \
+                 reset the board: its supply, or another program that opened its port"
+            }
+        }
+    }
+}
+
+impl std::fmt::Display for Whereabouts {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let list = |counts: &[i64]| {
+            let each = self.motors.iter().zip(counts).map(|((name, _), steps)| format!("{name} at {steps} steps"));
+            each.collect::<Vec<_>>().join(", ")
+        };
+        let counts: Vec<i64> = self.motors.iter().map(|(_, steps)| *steps).collect();
+        let motors = list(&counts);
+        match &self.by {
+            Knowledge::Counted => write!(f, "the motors rest, as planned for a stop: {motors}. The board counted that"),
+            Knowledge::StoppedAtOnce => write!(f, "the motors were stopped at once: {motors}. The board counted that"),
+            Knowledge::Told { or } => {
+                write!(f, "the motors come to rest by what the board was told: {motors}. The board cannot be asked")?;
+                match or {
+                    Some(or) => write!(f, "; if it did not take the last it was sent: {}", list(or)),
+                    None => Ok(()),
+                }
+            }
+            Knowledge::HeardLast { reset } => write!(
+                f,
+                "the board began anew on the way ({}) and has lost its count. When it was heard last: {motors}; the motors stopped at \
+                 once, soon after that",
+                in_words(*reset)
+            ),
         }
     }
 }
@@ -139,7 +234,11 @@ impl<'a, P: Port> Driven<'a, Shadowed<Remote<P>>> {
         Driven::with(prepared, |program| connect(port, program, baud))
     }
 
-    fn with(
+    /// The same on a board that `connect` takes and sets up: [`connect`], or [`connect_as`].
+    ///
+    /// # Errors
+    /// As [`Driven::at`].
+    pub fn with(
         prepared: &'a Prepared,
         connect: impl FnOnce(&Program) -> Result<Remote<P>, RemoteError>,
     ) -> Result<Driven<'a, Shadowed<Remote<P>>>, DriveError> {
@@ -169,8 +268,11 @@ pub fn connect<P: Port>(port: P, program: &Program, baud: Baud) -> Result<Remote
     connect_as(port, program, baud, session_number())
 }
 
-/// The same with a session's number.
-fn connect_as<P: Port>(port: P, program: &Program, baud: Baud, number: u32) -> Result<Remote<P>, RemoteError> {
+/// The same with a session's number, which is to be another one than that of the session before it on the same board.
+///
+/// # Errors
+/// As [`connect`].
+pub fn connect_as<P: Port>(port: P, program: &Program, baud: Baud, number: u32) -> Result<Remote<P>, RemoteError> {
     let mut remote = Remote::open(port, number)?;
     let (info, board) = (remote.info(), &program.board);
     // The plan's rate is the board's by the host's clock, if that was measured.
@@ -180,7 +282,16 @@ fn connect_as<P: Port>(port: P, program: &Program, baud: Baud, number: u32) -> R
         return Err(RemoteError::OtherBoard { is, wanted_hz: board.tick_hz, wanted_bits: board.fraction_bits });
     }
     if baud != remote.link().baud() {
-        remote.set_baud(baud)?;
+        match remote.set_baud(baud) {
+            // Neither heard the other any more: both begin again at the first rate, and stay there.
+            Err(RemoteError::Link(LinkError::Lost)) => {
+                let mut port = remote.close();
+                port.set_baud(Baud::B115200)?;
+                remote = Remote::open(port, !number)?;
+            }
+            Err(error) => return Err(error),
+            Ok(_) => {}
+        }
     }
     remote.configure(&setup(program))?;
     Ok(remote)
@@ -278,14 +389,14 @@ impl<'a, B: Board> Driven<'a, B> {
             let last = self.session.last_step().filter(|last| self.session.is_complete() && *last >= now);
             if let Err(failure) = self.session.advance(last.map_or(soon, |last| soon.min(last)), &mut since) {
                 // The motors come to rest with the tail that the board has: that is waited for.
-                self.session.run(&mut since, progress);
-                return Err(DriveError::of(self.program, failure));
+                let report = self.session.run(&mut since, progress);
+                return Err(DriveError::of(self.program, failure).halted(self.whereabouts(&report)));
             }
             progress(self.session.board().now());
         }
         let report = self.session.run(&mut since, progress);
-        if let Some(error) = self.session.board().lost() {
-            return Err(error.clone().into());
+        if let Some(error) = self.session.board().lost().cloned() {
+            return Err(DriveError::from(error).halted(self.whereabouts(&report)));
         }
         let counts = report.counted.iter().zip(&report.replayed).zip(&report.faults);
         for (motor, ((counted, replayed), faults)) in self.program.motors.iter().zip(counts) {
@@ -294,6 +405,24 @@ impl<'a, B: Board> Driven<'a, B> {
             }
         }
         Ok(Ended { counted: report.counted, stopped, uncertain: None })
+    }
+
+    /// Where the motors are after a run that failed.
+    fn whereabouts(&mut self, report: &Report) -> Whereabouts {
+        let heard = self.session.board().positions();
+        let (counts, by) = match self.session.board_mut().fared() {
+            Ok(Fared { reset: Some(reset), .. }) => (heard, Knowledge::HeardLast { reset }),
+            Ok(Fared { positions, last_stop, .. }) => match last_stop {
+                Cause::None | Cause::Finished | Cause::HostLost => (positions, Knowledge::Counted),
+                _ => (positions, Knowledge::StoppedAtOnce),
+            },
+            Err(_) => match report.replayed_otherwise.clone() {
+                Some(taken) => (taken, Knowledge::Told { or: Some(report.replayed.clone()) }),
+                None => (report.replayed.clone(), Knowledge::Told { or: None }),
+            },
+        };
+        let names = self.program.motors.iter().map(|motor| motor.name.clone());
+        Whereabouts { motors: names.zip(counts).collect(), by }
     }
 
     /// Whether the last step that was told has been made.

@@ -1,9 +1,17 @@
 //! Tables for boards without a host: what they hold, and that nothing adds up in what repeats.
 
-use std::io;
+#[path = "common/folder.rs"]
+mod folder;
 
+use std::{fs, io};
+
+use folder::Folder;
+use pulsetrain::bake::table::check_lines;
 use pulsetrain::bake::table::{PERIOD_BITS, Turn};
-use pulsetrain::bake::{BakeError, Row, Sketch, Table, tables};
+use pulsetrain::bake::{BakeError, Image, Room, Row, Sketch, Table, tables};
+use pulsetrain::cli;
+use pulsetrain::console::Exit;
+use pulsetrain_board::hex;
 use pulsetrain_motion::file;
 use pulsetrain_motion::program::Program;
 use pulsetrain_plan::{Ensemble, Move};
@@ -11,11 +19,28 @@ use pulsetrain_plan::{Ensemble, Move};
 const HZ: u64 = 16_000_000;
 
 fn program(motion: &str) -> Program {
-    let text = format!(
-        "board = \"uno\"\ntolerance = \"1 tick\"\n[motor.wheel]\nsteps_per_rev = 200\ndriver = \"A4988\"\n\
-         pins = {{ step = 8, dir = 9 }}\nforward = \"high\"\n[[motion]]\nmotor = \"wheel\"\n{motion}\n"
-    );
-    file::read(&text, "wheel.toml", &|_| Err(io::ErrorKind::NotFound.into())).unwrap()
+    wired("driver = \"A4988\"", "step = 8, dir = 9", motion)
+}
+
+fn wired(driver: &str, pins: &str, motion: &str) -> Program {
+    read(&format!("board = \"uno\"\ntolerance = \"1 tick\"\n{}", motor("wheel", driver, pins, motion)))
+}
+
+fn motor(name: &str, driver: &str, pins: &str, motion: &str) -> String {
+    format!(
+        "[motor.{name:?}]\nsteps_per_rev = 200\n{driver}\npins = {{ {pins} }}\nforward = \"high\"\n[[motion]]\nmotor = {name:?}\n\
+         {motion}\n"
+    )
+}
+
+fn read(text: &str) -> Program {
+    file::read(text, "wheel.toml", &|_| Err(io::ErrorKind::NotFound.into())).unwrap()
+}
+
+const SINE: &str = "law.sine = { amplitude = \"0.1 rev\", period = \"1 s\", cycles = \"forever\" }";
+
+fn refused(program: &Program) -> BakeError {
+    Image::new(program).map(|image| image.size).unwrap_err()
 }
 
 /// Steps of rows from a time on (ticks · 2^-16), as the sketch makes them: time and way.
@@ -58,7 +83,7 @@ fn planned(program: &Program, most: usize) -> Vec<(u128, bool)> {
 }
 
 fn table(program: &Program) -> Table {
-    tables(program).unwrap().remove(0)
+    tables(program, Room::ANY).unwrap().remove(0)
 }
 
 #[test]
@@ -132,14 +157,18 @@ fn nothing_adds_up_in_a_year() {
 #[test]
 fn what_cannot_be_baked_is_told() {
     let endless = program("law.formula = { theta = \"0.1*sin(t)\", unit = \"rev\" }");
-    assert!(matches!(tables(&endless), Err(BakeError::Endless { motor }) if motor == "wheel"));
+    assert!(matches!(tables(&endless, Room::ANY), Err(BakeError::Endless { motor }) if motor == "wheel"));
     let waits = program("start = \"140 s\"\nlaw.sine = { amplitude = \"0.1 rev\", period = \"1 s\", cycles = 1 }");
-    assert!(matches!(tables(&waits), Err(BakeError::Wait { limit_s, .. }) if (134.0..135.0).contains(&limit_s)));
+    assert!(
+        matches!(tables(&waits, Room::ANY), Err(BakeError::Wait { limit_s, .. }) if (134.0..135.0).contains(&limit_s))
+    );
     // Waits that are short enough each, and not together.
     let waits = program(
         "law.then = [ { rest = \"100 s\" }, { rest = \"50 s\" }, { sine = { amplitude = \"0.1 rev\", period = \"1 s\", cycles = 1 } } ]",
     );
-    assert!(matches!(tables(&waits), Err(BakeError::Wait { wait_s, .. }) if (134.0..150.2).contains(&wait_s)));
+    assert!(
+        matches!(tables(&waits, Room::ANY), Err(BakeError::Wait { wait_s, .. }) if (134.0..150.2).contains(&wait_s))
+    );
     let fast = program("law.sine = { amplitude = \"20 rev\", period = \"1 s\" }");
     let error = Sketch::new(&fast, "fast").unwrap_err();
     assert!(matches!(error, BakeError::TooFast { rate_hz, .. } if rate_hz > 20_000.0), "{error}");
@@ -148,4 +177,183 @@ fn what_cannot_be_baked_is_told() {
     let mut pico = program("law.sine = { amplitude = \"0.1 rev\", period = \"1 s\" }");
     pico.board.name = "pico".into();
     assert!(matches!(Sketch::new(&pico, "pico"), Err(BakeError::Board { .. })));
+}
+
+#[test]
+fn what_does_not_repeat_is_told() {
+    // Half a step is left over each time.
+    let drifts = program(
+        "repeat = \"forever\"\nlaw.then = [ { rest = \"0.1 s\" }, { trapezoid = { distance = \"10.5 step\", speed = \"100 step/s\", \
+         acceleration = \"8 rev/s^2\" } } ]",
+    );
+    let error = refused(&drifts);
+    assert!(matches!(error, BakeError::NotPeriodic { step: 1.., .. }), "{error}");
+    let still = program("law.sine = { amplitude = \"0.2 step\", period = \"1 s\", cycles = \"forever\" }");
+    let error = refused(&still);
+    assert!(matches!(error, BakeError::NoStep { period_s: 1.0, .. }), "{error}");
+    assert!(error.advice().contains("half a step"), "{}", error.advice());
+    let apart = |second: &str| {
+        let other = format!("law.sine = {{ amplitude = \"0.1 rev\", period = \"{second} s\", cycles = \"forever\" }}");
+        let [one, two] = [
+            motor("one", "driver = \"A4988\"", "step = 8, dir = 10", SINE),
+            motor("two", "driver = \"A4988\"", "step = 9, dir = 10", &other),
+        ];
+        read(&format!("board = \"uno\"\ntolerance = \"1 tick\"\n{one}{two}"))
+    };
+    assert!(matches!(refused(&apart("0.7300011")), BakeError::NoCommonPeriod { most: 64 }));
+    assert!(Image::new(&apart("0.75")).is_ok(), "4 s and 3 s");
+}
+
+/// As much as there is room for is baked; a motion of a day is refused as soon as its beginning does not fit, with what would.
+#[test]
+fn what_is_too_large_is_told_with_what_would_fit() {
+    let day = "law.sine = { amplitude = \"3 rev\", period = \"1.7 s\", cycles = 50000 }";
+    let error = refused(&program(day));
+    let BakeError::TooLarge { bytes, limit, fits_s } = error else { panic!("{error}") };
+    assert!(bytes > limit && (20_000..30_000).contains(&limit), "{error}");
+    let cycles = |seconds: f64| {
+        let law =
+            format!("law.sine = {{ amplitude = \"3 rev\", period = \"1.7 s\", cycles = {} }}", (seconds / 1.7) as u32);
+        Image::new(&program(&law)).map(|image| image.flash.len())
+    };
+    assert!(cycles(fits_s).is_ok_and(|bytes| bytes <= 32_256), "{fits_s} s");
+    assert!(matches!(cycles(fits_s + 3.4), Err(BakeError::TooLarge { .. })), "{fits_s} s");
+    // Two motors have half of it each.
+    let two = ["8, dir = 9", "10, dir = 11"].map(|pins| {
+        let name = if pins.starts_with('8') { "one" } else { "two" };
+        motor(
+            name,
+            "driver = \"A4988\"",
+            &format!("step = {pins}"),
+            "law.sine = { amplitude = \"3 rev\", period = \"1.7 s\", cycles = 10 }",
+        )
+    });
+    let error = refused(&read(&format!("board = \"uno\"\ntolerance = \"1 tick\"\n{}", two.concat())));
+    assert!(
+        matches!(error, BakeError::TooLarge { fits_s: half, .. } if (0.4 * fits_s..0.6 * fits_s).contains(&half)),
+        "{error} {fits_s}"
+    );
+}
+
+#[test]
+fn wirings_that_cannot_be_baked_are_told() {
+    for (driver, pins, why) in [
+        ("driver = \"A4988\"", "step = 13, dir = 9", "the bootloader flashes"),
+        ("driver = \"A4988\"", "step = 14, dir = 9", "on pins 14 and 9"),
+        (
+            "pulse_high = \"2 us\"\ndir_setup = \"63 us\"",
+            "step = 8, dir = 9",
+            "dir_setup of 63 us is too long: 62.5 us",
+        ),
+        ("pulse_high = \"2 us\"\ndir_hold = \"5 ms\"", "step = 8, dir = 9", "dir_hold of 5000 us"),
+        ("pulse_high = \"70 us\"", "step = 8, dir = 9", "pulse_high of 70 us"),
+    ] {
+        let error = refused(&wired(driver, pins, SINE));
+        assert!(matches!(&error, BakeError::Wiring { motor, .. } if motor == "wheel"), "{error}");
+        assert!(error.to_string().contains(why), "{error}");
+    }
+    let coils = "board = \"uno\"\ntolerance = \"1 tick\"\n[motor.wheel]\nsteps_per_rev = 32\ndriver = \"ULN2003\"\npull_in = \"500 step/s\"\n\
+                 pins = { in = [8, 9, 10, 11] }\n[[motion]]\nmotor = \"wheel\"\n";
+    let error = refused(&read(&format!("{coils}{SINE}\n")));
+    assert!(error.to_string().contains("its coils cannot be baked"), "{error}");
+    // The longest that are taken, and what uses the lamp's pin without harm.
+    assert!(
+        Image::new(&wired("pulse_high = \"62.5 us\"\ndir_setup = \"62.5 us\"", "step = 8, dir = 13", SINE)).is_ok()
+    );
+}
+
+/// Steps that are made late where motors meet must leave those after them their time.
+#[test]
+fn a_motor_that_is_too_fast_beside_others_is_told() {
+    let long = "pulse_high = \"30 us\"\ndir_setup = \"30 us\"";
+    let fast = "law.sine = { amplitude = \"400 step\", period = \"1 s\", cycles = \"forever\" }";
+    let slow: String = [("b", "2, dir = 3"), ("c", "4, dir = 5"), ("d", "6, dir = 7")]
+        .map(|(name, pins)| motor(name, long, &format!("step = {pins}"), SINE))
+        .concat();
+    let all = format!("{}{slow}", motor("a", long, "step = 8, dir = 9", fast));
+    let error = refused(&read(&format!("board = \"uno\"\ntolerance = \"1 us\"\n{all}")));
+    assert!(
+        matches!(&error, BakeError::TooClose { motor, rate_hz, limit_hz } if motor == "a" && rate_hz > limit_hz),
+        "{error}"
+    );
+    assert!(Image::new(&wired(long, "step = 8, dir = 9", fast)).is_ok(), "alone it is not");
+}
+
+/// Opposite steps on one line that come too close, as no plan has them, are found in what repeats.
+#[test]
+fn opposite_steps_that_meet_on_a_line_are_found() {
+    let line = ["8", "9"]
+        .map(|step| motor(&format!("m{step}"), "pulse_high = \"10 us\"", &format!("step = {step}, dir = 10"), SINE));
+    let program = read(&format!("board = \"uno\"\ntolerance = \"1 tick\"\n{}", line.concat()));
+    let row = |backward, ticks| Row { count: 1, backward, ticks, part: 0, add: 0, add2: 0 };
+    let table = |rows: Vec<Row>| {
+        // The first row leads to the turn, whose period is 100 000 ticks.
+        let turn = Turn { from: 1, base: u64::from(rows[0].ticks) << 16, period: 100_000 << PERIOD_BITS };
+        Table { steps: rows.len() as u64, rows, turn: Some(turn), shortest: 1000 }
+    };
+    let forward = || table(vec![row(false, 1000), row(false, 50_000), row(false, 50_000)]);
+    let backward = |first| table(vec![row(true, first), row(true, 50_000), row(true, 50_000)]);
+    // Pulse, hold and setup are 160 ticks each.
+    for first in [20_000, 1480, 51_480] {
+        assert!(check_lines(&program, &[forward(), backward(first)]).is_ok(), "{first}");
+    }
+    for first in [1000, 1100, 900, 1477, 51_050, 50_950, 51_477] {
+        let met = check_lines(&program, &[forward(), backward(first)]);
+        assert!(matches!(&met, Err(BakeError::Meet { motors, .. }) if motors == "m8, m9"), "{first}: {met:?}");
+    }
+}
+
+/// What a user calls things cannot take part of the program along.
+#[test]
+fn names_stay_in_their_comments() {
+    let name = "a\\";
+    let text = format!(
+        "board = \"uno\"\ntolerance = \"1 tick\"\n{}",
+        motor(name, "driver = \"A4988\"", "step = 8, dir = 9", SINE)
+    );
+    let sketch = Sketch::new(&read(&text), "title\\\nint x;").unwrap();
+    assert!(!sketch.text.lines().any(|line| line.ends_with('\\')), "{}", &sketch.text[..400]);
+    assert!(!sketch.text.lines().any(|line| line == "int x;") && sketch.text.contains("pinMode(9, OUTPUT);"));
+}
+
+fn command(args: &[&str]) -> (Exit, String, String) {
+    let (mut out, mut err) = (Vec::new(), Vec::new());
+    let sweep = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/sweep.toml");
+    let exit = cli::run(["pulsetrain", "bake", sweep].iter().chain(args).copied(), &mut out, &mut err);
+    (exit, String::from_utf8(out).unwrap(), String::from_utf8(err).unwrap())
+}
+
+#[test]
+fn a_file_of_the_users_own_is_not_written_over() {
+    let folder = Folder::new("bake-own");
+    let (sketch, file) = (folder.path("wheel"), folder.path("wheel/wheel.ino"));
+    for _ in 0..2 {
+        assert_eq!(command(&["--sketch", &sketch]).0, Exit::Success, "its own is made anew");
+    }
+    let own = "void setup() {}\nvoid loop() {}\n// Made by pulsetrain bake: not this one\n";
+    fs::write(&file, own).unwrap();
+    let (exit, _, err) = command(&["--sketch", &sketch]);
+    assert_eq!(exit, Exit::Refused);
+    assert!(err.contains("wheel.ino") && err.contains("was not made by"), "{err}");
+    assert_eq!(fs::read_to_string(&file).unwrap(), own);
+}
+
+#[test]
+fn a_clock_that_is_off_is_baked_in_and_all_of_the_flash_is_told() {
+    let folder = Folder::new("bake-clock");
+    let file = folder.path("sweep.hex");
+    // Of the first motor, where image.rs puts it: behind player, head, rows and base.
+    let period = |options: &[&str]| {
+        let (exit, out, err) = command(&[&["--json", "--output", &file], options].concat());
+        assert_eq!(exit, Exit::Success, "{err}");
+        let flash = hex::parse(&fs::read_to_string(&file).unwrap(), 32 * 1024).unwrap();
+        let json: serde_json::Value = serde_json::from_str(&out).unwrap();
+        assert_eq!(json["flash_bytes"], flash.len());
+        u32::from_le_bytes(flash[0xc00 + 17 + 6 + 6 + 2..][..4].try_into().unwrap())
+    };
+    // All four repeat together after 2 s.
+    assert_eq!(period(&[]), 32_000_000);
+    assert_eq!(period(&["--clock-ppm=-5000"]), 31_840_000);
+    let (_, out, _) = command(&["--output", &file]);
+    assert!(out.contains("with what plays them, of 32 256"), "{out}");
 }

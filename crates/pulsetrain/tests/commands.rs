@@ -60,6 +60,7 @@ fn help() {
     check(&["verify", "--help"], Exit::Success, expect_file!["golden/help-verify.txt"]);
     check(&["board", "--help"], Exit::Success, expect_file!["golden/help-board.txt"]);
     check(&["info", "--help"], Exit::Success, expect_file!["golden/help-info.txt"]);
+    check(&["store", "--help"], Exit::Success, expect_file!["golden/help-store.txt"]);
     check(&["bench", "--help"], Exit::Success, expect_file!["golden/help-bench.txt"]);
     check(&["winch", "--help"], Exit::Success, expect_file!["golden/help-winch.txt"]);
 }
@@ -330,6 +331,13 @@ fn what_cannot_be_done_is_said() {
     check(&["info"], "--port <PORT>");
     check(&["info", "--port", "/dev/ttyNOT-THERE"], "an Uno is usually /dev/ttyACM0");
     check(&["bench", "--port", "/dev/ttyNOT-THERE"], "say --disconnected");
+    check(&["store", "--port", "/dev/ttyNOT-THERE"], "an Uno is usually /dev/ttyACM0");
+    check(&["store", "--board", "uno", "--deadman", "66 s"], "1 ms to 65.535 s, or off");
+    check(&["store", "--board", "uno", "--deadman", "5"], "--deadman <TIME>");
+    for [speed, acceleration] in [["10001", "5"], ["1", "0"], ["-1", "5"], ["nan", "5"], ["1", "0.5"], ["1", "250001"]]
+    {
+        check(&["store", "--board", "uno", "--limits", speed, acceleration], "up to 10 000 steps/s");
+    }
     check(&["board", "uno"], "--pty <LINK>");
     check(&["board", "due", "--tcp", "127.0.0.1:0"], "possible values: uno");
     check(&["verify", &plain_file, &tutorial], "captures are VCD");
@@ -366,6 +374,25 @@ fn a_virtual_uno_tells_of_itself() {
     let [ppm, doubt] = [0, 1].map(|index| info["clock_ppm"][index].as_f64().unwrap());
     assert!(ppm.abs() <= doubt, "{ppm} {doubt}");
     assert!(pulsetrain(&["info", "--board", "uno"]).out.contains("power came on"));
+    assert!(info["keeps"].is_null());
+}
+
+#[test]
+fn a_board_keeps_settings() {
+    let said = |args: &[&str]| {
+        let outcome = pulsetrain(&[&["store", "--board", "uno"], args].concat());
+        assert_eq!(outcome.exit, Exit::Success, "{}{}", outcome.out, outcome.err);
+        outcome.out
+    };
+    assert_eq!(said(&[]), "the board keeps: nothing\n");
+    assert_eq!(said(&["--clear"]), "the board keeps: nothing that is not its own way\n");
+    let all = ["--deadman", "500ms", "--idle", "60 s", "--silence", "1.5 s", "--limits", "2500.5", "30000"];
+    let told = "the board keeps: text's deadman 500 ms; text releases after 60 s of rest; a host is lost after 1.5 s; \
+                axes of text at most 2500.5 steps/s and 30000 steps/s²\n";
+    assert_eq!(said(&all), told);
+    let json: serde_json::Value =
+        serde_json::from_str(&said(&["--deadman", "off", "--idle", "3 s", "--json"])).unwrap();
+    assert_eq!((&json["deadman_ms"], &json["idle_ms"]), (&0.into(), &3000.into()));
 }
 
 /// A reader that goes away, as `head` does.

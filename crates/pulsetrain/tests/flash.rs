@@ -1,44 +1,37 @@
 //! `pulsetrain flash`: a Pico's drive (a folder), and an Uno's real bootloader at the end of a pseudo-terminal.
 
-use std::fs;
-use std::path::PathBuf;
+#[path = "common/folder.rs"]
+mod folder;
 
+use std::fs;
+use std::io::Read;
+use std::thread::JoinHandle;
+
+use folder::Folder;
 use pulsetrain::cli;
 use pulsetrain::console::Exit;
 use pulsetrain_board::virtual_pico;
 
-/// A folder of its own for a test; gone with it.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(name: &str) -> Folder {
-        let path = std::env::temp_dir().join(format!("pulsetrain-flash-{name}-{}", std::process::id()));
-        let _ = fs::remove_dir_all(&path);
-        fs::create_dir_all(&path).unwrap();
-        Folder(path)
-    }
-
-    /// The drive of a board that calls itself so.
-    fn drive(name: &str, board: &str) -> Folder {
-        let folder = Folder::new(name);
-        let info = format!("UF2 Bootloader v3.0\r\nModel: Raspberry Pi RP2\r\nBoard-ID: {board}\r\n");
-        fs::write(folder.0.join("INFO_UF2.TXT"), info).unwrap();
-        folder
-    }
-
-    fn path(&self, name: &str) -> String {
-        self.0.join(name).display().to_string()
-    }
-
-    fn name(&self) -> String {
-        self.0.display().to_string()
-    }
+/// The drive of a board that calls itself so.
+fn drive(name: &str, board: &str) -> Folder {
+    let folder = Folder::new(name);
+    let info = format!("UF2 Bootloader v3.0\r\nModel: Raspberry Pi RP2\r\nBoard-ID: {board}\r\n");
+    fs::write(folder.0.join(INFO), info).unwrap();
+    folder
 }
 
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.0);
-    }
+/// What a Pico's drive is known by.
+const INFO: &str = "INFO_UF2.TXT";
+
+/// The chip behind a drive: begins with what was written to it once that is whole, and its drive is gone.
+fn chip(drive: &Folder, image: &'static [u8]) -> JoinHandle<()> {
+    let (file, info) = (drive.path("pulsetrain.uf2"), drive.path(INFO));
+    std::thread::spawn(move || {
+        while !fs::read(&file).is_ok_and(|read| read == image) {
+            std::thread::yield_now();
+        }
+        fs::remove_file(info).unwrap();
+    })
 }
 
 fn pulsetrain(args: &[&str]) -> (Exit, String, String) {
@@ -53,15 +46,51 @@ fn pulsetrain(args: &[&str]) -> (Exit, String, String) {
 
 #[test]
 fn a_pico_gets_the_image_by_copying() {
-    let drive = Folder::drive("copy", "RPI-RP2");
+    let drive = drive("copy", "RPI-RP2");
+    let began = chip(&drive, virtual_pico::IMAGE);
     let (exit, out, err) = pulsetrain(&["flash", "pico", "--port", &drive.name()]);
+    began.join().unwrap();
     assert_eq!((exit, err.as_str()), (Exit::Success, ""));
-    assert!(out.contains("were read back"), "{out}");
+    assert!(out.contains("the Pico took them and has begun anew") && !out.contains("read back"), "{out}");
     assert_eq!(fs::read(drive.path("pulsetrain.uf2")).unwrap(), virtual_pico::IMAGE);
 
+    fs::remove_file(drive.path("pulsetrain.uf2")).unwrap();
+    fs::write(drive.path(INFO), "Board-ID: RPI-RP2\n").unwrap();
+    let began = chip(&drive, virtual_pico::IMAGE);
     let (exit, out, _) = pulsetrain(&["flash", "pico", "--json", "--port", &drive.name()]);
+    began.join().unwrap();
     let json: serde_json::Value = serde_json::from_str(&out).unwrap();
     assert_eq!((exit, json["bytes"].as_u64()), (Exit::Success, Some(virtual_pico::IMAGE.len() as u64)));
+    assert_eq!(json["verified"], false, "nothing was read back");
+}
+
+/// As of a computer that copies, and of whose file the chip sees nothing.
+#[test]
+fn a_drive_that_stays_has_not_taken_it() {
+    let drive = drive("stays", "RPI-RP2");
+    let (exit, out, err) = pulsetrain(&["flash", "pico", "--port", &drive.name()]);
+    assert_eq!((exit, out.as_str()), (Exit::Refused, ""));
+    assert!(err.contains("is still there") && err.contains("did not take it"), "{err}");
+}
+
+/// The chip begins before the file was closed: writing its last piece fails then, as on most computers.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_drive_that_goes_while_it_is_written_is_no_error() {
+    let drive = drive("goes", "RPI-RP2");
+    // A pipe cannot be synchronised: EINVAL, after all bytes were handed over.
+    let pipe = drive.path("pulsetrain.uf2");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let info = drive.path(INFO);
+    let chip = std::thread::spawn(move || {
+        let (mut file, mut bytes) = (fs::File::open(pipe).unwrap(), vec![0; virtual_pico::IMAGE.len()]);
+        file.read_exact(&mut bytes).unwrap();
+        fs::remove_file(info).unwrap();
+        bytes
+    });
+    let (exit, out, err) = pulsetrain(&["flash", "pico", "--port", &drive.name()]);
+    assert_eq!((exit, err.as_str()), (Exit::Success, ""), "{out}");
+    assert_eq!(chip.join().unwrap(), virtual_pico::IMAGE);
 }
 
 #[test]
@@ -74,7 +103,7 @@ fn a_folder_that_is_no_picos_drive_is_left_alone() {
     }
     assert_eq!(fs::read_dir(&plain.0).unwrap().count(), 0);
 
-    let other = Folder::drive("pico2", "RP2350");
+    let other = drive("pico2", "RP2350");
     let (exit, _, err) = pulsetrain(&["flash", "pico", "--port", &other.name()]);
     assert_eq!(exit, Exit::Refused);
     assert!(err.contains("\"RP2350\""), "{err}");
@@ -83,7 +112,7 @@ fn a_folder_that_is_no_picos_drive_is_left_alone() {
 
 #[test]
 fn an_image_of_another_kind_is_refused() {
-    let drive = Folder::drive("image", "RPI-RP2");
+    let drive = drive("image", "RPI-RP2");
     fs::write(drive.path("image.uf2"), b"no UF2").unwrap();
     let (exit, _, err) = pulsetrain(&["flash", "pico", "--port", &drive.name(), "--image", &drive.path("image.uf2")]);
     assert_eq!(exit, Exit::Refused);
@@ -97,7 +126,7 @@ fn an_image_of_another_kind_is_refused() {
 #[cfg(target_os = "linux")]
 #[test]
 fn a_full_disk_is_told() {
-    let drive = Folder::drive("full", "RPI-RP2");
+    let drive = drive("full", "RPI-RP2");
     std::os::unix::fs::symlink("/dev/full", drive.path("pulsetrain.uf2")).unwrap();
     let (exit, _, err) = pulsetrain(&["flash", "pico", "--port", &drive.name()]);
     assert_eq!(exit, Exit::Refused);
@@ -114,21 +143,25 @@ fn an_uno_needs_a_port_that_is_there() {
     assert!(err.contains("there is no port /dev/pulsetrain-none"), "{err}");
 }
 
+/// What is found depends on the computer; what is made of it is tested beside the command.
 #[test]
 fn ports_are_listed() {
-    let (exit, out, _) = pulsetrain(&["ports"]);
-    assert_eq!(exit, Exit::Success);
-    assert!(out.contains("port"), "{out}");
     let (exit, out, _) = pulsetrain(&["ports", "--json"]);
     assert_eq!(exit, Exit::Success);
-    assert!(serde_json::from_str::<serde_json::Value>(&out).unwrap().is_array(), "{out}");
+    let json: serde_json::Value = serde_json::from_str(&out).unwrap();
+    let names: Vec<&str> = json.as_array().unwrap().iter().map(|found| found["port"].as_str().unwrap()).collect();
+    let (exit, out, _) = pulsetrain(&["ports"]);
+    assert_eq!(exit, Exit::Success);
+    assert_eq!(out.contains("no serial port was found"), names.is_empty(), "{out}");
+    assert!(names.iter().all(|name| out.contains(name)), "{names:?}: {out}");
 }
 
 /// Optiboot on the virtual Uno, in real time: each try may take as long as it likes, and a computer that is too busy to
 /// meet the bootloader's second gets another.
 #[cfg(target_os = "linux")]
 mod bootloader {
-    use super::{Folder, pulsetrain};
+    use super::folder::Folder;
+    use super::pulsetrain;
     use pulsetrain::console::Exit;
     use std::io::{BufRead, BufReader};
     use std::process::{Child, Command, Stdio};
@@ -202,6 +235,24 @@ mod bootloader {
             if run.status.success() && text.contains("bytes of flash verified") { Ok(()) } else { Err(text) }
         });
         tried(|| says(&["info", "--port", &link], "board Arduino Uno"));
+    }
+
+    /// The older bootloader, at its own rate; what it has no room for is refused with what would make some.
+    #[test]
+    fn flash_falls_back_to_the_older_bootloaders_rate() {
+        const OLD: &str = "/usr/share/arduino/hardware/arduino/avr/bootloaders/atmega/ATmegaBOOT_168_atmega328.hex";
+        let folder = Folder::new("old");
+        let link = folder.path("uno");
+        let _board = Served::new(&link, &["--bootloader", OLD]);
+        let motion = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/tutorial.toml");
+        let image = folder.path("small.hex");
+        assert_eq!(pulsetrain(&["bake", motion, "--output", &image]).0, Exit::Success);
+        tried(|| says(&["flash", "uno", "--json", "--port", &link, "--image", &image], "\"baud\": 57600"));
+        tried(|| {
+            let (exit, _, err) = pulsetrain(&["flash", "uno", "--port", &link]);
+            let told = err.contains("of 57600 baud there is room for 30720") && err.contains("burn Optiboot");
+            if exit == Exit::Refused && told { Ok(()) } else { Err(err) }
+        });
     }
 
     #[test]

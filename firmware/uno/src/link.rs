@@ -30,6 +30,9 @@ pub(crate) const PAGE: u8 = 128;
 pub(crate) const ON: u8 = 0x18;
 pub(crate) const ON_WITH_INTERRUPT: u8 = ON | 0x80;
 
+/// The transmitter alone.
+const CLOSED: u8 = 0x08;
+
 /// USART_RX, put where the vector is (vectors.rs), which saves the jump. No flag is touched before the registers are back.
 macro_rules! receive_interrupt {
     () => {
@@ -109,6 +112,16 @@ pub(crate) fn set_baud(baud: Baud) {
     // Double speed (U2X) throughout: 16 MHz / 8 / (n + 1), exact but for 115 200, which becomes 117 647 (+2.1 %).
     regs::UCSR0A.set(0x02);
     regs::free(|| regs::UBRR0.write(u16::from(divisor(baud) - 1)));
+    open();
+}
+
+/// Nothing is taken off the line, until [`open`]; what came is dropped (§20.8.6).
+pub(crate) fn close() {
+    regs::UCSR0B.write(CLOSED);
+}
+
+/// Bytes are taken again.
+pub(crate) fn open() {
     regs::UCSR0B.write(ON_WITH_INTERRUPT);
 }
 

@@ -7,9 +7,11 @@ use crate::steps::motor::{self, SWITCHES};
 use crate::steps::pins::{Layout, MAX_MOTORS, Pin};
 use crate::steps::stepper::{self, LONGEST, Trouble};
 use crate::steps::task;
+use crate::store;
 use crate::winch::feed;
 use pulsetrain_core::wire::frame::Tag;
 use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, flags};
+use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{Baud, Machine, Millis, Reason, Refusal, Stopped, Switched};
 use pulsetrain_core::{Epoch, Moment};
 
@@ -348,6 +350,22 @@ fn extended(moment: Moment) -> u64 {
 }
 
 impl Machine for Board {
+    const STORES: bool = true;
+
+    fn store(&mut self, settings: Option<&[u8; SETTINGS_LEN]>) -> Result<(), Refusal> {
+        if self.armed {
+            return Err(Refusal::of(Reason::Moving));
+        }
+        if let Some(settings) = settings {
+            store::write(settings);
+        }
+        Ok(())
+    }
+
+    fn stored(&mut self, settings: &mut [u8; SETTINGS_LEN]) -> bool {
+        store::read(settings)
+    }
+
     #[inline(always)]
     fn info(&mut self) -> Info {
         Info {
@@ -416,7 +434,7 @@ impl Machine for Board {
     }
 
     fn free(&self, motor: u8) -> u16 {
-        task::lock().motors().get(usize::from(motor)).map_or(0, |motor| motor.room())
+        task::lock().motor(motor).map_or(0, |motor| motor.room())
     }
 
     #[inline(never)]
@@ -427,8 +445,8 @@ impl Machine for Board {
         let detail = u16::from(motor);
         let full = Refusal { reason: Reason::Full, detail };
         let len = packed.len() as u16;
-        let stepper = task::lock();
-        let Some(axis) = stepper.motors().get(usize::from(motor)) else {
+        let mut stepper = task::lock();
+        let Some(axis) = stepper.motor_mut(motor) else {
             return Err(Refusal { reason: Reason::NoSuchMotor, detail });
         };
         let room = axis.push(epoch, len).ok_or(full)?;
@@ -508,7 +526,7 @@ impl Machine for Board {
     }
 
     fn faults(&self, motor: u8) -> u8 {
-        task::lock().motors().get(usize::from(motor)).map_or(0, stepper::faults)
+        task::lock().motor(motor).map_or(0, stepper::faults)
     }
 
     #[inline(never)]

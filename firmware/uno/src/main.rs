@@ -9,6 +9,7 @@
 //! - [`clock`]: Timer1, extended to 64 bits
 //! - [`vectors`]: the interrupt vectors, and what comes before main
 //! - [`reset`]: the watchdog, and why the program began
+//! - [`store`]: settings in the EEPROM
 //! - [`memory`]: what the 2048 bytes of RAM are for
 //! - [`regs`]: the registers, and instructions that Rust has no words for
 //!
@@ -27,7 +28,7 @@
 //! | falling asleep | 5; only while nothing moves, and 4 more to wake up |
 //! | moving the stack pointer (the compiler's) | 3 |
 //!
-//! Two of them may follow each other. Pins and rates are set at rest, with up to 16.
+//! Two of them may follow each other. Pins and rates are set at rest, with up to 16, and settings are read, with up to 20.
 //!
 //! # What is not
 //! Motion, but for the winch's paths: segments come from the host, as `pulsetrain_core::packing` has them; when their steps are
@@ -43,6 +44,7 @@ mod memory;
 mod regs;
 mod reset;
 mod steps;
+mod store;
 mod vectors;
 mod winch;
 
@@ -71,7 +73,7 @@ struct Reply {
 }
 
 static BOARD: Once<Board> = Once::new(Board::new());
-static SERVICE: Once<Service> = Once::new(Service::new(LONGEST_BODY));
+static SERVICE: Once<Service> = Once::new(Service::UNSET);
 static WINCH: Once<Winch> = Once::new(Winch::new());
 
 #[unsafe(no_mangle)]
@@ -81,9 +83,11 @@ extern "C" fn main() -> ! {
     // compiler knows the addresses.
     unsafe {
         begin();
+        let service = SERVICE.take();
+        service.begin(LONGEST_BODY);
         let (receiver, bytes) = memory::take();
         let reply = &mut Reply { bytes, next: core::ptr::null(), len: 0, sent: 0 };
-        run(BOARD.take(), SERVICE.take(), WINCH.take(), receiver, reply)
+        run(BOARD.take(), service, WINCH.take(), receiver, reply)
     }
 }
 

@@ -97,7 +97,7 @@ pub(crate) const PORT_D: Port = Port(0x2b);
 pub(crate) const TIFR1: Reg8 = Reg8(0x36);
 /// §8.6.6: free storage; [`flags`](crate::steps::ring::flags) of the step interrupts.
 pub(crate) const GPIOR0: Reg8 = Reg8(0x3e);
-/// §8.6.1: the EEPROM is not used; its address register is free storage.
+/// §8.6.1: the EEPROM's address, free storage but for moments at rest: [`store`](crate::store).
 pub(crate) const EEARL: Reg8 = Reg8(0x41);
 /// §10.11.1: sleep mode and enable.
 pub(crate) const SMCR: Reg8 = Reg8(0x53);

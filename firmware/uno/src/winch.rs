@@ -19,9 +19,11 @@ use crate::clock;
 use crate::link::Receiver;
 use crate::machine::Board;
 use crate::memory::REPLY_LEN;
+use crate::store;
 use core::arch::global_asm;
 use pulsetrain_core::Moment;
 use pulsetrain_core::winch::text::Verb;
+use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{Millis, Service};
 
 /// Bytes of four paths, of the reader, and of the longest line that is sent.
@@ -42,6 +44,10 @@ const OF_GAINS: usize = 22;
 const OF_LIMITS: usize = 32;
 /// Where a path has its speed, whole steps/s, in 2 bytes.
 const SPEED: usize = 18;
+
+/// Where settings are while they are read: so that their limits are values of the reader.
+const SETTINGS: usize = reader::VALUES - 6;
+const _: () = assert!(SETTINGS_LEN == 6 + 2 * 4);
 
 /// Fields of the reader.
 mod reader {
@@ -95,6 +101,8 @@ pub(crate) struct Winch {
     pub(crate) on: bool,
     /// Frames were seen: nothing is said until there is a command.
     quiet: bool,
+    /// Pins are the shield's.
+    set_up: bool,
     /// Motors follow the paths.
     pub(crate) drives: bool,
     /// What is to be said.
@@ -106,8 +114,6 @@ pub(crate) struct Winch {
 /// What text has asked for; where frames have their queues.
 #[repr(C)]
 pub(crate) struct Asked {
-    /// Pins are the shield's.
-    set_up: bool,
     /// The drivers are to be released when all axes rest.
     releasing: bool,
     /// The deadman has stopped the axes.
@@ -116,6 +122,10 @@ pub(crate) struct Asked {
     word: u8,
     report_ms: u16,
     deadman_ms: u16,
+    /// The drivers are released after so long a rest, if it is not 0.
+    idle_ms: u16,
+    /// When the axes were last seen moving.
+    moved: Millis,
     /// When the last status line was due.
     reported: Moment,
     /// When the last command came.
@@ -133,7 +143,7 @@ fn asked() -> &'static mut Asked {
 impl Winch {
     /// Text is not on yet.
     pub(crate) const fn new() -> Winch {
-        Winch { on: false, quiet: false, drives: false, say: 0, seen: 0 }
+        Winch { on: false, quiet: false, set_up: false, drives: false, say: 0, seen: 0 }
     }
 
     /// Begins anew.
@@ -142,8 +152,20 @@ impl Winch {
         if !self.quiet {
             self.say = AWAKE;
         }
+        self.set_up = false;
         // SAFETY: frames do not use the queues while text is on, and the task does not use paths while nothing drives.
         unsafe { feed::winch_begin() };
+        // SAFETY: the reader is main's alone, and has room for values of as many bytes.
+        let settings = unsafe { &mut *(&raw mut winch_reader).cast::<u8>().wrapping_add(SETTINGS).cast() };
+        store::read(settings);
+        let [deadman_low, deadman_high, idle_low, idle_high, .., amax_low, amax_high, amax_higher, _] = *settings;
+        let asked = asked();
+        asked.deadman_ms = u16::from_le_bytes([deadman_low, deadman_high]);
+        asked.idle_ms = u16::from_le_bytes([idle_low, idle_high]);
+        if amax_low | amax_high | amax_higher != 0 {
+            // The limits are where the command has them.
+            feed::winch_obey_axes(0b1111, Verb::Limits as u8);
+        }
     }
 
     /// Reads lines among the bytes that wait, and does what they say, up to one that is answered, or a zero. What is text alone is
@@ -206,13 +228,14 @@ impl Winch {
             asked.heard = clock::moment();
         }
         if needed & feed::AXES == 0 {
-            if needed != 0 {
+            // A refusal that was not sent yet is not forgotten for it.
+            if needed != 0 && (self.say == 0 || self.say >= AWAKE) {
                 self.say = needed;
             }
             return;
         }
-        if !asked.set_up {
-            asked.set_up = true;
+        if !self.set_up {
+            self.set_up = true;
             board.set_up_shield();
         }
         if needed & feed::DRIVE != 0 && !self.drives {
@@ -227,7 +250,7 @@ impl Winch {
         let now = clock::moment();
         if self.drives {
             let ran_dry = !board.is_armed();
-            if ran_dry || (asked().releasing && board.has_arrived()) {
+            if ran_dry || has_rested(board, millis) {
                 self.drives = false;
                 // After that all stands still, and nobody knows where: as after a reset.
                 self.on &= !ran_dry;
@@ -283,6 +306,16 @@ impl Winch {
 fn read(bytes: *const u8, count: u8) -> [u8; 2] {
     // SAFETY: there are so many bytes; the reader is main's alone while text is on.
     unsafe { winch_listen((&raw mut winch_reader).cast(), bytes, count) }.to_le_bytes()
+}
+
+/// Whether the drivers are to be released: all axes rest, and that was asked for, or they have for long enough.
+fn has_rested(board: &Board, now: Millis) -> bool {
+    let asked = asked();
+    if !(asked.releasing || asked.idle_ms != 0) || !board.has_arrived() {
+        asked.moved = now;
+        return false;
+    }
+    asked.releasing || now.since(asked.moved) >= asked.idle_ms
 }
 
 /// Whether the deadman is to stop the axes.

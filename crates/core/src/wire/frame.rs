@@ -86,6 +86,14 @@ pub const fn crc(sum: u16, byte: u8) -> u16 {
     u16::from_be_bytes([high, low])
 }
 
+/// The CRC-16 of all of `bytes`, its high byte first.
+#[inline(never)]
+#[must_use]
+pub fn check(bytes: &[u8]) -> [u8; 2] {
+    let Sum { high, low } = bytes.iter().fold(Sum::START, |sum, byte| sum.with_one(*byte));
+    [high, low]
+}
+
 /// The byte before a body of `len` bytes: an even number of ones.
 const fn length_byte(len: u8) -> u8 {
     let mut odd = len ^ (len >> 4);
@@ -181,8 +189,8 @@ impl<'a> Encoder<'a> {
             }
             run += 1;
         }
-        let sum = body.iter().fold(Sum::START, |sum, byte| sum.with_one(*byte));
-        let [a, b, c] = trailer(sum, tag);
+        let [high, low] = check(body);
+        let [a, b, c] = trailer(Sum { high, low }, tag);
         *end = [a, b, c, 0];
         Some(framed_len(len))
     }

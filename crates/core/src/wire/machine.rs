@@ -3,6 +3,7 @@
 use super::frame::Encoder;
 use super::message::{Configuration, Event, Info, Measures, Reason, kind};
 use super::orders::Orders;
+use super::settings::SETTINGS_LEN;
 use super::{Baud, MAX_MOTORS};
 use crate::Epoch;
 
@@ -58,6 +59,9 @@ pub struct Stopped {
 pub trait Machine {
     /// Whether its motors can be told directly: [`obey`](Machine::obey).
     const OBEYS: bool = false;
+
+    /// Whether it keeps settings without power: [`store`](Machine::store).
+    const STORES: bool = false;
 
     /// What it is, and its marks; the service fills in what is the session's.
     fn info(&mut self) -> Info;
@@ -121,6 +125,22 @@ pub trait Machine {
     /// Writes what came of what was obeyed last: an [`Obeyed`](super::orders::Obeyed).
     fn obeyed(&self, frame: &mut Encoder<'_>) {
         let _ = frame;
+    }
+
+    /// Keeps these [`Settings`](super::Settings) without power, in place of those before; with `None` nothing is changed. They hold for
+    /// configurations and for text that come after.
+    ///
+    /// # Errors
+    /// [`Reason::Moving`]: motors are powered; also with `None`.
+    fn store(&mut self, settings: Option<&[u8; SETTINGS_LEN]>) -> Result<(), Refusal> {
+        let _ = settings;
+        Err(Refusal { reason: Reason::UnknownKind, detail: u16::from(kind::STORE) })
+    }
+
+    /// What it keeps, into `settings`; zeros, and `false`, if nothing was stored, or it was damaged. Asked for while motors rest.
+    fn stored(&mut self, settings: &mut [u8; SETTINGS_LEN]) -> bool {
+        settings.fill(0);
+        false
     }
 
     /// The 64-bit clock, now.

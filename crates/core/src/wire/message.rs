@@ -9,6 +9,7 @@
 use super::frame::{Encoder, Tag};
 use super::machine::{Stopped, Switched};
 use super::orders::{Obeyed, Orders};
+use super::settings::{SETTINGS_LEN, Settings};
 use super::{Baud, MAX_MOTORS};
 use crate::Epoch;
 use crate::output::Sequence;
@@ -43,6 +44,8 @@ pub mod kind {
     pub const MEASURES: u8 = 0x0d;
     /// [`Command::Orders`](super::Command::Orders)
     pub const ORDERS: u8 = 0x0e;
+    /// [`Command::Store`](super::Command::Store)
+    pub const STORE: u8 = 0x0f;
     /// [`Command::Data`](super::Command::Data) for motor 0; the next seven are for the others.
     pub const DATA: u8 = 0x10;
     /// Set in an answer's kind; the rest is the command's.
@@ -263,6 +266,9 @@ pub enum Command<'a> {
     },
     /// Tells motors directly; not every board takes it. Answer: [`Obeyed`].
     Orders(Orders<'a>),
+    /// Has the board keep these without power; `None`: only asks what it keeps. Not every board takes it. Answer:
+    /// [`Reply::Stored`].
+    Store(Option<Settings>),
     /// Packed items for a motor's queue: whole ones. Acknowledged by an [`Ack`], which may answer several at once.
     ///
     /// | byte | |
@@ -283,7 +289,7 @@ pub enum Command<'a> {
 /// Most packed bytes in one frame, to a board that takes the longest bodies; else three fewer than its longest body.
 pub const MAX_PACKED: usize = super::MAX_BODY - 3;
 
-/// Bytes of the payload of a command other than Configure, Orders and Data; `None` if there is no such kind.
+/// Bytes of the payload of a command other than Configure, Orders, Store and Data; `None` if there is no such kind.
 pub(super) const fn len_of(kind: u8) -> Option<u8> {
     Some(match kind {
         kind::HELLO => 5,
@@ -322,6 +328,7 @@ impl<'a> Command<'a> {
             Command::Poll => kind::POLL,
             Command::Measures { .. } => kind::MEASURES,
             Command::Orders(_) => kind::ORDERS,
+            Command::Store(_) => kind::STORE,
             Command::Data { motor, .. } => kind::DATA | (*motor & 7),
         }
     }
@@ -344,6 +351,12 @@ impl<'a> Command<'a> {
         }
         if kind == kind::ORDERS {
             return Orders::decode(payload).map(Command::Orders).ok_or(Reason::Malformed);
+        }
+        if kind == kind::STORE {
+            if payload.is_empty() {
+                return Ok(Command::Store(None));
+            }
+            return Settings::decode(payload).map(|settings| Command::Store(Some(settings))).ok_or(Reason::Malformed);
         }
         if payload.len() != usize::from(len_of(kind).ok_or(Reason::UnknownKind)?) {
             return Err(Reason::Malformed);
@@ -385,6 +398,11 @@ impl<'a> Command<'a> {
             Command::Baud { baud } => frame.u8(baud as u8),
             Command::Measures { reset } => frame.u8(u8::from(reset)),
             Command::Orders(orders) => orders.encode(&mut frame),
+            Command::Store(settings) => {
+                if let Some(settings) = settings {
+                    frame.bytes(&settings.to_bytes());
+                }
+            }
             Command::Data { epoch, packed, .. } => {
                 frame.u8(epoch.0);
                 frame.bytes(packed);
@@ -556,14 +574,10 @@ impl<'a> Configuration<'a> {
 
     pub(super) fn decode(payload: &'a [u8]) -> Option<Configuration<'a>> {
         let (head, motors) = payload.split_first_chunk::<13>()?;
-        let [p0, p1, s0, s1, h0, h1, enable_pin, flags, i0, i1, q0, q1, count] = *head;
-        let mut unknown = flags;
-        for [_, _, flags, ..] in motors.as_chunks::<MOTOR_SETUP_LEN>().0 {
-            unknown |= flags;
-        }
-        if unknown & !3 != 0 || motors.len() != usize::from(count) << 3 {
+        if !is_configuration(head, motors) {
             return None;
         }
+        let [p0, p1, s0, s1, h0, h1, enable_pin, flags, i0, i1, q0, q1, _] = *head;
         let mut configuration = Configuration::new(motors)?;
         configuration.pulse_ticks = u16::from_le_bytes([p0, p1]);
         configuration.setup_ticks = u16::from_le_bytes([s0, s1]);
@@ -587,6 +601,17 @@ impl<'a> Configuration<'a> {
         frame.u8(u8::try_from(self.motors().len()).unwrap_or(u8::MAX));
         frame.bytes(self.motors);
     }
+}
+
+/// Whether flags and length of a configuration are right.
+// Apart: what a board needs in registers here need not be kept beside the fields.
+#[inline(never)]
+fn is_configuration(head: &[u8; 13], motors: &[u8]) -> bool {
+    let [_, _, _, _, _, _, _, mut flags, _, _, _, _, count] = *head;
+    for [_, _, more, ..] in motors.as_chunks::<MOTOR_SETUP_LEN>().0 {
+        flags |= more;
+    }
+    flags & !3 == 0 && motors.len() == usize::from(count) << 3
 }
 
 /// What a board is: the answer to Hello, with tag 0.
@@ -995,6 +1020,13 @@ pub enum Reply {
     Measures(Measures),
     /// To Orders.
     Obeyed(Obeyed),
+    /// To Store: what the board keeps; `None`: nothing.
+    ///
+    /// | byte | |
+    /// |---|---|
+    /// | 2 | 1: the board keeps what follows; 0: nothing was stored, or it was damaged |
+    /// | 3–16 | as the bytes 2 to 15 of `Settings`; else 0 |
+    Stored(Option<Settings>),
     /// To Arm, Release, Discard, Baud, Bye: done. No payload.
     Done {
         /// The command's kind.
@@ -1097,6 +1129,15 @@ impl Reply {
             }
             kind::MEASURES => Reply::Measures(Measures::decode(reader)?),
             kind::ORDERS => Reply::Obeyed(Obeyed::decode(core::mem::take(&mut reader.0))?),
+            kind::STORE => {
+                let is_kept = reader.u8()?;
+                let settings = Settings::decode(&reader.array::<SETTINGS_LEN>()?)?;
+                Reply::Stored(match is_kept {
+                    0 => None,
+                    1 => Some(settings),
+                    _ => return None,
+                })
+            }
             kind::ARM | kind::RELEASE | kind::DISCARD | kind::BAUD | kind::BYE => Reply::Done { kind },
             _ => return None,
         })

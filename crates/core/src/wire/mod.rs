@@ -3,7 +3,8 @@
 //! # What is here, top down
 //! - [`service`]: the board's side: frames in, replies out, everything else through [`Machine`]
 //! - [`machine`]: what a board must be able to do for it
-//! - [`message`]: commands, answers, events, byte by byte; [`orders`]: those that tell motors directly
+//! - [`message`]: commands, answers, events, byte by byte; [`orders`]: those that tell motors directly; [`settings`]: what a board
+//!   keeps without power
 //! - [`frame`]: bodies ↔ bytes on the line: COBS, CRC-16, a zero at the end
 //!
 //! docs/protocol.md says the same in tables, and a test holds the two against each other. Integers are little-endian.
@@ -16,11 +17,13 @@ pub mod machine;
 pub mod message;
 pub mod orders;
 pub mod service;
+pub mod settings;
 
 pub use frame::{Decoder, Encoder, MAX_BODY, MAX_FRAME};
 pub use machine::{Machine, Refusal, Stopped, Switched};
 pub use message::{Command, Reason, Reply};
 pub use service::Service;
+pub use settings::Settings;
 
 /// Of this description; a host that finds another one says so and goes away.
 pub const VERSION: u8 = 1;
@@ -104,6 +107,7 @@ impl Baud {
 ///
 /// The Uno takes ticks / 2^14 (1.024 ms): no limit is that precise.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(transparent)]
 pub struct Millis(pub u16);
 
 impl Millis {

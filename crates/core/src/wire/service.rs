@@ -21,6 +21,7 @@ use super::frame::{Encoder, Received, Tag};
 use super::machine::{Machine, Refusal, Stopped};
 use super::message::{Configuration, Missing, Reason, kind, len_of};
 use super::orders::Orders;
+use super::settings::{self, SETTINGS_LEN};
 use super::{Baud, LEAST_BODY, MAX_BODY, Millis, VERSION};
 use crate::Epoch;
 
@@ -101,30 +102,44 @@ impl Service {
     /// [`MAX_BODY`]: super::MAX_BODY
     #[must_use]
     pub const fn new(max_body: usize) -> Service {
+        let mut service = Service::UNSET;
+        service.begin(max_body);
+        service
+    }
+
+    /// Not begun: zeros, which take no flash. [`begin`](Service::begin) comes before its use.
+    pub const UNSET: Service = Service {
+        tag: Tag::NONE,
+        nonce: 0,
+        taken: false,
+        leaving: false,
+        expected: 0,
+        answer: Answer { seq: 0, kind: 0, refused: None, tick: [0; 8], code: 0 },
+        answer_due: false,
+        ack_due: false,
+        missing_due: Some(Missing::Gap),
+        missing_told: false,
+        refusal_due: None,
+        heard: Millis(0),
+        silence_ms: 0,
+        baud: Baud::B115200,
+        change: Change::None,
+        max_body: 0,
+        events: 0,
+        damaged: 0,
+        new_rate: false,
+        held: false,
+    };
+
+    /// Makes an [`UNSET`](Service::UNSET) one what [`new`](Service::new) gives.
+    ///
+    /// # Panics
+    /// As `new`.
+    #[expect(clippy::cast_possible_truncation, reason = "below 128")]
+    pub const fn begin(&mut self, max_body: usize) {
         assert!(LEAST_BODY <= max_body && max_body <= MAX_BODY);
-        Service {
-            tag: Tag::NONE,
-            nonce: 0,
-            taken: false,
-            leaving: false,
-            expected: 0,
-            answer: Answer { seq: 0, kind: kind::HELLO, refused: None, tick: [0; 8], code: 0 },
-            answer_due: false,
-            ack_due: false,
-            missing_due: None,
-            missing_told: false,
-            refusal_due: None,
-            heard: Millis(0),
-            silence_ms: SILENCE_MS,
-            baud: Baud::B115200,
-            change: Change::None,
-            #[expect(clippy::cast_possible_truncation, reason = "below 128")]
-            max_body: max_body as u8,
-            events: 0,
-            damaged: 0,
-            new_rate: false,
-            held: false,
-        }
+        self.max_body = max_body as u8;
+        self.missing_due = None;
     }
 
     /// Whether another dialect has the board: Hello is refused then. Not while a host has taken it.
@@ -387,11 +402,21 @@ impl Service {
         if kind == kind::CONFIGURE {
             let configuration = Configuration::decode(payload).ok_or(malformed(kind))?;
             machine.configure(&configuration)?;
-            self.silence_ms = match configuration.silence_ms {
-                0 => SILENCE_MS,
-                ms => ms,
-            };
+            let mut silence_ms = configuration.silence_ms;
+            if M::STORES && silence_ms == 0 {
+                let mut settings = [0; SETTINGS_LEN];
+                machine.stored(&mut settings);
+                silence_ms = settings::silence_ms(&settings);
+            }
+            self.silence_ms = if silence_ms == 0 { SILENCE_MS } else { silence_ms };
             return Ok(());
+        }
+        if M::STORES && kind == kind::STORE {
+            let settings = settings::of_payload(payload);
+            if settings.is_none() && !payload.is_empty() {
+                return Err(malformed(kind));
+            }
+            return machine.store(settings);
         }
         if M::OBEYS && kind == kind::ORDERS {
             return machine.obey(&Orders::decode(payload).ok_or(malformed(kind))?);
@@ -514,6 +539,11 @@ impl Service {
                 measures.encode(frame);
             }
             kind::ORDERS if M::OBEYS => machine.obeyed(frame),
+            kind::STORE if M::STORES => {
+                let mut settings = [0; SETTINGS_LEN];
+                frame.u8(u8::from(machine.stored(&mut settings)));
+                frame.bytes(&settings);
+            }
             _ => {}
         }
     }

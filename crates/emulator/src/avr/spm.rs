@@ -226,8 +226,10 @@ impl SelfProgramming {
         (blocked || locked).then_some(0xff)
     }
 
+    /// When what runs is done; else when what was asked for comes too late: SPMEN is clear from then on.
     pub(super) fn next_event(&self) -> u64 {
-        self.busy_until.unwrap_or(u64::MAX)
+        let too_late = (self.control & SPMEN != 0).then_some(self.asked_at + OPEN);
+        self.busy_until.or(too_late).unwrap_or(u64::MAX)
     }
 
     pub(super) fn event(&mut self) {
@@ -235,8 +237,9 @@ impl SelfProgramming {
         self.control &= SPMIE;
     }
 
-    /// The interrupt waits as long as nothing is written.
+    /// The interrupt asks as long as SPMEN is clear (§27.9.1): not while something is written, nor between the request in SPMCSR and
+    /// its `spm`.
     pub(super) fn pending(&self) -> bool {
-        self.control & SPMIE != 0 && self.busy_until.is_none()
+        self.control & (SPMIE | SPMEN) == SPMIE && self.busy_until.is_none()
     }
 }

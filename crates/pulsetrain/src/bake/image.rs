@@ -6,7 +6,7 @@ use pulsetrain_board::{hex, stk500};
 use pulsetrain_motion::program::{Program, Wiring};
 
 use super::BakeError;
-use super::parts::{LEAD, Parts, Plan, Size};
+use super::parts::{LEAD, MOST, Parts, Plan, Size, place};
 
 /// What `cargo xtask firmware uno` builds of `player.cpp`.
 const PLAYER: &str = include_str!("player.hex");
@@ -16,9 +16,6 @@ const TABLES: usize = 0x0c00;
 /// Bytes of `player.cpp`'s Head, and of a Plan.
 const HEAD: usize = 17;
 const PLAN: usize = 31;
-/// Motors that the player can have.
-const MOST: usize = 4;
-
 /// Bytes of flash that are left for rows, with as many motors as there can be.
 const ROOM: usize = stk500::room(stk500::RATES[0]) - TABLES - HEAD - MOST * PLAN;
 
@@ -38,12 +35,7 @@ impl Image {
     /// As [`Sketch::new`](super::Sketch::new).
     pub fn new(program: &Program) -> Result<Image, BakeError> {
         let parts = Parts::of(program, ROOM)?;
-        if program.motors.len() > MOST {
-            let motor = program.motors[MOST].name.clone();
-            return Err(BakeError::Wiring { motor, what: format!("an image drives {MOST} motors at most") });
-        }
-        // A test runs it.
-        let mut flash = hex::parse(PLAYER, TABLES).unwrap_or_default();
+        let mut flash = hex::parse(PLAYER, TABLES).map_err(|error| BakeError::Player { what: error.to_string() })?;
         flash.resize(TABLES, 0xff);
         flash.extend(head(program, &parts));
         for plan in parts.plans() {
@@ -82,17 +74,12 @@ impl Image {
 fn head(program: &Program, parts: &Parts) -> Vec<u8> {
     // DDRB, DDRC, DDRD; PORTB, PORTC, PORTD.
     let (mut ddr, mut port) = ([0u8; 3], [0u8; 3]);
-    let place = |pin: u8| match pin {
-        0..=7 => (2, pin),
-        8..=13 => (0, pin - 8),
-        _ => (1, (pin - 14) & 7),
-    };
     for motor in &program.motors {
         let Wiring::StepDir { step, dir, enable, .. } = motor.wiring else { continue };
         for (pin, high) in [(step, false), (dir, false)].into_iter().chain(enable) {
-            let (row, bit) = place(pin);
-            ddr[row] |= 1 << bit;
-            port[row] |= u8::from(high) << bit;
+            let Some((row, bit)) = place(pin) else { continue };
+            ddr[row] |= bit;
+            port[row] |= if high { bit } else { 0 };
         }
     }
     let mut head = b"PT1".to_vec();
@@ -119,8 +106,8 @@ fn bytes_of(plan: &Plan<'_>) -> Vec<u8> {
     bytes.extend(fixed(plan.period));
     bytes.extend(plan.rest.to_le_bytes());
     bytes.extend([wires.step.0, wires.step.1, wires.dir.0, wires.dir.1, u8::from(wires.forward_high)]);
-    for ticks in [wires.setup, wires.clear] {
-        bytes.extend(u16::try_from(ticks).unwrap_or(u16::MAX).to_le_bytes());
+    for ticks in [wires.setup, wires.hold] {
+        bytes.extend((ticks as u16).to_le_bytes());
     }
     debug_assert_eq!(bytes.len(), PLAN);
     bytes

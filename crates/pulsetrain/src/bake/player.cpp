@@ -5,6 +5,7 @@
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <avr/pgmspace.h>
+#include <avr/sleep.h>
 #include <util/delay_basic.h>
 
 #include "types.h"
@@ -22,6 +23,9 @@ struct Head {
   uint8_t lamp;
 };
 
+// As image.rs has them.
+static_assert(sizeof(Head) == 17 && sizeof(Plan) == 31 && sizeof(Row) == 16, "tables are laid out otherwise");
+
 static Head head_of_tables;
 static Plan plans[MOST];
 static const Row *rows;
@@ -30,8 +34,6 @@ static const Row *rows;
 #define PULSE head_of_tables.pulse
 #define LEAD head_of_tables.lead
 #define LAMP head_of_tables.lamp
-const uint32_t EARLY = 256;
-const int16_t ENTRY = 40, RETURN = 80;
 
 #include "player.h"
 

@@ -8,50 +8,86 @@ struct Motor {
 };
 Motor motors[MOST];
 
-// Edges that are worked out, and not made yet: ticks since the event before; pins to toggle, and those to toggle again
-// after a pulse. The producer writes at `head`, the interrupt reads at `tail`.
+// Edges that are worked out, and not made yet: ticks since the event before; pins to toggle; whether they are toggled
+// again after a pulse (STEP) or stay (DIR); how long it comes after the event before at least, loops of 4 cycles. The
+// producer writes at `head`, the interrupt reads at `tail`.
 struct Event {
   uint16_t wait;
-  uint8_t b, d, pulse_b, pulse_d;
+  uint8_t b, d;
+  bool pulse;
+  uint8_t after;
 };
 const uint8_t EVENTS = 64;
 Event events[EVENTS];
 volatile uint8_t head, tail;
 volatile bool ran_dry;
 const uint16_t LONGEST = 0x7000; // a wait
+const uint16_t EARLY = 256; // ticks that DIR comes earlier than it must, where there is room
+const uint8_t ENTRY = 74;  // ticks from when an event is due to when it is looked at, at the latest
+const uint8_t SPREAD = 16; // ticks by which that may be earlier
+const int16_t AGAIN = 30;  // ticks from a look at the counter to a look at the event
+const int16_t RETURN = 60; // ticks to leave and come again
 
-// Makes what is due. It is the only interrupt, so that it is never late by more than an instruction, but for edges that
-// lie closer together than it takes itself.
+// An event is written before it is given away, and read before its place is.
+#define KEEP_ORDER() __asm__ volatile("" ::: "memory")
+
+// Lasts `cycles` longer than with 0; 15 at most. (`lpm` takes 3 cycles, a skip 1, `rjmp` 2.)
+static inline void wait_cycles(uint8_t cycles) {
+  __asm__ volatile(
+      "sbrc %0, 0\n\trjmp .+0\n\t"
+      "sbrc %0, 1\n\tlpm\n\t"
+      "sbrs %0, 2\n\trjmp 1f\n\tlpm\n\tnop\n\tnop\n1:\t"
+      "sbrs %0, 3\n\trjmp 2f\n\tlpm\n\tlpm\n\tlpm\n2:"
+      : : "r"(cycles) : "r0");
+}
+
+// Makes what is due. It is the only interrupt: each edge comes the same time after it is due, to the cycle, but for
+// those that lie closer together than it takes itself, or than a driver's DIR needs. Being late moves nothing that comes
+// later: OCR1A goes on from when an event was due.
 ISR(TIMER1_COMPA_vect) {
+  uint8_t next = tail;
+  const Event *event = &events[next];
   for (;;) {
-    const Event &event = events[tail];
-    PINB = event.b;
-    PIND = event.d;
-    if (event.pulse_b | event.pulse_d) {
+    uint8_t b = event->b, d = event->d;
+    bool pulse = event->pulse;
+    // An instruction that was under way, sleep, and the loop below make some cycles more or less.
+    uint8_t early = (uint8_t)(OCR1AL + ENTRY) - TCNT1L;
+    wait_cycles(early < SPREAD ? early : 0);
+    PINB = b;
+    PIND = d;
+    if (pulse) {
       _delay_loop_2(PULSE);
-      PINB = event.pulse_b;
-      PIND = event.pulse_d;
+      PINB = b;
+      PIND = d;
     }
-    uint8_t next = (tail + 1) % EVENTS;
+    next = (next + 1) % EVENTS;
+    KEEP_ORDER();
     tail = next;
     if (next == head) {
       TIMSK1 = 0;
       ran_dry = true;
       return;
     }
-    uint16_t due = OCR1A + events[next].wait;
+    event = &events[next];
+    uint16_t due = OCR1A + event->wait;
     OCR1A = due;
-    if ((int16_t)(due - TCNT1) > RETURN) {
+    uint8_t after = event->after;
+    int16_t left = due - TCNT1;
+    if (after && left < 4 * (int16_t)after) {
+      _delay_loop_2(after);
+      left = due - TCNT1;
+    }
+    if (left > RETURN) {
       return;
     }
     // Too soon for leaving and coming again: it is waited for, and made as late as the interrupt would make it. (A
     // compare value that has passed would wait for a whole turn of the counter.)
-    while ((int16_t)(TCNT1 - due) < ENTRY) {}
+    while ((int16_t)(TCNT1 - due) < ENTRY - AGAIN) {}
     TIFR1 = _BV(OCF1A);
   }
 }
 
-static inline void plus(Fixed &a, const Fixed &b) {
+static inline __attribute__((always_inline)) void plus(Fixed &a, const Fixed &b) {
   uint32_t sum = (uint32_t)a.part + b.part;
   a.part = sum;
   a.ticks += b.ticks + (sum >> 16);
@@ -113,24 +149,37 @@ static void start() {
   }
 }
 
+// Steps came faster than they could be worked out: better none than late ones. The lamp shines.
+static void stop_if_dry() {
+  if (ran_dry) {
+    DDRB |= LAMP;
+    PORTB |= LAMP;
+    for (;;) {}
+  }
+}
+
 uint32_t last; // tick of the event that was put in last
 
 // Puts an event in, with others before it that do nothing if it is far away; waits while there is no room.
-static void put(uint32_t tick, uint8_t b, uint8_t d, uint8_t pulse_b, uint8_t pulse_d) {
+static void put(uint32_t tick, uint8_t b, uint8_t d, bool pulse, uint8_t after) {
   for (;;) {
     uint32_t wait = tick - last;
     bool far = wait > LONGEST;
     uint8_t next = (head + 1) % EVENTS;
     while (next == tail) {
       start();
+      stop_if_dry();
+      // Asleep it is interrupted without delay. Many events wait: that the ring runs dry just here cannot be.
+      sleep_cpu();
     }
     Event &event = events[head];
     event.wait = far ? LONGEST / 2 : wait;
     event.b = far ? 0 : b;
     event.d = far ? 0 : d;
-    event.pulse_b = far ? 0 : pulse_b;
-    event.pulse_d = far ? 0 : pulse_d;
+    event.pulse = !far && pulse;
+    event.after = far ? 0 : after;
     last += event.wait;
+    KEEP_ORDER();
     head = next;
     if (!far) {
       return;
@@ -138,23 +187,37 @@ static void put(uint32_t tick, uint8_t b, uint8_t d, uint8_t pulse_b, uint8_t pu
   }
 }
 
+// Ticks as loops of 4 cycles.
+static uint8_t loops(uint16_t ticks) {
+  return (ticks + 3) / 4;
+}
+
 uint8_t dir_b, dir_d; // levels of the DIR lines
 
 // The next step of whichever motor is first, and all that come at the same tick.
 static bool produce() {
-  int8_t first = -1;
-  for (uint8_t number = 0; number < MOTORS; number++) {
-    if (motors[number].going && (first < 0 || (int32_t)(motors[number].at.ticks - motors[first].at.ticks) < 0)) {
-      first = number;
+  const Motor *first = 0;
+  uint8_t number = 0;
+  bool together = false;
+  for (uint8_t other = 0; other < MOTORS; other++) {
+    const Motor &motor = motors[other];
+    int32_t later = first ? (int32_t)(motor.at.ticks - first->at.ticks) : -1;
+    if (!motor.going || later > 0) {
+      continue;
+    }
+    together = later == 0;
+    if (later < 0) {
+      first = &motor;
+      number = other;
     }
   }
-  if (first < 0) {
+  if (!first) {
     return false;
   }
-  uint32_t tick = motors[first].at.ticks;
+  uint32_t tick = first->at.ticks;
   uint8_t b = 0, d = 0, turn_b = 0, turn_d = 0;
-  uint16_t setup = 0, clear = 0;
-  for (uint8_t number = first; number < MOTORS; number++) {
+  uint16_t setup = 0, hold = 0;
+  do {
     const Plan &plan = plans[number];
     if (!motors[number].going || motors[number].at.ticks != tick) {
       continue;
@@ -168,33 +231,28 @@ static bool produce() {
       turn_b |= wrong_b;
       turn_d |= wrong_d;
       setup = plan.setup > setup ? plan.setup : setup;
-      clear = plan.clear > clear ? plan.clear : clear;
+      hold = plan.hold > hold ? plan.hold : hold;
     }
     advance(number);
-  }
+  } while (together && ++number < MOTORS);
   if (turn_b | turn_d) {
     dir_b ^= turn_b;
     dir_d ^= turn_d;
-    // Well before the step if there is room: the interrupt takes its time for both.
-    uint32_t gap = tick - last;
-    uint32_t lead = gap / 2 < EARLY ? gap / 2 : EARLY;
-    if (lead + clear > gap) {
-      lead = gap > clear ? gap - clear : 0;
-    }
-    if (lead < setup) {
-      lead = setup < gap ? setup : gap;
-    }
-    put(tick - lead, turn_b, turn_d, 0, 0);
-    if (lead < setup) {
-      tick += setup - lead;
-    }
+    // DIR after the hold and before the setup, and in the middle of what room there is. Where another motor's step has
+    // taken that room the interrupt keeps both times, and makes this step later: it is still the next one.
+    uint32_t gap = tick - last, need = 4 * PULSE + hold + setup;
+    uint32_t spare = gap > need ? (gap - need) / 2 : 0;
+    uint32_t lead = setup + (spare < EARLY ? spare : EARLY);
+    put(tick - (lead < gap ? lead : gap), turn_b, turn_d, false, loops(hold));
   }
-  put(tick, b, d, b, d);
+  put(tick, b, d, true, loops(setup));
   return true;
 }
 
 // Before the first tick.
 static void prepare() {
+  set_sleep_mode(SLEEP_MODE_IDLE);
+  sleep_enable();
   TCCR1A = 0;
   TCCR1B = 0;
   TCNT1 = 0;
@@ -213,13 +271,10 @@ static void prepare() {
 // From the first tick to the last, if there is one.
 static void play() {
   while (produce()) {
-    if (ran_dry) {
-      // Steps came faster than they could be worked out: better none than late ones. The lamp shines.
-      DDRB |= LAMP;
-      PORTB |= LAMP;
-      for (;;) {}
-    }
+    stop_if_dry();
   }
   start();
-  for (;;) {}
+  for (;;) {
+    sleep_cpu();
+  }
 }

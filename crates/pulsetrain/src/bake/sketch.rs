@@ -14,6 +14,9 @@ const PLAYER: &str = include_str!("player.h");
 /// Bytes of flash that are left for tables: 32 256, less what the program and the Arduino core take.
 const ROOM: usize = 32_256 - 4_096;
 
+/// What a sketch says of itself.
+pub const MADE: &str = "Made by pulsetrain bake";
+
 /// An Arduino sketch.
 #[derive(Clone, Debug)]
 pub struct Sketch {
@@ -33,14 +36,13 @@ impl Sketch {
         let Size { rows, bytes, .. } = parts.size;
         let (pulse, lamp) = (parts.pulse_loops(), parts.lamp());
         let mut text = format!(
-            "// {title}\n// Made by pulsetrain bake: an Arduino Uno plays this motion by itself, from power-up on.\n\
+            "// {title}\n// {MADE}: an Arduino Uno plays this motion by itself, from power-up on.\n\
              // {rows} rows of tables, {bytes} bytes of flash.\n\n#include <Arduino.h>\n#include <avr/pgmspace.h>\n\
-             #include <util/delay_basic.h>\n\n#define MOST {motors}\nconst uint8_t MOTORS = MOST;\n\
+             #include <avr/sleep.h>\n#include <util/delay_basic.h>\n\n#define MOST {motors}\nconst uint8_t MOTORS = MOST;\n\
              const uint16_t PULSE = {pulse}; // loops of 4 cycles in which STEP is high\n\
              const uint32_t LEAD = {LEAD};  // ticks before the motion begins\n\
-             const uint32_t EARLY = 256; // ticks that DIR comes before STEP, where there is room\n\
-             const int16_t ENTRY = 40, RETURN = 80; // ticks from the match to the edge; to leave and come again\n\
              const uint8_t LAMP = {lamp}; // on port B\n\n",
+            title = in_comment(title),
             motors = program.motors.len()
         );
         text += TYPES;
@@ -65,10 +67,10 @@ fn rows_and_plans(parts: &Parts) -> String {
     }
     for plan in parts.plans() {
         let Plan { first, end, turn, base, period, rest, wires } = plan;
-        let Wires { step, dir, forward_high, setup, clear, .. } = wires;
+        let Wires { step, dir, forward_high, setup, hold, .. } = wires;
         let _ = writeln!(
             plans,
-            "  {{ {first}, {end}, {turn}u, {}, {}, {rest}UL, {}, {}, {}, {}, {}, {setup}, {clear} }},",
+            "  {{ {first}, {end}, {turn}u, {}, {}, {rest}UL, {}, {}, {}, {}, {}, {setup}, {hold} }},",
             fixed(base),
             fixed(period),
             step.0,
@@ -95,7 +97,7 @@ fn pins(program: &Program) -> String {
     let mut text = String::new();
     for motor in &program.motors {
         let Wiring::StepDir { step, dir, enable, .. } = motor.wiring else { continue };
-        let _ = writeln!(text, "  pinMode({step}, OUTPUT); // {}", motor.name.replace(|c: char| c.is_control(), " "));
+        let _ = writeln!(text, "  pinMode({step}, OUTPUT); // {}", in_comment(&motor.name));
         let _ = writeln!(text, "  pinMode({dir}, OUTPUT);");
         if let Some((pin, level)) = enable {
             let _ = writeln!(text, "  digitalWrite({pin}, {});", if level { "HIGH" } else { "LOW" });
@@ -103,4 +105,9 @@ fn pins(program: &Program) -> String {
         }
     }
     text
+}
+
+/// A line's comment ends with the line, and a backslash at its end would take the next one along.
+fn in_comment(text: &str) -> String {
+    text.replace(|c: char| c.is_control() || c == '\\', " ")
 }

@@ -4,9 +4,11 @@
 //! kept apart: each turn adds the period to it, in ticks of 2^-48, so that nothing adds up over the years; the gap takes up what
 //! that moves. Step by step a turn is the one before it, put off by the period to within a tick.
 
+use std::collections::VecDeque;
+
 use pulsetrain_core::{Direction, Segment};
 use pulsetrain_motion::Time;
-use pulsetrain_motion::program::{Program, Wiring};
+use pulsetrain_motion::program::{Motor, Program};
 use pulsetrain_plan::Move;
 
 use super::BakeError;
@@ -38,6 +40,17 @@ impl Row {
     pub const BYTES: usize = 16;
     /// The most steps of a row.
     pub const MOST: u32 = (1 << 15) - 1;
+
+    fn segment(&self) -> Segment {
+        let interval = i64::from(self.ticks) << 16 | i64::from(self.part);
+        Segment { count: self.count.into(), interval, add: self.add.into(), add2: self.add2.into() }
+    }
+
+    /// Ticks · 2^-16.
+    fn lasts(&self) -> u64 {
+        let segment = self.segment();
+        if self.count == 0 { u64::from(self.ticks) << 16 } else { segment.span(segment.count) as u64 }
+    }
 }
 
 /// A motor's rows, from tick 0, fraction ½, on.
@@ -51,6 +64,80 @@ pub struct Table {
     pub steps: u64,
     /// The shortest interval between two steps, ticks.
     pub shortest: u64,
+}
+
+impl Table {
+    /// Steps of the rows from one on, as a player makes them that begins at `at` (ticks · 2^-16): when, and whether backward.
+    pub fn played(&self, from: usize, mut at: u64) -> impl Iterator<Item = (u64, bool)> + '_ {
+        self.rows[from..].iter().flat_map(move |row| {
+            let (begin, segment) = (at, row.segment());
+            at += row.lasts();
+            (1..=segment.count).map(move |k| (begin + segment.span(k) as u64, row.backward))
+        })
+    }
+
+    /// How much of its time a player is busy with these steps where they are the most work.
+    #[must_use]
+    pub fn load(&self, work: &Work) -> Load {
+        let mut worst = Load { busy: 0.0, steps_per_tick: 0.0 };
+        // Time and work of the last steps.
+        let mut window: VecDeque<(u64, f64)> = VecDeque::new();
+        let (mut at, mut due, mut way) = (0, 0.0, None);
+        let again = self.turn.map_or(&[][..], |turn| &self.rows[turn.from..]);
+        // Short turns as often as they fill the window.
+        let steps: usize = again.iter().map(|row| usize::from(row.count)).sum();
+        let times = 1 + 2 * Load::STEPS / steps.max(1);
+        for row in self.rows.iter().chain(std::iter::repeat_n(again, times).flatten()) {
+            due += work.row;
+            let segment = row.segment();
+            for k in 1..=segment.count {
+                let turns = way.replace(row.backward).is_some_and(|way| way != row.backward);
+                due += work.step + if turns { work.turn } else { 0.0 };
+                window.push_back((at + segment.span(k) as u64, std::mem::take(&mut due)));
+                if window.len() > Load::STEPS {
+                    let (began, _) = window.pop_front().unwrap_or_default();
+                    let ticks = (at + segment.span(k) as u64 - began) as f64 / 65_536.0;
+                    let busy = window.iter().map(|(_, work)| work).sum::<f64>() / ticks;
+                    if busy > worst.busy {
+                        worst = Load { busy, steps_per_tick: Load::STEPS as f64 / ticks };
+                    }
+                }
+            }
+            at += row.lasts();
+        }
+        worst
+    }
+
+    /// When each row begins, ticks · 2^-16.
+    fn begins(&self) -> impl Iterator<Item = u64> + '_ {
+        self.rows.iter().scan(0, |at, row| Some(std::mem::replace(at, *at + row.lasts())))
+    }
+}
+
+/// What a player has to do, ticks.
+#[derive(Clone, Copy, Debug)]
+pub struct Work {
+    /// For a step.
+    pub step: f64,
+    /// For a row, beside its steps.
+    pub row: f64,
+    /// For a turn of DIR, beside the step after it.
+    pub turn: f64,
+}
+
+/// How busy a player is with a motor where it is busiest.
+#[derive(Clone, Copy, Debug)]
+pub struct Load {
+    /// Work by time.
+    pub busy: f64,
+    /// How fast the steps are there.
+    pub steps_per_tick: f64,
+}
+
+impl Load {
+    /// Steps that are looked at together. Those of four motors are no more than the events that a player works out ahead: a stretch
+    /// with more work than time is no longer than what lies ready.
+    const STEPS: usize = 15;
 }
 
 /// What repeats for ever.
@@ -70,16 +157,46 @@ pub struct Unrolled {
     fraction_bits: u32,
     /// Ticks · 2^-F.
     at: i128,
-    moves: Vec<Move>,
-    /// Of each step: its time, ticks · 2^-F; the move; its number in it.
-    steps: Vec<(i128, usize, u32)>,
+    moves: Vec<Planned>,
+    steps: u64,
+    /// Of the last step, ticks · 2^-F.
+    last: Option<i128>,
+    /// Between two steps, ticks · 2^-F.
+    shortest: i128,
+}
+
+/// A move, where it begins: ticks · 2^-F, and steps before it.
+#[derive(Clone, Debug)]
+struct Planned {
+    at: i128,
+    before: u64,
+    next: Move,
+}
+
+impl Planned {
+    const fn steps(&self) -> u32 {
+        match self.next {
+            Move::Run { segment, .. } => segment.count,
+            Move::Dwell { .. } => 0,
+        }
+    }
+}
+
+/// A step of a plan: when (ticks · 2^-F), in which move, which one of its steps (from 1 on), which way.
+#[derive(Clone, Copy, Debug)]
+struct Step {
+    at: i128,
+    number: usize,
+    k: u32,
+    way: Direction,
 }
 
 impl Unrolled {
     /// Before the first move.
     #[must_use]
     pub const fn new(fraction_bits: u32) -> Unrolled {
-        Unrolled { fraction_bits, at: 1 << (fraction_bits - 1), moves: Vec::new(), steps: Vec::new() }
+        let at = 1 << (fraction_bits - 1);
+        Unrolled { fraction_bits, at, moves: Vec::new(), steps: 0, last: None, shortest: i128::MAX }
     }
 
     /// The tick that it has come to.
@@ -88,100 +205,136 @@ impl Unrolled {
         (self.at >> self.fraction_bits) as u64
     }
 
+    /// How many moves it has.
+    #[must_use]
+    pub const fn moves(&self) -> usize {
+        self.moves.len()
+    }
+
+    /// The tick that a move begins at.
+    #[must_use]
+    pub fn tick_of(&self, number: usize) -> u64 {
+        self.moves.get(number).map_or(self.tick(), |planned| (planned.at >> self.fraction_bits) as u64)
+    }
+
+    /// The shortest interval between two steps so far, ticks; [`u64::MAX`] if there are none.
+    #[must_use]
+    pub fn shortest(&self) -> u64 {
+        u64::try_from(self.shortest >> self.fraction_bits).unwrap_or(u64::MAX)
+    }
+
     /// The next move of the plan.
     pub fn push(&mut self, next: Move) {
+        let planned = Planned { at: self.at, before: self.steps, next };
         match next {
             Move::Dwell { ticks } => self.at += i128::from(ticks) << self.fraction_bits,
             Move::Run { segment, .. } => {
-                let number = self.moves.len();
-                self.steps.extend((1..=segment.count).map(|k| (self.at + segment.span(k), number, k)));
+                for k in 1..=segment.count {
+                    let at = self.at + segment.span(k);
+                    self.shortest = self.last.map_or(self.shortest, |last| self.shortest.min(at - last));
+                    self.last = Some(at);
+                }
+                self.steps += u64::from(segment.count);
                 self.at += segment.span(segment.count);
             }
         }
-        self.moves.push(next);
+        self.moves.push(planned);
+    }
+
+    /// Its steps from one on, counted from 0.
+    fn steps_from(&self, first: u64) -> impl Iterator<Item = Step> + '_ {
+        let begin = self.moves.partition_point(|planned| planned.before + u64::from(planned.steps()) <= first);
+        self.moves.iter().enumerate().skip(begin).flat_map(move |(number, planned)| {
+            let done = first.saturating_sub(planned.before) as u32;
+            let run = match planned.next {
+                Move::Run { segment, direction } => Some((segment, direction)),
+                Move::Dwell { .. } => None,
+            };
+            run.into_iter().flat_map(move |(segment, way)| {
+                let at = move |k| planned.at + segment.span(k);
+                (done + 1..=segment.count).map(move |k| Step { at: at(k), number, k, way })
+            })
+        })
     }
 
     /// The table of it. `cycle`: from which time on it repeats, and after which time.
     ///
     /// # Errors
-    /// [`BakeError::NotPeriodic`], [`BakeError::Wait`].
-    pub fn table(self, motor: &str, program: &Program, cycle: Option<(Time, Time)>) -> Result<Table, BakeError> {
+    /// [`BakeError::NotPeriodic`], [`BakeError::NoStep`], [`BakeError::Wait`].
+    pub fn table(self, motor: &Motor, program: &Program, cycle: Option<(Time, Time)>) -> Result<Table, BakeError> {
         let hz = program.board.tick_hz;
-        let mut rows = Rows { rows: Vec::new(), motor, hz, waited: 0 };
-        let shortest = self.steps.windows(2).map(|pair| pair[1].0 - pair[0].0).min().unwrap_or(i128::MAX);
-        let shortest = u64::try_from(shortest >> self.fraction_bits).unwrap_or(u64::MAX);
+        let mut rows = Rows { rows: Vec::new(), motor: &motor.name, hz, waited: 0 };
         let Some((from, period)) = cycle else {
-            for next in &self.moves {
-                rows.push(next)?;
+            for planned in &self.moves {
+                rows.push(&planned.next)?;
             }
-            return Ok(Table { rows: rows.rows, turn: None, steps: self.steps.len() as u64, shortest });
+            return Ok(Table { rows: rows.rows, turn: None, steps: self.steps, shortest: self.shortest() });
         };
         let bits = self.fraction_bits;
         // 2^-64 s · ticks/s, in ticks · 2^-48.
         let exact = (period.raw() * i128::from(hz)) >> (64 - PERIOD_BITS);
-        let (first, turn_steps) = self.gap(from, exact >> (PERIOD_BITS - bits), hz);
-        let not_periodic = |step| BakeError::NotPeriodic {
-            motor: motor.to_owned(),
-            step,
-            after_s: from.seconds(),
-            period_s: period.seconds(),
+        let turn = exact >> (PERIOD_BITS - bits);
+        let (after_s, period_s) = (from.seconds(), period.seconds());
+        let name = || motor.name.clone();
+        let Some((first, turn_steps)) = self.gap(from, turn, hz) else {
+            return Err(BakeError::NoStep { motor: name(), after_s, period_s });
         };
-        let (Some(first), true) = (first, turn_steps > 0) else { return Err(not_periodic(0)) };
         // Each step a period later is the same, but for what both certificates allow.
         let allowed = (2.0 * program.tolerance.ticks(hz) + 2.0) as i128;
-        for step in 1..=turn_steps {
-            let (Some(now), Some(later)) = (self.steps.get(first + step), self.steps.get(first + step + turn_steps))
-            else {
-                break;
-            };
-            if ((later.0 - now.0 - (exact >> (PERIOD_BITS - bits))) >> bits).abs() > allowed
-                || self.way(now.1) != self.way(later.1)
-            {
-                return Err(not_periodic(step));
-            }
+        let pairs = self.steps_from(first + 1).zip(self.steps_from(first + 1 + turn_steps)).take(turn_steps as usize);
+        let is_same =
+            |(now, later): (Step, Step)| ((later.at - now.at - turn) >> bits).abs() <= allowed && now.way == later.way;
+        if let Some(step) =
+            pairs.map(is_same).chain([false]).position(|same| !same).filter(|n| *n < turn_steps as usize)
+        {
+            return Err(BakeError::NotPeriodic { motor: name(), step: step + 1, after_s, period_s });
         }
-        self.part(None, self.steps[first], &mut rows)?;
+        let mut ends = self.steps_from(first);
+        let (Some(begin), Some(second)) = (ends.next(), ends.next()) else {
+            return Err(BakeError::NoStep { motor: name(), after_s, period_s });
+        };
+        let Some(end) = self.steps_from(first + turn_steps).next() else {
+            return Err(BakeError::NoStep { motor: name(), after_s, period_s });
+        };
+        // Where a turn ends and the next begins the gap takes up what the steps before it were moved.
+        let seam = second.at - begin.at - (end.at - begin.at - turn);
+        let timing = motor.timing.ticks(hz);
+        let needed = if begin.way == second.way { timing.pulse_high + timing.pulse_low } else { timing.reversal() };
+        if seam < i128::from(needed) << bits {
+            return Err(BakeError::NotPeriodic { motor: name(), step: turn_steps as usize, after_s, period_s });
+        }
+        self.part(None, begin, &mut rows)?;
         let turn_from = rows.rows.len();
-        let base = u64::try_from(self.steps[first].0).unwrap_or(0);
-        self.part(Some(self.steps[first]), self.steps[first + turn_steps], &mut rows)?;
+        let base = u64::try_from(begin.at).unwrap_or(0);
+        self.part(Some(begin), end, &mut rows)?;
+        let shortest = self.shortest().min((seam >> bits) as u64);
         let turn = Turn { from: turn_from, base, period: exact.cast_unsigned() };
-        Ok(Table { rows: rows.rows, turn: Some(turn), steps: (first + 1 + turn_steps) as u64, shortest })
+        Ok(Table { rows: rows.rows, turn: Some(turn), steps: first + 1 + turn_steps, shortest })
     }
 
-    /// The step before the widest gap of the first period after `from`, and how many steps a period has.
-    fn gap(&self, from: Time, period: i128, hz: u64) -> (Option<usize>, usize) {
+    /// The step before the widest gap of the first period after `from`, and how many steps a period has; `None` if it has none.
+    fn gap(&self, from: Time, period: i128, hz: u64) -> Option<(u64, u64)> {
         let from = i128::from(from.ticks(hz).0) << self.fraction_bits;
-        let widest = (0..self.steps.len().saturating_sub(1))
-            .filter(|step| self.steps[*step].0 >= from && self.steps[*step].0 < from + period)
-            .max_by_key(|step| self.steps[step + 1].0 - self.steps[*step].0);
-        let Some(first) = widest else { return (None, 0) };
-        let middle = (self.steps[first].0 + self.steps[first + 1].0) / 2;
-        let steps = self.steps[first + 1..].iter().take_while(|step| step.0 < middle + period).count();
-        (Some(first), steps)
-    }
-
-    fn way(&self, number: usize) -> Option<Direction> {
-        match self.moves[number] {
-            Move::Run { direction, .. } => Some(direction),
-            Move::Dwell { .. } => None,
-        }
+        let pairs = (0..).zip(self.steps_from(0).zip(self.steps_from(1)));
+        let of_period =
+            pairs.skip_while(|(_, (step, _))| step.at < from).take_while(|(_, (step, _))| step.at < from + period);
+        let widest = of_period.max_by_key(|(_, (step, next))| next.at - step.at);
+        let (first, (step, next)) = widest?;
+        let middle = i128::midpoint(step.at, next.at);
+        let steps = self.steps_from(first + 1).take_while(|step| step.at < middle + period).count() as u64;
+        (steps > 0).then_some((first, steps))
     }
 
     /// Rows of what comes after a step (or from the beginning), up to and with another.
-    fn part(
-        &self,
-        after: Option<(i128, usize, u32)>,
-        upto: (i128, usize, u32),
-        rows: &mut Rows<'_>,
-    ) -> Result<(), BakeError> {
-        let begin = after.map_or(0, |(_, number, _)| number);
-        for number in begin..=upto.1 {
-            let Move::Run { segment, direction } = self.moves[number] else {
-                rows.push(&self.moves[number])?;
+    fn part(&self, after: Option<Step>, upto: Step, rows: &mut Rows<'_>) -> Result<(), BakeError> {
+        let begin = after.map_or(0, |after| after.number);
+        for number in begin..=upto.number {
+            let Move::Run { segment, direction } = self.moves[number].next else {
+                rows.push(&self.moves[number].next)?;
                 continue;
             };
-            let done = after.filter(|after| after.1 == number).map_or(0, |(_, _, k)| k);
-            let end = if number == upto.1 { upto.2 } else { segment.count };
+            let done = after.filter(|after| after.number == number).map_or(0, |after| after.k);
+            let end = if number == upto.number { upto.k } else { segment.count };
             if end > done {
                 rows.run(segment.after(done).truncated(end - done), direction)?;
             }
@@ -236,33 +389,44 @@ impl Rows<'_> {
     }
 }
 
-/// Whether any two motors have one DIR line.
+/// The tick up to which so many rows of all tables last.
 #[must_use]
-pub fn shares_a_dir_line(program: &Program) -> bool {
-    let mut lines: Vec<u8> = program.motors.iter().filter_map(|motor| dir_of(&motor.wiring)).collect();
-    let all = lines.len();
-    lines.sort_unstable();
-    lines.dedup();
-    lines.len() < all
+pub fn tick_of(tables: &[Table], rows: usize) -> u64 {
+    let mut begins: Vec<u64> = tables.iter().flat_map(Table::begins).collect();
+    begins.sort_unstable();
+    begins.get(rows).map_or(u64::MAX, |begin| begin >> 16)
 }
 
-const fn dir_of(wiring: &Wiring) -> Option<u8> {
-    match wiring {
-        Wiring::StepDir { dir, .. } => Some(*dir),
-        Wiring::Coils { .. } => None,
-    }
-}
-
-/// The period after which all endless laws repeat together; `None` if there is none.
+/// From when on an endless motor repeats, and after which time; with others on its DIR line only together with them, since they put
+/// its steps off. `None` of a motor that ends.
 ///
 /// # Errors
-/// [`BakeError::NoCommonPeriod`].
-pub fn common_period(program: &Program) -> Result<Option<Time>, BakeError> {
+/// [`BakeError::Endless`], [`BakeError::NoCommonPeriod`].
+pub fn cycle(program: &Program, motor: &Motor) -> Result<Option<(Time, Time)>, BakeError> {
+    if motor.law.end().is_some() {
+        return Ok(None);
+    }
+    let line = program.motors.iter().filter(|other| std::ptr::eq(*other, motor) || other.shares_dir_with(motor));
+    let (mut from, mut periods) = (Time::ZERO, Vec::new());
+    for member in line {
+        let endless = || BakeError::Endless { motor: member.name.clone() };
+        from = from.max(match member.law.end() {
+            Some(end) => end,
+            None => {
+                let (begins, period) = member.law.cycle().ok_or_else(endless)?;
+                periods.push(period);
+                begins
+            }
+        });
+    }
+    Ok(Some((from, common_period(&periods)?)))
+}
+
+/// The time after which all of some periods are over together.
+fn common_period(periods: &[Time]) -> Result<Time, BakeError> {
     /// The most of the longest one's periods that are looked at.
     const MOST: u64 = 64;
-    let periods: Vec<Time> =
-        program.motors.iter().filter_map(|motor| motor.law.cycle()).map(|(_, period)| period).collect();
-    let Some(longest) = periods.iter().max().copied() else { return Ok(None) };
+    let longest = periods.iter().max().copied().unwrap_or(Time::ZERO);
     let fits = |all: Time| {
         periods.iter().all(|period| {
             let times = (all.raw() + period.raw() / 2) / period.raw();
@@ -270,8 +434,63 @@ pub fn common_period(program: &Program) -> Result<Option<Time>, BakeError> {
             (all.raw() - times * period.raw()).abs() <= times
         })
     };
-    match (1..=MOST).map(|k| longest.times(k)).find(|all| fits(*all)) {
-        Some(all) => Ok(Some(all)),
-        None => Err(BakeError::NoCommonPeriod { most: MOST }),
+    let found = (1..=MOST).map(|k| longest.times(k)).find(|all| fits(*all));
+    found.ok_or(BakeError::NoCommonPeriod { most: MOST })
+}
+
+/// Whether motors that share a DIR line leave it the time to turn between their opposite steps, for ever: each repeats its own turn of
+/// the plan, which began at another step than its neighbour's.
+///
+/// # Errors
+/// [`BakeError::Meet`].
+pub fn check_lines(program: &Program, tables: &[Table]) -> Result<(), BakeError> {
+    for (index, first) in program.motors.iter().enumerate() {
+        let with = |other: &Motor| other.shares_dir_with(first);
+        if program.motors[..index].iter().any(with) {
+            continue;
+        }
+        let line: Vec<(&Motor, &Table)> =
+            program.motors.iter().zip(tables).skip(index).filter(|(m, _)| std::ptr::eq(*m, first) || with(m)).collect();
+        if line.len() > 1 {
+            check_line(&line, program.board.tick_hz)?;
+        }
+    }
+    Ok(())
+}
+
+fn check_line(line: &[(&Motor, &Table)], hz: u64) -> Result<(), BakeError> {
+    // Times in turns may be a tick off, each.
+    const ROUNDING: u64 = 2;
+    let timings = || line.iter().map(|(motor, _)| motor.timing.ticks(hz));
+    let hold = timings().map(|timing| timing.pulse_high + timing.dir_hold).max().unwrap_or(0);
+    let setup = timings().map(|timing| timing.dir_setup).max().unwrap_or(0);
+    let needed = (hold + setup).saturating_sub(ROUNDING);
+    let turns = || line.iter().filter_map(|(_, table)| Some((*table, table.turn?)));
+    let Some(begin) = turns().map(|(_, turn)| turn.base).max() else { return Ok(()) };
+    let period = turns().map(|(_, turn)| (turn.period >> (PERIOD_BITS - 16)) as u64).max().unwrap_or(0);
+    let end = begin + period + (needed << 16);
+    // Two of each one's turns cover one of all.
+    let mut played: Vec<_> = turns()
+        .map(|(table, turn)| {
+            let again = move |n: u64| table.played(turn.from, turn.base + n * period);
+            again(0)
+                .chain(again(1))
+                .chain(again(2))
+                .skip_while(move |(at, _)| *at <= begin)
+                .take_while(move |(at, _)| *at <= end)
+                .peekable()
+        })
+        .collect();
+    let mut last: Option<(u64, bool)> = None;
+    loop {
+        let next = played.iter_mut().filter_map(|steps| Some((steps.peek()?.0, steps)));
+        let Some((_, first)) = next.min_by_key(|(at, _)| *at) else { return Ok(()) };
+        let Some((at, backward)) = first.next() else { return Ok(()) };
+        if let Some((before, _)) = last.filter(|(before, way)| *way != backward && (at >> 16) - (before >> 16) < needed)
+        {
+            let motors = line.iter().map(|(motor, _)| motor.name.as_str()).collect::<Vec<_>>().join(", ");
+            return Err(BakeError::Meet { motors, apart_ticks: (at >> 16) - (before >> 16), needed_ticks: needed });
+        }
+        last = Some((at, backward));
     }
 }

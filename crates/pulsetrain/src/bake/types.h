@@ -20,7 +20,7 @@ struct Plan {
   uint8_t step_b, step_d;        // STEP on port B and D
   uint8_t dir_b, dir_d;          // DIR
   uint8_t forward;               // level of DIR that is forward
-  uint16_t setup, clear;         // DIR comes so long before STEP at least, and after the STEP before it; ticks
+  uint16_t setup, hold;          // DIR comes so long before STEP at least, and after the STEP before it is over; ticks
 };
 const uint16_t NEVER = 0xffff;
 

@@ -1,12 +1,14 @@
 //! `pulsetrain bake`: a motion that stays on a board.
 
+use std::fs;
 use std::path::Path;
 
 use miette::miette;
+use pulsetrain_board::stk500;
 use pulsetrain_plan::Refused;
 use serde::Serialize;
 
-use crate::bake::{BakeError, Image, Size, Sketch};
+use crate::bake::{BakeError, Image, Size, Sketch, sketch};
 use crate::cli::Bake;
 use crate::console::{self, Console, Exit};
 use crate::human;
@@ -19,47 +21,69 @@ struct Baked {
     file: String,
     rows: usize,
     table_bytes: usize,
+    /// Of an image, all that it takes of the flash.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    flash_bytes: Option<usize>,
     /// It repeats for ever.
     endless: bool,
 }
 
 pub(crate) fn run(args: &Bake, console: &mut Console<'_>) -> miette::Result<Exit> {
-    let prepared = match args.length {
+    let mut prepared = match args.length {
         None => Prepared::endless(&args.file, args.board.as_deref())?,
         length => Prepared::load(&args.file, args.board.as_deref(), length)?,
     };
+    if let Some(ppm) = args.clock_ppm {
+        prepared.calibrate(ppm);
+    }
     let refused = |error| match error {
         BakeError::Plan(Refused { motor, error }) => prepared.refuse(Refused { motor, error }).into(),
         error => miette!(help = error.advice(), "{}: {error}", prepared.file),
     };
-    let (path, text, size) = match (&args.sketch, &args.output) {
+    let (path, text, size, flash) = match (&args.sketch, &args.output) {
         (Some(folder), _) => {
             let name = sketch_name(folder)?;
             let title = Path::new(&prepared.file).file_name().unwrap_or_default().to_string_lossy();
-            let sketch = Sketch::new(&prepared.program, &title.replace(char::is_control, " ")).map_err(refused)?;
-            (folder.join(format!("{name}.ino")), sketch.text, sketch.size)
+            let sketch = Sketch::new(&prepared.program, &title).map_err(refused)?;
+            let path = folder.join(format!("{name}.ino"));
+            check_own(&path)?;
+            (path, sketch.text, sketch.size, None)
         }
         (None, Some(file)) => {
             let image = Image::new(&prepared.program).map_err(refused)?;
-            (file.clone(), image.hex(), image.size)
+            (file.clone(), image.hex(), image.size, Some(image.flash.len()))
         }
         (None, None) => return Err(miette!("say --sketch DIR or --output FILE")),
     };
     console::write(&path, text.as_bytes())?;
     let Size { rows, bytes, endless } = size;
-    let baked = Baked { file: path.display().to_string(), rows, table_bytes: bytes, endless };
+    let baked = Baked { file: path.display().to_string(), rows, table_bytes: bytes, flash_bytes: flash, endless };
     if args.json {
         console.print_json(&baked)?;
         return Ok(Exit::Success);
     }
     let (rows, bytes) = (human::count(rows as i128), human::count(bytes as i128));
     let ends = if endless { "it repeats for ever" } else { "it runs once after power-up" };
-    console.print(format_args!("{}: {rows} rows, {bytes} bytes of flash for them; {ends}\n", baked.file))?;
+    let all = flash.map_or(String::new(), |bytes| {
+        let room = human::count(stk500::room(stk500::RATES[0]) as i128);
+        format!(", {} with what plays them, of {room}", human::count(bytes as i128))
+    });
+    console.print(format_args!("{}: {rows} rows, {bytes} bytes of flash for them{all}; {ends}\n", baked.file))?;
     if args.sketch.is_none() {
         console
             .print(format_args!("`pulsetrain flash uno --port PORT --image {}` writes it to the Uno\n", baked.file))?;
     }
     Ok(Exit::Success)
+}
+
+/// Leaves alone what somebody wrote: a sketch is written over if it was made here.
+fn check_own(path: &Path) -> miette::Result<()> {
+    let Ok(text) = fs::read(path) else { return Ok(()) };
+    if String::from_utf8_lossy(&text).lines().take(2).any(|line| line.contains(sketch::MADE)) {
+        return Ok(());
+    }
+    let help = "name another folder; or move that file away, if it is not needed";
+    Err(miette!(help = help, "{} is there, and was not made by `pulsetrain bake`", path.display()))
 }
 
 /// A sketch is called as its folder.

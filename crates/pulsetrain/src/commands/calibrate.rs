@@ -36,13 +36,24 @@ pub(crate) fn run(args: &Calibrate, console: &mut Console<'_>) -> miette::Result
         return Ok(Exit::Success);
     }
     let (ppm, within) = (human::significant(clock_ppm, 4), human::significant(within_ppm, 2));
-    let way = if clock_ppm < 0.0 { "slower" } else { "faster" };
+    let way = way(clock_ppm, within_ppm);
     console.print(format_args!(
-        "the board's clock is {ppm} ppm off this computer's, give or take {within}: it runs {way}.\n\
+        "the board's clock is {ppm} ppm off this computer's, give or take {within}: {way}.\n\
          `pulsetrain run FILE --port {} --clock-ppm={clock_ppm:.1}` corrects for it. It moves with the board's temperature.\n",
         args.port
     ))?;
     Ok(Exit::Success)
+}
+
+/// What the figure says of the board's clock.
+fn way(clock_ppm: f64, within_ppm: f64) -> &'static str {
+    if clock_ppm.abs() <= within_ppm {
+        "whether it runs faster or slower cannot be told"
+    } else if clock_ppm < 0.0 {
+        "it runs slower"
+    } else {
+        "it runs faster"
+    }
 }
 
 /// Watches a board's clock for so long: how much faster than its nominal rate it runs, ppm, and how much that may be off. `None` if that
@@ -85,6 +96,20 @@ mod tests {
         let pico = Skewed::new(VirtualPico::on_usb(), -40);
         let (ppm, within) = compare(pico, 2.0, |_| {}).unwrap().expect("long enough");
         assert!((ppm + 40.0).abs() <= within && within < 1500.0, "{ppm} ± {within}");
+    }
+
+    #[test]
+    fn a_way_is_told_beyond_the_doubt_alone() {
+        assert_eq!(way(0.0, 70.0), "whether it runs faster or slower cannot be told");
+        assert_eq!(way(-69.0, 70.0), way(0.0, 70.0));
+        assert_eq!((way(71.0, 70.0), way(-71.0, 70.0)), ("it runs faster", "it runs slower"));
+    }
+
+    /// As `calibrate` says of too short a time.
+    #[test]
+    fn a_minute_tells_it_to_some_70_ppm() {
+        let (ppm, within) = compare(Skewed::new(VirtualUno::new(), -1250), 60.0, |_| {}).unwrap().unwrap();
+        assert!((ppm + 1250.0).abs() <= within && within <= 75.0, "{ppm} ± {within}");
     }
 
     #[test]

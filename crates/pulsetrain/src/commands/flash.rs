@@ -2,11 +2,12 @@
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 use std::{fs, io};
 
 use miette::{Report, miette};
 use pulsetrain_board::stk500::{self, Bootloader, FlashError, Progress};
-use pulsetrain_board::{Serial, hex, image, virtual_pico, virtual_uno};
+use pulsetrain_board::{PortError, Serial, hex, image, virtual_pico, virtual_uno};
 use serde::Serialize;
 
 use super::port_problem;
@@ -24,7 +25,7 @@ struct Flashed {
     /// Of the bootloader, bits a second.
     #[serde(skip_serializing_if = "Option::is_none")]
     baud: Option<u32>,
-    /// Whether every byte was read back and is right. A Pico's drive is gone as soon as it has all.
+    /// Whether every byte was read back and is right: never of a Pico, whose drive is gone as soon as it has all.
     verified: bool,
 }
 
@@ -44,8 +45,6 @@ pub(crate) fn run(args: &Flash, console: &mut Console<'_>) -> miette::Result<Exi
         console.print(format_args!(
             "{bytes} bytes are on the Uno at {place}, and were read back; `pulsetrain info --port {place}` asks it\n"
         ))?;
-    } else if flashed.verified {
-        console.print(format_args!("{bytes} bytes are at {place}, and were read back\n"))?;
     } else {
         console.print(format_args!(
             "{bytes} bytes were written to {place}; the Pico took them and has begun anew: `pulsetrain ports` shows its port\n"
@@ -98,12 +97,20 @@ fn uno(name: &str, file: Option<&Path>, console: &Console<'_>) -> miette::Result
 /// What is wrong, with what to do.
 fn problem(name: &str, error: FlashError) -> Report {
     let help = match &error {
+        FlashError::Port(PortError::Gone { .. }) => {
+            "look at the cable. If it was pulled out while bytes were written the board has no whole program now: start this again"
+        }
         FlashError::Port(port) => return port_problem(port.clone()),
+        FlashError::Empty => "nothing was written: is it the right file?",
+        FlashError::NotBegun => "nothing was written: look at cable and supply, then start this again",
         FlashError::NoBootloader { .. } => "press the board's reset button as you start this",
         FlashError::OtherChip { .. } => "nothing was written; the firmware is for the ATmega328P of Uno and Nano",
         FlashError::TooLarge { rate, .. } if *rate != stk500::RATES[0] => {
             "nothing was written; burn Optiboot over the old bootloader, which leaves 1.5 KB more (Arduino IDE: board Arduino \
              Uno, Tools, Burn Bootloader; it takes a programmer or a second Uno)"
+        }
+        FlashError::TooLarge { bytes, .. } if *bytes <= stk500::FLASH_BYTES => {
+            "nothing was written; if the file holds a bootloader too, as the Arduino IDE's …with_bootloader.hex, take the one without"
         }
         FlashError::TooLarge { .. } => "nothing was written; the image is for a larger chip",
         FlashError::LostSync { .. } => {
@@ -145,12 +152,35 @@ fn pico(folder: Option<&str>, file: Option<&Path>, console: &Console<'_>) -> mie
         // The chip begins anew as soon as it has the last block: the drive goes away under our hands.
         if written == bytes.len() && !folder.join(INFO).exists() { Ok(()) } else { Err(not_written(&path, &error)) }
     })?;
-    let verified = folder.join(INFO).exists();
-    if verified && fs::read(&path).is_ok_and(|read| read != bytes) {
-        let help = "hold BOOTSEL as you plug it in again, and start this again";
-        return Err(miette!(help = help, "{} is not what was written to it", path.display()));
+    bar.stage("waiting for it to begin");
+    if !goes(&folder, TAKEN) {
+        let help = "hold BOOTSEL as you plug it in again, and start this again; some systems want the drive to be ejected first";
+        return Err(miette!(
+            help = help,
+            "{} is still there {} s after the image was written: the Pico did not take it",
+            folder.display(),
+            TAKEN.as_secs()
+        ));
     }
-    Ok(Flashed { board: "pico", place: folder.display().to_string(), bytes: bytes.len(), baud: None, verified })
+    Ok(Flashed { board: "pico", place: folder.display().to_string(), bytes: bytes.len(), baud: None, verified: false })
+}
+
+/// How long a Pico that has an image may take to begin with it, and how often its drive is looked for.
+const TAKEN: Duration = Duration::from_secs(5);
+const LOOK: Duration = Duration::from_millis(50);
+
+/// Whether a Pico's drive goes away soon. What is read from it after it was written says nothing, the computer has its copy; nor does
+/// the folder where somebody mounted it by hand, so that its device is looked for too.
+fn goes(folder: &Path, within: Duration) -> bool {
+    let device = device_of(folder, &fs::read_to_string("/proc/mounts").unwrap_or_default());
+    let looks = within.as_millis() / LOOK.as_millis();
+    (0..=looks).any(|_| {
+        let gone = !folder.join(INFO).exists() || device.as_ref().is_some_and(|device| !device.exists());
+        if !gone {
+            std::thread::sleep(LOOK);
+        }
+        gone
+    })
 }
 
 /// Writes a file; an error comes with the bytes that were handed over before it.
@@ -221,11 +251,26 @@ pub(crate) fn drives() -> Vec<PathBuf> {
     folders.into_iter().filter(|folder| check(folder).is_ok()).collect()
 }
 
-/// Where file systems of drives' kind are mounted, as /proc/mounts says (fstab(5): blanks are written as \040).
+/// Where file systems of drives' kind are mounted.
 fn mounted(table: &str) -> Vec<PathBuf> {
-    let lines = table.lines().map(|line| line.split(' ').collect::<Vec<_>>());
-    let drives = lines.filter(|fields| fields.get(2).is_some_and(|kind| matches!(*kind, "vfat" | "msdos" | "fuseblk")));
-    drives.map(|fields| PathBuf::from(fields[1].replace("\\040", " "))).collect()
+    let is_drive = |kind: &str| matches!(kind, "vfat" | "msdos" | "fuseblk");
+    mounts(table).filter(|(_, _, kind)| is_drive(kind)).map(|(_, folder, _)| folder).collect()
+}
+
+/// The device that is mounted at a folder.
+fn device_of(folder: &Path, table: &str) -> Option<PathBuf> {
+    let folder = fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
+    let (device, ..) = mounts(table).find(|(_, at, _)| *at == folder)?;
+    device.starts_with("/dev").then_some(device)
+}
+
+/// Device, folder and kind of what is mounted, as /proc/mounts says (fstab(5): blanks are written as \040).
+fn mounts(table: &str) -> impl Iterator<Item = (PathBuf, PathBuf, &str)> {
+    let path = |field: &str| PathBuf::from(field.replace("\\040", " "));
+    table.lines().filter_map(move |line| {
+        let mut fields = line.split(' ');
+        Some((path(fields.next()?), path(fields.next()?), fields.next()?))
+    })
 }
 
 #[cfg(test)]
@@ -239,6 +284,33 @@ mod tests {
                      /dev/sdc1 /media/me/MY\\040STICK vfat rw 0 0\n\
                      proc /proc proc rw 0 0\n";
         assert_eq!(mounted(table), [PathBuf::from("/media/me/RPI-RP2"), PathBuf::from("/media/me/MY STICK")]);
+    }
+
+    #[test]
+    fn the_device_of_a_drive_is_known() {
+        let table = "/dev/sdb1 /media/me/MY\\040PICO vfat rw 0 0\ntmpfs /run/pico tmpfs rw 0 0\n";
+        assert_eq!(device_of(Path::new("/media/me/MY PICO"), table), Some(PathBuf::from("/dev/sdb1")));
+        assert_eq!(device_of(Path::new("/run/pico"), table), None, "it has no device");
+        assert_eq!(device_of(Path::new("/media/me"), table), None);
+    }
+
+    #[test]
+    fn a_cable_pulled_out_leaves_no_whole_program() {
+        let name = "/dev/ttyACM0".to_owned();
+        let report = problem(&name, FlashError::Port(PortError::Gone { name: name.clone(), why: "x".into() }));
+        let help = report.help().map(|help| help.to_string()).unwrap_or_default();
+        assert!(help.contains("no whole program") && !help.contains("motors"), "{help}");
+    }
+
+    #[test]
+    fn too_large_an_image_is_told_what_it_may_be() {
+        let help = |bytes| {
+            let rate = stk500::RATES[0];
+            let error = FlashError::TooLarge { bytes, limit: stk500::room(rate), rate };
+            problem("/dev/ttyACM0", error).help().map(|help| help.to_string()).unwrap_or_default()
+        };
+        assert!(help(32_768).contains("holds a bootloader too"), "{}", help(32_768));
+        assert!(help(32_769).contains("larger chip"), "{}", help(32_769));
     }
 
     #[test]

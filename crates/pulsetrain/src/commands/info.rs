@@ -8,6 +8,7 @@ use pulsetrain_core::wire::{Baud, VERSION};
 use serde::Serialize;
 
 use super::port_problem;
+use super::store::Kept;
 use crate::cli::At;
 use crate::console::{Console, Exit};
 use crate::drive::{DriveError, session_number};
@@ -41,6 +42,8 @@ struct Said {
     compares_missed: Option<u16>,
     latest_ticks: Option<u16>,
     starved: u16,
+    /// What it keeps without power.
+    keeps: Option<Kept>,
 }
 
 pub(crate) fn run(args: &At, console: &mut Console<'_>) -> miette::Result<Exit> {
@@ -83,6 +86,7 @@ pub(crate) fn run(args: &At, console: &mut Console<'_>) -> miette::Result<Exit> 
     if let (Some(missed), Some(latest)) = (said.compares_missed, said.latest_ticks) {
         row("compares missed", format!("{missed}, the latest by {}", ticks(latest)));
     }
+    row("keeps", said.keeps.map_or("nothing".to_owned(), |kept| kept.told()));
     row("starved", format!("{} times", said.starved));
     row("line faults", format!("{} bytes lost, {} frames damaged", said.lost_bytes, said.damaged_frames));
     console.print(&table)?;
@@ -109,6 +113,8 @@ fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
     if let Some(error) = remote.error() {
         return Err(error.clone().into());
     }
+    // A board whose motors are powered does not say, nor one that keeps nothing.
+    let keeps = remote.stored().ok().flatten().map(Kept::of);
     let compares = info.board == UNO;
     let said = Said {
         board: match info.board {
@@ -138,6 +144,7 @@ fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
         compares_missed: compares.then_some(measures.late),
         latest_ticks: compares.then_some(measures.latest_ticks),
         starved: measures.starved,
+        keeps,
     };
     remote.close();
     Ok(said)

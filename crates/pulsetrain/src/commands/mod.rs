@@ -16,6 +16,7 @@ pub(crate) mod plan;
 pub(crate) mod plot;
 pub(crate) mod ports;
 pub(crate) mod run;
+pub(crate) mod store;
 pub(crate) mod verify;
 pub(crate) mod winch;
 

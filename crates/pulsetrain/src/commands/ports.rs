@@ -1,5 +1,7 @@
 //! `pulsetrain ports`: what is plugged in.
 
+use std::path::Path;
+
 use pulsetrain_board::serial::{self, Listed, Usb};
 use pulsetrain_board::{Remote, RemoteError, Serial};
 use serde::Serialize;
@@ -27,25 +29,24 @@ struct Found {
 
 pub(crate) fn run(args: &Ports, console: &mut Console<'_>) -> miette::Result<Exit> {
     let mut found: Vec<Found> = serial::list().into_iter().map(|port| look(port, args.ask)).collect();
-    for drive in flash::drives() {
-        let says = Some("`pulsetrain flash pico` writes the firmware".to_owned());
-        let (port, what) = (drive.display().to_string(), "Raspberry Pi Pico, waiting for an image".to_owned());
-        found.push(Found { port, what, usb: None, serial: None, says });
-    }
+    found.extend(flash::drives().iter().map(|drive| found_drive(drive)));
     if args.json {
         console.print_json(&found)?;
         return Ok(Exit::Success);
     }
+    console.print(text(found))?;
+    Ok(Exit::Success)
+}
+
+fn text(found: Vec<Found>) -> String {
     if found.is_empty() {
-        console.print(NONE)?;
-        return Ok(Exit::Success);
+        return NONE.to_owned();
     }
     let mut table = Table::new(["port", "what it is", "USB", "serial number", "says"]).left(&[0, 1, 2, 3, 4]);
     for Found { port, what, usb, serial, says } in found {
         table.row([port, what, usb.unwrap_or_default(), serial.unwrap_or_default(), says.unwrap_or_default()]);
     }
-    console.print(table)?;
-    Ok(Exit::Success)
+    table.to_string()
 }
 
 const NONE: &str = "\
@@ -54,11 +55,18 @@ no serial port was found, and no Pico that waits for an image
   On Linux `dmesg | tail` tells what the system makes of it; in a container ports have to be let in (--device).
 ";
 
+/// The drive of a Pico whose BOOTSEL was held.
+fn found_drive(drive: &Path) -> Found {
+    let says = Some("`pulsetrain flash pico` writes the firmware".to_owned());
+    let (port, what) = (drive.display().to_string(), "Raspberry Pi Pico, waiting for an image".to_owned());
+    Found { port, what, usb: None, serial: None, says }
+}
+
 fn look(port: Listed, ask: bool) -> Found {
     let Listed { name, usb } = port;
     let what = usb.as_ref().map_or_else(|| "no USB device".to_owned(), what);
     let says = if !may_open(&name) {
-        Some("no permission: sudo usermod -aG dialout $USER, then log in again".to_owned())
+        Some(no_permission(&name))
     } else if ask && usb.is_some() {
         Some(answer(&name))
     } else {
@@ -113,15 +121,11 @@ fn answer(name: &str) -> String {
     }
 }
 
-/// Whether the user may read and write a device, as far as its owner, group and mode say; it is not opened, which would reset an
-/// Uno.
+/// Whether the user may read and write a device, access lists included (access(2)); it is not opened, which would reset an Uno.
 #[cfg(target_os = "linux")]
 fn may_open(name: &str) -> bool {
-    use std::os::unix::fs::MetadataExt;
-    let (Ok(device), Ok(status)) = (std::fs::metadata(name), std::fs::read_to_string("/proc/self/status")) else {
-        return true;
-    };
-    permits(device.mode(), device.uid(), device.gid(), &status)
+    use rustix::fs::{Access, access};
+    access(name, Access::READ_OK | Access::WRITE_OK) != Err(rustix::io::Errno::ACCESS)
 }
 
 #[cfg(not(target_os = "linux"))]
@@ -129,24 +133,31 @@ fn may_open(_: &str) -> bool {
     true
 }
 
-/// The same from the device's mode, owner and group, and the text of /proc/self/status (proc(5)).
+/// What is to be done about a device that the user may not open.
 #[cfg(target_os = "linux")]
-fn permits(mode: u32, owner: u32, group: u32, status: &str) -> bool {
-    let numbers = |field: &str| -> Vec<u32> {
-        let line = status.lines().find_map(|line| line.strip_prefix(field)).unwrap_or_default();
-        line.split_whitespace().filter_map(|number| number.parse().ok()).collect()
-    };
-    // Real, effective, saved and file system's: the second decides.
-    let (user, own) = (numbers("Uid:").get(1).copied(), numbers("Gid:").get(1).copied());
-    let Some(user) = user else { return true };
-    let class = if user == owner {
-        6
-    } else if own == Some(group) || numbers("Groups:").contains(&group) {
-        3
-    } else {
-        0
-    };
-    user == 0 || mode >> class & 0o6 == 0o6
+fn no_permission(name: &str) -> String {
+    use std::os::unix::fs::MetadataExt;
+    let group = std::fs::metadata(name).map_or(0, |device| device.gid());
+    how_to_join(group, &std::fs::read_to_string("/etc/group").unwrap_or_default())
+}
+
+#[cfg(not(target_os = "linux"))]
+fn no_permission(_: &str) -> String {
+    String::new()
+}
+
+/// The same from the number of the device's group and the text of /etc/group (group(5)).
+#[cfg(target_os = "linux")]
+fn how_to_join(group: u32, groups: &str) -> String {
+    let fields = groups.lines().map(|line| line.split(':').collect::<Vec<_>>());
+    let name =
+        fields.filter(|fields| fields.get(2) == Some(&group.to_string().as_str())).map(|fields| fields[0]).next();
+    match name.filter(|_| group != 0) {
+        Some(name) => {
+            format!("no permission: sudo usermod -aG {name} $USER, then log in again; or the rules of docs/udev")
+        }
+        None => "no permission: the rules of docs/udev give it".to_owned(),
+    }
 }
 
 #[cfg(test)]
@@ -165,18 +176,43 @@ mod tests {
 
     #[cfg(target_os = "linux")]
     #[test]
-    fn permissions_are_those_of_owner_group_and_others() {
-        let status = "Name:\tx\nUid:\t1000\t1000\t1000\t1000\nGid:\t1000\t1000\t1000\t1000\nGroups:\t4 20 1000\n";
-        for (mode, owner, group, may) in [
-            (0o660, 0, 20, true),
-            (0o660, 0, 30, false),
-            (0o666, 0, 30, true),
-            (0o600, 0, 20, false),
-            (0o600, 1000, 20, true),
-            (0o440, 1000, 20, false),
-        ] {
-            assert_eq!(permits(mode, owner, group, status), may, "{mode:o} {owner} {group}");
+    fn who_may_not_open_a_port_is_told_of_its_group() {
+        let groups = "root:x:0:\ndialout:x:20:me\nuucp:x:986:\n";
+        assert!(how_to_join(986, groups).contains("usermod -aG uucp $USER"));
+        assert!(how_to_join(20, groups).contains("usermod -aG dialout $USER"));
+        for none in [0, 21] {
+            assert!(!how_to_join(none, groups).contains("usermod"), "{none}");
         }
-        assert!(permits(0o000, 5, 5, "Uid:\t0\t0\t0\t0\n"), "root");
+    }
+
+    #[test]
+    fn a_port_is_told_by_its_device() {
+        let usb = Usb { vendor: 0x2341, product: 0x43, name: None, serial: Some("7593".into()) };
+        let name = std::env::temp_dir().display().to_string();
+        let found = look(Listed { name: name.clone(), usb: Some(usb) }, false);
+        assert_eq!((found.port, found.what.as_str()), (name.clone(), "Arduino Uno"));
+        assert_eq!((found.usb.as_deref(), found.serial.as_deref()), (Some("2341:0043"), Some("7593")));
+        assert_eq!(found.says, None, "it was not asked");
+        // What is no USB device is not asked even so.
+        let plain = look(Listed { name, usb: None }, true);
+        assert_eq!((plain.what.as_str(), plain.says), ("no USB device", None));
+    }
+
+    /// Each number is told as what it is, once.
+    #[test]
+    fn known_numbers_are_there_once() {
+        for (vendor, product, name) in KNOWN {
+            let usb = Usb { vendor, product, name: None, serial: None };
+            assert_eq!(what(&usb), name);
+        }
+    }
+
+    #[test]
+    fn what_is_found_is_a_table_and_nothing_is_told_as_such() {
+        assert_eq!(text(Vec::new()), NONE);
+        let drive = found_drive(Path::new("/media/me/RPI-RP2"));
+        let text = text(vec![drive]);
+        assert!(text.contains("/media/me/RPI-RP2") && text.contains("waiting for an image"), "{text}");
+        assert!(!text.contains("no serial port was found"), "{text}");
     }
 }

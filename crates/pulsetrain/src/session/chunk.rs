@@ -180,7 +180,15 @@ impl<B: Board> Session<'_, B> {
     pub(super) fn switch(&mut self, chunk: Chunk) -> Result<(), SessionError> {
         let epoch = self.epoch.next();
         if let Err(refused) = self.board.switch(epoch, chunk.from) {
-            return Err(self.board.lost().map_or(SessionError::Switch(refused), |why| SessionError::Lost(why.clone())));
+            let Some(why) = self.board.lost().cloned() else { return Err(SessionError::Switch(refused)) };
+            // It may have been accepted all the same.
+            let counts = self.timelines.iter().zip(&chunk.steps).map(|(timeline, steps)| {
+                let mut timeline = timeline.clone();
+                timeline.replace(chunk.from, steps);
+                timeline.count_before(u64::MAX).unwrap_or(0)
+            });
+            self.unanswered = Some(counts.collect());
+            return Err(SessionError::Lost(why));
         }
         let now = self.board.now();
         for (timeline, steps) in self.timelines.iter_mut().zip(&chunk.steps) {

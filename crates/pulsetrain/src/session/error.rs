@@ -31,7 +31,7 @@ pub enum SessionError {
         error: LawError,
     },
     /// The board did not accept what comes next: it was sent too late.
-    #[error("the motion could not go on, so the motors stop as planned: {0}")]
+    #[error("what comes next did not reach the board in time, so the motors stop as planned: {0}")]
     Switch(SwitchRefused),
     /// Nothing can be said to the board any more.
     #[error("the motion could not go on, so the motors stop as planned: {0}")]

@@ -56,6 +56,8 @@ pub struct Session<'a, B> {
     pending: Option<Chunk>,
     /// Nothing more is to be sent.
     complete: bool,
+    /// What each motor will have counted if a switch, whose answer did not come, was accepted.
+    unanswered: Option<Vec<i64>>,
     /// The program that was begun, or changed to, and how far its time is.
     course: Course<'a>,
 }
@@ -82,6 +84,8 @@ pub struct Report {
     pub counted: Vec<i64>,
     /// The same as the host replayed them.
     pub replayed: Vec<i64>,
+    /// The same if the board did accept the last switch: the line was lost before its answer came.
+    pub replayed_otherwise: Option<Vec<i64>>,
     /// What went wrong on each motor.
     pub faults: Vec<Faults>,
     /// Why the motion stopped before its end, in a planned stop.
@@ -119,6 +123,7 @@ impl<'a, B: Board> Session<'a, B> {
             waiting: VecDeque::new(),
             pending: None,
             complete: false,
+            unanswered: None,
             course: Course::begun(program),
             board,
         };
@@ -347,6 +352,7 @@ impl<'a, B: Board> Session<'a, B> {
             last_step: self.last_step().unwrap_or(self.source.zero()),
             counted: self.board.positions(),
             replayed: motors.clone().filter_map(|motor| self.timelines[motor].count_before(u64::MAX)).collect(),
+            replayed_otherwise: self.unanswered.clone(),
             faults: motors.map(|motor| self.board.faults(motor)).collect(),
             failure,
         }

@@ -31,7 +31,7 @@ mod report;
 #[cfg(test)]
 mod tests;
 
-use pulsetrain_motion::program::{Motor, Program, Wiring};
+use pulsetrain_motion::program::{Motor, Program};
 use pulsetrain_motion::{LawError, Time};
 
 pub use film::{FilmReport, judge_film};
@@ -359,12 +359,7 @@ enum Timing {
 
 /// The other motors with the same DIR pin.
 fn sharing<'a>(program: &'a Program, motor: &'a Motor) -> impl Iterator<Item = &'a Motor> {
-    let dir = |motor: &Motor| match motor.wiring {
-        Wiring::StepDir { dir, .. } => Some(dir),
-        Wiring::Coils { .. } => None,
-    };
-    let own = dir(motor);
-    program.motors.iter().filter(move |other| own.is_some() && dir(other) == own && !std::ptr::eq(*other, motor))
+    program.motors.iter().filter(move |other| other.shares_dir_with(motor))
 }
 
 /// Shortest interval that board, driver and motor allow, ticks of the board.

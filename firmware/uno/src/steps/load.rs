@@ -18,7 +18,7 @@
 //! A record is whole in its frame, so that nobody looks whether its bytes are there before they are read: if more were read than
 //! there are, the record is bad, nothing of the epoch is made any more, and what was read came from the queue's own memory.
 
-use super::motor::{Motor, Reason, flag};
+use super::motor::{Motor, Part, Reason, flag};
 use super::plan::FILLER;
 use super::task::mode;
 use super::times;
@@ -880,7 +880,7 @@ load_train:
     FASTEST = const times::FASTEST,
     GAIN = const offset_of!(Motor, gain),
     NEXT = const offset_of!(Motor, next),
-    READY = const offset_of!(Motor, ready),
+    READY = const offset_of!(Motor, parts) + offset_of!(Part, len),
     START = const offset_of!(Motor, start),
     END = const offset_of!(Motor, end),
     HORIZON = const offset_of!(Motor, horizon),

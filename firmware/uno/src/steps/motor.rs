@@ -72,9 +72,14 @@ struct Switch {
 /// What waits of an epoch.
 #[derive(Clone, Copy)]
 #[repr(C)]
-struct Part {
+pub(super) struct Part {
+    /// Bytes.
+    pub(super) len: u16,
     epoch: Epoch,
-    len: u16,
+}
+
+impl Part {
+    const NONE: Part = Part { len: 0, epoch: Epoch(0) };
 }
 
 /// Room in a motor's queue. Bytes of it are nobody else's until they are said to be [`pushed`](Motor::pushed): where they go
@@ -108,8 +113,6 @@ pub(crate) struct Motor {
     pub(crate) gain: i8,
     /// Address of the next byte of the queue.
     pub(crate) next: u16,
-    /// Bytes that wait of the epoch being run.
-    pub(crate) ready: u16,
     /// The queue's memory.
     pub(crate) start: u16,
     pub(crate) end: u16,
@@ -133,10 +136,10 @@ pub(crate) struct Motor {
     /// this, ticks; at most 7.
     pub(crate) sure: u8,
 
-    parts: [Part; PARTS],
-    /// How many of them there are.
-    epochs: u8,
-    epoch: Epoch,
+    /// What waits of the epoch being run, and of those behind it.
+    pub(super) parts: [Part; 1 + PARTS],
+    /// How many there are behind it.
+    behind: u8,
     switches: [Switch; SWITCHES],
     fault: Option<Fault>,
     /// Whether `due` is known.
@@ -155,7 +158,6 @@ impl Motor {
         dir: 0,
         gain: 0,
         next: 0,
-        ready: 0,
         start: 0,
         end: 0,
         horizon: Moment(0),
@@ -167,9 +169,8 @@ impl Motor {
         levels: 0,
         due: Moment(0),
         sure: 0,
-        parts: [Part { epoch: Epoch(0), len: 0 }; PARTS],
-        epochs: 0,
-        epoch: Epoch(0),
+        parts: [Part::NONE; 1 + PARTS],
+        behind: 0,
         switches: [Switch { epoch: Epoch(0), at: Moment(0) }; SWITCHES],
         fault: None,
         is_due: false,
@@ -196,25 +197,24 @@ impl Motor {
         self.end - self.start - self.waiting()
     }
 
+    #[inline(never)]
     fn waiting(&self) -> u16 {
-        let behind: u16 = self.behind().iter().map(|part| part.len).sum();
-        behind + self.ready
+        // There is nothing in those that are not used.
+        self.parts.iter().map(|part| part.len).sum()
     }
 
-    fn behind(&self) -> &[Part] {
-        self.parts.get(..usize::from(self.epochs)).unwrap_or_default()
+    /// The epoch that was pushed last.
+    #[inline(never)]
+    fn newest(&mut self) -> &mut Part {
+        &mut self.parts[usize::from(self.behind) % self.parts.len()]
     }
 
     /// Where `len` more bytes of `epoch` are to be written, if there is room for them: see [`Motor::pushed`].
     #[inline(never)]
-    pub(crate) fn push(&self, epoch: Epoch, len: u16) -> Option<Room> {
+    pub(crate) fn push(&mut self, epoch: Epoch, len: u16) -> Option<Room> {
         let waiting = self.waiting();
-        let Motor { start, end, .. } = *self;
-        let is_new = match self.behind().last() {
-            Some(part) => part.epoch != epoch,
-            None => self.epoch != epoch,
-        };
-        if len > end - start - waiting || (is_new && usize::from(self.epochs) == PARTS) {
+        let Motor { start, end, behind, .. } = *self;
+        if len > end - start - waiting || (self.newest().epoch != epoch && usize::from(behind) == PARTS) {
             return None;
         }
         Some(Room { at: self.place(waiting), start, end })
@@ -223,24 +223,18 @@ impl Motor {
     /// They have been written: they are the motor's from now on.
     #[inline(never)]
     pub(crate) fn pushed(&mut self, epoch: Epoch, len: u16) {
-        let newest = usize::from(self.epochs).wrapping_sub(1);
-        match self.parts.get_mut(newest) {
-            Some(part) if part.epoch == epoch => part.len += len,
-            None if self.epoch == epoch => self.ready += len,
-            _ => {
-                if let Some(part) = self.parts.get_mut(usize::from(self.epochs)) {
-                    *part = Part { epoch, len };
-                    self.epochs += 1;
-                }
-            }
+        if self.newest().epoch != epoch {
+            self.behind += 1;
+            self.newest().epoch = epoch;
         }
+        self.newest().len += len;
     }
 
     /// Takes back the bytes of `epoch` if they were pushed last. Not for the epoch being run.
     pub(crate) fn discard(&mut self, epoch: Epoch) {
-        let newest = usize::from(self.epochs).wrapping_sub(1);
-        if self.parts.get(newest).is_some_and(|part| part.epoch == epoch) {
-            self.epochs -= 1;
+        if self.behind != 0 && self.newest().epoch == epoch {
+            *self.newest() = Part::NONE;
+            self.behind -= 1;
         }
     }
 
@@ -248,11 +242,6 @@ impl Motor {
     fn place(&self, offset: u16) -> u16 {
         let at = self.next + offset;
         if at >= self.end { at - (self.end - self.start) } else { at }
-    }
-
-    /// Drops `len` bytes in front.
-    fn drop_front(&mut self, len: u16) {
-        self.next = self.place(len);
     }
 
     /// Horizon, last and free, if they were left to follow from the last step.
@@ -327,19 +316,19 @@ impl Motor {
     pub(super) fn begin(&mut self) {
         let [first, second] = self.switches;
         self.restart();
-        self.epoch = first.epoch;
-        self.drop_front(self.ready);
-        self.ready = 0;
-        while self.ready == 0 && self.epochs > 0 {
-            let front = self.parts[0];
-            if front.epoch == self.epoch {
-                self.ready = front.len;
-            } else {
-                self.drop_front(front.len);
-            }
+        loop {
+            self.next = self.place(self.parts[0].len);
             self.parts.copy_within(1.., 0);
-            self.epochs -= 1;
+            self.parts[PARTS] = Part::NONE;
+            if self.behind == 0 {
+                break;
+            }
+            self.behind -= 1;
+            if self.parts[0].epoch == first.epoch {
+                break;
+            }
         }
+        self.parts[0].epoch = first.epoch;
         self.fault = None;
         if self.horizon.is_before(first.at) {
             self.horizon = first.at;
@@ -369,7 +358,8 @@ impl Motor {
         self.restart();
         self.set(flag::COMMITTED, false);
         self.set(flag::SWITCH, false);
-        (self.ready, self.epochs, self.is_due) = (0, 0, false);
+        self.parts.iter_mut().for_each(|part| part.len = 0);
+        (self.behind, self.is_due) = (0, false);
         self.next = self.start;
     }
 
@@ -390,12 +380,12 @@ impl Motor {
     pub(crate) fn is_idle(&self) -> bool {
         self.registers.left == 0
             && self.flags & (1 << flag::SWITCH | 1 << flag::COMMITTED) == 0
-            && (self.has(flag::UNREADABLE) || self.ready == 0)
+            && (self.has(flag::UNREADABLE) || self.parts[0].len == 0)
     }
 
     /// The epoch being run.
     pub(crate) fn epoch(&self) -> Epoch {
-        self.epoch
+        self.parts[0].epoch
     }
 
     /// What first went wrong in it.

@@ -18,11 +18,13 @@ addresses! {
     TIFR1 = 0x16;
     /// Free storage, bit-addressable.
     GPIOR0 = 0x1e;
-    /// EEPROM data; free storage, as the EEPROM is not used.
+    /// EEPROM control.
+    EECR = 0x1f;
+    /// EEPROM data; free storage but for moments at rest.
     EEDR = 0x20;
-    /// EEPROM address, low byte; free storage.
+    /// EEPROM address, low byte; free storage but for moments at rest.
     EEARL = 0x21;
-    /// EEPROM address, high byte: two bits (1024 bytes of EEPROM); free storage.
+    /// EEPROM address, high byte: two bits (1024 bytes of EEPROM); free storage but for moments at rest.
     EEARH = 0x22;
     /// Timer 0's counter: when the task comes again.
     TCNT0 = 0x26;

@@ -26,11 +26,15 @@ use super::times::{TIMES, Times};
 use crate::clock::{self, low_half};
 use crate::memory;
 use crate::regs::{self, Reg16};
+use core::ptr::NonNull;
+use core::slice;
 use pulsetrain_core::wire::message::{self, Configuration};
 use pulsetrain_core::{Epoch, Moment};
 
-/// So late an edge made by an interrupt may be, ticks; and where a merge moves it too, or another ring's interrupt comes first.
-const LATE: [u8; 2] = [24, 60];
+/// So late an edge made by an interrupt may be, ticks.
+const LATE: u8 = 24;
+/// The same where a merge moves it too, or another ring's interrupt comes first.
+const LATE_MOVED: u8 = 60;
 /// Ticks between two groups, at least: from a match until the interrupt has set the next, and the longest time that it can be
 /// kept waiting; and the length of the interrupt + 4, so that delays die out.
 const APART: u8 = 48;
@@ -96,7 +100,7 @@ impl Spacing {
             }
         };
         let wanted = configuration.pulse_ticks;
-        let late = LATE[usize::from(merging || kind == Kind::TwoOnD)];
+        let late = if merging || kind == Kind::TwoOnD { LATE_MOVED } else { LATE };
         let mut spacing = Spacing { extra: false, long: false, apart };
         let (mut pulse, mut made) = (0, short);
         if wanted > short {
@@ -320,29 +324,47 @@ impl Stepper {
     }
 
     /// The motors in use.
+    // The end of an iteration is worked out here, once for all loops: a product takes 22 bytes of the flash.
     #[inline(never)]
-    pub(crate) fn motors(&self) -> &[Motor] {
+    fn motors(&self) -> slice::Iter<'_, Motor> {
         // SAFETY: only this stepper and the assembly that it calls use them; as long as this borrow lasts, neither does.
-        unsafe { core::slice::from_raw_parts((&raw const MOTORS).cast(), usize::from(self.count)) }
+        unsafe { slice::from_raw_parts((&raw const MOTORS).cast(), usize::from(self.count)) }.iter()
     }
 
     /// The same, to be changed.
     #[inline(never)]
-    pub(crate) fn motors_mut(&mut self) -> &mut [Motor] {
+    fn motors_mut(&mut self) -> slice::IterMut<'_, Motor> {
         // SAFETY: as `motors`.
-        unsafe { core::slice::from_raw_parts_mut((&raw mut MOTORS).cast(), usize::from(self.count)) }
+        unsafe { slice::from_raw_parts_mut((&raw mut MOTORS).cast(), usize::from(self.count)) }.iter_mut()
+    }
+
+    /// Where a motor is, by its number.
+    #[inline(never)]
+    fn place(&self, motor: u8) -> Option<NonNull<Motor>> {
+        let motors = NonNull::new(&raw mut MOTORS)?.cast::<Motor>();
+        // SAFETY: there are as many and more.
+        (motor < self.count).then(|| unsafe { motors.add(usize::from(motor)) })
     }
 
     /// A motor by its number.
+    #[inline(always)]
+    pub(crate) fn motor(&self, motor: u8) -> Option<&Motor> {
+        // SAFETY: as `motors`.
+        self.place(motor).map(|motor| unsafe { motor.as_ref() })
+    }
+
+    /// The same, to be changed.
+    #[inline(always)]
     pub(crate) fn motor_mut(&mut self, motor: u8) -> Option<&mut Motor> {
-        self.motors_mut().get_mut(usize::from(motor))
+        // SAFETY: as `motors`.
+        self.place(motor).map(|mut motor| unsafe { motor.as_mut() })
     }
 
     /// The rings in use.
     #[inline(never)]
-    fn tracks_mut(&mut self) -> &mut [Track] {
+    fn tracks_mut(&mut self) -> slice::IterMut<'_, Track> {
         let count = if self.apiece { self.count } else { 1 };
-        self.tracks.get_mut(..usize::from(count)).unwrap_or_default()
+        self.tracks.get_mut(..usize::from(count)).unwrap_or_default().iter_mut()
     }
 
     /// The ring of a motor.
@@ -351,10 +373,16 @@ impl Stepper {
         if self.apiece && motor != 0 { second } else { first }
     }
 
+    /// The same, to be changed.
+    fn track_mut(&mut self, motor: u8) -> &mut Track {
+        let [first, second] = &mut self.tracks;
+        if self.apiece && motor != 0 { second } else { first }
+    }
+
     /// Motors and lines of `configuration`; all motors at position 0. Not while it plays.
     #[inline(never)]
     pub(crate) fn configure(&mut self, layout: &Layout, configuration: &Configuration<'_>, now: Moment) {
-        self.motors().iter().for_each(|motor| motor.lines.float());
+        self.motors().for_each(|motor| motor.lines.float());
         let kind = layout.kind;
         let motors = configuration.motors();
         let all = motors.len() as u8;
@@ -375,12 +403,12 @@ impl Stepper {
         self.tracks[0].ring.plain(first);
         self.tracks[1].ring.second_on_portd();
         self.count = MAX_MOTORS as u8;
-        self.motors_mut().iter_mut().for_each(|motor| *motor = Motor::NONE);
+        self.motors_mut().for_each(|motor| *motor = Motor::NONE);
         self.count = all;
         for (index, setup) in (0u8..).zip(motors) {
             let mut lines = layout.lines(&setup);
             if kind == Kind::Compare {
-                let track = &mut self.tracks[usize::from(index & 1)];
+                let track = self.track_mut(index);
                 let (name, dir) = if setup.step_pin == 10 {
                     (Name::B, flags::DIR_B_ON_PORTB)
                 } else {
@@ -433,10 +461,9 @@ impl Stepper {
             merge.begin(self.tracks[0].ring.name(), self.count, apart, low_half(first.0));
         }
         for index in 0..self.count {
-            let motor = self.motors().get(usize::from(index));
+            let motor = self.motor(index);
             let step = motor.map_or(Group::NOTHING, |motor| Group { rise: motor.step, fall: motor.step_fall });
-            let place = if self.apiece { usize::from(index & 1) } else { 0 };
-            self.tracks[place].ring.serve(step);
+            self.track_mut(index).ring.serve(step);
         }
         for track in self.tracks_mut() {
             (track.at, track.apart) = (at, apart);
@@ -488,8 +515,8 @@ impl Stepper {
                 regs::kick_watchdog();
             }
         }
-        self.tracks_mut().iter_mut().for_each(|track| track.ring.clear());
-        self.motors().iter().for_each(|motor| motor.lines.rest());
+        self.tracks_mut().for_each(|track| track.ring.clear());
+        self.motors().for_each(|motor| motor.lines.rest());
         if let Some(merge) = &mut self.merge {
             merge.clear(0);
         }
@@ -501,13 +528,13 @@ impl Stepper {
         let count = self.count;
         // The merge asks all four.
         self.count = MAX_MOTORS as u8;
-        self.motors_mut().iter_mut().for_each(|motor| motor.rest(now));
+        self.motors_mut().for_each(|motor| motor.rest(now));
         self.count = count;
     }
 
     /// Whether nothing is left to do: no event, no end of a pulse, no step in a ring.
     pub(crate) fn is_idle(&self) -> bool {
-        self.motors().iter().all(Motor::is_idle)
+        self.motors().all(Motor::is_idle)
             && self.tracks[0].is_idle()
             && !(self.apiece && self.count > 1 && !self.tracks[1].is_idle())
             && !(self.merging && self.merge.as_ref().is_some_and(|merge| !merge.is_idle()))
@@ -529,21 +556,21 @@ impl Stepper {
     /// All motors go over to `epoch` at `at`, which is not before the horizon; or none does, because too many wait.
     #[inline(never)]
     pub(crate) fn switch(&mut self, epoch: Epoch, at: Moment) -> bool {
-        let can = self.motors().iter().all(|motor| motor.can_switch(at));
+        let can = self.motors().all(|motor| motor.can_switch(at));
         if can {
-            self.motors_mut().iter_mut().for_each(|motor| motor.switch(epoch, at));
+            self.motors_mut().for_each(|motor| motor.switch(epoch, at));
         }
         can
     }
 
     /// Takes back what was pushed last of `epoch`, of all motors.
     pub(crate) fn discard(&mut self, epoch: Epoch) {
-        self.motors_mut().iter_mut().for_each(|motor| motor.discard(epoch));
+        self.motors_mut().for_each(|motor| motor.discard(epoch));
     }
 
     /// The epoch being run.
     pub(crate) fn epoch(&self) -> Epoch {
-        self.motors().first().map_or(Epoch(0), Motor::epoch)
+        self.motors().next().map_or(Epoch(0), Motor::epoch)
     }
 
     /// What went wrong in playing since this was asked last.
@@ -570,14 +597,14 @@ impl Stepper {
     #[inline(never)]
     pub(crate) fn position(&self, motor: u8, tail: u8) -> i32 {
         let unplayed = self.unplayed(motor, tail);
-        let motor = self.motors().get(usize::from(motor));
+        let motor = self.motor(motor);
         motor.map_or(0, |motor| motor.planned().wrapping_sub(i32::from(unplayed)))
     }
 
     /// Steps of a motor that were counted but not played yet, forward minus backward, when its ring was played up to `tail`.
     #[inline(never)]
     fn unplayed(&self, motor: u8, tail: u8) -> i16 {
-        let Some(Motor { lines, levels, .. }) = self.motors().get(usize::from(motor)) else { return 0 };
+        let Some(Motor { lines, levels, .. }) = self.motor(motor) else { return 0 };
         let Lines { step, dir, .. } = *lines;
         let (mut levels, mut count) = (*levels, 0);
         if lines.step_low() {
@@ -610,7 +637,7 @@ impl Stepper {
     pub(super) fn fill_shared(&mut self) {
         let Stepper { tracks: [track, _], spacing, count, .. } = self;
         // SAFETY: as `motors_mut`; other fields are borrowed beside.
-        let motors = unsafe { core::slice::from_raw_parts_mut((&raw mut MOTORS).cast(), usize::from(*count)) };
+        let motors = unsafe { slice::from_raw_parts_mut((&raw mut MOTORS).cast(), usize::from(*count)) };
         fill_shared(track, motors, *spacing);
     }
 
@@ -687,7 +714,7 @@ fn fill_shared(track: &mut Track, motors: &mut [Motor], spacing: Spacing) {
             track.push(end.before(512), Group::NOTHING);
             continue;
         };
-        let due = later(due, turn_shared(track, motors, first, &times, spacing));
+        let due = later(due, turn_shared(track, motors, first, spacing));
         // All that step now, or nearly so, and look at lines that are right, go together.
         let reach = due.after(u32::from(spacing.apart / 2));
         let mut steps = 0;
@@ -711,7 +738,8 @@ fn fill_shared(track: &mut Track, motors: &mut [Motor], spacing: Spacing) {
 ///
 /// Gives the moment from which on the step may be made.
 #[inline(never)]
-fn turn_shared(track: &mut Track, motors: &mut [Motor], index: usize, times: &Times, spacing: Spacing) -> Moment {
+fn turn_shared(track: &mut Track, motors: &mut [Motor], index: usize, spacing: Spacing) -> Moment {
+    let times = TIMES.get();
     let Some(motor) = motors.get(index) else { return track.at };
     let (dir, due) = (motor.dir, motor.due);
     if motor.faces() {

@@ -6,7 +6,7 @@
 ; Both write to r24 and give how many bytes. X is where the next one goes.
 
 .section .text.winch, "ax", @progbits
-.global winch_say, winch_status
+.global winch_say, winch_status, winch_powers
 winch_say:
     push r24
     movw r26, r24

@@ -372,9 +372,25 @@ winch_read:
     adiw r26, 25
     rcall winch_begin_word
     movw r14, r26
+    clr r16
+    ld r25, X+                  ; a letter alone
+    ld r24, X
+    rcall winch_is_end
+    brne 1f
+    ldi r30, lo8(winch_letters)
+    ldi r31, hi8(winch_letters)
+2:
+    lpm r24, Z+
+    cp r24, r25
+    breq 6f
+    inc r16
+    cpi r16, 7
+    brne 2b
+    rjmp 7f
+1:
+    ldi r16, 7
     ldi r30, lo8(winch_names)
     ldi r31, hi8(winch_names)
-    clr r16
 2:
     movw r26, r14
     clt
@@ -395,6 +411,7 @@ winch_read:
     inc r16
     cpi r16, 13
     brlo 2b
+7:
     ldi r24, 1                  ; Command
     ret
 6:
@@ -609,7 +626,37 @@ winch_take_decimal:
     subi r22, 0xfd
 1:
     rcall winch_is_nothing
-    breq 6f
+    brne .+2
+    rjmp 6f
+    cpi r22, 8                  ; up to 255 of up to 10^7, which is nearly all that is said: at once
+    brsh 9f
+    mov r25, r19
+    or r25, r20
+    or r25, r21
+    brne 9f
+    mov r25, r18
+    ldi r30, lo8(winch_powers + 4 * 9)
+    ldi r31, hi8(winch_powers + 4 * 9)
+    lsl r22
+    lsl r22
+    sub r30, r22
+    sbc r31, r1
+    clr r22
+    lpm r24, Z+
+    mul r24, r25
+    movw r18, r0
+    lpm r24, Z+
+    mul r24, r25
+    add r19, r0
+    mov r20, r1
+    adc r20, r22
+    lpm r24, Z
+    mul r24, r25
+    add r20, r0
+    mov r21, r1
+    adc r21, r22
+    clr r1
+    rjmp 6f
 9:
     tst r22
     breq 6f
@@ -868,14 +915,9 @@ winch_take_whole:
     ldi r24, 12                 ; Rate
     ret
 
+winch_letters:
+    .ascii "advrsgl"
 winch_names:
-    .asciz "a"
-    .asciz "d"
-    .asciz "v"
-    .asciz "r"
-    .asciz "s"
-    .asciz "g"
-    .asciz "l"
     .asciz "enable"
     .asciz "srate"
     .asciz "deadman"

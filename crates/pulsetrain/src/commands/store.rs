@@ -1,0 +1,95 @@
+//! `pulsetrain store`: settings that a board keeps without power.
+
+use miette::miette;
+use pulsetrain_board::virtual_uno::VirtualUno;
+use pulsetrain_board::{Port, Remote, RemoteError, Serial};
+use pulsetrain_core::wire::Settings;
+use pulsetrain_core::wire::settings::{AMAX, MOST_VMAX};
+use serde::Serialize;
+
+use super::{drive_problem, port_problem};
+use crate::cli::Store;
+use crate::console::{Console, Exit};
+use crate::drive::session_number;
+use crate::human;
+
+/// What a board keeps; 0 is its own way.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub(super) struct Kept {
+    deadman_ms: u16,
+    idle_ms: u16,
+    silence_ms: u16,
+    steps_per_s: f64,
+    steps_per_s2: f64,
+}
+
+impl Kept {
+    pub(super) fn of(settings: Settings) -> Kept {
+        let Settings { deadman_ms, idle_ms, silence_ms, vmax, amax } = settings;
+        let [steps_per_s, steps_per_s2] = [vmax, amax].map(|thousandths| f64::from(thousandths) / 1000.0);
+        Kept { deadman_ms, idle_ms, silence_ms, steps_per_s, steps_per_s2 }
+    }
+
+    /// In words.
+    pub(super) fn told(&self) -> String {
+        let time = |ms: u16| human::seconds(f64::from(ms) / 1000.0);
+        let limits = format!("axes of text at most {} steps/s and {} steps/s²", self.steps_per_s, self.steps_per_s2);
+        let parts = [
+            (self.deadman_ms != 0).then(|| format!("text's deadman {}", time(self.deadman_ms))),
+            (self.idle_ms != 0).then(|| format!("text releases after {} of rest", time(self.idle_ms))),
+            (self.silence_ms != 0).then(|| format!("a host is lost after {}", time(self.silence_ms))),
+            (self.steps_per_s2 != 0.0).then_some(limits),
+        ];
+        let parts: Vec<String> = parts.into_iter().flatten().collect();
+        if parts.is_empty() { "nothing that is not its own way".to_owned() } else { parts.join("; ") }
+    }
+}
+
+pub(crate) fn run(args: &Store, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let limits = args.limits.as_deref().map(limits).transpose()?;
+    let kept = match &args.port {
+        Some(name) => store(Serial::open(name, false).map_err(port_problem)?, args, limits),
+        None => store(VirtualUno::new(), args, limits),
+    };
+    let kept = kept.map_err(|error| drive_problem(error.into()))?.map(Kept::of);
+    if args.json {
+        console.print_json(&kept)?;
+        return Ok(Exit::Success);
+    }
+    let told = kept.map_or("nothing".to_owned(), |kept| kept.told());
+    console.print(format_args!("the board keeps: {told}\n"))?;
+    Ok(Exit::Success)
+}
+
+/// Speed and acceleration of text, in thousandths.
+fn limits(values: &[f64]) -> miette::Result<(u32, u32)> {
+    let thousandths = |value: f64| (value * 1000.0).round();
+    let (vmax, amax) = match values {
+        [speed, acceleration] => (thousandths(*speed), thousandths(*acceleration)),
+        _ => (0.0, 0.0),
+    };
+    let possible =
+        (0.0..=f64::from(MOST_VMAX)).contains(&vmax) && (f64::from(AMAX[0])..=f64::from(AMAX[1])).contains(&amax);
+    if possible || (vmax, amax) == (0.0, 0.0) {
+        return Ok((vmax as u32, amax as u32));
+    }
+    let help = "a board takes up to 10 000 steps/s, and 1 to 250 000 steps/s²; `--limits 0 0` for the board's own";
+    Err(miette!(help = help, "--limits {values:?} is beyond what a board takes"))
+}
+
+/// Changes what was said, and asks what is kept then.
+fn store<P: Port>(port: P, args: &Store, limits: Option<(u32, u32)>) -> Result<Option<Settings>, RemoteError> {
+    let mut board = Remote::open(port, session_number())?;
+    let before = board.stored()?;
+    let mut settings = if args.clear { Settings::default() } else { before.unwrap_or_default() };
+    settings.deadman_ms = args.deadman.unwrap_or(settings.deadman_ms);
+    settings.idle_ms = args.idle.unwrap_or(settings.idle_ms);
+    settings.silence_ms = args.silence.unwrap_or(settings.silence_ms);
+    (settings.vmax, settings.amax) = limits.unwrap_or((settings.vmax, settings.amax));
+    if args.clear || settings != before.unwrap_or_default() {
+        board.store(&settings)?;
+    }
+    let kept = board.stored()?;
+    board.close();
+    Ok(kept)
+}
