@@ -601,7 +601,7 @@ fn a_virtual_board_without_a_way_to_it_is_refused() {
     let (mut out, mut err) = (Vec::new(), Vec::new());
     assert_eq!(cli::run(["pulsetrain", "board", "uno"], &mut out, &mut err), Exit::Refused);
     let err = String::from_utf8(err).unwrap();
-    assert!(err.contains("say --pty LINK or --tcp ADDRESS"), "{err}");
+    assert!(err.contains("say --pty <LINK> or --tcp <ADDRESS>"), "{err}");
 }
 
 /// Someone who does one thing each look.
