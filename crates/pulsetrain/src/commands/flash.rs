@@ -127,8 +127,6 @@ fn problem(name: &str, error: FlashError) -> Report {
 const INFO: &str = "INFO_UF2.TXT";
 /// The name of the file that is written; the chip does not look at it.
 const COPY: &str = "pulsetrain.uf2";
-/// The RP2040's family (github.com/microsoft/uf2, families).
-const FAMILY: u32 = 0xe48b_ff56;
 /// Written at a time, so that the progress moves.
 const PIECE: usize = 16 * 1024;
 
@@ -137,7 +135,7 @@ fn pico(folder: Option<&str>, file: Option<&Path>, console: &Console<'_>) -> mie
         None => virtual_pico::IMAGE.to_vec(),
         Some(file) => console::read(file)?,
     };
-    if let (Some(file), Err(error)) = (file, image::uf2(&bytes, FAMILY)) {
+    if let (Some(file), Err(error)) = (file, image::uf2(&bytes, virtual_pico::FAMILY)) {
         return Err(miette!(help = "a Pico's image is a UF2 file for the RP2040", "{}: {error}", file.display()));
     }
     let folder = match folder {
