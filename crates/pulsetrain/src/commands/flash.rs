@@ -147,8 +147,8 @@ fn pico(folder: Option<&str>, file: Option<&Path>, console: &Console<'_>) -> mie
     let bar = console.progress(bytes.len() as f64, &format!("{} KB", bytes.len().div_ceil(1000)));
     bar.stage("writing");
     copy(&path, &bytes, |done| bar.set(done as f64)).or_else(|(written, error)| {
-        // The chip begins anew as soon as it has the last block: the drive goes away under our hands.
-        if written == bytes.len() && !folder.join(INFO).exists() { Ok(()) } else { Err(not_written(&path, &error)) }
+        // The chip begins anew as soon as it has the last block: the drive goes away under our hands, if not at once.
+        if written == bytes.len() && goes(&folder, TAKEN) { Ok(()) } else { Err(not_written(&path, &error)) }
     })?;
     bar.stage("waiting for it to begin");
     if !goes(&folder, TAKEN) {
