@@ -31,7 +31,7 @@ fn main() {
     load("dds_circle", &circle);
     let lorenz = lorenz_attractor(30);
     let figure = format!("{:.1} half steps", lorenz.error);
-    row("distance from the sums of its speeds, at most", "lorenz, 30 s", &figure, true);
+    row("distance from its sums, at most", "lorenz, 30 s", &figure, true);
     load("lorenz", &lorenz);
     let cycles = lorenz.load * 125e6 / LORENZ_HZ;
     row("cycles in 1/50 s, all of them", "lorenz", &format!("{cycles:.0}"), true);

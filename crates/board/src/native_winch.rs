@@ -44,6 +44,9 @@ const LIMITS: Limits =
 // Steps of one axis are 100 µs apart at least, and a turn takes 124 µs: a pulse ends before the next DIR changes.
 const _: () = assert!(PULSE + SETUP < 1600 && SETUP < TICKS as u64);
 
+/// The axes cannot be had yet.
+const MOVING: text::Reply = text::Reply::Refused(Refused::of(Reason::Moving));
+
 /// A StepperWinch board in virtual time. One tick is 62.5 ns, as on the Uno.
 ///
 /// The slice of a path that is worked out in one millisecond is played in the next.
@@ -71,8 +74,9 @@ pub struct NativeWinch {
     forward: [bool; 4],
     positions: [i32; 4],
     is_enabled: bool,
-    /// Axes that are told directly: they lose them when they rest, and that `ends`.
+    /// Axes that are told directly.
     verbs: Option<NativeVerbs>,
+    /// `enable 0` was said to them: they stop, and verbs lose them as soon as they rest.
     ends: bool,
     /// Lines about moves that were done, for which there was no room yet.
     done: VecDeque<text::Reply>,
@@ -236,7 +240,8 @@ impl NativeWinch {
             }
             // What was done is told first.
             if self.ends && verbs.is_idle() && self.done.is_empty() {
-                (self.verbs, self.session, self.positions) = (None, Session::new(), [0; 4]);
+                (self.verbs, self.ends) = (None, false);
+                (self.session, self.positions) = (Session::new(), [0; 4]);
                 self.enable();
                 self.say(&Reply::Awake);
             }
@@ -270,9 +275,11 @@ impl NativeWinch {
                 }
             },
             Heard::Refused(refusal) => Some(Reply::Refused(refusal)),
-            Heard::Command(Verb::Target | Verb::Move | Verb::Drift) if self.verbs.is_some() => {
+            Heard::Command(verb) if self.verbs.is_some() && verb.has_flags() => {
                 return self.answer(&text::Reply::Verbs);
             }
+            // A stop goes to its end, whatever comes behind it.
+            Heard::Command(Verb::Enable) if self.ends && self.reader.value() != 0 => return self.answer(&MOVING),
             Heard::Command(Verb::Enable) if self.verbs.is_some() => {
                 self.session.heard();
                 self.ends = self.reader.value() == 0;
@@ -291,14 +298,16 @@ impl NativeWinch {
         if self.session.drives() {
             return text::Reply::Path;
         }
-        self.session.heard();
+        if self.ends {
+            return MOVING;
+        }
         let Some(orders) = told.orders() else { return text::Reply::Refused(Refused::of(Reason::Malformed)) };
         // A first line that is refused changes nothing.
         let mut first = self.verbs.is_none().then(|| self.verbs_from_here());
         let Some(verbs) = self.verbs.as_mut().or(first.as_mut()) else { return text::Reply::Path };
         match verbs.obey(verbs.open(), &orders) {
             Ok(obeyed) => {
-                self.ends = false;
+                self.session.heard();
                 if let Some(verbs) = first {
                     self.verbs = Some(verbs);
                     self.lower_dir();

@@ -322,16 +322,18 @@ proptest! {
     }
 }
 
+/// Says a line and gives what is answered within `ms`.
+fn ask(lab: &mut Lab, line: &str, ms: u64) -> Vec<String> {
+    let before = lab.replies().len();
+    lab.tell(line);
+    lab.run(ms);
+    lab.replies()[before..].iter().map(|line| (*line).to_owned()).collect()
+}
+
 /// The lines that tell axes directly: steps at their ticks, done lines, and whose the axes are.
 #[test]
 fn verbs_move_axes_from_where_a_path_left_them() {
     let mut lab = Lab::new();
-    let ask = |lab: &mut Lab, line: &str, ms: u64| -> Vec<String> {
-        let before = lab.replies().len();
-        lab.tell(line);
-        lab.run(ms);
-        lab.replies()[before..].iter().map(|line| (*line).to_owned()).collect()
-    };
     lab.run(20);
     assert_eq!(ask(&mut lab, "speed x 63", 20), ["err period 64"]);
     assert_eq!(ask(&mut lab, "move x", 20), ["err missing 3"]);
@@ -379,4 +381,58 @@ fn verbs_move_axes_from_where_a_path_left_them() {
     let told = lab.replies()[before..].iter().filter(|line| line.starts_with("done a ")).count();
     assert_eq!(told, lab.winch.positions()[3].unsigned_abs() as usize);
     assert!(told > 20, "{told}");
+}
+
+/// What `enable 0` stops stays stopped, also if more comes in the same packet; and nothing of that goes by in silence.
+#[test]
+fn enable_0_stops_whatever_comes_with_it() {
+    for (behind, answers) in [
+        ("dir x 1", vec!["err moving", "awake"]),
+        ("run x", vec!["err moving", "awake"]),
+        ("enable 1", vec!["err moving", "awake"]),
+        ("enable 0", vec!["awake"]),
+        ("a x 5", vec!["err verbs", "awake"]),
+    ] {
+        let mut lab = Lab::new();
+        lab.run(20);
+        lab.run(20);
+        assert_eq!(ask(&mut lab, "speed x 12500", 30).len(), 1);
+        assert_eq!(ask(&mut lab, "run x", 30).len(), 1);
+        // Both lines end in the same millisecond.
+        assert_eq!(ask(&mut lab, &format!("\n\n\n\nenable 0\n{behind}"), 30), answers, "{behind}");
+        let stood = lab.steps()[0].len();
+        lab.run(100);
+        assert_eq!((lab.winch.is_enabled(), lab.steps()[0].len()), (false, stood), "{behind}");
+        // Then all begins anew.
+        assert_eq!(ask(&mut lab, "move x 1", 30).len(), 2, "{behind}");
+    }
+}
+
+/// Paths' commands are not obeyed while verbs have the axes, and that is told.
+#[test]
+fn paths_commands_are_refused_while_verbs_have_the_axes() {
+    let mut lab = Lab::new();
+    lab.run(20);
+    assert_eq!(ask(&mut lab, "run x", 30).len(), 1);
+    for line in ["a x 7", "d x 7", "v x 7", "r x 7", "s x 7", "g x 5 1", "l x 100 100"] {
+        assert_eq!(ask(&mut lab, line, 30), ["err verbs"], "{line}");
+    }
+}
+
+/// A line that is refused does not put the deadman off.
+#[test]
+fn the_deadman_hears_no_refused_line() {
+    let mut lab = Lab::new();
+    lab.run(20);
+    for line in ["speed x 12500", "move x 1000000", "move x 5"] {
+        assert_eq!(ask(&mut lab, line, 30).len(), 1, "{line}");
+    }
+    ask(&mut lab, "deadman 200", 30);
+    for line in ["move x 5", "a x 5", "speed x 1", "move x 5", "r x 5", "move x 5"] {
+        assert!(ask(&mut lab, line, 30).iter().all(|answer| answer.starts_with("err ")), "{line}");
+    }
+    lab.run(50);
+    let stood = lab.winch.positions();
+    lab.run(100);
+    assert_eq!(lab.winch.positions(), stood, "the deadman's time is over");
 }

@@ -163,6 +163,56 @@ fn verbs_paths_and_frames_keep_apart() {
     assert!(remote.info().board == 2);
 }
 
+/// What `enable 0` stops stays stopped, also if more comes in the same packet; and nothing of that goes by in silence.
+#[test]
+fn enable_0_stops_whatever_comes_with_it() {
+    for (behind, answers) in [
+        ("speed x 25000", vec!["err moving", "awake"]),
+        ("run x", vec!["err moving", "awake"]),
+        ("enable 1", vec!["err moving", "awake"]),
+        ("enable 0", vec!["awake"]),
+        ("a x 5", vec!["err verbs", "awake"]),
+    ] {
+        let mut talk = Talk::new();
+        assert_eq!(talk.ask("speed x 12500").len(), 1);
+        assert_eq!(talk.ask("run x").len(), 1);
+        assert_eq!(talk.ask(&format!("enable 0\n{behind}")), answers, "{behind}");
+        let off = talk.edges.iter().rfind(|edge| edge.line == ENABLE).map(|edge| edge.level);
+        let stood = talk.rises(STEP[0]).len();
+        talk.pass(100);
+        assert_eq!((off, talk.rises(STEP[0]).len()), (Some(true), stood), "{behind}");
+        // Then all begins anew.
+        assert_eq!(talk.ask("move x 1").len(), 2, "{behind}");
+    }
+}
+
+/// Paths' commands are not obeyed while verbs have the axes, and that is told.
+#[test]
+fn paths_commands_are_refused_while_verbs_have_the_axes() {
+    let mut talk = Talk::new();
+    assert_eq!(talk.ask("run x").len(), 1);
+    for line in ["a x 7", "d x 7", "v x 7", "r x 7", "s x 7", "g x 5 1", "l x 100 100"] {
+        assert_eq!(talk.ask(line), ["err verbs"], "{line}");
+    }
+}
+
+/// A line that is refused does not put the deadman off.
+#[test]
+fn the_deadman_hears_no_refused_line() {
+    let mut talk = Talk::new();
+    for line in ["speed x 12500", "move x 1000000", "move x 5"] {
+        assert_eq!(talk.ask(line).len(), 1, "{line}");
+    }
+    talk.ask("deadman 200");
+    for line in ["move x 5", "a x 5", "speed x 1", "move x 5", "r x 5", "move x 5"] {
+        assert!(talk.ask(line).iter().all(|answer| answer.starts_with("err ")), "{line}");
+    }
+    talk.pass(50);
+    let stood = talk.rises(STEP[0]).len();
+    talk.pass(100);
+    assert_eq!(talk.rises(STEP[0]).len(), stood, "the deadman's time is over");
+}
+
 /// A host that speaks faster than it can be answered hears of every move that is done, though not every answer.
 #[test]
 fn every_done_is_told_to_a_host_that_floods_the_line() {

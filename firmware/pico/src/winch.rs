@@ -72,6 +72,9 @@ pub(crate) fn wiring() -> Option<Configuration<'static>> {
     Some(wiring)
 }
 
+/// The axes cannot be had yet.
+const MOVING: text::Reply = text::Reply::Refused(Refused::of(Reason::Moving));
+
 /// What is heard as text on a line.
 pub(crate) struct Ear {
     reader: Reader,
@@ -119,8 +122,9 @@ pub(crate) struct Winch {
     /// Pins are text's.
     wired: bool,
     drives: bool,
-    /// Verbs have the axes, and lose them as soon as these rest.
+    /// Verbs have the axes.
     tells: bool,
+    /// `enable 0` was said to them: they stop, and verbs lose them as soon as they rest.
     ends: bool,
     /// The beginning of the next slice to be worked out, ticks.
     next: u64,
@@ -176,12 +180,16 @@ impl Winch {
             Heard::Command(verb) => {
                 ear.quiet = false;
                 match verb {
-                    Verb::Target | Verb::Move | Verb::Drift if self.tells => {
-                        Brought::Answer(Line::Verbs(text::Reply::Verbs))
+                    verb if self.tells && verb.has_flags() => Brought::Answer(Line::Verbs(text::Reply::Verbs)),
+                    Verb::Enable if self.tells && ear.reader.value() == 0 => {
+                        self.session.heard();
+                        self.ends = true;
+                        Brought::Nothing
                     }
+                    // A stop goes to its end, whatever comes behind it.
+                    Verb::Enable if self.ends => Brought::Answer(Line::Verbs(MOVING)),
                     Verb::Enable if self.tells => {
                         self.session.heard();
-                        self.ends = ear.reader.value() == 0;
                         Brought::Nothing
                     }
                     _ => self.session.obey(verb, &mut ear.reader).map_or(Brought::Nothing, Brought::answer),
@@ -195,14 +203,19 @@ impl Winch {
         if self.drives {
             return text::Reply::Path;
         }
-        self.session.heard();
+        if self.ends {
+            return MOVING;
+        }
         self.wired = self.wired || board.wire();
         let done = match told.orders() {
             Some(orders) if self.wired => self.obey(board, &orders),
-            _ => Err(Refused::of(Reason::Moving)),
+            _ => return MOVING,
         };
         match done {
-            Ok(()) => text::Reply::At { obeyed: board.obeyed, axes: told.axes() },
+            Ok(()) => {
+                self.session.heard();
+                text::Reply::At { obeyed: board.obeyed, axes: told.axes() }
+            }
             Err(refused) => text::Reply::Refused(refused),
         }
     }
@@ -213,7 +226,7 @@ impl Winch {
             board.would_obey(orders)?;
             board.arm()?;
         }
-        (self.tells, self.ends) = (true, false);
+        self.tells = true;
         board.obey(orders)
     }
 

@@ -167,11 +167,11 @@ pub enum Reply {
     /// `err <what> <word>`: the line cannot be read.
     Unread(What, u8),
     /// `err period <shortest>`, `err busy <axis>`: it cannot be done; `err stopped`: motors stopped by themselves, and text begins anew;
-    /// `err moving`: the axes cannot be had.
+    /// `err moving`: the axes cannot be had, as motors of frames still move, or these after `enable 0`.
     Refused(Refusal),
     /// `err path`: the winch's paths have the axes; `enable 0` ends that.
     Path,
-    /// `err verbs`: the axes are told directly, and the winch's commands do not move them; `enable 0` ends that.
+    /// `err verbs`: the axes are told directly, and have no paths; `enable 0` ends that.
     Verbs,
 }
 

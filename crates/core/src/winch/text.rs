@@ -71,7 +71,9 @@ impl Verb {
         }
     }
 
-    const fn has_flags(self) -> bool {
+    /// Whether it is for the paths of some axes, whose letters come next.
+    #[must_use]
+    pub const fn has_flags(self) -> bool {
         (self as u8) <= Verb::Limits as u8
     }
 
