@@ -118,7 +118,11 @@ class Winch:
 
     @classmethod
     def open(cls, port: str, *, with_checksum: bool = False) -> "Winch":
-        """Opens a serial port or pseudo-terminal with pyserial. An Uno starts anew when its port is opened."""
+        """Opens a serial port or pseudo-terminal with pyserial.
+
+        An Uno starts anew when its port is opened, and its bootloader takes what is sent for a second or two: ask for
+        :meth:`version` first, which waits until the board answers.
+        """
         import serial  # type: ignore[import-untyped, unused-ignore]
 
         return cls(serial.Serial(port, BAUD, timeout=0.02), with_checksum=with_checksum)
@@ -165,7 +169,10 @@ class Winch:
         self.send(f"g {_flags(axes)} {_decimal(frequency_hz)} {_decimal(damping_ratio)}")
 
     def limits(self, axes: str = AXES, *, speed: float, acceleration: float) -> None:
-        """``l``: the highest speed, steps/s, and acceleration, steps/s²."""
+        """``l``: the highest speed, steps/s, and acceleration, steps/s², at least 1.
+
+        More than 10 000 steps/s and 250 000 steps/s² is taken as that.
+        """
         self.send(f"l {_flags(axes)} {_decimal(speed)} {_decimal(acceleration)}")
 
     def enable(self, on: bool = True) -> None:
@@ -250,9 +257,10 @@ class Winch:
     def wait_until_still(self, timeout: float, *, quiet: float = 0.5) -> Status:
         """The first status after which no motor has moved for ``quiet`` seconds of the board's clock.
 
-        Statuses that came before the call do not count: what was sent just before it has its effect first. Raises
-        :exc:`NoAnswer` after ``timeout`` seconds of this computer's clock, and :exc:`ValueError` if that is no longer than
-        ``quiet``, so that nothing could be seen.
+        Statuses that came before the call do not count. A motion with fewer than one step in ``quiet`` seconds looks still:
+        a drift or a ramp of few steps/s, the beginning and the end of a move with a low natural frequency. There ``quiet``
+        has to be longer. Raises :exc:`NoAnswer` after ``timeout`` seconds of this computer's clock, and :exc:`ValueError` if
+        that is no longer than ``quiet``, so that nothing could be seen.
         """
         if not 0 < quiet < timeout:
             raise ValueError(f"quiet must be more than 0 and less than the timeout of {timeout} s: {quiet!r}")
@@ -351,7 +359,9 @@ def _number(value: Union[int, float]) -> Union[int, float]:
 
 
 def _decimal(value: float) -> str:
-    return f"{_number(value):.6f}"
+    number = _number(value)
+    # All the digits of a large one would not fit into a line.
+    return f"{number:.6f}" if abs(number) < 1e9 else f"{number:.9g}"
 
 
 def _whole(value: Union[int, float]) -> int:

@@ -34,7 +34,7 @@ pub const ENABLE_PIN: u8 = 8;
 const PULSE: u64 = 32;
 /// So long before a step DIR has its level, ticks: 5 µs.
 const SETUP: u64 = 80;
-/// Replies that wait for the line; one that does not fit is lost, whole.
+/// While so many bytes wait for the line, moves that are done are not told. Answers wait however many there are: none is lost.
 const UNSENT: usize = 256;
 
 /// What axes can be told directly: their lines are low for as long as a pulse, DIR stays as long behind one; 1000 steps/s at first.
@@ -229,11 +229,10 @@ impl NativeWinch {
                 self.planned.push(Reverse((at + PULSE, STEP_PINS[axis], false)));
             }
         }
-        while let Some(done) = self.done.pop_front() {
-            if !self.say_of_verbs(&done) {
-                self.done.push_front(done);
-                break;
-            }
+        while self.line.unsent(self.now) < UNSENT
+            && let Some(done) = self.done.pop_front()
+        {
+            self.answer(&done);
         }
         if let Some(verbs) = &mut self.verbs {
             if self.ends || self.session.is_forsaken() {
@@ -347,26 +346,13 @@ impl NativeWinch {
     fn say(&mut self, reply: &Reply) {
         let mut text = [0; LONGEST];
         let len = reply.write::<InMemory>(&mut text);
-        self.say_bytes(&text[..usize::from(len)]);
+        self.line.say(self.now, &text[..usize::from(len)]);
     }
 
     fn answer(&mut self, reply: &text::Reply) {
-        self.say_of_verbs(reply);
-    }
-
-    /// Whether there was room for it.
-    fn say_of_verbs(&mut self, reply: &text::Reply) -> bool {
         let mut text = [0; text::LONGEST];
         let len = reply.write(&mut text);
-        self.say_bytes(&text[..len])
-    }
-
-    fn say_bytes(&mut self, text: &[u8]) -> bool {
-        let has_room = self.line.unsent(self.now) + text.len() <= UNSENT;
-        if has_room {
-            self.line.say(self.now, text);
-        }
-        has_room
+        self.line.say(self.now, &text[..len]);
     }
 }
 

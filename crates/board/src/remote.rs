@@ -191,6 +191,10 @@ fn said(reason: Reason, detail: u16) -> String {
             format!("motor {detail} has a move under way and one that waits: wait until one is done, or halt it")
         }
         Reason::Obeying => "its motors are told directly until they are released".to_owned(),
+        Reason::Baked => {
+            "a motion in its flash runs, which was baked; `pulsetrain flash pico` brings the plain firmware back"
+                .to_owned()
+        }
     }
 }
 
@@ -244,6 +248,27 @@ pub struct Setup {
     pub silence_ms: u16,
     /// The motors, at most 8.
     pub motors: Vec<MotorSetup>,
+}
+
+impl Setup {
+    /// Its motors, as a [`Configuration`] has them.
+    #[must_use]
+    pub fn motor_bytes(&self) -> Vec<u8> {
+        self.motors.iter().flat_map(MotorSetup::to_bytes).collect()
+    }
+
+    /// What Configure says; `motors` are its [`motor_bytes`](Setup::motor_bytes). `None` with more than 8 of them.
+    #[must_use]
+    pub fn configuration<'m>(&self, motors: &'m [u8]) -> Option<Configuration<'m>> {
+        let mut configuration = Configuration::new(motors)?;
+        configuration.pulse_ticks = self.pulse_ticks;
+        configuration.setup_ticks = self.setup_ticks;
+        configuration.hold_ticks = self.hold_ticks;
+        (configuration.enable_pin, configuration.enable_high) = self.enable.unwrap_or((NO_PIN, false));
+        configuration.idle_ms = self.idle_ms;
+        configuration.silence_ms = self.silence_ms;
+        Some(configuration)
+    }
 }
 
 /// An item in a board's queue.
@@ -366,14 +391,8 @@ impl<P: Port> Remote<P> {
             let (what, reason) = ("take this configuration", Reason::TooManyMotors);
             return Err(RemoteError::Refused { what, reason, detail: u16::from(self.info.max_motors) });
         }
-        let motors: Vec<u8> = setup.motors.iter().flat_map(MotorSetup::to_bytes).collect();
-        let mut configuration = Configuration::new(&motors).expect("at most 8 motors");
-        configuration.pulse_ticks = setup.pulse_ticks;
-        configuration.setup_ticks = setup.setup_ticks;
-        configuration.hold_ticks = setup.hold_ticks;
-        (configuration.enable_pin, configuration.enable_high) = setup.enable.unwrap_or((NO_PIN, false));
-        configuration.idle_ms = setup.idle_ms;
-        configuration.silence_ms = setup.silence_ms;
+        let motors = setup.motor_bytes();
+        let configuration = setup.configuration(&motors).expect("at most 8 motors");
         self.at_rest()?;
         let answer = self.ask(&Command::Configure(configuration))?;
         let Reply::Configured(queues) = answer.reply else { return Err(refusal("take this configuration", &answer)) };
@@ -693,10 +712,10 @@ impl<P: Port> Remote<P> {
         }
     }
 
-    fn hand_over(&mut self, observer: &mut impl Observer) {
-        for edge in self.edges.drain(..) {
-            observer.edge(edge);
-        }
+    /// A virtual board may be beyond `until`, to the end of a frame of USB: its later edges wait.
+    fn hand_over(&mut self, until: u64, observer: &mut impl Observer) {
+        let due = self.edges.partition_point(|edge| edge.tick <= until);
+        self.edges.drain(..due).for_each(|edge| observer.edge(edge));
     }
 }
 
@@ -886,9 +905,9 @@ impl<P: Port> Board for Remote<P> {
                 }
             }
             self.passed = self.passed.max(self.clock.tick_at(self.port.now()).unwrap_or(0).min(until + 1));
-            self.hand_over(observer);
+            self.hand_over(until, observer);
         }
-        self.hand_over(observer);
+        self.hand_over(until, observer);
     }
 
     fn stop_now(&mut self, tick: u64, observer: &mut impl Observer) -> StopReport {
@@ -914,7 +933,7 @@ impl<P: Port> Board for Remote<P> {
             }
             Err(_) => self.unknown_stop(),
         };
-        self.hand_over(observer);
+        self.hand_over(u64::MAX, observer);
         report
     }
 
@@ -979,6 +998,10 @@ impl<P: Port> Remote<P> {
         let patience = self.port.now() + REST;
         loop {
             let status = self.status()?;
+            if status.head.flags & flags::BAKED != 0 {
+                let (what, reason) = ("do what a host says", Reason::Baked);
+                return Err(RemoteError::Refused { what, reason, detail: 0 });
+            }
             if status.is_idle() {
                 return Ok(status);
             }

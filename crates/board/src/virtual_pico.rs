@@ -14,8 +14,8 @@ use std::time::Duration;
 /// The firmware that `cargo xtask firmware pico` built, as a Pico's drive takes it (UF2).
 pub const IMAGE: &[u8] = include_bytes!("../images/pico.uf2");
 
-/// What a UF2 file calls the RP2040.
-const FAMILY: u32 = 0xe48b_ff56;
+/// What a UF2 file calls the RP2040 (github.com/microsoft/uf2, families).
+pub const FAMILY: u32 = 0xe48b_ff56;
 
 /// Cycles per second; one tick of the firmware's clock is one cycle.
 pub const CYCLES_PER_S: u64 = 125_000_000;

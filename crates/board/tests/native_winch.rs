@@ -117,6 +117,19 @@ fn it_answers() {
 }
 
 #[test]
+fn every_line_of_a_burst_is_answered() {
+    let mut lab = Lab::new();
+    lab.winch.send("q\n".repeat(32).as_bytes()).unwrap();
+    lab.winch.send("version\n".repeat(100).as_bytes()).unwrap();
+    lab.tell("a x nan");
+    lab.run_to(1000);
+    let replies = lab.replies();
+    assert_eq!(replies.iter().filter(|reply| **reply == "err command 1").count(), 32);
+    assert_eq!(replies.iter().filter(|reply| reply.starts_with("id ")).count(), 100);
+    assert_eq!((replies.len(), replies.last()), (134, Some(&"err number 3")), "and one `awake`");
+}
+
+#[test]
 fn drivers_are_off_until_it_is_to_move_and_after_a_stop() {
     let mut lab = Lab::new();
     lab.tell("g xy 2 1");

@@ -182,6 +182,7 @@ fn numbers_are_those_of_the_code() {
         (flags::IDLE, "IDLE"),
         (flags::CONFIGURED, "CONFIGURED"),
         (flags::ARMED, "ARMED"),
+        (flags::BAKED, "BAKED"),
         (flags::STEP_MISSED, "STEP_MISSED"),
         (flags::SETUP_CUT_SHORT, "SETUP_CUT_SHORT"),
         (flags::BAD_ITEM, "BAD_ITEM"),

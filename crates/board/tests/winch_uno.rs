@@ -171,6 +171,17 @@ fn bursts_are_obeyed() {
 }
 
 #[test]
+fn a_refusal_among_many_answers_is_told() {
+    for (before, after) in [(0, 200), (10, 40), (40, 10), (100, 0), (100, 1), (100, 100)] {
+        let mut uno = Uno::new();
+        uno.send(format!("{}a x nan\n{}", "version\n".repeat(before), "version\n".repeat(after)));
+        uno.run_ms(1500);
+        let refusals = uno.lines.iter().filter(|line| line.text == "err number 3").count();
+        assert_eq!(refusals, 1, "{before} lines before it, {after} after: {:?}", uno.lines);
+    }
+}
+
+#[test]
 fn enable_0_stops_and_releases() {
     let mut uno = Uno::new();
     script(&mut uno, &[(5, "g xyza 2 1"), (5, "v xyza 3000 -3000 100 1")]);

@@ -8,6 +8,7 @@
 //! - [`verbs`]: motors told directly: so many steps, one every so many ticks, this way or that
 //! - [`words`]: channel and output → words for state machines that make the edges
 //! - [`narrow`]: queue, channel and packing for an 8-bit chip
+//! - [`baked`]: a motion that lies in a board's flash, and how it is played
 //! - [`queue`]: items waiting, each tagged with its epoch
 //! - [`packing`]: segments as few bytes
 //! - [`wire`]: frames and messages between host and board, and the board's side of the link
@@ -22,6 +23,7 @@
 #![deny(clippy::cast_possible_truncation)]
 
 pub mod axis;
+pub mod baked;
 pub mod channel;
 pub mod merge;
 pub mod moment;

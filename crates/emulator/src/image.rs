@@ -175,6 +175,36 @@ pub fn flat(pieces: &[Piece], base: u32, limit: usize) -> Result<Vec<u8>, ImageE
     Ok(memory)
 }
 
+/// A UF2 file of the content of a memory from `base` on, for a family of chips: blocks of 256 bytes, the last one filled up with
+/// zeros. Source: github.com/microsoft/uf2, README.
+///
+/// ```
+/// use pulsetrain_emulator::image::{flat, to_uf2, uf2};
+/// let file = to_uf2(&[7; 300], 0x1000_0000, 0xe48b_ff56);
+/// assert_eq!(file.len(), 2 * 512);
+/// let memory = flat(&uf2(&file, 0xe48b_ff56).unwrap(), 0x1000_0000, 512).unwrap();
+/// assert_eq!((memory[299], memory[300], memory.len()), (7, 0, 512));
+/// ```
+#[must_use]
+pub fn to_uf2(memory: &[u8], base: u32, family: u32) -> Vec<u8> {
+    const PAYLOAD: usize = 256;
+    const HAS_FAMILY: u32 = 0x2000;
+    let blocks = memory.chunks(PAYLOAD);
+    let count = blocks.len() as u32;
+    let mut file = Vec::new();
+    for (number, bytes) in (0..).zip(blocks) {
+        let address = base + number * PAYLOAD as u32;
+        for word in [0x0a32_4655, 0x9e5d_5157, HAS_FAMILY, address, PAYLOAD as u32, number, count, family] {
+            file.extend(word.to_le_bytes());
+        }
+        let mut data = [0; 476];
+        data[..bytes.len()].copy_from_slice(bytes);
+        file.extend(data);
+        file.extend(0x0ab1_6f30_u32.to_le_bytes());
+    }
+    file
+}
+
 fn part<'a>(file: &'a [u8], at: u64, bytes: u64, what: &'static str) -> Result<&'a [u8], ImageError> {
     // Both come from fields of 32 bits: the sum cannot overflow.
     let end = at + bytes;

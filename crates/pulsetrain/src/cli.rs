@@ -125,12 +125,15 @@ Examples:
     Ports(Ports),
     /// Put a motion onto a board for good: it runs at power-up, without this computer
     #[command(after_help = "\
-For an Arduino Uno. The image needs nothing else; the sketch is plain C++ with tables in flash, for the Arduino IDE, without a library. Endless motions that repeat keep their phase for ever: each \
-turn begins at its own exact time, to 2^-48 of a tick. It takes the Uno's Timer1, and stops millis() and delay().
+For an Arduino Uno and a Raspberry Pi Pico. The Uno's image needs nothing else; the sketch is plain C++ with tables in flash, for the Arduino IDE, without a library. Endless motions that repeat keep their phase for ever: each \
+turn begins at its own exact time, to 2^-48 of a tick. It takes the Uno's Timer1, and stops millis() and delay(). On a Pico the firmware itself plays it, nearly as fast as \
+what a host sends, on drivers and on coils; to 2^-64 of a tick.
 
 Examples:
   pulsetrain bake examples/sweep.toml --output sweep.hex          four motors, for ever
   pulsetrain flash uno --port /dev/ttyACM0 --image sweep.hex      onto the Uno; `flash uno` alone brings the firmware back
+  pulsetrain bake examples/pico.toml --output motion.uf2          for a Pico
+  pulsetrain flash pico --image motion.uf2
   pulsetrain bake examples/tutorial.toml --sketch tutorial        writes tutorial/tutorial.ino")]
     Bake(Bake),
     /// Compare a board's clock with this computer's; `run --clock-ppm` then corrects for it
@@ -272,7 +275,7 @@ pub(crate) struct Board {
     #[arg(value_parser = ["uno", "pico", "winch"])]
     pub(crate) board: String,
     /// Make a pseudo-terminal, and a link of this name to it, which is gone in the end
-    #[arg(long, value_name = "LINK", required_unless_present = "tcp", conflicts_with = "tcp")]
+    #[arg(long, value_name = "LINK", conflicts_with = "tcp")]
     pub(crate) pty: Option<PathBuf>,
     /// Listen at this address, for one client at a time
     #[arg(long, value_name = "ADDRESS")]
@@ -296,7 +299,7 @@ pub(crate) struct Bake {
     /// Write an Arduino sketch into this folder, which gives it its name
     #[arg(long, value_name = "DIR", required_unless_present = "output", conflicts_with = "output")]
     pub(crate) sketch: Option<PathBuf>,
-    /// Write an image of an Uno's flash there (Intel HEX)
+    /// Write an image of the board's flash there: Intel HEX of an Uno's, UF2 of a Pico's
     #[arg(long, short, value_name = "FILE")]
     pub(crate) output: Option<PathBuf>,
     /// Hold the motion against this board's limits instead of the file's

@@ -452,7 +452,7 @@ impl<O: Observer> Observer for Since<'_, O> {
 }
 
 /// What a board on a line is to be configured for.
-fn setup(program: &Program) -> Setup {
+pub(crate) fn setup(program: &Program) -> Setup {
     let hz = program.board.tick_hz;
     let ticks = |ticks: u64| u16::try_from(ticks).unwrap_or(u16::MAX);
     let mut setup = Setup { idle_ms: program.idle_ms, ..Setup::default() };

@@ -7,7 +7,7 @@
 //! - [`session`]: a program, streamed into a board in epochs that end in stop tails; stops and live changes
 //! - [`pause`]: how a motion is brought to a halt on its path, and goes on
 //! - [`serve`]: virtual boards in real time, for any serial client; `interrupt`: Ctrl-C
-//! - [`bake`]: plans that stay on a board, without a host: Arduino sketches
+//! - [`bake`]: plans that stay on a board, without a host: images for Uno and Pico, Arduino sketches
 //! - [`winch`]: boards that work out their path themselves, told in text: scripts, and a console
 //! - [`drive`]: plans on the native board, on Unos and Picos; [`record`]: a run as it is seen: files, verdict, picture
 //! - [`lateness`]: edges against scheduled ticks; [`figure`]: what machines draw, and how far off it is

@@ -209,7 +209,7 @@ fn what_does_not_repeat_is_told() {
 fn what_is_too_large_is_told_with_what_would_fit() {
     let day = "law.sine = { amplitude = \"3 rev\", period = \"1.7 s\", cycles = 50000 }";
     let error = refused(&program(day));
-    let BakeError::TooLarge { bytes, limit, fits_s } = error else { panic!("{error}") };
+    let BakeError::TooLarge { board: "an Uno", bytes, limit, fits_s } = error else { panic!("{error}") };
     assert!(bytes > limit && (20_000..30_000).contains(&limit), "{error}");
     let cycles = |seconds: f64| {
         let law =

@@ -173,7 +173,7 @@ fn hosts<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
     };
     let mut rows = vec![
         stall("1 ms", 1, 0..length, Moved::AsPlanned, 2),
-        stall("100 ms", 100, 0..length, Moved::AsPlanned, 3),
+        stall("100 ms", 100, 0..length, Moved::AsQueued, 3),
         stall("1 s", 1000, 0..UNTOLD, Moved::Tail, 2),
         stall("10 s", 10_000, 0..UNTOLD, Moved::Tail, 2),
     ];

@@ -12,7 +12,9 @@ use proptest::prelude::*;
 use pulsetrain::cli;
 use pulsetrain::console::Exit;
 use pulsetrain::winch::console::{Ended, Person, Plain, Wish, converse};
-use pulsetrain::winch::run::{Judged, Names, Run, Wish as RunWish, judge, on_port, on_virtual};
+use pulsetrain::winch::run::{
+    Judged, Names, Run, Wish as RunWish, by_word, judge, on_port, on_virtual, stands_elsewhere,
+};
 use pulsetrain::winch::script::{self, Script};
 use pulsetrain::winch::talk::{Said, Talk};
 use pulsetrain_board::native_winch::NativeWinch;
@@ -298,6 +300,19 @@ fn a_stop_is_a_planned_one() {
     let seconds = (run.end - run.begin) as f64 / 16e6;
     assert!((3.0..3.2).contains(&seconds), "{seconds}");
     assert!(!talk.port().is_enabled(), "drivers are off");
+    let report = judge(&run, NAMES, &Options::default()).unwrap().report;
+    assert_eq!((report.lines, report.unsent), (1, 1), "the stop is no line of the script");
+    let text = report.to_string();
+    assert!(text.contains("1 line in ") && text.contains("Its last line was not sent"), "{text}");
+}
+
+#[test]
+fn position_and_path_are_compared_at_the_same_moment() {
+    // 0.6 ms into a millisecond, five steps on.
+    let verdict = verdict(&run(&script("0 s: l x 10000 250000\n0 s: g x 5 1\n0 s: v x 9000", 1.0006)));
+    let axis = &verdict.axes[0];
+    assert!(verdict.ok && axis.position > 1000, "{verdict:?}");
+    assert!((axis.position as f64 - axis.position_wanted).abs() < 0.62, "{axis:?}");
 }
 
 #[test]
@@ -316,6 +331,76 @@ fn a_real_board_is_known_by_its_word() {
     let mut elsewhere = run;
     elsewhere.statuses.last_mut().unwrap().positions[1] += 1;
     assert!(!pulsetrain::winch::run::by_word(&elsewhere, NAMES).report.is_ok());
+}
+
+/// What is said of axes by the board's own word: whether each is judged, and whether all is ok.
+fn words(run: &Run) -> ([bool; 4], bool) {
+    let report = by_word(run, NAMES).report;
+    let word = report.word.as_ref().unwrap();
+    (std::array::from_fn(|axis| word[axis].is_judged), report.is_ok())
+}
+
+#[test]
+fn where_a_real_board_rests_after_a_drift_is_not_judged() {
+    let text = "
+0 s: g xyza 2 1
+0.1 s: v x 1000
+0.1 s: v y 1000
+0.1 s: a z 300
+2.1 s: v xy 0 0
+2.2 s: a y 5
+3 s: v a 2000
+3.5 s: deadman 300
+";
+    let mut run = {
+        let mut talk = Talk::new(NativeWinch::new());
+        talk.ask().unwrap();
+        on_port(&mut talk, &script(text, 6.0), |_| RunWish::GoOn).unwrap()
+    };
+    assert_eq!(words(&run), ([false, true, true, false], true));
+    let report = by_word(&run, NAMES).report.to_string();
+    assert!(report.contains("not judged: it moves, or had a drift"), "{report}");
+    // Some milliseconds of 1000 steps/s more or less are no fault; an absolute target that is missed is one.
+    run.statuses.last_mut().unwrap().positions[0] += 5;
+    assert!(words(&run).1);
+    run.statuses.last_mut().unwrap().positions[1] += 1;
+    assert_eq!(words(&run), ([false, true, true, false], false));
+    // A stop in mid-move is as uncertain, one at rest changes nothing.
+    let stopped = |text: &str| {
+        let mut talk = Talk::new(NativeWinch::new());
+        talk.ask().unwrap();
+        words(&on_port(&mut talk, &script(text, 6.0), |_| RunWish::GoOn).unwrap())
+    };
+    let to_100 = "0 s: g x 2 1\n0.1 s: a x 100\n";
+    assert_eq!(stopped(&format!("{to_100}0.3 s: enable 0\n")), ([false, true, true, true], true));
+    assert_eq!(stopped(&format!("{to_100}4 s: enable 0\n4.5 s: d x 7\n")), ([true; 4], true));
+}
+
+#[test]
+fn a_real_board_that_stands_elsewhere_is_told() {
+    let mut talk = Talk::new(NativeWinch::new());
+    talk.ask().unwrap();
+    assert_eq!(stands_elsewhere(&mut talk).unwrap(), None);
+    on_port(&mut talk, &script("0 s: g xyza 2 1\n0 s: a xa 100 -7", 4.0), |_| RunWish::GoOn).unwrap();
+    assert_eq!(stands_elsewhere(&mut talk).unwrap(), Some([100, 0, 0, -7]));
+    // One that says nothing is heard of later.
+    let mut talk = Talk::new(Unwell { loses: "txyza", ..Unwell::new() });
+    talk.ask().unwrap();
+    assert_eq!(stands_elsewhere(&mut talk).unwrap(), None);
+}
+
+#[test]
+fn a_picture_of_a_real_board_shows_no_steps() {
+    let mut talk = Talk::new(NativeWinch::new());
+    talk.ask().unwrap();
+    let run = on_port(&mut talk, &script("0 s: g x 2 1\n0 s: a x 100", 2.0), |_| RunWish::GoOn).unwrap();
+    let of_word = by_word(&run, NAMES).picture.svg().unwrap();
+    for part in ["Position, step", "Speed, step", "x, as the board says", "the path"] {
+        assert!(of_word.contains(part), "{part}");
+    }
+    for part in ["Interval", "step number", "behind the path", "at the start", "tick"] {
+        assert!(!of_word.contains(part), "{part}");
+    }
 }
 
 /// A board that is not well: what it says from a time on is lost, or only lines that begin so; or it begins anew.
@@ -504,7 +589,19 @@ fn a_wrong_script_is_refused_before_anything_moves() {
     let (exit, _, err) = command(&[path.to_str().unwrap()]);
     assert_eq!(exit, Exit::Refused);
     assert!(err.contains("--native") && err.contains("--port"), "{err}");
+    // So is a folder that cannot be.
+    std::fs::write(&path, "0 s: a x 5\n").unwrap();
+    let (exit, _, err) = command(&[path.to_str().unwrap(), "--native", "--out", path.to_str().unwrap()]);
+    assert!(exit == Exit::Refused && err.contains("nothing was sent"), "{err}");
     std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn a_virtual_board_without_a_way_to_it_is_refused() {
+    let (mut out, mut err) = (Vec::new(), Vec::new());
+    assert_eq!(cli::run(["pulsetrain", "board", "uno"], &mut out, &mut err), Exit::Refused);
+    let err = String::from_utf8(err).unwrap();
+    assert!(err.contains("say --pty <LINK> or --tcp <ADDRESS>"), "{err}");
 }
 
 /// Someone who does one thing each look.
@@ -551,6 +648,70 @@ fn a_person_types_lines() {
     assert!(actor.heard.contains(&Said::Line("err command 1".to_owned())));
     assert!(talk.port().positions()[0] > 500 && talk.port().is_at_rest(), "it was stopped");
     assert_eq!(actor.wishes.len(), 1, "after `quit` nobody is asked");
+}
+
+#[test]
+fn a_stop_asks_for_no_checksums() {
+    let mut wishes: Vec<Wish> = ["strict 1", "v x 800"].map(|text| Wish::Line(text.to_owned())).to_vec();
+    wishes.push(Wish::Stop);
+    wishes.extend(["a x 0", "strict 0", "ping"].map(|text| Wish::Line(text.to_owned())));
+    wishes.extend([const { Wish::Line(String::new()) }; 3]);
+    let mut actor = Actor { wishes, heard: Vec::new(), told: String::new() };
+    let mut talk = Talk::new(NativeWinch::new());
+    assert_eq!(converse(&mut talk, &mut actor).unwrap(), Ended { refused: 0, is_settled: true });
+    assert_eq!(actor.heard.last(), Some(&Said::Line("awake".to_owned())));
+}
+
+#[test]
+fn a_board_that_wants_checksums_is_found() {
+    let mut board = NativeWinch::new();
+    board.send(b"strict 1*1a\n").unwrap();
+    let mut later = Talk::new(board);
+    assert_eq!(later.ask().unwrap().as_deref(), Some("StepperWinch Nov 21 2026"));
+    assert_eq!(later.as_wanted("enable 0"), "enable 0*11");
+    // Until it is said anew.
+    later.tell("strict 0*1b").unwrap();
+    later.tell("strict 1").unwrap();
+    assert_eq!(later.as_wanted("enable 0"), "enable 0");
+    later.tell("ping*99").unwrap();
+    assert_eq!(later.as_wanted("enable 0"), "enable 0", "a wrong one asks for none");
+}
+
+/// What a console without a terminal makes of lines, and all that it prints.
+fn piped(port: impl Port, input: impl IntoIterator<Item = &'static str>) -> (Ended, String) {
+    let (lines, to_console) = channel();
+    for line in input {
+        lines.send(line.to_owned()).unwrap();
+    }
+    drop(lines);
+    let mut out = Vec::new();
+    let ended = converse(&mut Talk::new(port), &mut Plain::new(to_console, &mut out)).unwrap();
+    (ended, String::from_utf8(out).unwrap())
+}
+
+#[test]
+fn a_refusal_among_many_answers_is_told() {
+    let burst = || std::iter::repeat_n("version", 60).chain(["a x nan"]).chain(std::iter::repeat_n("version", 40));
+    for (ended, said) in [piped(VirtualUno::new(), burst()), piped(NativeWinch::new(), burst())] {
+        assert_eq!(ended, Ended { refused: 1, is_settled: true }, "{said}");
+        assert!(said.lines().filter(|line| line.starts_with("id ")).count() == 100, "{said}");
+        assert!(said.contains("err number 3\n"), "{said}");
+    }
+}
+
+#[test]
+fn slow_axes_are_waited_for() {
+    // A step a second; then none for a while, and it rests at once.
+    let (ended, said) = piped(NativeWinch::new(), ["g x 5 1", "s x 1", "a x 2"]);
+    assert!(ended.is_settled && said.trim_end().ends_with(" 2 0 0 0"), "{said}");
+    // The first step comes after more than a second, the last one after minutes.
+    for lines in [&["g x 0.01 1", "a x 100"][..], &["v x 1"]] {
+        let (ended, said) = piped(NativeWinch::new(), lines.iter().copied());
+        assert!(!ended.is_settled && said.contains("the axes still move"), "{said}");
+    }
+    // Nothing moves while the drivers are off.
+    let (ended, _) = piped(NativeWinch::new(), ["r x 100"]);
+    assert!(ended.is_settled);
 }
 
 #[test]

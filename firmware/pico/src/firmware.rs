@@ -1,5 +1,6 @@
 //! The board that hosts drive: start-up and the main loop.
 
+use crate::baked::{self, Baked};
 use crate::link::{self, Line};
 use crate::machine::Board;
 use crate::start::Once;
@@ -47,6 +48,8 @@ struct All {
     /// By which motors were told as text last: there is to be room for what they have done.
     teller: Way,
     winch: &'static mut Winch,
+    /// The motion in the flash, while it runs.
+    baked: Option<Baked>,
 }
 
 // The stack has no room for these.
@@ -60,12 +63,14 @@ static WINCH: Once<Winch> = Once::new(Winch::new());
 pub unsafe fn run() -> ! {
     clock::set_up();
     clock::take_pins();
+    let block = baked::block();
     // SAFETY: the caller's promise.
-    let (board, line, usb) = unsafe { (Board::begin(), Line::open(), Usb::open(flash::unique_id())) };
+    let (mut board, line, usb) = unsafe { (Board::begin(), Line::open(), Usb::open(flash::unique_id())) };
     // SAFETY: as above.
     let (talks, winch) = unsafe { (TALKS.take(), WINCH.take()) };
+    let baked = block.and_then(|block| Baked::begin(&mut board, &block));
     let (way, teller) = (Way::Uart, Way::Uart);
-    let mut all = All { board, service: Service::new(MAX_BODY), line, usb, talks, way, teller, winch };
+    let mut all = All { board, service: Service::new(MAX_BODY), line, usb, talks, way, teller, winch, baked };
     reset::begin();
     regs::enable_interrupts();
     all.run()
@@ -81,7 +86,8 @@ impl All {
         loop {
             reset::kick_watchdog();
             self.winch.go_on(&mut self.board);
-            let more = self.board.go_on();
+            let fed = self.feed();
+            let more = self.board.go_on() || fed;
             let now = self.board.clock.now();
             self.count_round(now - woken);
             woken = now;
@@ -103,6 +109,17 @@ impl All {
                 woken = self.board.clock.now();
             }
         }
+    }
+
+    /// Goes on with the motion in the flash; whether there was something to do.
+    #[inline(always)]
+    fn feed(&mut self) -> bool {
+        let Some(baked) = &mut self.baked else { return false };
+        if self.board.looks_baked(baked.is_over()) {
+            return baked.go_on(&mut self.board);
+        }
+        self.baked = None;
+        false
     }
 
     /// Whoever has USB's port open now has said nothing yet, and heard nothing.

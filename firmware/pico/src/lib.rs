@@ -9,7 +9,8 @@
 //! - `talk`: what is heard and said on a way to a host
 //! - `link`, `usb`: the serial line, and the serial port over USB: one session, on whichever of them it was begun
 //! - `clock`: the chip's clocks, and SysTick extended to 64 bits
-//! - `flash`: the number by which two boards are told apart
+//! - `baked`: a motion in the flash, which begins with the board
+//! - `flash`: what is in it, and the number by which two boards are told apart
 //! - `reset`: the watchdog, and why the program began
 //! - `start`: vectors, and memory that there is one of
 //! - `regs`: the registers, and instructions that Rust has no words for
@@ -22,9 +23,10 @@
 //! does in the firmware, up to 1.7 ms ahead.
 //!
 //! # What is not
-//! Motion, but for the winch's paths and evenly spaced steps: segments come from the host, as `pulsetrain_core::packing` has them.
+//! Motion, but for the winch's paths and evenly spaced steps: segments come from the host or from the flash, as `pulsetrain_core::packing` has them.
 #![no_std]
 
+mod baked;
 mod clock;
 pub mod firmware;
 mod flash;

@@ -44,6 +44,8 @@ pub(crate) struct Board {
     /// The pins of the configuration, bit by GPIO.
     pins: u32,
     armed: bool,
+    /// A motion in the flash has the motors.
+    baked: bool,
     /// Motors are told directly, by what is in `verbs`; `obeyed` came of it last.
     obeys: bool,
     /// At which pace.
@@ -129,6 +131,7 @@ impl Board {
             power: Power::OFF,
             pins: 0,
             armed: false,
+            baked: false,
             obeys: false,
             pace: Pace::NEAR,
             // SAFETY: the caller's promise.
@@ -233,7 +236,46 @@ impl Board {
     /// Whether nothing moves, and nothing is to.
     pub(crate) fn rests(&mut self) -> bool {
         let now = self.clock.now();
-        !self.armed || self.is_idle(now)
+        !self.armed || (!self.baked && self.is_idle(now))
+    }
+
+    /// Has a motion in the flash have the motors; gives its epoch. `None` if they cannot be set up so.
+    pub(crate) fn begin_baked(&mut self, configuration: &Configuration<'_>) -> Option<Epoch> {
+        self.configure(configuration).ok()?;
+        self.arm().ok()?;
+        self.baked = true;
+        Some(self.stepper.epoch().next())
+    }
+
+    /// All motors begin that at `tick`; whether they do.
+    pub(crate) fn switch_baked(&mut self, epoch: Epoch, tick: u64) -> bool {
+        self.was_idle = false;
+        self.stepper.switch(epoch, Moment::of(tick))
+    }
+
+    /// Free bytes of a motor's queue.
+    pub(crate) fn room(&self, motor: u8) -> u16 {
+        self.stepper.free(motor)
+    }
+
+    /// Puts packed items of a motion in the flash last in a motor's queue, which has room for them.
+    pub(crate) fn feed(&mut self, motor: u8, epoch: Epoch, packed: &[u8]) {
+        // There is room: that was asked.
+        let _ = self.stepper.push(motor, epoch, packed);
+    }
+
+    /// Whether a motion in the flash still has the motors; `fed`: all of it was handed over.
+    pub(crate) fn looks_baked(&mut self, fed: bool) -> bool {
+        if fed && self.baked {
+            let now = self.clock.now();
+            self.baked = !self.is_idle(now);
+        }
+        self.baked
+    }
+
+    /// While a motion in the flash has the motors nobody else does.
+    const fn check_free(&self) -> Result<(), Refusal> {
+        if self.baked { Err(Refusal::of(Reason::Baked)) } else { Ok(()) }
     }
 
     /// The clock, ticks, and the steps that the axes have made by then.
@@ -289,6 +331,7 @@ impl Board {
     /// The immediate stop.
     fn stop(&mut self, cause: Cause) -> Stopped {
         let (tick, uncertain) = self.stepper.stop(&mut self.clock);
+        self.baked = false;
         self.uncertain |= uncertain;
         if self.obeys {
             self.obeys = false;
@@ -426,6 +469,7 @@ impl Machine for Board {
     }
 
     fn configure(&mut self, configuration: &Configuration<'_>) -> Result<(), Refusal> {
+        self.check_free()?;
         let now = self.clock.now();
         if self.armed && !self.is_idle(now) {
             return Err(Refusal::of(Reason::Moving));
@@ -448,6 +492,7 @@ impl Machine for Board {
     }
 
     fn arm(&mut self) -> Result<(), Refusal> {
+        self.check_free()?;
         if self.motors() == 0 {
             return Err(Refusal::of(Reason::NotConfigured));
         }
@@ -464,6 +509,7 @@ impl Machine for Board {
     }
 
     fn release(&mut self) -> Result<(), Refusal> {
+        self.check_free()?;
         let now = self.clock.now();
         if self.armed && !self.is_idle(now) {
             return Err(Refusal::of(Reason::Moving));
@@ -483,6 +529,7 @@ impl Machine for Board {
     }
 
     fn push(&mut self, motor: u8, epoch: Epoch, packed: &[u8]) -> Result<(), Refusal> {
+        self.check_free()?;
         let detail = u16::from(motor);
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
@@ -497,10 +544,14 @@ impl Machine for Board {
     }
 
     fn discard(&mut self, epoch: Epoch) {
-        self.stepper.discard(epoch);
+        // Nothing of a host's is there.
+        if !self.baked {
+            self.stepper.discard(epoch);
+        }
     }
 
     fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<Switched, Refusal> {
+        self.check_free()?;
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
@@ -530,6 +581,7 @@ impl Machine for Board {
     }
 
     fn obey(&mut self, orders: &Orders<'_>) -> Result<(), Refusal> {
+        self.check_free()?;
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
@@ -556,7 +608,8 @@ impl Machine for Board {
     fn flags(&self) -> u8 {
         let configured = if self.motors() > 0 { flags::CONFIGURED } else { 0 };
         let armed = if self.armed { flags::ARMED } else { 0 };
-        configured | armed | if self.was_idle || !self.armed { flags::IDLE } else { 0 }
+        let baked = if self.baked { flags::BAKED } else { 0 };
+        configured | armed | baked | if self.was_idle || !self.armed { flags::IDLE } else { 0 }
     }
 
     fn horizon(&mut self) -> u64 {
@@ -602,7 +655,7 @@ impl Machine for Board {
     }
 
     fn host_gone(&mut self, lost: bool) {
-        if lost && self.armed && !self.was_idle {
+        if lost && self.armed && !self.was_idle && !self.baked {
             self.last_stop = Cause::HostLost;
         }
         self.halt(lost);

@@ -19,7 +19,11 @@ vectors:
     .word reset
     .word fault                 @ NMI
     .word fault                 @ HardFault
-    .rept 7
+    .rept 3
+    .word 0
+    .endr
+    .word 0                     @ 7, which the processor has no use for: where a baked motion is (pulsetrain_core::baked::POINTER)
+    .rept 3
     .word 0
     .endr
     .word fault                 @ SVCall

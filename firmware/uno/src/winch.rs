@@ -228,7 +228,8 @@ impl Winch {
             asked.heard = clock::moment();
         }
         if needed & feed::AXES == 0 {
-            if needed != 0 {
+            // A refusal that was not sent yet is not forgotten for it.
+            if needed != 0 && (self.say == 0 || self.say >= AWAKE) {
                 self.say = needed;
             }
             return;

@@ -7,7 +7,7 @@
 //! - [`spacing`]: a millisecond of a path → ticks of its steps
 //! - [`path`]: the recurrence of one axis, at 1 kHz
 //! - [`letters`]: the texts of both
-//! - [`number`]: products and decimals without a floating point unit
+//! - [`number`]: products without a floating point unit
 //!
 //! docs/winch.md has the commands and the equations.
 //!

@@ -119,6 +119,8 @@ codes! {
         Busy = 16,
         /// Motors are told directly, until they are released or stopped: no plan is taken.
         Obeying = 17,
+        /// A motion in the board's flash runs: only StopNow is taken.
+        Baked = 18,
     }
 }
 
@@ -589,17 +591,24 @@ impl<'a> Configuration<'a> {
         Some(configuration)
     }
 
-    fn encode(&self, frame: &mut Encoder<'_>) {
-        for ticks in [self.pulse_ticks, self.setup_ticks, self.hold_ticks] {
-            frame.u16(ticks);
-        }
-        frame.u8(self.enable_pin);
-        frame.u8(u8::from(self.enable_high) | u8::from(self.idle_ms.is_some()) << 1);
-        frame.u16(self.idle_ms.unwrap_or(0));
-        frame.u16(self.silence_ms);
+    /// The payload of Configure: what comes before the motors, and these.
+    #[must_use]
+    pub fn to_bytes(&self) -> ([u8; 13], &'a [u8]) {
+        let [p0, p1] = self.pulse_ticks.to_le_bytes();
+        let [s0, s1] = self.setup_ticks.to_le_bytes();
+        let [h0, h1] = self.hold_ticks.to_le_bytes();
+        let [i0, i1] = self.idle_ms.unwrap_or(0).to_le_bytes();
+        let [q0, q1] = self.silence_ms.to_le_bytes();
+        let flags = u8::from(self.enable_high) | u8::from(self.idle_ms.is_some()) << 1;
         // `new` and `decode` let no more than MAX_MOTORS pass.
-        frame.u8(u8::try_from(self.motors().len()).unwrap_or(u8::MAX));
-        frame.bytes(self.motors);
+        let motors = u8::try_from(self.motors().len()).unwrap_or(u8::MAX);
+        ([p0, p1, s0, s1, h0, h1, self.enable_pin, flags, i0, i1, q0, q1, motors], self.motors)
+    }
+
+    fn encode(&self, frame: &mut Encoder<'_>) {
+        let (head, motors) = self.to_bytes();
+        frame.bytes(&head);
+        frame.bytes(motors);
     }
 }
 
@@ -785,6 +794,8 @@ pub mod flags {
     pub const CONFIGURED: u8 = 2;
     /// Data are taken.
     pub const ARMED: u8 = 4;
+    /// A motion in the board's flash runs, from power-up until its end or a stop.
+    pub const BAKED: u8 = 8;
     /// Of a motor: a step was asked for too late or too soon, and what followed in its epoch was not made.
     pub const STEP_MISSED: u8 = 1;
     /// Of a motor: a DIR edge came later than its set-up before the step. The Uno puts the step off instead.

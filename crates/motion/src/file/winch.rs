@@ -71,10 +71,14 @@ pub(super) fn commands(p: &Section, loader: Loader, axis: char) -> Read<Vec<(Tim
 }
 
 /// A winch's command lines, as they are written: `"<time>: <command>"`, in order of time.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct WinchScript {
     /// Without blank lines and comments.
     pub lines: Vec<String>,
+    /// Where each of them stands in `source`, bytes. With escapes in it that is longer than the line.
+    pub places: Vec<Range<usize>>,
+    /// The motion file, or the one that it names for its commands.
+    pub source: Arc<NamedSource<String>>,
     /// How long the motion lasts, if it says so.
     pub duration: Option<Time>,
 }
@@ -96,15 +100,27 @@ pub(super) fn script(root: &Section, loader: Loader) -> Read<WinchScript> {
     }
     let law = motion.need("law", EXAMPLE)?.any_section("the law".to_owned(), EXAMPLE)?;
     let p = law.need("winch", EXAMPLE)?.any_section("the winch".to_owned(), EXAMPLE)?;
-    let lines = match p.get("file") {
-        Some(file) => lines_of(&load(&file, loader)?).map(|line| line.1.to_owned()).collect(),
+    let (mut lines, mut places) = (Vec::new(), Vec::new());
+    let source = match p.get("file") {
+        Some(file) => {
+            let source = Arc::new(NamedSource::new(file.text("file = \"lines.txt\"")?, load(&file, loader)?));
+            for (start, line) in lines_of(source.inner()) {
+                lines.push(line.to_owned());
+                places.push(start..start + line.len());
+            }
+            source
+        }
         None => {
-            let list = p.need("commands", EXAMPLE)?.list(EXAMPLE)?;
-            list.iter().map(|node| node.text(EXAMPLE).map(str::to_owned)).collect::<Read<_>>()?
+            for node in p.need("commands", EXAMPLE)?.list(EXAMPLE)? {
+                let line = node.text(EXAMPLE)?;
+                lines.push(line.to_owned());
+                places.push(node.inside(0, line.len()));
+            }
+            Arc::clone(&p.reader.source)
         }
     };
     let duration = p.get("duration").map(|node| node.duration("5 s")).transpose()?;
-    Ok(WinchScript { lines, duration })
+    Ok(WinchScript { lines, places, source, duration })
 }
 
 /// The lines of a file, without what comes after a `#`, but for blank ones; and where each one begins.

@@ -2,18 +2,22 @@
 //!
 //! - [`table`]: a motor's plan as rows, with what repeats for ever
 //! - [`sketch`]: an Arduino sketch that plays such tables; [`image`]: an image of an Uno's flash that does, without a compiler
+//! - [`pico`]: an image of a Pico's flash, whose firmware plays packed segments
 //! - `parts`: what both tell the player (`player.h`), which is the same
 
 pub mod image;
 mod parts;
+pub mod pico;
 pub mod sketch;
 pub mod table;
 
 pub use image::Image;
 pub use parts::Size;
+pub use pico::PicoImage;
 pub use sketch::Sketch;
 pub use table::{Row, Table};
 
+use pulsetrain_board::RemoteError;
 use pulsetrain_motion::program::Program;
 use pulsetrain_plan::Refused;
 
@@ -88,7 +92,7 @@ pub enum BakeError {
         what: String,
     },
     /// Another board.
-    #[error("only an Arduino Uno can be baked for yet; this is planned for the board `{board}`")]
+    #[error("an Arduino Uno and a Raspberry Pi Pico can be baked for; this is planned for the board `{board}`")]
     Board {
         /// What it is planned for.
         board: String,
@@ -116,11 +120,16 @@ pub enum BakeError {
         /// What can be kept, steps/s.
         limit_hz: f64,
     },
-    /// More rows than the flash has room for.
+    /// The firmware does not take pins or times.
+    #[error(transparent)]
+    Refused(#[from] Box<RemoteError>),
+    /// More than the flash has room for.
     #[error(
-        "the tables have {bytes} bytes or more; an Uno has room for {limit}: for the first {fits_s:.1} s of the motion"
+        "the motion takes {bytes} bytes or more; {board} has room for {limit}: for the first {fits_s:.1} s of the motion"
     )]
     TooLarge {
+        /// Which, with its article.
+        board: &'static str,
         /// Of all motors, as far as they were worked out.
         bytes: usize,
         /// What fits.
@@ -153,15 +162,19 @@ impl BakeError {
             BakeError::Wiring { .. } => {
                 "what can be baked: at most four motors with STEP and DIR on pins 2 to 13, STEP not on 13"
             }
-            BakeError::Board { .. } => "say --board uno, if its motors fit there",
+            BakeError::Board { .. } => "say --board uno or --board pico, if its motors fit there",
             BakeError::TooFast { .. } | BakeError::TooClose { .. } => {
                 "a slower motion, fewer microsteps; or `pulsetrain run --port`, whose firmware is several times faster"
             }
+            BakeError::Refused(_) => "docs/wiring.md has what fits a Pico",
             BakeError::TooLarge { .. } => "a wider tolerance, fewer motors, or a shorter motion (--for)",
             BakeError::Player { .. } => "please tell the project",
         }
     }
 }
+
+/// Turns that are planned after what comes before them; baked are what comes before, and one.
+const TURNS: u64 = 3;
 
 /// What a player can take, at the most.
 #[derive(Clone, Copy, Debug)]
@@ -182,8 +195,6 @@ impl Room {
 /// # Errors
 /// [`BakeError`]: a motion that is refused, that does not repeat, whose waits are too long, that is too fast or too large.
 pub fn tables(program: &Program, room: Room) -> Result<Vec<Table>, BakeError> {
-    /// Turns that are planned after what comes before them; the table has what comes before, and one.
-    const TURNS: u64 = 3;
     let hz = program.board.tick_hz as f64;
     let mut ensemble = pulsetrain_plan::Ensemble::new(program).map_err(BakeError::Plan)?;
     let mut tables = Vec::new();
@@ -207,7 +218,8 @@ pub fn tables(program: &Program, room: Room) -> Result<Vec<Table>, BakeError> {
             }
             if plan.moves() > most {
                 let fits_s = plan.tick_of(room.bytes / Row::BYTES) as f64 / hz;
-                return Err(BakeError::TooLarge { bytes: plan.moves() * Row::BYTES, limit: room.bytes, fits_s });
+                let bytes = plan.moves() * Row::BYTES;
+                return Err(BakeError::TooLarge { board: "an Uno", bytes, limit: room.bytes, fits_s });
             }
         }
         tables.push(plan.table(motor, program, cycle)?);
@@ -215,7 +227,7 @@ pub fn tables(program: &Program, room: Room) -> Result<Vec<Table>, BakeError> {
     let bytes = tables.iter().map(|table| table.rows.len()).sum::<usize>() * Row::BYTES;
     if bytes > room.bytes {
         let fits_s = table::tick_of(&tables, room.bytes / Row::BYTES) as f64 / hz;
-        return Err(BakeError::TooLarge { bytes, limit: room.bytes, fits_s });
+        return Err(BakeError::TooLarge { board: "an Uno", bytes, limit: room.bytes, fits_s });
     }
     table::check_lines(program, &tables)?;
     Ok(tables)

@@ -23,9 +23,9 @@ volatile uint8_t head, tail;
 volatile bool ran_dry;
 const uint16_t LONGEST = 0x7000; // a wait
 const uint16_t EARLY = 256; // ticks that DIR comes earlier than it must, where there is room
-const uint8_t ENTRY = 66;  // ticks from when an event is due to when it is looked at, at the latest
-const int16_t SPREAD = 16; // ticks by which that may be earlier
-const int16_t AGAIN = 40;  // ticks from a look at the counter to a look at the event
+const uint8_t ENTRY = 74;  // ticks from when an event is due to when it is looked at, at the latest
+const uint8_t SPREAD = 16; // ticks by which that may be earlier
+const int16_t AGAIN = 30;  // ticks from a look at the counter to a look at the event
 const int16_t RETURN = 60; // ticks to leave and come again
 
 // An event is written before it is given away, and read before its place is.
@@ -45,15 +45,14 @@ static inline void wait_cycles(uint8_t cycles) {
 // those that lie closer together than it takes itself, or than a driver's DIR needs. Being late moves nothing that comes
 // later: OCR1A goes on from when an event was due.
 ISR(TIMER1_COMPA_vect) {
+  uint8_t next = tail;
+  const Event *event = &events[next];
   for (;;) {
-    const Event &event = events[tail];
-    uint8_t b = event.b, d = event.d;
-    bool pulse = event.pulse;
+    uint8_t b = event->b, d = event->d;
+    bool pulse = event->pulse;
     // An instruction that was under way, sleep, and the loop below make some cycles more or less.
     uint8_t early = (uint8_t)(OCR1AL + ENTRY) - TCNT1L;
-    if (early < SPREAD) {
-      wait_cycles(early);
-    }
+    wait_cycles(early < SPREAD ? early : 0);
     PINB = b;
     PIND = d;
     if (pulse) {
@@ -61,7 +60,7 @@ ISR(TIMER1_COMPA_vect) {
       PINB = b;
       PIND = d;
     }
-    uint8_t next = (tail + 1) % EVENTS;
+    next = (next + 1) % EVENTS;
     KEEP_ORDER();
     tail = next;
     if (next == head) {
@@ -69,13 +68,16 @@ ISR(TIMER1_COMPA_vect) {
       ran_dry = true;
       return;
     }
-    uint16_t due = OCR1A + events[next].wait;
+    event = &events[next];
+    uint16_t due = OCR1A + event->wait;
     OCR1A = due;
-    uint8_t after = events[next].after;
-    if (after && (int16_t)(due - TCNT1) < 4 * (int16_t)after) {
+    uint8_t after = event->after;
+    int16_t left = due - TCNT1;
+    if (after && left < 4 * (int16_t)after) {
       _delay_loop_2(after);
+      left = due - TCNT1;
     }
-    if ((int16_t)(due - TCNT1) > RETURN) {
+    if (left > RETURN) {
       return;
     }
     // Too soon for leaving and coming again: it is waited for, and made as late as the interrupt would make it. (A

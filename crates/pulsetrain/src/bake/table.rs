@@ -184,11 +184,25 @@ impl Planned {
 
 /// A step of a plan: when (ticks · 2^-F), in which move, which one of its steps (from 1 on), which way.
 #[derive(Clone, Copy, Debug)]
-struct Step {
-    at: i128,
+pub(super) struct Step {
+    pub(super) at: i128,
     number: usize,
     k: u32,
-    way: Direction,
+    pub(super) way: Direction,
+}
+
+/// Where a turn is cut out of a plan.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Cut {
+    /// The number of the step before it, counted from 0, and how many steps it has.
+    first: u64,
+    turn_steps: u64,
+    /// The step before it, its own first one, and its last.
+    pub(super) begin: Step,
+    pub(super) second: Step,
+    pub(super) end: Step,
+    /// From its last step to the next turn's first one, ticks · 2^-F rounded down.
+    seam: i128,
 }
 
 impl Unrolled {
@@ -262,23 +276,47 @@ impl Unrolled {
     /// # Errors
     /// [`BakeError::NotPeriodic`], [`BakeError::NoStep`], [`BakeError::Wait`].
     pub fn table(self, motor: &Motor, program: &Program, cycle: Option<(Time, Time)>) -> Result<Table, BakeError> {
-        let hz = program.board.tick_hz;
-        let mut rows = Rows { rows: Vec::new(), motor: &motor.name, hz, waited: 0 };
-        let Some((from, period)) = cycle else {
-            for planned in &self.moves {
-                rows.push(&planned.next)?;
+        let mut rows = Rows { rows: Vec::new(), motor: &motor.name, hz: program.board.tick_hz, waited: 0 };
+        let Some(cycle) = cycle else {
+            for next in self.all() {
+                rows.push(&next)?;
             }
             return Ok(Table { rows: rows.rows, turn: None, steps: self.steps, shortest: self.shortest() });
         };
-        let bits = self.fraction_bits;
+        let Cut { first, begin, end, seam, turn_steps, .. } = self.cut(motor, program, cycle)?;
+        for next in self.part(None, begin) {
+            rows.push(&next)?;
+        }
+        let turn_from = rows.rows.len();
+        let base = u64::try_from(begin.at).unwrap_or(0);
+        for next in self.part(Some(begin), end) {
+            rows.push(&next)?;
+        }
+        let shortest = self.shortest().min((seam >> self.fraction_bits) as u64);
         // 2^-64 s · ticks/s, in ticks · 2^-48.
-        let exact = (period.raw() * i128::from(hz)) >> (64 - PERIOD_BITS);
-        let turn = exact >> (PERIOD_BITS - bits);
+        let exact = (cycle.1.raw() * i128::from(program.board.tick_hz)) >> (64 - PERIOD_BITS);
+        let turn = Turn { from: turn_from, base, period: exact.cast_unsigned() };
+        Ok(Table { rows: rows.rows, turn: Some(turn), steps: first + 1 + turn_steps, shortest })
+    }
+
+    /// All its moves.
+    pub(super) fn all(&self) -> impl Iterator<Item = Move> + '_ {
+        self.moves.iter().map(|planned| planned.next)
+    }
+
+    /// Where the first turn is cut out of a plan that repeats from a time on, after another.
+    ///
+    /// # Errors
+    /// [`BakeError::NotPeriodic`], [`BakeError::NoStep`].
+    pub(super) fn cut(&self, motor: &Motor, program: &Program, (from, period): (Time, Time)) -> Result<Cut, BakeError> {
+        let hz = program.board.tick_hz;
+        let bits = self.fraction_bits;
+        // 2^-64 s · ticks/s.
+        let turn = (period.raw() * i128::from(hz)) >> (64 - bits);
         let (after_s, period_s) = (from.seconds(), period.seconds());
         let name = || motor.name.clone();
-        let Some((first, turn_steps)) = self.gap(from, turn, hz) else {
-            return Err(BakeError::NoStep { motor: name(), after_s, period_s });
-        };
+        let no_step = || BakeError::NoStep { motor: name(), after_s, period_s };
+        let (first, turn_steps) = self.gap(from, turn, hz).ok_or_else(no_step)?;
         // Each step a period later is the same, but for what both certificates allow.
         let allowed = (2.0 * program.tolerance.ticks(hz) + 2.0) as i128;
         let pairs = self.steps_from(first + 1).zip(self.steps_from(first + 1 + turn_steps)).take(turn_steps as usize);
@@ -290,12 +328,8 @@ impl Unrolled {
             return Err(BakeError::NotPeriodic { motor: name(), step: step + 1, after_s, period_s });
         }
         let mut ends = self.steps_from(first);
-        let (Some(begin), Some(second)) = (ends.next(), ends.next()) else {
-            return Err(BakeError::NoStep { motor: name(), after_s, period_s });
-        };
-        let Some(end) = self.steps_from(first + turn_steps).next() else {
-            return Err(BakeError::NoStep { motor: name(), after_s, period_s });
-        };
+        let (begin, second) = ends.next().zip(ends.next()).ok_or_else(no_step)?;
+        let end = self.steps_from(first + turn_steps).next().ok_or_else(no_step)?;
         // Where a turn ends and the next begins the gap takes up what the steps before it were moved.
         let seam = second.at - begin.at - (end.at - begin.at - turn);
         let timing = motor.timing.ticks(hz);
@@ -303,13 +337,7 @@ impl Unrolled {
         if seam < i128::from(needed) << bits {
             return Err(BakeError::NotPeriodic { motor: name(), step: turn_steps as usize, after_s, period_s });
         }
-        self.part(None, begin, &mut rows)?;
-        let turn_from = rows.rows.len();
-        let base = u64::try_from(begin.at).unwrap_or(0);
-        self.part(Some(begin), end, &mut rows)?;
-        let shortest = self.shortest().min((seam >> bits) as u64);
-        let turn = Turn { from: turn_from, base, period: exact.cast_unsigned() };
-        Ok(Table { rows: rows.rows, turn: Some(turn), steps: first + 1 + turn_steps, shortest })
+        Ok(Cut { first, turn_steps, begin, second, end, seam })
     }
 
     /// The step before the widest gap of the first period after `from`, and how many steps a period has; `None` if it has none.
@@ -325,21 +353,17 @@ impl Unrolled {
         (steps > 0).then_some((first, steps))
     }
 
-    /// Rows of what comes after a step (or from the beginning), up to and with another.
-    fn part(&self, after: Option<Step>, upto: Step, rows: &mut Rows<'_>) -> Result<(), BakeError> {
+    /// The moves of what comes after a step (or from the beginning), up to and with another.
+    pub(super) fn part(&self, after: Option<Step>, upto: Step) -> impl Iterator<Item = Move> + '_ {
         let begin = after.map_or(0, |after| after.number);
-        for number in begin..=upto.number {
+        (begin..=upto.number).filter_map(move |number| {
             let Move::Run { segment, direction } = self.moves[number].next else {
-                rows.push(&self.moves[number].next)?;
-                continue;
+                return Some(self.moves[number].next);
             };
             let done = after.filter(|after| after.number == number).map_or(0, |after| after.k);
             let end = if number == upto.number { upto.k } else { segment.count };
-            if end > done {
-                rows.run(segment.after(done).truncated(end - done), direction)?;
-            }
-        }
-        Ok(())
+            (end > done).then(|| Move::Run { segment: segment.after(done).truncated(end - done), direction })
+        })
     }
 }
 

@@ -5,10 +5,9 @@ use std::path::Path;
 
 use miette::miette;
 use pulsetrain_board::stk500;
-use pulsetrain_plan::Refused;
 use serde::Serialize;
 
-use crate::bake::{BakeError, Image, Size, Sketch, sketch};
+use crate::bake::{BakeError, Image, PicoImage, Size, Sketch, sketch};
 use crate::cli::Bake;
 use crate::console::{self, Console, Exit};
 use crate::human;
@@ -36,10 +35,10 @@ pub(crate) fn run(args: &Bake, console: &mut Console<'_>) -> miette::Result<Exit
     if let Some(ppm) = args.clock_ppm {
         prepared.calibrate(ppm);
     }
-    let refused = |error| match error {
-        BakeError::Plan(Refused { motor, error }) => prepared.refuse(Refused { motor, error }).into(),
-        error => miette!(help = error.advice(), "{}: {error}", prepared.file),
-    };
+    if prepared.program.board.name == "pico" {
+        return pico(args, &prepared, console);
+    }
+    let refused = |error| problem(&prepared, error);
     let (path, text, size, flash) = match (&args.sketch, &args.output) {
         (Some(folder), _) => {
             let name = sketch_name(folder)?;
@@ -63,7 +62,7 @@ pub(crate) fn run(args: &Bake, console: &mut Console<'_>) -> miette::Result<Exit
         return Ok(Exit::Success);
     }
     let (rows, bytes) = (human::count(rows as i128), human::count(bytes as i128));
-    let ends = if endless { "it repeats for ever" } else { "it runs once after power-up" };
+    let ends = ends(endless);
     let all = flash.map_or(String::new(), |bytes| {
         let room = human::count(stk500::room(stk500::RATES[0]) as i128);
         format!(", {} with what plays them, of {room}", human::count(bytes as i128))
@@ -84,6 +83,57 @@ fn check_own(path: &Path) -> miette::Result<()> {
     }
     let help = "name another folder; or move that file away, if it is not needed";
     Err(miette!(help = help, "{} is there, and was not made by `pulsetrain bake`", path.display()))
+}
+
+/// What it comes to on a Pico.
+#[derive(Debug, Serialize)]
+struct BakedPico {
+    file: String,
+    /// Segments and waits.
+    items: usize,
+    /// Of the motion, and of all that the image takes.
+    motion_bytes: usize,
+    flash_bytes: usize,
+    endless: bool,
+}
+
+fn pico(args: &Bake, prepared: &Prepared, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let Some(path) = &args.output else {
+        let help =
+            "--output FILE writes an image, which `pulsetrain flash pico` takes; a sketch can be had for --board uno";
+        return Err(miette!(help = help, "{}: sketches are for an Uno, and this is for a Pico", prepared.file));
+    };
+    let image = PicoImage::new(&prepared.program).map_err(|error| problem(prepared, error))?;
+    console::write(path, &image.uf2())?;
+    let PicoImage { items, block_bytes: motion_bytes, endless, ref flash } = image;
+    let baked = BakedPico { file: path.display().to_string(), items, motion_bytes, flash_bytes: flash.len(), endless };
+    if args.json {
+        console.print_json(&baked)?;
+        return Ok(Exit::Success);
+    }
+    let count = |number: usize| human::count(number as i128);
+    console.print(format_args!(
+        "{}: {} segments and waits, {} bytes of flash, {} with the firmware, of {}; {}\n\
+         `pulsetrain flash pico --image {0}` writes it to the Pico; `pulsetrain flash pico` alone takes it away\n",
+        baked.file,
+        count(items),
+        count(motion_bytes),
+        count(flash.len()),
+        count(PicoImage::ROOM),
+        ends(endless),
+    ))?;
+    Ok(Exit::Success)
+}
+
+const fn ends(endless: bool) -> &'static str {
+    if endless { "it repeats for ever" } else { "it runs once after power-up" }
+}
+
+fn problem(prepared: &Prepared, error: BakeError) -> miette::Report {
+    match error {
+        BakeError::Plan(refused) => prepared.refuse(refused).into(),
+        error => miette!(help = error.advice(), "{}: {error}", prepared.file),
+    }
 }
 
 /// A sketch is called as its folder.

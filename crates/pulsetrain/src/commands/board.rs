@@ -30,7 +30,9 @@ pub(crate) fn run(args: &Board, console: &mut Console<'_>) -> miette::Result<Exi
             let address = socket.address().map_err(|error| miette!("{address}: {error}"))?;
             serve(socket, &format!("at {address}, 115 200 baud"), args, console)
         }
-        (None, None) => Err(miette!(help = "say --pty LINK or --tcp ADDRESS", "no way to reach the board was given")),
+        (None, None) => {
+            Err(miette!(help = "say --pty <LINK> or --tcp <ADDRESS>", "no way to reach the board was given"))
+        }
     }
 }
 

@@ -127,8 +127,6 @@ fn problem(name: &str, error: FlashError) -> Report {
 const INFO: &str = "INFO_UF2.TXT";
 /// The name of the file that is written; the chip does not look at it.
 const COPY: &str = "pulsetrain.uf2";
-/// The RP2040's family (github.com/microsoft/uf2, families).
-const FAMILY: u32 = 0xe48b_ff56;
 /// Written at a time, so that the progress moves.
 const PIECE: usize = 16 * 1024;
 
@@ -137,7 +135,7 @@ fn pico(folder: Option<&str>, file: Option<&Path>, console: &Console<'_>) -> mie
         None => virtual_pico::IMAGE.to_vec(),
         Some(file) => console::read(file)?,
     };
-    if let (Some(file), Err(error)) = (file, image::uf2(&bytes, FAMILY)) {
+    if let (Some(file), Err(error)) = (file, image::uf2(&bytes, virtual_pico::FAMILY)) {
         return Err(miette!(help = "a Pico's image is a UF2 file for the RP2040", "{}: {error}", file.display()));
     }
     let folder = match folder {
@@ -149,8 +147,8 @@ fn pico(folder: Option<&str>, file: Option<&Path>, console: &Console<'_>) -> mie
     let bar = console.progress(bytes.len() as f64, &format!("{} KB", bytes.len().div_ceil(1000)));
     bar.stage("writing");
     copy(&path, &bytes, |done| bar.set(done as f64)).or_else(|(written, error)| {
-        // The chip begins anew as soon as it has the last block: the drive goes away under our hands.
-        if written == bytes.len() && !folder.join(INFO).exists() { Ok(()) } else { Err(not_written(&path, &error)) }
+        // The chip begins anew as soon as it has the last block: the drive goes away under our hands, if not at once.
+        if written == bytes.len() && goes(&folder, TAKEN) { Ok(()) } else { Err(not_written(&path, &error)) }
     })?;
     bar.stage("waiting for it to begin");
     if !goes(&folder, TAKEN) {

@@ -4,6 +4,7 @@ use pulsetrain_board::remote::in_words;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Port, Remote, Serial};
+use pulsetrain_core::wire::message::flags;
 use pulsetrain_core::wire::{Baud, VERSION};
 use serde::Serialize;
 
@@ -30,6 +31,8 @@ struct Said {
     baud: u32,
     last_stop: &'static str,
     last_reset: &'static str,
+    /// A motion in its flash runs.
+    baked: bool,
     /// The board's clock against this computer's, ppm, and how much that may be off.
     clock_ppm: Option<(f64, f64)>,
     clock_s: f64,
@@ -79,6 +82,9 @@ pub(crate) fn run(args: &At, console: &mut Console<'_>) -> miette::Result<Exit> 
     row("line", format!("{} baud, of {}", human::count(said.baud.into()), bauds.join(", ")));
     row("began", format!("{} ago: {}", human::seconds(said.clock_s), said.last_reset));
     row("last stop", said.last_stop.to_owned());
+    if said.baked {
+        row("baked", "a motion in its flash runs".to_owned());
+    }
     row("clock", clock);
     row("longest round", ticks(said.longest_round_ticks));
     row("most unread", format!("{} B", said.most_unread_bytes));
@@ -104,6 +110,7 @@ fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
     let measures = remote.measures(false)?;
     let baud = remote.set_baud(baud)?;
     let info = *remote.info();
+    let baked = remote.status()?.head.flags & flags::BAKED != 0;
     for _ in 0..LOOKS {
         if remote.clock().ppm().is_none() {
             let until = remote.now() + (LOOK_S * f64::from(info.tick_hz)) as u64;
@@ -134,6 +141,7 @@ fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
         baud: baud.rate(),
         last_stop: in_words(info.last_stop),
         last_reset: in_words(info.last_reset),
+        baked,
         clock_ppm: remote.clock().ppm(),
         clock_s: remote.now() as f64 / f64::from(info.tick_hz),
         stack_left_bytes: measures.stack_left,

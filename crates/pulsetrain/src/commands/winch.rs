@@ -19,7 +19,7 @@ use super::run::draw;
 use crate::cli::Winch;
 use crate::console::{self, Console, Exit, access};
 use crate::winch::console::{ConsoleError, Ended, Plain, converse};
-use crate::winch::run::{Judged, Names, Run, Wish, by_word, judge, on_port, on_virtual};
+use crate::winch::run::{Judged, Names, Run, Wish, by_word, judge, on_port, on_virtual, stands_elsewhere};
 use crate::winch::script::{self, Script};
 use crate::winch::talk::Talk;
 use crate::winch::terminal::Terminal;
@@ -33,10 +33,19 @@ pub(crate) fn run(args: &Winch, console: &mut Console<'_>) -> miette::Result<Exi
     let script = script::load(path, args.length)?;
     let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
     let options = if args.at.native { Options::default() } else { options_of(args.at.board.as_deref()) };
+    let folder =
+        args.out.clone().unwrap_or_else(|| Path::new("out").join(path.file_stem().unwrap_or(path.as_os_str())));
+    std::fs::create_dir_all(&folder).map_err(|error| {
+        let help = "say --out DIR, a folder in which you may write; nothing was sent";
+        miette!(help = help, "{}", access("make", &folder, error))
+    })?;
     let (run, judged) = match &args.at.port {
         Some(port) => {
             let mut talk = Talk::new(Serial::open(port, true).map_err(port_problem)?);
             let board = ask(&mut talk, port)?;
+            if let Some(positions) = stands_elsewhere(&mut talk).map_err(port_problem)? {
+                return Err(begins_elsewhere(port, positions));
+            }
             let run = on_port(&mut talk, &script, watcher(&script, console)).map_err(port_problem)?;
             let runner = format!("board at {port}");
             let judged = by_word(&run, Names { script: &name, runner: &runner, board: &board });
@@ -46,8 +55,6 @@ pub(crate) fn run(args: &Winch, console: &mut Console<'_>) -> miette::Result<Exi
         None if is_pico(args) => virtually(VirtualPico::new(), "virtual Pico", &name, &script, &options, console)?,
         None => virtually(VirtualUno::new(), "virtual Uno", &name, &script, &options, console)?,
     };
-    let folder =
-        args.out.clone().unwrap_or_else(|| Path::new("out").join(path.file_stem().unwrap_or(path.as_os_str())));
     let Judged { report, picture } = judged;
     console::write(&folder.join("report.json"), format!("{}\n", console::json(&report)?).as_bytes())?;
     draw(&picture, &folder.join("plot.svg"))?;
@@ -71,6 +78,15 @@ fn port_problem(error: PortError) -> Report {
         }
         error => super::port_problem(error),
     }
+}
+
+/// Nothing was sent to a board that a script cannot be judged on.
+fn begins_elsewhere(port: &str, [x, y, z, a]: [i32; 4]) -> Report {
+    let help = "go to 0 by hand (`a xyza 0 0 0 0`), or plug the board in anew, which also brings back gains and limits";
+    miette!(
+        help = help,
+        "the axes of the board at {port} stand at x {x}, y {y}, z {z}, a {a}, and a script is judged from 0 on"
+    )
 }
 
 fn virtually<B: VirtualBoard>(
@@ -172,12 +188,12 @@ fn hold<P: Port>(port: P, place: &str, console: &mut Console<'_>) -> miette::Res
     let ended = if stdin().is_terminal() && stdout().is_terminal() {
         console.print(format_args!("{board}; `help` tells the commands, Ctrl-C stops all axes, `quit` ends\n"))?;
         // Positions are to be seen as they change.
-        talk.tell("srate 50").map_err(port_problem)?;
+        talk.tell(&talk.as_wanted("srate 50")).map_err(port_problem)?;
         let ended = Terminal::new(console.out)
             .map_err(ConsoleError::from)
             .and_then(|mut terminal| converse(&mut talk, &mut terminal));
         // As it was at first; if the port is gone, that is told already.
-        ended.and_then(|_| Ok(talk.tell("srate 200")?)).map(|()| Exit::Success)
+        ended.and_then(|_| Ok(talk.tell(&talk.as_wanted("srate 200"))?)).map(|()| Exit::Success)
     } else {
         match converse(&mut talk, &mut Plain::new(typed(), console.out)) {
             Ok(Ended { refused: 0, is_settled: true }) => Ok(Exit::Success),

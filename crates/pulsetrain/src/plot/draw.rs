@@ -98,12 +98,12 @@ impl Drawing {
     }
 
     fn size(&self, picture: &Picture) -> (u32, u32) {
-        let errors = error_panels(picture).0 as u32;
+        let errors = if has_steps(picture) { error_panels(picture).0 as u32 } else { 0 };
         let figures = picture.figures.len() as u32;
         let height = HEAD
             + (legend_rows(picture) - 1) * LEGEND_ROW
             + figures * FIGURE_HEIGHT
-            + 2 * PANEL_HEIGHT
+            + upper_rows(picture) * PANEL_HEIGHT
             + errors * ERRORS_HEIGHT;
         (self.px(WIDTH), self.px(height))
     }
@@ -124,8 +124,8 @@ impl Drawing {
                 }
             }
         }
-        let (upper, errors) = body.split_vertically(self.px(2 * PANEL_HEIGHT));
-        let panels = upper.split_evenly((2, 2));
+        let (upper, errors) = body.split_vertically(self.px(upper_rows(picture) * PANEL_HEIGHT));
+        let panels = upper.split_evenly((upper_rows(picture) as usize, 2));
         let motors = &picture.motors;
 
         let ends = [span(motors, |m| &m.wanted), span(motors, |m| &m.stepped)];
@@ -149,11 +149,13 @@ impl Drawing {
             self.line(&mut chart, unit.points(motor, &motor.wanted), INK, 1)?;
         }
 
-        self.close_view(picture, &panels[1])?;
-        self.intervals(picture, &panels[2])?;
+        if has_steps(picture) {
+            self.close_view(picture, &panels[1])?;
+            self.intervals(picture, &panels[2])?;
+        }
 
         let mut chart = self.panel(
-            &panels[3],
+            &panels[panels.len() - 1],
             Panel {
                 title: &format!("Speed, {}/s", unit.name),
                 x_title: &time.title(),
@@ -168,6 +170,9 @@ impl Drawing {
             self.line(&mut chart, unit.points(motor, &motor.wanted_speed), INK, 1)?;
         }
 
+        if !has_steps(picture) {
+            return Ok(());
+        }
         let areas = errors.split_evenly(error_panels(picture));
         for ((colour, motor), area) in coloured(motors).zip(&areas) {
             self.errors(motor, picture.errors, colour, area, &time)?;
@@ -177,10 +182,15 @@ impl Drawing {
 
     /// The title, and the legend: a swatch and a name for each motor, then the law's line.
     fn heading<DB: DrawingBackend>(&self, picture: &Picture, area: &Area<DB>) -> Drawn<DB> {
-        let title = format!("{} · tick {}", picture.title, human::seconds(picture.tick_s));
+        let title = if has_steps(picture) {
+            format!("{} · tick {}", picture.title, human::seconds(picture.tick_s))
+        } else {
+            picture.title.clone()
+        };
         area.draw(&Text::new(title, (self.px(24) as i32, self.px(10) as i32), self.font(20)))?;
         let style = self.font(14).pos(Pos::new(HPos::Left, VPos::Center));
-        let stepped = coloured(&picture.motors).map(|(colour, motor)| (stepped_label(motor), light(colour), 5));
+        let stepped =
+            coloured(&picture.motors).map(|(colour, motor)| (stepped_label(motor, picture.errors), light(colour), 5));
         let entries = stepped.chain([(picture.errors.wanted().to_owned(), INK, 1)]);
         for ((column, row), (label, colour, width)) in legend_places(picture).into_iter().zip(entries) {
             let (x, y) = (self.px(column) as i32, self.px(48 + row * LEGEND_ROW) as i32);
@@ -342,14 +352,15 @@ impl TimeAxis {
 
 const SWATCH: u32 = 22;
 
-fn stepped_label(motor: &MotorPicture) -> String {
-    format!("{}, stepped", motor.name)
+fn stepped_label(motor: &MotorPicture, errors: Errors) -> String {
+    format!("{}, {}", motor.name, errors.made())
 }
 
 /// Column (in units of the SVG) and row of each entry of the legend, the law's last.
 fn legend_places(picture: &Picture) -> Vec<(u32, u32)> {
     // 9 units are wider than nearly every character of this size.
-    let widths = picture.motors.iter().map(stepped_label).chain([picture.errors.wanted().to_owned()]);
+    let labels = picture.motors.iter().map(|motor| stepped_label(motor, picture.errors));
+    let widths = labels.chain([picture.errors.wanted().to_owned()]);
     let widths = widths.map(|label| SWATCH + 28 + 9 * label.chars().count() as u32);
     let (mut x, mut row) = (24, 0);
     widths
@@ -365,6 +376,16 @@ fn legend_places(picture: &Picture) -> Vec<(u32, u32)> {
 
 fn legend_rows(picture: &Picture) -> u32 {
     legend_places(picture).last().map_or(1, |place| place.1 + 1)
+}
+
+/// Whether each step was seen, so that its interval and its error can be drawn.
+fn has_steps(picture: &Picture) -> bool {
+    picture.errors != Errors::Unknown
+}
+
+/// Rows of panels above those of errors.
+fn upper_rows(picture: &Picture) -> u32 {
+    if has_steps(picture) { 2 } else { 1 }
 }
 
 /// Rows and columns of the panels of errors.

@@ -40,13 +40,23 @@ pub enum Errors {
     Ticks,
     /// How far steps are behind a path, steps, within what is allowed.
     Steps,
+    /// Nobody saw the steps, or the ticks: positions are what a board said of itself now and then.
+    Unknown,
 }
 
 impl Errors {
     fn title(self, motor: &str, bound: &str) -> String {
         match self {
             Errors::Ticks => format!("Error of {motor}, ticks; proven: at most {bound}"),
-            Errors::Steps => format!("Steps of {motor} behind the path, steps; allowed: {bound}"),
+            Errors::Steps | Errors::Unknown => format!("Steps of {motor} behind the path, steps; allowed: {bound}"),
+        }
+    }
+
+    /// What the thick lines are.
+    const fn made(self) -> &'static str {
+        match self {
+            Errors::Ticks | Errors::Steps => "stepped",
+            Errors::Unknown => "as the board says",
         }
     }
 
@@ -54,7 +64,7 @@ impl Errors {
     const fn wanted(self) -> &'static str {
         match self {
             Errors::Ticks => "wanted by the law",
-            Errors::Steps => "the path",
+            Errors::Steps | Errors::Unknown => "the path",
         }
     }
 }

@@ -1,5 +1,6 @@
 //! A board and a person: lines typed, replies and positions shown.
 
+use std::collections::VecDeque;
 use std::io;
 use std::sync::mpsc::{Receiver, TryRecvError};
 use std::time::Duration;
@@ -8,6 +9,8 @@ use miette::Diagnostic;
 use pulsetrain_board::{Port, PortError};
 use pulsetrain_trace::winch::Status;
 
+use super::mirror::Mirror;
+use super::run::BYTE;
 use super::talk::{Said, Talk};
 use crate::interrupt;
 
@@ -57,18 +60,18 @@ pub enum ConsoleError {
     Person(#[from] io::Error),
 }
 
-/// `enable 0` with its checksum: a strict board that wants one on each line stops, too.
-pub(super) const STOP: &str = "enable 0*11";
+/// Stops all axes; as the board wants it: [`Talk::as_wanted`].
+pub(super) const STOP: &str = "enable 0";
 
 /// What can be typed.
 pub const HELP: &str = "\
   a <axes> <steps>…           go to: `a xy 100 -50`     d <axes> <steps>…    go on by
-  v <axes> <steps/s>…         drift on and on           r <axes> <steps>…    impulse
-  s <axes> <steps/s>…         ramp of targets, 0: none
+  v <axes> <steps/s>…         drift on and on, ±15 000  r <axes> <steps>…    impulse
+  s <axes> <steps/s>…         ramp of targets, up to 65 535; 0: none
   g <axes> <Hz> <ratio>       how it follows: 0.01 to 20 Hz, damping ratio 0.07 to 5 (1: no overshoot)
-  l <axes> <steps/s> <steps/s²>   limits, at most 10 000 and 250 000
+  l <axes> <steps/s> <steps/s²>   limits, 0 to 10 000 and 1 to 250 000
   enable 0                    stop all axes, then drivers off     enable 1    drivers on
-  srate <ms>    status lines          deadman <ms>    stop after so long a silence, 0: never
+  srate <ms>    status lines, 1 to 65 535     deadman <ms>    stop after so long a silence, up to 65 535; 0: never
   strict 0|1    refuse irregular lines      version, ping
   on a Pico:  move <axes> <n>…  run <axes>  speed <axes> <ticks>…  dir <axes> <1, -1, 0>…  halt    told directly: docs/pico.md
   help, quit    of this console; quit leaves the board as it is
@@ -77,7 +80,7 @@ pub const HELP: &str = "\
 /// How often the board and the person are listened to.
 const ROUND: Duration = Duration::from_millis(40);
 
-/// Axes that have not moved for so long, by the board's clock, rest, µs.
+/// Axes that have not moved for so long, by the board's clock, rest, if no line has told them to go on, µs.
 const REST_US: u64 = 500_000;
 
 /// And so long it is waited for: with the gains at first a move rings for ten seconds and more.
@@ -92,35 +95,57 @@ pub struct Ended {
     pub is_settled: bool,
 }
 
+/// Bytes of lines that are sent at once: of so many each line has its answer, docs/winch.md. The next ones follow when the board
+/// has been silent for a while.
+const BURST: usize = 64;
+const SILENCE: Duration = Duration::from_millis(20);
+
 /// Lets a person talk to a board until they end it.
 ///
 /// # Errors
 /// When either is gone.
 pub fn converse<P: Port>(talk: &mut Talk<P>, person: &mut impl Person) -> Result<Ended, ConsoleError> {
     let mut rest = Rest::default();
-    let mut refused = 0;
-    let mut ended = None;
+    let mut mirror = Mirror::new(talk.now());
+    let mut waiting = VecDeque::new();
+    // When the next lines may be sent.
+    let mut free = talk.now();
+    let (mut refused, mut is_ending, mut ended) = (0, false, None);
     loop {
-        if ended.is_none() {
-            for wish in person.wishes()? {
-                match wish {
-                    Wish::Line(line) => match line.trim() {
-                        "" => {}
-                        "help" | "?" => person.tell(HELP)?,
-                        "quit" | "exit" => ended = Some(talk.now()),
-                        line => {
-                            rest = Rest::default();
-                            talk.tell(line)?;
-                        }
-                    },
-                    Wish::Stop => talk.tell(STOP)?,
-                    Wish::End => ended = Some(talk.now()),
+        for wish in person.wishes()? {
+            match wish {
+                Wish::Stop => {
+                    waiting.clear();
+                    waiting.push_back(talk.as_wanted(STOP));
+                    free = talk.now();
                 }
+                Wish::End => is_ending = true,
+                Wish::Line(_) if is_ending => {}
+                Wish::Line(line) => match line.trim() {
+                    "" => {}
+                    "help" | "?" => person.tell(HELP)?,
+                    "quit" | "exit" => is_ending = true,
+                    line => waiting.push_back(line.to_owned()),
+                },
             }
         }
-        if let Some(ended) = ended {
-            let waited = talk.now().saturating_sub(ended);
-            if !person.waits_for_rest() || rest.is_reached {
+        let now = talk.now();
+        mirror.go_on(now);
+        let mut sent = 0;
+        while free <= now
+            && let Some(line) = waiting.pop_front_if(|line| sent == 0 || sent + line.len() < BURST)
+        {
+            rest = Rest::default();
+            talk.tell(&line)?;
+            mirror.tell(&line, now);
+            sent += line.len() + 1;
+        }
+        if sent > 0 {
+            free = now + BYTE * sent as u32 + SILENCE;
+        }
+        if is_ending && waiting.is_empty() {
+            let waited = now.saturating_sub(*ended.get_or_insert(now));
+            if !person.waits_for_rest() || (rest.is_reached && mirror.is_at_rest()) {
                 return Ok(Ended { refused, is_settled: true });
             }
             if waited > LONGEST_WAIT {
@@ -132,12 +157,16 @@ pub fn converse<P: Port>(talk: &mut Talk<P>, person: &mut impl Person) -> Result
                 return Ok(Ended { refused, is_settled: false });
             }
         }
+        let until = if waiting.is_empty() { now + ROUND } else { free.min(now + ROUND) };
         let mut shown = Ok(());
-        talk.wait(talk.now() + ROUND, |_, said| {
+        talk.wait(until, |at, said| {
             if let Said::Status(status) = &said {
                 rest.see(*status);
             }
             refused += usize::from(said.is_refusal());
+            if said.is_answer() {
+                free = free.max(at + SILENCE);
+            }
             if shown.is_ok() {
                 shown = person.show(&said);
             }
@@ -168,19 +197,21 @@ impl Rest {
 pub struct Plain<'a> {
     lines: Receiver<String>,
     out: &'a mut dyn io::Write,
+    has_stopped: bool,
 }
 
 impl<'a> Plain<'a> {
     /// Lines end when whoever sends them is gone.
     pub fn new(lines: Receiver<String>, out: &'a mut dyn io::Write) -> Plain<'a> {
-        Plain { lines, out }
+        Plain { lines, out, has_stopped: false }
     }
 }
 
 impl Person for Plain<'_> {
     fn wishes(&mut self) -> io::Result<Vec<Wish>> {
         if interrupt::wanted() {
-            return Ok(vec![Wish::Stop, Wish::End]);
+            let is_first = !std::mem::replace(&mut self.has_stopped, true);
+            return Ok(if is_first { vec![Wish::Stop, Wish::End] } else { vec![Wish::End] });
         }
         let mut wishes = Vec::new();
         loop {

@@ -2,7 +2,8 @@
 //!
 //! # What is here, top down
 //! - [`run`]: a script on a board, as it is judged, drawn and written down
-//! - [`console`]: a board and a person; `terminal`: that person's screen and keys
+//! - [`console`]: a board and a person; `terminal`: that person's screen and keys; `mirror`: whether a
+//!   board that was told so is at rest
 //! - [`script`]: timed lines, from a file
 //! - [`talk`]: lines to a board and from it
 //!
@@ -10,6 +11,7 @@
 //! What the text means (`pulsetrain-core`), and whether the edges follow it (`pulsetrain_trace::winch`).
 
 pub mod console;
+mod mirror;
 pub mod run;
 pub mod script;
 pub mod talk;

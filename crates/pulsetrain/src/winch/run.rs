@@ -15,7 +15,7 @@ use crate::human::{self, Table};
 use crate::plot::{Errors, MotorPicture, Picture};
 
 /// A byte on the line at 115 200 baud, the same at what an Uno's bridge makes of it, and a frame of USB before the first one.
-const BYTE: Duration = Duration::from_nanos(86_806);
+pub(super) const BYTE: Duration = Duration::from_nanos(86_806);
 const FAST_BYTE: Duration = Duration::from_nanos(85_000);
 const USB_FRAME: Duration = Duration::from_millis(1);
 
@@ -46,6 +46,8 @@ pub struct Run {
     pub end: u64,
     /// The lines that were sent.
     pub told: Vec<Told>,
+    /// The last of them is not of the script: whoever looked on wanted a stop.
+    pub is_stopped: bool,
     /// How many were not, as the run ended before their time.
     pub unsent: usize,
     /// Status lines that came.
@@ -74,6 +76,16 @@ pub struct Trouble {
     pub at_s: f64,
     /// What.
     pub what: String,
+}
+
+/// Where the axes of a real board stand that are not at 0, as it says itself; `None` if they are there, or it says nothing for
+/// a second. It is judged by its word from 0 on.
+///
+/// # Errors
+/// When the port is gone.
+pub fn stands_elsewhere<P: Port>(talk: &mut Talk<P>) -> Result<Option<[i32; 4]>, PortError> {
+    let status = talk.status(Duration::from_secs(1))?;
+    Ok(status.map(|status| status.positions).filter(|positions| *positions != [0; 4]))
 }
 
 /// Runs a script on a virtual board, which has been asked for its name; `watch` hears the script's time, s.
@@ -114,6 +126,7 @@ struct Sent {
     end: Duration,
     /// Each line with the times at which it is there, at the soonest and at the latest.
     told: Vec<(Duration, Duration, Command)>,
+    is_stopped: bool,
     unsent: usize,
     statuses: Vec<Status>,
     refusals: Vec<Refusal>,
@@ -133,6 +146,7 @@ impl Sent {
             begin: tick(self.begin),
             end: tick(self.end),
             told: self.told.iter().map(told).collect(),
+            is_stopped: self.is_stopped,
             unsent: self.unsent,
             statuses: self.statuses,
             refusals: self.refusals,
@@ -190,15 +204,15 @@ fn send<P: Port>(
         if watch((talk.now() - begin).as_secs_f64()) == Wish::Stop && !stopped {
             stopped = true;
             end = end.min(talk.now() + AFTER_STOP);
-            tell(talk, &mut health, STOP, Command::parse(STOP).unwrap_or_default())?;
+            let stop = talk.as_wanted(STOP);
+            tell(talk, &mut health, &stop, Command::parse(&stop).unwrap_or_default())?;
         }
     }
     health.look(talk.now());
-    let sent = told.len() - usize::from(stopped);
-    let unsent = script.lines.len() - sent;
+    let unsent = script.lines.len() - (told.len() - usize::from(stopped));
     let edge = |edge: pulsetrain_board::Edge| Edge { tick: edge.tick, line: edge.line, level: edge.level };
     let edges = talk.edges().into_iter().map(edge).collect();
-    Ok(Sent { begin, end, told, unsent, statuses, refusals, troubles: health.troubles, edges })
+    Ok(Sent { begin, end, told, is_stopped: stopped, unsent, statuses, refusals, troubles: health.troubles, edges })
 }
 
 /// Looks whether the board goes on as a board does: it begins once, and its statuses come.
@@ -307,9 +321,9 @@ pub struct Report {
     pub board: String,
     /// How long it lasted, s.
     pub duration_s: f64,
-    /// Lines sent.
+    /// Lines of the script that were sent.
     pub lines: usize,
-    /// Lines that were not: it ended before their time.
+    /// Those that were not: it ended before their time.
     pub unsent: usize,
     /// Lines refused.
     pub refusals: Vec<Refusal>,
@@ -336,13 +350,16 @@ pub struct Word {
     pub farthest: f64,
     /// The path is at rest there.
     pub is_at_rest: bool,
+    /// It rests there whichever milliseconds the lines acted in. In a move, after a drift and after a stop in mid-move each
+    /// millisecond makes a difference, and nobody saw it.
+    pub is_judged: bool,
 }
 
 impl Word {
-    /// Whether it stands where it should; in a move nobody can say.
+    /// Whether it stands where it should, as far as that can be said.
     fn is_ok(&self) -> bool {
         // Half a step and the threshold's 1/64, and 0.1 of the path.
-        !self.is_at_rest || (f64::from(self.position) - self.wanted).abs() < 0.62
+        !self.is_judged || (f64::from(self.position) - self.wanted).abs() < 0.62
     }
 }
 
@@ -390,14 +407,20 @@ pub fn by_word(run: &Run, names: Names<'_>) -> Judged {
         wanted: 0.0,
         farthest: 0.0,
         is_at_rest: true,
+        is_judged: true,
     }));
-    winch::foretell(&run.told, run.end, &options, &mut compared);
-    let mut report = Report { word: Some(compared.words), ..names.report(run) };
+    let is_known = winch::foretell(&run.told, run.end, &options, &mut compared);
+    let mut words = compared.words;
+    for (word, is_known) in words.iter_mut().zip(is_known) {
+        word.is_judged = word.is_at_rest && is_known;
+    }
+    let mut report = Report { word: Some(words), ..names.report(run) };
     if run.statuses.is_empty() && report.troubles.is_empty() {
         let what = "no status line came: without one nobody knows where the axes are".to_owned();
         report.troubles.push(Trouble { at_s: report.duration_s, what });
     }
-    Judged { report, picture: drawing.finish(names.title()) }
+    let picture = Picture { errors: Errors::Unknown, ..drawing.finish(names.title()) };
+    Judged { report, picture }
 }
 
 /// What things are called in a report.
@@ -422,7 +445,7 @@ impl Names<'_> {
             runner: self.runner.to_owned(),
             board: self.board.to_owned(),
             duration_s: (run.end - run.begin) as f64 / run.tick_hz as f64,
-            lines: run.told.len(),
+            lines: run.told.len() - usize::from(run.is_stopped),
             unsent: run.unsent,
             refusals: run.refusals.clone(),
             troubles: run.troubles.clone(),
@@ -534,25 +557,38 @@ impl Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Report { script, runner, board, duration_s, lines, unsent, refusals, troubles, verdict, word } = self;
         let duration = human::seconds(*duration_s);
-        writeln!(f, "{script}: {lines} lines in {duration}, to the {runner} ({board})\n")?;
-        if *unsent > 0 {
-            writeln!(f, "The last {unsent} of its lines were not sent: it ended before their time.\n")?;
+        let plural = if *lines == 1 { "" } else { "s" };
+        writeln!(f, "{script}: {lines} line{plural} in {duration}, to the {runner} ({board})\n")?;
+        match unsent {
+            0 => {}
+            1 => writeln!(f, "Its last line was not sent: it ended before its time.\n")?,
+            _ => writeln!(f, "The last {unsent} of its lines were not sent: it ended before their time.\n")?,
         }
         if let Some(verdict) = verdict {
             self.edges(verdict, f)?;
         }
         if let Some(words) = word {
             writeln!(f, "This is the board's own word: nobody looked at its pins.\n")?;
-            let mut table = Table::new(["axis", "at", "the path", "farthest, in moves a few ms off"]);
+            let mut table = Table::new(["axis", "at", "the path", "farthest, in moves a few ms off", "at rest"]);
             for word in words {
                 table.row([
                     word.axis.clone(),
                     human::count(word.position.into()),
                     hundredths(word.wanted),
                     human::significant(word.farthest, 3),
+                    match (word.is_judged, word.is_ok()) {
+                        (false, _) => "not judged".to_owned(),
+                        (true, true) => "ok".to_owned(),
+                        (true, false) => "NOT ok".to_owned(),
+                    },
                 ]);
             }
             writeln!(f, "{table}")?;
+            if words.iter().any(|word| !word.is_judged) {
+                let why = "it moves, or had a drift or was stopped in mid-move, and no absolute target since: where it is depends on \
+                           the millisecond in which a line acted";
+                writeln!(f, "  not judged: {why}")?;
+            }
         }
         for Refusal { at_s, said } in refusals {
             let meaning = meaning(said).map_or_else(String::new, |meaning| format!(" ({meaning})"));

@@ -1,12 +1,15 @@
 //! Timed lines, from a file: plain text, or a motion file with a winch.
 
+use std::ops::Range;
 use std::path::Path;
+use std::sync::Arc;
 
 use miette::{LabeledSpan, MietteDiagnostic, NamedSource, Report};
 use pulsetrain_motion::quantity::{Base, Quantity};
 use pulsetrain_motion::{Time, file};
 use pulsetrain_trace::winch::Command;
 
+use super::talk::with_checksum;
 use crate::{console, human};
 
 /// What is sent to a board, and when.
@@ -35,8 +38,9 @@ const AFTER_S: f64 = 4.0;
 /// A line this near to where a deadman strikes may come before it or after it, s.
 const NEAR_DEADMAN_S: f64 = 0.05;
 
-/// What every refusal says.
+/// What a refusal says of the form of a line, and of what stands in it.
 const HELP: &str = "a line is \"<time>: <command>\", such as \"1.5 s: a x 100\"; docs/winch.md has the commands";
+const OF_COMMANDS: &str = "docs/winch.md has the commands and their limits; so has `help` in the console";
 
 /// A motion file's ending; any other file is plain text.
 const MOTION: &str = "toml";
@@ -52,7 +56,8 @@ pub fn load(path: &Path, length: Option<Time>) -> miette::Result<Script> {
     let (lines, duration) = if path.extension().is_some_and(|ending| ending == MOTION) {
         let script = file::load_winch(path)?;
         // The file has been checked: what is wrong now is what a law takes and a board does not.
-        (parse(&script.lines.join("\n"), &path.display().to_string())?, script.duration)
+        let lines = script.lines.iter().map(String::as_str).zip(script.places);
+        (read(lines, &script.source)?, script.duration)
     } else {
         let bytes = console::read(path).map_err(|error| miette::miette!(help = HELP, "{error}"))?;
         let text = String::from_utf8(bytes).map_err(|error| {
@@ -81,43 +86,51 @@ pub fn load(path: &Path, length: Option<Time>) -> miette::Result<Script> {
 /// # Errors
 /// With the place.
 pub fn parse(text: &str, name: &str) -> miette::Result<Vec<Line>> {
-    let wrong = |at: std::ops::Range<usize>, message: String| {
-        let label = LabeledSpan::at(at, "here");
-        let diagnostic = MietteDiagnostic::new(message).with_help(HELP).with_label(label);
-        Report::new(diagnostic).with_source_code(NamedSource::new(name, text.to_owned()))
-    };
+    let source = Arc::new(NamedSource::new(name, text.to_owned()));
+    let lines = text.split_inclusive('\n').scan(0, |next, raw| {
+        let start = *next;
+        *next += raw.len();
+        let line = raw.split('#').next().unwrap_or_default().trim_end();
+        Some((line, start..start + line.len()))
+    });
+    read(lines, &source)
+}
+
+/// Reads lines, each with its place in the source; blank ones are none.
+fn read<'a>(
+    texts: impl Iterator<Item = (&'a str, Range<usize>)>,
+    source: &Arc<NamedSource<String>>,
+) -> miette::Result<Vec<Line>> {
     let mut lines: Vec<Line> = Vec::new();
     let mut board = Board::default();
-    let mut next = 0;
-    for raw in text.split_inclusive('\n') {
-        let start = next;
-        next += raw.len();
-        let line = raw.split('#').next().unwrap_or_default().trim_end();
-        if line.is_empty() {
-            continue;
-        }
-        let whole = start..start + line.len();
+    for (line, place) in texts.filter(|(line, _)| !line.is_empty()) {
+        let wrong = |at: Range<usize>, help: &str, message: String| {
+            // With escapes in it only the whole can be shown.
+            let is_verbatim = place.len() == line.len();
+            let at = if is_verbatim { place.start + at.start..place.start + at.end } else { place.clone() };
+            let diagnostic = MietteDiagnostic::new(message).with_help(help).with_label(LabeledSpan::at(at, "here"));
+            Report::new(diagnostic).with_source_code(Arc::clone(source))
+        };
+        let whole = 0..line.len();
         let Some((when, told)) = line.split_once(':') else {
-            return Err(wrong(whole, "a line without its time".to_owned()));
+            return Err(wrong(whole, HELP, "a line without its time".to_owned()));
         };
         let time = Quantity::parse(when).ok().filter(|when| (when.base, when.per_seconds) == (Base::Time, 0));
         let at_s = time.map(|when| when.value).filter(|at| (0.0..1e6).contains(at));
         let Some(at_s) = at_s else {
-            return Err(wrong(start..start + when.len(), "not a time of 0 s to 10^6 s, with its unit".to_owned()));
+            return Err(wrong(0..when.len(), HELP, "not a time of 0 s to 10^6 s, with its unit".to_owned()));
         };
         if let Some(before) = lines.last().filter(|before| at_s < before.at_s) {
             let message = format!("times go back: the line before is sent at {}", human::seconds(before.at_s));
-            return Err(wrong(start..start + when.len(), message));
+            return Err(wrong(0..when.len(), "put the lines in order of their times", message));
         }
         // As it is sent: a checksum is of that.
         let text = told.trim();
-        let told_at = start + when.len() + 1 + (told.len() - told.trim_start().len());
-        let command = Command::parse(text).map_err(|error| {
-            let at = told_at + error.at.start..told_at + error.at.end;
-            wrong(at, error.message)
-        })?;
+        let told_at = when.len() + 1 + (told.len() - told.trim_start().len());
+        let command = Command::parse(text)
+            .map_err(|error| wrong(told_at + error.at.start..told_at + error.at.end, OF_COMMANDS, error.message))?;
         let line = Line { at_s, text: text.to_owned(), command };
-        board.hear(&line).map_err(|message| wrong(whole, message))?;
+        board.hear(&line).map_err(|message| wrong(whole, OF_COMMANDS, message))?;
         lines.push(line);
     }
     Ok(lines)
@@ -139,13 +152,14 @@ impl Board {
     fn hear(&mut self, line: &Line) -> Result<(), String> {
         let Line { at_s, text, command } = line;
         if self.strict && self.is_checked && !command.is_checked {
-            let sum = text.bytes().fold(0, |sum, byte| sum ^ byte);
-            return Err(format!("the board wants a checksum on each line by now: {text}*{sum:02x}"));
+            return Err(format!("the board wants a checksum on each line by now: {}", with_checksum(text)));
         }
         let strikes_s = self.last_s + f64::from(self.deadman_ms) * 1e-3;
         if self.deadman_ms != 0 && (at_s - strikes_s).abs() < NEAR_DEADMAN_S {
+            // With a shorter deadman what is before that is before the last line.
+            let before = if f64::from(self.deadman_ms) * 1e-3 < NEAR_DEADMAN_S { "" } else { " before that or" };
             return Err(format!(
-                "it comes as the deadman strikes, at {}: nobody can say which is first; send it {} before that or after it",
+                "it comes as the deadman strikes, at {}: nobody can say which is first; send it {}{before} after it",
                 human::seconds(strikes_s),
                 human::seconds(NEAR_DEADMAN_S)
             ));
@@ -205,6 +219,8 @@ mod tests {
             at,
             "it comes as the deadman strikes, at 1.5 s: nobody can say which is first; send it 50 ms before that or after it",
         );
+        let wanted = "it comes as the deadman strikes, at 30 ms: nobody can say which is first; send it 50 ms after it";
+        refuse("0 s: deadman 30\n0 s: ping", "0 s: ping", wanted);
     }
 
     proptest! {
@@ -243,6 +259,34 @@ mod tests {
         std::fs::remove_file(&path).unwrap();
         let error = super::load(&path, None).unwrap_err();
         assert!(error.to_string().starts_with("cannot read ") && error.help().is_some());
+    }
+
+    #[test]
+    fn a_refusal_points_into_the_motion_file() {
+        let folder = std::env::temp_dir().join(format!("pulsetrain-script-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let path = folder.join("my.toml");
+        let example = include_str!("../../../../examples/winch.toml");
+        let begin = example.find("commands = [").unwrap();
+        let end = begin + example[begin..].find(']').unwrap();
+        let refused = |law: &str, named: &str| {
+            std::fs::write(&path, format!("{}{law}{}", &example[..begin], &example[end + 1..])).unwrap();
+            let error = load(&path, None).unwrap_err();
+            let label = error.labels().unwrap().next().unwrap();
+            let source = std::fs::read_to_string(folder.join(named)).unwrap();
+            let shown = format!("{error:?}");
+            assert!(shown.contains(named), "{shown}");
+            (source[label.offset()..label.offset() + label.len()].to_owned(), error.to_string())
+        };
+        let message = "a whole number from -15000 to 15000 is wanted".to_owned();
+        let law = "commands = [\n  \"0 s: g x 1 1\",\n  \"1 s: v x 16000\",\n]";
+        assert_eq!(refused(law, "my.toml"), ("16000".to_owned(), message.clone()));
+        // One with escapes is shown as a whole.
+        let law = "commands = [\"1 s: v x\\u002016000\"]";
+        assert_eq!(refused(law, "my.toml"), ("\"1 s: v x\\u002016000\"".to_owned(), message.clone()));
+        std::fs::write(folder.join("lines.txt"), "# é\n0 s: g x 1 1\n1 s: v x 16000\n").unwrap();
+        assert_eq!(refused("file = \"lines.txt\"", "lines.txt"), ("16000".to_owned(), message));
+        std::fs::remove_dir_all(folder).unwrap();
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use pulsetrain_board::{Edge, Port, PortError};
-use pulsetrain_trace::winch::Status;
+use pulsetrain_trace::winch::{Command, Status};
 
 /// What a board says.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -20,18 +20,41 @@ impl Said {
     pub fn is_refusal(&self) -> bool {
         matches!(self, Said::Line(line) if ["err ", "dbg invalid ", "dbg excessive "].iter().any(|word| line.starts_with(word)))
     }
+
+    /// Whether it has answered a line, or refused it. (A Pico's `done` comes of itself.)
+    #[must_use]
+    pub fn is_answer(&self) -> bool {
+        self.is_refusal() || matches!(self, Said::Line(line) if line == "awake" || line.starts_with("id "))
+    }
 }
 
-/// What a refusal means, for people: of `err <what> <word>`, by docs/winch.md.
+/// A line with its checksum, as docs/winch.md has it.
+///
+/// ```
+/// assert_eq!(pulsetrain::winch::talk::with_checksum("a x 1"), "a x 1*28");
+/// ```
+#[must_use]
+pub fn with_checksum(line: &str) -> String {
+    let sum = line.bytes().fold(0, |sum, byte| sum ^ byte);
+    format!("{line}*{sum:02x}")
+}
+
+/// What a refusal means, for people: of `err <what> <word>` and of `dbg …`, by docs/winch.md.
 ///
 /// ```
 /// use pulsetrain::winch::talk::meaning;
 /// assert_eq!(meaning("err missing 3").unwrap(), "word 3: a value is missing");
 /// assert_eq!(meaning("err period 500").unwrap(), "that is too short: 500 ticks at least");
+/// assert_eq!(meaning("dbg invalid srate value").unwrap(), "an interval of statuses is 1 to 65535 ms");
 /// assert_eq!(meaning("awake"), None);
 /// ```
 #[must_use]
 pub fn meaning(line: &str) -> Option<String> {
+    match line {
+        "dbg invalid srate value" => return Some("an interval of statuses is 1 to 65535 ms".to_owned()),
+        "dbg excessive input error" => return Some("a line has at most 10 words".to_owned()),
+        _ => {}
+    }
     let mut words = line.strip_prefix("err ")?.split(' ');
     let means = match words.next()? {
         "command" => "no such command; `help` tells them",
@@ -58,6 +81,29 @@ pub fn meaning(line: &str) -> Option<String> {
     Some(format!("{}{means}", place.unwrap_or_default()))
 }
 
+/// The same, if it was `told` that is refused: with the limit that it is beyond.
+///
+/// ```
+/// use pulsetrain::winch::talk::explain;
+/// assert_eq!(explain("err range 4", "l x 100 0.5").unwrap(), "word 4: a highest acceleration is 1 to 250 000 steps/s²");
+/// assert_eq!(explain("err range 4", "a x 1").unwrap(), "word 4: beyond what it may be");
+/// ```
+#[must_use]
+pub fn explain(line: &str, told: &str) -> Option<String> {
+    /// What is wrong with the line itself, whatever state the board is in.
+    const OF_THE_LINE: [&str; 6] = ["number", "range", "missing", "flags", "extra", "long"];
+    let means = meaning(line)?;
+    let mut words = line.split(' ').skip(1);
+    let is_of_the_line = words.next().is_some_and(|what| OF_THE_LINE.contains(&what));
+    Some(match (is_of_the_line, words.next(), Command::parse(told)) {
+        // Who tells axes directly has other commands.
+        (true, Some(word), Err(wrong)) if !wrong.message.starts_with("unknown command") => {
+            format!("word {word}: {wrong}")
+        }
+        _ => means,
+    })
+}
+
 /// A port to a board that speaks text.
 #[derive(Debug)]
 pub struct Talk<P> {
@@ -67,6 +113,9 @@ pub struct Talk<P> {
     partial: Vec<u8>,
     clock: Clock,
     edges: Vec<Edge>,
+    /// A line with a right checksum was sent since strictness was last told, or a board has refused one without: a strict
+    /// board wants one on each line.
+    is_checked: bool,
 }
 
 /// The longest line that is kept; what is longer is noise.
@@ -79,7 +128,14 @@ const ASK_FOR: Duration = Duration::from_secs(4);
 impl<P: Port> Talk<P> {
     /// Takes an open port.
     pub fn new(port: P) -> Talk<P> {
-        Talk { port, bytes: Vec::new(), partial: Vec::new(), clock: Clock::default(), edges: Vec::new() }
+        Talk {
+            port,
+            bytes: Vec::new(),
+            partial: Vec::new(),
+            clock: Clock::default(),
+            edges: Vec::new(),
+            is_checked: false,
+        }
     }
 
     /// The port's time.
@@ -97,7 +153,18 @@ impl<P: Port> Talk<P> {
     /// # Errors
     /// When the port is gone.
     pub fn tell(&mut self, line: &str) -> Result<(), PortError> {
+        let is_right =
+            line.split_once('*').is_some_and(|(rest, _)| with_checksum(rest).eq_ignore_ascii_case(line.trim_end()));
+        let is_strictness = line.split(['*', ' ', '\t']).find(|word| !word.is_empty()) == Some("strict");
+        self.is_checked = is_right || (self.is_checked && !is_strictness);
         self.port.send(format!("{line}\n").as_bytes())
+    }
+
+    /// A line of this program's own, as the board takes it: with a checksum if there was one before. One that nobody has asked
+    /// for would lock out who types none.
+    #[must_use]
+    pub fn as_wanted(&self, line: &str) -> String {
+        if self.is_checked { with_checksum(line) } else { line.to_owned() }
     }
 
     /// Lets time pass until `until`, and hands over what the board says meanwhile, with the time at which it came.
@@ -135,16 +202,36 @@ impl<P: Port> Talk<P> {
         let end = self.now() + ASK_FOR;
         let mut name = None;
         while name.is_none() && self.now() < end {
-            self.tell("version")?;
+            let question = self.as_wanted("version");
+            self.tell(&question)?;
+            let mut wants_checksum = false;
             self.wait(self.now() + ASK_AGAIN, |_, said| {
-                if let Said::Line(line) = said
-                    && let Some(id) = line.strip_prefix("id ")
-                {
+                let Said::Line(line) = said else { return };
+                wants_checksum |= line.starts_with("err checksum");
+                if let Some(id) = line.strip_prefix("id ") {
                     name = Some(id.to_owned());
                 }
             })?;
+            self.is_checked |= wants_checksum;
         }
         Ok(name)
+    }
+
+    /// The next status that comes, `None` if none does within `time`.
+    ///
+    /// # Errors
+    /// When the port is gone.
+    pub fn status(&mut self, time: Duration) -> Result<Option<Status>, PortError> {
+        let end = self.now() + time;
+        let mut first = None;
+        while first.is_none() && self.now() < end {
+            self.wait(end.min(self.now() + ASK_AGAIN), |_, said| {
+                if let (None, Said::Status(status)) = (first, said) {
+                    first = Some(status);
+                }
+            })?;
+        }
+        Ok(first)
     }
 
     /// The edges of the board's pins since the last call: what a virtual board knows.

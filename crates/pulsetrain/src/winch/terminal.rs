@@ -11,7 +11,7 @@ use crossterm::{QueueableCommand, queue};
 use pulsetrain_trace::winch::{AXES, Status};
 
 use super::console::{Person, Wish};
-use super::talk::{Said, meaning};
+use super::talk::{Said, explain};
 
 /// A terminal, raw until this is dropped.
 pub(crate) struct Terminal<'a> {
@@ -19,6 +19,8 @@ pub(crate) struct Terminal<'a> {
     editor: Editor,
     /// Ctrl-C came; the next one ends.
     has_stopped: bool,
+    /// The line typed last, which a refusal is of.
+    told: String,
 }
 
 impl<'a> Terminal<'a> {
@@ -28,7 +30,8 @@ impl<'a> Terminal<'a> {
     /// When it is none.
     pub(crate) fn new(out: &'a mut dyn Write) -> io::Result<Terminal<'a>> {
         terminal::enable_raw_mode()?;
-        let mut terminal = Terminal { screen: Screen::new(out), editor: Editor::default(), has_stopped: false };
+        let mut terminal =
+            Terminal { screen: Screen::new(out), editor: Editor::default(), has_stopped: false, told: String::new() };
         terminal.screen.begin(&terminal.editor)?;
         Ok(terminal)
     }
@@ -63,6 +66,7 @@ impl Person for Terminal<'_> {
                 Pressed::Line(line) => {
                     self.has_stopped = false;
                     self.screen.print(&format!("> {line}"), &self.editor)?;
+                    self.told.clone_from(&line);
                     wishes.push(Wish::Line(line));
                 }
                 Pressed::Interrupt if self.has_stopped => wishes.push(Wish::End),
@@ -86,7 +90,7 @@ impl Person for Terminal<'_> {
                 self.screen.see(*status);
                 self.screen.draw(&self.editor)
             }
-            Said::Line(line) => match meaning(line) {
+            Said::Line(line) => match explain(line, &self.told) {
                 Some(meaning) => self.screen.print(&format!("{line}   ({meaning})"), &self.editor),
                 None => self.screen.print(line, &self.editor),
             },

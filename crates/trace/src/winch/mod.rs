@@ -134,9 +134,9 @@ pub struct AxisReport {
     pub axis: String,
     /// Steps in the trace.
     pub steps: u64,
-    /// Steps forward minus steps backward in the end.
+    /// Steps forward minus steps backward, before the end of the last whole millisecond.
     pub position: i64,
-    /// Where the path ends, steps.
+    /// Where the path is then, steps.
     pub position_wanted: f64,
     /// Largest distance of a step from the path, steps.
     pub max_error_steps: f64,
@@ -250,8 +250,9 @@ pub fn judge(
 
 /// The paths alone, if each line acts in the first millisecond after it can have come.
 ///
-/// For boards whose pins nobody sees: in a move they may be a few milliseconds off it.
-pub fn foretell(told: &[Told], end: u64, options: &Options, onlooker: &mut impl Onlooker) {
+/// For boards whose pins nobody sees: in a move they may be a few milliseconds off it. Gives for each axis whether it comes to
+/// rest at the same place all the same: not after a drift, or a stop in mid-move, until it has an absolute target again.
+pub fn foretell(told: &[Told], end: u64, options: &Options, onlooker: &mut impl Onlooker) -> [bool; 4] {
     let ms = |tick: u64| (tick as f64 / options.tick_hz * 1e3).ceil() as u64;
     let told = with_deadman(told, end, options);
     let mut lines = told.iter().peekable();
@@ -265,6 +266,7 @@ pub fn foretell(told: &[Told], end: u64, options: &Options, onlooker: &mut impl 
         }
         board.tick();
     }
+    board.paths.map(|path| !path.depends_on_time)
 }
 
 /// A deadman strikes at the soonest when its time is over, and so much later at most, ms: a board looks for it now and then.
@@ -524,6 +526,7 @@ fn follow(
     }
     for (axis, path) in board.paths.iter().enumerate() {
         let report = &mut seen.axes[axis];
+        report.position = seen.steps[axis][..next[axis]].last().map_or(0, |step| step.position);
         report.position_wanted = path.position;
         report.rms_error_steps = (squares[axis] / (report.steps as f64).max(1.0)).sqrt();
     }

@@ -86,6 +86,9 @@ pub(super) struct Path {
     max_speed: f64,
     max_acceleration: f64,
     is_stopping: bool,
+    /// Where it comes to rest depends on the millisecond in which a line acted: there was a drift, or a stop in mid-move, and no
+    /// absolute target since.
+    pub(super) depends_on_time: bool,
     pub(super) doubt: Doubt,
 }
 
@@ -103,6 +106,7 @@ impl Path {
         max_speed: 3500.0,
         max_acceleration: 35e3,
         is_stopping: false,
+        depends_on_time: false,
         doubt: Doubt { position: 0.0, both: 0.0, speed: 0.0, offset: 0.0 },
     };
 
@@ -126,16 +130,23 @@ impl Path {
                 // Beyond 32 bits from the position shown, which wraps.
                 let turns = ((self.position.round() + TURN / 2.0) / TURN).floor();
                 self.target = steps + turns * TURN;
+                self.depends_on_time = self.drift != 0.0;
                 self.doubt.count_from_zero(self.ramp > 0.0);
             }
             Order::Move(steps) => self.target += steps,
-            Order::Drift(speed) => self.drift = speed,
+            Order::Drift(speed) => {
+                self.drift = speed;
+                self.depends_on_time |= speed != 0.0;
+            }
             Order::Impulse(steps) => {
                 self.target += steps;
                 self.reference += steps;
             }
             Order::Ramp(speed) => self.ramp = speed,
             Order::Stop | Order::Halt => {
+                // Whoever is at rest stays where they are.
+                let is_at_rest = (self.position - self.reference).abs() < 0.01 && self.speed.abs() < 1.0;
+                self.depends_on_time |= !is_at_rest;
                 self.drift = 0.0;
                 self.is_stopping = true;
                 return;

@@ -1,0 +1,182 @@
+//! Motions in flash: blocks, and what comes out of them turn by turn, in exact integers.
+
+use pulsetrain_core::baked::{Block, FRACTION_BITS, HEAD_LEN, LONGEST_PIECE, MAGIC, Motor, Player, Repeats, crc32};
+use pulsetrain_core::packing::{MAX_PACKED_LEN, Packing, State};
+use pulsetrain_core::wire::message::{Configuration, MotorSetup};
+use pulsetrain_core::{Direction, Item, Moment, Segment};
+
+const PACKING: Packing = Packing { fraction_bits: FRACTION_BITS, gain: 3 };
+
+/// Items as one piece, from a state on, after a reset if they are a turn.
+fn piece(state: State, reset: bool, items: &[Item]) -> Vec<u8> {
+    let (mut state, mut bytes) = (state, Vec::new());
+    let mut out = [0; MAX_PACKED_LEN];
+    if reset {
+        let len = PACKING.pack_reset(&mut state, &mut out).unwrap();
+        bytes.extend(&out[..len]);
+    }
+    for item in items {
+        let len = PACKING.pack(&mut state, item, &mut out).unwrap();
+        bytes.extend(&out[..len]);
+    }
+    assert!((1..=LONGEST_PIECE).contains(&bytes.len()));
+    [&[bytes.len() as u8], &bytes[..]].concat()
+}
+
+fn run(count: u32, ticks: i64, direction: Direction) -> Item {
+    Item::Run { segment: Segment { count, interval: (ticks << 32) + 12_345, add: 678, add2: 0 }, direction }
+}
+
+/// Where a motor's steps are as its bytes are unpacked: ticks · 2^-32 since the anchor.
+struct Steps {
+    state: State,
+    at: i128,
+    position: i64,
+    steps: u64,
+}
+
+impl Steps {
+    fn take(&mut self, mut bytes: &[u8]) {
+        while let Some(item) = PACKING.unpack(&mut self.state, &mut bytes).unwrap() {
+            match item {
+                Item::Anchor { .. } => self.at = 0,
+                Item::Dwell { ticks } => self.at += i128::from(ticks) << 32,
+                Item::Run { segment, direction } => {
+                    self.at += segment.span(segment.count);
+                    self.position += i64::from(segment.count) * i64::from(direction.sign());
+                    self.steps += u64::from(segment.count);
+                }
+            }
+        }
+    }
+
+    fn of() -> Steps {
+        Steps { state: State::default(), at: 0, position: 0, steps: 0 }
+    }
+}
+
+/// A year of a Pico's time, in turns of 31.56 s: each begins where the product says, to 2^-32 of a tick.
+#[test]
+fn nothing_adds_up_in_a_year() {
+    let repeats = Repeats {
+        ticks: 3_945_000_000,
+        part: 0x8123_4567,
+        rest: 0xfedc_ba98,
+        from: Direction::Backward,
+        to: Direction::Forward,
+    };
+    let head = piece(
+        State::default(),
+        false,
+        &[run(3, 1000, Direction::Forward), run(2, 2000, Direction::Backward), run(1, 5, Direction::Forward)],
+    );
+    let turn = [run(2, 900, Direction::Forward), run(3, 1100, Direction::Backward)];
+    let span: i128 = turn
+        .iter()
+        .map(|item| if let Item::Run { segment, .. } = item { segment.span(segment.count) } else { 0 })
+        .sum();
+    let turn = piece(State::new(Direction::Forward), true, &turn);
+    let motor = Motor { packing: PACKING, head: &head, turn: &turn, repeats: Some(repeats) };
+    let mut player = Player::new(motor, Moment(77));
+    let (mut steps, mut out) = (Steps::of(), [0; LONGEST_PIECE]);
+    // The anchor, the head and the first turn.
+    for _ in 0..3 {
+        let len = player.next(LONGEST_PIECE, &mut out);
+        steps.take(&out[..len]);
+    }
+    let (begin, wait) =
+        (steps.at, i128::from(repeats.ticks) << 64 | i128::from(repeats.part) << 32 | i128::from(repeats.rest));
+    let turns = 1_000_000;
+    for _ in 0..turns {
+        // Three parts of the wait, what is left of it and a step, the turn's other steps.
+        for _ in 0..5 {
+            let len = player.next(LONGEST_PIECE, &mut out);
+            steps.take(&out[..len]);
+        }
+    }
+    assert_eq!(steps.at - begin, turns * span + ((turns * wait) >> 32));
+    assert_eq!((steps.steps, steps.position), (11 + 6 * turns as u64, 1));
+    assert!(!player.is_over());
+}
+
+/// A wait that no item can say, and a turn of one step.
+#[test]
+fn long_waits_go_in_parts() {
+    let ticks = (5 << 30) + 99;
+    let repeats = Repeats { ticks, part: 7, rest: 0, from: Direction::Forward, to: Direction::Forward };
+    let head = piece(State::default(), false, &[run(1, 1000, Direction::Forward)]);
+    let motor = Motor { packing: PACKING, head: &head, turn: &[], repeats: Some(repeats) };
+    let mut player = Player::new(motor, Moment(0));
+    let (mut steps, mut out) = (Steps::of(), [0; LONGEST_PIECE]);
+    for _ in 0..2 {
+        let len = player.next(LONGEST_PIECE, &mut out);
+        steps.take(&out[..len]);
+    }
+    let begin = steps.at;
+    for turn in 1..=3 {
+        // No room: nothing is lost by asking.
+        assert_eq!(player.next(LONGEST_PIECE - 1, &mut out), 0);
+        for _ in 0..6 {
+            let len = player.next(LONGEST_PIECE, &mut out);
+            steps.take(&out[..len]);
+        }
+        assert_eq!(steps.at - begin, turn * (i128::from(ticks) << 32 | 7));
+        assert_eq!(i128::from(steps.steps), 1 + turn);
+    }
+}
+
+#[test]
+fn a_motion_that_ends_is_over() {
+    let head = piece(State::default(), false, &[run(5, 1000, Direction::Backward)]);
+    let mut player = Player::new(Motor { packing: PACKING, head: &head, turn: &[], repeats: None }, Moment(0));
+    let (mut steps, mut out) = (Steps::of(), [0; LONGEST_PIECE]);
+    for _ in 0..2 {
+        assert!(!player.is_over());
+        let len = player.next(LONGEST_PIECE, &mut out);
+        steps.take(&out[..len]);
+    }
+    assert!(player.is_over() && steps.position == -5);
+    assert_eq!(player.next(LONGEST_PIECE, &mut out), 0);
+}
+
+/// A block of two motors, as the host writes it.
+fn block(repeats: Repeats) -> Vec<u8> {
+    let setups = [MotorSetup { step_pin: 2, dir_pin: 3, gain: 3, ..MotorSetup::default() }, MotorSetup::default()];
+    let setups: Vec<u8> = setups.iter().flat_map(MotorSetup::to_bytes).collect();
+    let mut configuration = Configuration::new(&setups).unwrap();
+    (configuration.pulse_ticks, configuration.idle_ms) = (250, Some(3));
+    let (head, motors) = configuration.to_bytes();
+    let mut body = vec![(head.len() + motors.len()) as u8];
+    body.extend(head);
+    body.extend(motors);
+    for (lens, repeats) in [([3_u32, 2], Some(repeats)), ([1, 0], None)] {
+        body.extend(lens.iter().flat_map(|len| len.to_le_bytes()));
+        body.extend(Repeats::to_bytes(repeats));
+    }
+    body.extend([1, 2, 3, 4, 5, 6]);
+    let len = (HEAD_LEN + body.len()) as u32;
+    [&MAGIC[..], &len.to_le_bytes(), &crc32(&body).to_le_bytes(), &body].concat()
+}
+
+#[test]
+fn a_block_is_read_whole_or_not_at_all() {
+    let repeats = Repeats { ticks: 1 << 40 | 5, part: 6, rest: 7, from: Direction::Backward, to: Direction::Forward };
+    let bytes = block(repeats);
+    // What lies behind it does not matter.
+    let mut flash = bytes.clone();
+    flash.extend([0xff; 100]);
+    let read = Block::read(&flash).unwrap();
+    assert_eq!((read.configuration.pulse_ticks, read.configuration.idle_ms), (250, Some(3)));
+    let motors: Vec<Motor<'_>> = read.motors().collect();
+    let other = Packing { gain: 0, ..PACKING };
+    assert_eq!(motors[0], Motor { packing: PACKING, head: &[1, 2, 3], turn: &[4, 5], repeats: Some(repeats) });
+    assert_eq!(motors[1..], [Motor { packing: other, head: &[6], turn: &[], repeats: None }]);
+    for bit in 0..8 * bytes.len() {
+        let mut wrong = flash.clone();
+        wrong[bit / 8] ^= 1 << (bit % 8);
+        assert_eq!(Block::read(&wrong), None, "bit {bit}");
+    }
+    for len in 0..bytes.len() {
+        assert_eq!(Block::read(&bytes[..len]), None, "cut off after {len} bytes");
+    }
+}
