@@ -3,6 +3,5 @@
 fn main() {
     let folder = std::env::var("CARGO_MANIFEST_DIR").unwrap_or_default();
     println!("cargo::rerun-if-changed=memory.ld");
-    println!("cargo::rustc-link-arg-bins=-T{folder}/memory.ld");
-    println!("cargo::rustc-link-arg-examples=-T{folder}/memory.ld");
+    println!("cargo::rustc-link-arg=-T{folder}/memory.ld");
 }

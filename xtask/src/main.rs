@@ -76,6 +76,11 @@ enum Task {
         #[arg(long)]
         check: bool,
     },
+    /// Make a UF2 file, which a Pico takes, of a program that was linked with the Pico's library: beside it, with `.uf2`
+    Uf2 {
+        /// The linker's file, such as target/thumbv6m-none-eabi/release/myfw
+        elf: std::path::PathBuf,
+    },
     /// Measure every figure, print it, and write docs/benchmarks.md
     Bench {
         /// Only these, in emulated cycles: a section of the report
@@ -132,6 +137,7 @@ fn main() -> ExitCode {
         Task::Fuzz { seconds, target } => fuzz::run(seconds, target.as_deref()),
         Task::CrossCheck => cross_check::run(),
         Task::Firmware { board, check } => firmware(board, check),
+        Task::Uf2 { elf } => firmware::pico::convert(&elf),
         Task::Bench { only: None, .. } => bench::run(),
         Task::Bench { only: Some(Figures::Uno), hour: false } => bench::uno::run(),
         Task::Bench { only: Some(Figures::Uno), hour: true } => bench::uno::hour(),

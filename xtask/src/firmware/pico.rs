@@ -25,7 +25,7 @@ const IMAGES: [(&str, &str); 5] = [
 pub(crate) fn build() -> Done {
     let folder = compiled()?;
     for (name, image) in IMAGES {
-        let (uf2, table) = linked(&folder, name)?;
+        let (uf2, table) = linked(&folder.join(name))?;
         print!("{name}:\n{table}");
         let path = root().join(image);
         fs::write(&path, uf2).map_err(|why| Failure::File { path, why })?;
@@ -36,11 +36,64 @@ pub(crate) fn build() -> Done {
 /// Builds the firmware and its examples, and fails when a committed image is another one.
 pub(crate) fn check() -> Done {
     let folder = compiled()?;
-    IMAGES.into_iter().try_for_each(|(name, image)| check_one(&folder, name, image))
+    IMAGES.into_iter().try_for_each(|(name, image)| check_one(&folder, name, image))?;
+    check_own()
+}
+
+/// The page that says how to write a program of one's own.
+const PAGE: &str = "docs/pico.md";
+/// What it calls the repository's folder, as seen from the program's.
+const NEIGHBOUR: &str = "../pulsetrain/";
+
+/// Builds the program of [`PAGE`] as it says, outside of the repository, and makes a UF2 file of it.
+fn check_own() -> Done {
+    let path = root().join(PAGE);
+    let page = fs::read_to_string(&path).map_err(|why| Failure::File { path, why })?;
+    let folder = env::temp_dir().join(format!("pulsetrain-own-{}", std::process::id()));
+    let done = build_own(&page, &folder);
+    // What cannot be removed is a temporary file.
+    let _ = fs::remove_dir_all(&folder);
+    done
+}
+
+fn build_own(page: &str, folder: &Path) -> Done {
+    let missing =
+        |what: &str| Failure::Check(format!("{PAGE} has no {what}: the program of one's own cannot be built"));
+    for name in ["Cargo.toml", ".cargo/config.toml", "src/main.rs"] {
+        let text = block(page, name).ok_or_else(|| missing(name))?;
+        if name == "Cargo.toml" && !text.contains(NEIGHBOUR) {
+            return Err(missing(NEIGHBOUR));
+        }
+        let path = folder.join(name);
+        let written = path.parent().map_or(Ok(()), fs::create_dir_all);
+        let text = text.replace(NEIGHBOUR, &format!("{}/", root().display()));
+        written.and_then(|()| fs::write(&path, text)).map_err(|why| Failure::File { path, why })?;
+    }
+    for name in ["build.rs", "memory.ld", "Cargo.lock"] {
+        let path = root().join("firmware/pico").join(name);
+        fs::copy(&path, folder.join(name)).map_err(|why| Failure::File { path, why })?;
+    }
+    let target = target_dir().join("pico-own");
+    run(command("cargo").current_dir(folder).args(["build", "--release", "--target-dir"]).arg(&target))?;
+    convert(&target.join("thumbv6m-none-eabi/release/myfw"))
+}
+
+/// The block of a page whose first line ends with that name, as a comment.
+fn block<'a>(page: &'a str, name: &str) -> Option<&'a str> {
+    let blocks = page.split("\n```").skip(1).step_by(2).filter_map(|block| Some(block.split_once('\n')?.1));
+    blocks.into_iter().find(|block| block.lines().next().and_then(|line| line.split(' ').nth(1)) == Some(name))
+}
+
+/// Makes a UF2 file of what the linker wrote, beside it, and prints what it takes.
+pub(crate) fn convert(elf: &Path) -> Done {
+    let (uf2, table) = linked(elf)?;
+    let path = elf.with_extension("uf2");
+    print!("{}:\n{table}", path.display());
+    fs::write(&path, uf2).map_err(|why| Failure::File { path, why })
 }
 
 fn check_one(folder: &Path, name: &str, image: &str) -> Done {
-    let (uf2, table) = linked(folder, name)?;
+    let (uf2, table) = linked(&folder.join(name))?;
     print!("{name}:\n{table}");
     let path = root().join(image);
     let committed = fs::read(&path).map_err(|why| Failure::File { path, why })?;
@@ -101,12 +154,11 @@ fn compiled() -> Done<PathBuf> {
     Ok(folder.join(target).join("release"))
 }
 
-/// What was built by that name: the image, and what it takes, as text.
-fn linked(folder: &Path, name: &str) -> Done<(Vec<u8>, String)> {
-    let path = folder.join(name);
-    let elf = fs::read(&path).map_err(|why| Failure::File { path, why })?;
+/// What the linker wrote there: the image, and what it takes, as text.
+fn linked(path: &Path) -> Done<(Vec<u8>, String)> {
+    let elf = fs::read(path).map_err(|why| Failure::File { path: path.into(), why })?;
     let segments =
-        segments(&elf).ok_or_else(|| Failure::Check("the linker's file is no ELF file for Arm".to_owned()))?;
+        segments(&elf).ok_or_else(|| Failure::Check(format!("{} is no ELF file for Arm", path.display())))?;
     let table = table(&segments);
     Ok((uf2(&flash(&segments)?), table))
 }
