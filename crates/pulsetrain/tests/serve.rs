@@ -576,6 +576,36 @@ mod real {
         says_hello_to("uno");
     }
 
+    /// A program with the library, which has no port: its pins are what there is to see.
+    #[test]
+    fn a_pico_runs_the_program_that_is_given() {
+        let image = concat!(env!("CARGO_MANIFEST_DIR"), "/../board/images/dds_circle.uf2");
+        let trace = folder("image").join("pins.vcd");
+        let arguments = ["--tcp", "127.0.0.1:0", "--image", image, "--trace", trace.to_str().unwrap()];
+        let (served, _) = Served::new("pico", &arguments);
+        // Its coils are on from its beginning.
+        std::thread::sleep(Duration::from_secs(1));
+        served.interrupt();
+        let pins = pulsetrain_trace::vcd_file::read(&std::fs::read(&trace).unwrap()).unwrap();
+        let coils = (2..10).filter(|pin| {
+            let is_coil =
+                |line: u8| pins.lines[usize::from(line)].names.iter().any(|name| name.ends_with(&format!("pin{pin}")));
+            pins.edges.iter().any(|edge| edge.level && is_coil(edge.line))
+        });
+        assert!(coils.count() >= 2);
+        let (exit, said) = pulsetrain(&[
+            "board",
+            "pico",
+            "--tcp",
+            "127.0.0.1:0",
+            "--image",
+            concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml"),
+        ]);
+        assert!(exit != Exit::Success && said.contains("UF2"), "{said}");
+        let (exit, said) = pulsetrain(&["board", "uno", "--tcp", "127.0.0.1:0", "--image", image]);
+        assert!(exit != Exit::Success && said.contains("only `pico`"), "{said}");
+    }
+
     #[test]
     fn a_picos_socket_answers_hello() {
         says_hello_to("pico");

@@ -20,6 +20,9 @@ pub(crate) fn run(args: &Board, console: &mut Console<'_>) -> miette::Result<Exi
     if args.bootloader.is_some() && args.board != "uno" {
         return Err(miette!(help = "leave --bootloader out", "only `uno` has a bootloader that can be given"));
     }
+    if args.image.is_some() && args.board != "pico" {
+        return Err(miette!(help = "leave --image out", "only `pico` has a program that can be given"));
+    }
     interrupt::watch();
     match (&args.pty, args.tcp) {
         (Some(link), _) => on_pty(link, args, console),
@@ -59,12 +62,23 @@ fn on_pty(_: &Path, _: &Board, _: &mut Console<'_>) -> miette::Result<Exit> {
 fn serve<C: Client>(client: C, place: &str, args: &Board, console: &mut Console<'_>) -> miette::Result<Exit> {
     match args.board.as_str() {
         "winch" => serve_board(NativeWinch::new(), "winch", client, place, args, console),
-        "pico" => serve_board(VirtualPico::on_usb(), "Pico", client, place, args, console),
+        "pico" => {
+            let pico = args.image.as_deref().map_or_else(|| Ok(VirtualPico::on_usb()), programmed)?;
+            serve_board(pico, "Pico", client, place, args, console)
+        }
         _ => match &args.bootloader {
             None => serve_board(VirtualUno::new(), "Uno", client, place, args, console),
             Some(file) => serve_board(just_bought(file)?, "Uno", client, place, args, console),
         },
     }
+}
+
+/// A Pico with that program; by its USB port if it has one, or else by its UART.
+fn programmed(file: &Path) -> miette::Result<VirtualPico> {
+    let help = "it takes what `cargo xtask uf2` and `pulsetrain bake` write for a Pico: docs/pico.md";
+    let pico = VirtualPico::with_image(&console::read(file)?)
+        .map_err(|error| miette!(help = help, "{}: {error}", file.display()))?;
+    Ok(pico.clone().opened().unwrap_or(pico))
 }
 
 /// An Uno that has a bootloader and nothing else.
