@@ -1,7 +1,6 @@
 //! The Pico's firmware: from the linker's ELF to the UF2 file that a board takes.
 
 use super::{Done, Failure, command, root, run, target_dir};
-use pulsetrain_emulator::image;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::{env, fs};
@@ -213,12 +212,27 @@ fn flash(segments: &[Segment<'_>]) -> Done<Vec<u8>> {
     Ok(flash)
 }
 
-/// What UF2 files call the RP2040.
-const RP2040: u32 = 0xe48b_ff56;
-
-/// As a board takes it.
+/// Blocks of 512 bytes with 256 bytes of the flash each: github.com/microsoft/uf2, README.
+///
+/// The emulator has a writer, too, which `bake` uses; xtask knows no crate of ours (ARCHITECTURE.md), so that it builds before they do.
 fn uf2(flash: &[u8]) -> Vec<u8> {
-    image::to_uf2(flash, FLASH_AT, RP2040)
+    const PAYLOAD: usize = 256;
+    const HAS_FAMILY: u32 = 0x2000;
+    const RP2040: u32 = 0xe48b_ff56;
+    let blocks = flash.chunks(PAYLOAD);
+    let count = blocks.len() as u32;
+    let mut file = Vec::new();
+    for (number, bytes) in (0..).zip(blocks) {
+        let address = FLASH_AT + number * PAYLOAD as u32;
+        for word in [0x0a32_4655, 0x9e5d_5157, HAS_FAMILY, address, PAYLOAD as u32, number, count, RP2040] {
+            file.extend(word.to_le_bytes());
+        }
+        let mut data = [0; 476];
+        data[..bytes.len()].copy_from_slice(bytes);
+        file.extend(data);
+        file.extend(0x0ab1_6f30_u32.to_le_bytes());
+    }
+    file
 }
 
 /// What the image takes.
