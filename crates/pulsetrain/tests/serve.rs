@@ -582,9 +582,11 @@ mod real {
         let image = concat!(env!("CARGO_MANIFEST_DIR"), "/../board/images/dds_circle.uf2");
         let trace = folder("image").join("pins.vcd");
         let arguments = ["--tcp", "127.0.0.1:0", "--image", image, "--trace", trace.to_str().unwrap()];
-        let (served, _) = Served::new("pico", &arguments);
-        // Its coils are on from its beginning.
-        std::thread::sleep(Duration::from_secs(1));
+        let (served, first) = Served::new("pico", &arguments);
+        // It says nothing; its coils are on from its beginning.
+        let mut stream = connect(&first);
+        stream.set_read_timeout(Some(Duration::from_secs(1))).unwrap();
+        assert!(stream.read(&mut [0]).is_err());
         served.interrupt();
         let pins = pulsetrain_trace::vcd_file::read(&std::fs::read(&trace).unwrap()).unwrap();
         let coils = (2..10).filter(|pin| {
@@ -611,10 +613,15 @@ mod real {
         says_hello_to("pico");
     }
 
+    /// At the address that a board's first line says.
+    fn connect(first: &str) -> TcpStream {
+        let address = first.split_whitespace().find(|word| word.starts_with("127.0.0.1:")).unwrap();
+        TcpStream::connect(address.trim_end_matches([',', ';'])).unwrap()
+    }
+
     fn says_hello_to(board: &str) {
         let (served, first) = Served::new(board, &["--tcp", "127.0.0.1:0"]);
-        let address = first.split_whitespace().find(|word| word.starts_with("127.0.0.1:")).unwrap();
-        let mut stream = TcpStream::connect(address.trim_end_matches([',', ';'])).unwrap();
+        let mut stream = connect(&first);
         stream.set_read_timeout(Some(Duration::from_millis(300))).unwrap();
         // Said until it is answered, as the chip needs a moment to start; the answer's third byte is the protocol.
         let mut hello = Vec::new();
