@@ -148,6 +148,22 @@ impl Port for Serial {
     }
 }
 
+/// How often it is looked whether something has become of a device.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// Whether something becomes of a device that is plugged in, such as that it goes away, within that time of the wall clock; looked
+/// for every 50 ms.
+pub fn happens(within: Duration, mut has: impl FnMut() -> bool) -> bool {
+    let looks = within.as_millis() / LOOK.as_millis();
+    (0..=looks).any(|_| {
+        let has = has();
+        if !has {
+            thread::sleep(LOOK);
+        }
+        has
+    })
+}
+
 /// The names of the serial ports that this computer has.
 #[must_use]
 pub fn names() -> Vec<String> {

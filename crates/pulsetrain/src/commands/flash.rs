@@ -7,7 +7,7 @@ use std::{fs, io};
 
 use miette::{Report, miette};
 use pulsetrain_board::stk500::{self, Bootloader, FlashError, Progress};
-use pulsetrain_board::{PortError, Serial, hex, image, virtual_pico, virtual_uno};
+use pulsetrain_board::{PortError, Serial, hex, image, serial, virtual_pico, virtual_uno};
 use serde::Serialize;
 
 use super::port_problem;
@@ -163,22 +163,14 @@ fn pico(folder: Option<&str>, file: Option<&Path>, console: &Console<'_>) -> mie
     Ok(Flashed { board: "pico", place: folder.display().to_string(), bytes: bytes.len(), baud: None, verified: false })
 }
 
-/// How long a Pico that has an image may take to begin with it, and how often its drive is looked for.
+/// How long a Pico that has an image may take to begin with it.
 const TAKEN: Duration = Duration::from_secs(5);
-const LOOK: Duration = Duration::from_millis(50);
 
 /// Whether a Pico's drive goes away soon. What is read from it after it was written says nothing, the computer has its copy; nor does
 /// the folder where somebody mounted it by hand, so that its device is looked for too.
 fn goes(folder: &Path, within: Duration) -> bool {
     let device = device_of(folder, &fs::read_to_string("/proc/mounts").unwrap_or_default());
-    let looks = within.as_millis() / LOOK.as_millis();
-    (0..=looks).any(|_| {
-        let gone = !folder.join(INFO).exists() || device.as_ref().is_some_and(|device| !device.exists());
-        if !gone {
-            std::thread::sleep(LOOK);
-        }
-        gone
-    })
+    serial::happens(within, || !folder.join(INFO).exists() || device.as_ref().is_some_and(|device| !device.exists()))
 }
 
 /// Writes a file; an error comes with the bytes that were handed over before it.
