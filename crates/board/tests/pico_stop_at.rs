@@ -121,6 +121,8 @@ fn stop_in_each(
     is_enough: impl Fn(&[BTreeSet<u32>]) -> bool,
 ) -> Vec<BTreeSet<u32>> {
     const HOLD: u64 = TICK_HZ / 10_000;
+    /// The stop is asked for so much later: that there is time to hold it up before.
+    const LATER: u64 = TICK_HZ / 1000;
     let (board, edges, _) = begun;
     let stop = |stretch: Option<[u64; 2]>| {
         let (mut board, mut edges) = (board.clone(), edges.clone());
@@ -128,7 +130,7 @@ fn stop_in_each(
         let now = board.now();
         let held = board.port_mut();
         held.stretch = stretch.map(|stretch| stretch.map(|ticks| held.now() + Duration::from_nanos(8 * ticks)));
-        let report = board.stop_now(now, &mut observer);
+        let report = board.stop_now(now + LATER, &mut observer);
         board.advance(report.tick + TICK_HZ / 1000, &mut observer);
         check(setup, &edges, &report);
         let mut chip = board.port().pico.chip().clone();
@@ -141,8 +143,8 @@ fn stop_in_each(
     // By the chip's clock: the host's guess of it may be ahead of the time at which it hears.
     let now = (board.port().now().as_nanos() / 8) as u64;
     let heard = stop(None).0.checked_sub(now).expect("it is stopped later");
-    let stretch = |early: u64, late: u64| Some([heard.saturating_sub(early), heard + HOLD + late]);
-    let early = (HOLD..)
+    let stretch = |early: u64, late: u64| Some([heard - early, heard + HOLD + late]);
+    let early = (0..heard)
         .step_by(100)
         .find(|early| stop(stretch(*early, 0)).0 + 1 == stop(stretch(*early, 1)).0)
         .expect("the main loop hears at some time");
