@@ -105,6 +105,17 @@ impl<const N: usize> Verbs<N> {
         Obeyed::new(self.known, self.motors().iter().map(|motor| (motor.position(), motor.next_step())))
     }
 
+    /// What happens before `until` is worked out from now on, motor by motor: see [`Motor::take`].
+    pub const fn foresee(&mut self, until: u64) {
+        self.known = until;
+    }
+
+    /// Whether all motors are worked out up to [`known`](Verbs::known), where they are worked out one by one.
+    pub fn is_worked_out(&mut self) -> bool {
+        let known = self.known;
+        self.motors_mut().iter_mut().all(|motor| motor.due_before(known).is_none())
+    }
+
     /// Works out what all motors do up to tick `until` (not included; less than 2^30 after [`known`](Verbs::known)), and hands it
     /// over as items for their channels, of `F` fraction bits: [`MOST_ITEMS`](motor::MOST_ITEMS) for each motor at most.
     pub fn work_out<const F: u32>(&mut self, until: u64, mut push: impl FnMut(u8, Item)) {

@@ -82,8 +82,8 @@ pub const LONGEST_PERIOD: u64 = 1 << 62;
 pub const MOST_ITEMS: usize = 6;
 
 /// Moves that may be under way, waiting, or done and not [told](Motor::take_done): no more are taken, so that of none it is lost when
-/// it was done.
-pub const MOST_UNTOLD: u32 = 4;
+/// it was done. Two on an 8-bit board, whose RAM has no room for more.
+pub const MOST_UNTOLD: u32 = if size_of::<usize>() < 4 { 2 } else { 4 };
 
 /// After so many ticks without a step the channel's accumulator is set anew: it tells ticks apart within 2^30.
 const STALE: u64 = 1 << 29;
