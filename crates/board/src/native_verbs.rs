@@ -125,8 +125,8 @@ impl NativeVerbs {
                 _ => self.verbs.work_out::<32>(end, push),
             }
             // Here is room for them all, so that no move is refused for want of it.
-            for (motor, done) in self.verbs.motors_mut().iter_mut().zip(&mut self.done) {
-                done.extend(std::iter::from_fn(|| motor.take_done(u64::MAX)));
+            while let Some((motor, at, count)) = self.verbs.take_done(u64::MAX) {
+                self.done[usize::from(motor)].push_back((at, count));
             }
         }
         true

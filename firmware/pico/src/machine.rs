@@ -7,8 +7,7 @@ use crate::reset;
 use crate::start::{self, Once};
 use crate::steps::MOTORS;
 use crate::steps::pins::{self, Layout};
-use crate::steps::pio;
-use crate::steps::stepper::{FRACTION_BITS, LONGEST, LONGEST_IDLE_MS, POOL, Pace, Stepper};
+use crate::steps::stepper::{FRACTION_BITS, Halt, LONGEST, LONGEST_IDLE_MS, POOL, Pace, Stepper};
 use crate::winch;
 use pulsetrain_core::narrow::EPOCHS;
 use pulsetrain_core::verbs::motor::MOST_ITEMS;
@@ -330,13 +329,12 @@ impl Board {
 
     /// The immediate stop.
     fn stop(&mut self, cause: Cause) -> Stopped {
-        let (tick, uncertain) = self.stepper.stop(&mut self.clock);
+        let Halt { tick, uncertain, reached } = self.stepper.stop(&mut self.clock);
         self.baked = false;
         self.uncertain |= uncertain;
         if self.obeys {
             self.obeys = false;
-            let dry = (0..self.motors()).filter(|motor| pio::Machine::of(*motor).is_dry());
-            self.verbs.stop(tick, dry.fold(0, |all, motor| all | 1 << motor));
+            self.verbs.stop(|motor| reached.get(usize::from(motor)).copied().unwrap_or(0));
         }
         if self.armed {
             self.armed = false;
@@ -352,7 +350,7 @@ impl Board {
 
     /// When the next move is done that is worked out, ticks.
     pub(crate) fn next_done(&self) -> Option<u64> {
-        self.verbs.motors().iter().filter_map(Motor::next_done).min()
+        self.verbs.next_done()
     }
 
     /// What can wait a millisecond, without a line to a host. Whether nothing moves, and nothing is to.
@@ -389,10 +387,8 @@ impl Board {
     /// A move that was done and not told yet; also after motors were stopped.
     pub(crate) fn move_done(&mut self) -> Option<Event> {
         let now = self.clock.now();
-        (0..).zip(self.verbs.motors_mut()).find_map(|(motor, verbs)| {
-            let (tick, detail) = verbs.take_done(now)?;
-            Some(Event { cause: Cause::MoveDone, motor, tick, detail })
-        })
+        let (motor, tick, detail) = self.verbs.take_done(now)?;
+        Some(Event { cause: Cause::MoveDone, motor, tick, detail })
     }
 
     fn tell(&mut self, cause: Cause, motor: u8, detail: u32) {

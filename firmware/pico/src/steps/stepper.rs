@@ -162,6 +162,16 @@ struct Parts<'a> {
     ring: &'a mut [u32; RING],
 }
 
+/// How all motors were stopped.
+pub(crate) struct Halt {
+    /// No step was begun after it.
+    pub(crate) tick: u64,
+    /// Motors that were faster than they can stop at once, bit by motor.
+    pub(crate) uncertain: u8,
+    /// Up to then each motor did what it was to do: up to `tick`, or to the end of its words, if it ran dry.
+    pub(crate) reached: [u64; MOTORS],
+}
+
 /// All motors.
 pub(crate) struct Stepper {
     motors: [Motor; MOTORS],
@@ -466,12 +476,12 @@ impl Stepper {
         self.runs && (self.too_late || dry())
     }
 
-    /// The immediate stop: halts all state machines, and counts what they did. Gives the tick after which no step was begun,
-    /// and bit by motor whether it was faster than it can stop at once.
-    pub(crate) fn stop(&mut self, clock: &mut Clock) -> (u64, u8) {
+    /// The immediate stop: halts all state machines, and counts what they did.
+    pub(crate) fn stop(&mut self, clock: &mut Clock) -> Halt {
         (self.known, self.pace) = (None, Pace::FAR);
         if !self.runs {
-            return (clock.now(), 0);
+            let tick = clock.now();
+            return Halt { tick, uncertain: 0, reached: [tick; MOTORS] };
         }
         self.runs = false;
         // No interrupt starts a channel again.
@@ -483,7 +493,8 @@ impl Stepper {
             clock.now()
         });
         regs::SIO_OUT_CLR.write(1 << GATE);
-        let (mut uncertain, mut in_pulse) = (0, 0);
+        let mut halt = Halt { tick, uncertain: 0, reached: [tick; MOTORS] };
+        let mut in_pulse = 0;
         // By then all pulses that were begun are as long as they ought to be.
         let mut fall = Moment::of(tick);
         let (pool, all) = self.all();
@@ -500,12 +511,15 @@ impl Stepper {
             let made = tape.position_after(done);
             let (words, mut items) = (&mut motor.words, motor.packed.waiting(pool));
             let goes = made != words.channel().position() || !words.channel().is_idle(&items);
-            if goes && done != 0 {
-                let (last, interval, _) = tape.last(done, words.overhead(), ring);
-                let since = Moment::of(tick).since(last);
-                if interval.max(since) < motor.pull_in_ticks {
-                    uncertain |= 1 << number;
-                }
+            let (last, interval, _) = tape.last(done.max(1), words.overhead(), ring);
+            let since = Moment::of(tick).since(last);
+            if goes && done != 0 && interval.max(since) < motor.pull_in_ticks {
+                halt.uncertain |= 1 << number;
+            }
+            if machine.is_dry()
+                && let Some(reached) = halt.reached.get_mut(usize::from(number))
+            {
+                *reached -= u64::from(since);
             }
             // Before its first word the lines are as in that.
             let last = ring[done.saturating_sub(1) as usize % RING];
@@ -515,7 +529,7 @@ impl Stepper {
         for number in (0..self.count).filter(|number| in_pulse >> number & 1_u8 != 0) {
             Machine::of(number).end_pulse();
         }
-        (tick, uncertain)
+        halt
     }
 
     /// Takes the current from coils; nothing runs.
