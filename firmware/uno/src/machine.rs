@@ -8,11 +8,14 @@ use crate::steps::pins::{Layout, MAX_MOTORS, Pin};
 use crate::steps::stepper::{self, LONGEST, Trouble};
 use crate::steps::task;
 use crate::store;
+use crate::verbs;
+#[cfg(not(feature = "verbs"))]
 use crate::winch::feed;
 use pulsetrain_core::wire::frame::Tag;
 use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, flags};
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
-use pulsetrain_core::wire::{Baud, Machine, Millis, Reason, Refusal, Stopped, Switched};
+use pulsetrain_core::wire::orders::Orders;
+use pulsetrain_core::wire::{Baud, Encoder, Machine, Millis, Reason, Refusal, Stopped, Switched};
 use pulsetrain_core::{Epoch, Moment};
 
 /// A switch must be less than this ahead, ticks: moments are told apart within 2^31, and pulse and set-up reach beyond.
@@ -30,6 +33,8 @@ pub(crate) struct Board {
     /// Faults that were told, bit by motor.
     told: u8,
     was_idle: bool,
+    /// Motors that were stopped faster than they can, since they were armed, bit by motor: of verbs.
+    uncertain: u8,
     /// When the round being made began, or the last rest ended, modulo 2^16.
     woken: u16,
     last_stop: Cause,
@@ -98,6 +103,7 @@ impl Board {
             news: [News::NONE; 2],
             told: 0,
             was_idle: false,
+            uncertain: 0,
             woken: 0,
             last_stop: Cause::None,
             last_reset: Cause::None,
@@ -251,6 +257,7 @@ impl Board {
     fn stop(&mut self, cause: Cause, motor: u8, detail: u32) -> Stopped {
         let uncertain = task::lock().stop(&self.pull_in);
         let tick = clock::now();
+        verbs::stop(tick, cause == Cause::Starved);
         if self.armed {
             self.armed = false;
             if cause != Cause::None {
@@ -290,9 +297,13 @@ impl Board {
 
     #[inline(never)]
     fn is_idle(&self) -> bool {
-        task::lock().is_idle()
+        task::lock().is_idle() && verbs::rest()
     }
+}
 
+/// What text asks of it.
+#[cfg(not(feature = "verbs"))]
+impl Board {
     /// Whether the motors are powered, or were before they stopped by themselves.
     #[inline(always)]
     pub(crate) fn is_armed(&self) -> bool {
@@ -351,6 +362,7 @@ fn extended(moment: Moment) -> u64 {
 
 impl Machine for Board {
     const STORES: bool = true;
+    const OBEYS: bool = verbs::OBEYS;
 
     fn store(&mut self, settings: Option<&[u8; SETTINGS_LEN]>) -> Result<(), Refusal> {
         if self.armed {
@@ -413,6 +425,7 @@ impl Machine for Board {
             self.last_stop = Cause::None;
             self.was_idle = true;
             self.told = 0;
+            self.uncertain = 0;
             task::lock().start(clock::moment());
         }
         Ok(())
@@ -442,6 +455,9 @@ impl Machine for Board {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
+        if verbs::is_on() {
+            return Err(Refusal::of(Reason::Obeying));
+        }
         let detail = u16::from(motor);
         let full = Refusal { reason: Reason::Full, detail };
         let len = packed.len() as u16;
@@ -451,6 +467,7 @@ impl Machine for Board {
         };
         let room = axis.push(epoch, len).ok_or(full)?;
         drop(stepper);
+        verbs::forget();
         // The task may go on meanwhile: it takes from the other end.
         room.write(packed);
         if let Some(axis) = task::lock().motor_mut(motor) {
@@ -467,6 +484,9 @@ impl Machine for Board {
     fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<Switched, Refusal> {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
+        }
+        if verbs::is_on() {
+            return Err(Refusal::of(Reason::Obeying));
         }
         let mut stepper = task::lock();
         let limit = clock::now() + SWITCH_AHEAD;
@@ -488,6 +508,25 @@ impl Machine for Board {
 
     fn stop_now(&mut self) -> Stopped {
         self.stop(Cause::StopNow, ALL_MOTORS, 0)
+    }
+
+    #[inline(always)]
+    fn obey(&mut self, orders: &Orders<'_>) -> Result<(), Refusal> {
+        if !self.armed {
+            return Err(Refusal::of(Reason::NotArmed));
+        }
+        if verbs::is_on() {
+            return verbs::obey(orders);
+        }
+        if !self.is_idle() || !task::lock().is_empty() {
+            return Err(Refusal::of(Reason::Moving));
+        }
+        verbs::begin(orders)
+    }
+
+    #[inline(always)]
+    fn obeyed(&self, frame: &mut Encoder<'_>) {
+        verbs::encode_obeyed(frame);
     }
 
     #[inline(always)]
@@ -526,7 +565,8 @@ impl Machine for Board {
     }
 
     fn faults(&self, motor: u8) -> u8 {
-        task::lock().motor(motor).map_or(0, stepper::faults)
+        let uncertain = if verbs::OBEYS && self.uncertain >> motor & 1 != 0 { flags::UNCERTAIN } else { 0 };
+        task::lock().motor(motor).map_or(0, stepper::faults) | uncertain
     }
 
     #[inline(never)]
@@ -557,10 +597,15 @@ impl Machine for Board {
         if lost && self.armed && !self.is_idle() {
             self.last_stop = Cause::HostLost;
         }
+        self.uncertain |= verbs::forsake(lost, &self.pull_in);
     }
 
     #[inline(never)]
     fn event(&mut self) -> Option<Event> {
+        // What was done comes before that all was.
+        if let Some((motor, tick, detail)) = verbs::take_done() {
+            return Some(Event { cause: Cause::MoveDone, motor, tick, detail });
+        }
         let [News { cause, motor, at, detail }, second] = self.news;
         if cause == Cause::None {
             return None;

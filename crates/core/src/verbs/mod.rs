@@ -15,7 +15,7 @@
 pub mod motor;
 pub mod text;
 
-pub use motor::{Course, Limits, Motor, Refused, Steps, Verb};
+pub use motor::{Course, Limits, Motor, Refused, Verb};
 
 use crate::Item;
 use crate::wire::MAX_MOTORS;
@@ -23,24 +23,24 @@ use crate::wire::machine::Refusal;
 use crate::wire::message::Reason;
 use crate::wire::orders::{Obeyed, Orders};
 
-/// All motors of a board that obeys verbs, `N` at most.
+/// All motors of a board that obeys verbs.
 #[derive(Clone, Debug)]
-pub struct Verbs<const N: usize = MAX_MOTORS> {
-    motors: [Motor; N],
+pub struct Verbs {
+    motors: [Motor; MAX_MOTORS],
     count: u8,
     /// What happens before this tick is worked out.
     known: u64,
 }
 
-impl<const N: usize> Verbs<N> {
+impl Verbs {
     /// No motors.
     #[must_use]
-    pub const fn new() -> Verbs<N> {
-        Verbs { motors: [Motor::NONE; N], count: 0, known: 0 }
+    pub const fn new() -> Verbs {
+        Verbs { motors: [Motor::NONE; MAX_MOTORS], count: 0, known: 0 }
     }
 
-    /// Begins with motors at rest, at these positions and within these limits, `N` at most; nothing happens before `known`. Moves of the
-    /// motors before that were done and not told yet are [told](Verbs::take_done) still.
+    /// Begins with motors at rest, at these positions and within these limits, [`MAX_MOTORS`] at most; nothing happens before
+    /// `known`. Moves of the motors before that were done and not told yet are [told](Verbs::take_done) still.
     pub fn begin(&mut self, motors: impl Iterator<Item = (Limits, i32)>, known: u64) {
         (self.count, self.known) = (0, known);
         for (motor, (limits, position)) in self.motors.iter_mut().zip(motors) {
@@ -84,50 +84,27 @@ impl<const N: usize> Verbs<N> {
     ///
     /// # Errors
     /// [`Reason::NoSuchMotor`], [`Reason::Period`], [`Reason::Busy`].
-    pub fn obey(&mut self, orders: &Orders<'_>) -> Result<Obeyed<N>, Refusal> {
-        if let Some((motor, _)) = orders.iter().find(|(motor, _)| *motor >= self.count) {
-            return Err(Refusal { reason: Reason::NoSuchMotor, detail: u16::from(motor) });
-        }
-        // Each motor is tried first: a copy of all of them would be more than a small board has room for.
-        for (number, motor) in (0..).zip(self.motors()) {
-            let mut trial = *motor;
-            Self::tell(&mut trial, number, orders, self.known)?;
-        }
-        let known = self.known;
-        for (number, motor) in (0..).zip(self.motors_mut()) {
-            Self::tell(motor, number, orders, known)?;
-        }
-        Ok(self.obeyed())
-    }
-
-    /// Tells `motor` what is ordered of motor `number`, from tick `at` on.
-    fn tell(motor: &mut Motor, number: u8, orders: &Orders<'_>, at: u64) -> Result<(), Refusal> {
-        for (_, verb) in orders.iter().filter(|(other, _)| *other == number) {
-            motor.obey(verb, at).map_err(|refused| match refused {
+    pub fn obey(&mut self, orders: &Orders<'_>) -> Result<Obeyed, Refusal> {
+        let mut motors = self.motors;
+        for (motor, verb) in orders.iter() {
+            let detail = u16::from(motor);
+            let place = motors.get_mut(usize::from(motor)).filter(|_| motor < self.count);
+            let place = place.ok_or(Refusal { reason: Reason::NoSuchMotor, detail })?;
+            place.obey(verb, self.known).map_err(|refused| match refused {
                 Refused::Period { shortest } => {
                     Refusal { reason: Reason::Period, detail: u16::try_from(shortest).unwrap_or(u16::MAX) }
                 }
-                Refused::Busy => Refusal { reason: Reason::Busy, detail: u16::from(number) },
+                Refused::Busy => Refusal { reason: Reason::Busy, detail },
             })?;
         }
-        Ok(())
+        self.motors = motors;
+        Ok(self.obeyed())
     }
 
     /// How all motors are from [`known`](Verbs::known) on, unless they are told something else.
     #[must_use]
-    pub fn obeyed(&self) -> Obeyed<N> {
+    pub fn obeyed(&self) -> Obeyed {
         Obeyed::new(self.known, self.motors().iter().map(|motor| (motor.position(), motor.next_step())))
-    }
-
-    /// What happens before `until` is worked out from now on, motor by motor: see [`Motor::take`].
-    pub const fn foresee(&mut self, until: u64) {
-        self.known = until;
-    }
-
-    /// Whether all motors are worked out up to [`known`](Verbs::known), where they are worked out one by one.
-    pub fn is_worked_out(&mut self) -> bool {
-        let known = self.known;
-        self.motors_mut().iter_mut().all(|motor| motor.due_before(known).is_none())
     }
 
     /// Works out what all motors do up to tick `until` (not included; less than 2^30 after [`known`](Verbs::known)), and hands it
@@ -178,8 +155,8 @@ impl<const N: usize> Verbs<N> {
     }
 }
 
-impl<const N: usize> Default for Verbs<N> {
-    fn default() -> Verbs<N> {
+impl Default for Verbs {
+    fn default() -> Verbs {
         Verbs::new()
     }
 }

@@ -82,8 +82,8 @@ pub const LONGEST_PERIOD: u64 = 1 << 62;
 pub const MOST_ITEMS: usize = 6;
 
 /// Moves that may be under way, waiting, or done and not [told](Motor::take_done): no more are taken, so that of none it is lost when
-/// it was done. Two on an 8-bit board, whose RAM has no room for more.
-pub const MOST_UNTOLD: u32 = if size_of::<usize>() < 4 { 2 } else { 4 };
+/// it was done.
+pub const MOST_UNTOLD: u32 = 4;
 
 /// After so many ticks without a step the channel's accumulator is set anew: it tells ticks apart within 2^30.
 const STALE: u64 = 1 << 29;
@@ -95,50 +95,6 @@ enum Task {
     /// So many steps are left; with 0 the last one's period.
     Steps(u32),
     Endless,
-}
-
-/// Evenly spaced steps.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Steps {
-    /// Tick of the first.
-    pub first: u64,
-    /// How many, at least 1.
-    pub count: u32,
-    /// Ticks from one to the next; less than 2^32 if there are two or more.
-    pub period: u64,
-    /// Which way all of them go.
-    pub direction: Direction,
-}
-
-impl Steps {
-    /// Tick of the last.
-    #[must_use]
-    pub fn last(&self) -> u64 {
-        // A product of 32 bits: one of 64 takes an 8-bit board a thousand cycles.
-        let more = u32::try_from(self.period).map_or(0, |period| (self.count - 1) * period);
-        self.first + u64::from(more)
-    }
-
-    /// Hands them over as items for a channel of `F` fraction bits whose accumulator is at tick `reached`, if anywhere.
-    fn hand_over<const F: u32>(&self, reached: Option<u64>, push: &mut impl FnMut(Item)) {
-        let Steps { first, count, period, direction } = *self;
-        let run = |count: u32, ticks: u64| {
-            // Fewer than 2^30 ticks: what is further apart has an anchor, or comes with another call.
-            let segment = Segment { count, interval: (ticks << F).cast_signed(), add: 0, add2: 0 };
-            Item::Run { segment, direction }
-        };
-        let mut gap = reached.map_or(STALE, |reached| first - reached);
-        if gap >= STALE {
-            push(Item::Anchor { tick: Moment::of(first).before(1) });
-            gap = 1;
-        }
-        if gap == period || count == 1 {
-            push(run(count, gap));
-        } else {
-            push(run(1, gap));
-            push(run(count - 1, period));
-        }
-    }
 }
 
 /// One motor.
@@ -164,6 +120,8 @@ pub struct Motor {
     open: u64,
     /// The last step.
     last: Option<(u64, Direction)>,
+    /// Where the channel's accumulator is.
+    reached: Option<u64>,
     position: i32,
     /// Moves done so far, as far as was worked out, wrapping.
     done: u32,
@@ -195,6 +153,7 @@ impl Motor {
             waiting: Task::Rest,
             open,
             last: None,
+            reached: None,
             position,
             done: 0,
             untold: 0,
@@ -271,51 +230,56 @@ impl Motor {
     /// for a channel of `F` fraction bits.
     pub fn work_out<const F: u32>(&mut self, until: u64, mut push: impl FnMut(Item)) {
         loop {
-            let reached = self.last.map(|(last, _)| last);
-            let Some(steps) = self.take(until) else { return };
-            steps.hand_over::<F>(reached, &mut push);
+            match self.task {
+                Task::Rest if self.waiting == Task::Rest => return,
+                Task::Rest => (self.task, self.waiting) = (self.waiting, Task::Rest),
+                Task::Steps(0) => {
+                    let due = self.rested();
+                    if due >= until {
+                        return;
+                    }
+                    self.task = Task::Rest;
+                    self.note_done(due);
+                }
+                Task::Steps(_) | Task::Endless => {
+                    let Some((first, direction)) = self.due().filter(|(first, _)| *first < until) else { return };
+                    let span = u32::try_from(until - 1 - first).unwrap_or(u32::MAX);
+                    let mut count = times(span, self.period).saturating_add(1);
+                    if let Task::Steps(left) = &mut self.task {
+                        count = count.min(*left);
+                        *left -= count;
+                    }
+                    self.make::<F>(first, count, direction, &mut push);
+                }
+            }
         }
     }
 
-    /// Works out the next evenly spaced steps that it makes before tick `until` (less than 2^32 after the last call's); `None` if all is worked
-    /// out up to there.
-    pub fn take(&mut self, until: u64) -> Option<Steps> {
-        let (first, direction) = self.due_before(until)?;
-        let period = self.period;
-        let span = u32::try_from(until - 1 - first).unwrap_or(u32::MAX);
-        let mut count = times(span, period).saturating_add(1);
-        if let Task::Steps(left) = &mut self.task {
-            count = count.min(*left);
-            *left -= count;
+    /// Hands over `count` steps, the first at tick `first`.
+    fn make<const F: u32>(&mut self, first: u64, count: u32, direction: Direction, push: &mut impl FnMut(Item)) {
+        let run = |count: u32, ticks: u64| {
+            // Fewer than 2^30 ticks: what is further apart has an anchor, or comes with another call.
+            let segment = Segment { count, interval: (ticks << F).cast_signed(), add: 0, add2: 0 };
+            Item::Run { segment, direction }
+        };
+        let mut gap = self.reached.map_or(STALE, |reached| first - reached);
+        if gap >= STALE {
+            push(Item::Anchor { tick: Moment::of(first).before(1) });
+            gap = 1;
         }
-        let steps = Steps { first, count, period, direction };
-        self.last = Some((steps.last(), direction));
+        let last = first + u64::from(count - 1) * self.period;
+        if gap == self.period || count == 1 {
+            push(run(count, gap));
+        } else {
+            push(run(1, gap));
+            push(run(count - 1, self.period));
+        }
+        (self.last, self.reached) = (Some((last, direction)), Some(last));
         let moved = count.cast_signed();
         self.position = match direction {
             Direction::Forward => self.position.wrapping_add(moved),
             Direction::Backward => self.position.wrapping_sub(moved),
         };
-        Some(steps)
-    }
-
-    /// When the next step comes, if that is before tick `until`, and which way it goes. Moves that are done by then are noted, and what
-    /// waits behind them begins.
-    pub fn due_before(&mut self, until: u64) -> Option<(u64, Direction)> {
-        loop {
-            match self.task {
-                Task::Rest if self.waiting == Task::Rest => return None,
-                Task::Rest => (self.task, self.waiting) = (self.waiting, Task::Rest),
-                Task::Steps(0) => {
-                    let done = self.rested();
-                    if done >= until {
-                        return None;
-                    }
-                    self.task = Task::Rest;
-                    self.note_done(done);
-                }
-                Task::Steps(_) | Task::Endless => return self.due().filter(|(first, _)| *first < until),
-            }
-        }
     }
 
     /// When the last step's period is over.

@@ -99,10 +99,10 @@ pub const fn order(motor: u8, verb: Verb) -> [u8; ORDER_LEN] {
 /// | 10 | motors |
 /// | 11… | eight bytes each: position there (4); ticks from there to the next step (4), 2^32 − 1: none, or later |
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Obeyed<const N: usize = MAX_MOTORS> {
+pub struct Obeyed {
     /// The tick from which on the order holds: steps before it are as they were to be.
     pub tick: u64,
-    motors: [Next; N],
+    motors: [Next; MAX_MOTORS],
     count: u8,
 }
 
@@ -115,13 +115,13 @@ pub struct Next {
     pub wait: u32,
 }
 
-impl<const N: usize> Obeyed<N> {
+impl Obeyed {
     /// Of no motors.
-    pub const NONE: Obeyed<N> = Obeyed { tick: 0, motors: [Next { position: 0, wait: u32::MAX }; N], count: 0 };
+    pub const NONE: Obeyed = Obeyed { tick: 0, motors: [Next { position: 0, wait: u32::MAX }; MAX_MOTORS], count: 0 };
 
-    /// Of motors at tick `tick`, `N` at most: where each is, and when it steps next.
+    /// Of motors at tick `tick`: where each is, and when it steps next.
     #[must_use]
-    pub fn new(tick: u64, motors: impl Iterator<Item = (i32, Option<u64>)>) -> Obeyed<N> {
+    pub fn new(tick: u64, motors: impl Iterator<Item = (i32, Option<u64>)>) -> Obeyed {
         let mut obeyed = Obeyed { tick, ..Obeyed::NONE };
         for (place, (position, next)) in obeyed.motors.iter_mut().zip(motors) {
             let wait = next.and_then(|next| u32::try_from(next.saturating_sub(tick)).ok());
@@ -147,7 +147,7 @@ impl<const N: usize> Obeyed<N> {
         }
     }
 
-    pub(super) fn decode(payload: &[u8]) -> Option<Obeyed<N>> {
+    pub(super) fn decode(payload: &[u8]) -> Option<Obeyed> {
         let (tick, rest) = payload.split_first_chunk()?;
         let (count, rest) = rest.split_first()?;
         let (motors, rest) = rest.as_chunks::<8>();
@@ -155,7 +155,7 @@ impl<const N: usize> Obeyed<N> {
         for (place, [a, b, c, d, wait @ ..]) in obeyed.motors.iter_mut().zip(motors) {
             *place = Next { position: i32::from_le_bytes([*a, *b, *c, *d]), wait: u32::from_le_bytes(*wait) };
         }
-        let whole = rest.is_empty() && motors.len() == usize::from(*count) && motors.len() <= N;
+        let whole = rest.is_empty() && motors.len() == usize::from(*count) && motors.len() <= MAX_MOTORS;
         whole.then_some(obeyed)
     }
 }

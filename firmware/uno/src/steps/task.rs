@@ -15,6 +15,7 @@ use super::ring::Ring;
 use super::stepper::{AHEAD, Stepper, Track};
 use crate::clock;
 use crate::regs;
+use crate::verbs::{OBEYS, ON};
 use core::arch::global_asm;
 use core::cell::UnsafeCell;
 use core::mem::offset_of;
@@ -34,7 +35,7 @@ const BATCHES: u8 = 8;
 /// So many of them two rings get first, by turns.
 const TURNS: u8 = 6;
 
-/// Counts until the next call while the winch drives, at most: a call works out one slice, and takes most of one.
+/// Counts until the next call while the winch drives, or verbs, at most: a call works out one slice, and takes most of one.
 const SLICES: u8 = 64;
 
 #[repr(transparent)]
@@ -146,10 +147,17 @@ steps_task_begin:
     add r23, r18
     adc r24, r1
     adc r25, r1
+    .if {VERBS}
+    lds r18, verbs_state
+    cpi r18, {ON}
+    brne 12f
+    call verbs_advance
+    .else
     lds r18, steps_mode
     cpi r18, {WINCH}
     brne 12f
     call winch_advance
+    .endif
 12: sts steps_times+{LIMIT}, r22
     sts steps_times+{LIMIT}+1, r23
     sts steps_times+{LIMIT}+2, r24
@@ -207,7 +215,12 @@ steps_task_begin:
     brsh 4f
     ldi r26, {SOONEST}
 4:  lds r25, steps_mode
+    .if {VERBS}
+    lds r24, verbs_state
+    cpi r24, {ON}
+    .else
     cpi r25, {WINCH}
+    .endif
     brne 3f
     cpi r26, {SLICES}
     brlo 4f
@@ -294,6 +307,8 @@ task_ahead:
     APIECE = const mode::APIECE,
     BOTH = const mode::BOTH,
     WINCH = const mode::WINCH,
+    VERBS = const OBEYS as u8,
+    ON = const ON,
     SLICES = const SLICES,
     TRACK = const offset_of!(Stepper, tracks),
     TRACK_SIZE = const size_of::<Track>(),
