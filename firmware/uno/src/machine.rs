@@ -33,8 +33,6 @@ pub(crate) struct Board {
     /// Faults that were told, bit by motor.
     told: u8,
     was_idle: bool,
-    /// Motors that were stopped faster than they can, since they were armed, bit by motor: of verbs.
-    uncertain: u8,
     /// When the round being made began, or the last rest ended, modulo 2^16.
     woken: u16,
     last_stop: Cause,
@@ -103,7 +101,6 @@ impl Board {
             news: [News::NONE; 2],
             told: 0,
             was_idle: false,
-            uncertain: 0,
             woken: 0,
             last_stop: Cause::None,
             last_reset: Cause::None,
@@ -257,7 +254,7 @@ impl Board {
     fn stop(&mut self, cause: Cause, motor: u8, detail: u32) -> Stopped {
         let uncertain = task::lock().stop(&self.pull_in);
         let tick = clock::now();
-        verbs::stop(tick, cause == Cause::Starved);
+        verbs::stop(Moment::of(tick), cause == Cause::Starved);
         if self.armed {
             self.armed = false;
             if cause != Cause::None {
@@ -425,7 +422,6 @@ impl Machine for Board {
             self.last_stop = Cause::None;
             self.was_idle = true;
             self.told = 0;
-            self.uncertain = 0;
             task::lock().start(clock::moment());
         }
         Ok(())
@@ -565,8 +561,7 @@ impl Machine for Board {
     }
 
     fn faults(&self, motor: u8) -> u8 {
-        let uncertain = if verbs::OBEYS && self.uncertain >> motor & 1 != 0 { flags::UNCERTAIN } else { 0 };
-        task::lock().motor(motor).map_or(0, stepper::faults) | uncertain
+        task::lock().motor(motor).map_or(0, stepper::faults) | verbs::faults(motor)
     }
 
     #[inline(never)]
@@ -597,14 +592,14 @@ impl Machine for Board {
         if lost && self.armed && !self.is_idle() {
             self.last_stop = Cause::HostLost;
         }
-        self.uncertain |= verbs::forsake(lost, &self.pull_in);
+        verbs::forsake(lost, &self.pull_in);
     }
 
     #[inline(never)]
     fn event(&mut self) -> Option<Event> {
         // What was done comes before that all was.
-        if let Some((motor, tick, detail)) = verbs::take_done() {
-            return Some(Event { cause: Cause::MoveDone, motor, tick, detail });
+        if let Some((motor, at, detail)) = verbs::take_done() {
+            return Some(Event { cause: Cause::MoveDone, motor, tick: extended(at), detail });
         }
         let [News { cause, motor, at, detail }, second] = self.news;
         if cause == Cause::None {

@@ -13,7 +13,7 @@ use super::times::TIMES;
 use crate::memory;
 use pulsetrain_core::narrow::Registers;
 #[cfg(feature = "verbs")]
-use pulsetrain_core::{Direction, verbs::Steps};
+use pulsetrain_core::{Direction, narrow::verbs::Steps};
 use pulsetrain_core::{Epoch, Moment};
 
 /// How many switches may wait, one after the other.
@@ -28,9 +28,6 @@ pub(crate) const COUNT_AT_REST: u16 = 4;
 /// The longest interval of a step that verbs make, ticks: registers have 40 bits and a sign.
 #[cfg(feature = "verbs")]
 const LONGEST_INTERVAL: u32 = (1 << 23) - 1;
-/// Intervals from here on are looked at: see [`Motor::sure`].
-#[cfg(feature = "verbs")]
-const SUREST: u16 = 6 << 8;
 
 /// Bits of [`Motor::flags`], by number.
 pub(crate) mod flag {
@@ -395,10 +392,9 @@ impl Motor {
     #[cfg(feature = "verbs")]
     #[inline(never)]
     pub(crate) fn follow(&mut self, steps: &Steps) {
-        let times = TIMES.get();
         // One step alone may be further away than registers reach; from where its interval counts does not matter.
-        let period = u32::try_from(steps.period).unwrap_or(u32::MAX).min(LONGEST_INTERVAL);
-        let first = Moment::of(steps.first);
+        let Steps { first, count, .. } = *steps;
+        let period = steps.period.min(LONGEST_INTERVAL);
         let backward = steps.direction == Direction::Backward;
         let turns = backward != self.has(flag::BACKWARD);
         // What follows from the step before must be known if it turns round, or if there is room for a filler before this.
@@ -410,8 +406,6 @@ impl Motor {
         }
         self.set(flag::ANCHORED, true);
         let [p0, p1, p2, _] = period.to_le_bytes();
-        // A slice has fewer than 2^16 ticks.
-        let count = steps.count as u16;
         self.registers = Registers {
             fraction: 0x8000,
             tick: first.before(period).0,
@@ -420,8 +414,7 @@ impl Motor {
             left: count,
             ..Registers::new()
         };
-        let is_sure = count < 256 && (times.fastest..SUREST).contains(&(period.min(0xffff) as u16));
-        self.sure = if is_sure { p1 + 1 } else { 0 };
+        self.sure = 0;
         let moved = i32::from(count);
         self.position = self.position.wrapping_add(if backward { -moved } else { moved });
     }

@@ -1,0 +1,262 @@
+//! Motors told directly: `pulsetrain_core::verbs`, from which the task gets their steps.
+//!
+//! # Who works out what
+//! Main tells, the task asks. What happens before the tick [`known`](Verbs::known) is settled, and an order holds from there on. Each
+//! call of the task sees to it that this is [`NEAREST`] away or more ([`verbs_advance`]); a motor that has used up its steps takes
+//! the next evenly spaced ones before it right into its registers ([`verbs_load`]). Nothing else is planned up to there: the limit is so
+//! long before it that DIR can be turned for a step at that very tick.
+//!
+//! # Where
+//! In the memory of the queues, which are empty as long as verbs have the motors: until these are released or stopped. Moves that were
+//! done and not told are still there then, until a plan comes.
+//!
+//! # Cycles
+//! A motor's next steps: some 2000, once in every 0.75 ms or so.
+
+use crate::clock;
+use crate::memory::POOL;
+use crate::steps::motor::Motor;
+use crate::steps::pins::MAX_MOTORS;
+use crate::steps::stepper::{AHEAD, Stepper};
+use crate::steps::task::{self, Guard};
+use crate::steps::times::TIMES;
+use core::arch::global_asm;
+use pulsetrain_core::Moment;
+use pulsetrain_core::narrow::verbs::{MOTORS, Verbs};
+use pulsetrain_core::wire::message::{Reason, flags};
+use pulsetrain_core::wire::orders::Orders;
+use pulsetrain_core::wire::{Encoder, Refusal};
+
+/// Motors can be told directly.
+pub(crate) const OBEYS: bool = true;
+
+/// What is known ends so soon at most, ticks, after it was put off, and as the task comes.
+const FORESEE: u32 = 28_000;
+const NEAREST: u32 = 16_000;
+/// From the limit to what is known, ticks, beside what a turn of DIR takes: two groups, and a filler's room.
+const CLEAR: u16 = 512;
+
+/// The shortest period, ticks, for each motor.
+const SHORTEST: u16 = 320;
+/// Until another is said: 1000 steps/s.
+const PERIOD: u32 = clock::TICK_HZ / 1000;
+const _: () = assert!(SHORTEST as u32 * MOTORS as u32 <= PERIOD);
+
+/// There is nothing to be told.
+const NONE: u8 = 0;
+/// Moves may be done and not told.
+const STOPPED: u8 = 1;
+/// Verbs have the motors.
+pub(crate) const ON: u8 = 2;
+
+/// Which of these: main's, and the task's to look at.
+#[unsafe(export_name = "verbs_state")]
+static mut STATE: u8 = NONE;
+
+#[repr(C)]
+struct Place {
+    verbs: Verbs,
+    /// Bit by motor: it has no more steps before what is known.
+    used_up: u8,
+    /// Bit by motor: it was stopped faster than it can.
+    uncertain: u8,
+}
+
+const _: () = assert!(size_of::<Place>() <= POOL && MOTORS == MAX_MOTORS);
+
+// Where frames have their queues.
+global_asm!(".global verbs_place", ".set verbs_place, queues");
+
+unsafe extern "C" {
+    static mut verbs_place: Place;
+}
+
+fn state() -> u8 {
+    // SAFETY: one byte, which main alone writes.
+    unsafe { (&raw const STATE).read_volatile() }
+}
+
+fn set_state(state: u8) {
+    // SAFETY: as above; the task is out.
+    unsafe { (&raw mut STATE).write_volatile(state) }
+}
+
+/// What there is, for who keeps the task out as long as it uses this. Only if there is something.
+fn place(_: &Guard) -> Option<&mut Place> {
+    let place = &raw mut verbs_place;
+    // SAFETY: it was written before the state was one of these, and queues are empty; main has one guard at a time, and uses what
+    // it got from it before it gets it again.
+    (state() != NONE).then(|| unsafe { &mut *place })
+}
+
+/// Whether verbs have the motors.
+#[inline(always)]
+pub(crate) fn is_on() -> bool {
+    state() == ON
+}
+
+/// Has armed motors, which rest with empty queues, do what is ordered, if that can be: from then on verbs have them.
+///
+/// # Errors
+/// As [`Verbs::obey`].
+#[inline(never)]
+pub(crate) fn begin(orders: &Orders<'_>) -> Result<(), Refusal> {
+    let now = clock::now();
+    let stepper = task::lock();
+    let ahead = stepper.horizon().after(u32::from(clear())).since(Moment::of(now));
+    let known = now + u64::from(ahead.max(FORESEE));
+    if state() == NONE {
+        let place = &raw mut verbs_place;
+        // SAFETY: queues are empty, and nobody refers to this.
+        unsafe { place.write(Place { verbs: Verbs::new(), used_up: 0, uncertain: 0 }) };
+        set_state(STOPPED);
+    }
+    let Some(place) = place(&stepper) else { return Ok(()) };
+    let limits = limits(stepper.count());
+    place.verbs.begin((0..stepper.count()).map(|motor| stepper.position(motor, stepper.tail_of(motor))), limits, known);
+    place.verbs.obey(orders)?;
+    (place.used_up, place.uncertain) = (0, 0);
+    // Who only asks leaves motors as they are.
+    if !orders.is_empty() {
+        set_state(ON);
+    }
+    Ok(())
+}
+
+/// Has motors do what is ordered. Waits until all that is settled has been taken by the motors: it is, unless a move has just ended
+/// and another begins; 2 ms at most.
+///
+/// # Errors
+/// As [`Verbs::obey`].
+#[inline(never)]
+pub(crate) fn obey(orders: &Orders<'_>) -> Result<(), Refusal> {
+    let end = clock::moment().after(FORESEE);
+    loop {
+        let stepper = task::lock();
+        let Some(place) = place(&stepper) else { return Err(Refusal::of(Reason::NotArmed)) };
+        if place.verbs.is_used_up() {
+            place.verbs.obey(orders)?;
+            place.used_up = 0;
+            return Ok(());
+        }
+        if end.is_before(clock::moment()) {
+            return Err(Refusal::of(Reason::Busy));
+        }
+    }
+}
+
+/// Writes what came of what was obeyed last.
+pub(crate) fn encode_obeyed(frame: &mut Encoder<'_>) {
+    let guard = task::lock();
+    if let Some(place) = place(&guard) {
+        place.verbs.encode_obeyed(frame);
+    }
+}
+
+/// Motors were stopped at once, after tick `tick`; `dry`: not even what was due before was all made.
+#[inline(never)]
+pub(crate) fn stop(tick: Moment, dry: bool) {
+    if is_on() {
+        let guard = task::lock();
+        if let Some(place) = place(&guard) {
+            place.verbs.stop((!dry).then_some(tick));
+        }
+        set_state(STOPPED);
+    }
+}
+
+/// A plan's bytes come where all this is.
+pub(crate) fn forget() {
+    set_state(NONE);
+}
+
+/// Whether nothing is left to be done, if verbs have the motors.
+#[inline(never)]
+pub(crate) fn rest() -> bool {
+    if !is_on() {
+        return true;
+    }
+    let now = clock::moment();
+    let guard = task::lock();
+    place(&guard).is_none_or(|place| place.verbs.rest_at(now))
+}
+
+/// A move that was done and not told yet: motor, tick, number.
+#[inline(never)]
+pub(crate) fn take_done() -> Option<(u8, Moment, u32)> {
+    if state() == NONE {
+        return None;
+    }
+    let now = clock::moment();
+    let guard = task::lock();
+    place(&guard)?.verbs.take_done(now)
+}
+
+/// Nobody tells motors any more: see [`Verbs::forsake`].
+#[inline(never)]
+pub(crate) fn forsake(lost: bool, pull_in: &[u32; MAX_MOTORS]) {
+    if is_on() {
+        let guard = task::lock();
+        if let Some(place) = place(&guard) {
+            place.uncertain |= place.verbs.forsake(lost, pull_in);
+        }
+    }
+}
+
+/// As [`flags`] has the faults of a motor: whether it was stopped faster than it can when nobody told it any more.
+#[inline(never)]
+pub(crate) fn faults(motor: u8) -> u8 {
+    let guard = task::lock();
+    place(&guard).filter(|place| place.uncertain >> motor & 1 != 0).map_or(0, |_| flags::UNCERTAIN)
+}
+
+/// What `motors` motors can do: the shortest period, the shortest time from a step to one the other way, the first period.
+fn limits(motors: u8) -> (u16, u16, u32) {
+    let times = TIMES.get();
+    (SHORTEST * u16::from(motors), times.keep + times.early, PERIOD)
+}
+
+/// From the limit to what is known, ticks.
+fn clear() -> u16 {
+    TIMES.get().early + CLEAR
+}
+
+/// For the task: sees to it that enough is known, and gives the limit. `limit` is what that is for others, [`AHEAD`] from now.
+#[unsafe(no_mangle)]
+extern "C" fn verbs_advance(limit: u32) -> u32 {
+    let now = Moment(limit).before(AHEAD);
+    let place = &raw mut verbs_place;
+    // SAFETY: the task calls this while verbs have the motors, and a guard would have kept it out.
+    let place = unsafe { &mut *place };
+    let mut known = place.verbs.known();
+    let left = Moment::of(known).since(now).cast_signed();
+    if left < NEAREST.cast_signed() {
+        known = known.wrapping_add_signed(i64::from(FORESEE.cast_signed() - left));
+        place.verbs.foresee(known);
+        place.used_up = 0;
+    }
+    Moment::of(known).before(u32::from(clear())).0
+}
+
+/// For the task: the next steps of a motor that has none left, into its registers; gives 1 if there are none yet.
+#[unsafe(no_mangle)]
+extern "C" fn verbs_load(motor: &mut Motor) -> u8 {
+    let number = Stepper::number_of(motor);
+    let bit = 1 << number;
+    let place = &raw mut verbs_place;
+    // SAFETY: as above.
+    let place = unsafe { &mut *place };
+    if place.used_up & bit != 0 {
+        return 1;
+    }
+    match place.verbs.take(number) {
+        Some(steps) => {
+            motor.follow(&steps);
+            0
+        }
+        None => {
+            place.used_up |= bit;
+            1
+        }
+    }
+}
