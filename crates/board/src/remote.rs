@@ -186,11 +186,14 @@ fn said(reason: Reason, detail: u16) -> String {
         Reason::PinMix => format!("pin {detail} does not go with those before it"),
         Reason::Timing => format!("pulse, set-up or hold is beyond its limit of {detail} ticks"),
         Reason::Baud => format!("it cannot do rate {detail}"),
-        Reason::Period => format!("a period must be {detail} ticks at least, and 2^62 at most"),
+        Reason::Period => format!("a period must be {detail} ticks at least, and 2^62 at most (2^30 on an Uno)"),
         Reason::Busy => {
-            format!("motor {detail} has a move under way and one that waits: wait until one is done, or halt it")
+            format!("motor {detail} has a move under way and one that waits, or moves that are done and not told: wait until one is done, or halt it")
         }
         Reason::Obeying => "its motors are told directly until they are released".to_owned(),
+        Reason::SharedDir => {
+            "motors that share a DIR line cannot be told directly on it: give each its own, or send plans".to_owned()
+        }
         Reason::Baked => {
             "a motion in its flash runs, which was baked; `pulsetrain flash pico` brings the plain firmware back"
                 .to_owned()

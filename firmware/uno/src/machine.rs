@@ -408,6 +408,7 @@ impl Machine for Board {
         layout.part(configuration.motors().len() as u8, pulse_ticks);
         self.stop(Cause::None, ALL_MOTORS, 0);
         self.set_up(&layout, configuration);
+        verbs::set_up(configuration);
         Ok(())
     }
 

@@ -2,7 +2,7 @@
 
 use crate::steps::pins::MAX_MOTORS;
 use pulsetrain_core::Moment;
-use pulsetrain_core::wire::message::{Reason, kind};
+use pulsetrain_core::wire::message::{Configuration, Reason, kind};
 use pulsetrain_core::wire::orders::Orders;
 use pulsetrain_core::wire::{Encoder, Refusal};
 
@@ -16,6 +16,9 @@ pub(crate) const ON: u8 = 1;
 pub(crate) const fn is_on() -> bool {
     false
 }
+
+#[inline(always)]
+pub(crate) fn set_up(_: &Configuration<'_>) {}
 
 #[inline(always)]
 pub(crate) fn begin(_: &Orders<'_>) -> Result<(), Refusal> {

@@ -23,7 +23,7 @@ use crate::steps::times::TIMES;
 use core::arch::global_asm;
 use pulsetrain_core::Moment;
 use pulsetrain_core::narrow::verbs::{MOTORS, Verbs};
-use pulsetrain_core::wire::message::{Reason, flags};
+use pulsetrain_core::wire::message::{Configuration, Reason, flags};
 use pulsetrain_core::wire::orders::Orders;
 use pulsetrain_core::wire::{Encoder, Refusal};
 
@@ -36,11 +36,16 @@ const NEAREST: u32 = 16_000;
 /// From the limit to what is known, ticks, beside what a turn of DIR takes: two groups, and a filler's room.
 const CLEAR: u16 = 512;
 
-/// The shortest period, ticks, for each motor.
-const SHORTEST: u16 = 320;
+/// The shortest period, ticks, for each motor, with pulses of up to [`SHORT`] and longer ones; and so many pulses more.
+const SHORTEST: [u16; 2] = [320, 4000];
+const SHORT: u16 = 31;
+const PULSES: u16 = 3;
+/// From a step to one the other way, ticks, beside pulse, hold and set-up: `keep` and `early` of no [`Times`] are more than that.
+///
+/// [`Times`]: crate::steps::times::Times
+const TURN: u16 = 640;
 /// Until another is said: 1000 steps/s.
 const PERIOD: u32 = clock::TICK_HZ / 1000;
-const _: () = assert!(SHORTEST as u32 * MOTORS as u32 <= PERIOD);
 
 /// There is nothing to be told.
 const NONE: u8 = 0;
@@ -52,6 +57,15 @@ pub(crate) const ON: u8 = 2;
 /// Which of these: main's, and the task's to look at.
 #[unsafe(export_name = "verbs_state")]
 static mut STATE: u8 = NONE;
+
+#[derive(Clone, Copy)]
+struct Limits {
+    shortest: u16,
+    turn: u16,
+}
+
+/// Of the configuration.
+static mut LIMITS: Limits = Limits { shortest: 0, turn: 0 };
 
 #[repr(C)]
 struct Place {
@@ -98,21 +112,27 @@ pub(crate) fn is_on() -> bool {
 /// Has armed motors, which rest with empty queues, do what is ordered, if that can be: from then on verbs have them.
 ///
 /// # Errors
-/// As [`Verbs::obey`].
+/// [`Reason::SharedDir`]; as [`Verbs::obey`].
 #[inline(never)]
 pub(crate) fn begin(orders: &Orders<'_>) -> Result<(), Refusal> {
     let now = clock::now();
     let stepper = task::lock();
+    if TIMES.get().shared {
+        return Err(Refusal::of(Reason::SharedDir));
+    }
     let ahead = stepper.horizon().after(u32::from(clear())).since(Moment::of(now));
     let known = now + u64::from(ahead.max(FORESEE));
     if state() == NONE {
         let place = &raw mut verbs_place;
-        // SAFETY: queues are empty, and nobody refers to this.
-        unsafe { place.write(Place { verbs: Verbs::new(), used_up: 0, uncertain: 0 }) };
+        // SAFETY: queues are empty, and nobody refers to this; zeros are what it may be (see `Verbs`). Not by value: that would be
+        // on the stack first.
+        unsafe { place.write_bytes(0, 1) };
         set_state(STOPPED);
     }
     let Some(place) = place(&stepper) else { return Ok(()) };
-    let limits = limits(stepper.count());
+    // SAFETY: main alone uses it.
+    let Limits { shortest, turn } = unsafe { (&raw const LIMITS).read() };
+    let limits = (shortest, turn, PERIOD.max(u32::from(shortest)));
     place.verbs.begin((0..stepper.count()).map(|motor| stepper.position(motor, stepper.tail_of(motor))), limits, known);
     place.verbs.obey(orders)?;
     (place.used_up, place.uncertain) = (0, 0);
@@ -210,10 +230,18 @@ pub(crate) fn faults(motor: u8) -> u8 {
     place(&guard).filter(|place| place.uncertain >> motor & 1 != 0).map_or(0, |_| flags::UNCERTAIN)
 }
 
-/// What `motors` motors can do: the shortest period, the shortest time from a step to one the other way, the first period.
-fn limits(motors: u8) -> (u16, u16, u32) {
-    let times = TIMES.get();
-    (SHORTEST * u16::from(motors), times.keep + times.early, PERIOD)
+/// Notes what the motors of a configuration can do.
+#[inline(never)]
+pub(crate) fn set_up(configuration: &Configuration<'_>) {
+    let Configuration { pulse_ticks, setup_ticks, hold_ticks, .. } = *configuration;
+    let [short, long] = SHORTEST;
+    let mut shortest = 0;
+    for _ in configuration.motors() {
+        shortest += if pulse_ticks <= SHORT { short } else { long } + PULSES * pulse_ticks;
+    }
+    let limits = Limits { shortest, turn: TURN + pulse_ticks + setup_ticks + hold_ticks };
+    // SAFETY: main alone uses it.
+    unsafe { (&raw mut LIMITS).write(limits) }
 }
 
 /// From the limit to what is known, ticks.

@@ -58,7 +58,9 @@ struct Told {
 #[derive(Clone, Copy, Debug)]
 struct Motor {
     told: Told,
-    /// The last step, and which way it went; as long as anything follows from it.
+    /// The same before the order that is being done: on the stack of a small board there is no room.
+    before: Told,
+    /// The last step, and which way it went; as long as anything may follow from it.
     last: Moment,
     facing: Direction,
     follows: bool,
@@ -157,7 +159,7 @@ impl Motor {
 
     fn take(&mut self, until: Moment, turn: u16) -> Option<Steps> {
         let Some(first) = self.due_before(until, turn) else {
-            self.forget(until, turn);
+            self.forget(until);
             return None;
         };
         let direction = self.told.course.direction()?;
@@ -184,11 +186,9 @@ impl Motor {
         Some(Steps { first, count, period, direction })
     }
 
-    /// What is long past must not come back as the future. From `until` on, where nothing follows from the last step there, it
-    /// might as well not have been.
-    fn forget(&mut self, until: Moment, turn: u16) {
-        let follows = self.told.period.max(u32::from(turn));
-        if self.follows && !until.is_before(self.last.after(follows)) {
+    /// What is long past must not come back as the future: whatever the period, it is over, and the motor might as well begin at `until`.
+    fn forget(&mut self, until: Moment) {
+        if until.since(self.last) >= LONGEST_PERIOD {
             self.follows = false;
         }
         if !self.follows {
@@ -219,6 +219,8 @@ fn later(one: Moment, other: Moment) -> Moment {
 }
 
 /// All motors of a board that obeys verbs, all with the same limits.
+///
+/// Zeros are such motors, too, none: each field is of integers, or of an enum that has a 0.
 #[derive(Clone, Debug)]
 pub struct Verbs {
     motors: [Motor; MOTORS],
@@ -240,6 +242,7 @@ impl Verbs {
         let told = Told { period: 0, course: Course::Forward, task: Task::Rest, waiting: Task::Rest, open };
         let none = Motor {
             told,
+            before: told,
             last: open,
             facing: Direction::Forward,
             follows: false,
@@ -304,15 +307,17 @@ impl Verbs {
     /// As [`crate::verbs::Verbs::obey`].
     pub fn obey(&mut self, orders: &Orders<'_>) -> Result<(), Refusal> {
         let (at, shortest, turn) = (Moment::of(self.known), self.shortest, self.turn);
-        let before = self.motors.map(|motor| motor.told);
+        for motor in &mut self.motors {
+            motor.before = motor.told;
+        }
         for (number, verb) in orders.iter() {
             let refused = match self.motors().get_mut(usize::from(number)) {
                 Some(motor) => motor.obey(verb, at, shortest).err(),
                 None => Some(Reason::NoSuchMotor),
             };
             if let Some(reason) = refused {
-                for (motor, told) in self.motors.iter_mut().zip(before) {
-                    motor.told = told;
+                for motor in &mut self.motors {
+                    motor.told = motor.before;
                 }
                 let detail = if reason == Reason::Period { shortest } else { u16::from(number) };
                 return Err(Refusal { reason, detail });
@@ -351,17 +356,19 @@ impl Verbs {
         self.motors().iter().all(rests)
     }
 
-    /// See [`crate::verbs::Verbs::forsake`]: a step that was to come a period after the last one is one that is left out.
+    /// See [`crate::verbs::Verbs::forsake`].
     pub fn forsake(&mut self, lost: bool, pull_in: &[u32; MOTORS]) -> u8 {
+        let turn = self.turn;
         let (mut uncertain, mut bit) = (0, 1);
         for (motor, pull_in) in self.motors.iter_mut().zip(pull_in) {
-            let moves = !matches!(motor.told.task, Task::Rest | Task::Steps(0));
+            let next = motor.next_step(turn);
             if lost {
                 motor.halt();
             } else {
                 motor.forsake();
             }
-            if moves && motor.told.task == Task::Rest && motor.follows && motor.told.period < *pull_in {
+            let was_faster = motor.follows && next.is_some_and(|next| next.since(motor.last) < *pull_in);
+            if was_faster && motor.told.task == Task::Rest {
                 uncertain |= bit;
             }
             bit <<= 1;

@@ -90,6 +90,7 @@ const STALE: u64 = 1 << 29;
 
 /// What is under way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
 pub(crate) enum Task {
     Rest,
     /// So many steps are left; with 0 the last one's period.
