@@ -63,7 +63,11 @@ impl Pair {
 
     /// Tells both; the native board what the Uno did, from the same tick on.
     fn tell(&mut self, orders: &[(u8, Verb)]) -> Result<Obeyed, RemoteError> {
+        let before = self.uno.now();
         let obeyed = self.uno.tell_motors(orders)?;
+        if std::env::var_os("UV").is_some() {
+            println!("at {before} {orders:?} -> now {} tick {} {:?}", self.uno.now(), obeyed.tick, obeyed.motors());
+        }
         let bytes: Vec<u8> = orders.iter().flat_map(|(motor, verb)| order(*motor, *verb)).collect();
         if let Some(last) = obeyed.tick.checked_sub(TICK_HZ / 100).filter(|last| *last > self.native.now()) {
             self.advance_native(last);
@@ -87,7 +91,7 @@ impl Pair {
             match event.cause {
                 Cause::MoveDone => self.done.push((event.motor.into(), event.tick, event.detail)),
                 Cause::Finished => {}
-                _ => panic!("{event:?}"),
+                _ => panic!("{event:?} {:?} {:?}", self.uno.measures(false), self.lab.edges.iter().rev().filter(|e| std::env::var_os("ALLE").is_some() || e.line >= 14).take(40).map(|e| (e.tick, e.line, e.level)).collect::<Vec<_>>()),
             }
         }
     }
@@ -220,4 +224,49 @@ fn the_shortest_periods_hold() {
             println!("{:?}", pair.uno.measures(false));
         }
     }
+}
+
+#[test]
+fn zz_debug() {
+    let setup = if std::env::var_os("FOUR").is_some() { uno_setup(ALL[6].pins, 16) } else { uno_setup(&[(9, 8), (10, 13)], 16) };
+    let mut pair = Pair::new(&setup, if setup.motors.len() == 4 { SOFTWARE } else { EXACT });
+    let all = |verb: Verb| -> Vec<(u8, Verb)> { (0..setup.motors.len() as u8).map(|motor| (motor, verb)).collect() };
+    pair.tell(&all(Verb::Speed { ticks: std::env::var("PERIOD").unwrap().parse().unwrap() })).expect("it can");
+    pair.tell(&all(Verb::Run)).expect("it can");
+    let address = |name: &str| u16::from_str_radix(&std::env::var(name).unwrap(), 16).unwrap();
+    let (times, motors, stepper) = (address("TIMES"), address("MOTORS"), address("STEPPER"));
+    let from = pair.uno.now();
+    for turn in 0..5000 {
+        if turn == 1600 { pair.uno.advance(pair.uno.now() + 1, &mut |_: Edge| {}); println!("{:?}", pair.uno.tell_motors(&all(Verb::Course(Course::Backward))).map(|o| o.tick)); }
+        if turn == 3200 { println!("{:?}", pair.uno.tell_motors(&all(Verb::Course(Course::Forward))).map(|o| o.tick)); }
+        if turn == 1400 {
+            let chip = pair.uno.port_mut().chip_mut();
+            let begin = chip.cycle();
+            while chip.cycle() < begin + 60_000 {
+                let pc = chip.pc() * 2;
+                let r = |chip: &mut pulsetrain_emulator::Atmega328p, at: u16| chip.read_data(at, &mut ());
+                if (std::env::var("PCS").unwrap()).split(" ").any(|p| u32::from_str_radix(p, 16).unwrap() == u32::from(pc)) {
+                    let (r26, r24, timsk, tcnt, tifr) = (r(chip, 26), r(chip, 24), r(chip, 0x6e), r(chip, 0x46), r(chip, 0x35));
+                    println!("{} pc {pc:x} r26 {r26:x} r24 {r24:x} timsk {timsk:x} tcnt {tcnt:x} tifr {tifr:x}", chip.cycle() - begin);
+                }
+                chip.step(&mut ());
+            }
+            return;
+        }
+        let now = pair.uno.now() + 200;
+        pair.uno.advance(now, &mut |_: Edge| {});
+        let events = pair.uno.events();
+        let chip = pair.uno.port_mut().chip_mut();
+        let pc = chip.pc() * 2; let mut get = |at: u16, n: u16| (0..n).rev().fold(0u64, |all, k| all << 8 | u64::from(chip.read_data(at + k, &mut ())));
+        let rel = |tick: u64| (tick as u32).wrapping_sub(now as u32) as i32;
+        let m = |i: u16| motors + 96 * i;
+        if turn > 1600 || !events.is_empty() {
+        println!("{now}: limit {} known {} left {} {} at {} {} flags {:x} {:x} used {:x} tail/head {:x} {:x} {:?}", rel(get(times, 4)), rel(get(address("KNOWN"), 8)),
+            get(m(0) + 19, 2), get(m(1) + 19, 2), rel(get(stepper + address("AT0"), 4)), rel(get(stepper + address("AT1"), 4)), get(m(0) + 23, 1), get(m(1) + 23, 1), get(address("USED"), 1),
+            get(0x47, 1), get(0x48, 1), events);
+            println!("    timsk0 {:x} tcnt0 {:x} sreg {:x} pc {:x}", get(0x6e, 1), get(0x46, 1), get(0x5f, 1), pc);
+        }
+        if events.iter().any(|e| e.cause == Cause::Starved) { break; }
+    }
+    let _ = from;
 }

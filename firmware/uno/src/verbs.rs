@@ -2,7 +2,7 @@
 //!
 //! # Who works out what
 //! Main tells, the task asks. What happens before the tick [`known`](Verbs::known) is settled, and an order holds from there on. Each
-//! call of the task sees to it that this is [`NEAREST`] away or more ([`verbs_advance`]); a motor that has used up its steps takes
+//! call of the task sees to it that this is a while away ([`verbs_advance`]); a motor that has used up its steps takes
 //! the next evenly spaced ones before it right into its registers ([`verbs_load`]). Nothing else is planned up to there: the limit is so
 //! long before it that DIR can be turned for a step at that very tick.
 //!
@@ -30,9 +30,12 @@ use pulsetrain_core::wire::{Encoder, Refusal};
 /// Motors can be told directly.
 pub(crate) const OBEYS: bool = true;
 
-/// What is known ends so soon at most, ticks, after it was put off, and as the task comes.
-const FORESEE: u32 = 28_000;
-const NEAREST: u32 = 16_000;
+/// What is known ends so soon, ticks, when it has been put off: 1.95 ms, and 0.25 ms more for each further motor, whose steps take the
+/// task so much longer.
+const FORESEE: u16 = 27_200;
+const FORESEE_MORE: u16 = 4_000;
+/// So much later it is put off again.
+const SLICE: u16 = 12_000;
 /// From the limit to what is known, ticks, beside what a turn of DIR takes: two groups, and a filler's room.
 const CLEAR: u16 = 512;
 
@@ -58,14 +61,21 @@ pub(crate) const ON: u8 = 2;
 #[unsafe(export_name = "verbs_state")]
 static mut STATE: u8 = NONE;
 
+/// Counts of 64 cycles until the task is to see again whether enough is known, at most.
+#[unsafe(export_name = "verbs_due")]
+static mut DUE: u8 = 0;
+const _: () = assert!(SLICE / 64 < 255);
+
 #[derive(Clone, Copy)]
 struct Limits {
     shortest: u16,
     turn: u16,
+    /// How soon what is known ends, when it has been put off.
+    foresee: u16,
 }
 
 /// Of the configuration.
-static mut LIMITS: Limits = Limits { shortest: 0, turn: 0 };
+static mut LIMITS: Limits = Limits { shortest: 0, turn: 0, foresee: 0 };
 
 #[repr(C)]
 struct Place {
@@ -120,8 +130,10 @@ pub(crate) fn begin(orders: &Orders<'_>) -> Result<(), Refusal> {
     if TIMES.get().shared {
         return Err(Refusal::of(Reason::SharedDir));
     }
+    let Limits { shortest, turn, foresee } = my_limits();
+    let limits = (shortest, turn, PERIOD.max(u32::from(shortest)));
     let ahead = stepper.horizon().after(u32::from(clear())).since(Moment::of(now));
-    let known = now + u64::from(ahead.max(FORESEE));
+    let known = now + u64::from(ahead.max(u32::from(foresee)));
     if state() == NONE {
         let place = &raw mut verbs_place;
         // SAFETY: queues are empty, and nobody refers to this; zeros are what it may be (see `Verbs`). Not by value: that would be
@@ -130,9 +142,6 @@ pub(crate) fn begin(orders: &Orders<'_>) -> Result<(), Refusal> {
         set_state(STOPPED);
     }
     let Some(place) = place(&stepper) else { return Ok(()) };
-    // SAFETY: main alone uses it.
-    let Limits { shortest, turn } = unsafe { (&raw const LIMITS).read() };
-    let limits = (shortest, turn, PERIOD.max(u32::from(shortest)));
     place.verbs.begin((0..stepper.count()).map(|motor| stepper.position(motor, stepper.tail_of(motor))), limits, known);
     place.verbs.obey(orders)?;
     (place.used_up, place.uncertain) = (0, 0);
@@ -150,7 +159,7 @@ pub(crate) fn begin(orders: &Orders<'_>) -> Result<(), Refusal> {
 /// As [`Verbs::obey`].
 #[inline(never)]
 pub(crate) fn obey(orders: &Orders<'_>) -> Result<(), Refusal> {
-    let end = clock::moment().after(FORESEE);
+    let end = clock::moment().after(u32::from(my_limits().foresee));
     loop {
         let stepper = task::lock();
         let Some(place) = place(&stepper) else { return Err(Refusal::of(Reason::NotArmed)) };
@@ -230,17 +239,24 @@ pub(crate) fn faults(motor: u8) -> u8 {
     place(&guard).filter(|place| place.uncertain >> motor & 1 != 0).map_or(0, |_| flags::UNCERTAIN)
 }
 
+/// Of the configuration.
+fn my_limits() -> Limits {
+    // SAFETY: `set_up` alone writes it, while neither main nor the task reads it.
+    unsafe { (&raw const LIMITS).read() }
+}
+
 /// Notes what the motors of a configuration can do.
 #[inline(never)]
 pub(crate) fn set_up(configuration: &Configuration<'_>) {
     let Configuration { pulse_ticks, setup_ticks, hold_ticks, .. } = *configuration;
     let [short, long] = SHORTEST;
-    let mut shortest = 0;
+    let (mut shortest, mut foresee) = (0, FORESEE);
     for _ in configuration.motors() {
+        foresee += FORESEE_MORE;
         shortest += if pulse_ticks <= SHORT { short } else { long } + PULSES * pulse_ticks;
     }
-    let limits = Limits { shortest, turn: TURN + pulse_ticks + setup_ticks + hold_ticks };
-    // SAFETY: main alone uses it.
+    let limits = Limits { shortest, turn: TURN + pulse_ticks + setup_ticks + hold_ticks, foresee };
+    // SAFETY: main alone writes it, while verbs do not have the motors.
     unsafe { (&raw mut LIMITS).write(limits) }
 }
 
@@ -256,13 +272,19 @@ extern "C" fn verbs_advance(limit: u32) -> u32 {
     let place = &raw mut verbs_place;
     // SAFETY: the task calls this while verbs have the motors, and a guard would have kept it out.
     let place = unsafe { &mut *place };
+    let foresee = i32::from(my_limits().foresee);
     let mut known = place.verbs.known();
-    let left = Moment::of(known).since(now).cast_signed();
-    if left < NEAREST.cast_signed() {
-        known = known.wrapping_add_signed(i64::from(FORESEE.cast_signed() - left));
+    // Until it is to be put off.
+    let mut left = Moment::of(known).since(now).cast_signed() - foresee + i32::from(SLICE);
+    if left < 0 {
+        known = known.wrapping_add_signed(i64::from(i32::from(SLICE) - left));
+        left = i32::from(SLICE);
         place.verbs.foresee(known);
         place.used_up = 0;
     }
+    let counts = left.min(i32::from(SLICE)) as u16 / 64;
+    // SAFETY: one byte, the task's alone.
+    unsafe { (&raw mut DUE).write(counts as u8 + 1) };
     Moment::of(known).before(u32::from(clear())).0
 }
 

@@ -35,7 +35,7 @@ const BATCHES: u8 = 8;
 /// So many of them two rings get first, by turns.
 const TURNS: u8 = 6;
 
-/// Counts until the next call while the winch drives, or verbs, at most: a call works out one slice, and takes most of one.
+/// Counts until the next call while the winch drives, at most: a call works out one slice, and takes most of one.
 const SLICES: u8 = 64;
 
 #[repr(transparent)]
@@ -216,11 +216,17 @@ steps_task_begin:
     ldi r26, {SOONEST}
 4:  lds r25, steps_mode
     .if {VERBS}
+    // Or when verbs are due.
     lds r24, verbs_state
     cpi r24, {ON}
-    .else
-    cpi r25, {WINCH}
+    brne 3f
+    lds r24, verbs_due
+    cp r26, r24
+    brlo 4f
+    mov r26, r24
+    rjmp 4f
     .endif
+    cpi r25, {WINCH}
     brne 3f
     cpi r26, {SLICES}
     brlo 4f
