@@ -228,45 +228,26 @@ fn the_shortest_periods_hold() {
 
 #[test]
 fn zz_debug() {
-    let setup = if std::env::var_os("FOUR").is_some() { uno_setup(ALL[6].pins, 16) } else { uno_setup(&[(9, 8), (10, 13)], 16) };
-    let mut pair = Pair::new(&setup, if setup.motors.len() == 4 { SOFTWARE } else { EXACT });
-    let all = |verb: Verb| -> Vec<(u8, Verb)> { (0..setup.motors.len() as u8).map(|motor| (motor, verb)).collect() };
-    pair.tell(&all(Verb::Speed { ticks: std::env::var("PERIOD").unwrap().parse().unwrap() })).expect("it can");
-    pair.tell(&all(Verb::Run)).expect("it can");
+    let setup = random_setup(&ALL[3], &mut Random::new(1));
+    println!("{setup:?}");
+    let mut pair = Pair::new(&setup, SOFTWARE);
+    pair.tell(&[(1, Verb::Move { steps: u32::MAX })]).expect("it can");
+    pair.uno.advance(1_111_825, &mut |_: Edge| {});
+    pair.uno.tell_motors(&[(0, Verb::Course(Course::Stationary)), (1, Verb::Speed { ticks: 7803 }), (0, Verb::Speed { ticks: 1741 })]).expect("it can");
     let address = |name: &str| u16::from_str_radix(&std::env::var(name).unwrap(), 16).unwrap();
     let (times, motors, stepper) = (address("TIMES"), address("MOTORS"), address("STEPPER"));
-    let from = pair.uno.now();
-    for turn in 0..5000 {
-        if turn == 1600 { pair.uno.advance(pair.uno.now() + 1, &mut |_: Edge| {}); println!("{:?}", pair.uno.tell_motors(&all(Verb::Course(Course::Backward))).map(|o| o.tick)); }
-        if turn == 3200 { println!("{:?}", pair.uno.tell_motors(&all(Verb::Course(Course::Forward))).map(|o| o.tick)); }
-        if turn == 1400 {
-            let chip = pair.uno.port_mut().chip_mut();
-            let begin = chip.cycle();
-            while chip.cycle() < begin + 60_000 {
-                let pc = chip.pc() * 2;
-                let r = |chip: &mut pulsetrain_emulator::Atmega328p, at: u16| chip.read_data(at, &mut ());
-                if (std::env::var("PCS").unwrap()).split(" ").any(|p| u32::from_str_radix(p, 16).unwrap() == u32::from(pc)) {
-                    let (r26, r24, timsk, tcnt, tifr) = (r(chip, 26), r(chip, 24), r(chip, 0x6e), r(chip, 0x46), r(chip, 0x35));
-                    println!("{} pc {pc:x} r26 {r26:x} r24 {r24:x} timsk {timsk:x} tcnt {tcnt:x} tifr {tifr:x}", chip.cycle() - begin);
-                }
-                chip.step(&mut ());
-            }
-            return;
-        }
-        let now = pair.uno.now() + 200;
+    let m = |i: u16| motors + 96 * i;
+    for _ in 0..400 {
+        let now = pair.uno.now() + 500;
         pair.uno.advance(now, &mut |_: Edge| {});
         let events = pair.uno.events();
         let chip = pair.uno.port_mut().chip_mut();
         let pc = chip.pc() * 2; let mut get = |at: u16, n: u16| (0..n).rev().fold(0u64, |all, k| all << 8 | u64::from(chip.read_data(at + k, &mut ())));
         let rel = |tick: u64| (tick as u32).wrapping_sub(now as u32) as i32;
-        let m = |i: u16| motors + 96 * i;
-        if turn > 1600 || !events.is_empty() {
-        println!("{now}: limit {} known {} left {} {} at {} {} flags {:x} {:x} used {:x} tail/head {:x} {:x} {:?}", rel(get(times, 4)), rel(get(address("KNOWN"), 8)),
-            get(m(0) + 19, 2), get(m(1) + 19, 2), rel(get(stepper + address("AT0"), 4)), rel(get(stepper + address("AT1"), 4)), get(m(0) + 23, 1), get(m(1) + 23, 1), get(address("USED"), 1),
-            get(0x47, 1), get(0x48, 1), events);
-            println!("    timsk0 {:x} tcnt0 {:x} sreg {:x} pc {:x}", get(0x6e, 1), get(0x46, 1), get(0x5f, 1), pc);
-        }
+        println!("{now}: limit {} left {} {} at {} {} flags {:x} {:x} tail/head {:x} {:x} gpior0 {:x} ocr {:x} {:x} tick {:x} {:?}", rel(get(times, 4)),
+            get(m(0) + 19, 2), get(m(1) + 19, 2), rel(get(stepper + address("AT0"), 4)), rel(get(stepper + address("AT1"), 4)), get(m(0) + 23, 1), get(m(1) + 23, 1),
+            get(0x47, 1), get(0x48, 1), get(0x3e, 1), get(0x88, 2), get(0x8a, 2), now & 0xffff, events);
+        println!("    timsk0 {:x} tcnt0 {:x} timsk1 {:x} pc {:x}", get(0x6e, 1), get(0x46, 1), get(0x6f, 1), pc);
         if events.iter().any(|e| e.cause == Cause::Starved) { break; }
     }
-    let _ = from;
 }

@@ -216,12 +216,20 @@ steps_task_begin:
     ldi r26, {SOONEST}
 4:  lds r25, steps_mode
     .if {VERBS}
-    // Or when verbs are due.
+    // Or when verbs are due: that was counted from where this call began, as Timer0 has done.
     lds r24, verbs_state
     cpi r24, {ON}
     brne 3f
     lds r24, verbs_due
-    cp r26, r24
+    in r20, {TCNT0}
+    sub r24, r20
+    brcs 13f
+    sbic {TIFR0}, 0
+13: ldi r24, {SOONEST}
+    cpi r24, {SOONEST}
+    brsh 13f
+    ldi r24, {SOONEST}
+13: cp r26, r24
     brlo 4f
     mov r26, r24
     rjmp 4f
