@@ -351,7 +351,7 @@ impl Board {
 
 /// A moment within 2^31 ticks of now, in 64 bits.
 #[inline(never)]
-fn extended(moment: Moment) -> u64 {
+pub(crate) fn extended(moment: Moment) -> u64 {
     let now = clock::now();
     let ahead = moment.since(Moment::of(now)).cast_signed();
     now.wrapping_add_signed(i64::from(ahead))

@@ -14,6 +14,7 @@
 //! A motor's next steps: some 2000, once in every 0.75 ms or so.
 
 use crate::clock;
+use crate::machine::extended;
 use crate::memory::POOL;
 use crate::steps::motor::Motor;
 use crate::steps::pins::MAX_MOTORS;
@@ -24,7 +25,7 @@ use core::arch::global_asm;
 use pulsetrain_core::Moment;
 use pulsetrain_core::narrow::verbs::{MOTORS, Verbs};
 use pulsetrain_core::wire::message::{Configuration, Reason, flags};
-use pulsetrain_core::wire::orders::Orders;
+use pulsetrain_core::wire::orders::{self, Orders};
 use pulsetrain_core::wire::{Encoder, Refusal};
 
 /// Motors can be told directly.
@@ -125,15 +126,15 @@ pub(crate) fn is_on() -> bool {
 /// [`Reason::SharedDir`]; as [`Verbs::obey`].
 #[inline(never)]
 pub(crate) fn begin(orders: &Orders<'_>) -> Result<(), Refusal> {
-    let now = clock::now();
+    let now = clock::moment();
     let stepper = task::lock();
     if TIMES.get().shared {
         return Err(Refusal::of(Reason::SharedDir));
     }
     let Limits { shortest, turn, foresee } = my_limits();
     let limits = (shortest, turn, PERIOD.max(u32::from(shortest)));
-    let ahead = stepper.horizon().after(u32::from(clear())).since(Moment::of(now));
-    let known = now + u64::from(ahead.max(u32::from(foresee)));
+    let ahead = stepper.horizon().after(u32::from(clear())).since(now);
+    let known = now.after(ahead.max(u32::from(foresee)));
     if state() == NONE {
         let place = &raw mut verbs_place;
         // SAFETY: queues are empty, and nobody refers to this; zeros are what it may be (see `Verbs`). Not by value: that would be
@@ -152,8 +153,8 @@ pub(crate) fn begin(orders: &Orders<'_>) -> Result<(), Refusal> {
     Ok(())
 }
 
-/// Has motors do what is ordered. Waits until all that is settled has been taken by the motors: it is, unless a move has just ended
-/// and another begins; 2 ms at most.
+/// Has motors do what is ordered. Waits until that can be: it can, unless in what is settled one move ends, the next one begins, and
+/// the motor has not come to that; some milliseconds at most.
 ///
 /// # Errors
 /// As [`Verbs::obey`].
@@ -163,7 +164,7 @@ pub(crate) fn obey(orders: &Orders<'_>) -> Result<(), Refusal> {
     loop {
         let stepper = task::lock();
         let Some(place) = place(&stepper) else { return Err(Refusal::of(Reason::NotArmed)) };
-        if place.verbs.is_used_up() {
+        if place.verbs.can_obey() {
             place.verbs.obey(orders)?;
             place.used_up = 0;
             return Ok(());
@@ -178,7 +179,8 @@ pub(crate) fn obey(orders: &Orders<'_>) -> Result<(), Refusal> {
 pub(crate) fn encode_obeyed(frame: &mut Encoder<'_>) {
     let guard = task::lock();
     if let Some(place) = place(&guard) {
-        place.verbs.encode_obeyed(frame);
+        let (at, motors) = place.verbs.obeyed();
+        orders::encode_obeyed(extended(at), motors, frame);
     }
 }
 
@@ -272,20 +274,18 @@ extern "C" fn verbs_advance(limit: u32) -> u32 {
     let place = &raw mut verbs_place;
     // SAFETY: the task calls this while verbs have the motors, and a guard would have kept it out.
     let place = unsafe { &mut *place };
-    let foresee = i32::from(my_limits().foresee);
+    let next = now.after(u32::from(my_limits().foresee));
     let mut known = place.verbs.known();
-    // Until it is to be put off.
-    let mut left = Moment::of(known).since(now).cast_signed() - foresee + i32::from(SLICE);
-    if left < 0 {
-        known = known.wrapping_add_signed(i64::from(i32::from(SLICE) - left));
-        left = i32::from(SLICE);
+    // Ticks until it is to be put off by a slice, in 16 bits where that matters.
+    let mut left = known.after(u32::from(SLICE)).since(next);
+    if known.after(u32::from(SLICE)).is_before(next) {
+        (known, left) = (next, u32::from(SLICE));
         place.verbs.foresee(known);
         place.used_up = 0;
     }
-    let counts = left.min(i32::from(SLICE)) as u16 / 64;
     // SAFETY: one byte, the task's alone.
-    unsafe { (&raw mut DUE).write(counts as u8 + 1) };
-    Moment::of(known).before(u32::from(clear())).0
+    unsafe { (&raw mut DUE).write((left.min(u32::from(SLICE)) as u16 / 64) as u8 + 1) };
+    known.before(u32::from(clear())).0
 }
 
 /// For the task: the next steps of a motor that has none left, into its registers; gives 1 if there are none yet.

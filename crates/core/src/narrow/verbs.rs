@@ -9,9 +9,8 @@
 use crate::verbs::motor::Task;
 use crate::verbs::{Course, Verb};
 use crate::wire::Refusal;
-use crate::wire::frame::Encoder;
 use crate::wire::message::Reason;
-use crate::wire::orders::{Next, Orders, encode_obeyed};
+use crate::wire::orders::{Next, Orders};
 use crate::{Direction, Moment};
 
 /// The longest period, ticks: 67 s at 16 MHz.
@@ -68,6 +67,8 @@ struct Motor {
     done: u32,
     untold: u8,
     dones: [Done; MOST_UNTOLD],
+    /// Steps that were taken for an order's sake, and are next.
+    next: Option<Steps>,
 }
 
 impl Motor {
@@ -157,7 +158,12 @@ impl Motor {
         }
     }
 
+    #[inline(never)]
     fn take(&mut self, until: Moment, turn: u16) -> Option<Steps> {
+        let next = self.next.take();
+        if next.is_some() {
+            return next;
+        }
         let Some(first) = self.due_before(until, turn) else {
             self.forget(until);
             return None;
@@ -228,10 +234,10 @@ pub struct Verbs {
     /// As in [`Limits`](crate::verbs::Limits).
     shortest: u16,
     turn: u16,
-    /// What happens before this tick is settled.
-    known: u64,
-    /// What came of the last order: from which tick on it holds, and what motors do there.
-    obeyed: (u64, [Next; MOTORS]),
+    /// What happens before it is settled.
+    known: Moment,
+    /// What came of the last order: from when on it holds, and what motors do there.
+    obeyed: (Moment, [Next; MOTORS]),
 }
 
 impl Verbs {
@@ -250,37 +256,38 @@ impl Verbs {
             done: 0,
             untold: 0,
             dones: [Done { at: open, number: 0 }; MOST_UNTOLD],
+            next: None,
         };
         Verbs {
             motors: [none; MOTORS],
             count: 0,
             shortest: 0,
             turn: 0,
-            known: 0,
-            obeyed: (0, [Next { position: 0, wait: 0 }; MOTORS]),
+            known: open,
+            obeyed: (open, [Next { position: 0, wait: 0 }; MOTORS]),
         }
     }
 
     /// Begins with motors at rest at these positions, [`MOTORS`] at most; nothing happens before `known`. Moves of the motors before that
     /// were done and not told yet are [told](Verbs::take_done) still. Limits are as in [`Limits`](crate::verbs::Limits).
-    pub fn begin(&mut self, positions: impl Iterator<Item = i32>, (shortest, turn, period): (u16, u16, u32), known: u64) {
+    pub fn begin(&mut self, positions: impl Iterator<Item = i32>, (shortest, turn, period): (u16, u16, u32), known: Moment) {
         (self.count, self.shortest, self.turn, self.known) = (0, shortest, turn, known);
-        let open = Moment::of(known);
+        let open = known;
         for (motor, position) in self.motors.iter_mut().zip(positions) {
             motor.told = Told { period, course: Course::Forward, task: Task::Rest, waiting: Task::Rest, open };
-            (motor.follows, motor.position, motor.done) = (false, position, 0);
+            (motor.follows, motor.position, motor.done, motor.next) = (false, position, 0, None);
             self.count += 1;
         }
     }
 
-    /// What happens before this tick is settled: an order holds from there on.
+    /// What happens before this is settled: an order holds from there on.
     #[must_use]
-    pub const fn known(&self) -> u64 {
+    pub const fn known(&self) -> Moment {
         self.known
     }
 
     /// From now on, what happens before `until` is settled.
-    pub const fn foresee(&mut self, until: u64) {
+    pub const fn foresee(&mut self, until: Moment) {
         self.known = until;
     }
 
@@ -291,22 +298,28 @@ impl Verbs {
     /// The next evenly spaced steps of a motor before [`known`](Verbs::known) (less than 2^29 ticks after the last call's); `None` if there
     /// are no more.
     pub fn take(&mut self, motor: u8) -> Option<Steps> {
-        let (until, turn) = (Moment::of(self.known), self.turn);
+        let (until, turn) = (self.known, self.turn);
         self.motors.get_mut(usize::from(motor))?.take(until, turn)
     }
 
-    /// Whether all steps before [`known`](Verbs::known) were taken. Only then an order can hold from there on.
-    pub fn is_used_up(&mut self) -> bool {
-        let (until, turn) = (Moment::of(self.known), self.turn);
-        self.motors().iter_mut().all(|motor| motor.due_before(until, turn).is_none())
+    /// Whether an order can hold from [`known`](Verbs::known) on: no motor has more to take before it than its next steps, which are
+    /// put by.
+    pub fn can_obey(&mut self) -> bool {
+        let (until, turn) = (self.known, self.turn);
+        self.motors().iter_mut().all(|motor| {
+            if motor.next.is_none() {
+                motor.next = motor.take(until, turn);
+            }
+            motor.due_before(until, turn).is_none()
+        })
     }
 
-    /// Does all of what is ordered, from [`known`](Verbs::known) on, or none of it. All is [used up](Verbs::is_used_up).
+    /// Does all of what is ordered, from [`known`](Verbs::known) on, or none of it. It [can](Verbs::can_obey).
     ///
     /// # Errors
     /// As [`crate::verbs::Verbs::obey`].
     pub fn obey(&mut self, orders: &Orders<'_>) -> Result<(), Refusal> {
-        let (at, shortest, turn) = (Moment::of(self.known), self.shortest, self.turn);
+        let (at, shortest, turn) = (self.known, self.shortest, self.turn);
         for motor in &mut self.motors {
             motor.before = motor.told;
         }
@@ -331,10 +344,11 @@ impl Verbs {
         Ok(())
     }
 
-    /// Writes what came of the last order: an [`Obeyed`](crate::wire::orders::Obeyed).
-    pub fn encode_obeyed(&self, frame: &mut Encoder<'_>) {
-        let (tick, motors) = &self.obeyed;
-        encode_obeyed(*tick, motors.get(..usize::from(self.count)).unwrap_or_default(), frame);
+    /// What came of the last order, as an [`Obeyed`](crate::wire::orders::Obeyed) has it: from when on it holds, and what motors do there.
+    #[must_use]
+    pub fn obeyed(&self) -> (Moment, &[Next]) {
+        let (at, motors) = &self.obeyed;
+        (*at, motors.get(..usize::from(self.count)).unwrap_or_default())
     }
 
     /// A move that was done by `now` and was not told yet: the motor, when, and how many of its moves are done with it, wrapping. To be
@@ -381,6 +395,7 @@ impl Verbs {
     pub fn stop(&mut self, at: Option<Moment>) {
         for motor in self.motors() {
             motor.halt();
+            motor.next = None;
             while motor.untold > 0 && at.is_none_or(|at| at.is_before(motor.dones[0].at)) {
                 motor.dones.rotate_left(1);
                 motor.untold -= 1;
