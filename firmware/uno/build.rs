@@ -2,7 +2,7 @@
 
 fn main() {
     // As src/memory.rs has it; memory.ld compares.
-    let pool = if std::env::var_os("CARGO_FEATURE_VERBS").is_some() { 376 } else { 396 };
+    let pool = if std::env::var_os("CARGO_FEATURE_VERBS").is_some() { 368 } else { 396 };
     let folder = std::env::var("CARGO_MANIFEST_DIR").unwrap_or_default();
     println!("cargo::rerun-if-changed=memory.ld");
     println!("cargo::rustc-link-arg-bins={folder}/memory.ld");

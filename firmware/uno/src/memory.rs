@@ -21,7 +21,7 @@ use core::arch::global_asm;
 use core::mem::MaybeUninit;
 
 /// Bytes of all motors' queues together; [`PAGE`] more where one ring and no merge serves them.
-pub(crate) const POOL: usize = if OBEYS { 376 } else { 396 };
+pub(crate) const POOL: usize = if OBEYS { 368 } else { 396 };
 /// Bytes of a ring.
 const PAGE: usize = 256;
 /// Room for the longest reply: Status of four motors, and a zero before it.

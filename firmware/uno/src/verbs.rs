@@ -252,12 +252,13 @@ fn my_limits() -> Limits {
 pub(crate) fn set_up(configuration: &Configuration<'_>) {
     let Configuration { pulse_ticks, setup_ticks, hold_ticks, .. } = *configuration;
     let [short, long] = SHORTEST;
-    let (mut shortest, mut foresee) = (0, FORESEE);
-    for _ in configuration.motors() {
-        foresee += FORESEE_MORE;
-        shortest += if pulse_ticks <= SHORT { short } else { long } + PULSES * pulse_ticks;
-    }
-    let limits = Limits { shortest, turn: TURN + pulse_ticks + setup_ticks + hold_ticks, foresee };
+    let each = if pulse_ticks <= SHORT { short } else { long } + PULSES * pulse_ticks;
+    let motors = configuration.motors().len() as u16;
+    let limits = Limits {
+        shortest: each * motors,
+        turn: TURN + pulse_ticks + setup_ticks + hold_ticks,
+        foresee: FORESEE + FORESEE_MORE * motors,
+    };
     // SAFETY: main alone writes it, while verbs do not have the motors.
     unsafe { (&raw mut LIMITS).write(limits) }
 }
