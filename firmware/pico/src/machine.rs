@@ -30,8 +30,8 @@ const NEWS: usize = 8;
 /// Kinds of faults of a motor's queue.
 const FAULTS: usize = 3;
 
-/// What motors do that are told directly is worked out so many ticks at least at once: 0.1 ms.
-const SLICE: u64 = TICK_HZ as u64 / 10_000;
+/// What motors do that are told directly is worked out so much farther than words are to be written, ticks: 0.1 ms.
+const FARTHER: u64 = TICK_HZ as u64 / 10_000;
 
 static VERBS: Once<Verbs> = Once::new(Verbs::new());
 
@@ -185,8 +185,8 @@ impl Board {
     #[inline(never)]
     fn work_out(&mut self) {
         let Board { verbs, stepper, clock, pace, .. } = self;
-        let until = clock.now() + u64::from(stepper.foresight(*pace)) + SLICE;
-        if until >= verbs.known() + SLICE && stepper.has_room(MOST_ITEMS) {
+        let until = clock.now() + u64::from(stepper.foresight(*pace)) + FARTHER;
+        if until >= verbs.known() + u64::from(pace.slice) && stepper.has_room(MOST_ITEMS) {
             verbs.work_out::<FRACTION_BITS>(until, |motor, item| stepper.take(motor, item));
             stepper.follow_from(Moment::of(until));
         }
