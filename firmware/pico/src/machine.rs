@@ -376,12 +376,16 @@ impl Board {
         self.verbs.obey(orders).map(drop)
     }
 
-    /// Motors that are told directly forget what they do; with `all` false only [what has no end](Verbs::forsake).
-    pub(crate) fn halt(&mut self, all: bool) {
-        if self.obeys {
-            let stepper = &self.stepper;
-            self.uncertain |= self.verbs.forsake(all, |motor| u64::from(stepper.pull_in_ticks(motor)));
+    /// Motors that are told directly forget what they do; with `all` false only [what has no end](Verbs::forsake). Gives, bit by motor,
+    /// which ones were faster than they can stop.
+    pub(crate) fn halt(&mut self, all: bool) -> u8 {
+        if !self.obeys {
+            return 0;
         }
+        let stepper = &self.stepper;
+        let uncertain = self.verbs.forsake(all, |motor| u64::from(stepper.pull_in_ticks(motor)));
+        self.uncertain |= uncertain;
+        uncertain
     }
 
     /// A move that was done and not told yet; also after motors were stopped.
