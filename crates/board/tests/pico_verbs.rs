@@ -414,6 +414,33 @@ fn who_is_left_alone_stops() {
     }
 }
 
+/// A move that was done before a stop is told, however soon motors are armed and told anew; one that was not done is not.
+#[test]
+fn what_was_done_is_told_after_a_new_beginning() {
+    let period = 12_500;
+    let mut before = 0;
+    for late in 0..16 {
+        let Pair { mut pico, .. } = Pair::new(&drivers(1));
+        let obeyed =
+            pico.tell_motors(&[(0, Verb::Speed { ticks: period }), (0, Verb::Move { steps: 1 })]).expect("it can");
+        let done = obeyed.tick + period;
+        pico.advance(done - TICK_HZ / 1000 + late * TICK_HZ / 10_000, &mut |_: Edge| {});
+        let (stopped, _) = pico.stop_motors().expect("it stops");
+        pico.arm().expect("it can");
+        let obeyed =
+            pico.tell_motors(&[(0, Verb::Speed { ticks: period }), (0, Verb::Move { steps: 1 })]).expect("it can");
+        pico.advance(pico.now() + TICK_HZ / 100, &mut |_: Edge| {});
+        let told = pico.events().into_iter().filter(|event| event.cause == Cause::MoveDone);
+        let mut wanted = vec![(obeyed.tick + period, 1)];
+        if stopped.tick >= done {
+            wanted.insert(0, (done, 1));
+            before += 1;
+        }
+        assert_eq!(told.map(|event| (event.tick, event.detail)).collect::<Vec<_>>(), wanted, "{late}");
+    }
+    assert!((1..16).contains(&before), "{before} of them were done before the stop");
+}
+
 /// A move that goes on after Bye is stopped by the next host, which knows nothing of it, if it wants that.
 #[test]
 fn the_next_host_may_stop_what_goes_on() {
