@@ -65,7 +65,7 @@ fn wanted() -> Option<String> {
 
 /// Some of so many places of a fault: `few`, or as many times as many as there are rounds, evenly apart, from one on that the seed says.
 /// None of one that is not wanted.
-fn some(fault: &str, places: u64, few: u64, seed: u64) -> impl Iterator<Item = u64> {
+fn some(fault: &str, places: u64, few: u64, seed: u64) -> impl Iterator<Item = u64> + use<> {
     let stride = (places / (few * rounds())).max(1);
     let end = if wanted().is_none_or(|wanted| fault.contains(&wanted)) { places } else { 0 };
     (0..end).skip((seed.wrapping_mul(0x9e37_79b9) % stride) as usize).step_by(stride as usize)

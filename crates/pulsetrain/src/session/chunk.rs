@@ -47,7 +47,7 @@ impl<B: Board> Session<'_, B> {
                 .capacity
                 .iter()
                 .zip(left)
-                .map(|(capacity, left)| (capacity - self.spare(*capacity)).saturating_sub(left))
+                .map(|(capacity, left)| capacity.saturating_sub(self.spare(*capacity) + left))
                 .collect();
             match self.chunk_within(self.tail, &rooms, self.pace.shortest_with(self.margin)) {
                 Err(SessionError::QueueTooShort { .. }) if self.hurry() => {}
@@ -150,8 +150,8 @@ impl<B: Board> Session<'_, B> {
     }
 
     /// What is to stay free of an empty queue.
-    const fn spare(&self, capacity: usize) -> usize {
-        if self.pace.is_hurried() { 0 } else { capacity / self.reserve }
+    fn spare(&self, capacity: usize) -> usize {
+        if self.pace.is_hurried() { 0 } else { (capacity / self.reserve).max(1) }
     }
 
     /// Pushes what there is room for, but for what is to stay free if it `keeps` that; `true` when nothing of the chunk is
