@@ -96,7 +96,7 @@ fn a_hundred_commands_back_to_back() {
 #[test]
 fn it_answers() {
     let mut lab = Lab::new();
-    for line in ["ping", "version", "a x nan", "strict 1", "a xq 1", "d x 5*00", "srate 0"] {
+    for line in ["ping", "version", "a x nan", "a 5", "strict 1", "a xq 1", "d x 5*00", "srate 0"] {
         lab.tell(line);
     }
     lab.run_to(50);
@@ -105,6 +105,7 @@ fn it_answers() {
         "awake",
         "id StepperWinch Nov 21 2026",
         "err number 3",
+        "err flags 2",
         "err flags 2",
         "err checksum 3",
         "dbg invalid srate value",

@@ -39,14 +39,13 @@ fn main() {
         spacing(&uno, &format!("{speed} steps/s, 4 axes"), [speed; 4]);
     }
     spacing(&uno, "10000, 9990, −9970 and 9930 steps/s", [10_000, 9990, -9970, 9930]);
-    // As costly lines as there are at the full rate; at 10 000 steps/s, as docs/winch.md says, no shorter `g` than this one.
+    // As costly lines as there are at the full rate.
     effect(&uno, 0, None);
     effect(&uno, 0, Some("g yza 5 1"));
-    effect(&uno, 8000, Some("g yza 5 1"));
-    for between in [None, Some("d y 0"), Some("d yza 0 0 0"), Some("g yza 1.25 0.75"), Some("g yza 1.147198 0.333333")]
-    {
-        effect(&uno, 10_000, between);
+    for between in ["d y 0", "d yza 0 0 0", "g y 5 1", "g yza 5 1", "g yza 1.147198 0.333333"] {
+        effect(&uno, 10_000, Some(between));
     }
+    effect(&uno, 10_000, None);
     commands(&uno);
 }
 
