@@ -355,7 +355,7 @@ fn settings_are_kept_and_told() {
     assert_eq!(ask(&mut service, &mut machine, &[]), damaged);
     // Their silence is a configuration's that does not say one.
     let mut configuration = Configuration::new(&[]).expect("no motors");
-    for (seq, silence_ms, is) in [(10, 0, 300), (11, 700, 700)] {
+    for (seq, silence_ms, is) in [(11, 0, 300), (12, 700, 700)] {
         configuration.silence_ms = silence_ms;
         say(&mut service, &mut machine, &frame(&Command::Configure(configuration), seq, Tag(1)), 0);
         assert!(hear(&mut service, &mut machine, 0).is_some());
