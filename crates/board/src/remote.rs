@@ -13,7 +13,7 @@ use pulsetrain_core::packing::Packing;
 use pulsetrain_core::verbs::Verb;
 use pulsetrain_core::wire::message::{Cause, Configuration, Event, Info, Measures, MotorSetup, NO_PIN, Status, flags};
 use pulsetrain_core::wire::orders::{Obeyed, Orders, order};
-use pulsetrain_core::wire::{Baud, Command, Reason, Reply, Settings, Stopped, Switched};
+use pulsetrain_core::wire::{Baud, Command, Reason, Reply, Settings, Stopped, Stored, Switched};
 use pulsetrain_core::{Entry, Epoch, Item, Moment};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -164,6 +164,9 @@ pub enum RemoteError {
         /// Its F.
         wanted_bits: u32,
     },
+    /// What was to be stored is not what it keeps then.
+    #[error("the board's memory did not take the settings: try again; if that does not help it is worn out")]
+    NotKept,
     /// Motors that the board moves for a host before this one do not come to rest.
     #[error("the board still moves motors for a host before this one")]
     StillMoving,
@@ -511,18 +514,18 @@ impl<P: Port> Remote<P> {
     /// [`Settings`] says.
     pub fn store(&mut self, settings: &Settings) -> Result<(), RemoteError> {
         let stored = self.settings(Some(*settings))?;
-        if stored == Some(*settings) { Ok(()) } else { Err(RemoteError::Nonsense) }
+        if stored.settings == Some(*settings) { Ok(()) } else { Err(RemoteError::NotKept) }
     }
 
-    /// What the board keeps without power; `None` if nothing was stored, or it was damaged.
+    /// What the board keeps without power.
     ///
     /// # Errors
     /// When the board is lost, or refuses: its motors are powered, or it keeps nothing.
-    pub fn stored(&mut self) -> Result<Option<Settings>, RemoteError> {
+    pub fn stored(&mut self) -> Result<Stored, RemoteError> {
         self.settings(None)
     }
 
-    fn settings(&mut self, settings: Option<Settings>) -> Result<Option<Settings>, RemoteError> {
+    fn settings(&mut self, settings: Option<Settings>) -> Result<Stored, RemoteError> {
         let answer = self.ask(&Command::Store(settings))?;
         match answer.reply {
             Reply::Stored(stored) => Ok(stored),

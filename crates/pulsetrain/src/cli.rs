@@ -182,7 +182,7 @@ Examples:
     Stop(Stop),
     /// Have a board keep settings without power, or tell those that it keeps
     #[command(after_help = "\
-What is not said stays as it was. Settings hold where nobody says otherwise: those of text from its next start on, `silence` from the next configuration on. A Pico keeps none yet.
+What is not said stays as it was. Settings hold where nobody says otherwise: those of text from its next start on, `silence` from the next configuration on.
 
 Examples:
   pulsetrain store --port /dev/ttyACM0
@@ -403,7 +403,7 @@ pub(crate) struct Store {
     #[arg(long, value_name = "PORT", required_unless_present = "board", conflicts_with = "board")]
     pub(crate) port: Option<String>,
     /// A virtual one, which forgets it again
-    #[arg(long, value_name = "BOARD", value_parser = ["uno"])]
+    #[arg(long, value_name = "BOARD", value_parser = ["uno", "pico"])]
     pub(crate) board: Option<String>,
     /// Text's axes stop when no command was obeyed for so long, or "off"
     #[arg(long, value_name = "TIME", value_parser = kept_time)]

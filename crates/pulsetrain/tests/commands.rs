@@ -380,8 +380,12 @@ fn a_virtual_uno_tells_of_itself() {
 
 #[test]
 fn a_board_keeps_settings() {
+    ["uno", "pico"].into_iter().for_each(keeps_settings);
+}
+
+fn keeps_settings(board: &str) {
     let said = |args: &[&str]| {
-        let outcome = pulsetrain(&[&["store", "--board", "uno"], args].concat());
+        let outcome = pulsetrain(&[&["store", "--board", board], args].concat());
         assert_eq!(outcome.exit, Exit::Success, "{}{}", outcome.out, outcome.err);
         outcome.out
     };

@@ -10,6 +10,7 @@
 //! - `link`, `usb`: the serial line, and the serial port over USB: one session, on whichever of them it was begun
 //! - `clock`: the chip's clocks, and SysTick extended to 64 bits
 //! - `baked`: a motion in the flash, which begins with the board
+//! - `store`: settings that are kept without power
 //! - `flash`: what is in it, and the number by which two boards are told apart
 //! - `reset`: the watchdog, and why the program began
 //! - `start`: vectors, and memory that there is one of
@@ -37,6 +38,7 @@ mod regs;
 mod reset;
 mod start;
 mod steps;
+mod store;
 mod talk;
 mod usb;
 mod winch;

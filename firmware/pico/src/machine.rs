@@ -7,7 +7,9 @@ use crate::reset;
 use crate::start::{self, Once};
 use crate::steps::MOTORS;
 use crate::steps::pins::{self, Layout};
+use crate::steps::pio;
 use crate::steps::stepper::{FRACTION_BITS, Halt, LONGEST, LONGEST_IDLE_MS, POOL, Pace, Stepper};
+use crate::store::Store;
 use crate::winch;
 use pulsetrain_core::narrow::EPOCHS;
 use pulsetrain_core::verbs::motor::MOST_ITEMS;
@@ -15,6 +17,7 @@ use pulsetrain_core::verbs::{Motor, Verbs};
 use pulsetrain_core::winch::path::Slice;
 use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, NO_PIN, flags};
 use pulsetrain_core::wire::orders::{Obeyed, Orders};
+use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{Baud, Encoder, Machine, Millis, Reason, Refusal, Stopped, Switched};
 use pulsetrain_core::{Epoch, Moment};
 
@@ -62,6 +65,7 @@ pub(crate) struct Board {
     last_stop: Cause,
     last_reset: Cause,
     pub(crate) measures: Measures,
+    pub(crate) store: Store,
 }
 
 /// The enable line of the drivers.
@@ -144,6 +148,7 @@ impl Board {
             last_stop: Cause::None,
             last_reset: reset::why(),
             measures: Board::NO_MEASURES,
+            store: Store::EMPTY,
         }
     }
 
@@ -449,6 +454,7 @@ impl Board {
 
 impl Machine for Board {
     const OBEYS: bool = true;
+    const STORES: bool = true;
 
     fn info(&mut self) -> Info {
         Info {
@@ -599,6 +605,32 @@ impl Machine for Board {
 
     fn obeyed(&self, frame: &mut Encoder<'_>) {
         self.obeyed.encode(frame);
+    }
+
+    fn store(&mut self, settings: Option<&[u8; SETTINGS_LEN]>) -> Result<(), Refusal> {
+        self.check_free()?;
+        if self.armed {
+            return Err(Refusal::of(Reason::Moving));
+        }
+        if let Some(settings) = settings {
+            let Board { store, clock, .. } = self;
+            // Nothing needs words, and no motion is read from the flash.
+            store.write(settings, || {
+                reset::kick_watchdog();
+                clock.now()
+            });
+        }
+        Ok(())
+    }
+
+    fn stored(&mut self, settings: &mut [u8; SETTINGS_LEN]) -> bool {
+        let kept = self.store.settings();
+        *settings = kept.copied().unwrap_or_default();
+        kept.is_some()
+    }
+
+    fn store_is_damaged(&self) -> bool {
+        self.store.is_damaged()
     }
 
     fn clock(&mut self) -> u64 {

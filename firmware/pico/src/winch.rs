@@ -25,7 +25,7 @@ use pulsetrain_core::winch::session::Session;
 use pulsetrain_core::winch::text::{Heard, Reader, Refusal, Verb, What};
 use pulsetrain_core::wire::message::{Configuration, Event, MOTOR_SETUP_LEN};
 use pulsetrain_core::wire::orders::Orders;
-use pulsetrain_core::wire::{Machine, Reason, Refusal as Refused, Service};
+use pulsetrain_core::wire::{Machine, Reason, Refusal as Refused, Service, Settings};
 
 /// Ticks of a slice, a millisecond: slices begin at the clock's multiples of it.
 pub(crate) const SLICE: u32 = TICK_HZ / 1000;
@@ -328,7 +328,8 @@ impl Winch {
         let on = !service.is_taken() && board.rests();
         let begins = on && !self.on;
         if begins {
-            *self = Winch::new();
+            let kept = board.store.settings().and_then(|bytes| Settings::decode(bytes)).unwrap_or_default();
+            *self = Winch { session: Session::keeping(&kept), ..Winch::new() };
             self.next = (board.clock.now() / u64::from(SLICE) + 1) * u64::from(SLICE);
         }
         self.on = on;

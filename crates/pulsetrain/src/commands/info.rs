@@ -9,7 +9,7 @@ use pulsetrain_core::wire::{Baud, VERSION};
 use serde::Serialize;
 
 use super::port_problem;
-use super::store::Kept;
+use super::store::{Kept, told};
 use crate::cli::At;
 use crate::console::{Console, Exit};
 use crate::drive::{DriveError, session_number};
@@ -53,6 +53,8 @@ pub(super) struct Said {
     starved: u16,
     /// What it keeps without power.
     keeps: Option<Kept>,
+    /// Something damaged was found where it keeps that.
+    keeps_damaged: bool,
 }
 
 pub(crate) fn run(args: &At, console: &mut Console<'_>) -> miette::Result<Exit> {
@@ -107,7 +109,7 @@ pub(crate) fn run(args: &At, console: &mut Console<'_>) -> miette::Result<Exit> 
     if let (Some(missed), Some(latest)) = (said.compares_missed, said.latest_ticks) {
         row("compares missed", format!("{missed}, the latest by {}", ticks(latest)));
     }
-    row("keeps", said.keeps.map_or("nothing".to_owned(), |kept| kept.told()));
+    row("keeps", told(said.keeps.as_ref(), said.keeps_damaged));
     row("starved", format!("{} times", said.starved));
     row("line faults", format!("{} bytes lost, {} frames damaged", said.lost_bytes, said.damaged_frames));
     console.print(&table)?;
@@ -147,7 +149,7 @@ pub(super) fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
         return Err(error.clone().into());
     }
     // A board whose motors are powered does not say, nor one that keeps nothing.
-    let keeps = remote.stored().ok().flatten().map(Kept::of);
+    let stored = remote.stored().unwrap_or_default();
     let compares = info.board == UNO;
     let said = Said {
         board: match info.board {
@@ -185,7 +187,8 @@ pub(super) fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
         compares_missed: compares.then_some(measures.late),
         latest_ticks: compares.then_some(measures.latest_ticks),
         starved: measures.starved,
-        keeps,
+        keeps: stored.settings.map(Kept::of),
+        keeps_damaged: stored.is_damaged,
     };
     remote.close();
     Ok(said)
