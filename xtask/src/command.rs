@@ -1,9 +1,11 @@
 //! Running a command, and saying which.
 
 use std::ffi::OsStr;
-use std::io::Write as _;
+use std::io::{Read as _, Write as _, pipe as os_pipe};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::Mutex;
+use std::{mem, thread};
 
 /// Why a task stopped.
 #[derive(Debug, thiserror::Error)]
@@ -57,12 +59,52 @@ pub(crate) fn run(command: &mut Command) -> Done {
     if status.success() { Ok(()) } else { Err(Failure::Status { command: text, status }) }
 }
 
+/// Runs all of them to their ends, one on each core at a time, also if some fail: then the first that did is the failure. What each
+/// prints comes in one piece, when it has ended.
+pub(crate) fn run_side_by_side(commands: Vec<Command>) -> Done {
+    let waiting = Mutex::new(commands.into_iter());
+    let failures = Mutex::new(Vec::new());
+    thread::scope(|scope| {
+        for _ in 0..thread::available_parallelism().map_or(1, usize::from) {
+            scope.spawn(|| {
+                while let Some(command) = unpoisoned(&waiting).next() {
+                    if let Err(failure) = run_apart(command) {
+                        unpoisoned(&failures).push(failure);
+                    }
+                }
+            });
+        }
+    });
+    mem::take(&mut *unpoisoned(&failures)).into_iter().next().map_or(Ok(()), Err)
+}
+
+/// Runs to the end; what it says to standard output and to standard error comes then, in the order in which it was said.
+fn run_apart(mut command: Command) -> Done {
+    let text = words(&command);
+    let start = |why| Failure::Start { command: text.clone(), why };
+    let (mut said, says) = os_pipe().map_err(start)?;
+    command.stdout(says.try_clone().map_err(start)?).stderr(says);
+    let mut child = command.spawn().map_err(start)?;
+    // The pipe ends when nobody can write to it any more.
+    drop(command);
+    let mut all = Vec::new();
+    said.read_to_end(&mut all).map_err(start)?;
+    let status = child.wait().map_err(start)?;
+    println!("$ {text}\n{}", String::from_utf8_lossy(&all));
+    if status.success() { Ok(()) } else { Err(Failure::Status { command: text, status }) }
+}
+
+/// No lock is held while anything could panic.
+fn unpoisoned<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+}
+
 /// Runs to the end with `input` on standard input, and gives back standard output.
 pub(crate) fn pipe(command: &mut Command, input: &str) -> Done<String> {
     let text = announce(command);
     let start = |why| Failure::Start { command: text.clone(), why };
     let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().map_err(start)?;
-    let output = std::thread::scope(|scope| {
+    let output = thread::scope(|scope| {
         // Both pipes at once: a child may answer before it has read all.
         let stdin = child.stdin.take();
         scope.spawn(move || stdin.map(|mut pipe| pipe.write_all(input.as_bytes())));
@@ -100,8 +142,12 @@ pub(crate) fn install_debian(package: &str) -> Done {
 }
 
 fn announce(command: &Command) -> String {
-    let words = std::iter::once(command.get_program()).chain(command.get_args());
-    let text = words.map(OsStr::to_string_lossy).collect::<Vec<_>>().join(" ");
+    let text = words(command);
     eprintln!("$ {text}");
     text
+}
+
+fn words(command: &Command) -> String {
+    let words = std::iter::once(command.get_program()).chain(command.get_args());
+    words.map(OsStr::to_string_lossy).collect::<Vec<_>>().join(" ")
 }

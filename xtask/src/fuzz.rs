@@ -33,6 +33,7 @@ pub(crate) fn run(seconds: u64, only: Option<&str>) -> Done {
         return Err(Failure::Check(format!("no such fuzz target; there are {names}")));
     }
     let binaries = build()?;
+    let mut fuzzers = Vec::new();
     for (name, seeds) in targets {
         let corpus = made(root().join("fuzz/corpus").join(name))?;
         let artifacts = made(root().join("fuzz/artifacts").join(name))?;
@@ -42,9 +43,9 @@ pub(crate) fn run(seconds: u64, only: Option<&str>) -> Done {
         // A hang is a failure too: no input of a few kilobytes needs seconds.
         fuzzer.args(["-timeout=10", "-rss_limit_mb=2048", "-print_final_stats=1", "-verbosity=0"]);
         fuzzer.arg(format!("-artifact_prefix={}/", artifacts.display()));
-        command::run(&mut fuzzer)?;
+        fuzzers.push(fuzzer);
     }
-    Ok(())
+    command::run_side_by_side(fuzzers)
 }
 
 /// Builds all targets; gives back the folder with the binaries.

@@ -154,10 +154,10 @@ impl NativeVerbs {
         self.native.positions()
     }
 
-    /// All motors forget what they were told: no step is made that was not worked out.
-    pub fn halt(&mut self) {
-        // They stop as they go, whatever their pull-in.
-        let _ = self.verbs.forsake(true, |_| 0);
+    /// All motors forget what they were told: no step is made that was not worked out. Gives those, bit by motor, that stop between two
+    /// steps: whoever of them was faster than it can stop may stand elsewhere than it counts.
+    pub fn halt(&mut self) -> u8 {
+        self.verbs.forsake(true, |_| u64::MAX)
     }
 
     /// Whether nothing moves, and nothing is to.

@@ -57,6 +57,8 @@ fn it_answers() {
     check("jump 3", &["err command 1"]);
     check("a x nan", &["err number 3"]);
     check("a x 99999999999", &["err range 3"]);
+    check("a 5", &["err flags 2"]);
+    check("v 100", &["err flags 2"]);
     check("g x 30 1", &["err range 3 0.01..20 Hz"]);
     check("a x 1*00", &["err checksum 3"]);
     check("srate 0", &["dbg invalid srate value"]);

@@ -364,16 +364,46 @@ fn gains() -> impl Strategy<Value = Command> {
     })
 }
 
-fn command() -> impl Strategy<Value = Command> {
+/// Gains and limits with which any motion is followed, as docs/winch.md states them: f·vmax ≤ amax, and ζ well above πf·(1 ms).
+fn calm() -> impl Strategy<Value = [Command; 2]> {
+    let log =
+        |low: f64, high: f64| (low.ln()..=high.ln()).prop_map(move |x| (x.exp().clamp(low, high) * 1e6).round() / 1e6);
+    let gains = prop_oneof![(log(0.01, 10.0), log(0.07, 5.0)), (log(10.0, 20.0), log(0.15, 5.0))];
+    // Half of them at the edge.
+    (gains, log(50.0, 10_000.0), prop_oneof![Just(0.0), 0.0..1.0]).prop_map(|((frequency, ratio), vmax, part)| {
+        let least = (frequency * vmax).max(1.0);
+        let amax = least * (f64::from(STEEPEST) / least).powf(part);
+        [Command::Gains(frequency, ratio), Command::Limits(vmax, (amax * 1e3).ceil() / 1e3)]
+    })
+}
+
+fn wish() -> impl Strategy<Value = Command> {
     prop_oneof![
         (-20_000..20_000).prop_map(Command::Target),
         (-2000..2000).prop_map(Command::Move),
         (-4000..4000_i16).prop_map(Command::Drift),
         (-500..500).prop_map(Command::Impulse),
         prop_oneof![Just(0), 1..5000_u16].prop_map(Command::Ramp),
-        gains(),
-        (50..12_000, 200..300_000).prop_map(|(v, a): (i32, i32)| Command::Limits(v.into(), a.into())),
     ]
+}
+
+fn command() -> impl Strategy<Value = Command> {
+    prop_oneof![
+        5 => wish(),
+        1 => gains(),
+        1 => (50..12_000, 200..300_000).prop_map(|(v, a): (i32, i32)| Command::Limits(v.into(), a.into())),
+    ]
+}
+
+/// Commands at their times, each so long after the one before, ms; and when the last is over.
+fn timed(first: &[Command], commands: Vec<(u32, Command)>) -> (Vec<(u32, Command)>, u32) {
+    let mut at = 0;
+    let mut timed: Vec<_> = first.iter().map(|command| (0, *command)).collect();
+    for (wait, command) in commands {
+        at += wait;
+        timed.push((at, command));
+    }
+    (timed, at + 5000)
 }
 
 proptest! {
@@ -381,14 +411,19 @@ proptest! {
 
     #[test]
     fn it_follows_the_recurrence(first in gains(), commands in prop::collection::vec((1..1500_u32, command()), 1..12)) {
-        let mut at = 0;
-        let mut timed = vec![(0, first)];
-        for (wait, command) in commands {
-            at += wait;
-            timed.push((at, command));
-        }
-        let (worst, apart) = compare(&timed, at + 5000);
+        let (commands, ms) = timed(&[first], commands);
+        let (worst, apart) = compare(&commands, ms);
         prop_assume!(apart < 1e-2);
+        prop_assert!(worst < 0.1, "{} step", worst);
+    }
+
+    #[test]
+    fn any_motion_is_followed_where_it_is_calm(
+        first in calm(),
+        commands in prop::collection::vec((1..2500_u32, wish()), 1..12),
+    ) {
+        let (commands, ms) = timed(&first, commands);
+        let (worst, _) = compare(&commands, ms);
         prop_assert!(worst < 0.1, "{} step", worst);
     }
 

@@ -279,6 +279,10 @@ fn what_would_do_harm() {
     refuse("enable on", What::Number, 2);
     refuse("srate", What::Missing, 2);
     refuse("g x 1", What::Missing, 4);
+    // The axis forgotten: the value is no axis, and nothing is done.
+    for line in ["a 5", "d 5", "v -5", "r 1", "s 100", "g 2 1", "l 1000 1000", "a q 1", "d 1 2 3"] {
+        refuse(line, What::Flags, 2);
+    }
     refuse("l xyza", What::Missing, 3);
 }
 
@@ -286,7 +290,6 @@ fn what_would_do_harm() {
 fn what_the_original_lets_pass() {
     check_lenient("a xyza 1 2", axes(Verb::Target, 3, [1, 2, 0, 0]), What::Missing, 5);
     check_lenient("a xqy 1 2", axes(Verb::Target, 3, [1, 2, 0, 0]), What::Flags, 2);
-    check_lenient("a q 1", axes(Verb::Target, 0, [0; 4]), What::Flags, 2);
     check_lenient("a x 1 2", axes(Verb::Target, 1, [1, 0, 0, 0]), What::Extra, 4);
     check_lenient("a x 1 what", axes(Verb::Target, 1, [1, 0, 0, 0]), What::Extra, 4);
     check_lenient("a xx 5 7", axes(Verb::Target, 1, [7, 0, 0, 0]), What::Flags, 2);

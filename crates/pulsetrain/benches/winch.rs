@@ -32,22 +32,33 @@ fn main() {
     for speed in [0, 4000, 10_000] {
         let mut uno = uno.clone();
         uno.drift(&format!("{speed} {speed} {speed} {speed}"));
-        let load = uno.load(0.5);
-        row("load, 4 axes", &format!("{speed} steps/s each"), &format!("{:.1} %", 100.0 * load), load <= MOST_LOAD);
+        load(&uno, &format!("{speed} steps/s each"));
     }
+    // A constant speed costs the least: nothing pulls.
+    let mut swinging = uno.clone();
+    swinging.drift("9000 9000 9000 9000");
+    for line in ["g xyza 1 0.07", "d xyza 100 100 100 100"] {
+        swinging.tell(line);
+    }
+    swinging.run(0.1);
+    load(&swinging, "8400 to 9600 steps/s each, swinging");
     for speed in [100, 1234, 4000, 10_000] {
         spacing(&uno, &format!("{speed} steps/s, 4 axes"), [speed; 4]);
     }
     spacing(&uno, "10000, 9990, −9970 and 9930 steps/s", [10_000, 9990, -9970, 9930]);
-    // As costly lines as there are at the full rate; at 10 000 steps/s, as docs/winch.md says, no shorter `g` than this one.
+    // As costly lines as there are at the full rate.
     effect(&uno, 0, None);
     effect(&uno, 0, Some("g yza 5 1"));
-    effect(&uno, 8000, Some("g yza 5 1"));
-    for between in [None, Some("d y 0"), Some("d yza 0 0 0"), Some("g yza 1.25 0.75"), Some("g yza 1.147198 0.333333")]
-    {
-        effect(&uno, 10_000, between);
+    for between in ["d y 0", "d yza 0 0 0", "g y 5 1", "g yza 5 1", "g yza 1.147198 0.333333"] {
+        effect(&uno, 10_000, Some(between));
     }
+    effect(&uno, 10_000, None);
     commands(&uno);
+}
+
+fn load(uno: &Uno, at: &str) {
+    let load = uno.load(0.5);
+    row("load, 4 axes", at, &format!("{:.1} %", 100.0 * load), load <= MOST_LOAD);
 }
 
 fn row(what: &str, at: &str, figure: &str, holds: bool) {

@@ -90,7 +90,7 @@ pub enum What {
     Nothing,
     /// No such command.
     Command,
-    /// A flag that is no axis, or an axis twice. Only when strict.
+    /// No axis among the flags, as when they are forgotten. When strict, also a flag that is no axis, or an axis twice.
     Flags,
     /// Not a number, or not a whole one where one is needed.
     Number,
@@ -437,7 +437,7 @@ impl Reader {
             }
             flag = self.at;
             left = self.read_flags();
-            if self.strict && left == u8::MAX {
+            if self.axes == 0 || self.strict && left == u8::MAX {
                 return What::Flags;
             }
             if self.verb.is_decimal() {

@@ -49,6 +49,8 @@ pub(crate) struct Pace {
     late: u32,
     /// A motor that has less comes before what the host says.
     behind: u32,
+    /// What motors do that are told directly is worked out for so long at least at once: each time takes some 2000 cycles a motor.
+    pub(crate) slice: u32,
 }
 
 /// 0.1 ms, ticks.
@@ -61,21 +63,17 @@ impl Pace {
     /// Of motors that are told directly, by the main loop: what is written can be told otherwise no more.
     pub(crate) const NEAR: Pace = Pace::of_main_loop(12 * TENTH_MS);
 
-    /// The same by an interrupt, which is never late: as seldom as can be.
-    pub(crate) const SELDOM: Pace = Pace {
-        ahead: 16 * TENTH_MS,
-        refill: 4 * TENTH_MS,
-        soon: 10 * TENTH_MS,
-        least: 16 * TENTH_MS,
-        spare: 12 * TENTH_MS,
-        late: 0,
-        behind: 0,
-    };
+    /// The same by an interrupt, as seldom as can be: it comes while the words that are left last for a round of so many motors, and as
+    /// much longer as it may be late. A verb then holds 2 ms later at most.
+    pub(crate) const fn of_interrupt(count: u8) -> Pace {
+        let (ahead, refill) = (18 * TENTH_MS, (7 + count as u32) * TENTH_MS / 2);
+        Pace { ahead, refill, soon: refill + 6 * TENTH_MS, least: ahead, spare: ahead - refill, late: 0, behind: 0, slice: 4 * TENTH_MS }
+    }
 
     const fn of_main_loop(ahead: u32) -> Pace {
         let refill = ahead / 4 * 3;
         let spare = ahead / 8;
-        Pace { ahead, refill, soon: refill, least: refill, spare, late: spare, behind: ahead / 2 }
+        Pace { ahead, refill, soon: refill, least: refill, spare, late: spare, behind: ahead / 2, slice: TENTH_MS }
     }
 }
 
@@ -635,7 +633,7 @@ fn limits(words: &Words<FRACTION_BITS>, count: u8, setup: u32, pulse: u32) -> Li
 
 /// What a step costs of the processor's time while motors are told directly, with room for all else, cycles: of a driver, and of coils.
 const STEP_TICKS: u32 = 125;
-const PATTERN_TICKS: u32 = 4000;
+const PATTERN_TICKS: u32 = 1000;
 
 /// The period until another is said, ticks: 1000 steps/s, as fast as the motors of seed 002 turn.
 const FIRST_PERIOD: u32 = TICK_HZ / 1000;

@@ -131,14 +131,12 @@ winch_obey_inside:
 
 ; g: k = f f C, b = f ratio C, each as its four highest bytes and where they are.
 20:
-    std Y+22, r22
-    std Y+23, r23
-    std Y+24, r24
-    std Y+25, r25
     ldd r18, Z+4
     ldd r19, Z+5
     ldd r20, Z+6
     ldd r21, Z+7
+    movw r10, r22
+    movw r12, r24
     ldi r30, 1
     rcall winch_factor
     ldi r22, lo8(59343007)
@@ -151,12 +149,10 @@ winch_obey_inside:
     std Y+28, r20
     std Y+29, r21
     std Y+31, r30
-    ldd r22, Y+22
-    ldd r23, Y+23
-    ldd r24, Y+24
-    ldd r25, Y+25
-    movw r18, r22
-    movw r20, r24
+    movw r22, r10
+    movw r24, r12
+    movw r18, r10
+    movw r20, r12
     ldi r30, 2
     rcall winch_factor
     ldi r22, lo8(47726478)
@@ -244,24 +240,23 @@ winch_thousandfold:
 
 ; r18-r21 = the four highest bytes of X times r18-r21; r30 goes up by the bytes that are above them in 64 bits.
 winch_factor:
-    rcall winch_clear
-    clr r27
+    ldi r27, 0x80
     rcall winch_product
 1:
-    tst r17
+    tst r9
     brne 2f
-    mov r17, r16
-    mov r16, r15
-    mov r15, r14
-    mov r14, r13
-    mov r13, r12
-    mov r12, r11
-    mov r11, r10
+    mov r9, r8
+    mov r8, r7
+    mov r7, r6
+    mov r6, r5
+    mov r5, r4
+    mov r4, r3
+    mov r3, r2
     inc r30
     rjmp 1b
 2:
-    movw r18, r14
-    movw r20, r16
+    movw r18, r6
+    movw r20, r8
     ret
 
 ; r10-r15 += the six bytes at Z, as far as 48 bits go. Z is behind them then.

@@ -12,7 +12,8 @@
 ;
 ; While a line is read:
 ;   X        the cursor
-;   r16      verb                        r13  values that are wanted
+;   r16      verb, and 0x10 if its numbers are decimals: 0x15 is g, 0x16 l
+;   r13      values that are wanted
 ;   r17      values so far               r14:15  the flags that are left
 ;   r18-r21  a number's digits           r22  its power of ten       r23  bit 0 minus, bit 1 point, bit 2 digits
 
@@ -217,7 +218,7 @@ winch_listen:
     mov r24, r25
     tst r24
     brne 18f
-    mov r24, r16
+    ldd r24, Y+6
     ori r24, 0x80
 18:
     pop r17
@@ -306,19 +307,6 @@ winch_bit:
     ret
     lsl r25
     lsl r25
-    ret
-
-; Carry: the verb's numbers are not decimals.
-winch_is_whole:
-    cpi r16, 5
-    brcs 1f
-    cpi r16, 7
-    brcc 2f
-    clc
-    ret
-2:
-    sec
-1:
     ret
 
 ; A sign, if there is one, is passed by; T: minus.
@@ -452,16 +440,19 @@ winch_read:
     std Y+7, r24
     rjmp 7b
 10:
+    ldi r24, 2                  ; Flags
+    tst r13
+    breq 12f
     ldd r25, Y+0
     brtc 11f
-    ldi r24, 2                  ; Flags
     sbrc r25, 0
+12:
     ret
 11:
-    rcall winch_is_whole
-    brcs 20f
-    ldi r24, 2
-    mov r13, r24
+    cpi r16, 5
+    brlo 20f
+    ori r16, 0x10
+    mov r13, r24                ; two, whatever they are for
 
 ; The values.
 20:
@@ -485,8 +476,8 @@ winch_read:
     rcall winch_number
     brcc .+2
     rjmp 16f
-    rcall winch_is_whole
-    brcs 23f
+    sbrs r16, 4
+    rjmp 23f
     rcall winch_take_decimal
     rjmp 24f
 23:
@@ -507,10 +498,8 @@ winch_read:
     tst r17
     breq 15f
     ldd r25, Y+0
-    sbrc r25, 0
-    rjmp 15f
-    rcall winch_is_whole
-    brcs 17f
+    sbrs r25, 0
+    sbrc r16, 4
 15:
     ldi r24, 5                  ; Missing
 17:
@@ -537,8 +526,8 @@ winch_number:
     ori r23, 4
     sbrs r23, 1
     rjmp 2f
-    rcall winch_is_whole
-    brcs 4f
+    sbrs r16, 4
+    rjmp 4f
 2:
     mov r0, r24
     ldi r24, 0x99
@@ -576,8 +565,8 @@ winch_number:
     ori r24, 0x20
     cpi r24, 0x65
     brne 11f
-    rcall winch_is_whole
-    brcs 11f
+    sbrs r16, 4
+    rjmp 11f
     adiw r26, 1
     rcall winch_sign
     andi r23, 0xfb
@@ -621,7 +610,7 @@ winch_number:
 ; The number is a decimal, that of gains or limits whose turn it is: r24 is what is wrong with it.
 winch_take_decimal:
     subi r22, 0xfd
-    cpi r16, 5
+    cpi r16, 0x15
     brne 1f
     subi r22, 0xfd
 1:
@@ -713,7 +702,7 @@ winch_take_decimal:
 ; Between least and most; more than a limit's most is taken as that, but when strict.
 7:
     mov r24, r16
-    subi r24, 5
+    subi r24, 0x15
     lsl r24
     add r24, r17
     swap r24
@@ -727,7 +716,7 @@ winch_take_decimal:
     rcall winch_compare
     breq 8f
     brcs 8f
-    cpi r16, 5
+    cpi r16, 0x15
     breq 10f
     ldd r25, Y+0
     sbrc r25, 0
@@ -743,7 +732,7 @@ winch_take_decimal:
 10:
     ldi r24, 10                 ; Frequency, and Ratio
     add r24, r17
-    cpi r16, 5
+    cpi r16, 0x15
     breq 12f
     ldi r24, 4                  ; Range
 12:

@@ -328,13 +328,13 @@ winch_tick_inside:
     sbc r25, r7
     tst r9
     brne 45f
-    movw r30, r24
+    ldd r30, Y+20
+    ldd r31, Y+21
+    add r30, r24
+    adc r31, r25
     sub r30, r20
     sbc r31, r21
-    ldd r27, Y+20
-    add r30, r27
-    ldd r27, Y+21
-    adc r31, r27
+    breq 45f                    ; both bytes: at rest, and at the drift's own speed
     mov r27, r31
     lsl r27
     sbc r27, r27
@@ -355,6 +355,7 @@ winch_tick_inside:
     sbc r6, r27
     sbc r7, r27
 46:
+    clr r16
     subi r18, 0x00
     sbci r19, 0x60
     sbci r20, 0xfc
@@ -363,14 +364,11 @@ winch_tick_inside:
     sbci r23, 0x60
     sbci r24, 0xfc
     sbci r25, 0xfd
-    clr r16
-    tst r25
     brpl 48f
 47:
+    inc r16
     subi r24, 0x18
     sbci r25, 0xfc
-    inc r16
-    tst r25
     brmi 47b
 48:
     subi r22, 0xff
@@ -488,27 +486,33 @@ winch_tick_inside:
     com r22
     com r23
 58:
-    movw r6, r22
+    ldi r27, 125                ; in r22, r24, r25: 16000 / 2^7 times that
+    mul r23, r27
+    movw r24, r0
+    mul r22, r27
+    mov r22, r0
+    add r24, r1
+    adc r25, r26
     rcall winch_ticks
-    std Z+2, r10
-    std Z+3, r11
-    std Z+4, r12
-    std Z+5, r13
+    std Z+2, r11
+    std Z+3, r12
+    std Z+4, r13
+    std Z+5, r14
     cpi r16, 2
     brcs 3f
-    movw r22, r6
     movw r20, r2
     rcall winch_ticks
     rjmp 4f
 3:
-    clr r10
     clr r11
-    movw r12, r10
+    clr r12
+    clr r13
+    clr r14
 4:
-    std Z+6, r10
-    std Z+7, r11
-    std Z+8, r12
-    std Z+9, r13
+    std Z+6, r11
+    std Z+7, r12
+    std Z+8, r13
+    std Z+9, r14
 59:
     clr r1
     ret
@@ -616,94 +620,82 @@ winch_clear:
     movw r12, r10
     movw r14, r10
     movw r16, r10
+winch_none:
     ret
 
 ; r10-r17 += X m / 256^n, towards 0, by sign and magnitude; m at Z, n in r27. All but the changing registers are
-; lost.
+; lost; r9 is 0. Nothing times m, as for a path at rest or at a constant speed, is soon done.
 winch_term:
+    mov r9, r22
+    or r9, r23
+    or r9, r24
+    or r9, r25
+    breq winch_none
     ld r18, Z+
     ld r19, Z+
     ld r20, Z+
     ld r21, Z+
 
-; The same with m in r18-r21; Z stays.
+; The same with m in r18-r21; Z stays. With bit 7 of r27 it is the product alone, in r2-r9.
 winch_product:
     bst r25, 7
     brtc 1f
     rcall winch_negate_x
 1:
+    clr r4
+    clr r5
+    movw r6, r4
+    movw r8, r4
+; Column by column: none needs more than three bytes.
     mul r22, r18
     movw r2, r0
-    mul r23, r19
-    movw r4, r0
-    mul r24, r20
-    movw r6, r0
-    mul r25, r21
-    movw r8, r0
     mul r22, r19
     add r3, r0
     adc r4, r1
-    adc r5, r26
-    adc r6, r26
-    adc r7, r26
-    adc r8, r26
-    adc r9, r26
     mul r23, r18
     add r3, r0
     adc r4, r1
     adc r5, r26
-    adc r6, r26
-    adc r7, r26
-    adc r8, r26
-    adc r9, r26
     mul r22, r20
     add r4, r0
     adc r5, r1
     adc r6, r26
-    adc r7, r26
-    adc r8, r26
-    adc r9, r26
+    mul r23, r19
+    add r4, r0
+    adc r5, r1
+    adc r6, r26
     mul r24, r18
     add r4, r0
     adc r5, r1
     adc r6, r26
-    adc r7, r26
-    adc r8, r26
-    adc r9, r26
     mul r22, r21
     add r5, r0
     adc r6, r1
     adc r7, r26
-    adc r8, r26
-    adc r9, r26
     mul r23, r20
     add r5, r0
     adc r6, r1
     adc r7, r26
-    adc r8, r26
-    adc r9, r26
     mul r24, r19
     add r5, r0
     adc r6, r1
     adc r7, r26
-    adc r8, r26
-    adc r9, r26
     mul r25, r18
     add r5, r0
     adc r6, r1
     adc r7, r26
-    adc r8, r26
-    adc r9, r26
     mul r23, r21
     add r6, r0
     adc r7, r1
     adc r8, r26
-    adc r9, r26
+    mul r24, r20
+    add r6, r0
+    adc r7, r1
+    adc r8, r26
     mul r25, r19
     add r6, r0
     adc r7, r1
     adc r8, r26
-    adc r9, r26
     mul r24, r21
     add r7, r0
     adc r8, r1
@@ -712,9 +704,23 @@ winch_product:
     add r7, r0
     adc r8, r1
     adc r9, r26
+    mul r25, r21
+    add r8, r0
+    adc r9, r1
+    sbrc r27, 7
+    ret
 2:
-    subi r27, 1
+    subi r27, 2
     brcs 3f
+    movw r2, r4
+    movw r4, r6
+    movw r6, r8
+    clr r8
+    clr r9
+    rjmp 2b
+3:
+    sbrs r27, 0
+    rjmp 4f
     mov r2, r3
     mov r3, r4
     mov r4, r5
@@ -723,9 +729,8 @@ winch_product:
     mov r7, r8
     mov r8, r9
     clr r9
-    rjmp 2b
-3:
-    brts 4f
+4:
+    brts 5f
     add r10, r2
     adc r11, r3
     adc r12, r4
@@ -736,7 +741,7 @@ winch_product:
     adc r17, r9
     clr r9
     ret
-4:
+5:
     sub r10, r2
     sbc r11, r3
     sbc r12, r4
@@ -748,37 +753,28 @@ winch_product:
     clr r9
     ret
 
-; r10-r13 = x inverse 16000 / 2^15; x in r20:r21, inverse in r22:r23.
+; r11-r14 = x y / 2^8; x in r20:r21, y in r22, r24, r25: less than 2^40 together.
 winch_ticks:
-    rcall winch_short
-    lsl r10
-    rol r11
-    rol r12
-    rol r13
-    movw r14, r12
-    movw r20, r10
-    ldi r22, 0x80
-    ldi r23, 0x3e
-    rcall winch_short
-    movw r8, r12
-    movw r20, r14
-    rcall winch_short
-    add r10, r8
-    adc r11, r9
-    adc r12, r26
-    adc r13, r26
-    ret
-winch_short:
     mul r20, r22
     movw r10, r0
-    mul r21, r23
+    mul r21, r24
     movw r12, r0
-    mul r20, r23
+    clr r14
+    mul r20, r24
     add r11, r0
     adc r12, r1
     adc r13, r26
+    adc r14, r26
     mul r21, r22
     add r11, r0
     adc r12, r1
     adc r13, r26
+    adc r14, r26
+    mul r20, r25
+    add r12, r0
+    adc r13, r1
+    adc r14, r26
+    mul r21, r25
+    add r13, r0
+    adc r14, r1
     ret
