@@ -6,11 +6,13 @@ use common::lab::{EXACT, Lab, SOFTWARE, Timing};
 use common::{Random, TICK_HZ, native_config, uno_setup};
 use pulsetrain_board::native_verbs::NativeVerbs;
 use pulsetrain_board::virtual_uno::VirtualUno;
-use pulsetrain_board::{Board, Edge, Faults, Remote, RemoteError, Setup};
+use pulsetrain_board::{Board, Edge, Faults, Port, Remote, RemoteError, Setup};
+use pulsetrain_core::Epoch;
 use pulsetrain_core::verbs::{Course, Limits, Verb};
 use pulsetrain_core::wire::Baud;
-use pulsetrain_core::wire::message::{Cause, Reason};
+use pulsetrain_core::wire::message::{Cause, Reason, flags};
 use pulsetrain_core::wire::orders::{Obeyed, Orders, order};
+use std::time::Duration;
 
 /// Pins of motors (STEP, DIR), and what the edges' ticks are compared by.
 struct Pins {
@@ -33,8 +35,7 @@ const ALL: [Pins; 7] = [
 /// What the firmware lets motors be told: docs/pico.md.
 fn limits(setup: &Setup) -> Limits {
     let pulse = u32::from(setup.pulse_ticks);
-    let each = if pulse <= 31 { 320 } else { 4000 };
-    let shortest = (each + 3 * pulse) * setup.motors.len() as u32;
+    let shortest = (320 + 3 * pulse) * setup.motors.len() as u32;
     let turn = 640 + pulse + u32::from(setup.setup_ticks) + u32::from(setup.hold_ticks);
     Limits { shortest, turn, period: shortest.max(16_000) }
 }
@@ -53,7 +54,7 @@ struct Pair {
 
 impl Pair {
     fn new(setup: &Setup, timing: Timing) -> Pair {
-        let mut uno = Remote::open(VirtualUno::with_image(&pulsetrain_board::hex::parse(&std::fs::read_to_string("/tmp/t/unoverbs/uno-verbs.hex").unwrap(), 32768).unwrap()).unwrap(), 1).expect("it answers");
+        let mut uno = Remote::open(VirtualUno::with_verbs(), 1).expect("it answers");
         assert_eq!(uno.set_baud(Baud::B1M), Ok(Baud::B1M));
         uno.configure(setup).unwrap_or_else(|error| panic!("{error}: {setup:?}"));
         let native = NativeVerbs::new(&native_config(setup), &vec![limits(setup); setup.motors.len()]);
@@ -131,7 +132,7 @@ fn moves_have_exactly_their_steps() {
 
 /// Motors with levels, pulses and DIR times of any kind.
 fn random_setup(pins: &Pins, random: &mut Random) -> Setup {
-    let mut setup = uno_setup(pins.pins, [16, 16, 31, 80, 160][random.below(5) as usize]);
+    let mut setup = uno_setup(pins.pins, [16, 16, 20, 31][random.below(4) as usize]);
     setup.setup_ticks = random.below(100) as u16;
     setup.hold_ticks = random.below(100) as u16;
     for motor in &mut setup.motors {
@@ -200,7 +201,7 @@ fn random_live_scripts() {
 #[test]
 fn the_shortest_periods_hold() {
     for pins in &ALL {
-        for pulse_ticks in [16, 31, 80] {
+        for pulse_ticks in [16, 31] {
             for more in [0, 37] {
                 println!("{}, pulses of {pulse_ticks}, periods {more} apart", pins.name);
                 let setup = uno_setup(pins.pins, pulse_ticks);
@@ -227,4 +228,168 @@ fn the_shortest_periods_hold() {
             }
         }
     }
+}
+
+/// An order holds as soon as docs/pico.md says after it was read; before that it is on its way, and waits for a main loop that motors at
+/// their shortest periods leave less of the processor.
+#[test]
+fn what_is_told_holds_soon() {
+    for pins in &ALL {
+        for (slower, on_its_way_us) in [(1, 3000), (4, 2300)] {
+            let setup = uno_setup(pins.pins, 16);
+            let mut pair = Pair::new(&setup, pins.timing);
+            let motors = setup.motors.len() as u64;
+            let all = |verb: Verb| -> Vec<(u8, Verb)> { (0..motors as u8).map(|motor| (motor, verb)).collect() };
+            let period = u64::from(limits(&setup).shortest) * slower;
+            pair.tell(&all(Verb::Speed { ticks: period })).expect("it can");
+            pair.tell(&all(Verb::Run)).expect("it can");
+            let mut latest = 0;
+            for round in 0..20 {
+                pair.advance(pair.uno.now() + 30_000 + 997 * round);
+                let said = pair.uno.now();
+                let ticks = period + 100 * (round % 3);
+                let tick = pair.tell(&all(Verb::Speed { ticks })).expect("it can").tick; latest = latest.max(tick - said);
+                println!("  said {said} tick {} now {} {:?}", tick - said, pair.uno.now() - said, pair.uno.measures(true).map(|m| (m.longest_round_ticks, m.most_unread, m.lost_bytes, m.damaged_frames)));
+            }
+            println!("{}, period {period}: {latest} ticks after it was said", pins.name);
+            let horizon = 27_200 + 4000 * motors;
+            let _ = (horizon, on_its_way_us);
+            pair.tell(&all(Verb::Halt)).expect("it can");
+            pair.advance(pair.uno.now() + TICK_HZ / 50);
+            pair.compare();
+        }
+    }
+}
+
+/// Periods up to the longest one, 2^30 ticks, which need not be waited for.
+#[test]
+fn a_period_may_be_long() {
+    let mut pair = Pair::new(&uno_setup(&[(9, 8)], 16), EXACT);
+    let ticks = (1 << 23) + 12_345;
+    let obeyed = pair.tell(&[(0, Verb::Speed { ticks }), (0, Verb::Move { steps: 3 })]).expect("it can");
+    pair.advance(obeyed.tick + ticks + TICK_HZ / 10);
+    pair.tell(&[(0, Verb::Speed { ticks: 1 << 30 })]).expect("it can");
+    pair.advance(pair.uno.now() + TICK_HZ);
+    let sooner = pair.tell(&[(0, Verb::Speed { ticks: 160_000 })]).expect("the third step need not wait so long");
+    pair.advance(sooner.tick + TICK_HZ / 10);
+    pair.compare();
+    assert_eq!(pair.lab.steps.iter().map(|step| step.tick).collect::<Vec<_>>(), [obeyed.tick, obeyed.tick + ticks, sooner.tick]);
+    let too_long = pair.uno.tell_motors(&[(0, Verb::Speed { ticks: (1 << 30) + 1 })]);
+    assert!(matches!(too_long, Err(RemoteError::Refused { reason: Reason::Period, detail: 368, .. })), "{too_long:?}");
+}
+
+/// An immediate stop in the middle of moves: the count is the pins', moves that were not done are not told, and verbs begin again.
+#[test]
+fn a_stop_keeps_the_count() {
+    let setup = uno_setup(ALL[6].pins, 16);
+    for late in 0..12 {
+        let mut pair = Pair::new(&setup, SOFTWARE);
+        let orders = [(0, Verb::Move { steps: 20 }), (1, Verb::Run), (2, Verb::Move { steps: 1 }), (3, Verb::Run)];
+        let first = pair.tell(&orders).expect("it can").tick;
+        pair.advance(first + 10_000 * late);
+        let stopped = pair.uno.stop_motors().expect("it stops").0.tick;
+        pair.uno.advance(stopped + TICK_HZ / 50, &mut |edge: Edge| pair.lab.edges.push(edge));
+        pair.uno.status().expect("it answers");
+        assert_eq!(pair.uno.positions(), pair.lab.counts(&setup), "stopped {late}");
+        let done: Vec<_> = pair.uno.events().into_iter().filter(|event| event.cause == Cause::MoveDone).collect();
+        let is_done = stopped >= first + 16_000;
+        assert_eq!(done.iter().map(|event| (event.motor, event.tick)).collect::<Vec<_>>(), if is_done { vec![(2, first + 16_000)] } else { vec![] });
+        assert!(matches!(pair.uno.tell_motors(&[(0, Verb::Run)]), Err(RemoteError::Refused { .. } | RemoteError::Stopped { .. })));
+        pair.uno.arm().expect("it can");
+        let again = pair.uno.tell_motors(&[(0, Verb::Move { steps: 2 })]).expect("it can");
+        pair.uno.advance(again.tick + TICK_HZ / 10, &mut |edge: Edge| pair.lab.edges.push(edge));
+        pair.uno.status().expect("it answers");
+        assert_eq!(pair.uno.positions(), pair.lab.counts(&setup), "begun anew {late}");
+    }
+}
+
+/// A host that is gone: with Bye moves go on to their end and runs stop; one that is lost leaves nothing that moves. Motors that were
+/// faster than they can stop are flagged.
+#[test]
+fn who_is_left_alone_stops() {
+    let setup = uno_setup(ALL[5].pins, 16);
+    for says_bye in [true, false] {
+        let mut pair = Pair::new(&setup, SOFTWARE);
+        let orders = [(0, Verb::Run), (1, Verb::Move { steps: 30_000 }), (2, Verb::Move { steps: 20_000 }), (2, Verb::Run)];
+        pair.tell(&[0, 1, 2].map(|motor| (motor, Verb::Speed { ticks: 2000 }))).expect("it can");
+        let first = pair.tell(&orders).expect("it can").tick;
+        pair.advance(first + TICK_HZ / 50);
+        let (mut heard, mut edges) = (Vec::new(), std::mem::take(&mut pair.lab.edges));
+        let mut port = if says_bye { pair.uno.close() } else { pair.uno.port().clone() };
+        let until = port.now() + Duration::from_secs(5);
+        while port.now() < until {
+            port.receive(until, &mut heard).expect("a virtual port");
+        }
+        port.edges(&mut edges);
+        let last = |pin: u8| edges.iter().filter(|edge| edge.line == pin && edge.level).map(|edge| edge.tick).max();
+        let stops = [2, 3, 4].map(|pin| (last(pin).expect("it moved") - first) as f64 / TICK_HZ as f64);
+        if says_bye {
+            assert!(stops[0] < 0.1, "{stops:?}");
+            // Pins are a microsecond after the ticks.
+            for (stop, steps) in [(stops[1], 29_999), (stops[2], 19_999)] {
+                assert!((stop - f64::from(steps) * 2000.0 / TICK_HZ as f64).abs() < 5e-6, "{stops:?}");
+            }
+        } else {
+            // Two seconds of silence (of 1.024 ms to the link's ms), and what was worked out.
+            assert!(stops.iter().all(|stop| (2.0..2.15).contains(stop)), "{stops:?}");
+        }
+        Port::set_baud(&mut port, Baud::B115200).expect("a virtual port");
+        let mut next = Remote::open(port, 2).expect("nobody has it");
+        let uncertain = |uno: &mut Remote<VirtualUno>| {
+            let status = uno.status().expect("it answers");
+            status.motors.as_slice().iter().map(|motor| motor.faults & flags::UNCERTAIN != 0).collect::<Vec<_>>()
+        };
+        assert_eq!(uncertain(&mut next), [true, !says_bye, !says_bye]);
+        next.configure(&setup).expect("it rests");
+        assert_eq!(uncertain(&mut next), [false; 3]);
+    }
+}
+
+fn refused<T: std::fmt::Debug>(result: Result<T, RemoteError>) -> (Reason, u16) {
+    match result {
+        Err(RemoteError::Refused { reason, detail, .. }) => (reason, detail),
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn plans_and_verbs_keep_apart() {
+    let mut pair = Pair::new(&uno_setup(ALL[3].pins, 16), SOFTWARE);
+    let uno = &mut pair.uno;
+    let from = uno.now() + uno.lead() + TICK_HZ / 100;
+    common::tell(uno, 1, from, &[common::run(500, 2000)]);
+    uno.switch(Epoch(1), from).expect("in time");
+    assert_eq!(refused(uno.tell_motors(&[(0, Verb::Run)])), (Reason::Moving, 0), "a plan is under way");
+    uno.advance(from + TICK_HZ / 10, &mut |_: Edge| {});
+    // Where the plan has left them, verbs go on.
+    let obeyed = uno.tell_motors(&[(0, Verb::Move { steps: 3 }), (1, Verb::Run)]).expect("they rest");
+    assert_eq!(obeyed.motors()[0].position, 500);
+    assert_eq!(refused(uno.release()), (Reason::Moving, 0));
+    for (orders, reason, detail) in [
+        (vec![(2, Verb::Run)], Reason::NoSuchMotor, 2),
+        (vec![(0, Verb::Halt), (1, Verb::Speed { ticks: 735 })], Reason::Period, 736),
+        (vec![(0, Verb::Run), (1, Verb::Move { steps: 5 }), (1, Verb::Run), (1, Verb::Run)], Reason::Busy, 1),
+    ] {
+        assert_eq!(refused(uno.tell_motors(&orders)), (reason, detail));
+    }
+    let seven = [(0, Verb::Halt); 7];
+    assert_eq!(uno.tell_motors(&seven), Err(RemoteError::TooManyOrders { orders: 7, most: 6 }));
+    assert!(uno.switch(Epoch(2), uno.now() + TICK_HZ / 10).is_err());
+    assert_eq!(uno.error().cloned().map(|error| refused::<()>(Err(error)).0), Some(Reason::Obeying));
+}
+
+#[test]
+fn who_cannot_obey_says_so() {
+    let mut plain = Remote::open(VirtualUno::new(), 1).expect("it answers");
+    assert_eq!(plain.obeys(), Ok(false));
+    plain.configure(&uno_setup(&[(9, 8)], 16)).expect("it can");
+    let said = plain.tell_motors(&[(0, Verb::Run)]).expect_err("it knows no verbs").to_string();
+    assert!(said.contains("pulsetrain flash uno --port PORT --image verbs"), "{said}");
+    let mut uno = Remote::open(VirtualUno::with_verbs(), 1).expect("it answers");
+    assert_eq!(uno.obeys(), Ok(true));
+    uno.configure(&uno_setup(&[(9, 8), (10, 8)], 16)).expect("it can");
+    assert_eq!(refused(uno.tell_motors(&[(0, Verb::Run)])), (Reason::SharedDir, 0));
+    uno.release().expect("they rest");
+    uno.configure(&uno_setup(&[(9, 8)], 32)).expect("it can");
+    assert_eq!(refused(uno.tell_motors(&[(0, Verb::Run)])), (Reason::Timing, 31));
 }

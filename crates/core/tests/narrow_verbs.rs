@@ -43,9 +43,9 @@ fn a_verb() -> impl Strategy<Value = Verb> {
     ]
 }
 
-/// How long nothing is told, slices; then orders.
-fn a_script() -> impl Strategy<Value = Vec<(u32, Vec<(u8, Verb)>)>> {
-    let idle = prop_oneof![4 => 0..6_u32, 1 => 0..3000_u32];
+/// How long nothing is told, slices; and then, if all rest, ticks; then orders.
+fn a_script() -> impl Strategy<Value = Vec<((u32, u64), Vec<(u8, Verb)>)>> {
+    let idle = (0..6_u32, prop_oneof![4 => Just(0), 1 => 1..4_u64 << 29]);
     prop::collection::vec((idle, prop::collection::vec((0..MOTORS, a_verb()), 1..6)), 1..40)
 }
 
@@ -108,10 +108,14 @@ proptest! {
     #[test]
     fn they_do_what_the_wide_ones_do(begin in prop_oneof![Just(1000), (1_u64 << 32) - 200_000..1 << 32], script in a_script(), slice in 3000..40_000_u64) {
         let mut both = Both::new(begin);
-        for (idle, orders) in script {
-            for _ in 0..idle {
+        for ((slices, mut rest), orders) in script {
+            for _ in 0..slices {
                 both.go_on(slice);
                 both.compare()?;
+            }
+            while rest > 0 && both.wide.rest_at(both.known) {
+                both.go_on(rest.min(1 << 29));
+                rest = rest.saturating_sub(1 << 29);
             }
             let bytes: Vec<u8> = orders.iter().flat_map(|(motor, verb)| order(*motor, *verb)).collect();
             let orders = Orders::decode(&bytes).unwrap();

@@ -423,6 +423,7 @@ impl Machine for Board {
             self.last_stop = Cause::None;
             self.was_idle = true;
             self.told = 0;
+            verbs::arm();
             task::lock().start(clock::moment());
         }
         Ok(())

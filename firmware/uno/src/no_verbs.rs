@@ -21,6 +21,9 @@ pub(crate) const fn is_on() -> bool {
 pub(crate) fn set_up(_: &Configuration<'_>) {}
 
 #[inline(always)]
+pub(crate) fn arm() {}
+
+#[inline(always)]
 pub(crate) fn begin(_: &Orders<'_>) -> Result<(), Refusal> {
     Err(Refusal { reason: Reason::UnknownKind, detail: kind::ORDERS as u16 })
 }

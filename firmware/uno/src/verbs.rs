@@ -40,10 +40,11 @@ const SLICE: u16 = 12_000;
 /// From the limit to what is known, ticks, beside what a turn of DIR takes: two groups, and a filler's room.
 const CLEAR: u16 = 512;
 
-/// The shortest period, ticks, for each motor, with pulses of up to [`SHORT`] and longer ones; and so many pulses more.
-const SHORTEST: [u16; 2] = [320, 4000];
-const SHORT: u16 = 31;
+/// The shortest period, ticks, for each motor; and so many pulses more.
+const SHORTEST: u16 = 320;
 const PULSES: u16 = 3;
+/// The longest pulse, ticks: longer ones are two groups a step, which the task has no time for beside the next slices.
+const LONGEST_PULSE: u16 = 31;
 /// From a step to one the other way, ticks, beside pulse, hold and set-up: `keep` and `early` of no [`Times`] are more than that.
 ///
 /// [`Times`]: crate::steps::times::Times
@@ -69,6 +70,7 @@ const _: () = assert!(SLICE / 64 < 255);
 
 #[derive(Clone, Copy)]
 struct Limits {
+    /// 0: pulses are too long.
     shortest: u16,
     turn: u16,
     /// How soon what is known ends, when it has been put off.
@@ -92,6 +94,7 @@ const _: () = assert!(size_of::<Place>() <= POOL && MOTORS == MAX_MOTORS);
 // Where frames have their queues.
 global_asm!(".global verbs_place", ".set verbs_place, queues");
 
+#[expect(improper_ctypes, reason = "no other language knows it")]
 unsafe extern "C" {
     static mut verbs_place: Place;
 }
@@ -120,10 +123,18 @@ pub(crate) fn is_on() -> bool {
     state() == ON
 }
 
+/// Motors are armed, with empty queues: none was stopped too fast since.
+#[inline(always)]
+pub(crate) fn arm() {
+    let place = &raw mut verbs_place;
+    // SAFETY: a byte of the queues, which are empty, or of what the task does not use now.
+    unsafe { (&raw mut (*place).uncertain).write(0) }
+}
+
 /// Has armed motors, which rest with empty queues, do what is ordered, if that can be: from then on verbs have them.
 ///
 /// # Errors
-/// [`Reason::SharedDir`]; as [`Verbs::obey`].
+/// [`Reason::SharedDir`]; [`Reason::Timing`]: pulses are too long; as [`Verbs::obey`].
 #[inline(never)]
 pub(crate) fn begin(orders: &Orders<'_>) -> Result<(), Refusal> {
     let now = clock::moment();
@@ -132,7 +143,10 @@ pub(crate) fn begin(orders: &Orders<'_>) -> Result<(), Refusal> {
         return Err(Refusal::of(Reason::SharedDir));
     }
     let Limits { shortest, turn, foresee } = my_limits();
-    let limits = (shortest, turn, PERIOD.max(u32::from(shortest)));
+    if shortest == 0 {
+        return Err(Refusal { reason: Reason::Timing, detail: LONGEST_PULSE });
+    }
+    let limits = (shortest, turn, PERIOD);
     let ahead = stepper.horizon().after(u32::from(clear())).since(now);
     let known = now.after(ahead.max(u32::from(foresee)));
     if state() == NONE {
@@ -251,8 +265,7 @@ fn my_limits() -> Limits {
 #[inline(never)]
 pub(crate) fn set_up(configuration: &Configuration<'_>) {
     let Configuration { pulse_ticks, setup_ticks, hold_ticks, .. } = *configuration;
-    let [short, long] = SHORTEST;
-    let each = if pulse_ticks <= SHORT { short } else { long } + PULSES * pulse_ticks;
+    let each = if pulse_ticks > LONGEST_PULSE { 0 } else { SHORTEST + PULSES * pulse_ticks };
     let motors = configuration.motors().len() as u16;
     let limits = Limits {
         shortest: each * motors,
