@@ -11,7 +11,9 @@ use crate::packer::{MAX_LEN, Packer};
 use crate::{Board, BoardClock, Edge, Fared, Faults, Observer, Sizer, StopReport, SwitchRefused};
 use pulsetrain_core::packing::Packing;
 use pulsetrain_core::verbs::Verb;
-use pulsetrain_core::wire::message::{Cause, Configuration, Event, Info, Measures, MotorSetup, NO_PIN, Status, flags, kind};
+use pulsetrain_core::wire::message::{
+    Cause, Configuration, Event, Info, Measures, MotorSetup, NO_PIN, Status, flags, kind,
+};
 use pulsetrain_core::wire::orders::{ORDER_LEN, Obeyed, Orders, order};
 use pulsetrain_core::wire::{Baud, Command, Reason, Reply, Settings, Stopped, Stored, Switched};
 use pulsetrain_core::{Entry, Epoch, Item, Moment};
@@ -203,7 +205,9 @@ fn said(reason: Reason, detail: u16) -> String {
         Reason::Baud => format!("it cannot do rate {detail}"),
         Reason::Period => format!("a period must be {detail} ticks at least, and 2^62 at most (2^30 on an Uno)"),
         Reason::Busy => {
-            format!("motor {detail} has a move under way and one that waits, or moves that are done and not told: wait until one is done, or halt it")
+            format!(
+                "motor {detail} has a move under way and one that waits, or moves that are done and not told: wait until one is done, or halt it"
+            )
         }
         Reason::Obeying => "its motors are told directly until they are released".to_owned(),
         Reason::SharedDir => {

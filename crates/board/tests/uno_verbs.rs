@@ -10,7 +10,7 @@ use pulsetrain_board::{Board, Edge, Faults, Port, Remote, RemoteError, Setup};
 use pulsetrain_core::Epoch;
 use pulsetrain_core::verbs::{Course, Limits, Verb};
 use pulsetrain_core::wire::Baud;
-use pulsetrain_core::wire::message::{Cause, Reason, flags};
+use pulsetrain_core::wire::message::{Cause, Reason};
 use pulsetrain_core::wire::orders::{Obeyed, Orders, order};
 use std::time::Duration;
 
@@ -210,7 +210,8 @@ fn the_shortest_periods_hold() {
                 let all = |verb: &dyn Fn(u8) -> Verb| -> Vec<(u8, Verb)> {
                     (0..setup.motors.len() as u8).map(|motor| (motor, verb(motor))).collect()
                 };
-                pair.tell(&all(&|motor| Verb::Speed { ticks: u64::from(shortest) + more * u64::from(motor) })).expect("it can");
+                pair.tell(&all(&|motor| Verb::Speed { ticks: u64::from(shortest) + more * u64::from(motor) }))
+                    .expect("it can");
                 pair.tell(&all(&|_| Verb::Run)).expect("it can");
                 for turn in 0..6 {
                     pair.advance(pair.uno.now() + TICK_HZ / 50);
@@ -223,7 +224,10 @@ fn the_shortest_periods_hold() {
                 let least = TICK_HZ / 10 / u64::from(shortest) * setup.motors.len() as u64;
                 assert!(pair.lab.steps.len() as u64 > least, "{} steps, {least}", pair.lab.steps.len());
                 let measures = pair.uno.measures(false).expect("it answers");
-                println!("    at least {} ticks ahead, {} bytes of stack left", measures.least_ahead_ticks, measures.stack_left);
+                println!(
+                    "    at least {} ticks ahead, {} bytes of stack left",
+                    measures.least_ahead_ticks, measures.stack_left
+                );
                 assert!(measures.stack_left > 0 && measures.late == 0, "{measures:?}");
             }
         }
@@ -235,7 +239,7 @@ fn the_shortest_periods_hold() {
 #[test]
 fn what_is_told_holds_soon() {
     for pins in &ALL {
-        for (slower, on_its_way_us) in [(1, 3000), (4, 2300)] {
+        for slower in [1, 4] {
             let setup = uno_setup(pins.pins, 16);
             let mut pair = Pair::new(&setup, pins.timing);
             let motors = setup.motors.len() as u64;
@@ -248,12 +252,11 @@ fn what_is_told_holds_soon() {
                 pair.advance(pair.uno.now() + 30_000 + 997 * round);
                 let said = pair.uno.now();
                 let ticks = period + 100 * (round % 3);
-                let tick = pair.tell(&all(Verb::Speed { ticks })).expect("it can").tick; latest = latest.max(tick - said);
-                println!("  said {said} tick {} now {} {:?}", tick - said, pair.uno.now() - said, pair.uno.measures(true).map(|m| (m.longest_round_ticks, m.most_unread, m.lost_bytes, m.damaged_frames)));
+                latest = latest.max(pair.tell(&all(Verb::Speed { ticks })).expect("it can").tick - said);
             }
             println!("{}, period {period}: {latest} ticks after it was said", pins.name);
             let horizon = 27_200 + 4000 * motors;
-            let _ = (horizon, on_its_way_us);
+            assert!(latest <= horizon + TICK_HZ * 6 / 1000, "{}: {latest}", pins.name);
             pair.tell(&all(Verb::Halt)).expect("it can");
             pair.advance(pair.uno.now() + TICK_HZ / 50);
             pair.compare();
@@ -273,7 +276,10 @@ fn a_period_may_be_long() {
     let sooner = pair.tell(&[(0, Verb::Speed { ticks: 160_000 })]).expect("the third step need not wait so long");
     pair.advance(sooner.tick + TICK_HZ / 10);
     pair.compare();
-    assert_eq!(pair.lab.steps.iter().map(|step| step.tick).collect::<Vec<_>>(), [obeyed.tick, obeyed.tick + ticks, sooner.tick]);
+    assert_eq!(
+        pair.lab.steps.iter().map(|step| step.tick).collect::<Vec<_>>(),
+        [obeyed.tick, obeyed.tick + ticks, sooner.tick]
+    );
     let too_long = pair.uno.tell_motors(&[(0, Verb::Speed { ticks: (1 << 30) + 1 })]);
     assert!(matches!(too_long, Err(RemoteError::Refused { reason: Reason::Period, detail: 368, .. })), "{too_long:?}");
 }
@@ -291,10 +297,14 @@ fn a_stop_keeps_the_count() {
         pair.uno.advance(stopped + TICK_HZ / 50, &mut |edge: Edge| pair.lab.edges.push(edge));
         pair.uno.status().expect("it answers");
         assert_eq!(pair.uno.positions(), pair.lab.counts(&setup), "stopped {late}");
-        let done: Vec<_> = pair.uno.events().into_iter().filter(|event| event.cause == Cause::MoveDone).collect();
-        let is_done = stopped >= first + 16_000;
-        assert_eq!(done.iter().map(|event| (event.motor, event.tick)).collect::<Vec<_>>(), if is_done { vec![(2, first + 16_000)] } else { vec![] });
-        assert!(matches!(pair.uno.tell_motors(&[(0, Verb::Run)]), Err(RemoteError::Refused { .. } | RemoteError::Stopped { .. })));
+        let events = pair.uno.events().into_iter().filter(|event| event.cause == Cause::MoveDone);
+        pair.done.extend(events.map(|event| (event.motor.into(), event.tick, event.detail)));
+        let done = first + 16_000;
+        assert_eq!(pair.done, if stopped >= done { vec![(2, done, 1)] } else { vec![] }, "stopped {late}");
+        assert!(matches!(
+            pair.uno.tell_motors(&[(0, Verb::Run)]),
+            Err(RemoteError::Refused { .. } | RemoteError::Stopped { .. })
+        ));
         pair.uno.arm().expect("it can");
         let again = pair.uno.tell_motors(&[(0, Verb::Move { steps: 2 })]).expect("it can");
         pair.uno.advance(again.tick + TICK_HZ / 10, &mut |edge: Edge| pair.lab.edges.push(edge));
@@ -303,14 +313,14 @@ fn a_stop_keeps_the_count() {
     }
 }
 
-/// A host that is gone: with Bye moves go on to their end and runs stop; one that is lost leaves nothing that moves. Motors that were
-/// faster than they can stop are flagged.
+/// A host that is gone: with Bye moves go on to their end and runs stop; one that is lost leaves nothing that moves.
 #[test]
 fn who_is_left_alone_stops() {
     let setup = uno_setup(ALL[5].pins, 16);
     for says_bye in [true, false] {
         let mut pair = Pair::new(&setup, SOFTWARE);
-        let orders = [(0, Verb::Run), (1, Verb::Move { steps: 30_000 }), (2, Verb::Move { steps: 20_000 }), (2, Verb::Run)];
+        let orders =
+            [(0, Verb::Run), (1, Verb::Move { steps: 30_000 }), (2, Verb::Move { steps: 20_000 }), (2, Verb::Run)];
         pair.tell(&[0, 1, 2].map(|motor| (motor, Verb::Speed { ticks: 2000 }))).expect("it can");
         let first = pair.tell(&orders).expect("it can").tick;
         pair.advance(first + TICK_HZ / 50);
@@ -335,13 +345,10 @@ fn who_is_left_alone_stops() {
         }
         Port::set_baud(&mut port, Baud::B115200).expect("a virtual port");
         let mut next = Remote::open(port, 2).expect("nobody has it");
-        let uncertain = |uno: &mut Remote<VirtualUno>| {
-            let status = uno.status().expect("it answers");
-            status.motors.as_slice().iter().map(|motor| motor.faults & flags::UNCERTAIN != 0).collect::<Vec<_>>()
-        };
-        assert_eq!(uncertain(&mut next), [true, !says_bye, !says_bye]);
+        assert!(next.status().expect("it answers").is_idle());
+        let lost = next.info().last_stop == Cause::HostLost;
+        assert_eq!(lost, !says_bye);
         next.configure(&setup).expect("it rests");
-        assert_eq!(uncertain(&mut next), [false; 3]);
     }
 }
 
@@ -390,6 +397,6 @@ fn who_cannot_obey_says_so() {
     uno.configure(&uno_setup(&[(9, 8), (10, 8)], 16)).expect("it can");
     assert_eq!(refused(uno.tell_motors(&[(0, Verb::Run)])), (Reason::SharedDir, 0));
     uno.release().expect("they rest");
-    uno.configure(&uno_setup(&[(9, 8)], 32)).expect("it can");
+    uno.configure(&uno_setup(&[(8, 9)], 32)).expect("it can");
     assert_eq!(refused(uno.tell_motors(&[(0, Verb::Run)])), (Reason::Timing, 31));
 }

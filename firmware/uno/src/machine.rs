@@ -7,14 +7,16 @@ use crate::steps::motor::{self, SWITCHES};
 use crate::steps::pins::{Layout, MAX_MOTORS, Pin};
 use crate::steps::stepper::{self, LONGEST, Trouble};
 use crate::steps::task;
+#[cfg(not(feature = "verbs"))]
 use crate::store;
 use crate::verbs;
 #[cfg(not(feature = "verbs"))]
 use crate::winch::feed;
 use pulsetrain_core::wire::frame::Tag;
 use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, flags};
-use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::orders::Orders;
+#[cfg(not(feature = "verbs"))]
+use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{Baud, Encoder, Machine, Millis, Reason, Refusal, Stopped, Switched};
 use pulsetrain_core::{Epoch, Moment};
 
@@ -358,9 +360,11 @@ pub(crate) fn extended(moment: Moment) -> u64 {
 }
 
 impl Machine for Board {
-    const STORES: bool = true;
+    // There is no room for both.
+    const STORES: bool = !verbs::OBEYS;
     const OBEYS: bool = verbs::OBEYS;
 
+    #[cfg(not(feature = "verbs"))]
     fn store(&mut self, settings: Option<&[u8; SETTINGS_LEN]>) -> Result<(), Refusal> {
         if self.armed {
             return Err(Refusal::of(Reason::Moving));
@@ -371,6 +375,7 @@ impl Machine for Board {
         Ok(())
     }
 
+    #[cfg(not(feature = "verbs"))]
     fn stored(&mut self, settings: &mut [u8; SETTINGS_LEN]) -> bool {
         store::read(settings)
     }
@@ -423,7 +428,6 @@ impl Machine for Board {
             self.last_stop = Cause::None;
             self.was_idle = true;
             self.told = 0;
-            verbs::arm();
             task::lock().start(clock::moment());
         }
         Ok(())
@@ -563,7 +567,7 @@ impl Machine for Board {
     }
 
     fn faults(&self, motor: u8) -> u8 {
-        task::lock().motor(motor).map_or(0, stepper::faults) | verbs::faults(motor)
+        task::lock().motor(motor).map_or(0, stepper::faults)
     }
 
     #[inline(never)]
@@ -594,7 +598,13 @@ impl Machine for Board {
         if lost && self.armed && !self.is_idle() {
             self.last_stop = Cause::HostLost;
         }
-        verbs::forsake(lost, &self.pull_in);
+        if verbs::is_on() {
+            if lost {
+                self.stop(Cause::None, ALL_MOTORS, 0);
+            } else {
+                verbs::forsake();
+            }
+        }
     }
 
     #[inline(never)]

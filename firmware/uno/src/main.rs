@@ -45,6 +45,7 @@ mod memory;
 mod regs;
 mod reset;
 mod steps;
+#[cfg(not(feature = "verbs"))]
 mod store;
 mod vectors;
 #[cfg(not(feature = "verbs"))]
@@ -167,8 +168,11 @@ impl Reply {
 /// Takes bytes from the line, lines or up to the end of a frame; whether it came to one.
 #[inline(always)]
 fn listen(board: &mut Board, service: &mut Service, winch: &mut Winch, receiver: &mut Receiver, now: Millis) -> bool {
-    let count =
-        if winch.is_on() && !service.is_taken() { winch.listen(board, receiver) } else { unread(board, receiver).bytes };
+    let count = if winch.is_on() && !service.is_taken() {
+        winch.listen(board, receiver)
+    } else {
+        unread(board, receiver).bytes
+    };
     // Before frames are read: the line before a Hello may have been the one that switches the drivers on.
     service.hold(winch.drives());
     if count == 0 {

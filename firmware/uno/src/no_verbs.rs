@@ -1,6 +1,5 @@
 //! In place of `verbs.rs` in the image that has text: motors are not told directly.
 
-use crate::steps::pins::MAX_MOTORS;
 use pulsetrain_core::Moment;
 use pulsetrain_core::wire::message::{Configuration, Reason, kind};
 use pulsetrain_core::wire::orders::Orders;
@@ -19,9 +18,6 @@ pub(crate) const fn is_on() -> bool {
 
 #[inline(always)]
 pub(crate) fn set_up(_: &Configuration<'_>) {}
-
-#[inline(always)]
-pub(crate) fn arm() {}
 
 #[inline(always)]
 pub(crate) fn begin(_: &Orders<'_>) -> Result<(), Refusal> {
@@ -53,9 +49,4 @@ pub(crate) const fn take_done() -> Option<(u8, Moment, u32)> {
 }
 
 #[inline(always)]
-pub(crate) const fn forsake(_: bool, _: &[u32; MAX_MOTORS]) {}
-
-#[inline(always)]
-pub(crate) const fn faults(_: u8) -> u8 {
-    0
-}
+pub(crate) const fn forsake() {}

@@ -24,7 +24,7 @@ use crate::steps::times::TIMES;
 use core::arch::global_asm;
 use pulsetrain_core::Moment;
 use pulsetrain_core::narrow::verbs::{MOTORS, Verbs};
-use pulsetrain_core::wire::message::{Configuration, Reason, flags};
+use pulsetrain_core::wire::message::{Configuration, Reason};
 use pulsetrain_core::wire::orders::{self, Orders};
 use pulsetrain_core::wire::{Encoder, Refusal};
 
@@ -35,8 +35,8 @@ pub(crate) const OBEYS: bool = true;
 /// task so much longer.
 const FORESEE: u16 = 27_200;
 const FORESEE_MORE: u16 = 4_000;
-/// So much later it is put off again.
-const SLICE: u16 = 12_000;
+/// It is put off again when half of that has passed, but for so much.
+const SOONER: u16 = 3_000;
 /// From the limit to what is known, ticks, beside what a turn of DIR takes: two groups, and a filler's room.
 const CLEAR: u16 = 512;
 
@@ -66,11 +66,9 @@ static mut STATE: u8 = NONE;
 /// Counts of 64 cycles until the task is to see again whether enough is known, at most.
 #[unsafe(export_name = "verbs_due")]
 static mut DUE: u8 = 0;
-const _: () = assert!(SLICE / 64 < 255);
 
 #[derive(Clone, Copy)]
 struct Limits {
-    /// 0: pulses are too long.
     shortest: u16,
     turn: u16,
     /// How soon what is known ends, when it has been put off.
@@ -85,8 +83,6 @@ struct Place {
     verbs: Verbs,
     /// Bit by motor: it has no more steps before what is known.
     used_up: u8,
-    /// Bit by motor: it was stopped faster than it can.
-    uncertain: u8,
 }
 
 const _: () = assert!(size_of::<Place>() <= POOL && MOTORS == MAX_MOTORS);
@@ -123,14 +119,6 @@ pub(crate) fn is_on() -> bool {
     state() == ON
 }
 
-/// Motors are armed, with empty queues: none was stopped too fast since.
-#[inline(always)]
-pub(crate) fn arm() {
-    let place = &raw mut verbs_place;
-    // SAFETY: a byte of the queues, which are empty, or of what the task does not use now.
-    unsafe { (&raw mut (*place).uncertain).write(0) }
-}
-
 /// Has armed motors, which rest with empty queues, do what is ordered, if that can be: from then on verbs have them.
 ///
 /// # Errors
@@ -142,10 +130,10 @@ pub(crate) fn begin(orders: &Orders<'_>) -> Result<(), Refusal> {
     if TIMES.get().shared {
         return Err(Refusal::of(Reason::SharedDir));
     }
-    let Limits { shortest, turn, foresee } = my_limits();
-    if shortest == 0 {
+    if TIMES.get().pulse != 0 {
         return Err(Refusal { reason: Reason::Timing, detail: LONGEST_PULSE });
     }
+    let Limits { shortest, turn, foresee } = my_limits();
     let limits = (shortest, turn, PERIOD);
     let ahead = stepper.horizon().after(u32::from(clear())).since(now);
     let known = now.after(ahead.max(u32::from(foresee)));
@@ -159,7 +147,7 @@ pub(crate) fn begin(orders: &Orders<'_>) -> Result<(), Refusal> {
     let Some(place) = place(&stepper) else { return Ok(()) };
     place.verbs.begin((0..stepper.count()).map(|motor| stepper.position(motor, stepper.tail_of(motor))), limits, known);
     place.verbs.obey(orders)?;
-    (place.used_up, place.uncertain) = (0, 0);
+    place.used_up = 0;
     // Who only asks leaves motors as they are.
     if !orders.is_empty() {
         set_state(ON);
@@ -239,20 +227,11 @@ pub(crate) fn take_done() -> Option<(u8, Moment, u32)> {
 
 /// Nobody tells motors any more: see [`Verbs::forsake`].
 #[inline(never)]
-pub(crate) fn forsake(lost: bool, pull_in: &[u32; MAX_MOTORS]) {
-    if is_on() {
-        let guard = task::lock();
-        if let Some(place) = place(&guard) {
-            place.uncertain |= place.verbs.forsake(lost, pull_in);
-        }
-    }
-}
-
-/// As [`flags`] has the faults of a motor: whether it was stopped faster than it can when nobody told it any more.
-#[inline(never)]
-pub(crate) fn faults(motor: u8) -> u8 {
+pub(crate) fn forsake() {
     let guard = task::lock();
-    place(&guard).filter(|place| place.uncertain >> motor & 1 != 0).map_or(0, |_| flags::UNCERTAIN)
+    if let Some(place) = place(&guard) {
+        place.verbs.forsake();
+    }
 }
 
 /// Of the configuration.
@@ -265,10 +244,9 @@ fn my_limits() -> Limits {
 #[inline(never)]
 pub(crate) fn set_up(configuration: &Configuration<'_>) {
     let Configuration { pulse_ticks, setup_ticks, hold_ticks, .. } = *configuration;
-    let each = if pulse_ticks > LONGEST_PULSE { 0 } else { SHORTEST + PULSES * pulse_ticks };
     let motors = configuration.motors().len() as u16;
     let limits = Limits {
-        shortest: each * motors,
+        shortest: (SHORTEST + PULSES * pulse_ticks) * motors,
         turn: TURN + pulse_ticks + setup_ticks + hold_ticks,
         foresee: FORESEE + FORESEE_MORE * motors,
     };
@@ -288,17 +266,21 @@ extern "C" fn verbs_advance(limit: u32) -> u32 {
     let place = &raw mut verbs_place;
     // SAFETY: the task calls this while verbs have the motors, and a guard would have kept it out.
     let place = unsafe { &mut *place };
-    let next = now.after(u32::from(my_limits().foresee));
+    let foresee = my_limits().foresee;
+    let slice = u32::from(foresee / 2 - SOONER);
+    let next = now.after(u32::from(foresee));
     let mut known = place.verbs.known();
-    // Ticks until it is to be put off by a slice, in 16 bits where that matters.
-    let mut left = known.after(u32::from(SLICE)).since(next);
-    if known.after(u32::from(SLICE)).is_before(next) {
-        (known, left) = (next, u32::from(SLICE));
+    // Ticks until it is to be put off.
+    let mut left = known.after(slice).since(next).cast_signed();
+    if left < 0 {
+        (known, left) = (next, slice.cast_signed());
         place.verbs.foresee(known);
         place.used_up = 0;
     }
+    // Divided by 64: by bytes, an AVR shifts by one bit at a time.
+    let [_, due, more, _] = (left.cast_unsigned() << 2).to_le_bytes();
     // SAFETY: one byte, the task's alone.
-    unsafe { (&raw mut DUE).write((left.min(u32::from(SLICE)) as u16 / 64) as u8 + 1) };
+    unsafe { (&raw mut DUE).write(if more == 0 { due } else { u8::MAX }) };
     known.before(u32::from(clear())).0
 }
 

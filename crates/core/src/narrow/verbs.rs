@@ -270,7 +270,12 @@ impl Verbs {
 
     /// Begins with motors at rest at these positions, [`MOTORS`] at most; nothing happens before `known`. Moves of the motors before that
     /// were done and not told yet are [told](Verbs::take_done) still. Limits are as in [`Limits`](crate::verbs::Limits).
-    pub fn begin(&mut self, positions: impl Iterator<Item = i32>, (shortest, turn, period): (u16, u16, u32), known: Moment) {
+    pub fn begin(
+        &mut self,
+        positions: impl Iterator<Item = i32>,
+        (shortest, turn, period): (u16, u16, u32),
+        known: Moment,
+    ) {
         (self.count, self.shortest, self.turn, self.known) = (0, shortest, turn, known);
         let open = known;
         for (motor, position) in self.motors.iter_mut().zip(positions) {
@@ -354,7 +359,10 @@ impl Verbs {
     /// A move that was done by `now` and was not told yet: the motor, when, and how many of its moves are done with it, wrapping. To be
     /// told within 2^31 ticks.
     pub fn take_done(&mut self, now: Moment) -> Option<(u8, Moment, u32)> {
+        let (known, turn) = (self.known, self.turn);
         (0..).zip(&mut self.motors).find_map(|(number, motor)| {
+            // What it did last may be over, and nobody have asked for more since.
+            motor.due_before(known, turn);
             let Done { at, number: of_motor } = *motor.dones.get(usize::from(motor.untold.checked_sub(1)?))?;
             if now.is_before(at) {
                 return None;
@@ -370,34 +378,23 @@ impl Verbs {
         self.motors().iter().all(rests)
     }
 
-    /// See [`crate::verbs::Verbs::forsake`].
-    pub fn forsake(&mut self, lost: bool, pull_in: &[u32; MOTORS]) -> u8 {
-        let turn = self.turn;
-        let (mut uncertain, mut bit) = (0, 1);
-        for (motor, pull_in) in self.motors.iter_mut().zip(pull_in) {
-            let next = motor.next_step(turn);
-            if lost {
-                motor.halt();
-            } else {
-                motor.forsake();
-            }
-            let was_faster = motor.follows && next.is_some_and(|next| next.since(motor.last) < *pull_in);
-            if was_faster && motor.told.task == Task::Rest {
-                uncertain |= bit;
-            }
-            bit <<= 1;
+    /// Nobody is there to say more: see [`crate::verbs::Motor::forsake`].
+    pub fn forsake(&mut self) {
+        for motor in self.motors() {
+            motor.forsake();
         }
-        uncertain
     }
 
     /// All motors were stopped at once, after tick `at`: see [`crate::verbs::Motor::stop`]. `None`: not even what was due before was all
     /// made.
     pub fn stop(&mut self, at: Option<Moment>) {
+        let (known, turn) = (self.known, self.turn);
         for motor in self.motors() {
+            motor.due_before(known, turn);
             motor.halt();
             motor.next = None;
             while motor.untold > 0 && at.is_none_or(|at| at.is_before(motor.dones[0].at)) {
-                motor.dones.rotate_left(1);
+                motor.dones[0] = motor.dones[1];
                 motor.untold -= 1;
                 motor.done = motor.done.wrapping_sub(1);
             }

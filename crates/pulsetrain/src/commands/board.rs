@@ -27,7 +27,10 @@ pub(crate) fn run(args: &Board, console: &mut Console<'_>) -> miette::Result<Exi
         return Err(miette!(help = help, "only `pico` has a program that can be given"));
     }
     if is_verbs && args.bootloader.is_some() {
-        return Err(miette!(help = "leave one of them out", "a bootloader alone, and an image: one excludes the other"));
+        return Err(miette!(
+            help = "leave one of them out",
+            "a bootloader alone, and an image: one excludes the other"
+        ));
     }
     interrupt::watch();
     match (&args.pty, args.tcp) {

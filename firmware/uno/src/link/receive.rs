@@ -311,7 +311,6 @@ impl Receiver {
         }
         Unread { bytes, lost }
     }
-
 }
 
 /// What text asks of it.
