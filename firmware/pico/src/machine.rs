@@ -7,7 +7,6 @@ use crate::reset;
 use crate::start::{self, Once};
 use crate::steps::MOTORS;
 use crate::steps::pins::{self, Layout};
-use crate::steps::pio;
 use crate::steps::stepper::{FRACTION_BITS, Halt, LONGEST, LONGEST_IDLE_MS, POOL, Pace, Stepper};
 use crate::store::Store;
 use crate::winch;
