@@ -92,7 +92,7 @@ impl Verbs {
         for (number, motor) in (0..).zip(self.motors()) {
             let mut trial = None;
             for verb in orders.of(number) {
-                trial.get_or_insert_with(|| *motor).obey(verb, self.known).map_err(|refused| match refused {
+                trial.get_or_insert(*motor).obey(verb, self.known).map_err(|refused| match refused {
                     Refused::Period { shortest } => {
                         Refusal { reason: Reason::Period, detail: u16::try_from(shortest).unwrap_or(u16::MAX) }
                     }
