@@ -20,9 +20,6 @@ const SHORTEST_TIMEOUT: Duration = Duration::from_millis(8);
 /// Bits of a byte on the line, at most: start, data and two stop bits.
 pub(crate) const BITS: u64 = 11;
 
-/// Each further silence doubles the time-out, up to this.
-const LONGEST_TIMEOUT: Duration = Duration::from_millis(50);
-
 /// How often Hello is said until it is answered; a board that was reset needs a second or two.
 const HELLO_AGAIN: Duration = Duration::from_millis(200);
 
@@ -200,7 +197,7 @@ impl Link {
             ever_sent: 0,
             window: FIRST_WINDOW,
             progress: Duration::ZERO,
-            timeout: LONGEST_TIMEOUT,
+            timeout: HELLO_AGAIN,
             heard: Duration::ZERO,
             asked: None,
             answer: None,
@@ -375,7 +372,8 @@ impl Link {
         if self.sent > 0 && now >= self.progress + self.timeout {
             self.go_back();
             if self.hello.is_none() && self.rate == Rate::Steady && self.search.is_none() {
-                self.timeout = (2 * self.timeout).min(LONGEST_TIMEOUT);
+                // No longer than that: what was lost in a long silence is to be there soon after it.
+                self.timeout = 2 * self.shortest_timeout();
             }
         }
     }

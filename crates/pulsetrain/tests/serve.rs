@@ -670,6 +670,26 @@ mod real {
         assert!(served.interrupt().contains("clients: 2"));
     }
 
+    /// How far the clock of a board that is paced by this computer's is off depends on how busy that is; what the command does with what
+    /// it measured does not. What it measures is tested in virtual time, where it is.
+    #[test]
+    fn a_board_at_a_port_is_calibrated() {
+        let link = folder("serve-calibrate").join("uno");
+        let (served, _) = Served::new("uno", &["--pty", &link.display().to_string()]);
+        let link = link.display().to_string();
+        let (exit, said) = pulsetrain(&["calibrate", "--port", &link, "--for", "2 s", "--json"]);
+        assert_eq!(exit, Exit::Success, "{said}");
+        let found: serde_json::Value = serde_json::from_str(&said[..=said.rfind('}').unwrap()]).unwrap();
+        let [ppm, within, seconds] = ["clock_ppm", "within_ppm", "seconds"].map(|name| found[name].as_f64().unwrap());
+        assert!(ppm.abs() < 1e6 && within > 0.0 && seconds == 2.0, "{said}");
+        // Who comes next finds the board as any other.
+        let (exit, said) = pulsetrain(&["calibrate", "--port", &link, "--for", "0.1 s"]);
+        assert!(exit == Exit::Refused && said.contains("too short to compare clocks"), "{said}");
+        assert!(served.interrupt().contains("clients: 2"));
+        let (exit, said) = pulsetrain(&["calibrate", "--port", &link]);
+        assert!(exit == Exit::Refused && said.contains("there is no port"), "{said}");
+    }
+
     #[test]
     fn a_pipe_s_exit_code_tells_whether_all_was_obeyed() {
         for (lines, code, expected) in [
