@@ -13,7 +13,7 @@ use pulsetrain_core::packing::Packing;
 use pulsetrain_core::verbs::Verb;
 use pulsetrain_core::wire::message::{Cause, Configuration, Event, Info, Measures, MotorSetup, NO_PIN, Status, flags};
 use pulsetrain_core::wire::orders::{Obeyed, Orders, order};
-use pulsetrain_core::wire::{Baud, Command, Reason, Reply, Settings, Stored, Switched};
+use pulsetrain_core::wire::{Baud, Command, Reason, Reply, Settings, Stopped, Stored, Switched};
 use pulsetrain_core::{Entry, Epoch, Item, Moment};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -432,6 +432,25 @@ impl<P: Port> Remote<P> {
             motor.waiting.clear();
         }
         self.status().map(drop)
+    }
+
+    /// Stops all motors at once, without ramps, whoever told them to move. Gives after which tick no step was begun and whose position is
+    /// uncertain, and what each of the board's motors counts.
+    ///
+    /// # Errors
+    /// When the board is lost.
+    pub fn stop_motors(&mut self) -> Result<(Stopped, Vec<i64>), RemoteError> {
+        let answer = self.ask(&Command::StopNow);
+        for motor in &mut self.motors {
+            motor.forget();
+            motor.waiting.clear();
+        }
+        let answer = answer?;
+        let Reply::Stopped { stopped, positions } = answer.reply else { return Err(refusal("stop", &answer)) };
+        for (motor, position) in self.motors.iter_mut().zip(positions.as_slice()) {
+            motor.count(*position);
+        }
+        Ok((stopped, positions.as_slice().iter().map(|position| i64::from(*position)).collect()))
     }
 
     /// Takes the power from motors that rest.
@@ -917,24 +936,15 @@ impl<P: Port> Board for Remote<P> {
         if self.now() <= tick {
             self.advance(tick, observer);
         }
-        let answer = self.ask(&Command::StopNow);
-        for motor in &mut self.motors {
-            motor.forget();
-            motor.waiting.clear();
-        }
-        let report = match answer {
-            Ok(Answer { reply: Reply::Stopped { stopped, positions }, .. }) => {
-                for (motor, position) in self.motors.iter_mut().zip(positions.as_slice()) {
-                    motor.count(*position);
-                }
+        let report = match self.stop_motors() {
+            Ok((stopped, _)) => {
                 let uncertain = (0..self.motors.len()).map(|motor| stopped.uncertain >> motor & 1 == 1).collect();
                 StopReport { tick: stopped.tick, positions: self.positions(), uncertain }
             }
-            Ok(answer) => {
-                self.error.get_or_insert(refusal("stop", &answer));
+            Err(error) => {
+                self.error.get_or_insert(error);
                 self.unknown_stop()
             }
-            Err(_) => self.unknown_stop(),
         };
         self.hand_over(u64::MAX, observer);
         report

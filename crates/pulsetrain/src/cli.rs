@@ -172,6 +172,14 @@ Examples:
   pulsetrain info --port /dev/ttyACM0
   pulsetrain info --board pico")]
     Info(At),
+    /// Stop a board's motors at once, without ramps, whoever told them to move
+    #[command(after_help = "\
+For a board that still does what a host told it that has left, as a MOVE of hours or a baked motion; opening its port resets an Uno, \
+which stops it, too. A motor that was faster than it can stop may stand elsewhere than it counts: that is told.
+
+Examples:
+  pulsetrain stop --port /dev/ttyACM0")]
+    Stop(Stop),
     /// Have a board keep settings without power, or tell those that it keeps
     #[command(after_help = "\
 What is not said stays as it was. Settings hold where nobody says otherwise: those of text from its next start on, `silence` from the next configuration on.
@@ -209,6 +217,7 @@ impl Command {
             Command::Motor(args) => args.json,
             Command::Boards(args) | Command::Drivers(args) => args.json,
             Command::Info(args) => args.json,
+            Command::Stop(args) => args.json,
             Command::Store(args) => args.json,
             Command::Bench(args) => args.at.json,
             Command::Winch(args) => args.json,
@@ -371,6 +380,17 @@ pub(crate) struct At {
     /// Rate of the line, once the board is found
     #[arg(long, value_name = "BAUD", value_parser = baud, default_value = "1000000")]
     pub(crate) baud: Baud,
+    /// Print what it says as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// A board to be stopped.
+#[derive(Args, Debug)]
+pub(crate) struct Stop {
+    /// The board at this serial port
+    #[arg(long, value_name = "PORT")]
+    pub(crate) port: String,
     /// Print what it says as JSON
     #[arg(long)]
     pub(crate) json: bool,
@@ -666,6 +686,7 @@ pub fn run_on<A: Into<OsString> + Clone>(args: impl IntoIterator<Item = A>, cons
         Command::Motor(args) => commands::motor::run(&args, console),
         Command::Board(args) => commands::board::run(&args, console),
         Command::Info(args) => commands::info::run(&args, console),
+        Command::Stop(args) => commands::stop::run(&args, console),
         Command::Store(args) => commands::store::run(&args, console),
         Command::Bench(args) => commands::bench::run(&args, console),
         Command::Winch(args) => commands::winch::run(&args, console),

@@ -60,6 +60,7 @@ fn help() {
     check(&["verify", "--help"], Exit::Success, expect_file!["golden/help-verify.txt"]);
     check(&["board", "--help"], Exit::Success, expect_file!["golden/help-board.txt"]);
     check(&["info", "--help"], Exit::Success, expect_file!["golden/help-info.txt"]);
+    check(&["stop", "--help"], Exit::Success, expect_file!["golden/help-stop.txt"]);
     check(&["store", "--help"], Exit::Success, expect_file!["golden/help-store.txt"]);
     check(&["bench", "--help"], Exit::Success, expect_file!["golden/help-bench.txt"]);
     check(&["winch", "--help"], Exit::Success, expect_file!["golden/help-winch.txt"]);

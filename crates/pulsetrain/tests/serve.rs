@@ -197,7 +197,7 @@ mod pty {
     use pulsetrain::session::Session;
     use pulsetrain_board::virtual_pico::VirtualPico;
     use pulsetrain_board::virtual_uno::VirtualUno;
-    use pulsetrain_board::{Edge, Port, PortError, Remote, VirtualBoard};
+    use pulsetrain_board::{Edge, Link, LinkError, Port, PortError, Remote, VirtualBoard};
     use pulsetrain_core::wire::Baud;
     use pulsetrain_core::wire::message::Cause;
     use pulsetrain_motion::program::Program;
@@ -467,13 +467,21 @@ mod pty {
             .timeout(Duration::from_secs(3600))
             .open_native()
             .unwrap();
-        second.write_all(b"a x 100\n").unwrap();
+        // As `pulsetrain info` begins.
+        let mut link = Link::new(2);
+        link.hello(served.now());
+        let mut hello = Vec::new();
+        link.output(served.now(), &mut hello);
+        second.write_all(&hello).unwrap();
         let mut said = [0; 11];
         while second.bytes_to_read().unwrap() < 11 {
             served.rounds(1);
         }
         second.read_exact(&mut said).unwrap();
         assert_eq!(&said, b"err taken\r\n");
+        link.input(&said, served.now());
+        link.output(served.now() + Duration::from_secs(6), &mut hello);
+        assert_eq!(link.error(), Some(LinkError::Taken));
         assert_eq!(served.clients(), 1);
         // When the first one goes it is served, from then on.
         first.send(b"ping\n").unwrap();

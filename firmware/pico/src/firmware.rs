@@ -153,6 +153,9 @@ impl All {
         if self.winch.look(&mut self.board, &mut self.service) {
             self.say_to_text(&talk::Line::Winch(Reply::Awake));
         }
+        if let Some(uncertain) = self.winch.uncertain() {
+            self.say_to_text(&talk::Line::Verbs(uncertain));
+        }
         if core::mem::take(&mut self.winch.report) {
             for talk in &mut *self.talks {
                 talk.ear.owes_status = true;

@@ -21,7 +21,7 @@
 //! motor, and does all else in between. One interrupt, of the DMA, hands on what was written: it must come within the eight
 //! words of a FIFO. If the main loop is late by 1.8 ms, or the interrupt by eight words, a state machine runs dry: it gets
 //! nothing more, and all motors stop as soon as the main loop sees it. In the library a timer's interrupt does what the main loop
-//! does in the firmware, up to 1.7 ms ahead.
+//! does in the firmware, up to 1.9 ms ahead.
 //!
 //! # What is not
 //! Motion, but for the winch's paths and evenly spaced steps: segments come from the host or from the flash, as `pulsetrain_core::packing` has them.
