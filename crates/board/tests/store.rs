@@ -6,7 +6,7 @@ use common::winch::{Lab, Wired};
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Port, PortError, Remote, RemoteError, Setup};
-use pulsetrain_core::baked::FLASH_ROOM;
+use pulsetrain_core::baked;
 use pulsetrain_core::wire::frame::check;
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{Baud, Reason, Settings, Stored};
@@ -51,6 +51,9 @@ impl Keeps for VirtualUno {
         uno
     }
 }
+
+/// Where the Pico keeps them: in two sectors, from here on.
+const FLASH_ROOM: usize = baked::FLASH_ROOM as usize;
 
 impl Keeps for VirtualPico {
     // And their number.

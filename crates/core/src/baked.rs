@@ -28,7 +28,7 @@ pub const POINTER: usize = 0x11c;
 
 /// Bytes of a Pico's flash, of 2 MB, that images and blocks may fill; the two sectors of 4096 bytes behind them are for
 /// [`Settings`](crate::wire::Settings).
-pub const FLASH_ROOM: usize = (2 << 20) - 2 * 4096;
+pub const FLASH_ROOM: u32 = (2 << 20) - 2 * 4096;
 
 /// F of the boards that have such blocks.
 pub const FRACTION_BITS: u32 = 32;

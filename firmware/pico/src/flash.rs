@@ -42,7 +42,7 @@ pub(crate) const fn content() -> &'static [u8] {
     // SAFETY: nothing writes to this part of the flash while this program runs, and it is all there: a smaller chip's repeats. It must
     // not be read while `command` has the interface, which calls nothing that does, or while the chip is busy, which whoever has it
     // erase or program waits for.
-    unsafe { core::slice::from_raw_parts(core::ptr::with_exposed_provenance(AT), FLASH_ROOM) }
+    unsafe { core::slice::from_raw_parts(core::ptr::with_exposed_provenance(AT), FLASH_ROOM as usize) }
 }
 
 /// The chip's number; `None` if it does not answer, or has none.

@@ -9,7 +9,7 @@ use pulsetrain_core::wire::frame::check;
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
 
 /// Where the copies are.
-const PLACES: [u32; 2] = [FLASH_ROOM as u32, (FLASH_ROOM + SECTOR) as u32];
+const PLACES: [u32; 2] = [FLASH_ROOM, FLASH_ROOM + SECTOR as u32];
 
 /// Number and settings, without their CRC.
 const CHECKED: usize = 1 + SETTINGS_LEN;

@@ -47,7 +47,7 @@ pub struct PicoImage {
 
 impl PicoImage {
     /// Bytes of a Pico's flash that an image may fill; the settings are behind them.
-    pub const ROOM: usize = FLASH_ROOM;
+    pub const ROOM: usize = FLASH_ROOM as usize;
 
     /// The image of a program for the Pico. The committed firmware itself, on the virtual Pico, is asked whether it takes pins and
     /// times.
