@@ -11,7 +11,7 @@
 //! done and not told are still there then, until a plan comes.
 //!
 //! # Cycles
-//! A motor's next steps: some 2000, once in every 0.75 ms or so.
+//! A motor's next steps: some 1000, once in every 0.8 to 1.2 ms.
 
 use crate::clock;
 use crate::machine::extended;

@@ -161,10 +161,10 @@ impl Obeyed {
     }
 }
 
-/// Writes an [`Obeyed`] that a small board has no room for.
+/// Writes an [`Obeyed`] that a small board has no room for, of [`MAX_MOTORS`] at most.
+#[expect(clippy::cast_possible_truncation, reason = "at most 8")]
 pub fn encode_obeyed(tick: u64, motors: &[Next], frame: &mut Encoder<'_>) {
     frame.u64(tick);
-    // At most 8.
     frame.u8(motors.len() as u8);
     for Next { position, wait } in motors {
         frame.u32(position.cast_unsigned());
