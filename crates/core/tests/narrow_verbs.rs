@@ -44,7 +44,9 @@ fn a_verb() -> impl Strategy<Value = Verb> {
 }
 
 /// How long nothing is told, slices; and then, if all rest, ticks; then orders.
-fn a_script() -> impl Strategy<Value = Vec<((u32, u64), Vec<(u8, Verb)>)>> {
+type Told = ((u32, u64), Vec<(u8, Verb)>);
+
+fn a_script() -> impl Strategy<Value = Vec<Told>> {
     let idle = (0..6_u32, prop_oneof![4 => Just(0), 1 => 1..4_u64 << 29]);
     prop::collection::vec((idle, prop::collection::vec((0..MOTORS, a_verb()), 1..6)), 1..40)
 }
