@@ -106,6 +106,7 @@ fn set_state(state: u8) {
 }
 
 /// What there is, for who keeps the task out as long as it uses this. Only if there is something.
+#[expect(clippy::mut_from_ref, reason = "main has one guard at a time")]
 fn place(_: &Guard) -> Option<&mut Place> {
     let place = &raw mut verbs_place;
     // SAFETY: it was written before the state was one of these, and queues are empty; main has one guard at a time, and uses what
