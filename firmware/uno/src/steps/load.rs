@@ -286,6 +286,14 @@ load_have_count:
     rjmp load_bad
 8:  std Y+{LEFT}, r18
     std Y+{LEFT}+1, r19
+    std Y+{COUNT}, r18
+    std Y+{COUNT}+1, r19
+    // T: three steps or more, as nearly always.
+    cpi r18, 3
+    cpc r19, r1
+    set
+    brsh .+2
+    clt
 
     lsr r25
     lsr r25
@@ -306,12 +314,10 @@ load_have_count:
     ldd r24, Y+{INTERVAL}+4
     adc r24, r22
     std Y+{INTERVAL}+4, r24
-1:  ldd r24, Y+{LEFT}+1
-    tst r24
-    brne 2f
+1:  brts 2f
     ldd r24, Y+{LEFT}
     cpi r24, 2
-    brlo load_run                       // one step
+    brlo load_ran                       // one step
 2:  field_width
     breq 3f
     ldd r24, Y+{GAIN}
@@ -320,14 +326,9 @@ load_have_count:
     subi r24, 2
     rcall load_correction
     load_add {ADD}
-3:  ldd r24, Y+{LEFT}+1
-    tst r24
-    brne 4f
-    ldd r24, Y+{LEFT}
-    cpi r24, 3
-    brlo load_run                       // two steps
+3:  brtc load_ran                       // two steps
 4:  field_width
-    breq load_run
+    breq load_ran
     ldd r24, Y+{GAIN}
     add r24, r14
     add r24, r14
@@ -335,11 +336,6 @@ load_have_count:
     subi r24, 5
     rcall load_correction
     load_add {ADD2}
-load_run:
-    ldd r24, Y+{LEFT}
-    std Y+{COUNT}, r24
-    ldd r24, Y+{LEFT}+1
-    std Y+{COUNT}+1, r24
 load_ran:
     rcall load_consume
     brcc .+2
