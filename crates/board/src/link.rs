@@ -20,9 +20,6 @@ const SHORTEST_TIMEOUT: Duration = Duration::from_millis(8);
 /// Bits of a byte on the line, at most: start, data and two stop bits.
 pub(crate) const BITS: u64 = 11;
 
-/// Each further silence doubles the time-out, up to this.
-const LONGEST_TIMEOUT: Duration = Duration::from_millis(50);
-
 /// How often Hello is said until it is answered; a board that was reset needs a second or two.
 const HELLO_AGAIN: Duration = Duration::from_millis(200);
 
@@ -41,11 +38,17 @@ const HOP: Duration = Duration::from_millis(100);
 /// Until Hello is answered.
 const FIRST_WINDOW: usize = 64;
 
+/// The line by which text says that the board is another client's: `core::winch`'s, and that of a virtual board's port, which hands no
+/// frame on while it serves another.
+pub const TAKEN: &[u8] = b"err taken\r\n";
+
 /// Why nothing more can be said to a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LinkError {
     /// Nobody answered Hello.
-    #[error("no board answers; is its firmware Pulsetrain's, and is the port the right one?")]
+    #[error(
+        "no board answers; is its firmware Pulsetrain's, is the port the right one, and has no other program the port open?"
+    )]
     Nobody,
     /// Another host has the board.
     #[error(
@@ -144,8 +147,10 @@ pub struct Link {
     tag: Tag,
     nonce: u32,
     hello: Option<Duration>,
-    /// Hello was refused.
+    /// Hello was refused, or answered by [`TAKEN`].
     occupied: bool,
+    /// So many bytes of [`TAKEN`] have just come.
+    taken: usize,
     next_seq: u8,
     row: VecDeque<Frame>,
     /// How many at the front of the row are on their way, and how many have ever been.
@@ -185,13 +190,14 @@ impl Link {
             nonce,
             hello: None,
             occupied: false,
+            taken: 0,
             next_seq: 0,
             row: VecDeque::new(),
             sent: 0,
             ever_sent: 0,
             window: FIRST_WINDOW,
             progress: Duration::ZERO,
-            timeout: LONGEST_TIMEOUT,
+            timeout: HELLO_AGAIN,
             heard: Duration::ZERO,
             asked: None,
             answer: None,
@@ -366,7 +372,8 @@ impl Link {
         if self.sent > 0 && now >= self.progress + self.timeout {
             self.go_back();
             if self.hello.is_none() && self.rate == Rate::Steady && self.search.is_none() {
-                self.timeout = (2 * self.timeout).min(LONGEST_TIMEOUT);
+                // No longer than that: what was lost in a long silence is to be there soon after it.
+                self.timeout = 2 * self.shortest_timeout();
             }
         }
     }
@@ -412,6 +419,9 @@ impl Link {
     /// Takes bytes that came from the board by `now`.
     pub fn input(&mut self, bytes: &[u8], now: Duration) {
         for byte in bytes {
+            if self.hello.is_some() {
+                self.hear_text(*byte);
+            }
             match self.decoder.push(*byte) {
                 Received::More => {}
                 Received::Damaged => self.counts.damaged += 1,
@@ -420,6 +430,14 @@ impl Link {
                     self.receive(tag, &body, now);
                 }
             }
+        }
+    }
+
+    /// Looks for [`TAKEN`].
+    fn hear_text(&mut self, byte: u8) {
+        self.taken = if byte == TAKEN[self.taken] { self.taken + 1 } else { usize::from(byte == TAKEN[0]) };
+        if self.taken == TAKEN.len() {
+            (self.occupied, self.taken) = (true, 0);
         }
     }
 

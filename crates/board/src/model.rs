@@ -352,7 +352,7 @@ impl Machine for Model {
         self.empty();
         self.armed = false;
         if self.obeys {
-            self.verbs.stop(report.tick, 0);
+            self.verbs.stop(|_| report.tick);
         }
         self.obeys = false;
         self.flag(uncertain);
@@ -466,9 +466,7 @@ impl Machine for Model {
 
     fn event(&mut self) -> Option<Event> {
         let now = self.native.now();
-        let mut motors = (0..).zip(self.verbs.motors_mut());
-        let done = motors.find_map(|(number, motor)| motor.take_done(now).map(|done| (number, done)));
-        if let Some((motor, (tick, detail))) = done {
+        if let Some((motor, tick, detail)) = self.verbs.take_done(now) {
             return Some(Event { cause: Cause::MoveDone, motor, tick, detail });
         }
         self.events.pop_front()

@@ -125,8 +125,8 @@ impl NativeVerbs {
                 _ => self.verbs.work_out::<32>(end, push),
             }
             // Here is room for them all, so that no move is refused for want of it.
-            for (motor, done) in self.verbs.motors_mut().iter_mut().zip(&mut self.done) {
-                done.extend(std::iter::from_fn(|| motor.take_done(u64::MAX)));
+            while let Some((motor, at, count)) = self.verbs.take_done(u64::MAX) {
+                self.done[usize::from(motor)].push_back((at, count));
             }
         }
         true
@@ -154,10 +154,10 @@ impl NativeVerbs {
         self.native.positions()
     }
 
-    /// All motors forget what they were told: no step is made that was not worked out.
-    pub fn halt(&mut self) {
-        // They stop as they go, whatever their pull-in.
-        let _ = self.verbs.forsake(true, |_| 0);
+    /// All motors forget what they were told: no step is made that was not worked out. Gives those, bit by motor, that stop between two
+    /// steps: whoever of them was faster than it can stop may stand elsewhere than it counts.
+    pub fn halt(&mut self) -> u8 {
+        self.verbs.forsake(true, |_| u64::MAX)
     }
 
     /// Whether nothing moves, and nothing is to.

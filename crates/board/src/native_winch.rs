@@ -235,11 +235,14 @@ impl NativeWinch {
             self.answer(&done);
         }
         if let Some(verbs) = &mut self.verbs {
-            if self.ends || self.session.is_forsaken() {
-                verbs.halt();
+            let stopped = if self.ends || self.session.is_forsaken() { verbs.halt() } else { 0 };
+            let rests = verbs.is_idle();
+            // Who says `enable 0` knows.
+            if stopped != 0 && !self.ends {
+                self.answer(&text::Reply::Uncertain { axes: stopped });
             }
             // What was done is told first.
-            if self.ends && verbs.is_idle() && self.done.is_empty() {
+            if self.ends && rests && self.done.is_empty() {
                 (self.verbs, self.ends) = (None, false);
                 (self.session, self.positions) = (Session::new(), [0; 4]);
                 self.enable();

@@ -13,7 +13,7 @@ use pulsetrain_core::packing::Packing;
 use pulsetrain_core::verbs::Verb;
 use pulsetrain_core::wire::message::{Cause, Configuration, Event, Info, Measures, MotorSetup, NO_PIN, Status, flags};
 use pulsetrain_core::wire::orders::{Obeyed, Orders, order};
-use pulsetrain_core::wire::{Baud, Command, Reason, Reply, Settings, Switched};
+use pulsetrain_core::wire::{Baud, Command, Reason, Reply, Settings, Stopped, Stored, Switched};
 use pulsetrain_core::{Entry, Epoch, Item, Moment};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -178,6 +178,9 @@ pub enum RemoteError {
         /// Its F.
         wanted_bits: u32,
     },
+    /// What was to be stored is not what it keeps then.
+    #[error("the board's memory did not take the settings: try again; if that does not help it is worn out")]
+    NotKept,
     /// Motors that the board moves for a host before this one do not come to rest.
     #[error("the board still moves motors for a host before this one")]
     StillMoving,
@@ -451,6 +454,25 @@ impl<P: Port> Remote<P> {
         self.status().map(drop)
     }
 
+    /// Stops all motors at once, without ramps, whoever told them to move. Gives after which tick no step was begun and whose position is
+    /// uncertain, and what each of the board's motors counts.
+    ///
+    /// # Errors
+    /// When the board is lost.
+    pub fn stop_motors(&mut self) -> Result<(Stopped, Vec<i64>), RemoteError> {
+        let answer = self.ask(&Command::StopNow);
+        for motor in &mut self.motors {
+            motor.forget();
+            motor.waiting.clear();
+        }
+        let answer = answer?;
+        let Reply::Stopped { stopped, positions } = answer.reply else { return Err(refusal("stop", &answer)) };
+        for (motor, position) in self.motors.iter_mut().zip(positions.as_slice()) {
+            motor.count(*position);
+        }
+        Ok((stopped, positions.as_slice().iter().map(|position| i64::from(*position)).collect()))
+    }
+
     /// Takes the power from motors that rest.
     ///
     /// # Errors
@@ -512,18 +534,18 @@ impl<P: Port> Remote<P> {
     /// [`Settings`] says.
     pub fn store(&mut self, settings: &Settings) -> Result<(), RemoteError> {
         let stored = self.settings(Some(*settings))?;
-        if stored == Some(*settings) { Ok(()) } else { Err(RemoteError::Nonsense) }
+        if stored.settings == Some(*settings) { Ok(()) } else { Err(RemoteError::NotKept) }
     }
 
-    /// What the board keeps without power; `None` if nothing was stored, or it was damaged.
+    /// What the board keeps without power.
     ///
     /// # Errors
     /// When the board is lost, or refuses: its motors are powered, or it keeps nothing.
-    pub fn stored(&mut self) -> Result<Option<Settings>, RemoteError> {
+    pub fn stored(&mut self) -> Result<Stored, RemoteError> {
         self.settings(None)
     }
 
-    fn settings(&mut self, settings: Option<Settings>) -> Result<Option<Settings>, RemoteError> {
+    fn settings(&mut self, settings: Option<Settings>) -> Result<Stored, RemoteError> {
         let answer = self.ask(&Command::Store(settings))?;
         match answer.reply {
             Reply::Stored(stored) => Ok(stored),
@@ -965,24 +987,15 @@ impl<P: Port> Board for Remote<P> {
         if self.now() <= tick {
             self.advance(tick, observer);
         }
-        let answer = self.ask(&Command::StopNow);
-        for motor in &mut self.motors {
-            motor.forget();
-            motor.waiting.clear();
-        }
-        let report = match answer {
-            Ok(Answer { reply: Reply::Stopped { stopped, positions }, .. }) => {
-                for (motor, position) in self.motors.iter_mut().zip(positions.as_slice()) {
-                    motor.count(*position);
-                }
+        let report = match self.stop_motors() {
+            Ok((stopped, _)) => {
                 let uncertain = (0..self.motors.len()).map(|motor| stopped.uncertain >> motor & 1 == 1).collect();
                 StopReport { tick: stopped.tick, positions: self.positions(), uncertain }
             }
-            Ok(answer) => {
-                self.error.get_or_insert(refusal("stop", &answer));
+            Err(error) => {
+                self.error.get_or_insert(error);
                 self.unknown_stop()
             }
-            Err(_) => self.unknown_stop(),
         };
         self.hand_over(u64::MAX, observer);
         report

@@ -142,9 +142,16 @@ impl VirtualPico {
     /// # Errors
     /// When it is no such file, or no firmware of ours.
     pub fn with_image(uf2: &[u8]) -> Result<VirtualPico, PicoError> {
-        let flash = image::flat(&image::uf2(uf2, FAMILY)?, Rp2040::FLASH_ADDRESS, Rp2040::FLASH_BYTES)?;
+        VirtualPico::with_flash(&image::flat(&image::uf2(uf2, FAMILY)?, Rp2040::FLASH_ADDRESS, Rp2040::FLASH_BYTES)?)
+    }
+
+    /// A Pico that has just been powered, whose flash holds `flash` from its beginning on: an image, or all of another one's.
+    ///
+    /// # Errors
+    /// As [`VirtualPico::with_image`].
+    pub fn with_flash(flash: &[u8]) -> Result<VirtualPico, PicoError> {
         let mut pico = VirtualPico {
-            chip: Rp2040::new(&flash)?,
+            chip: Rp2040::new(flash)?,
             outside: Outside::default(),
             line: Line::Uart,
             zero: 0,

@@ -5,7 +5,7 @@ mod common;
 use common::{TICK_HZ, model_setup, run, tell, unseen};
 use pulsetrain_board::faulty::{Faulty, Rates};
 use pulsetrain_board::model::ModelPort;
-use pulsetrain_board::{Board, Edge, LinkError, Port, PortError, Remote, RemoteError, SwitchRefused};
+use pulsetrain_board::{Board, Edge, Link, LinkError, Port, PortError, Remote, RemoteError, SwitchRefused};
 use pulsetrain_core::wire::message::Cause;
 use pulsetrain_core::wire::{Baud, Reason};
 use pulsetrain_core::{Entry, Epoch, Item, Moment};
@@ -48,7 +48,7 @@ fn a_board_that_is_taken_stays_with_its_host_until_good_bye_or_silence() {
     first.switch(Epoch(1), from).unwrap();
 
     // A second host that asks for six seconds, while the first is heard every 0.1 s.
-    let mut second = pulsetrain_board::Link::new(2);
+    let mut second = Link::new(2);
     let mut port = line.clone();
     second.hello(port.now());
     let mut bytes = Vec::new();
@@ -74,6 +74,26 @@ fn a_board_that_is_taken_stays_with_its_host_until_good_bye_or_silence() {
     assert!(line.0.borrow().is_taken());
     drop(second);
     assert_eq!(Remote::open(line.clone(), 3).map(|remote| remote.info().nonce), Ok(3));
+}
+
+/// Who has the port open where a board's text is heard: only then is it known that the board is another's.
+#[test]
+fn a_hello_that_text_answers_with_taken_is_refused_as_that() {
+    let check = |said: &[&[u8]], expected| {
+        let (mut link, mut hello) = (Link::new(1), Vec::new());
+        link.hello(Duration::ZERO);
+        for (ms, bytes) in (1..).zip(said) {
+            link.output(Duration::from_millis(ms), &mut hello);
+            link.input(bytes, Duration::from_millis(ms));
+        }
+        assert!(!hello.is_empty() && link.error().is_none(), "{said:?}");
+        link.output(Duration::from_secs(6), &mut hello);
+        assert_eq!(link.error(), Some(expected), "{said:?}");
+    };
+    check(&[b"err taken\r\n"], LinkError::Taken);
+    check(&[b"txyza 1 0 0 0 0\r\nerr er", b"r tak", b"en\r\nawake\r\n"], LinkError::Taken);
+    check(&[b"awake\r\nerr words 3\r\n", b"err take\r\n"], LinkError::Nobody);
+    check(&[b""], LinkError::Nobody);
 }
 
 #[test]

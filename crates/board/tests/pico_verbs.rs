@@ -17,7 +17,7 @@ use std::time::Duration;
 
 /// What the firmware lets a motor be told: docs/pico.md.
 fn limits(setup: &Setup, motor: &MotorSetup) -> Limits {
-    let (work, least) = (if motor.coils().is_some() { 4000 } else { 125 }, overhead(setup, motor) + 1);
+    let (work, least) = (if motor.coils().is_some() { 1000 } else { 125 }, overhead(setup, motor) + 1);
     let shortest = (work * setup.motors.len() as u32).max(least);
     let pulse = u32::from(setup.pulse_ticks).max(3);
     let turn = (pulse + u32::from(setup.hold_ticks)).max(least - 1) + u32::from(setup.setup_ticks).max(pulse + 3);
@@ -412,6 +412,55 @@ fn who_is_left_alone_stops() {
         next.configure(&drivers(3)).expect("it rests");
         assert_eq!(uncertain(&mut next), 0);
     }
+}
+
+/// A move that was done before a stop is told, however soon motors are armed and told anew; one that was not done is not.
+#[test]
+fn what_was_done_is_told_after_a_new_beginning() {
+    let period = 12_500;
+    let mut before = 0;
+    for late in 0..16 {
+        let Pair { mut pico, .. } = Pair::new(&drivers(1));
+        let obeyed =
+            pico.tell_motors(&[(0, Verb::Speed { ticks: period }), (0, Verb::Move { steps: 1 })]).expect("it can");
+        let done = obeyed.tick + period;
+        pico.advance(done - TICK_HZ / 1000 + late * TICK_HZ / 10_000, &mut |_: Edge| {});
+        let (stopped, _) = pico.stop_motors().expect("it stops");
+        pico.arm().expect("it can");
+        let obeyed =
+            pico.tell_motors(&[(0, Verb::Speed { ticks: period }), (0, Verb::Move { steps: 1 })]).expect("it can");
+        pico.advance(pico.now() + TICK_HZ / 100, &mut |_: Edge| {});
+        let told = pico.events().into_iter().filter(|event| event.cause == Cause::MoveDone);
+        let mut wanted = vec![(obeyed.tick + period, 1)];
+        if stopped.tick >= done {
+            wanted.insert(0, (done, 1));
+            before += 1;
+        }
+        assert_eq!(told.map(|event| (event.tick, event.detail)).collect::<Vec<_>>(), wanted, "{late}");
+    }
+    assert!((1..16).contains(&before), "{before} of them were done before the stop");
+}
+
+/// A move that goes on after Bye is stopped by the next host, which knows nothing of it, if it wants that.
+#[test]
+fn the_next_host_may_stop_what_goes_on() {
+    let mut pair = Pair::new(&drivers(2));
+    let period = 12_500;
+    pair.tell(&[(0, Verb::Speed { ticks: period }), (0, Verb::Move { steps: u32::MAX })]).expect("it can");
+    pair.advance(pair.pico.now() + TICK_HZ / 50);
+    let mut next = next_host(pair.pico.close());
+    assert!(!next.status().expect("it answers").is_idle());
+    let (stopped, positions) = next.stop_motors().expect("it stops");
+    assert_eq!(stopped.uncertain, 0b01, "it was faster than its pull-in");
+    let [moved, 0] = positions[..] else { panic!("{positions:?}") };
+    assert!(moved > 200, "{moved}");
+    let mut rises = 0;
+    next.advance(next.now() + TICK_HZ / 50, &mut |edge: Edge| {
+        rises += u32::from(edge.line == 2 && edge.level && edge.tick > stopped.tick)
+    });
+    assert_eq!(rises, 0);
+    assert_eq!(uncertain(&mut next), 0b01);
+    assert_eq!(i64::from(next.status().expect("it answers").motors.as_slice()[0].position), moved);
 }
 
 /// A move that waits for a way to go waits for nobody when its host is gone: the next one can have the board.

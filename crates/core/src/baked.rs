@@ -26,6 +26,10 @@ use crate::{Direction, Item, Moment, Segment};
 /// every image that was not baked. In a Pico's image that is a vector that the processor has no use for (ARMv6-M, B1.5.3: 7).
 pub const POINTER: usize = 0x11c;
 
+/// Bytes of a Pico's flash, of 2 MB, that images and blocks may fill; the two sectors of 4096 bytes behind them are for
+/// [`Settings`](crate::wire::Settings).
+pub const FLASH_ROOM: u32 = (2 << 20) - 2 * 4096;
+
 /// F of the boards that have such blocks.
 pub const FRACTION_BITS: u32 = 32;
 

@@ -11,7 +11,7 @@ use pulsetrain_core::wire::service::{SILENCE_MS, TRIAL_MS};
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{
     Baud, Command, Decoder, Encoder, LEAST_BODY, MAX_BODY, MAX_FRAME, Machine, Millis, Refusal, Reply, Service,
-    Settings, Stopped, Switched,
+    Settings, Stopped, Stored, Switched,
 };
 
 /// Says yes to everything.
@@ -21,6 +21,7 @@ struct Notebook {
     full: bool,
     measures: Measures,
     settings: Option<[u8; SETTINGS_LEN]>,
+    is_damaged: bool,
 }
 
 impl Notebook {
@@ -50,6 +51,9 @@ impl Machine for Notebook {
     fn stored(&mut self, settings: &mut [u8; SETTINGS_LEN]) -> bool {
         *settings = self.settings.unwrap_or_default();
         self.settings.is_some()
+    }
+    fn store_is_damaged(&self) -> bool {
+        self.is_damaged
     }
     fn obeyed(&self, frame: &mut Encoder<'_>) {
         Obeyed::new(77, Notebook::OBEYED.into_iter()).encode(frame);
@@ -231,7 +235,7 @@ proptest! {
                 }
                 Ok(Command::Store(_)) => {
                     let kept = machine.settings.map(|bytes| Settings::decode(&bytes).expect("possible"));
-                    prop_assert_eq!(reply, Reply::Stored(kept));
+                    prop_assert_eq!(reply, Reply::Stored(Stored { settings: kept, is_damaged: false }));
                 }
                 Ok(Command::Configure(_)) => {
                     let Reply::Configured(free) = reply else { panic!("{reply:?}") };
@@ -334,8 +338,9 @@ fn settings_are_kept_and_told() {
         assert_eq!((heard.0, heard.1), (Tag(1), seq));
         heard.2
     };
-    assert_eq!(ask(&mut service, &mut machine, &[]), Reply::Stored(None));
-    assert_eq!(ask(&mut service, &mut machine, &settings.to_bytes()), Reply::Stored(Some(settings)));
+    let stored = Reply::Stored(Stored { settings: Some(settings), is_damaged: false });
+    assert_eq!(ask(&mut service, &mut machine, &[]), Reply::Stored(Stored::default()));
+    assert_eq!(ask(&mut service, &mut machine, &settings.to_bytes()), stored);
     // Refused, and what was kept stays: limits beyond text's, half of a pair, not as long as it is.
     let with = |vmax, amax| Settings { vmax, amax, ..settings }.to_bytes();
     let malformed = Reply::Refused { kind: 0x0f, reason: Reason::Malformed, detail: 0x0f };
@@ -344,10 +349,13 @@ fn settings_are_kept_and_told() {
     }
     assert_eq!(ask(&mut service, &mut machine, &[0; SETTINGS_LEN - 1]), malformed);
     assert_eq!(ask(&mut service, &mut machine, &[0; SETTINGS_LEN + 1]), malformed);
-    assert_eq!(ask(&mut service, &mut machine, &[]), Reply::Stored(Some(settings)));
+    assert_eq!(ask(&mut service, &mut machine, &[]), stored);
+    machine.is_damaged = true;
+    let damaged = Reply::Stored(Stored { settings: Some(settings), is_damaged: true });
+    assert_eq!(ask(&mut service, &mut machine, &[]), damaged);
     // Their silence is a configuration's that does not say one.
     let mut configuration = Configuration::new(&[]).expect("no motors");
-    for (seq, silence_ms, is) in [(10, 0, 300), (11, 700, 700)] {
+    for (seq, silence_ms, is) in [(11, 0, 300), (12, 700, 700)] {
         configuration.silence_ms = silence_ms;
         say(&mut service, &mut machine, &frame(&Command::Configure(configuration), seq, Tag(1)), 0);
         assert!(hear(&mut service, &mut machine, 0).is_some());

@@ -300,23 +300,49 @@ fn who_is_forsaken_stops() {
     assert_eq!(forsaken(&[(0, fast), (1, fast), (0, go(4)), (1, go(4))], true), ([4, 4], 0));
 }
 
-/// Stopped at once: moves that were done by then are told, later ones are not; of a motor that ran dry none is.
+/// Moves of one and of two steps by each of two motors, which would be done at 125 and 175.
+fn two_moves_each() -> Verbs {
+    let mut verbs = Verbs::new();
+    verbs.begin([(LIMITS, 0), (LIMITS, 0)].into_iter(), 100);
+    let moves = |motor| [order(motor, Verb::Move { steps: 1 }), order(motor, Verb::Move { steps: 2 })].concat();
+    let bytes = [moves(0), moves(1)].concat();
+    verbs.obey(&Orders::decode(&bytes).expect("whole orders")).expect("possible");
+    verbs.work_out::<32>(1000, |_, _| {});
+    assert!(verbs.rest_at(175) && !verbs.rest_at(174));
+    verbs
+}
+
+fn told(verbs: &mut Verbs) -> Vec<(u8, u64, u32)> {
+    let told = std::iter::from_fn(|| verbs.take_done(u64::MAX)).collect();
+    assert_eq!(verbs.next_done(), None);
+    assert!(verbs.motors().iter().all(Motor::is_told));
+    told
+}
+
+/// Stopped at once: moves that were done by then are told, later ones are not, of each motor by its own tick.
 #[test]
 fn who_is_stopped_was_not_done_later() {
-    for (dry, told) in [(0, 1), (1, 0)] {
-        let mut verbs = Verbs::new();
-        verbs.begin([(LIMITS, 0)].into_iter(), 100);
-        let bytes = [order(0, Verb::Move { steps: 1 }), order(0, Verb::Move { steps: 2 })].concat();
-        verbs.obey(&Orders::decode(&bytes).expect("whole orders")).expect("possible");
+    for (at, count) in [(0, 0), (124, 0), (125, 1), (174, 1), (175, 2)] {
+        let mut verbs = two_moves_each();
+        verbs.stop(|motor| if motor == 0 { at } else { 174 });
+        assert!(verbs.rest_at(175));
+        let all = [(0, 125, 1), (0, 175, 2)];
+        assert_eq!(told(&mut verbs), [&all[..count], &[(1, 125, 1)]].concat(), "stopped at {at}");
+    }
+}
+
+/// Moves that were done and not told are told after motors began anew, also those of a motor that is no more; moves since then count
+/// from 1.
+#[test]
+fn who_begins_anew_is_told_what_was_done_before() {
+    for count in [1, 2] {
+        let mut verbs = two_moves_each();
+        verbs.stop(|_| 174);
+        verbs.begin([(LIMITS, 0); 2].into_iter().take(count), 300);
+        let one = order(0, Verb::Move { steps: 1 });
+        verbs.obey(&Orders::decode(&one).expect("one order")).expect("possible");
         verbs.work_out::<32>(1000, |_, _| {});
-        // They would be done at 125 and 175.
-        assert!(verbs.rest_at(175) && !verbs.rest_at(174));
-        verbs.stop(174, dry);
-        assert!(verbs.rest_at(174));
-        let motor = &mut verbs.motors_mut()[0];
-        let done: Vec<_> = std::iter::from_fn(|| motor.take_done(u64::MAX)).collect();
-        assert_eq!(done, [(125, 1)][..told]);
-        assert!(motor.is_told());
+        assert_eq!(told(&mut verbs), [(0, 125, 1), (0, 325, 1), (1, 125, 1)]);
     }
 }
 

@@ -6,7 +6,9 @@
 //! A Pico's state machine drives pins that stand one after the other (RP2040 datasheet, 3.5.6): [`check_pico`]. Between GPIO 22
 //! and 26 its header has none; coils may lie over them.
 
+use std::cmp::Reverse;
 use std::fmt;
+use std::ops::RangeInclusive;
 
 use crate::program::{Motor, Wiring};
 use pulsetrain_core::wire::message::coil_pins;
@@ -120,8 +122,10 @@ impl PinsError {
             }
             PinsError::SharedDir { .. } => "give each motor a DIR beside its STEP".to_owned(),
             PinsError::CoilsApart { pins, .. } => {
-                // Those after 22 have fewer than three after them.
-                let [in1, in2, in3, in4] = coil_pins(pins[0].min(22));
+                // Four in a row that are the user's own as far as can be, from their lowest on.
+                let own = |in1: &u8| coil_pins(*in1).iter().filter(|pin| pins.contains(pin)).count();
+                let nearest = COILS_FROM.max_by_key(|in1| (own(in1), pins.contains(in1), Reverse(*in1)));
+                let [in1, in2, in3, in4] = coil_pins(nearest.unwrap_or(*COILS_FROM.start()));
                 format!("wire IN1 to IN4 to {in1}, {in2}, {in3} and {in4}, say")
             }
             PinsError::TwoEnables { .. } => "wire the enable inputs to one pin, with one level".to_owned(),
@@ -234,6 +238,9 @@ impl PinKind {
     }
 }
 
+/// The GPIOs of a Pico that IN1 can be on: the UART has those before, and those after have fewer than three after them.
+const COILS_FROM: RangeInclusive<u8> = 2..=22;
+
 /// Whether a Pico's state machines can drive these motors.
 ///
 /// # Errors
@@ -332,6 +339,21 @@ mod tests {
             kind_with(&[(2, 5, Some((8, false))), (3, 6, Some((9, false)))]),
             Err(PinsError::TwoEnables { .. })
         ));
+    }
+
+    #[test]
+    fn coils_that_are_apart_are_told_what_has_most_of_their_pins() {
+        let check = |pins, expected: &str| {
+            let error = PinsError::CoilsApart { motor: "m".to_owned(), pins };
+            assert_eq!(error.advice(), format!("wire IN1 to IN4 to {expected}, say"), "{pins:?}");
+        };
+        check([5, 4, 3, 2], "2, 3, 4 and 5");
+        check([22, 21, 27, 26], "21, 22, 26 and 27");
+        check([10, 12, 14, 16], "10, 11, 12 and 13");
+        check([28, 27, 26, 22], "22, 26, 27 and 28");
+        check([28, 27, 26, 4], "22, 26, 27 and 28");
+        check([4, 7, 12, 15], "4, 5, 6 and 7");
+        check([3, 2, 1, 0], "2, 3, 4 and 5");
     }
 
     #[test]

@@ -652,6 +652,14 @@ fn laws() {
     );
     check(
         SINE,
+        "law.winch = { axis = \"x\", commands = [\"0 s: g xyza 2 1\", \"0 s: s y 9\", \"1 s: d xy 1 2\", \"2 s: a yz 3 4\"] }",
+        expect![[r#"
+            x.toml:14:81: axis y is told to move, and no motor is that axis: add one, or take the axis out
+            x.toml:14:98: axis z is told to move, and no motor is that axis: add one, or take the axis out
+        "#]],
+    );
+    check(
+        SINE,
         "law.winch = { commands = [\"0 s: a x 1\"] }",
         expect![[r#"
         x.toml:14:13: law `winch` has no `axis`

@@ -158,7 +158,9 @@ impl PlanError {
             | PlanError::NotProvable { at_s, .. }
             | PlanError::TooFine { at_s }
             | PlanError::TooLong { at_s, .. } => Some(*at_s),
-            PlanError::Law(LawError::Undefined { at_s, .. } | LawError::Jump { at_s, .. }) => Some(*at_s),
+            PlanError::Law(
+                LawError::Undefined { at_s, .. } | LawError::Jump { at_s, .. } | LawError::Backlash { at_s, .. },
+            ) => Some(*at_s),
             PlanError::Law(_) | PlanError::ToleranceTooTight { .. } => None,
         }
     }

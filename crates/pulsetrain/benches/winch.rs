@@ -32,9 +32,16 @@ fn main() {
     for speed in [0, 4000, 10_000] {
         let mut uno = uno.clone();
         uno.drift(&format!("{speed} {speed} {speed} {speed}"));
-        let load = uno.load(0.5);
-        row("load, 4 axes", &format!("{speed} steps/s each"), &format!("{:.1} %", 100.0 * load), load <= MOST_LOAD);
+        load(&uno, &format!("{speed} steps/s each"));
     }
+    // A constant speed costs the least: nothing pulls.
+    let mut swinging = uno.clone();
+    swinging.drift("9000 9000 9000 9000");
+    for line in ["g xyza 1 0.07", "d xyza 100 100 100 100"] {
+        swinging.tell(line);
+    }
+    swinging.run(0.1);
+    load(&swinging, "8400 to 9600 steps/s each, swinging");
     for speed in [100, 1234, 4000, 10_000] {
         spacing(&uno, &format!("{speed} steps/s, 4 axes"), [speed; 4]);
     }
@@ -47,6 +54,11 @@ fn main() {
     }
     effect(&uno, 10_000, None);
     commands(&uno);
+}
+
+fn load(uno: &Uno, at: &str) {
+    let load = uno.load(0.5);
+    row("load, 4 axes", at, &format!("{:.1} %", 100.0 * load), load <= MOST_LOAD);
 }
 
 fn row(what: &str, at: &str, figure: &str, holds: bool) {

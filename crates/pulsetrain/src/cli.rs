@@ -172,9 +172,17 @@ Examples:
   pulsetrain info --port /dev/ttyACM0
   pulsetrain info --board pico")]
     Info(At),
+    /// Stop a board's motors at once, without ramps, whoever told them to move
+    #[command(after_help = "\
+For a board that still does what a host told it that has left, as a MOVE of hours or a baked motion; opening its port resets an Uno, \
+which stops it, too. A motor that was faster than it can stop may stand elsewhere than it counts: that is told.
+
+Examples:
+  pulsetrain stop --port /dev/ttyACM0")]
+    Stop(Stop),
     /// Have a board keep settings without power, or tell those that it keeps
     #[command(after_help = "\
-What is not said stays as it was. Settings hold where nobody says otherwise: those of text from its next start on, `silence` from the next configuration on. A Pico keeps none yet.
+What is not said stays as it was. Settings hold where nobody says otherwise: those of text from its next start on, `silence` from the next configuration on.
 
 Examples:
   pulsetrain store --port /dev/ttyACM0
@@ -209,6 +217,7 @@ impl Command {
             Command::Motor(args) => args.json,
             Command::Boards(args) | Command::Drivers(args) => args.json,
             Command::Info(args) => args.json,
+            Command::Stop(args) => args.json,
             Command::Store(args) => args.json,
             Command::Bench(args) => args.at.json,
             Command::Winch(args) => args.json,
@@ -376,6 +385,17 @@ pub(crate) struct At {
     pub(crate) json: bool,
 }
 
+/// A board to be stopped.
+#[derive(Args, Debug)]
+pub(crate) struct Stop {
+    /// The board at this serial port
+    #[arg(long, value_name = "PORT")]
+    pub(crate) port: String,
+    /// Print what it says as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
 /// What a board keeps.
 #[derive(Args, Debug)]
 pub(crate) struct Store {
@@ -383,7 +403,7 @@ pub(crate) struct Store {
     #[arg(long, value_name = "PORT", required_unless_present = "board", conflicts_with = "board")]
     pub(crate) port: Option<String>,
     /// A virtual one, which forgets it again
-    #[arg(long, value_name = "BOARD", value_parser = ["uno"])]
+    #[arg(long, value_name = "BOARD", value_parser = ["uno", "pico"])]
     pub(crate) board: Option<String>,
     /// Text's axes stop when no command was obeyed for so long, or "off"
     #[arg(long, value_name = "TIME", value_parser = kept_time)]
@@ -666,6 +686,7 @@ pub fn run_on<A: Into<OsString> + Clone>(args: impl IntoIterator<Item = A>, cons
         Command::Motor(args) => commands::motor::run(&args, console),
         Command::Board(args) => commands::board::run(&args, console),
         Command::Info(args) => commands::info::run(&args, console),
+        Command::Stop(args) => commands::stop::run(&args, console),
         Command::Store(args) => commands::store::run(&args, console),
         Command::Bench(args) => commands::bench::run(&args, console),
         Command::Winch(args) => commands::winch::run(&args, console),

@@ -291,6 +291,7 @@ pub use pty::Pty;
 #[cfg(unix)]
 mod pty {
     use super::Client;
+    use pulsetrain_board::link::TAKEN;
     use pulsetrain_core::wire::Baud;
     use serialport::{SerialPort, TTYPort};
     use std::io::{self, Read, Write};
@@ -310,9 +311,6 @@ mod pty {
         before: Option<Terminal>,
         link: PathBuf,
     }
-
-    /// What a client hears that comes while another has the board, as a board says it.
-    const TAKEN: &[u8] = b"err taken\r\n";
 
     /// The board's end.
     #[derive(Debug)]

@@ -60,6 +60,7 @@ fn help() {
     check(&["verify", "--help"], Exit::Success, expect_file!["golden/help-verify.txt"]);
     check(&["board", "--help"], Exit::Success, expect_file!["golden/help-board.txt"]);
     check(&["info", "--help"], Exit::Success, expect_file!["golden/help-info.txt"]);
+    check(&["stop", "--help"], Exit::Success, expect_file!["golden/help-stop.txt"]);
     check(&["store", "--help"], Exit::Success, expect_file!["golden/help-store.txt"]);
     check(&["bench", "--help"], Exit::Success, expect_file!["golden/help-bench.txt"]);
     check(&["winch", "--help"], Exit::Success, expect_file!["golden/help-winch.txt"]);
@@ -379,8 +380,12 @@ fn a_virtual_uno_tells_of_itself() {
 
 #[test]
 fn a_board_keeps_settings() {
+    ["uno", "pico"].into_iter().for_each(keeps_settings);
+}
+
+fn keeps_settings(board: &str) {
     let said = |args: &[&str]| {
-        let outcome = pulsetrain(&[&["store", "--board", "uno"], args].concat());
+        let outcome = pulsetrain(&[&["store", "--board", board], args].concat());
         assert_eq!(outcome.exit, Exit::Success, "{}{}", outcome.out, outcome.err);
         outcome.out
     };

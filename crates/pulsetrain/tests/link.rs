@@ -4,6 +4,7 @@
 mod common;
 
 use common::{TICK_HZ, model_setup};
+use pulsetrain::drive::connect_as;
 use pulsetrain::session::{Session, SessionError};
 use pulsetrain_board::faulty::{Faulty, Rates};
 use pulsetrain_board::model::ModelPort;
@@ -250,4 +251,70 @@ fn an_immediate_stop_counts_right_and_must_be_armed_again() {
     let report = session.run(&mut |edge: Edge| edges.push(edge), |_| {});
     assert_eq!(report.failure, None);
     assert_eq!(report.counted, pulses(&edges));
+}
+
+/// Two motors that turn round and come to rest, on an Uno, for 1.3 s.
+const THERE_AND_BACK: &str = r#"
+board = "uno"
+
+[motor.a]
+steps_per_rev = 200
+driver = "A4988"
+pins = { step = 9, dir = 8 }
+forward = "high"
+max_acceleration = "10000 step/s^2"
+pull_in = "100 step/s"
+[motor.b]
+steps_per_rev = 200
+driver = "A4988"
+pins = { step = 10, dir = 7 }
+forward = "high"
+max_acceleration = "10000 step/s^2"
+pull_in = "100 step/s"
+
+[[motion]]
+motor = "a"
+law.trapezoid = { distance = "500 step", speed = "800 step/s", acceleration = "9000 step/s^2" }
+[[motion]]
+motor = "a"
+law.trapezoid = { distance = "-400 step", speed = "800 step/s", acceleration = "9000 step/s^2" }
+[[motion]]
+motor = "b"
+start = "0.1 s"
+law.trapezoid = { distance = "-600 step", speed = "600 step/s", acceleration = "5000 step/s^2" }
+"#;
+
+/// Runs it with queues of `pool` bytes in all; so long after the session began the line is silent for so long.
+fn run_with_silence(program: &Program, pool: u16, from: Duration, lasts: Duration) -> Run {
+    /// What an Uno can have unread.
+    const WINDOW: u16 = 127;
+    let port = Faulty::new(ModelPort::with_memory(pool, WINDOW), 1);
+    let mut session = Session::new(connect_as(port, program, Baud::B1M, 7).unwrap(), program).unwrap();
+    let mut edges = Vec::new();
+    let mut observer = |edge: Edge| edges.push(edge);
+    let begins = session.board().now() + (from.as_secs_f64() * TICK_HZ as f64) as u64;
+    let failure = session.advance(begins, &mut observer).err();
+    session.board_mut().port_mut().cut(lasts);
+    let report = session.run(&mut observer, |_| {});
+    let counted = session.board().port().inner().positions();
+    Run { zero: report.zero, edges, counted, replayed: report.replayed, failure: failure.or(report.failure) }
+}
+
+/// As docs/faults.md says, which has of what queues.
+#[test]
+fn a_silence_of_100_ms_at_any_moment_changes_no_edge() {
+    let no_files = |_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into());
+    let program = pulsetrain_motion::file::read(THERE_AND_BACK, "there and back", &no_files).unwrap();
+    // An Uno's, and more than the motion.
+    for pool in [396, 8000] {
+        let clean = run_with_silence(&program, pool, Duration::ZERO, Duration::ZERO);
+        assert_eq!(clean.failure, None);
+        assert_eq!(clean.counted, [100, -600]);
+        let clean = clean.since_zero();
+        for ms in 0..1400 {
+            let other = run_with_silence(&program, pool, Duration::from_millis(ms), Duration::from_millis(100));
+            assert_eq!(other.failure, None, "{pool} bytes, {ms} ms");
+            assert!(other.since_zero() == clean, "{pool} bytes, {ms} ms: other edges");
+        }
+    }
 }

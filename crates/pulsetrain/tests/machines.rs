@@ -54,6 +54,24 @@ fn a_circle_is_round_to_three_quarters_of_a_step() {
     assert!((0.6..OF_A_MOTOR * 2_f64.sqrt()).contains(&(off * SKETCH)), "{} steps", off * SKETCH);
 }
 
+/// The motors turn every other second: who takes longer to take up the slack never has.
+#[test]
+fn slack_that_is_not_taken_up_before_the_next_turn_is_refused() {
+    let text = std::fs::read_to_string(example("circle.toml")).expect("the example");
+    let file = std::env::temp_dir().join(format!("pulsetrain-slack-{}.toml", std::process::id()));
+    for (over, exit) in [("1 s", Exit::Success), ("2.1 s", Exit::Refused)] {
+        std::fs::write(&file, text.replace("over = \"40 ms\"", &format!("over = \"{over}\"")))
+            .expect("a file to write");
+        let (mut out, mut err) = (Vec::new(), Vec::new());
+        assert_eq!(cli::run(["pulsetrain", "plan", &file.display().to_string()], &mut out, &mut err), exit, "{over}");
+        let said =
+            String::from_utf8(err).expect("text").replace('│', "").split_whitespace().collect::<Vec<_>>().join(" ");
+        let places = ["motor ", "it turns at t = ", "`over`, the time of its `backlash`, must be shorter"];
+        assert_eq!(places.iter().all(|place| said.contains(place)), exit == Exit::Refused, "{said}");
+    }
+    std::fs::remove_file(file).expect("the file can go");
+}
+
 /// While slack is taken up the pen stands: on top of the steps that is what the circle falls in 40 ms, 0.6 step.
 #[test]
 fn slack_costs_what_the_figure_does_while_it_is_taken_up() {

@@ -128,7 +128,7 @@ fn pins_that_do_not_fit_are_refused_with_what_would() {
             "the coils of `m0` are on pins 2, 3, 4 and 6, but a Pico drives four that stand one after the other",
             "wire IN1 to IN4 to 2, 3, 4 and 5, say",
         ),
-        (on_coils(&[[5, 4, 3, 2]], ""), "the coils of `m0` are on pins 5, 4, 3 and 2", "to 5, 6, 7 and 8, say"),
+        (on_coils(&[[5, 4, 3, 2]], ""), "the coils of `m0` are on pins 5, 4, 3 and 2", "to 2, 3, 4 and 5, say"),
         (on_coils(&[[21, 22, 26, 28]], ""), "are on pins 21, 22, 26 and 28", "to 21, 22, 26 and 27, say"),
         (on_coils(&[[26, 27, 28, 2]], ""), "are on pins 26, 27, 28 and 2", "to 22, 26, 27 and 28, say"),
     ];

@@ -197,7 +197,7 @@ mod pty {
     use pulsetrain::session::Session;
     use pulsetrain_board::virtual_pico::VirtualPico;
     use pulsetrain_board::virtual_uno::VirtualUno;
-    use pulsetrain_board::{Edge, Port, PortError, Remote, VirtualBoard};
+    use pulsetrain_board::{Edge, Link, LinkError, Port, PortError, Remote, VirtualBoard};
     use pulsetrain_core::wire::Baud;
     use pulsetrain_core::wire::message::Cause;
     use pulsetrain_motion::program::Program;
@@ -467,13 +467,21 @@ mod pty {
             .timeout(Duration::from_secs(3600))
             .open_native()
             .unwrap();
-        second.write_all(b"a x 100\n").unwrap();
+        // As `pulsetrain info` begins.
+        let mut link = Link::new(2);
+        link.hello(served.now());
+        let mut hello = Vec::new();
+        link.output(served.now(), &mut hello);
+        second.write_all(&hello).unwrap();
         let mut said = [0; 11];
         while second.bytes_to_read().unwrap() < 11 {
             served.rounds(1);
         }
         second.read_exact(&mut said).unwrap();
         assert_eq!(&said, b"err taken\r\n");
+        link.input(&said, served.now());
+        link.output(served.now() + Duration::from_secs(6), &mut hello);
+        assert_eq!(link.error(), Some(LinkError::Taken));
         assert_eq!(served.clients(), 1);
         // When the first one goes it is served, from then on.
         first.send(b"ping\n").unwrap();
@@ -660,6 +668,26 @@ mod real {
             "{said}"
         );
         assert!(served.interrupt().contains("clients: 2"));
+    }
+
+    /// How far the clock of a board that is paced by this computer's is off depends on how busy that is; what the command does with what
+    /// it measured does not. What it measures is tested in virtual time, where it is.
+    #[test]
+    fn a_board_at_a_port_is_calibrated() {
+        let link = folder("serve-calibrate").join("uno");
+        let (served, _) = Served::new("uno", &["--pty", &link.display().to_string()]);
+        let link = link.display().to_string();
+        let (exit, said) = pulsetrain(&["calibrate", "--port", &link, "--for", "2 s", "--json"]);
+        assert_eq!(exit, Exit::Success, "{said}");
+        let found: serde_json::Value = serde_json::from_str(&said[..=said.rfind('}').unwrap()]).unwrap();
+        let [ppm, within, seconds] = ["clock_ppm", "within_ppm", "seconds"].map(|name| found[name].as_f64().unwrap());
+        assert!(ppm.abs() < 1e6 && within > 0.0 && seconds == 2.0, "{said}");
+        // Who comes next finds the board as any other.
+        let (exit, said) = pulsetrain(&["calibrate", "--port", &link, "--for", "0.1 s"]);
+        assert!(exit == Exit::Refused && said.contains("too short to compare clocks"), "{said}");
+        assert!(served.interrupt().contains("clients: 2"));
+        let (exit, said) = pulsetrain(&["calibrate", "--port", &link]);
+        assert!(exit == Exit::Refused && said.contains("there is no port"), "{said}");
     }
 
     #[test]

@@ -1,5 +1,5 @@
 //! A program for the library's tests: it does what a mailbox in RAM asks for, and tells there what came of it. Up to eight drivers, STEP
-//! on GPIO 2, 4, 6, …, DIR on the next ones.
+//! on GPIO 2, 4, 6, …, DIR on the next ones; or up to five motors on coils, from GPIO 2 on.
 //!
 //! `crates/board/tests/common/mailbox.rs` has the other end, and finds it by its first word.
 #![no_std]
@@ -8,7 +8,7 @@
 use core::pin::Pin;
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use core::task::{Context, Poll, RawWaker, RawWakerVTable, Waker};
-use pulsetrain_pico::motors::{Course, Done, MotorSetup, Motors, Refusal, Times, Verb, set_handler};
+use pulsetrain_pico::motors::{Course, Done, MotorSetup, Motors, Refusal, Sequence, Times, Verb, set_handler};
 
 /// Futures, and done moves that are kept.
 const FUTURES: usize = 6;
@@ -20,7 +20,7 @@ const ARGUMENTS: usize = 28;
 #[repr(C)]
 struct Mailbox {
     magic: AtomicU32,
-    /// Motors: written into the image, before it runs.
+    /// Motors, and 256 more if they are on coils: written into the image, before it runs.
     count: AtomicU32,
     /// The number of the call, and of the last one that was answered.
     call: AtomicU32,
@@ -135,8 +135,10 @@ extern "C" fn main() -> ! {
         forward_high: true,
         ..MotorSetup::default()
     };
-    let wiring = [0, 1, 2, 3, 4, 5, 6, 7].map(driver);
-    let count = MAILBOX.count.load(Ordering::Relaxed) as usize;
+    let coils = |number: u8| MotorSetup::coils_on(2 + 4 * number, Sequence::Half);
+    let asked = MAILBOX.count.load(Ordering::Relaxed) as usize;
+    let count = asked & 0xff;
+    let wiring = [0, 1, 2, 3, 4, 5, 6, 7].map(|number| if asked == count { driver(number) } else { coils(number) });
     let times = Times { pulse_ticks: 50, setup_ticks: 50, hold_ticks: 50, ..Times::default() };
     // SAFETY: once, and nothing else is set up.
     let Ok(motors) = (unsafe { Motors::begin(&wiring[..count], times) }) else { panic!() };

@@ -4,6 +4,7 @@ use crate::baked::{self, Baked};
 use crate::link::{self, Line};
 use crate::machine::Board;
 use crate::start::Once;
+use crate::store::Store;
 use crate::talk::{self, Talk};
 use crate::usb::{Packet, Usb};
 use crate::winch::{Brought, Ear, Winch};
@@ -68,6 +69,7 @@ pub unsafe fn run() -> ! {
     let (mut board, line, usb) = unsafe { (Board::begin(), Line::open(), Usb::open(flash::unique_id())) };
     // SAFETY: as above.
     let (talks, winch) = unsafe { (TALKS.take(), WINCH.take()) };
+    board.store = Store::read();
     let baked = block.and_then(|block| Baked::begin(&mut board, &block));
     let (way, teller) = (Way::Uart, Way::Uart);
     let mut all = All { board, service: Service::new(MAX_BODY), line, usb, talks, way, teller, winch, baked };
@@ -150,6 +152,9 @@ impl All {
         }
         if self.winch.look(&mut self.board, &mut self.service) {
             self.say_to_text(&talk::Line::Winch(Reply::Awake));
+        }
+        if let Some(uncertain) = self.winch.uncertain() {
+            self.say_to_text(&talk::Line::Verbs(uncertain));
         }
         if core::mem::take(&mut self.winch.report) {
             for talk in &mut *self.talks {

@@ -10,6 +10,7 @@
 //! - `link`, `usb`: the serial line, and the serial port over USB: one session, on whichever of them it was begun
 //! - `clock`: the chip's clocks, and SysTick extended to 64 bits
 //! - `baked`: a motion in the flash, which begins with the board
+//! - `store`: settings that are kept without power
 //! - `flash`: what is in it, and the number by which two boards are told apart
 //! - `reset`: the watchdog, and why the program began
 //! - `start`: vectors, and memory that there is one of
@@ -20,7 +21,7 @@
 //! motor, and does all else in between. One interrupt, of the DMA, hands on what was written: it must come within the eight
 //! words of a FIFO. If the main loop is late by 1.8 ms, or the interrupt by eight words, a state machine runs dry: it gets
 //! nothing more, and all motors stop as soon as the main loop sees it. In the library a timer's interrupt does what the main loop
-//! does in the firmware, up to 1.7 ms ahead.
+//! does in the firmware, up to 1.9 ms ahead.
 //!
 //! # What is not
 //! Motion, but for the winch's paths and evenly spaced steps: segments come from the host or from the flash, as `pulsetrain_core::packing` has them.
@@ -37,6 +38,7 @@ mod regs;
 mod reset;
 mod start;
 mod steps;
+mod store;
 mod talk;
 mod usb;
 mod winch;

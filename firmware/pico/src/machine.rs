@@ -8,7 +8,8 @@ use crate::start::{self, Once};
 use crate::steps::MOTORS;
 use crate::steps::pins::{self, Layout};
 use crate::steps::pio;
-use crate::steps::stepper::{FRACTION_BITS, LONGEST, LONGEST_IDLE_MS, POOL, Pace, Stepper};
+use crate::steps::stepper::{FRACTION_BITS, Halt, LONGEST, LONGEST_IDLE_MS, POOL, Pace, Stepper};
+use crate::store::Store;
 use crate::winch;
 use pulsetrain_core::narrow::EPOCHS;
 use pulsetrain_core::verbs::motor::MOST_ITEMS;
@@ -16,6 +17,7 @@ use pulsetrain_core::verbs::{Motor, Verbs};
 use pulsetrain_core::winch::path::Slice;
 use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, NO_PIN, flags};
 use pulsetrain_core::wire::orders::{Obeyed, Orders};
+use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{Baud, Encoder, Machine, Millis, Reason, Refusal, Stopped, Switched};
 use pulsetrain_core::{Epoch, Moment};
 
@@ -31,8 +33,8 @@ const NEWS: usize = 8;
 /// Kinds of faults of a motor's queue.
 const FAULTS: usize = 3;
 
-/// What motors do that are told directly is worked out so many ticks at least at once: 0.1 ms.
-const SLICE: u64 = TICK_HZ as u64 / 10_000;
+/// What motors do that are told directly is worked out so much farther than words are to be written, ticks: 0.1 ms.
+const FARTHER: u64 = TICK_HZ as u64 / 10_000;
 
 static VERBS: Once<Verbs> = Once::new(Verbs::new());
 
@@ -63,6 +65,7 @@ pub(crate) struct Board {
     last_stop: Cause,
     last_reset: Cause,
     pub(crate) measures: Measures,
+    pub(crate) store: Store,
 }
 
 /// The enable line of the drivers.
@@ -145,6 +148,7 @@ impl Board {
             last_stop: Cause::None,
             last_reset: reset::why(),
             measures: Board::NO_MEASURES,
+            store: Store::EMPTY,
         }
     }
 
@@ -186,8 +190,8 @@ impl Board {
     #[inline(never)]
     fn work_out(&mut self) {
         let Board { verbs, stepper, clock, pace, .. } = self;
-        let until = clock.now() + u64::from(stepper.foresight(*pace)) + SLICE;
-        if until >= verbs.known() + SLICE && stepper.has_room(MOST_ITEMS) {
+        let until = clock.now() + u64::from(stepper.foresight(*pace)) + FARTHER;
+        if until >= verbs.known() + u64::from(pace.slice) && stepper.has_room(MOST_ITEMS) {
             verbs.work_out::<FRACTION_BITS>(until, |motor, item| stepper.take(motor, item));
             stepper.follow_from(Moment::of(until));
         }
@@ -330,13 +334,12 @@ impl Board {
 
     /// The immediate stop.
     fn stop(&mut self, cause: Cause) -> Stopped {
-        let (tick, uncertain) = self.stepper.stop(&mut self.clock);
+        let Halt { tick, uncertain, reached } = self.stepper.stop(&mut self.clock);
         self.baked = false;
         self.uncertain |= uncertain;
         if self.obeys {
             self.obeys = false;
-            let dry = (0..self.motors()).filter(|motor| pio::Machine::of(*motor).is_dry());
-            self.verbs.stop(tick, dry.fold(0, |all, motor| all | 1 << motor));
+            self.verbs.stop(|motor| reached.get(usize::from(motor)).copied().unwrap_or(0));
         }
         if self.armed {
             self.armed = false;
@@ -352,7 +355,7 @@ impl Board {
 
     /// When the next move is done that is worked out, ticks.
     pub(crate) fn next_done(&self) -> Option<u64> {
-        self.verbs.motors().iter().filter_map(Motor::next_done).min()
+        self.verbs.next_done()
     }
 
     /// What can wait a millisecond, without a line to a host. Whether nothing moves, and nothing is to.
@@ -378,21 +381,23 @@ impl Board {
         self.verbs.obey(orders).map(drop)
     }
 
-    /// Motors that are told directly forget what they do; with `all` false only [what has no end](Verbs::forsake).
-    pub(crate) fn halt(&mut self, all: bool) {
-        if self.obeys {
-            let stepper = &self.stepper;
-            self.uncertain |= self.verbs.forsake(all, |motor| u64::from(stepper.pull_in_ticks(motor)));
+    /// Motors that are told directly forget what they do; with `all` false only [what has no end](Verbs::forsake). Gives, bit by motor,
+    /// which ones were faster than they can stop.
+    pub(crate) fn halt(&mut self, all: bool) -> u8 {
+        if !self.obeys {
+            return 0;
         }
+        let stepper = &self.stepper;
+        let uncertain = self.verbs.forsake(all, |motor| u64::from(stepper.pull_in_ticks(motor)));
+        self.uncertain |= uncertain;
+        uncertain
     }
 
     /// A move that was done and not told yet; also after motors were stopped.
     pub(crate) fn move_done(&mut self) -> Option<Event> {
         let now = self.clock.now();
-        (0..).zip(self.verbs.motors_mut()).find_map(|(motor, verbs)| {
-            let (tick, detail) = verbs.take_done(now)?;
-            Some(Event { cause: Cause::MoveDone, motor, tick, detail })
-        })
+        let (motor, tick, detail) = self.verbs.take_done(now)?;
+        Some(Event { cause: Cause::MoveDone, motor, tick, detail })
     }
 
     fn tell(&mut self, cause: Cause, motor: u8, detail: u32) {
@@ -449,6 +454,7 @@ impl Board {
 
 impl Machine for Board {
     const OBEYS: bool = true;
+    const STORES: bool = true;
 
     fn info(&mut self) -> Info {
         Info {
@@ -599,6 +605,32 @@ impl Machine for Board {
 
     fn obeyed(&self, frame: &mut Encoder<'_>) {
         self.obeyed.encode(frame);
+    }
+
+    fn store(&mut self, settings: Option<&[u8; SETTINGS_LEN]>) -> Result<(), Refusal> {
+        self.check_free()?;
+        if self.armed {
+            return Err(Refusal::of(Reason::Moving));
+        }
+        if let Some(settings) = settings {
+            let Board { store, clock, .. } = self;
+            // Nothing needs words, and no motion is read from the flash.
+            store.write(settings, || {
+                reset::kick_watchdog();
+                clock.now()
+            });
+        }
+        Ok(())
+    }
+
+    fn stored(&mut self, settings: &mut [u8; SETTINGS_LEN]) -> bool {
+        let kept = self.store.settings();
+        *settings = kept.copied().unwrap_or_default();
+        kept.is_some()
+    }
+
+    fn store_is_damaged(&self) -> bool {
+        self.store.is_damaged()
     }
 
     fn clock(&mut self) -> u64 {

@@ -2,7 +2,7 @@
 //!
 //! # How it goes
 //! [`Motors::begin`] sets up clocks, pins and state machines, and a timer's interrupt that works out steps and writes words for the
-//! motors ahead of time, up to 1.7 ms. The program does what it likes meanwhile: it may compute for seconds. Steps come on their
+//! motors ahead of time, up to 1.9 ms. The program does what it likes meanwhile: it may compute for seconds. Steps come on their
 //! ticks of 8 ns; what a program says holds from the tick that [`Motors::tell`] gives back.
 //!
 //! When a move is done, its last step's period included, a function is called ([`Motors::on_done`]), and who awaits
@@ -15,17 +15,18 @@
 //!
 //! # What a program may not do
 //! Keep the library's interrupts out for long: by `cpsid`, or by an interrupt of its own that they wait for.
-//! - The timer's comes when some motor has words for 0.4 ms left, and has to write more for all before they are used up. So it may be
-//!   kept out for that, less what its own round takes: with one motor 0.3 ms; with four 0.25 ms at 25 000 steps/s, 0.14 ms at
-//!   250 000; with eight 0.14 ms at 62 500 steps/s, 0.04 ms at 125 000, their shortest period. What [`Motors::on_done`] calls takes of the same.
+//! - The timer's comes when some motor has words left for 0.35 ms, and for 0.05 ms more for each motor that there is, and has to write
+//!   more for all before they are used up. So it may be kept out for that, less what its own round takes: for 0.25 ms at the shortest
+//!   periods, also as all motors begin at once; with one motor 0.3 ms; with four 0.35 ms at 25 000 steps/s; with eight 0.3 ms at 62 500. What
+//!   [`Motors::on_done`] calls takes of the same, and so do orders, which keep it out.
 //! - The DMA's hands on what was written as soon as the eight words of a FIFO are all that is left: eight steps, or fewer at a turn.
 //!   So it may be kept out for seven of the shortest periods in use: 17 µs at 400 000 steps/s, 7 µs at a million. That is what
 //!   an interrupt of the highest priority may take at most, and after a reset all have that; one that takes longer needs a lower one
 //!   (0x40, 0x80 or 0xc0 in the NVIC's IPR; the timer's has 0xc0).
 //!
-//! Who does all the same runs a motor dry: then all stop at once, without ramps, and count what they did; of moves that were done in
-//! the last 1.7 ms before some are not told. From then on [`Motors::tell`] and [`Motor::rests`] say
-//! [`NotArmed`](Reason::NotArmed), until [`Motors::arm`] begins again.
+//! Who does all the same runs a motor dry: then all stop at once, without ramps, and count what they did; moves that were done
+//! before are told, the one under way is not. From then on [`Motors::tell`] and [`Motor::rests`] say [`NotArmed`](Reason::NotArmed),
+//! until [`Motors::arm`] begins again.
 //!
 //! # What is not
 //! Ramps: a motor has a new speed with its next step. Motors for the other core, or for interrupts of one's own: neither can get at
@@ -56,7 +57,7 @@ pub use pulsetrain_core::wire::{Refusal, Stopped};
 pub const TICKS_PER_S: u32 = TICK_HZ;
 
 /// How often motors are looked after, at least, µs.
-const ROUND_US: u32 = 1200;
+const ROUND_US: u32 = 1400;
 
 /// And at most: an alarm that is not ahead comes after 72 min.
 const SHORTEST_ROUND_US: u32 = 5;
@@ -251,7 +252,7 @@ impl Motors {
         clock::take_pins();
         // SAFETY: the caller's promise.
         let mut board = unsafe { Board::begin() };
-        board.pace = Pace::SELDOM;
+        board.pace = Pace::of_interrupt(configuration.motors().count() as u8);
         board.configure(&configuration)?;
         regs::enable_interrupts();
         let wakers = [const { [const { None }; WAITING] }; MOTORS];
@@ -291,7 +292,7 @@ impl Motors {
 
     /// Calls `on_done` with each move that is done, in the timer's interrupt, some 10 µs later. It may tell motors what to do
     /// next; how long it may take the [module](self) says. If it [stops](Motors::stop) them and [arms](Motors::arm) them again, it is
-    /// not told of others that were done by then.
+    /// still told of others that were done by then.
     pub fn on_done(self, on_done: fn(Motors, Done)) {
         with(|state| state.on_done = Some(on_done));
     }
@@ -336,7 +337,7 @@ impl Motors {
         now()
     }
 
-    /// Sleeps until the clock is at `tick`, or up to 1.2 ms longer.
+    /// Sleeps until the clock is at `tick`, or up to 1.4 ms longer.
     pub fn sleep_until(self, tick: u64) {
         while now() < tick {
             regs::wait_for_interrupt();

@@ -25,7 +25,7 @@ use pulsetrain_core::winch::session::Session;
 use pulsetrain_core::winch::text::{Heard, Reader, Refusal, Verb, What};
 use pulsetrain_core::wire::message::{Configuration, Event, MOTOR_SETUP_LEN};
 use pulsetrain_core::wire::orders::Orders;
-use pulsetrain_core::wire::{Machine, Reason, Refusal as Refused, Service};
+use pulsetrain_core::wire::{Machine, Reason, Refusal as Refused, Service, Settings};
 
 /// Ticks of a slice, a millisecond: slices begin at the clock's multiples of it.
 pub(crate) const SLICE: u32 = TICK_HZ / 1000;
@@ -56,6 +56,8 @@ const AXES: [u8; 4 * MOTOR_SETUP_LEN] = {
     while axis < 4 {
         let at = MOTOR_SETUP_LEN * axis;
         [axes[at], axes[at + 1], axes[at + 2]] = [STEP_PINS[axis], STEP_PINS[axis] + 1, FORWARD_HIGH];
+        // Text knows no pull-in speed: none is so slow that a stop at once is sure to be one.
+        [axes[at + 4], axes[at + 5], axes[at + 6], axes[at + 7]] = [0xff; 4];
         axis += 1;
     }
     axes
@@ -130,6 +132,8 @@ pub(crate) struct Winch {
     next: u64,
     /// A status line is due.
     pub(crate) report: bool,
+    /// Axes that a deadman stopped at once, which is to be said.
+    stopped: u8,
 }
 
 impl Winch {
@@ -144,6 +148,7 @@ impl Winch {
             ends: false,
             next: 0,
             report: false,
+            stopped: 0,
         }
     }
 
@@ -222,6 +227,8 @@ impl Winch {
 
     fn obey(&mut self, board: &mut Board, orders: &Orders<'_>) -> Result<(), Refused> {
         if !self.tells {
+            // What frames' motors have done is not text's to tell.
+            while board.move_done().is_some() {}
             // A line that is refused does not enable the drivers.
             board.would_obey(orders)?;
             board.arm()?;
@@ -234,6 +241,12 @@ impl Winch {
     pub(crate) fn move_done(&mut self, board: &mut Board) -> Option<text::Reply> {
         let Event { motor, tick, detail, .. } = if self.tells { board.move_done()? } else { return None };
         Some(text::Reply::Done { axis: motor, tick, number: detail })
+    }
+
+    /// What is to be said of axes that a deadman has stopped.
+    pub(crate) fn uncertain(&mut self) -> Option<text::Reply> {
+        let axes = core::mem::take(&mut self.stopped);
+        (axes != 0).then_some(text::Reply::Uncertain { axes })
     }
 
     /// Sees to what a command has changed.
@@ -283,7 +296,9 @@ impl Winch {
     pub(crate) fn look(&mut self, board: &mut Board, service: &mut Service) -> bool {
         if self.tells {
             if self.ends || self.session.is_forsaken() {
-                board.halt(true);
+                let stopped = board.halt(true);
+                // Who says `enable 0` knows.
+                self.stopped |= if self.ends { 0 } else { stopped };
             }
             // What was done is told first.
             if board.next_done().is_none() && (!board.is_armed() || (self.ends && board.rests())) {
@@ -313,7 +328,8 @@ impl Winch {
         let on = !service.is_taken() && board.rests();
         let begins = on && !self.on;
         if begins {
-            *self = Winch::new();
+            let kept = board.store.settings().and_then(|bytes| Settings::decode(bytes)).unwrap_or_default();
+            *self = Winch { session: Session::keeping(&kept), ..Winch::new() };
             self.next = (board.clock.now() / u64::from(SLICE) + 1) * u64::from(SLICE);
         }
         self.on = on;

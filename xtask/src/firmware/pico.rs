@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::{env, fs};
 
-/// Flash of a Pico, and where it is.
-const FLASH: u32 = 2 * 1024 * 1024;
+/// Flash of a Pico, without the two sectors of its settings, and where it is.
+const FLASH: u32 = 2040 * 1024;
 const FLASH_AT: u32 = 0x1000_0000;
 /// RAM, without the stack.
 const RAM: u32 = 248 * 1024;

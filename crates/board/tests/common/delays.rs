@@ -66,7 +66,8 @@ pub(crate) fn delay(rate: u64, turns: bool, times: u32) -> Delay {
         };
         let (sent, obeyed) = tell(&mut pico, &[(0, verb)]);
         let mut edges = Vec::new();
-        pico.advance(obeyed.tick + 3 * slow, &mut |edge: Edge| edges.push(edge));
+        // The board's clock is known here to some 30 µs: a little longer, so that they are surely made.
+        pico.advance(obeyed.tick + 3 * slow + TICK_HZ / 5000, &mut |edge: Edge| edges.push(edge));
         let rises: Vec<_> = edges.iter().filter(|edge| edge.line == 2 && edge.level).map(|edge| edge.tick).collect();
         let new = if turns {
             let dir = edges.iter().find(|edge| edge.line == 3).expect("it turns").tick;

@@ -54,13 +54,22 @@ pub(crate) type Refused = (Reason, u16);
 impl Mailbox {
     /// The program with so many drivers, STEP on 2, 4, 6, …, pulses and set-ups of 50 ticks.
     pub(crate) fn new(motors: u8) -> Mailbox {
+        Mailbox::with(motors, false)
+    }
+
+    /// With so many motors on coils, in half steps, on 2 to 5, 6 to 9, …, up to five.
+    pub(crate) fn on_coils(motors: u8) -> Mailbox {
+        Mailbox::with(motors, true)
+    }
+
+    fn with(motors: u8, on_coils: bool) -> Mailbox {
         let mut image = IMAGE.to_vec();
         let at = place(&image);
-        image[at + 4 * COUNT] = motors;
+        image[at + 4 * COUNT..][..2].copy_from_slice(&[motors, on_coils.into()]);
         let pico = VirtualPico::with_image(&image).expect("it runs");
         let mut mailbox = Mailbox { pico, at: 0, calls: 0, edges: Vec::new(), dones: Vec::new() };
         mailbox.at = place(mailbox.pico.chip().ram());
-        assert_eq!(mailbox.word(COUNT), u32::from(motors));
+        assert_eq!(mailbox.word(COUNT), u32::from(motors) | u32::from(on_coils) << 8);
         mailbox
     }
 
@@ -73,6 +82,11 @@ impl Mailbox {
     fn set(&mut self, word: usize, value: u32) {
         let at = self.at + 4 * word;
         self.pico.chip_mut().ram_mut()[at..at + 4].copy_from_slice(&value.to_le_bytes());
+    }
+
+    /// Motors.
+    pub(crate) fn motors(&self) -> u32 {
+        self.word(COUNT) & 0xff
     }
 
     /// The clock, ticks.

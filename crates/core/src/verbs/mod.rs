@@ -40,11 +40,11 @@ impl Verbs {
     }
 
     /// Begins with motors at rest, at these positions and within these limits, [`MAX_MOTORS`] at most; nothing happens before
-    /// `known`.
+    /// `known`. Moves of the motors before that were done and not told yet are [told](Verbs::take_done) still.
     pub fn begin(&mut self, motors: impl Iterator<Item = (Limits, i32)>, known: u64) {
         (self.count, self.known) = (0, known);
         for (motor, (limits, position)) in self.motors.iter_mut().zip(motors) {
-            *motor = Motor::new(limits, position, known);
+            *motor = motor.anew(limits, position, known);
             self.count += 1;
         }
     }
@@ -61,9 +61,23 @@ impl Verbs {
         self.motors.get(..usize::from(self.count)).unwrap_or_default()
     }
 
-    /// The motors, to ask them what is done.
-    pub fn motors_mut(&mut self) -> &mut [Motor] {
+    fn motors_mut(&mut self) -> &mut [Motor] {
         self.motors.get_mut(..usize::from(self.count)).unwrap_or_default()
+    }
+
+    /// The oldest move of the first motor that has one which was done by tick `now` and was not told yet: the motor, when, and how
+    /// many of its moves are done with it, wrapping. Also one of a motor that is no more.
+    pub fn take_done(&mut self, now: u64) -> Option<(u8, u64, u32)> {
+        (0..).zip(&mut self.motors).find_map(|(number, motor)| {
+            let (at, count) = motor.take_done(now)?;
+            Some((number, at, count))
+        })
+    }
+
+    /// When the next move that was worked out, and not told yet, is done.
+    #[must_use]
+    pub fn next_done(&self) -> Option<u64> {
+        self.motors.iter().filter_map(Motor::next_done).min()
     }
 
     /// Does all of what is ordered, from [`known`](Verbs::known) on, or none of it.
@@ -133,11 +147,10 @@ impl Verbs {
         uncertain
     }
 
-    /// All motors were stopped at once, after tick `tick`: see [`Motor::stop`]. Of those in `dry`, bit by motor, not even the steps before
-    /// that were all made: no move that was not told yet counts as done.
-    pub fn stop(&mut self, tick: u64, dry: u8) {
+    /// All motors were stopped at once, each after the tick that `at` gives for its number: see [`Motor::stop`].
+    pub fn stop(&mut self, at: impl Fn(u8) -> u64) {
         for (number, motor) in (0..).zip(self.motors_mut()) {
-            motor.stop(if dry >> number & 1 == 0 { tick } else { 0 });
+            motor.stop(at(number));
         }
     }
 }

@@ -123,11 +123,19 @@ pub struct Motor {
     /// Where the channel's accumulator is.
     reached: Option<u64>,
     position: i32,
-    /// Moves done so far, as far as was worked out, wrapping, and how many of them were told.
+    /// Moves done so far, as far as was worked out, wrapping.
     done: u32,
-    told: u32,
-    /// When the last of them were, the newest first.
-    done_at: [u64; MOST_UNTOLD as usize],
+    /// Of `dones`, from the first on, these were not told yet.
+    untold: u8,
+    /// The last moves that were done, the newest first.
+    dones: [Done; MOST_UNTOLD as usize],
+}
+
+/// A move that is done: when, and how many then are, wrapping.
+#[derive(Clone, Copy, Debug)]
+struct Done {
+    at: u64,
+    number: u32,
 }
 
 impl Motor {
@@ -148,9 +156,15 @@ impl Motor {
             reached: None,
             position,
             done: 0,
-            told: 0,
-            done_at: [0; MOST_UNTOLD as usize],
+            untold: 0,
+            dones: [Done { at: 0, number: 0 }; MOST_UNTOLD as usize],
         }
+    }
+
+    /// A [`new`](Motor::new) one in this one's place: moves count from 0, and those that were done and not told yet are still told first.
+    #[must_use]
+    pub const fn anew(&self, limits: Limits, position: i32, open: u64) -> Motor {
+        Motor { untold: self.untold, dones: self.dones, ..Motor::new(limits, position, open) }
     }
 
     /// Does what a verb says from tick `at` on: not before what was [worked out](Motor::work_out).
@@ -174,7 +188,7 @@ impl Motor {
 
     fn begin(&mut self, task: Task) -> Result<(), Refused> {
         let is_move = |task| matches!(task, Task::Steps(_));
-        if is_move(task) && self.untold() + u32::from(is_move(self.task)) >= MOST_UNTOLD {
+        if is_move(task) && u32::from(self.untold) + u32::from(is_move(self.task)) >= MOST_UNTOLD {
             return Err(Refused::Busy);
         }
         match (self.task, self.waiting) {
@@ -205,8 +219,9 @@ impl Motor {
     /// is not worked out: [`position`](Motor::position) is no more where it stands.
     pub fn stop(&mut self, at: u64) {
         (self.task, self.waiting) = (Task::Rest, Task::Rest);
-        while self.untold() > 0 && self.done_at[0] > at {
-            self.done_at.rotate_left(1);
+        while self.untold > 0 && self.dones[0].at > at {
+            self.dones.rotate_left(1);
+            self.untold -= 1;
             self.done = self.done.wrapping_sub(1);
         }
     }
@@ -283,33 +298,33 @@ impl Motor {
     }
 
     fn note_done(&mut self, at: u64) {
-        self.done_at.rotate_right(1);
-        self.done_at[0] = at;
         self.done = self.done.wrapping_add(1);
+        self.untold += 1;
+        self.dones.rotate_right(1);
+        self.dones[0] = Done { at, number: self.done };
     }
 
     /// The oldest move that was done by tick `now` and was not told yet: when, and how many are done with it, wrapping.
     pub fn take_done(&mut self, now: u64) -> Option<(u64, u32)> {
-        let at = self.next_done().filter(|at| *at <= now)?;
-        self.told = self.told.wrapping_add(1);
-        Some((at, self.told))
+        let Done { at, number } = self.oldest().filter(|done| done.at <= now)?;
+        self.untold -= 1;
+        Some((at, number))
     }
 
     /// When the oldest move that was worked out, and not told yet, is done.
     #[must_use]
     pub fn next_done(&self) -> Option<u64> {
-        self.done_at.get(self.untold().checked_sub(1)? as usize).copied()
+        self.oldest().map(|done| done.at)
     }
 
-    /// Moves that were worked out and not told yet, [`MOST_UNTOLD`] at most.
-    const fn untold(&self) -> u32 {
-        self.done.wrapping_sub(self.told)
+    fn oldest(&self) -> Option<Done> {
+        self.dones.get(usize::from(self.untold.checked_sub(1)?)).copied()
     }
 
     /// Whether all moves that were worked out have been told as done.
     #[must_use]
     pub const fn is_told(&self) -> bool {
-        self.told == self.done
+        self.untold == 0
     }
 
     /// Steps forward less steps backward that were worked out, wrapping.
@@ -337,7 +352,7 @@ impl Motor {
     /// The same by tick `now`: what it did last is done by then, too.
     #[must_use]
     pub fn rests_at(&self, now: u64) -> bool {
-        self.is_at_rest() && (self.untold() == 0 || self.done_at[0] <= now)
+        self.is_at_rest() && (self.is_told() || self.dones[0].at <= now)
     }
 
     /// How long after its last step the next one comes, ticks, if it is told nothing else; `None` if none does, or there was none.

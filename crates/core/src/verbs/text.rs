@@ -164,6 +164,12 @@ pub enum Reply {
         /// Of this axis, wrapping.
         number: u32,
     },
+    /// `uncertain <axes>`: a deadman stopped them between two steps, without a ramp. Text knows no pull-in speed: whoever was faster may
+    /// stand elsewhere than it counts.
+    Uncertain {
+        /// As [`Told::axes`].
+        axes: u8,
+    },
     /// `err <what> <word>`: the line cannot be read.
     Unread(What, u8),
     /// `err period <shortest>`, `err busy <axis>`: it cannot be done; `err stopped`: motors stopped by themselves, and text begins anew;
@@ -211,6 +217,14 @@ impl Reply {
                 to.text(&[name(u16::from(*axis))]);
                 to.number(*tick);
                 to.number((*number).into());
+            }
+            Reply::Uncertain { axes } => {
+                to.text(b"uncertain ");
+                for (axis, name) in (0..).zip(AXES) {
+                    if axes >> axis & 1 != 0 {
+                        to.text(&[name]);
+                    }
+                }
             }
             Reply::Unread(what, word) => {
                 to.text(match what {

@@ -3,9 +3,10 @@
 //! It counts milliseconds by being told of each one; what it works out is played when the board says. Whoever has several
 //! lines to hosts has a [`Reader`] for each, and one session. On an Uno assembly does the same, firmware/uno/src/winch.
 
-use super::path::{Path, Slice};
+use super::path::{Limits, Path, Slice};
 use super::reply::Reply;
 use super::text::{Reader, Verb};
+use crate::wire::Settings;
 
 /// The interval of status lines at first, ms.
 pub const FIRST_REPORT_MS: u16 = 200;
@@ -47,6 +48,10 @@ pub struct Session {
     deadman_ms: u16,
     /// Since the last command.
     unheard_ms: u32,
+    /// The drivers are to be off after so long a rest; 0: not.
+    idle_ms: u16,
+    /// Since an axis went on, or the drivers were last told to be on.
+    rested_ms: u16,
 }
 
 impl Default for Session {
@@ -68,7 +73,19 @@ impl Session {
             unreported_ms: 0,
             deadman_ms: 0,
             unheard_ms: 0,
+            idle_ms: 0,
+            rested_ms: 0,
         }
+    }
+
+    /// As a board begins that keeps such settings.
+    #[must_use]
+    pub fn keeping(settings: &Settings) -> Session {
+        let mut session = Session { deadman_ms: settings.deadman_ms, idle_ms: settings.idle_ms, ..Session::new() };
+        if let Some(limits) = Limits::new(settings.vmax, settings.amax) {
+            session.paths.iter_mut().for_each(|path| path.set_limits(&limits));
+        }
+        session
     }
 
     /// Does what a line says that `reader` has just heard; gives what is to be answered.
@@ -116,7 +133,14 @@ impl Session {
         if !self.drives {
             return [Slice::NONE; 4];
         }
-        self.paths.each_mut().map(Path::tick)
+        let slices = self.paths.each_mut().map(Path::tick);
+        self.rested_ms = if self.is_slow() { self.rested_ms.saturating_add(1) } else { 0 };
+        slices
+    }
+
+    /// Whether no axis does 1 step/s.
+    fn is_slow(&self) -> bool {
+        self.paths.iter().all(|path| path.speed().unsigned_abs() < STOPPED)
     }
 
     /// Whether a command was for axes or their drivers: before that the board's pins may be anything.
@@ -132,10 +156,11 @@ impl Session {
     }
 
     /// Whether they are to be released as soon as no step is left that was worked out: `enable 0` was said, and the paths
-    /// have stopped.
+    /// have stopped; or they have rested for as long as settings say.
     #[must_use]
     pub fn has_stopped(&self) -> bool {
-        self.releasing && self.paths.iter().all(|path| path.speed().unsigned_abs() < STOPPED)
+        let is_idle = self.drives && self.idle_ms != 0 && self.rested_ms >= self.idle_ms;
+        is_idle || (self.releasing && self.is_slow())
     }
 
     /// The drivers are off now.
@@ -162,5 +187,6 @@ impl Session {
 
     const fn enable(&mut self) {
         (self.wired, self.drives, self.releasing) = (true, true, false);
+        self.rested_ms = 0;
     }
 }

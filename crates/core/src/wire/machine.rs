@@ -143,6 +143,11 @@ pub trait Machine {
         false
     }
 
+    /// Whether it finds something damaged where it keeps them, if it can tell that from nothing: then those before hold, or none.
+    fn store_is_damaged(&self) -> bool {
+        false
+    }
+
     /// The 64-bit clock, now.
     fn clock(&mut self) -> u64;
 

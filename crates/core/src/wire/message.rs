@@ -9,7 +9,7 @@
 use super::frame::{Encoder, Tag};
 use super::machine::{Stopped, Switched};
 use super::orders::{Obeyed, Orders};
-use super::settings::{SETTINGS_LEN, Settings};
+use super::settings::{SETTINGS_LEN, Settings, Stored};
 use super::{Baud, MAX_MOTORS};
 use crate::Epoch;
 use crate::output::Sequence;
@@ -1031,13 +1031,13 @@ pub enum Reply {
     Measures(Measures),
     /// To Orders.
     Obeyed(Obeyed),
-    /// To Store: what the board keeps; `None`: nothing.
+    /// To Store: what the board keeps.
     ///
     /// | byte | |
     /// |---|---|
-    /// | 2 | 1: the board keeps what follows; 0: nothing was stored, or it was damaged |
+    /// | 2 | bit 0: the board keeps what follows; else nothing was stored, or it was damaged. Bit 1: it has found something damaged |
     /// | 3–16 | as the bytes 2 to 15 of `Settings`; else 0 |
-    Stored(Option<Settings>),
+    Stored(Stored),
     /// To Arm, Release, Discard, Baud, Bye: done. No payload.
     Done {
         /// The command's kind.
@@ -1141,13 +1141,12 @@ impl Reply {
             kind::MEASURES => Reply::Measures(Measures::decode(reader)?),
             kind::ORDERS => Reply::Obeyed(Obeyed::decode(core::mem::take(&mut reader.0))?),
             kind::STORE => {
-                let is_kept = reader.u8()?;
+                let marks = reader.u8()?;
                 let settings = Settings::decode(&reader.array::<SETTINGS_LEN>()?)?;
-                Reply::Stored(match is_kept {
-                    0 => None,
-                    1 => Some(settings),
-                    _ => return None,
-                })
+                if marks > 3 {
+                    return None;
+                }
+                Reply::Stored(Stored { settings: (marks & 1 != 0).then_some(settings), is_damaged: marks & 2 != 0 })
             }
             kind::ARM | kind::RELEASE | kind::DISCARD | kind::BAUD | kind::BYE => Reply::Done { kind },
             _ => return None,

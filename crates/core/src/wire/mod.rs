@@ -23,7 +23,7 @@ pub use frame::{Decoder, Encoder, MAX_BODY, MAX_FRAME};
 pub use machine::{Machine, Refusal, Stopped, Switched};
 pub use message::{Command, Reason, Reply};
 pub use service::Service;
-pub use settings::Settings;
+pub use settings::{Settings, Stored};
 
 /// Of this description; a host that finds another one says so and goes away.
 pub const VERSION: u8 = 1;

@@ -541,7 +541,8 @@ impl Service {
             kind::ORDERS if M::OBEYS => machine.obeyed(frame),
             kind::STORE if M::STORES => {
                 let mut settings = [0; SETTINGS_LEN];
-                frame.u8(u8::from(machine.stored(&mut settings)));
+                let is_kept = u8::from(machine.stored(&mut settings));
+                frame.u8(is_kept | u8::from(machine.store_is_damaged()) << 1);
                 frame.bytes(&settings);
             }
             _ => {}

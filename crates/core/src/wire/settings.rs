@@ -26,6 +26,16 @@ pub struct Settings {
     pub amax: u32,
 }
 
+/// What a board keeps of them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Stored {
+    /// Those that hold; `None`: nothing was stored, or it was damaged.
+    pub settings: Option<Settings>,
+    /// Something damaged was found in their place: those before hold, or none. A Pico tells that; on an Uno it is as if nothing had been
+    /// stored.
+    pub is_damaged: bool,
+}
+
 /// What text's command `l` takes without cutting it down (docs/winch.md), 0.001 steps/s and 0.001 steps/s².
 pub const MOST_VMAX: u32 = 10_000_000;
 /// Least and most acceleration.

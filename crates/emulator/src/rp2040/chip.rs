@@ -81,7 +81,13 @@ impl Rp2040 {
 
     /// Gives the flash chip its number, which no other has.
     pub fn set_flash_id(&mut self, id: [u8; 8]) {
-        self.system.fabric.ssi.id = id;
+        self.system.fabric.xip.flash.id = id;
+    }
+
+    /// From now on erasing and programming flash takes as long as its datasheet lets it, 0.4 s for a sector and 3 ms for a page; else what
+    /// it takes as a rule, 45 ms and 0.4 ms.
+    pub fn slow_flash(&mut self) {
+        self.system.fabric.xip.flash.be_slow();
     }
 
     /// Makes it a chip of another revision, as SYSINFO tells it: 1 is B0 or B1, 2, as it is at first, B2. Nothing else is another.
@@ -353,7 +359,14 @@ impl Rp2040 {
     }
 
     /// Flash, from [`FLASH_ADDRESS`](Rp2040::FLASH_ADDRESS).
+    ///
+    /// Where a sector is being erased or a page programmed it is as when the program looked last.
     pub fn flash(&self) -> &[u8] {
-        self.system.fabric.xip.flash()
+        self.system.fabric.xip.flash.memory()
+    }
+
+    /// Flash, to be changed. What the cache holds stays.
+    pub fn flash_mut(&mut self) -> &mut [u8] {
+        self.system.fabric.xip.flash.memory_mut()
     }
 }

@@ -144,7 +144,7 @@ impl Fabric {
         self.resets = reset::ALL;
         self.sio = Sio::new();
         self.xip.flush();
-        self.ssi.reset();
+        self.ssi.reset(&mut self.xip.flash, cycle);
         self.watchdog.reset(cause);
         self.clocks = Clocks::new();
         self.plain.clear();
@@ -255,6 +255,7 @@ impl Fabric {
             uart.set_clocks(peri, sys, cycle);
         }
         self.usb.set_clock(sys, cycle);
+        self.xip.flash.set_clock(sys);
     }
 
     /// Brings to the pins what drives them, from a cycle on.
@@ -381,7 +382,12 @@ impl Fabric {
         let word = match address >> 24 {
             // The boot ROM is not there: it reads as zeros.
             0x00 if address < 0x4000 => 0,
-            0x10..=0x13 => self.xip.word(address),
+            0x10..=0x13 => {
+                self.xip.flash.settle(cycle);
+                // Who has it for commands, or busy, reads what nobody drives; a line in the cache is not told apart from that.
+                let is_there = self.ssi.reads_in_place() && !self.xip.flash.is_busy();
+                if is_there { self.xip.word(address) } else { u32::MAX }
+            }
             0x14 => self.xip.read(address & 0xfc),
             0x18 => self.ssi.read(address & 0xfc),
             0x40 | 0x50 => self.read_register(address, cycle)?,
@@ -456,7 +462,7 @@ impl Fabric {
         match address >> 24 {
             0x10 => self.xip.invalidate(address),
             0x14 => self.xip.write(address & 0xfc, value),
-            0x18 => self.ssi.write(address & 0xfc, value),
+            0x18 => self.ssi.write(address & 0xfc, value, &mut self.xip.flash, cycle),
             0x40 | 0x50 => self.write_register(address, value, cycle, observer)?,
             _ => return Err(BusFault { address }),
         }
@@ -527,7 +533,7 @@ impl Fabric {
                 let register = self.plain.entry(base | offset).or_insert(0);
                 *register = merge(*register);
                 if base | offset == QSPI_SS_CTRL {
-                    self.ssi.set_select(*register >> 8 & 3);
+                    self.ssi.set_select(*register >> 8 & 3, &mut self.xip.flash, cycle);
                 }
             }
             _ => return Err(BusFault { address }),

@@ -4,6 +4,7 @@ mod chip;
 mod clocks;
 mod dma;
 mod fabric;
+mod flash;
 mod gpio;
 mod pio;
 mod sio;

@@ -1,8 +1,8 @@
-//! The serial interface to the flash chip, for commands of bytes (RP2040 datasheet §4.10), and the chip's answers to them
-//! (Winbond W25Q16JV, rev. H, §8.2).
+//! The serial interface to the flash chip, for commands of bytes (RP2040 datasheet §4.10). The chip is `flash`.
 //!
-//! Reading in place is not here: see `xip`, which takes no notice of how this is set up. A byte is there and back at once.
+//! Reading in place is not here: see `xip`. A byte is there and back at once.
 
+use super::flash::Flash;
 use std::collections::{BTreeMap, VecDeque};
 
 /// Offsets of registers (§4.10.13).
@@ -29,32 +29,29 @@ const FIFO: usize = 16;
 const NOT_FULL: u32 = 1 << 1 | 1 << 2;
 const RECEIVED: u32 = 1 << 3;
 
-/// Read Unique ID: four bytes follow of which nothing is said, then the number.
-const READ_UNIQUE_ID: u8 = 0x4b;
-const SILENT: usize = 4;
-
 #[derive(Clone)]
 pub(super) struct Ssi {
     registers: BTreeMap<u32, u32>,
     received: VecDeque<u8>,
-    /// The number of the flash chip.
-    pub(super) id: [u8; 8],
     /// Chip select is held low by its pin's override.
     selected: bool,
-    /// The command that is under way, and bytes since then.
-    command: Option<(u8, usize)>,
 }
 
 impl Ssi {
     pub(super) fn new() -> Ssi {
-        let id = *b"\xe6\x60\x58\x38\x83\x2a\x51\x2e";
         let registers = BTreeMap::from([(at::CTRLR0, FOR_READING), (at::SSIENR, 1)]);
-        Ssi { registers, received: VecDeque::new(), id, selected: false, command: None }
+        Ssi { registers, received: VecDeque::new(), selected: false }
     }
 
-    /// As after boot; the flash chip stays the same.
-    pub(super) fn reset(&mut self) {
-        *self = Ssi { id: self.id, ..Ssi::new() };
+    /// As after boot; the flash chip is what it was.
+    pub(super) fn reset(&mut self, flash: &mut Flash, cycle: u64) {
+        *self = Ssi::new();
+        flash.deselect(cycle);
+    }
+
+    /// Whether it is set up for reading in place.
+    pub(super) fn reads_in_place(&self) -> bool {
+        self.is_enabled() && self.register(at::CTRLR0) & BYTES_MASK != BYTES
     }
 
     fn register(&self, offset: u32) -> u32 {
@@ -66,10 +63,10 @@ impl Ssi {
     }
 
     /// The override of the chip select's output (§2.19.6.2, OUTOVER): 2 is low. An edge up ends the chip's command.
-    pub(super) fn set_select(&mut self, over: u32) {
+    pub(super) fn set_select(&mut self, over: u32, flash: &mut Flash, cycle: u64) {
         self.selected = over == 2;
         if !self.selected {
-            self.command = None;
+            flash.deselect(cycle);
         }
     }
 
@@ -83,7 +80,7 @@ impl Ssi {
         }
     }
 
-    pub(super) fn write(&mut self, offset: u32, value: u32) {
+    pub(super) fn write(&mut self, offset: u32, value: u32, flash: &mut Flash, cycle: u64) {
         match offset {
             at::SSIENR => {
                 self.registers.insert(offset, value & 1);
@@ -92,7 +89,7 @@ impl Ssi {
                     self.received.clear();
                 }
             }
-            at::DR0..=at::DR_LAST => self.exchange(value),
+            at::DR0..=at::DR_LAST => self.exchange(value, flash, cycle),
             // Registers of the set-up cannot be written while it is on.
             _ if offset < at::TXFLR && self.is_enabled() => {}
             _ => {
@@ -101,25 +98,14 @@ impl Ssi {
         }
     }
 
-    fn exchange(&mut self, value: u32) {
+    fn exchange(&mut self, value: u32, flash: &mut Flash, cycle: u64) {
         if !self.is_enabled() || self.register(at::CTRLR0) & BYTES_MASK != BYTES || self.received.len() == FIFO {
             return;
         }
-        let byte = value as u8;
-        let answer = match &mut self.command {
-            None => {
-                self.command = Some((byte, 0));
-                0xff
-            }
-            Some((command, at)) => {
-                *at += 1;
-                // Without end, as the chip goes on.
-                if *command == READ_UNIQUE_ID && *at > SILENT { self.id[(*at - SILENT - 1) % 8] } else { 0xff }
-            }
-        };
+        let answer = flash.exchange(value as u8, cycle);
         if !self.selected {
             // The interface lets go of the chip with each byte, as nothing more waits.
-            self.command = None;
+            flash.deselect(cycle);
         }
         self.received.push_back(answer);
     }
@@ -130,11 +116,11 @@ mod tests {
     use super::*;
 
     /// What comes back while a command's bytes go out.
-    fn answers(ssi: &mut Ssi, bytes: &[u8]) -> Vec<u32> {
+    fn answers(ssi: &mut Ssi, flash: &mut Flash, bytes: &[u8]) -> Vec<u32> {
         bytes
             .iter()
             .map(|byte| {
-                ssi.write(at::DR0, u32::from(*byte));
+                ssi.write(at::DR0, u32::from(*byte), flash, 0);
                 assert_eq!(ssi.read(at::SR) & RECEIVED, RECEIVED);
                 ssi.read(at::DR0)
             })
@@ -143,22 +129,24 @@ mod tests {
 
     #[test]
     fn the_number_is_read_as_the_chip_s_datasheet_has_it() {
-        let mut ssi = Ssi::new();
-        ssi.write(at::CTRLR0, BYTES);
+        let (mut ssi, mut flash) = (Ssi::new(), Flash::new(&[], 4096));
+        ssi.write(at::CTRLR0, BYTES, &mut flash, 0);
         assert_eq!(ssi.read(at::CTRLR0), FOR_READING, "while it is on nothing of the set-up changes");
-        ssi.write(at::DR0, 0x4b);
+        ssi.write(at::DR0, 0x4b, &mut flash, 0);
         assert_eq!(ssi.read(at::RXFLR), 0, "frames of 32 bits are for reading in place");
-        ssi.write(at::SSIENR, 0);
-        ssi.write(at::CTRLR0, BYTES);
-        ssi.write(at::SSIENR, 1);
+        assert!(ssi.reads_in_place());
+        ssi.write(at::SSIENR, 0, &mut flash, 0);
+        ssi.write(at::CTRLR0, BYTES, &mut flash, 0);
+        ssi.write(at::SSIENR, 1, &mut flash, 0);
+        assert!(!ssi.reads_in_place());
         let command = [0x4b, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0];
-        assert_eq!(answers(&mut ssi, &command), [0xff; 13], "chip select goes up after each byte");
-        ssi.set_select(2);
-        let number = ssi.id.map(u32::from);
-        let said = answers(&mut ssi, &command);
+        assert_eq!(answers(&mut ssi, &mut flash, &command), [0xff; 13], "chip select goes up after each byte");
+        ssi.set_select(2, &mut flash, 0);
+        let number = flash.id.map(u32::from);
+        let said = answers(&mut ssi, &mut flash, &command);
         assert_eq!((&said[..5], &said[5..]), (&[0xff; 5][..], &number[..]));
-        ssi.set_select(3);
-        ssi.set_select(2);
-        assert_eq!(answers(&mut ssi, &[0x9f, 0, 0]), [0xff; 3], "another command");
+        ssi.set_select(3, &mut flash, 0);
+        ssi.set_select(2, &mut flash, 0);
+        assert_eq!(answers(&mut ssi, &mut flash, &[0x9f, 0, 0]), [0xff; 3], "another command");
     }
 }

@@ -5,6 +5,8 @@
 //! boot has set the flash up; here it is [`MISS`], for quad reads at half of clk_sys: 8 clocks of address and mode, 4 to
 //! turn round and 16 of data, two cycles each, and 4 on the way. (est.)
 
+use super::flash::Flash;
+
 /// Cycles that a miss waits.
 pub(super) const MISS: u32 = 60;
 const SETS: usize = 1024;
@@ -13,7 +15,8 @@ const EMPTY: u32 = u32::MAX;
 
 #[derive(Clone)]
 pub(super) struct Xip {
-    flash: Vec<u8>,
+    /// The chip.
+    pub(super) flash: Flash,
     /// Line numbers by set: the one used last comes first.
     sets: Vec<[u32; 2]>,
     /// The line looked up last: most fetches are from it.
@@ -26,9 +29,14 @@ pub(super) struct Xip {
 impl Xip {
     /// A flash of a power of two of bytes, erased beyond the image.
     pub(super) fn new(image: &[u8], bytes: usize) -> Xip {
-        let mut flash = image.to_vec();
-        flash.resize(bytes, 0xff);
-        Xip { flash, sets: vec![[EMPTY; 2]; SETS], last: EMPTY, control: 3, hits: 0, accesses: 0 }
+        Xip {
+            flash: Flash::new(image, bytes),
+            sets: vec![[EMPTY; 2]; SETS],
+            last: EMPTY,
+            control: 3,
+            hits: 0,
+            accesses: 0,
+        }
     }
 
     pub(super) fn flush(&mut self) {
@@ -37,18 +45,15 @@ impl Xip {
     }
 
     fn offset(&self, address: u32) -> usize {
-        address as usize & (self.flash.len() - 1)
-    }
-
-    pub(super) fn flash(&self) -> &[u8] {
-        &self.flash
+        address as usize & (self.flash.memory().len() - 1)
     }
 
     /// A half-word, without waiting or looking at the cache.
     #[inline]
     pub(super) fn half(&self, address: u32) -> u16 {
         let at = self.offset(address & !1);
-        u16::from_le_bytes([self.flash[at], self.flash[at + 1]])
+        let memory = self.flash.memory();
+        u16::from_le_bytes([memory[at], memory[at + 1]])
     }
 
     pub(super) fn word(&self, address: u32) -> u32 {

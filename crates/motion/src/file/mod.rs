@@ -142,6 +142,9 @@ fn program(root: &Section, load: Loader) -> Read<Program> {
     let machine_drafts = machine::read_all(root, &drafts);
     let mut homes: Vec<Option<Home>> = machine_drafts.iter().map(|_| None).collect();
     let timelines = read_motions(root, &drafts, &machine_drafts, &mut homes, load);
+    if timelines.iter().all(Read::is_ok) {
+        winch::refuse_strays(root.reader);
+    }
     let board = board?.board;
     let tolerance = tolerance?.unwrap_or_else(|| Tolerance::default_of(&board));
     let mut motors = Vec::new();

@@ -10,6 +10,7 @@ use miette::NamedSource;
 use toml_edit::{ArrayOfTables, Item, TableLike, Value};
 
 use super::problem::Problem;
+use super::winch::Winches;
 use crate::Time;
 use crate::quantity::{Base, Kind, Quantity, QuantityError, nearest};
 
@@ -27,11 +28,13 @@ const MAX_TIME_S: f64 = 6.0e10;
 pub(super) struct Reader {
     pub(super) source: Arc<NamedSource<String>>,
     problems: RefCell<Vec<Problem>>,
+    /// Found motor by motor, judged when all are read.
+    pub(super) winches: RefCell<Winches>,
 }
 
 impl Reader {
     pub(super) fn new(source: Arc<NamedSource<String>>) -> Reader {
-        Reader { source, problems: RefCell::default() }
+        Reader { source, problems: RefCell::default(), winches: RefCell::default() }
     }
 
     /// Notes a problem with one place.

@@ -7,7 +7,7 @@ use miette::NamedSource;
 
 use super::laws::{Loader, load};
 use super::problem::Problem;
-use super::reader::{Node, Noted, Read, Section};
+use super::reader::{Noted, Read, Reader, Section};
 use crate::Time;
 use crate::law::WinchCommand;
 use crate::quantity::Quantity;
@@ -26,14 +26,41 @@ pub(super) fn axis(p: &Section, motor: &str) -> Read<char> {
     is_axis(name).ok_or_else(|| node.note("not an axis", "`axis` must be one of x, y, z, a", ""))
 }
 
+/// What the winches of a file are for.
+#[derive(Default)]
+pub(super) struct Winches {
+    /// Axes that motors are.
+    driven: Vec<char>,
+    /// Axes that are told to move, each with what is wrong where that is said first if no motor is that axis.
+    told: Vec<(char, Problem)>,
+}
+
+/// Notes axes that are told to move and that no motor is: a plan would drop what text would send.
+pub(super) fn refuse_strays(reader: &Reader) {
+    let Winches { driven, told } = reader.winches.take();
+    for (_, problem) in told.into_iter().filter(|(axis, _)| !driven.contains(axis)) {
+        reader.note_problem(problem);
+    }
+}
+
 /// What the commands, from the list or the file, tell that axis to do and when, in order.
 pub(super) fn commands(p: &Section, loader: Loader, axis: char) -> Read<Vec<(Time, WinchCommand)>> {
     let mut commands = Vec::new();
     let mut last = Time::ZERO;
-    let mut add = |line: &str, wrong: &dyn Fn(Range<usize>, String) -> Noted| {
-        let command = parse(line, axis).map_err(|error| wrong(error.at, error.message))?;
+    let mut winches = p.reader.winches.borrow_mut();
+    winches.driven.push(axis);
+    let mut add = |line: &str, wrong: &dyn Fn(Range<usize>, String) -> Problem| {
+        let note = |at, message| p.reader.note_problem(wrong(at, message));
+        let command = parse(line, axis).map_err(|error| note(error.at, error.message))?;
         if command.at < last {
-            return Err(wrong(0..line.len(), "commands must stand in order of their times".into()));
+            return Err(note(0..line.len(), "commands must stand in order of their times".into()));
+        }
+        for (axis, at) in command.moved {
+            if winches.told.iter().all(|(known, _)| *known != axis) {
+                let message =
+                    format!("axis {axis} is told to move, and no motor is that axis: add one, or take the axis out");
+                winches.told.push((axis, wrong(at, message)));
+            }
         }
         last = command.at;
         commands.extend(command.order.map(|order| (command.at, order)));
@@ -45,7 +72,7 @@ pub(super) fn commands(p: &Section, loader: Loader, axis: char) -> Read<Vec<(Tim
             for (start, text) in lines_of(source.inner()) {
                 add(text, &|at, message| {
                     let labels = vec![(start + at.start..start + at.end, "here".to_owned())];
-                    file.reader.note_problem(Problem::new(&source, message, labels, None))
+                    Problem::new(&source, message, labels, None)
                 })?;
             }
         }
@@ -53,7 +80,10 @@ pub(super) fn commands(p: &Section, loader: Loader, axis: char) -> Read<Vec<(Tim
             const EXAMPLE: &str = "commands = [\"0 s: a x 100\", \"1 s: d x -50\"]";
             for node in list.list(EXAMPLE)? {
                 let text = node.text(EXAMPLE)?;
-                add(text, &|at, message| note_inside(&node, at, message))?;
+                add(text, &|at, message| {
+                    let labels = vec![(node.inside(at.start, at.len()), "here".to_owned())];
+                    Problem::new(&node.reader.source, message, labels, None)
+                })?;
             }
         }
         (Some(file), Some(_)) => {
@@ -133,15 +163,12 @@ fn lines_of(text: &str) -> impl Iterator<Item = (usize, &str)> {
     starts.filter(|(_, line)| !line.is_empty())
 }
 
-fn note_inside(node: &Node, at: Range<usize>, message: String) -> Noted {
-    node.reader.note(node.inside(at.start, at.len()), "here", message, "")
-}
-
-/// One line: when, and what it says to the axis, if anything.
+/// One line: when, what it says to the axis, if anything, and which axes it moves, each with its place.
 #[derive(Debug)]
 struct Command {
     at: Time,
     order: Option<WinchCommand>,
+    moved: Vec<(char, Range<usize>)>,
 }
 
 /// What is wrong with a line, and where in it.
@@ -177,6 +204,9 @@ fn parse(line: &str, axis: char) -> Result<Command, WrongCommand> {
     if values.len() != wanted {
         return Err(WrongCommand { at: whole, message: format!("{wanted} values wanted, but {} found", values.len()) });
     }
+    let moves = matches!(name, "a" | "d" | "v" | "r");
+    let places = flags_at.map(|at| at..at + 1);
+    let moved = flags.chars().zip(places).filter(|_| moves).collect();
     // Every value is checked, also those of other axes.
     let order = if matches!(name, "g" | "l") {
         let number = |(text, at): &(&str, Range<usize>)| {
@@ -206,7 +236,7 @@ fn parse(line: &str, axis: char) -> Result<Command, WrongCommand> {
         }
         order
     };
-    Ok(Command { at, order })
+    Ok(Command { at, order, moved })
 }
 
 /// The words of `text`, which begins `offset` bytes into its line, each with its place.

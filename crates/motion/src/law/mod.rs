@@ -161,6 +161,17 @@ pub enum LawError {
         /// Steps, after.
         to: f64,
     },
+    /// The motor turns before the slack of its turn before is taken up.
+    #[error(
+        "it turns at t = {at_s} s, while the slack of its turn before is taken up until {until_s} s: `over`, the time of its `backlash`, \
+         must be shorter"
+    )]
+    Backlash {
+        /// Law time, s.
+        at_s: f64,
+        /// When it would be taken up, s.
+        until_s: f64,
+    },
     /// A parameter is out of its range.
     #[error("{0}")]
     Parameter(String),

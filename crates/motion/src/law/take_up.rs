@@ -33,7 +33,8 @@ impl Law {
     /// This law for a motor with slack behind it: `slack` more steps at each turn, within `over` from the turn on.
     ///
     /// Which way the first motion goes the slack is taken up already. The law ends `over` later, so that its last turn
-    /// can be served. Peak speed of the added motion is 1.5·slack/over, its acceleration 6·slack/over².
+    /// can be served. Peak speed of the added motion is 1.5·slack/over, its acceleration 6·slack/over². Its pieces end with
+    /// [`LawError::Backlash`] where it turns sooner than `over` after a turn.
     ///
     /// ```
     /// use pulsetrain_motion::{Law, Time, law::Cursor};
@@ -130,9 +131,10 @@ impl Iterator for Added<'_> {
 
     fn next(&mut self) -> Option<Self::Item> {
         while self.ready.is_empty() && !self.ended {
-            match self.turns.of_a_piece() {
-                Some(Ok(turns)) => {
-                    turns.into_iter().for_each(|(when, direction)| self.take_up(when, direction));
+            let turns = self.turns.of_a_piece();
+            let mut take_up = |turns: Vec<_>| turns.into_iter().try_for_each(|(at, way)| self.take_up(at, way));
+            match turns.map(|turns| turns.and_then(&mut take_up)) {
+                Some(Ok(())) => {
                     // A turn may yet begin at the farthest point so far, not before it.
                     self.rest_until(self.turns.farthest.0);
                 }
@@ -158,8 +160,11 @@ impl Added<'_> {
         }
     }
 
-    /// From `when` on, or from when the take-up before it is done.
-    fn take_up(&mut self, when: Time, direction: f64) {
+    /// From `when` on.
+    fn take_up(&mut self, when: Time, direction: f64) -> Result<(), LawError> {
+        if when < self.at {
+            return Err(LawError::Backlash { at_s: when.seconds(), until_s: self.at.seconds() });
+        }
         self.rest_until(when);
         let (start, over) = (self.at, self.slack.over.seconds());
         let by = direction * self.slack.steps;
@@ -169,6 +174,7 @@ impl Added<'_> {
         (self.at, self.level) = (start + self.slack.over, self.level + by);
         let entry = Entry::Continuous;
         self.ready.push_back(Ok(Piece { zero: start, start, end: self.at, origin: 0, curve, entry }));
+        Ok(())
     }
 }
 
@@ -273,6 +279,17 @@ mod tests {
         let law = Law::then(vec![move_by(100.0), Law::rest(Time::SECOND).unwrap(), move_by(-100.0)]).unwrap();
         let turn = move_by(100.0).end().unwrap().seconds() + 1.0;
         check(law, 6.0, 0.01, &[(turn - 1e-9, 0.0), (turn + 0.005, -3.0), (turn + 0.01, -6.0)]);
+    }
+
+    #[test]
+    fn a_turn_before_the_slack_is_taken_up_is_refused() {
+        // Turns at 0.5, 1, 1.5 s.
+        let sine = Law::sine(500.0, Time::SECOND, Some(2)).unwrap();
+        check(sine.clone(), 10.0, 0.4, &[(0.7, -5.0), (1.0, -10.0), (1.45, 0.0)]);
+        let taking_up = sine.taking_up(10.0, seconds(0.6)).unwrap();
+        let error = taking_up.pieces().find_map(Result::err).unwrap();
+        let LawError::Backlash { at_s, until_s } = error else { panic!("{error}") };
+        assert!((at_s - 1.0).abs() < 1e-9 && (until_s - 1.1).abs() < 1e-9, "{error}");
     }
 
     #[test]

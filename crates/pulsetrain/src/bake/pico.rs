@@ -6,7 +6,7 @@
 
 use pulsetrain_board::virtual_pico::{self, VirtualPico};
 use pulsetrain_board::{RemoteError, Setup, image};
-use pulsetrain_core::baked::{FRACTION_BITS, LONGEST_PIECE, MAGIC, POINTER, Repeats, crc32};
+use pulsetrain_core::baked::{FLASH_ROOM, FRACTION_BITS, LONGEST_PIECE, MAGIC, POINTER, Repeats, crc32};
 use pulsetrain_core::packing::{MAX_PACKED_LEN, PackError, Packing, State};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::MotorSetup;
@@ -46,8 +46,8 @@ pub struct PicoImage {
 }
 
 impl PicoImage {
-    /// Bytes of a Pico's flash.
-    pub const ROOM: usize = 2 << 20;
+    /// Bytes of a Pico's flash that an image may fill; the settings are behind them.
+    pub const ROOM: usize = FLASH_ROOM as usize;
 
     /// The image of a program for the Pico. The committed firmware itself, on the virtual Pico, is asked whether it takes pins and
     /// times.

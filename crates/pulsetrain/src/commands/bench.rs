@@ -1,11 +1,12 @@
 //! `pulsetrain bench`: a board measures itself while it steps.
 
 use miette::miette;
+use pulsetrain_board::remote::in_words;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Observer, Port, Remote, ScheduledStep, Serial};
 use pulsetrain_core::wire::Baud;
-use pulsetrain_core::wire::message::Measures;
+use pulsetrain_core::wire::message::{Cause, Measures};
 use pulsetrain_motion::program::{DriverTiming, Limits, Motor, Program, Scale, Tolerance, Wiring};
 use pulsetrain_motion::{Grid, Law, Time, boards};
 use serde::Serialize;
@@ -45,8 +46,33 @@ struct Row {
     longest_round_ticks: u16,
     most_unread_bytes: u16,
     stack_left_bytes: u16,
+    /// What it said unasked, in words; not that everything was done.
+    events: Vec<&'static str>,
     /// Seen on the pins: of a virtual board alone.
     pins: Option<Lateness>,
+}
+
+impl Row {
+    /// What a board that is well does not have, one after the other.
+    fn trouble(&self) -> Vec<String> {
+        let counts = [
+            (self.pins.as_ref().map_or(0, |pins| pins.lost), "steps without an edge"),
+            (self.pins.as_ref().map_or(0, |pins| pins.extra), "edges without a step"),
+            (self.compares_missed.map_or(0, u64::from), "compares missed"),
+            (self.starved.into(), "times starved"),
+        ];
+        let counted = counts.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));
+        // What has no compares makes edges at their very tick.
+        let timed = self.pins.as_ref().filter(|_| self.compares_missed.is_none());
+        let off = timed.map(|pins| pins.max_ticks.max(-pins.min_ticks)).filter(|ticks| *ticks > 0);
+        let off = off.map(|ticks| format!("an edge {ticks} cycles off its tick"));
+        counted.chain(off).chain(self.events.iter().map(|event| format!("it said: {event}"))).collect()
+    }
+}
+
+/// A sinusoid in words.
+fn name(period_s: f64) -> String {
+    format!("a sinusoid of {period_s} s")
 }
 
 /// All of it.
@@ -54,6 +80,8 @@ struct Row {
 struct Rows {
     measured: Vec<Row>,
     refused: Vec<String>,
+    /// Steps lost, and what else the board is not to do.
+    trouble: Vec<String>,
 }
 
 pub(crate) fn run(args: &Bench, console: &mut Console<'_>) -> miette::Result<Exit> {
@@ -90,9 +118,11 @@ pub(crate) fn run(args: &Bench, console: &mut Console<'_>) -> miette::Result<Exi
             Err(error) => return Err(drive_problem(error)),
         }
     }
-    let exit = if refused.is_empty() { Exit::Success } else { Exit::BoundBroken };
+    let troubles = rows.iter().flat_map(|row| row.trouble().into_iter().map(|what| (row.period_s, what)));
+    let trouble: Vec<String> = troubles.map(|(period_s, what)| format!("{}: {what}", name(period_s))).collect();
+    let exit = if refused.is_empty() && trouble.is_empty() { Exit::Success } else { Exit::BoundBroken };
     if args.at.json {
-        console.print_json(&Rows { measured: rows, refused })?;
+        console.print_json(&Rows { measured: rows, refused, trouble })?;
         return Ok(exit);
     }
     let way = match &args.at.port {
@@ -154,6 +184,9 @@ pub(crate) fn run(args: &Bench, console: &mut Console<'_>) -> miette::Result<Exi
     for why in refused {
         console.print(format_args!("\n  not made: {why}\n"))?;
     }
+    for what in trouble {
+        console.print(format_args!("\n  trouble: {what}\n"))?;
+    }
     Ok(exit)
 }
 
@@ -191,7 +224,7 @@ fn prepared(board: &str, amplitude: f64, period_s: f64) -> miette::Result<Prepar
         motors: vec![motor],
         machines: Vec::new(),
     };
-    Ok(Prepared { file: format!("a sinusoid of {period_s} s"), program, cut_at: None, pause: None })
+    Ok(Prepared { file: name(period_s), program, cut_at: None, pause: None })
 }
 
 fn measure<P: Port>(
@@ -209,6 +242,8 @@ fn measure<P: Port>(
     let board = driven.board_mut();
     let span = (board.now() - began) as f64;
     let said: Measures = board.measures(false)?;
+    let events = board.events().into_iter().filter(|event| event.cause != Cause::Finished);
+    let events = events.map(|event| in_words(event.cause)).collect();
     let awake = (span - said.idle_ticks as f64).max(0.0);
     Ok(Row {
         period_s,
@@ -223,6 +258,7 @@ fn measure<P: Port>(
         longest_round_ticks: said.longest_round_ticks,
         most_unread_bytes: said.most_unread,
         stack_left_bytes: said.stack_left,
+        events,
         pins: Some(pins.meter.finish()),
     })
 }
@@ -250,10 +286,65 @@ impl Observer for Pins {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use pulsetrain_board::PortError;
+    use std::time::Duration;
 
     #[test]
     fn a_board_at_a_port_says_what_it_is() {
         assert!(is_pico(VirtualPico::on_usb()).unwrap());
         assert!(!is_pico(VirtualUno::new()).unwrap());
+    }
+
+    /// A Pico one of whose edges is not seen.
+    struct Blink {
+        pico: VirtualPico,
+        /// Edges of STEP until then.
+        edges: usize,
+    }
+
+    impl Port for Blink {
+        fn now(&self) -> Duration {
+            self.pico.now()
+        }
+        fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+            self.pico.send(bytes)
+        }
+        fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
+            self.pico.receive(until, into)
+        }
+        fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
+            self.pico.set_baud(baud)
+        }
+        fn edges(&mut self, into: &mut Vec<Edge>) {
+            self.pico.edges(into);
+            into.retain(|edge| {
+                let rises = edge.line == STEP_PIN && edge.level;
+                let seen = !rises || self.edges != 0;
+                self.edges = self.edges.wrapping_sub(usize::from(rises));
+                seen
+            });
+        }
+    }
+
+    #[test]
+    fn a_step_that_is_lost_is_trouble() {
+        let (steps, period_s) = (100.0, 0.5);
+        let prepared = prepared("pico", steps, period_s).unwrap();
+        let troubles = |edges| {
+            let port = Blink { pico: VirtualPico::on_usb(), edges };
+            measure(&prepared, (steps, period_s), port, Baud::B2M).unwrap().trouble()
+        };
+        assert_eq!(troubles(usize::MAX), Vec::<String>::new());
+        assert_eq!(troubles(42), ["1 steps without an edge"]);
+    }
+
+    #[test]
+    fn what_a_board_reports_is_trouble() {
+        let prepared = prepared("uno", 100.0, 0.5).unwrap();
+        let row = measure(&prepared, (100.0, 0.5), VirtualUno::new(), Baud::B1M).unwrap();
+        assert_eq!(row.trouble(), Vec::<String>::new());
+        let events = vec![in_words(Cause::EdgeLate)];
+        let row = Row { compares_missed: Some(2), starved: 1, events, pins: None, ..row };
+        assert_eq!(row.trouble(), ["2 compares missed", "1 times starved", "it said: an edge was late"]);
     }
 }

@@ -9,7 +9,7 @@ use pulsetrain_core::wire::{Baud, VERSION};
 use serde::Serialize;
 
 use super::port_problem;
-use super::store::Kept;
+use super::store::{Kept, told};
 use crate::cli::At;
 use crate::console::{Console, Exit};
 use crate::drive::{DriveError, session_number};
@@ -17,7 +17,7 @@ use crate::human::{self, Table};
 
 /// What a board says; all of it is the board's own word.
 #[derive(Debug, Serialize)]
-struct Said {
+pub(super) struct Said {
     board: &'static str,
     firmware: String,
     protocol: u8,
@@ -33,6 +33,12 @@ struct Said {
     last_reset: &'static str,
     /// A motion in its flash runs.
     baked: bool,
+    /// Motors move, or are to.
+    pub(super) moves: bool,
+    /// Steps of each motor that is set up, forward minus backward.
+    pub(super) positions: Vec<i32>,
+    /// Motors that were stopped above their pull-in speed and may stand elsewhere than they count.
+    pub(super) uncertain: Vec<usize>,
     /// The board's clock against this computer's, ppm, and how much that may be off.
     clock_ppm: Option<(f64, f64)>,
     clock_s: f64,
@@ -47,6 +53,8 @@ struct Said {
     starved: u16,
     /// What it keeps without power.
     keeps: Option<Kept>,
+    /// Something damaged was found where it keeps that.
+    keeps_damaged: bool,
 }
 
 pub(crate) fn run(args: &At, console: &mut Console<'_>) -> miette::Result<Exit> {
@@ -84,6 +92,15 @@ pub(crate) fn run(args: &At, console: &mut Console<'_>) -> miette::Result<Exit> 
     row("last stop", said.last_stop.to_owned());
     if said.baked {
         row("baked", "a motion in its flash runs".to_owned());
+    } else if said.moves {
+        row("moves", "as a host told it that has left; `pulsetrain stop --port PORT` stops it at once".to_owned());
+    }
+    if !said.positions.is_empty() {
+        row("counts", format!("{} steps", listed(&said.positions)));
+    }
+    if !said.uncertain.is_empty() {
+        let motors = motor_list(&said.uncertain);
+        row("uncertain", format!("{motors}: stopped too fast, may stand elsewhere than counted"));
     }
     row("clock", clock);
     row("longest round", ticks(said.longest_round_ticks));
@@ -92,17 +109,27 @@ pub(crate) fn run(args: &At, console: &mut Console<'_>) -> miette::Result<Exit> 
     if let (Some(missed), Some(latest)) = (said.compares_missed, said.latest_ticks) {
         row("compares missed", format!("{missed}, the latest by {}", ticks(latest)));
     }
-    row("keeps", said.keeps.map_or("nothing".to_owned(), |kept| kept.told()));
+    row("keeps", told(said.keeps.as_ref(), said.keeps_damaged));
     row("starved", format!("{} times", said.starved));
     row("line faults", format!("{} bytes lost, {} frames damaged", said.lost_bytes, said.damaged_frames));
     console.print(&table)?;
     Ok(Exit::Success)
 }
 
+/// What each motor counts, in order.
+pub(super) fn listed<N: ToString>(positions: &[N]) -> String {
+    positions.iter().map(N::to_string).collect::<Vec<_>>().join(", ")
+}
+
+/// Motors by their numbers in the board's set-up, from 0.
+pub(super) fn motor_list(motors: &[usize]) -> String {
+    format!("motor {}", listed(motors))
+}
+
 /// [`Info`](pulsetrain_core::wire::message::Info)'s number of it.
 const UNO: u8 = 1;
 
-fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
+pub(super) fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
     /// Long enough for a first look at the clock's rate, most often; and how often it is looked again.
     const LOOK_S: f64 = 1.0;
     const LOOKS: usize = 4;
@@ -110,7 +137,8 @@ fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
     let measures = remote.measures(false)?;
     let baud = remote.set_baud(baud)?;
     let info = *remote.info();
-    let baked = remote.status()?.head.flags & flags::BAKED != 0;
+    let status = remote.status()?;
+    let motors = status.motors.as_slice();
     for _ in 0..LOOKS {
         if remote.clock().ppm().is_none() {
             let until = remote.now() + (LOOK_S * f64::from(info.tick_hz)) as u64;
@@ -121,7 +149,7 @@ fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
         return Err(error.clone().into());
     }
     // A board whose motors are powered does not say, nor one that keeps nothing.
-    let keeps = remote.stored().ok().flatten().map(Kept::of);
+    let stored = remote.stored().unwrap_or_default();
     let compares = info.board == UNO;
     let said = Said {
         board: match info.board {
@@ -141,7 +169,14 @@ fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
         baud: baud.rate(),
         last_stop: in_words(info.last_stop),
         last_reset: in_words(info.last_reset),
-        baked,
+        baked: status.head.flags & flags::BAKED != 0,
+        moves: !status.is_idle(),
+        positions: motors.iter().map(|motor| motor.position).collect(),
+        uncertain: (0..)
+            .zip(motors)
+            .filter(|(_, motor)| motor.faults & flags::UNCERTAIN != 0)
+            .map(|(number, _)| number)
+            .collect(),
         clock_ppm: remote.clock().ppm(),
         clock_s: remote.now() as f64 / f64::from(info.tick_hz),
         stack_left_bytes: measures.stack_left,
@@ -152,7 +187,8 @@ fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
         compares_missed: compares.then_some(measures.late),
         latest_ticks: compares.then_some(measures.latest_ticks),
         starved: measures.starved,
-        keeps,
+        keeps: stored.settings.map(Kept::of),
+        keeps_damaged: stored.is_damaged,
     };
     remote.close();
     Ok(said)

@@ -16,6 +16,7 @@ pub(crate) mod plan;
 pub(crate) mod plot;
 pub(crate) mod ports;
 pub(crate) mod run;
+pub(crate) mod stop;
 pub(crate) mod store;
 pub(crate) mod verify;
 pub(crate) mod winch;
@@ -54,6 +55,9 @@ pub(crate) fn drive_problem(error: DriveError) -> Report {
         }
         DriveError::Remote(RemoteError::Link(LinkError::Lost | LinkError::Forgotten)) => {
             "look at cable, supply and hub; a board that is reset on the way loses its positions"
+        }
+        DriveError::Remote(RemoteError::StillMoving) => {
+            "wait until they rest, or stop them at once, wherever they are: `pulsetrain stop --port PORT`"
         }
         DriveError::Remote(RemoteError::Refused { .. }) => "`pulsetrain info` tells the board's limits",
         DriveError::Session(SessionError::Switch(SwitchRefused::Late { .. })) => {

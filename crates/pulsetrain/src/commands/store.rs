@@ -1,10 +1,11 @@
 //! `pulsetrain store`: settings that a board keeps without power.
 
 use miette::miette;
+use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Port, Remote, RemoteError, Serial};
-use pulsetrain_core::wire::Settings;
 use pulsetrain_core::wire::settings::{AMAX, MOST_VMAX};
+use pulsetrain_core::wire::{Settings, Stored};
 use serde::Serialize;
 
 use super::{drive_problem, port_problem};
@@ -31,7 +32,7 @@ impl Kept {
     }
 
     /// In words.
-    pub(super) fn told(&self) -> String {
+    fn told(&self) -> String {
         let time = |ms: u16| human::seconds(f64::from(ms) / 1000.0);
         let limits = format!("axes of text at most {} steps/s and {} steps/s²", self.steps_per_s, self.steps_per_s2);
         let parts = [
@@ -45,19 +46,28 @@ impl Kept {
     }
 }
 
+/// What a board keeps, in words, and whether something damaged was found in its place.
+pub(super) fn told(kept: Option<&Kept>, is_damaged: bool) -> String {
+    match (kept.map_or("nothing".to_owned(), Kept::told), is_damaged) {
+        (told, false) => told,
+        (told, true) => format!("{told} (what was stored last is damaged: store it again)"),
+    }
+}
+
 pub(crate) fn run(args: &Store, console: &mut Console<'_>) -> miette::Result<Exit> {
     let limits = args.limits.as_deref().map(limits).transpose()?;
     let kept = match &args.port {
         Some(name) => store(Serial::open(name, false).map_err(port_problem)?, args, limits),
+        None if args.board.as_deref() == Some("pico") => store(VirtualPico::on_usb(), args, limits),
         None => store(VirtualUno::new(), args, limits),
     };
-    let kept = kept.map_err(|error| drive_problem(error.into()))?.map(Kept::of);
+    let stored = kept.map_err(|error| drive_problem(error.into()))?;
+    let kept = stored.settings.map(Kept::of);
     if args.json {
         console.print_json(&kept)?;
         return Ok(Exit::Success);
     }
-    let told = kept.map_or("nothing".to_owned(), |kept| kept.told());
-    console.print(format_args!("the board keeps: {told}\n"))?;
+    console.print(format_args!("the board keeps: {}\n", told(kept.as_ref(), stored.is_damaged)))?;
     Ok(Exit::Success)
 }
 
@@ -78,9 +88,9 @@ fn limits(values: &[f64]) -> miette::Result<(u32, u32)> {
 }
 
 /// Changes what was said, and asks what is kept then.
-fn store<P: Port>(port: P, args: &Store, limits: Option<(u32, u32)>) -> Result<Option<Settings>, RemoteError> {
+fn store<P: Port>(port: P, args: &Store, limits: Option<(u32, u32)>) -> Result<Stored, RemoteError> {
     let mut board = Remote::open(port, session_number())?;
-    let before = board.stored()?;
+    let before = board.stored()?.settings;
     let mut settings = if args.clear { Settings::default() } else { before.unwrap_or_default() };
     settings.deadman_ms = args.deadman.unwrap_or(settings.deadman_ms);
     settings.idle_ms = args.idle.unwrap_or(settings.idle_ms);

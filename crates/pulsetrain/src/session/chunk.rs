@@ -8,9 +8,9 @@ use pulsetrain_board::Board;
 use pulsetrain_core::Entry;
 use std::collections::VecDeque;
 
-/// One in so many places of a queue is kept free for a stop or a change, where there are enough of them. Those that are too
-/// short for that are at their tail soon.
-const RESERVE: usize = 4;
+/// One in so many places of a queue is kept free for a stop or a change, where there are enough of them; the other, if that leaves more
+/// time for a silence. Those that are too short for that are at their tail soon.
+pub(super) const RESERVES: [usize; 2] = [4, 8];
 
 /// What an item takes of the queue, and the tick at which it leaves it.
 pub(super) type Taken = (u64, usize);
@@ -32,8 +32,11 @@ pub(super) struct Chunk {
 }
 
 impl<B: Board> Session<'_, B> {
-    /// What comes after the tail's beginning: as much as fits by then.
+    /// What comes after the tail's beginning: as much as fits by then, in time for a silence if the queues hold so much.
     pub(super) fn next_chunk(&mut self) -> Result<Chunk, SessionError> {
+        // Not much more than the last one had: what does not fit was planned in vain.
+        self.margin = self.pace.margin.min(self.margin + self.margin / 3);
+        self.reserve = RESERVES[0];
         loop {
             let deadline = self.deadline(self.tail);
             let left = self.taken.iter().map(|taken| {
@@ -44,27 +47,44 @@ impl<B: Board> Session<'_, B> {
                 .capacity
                 .iter()
                 .zip(left)
-                .map(|(capacity, left)| (capacity - self.spare(*capacity)).saturating_sub(left))
+                .map(|(capacity, left)| capacity.saturating_sub(self.spare(*capacity) + left))
                 .collect();
-            match self.chunk_within(self.tail, &rooms) {
-                Err(SessionError::QueueTooShort { .. }) if self.pace.hurry() => {}
+            match self.chunk_within(self.tail, &rooms, self.pace.shortest_with(self.margin)) {
+                Err(SessionError::QueueTooShort { .. }) if self.hurry() => {}
                 chunk => return chunk,
             }
         }
     }
 
-    /// The longest chunk from tick `from` that fits, nearly.
-    pub(super) fn chunk_within(&mut self, from: u64, rooms: &[usize]) -> Result<Chunk, SessionError> {
+    /// For a queue that is too short: less is kept free, then there is less time for a silence, at last for telling the board. `false` if
+    /// there is no more to win.
+    fn hurry(&mut self) -> bool {
+        let [more, less] = RESERVES;
+        let least = self.pace.least_margin();
+        if self.reserve == more && !self.pace.is_hurried() {
+            self.reserve = less;
+        } else if self.margin > least {
+            (self.reserve, self.margin) = (more, least.max(self.margin - self.margin / 8));
+        } else if self.pace.hurry() {
+            self.margin = self.pace.least_margin();
+        } else {
+            return false;
+        }
+        true
+    }
+
+    /// The longest chunk from tick `from` that fits, nearly: `shortest` at least.
+    pub(super) fn chunk_within(&mut self, from: u64, rooms: &[usize], shortest: u64) -> Result<Chunk, SessionError> {
         let most = self.capacity.iter().min().map_or(1, |capacity| capacity / 2);
-        // Not much longer than the last one: what is too long was planned in vain.
+        // Not much longer than the last one, for the same reason.
         let limit = if self.length == 0 { self.pace.chunk } else { self.pace.chunk.min(2 * self.length) };
-        let (until, is_last) = self.source.read_ahead(from, from + limit.max(self.pace.shortest), most)?;
+        let (until, is_last) = self.source.read_ahead(from, from + limit.max(shortest), most)?;
         let too_short = match self.fitting(from, until, is_last, rooms)? {
             Ok(chunk) => return Ok(chunk),
             Err(error) => error,
         };
         // Between the longest that is known to fit and the shortest that does not.
-        let (mut fits, mut too_long) = (from + self.pace.shortest, until);
+        let (mut fits, mut too_long) = (from + shortest, until);
         if fits >= too_long {
             return Err(too_short);
         }
@@ -130,8 +150,8 @@ impl<B: Board> Session<'_, B> {
     }
 
     /// What is to stay free of an empty queue.
-    const fn spare(&self, capacity: usize) -> usize {
-        if self.pace.is_hurried() { 0 } else { capacity / RESERVE }
+    fn spare(&self, capacity: usize) -> usize {
+        if self.pace.is_hurried() { 0 } else { (capacity / self.reserve).max(1) }
     }
 
     /// Pushes what there is room for, but for what is to stay free if it `keeps` that; `true` when nothing of the chunk is
@@ -198,9 +218,15 @@ impl<B: Board> Session<'_, B> {
         self.source.drop_before(chunk.until);
         self.waiting.retain(|begins| *begins > now && *begins < chunk.from);
         self.waiting.push_back(chunk.from);
-        (self.epoch, self.begins, self.tail) = (epoch, chunk.from, chunk.until);
+        (self.epoch, self.tail) = (epoch, chunk.until);
         self.length = chunk.until - chunk.from;
-        (self.taken, self.complete) = (chunk.taken, chunk.is_last);
+        for (taken, next) in self.taken.iter_mut().zip(chunk.taken) {
+            taken.retain(|(tick, _)| *tick > now);
+            // What is left of the epochs before goes then.
+            taken.iter_mut().for_each(|(tick, _)| *tick = chunk.from.min(*tick));
+            taken.extend(next);
+        }
+        self.complete = chunk.is_last;
         Ok(())
     }
 }

@@ -129,9 +129,9 @@ impl<'a, B: Board> Session<'a, B> {
                 Err(SessionError::Plan(_)) if cautions.len() > 1 => drop(cautions.next()),
                 // Planning takes its time, while that of a real board goes on.
                 Err(SessionError::Early { .. } | SessionError::Switch(SwitchRefused::Late { .. }))
-                    if spare < self.pace.margin =>
+                    if spare < self.pace.spare =>
                 {
-                    spare += self.pace.margin / 3;
+                    spare += self.pace.spare / 3;
                 }
                 done => return done,
             }

@@ -23,7 +23,7 @@ mod timeline;
 
 pub use error::SessionError;
 
-use chunk::{Chunk, Taken};
+use chunk::{Chunk, RESERVES, Taken};
 use halt::Course;
 use pace::Pace;
 use pulsetrain_board::{Board, Faults, Observer};
@@ -42,14 +42,18 @@ pub struct Session<'a, B> {
     pace: Pace,
     /// Room in each motor's empty queue, in the board's own unit.
     capacity: Vec<usize>,
-    /// The newest epoch that the board has accepted, when it begins, and when the board takes its items.
+    /// The newest epoch that the board has accepted.
     epoch: Epoch,
-    begins: u64,
+    /// When the items leave the board's queue that it was told.
     taken: Vec<Vec<Taken>>,
     /// When its tail begins: what comes after has not been sent yet.
     tail: u64,
     /// How long the newest epoch is without its tail; 0 before the first.
     length: u64,
+    /// How long before its beginning the next epoch is to be in the queue.
+    margin: u64,
+    /// One in so many places of the queues is kept free of it.
+    reserve: usize,
     /// Beginnings of the epochs that may not have begun yet.
     waiting: VecDeque<u64>,
     /// The next epoch, as far as it is not in the queue yet.
@@ -116,10 +120,11 @@ impl<'a, B: Board> Session<'a, B> {
             pace,
             capacity: (0..motors).map(|motor| board.room(motor)).collect(),
             epoch: board.epoch(),
-            begins: board.now(),
             taken: vec![Vec::new(); motors],
             tail: zero,
             length: 0,
+            margin: pace.margin,
+            reserve: RESERVES[0],
             waiting: VecDeque::new(),
             pending: None,
             complete: false,
@@ -257,7 +262,7 @@ impl<'a, B: Board> Session<'a, B> {
         self.abandon();
         let old = std::mem::replace(&mut self.source, source);
         let rooms: Vec<usize> = (0..motors).map(|motor| self.board.room(motor)).collect();
-        let sent = self.chunk_within(at, &rooms).and_then(|chunk| self.send(chunk));
+        let sent = self.chunk_within(at, &rooms, self.pace.shortest).and_then(|chunk| self.send(chunk));
         if sent.is_err() {
             self.source = old;
         }
@@ -384,9 +389,7 @@ impl<'a, B: Board> Session<'a, B> {
 
     /// When an epoch that begins at `from` is to be in the queue.
     fn deadline(&self, from: u64) -> u64 {
-        let Pace { lead, link, margin, .. } = self.pace;
-        let before = ((from - self.begins) / 4).clamp(lead, margin.max(lead)).max(lead + link);
-        from.saturating_sub(before)
+        from.saturating_sub(self.margin).max(self.board.now())
     }
 
     fn standing(&self, motor: usize, tick: u64) -> Standing {

@@ -20,9 +20,17 @@ pub(super) struct Pace {
     pub(super) chunk: u64,
     /// Enough to have in the queue.
     pub(super) ahead: u64,
-    /// A switch is sent at least so long before its tick, if the epoch before is long enough.
+    /// A switch is sent so long before its tick where the queue holds that: a silence, and all that it takes to make up for it.
     pub(super) margin: u64,
+    /// How much later, at most, a change is asked for that was planned too late.
+    pub(super) spare: u64,
 }
+
+/// A silence of the line or of the host that changes no step, where the queues hold enough, ms.
+const SILENCE_MS: u64 = 100;
+
+/// An epoch is at least one in so many of the margin of the one behind it: a switch costs a tail on the line.
+const SHARE: u64 = 3;
 
 impl Pace {
     /// For a board that needs `link` ticks to be told, and `hurry` at least.
@@ -42,8 +50,20 @@ impl Pace {
             shortest: (8 * lead).max(2 * link),
             chunk: within(tick_hz / 4),
             ahead: within(tick_hz / 2),
-            margin: within(tick_hz / 20),
+            // What was lost is repeated within `link`, and is there as soon as if all went well.
+            margin: within(tick_hz * SILENCE_MS / 1000) + link + hurry + lead,
+            spare: within(tick_hz / 20),
         }
+    }
+
+    /// The least before a switch that leaves time for telling it.
+    pub(super) const fn least_margin(&self) -> u64 {
+        self.lead + self.link
+    }
+
+    /// The shortest epoch whose switch is sent `margin` ahead.
+    pub(super) fn shortest_with(&self, margin: u64) -> u64 {
+        if margin > self.least_margin() { self.shortest.max(margin / SHARE) } else { self.shortest }
     }
 
     /// For a queue that is too short: first it keeps nothing free, then it does not wait for what goes wrong on the way, at

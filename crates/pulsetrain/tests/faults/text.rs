@@ -28,8 +28,9 @@ pub(crate) fn rows<P: Chip + Wired>(fresh: &P, seed: u64) -> Vec<Row> {
     ["lost", "with a bit changed", "doubled"]
         .map(|what| {
             let fault = format!("text with checksums, a byte to the board {what}");
+            let tried = some(&fault, bytes.len() as u64, FEW, seed);
             let mut row = Row::new(fault, <P as Chip>::NAME, format!("{} bytes", bytes.len()), Moved::ByWholeLines);
-            for at in some(bytes.len() as u64, FEW, seed) {
+            for at in tried {
                 let at = at as usize;
                 let mut sent = bytes.clone();
                 match what {

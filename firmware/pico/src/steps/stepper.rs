@@ -49,6 +49,8 @@ pub(crate) struct Pace {
     late: u32,
     /// A motor that has less comes before what the host says.
     behind: u32,
+    /// What motors do that are told directly is worked out for so long at least at once: each time takes some 2000 cycles a motor.
+    pub(crate) slice: u32,
 }
 
 /// 0.1 ms, ticks.
@@ -61,21 +63,17 @@ impl Pace {
     /// Of motors that are told directly, by the main loop: what is written can be told otherwise no more.
     pub(crate) const NEAR: Pace = Pace::of_main_loop(12 * TENTH_MS);
 
-    /// The same by an interrupt, which is never late: as seldom as can be.
-    pub(crate) const SELDOM: Pace = Pace {
-        ahead: 16 * TENTH_MS,
-        refill: 4 * TENTH_MS,
-        soon: 10 * TENTH_MS,
-        least: 16 * TENTH_MS,
-        spare: 12 * TENTH_MS,
-        late: 0,
-        behind: 0,
-    };
+    /// The same by an interrupt, as seldom as can be: it comes while the words that are left last for a round of so many motors, and as
+    /// much longer as it may be late. A verb then holds 2 ms later at most.
+    pub(crate) const fn of_interrupt(count: u8) -> Pace {
+        let (ahead, refill) = (18 * TENTH_MS, (7 + count as u32) * TENTH_MS / 2);
+        Pace { ahead, refill, soon: refill + 6 * TENTH_MS, least: ahead, spare: ahead - refill, late: 0, behind: 0, slice: 4 * TENTH_MS }
+    }
 
     const fn of_main_loop(ahead: u32) -> Pace {
         let refill = ahead / 4 * 3;
         let spare = ahead / 8;
-        Pace { ahead, refill, soon: refill, least: refill, spare, late: spare, behind: ahead / 2 }
+        Pace { ahead, refill, soon: refill, least: refill, spare, late: spare, behind: ahead / 2, slice: TENTH_MS }
     }
 }
 
@@ -160,6 +158,16 @@ struct Parts<'a> {
     motor: &'a mut Motor,
     tape: &'a mut Tape<RING, RUNS>,
     ring: &'a mut [u32; RING],
+}
+
+/// How all motors were stopped.
+pub(crate) struct Halt {
+    /// No step was begun after it.
+    pub(crate) tick: u64,
+    /// Motors that were faster than they can stop at once, bit by motor.
+    pub(crate) uncertain: u8,
+    /// Up to then each motor did what it was to do: up to `tick`, or to the end of its words, if it ran dry.
+    pub(crate) reached: [u64; MOTORS],
 }
 
 /// All motors.
@@ -466,12 +474,12 @@ impl Stepper {
         self.runs && (self.too_late || dry())
     }
 
-    /// The immediate stop: halts all state machines, and counts what they did. Gives the tick after which no step was begun,
-    /// and bit by motor whether it was faster than it can stop at once.
-    pub(crate) fn stop(&mut self, clock: &mut Clock) -> (u64, u8) {
+    /// The immediate stop: halts all state machines, and counts what they did.
+    pub(crate) fn stop(&mut self, clock: &mut Clock) -> Halt {
         (self.known, self.pace) = (None, Pace::FAR);
         if !self.runs {
-            return (clock.now(), 0);
+            let tick = clock.now();
+            return Halt { tick, uncertain: 0, reached: [tick; MOTORS] };
         }
         self.runs = false;
         // No interrupt starts a channel again.
@@ -483,7 +491,8 @@ impl Stepper {
             clock.now()
         });
         regs::SIO_OUT_CLR.write(1 << GATE);
-        let (mut uncertain, mut in_pulse) = (0, 0);
+        let mut halt = Halt { tick, uncertain: 0, reached: [tick; MOTORS] };
+        let mut in_pulse = 0;
         // By then all pulses that were begun are as long as they ought to be.
         let mut fall = Moment::of(tick);
         let (pool, all) = self.all();
@@ -500,12 +509,15 @@ impl Stepper {
             let made = tape.position_after(done);
             let (words, mut items) = (&mut motor.words, motor.packed.waiting(pool));
             let goes = made != words.channel().position() || !words.channel().is_idle(&items);
-            if goes && done != 0 {
-                let (last, interval, _) = tape.last(done, words.overhead(), ring);
-                let since = Moment::of(tick).since(last);
-                if interval.max(since) < motor.pull_in_ticks {
-                    uncertain |= 1 << number;
-                }
+            let (last, interval, _) = tape.last(done.max(1), words.overhead(), ring);
+            let since = Moment::of(tick).since(last);
+            if goes && done != 0 && interval.max(since) < motor.pull_in_ticks {
+                halt.uncertain |= 1 << number;
+            }
+            if machine.is_dry()
+                && let Some(reached) = halt.reached.get_mut(usize::from(number))
+            {
+                *reached -= u64::from(since);
             }
             // Before its first word the lines are as in that.
             let last = ring[done.saturating_sub(1) as usize % RING];
@@ -515,7 +527,7 @@ impl Stepper {
         for number in (0..self.count).filter(|number| in_pulse >> number & 1_u8 != 0) {
             Machine::of(number).end_pulse();
         }
-        (tick, uncertain)
+        halt
     }
 
     /// Takes the current from coils; nothing runs.
@@ -621,7 +633,7 @@ fn limits(words: &Words<FRACTION_BITS>, count: u8, setup: u32, pulse: u32) -> Li
 
 /// What a step costs of the processor's time while motors are told directly, with room for all else, cycles: of a driver, and of coils.
 const STEP_TICKS: u32 = 125;
-const PATTERN_TICKS: u32 = 4000;
+const PATTERN_TICKS: u32 = 1000;
 
 /// The period until another is said, ticks: 1000 steps/s, as fast as the motors of seed 002 turn.
 const FIRST_PERIOD: u32 = TICK_HZ / 1000;

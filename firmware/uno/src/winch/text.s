@@ -12,7 +12,8 @@
 ;
 ; While a line is read:
 ;   X        the cursor
-;   r16      verb; bit 4: of decimals    r13  values that are wanted
+;   r16      verb, and 0x10 if its numbers are decimals: 0x15 is g, 0x16 l
+;   r13      values that are wanted
 ;   r17      values so far               r14:15  the flags that are left
 ;   r18-r21  a number's digits           r22  its power of ten       r23  bit 0 minus, bit 1 point, bit 2 digits
 
