@@ -724,20 +724,20 @@ impl<P: Port> Remote<P> {
         }
     }
 
-    /// The same, but for what may wait: as long as the board has enough to do, or frames are on their way, more is gathered, so
+    /// The same, but for what may wait: as long as the board has plenty to do, or frames are on their way, more is gathered, so
     /// that frames are long: what one costs a board is much the same, however long it is.
     fn gather(&mut self) {
         let (now, tick) = (self.port.now(), self.now());
         let much = self.link.max_packed() / 2;
         for (index, motor) in (0..).zip(&mut self.motors) {
             let most = if motor.packed.len() > much { GATHERED } else { 1 };
-            if motor.has(tick) < ENOUGH && self.link.frames() < most {
+            if motor.has(tick) < PLENTY && self.link.frames() < most {
                 motor.flush(index, &mut self.link, now);
             }
         }
     }
 
-    /// How many bytes go out at once. While the board has enough to do they go a few at a time, and not as fast as the line takes
+    /// How many bytes go out at once. The more the board has to do, the fewer, and not as fast as the line takes
     /// them: each keeps an Uno from its steps.
     fn portion(&self) -> usize {
         let tick = self.now();
