@@ -12,7 +12,7 @@
 //! | r23, r24 | counters |
 //!
 //! # Cycles
-//! A segment of three corrections of one byte each takes some 470, 95 of which find out whether its steps need looking at;
+//! A segment of three corrections of one byte each takes some 460, 95 of which find out whether its steps need looking at;
 //! a second byte 12 more.
 //!
 //! A record is whole in its frame, so that nobody looks whether its bytes are there before they are read: if more were read than
