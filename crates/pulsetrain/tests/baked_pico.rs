@@ -9,8 +9,8 @@ use pulsetrain::console::Exit;
 use pulsetrain_board::virtual_pico::{self, VirtualPico};
 use pulsetrain_board::{Board, Edge, Port, Remote, RemoteError, Setup, image};
 use pulsetrain_core::baked::POINTER;
-use pulsetrain_core::wire::Reason;
 use pulsetrain_core::wire::message::{MotorSetup, flags};
+use pulsetrain_core::wire::{Reason, Settings};
 use pulsetrain_motion::program::Program;
 use pulsetrain_motion::{boards, file};
 use pulsetrain_trace::verdict::{self, Align, Options, Report};
@@ -154,6 +154,28 @@ fn a_motion_that_ends_runs_once() {
     let head = remote.status().unwrap().head;
     assert_eq!(head.flags & (flags::BAKED | flags::IDLE), flags::IDLE);
     remote.configure(&one_motor()).unwrap();
+}
+
+/// What was stored is there under another image, and after its motion, while which nothing is stored.
+#[test]
+fn settings_and_a_baked_motion_do_not_meet() {
+    let settings = Settings { deadman_ms: 500, silence_ms: 700, ..Settings::default() };
+    let mut remote = Remote::open(VirtualPico::new(), 1).unwrap();
+    remote.store(&settings).unwrap();
+    let mut flash = remote.close().chip().flash().to_vec();
+    // As the boot ROM writes a UF2 file: only the sectors that it has.
+    let program = program(&driver(2, "law.sine = { amplitude = \"1 rev\", period = \"0.5 s\", cycles = 1 }"));
+    let image = PicoImage::new(&program).unwrap().flash;
+    flash[..image.len()].copy_from_slice(&image);
+    let mut pico = VirtualPico::with_flash(&flash).unwrap();
+    let mut early = Remote::open(pico.clone(), 2).unwrap();
+    let refused = early.store(&Settings::default()).unwrap_err();
+    assert!(matches!(refused, RemoteError::Refused { reason: Reason::Baked, .. }), "{refused:?}");
+    let report = judged(&program, &watched(&mut pico, 0.8), None);
+    assert_eq!(report.motors[0].steps_got, 800);
+    let mut remote = Remote::open(pico, 1).unwrap();
+    remote.release().unwrap();
+    assert_eq!(remote.stored().unwrap().settings, Some(settings));
 }
 
 fn one_motor() -> Setup {

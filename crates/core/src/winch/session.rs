@@ -190,3 +190,44 @@ impl Session {
         self.rested_ms = 0;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::winch::letters::InMemory;
+    use crate::winch::text::Heard;
+
+    fn tell(session: &mut Session, lines: &[u8]) {
+        let mut reader = Reader::new();
+        for byte in lines {
+            if let Heard::Command(verb) = reader.push::<InMemory>(*byte) {
+                assert_eq!(session.obey(verb, &mut reader), None);
+            }
+        }
+    }
+
+    /// Milliseconds until the drivers are to be off, and those since the last step; `None` if they stay on for 20 s.
+    fn until_off(session: &mut Session) -> Option<(u32, u32)> {
+        let mut rested = 0;
+        (1..20_000).find_map(|ms| {
+            rested = if session.millisecond()[0].count == 0 { rested + 1 } else { 0 };
+            session.has_stopped().then_some((ms, rested))
+        })
+    }
+
+    #[test]
+    fn drivers_are_released_after_the_rest_that_is_kept() {
+        let settings = Settings { idle_ms: 250, ..Settings::default() };
+        let mut session = Session::keeping(&settings);
+        assert_eq!(until_off(&mut session), None, "they are off");
+        tell(&mut session, b"d x 100\n");
+        let (ms, rested) = until_off(&mut session).expect("it rests at last");
+        assert!(ms > 500 && rested >= 250, "{ms} {rested}");
+        // What switches them on begins the rest anew, also where nothing moves.
+        tell(&mut session, b"enable 1\n");
+        assert_eq!(until_off(&mut session).map(|off| off.0), Some(250));
+        let mut session = Session::keeping(&Settings::default());
+        tell(&mut session, b"d x 100\n");
+        assert_eq!(until_off(&mut session), None, "nothing is kept");
+    }
+}

@@ -103,3 +103,16 @@ fn store<P: Port>(port: P, args: &Store, limits: Option<(u32, u32)>) -> Result<S
     board.close();
     Ok(kept)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_damaged_is_told() {
+        let kept = Kept::of(Settings { deadman_ms: 500, ..Settings::default() });
+        assert_eq!(told(Some(&kept), false), "text's deadman 500 ms");
+        assert_eq!(told(Some(&kept), true), "text's deadman 500 ms (what was stored last is damaged: store it again)");
+        assert_eq!(told(None, true), "nothing (what was stored last is damaged: store it again)");
+    }
+}
