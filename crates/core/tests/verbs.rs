@@ -170,6 +170,9 @@ proptest! {
         let [7, kind::ORDERS, payload @ ..] = decoder.body() else { panic!("{:?}", decoder.body()) };
         prop_assert_eq!(Command::decode(kind::ORDERS, payload), Ok(command));
         let Ok(Command::Orders(read)) = Command::decode(kind::ORDERS, payload) else { panic!() };
+        for motor in 0..8 {
+            prop_assert!(read.of(motor).eq(orders.iter().filter(|order| order.0 == motor).map(|order| order.1)));
+        }
         prop_assert_eq!(read.iter().collect::<Vec<_>>(), orders);
     }
 }

@@ -7,7 +7,6 @@ use crate::reset;
 use crate::start::{self, Once};
 use crate::steps::MOTORS;
 use crate::steps::pins::{self, Layout};
-use crate::steps::pio;
 use crate::steps::stepper::{FRACTION_BITS, Halt, LONGEST, LONGEST_IDLE_MS, POOL, Pace, Stepper};
 use crate::store::Store;
 use crate::winch;
@@ -396,6 +395,10 @@ impl Board {
     /// A move that was done and not told yet; also after motors were stopped.
     pub(crate) fn move_done(&mut self) -> Option<Event> {
         let now = self.clock.now();
+        // An interrupt may have kept words back since they were looked at last. If none is dry by now, all was made that was to be.
+        if self.stepper.has_starved() {
+            self.starved();
+        }
         let (motor, tick, detail) = self.verbs.take_done(now)?;
         Some(Event { cause: Cause::MoveDone, motor, tick, detail })
     }

@@ -252,7 +252,7 @@ impl Motors {
         clock::take_pins();
         // SAFETY: the caller's promise.
         let mut board = unsafe { Board::begin() };
-        board.pace = Pace::of_interrupt(configuration.motors().count() as u8);
+        board.pace = Pace::of_interrupt(motors.len() as u8);
         board.configure(&configuration)?;
         regs::enable_interrupts();
         let wakers = [const { [const { None }; WAITING] }; MOTORS];

@@ -85,19 +85,28 @@ impl Verbs {
     /// # Errors
     /// [`Reason::NoSuchMotor`], [`Reason::Period`], [`Reason::Busy`].
     pub fn obey(&mut self, orders: &Orders<'_>) -> Result<Obeyed, Refusal> {
-        let mut motors = self.motors;
-        for (motor, verb) in orders.iter() {
-            let detail = u16::from(motor);
-            let place = motors.get_mut(usize::from(motor)).filter(|_| motor < self.count);
-            let place = place.ok_or(Refusal { reason: Reason::NoSuchMotor, detail })?;
-            place.obey(verb, self.known).map_err(|refused| match refused {
-                Refused::Period { shortest } => {
-                    Refusal { reason: Reason::Period, detail: u16::try_from(shortest).unwrap_or(u16::MAX) }
-                }
-                Refused::Busy => Refusal { reason: Reason::Busy, detail },
-            })?;
+        if let Some((motor, _)) = orders.iter().find(|(motor, _)| *motor >= self.count) {
+            return Err(Refusal { reason: Reason::NoSuchMotor, detail: u16::from(motor) });
         }
-        self.motors = motors;
+        // Each motor that is told something is tried first: a copy of all of them would take a board longer than what they are told.
+        for (number, motor) in (0..).zip(self.motors()) {
+            let mut trial = None;
+            for verb in orders.of(number) {
+                trial.get_or_insert(*motor).obey(verb, self.known).map_err(|refused| match refused {
+                    Refused::Period { shortest } => {
+                        Refusal { reason: Reason::Period, detail: u16::try_from(shortest).unwrap_or(u16::MAX) }
+                    }
+                    Refused::Busy => Refusal { reason: Reason::Busy, detail: u16::from(number) },
+                })?;
+            }
+        }
+        let known = self.known;
+        for (number, motor) in (0..).zip(self.motors_mut()) {
+            for verb in orders.of(number) {
+                // It was not refused just now.
+                let _ = motor.obey(verb, known);
+            }
+        }
         Ok(self.obeyed())
     }
 

@@ -55,6 +55,12 @@ impl<'a> Orders<'a> {
         self.bytes.as_chunks::<ORDER_LEN>().0.iter().filter_map(read)
     }
 
+    /// What one motor is told, in order; `motor` is below 8. Those of others are not even read.
+    pub fn of(&self, motor: u8) -> impl Iterator<Item = Verb> + 'a {
+        let own = self.bytes.as_chunks::<ORDER_LEN>().0.iter().filter(move |[first, ..]| first & 15 == motor);
+        own.filter_map(|order| Some(read(order)?.1))
+    }
+
     /// Writes them.
     pub(super) fn encode(&self, frame: &mut Encoder<'_>) {
         frame.bytes(self.bytes);

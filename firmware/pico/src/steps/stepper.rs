@@ -66,8 +66,19 @@ impl Pace {
     /// The same by an interrupt, as seldom as can be: it comes while the words that are left last for a round of so many motors, and as
     /// much longer as it may be late. A verb then holds 2 ms later at most.
     pub(crate) const fn of_interrupt(count: u8) -> Pace {
-        let (ahead, refill) = (18 * TENTH_MS, (7 + count as u32) * TENTH_MS / 2);
-        Pace { ahead, refill, soon: refill + 6 * TENTH_MS, least: ahead, spare: ahead - refill, late: 0, behind: 0, slice: 4 * TENTH_MS }
+        // A motor's part of a round takes 0.05 ms or so, at its shortest period.
+        let (kept_out, round) = (7 * TENTH_MS / 2, count as u32 * TENTH_MS / 2);
+        let (ahead, refill) = (18 * TENTH_MS, kept_out + round);
+        Pace {
+            ahead,
+            refill,
+            soon: refill + 6 * TENTH_MS,
+            least: ahead,
+            spare: ahead - refill,
+            late: 0,
+            behind: 0,
+            slice: 4 * TENTH_MS,
+        }
     }
 
     const fn of_main_loop(ahead: u32) -> Pace {
