@@ -274,7 +274,7 @@ fn the_command_says_what_it_takes() {
         let image = folder.join("baked-pico.uf2").display().to_string();
         let (exit, said) = pulsetrain(&[&["bake", &example, "--output", &image], board].concat());
         assert_eq!(exit, Exit::Success, "{said}");
-        assert!(said.contains("2 097 152") && said.contains("runs once after power-up"), "{said}");
+        assert!(said.contains("2 088 960") && said.contains("runs once after power-up"), "{said}");
         assert!(VirtualPico::with_image(&std::fs::read(&image).unwrap()).is_ok());
         let (exit, said) = pulsetrain(&[&["bake", &example, "--sketch", "baked-pico"], board].concat());
         assert!(exit != Exit::Success && said.contains("sketches are for an Uno"), "{said}");
