@@ -1,9 +1,8 @@
 //! Hands the linker the memory map.
 
-/// As src/memory.rs has it; memory.ld compares.
-const POOL: usize = 396;
-
 fn main() {
+    // As src/memory.rs has it; memory.ld compares.
+    let pool = if std::env::var_os("CARGO_FEATURE_VERBS").is_some() { 368 } else { 396 };
     let folder = std::env::var("CARGO_MANIFEST_DIR").unwrap_or_default();
     println!("cargo::rerun-if-changed=memory.ld");
     println!("cargo::rustc-link-arg-bins={folder}/memory.ld");
@@ -13,5 +12,5 @@ fn main() {
     println!("cargo::rustc-link-arg-bins=-Wl,--relax");
     // RAM begins with pages of their own and the queues: see src/memory.rs.
     println!("cargo::rustc-link-arg-bins=-Wl,--section-start=.pages=0x800100");
-    println!("cargo::rustc-link-arg-bins=-Wl,--section-start=.data={:#x}", 0x80_0400 + POOL);
+    println!("cargo::rustc-link-arg-bins=-Wl,--section-start=.data={:#x}", 0x80_0400 + pool);
 }

@@ -15,8 +15,9 @@ const FLASH: u64 = 32_768 - 512;
 /// Bytes of RAM.
 const RAM: u64 = 2048;
 
-/// The committed image.
+/// The committed image, and the other one, with verbs in place of text.
 const IMAGE: &str = "crates/board/images/uno.hex";
+const VERBS: &str = "crates/board/images/uno-verbs.hex";
 /// Of its winch the assembly alone, committed for a test on the emulated chip.
 const WINCH: &str = "crates/board/images/winch.hex";
 /// What plays baked motions.
@@ -24,9 +25,11 @@ const PLAYER: &str = "crates/pulsetrain/src/bake/player.hex";
 
 /// Builds the Uno's firmware, prints what it takes and writes the committed images.
 pub(crate) fn uno() -> Done {
-    let (built, table) = built_uno()?;
-    print!("{table}");
-    copy(built, IMAGE)?;
+    for image in [IMAGE, VERBS] {
+        let (built, table) = built_uno(image)?;
+        print!("{image}\n{table}");
+        copy(built, image)?;
+    }
     copy(built_winch()?, WINCH)?;
     copy(built_player()?, PLAYER)
 }
@@ -39,17 +42,23 @@ fn copy(built: PathBuf, image: &str) -> Done {
 
 /// Builds the Uno's firmware, and fails when a committed image is another one.
 pub(crate) fn check_uno() -> Done {
-    measure_uno().map(|table| print!("{table}"))
+    print!("{IMAGE}\n{}", measure_uno()?);
+    let (built, table) = built_uno(VERBS)?;
+    print!("{VERBS}\n{table}");
+    same(VERBS, &read(root().join(VERBS))?, &read(built)?)
 }
 
-/// The same, and gives what the committed image takes, as text.
+/// The same of all but the image with verbs, and gives what the other one takes, as text.
 pub(crate) fn measure_uno() -> Done<String> {
-    let (built, table) = built_uno()?;
-    let read = |path: PathBuf| fs::read_to_string(&path).map_err(|why| Failure::File { path, why });
+    let (built, table) = built_uno(IMAGE)?;
     for (image, built) in [(IMAGE, built), (WINCH, built_winch()?), (PLAYER, built_player()?)] {
         same(image, &read(root().join(image))?, &read(built)?)?;
     }
     Ok(table)
+}
+
+fn read(path: PathBuf) -> Done<String> {
+    fs::read_to_string(&path).map_err(|why| Failure::File { path, why })
 }
 
 fn same(image: &str, committed: &str, built: &str) -> Done {
@@ -68,8 +77,8 @@ fn same(image: &str, committed: &str, built: &str) -> Done {
     )))
 }
 
-/// Builds the Uno's firmware under `target/`. Gives the image's place, and what it takes, as text.
-fn built_uno() -> Done<(PathBuf, String)> {
+/// Builds the Uno's firmware under `target/`, for `image`. Gives its place, and what it takes, as text.
+fn built_uno(image: &str) -> Done<(PathBuf, String)> {
     if command::run(command("avr-gcc").arg("--version")).is_err() {
         // libgcc and the start-up code come with them.
         install_debian("gcc-avr")?;
@@ -80,6 +89,7 @@ fn built_uno() -> Done<(PathBuf, String)> {
         .current_dir(root().join("firmware/uno"))
         .args(["build", "--release", "--locked", "-Zbuild-std=core", "--target-dir"])
         .arg(&built)
+        .args((image == VERBS).then_some("--features=verbs"))
         // Nothing of this build's surroundings may reach that one.
         .env_remove("RUSTFLAGS")
         .env_remove("CARGO_ENCODED_RUSTFLAGS")
@@ -88,7 +98,7 @@ fn built_uno() -> Done<(PathBuf, String)> {
         .env_remove("CARGO_BUILD_RUSTFLAGS"))?;
     let elf = built.join("avr-none/release/uno.elf");
     let sections = output(command("avr-size").arg("-A").arg(&elf))?;
-    let image = built.join("uno.hex");
+    let image = built.join(if image == VERBS { "uno-verbs.hex" } else { "uno.hex" });
     run(command("avr-objcopy").args(["-O", "ihex", "-R", ".eeprom"]).arg(&elf).arg(&image))?;
     Ok((image, table(&sections)?))
 }

@@ -11,8 +11,10 @@ use crate::packer::{MAX_LEN, Packer};
 use crate::{Board, BoardClock, Edge, Fared, Faults, Observer, Sizer, StopReport, SwitchRefused};
 use pulsetrain_core::packing::Packing;
 use pulsetrain_core::verbs::Verb;
-use pulsetrain_core::wire::message::{Cause, Configuration, Event, Info, Measures, MotorSetup, NO_PIN, Status, flags};
-use pulsetrain_core::wire::orders::{Obeyed, Orders, order};
+use pulsetrain_core::wire::message::{
+    Cause, Configuration, Event, Info, Measures, MotorSetup, NO_PIN, Status, flags, kind,
+};
+use pulsetrain_core::wire::orders::{ORDER_LEN, Obeyed, Orders, order};
 use pulsetrain_core::wire::{Baud, Command, Reason, Reply, Settings, Stopped, Stored, Switched};
 use pulsetrain_core::{Entry, Epoch, Item, Moment};
 use std::collections::VecDeque;
@@ -163,6 +165,14 @@ pub enum RemoteError {
         /// Why.
         cause: Cause,
     },
+    /// More orders than one frame has room for: none was sent.
+    #[error("{orders} orders are more than the board takes at once: {most}")]
+    TooManyOrders {
+        /// How many they were.
+        orders: usize,
+        /// How many it takes.
+        most: usize,
+    },
     /// The answer was to something else.
     #[error("the board's answer makes no sense: its firmware is not what it says")]
     Nonsense,
@@ -189,6 +199,10 @@ pub enum RemoteError {
 /// A refusal in words.
 fn said(reason: Reason, detail: u16) -> String {
     match reason {
+        Reason::UnknownKind if detail == u16::from(kind::ORDERS) => {
+            "its firmware obeys no verbs; `pulsetrain flash uno --port PORT --image verbs` writes the Uno's that does"
+                .to_owned()
+        }
         Reason::UnknownKind => format!("it does not know command {detail:#04x}"),
         Reason::Malformed => format!("command {detail:#04x} is malformed"),
         Reason::Taken => "another program drives it".to_owned(),
@@ -203,11 +217,16 @@ fn said(reason: Reason, detail: u16) -> String {
         Reason::PinMix => format!("pin {detail} does not go with those before it"),
         Reason::Timing => format!("pulse, set-up or hold is beyond its limit of {detail} ticks"),
         Reason::Baud => format!("it cannot do rate {detail}"),
-        Reason::Period => format!("a period must be {detail} ticks at least, and 2^62 at most"),
+        Reason::Period => format!("a period must be {detail} ticks at least, and 2^62 at most (2^30 on an Uno)"),
         Reason::Busy => {
-            format!("motor {detail} has a move under way and one that waits: wait until one is done, or halt it")
+            format!(
+                "motor {detail} has a move under way and one that waits, or moves that are done and not told: wait until one is done, or halt it"
+            )
         }
         Reason::Obeying => "its motors are told directly until they are released".to_owned(),
+        Reason::SharedDir => {
+            "motors that share a DIR line cannot be told directly on it: give each its own, or send plans".to_owned()
+        }
         Reason::Baked => {
             "a motion in its flash runs, which was baked; `pulsetrain flash pico` brings the plain firmware back"
                 .to_owned()
@@ -505,17 +524,22 @@ impl<P: Port> Remote<P> {
         }
     }
 
-    /// Tells motors directly: see [`Verbs`](pulsetrain_core::verbs::Verbs). `orders` are motors and what each is told, eight at most, all from the
-    /// same tick on.
+    /// Tells motors directly: see [`Verbs`](pulsetrain_core::verbs::Verbs). `orders` are motors and what each is told, eight at most (six on an
+    /// Uno), all from the same tick on.
     ///
     /// Moves that are done are told as [`events`](Remote::events), [`Cause::MoveDone`].
     ///
     /// # Errors
-    /// When the board is lost, or refuses: nothing was done then.
+    /// When the board is lost, or refuses, or takes fewer at once: nothing was done then.
     ///
     /// # Panics
     /// With more than eight orders.
     pub fn tell_motors(&mut self, orders: &[(u8, Verb)]) -> Result<Obeyed, RemoteError> {
+        // A body has two bytes before them.
+        let most = (usize::from(self.info().max_body) - 2) / ORDER_LEN;
+        if orders.len() > most {
+            return Err(RemoteError::TooManyOrders { orders: orders.len(), most });
+        }
         let bytes: Vec<u8> = orders.iter().flat_map(|(motor, verb)| order(*motor, *verb)).collect();
         let command = Command::Orders(Orders::decode(&bytes).expect("at most eight orders"));
         self.told = self.port.now();
@@ -525,6 +549,15 @@ impl<P: Port> Remote<P> {
             Reply::Obeyed(obeyed) => Ok(obeyed),
             _ => Err(self.refused(refusal("do that", &answer))),
         }
+    }
+
+    /// Whether its motors can be told directly: [`tell_motors`](Remote::tell_motors).
+    ///
+    /// # Errors
+    /// When the board is lost.
+    pub fn obeys(&mut self) -> Result<bool, RemoteError> {
+        let answer = self.ask(&Command::Orders(Orders::NONE))?;
+        Ok(!matches!(answer.reply, Reply::Refused { reason: Reason::UnknownKind, .. }))
     }
 
     /// Has the board keep `settings` without power, in place of those before. They hold for configurations and text that come after.

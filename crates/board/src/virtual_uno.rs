@@ -15,8 +15,9 @@ use std::time::Duration;
 
 pub use crate::bridge::CYCLES_PER_S;
 
-/// The firmware that `cargo xtask firmware uno` built.
+/// The firmware that `cargo xtask firmware uno` built, and the same with verbs in place of text.
 const IMAGE: &str = include_str!("../images/uno.hex");
+const VERBS: &str = include_str!("../images/uno-verbs.hex");
 
 /// DTR pulls the reset pin low for so long, through 100 nF and 1 kΩ.
 const RESET_PULSE: u64 = CYCLES_PER_S / 10_000;
@@ -44,6 +45,13 @@ const BOOTLOADER_STRIDE: u64 = 64;
 pub fn image() -> Vec<u8> {
     // Held by a test: the image is committed and whole.
     hex::parse(IMAGE, Atmega328p::FLASH_BYTES).unwrap_or_default()
+}
+
+/// The other committed firmware, which obeys verbs and knows no text.
+#[must_use]
+pub fn verbs_image() -> Vec<u8> {
+    // As above.
+    hex::parse(VERBS, Atmega328p::FLASH_BYTES).unwrap_or_default()
 }
 
 /// An Arduino Uno in virtual time.
@@ -112,6 +120,12 @@ impl VirtualUno {
     #[must_use]
     pub fn new() -> VirtualUno {
         VirtualUno::with_image(&image()).expect("no image is larger than what it was parsed for")
+    }
+
+    /// The same with the firmware that [obeys verbs](verbs_image).
+    #[must_use]
+    pub fn with_verbs() -> VirtualUno {
+        VirtualUno::with_image(&verbs_image()).expect("no image is larger than what it was parsed for")
     }
 
     /// An Uno with any firmware.

@@ -5,6 +5,7 @@
 
 /// Which way a step counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[repr(u8)]
 pub enum Direction {
     /// The position counts up.
     Forward,

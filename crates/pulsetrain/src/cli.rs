@@ -296,7 +296,8 @@ pub(crate) struct Board {
     /// Only `uno`: a bootloader (Intel HEX), and a flash that is empty but for it, as of an Uno that was just bought
     #[arg(long, value_name = "FILE")]
     pub(crate) bootloader: Option<PathBuf>,
-    /// Only `pico`: a program (UF2) instead of the firmware, such as one with the library, or a baked motion
+    /// `pico`: a program (UF2) instead of the firmware, such as one with the library, or a baked motion. `uno`: `verbs`, the firmware whose
+    /// motors are told directly, in place of text
     #[arg(long, value_name = "FILE")]
     pub(crate) image: Option<PathBuf>,
     /// How much faster than it should the board's clock runs, ppm; an Uno's resonator may be off by 5000 either way
@@ -350,7 +351,8 @@ pub(crate) struct Flash {
     /// The Uno's serial port; the folder where the Pico's drive is [default for a Pico: the one that is found]
     #[arg(long, value_name = "PORT", required_if_eq("board", "uno"))]
     pub(crate) port: Option<String>,
-    /// Write this image instead of the firmware: Intel HEX for an Uno, UF2 for a Pico
+    /// Write this image instead of the firmware: Intel HEX for an Uno, UF2 for a Pico; `verbs` for an Uno: the firmware whose motors are told
+    /// directly, in place of text
     #[arg(long, value_name = "FILE")]
     pub(crate) image: Option<PathBuf>,
     /// Print what was done as JSON

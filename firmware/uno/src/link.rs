@@ -31,6 +31,7 @@ pub(crate) const ON: u8 = 0x18;
 pub(crate) const ON_WITH_INTERRUPT: u8 = ON | 0x80;
 
 /// The transmitter alone.
+#[cfg(not(feature = "verbs"))]
 const CLOSED: u8 = 0x08;
 
 /// USART_RX, put where the vector is (vectors.rs), which saves the jump. No flag is touched before the registers are back.
@@ -116,6 +117,7 @@ pub(crate) fn set_baud(baud: Baud) {
 }
 
 /// Nothing is taken off the line, until [`open`]; what came is dropped (§20.8.6).
+#[cfg(not(feature = "verbs"))]
 pub(crate) fn close() {
     regs::UCSR0B.write(CLOSED);
 }

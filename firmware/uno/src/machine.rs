@@ -7,12 +7,17 @@ use crate::steps::motor::{self, SWITCHES};
 use crate::steps::pins::{Layout, MAX_MOTORS, Pin};
 use crate::steps::stepper::{self, LONGEST, Trouble};
 use crate::steps::task;
+#[cfg(not(feature = "verbs"))]
 use crate::store;
+use crate::verbs;
+#[cfg(not(feature = "verbs"))]
 use crate::winch::feed;
 use pulsetrain_core::wire::frame::Tag;
 use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, flags};
+use pulsetrain_core::wire::orders::Orders;
+#[cfg(not(feature = "verbs"))]
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
-use pulsetrain_core::wire::{Baud, Machine, Millis, Reason, Refusal, Stopped, Switched};
+use pulsetrain_core::wire::{Baud, Encoder, Machine, Millis, Reason, Refusal, Stopped, Switched};
 use pulsetrain_core::{Epoch, Moment};
 
 /// A switch must be less than this ahead, ticks: moments are told apart within 2^31, and pulse and set-up reach beyond.
@@ -252,6 +257,7 @@ impl Board {
     fn stop(&mut self, cause: Cause, motor: u8, detail: u32) -> Stopped {
         let uncertain = task::lock().stop(&self.pull_in);
         let tick = clock::now();
+        verbs::stop(Moment::of(tick), cause == Cause::Starved);
         if self.armed {
             self.armed = false;
             if cause != Cause::None {
@@ -291,9 +297,13 @@ impl Board {
 
     #[inline(never)]
     fn is_idle(&self) -> bool {
-        task::lock().is_idle()
+        task::lock().is_idle() && verbs::rest()
     }
+}
 
+/// What text asks of it.
+#[cfg(not(feature = "verbs"))]
+impl Board {
     /// Whether the motors are powered, or were before they stopped by themselves.
     #[inline(always)]
     pub(crate) fn is_armed(&self) -> bool {
@@ -344,15 +354,18 @@ impl Board {
 
 /// A moment within 2^31 ticks of now, in 64 bits.
 #[inline(never)]
-fn extended(moment: Moment) -> u64 {
+pub(crate) fn extended(moment: Moment) -> u64 {
     let now = clock::now();
     let ahead = moment.since(Moment::of(now)).cast_signed();
     now.wrapping_add_signed(i64::from(ahead))
 }
 
 impl Machine for Board {
-    const STORES: bool = true;
+    // There is no room for both.
+    const STORES: bool = !verbs::OBEYS;
+    const OBEYS: bool = verbs::OBEYS;
 
+    #[cfg(not(feature = "verbs"))]
     fn store(&mut self, settings: Option<&[u8; SETTINGS_LEN]>) -> Result<(), Refusal> {
         if self.armed {
             return Err(Refusal::of(Reason::Moving));
@@ -363,6 +376,7 @@ impl Machine for Board {
         Ok(())
     }
 
+    #[cfg(not(feature = "verbs"))]
     fn stored(&mut self, settings: &mut [u8; SETTINGS_LEN]) -> bool {
         store::read(settings)
     }
@@ -400,6 +414,7 @@ impl Machine for Board {
         layout.part(configuration.motors().len() as u8, pulse_ticks);
         self.stop(Cause::None, ALL_MOTORS, 0);
         self.set_up(&layout, configuration);
+        verbs::set_up(configuration);
         Ok(())
     }
 
@@ -443,6 +458,9 @@ impl Machine for Board {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
+        if verbs::is_on() {
+            return Err(Refusal::of(Reason::Obeying));
+        }
         let detail = u16::from(motor);
         let full = Refusal { reason: Reason::Full, detail };
         let len = packed.len() as u16;
@@ -452,6 +470,7 @@ impl Machine for Board {
         };
         let room = axis.push(epoch, len).ok_or(full)?;
         drop(stepper);
+        verbs::forget();
         // The task may go on meanwhile: it takes from the other end.
         room.write(packed);
         if let Some(axis) = task::lock().motor_mut(motor) {
@@ -468,6 +487,9 @@ impl Machine for Board {
     fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<Switched, Refusal> {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
+        }
+        if verbs::is_on() {
+            return Err(Refusal::of(Reason::Obeying));
         }
         let mut stepper = task::lock();
         let limit = clock::now() + SWITCH_AHEAD;
@@ -489,6 +511,25 @@ impl Machine for Board {
 
     fn stop_now(&mut self) -> Stopped {
         self.stop(Cause::StopNow, ALL_MOTORS, 0)
+    }
+
+    #[inline(always)]
+    fn obey(&mut self, orders: &Orders<'_>) -> Result<(), Refusal> {
+        if !self.armed {
+            return Err(Refusal::of(Reason::NotArmed));
+        }
+        if verbs::is_on() {
+            return verbs::obey(orders);
+        }
+        if !self.is_idle() || !task::lock().is_empty() {
+            return Err(Refusal::of(Reason::Moving));
+        }
+        verbs::begin(orders)
+    }
+
+    #[inline(always)]
+    fn obeyed(&self, frame: &mut Encoder<'_>) {
+        verbs::encode_obeyed(frame);
     }
 
     #[inline(always)]
@@ -559,10 +600,21 @@ impl Machine for Board {
         if lost && self.armed && !self.is_idle() {
             self.last_stop = Cause::HostLost;
         }
+        if verbs::is_on() {
+            if lost {
+                self.stop(Cause::None, ALL_MOTORS, 0);
+            } else {
+                verbs::forsake();
+            }
+        }
     }
 
     #[inline(never)]
     fn event(&mut self) -> Option<Event> {
+        // What was done comes before that all was.
+        if let Some((motor, at, detail)) = verbs::take_done() {
+            return Some(Event { cause: Cause::MoveDone, motor, tick: extended(at), detail });
+        }
         let [News { cause, motor, at, detail }, second] = self.news;
         if cause == Cause::None {
             return None;

@@ -6,6 +6,7 @@
 //! - [`steps`]: from events to edges on the pins
 //! - [`link`]: the serial line
 //! - [`winch`]: text on it instead of frames, and motors that follow paths
+//! - [`verbs`]: motors told directly, in the image that has no text
 //! - [`clock`]: Timer1, extended to 64 bits
 //! - [`vectors`]: the interrupt vectors, and what comes before main
 //! - [`reset`]: the watchdog, and why the program began
@@ -44,8 +45,18 @@ mod memory;
 mod regs;
 mod reset;
 mod steps;
+#[cfg(not(feature = "verbs"))]
 mod store;
 mod vectors;
+#[cfg(not(feature = "verbs"))]
+#[path = "no_verbs.rs"]
+mod verbs;
+#[cfg(feature = "verbs")]
+mod verbs;
+#[cfg(not(feature = "verbs"))]
+mod winch;
+#[cfg(feature = "verbs")]
+#[path = "no_winch.rs"]
 mod winch;
 
 use core::panic::PanicInfo;
@@ -162,10 +173,13 @@ impl Reply {
 /// Takes bytes from the line, lines or up to the end of a frame; whether it came to one.
 #[inline(always)]
 fn listen(board: &mut Board, service: &mut Service, winch: &mut Winch, receiver: &mut Receiver, now: Millis) -> bool {
-    let count =
-        if winch.on && !service.is_taken() { winch.listen(board, receiver) } else { unread(board, receiver).bytes };
+    let count = if winch.is_on() && !service.is_taken() {
+        winch.listen(board, receiver)
+    } else {
+        unread(board, receiver).bytes
+    };
     // Before frames are read: the line before a Hello may have been the one that switches the drivers on.
-    service.hold(winch.drives);
+    service.hold(winch.drives());
     if count == 0 {
         return false;
     }

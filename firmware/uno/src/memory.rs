@@ -7,7 +7,7 @@
 //! | 0x1c8 | 56 | the reply being sent |
 //! | 0x200 | 256 | ring A; the only ring, if one is enough |
 //! | 0x300 | 256 | ring B; the lists of a merge (and trains of the winch, in what its lists leave); else more of the queues |
-//! | 0x400 | [`POOL`] | the motors' queues; while text is on, the winch's paths, its reader and the line being sent |
+//! | 0x400 | [`POOL`] | the motors' queues; while text is on, the winch's paths, its reader and the line being sent; while verbs have the motors, what they do |
 //! | then | | initialised variables, others |
 //! | to 0x900 | at least 245 | stack, downwards: 192 is the most that a test saw |
 //!
@@ -15,12 +15,13 @@
 //! what came out. Up to the queues nothing is set at start-up by the code that sets variables.
 
 use crate::link::Receiver;
-use crate::{regs, winch};
+use crate::regs;
+use crate::verbs::OBEYS;
 use core::arch::global_asm;
 use core::mem::MaybeUninit;
 
 /// Bytes of all motors' queues together; [`PAGE`] more where one ring and no merge serves them.
-pub(crate) const POOL: usize = 396;
+pub(crate) const POOL: usize = if OBEYS { 368 } else { 396 };
 /// Bytes of a ring.
 const PAGE: usize = 256;
 /// Room for the longest reply: Status of four motors, and a zero before it.
@@ -32,29 +33,20 @@ global_asm!(
     r#"
     .section .pages, "aw", @nobits
     .p2align 8
-    .global receive_page, receiver, reply, ring_a_page, ring_b_page, queues, winch_paths, winch_reader, winch_line, winch_asked
+    .global receive_page, receiver, reply, ring_a_page, ring_b_page, queues
 receive_page: .skip {RECEIVE_PAGE}
 receiver:     .skip {RECEIVER}
 reply:        .skip {REPLY}
 ring_a_page:  .skip {PAGE}
 ring_b_page:  .skip {PAGE}
-queues:
-winch_paths:  .skip {PATHS}
-winch_reader: .skip {READER}
-winch_line:   .skip {LINE}
-winch_asked:  .skip {POOL} - {PATHS} - {READER} - {LINE}
+queues:       .skip {POOL}
     "#,
     RECEIVE_PAGE = const crate::link::PAGE,
     RECEIVER = const size_of::<Receiver>(),
     REPLY = const REPLY_LEN,
     PAGE = const PAGE,
     POOL = const POOL,
-    PATHS = const winch::PATHS,
-    READER = const winch::READER,
-    LINE = const winch::LINE,
 );
-
-const _: () = assert!(winch::PATHS + winch::READER + winch::LINE + size_of::<winch::Asked>() <= POOL);
 
 /// High bytes of the addresses of rings A and B.
 pub(crate) const RING_PAGES: [u8; 2] = [2, 3];

@@ -18,7 +18,7 @@ pub(crate) mod feed;
 use crate::clock;
 use crate::link::Receiver;
 use crate::machine::Board;
-use crate::memory::REPLY_LEN;
+use crate::memory::{POOL, REPLY_LEN};
 use crate::store;
 use core::arch::global_asm;
 use pulsetrain_core::Moment;
@@ -27,9 +27,9 @@ use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{Millis, Service};
 
 /// Bytes of four paths, of the reader, and of the longest line that is sent.
-pub(crate) const PATHS: usize = 4 * PATH;
-pub(crate) const READER: usize = TEXT + 81;
-pub(crate) const LINE: usize = pulsetrain_core::winch::reply::LONGEST;
+const PATHS: usize = 4 * PATH;
+const READER: usize = TEXT + 81;
+const LINE: usize = pulsetrain_core::winch::reply::LONGEST;
 
 /// Bytes of what a status line says: the clock and four positions.
 const VALUES: usize = 5 * 4;
@@ -81,6 +81,22 @@ const PATIENCE: u8 = 64;
 /// Frames have been silent for so long if a line is told that they have the board, 1.024 ms.
 const SILENCE: u16 = 100;
 
+// Where frames have their queues.
+global_asm!(
+    r#"
+    .global winch_paths, winch_reader, winch_line, winch_asked
+    .set winch_paths, queues
+    .set winch_reader, queues + {PATHS}
+    .set winch_line, queues + {PATHS} + {READER}
+    .set winch_asked, queues + {PATHS} + {READER} + {LINE}
+    "#,
+    PATHS = const PATHS,
+    READER = const READER,
+    LINE = const LINE,
+);
+
+const _: () = assert!(PATHS + READER + LINE + size_of::<Asked>() <= POOL);
+
 global_asm!(include_str!("winch/tick.s"), options(raw));
 global_asm!(include_str!("winch/command.s"), options(raw));
 global_asm!(include_str!("winch/text.s"), options(raw));
@@ -98,13 +114,13 @@ unsafe extern "C" {
 /// Text, as main knows it.
 pub(crate) struct Winch {
     /// Text is read; only then is there anything [`asked`].
-    pub(crate) on: bool,
+    on: bool,
     /// Frames were seen: nothing is said until there is a command.
     quiet: bool,
     /// Pins are the shield's.
     set_up: bool,
     /// Motors follow the paths.
-    pub(crate) drives: bool,
+    drives: bool,
     /// What is to be said.
     say: u8,
     /// Where the line was at the last look that frames have.
@@ -113,7 +129,7 @@ pub(crate) struct Winch {
 
 /// What text has asked for; where frames have their queues.
 #[repr(C)]
-pub(crate) struct Asked {
+struct Asked {
     /// The drivers are to be released when all axes rest.
     releasing: bool,
     /// The deadman has stopped the axes.
@@ -144,6 +160,18 @@ impl Winch {
     /// Text is not on yet.
     pub(crate) const fn new() -> Winch {
         Winch { on: false, quiet: false, set_up: false, drives: false, say: 0, seen: 0 }
+    }
+
+    /// Whether text is read.
+    #[inline(always)]
+    pub(crate) const fn is_on(&self) -> bool {
+        self.on
+    }
+
+    /// Whether motors follow the paths.
+    #[inline(always)]
+    pub(crate) const fn drives(&self) -> bool {
+        self.drives
     }
 
     /// Begins anew.

@@ -4,6 +4,7 @@
 //! - [`Motor`]: one motor: bytes → events, like [`Channel<16>`](crate::Channel) behind
 //!   [`Packing`](crate::packing::Packing), event for event
 //! - [`Bytes`]: its packed items, in its part of the [`Pool`] that all motors share
+//! - [`verbs`]: motors told directly, step for step what [`crate::verbs`] has them do
 //! - [`Registers`]: the live recurrence; laid out for a step engine in assembly
 //!
 //! # What fits
@@ -18,6 +19,7 @@ mod bytes;
 mod motor;
 mod registers;
 mod unpack;
+pub mod verbs;
 
 pub use bytes::{Bytes, EPOCHS, Pool, PushRefused};
 pub use motor::{BLIND_STEPS, Fault, Motor, Reason, SLOWEST_BLIND, SWITCHES, Settings};

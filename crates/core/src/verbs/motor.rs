@@ -90,7 +90,8 @@ const STALE: u64 = 1 << 29;
 
 /// What is under way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Task {
+#[repr(u8)]
+pub(crate) enum Task {
     Rest,
     /// So many steps are left; with 0 the last one's period.
     Steps(u32),

@@ -121,6 +121,8 @@ codes! {
         Obeying = 17,
         /// A motion in the board's flash runs: only StopNow is taken.
         Baked = 18,
+        /// Motors that share a DIR line are not told directly on this board.
+        SharedDir = 19,
     }
 }
 

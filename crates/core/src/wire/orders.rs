@@ -145,12 +145,7 @@ impl Obeyed {
 
     /// Writes it.
     pub fn encode(&self, frame: &mut Encoder<'_>) {
-        frame.u64(self.tick);
-        frame.u8(self.count);
-        for Next { position, wait } in self.motors() {
-            frame.u32(position.cast_unsigned());
-            frame.u32(*wait);
-        }
+        encode_obeyed(self.tick, self.motors(), frame);
     }
 
     pub(super) fn decode(payload: &[u8]) -> Option<Obeyed> {
@@ -163,5 +158,16 @@ impl Obeyed {
         }
         let whole = rest.is_empty() && motors.len() == usize::from(*count) && motors.len() <= MAX_MOTORS;
         whole.then_some(obeyed)
+    }
+}
+
+/// Writes an [`Obeyed`] that a small board has no room for.
+pub fn encode_obeyed(tick: u64, motors: &[Next], frame: &mut Encoder<'_>) {
+    frame.u64(tick);
+    // At most 8.
+    frame.u8(motors.len() as u8);
+    for Next { position, wait } in motors {
+        frame.u32(position.cast_unsigned());
+        frame.u32(*wait);
     }
 }

@@ -11,6 +11,7 @@ use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{hex, stk500};
 
+use super::flash::VERBS;
 use crate::cli::Board;
 use crate::console::{self, Console, Exit};
 use crate::serve::{self, Client, Service, Socket};
@@ -20,8 +21,16 @@ pub(crate) fn run(args: &Board, console: &mut Console<'_>) -> miette::Result<Exi
     if args.bootloader.is_some() && args.board != "uno" {
         return Err(miette!(help = "leave --bootloader out", "only `uno` has a bootloader that can be given"));
     }
-    if args.image.is_some() && args.board != "pico" {
-        return Err(miette!(help = "leave --image out", "only `pico` has a program that can be given"));
+    let is_verbs = args.image.as_deref() == Some(Path::new(VERBS));
+    if args.image.is_some() && args.board != "pico" && (args.board != "uno" || !is_verbs) {
+        let help = "leave --image out; `uno` has `--image verbs`";
+        return Err(miette!(help = help, "only `pico` has a program that can be given"));
+    }
+    if is_verbs && args.bootloader.is_some() {
+        return Err(miette!(
+            help = "leave one of them out",
+            "a bootloader alone, and an image: one excludes the other"
+        ));
     }
     interrupt::watch();
     match (&args.pty, args.tcp) {
@@ -67,6 +76,7 @@ fn serve<C: Client>(client: C, place: &str, args: &Board, console: &mut Console<
             serve_board(pico, "Pico", client, place, args, console)
         }
         _ => match &args.bootloader {
+            None if args.image.is_some() => serve_board(VirtualUno::with_verbs(), "Uno", client, place, args, console),
             None => serve_board(VirtualUno::new(), "Uno", client, place, args, console),
             Some(file) => serve_board(just_bought(file)?, "Uno", client, place, args, console),
         },

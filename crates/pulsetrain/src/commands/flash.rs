@@ -53,9 +53,13 @@ pub(crate) fn run(args: &Flash, console: &mut Console<'_>) -> miette::Result<Exi
     Ok(Exit::Success)
 }
 
+/// The name of the Uno's other image, in place of a file's.
+pub(super) const VERBS: &str = "verbs";
+
 fn uno(name: &str, file: Option<&Path>, console: &Console<'_>) -> miette::Result<Flashed> {
     let image = match file {
         None => virtual_uno::image(),
+        Some(file) if file == Path::new(VERBS) => virtual_uno::verbs_image(),
         Some(file) => {
             let text = String::from_utf8_lossy(&console::read(file)?).into_owned();
             hex::parse(&text, stk500::FLASH_BYTES).map_err(|error| {

@@ -21,6 +21,10 @@ pub(super) struct Said {
     board: &'static str,
     firmware: String,
     protocol: u8,
+    /// Lines of text, as StepperWinch's.
+    text: bool,
+    /// Motors can be told directly.
+    verbs: bool,
     tick_hz: u32,
     fraction_bits: u8,
     motors: u8,
@@ -83,6 +87,9 @@ pub(crate) fn run(args: &At, console: &mut Console<'_>) -> miette::Result<Exit> 
     let mut row = |what: &str, value: String| table.row([what.to_owned(), value]);
     row("board", said.board.to_owned());
     row("firmware", format!("{}, protocol {}", said.firmware, said.protocol));
+    let understands = [("frames", true), ("text", said.text), ("verbs", said.verbs)];
+    let understands: Vec<_> = understands.into_iter().filter(|(_, does)| *does).map(|(what, _)| what).collect();
+    row("understands", understands.join(", "));
     row("tick", format!("{}, {} fraction bits", human::seconds(tick_s), said.fraction_bits));
     row("motors", format!("{} at most", said.motors));
     row("queues", format!("{} B in all; {} B may be under way to it", said.queue_bytes, said.window_bytes));
@@ -150,6 +157,7 @@ pub(super) fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
     }
     // A board whose motors are powered does not say, nor one that keeps nothing.
     let stored = remote.stored().unwrap_or_default();
+    let verbs = remote.obeys()?;
     let compares = info.board == UNO;
     let said = Said {
         board: match info.board {
@@ -159,6 +167,9 @@ pub(super) fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
         },
         firmware: human::version(info.firmware),
         protocol: VERSION,
+        // The Uno's flash has room for one of them.
+        text: info.board == 2 || (info.board == UNO && !verbs),
+        verbs,
         tick_hz: info.tick_hz,
         fraction_bits: info.fraction_bits,
         motors: info.max_motors,

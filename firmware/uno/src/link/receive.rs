@@ -256,6 +256,7 @@ receive_frame:
 
 unsafe extern "C" {
     fn receive_frame(receiver: *mut Receiver, count: u8) -> u8;
+    #[cfg(not(feature = "verbs"))]
     static receive_page: u8;
     /// The interrupt's: 0x80 and 0 in turn, whenever it comes to the end of the page.
     static mut receive_lap: u8;
@@ -310,7 +311,11 @@ impl Receiver {
         }
         Unread { bytes, lost }
     }
+}
 
+/// What text asks of it.
+#[cfg(not(feature = "verbs"))]
+impl Receiver {
     /// How many bytes wait, if none were overwritten.
     #[inline(always)]
     pub(crate) fn waiting(&self) -> u8 {
@@ -348,7 +353,9 @@ impl Receiver {
         }
         self.tail = tail & (PAGE - 1);
     }
+}
 
+impl Receiver {
     /// Takes `count` of them, or fewer, up to the end of a frame.
     #[inline(always)]
     pub(crate) fn take(&mut self, count: u8) -> Received {

@@ -22,6 +22,7 @@ use super::motor::{Motor, Part, Reason, flag};
 use super::plan::FILLER;
 use super::task::mode;
 use super::times;
+use crate::verbs::{OBEYS, ON};
 use crate::winch::feed;
 use core::arch::global_asm;
 use core::mem::offset_of;
@@ -206,11 +207,22 @@ steps_load:
     ldd r25, Y+{READY}+1
     or r24, r25
     brne 1f
+    .if {VERBS}
+    // A motor that is told directly has no bytes. Gives 1 if there are no steps.
+    lds r24, verbs_state
+    cpi r24, {ON}
+    brne load_none
+    movw r24, r28
+    call verbs_load
+    lsr r24
+    ret
+    .else
     // A motor of the winch has no bytes: its path gives it the steps of a millisecond at a time.
     lds r24, steps_mode
     cpi r24, {WINCH}
     brne load_none
     rjmp load_train
+    .endif
 load_none:
     sec
     ret
@@ -747,6 +759,7 @@ load_difference:
     cp r24, r22
     ret
 
+    .ifeq {VERBS}
     // The next train of the winch (see winch/feed.rs), if there is one: its accumulator is an interval before its first step.
 load_train:
     ldd r30, Y+{NEXT}
@@ -863,7 +876,10 @@ load_train:
     ret
 4:  call steps_settle
     rjmp load_train
+    .endif
     "#,
+    VERBS = const OBEYS as u8,
+    ON = const ON,
     FRACTION = const offset_of!(Motor, registers),
     TICK = const offset_of!(Motor, registers) + 2,
     INTERVAL = const offset_of!(Motor, registers) + 6,

@@ -7,9 +7,13 @@
 //! made is not made, and what follows of its epoch is dropped; a step of the old epoch at a tick ≥ the switch's is not made.
 
 use super::pins::Lines;
+#[cfg(feature = "verbs")]
+use super::plan::FILLER;
 use super::times::TIMES;
 use crate::memory;
 use pulsetrain_core::narrow::Registers;
+#[cfg(feature = "verbs")]
+use pulsetrain_core::{Direction, narrow::verbs::Steps};
 use pulsetrain_core::{Epoch, Moment};
 
 /// How many switches may wait, one after the other.
@@ -20,6 +24,10 @@ const PARTS: usize = 3;
 
 /// Previous count after a reset, as in `pulsetrain_core::packing`.
 pub(crate) const COUNT_AT_REST: u16 = 4;
+
+/// The longest interval of a step that verbs make, ticks: registers have 40 bits and a sign.
+#[cfg(feature = "verbs")]
+const LONGEST_INTERVAL: u32 = (1 << 23) - 1;
 
 /// Bits of [`Motor::flags`], by number.
 pub(crate) mod flag {
@@ -195,6 +203,11 @@ impl Motor {
     #[inline(never)]
     pub(crate) fn room(&self) -> u16 {
         self.end - self.start - self.waiting()
+    }
+
+    /// Whether its queue holds nothing, of whatever epoch.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.waiting() == 0
     }
 
     #[inline(never)]
@@ -373,6 +386,37 @@ impl Motor {
     pub(crate) fn uncount(&mut self, steps: i16) {
         self.position = self.planned().wrapping_sub(i32::from(steps));
         self.registers.left = 0;
+    }
+
+    /// Takes on steps that come after all it has done: as a record of the queue would have it, with an anchor before it.
+    #[cfg(feature = "verbs")]
+    #[inline(never)]
+    pub(crate) fn follow(&mut self, steps: &Steps) {
+        // One step alone may be further away than registers reach; from where its interval counts does not matter.
+        let Steps { first, count, .. } = *steps;
+        let period = steps.period.min(LONGEST_INTERVAL);
+        let backward = steps.direction == Direction::Backward;
+        let turns = backward != self.has(flag::BACKWARD);
+        // What follows from the step before must be known if it turns round, or if there is room for a filler before this.
+        if turns || first.since(Moment(self.registers.tick)) >= u32::from(FILLER) {
+            self.settle();
+        }
+        if turns {
+            self.flags ^= 1 << flag::BACKWARD | 1 << flag::TURN;
+        }
+        self.set(flag::ANCHORED, true);
+        let [p0, p1, p2, _] = period.to_le_bytes();
+        self.registers = Registers {
+            fraction: 0x8000,
+            tick: first.before(period).0,
+            interval_low: u32::from_le_bytes([0, 0, p0, p1]),
+            interval_high: p2,
+            left: count,
+            ..Registers::new()
+        };
+        self.sure = 0;
+        let moved = i32::from(count);
+        self.position = self.position.wrapping_add(if backward { -moved } else { moved });
     }
 
     /// Whether there is nothing to do, now or later, unless more is pushed.

@@ -16,12 +16,14 @@
 
 use super::motor::{Motor, Reason, flag};
 use super::times;
+use crate::verbs::OBEYS;
 use core::arch::global_asm;
 use core::mem::offset_of;
 use pulsetrain_core::Moment;
 
-/// Two things that a motor does are so far apart at most, ticks: the compare register is a quarter of the way round.
-pub(crate) const FILLER: u16 = 16_384;
+/// Two things that a motor does are so far apart at most, ticks: the compare register is a quarter of the way round. With verbs it is
+/// less: the limit is not always so far ahead.
+pub(crate) const FILLER: u16 = if OBEYS { 8192 } else { 16_384 };
 
 /// So far after a filler DIR is turned at the soonest, ticks: what is between two groups at least.
 const ROOM: u8 = 96;

@@ -1,7 +1,7 @@
 //! Addresses of the registers that the hot path uses (ATmega328P DS40002061B §30).
 
 macro_rules! addresses {
-    ($($(#[$doc:meta])* $name:ident = $address:literal;)*) => { $($(#[$doc])* pub(crate) const $name: u8 = $address;)* };
+    ($($(#[$meta:meta])* $name:ident = $address:literal;)*) => { $($(#[$meta])* pub(crate) const $name: u8 = $address;)* };
 }
 
 // In the I/O space: `in` and `out` reach them; data address 0x20 higher.
@@ -19,6 +19,7 @@ addresses! {
     /// Free storage, bit-addressable.
     GPIOR0 = 0x1e;
     /// EEPROM control.
+    #[cfg(not(feature = "verbs"))]
     EECR = 0x1f;
     /// EEPROM data; free storage but for moments at rest.
     EEDR = 0x20;

@@ -360,6 +360,17 @@ impl Stepper {
         self.place(motor).map(|mut motor| unsafe { motor.as_mut() })
     }
 
+    /// The number of a motor, by where it is.
+    #[cfg(feature = "verbs")]
+    pub(crate) fn number_of(motor: &Motor) -> u8 {
+        let (mut at, mut number) = ((&raw const MOTORS).cast::<Motor>(), 0);
+        // Without a division: there are four at most.
+        while number < MAX_MOTORS as u8 - 1 && !core::ptr::eq(at, motor) {
+            (at, number) = (at.wrapping_add(1), number + 1);
+        }
+        number
+    }
+
     /// The rings in use.
     #[inline(never)]
     fn tracks_mut(&mut self) -> slice::IterMut<'_, Track> {
@@ -481,6 +492,7 @@ impl Stepper {
 
     /// From now on motors take their steps from the winch's paths: see [`feed`](crate::winch::feed). It has just been started,
     /// with a merge.
+    #[cfg(not(feature = "verbs"))]
     #[inline(always)]
     pub(crate) fn follow(&mut self) {
         if let Some(merge) = &mut self.merge {
@@ -530,6 +542,11 @@ impl Stepper {
         self.count = MAX_MOTORS as u8;
         self.motors_mut().for_each(|motor| motor.rest(now));
         self.count = count;
+    }
+
+    /// Whether no motor's queue holds anything, of whatever epoch.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.motors().all(Motor::is_empty)
     }
 
     /// Whether nothing is left to do: no event, no end of a pulse, no step in a ring.

@@ -15,6 +15,7 @@ use super::ring::Ring;
 use super::stepper::{AHEAD, Stepper, Track};
 use crate::clock;
 use crate::regs;
+use crate::verbs::{OBEYS, ON};
 use core::arch::global_asm;
 use core::cell::UnsafeCell;
 use core::mem::offset_of;
@@ -153,10 +154,17 @@ steps_task_begin:
     add r23, r18
     adc r24, r1
     adc r25, r1
+    .if {VERBS}
+    lds r18, verbs_state
+    cpi r18, {ON}
+    brne 12f
+    call verbs_advance
+    .else
     lds r18, steps_mode
     cpi r18, {WINCH}
     brne 12f
     call winch_advance
+    .endif
 12: sts steps_times+{LIMIT}, r22
     sts steps_times+{LIMIT}+1, r23
     sts steps_times+{LIMIT}+2, r24
@@ -214,6 +222,25 @@ steps_task_begin:
     brsh 4f
     ldi r26, {SOONEST}
 4:  lds r25, steps_mode
+    .if {VERBS}
+    // Or when verbs are due: that was counted from where this call began, as Timer0 has done.
+    lds r24, verbs_state
+    cpi r24, {ON}
+    brne 3f
+    lds r24, verbs_due
+    in r20, {TCNT0}
+    sub r24, r20
+    brcs 13f
+    sbic {TIFR0}, 0
+13: ldi r24, {SOONEST}
+    cpi r24, {SOONEST}
+    brsh 13f
+    ldi r24, {SOONEST}
+13: cp r26, r24
+    brlo 4f
+    mov r26, r24
+    rjmp 4f
+    .endif
     cpi r25, {WINCH}
     brne 3f
     cpi r26, {SLICES}
@@ -301,6 +328,8 @@ task_ahead:
     APIECE = const mode::APIECE,
     BOTH = const mode::BOTH,
     WINCH = const mode::WINCH,
+    VERBS = const OBEYS as u8,
+    ON = const ON,
     SLICES = const SLICES,
     TRACK = const offset_of!(Stepper, tracks),
     TRACK_SIZE = const size_of::<Track>(),

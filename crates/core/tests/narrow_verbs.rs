@@ -1,0 +1,191 @@
+//! Motors told directly on an 8-bit chip make the steps of `pulsetrain_core::verbs`, tick for tick, on random orders.
+
+use proptest::prelude::*;
+use pulsetrain_core::narrow::verbs as narrow;
+use pulsetrain_core::verbs::{Course, Limits, Verb, Verbs};
+use pulsetrain_core::wire::orders::{Orders, order};
+use pulsetrain_core::{Direction, Item, Moment};
+
+const LIMITS: Limits = Limits { shortest: 300, turn: 900, period: 16_000 };
+const MOTORS: u8 = 3;
+
+/// Ticks and directions of a motor's steps, from items.
+#[derive(Default)]
+struct Axis {
+    tick: u64,
+    steps: Vec<(u32, Direction)>,
+}
+
+impl Axis {
+    fn take(&mut self, item: Item) {
+        match item {
+            Item::Anchor { tick } => self.tick = u64::from(tick.0),
+            Item::Dwell { ticks } => self.tick += u64::from(ticks),
+            Item::Run { segment, direction } => {
+                for _ in 0..segment.count {
+                    self.tick += segment.interval.cast_unsigned() >> 16;
+                    self.steps.push((Moment::of(self.tick).0, direction));
+                }
+            }
+        }
+    }
+}
+
+fn a_verb() -> impl Strategy<Value = Verb> {
+    prop_oneof![
+        3 => prop::sample::select(vec![0, 1, 2, 8, 100, 2000, u32::MAX]).prop_map(|steps| Verb::Move { steps }),
+        1 => Just(Verb::Run),
+        3 => (300..20_000_u64).prop_map(|ticks| Verb::Speed { ticks }),
+        1 => (20_000..u64::from(narrow::LONGEST_PERIOD) + 1).prop_map(|ticks| Verb::Speed { ticks }),
+        1 => prop::sample::select(vec![299, u64::from(narrow::LONGEST_PERIOD) + 1]).prop_map(|ticks| Verb::Speed { ticks }),
+        3 => prop::sample::select(vec![Course::Stationary, Course::Forward, Course::Backward]).prop_map(Verb::Course),
+        1 => Just(Verb::Halt),
+    ]
+}
+
+/// How long nothing is told, slices; and then, if all rest, ticks; then orders.
+fn a_script() -> impl Strategy<Value = Vec<((u32, u64), Vec<(u8, Verb)>)>> {
+    let idle = (0..6_u32, prop_oneof![4 => Just(0), 1 => 1..4_u64 << 29]);
+    prop::collection::vec((idle, prop::collection::vec((0..MOTORS, a_verb()), 1..6)), 1..40)
+}
+
+/// Both, from the same tick on.
+struct Both {
+    wide: Verbs,
+    narrow: narrow::Verbs,
+    known: u64,
+    axes: Vec<Axis>,
+    steps: Vec<Vec<(u32, Direction)>>,
+}
+
+impl Both {
+    fn new(known: u64) -> Both {
+        let (mut wide, mut narrow) = (Verbs::new(), narrow::Verbs::new());
+        wide.begin((0..MOTORS).map(|motor| (LIMITS, i32::from(motor))), known);
+        narrow.begin((0..MOTORS).map(i32::from), (300, 900, 16_000), Moment::of(known));
+        let axes = (0..MOTORS).map(|_| Axis::default()).collect();
+        Both { wide, narrow, known, axes, steps: vec![Vec::new(); MOTORS.into()] }
+    }
+
+    /// Time goes on by a slice; what each has to do in it is taken.
+    fn go_on(&mut self, ticks: u64) {
+        self.known += ticks;
+        let axes = &mut self.axes;
+        self.wide.work_out::<16>(self.known, |motor, item| axes[usize::from(motor)].take(item));
+        self.narrow.foresee(Moment::of(self.known));
+        self.take();
+    }
+
+    fn take(&mut self) {
+        for (motor, steps) in (0..).zip(&mut self.steps) {
+            while let Some(row) = self.narrow.take(motor) {
+                let ticks = (0..u32::from(row.count)).map(|step| row.first.after(step.wrapping_mul(row.period)).0);
+                steps.extend(ticks.map(|tick| (tick, row.direction)));
+            }
+        }
+    }
+
+    /// Dones are taken from both, so that neither is too full for more.
+    fn compare(&mut self) -> Result<(), TestCaseError> {
+        for (axis, steps) in self.axes.iter().zip(&self.steps) {
+            prop_assert_eq!(&axis.steps, steps);
+        }
+        loop {
+            let wide = self.wide.take_done(self.known);
+            let narrow = self.narrow.take_done(Moment::of(self.known));
+            prop_assert_eq!(wide.map(|(motor, tick, number)| (motor, Moment::of(tick), number)), narrow);
+            if narrow.is_none() {
+                break;
+            }
+        }
+        prop_assert_eq!(self.wide.rest_at(self.known), self.narrow.rest_at(Moment::of(self.known)));
+        Ok(())
+    }
+}
+
+proptest! {
+    /// The same steps, dones and answers, also after long rests, and across the wrap of moments.
+    #[test]
+    fn they_do_what_the_wide_ones_do(begin in prop_oneof![Just(1000), (1_u64 << 32) - 200_000..1 << 32], script in a_script(), slice in 3000..40_000_u64) {
+        let mut both = Both::new(begin);
+        for ((slices, mut rest), orders) in script {
+            for _ in 0..slices {
+                both.go_on(slice);
+                both.compare()?;
+            }
+            while rest > 0 && both.wide.rest_at(both.known) {
+                both.go_on(rest.min(1 << 29));
+                rest = rest.saturating_sub(1 << 29);
+            }
+            let bytes: Vec<u8> = orders.iter().flat_map(|(motor, verb)| order(*motor, *verb)).collect();
+            let orders = Orders::decode(&bytes).unwrap();
+            // Two moves of each motor are all that it takes.
+            prop_assert!(both.narrow.can_obey());
+            let mut tried = both.wide.clone();
+            let wide = tried.obey(&orders);
+            let narrow = both.narrow.obey(&orders);
+            let too_long = orders.iter().any(|(_, verb)| matches!(verb, Verb::Speed { ticks } if ticks > u64::from(narrow::LONGEST_PERIOD)));
+            prop_assert_eq!(narrow.is_ok(), wide.is_ok() && !too_long);
+            if let (Ok(obeyed), true) = (wide, narrow.is_ok()) {
+                both.wide = tried;
+                let (at, motors) = both.narrow.obeyed();
+                prop_assert_eq!(at, Moment::of(obeyed.tick));
+                prop_assert_eq!(motors, obeyed.motors());
+            }
+        }
+        both.go_on(slice);
+        both.compare()?;
+    }
+
+    /// Steps that were put by for an order's sake come first, and are those that would have come.
+    #[test]
+    fn an_order_puts_steps_by(period in 300..5000_u64, ticks in 1000..40_000_u64) {
+        let mut both = Both::new(0);
+        let bytes: Vec<u8> = [order(0, Verb::Speed { ticks: period }), order(0, Verb::Run)].concat();
+        let orders = Orders::decode(&bytes).unwrap();
+        both.wide.obey(&orders).unwrap();
+        both.narrow.obey(&orders).unwrap();
+        both.known += ticks;
+        let axes = &mut both.axes;
+        both.wide.work_out::<16>(both.known, |motor, item| axes[usize::from(motor)].take(item));
+        both.narrow.foresee(Moment::of(both.known));
+        prop_assert!(both.narrow.can_obey());
+        let halt = order(0, Verb::Halt);
+        let halt = Orders::decode(&halt).unwrap();
+        both.wide.obey(&halt).unwrap();
+        both.narrow.obey(&halt).unwrap();
+        both.take();
+        both.go_on(ticks);
+        both.compare()?;
+    }
+}
+
+/// What is left out when nobody tells motors any more, and what was done when they are stopped.
+#[test]
+fn forsaken_and_stopped() {
+    let told = |orders: &[(u8, Verb)]| {
+        let mut both = Both::new(0);
+        let bytes: Vec<u8> = orders.iter().flat_map(|(motor, verb)| order(*motor, *verb)).collect();
+        let orders = Orders::decode(&bytes).unwrap();
+        both.wide.obey(&orders).unwrap();
+        both.narrow.obey(&orders).unwrap();
+        both.go_on(100_000);
+        both
+    };
+    let orders = [(0, Verb::Run), (1, Verb::Move { steps: 1000 }), (2, Verb::Speed { ticks: 90_000 }), (2, Verb::Run)];
+    let mut both = told(&orders);
+    let _ = both.wide.forsake(false, |_| 0);
+    both.narrow.forsake();
+    both.go_on(20_000_000);
+    both.compare().unwrap();
+    assert_eq!(both.steps[1].len(), 1000);
+    let mut both =
+        told(&[(0, Verb::Speed { ticks: 1000 }), (0, Verb::Move { steps: 5 }), (1, Verb::Move { steps: 6 })]);
+    both.wide.stop(|_| 50_000);
+    both.narrow.stop(Some(Moment(50_000)));
+    assert_eq!(both.narrow.take_done(Moment(200_000)), Some((0, Moment(5000), 1)));
+    assert_eq!(both.narrow.take_done(Moment(200_000)), None, "motor 1 was stopped first");
+    let mut both = told(&[(0, Verb::Move { steps: 1 })]);
+    both.narrow.stop(None);
+    assert_eq!(both.narrow.take_done(Moment(200_000)), None);
+}
