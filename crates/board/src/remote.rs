@@ -26,8 +26,22 @@ const STATUS_EVERY: Duration = Duration::from_millis(50);
 /// A frame that is not full goes out when fewer are on their way, if it is half full; else when none is.
 const GATHERED: usize = 2;
 
-/// How often it is asked for room while a queue is fuller than half.
-const ROOM_EVERY: Duration = Duration::from_millis(3);
+/// A board has enough to do when its queues are so full, all of them, %; and plenty.
+const ENOUGH: usize = 25;
+const PLENTY: usize = 50;
+
+/// A board that has plenty is sent so much of its queues' bytes at once, one part of so many; one that has enough twice as much.
+const PORTIONS: usize = 12;
+
+/// And so often: a frame of USB.
+const PORTION_EVERY: Duration = Duration::from_millis(1);
+
+/// How often it is asked for room while a queue is fuller than half. The host knows by itself when items leave it; each question
+/// costs an Uno as much as a frame of data.
+const ROOM_EVERY: Duration = Duration::from_millis(10);
+
+/// Time passes so much in one round at most.
+const LONGEST_ROUND: Duration = Duration::from_millis(3);
 
 /// News of room, a frame and a switch on their way, each over USB bridges that hold bytes back for a millisecond or two.
 const SHORTEST_LEAD: Duration = Duration::from_millis(6);
@@ -341,7 +355,11 @@ pub struct Remote<P> {
     edges: Vec<Edge>,
     events: Vec<Event>,
     error: Option<RemoteError>,
+    /// Handed out by the link, not sent; when its next portion may be.
     outbox: Vec<u8>,
+    next_portion: Duration,
+    /// Somebody waits for an answer.
+    waits: bool,
     inbox: Vec<u8>,
 }
 
@@ -372,6 +390,8 @@ impl<P: Port> Remote<P> {
             events: Vec::new(),
             error: None,
             outbox: Vec::new(),
+            next_portion: now,
+            waits: false,
             inbox: Vec::new(),
         };
         match remote.answer()?.reply {
@@ -647,7 +667,10 @@ impl<P: Port> Remote<P> {
                 self.note(&answer);
                 return Ok(answer);
             }
-            self.round(Duration::MAX)?;
+            self.waits = true;
+            let done = self.round(Duration::MAX);
+            self.waits = false;
+            done?;
         }
     }
 
@@ -678,7 +701,6 @@ impl<P: Port> Remote<P> {
 
     fn try_round(&mut self, until: Duration) -> Result<(), RemoteError> {
         let now = self.port.now();
-        self.outbox.clear();
         self.link.output(now, &mut self.outbox);
         if let Some(error) = self.link.error() {
             return Err(error.into());
@@ -686,8 +708,16 @@ impl<P: Port> Remote<P> {
         if let Some(baud) = self.link.take_rate() {
             self.port.set_baud(baud)?;
         }
-        self.port.send(&self.outbox)?;
-        let due = self.link.deadline().unwrap_or(until).min(until);
+        let portion = self.portion();
+        if portion == usize::MAX || now >= self.next_portion {
+            self.port.send(&self.outbox[..portion.min(self.outbox.len())])?;
+            self.outbox.drain(..portion.min(self.outbox.len()));
+            self.next_portion = now + PORTION_EVERY;
+        }
+        let mut due = self.link.deadline().unwrap_or(until).min(until);
+        if !self.outbox.is_empty() {
+            due = due.min(self.next_portion);
+        }
         self.inbox.clear();
         self.port.receive(due.max(now + SHORTEST_ROUND), &mut self.inbox)?;
         self.link.input(&self.inbox, self.port.now());
@@ -727,15 +757,30 @@ impl<P: Port> Remote<P> {
         }
     }
 
-    /// The same, but for what may wait: as long as frames are on their way more is gathered, so that frames are long.
+    /// The same, but for what may wait: as long as the board has plenty to do, or frames are on their way, more is gathered, so
+    /// that frames are long: what one costs a board is much the same, however long it is.
     fn gather(&mut self) {
-        let now = self.port.now();
+        let (now, tick) = (self.port.now(), self.now());
         let much = self.link.max_packed() / 2;
         for (index, motor) in (0..).zip(&mut self.motors) {
             let most = if motor.packed.len() > much { GATHERED } else { 1 };
-            if self.link.frames() < most {
+            if motor.has(tick) < PLENTY && self.link.frames() < most {
                 motor.flush(index, &mut self.link, now);
             }
+        }
+    }
+
+    /// How many bytes go out at once. The more the board has to do, the fewer, and not as fast as the line takes
+    /// them: each keeps an Uno from its steps.
+    fn portion(&self) -> usize {
+        let tick = self.now();
+        let least = self.motors.iter().map(|motor| motor.has(tick)).min().unwrap_or(0);
+        let few = usize::from(self.info.pool) / PORTIONS;
+        match least {
+            _ if self.waits => usize::MAX,
+            PLENTY.. => few.max(1),
+            ENOUGH.. => 2 * few.max(1),
+            _ => usize::MAX,
         }
     }
 
@@ -798,6 +843,12 @@ impl Motor {
         for item in self.waiting.iter_mut().filter(|item| item.epoch != epoch) {
             item.until = item.until.min(tick);
         }
+    }
+
+    /// How full its queue is at tick `now`, by when the board takes what; %.
+    fn has(&self, now: u64) -> usize {
+        let free = self.room_at(now) + self.packed.len();
+        100 * self.capacity.saturating_sub(free) / self.capacity.max(1)
     }
 
     /// Room that there is at tick `now`, sent or not, by when the board takes what.
@@ -949,7 +1000,7 @@ impl<P: Port> Board for Remote<P> {
                 self.look_after();
             }
             let end = self.clock.time_of(until.saturating_add(1)).unwrap_or_default();
-            let next = self.port.now() + ROOM_EVERY;
+            let next = self.port.now() + LONGEST_ROUND;
             if self.round(end.min(next)).is_err() {
                 // The board may run on, if it is a virtual one; its link is gone.
                 let gone = self.port.receive(end.max(self.port.now() + SHORTEST_ROUND), &mut self.inbox).is_err();

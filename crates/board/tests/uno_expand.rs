@@ -219,7 +219,8 @@ fn a_ring_takes_what_it_has_room_for() {
         }
         assert_eq!(filled.registers, bytes_of(&expected), "round {round}, {made} of {n} steps of {registers:?}");
         assert_eq!(chip.register(5), n - made as u8);
-        if sure == 1 && !steady && made == usize::from(n) {
+        // Where there is less room than for 32, all are published at once.
+        if sure == 1 && !steady && made == usize::from(n) && room < 32 {
             match n {
                 14 => nearest.0 = filled.cycles,
                 24 => nearest.1 = filled.cycles,
@@ -227,6 +228,6 @@ fn a_ring_takes_what_it_has_room_for() {
             }
         }
     }
-    // 16.5 cycles a step, and some 30 for the third batch of 8.
-    assert!((nearest.1 - nearest.0).abs_diff(195) <= 6, "{nearest:?}");
+    // 16.5 cycles a step.
+    assert!((nearest.1 - nearest.0).abs_diff(165) <= 6, "{nearest:?}");
 }

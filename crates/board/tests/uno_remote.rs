@@ -1,9 +1,14 @@
 //! The link to the firmware itself, on the virtual Uno.
 
-use pulsetrain_board::{Board, Edge, Faults, Remote, Setup, virtual_uno::VirtualUno};
+mod common;
+
+use common::segments::{Law, Stream};
+use common::uno_setup;
+use pulsetrain_board::{Board, Edge, Faults, Port, PortError, Remote, Setup, virtual_uno::VirtualUno};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::MotorSetup;
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+use std::time::Duration;
 
 const TICK_HZ: u64 = 16_000_000;
 
@@ -48,4 +53,55 @@ fn the_firmware_finds_its_checks_right_at_every_rate() {
         assert_eq!((remote.positions(), remote.faults(0)), (vec![steps], Faults::default()), "{baud:?}");
         assert!(rises > steps, "{baud:?}");
     }
+}
+
+/// An Uno, and when how many bytes were sent to it.
+struct Noted {
+    uno: VirtualUno,
+    sent: Vec<(Duration, usize)>,
+}
+
+impl Port for Noted {
+    fn now(&self) -> Duration {
+        self.uno.now()
+    }
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        if !bytes.is_empty() {
+            self.sent.push((self.now(), bytes.len()));
+        }
+        self.uno.send(bytes)
+    }
+    fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
+        self.uno.receive(until, into)
+    }
+    fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
+        self.uno.set_baud(baud)
+    }
+}
+
+#[test]
+fn a_board_that_has_plenty_to_do_is_sent_a_little_at_a_time() {
+    let mut board = Remote::open(Noted { uno: VirtualUno::new(), sent: Vec::new() }, 7).unwrap();
+    assert_eq!(board.set_baud(Baud::B1M), Ok(Baud::B1M));
+    board.configure(&uno_setup(&[(8, 9)], 16)).unwrap();
+    let pool = usize::from(board.info().pool);
+    let seconds = TICK_HZ / 2;
+    let mut stream = Stream::new(&board, &[Law::changing(50e3)], 0.0, 1, seconds);
+    let mut sent = Vec::new();
+    stream
+        .play(&mut board, &mut |_: Edge| {}, |stream, board| {
+            let so_far = std::mem::take(&mut board.port_mut().sent);
+            // Neither the first filling of the queue nor its end.
+            if (stream.begin + TICK_HZ / 50..stream.begin + seconds - TICK_HZ / 20).contains(&board.now()) {
+                sent.extend(so_far);
+            }
+            Ok(())
+        })
+        .unwrap();
+    assert_eq!(board.error(), None);
+    // 50 000 steps a second are some 5 bytes a millisecond.
+    let bytes: usize = sent.iter().map(|(_, len)| len).sum();
+    assert!(bytes > 2000, "{bytes}");
+    assert!(sent.iter().all(|(_, len)| *len <= pool / 12), "{sent:?}");
+    assert!(sent.windows(2).all(|pair| pair[1].0 - pair[0].0 >= Duration::from_millis(1)), "{sent:?}");
 }

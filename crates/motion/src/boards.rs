@@ -8,7 +8,7 @@ mod uno;
 use std::ops::RangeInclusive;
 
 use crate::pins::{self, PinKind, PinsError};
-use crate::program::{Board, Motor, Wiring};
+use crate::program::{Board, Motor, SegmentTicks, Wiring};
 
 /// One row of the table: what plans are held against, and what else a user should know.
 #[derive(Clone, Debug, PartialEq)]
@@ -294,7 +294,12 @@ fn pico() -> BoardRow {
             min_interval_ticks: pico::SHORTEST.to_vec(),
             hardware_timed: true,
             turn_ticks: 0,
-            segment_ticks: pico::SEGMENT.to_vec(),
+            segment_ticks: pico::ONWARD
+                .into_iter()
+                .zip(pico::TURNING)
+                .zip(pico::HEARD)
+                .map(|((onward, turning), heard)| SegmentTicks { onward, turning, heard })
+                .collect(),
             source: "its firmware on an emulated RP2040: cargo xtask bench pico".to_owned(),
         },
         about: "Raspberry Pi Pico, RP2040",

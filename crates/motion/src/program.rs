@@ -250,6 +250,18 @@ pub struct Limits {
     pub pull_in: f64,
 }
 
+/// How long after one another a motor's segments may come that are in its queue, ticks. What their steps take, each the shortest interval,
+/// comes on top.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SegmentTicks {
+    /// One that goes the same way as that before it.
+    pub onward: u32,
+    /// One that turns.
+    pub turning: u32,
+    /// What comes on top of either, for good, as the board has to hear of it from the host: that can wait while the queue lasts.
+    pub heard: u32,
+}
+
 /// A board's limits: one row of the committed table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Board {
@@ -267,9 +279,8 @@ pub struct Board {
     pub hardware_timed: bool,
     /// What a turn of DIR takes beside pulse, hold and set-up, ticks: from the step before it to the one after it.
     pub turn_ticks: u32,
-    /// How long after one another a motor's segments may come for good, each of which turns, with 1, 2, … motors, ticks; the last
-    /// entry serves for more. What its steps take, each the shortest interval, comes on top. Empty if it is not known.
-    pub segment_ticks: Vec<u32>,
+    /// What segments take the processor, with 1, 2, … motors; the last entry serves for more. Empty if it is not known.
+    pub segment_ticks: Vec<SegmentTicks>,
     /// Where the row's figures come from: "estimate" until a bench on the firmware has printed them.
     pub source: String,
 }

@@ -41,14 +41,14 @@ pub enum PlanError {
     },
     /// Segments come faster than the board takes them from its queue.
     #[error(
-        "at t = {at_s:.6} s the motion bends or turns so often that it takes {rate_hz:.0} segments/s; of each of so many motors the board does {limit_hz:.0} segments/s at most"
+        "at t = {at_s:.6} s the motion bends or turns so often that it takes {rate_hz:.0} segments/s; of each of so many motors the board does {limit_hz:.0} such segments/s at most, with their steps"
     )]
     TooManySegments {
         /// When, s.
         at_s: f64,
         /// Asked for, segments/s.
         rate_hz: f64,
-        /// The board's limit, segments/s.
+        /// The board's limit for such segments, with their steps and turns, segments/s.
         limit_hz: f64,
     },
     /// A step that waits for a shared DIR line would come too close to the motor's next or last one.

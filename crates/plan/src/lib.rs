@@ -9,7 +9,7 @@
 //! - `run`: steps in one direction along one stretch, as segments
 //! - `fit`: one segment: fit, quantise, bound
 //! - `stretch`: where a law rises and where it falls
-//! - `packed`: what a plan costs on the wire
+//! - `packed`: what a plan costs on the wire; `load`: what it costs the board's processor
 //! - `expansion`: the local inverse t(n) with a proven remainder
 //! - `peak`: largest speed and acceleration, enclosed
 //!
@@ -23,6 +23,7 @@ pub mod ensemble;
 pub mod error;
 mod expansion;
 mod fit;
+mod load;
 mod packed;
 mod peak;
 pub mod planner;
@@ -35,8 +36,9 @@ pub mod tail;
 pub use certificate::Certificate;
 pub use ensemble::{Ensemble, Start};
 pub use error::{PlanError, Refused};
+pub use load::Load;
 pub use planner::{LONGEST_WAIT_TICKS, Origin, Planner};
-pub use settings::{Load, Settings};
+pub use settings::Settings;
 
 use pulsetrain_core::{Direction, Segment};
 

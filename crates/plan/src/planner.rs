@@ -3,6 +3,7 @@
 use crate::certificate::Certificate;
 use crate::error::PlanError;
 use crate::expansion::Frame;
+use crate::load::{Backlog, Excess};
 use crate::packed::Meter;
 use crate::peak::peak;
 use crate::run::{Registers, Rules, Run, RunPlanner, shortest_interval};
@@ -74,18 +75,6 @@ pub struct Planner<'a> {
     backlog: Backlog,
     direction: Option<Direction>,
     finished: bool,
-}
-
-/// What the board's processor has not come to yet, if it had no more than this motor's share.
-#[derive(Clone, Copy, Debug, Default)]
-struct Backlog {
-    /// Work, ticks.
-    ticks: i64,
-    /// Up to this tick.
-    seen: i64,
-    /// When it began, and segments since then.
-    since: i64,
-    segments: u32,
 }
 
 /// Where a plan begins, if not at the law's own start.
@@ -227,7 +216,8 @@ impl<'a> Planner<'a> {
     fn plan_segment(&mut self) -> Result<(), PlanError> {
         let Some(planner) = &mut self.current else { return Ok(()) };
         let direction = planner.run.direction;
-        if self.direction != Some(direction) {
+        let turns = self.direction != Some(direction);
+        if turns {
             self.registers.reset();
             self.direction = Some(direction);
         }
@@ -247,7 +237,7 @@ impl<'a> Planner<'a> {
             return Err(PlanError::NotProvable { at_s, bound_ticks: fit.bound, tolerance_ticks });
         }
         self.check_spacing(&segment, &before)?;
-        self.check_load(&segment)?;
+        self.check_load(&segment, turns)?;
         self.certificate.add(&segment, direction, fit.bound);
         self.give(Move::Run { segment, direction });
         Ok(())
@@ -290,25 +280,14 @@ impl<'a> Planner<'a> {
     }
 
     /// Refuses segments that come so close together that the board's processor does not get through them.
-    fn check_load(&mut self, segment: &Segment) -> Result<(), PlanError> {
+    fn check_load(&mut self, segment: &Segment, turns: bool) -> Result<(), PlanError> {
         let Some(load) = self.settings.load else { return Ok(()) };
         let tick = self.registers.tick;
-        let Backlog { ticks, seen, since, segments } = &mut self.backlog;
-        let spare = (tick - *seen).saturating_sub(i64::from(segment.count).saturating_mul(load.step_ticks as i64));
-        *ticks -= spare.max(0);
-        if *ticks <= 0 {
-            (*ticks, *since, *segments) = (0, *seen, 0);
-        }
-        *ticks += load.segment_ticks as i64;
-        (*seen, *segments) = (tick, *segments + 1);
-        if *ticks <= (load.burst_ticks.max(load.segment_ticks)) as i64 {
-            return Ok(());
-        }
         let hz = self.settings.tick_hz as f64;
-        Err(PlanError::TooManySegments {
+        self.backlog.add(&load, segment, turns, tick).map_err(|Excess { asked, done }| PlanError::TooManySegments {
             at_s: tick as f64 / hz,
-            rate_hz: f64::from(*segments) * hz / (tick - *since).max(1) as f64,
-            limit_hz: hz / load.segment_ticks as f64,
+            rate_hz: asked * hz,
+            limit_hz: done * hz,
         })
     }
 

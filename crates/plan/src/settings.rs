@@ -1,5 +1,6 @@
 //! What the planner must keep to.
 
+use crate::load::Load;
 use pulsetrain_motion::Grid;
 use pulsetrain_motion::program::{Limits, Motor, Program};
 
@@ -24,17 +25,6 @@ pub struct Settings {
     pub load: Option<Load>,
     /// What the motor can do.
     pub limits: Limits,
-}
-
-/// What steps and segments of one motor take a board's processor, ticks of the motor's share of it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Load {
-    /// A step.
-    pub step_ticks: u64,
-    /// A segment, beside its steps.
-    pub segment_ticks: u64,
-    /// So much may be put off, as a board works ahead.
-    pub burst_ticks: u64,
 }
 
 impl Settings {
@@ -68,12 +58,16 @@ impl Settings {
     pub fn of(program: &Program, motor: &Motor) -> Settings {
         let board = &program.board;
         let timing = motor.timing.ticks(board.tick_hz);
-        // The table's last entry serves for more motors.
-        let of = |table: &[u32]| table.get(program.motors.len() - 1).or(table.last()).map(|&ticks| u64::from(ticks));
-        let own = of(&board.min_interval_ticks).unwrap_or(1);
-        // Half of what boards have ready for their motors.
-        let burst_ticks = board.tick_hz / 1000;
-        let load = of(&board.segment_ticks).map(|segment_ticks| Load { step_ticks: own, segment_ticks, burst_ticks });
+        let own = entry(&board.min_interval_ticks, program).map_or(1, u64::from);
+        let load = entry(&board.segment_ticks, program).map(|segment| Load {
+            step_ticks: own,
+            onward_ticks: segment.onward.into(),
+            turning_ticks: segment.turning.into(),
+            heard_ticks: segment.heard.into(),
+            // Half of what boards have ready for their motors, and less than half of what their queues hold at least.
+            burst_ticks: board.tick_hz / 1000,
+            heard_burst_ticks: board.tick_hz / 50,
+        });
         Settings {
             tolerance_ticks: program.tolerance.ticks(board.tick_hz),
             grid: program.grid,
@@ -84,4 +78,9 @@ impl Settings {
             ..Settings::new(board.tick_hz, board.fraction_bits)
         }
     }
+}
+
+/// What a table that goes by the number of motors has for a program's; the last entry serves for more.
+fn entry<T: Copy>(table: &[T], program: &Program) -> Option<T> {
+    table.get(program.motors.len() - 1).or(table.last()).copied()
 }

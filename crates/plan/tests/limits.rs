@@ -166,9 +166,38 @@ fn turning(hz: f64, load: Option<Load>) -> Result<Certificate, PlanError> {
     Ok(planner.certificate().clone())
 }
 
+/// Segments that all take the board as long.
+fn load(segment_ticks: u64) -> Option<Load> {
+    Some(Load {
+        step_ticks: 139,
+        onward_ticks: segment_ticks,
+        turning_ticks: segment_ticks,
+        heard_ticks: 0,
+        burst_ticks: 125_000,
+        heard_burst_ticks: 125_000,
+    })
+}
+
+/// Hearing of segments may be put off for longer than doing them.
+#[test]
+fn what_the_board_is_to_hear_may_wait() {
+    // Twice so many swings of a quarter of a millisecond, and 0.1 s of rest between.
+    let burst = |cycles| {
+        let swing = Law::sine(3.2, Time::from_ratio(1, 4000), Some(cycles)).unwrap();
+        let rest = Law::rest(Time::from_ratio(1, 10)).unwrap();
+        let law = Law::then(vec![swing.clone(), rest, swing]).unwrap();
+        let heard = Load { heard_ticks: 20_000, heard_burst_ticks: 1_250_000, ..load(2_000).unwrap() };
+        let settings = Settings { limits: FREE, load: Some(heard), ..Settings::new(125_000_000, 32) };
+        let mut planner = Planner::new(&law, &settings)?;
+        while planner.next_move()?.is_some() {}
+        Ok::<_, PlanError>(())
+    };
+    assert!(burst(5).is_ok(), "{:?}", burst(5));
+    assert!(matches!(burst(100), Err(PlanError::TooManySegments { .. })), "{:?}", burst(100));
+}
+
 #[test]
 fn segments_that_come_faster_than_the_board_takes_them_are_refused() {
-    let load = |segment_ticks| Some(Load { step_ticks: 139, segment_ticks, burst_ticks: 125_000 });
     let segments = |hz| turning(hz, None).unwrap().segments as f64 / 200.0 * hz;
     let most = 125e6 / 26_000.0;
     // As slow as the board can do for good, and a burst is none of its business.
@@ -179,14 +208,50 @@ fn segments_that_come_faster_than_the_board_takes_them_are_refused() {
     assert!(segments(fast) > 2.0 * most, "{}", segments(fast));
     match turning(fast, load(26_000)) {
         Err(PlanError::TooManySegments { at_s, rate_hz, limit_hz }) => {
-            assert!(close(limit_hz, most) && rate_hz > most, "{rate_hz} of {limit_hz}");
+            let free = turning(fast, None).unwrap();
+            let with_steps = 125e6 / (26_000.0 + 139.0 * free.steps as f64 / free.segments as f64);
+            assert!(close(limit_hz, with_steps) && rate_hz > most, "{rate_hz} of {limit_hz}");
             // Some five segments may wait: the sixth or so is refused.
             assert!(at_s < 0.01, "{at_s}");
         }
         other => panic!("{other:?}"),
     }
     // Steps take their time too.
-    let steps = Load { step_ticks: 12_000, segment_ticks: 2_600, burst_ticks: 125_000 };
+    let steps = Load { step_ticks: 12_000, ..load(2_600).unwrap() };
     assert!(turning(fast, load(2_600)).is_ok());
     assert!(turning(fast, Some(steps)).is_err());
+}
+
+/// What turns and what goes on are added up, each at its own cost: a little less than there is time for is taken, a little more is not.
+#[test]
+fn turns_and_other_segments_have_each_their_own_cost() {
+    let (hz, cycles) = (500.0, 200);
+    let law = Law::sine(320.0, Time::from_seconds(1.0 / hz), Some(cycles)).unwrap();
+    let planned = |load| {
+        let settings = Settings { limits: FREE, load, ..Settings::new(125_000_000, 32) };
+        let mut planner = Planner::new(&law, &settings)?;
+        while planner.next_move()?.is_some() {}
+        Ok::<_, PlanError>(planner.certificate().clone())
+    };
+    let free = planned(None).unwrap();
+    // The first begins from rest, and counts as a turn; so does each that begins at one.
+    let turns = 2 * cycles + 1;
+    let (step_ticks, all_ticks) = (20, 125e6 * cycles as f64 / hz);
+    let onward = free.segments - turns;
+    assert!(onward > 4 * turns, "{} segments", free.segments);
+    let left = all_ticks - (step_ticks * free.steps) as f64;
+    for share in [0.1, 0.5, 0.9] {
+        let check = |of| {
+            let ticks = |share: f64, count: u64| (of * share * left / count as f64) as u64;
+            let (onward_ticks, turning_ticks) = (ticks(1.0 - share, onward), ticks(share, turns));
+            planned(Some(Load { step_ticks, onward_ticks, turning_ticks, ..load(0).unwrap() }))
+        };
+        assert!(check(0.98).is_ok(), "{share}: {:?}", check(0.98));
+        match check(1.02) {
+            Err(PlanError::TooManySegments { rate_hz, limit_hz, .. }) => {
+                assert!(rate_hz > limit_hz && rate_hz < 1.1 * limit_hz, "{rate_hz} of {limit_hz}");
+            }
+            other => panic!("{share}: {other:?}"),
+        }
+    }
 }

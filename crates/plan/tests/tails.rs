@@ -3,6 +3,7 @@
 use proptest::prelude::*;
 use pulsetrain_core::packing::{MAX_PACKED_LEN, Packing, State};
 use pulsetrain_core::{Direction, Item};
+use pulsetrain_motion::boards;
 use pulsetrain_motion::law::Cursor;
 use pulsetrain_motion::program::Limits;
 use pulsetrain_motion::{Law, Time};
@@ -202,7 +203,7 @@ impl Case {
     fn told(&self, settings: &Settings) -> Option<Told> {
         let (previous_count, accelerates) = self.knows?;
         let direction = if self.back { Direction::Backward } else { Direction::Forward };
-        let interval = TICK_HZ / self.speed * 2f64.powi(settings.fraction_bits as i32);
+        let interval = settings.tick_hz as f64 / self.speed * 2f64.powi(settings.fraction_bits as i32);
         // The interval changes by its part of v·a, each step: −a/v³ in seconds.
         let add = -accelerates * interval / (self.speed * self.stops_s);
         let state = State { previous_count, interval: interval as i64, add: add as i64, add2: 0, direction };
@@ -268,4 +269,36 @@ fn bytes_of_tails() {
         println!("  {largest:?}");
         assert!(*bytes <= largest.most_bytes(), "{bytes} bytes: {largest:?}");
     }
+}
+
+/// Eight motors of a Pico that stop together: what they ask of its processor (tails are in the queues) is half of what a plan may put off
+/// at most, so that it gets through both.
+#[test]
+fn a_pico_gets_through_its_tails() {
+    use proptest::strategy::ValueTree;
+    let pico = boards::find("pico").unwrap().board;
+    let (step, segment) = (i64::from(pico.min_interval_ticks[7]), pico.segment_ticks[7]);
+    let mut runner = proptest::test_runner::TestRunner::deterministic();
+    let mut most = 0;
+    for _ in 0..2_000 {
+        let case = case().new_tree(&mut runner).unwrap().current();
+        // As fast as a Pico's eight motors can be, where an Uno's one is as fast as that can be.
+        let case = Case { speed: case.speed * pico.tick_hz as f64 / step as f64 / 10f64.powf(5.2), ..case };
+        let settings = Settings { tick_hz: pico.tick_hz, fraction_bits: 32, ..case.settings() };
+        let tail = case.tail(&settings);
+        let (mut accumulator, mut seen, mut put_off) = (i128::from(tail.start), 0, 0);
+        for next in &tail.moves {
+            match next {
+                Move::Dwell { ticks } => accumulator += i128::from(*ticks) << 32,
+                Move::Run { segment: run, .. } => {
+                    accumulator += run.span(run.count);
+                    let tick = (accumulator >> 32) as i64;
+                    let spare = (tick - seen - step * i64::from(run.count)).max(0);
+                    put_off = i64::max(put_off - spare, 0) + i64::from(segment.onward);
+                    (seen, most) = (tick, most.max(put_off));
+                }
+            }
+        }
+    }
+    assert!((1..=pico.tick_hz as i64 / 2000).contains(&most), "{most} ticks");
 }

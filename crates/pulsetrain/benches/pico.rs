@@ -1,49 +1,49 @@
 //! The Pico's figures, in cycles of the emulated chip: what `cargo xtask bench pico` collects.
 //!
 //! A table, fields between tabs, the first of which says whether the row is promised, or that it is a limit for the table of
-//! boards. With the argument `hour` an hour of 001's four motors, twice, instead.
+//! boards. With the argument `hour` an hour of 001's four motors, twice, instead; or as many seconds as the argument behind it says.
 
 #[path = "../tests/common/mod.rs"]
 mod common;
 
 use common::pico::COILS;
 use common::pico_rows::{
-    ABOVE, BETWEEN_TURNS, COLUMNS, Case, Row, ULN_MOTORS, promised, rates, sinusoids, start, sweep, uln2003,
+    ABOVE, BETWEEN_TURNS, COLUMNS, Case, IN_SHORT, Row, ULN_MOTORS, promised, rates, sinusoids, start, sweep, uln2003,
 };
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_core::output::Sequence;
 
 /// So long each rate is tried, s of the board's time; then the fastest once more, for longer.
 const TRY_S: f64 = 0.05;
+/// What is promised, or is a limit for good.
 const LONG_S: f64 = 0.5;
-/// Variations run so long.
+/// Variations; and what the board does while its queues last, which are full at first.
 const SHORT_S: f64 = 0.1;
 
 fn main() {
     println!("promised\t{}", COLUMNS.join("\t"));
-    if std::env::args().any(|argument| argument == "hour") {
-        return sweep(3600).iter().for_each(|row| show(row, true));
+    let mut arguments = std::env::args();
+    if arguments.any(|argument| argument == "hour") {
+        let seconds = arguments.find_map(|argument| argument.parse().ok()).unwrap_or(3600);
+        return sweep(seconds).iter().for_each(|row| show(row, true));
     }
     let pico = VirtualPico::on_usb();
     for case in promised() {
         show(&case.row(&pico, ABOVE * case.required.unwrap_or(0.0), LONG_S), true);
     }
     show(&sinusoids(624e3, 1), true);
-    // Each number of motors, for the table of boards.
+    // For the table of boards, each number of motors.
     for motors in 1..=8 {
-        let case = Case::changing(motors, "TMC2209");
-        let row = case.fastest(&pico, &rates("TMC2209"), TRY_S, SHORT_S);
-        show(&row, false);
-        // The speed swings: so long is the interval on the whole.
-        limit("SHORTEST", motors, &row, 1);
-        let row = Case::turning(motors, "TMC2209").fastest(&pico, &rates("TMC2209"), TRY_S, SHORT_S);
-        show(&row, false);
-        limit("SEGMENT", motors, &row, BETWEEN_TURNS);
+        limit("SHORTEST", motors, shortest(1, LONG_S, Case::changing(motors, "TMC2209")));
+        let queued_and_heard = |steps, case| [SHORT_S, LONG_S].map(|seconds| shortest(steps, seconds, case));
+        let [onward, onward_heard] = queued_and_heard(IN_SHORT, Case::short(motors, "TMC2209"));
+        let [turning, turning_heard] = queued_and_heard(BETWEEN_TURNS, Case::turning(motors, "TMC2209"));
+        limit("ONWARD", motors, onward);
+        limit("TURNING", motors, turning);
+        limit("HEARD", motors, f64::max(onward_heard - onward, turning_heard - turning));
     }
     for motors in 1..=usize::from(ULN_MOTORS) {
-        let row = Case { figure: 3, ..Case::changing(motors, COILS) }.fastest(&pico, &rates(COILS), TRY_S, SHORT_S);
-        show(&row, false);
-        limit("COILS", motors, &row, 1);
+        limit("COILS", motors, shortest(1, LONG_S, Case { figure: 3, ..Case::changing(motors, COILS) }));
     }
     for motors in [1, 2, 4, 8] {
         show(&Case::changing(motors, "A4988").fastest(&pico, &rates("A4988"), TRY_S, SHORT_S), false);
@@ -75,9 +75,16 @@ fn main() {
     }
 }
 
-/// For the table of boards: what so many steps of each of so many motors take at least, ticks.
-fn limit(table: &str, motors: usize, row: &Row, steps: u32) {
-    println!("limit\t{table}\t{motors}\t{}", (125e6 * f64::from(steps) / row.reached).ceil());
+/// What so many steps of each motor take at least for so long, ticks, when speeds and lengths swing: on the whole.
+fn shortest(steps: u32, seconds: f64, case: Case) -> f64 {
+    let row = case.fastest(&VirtualPico::on_usb(), &rates(case.driver), TRY_S, seconds);
+    show(&row, false);
+    125e6 * f64::from(steps) / row.reached
+}
+
+/// For the table of boards.
+fn limit(table: &str, motors: usize, ticks: f64) {
+    println!("limit\t{table}\t{motors}\t{}", ticks.ceil());
 }
 
 fn show(row: &Row, is_promised: bool) {

@@ -169,9 +169,14 @@ impl Prepared {
     /// A plan's refusal as the user should see it.
     #[must_use]
     pub fn refuse(&self, refused: Refused) -> Refusal {
-        let motor = &self.program.motors[refused.motor];
-        let advice = fit::advice(self, motor, &refused.error);
-        Refusal::Plan { file: self.file.clone(), motor: motor.name.clone(), error: refused.error, advice }
+        // What would fit is looked for in laws that end. One that cannot be cut is its own problem, and is told as that.
+        let mut ended = self.clone();
+        let advice = match cut(&mut ended.program, None) {
+            Ok(_) => fit::advice(&ended, &ended.program.motors[refused.motor], &refused.error),
+            Err((motor, error)) => format!("{motor}: {error}"),
+        };
+        let motor = self.program.motors[refused.motor].name.clone();
+        Refusal::Plan { file: self.file.clone(), motor, error: refused.error, advice }
     }
 
     /// When the last law ends, s.

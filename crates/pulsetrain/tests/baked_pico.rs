@@ -6,6 +6,7 @@ use std::time::Duration;
 use pulsetrain::bake::{BakeError, PicoImage};
 use pulsetrain::cli;
 use pulsetrain::console::Exit;
+use pulsetrain::prepare::{Prepared, Refusal};
 use pulsetrain_board::virtual_pico::{self, VirtualPico};
 use pulsetrain_board::{Board, Edge, Port, Remote, RemoteError, Setup, image};
 use pulsetrain_core::baked::POINTER;
@@ -13,6 +14,7 @@ use pulsetrain_core::wire::message::{MotorSetup, flags};
 use pulsetrain_core::wire::{Reason, Settings};
 use pulsetrain_motion::program::Program;
 use pulsetrain_motion::{boards, file};
+use pulsetrain_plan::PlanError;
 use pulsetrain_trace::verdict::{self, Align, Options, Report};
 use pulsetrain_trace::{Line, Trace};
 
@@ -127,16 +129,37 @@ fn coils_and_long_waits() {
     assert_eq!(report.motors[2].steps_got, 40, "{report:?}");
 }
 
-/// Eight motors that turn as often as the planner lets them: what reads the flash keeps up.
-#[test]
-fn eight_motors_at_the_limit_do_not_starve() {
+/// Eight motors that turn twice in each of so many ms, and a millisecond more from motor to motor.
+fn turning(period_ms: u8) -> Program {
     let motor = |motor: u8| {
-        let law =
-            format!("law.sine = {{ amplitude = \"0.03 rev\", period = \"{} ms\", cycles = \"forever\" }}", 55 + motor);
+        let law = format!(
+            "law.sine = {{ amplitude = \"0.03 rev\", period = \"{} ms\", cycles = \"forever\" }}",
+            period_ms + motor
+        );
         driver(2 + 2 * motor, &law).replace("steps_per_rev = 200", "steps_per_rev = 200\nmicrosteps = 16")
     };
     // GPIO 2 to 17.
-    let program = program(&(0..8).map(motor).collect::<String>());
+    program(&(0..8).map(motor).collect::<String>())
+}
+
+/// More often is refused, also of motions without an end, with what would fit.
+#[test]
+fn eight_motors_beyond_the_limit_are_refused() {
+    let program = turning(12);
+    let Err(BakeError::Plan(refused)) = PicoImage::new(&program) else { panic!("it is taken") };
+    let prepared = Prepared { file: "turning".to_owned(), program, cut_at: None, pause: None };
+    match prepared.refuse(refused) {
+        Refusal::Plan { error: PlanError::TooManySegments { .. }, advice, .. } => {
+            assert!(advice.contains("native"), "{advice}");
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+/// Eight motors that turn as often as the planner lets them: what reads the flash keeps up.
+#[test]
+fn eight_motors_at_the_limit_do_not_starve() {
+    let program = turning(18);
     let mut pico = baked(&program);
     judged(&program, &watched(&mut pico, 1.0 + LEAD_S), Some(0.9));
     let mut remote = Remote::open(pico, 1).unwrap();
@@ -274,7 +297,7 @@ fn the_command_says_what_it_takes() {
         let image = folder.join("baked-pico.uf2").display().to_string();
         let (exit, said) = pulsetrain(&[&["bake", &example, "--output", &image], board].concat());
         assert_eq!(exit, Exit::Success, "{said}");
-        assert!(said.contains("2 097 152") && said.contains("runs once after power-up"), "{said}");
+        assert!(said.contains("2 088 960") && said.contains("runs once after power-up"), "{said}");
         assert!(VirtualPico::with_image(&std::fs::read(&image).unwrap()).is_ok());
         let (exit, said) = pulsetrain(&[&["bake", &example, "--sketch", "baked-pico"], board].concat());
         assert!(exit != Exit::Success && said.contains("sketches are for an Uno"), "{said}");

@@ -3,10 +3,14 @@
 mod common;
 
 use common::pico::COILS;
-use common::pico_rows::{ABOVE, BETWEEN_TURNS, Case, Row, ULN_MOTORS, on_coils, promised, start, sweep, uln2003};
+use common::pico_rows::{
+    ABOVE, BETWEEN_TURNS, Case, IN_SHORT, Row, ULN_MOTORS, alike, made, on_coils, promised, start, sweep, uln2003,
+};
+use pulsetrain::prepare::Refusal;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_core::output::Sequence;
 use pulsetrain_motion::boards;
+use pulsetrain_plan::PlanError;
 
 /// Rates are tried 2.5 % apart, and random speeds have a mean that is not exactly what was asked for.
 const BELOW: f64 = 0.95;
@@ -48,7 +52,8 @@ fn coils_turn_at_every_phase() {
     }
 }
 
-/// What the table of boards says of steps, of coils and of turns: at its limits, or a little below, nothing starves.
+/// What the table of boards says of steps, of coils and of segments that are in the queues: at its limits, or a little below, nothing
+/// starves.
 #[test]
 fn limits_of_the_table_hold() {
     let pico = VirtualPico::on_usb();
@@ -60,10 +65,11 @@ fn limits_of_the_table_hold() {
         let changing = Case::changing(motors, "TMC2209");
         let mut cases = vec![
             (changing, rate(step)),
-            (Case::turning(motors, "TMC2209"), f64::from(BETWEEN_TURNS) * rate(segment)),
+            (Case::short(motors, "TMC2209"), f64::from(IN_SHORT) * rate(segment.onward)),
+            (Case::turning(motors, "TMC2209"), f64::from(BETWEEN_TURNS) * rate(segment.turning)),
             // As the planner adds them up, 90 steps in a segment.
-            (Case { steps: 60, ..changing }, rate(step + segment / 90)),
-            (Case { steps: 60, turns: 5, turn_ticks: 300.0, ..changing }, rate(step + segment / 60)),
+            (Case { steps: 60, ..changing }, rate(step + segment.onward / 90)),
+            (Case { steps: 60, turns: 5, turn_ticks: 300.0, ..changing }, rate(step + segment.turning / 60)),
         ];
         if motors <= usize::from(ULN_MOTORS) {
             let intervals = row.shortest_intervals(&on_coils(motors));
@@ -76,6 +82,54 @@ fn limits_of_the_table_hold() {
                 assert!(row.edges as f64 > 0.04 * BELOW * limit * motors as f64, "{row:?}");
             }
         }
+    }
+}
+
+/// So much beyond a limit of the table, for half a second, is more than the board can do.
+const BEYOND: f64 = 1.25;
+
+/// Segments that come from the host as fast as it goes for good: longer than the queues last, which are full at first, nothing
+/// starves; faster, it does.
+#[test]
+fn limits_on_what_is_heard_hold_and_are_no_idle_ones() {
+    let pico = VirtualPico::on_usb();
+    let board = boards::find("pico").expect("the table has it").board;
+    for motors in [2, 8] {
+        let segment = board.segment_ticks[motors - 1];
+        for (case, steps, ticks) in [
+            (Case::short(motors, "TMC2209"), IN_SHORT, segment.onward),
+            (Case::turning(motors, "TMC2209"), BETWEEN_TURNS, segment.turning),
+        ] {
+            let limit = f64::from(steps) * board.tick_hz as f64 / f64::from(ticks + segment.heard);
+            held(&case.row(&pico, BELOW * limit, 0.4));
+            let row = case.row(&pico, BEYOND * limit, 0.5);
+            assert!(row.verdict.starts_with("FAILS"), "{row:?}");
+        }
+    }
+}
+
+/// Eight motors that bend and turn together as fast as the planner takes them: the board makes every step at its tick. A hundredth
+/// faster is refused.
+#[test]
+fn what_the_planner_takes_at_its_limit_the_board_does() {
+    const SECONDS: f64 = 0.3;
+    for amplitude in [3.2, 30.0, 300.0] {
+        let refused = |hz| alike(amplitude, hz, SECONDS).plan(|_| {}).err();
+        let (mut taken, mut beyond) = (10.0, 100_000.0);
+        assert!(refused(taken).is_none());
+        while beyond > 1.01 * taken {
+            let hz = f64::sqrt(taken * beyond);
+            *(if refused(hz).is_some() { &mut beyond } else { &mut taken }) = hz;
+        }
+        match refused(beyond) {
+            Some(Refusal::Plan { error: PlanError::TooManySegments { rate_hz, limit_hz, .. }, .. }) => {
+                assert!(rate_hz > limit_hz, "{rate_hz} of {limit_hz}");
+            }
+            other => panic!("{amplitude} steps at {beyond} Hz: {other:?}"),
+        }
+        let row = made(&alike(amplitude, taken, SECONDS));
+        held(&row);
+        assert!(row.edges as f64 > 8.0 * 3.9 * amplitude.floor() * taken * SECONDS, "{row:?}");
     }
 }
 

@@ -194,6 +194,7 @@ impl Board {
             }
             _ => {}
         }
+        task::call();
         let mut stepper = task::lock();
         let moment = clock::moment();
         if self.armed {
@@ -562,6 +563,7 @@ impl Machine for Board {
 
     #[inline(never)]
     fn position(&mut self, motor: u8) -> i32 {
+        task::call();
         let stepper = task::lock();
         stepper.position(motor, stepper.tail_of(motor))
     }

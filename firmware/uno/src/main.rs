@@ -116,6 +116,8 @@ unsafe fn begin() {
 /// The main loop. What it calls is not inlined: so the deepest call decides how much stack is needed, not their sum.
 fn run(board: &mut Board, service: &mut Service, winch: &mut Winch, receiver: &mut Receiver, reply: &mut Reply) -> ! {
     let mut last = Millis(0);
+    // Something came that was not answered yet.
+    let mut due = false;
     // So that text is on before the first byte can have come.
     winch.look(board, service, receiver, last);
     // Idle mode: timer and line go on (§10.3).
@@ -127,16 +129,19 @@ fn run(board: &mut Board, service: &mut Service, winch: &mut Winch, receiver: &m
         board.count_round(now);
         let now = millis(now);
         let next = now != last;
+        // Now and then is enough, and a motor may need the time; text is said as soon as there is some.
+        let looks = now.0 & 3 == 0;
         let heard = listen(board, service, winch, receiver, now);
+        due |= heard;
         if reply.sent < reply.len {
             reply.go_on();
-        } else if (heard || reply.len != 0 || next) && board.baud.is_none() {
+        } else if (due || (next && looks) || ((next || reply.len != 0) && !service.is_taken())) && board.baud.is_none() {
             speak(board, service, winch, receiver, reply, now);
+            due = false;
         }
         if next {
             last = now;
-            // Now and then is enough, and a motor may need the time.
-            if now.0 & 3 == 0 {
+            if looks {
                 board.housekeeping(now, receiver);
                 winch.look(board, service, receiver, now);
             }

@@ -43,10 +43,16 @@ pub(crate) fn hour() -> Done {
 }
 
 /// What the table of boards says of the Pico: names, for how many motors at most, and what they are.
-const LIMITS: [(&str, usize, &str); 3] = [
+const LIMITS: [(&str, usize, &str); 5] = [
     ("SHORTEST", 8, "Shortest interval that holds for good, of each of 1 to 8 motors."),
     ("COILS", 6, "The same of each of 1 to 6 motors on coils."),
-    ("SEGMENT", 8, "Shortest time between turns that holds for good, of each of 1 to 8 motors."),
+    (
+        "ONWARD",
+        8,
+        "Shortest time between segments that go the same way and are in the queues, of each of 1 to 8 motors.",
+    ),
+    ("TURNING", 8, "Shortest time between segments that turn and are in the queues, of each of 1 to 8 motors."),
+    ("HEARD", 8, "What more it is if they come from the host meanwhile, of each of 1 to 8 motors."),
 ];
 
 /// Writes what the table of boards says of the Pico.

@@ -220,14 +220,14 @@ mod tests {
         let settings = Settings { idle_ms: 250, ..Settings::default() };
         let mut session = Session::keeping(&settings);
         assert_eq!(until_off(&mut session), None, "they are off");
-        tell(&mut session, b"d x 100\n");
+        tell(&mut session, b"g x 5 1\nd x 100\n");
         let (ms, rested) = until_off(&mut session).expect("it rests at last");
         assert!(ms > 500 && rested >= 250, "{ms} {rested}");
         // What switches them on begins the rest anew, also where nothing moves.
         tell(&mut session, b"enable 1\n");
         assert_eq!(until_off(&mut session).map(|off| off.0), Some(250));
         let mut session = Session::keeping(&Settings::default());
-        tell(&mut session, b"d x 100\n");
+        tell(&mut session, b"g x 5 1\nd x 100\n");
         assert_eq!(until_off(&mut session), None, "nothing is kept");
     }
 }

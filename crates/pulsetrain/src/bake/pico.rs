@@ -69,7 +69,10 @@ impl PicoImage {
         drive::connect(VirtualPico::new(), program, Baud::B115200).map_err(Box::new)?;
         let mut program = program.clone();
         for (motors, ticks) in (1..).zip(&mut program.board.segment_ticks) {
-            *ticks += motors * READ_TICKS;
+            ticks.onward += motors * READ_TICKS;
+            ticks.turning += motors * READ_TICKS;
+            // From no host.
+            ticks.heard = 0;
         }
         let mut flash = firmware()?;
         let at = flash.len();

@@ -118,6 +118,9 @@ fn pins_text(driver: &str, motors: usize) -> String {
 /// Steps of [`Case::turning`]: after a turn segments begin so short.
 pub(crate) const BETWEEN_TURNS: u32 = 8;
 
+/// Steps of a segment of [`Case::short`], on the whole.
+pub(crate) const IN_SHORT: u32 = 6;
+
 /// Motors that follow random segments.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Case {
@@ -155,6 +158,11 @@ impl Case {
             required: None,
             seed: 1,
         }
+    }
+
+    /// Segments of 4 to 8 steps, that go the same way: what counts is how many there are.
+    pub(crate) const fn short(motors: usize, driver: &'static str) -> Case {
+        Case { steps: 2 * IN_SHORT / 3, ..Case::changing(motors, driver) }
     }
 
     /// Back and forth, eight steps each: as many turns as steps at that rate, divided by eight.
@@ -371,6 +379,18 @@ pub(crate) fn sinusoids(rate: f64, cycles: u64) -> Row {
         row.verdict = format!("MISSED: {}", row.rate);
     }
     row
+}
+
+/// Eight motors that all do the same sinusoid of so many cycles a second for so long, s: they bend and turn together.
+pub(crate) fn alike(amplitude: f64, hz: f64, seconds: f64) -> Prepared {
+    let law = Motion::sine(amplitude, Time::from_seconds(1.0 / hz), Some((seconds * hz).ceil() as u64));
+    let law = law.expect("a sinusoid");
+    prepared("alike", (0..8).map(|number| motor(number, law.clone(), Timing::of("TMC2209"))).collect())
+}
+
+/// A motion as [`motion_row`] has it.
+pub(crate) fn made(prepared: &Prepared) -> Row {
+    motion_row(1, &prepared.file, prepared, Timing::of("TMC2209")).0
 }
 
 /// Figure 4: 001's four motors twice, each with a DIR line of its own, for so many seconds, then the planned stop. A row for all

@@ -19,7 +19,7 @@
 //! # Cycles
 //! | into | changing law | shorter than 256 ticks | cruise (add = add2 = 0) | around n steps |
 //! |---|---|---|---|---|
-//! | a ring | 19.5 | 16.5 | 11.5 | 110, and some 30 for every 8 |
+//! | a ring | 19.5 | 16.5 | 11.5 | 110, and 40 each time that some are published |
 //! | a list | 18.5 | | 10.5 | 100 |
 
 use super::motor::Motor;
@@ -36,7 +36,8 @@ const _: () = assert!(offset_of!(Registers, add) == 11);
 const _: () = assert!(offset_of!(Registers, add2) == 15);
 const _: () = assert!(offset_of!(Registers, left) == 19);
 
-/// So many steps of a ring are published at once: which takes some 30 cycles.
+/// So many steps are published at once where the ring has room for 32 or more, so that it soon has some; else as many as there is
+/// room for: publishing takes some 40 cycles.
 const SOME: u8 = 8;
 /// And so many at least.
 const LEAST: u8 = 4;
@@ -203,8 +204,7 @@ global_asm!(
     cpi r20, {LEAST}
     brsh .+2
     rjmp \done
-    cpi r20, {SOME}
-    brlo .+2
+    sbrc r20, 5                         // it has 62 groups at most
     ldi r20, {SOME}
     cp r5, r20
     brsh .+2

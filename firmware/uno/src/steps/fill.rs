@@ -7,12 +7,14 @@
 use super::motor::Motor;
 use super::ring::Ring;
 use super::stepper::Track;
+use super::task::mode;
 use super::times;
 use core::arch::global_asm;
 use core::mem::offset_of;
 
-/// A ring is filled when it has room for so many groups.
-const ROOM: u8 = 14;
+/// A ring is filled when it has room for so many groups: alone, where it lasts for so short a time that the next record is to be
+/// loaded before it has run down; and beside another, where longer batches are worth more.
+const ROOM: [u8; 2] = [12, 20];
 /// Long pulses that are expanded at once, at most.
 const FEW: u8 = 8;
 
@@ -38,7 +40,11 @@ fill_next:
     dec r26
     lsr r26
     lsr r26
-    cpi r26, {ROOM}
+    ldi r24, {ROOM}
+    lds r25, steps_mode
+    sbrc r25, {BESIDE}
+    ldi r24, {ROOM_BESIDE}
+    cp r26, r24
     brlo 1f
     dec r4
     brpl 6f
@@ -159,7 +165,9 @@ fill_next:
     rjmp fill_next
 6:  ret
     "#,
-    ROOM = const ROOM,
+    ROOM = const ROOM[0],
+    ROOM_BESIDE = const ROOM[1],
+    BESIDE = const (mode::BOTH ^ mode::APIECE).trailing_zeros(),
     FEW = const FEW,
     TAIL_AT = const offset_of!(Track, ring) + offset_of!(Ring, tail_at),
     UNLIKE = const offset_of!(Track, ring) + offset_of!(Ring, unlike),

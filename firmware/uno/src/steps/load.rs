@@ -12,7 +12,7 @@
 //! | r23, r24 | counters |
 //!
 //! # Cycles
-//! A segment of three corrections of one byte each takes some 470, 95 of which find out whether its steps need looking at;
+//! A segment of three corrections of one byte each takes some 460, 95 of which find out whether its steps need looking at;
 //! a second byte 12 more.
 //!
 //! A record is whole in its frame, so that nobody looks whether its bytes are there before they are read: if more were read than
@@ -298,6 +298,14 @@ load_have_count:
     rjmp load_bad
 8:  std Y+{LEFT}, r18
     std Y+{LEFT}+1, r19
+    std Y+{COUNT}, r18
+    std Y+{COUNT}+1, r19
+    // T: three steps or more, as nearly always.
+    cpi r18, 3
+    cpc r19, r1
+    set
+    brsh .+2
+    clt
 
     lsr r25
     lsr r25
@@ -318,12 +326,10 @@ load_have_count:
     ldd r24, Y+{INTERVAL}+4
     adc r24, r22
     std Y+{INTERVAL}+4, r24
-1:  ldd r24, Y+{LEFT}+1
-    tst r24
-    brne 2f
+1:  brts 2f
     ldd r24, Y+{LEFT}
     cpi r24, 2
-    brlo load_run                       // one step
+    brlo load_ran                       // one step
 2:  field_width
     breq 3f
     ldd r24, Y+{GAIN}
@@ -332,14 +338,9 @@ load_have_count:
     subi r24, 2
     rcall load_correction
     load_add {ADD}
-3:  ldd r24, Y+{LEFT}+1
-    tst r24
-    brne 4f
-    ldd r24, Y+{LEFT}
-    cpi r24, 3
-    brlo load_run                       // two steps
+3:  brtc load_ran                       // two steps
 4:  field_width
-    breq load_run
+    breq load_ran
     ldd r24, Y+{GAIN}
     add r24, r14
     add r24, r14
@@ -347,11 +348,6 @@ load_have_count:
     subi r24, 5
     rcall load_correction
     load_add {ADD2}
-load_run:
-    ldd r24, Y+{LEFT}
-    std Y+{COUNT}, r24
-    ldd r24, Y+{LEFT}+1
-    std Y+{COUNT}+1, r24
 load_ran:
     rcall load_consume
     brcc .+2
