@@ -135,7 +135,8 @@ fn run(board: &mut Board, service: &mut Service, winch: &mut Winch, receiver: &m
         due |= heard;
         if reply.sent < reply.len {
             reply.go_on();
-        } else if (due || (next && looks) || ((next || reply.len != 0) && !service.is_taken())) && board.baud.is_none() {
+        } else if (due || (next && looks) || ((next || reply.len != 0) && !service.is_taken())) && board.baud.is_none()
+        {
             speak(board, service, winch, receiver, reply, now);
             due = false;
         }
