@@ -764,7 +764,7 @@ impl<P: Port> Remote<P> {
         let much = self.link.max_packed() / 2;
         for (index, motor) in (0..).zip(&mut self.motors) {
             let most = if motor.packed.len() > much { GATHERED } else { 1 };
-            if motor.has(tick) < PLENTY && self.link.frames() < most {
+            if motor.has(tick, self.epoch) < PLENTY && self.link.frames() < most {
                 motor.flush(index, &mut self.link, now);
             }
         }
@@ -774,7 +774,7 @@ impl<P: Port> Remote<P> {
     /// them: each keeps an Uno from its steps.
     fn portion(&self) -> usize {
         let tick = self.now();
-        let least = self.motors.iter().map(|motor| motor.has(tick)).min().unwrap_or(0);
+        let least = self.motors.iter().map(|motor| motor.has(tick, self.epoch)).min().unwrap_or(0);
         let few = usize::from(self.info.pool) / PORTIONS;
         match least {
             _ if self.waits => usize::MAX,
@@ -845,8 +845,12 @@ impl Motor {
         }
     }
 
-    /// How full its queue is at tick `now`, by when the board takes what; %.
-    fn has(&self, now: u64) -> usize {
+    /// How full its queue is at tick `now`, by when the board takes what; %. None of it counts when what is packed waits for its switch,
+    /// which is to be asked for soon.
+    fn has(&self, now: u64, running: Epoch) -> usize {
+        if self.epoch != Some(running) {
+            return 0;
+        }
         let free = self.room_at(now) + self.packed.len();
         100 * self.capacity.saturating_sub(free) / self.capacity.max(1)
     }
