@@ -19,6 +19,9 @@ pub(crate) enum Failure {
     /// A file could not be read or written.
     #[error("{}: {why}", path.display())]
     File { path: PathBuf, why: std::io::Error },
+    /// Some of those that ran side by side.
+    #[error("{} failed:\n{}", .0.len(), .0.iter().map(|failure| format!("  {failure}")).collect::<Vec<_>>().join("\n"))]
+    Several(Vec<Failure>),
     /// Something was measured, and is not as it must be.
     #[error("{0}")]
     Check(String),
@@ -59,8 +62,8 @@ pub(crate) fn run(command: &mut Command) -> Done {
     if status.success() { Ok(()) } else { Err(Failure::Status { command: text, status }) }
 }
 
-/// Runs all of them to their ends, one on each core at a time, also if some fail: then the first that did is the failure. What each
-/// prints comes in one piece, when it has ended.
+/// Runs all of them to their ends, one on each core at a time, also if some fail: the failure names all that did. What each prints
+/// comes in one piece, when it has ended.
 pub(crate) fn run_side_by_side(commands: Vec<Command>) -> Done {
     let waiting = Mutex::new(commands.into_iter());
     let failures = Mutex::new(Vec::new());
@@ -75,7 +78,8 @@ pub(crate) fn run_side_by_side(commands: Vec<Command>) -> Done {
             });
         }
     });
-    mem::take(&mut *unpoisoned(&failures)).into_iter().next().map_or(Ok(()), Err)
+    let failures: Vec<Failure> = mem::take(&mut *unpoisoned(&failures));
+    if failures.is_empty() { Ok(()) } else { Err(Failure::Several(failures)) }
 }
 
 /// Runs to the end; what it says to standard output and to standard error comes then, in the order in which it was said.

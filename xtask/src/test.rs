@@ -20,8 +20,9 @@ pub(crate) fn run(property_cases: Option<u32>) -> Done {
         test.envs(optiboot.as_ref().map(|image| ("PULSETRAIN_OPTIBOOT", image)));
         test
     });
-    command::run_side_by_side(tests.collect())?;
+    let tested = command::run_side_by_side(tests.collect());
     command::run(&mut cargo("test --workspace --doc --no-fail-fast"))?;
+    tested?;
     python::test_client()?;
     boards::build_core()?;
     let worst = ruckig::compare()?;
@@ -29,6 +30,9 @@ pub(crate) fn run(property_cases: Option<u32>) -> Done {
     println!("xtask test: {count} test binaries, documentation's examples, the Python client: all passed");
     Ok(())
 }
+
+/// Packages whose tests run virtual boards.
+const LONG: [&str; 2] = ["pulsetrain", "board"];
 
 /// What `cargo test` would run. It runs one after the other, and waits for the longest test of each.
 struct Binary {
@@ -60,7 +64,8 @@ impl Binary {
     }
 }
 
-/// Builds them. Those of the top crate come first: they take longest, and the last ones to run leave cores with nothing to do.
+/// Builds them. Those of the crates that run virtual boards come first: they take longest, and the last ones to run leave cores with
+/// nothing to do.
 fn binaries() -> Done<Vec<Binary>> {
     let messages = command::output(&mut cargo("test --workspace --no-run --message-format json-render-diagnostics"))?;
     let mut binaries = Vec::new();
@@ -69,6 +74,9 @@ fn binaries() -> Done<Vec<Binary>> {
             .map_err(|why| Failure::Check(format!("cargo's answer is no JSON: {why}: {line}")))?;
         binaries.extend(Binary::from_message(&message));
     }
-    binaries.sort_by_key(|binary| Reverse(binary.source.clone()));
+    binaries.sort_by_key(|binary| {
+        let long = LONG.iter().position(|package| binary.manifest.ends_with(Path::new(package).join("Cargo.toml")));
+        (long.unwrap_or(LONG.len()), Reverse(binary.source.clone()))
+    });
     Ok(binaries)
 }
