@@ -22,6 +22,7 @@ use expect_test::expect_file;
 use line::{Fault, Mishap, Way};
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
+use std::ops::Range;
 use std::time::Duration;
 use table::Row;
 
@@ -106,11 +107,18 @@ fn bytes<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
 const UNTOLD: u64 = 650;
 /// And from then on it is.
 const TOLD: u64 = 1000;
+/// While motor a turns its segments are so many that its part of an Uno's queue holds less than 100 ms and what it takes to make up for it.
+const DENSE: Range<u64> = 590..770;
+
+/// How the motors move if for 100 ms in these milliseconds nothing is told.
+fn when_dense<P: Chip>() -> Moved {
+    if P::NAME == "uno" { Moved::AsQueued } else { Moved::AsPlanned }
+}
 
 /// Tries a fault at some of the milliseconds of a stretch of the motion, ms from its first step on.
 fn at_moments<P: Chip>(
     bench: &Bench<P>,
-    row: (String, std::ops::Range<u64>, Moved),
+    row: (String, Range<u64>, Moved),
     few: u64,
     seed: u64,
     fault: impl Fn(Duration) -> Fault,
@@ -143,7 +151,9 @@ fn lines<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
     };
     let mut rows = vec![
         silence("1 ms", 1, 0..length, Moved::AsPlanned, 2),
-        silence("100 ms", 100, 0..length, Moved::AsPlanned, 6),
+        silence("100 ms", 100, 0..DENSE.start, Moved::AsPlanned, 4),
+        silence("100 ms, while a motor turns", 100, DENSE, when_dense::<P>(), 2),
+        silence("100 ms, thereafter", 100, DENSE.end..length, Moved::AsPlanned, 2),
         silence("1 s", 1000, 0..UNTOLD, Moved::Tail, 2),
         silence("10 s", 10_000, 0..UNTOLD, Moved::Tail, 1),
         silence("good", 1_000_000, 0..UNTOLD, Moved::Tail, 1),
@@ -185,7 +195,9 @@ fn hosts<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
     };
     let mut rows = vec![
         stall("1 ms", 1, 0..length, Moved::AsPlanned, 2),
-        stall("100 ms", 100, 0..length, Moved::AsPlanned, 6),
+        stall("100 ms", 100, 0..DENSE.start, Moved::AsPlanned, 4),
+        stall("100 ms, while a motor turns", 100, DENSE, when_dense::<P>(), 2),
+        stall("100 ms, thereafter", 100, DENSE.end..length, Moved::AsPlanned, 2),
         stall("1 s", 1000, 0..UNTOLD, Moved::Tail, 2),
         stall("10 s", 10_000, 0..UNTOLD, Moved::Tail, 2),
     ];

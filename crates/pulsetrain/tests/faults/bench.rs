@@ -157,6 +157,8 @@ pub(crate) enum Moved {
     Halted,
     /// Not at all.
     NotAtAll,
+    /// As planned where enough was queued, else as planned up to a step and then a stop within the limits.
+    AsQueued,
     /// As told by the lines that arrived whole.
     ByWholeLines,
 }
@@ -168,6 +170,7 @@ impl Moved {
             Moved::Tail => "as planned, then a stop within the limits",
             Moved::Halted => "as planned, then nothing more",
             Moved::NotAtAll => "nothing moved",
+            Moved::AsQueued => "as planned if so much was queued; else then a stop within the limits, and 1",
             Moved::ByWholeLines => "as the lines say that arrived whole; for others, `err`",
         }
     }
@@ -357,6 +360,7 @@ impl Seen {
     pub(crate) fn moved(&self, wanted: Moved) -> Moved {
         match (wanted, self.moved) {
             (Moved::Halted, Moved::Tail) if self.is_part => wanted,
+            (Moved::AsQueued, Moved::AsPlanned | Moved::Tail) => wanted,
             _ => self.moved,
         }
     }
