@@ -267,7 +267,7 @@ impl Board {
                 self.tell(cause, motor, detail);
             }
         }
-        Stopped { tick, uncertain }
+        Stopped { tick: extended(task::lock().halted()), uncertain }
     }
 
     /// Takes on a configuration that is possible.
@@ -359,6 +359,14 @@ pub(crate) fn extended(moment: Moment) -> u64 {
     let now = clock::now();
     let ahead = moment.since(Moment::of(now)).cast_signed();
     now.wrapping_add_signed(i64::from(ahead))
+}
+
+/// A moment of the past in 64 bits, if it was less than 2^32 ticks ago.
+// Its stack is not its caller's.
+#[inline(never)]
+fn past(moment: Moment) -> u64 {
+    let now = clock::now();
+    now - u64::from(Moment::of(now).since(moment))
 }
 
 impl Machine for Board {
@@ -613,7 +621,7 @@ impl Machine for Board {
     fn event(&mut self) -> Option<Event> {
         // What was done comes before that all was.
         if let Some((motor, at, detail)) = verbs::take_done() {
-            return Some(Event { cause: Cause::MoveDone, motor, tick: extended(at), detail });
+            return Some(Event { cause: Cause::MoveDone, motor, tick: past(at), detail });
         }
         let [News { cause, motor, at, detail }, second] = self.news;
         if cause == Cause::None {
