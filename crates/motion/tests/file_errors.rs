@@ -654,10 +654,26 @@ fn laws() {
         SINE,
         "law.winch = { axis = \"x\", commands = [\"0 s: g xyza 2 1\", \"0 s: s y 9\", \"1 s: d xy 1 2\", \"2 s: a yz 3 4\"] }",
         expect![[r#"
-            x.toml:14:81: axis y is told to move, and no motor is that axis: add one, or take the axis out
-            x.toml:14:98: axis z is told to move, and no motor is that axis: add one, or take the axis out
+            x.toml:14:81: axis y is told to move, and no motor with these lines is that axis: add one, or take the axis out
+            x.toml:14:98: axis z is told to move, and no motor with these lines is that axis: add one, or take the axis out
         "#]],
     );
+    // A motor that is the axis has to hear of it.
+    let two = |second: &str| {
+        let motor = "[motor.y]\nsteps_per_rev = 200\nmicrosteps = 4\ndriver = \"DQ542MA\"\npins = { step = 10, dir = 7 }\nforward = \"low\"";
+        format!(
+            "law.winch = {{ axis = \"x\", duration = \"1 s\", commands = [\"0 s: a xy 1 2\"] }}\n{motor}\n\
+             [[motion]]\nmotor = \"y\"\nlaw.winch = {{ duration = \"1 s\", commands = [\"{second}\"] }}"
+        )
+    };
+    check(
+        SINE,
+        &two("0 s: a y 2"),
+        expect![[r#"
+            x.toml:14:66: axis y is told to move, and no motor with these lines is that axis: add one, or take the axis out
+        "#]],
+    );
+    check(SINE, &two("0 s: a xy 1 2"), expect!["no problem\n"]);
     check(
         SINE,
         "law.winch = { commands = [\"0 s: a x 1\"] }",

@@ -68,7 +68,8 @@ impl Work {
         let [own, steps, burst] = [own, steps, burst].map(|ticks| i64::try_from(ticks).unwrap_or(i64::MAX));
         self.ticks -= (tick - self.seen).saturating_sub(steps).max(0);
         if self.ticks <= 0 {
-            *self = Work { since: self.seen, ..Work::default() };
+            // A rest, or a slow segment, before what comes too fast is no time for that.
+            *self = Work { since: self.seen.max(tick.saturating_sub(steps).saturating_sub(own)), ..Work::default() };
         }
         self.ticks += own;
         (self.seen, self.segments) = (tick, self.segments + 1);

@@ -242,8 +242,9 @@ fn measure<P: Port>(
     let board = driven.board_mut();
     let span = (board.now() - began) as f64;
     let said: Measures = board.measures(false)?;
-    let events = board.events().into_iter().filter(|event| event.cause != Cause::Finished);
-    let events = events.map(|event| in_words(event.cause)).collect();
+    // A move that is done is one that a host before told.
+    let told = board.events().into_iter().filter(|event| !matches!(event.cause, Cause::Finished | Cause::MoveDone));
+    let events = told.map(|event| in_words(event.cause)).collect();
     let awake = (span - said.idle_ticks as f64).max(0.0);
     Ok(Row {
         period_s,
@@ -286,7 +287,9 @@ impl Observer for Pins {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use pulsetrain_board::PortError;
+    use pulsetrain_board::{PortError, Setup};
+    use pulsetrain_core::verbs::Verb;
+    use pulsetrain_core::wire::message::MotorSetup;
     use std::time::Duration;
 
     #[test]
@@ -336,6 +339,26 @@ mod tests {
         };
         assert_eq!(troubles(usize::MAX), Vec::<String>::new());
         assert_eq!(troubles(42), ["1 steps without an edge"]);
+    }
+
+    /// A move that a host before told is done: whoever comes next hears of it.
+    #[test]
+    fn what_was_told_before_is_no_trouble() {
+        let driver = MotorSetup { step_pin: 2, dir_pin: 3, ..MotorSetup::default() };
+        let setup = Setup { pulse_ticks: 250, motors: vec![driver], ..Setup::default() };
+        let mut host = Remote::open(VirtualPico::on_usb(), 1).unwrap();
+        host.configure(&setup).unwrap();
+        host.tell_motors(&[(0, Verb::Speed { ticks: 125_000 }), (0, Verb::Move { steps: 3 })]).unwrap();
+        let mut port = host.close();
+        let until = port.now() + Duration::from_millis(100);
+        while port.now() < until {
+            port.receive(until, &mut Vec::new()).unwrap();
+        }
+        let mut next = Remote::open(port.clone(), 2).unwrap();
+        next.configure(&setup).unwrap();
+        assert!(next.events().iter().any(|event| event.cause == Cause::MoveDone));
+        let row = measure(&prepared("pico", 100.0, 0.5).unwrap(), (100.0, 0.5), port, Baud::B2M).unwrap();
+        assert_eq!(row.trouble(), Vec::<String>::new());
     }
 
     #[test]

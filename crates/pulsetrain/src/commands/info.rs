@@ -3,9 +3,9 @@
 use pulsetrain_board::remote::in_words;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
-use pulsetrain_board::{Board, Port, Remote, Serial};
+use pulsetrain_board::{Board, Port, Remote, RemoteError, Serial};
 use pulsetrain_core::wire::message::flags;
-use pulsetrain_core::wire::{Baud, VERSION};
+use pulsetrain_core::wire::{Baud, Reason, Stored, VERSION};
 use serde::Serialize;
 
 use super::port_problem;
@@ -59,6 +59,8 @@ pub(super) struct Said {
     keeps: Option<Kept>,
     /// Something damaged was found where it keeps that.
     keeps_damaged: bool,
+    /// It does not tell what it keeps while its motors are powered.
+    keeps_untold: bool,
 }
 
 pub(crate) fn run(args: &At, console: &mut Console<'_>) -> miette::Result<Exit> {
@@ -116,11 +118,21 @@ pub(crate) fn run(args: &At, console: &mut Console<'_>) -> miette::Result<Exit> 
     if let (Some(missed), Some(latest)) = (said.compares_missed, said.latest_ticks) {
         row("compares missed", format!("{missed}, the latest by {}", ticks(latest)));
     }
-    row("keeps", told(said.keeps.as_ref(), said.keeps_damaged));
+    row("keeps", said.keeps());
     row("starved", format!("{} times", said.starved));
     row("line faults", format!("{} bytes lost, {} frames damaged", said.lost_bytes, said.damaged_frames));
     console.print(&table)?;
     Ok(Exit::Success)
+}
+
+impl Said {
+    /// What the board keeps, in words.
+    pub(super) fn keeps(&self) -> String {
+        if self.keeps_untold {
+            return "not told while motors are powered".to_owned();
+        }
+        told(self.keeps.as_ref(), self.keeps_damaged)
+    }
 }
 
 /// What each motor counts, in order.
@@ -134,7 +146,7 @@ pub(super) fn motor_list(motors: &[usize]) -> String {
 }
 
 /// [`Info`](pulsetrain_core::wire::message::Info)'s number of it.
-const UNO: u8 = 1;
+pub(super) const UNO: u8 = 1;
 
 pub(super) fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
     /// Long enough for a first look at the clock's rate, most often; and how often it is looked again.
@@ -155,8 +167,13 @@ pub(super) fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
     if let Some(error) = remote.error() {
         return Err(error.clone().into());
     }
-    // A board whose motors are powered does not say, nor one that keeps nothing.
-    let stored = remote.stored().unwrap_or_default();
+    let (stored, keeps_untold) = match remote.stored() {
+        Ok(stored) => (stored, false),
+        Err(RemoteError::Refused { reason: Reason::Moving | Reason::Baked, .. }) => (Stored::default(), true),
+        // A board that knows no settings.
+        Err(RemoteError::Refused { .. }) => (Stored::default(), false),
+        Err(error) => return Err(error.into()),
+    };
     let verbs = remote.obeys()?;
     let compares = info.board == UNO;
     let said = Said {
@@ -200,6 +217,7 @@ pub(super) fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
         starved: measures.starved,
         keeps: stored.settings.map(Kept::of),
         keeps_damaged: stored.is_damaged,
+        keeps_untold,
     };
     remote.close();
     Ok(said)

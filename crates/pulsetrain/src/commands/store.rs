@@ -46,6 +46,15 @@ impl Kept {
     }
 }
 
+/// The same, for programs.
+#[derive(Debug, Serialize)]
+struct Said {
+    #[serde(flatten)]
+    kept: Option<Kept>,
+    /// What was stored last is damaged.
+    damaged: bool,
+}
+
 /// What a board keeps, in words, and whether something damaged was found in its place.
 pub(super) fn told(kept: Option<&Kept>, is_damaged: bool) -> String {
     match (kept.map_or("nothing".to_owned(), Kept::told), is_damaged) {
@@ -64,7 +73,7 @@ pub(crate) fn run(args: &Store, console: &mut Console<'_>) -> miette::Result<Exi
     let stored = kept.map_err(|error| drive_problem(error.into()))?;
     let kept = stored.settings.map(Kept::of);
     if args.json {
-        console.print_json(&kept)?;
+        console.print_json(&Said { kept, damaged: stored.is_damaged })?;
         return Ok(Exit::Success);
     }
     console.print(format_args!("the board keeps: {}\n", told(kept.as_ref(), stored.is_damaged)))?;
@@ -90,13 +99,15 @@ fn limits(values: &[f64]) -> miette::Result<(u32, u32)> {
 /// Changes what was said, and asks what is kept then.
 fn store<P: Port>(port: P, args: &Store, limits: Option<(u32, u32)>) -> Result<Stored, RemoteError> {
     let mut board = Remote::open(port, session_number())?;
-    let before = board.stored()?.settings;
+    let Stored { settings: before, is_damaged } = board.stored()?;
     let mut settings = if args.clear { Settings::default() } else { before.unwrap_or_default() };
     settings.deadman_ms = args.deadman.unwrap_or(settings.deadman_ms);
     settings.idle_ms = args.idle.unwrap_or(settings.idle_ms);
     settings.silence_ms = args.silence.unwrap_or(settings.silence_ms);
     (settings.vmax, settings.amax) = limits.unwrap_or((settings.vmax, settings.amax));
-    if args.clear || settings != before.unwrap_or_default() {
+    let says = args.deadman.or(args.idle).or(args.silence).is_some() || limits.is_some();
+    // The same once more takes the place of what is damaged.
+    if args.clear || settings != before.unwrap_or_default() || (says && is_damaged) {
         board.store(&settings)?;
     }
     let kept = board.stored()?;
@@ -107,6 +118,33 @@ fn store<P: Port>(port: P, args: &Store, limits: Option<(u32, u32)>) -> Result<S
 #[cfg(test)]
 mod tests {
     use super::*;
+    use pulsetrain_core::baked::FLASH_ROOM;
+
+    /// The newer of two copies is damaged: to say again what the older one has mends that.
+    #[test]
+    fn the_same_once_more_mends_what_is_damaged() {
+        let mut board = Remote::open(VirtualPico::on_usb(), 1).unwrap();
+        let settings = [400, 500].map(|deadman_ms| Settings { deadman_ms, ..Settings::default() });
+        settings.iter().for_each(|settings| board.store(settings).unwrap());
+        let mut memory = board.close().chip().flash().to_vec();
+        memory[FLASH_ROOM as usize + 4096 + 3] ^= 1;
+        let args = Store {
+            port: None,
+            board: None,
+            deadman: None,
+            idle: None,
+            silence: None,
+            limits: None,
+            clear: false,
+            json: false,
+        };
+        let after = |args: &Store| store(VirtualPico::with_flash(&memory).unwrap(), args, None).unwrap();
+        let damaged = Stored { settings: Some(settings[0]), is_damaged: true };
+        assert_eq!(after(&args), damaged);
+        let said = serde_json::to_value(Said { kept: damaged.settings.map(Kept::of), damaged: true }).unwrap();
+        assert_eq!((&said["deadman_ms"], &said["damaged"]), (&400.into(), &true.into()));
+        assert_eq!(after(&Store { deadman: Some(400), ..args }), Stored { is_damaged: false, ..damaged });
+    }
 
     #[test]
     fn what_is_damaged_is_told() {
