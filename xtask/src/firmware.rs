@@ -85,17 +85,11 @@ fn built_uno(image: &str) -> Done<(PathBuf, String)> {
         install_debian("avr-libc")?;
     }
     let built = target_dir().join("uno");
-    run(build()?
+    run(alone(&mut build()?)
         .current_dir(root().join("firmware/uno"))
         .args(["build", "--release", "--locked", "-Zbuild-std=core", "--target-dir"])
         .arg(&built)
-        .args((image == VERBS).then_some("--features=verbs"))
-        // Nothing of this build's surroundings may reach that one.
-        .env_remove("RUSTFLAGS")
-        .env_remove("CARGO_ENCODED_RUSTFLAGS")
-        .env_remove("CARGO_TARGET_AVR_NONE_RUSTFLAGS")
-        .env_remove("CARGO_BUILD_TARGET")
-        .env_remove("CARGO_BUILD_RUSTFLAGS"))?;
+        .args((image == VERBS).then_some("--features=verbs")))?;
     let elf = built.join("avr-none/release/uno.elf");
     let sections = output(command("avr-size").arg("-A").arg(&elf))?;
     let image = built.join(if image == VERBS { "uno-verbs.hex" } else { "uno.hex" });
@@ -143,6 +137,30 @@ fn build() -> Done<Command> {
     Ok(cargo)
 }
 
+/// A build that nothing of this one's surroundings may reach: an image is the same wherever it is built.
+fn alone(cargo: &mut Command) -> &mut Command {
+    for (name, _) in std::env::vars_os() {
+        if name.to_str().is_some_and(changes_images) {
+            cargo.env_remove(name);
+        }
+    }
+    cargo
+}
+
+/// Whether a build is another one with that variable set.
+fn changes_images(name: &str) -> bool {
+    const ALL: [&str; 6] = [
+        "RUSTFLAGS",
+        "CARGO_ENCODED_RUSTFLAGS",
+        "CARGO_INCREMENTAL",
+        "CARGO_BUILD_INCREMENTAL",
+        "CARGO_BUILD_RUSTFLAGS",
+        "CARGO_BUILD_TARGET",
+    ];
+    let of_target = name.starts_with("CARGO_TARGET_") && name.ends_with("_RUSTFLAGS");
+    ALL.contains(&name) || of_target || name.starts_with("CARGO_PROFILE_")
+}
+
 /// What an image takes, from avr-size's list of sections.
 fn table(sections: &str) -> Done<String> {
     let size = |name: &str| -> u64 {
@@ -184,6 +202,13 @@ mod tests {
         assert!(said.contains("line 2 is the first") && said.contains("cargo xtask firmware"), "{said}");
         let said = same(IMAGE, ":00\n:01\n", ":00\n").expect_err("they differ").to_string();
         assert!(said.contains("line 2 is the first"), "{said}");
+    }
+
+    #[test]
+    fn what_changes_an_image_is_kept_from_its_build() {
+        let changing = ["CARGO_INCREMENTAL", "CARGO_PROFILE_RELEASE_OPT_LEVEL", "CARGO_TARGET_AVR_NONE_RUSTFLAGS"];
+        assert!(changing.into_iter().all(changes_images));
+        assert!(!["PATH", "CARGO_HOME", "CARGO_TARGET_DIR", "CARGO_BUILD_JOBS"].into_iter().any(changes_images));
     }
 
     #[test]

@@ -424,6 +424,7 @@ impl Machine for Model {
                 self.verbs.forsake(lost, |motor| motors.get(usize::from(motor)).map_or(0, |motor| motor.pull_in_ticks));
             self.flag(uncertain);
         }
+        self.verbs.disown();
     }
 
     fn obey(&mut self, orders: &Orders<'_>) -> Result<(), Refusal> {

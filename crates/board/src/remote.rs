@@ -420,7 +420,16 @@ impl<P: Port> Remote<P> {
         Ok(self.link.baud())
     }
 
-    /// Has the board set up its pins, and arms it. Motors that move come to rest first.
+    /// Waits until motors rest that the board still moves for a host before this one; while one moves, `goes_on` is asked again and again
+    /// whether to wait on.
+    ///
+    /// # Errors
+    /// When the board is lost; [`RemoteError::StillMoving`] if `goes_on` says no, or if they do not rest within half a minute.
+    pub fn wait_for_rest(&mut self, goes_on: impl FnMut() -> bool) -> Result<(), RemoteError> {
+        self.at_rest(goes_on).map(drop)
+    }
+
+    /// Has the board set up its pins, and arms it. Motors that move come to rest first: [`wait_for_rest`](Remote::wait_for_rest).
     ///
     /// # Errors
     /// When the board is lost, or refuses; nothing is powered then.
@@ -435,7 +444,7 @@ impl<P: Port> Remote<P> {
         }
         let motors = setup.motor_bytes();
         let configuration = setup.configuration(&motors).expect("at most 8 motors");
-        self.at_rest()?;
+        self.wait_for_rest(|| true)?;
         let answer = self.ask(&Command::Configure(configuration))?;
         let Reply::Configured(queues) = answer.reply else { return Err(refusal("take this configuration", &answer)) };
         if queues.as_slice().len() != setup.motors.len() {
@@ -1073,7 +1082,7 @@ impl<P: Port> Board for Remote<P> {
         let reading = 2 * (answered - asked) + SHORTEST_LEAD;
         let doubt = expected / CLOCK_DOUBT + (reading.as_secs_f64() * f64::from(self.info.tick_hz)) as u64;
         let was_reset = is_lost && tick + doubt < expected;
-        let status = self.at_rest()?;
+        let status = self.at_rest(|| true)?;
         let counts = status.motors.as_slice().iter().map(|motor| i64::from(motor.position));
         let positions = if was_reset { counts.collect() } else { self.positions() };
         let last_stop = if is_lost { self.info.last_stop } else { self.told_stop().unwrap_or(Cause::Finished) };
@@ -1094,8 +1103,8 @@ impl<P: Port> Remote<P> {
         Ok(())
     }
 
-    /// Waits until no motor moves.
-    fn at_rest(&mut self) -> Result<Status, RemoteError> {
+    /// Waits until no motor moves, or `goes_on` says no.
+    fn at_rest(&mut self, mut goes_on: impl FnMut() -> bool) -> Result<Status, RemoteError> {
         let patience = self.port.now() + REST;
         loop {
             let status = self.status()?;
@@ -1106,7 +1115,7 @@ impl<P: Port> Remote<P> {
             if status.is_idle() {
                 return Ok(status);
             }
-            if self.port.now() > patience {
+            if self.port.now() > patience || !goes_on() {
                 return Err(RemoteError::StillMoving);
             }
             self.pause(STATUS_EVERY)?;

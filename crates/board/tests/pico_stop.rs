@@ -174,3 +174,35 @@ fn a_processor_that_does_not_keep_up_stops_all() {
     pair.pico.arm().expect("at rest");
     assert!(pair.pico.status().expect("it answers").is_idle());
 }
+
+/// A stop that comes just after the main loop was held up is heard up to 0.6 ms later than else, at the highest rate that is promised: words
+/// come first, but there is no nap among them.
+#[test]
+fn a_main_loop_that_was_held_up_hears_a_stop_soon() {
+    let motors = (0..8).map(|motor| step_dir(2 + 2 * motor)).collect();
+    let mut pair = Pair::new(&Setup { pulse_ticks: 13, setup_ticks: 20, motors, ..Setup::default() });
+    let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
+    for motor in 0..8 {
+        pair.push(motor, 1, &[Item::Anchor { tick: Moment::of(from) }, run(1_000_000, 200, Direction::Forward)]);
+    }
+    assert_eq!(pair.switch(1, from), Ok(()));
+    pair.advance(from + TICK_HZ / 50);
+    // The longest of some, after so many tenths of a millisecond.
+    let heard_after = |tenths: u64| {
+        let waits = (0..8).map(|part| {
+            let mut pico = pair.pico.clone();
+            pico.advance(pico.now() + part * TICK_HZ / 9000, &mut |_: Edge| {});
+            let asked = hold_for(pico.port_mut(), tenths * TICK_HZ / 10_000);
+            let (stopped, _) = pico.stop_motors().expect("it stops");
+            assert!(pico.events().iter().all(|event| event.cause != Cause::Starved), "{tenths}");
+            stopped.tick - asked
+        });
+        waits.max().expect("some")
+    };
+    let else_after = heard_after(0);
+    for tenths in [3, 6, 9, 12, 15] {
+        let after = heard_after(tenths);
+        println!("{tenths}: {} µs, else {} µs", after / 125, else_after / 125);
+        assert!(after < else_after + TICK_HZ * 6 / 10_000, "{tenths}: {after} ticks, else {else_after}");
+    }
+}

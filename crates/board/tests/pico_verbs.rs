@@ -463,6 +463,28 @@ fn the_next_host_may_stop_what_goes_on() {
     assert_eq!(i64::from(next.status().expect("it answers").motors.as_slice()[0].position), moved);
 }
 
+/// Moves that go on after Bye are done for nobody: the next host is told of its own alone, whose numbers go on.
+#[test]
+fn moves_of_a_host_that_left_are_not_told_to_the_next() {
+    let mut pair = Pair::new(&drivers(2));
+    let period = 125_000;
+    let go = |steps| Verb::Move { steps };
+    // The second motor's are still under way, and one waits, when the next host speaks.
+    let orders = [(0, go(5)), (1, Verb::Speed { ticks: period }), (1, go(40)), (1, go(20))];
+    pair.tell(&orders).expect("it can");
+    let mut next = next_host(pair.pico.close());
+    next.advance(next.now() + TICK_HZ / 20, &mut |_: Edge| {});
+    let obeyed = next.tell_motors(&[(0, go(3))]).expect("it can");
+    next.advance(next.now() + TICK_HZ / 20, &mut |_: Edge| {});
+    next.tell_motors(&[(1, go(1))]).expect("both are done");
+    next.advance(next.now() + TICK_HZ / 50, &mut |_: Edge| {});
+    let told = next.events().into_iter().filter(|event| event.cause == Cause::MoveDone);
+    let told: Vec<_> = told.map(|event| (event.motor, event.tick, event.detail)).collect();
+    let [(0, done, 2), (1, _, 3)] = told[..] else { panic!("{told:?}") };
+    assert_eq!(done, obeyed.tick + 3 * period);
+    assert_eq!(next.status().expect("it answers").motors.as_slice()[1].position, 61);
+}
+
 /// A move that waits for a way to go waits for nobody when its host is gone: the next one can have the board.
 #[test]
 fn who_waits_for_a_way_to_go_is_forgotten() {
@@ -491,6 +513,8 @@ fn a_first_order_that_does_nothing_changes_nothing() {
     pico.switch(Epoch(1), from).expect("in time");
     let mut rises = 0;
     pico.advance(from + TICK_HZ / 10, &mut |edge: Edge| rises += u32::from(edge.line == 2 && edge.level));
+    // What the host knows is up to 50 ms old.
+    pico.status().expect("it answers");
     assert_eq!((rises, pico.positions(), pico.error()), (500, vec![500], None));
 }
 

@@ -21,18 +21,34 @@ struct Made {
     done: Vec<u64>,
 }
 
+/// Whoever told the motor what it does is gone from there on, which hears of what was done `lag` ticks later.
+#[derive(Clone, Copy, Debug)]
+struct Cut {
+    at: u64,
+    lag: u64,
+}
+
+impl Cut {
+    const NEVER: Cut = Cut { at: u64::MAX, lag: 0 };
+
+    /// Whether somebody hears that a move is done at `tick` which was begun at `begun`.
+    fn is_heard(self, begun: u64, tick: u64) -> bool {
+        begun >= self.at || (tick < self.at && tick <= self.at.saturating_sub(self.lag))
+    }
+}
+
 /// A motor by the letter: looks at each tick whether a step is due.
-fn by_the_letter(script: &[(u64, Verb)], end: u64) -> Made {
+fn by_the_letter(script: &[(u64, Verb)], cut: Cut, end: u64) -> Made {
     let (mut made, mut period, mut course) = (Made::default(), 25, Course::Forward);
-    // Moves: steps left, without an end if None; the first is under way.
-    let mut moves: Vec<Option<u32>> = Vec::new();
+    // Moves: steps left, without an end if None, and since when; the first is under way.
+    let mut moves: Vec<(Option<u32>, u64)> = Vec::new();
     let mut script = script.iter().peekable();
     for tick in 0..end {
         while let Some((_, verb)) = script.next_if(|(at, _)| *at == tick) {
             let mut begin = |steps| match moves[..] {
-                [] => moves.push(steps),
-                [None, ..] => moves = vec![steps],
-                [Some(_)] => moves.push(steps),
+                [] => moves.push((steps, tick)),
+                [(None, _), ..] => moves = vec![(steps, tick)],
+                [(Some(_), _)] => moves.push((steps, tick)),
                 _ => {}
             };
             match *verb {
@@ -45,16 +61,20 @@ fn by_the_letter(script: &[(u64, Verb)], end: u64) -> Made {
             }
         }
         let since = made.steps.last().map_or(u64::MAX, |(last, _)| tick - last);
-        while moves.first() == Some(&Some(0)) && since >= period {
+        while let Some(&(Some(0), begun)) = moves.first()
+            && since >= period
+        {
             moves.remove(0);
-            made.done.push(tick);
+            if cut.is_heard(begun, tick) {
+                made.done.push(tick);
+            }
         }
         let Some(direction) = course.direction() else { continue };
         let turns = made.steps.last().is_some_and(|(_, facing)| *facing != direction);
         if since < period || (turns && since < 40) {
             continue;
         }
-        if let Some(left) = moves.first_mut() {
+        if let Some((left, _)) = moves.first_mut() {
             *left = left.map(|left| left - 1);
             made.steps.push((tick, direction));
         }
@@ -62,9 +82,9 @@ fn by_the_letter(script: &[(u64, Verb)], end: u64) -> Made {
     made
 }
 
-/// The same by slices and a channel, and what of the script was obeyed. Moves are told as done `lag` ticks behind what is worked out, as
-/// on a board, which works out ahead.
-fn by_slices(script: &[(u64, Verb)], end: u64, slices: &[u64], lag: u64) -> (Made, Vec<(u64, Verb)>) {
+/// The same by slices and a channel, and what of the script was obeyed. Moves are told as done the cut's `lag` ticks behind what is worked
+/// out, as on a board, which works out ahead.
+fn by_slices(script: &[(u64, Verb)], cut: Cut, end: u64, slices: &[u64]) -> (Made, Vec<(u64, Verb)>) {
     let (mut motor, mut known) = (Motor::new(LIMITS, 0, 0), 0);
     let (mut queue, mut channel) = (Queue::<64>::new(), Channel::<32>::new(1, false));
     let (mut made, mut lengths) = (Made::default(), slices.iter().cycle());
@@ -72,6 +92,7 @@ fn by_slices(script: &[(u64, Verb)], end: u64, slices: &[u64], lag: u64) -> (Mad
     let mut obeyed = Vec::new();
     while known < end {
         let next = script.peek().map_or(end, |(at, _)| *at).min(known + lengths.next().expect("cycles")).min(end);
+        let next = if known < cut.at { next.min(cut.at) } else { next };
         let mut items = 0;
         motor.work_out::<32>(next, |item| {
             items += 1;
@@ -89,12 +110,15 @@ fn by_slices(script: &[(u64, Verb)], end: u64, slices: &[u64], lag: u64) -> (Mad
             }
         }
         assert!(queue.is_empty() && channel.missed().is_none());
-        let told = known.saturating_sub(lag);
+        let told = known.saturating_sub(cut.lag);
         while let Some((at, number)) = motor.take_done(told) {
             made.done.push(at);
-            assert_eq!(number as usize, made.done.len(), "none is left out");
+            assert!(known >= cut.at || number as usize == made.done.len(), "none is left out");
         }
         assert!(motor.next_done().is_none_or(|at| at > told));
+        if known == cut.at {
+            motor.disown();
+        }
         while let Some((_, verb)) = script.next_if(|(at, _)| *at == known) {
             // A script may ask for what cannot be: then nothing happens.
             if motor.obey(*verb, known).is_ok() {
@@ -135,15 +159,27 @@ proptest! {
     #[test]
     fn every_step_is_where_the_letter_has_it(script in script(), slices in prop::collection::vec(1u64..400, 1..8)) {
         let end = script.last().map_or(0, |(at, _)| *at) + 2000;
-        prop_assert_eq!(by_slices(&script, end, &slices, 0).0, by_the_letter(&script, end));
+        prop_assert_eq!(by_slices(&script, Cut::NEVER, end, &slices).0, by_the_letter(&script, Cut::NEVER, end));
     }
 
     /// Who is told late hears of every move that was obeyed; a move of which nobody could be told is not obeyed.
     #[test]
     fn every_move_is_told(script in script(), slices in prop::collection::vec(1u64..400, 1..8), lag in 1u64..3000) {
         let end = script.last().map_or(0, |(at, _)| *at) + 2000;
-        let (made, obeyed) = by_slices(&script, end, &slices, lag);
-        prop_assert_eq!(made, by_the_letter(&obeyed, end));
+        let cut = Cut { lag, ..Cut::NEVER };
+        let (made, obeyed) = by_slices(&script, cut, end, &slices);
+        prop_assert_eq!(made, by_the_letter(&obeyed, cut, end));
+    }
+
+    /// Who comes after the one that is gone hears of the moves it has told the motor itself, and of no other.
+    #[test]
+    fn moves_of_who_is_gone_are_nobodys(
+        script in script(), slices in prop::collection::vec(1u64..400, 1..8), at in 1u64..4000, lag in prop_oneof![Just(0), 1u64..3000]
+    ) {
+        let end = script.last().map_or(0, |(at, _)| *at) + 2000;
+        let cut = Cut { at: 1 + at % (end - 1), lag };
+        let (made, obeyed) = by_slices(&script, cut, end, &slices);
+        prop_assert_eq!(made, by_the_letter(&obeyed, cut, end));
     }
 
     /// Any line is read, or refused at one of its words; any payload is orders, or none.
@@ -268,6 +304,37 @@ fn what_cannot_be_is_refused_and_changes_nothing() {
     assert_eq!((obeyed.tick, obeyed.motors()), (100, &[rests(5), rests(-5)][..]));
     let obeyed = tell(&[(1, go)]).expect("possible");
     assert_eq!(obeyed.motors(), [rests(5), Next { position: -5, wait: 0 }]);
+}
+
+/// A move that is forgotten takes its place among those of nobody with it: the next one is told.
+#[test]
+fn what_is_forgotten_is_nobodys_no_more() {
+    let go = Verb::Move { steps: 1 };
+    let begin = || {
+        let mut motor = Motor::new(LIMITS, 0, 0);
+        (0..2).for_each(|_| motor.obey(go, 0).unwrap());
+        motor
+    };
+    let ways: [fn(&mut Motor); 3] = [
+        |motor| motor.obey(Verb::Halt, 10).unwrap(),
+        |motor| motor.stop(10),
+        // The first one is done, the second has no way to go.
+        |motor| {
+            motor.obey(Verb::Course(Course::Stationary), 10).unwrap();
+            motor.forsake();
+            motor.obey(Verb::Course(Course::Forward), 10).unwrap();
+        },
+    ];
+    for (number, forget) in ways.into_iter().enumerate() {
+        let mut motor = begin();
+        motor.work_out::<32>(10, |_| {});
+        motor.disown();
+        forget(&mut motor);
+        motor.obey(go, 10).unwrap();
+        motor.work_out::<32>(1000, |_| {});
+        let told: Vec<u64> = std::iter::from_fn(|| motor.take_done(1000)).map(|(at, _)| at).collect();
+        assert_eq!(told, [50], "{number}");
+    }
 }
 
 /// Two motors that were told so at tick 100, and left alone at 151: where they come to stand, and who cannot be sure of it, with a

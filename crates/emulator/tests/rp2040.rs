@@ -5,6 +5,7 @@ mod pico;
 
 use pico::{Bench, CLR, Machine, SET, Seen, XOR, flash};
 use pio::pio_asm;
+use pulsetrain_emulator::arm::FaultCause;
 use pulsetrain_emulator::{Level, LineByte, Rp2040};
 
 const CLOCKS: u32 = 0x4000_8000;
@@ -385,6 +386,54 @@ fn flash_in_place() {
     }
     assert_eq!(cycles[..8], [61, 1, 1, 1, 61, 1, 1, 2]);
     assert_eq!(cycles[8..], [1, 1, 1, 1, 1, 1, 1, 2]);
+}
+
+/// §2.6.3, and the flash chip's datasheet: who fetches an instruction from flash while somebody has it for commands, or while it erases,
+/// gets none; from RAM the program goes on, and once that is over from flash, too.
+#[test]
+fn nothing_is_executed_from_flash_that_is_busy() {
+    const SSI: u32 = 0x1800_0000;
+    const HERE: u32 = 0x1000_0108;
+    let set_up = |bench: &mut Bench, frames: u32| {
+        for (offset, value) in [(0x08, 0), (0x00, frames), (0x08, 1)] {
+            bench.set(SSI + offset, value);
+        }
+    };
+    let command = |bench: &mut Bench, bytes: &[u32]| {
+        bench.set(0x4001_800c, 2 << 8);
+        for byte in bytes {
+            bench.set(SSI + 0x60, *byte);
+            bench.get(SSI + 0x60);
+        }
+        bench.set(0x4001_800c, 0);
+    };
+    // Goes on there for a while: where and on what it faults first.
+    let go_on = |bench: &Bench, address: u32| {
+        let mut chip = bench.chip.clone();
+        chip.cpu_mut().set_register(15, address);
+        (0..20).find_map(|_| {
+            chip.step(&mut ());
+            chip.fault().map(|fault| (fault.pc, fault.cause))
+        })
+    };
+    let ends = Some((HERE, FaultCause::Undefined));
+    // A branch to itself, in flash and in RAM.
+    const STAY: u16 = 0xe7fe;
+    let mut bench = Bench { chip: Rp2040::new(&flash(&[STAY])).expect("it fits"), seen: Seen::default() };
+    bench.chip.ram_mut()[..2].copy_from_slice(&STAY.to_le_bytes());
+    bench.chip.cpu_mut().set_register(15, Rp2040::RAM_ADDRESS);
+    assert_eq!(go_on(&bench, HERE), None);
+    set_up(&mut bench, 7 << 16);
+    assert_eq!(go_on(&bench, HERE), ends, "for commands");
+    command(&mut bench, &[0x06]);
+    command(&mut bench, &[0x20, 0, 0x10, 0]);
+    set_up(&mut bench, 31 << 16 | 3 << 8);
+    assert_eq!(go_on(&bench, HERE), ends, "it erases, another sector");
+    assert_eq!(go_on(&bench, Rp2040::RAM_ADDRESS), None);
+    // 45 ms.
+    let end = bench.now() + bench.chip.clock_hz() * 45 / 1000;
+    bench.chip.run(end, &mut ());
+    assert_eq!(go_on(&bench, HERE), None);
 }
 
 /// §2.1.3: through the bridge a load takes 4 cycles in all, a store 5; through AHB-Lite 2 each, at SIO 1.

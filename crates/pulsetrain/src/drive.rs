@@ -13,7 +13,7 @@ use pulsetrain_board::{
 };
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::Baud;
-use pulsetrain_core::wire::message::{Cause, MotorSetup};
+use pulsetrain_core::wire::message::{Cause, Info, MotorSetup};
 use pulsetrain_motion::boards;
 use pulsetrain_motion::program::{self, CoilSequence, Motor, Program};
 use pulsetrain_plan::Settings;
@@ -265,36 +265,80 @@ const LAST_PIN: u8 = 28;
 /// # Errors
 /// When nobody answers, or the board refuses.
 pub fn connect<P: Port>(port: P, program: &Program, baud: Baud) -> Result<Remote<P>, RemoteError> {
-    connect_as(port, program, baud, session_number())
+    connect_while(port, program, baud, || true)
 }
 
-/// The same with a session's number, which is to be another one than that of the session before it on the same board.
+/// The same; while the board still moves motors for a host before this one, `goes_on` is asked again and again whether to wait for them.
+///
+/// # Errors
+/// As [`connect`], and [`RemoteError::StillMoving`] if it says no. The board is left as it was then, as after any other refusal.
+pub fn connect_while<P: Port>(
+    port: P,
+    program: &Program,
+    baud: Baud,
+    goes_on: impl FnMut() -> bool,
+) -> Result<Remote<P>, RemoteError> {
+    set_up_board(port, program, baud, session_number(), goes_on)
+}
+
+/// The same as [`connect`] with a session's number, which is to be another one than that of the session before it on the same board.
 ///
 /// # Errors
 /// As [`connect`].
 pub fn connect_as<P: Port>(port: P, program: &Program, baud: Baud, number: u32) -> Result<Remote<P>, RemoteError> {
-    let mut remote = Remote::open(port, number)?;
-    let (info, board) = (remote.info(), &program.board);
+    set_up_board(port, program, baud, number, || true)
+}
+
+fn set_up_board<P: Port>(
+    port: P,
+    program: &Program,
+    baud: Baud,
+    number: u32,
+    goes_on: impl FnMut() -> bool,
+) -> Result<Remote<P>, RemoteError> {
+    let remote = Remote::open(port, number)?;
+    if let Err(error) = check_board(remote.info(), program) {
+        remote.close();
+        return Err(error);
+    }
+    let mut remote = at_rate(remote, baud, number)?;
+    match remote.wait_for_rest(goes_on).and_then(|()| remote.configure(&setup(program))) {
+        Ok(()) => Ok(remote),
+        Err(error) => {
+            // A host that just falls silent would have what still moves stopped at once, and the board would not answer until then.
+            remote.close();
+            Err(error)
+        }
+    }
+}
+
+/// Whether it is the board that the program is planned for.
+fn check_board(info: &Info, program: &Program) -> Result<(), RemoteError> {
+    let board = &program.board;
     // The plan's rate is the board's by the host's clock, if that was measured.
     let off_hz = u64::from(info.tick_hz).abs_diff(board.tick_hz) as f64;
     if off_hz > board.tick_hz as f64 * WORST_CLOCK_PPM * 1e-6 || u32::from(info.fraction_bits) != board.fraction_bits {
         let is = name_of(info);
         return Err(RemoteError::OtherBoard { is, wanted_hz: board.tick_hz, wanted_bits: board.fraction_bits });
     }
-    if baud != remote.link().baud() {
-        match remote.set_baud(baud) {
-            // Neither heard the other any more: both begin again at the first rate, and stay there.
-            Err(RemoteError::Link(LinkError::Lost)) => {
-                let mut port = remote.close();
-                port.set_baud(Baud::B115200)?;
-                remote = Remote::open(port, !number)?;
-            }
-            Err(error) => return Err(error),
-            Ok(_) => {}
-        }
+    Ok(())
+}
+
+/// Brings the line to its rate.
+fn at_rate<P: Port>(mut remote: Remote<P>, baud: Baud, number: u32) -> Result<Remote<P>, RemoteError> {
+    if baud == remote.link().baud() {
+        return Ok(remote);
     }
-    remote.configure(&setup(program))?;
-    Ok(remote)
+    match remote.set_baud(baud) {
+        Ok(_) => Ok(remote),
+        // Neither heard the other any more: both begin again at the first rate, and stay there.
+        Err(RemoteError::Link(LinkError::Lost)) => {
+            let mut port = remote.close();
+            port.set_baud(Baud::B115200)?;
+            Remote::open(port, !number)
+        }
+        Err(error) => Err(error),
+    }
 }
 
 /// A number that tells a session from those before it on the same board.

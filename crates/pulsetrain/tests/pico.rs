@@ -2,13 +2,19 @@
 
 use pulsetrain::cli;
 use pulsetrain::console::Exit;
+use pulsetrain::drive::connect_while;
 use pulsetrain_board::virtual_pico::VirtualPico;
-use pulsetrain_board::{Board, Edge, Remote, Setup};
+use pulsetrain_board::{Board, Edge, Port, PortError, Remote, RemoteError, Setup};
+use pulsetrain_core::verbs::Verb;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::MotorSetup;
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
-use pulsetrain_motion::boards;
+use pulsetrain_motion::{boards, file};
+use std::cell::RefCell;
+use std::io::ErrorKind;
 use std::path::PathBuf;
+use std::rc::Rc;
+use std::time::Duration;
 
 fn pulsetrain(args: &[&str]) -> (Exit, String) {
     let (mut out, mut err) = (Vec::new(), Vec::new());
@@ -42,6 +48,74 @@ fn its_firmware_runs_the_tutorial_and_its_own_example() {
         assert_eq!(exit, Exit::Success, "{said}");
     }
 }
+
+/// A virtual Pico that is there for one host after the other, as a real one is.
+#[derive(Clone)]
+struct Shared(Rc<RefCell<VirtualPico>>);
+
+impl Port for Shared {
+    fn now(&self) -> Duration {
+        self.0.borrow().now()
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        self.0.borrow_mut().send(bytes)
+    }
+
+    fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
+        self.0.borrow_mut().receive(until, into)
+    }
+
+    fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
+        self.0.borrow_mut().set_baud(baud)
+    }
+}
+
+/// Who finds motors moving that a host has left behind is asked at once whether to wait, and, refused for whatever reason, leaves them as
+/// they are.
+#[test]
+fn a_refused_host_leaves_what_moves_to_the_next() {
+    let board = Shared(Rc::new(RefCell::new(VirtualPico::on_usb())));
+    let mut host = Remote::open(board.clone(), 1).unwrap();
+    host.configure(&Setup { pulse_ticks: 250, motors: drivers(1), ..Setup::default() }).unwrap();
+    host.tell_motors(&[(0, Verb::Move { steps: 5000 })]).unwrap();
+    host.close();
+    let program = |board: &str| {
+        let text = format!(
+            "{board}\n[motor.wheel]\nsteps_per_rev = 200\ndriver = \"A4988\"\npins = {{ step = 2, dir = 3 }}\nforward = \"high\"\n{SINE}"
+        );
+        file::read(&text, "wheel.toml", &|_| Err(ErrorKind::NotFound.into())).unwrap()
+    };
+    let mut asked = 0;
+    let began = board.now();
+    let refused = connect_while(board.clone(), &program("board = \"pico\""), Baud::B1M, || {
+        asked += 1;
+        asked < 3
+    });
+    assert_eq!((refused.err(), asked), (Some(RemoteError::StillMoving), 3));
+    assert!(board.now() - began < Duration::from_millis(300), "{:?}", board.now() - began);
+    let refused = connect_while(board.clone(), &program("board = \"uno\""), Baud::B1M, || panic!("another board"));
+    assert!(matches!(refused, Err(RemoteError::OtherBoard { .. })));
+    // Longer than a host may be silent.
+    let until = board.now() + Duration::from_secs(3);
+    while board.now() < until {
+        board.clone().receive(until, &mut Vec::new()).unwrap();
+    }
+    let mut next = Remote::open(board.clone(), 2).unwrap();
+    assert!(!next.status().unwrap().is_idle());
+    next.close();
+    // One that waits has it, when all steps were made.
+    let mut asked = 0;
+    let next = connect_while(board.clone(), &program("board = \"pico\""), Baud::B1M, || {
+        asked += 1;
+        true
+    });
+    assert!(next.is_ok() && asked > 10, "{asked}");
+    assert!((4.9..6.0).contains(&(board.now() - began).as_secs_f64()), "{:?}", board.now() - began);
+}
+
+const SINE: &str =
+    "[[motion]]\nmotor = \"wheel\"\nlaw.sine = { amplitude = \"10 step\", period = \"1 s\", cycles = 1 }\n";
 
 /// Motors on ULN2003 boards, four pins each from these on; and more of the file.
 fn on_coils(first: &[[u8; 4]], more: &str) -> String {

@@ -517,9 +517,10 @@ mod real {
     use pulsetrain::serve::Paced;
     use pulsetrain::winch::talk::Talk;
     use pulsetrain_board::native_winch::NativeWinch;
-    use pulsetrain_board::{Link, Port, Serial};
+    use pulsetrain_board::{Link, Port, Remote, Serial, Setup};
+    use pulsetrain_core::verbs::Verb;
     use pulsetrain_core::wire::frame::Received;
-    use pulsetrain_core::wire::message::version_of;
+    use pulsetrain_core::wire::message::{MotorSetup, version_of};
     use pulsetrain_core::wire::{Decoder, VERSION};
     use std::io::{BufRead, BufReader, Read, Write};
     use std::net::TcpStream;
@@ -697,6 +698,42 @@ mod real {
             let said = stop();
             assert_eq!((&said["text"], &said["moved"]), (&false.into(), &false.into()), "{said}");
         }
+        served.interrupt();
+    }
+
+    /// A move of a day that a host has left behind: a run says at once what it waits for, ends its wait when it is told to, and leaves the
+    /// move to whoever stops it.
+    #[test]
+    fn a_run_tells_what_it_waits_for_and_leaves_it() {
+        let folder = folder("serve-busy");
+        let link = folder.join("pico").display().to_string();
+        let (served, _) = Served::new("pico", &["--pty", &link]);
+        let mut host = Remote::open(Serial::open(&link, false).unwrap(), 1).unwrap();
+        let driver = MotorSetup { step_pin: 2, dir_pin: 3, pull_in_ticks: 1_250_000, ..MotorSetup::default() };
+        host.configure(&Setup { pulse_ticks: 250, motors: vec![driver], ..Setup::default() }).unwrap();
+        host.tell_motors(&[(0, Verb::Speed { ticks: 125_000 }), (0, Verb::Move { steps: 86_400_000 })]).unwrap();
+        drop(host.close());
+        let example = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/tutorial.toml");
+        let mut run = Command::new(env!("CARGO_BIN_EXE_pulsetrain"))
+            .args(["run", example, "--board", "pico", "--port", &link, "--out", folder.join("out").to_str().unwrap()])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let (mut said, mut first) = (BufReader::new(run.stderr.take().unwrap()), String::new());
+        said.read_line(&mut first).unwrap();
+        assert!(first.contains("still moves motors") && first.contains(&format!("stop --port {link}")), "{first}");
+        assert!(Command::new("kill").args(["-INT", &run.id().to_string()]).status().unwrap().success());
+        assert_eq!(run.wait().unwrap().code(), Some(Exit::Refused as i32));
+        let mut rest = String::new();
+        said.read_to_string(&mut rest).unwrap();
+        let rest = rest.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(rest.contains("pulsetrain stop --port PORT"), "{rest}");
+        // Nobody has the board, and it moves.
+        let (exit, said) = pulsetrain(&["stop", "--port", &link, "--json"]);
+        assert_eq!(exit, Exit::Success, "{said}");
+        let stopped: serde_json::Value = serde_json::from_str(&said).unwrap();
+        assert_eq!((&stopped["moved"], &stopped["text"]), (&true.into(), &false.into()), "{said}");
         served.interrupt();
     }
 

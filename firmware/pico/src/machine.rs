@@ -696,6 +696,7 @@ impl Machine for Board {
         self.halt(lost);
         // They were its news.
         self.news = [None; NEWS];
+        self.verbs.disown();
     }
 
     fn event(&mut self) -> Option<Event> {

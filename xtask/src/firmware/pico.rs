@@ -1,6 +1,6 @@
 //! The Pico's firmware: from the linker's ELF to the UF2 file that a board takes.
 
-use super::{Done, Failure, command, root, run, target_dir};
+use super::{Done, Failure, alone, command, root, run, target_dir};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::{env, fs};
@@ -140,16 +140,10 @@ fn compiled() -> Done<PathBuf> {
     cargo.env_remove("RUSTUP_TOOLCHAIN").env_remove("CARGO").env("RUSTC_BOOTSTRAP", "1");
     let this = env::current_exe().map_err(|why| Failure::File { path: "xtask".into(), why })?;
     cargo.env("RUSTC_WRAPPER", this).env(AS_RUSTC, "1");
-    run(cargo
+    run(alone(&mut cargo)
         .current_dir(root().join("firmware/pico"))
         .args(["build", "--release", "--locked", "--bins", "--examples", "--target-dir"])
-        .arg(&folder)
-        // Nothing of this build's surroundings may reach that one.
-        .env_remove("RUSTFLAGS")
-        .env_remove("CARGO_ENCODED_RUSTFLAGS")
-        .env_remove("CARGO_TARGET_THUMBV6M_NONE_EABI_RUSTFLAGS")
-        .env_remove("CARGO_BUILD_TARGET")
-        .env_remove("CARGO_BUILD_RUSTFLAGS"))?;
+        .arg(&folder))?;
     Ok(folder.join(target).join("release"))
 }
 

@@ -156,6 +156,11 @@ impl Verbs {
         uncertain
     }
 
+    /// Who told motors what they do is gone: see [`Motor::disown`].
+    pub fn disown(&mut self) {
+        self.motors.iter_mut().for_each(Motor::disown);
+    }
+
     /// All motors were stopped at once, each after the tick that `at` gives for its number: see [`Motor::stop`].
     pub fn stop(&mut self, at: impl Fn(u8) -> u64) {
         for (number, motor) in (0..).zip(self.motors_mut()) {

@@ -98,6 +98,12 @@ pub(crate) enum Task {
     Endless,
 }
 
+impl Task {
+    const fn is_move(self) -> bool {
+        matches!(self, Task::Steps(_))
+    }
+}
+
 /// One motor.
 ///
 /// ```
@@ -128,6 +134,8 @@ pub struct Motor {
     done: u32,
     /// Of `dones`, from the first on, these were not told yet.
     untold: u8,
+    /// Of the moves that are not told, wait or are under way, the oldest so many are [nobody's](Motor::disown).
+    disowned: u8,
     /// The last moves that were done, the newest first.
     dones: [Done; MOST_UNTOLD as usize],
 }
@@ -158,6 +166,7 @@ impl Motor {
             position,
             done: 0,
             untold: 0,
+            disowned: 0,
             dones: [Done { at: 0, number: 0 }; MOST_UNTOLD as usize],
         }
     }
@@ -165,7 +174,8 @@ impl Motor {
     /// A [`new`](Motor::new) one in this one's place: moves count from 0, and those that were done and not told yet are still told first.
     #[must_use]
     pub const fn anew(&self, limits: Limits, position: i32, open: u64) -> Motor {
-        Motor { untold: self.untold, dones: self.dones, ..Motor::new(limits, position, open) }
+        let Motor { untold, disowned, dones, .. } = *self;
+        Motor { untold, disowned, dones, ..Motor::new(limits, position, open) }
     }
 
     /// Does what a verb says from tick `at` on: not before what was [worked out](Motor::work_out).
@@ -181,15 +191,14 @@ impl Motor {
             }
             Verb::Speed { .. } => return Err(Refused::Period { shortest: self.limits.shortest }),
             Verb::Course(course) => self.course = course,
-            Verb::Halt => (self.task, self.waiting) = (Task::Rest, Task::Rest),
+            Verb::Halt => self.forget(),
         }
         self.open = self.open.max(at);
         Ok(())
     }
 
     fn begin(&mut self, task: Task) -> Result<(), Refused> {
-        let is_move = |task| matches!(task, Task::Steps(_));
-        if is_move(task) && u32::from(self.untold) + u32::from(is_move(self.task)) >= MOST_UNTOLD {
+        if task.is_move() && u32::from(self.untold) + u32::from(self.task.is_move()) >= MOST_UNTOLD {
             return Err(Refused::Busy);
         }
         match (self.task, self.waiting) {
@@ -210,21 +219,40 @@ impl Motor {
             Task::Endless => false,
         };
         if !ends(self.task) {
-            (self.task, self.waiting) = (Task::Rest, Task::Rest);
+            self.forget();
         } else if !ends(self.waiting) {
             self.waiting = Task::Rest;
+            self.disowned = self.disowned.min(self.moves());
         }
+    }
+
+    /// Who told it what it does is gone, and who comes next has not told it: moves so far are never [told](Motor::take_done) as done. They
+    /// count all the same.
+    pub const fn disown(&mut self) {
+        self.disowned = self.moves();
+    }
+
+    /// Moves that are under way, wait, or were not told.
+    const fn moves(&self) -> u8 {
+        self.untold + self.task.is_move() as u8 + self.waiting.is_move() as u8
+    }
+
+    /// It has nothing to do any more.
+    fn forget(&mut self) {
+        (self.task, self.waiting) = (Task::Rest, Task::Rest);
+        // Those that are left are the oldest.
+        self.disowned = self.disowned.min(self.moves());
     }
 
     /// It was stopped at once, and no step was begun after tick `at`: it has nothing to do, and no move was done later. What comes of it
     /// is not worked out: [`position`](Motor::position) is no more where it stands.
     pub fn stop(&mut self, at: u64) {
-        (self.task, self.waiting) = (Task::Rest, Task::Rest);
         while self.untold > 0 && self.dones[0].at > at {
             self.dones.rotate_left(1);
             self.untold -= 1;
             self.done = self.done.wrapping_sub(1);
         }
+        self.forget();
     }
 
     /// Works out what it does up to tick `until` (not included; less than 2^32 after the last call's), and hands it over as items
@@ -305,11 +333,17 @@ impl Motor {
         self.dones[0] = Done { at, number: self.done };
     }
 
-    /// The oldest move that was done by tick `now` and was not told yet: when, and how many are done with it, wrapping.
+    /// The oldest move that was done by tick `now` and was not told yet, nor is [nobody's](Motor::disown): when, and how many are done with
+    /// it, wrapping.
     pub fn take_done(&mut self, now: u64) -> Option<(u64, u32)> {
-        let Done { at, number } = self.oldest().filter(|done| done.at <= now)?;
-        self.untold -= 1;
-        Some((at, number))
+        loop {
+            let Done { at, number } = self.oldest().filter(|done| done.at <= now)?;
+            self.untold -= 1;
+            if self.disowned == 0 {
+                return Some((at, number));
+            }
+            self.disowned -= 1;
+        }
     }
 
     /// When the oldest move that was worked out, and not told yet, is done.

@@ -118,9 +118,11 @@ pub(super) struct Fabric {
 
 impl Fabric {
     pub(super) fn new(image: &[u8], flash_bytes: usize) -> Fabric {
+        let (mut xip, clocks) = (Xip::new(image, flash_bytes), Clocks::new());
+        xip.flash.set_clock(clocks.sys_hz());
         Fabric {
             sram: vec![0; SRAM_BYTES],
-            xip: Xip::new(image, flash_bytes),
+            xip,
             ssi: Ssi::new(),
             revision: 2,
             pio: [Pio::new(), Pio::new()],
@@ -130,7 +132,7 @@ impl Fabric {
             watchdog: Watchdog::new(),
             uart: [Uart::new(0), Uart::new(1)],
             usb: Usb::new(),
-            clocks: Clocks::new(),
+            clocks,
             resets: reset::ALL,
             reset_dma: false,
             requests: 0,
@@ -383,10 +385,11 @@ impl Fabric {
             // The boot ROM is not there: it reads as zeros.
             0x00 if address < 0x4000 => 0,
             0x10..=0x13 => {
-                self.xip.flash.settle(cycle);
-                // Who has it for commands, or busy, reads what nobody drives; a line in the cache is not told apart from that.
-                let is_there = self.ssi.reads_in_place() && !self.xip.flash.is_busy();
-                if is_there { self.xip.word(address) } else { u32::MAX }
+                if self.flash_is_there(cycle) {
+                    self.xip.word(address)
+                } else {
+                    u32::MAX
+                }
             }
             0x14 => self.xip.read(address & 0xfc),
             0x18 => self.ssi.read(address & 0xfc),
@@ -394,6 +397,14 @@ impl Fabric {
             _ => return Err(BusFault { address }),
         };
         Ok(lane(word, address, size))
+    }
+
+    /// Whether what is read in place is what the flash holds. Who has it for commands, or busy, reads ones, which nobody drives; a line in the
+    /// cache is not told apart from that.
+    #[inline]
+    pub(super) fn flash_is_there(&mut self, cycle: u64) -> bool {
+        self.xip.flash.settle(cycle);
+        self.ssi.reads_in_place() && !self.xip.flash.is_busy()
     }
 
     fn read_register(&mut self, address: u32, cycle: u64) -> Result<u32, BusFault> {

@@ -35,12 +35,14 @@ pub(super) struct Ssi {
     received: VecDeque<u8>,
     /// Chip select is held low by its pin's override.
     selected: bool,
+    /// It is set up for reading in place.
+    reads_in_place: bool,
 }
 
 impl Ssi {
     pub(super) fn new() -> Ssi {
         let registers = BTreeMap::from([(at::CTRLR0, FOR_READING), (at::SSIENR, 1)]);
-        Ssi { registers, received: VecDeque::new(), selected: false }
+        Ssi { registers, received: VecDeque::new(), selected: false, reads_in_place: true }
     }
 
     /// As after boot; the flash chip is what it was.
@@ -49,9 +51,10 @@ impl Ssi {
         flash.deselect(cycle);
     }
 
-    /// Whether it is set up for reading in place.
-    pub(super) fn reads_in_place(&self) -> bool {
-        self.is_enabled() && self.register(at::CTRLR0) & BYTES_MASK != BYTES
+    /// Whether it is set up for reading in place. Asked for with each instruction from there.
+    #[inline]
+    pub(super) const fn reads_in_place(&self) -> bool {
+        self.reads_in_place
     }
 
     fn register(&self, offset: u32) -> u32 {
@@ -96,6 +99,7 @@ impl Ssi {
                 self.registers.insert(offset, value);
             }
         }
+        self.reads_in_place = self.is_enabled() && self.register(at::CTRLR0) & BYTES_MASK != BYTES;
     }
 
     fn exchange(&mut self, value: u32, flash: &mut Flash, cycle: u64) {

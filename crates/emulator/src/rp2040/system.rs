@@ -244,7 +244,7 @@ impl System {
 
     /// The half-word of an instruction, and the cycles waited for it.
     #[inline]
-    pub(super) fn fetch(&mut self, address: u32) -> Result<(u16, u32), BusFault> {
+    pub(super) fn fetch(&mut self, address: u32, cycle: u64) -> Result<(u16, u32), BusFault> {
         let offset = address.wrapping_sub(Rp2040::RAM_ADDRESS) as usize;
         if let Some(&[low, high]) = self.fabric.sram.get(offset..offset + 2) {
             return Ok((u16::from_le_bytes([low, high]), 0));
@@ -252,7 +252,9 @@ impl System {
         match address >> 24 {
             0x10..=0x13 => {
                 let waits = self.fabric.xip.waits(address);
-                Ok((self.fabric.xip.half(address), waits))
+                // Ones are no instruction: the program faults where it left the RAM too soon.
+                let is_there = self.fabric.flash_is_there(cycle + u64::from(waits));
+                Ok((if is_there { self.fabric.xip.half(address) } else { u16::MAX }, waits))
             }
             _ => Err(BusFault { address }),
         }
@@ -290,8 +292,8 @@ impl<O: Observer> Bus for CoreBus<'_, O> {
     }
 
     #[inline]
-    fn fetch(&mut self, address: u32, _cycle: u64) -> Result<u16, BusFault> {
-        let (half, waits) = self.system.fetch(address)?;
+    fn fetch(&mut self, address: u32, cycle: u64) -> Result<u16, BusFault> {
+        let (half, waits) = self.system.fetch(address, cycle)?;
         self.waits = waits;
         Ok(half)
     }

@@ -12,7 +12,7 @@ use serde::Serialize;
 use super::{drive_problem, plan, port_problem};
 use crate::cli::Run;
 use crate::console::{self, Console, Exit, access};
-use crate::drive::{Driven, Ended, Wish};
+use crate::drive::{Driven, Ended, Wish, connect_while};
 use crate::human::{self, Table};
 use crate::interrupt;
 use crate::prepare::{Planned, Prepared};
@@ -71,7 +71,15 @@ pub(crate) fn run(
     }
     interrupt::watch();
     let port = Serial::open(name, false).map_err(port_problem)?;
-    let mut driven = Driven::at(prepared, port, args.baud).map_err(drive_problem)?;
+    let mut waits = false;
+    let goes_on = || {
+        if !std::mem::replace(&mut waits, true) {
+            tell_of_wait(console, name);
+        }
+        !interrupt::wanted()
+    };
+    let mut driven =
+        Driven::with(prepared, |program| connect_while(port, program, args.baud, goes_on)).map_err(drive_problem)?;
     let firmware = human::version(driven.board_mut().info().firmware);
     let names: Vec<String> = program.motors.iter().map(|motor| motor.name.clone()).collect();
     let path = folder.join("steps.csv");
@@ -125,6 +133,16 @@ pub(crate) fn run(
     }
     let kept = report.says.compares_missed == 0 && report.says.starved == 0;
     Ok(if kept { Exit::Success } else { Exit::BoundBroken })
+}
+
+/// The run does not begin yet, for a reason that nobody sees.
+fn tell_of_wait(console: &mut Console<'_>, port: &str) {
+    // Where errors cannot be written nobody reads them.
+    drop(writeln!(
+        console.err,
+        "The board still moves motors for a host before this one: the run waits for them, half a minute at most. Ctrl-C ends the wait; \
+         then `pulsetrain stop --port {port}` stops them at once."
+    ));
 }
 
 fn print(report: &PortReport, planned: &[Planned], console: &mut Console<'_>) -> miette::Result<()> {
