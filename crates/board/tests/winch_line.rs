@@ -150,6 +150,27 @@ fn lines_before_a_zero_are_obeyed_once() {
     }
 }
 
+#[test]
+fn behind_a_zero_nothing_is_said_until_a_command() {
+    for begun in ["", "d x 10", "g x"] {
+        let mut uno = Uno::new();
+        uno.send("srate 50\n");
+        uno.run_ms(20);
+        // As noise would have it, in the middle of a line; what is behind it is no command.
+        uno.send(format!("{begun}\0 00\nd y\n"));
+        uno.run_ms(20);
+        let had = uno.lines.len();
+        uno.run_ms(500);
+        assert_eq!(uno.lines.len(), had, "{begun:?}: {:?}", uno.lines);
+        assert!(!uno.lines.iter().any(|line| line.text.starts_with("err")), "{begun:?}: {:?}", uno.lines);
+        assert_eq!(uno.ask("ping", 20), ["awake"], "{begun:?}");
+        uno.run_ms(100);
+        assert_eq!(uno.statuses().last().expect("it tells").positions, [0; 4], "{begun:?}");
+        assert!(uno.lines.len() > had + 1, "{begun:?}: statuses go on");
+        assert_eq!(uno.ask("d y", 20), ["err missing 3"], "{begun:?}");
+    }
+}
+
 /// A board that frames have had for 150 ms, without a word.
 fn taken() -> Uno {
     let uno = Uno::new();
