@@ -59,6 +59,10 @@ fn it_answers() {
     check("a x 99999999999", &["err range 3"]);
     check("a 5", &["err flags 2"]);
     check("v 100", &["err flags 2"]);
+    check("a x", &["err missing 3"]);
+    check("enable", &["err missing 2"]);
+    check("g x 1", &["err missing 4"]);
+    check("l x 100", &["err missing 4"]);
     check("g x 30 1", &["err range 3 0.01..20 Hz"]);
     check("a x 1*00", &["err checksum 3"]);
     check("srate 0", &["dbg invalid srate value"]);

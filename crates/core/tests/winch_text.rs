@@ -284,6 +284,10 @@ fn what_would_do_harm() {
         refuse(line, What::Flags, 2);
     }
     refuse("l xyza", What::Missing, 3);
+    // One pair is for all axes: of half a one the original does nothing either.
+    for line in ["l x 100", "l xyza 100", "g xyza 1"] {
+        refuse(line, What::Missing, 4);
+    }
 }
 
 #[test]

@@ -34,7 +34,8 @@ pub(crate) struct Board {
     news: [News; 2],
     /// Faults that were told, bit by motor.
     told: u8,
-    was_idle: bool,
+    /// Something was to be done when that was looked at last.
+    was_busy: bool,
     /// When the round being made began, or the last rest ended, modulo 2^16.
     woken: u16,
     last_stop: Cause,
@@ -102,7 +103,7 @@ impl Board {
             baud: Some((Baud::B115200, false)),
             news: [News::NONE; 2],
             told: 0,
-            was_idle: false,
+            was_busy: false,
             woken: 0,
             last_stop: Cause::None,
             last_reset: Cause::None,
@@ -139,7 +140,7 @@ impl Board {
     /// Waits until an interrupt comes, unless bytes wait already.
     #[inline(always)]
     pub(crate) fn rest(&mut self, receiver: &Receiver) {
-        let idle = if self.armed && !self.was_idle {
+        let idle = if self.was_busy {
             receiver.watch()
         } else {
             let before = low_half(clock::moment().0);
@@ -205,14 +206,13 @@ impl Board {
         } else {
             stepper.rest(moment);
         }
-        if self.armed {
-            let idle = self.is_idle();
-            self.power.look(now, idle);
-            if idle && !self.was_idle {
-                self.tell(Cause::Finished, ALL_MOTORS, 0);
-            }
-            self.was_idle = idle;
+        // Motors that were stopped are released after a while, too.
+        let idle = self.rests();
+        self.power.look(now, idle);
+        if idle && self.was_busy {
+            self.tell(Cause::Finished, ALL_MOTORS, 0);
         }
+        self.was_busy = !idle;
     }
 
     /// Tells each motor's faults, once.
@@ -256,8 +256,8 @@ impl Board {
     #[inline(never)]
     fn stop(&mut self, cause: Cause, motor: u8, detail: u32) -> Stopped {
         let uncertain = task::lock().stop(&self.pull_in);
-        let tick = clock::now();
-        verbs::stop(Moment::of(tick), cause == Cause::Starved);
+        verbs::stop(cause == Cause::Starved);
+        self.was_busy = false;
         if self.armed {
             self.armed = false;
             if cause != Cause::None {
@@ -267,7 +267,7 @@ impl Board {
                 self.tell(cause, motor, detail);
             }
         }
-        Stopped { tick, uncertain }
+        Stopped { tick: extended(task::lock().halted()), uncertain }
     }
 
     /// Takes on a configuration that is possible.
@@ -297,7 +297,14 @@ impl Board {
 
     #[inline(never)]
     fn is_idle(&self) -> bool {
-        task::lock().is_idle() && verbs::rest()
+        // Verbs first: they note what is past.
+        verbs::rest() && task::lock().is_idle()
+    }
+
+    /// Whether no motor moves.
+    #[inline(never)]
+    pub(crate) fn rests(&self) -> bool {
+        !self.armed || self.is_idle()
     }
 }
 
@@ -308,12 +315,6 @@ impl Board {
     #[inline(always)]
     pub(crate) fn is_armed(&self) -> bool {
         self.armed
-    }
-
-    /// Whether no motor moves.
-    #[inline(never)]
-    pub(crate) fn rests(&self) -> bool {
-        !self.armed || self.is_idle()
     }
 
     /// Takes on the winch's configuration. No motor moves.
@@ -360,6 +361,14 @@ pub(crate) fn extended(moment: Moment) -> u64 {
     now.wrapping_add_signed(i64::from(ahead))
 }
 
+/// A moment of the past in 64 bits, if it was less than 2^32 ticks ago.
+// Its stack is not its caller's.
+#[inline(never)]
+fn past(moment: Moment) -> u64 {
+    let now = clock::now();
+    now - u64::from(Moment::of(now).since(moment))
+}
+
 impl Machine for Board {
     // There is no room for both.
     const STORES: bool = !verbs::OBEYS;
@@ -403,7 +412,7 @@ impl Machine for Board {
 
     #[inline(never)]
     fn configure(&mut self, configuration: &Configuration<'_>) -> Result<(), Refusal> {
-        if self.armed && !self.is_idle() {
+        if !self.rests() {
             return Err(Refusal::of(Reason::Moving));
         }
         let Configuration { pulse_ticks, setup_ticks, hold_ticks, .. } = *configuration;
@@ -427,7 +436,6 @@ impl Machine for Board {
             self.power.set(true);
             self.armed = true;
             self.last_stop = Cause::None;
-            self.was_idle = true;
             self.told = 0;
             task::lock().start(clock::moment());
         }
@@ -436,7 +444,7 @@ impl Machine for Board {
 
     #[inline(never)]
     fn release(&mut self) -> Result<(), Refusal> {
-        if self.armed && !self.is_idle() {
+        if !self.rests() {
             return Err(Refusal::of(Reason::Moving));
         }
         self.stop(Cause::None, ALL_MOTORS, 0);
@@ -597,7 +605,7 @@ impl Machine for Board {
     }
 
     fn host_gone(&mut self, lost: bool) {
-        if lost && self.armed && !self.is_idle() {
+        if lost && !self.rests() {
             self.last_stop = Cause::HostLost;
         }
         if verbs::is_on() {
@@ -613,7 +621,7 @@ impl Machine for Board {
     fn event(&mut self) -> Option<Event> {
         // What was done comes before that all was.
         if let Some((motor, at, detail)) = verbs::take_done() {
-            return Some(Event { cause: Cause::MoveDone, motor, tick: extended(at), detail });
+            return Some(Event { cause: Cause::MoveDone, motor, tick: past(at), detail });
         }
         let [News { cause, motor, at, detail }, second] = self.news;
         if cause == Cause::None {

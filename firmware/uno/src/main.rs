@@ -129,14 +129,14 @@ fn run(board: &mut Board, service: &mut Service, winch: &mut Winch, receiver: &m
         board.count_round(now);
         let now = millis(now);
         let next = now != last;
-        // Now and then is enough, and a motor may need the time; text is said as soon as there is some.
-        let looks = now.0 & 3 == 0;
+        // Once in four is enough, and a motor may need the time; text is said as soon as there is some. Not just when four divides it:
+        // rounds may be longer than one.
+        let looks = (now.0 ^ last.0) & !3 != 0;
         let heard = listen(board, service, winch, receiver, now);
         due |= heard;
         if reply.sent < reply.len {
             reply.go_on();
-        } else if (due || (next && looks) || ((next || reply.len != 0) && !service.is_taken())) && board.baud.is_none()
-        {
+        } else if (due || looks || ((next || reply.len != 0) && !service.is_taken())) && board.baud.is_none() {
             speak(board, service, winch, receiver, reply, now);
             due = false;
         }

@@ -33,7 +33,7 @@ pub(crate) fn obey(orders: &Orders<'_>) -> Result<(), Refusal> {
 pub(crate) fn encode_obeyed(_: &mut Encoder<'_>) {}
 
 #[inline(always)]
-pub(crate) fn stop(_: Moment, _: bool) {}
+pub(crate) fn stop(_: bool) {}
 
 #[inline(always)]
 pub(crate) fn forget() {}

@@ -101,7 +101,7 @@ fn state() -> u8 {
 }
 
 fn set_state(state: u8) {
-    // SAFETY: as above; the task is out.
+    // SAFETY: as above. The task looks for `ON` alone, which is set and unset while it is out.
     unsafe { (&raw mut STATE).write_volatile(state) }
 }
 
@@ -157,23 +157,23 @@ pub(crate) fn begin(orders: &Orders<'_>) -> Result<(), Refusal> {
 }
 
 /// Has motors do what is ordered. Waits until that can be: it can, unless in what is settled one move ends, the next one begins, and
-/// the motor has not come to that; some milliseconds at most.
+/// the motor has not come to that; as long as what is settled lasts, at most.
 ///
 /// # Errors
-/// As [`Verbs::obey`].
+/// As [`Verbs::obey`]; [`Reason::Busy`]: that motor did not come to it.
 #[inline(never)]
 pub(crate) fn obey(orders: &Orders<'_>) -> Result<(), Refusal> {
     let end = clock::moment().after(u32::from(my_limits().foresee));
     loop {
         let stepper = task::lock();
         let Some(place) = place(&stepper) else { return Err(Refusal::of(Reason::NotArmed)) };
-        if place.verbs.can_obey() {
+        let Some(motor) = place.verbs.busy() else {
             place.verbs.obey(orders)?;
             place.used_up = 0;
             return Ok(());
-        }
+        };
         if end.is_before(clock::moment()) {
-            return Err(Refusal::of(Reason::Busy));
+            return Err(Refusal { reason: Reason::Busy, detail: u16::from(motor) });
         }
     }
 }
@@ -187,13 +187,13 @@ pub(crate) fn encode_obeyed(frame: &mut Encoder<'_>) {
     }
 }
 
-/// Motors were stopped at once, after tick `tick`; `dry`: not even what was due before was all made.
+/// Motors were stopped at once, so that what was due a shortest period before [`Stepper::halted`] was made. `dry`: not even that.
 #[inline(never)]
-pub(crate) fn stop(tick: Moment, dry: bool) {
+pub(crate) fn stop(dry: bool) {
     if is_on() {
         let guard = task::lock();
         if let Some(place) = place(&guard) {
-            place.verbs.stop((!dry).then_some(tick));
+            place.verbs.stop((!dry).then_some(guard.halted()));
         }
         set_state(STOPPED);
     }

@@ -59,13 +59,15 @@ struct Motor {
     told: Told,
     /// The same before the order that is being done: on the stack of a small board there is no room.
     before: Told,
-    /// The last step, and which way it went; as long as anything may follow from it.
+    /// The last step, and which way it went; that as long as anything may follow from it.
     last: Moment,
-    facing: Direction,
-    follows: bool,
+    facing: Option<Direction>,
     position: i32,
     done: u32,
     untold: u8,
+    /// So many of those, the oldest, are known to be past: moments tell it for 2^31 ticks alone.
+    past: u8,
+    /// The newest first.
     dones: [Done; MOST_UNTOLD],
     /// Steps that were taken for an order's sake, and are next.
     next: Option<Steps>,
@@ -125,14 +127,14 @@ impl Motor {
     #[inline(never)]
     fn rested(&self) -> Moment {
         let Told { open, period, .. } = self.told;
-        if self.follows { later(open, self.last.after(period)) } else { open }
+        if self.facing.is_some() { later(open, self.last.after(period)) } else { open }
     }
 
     /// When the next step is due, unless the motor stands.
     fn due(&self, turn: u16) -> Option<Moment> {
         let rested = self.rested();
         let direction = self.told.course.direction()?;
-        let turns = self.follows && self.facing != direction;
+        let turns = self.facing.is_some_and(|facing| facing != direction);
         Some(if turns { later(rested, self.last.after(u32::from(turn))) } else { rested })
     }
 
@@ -148,14 +150,21 @@ impl Motor {
                     if !at.is_before(until) {
                         return None;
                     }
-                    self.told.task = Task::Rest;
-                    self.done = self.done.wrapping_add(1);
-                    self.untold += 1;
-                    self.dones = [Done { at, number: self.done }, self.dones[0]];
+                    self.end(at);
                 }
                 Task::Steps(_) | Task::Endless => return self.due(turn).filter(|due| due.is_before(until)),
             }
         }
+    }
+
+    /// Notes that a move is done.
+    // Apart, since who calls this has little stack.
+    #[inline(never)]
+    fn end(&mut self, at: Moment) {
+        self.told.task = Task::Rest;
+        self.done = self.done.wrapping_add(1);
+        self.untold += 1;
+        self.dones = [Done { at, number: self.done }, self.dones[0]];
     }
 
     #[inline(never)]
@@ -171,6 +180,8 @@ impl Motor {
         let direction = self.told.course.direction()?;
         let period = self.told.period;
         let most = match self.told.task {
+            // What comes behind it may not be seen in 16 bits.
+            _ if period > u32::from(u16::MAX) => 1,
             Task::Steps(left) => saturated(left),
             _ => u16::MAX,
         };
@@ -185,7 +196,7 @@ impl Motor {
             *left -= u32::from(count);
         }
         let last = first.after(u32::from(span - rest));
-        (self.last, self.facing, self.follows, self.told.open) = (last, direction, true, last);
+        (self.last, self.facing, self.told.open) = (last, Some(direction), last);
         let moved = i32::from(count);
         let moved = if direction == Direction::Forward { moved } else { -moved };
         self.position = self.position.wrapping_add(moved);
@@ -195,15 +206,25 @@ impl Motor {
     /// What is long past must not come back as the future: whatever the period, it is over, and the motor might as well begin at `until`.
     fn forget(&mut self, until: Moment) {
         if until.since(self.last) >= LONGEST_PERIOD {
-            self.follows = false;
+            self.facing = None;
         }
-        if !self.follows {
+        if self.facing.is_none() {
             self.told.open = until;
         }
     }
 
-    fn is_at_rest(&self) -> bool {
-        self.told.task == Task::Rest && self.told.waiting == Task::Rest
+    /// How many moves were done by `now` and are not told.
+    #[inline(never)]
+    fn past(&mut self, now: Moment) -> u8 {
+        let oldest = |motor: &Motor| motor.dones.get(usize::from(motor.untold.checked_sub(motor.past + 1)?)).copied();
+        while oldest(self).is_some_and(|done| !now.is_before(done.at)) {
+            self.past += 1;
+        }
+        self.past
+    }
+
+    fn rests_at(&mut self, now: Moment) -> bool {
+        self.past(now) == self.untold && self.told.task == Task::Rest && self.told.waiting == Task::Rest
     }
 
     fn next_step(&self, turn: u16) -> Option<Moment> {
@@ -250,11 +271,11 @@ impl Verbs {
             told,
             before: told,
             last: open,
-            facing: Direction::Forward,
-            follows: false,
+            facing: None,
             position: 0,
             done: 0,
             untold: 0,
+            past: 0,
             dones: [Done { at: open, number: 0 }; MOST_UNTOLD],
             next: None,
         };
@@ -280,7 +301,7 @@ impl Verbs {
         let open = known;
         for (motor, position) in self.motors.iter_mut().zip(positions) {
             motor.told = Told { period, course: Course::Forward, task: Task::Rest, waiting: Task::Rest, open };
-            (motor.follows, motor.position, motor.done, motor.next) = (false, position, 0, None);
+            (motor.facing, motor.position, motor.done, motor.next) = (None, position, 0, None);
             self.count += 1;
         }
     }
@@ -307,19 +328,19 @@ impl Verbs {
         self.motors.get_mut(usize::from(motor))?.take(until, turn)
     }
 
-    /// Whether an order can hold from [`known`](Verbs::known) on: no motor has more to take before it than its next steps, which are
-    /// put by.
-    pub fn can_obey(&mut self) -> bool {
+    /// The first motor that keeps an order from holding from [`known`](Verbs::known) on: it has more to take before it than its next
+    /// steps, which are put by.
+    pub fn busy(&mut self) -> Option<u8> {
         let (until, turn) = (self.known, self.turn);
-        self.motors().iter_mut().all(|motor| {
+        (0..).zip(self.motors()).find_map(|(number, motor)| {
             if motor.next.is_none() {
                 motor.next = motor.take(until, turn);
             }
-            motor.due_before(until, turn).is_none()
+            motor.due_before(until, turn).map(|_| number)
         })
     }
 
-    /// Does all of what is ordered, from [`known`](Verbs::known) on, or none of it. It [can](Verbs::can_obey).
+    /// Does all of what is ordered, from [`known`](Verbs::known) on, or none of it. No motor is [busy](Verbs::busy).
     ///
     /// # Errors
     /// As [`crate::verbs::Verbs::obey`].
@@ -356,26 +377,24 @@ impl Verbs {
         (*at, motors.get(..usize::from(self.count)).unwrap_or_default())
     }
 
-    /// A move that was done by `now` and was not told yet: the motor, when, and how many of its moves are done with it, wrapping. To be
-    /// told within 2^31 ticks.
+    /// A move that was done by `now` and was not told yet: the motor, when, and how many of its moves are done with it, wrapping.
+    /// However long that may be past, if this or [`rest_at`](Verbs::rest_at) was asked within 2^31 ticks, or motors were stopped.
     pub fn take_done(&mut self, now: Moment) -> Option<(u8, Moment, u32)> {
         let (known, turn) = (self.known, self.turn);
         (0..).zip(&mut self.motors).find_map(|(number, motor)| {
             // What it did last may be over, and nobody have asked for more since.
             motor.due_before(known, turn);
-            let Done { at, number: of_motor } = *motor.dones.get(usize::from(motor.untold.checked_sub(1)?))?;
-            if now.is_before(at) {
-                return None;
-            }
+            motor.past = motor.past(now).checked_sub(1)?;
             motor.untold -= 1;
+            let Done { at, number: of_motor } = *motor.dones.get(usize::from(motor.untold))?;
             Some((number, at, of_motor))
         })
     }
 
     /// See [`crate::verbs::Verbs::rest_at`].
     pub fn rest_at(&mut self, now: Moment) -> bool {
-        let rests = |motor: &Motor| motor.is_at_rest() && (motor.untold == 0 || !now.is_before(motor.dones[0].at));
-        self.motors().iter().all(rests)
+        // All of them are asked, whatever the first one says: what is past is noted.
+        self.motors().iter_mut().fold(true, |rest, motor| rest & motor.rests_at(now))
     }
 
     /// Nobody is there to say more: see [`crate::verbs::Motor::forsake`].
@@ -393,11 +412,13 @@ impl Verbs {
             motor.due_before(known, turn);
             motor.halt();
             motor.next = None;
-            while motor.untold > 0 && at.is_none_or(|at| at.is_before(motor.dones[0].at)) {
+            let kept = at.map_or(0, |_| motor.past);
+            while motor.untold > kept && at.is_none_or(|at| at.is_before(motor.dones[0].at)) {
                 motor.dones[0] = motor.dones[1];
                 motor.untold -= 1;
                 motor.done = motor.done.wrapping_sub(1);
             }
+            motor.past = motor.untold;
         }
     }
 }

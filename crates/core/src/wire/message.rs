@@ -435,7 +435,7 @@ pub const NO_PIN: u8 = 0xff;
 /// | 6–7 | hold: DIR stays so long after the step's end, ticks |
 /// | 8 | enable pin of all drivers; 255: none |
 /// | 9 | bit 0: enable is active high; bit 1: release the motors after `idle`; others 0 |
-/// | 10–11 | idle: the motors are released after so long a rest, ms |
+/// | 10–11 | idle: the motors are released after so long a rest, ms; also when they were stopped, or their host was lost |
 /// | 12–13 | silence: the host is lost after so long without a valid frame, ms; 0: 2000 |
 /// | 14 | motors, at most 8 |
 /// | 15… | eight bytes each: see [`MotorSetup`] |

@@ -285,6 +285,8 @@ pub(crate) struct Stepper {
     /// GPIOR0: see [`flags`].
     flags: u8,
     trouble: Option<Trouble>,
+    /// When motors were stopped last. Not on the stack, which is short just then.
+    halted: Moment,
     /// How far ahead the rings were filled, ticks, at least.
     least_ahead: u16,
 }
@@ -303,6 +305,7 @@ impl Stepper {
             flags: 0,
             // `start` forgets it; it is zeros.
             trouble: Some(Trouble::Late { ticks: 0 }),
+            halted: Moment(0),
             least_ahead: 0,
         }
     }
@@ -503,7 +506,7 @@ impl Stepper {
 
     /// The immediate stop: plays no group more, and forgets all that was to come. A pulse that was begun still ends.
     ///
-    /// Gives, bit by motor, whether it was going faster than `pull_in`.
+    /// Gives, bit by motor, whether it was going faster than `pull_in`; [`Stepper::halted`] when that was.
     #[inline(never)]
     pub(crate) fn stop(&mut self, pull_in: &[u32; MAX_MOTORS]) -> u8 {
         let mut uncertain = 0;
@@ -512,6 +515,8 @@ impl Stepper {
         for track in self.tracks_mut() {
             regs::free(|| track.ring.halt());
         }
+        // Here, and not when all is counted: what was due since then was not made.
+        self.halted = clock::moment();
         for (index, slowest) in (0..self.count).zip(pull_in) {
             let left = self.unplayed(index, self.tail_of(index));
             let Some(motor) = self.motor_mut(index) else { break };
@@ -533,6 +538,12 @@ impl Stepper {
             merge.clear(0);
         }
         uncertain
+    }
+
+    /// When motors were [stopped](Stepper::stop) last: nothing that was due since then was made.
+    #[inline(always)]
+    pub(crate) fn halted(&self) -> Moment {
+        self.halted
     }
 
     /// Notes that time goes on while nothing plays.
