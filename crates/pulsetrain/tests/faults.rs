@@ -51,7 +51,8 @@ fn every_fault_is_met_as_docs_faults_md_says() {
 
 fn rows<P: Chip + Wired>(fresh: P, seed: u64) -> Vec<Row> {
     let bench = Bench::new(fresh.clone());
-    let mut rows = bytes(&bench, seed);
+    let short = Bench::short(fresh.clone());
+    let mut rows = bytes(&short, &bench, seed);
     rows.extend(lines(&bench, seed));
     rows.extend(hosts(&bench, seed));
     rows.extend(boards(&bench, seed));
@@ -76,18 +77,19 @@ const fn ms(ms: u64) -> Duration {
     Duration::from_millis(ms)
 }
 
-/// Of each byte, on each way.
-fn bytes<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
+/// Of each byte, on each way: of a short session, in which each meets one of the mishaps in a usual run, and of a long one.
+fn bytes<P: Chip>(short: &Bench<P>, long: &Bench<P>, seed: u64) -> Vec<Row> {
     const FEW: u64 = 4;
+    const MISHAPS: [&str; 4] = ["lost", "with a bit changed", "doubled", "swapped with the next"];
     let mut rows = Vec::new();
     for (way, name) in [(Way::ToBoard, "to the board"), (Way::ToHost, "to the host")] {
-        let places = bench.line.gone(way);
-        for what in ["lost", "with a bit changed", "doubled", "swapped with the next"] {
-            // How many there are depends on the firmware's timing.
+        for (turn, what) in (0..).zip(MISHAPS) {
             let fault = format!("a byte {name} {what}");
-            let tried = some(&fault, places, FEW, seed);
-            let mut row = Row::new(fault, P::NAME, "each byte of a session", Moved::AsPlanned);
-            for at in tried {
+            // How many there are depends on the firmware's timing.
+            let mut row = Row::new(fault.as_str(), P::NAME, "each byte of two sessions", Moved::AsPlanned);
+            let (all, places) = (short.line.gone(way), long.line.gone(way));
+            let tried = some(&fault, all, all / MISHAPS.len() as u64, seed.wrapping_add(turn)).map(|at| (short, at));
+            for (bench, at) in tried.chain(some(&fault, places, FEW, seed).map(|at| (long, at))) {
                 let mishap = match what {
                     "lost" => Mishap::Dropped,
                     "with a bit changed" => Mishap::Flipped((seed.wrapping_add(at.wrapping_mul(5)) % 8) as u8),

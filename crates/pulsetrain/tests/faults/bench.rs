@@ -14,9 +14,8 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Two motors, there and back, for 1.4 s; on an Uno, STEP is on the pins that the compare hardware times. They come to rest within 0.1 s,
-/// and have some 0.5 s queued.
-const MOTION: &str = r#"
+/// Two motors; on an Uno, STEP is on the pins that the compare hardware times.
+const MOTORS: &str = r#"
 board = "BOARD"
 tolerance = "1 tick"
 
@@ -35,7 +34,10 @@ pins = { step = STEP1, dir = DIR1 }
 forward = "high"
 max_acceleration = "10000 step/s^2"
 pull_in = "100 step/s"
+"#;
 
+/// There and back, for 1.4 s; they come to rest within 0.1 s, and have some 0.5 s queued.
+const MOTION: &str = r#"
 [[motion]]
 motor = "a"
 law.trapezoid = { distance = "500 step", speed = "800 step/s", acceleration = "9000 step/s^2" }
@@ -49,8 +51,26 @@ start = "0.1 s"
 law.trapezoid = { distance = "-600 step", speed = "600 step/s", acceleration = "5000 step/s^2" }
 "#;
 
-/// Where they are at the end.
+/// Where they are at its end.
 const END: [i64; 2] = [100, -600];
+
+/// The same motors for 0.1 s: each byte of it is tried, in each way.
+const SHORT_MOTION: &str = r#"
+[[motion]]
+motor = "a"
+law.trapezoid = { distance = "12 step", speed = "400 step/s", acceleration = "9000 step/s^2" }
+[[motion]]
+motor = "a"
+law.trapezoid = { distance = "-8 step", speed = "400 step/s", acceleration = "9000 step/s^2" }
+
+[[motion]]
+motor = "b"
+law.trapezoid = { distance = "-20 step", speed = "600 step/s", acceleration = "9000 step/s^2" }
+"#;
+
+/// Where they are at its end.
+const SHORT_END: [i64; 2] = [4, -20];
+
 const MAX_ACCELERATION: f64 = 10_000.0;
 const PULL_IN: f64 = 100.0;
 
@@ -203,20 +223,32 @@ pub(crate) struct Bench<P> {
 impl<P: Chip> Bench<P> {
     /// Of a board that is plugged in, its port open.
     pub(crate) fn new(fresh: P) -> Bench<P> {
+        Bench::of(fresh, "long", MOTION, END)
+    }
+
+    /// The same of a motion whose session is so short that each of its bytes can be tried.
+    pub(crate) fn short(fresh: P) -> Bench<P> {
+        Bench::of(fresh, "short", SHORT_MOTION, SHORT_END)
+    }
+
+    fn of(fresh: P, name: &str, motion: &str, end: [i64; 2]) -> Bench<P> {
         let [(step0, dir0), (step1, dir1)] = P::PINS;
         let pins = [("STEP0", step0), ("DIR0", dir0), ("STEP1", step1), ("DIR1", dir1)];
-        let text = pins
-            .iter()
-            .fold(MOTION.replace("BOARD", P::NAME), |text, (name, pin)| text.replace(name, &pin.to_string()));
-        let file =
-            Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("faults-{}-{}.toml", P::NAME, std::process::id()));
+        let text = pins.iter().fold(format!("{MOTORS}{motion}").replace("BOARD", P::NAME), |text, (name, pin)| {
+            text.replace(name, &pin.to_string())
+        });
+        let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!(
+            "faults-{name}-{}-{}.toml",
+            P::NAME,
+            std::process::id()
+        ));
         std::fs::write(&file, &text).expect("a folder for tests");
         let prepared = Prepared::load(&file, None, None).expect("it is a motion file");
         let line = Line::new(fresh.clone(), Fault::Nothing);
         let error = drive(&prepared, &line, 1);
         assert!(error.is_none(), "{}: {error:?}", P::NAME);
         let clean = steps_of::<P>(&line.all_edges());
-        assert_eq!(counts(&clean), END, "{}", P::NAME);
+        assert_eq!(counts(&clean), end, "{}", P::NAME);
         let ticks = || clean.iter().flatten().map(|step| step.tick);
         let (first, last) = (ticks().min().expect("steps"), ticks().max().expect("steps"));
         Bench { fresh, file, prepared, clean, first, last, line }
