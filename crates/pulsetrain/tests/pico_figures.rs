@@ -4,7 +4,8 @@ mod common;
 
 use common::pico::COILS;
 use common::pico_rows::{
-    ABOVE, BETWEEN_TURNS, Case, IN_SHORT, Row, ULN_MOTORS, alike, made, on_coils, promised, start, sweep, uln2003,
+    ABOVE, BETWEEN_TURNS, Case, IN_SHORT, Row, ULN_MOTORS, alike, made, on_coils, promised, sinusoids, start, sweep,
+    uln2003,
 };
 use pulsetrain::prepare::Refusal;
 use pulsetrain_board::virtual_pico::VirtualPico;
@@ -32,6 +33,14 @@ fn eight_motors_follow_laws_with_changing_speed() {
         assert!(row.edges as f64 > 0.09 * 8.0 * rate, "{row:?}");
         assert!(row.awake.is_some_and(|awake| awake < most_awake), "{row:?}");
     }
+}
+
+/// The same of sinusoids that a session plans and streams: they are within the table's limits, too, whatever the bench found those to be.
+#[test]
+fn eight_sinusoids_are_taken_and_made() {
+    let row = sinusoids(624e3, 1);
+    held(&row);
+    assert!(row.edges > 3_200_000, "{row:?}");
 }
 
 #[test]
@@ -85,8 +94,9 @@ fn limits_of_the_table_hold() {
     }
 }
 
-/// So much beyond a limit of the table, for half a second, is more than the board can do.
-const BEYOND: f64 = 1.25;
+/// So much beyond a limit of the table, for half a second, is more than the board can do: what hearing takes is a difference of two rates
+/// that were tried 2.5 % apart, and the larger of two.
+const BEYOND: f64 = 1.3;
 
 /// Segments that come from the host as fast as it goes for good: longer than the queues last, which are full at first, nothing
 /// starves; faster, it does.
