@@ -6,11 +6,12 @@ use std::time::Duration;
 
 use pulsetrain_board::virtual_uno::{CYCLES_PER_S, VirtualUno};
 use pulsetrain_board::{Edge, Port};
-use pulsetrain_trace::winch::{Command, Options, Told, judge};
+use pulsetrain_trace::winch::{Command, Options, Report, Told, judge};
 
 /// STEP and DIR of x, y, z and a.
 const STEP: [u8; 4] = [2, 3, 4, 12];
 const DIR: [u8; 4] = [5, 6, 7, 13];
+const ENABLE: u8 = 8;
 const TICKS_PER_US: f64 = CYCLES_PER_S as f64 / 1e6;
 const USB_FRAME: u64 = CYCLES_PER_S / 1000;
 /// A byte of the bridge at 115 200 baud: 10 bits of 136 cycles.
@@ -26,6 +27,9 @@ const FULL_RATE: f64 = 115_200.0 / 70.0;
 const MOST_LOAD: f64 = 0.795;
 
 const AGAINST_PATH: &str = "steps against the path";
+const TO_EFFECT: &str = "from a line's last byte to its effect";
+/// What the judge looks at, and docs/winch.md says, ms.
+const LONGEST_MS: f64 = 6.0;
 
 fn main() {
     let uno = Uno::new();
@@ -53,6 +57,7 @@ fn main() {
         effect(&uno, 10_000, Some(between));
     }
     effect(&uno, 10_000, None);
+    switching_on();
     commands(&uno);
 }
 
@@ -73,15 +78,21 @@ struct Uno {
 }
 
 impl Uno {
-    /// One that has said `awake`, and been told a first line.
-    fn new() -> Uno {
+    /// One that has said `awake`.
+    fn start() -> Uno {
         let mut uno = Uno { port: VirtualUno::new(), edges: Vec::new(), text: Vec::new() };
         uno.run(0.2);
+        assert!(uno.text.starts_with(b"awake"), "it does not speak text");
+        uno
+    }
+
+    /// One that has been told its first lines.
+    fn new() -> Uno {
+        let mut uno = Uno::start();
         for line in QUICK {
             uno.tell(line);
         }
         uno.run(0.1);
-        assert!(uno.text.starts_with(b"awake"), "it does not speak text");
         uno
     }
 
@@ -103,6 +114,25 @@ impl Uno {
         let there = (cycle / USB_FRAME + 1) * USB_FRAME + (line.len() as u64 + 1) * BYTE;
         self.port.send(format!("{line}\n").as_bytes()).expect("it is virtual");
         there - self.port.zero().unwrap_or(0)
+    }
+
+    /// Sends a line; gives when it was told.
+    fn say(&mut self, line: &str) -> Told {
+        let tick = self.tell(line);
+        told_at(tick, line)
+    }
+
+    /// Lines that were refused, since the text was forgotten.
+    fn refused(&self) -> usize {
+        self.text.windows(3).filter(|word| word == b"err").count()
+    }
+
+    /// The judge's word of what was told and came of it.
+    fn judged(&self, told: &[Told]) -> Report {
+        let convert = |edge: &Edge| pulsetrain_trace::Edge { tick: edge.tick, line: edge.line, level: edge.level };
+        let edges: Vec<_> = self.edges.iter().map(convert).collect();
+        let options = Options { constant_ticks: 17.0, late_ticks: 60.0, ..Options::default() };
+        judge(told, &edges, &[], self.now(), &options, &mut ()).expect("edges in order")
     }
 
     /// All axes at these speeds, for good.
@@ -189,27 +219,28 @@ fn spacing(uno: &Uno, at: &str, speeds: [i32; 4]) {
     row("intervals against the exact one", at, &format!("max ±{:.2} µs", most(&intervals)), most(&intervals) <= 8.0);
 }
 
+/// A line that was there at a tick.
+fn told_at(tick: u64, line: &str) -> Told {
+    Told { tick, until: tick, command: Command::parse(line).expect("a line") }
+}
+
+/// The row of the times to an effect.
+fn effect_row(at: &str, (least, most): (f64, f64), refused: usize, holds: bool) {
+    let refused_too = if refused == 0 { String::new() } else { format!(" ({refused} refused)") };
+    let holds = holds && refused == 0 && most <= LONGEST_MS;
+    row(TO_EFFECT, at, &format!("{least:.2} to {most:.2} ms{refused_too}"), holds);
+}
+
 /// From a line's last byte to the slice of the path that obeys it, while the other axes go at `speed`. `between`: what the
 /// line is full of between these lines; it changes nothing of any path.
 fn effect(uno: &Uno, speed: u32, between: Option<&str>) {
     const LINES: usize = 60;
-    /// What the judge looks at, and docs/winch.md says, ms.
-    const LONGEST_MS: f64 = 6.0;
     let mut uno = uno.clone();
-    let mut told = Vec::new();
-    let told_at = |tick: u64, line: &str| Told { tick, until: tick, command: Command::parse(line).expect("a line") };
-    for line in QUICK {
-        told.push(told_at(uno.tell(line), line));
-    }
+    let mut told: Vec<_> = QUICK.iter().map(|line| uno.say(line)).collect();
     uno.run(0.1);
-    let others = format!("v yza {speed} {speed} {speed}");
-    told.push(told_at(uno.tell(&others), &others));
+    told.push(uno.say(&format!("v yza {speed} {speed} {speed}")));
     uno.run(1.0);
-    let mut lines = (0..LINES).map(|n| {
-        let sign = if n % 2 == 0 { "" } else { "-" };
-        // Spaces change when it ends, and nothing else.
-        format!("v x {sign}5000{}", " ".repeat(n % 13))
-    });
+    let mut lines = (0..LINES).map(to_and_fro);
     if let Some(between) = between {
         // 37 ms of them before each, all at once: byte follows byte.
         let fill = format!("{between}\n").repeat(435 / (between.len() + 1));
@@ -226,22 +257,62 @@ fn effect(uno: &Uno, speed: u32, between: Option<&str>) {
         uno.run(text.len() as f64 * BYTE as f64 / CYCLES_PER_S as f64);
     } else {
         for line in lines.by_ref() {
-            told.push(told_at(uno.tell(&line), &line));
+            told.push(uno.say(&line));
             uno.run(0.0371);
         }
     }
     uno.run(0.05);
-    let refused = uno.text.windows(3).filter(|word| word == b"err").count();
-    let convert = |edge: &Edge| pulsetrain_trace::Edge { tick: edge.tick, line: edge.line, level: edge.level };
-    let edges: Vec<_> = uno.edges.iter().map(convert).collect();
-    let options = Options { constant_ticks: 17.0, late_ticks: 60.0, ..Options::default() };
-    let verdict = judge(&told, &edges, &[], uno.now(), &options, &mut ()).expect("edges in order");
-    let (least, most) = verdict.effect_ms.unwrap_or((f64::NAN, f64::NAN));
+    let verdict = uno.judged(&told);
     let line = between.map_or("the line else free".to_owned(), |between| format!("the line full of `{between}`"));
     let at = format!("the other axes at {speed} steps/s, {line}, {LINES} lines");
-    let refused_too = if refused == 0 { String::new() } else { format!(" ({refused} refused)") };
-    let holds = verdict.ok && refused == 0 && most <= LONGEST_MS;
-    row("from a line's last byte to its effect", &at, &format!("{least:.2} to {most:.2} ms{refused_too}"), holds);
+    effect_row(&at, verdict.effect_ms.unwrap_or((f64::NAN, f64::NAN)), uno.refused(), verdict.ok);
+}
+
+/// The `n`th of lines that turn x round. Spaces change when it ends, and nothing else.
+fn to_and_fro(n: usize) -> String {
+    let sign = if n.is_multiple_of(2) { "" } else { "-" };
+    format!("v x {sign}5000{}", " ".repeat(n % 13))
+}
+
+/// The same of lines that switch the drivers on: the first that a board is told, and each behind an `enable 0`.
+fn switching_on() {
+    const LINES: usize = 60;
+    let start = Uno::start();
+    let first = |n| {
+        let mut uno = start.clone();
+        // The phase of the line to the board's rounds.
+        uno.run(n as f64 * 0.000_371);
+        let told = uno.say(&to_and_fro(n));
+        uno.run(0.3);
+        (uno, vec![told])
+    };
+    let runs: Vec<_> = (0..LINES).map(first).collect();
+    switching_on_row(&format!("the first line that a board is told, {LINES} times"), &runs);
+    // No other lines: the figure is of these alone.
+    let (mut uno, mut told) = (start, Vec::new());
+    for n in 0..LINES {
+        told.push(uno.say(&to_and_fro(n)));
+        uno.run(0.1371);
+        told.push(uno.say("enable 0"));
+        // It does less than 1000 steps/s: 30 ms to stop, and 20 at most to release.
+        uno.run(0.0913);
+    }
+    switching_on_row(&format!("each behind `enable 0`, {LINES} lines"), &[(uno, told)]);
+}
+
+fn switching_on_row(which: &str, runs: &[(Uno, Vec<Told>)]) {
+    let (mut span, mut refused, mut ok) = ((f64::INFINITY, f64::NEG_INFINITY), 0, true);
+    for (uno, told) in runs {
+        let verdict = uno.judged(told);
+        // Each of them did: low is on.
+        let switched = uno.edges.iter().filter(|edge| edge.line == ENABLE && !edge.level).count();
+        let wanted = told.iter().filter(|told| told.command.enables).count();
+        ok &= verdict.ok && verdict.effect_ms.is_some() && switched == wanted;
+        let (least, most) = verdict.effect_ms.unwrap_or(span);
+        span = (span.0.min(least), span.1.max(most));
+        refused += uno.refused();
+    }
+    effect_row(&format!("the drivers off until then, {which}"), span, refused, ok);
 }
 
 /// Lines back to back at the line's full rate, with the other axes at full speed.
@@ -258,7 +329,7 @@ fn commands(uno: &Uno) {
     let seconds = ((line.len() + 1) * LINES) as f64 * BYTE as f64 / CYCLES_PER_S as f64;
     uno.run(seconds + 6.0);
     let obeyed = uno.counted(0) as f64 / 10.0;
-    let refused = uno.text.windows(3).filter(|word| word == b"err").count();
+    let refused = uno.refused();
     let at = format!("`{line}`, {LINES} back to back, the other axes at 10000 steps/s");
     row("commands obeyed", &at, &format!("{obeyed} ({refused} refused)"), obeyed == LINES as f64);
     let rate = obeyed / seconds;
