@@ -149,6 +149,8 @@ pub struct Link {
     hello: Option<Duration>,
     /// Hello was refused, or answered by [`TAKEN`].
     occupied: bool,
+    /// A board that another has is waited for.
+    is_patient: bool,
     /// So many bytes of [`TAKEN`] have just come.
     taken: usize,
     next_seq: u8,
@@ -190,6 +192,7 @@ impl Link {
             nonce,
             hello: None,
             occupied: false,
+            is_patient: true,
             taken: 0,
             next_seq: 0,
             row: VecDeque::new(),
@@ -221,6 +224,12 @@ impl Link {
         self.timeout = HELLO_AGAIN;
         let command = Command::Hello { version: VERSION, nonce: self.nonce };
         self.ask_as(&command, Tag::NONE);
+    }
+
+    /// The same, but a board that says that another has it is [`LinkError::Taken`] at once.
+    pub fn hello_if_free(&mut self, now: Duration) {
+        self.is_patient = false;
+        self.hello(now);
     }
 
     /// Asks for something; the answer comes with [`Link::answer`].
@@ -437,7 +446,16 @@ impl Link {
     fn hear_text(&mut self, byte: u8) {
         self.taken = if byte == TAKEN[self.taken] { self.taken + 1 } else { usize::from(byte == TAKEN[0]) };
         if self.taken == TAKEN.len() {
-            (self.occupied, self.taken) = (true, 0);
+            self.taken = 0;
+            self.finds_it_taken();
+        }
+    }
+
+    /// Another has the board. Hello goes on being said, as that one may go, unless there is no time.
+    const fn finds_it_taken(&mut self) {
+        self.occupied = true;
+        if !self.is_patient {
+            self.error = Some(LinkError::Taken);
         }
     }
 
@@ -528,8 +546,7 @@ impl Link {
 
     fn answered(&mut self, seq: u8, reply: Reply, now: Duration) {
         if let Reply::Refused { kind: kind::HELLO, .. } = reply {
-            // Hello goes on being said: the other host may go.
-            self.occupied = true;
+            self.finds_it_taken();
             return;
         }
         let Some(asked) = self.asked.take_if(|asked| asked.seq == seq) else {

@@ -371,6 +371,21 @@ impl<P: Port> Remote<P> {
     pub fn open(port: P, nonce: u32) -> Result<Remote<P>, RemoteError> {
         let mut link = Link::new(nonce);
         link.hello(port.now());
+        Remote::greet(port, link)
+    }
+
+    /// The same, but does not wait for another who has the board.
+    ///
+    /// # Errors
+    /// As [`open`](Remote::open); when another host, or text, has the board, at its first word.
+    pub fn open_if_free(port: P, nonce: u32) -> Result<Remote<P>, RemoteError> {
+        let mut link = Link::new(nonce);
+        link.hello_if_free(port.now());
+        Remote::greet(port, link)
+    }
+
+    /// Goes on until Hello is answered.
+    fn greet(port: P, link: Link) -> Result<Remote<P>, RemoteError> {
         let info = Info::NOBODY;
         let now = port.now();
         let mut remote = Remote {

@@ -175,6 +175,18 @@ fn a_later_path_begins_where_the_one_before_ends_and_all_motors_with_it() {
     close(tip(&program, 0.0), [20.0, -30.0, 0.0]);
 }
 
+/// From the z axis the orbit falls to (0, 0, 0), and rests: in 300 units of its time below all that f64 knows.
+#[test]
+fn an_orbit_that_comes_to_rest_rests() {
+    let path =
+        "path.lorenz = { axes = [\"x\", \"z\"], start = [0, 0, 5], scale = \"2 mm\", speed = 3, duration = \"100 s\" }";
+    let program = program(&XY.replace(CIRCLE, path));
+    for at_s in [0.1, 1.0, 99.0] {
+        let [x, z] = [0, 1].map(|motor| at(&program.motors[motor].law, at_s) / 160.0);
+        assert!(x == 0.0 && (z - 5.0 * (-8.0 * at_s).exp()).abs() < 1e-9, "({x}, {z}) at {at_s} s");
+    }
+}
+
 #[test]
 fn the_lorenz_equations_hold_along_its_path() {
     let path = "path.lorenz = { axes = [\"x\", \"y\"], scale = \"2 mm\", speed = 0.5, duration = \"10 s\" }";
@@ -231,7 +243,7 @@ fn slack_is_of_the_machine() {
     let program = program(&text);
     assert_eq!(program.machines[0].slack, [8.0, 0.0]);
     let law = &program.motors[0].law;
-    assert!((at(law, 3.0) - at(law.without_slack().unwrap(), 3.0) - 8.0).abs() < 1e-9);
+    assert!((at(law, 3.0) - at(&law.without_slack().unwrap(), 3.0) - 8.0).abs() < 1e-9);
 }
 
 #[test]
@@ -429,17 +441,17 @@ fn paths() {
         "motors = [\"x\", \"y\"]",
         "motors = [\"x\", \"y\"]\nmax_speed = \"30 mm/s\"",
         expect![[r#"
-        x.toml:26:15: the tip's speed at 0.500000 s, at (14.142, 14.142) mm, is 31.4 mm/s, limit 30.0 mm/s
-            slow the path down, or raise the machine's max_speed
-    "#]],
+            x.toml:26:15: the tip's speed is 31.4 mm/s at its highest, at 0.500000 s, at (14.142, 14.142) mm; limit 30.0 mm/s
+                slow the path down, or raise the machine's max_speed
+        "#]],
     );
     check_xy(
         "motors = [\"x\", \"y\"]",
         "motors = [\"x\", \"y\"]\nmax_acceleration = \"49 mm/s^2\"",
         expect![[r#"
-        x.toml:26:15: the tip's acceleration at 0.500000 s, at (14.142, 14.142) mm, is 49.3 mm/s², limit 49.0 mm/s²
-            slow the path down, or raise the machine's max_acceleration
-    "#]],
+            x.toml:26:15: the tip's acceleration is 49.3 mm/s² at its highest, at 0.500000 s, at (14.142, 14.142) mm; limit 49.0 mm/s²
+                slow the path down, or raise the machine's max_acceleration
+        "#]],
     );
     check_xy(
         "cycles = 2",
@@ -496,6 +508,13 @@ fn paths() {
         expect![[r#"
         x.toml:25:46: `axes` must be one of "x", "y", "z"
             did you mean "x"?
+    "#]],
+    );
+    check_xy(
+        CIRCLE,
+        "path.lorenz = { scale = \"1 mm\", start = [0, 0, 0] }",
+        expect![[r#"
+        x.toml:25:15: path `lorenz`: an orbit that starts at (0, 0, 0) rests there: begin beside it, as at (1, 1, 25)
     "#]],
     );
     check_xy(
@@ -641,17 +660,17 @@ fn what_a_delta_robot_cannot() {
         "\"25 mm\"",
         "\"25 mm\"\nangles = [\"-30 deg\", \"15 deg\"]",
         expect![[r#"
-        x.toml:35:14: arm `a` would be at 22.8° at 0.050000 s, limit 15.0°
-            keep the path within what the arms reach
-    "#]],
+            x.toml:35:14: arm `a` would be at 23.2° at 0.003125 s, its farthest; limit 15.0°
+                keep the path within what the arms reach
+        "#]],
     );
     check_delta(
         "\"25 mm\"",
         "\"25 mm\"\nmax_speed = \"80 mm/s\"",
         expect![[r#"
-        x.toml:35:14: the tip's speed at 0.087500 s, at (3.632, 0.000, -141.211) mm, is 87.5 mm/s, limit 80.0 mm/s
-            slow the path down, or raise the machine's max_speed
-    "#]],
+            x.toml:35:14: the tip's speed is 100.0 mm/s at its highest, at 0.099951 s, at (4.739, 0.000, -141.580) mm; limit 80.0 mm/s
+                slow the path down, or raise the machine's max_speed
+        "#]],
     );
     check_delta(
         LINES,

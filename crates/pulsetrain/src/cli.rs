@@ -174,9 +174,9 @@ Examples:
     Info(At),
     /// Stop a board's motors at once, without ramps, whoever told them to move
     #[command(after_help = "\
-For a board that still does what a host told it that has left, as a MOVE of hours or a baked motion. Axes that text drives are told \
-`enable 0`: they stop within their limits, or at once if they were told directly. Opening its port resets an Uno, which stops it, too. \
-A motor that was faster than it can stop may stand elsewhere than it counts: that is told.
+For a board that still does what a host told it that has left, as a MOVE of hours or a baked motion. Axes that text has on paths brake \
+within their limits; the drivers of text's axes are off then. Opening its port resets an Uno, which stops it, too. It tells where all \
+motors are, and which were faster than they can stop, or may have been: those may stand elsewhere than they count.
 
 Examples:
   pulsetrain stop --port /dev/ttyACM0")]

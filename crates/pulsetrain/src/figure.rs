@@ -7,10 +7,10 @@ use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
 use std::fmt::{self, Display};
 
-use pulsetrain_motion::Time;
 use pulsetrain_motion::law::Cursor;
 use pulsetrain_motion::machine::{Kinematics, Machine};
 use pulsetrain_motion::program::Program;
+use pulsetrain_motion::{Law, Time};
 use serde::Serialize;
 
 use crate::human;
@@ -50,6 +50,19 @@ impl Display for FigureReport {
             length(*tip)
         )?;
         writeln!(f, "  each motor by {} steps", human::significant(*motor_steps, 3))
+    }
+}
+
+/// The laws of a program's machines as what their motors drive makes them: without what takes up slack.
+#[derive(Clone, Debug)]
+pub struct Drawn(Vec<Option<Vec<Law>>>);
+
+impl Drawn {
+    /// Of each machine; one whose path and take-up cannot be told apart has none.
+    #[must_use]
+    pub fn of(program: &Program) -> Drawn {
+        let law = |motor: &usize| program.motors[*motor].law.without_slack();
+        Drawn(program.machines.iter().map(|machine| machine.motors.iter().map(law).collect()).collect())
     }
 }
 
@@ -106,17 +119,18 @@ const CLOSE_POINTS: u32 = 600;
 
 impl<'a> Figure<'a> {
     /// Of each of the program's machines, before the first step.
-    pub(crate) fn all(program: &'a Program) -> Vec<Figure<'a>> {
-        program.machines.iter().map(|machine| Figure::new(program, machine)).collect()
+    pub(crate) fn all(program: &'a Program, drawn: &'a Drawn) -> Vec<Figure<'a>> {
+        let machines = program.machines.iter().zip(&drawn.0);
+        machines.map(|(machine, laws)| Figure::new(program, machine, laws.as_deref().unwrap_or_default())).collect()
     }
 
-    fn new(program: &'a Program, machine: &'a Machine) -> Figure<'a> {
-        let joint = |(motor, slack): (&usize, &f64)| {
-            let mut cursor = Cursor::new(program.motors[*motor].law.without_slack()?);
+    fn new(program: &'a Program, machine: &'a Machine, laws: &'a [Law]) -> Figure<'a> {
+        let joint = |(law, slack): (&'a Law, &f64)| {
+            let mut cursor = Cursor::new(law);
             let start = cursor.at(Time::ZERO).ok()?.position;
             Some(Joint { cursor, start, slack: *slack, first: 0.0, position: 0.0, steps: 0, drawn: 0.0 })
         };
-        let joints: Option<Vec<Joint<'a>>> = machine.motors.iter().zip(&machine.slack).map(joint).collect();
+        let joints: Option<Vec<Joint<'a>>> = laws.iter().zip(&machine.slack).map(joint).collect();
         let ends = machine.motors.iter().filter_map(|motor| program.motors[*motor].law.end());
         let end_s = ends.map(Time::seconds).fold(0.0, f64::max);
         let mut figure = Figure {

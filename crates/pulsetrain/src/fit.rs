@@ -1,7 +1,8 @@
 //! What would fit: how much slower a motion that is refused would have to be, and which boards do it as it is.
 
-use pulsetrain_motion::boards;
+use pulsetrain_motion::machine::Machine;
 use pulsetrain_motion::program::Motor;
+use pulsetrain_motion::{Time, boards};
 use pulsetrain_plan::error::Limit;
 use pulsetrain_plan::{PlanError, Settings};
 
@@ -32,7 +33,23 @@ fn slowed(settings: &Settings, factor: f64) -> Settings {
 #[must_use]
 pub fn least_slowdown(prepared: &Prepared, motor: &Motor) -> Option<f64> {
     let settings = Settings::of(&prepared.program, motor);
-    let fits = |factor: f64| prepare::fits(&motor.law, &slowed(&settings, factor));
+    least(|factor| prepare::fits(&motor.law, &slowed(&settings, factor)))
+}
+
+/// What a motor with slack wants whose plan does not fit: a longer time to take it up, s, if that is all; else how much slower its law has
+/// to be, and the time that goes with that.
+fn least_over(prepared: &Prepared, motor: &Motor) -> Option<(Option<f64>, f64)> {
+    let settings = Settings::of(&prepared.program, motor);
+    let over_s = motor.law.slack_over()?.seconds();
+    let longer = |factor: f64| motor.law.with_slack_over(Time::from_seconds(over_s * factor));
+    if let Some(factor) = least(|factor| longer(factor).is_some_and(|law| prepare::fits(&law, &settings))) {
+        return Some((None, over_s * factor));
+    }
+    least_slowdown(prepared, motor).map(|factor| (Some(factor), over_s * factor))
+}
+
+/// The least factor above 1 that fits, to three digits, rounded up.
+fn least(fits: impl Fn(f64) -> bool) -> Option<f64> {
     let mut below = 1.0;
     let mut above = 1.25;
     while !fits(above) {
@@ -47,9 +64,14 @@ pub fn least_slowdown(prepared: &Prepared, motor: &Motor) -> Option<f64> {
         if fits(middle) { above = middle } else { below = middle }
     }
     // Rounded up, and a little more where a limit is met in jumps.
-    let unit = 10f64.powf(above.log10().floor() - 2.0);
-    let rounded = (above / unit).ceil() * unit;
-    fits(rounded).then_some(rounded).or(Some(rounded + unit).filter(|factor| fits(*factor)))
+    let rounded = rounded_up(above);
+    fits(rounded).then_some(rounded).or(Some(rounded_up(rounded * 1.001)).filter(|factor| fits(*factor)))
+}
+
+/// To three digits, not less.
+pub(crate) fn rounded_up(value: f64) -> f64 {
+    let unit = 10f64.powf(value.log10().floor() - 2.0);
+    (value / unit).ceil() * unit
 }
 
 /// The boards that do the whole motion as it is.
@@ -77,13 +99,29 @@ pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
         return format!("tolerance = \"{} ticks\" can be proven", human::significant(bound_ticks * 1.01, 3));
     }
     if let PlanError::SpeedJump { from, to, .. } = error {
-        lines.push(match (*from, *to) {
-            (0.0, _) => "say how it begins: begin = \"ramp\" or \"delay\"; or \"jump\", if the motor can".to_owned(),
-            (_, 0.0) => "say how it ends: end = \"ramp\"; or \"jump\", if the motor can".to_owned(),
+        let is_of = |machine: &&Machine| machine.motors.iter().any(|k| prepared.program.motors[*k].name == motor.name);
+        let machine = prepared.program.machines.iter().find(is_of);
+        lines.push(match (*from, *to, machine) {
+            (0.0, _, Some(_)) | (_, 0.0, Some(_)) => {
+                "give the path an `ease`, which begins and ends at rest and keeps to it: ease = \"0.5 s\"".to_owned()
+            }
+            (0.0, ..) => "say how it begins: begin = \"ramp\" or \"delay\"; or \"jump\", if the motor can".to_owned(),
+            (_, 0.0, _) => "say how it ends: end = \"ramp\"; or \"jump\", if the motor can".to_owned(),
             _ => "smooth the law there, or give the motor the pull_in that it has".to_owned(),
         });
     }
-    if error.limit().is_some()
+    if error.limit().is_some() && motor.law.slack_over().is_some() {
+        lines.extend(least_over(prepared, motor).map(|(slower, over_s)| {
+            let over = human::seconds(rounded_up(over_s));
+            match slower {
+                None => format!("`backlash` takes up its slack too fast: over = \"{over}\" fits"),
+                Some(factor) => {
+                    let times = human::significant(factor, 4);
+                    format!("{times} times slower it fits, with over = \"{over}\" in `backlash`")
+                }
+            }
+        }));
+    } else if error.limit().is_some()
         && let Some(factor) = least_slowdown(prepared, motor)
     {
         let times = human::significant(factor, 4);

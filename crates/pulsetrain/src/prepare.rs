@@ -11,7 +11,7 @@ use pulsetrain_plan::tail::SOFTEST_STOP_S;
 use pulsetrain_plan::{Certificate, Ensemble, Move, PlanError, Planner, Refused, Settings};
 
 use crate::fit;
-use crate::pause::{self, PauseError, Paused};
+use crate::pause::{self, Easing, PauseError, Paused};
 
 /// How much of an endless motion is shown, s, if nobody says.
 pub const DEFAULT_LENGTH_S: f64 = 10.0;
@@ -26,10 +26,19 @@ pub struct Prepared {
     pub file: String,
     /// What it says; every law ends.
     pub program: Program,
-    /// Where endless laws were cut; they brake from there.
-    pub cut_at: Option<Time>,
+    /// Where laws that go on for longer were cut.
+    pub cut: Option<Cut>,
     /// The pause that was put in.
     pub pause: Option<Paused>,
+}
+
+/// Where a motion was cut: from there motors brake, and machines slow down along their path.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Cut {
+    /// From the laws' beginning on.
+    pub at: Time,
+    /// When it would have ended; `None`: never.
+    pub end: Option<Time>,
 }
 
 /// Why a motion cannot be prepared or planned.
@@ -114,7 +123,7 @@ impl Prepared {
             program.board.min_interval_ticks = row.shortest_intervals(&program.motors);
             program.board.turn_ticks = row.turn_ticks(&program.motors);
         }
-        Ok(Prepared { file, program, cut_at: None, pause: None })
+        Ok(Prepared { file, program, cut: None, pause: None })
     }
 
     /// The same, and cuts endless laws after `length`.
@@ -123,9 +132,9 @@ impl Prepared {
     /// As [`Prepared::endless`], and when a law breaks before it can be cut.
     pub fn load(path: &Path, board: Option<&str>, length: Option<Time>) -> miette::Result<Prepared> {
         let Prepared { file, mut program, .. } = Prepared::endless(path, board)?;
-        let cut_at =
+        let cut =
             cut(&mut program, length).map_err(|(motor, error)| Refusal::Law { file: file.clone(), motor, error })?;
-        Ok(Prepared { file, program, cut_at, pause: None })
+        Ok(Prepared { file, program, cut, pause: None })
     }
 
     /// Plans for a board whose clock runs `ppm` 10^-6 faster than its nominal rate: a second of the law is then a second of
@@ -285,26 +294,47 @@ pub fn fits(law: &Law, settings: &Settings) -> bool {
 }
 
 /// Gives every endless law an end: after `length`, or after the default but not before the finite laws end. A
-/// `length` that is given cuts finite laws too. Returns the time of the cut, if one was made.
-fn cut(program: &mut Program, length: Option<Time>) -> Result<Option<Time>, (String, LawError)> {
+/// `length` that is given cuts finite laws too.
+fn cut(program: &mut Program, length: Option<Time>) -> Result<Option<Cut>, (String, LawError)> {
     let ends: Vec<Option<Time>> = program.motors.iter().map(|motor| motor.law.end()).collect();
     let at = match length {
         Some(length) => length,
         None if ends.iter().all(Option::is_some) => return Ok(None),
         None => ends.iter().copied().flatten().fold(Time::from_seconds(DEFAULT_LENGTH_S), Time::max),
     };
-    let (mut cut, grid) = (false, program.grid);
-    for (motor, end) in program.motors.iter_mut().zip(ends) {
-        if end.is_some_and(|end| end <= at) {
-            continue;
+    let goes_on = |end: &Option<Time>| end.is_none_or(|end| end > at);
+    if !ends.iter().any(goes_on) {
+        return Ok(None);
+    }
+    let mut brakes: Vec<bool> = ends.iter().map(goes_on).collect();
+    for machine in program.machines.clone() {
+        if machine.motors.iter().any(|motor| brakes[*motor]) && keeps_to_path(program, &machine.motors, at) {
+            machine.motors.iter().for_each(|motor| brakes[*motor] = false);
         }
+    }
+    let grid = program.grid;
+    for (motor, _) in program.motors.iter_mut().zip(brakes).filter(|(_, brakes)| *brakes) {
         let limits = motor.limits;
         let stopped = braking(&motor.law, at, limits.max_acceleration, grid)
             .and_then(|braking| motor.law.clone().stopped(at, braking, limits.pull_in));
         motor.law = stopped.map_err(|error| (motor.name.clone(), error))?;
-        cut = true;
     }
-    Ok(cut.then_some(at))
+    let end = ends.iter().copied().collect::<Option<Vec<Time>>>().and_then(|ends| ends.into_iter().max());
+    Ok(Some(Cut { at, end }))
+}
+
+/// Has a machine's motors come to a halt from `at` on along their path, as for a pause. `false` if there is no room for that within their
+/// limits: nothing is changed then.
+fn keeps_to_path(program: &mut Program, motors: &[usize], at: Time) -> bool {
+    let mut machine = program.clone();
+    machine.motors = motors.iter().map(|motor| program.motors[*motor].clone()).collect();
+    let Ok(Easing { after, over }) = pause::quickest_halt(&machine, at, 1.0) else { return false };
+    let eased = machine.motors.into_iter().map(|motor| motor.law.eased_out(Time::ZERO, at + after, over));
+    let Ok(eased) = eased.collect::<Result<Vec<Law>, LawError>>() else { return false };
+    for (motor, law) in motors.iter().zip(eased) {
+        program.motors[*motor].law = law;
+    }
+    true
 }
 
 /// How hard to brake, steps/s²: by the motor's limit, else by what the law itself asked for before, else softly; and a

@@ -11,7 +11,7 @@ use pulsetrain_motion::{LawError, boards};
 use pulsetrain_trace::verdict::{EdgeJudge, JudgeError, Options, Report};
 use pulsetrain_trace::{Line, steps, vcd_file};
 
-use crate::figure::{Figure, FigureReport};
+use crate::figure::{Drawn, Figure, FigureReport};
 use crate::lateness::{Lateness, Meter};
 use crate::plot::{Errors, MotorPicture, Picture};
 use crate::prepare::Planned;
@@ -111,12 +111,13 @@ pub struct Recorded {
 
 impl<'a, W: Write> Recorder<'a, W> {
     /// Before the first edge, on a board whose edges come `constant_ticks` after their scheduled ticks, and up to
-    /// `late_ticks` later: those are added to the bound.
+    /// `late_ticks` later: those are added to the bound. `drawn` is [`Drawn::of`] the program.
     ///
     /// # Errors
     /// When the program cannot be judged.
     pub fn new(
         program: &'a Program,
+        drawn: &'a Drawn,
         lines: &[Line],
         title: String,
         files: Option<Files<W>>,
@@ -146,7 +147,7 @@ impl<'a, W: Write> Recorder<'a, W> {
             judge,
             files,
             picture: Picture { title, tick_s, motors, errors: Errors::Ticks, figures: Vec::new() },
-            figures: Figure::all(program),
+            figures: Figure::all(program, drawn),
             positions,
             tick_s,
             steppers,

@@ -26,8 +26,11 @@ pub struct PlanReport {
     pub tolerance_ticks: f64,
     /// From time zero to the last step, stops included, s.
     pub duration_s: f64,
-    /// Where an endless motion was cut, s; the planned stop comes after.
+    /// Where a motion was cut, s; the planned stop comes after.
     pub cut_at_s: Option<f64>,
+    /// When it would have ended, s; `None` if it was not cut, or is endless.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub uncut_s: Option<f64>,
     /// The pause that was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pause: Option<Paused>,
@@ -334,7 +337,11 @@ impl Display for PlanReport {
             human::seconds_to(self.duration_s, 6)
         )?;
         if let Some(cut) = self.cut_at_s {
-            writeln!(f, "  endless: shown for {}, then the planned stop; --for sets it", human::seconds_to(cut, 6))?;
+            let cut = human::seconds_to(cut, 6);
+            match self.uncut_s.map(|end| human::seconds_to(end, 6)) {
+                None => writeln!(f, "  endless: shown for {cut}, then the planned stop; --for sets it")?,
+                Some(end) => writeln!(f, "  cut after {cut}, then the planned stop; without --for it takes {end}")?,
+            }
         }
         if let Some(Paused { slows_at_s, rests_at_s, goes_on_s }) = self.pause {
             let time = |at_s| human::seconds_to(at_s, 6);

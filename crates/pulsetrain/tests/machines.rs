@@ -113,3 +113,160 @@ fn the_examples_begin_on_their_boards() {
         assert!(report["runner"].as_str().is_some_and(|name| name.contains(runner)), "{file}");
     }
 }
+
+/// Runs a command on a motion file of this text; what it says, on both, in one line.
+fn says(command: &str, name: &str, text: &str, more: &[&str]) -> (Exit, String) {
+    let file = std::env::temp_dir().join(format!("pulsetrain-{name}-{}.toml", std::process::id()));
+    std::fs::write(&file, text).expect("a file to write");
+    let (mut out, mut err) = (Vec::new(), Vec::new());
+    let path = file.display().to_string();
+    let exit = cli::run([&["pulsetrain", command, &path], more].concat(), &mut out, &mut err);
+    std::fs::remove_file(&file).expect("the file can go");
+    let said = String::from_utf8([out, err].concat()).expect("text").replace(['│', '┊'], "").replace(&path, "x.toml");
+    (exit, said.split_whitespace().collect::<Vec<_>>().join(" "))
+}
+
+/// 12 steps in 2 ms are 9000 steps/s, beyond the motor's 1500: what is said to fit does, and the motion is as fast as before.
+#[test]
+fn slack_that_is_taken_up_too_fast_is_to_be_given_a_longer_time() {
+    let text = std::fs::read_to_string(example("circle.toml")).expect("the example");
+    let limited =
+        text.replace("pull_in = ", "max_speed = \"1500 step/s\"\nmax_acceleration = \"100000 step/s^2\"\npull_in = ");
+    let with = |over: &str| limited.replace("over = \"40 ms\"", &format!("over = \"{over}\""));
+    let (exit, said) = says("plan", "slack-fast", &with("2 ms"), &[]);
+    assert_eq!(exit, Exit::Refused, "{said}");
+    let (_, over) = said.split_once("`backlash` takes up its slack too fast: over = \"").expect(&said);
+    let (over, _) = over.split_once('"').expect(&said);
+    assert!(!said.contains("times slower"), "{said}");
+    // 6·12 steps by 100 000 steps/s²: 26.8 ms squared, and the circle's own acceleration on top of that.
+    let ms: f64 = over.strip_suffix(" ms").and_then(|ms| ms.parse().ok()).expect(over);
+    assert!((26.8..28.0).contains(&ms), "{over}");
+    let (exit, said) = says("plan", "slack-longer", &with(over), &[]);
+    assert_eq!(exit, Exit::Success, "{said}");
+    // What is too fast without any slack is to be slowed down.
+    let (exit, said) = says("plan", "slack-slower", &with("40 ms").replace("\"4 s\"", "\"0.4 s\""), &[]);
+    assert_eq!(exit, Exit::Refused, "{said}");
+    assert!(said.contains("times slower it fits, with over = \""), "{said}");
+}
+
+const TABLE: &str = r#"
+board = "native"
+[motor.x]
+steps_per_rev = 200
+microsteps = 16
+lead = "40 mm"
+driver = "A4988"
+pins = { step = 2, dir = 3 }
+forward = "high"
+[motor.y]
+steps_per_rev = 200
+microsteps = 16
+lead = "40 mm"
+driver = "A4988"
+pins = { step = 4, dir = 5 }
+forward = "high"
+[machine.table]
+kind = "xy"
+motors = ["x", "y"]
+[[motion]]
+machine = "table"
+"#;
+
+/// Machines have no `begin` and no `end`: what they have is said, and does it.
+#[test]
+fn a_path_that_ends_in_motion_is_to_be_eased() {
+    let path = "path.formula = { x = \"20*t\", y = \"20*t\", unit = \"mm\", duration = \"2 s\" }\n";
+    let (exit, said) = says("plan", "moving", &format!("{TABLE}{path}"), &[]);
+    assert_eq!(exit, Exit::Refused, "{said}");
+    assert!(said.contains("give the path an `ease`") && !said.contains("end =") && !said.contains("begin ="), "{said}");
+    let (exit, said) = says("plan", "eased", &format!("{TABLE}ease = \"0.5 s\"\n{path}"), &[]);
+    assert_eq!(exit, Exit::Success, "{said}");
+}
+
+/// A circle that never ends: cut after two turns and a bit it stays round to its very end, with slack and without; and so it does when
+/// it is paused while slack is being taken up.
+#[test]
+fn a_path_that_is_cut_or_paused_keeps_to_its_figure() {
+    let endless = "\"3 mm\", period = \"4 s\", cycles = \"forever\"";
+    let text = std::fs::read_to_string(example("circle.toml")).expect("the example");
+    let text = text.replace("\"3 mm\", period = \"4 s\", cycles = 2", endless);
+    assert!(text.contains(endless));
+    let plain: Vec<&str> = text.lines().filter(|line| !line.starts_with("backlash")).collect();
+    let fall = 3.0 * SKETCH * (1.0 - (std::f64::consts::TAU * 0.04 / 4.0).cos());
+    let round = OF_A_MOTOR * 2_f64.sqrt();
+    for (name, text, more, bound) in [
+        ("cut", plain.join("\n"), &["--for", "8.7 s"][..], round),
+        ("cut-slack", text.clone(), &["--for", "8.7 s"], round + fall),
+        // The take-up of a turn is under way, and takes longer as time is slowed.
+        ("paused-slack", text, &["--for", "8.7 s", "--pause-at", "4.25 s", "--resume-at", "6 s"], round + fall),
+    ] {
+        let file = std::env::temp_dir().join(format!("pulsetrain-{name}-{}.toml", std::process::id()));
+        std::fs::write(&file, &text).expect("a file to write");
+        let (report, svg) = run(&file, name, &[&["--native"], more].concat());
+        std::fs::remove_file(file).expect("the file can go");
+        let off = report["figures"][0]["off_figure"].as_f64().expect("a figure") * SKETCH;
+        assert!((0.5..bound).contains(&off), "{name}: {off} steps");
+        assert!(svg.contains("Figure of sketch, mm"), "{name}");
+    }
+}
+
+#[test]
+fn what_is_cut_says_whether_it_would_have_ended() {
+    let text = std::fs::read_to_string(example("circle.toml")).expect("the example");
+    let (_, said) = says("plan", "ends", &text, &["--for", "2 s"]);
+    assert!(said.contains("cut after 2 s, then the planned stop; without --for it takes 8.54 s"), "{said}");
+    assert!(!said.contains("endless"), "{said}");
+    let (_, said) = says("plan", "endless", &text.replace("cycles = 2", "cycles = \"forever\""), &["--for", "2 s"]);
+    assert!(said.contains("endless: shown for 2 s, then the planned stop; --for sets it"), "{said}");
+}
+
+/// What the machine is, which limit it meets and when; and what is said to fit does.
+#[test]
+fn a_machine_that_is_refused_is_explained() {
+    let limited = TABLE.replace("motors = [", "max_speed = \"20 mm/s\"\nmotors = [");
+    let path = |seconds: f64| {
+        format!(
+            "path.formula = {{ x = \"20*sin(t*s)\", y = \"20 - 20*cos(t*s)^3\", unit = \"mm\", duration = \"{} s\", where = {{ s = {} }} }}\n",
+            4.0 * seconds,
+            1.0 / seconds
+        )
+    };
+    let ease = |seconds: f64| format!("ease = \"{} ms\"\n", 500.0 * seconds);
+    let (exit, said) = says("plan", "explained-plan", &format!("{limited}{}{}", ease(1.0), path(1.0)), &[]);
+    assert_eq!(exit, Exit::Refused, "{said}");
+    assert!(said.contains("the tip's speed is ") && said.contains(" at its highest, at "), "{said}");
+    let (exit, said) = says("explain", "explained", &format!("{limited}{}{}", ease(1.0), path(1.0)), &[]);
+    assert_eq!(exit, Exit::Success, "{said}");
+    let parts = [
+        "x.toml: refused machine table, an xy machine, motors x, y:",
+        "time x, mm y, mm the tip's speed, mm/s",
+        "→",
+        "is the limit: 20.0 mm/s",
+        "slow the path down, or raise the machine's max_speed",
+    ];
+    parts.iter().for_each(|part| assert!(said.contains(part), "{part}: {said}"));
+    let (before, _) = said.split_once(" times slower it fits").expect(&said);
+    let slower: f64 = before.rsplit(' ').next().and_then(|word| word.parse().ok()).expect(before);
+    assert!(slower > 1.0 && slower < 2.0, "{slower}");
+    for (slower, exit) in [(slower, Exit::Success), (slower - 0.02, Exit::Refused)] {
+        let text = format!("{limited}{}{}", ease(slower), path(slower));
+        let (is, said) = says("plan", "explained-slower", &text, &[]);
+        assert_eq!(is, exit, "{slower}: {said}");
+    }
+    // Arms that do not reach have no speed that would help.
+    let delta = std::fs::read_to_string(example("delta.toml")).expect("the example");
+    let beyond = delta.replace("angles = [\"-40 deg\", \"80 deg\"]", "angles = [\"-30 deg\", \"20 deg\"]");
+    assert!(beyond != delta);
+    let (exit, said) = says("explain", "explained-arm", &beyond, &[]);
+    assert_eq!(exit, Exit::Success, "{said}");
+    let parts = [
+        "machine robot, a delta robot, motors",
+        "arms from -30.0° to 20.0°",
+        "is the limit: 20.0 °",
+        "within what the arms reach",
+    ];
+    parts.iter().for_each(|part| assert!(said.contains(part), "{part}: {said}"));
+    assert!(!said.contains("times slower"), "{said}");
+    let (_, said) = says("explain", "explained-json", &beyond, &["--json"]);
+    assert!(said.contains("\"fits\": false") && said.contains("\"tip_mm\""), "{said}");
+}

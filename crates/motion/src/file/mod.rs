@@ -46,7 +46,7 @@ use std::sync::Arc;
 
 use miette::NamedSource;
 
-pub use problem::{FileError, Problem};
+pub use problem::{BrokenPath, FileError, PathPoint, Problem};
 pub use winch::WinchScript;
 
 use crate::boards::{self, BoardRow};

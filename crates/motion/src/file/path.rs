@@ -4,11 +4,12 @@ use super::laws::{self, Context, Loader, interpolation, period, time_unit};
 use super::machine::{Draft, Kind};
 use super::motor::{self, Gearing};
 use super::points::{self, Points};
+use super::problem::{BrokenPath, PathPoint};
 use super::reader::{Node, Read, Section};
 use super::refuse;
 use crate::Time;
-use crate::law::extent::{Extent, first_beyond};
-use crate::law::{Cursor, Law, LawError, Orbit};
+use crate::law::extent::{Extent, farthest_beyond};
+use crate::law::{Cursor, Law, LawError, Orbit, Sample};
 use crate::machine::Delta;
 use crate::program::Limits;
 use crate::quantity::{Quantity, nearest};
@@ -340,7 +341,15 @@ impl Reading<'_> {
                     self.reaches(robot, &point).err()
                 });
                 return Err(match why {
-                    Some(why) => node.note("leaves the workspace", format!("at {at_s:.6} s {why}"), WITHIN_REACH),
+                    Some(why) => {
+                        let mut cursors: Vec<Cursor<'_>> = path.coordinates.iter().map(Cursor::new).collect();
+                        let tip = |at: Time| {
+                            let tip = cursors.iter_mut().map(|cursor| Some(cursor.at(at).ok()?.position));
+                            Some((tip.collect::<Option<Vec<f64>>>()?, None))
+                        };
+                        let shown = self.broken_path(at_s, law_end(&path.coordinates), None, None, tip);
+                        node.note_path("leaves the workspace", format!("at {at_s:.6} s {why}"), WITHIN_REACH, shown)
+                    }
                     None => refuse(node, &error),
                 });
             }
@@ -395,21 +404,77 @@ impl Reading<'_> {
         ];
         for (extent, limit, what, unit, help) in limits {
             let Some(limit) = limit else { continue };
-            let beyond = first_beyond(&terms, extent, limit).map_err(|error| refuse(node, &error))?;
+            let beyond = farthest_beyond(&terms, extent, limit).map_err(|error| refuse(node, &error))?;
             if let Some((at, value)) = beyond {
                 let place: Vec<String> = terms
                     .iter()
                     .filter_map(|(law, mm)| Some(format!("{:.3}", Cursor::new(law).at(at).ok()?.position * mm)))
                     .collect();
                 let message = format!(
-                    "the tip's {what} at {:.6} s, at ({}) mm, is {value:.1} {unit}, limit {limit:.1} {unit}",
+                    "the tip's {what} is {value:.1} {unit} at its highest, at {:.6} s, at ({}) mm; limit {limit:.1} {unit}",
                     at.seconds(),
                     place.join(", "),
                 );
-                return Err(node.note("too fast", message, help));
+                let mut cursors: Vec<(Cursor<'_>, f64)> =
+                    terms.iter().map(|(law, scale)| (Cursor::new(law), *scale)).collect();
+                let look = |at: Time| {
+                    let samples = cursors.iter_mut().map(|(cursor, scale)| Some((cursor.at(at).ok()?, *scale)));
+                    let samples = samples.collect::<Option<Vec<_>>>()?;
+                    let square = |(sample, scale): &(Sample, f64)| {
+                        let value = if extent == Extent::Speed { sample.speed } else { sample.acceleration };
+                        (value * scale) * (value * scale)
+                    };
+                    let value = samples.iter().map(square).sum::<f64>().sqrt();
+                    Some((samples.into_iter().map(|(sample, scale)| sample.position * scale).collect(), Some(value)))
+                };
+                // Accelerations fall with the square of the time that it takes.
+                let slower = if extent == Extent::Speed { value / limit } else { (value / limit).sqrt() };
+                let limit = Some((format!("the tip's {what}"), unit, limit));
+                let shown = self.broken_path(at.seconds(), law_end(coordinates), limit, Some(slower), look);
+                return Err(node.note_path("too fast", message, help, shown));
             }
         }
         Ok(())
+    }
+
+    /// The machine, and its path around the place where it breaks a limit: twice as much after it as before. `look` gives the tip at a time,
+    /// and what the limit is of.
+    fn broken_path(
+        &self,
+        at_s: f64,
+        end: Option<Time>,
+        limit: Option<(String, &'static str, f64)>,
+        slower: Option<f64>,
+        mut look: impl FnMut(Time) -> Option<(Vec<f64>, Option<f64>)>,
+    ) -> BrokenPath {
+        const POINTS: u32 = 9;
+        let end_s = end.map_or(at_s * 2.0, Time::seconds);
+        let span = (0.1 * end_s).min(at_s.max(0.01 * end_s));
+        let (from, to) = ((at_s - span).max(0.0), (at_s + 2.0 * span).min(end_s));
+        let times = (0..POINTS).map(|k| from + (to - from) * f64::from(k) / f64::from(POINTS - 1));
+        let mut times: Vec<f64> = times.chain([at_s]).collect();
+        times.sort_by(f64::total_cmp);
+        times.dedup();
+        let points = times.into_iter().filter_map(|at_s| {
+            let (tip, value) = look(Time::from_seconds(at_s))?;
+            Some(PathPoint { at_s, tip, value })
+        });
+        let motors: Vec<&str> = self.motors.iter().map(|motor| motor.name.as_str()).collect();
+        let motors = motors.join(", ");
+        let is = match &self.machine.kind {
+            Kind::Xy => format!("an xy machine, motors {motors}"),
+            Kind::Delta { arms, angles } => {
+                let Delta { base_mm, upper_arm_mm, forearm_mm, effector_mm } = arms;
+                let angles = angles.map_or_else(String::new, |(least, most)| {
+                    format!(", arms from {:.1}° to {:.1}°", least.to_degrees(), most.to_degrees())
+                });
+                format!(
+                    "a delta robot, motors {motors}: base {base_mm} mm, upper arms {upper_arm_mm} mm, forearms {forearm_mm} mm, effector \
+                     {effector_mm} mm{angles}"
+                )
+            }
+        };
+        BrokenPath { machine: self.machine.name.clone(), is, at_s, limit, slower, points: points.collect() }
     }
 
     /// Angles within their limits; and what follows begins where the arms are. Gives where they are at the end, steps.
@@ -446,16 +511,27 @@ impl Reading<'_> {
             }
             let Some((least, most)) = angles else { continue };
             for (sign, limit) in [(1.0, most), (-1.0, -least)] {
-                let beyond = first_beyond(&[(law, sign / per_rad)], Extent::Value, limit);
+                let beyond = farthest_beyond(&[(law, sign / per_rad)], Extent::Value, limit);
                 if let Some((at, value)) = beyond.map_err(|error| refuse(node, &error))? {
                     let degrees = |rad: f64| (sign * rad).to_degrees();
                     let message = format!(
-                        "arm `{name}` would be at {:.1}° at {:.6} s, limit {:.1}°",
+                        "arm `{name}` would be at {:.1}° at {:.6} s, its farthest; limit {:.1}°",
                         degrees(value),
                         at.seconds(),
                         degrees(limit)
                     );
-                    return Err(node.note("beyond `angles`", message, WITHIN_REACH));
+                    let mut cursors: Vec<Cursor<'_>> = joints.iter().map(Cursor::new).collect();
+                    let look = |at: Time| {
+                        let Kind::Delta { arms, .. } = &self.machine.kind else { return None };
+                        let mut rad = [0.0; 3];
+                        for ((rad, cursor), motor) in rad.iter_mut().zip(&mut cursors).zip(&self.motors) {
+                            *rad = cursor.at(at).ok()?.position / motor.gearing.steps_per_rad();
+                        }
+                        Some((arms.point(rad)?.to_vec(), Some(rad[arm].to_degrees())))
+                    };
+                    let limit = Some((format!("the angle of arm `{name}`"), "°", degrees(limit)));
+                    let shown = self.broken_path(at.seconds(), law_end(joints), limit, None, look);
+                    return Err(node.note_path("beyond `angles`", message, WITHIN_REACH, shown));
                 }
             }
         }
@@ -473,6 +549,11 @@ fn broken(law: &Law) -> Option<LawError> {
     let too_long =
         || LawError::Parameter(format!("the path has more than {MOST_PIECES} parts: too long to be checked"));
     law.pieces().enumerate().find_map(|(k, piece)| piece.err().or_else(|| (k >= MOST_PIECES).then(too_long)))
+}
+
+/// When the last of some laws ends, if all do.
+fn law_end(laws: &[Law]) -> Option<Time> {
+    laws.iter().map(Law::end).collect::<Option<Vec<Time>>>()?.into_iter().max()
 }
 
 /// Where a law begins and ends, steps.

@@ -20,7 +20,36 @@ pub struct Problem {
     message: String,
     labels: Vec<(Range<usize>, String)>,
     help: Option<String>,
+    path: Option<Box<BrokenPath>>,
     source: Arc<NamedSource<String>>,
+}
+
+/// A machine's path that breaks a limit somewhere: the path around that place.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BrokenPath {
+    /// As the file calls the machine.
+    pub machine: String,
+    /// What it is, in words.
+    pub is: String,
+    /// When the path is at the place, s of its own time.
+    pub at_s: f64,
+    /// Of what there is too much, its unit, and the limit that it meets; `None` where arms do not reach.
+    pub limit: Option<(String, &'static str, f64)>,
+    /// So many times slower the path keeps to it; `None` if that does not help.
+    pub slower: Option<f64>,
+    /// The path, in the order of time; the place is among them.
+    pub points: Vec<PathPoint>,
+}
+
+/// A point of a [`BrokenPath`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct PathPoint {
+    /// s.
+    pub at_s: f64,
+    /// Where the tip is then, mm: x, y, and z if it has one.
+    pub tip: Vec<f64>,
+    /// What the limit is of.
+    pub value: Option<f64>,
 }
 
 impl FileError {
@@ -61,7 +90,19 @@ impl Problem {
         labels: Vec<(Range<usize>, String)>,
         help: Option<String>,
     ) -> Problem {
-        Problem { message, labels, help, source: Arc::clone(source) }
+        Problem { message, labels, help, path: None, source: Arc::clone(source) }
+    }
+
+    /// With the path that it is about.
+    pub(super) fn of_path(mut self, path: BrokenPath) -> Problem {
+        self.path = Some(Box::new(path));
+        self
+    }
+
+    /// The machine's path that it is about, if that is known from end to end.
+    #[must_use]
+    pub fn path(&self) -> Option<&BrokenPath> {
+        self.path.as_deref()
     }
 
     /// What is wrong.

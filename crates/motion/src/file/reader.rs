@@ -9,7 +9,7 @@ use std::sync::Arc;
 use miette::NamedSource;
 use toml_edit::{ArrayOfTables, Item, TableLike, Value};
 
-use super::problem::Problem;
+use super::problem::{BrokenPath, Problem};
 use super::winch::Winches;
 use crate::Time;
 use crate::quantity::{Base, Kind, Quantity, QuantityError, nearest};
@@ -185,6 +185,19 @@ impl<'a> Node<'a> {
     pub(super) fn wrong(&self, wanted: &str, example: &str) -> Noted {
         let message = format!("`{}` must be {wanted}, but is {}", self.key, self.form());
         self.note(self.form(), message, format!("write, for example: {example}"))
+    }
+
+    /// Notes that a machine's path breaks a limit.
+    pub(super) fn note_path(
+        &self,
+        label: impl Into<String>,
+        message: impl Into<String>,
+        help: &str,
+        path: BrokenPath,
+    ) -> Noted {
+        let labels = vec![(self.at.clone(), label.into())];
+        let problem = Problem::new(&self.reader.source, message.into(), labels, Some(help.to_owned()));
+        self.reader.note_problem(problem.of_path(path))
     }
 
     /// The text, if it is one.

@@ -312,6 +312,18 @@ impl Blended {
         &self.law
     }
 
+    /// Another law that is [stopped](Law::stopped) as this one; `None` if it is no stop.
+    pub(super) fn stop_of(&self, law: Law) -> Option<Law> {
+        let (None, Some(tail), false) = (&self.head, &self.tail, self.jump) else { return None };
+        let Curve::Polynomial(curve) = &tail.curve else { return None };
+        let (braking, pull_in) = match curve.get(2) {
+            Some(half) => (2.0 * half.abs(), 0.0),
+            // At once.
+            None => (1.0, f64::MAX),
+        };
+        law.stopped(tail.start, braking, pull_in).ok()
+    }
+
     pub(super) fn end(&self) -> Option<Time> {
         self.tail.as_ref().map(|tail| tail.end).or_else(|| self.law.end())
     }

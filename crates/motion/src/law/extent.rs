@@ -20,37 +20,58 @@ const DEEPEST: u32 = 24;
 const MOST_STRETCHES: u32 = 1 << 18;
 /// What may pass, as part of the limit.
 const SLACK: f64 = 1e-9;
+/// Who is beyond a limit by so much more, as part of it, is farther beyond.
+const FARTHER: f64 = 1e-3;
 
-/// When `laws` (side by side, each multiplied by its `scale`) pass `limit`, if they do: the time, and what they are then.
+/// When `laws` (side by side, each multiplied by its `scale`) are farthest beyond `limit`, if they pass it: the time, and what they are then,
+/// to a thousandth of it.
 ///
 /// The limit of speeds and accelerations must not be negative.
 ///
 /// # Errors
 /// [`LawError::Parameter`] if there is too much to look at; and the laws' own.
-pub(crate) fn first_beyond(laws: &[(&Law, f64)], extent: Extent, limit: f64) -> Result<Option<(Time, f64)>, LawError> {
+pub(crate) fn farthest_beyond(
+    laws: &[(&Law, f64)],
+    extent: Extent,
+    limit: f64,
+) -> Result<Option<(Time, f64)>, LawError> {
     let mut terms: Vec<(Pieces<'_>, Option<Piece>)> = laws.iter().map(|(law, _)| (law.pieces(), None)).collect();
-    let mut at = Time::ZERO;
+    let (mut at, mut worst) = (Time::ZERO, None);
     for _ in 0..MOST_STRETCHES {
         for (pieces, piece) in &mut terms {
             while piece.as_ref().is_none_or(|piece| piece.end <= at) {
                 match pieces.next() {
                     Some(next) => *piece = Some(next?),
-                    None => return Ok(None),
+                    None => return Ok(worst),
                 }
             }
         }
         let pieces: Vec<(&Piece, f64)> =
             terms.iter().zip(laws).filter_map(|((_, piece), (_, scale))| Some((piece.as_ref()?, *scale))).collect();
-        let Some(end) = pieces.iter().map(|(piece, _)| piece.end).min() else { return Ok(None) };
-        if let Some(found) = in_part(&pieces, extent, limit, (at, end), 0) {
-            return Ok(Some(found));
+        let Some(end) = pieces.iter().map(|(piece, _)| piece.end).min() else { return Ok(worst) };
+        // Each one found is farther beyond than those before.
+        let mut bar = worst.map_or(limit, farther);
+        while let Some(found) = in_part(&pieces, extent, bar, (at, end), 0) {
+            // One that has no bounds there cannot be compared.
+            if !(found.1 > bar && found.1.is_finite()) {
+                return Ok(worst.or(Some(found)));
+            }
+            (worst, bar) = (Some(found), farther(found));
         }
         at = end;
+    }
+    if worst.is_some() {
+        return Ok(worst);
     }
     Err(LawError::Parameter(format!("the path has more than {MOST_STRETCHES} parts: too long to be checked")))
 }
 
-/// The same between two times that lie in one piece of each law.
+/// What is farther beyond than that.
+fn farther((_, value): (Time, f64)) -> f64 {
+    value + FARTHER * value.abs()
+}
+
+/// When they pass it between two times that lie in one piece of each law: not the first time, nor the worst.
 fn in_part(
     pieces: &[(&Piece, f64)],
     extent: Extent,
@@ -136,7 +157,7 @@ mod tests {
 
     #[track_caller]
     fn check(laws: &[(&Law, f64)], extent: Extent, peak: f64, at_s: Option<f64>) {
-        let beyond = |limit| first_beyond(laws, extent, limit).unwrap();
+        let beyond = |limit| farthest_beyond(laws, extent, limit).unwrap();
         assert_eq!(beyond(peak * 1.000_001), None);
         let (when, value) = beyond(peak * 0.999_999).expect("the peak is beyond it");
         assert!(value > peak * 0.999_999 && value < peak * 1.000_001, "{value}");
@@ -154,6 +175,24 @@ mod tests {
         // Where sin = cos: t = π/4.
         let quarter = std::f64::consts::FRAC_PI_4;
         check(&[(&formula, 1.0)], Extent::Value, (-quarter).exp() * quarter.sin(), Some(quarter));
+    }
+
+    /// Whatever the limit: also where it is passed long before, and passed again, and below 0.
+    #[test]
+    fn the_worst_moment_is_told_not_the_first() {
+        let slow = Law::sine(100.0, Time::from_seconds(2.0), Some(1)).unwrap();
+        let fast = Law::sine(100.0, Time::SECOND, Some(3)).unwrap();
+        let law = Law::then(vec![slow.clone(), fast, slow]).unwrap();
+        let peak = 100.0 * std::f64::consts::TAU;
+        for part in [0.01, 0.3, 0.7, 0.99] {
+            let (at, value) = farthest_beyond(&[(&law, 1.0)], Extent::Speed, part * peak).unwrap().unwrap();
+            assert!(value > 0.998 * peak && value <= peak * 1.000_001, "{value}");
+            // Each quarter of the fast one, but for its turns.
+            let quarters = (at.seconds() - 2.0) * 4.0;
+            assert!((0.9..11.1).contains(&quarters) && ((quarters - 1.0) % 2.0 - 1.0).abs() > 0.9, "{quarters}");
+        }
+        let (_, value) = farthest_beyond(&[(&law, -1.0)], Extent::Value, -150.0).unwrap().unwrap();
+        assert!(value > -1.0, "{value}");
     }
 
     /// A constant speed just below the limit needs no endless halving.

@@ -7,7 +7,7 @@
 //! 1e-17 of the orbit's size. Orbits that differ by that much part within some tens of time units, whoever computes
 //! them: what is said of a motion is relative to the polynomials.
 
-use super::{Class, Curve, Entry, FARTHEST, Law, LawError, Piece, checked};
+use super::{Class, Curve, Double, Entry, FARTHEST, Law, LawError, Piece, checked};
 use crate::Time;
 
 /// The equations' parameters and where the orbit begins.
@@ -40,6 +40,8 @@ pub struct Lorenz {
 const TERMS: usize = 24;
 /// What the last terms may amount to at a piece's end, relative to the orbit's size: below f64's rounding.
 const LAST_TERM: f64 = 1e-17;
+/// What is less is 0: its series would be of numbers below f64's normal ones.
+const NOTHING: f64 = 1e-270;
 /// Pieces are no shorter, in units of the equations' time: an orbit that needs more runs away.
 const SHORTEST: f64 = 1e-7;
 
@@ -89,7 +91,7 @@ impl Law {
     /// ```
     ///
     /// # Errors
-    /// [`LawError::Parameter`] if a parameter or the start is beyond ±1000, the speed not 1e-6 to 1e6, the scale 0 or beyond
+    /// [`LawError::Parameter`] if a parameter or the start is beyond ±1000, the start (0, 0, 0), where every orbit rests, the speed not 1e-6 to 1e6, the scale 0 or beyond
     /// 1e12, the duration not positive, or there is no such coordinate.
     pub fn lorenz(
         orbit: Orbit,
@@ -103,6 +105,10 @@ impl Law {
             if value.is_nan() || value.abs() > 1000.0 {
                 return Err(LawError::Parameter(format!("{name} is {value}; it must be from -1000 to 1000")));
             }
+        }
+        if orbit.start == [0.0; 3] {
+            let why = "an orbit that starts at (0, 0, 0) rests there: begin beside it, as at (1, 1, 25)";
+            return Err(LawError::Parameter(why.into()));
         }
         checked("scale", scale, "steps", |s| s != 0.0 && s.abs() <= 1e12)?;
         checked("speed", speed, "units of time in a second", |s| (1e-6..=1e6).contains(&s))?;
@@ -129,6 +135,12 @@ impl Lorenz {
         std::iter::from_fn(move || {
             if start >= last {
                 return None;
+            }
+            if state.iter().all(|s| s.abs() < NOTHING) {
+                // It has come to rest at (0, 0, 0).
+                let rest = Piece::rest(start, last, Double::ZERO);
+                start = last;
+                return Some(rest);
             }
             let series = self.orbit.expand(state);
             let reach = reach(&series);

@@ -55,13 +55,52 @@ impl Law {
         Ok(Law::TakeUp(Box::new(TakeUp { sum: [self, added] })))
     }
 
-    /// This law as what the motor drives makes it: without what takes up slack. `None` if that cannot be told apart, in
-    /// laws made of ones that take up slack.
+    /// This law as what the motor drives makes it: without what takes up slack. `None` if that cannot be told apart.
+    ///
+    /// ```
+    /// use pulsetrain_motion::{Law, Time, law::Cursor};
+    /// let seconds = Time::from_seconds;
+    /// let law = Law::sine(100.0, seconds(1.0), None)?.taking_up(8.0, seconds(0.02))?;
+    /// // Halted after the turn at 0.5 s: on its way back, and 8 steps further.
+    /// let halted = law.eased_out(Time::ZERO, seconds(0.55), seconds(0.1))?;
+    /// let at = |law: &Law| Cursor::new(law).at(seconds(0.65)).map(|sample| sample.position);
+    /// assert!((at(&halted)? - (at(&halted.without_slack().unwrap())? - 8.0)).abs() < 1e-9);
+    /// # Ok::<(), pulsetrain_motion::LawError>(())
+    /// ```
     #[must_use]
-    pub fn without_slack(&self) -> Option<&Law> {
+    pub fn without_slack(&self) -> Option<Law> {
+        self.with_take_up(&|take_up| Some(take_up.sum[0].clone()))
+    }
+
+    /// Within which time this law takes up slack; `None` if nowhere.
+    #[must_use]
+    pub fn slack_over(&self) -> Option<Time> {
         match self {
-            Law::TakeUp(take_up) => Some(&take_up.sum[0]),
-            law => (!law.takes_up()).then_some(law),
+            Law::TakeUp(take_up) => take_up.slack().map(|slack| slack.over),
+            Law::Then(laws) => laws.iter().find_map(Law::slack_over),
+            Law::Blended(blended) => blended.law().slack_over(),
+            Law::Warped(warped) => warped.law().slack_over(),
+            _ => None,
+        }
+    }
+
+    /// This law with its slack taken up within another time; `None` if that is no law.
+    #[must_use]
+    pub fn with_slack_over(&self, over: Time) -> Option<Law> {
+        self.with_take_up(&|take_up| take_up.sum[0].clone().taking_up(take_up.slack()?.steps, over).ok())
+    }
+
+    /// This law with something else in place of each law that takes up slack. Motion files have those of whole motors alone, to which a
+    /// stop or a pause may have come.
+    fn with_take_up(&self, change: &impl Fn(&TakeUp) -> Option<Law>) -> Option<Law> {
+        match self {
+            Law::TakeUp(take_up) => change(take_up),
+            Law::Then(laws) => {
+                Law::then(laws.iter().map(|law| law.with_take_up(change)).collect::<Option<Vec<Law>>>()?).ok()
+            }
+            Law::Blended(blended) if blended.law().takes_up() => blended.stop_of(blended.law().with_take_up(change)?),
+            Law::Warped(warped) => Some(Law::Warped(Box::new(warped.of(warped.law().with_take_up(change)?)))),
+            law => (!law.takes_up()).then(|| law.clone()),
         }
     }
 
@@ -80,6 +119,13 @@ impl Law {
 }
 
 impl TakeUp {
+    fn slack(&self) -> Option<&Slack> {
+        match &self.sum[1] {
+            Law::Slack(slack) => Some(slack),
+            _ => None,
+        }
+    }
+
     pub(super) fn end(&self) -> Option<Time> {
         self.sum[1].end()
     }

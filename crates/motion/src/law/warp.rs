@@ -171,6 +171,11 @@ impl Warped {
         &self.law
     }
 
+    /// The same of another law.
+    pub(super) const fn of(&self, law: Law) -> Warped {
+        Warped { law, from: self.from, ease: self.ease }
+    }
+
     pub(super) fn class(&self) -> Class {
         self.law.class().max(Class::Enclosed)
     }

@@ -224,7 +224,7 @@ fn prepared(board: &str, amplitude: f64, period_s: f64) -> miette::Result<Prepar
         motors: vec![motor],
         machines: Vec::new(),
     };
-    Ok(Prepared { file: name(period_s), program, cut_at: None, pause: None })
+    Ok(Prepared { file: name(period_s), program, cut: None, pause: None })
 }
 
 fn measure<P: Port>(

@@ -1,6 +1,9 @@
 //! `pulsetrain explain`: why a motion is refused, or how far it is from its limits.
 
+use std::fmt::{self, Display};
+
 use pulsetrain_motion::Time;
+use pulsetrain_motion::file::{BrokenPath, FileError, PathPoint, Problem};
 use pulsetrain_motion::law::Cursor;
 use pulsetrain_motion::program::Motor;
 use pulsetrain_plan::error::Limit;
@@ -79,7 +82,20 @@ struct Use {
 }
 
 pub(crate) fn run(args: &Explain, console: &mut Console<'_>) -> miette::Result<Exit> {
-    let prepared = args.motion.prepare()?;
+    let prepared = match args.motion.prepare() {
+        Ok(prepared) => prepared,
+        Err(report) => {
+            let Some(explanation) = report.downcast_ref::<FileError>().and_then(PathExplanations::new) else {
+                return Err(report);
+            };
+            if args.json {
+                console.print_json(&explanation)?;
+            } else {
+                console.print(&explanation)?;
+            }
+            return Ok(Exit::Success);
+        }
+    };
     let bar = console.progress(prepared.end_s(), "the motion");
     bar.stage("planning");
     let planned = prepared.plan(|seconds| bar.set(seconds));
@@ -119,6 +135,128 @@ pub(crate) fn run(args: &Explain, console: &mut Console<'_>) -> miette::Result<E
     }
     // The motion may be refused; explaining that was what was asked for.
     Ok(Exit::Success)
+}
+
+/// Why a file is refused in which nothing but machines' paths is wrong.
+#[derive(Serialize)]
+struct PathExplanations<'a> {
+    file: &'a str,
+    fits: bool,
+    refusals: Vec<PathExplanation<'a>>,
+}
+
+/// Why a machine's path is refused.
+#[derive(Serialize)]
+struct PathExplanation<'a> {
+    machine: &'a str,
+    is: &'a str,
+    message: &'a str,
+    line: usize,
+    at_s: f64,
+    limit: Option<PathLimit<'a>>,
+    points: Vec<PathRow<'a>>,
+    least_slowdown: Option<f64>,
+    #[serde(skip)]
+    advice: &'a str,
+}
+
+#[derive(Serialize)]
+struct PathLimit<'a> {
+    of: &'a str,
+    unit: &'static str,
+    value: f64,
+}
+
+#[derive(Serialize)]
+struct PathRow<'a> {
+    at_s: f64,
+    tip_mm: &'a [f64],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    value: Option<f64>,
+}
+
+impl<'a> PathExplanations<'a> {
+    /// `None` if anything else is wrong, too: that comes first.
+    fn new(error: &'a FileError) -> Option<PathExplanations<'a>> {
+        let problems = error.problems();
+        let refusals = problems.iter().map(|problem| Some(PathExplanation::new(problem, problem.path()?)));
+        Some(PathExplanations {
+            file: problems.first()?.file(),
+            fits: false,
+            refusals: refusals.collect::<Option<_>>()?,
+        })
+    }
+}
+
+impl Display for PathExplanations<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}: refused", self.file)?;
+        self.refusals.iter().enumerate().try_for_each(|(k, refusal)| {
+            let blank = if k > 0 { "\n" } else { "" };
+            write!(f, "{blank}{refusal}")
+        })
+    }
+}
+
+impl<'a> PathExplanation<'a> {
+    fn new(problem: &'a Problem, path: &'a BrokenPath) -> PathExplanation<'a> {
+        let rows = path.points.iter();
+        PathExplanation {
+            machine: &path.machine,
+            is: &path.is,
+            message: problem.message(),
+            line: problem.place().0,
+            at_s: path.at_s,
+            limit: path.limit.as_ref().map(|(of, unit, value)| PathLimit { of, unit, value: *value }),
+            points: rows
+                .map(|PathPoint { at_s, tip, value }| PathRow { at_s: *at_s, tip_mm: tip, value: *value })
+                .collect(),
+            least_slowdown: path.slower.map(fit::rounded_up),
+            advice: problem.advice().unwrap_or_default(),
+        }
+    }
+}
+
+impl Display for PathExplanation<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let PathExplanation { machine, is, message, line, points, limit, .. } = self;
+        writeln!(f, "  machine {machine}, {is}:\n  line {line}: {message}\n\nThe path near the place")?;
+        let mut headings = vec![String::new(), "time".to_owned()];
+        let coordinates = points.first().map_or(0, |point| point.tip_mm.len());
+        headings.extend(["x, mm", "y, mm", "z, mm"].into_iter().take(coordinates).map(str::to_owned));
+        if let Some(PathLimit { of, unit, .. }) = limit {
+            headings.extend([format!("{of}, {unit}"), String::new()]);
+        }
+        let last = headings.len() - 1;
+        let left = if limit.is_some() { vec![0, last] } else { vec![0] };
+        let mut table = Table::default().left(&left);
+        table.row(headings);
+        let most = points.iter().filter_map(|point| point.value).chain(limit.as_ref().map(|limit| limit.value));
+        let most = most.map(f64::abs).fold(0.0, f64::max);
+        for point in points {
+            let here = if point.at_s == self.at_s { "→" } else { "" };
+            let mut row = vec![here.to_owned(), human::seconds_to(point.at_s, 4)];
+            row.extend(point.tip_mm.iter().map(|mm| format!("{mm:.3}")));
+            if let (Some(limit), Some(value)) = (limit, point.value) {
+                // An angle may be beyond a limit below 0.
+                let way = if limit.value < 0.0 { -1.0 } else { 1.0 };
+                row.extend([format!("{value:.1}"), bar((way * value).max(0.0), way * limit.value, most)]);
+            }
+            table.row(row);
+        }
+        if let Some(PathLimit { unit, value, .. }) = limit {
+            let mut row = vec![String::new(); last];
+            row.push(format!("│ is the limit: {value:.1} {unit}"));
+            table.row(row);
+        }
+        writeln!(f, "{table}\nWhat would fit\n  {}", self.advice)?;
+        match self.least_slowdown {
+            Some(factor) => {
+                writeln!(f, "  {} times slower it fits, its `ease` included", human::significant(factor, 4))
+            }
+            None => Ok(()),
+        }
+    }
 }
 
 fn refused(prepared: &Prepared, motor: &Motor, error: &PlanError, advice: String) -> Refused {

@@ -1,5 +1,7 @@
 //! `pulsetrain plan`: plan and prove; nothing runs.
 
+use pulsetrain_motion::Time;
+
 use crate::cli::Plan;
 use crate::console::{Console, Exit};
 use crate::prepare::{Planned, Prepared};
@@ -36,7 +38,8 @@ pub(crate) fn report(prepared: &Prepared, planned: &[Planned]) -> PlanReport {
         tick_hz: board.tick_hz,
         tolerance_ticks: program.tolerance.ticks(board.tick_hz),
         duration_s: last_tick as f64 / board.tick_hz as f64,
-        cut_at_s: prepared.cut_at.map(pulsetrain_motion::Time::seconds),
+        cut_at_s: prepared.cut.map(|cut| cut.at.seconds()),
+        uncut_s: prepared.cut.and_then(|cut| cut.end).map(Time::seconds),
         pause: prepared.pause,
         motors: motors.map(|(motor, planned)| MotorReport::new(motor, board, &planned.certificate)).collect(),
     }

@@ -10,6 +10,7 @@ use super::{drive_problem, on_port, plan};
 use crate::cli::Run;
 use crate::console::{self, Console, Exit, access};
 use crate::drive::Driven;
+use crate::figure::Drawn;
 use crate::human;
 use crate::plot::Picture;
 use crate::prepare::{Planned, Prepared};
@@ -92,7 +93,8 @@ pub(crate) fn record<B: Board, W: std::io::Write>(
 ) -> miette::Result<Recorded> {
     let board = &prepared.program.board;
     let title = format!("{} on {}", file_name(&prepared.file), board.name);
-    let mut recorder = Recorder::new(&prepared.program, &driven.lines, title, files, &edges)?;
+    let drawn = Drawn::of(&prepared.program);
+    let mut recorder = Recorder::new(&prepared.program, &drawn, &driven.lines, title, files, &edges)?;
     let bar = console.progress(prepared.end_s(), &human::seconds_to(prepared.end_s(), 6));
     bar.stage("running");
     driven.run(&mut recorder, |seconds| bar.set(seconds)).map_err(drive_problem)?;

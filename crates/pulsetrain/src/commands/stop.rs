@@ -1,9 +1,9 @@
 //! `pulsetrain stop`: a board's motors stop at once, whoever told them.
 
-use std::io;
 use std::time::Duration;
 
-use pulsetrain_board::{LinkError, Port, Remote, RemoteError, Serial};
+use miette::{Report, miette};
+use pulsetrain_board::{LinkError, Port, PortError, Remote, RemoteError, Serial};
 use pulsetrain_trace::winch::{AXES, Status};
 use serde::Serialize;
 
@@ -13,39 +13,28 @@ use crate::cli::Stop;
 use crate::console::{Console, Exit};
 use crate::drive::session_number;
 use crate::human;
-use crate::winch::console::{ConsoleError, Person, Wish, converse};
-use crate::winch::talk::{Said, Talk};
+use crate::winch::talk::{Said, Talk, with_checksum};
 
 /// How a board stopped, by its own word.
 #[derive(Debug, Serialize)]
 struct Stopped {
-    /// Something moved, or was to.
-    moved: bool,
+    /// Something moved, or was to. Not told of paths that were not seen to move: they may have stopped before the first look.
+    moved: Option<bool>,
     /// Opening the port has reset the board, which stops it, too.
     reset: bool,
     /// Text had its axes: those with paths stopped within their limits, those told directly at once.
     text: bool,
-    /// No step was begun after that, s of the board's clock; of text the last that it told.
-    at_s: f64,
+    /// Of frames, no step was begun after that; of paths, when the board said where they are: s of its clock. Verbs in text tell none.
+    at_s: Option<f64>,
     /// Steps of each motor, or of text's axes x, y, z and a: forward minus backward.
     positions: Vec<i64>,
-    /// Motors that may stand elsewhere: they were too fast for that.
+    /// Motors that may stand elsewhere: of frames those above their pull-in speed, of text, which knows none, all that were stepping and
+    /// had no ramp.
     uncertain: Vec<usize>,
 }
 
 pub(crate) fn run(args: &Stop, console: &mut Console<'_>) -> miette::Result<Exit> {
-    let open = || Serial::open(&args.port, false).map_err(port_problem);
-    let stopped = match stop(open()?) {
-        Err(RemoteError::Link(LinkError::Taken)) => {
-            let stopped = stop_text(&mut Talk::new(open()?)).map_err(|error| match error {
-                ConsoleError::Port(error) => port_problem(error),
-                error => error.into(),
-            })?;
-            stopped.ok_or(RemoteError::Link(LinkError::Taken))
-        }
-        other => other,
-    };
-    let stopped = stopped.map_err(|error| drive_problem(error.into()))?;
+    let stopped = stop(|| Serial::open(&args.port, false))?;
     if args.json {
         console.print_json(&stopped)?;
     } else {
@@ -58,21 +47,33 @@ impl Stopped {
     /// In words.
     fn told(&self) -> String {
         let Stopped { moved, at_s, positions, uncertain, .. } = self;
-        let at = human::seconds(*at_s);
+        let when = at_s.map_or_else(String::new, |at| format!("{} after the board began; ", human::seconds(at)));
         if self.text {
-            let axes: Vec<String> = AXES.iter().zip(positions).map(|(axis, steps)| format!("{axis} {steps}")).collect();
-            let what = if *moved { "they have stopped" } else { "none was seen to move" };
-            return format!(
-                "text had the axes; told `enable 0`, {what}, and the drivers are off; {at} after the board began they counted {}",
-                axes.join(", ")
-            );
+            let named = |axis: usize| AXES.get(axis).map_or_else(|| axis.to_string(), char::to_string);
+            let axes: Vec<String> =
+                positions.iter().enumerate().map(|(axis, at)| format!("{} {at}", named(axis))).collect();
+            let what = match moved {
+                Some(false) => "none moved",
+                _ if at_s.is_none() => "they were stopped at once",
+                _ => "they have stopped within their limits",
+            };
+            let mut told =
+                format!("text had the axes: {what}, and the drivers are off; {when}steps counted: {}", axes.join(", "));
+            if !uncertain.is_empty() {
+                let axes: Vec<String> = uncertain.iter().map(|axis| named(*axis)).collect();
+                told.push_str(&format!(
+                    "\nstopped between two steps, so may stand elsewhere than counted if they were faster than they can start: {}",
+                    axes.join(", ")
+                ));
+            }
+            return told;
         }
         if self.reset {
             return "opening the port has reset the Uno: what moved has stopped at once, and nobody knows where it stands".to_owned();
         }
-        let what = if *moved { "the motors were stopped at once" } else { "nothing moved" };
+        let what = if *moved == Some(true) { "the motors were stopped at once" } else { "nothing moved" };
         let counted = if positions.is_empty() { "no motor is set up".to_owned() } else { listed(positions) };
-        let mut told = format!("{what}, {at} after the board began; steps counted: {counted}");
+        let mut told = format!("{what}, {when}steps counted: {counted}");
         if !uncertain.is_empty() {
             let motors = motor_list(uncertain);
             told.push_str(&format!("\ntoo fast for that, so may stand elsewhere than counted: {motors}"));
@@ -81,8 +82,28 @@ impl Stopped {
     }
 }
 
-fn stop<P: Port>(port: P) -> Result<Stopped, RemoteError> {
-    let mut board = Remote::open(port, session_number())?;
+/// Stops whatever the board at the port that `open` opens moves. Frames are asked first; if they are refused, as while text has the axes,
+/// text is next, and then those who may have the board until they leave it.
+fn stop<P: Port>(mut open: impl FnMut() -> Result<P, PortError>) -> miette::Result<Stopped> {
+    let first = Remote::open_if_free(open().map_err(port_problem)?, session_number());
+    let refused = match first.and_then(stop_frames) {
+        Ok(stopped) => return Ok(stopped),
+        // What speaks text alone does not answer frames.
+        Err(refused @ RemoteError::Link(LinkError::Taken | LinkError::Nobody)) => refused,
+        Err(error) => return Err(drive_problem(error.into())),
+    };
+    if let Some(stopped) = stop_text(&mut Talk::new(open().map_err(port_problem)?))? {
+        return Ok(stopped);
+    }
+    match refused {
+        RemoteError::Link(LinkError::Taken) => Remote::open(open().map_err(port_problem)?, session_number())
+            .and_then(stop_frames)
+            .map_err(|error| drive_problem(error.into())),
+        nobody => Err(drive_problem(nobody.into())),
+    }
+}
+
+fn stop_frames<P: Port>(mut board: Remote<P>) -> Result<Stopped, RemoteError> {
     let moved = !board.status()?.is_idle();
     let (stopped, positions) = board.stop_motors()?;
     let tick_hz = f64::from(board.info().tick_hz);
@@ -90,86 +111,203 @@ fn stop<P: Port>(port: P) -> Result<Stopped, RemoteError> {
     let reset = board.info().board == UNO && !moved && positions.is_empty();
     board.close();
     let uncertain = (0..positions.len()).filter(|motor| stopped.uncertain >> motor & 1 == 1).collect();
-    Ok(Stopped { moved, reset, text: false, at_s: stopped.tick as f64 / tick_hz, positions, uncertain })
+    let (moved, at_s) = (Some(moved), Some(stopped.tick as f64 / tick_hz));
+    Ok(Stopped { moved, reset, text: false, at_s, positions, uncertain })
 }
 
-/// Stops axes that text drives: frames are refused meanwhile. `None` if the board does not answer as text, or the axes did not come to
-/// rest.
-fn stop_text<P: Port>(talk: &mut Talk<P>) -> Result<Option<Stopped>, ConsoleError> {
-    /// Statuses come each 0.2 s, if nobody has said otherwise.
-    const STATUS: Duration = Duration::from_millis(500);
-    // This learns, too, whether the board wants checksums.
-    if talk.ask()?.is_none() {
-        return Ok(None);
-    }
-    // Where axes are that are told directly, and whether they move, is lost as they stop.
-    let mut seen = Seen::default();
-    for _ in 0..2 {
-        if let Some(status) = talk.status(STATUS)? {
-            seen.show(&Said::Status(status))?;
+/// A period that no step of a stop ends: half a minute of a Pico. The answer has, for each axis, when its next step comes then: never, of one
+/// that rests. So it stops who steps, and names them; text has no question for that.
+const NAMES_AND_STOPS: &str = "speed xyza 4294967294";
+/// Then they forget what they were to do, and the answer has where they are.
+const FORGET: &str = "halt";
+/// Paths stop within their limits; then, and after verbs, the drivers are off.
+const RELEASE: &str = "enable 0";
+/// Shorter than any period may be: refused as that once paths have left the axes, and as theirs before.
+const STILL: &str = "speed x 1";
+
+/// A line is answered within that, also through an adapter that holds bytes back.
+const ANSWER: Duration = Duration::from_millis(100);
+/// How often lines are said, if nobody answers: a board that has just begun is deaf for a second or two.
+const TRIES: usize = 40;
+/// Axes that have stopped and wait for their drivers to be released take no longer than that.
+const RELEASED: Duration = Duration::from_secs(2);
+/// A path that brakes may take that long.
+const BRAKED: Duration = Duration::from_secs(60);
+/// Statuses come each 0.2 s, if nobody has said otherwise.
+const STATUS: Duration = Duration::from_millis(500);
+/// A path whose steps were so far apart, by the board's clock, counts as stopped on boards that cannot be asked, µs.
+const REST_US: u64 = 500_000;
+
+/// What a board has said since it was told to stop.
+#[derive(Debug, Default)]
+struct Heard {
+    /// It obeys lines.
+    answers: bool,
+    /// A program that sends frames has it.
+    is_taken: bool,
+    /// Answers to verbs: the first and the last.
+    ats: Vec<[(i64, bool); AXES.len()]>,
+    /// Paths have the axes, as of the last answer; `None` if the board does not say.
+    paths: Option<bool>,
+    /// `awake` came after verbs were answered: they have left the axes.
+    is_released: bool,
+    /// The first status, and those since the positions are what they are.
+    first: Option<Status>,
+    since: Option<Status>,
+    last: Option<Status>,
+}
+
+impl Heard {
+    fn hear(&mut self, said: &Said) {
+        let line = match said {
+            Said::Status(status) => {
+                self.first.get_or_insert(*status);
+                self.since = self.since.filter(|since| since.positions == status.positions).or(Some(*status));
+                self.last = Some(*status);
+                return;
+            }
+            Said::Line(line) => line.as_str(),
+        };
+        match line {
+            "err path" => self.paths = Some(true),
+            "err taken" => self.is_taken = true,
+            // On USB one comes as the port is opened.
+            "awake" => self.is_released |= !self.ats.is_empty(),
+            _ if line.starts_with("id ") => self.answers = true,
+            _ if line.starts_with("err period ") => self.paths = Some(false),
+            _ => self.ats.extend(read_at(line)),
         }
     }
-    let ended = converse(talk, &mut seen)?;
-    let Some(Status { usec, positions }) = seen.last.filter(|_| ended.is_settled && ended.refused == 0) else {
+
+    /// Whether positions have been the same for so long.
+    fn is_still(&self) -> bool {
+        matches!((self.since, self.last), (Some(since), Some(last)) if last.usec - since.usec >= REST_US)
+    }
+}
+
+/// `at <tick> x <position> <wait> …`: where each axis is, and whether a step is to come.
+fn read_at(line: &str) -> Option<[(i64, bool); AXES.len()]> {
+    let mut words = line.strip_prefix("at ")?.split(' ').skip(1);
+    let mut axes = [(0, false); AXES.len()];
+    for (name, axis) in AXES.iter().zip(&mut axes) {
+        words.next().filter(|word| word.chars().eq([*name]))?;
+        *axis = (words.next()?.parse().ok()?, words.next()? != "-");
+    }
+    Some(axes)
+}
+
+/// Listens until `until`, or until `is_enough`.
+fn listen<P: Port>(
+    talk: &mut Talk<P>,
+    heard: &mut Heard,
+    until: Duration,
+    is_enough: impl Fn(&Heard) -> bool,
+) -> miette::Result<()> {
+    const ROUND: Duration = Duration::from_millis(10);
+    while !is_enough(heard) && talk.now() < until {
+        talk.wait(until.min(talk.now() + ROUND), |_, said| heard.hear(&said)).map_err(port_problem)?;
+    }
+    Ok(())
+}
+
+/// Stops axes that text drives: frames are refused meanwhile. `None` if the board does not answer as text, or frames have it.
+fn stop_text<P: Port>(talk: &mut Talk<P>) -> miette::Result<Option<Stopped>> {
+    let mut heard = Heard::default();
+    for round in 0..TRIES {
+        for line in [NAMES_AND_STOPS, FORGET, RELEASE, "version"] {
+            // One that wants checksums does not say so behind a question in frames.
+            let line = if round % 2 == 1 { with_checksum(line) } else { line.to_owned() };
+            talk.tell(&line).map_err(port_problem)?;
+        }
+        let until = talk.now() + ANSWER;
+        listen(talk, &mut heard, until, |heard| heard.answers || heard.is_taken)?;
+        if heard.is_taken {
+            return Ok(None);
+        }
+        if heard.answers {
+            break;
+        }
+    }
+    if !heard.answers {
         return Ok(None);
+    }
+    let (Some(before), Some(after)) = (heard.ats.first().copied(), heard.ats.last().copied()) else {
+        return stop_paths(talk, heard).map(Some);
     };
-    Ok(Some(Stopped {
-        moved: seen.moved,
+    let until = talk.now() + RELEASED;
+    listen(talk, &mut heard, until, |heard| heard.is_released)?;
+    if !heard.is_released {
+        return Err(does_not_stop("it does not say that its axes are released"));
+    }
+    let uncertain: Vec<usize> = (0..AXES.len()).filter(|axis| before[*axis].1).collect();
+    let positions = after.map(|(position, _)| position).to_vec();
+    Ok(Some(Stopped { moved: Some(!uncertain.is_empty()), reset: false, text: true, at_s: None, positions, uncertain }))
+}
+
+/// Waits until paths have come to rest, as they were told.
+fn stop_paths<P: Port>(talk: &mut Talk<P>, mut heard: Heard) -> miette::Result<Stopped> {
+    let end = talk.now() + BRAKED;
+    let mut patience = talk.now() + STATUS;
+    loop {
+        heard.paths = None;
+        let line = talk.as_wanted(STILL);
+        talk.tell(&line).map_err(port_problem)?;
+        let until = talk.now() + ANSWER;
+        listen(talk, &mut heard, until, |heard| heard.paths == Some(false))?;
+        match heard.paths {
+            Some(false) => break,
+            None if heard.is_still() => break,
+            _ => {}
+        }
+        if heard.first.is_none() && talk.now() >= patience {
+            // As it is at first: whoever said otherwise is gone.
+            let line = talk.as_wanted("srate 200");
+            talk.tell(&line).map_err(port_problem)?;
+            patience = end;
+        }
+        if talk.now() >= end {
+            return Err(does_not_stop("its axes still move"));
+        }
+    }
+    // What comes from here on is where they came to rest.
+    heard.last = None;
+    let until = talk.now() + STATUS;
+    listen(talk, &mut heard, until, |heard| heard.last.is_some())?;
+    if heard.last.is_none() {
+        let line = talk.as_wanted("srate 200");
+        talk.tell(&line).map_err(port_problem)?;
+        let until = talk.now() + STATUS;
+        listen(talk, &mut heard, until, |heard| heard.last.is_some())?;
+    }
+    let (Some(first), Some(last)) = (heard.first, heard.last) else {
+        return Err(does_not_stop("it does not say where its axes are"));
+    };
+    Ok(Stopped {
+        moved: (first.positions != last.positions).then_some(true),
         reset: false,
         text: true,
-        at_s: usec as f64 * 1e-6,
-        positions: positions.map(i64::from).to_vec(),
+        at_s: Some(last.usec as f64 * 1e-6),
+        positions: last.positions.map(i64::from).to_vec(),
         uncertain: Vec::new(),
-    }))
+    })
 }
 
-/// Whoever wants the axes stopped, and looks on.
-#[derive(Debug, Default)]
-struct Seen {
-    has_told: bool,
-    moved: bool,
-    last: Option<Status>,
-    /// The board said `awake`.
-    is_awake: bool,
-}
-
-impl Person for Seen {
-    fn wishes(&mut self) -> io::Result<Vec<Wish>> {
-        let has_told = std::mem::replace(&mut self.has_told, true);
-        Ok(if has_told { Vec::new() } else { vec![Wish::Stop, Wish::End] })
-    }
-
-    fn show(&mut self, said: &Said) -> io::Result<()> {
-        match said {
-            Said::Line(line) => self.is_awake |= line == "awake",
-            // Behind verbs text begins anew, and counts from 0.
-            Said::Status(status) if self.is_awake && self.last.is_some() && status.positions == [0; 4] => {}
-            Said::Status(status) => {
-                self.moved |= self.last.is_some_and(|last| last.positions != status.positions);
-                self.last = Some(*status);
-            }
-        }
-        Ok(())
-    }
-
-    fn tell(&mut self, _: &str) -> io::Result<()> {
-        Ok(())
-    }
-
-    fn waits_for_rest(&self) -> bool {
-        true
-    }
+fn does_not_stop(why: &str) -> Report {
+    let help = "look with `pulsetrain winch --port PORT`; if axes still move, cut the power";
+    miette!(help = help, "the board was told to stop, but {why}")
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::info;
     use super::*;
-    use pulsetrain_board::Setup;
     use pulsetrain_board::virtual_pico::VirtualPico;
+    use pulsetrain_board::{Edge, Setup};
     use pulsetrain_core::verbs::Verb;
     use pulsetrain_core::wire::Baud;
     use pulsetrain_core::wire::message::MotorSetup;
+    use std::cell::RefCell;
+    use std::rc::Rc;
 
     /// A MOVE of a day that a host left behind: the next one is told, and may end it.
     #[test]
@@ -184,8 +322,8 @@ mod tests {
         assert_eq!(said.keeps(), "not told while motors are powered");
         assert!(said.moves && said.positions.len() == 1 && said.uncertain.is_empty(), "{said:?}");
         // It is stopped at 1000 steps/s, where 100 are sure.
-        let Stopped { moved, positions, uncertain, .. } = stop(port).unwrap();
-        assert!(moved && positions[0] > 0, "{positions:?}");
+        let Stopped { moved, positions, uncertain, .. } = stop(|| Ok(port.clone())).unwrap();
+        assert!(moved == Some(true) && positions[0] > 0, "{positions:?}");
         assert_eq!(uncertain, [0]);
         // A host that falls silent leaves nothing that moves.
         let until = lost.now() + Duration::from_secs(3);
@@ -195,6 +333,102 @@ mod tests {
         let said = info::ask(lost, Baud::B1M).unwrap();
         assert!(!said.moves, "{said:?}");
         assert_eq!(said.uncertain, [0]);
+    }
+
+    /// A board whose port is opened again and again, as by one program after the other.
+    #[derive(Clone)]
+    struct Shared(Rc<RefCell<VirtualPico>>);
+
+    impl Port for Shared {
+        fn now(&self) -> Duration {
+            self.0.borrow().now()
+        }
+
+        fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+            self.0.borrow_mut().send(bytes)
+        }
+
+        fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
+            self.0.borrow_mut().receive(until, into)
+        }
+
+        fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
+            self.0.borrow_mut().set_baud(baud)
+        }
+    }
+
+    impl Shared {
+        /// Whoever has the port open leaves them here.
+        fn pins(&self) -> Vec<Edge> {
+            let mut edges = Vec::new();
+            self.0.borrow_mut().edges(&mut edges);
+            edges
+        }
+    }
+
+    /// Has a Pico do what lines say, stops it 0.2 s later, and gives what is told, when and where x, y and z made their last steps, and
+    /// when all was known. Times are since the stop was begun.
+    fn stopped(lines: &[&str]) -> (Stopped, [i64; 3], Duration, Duration) {
+        const TICKS_PER_S: f64 = 125e6;
+        let pico = Shared(Rc::new(RefCell::new(VirtualPico::on_usb())));
+        let mut talk = Talk::new(pico.clone());
+        for line in lines {
+            talk.tell(line).unwrap();
+        }
+        talk.wait(talk.now() + Duration::from_millis(200), |_, said| assert!(!said.is_refusal(), "{said:?}")).unwrap();
+        let begun = pico.now();
+        let mut edges = pico.pins();
+        let stopped = stop(|| Ok(pico.clone())).unwrap();
+        let known = pico.now() - begun;
+        let tick = edges.last().map_or(0, |edge| edge.tick);
+        edges.extend(pico.pins());
+        let mut forward = [false; 10];
+        let mut counts = [0; 3];
+        let mut last = tick;
+        for edge in edges {
+            if edge.line % 2 == 1 && edge.line < 10 {
+                forward[usize::from(edge.line)] = edge.level;
+            } else if let Some(axis) = [2, 4, 6].iter().position(|step| *step == edge.line && edge.level) {
+                counts[axis] += if forward[usize::from(edge.line) + 1] { 1 } else { -1 };
+                last = edge.tick;
+            }
+        }
+        (stopped, counts, Duration::from_secs_f64((last - tick) as f64 / TICKS_PER_S), known)
+    }
+
+    /// x runs, y goes back, z has done its move, a was told to wait: all are where the pins have them, and x and y are named.
+    #[test]
+    fn axes_told_directly_stop_soon_and_their_places_are_told() {
+        let lines = ["speed xyz 12500 50000 12500", "dir ya -1 0", "run xa", "move y 100000", "move z 40"];
+        let (stopped, [x, y, z], last, known) = stopped(&lines);
+        assert!(x > 1000 && y < -200 && z == 40, "{x} {y} {z}");
+        assert_eq!(stopped.positions, [x, y, z, 0]);
+        assert_eq!((stopped.text, stopped.moved, &stopped.uncertain[..]), (true, Some(true), &[0, 1][..]));
+        assert!(stopped.told().contains("than they can start: x, y"), "{}", stopped.told());
+        assert!(last < Duration::from_millis(15) && known < Duration::from_millis(500), "{last:?} {known:?}");
+    }
+
+    /// Paths brake: 4000 steps/s by 20 000 steps/s² take 0.2 s and 400 steps.
+    #[test]
+    fn axes_on_paths_brake_and_are_asked_where_they_came_to_rest() {
+        // A board that is strict refuses what has no checksum.
+        for lines in [&["l x 4000 20000", "v x 4000"][..], &["strict 1", "l x 4000 20000", "v x 4000"]] {
+            let lines =
+                lines.iter().map(|line| if lines.len() == 3 { with_checksum(line) } else { (*line).to_owned() });
+            let lines: Vec<String> = lines.collect();
+            let lines: Vec<&str> = lines.iter().map(String::as_str).collect();
+            let (stopped, [x, ..], last, known) = stopped(&lines);
+            assert_eq!(stopped.positions, [x, 0, 0, 0]);
+            assert!(x > 400 && stopped.text && stopped.uncertain.is_empty() && stopped.moved != Some(false));
+            let (shortest, longest) = (Duration::from_millis(150), Duration::from_millis(300));
+            assert!(last > shortest && last < longest && known < Duration::from_millis(900), "{last:?} {known:?}");
+        }
+    }
+
+    #[test]
+    fn a_board_that_was_told_nothing_is_said_to_rest() {
+        let (stopped, counts, ..) = stopped(&["ping"]);
+        assert_eq!((stopped.text, stopped.moved, counts), (false, Some(false), [0; 3]));
     }
 
     #[test]

@@ -313,7 +313,7 @@ fn prepared(file: &str, motors: Vec<Motor>) -> Prepared {
     let machines = Vec::new();
     let program =
         Program { board, grid: Grid::REACH, tolerance: Tolerance::Ticks(1.0), idle_ms: None, motors, machines };
-    Prepared { file: file.to_owned(), program, cut_at: None, pause: None }
+    Prepared { file: file.to_owned(), program, cut: None, pause: None }
 }
 
 /// A motion, planned and streamed by a session over USB: a row for all edges, and what was scheduled.
@@ -402,7 +402,7 @@ pub(crate) fn sweep(seconds: i64) -> Vec<Row> {
     let timing = Timing::of("A4988");
     let laws = original.program.motors.iter().map(|motor| motor.law.clone());
     let motors = (0_u8..).zip(laws.clone().chain(laws)).map(|(number, law)| motor(number, law, timing)).collect();
-    let prepared = Prepared { cut_at: original.cut_at, ..prepared("001's sweep", motors) };
+    let prepared = Prepared { cut: original.cut, ..prepared("001's sweep", motors) };
     let law = format!("001's four motors twice, {seconds} s");
     let (all, followed) = motion_row(4, &law, &prepared, timing);
     let mut rows = vec![all.clone()];

@@ -296,7 +296,7 @@ pub(crate) fn tutorial(period: Time, cycles: u64, (step, dir): (u8, u8), pulse_n
         motors: vec![motor],
         machines: Vec::new(),
     };
-    Prepared { file: format!("the tutorial, T = {} s", period.seconds()), program, cut_at: None, pause: None }
+    Prepared { file: format!("the tutorial, T = {} s", period.seconds()), program, cut: None, pause: None }
 }
 
 /// Period (s, as a fraction), STEP and DIR: the seed's periods, the fastest by the compare hardware.

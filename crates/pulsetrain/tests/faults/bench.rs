@@ -3,6 +3,7 @@
 use crate::line::{Fault, Line};
 use miette::Diagnostic;
 use pulsetrain::drive::{DriveError, Driven, Knowledge, Whereabouts, connect_as};
+use pulsetrain::figure::Drawn;
 use pulsetrain::prepare::Prepared;
 use pulsetrain::record::{Edges, Files, Recorder};
 use pulsetrain_board::skewed::Skewed;
@@ -318,7 +319,8 @@ impl<P: Chip> Bench<P> {
         let disk = || Disk { room: bytes };
         let program = &self.prepared.program;
         let files = Files::new(program, &driven.lines, disk(), disk()).expect("there is room for that");
-        let recorder = Recorder::new(program, &driven.lines, String::new(), Some(files), &Edges::of(program));
+        let drawn = Drawn::of(program);
+        let recorder = Recorder::new(program, &drawn, &driven.lines, String::new(), Some(files), &Edges::of(program));
         let mut recorder = recorder.expect("it begins");
         let ended = driven.run(&mut recorder, |_| {});
         let error = recorder.finish(&planned).expect_err("the disk is full");
