@@ -31,6 +31,12 @@ impl<B: Board> Shadowed<B> {
         &mut self.board
     }
 
+    /// The board, without its shadow.
+    #[must_use]
+    pub fn into_board(self) -> B {
+        self.board
+    }
+
     /// Whether the shadow took everything that the board took.
     #[must_use]
     pub const fn agrees(&self) -> bool {

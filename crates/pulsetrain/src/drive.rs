@@ -251,9 +251,15 @@ impl<'a, P: Port> Driven<'a, Shadowed<Remote<P>>> {
         Driven::begin(board, program, lines, places)
     }
 
-    /// The board's own measurements, and what is true of its firmware: to be asked before the run ends it.
+    /// The board's own measurements, and what is true of its firmware.
     pub fn board_mut(&mut self) -> &mut Remote<P> {
         self.session.board_mut().board_mut()
+    }
+
+    /// Gives the board up: what it was told goes on to its stop, and the next host need not wait until this one was silent for too long.
+    /// Gives the port back.
+    pub fn close(self) -> P {
+        self.session.into_board().into_board().close()
     }
 }
 

@@ -2,12 +2,13 @@
 
 use pulsetrain::cli;
 use pulsetrain::console::Exit;
-use pulsetrain::drive::connect_while;
+use pulsetrain::drive::{Driven, connect_while};
+use pulsetrain::prepare::Prepared;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::{Board, Edge, Port, PortError, Remote, RemoteError, Setup};
 use pulsetrain_core::verbs::Verb;
 use pulsetrain_core::wire::Baud;
-use pulsetrain_core::wire::message::MotorSetup;
+use pulsetrain_core::wire::message::{Cause, MotorSetup};
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
 use pulsetrain_motion::{boards, file};
 use std::cell::RefCell;
@@ -112,6 +113,21 @@ fn a_refused_host_leaves_what_moves_to_the_next() {
     });
     assert!(next.is_ok() && asked > 10, "{asked}");
     assert!((4.9..6.0).contains(&(board.now() - began).as_secs_f64()), "{:?}", board.now() - began);
+}
+
+/// A run that is over gives its board to the next one: nobody waits until it was silent for too long.
+#[test]
+fn a_run_that_is_over_gives_its_board_away() {
+    let board = Shared(Rc::new(RefCell::new(VirtualPico::on_usb())));
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/tutorial.toml");
+    let prepared = Prepared::load(file.as_ref(), Some("pico"), None).unwrap();
+    let mut driven = Driven::at(&prepared, board.clone(), Baud::B1M).unwrap();
+    driven.run(&mut |_: Edge| {}, |_| {}).unwrap();
+    driven.close();
+    let asked = board.now();
+    let next = Remote::open(board.clone(), 9).unwrap();
+    assert!(board.now() - asked < Duration::from_millis(100), "{:?}", board.now() - asked);
+    assert_eq!(next.info().last_stop, Cause::Finished);
 }
 
 const SINE: &str =

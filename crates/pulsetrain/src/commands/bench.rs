@@ -4,7 +4,7 @@ use miette::miette;
 use pulsetrain_board::remote::in_words;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
-use pulsetrain_board::{Board, Edge, Observer, Port, Remote, ScheduledStep, Serial};
+use pulsetrain_board::{Board, Edge, Observer, Port, Remote, ScheduledStep, Serial, Shadowed};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{Cause, Measures};
 use pulsetrain_motion::program::{DriverTiming, Limits, Motor, Program, Scale, Tolerance, Wiring};
@@ -235,6 +235,17 @@ fn measure<P: Port>(
 ) -> Result<Row, DriveError> {
     let edges = Edges::of(&prepared.program);
     let mut driven = Driven::at(prepared, port, baud)?;
+    let row = measured(&mut driven, &edges, amplitude, period_s);
+    driven.close();
+    row
+}
+
+fn measured<P: Port>(
+    driven: &mut Driven<'_, Shadowed<Remote<P>>>,
+    edges: &Edges,
+    amplitude: f64,
+    period_s: f64,
+) -> Result<Row, DriveError> {
     driven.board_mut().measures(true)?;
     let began = driven.board_mut().now();
     let mut pins = Pins { meter: Meter::new(1, edges.constant_ticks.into()), steps: 0 };

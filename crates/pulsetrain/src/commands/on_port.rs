@@ -98,18 +98,22 @@ pub(crate) fn run(
         },
     );
     drop(bar);
-    let board = driven.board_mut();
-    let Ended { counted, stopped, uncertain } = ended.map_err(drive_problem)?;
+    let asked = ended.and_then(|ended| {
+        let board = driven.board_mut();
+        let measures = board.measures(false)?;
+        Ok((ended, measures, board.events(), board.clock().ppm(), board.link().counts().repeated))
+    });
+    driven.close();
+    let (Ended { counted, stopped, uncertain }, measures, events, clock_ppm, frames_repeated) =
+        asked.map_err(drive_problem)?;
     let Scheduled { writer, error } = scheduled;
     error.map_or_else(|| writer.finish(), Err).map_err(|error| access("write", &path, error))?;
 
-    let measures = board.measures(false).map_err(|error| drive_problem(error.into()))?;
-    let events = board.events();
     let says = Word {
         counted,
         stopped,
         uncertain,
-        clock_ppm: board.clock().ppm(),
+        clock_ppm,
         compares_missed: measures.late,
         latest_ticks: measures.latest_ticks,
         starved: measures.starved,
@@ -119,7 +123,7 @@ pub(crate) fn run(
         lost_bytes: measures.lost_bytes,
         damaged_frames: measures.damaged_frames,
         events: events.iter().map(|event| in_words(event.cause).to_owned()).collect(),
-        frames_repeated: board.link().counts().repeated,
+        frames_repeated,
     };
     let report =
         PortReport { plan: plan::report(prepared, planned), runner: format!("board at {name}"), firmware, says };
