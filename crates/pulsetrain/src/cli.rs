@@ -166,6 +166,18 @@ Examples:
   echo \"a x 200\" | pulsetrain winch --native
   echo \"move x 2000\" | pulsetrain winch --board pico     MOVE, SPEED, DIRECTION: docs/pico.md")]
     Winch(Winch),
+    /// Tell motors directly, in frames: MOVE, RUN, SPEED, DIRECTION, HALT, from a script or by hand
+    #[command(after_help = "\
+A script has a line for each order, with its time, \"1.5 s: move x 100\"; without one they are read from the standard input. Axes x, y, z and a \
+are where text has them (docs/wiring.md): on an Uno the CNC shield's, which needs its image with verbs. Each order is answered by the tick \
+from which it holds, where its axes are then, and how many ticks later they step; each move by `done`. When no move is left it ends; what \
+runs on is halted, and of a virtual board the steps at its pins are counted. Ctrl-C stops all at once. docs/pico.md has the verbs.
+
+Examples:
+  pulsetrain verbs moves.txt --board uno
+  pulsetrain verbs --port /dev/ttyACM0
+  echo \"move xy 2000 100\" | pulsetrain verbs --board pico")]
+    Verbs(Verbs),
     /// Tell what a board is: firmware, limits, clock, why it stopped last, how it fared
     #[command(after_help = "\
 Examples:
@@ -226,7 +238,7 @@ impl Command {
             Command::Ports(args) => args.json,
             Command::Calibrate(args) => args.json,
             Command::Bake(args) => args.json,
-            Command::Plot(_) | Command::New(_) | Command::Board(_) => false,
+            Command::Plot(_) | Command::New(_) | Command::Board(_) | Command::Verbs(_) => false,
         }
     }
 }
@@ -452,6 +464,22 @@ pub(crate) struct Winch {
     /// Print the report as JSON
     #[arg(long, requires = "script")]
     pub(crate) json: bool,
+}
+
+/// A board whose motors are told directly.
+#[derive(Args, Debug)]
+pub(crate) struct Verbs {
+    /// Script of timed lines; without one they are read as they come
+    pub(crate) script: Option<PathBuf>,
+    /// The board at this serial port; opening it resets an Uno
+    #[arg(long, value_name = "PORT", required_unless_present = "board", conflicts_with = "board")]
+    pub(crate) port: Option<String>,
+    /// A virtual one; `uno` has the image with verbs
+    #[arg(long, value_name = "BOARD", value_parser = ["uno", "pico"])]
+    pub(crate) board: Option<String>,
+    /// Rate of the line, bits a second
+    #[arg(long, value_name = "RATE", default_value = "1000000", value_parser = baud)]
+    pub(crate) baud: Baud,
 }
 
 /// Which board is talked to.
@@ -693,6 +721,7 @@ pub fn run_on<A: Into<OsString> + Clone>(args: impl IntoIterator<Item = A>, cons
         Command::Store(args) => commands::store::run(&args, console),
         Command::Bench(args) => commands::bench::run(&args, console),
         Command::Winch(args) => commands::winch::run(&args, console),
+        Command::Verbs(args) => commands::verbs::run(&args, console),
         Command::Flash(args) => commands::flash::run(&args, console),
         Command::Ports(args) => commands::ports::run(&args, console),
         Command::Calibrate(args) => commands::calibrate::run(&args, console),

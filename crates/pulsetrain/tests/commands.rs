@@ -63,6 +63,7 @@ fn help() {
     check(&["stop", "--help"], Exit::Success, expect_file!["golden/help-stop.txt"]);
     check(&["store", "--help"], Exit::Success, expect_file!["golden/help-store.txt"]);
     check(&["bench", "--help"], Exit::Success, expect_file!["golden/help-bench.txt"]);
+    check(&["verbs", "--help"], Exit::Success, expect_file!["golden/help-verbs.txt"]);
     check(&["winch", "--help"], Exit::Success, expect_file!["golden/help-winch.txt"]);
 }
 
@@ -419,4 +420,49 @@ fn a_broken_pipe_changes_no_exit_code() {
     let exit = cli::run(["pulsetrain", "drivers"], &mut Gone, &mut err);
     assert_eq!((exit, err.len()), (Exit::Success, 0));
     assert_eq!(cli::run(["pulsetrain", "plan", "missing.toml"], &mut Gone, &mut Gone), Exit::Refused);
+}
+
+/// Orders in frames: of each board done lines come, and its pins have what it counts. On an Uno 800 steps/s for 0.1 s are 80.
+#[test]
+fn verbs_are_told_in_frames() {
+    let folder = std::env::temp_dir().join(format!("pulsetrain-verbs-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let script = folder.join("moves.txt").display().to_string();
+    let told = |board: &str, text: &str| {
+        std::fs::write(&script, text).expect("a file to write");
+        let Outcome { exit, out, err } = pulsetrain(&["verbs", &script, "--board", board]);
+        (exit, out, err.split_whitespace().collect::<Vec<_>>().join(" "))
+    };
+    let moves = "# there\n0 s: speed xy 20000 12000\n0 s: move xy 100 250\n1 s: dir y -1\n1 s: move y 300  # and back\n\
+                 1.5 s: run x\n1.6 s: dir x 0\n";
+    for (board, x) in [("uno", 180), ("pico", 725)] {
+        let (exit, out, err) = told(board, moves);
+        assert_eq!(exit, Exit::Success, "{board}: {out}{err}");
+        assert_eq!(out.lines().filter(|line| line.starts_with("done ")).count(), 3, "{board}: {out}");
+        assert!(out.contains("done y ") && out.contains("halted at the end, as they had none: x\n"), "{board}: {out}");
+        let pins = out.lines().find_map(|line| line.strip_prefix("steps at the pins: x ")).expect("a count");
+        let (count, rest) = pins.split_once(", ").expect("more axes");
+        assert!(count.parse::<i64>().is_ok_and(|count| (x - 3..=x + 3).contains(&count)), "{board}: {out}");
+        assert_eq!(rest, "y -50, z 0, a 0", "{board}");
+        assert!(out.ends_with("PASS: as the board counts\n"), "{board}: {out}");
+    }
+    // What a board refuses is printed, and told by the exit code.
+    let (exit, out, _) = told("pico", "0 s: move x 100\n0 s: move x 1\n0 s: move x 1\n0 s: speed x 3\n");
+    assert_eq!(exit, Exit::BoundBroken, "{out}");
+    assert!(out.contains("err busy x: a move waits already") && out.contains("err period 500: "), "{out}");
+    assert!(out.contains("steps at the pins: x 101, "), "{out}");
+    // What cannot be read moves nothing.
+    for (text, place) in [
+        ("0 s: move x 1\n1 s: move x many\n", "word 3: not a number"),
+        ("1 s: move x 1\n0 s: halt\n", "times go back: the line before is told at 1 s"),
+        ("0 s: a x 1\n", "no such verb"),
+        ("soon: run x\n", "not a time of 0 s to 10^6 s"),
+        ("run x\n", "a line without its time"),
+        ("# nothing\n", "has no line to tell"),
+    ] {
+        let (exit, out, err) = told("uno", text);
+        assert_eq!((exit, out.as_str()), (Exit::Refused, ""), "{text}: {err}");
+        assert!(err.contains(place), "{text}: {err}");
+    }
+    std::fs::remove_dir_all(folder).expect("the folder can go");
 }

@@ -428,7 +428,9 @@ impl Reading<'_> {
                     Some((samples.into_iter().map(|(sample, scale)| sample.position * scale).collect(), Some(value)))
                 };
                 // Accelerations fall with the square of the time that it takes.
-                let slower = if extent == Extent::Speed { value / limit } else { (value / limit).sqrt() };
+                // The worst is known to a thousandth.
+                let over = value * 1.001 / limit;
+                let slower = if extent == Extent::Speed { over } else { over.sqrt() };
                 let limit = Some((format!("the tip's {what}"), unit, limit));
                 let shown = self.broken_path(at.seconds(), law_end(coordinates), limit, Some(slower), look);
                 return Err(node.note_path("too fast", message, help, shown));

@@ -18,6 +18,7 @@ pub(crate) mod ports;
 pub(crate) mod run;
 pub(crate) mod stop;
 pub(crate) mod store;
+pub(crate) mod verbs;
 pub(crate) mod verify;
 pub(crate) mod winch;
 

@@ -211,7 +211,7 @@ fn hold<P: Port>(port: P, place: &str, console: &mut Console<'_>) -> miette::Res
 }
 
 /// Lines of the standard input, as they come.
-fn typed() -> Receiver<String> {
+pub(super) fn typed() -> Receiver<String> {
     let (to_console, lines) = channel();
     // It ends with the input, or with the program.
     thread::spawn(move || {

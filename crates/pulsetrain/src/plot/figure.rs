@@ -79,12 +79,13 @@ impl Drawing {
     ) -> Drawn<DB> {
         let unit = human::unit(&figure.unit);
         let (wanted, stepped) = (figure.flats(&figure.wanted), figure.flats(&figure.stepped));
-        let title = format!("Figure of {}, {unit}{}", figure.name, if figure.in_space { ", in space" } else { "" });
+        let space = if figure.in_space { ", in space" } else { ", y over x" };
+        let title = format!("Figure of {}, {unit}{space}", figure.name);
         let mut chart = self.figure_chart(figure, areas.0, &title, &[&wanted, &stepped])?;
         self.line(&mut chart, stepped, light(colour), 4)?;
         self.line(&mut chart, wanted, INK, 1)?;
         let (wanted, stepped) = (figure.flats(&figure.close_wanted), figure.flats(&figure.close_stepped));
-        let title = format!("{} steps near its beginning, {unit}", figure.close_stepped.len().saturating_sub(1));
+        let title = format!("{} steps near its beginning, {unit}{space}", figure.close_stepped.len().saturating_sub(1));
         let mut chart = self.figure_chart(figure, areas.1, &title, &[&wanted, &stepped])?;
         // Each motor's step by itself is a stroke along an axis: corners are where the tip stands.
         self.line(&mut chart, stepped.clone(), light(colour), 3)?;

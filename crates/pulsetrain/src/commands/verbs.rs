@@ -1,0 +1,435 @@
+//! `pulsetrain verbs`: motors told directly, in frames, by the lines that a Pico takes as text.
+
+use std::ops::Range;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, TryRecvError};
+
+use miette::{LabeledSpan, MietteDiagnostic, NamedSource, Report, miette};
+use pulsetrain_board::remote::in_words;
+use pulsetrain_board::virtual_pico::VirtualPico;
+use pulsetrain_board::virtual_uno::VirtualUno;
+use pulsetrain_board::{Board, Edge, Port, Remote, RemoteError, Serial, Setup};
+use pulsetrain_core::verbs::text::{self, LONGEST, Read, Reply, Told};
+use pulsetrain_core::verbs::{Course, Verb};
+use pulsetrain_core::winch::AXES;
+use pulsetrain_core::wire::message::{Cause, MotorSetup, Reason};
+use pulsetrain_core::wire::{Baud, Refusal};
+use pulsetrain_motion::quantity::{Base, Quantity};
+
+use super::info::UNO;
+use super::winch::typed;
+use super::{drive_problem, port_problem};
+use crate::cli::Verbs;
+use crate::console::{self, Console, Exit};
+use crate::drive::session_number;
+use crate::winch::talk::meaning;
+use crate::{human, interrupt, serve};
+
+/// What a line may be.
+const HELP: &str = "\
+  move <axes> <n>…            n steps, 0 to 2^32 - 1           run <axes>     steps without an end
+  speed <axes> <ticks>…       from step to step                halt <axes>    forget move and run; `halt`: all axes
+  dir <axes> <1, -1 or 0>…    forward, backward, stationary    help, quit     of this console
+axes are letters of xyza, with a value for each or one for all: `move xy 100 200`, `speed xy 125000`; docs/pico.md has what they mean
+";
+
+/// What is wrong with a script's line.
+const OF_SCRIPTS: &str = "a line is \"<time>: <verb>\", such as \"1.5 s: move x 100\"; docs/pico.md has the verbs";
+
+/// How often lines and events are looked for, as part of a second.
+const ROUNDS_PER_S: u64 = 100;
+
+/// A line of a script: when, s, and what.
+type Timed = (f64, Told);
+
+pub(crate) fn run(args: &Verbs, console: &mut Console<'_>) -> miette::Result<Exit> {
+    interrupt::watch();
+    // All of a script is read, and refused if need be, before anything moves.
+    let script = args.script.as_deref().map(load).transpose()?;
+    let is_uno = args.board.as_deref() == Some("uno");
+    match (&args.port, script) {
+        (Some(port), script) => {
+            let port = Serial::open(port, true).map_err(port_problem)?;
+            hold(port, args.baud, lines(script), None, console)
+        }
+        (None, Some(script)) if is_uno => {
+            hold(VirtualUno::with_verbs(), args.baud, lines(Some(script)), Some(Pins::default()), console)
+        }
+        (None, Some(script)) => {
+            hold(VirtualPico::on_usb(), args.baud, lines(Some(script)), Some(Pins::default()), console)
+        }
+        (None, None) if is_uno => {
+            let board = serve::Paced::new(VirtualUno::with_verbs());
+            hold(board, args.baud, lines(None), Some(Pins::default()), console)
+        }
+        (None, None) => {
+            hold(serve::Paced::new(VirtualPico::on_usb()), args.baud, lines(None), Some(Pins::default()), console)
+        }
+    }
+}
+
+/// Where lines come from.
+enum Lines {
+    /// A script's, which are left of it.
+    Script(std::vec::IntoIter<Timed>),
+    /// Someone's who types, or a program's.
+    Typed(Receiver<String>),
+}
+
+fn lines(script: Option<Vec<Timed>>) -> Lines {
+    script.map_or_else(|| Lines::Typed(typed()), |script| Lines::Script(script.into_iter()))
+}
+
+/// Reads a script.
+fn load(path: &Path) -> miette::Result<Vec<Timed>> {
+    let bytes = console::read(path).map_err(|error| miette!(help = OF_SCRIPTS, "{error}"))?;
+    let name = path.display().to_string();
+    let text = String::from_utf8(bytes).map_err(|_| miette!(help = OF_SCRIPTS, "{name} is no text"))?;
+    let source = Arc::new(NamedSource::new(&name, text.clone()));
+    let (mut lines, mut start) = (Vec::<Timed>::new(), 0);
+    for raw in text.split_inclusive('\n') {
+        let from = start;
+        start += raw.len();
+        let line = raw.split('#').next().unwrap_or_default().trim_end();
+        if line.is_empty() {
+            continue;
+        }
+        let wrong = |at: Range<usize>, message: String| {
+            let label = LabeledSpan::at(from + at.start..from + at.end, "here");
+            let diagnostic = MietteDiagnostic::new(message).with_help(OF_SCRIPTS).with_label(label);
+            Report::new(diagnostic).with_source_code(Arc::clone(&source))
+        };
+        let Some((when, told)) = line.split_once(':') else {
+            return Err(wrong(0..line.len(), "a line without its time".to_owned()));
+        };
+        let time = Quantity::parse(when).ok().filter(|when| (when.base, when.per_seconds) == (Base::Time, 0));
+        let Some(at_s) = time.map(|when| when.value).filter(|at| (0.0..1e6).contains(at)) else {
+            return Err(wrong(0..when.len(), "not a time of 0 s to 10^6 s, with its unit".to_owned()));
+        };
+        if let Some((before, _)) = lines.last().filter(|(before, _)| at_s < *before) {
+            let message = format!("times go back: the line before is told at {}", human::seconds(*before));
+            return Err(wrong(0..when.len(), message));
+        }
+        let told_at = line.len() - told.trim_start().len();
+        match text::read(told.trim().as_bytes()) {
+            Read::Told(told) => lines.push((at_s, told)),
+            Read::Unknown => return Err(wrong(told_at..line.len(), "no such verb".to_owned())),
+            Read::Refused(what, word) => {
+                let refusal = written(&Reply::Unread(what, word));
+                let message = meaning(&refusal).unwrap_or(refusal);
+                return Err(wrong(told_at..line.len(), message));
+            }
+        }
+    }
+    if lines.is_empty() {
+        return Err(miette!(help = OF_SCRIPTS, "{name} has no line to tell"));
+    }
+    Ok(lines)
+}
+
+/// A reply as a board that speaks text writes it.
+fn written(reply: &Reply) -> String {
+    let mut line = [0; LONGEST];
+    let len = reply.write(&mut line);
+    String::from_utf8_lossy(&line[..len]).trim_end().to_owned()
+}
+
+/// Axes x, y, z and a, on the pins that text has them on: docs/wiring.md. Pulses and times are those of the slowest drivers.
+fn wiring(is_uno: bool) -> Setup {
+    let (pins, enable) =
+        if is_uno { ([(2, 5), (3, 6), (4, 7), (12, 13)], 8) } else { ([(2, 3), (4, 5), (6, 7), (8, 9)], 22) };
+    // 1.94 and 2 µs, 5 µs.
+    let (pulse_ticks, setup_ticks) = if is_uno { (31, 80) } else { (250, 625) };
+    let motor = |(step_pin, dir_pin)| MotorSetup {
+        step_pin,
+        dir_pin,
+        forward_high: true,
+        // None is known: whoever is stopped between two steps is named.
+        pull_in_ticks: u32::MAX,
+        ..MotorSetup::default()
+    };
+    Setup {
+        pulse_ticks,
+        setup_ticks,
+        hold_ticks: pulse_ticks,
+        enable: Some((enable, false)),
+        motors: pins.into_iter().map(motor).collect(),
+        ..Setup::default()
+    }
+}
+
+/// What a virtual board's pins have counted.
+#[derive(Clone, Debug, Default)]
+struct Pins {
+    forward: [bool; AXES.len()],
+    counts: [i64; AXES.len()],
+}
+
+impl Pins {
+    fn see(&mut self, edge: Edge, setup: &Setup) {
+        for (axis, motor) in setup.motors.iter().enumerate() {
+            if edge.line == motor.dir_pin {
+                self.forward[axis] = edge.level;
+            } else if edge.line == motor.step_pin && edge.level {
+                self.counts[axis] += if self.forward[axis] { 1 } else { -1 };
+            }
+        }
+    }
+}
+
+/// What an axis was told and has not done.
+#[derive(Clone, Copy, Debug, Default)]
+struct Axis {
+    /// Moves that are not done.
+    moves: u32,
+    runs: bool,
+    is_stationary: bool,
+}
+
+impl Axis {
+    fn hear(&mut self, verb: Verb) {
+        match verb {
+            Verb::Move { .. } => (self.moves, self.runs) = (self.moves + 1, false),
+            Verb::Run => self.runs = true,
+            Verb::Halt => (self.moves, self.runs) = (0, false),
+            Verb::Course(course) => self.is_stationary = course == Course::Stationary,
+            Verb::Speed { .. } => {}
+        }
+    }
+}
+
+/// A board that is told lines.
+struct Held<P> {
+    remote: Remote<P>,
+    setup: Setup,
+    axes: [Axis; AXES.len()],
+    pins: Option<Pins>,
+    refused: usize,
+}
+
+fn hold<P: Port>(
+    port: P,
+    baud: Baud,
+    mut lines: Lines,
+    pins: Option<Pins>,
+    console: &mut Console<'_>,
+) -> miette::Result<Exit> {
+    let problem = |error: RemoteError| drive_problem(error.into());
+    let mut remote = Remote::open(port, session_number()).map_err(problem)?;
+    remote.set_baud(baud).map_err(problem)?;
+    let setup = wiring(remote.info().board == UNO);
+    remote.configure(&setup).map_err(problem)?;
+    let mut held = Held { remote, setup, axes: Default::default(), pins, refused: 0 };
+    // One that cannot be told directly says so before anything else.
+    let first = held.remote.tell_motors(&[]).map_err(problem)?;
+    let tick_hz = u64::from(held.remote.info().tick_hz);
+    let begin = held.remote.now();
+    console.print(format_args!(
+        "{} ticks a second; axes {}\n",
+        human::count(tick_hz.into()),
+        written(&Reply::At { obeyed: first, axes: ALL })
+    ))?;
+    let mut next: Option<Timed> = None;
+    let mut has_ended = false;
+    while !has_ended || held.waits() {
+        if interrupt::wanted() {
+            return held.stop(console);
+        }
+        let mut until = held.remote.now() + tick_hz / ROUNDS_PER_S;
+        match &mut lines {
+            Lines::Script(script) => {
+                next = next.or_else(|| script.next());
+                has_ended = next.is_none();
+                if let Some((at_s, told)) = next {
+                    let due = begin + (at_s * tick_hz as f64) as u64;
+                    if held.remote.now() >= due {
+                        next = None;
+                        held.tell(&told, console)?;
+                        continue;
+                    }
+                    until = until.min(due);
+                }
+            }
+            Lines::Typed(typed) => match typed.try_recv() {
+                Ok(_) if has_ended => {}
+                Ok(line) => match line.trim() {
+                    "" => {}
+                    "help" | "?" => console.print(HELP)?,
+                    "quit" | "exit" => has_ended = true,
+                    line => {
+                        held.read(line, console)?;
+                        continue;
+                    }
+                },
+                Err(TryRecvError::Empty) => {}
+                Err(TryRecvError::Disconnected) => has_ended = true,
+            },
+        }
+        held.go_on(until, console)?;
+    }
+    held.finish(console)
+}
+
+/// All axes, as [`Told::axes`] has them.
+const ALL: u8 = 0b1111;
+
+/// The names of axes, one after the other.
+fn names(is_one: impl Fn(usize) -> bool) -> String {
+    let named = AXES.iter().enumerate().filter(|(axis, _)| is_one(*axis));
+    named.map(|(_, name)| char::from(*name)).collect()
+}
+
+impl<P: Port> Held<P> {
+    /// Whether a move will be done.
+    fn waits(&self) -> bool {
+        self.axes.iter().any(|axis| axis.moves > 0 && !axis.is_stationary)
+    }
+
+    /// Reads a line, and does it.
+    fn read(&mut self, line: &str, console: &mut Console<'_>) -> miette::Result<()> {
+        match text::read(line.as_bytes()) {
+            Read::Told(told) => self.tell(&told, console),
+            Read::Unknown => self.refuse("err command 1", console),
+            Read::Refused(what, word) => self.refuse(&written(&Reply::Unread(what, word)), console),
+        }
+    }
+
+    fn refuse(&mut self, said: &str, console: &mut Console<'_>) -> miette::Result<()> {
+        self.refused += 1;
+        let means = meaning(said).map_or_else(String::new, |means| format!(": {means}"));
+        console.print(format_args!("{said}{means}\n"))
+    }
+
+    fn tell(&mut self, told: &Told, console: &mut Console<'_>) -> miette::Result<()> {
+        let orders: Vec<(u8, Verb)> = told.orders().map(|orders| orders.iter().collect()).unwrap_or_default();
+        // Halting forgets moves; those that were done before are told first.
+        match self.remote.tell_motors(&orders) {
+            Ok(obeyed) => {
+                self.events(console)?;
+                for (axis, verb) in orders {
+                    self.axes[usize::from(axis)].hear(verb);
+                }
+                console.print(format_args!("{}\n", written(&Reply::At { obeyed, axes: told.axes() })))
+            }
+            Err(RemoteError::Refused { reason: reason @ (Reason::Period | Reason::Busy), detail, .. }) => {
+                self.refuse(&written(&Reply::Refused(Refusal { reason, detail })), console)
+            }
+            Err(error) => Err(drive_problem(error.into())),
+        }
+    }
+
+    /// Lets time pass, and prints what is done.
+    fn go_on(&mut self, until: u64, console: &mut Console<'_>) -> miette::Result<()> {
+        let Held { remote, setup, pins, .. } = self;
+        remote.advance(until, &mut |edge: Edge| {
+            if let Some(pins) = pins {
+                pins.see(edge, setup);
+            }
+        });
+        if let Some(error) = remote.error() {
+            return Err(drive_problem(error.clone().into()));
+        }
+        self.events(console)
+    }
+
+    fn events(&mut self, console: &mut Console<'_>) -> miette::Result<()> {
+        for event in self.remote.events() {
+            match event.cause {
+                Cause::MoveDone => {
+                    if let Some(axis) = self.axes.get_mut(usize::from(event.motor)) {
+                        axis.moves = axis.moves.saturating_sub(1);
+                    }
+                    let done = Reply::Done { axis: event.motor, tick: event.tick, number: event.detail };
+                    console.print(format_args!("{}\n", written(&done)))?;
+                }
+                Cause::Finished => {}
+                cause => return Err(miette!("the board stopped: {}", in_words(cause))),
+            }
+        }
+        Ok(())
+    }
+
+    /// No further step, as Ctrl-C has it.
+    fn stop(mut self, console: &mut Console<'_>) -> miette::Result<Exit> {
+        let (stopped, positions) = self.remote.stop_motors().map_err(|error| drive_problem(error.into()))?;
+        let counts: Vec<String> =
+            AXES.iter().zip(&positions).map(|(axis, at)| format!("{} {at}", char::from(*axis))).collect();
+        console.print(format_args!("stopped at once: {}\n", counts.join(", ")))?;
+        if stopped.uncertain != 0 {
+            let uncertain = names(|axis| stopped.uncertain >> axis & 1 == 1);
+            console.print(format_args!("uncertain {uncertain}: they were stepping, and may stand elsewhere\n"))?;
+        }
+        self.remote.close();
+        Ok(Exit::BoundBroken)
+    }
+
+    /// Takes leave of the board, and says what it does then; of a virtual one, whether its pins agree with what it counts.
+    fn finish(mut self, console: &mut Console<'_>) -> miette::Result<Exit> {
+        let runs = names(|axis| self.axes[axis].runs);
+        let waits = names(|axis| self.axes[axis].moves > 0);
+        if !runs.is_empty() {
+            // Bye would stop them, too; so their places are known.
+            let orders: Vec<(u8, Verb)> =
+                (0..).zip(&self.axes).filter(|(_, axis)| axis.runs).map(|(axis, _)| (axis, Verb::Halt)).collect();
+            self.remote.tell_motors(&orders).map_err(|error| drive_problem(error.into()))?;
+            console.print(format_args!("halted at the end, as they had none: {runs}\n"))?;
+        }
+        if !waits.is_empty() {
+            console.print(format_args!("moves of stationary axes are forgotten: {waits}\n"))?;
+        }
+        // What was halted has a last period, and pulses an end.
+        let tick_hz = u64::from(self.remote.info().tick_hz);
+        self.go_on(self.remote.now() + tick_hz / ROUNDS_PER_S, console)?;
+        let obeyed = self.remote.tell_motors(&[]).map_err(|error| drive_problem(error.into()))?;
+        console.print(format_args!("{}\n", written(&Reply::At { obeyed, axes: ALL })))?;
+        self.go_on(obeyed.tick, console)?;
+        let Held { remote, pins, refused, .. } = self;
+        remote.close();
+        let Some(Pins { counts, .. }) = pins else {
+            return Ok(if refused == 0 { Exit::Success } else { Exit::BoundBroken });
+        };
+        let off = names(|axis| counts.get(axis).copied() != obeyed.motors().get(axis).map(|next| next.position.into()));
+        let counted: Vec<String> =
+            AXES.iter().zip(counts).map(|(axis, count)| format!("{} {count}", char::from(*axis))).collect();
+        let verdict = match off.as_str() {
+            "" => "PASS: as the board counts".to_owned(),
+            off => format!("FAIL: the board counts others of {off}"),
+        };
+        console.print(format_args!("steps at the pins: {}\n{verdict}\n", counted.join(", ")))?;
+        Ok(if refused == 0 && off.is_empty() { Exit::Success } else { Exit::BoundBroken })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A pin's edge that is left out is a step that is not counted.
+    #[test]
+    fn pins_count_each_rise_of_step_the_way_that_dir_has() {
+        let setup = wiring(true);
+        let mut pins = Pins::default();
+        let edge = |line, level| Edge { tick: 0, line, level };
+        for (line, level) in
+            [(5, true), (2, true), (2, false), (2, true), (2, false), (5, false), (2, true), (13, true), (12, true)]
+        {
+            pins.see(edge(line, level), &setup);
+        }
+        assert_eq!(pins.counts, [1, 0, 0, 1]);
+    }
+
+    #[test]
+    fn what_an_axis_still_does_is_known() {
+        let mut axis = Axis::default();
+        for verb in [Verb::Move { steps: 1 }, Verb::Run] {
+            axis.hear(verb);
+        }
+        assert!(axis.moves == 1 && axis.runs);
+        axis.hear(Verb::Move { steps: 5 });
+        assert!(axis.moves == 2 && !axis.runs, "a move ends a run");
+        axis.hear(Verb::Course(Course::Stationary));
+        axis.hear(Verb::Halt);
+        assert!(axis.moves == 0 && axis.is_stationary);
+    }
+}
