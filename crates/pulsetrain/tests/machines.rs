@@ -138,6 +138,8 @@ fn slack_that_is_taken_up_too_fast_is_to_be_given_a_longer_time() {
     let (_, over) = said.split_once("`backlash` takes up its slack too fast: over = \"").expect(&said);
     let (over, _) = over.split_once('"').expect(&said);
     assert!(!said.contains("times slower"), "{said}");
+    let (_, explained) = says("explain", "slack-explained", &with("2 ms"), &["--json"]);
+    assert!(explained.contains("\"least_slowdown\": null"), "{explained}");
     // 6·12 steps by 100 000 steps/s²: 26.8 ms squared, and the circle's own acceleration on top of that.
     let ms: f64 = over.strip_suffix(" ms").and_then(|ms| ms.parse().ok()).expect(over);
     assert!((26.8..28.0).contains(&ms), "{over}");

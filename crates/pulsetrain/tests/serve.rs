@@ -669,7 +669,10 @@ mod real {
             said.split_whitespace().collect::<Vec<_>>().join(" ").contains("pulsetrain winch --port PORT"),
             "{said}"
         );
-        assert!(served.interrupt().contains("clients: 2"));
+        // It is reset as its port is opened, and moves no more.
+        let (exit, said) = pulsetrain(&["stop", "--port", &link]);
+        assert!(exit == Exit::Success && said.contains("has reset the board"), "{said}");
+        assert!(served.interrupt().contains("clients: 4"));
     }
 
     /// Text has the axes, by a path and directly, and whoever told them has left: frames are refused, and it is text that stops them.

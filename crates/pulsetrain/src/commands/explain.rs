@@ -268,7 +268,8 @@ fn refused(prepared: &Prepared, motor: &Motor, error: &PlanError, advice: String
         }
         _ => None,
     };
-    let is_limit = error.limit().is_some();
+    // Whoever slows a motion down does not slow down what takes up its slack: the advice says how long that has to take.
+    let is_limit = error.limit().is_some() && motor.law.slack_over().is_none();
     Refused {
         motor: motor.name.clone(),
         message: error.to_string(),

@@ -48,6 +48,12 @@ impl Stopped {
     fn told(&self) -> String {
         let Stopped { moved, at_s, positions, uncertain, .. } = self;
         let when = at_s.map_or_else(String::new, |at| format!("{} after the board began; ", human::seconds(at)));
+        if self.reset {
+            let board = if self.text { "board" } else { "Uno" };
+            return format!(
+                "opening the port has reset the {board}: what moved has stopped at once, and nobody knows where it stands"
+            );
+        }
         if self.text {
             let named = |axis: usize| AXES.get(axis).map_or_else(|| axis.to_string(), char::to_string);
             let axes: Vec<String> =
@@ -67,9 +73,6 @@ impl Stopped {
                 ));
             }
             return told;
-        }
-        if self.reset {
-            return "opening the port has reset the Uno: what moved has stopped at once, and nobody knows where it stands".to_owned();
         }
         let what = if *moved == Some(true) { "the motors were stopped at once" } else { "nothing moved" };
         let counted = if positions.is_empty() { "no motor is set up".to_owned() } else { listed(positions) };
@@ -92,7 +95,11 @@ fn stop<P: Port>(mut open: impl FnMut() -> Result<P, PortError>) -> miette::Resu
         Err(refused @ RemoteError::Link(LinkError::Taken | LinkError::Nobody)) => refused,
         Err(error) => return Err(drive_problem(error.into())),
     };
-    if let Some(stopped) = stop_text(&mut Talk::new(open().map_err(port_problem)?))? {
+    let mut talk = Talk::new(open().map_err(port_problem)?);
+    if let Some(mut stopped) = stop_text(&mut talk)? {
+        // What knows no frames is an Uno, or is like one: if it began when its port was opened it has lost what it did.
+        let is_young = stopped.at_s.is_none_or(|at| at < talk.now().as_secs_f64());
+        stopped.reset = refused == RemoteError::Link(LinkError::Nobody) && is_young && stopped.moved != Some(true);
         return Ok(stopped);
     }
     match refused {

@@ -28,7 +28,7 @@ use crate::{human, interrupt, serve};
 
 /// What a line may be.
 const HELP: &str = "\
-  move <axes> <n>…            n steps, 0 to 2^32 - 1           run <axes>     steps without an end
+\x20 move <axes> <n>…            n steps, 0 to 2^32 - 1           run <axes>     steps without an end
   speed <axes> <ticks>…       from step to step                halt <axes>    forget move and run; `halt`: all axes
   dir <axes> <1, -1 or 0>…    forward, backward, stationary    help, quit     of this console
 axes are letters of xyza, with a value for each or one for all: `move xy 100 200`, `speed xy 125000`; docs/pico.md has what they mean

@@ -65,7 +65,7 @@ pub(super) const STOP: &str = "enable 0";
 
 /// What can be typed.
 pub const HELP: &str = "\
-  a <axes> <steps>…           go to: `a xy 100 -50`     d <axes> <steps>…    go on by
+\x20 a <axes> <steps>…           go to: `a xy 100 -50`     d <axes> <steps>…    go on by
   v <axes> <steps/s>…         drift on and on, ±15 000  r <axes> <steps>…    impulse
   s <axes> <steps/s>…         ramp of targets, up to 65 535; 0: none
   g <axes> <Hz> <ratio>       how it follows: 0.01 to 20 Hz, damping ratio 0.07 to 5 (1: no overshoot)
