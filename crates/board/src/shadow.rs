@@ -14,9 +14,12 @@ pub struct Shadowed<B> {
 }
 
 impl<B: Board> Shadowed<B> {
-    /// `shadow` has the same motors as `board`, and is as new.
+    /// `shadow` has the same motors as `board`, and is new: it comes as far as the board, which may have been on for days.
     #[must_use]
-    pub const fn new(board: B, shadow: Native) -> Shadowed<B> {
+    pub fn new(board: B, mut shadow: Native) -> Shadowed<B> {
+        if let Some(last) = board.now().checked_sub(1) {
+            shadow.advance(last, &mut |_: Edge| {});
+        }
         Shadowed { board, shadow, agree: true }
     }
 

@@ -5,7 +5,7 @@ use pulsetrain::console::Exit;
 use pulsetrain::drive::{Driven, connect_while};
 use pulsetrain::prepare::Prepared;
 use pulsetrain_board::virtual_pico::VirtualPico;
-use pulsetrain_board::{Board, Edge, Port, PortError, Remote, RemoteError, Setup};
+use pulsetrain_board::{Board, Edge, Observer, Port, PortError, Remote, RemoteError, ScheduledStep, Setup};
 use pulsetrain_core::verbs::Verb;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{Cause, MotorSetup};
@@ -113,6 +113,32 @@ fn a_refused_host_leaves_what_moves_to_the_next() {
     });
     assert!(next.is_ok() && asked > 10, "{asked}");
     assert!((4.9..6.0).contains(&(board.now() - began).as_secs_f64()), "{:?}", board.now() - began);
+}
+
+/// A board that was switched on long before: what is told of the steps, as in steps.csv, is all of them. Ticks are told apart within 2^31, and
+/// switches taken up to 2^30 ahead, 8.6 s.
+#[test]
+fn all_steps_are_told_of_a_board_that_has_been_on_for_long() {
+    struct Count(u32);
+    impl Observer for Count {
+        fn edge(&mut self, _: Edge) {}
+        fn step(&mut self, _: ScheduledStep) {
+            self.0 += 1;
+        }
+    }
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/tutorial.toml");
+    let prepared = Prepared::load(file.as_ref(), Some("pico"), None).unwrap();
+    for seconds in [0, 9, 20, 40] {
+        let mut board = VirtualPico::on_usb();
+        let until = Duration::from_secs(seconds);
+        while board.now() < until {
+            board.receive(until, &mut Vec::new()).unwrap();
+        }
+        let mut driven = Driven::at(&prepared, board, Baud::B1M).unwrap();
+        let mut steps = Count(0);
+        driven.run(&mut steps, |_| {}).unwrap();
+        assert_eq!(steps.0, 8000, "on for {seconds} s");
+    }
 }
 
 /// A run that is over gives its board to the next one: nobody waits until it was silent for too long.
