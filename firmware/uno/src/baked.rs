@@ -48,8 +48,8 @@ extern "C" fn main() -> ! {
             // Idle mode: timers go on (§10.3).
             regs::SMCR.write(1);
             board.begin(cause);
-            // SAFETY: as above.
-            let mut motion = Motion { players: unsafe { memory::take(Player::default()) } };
+            // SAFETY: as above; zeros are a motion of nothing.
+            let motion: &mut Motion = unsafe { memory::take().assume_init_mut() };
             if motion.begin(board, says.wrapping_add(1), end).is_some() {
                 motion.run(board, lamp);
             }
@@ -72,23 +72,24 @@ fn standing(motor: u8) -> Standing {
     })
 }
 
-/// A motion that runs.
+/// A motion that runs. What is read of the flash is here too: the stack has no room to spare.
 struct Motion {
-    players: &'static mut [Player; MAX_MOTORS],
+    players: [Player; MAX_MOTORS],
+    piece: [u8; LONGEST_PIECE],
+    configuration: [u8; LONGEST_CONFIGURATION],
 }
 
 impl Motion {
     /// Begins it: all motors at the same tick. `None` if the board cannot do that: then nothing moves.
     #[inline(never)]
     fn begin(&mut self, board: &mut Board, says: u16, end: u16) -> Option<()> {
-        let mut bytes = [0; LONGEST_CONFIGURATION];
         let len = regs::flash(says);
         let mut at = says;
-        for byte in &mut bytes {
+        for byte in &mut self.configuration {
             at = at.wrapping_add(1);
             *byte = regs::flash(at);
         }
-        let configuration = Configuration::decode(bytes.get(..usize::from(len))?)?;
+        let configuration = Configuration::decode(self.configuration.get(..usize::from(len))?)?;
         board.configure(&configuration).ok()?;
         regs::enable_interrupts();
         board.arm().ok()?;
@@ -119,18 +120,9 @@ impl Motion {
             let now = millis(clock::moment());
             if now != last {
                 last = now;
-                let over = self.players.iter().all(Player::is_over);
-                board.look_after(now, over);
-                while let Some(event) = board.event() {
-                    match event.cause {
-                        Cause::Finished => {}
-                        // It was made all the same.
-                        Cause::EdgeLate => lamp.drive(true),
-                        _ => {
-                            board.stop_now();
-                            return;
-                        }
-                    }
+                // It takes the task's time.
+                if now.0 & 3 == 0 && !self.look(board, now, lamp) {
+                    return;
                 }
             } else if !fed {
                 board.wait();
@@ -138,14 +130,33 @@ impl Motion {
         }
     }
 
+    /// Looks after the board; whether all is well, or nearly so.
+    fn look(&self, board: &mut Board, now: Millis, lamp: Pin) -> bool {
+        board.look_after(now, self.players.iter().all(Player::is_over));
+        while let Some(event) = board.event() {
+            match event.cause {
+                Cause::Finished => {}
+                // It was made all the same.
+                Cause::EdgeLate => lamp.drive(true),
+                _ => {
+                    board.stop_now();
+                    return false;
+                }
+            }
+        }
+        true
+    }
+
     /// Fills the motors' queues: a piece for each. Whether there may be more to do.
     #[inline(never)]
     fn feed(&mut self, board: &mut Board) -> bool {
         let mut fed = false;
         for (motor, player) in (0..).zip(self.players.iter_mut()) {
-            let mut piece = [0; LONGEST_PIECE];
-            let len = player.next(standing(motor), regs::flash, &mut piece);
-            if let Some(piece @ [_, ..]) = piece.get(..len) {
+            if player.is_over() {
+                continue;
+            }
+            let len = player.next(standing(motor), regs::flash, &mut self.piece);
+            if let Some(piece @ [_, ..]) = self.piece.get(..len) {
                 // There is room, and it is armed, or this is not called any more.
                 let _ = board.push(motor, EPOCH, piece);
                 fed = true;

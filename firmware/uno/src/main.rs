@@ -32,8 +32,8 @@
 //! Two of them may follow each other. Pins and rates are set at rest, with up to 16, and settings are read, with up to 20.
 //!
 //! # What is not
-//! Motion, but for the winch's paths: segments come from the host, as `pulsetrain_core::packing` has them; when their steps are
-//! due is the recurrence of `pulsetrain_core::narrow::Registers`.
+//! Motion, but for the winch's paths: segments come from the host, or from the flash, as `pulsetrain_core::packing`
+//! has them; when their steps are due is the recurrence of `pulsetrain_core::narrow::Registers`.
 #![no_std]
 #![no_main]
 #![feature(asm_experimental_arch, optimize_attribute)]

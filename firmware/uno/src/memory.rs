@@ -11,7 +11,7 @@
 //! | then | | initialised variables, others |
 //! | to 0x900 | at least 245 | stack, downwards: 192 is the most that a test saw, and some 262 of 281 in the image with verbs |
 //!
-//! In the image that plays what lies behind it the first page has the players of its motors, and nothing else.
+//! In the image that plays what lies behind it the first page has its motion ([`baked`](crate::baked)), and nothing else.
 //!
 //! memory.ld makes the linker refuse an image that is laid out otherwise, or has less stack; `cargo xtask firmware uno` prints
 //! what came out. Up to the queues nothing is set at start-up by the code that sets variables.
@@ -20,7 +20,6 @@ use crate::link::Receiver;
 use crate::regs;
 use crate::verbs::OBEYS;
 use core::arch::global_asm;
-#[cfg(not(feature = "baked"))]
 use core::mem::MaybeUninit;
 
 /// Bytes of all motors' queues together; [`PAGE`] more where one ring and no merge serves them.
@@ -59,21 +58,19 @@ unsafe extern "C" {
     static mut receive_page: u8;
 }
 
-/// The first page, as `N` of something: nobody is heard in this image.
+/// The first page, zeros: nobody is heard in this image.
 ///
 /// # Safety
 /// Only once.
 #[cfg(feature = "baked")]
-pub(crate) unsafe fn take<T: Copy, const N: usize>(each: T) -> &'static mut [T; N] {
-    const { assert!(size_of::<[T; N]>() <= PAGE && align_of::<T>() <= PAGE) };
-    let (mut at, all) = ((&raw mut receive_page).cast::<T>(), (&raw mut receive_page).cast::<[T; N]>());
-    for _ in 0..N {
-        // SAFETY: there is room for so many, and the page is the caller's.
-        unsafe { at.write(each) };
-        at = at.wrapping_add(1);
+pub(crate) unsafe fn take<T>() -> &'static mut MaybeUninit<T> {
+    const { assert!(size_of::<T>() <= PAGE && align_of::<T>() <= PAGE) };
+    let page = (&raw mut receive_page).cast::<MaybeUninit<T>>();
+    // SAFETY: it has so many bytes, and is the caller's.
+    unsafe {
+        page.cast::<u8>().write_bytes(0, PAGE);
+        &mut *page
     }
-    // SAFETY: all of them were written.
-    unsafe { &mut *all }
 }
 
 #[cfg(not(feature = "baked"))]

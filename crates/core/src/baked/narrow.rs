@@ -117,7 +117,7 @@ impl Player {
     /// Puts the next packed bytes into the front of `out`, if the motor is where it takes them; gives their number: 0 if it is not,
     /// or if nothing is left.
     pub fn next(&mut self, standing: Standing, flash: impl Fn(u16) -> u8, out: &mut [u8; LONGEST_PIECE]) -> usize {
-        if standing.room < LONGEST_PIECE as u16 || self.is_over() || (self.waits && !standing.near) {
+        if usize::from(standing.room) < LONGEST_PIECE || self.is_over() || (self.waits && !standing.near) {
             return 0;
         }
         self.waits = false;
