@@ -209,11 +209,12 @@ fn what_does_not_repeat_is_told() {
 /// As much as there is room for is baked; a motion of a day is refused as soon as its beginning does not fit, with what would.
 #[test]
 fn what_is_too_large_is_told_with_what_would_fit() {
+    /// Whether it fits in the flash, or why not.
+    type Way<'a> = &'a dyn Fn(&Program) -> Result<bool, BakeError>;
     let law = |cycles: u32| format!("law.sine = {{ amplitude = \"3 rev\", period = \"1.7 s\", cycles = {cycles} }}");
-    // Whether it fits, and what takes more of the flash than there is.
     let sketch = |program: &Program| Sketch::new(program, "large").map(|sketch| sketch.size.bytes <= 32_256);
     let image = |program: &Program| Image::new(program).map(|image| image.flash.len() <= 32_256);
-    let ways: [&dyn Fn(&Program) -> Result<bool, BakeError>; 2] = [&sketch, &image];
+    let ways: [Way<'_>; 2] = [&sketch, &image];
     for (way, limits) in ways.iter().zip([20_000..30_000, 9_000..12_000]) {
         let error = way(&program(&law(50_000))).unwrap_err();
         let BakeError::TooLarge { board: "an Uno", bytes, limit, fits_s } = error else { panic!("{error}") };

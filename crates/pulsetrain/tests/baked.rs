@@ -119,14 +119,25 @@ fn keeps(what: &str, program: &Program, seconds: f64) -> Report {
     let mut judge = EdgeJudge::new(16_000_000, &lines(), program, &options).unwrap();
     watch(&mut uno, seconds + LEAD_S, &mut |edge| judge.push(edge).unwrap());
     let report = judge.finish().unwrap();
+    let stack = stack_left(&mut uno);
+    assert!(stack > 60, "{what}: {stack} bytes of the stack are left");
     let errors = report.motors.iter().map(|motor| motor.max_error_ticks).fold(0.0, f64::max);
-    println!("{what}: at most {errors:.1} ticks off, {:.1} allowed", options.bound_ticks.unwrap_or(0.0));
+    println!(
+        "{what}: at most {errors:.1} ticks off, {:.1} allowed; {stack} bytes of the stack are left",
+        options.bound_ticks.unwrap_or(0.0)
+    );
     let first = report.failures.first();
     assert!(report.ok, "{what}: {first:?} and more, {:?}", report.motors);
     assert!(report.motors.iter().all(|motor| motor.steps_got > 0), "{what}: {:?}", report.motors);
     let is_lamp = |pin: &Wiring| matches!(pin, Wiring::StepDir { dir: 13, .. });
     assert!(program.motors.iter().any(|motor| is_lamp(&motor.wiring)) || !lamp(&mut uno), "{what}: the lamp shines");
     report
+}
+
+/// Bytes of the stack that were never used: the longest stretch of RAM that is still as it was painted.
+fn stack_left(uno: &mut VirtualUno) -> usize {
+    let ram = (0x400..0x900).map(|at| uno.chip_mut().read_data(at, &mut ())).collect::<Vec<_>>();
+    ram.chunk_by(|a, b| a == b).filter(|bytes| bytes[0] == 0xc5).map(<[u8]>::len).max().unwrap_or(0)
 }
 
 /// Whether the lamp shines.
@@ -193,25 +204,36 @@ fn all_kinds_of_pins_keep_to_the_law() {
 /// Motors that change their speed all the time, near the rate that the planner allows: what reads the flash keeps up.
 #[test]
 fn the_greatest_rate_can_be_kept() {
-    let at_rate = |count: usize, hz: f64| {
-        let all = PINS.iter().take(count).enumerate().map(|(place, pins)| {
-            let period = 0.2 + 0.013 * place as f64;
-            let amplitude = hz * period / std::f64::consts::TAU;
-            let sine = format!(
-                "law.sine = {{ amplitude = \"{amplitude} step\", period = \"{period} s\", cycles = \"forever\" }}"
-            );
-            motor(*pins, "pulse_high = \"1 us\"", &sine)
-        });
+    let sine = |hz: f64, period: f64| {
+        let amplitude = hz * period / std::f64::consts::TAU;
+        format!("law.sine = {{ amplitude = \"{amplitude} step\", period = \"{period} s\", cycles = \"forever\" }}")
+    };
+    let plateau = |hz: f64, period: f64| {
+        let (distance, acceleration) = (hz * (0.7 + period), 10.0 * hz);
+        format!(
+            "law.trapezoid = {{ distance = \"{distance} step\", speed = \"{hz} step/s\", acceleration = \"{acceleration} step/s^2\" }}"
+        )
+    };
+    let at_rate = |count: usize, hz: f64, law: &dyn Fn(f64, f64) -> String| {
+        let all = PINS
+            .iter()
+            .take(count)
+            .enumerate()
+            .map(|(place, pins)| motor(*pins, "pulse_high = \"1 us\"", &law(hz, 0.2 + 0.013 * place as f64)));
         program("tolerance = \"1 us\"", &all.collect::<String>())
     };
     // Of the planner's limit for these pins.
-    let at = |count: usize, share: f64| {
-        let shortest = at_rate(count, 1000.0).board.min_interval_ticks[count - 1];
-        at_rate(count, 16e6 / f64::from(shortest) * share)
+    let at = |count: usize, share: f64, law: &dyn Fn(f64, f64) -> String| {
+        let shortest = at_rate(count, 1000.0, law).board.min_interval_ticks[count - 1];
+        at_rate(count, 16e6 / f64::from(shortest) * share, law)
     };
     for count in 1..=4 {
-        keeps(&format!("{count} motors at their greatest rate"), &at(count, 0.95), 1.0);
-        let refused = Image::new(&at(count, 1.2)).map(|image| image.items).unwrap_err();
+        keeps(&format!("{count} motors up to their greatest rate"), &at(count, 0.98, &sine), 1.0);
+        // Two rings stop at some rates in step with one another, in a run too: docs/known-gaps.md.
+        if count != 2 {
+            keeps(&format!("{count} motors at their greatest rate"), &at(count, 0.98, &plateau), 1.2);
+        }
+        let refused = Image::new(&at(count, 1.2, &sine)).map(|image| image.items).unwrap_err();
         assert!(
             matches!(&refused, BakeError::Plan(why) if matches!(why.error, PlanError::TooFastForBoard { .. })),
             "{refused}"
