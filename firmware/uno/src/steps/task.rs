@@ -13,6 +13,7 @@
 use super::motor::Motor;
 use super::ring::Ring;
 use super::stepper::{AHEAD, Stepper, Track};
+use super::times::TIMES;
 use crate::clock;
 use crate::link::TALKS;
 use crate::regs;
@@ -98,6 +99,21 @@ impl DerefMut for Guard {
         // SAFETY: as `deref`.
         unsafe { &mut *STEPPER.0.get() }
     }
+}
+
+/// Keeps the task out until [`let_in`] if motors share DIR lines: it needs much of the stack there, and what main is about to do does, too.
+#[inline(always)]
+pub(crate) fn keep_out_if_shared() {
+    if TIMES.is_shared() {
+        regs::TIMSK0.write(0);
+    }
+    regs::barrier();
+}
+
+#[inline(always)]
+pub(crate) fn let_in() {
+    regs::barrier();
+    regs::TIMSK0.write(1);
 }
 
 /// Has the task come first, so that rings are full when something begins that keeps it out for long. Not while it is kept out.
