@@ -4,9 +4,11 @@ mod common;
 
 use common::motion::make;
 use common::rows::{hour, tutorial};
+use pulsetrain::drive::Driven;
 use pulsetrain::prepare::Prepared;
 use pulsetrain_board::virtual_uno::VirtualUno;
-use pulsetrain_board::{Board, Remote, Setup};
+use pulsetrain_board::{Board, Edge, Remote, Setup};
+use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::MotorSetup;
 use pulsetrain_motion::Time;
 use pulsetrain_motion::pins::PinKind;
@@ -37,6 +39,19 @@ fn queues_are_as_long_as_the_table_says() {
             assert_eq!(uno.room(motor), *bytes as usize, "motor {motor} of {}", setup.motors.len());
         }
     }
+}
+
+/// Motors on one DIR line take the task deepest, while frames and answers take main deepest: the two must not meet. (They did, and what lies
+/// below the stack was written over: after 49 s of the sweep.)
+#[test]
+fn motors_on_one_dir_line_leave_some_of_the_stack() {
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/sweep.toml");
+    let length = Some(Time::from_ratio(10, 1));
+    let prepared = Prepared::load(std::path::Path::new(file), None, length).expect("an example");
+    let mut driven = Driven::at(&prepared, VirtualUno::new(), Baud::B1M).expect("it begins");
+    driven.run(&mut |_: Edge| {}, |_| {}).expect("it comes to its end");
+    let left = driven.board_mut().measures(false).expect("it answers").stack_left;
+    assert!(left >= 40, "{left} bytes are left");
 }
 
 /// Each kind's constant is what its edges come after their ticks if nothing keeps them waiting.

@@ -3,6 +3,7 @@
 use crate::link::{self, LONGEST_BODY, Receiver, Unread};
 use crate::machine::Board;
 use crate::memory::{self, Once, REPLY_LEN};
+use crate::steps::task;
 use crate::winch::Winch;
 use crate::{BOARD, clock, millis, regs, reset};
 use pulsetrain_core::wire::frame::Received;
@@ -71,6 +72,8 @@ fn run(board: &mut Board, service: &mut Service, winch: &mut Winch, receiver: &m
         // Once in four is enough, and a motor may need the time; text is said as soon as there is some. Not just when four divides it:
         // rounds may be longer than one.
         let looks = (now.0 ^ last.0) & !3 != 0;
+        // Frames and answers take the deepest calls of all; rings last for several of them.
+        task::keep_out_if_shared();
         let heard = listen(board, service, winch, receiver, now);
         due |= heard;
         if reply.sent < reply.len {
@@ -79,6 +82,7 @@ fn run(board: &mut Board, service: &mut Service, winch: &mut Winch, receiver: &m
             speak(board, service, winch, receiver, reply, now);
             due = false;
         }
+        task::let_in();
         if next {
             last = now;
             if looks {

@@ -255,7 +255,10 @@ impl Board {
                 Trouble::Late { ticks } => {
                     self.measures.late = self.measures.late.saturating_add(1);
                     self.measures.latest_ticks = self.measures.latest_ticks.max(ticks);
-                    self.tell(Cause::EdgeLate, ALL_MOTORS, u32::from(ticks));
+                    // Two are remembered until they are told: one is left for why it stops.
+                    if self.news[0].cause == Cause::None {
+                        self.tell(Cause::EdgeLate, ALL_MOTORS, u32::from(ticks));
+                    }
                 }
                 Trouble::Starved => {
                     self.measures.starved = self.measures.starved.saturating_add(1);

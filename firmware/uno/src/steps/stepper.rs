@@ -180,12 +180,15 @@ impl Track {
         }
     }
 
-    /// The next match is to be at `at`.
+    /// The next match is to be at `at`, or as soon as can be. Nothing may come between the time that is read and what is set by it.
     #[inline(never)]
-    fn resume(&self, at: Moment) {
+    fn resume(&self, at: Option<Moment>) {
         let (compare, bit) = self.compare();
-        regs::free(|| compare.write(low_half(at.0)));
-        regs::TIFR1.write(bit);
+        regs::free(|| {
+            let at = at.map_or_else(|| clock::read().wrapping_add(AGAIN), |at| low_half(at.0));
+            compare.write(at);
+            regs::TIFR1.write(bit);
+        });
         regs::free(|| {
             regs::GPIOR0.clear(self.starved_flag());
             regs::TIMSK1.set(bit);
@@ -234,14 +237,12 @@ impl Track {
             if busy && late >= TOO_LATE {
                 return Some(Trouble::Starved);
             }
-            // It counts from here on, not from when the round began.
-            let now = now.after(u32::from(count.wrapping_sub(low_half(now.0))));
-            if self.ring.is_empty() {
-                self.at = now.after(u32::from(LEAD));
-                self.resume(self.at);
-            } else {
-                self.resume(now.after(u32::from(AGAIN)));
+            let empty = self.ring.is_empty();
+            if empty {
+                // It counts from here on, not from when the round began.
+                self.at = now.after(u32::from(count.wrapping_sub(low_half(now.0)).wrapping_add(LEAD)));
             }
+            self.resume(empty.then_some(self.at));
             return busy.then_some(Trouble::Late { ticks: late });
         }
         let (compare, bit) = self.compare();
@@ -252,8 +253,7 @@ impl Track {
             return None;
         }
         let late = low_half(now.0).wrapping_sub(regs::free(|| compare.read()));
-        let again = clock::read().wrapping_add(AGAIN);
-        regs::free(|| compare.write(again));
+        self.resume(None);
         (late != 0).then_some(Trouble::Late { ticks: late })
     }
 
@@ -482,7 +482,7 @@ impl Stepper {
         for track in self.tracks_mut() {
             (track.at, track.apart) = (at, apart);
             track.ring.clear();
-            track.resume(at);
+            track.resume(Some(at));
         }
         self.playing = true;
         task::set_mode(match (self.merging, self.apiece || self.count == 1, self.count) {

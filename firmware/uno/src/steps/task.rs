@@ -13,6 +13,7 @@
 use super::motor::Motor;
 use super::ring::Ring;
 use super::stepper::{AHEAD, Stepper, Track};
+use super::times::TIMES;
 use crate::clock;
 use crate::link::TALKS;
 use crate::regs;
@@ -34,8 +35,9 @@ const NEARLY: u8 = 20;
 
 /// Batches of steps that one call makes for a ring, at most; what Rust puts into the ring counts twice.
 const BATCHES: u8 = 8;
-/// So many of them two rings get first, by turns.
-const TURNS: u8 = 6;
+/// So many of them two rings get by turns. None gets more by itself before the other is full: batches may be of a few steps, which are
+/// made sooner than so many more are.
+const TURNS: u8 = 22;
 
 /// Counts until the next call while the winch drives, at most: a call works out one slice, and takes most of one.
 const SLICES: u8 = 64;
@@ -98,6 +100,21 @@ impl DerefMut for Guard {
         // SAFETY: as `deref`.
         unsafe { &mut *STEPPER.0.get() }
     }
+}
+
+/// Keeps the task out until [`let_in`] if motors share DIR lines: it needs much of the stack there, and what main is about to do does, too.
+#[inline(always)]
+pub(crate) fn keep_out_if_shared() {
+    if TIMES.is_shared() {
+        regs::TIMSK0.write(0);
+    }
+    regs::barrier();
+}
+
+#[inline(always)]
+pub(crate) fn let_in() {
+    regs::barrier();
+    regs::TIMSK0.write(1);
 }
 
 /// Has the task come first, so that rings are full when something begins that keeps it out for long. Not while it is kept out.
@@ -204,6 +221,7 @@ steps_task_begin:
     breq 16f
     dec r24
     brne 13b
+    rjmp 9f
 16: ldi r20, {BATCHES}
     rcall task_fill_second
 7:  ldi r20, {BATCHES}

@@ -51,6 +51,13 @@ impl Cell {
         unsafe { *self.0.get() }
     }
 
+    /// What main may ask at any time: it alone changes that, at rest.
+    #[inline(always)]
+    pub(crate) fn is_shared(&self) -> bool {
+        // SAFETY: a byte, which nobody writes meanwhile.
+        unsafe { (&raw const (*self.0.get()).shared).read_volatile() }
+    }
+
     #[inline(always)]
     pub(crate) fn set(&self, times: Times) {
         // SAFETY: who has the stepper alone uses it, and holds no reference.
