@@ -434,12 +434,20 @@ fn pins() {
     "#]],
     );
     check(
+        "microsteps = 4\ndriver = \"DQ542MA\"\npins = { step = 8, dir = 9 }\nforward = \"low\"",
+        "microsteps = 2\ndriver = \"ULN2003\"\npins = { in = [2, 3, 4, 5] }\nsequence = \"wave\"",
+        expect![[r#"
+            x.toml:10:1: half steps have one sequence alone; `sequence` is for full steps
+                leave it out, or write: microsteps = 1
+        "#]],
+    );
+    check(
         "step = 8",
         "in = [2, 3, 4]",
         expect![[r#"
             x.toml:9:26: a motor on four coil lines has no `dir` pin
             x.toml:10:1: four coil lines have no `forward`
-                leave it out; to turn the other way, write the pins in the other order
+                leave it out; to turn the other way, write the pins in the other order, or for a Pico wire them so
             x.toml:9:15: the DQ542MA takes STEP and DIR, not coil lines
                 write, for example: pins = { step = 8, dir = 9 }
         "#]],

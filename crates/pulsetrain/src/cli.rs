@@ -5,7 +5,7 @@ use std::io::Write;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
 use miette::{GraphicalReportHandler, GraphicalTheme, JSONReportHandler};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::quantity::{Base, Quantity};
@@ -385,9 +385,10 @@ pub(crate) struct Ports {
 
 /// Which board is asked.
 #[derive(Args, Debug)]
+#[command(group = ArgGroup::new("asked").args(["port", "board"]).required(true))]
 pub(crate) struct At {
     /// The board at this serial port
-    #[arg(long, value_name = "PORT", required_unless_present = "board", conflicts_with = "board")]
+    #[arg(long, value_name = "PORT")]
     pub(crate) port: Option<String>,
     /// A virtual one
     #[arg(long, value_name = "BOARD", value_parser = ["uno", "pico"])]
@@ -413,9 +414,10 @@ pub(crate) struct Stop {
 
 /// What a board keeps.
 #[derive(Args, Debug)]
+#[command(group = ArgGroup::new("keeper").args(["port", "board"]).required(true))]
 pub(crate) struct Store {
     /// The board at this serial port
-    #[arg(long, value_name = "PORT", required_unless_present = "board", conflicts_with = "board")]
+    #[arg(long, value_name = "PORT")]
     pub(crate) port: Option<String>,
     /// A virtual one, which forgets it again
     #[arg(long, value_name = "BOARD", value_parser = ["uno", "pico"])]
@@ -468,11 +470,12 @@ pub(crate) struct Winch {
 
 /// A board whose motors are told directly.
 #[derive(Args, Debug)]
+#[command(group = ArgGroup::new("told").args(["port", "board"]).required(true))]
 pub(crate) struct Verbs {
     /// Script of timed lines; without one they are read as they come
     pub(crate) script: Option<PathBuf>,
     /// The board at this serial port; opening it resets an Uno
-    #[arg(long, value_name = "PORT", required_unless_present = "board", conflicts_with = "board")]
+    #[arg(long, value_name = "PORT")]
     pub(crate) port: Option<String>,
     /// A virtual one; `uno` has the image with verbs
     #[arg(long, value_name = "BOARD", value_parser = ["uno", "pico"])]

@@ -330,7 +330,9 @@ fn what_cannot_be_done_is_said() {
     check(&["run", &tutorial, "--port", "x", "--native"], "cannot be used with");
     check(&["run", &tutorial, "--pause-at", "9 s"], "the motion ends at 1 s");
     check(&["run", &tutorial, "--resume-at", "9 s"], "--pause-at <TIME>");
-    check(&["info"], "--port <PORT>");
+    for command in ["info", "store", "verbs"] {
+        check(&[command], "<--port <PORT>|--board <BOARD>>");
+    }
     check(&["info", "--port", "/dev/ttyNOT-THERE"], "an Uno is usually /dev/ttyACM0");
     check(&["bench", "--port", "/dev/ttyNOT-THERE"], "say --disconnected");
     check(&["store", "--port", "/dev/ttyNOT-THERE"], "an Uno is usually /dev/ttyACM0");

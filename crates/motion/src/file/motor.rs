@@ -410,7 +410,7 @@ fn read_wiring(
                 section.reader.note(at, "not with `in`", format!("a motor on four coil lines has no `{key}` pin"), "");
             }
         }
-        let help = "leave it out; to turn the other way, write the pins in the other order";
+        let help = "leave it out; to turn the other way, write the pins in the other order, or for a Pico wire them so";
         refuse_keys(section, &["forward"], "four coil lines have no", help);
         let stepped = ["enabled", "pulse_high", "pulse_low", "dir_setup", "dir_hold"];
         refuse_keys(section, &stepped, "four coil lines have no", "leave it out");
@@ -461,7 +461,12 @@ fn read_coils(
     }
     let numbers: [u8; 4] = taken.try_into().map_err(|_| Noted)?;
     let sequence = match (section.get("sequence"), microsteps) {
-        (_, 2) => CoilSequence::Half,
+        (None, 2) => CoilSequence::Half,
+        (Some(_), 2) => {
+            let (at, help) = (section.key_span("sequence"), "leave it out, or write: microsteps = 1");
+            let message = "half steps have one sequence alone; `sequence` is for full steps";
+            return Err(section.reader.note(at, "not with half steps", message, help));
+        }
         (None, 1) => CoilSequence::Full,
         (Some(node), 1) => node.word(&[("full", CoilSequence::Full), ("wave", CoilSequence::Wave)])?,
         _ => {

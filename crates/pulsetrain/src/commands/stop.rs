@@ -305,7 +305,7 @@ fn does_not_stop(why: &str) -> Report {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::super::info;
     use super::*;
     use pulsetrain_board::virtual_pico::VirtualPico;
@@ -344,7 +344,7 @@ mod tests {
 
     /// A board whose port is opened again and again, as by one program after the other.
     #[derive(Clone)]
-    struct Shared(Rc<RefCell<VirtualPico>>);
+    pub(in crate::commands) struct Shared(pub(in crate::commands) Rc<RefCell<VirtualPico>>);
 
     impl Port for Shared {
         fn now(&self) -> Duration {

@@ -5,7 +5,7 @@ use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Port, Remote, RemoteError, Serial};
 use pulsetrain_core::wire::settings::{AMAX, MOST_VMAX};
-use pulsetrain_core::wire::{Settings, Stored};
+use pulsetrain_core::wire::{Reason, Settings, Stored};
 use serde::Serialize;
 
 use super::{drive_problem, port_problem};
@@ -70,7 +70,7 @@ pub(crate) fn run(args: &Store, console: &mut Console<'_>) -> miette::Result<Exi
         None if args.board.as_deref() == Some("pico") => store(VirtualPico::on_usb(), args, limits),
         None => store(VirtualUno::new(), args, limits),
     };
-    let stored = kept.map_err(|error| drive_problem(error.into()))?;
+    let stored = kept.map_err(problem)?;
     let kept = stored.settings.map(Kept::of);
     if args.json {
         console.print_json(&Said { kept, damaged: stored.is_damaged })?;
@@ -78,6 +78,22 @@ pub(crate) fn run(args: &Store, console: &mut Console<'_>) -> miette::Result<Exi
     }
     console.print(format_args!("the board keeps: {}\n", told(kept.as_ref(), stored.is_damaged)))?;
     Ok(Exit::Success)
+}
+
+/// What is wrong, with what to do.
+fn problem(error: RemoteError) -> miette::Report {
+    match error {
+        RemoteError::Refused { reason: Reason::Moving, .. } => {
+            let help = "`pulsetrain stop --port PORT` disarms them; what still moves stops at once, wherever it is";
+            miette!(help = help, "the board tells and keeps no settings while motors are armed, as a run leaves them")
+        }
+        RemoteError::Refused { reason: Reason::UnknownKind, .. } => {
+            let help =
+                "an Uno's image with verbs has no room for that; its plain one has: `pulsetrain flash uno --port PORT`";
+            miette!(help = help, "the board's firmware keeps no settings")
+        }
+        error => drive_problem(error.into()),
+    }
 }
 
 /// Speed and acceleration of text, in thousandths.
@@ -99,6 +115,13 @@ fn limits(values: &[f64]) -> miette::Result<(u32, u32)> {
 /// Changes what was said, and asks what is kept then.
 fn store<P: Port>(port: P, args: &Store, limits: Option<(u32, u32)>) -> Result<Stored, RemoteError> {
     let mut board = Remote::open(port, session_number())?;
+    let kept = settle(&mut board, args, limits);
+    // Also after a refusal: the next command finds the board free.
+    board.close();
+    kept
+}
+
+fn settle<P: Port>(board: &mut Remote<P>, args: &Store, limits: Option<(u32, u32)>) -> Result<Stored, RemoteError> {
     let Stored { settings: before, is_damaged } = board.stored()?;
     let mut settings = if args.clear { Settings::default() } else { before.unwrap_or_default() };
     settings.deadman_ms = args.deadman.unwrap_or(settings.deadman_ms);
@@ -110,15 +133,54 @@ fn store<P: Port>(port: P, args: &Store, limits: Option<(u32, u32)>) -> Result<S
     if args.clear || settings != before.unwrap_or_default() || (says && is_damaged) {
         board.store(&settings)?;
     }
-    let kept = board.stored()?;
-    board.close();
-    Ok(kept)
+    board.stored()
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::stop::tests::Shared;
     use super::*;
+    use pulsetrain_board::Setup;
     use pulsetrain_core::baked::FLASH_ROOM;
+    use pulsetrain_core::wire::message::MotorSetup;
+    use std::cell::RefCell;
+    use std::rc::Rc;
+
+    const ASK: Store = Store {
+        port: None,
+        board: None,
+        deadman: None,
+        idle: None,
+        silence: None,
+        limits: None,
+        clear: false,
+        json: false,
+    };
+
+    /// As a run leaves a Pico: who asks is told what to do, and the next one finds the board free.
+    #[test]
+    fn armed_motors_keep_settings_from_being_told_and_nobody_out() {
+        let board = Shared(Rc::new(RefCell::new(VirtualPico::on_usb())));
+        let mut host = Remote::open(board.clone(), 1).unwrap();
+        let driver = MotorSetup { step_pin: 2, dir_pin: 3, ..MotorSetup::default() };
+        host.configure(&Setup { pulse_ticks: 250, motors: vec![driver], ..Setup::default() }).unwrap();
+        host.arm().unwrap();
+        host.close();
+        let refused = problem(store(board.clone(), &ASK, None).unwrap_err());
+        assert!(refused.to_string().contains("motors are armed"), "{refused}");
+        assert!(refused.help().unwrap().to_string().contains("pulsetrain stop"));
+        let mut next = Remote::open_if_free(board.clone(), 2).unwrap();
+        next.stop_motors().unwrap();
+        next.close();
+        let kept = Stored { settings: Some(Settings { deadman_ms: 400, ..Settings::default() }), is_damaged: false };
+        assert_eq!(store(board, &Store { deadman: Some(400), ..ASK }, None).unwrap(), kept);
+    }
+
+    #[test]
+    fn an_uno_with_verbs_keeps_no_settings() {
+        let refused = problem(store(VirtualUno::with_verbs(), &ASK, None).unwrap_err());
+        assert_eq!(refused.to_string(), "the board's firmware keeps no settings");
+    }
 
     /// The newer of two copies is damaged: to say again what the older one has mends that.
     #[test]
@@ -128,22 +190,12 @@ mod tests {
         settings.iter().for_each(|settings| board.store(settings).unwrap());
         let mut memory = board.close().chip().flash().to_vec();
         memory[FLASH_ROOM as usize + 4096 + 3] ^= 1;
-        let args = Store {
-            port: None,
-            board: None,
-            deadman: None,
-            idle: None,
-            silence: None,
-            limits: None,
-            clear: false,
-            json: false,
-        };
         let after = |args: &Store| store(VirtualPico::with_flash(&memory).unwrap(), args, None).unwrap();
         let damaged = Stored { settings: Some(settings[0]), is_damaged: true };
-        assert_eq!(after(&args), damaged);
+        assert_eq!(after(&ASK), damaged);
         let said = serde_json::to_value(Said { kept: damaged.settings.map(Kept::of), damaged: true }).unwrap();
         assert_eq!((&said["deadman_ms"], &said["damaged"]), (&400.into(), &true.into()));
-        assert_eq!(after(&Store { deadman: Some(400), ..args }), Stored { is_damaged: false, ..damaged });
+        assert_eq!(after(&Store { deadman: Some(400), ..ASK }), Stored { is_damaged: false, ..damaged });
     }
 
     #[test]

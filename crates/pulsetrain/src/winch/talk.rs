@@ -44,7 +44,7 @@ pub fn with_checksum(line: &str) -> String {
 /// ```
 /// use pulsetrain::winch::talk::meaning;
 /// assert_eq!(meaning("err missing 3").unwrap(), "word 3: a value is missing");
-/// assert_eq!(meaning("err period 500").unwrap(), "that is too short: 500 ticks at least");
+/// assert_eq!(meaning("err period 500").unwrap(), "a period is 500 ticks at least, and 2^62 at most (2^30 on an Uno)");
 /// assert_eq!(meaning("dbg invalid srate value").unwrap(), "an interval of statuses is 1 to 65535 ms");
 /// assert_eq!(meaning("awake"), None);
 /// ```
@@ -68,7 +68,7 @@ pub fn meaning(line: &str) -> Option<String> {
         "checksum" => "the checksum is wrong, or missing where each line needs one (`strict 0*1b` ends that)",
         "period" => {
             let shortest = words.next().unwrap_or_default();
-            return Some(format!("that is too short: {shortest} ticks at least"));
+            return Some(format!("a period is {shortest} ticks at least, and 2^62 at most (2^30 on an Uno)"));
         }
         "busy" => return Some("a move waits already: wait until one is done, or halt it".to_owned()),
         "moving" => return Some("the motors still move".to_owned()),

@@ -107,7 +107,7 @@ impl Path {
         max_acceleration: 35e3,
         is_stopping: false,
         depends_on_time: false,
-        doubt: Doubt { position: 0.0, both: 0.0, speed: 0.0, offset: 0.0 },
+        doubt: Doubt { position: 0.0, both: 0.0, speed: 0.0, offset: 0.0, is_near: false, is_box: false },
     };
 
     fn obey(&mut self, order: Order) {
@@ -228,6 +228,11 @@ pub(super) struct Doubt {
     speed: f64,
     /// What the reference may be off besides, as it was taken from the position in a stop, steps.
     offset: f64,
+    /// The millisecond before ended near the greatest speed, on one side of it or the other.
+    is_near: bool,
+    /// It is a box, with the roots of `position` and `speed` to either side. So it is from the second such millisecond in a row on: what
+    /// cuts speeds brings two of them nearer to each other, but an ellipse around that is larger each time.
+    is_box: bool,
 }
 
 impl Doubt {
@@ -271,14 +276,29 @@ impl Doubt {
             cut += DT * swing;
         }
         let (next, falling) = (path.speed + acceleration * DT, path.speed.abs() - max_acceleration * DT);
+        let is_close = |speed: f64| (speed - max_speed).abs() <= off_speed;
+        let was_near = std::mem::replace(&mut self.is_near, is_close(next.abs()) || is_close(falling));
+        if was_near && self.is_near {
+            let [along, own] = change.map(f64::abs);
+            let mut most =
+                (along * off + own * off_speed + cut).max(off_speed + CUT_RESULT + DT * CUT * max_acceleration);
+            if falling + off_speed <= max_speed {
+                most = (along * off + own * off_speed + cut).min(2.0 * max_speed);
+            }
+            let position = off + DT * off_speed + DT * CUT_SPEED;
+            (self.position, self.both, self.speed, self.is_box) = (position * position, 0.0, most * most, true);
+            return;
+        }
+        if std::mem::take(&mut self.is_box) {
+            (self.position, self.speed) = (2.0 * self.position, 2.0 * self.speed);
+        }
         if falling > max_speed {
             // It goes down by amax, whatever is wanted.
             (change, cut) = ([0.0, 1.0], CUT_RESULT + DT * CUT * max_acceleration);
         } else if next.abs() > max_speed {
             change = [0.0, 0.0];
         }
-        let is_near = |speed: f64| (speed - max_speed).abs() < off_speed;
-        if is_near(next.abs()) || is_near(falling) {
+        if self.is_near {
             cut += off_speed;
         }
         // A P Aᵀ, where A's first row is 1, DT and its second is `change`.
@@ -311,6 +331,16 @@ impl Doubt {
     /// moves. `None` if nothing agrees, or nothing would be gained.
     fn see(&mut self, seen: f64, after_s: f64, within: f64) -> Option<(f64, f64)> {
         let within = within + self.offset;
+        if self.is_box {
+            let (off, span) = (self.position.sqrt(), within + after_s * self.speed.sqrt());
+            let (from, to) = ((-off).max(seen - span), off.min(seen + span));
+            let half = (to - from) / 2.0;
+            if half < 0.0 || half >= off {
+                return None;
+            }
+            self.position = half * half;
+            return Some((from + half, 0.0));
+        }
         let (by_position, by_speed) = (self.position + after_s * self.both, self.both + after_s * self.speed);
         let span = by_position + after_s * by_speed;
         if span <= 0.0 || seen.abs() > within + span.sqrt() {
@@ -324,7 +354,7 @@ impl Doubt {
                 position: size * (self.position - weight * by_position * by_position / sum),
                 both: size * (self.both - weight * by_position * by_speed / sum),
                 speed: size * (self.speed - weight * by_speed * by_speed / sum),
-                offset: self.offset,
+                ..*self
             };
             (kept, weight / sum * seen)
         };
@@ -438,6 +468,39 @@ mod tests {
         assert!((99.0..=100.0).contains(&tell(&[], 3000)));
         assert!(tell(&[Order::Limits { speed: 2000.0, acceleration: 9000.0 }], 1000) > 1000.0);
         assert_eq!(tell(&[falls, Order::Stop], 2000), 0.0);
+    }
+
+    /// A ramp that is as fast as the greatest speed brings the path to that from below, for as long as it lasts; a limit of 0 keeps it there.
+    #[test]
+    fn a_path_that_stays_near_its_greatest_speed_leaves_little_doubt() {
+        for (frequency_hz, ratio, limit, ramp) in [
+            (2.0, 1.0, 1000.0, 1000.0),
+            (12.0, 5.0, 1000.0, 1000.0),
+            (1.0, 2.0, 3500.0, 3500.0),
+            (20.0, 0.07, 0.0, 0.0),
+            (5.0, 0.5, 0.001, 0.0),
+        ] {
+            let (mut path, mut board) = (Path::START, Path::START);
+            for path in [&mut path, &mut board] {
+                path.obey(Order::Gains { frequency_hz, ratio });
+                path.obey(Order::Limits { speed: limit, acceleration: 35e3 });
+                path.obey(Order::Ramp(ramp));
+                path.obey(Order::Target(if limit == 0.0 { 0.0 } else { 12_000.0 }));
+            }
+            let mut seen = 0.0;
+            for ms in 0..20_000 {
+                path.tick();
+                coarse(&mut board);
+                // A step is seen when the board has made one.
+                if board.position.round() != seen {
+                    seen = board.position.round();
+                    path.see(path.position - board.position, 0.0, 0.04);
+                }
+                let apart = (path.position - board.position).abs();
+                assert!(apart <= path.doubt.steps() + 1e-9, "{frequency_hz} Hz, ms {ms}: {path:?} {board:?}");
+                assert!(path.doubt.steps() < 0.2, "{frequency_hz} Hz, ms {ms}: {path:?}");
+            }
+        }
     }
 
     #[test]
