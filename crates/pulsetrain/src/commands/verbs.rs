@@ -18,11 +18,12 @@ use pulsetrain_core::wire::{Baud, Refusal};
 use pulsetrain_motion::quantity::{Base, Quantity};
 
 use super::info::UNO;
+use super::on_port::waits_aloud;
 use super::winch::typed;
 use super::{drive_problem, port_problem};
 use crate::cli::Verbs;
 use crate::console::{self, Console, Exit};
-use crate::drive::session_number;
+use crate::drive::{session_number, set_up};
 use crate::winch::talk::meaning;
 use crate::{human, interrupt, serve};
 
@@ -49,22 +50,22 @@ pub(crate) fn run(args: &Verbs, console: &mut Console<'_>) -> miette::Result<Exi
     let script = args.script.as_deref().map(load).transpose()?;
     let is_uno = args.board.as_deref() == Some("uno");
     match (&args.port, script) {
-        (Some(port), script) => {
-            let port = Serial::open(port, true).map_err(port_problem)?;
-            hold(port, args.baud, lines(script), None, console)
+        (Some(name), script) => {
+            let port = Serial::open(name, true).map_err(port_problem)?;
+            hold(port, name, args.baud, lines(script), None, console)
         }
         (None, Some(script)) if is_uno => {
-            hold(VirtualUno::with_verbs(), args.baud, lines(Some(script)), Some(Pins::default()), console)
+            hold(VirtualUno::with_verbs(), "", args.baud, lines(Some(script)), Some(Pins::default()), console)
         }
         (None, Some(script)) => {
-            hold(VirtualPico::on_usb(), args.baud, lines(Some(script)), Some(Pins::default()), console)
+            hold(VirtualPico::on_usb(), "", args.baud, lines(Some(script)), Some(Pins::default()), console)
         }
         (None, None) if is_uno => {
             let board = serve::Paced::new(VirtualUno::with_verbs());
-            hold(board, args.baud, lines(None), Some(Pins::default()), console)
+            hold(board, "", args.baud, lines(None), Some(Pins::default()), console)
         }
         (None, None) => {
-            hold(serve::Paced::new(VirtualPico::on_usb()), args.baud, lines(None), Some(Pins::default()), console)
+            hold(serve::Paced::new(VirtualPico::on_usb()), "", args.baud, lines(None), Some(Pins::default()), console)
         }
     }
 }
@@ -208,21 +209,29 @@ struct Held<P> {
     refused: usize,
 }
 
+/// `name` is the port's, which a virtual board has none of.
 fn hold<P: Port>(
     port: P,
+    name: &str,
     baud: Baud,
     mut lines: Lines,
     pins: Option<Pins>,
     console: &mut Console<'_>,
 ) -> miette::Result<Exit> {
     let problem = |error: RemoteError| drive_problem(error.into());
-    let mut remote = Remote::open(port, session_number()).map_err(problem)?;
-    remote.set_baud(baud).map_err(problem)?;
+    let number = session_number();
+    let remote = Remote::open(port, number).map_err(problem)?;
     let setup = wiring(remote.info().board == UNO);
-    remote.configure(&setup).map_err(problem)?;
-    let mut held = Held { remote, setup, axes: Default::default(), pins, refused: 0 };
+    let mut remote = set_up(remote, &setup, baud, number, waits_aloud(console, name)).map_err(problem)?;
     // One that cannot be told directly says so before anything else.
-    let first = held.remote.tell_motors(&[]).map_err(problem)?;
+    let first = match remote.tell_motors(&[]) {
+        Ok(first) => first,
+        Err(error) => {
+            remote.close();
+            return Err(problem(error));
+        }
+    };
+    let mut held = Held { remote, setup, axes: Default::default(), pins, refused: 0 };
     let tick_hz = u64::from(held.remote.info().tick_hz);
     let begin = held.remote.now();
     console.print(format_args!(
