@@ -15,23 +15,22 @@ const FLASH: u64 = 32_768 - 512;
 /// Bytes of RAM.
 const RAM: u64 = 2048;
 
-/// The committed image, and the other one, with verbs in place of text.
+/// The committed image.
 const IMAGE: &str = "crates/board/images/uno.hex";
-const VERBS: &str = "crates/board/images/uno-verbs.hex";
+/// The others: with verbs in place of text, and without a line to a host, for a motion that lies behind it. Each with its feature.
+const OTHERS: [(&str, &str); 2] =
+    [("crates/board/images/uno-verbs.hex", "verbs"), ("crates/board/images/uno-baked.hex", "baked")];
 /// Of its winch the assembly alone, committed for a test on the emulated chip.
 const WINCH: &str = "crates/board/images/winch.hex";
-/// What plays baked motions.
-const PLAYER: &str = "crates/pulsetrain/src/bake/player.hex";
 
 /// Builds the Uno's firmware, prints what it takes and writes the committed images.
 pub(crate) fn uno() -> Done {
-    for image in [IMAGE, VERBS] {
-        let (built, table) = built_uno(image)?;
+    for (image, feature) in [(IMAGE, None)].into_iter().chain(OTHERS.map(|(image, feature)| (image, Some(feature)))) {
+        let (built, table) = built_uno(feature)?;
         print!("{image}\n{table}");
         copy(built, image)?;
     }
-    copy(built_winch()?, WINCH)?;
-    copy(built_player()?, PLAYER)
+    copy(built_winch()?, WINCH)
 }
 
 fn copy(built: PathBuf, image: &str) -> Done {
@@ -43,15 +42,18 @@ fn copy(built: PathBuf, image: &str) -> Done {
 /// Builds the Uno's firmware, and fails when a committed image is another one.
 pub(crate) fn check_uno() -> Done {
     print!("{IMAGE}\n{}", measure_uno()?);
-    let (built, table) = built_uno(VERBS)?;
-    print!("{VERBS}\n{table}");
-    same(VERBS, &read(root().join(VERBS))?, &read(built)?)
+    for (image, feature) in OTHERS {
+        let (built, table) = built_uno(Some(feature))?;
+        print!("{image}\n{table}");
+        same(image, &read(root().join(image))?, &read(built)?)?;
+    }
+    Ok(())
 }
 
-/// The same of all but the image with verbs, and gives what the other one takes, as text.
+/// The same of the image without features alone, and gives what it takes, as text.
 pub(crate) fn measure_uno() -> Done<String> {
-    let (built, table) = built_uno(IMAGE)?;
-    for (image, built) in [(IMAGE, built), (WINCH, built_winch()?), (PLAYER, built_player()?)] {
+    let (built, table) = built_uno(None)?;
+    for (image, built) in [(IMAGE, built), (WINCH, built_winch()?)] {
         same(image, &read(root().join(image))?, &read(built)?)?;
     }
     Ok(table)
@@ -77,8 +79,8 @@ fn same(image: &str, committed: &str, built: &str) -> Done {
     )))
 }
 
-/// Builds the Uno's firmware under `target/`, for `image`. Gives its place, and what it takes, as text.
-fn built_uno(image: &str) -> Done<(PathBuf, String)> {
+/// Builds the Uno's firmware under `target/`, with a feature or with none. Gives the image's place, and what it takes, as text.
+fn built_uno(feature: Option<&str>) -> Done<(PathBuf, String)> {
     if command::run(command("avr-gcc").arg("--version")).is_err() {
         // libgcc and the start-up code come with them.
         install_debian("gcc-avr")?;
@@ -89,10 +91,10 @@ fn built_uno(image: &str) -> Done<(PathBuf, String)> {
         .current_dir(root().join("firmware/uno"))
         .args(["build", "--release", "--locked", "-Zbuild-std=core", "--target-dir"])
         .arg(&built)
-        .args((image == VERBS).then_some("--features=verbs")))?;
+        .args(feature.map(|feature| format!("--features={feature}"))))?;
     let elf = built.join("avr-none/release/uno.elf");
     let sections = output(command("avr-size").arg("-A").arg(&elf))?;
-    let image = built.join(if image == VERBS { "uno-verbs.hex" } else { "uno.hex" });
+    let image = built.join(feature.map_or("uno.hex".to_owned(), |feature| format!("uno-{feature}.hex")));
     run(command("avr-objcopy").args(["-O", "ihex", "-R", ".eeprom"]).arg(&elf).arg(&image))?;
     Ok((image, table(&sections)?))
 }
@@ -107,18 +109,6 @@ fn built_winch() -> Done<PathBuf> {
         .arg("-o")
         .arg(&elf))?;
     run(command("avr-objcopy").args(["-O", "ihex"]).arg(&elf).arg(&image))?;
-    Ok(image)
-}
-
-/// Compiles what plays baked motions. Gives the image's place.
-fn built_player() -> Done<PathBuf> {
-    let (elf, image) = (target_dir().join("player.elf"), target_dir().join("player.hex"));
-    let mut compiler = command("avr-g++");
-    compiler
-        .args("-mmcu=atmega328p -DF_CPU=16000000L -std=gnu++11 -Os -Wall -Wextra -Werror -fno-exceptions".split(' '));
-    compiler.args("-fno-threadsafe-statics -ffunction-sections -Wl,--gc-sections".split(' '));
-    run(compiler.arg(root().join("crates/pulsetrain/src/bake/player.cpp")).arg("-o").arg(&elf))?;
-    run(command("avr-objcopy").args(["-O", "ihex", "-j", ".text", "-j", ".data"]).args([&elf, &image]))?;
     Ok(image)
 }
 

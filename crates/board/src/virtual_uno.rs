@@ -15,9 +15,10 @@ use std::time::Duration;
 
 pub use crate::bridge::CYCLES_PER_S;
 
-/// The firmware that `cargo xtask firmware uno` built, and the same with verbs in place of text.
+/// The firmware that `cargo xtask firmware uno` built, the same with verbs in place of text, and without a line to a host.
 const IMAGE: &str = include_str!("../images/uno.hex");
 const VERBS: &str = include_str!("../images/uno-verbs.hex");
+const BAKED: &str = include_str!("../images/uno-baked.hex");
 
 /// DTR pulls the reset pin low for so long, through 100 nF and 1 kΩ.
 const RESET_PULSE: u64 = CYCLES_PER_S / 10_000;
@@ -52,6 +53,13 @@ pub fn image() -> Vec<u8> {
 pub fn verbs_image() -> Vec<u8> {
     // As above.
     hex::parse(VERBS, Atmega328p::FLASH_BYTES).unwrap_or_default()
+}
+
+/// The committed firmware that plays a motion which lies right behind it.
+#[must_use]
+pub fn baked_image() -> Vec<u8> {
+    // As above.
+    hex::parse(BAKED, Atmega328p::FLASH_BYTES).unwrap_or_default()
 }
 
 /// An Arduino Uno in virtual time.

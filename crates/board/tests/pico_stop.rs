@@ -206,3 +206,34 @@ fn a_main_loop_that_was_held_up_hears_a_stop_soon() {
         assert!(after < else_after + TICK_HZ * 6 / 10_000, "{tenths}: {after} ticks, else {else_after}");
     }
 }
+
+/// Who is stopped at once is uncertain if its steps were closer than its pull-in: not if they were further apart, also while the motor turns,
+/// and on coils. Of steps further apart than words are written ahead, 2.4 ms, the one before is forgotten: they are taken for 1.8 ms at least.
+#[test]
+fn only_who_was_faster_than_its_pull_in_is_uncertain() {
+    for interval in [25_000, 62_500, 125_000, 312_500, 1_250_000, 12_500_000] {
+        let slower = if interval < 312_501 { interval * 9 / 10 } else { 208_333 };
+        for (pull_in, is_uncertain) in [(slower, false), (interval * 11 / 10, true)] {
+            let motors = [step_dir(2), step_dir(4), coils(8, Sequence::Half)];
+            let motors = motors.map(|motor| MotorSetup { pull_in_ticks: pull_in, ..motor }).to_vec();
+            let mut pair = Pair::new(&Setup { pulse_ticks: 13, setup_ticks: 20, motors, ..Setup::default() });
+            let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
+            let forward = [Item::Anchor { tick: Moment::of(from) }, run(1000, interval.into(), Direction::Forward)];
+            let turning = [Direction::Forward, Direction::Backward].map(|direction| run(3, interval.into(), direction));
+            let turning: Vec<_> = std::iter::once(forward[0]).chain((0..20).flat_map(|_| turning)).collect();
+            for (motor, items) in (0..).zip([&forward[..], &turning, &forward]) {
+                pair.push(motor, 1, items);
+            }
+            assert_eq!(pair.switch(1, from), Ok(()));
+            // The first interval is behind it.
+            pair.advance(from + 5 * u64::from(interval) / 2);
+            for part in 0..40 {
+                let mut pico = pair.pico.clone();
+                pico.advance(pico.now() + part * u64::from(interval) / 9, &mut |_: Edge| {});
+                let (stopped, _) = pico.stop_motors().expect("it stops");
+                let wanted = if is_uncertain { 0b111 } else { 0 };
+                assert_eq!(stopped.uncertain, wanted, "{interval} ticks apart, pull-in {pull_in}, part {part}");
+            }
+        }
+    }
+}

@@ -126,9 +126,9 @@ Examples:
     Ports(Ports),
     /// Put a motion onto a board for good: it runs at power-up, without this computer
     #[command(after_help = "\
-For an Arduino Uno and a Raspberry Pi Pico. The Uno's image needs nothing else; the sketch is plain C++ with tables in flash, for the Arduino IDE, without a library. Endless motions that repeat keep their phase for ever: each \
-turn begins at its own exact time, to 2^-48 of a tick. It takes the Uno's Timer1, and stops millis() and delay(). On a Pico the firmware itself plays it, nearly as fast as \
-what a host sends, on drivers and on coils; to 2^-64 of a tick.
+For an Arduino Uno and a Raspberry Pi Pico. An image is the firmware itself, which plays the motion from its flash, as exact and as fast as what a host sends (on a Pico nearly \
+so, on drivers and on coils). Endless motions that repeat keep their phase for ever: each turn begins at its own exact time, to 2^-48 of a tick on an Uno, 2^-64 on a Pico. A sketch is plain \
+C++ with tables in flash, for the Arduino IDE, without a library: slower, and motors wait for one another. It takes the Uno's Timer1, and stops millis() and delay().
 
 Examples:
   pulsetrain bake examples/sweep.toml --output sweep.hex          four motors, for ever

@@ -3,6 +3,7 @@
 #[path = "common/folder.rs"]
 mod folder;
 
+use std::path::Path;
 use std::{fs, io};
 
 use folder::Folder;
@@ -11,6 +12,7 @@ use pulsetrain::bake::table::{PERIOD_BITS, Turn};
 use pulsetrain::bake::{BakeError, Image, Room, Row, Sketch, Table, tables};
 use pulsetrain::cli;
 use pulsetrain::console::Exit;
+use pulsetrain::prepare::Prepared;
 use pulsetrain_board::hex;
 use pulsetrain_motion::file;
 use pulsetrain_motion::program::Program;
@@ -40,7 +42,7 @@ fn read(text: &str) -> Program {
 const SINE: &str = "law.sine = { amplitude = \"0.1 rev\", period = \"1 s\", cycles = \"forever\" }";
 
 fn refused(program: &Program) -> BakeError {
-    Image::new(program).map(|image| image.size).unwrap_err()
+    Sketch::new(program, "refused").map(|sketch| sketch.size).unwrap_err()
 }
 
 /// Steps of rows from a time on (ticks · 2^-16), as the sketch makes them: time and way.
@@ -201,38 +203,37 @@ fn what_does_not_repeat_is_told() {
         read(&format!("board = \"uno\"\ntolerance = \"1 tick\"\n{one}{two}"))
     };
     assert!(matches!(refused(&apart("0.7300011")), BakeError::NoCommonPeriod { most: 64 }));
-    assert!(Image::new(&apart("0.75")).is_ok(), "4 s and 3 s");
+    assert!(Sketch::new(&apart("0.75"), "apart").is_ok() && Image::new(&apart("0.75")).is_ok(), "4 s and 3 s");
 }
 
 /// As much as there is room for is baked; a motion of a day is refused as soon as its beginning does not fit, with what would.
 #[test]
 fn what_is_too_large_is_told_with_what_would_fit() {
-    let day = "law.sine = { amplitude = \"3 rev\", period = \"1.7 s\", cycles = 50000 }";
-    let error = refused(&program(day));
-    let BakeError::TooLarge { board: "an Uno", bytes, limit, fits_s } = error else { panic!("{error}") };
-    assert!(bytes > limit && (20_000..30_000).contains(&limit), "{error}");
-    let cycles = |seconds: f64| {
-        let law =
-            format!("law.sine = {{ amplitude = \"3 rev\", period = \"1.7 s\", cycles = {} }}", (seconds / 1.7) as u32);
-        Image::new(&program(&law)).map(|image| image.flash.len())
-    };
-    assert!(cycles(fits_s).is_ok_and(|bytes| bytes <= 32_256), "{fits_s} s");
-    assert!(matches!(cycles(fits_s + 3.4), Err(BakeError::TooLarge { .. })), "{fits_s} s");
-    // Two motors have half of it each.
-    let two = ["8, dir = 9", "10, dir = 11"].map(|pins| {
-        let name = if pins.starts_with('8') { "one" } else { "two" };
-        motor(
-            name,
-            "driver = \"A4988\"",
-            &format!("step = {pins}"),
-            "law.sine = { amplitude = \"3 rev\", period = \"1.7 s\", cycles = 10 }",
-        )
-    });
-    let error = refused(&read(&format!("board = \"uno\"\ntolerance = \"1 tick\"\n{}", two.concat())));
-    assert!(
-        matches!(error, BakeError::TooLarge { fits_s: half, .. } if (0.4 * fits_s..0.6 * fits_s).contains(&half)),
-        "{error} {fits_s}"
-    );
+    /// Whether it fits in the flash, or why not.
+    type Way<'a> = &'a dyn Fn(&Program) -> Result<bool, BakeError>;
+    let law = |cycles: u32| format!("law.sine = {{ amplitude = \"3 rev\", period = \"1.7 s\", cycles = {cycles} }}");
+    let sketch = |program: &Program| Sketch::new(program, "large").map(|sketch| sketch.size.bytes <= 32_256);
+    let image = |program: &Program| Image::new(program).map(|image| image.flash.len() <= 32_256);
+    let ways: [Way<'_>; 2] = [&sketch, &image];
+    for (way, limits) in ways.iter().zip([20_000..30_000, 9_000..12_000]) {
+        let error = way(&program(&law(50_000))).unwrap_err();
+        let BakeError::TooLarge { board: "an Uno", bytes, limit, fits_s } = error else { panic!("{error}") };
+        assert!(bytes > limit && limits.contains(&limit), "{error}");
+        let cycles = |seconds: f64| (seconds / 1.7) as u32;
+        assert!(way(&program(&law(cycles(fits_s)))).is_ok_and(|fits| fits), "{fits_s} s");
+        let more = way(&program(&law(cycles(fits_s + 3.4))));
+        assert!(matches!(more, Err(BakeError::TooLarge { .. })), "{fits_s} s: {more:?}");
+        // Two motors have half of it each.
+        let two = ["8, dir = 9", "10, dir = 11"].map(|pins| {
+            let name = if pins.starts_with('8') { "one" } else { "two" };
+            motor(name, "driver = \"A4988\"", &format!("step = {pins}"), &law(cycles(0.8 * fits_s)))
+        });
+        let error = way(&read(&format!("board = \"uno\"\ntolerance = \"1 tick\"\n{}", two.concat()))).unwrap_err();
+        assert!(
+            matches!(error, BakeError::TooLarge { fits_s: half, .. } if (0.4 * fits_s..0.6 * fits_s).contains(&half)),
+            "{error} {fits_s}"
+        );
+    }
 }
 
 #[test]
@@ -252,14 +253,26 @@ fn wirings_that_cannot_be_baked_are_told() {
         assert!(matches!(&error, BakeError::Wiring { motor, .. } if motor == "wheel"), "{error}");
         assert!(error.to_string().contains(why), "{error}");
     }
+    // Of an image, what the firmware says to pins and times.
+    for (driver, pins, why) in [
+        ("driver = \"A4988\"", "step = 13, dir = 9", "the bootloader flashes"),
+        ("driver = \"A4988\"", "step = 14, dir = 9", "14"),
+        ("driver = \"A4988\"", "step = 2, dir = 9", "9"),
+        ("pulse_high = \"2 us\"\ndir_hold = \"5 ms\"", "step = 8, dir = 9", "4096 ticks"),
+    ] {
+        let error = Image::new(&wired(driver, pins, SINE)).map(|image| image.items).unwrap_err();
+        assert!(matches!(error, BakeError::Wiring { .. } | BakeError::Refused(_)), "{error:?}");
+        assert!(error.to_string().contains(why), "{error}");
+    }
     let coils = "board = \"uno\"\ntolerance = \"1 tick\"\n[motor.wheel]\nsteps_per_rev = 32\ndriver = \"ULN2003\"\npull_in = \"500 step/s\"\n\
                  pins = { in = [8, 9, 10, 11] }\n[[motion]]\nmotor = \"wheel\"\n";
-    let error = refused(&read(&format!("{coils}{SINE}\n")));
-    assert!(error.to_string().contains("its coils cannot be baked"), "{error}");
+    let coils = read(&format!("{coils}{SINE}\n"));
+    for error in [refused(&coils), Image::new(&coils).map(|image| image.items).unwrap_err()] {
+        assert!(error.to_string().contains("its coils cannot be baked"), "{error}");
+    }
     // The longest that are taken, and what uses the lamp's pin without harm.
-    assert!(
-        Image::new(&wired("pulse_high = \"62.5 us\"\ndir_setup = \"62.5 us\"", "step = 8, dir = 13", SINE)).is_ok()
-    );
+    let long = wired("pulse_high = \"62.5 us\"\ndir_setup = \"62.5 us\"", "step = 8, dir = 13", SINE);
+    assert!(Sketch::new(&long, "long").is_ok() && Image::new(&long).is_ok());
 }
 
 /// Steps that are made late where motors meet must leave those after them their time.
@@ -276,7 +289,7 @@ fn a_motor_that_is_too_fast_beside_others_is_told() {
         matches!(&error, BakeError::TooClose { motor, rate_hz, limit_hz } if motor == "a" && rate_hz > limit_hz),
         "{error}"
     );
-    assert!(Image::new(&wired(long, "step = 8, dir = 9", fast)).is_ok(), "alone it is not");
+    assert!(Sketch::new(&wired(long, "step = 8, dir = 9", fast), "alone").is_ok(), "alone it is not");
 }
 
 /// Opposite steps on one line that come too close, as no plan has them, are found in what repeats.
@@ -316,10 +329,11 @@ fn names_stay_in_their_comments() {
     assert!(!sketch.text.lines().any(|line| line == "int x;") && sketch.text.contains("pinMode(9, OUTPUT);"));
 }
 
+const SWEEP: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/sweep.toml");
+
 fn command(args: &[&str]) -> (Exit, String, String) {
     let (mut out, mut err) = (Vec::new(), Vec::new());
-    let sweep = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/sweep.toml");
-    let exit = cli::run(["pulsetrain", "bake", sweep].iter().chain(args).copied(), &mut out, &mut err);
+    let exit = cli::run(["pulsetrain", "bake", SWEEP].iter().chain(args).copied(), &mut out, &mut err);
     (exit, String::from_utf8(out).unwrap(), String::from_utf8(err).unwrap())
 }
 
@@ -342,18 +356,21 @@ fn a_file_of_the_users_own_is_not_written_over() {
 fn a_clock_that_is_off_is_baked_in_and_all_of_the_flash_is_told() {
     let folder = Folder::new("bake-clock");
     let file = folder.path("sweep.hex");
-    // Of the first motor, where image.rs puts it: behind player, head, rows and base.
-    let period = |options: &[&str]| {
+    let flash = |options: &[&str]| {
         let (exit, out, err) = command(&[&["--json", "--output", &file], options].concat());
         assert_eq!(exit, Exit::Success, "{err}");
         let flash = hex::parse(&fs::read_to_string(&file).unwrap(), 32 * 1024).unwrap();
         let json: serde_json::Value = serde_json::from_str(&out).unwrap();
         assert_eq!(json["flash_bytes"], flash.len());
-        u32::from_le_bytes(flash[0xc00 + 17 + 6 + 6 + 2..][..4].try_into().unwrap())
+        flash
     };
-    // All four repeat together after 2 s.
-    assert_eq!(period(&[]), 32_000_000);
-    assert_eq!(period(&["--clock-ppm=-5000"]), 31_840_000);
+    // As slow a plan: that of a board whose clock is so much slower.
+    let mut slow = Prepared::endless(Path::new(SWEEP), None).unwrap();
+    assert_eq!(flash(&[]), Image::new(&slow.program).unwrap().flash);
+    slow.calibrate(-5000.0);
+    let baked = flash(&["--clock-ppm=-5000"]);
+    assert_eq!(baked, Image::new(&slow.program).unwrap().flash);
+    assert_eq!(slow.program.board.tick_hz, 15_920_000);
     let (_, out, _) = command(&["--output", &file]);
-    assert!(out.contains("with what plays them, of 32 256"), "{out}");
+    assert!(out.contains("with the firmware, of 32 256"), "{out}");
 }

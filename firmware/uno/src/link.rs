@@ -20,6 +20,9 @@ use crate::regs;
 use core::arch::global_asm;
 use pulsetrain_core::wire::Baud;
 
+/// There is a host.
+pub(crate) const TALKS: bool = true;
+
 /// Bytes that may wait to be read.
 pub(crate) const WINDOW: u16 = PAGE as u16 - 1;
 
@@ -31,7 +34,7 @@ pub(crate) const ON: u8 = 0x18;
 pub(crate) const ON_WITH_INTERRUPT: u8 = ON | 0x80;
 
 /// The transmitter alone.
-#[cfg(not(feature = "verbs"))]
+#[cfg(text)]
 const CLOSED: u8 = 0x08;
 
 /// USART_RX, put where the vector is (vectors.rs), which saves the jump. No flag is touched before the registers are back.
@@ -117,7 +120,7 @@ pub(crate) fn set_baud(baud: Baud) {
 }
 
 /// Nothing is taken off the line, until [`open`]; what came is dropped (§20.8.6).
-#[cfg(not(feature = "verbs"))]
+#[cfg(text)]
 pub(crate) fn close() {
     regs::UCSR0B.write(CLOSED);
 }

@@ -1,21 +1,27 @@
 //! What the [`Service`](pulsetrain_core::wire::Service) asks of a board, done on this one.
 
-use crate::clock::{self, TICK_HZ, low_half};
-use crate::link::{self, Receiver, Unread, WINDOW};
+#[cfg(not(feature = "baked"))]
+use crate::clock::low_half;
+use crate::clock::{self, TICK_HZ};
+use crate::link::{self, WINDOW};
+#[cfg(not(feature = "baked"))]
+use crate::link::{Receiver, Unread};
 use crate::memory::{self, POOL};
+#[cfg(feature = "baked")]
+use crate::regs;
 use crate::steps::motor::{self, SWITCHES};
 use crate::steps::pins::{Layout, MAX_MOTORS, Pin};
 use crate::steps::stepper::{self, LONGEST, Trouble};
 use crate::steps::task;
-#[cfg(not(feature = "verbs"))]
+#[cfg(text)]
 use crate::store;
 use crate::verbs;
-#[cfg(not(feature = "verbs"))]
+#[cfg(text)]
 use crate::winch::feed;
 use pulsetrain_core::wire::frame::Tag;
 use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, flags};
 use pulsetrain_core::wire::orders::Orders;
-#[cfg(not(feature = "verbs"))]
+#[cfg(text)]
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{Baud, Encoder, Machine, Millis, Reason, Refusal, Stopped, Switched};
 use pulsetrain_core::{Epoch, Moment};
@@ -37,6 +43,7 @@ pub(crate) struct Board {
     /// Something was to be done when that was looked at last.
     was_busy: bool,
     /// When the round being made began, or the last rest ended, modulo 2^16.
+    #[cfg(not(feature = "baked"))]
     woken: u16,
     last_stop: Cause,
     last_reset: Cause,
@@ -104,6 +111,7 @@ impl Board {
             news: [News::NONE; 2],
             told: 0,
             was_busy: false,
+            #[cfg(not(feature = "baked"))]
             woken: 0,
             last_stop: Cause::None,
             last_reset: Cause::None,
@@ -137,7 +145,20 @@ impl Board {
         idle_ticks: 0,
     };
 
+    /// Lets some time pass: while motors move without a sleep, from which interrupts wake up later.
+    #[cfg(feature = "baked")]
+    pub(crate) fn wait(&self) {
+        // Nobody writes it here.
+        let head = regs::EEARL.read();
+        if self.was_busy {
+            regs::watch_while_head_is(head);
+        } else {
+            regs::sleep_while_head_is(head);
+        }
+    }
+
     /// Waits until an interrupt comes, unless bytes wait already.
+    #[cfg(not(feature = "baked"))]
     #[inline(always)]
     pub(crate) fn rest(&mut self, receiver: &Receiver) {
         let idle = if self.was_busy {
@@ -153,6 +174,7 @@ impl Board {
     }
 
     /// Counts a round of the main loop that begins now.
+    #[cfg(not(feature = "baked"))]
     #[inline(always)]
     pub(crate) fn count_round(&mut self, now: Moment) {
         let now = low_half(now.0);
@@ -165,6 +187,7 @@ impl Board {
     }
 
     /// Notes how many bytes wait to be read, and what was lost of them.
+    #[cfg(not(feature = "baked"))]
     #[inline(always)]
     pub(crate) fn note(&mut self, unread: &Unread) {
         let bytes = u16::from(unread.bytes);
@@ -176,6 +199,7 @@ impl Board {
         }
     }
 
+    #[cfg(not(feature = "baked"))]
     #[inline(never)]
     fn overrun(&mut self, lost: u8) {
         self.measures.lost_bytes = self.measures.lost_bytes.saturating_add(u16::from(lost));
@@ -183,6 +207,7 @@ impl Board {
     }
 
     /// What can wait a millisecond. The line's rate is changed here, when the last answer is out.
+    #[cfg(not(feature = "baked"))]
     #[inline(never)]
     pub(crate) fn housekeeping(&mut self, now: Millis, receiver: &mut Receiver) {
         match self.baud {
@@ -195,6 +220,12 @@ impl Board {
             }
             _ => {}
         }
+        self.look_after(now, true);
+    }
+
+    /// Looks after motors and drivers, each millisecond or so. `over`: nothing waits elsewhere that they are to do.
+    #[inline(always)]
+    pub(crate) fn look_after(&mut self, now: Millis, over: bool) {
         task::call();
         let mut stepper = task::lock();
         let moment = clock::moment();
@@ -207,7 +238,7 @@ impl Board {
             stepper.rest(moment);
         }
         // Motors that were stopped are released after a while, too.
-        let idle = self.rests();
+        let idle = over && self.rests();
         self.power.look(now, idle);
         if idle && self.was_busy {
             self.tell(Cause::Finished, ALL_MOTORS, 0);
@@ -309,7 +340,7 @@ impl Board {
 }
 
 /// What text asks of it.
-#[cfg(not(feature = "verbs"))]
+#[cfg(text)]
 impl Board {
     /// Whether the motors are powered, or were before they stopped by themselves.
     #[inline(always)]
@@ -374,7 +405,7 @@ impl Machine for Board {
     const STORES: bool = !verbs::OBEYS;
     const OBEYS: bool = verbs::OBEYS;
 
-    #[cfg(not(feature = "verbs"))]
+    #[cfg(text)]
     fn store(&mut self, settings: Option<&[u8; SETTINGS_LEN]>) -> Result<(), Refusal> {
         if self.armed {
             return Err(Refusal::of(Reason::Moving));
@@ -385,7 +416,7 @@ impl Machine for Board {
         Ok(())
     }
 
-    #[cfg(not(feature = "verbs"))]
+    #[cfg(text)]
     fn stored(&mut self, settings: &mut [u8; SETTINGS_LEN]) -> bool {
         store::read(settings)
     }

@@ -12,6 +12,8 @@
 //! | to 0x900 | at least 245 | stack, downwards: 192 is the most that a test saw |
 //! | | with verbs 270 | 242 is the most that a test saw there |
 //!
+//! In the image that plays what lies behind it the first page has its motion ([`baked`](crate::baked)), and nothing else.
+//!
 //! memory.ld makes the linker refuse an image that is laid out otherwise, or has less stack; `cargo xtask firmware uno` prints
 //! what came out. Up to the queues nothing is set at start-up by the code that sets variables.
 
@@ -52,9 +54,33 @@ queues:       .skip {POOL}
 /// High bytes of the addresses of rings A and B.
 pub(crate) const RING_PAGES: [u8; 2] = [2, 3];
 
+#[cfg(feature = "baked")]
+unsafe extern "C" {
+    static mut receive_page: u8;
+}
+
+/// The first page, zeros: nobody is heard in this image.
+///
+/// # Safety
+/// Only once.
+#[cfg(feature = "baked")]
+pub(crate) unsafe fn take<T>() -> &'static mut MaybeUninit<T> {
+    const { assert!(size_of::<T>() <= PAGE && align_of::<T>() <= PAGE) };
+    let page = (&raw mut receive_page).cast::<MaybeUninit<T>>();
+    // SAFETY: it has so many bytes, and is the caller's.
+    unsafe {
+        page.cast::<u8>().write_bytes(0, PAGE);
+        &mut *page
+    }
+}
+
+#[cfg(not(feature = "baked"))]
 unsafe extern "C" {
     static mut receiver: MaybeUninit<Receiver>;
     static mut reply: [u8; REPLY_LEN];
+}
+
+unsafe extern "C" {
     static ring_b_page: u8;
     static queues: u8;
 }
@@ -63,6 +89,7 @@ unsafe extern "C" {
 ///
 /// # Safety
 /// Only once.
+#[cfg(not(feature = "baked"))]
 pub(crate) unsafe fn take() -> (&'static mut Receiver, &'static mut [u8; REPLY_LEN]) {
     let (frame, bytes) = (&raw mut receiver, &raw mut reply);
     // SAFETY: the caller's promise; any byte is one of a reply.
@@ -132,6 +159,7 @@ pub(crate) fn fill_queue(at: u16, start: u16, end: u16, bytes: &[u8]) {
 }
 
 // add_to: adds r22:23 to the number of r20 bytes at r24:25.
+#[cfg(not(feature = "baked"))]
 global_asm!(
     r#"
     .section .text.add_to, "ax", @progbits
@@ -150,11 +178,13 @@ add_to:
     "#
 );
 
+#[cfg(not(feature = "baked"))]
 unsafe extern "C" {
     fn add_to(number: *mut u8, amount: u16, bytes: u8);
 }
 
 /// Adds to a number of `BYTES` bytes, which may wrap. The compiler's own way takes four times as much of the flash.
+#[cfg(not(feature = "baked"))]
 #[inline(always)]
 pub(crate) fn add<T>(number: &mut T, amount: u16) {
     // SAFETY: it has so many bytes, and any are an integer.

@@ -41,6 +41,7 @@ impl Winch {
 
 /// No motor has trains.
 pub(crate) mod feed {
+    pub(crate) const TEXT: bool = false;
     pub(crate) const SLICE: u16 = 0;
     pub(crate) const TRAIN: u8 = 0;
 }

@@ -126,10 +126,14 @@ pub(crate) const TCCR0B: Reg8 = Reg8(0x45);
 pub(crate) const TCNT0: Reg8 = Reg8(0x46);
 pub(crate) const TIMSK0: Reg8 = Reg8(0x6e);
 /// §20.11: USART0.
+#[cfg(not(feature = "baked"))]
 pub(crate) const UCSR0A: Reg8 = Reg8(0xc0);
 pub(crate) const UCSR0B: Reg8 = Reg8(0xc1);
+#[cfg(not(feature = "baked"))]
 pub(crate) const UCSR0C: Reg8 = Reg8(0xc2);
+#[cfg(not(feature = "baked"))]
 pub(crate) const UBRR0: Reg16 = Reg16(0xc4);
+#[cfg(not(feature = "baked"))]
 pub(crate) const UDR0: Reg8 = Reg8(0xc6);
 
 /// Runs `work` with interrupts off, and puts the flag back as it was. What is in `work` counts into the longest time that
@@ -244,6 +248,16 @@ pub(crate) fn watch_while_head_is(head: u8) -> u16 {
         );
     }
     cycles
+}
+
+/// The byte of the flash at an address.
+#[cfg(feature = "baked")]
+#[inline(always)]
+pub(crate) fn flash(at: u16) -> u8 {
+    let byte;
+    // SAFETY: reads what no program of ours changes; every address is one of the flash's 32 KiB.
+    unsafe { asm!("lpm {byte}, Z", byte = out(reg) byte, in("Z") at, options(pure, nomem, nostack, preserves_flags)) };
+    byte
 }
 
 /// Restarts the watchdog's time.

@@ -3,6 +3,7 @@
 //! Vectors that are not used are never enabled, so that there is room between the others: the receive interrupt is where its
 //! vector is, and over those that follow.
 
+#[cfg(not(feature = "baked"))]
 use crate::link::{self, receive_interrupt};
 use crate::steps::register;
 use crate::steps::ring::flags;
@@ -26,12 +27,19 @@ __vectors:
     .org 4 * 16
     push r24                            // TIMER0_OVF: 4 response, 2     6
     rjmp steps_task_begin               // 2                             8
+    "#,
+    FLAGS = const register::GPIOR0,
+    B_ON_PORTD = const flags::B_ON_PORTD,
+);
+
+#[cfg(not(feature = "baked"))]
+global_asm!(
+    r#"
+    .section .vectors
     .org 4 * 18                         // USART_RX
     "#,
     receive_interrupt!(),
     HEAD = const register::EEARL,
-    FLAGS = const register::GPIOR0,
-    B_ON_PORTD = const flags::B_ON_PORTD,
     SREG = const register::SREG,
     ON = const link::ON,
     ON_WITH_INTERRUPT = const link::ON_WITH_INTERRUPT,

@@ -205,7 +205,7 @@ impl Winch {
         let (mut heard, mut taken) = (0, 0);
         loop {
             // Nothing is done before it is known that what was read had not been overwritten.
-            let unread = crate::unread(board, receiver);
+            let unread = crate::host::unread(board, receiver);
             if unread.lost != 0 {
                 // In their place a byte 1, which is no text: that text is on is one.
                 let _ = read((&raw const self.on).cast(), 1);
@@ -228,7 +228,7 @@ impl Winch {
                 if taken != 0 {
                     return taken;
                 }
-                count = count.min(crate::BYTES_A_ROUND);
+                count = count.min(crate::host::BYTES_A_ROUND);
             }
             receiver.skip(taken);
             if count == 0 || (self.say != 0 && count < PATIENCE) {

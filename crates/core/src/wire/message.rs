@@ -576,7 +576,9 @@ impl<'a> Configuration<'a> {
         self.motors.as_chunks::<MOTOR_SETUP_LEN>().0.iter().map(|bytes| MotorSetup::from_bytes(*bytes))
     }
 
-    pub(super) fn decode(payload: &'a [u8]) -> Option<Configuration<'a>> {
+    /// From the payload of Configure; `None` if it is none.
+    #[must_use]
+    pub fn decode(payload: &'a [u8]) -> Option<Configuration<'a>> {
         let (head, motors) = payload.split_first_chunk::<13>()?;
         if !is_configuration(head, motors) {
             return None;

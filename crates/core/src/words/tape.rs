@@ -109,7 +109,7 @@ impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
 
     /// Notes that time is past `now`: frees the runs that are over. To be called at least once in 2^30 ticks.
     pub fn pass(&mut self, now: Moment) {
-        // The run before the one that is being done stays, for `last`.
+        // The run before the one that is being done stays, for `last`, and the wait before that, for `apart`.
         while self.last.wrapping_sub(self.first) > 1 {
             let next = &self.runs[Self::place(self.first.wrapping_add(2))];
             // The word before it has changed the lines.
@@ -143,6 +143,49 @@ impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
             }
             number = number.wrapping_add(1);
         }
+    }
+
+    /// How far apart steps are by tick `now`, when the first `words` words (wrapping, at least 1) have changed the lines, ticks: the last two
+    /// of them, or the last and the next, if the one before is forgotten; or the time since the last, if that is longer. Words between steps
+    /// are none: a wait is written as several. Of a next step that is not written yet it is known that it comes later than what is.
+    #[must_use]
+    #[inline(never)]
+    pub fn apart(&self, words: u32, now: Moment, overhead: u32, memory: &[u32; N]) -> u32 {
+        let last = words.wrapping_sub(1);
+        let run_of = |number: u32| &self.runs[Self::place(number)];
+        let mut current = self.last;
+        while current != self.first && Moment(last).is_before(Moment(run_of(current).first)) {
+            current = current.wrapping_sub(1);
+        }
+        let run = run_of(current);
+        // The last step, when it was, and which run it is in, if that is kept.
+        let (step, stepped, back) = match run.sign {
+            0 => (run.first.wrapping_sub(1), run.tick, 1),
+            _ => (last, self.last(words, overhead, memory).0, 0),
+        };
+        let before = |back: u32| (current.wrapping_sub(self.first) >= back).then(|| run_of(current.wrapping_sub(back)));
+        let steps = before(back).filter(|steps| steps.sign != 0);
+        let gap = match (steps, before(back + 1)) {
+            (Some(steps), _) if step != steps.first => self.lasts(step, overhead, memory),
+            (Some(_), Some(Run { sign: 0, tick, .. })) => stepped.since(*tick),
+            (Some(_), Some(_)) => self.lasts(step, overhead, memory),
+            _ => self.next(current, words, overhead, memory).since(stepped),
+        };
+        gap.max(now.since(stepped))
+    }
+
+    /// When the first step is due behind the first `words` words, the last of which is in run `current`; if none is written, when the last
+    /// word is.
+    fn next(&self, current: u32, words: u32, overhead: u32, memory: &[u32; N]) -> Moment {
+        let mut number = current;
+        while number != self.last {
+            number = number.wrapping_add(1);
+            let run = &self.runs[Self::place(number)];
+            if run.sign != 0 {
+                return run.tick.after(self.lasts(run.first, overhead, memory));
+            }
+        }
+        self.last(if self.written == 0 { words } else { self.written }, overhead, memory).0
     }
 
     /// How long after the word before a word changes the lines.

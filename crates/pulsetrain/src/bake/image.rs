@@ -1,55 +1,87 @@
-//! An image of an Uno's flash that plays a motion from power-up on: a player that was compiled beforehand, and tables behind it.
+//! An image of an Uno's flash that plays a motion from power-up on: the committed firmware without a line to a host, and right behind it
+//! a block that it finds there ([`pulsetrain_core::baked::narrow`]).
 
 use std::fmt::Write as _;
 
-use pulsetrain_board::{hex, stk500};
-use pulsetrain_motion::program::{Program, Wiring};
+use pulsetrain_board::virtual_uno::{self, VirtualUno};
+use pulsetrain_board::{RemoteError, Setup, stk500};
+use pulsetrain_core::baked::crc32;
+use pulsetrain_core::baked::narrow::{
+    FRACTION_BITS, HEAD_LEN, LONG, LONG_WAIT, LONGEST_PIECE, LONGEST_WAIT, MAGIC, ZERO,
+};
+use pulsetrain_core::packing::Packing;
+use pulsetrain_core::wire::Baud;
+use pulsetrain_core::wire::message::MotorSetup;
+use pulsetrain_core::{Item, Moment, Segment};
+use pulsetrain_motion::program::{Motor, Program, Wiring};
 
 use super::BakeError;
-use super::parts::{LEAD, MOST, Parts, Plan, Size, place};
+use super::streams::{Gap, LongWaits, Pieces, Shape, Stream, streams};
+use crate::drive;
 
-/// What `cargo xtask firmware uno` builds of `player.cpp`.
-const PLAYER: &str = include_str!("player.hex");
+/// Motors that the firmware drives.
+const MOST: usize = 4;
 
-/// Where tables begin, as `player.cpp` has it.
-const TABLES: usize = 0x0c00;
-/// Bytes of `player.cpp`'s Head, and of a Plan.
-const HEAD: usize = 17;
-const PLAN: usize = 31;
-/// Bytes of flash that are left for rows, with as many motors as there can be.
-const ROOM: usize = stk500::room(stk500::RATES[0]) - TABLES - HEAD - MOST * PLAN;
+/// The Uno's lamp, which bootloaders flash.
+const LAMP: u8 = 13;
+
+/// How it takes pieces.
+const SHAPE: Shape = Shape {
+    board: "an Uno",
+    piece: LONGEST_PIECE,
+    long: Some(LongWaits { from: LONG_WAIT as u64, most: LONGEST_WAIT as u64, mark: LONG }),
+};
+
+/// A gap as long as this or longer is a wait and a step after so many ticks: intervals of 24 bits are what the firmware knows.
+const SHORT_GAP: u64 = 1 << 20;
+const LAST_WAIT: u64 = 1 << 16;
 
 /// An image of an Uno's flash.
 #[derive(Clone, Debug)]
 pub struct Image {
     /// From address 0 on.
     pub flash: Vec<u8>,
-    /// What its tables take.
-    pub size: Size,
+    /// Bytes of the motion in it.
+    pub block_bytes: usize,
+    /// Segments and waits of all motors.
+    pub items: usize,
+    /// Whether any motor goes on for ever.
+    pub endless: bool,
 }
 
 impl Image {
-    /// The image of a program for the Uno.
+    /// Bytes of an Uno's flash that an image may fill; the bootloader is behind them.
+    pub const ROOM: usize = stk500::room(stk500::RATES[0]);
+
+    /// The image of a program for the Uno. The committed firmware itself, on the virtual Uno, is asked whether it takes pins and times.
     ///
     /// # Errors
-    /// As [`Sketch::new`](super::Sketch::new).
+    /// [`BakeError`]: a motion that is refused, that does not repeat or does not fit, or pins that the firmware refuses.
     pub fn new(program: &Program) -> Result<Image, BakeError> {
-        let parts = Parts::of(program, ROOM)?;
-        let mut flash = hex::parse(PLAYER, TABLES).map_err(|error| BakeError::Player { what: error.to_string() })?;
-        flash.resize(TABLES, 0xff);
-        flash.extend(head(program, &parts));
-        for plan in parts.plans() {
-            flash.extend(bytes_of(&plan));
+        if program.board.name != "uno" {
+            return Err(BakeError::Board { board: program.board.name.clone() });
         }
-        for row in parts.tables.iter().flat_map(|table| &table.rows) {
-            let steps = row.count | if row.backward { 0x8000 } else { 0 };
-            flash.extend(steps.to_le_bytes());
-            flash.extend(row.part.to_le_bytes());
-            flash.extend(row.ticks.to_le_bytes());
-            flash.extend(row.add.to_le_bytes());
-            flash.extend(row.add2.to_le_bytes());
+        check(program)?;
+        drive::connect(VirtualUno::new(), program, Baud::B115200).map_err(Box::new)?;
+        let mut flash = virtual_uno::baked_image();
+        flash.resize(flash.len().next_multiple_of(2), 0xff);
+        let limit = Image::ROOM.saturating_sub(flash.len());
+        let setup = drive::setup(program);
+        let streams = streams(program, &setup, limit, SHAPE)?;
+        let block = block(&setup, has_lamp(program), &streams).ok_or(RemoteError::Nonsense).map_err(Box::new)?;
+        let bytes = block.len();
+        if bytes > limit {
+            let whole_s = streams.iter().map(|stream| stream.length_s).fold(0.0, f64::max);
+            let fits_s = whole_s * limit as f64 / bytes as f64;
+            return Err(BakeError::TooLarge { board: SHAPE.board, bytes, limit, fits_s });
         }
-        Ok(Image { flash, size: parts.size })
+        flash.extend(&block);
+        Ok(Image {
+            flash,
+            block_bytes: bytes,
+            items: streams.iter().map(|stream| stream.items).sum(),
+            endless: streams.iter().any(|stream| stream.repeats.is_some()),
+        })
     }
 
     /// As Intel HEX, which `pulsetrain flash` and avrdude take.
@@ -70,45 +102,85 @@ impl Image {
     }
 }
 
-/// `player.cpp`'s Head.
-fn head(program: &Program, parts: &Parts) -> Vec<u8> {
-    // DDRB, DDRC, DDRD; PORTB, PORTC, PORTD.
-    let (mut ddr, mut port) = ([0u8; 3], [0u8; 3]);
+/// What the firmware would take, and an image without a host should not, or would refuse in words of its own.
+fn check(program: &Program) -> Result<(), BakeError> {
+    let refuse = |motor: &Motor, what: String| Err(BakeError::Wiring { motor: motor.name.clone(), what });
+    if let Some(motor) = program.motors.get(MOST) {
+        return refuse(motor, format!("there are more than {MOST} motors"));
+    }
     for motor in &program.motors {
-        let Wiring::StepDir { step, dir, enable, .. } = motor.wiring else { continue };
-        for (pin, high) in [(step, false), (dir, false)].into_iter().chain(enable) {
-            let Some((row, bit)) = place(pin) else { continue };
-            ddr[row] |= bit;
-            port[row] |= if high { bit } else { 0 };
+        match motor.wiring {
+            Wiring::Coils { .. } => return refuse(motor, "its coils cannot be baked yet".to_owned()),
+            Wiring::StepDir { step: LAMP, .. } => {
+                return refuse(
+                    motor,
+                    format!(
+                        "STEP is on pin {LAMP}, which the bootloader flashes at each power-up: steps that nobody counts"
+                    ),
+                );
+            }
+            Wiring::StepDir { .. } => {}
         }
     }
-    let mut head = b"PT1".to_vec();
-    head.push(program.motors.len() as u8);
-    head.extend(parts.pulse_loops().to_le_bytes());
-    head.extend(LEAD.to_le_bytes());
-    head.extend(ddr);
-    head.extend(port);
-    head.push(parts.lamp());
-    debug_assert_eq!(head.len(), HEAD);
-    head
+    Ok(())
 }
 
-/// `types.h`'s Plan: no byte lies between its fields on an AVR.
-fn bytes_of(plan: &Plan<'_>) -> Vec<u8> {
-    let wires = plan.wires;
-    // Its Fixed: 16 bits of part, 32 of ticks.
-    let fixed = |value: u64| value.to_le_bytes()[..6].to_vec();
-    let mut bytes = Vec::new();
-    for row in [plan.first, plan.end, plan.turn] {
-        bytes.extend(row.to_le_bytes());
+/// Whether the lamp's pin is nobody's.
+fn has_lamp(program: &Program) -> bool {
+    program.motors.iter().all(|motor| match motor.wiring {
+        Wiring::StepDir { step, dir, enable, .. } => {
+            step != LAMP && dir != LAMP && enable.is_none_or(|(pin, _)| pin != LAMP)
+        }
+        Wiring::Coils { pins, .. } => !pins.contains(&LAMP),
+    })
+}
+
+/// The block of all motors; `None` with more than 8 of them. One that is longer than its length can say does not fit anyway.
+fn block(setup: &Setup, lamp: bool, streams: &[Stream]) -> Option<Vec<u8>> {
+    let motors = setup.motor_bytes();
+    let (head, motors) = setup.configuration(&motors)?.to_bytes();
+    let mut body = vec![u8::from(lamp), u8::try_from(head.len() + motors.len()).ok()?];
+    body.extend(head);
+    body.extend(motors);
+    let mut parts = Vec::new();
+    for (stream, wired) in streams.iter().zip(&setup.motors) {
+        let (gaps, rest) = stream.repeats.map_or_else(Default::default, |gap| gaps(&gap, wired));
+        let own = [&[anchor(wired), stream.head.clone()].concat(), &stream.turn, &gaps[0], &gaps[1]].map(Vec::clone);
+        for part in &own {
+            body.extend((part.len() as u16).to_le_bytes());
+        }
+        body.extend(rest.to_le_bytes());
+        parts.extend(own);
     }
-    bytes.extend(fixed(plan.base));
-    bytes.extend(fixed(plan.period));
-    bytes.extend(plan.rest.to_le_bytes());
-    bytes.extend([wires.step.0, wires.step.1, wires.dir.0, wires.dir.1, u8::from(wires.forward_high)]);
-    for ticks in [wires.setup, wires.hold] {
-        bytes.extend((ticks as u16).to_le_bytes());
-    }
-    debug_assert_eq!(bytes.len(), PLAN);
-    bytes
+    body.extend(parts.concat());
+    let len = usize::from(HEAD_LEN) + body.len();
+    Some([&MAGIC.to_le_bytes()[..], &(len as u16).to_le_bytes(), &crc32(&body).to_le_bytes(), &body].concat())
+}
+
+fn pieces(wired: &MotorSetup, direction: pulsetrain_core::Direction) -> Pieces {
+    Pieces::new(Packing { fraction_bits: FRACTION_BITS, gain: wired.gain }, SHAPE, direction)
+}
+
+/// What a head begins with.
+fn anchor(wired: &MotorSetup) -> Vec<u8> {
+    let mut first = pieces(wired, pulsetrain_core::Direction::Forward);
+    first.item(&Item::Anchor { tick: Moment(ZERO) });
+    first.finish().0
+}
+
+/// The gap, and the one that is 2^-16 ticks longer; and what of it lies below, ticks · 2^-48.
+fn gaps(&Gap { wait, from, to }: &Gap, wired: &MotorSetup) -> ([Vec<u8>; 2], u32) {
+    let below = 64 - FRACTION_BITS;
+    let of = |wait: i128| {
+        let mut gap = pieces(wired, from);
+        gap.reset();
+        let ticks = (wait >> FRACTION_BITS).cast_unsigned() as u64;
+        let apart = if ticks >= SHORT_GAP { ticks - LAST_WAIT } else { 0 };
+        gap.dwell(apart);
+        let interval = (wait - (i128::from(apart) << FRACTION_BITS)) as i64;
+        gap.item(&Item::Run { segment: Segment { count: 1, interval, add: 0, add2: 0 }, direction: to });
+        gap.finish().0
+    };
+    let whole = wait >> below;
+    ([of(whole), of(whole + 1)], (wait >> (below - 32)) as u32)
 }

@@ -1,14 +1,15 @@
 //! Plans that stay on a board: motions without a host.
 //!
 //! - [`table`]: a motor's plan as rows, with what repeats for ever
-//! - [`sketch`]: an Arduino sketch that plays such tables; [`image`]: an image of an Uno's flash that does, without a compiler
-//! - [`pico`]: an image of a Pico's flash, whose firmware plays packed segments
-//! - `parts`: what both tell the player (`player.h`), which is the same
+//! - [`sketch`]: an Arduino sketch that plays such tables; `parts`: what it tells its player (`player.h`)
+//! - `streams`: a motor's plan as packed bytes, with what repeats for ever
+//! - [`image`]: an image of an Uno's flash, whose firmware plays such bytes; [`pico`]: of a Pico's
 
 pub mod image;
 mod parts;
 pub mod pico;
 pub mod sketch;
+mod streams;
 pub mod table;
 
 pub use image::Image;
@@ -97,7 +98,7 @@ pub enum BakeError {
         /// What it is planned for.
         board: String,
     },
-    /// More steps a second than the player can work out.
+    /// More steps a second than a sketch can work out.
     #[error(
         "{rate_hz:.0} steps/s are too many: what is baked works out {limit_hz:.0} a second, of all motors together; the motion \
          {:.2} times slower fits", (100.0 * .rate_hz / .limit_hz).ceil() / 100.0
@@ -158,15 +159,15 @@ impl BakeError {
             BakeError::Meet { .. } => {
                 "a DIR line for each motor, or other starts; --for cuts the motion, and then it is the plan itself"
             }
-            BakeError::Wait { .. } => "a shorter rest",
+            BakeError::Wait { .. } => "a shorter rest; or an image (--output), whose rests may be of any length",
             BakeError::Wiring { .. } => {
                 "what can be baked: at most four motors with STEP and DIR on pins 2 to 13, STEP not on 13"
             }
             BakeError::Board { .. } => "say --board uno or --board pico, if its motors fit there",
             BakeError::TooFast { .. } | BakeError::TooClose { .. } => {
-                "a slower motion, fewer microsteps; or `pulsetrain run --port`, whose firmware is several times faster"
+                "a slower motion, fewer microsteps; or an image (--output), whose firmware is several times faster"
             }
-            BakeError::Refused(_) => "docs/wiring.md has what fits a Pico",
+            BakeError::Refused(_) => "docs/wiring.md has what fits the board",
             BakeError::TooLarge { .. } => "a wider tolerance, fewer motors, or a shorter motion (--for)",
             BakeError::Player { .. } => "please tell the project",
         }

@@ -299,6 +299,18 @@ impl Unrolled {
         Ok(Table { rows: rows.rows, turn: Some(turn), steps: first + 1 + turn_steps, shortest })
     }
 
+    /// A turn that was cut out, as it is played.
+    pub(super) fn turns(&self, cut: &Cut, period: Time, hz: u64) -> Turns {
+        let ticks = |at: i128| ((at << 16) >> self.fraction_bits).cast_unsigned() as u64;
+        let steps = self.steps_from(cut.first + 1).take(cut.turn_steps as usize);
+        Turns {
+            begins: ticks(cut.begin.at),
+            // 2^-64 s · ticks/s, in ticks · 2^-16.
+            period: ((period.raw() * i128::from(hz)) >> 48).cast_unsigned() as u64,
+            steps: steps.map(|step| (ticks(step.at - cut.begin.at), step.way == Direction::Backward)).collect(),
+        }
+    }
+
     /// All its moves.
     pub(super) fn all(&self) -> impl Iterator<Item = Move> + '_ {
         self.moves.iter().map(|planned| planned.next)
@@ -462,19 +474,52 @@ fn common_period(periods: &[Time]) -> Result<Time, BakeError> {
     found.ok_or(BakeError::NoCommonPeriod { most: MOST })
 }
 
+/// A motor's turn, as what is played for ever.
+#[derive(Clone, Debug)]
+pub(super) struct Turns {
+    /// When the first one begins, and after how long it comes again, ticks · 2^-16.
+    begins: u64,
+    period: u64,
+    /// Its steps, from where it begins on: when, and whether backward.
+    steps: Vec<(u64, bool)>,
+}
+
+impl Turns {
+    /// Its steps for ever.
+    fn played(&self) -> impl Iterator<Item = (u64, bool)> + '_ {
+        (0..).flat_map(|turn: u64| {
+            let begins = self.begins + turn * self.period;
+            self.steps.iter().map(move |(at, backward)| (begins + at, *backward))
+        })
+    }
+}
+
 /// Whether motors that share a DIR line leave it the time to turn between their opposite steps, for ever: each repeats its own turn of
 /// the plan, which began at another step than its neighbour's.
 ///
 /// # Errors
 /// [`BakeError::Meet`].
 pub fn check_lines(program: &Program, tables: &[Table]) -> Result<(), BakeError> {
+    let turns = tables.iter().map(|table| {
+        let Turn { from, base, period } = table.turn?;
+        let steps = table.played(from, 0).collect();
+        Some(Turns { begins: base, period: (period >> (PERIOD_BITS - 16)) as u64, steps })
+    });
+    check_turns(program, &turns.collect::<Vec<_>>())
+}
+
+/// The same of turns; `None` of a motor that ends.
+///
+/// # Errors
+/// [`BakeError::Meet`].
+pub(super) fn check_turns(program: &Program, turns: &[Option<Turns>]) -> Result<(), BakeError> {
     for (index, first) in program.motors.iter().enumerate() {
         let with = |other: &Motor| other.shares_dir_with(first);
         if program.motors[..index].iter().any(with) {
             continue;
         }
-        let line: Vec<(&Motor, &Table)> =
-            program.motors.iter().zip(tables).skip(index).filter(|(m, _)| std::ptr::eq(*m, first) || with(m)).collect();
+        let on_line = program.motors.iter().zip(turns).skip(index);
+        let line: Vec<_> = on_line.filter(|(motor, _)| std::ptr::eq(*motor, first) || with(motor)).collect();
         if line.len() > 1 {
             check_line(&line, program.board.tick_hz)?;
         }
@@ -482,27 +527,20 @@ pub fn check_lines(program: &Program, tables: &[Table]) -> Result<(), BakeError>
     Ok(())
 }
 
-fn check_line(line: &[(&Motor, &Table)], hz: u64) -> Result<(), BakeError> {
+fn check_line(line: &[(&Motor, &Option<Turns>)], hz: u64) -> Result<(), BakeError> {
     // Times in turns may be a tick off, each.
     const ROUNDING: u64 = 2;
     let timings = || line.iter().map(|(motor, _)| motor.timing.ticks(hz));
     let hold = timings().map(|timing| timing.pulse_high + timing.dir_hold).max().unwrap_or(0);
     let setup = timings().map(|timing| timing.dir_setup).max().unwrap_or(0);
     let needed = (hold + setup).saturating_sub(ROUNDING);
-    let turns = || line.iter().filter_map(|(_, table)| Some((*table, table.turn?)));
-    let Some(begin) = turns().map(|(_, turn)| turn.base).max() else { return Ok(()) };
-    let period = turns().map(|(_, turn)| (turn.period >> (PERIOD_BITS - 16)) as u64).max().unwrap_or(0);
+    let turns = || line.iter().filter_map(|(_, turns)| turns.as_ref());
+    let Some(begin) = turns().map(|turns| turns.begins).max() else { return Ok(()) };
+    let period = turns().map(|turns| turns.period).max().unwrap_or(0);
     let end = begin + period + (needed << 16);
-    // Two of each one's turns cover one of all.
     let mut played: Vec<_> = turns()
-        .map(|(table, turn)| {
-            let again = move |n: u64| table.played(turn.from, turn.base + n * period);
-            again(0)
-                .chain(again(1))
-                .chain(again(2))
-                .skip_while(move |(at, _)| *at <= begin)
-                .take_while(move |(at, _)| *at <= end)
-                .peekable()
+        .map(|turns| {
+            turns.played().skip_while(move |(at, _)| *at <= begin).take_while(move |(at, _)| *at <= end).peekable()
         })
         .collect();
     let mut last: Option<(u64, bool)> = None;

@@ -4,7 +4,6 @@ use std::fs;
 use std::path::Path;
 
 use miette::miette;
-use pulsetrain_board::stk500;
 use serde::Serialize;
 
 use crate::bake::{BakeError, Image, PicoImage, Size, Sketch, sketch};
@@ -13,17 +12,26 @@ use crate::console::{self, Console, Exit};
 use crate::human;
 use crate::prepare::Prepared;
 
-/// What it comes to.
+/// What a sketch comes to.
 #[derive(Debug, Serialize)]
-struct Baked {
-    /// The .ino file, or the image.
+struct BakedSketch {
+    /// The .ino file.
     file: String,
     rows: usize,
     table_bytes: usize,
-    /// Of an image, all that it takes of the flash.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    flash_bytes: Option<usize>,
     /// It repeats for ever.
+    endless: bool,
+}
+
+/// What an image comes to.
+#[derive(Debug, Serialize)]
+struct BakedImage {
+    file: String,
+    /// Segments and waits.
+    items: usize,
+    /// Of the motion, and of all that the image takes.
+    motion_bytes: usize,
+    flash_bytes: usize,
     endless: bool,
 }
 
@@ -35,44 +43,79 @@ pub(crate) fn run(args: &Bake, console: &mut Console<'_>) -> miette::Result<Exit
     if let Some(ppm) = args.clock_ppm {
         prepared.calibrate(ppm);
     }
-    if prepared.program.board.name == "pico" {
-        return pico(args, &prepared, console);
+    let is_pico = prepared.program.board.name == "pico";
+    match (&args.sketch, &args.output) {
+        (None, Some(path)) if is_pico => pico(args, &prepared, path, console),
+        (None, Some(path)) => uno(args, &prepared, path, console),
+        _ if is_pico => {
+            let help = "--output FILE writes an image, which `pulsetrain flash pico` takes; a sketch can be had for --board uno";
+            Err(miette!(help = help, "{}: sketches are for an Uno, and this is for a Pico", prepared.file))
+        }
+        (Some(folder), _) => sketch(args, &prepared, folder, console),
+        (None, None) => Err(miette!("say --sketch DIR or --output FILE")),
     }
-    let refused = |error| problem(&prepared, error);
-    let (path, text, size, flash) = match (&args.sketch, &args.output) {
-        (Some(folder), _) => {
-            let name = sketch_name(folder)?;
-            let title = Path::new(&prepared.file).file_name().unwrap_or_default().to_string_lossy();
-            let sketch = Sketch::new(&prepared.program, &title).map_err(refused)?;
-            let path = folder.join(format!("{name}.ino"));
-            check_own(&path)?;
-            (path, sketch.text, sketch.size, None)
-        }
-        (None, Some(file)) => {
-            let image = Image::new(&prepared.program).map_err(refused)?;
-            (file.clone(), image.hex(), image.size, Some(image.flash.len()))
-        }
-        (None, None) => return Err(miette!("say --sketch DIR or --output FILE")),
-    };
-    console::write(&path, text.as_bytes())?;
-    let Size { rows, bytes, endless } = size;
-    let baked = Baked { file: path.display().to_string(), rows, table_bytes: bytes, flash_bytes: flash, endless };
+}
+
+fn sketch(args: &Bake, prepared: &Prepared, folder: &Path, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let name = sketch_name(folder)?;
+    let title = Path::new(&prepared.file).file_name().unwrap_or_default().to_string_lossy();
+    let sketch = Sketch::new(&prepared.program, &title).map_err(|error| problem(prepared, error))?;
+    let path = folder.join(format!("{name}.ino"));
+    check_own(&path)?;
+    console::write(&path, sketch.text.as_bytes())?;
+    let Size { rows, bytes: table_bytes, endless } = sketch.size;
+    let baked = BakedSketch { file: path.display().to_string(), rows, table_bytes, endless };
     if args.json {
         console.print_json(&baked)?;
         return Ok(Exit::Success);
     }
-    let (rows, bytes) = (human::count(rows as i128), human::count(bytes as i128));
-    let ends = ends(endless);
-    let all = flash.map_or(String::new(), |bytes| {
-        let room = human::count(stk500::room(stk500::RATES[0]) as i128);
-        format!(", {} with what plays them, of {room}", human::count(bytes as i128))
-    });
-    console.print(format_args!("{}: {rows} rows, {bytes} bytes of flash for them{all}; {ends}\n", baked.file))?;
-    if args.sketch.is_none() {
-        console
-            .print(format_args!("`pulsetrain flash uno --port PORT --image {}` writes it to the Uno\n", baked.file))?;
-    }
+    let (rows, bytes) = (human::count(rows as i128), human::count(table_bytes as i128));
+    console.print(format_args!("{}: {rows} rows, {bytes} bytes of flash for them; {}\n", baked.file, ends(endless)))?;
     Ok(Exit::Success)
+}
+
+fn pico(args: &Bake, prepared: &Prepared, path: &Path, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let image = PicoImage::new(&prepared.program).map_err(|error| problem(prepared, error))?;
+    let PicoImage { items, block_bytes: motion_bytes, endless, ref flash } = image;
+    let baked = BakedImage { file: path.display().to_string(), items, motion_bytes, flash_bytes: flash.len(), endless };
+    console::write(path, &image.uf2())?;
+    baked.say(args, PicoImage::ROOM, ("Pico", "pulsetrain flash pico"), console)
+}
+
+fn uno(args: &Bake, prepared: &Prepared, path: &Path, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let image = Image::new(&prepared.program).map_err(|error| problem(prepared, error))?;
+    let Image { items, block_bytes: motion_bytes, endless, ref flash } = image;
+    let baked = BakedImage { file: path.display().to_string(), items, motion_bytes, flash_bytes: flash.len(), endless };
+    console::write(path, image.hex().as_bytes())?;
+    baked.say(args, Image::ROOM, ("Uno", "pulsetrain flash uno --port PORT"), console)
+}
+
+impl BakedImage {
+    /// Says it, of a board and of the command that writes to it.
+    fn say(
+        &self,
+        args: &Bake,
+        room: usize,
+        (board, flash): (&str, &str),
+        console: &mut Console<'_>,
+    ) -> miette::Result<Exit> {
+        if args.json {
+            console.print_json(self)?;
+            return Ok(Exit::Success);
+        }
+        let count = |number: usize| human::count(number as i128);
+        console.print(format_args!(
+            "{}: {} segments and waits, {} bytes of flash, {} with the firmware, of {}; {}\n\
+             `{flash} --image {0}` writes it to the {board}; `{flash}` alone takes it away\n",
+            self.file,
+            count(self.items),
+            count(self.motion_bytes),
+            count(self.flash_bytes),
+            count(room),
+            ends(self.endless),
+        ))?;
+        Ok(Exit::Success)
+    }
 }
 
 /// Leaves alone what somebody wrote: a sketch is written over if it was made here.
@@ -83,46 +126,6 @@ fn check_own(path: &Path) -> miette::Result<()> {
     }
     let help = "name another folder; or move that file away, if it is not needed";
     Err(miette!(help = help, "{} is there, and was not made by `pulsetrain bake`", path.display()))
-}
-
-/// What it comes to on a Pico.
-#[derive(Debug, Serialize)]
-struct BakedPico {
-    file: String,
-    /// Segments and waits.
-    items: usize,
-    /// Of the motion, and of all that the image takes.
-    motion_bytes: usize,
-    flash_bytes: usize,
-    endless: bool,
-}
-
-fn pico(args: &Bake, prepared: &Prepared, console: &mut Console<'_>) -> miette::Result<Exit> {
-    let Some(path) = &args.output else {
-        let help =
-            "--output FILE writes an image, which `pulsetrain flash pico` takes; a sketch can be had for --board uno";
-        return Err(miette!(help = help, "{}: sketches are for an Uno, and this is for a Pico", prepared.file));
-    };
-    let image = PicoImage::new(&prepared.program).map_err(|error| problem(prepared, error))?;
-    console::write(path, &image.uf2())?;
-    let PicoImage { items, block_bytes: motion_bytes, endless, ref flash } = image;
-    let baked = BakedPico { file: path.display().to_string(), items, motion_bytes, flash_bytes: flash.len(), endless };
-    if args.json {
-        console.print_json(&baked)?;
-        return Ok(Exit::Success);
-    }
-    let count = |number: usize| human::count(number as i128);
-    console.print(format_args!(
-        "{}: {} segments and waits, {} bytes of flash, {} with the firmware, of {}; {}\n\
-         `pulsetrain flash pico --image {0}` writes it to the Pico; `pulsetrain flash pico` alone takes it away\n",
-        baked.file,
-        count(items),
-        count(motion_bytes),
-        count(flash.len()),
-        count(PicoImage::ROOM),
-        ends(endless),
-    ))?;
-    Ok(Exit::Success)
 }
 
 const fn ends(endless: bool) -> &'static str {

@@ -520,15 +520,15 @@ impl Stepper {
             let made = tape.position_after(done);
             let (words, mut items) = (&mut motor.words, motor.packed.waiting(pool));
             let goes = made != words.channel().position() || !words.channel().is_idle(&items);
-            let (last, interval, _) = tape.last(done.max(1), words.overhead(), ring);
-            let since = Moment::of(tick).since(last);
-            if goes && done != 0 && interval.max(since) < motor.pull_in_ticks {
+            let apart = tape.apart(done.max(1), Moment::of(tick), words.overhead(), ring);
+            if goes && done != 0 && apart < motor.pull_in_ticks {
                 halt.uncertain |= 1 << number;
             }
             if machine.is_dry()
                 && let Some(reached) = halt.reached.get_mut(usize::from(number))
             {
-                *reached -= u64::from(since);
+                let (last, ..) = tape.last(done.max(1), words.overhead(), ring);
+                *reached -= u64::from(Moment::of(tick).since(last));
             }
             // Before its first word the lines are as in that.
             let last = ring[done.saturating_sub(1) as usize % RING];

@@ -256,7 +256,7 @@ receive_frame:
 
 unsafe extern "C" {
     fn receive_frame(receiver: *mut Receiver, count: u8) -> u8;
-    #[cfg(not(feature = "verbs"))]
+    #[cfg(text)]
     static receive_page: u8;
     /// The interrupt's: 0x80 and 0 in turn, whenever it comes to the end of the page.
     static mut receive_lap: u8;
@@ -314,7 +314,7 @@ impl Receiver {
 }
 
 /// What text asks of it.
-#[cfg(not(feature = "verbs"))]
+#[cfg(text)]
 impl Receiver {
     /// How many bytes wait, if none were overwritten.
     #[inline(always)]

@@ -216,7 +216,7 @@ steps_load:
     call verbs_load
     lsr r24
     ret
-    .else
+    .elseif {TEXT}
     // A motor of the winch has no bytes: its path gives it the steps of a millisecond at a time.
     lds r24, steps_mode
     cpi r24, {WINCH}
@@ -759,7 +759,7 @@ load_difference:
     cp r24, r22
     ret
 
-    .ifeq {VERBS}
+    .if {TEXT}
     // The next train of the winch (see winch/feed.rs), if there is one: its accumulator is an interval before its first step.
 load_train:
     ldd r30, Y+{NEXT}
@@ -879,6 +879,7 @@ load_train:
     .endif
     "#,
     VERBS = const OBEYS as u8,
+    TEXT = const feed::TEXT as u8,
     ON = const ON,
     FRACTION = const offset_of!(Motor, registers),
     TICK = const offset_of!(Motor, registers) + 2,

@@ -782,7 +782,7 @@ impl Merge {
     }
 
     /// Lists are not filled up before they are used up: what they leave of their page is another's.
-    #[cfg(not(feature = "verbs"))]
+    #[cfg(text)]
     pub(crate) fn leave_room(&mut self) {
         self.few_left = 0;
     }

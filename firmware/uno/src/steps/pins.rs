@@ -44,6 +44,10 @@ impl Pin {
     /// No pin.
     pub(crate) const NONE: Pin = Pin { port: regs::PORT_B, mask: 0 };
 
+    /// The board's lamp, pin 13.
+    #[cfg(feature = "baked")]
+    pub(crate) const LAMP: Pin = Pin { port: regs::PORT_B, mask: 1 << 5 };
+
     /// Not even that: zeros, which take no flash. Nothing may be done to it.
     pub(crate) const UNSET: Pin = Pin { port: regs::NO_PORT, mask: 0 };
 

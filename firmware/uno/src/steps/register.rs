@@ -19,7 +19,7 @@ addresses! {
     /// Free storage, bit-addressable.
     GPIOR0 = 0x1e;
     /// EEPROM control.
-    #[cfg(not(feature = "verbs"))]
+    #[cfg(text)]
     EECR = 0x1f;
     /// EEPROM data; free storage but for moments at rest.
     EEDR = 0x20;

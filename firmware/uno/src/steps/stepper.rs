@@ -495,7 +495,7 @@ impl Stepper {
 
     /// From now on motors take their steps from the winch's paths: see [`feed`](crate::winch::feed). It has just been started,
     /// with a merge.
-    #[cfg(not(feature = "verbs"))]
+    #[cfg(text)]
     #[inline(always)]
     pub(crate) fn follow(&mut self) {
         if let Some(merge) = &mut self.merge {

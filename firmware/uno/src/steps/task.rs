@@ -14,8 +14,10 @@ use super::motor::Motor;
 use super::ring::Ring;
 use super::stepper::{AHEAD, Stepper, Track};
 use crate::clock;
+use crate::link::TALKS;
 use crate::regs;
 use crate::verbs::{OBEYS, ON};
+use crate::winch::feed;
 use core::arch::global_asm;
 use core::cell::UnsafeCell;
 use core::mem::offset_of;
@@ -126,9 +128,11 @@ steps_task_begin:
     push r25
     in r25, {SREG}
     push r25
+    .if {TALKS}
     lds r24, {UCSR0B}
     sbrs r24, 7
     rjmp 1f
+    .endif
     .irp r, 0,1,18,19,20,21,22,23,26,27,30,31
     push r\r
     .endr
@@ -159,7 +163,7 @@ steps_task_begin:
     cpi r18, {ON}
     brne 12f
     call verbs_advance
-    .else
+    .elseif {TEXT}
     lds r18, steps_mode
     cpi r18, {WINCH}
     brne 12f
@@ -329,6 +333,8 @@ task_ahead:
     BOTH = const mode::BOTH,
     WINCH = const mode::WINCH,
     VERBS = const OBEYS as u8,
+    TEXT = const feed::TEXT as u8,
+    TALKS = const TALKS as u8,
     ON = const ON,
     SLICES = const SLICES,
     TRACK = const offset_of!(Stepper, tracks),

@@ -21,6 +21,9 @@ use pulsetrain_core::winch::spacing::TICKS;
 use pulsetrain_core::winch::text::Verb;
 use pulsetrain_core::wire::message::MOTOR_SETUP_LEN;
 
+/// There is a winch.
+pub(crate) const TEXT: bool = true;
+
 /// Ticks of a slice.
 pub(crate) const SLICE: u16 = TICKS;
 
