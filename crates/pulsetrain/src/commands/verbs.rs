@@ -85,7 +85,7 @@ fn lines(script: Option<Vec<Timed>>) -> Lines {
 
 /// Reads a script.
 fn load(path: &Path) -> miette::Result<Vec<Timed>> {
-    let bytes = console::read(path).map_err(|error| miette!(help = OF_SCRIPTS, "{error}"))?;
+    let bytes = console::read(path)?;
     let name = path.display().to_string();
     let text = String::from_utf8(bytes).map_err(|_| miette!(help = OF_SCRIPTS, "{name} is no text"))?;
     let source = Arc::new(NamedSource::new(&name, text.clone()));
@@ -397,7 +397,10 @@ impl<P: Port> Held<P> {
                     console.print(format_args!("{}\n", written(&done)))?;
                 }
                 Cause::Finished => {}
-                cause => return Err(miette!("the board stopped: {}", in_words(cause))),
+                cause => {
+                    let help = "`pulsetrain info --port PORT` tells where its motors are, and whose place is uncertain";
+                    return Err(miette!(help = help, "the board stopped: {}", in_words(cause)));
+                }
             }
         }
         Ok(())
@@ -545,6 +548,14 @@ mod tests {
             idle.receive(until, &mut Vec::new()).unwrap();
         }
         assert!(!Remote::open(port, 3).unwrap().status().unwrap().is_idle());
+    }
+
+    /// Nothing is wrong with the lines of a script that is not there.
+    #[test]
+    fn who_names_no_file_is_not_told_of_lines() {
+        let error = load(Path::new("no such script.txt")).unwrap_err();
+        assert!(error.to_string().starts_with("cannot read no such script.txt: "), "{error}");
+        assert!(error.help().is_none());
     }
 
     /// A pin's edge that is left out is a step that is not counted.
