@@ -307,8 +307,20 @@ fn set_up_board<P: Port>(
         remote.close();
         return Err(error);
     }
+    set_up(remote, &setup(program), baud, number, goes_on)
+}
+
+/// Brings the line to its rate, waits for motors that the board still moves for a host before this one, as [`connect_while`] does, and has it
+/// set up its pins. A board that refuses is left with Bye.
+pub(crate) fn set_up<P: Port>(
+    remote: Remote<P>,
+    setup: &Setup,
+    baud: Baud,
+    number: u32,
+    goes_on: impl FnMut() -> bool,
+) -> Result<Remote<P>, RemoteError> {
     let mut remote = at_rate(remote, baud, number)?;
-    match remote.wait_for_rest(goes_on).and_then(|()| remote.configure(&setup(program))) {
+    match remote.wait_for_rest(goes_on).and_then(|()| remote.configure(setup)) {
         Ok(()) => Ok(remote),
         Err(error) => {
             // A host that just falls silent would have what still moves stopped at once, and the board would not answer until then.
@@ -343,7 +355,10 @@ fn at_rate<P: Port>(mut remote: Remote<P>, baud: Baud, number: u32) -> Result<Re
             port.set_baud(Baud::B115200)?;
             Remote::open(port, !number)
         }
-        Err(error) => Err(error),
+        Err(error) => {
+            remote.close();
+            Err(error)
+        }
     }
 }
 

@@ -222,6 +222,33 @@ fn what_is_cut_says_whether_it_would_have_ended() {
     assert!(said.contains("endless: shown for 2 s, then the planned stop; --for sets it"), "{said}");
 }
 
+/// How much slower a path has to be, as `explain` has it.
+fn slowdown(said: &str) -> f64 {
+    let (before, _) = said.split_once(" times slower it keeps to the machine's limits").expect(said);
+    before.rsplit(' ').next().and_then(|word| word.parse().ok()).expect(before)
+}
+
+/// A path that is a little too fast, and bends far too much: so much slower that both limits are kept to.
+#[test]
+fn a_machine_that_breaks_two_limits_is_told_what_both_want() {
+    let limits = "max_speed = \"30 mm/s\"\nmax_acceleration = \"10 mm/s^2\"\nmotors = [";
+    let path = |slower: f64| {
+        let (table, period) = (TABLE.replace("motors = [", limits), 4.0 * slower);
+        format!(
+            "{table}ease = \"{slower} s\"\npath.circle = {{ radius = \"20 mm\", period = \"{period} s\", cycles = 2 }}\n"
+        )
+    };
+    let (exit, said) = says("explain", "two-limits", &path(1.0), &[]);
+    assert!(exit == Exit::Success && said.contains("the tip's speed is 31.4 mm/s"), "{said}");
+    // The root of 49.88 by 10: so much it is while the path begins, and 49.35 on the circle.
+    let slower = slowdown(&said);
+    assert!((2.23..2.25).contains(&slower), "{slower}");
+    for (slower, exit) in [(slower, Exit::Success), (slower - 0.02, Exit::Refused)] {
+        let (is, said) = says("plan", "two-limits-slower", &path(slower), &[]);
+        assert_eq!(is, exit, "{slower}: {said}");
+    }
+}
+
 /// What the machine is, which limit it meets and when; and what is said to fit does.
 #[test]
 fn a_machine_that_is_refused_is_explained() {
@@ -247,8 +274,7 @@ fn a_machine_that_is_refused_is_explained() {
         "slow the path down, or raise the machine's max_speed",
     ];
     parts.iter().for_each(|part| assert!(said.contains(part), "{part}: {said}"));
-    let (before, _) = said.split_once(" times slower it fits").expect(&said);
-    let slower: f64 = before.rsplit(' ').next().and_then(|word| word.parse().ok()).expect(before);
+    let slower = slowdown(&said);
     assert!(slower > 1.0 && slower < 2.0, "{slower}");
     for (slower, exit) in [(slower, Exit::Success), (slower - 0.02, Exit::Refused)] {
         let text = format!("{limited}{}{}", ease(slower), path(slower));

@@ -134,13 +134,13 @@ impl Reading<'_> {
                 .collect()
         };
         // One cycle stands for all: they are joined at the same speeds, or the planner refuses them.
-        self.keeps_to_limits(path, &read.coordinates)?;
-        if let Some((over, _)) = &ease
-            && let Ok(eased) =
-                read.coordinates.iter().map(|law| law.clone().eased(*over)).collect::<Result<Vec<_>, _>>()
-        {
-            self.keeps_to_limits(path, &eased)?;
-        }
+        let eased = ease.as_ref().and_then(|(over, _)| {
+            let eased = read.coordinates.iter().map(|law| law.clone().eased(*over));
+            eased.collect::<Result<Vec<_>, _>>().ok()
+        });
+        let eased = eased.unwrap_or_default();
+        self.keeps_to_limits(path, &read.coordinates, &eased)?;
+        self.keeps_to_limits(path, &eased, &eased)?;
         let end = match &self.machine.kind {
             Kind::Delta { angles, .. } => self.arms_fit(motion, path, &joints, *angles, repeat.is_some(), last)?,
             Kind::Xy => Vec::new(),
@@ -371,8 +371,8 @@ impl Reading<'_> {
         Err(format!("the effector cannot be at ({x:.3}, {y:.3}, {z:.3}) mm{who}: {error}"))
     }
 
-    /// The tip's speed and acceleration against the machine's limits.
-    fn keeps_to_limits(&self, node: &Node, coordinates: &[Law]) -> Read<()> {
+    /// The tip's speed and acceleration against the machine's limits. `eased`: the same as they begin and end, if that is another motion.
+    fn keeps_to_limits(&self, node: &Node, coordinates: &[Law], eased: &[Law]) -> Read<()> {
         if coordinates.iter().any(|law| law.end().is_none()) {
             let limited = self.machine.max_speed.is_some() || self.machine.max_acceleration.is_some();
             if limited {
@@ -385,7 +385,11 @@ impl Reading<'_> {
             Kind::Xy => 1.0 / self.motors[k].gearing.steps_per_mm().unwrap_or(f64::INFINITY),
             Kind::Delta { .. } => 1.0,
         };
-        let terms: Vec<(&Law, f64)> = coordinates.iter().enumerate().map(|(k, law)| (law, mm_per_step(k))).collect();
+        let in_mm = |laws| -> Vec<(&Law, f64)> {
+            let laws: &[Law] = laws;
+            laws.iter().enumerate().map(|(k, law)| (law, mm_per_step(k))).collect()
+        };
+        let (terms, eased) = (in_mm(coordinates), in_mm(eased));
         let limits = [
             (
                 Extent::Speed,
@@ -427,12 +431,14 @@ impl Reading<'_> {
                     let value = samples.iter().map(square).sum::<f64>().sqrt();
                     Some((samples.into_iter().map(|(sample, scale)| sample.position * scale).collect(), Some(value)))
                 };
-                // Accelerations fall with the square of the time that it takes.
-                // The worst is known to a thousandth.
-                let over = value * 1.001 / limit;
-                let slower = if extent == Extent::Speed { over } else { over.sqrt() };
+                // The other limit may ask for more, and so may the beginning and the end.
+                let slower = limits.iter().try_fold(1.0, |slowest: f64, (extent, limit, ..)| {
+                    let Some(limit) = *limit else { return Some(slowest) };
+                    let slower = [&terms, &eased].map(|laws| slowdown(laws, *extent, limit));
+                    Some(slowest.max(slower[0]?).max(slower[1]?))
+                });
                 let limit = Some((format!("the tip's {what}"), unit, limit));
-                let shown = self.broken_path(at.seconds(), law_end(coordinates), limit, Some(slower), look);
+                let shown = self.broken_path(at.seconds(), law_end(coordinates), limit, slower, look);
                 return Err(node.note_path("too fast", message, help, shown));
             }
         }
@@ -551,6 +557,15 @@ fn broken(law: &Law) -> Option<LawError> {
     let too_long =
         || LawError::Parameter(format!("the path has more than {MOST_PIECES} parts: too long to be checked"));
     law.pieces().enumerate().find_map(|(k, piece)| piece.err().or_else(|| (k >= MOST_PIECES).then(too_long)))
+}
+
+/// So many times slower laws keep to a limit; 1 if they do as they are, or there are none; `None` if that is not known.
+fn slowdown(laws: &[(&Law, f64)], extent: Extent, limit: f64) -> Option<f64> {
+    let Some((_, value)) = farthest_beyond(laws, extent, limit).ok()? else { return Some(1.0) };
+    // The worst is known to a thousandth.
+    let over = value * 1.001 / limit;
+    // Accelerations fall with the square of the time that it takes.
+    Some(if extent == Extent::Speed { over } else { over.sqrt() }).filter(|factor| factor.is_finite())
 }
 
 /// When the last of some laws ends, if all do.

@@ -35,7 +35,7 @@ pub struct BrokenPath {
     pub at_s: f64,
     /// Of what there is too much, its unit, and the limit that it meets; `None` where arms do not reach.
     pub limit: Option<(String, &'static str, f64)>,
-    /// So many times slower the path keeps to it; `None` if that does not help.
+    /// So many times slower the path keeps to all of the machine's limits on speed and acceleration; `None` if that does not help.
     pub slower: Option<f64>,
     /// The path, in the order of time; the place is among them.
     pub points: Vec<PathPoint>,

@@ -252,7 +252,8 @@ impl Display for PathExplanation<'_> {
         writeln!(f, "{table}\nWhat would fit\n  {}", self.advice)?;
         match self.least_slowdown {
             Some(factor) => {
-                writeln!(f, "  {} times slower it fits, its `ease` included", human::significant(factor, 4))
+                let times = human::significant(factor, 4);
+                writeln!(f, "  {times} times slower it keeps to the machine's limits, its `ease` included")
             }
             None => Ok(()),
         }

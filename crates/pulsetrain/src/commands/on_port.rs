@@ -71,13 +71,7 @@ pub(crate) fn run(
     }
     interrupt::watch();
     let port = Serial::open(name, false).map_err(port_problem)?;
-    let mut waits = false;
-    let goes_on = || {
-        if !std::mem::replace(&mut waits, true) {
-            tell_of_wait(console, name);
-        }
-        !interrupt::wanted()
-    };
+    let goes_on = waits_aloud(console, name);
     let mut driven =
         Driven::with(prepared, |program| connect_while(port, program, args.baud, goes_on)).map_err(drive_problem)?;
     let firmware = human::version(driven.board_mut().info().firmware);
@@ -139,14 +133,20 @@ pub(crate) fn run(
     Ok(if kept { Exit::Success } else { Exit::BoundBroken })
 }
 
-/// The run does not begin yet, for a reason that nobody sees.
-fn tell_of_wait(console: &mut Console<'_>, port: &str) {
-    // Where errors cannot be written nobody reads them.
-    drop(writeln!(
-        console.err,
-        "The board still moves motors for a host before this one: the run waits for them, half a minute at most. Ctrl-C ends the wait; \
-         then `pulsetrain stop --port {port}` stops them at once."
-    ));
+/// Whether to wait on for motors of a host before this one: until Ctrl-C. What nobody would see is said, once.
+pub(super) fn waits_aloud(console: &mut Console<'_>, port: &str) -> impl FnMut() -> bool {
+    let mut waits = false;
+    move || {
+        if !std::mem::replace(&mut waits, true) {
+            // Where errors cannot be written nobody reads them.
+            drop(writeln!(
+                console.err,
+                "The board still moves motors for a host before this one: this waits for them, half a minute at most. Ctrl-C ends the wait; \
+                 then `pulsetrain stop --port {port}` stops them at once."
+            ));
+        }
+        !interrupt::wanted()
+    }
 }
 
 fn print(report: &PortReport, planned: &[Planned], console: &mut Console<'_>) -> miette::Result<()> {

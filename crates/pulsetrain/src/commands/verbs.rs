@@ -14,15 +14,17 @@ use pulsetrain_core::verbs::text::{self, LONGEST, Read, Reply, Told};
 use pulsetrain_core::verbs::{Course, Verb};
 use pulsetrain_core::winch::AXES;
 use pulsetrain_core::wire::message::{Cause, MotorSetup, Reason};
+use pulsetrain_core::wire::orders::Obeyed;
 use pulsetrain_core::wire::{Baud, Refusal};
 use pulsetrain_motion::quantity::{Base, Quantity};
 
 use super::info::UNO;
+use super::on_port::waits_aloud;
 use super::winch::typed;
 use super::{drive_problem, port_problem};
 use crate::cli::Verbs;
 use crate::console::{self, Console, Exit};
-use crate::drive::session_number;
+use crate::drive::{session_number, set_up};
 use crate::winch::talk::meaning;
 use crate::{human, interrupt, serve};
 
@@ -49,22 +51,22 @@ pub(crate) fn run(args: &Verbs, console: &mut Console<'_>) -> miette::Result<Exi
     let script = args.script.as_deref().map(load).transpose()?;
     let is_uno = args.board.as_deref() == Some("uno");
     match (&args.port, script) {
-        (Some(port), script) => {
-            let port = Serial::open(port, true).map_err(port_problem)?;
-            hold(port, args.baud, lines(script), None, console)
+        (Some(name), script) => {
+            let port = Serial::open(name, true).map_err(port_problem)?;
+            hold(port, name, args.baud, lines(script), None, console)
         }
         (None, Some(script)) if is_uno => {
-            hold(VirtualUno::with_verbs(), args.baud, lines(Some(script)), Some(Pins::default()), console)
+            hold(VirtualUno::with_verbs(), "", args.baud, lines(Some(script)), Some(Pins::default()), console)
         }
         (None, Some(script)) => {
-            hold(VirtualPico::on_usb(), args.baud, lines(Some(script)), Some(Pins::default()), console)
+            hold(VirtualPico::on_usb(), "", args.baud, lines(Some(script)), Some(Pins::default()), console)
         }
         (None, None) if is_uno => {
             let board = serve::Paced::new(VirtualUno::with_verbs());
-            hold(board, args.baud, lines(None), Some(Pins::default()), console)
+            hold(board, "", args.baud, lines(None), Some(Pins::default()), console)
         }
         (None, None) => {
-            hold(serve::Paced::new(VirtualPico::on_usb()), args.baud, lines(None), Some(Pins::default()), console)
+            hold(serve::Paced::new(VirtualPico::on_usb()), "", args.baud, lines(None), Some(Pins::default()), console)
         }
     }
 }
@@ -83,7 +85,7 @@ fn lines(script: Option<Vec<Timed>>) -> Lines {
 
 /// Reads a script.
 fn load(path: &Path) -> miette::Result<Vec<Timed>> {
-    let bytes = console::read(path).map_err(|error| miette!(help = OF_SCRIPTS, "{error}"))?;
+    let bytes = console::read(path)?;
     let name = path.display().to_string();
     let text = String::from_utf8(bytes).map_err(|_| miette!(help = OF_SCRIPTS, "{name} is no text"))?;
     let source = Arc::new(NamedSource::new(&name, text.clone()));
@@ -185,16 +187,26 @@ struct Axis {
     moves: u32,
     runs: bool,
     is_stationary: bool,
+    /// What was done before that tick is not among the moves: they were forgotten then.
+    halted: u64,
 }
 
 impl Axis {
-    fn hear(&mut self, verb: Verb) {
+    /// It is told that, from a tick on.
+    fn hear(&mut self, verb: Verb, from: u64) {
         match verb {
             Verb::Move { .. } => (self.moves, self.runs) = (self.moves + 1, false),
             Verb::Run => self.runs = true,
-            Verb::Halt => (self.moves, self.runs) = (0, false),
+            Verb::Halt => (self.moves, self.runs, self.halted) = (0, false, from),
             Verb::Course(course) => self.is_stationary = course == Course::Stationary,
             Verb::Speed { .. } => {}
+        }
+    }
+
+    /// A move was done at that tick.
+    fn done(&mut self, tick: u64) {
+        if tick >= self.halted {
+            self.moves = self.moves.saturating_sub(1);
         }
     }
 }
@@ -206,23 +218,43 @@ struct Held<P> {
     axes: [Axis; AXES.len()],
     pins: Option<Pins>,
     refused: usize,
+    /// When the board was asked last whether all rests, while moves are waited for; and whether it did.
+    looked: Option<(u64, bool)>,
 }
 
+/// Takes the board at a port, with what it says of its axes; while it still moves motors for a host before this one, `goes_on` is asked whether
+/// to wait on. One that refuses is left with Bye.
+fn take<P: Port>(
+    port: P,
+    baud: Baud,
+    goes_on: impl FnMut() -> bool,
+) -> Result<(Remote<P>, Setup, Obeyed), RemoteError> {
+    let number = session_number();
+    let remote = Remote::open(port, number)?;
+    let setup = wiring(remote.info().board == UNO);
+    let mut remote = set_up(remote, &setup, baud, number, goes_on)?;
+    // One that cannot be told directly says so before anything else.
+    match remote.tell_motors(&[]) {
+        Ok(first) => Ok((remote, setup, first)),
+        Err(error) => {
+            remote.close();
+            Err(error)
+        }
+    }
+}
+
+/// `name` is the port's, which a virtual board has none of.
 fn hold<P: Port>(
     port: P,
+    name: &str,
     baud: Baud,
     mut lines: Lines,
     pins: Option<Pins>,
     console: &mut Console<'_>,
 ) -> miette::Result<Exit> {
-    let problem = |error: RemoteError| drive_problem(error.into());
-    let mut remote = Remote::open(port, session_number()).map_err(problem)?;
-    remote.set_baud(baud).map_err(problem)?;
-    let setup = wiring(remote.info().board == UNO);
-    remote.configure(&setup).map_err(problem)?;
-    let mut held = Held { remote, setup, axes: Default::default(), pins, refused: 0 };
-    // One that cannot be told directly says so before anything else.
-    let first = held.remote.tell_motors(&[]).map_err(problem)?;
+    let (remote, setup, first) =
+        take(port, baud, waits_aloud(console, name)).map_err(|error| drive_problem(error.into()))?;
+    let mut held = Held { remote, setup, axes: Default::default(), pins, refused: 0, looked: None };
     let tick_hz = u64::from(held.remote.info().tick_hz);
     let begin = held.remote.now();
     console.print(format_args!(
@@ -267,6 +299,9 @@ fn hold<P: Port>(
             },
         }
         held.go_on(until, console)?;
+        if has_ended {
+            held.look(console)?;
+        }
     }
     held.finish(console)
 }
@@ -303,13 +338,13 @@ impl<P: Port> Held<P> {
 
     fn tell(&mut self, told: &Told, console: &mut Console<'_>) -> miette::Result<()> {
         let orders: Vec<(u8, Verb)> = told.orders().map(|orders| orders.iter().collect()).unwrap_or_default();
-        // Halting forgets moves; those that were done before are told first.
         match self.remote.tell_motors(&orders) {
             Ok(obeyed) => {
-                self.events(console)?;
+                // An answer that got lost comes again: what it is about may be done, and told, by then.
                 for (axis, verb) in orders {
-                    self.axes[usize::from(axis)].hear(verb);
+                    self.axes[usize::from(axis)].hear(verb, obeyed.tick);
                 }
+                self.events(console)?;
                 console.print(format_args!("{}\n", written(&Reply::At { obeyed, axes: told.axes() })))
             }
             Err(RemoteError::Refused { reason: reason @ (Reason::Period | Reason::Busy), detail, .. }) => {
@@ -333,18 +368,39 @@ impl<P: Port> Held<P> {
         self.events(console)
     }
 
+    /// A `done` may get lost: asks once a second whether all rests. If it does twice, no move is left.
+    fn look(&mut self, console: &mut Console<'_>) -> miette::Result<()> {
+        let (now, tick_hz) = (self.remote.now(), u64::from(self.remote.info().tick_hz));
+        let (at, rested) = *self.looked.get_or_insert((now, false));
+        if !self.waits() || now < at + tick_hz {
+            return Ok(());
+        }
+        let rests = self.remote.status().map_err(|error| drive_problem(error.into()))?.is_idle();
+        self.events(console)?;
+        self.looked = Some((now, rests));
+        if rests && rested && self.waits() {
+            let unheard = names(|axis| self.axes[axis].moves > 0);
+            console.print(format_args!("all rest; a `done` got lost on the way, of {unheard}\n"))?;
+            self.axes.iter_mut().for_each(|axis| axis.moves = 0);
+        }
+        Ok(())
+    }
+
     fn events(&mut self, console: &mut Console<'_>) -> miette::Result<()> {
         for event in self.remote.events() {
             match event.cause {
                 Cause::MoveDone => {
                     if let Some(axis) = self.axes.get_mut(usize::from(event.motor)) {
-                        axis.moves = axis.moves.saturating_sub(1);
+                        axis.done(event.tick);
                     }
                     let done = Reply::Done { axis: event.motor, tick: event.tick, number: event.detail };
                     console.print(format_args!("{}\n", written(&done)))?;
                 }
                 Cause::Finished => {}
-                cause => return Err(miette!("the board stopped: {}", in_words(cause))),
+                cause => {
+                    let help = "`pulsetrain info --port PORT` tells where its motors are, and whose place is uncertain";
+                    return Err(miette!(help = help, "the board stopped: {}", in_words(cause)));
+                }
             }
         }
         Ok(())
@@ -404,6 +460,103 @@ impl<P: Port> Held<P> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use pulsetrain_board::PortError;
+    use std::cell::RefCell;
+    use std::rc::Rc;
+    use std::time::Duration;
+
+    /// A board that is there for one host after the other, which do not hear all; its port is gone in the end.
+    #[derive(Clone)]
+    struct Deaf {
+        board: Rc<RefCell<VirtualPico>>,
+        hears_not: Range<Duration>,
+        gone: Duration,
+    }
+
+    impl Deaf {
+        fn new(hears_not: Range<Duration>, gone: Duration) -> Deaf {
+            Deaf { board: Rc::new(RefCell::new(VirtualPico::on_usb())), hears_not, gone }
+        }
+    }
+
+    /// Tells a board lines; how that ends, and what is said.
+    fn held(port: Deaf, lines: Vec<Timed>) -> (miette::Result<Exit>, String) {
+        let (mut out, mut err) = (Vec::new(), Vec::new());
+        let mut console = Console { out: &mut out, err: &mut err, err_is_terminal: false };
+        let exit = hold(port, "", Baud::B1M, Lines::Script(lines.into_iter()), None, &mut console);
+        (exit, String::from_utf8(out).unwrap())
+    }
+
+    impl Port for Deaf {
+        fn now(&self) -> Duration {
+            self.board.borrow().now()
+        }
+
+        fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+            self.board.borrow_mut().send(bytes)
+        }
+
+        fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
+            if self.now() > self.gone {
+                return Err(PortError::Gone { name: "the port".to_owned(), why: "it takes for ever".to_owned() });
+            }
+            let had = into.len();
+            self.board.borrow_mut().receive(until, into)?;
+            if self.hears_not.contains(&self.now()) {
+                into.truncate(had);
+            }
+            Ok(())
+        }
+
+        fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
+            self.board.borrow_mut().set_baud(baud)
+        }
+    }
+
+    /// Of a move that is done at once the answer is lost, and said again after the `done`, or the `done` is, which is said once: it is no move
+    /// that is still to be done.
+    #[test]
+    fn a_move_ends_whatever_gets_lost() {
+        let mut seen = [0, 0];
+        let Read::Told(told) = text::read(b"move x 0") else { panic!("a line") };
+        for begin in (334_000..350_000).step_by(1000) {
+            let begin = Duration::from_micros(begin);
+            let port = Deaf::new(begin..begin + Duration::from_millis(6), Duration::from_secs(4));
+            let (exit, said) = held(port, vec![(0.1, told)]);
+            assert!(matches!(exit, Ok(Exit::Success)), "{begin:?}: {exit:?} {said}");
+            let (at, done) = (said.rfind("\nat ").unwrap(), said.find("\ndone x "));
+            assert_eq!(done.is_none(), said.contains("got lost on the way, of x\n"), "{begin:?}: {said}");
+            let before = said[..at].rfind("\nat ");
+            seen[0] += u32::from(done.zip(before).is_some_and(|(done, before)| done < before));
+            seen[1] += u32::from(done.is_none());
+        }
+        assert!(seen.iter().all(|times| *times > 0), "{seen:?}");
+    }
+
+    /// A move that a host has left behind goes on when the next one waits for it no longer.
+    #[test]
+    fn a_board_that_still_moves_is_left_moving() {
+        let port = Deaf::new(Duration::ZERO..Duration::ZERO, Duration::from_secs(9));
+        let mut first = Remote::open(port.clone(), 1).unwrap();
+        first.configure(&wiring(false)).unwrap();
+        first.tell_motors(&[(0, Verb::Move { steps: 100_000 })]).unwrap();
+        first.close();
+        assert_eq!(take(port.clone(), Baud::B1M, || false).err(), Some(RemoteError::StillMoving));
+        // Longer than a host may be silent.
+        let (mut idle, until) = (port.clone(), port.now() + Duration::from_secs(3));
+        while idle.now() < until {
+            idle.receive(until, &mut Vec::new()).unwrap();
+        }
+        assert!(!Remote::open(port, 3).unwrap().status().unwrap().is_idle());
+    }
+
+    /// Nothing is wrong with the lines of a script that is not there.
+    #[test]
+    fn who_names_no_file_is_not_told_of_lines() {
+        let error = load(Path::new("no such script.txt")).unwrap_err();
+        assert!(error.to_string().starts_with("cannot read no such script.txt: "), "{error}");
+        assert!(error.help().is_none());
+    }
 
     /// A pin's edge that is left out is a step that is not counted.
     #[test]
@@ -423,13 +576,18 @@ mod tests {
     fn what_an_axis_still_does_is_known() {
         let mut axis = Axis::default();
         for verb in [Verb::Move { steps: 1 }, Verb::Run] {
-            axis.hear(verb);
+            axis.hear(verb, 10);
         }
         assert!(axis.moves == 1 && axis.runs);
-        axis.hear(Verb::Move { steps: 5 });
+        axis.hear(Verb::Move { steps: 5 }, 20);
         assert!(axis.moves == 2 && !axis.runs, "a move ends a run");
-        axis.hear(Verb::Course(Course::Stationary));
-        axis.hear(Verb::Halt);
+        axis.done(25);
+        assert_eq!(axis.moves, 1);
+        axis.hear(Verb::Course(Course::Stationary), 30);
+        axis.hear(Verb::Halt, 30);
         assert!(axis.moves == 0 && axis.is_stationary);
+        axis.hear(Verb::Move { steps: 5 }, 40);
+        axis.done(29);
+        assert_eq!(axis.moves, 1, "the one that was done is an earlier one, told late");
     }
 }
