@@ -352,14 +352,23 @@ mod tests {
         assert_eq!(troubles(42), ["1 steps without an edge"]);
     }
 
-    /// A move that a host before told is done: whoever comes next hears of it.
+    /// A move that a host before told is done: on an Uno whoever comes next hears of it.
     #[test]
     fn what_was_told_before_is_no_trouble() {
-        let driver = MotorSetup { step_pin: 2, dir_pin: 3, ..MotorSetup::default() };
+        let pico = MotorSetup { step_pin: 2, dir_pin: 3, ..MotorSetup::default() };
+        check_told_before(VirtualPico::on_usb(), pico, "pico", Baud::B2M, false);
+        let uno = MotorSetup { step_pin: 2, dir_pin: 5, ..MotorSetup::default() };
+        check_told_before(VirtualUno::with_verbs(), uno, "uno", Baud::B1M, true);
+    }
+
+    fn check_told_before(board: impl Port + Clone, driver: MotorSetup, name: &str, baud: Baud, told: bool) {
         let setup = Setup { pulse_ticks: 250, motors: vec![driver], ..Setup::default() };
-        let mut host = Remote::open(VirtualPico::on_usb(), 1).unwrap();
+        let setup =
+            if name == "uno" { Setup { pulse_ticks: 16, setup_ticks: 16, hold_ticks: 16, ..setup } } else { setup };
+        let mut host = Remote::open(board, 1).unwrap();
         host.configure(&setup).unwrap();
-        host.tell_motors(&[(0, Verb::Speed { ticks: 125_000 }), (0, Verb::Move { steps: 3 })]).unwrap();
+        let period = u64::from(host.info().tick_hz) / 1000;
+        host.tell_motors(&[(0, Verb::Speed { ticks: period }), (0, Verb::Move { steps: 3 })]).unwrap();
         let mut port = host.close();
         let until = port.now() + Duration::from_millis(100);
         while port.now() < until {
@@ -367,9 +376,9 @@ mod tests {
         }
         let mut next = Remote::open(port.clone(), 2).unwrap();
         next.configure(&setup).unwrap();
-        assert!(next.events().iter().any(|event| event.cause == Cause::MoveDone));
-        let row = measure(&prepared("pico", 100.0, 0.5).unwrap(), (100.0, 0.5), port, Baud::B2M).unwrap();
-        assert_eq!(row.trouble(), Vec::<String>::new());
+        assert_eq!(next.events().iter().any(|event| event.cause == Cause::MoveDone), told, "{name}");
+        let row = measure(&prepared(name, 100.0, 0.5).unwrap(), (100.0, 0.5), port, baud).unwrap();
+        assert_eq!(row.trouble(), Vec::<String>::new(), "{name}");
     }
 
     #[test]

@@ -35,9 +35,8 @@ const NEARLY: u8 = 20;
 
 /// Batches of steps that one call makes for a ring, at most; what Rust puts into the ring counts twice.
 const BATCHES: u8 = 8;
-/// So many of them two rings get by turns. None gets more by itself before the other is full: batches may be of a few steps, which are
-/// made sooner than so many more are.
-const TURNS: u8 = 22;
+/// So many of them two rings get first, by turns.
+const TURNS: u8 = 6;
 
 /// Counts until the next call while the winch drives, at most: a call works out one slice, and takes most of one.
 const SLICES: u8 = 64;
@@ -221,7 +220,6 @@ steps_task_begin:
     breq 16f
     dec r24
     brne 13b
-    rjmp 9f
 16: ldi r20, {BATCHES}
     rcall task_fill_second
 7:  ldi r20, {BATCHES}
