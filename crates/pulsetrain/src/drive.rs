@@ -12,8 +12,8 @@ use pulsetrain_board::{
     Setup, Shadowed, Wiring,
 };
 use pulsetrain_core::output::Sequence;
-use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{Cause, Info, MotorSetup};
+use pulsetrain_core::wire::{Baud, Reason};
 use pulsetrain_motion::boards;
 use pulsetrain_motion::program::{self, CoilSequence, Motor, Program};
 use pulsetrain_plan::Settings;
@@ -455,13 +455,21 @@ impl<'a, B: Board> Driven<'a, B> {
             if let Err(failure) = self.session.advance(last.map_or(soon, |last| soon.min(last)), &mut since) {
                 // The motors come to rest with the tail that the board has: that is waited for.
                 let report = self.session.run(&mut since, progress);
-                return Err(DriveError::of(self.program, failure).halted(self.whereabouts(&report)));
+                let (whereabouts, stop) = self.whereabouts(&report);
+                // Why it stopped, which is told behind the refusal that followed from it.
+                let failure = match (DriveError::of(self.program, failure), stop) {
+                    (DriveError::Remote(RemoteError::Refused { reason: Reason::NotArmed, .. }), Some(cause)) => {
+                        RemoteError::Stopped { cause }.into()
+                    }
+                    (failure, _) => failure,
+                };
+                return Err(failure.halted(whereabouts));
             }
             progress(self.session.board().now());
         }
         let report = self.session.run(&mut since, progress);
         if let Some(error) = self.session.board().lost().cloned() {
-            return Err(DriveError::from(error).halted(self.whereabouts(&report)));
+            return Err(DriveError::from(error).halted(self.whereabouts(&report).0));
         }
         let counts = report.counted.iter().zip(&report.replayed).zip(&report.faults);
         for (motor, ((counted, replayed), faults)) in self.program.motors.iter().zip(counts) {
@@ -472,14 +480,18 @@ impl<'a, B: Board> Driven<'a, B> {
         Ok(Ended { counted: report.counted, stopped, uncertain: None })
     }
 
-    /// Where the motors are after a run that failed.
-    fn whereabouts(&mut self, report: &Report) -> Whereabouts {
+    /// Where the motors are after a run that failed, and the stop at once if there was one.
+    fn whereabouts(&mut self, report: &Report) -> (Whereabouts, Option<Cause>) {
         let heard = self.session.board().positions();
+        let mut stop = None;
         let (counts, by) = match self.session.board_mut().fared() {
             Ok(Fared { reset: Some(reset), .. }) => (heard, Knowledge::HeardLast { reset }),
             Ok(Fared { positions, last_stop, .. }) => match last_stop {
                 Cause::None | Cause::Finished | Cause::HostLost => (positions, Knowledge::Counted),
-                _ => (positions, Knowledge::StoppedAtOnce),
+                cause => {
+                    stop = Some(cause);
+                    (positions, Knowledge::StoppedAtOnce)
+                }
             },
             Err(_) => match report.replayed_otherwise.clone() {
                 Some(taken) => (taken, Knowledge::Told { or: Some(report.replayed.clone()) }),
@@ -487,7 +499,7 @@ impl<'a, B: Board> Driven<'a, B> {
             },
         };
         let names = self.program.motors.iter().map(|motor| motor.name.clone());
-        Whereabouts { motors: names.zip(counts).collect(), by }
+        (Whereabouts { motors: names.zip(counts).collect(), by }, stop)
     }
 
     /// Whether the last step that was told has been made.

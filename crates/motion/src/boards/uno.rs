@@ -3,14 +3,14 @@
 /// Pulses up to these lengths, a column each.
 pub(super) const PULSES: [u32; 3] = [16, 31, 80];
 /// Shortest interval that holds for good, of each of 1 to 4 motors on one or two ports.
-pub(super) const BY_SOFTWARE: [[u32; 3]; 4] = [[113, 131, 231], [327, 352, 603], [508, 547, 873], [717, 770, 1345]];
+pub(super) const BY_SOFTWARE: [[u32; 3]; 4] = [[110, 125, 220], [327, 352, 574], [496, 535, 873], [736, 789, 1414]];
 /// The same of two motors on pins 2-7, each with a DIR line of its own: these have a ring each.
-pub(super) const PAIR: [u32; 3] = [214, 352, 429];
+pub(super) const PAIR: [u32; 3] = [209, 352, 407];
 /// The same of one or two motors whose edges the compare hardware makes.
-pub(super) const BY_COMPARE: [[u32; 3]; 2] = [[113, 110, 1886], [220, 220, 3645]];
+pub(super) const BY_COMPARE: [[u32; 3]; 2] = [[108, 108, 1886], [214, 214, 3566]];
 /// Largest |edge − scheduled| beyond the constant.
-pub(super) const LATENESS: u32 = 54;
+pub(super) const LATENESS: u32 = 55;
 /// The farthest that it commits itself ahead.
-pub(super) const HORIZON: u32 = 75612;
+pub(super) const HORIZON: u32 = 49301;
 /// Bytes of its queues.
 pub(super) const QUEUES: u32 = 396;
