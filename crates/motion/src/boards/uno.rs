@@ -5,7 +5,7 @@ pub(super) const PULSES: [u32; 3] = [16, 31, 80];
 /// Shortest interval that holds for good, of each of 1 to 4 motors on one or two ports.
 pub(super) const BY_SOFTWARE: [[u32; 3]; 4] = [[110, 125, 220], [327, 352, 574], [496, 535, 873], [736, 789, 1414]];
 /// The same of two motors on pins 2-7, each with a DIR line of its own: these have a ring each.
-pub(super) const PAIR: [u32; 3] = [209, 352, 407];
+pub(super) const PAIR: [u32; 3] = [215, 361, 418];
 /// The same of one or two motors whose edges the compare hardware makes.
 pub(super) const BY_COMPARE: [[u32; 3]; 2] = [[108, 108, 1886], [214, 214, 3566]];
 /// Largest |edge − scheduled| beyond the constant.
