@@ -130,6 +130,8 @@ For an Arduino Uno and a Raspberry Pi Pico. An image is the firmware itself, whi
 so, on drivers and on coils). Endless motions that repeat keep their phase for ever: each turn begins at its own exact time, to 2^-48 of a tick on an Uno, 2^-64 on a Pico. A sketch is plain \
 C++ with tables in flash, for the Arduino IDE, without a library: slower, and motors wait for one another. It takes the Uno's Timer1, and stops millis() and delay().
 
+An Uno's image is rehearsed before it is written: the virtual Uno plays it, and each edge of its pins is held against the law. What the board does not keep up with is refused.
+
 Examples:
   pulsetrain bake examples/sweep.toml --output sweep.hex          four motors, for ever
   pulsetrain flash uno --port /dev/ttyACM0 --image sweep.hex      onto the Uno; `flash uno` alone brings the firmware back
@@ -338,6 +340,13 @@ pub(crate) struct Bake {
     /// How much faster than it should the board's clock runs, ppm, as `pulsetrain calibrate` tells: it is corrected for
     #[arg(long, value_name = "PPM", value_parser = clock_ppm, allow_hyphen_values = true)]
     pub(crate) clock_ppm: Option<f64>,
+    /// How much of it the virtual Uno plays before its image is written [default: all, 60 s at most; of motors that repeat each
+    /// phase that they have to one another]
+    #[arg(long, value_name = "TIME", value_parser = duration, conflicts_with = "sketch")]
+    pub(crate) rehearse: Option<Time>,
+    /// Write an Uno's image without that
+    #[arg(long, conflicts_with_all = ["rehearse", "sketch"])]
+    pub(crate) no_rehearsal: bool,
     /// Print what it comes to as JSON
     #[arg(long)]
     pub(crate) json: bool,

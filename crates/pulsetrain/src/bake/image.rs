@@ -126,7 +126,7 @@ fn check(program: &Program) -> Result<(), BakeError> {
 }
 
 /// Whether the lamp's pin is nobody's.
-fn has_lamp(program: &Program) -> bool {
+pub(super) fn has_lamp(program: &Program) -> bool {
     program.motors.iter().all(|motor| match motor.wiring {
         Wiring::StepDir { step, dir, enable, .. } => {
             step != LAMP && dir != LAMP && enable.is_none_or(|(pin, _)| pin != LAMP)

@@ -4,10 +4,12 @@
 //! - [`sketch`]: an Arduino sketch that plays such tables; `parts`: what it tells its player (`player.h`)
 //! - `streams`: a motor's plan as packed bytes, with what repeats for ever
 //! - [`image`]: an image of an Uno's flash, whose firmware plays such bytes; [`pico`]: of a Pico's
+//! - [`rehearsal`]: such an image on the virtual Uno, before anybody writes it
 
 pub mod image;
 mod parts;
 pub mod pico;
+pub mod rehearsal;
 pub mod sketch;
 mod streams;
 pub mod table;

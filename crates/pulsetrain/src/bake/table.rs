@@ -459,7 +459,10 @@ pub fn cycle(program: &Program, motor: &Motor) -> Result<Option<(Time, Time)>, B
 }
 
 /// The time after which all of some periods are over together.
-fn common_period(periods: &[Time]) -> Result<Time, BakeError> {
+///
+/// # Errors
+/// [`BakeError::NoCommonPeriod`].
+pub(super) fn common_period(periods: &[Time]) -> Result<Time, BakeError> {
     /// The most of the longest one's periods that are looked at.
     const MOST: u64 = 64;
     let longest = periods.iter().max().copied().unwrap_or(Time::ZERO);

@@ -4,8 +4,10 @@ use std::fs;
 use std::path::Path;
 
 use miette::miette;
+use pulsetrain_board::virtual_uno::VirtualUno;
 use serde::Serialize;
 
+use crate::bake::rehearsal::{self, Length, Rehearsed};
 use crate::bake::{BakeError, Image, PicoImage, Size, Sketch, sketch};
 use crate::cli::Bake;
 use crate::console::{self, Console, Exit};
@@ -33,6 +35,23 @@ struct BakedImage {
     motion_bytes: usize,
     flash_bytes: usize,
     endless: bool,
+    /// Only for an Uno, and if it is wanted.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    rehearsed: Option<Rehearsal>,
+}
+
+/// What the virtual Uno made of it.
+#[derive(Debug, Serialize)]
+struct Rehearsal {
+    /// Of the laws' time, s.
+    seconds: f64,
+    /// What there is to see, s; none if motors come to ever new phases.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    of_seconds: Option<f64>,
+    max_error_ticks: f64,
+    bound_ticks: f64,
+    #[serde(skip)]
+    says: String,
 }
 
 pub(crate) fn run(args: &Bake, console: &mut Console<'_>) -> miette::Result<Exit> {
@@ -44,6 +63,10 @@ pub(crate) fn run(args: &Bake, console: &mut Console<'_>) -> miette::Result<Exit
         prepared.calibrate(ppm);
     }
     let is_pico = prepared.program.board.name == "pico";
+    if is_pico && args.rehearse.is_some() {
+        let help = "leave --rehearse out: a Pico's limits are of motors that read their motion from its flash";
+        return Err(miette!(help = help, "{}: only images for an Uno are rehearsed", prepared.file));
+    }
     match (&args.sketch, &args.output) {
         (None, Some(path)) if is_pico => pico(args, &prepared, path, console),
         (None, Some(path)) => uno(args, &prepared, path, console),
@@ -77,7 +100,8 @@ fn sketch(args: &Bake, prepared: &Prepared, folder: &Path, console: &mut Console
 fn pico(args: &Bake, prepared: &Prepared, path: &Path, console: &mut Console<'_>) -> miette::Result<Exit> {
     let image = PicoImage::new(&prepared.program).map_err(|error| problem(prepared, error))?;
     let PicoImage { items, block_bytes: motion_bytes, endless, ref flash } = image;
-    let baked = BakedImage { file: path.display().to_string(), items, motion_bytes, flash_bytes: flash.len(), endless };
+    let (file, flash_bytes) = (path.display().to_string(), flash.len());
+    let baked = BakedImage { file, items, motion_bytes, flash_bytes, endless, rehearsed: None };
     console::write(path, &image.uf2())?;
     baked.say(args, PicoImage::ROOM, ("Pico", "pulsetrain flash pico"), console)
 }
@@ -85,9 +109,47 @@ fn pico(args: &Bake, prepared: &Prepared, path: &Path, console: &mut Console<'_>
 fn uno(args: &Bake, prepared: &Prepared, path: &Path, console: &mut Console<'_>) -> miette::Result<Exit> {
     let image = Image::new(&prepared.program).map_err(|error| problem(prepared, error))?;
     let Image { items, block_bytes: motion_bytes, endless, ref flash } = image;
-    let baked = BakedImage { file: path.display().to_string(), items, motion_bytes, flash_bytes: flash.len(), endless };
+    let rehearsed = if args.no_rehearsal { None } else { Some(rehearse(args, prepared, flash, console)?) };
+    let (file, flash_bytes) = (path.display().to_string(), flash.len());
+    let baked = BakedImage { file, items, motion_bytes, flash_bytes, endless, rehearsed };
     console::write(path, image.hex().as_bytes())?;
     baked.say(args, Image::ROOM, ("Uno", "pulsetrain flash uno --port PORT"), console)
+}
+
+/// Plays an image on the virtual Uno, before it is written.
+fn rehearse(args: &Bake, prepared: &Prepared, flash: &[u8], console: &Console<'_>) -> miette::Result<Rehearsal> {
+    let program = &prepared.program;
+    let length = args.rehearse.map_or_else(|| Length::of(program), |time| Length::exactly(program, time.seconds()));
+    let mut uno = VirtualUno::with_image(flash).map_err(|error| miette!("{}: {error}", prepared.file))?;
+    let bar = console.progress(length.seconds, &human::seconds(length.seconds));
+    bar.stage("rehearsing");
+    let done = rehearsal::rehearse(&mut uno, program, length, |seconds| bar.set(seconds));
+    drop(bar);
+    done.map(|done| Rehearsal::new(&done)).map_err(|failed| {
+        let help = failed.advice();
+        miette!(help = help, "{}: {failed}", prepared.file)
+    })
+}
+
+impl Rehearsal {
+    fn new(done: &Rehearsed) -> Rehearsal {
+        let Length { seconds, all_s, endless } = done.length;
+        let (max_error_ticks, bound_ticks) = (done.max_error_ticks(), done.bound_ticks);
+        let much = human::seconds(seconds);
+        let much = match (done.length.is_all(), endless, all_s) {
+            (true, false, _) => format!("all {much}"),
+            (true, true, _) => format!("{much}, each phase of what repeats"),
+            (false, false, Some(all_s)) => format!("the first {much} of {}, not the rest", human::seconds(all_s)),
+            (false, _, Some(all_s)) => {
+                format!("{much}, not each phase of what repeats, which takes {}", human::seconds(all_s))
+            }
+            (false, _, None) => format!("{much}; motors that repeat come to ever new phases, which were not"),
+        };
+        let says = format!(
+            "rehearsed on the virtual Uno: {much}: every edge within {max_error_ticks:.1} ticks of the law, {bound_ticks:.1} are promised"
+        );
+        Rehearsal { seconds, of_seconds: all_s, max_error_ticks, bound_ticks, says }
+    }
 }
 
 impl BakedImage {
@@ -114,6 +176,10 @@ impl BakedImage {
             count(room),
             ends(self.endless),
         ))?;
+        if board == "Uno" {
+            let says = self.rehearsed.as_ref().map_or("not rehearsed, as was asked for", |done| done.says.as_str());
+            console.print(format_args!("{says}\n"))?;
+        }
         Ok(Exit::Success)
     }
 }
@@ -152,4 +218,80 @@ fn sketch_name(folder: &Path) -> miette::Result<String> {
 fn is_name(name: &str) -> bool {
     let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.');
     name.len() <= 63 && name.chars().all(allowed) && name.starts_with(|c: char| c.is_ascii_alphanumeric())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::console::json;
+
+    /// Two motors in step with one another, with a ring each, as the planner takes them at any rate.
+    fn prepared(hz: f64, folder: &Path) -> Prepared {
+        let motor = |step: u8, dir: u8| {
+            format!(
+                "[motor.m{step}]\nsteps_per_rev = 200\npulse_high = \"1 us\"\npins = {{ step = {step}, dir = {dir} }}\n\
+                 forward = \"high\"\n[[motion]]\nmotor = \"m{step}\"\nlaw.sine = {{ amplitude = \"{} step\", period = \"0.5 s\", \
+                 cycles = 1 }}\n",
+                hz * 0.5 / std::f64::consts::TAU
+            )
+        };
+        let file = folder.join("pair.toml");
+        let text = format!("board = \"uno\"\ntolerance = \"1 us\"\n{}{}", motor(2, 5), motor(3, 6));
+        console::write(&file, text.as_bytes()).unwrap();
+        let mut prepared = Prepared::endless(&file, None).unwrap();
+        prepared.program.board.min_interval_ticks = vec![60; 4];
+        prepared
+    }
+
+    #[test]
+    fn what_the_board_does_not_keep_up_with_is_refused_and_not_written() {
+        let folder = std::env::temp_dir().join(format!("pulsetrain-rehearsal-{}", std::process::id()));
+        let path = folder.join("pair.hex");
+        let mut args = Bake {
+            file: folder.join("pair.toml"),
+            sketch: None,
+            output: Some(path.clone()),
+            board: None,
+            length: None,
+            clock_ppm: None,
+            rehearse: None,
+            no_rehearsal: false,
+            json: true,
+        };
+        let bake = |args: &Bake, prepared: &Prepared| {
+            let (mut out, mut err) = (Vec::new(), Vec::new());
+            let done =
+                uno(args, prepared, &path, &mut Console { out: &mut out, err: &mut err, err_is_terminal: false });
+            done.map(|_| String::from_utf8(out).unwrap())
+        };
+        let fast = prepared(130_000.0, &folder);
+        let refused = bake(&args, &fast).unwrap_err();
+        let help = refused.help().map(|help| help.to_string()).unwrap_or_default();
+        let said = refused.to_string();
+        assert!(said.contains("pair.toml: rehearsed on the virtual Uno, ") && said.contains("motor m"), "{said}");
+        assert!(said.contains("t = 0."), "{said}");
+        assert!(help.contains("m2 at ") && help.contains("k steps/s") && help.contains("--no-rehearsal"), "{help}");
+        assert!(!path.exists(), "nothing is written");
+        // Without it there is a file, and nothing is said of a rehearsal.
+        args.no_rehearsal = true;
+        assert!(!bake(&args, &fast).unwrap().contains("rehearsed") && path.exists());
+        std::fs::remove_file(&path).unwrap();
+        // A part of it that the board makes is told as that.
+        (args.no_rehearsal, args.json) = (false, false);
+        let slow = prepared(30_000.0, &folder);
+        args.rehearse = Some(pulsetrain_motion::Time::from_seconds(0.2));
+        let said = bake(&args, &slow).unwrap();
+        assert!(said.contains("the first 200 ms of 500 ms, not the rest: every edge within"), "{said}");
+        (args.rehearse, args.json) = (None, true);
+        let said: serde_json::Value = serde_json::from_str(&bake(&args, &slow).unwrap()).unwrap();
+        let rehearsed = &said["rehearsed"];
+        assert_eq!(
+            (&rehearsed["seconds"], &rehearsed["of_seconds"]),
+            (&0.5.into(), &0.5.into()),
+            "{}",
+            json(&said).unwrap()
+        );
+        assert!(rehearsed["max_error_ticks"].as_f64() < rehearsed["bound_ticks"].as_f64() && path.exists());
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
 }

@@ -187,6 +187,12 @@ impl<'a> EdgeJudge<'a> {
         self.decoder.push(edge, &mut |motor, tick, event| judge.event(motor, tick, event))
     }
 
+    /// Whether any bound broke among the steps that were decided about so far.
+    #[must_use]
+    pub fn has_failed(&self) -> bool {
+        self.judge.motors.iter().any(|matcher| !matcher.faults.is_empty())
+    }
+
     /// From now on keeps the error of every step for [`EdgeJudge::errors`].
     #[must_use]
     pub fn keeping_errors(mut self) -> Self {
