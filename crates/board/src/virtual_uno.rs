@@ -76,6 +76,8 @@ pub struct VirtualUno {
     line_busy: u64,
     /// Where the bootloader begins, word address, if there is one.
     bootloader: Option<u16>,
+    /// Of its program nothing is known: all edges count, and tick 0 is the chip's reset.
+    foreign: bool,
 }
 
 /// Why there cannot be such an Uno.
@@ -141,7 +143,27 @@ impl VirtualUno {
     /// # Errors
     /// When the flash cannot hold it.
     pub fn with_image(image: &[u8]) -> Result<VirtualUno, pulsetrain_emulator::ImageTooLarge> {
-        Ok(VirtualUno::plugged_in(Atmega328p::new(image)?, None))
+        Ok(VirtualUno::plugged_in(Atmega328p::new(image)?, None, false))
+    }
+
+    /// An Uno with any program, whatever it does with Timer1: tick 0 is its reset, and each edge is seen from there on.
+    ///
+    /// # Errors
+    /// When the flash cannot hold it.
+    ///
+    /// ```
+    /// use pulsetrain_board::{Port, virtual_uno::VirtualUno};
+    /// use std::time::Duration;
+    /// // sbi DDRD, 2; sbi PORTD, 2; rjmp .-2
+    /// let mut uno = VirtualUno::with_program(&[0x52, 0x9a, 0x5a, 0x9a, 0xff, 0xcf])?;
+    /// uno.receive(Duration::from_millis(100), &mut Vec::new()).unwrap();
+    /// let mut edges = Vec::new();
+    /// uno.edges(&mut edges);
+    /// assert_eq!(edges.iter().map(|edge| (edge.line, edge.level)).collect::<Vec<_>>(), [(2, true)]);
+    /// # Ok::<(), pulsetrain_emulator::ImageTooLarge>(())
+    /// ```
+    pub fn with_program(program: &[u8]) -> Result<VirtualUno, pulsetrain_emulator::ImageTooLarge> {
+        Ok(VirtualUno::plugged_in(Atmega328p::new(program)?, None, true))
     }
 
     /// An Uno as it is sold: a bootloader at the end of its flash, which each reset starts and which no program can
@@ -166,22 +188,24 @@ impl VirtualUno {
         let chip = Atmega328p::with_boot(&flash, Boot { size, start: true });
         let mut chip = chip.map_err(|_| BootloaderError::NotInBootSection { start: flash.len() })?;
         chip.set_locks(LOCKS);
-        Ok(VirtualUno::plugged_in(chip, Some((start / 2) as u16)))
+        Ok(VirtualUno::plugged_in(chip, Some((start / 2) as u16), false))
     }
 
-    fn plugged_in(chip: Atmega328p, bootloader: Option<u16>) -> VirtualUno {
+    fn plugged_in(chip: Atmega328p, bootloader: Option<u16>, foreign: bool) -> VirtualUno {
         let (outside, rate) = (Outside::default(), Baud::B115200.rate());
-        let mut uno = VirtualUno { chip, outside, zero: None, rate, next_rate: None, line_busy: 0, bootloader };
+        let mut uno =
+            VirtualUno { chip, outside, zero: None, rate, next_rate: None, line_busy: 0, bootloader, foreign };
         uno.reset();
         uno
     }
 
     /// What DTR does as a program opens the port: the chip starts again. Bytes under way are lost.
     pub fn reset(&mut self) {
-        let until = self.chip.cycle() + RESET_PULSE + START_UP;
+        let now = self.chip.cycle();
+        let until = now + RESET_PULSE + START_UP;
         self.chip.hold(ResetCause::External, until, &mut self.outside);
         self.outside.bytes.clear();
-        self.zero = None;
+        self.zero = self.foreign.then_some(now);
         self.line_busy = until;
     }
 
@@ -230,7 +254,7 @@ impl VirtualUno {
             }
         }
         self.chip.run(until, &mut self.outside);
-        if std::mem::take(&mut self.outside.reset) {
+        if std::mem::take(&mut self.outside.reset) && !self.foreign {
             self.zero = None;
         }
     }

@@ -102,6 +102,7 @@ Examples:
   pulsetrain board pico --pty /tmp/pico             then: pulsetrain run FILE --board pico --port /tmp/pico
   pulsetrain board uno --tcp 127.0.0.1:4000 --trace pins.vcd
   pulsetrain board winch --pty /tmp/winch           then: pulsetrain winch --port /tmp/winch
+  pulsetrain board uno --image sweep.hex --trace pins.vcd         a baked motion, or a sketch
   pulsetrain board pico --pty /tmp/pico --image motion.uf2 --trace pins.vcd
   pulsetrain board uno --pty /tmp/uno --bootloader optiboot.hex
                                                     then: pulsetrain flash uno --port /tmp/uno")]
@@ -311,8 +312,8 @@ pub(crate) struct Board {
     /// Only `uno`: a bootloader (Intel HEX), and a flash that is empty but for it, as of an Uno that was just bought
     #[arg(long, value_name = "FILE")]
     pub(crate) bootloader: Option<PathBuf>,
-    /// `pico`: a program (UF2) instead of the firmware, such as one with the library, or a baked motion. `uno`: `verbs`, the firmware whose
-    /// motors are told directly, in place of text
+    /// Any program instead of the firmware, such as a baked motion, for `uno` as Intel HEX, for `pico` as UF2; with --trace it needs neither
+    /// --pty nor --tcp. `uno`: `verbs`, the firmware whose motors are told directly, in place of text
     #[arg(long, value_name = "FILE")]
     pub(crate) image: Option<PathBuf>,
     /// How much faster than it should the board's clock runs, ppm; an Uno's resonator may be off by 5000 either way

@@ -220,6 +220,24 @@ pub fn in_real_time<B: VirtualBoard, C: Client, W: Write>(
     Ok(lost)
 }
 
+/// No client, ever: for boards that have nothing to say.
+#[derive(Clone, Copy, Debug)]
+pub struct Nobody;
+
+impl Client for Nobody {
+    fn poll(&mut self, _into: &mut Vec<u8>) -> io::Result<bool> {
+        Ok(false)
+    }
+
+    fn send(&mut self, _bytes: &[u8]) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn rate(&self) -> Option<u32> {
+        None
+    }
+}
+
 /// One client at a time on a socket. Its rate is not known, so that the line stays at 115 200 baud.
 #[derive(Debug)]
 pub struct Socket {

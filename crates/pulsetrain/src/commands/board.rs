@@ -5,28 +5,27 @@ use std::path::Path;
 
 use miette::miette;
 use pulsetrain_board::VirtualBoard;
+use pulsetrain_board::hex::{self, HexError};
 use pulsetrain_board::native_winch::NativeWinch;
 use pulsetrain_board::skewed::Skewed;
+use pulsetrain_board::stk500;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
-use pulsetrain_board::{hex, stk500};
 
 use super::flash::VERBS;
 use crate::cli::Board;
 use crate::console::{self, Console, Exit};
-use crate::serve::{self, Client, Service, Socket};
+use crate::serve::{self, Client, Nobody, Service, Socket};
 use crate::{human, interrupt};
 
 pub(crate) fn run(args: &Board, console: &mut Console<'_>) -> miette::Result<Exit> {
     if args.bootloader.is_some() && args.board != "uno" {
         return Err(miette!(help = "leave --bootloader out", "only `uno` has a bootloader that can be given"));
     }
-    let is_verbs = args.image.as_deref() == Some(Path::new(VERBS));
-    if args.image.is_some() && args.board != "pico" && (args.board != "uno" || !is_verbs) {
-        let help = "leave --image out; `uno` has `--image verbs`";
-        return Err(miette!(help = help, "only `pico` has a program that can be given"));
+    if args.image.is_some() && args.board == "winch" {
+        return Err(miette!(help = "leave --image out", "`winch` is no chip: it has no program that could be given"));
     }
-    if is_verbs && args.bootloader.is_some() {
+    if args.image.is_some() && args.bootloader.is_some() {
         return Err(miette!(
             help = "leave one of them out",
             "a bootloader alone, and an image: one excludes the other"
@@ -42,8 +41,10 @@ pub(crate) fn run(args: &Board, console: &mut Console<'_>) -> miette::Result<Exi
             let address = socket.address().map_err(|error| miette!("{address}: {error}"))?;
             serve(socket, &format!("at {address}, 115 200 baud"), args, console)
         }
+        (None, None) if args.image.is_some() && args.trace.is_some() => serve(Nobody, "by itself", args, console),
         (None, None) => {
-            Err(miette!(help = "say --pty <LINK> or --tcp <ADDRESS>", "no way to reach the board was given"))
+            let help = "say --pty <LINK> or --tcp <ADDRESS>; a program (--image) that needs nobody runs with --trace <FILE> alone";
+            Err(miette!(help = help, "no way to reach the board was given"))
         }
     }
 }
@@ -76,8 +77,10 @@ fn serve<C: Client>(client: C, place: &str, args: &Board, console: &mut Console<
             serve_board(pico, "Pico", client, place, args, console)
         }
         _ => match &args.bootloader {
-            None if args.image.is_some() => serve_board(VirtualUno::with_verbs(), "Uno", client, place, args, console),
-            None => serve_board(VirtualUno::new(), "Uno", client, place, args, console),
+            None => {
+                let uno = args.image.as_deref().map_or_else(|| Ok(VirtualUno::new()), flashed)?;
+                serve_board(uno, "Uno", client, place, args, console)
+            }
             Some(file) => serve_board(just_bought(file)?, "Uno", client, place, args, console),
         },
     }
@@ -91,12 +94,33 @@ fn programmed(file: &Path) -> miette::Result<VirtualPico> {
     Ok(pico.clone().opened().unwrap_or(pico))
 }
 
+/// An Uno with that program, or with the firmware that obeys verbs.
+fn flashed(file: &Path) -> miette::Result<VirtualUno> {
+    let help = "it takes what an Uno's flash holds, as Intel HEX: what `pulsetrain bake --output` writes, or the Arduino IDE's Export \
+                Compiled Binary; `verbs` is the firmware whose motors are told directly";
+    if file == Path::new(VERBS) {
+        return Ok(VirtualUno::with_verbs());
+    }
+    let image = read_hex(file, help)?;
+    if image.is_empty() {
+        return Err(miette!(help = help, "{} holds no program: there is no byte in it", file.display()));
+    }
+    VirtualUno::with_program(&image).map_err(|error| miette!(help = help, "{}: {error}", file.display()))
+}
+
+/// What an Uno's flash holds, from a file.
+fn read_hex(file: &Path, help: &str) -> miette::Result<Vec<u8>> {
+    let text = String::from_utf8_lossy(&console::read(file)?).into_owned();
+    hex::parse(&text, stk500::FLASH_BYTES).map_err(|error| match error {
+        HexError::Beyond { .. } => miette!(help = help, "{} does not fit an Uno: {error}", file.display()),
+        error => miette!(help = help, "{} is no Intel HEX of an ATmega328P: {error}", file.display()),
+    })
+}
+
 /// An Uno that has a bootloader and nothing else.
 fn just_bought(file: &Path) -> miette::Result<VirtualUno> {
     let help = "a bootloader of an Uno is at the end of its flash: Optiboot's 512 bytes from 0x7e00 on";
-    let text = String::from_utf8_lossy(&console::read(file)?).into_owned();
-    let image = hex::parse(&text, stk500::FLASH_BYTES)
-        .map_err(|error| miette!(help = help, "{} is no Intel HEX of an ATmega328P: {error}", file.display()))?;
+    let image = read_hex(file, help)?;
     VirtualUno::with_bootloader(&[], &image).map_err(|error| miette!(help = help, "{}: {error}", file.display()))
 }
 
