@@ -177,10 +177,7 @@ fn the_greatest_rate_can_be_kept() {
     };
     for count in 1..=4 {
         keeps(&format!("{count} motors up to their greatest rate"), &at(count, 0.98, &sine), 1.0);
-        // Two rings stop at some rates in step with one another: see below.
-        if count != 2 {
-            keeps(&format!("{count} motors at their greatest rate"), &at(count, 0.98, &plateau), 1.2);
-        }
+        keeps(&format!("{count} motors at their greatest rate"), &at(count, 0.98, &plateau), 1.2);
         let refused = Image::new(&at(count, 1.2, &sine)).map(|image| image.items).unwrap_err();
         assert!(
             matches!(&refused, BakeError::Plan(why) if matches!(why.error, PlanError::TooFastForBoard { .. })),
@@ -189,29 +186,20 @@ fn the_greatest_rate_can_be_kept() {
     }
 }
 
-/// Two motors with a ring each, in step with one another, stop at some rates, which differ from image to image (docs/known-gaps.md): the
-/// rehearsal says so of those, and of no others.
+/// Two motors with a ring each, in step with one another, keep on where a ramp ends: there each of its last steps was looked at by itself, and
+/// at the second and the fourth of these rates both ran dry.
 #[test]
-fn two_rings_that_stop_are_found_in_the_rehearsal() {
-    // Of the limit. Those between stopped once, the others never.
+fn two_rings_keep_on_where_a_ramp_ends() {
     for share in [0.5, 0.635, 0.7, 0.71, 0.98] {
         let hz = 16e6 / 215.0 * share;
         let all = PINS.iter().take(2).zip([0.9, 0.913]).map(|(pins, seconds)| {
+            let (distance, acceleration) = (hz * seconds, hz * 10.0);
             let law = format!(
-                "law.trapezoid = {{ distance = \"{} step\", speed = \"{hz} step/s\", acceleration = \"{} step/s^2\" }}",
-                hz * seconds,
-                hz * 10.0
+                "law.trapezoid = {{ distance = \"{distance} step\", speed = \"{hz} step/s\", acceleration = \"{acceleration} step/s^2\" }}"
             );
             motor(*pins, "pulse_high = \"1 us\"", &law)
         });
-        let program = program("tolerance = \"1 us\"", &all.collect::<String>());
-        let edges = watched(&mut baked(&program), LEAD_S + 1.2).edges;
-        let steps = [2, 3].map(|pin| edges.iter().filter(|edge| edge.level && edge.line == pin).count() as f64);
-        let whole =
-            [0.9, 0.913].map(|seconds| hz * seconds).into_iter().zip(steps).all(|(all, made)| (all - made).abs() < 1.0);
-        let rehearsed = rehearsal::rehearse(&mut baked(&program), &program, Length::of(&program), |_| {});
-        println!("{hz:.0} steps/s: {steps:?}, {:?}", rehearsed.as_ref().map_err(ToString::to_string).map(|_| ()));
-        assert_eq!(rehearsed.is_ok(), whole, "{hz:.0} steps/s: {steps:?}");
+        keeps(&format!("{hz:.0} steps/s"), &program("tolerance = \"1 us\"", &all.collect::<String>()), 1.2);
     }
 }
 

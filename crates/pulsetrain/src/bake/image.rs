@@ -30,7 +30,14 @@ const SHAPE: Shape = Shape {
     board: "an Uno",
     piece: LONGEST_PIECE,
     long: Some(LongWaits { from: LONG_WAIT as u64, most: LONGEST_WAIT as u64, mark: LONG }),
+    by_pairs: steps_singly,
 };
+
+/// Steps that are further apart than this leave time enough to look at each, ticks.
+const FAR: u64 = 2048;
+
+/// Between two steps at least that nobody looks at, ticks, where two motors have a ring each (`firmware/uno/src/steps/stepper.rs`).
+const FASTEST: u64 = 130;
 
 /// A gap as long as this or longer is a wait and a step after so many ticks: intervals of 24 bits are what the firmware knows.
 const SHORT_GAP: u64 = 1 << 20;
@@ -100,6 +107,19 @@ impl Image {
         }
         text + ":00000001FF\n"
     }
+}
+
+/// Whether the firmware would make each of a segment's steps by itself, at 1000 cycles each, though they are a few hundred ticks apart: two
+/// motors that come to such a segment at once, as where a ramp ends, ran dry by that. It does if add2 is a tick or more, and add and add2,
+/// as far as it allows for them in seven steps, may change the interval by what it is (`firmware/uno/src/steps/plan.rs`, `load.rs`). In two
+/// steps add2 does not count.
+fn steps_singly(&Segment { count, interval, add, add2 }: &Segment) -> bool {
+    let [interval, add, add2] = [interval, add, add2].map(i64::unsigned_abs);
+    let change = 8 * add + 128 * add2 + (1 << FRACTION_BITS);
+    count > 2
+        && add2 >> FRACTION_BITS != 0
+        && interval < FAR << FRACTION_BITS
+        && interval < change + (FASTEST << FRACTION_BITS)
 }
 
 /// What the firmware would take, and an image without a host should not, or would refuse in words of its own.

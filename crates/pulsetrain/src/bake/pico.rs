@@ -23,7 +23,7 @@ const SECTOR: usize = 4096;
 const READ_TICKS: u32 = 600;
 
 /// How it takes pieces.
-const SHAPE: Shape = Shape { board: "a Pico", piece: LONGEST_PIECE, long: None };
+const SHAPE: Shape = Shape { board: "a Pico", piece: LONGEST_PIECE, long: None, by_pairs: |_| false };
 
 /// An image of a Pico's flash.
 #[derive(Clone, Debug)]

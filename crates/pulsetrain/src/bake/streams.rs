@@ -5,7 +5,7 @@
 
 use pulsetrain_board::Setup;
 use pulsetrain_core::packing::{MAX_PACKED_LEN, PackError, Packing, State};
-use pulsetrain_core::{Direction, Item};
+use pulsetrain_core::{Direction, Item, Segment};
 use pulsetrain_motion::Time;
 use pulsetrain_motion::program::{Motor, Program};
 use pulsetrain_plan::{Ensemble, Move};
@@ -25,6 +25,8 @@ pub(super) struct Shape {
     pub(super) piece: usize,
     /// Waits that are pieces of their own.
     pub(super) long: Option<LongWaits>,
+    /// Which segments the board would rather have two steps at a time: the same ticks.
+    pub(super) by_pairs: fn(&Segment) -> bool,
 }
 
 /// Waits that are pieces of their own, with a mark.
@@ -154,6 +156,14 @@ impl Pieces {
     pub(super) fn push(&mut self, next: &Move) {
         match *next {
             Move::Dwell { ticks } => self.dwell(ticks),
+            Move::Run { segment, direction } if (self.shape.by_pairs)(&segment) => {
+                let mut left = segment;
+                while left.count > 0 {
+                    let pair = left.truncated(left.count.min(2));
+                    left = left.after(pair.count);
+                    self.item(&Item::Run { segment: pair, direction });
+                }
+            }
             Move::Run { segment, direction } => self.item(&Item::Run { segment, direction }),
         }
     }
@@ -199,5 +209,55 @@ impl Pieces {
     pub(super) fn finish(mut self) -> (Vec<u8>, usize) {
         self.flush(0);
         (self.bytes, self.items)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The tick of each step, ticks · 2^-16, and how many segments they came in.
+    fn ticks(shape: Shape, moves: &[Move]) -> (Vec<i64>, usize) {
+        let packing = Packing { fraction_bits: 16, gain: 0 };
+        let mut pieces = Pieces::new(packing, shape, Direction::Forward);
+        moves.iter().for_each(|next| pieces.push(next));
+        let (bytes, items) = pieces.finish();
+        let (mut bytes, mut all) = (&bytes[..], Vec::new());
+        let (mut state, mut at) = (State::new(Direction::Forward), 0);
+        while let Some((len, rest)) = bytes.split_first() {
+            let (mut piece, behind) = rest.split_at(usize::from(*len));
+            bytes = behind;
+            while let Some(item) = packing.unpack(&mut state, &mut piece).unwrap() {
+                let Item::Run { mut segment, .. } = item else { panic!("{item:?}") };
+                while segment.count > 0 {
+                    at += segment.interval;
+                    all.push(at);
+                    segment = segment.after(1);
+                }
+            }
+        }
+        (all, items)
+    }
+
+    #[test]
+    fn pairs_of_a_segments_steps_have_its_ticks() {
+        let whole = Shape { board: "a board", piece: 60, long: None, by_pairs: |_| false };
+        let pairs = Shape { by_pairs: |segment| segment.add2.unsigned_abs() > 1 << 16, ..whole };
+        // A ramp's last segments on an Uno, at 52 837 steps/s, and what comes then.
+        let run = |count, interval, add, add2| Move::Run {
+            segment: Segment { count, interval, add, add2 },
+            direction: Direction::Forward,
+        };
+        for count in [4, 5] {
+            let moves = [
+                run(234, 20_500_000, -3422, 3),
+                run(count, 20_111_905, -256_256, 189_368),
+                run(21, 19_829_873, 42_464, -7240),
+                run(26, 20_036_801, -19_464, 952),
+            ];
+            let (expected, segments) = ticks(whole, &moves);
+            assert_eq!((expected.len(), segments), (281 + count as usize, 4));
+            assert_eq!(ticks(pairs, &moves), (expected, 3 + count.div_ceil(2) as usize));
+        }
     }
 }
