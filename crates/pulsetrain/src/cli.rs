@@ -341,8 +341,8 @@ pub(crate) struct Bake {
     /// How much faster than it should the board's clock runs, ppm, as `pulsetrain calibrate` tells: it is corrected for
     #[arg(long, value_name = "PPM", value_parser = clock_ppm, allow_hyphen_values = true)]
     pub(crate) clock_ppm: Option<f64>,
-    /// How much of it the virtual Uno plays before its image is written [default: all, 60 s at most; of motors that repeat each
-    /// phase that they have to one another]
+    /// How much of it the virtual Uno plays before its image is written [default: all, 60 s at most; where motors repeat, until each
+    /// phase that they have to one another was seen]
     #[arg(long, value_name = "TIME", value_parser = duration, conflicts_with = "sketch")]
     pub(crate) rehearse: Option<Time>,
     /// Write an Uno's image without that

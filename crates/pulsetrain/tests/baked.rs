@@ -341,6 +341,43 @@ fn what_goes_wrong_stops_all_motors() {
     assert!(failed.advice().contains("pins 9 and 10"), "{}", failed.advice());
 }
 
+/// A rehearsal ends at the first thing that is wrong, and says what and when.
+#[test]
+fn a_rehearsal_says_what_is_wrong() {
+    let motion = |driver: &str, amplitude: &str| {
+        let sine = SINE.replace("0.1 rev", amplitude);
+        program("", &(motor((8, 9), driver, &sine) + &motor((10, 11), A4988, SINE)))
+    };
+    let program = motion(A4988, "0.1 rev");
+    let flash = Image::new(&program).unwrap().flash;
+    let rehearsed = |flash: &[u8], program: &Program| {
+        let (mut uno, mut heard) = (VirtualUno::with_image(flash).unwrap(), 0.0);
+        let done = rehearsal::rehearse(&mut uno, program, Length::exactly(program, 5.0), |seconds| heard = seconds);
+        (done.map(|_| ()), heard)
+    };
+    assert!(rehearsed(&flash, &program).0.is_ok());
+    // Another driver, whose pulses are too short here; and a motor that should go further.
+    for (other, why) in [
+        (motion("pulse_high = \"10 us\"", "0.1 rev"), "motor m8: STEP HIGH for"),
+        (motion(A4988, "0.2 rev"), "motor m8: step 1 (forward) missing"),
+    ] {
+        let (done, heard) = rehearsed(&flash, &other);
+        let failed = done.unwrap_err();
+        assert!(matches!(failed.what, What::Edge { stopped: false, .. }) && heard < 1.0, "{failed} {heard}");
+        assert!(failed.to_string().starts_with(&format!("rehearsed on the virtual Uno, {why}")), "{failed}");
+    }
+    // The task that fills the rings, Timer0's overflow (vector 16), hangs: cli, rjmp .-2; or sei and the same, which the watchdog ends.
+    let mut hangs = flash;
+    hangs[4 * 16..4 * 17].copy_from_slice(&[0xf8, 0x94, 0xff, 0xcf]);
+    let failed = rehearsed(&hangs, &program).0.unwrap_err();
+    assert!(matches!(failed.what, What::Stopped { step: 1, dry: false, .. }), "{failed}");
+    assert!(failed.to_string().contains("all motors stand from t = 0.0"), "{failed}");
+    hangs[4 * 16] = 0x78;
+    let (done, heard) = rehearsed(&hangs, &program);
+    let failed = done.unwrap_err();
+    assert!(matches!(failed.what, What::Reset { .. } if heard < 2.0), "{failed} {heard}");
+}
+
 /// After the watchdog nobody knows where the motors are: they stay there, until somebody resets the board.
 #[test]
 fn after_the_watchdog_nothing_moves() {

@@ -121,7 +121,7 @@ pub enum What {
         /// When it was seen.
         at_s: f64,
     },
-    /// The board stopped all motors.
+    /// A motor stands, and so do all others then.
     #[error("{}", stopped(.motor, *.step, *.at_s, *.dry))]
     Stopped {
         /// Whose step is the first that was not made.
@@ -172,7 +172,7 @@ fn stopped(motor: &str, step: u64, at_s: f64, dry: bool) -> String {
             "motor {motor} ran dry at t = {at_s:.6} s: its step {step} did not come, and the board stopped all motors"
         )
     } else {
-        format!("the board stopped all motors by t = {at_s:.6} s: step {step} of motor {motor} did not come")
+        format!("all motors stand from t = {at_s:.6} s on: step {step} of motor {motor} is the first that did not come")
     }
 }
 
