@@ -297,6 +297,7 @@ fn what_is_damaged_does_not_move() {
         }
         let failed = rehearsal::rehearse(&mut uno, &program, Length::of(&program), |_| {}).unwrap_err();
         assert!(matches!(failed.what, What::NoStart) && failed.rates.is_empty(), "{failed}");
+        assert!(failed.advice().contains("tell the project"), "{}", failed.advice());
     }
 }
 

@@ -194,13 +194,17 @@ impl Failed {
     /// What would do.
     #[must_use]
     pub fn advice(&self) -> String {
+        if self.what.at_s().is_none() {
+            return "nothing was written; please tell the project, with the motion file".to_owned();
+        }
         let rates: Vec<String> =
             self.rates.iter().map(|(motor, rate)| format!("{motor} at {}", human::scaled(*rate, "steps/s"))).collect();
         let then = if rates.is_empty() { String::new() } else { format!(" (then {})", rates.join(", ")) };
         let pins =
             if self.by_hardware { "" } else { "; STEP of one motor or two on pins 9 and 10, which the hardware times" };
         format!(
-            "nothing was written: the board cannot read on as fast as they turn. Slower motors{then}, or fewer that are fast at once{pins}. --no-rehearsal writes it all the same"
+            "nothing was written: the board cannot read on as fast as they turn. Slower motors{then}, or fewer that are fast at \
+             once{pins}. --no-rehearsal writes it all the same"
         )
     }
 }
