@@ -101,7 +101,7 @@ pub(crate) fn run(
     let (Ended { counted, stopped, uncertain }, measures, events, clock_ppm, frames_repeated) =
         asked.map_err(drive_problem)?;
     let Scheduled { writer, error } = scheduled;
-    error.map_or_else(|| writer.finish(), Err).map_err(|error| access("write", &path, error))?;
+    let written = error.map_or_else(|| writer.finish(), Err).map_err(|error| access("write", &path, error));
 
     let says = Word {
         counted,
@@ -121,12 +121,16 @@ pub(crate) fn run(
     };
     let report =
         PortReport { plan: plan::report(prepared, planned), runner: format!("board at {name}"), firmware, says };
-    console::write(&folder.join("report.json"), format!("{}\n", console::json(&report)?).as_bytes())?;
+    // What the motors did is told also where a file has no room.
     if args.json {
         console.print_json(&report)?;
     } else {
         console.print(&report.plan)?;
         print(&report, planned, console)?;
+    }
+    written?;
+    console::write(&folder.join("report.json"), format!("{}\n", console::json(&report)?).as_bytes())?;
+    if !args.json {
         console.print(format_args!("{}: report.json, steps.csv (as scheduled)\n", folder.display()))?;
     }
     let kept = report.says.compares_missed == 0 && report.says.starved == 0;

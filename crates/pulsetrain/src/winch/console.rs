@@ -57,7 +57,14 @@ pub enum ConsoleError {
     Port(#[from] PortError),
     /// So is the person.
     #[error("the console cannot go on: {0}")]
-    Person(#[from] io::Error),
+    Person(io::Error),
+}
+
+// The message has all of it: as a source it would be told twice.
+impl From<io::Error> for ConsoleError {
+    fn from(error: io::Error) -> ConsoleError {
+        ConsoleError::Person(error)
+    }
 }
 
 /// Stops all axes; as the board wants it: [`Talk::as_wanted`].
