@@ -396,7 +396,7 @@ fn keeps_settings(board: &str) {
     assert_eq!(said(&["--clear"]), "the board keeps: nothing that is not its own way\n");
     let all = ["--deadman", "500ms", "--idle", "60 s", "--silence", "1.5 s", "--limits", "2500.5", "30000"];
     let told = "the board keeps: text's deadman 500 ms; text releases after 60 s of rest; a host is lost after 1.5 s; \
-                axes of text at most 2500.5 steps/s and 30000 steps/s²\n";
+                axes of text at most 2500.5 steps/s and 30 000 steps/s²\n";
     assert_eq!(said(&all), told);
     let json: serde_json::Value =
         serde_json::from_str(&said(&["--deadman", "off", "--idle", "3 s", "--json"])).unwrap();
