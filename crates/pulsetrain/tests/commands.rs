@@ -107,6 +107,26 @@ fn explanations() {
     check(&["explain", &example("s-curve.toml")], Exit::Success, expect_file!["golden/explain-s-curve.txt"]);
 }
 
+/// A gear the wrong way round leaves nothing to do, which is no error; but it is told.
+#[test]
+fn a_motor_whose_motion_makes_no_step_is_named() {
+    let folder = Folder::new("still");
+    let file = folder.path("still.toml");
+    let plan = |gear: &str| {
+        let text = format!(
+            "board = \"pico\"\n[motor.pump]\nsteps_per_rev = 32\nmicrosteps = 2\ngear = \"{gear}\"\ndriver = \"ULN2003\"\n\
+             pins = {{ in = [6, 7, 8, 9] }}\n[[motion]]\nmotor = \"pump\"\nlaw.sine = {{ amplitude = \"0.05 rev\", period = \"3 s\" }}\n"
+        );
+        std::fs::write(&file, text).unwrap();
+        let outcome = pulsetrain(&["plan", &file]);
+        assert_eq!(outcome.exit, Exit::Success, "{}", outcome.err);
+        outcome.out
+    };
+    let note = "pump makes no step";
+    assert!(plan("25792:405").contains(note), "{}", plan("25792:405"));
+    assert!(!plan("405:25792").contains(note), "{}", plan("405:25792"));
+}
+
 /// What is said to fit does fit, and a little less slow does not.
 #[test]
 fn the_slowdown_that_explain_names_is_enough_and_needed() {
