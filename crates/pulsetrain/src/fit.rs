@@ -98,10 +98,17 @@ pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
     if let PlanError::NotProvable { bound_ticks, .. } = error {
         return format!("tolerance = \"{} ticks\" can be proven", human::significant(bound_ticks * 1.01, 3));
     }
-    if let PlanError::SpeedJump { from, to, .. } = error {
+    if let PlanError::SpeedJump { from, to, at_s, .. } = error {
         let is_of = |machine: &&Machine| machine.motors.iter().any(|k| prepared.program.motors[*k].name == motor.name);
         let machine = prepared.program.machines.iter().find(is_of);
+        // Not where the motor's motions begin or end, but on the way.
+        let is_between = *at_s > 0.0 && motor.law.end().is_some_and(|end| *at_s < end.seconds());
         lines.push(match (*from, *to, machine) {
+            (_, _, Some(_)) if is_between => {
+                "the path does not go on as it came there: one that is repeated has to end in the direction, and as fast, as it begins; \
+                 paths that follow one another can have an `ease` each"
+                    .to_owned()
+            }
             (0.0, _, Some(_)) | (_, 0.0, Some(_)) => {
                 "give the path an `ease`, which begins and ends at rest and keeps to it: ease = \"0.5 s\"".to_owned()
             }

@@ -183,6 +183,11 @@ fn a_path_that_ends_in_motion_is_to_be_eased() {
     assert!(said.contains("give the path an `ease`") && !said.contains("end =") && !said.contains("begin ="), "{said}");
     let (exit, said) = says("plan", "eased", &format!("{TABLE}ease = \"0.5 s\"\n{path}"), &[]);
     assert_eq!(exit, Exit::Success, "{said}");
+    // Repeated it turns round at once: its ends are eased already.
+    let there = "path.formula = { x = \"20*sin(t)\", y = \"20*t\", unit = \"mm\", duration = \"2 s\" }\nrepeat = 2\n";
+    let (exit, said) = says("plan", "repeated", &format!("{TABLE}ease = \"0.5 s\"\n{there}"), &[]);
+    assert_eq!(exit, Exit::Refused, "{said}");
+    assert!(said.contains("has to end in the direction") && !said.contains("give the path an `ease`"), "{said}");
 }
 
 /// A circle that never ends: cut after two turns and a bit it stays round to its very end, with slack and without; and so it does when
