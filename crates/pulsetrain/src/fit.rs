@@ -1,5 +1,6 @@
 //! What would fit: how much slower a motion that is refused would have to be, and which boards do it as it is.
 
+use pulsetrain_motion::law::Law;
 use pulsetrain_motion::machine::Machine;
 use pulsetrain_motion::program::Motor;
 use pulsetrain_motion::{Time, boards};
@@ -72,6 +73,28 @@ fn least(fits: impl Fn(f64) -> bool) -> Option<f64> {
 pub(crate) fn rounded_up(value: f64) -> f64 {
     let unit = 10f64.powf(value.log10().floor() - 2.0);
     (value / unit).ceil() * unit
+}
+
+/// What a motor's law breaks by itself, each limit once: where one is broken it is lifted, to see the next.
+#[must_use]
+pub fn broken(law: &Law, settings: &Settings) -> Vec<PlanError> {
+    let mut settings = settings.clone();
+    let mut broken: Vec<PlanError> = Vec::new();
+    while let Err(error) = prepare::walk(law, &settings) {
+        let limit = error.limit();
+        if broken.iter().any(|known| known.limit() == limit) {
+            break;
+        }
+        broken.push(error);
+        match limit {
+            Some(Limit::Board) => (settings.min_interval_ticks, settings.load) = (1, None),
+            Some(Limit::MotorSpeed) => settings.limits.max_speed = None,
+            Some(Limit::MotorAcceleration) => settings.limits.max_acceleration = None,
+            Some(Limit::PullIn) => settings.limits.pull_in = f64::INFINITY,
+            None => break,
+        }
+    }
+    broken
 }
 
 /// The boards that do the whole motion as it is.

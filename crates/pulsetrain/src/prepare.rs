@@ -282,15 +282,20 @@ impl Clock {
     }
 }
 
+/// Plans a law by itself; nothing is kept.
+///
+/// # Errors
+/// When that breaks one of `settings`: the first it meets.
+pub fn walk(law: &Law, settings: &Settings) -> Result<(), PlanError> {
+    let mut planner = Planner::new(law, settings)?;
+    while planner.next_move()?.is_some() {}
+    Ok(())
+}
+
 /// Whether a law's plan keeps to `settings`, by itself.
 #[must_use]
 pub fn fits(law: &Law, settings: &Settings) -> bool {
-    let walk = || -> Result<(), PlanError> {
-        let mut planner = Planner::new(law, settings)?;
-        while planner.next_move()?.is_some() {}
-        Ok(())
-    };
-    walk().is_ok()
+    walk(law, settings).is_ok()
 }
 
 /// Gives every endless law an end: after `length`, or after the default but not before the finite laws end. A

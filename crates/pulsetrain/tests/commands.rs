@@ -107,6 +107,39 @@ fn explanations() {
     check(&["explain", &example("s-curve.toml")], Exit::Success, expect_file!["golden/explain-s-curve.txt"]);
 }
 
+/// Two motors, three limits, one beyond the board's: the first is met, all are told.
+#[test]
+fn all_that_a_motion_breaks_is_explained() {
+    let folder = Folder::new("breaks");
+    let file = folder.path("breaks.toml");
+    let motor = |name: &str, [step, dir]: [u8; 2], limits: &str| {
+        format!(
+            "[motor.{name}]\nsteps_per_rev = 200\nmicrosteps = 16\ndriver = \"A4988\"\npins = {{ step = {step}, dir = {dir} }}\n\
+             forward = \"high\"\n{limits}\n"
+        )
+    };
+    let laws = "[[motion]]\nmotor = \"a\"\nlaw.sine = { amplitude = \"1 rev\", period = \"0.7 s\" }\n\
+                [[motion]]\nmotor = \"b\"\nlaw.speed = { speed = \"30 rev/s\", duration = \"1 s\" }\n\
+                [[motion]]\nmotor = \"c\"\nlaw.sine = { amplitude = \"0.1 rev\", period = \"2 s\" }\n";
+    let text = format!(
+        "board = \"uno\"\n{}{}{}{laws}",
+        motor("a", [2, 5], "max_speed = \"3 rev/s\"\nmax_acceleration = \"20 rev/s^2\""),
+        motor("b", [3, 6], "max_speed = \"40 rev/s\""),
+        motor("c", [4, 7], "max_speed = \"3 rev/s\""),
+    );
+    std::fs::write(&file, text).unwrap();
+    let outcome = pulsetrain(&["explain", &file]);
+    let refused = outcome.out.split("\n\n").next().unwrap();
+    let told = |motor: &str, what: &str| {
+        refused.lines().any(|line| line.starts_with(&format!("  motor {motor}: ")) && line.contains(what))
+    };
+    let all = [("a", "the law runs at"), ("a", "accelerates"), ("b", "at once"), ("b", "the board makes")];
+    assert!(all.iter().all(|(motor, what)| told(motor, what)), "{}", outcome.out);
+    assert_eq!(refused.lines().count(), 1 + all.len(), "each once, and c breaks nothing: {refused}");
+    let said: serde_json::Value = serde_json::from_str(&pulsetrain(&["explain", &file, "--json"]).out).unwrap();
+    assert_eq!(said["refusal"]["also"].as_array().map(Vec::len), Some(all.len() - 1), "{said}");
+}
+
 /// A gear the wrong way round leaves nothing to do, which is no error; but it is told.
 #[test]
 fn a_motor_whose_motion_makes_no_step_is_named() {
