@@ -83,6 +83,11 @@ fn lines(script: Option<Vec<Timed>>) -> Lines {
     script.map_or_else(|| Lines::Typed(typed()), |script| Lines::Script(script.into_iter()))
 }
 
+/// What is told by a line, whether of a file or typed.
+fn without_comment(line: &str) -> &str {
+    line.split('#').next().unwrap_or_default().trim_end()
+}
+
 /// Reads a script.
 fn load(path: &Path) -> miette::Result<Vec<Timed>> {
     let bytes = console::read(path)?;
@@ -93,7 +98,7 @@ fn load(path: &Path) -> miette::Result<Vec<Timed>> {
     for raw in text.split_inclusive('\n') {
         let from = start;
         start += raw.len();
-        let line = raw.split('#').next().unwrap_or_default().trim_end();
+        let line = without_comment(raw);
         if line.is_empty() {
             continue;
         }
@@ -285,7 +290,7 @@ fn hold<P: Port>(
             }
             Lines::Typed(typed) => match typed.try_recv() {
                 Ok(_) if has_ended => {}
-                Ok(line) => match line.trim() {
+                Ok(line) => match without_comment(&line).trim_start() {
                     "" => {}
                     "help" | "?" => console.print(HELP)?,
                     "quit" | "exit" => has_ended = true,
@@ -480,10 +485,10 @@ mod tests {
     }
 
     /// Tells a board lines; how that ends, and what is said.
-    fn held(port: Deaf, lines: Vec<Timed>) -> (miette::Result<Exit>, String) {
+    fn held(port: Deaf, lines: Lines) -> (miette::Result<Exit>, String) {
         let (mut out, mut err) = (Vec::new(), Vec::new());
         let mut console = Console { out: &mut out, err: &mut err, err_is_terminal: false };
-        let exit = hold(port, "", Baud::B1M, Lines::Script(lines.into_iter()), None, &mut console);
+        let exit = hold(port, "", Baud::B1M, lines, None, &mut console);
         (exit, String::from_utf8(out).unwrap())
     }
 
@@ -522,7 +527,7 @@ mod tests {
         for begin in (334_000..350_000).step_by(1000) {
             let begin = Duration::from_micros(begin);
             let port = Deaf::new(begin..begin + Duration::from_millis(6), Duration::from_secs(4));
-            let (exit, said) = held(port, vec![(0.1, told)]);
+            let (exit, said) = held(port, lines(Some(vec![(0.1, told)])));
             assert!(matches!(exit, Ok(Exit::Success)), "{begin:?}: {exit:?} {said}");
             let (at, done) = (said.rfind("\nat ").unwrap(), said.find("\ndone x "));
             assert_eq!(done.is_none(), said.contains("got lost on the way, of x\n"), "{begin:?}: {said}");
@@ -531,6 +536,18 @@ mod tests {
             seen[1] += u32::from(done.is_none());
         }
         assert!(seen.iter().all(|times| *times > 0), "{seen:?}");
+    }
+
+    #[test]
+    fn typed_lines_may_have_comments_as_those_of_files() {
+        let (typed, lines) = std::sync::mpsc::channel();
+        for line in ["# a note", "  speed x 125000 # a kilohertz", "move x 3#and no more", "quit # it is done"] {
+            typed.send(line.to_owned()).unwrap();
+        }
+        let port = Deaf::new(Duration::ZERO..Duration::ZERO, Duration::from_secs(4));
+        let (exit, said) = held(port, Lines::Typed(lines));
+        assert!(matches!(exit, Ok(Exit::Success)), "{exit:?} {said}");
+        assert!(said.contains("\ndone x ") && said.trim_end().ends_with(" x 3 - y 0 - z 0 - a 0 -"), "{said}");
     }
 
     /// A move that a host has left behind goes on when the next one waits for it no longer.
