@@ -146,13 +146,11 @@ fn settle<P: Port>(board: &mut Remote<P>, args: &Store, limits: Option<(u32, u32
 
 #[cfg(test)]
 mod tests {
-    use super::super::stop::tests::Shared;
     use super::*;
     use pulsetrain_board::Setup;
+    use pulsetrain_board::shared::Shared;
     use pulsetrain_core::baked::FLASH_ROOM;
     use pulsetrain_core::wire::message::MotorSetup;
-    use std::cell::RefCell;
-    use std::rc::Rc;
 
     const ASK: Store = Store {
         port: None,
@@ -168,7 +166,7 @@ mod tests {
     /// As a run leaves a Pico: who asks is told what to do, and the next one finds the board free.
     #[test]
     fn armed_motors_keep_settings_from_being_told_and_nobody_out() {
-        let board = Shared(Rc::new(RefCell::new(VirtualPico::on_usb())));
+        let board = Shared::new(VirtualPico::on_usb());
         let mut host = Remote::open(board.clone(), 1).unwrap();
         let driver = MotorSetup { step_pin: 2, dir_pin: 3, ..MotorSetup::default() };
         host.configure(&Setup { pulse_ticks: 250, motors: vec![driver], ..Setup::default() }).unwrap();

@@ -466,21 +466,20 @@ impl<P: Port> Held<P> {
 mod tests {
     use super::*;
     use pulsetrain_board::PortError;
-    use std::cell::RefCell;
-    use std::rc::Rc;
+    use pulsetrain_board::shared::Shared;
     use std::time::Duration;
 
     /// A board that is there for one host after the other, which do not hear all; its port is gone in the end.
     #[derive(Clone)]
     struct Deaf {
-        board: Rc<RefCell<VirtualPico>>,
+        board: Shared<VirtualPico>,
         hears_not: Range<Duration>,
         gone: Duration,
     }
 
     impl Deaf {
         fn new(hears_not: Range<Duration>, gone: Duration) -> Deaf {
-            Deaf { board: Rc::new(RefCell::new(VirtualPico::on_usb())), hears_not, gone }
+            Deaf { board: Shared::new(VirtualPico::on_usb()), hears_not, gone }
         }
     }
 
@@ -494,11 +493,11 @@ mod tests {
 
     impl Port for Deaf {
         fn now(&self) -> Duration {
-            self.board.borrow().now()
+            self.board.now()
         }
 
         fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
-            self.board.borrow_mut().send(bytes)
+            self.board.send(bytes)
         }
 
         fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
@@ -506,7 +505,7 @@ mod tests {
                 return Err(PortError::Gone { name: "the port".to_owned(), why: "it takes for ever".to_owned() });
             }
             let had = into.len();
-            self.board.borrow_mut().receive(until, into)?;
+            self.board.receive(until, into)?;
             if self.hears_not.contains(&self.now()) {
                 into.truncate(had);
             }
@@ -514,7 +513,7 @@ mod tests {
         }
 
         fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
-            self.board.borrow_mut().set_baud(baud)
+            self.board.set_baud(baud)
         }
     }
 
