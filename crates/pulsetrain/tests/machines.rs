@@ -151,28 +151,8 @@ fn slack_that_is_taken_up_too_fast_is_to_be_given_a_longer_time() {
     assert!(said.contains("times slower it fits, with over = \""), "{said}");
 }
 
-const TABLE: &str = r#"
-board = "native"
-[motor.x]
-steps_per_rev = 200
-microsteps = 16
-lead = "40 mm"
-driver = "A4988"
-pins = { step = 2, dir = 3 }
-forward = "high"
-[motor.y]
-steps_per_rev = 200
-microsteps = 16
-lead = "40 mm"
-driver = "A4988"
-pins = { step = 4, dir = 5 }
-forward = "high"
-[machine.table]
-kind = "xy"
-motors = ["x", "y"]
-[[motion]]
-machine = "table"
-"#;
+/// An xy table, and the beginning of a motion of it.
+const TABLE: &str = include_str!("../../motion/tests/xy.toml");
 
 /// Machines have no `begin` and no `end`: what they have is said, and does it.
 #[test]
