@@ -352,6 +352,26 @@ fn a_file_of_the_users_own_is_not_written_over() {
     assert_eq!(fs::read_to_string(&file).unwrap(), own);
 }
 
+/// As the motion file itself, or the image of another board.
+#[test]
+fn an_image_is_named_as_what_it_is() {
+    let folder = Folder::new("bake-name");
+    let tutorial = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/tutorial.toml");
+    for (name, board, wanted) in
+        [("own.toml", "uno", "own.hex"), ("own.uf2", "uno", "own.hex"), ("own.hex", "pico", "own.uf2")]
+    {
+        let file = folder.path(name);
+        fs::write(&file, "of the user's").unwrap();
+        let (mut out, mut err) = (Vec::new(), Vec::new());
+        let args = ["pulsetrain", "bake", tutorial, "--board", board, "--output", &file];
+        assert_eq!(cli::run(args, &mut out, &mut err), Exit::Refused);
+        let said = String::from_utf8(err).unwrap();
+        assert!(said.contains("does not end in") && said.contains(wanted), "{said}");
+        assert_eq!(fs::read_to_string(&file).unwrap(), "of the user's");
+    }
+    assert_eq!(command(&["--output", &folder.path("SWEEP.HEX")]).0, Exit::Success);
+}
+
 #[test]
 fn a_clock_that_is_off_is_baked_in_and_all_of_the_flash_is_told() {
     let folder = Folder::new("bake-clock");

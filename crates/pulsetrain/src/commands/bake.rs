@@ -44,6 +44,7 @@ pub(crate) fn run(args: &Bake, console: &mut Console<'_>) -> miette::Result<Exit
         prepared.calibrate(ppm);
     }
     let is_pico = prepared.program.board.name == "pico";
+    args.output.as_deref().map_or(Ok(()), |path| check_ending(path, is_pico))?;
     match (&args.sketch, &args.output) {
         (None, Some(path)) if is_pico => pico(args, &prepared, path, console),
         (None, Some(path)) => uno(args, &prepared, path, console),
@@ -116,6 +117,17 @@ impl BakedImage {
         ))?;
         Ok(Exit::Success)
     }
+}
+
+/// An image is called as what it is: another name is another board's image, or a file that somebody wrote.
+fn check_ending(path: &Path, is_pico: bool) -> miette::Result<()> {
+    let (ending, what) =
+        if is_pico { ("uf2", "a Pico's image is UF2") } else { ("hex", "an Uno's image is Intel HEX") };
+    if path.extension().is_some_and(|is| is.eq_ignore_ascii_case(ending)) {
+        return Ok(());
+    }
+    let help = format!("name it {}; nothing was written", path.with_extension(ending).display());
+    Err(miette!(help = help, "{} does not end in .{ending}: {what}", path.display()))
 }
 
 /// Leaves alone what somebody wrote: a sketch is written over if it was made here.
