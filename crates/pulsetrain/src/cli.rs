@@ -749,7 +749,8 @@ fn finish(outcome: miette::Result<Exit>, as_json: bool, console: &mut Console<'_
         if handler.render_report(&mut text, report.as_ref()).is_err() {
             text = format!("{report}\n");
         }
-        complain(console, &text);
+        // So it heads each problem behind the first: all are errors. No line of a file begins without a margin.
+        complain(console, &text.replace("\nError: \n", "\n"));
         Exit::Refused
     })
 }

@@ -160,6 +160,18 @@ fn a_motor_whose_motion_makes_no_step_is_named() {
     assert!(!plan("405:25792").contains(note), "{}", plan("405:25792"));
 }
 
+#[test]
+fn several_problems_are_told_one_below_the_other() {
+    let folder = Folder::new("several");
+    let file = folder.path("empty.toml");
+    std::fs::write(&file, "").unwrap();
+    let outcome = pulsetrain(&["plan", &file]);
+    assert_eq!(outcome.exit, Exit::Refused);
+    let told: Vec<&str> = outcome.err.lines().filter(|line| line.contains('×')).collect();
+    assert_eq!(told, ["board", "motor", "motion"].map(|key| format!("  × the motion file has no `{key}`")));
+    assert!(!outcome.err.contains("Error:") && !outcome.err.contains("\n\n\n"), "{}", outcome.err);
+}
+
 /// What is said to fit does fit, and a little less slow does not.
 #[test]
 fn the_slowdown_that_explain_names_is_enough_and_needed() {
