@@ -362,7 +362,7 @@ pub(crate) struct Flash {
     #[arg(value_parser = ["uno", "pico"])]
     pub(crate) board: String,
     /// The Uno's serial port; the folder where the Pico's drive is [default for a Pico: the one that is found]
-    #[arg(long, value_name = "PORT", required_if_eq("board", "uno"))]
+    #[arg(long, value_name = "PORT")]
     pub(crate) port: Option<String>,
     /// Write this image instead of the firmware: Intel HEX for an Uno, UF2 for a Pico; `verbs` for an Uno: the firmware whose motors are told
     /// directly, in place of text

@@ -32,7 +32,7 @@ struct Flashed {
 pub(crate) fn run(args: &Flash, console: &mut Console<'_>) -> miette::Result<Exit> {
     let flashed = match (args.board.as_str(), &args.port) {
         ("uno", Some(port)) => uno(port, args.image.as_deref(), console)?,
-        ("uno", None) => return Err(miette!(help = "`pulsetrain ports` lists them", "say --port PORT")),
+        ("uno", None) => return Err(which_port(&serial::names())),
         (_, port) => pico(port.as_deref(), args.image.as_deref(), console)?,
     };
     if args.json {
@@ -64,6 +64,15 @@ fn done(Flashed { board, place, bytes, .. }: &Flashed, is_own: bool) -> String {
             "{bytes} bytes were written to {place}; the Pico took them and has begun anew. `pulsetrain flash pico` brings the \
              firmware back"
         ),
+    }
+}
+
+/// An Uno's port is not guessed: another board may be at the only one there is.
+fn which_port(names: &[String]) -> Report {
+    let help = "`pulsetrain ports` tells what is at each";
+    match names {
+        [] => miette!("say --port PORT; no serial port was found: is the board plugged in?"),
+        names => miette!(help = help, "say --port PORT; there are {}", names.join(", ")),
     }
 }
 
@@ -319,6 +328,13 @@ mod tests {
         };
         assert!(help(32_768).contains("holds a bootloader too"), "{}", help(32_768));
         assert!(help(32_769).contains("larger chip"), "{}", help(32_769));
+    }
+
+    #[test]
+    fn who_names_no_port_is_told_which_there_are() {
+        assert!(which_port(&[]).to_string().contains("is the board plugged in?"));
+        let names = ["COM3", "COM7"].map(str::to_owned);
+        assert_eq!(which_port(&names).to_string(), "say --port PORT; there are COM3, COM7");
     }
 
     #[test]
