@@ -42,8 +42,8 @@ struct Cli {
 enum Command {
     /// Plan a motion, run it in virtual time, judge every edge, and write report, steps, trace and plot
     #[command(after_help = "\
-Motions for the boards `uno` and `pico` run on a virtual one, the real firmware on an emulated chip; others on the native
-board, this computer's own stepgen.
+Motions for the boards `uno` and `pico` run on a virtual one, the real firmware on an emulated chip;
+others on the native board, this computer's own stepgen.
 
 Files written to DIR:
   report.json  what was planned, proven, run and judged
