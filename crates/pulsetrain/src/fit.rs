@@ -155,7 +155,9 @@ pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
         && let Some(factor) = least_slowdown(prepared, motor)
     {
         let times = human::significant(factor, 4);
-        let fits = motor.law.end().map(|end| {
+        // What was cut lasts as long as somebody wants it to.
+        let whole = motor.law.end().filter(|end| prepared.cut.is_none_or(|cut| *end < cut.at));
+        let fits = whole.map(|end| {
             let (now, then) = (human::seconds_to(end.seconds(), 4), human::seconds_to(end.seconds() * factor, 4));
             format!(": {then} instead of {now}")
         });

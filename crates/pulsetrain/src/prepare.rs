@@ -181,7 +181,10 @@ impl Prepared {
         // What would fit is looked for in laws that end. One that cannot be cut is its own problem, and is told as that.
         let mut ended = self.clone();
         let advice = match cut(&mut ended.program, None) {
-            Ok(_) => fit::advice(&ended, &ended.program.motors[refused.motor], &refused.error),
+            Ok(now) => {
+                ended.cut = ended.cut.or(now);
+                fit::advice(&ended, &ended.program.motors[refused.motor], &refused.error)
+            }
             Err((motor, error)) => format!("{motor}: {error}"),
         };
         let motor = self.program.motors[refused.motor].name.clone();

@@ -160,6 +160,26 @@ fn a_motor_whose_motion_makes_no_step_is_named() {
     assert!(!plan("405:25792").contains(note), "{}", plan("405:25792"));
 }
 
+/// How long a motion without an end would last is nobody's business.
+#[test]
+fn what_never_ends_is_told_no_other_length() {
+    let folder = Folder::new("endless");
+    let file = folder.path("endless.toml");
+    let refused = |cycles: &str| {
+        let text = format!(
+            "board = \"uno\"\n[motor.m]\nsteps_per_rev = 200\ndriver = \"A4988\"\npins = {{ step = 2, dir = 5 }}\nforward = \"high\"\n\
+             max_speed = \"1 rev/s\"\n[[motion]]\nmotor = \"m\"\nlaw.sine = {{ amplitude = \"1 rev\", period = \"1 s\", cycles = {cycles} }}\n"
+        );
+        std::fs::write(&file, text).unwrap();
+        let outcome = pulsetrain(&["plan", &file]);
+        assert_eq!(outcome.exit, Exit::Refused);
+        outcome.err
+    };
+    assert!(refused("3").contains("times slower it fits: 18."), "{}", refused("3"));
+    let said = refused("\"forever\"");
+    assert!(said.contains("times slower it fits") && !said.contains("instead of"), "{said}");
+}
+
 #[test]
 fn several_problems_are_told_one_below_the_other() {
     let folder = Folder::new("several");
