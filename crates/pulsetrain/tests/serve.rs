@@ -156,6 +156,39 @@ fn a_client_runs_a_motion_and_the_trace_shows_it() {
     assert_eq!(verdict.motors[0].steps_got, 400);
 }
 
+/// A disk with room for so many bytes.
+struct Disk(usize);
+
+impl io::Write for Disk {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0 = self.0.checked_sub(bytes.len()).ok_or(io::ErrorKind::StorageFull)?;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[test]
+fn a_trace_that_has_no_room_is_named() {
+    let pipe = Pipe::default();
+    *pipe.0.borrow_mut() =
+        Between { present: true, rate: 115_200, to_board: b"a x 200\n".to_vec(), ..Between::default() };
+    let ends = |room: usize| -> io::Result<()> {
+        let mut service = Service::new(VirtualUno::new(), pipe.clone(), Some(Disk(room)))?;
+        while service.now() < Duration::from_secs(1) {
+            service.round(service.now() + Duration::from_millis(10))?;
+        }
+        service.finish()
+    };
+    for room in [0, 1500] {
+        let error = ends(room).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::StorageFull);
+        assert!(error.to_string().contains("its trace cannot be written"), "{room}: {error}");
+    }
+}
+
 #[test]
 fn a_client_that_does_not_wait_is_heard() {
     let mut through = Through::new(None);
