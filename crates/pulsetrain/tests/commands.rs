@@ -180,6 +180,30 @@ fn what_never_ends_is_told_no_other_length() {
     assert!(said.contains("times slower it fits") && !said.contains("instead of"), "{said}");
 }
 
+/// A disk that is full is told behind the verdict, not in its place.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_verdict_is_told_where_its_files_have_no_room() {
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/winch-script.txt").to_owned();
+    let commands =
+        [(vec!["run".to_owned(), example("tutorial.toml")], "\nPASS: "), (vec!["winch".to_owned(), script], "\nok\n")];
+    for (command, verdict) in commands {
+        for name in ["report.json", "plot.svg"] {
+            let folder = Folder::new("verdict-full");
+            std::os::unix::fs::symlink("/dev/full", folder.0.join(name)).unwrap();
+            let out = folder.0.display().to_string();
+            let args: Vec<&str> = command.iter().map(String::as_str).chain(["--native", "--out", &out]).collect();
+            let outcome = pulsetrain(&args);
+            assert_eq!(outcome.exit, Exit::Refused);
+            assert!(outcome.out.contains(verdict) && !outcome.out.contains("report.json"), "{}", outcome.out);
+            assert!(outcome.err.contains("cannot write") && outcome.err.contains(name), "{}", outcome.err);
+            let outcome = pulsetrain(&[&args[..], &["--json"]].concat());
+            let said: serde_json::Value = serde_json::from_str(&outcome.out).expect("one value");
+            assert!(said["message"].as_str().unwrap().contains("cannot write"), "{said}");
+        }
+    }
+}
+
 #[test]
 fn several_problems_are_told_one_below_the_other() {
     let folder = Folder::new("several");

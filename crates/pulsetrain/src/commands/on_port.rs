@@ -121,16 +121,16 @@ pub(crate) fn run(
     };
     let report =
         PortReport { plan: plan::report(prepared, planned), runner: format!("board at {name}"), firmware, says };
-    // What the motors did is told also where a file has no room.
-    if args.json {
-        console.print_json(&report)?;
-    } else {
+    // What the motors did is told also where a file has no room; a script gets one value, and then it is the error.
+    if !args.json {
         console.print(&report.plan)?;
         print(&report, planned, console)?;
     }
     written?;
     console::write(&folder.join("report.json"), format!("{}\n", console::json(&report)?).as_bytes())?;
-    if !args.json {
+    if args.json {
+        console.print_json(&report)?;
+    } else {
         console.print(format_args!("{}: report.json, steps.csv (as scheduled)\n", folder.display()))?;
     }
     let kept = report.says.compares_missed == 0 && report.says.starved == 0;

@@ -56,13 +56,16 @@ pub(crate) fn run(args: &Winch, console: &mut Console<'_>) -> miette::Result<Exi
         None => virtually(VirtualUno::new(), "virtual Uno", &name, &script, &options, console)?,
     };
     let Judged { report, picture } = judged;
+    // What the axes did is told also where a file has no room; a script gets one value, and then it is the error.
+    if !args.json {
+        console.print(&report)?;
+    }
     console::write(&folder.join("report.json"), format!("{}\n", console::json(&report)?).as_bytes())?;
     draw(&picture, &folder.join("plot.svg"))?;
     let files = write_files(&run, &folder, &options, report.verdict.is_some())?;
     if args.json {
         console.print_json(&report)?;
     } else {
-        console.print(&report)?;
         console.print(format_args!("{}: report.json, plot.svg, {files}\n", folder.display()))?;
     }
     Ok(if report.is_ok() { Exit::Success } else { Exit::BoundBroken })
