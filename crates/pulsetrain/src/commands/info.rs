@@ -8,8 +8,8 @@ use pulsetrain_core::wire::message::{Cause, flags};
 use pulsetrain_core::wire::{Baud, Reason, Stored, VERSION};
 use serde::Serialize;
 
-use super::port_problem;
 use super::store::{Kept, told};
+use super::{clock_off, port_problem};
 use crate::cli::At;
 use crate::console::{Console, Exit};
 use crate::drive::{DriveError, session_number};
@@ -78,11 +78,7 @@ pub(crate) fn run(args: &At, console: &mut Console<'_>) -> miette::Result<Exit> 
     let ticks = |ticks: u16| format!("{ticks} ticks = {}", human::seconds(f64::from(ticks) * tick_s));
     let bauds: Vec<String> = said.bauds.iter().map(|baud| human::count((*baud).into())).collect();
     let clock = match said.clock_ppm {
-        Some((ppm, doubt)) => format!(
-            "{} ppm off this computer's, give or take {}",
-            human::significant(ppm, 2),
-            human::significant(doubt, 2)
-        ),
+        Some(off) => clock_off(off, 2),
         None => "not compared".to_owned(),
     };
     let mut table = Table::default().left(&[0, 1]);

@@ -9,7 +9,7 @@ use pulsetrain_core::Direction;
 use pulsetrain_trace::steps;
 use serde::Serialize;
 
-use super::{drive_problem, plan, port_problem};
+use super::{clock_off, drive_problem, plan, port_problem};
 use crate::cli::Run;
 use crate::console::{self, Console, Exit, access};
 use crate::drive::{Driven, Ended, Wish, connect_while};
@@ -179,9 +179,8 @@ fn print(report: &PortReport, planned: &[Planned], console: &mut Console<'_>) ->
     } else if says.stopped {
         console.print("  stopped on the way, within the motors' limits\n")?;
     }
-    if let Some((ppm, doubt)) = says.clock_ppm {
-        let (ppm, doubt) = (human::significant(ppm, 3), human::significant(doubt, 2));
-        console.print(format_args!("  its clock is {ppm} ppm off this computer's, give or take {doubt}\n"))?;
+    if let Some(off) = says.clock_ppm {
+        console.print(format_args!("  its clock is {}\n", clock_off(off, 3)))?;
     }
     console.print(format_args!(
         "  compares missed {}, the latest by {}; starved {} times; longest round {}\n",
