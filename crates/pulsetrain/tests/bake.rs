@@ -110,6 +110,8 @@ fn what_repeats_is_the_plan_and_a_turn_ends_where_the_next_begins() {
         "law.sine = { amplitude = \"0.5 rev\", period = \"1 s\", cycles = \"forever\" }",
         "start = \"0.1 s\"\nlaw.sine = { amplitude = \"0.3 rev\", period = \"0.7300011 s\", cycles = \"forever\" }",
         "law.sweep = { frequency = \"4 Hz\", swing = \"25 step\", phase = \"0 ms\" }",
+        "law.speed = { speed = \"-33.3 step/s\" }",
+        "start = \"0.1 s\"\nbegin = \"jump\"\nlaw.speed = { speed = \"1234.567 step/s\" }",
         "repeat = \"forever\"\nlaw.then = [ { rest = \"0.5 s\" }, { trapezoid = { distance = \"1 rev\", speed = \"2 rev/s\", \
          acceleration = \"8 rev/s^2\" } } ]",
     ] {

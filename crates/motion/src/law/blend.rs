@@ -328,6 +328,13 @@ impl Blended {
         self.tail.as_ref().map(|tail| tail.end).or_else(|| self.law.end())
     }
 
+    /// As its law, once that has begun.
+    pub(super) fn cycle(&self) -> Option<(Time, Time)> {
+        let begun = self.head.as_ref().map_or(Time::ZERO, |head| head.end);
+        let (from, period) = self.law.cycle().filter(|_| self.tail.is_none())?;
+        Some((from.max(begun), period))
+    }
+
     pub(super) fn class(&self) -> Class {
         let quintic = |piece: &Option<Piece>| {
             piece.as_ref().is_some_and(|p| matches!(&p.curve, Curve::Polynomial(c) if c.len() > 3))
