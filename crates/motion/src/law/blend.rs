@@ -292,7 +292,8 @@ fn shortest(
                 ("max_acceleration", max_acceleration, a * max_acceleration, "steps/s²")
             };
             return Err(LawError::Parameter(format!(
-                "no ramp of up to {longest} s stays within {name} = {limit} {unit}; the gentlest needs {needed:.6}"
+                "no ramp of up to {longest} s stays within {name} = {limit} {unit}; the gentlest needs {needed:.1}: a ramp makes up for \
+                 the way that it loses, and is faster than the law for a while"
             )));
         }
         below = span;
