@@ -44,10 +44,15 @@ pub(crate) fn run(args: &Bake, console: &mut Console<'_>) -> miette::Result<Exit
         prepared.calibrate(ppm);
     }
     let is_pico = prepared.program.board.name == "pico";
-    args.output.as_deref().map_or(Ok(()), |path| check_ending(path, is_pico))?;
     match (&args.sketch, &args.output) {
-        (None, Some(path)) if is_pico => pico(args, &prepared, path, console),
-        (None, Some(path)) => uno(args, &prepared, path, console),
+        (None, Some(path)) if is_pico => {
+            check_ending(path, "uf2", "a Pico's image is UF2")?;
+            pico(args, &prepared, path, console)
+        }
+        (None, Some(path)) => {
+            check_ending(path, "hex", "an Uno's image is Intel HEX")?;
+            uno(args, &prepared, path, console)
+        }
         _ if is_pico => {
             let help = "--output FILE writes an image, which `pulsetrain flash pico` takes; a sketch can be had for --board uno";
             Err(miette!(help = help, "{}: sketches are for an Uno, and this is for a Pico", prepared.file))
@@ -120,9 +125,7 @@ impl BakedImage {
 }
 
 /// An image is called as what it is: another name is another board's image, or a file that somebody wrote.
-fn check_ending(path: &Path, is_pico: bool) -> miette::Result<()> {
-    let (ending, what) =
-        if is_pico { ("uf2", "a Pico's image is UF2") } else { ("hex", "an Uno's image is Intel HEX") };
+fn check_ending(path: &Path, ending: &str, what: &str) -> miette::Result<()> {
     if path.extension().is_some_and(|is| is.eq_ignore_ascii_case(ending)) {
         return Ok(());
     }
