@@ -614,6 +614,33 @@ mod real {
         (exit, String::from_utf8(out).unwrap() + &String::from_utf8(err).unwrap())
     }
 
+    /// A disk that is full is told behind what the motors did.
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_run_whose_files_have_no_room_tells_where_the_motors_are() {
+        let folder = folder("serve-full");
+        let link = folder.join("uno").display().to_string();
+        let (served, _) = Served::new("uno", &["--pty", &link]);
+        let file = folder.join("short.toml");
+        let text = "board = \"uno\"\n[motor.m]\nsteps_per_rev = 200\npulse_high = \"5 us\"\npins = { step = 8, dir = 9 }\n\
+                    forward = \"high\"\n[[motion]]\nmotor = \"m\"\nlaw.trapezoid = { distance = \"7 step\", speed = \"40 step/s\", \
+                    acceleration = \"4000 step/s^2\" }\n";
+        std::fs::write(&file, text).unwrap();
+        for name in ["steps.csv", "report.json"] {
+            let out = folder.join(name.replace('.', "-"));
+            std::fs::create_dir(&out).unwrap();
+            std::os::unix::fs::symlink("/dev/full", out.join(name)).unwrap();
+            let args = ["run", file.to_str().unwrap(), "--port", &link, "--out", out.to_str().unwrap()];
+            let (exit, said) = pulsetrain(&args);
+            assert_eq!(exit, Exit::Refused, "{said}");
+            for part in ["counted  planned\n  m      7 steps  7 steps", "cannot write", name, "No space left"] {
+                assert!(said.contains(part), "{part} is not in {said}");
+            }
+            assert!(!said.contains("(as scheduled)"), "{said}");
+        }
+        served.interrupt();
+    }
+
     #[test]
     fn a_socket_answers_hello() {
         says_hello_to("uno");
@@ -734,33 +761,6 @@ mod real {
             // Frames may have the board again, and nothing is left to stop.
             let said = stop();
             assert_eq!((&said["text"], &said["moved"]), (&false.into(), &false.into()), "{said}");
-        }
-        served.interrupt();
-    }
-
-    /// A disk that is full is told behind what the motors did.
-    #[cfg(target_os = "linux")]
-    #[test]
-    fn a_run_whose_files_have_no_room_tells_where_the_motors_are() {
-        let folder = folder("serve-full");
-        let link = folder.join("uno").display().to_string();
-        let (served, _) = Served::new("uno", &["--pty", &link]);
-        let file = folder.join("short.toml");
-        let text = "board = \"uno\"\n[motor.m]\nsteps_per_rev = 200\npulse_high = \"5 us\"\npins = { step = 8, dir = 9 }\n\
-                    forward = \"high\"\n[[motion]]\nmotor = \"m\"\nlaw.trapezoid = { distance = \"7 step\", speed = \"40 step/s\", \
-                    acceleration = \"4000 step/s^2\" }\n";
-        std::fs::write(&file, text).unwrap();
-        for name in ["steps.csv", "report.json"] {
-            let out = folder.join(name.replace('.', "-"));
-            std::fs::create_dir(&out).unwrap();
-            std::os::unix::fs::symlink("/dev/full", out.join(name)).unwrap();
-            let args = ["run", file.to_str().unwrap(), "--port", &link, "--out", out.to_str().unwrap()];
-            let (exit, said) = pulsetrain(&args);
-            assert_eq!(exit, Exit::Refused, "{said}");
-            for part in ["counted  planned\n  m      7 steps  7 steps", "cannot write", name, "No space left"] {
-                assert!(said.contains(part), "{part} is not in {said}");
-            }
-            assert!(!said.contains("(as scheduled)"), "{said}");
         }
         served.interrupt();
     }
