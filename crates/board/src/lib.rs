@@ -12,7 +12,7 @@
 //! - [`virtual_uno`], [`virtual_pico`]: the Uno's and the Pico's firmware on an emulated chip, as such a port; `bridge`: the Uno's
 //!   USB, as far as time goes
 //! - [`native_winch`]: StepperWinch's text with core's own code instead of a firmware, as such a port
-//! - [`VirtualBoard`]: what all of them can do; [`skewed`]: one whose clock is off
+//! - [`VirtualBoard`]: what all of them can do; [`skewed`]: one whose clock is off; [`shared`]: a port for several hosts
 //! - [`BoardClock`]: such a board's clock, as the host sees it
 //!
 //! # What is not
@@ -32,6 +32,7 @@ mod packer;
 pub mod remote;
 pub mod serial;
 pub mod shadow;
+pub mod shared;
 mod sizer;
 pub mod skewed;
 pub mod stk500;

@@ -178,12 +178,14 @@ pub enum RemoteError {
     Nonsense,
     /// Another kind of board than the plan is for.
     #[error(
-        "the board is {is}, but the motion is planned for a clock of {wanted_hz} Hz and {wanted_bits} fraction bits"
+        "the board is {is}, but the motion is planned for `{wanted}`: a clock of {wanted_hz} Hz, {wanted_bits} fraction bits"
     )]
     OtherBoard {
         /// What it is: [`name_of`].
         is: &'static str,
-        /// Ticks a second of the board that was planned for.
+        /// What was planned for, as a motion file calls it.
+        wanted: String,
+        /// Its ticks a second.
         wanted_hz: u64,
         /// Its F.
         wanted_bits: u32,

@@ -5,12 +5,11 @@ mod common;
 use common::{TICK_HZ, model_setup, run, tell, unseen};
 use pulsetrain_board::faulty::{Faulty, Rates};
 use pulsetrain_board::model::ModelPort;
+use pulsetrain_board::shared::Shared;
 use pulsetrain_board::{Board, Edge, Link, LinkError, Port, PortError, Remote, RemoteError, SwitchRefused};
 use pulsetrain_core::wire::message::Cause;
 use pulsetrain_core::wire::{Baud, Reason};
 use pulsetrain_core::{Entry, Epoch, Item, Moment};
-use std::cell::RefCell;
-use std::rc::Rc;
 use std::time::Duration;
 
 fn connect(seed: u64) -> Remote<Faulty<ModelPort>> {
@@ -19,28 +18,9 @@ fn connect(seed: u64) -> Remote<Faulty<ModelPort>> {
     remote
 }
 
-/// A line that two hosts share.
-#[derive(Clone)]
-struct Shared(Rc<RefCell<ModelPort>>);
-
-impl Port for Shared {
-    fn now(&self) -> Duration {
-        self.0.borrow().now()
-    }
-    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
-        self.0.borrow_mut().send(bytes)
-    }
-    fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
-        self.0.borrow_mut().receive(until, into)
-    }
-    fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
-        self.0.borrow_mut().set_baud(baud)
-    }
-}
-
 #[test]
 fn a_board_that_is_taken_stays_with_its_host_until_good_bye_or_silence() {
-    let line = Shared(Rc::new(RefCell::new(ModelPort::new())));
+    let line = Shared::new(ModelPort::new());
     let mut first = Remote::open(line.clone(), 1).unwrap();
     first.configure(&model_setup(1)).unwrap();
     let from = first.now() + TICK_HZ / 10;
@@ -71,7 +51,7 @@ fn a_board_that_is_taken_stays_with_its_host_until_good_bye_or_silence() {
     // Good-bye, and it is the next one's; silence, and it is the one's after that.
     first.close();
     let second = Remote::open(line.clone(), 2).unwrap();
-    assert!(line.0.borrow().is_taken());
+    assert!(line.port().is_taken());
     drop(second);
     assert_eq!(Remote::open(line.clone(), 3).map(|remote| remote.info().nonce), Ok(3));
 }
@@ -98,9 +78,9 @@ fn a_hello_that_text_answers_with_taken_is_refused_as_that() {
 
 #[test]
 fn frames_of_an_old_session_are_nobodys() {
-    let line = Shared(Rc::new(RefCell::new(ModelPort::new())));
+    let line = Shared::new(ModelPort::new());
     let mut old = Remote::open(line.clone(), 1).unwrap();
-    line.0.borrow_mut().run_alone(3 * TICK_HZ);
+    line.port().run_alone(3 * TICK_HZ);
     let mut new = Remote::open(line.clone(), 2).unwrap();
     assert_eq!(old.status(), Err(RemoteError::Link(LinkError::Lost)));
     assert!(new.status().is_ok());

@@ -152,7 +152,10 @@ fn ramps_stay_within_their_limits() {
 
     let refused = Law::speed(1000.0, Some(s(1.0))).unwrap();
     let refused = refused.beginning(Begin::Ramp { max_speed: 900.0, max_acceleration: 1e9 }).unwrap_err().to_string();
-    assert!(refused.contains("max_speed = 900 steps/s"), "{refused}");
+    assert!(refused.contains("max_speed = 900 steps/s") && refused.contains("the way that it loses"), "{refused}");
+    // docs/motion-files.md: it is faster than the law meanwhile.
+    let endless = |max_speed| Law::speed(1000.0, None)?.beginning(Begin::Ramp { max_speed, max_acceleration: 2000.0 });
+    assert!(endless(1500.0).is_err() && endless(1520.0).is_ok());
     let refused = Law::speed(1000.0, Some(s(1.0))).unwrap();
     let refused = refused.ending(End::Ramp { max_speed: 9e9, max_acceleration: 10.0 }).unwrap_err().to_string();
     assert!(refused.contains("max_acceleration = 10 steps/s²"), "{refused}");

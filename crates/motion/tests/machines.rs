@@ -12,32 +12,9 @@ use pulsetrain_motion::machine::Kinematics;
 use pulsetrain_motion::program::Program;
 use pulsetrain_motion::{Law, Time};
 
-const XY: &str = r#"board = "native"
-
-[motor.x]
-steps_per_rev = 200
-microsteps = 16
-lead = "40 mm"
-driver = "A4988"
-pins = { step = 2, dir = 3 }
-forward = "high"
-
-[motor.y]
-steps_per_rev = 200
-microsteps = 16
-lead = "40 mm"
-driver = "A4988"
-pins = { step = 4, dir = 5 }
-forward = "high"
-
-[machine.table]
-kind = "xy"
-motors = ["x", "y"]
-
-[[motion]]
-machine = "table"
-path.circle = { radius = "20 mm", period = "4 s", cycles = 2 }
-"#;
+/// A table, and a circle that it draws.
+const XY: &str =
+    concat!(include_str!("xy.toml"), "path.circle = { radius = \"20 mm\", period = \"4 s\", cycles = 2 }\n");
 
 const DELTA: &str = r#"board = "native"
 

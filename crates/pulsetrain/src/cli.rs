@@ -42,8 +42,8 @@ struct Cli {
 enum Command {
     /// Plan a motion, run it in virtual time, judge every edge, and write report, steps, trace and plot
     #[command(after_help = "\
-Motions for the boards `uno` and `pico` run on a virtual one, the real firmware on an emulated chip; others on the native
-board, this computer's own stepgen.
+Motions for the boards `uno` and `pico` run on a virtual one, the real firmware on an emulated chip;
+others on the native board, this computer's own stepgen.
 
 Files written to DIR:
   report.json  what was planned, proven, run and judged
@@ -372,7 +372,7 @@ pub(crate) struct Flash {
     #[arg(value_parser = ["uno", "pico"])]
     pub(crate) board: String,
     /// The Uno's serial port; the folder where the Pico's drive is [default for a Pico: the one that is found]
-    #[arg(long, value_name = "PORT", required_if_eq("board", "uno"))]
+    #[arg(long, value_name = "PORT")]
     pub(crate) port: Option<String>,
     /// Write this image instead of the firmware: Intel HEX for an Uno, UF2 for a Pico; `verbs` for an Uno: the firmware whose motors are told
     /// directly, in place of text
@@ -759,7 +759,8 @@ fn finish(outcome: miette::Result<Exit>, as_json: bool, console: &mut Console<'_
         if handler.render_report(&mut text, report.as_ref()).is_err() {
             text = format!("{report}\n");
         }
-        complain(console, &text);
+        // So it heads each problem behind the first: all are errors. No line of a file begins without a margin.
+        complain(console, &text.replace("\nError: \n", "\n"));
         Exit::Refused
     })
 }

@@ -336,8 +336,12 @@ fn check_board(info: &Info, program: &Program) -> Result<(), RemoteError> {
     // The plan's rate is the board's by the host's clock, if that was measured.
     let off_hz = u64::from(info.tick_hz).abs_diff(board.tick_hz) as f64;
     if off_hz > board.tick_hz as f64 * WORST_CLOCK_PPM * 1e-6 || u32::from(info.fraction_bits) != board.fraction_bits {
-        let is = name_of(info);
-        return Err(RemoteError::OtherBoard { is, wanted_hz: board.tick_hz, wanted_bits: board.fraction_bits });
+        return Err(RemoteError::OtherBoard {
+            is: name_of(info),
+            wanted: board.name.clone(),
+            wanted_hz: board.tick_hz,
+            wanted_bits: board.fraction_bits,
+        });
     }
     Ok(())
 }

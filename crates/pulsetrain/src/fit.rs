@@ -1,5 +1,6 @@
 //! What would fit: how much slower a motion that is refused would have to be, and which boards do it as it is.
 
+use pulsetrain_motion::law::Law;
 use pulsetrain_motion::machine::Machine;
 use pulsetrain_motion::program::Motor;
 use pulsetrain_motion::{Time, boards};
@@ -74,6 +75,28 @@ pub(crate) fn rounded_up(value: f64) -> f64 {
     (value / unit).ceil() * unit
 }
 
+/// What a motor's law breaks by itself, each limit once: where one is broken it is lifted, to see the next.
+#[must_use]
+pub fn broken(law: &Law, settings: &Settings) -> Vec<PlanError> {
+    let mut settings = settings.clone();
+    let mut broken: Vec<PlanError> = Vec::new();
+    while let Err(error) = prepare::walk(law, &settings) {
+        let limit = error.limit();
+        if broken.iter().any(|known| known.limit() == limit) {
+            break;
+        }
+        broken.push(error);
+        match limit {
+            Some(Limit::Board) => (settings.min_interval_ticks, settings.load) = (1, None),
+            Some(Limit::MotorSpeed) => settings.limits.max_speed = None,
+            Some(Limit::MotorAcceleration) => settings.limits.max_acceleration = None,
+            Some(Limit::PullIn) => settings.limits.pull_in = f64::INFINITY,
+            None => break,
+        }
+    }
+    broken
+}
+
 /// The boards that do the whole motion as it is.
 #[must_use]
 pub fn other_boards(prepared: &Prepared) -> Vec<String> {
@@ -98,10 +121,17 @@ pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
     if let PlanError::NotProvable { bound_ticks, .. } = error {
         return format!("tolerance = \"{} ticks\" can be proven", human::significant(bound_ticks * 1.01, 3));
     }
-    if let PlanError::SpeedJump { from, to, .. } = error {
+    if let PlanError::SpeedJump { from, to, at_s, .. } = error {
         let is_of = |machine: &&Machine| machine.motors.iter().any(|k| prepared.program.motors[*k].name == motor.name);
         let machine = prepared.program.machines.iter().find(is_of);
+        // Not where the motor's motions begin or end, but on the way.
+        let is_between = *at_s > 0.0 && motor.law.end().is_some_and(|end| *at_s < end.seconds());
         lines.push(match (*from, *to, machine) {
+            (_, _, Some(_)) if is_between => {
+                "the path does not go on as it came there: one that is repeated has to end in the direction, and as fast, as it begins; \
+                 paths that follow one another can have an `ease` each"
+                    .to_owned()
+            }
             (0.0, _, Some(_)) | (_, 0.0, Some(_)) => {
                 "give the path an `ease`, which begins and ends at rest and keeps to it: ease = \"0.5 s\"".to_owned()
             }
@@ -125,7 +155,9 @@ pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
         && let Some(factor) = least_slowdown(prepared, motor)
     {
         let times = human::significant(factor, 4);
-        let fits = motor.law.end().map(|end| {
+        // What was cut lasts as long as somebody wants it to.
+        let whole = motor.law.end().filter(|end| prepared.cut.is_none_or(|cut| *end < cut.at));
+        let fits = whole.map(|end| {
             let (now, then) = (human::seconds_to(end.seconds(), 4), human::seconds_to(end.seconds() * factor, 4));
             format!(": {then} instead of {now}")
         });

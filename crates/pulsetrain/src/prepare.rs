@@ -181,7 +181,10 @@ impl Prepared {
         // What would fit is looked for in laws that end. One that cannot be cut is its own problem, and is told as that.
         let mut ended = self.clone();
         let advice = match cut(&mut ended.program, None) {
-            Ok(_) => fit::advice(&ended, &ended.program.motors[refused.motor], &refused.error),
+            Ok(now) => {
+                ended.cut = ended.cut.or(now);
+                fit::advice(&ended, &ended.program.motors[refused.motor], &refused.error)
+            }
             Err((motor, error)) => format!("{motor}: {error}"),
         };
         let motor = self.program.motors[refused.motor].name.clone();
@@ -282,15 +285,20 @@ impl Clock {
     }
 }
 
+/// Plans a law by itself; nothing is kept.
+///
+/// # Errors
+/// When that breaks one of `settings`: the first it meets.
+pub fn walk(law: &Law, settings: &Settings) -> Result<(), PlanError> {
+    let mut planner = Planner::new(law, settings)?;
+    while planner.next_move()?.is_some() {}
+    Ok(())
+}
+
 /// Whether a law's plan keeps to `settings`, by itself.
 #[must_use]
 pub fn fits(law: &Law, settings: &Settings) -> bool {
-    let walk = || -> Result<(), PlanError> {
-        let mut planner = Planner::new(law, settings)?;
-        while planner.next_move()?.is_some() {}
-        Ok(())
-    };
-    walk().is_ok()
+    walk(law, settings).is_ok()
 }
 
 /// Gives every endless law an end: after `length`, or after the default but not before the finite laws end. A

@@ -66,7 +66,7 @@ impl Edges {
 pub enum RecordError {
     /// A file cannot be written.
     #[error("cannot write the run's files: {0}")]
-    Write(#[from] io::Error),
+    Write(io::Error),
     /// There is no verdict.
     #[error(transparent)]
     Judge(#[from] JudgeError),
@@ -78,6 +78,13 @@ pub enum RecordError {
         /// How.
         error: LawError,
     },
+}
+
+// The message has all of it: as a source it would be told twice.
+impl From<io::Error> for RecordError {
+    fn from(error: io::Error) -> RecordError {
+        RecordError::Write(error)
+    }
 }
 
 /// Looks on while a board runs.

@@ -199,6 +199,11 @@ impl MotorReport {
         format!("{steps} = {own} at {at}")
     }
 
+    /// Whether it is to move, by less than makes a step.
+    fn stays(&self) -> bool {
+        self.steps == 0 && self.peak_speed.value > 0.0
+    }
+
     fn counts_steps(&self) -> bool {
         human::unit(&self.unit) == "steps"
     }
@@ -355,6 +360,12 @@ impl Display for PlanReport {
             let table = side_by_side(motors, |motor| &motor.name, PLANNED, tick_s);
             writeln!(f, "\n{table}")?;
         }
-        Ok(())
+        self.motors.iter().filter(|motor| motor.stays()).try_for_each(|motor| {
+            writeln!(
+                f,
+                "  {} makes no step: its motion stays within the first one; are `gear`, `lead` and the law's unit right?\n",
+                motor.name
+            )
+        })
     }
 }

@@ -48,7 +48,8 @@ impl<B: VirtualBoard, C: Client, W: Write> Service<B, C, W> {
     /// When the trace cannot be begun.
     pub fn new(board: B, client: C, trace: Option<W>) -> io::Result<Service<B, C, W>> {
         let lines: Vec<Line> = B::TRACED.map(|pin| Line::named(format!("pin{pin}"))).collect();
-        let trace = trace.map(|out| vcd_file::Writer::new(out, B::CYCLES_PER_S, &lines)).transpose()?;
+        let trace =
+            trace.map(|out| vcd_file::Writer::new(out, B::CYCLES_PER_S, &lines)).transpose().map_err(untraced)?;
         let (bytes, edges) = (Vec::new(), Vec::new());
         Ok(Service { board, client, trace, present: false, clients: 0, bytes, edges })
     }
@@ -115,7 +116,8 @@ impl<B: VirtualBoard, C: Client, W: Write> Service<B, C, W> {
         self.board.edges(&mut self.edges);
         let (Some(trace), Some(zero)) = (&mut self.trace, self.board.zero()) else { return Ok(()) };
         for edge in self.edges.iter().filter(|edge| B::TRACED.contains(&edge.line)) {
-            trace.push(Edge { tick: edge.tick + zero, line: edge.line - B::TRACED.start(), level: edge.level })?;
+            let line = edge.line - B::TRACED.start();
+            trace.push(Edge { tick: edge.tick + zero, line, level: edge.level }).map_err(untraced)?;
         }
         Ok(())
     }
@@ -125,8 +127,13 @@ impl<B: VirtualBoard, C: Client, W: Write> Service<B, C, W> {
     /// # Errors
     /// When it cannot be written.
     pub fn finish(self) -> io::Result<()> {
-        self.trace.map_or(Ok(()), vcd_file::Writer::finish)
+        self.trace.map_or(Ok(()), vcd_file::Writer::finish).map_err(untraced)
     }
+}
+
+/// What is full is the trace's disk, not the line to the client.
+fn untraced(error: io::Error) -> io::Error {
+    io::Error::new(error.kind(), format!("its trace cannot be written: {error}"))
 }
 
 /// A firmware listens within so long after its reset.

@@ -110,6 +110,8 @@ fn what_repeats_is_the_plan_and_a_turn_ends_where_the_next_begins() {
         "law.sine = { amplitude = \"0.5 rev\", period = \"1 s\", cycles = \"forever\" }",
         "start = \"0.1 s\"\nlaw.sine = { amplitude = \"0.3 rev\", period = \"0.7300011 s\", cycles = \"forever\" }",
         "law.sweep = { frequency = \"4 Hz\", swing = \"25 step\", phase = \"0 ms\" }",
+        "law.speed = { speed = \"-33.3 step/s\" }",
+        "start = \"0.1 s\"\nbegin = \"jump\"\nlaw.speed = { speed = \"1234.567 step/s\" }",
         "repeat = \"forever\"\nlaw.then = [ { rest = \"0.5 s\" }, { trapezoid = { distance = \"1 rev\", speed = \"2 rev/s\", \
          acceleration = \"8 rev/s^2\" } } ]",
     ] {
@@ -350,6 +352,26 @@ fn a_file_of_the_users_own_is_not_written_over() {
     assert_eq!(exit, Exit::Refused);
     assert!(err.contains("wheel.ino") && err.contains("was not made by"), "{err}");
     assert_eq!(fs::read_to_string(&file).unwrap(), own);
+}
+
+/// As the motion file itself, or the image of another board.
+#[test]
+fn an_image_is_named_as_what_it_is() {
+    let folder = Folder::new("bake-name");
+    let tutorial = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/tutorial.toml");
+    for (name, board, wanted) in
+        [("own.toml", "uno", "own.hex"), ("own.uf2", "uno", "own.hex"), ("own.hex", "pico", "own.uf2")]
+    {
+        let file = folder.path(name);
+        fs::write(&file, "of the user's").unwrap();
+        let (mut out, mut err) = (Vec::new(), Vec::new());
+        let args = ["pulsetrain", "bake", tutorial, "--board", board, "--output", &file];
+        assert_eq!(cli::run(args, &mut out, &mut err), Exit::Refused);
+        let said = String::from_utf8(err).unwrap();
+        assert!(said.contains("does not end in") && said.contains(wanted), "{said}");
+        assert_eq!(fs::read_to_string(&file).unwrap(), "of the user's");
+    }
+    assert_eq!(command(&["--output", &folder.path("SWEEP.HEX")]).0, Exit::Success);
 }
 
 #[test]

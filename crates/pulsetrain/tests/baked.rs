@@ -243,6 +243,20 @@ fn phases_are_kept_past_the_wraps() {
     assert!(report.motors.iter().all(|motor| motor.drift_ppm.abs() < 1e-3), "{report:?}");
 }
 
+/// Motors that turn for good, from a ramp on, fast and slow, the one way and the other.
+#[test]
+fn a_speed_goes_on_for_ever() {
+    let all = [("2 rev/s", "ramp"), ("-3333.3 step/s", "ramp"), ("0.7 step/s", "jump"), ("100.001 step/s", "jump")];
+    let all = all.into_iter().zip(PINS).map(|((speed, begin), pins)| {
+        let limits = "max_speed = \"40 rev/s\"\nmax_acceleration = \"40 rev/s^2\"";
+        let motion = format!("begin = \"{begin}\"\nlaw.speed = {{ speed = \"{speed}\" }}");
+        motor(pins, &format!("{A4988}\n{limits}"), &motion)
+    });
+    let program = program("tolerance = \"1 us\"", &all.collect::<String>());
+    let report = keeps("for ever", &program, 30.0);
+    assert!(report.motors.iter().all(|motor| motor.drift_ppm.abs() < 0.05), "{report:?}");
+}
+
 /// 001's sweep, for a minute; with PULSETRAIN_ROUNDS=60 an hour.
 #[test]
 fn the_sweep_keeps_its_phase() {

@@ -107,6 +107,18 @@ fn the_tutorials_sine_goes_on_for_ever() {
     assert!(report.motors[0].steps_got > 40_000, "{report:?}");
 }
 
+/// From standstill to a speed that stays, and slow ones beside it.
+#[test]
+fn a_speed_goes_on_for_ever() {
+    let ramp = "law.then = [ { formula = { theta = \"10000.35*t*t\", unit = \"step\", duration = \"0.5 s\" } }, \
+                { speed = { speed = \"10000.35 step/s\" } } ]";
+    let slow = |speed: &str| format!("begin = \"jump\"\nlaw.speed = {{ speed = \"{speed}\" }}");
+    let program = program(&(driver(2, ramp) + &driver(4, &slow("-33.3 step/s")) + &driver(6, &slow("0.7 step/s"))));
+    let trace = watched(&mut baked(&program), 8.0 + LEAD_S);
+    let report = judged(&program, &trace, Some(7.9));
+    assert!(report.motors[0].steps_got > 70_000 && report.motors[2].steps_got == 6, "{report:?}");
+}
+
 /// Two ULN2003 boards and a driver, with waits in between, of which one is longer than ticks are told apart (17 s).
 #[test]
 fn coils_and_long_waits() {

@@ -107,6 +107,115 @@ fn explanations() {
     check(&["explain", &example("s-curve.toml")], Exit::Success, expect_file!["golden/explain-s-curve.txt"]);
 }
 
+/// Two motors, three limits, one beyond the board's: the first is met, all are told.
+#[test]
+fn all_that_a_motion_breaks_is_explained() {
+    let folder = Folder::new("breaks");
+    let file = folder.path("breaks.toml");
+    let motor = |name: &str, [step, dir]: [u8; 2], limits: &str| {
+        format!(
+            "[motor.{name}]\nsteps_per_rev = 200\nmicrosteps = 16\ndriver = \"A4988\"\npins = {{ step = {step}, dir = {dir} }}\n\
+             forward = \"high\"\n{limits}\n"
+        )
+    };
+    let laws = "[[motion]]\nmotor = \"a\"\nlaw.sine = { amplitude = \"1 rev\", period = \"0.7 s\" }\n\
+                [[motion]]\nmotor = \"b\"\nlaw.speed = { speed = \"30 rev/s\", duration = \"1 s\" }\n\
+                [[motion]]\nmotor = \"c\"\nlaw.sine = { amplitude = \"0.1 rev\", period = \"2 s\" }\n";
+    let text = format!(
+        "board = \"uno\"\n{}{}{}{laws}",
+        motor("a", [2, 5], "max_speed = \"3 rev/s\"\nmax_acceleration = \"20 rev/s^2\""),
+        motor("b", [3, 6], "max_speed = \"40 rev/s\""),
+        motor("c", [4, 7], "max_speed = \"3 rev/s\""),
+    );
+    std::fs::write(&file, text).unwrap();
+    let outcome = pulsetrain(&["explain", &file]);
+    let refused = outcome.out.split("\n\n").next().unwrap();
+    let told = |motor: &str, what: &str| {
+        refused.lines().any(|line| line.starts_with(&format!("  motor {motor}: ")) && line.contains(what))
+    };
+    let all = [("a", "the law runs at"), ("a", "accelerates"), ("b", "at once"), ("b", "the board makes")];
+    assert!(all.iter().all(|(motor, what)| told(motor, what)), "{}", outcome.out);
+    assert_eq!(refused.lines().count(), 1 + all.len(), "each once, and c breaks nothing: {refused}");
+    let said: serde_json::Value = serde_json::from_str(&pulsetrain(&["explain", &file, "--json"]).out).unwrap();
+    assert_eq!(said["refusal"]["also"].as_array().map(Vec::len), Some(all.len() - 1), "{said}");
+}
+
+/// A gear the wrong way round leaves nothing to do, which is no error; but it is told.
+#[test]
+fn a_motor_whose_motion_makes_no_step_is_named() {
+    let folder = Folder::new("still");
+    let file = folder.path("still.toml");
+    let plan = |gear: &str| {
+        let text = format!(
+            "board = \"pico\"\n[motor.pump]\nsteps_per_rev = 32\nmicrosteps = 2\ngear = \"{gear}\"\ndriver = \"ULN2003\"\n\
+             pins = {{ in = [6, 7, 8, 9] }}\n[[motion]]\nmotor = \"pump\"\nlaw.sine = {{ amplitude = \"0.05 rev\", period = \"3 s\" }}\n"
+        );
+        std::fs::write(&file, text).unwrap();
+        let outcome = pulsetrain(&["plan", &file]);
+        assert_eq!(outcome.exit, Exit::Success, "{}", outcome.err);
+        outcome.out
+    };
+    let note = "pump makes no step";
+    assert!(plan("25792:405").contains(note), "{}", plan("25792:405"));
+    assert!(!plan("405:25792").contains(note), "{}", plan("405:25792"));
+}
+
+/// How long a motion without an end would last is nobody's business.
+#[test]
+fn what_never_ends_is_told_no_other_length() {
+    let folder = Folder::new("endless");
+    let file = folder.path("endless.toml");
+    let refused = |cycles: &str| {
+        let text = format!(
+            "board = \"uno\"\n[motor.m]\nsteps_per_rev = 200\ndriver = \"A4988\"\npins = {{ step = 2, dir = 5 }}\nforward = \"high\"\n\
+             max_speed = \"1 rev/s\"\n[[motion]]\nmotor = \"m\"\nlaw.sine = {{ amplitude = \"1 rev\", period = \"1 s\", cycles = {cycles} }}\n"
+        );
+        std::fs::write(&file, text).unwrap();
+        let outcome = pulsetrain(&["plan", &file]);
+        assert_eq!(outcome.exit, Exit::Refused);
+        outcome.err
+    };
+    assert!(refused("3").contains("times slower it fits: 18."), "{}", refused("3"));
+    let said = refused("\"forever\"");
+    assert!(said.contains("times slower it fits") && !said.contains("instead of"), "{said}");
+}
+
+/// A disk that is full is told behind the verdict, not in its place.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_verdict_is_told_where_its_files_have_no_room() {
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/winch-script.txt").to_owned();
+    let commands =
+        [(vec!["run".to_owned(), example("tutorial.toml")], "\nPASS: "), (vec!["winch".to_owned(), script], "\nok\n")];
+    for (command, verdict) in commands {
+        for name in ["report.json", "plot.svg"] {
+            let folder = Folder::new("verdict-full");
+            std::os::unix::fs::symlink("/dev/full", folder.0.join(name)).unwrap();
+            let out = folder.0.display().to_string();
+            let args: Vec<&str> = command.iter().map(String::as_str).chain(["--native", "--out", &out]).collect();
+            let outcome = pulsetrain(&args);
+            assert_eq!(outcome.exit, Exit::Refused);
+            assert!(outcome.out.contains(verdict) && !outcome.out.contains("report.json"), "{}", outcome.out);
+            assert!(outcome.err.contains("cannot write") && outcome.err.contains(name), "{}", outcome.err);
+            let outcome = pulsetrain(&[&args[..], &["--json"]].concat());
+            let said: serde_json::Value = serde_json::from_str(&outcome.out).expect("one value");
+            assert!(said["message"].as_str().unwrap().contains("cannot write"), "{said}");
+        }
+    }
+}
+
+#[test]
+fn several_problems_are_told_one_below_the_other() {
+    let folder = Folder::new("several");
+    let file = folder.path("empty.toml");
+    std::fs::write(&file, "").unwrap();
+    let outcome = pulsetrain(&["plan", &file]);
+    assert_eq!(outcome.exit, Exit::Refused);
+    let told: Vec<&str> = outcome.err.lines().filter(|line| line.contains('×')).collect();
+    assert_eq!(told, ["board", "motor", "motion"].map(|key| format!("  × the motion file has no `{key}`")));
+    assert!(!outcome.err.contains("Error:") && !outcome.err.contains("\n\n\n"), "{}", outcome.err);
+}
+
 /// What is said to fit does fit, and a little less slow does not.
 #[test]
 fn the_slowdown_that_explain_names_is_enough_and_needed() {
@@ -396,7 +505,7 @@ fn keeps_settings(board: &str) {
     assert_eq!(said(&["--clear"]), "the board keeps: nothing that is not its own way\n");
     let all = ["--deadman", "500ms", "--idle", "60 s", "--silence", "1.5 s", "--limits", "2500.5", "30000"];
     let told = "the board keeps: text's deadman 500 ms; text releases after 60 s of rest; a host is lost after 1.5 s; \
-                axes of text at most 2500.5 steps/s and 30000 steps/s²\n";
+                axes of text at most 2500.5 steps/s and 30 000 steps/s²\n";
     assert_eq!(said(&all), told);
     let json: serde_json::Value =
         serde_json::from_str(&said(&["--deadman", "off", "--idle", "3 s", "--json"])).unwrap();

@@ -151,28 +151,8 @@ fn slack_that_is_taken_up_too_fast_is_to_be_given_a_longer_time() {
     assert!(said.contains("times slower it fits, with over = \""), "{said}");
 }
 
-const TABLE: &str = r#"
-board = "native"
-[motor.x]
-steps_per_rev = 200
-microsteps = 16
-lead = "40 mm"
-driver = "A4988"
-pins = { step = 2, dir = 3 }
-forward = "high"
-[motor.y]
-steps_per_rev = 200
-microsteps = 16
-lead = "40 mm"
-driver = "A4988"
-pins = { step = 4, dir = 5 }
-forward = "high"
-[machine.table]
-kind = "xy"
-motors = ["x", "y"]
-[[motion]]
-machine = "table"
-"#;
+/// An xy table, and the beginning of a motion of it.
+const TABLE: &str = include_str!("../../motion/tests/xy.toml");
 
 /// Machines have no `begin` and no `end`: what they have is said, and does it.
 #[test]
@@ -183,6 +163,11 @@ fn a_path_that_ends_in_motion_is_to_be_eased() {
     assert!(said.contains("give the path an `ease`") && !said.contains("end =") && !said.contains("begin ="), "{said}");
     let (exit, said) = says("plan", "eased", &format!("{TABLE}ease = \"0.5 s\"\n{path}"), &[]);
     assert_eq!(exit, Exit::Success, "{said}");
+    // Repeated it turns round at once: its ends are eased already.
+    let there = "path.formula = { x = \"20*sin(t)\", y = \"20*t\", unit = \"mm\", duration = \"2 s\" }\nrepeat = 2\n";
+    let (exit, said) = says("plan", "repeated", &format!("{TABLE}ease = \"0.5 s\"\n{there}"), &[]);
+    assert_eq!(exit, Exit::Refused, "{said}");
+    assert!(said.contains("has to end in the direction") && !said.contains("give the path an `ease`"), "{said}");
 }
 
 /// A circle that never ends: cut after two turns and a bit it stays round to its very end, with slack and without; and so it does when

@@ -4,17 +4,16 @@ use pulsetrain::cli;
 use pulsetrain::console::Exit;
 use pulsetrain::drive::{Driven, connect_while};
 use pulsetrain::prepare::Prepared;
+use pulsetrain_board::shared::Shared;
 use pulsetrain_board::virtual_pico::VirtualPico;
-use pulsetrain_board::{Board, Edge, Observer, Port, PortError, Remote, RemoteError, ScheduledStep, Setup};
+use pulsetrain_board::{Board, Edge, Observer, Port, Remote, RemoteError, ScheduledStep, Setup};
 use pulsetrain_core::verbs::Verb;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{Cause, MotorSetup};
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
 use pulsetrain_motion::{boards, file};
-use std::cell::RefCell;
 use std::io::ErrorKind;
 use std::path::PathBuf;
-use std::rc::Rc;
 use std::time::Duration;
 
 fn pulsetrain(args: &[&str]) -> (Exit, String) {
@@ -50,33 +49,11 @@ fn its_firmware_runs_the_tutorial_and_its_own_example() {
     }
 }
 
-/// A virtual Pico that is there for one host after the other, as a real one is.
-#[derive(Clone)]
-struct Shared(Rc<RefCell<VirtualPico>>);
-
-impl Port for Shared {
-    fn now(&self) -> Duration {
-        self.0.borrow().now()
-    }
-
-    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
-        self.0.borrow_mut().send(bytes)
-    }
-
-    fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
-        self.0.borrow_mut().receive(until, into)
-    }
-
-    fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
-        self.0.borrow_mut().set_baud(baud)
-    }
-}
-
 /// Who finds motors moving that a host has left behind is asked at once whether to wait, and, refused for whatever reason, leaves them as
 /// they are.
 #[test]
 fn a_refused_host_leaves_what_moves_to_the_next() {
-    let board = Shared(Rc::new(RefCell::new(VirtualPico::on_usb())));
+    let board = Shared::new(VirtualPico::on_usb());
     let mut host = Remote::open(board.clone(), 1).unwrap();
     host.configure(&Setup { pulse_ticks: 250, motors: drivers(1), ..Setup::default() }).unwrap();
     host.tell_motors(&[(0, Verb::Move { steps: 5000 })]).unwrap();
@@ -144,7 +121,7 @@ fn all_steps_are_told_of_a_board_that_has_been_on_for_long() {
 /// A run that is over gives its board to the next one: nobody waits until it was silent for too long.
 #[test]
 fn a_run_that_is_over_gives_its_board_away() {
-    let board = Shared(Rc::new(RefCell::new(VirtualPico::on_usb())));
+    let board = Shared::new(VirtualPico::on_usb());
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/tutorial.toml");
     let prepared = Prepared::load(file.as_ref(), Some("pico"), None).unwrap();
     let mut driven = Driven::at(&prepared, board.clone(), Baud::B1M).unwrap();

@@ -156,6 +156,39 @@ fn a_client_runs_a_motion_and_the_trace_shows_it() {
     assert_eq!(verdict.motors[0].steps_got, 400);
 }
 
+/// A disk with room for so many bytes.
+struct Disk(usize);
+
+impl io::Write for Disk {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0 = self.0.checked_sub(bytes.len()).ok_or(io::ErrorKind::StorageFull)?;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[test]
+fn a_trace_that_has_no_room_is_named() {
+    let pipe = Pipe::default();
+    *pipe.0.borrow_mut() =
+        Between { present: true, rate: 115_200, to_board: b"a x 200\n".to_vec(), ..Between::default() };
+    let ends = |room: usize| -> io::Result<()> {
+        let mut service = Service::new(VirtualUno::new(), pipe.clone(), Some(Disk(room)))?;
+        while service.now() < Duration::from_secs(1) {
+            service.round(service.now() + Duration::from_millis(10))?;
+        }
+        service.finish()
+    };
+    for room in [0, 1500] {
+        let error = ends(room).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::StorageFull);
+        assert!(error.to_string().contains("its trace cannot be written"), "{room}: {error}");
+    }
+}
+
 #[test]
 fn a_client_that_does_not_wait_is_heard() {
     let mut through = Through::new(None);
@@ -579,6 +612,33 @@ mod real {
         let (mut out, mut err) = (Vec::new(), Vec::new());
         let exit = cli::run([&["pulsetrain"], arguments].concat(), &mut out, &mut err);
         (exit, String::from_utf8(out).unwrap() + &String::from_utf8(err).unwrap())
+    }
+
+    /// A disk that is full is told behind what the motors did.
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_run_whose_files_have_no_room_tells_where_the_motors_are() {
+        let folder = folder("serve-full");
+        let link = folder.join("uno").display().to_string();
+        let (served, _) = Served::new("uno", &["--pty", &link]);
+        let file = folder.join("short.toml");
+        let text = "board = \"uno\"\n[motor.m]\nsteps_per_rev = 200\npulse_high = \"5 us\"\npins = { step = 8, dir = 9 }\n\
+                    forward = \"high\"\n[[motion]]\nmotor = \"m\"\nlaw.trapezoid = { distance = \"7 step\", speed = \"40 step/s\", \
+                    acceleration = \"4000 step/s^2\" }\n";
+        std::fs::write(&file, text).unwrap();
+        for name in ["steps.csv", "report.json"] {
+            let out = folder.join(name.replace('.', "-"));
+            std::fs::create_dir(&out).unwrap();
+            std::os::unix::fs::symlink("/dev/full", out.join(name)).unwrap();
+            let args = ["run", file.to_str().unwrap(), "--port", &link, "--out", out.to_str().unwrap()];
+            let (exit, said) = pulsetrain(&args);
+            assert_eq!(exit, Exit::Refused, "{said}");
+            for part in ["counted  planned\n  m      7 steps  7 steps", "cannot write", name, "No space left"] {
+                assert!(said.contains(part), "{part} is not in {said}");
+            }
+            assert!(!said.contains("(as scheduled)"), "{said}");
+        }
+        served.interrupt();
     }
 
     #[test]

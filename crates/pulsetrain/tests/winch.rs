@@ -715,6 +715,20 @@ fn slow_axes_are_waited_for() {
 }
 
 #[test]
+fn axes_that_the_board_has_stopped_or_never_moved_are_not_waited_for() {
+    // A deadman of which this console was told nothing.
+    let mut board = NativeWinch::new();
+    board.send(b"deadman 300\n").unwrap();
+    let (ended, said) = piped(board, ["v x 500"]);
+    assert!(ended.is_settled && !said.contains("still move"), "{said}");
+    assert!(said.lines().count() < 20, "{said}");
+    // Told directly, it refuses paths.
+    let (ended, said) = piped(VirtualPico::new(), ["speed x 20000", "move x 20", "v x 500"]);
+    assert_eq!(ended, Ended { refused: 1, is_settled: true }, "{said}");
+    assert!(said.contains("err verbs") && !said.contains("still move"), "{said}");
+}
+
+#[test]
 fn lines_from_a_pipe_are_obeyed_to_their_end() {
     let (lines, to_console) = channel();
     for line in ["g xyza 2 1", "a xy 100 -200"] {

@@ -292,7 +292,8 @@ fn shortest(
                 ("max_acceleration", max_acceleration, a * max_acceleration, "steps/s²")
             };
             return Err(LawError::Parameter(format!(
-                "no ramp of up to {longest} s stays within {name} = {limit} {unit}; the gentlest needs {needed:.6}"
+                "no ramp of up to {longest} s stays within {name} = {limit} {unit}; the gentlest needs {needed:.1}: a ramp makes up for \
+                 the way that it loses, and is faster than the law for a while"
             )));
         }
         below = span;
@@ -326,6 +327,13 @@ impl Blended {
 
     pub(super) fn end(&self) -> Option<Time> {
         self.tail.as_ref().map(|tail| tail.end).or_else(|| self.law.end())
+    }
+
+    /// As its law, once that has begun.
+    pub(super) fn cycle(&self) -> Option<(Time, Time)> {
+        let begun = self.head.as_ref().map_or(Time::ZERO, |head| head.end);
+        let (from, period) = self.law.cycle().filter(|_| self.tail.is_none())?;
+        Some((from.max(begun), period))
     }
 
     pub(super) fn class(&self) -> Class {

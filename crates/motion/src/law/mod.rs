@@ -353,6 +353,8 @@ impl Law {
     /// let endless = Law::sine(100.0, Time::SECOND, None)?.delayed(Time::from_seconds(0.5))?;
     /// assert_eq!(endless.cycle(), Some((Time::from_seconds(0.5), Time::SECOND)));
     /// assert_eq!(Law::sine(100.0, Time::SECOND, Some(3))?.cycle(), None);
+    /// // Whole steps: 3 of 2.5 a second.
+    /// assert_eq!(Law::speed(2.5, None)?.cycle(), Some((Time::ZERO, Time::from_ratio(6, 5))));
     /// # Ok::<(), pulsetrain_motion::LawError>(())
     /// ```
     #[must_use]
@@ -360,6 +362,8 @@ impl Law {
         match self {
             Law::Sine(sine) if sine.cycles.is_none() => Some((Time::ZERO, sine.period)),
             Law::Circle(circle) => circle.cycle(),
+            Law::Steady(steady) => steady.cycle(),
+            Law::Blended(blended) => blended.cycle(),
             Law::Changed(changed) => changed.law.cycle().map(|(from, period)| (from + changed.delay, period)),
             Law::Repeated(repeated) if repeated.times.is_none() => Some((Time::ZERO, repeated.period)),
             Law::Then(laws) => {

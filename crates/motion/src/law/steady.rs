@@ -40,6 +40,23 @@ impl Law {
 }
 
 impl Steady {
+    /// From when on an endless one repeats, and after which time: after whole steps, for a second or two, or for one step if that takes longer.
+    /// `None` at rest, and where a step takes more than minutes and 2^-64 s do not tell how long.
+    pub(super) fn cycle(&self) -> Option<(Time, Time)> {
+        const FRACTION: u64 = (1 << 52) - 1;
+        let speed = self.speed.abs();
+        if self.duration.is_some() || !speed.is_normal() {
+            return None;
+        }
+        // speed = mantissa · 2^exponent.
+        let mantissa = speed.to_bits() & FRACTION | (FRACTION + 1);
+        let zeros = mantissa.trailing_zeros();
+        let exponent = (speed.to_bits() >> 52) as i32 - 1075 + zeros as i32;
+        let (mantissa, steps) = (i128::from(mantissa >> zeros), libm::ceil(speed) as i128);
+        let shift = u32::try_from(64 - exponent).ok().filter(|shift| *shift + 1 < steps.leading_zeros())?;
+        Some((Time::ZERO, Time::from_raw(((steps << shift) + mantissa / 2) / mantissa)))
+    }
+
     pub(super) fn pieces(&self) -> impl Iterator<Item = Result<Piece, LawError>> + '_ {
         let end = self.duration.unwrap_or(Time::MAX);
         // A power of two, so that every window starts at an exact time.
@@ -57,5 +74,29 @@ impl Steady {
             piece.raise(Double::from(self.speed) * Double::from(start))?;
             Ok(piece)
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A second or two of whole steps, to the last bit of the speed; no period of what rests, or of a step in an hour.
+    #[test]
+    fn a_speed_repeats_after_whole_steps() {
+        for speed in [1.0, 2.5, -1600.0, 1.0 / 3.0, 33.333_333, 1234.567, 0.002, 1e12, 7.000_000_000_1e8] {
+            let endless = Steady { speed, duration: None };
+            let (from, period) = endless.cycle().unwrap();
+            let steps = period.seconds() * speed.abs();
+            assert!(
+                from == Time::ZERO && (steps / steps.round() - 1.0).abs() < 5e-16 && steps > 0.5,
+                "{speed}: {steps}"
+            );
+            assert!(speed.abs() < 1.0 || (1.0..2.0).contains(&period.seconds()), "{speed}: {period:?}");
+            assert_eq!(Steady { speed, duration: Some(Time::SECOND) }.cycle(), None);
+        }
+        for speed in [0.0, 1e-300, f64::MIN_POSITIVE / 2.0, 0.000_277_777] {
+            assert_eq!(Steady { speed, duration: None }.cycle(), None, "{speed}");
+        }
     }
 }

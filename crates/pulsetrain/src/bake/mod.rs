@@ -155,7 +155,7 @@ impl BakeError {
         match self {
             BakeError::Plan(_) => "`pulsetrain explain` tells more",
             BakeError::Endless { .. } | BakeError::NotPeriodic { .. } | BakeError::NoCommonPeriod { .. } => {
-                "what repeats for ever: endless sines, sweeps and circles, and `repeat = \"forever\"`; --for cuts the motion"
+                "what repeats for ever: endless sines, sweeps, circles and speeds, and `repeat = \"forever\"`; --for cuts the motion"
             }
             BakeError::NoStep { .. } => "a larger amplitude: from half a step on; or leave the motor out",
             BakeError::Meet { .. } => {

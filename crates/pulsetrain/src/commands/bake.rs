@@ -68,8 +68,14 @@ pub(crate) fn run(args: &Bake, console: &mut Console<'_>) -> miette::Result<Exit
         return Err(miette!(help = help, "{}: only images for an Uno are rehearsed", prepared.file));
     }
     match (&args.sketch, &args.output) {
-        (None, Some(path)) if is_pico => pico(args, &prepared, path, console),
-        (None, Some(path)) => uno(args, &prepared, path, console),
+        (None, Some(path)) if is_pico => {
+            check_ending(path, "uf2", "a Pico's image is UF2")?;
+            pico(args, &prepared, path, console)
+        }
+        (None, Some(path)) => {
+            check_ending(path, "hex", "an Uno's image is Intel HEX")?;
+            uno(args, &prepared, path, console)
+        }
         _ if is_pico => {
             let help = "--output FILE writes an image, which `pulsetrain flash pico` takes; a sketch can be had for --board uno";
             Err(miette!(help = help, "{}: sketches are for an Uno, and this is for a Pico", prepared.file))
@@ -182,6 +188,15 @@ impl BakedImage {
         }
         Ok(Exit::Success)
     }
+}
+
+/// An image is called as what it is: another name is another board's image, or a file that somebody wrote.
+fn check_ending(path: &Path, ending: &str, what: &str) -> miette::Result<()> {
+    if path.extension().is_some_and(|is| is.eq_ignore_ascii_case(ending)) {
+        return Ok(());
+    }
+    let help = format!("name it {}; nothing was written", path.with_extension(ending).display());
+    Err(miette!(help = help, "{} does not end in .{ending}: {what}", path.display()))
 }
 
 /// Leaves alone what somebody wrote: a sketch is written over if it was made here.

@@ -9,6 +9,7 @@ use crate::cli::Calibrate;
 use crate::console::{Console, Exit};
 use crate::drive::session_number;
 use crate::human;
+use crate::prepare::WORST_CLOCK_PPM;
 
 /// What was found.
 #[derive(Debug, Serialize)]
@@ -37,10 +38,9 @@ pub(crate) fn run(args: &Calibrate, console: &mut Console<'_>) -> miette::Result
     }
     let (ppm, within) = (human::significant(clock_ppm, 4), human::significant(within_ppm, 2));
     let way = way(clock_ppm, within_ppm);
+    let advice = advice(clock_ppm, within_ppm, &args.port);
     console.print(format_args!(
-        "the board's clock is {ppm} ppm off this computer's, give or take {within}: {way}.\n\
-         `pulsetrain run FILE --port {} --clock-ppm={clock_ppm:.1}` corrects for it. It moves with the board's temperature.\n",
-        args.port
+        "the board's clock is {ppm} ppm off this computer's, give or take {within}: {way}.\n{advice}\n"
     ))?;
     Ok(Exit::Success)
 }
@@ -54,6 +54,26 @@ fn way(clock_ppm: f64, within_ppm: f64) -> &'static str {
     } else {
         "it runs faster"
     }
+}
+
+/// What to do about it.
+fn advice(clock_ppm: f64, within_ppm: f64, port: &str) -> String {
+    if clock_ppm.abs() <= within_ppm {
+        return format!(
+            "There is nothing to correct for that is known. Watched for longer it is surer: \
+             `pulsetrain calibrate --port {port} --for \"2 min\"`, some 35 ppm."
+        );
+    }
+    if clock_ppm.abs() > WORST_CLOCK_PPM {
+        return format!(
+            "No board's clock is off by more than {} ppm: this computer had too much else to do, or the board is a virtual one that it \
+             is too slow for. Try again.",
+            human::count(WORST_CLOCK_PPM as i128)
+        );
+    }
+    format!(
+        "`pulsetrain run FILE --port {port} --clock-ppm={clock_ppm:.1}` corrects for it. It moves with the board's temperature."
+    )
 }
 
 /// Watches a board's clock for so long: how much faster than its nominal rate it runs, ppm, and how much that may be off. `None` if that
@@ -103,6 +123,18 @@ mod tests {
         assert_eq!(way(0.0, 70.0), "whether it runs faster or slower cannot be told");
         assert_eq!(way(-69.0, 70.0), way(0.0, 70.0));
         assert_eq!((way(71.0, 70.0), way(-71.0, 70.0)), ("it runs faster", "it runs slower"));
+    }
+
+    #[test]
+    fn a_correction_is_proposed_where_run_takes_it_and_it_is_known() {
+        let said = |ppm, within| advice(ppm, within, "/dev/ttyACM0");
+        assert!(said(-1250.04, 70.0).contains("--port /dev/ttyACM0 --clock-ppm=-1250.0`"), "{}", said(-1250.04, 70.0));
+        for (ppm, within, part) in
+            [(-60.0, 70.0, "calibrate --port /dev/ttyACM0 --for"), (-758_000.0, 1000.0, "10 000 ppm: this computer")]
+        {
+            let said = said(ppm, within);
+            assert!(said.contains(part) && !said.contains("--clock-ppm"), "{said}");
+        }
     }
 
     /// As `calibrate` says of too short a time.

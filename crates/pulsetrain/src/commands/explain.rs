@@ -39,10 +39,20 @@ struct Refused {
     curve: Vec<Point>,
     least_slowdown: Option<f64>,
     other_boards: Vec<String>,
+    /// What else this motor breaks, and what the others do, each by itself.
+    also: Vec<Also>,
     #[serde(skip)]
     advice: String,
     #[serde(skip)]
     limit: Option<LimitLine>,
+}
+
+/// A limit that is broken, beside the first.
+#[derive(Serialize)]
+struct Also {
+    motor: String,
+    message: String,
+    at_s: Option<f64>,
 }
 
 /// A point of the law near the place.
@@ -277,10 +287,25 @@ fn refused(prepared: &Prepared, motor: &Motor, error: &PlanError, advice: String
         at_s: error.at_s(),
         curve: error.at_s().map_or_else(Vec::new, |at_s| curve(motor, at_s)),
         least_slowdown: is_limit.then(|| fit::least_slowdown(prepared, motor)).flatten(),
+        also: also(prepared, motor, error),
         other_boards: if error.limit() == Some(Limit::Board) { fit::other_boards(prepared) } else { Vec::new() },
         advice,
         limit: limit.map(|(of, name, unit, value)| LimitLine { of, name, unit, value }),
     }
+}
+
+/// All limits that are broken but the one that was met first.
+fn also(prepared: &Prepared, first: &Motor, met: &PlanError) -> Vec<Also> {
+    let motors = prepared.program.motors.iter().flat_map(|motor| {
+        let is_first = motor.name == first.name;
+        let broken = fit::broken(&motor.law, &Settings::of(&prepared.program, motor)).into_iter();
+        broken.filter(move |error| !is_first || error.limit() != met.limit()).map(|error| Also {
+            motor: motor.name.clone(),
+            message: error.to_string(),
+            at_s: error.at_s(),
+        })
+    });
+    motors.collect()
 }
 
 fn speed(point: &Point) -> f64 {
@@ -312,8 +337,12 @@ fn curve(motor: &Motor, at_s: f64) -> Vec<Point> {
 fn text_of(explanation: &Explanation, refused: &Refused) -> String {
     let Explanation { file, board, .. } = explanation;
     let mut text = format!("{file} on {board}: refused\n  motor {}: {}\n", refused.motor, refused.message);
+    for Also { motor, message, .. } in &refused.also {
+        text.push_str(&format!("  motor {motor}: {message}\n"));
+    }
     if !refused.curve.is_empty() {
-        text.push_str(&format!("\nThe motion near the place\n{}", curve_table(refused)));
+        let near = if refused.also.is_empty() { "the place" } else { "the first of these places" };
+        text.push_str(&format!("\nThe motion near {near}\n{}", curve_table(refused)));
     }
     let advice: Vec<&str> = refused.advice.lines().filter(|line| !line.contains("pulsetrain explain")).collect();
     if !advice.is_empty() {

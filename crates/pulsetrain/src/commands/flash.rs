@@ -32,25 +32,48 @@ struct Flashed {
 pub(crate) fn run(args: &Flash, console: &mut Console<'_>) -> miette::Result<Exit> {
     let flashed = match (args.board.as_str(), &args.port) {
         ("uno", Some(port)) => uno(port, args.image.as_deref(), console)?,
-        ("uno", None) => return Err(miette!(help = "`pulsetrain ports` lists them", "say --port PORT")),
+        ("uno", None) => return Err(which_port(&serial::names())),
         (_, port) => pico(port.as_deref(), args.image.as_deref(), console)?,
     };
     if args.json {
         console.print_json(&flashed)?;
         return Ok(Exit::Success);
     }
-    let Flashed { board, place, bytes, .. } = &flashed;
-    let bytes = human::count(*bytes as i128);
-    if *board == "uno" {
-        console.print(format_args!(
-            "{bytes} bytes are on the Uno at {place}, and were read back; `pulsetrain info --port {place}` asks it\n"
-        ))?;
-    } else {
-        console.print(format_args!(
-            "{bytes} bytes were written to {place}; the Pico took them and has begun anew: `pulsetrain ports` shows its port\n"
-        ))?;
-    }
+    let is_own = args.image.as_ref().is_none_or(|file| file == Path::new(VERBS));
+    console.print(format_args!("{}\n", done(&flashed, is_own)))?;
     Ok(Exit::Success)
+}
+
+/// What was done, and what comes next: a firmware of this program's own answers hosts, another image may not.
+fn done(Flashed { board, place, bytes, .. }: &Flashed, is_own: bool) -> String {
+    let bytes = human::count(*bytes as i128);
+    match (*board, is_own) {
+        ("uno", true) => {
+            format!(
+                "{bytes} bytes are on the Uno at {place}, and were read back; `pulsetrain info --port {place}` asks it"
+            )
+        }
+        ("uno", false) => format!(
+            "{bytes} bytes are on the Uno at {place}, and were read back; they begin now. A baked motion answers no host: \
+             `pulsetrain flash uno --port {place}` brings the firmware back"
+        ),
+        (_, true) => format!(
+            "{bytes} bytes were written to {place}; the Pico took them and has begun anew: `pulsetrain ports` shows its port"
+        ),
+        (_, false) => format!(
+            "{bytes} bytes were written to {place}; the Pico took them and has begun anew. `pulsetrain flash pico` brings the \
+             firmware back"
+        ),
+    }
+}
+
+/// An Uno's port is not guessed: another board may be at the only one there is.
+fn which_port(names: &[String]) -> Report {
+    let help = "`pulsetrain ports` tells what is at each";
+    match names {
+        [] => miette!("say --port PORT; no serial port was found: is the board plugged in?"),
+        names => miette!(help = help, "say --port PORT; there are {}", names.join(", ")),
+    }
 }
 
 /// The name of the Uno's other image, in place of a file's.
@@ -305,6 +328,26 @@ mod tests {
         };
         assert!(help(32_768).contains("holds a bootloader too"), "{}", help(32_768));
         assert!(help(32_769).contains("larger chip"), "{}", help(32_769));
+    }
+
+    #[test]
+    fn who_names_no_port_is_told_which_there_are() {
+        assert!(which_port(&[]).to_string().contains("is the board plugged in?"));
+        let names = ["COM3", "COM7"].map(str::to_owned);
+        assert_eq!(which_port(&names).to_string(), "say --port PORT; there are COM3, COM7");
+    }
+
+    #[test]
+    fn what_may_not_answer_is_not_said_to_be_asked() {
+        let said = |board, is_own| {
+            let flashed = Flashed { board, place: "here".into(), bytes: 1234, baud: None, verified: board == "uno" };
+            done(&flashed, is_own)
+        };
+        for (board, asks) in [("uno", "pulsetrain info --port here"), ("pico", "pulsetrain ports")] {
+            let (own, other) = (said(board, true), said(board, false));
+            assert!(own.contains("1234 bytes") && own.contains(asks), "{own}");
+            assert!(!other.contains(asks) && other.contains(&format!("pulsetrain flash {board}")), "{other}");
+        }
     }
 
     #[test]

@@ -4,12 +4,12 @@ use pulsetrain_board::remote::in_words;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Port, Remote, RemoteError, Serial};
-use pulsetrain_core::wire::message::flags;
+use pulsetrain_core::wire::message::{Cause, flags};
 use pulsetrain_core::wire::{Baud, Reason, Stored, VERSION};
 use serde::Serialize;
 
-use super::port_problem;
 use super::store::{Kept, told};
+use super::{clock_off, port_problem};
 use crate::cli::At;
 use crate::console::{Console, Exit};
 use crate::drive::{DriveError, session_number};
@@ -78,11 +78,7 @@ pub(crate) fn run(args: &At, console: &mut Console<'_>) -> miette::Result<Exit> 
     let ticks = |ticks: u16| format!("{ticks} ticks = {}", human::seconds(f64::from(ticks) * tick_s));
     let bauds: Vec<String> = said.bauds.iter().map(|baud| human::count((*baud).into())).collect();
     let clock = match said.clock_ppm {
-        Some((ppm, doubt)) => format!(
-            "{} ppm off this computer's, give or take {}",
-            human::significant(ppm, 2),
-            human::significant(doubt, 2)
-        ),
+        Some(off) => clock_off(off, 2),
         None => "not compared".to_owned(),
     };
     let mut table = Table::default().left(&[0, 1]);
@@ -98,7 +94,7 @@ pub(crate) fn run(args: &At, console: &mut Console<'_>) -> miette::Result<Exit> 
     row("switches", format!("{} may wait", said.switches));
     row("line", format!("{} baud, of {}", human::count(said.baud.into()), bauds.join(", ")));
     row("began", format!("{} ago: {}", human::seconds(said.clock_s), said.last_reset));
-    row("last stop", said.last_stop.to_owned());
+    row("last stop", stopped(said.last_stop));
     if said.baked {
         row("baked", "a motion in its flash runs".to_owned());
     } else if said.moves {
@@ -133,6 +129,14 @@ impl Said {
         }
         told(self.keeps.as_ref(), self.keeps_damaged)
     }
+}
+
+/// Why a board stopped last. Its queue ends in a stop in either case: it cannot tell a motion that was over from one whose host was killed.
+fn stopped(why: &str) -> String {
+    if why == in_words(Cause::Finished) {
+        return format!("{why} that was queued: to the motion's end, or to the stop that was planned for a lost host");
+    }
+    why.to_owned()
 }
 
 /// What each motor counts, in order.
@@ -221,4 +225,16 @@ pub(super) fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
     };
     remote.close();
     Ok(said)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A host that was killed leaves the motors to the stop at their queues' end: the board calls that done, as a motion's end.
+    #[test]
+    fn an_end_may_be_a_lost_host_s() {
+        assert!(stopped(in_words(Cause::Finished)).contains("lost host"));
+        assert_eq!(stopped(in_words(Cause::StopNow)), "the host asked for an immediate stop");
+    }
 }

@@ -26,6 +26,8 @@ use miette::{Report, miette};
 use pulsetrain_board::{LinkError, PortError, RemoteError, SwitchRefused};
 
 use crate::drive::DriveError;
+use crate::human;
+use crate::prepare::WORST_CLOCK_PPM;
 use crate::session::SessionError;
 
 /// What is wrong with a port, with what to do where the error itself does not say.
@@ -40,12 +42,24 @@ pub(crate) fn port_problem(error: PortError) -> Report {
     miette!(help = help, "{error}")
 }
 
+/// How far a board's clock is off, with so many digits. A board that this computer did not keep up with is off by any amount.
+pub(crate) fn clock_off((ppm, doubt): (f64, f64), digits: usize) -> String {
+    let why = if ppm.abs() > WORST_CLOCK_PPM {
+        ": more than any board's; this computer was too busy, or is too slow for a virtual board"
+    } else {
+        ""
+    };
+    let (ppm, doubt) = (human::significant(ppm, digits), human::significant(doubt, 2));
+    format!("{ppm} ppm off this computer's, give or take {doubt}{why}")
+}
+
 /// What is wrong with a run, with what to do.
 pub(crate) fn drive_problem(error: DriveError) -> Report {
     let help = match &error {
         DriveError::Remote(RemoteError::Port(port)) => return port_problem(port.clone()),
         DriveError::Remote(RemoteError::Link(LinkError::Nobody | LinkError::Version { .. })) => {
-            "write the firmware to the board: `pulsetrain flash uno --port PORT`; a Pico: hold BOOTSEL as you plug it in, then \
+            "write the firmware to the board, also over a motion that was baked for an Uno, which answers nobody: \
+             `pulsetrain flash uno --port PORT`; a Pico: hold BOOTSEL as you plug it in, then \
              `pulsetrain flash pico`. A board that speaks text alone, as the StepperWinch sketch and `board winch`: \
              `pulsetrain winch --port PORT`"
         }
@@ -88,6 +102,12 @@ pub(crate) fn drive_problem(error: DriveError) -> Report {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_clock_that_no_board_has_is_told_as_the_computers() {
+        assert_eq!(clock_off((-1234.5, 70.0), 3), "−1230 ppm off this computer's, give or take 70");
+        assert!(clock_off((-386_000.0, 94.0), 3).contains("give or take 94: more than any board's; this computer"));
+    }
 
     #[test]
     fn a_board_that_text_has_tells_how_it_gets_free() {

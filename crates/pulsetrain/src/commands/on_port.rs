@@ -9,7 +9,7 @@ use pulsetrain_core::Direction;
 use pulsetrain_trace::steps;
 use serde::Serialize;
 
-use super::{drive_problem, plan, port_problem};
+use super::{clock_off, drive_problem, plan, port_problem};
 use crate::cli::Run;
 use crate::console::{self, Console, Exit, access};
 use crate::drive::{Driven, Ended, Wish, connect_while};
@@ -101,7 +101,7 @@ pub(crate) fn run(
     let (Ended { counted, stopped, uncertain }, measures, events, clock_ppm, frames_repeated) =
         asked.map_err(drive_problem)?;
     let Scheduled { writer, error } = scheduled;
-    error.map_or_else(|| writer.finish(), Err).map_err(|error| access("write", &path, error))?;
+    let written = error.map_or_else(|| writer.finish(), Err).map_err(|error| access("write", &path, error));
 
     let says = Word {
         counted,
@@ -121,12 +121,16 @@ pub(crate) fn run(
     };
     let report =
         PortReport { plan: plan::report(prepared, planned), runner: format!("board at {name}"), firmware, says };
+    // What the motors did is told also where a file has no room; a script gets one value, and then it is the error.
+    if !args.json {
+        console.print(&report.plan)?;
+        print(&report, planned, console)?;
+    }
+    written?;
     console::write(&folder.join("report.json"), format!("{}\n", console::json(&report)?).as_bytes())?;
     if args.json {
         console.print_json(&report)?;
     } else {
-        console.print(&report.plan)?;
-        print(&report, planned, console)?;
         console.print(format_args!("{}: report.json, steps.csv (as scheduled)\n", folder.display()))?;
     }
     let kept = report.says.compares_missed == 0 && report.says.starved == 0;
@@ -175,9 +179,8 @@ fn print(report: &PortReport, planned: &[Planned], console: &mut Console<'_>) ->
     } else if says.stopped {
         console.print("  stopped on the way, within the motors' limits\n")?;
     }
-    if let Some((ppm, doubt)) = says.clock_ppm {
-        let (ppm, doubt) = (human::significant(ppm, 3), human::significant(doubt, 2));
-        console.print(format_args!("  its clock is {ppm} ppm off this computer's, give or take {doubt}\n"))?;
+    if let Some(off) = says.clock_ppm {
+        console.print(format_args!("  its clock is {}\n", clock_off(off, 3)))?;
     }
     console.print(format_args!(
         "  compares missed {}, the latest by {}; starved {} times; longest round {}\n",

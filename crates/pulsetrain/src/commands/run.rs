@@ -50,13 +50,16 @@ pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit>
     };
     let Recorded { verdict, picture, lateness, figures } = recorded;
     let report = RunReport { plan: plan::report(&prepared, &planned), runner, verdict, lateness, figures };
+    // The verdict is told also where a file has no room; a script gets one value, and then it is the error.
+    if !args.json {
+        console.print(&report.plan)?;
+        console.print(&report)?;
+    }
     console::write(&folder.join("report.json"), format!("{}\n", console::json(&report)?).as_bytes())?;
     draw(&picture, &folder.join("plot.svg"))?;
     if args.json {
         console.print_json(&report)?;
     } else {
-        console.print(&report.plan)?;
-        console.print(&report)?;
         console.print(format_args!("{}: report.json, steps.csv, trace.vcd, plot.svg\n", folder.display()))?;
     }
     Ok(if report.is_ok() { Exit::Success } else { Exit::BoundBroken })

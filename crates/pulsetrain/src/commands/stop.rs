@@ -305,16 +305,15 @@ fn does_not_stop(why: &str) -> Report {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+mod tests {
     use super::super::info;
     use super::*;
+    use pulsetrain_board::Setup;
+    use pulsetrain_board::shared::Shared;
     use pulsetrain_board::virtual_pico::VirtualPico;
-    use pulsetrain_board::{Edge, Setup};
     use pulsetrain_core::verbs::Verb;
     use pulsetrain_core::wire::Baud;
     use pulsetrain_core::wire::message::MotorSetup;
-    use std::cell::RefCell;
-    use std::rc::Rc;
 
     /// A MOVE of a day that a host left behind: the next one is told, and may end it.
     #[test]
@@ -342,53 +341,24 @@ pub(super) mod tests {
         assert_eq!(said.uncertain, [0]);
     }
 
-    /// A board whose port is opened again and again, as by one program after the other.
-    #[derive(Clone)]
-    pub(in crate::commands) struct Shared(pub(in crate::commands) Rc<RefCell<VirtualPico>>);
-
-    impl Port for Shared {
-        fn now(&self) -> Duration {
-            self.0.borrow().now()
-        }
-
-        fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
-            self.0.borrow_mut().send(bytes)
-        }
-
-        fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
-            self.0.borrow_mut().receive(until, into)
-        }
-
-        fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
-            self.0.borrow_mut().set_baud(baud)
-        }
-    }
-
-    impl Shared {
-        /// Whoever has the port open leaves them here.
-        fn pins(&self) -> Vec<Edge> {
-            let mut edges = Vec::new();
-            self.0.borrow_mut().edges(&mut edges);
-            edges
-        }
-    }
-
     /// Has a Pico do what lines say, stops it 0.2 s later, and gives what is told, when and where x, y and z made their last steps, and
     /// when all was known. Times are since the stop was begun.
     fn stopped(lines: &[&str]) -> (Stopped, [i64; 3], Duration, Duration) {
         const TICKS_PER_S: f64 = 125e6;
-        let pico = Shared(Rc::new(RefCell::new(VirtualPico::on_usb())));
+        let pico = Shared::new(VirtualPico::on_usb());
         let mut talk = Talk::new(pico.clone());
         for line in lines {
             talk.tell(line).unwrap();
         }
         talk.wait(talk.now() + Duration::from_millis(200), |_, said| assert!(!said.is_refusal(), "{said:?}")).unwrap();
         let begun = pico.now();
-        let mut edges = pico.pins();
+        // Whoever has the port open leaves the edges there.
+        let mut edges = Vec::new();
+        pico.port().edges(&mut edges);
         let stopped = stop(|| Ok(pico.clone())).unwrap();
         let known = pico.now() - begun;
         let tick = edges.last().map_or(0, |edge| edge.tick);
-        edges.extend(pico.pins());
+        pico.port().edges(&mut edges);
         let mut forward = [false; 10];
         let mut counts = [0; 3];
         let mut last = tick;

@@ -34,7 +34,8 @@ impl Kept {
     /// In words.
     fn told(&self) -> String {
         let time = |ms: u16| human::seconds(f64::from(ms) / 1000.0);
-        let limits = format!("axes of text at most {} steps/s and {} steps/s²", self.steps_per_s, self.steps_per_s2);
+        let [speed, acceleration] = [self.steps_per_s, self.steps_per_s2].map(figure);
+        let limits = format!("axes of text at most {speed} steps/s and {acceleration} steps/s²");
         let parts = [
             (self.deadman_ms != 0).then(|| format!("text's deadman {}", time(self.deadman_ms))),
             (self.idle_ms != 0).then(|| format!("text releases after {} of rest", time(self.idle_ms))),
@@ -44,6 +45,11 @@ impl Kept {
         let parts: Vec<String> = parts.into_iter().flatten().collect();
         if parts.is_empty() { "nothing that is not its own way".to_owned() } else { parts.join("; ") }
     }
+}
+
+/// A speed or an acceleration as it was said, whole ones in groups of three digits.
+fn figure(value: f64) -> String {
+    if value.fract() == 0.0 { human::count(value as i128) } else { value.to_string() }
 }
 
 /// The same, for programs.
@@ -109,7 +115,9 @@ fn limits(values: &[f64]) -> miette::Result<(u32, u32)> {
         return Ok((vmax as u32, amax as u32));
     }
     let help = "a board takes up to 10 000 steps/s, and 1 to 250 000 steps/s²; `--limits 0 0` for the board's own";
-    Err(miette!(help = help, "--limits {values:?} is beyond what a board takes"))
+    let values: Vec<String> = values.iter().map(|value| figure(*value)).collect();
+    let told = values.join(" steps/s and ");
+    Err(miette!(help = help, "--limits of {told} steps/s² are beyond what a board takes"))
 }
 
 /// Changes what was said, and asks what is kept then.
@@ -138,13 +146,11 @@ fn settle<P: Port>(board: &mut Remote<P>, args: &Store, limits: Option<(u32, u32
 
 #[cfg(test)]
 mod tests {
-    use super::super::stop::tests::Shared;
     use super::*;
     use pulsetrain_board::Setup;
+    use pulsetrain_board::shared::Shared;
     use pulsetrain_core::baked::FLASH_ROOM;
     use pulsetrain_core::wire::message::MotorSetup;
-    use std::cell::RefCell;
-    use std::rc::Rc;
 
     const ASK: Store = Store {
         port: None,
@@ -160,7 +166,7 @@ mod tests {
     /// As a run leaves a Pico: who asks is told what to do, and the next one finds the board free.
     #[test]
     fn armed_motors_keep_settings_from_being_told_and_nobody_out() {
-        let board = Shared(Rc::new(RefCell::new(VirtualPico::on_usb())));
+        let board = Shared::new(VirtualPico::on_usb());
         let mut host = Remote::open(board.clone(), 1).unwrap();
         let driver = MotorSetup { step_pin: 2, dir_pin: 3, ..MotorSetup::default() };
         host.configure(&Setup { pulse_ticks: 250, motors: vec![driver], ..Setup::default() }).unwrap();
@@ -199,10 +205,18 @@ mod tests {
     }
 
     #[test]
+    fn limits_that_no_board_takes_are_told_as_they_were_said() {
+        let refused = limits(&[-5.0, 1e6]).unwrap_err();
+        assert_eq!(refused.to_string(), "--limits of −5 steps/s and 1 000 000 steps/s² are beyond what a board takes");
+    }
+
+    #[test]
     fn what_is_damaged_is_told() {
         let kept = Kept::of(Settings { deadman_ms: 500, ..Settings::default() });
         assert_eq!(told(Some(&kept), false), "text's deadman 500 ms");
         assert_eq!(told(Some(&kept), true), "text's deadman 500 ms (what was stored last is damaged: store it again)");
+        let limits = Kept::of(Settings { vmax: 2_500_500, amax: 20_000_000, ..Settings::default() });
+        assert_eq!(told(Some(&limits), false), "axes of text at most 2500.5 steps/s and 20 000 steps/s²");
         assert_eq!(told(None, true), "nothing (what was stored last is damaged: store it again)");
     }
 }

@@ -83,6 +83,11 @@ fn lines(script: Option<Vec<Timed>>) -> Lines {
     script.map_or_else(|| Lines::Typed(typed()), |script| Lines::Script(script.into_iter()))
 }
 
+/// What is told by a line, whether of a file or typed.
+fn without_comment(line: &str) -> &str {
+    line.split('#').next().unwrap_or_default().trim_end()
+}
+
 /// Reads a script.
 fn load(path: &Path) -> miette::Result<Vec<Timed>> {
     let bytes = console::read(path)?;
@@ -93,7 +98,7 @@ fn load(path: &Path) -> miette::Result<Vec<Timed>> {
     for raw in text.split_inclusive('\n') {
         let from = start;
         start += raw.len();
-        let line = raw.split('#').next().unwrap_or_default().trim_end();
+        let line = without_comment(raw);
         if line.is_empty() {
             continue;
         }
@@ -285,7 +290,7 @@ fn hold<P: Port>(
             }
             Lines::Typed(typed) => match typed.try_recv() {
                 Ok(_) if has_ended => {}
-                Ok(line) => match line.trim() {
+                Ok(line) => match without_comment(&line).trim_start() {
                     "" => {}
                     "help" | "?" => console.print(HELP)?,
                     "quit" | "exit" => has_ended = true,
@@ -461,39 +466,38 @@ impl<P: Port> Held<P> {
 mod tests {
     use super::*;
     use pulsetrain_board::PortError;
-    use std::cell::RefCell;
-    use std::rc::Rc;
+    use pulsetrain_board::shared::Shared;
     use std::time::Duration;
 
     /// A board that is there for one host after the other, which do not hear all; its port is gone in the end.
     #[derive(Clone)]
     struct Deaf {
-        board: Rc<RefCell<VirtualPico>>,
+        board: Shared<VirtualPico>,
         hears_not: Range<Duration>,
         gone: Duration,
     }
 
     impl Deaf {
         fn new(hears_not: Range<Duration>, gone: Duration) -> Deaf {
-            Deaf { board: Rc::new(RefCell::new(VirtualPico::on_usb())), hears_not, gone }
+            Deaf { board: Shared::new(VirtualPico::on_usb()), hears_not, gone }
         }
     }
 
     /// Tells a board lines; how that ends, and what is said.
-    fn held(port: Deaf, lines: Vec<Timed>) -> (miette::Result<Exit>, String) {
+    fn held(port: Deaf, lines: Lines) -> (miette::Result<Exit>, String) {
         let (mut out, mut err) = (Vec::new(), Vec::new());
         let mut console = Console { out: &mut out, err: &mut err, err_is_terminal: false };
-        let exit = hold(port, "", Baud::B1M, Lines::Script(lines.into_iter()), None, &mut console);
+        let exit = hold(port, "", Baud::B1M, lines, None, &mut console);
         (exit, String::from_utf8(out).unwrap())
     }
 
     impl Port for Deaf {
         fn now(&self) -> Duration {
-            self.board.borrow().now()
+            self.board.now()
         }
 
         fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
-            self.board.borrow_mut().send(bytes)
+            self.board.send(bytes)
         }
 
         fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
@@ -501,7 +505,7 @@ mod tests {
                 return Err(PortError::Gone { name: "the port".to_owned(), why: "it takes for ever".to_owned() });
             }
             let had = into.len();
-            self.board.borrow_mut().receive(until, into)?;
+            self.board.receive(until, into)?;
             if self.hears_not.contains(&self.now()) {
                 into.truncate(had);
             }
@@ -509,7 +513,7 @@ mod tests {
         }
 
         fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
-            self.board.borrow_mut().set_baud(baud)
+            self.board.set_baud(baud)
         }
     }
 
@@ -522,7 +526,7 @@ mod tests {
         for begin in (334_000..350_000).step_by(1000) {
             let begin = Duration::from_micros(begin);
             let port = Deaf::new(begin..begin + Duration::from_millis(6), Duration::from_secs(4));
-            let (exit, said) = held(port, vec![(0.1, told)]);
+            let (exit, said) = held(port, lines(Some(vec![(0.1, told)])));
             assert!(matches!(exit, Ok(Exit::Success)), "{begin:?}: {exit:?} {said}");
             let (at, done) = (said.rfind("\nat ").unwrap(), said.find("\ndone x "));
             assert_eq!(done.is_none(), said.contains("got lost on the way, of x\n"), "{begin:?}: {said}");
@@ -531,6 +535,18 @@ mod tests {
             seen[1] += u32::from(done.is_none());
         }
         assert!(seen.iter().all(|times| *times > 0), "{seen:?}");
+    }
+
+    #[test]
+    fn typed_lines_may_have_comments_as_those_of_files() {
+        let (typed, lines) = std::sync::mpsc::channel();
+        for line in ["# a note", "  speed x 125000 # a kilohertz", "move x 3#and no more", "quit # it is done"] {
+            typed.send(line.to_owned()).unwrap();
+        }
+        let port = Deaf::new(Duration::ZERO..Duration::ZERO, Duration::from_secs(4));
+        let (exit, said) = held(port, Lines::Typed(lines));
+        assert!(matches!(exit, Ok(Exit::Success)), "{exit:?} {said}");
+        assert!(said.contains("\ndone x ") && said.trim_end().ends_with(" x 3 - y 0 - z 0 - a 0 -"), "{said}");
     }
 
     /// A move that a host has left behind goes on when the next one waits for it no longer.

@@ -56,13 +56,16 @@ pub(crate) fn run(args: &Winch, console: &mut Console<'_>) -> miette::Result<Exi
         None => virtually(VirtualUno::new(), "virtual Uno", &name, &script, &options, console)?,
     };
     let Judged { report, picture } = judged;
+    // What the axes did is told also where a file has no room; a script gets one value, and then it is the error.
+    if !args.json {
+        console.print(&report)?;
+    }
     console::write(&folder.join("report.json"), format!("{}\n", console::json(&report)?).as_bytes())?;
     draw(&picture, &folder.join("plot.svg"))?;
     let files = write_files(&run, &folder, &options, report.verdict.is_some())?;
     if args.json {
         console.print_json(&report)?;
     } else {
-        console.print(&report)?;
         console.print(format_args!("{}: report.json, plot.svg, {files}\n", folder.display()))?;
     }
     Ok(if report.is_ok() { Exit::Success } else { Exit::BoundBroken })
@@ -122,7 +125,8 @@ fn options_of(board: Option<&str>) -> Options {
 fn ask<P: Port>(talk: &mut Talk<P>, place: &str) -> miette::Result<String> {
     talk.ask().map_err(port_problem)?.ok_or_else(|| {
         let help = "is it StepperWinch, or Pulsetrain's firmware, and no program that sends frames has it? An Uno's image with verbs \
-                    knows no text: `pulsetrain verbs`";
+                    knows no text: `pulsetrain verbs`. Nor does a baked motion, until it is stopped (`pulsetrain stop`, a Pico's) or \
+                    the firmware is back (`pulsetrain flash`)";
         miette!(help = help, "the {place} does not speak StepperWinch's text: it does not answer `version`")
     })
 }

@@ -57,7 +57,14 @@ pub enum ConsoleError {
     Port(#[from] PortError),
     /// So is the person.
     #[error("the console cannot go on: {0}")]
-    Person(#[from] io::Error),
+    Person(io::Error),
+}
+
+// The message has all of it: as a source it would be told twice.
+impl From<io::Error> for ConsoleError {
+    fn from(error: io::Error) -> ConsoleError {
+        ConsoleError::Person(error)
+    }
 }
 
 /// Stops all axes; as the board wants it: [`Talk::as_wanted`].
@@ -82,6 +89,10 @@ const ROUND: Duration = Duration::from_millis(40);
 
 /// Axes that have not moved for so long, by the board's clock, rest, if no line has told them to go on, µs.
 const REST_US: u64 = 500_000;
+
+/// By more than so many steps the mirror leads only an axis that does not do as it does: what a line is late for comes to less
+/// where the axis makes none in [`REST_US`].
+const LEAD_STEPS: u64 = 3;
 
 /// And so long it is waited for: with the gains at first a move rings for ten seconds and more.
 const LONGEST_WAIT: Duration = Duration::from_secs(30);
@@ -145,7 +156,7 @@ pub fn converse<P: Port>(talk: &mut Talk<P>, person: &mut impl Person) -> Result
         }
         if is_ending && waiting.is_empty() {
             let waited = now.saturating_sub(*ended.get_or_insert(now));
-            if !person.waits_for_rest() || (rest.is_reached && mirror.is_at_rest()) {
+            if !person.waits_for_rest() || rest.is_complete(&mirror) {
                 return Ok(Ended { refused, is_settled: true });
             }
             if waited > LONGEST_WAIT {
@@ -161,7 +172,7 @@ pub fn converse<P: Port>(talk: &mut Talk<P>, person: &mut impl Person) -> Result
         let mut shown = Ok(());
         talk.wait(until, |at, said| {
             if let Said::Status(status) = &said {
-                rest.see(*status);
+                rest.see(*status, mirror.made());
             }
             refused += usize::from(said.is_refusal());
             if said.is_answer() {
@@ -179,17 +190,26 @@ pub fn converse<P: Port>(talk: &mut Talk<P>, person: &mut impl Person) -> Result
 #[derive(Clone, Copy, Debug, Default)]
 struct Rest {
     since: Option<Status>,
+    /// Where the mirror's axes were then.
+    mirrored: [i64; 4],
     is_reached: bool,
 }
 
 impl Rest {
-    fn see(&mut self, status: Status) {
+    fn see(&mut self, status: Status, mirrored: [i64; 4]) {
         match self.since {
             Some(since) if since.positions == status.positions => {
                 self.is_reached = status.usec - since.usec >= REST_US;
             }
-            _ => *self = Rest { since: Some(status), is_reached: false },
+            _ => *self = Rest { since: Some(status), mirrored, is_reached: false },
         }
+    }
+
+    /// Whether the board's axes rest, and are not only slow: so the mirror says, or it has gone on without them. Then the board
+    /// does not do what the mirror took it to: it has refused a line, or a deadman that it keeps has stopped it.
+    fn is_complete(&self, mirror: &Mirror) -> bool {
+        let leads = mirror.made().iter().zip(self.mirrored).any(|(now, then)| now.abs_diff(then) > LEAD_STEPS);
+        self.is_reached && (leads || mirror.is_at_rest())
     }
 }
 

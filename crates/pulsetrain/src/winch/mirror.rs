@@ -13,12 +13,14 @@ pub(super) struct Mirror {
     session: Session,
     /// Milliseconds of the port's time that are over.
     ms: u128,
+    /// Steps of each axis since the start, forward minus backward.
+    made: [i64; 4],
 }
 
 impl Mirror {
     /// One that starts now.
     pub(super) const fn new(now: Duration) -> Mirror {
-        Mirror { reader: Reader::new(), session: Session::new(), ms: now.as_millis() }
+        Mirror { reader: Reader::new(), session: Session::new(), ms: now.as_millis(), made: [0; 4] }
     }
 
     /// Hears a line, now.
@@ -35,11 +37,19 @@ impl Mirror {
     pub(super) fn go_on(&mut self, now: Duration) {
         while self.ms < now.as_millis() {
             self.ms += 1;
-            self.session.millisecond();
+            for (made, slice) in self.made.iter_mut().zip(self.session.millisecond()) {
+                let steps = i64::from(slice.count);
+                *made += if slice.backward { -steps } else { steps };
+            }
             if self.session.has_stopped() {
                 self.session.release();
             }
         }
+    }
+
+    /// Where each axis is, from where it was at the start, steps.
+    pub(super) const fn made(&self) -> [i64; 4] {
+        self.made
     }
 
     /// Whether no axis goes on, or is to: while the drivers are off none does.

@@ -180,4 +180,35 @@ mod tests {
         // What makes no difference yet is taken as soon as it may be: gains and limits of axes at rest.
         assert_eq!(found, [2, 5, 8, 402, 406, 700, 702]);
     }
+
+    /// Ten lines, a millisecond or two apart, are all over before any axis makes a step: there are far more ways than are followed, all as good
+    /// as each other till then. Each line took six of its eight milliseconds.
+    #[test]
+    fn of_more_ways_than_are_followed_those_of_even_delays_are_kept() {
+        const TOOK: u64 = 6;
+        let lines = [
+            (10, "a x 30"),
+            (11, "a y -25"),
+            (13, "d x 9"),
+            (14, "a z 40"),
+            (15, "d y -12"),
+            (16, "a a 22"),
+            (18, "d x 5"),
+            (19, "d z -7"),
+            (20, "d a 11"),
+            (21, "d y 4"),
+        ];
+        let options = Options::default();
+        let told: Vec<Told> = lines
+            .iter()
+            .map(|(ms, line)| {
+                let tick = (ms - TOOK) * 16_000;
+                Told { tick, until: tick + 32_000, command: Command::parse(line).unwrap() }
+            })
+            .collect();
+        let seen = seen(&lines, 600, &options);
+        let first = seen.steps.iter().flatten().map(|step| step.ms).fold(f64::INFINITY, f64::min);
+        assert!(first > 24.0, "a step at {first} ms already");
+        assert_eq!(find(&told, &seen, 600, &options), lines.map(|(ms, _)| ms));
+    }
 }

@@ -1,0 +1,59 @@
+//! A port that one host after the other opens, or several at once, as those of a computer are.
+
+use crate::{Port, PortError};
+use pulsetrain_core::wire::Baud;
+use std::cell::{RefCell, RefMut};
+use std::rc::Rc;
+use std::time::Duration;
+
+/// A port, and as many clones as there are hosts. Edges of the board's pins stay with the port itself: no host takes them from another.
+///
+/// ```
+/// use pulsetrain_board::{Remote, RemoteError, LinkError, model::ModelPort, shared::Shared};
+/// let line = Shared::new(ModelPort::new());
+/// let first = Remote::open(line.clone(), 1)?;
+/// assert!(line.port().is_taken());
+/// assert_eq!(Remote::open_if_free(line.clone(), 2).err(), Some(RemoteError::Link(LinkError::Taken)));
+/// first.close();
+/// assert!(Remote::open_if_free(line, 3).is_ok());
+/// # Ok::<(), RemoteError>(())
+/// ```
+#[derive(Debug)]
+pub struct Shared<P>(Rc<RefCell<P>>);
+
+impl<P> Shared<P> {
+    /// A port that nobody has yet.
+    pub fn new(port: P) -> Shared<P> {
+        Shared(Rc::new(RefCell::new(port)))
+    }
+
+    /// The port itself. No host can use it meanwhile.
+    pub fn port(&self) -> RefMut<'_, P> {
+        self.0.borrow_mut()
+    }
+}
+
+// Also of ports that are not to be cloned.
+impl<P> Clone for Shared<P> {
+    fn clone(&self) -> Shared<P> {
+        Shared(Rc::clone(&self.0))
+    }
+}
+
+impl<P: Port> Port for Shared<P> {
+    fn now(&self) -> Duration {
+        self.0.borrow().now()
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        self.port().send(bytes)
+    }
+
+    fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
+        self.port().receive(until, into)
+    }
+
+    fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
+        self.port().set_baud(baud)
+    }
+}
