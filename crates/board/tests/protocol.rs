@@ -117,7 +117,7 @@ fn layouts_are_as_long_as_their_tables() {
         let mut bytes = [0; MAX_FRAME];
         command.encode(1, Tag(1), &mut bytes).expect("fits") - 6
     };
-    check("Hello", command(Command::Hello { version: 1, nonce: 2 }));
+    check("Hello", command(Command::Hello { version: VERSION, nonce: 2 }));
     check("Discard", command(Command::Discard { epoch: Epoch(1) }));
     check("Switch", command(Command::Switch { epoch: Epoch(1), tick: 5 }));
     check("Baud", command(Command::Baud { baud: Baud::B1M }));
@@ -282,7 +282,7 @@ fn the_session_is_what_its_remarks_say() {
             _ => {}
         }
     }
-    assert_eq!(commands[0], "0 Hello { version: 1, nonce: 305419896 }");
+    assert_eq!(commands[0], "0 Hello { version: 2, nonce: 305419896 }");
     assert!(matches!(replies[0], (0, Reply::Info(Info { tag: Tag(1), pool: 1024, window: 240, .. }))));
     let free = |reply: &(u8, Reply)| match reply.1 {
         Reply::Configured(free) | Reply::Ack(Ack { free, .. }) => free.as_slice().to_vec(),

@@ -41,5 +41,5 @@ pub use axis::Axis;
 pub use channel::Channel;
 pub use merge::Merge;
 pub use moment::Moment;
-pub use queue::{Entry, Epoch, Item, Queue};
+pub use queue::{Entry, Epoch, Item, Queue, RESUMED_WITHIN};
 pub use segment::{Direction, Recurrence, Segment};

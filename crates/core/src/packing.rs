@@ -6,7 +6,7 @@
 //! count of the last segment, and the direction. It starts, and starts again at a [reset](Control), with all
 //! registers 0 and a previous count of 4; the direction starts forward.
 //! The fraction of the accumulator is no part of it: it is carried on through segments, waits, reversals and resets,
-//! and only an anchor sets it, to ½.
+//! and only an anchor sets it, to ½, and a resume.
 //!
 //! # A segment
 //! | byte | bits | |
@@ -27,8 +27,9 @@
 //! | 0 | 0–2 | 7 |
 //! | | 3–7 | what: see [`Control`] |
 //! | 1 | | 0 |
-//! | 2–5 | | dwell: ticks; anchor: tick; little-endian. Reversal and reset: absent |
-//! | 2–3, 4–7, 8–9 | | check only: steps since the anchor, forward minus backward, modulo 2^16; accumulator: tick, fraction · 2^16; little-endian |
+//! | 2–5 | | dwell: ticks; anchor, resume: tick; little-endian. Reversal and reset: absent |
+//! | 6–7 | | resume only: fraction · 2^16; little-endian |
+//! | 2–3, 4–7, 8–9 | | check only: steps since the anchor or resume, forward minus backward, modulo 2^16; accumulator: tick, fraction · 2^16; little-endian |
 //!
 //! # Slowing down
 //! What a motor brakes with: control records 16 + m, m = 0..=15, two bytes. Each stands for a segment in the same direction:
@@ -48,7 +49,7 @@
 //!
 //! # Checks
 //! A check says where the sender thinks that the motor is when all before it has been done: an Uno compares, and does
-//! nothing of what follows up to the next anchor if it is not so. It is no item; [`Packing::unpack`] passes over it.
+//! nothing of what follows up to the next anchor or resume if it is not so. It is no item; [`Packing::unpack`] passes over it.
 //!
 //! # An exact segment
 //! One that the units or widths of a correction cannot say: a step that was put off because of a shared DIR line, or
@@ -101,6 +102,8 @@ pub enum Control {
     Exact = 4,
     /// Where the motor ought to be.
     Check = 5,
+    /// Set the accumulator, with its fraction.
+    Resume = 6,
     /// Slowing down, over one step; the fifteen codes after it are for 2, 4, … 2^15 steps.
     Slow = 16,
 }
@@ -114,7 +117,7 @@ const SLOW_LEN: usize = 2;
 /// Where a motor is when all before has been done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Check {
-    /// Steps since the last anchor, forward minus backward, modulo 2^16: what the count was there need not be known.
+    /// Steps since the last anchor or resume, forward minus backward, modulo 2^16: what the count was there need not be known.
     pub position: u16,
     /// The accumulator, waits included: its tick.
     pub tick: Moment,
@@ -355,6 +358,10 @@ impl Packing {
         let mut writer = Writer { out, len: 0 };
         match *item {
             Item::Anchor { tick } => writer.control(Control::Anchor, &tick.0.to_le_bytes()),
+            Item::Resume { tick, fraction } => {
+                writer.control(Control::Resume, &tick.0.to_le_bytes());
+                writer.bytes(&fraction.to_le_bytes());
+            }
             Item::Dwell { ticks } => writer.control(Control::Dwell, &ticks.to_le_bytes()),
             Item::Run { segment, direction } => {
                 let mut start = *state;
@@ -460,6 +467,10 @@ impl Packing {
                 }
                 5 => {
                     take::<{ CHECK_LEN - 2 }>(&mut rest)?;
+                }
+                6 => {
+                    let tick = Moment(u32::from_le_bytes(take(&mut rest)?));
+                    break Some(Item::Resume { tick, fraction: u16::from_le_bytes(take(&mut rest)?) });
                 }
                 control @ 16.. => {
                     let m = control - Control::Slow as u8;
@@ -759,6 +770,11 @@ mod tests {
             &[Item::Anchor { tick: Moment(0x0102_0304) }, Item::Dwell { ticks: 5 }],
             &[0b11111, 0, 4, 3, 2, 1, 0b10111, 0, 5, 0, 0, 0],
         );
+    }
+
+    #[test]
+    fn a_resume_is_eight_bytes() {
+        check(&[Item::Resume { tick: Moment(0x0102_0304), fraction: 0x0506 }], &[0b110_111, 0, 4, 3, 2, 1, 6, 5]);
     }
 
     #[test]

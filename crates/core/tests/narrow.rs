@@ -24,8 +24,8 @@ fn any_size_signed(bits: u32) -> impl Strategy<Value = i64> {
 /// Part of a motion, as it is packed.
 #[derive(Clone, Debug)]
 enum Part {
-    /// So many ticks from now; the first of an epoch.
-    Anchor(i32),
+    /// So many ticks from now, with a fraction or ½; the first of an epoch.
+    Anchor(i32, Option<u16>),
     Dwell(u32),
     /// In full, whatever went before.
     Run {
@@ -228,7 +228,10 @@ impl Pair {
                     self.unsent.extend(&buffer[..len]);
                     continue;
                 }
-                Part::Anchor(offset) => Item::Anchor { tick: Moment(self.now.0.wrapping_add_signed(offset)) },
+                Part::Anchor(offset, fraction) => {
+                    let tick = Moment(self.now.0.wrapping_add_signed(offset));
+                    fraction.map_or(Item::Anchor { tick }, |fraction| Item::Resume { tick, fraction })
+                }
                 Part::Dwell(ticks) => Item::Dwell { ticks },
                 Part::Run { segment, forward } => {
                     let direction = if forward { Direction::Forward } else { Direction::Backward };
@@ -394,7 +397,8 @@ impl Pair {
             }
             Action::Plan { from, parts, ahead } => {
                 self.act(Action::NextEpoch);
-                self.fill(vec![Part::Anchor(from.into())]);
+                let fraction = (from % 2 == 1).then_some(from.wrapping_mul(40_503));
+                self.fill(vec![Part::Anchor(from.into(), fraction)]);
                 self.fill(parts);
                 while !self.unsent.is_empty() && self.motor.bytes().room() > 0 {
                     let before = self.unsent.len();
@@ -451,7 +455,7 @@ proptest! {
     ) {
         let start = if wraps { u32::MAX - (start >> 12) } else { start };
         let mut pair = Pair::new(gain, gap, asserts_every_step, motors, Moment(start));
-        pair.fill(vec![Part::Anchor(100)]);
+        pair.fill(vec![Part::Anchor(100, None)]);
         for action in actions {
             pair.act(action);
         }

@@ -11,7 +11,7 @@ use pulsetrain_core::wire::service::{SILENCE_MS, TRIAL_MS};
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{
     Baud, Command, Decoder, Encoder, LEAST_BODY, MAX_BODY, MAX_FRAME, Machine, Millis, Refusal, Reply, Service,
-    Settings, Stopped, Stored, Switched,
+    Settings, Stopped, Stored, Switched, VERSION,
 };
 
 /// Says yes to everything.
@@ -142,7 +142,7 @@ impl Machine for Notebook {
 /// A board that host number 7 has taken with frame 0; frame 1 is next, and its tag is 1.
 fn taken() -> (Service, Notebook) {
     let (mut service, mut machine) = (Service::new(MAX_BODY), Notebook::default());
-    say(&mut service, &mut machine, &frame(&Command::Hello { version: 1, nonce: 7 }, 0, Tag::NONE), 0);
+    say(&mut service, &mut machine, &frame(&Command::Hello { version: VERSION, nonce: 7 }, 0, Tag::NONE), 0);
     assert!(matches!(hear(&mut service, &mut machine, 0), Some((Tag::NONE, 0, Reply::Info(Info { tag: Tag(1), .. })))));
     (service, machine)
 }
@@ -307,7 +307,7 @@ fn silence_frees_a_board_and_not_before() {
     assert_eq!(hear(&mut service, &mut machine, start.wrapping_add(SILENCE_MS - 1)), None);
     assert!(service.is_taken());
     // Another host is refused as long as that.
-    let hello = frame(&Command::Hello { version: 1, nonce: 8 }, 9, Tag::NONE);
+    let hello = frame(&Command::Hello { version: VERSION, nonce: 8 }, 9, Tag::NONE);
     say(&mut service, &mut machine, &hello, start.wrapping_add(SILENCE_MS - 1));
     let refused = Reply::Refused { kind: 1, reason: Reason::Taken, detail: 0 };
     assert_eq!(hear(&mut service, &mut machine, start.wrapping_add(SILENCE_MS - 1)), Some((Tag::NONE, 9, refused)));
@@ -387,7 +387,7 @@ fn a_rate_that_brings_no_frame_is_given_up() {
 #[test]
 fn another_protocol_is_told_ours_and_not_taken() {
     let (mut service, mut machine) = (Service::new(MAX_BODY), Notebook::default());
-    say(&mut service, &mut machine, &frame(&Command::Hello { version: 2, nonce: 7 }, 0, Tag::NONE), 0);
+    say(&mut service, &mut machine, &frame(&Command::Hello { version: VERSION + 1, nonce: 7 }, 0, Tag::NONE), 0);
     assert!(matches!(hear(&mut service, &mut machine, 0), Some((_, 0, Reply::Info(Info { tag: Tag::NONE, .. })))));
     assert!(!service.is_taken());
 }
@@ -396,7 +396,12 @@ fn another_protocol_is_told_ours_and_not_taken() {
 #[test]
 fn small_boards_take_what_every_board_must() {
     let (mut service, mut machine) = (Service::new(LEAST_BODY), Notebook::default());
-    say_in::<LEAST_BODY>(&mut service, &mut machine, &frame(&Command::Hello { version: 1, nonce: 7 }, 0, Tag::NONE), 0);
+    say_in::<LEAST_BODY>(
+        &mut service,
+        &mut machine,
+        &frame(&Command::Hello { version: VERSION, nonce: 7 }, 0, Tag::NONE),
+        0,
+    );
     let Some((_, _, Reply::Info(info))) = hear(&mut service, &mut machine, 0) else { panic!("no info") };
     assert_eq!(usize::from(info.max_body), LEAST_BODY);
     let four = [MotorSetup::default().to_bytes(); 4].concat();

@@ -5,7 +5,7 @@ use pulsetrain_core::Epoch;
 use pulsetrain_core::wire::frame::{Received, Tag, framed_len};
 use pulsetrain_core::wire::message::{Configuration, MAX_PACKED, MotorSetup};
 use pulsetrain_core::wire::settings::{AMAX, MOST_VMAX};
-use pulsetrain_core::wire::{Baud, Command, Decoder, Encoder, MAX_BODY, MAX_FRAME, Settings};
+use pulsetrain_core::wire::{Baud, Command, Decoder, Encoder, MAX_BODY, MAX_FRAME, Settings, VERSION};
 
 fn framed(body: &[u8], tag: Tag) -> Vec<u8> {
     let mut out = [0; MAX_FRAME];
@@ -78,7 +78,7 @@ fn all_changes_of_up_to_three_bits_are_found() {
     }
     let samples = [
         Command::Poll,
-        Command::Hello { version: 1, nonce: 0x1234_5678 },
+        Command::Hello { version: VERSION, nonce: 0x1234_5678 },
         Command::Switch { epoch: Epoch(5), tick: 0x0123_4567_89ab },
         Command::Configure(Configuration::new(&motors).unwrap()),
         Command::Data { motor: 1, epoch: Epoch(6), packed: &[0x6f, 12, 0, 0x7d, 0, 1, 0, 0, 5, 7, 255, 255, 0] },

@@ -156,7 +156,7 @@ fn what_lasts_longer_ends_in_the_tail() {
     let clean = run(Baud::B1M, 1, |_, _| {}).since_zero();
     for (seed, ms) in [(1, 600), (2, 1200), (3, 10_000)] {
         let other = run(Baud::B1M, seed, |round, line| {
-            if round == 10 {
+            if round == 9 {
                 line.cut(Duration::from_millis(ms));
             }
         });

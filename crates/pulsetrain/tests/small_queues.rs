@@ -208,7 +208,7 @@ fn stream(program: &Program, queue: u16, seconds: f64) -> Figures {
 
 /// Each epoch, to the end of its tail, is what the motor of an 8-bit board can do.
 fn check_narrow(told: &[Entry]) {
-    for epoch in told.chunk_by(|_, next| !matches!(next.item, Item::Anchor { .. })) {
+    for epoch in told.chunk_by(|_, next| !matches!(next.item, Item::Anchor { .. } | Item::Resume { .. })) {
         let packing = Packing { fraction_bits: 16, gain: 0 };
         let (mut state, mut pool) = (State::default(), Pool::<8192>::new());
         let mut motor = narrow::Motor::new(
@@ -222,7 +222,7 @@ fn check_narrow(told: &[Entry]) {
             let len = packing.pack(&mut state, &entry.item, &mut bytes).unwrap();
             motor.push(&mut pool, Epoch(0), &bytes[..len]).unwrap();
             match entry.item {
-                Item::Anchor { tick } => {
+                Item::Anchor { tick } | Item::Resume { tick, .. } => {
                     while now.since(tick) > 1 << 20 && now.since(tick) < 1 << 31
                         || tick.since(now) < 1 << 31 && tick.since(now) > 1 << 20
                     {

@@ -409,9 +409,8 @@ impl Motor {
         match record {
             Record::Run if self.anchored => {}
             Record::Run => self.miss(self.horizon),
-            Record::Anchor(tick) => {
-                self.registers.tick = tick;
-                self.registers.fraction = 1 << 15;
+            Record::Anchor { tick, fraction } => {
+                (self.registers.tick, self.registers.fraction) = (tick, fraction);
                 self.origin = low(self.position);
                 self.anchored = true;
             }

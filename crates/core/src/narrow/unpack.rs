@@ -9,8 +9,8 @@ use crate::{Direction, Epoch};
 pub(super) enum Record {
     /// A segment is in the registers.
     Run,
-    /// The accumulator is to be set to this tick + ½.
-    Anchor(u32),
+    /// The accumulator is to be set to this tick and fraction.
+    Anchor { tick: u32, fraction: u16 },
     /// So many ticks are to be waited.
     Dwell(u32),
     /// Where the sender thinks that the motor is.
@@ -174,6 +174,7 @@ impl Unpacker {
         const ANCHOR: u8 = Control::Anchor as u8;
         const EXACT: u8 = Control::Exact as u8;
         const CHECK: u8 = Control::Check as u8;
+        const RESUME: u8 = Control::Resume as u8;
         const SLOW: u8 = Control::Slow as u8;
         if control >= SLOW {
             return self.slow(control - SLOW, reader.at, registers, bytes);
@@ -183,6 +184,7 @@ impl Unpacker {
             DWELL | ANCHOR => 6,
             EXACT => 4,
             CHECK => 10,
+            RESUME => 8,
             _ => return Found::Bad,
         };
         if have < len {
@@ -199,7 +201,11 @@ impl Unpacker {
                 Record::Prediction
             }
             DWELL => Record::Dwell(reader.word()),
-            ANCHOR => Record::Anchor(reader.word()),
+            ANCHOR => Record::Anchor { tick: reader.word(), fraction: 1 << 15 },
+            RESUME => {
+                let tick = reader.word();
+                Record::Anchor { tick, fraction: u16::from_le_bytes([reader.byte(), reader.byte()]) }
+            }
             CHECK => {
                 let position = u16::from_le_bytes([reader.byte(), reader.byte()]);
                 let tick = reader.word();

@@ -26,7 +26,7 @@ pub use service::Service;
 pub use settings::{Settings, Stored};
 
 /// Of this description; a host that finds another one says so and goes away.
-pub const VERSION: u8 = 1;
+pub const VERSION: u8 = 2;
 
 /// Motors that messages have room for.
 pub const MAX_MOTORS: usize = 8;

@@ -125,9 +125,9 @@ impl Packed {
         let unpacked = self.packing.unpack(&mut self.state, &mut rest);
         self.consume(len - rest.len());
         match unpacked {
-            Ok(Some(Item::Anchor { tick })) => {
+            Ok(Some(anchor @ (Item::Anchor { .. } | Item::Resume { .. }))) => {
                 self.anchored_at = here.position;
-                Some(Item::Anchor { tick })
+                Some(anchor)
             }
             Ok(item) => item,
             Err(_) => {

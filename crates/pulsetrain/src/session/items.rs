@@ -1,11 +1,13 @@
 //! Steps in their places → items of an epoch.
 //!
-//! An anchor drops the fraction of the accumulator. So the first step after it is said alone, by the interval that
-//! leads to its very accumulator, and all that follows goes on with the integers that it has.
+//! A plan that goes on begins with the accumulator that it had at the step before, where 16 bits say that and it is not older than
+//! [`RESUMED_WITHIN`]. An anchor would drop the fraction: after one, the
+//! first step is said alone, by the interval that leads to its very accumulator, and all that follows goes on with the integers
+//! that it has.
 
 use super::timeline::{Placed, tick_of};
 use pulsetrain_board::Sizer;
-use pulsetrain_core::{Item, Moment};
+use pulsetrain_core::{Item, Moment, RESUMED_WITHIN};
 use pulsetrain_plan::LONGEST_WAIT_TICKS;
 use pulsetrain_plan::tail::Told;
 
@@ -25,6 +27,8 @@ pub(super) struct Timed {
 pub(super) struct Items {
     fraction_bits: u32,
     sizer: Sizer,
+    /// The same, before the first item.
+    fresh: Sizer,
     /// The board's accumulator after them.
     accumulator: i128,
     items: Vec<Timed>,
@@ -35,16 +39,17 @@ impl Items {
     ///
     /// The anchor lies one tick before it, so that every interval is positive.
     pub(super) fn new(from: u64, fraction_bits: u32, mut sizer: Sizer) -> Items {
-        let anchor = from - 1;
+        let (anchor, fresh) = (from - 1, sizer);
         let item = Item::Anchor { tick: Moment::of(anchor) };
         let accumulator = (i128::from(anchor) << fraction_bits) + (1 << (fraction_bits - 1));
         let first = Timed { item, taken: from, size: sizer.size(&item) };
-        Items { fraction_bits, sizer, accumulator, items: vec![first] }
+        Items { fraction_bits, sizer, fresh, accumulator, items: vec![first] }
     }
 
     /// Adds steps, each at its own tick.
     pub(super) fn add(&mut self, placed: &Placed) {
         let Placed { start, segment, direction } = *placed;
+        self.resume(start);
         let gap = start - self.accumulator;
         let whole = gap >> self.fraction_bits;
         // A step that was put off may come after more than one interval says.
@@ -81,6 +86,23 @@ impl Items {
         self.items
     }
 
+    /// An epoch that begins amid steps begins with their accumulator, if 16 bits say its fraction.
+    fn resume(&mut self, start: i128) {
+        let [Timed { item: item @ Item::Anchor { .. }, size, .. }] = self.items.as_mut_slice() else { return };
+        let tick = start >> self.fraction_bits;
+        let fraction = (start - (tick << self.fraction_bits)) << 16 >> self.fraction_bits;
+        let behind = (self.accumulator >> self.fraction_bits) - tick;
+        let is_whole = fraction << self.fraction_bits >> 16 == start - (tick << self.fraction_bits);
+        if start == self.accumulator || !(0..i128::from(RESUMED_WITHIN)).contains(&behind) || !is_whole {
+            return;
+        }
+        let Ok(at) = u64::try_from(tick) else { return };
+        *item = Item::Resume { tick: Moment::of(at), fraction: fraction as u16 };
+        self.sizer = self.fresh;
+        *size = self.sizer.size(item);
+        self.accumulator = start;
+    }
+
     fn dwell(&mut self, ticks: i128) {
         let mut left = ticks;
         if let ([Timed { item: Item::Anchor { tick }, .. }], 1..=LONGEST_DWELL_TICKS) =
@@ -100,7 +122,8 @@ impl Items {
     }
 
     fn push(&mut self, item: Item) {
-        let taken = tick_of(self.accumulator, self.fraction_bits);
+        // Not before the epoch begins, whose accumulator may be older.
+        let taken = tick_of(self.accumulator, self.fraction_bits).max(self.items[0].taken);
         self.items.push(Timed { item, taken, size: self.sizer.size(&item) });
     }
 }
