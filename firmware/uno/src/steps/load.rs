@@ -18,7 +18,7 @@
 //! A record is whole in its frame, so that nobody looks whether its bytes are there before they are read: if more were read than
 //! there are, the record is bad, nothing of the epoch is made any more, and what was read came from the queue's own memory.
 
-use super::motor::{Motor, Part, Reason, flag};
+use super::motor::{COUNT_AT_REST, Motor, Part, Reason, flag};
 use super::plan::FILLER;
 use super::task::mode;
 use super::times;
@@ -26,7 +26,7 @@ use crate::verbs::{OBEYS, ON};
 use crate::winch::feed;
 use core::arch::global_asm;
 use core::mem::offset_of;
-use pulsetrain_core::packing::COUNT_AFTER_EXACT;
+use pulsetrain_core::packing::{COUNT_AFTER_EXACT, Control};
 
 const _: () = assert!(COUNT_AFTER_EXACT == 255);
 
@@ -381,10 +381,10 @@ load_ran:
     // Are all intervals of the segment, n = r22 of them, fit to be made without looking? They are within n |add| + n² |add2| / 2
     // of the first: r19:20 is |add| in 2^-8 ticks, r15 |add2|.                                       about 95
     std Y+{SURE}, r1
-    clc
     tst r23
-    breq .+2
-    ret
+    breq load_sure
+    rjmp 8f
+load_sure:
     ldd r24, Y+{ADD2}+3
     ldd r25, Y+{ADD2}+2
     ldd r15, Y+{ADD2}+1
@@ -453,6 +453,14 @@ load_ran:
 7:  clr r1
     clc
     ret
+    // More than 255 of them, if all are the same.
+8:  .irp at, 0,1,2,3,4,5,6,7
+    ldd r24, Y+{ADD}+\at
+    or r1, r24
+    .endr
+    brne 7b
+    ldi r22, 1
+    rjmp load_sure
     // A motion without an anchor.
 4:  std Y+{LEFT}, r1
     std Y+{LEFT}+1, r1
@@ -518,8 +526,11 @@ load_control:
     brne 1f
     rjmp load_exact
 1:  brlo load_wait
+    cpi r25, {RESUME}
+    breq load_wait
     cpi r25, 5
-    breq load_check
+    brne .+2
+    rjmp load_check
     rjmp load_bad
 
 load_reverse:
@@ -528,23 +539,29 @@ load_reverse:
     eor r24, r25
     std Y+{FLAGS}, r24
 load_reset:
-    ldi r24, 4
+    rcall load_clear
+    rjmp load_consume
+
+    // No prediction.
+    .global load_clear
+load_clear:
+    ldi r24, {AT_REST}
     std Y+{COUNT}, r24
     std Y+{COUNT}+1, r1
     .irp at, 0,1,2,3,4,5,6,7,8,9,10,11,12
     std Y+{INTERVAL}+\at, r1
     .endr
-    rjmp load_consume
+    ret
 
-    // Dwell or anchor: four bytes of ticks.
+    // Dwell, anchor or resume: four bytes of ticks, and of a resume two of the fraction.
 load_wait:
     push r25
     call steps_settle
     ldi r23, 4
     rcall load_number
     pop r25
-    sbrc r25, 0
-    rjmp 1f
+    cpi r25, {DWELL}
+    brne 1f
     ldd r24, Y+{FLAGS}
     sbrs r24, {ANCHORED}
     rjmp load_consume
@@ -554,9 +571,14 @@ load_wait:
     std Y+{TICK}+1, r19
     std Y+{TICK}+2, r20
     std Y+{TICK}+3, r21
-    ldi r24, 0x80
-    std Y+{FRACTION}, r1
-    std Y+{FRACTION}+1, r24
+    clr r18
+    ldi r19, 0x80
+    cpi r25, {RESUME}
+    brne 2f
+    next_byte r18
+    next_byte r19
+2:  std Y+{FRACTION}, r18
+    std Y+{FRACTION}+1, r19
     ldd r24, Y+{POSITION}
     std Y+{ORIGIN}, r24
     ldd r24, Y+{POSITION}+1
@@ -888,6 +910,9 @@ load_train:
     ADD2 = const offset_of!(Motor, registers) + 15,
     LEFT = const offset_of!(Motor, registers) + 19,
     COUNT = const offset_of!(Motor, count),
+    AT_REST = const COUNT_AT_REST,
+    DWELL = const Control::Dwell as u8,
+    RESUME = const Control::Resume as u8,
     FLAGS = const offset_of!(Motor, flags),
     SURE = const offset_of!(Motor, sure),
     FASTEST = const times::FASTEST,

@@ -468,14 +468,6 @@ merge_leave:
     sts steps_stepper+{TRACK_AT}+3, r25
     // While the ring is nearly full (or has nothing), lists are filled up before they are used up: all of them at once take
     // long.
-1:  lds r24, steps_merge+{AT}
-    lds r30, steps_merge+{TAIL}
-    ldi r31, 0
-    ld r25, Z
-    sub r25, r24
-    cpi r25, 4 * {NEARLY}
-    brlo 1f
-    ret
 1:  ldi r24, {LANES}
     mov r2, r24
     ldi r28, lo8(steps_motors)
@@ -486,6 +478,7 @@ merge_leave:
     ldi r24, 2 * {LIST}
     mov r3, r24                         // where its list ends
 2:  rcall merge_top_up
+    brcc 3f
     subi r28, lo8(-({MOTOR_SIZE}))
     sbci r29, hi8(-({MOTOR_SIZE}))
     ldi r24, {LANE_SIZE}
@@ -495,51 +488,54 @@ merge_leave:
     add r3, r24
     dec r2
     brne 2b
-    ret
+3:  ret
 
-    // Fills up the list of the lane r4:5, whose motor is Y, if it has few ticks left, which are steps, and more that need no
-    // looking at are to come.
+    // Fills up the list of the lane r4:5, whose motor is Y, if it has few ticks left, which are steps, and more are to come. What its motor
+    // does about records and switches is done then too. Carry is clear if the ring has run down meanwhile.
 merge_top_up:
+    lds r24, steps_merge+{AT}
+    lds r30, steps_merge+{TAIL}
+    ldi r31, 0
+    ld r25, Z
+    sub r25, r24
+    cpi r25, 4 * {NEARLY}
+    brcs .+2
+    ret
     movw r30, r4
     ldd r6, Z+{NEXT}
     mov r7, r3
     sub r7, r6                          // bytes that are left
     lds r24, steps_merge+{FEW_LEFT}
+    ldd r25, Y+{FLAGS}
+    sbrc r25, {SWITCH}
+    ldi r24, {FEW_BEFORE_SWITCH}
     cp r7, r24
     brsh 9f
     ldd r24, Z+{RISE}
     ldd r25, Y+{STEP}
+    tst r25                             // a lane of no motor
+    breq 9f
     cp r24, r25
     brne 9f
     ldd r24, Y+{STEP_FALL}
     cp r24, r25
     brne 9f
-1:  ldd r24, Y+{FLAGS}
-    andi r24, 1 << {TURN} | 1 << {STEPPED} | 1 << {ANCHORED} | 1 << {COMMITTED} | 1 << {SINGLY} | 1 << {SWITCH}
-    cpi r24, 1 << {STEPPED} | 1 << {ANCHORED}
-    brne 9f
-    ldd r24, Y+{LEFT}
-    ldd r25, Y+{LEFT}+1
-    or r24, r25
-    brne 2f
-    call steps_load
-    brcc 1b
-9:  ret
-2:  ldd r24, Y+{SURE}
-    tst r24
-    breq 9b
-    lds r8, steps_times+{MOST}
     mov r24, r7
     lsr r24
     neg r24
     subi r24, -{LIST}
+    lds r8, steps_times+{MOST}
     sts steps_times+{MOST}, r24
+    sts steps_times+{ONLY_STEPS}, r24
     call steps_plan
+    sts steps_times+{ONLY_STEPS}, r1
     sts steps_times+{MOST}, r8
     tst r24
-    breq 9b
+    brne 1f
+9:  sec
+    ret
     // What is left goes before the r24 steps.
-    mov r20, r24
+1:  mov r20, r24
     lsl r24
     mov r30, r6
     ldi r31, hi8(ring_b_page)
@@ -557,7 +553,7 @@ merge_top_up:
     call steps_expand_list
     movw r30, r4
     std Z+{NEXT}, r6
-    ret
+    rjmp merge_top_up
 
     // What the motor of lane r30 does next, into its list; r18:19 is the deadline. Carry: nothing. Keeps r2 to r13, r16, r17.
 merge_give:
@@ -686,19 +682,14 @@ merge_give:
     MOST_LOOKS = const LOOKS,
     NEARLY = const NEARLY,
     FEW_LEFT = const offset_of!(Merge, few_left),
+    FEW_BEFORE_SWITCH = const FEW_BEFORE_SWITCH,
+    FLAGS = const offset_of!(Motor, flags),
+    SWITCH = const flag::SWITCH,
     FILLER = const super::plan::FILLER,
     LANES = const LANES,
     LIST = const LIST,
-    FLAGS = const offset_of!(Motor, flags),
-    LEFT = const offset_of!(Motor, registers) + 19,
-    SURE = const offset_of!(Motor, sure),
-    TURN = const flag::TURN,
-    STEPPED = const flag::STEPPED,
-    ANCHORED = const flag::ANCHORED,
-    COMMITTED = const flag::COMMITTED,
-    SINGLY = const flag::SINGLY,
-    SWITCH = const flag::SWITCH,
     MOST = const super::times::MOST,
+    ONLY_STEPS = const super::times::ONLY_STEPS,
     ENOUGH = const ENOUGH,
     LOW = const LOW,
     FEW = const FEW,
@@ -713,6 +704,8 @@ const NEARLY: u8 = 24;
 /// A list is filled up when what is left of it does not last while the ring is played, ticks: of two motors, and of more.
 const FEW_OF_TWO: u8 = 16;
 const FEW_OF_MORE: u8 = 9;
+/// And of a motor that waits for a switch, which takes long, bytes.
+const FEW_BEFORE_SWITCH: u8 = 2 * FEW_OF_TWO + 1;
 /// Groups that the ring must have room for to go on.
 const ENOUGH: u8 = 8;
 /// So many groups are merged at once when the ring has room for [`LOW`] of them or more: they are published the sooner.
@@ -781,7 +774,7 @@ impl Merge {
         self.clear(first);
     }
 
-    /// Lists are not filled up before they are used up: what they leave of their page is another's.
+    /// Lists are not filled up before they are used up: what they leave of their page is another's. No motor waits for a switch then.
     #[cfg(text)]
     pub(crate) fn leave_room(&mut self) {
         self.few_left = 0;

@@ -20,7 +20,7 @@ use pulsetrain_core::{Epoch, Moment};
 pub(crate) const SWITCHES: usize = 2;
 
 /// How many epochs may wait behind the one being run.
-const PARTS: usize = 3;
+pub(super) const PARTS: usize = 3;
 
 /// Previous count after a reset, as in `pulsetrain_core::packing`.
 pub(crate) const COUNT_AT_REST: u16 = 4;
@@ -45,7 +45,8 @@ pub(crate) mod flag {
     pub(crate) const COMMITTED: u8 = 5;
     /// A switch waits.
     pub(crate) const SWITCH: u8 = 6;
-    /// Steps are to be looked at one by one: the line of DIR is shared, or a group was put off.
+    /// Steps are to be looked at one by one: the line of DIR is shared, pulses are longer than an expansion makes them, or a group was put
+    /// off.
     pub(crate) const SINGLY: u8 = 7;
 }
 
@@ -61,6 +62,19 @@ pub(crate) enum Reason {
     Bad = 3,
 }
 
+impl Reason {
+    /// By its number; 0 is none.
+    #[inline(always)]
+    fn of(number: u8) -> Option<Reason> {
+        match number {
+            0 => None,
+            1 => Some(Reason::Missed),
+            2 => Some(Reason::Mismatch),
+            _ => Some(Reason::Bad),
+        }
+    }
+}
+
 /// What first went wrong in an epoch.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Fault {
@@ -72,9 +86,9 @@ pub(crate) struct Fault {
 
 #[derive(Clone, Copy)]
 #[repr(C)]
-struct Switch {
-    epoch: Epoch,
-    at: Moment,
+pub(super) struct Switch {
+    pub(super) epoch: Epoch,
+    pub(super) at: Moment,
 }
 
 /// What waits of an epoch.
@@ -83,7 +97,7 @@ struct Switch {
 pub(super) struct Part {
     /// Bytes.
     pub(super) len: u16,
-    epoch: Epoch,
+    pub(super) epoch: Epoch,
 }
 
 impl Part {
@@ -147,9 +161,11 @@ pub(crate) struct Motor {
     /// What waits of the epoch being run, and of those behind it.
     pub(super) parts: [Part; 1 + PARTS],
     /// How many there are behind it.
-    behind: u8,
-    switches: [Switch; SWITCHES],
-    fault: Option<Fault>,
+    pub(super) behind: u8,
+    pub(super) switches: [Switch; SWITCHES],
+    /// Why steps of the epoch were not made, as a [`Reason`], or 0; and [`Fault::tick`].
+    pub(super) reason: u8,
+    fault_tick: Moment,
     /// Whether `due` is known.
     pub(crate) is_due: bool,
     pub(crate) lines: Lines,
@@ -180,7 +196,8 @@ impl Motor {
         parts: [Part::NONE; 1 + PARTS],
         behind: 0,
         switches: [Switch { epoch: Epoch(0), at: Moment(0) }; SWITCHES],
-        fault: None,
+        reason: 0,
+        fault_tick: Moment(0),
         is_due: false,
         lines: Lines::NONE,
     };
@@ -324,33 +341,6 @@ impl Motor {
         self.is_due = false;
     }
 
-    /// Goes over to the epoch of the switch that waits.
-    #[inline(never)]
-    pub(super) fn begin(&mut self) {
-        let [first, second] = self.switches;
-        self.restart();
-        loop {
-            self.next = self.place(self.parts[0].len);
-            self.parts.copy_within(1.., 0);
-            self.parts[PARTS] = Part::NONE;
-            if self.behind == 0 {
-                break;
-            }
-            self.behind -= 1;
-            if self.parts[0].epoch == first.epoch {
-                break;
-            }
-        }
-        self.parts[0].epoch = first.epoch;
-        self.fault = None;
-        if self.horizon.is_before(first.at) {
-            self.horizon = first.at;
-        }
-        self.switches[0] = second;
-        self.switch_at = second.at;
-        self.set(flag::SWITCH, first.at != second.at);
-    }
-
     /// Without steps, anchor and prediction; the direction is forward.
     fn restart(&mut self) {
         self.settle();
@@ -434,15 +424,23 @@ impl Motor {
 
     /// What first went wrong in it.
     pub(crate) fn fault(&self) -> Option<Fault> {
-        self.fault
+        Reason::of(self.reason).map(|reason| Fault { reason, tick: self.fault_tick })
     }
 
     #[inline(never)]
-    pub(super) fn fail(&mut self, reason: Reason, tick: Moment) {
-        self.fault = self.fault.or(Some(Fault { reason, tick }));
+    fn fail(&mut self, reason: u8, tick: Moment) {
+        if self.reason == 0 {
+            (self.reason, self.fault_tick) = (reason, tick);
+        }
         self.uncount(0);
         self.set(flag::ANCHORED, false);
         // After a mismatch, an anchor would do; there is none but at the front of an epoch.
         self.set(flag::UNREADABLE, true);
     }
+}
+
+/// A step cannot be made, or a record not be read, for a [`Reason`].
+#[unsafe(no_mangle)]
+extern "C" fn steps_fail(motor: &mut Motor, reason: u8, tick: u32) {
+    motor.fail(reason, Moment(tick));
 }

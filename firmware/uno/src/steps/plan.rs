@@ -12,14 +12,13 @@
 //! it at least. The step is then committed: no switch takes it back.
 //!
 //! # Cycles
-//! 30 a batch, 65 where the limit is looked at; 110 and 190 where intervals are too; 250 to 400 for one thing.
+//! 30 a batch; 85 where the limit is looked at, 120 where a switch waits too; 110 and 190 where intervals are; 250 to 400 for one thing.
 
-use super::motor::{Motor, Reason, flag};
+use super::motor::{Motor, PARTS, Part, Reason, Switch, flag};
 use super::times;
 use crate::verbs::OBEYS;
 use core::arch::global_asm;
 use core::mem::offset_of;
-use pulsetrain_core::Moment;
 
 /// Two things that a motor does are so far apart at most, ticks: the compare register is a quarter of the way round. With verbs it is
 /// less: the limit is not always so far ahead.
@@ -48,6 +47,11 @@ pub(crate) enum Plan {
         /// A long pulse begins, which another group ends.
         long: bool,
     },
+}
+
+/// Where in a motor a switch is, behind its parts.
+const fn of_switch(index: usize) -> usize {
+    offset_of!(Motor, switches) + index * size_of::<Switch>() - offset_of!(Motor, parts)
 }
 
 global_asm!(
@@ -129,51 +133,18 @@ steps_plan:
     brne plan_slow_up
     ldd r22, Y+{LEFT}
     ldd r23, Y+{LEFT}+1
-    mov r24, r22
-    or r24, r23
+    or r22, r23
     breq 4f
-    ldd r18, Y+{SURE}
-    tst r18
-    breq plan_fast
-    sbrc r20, {SWITCH}
-    rjmp plan_fast
-    cpi r18, 3
-    brsh 3f
-    // As many as are left, and asked for.
-2:  lds r24, steps_times+{MOST}
-    cp r24, r22
+    rcall steps_sure
+    brcs plan_fast
+    // As many as are asked for.
+plan_grant:
+    lds r24, steps_times+{MOST}
+    cp r24, r31
     brlo 1f
-    mov r24, r22
+    mov r24, r31
 1:  ldi r25, 1
     ret
-    // Is there time for 24 of the longest? At higher rates a ring is full long before the limit.
-3:  cpi r22, 24
-    brlo .+2
-    ldi r22, 24
-    mov r24, r18
-    swap r18
-    lsl r24
-    lsl r24
-    lsl r24
-    add r18, r24
-    lds r24, steps_times+{LIMIT}
-    ldd r25, Y+{TICK}
-    sub r24, r25
-    lds r19, steps_times+{LIMIT}+1
-    ldd r25, Y+{TICK}+1
-    sbc r19, r25
-    lds r24, steps_times+{LIMIT}+2
-    ldd r25, Y+{TICK}+2
-    sbc r24, r25
-    lds r21, steps_times+{LIMIT}+3
-    ldd r25, Y+{TICK}+3
-    sbc r21, r25
-    brmi plan_fast
-    or r24, r21
-    brne 2b
-    cp r19, r18
-    brsh 2b
-    rjmp plan_fast
 4:  call steps_load
     brcc steps_plan
 plan_slow_up:
@@ -187,7 +158,19 @@ plan_fast:
     brne plan_slow_up
     cpi r23, 0x40
     brsh plan_slow_up
-    // How far the interval may go up or down within 31 steps: 31 |add| + 465 |add2|, for which 32 and 512 are taken.
+    // Not if the switch comes first.
+    ldd r20, Y+{FLAGS}
+    sbrs r20, {SWITCH}
+    rjmp 1f
+    movw r30, r22
+    load_4 r18, r19, r20, r21, {SWITCH_AT}
+    rcall plan_from_tick
+    brcs plan_slow_up
+    movw r22, r30
+    cp r22, r18
+    cpc r23, r19
+    brsh plan_slow_up
+1:  // How far the interval may go up or down within 31 steps: 31 |add| + 465 |add2|, for which 32 and 512 are taken.
     ldd r18, Y+{ADD}+1
     ldd r19, Y+{ADD}+2
     ldd r24, Y+{ADD}+3
@@ -317,6 +300,64 @@ plan_have_time:
     ldi r25, 1
     ret
 
+    // Steps that the motor Y may make without anybody looking at them, in r31; carry: perhaps none. It has some left. Uses r18 to r21,
+    // r26, r27, r30.
+steps_sure:
+    ldd r30, Y+{SURE}
+    cpi r30, 1
+    brlo 4f
+    ldd r31, Y+{LEFT}
+    ldd r26, Y+{LEFT}+1
+    cpse r26, r1
+    ser r31
+    ldd r26, Y+{FLAGS}
+    sbrc r26, {SWITCH}
+    rjmp 1f
+    // At higher rates a ring is full long before the limit.
+    cpi r30, 3
+    brsh 2f
+    clc
+    ret
+1:  load_4 r18, r19, r20, r21, {SWITCH_AT}
+    rcall 3f
+    brcs 4f
+2:  lds r18, steps_times+{LIMIT}
+    lds r19, steps_times+{LIMIT}+1
+    lds r20, steps_times+{LIMIT}+2
+    lds r21, steps_times+{LIMIT}+3
+    // Is there time until r18 to r21 for 24 of the longest, or for 8?
+3:  ldd r26, Y+{TICK}
+    sub r18, r26
+    ldd r26, Y+{TICK}+1
+    sbc r19, r26
+    ldd r26, Y+{TICK}+2
+    sbc r20, r26
+    ldd r26, Y+{TICK}+3
+    sbc r21, r26
+    brmi 6f
+    ldi r18, 24
+    or r20, r21
+    brne 5f
+    mov r26, r30
+    lsl r26
+    lsl r26
+    lsl r26
+    mov r27, r26
+    lsl r27
+    add r27, r26
+    cp r19, r27
+    brsh 5f
+    ldi r18, 8
+    cp r19, r26
+    brlo 4f
+5:  cp r31, r18
+    brlo 7f
+    mov r31, r18
+7:  clc
+4:  ret
+6:  sec
+    ret
+
     // The moment r18 to r21 less the registers' tick, in 16 bits, r18:19. Carry: it is before that. Uses r22.
 plan_from_tick:
     ldd r22, Y+{TICK}
@@ -442,9 +483,15 @@ plan_committed:                         // r26, r27, r30, r31: how far beyond th
     or r14, r30
     or r14, r31
     breq 1f
-    tst r31
-    brpl plan_wait_for
-1:  rcall plan_make
+    sbrs r31, 7
+    rjmp plan_wait_for
+1:  mov r26, r0
+    andi r26, 1 << {COMMITTED} | 1 << {SINGLY}
+    brne plan_one
+    rjmp plan_first
+plan_one:
+    rcall plan_something
+    rcall plan_make
     ldd r22, Y+{STEP}
     ldd r23, Y+{STEP_FALL}
     clr r25
@@ -459,9 +506,7 @@ plan_beyond:
     rcall plan_switch_due
     brcs plan_wait
 plan_begin:
-    movw r24, r28
-    call steps_begin
-    rjmp plan_slow
+    rjmp plan_go_over
 
     // The window: r18 to r21 is the last tick at which something may be done now. T: that is the limit.
 plan_window:
@@ -515,7 +560,8 @@ plan_wait:
     rjmp 5f
 4:  clr r24
     ret
-5:  mov r25, r21
+5:  rcall plan_something
+    mov r25, r21
     lds r24, steps_times+{SHARED}
     tst r24
     brne 2f
@@ -564,6 +610,7 @@ plan_wait:
 
     // Turns DIR before the step at r22 to r25.
 plan_turn:
+    rcall plan_something
     movw r26, r22
     movw r30, r24
     lds r14, steps_times+{EARLY}
@@ -625,6 +672,17 @@ plan_turn:
     ldi r24, 1
     ret
 
+    // Behind this is what does something that is no step: if steps alone are asked for, there are none. Uses r26.
+plan_something:
+    lds r26, steps_times+{ONLY_STEPS}
+    tst r26
+    breq 1f
+    pop r26
+    pop r26
+plan_none:
+    clr r24
+1:  ret
+
     // Where steps are looked at one by one, somebody else may have to do something about the line before.
 plan_found:
     lds r26, steps_times+{SHARED}
@@ -647,6 +705,140 @@ steps_make:
     pop r29
     pop r28
     ret
+
+    // Goes over to the epoch of the switch that waits: without steps, anchor and prediction, and forward.
+plan_go_over:
+    // Steps that are left of the old one are not made.
+    load_4 r18, r19, r20, r21, {POSITION}
+    ldd r22, Y+{LEFT}
+    ldd r23, Y+{LEFT}+1
+    ldd r24, Y+{FLAGS}
+    sbrc r24, {BACKWARD}
+    rjmp 1f
+    sub r18, r22
+    sbc r19, r23
+    sbc r20, r1
+    sbc r21, r1
+    rjmp 2f
+1:  add r18, r22
+    adc r19, r23
+    adc r20, r1
+    adc r21, r1
+    ldi r25, 1 << {BACKWARD} | 1 << {TURN}
+    eor r24, r25
+2:  store_4 r18, r19, r20, r21, {POSITION}
+    std Y+{LEFT}, r1
+    std Y+{LEFT}+1, r1
+    andi r24, 0xff - (1 << {ANCHORED} | 1 << {UNREADABLE} | 1 << {SWITCH})
+    std Y+{FLAGS}, r24
+    call load_clear
+    // What waits of epochs before it is passed over. X: the next byte.
+    ldd r26, Y+{NEXT}
+    ldd r27, Y+{NEXT}+1
+    ldd r18, Y+{END}
+    ldd r19, Y+{END}+1
+3:  movw r30, r28
+    subi r30, lo8(-({PARTS}))
+    sbci r31, hi8(-({PARTS}))
+    ld r20, Z
+    ldd r21, Z+1
+    add r26, r20
+    adc r27, r21
+    cp r26, r18
+    cpc r27, r19
+    brlo 4f
+    ldd r20, Y+{START}
+    ldd r21, Y+{START}+1
+    sub r26, r18
+    sbc r27, r19
+    add r26, r20
+    adc r27, r21
+4:  ldi r20, {PARTS_BEHIND} * {PART_SIZE}
+5:  ldd r21, Z+{PART_SIZE}
+    st Z+, r21
+    dec r20
+    brne 5b
+    st Z, r1                            // the last one: no bytes
+    std Z+1, r1
+    std Z+2, r1
+    sbiw r30, {PARTS_BEHIND} * {PART_SIZE}
+    ldd r22, Z+{FIRST_EPOCH}
+    ldd r20, Z+{BEHIND}
+    subi r20, 1
+    brcs 6f
+    std Z+{BEHIND}, r20
+    ldd r21, Z+{PART_EPOCH}
+    cp r21, r22
+    brne 3b
+6:  std Z+{PART_EPOCH}, r22
+    std Y+{NEXT}, r26
+    std Y+{NEXT}+1, r27
+    std Z+{REASON}, r1
+    load_4 r18, r19, r20, r21, {SWITCH_AT}
+    compare_4 r18, r19, r20, r21, {HORIZON}, r26
+    brmi 7f
+    store_4 r18, r19, r20, r21, {HORIZON}
+    // The second switch is the first now; one alone stands twice.
+7:  ldd r22, Z+{SECOND_EPOCH}
+    std Z+{FIRST_EPOCH}, r22
+    ldd r22, Z+{SECOND_AT}
+    ldd r23, Z+{SECOND_AT}+1
+    ldd r24, Z+{SECOND_AT}+2
+    ldd r25, Z+{SECOND_AT}+3
+    std Z+{FIRST_AT}, r22
+    std Z+{FIRST_AT}+1, r23
+    std Z+{FIRST_AT}+2, r24
+    std Z+{FIRST_AT}+3, r25
+    store_4 r22, r23, r24, r25, {SWITCH_AT}
+    cp r18, r22
+    cpc r19, r23
+    cpc r20, r24
+    cpc r21, r25
+    breq 8f
+    ldd r24, Y+{FLAGS}
+    ori r24, 1 << {SWITCH}
+    std Y+{FLAGS}, r24
+8:  rjmp plan_slow
+
+    // A step that comes clear of what was before it, as a motion's first: with those that follow it, or at least by the expansion.
+plan_first:
+    lds r26, steps_times+{ONLY_STEPS}
+    sbrc r26, {AHEAD}
+    rjmp plan_none
+    movw r30, r22
+    ldd r26, Y+{LAST}
+    ldd r27, Y+{LAST}+1
+    sub r30, r26
+    sbc r31, r27
+    lds r26, steps_times+{FASTEST}
+    lds r27, steps_times+{FASTEST}+1
+    cp r30, r26
+    cpc r31, r27
+    brlo 1f
+    // What is between two groups at least is no more than this.
+    lds r26, steps_times+{KEEP}
+    lds r27, steps_times+{KEEP}+1
+    cp r30, r26
+    cpc r31, r27
+    brlo 1f
+    rcall steps_sure
+    brcc 2f
+    // At least one, if the interval stays short.
+    ldd r26, Y+{INTERVAL}+3
+    ldd r27, Y+{INTERVAL}+4
+    cpi r26, 0x40
+    cpc r27, r1
+    brsh 1f
+    ldd r26, Y+{ADD}+3
+    subi r26, -1
+    cpi r26, 2
+    brsh 1f
+    ldi r31, 1
+2:  ldd r24, Y+{FLAGS}
+    ori r24, 1 << {STEPPED}
+    std Y+{FLAGS}, r24
+    rjmp plan_grant
+1:  rjmp plan_one
 
     // The next step, at r22 to r25. Its tick in r20:21.
 plan_make:
@@ -715,6 +907,22 @@ plan_make:
     SWITCH_AT = const offset_of!(Motor, switch_at),
     LEVELS = const offset_of!(Motor, levels),
     DUE = const offset_of!(Motor, due),
+    NEXT = const offset_of!(Motor, next),
+    START = const offset_of!(Motor, start),
+    END = const offset_of!(Motor, end),
+    POSITION = const offset_of!(Motor, position),
+    PARTS = const offset_of!(Motor, parts),
+    PARTS_BEHIND = const PARTS,
+    PART_SIZE = const size_of::<Part>(),
+    PART_EPOCH = const offset_of!(Part, epoch),
+    BEHIND = const offset_of!(Motor, behind) - offset_of!(Motor, parts),
+    REASON = const offset_of!(Motor, reason) - offset_of!(Motor, parts),
+    FIRST_EPOCH = const of_switch(0) + offset_of!(Switch, epoch),
+    FIRST_AT = const of_switch(0) + offset_of!(Switch, at),
+    SECOND_EPOCH = const of_switch(1) + offset_of!(Switch, epoch),
+    SECOND_AT = const of_switch(1) + offset_of!(Switch, at),
+    BACKWARD = const flag::BACKWARD,
+    UNREADABLE = const flag::UNREADABLE,
     TURN = const flag::TURN,
     STEPPED = const flag::STEPPED,
     ANCHORED = const flag::ANCHORED,
@@ -732,6 +940,8 @@ plan_make:
     ROOM = const ROOM,
     FILLER_HIGH = const 256 - (FILLER >> 8),
     SHARED = const times::SHARED,
+    ONLY_STEPS = const times::ONLY_STEPS,
+    AHEAD = const times::AHEAD,
 );
 
 impl Plan {
@@ -767,21 +977,4 @@ impl Motor {
         // SAFETY: as `plan`.
         unsafe { steps_make(self) }
     }
-}
-
-/// A switch is due.
-#[unsafe(no_mangle)]
-extern "C" fn steps_begin(motor: &mut Motor) {
-    motor.begin();
-}
-
-/// A step cannot be made, or a record not be read.
-#[unsafe(no_mangle)]
-extern "C" fn steps_fail(motor: &mut Motor, reason: u8, tick: u32) {
-    let reason = match reason {
-        1 => Reason::Missed,
-        2 => Reason::Mismatch,
-        _ => Reason::Bad,
-    };
-    motor.fail(reason, Moment(tick));
 }

@@ -141,6 +141,7 @@ impl Spacing {
             pulse,
             most: if spacing.long { STEPS / 2 } else { STEPS },
             shared,
+            only_steps: 0,
         };
         (spacing, times)
     }
@@ -404,6 +405,7 @@ impl Stepper {
         self.apiece = matches!(kind, Kind::Compare | Kind::TwoOnD);
         self.merging = all > 1 && !self.apiece && !shared;
         let (spacing, times) = Spacing::of(kind, configuration, self.merging, shared);
+        let singly = times.fastest == u16::MAX;
         self.spacing = spacing;
         TIMES.set(times);
         let (always, extra) = match kind {
@@ -444,7 +446,7 @@ impl Stepper {
                 motor.gain = setup.gain.clamp(-43, 18);
                 motor.count = COUNT_AT_REST;
                 (motor.start, motor.end, motor.next) = (start, end, start);
-                motor.flags = u8::from(shared) << flag::SINGLY;
+                motor.set(flag::SINGLY, shared || singly);
             }
         }
         if !self.apiece || all == 1 {

@@ -1,8 +1,8 @@
 //! The task that keeps the rings filled: it comes again and again, whatever the main loop is doing, and is itself
 //! interrupted by steps and by bytes from the line.
 //!
-//! The overflow of Timer0 calls it (normal mode, DS40002061B §15.7.1, 64 cycles a count), again when full rings are down to
-//! [`RESERVE`], or a quarter of the time has passed that they were filled for. Compare matches of Timer1 go
+//! The overflow of Timer0 calls it (normal mode, DS40002061B §15.7.1, 64 cycles a count), again when a full ring has half of
+//! its time left or is down to [`RESERVE`], or a quarter of the time has passed that rings were filled for. Compare matches of Timer1 go
 //! before it. It runs with its own interrupt off, so that it does not nest; and not inside the receive interrupt, which would
 //! then lose bytes: it comes again until that has ended.
 //!
@@ -13,6 +13,7 @@
 use super::motor::Motor;
 use super::ring::Ring;
 use super::stepper::{AHEAD, Stepper, Track};
+#[cfg(not(feature = "baked"))]
 use super::times::TIMES;
 use crate::clock;
 use crate::link::TALKS;
@@ -27,7 +28,7 @@ use core::ops::{Deref, DerefMut};
 /// Counts of 64 cycles until the next call, at least. At most it is 255: a quarter of what Timer1 counts.
 const SOONEST: u8 = 4;
 
-/// Ticks that rings are filled for when the task comes again, if they can be: what keeps it waiting, loads of records and an
+/// Ticks that a ring is filled for when the task comes again, at least, if it can be: what keeps it waiting, loads of records and an
 /// expansion take no longer, with bytes coming in. Two rings have no such time to give away.
 const RESERVE: u16 = 24 << 8;
 /// A ring is full when it has room for fewer groups.
@@ -102,6 +103,7 @@ impl DerefMut for Guard {
 }
 
 /// Keeps the task out until [`let_in`] if motors share DIR lines: it needs much of the stack there, and what main is about to do does, too.
+#[cfg(not(feature = "baked"))]
 #[inline(always)]
 pub(crate) fn keep_out_if_shared() {
     if TIMES.is_shared() {
@@ -110,6 +112,7 @@ pub(crate) fn keep_out_if_shared() {
     regs::barrier();
 }
 
+#[cfg(not(feature = "baked"))]
 #[inline(always)]
 pub(crate) fn let_in() {
     regs::barrier();
@@ -267,7 +270,7 @@ steps_task_begin:
     brlo 4f
     ldi r26, {SLICES}
     rjmp 4f
-    // Or, where the only ring is full, all of it but the reserve.
+    // Or, where the only ring is full, half of it, or all but the reserve if that is less.
 3:  cpi r25, {BOTH}
     breq 4f
     lds r30, steps_stepper+{TAIL_AT}
@@ -279,9 +282,13 @@ steps_task_begin:
     cpi r24, 4 * {NEARLY}
     brsh 4f
     mov r24, r26
+    lsr r24
+    cpi r26, 2 * ({RESERVE} >> 8)
+    brsh 17f
+    mov r24, r26
     subi r24, {RESERVE} >> 8
     brcs 4f
-    cpi r24, 64
+17: cpi r24, 64
     brlo 3f
     ldi r24, 63
 3:  lsl r24

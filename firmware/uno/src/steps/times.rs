@@ -26,12 +26,24 @@ pub(crate) struct Times {
     pub(crate) most: u8,
     /// Motors share DIR lines: each step is looked at by itself.
     pub(crate) shared: bool,
+    /// Not 0 while a motor is asked for steps alone; with the bit [`AHEAD`] only to see to records and switches: what it answers is not to be used.
+    pub(crate) only_steps: u8,
 }
 
 impl Times {
     /// Before the first configuration. Zeros take no flash.
-    const NONE: Times =
-        Times { limit: Moment(0), gap: 0, keep: 0, lead: 0, early: 0, fastest: 0, pulse: 0, most: 0, shared: false };
+    const NONE: Times = Times {
+        limit: Moment(0),
+        gap: 0,
+        keep: 0,
+        lead: 0,
+        early: 0,
+        fastest: 0,
+        pulse: 0,
+        most: 0,
+        shared: false,
+        only_steps: 0,
+    };
 }
 
 /// At an address that the assembly knows.
@@ -52,6 +64,7 @@ impl Cell {
     }
 
     /// What main may ask at any time: it alone changes that, at rest.
+    #[cfg(not(feature = "baked"))]
     #[inline(always)]
     pub(crate) fn is_shared(&self) -> bool {
         // SAFETY: a byte, which nobody writes meanwhile.
@@ -75,3 +88,7 @@ pub(crate) const FASTEST: usize = offset_of!(Times, fastest);
 pub(crate) const PULSE: usize = offset_of!(Times, pulse);
 pub(crate) const MOST: usize = offset_of!(Times, most);
 pub(crate) const SHARED: usize = offset_of!(Times, shared);
+pub(crate) const ONLY_STEPS: usize = offset_of!(Times, only_steps);
+
+/// A bit of [`Times::only_steps`], by number.
+pub(crate) const AHEAD: u8 = 7;
