@@ -1,14 +1,13 @@
 //! The Uno's figures, in cycles of the emulated chip: what `cargo xtask bench uno` collects.
 //!
 //! A table, fields between tabs, the first of which says whether the row is promised, or that it is a limit for the table of
-//! boards. With the argument `hour` the hour of
-//! 001's four motors instead.
+//! boards. With the argument `hour` the hour of 001's four motors instead; with `rates` the fastest rates that are promised alone.
 
 #[path = "../tests/common/mod.rs"]
 mod common;
 
 use common::board::TICK_HZ;
-use common::rows::{COLUMNS, Case, PROMISED, Row, TUTORIALS, hour, rates, tutorial_row, variations};
+use common::rows::{COLUMNS, Case, PROMISED, Row, TUTORIALS, fastest_plateau, hour, rates, tutorial_row, variations};
 use common::uno::kind_of;
 use pulsetrain_motion::pins::PinKind;
 
@@ -24,6 +23,11 @@ fn main() {
     println!("promised\t{}", COLUMNS.join("\t"));
     if std::env::args().any(|argument| argument == "hour") {
         return hour(3600).iter().for_each(show);
+    }
+    if std::env::args().any(|argument| argument == "rates") {
+        let rates = rates();
+        PROMISED.iter().for_each(|case| show(&case.fastest(&rates, TRY_S, LONG_S)));
+        return PROMISED.iter().for_each(|case| show(&fastest_plateau(case, &rates)));
     }
     for tutorial in TUTORIALS {
         show(&tutorial_row(tutorial, 1000, true));
@@ -42,6 +46,7 @@ fn main() {
         show(&row);
         measured.push((case, row));
     }
+    PROMISED.iter().for_each(|case| show(&fastest_plateau(case, &rates)));
     // Motors in phase set no limit to rates, but the board commits itself farthest ahead with them.
     let horizon = measured.iter().filter_map(|(_, row)| row.seen.as_ref()).map(|seen| seen.horizon_ticks).max();
     for (case, row) in measured.iter().filter(|(case, _)| case.is_limit()) {

@@ -6,12 +6,13 @@ use crate::firmware;
 use std::fs;
 
 /// Titles of the figures, by number.
-const TITLES: [&str; 5] = [
+const TITLES: [&str; 6] = [
     "The tutorial's sinusoid, every step and edge",
     "Sustained rates while following changing laws: the fastest that holds",
     "The same: constant rates, in phase, unequal rates, turns, longer pulses",
     "Four motors on one DIR line for an hour",
     "Load of the processor",
+    "Motions that stay fast, as `pulsetrain run` makes them, in phase and staggered: the fastest that holds",
 ];
 
 const PREFACE: &str = "Emulated: the committed image on the ATmega328P of `crates/emulator`, 16 MHz, streamed at 1 Mbaud; no \

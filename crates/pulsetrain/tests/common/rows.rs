@@ -216,6 +216,52 @@ impl Case {
     }
 }
 
+/// Motions that stay fast: half a second up, 0.75 s at a rate, half a second down, each motor a part of a step behind the one before.
+fn plateaus(pins: &[(u8, u8)], rate: f64, apart: f64) -> Prepared {
+    let Prepared { program, .. } = tutorial(Time::from_ratio(1, 1), 1, pins[0], 1000);
+    let law = Motion::trapezoid(1.25 * rate, rate, 2.0 * rate, 2.0 * rate).expect("a trapezoid");
+    let motors = (0..).zip(pins).map(|(index, (step, dir))| Motor {
+        name: format!("m{index}"),
+        law: law
+            .clone()
+            .delayed(Time::from_seconds(apart * f64::from(index) / rate / pins.len() as f64))
+            .expect("a law"),
+        wiring: Wiring::StepDir { step: *step, dir: *dir, forward_high: true, enable: None },
+        ..program.motors[0].clone()
+    });
+    let motors: Vec<Motor> = motors.collect();
+    // As a motion file's.
+    let row = boards::find("uno").expect("the table has the Uno");
+    let mut program = Program { motors, tolerance: Tolerance::Seconds(1e-6), ..program };
+    program.board.min_interval_ticks = row.shortest_intervals(&program.motors);
+    program.board.turn_ticks = row.turn_ticks(&program.motors);
+    Prepared { file: "plateaus".to_owned(), program, cut: None, pause: None }
+}
+
+/// The fastest of `rates` at which motors on these pins stay for a while, as a session has them make it, in phase and staggered, if all
+/// slower ones hold too, from a fifth of what is promised of streams on, each second rate.
+pub(crate) fn fastest_plateau(case: &Case, rates: &[f64]) -> Row {
+    let pins = &case.pins[..case.motors];
+    let row = |rate: f64| {
+        let of = |apart: f64| {
+            let law = format!("{} k for 0.75 s, by a session", rate / 1000.0);
+            motion_row(6, law, &plateaus(pins, rate, apart), MOST_CYCLES, false)
+        };
+        let staggered = of(1.0);
+        if case.motors == 1 || !staggered.verdict.is_empty() { staggered } else { of(0.0) }
+    };
+    let slowest = case.required.unwrap_or(0.0) / 5.0;
+    let mut best = None;
+    for rate in rates.iter().filter(|rate| **rate >= slowest).step_by(2) {
+        let tried = row(*rate);
+        if !tried.verdict.is_empty() {
+            return best.unwrap_or(tried);
+        }
+        best = Some(tried);
+    }
+    best.expect("some rate")
+}
+
 /// What does not hold.
 fn said(seen: &Seen) -> String {
     let Lateness { min_ticks, p99_ticks, max_ticks, lost, extra, .. } = seen.lateness;
