@@ -45,6 +45,9 @@ enum Command {
 Motions for the boards `uno` and `pico` run on a virtual one, the real firmware on an emulated chip;
 others on the native board, this computer's own stepgen.
 
+What an Uno at a port is to run is rehearsed before: the virtual one plays it, several times as fast, with each edge held against the law. What it \
+does not keep up with is refused, and nothing moves. A Pico's queues are far larger, and nothing is rehearsed for one.
+
 Files written to DIR:
   report.json  what was planned, proven, run and judged
   steps.csv    motor,tick,dir,position
@@ -290,6 +293,12 @@ pub(crate) struct Run {
     /// Go on from the halt at this time of the run, or as soon as the motors rest
     #[arg(long, value_name = "TIME", value_parser = duration, requires = "pause_at")]
     pub(crate) resume_at: Option<Time>,
+    /// How much of it the virtual Uno plays before an Uno at the port is sent anything [default: all, 10 s at most]
+    #[arg(long, value_name = "TIME", value_parser = duration, requires = "port")]
+    pub(crate) rehearse: Option<Time>,
+    /// Begin at once, without that
+    #[arg(long, conflicts_with = "rehearse", requires = "port")]
+    pub(crate) no_rehearsal: bool,
     /// Print the report as JSON
     #[arg(long)]
     pub(crate) json: bool,
@@ -316,6 +325,9 @@ pub(crate) struct Board {
     /// --pty nor --tcp. `uno`: `verbs`, the firmware whose motors are told directly, in place of text
     #[arg(long, value_name = "FILE")]
     pub(crate) image: Option<PathBuf>,
+    /// End after so much of the board's time, with its unit, as Ctrl-C would
+    #[arg(long = "for", value_name = "TIME", value_parser = duration)]
+    pub(crate) length: Option<Time>,
     /// How much faster than it should the board's clock runs, ppm; an Uno's resonator may be off by 5000 either way
     #[arg(long, value_name = "PPM", default_value_t = 0, allow_hyphen_values = true,
           value_parser = clap::value_parser!(i32).range(-100_000..=100_000))]

@@ -1,4 +1,6 @@
-//! Motions on the native board, on virtual boards and on real ones: a session, in bounded memory.
+//! Motions on the native board, on virtual boards and on real ones: a session, in bounded memory. [`rehearsal`]: one that is tried before.
+
+pub mod rehearsal;
 
 use std::sync::atomic::{AtomicU32, Ordering};
 

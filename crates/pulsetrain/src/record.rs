@@ -59,6 +59,17 @@ impl Edges {
             Ok(None) | Err(_) => Edges::default(),
         }
     }
+
+    /// How a run's edges are judged, whose ticks count from the laws' beginning: to the laws' end, or to a time of theirs, s.
+    #[must_use]
+    pub fn options(&self, program: &Program, until_s: Option<f64>) -> Options {
+        Options {
+            constant_ticks: i64::from(self.constant_ticks),
+            bound_ticks: Some(program.tolerance.ticks(program.board.tick_hz) + f64::from(self.late_ticks)),
+            until_s,
+            ..Options::default()
+        }
+    }
 }
 
 /// Why a run could not be recorded.
@@ -132,19 +143,14 @@ impl<'a, W: Write> Recorder<'a, W> {
     ) -> Result<Self, RecordError> {
         let tick_hz = program.board.tick_hz;
         let tick_s = 1.0 / tick_hz as f64;
-        let Edges { constant_ticks, late_ticks } = *edges;
-        let options = Options {
-            constant_ticks: i64::from(constant_ticks),
-            bound_ticks: Some(program.tolerance.ticks(tick_hz) + f64::from(late_ticks)),
-            ..Options::default()
-        };
+        let options = edges.options(program, None);
         let judge = EdgeJudge::new(tick_hz, lines, program, &options)?.keeping_errors();
         let stepper = |line: &Line| {
             let is_step = |motor: &Motor| line.names.contains(&format!("{}.step", motor.name));
             program.motors.iter().position(is_step)
         };
         let steppers = lines.iter().map(stepper).collect();
-        let meter = Meter::new(program.motors.len(), constant_ticks.into());
+        let meter = Meter::new(program.motors.len(), edges.constant_ticks.into());
         let motors = program.motors.iter();
         let motors: Vec<_> =
             motors.map(|motor| MotorPicture::new(motor.name.clone(), motor.scale.clone(), 0.0)).collect();

@@ -199,18 +199,18 @@ impl<B: Port> Port for Paced<B> {
     }
 }
 
-/// Lets a virtual board keep pace with the time of day until `stop` says so. Gives the time that it fell behind.
+/// Lets a virtual board keep pace with the time of day until `stop` says so of its own time. Gives the time that it fell behind.
 ///
 /// # Errors
 /// As [`Service::round`].
 pub fn in_real_time<B: VirtualBoard, C: Client, W: Write>(
     service: &mut Service<B, C, W>,
-    stop: impl Fn() -> bool,
+    stop: impl Fn(Duration) -> bool,
 ) -> io::Result<Duration> {
     // Of the chip's time: what was let go, and what it leapt ahead in resets, one for each client.
     let (mut lost, mut leapt) = (Duration::ZERO, Duration::ZERO);
     let began = Instant::now();
-    while !stop() {
+    while !stop(service.now()) {
         let due = (began.elapsed() + leapt).saturating_sub(lost);
         // In short strides, so that a slow computer still hears its client and Ctrl-C.
         service.round(due.min(service.now() + 10 * ROUND))?;

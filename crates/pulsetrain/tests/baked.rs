@@ -190,7 +190,7 @@ fn the_greatest_rate_can_be_kept() {
 /// at the second and the fourth of these rates both ran dry.
 #[test]
 fn two_rings_keep_on_where_a_ramp_ends() {
-    for share in [0.5, 0.635, 0.7, 0.71, 0.98] {
+    for share in [0.5, 0.635, 0.7, 0.71, 0.95] {
         let hz = 16e6 / 215.0 * share;
         let all = PINS.iter().take(2).zip([0.9, 0.913]).map(|(pins, seconds)| {
             let (distance, acceleration) = (hz * seconds, hz * 10.0);

@@ -437,6 +437,12 @@ fn what_cannot_be_done_is_said() {
     check(&["run", &tutorial, "--port", "x", "--board", "due"], "is planned for the board `due`");
     check(&["run", &tutorial, "--port", "x", "--baud", "9600"], "the rates are 115200, 250000");
     check(&["run", &tutorial, "--port", "x", "--native"], "cannot be used with");
+    check(&["run", &tutorial, "--no-rehearsal"], "--port <PORT>");
+    check(&["run", &tutorial, "--port", "x", "--rehearse", "1 s", "--no-rehearsal"], "cannot be used with");
+    check(
+        &["run", &tutorial, "--port", "x", "--board", "pico", "--rehearse", "1 s"],
+        "only what an Uno is to run is rehearsed",
+    );
     check(&["run", &tutorial, "--pause-at", "9 s"], "the motion ends at 1 s");
     check(&["run", &tutorial, "--resume-at", "9 s"], "--pause-at <TIME>");
     for command in ["info", "store", "verbs"] {

@@ -21,7 +21,7 @@ use crate::human;
 use crate::record::Edges;
 
 /// It is looked at so often, s: whether the lamp shines, and how far it is.
-const STRIDE_S: f64 = 0.05;
+pub(crate) const STRIDE_S: f64 = 0.05;
 
 /// The clock begins within so long after a reset, or never: a bootloader waits, then the flash is looked at.
 const START: Duration = Duration::from_secs(3);
@@ -73,7 +73,7 @@ impl Length {
     }
 
     /// The law's time up to which edges are looked for; `None`: to its end.
-    fn until_s(&self) -> Option<f64> {
+    pub(crate) fn until_s(&self) -> Option<f64> {
         (self.endless || !self.is_all()).then_some(self.seconds)
     }
 }
@@ -93,7 +93,7 @@ impl Rehearsed {
     /// The furthest that an edge was off, ticks.
     #[must_use]
     pub fn max_error_ticks(&self) -> f64 {
-        self.report.motors.iter().map(|motor| motor.max_error_ticks).fold(0.0, f64::max)
+        self.report.motors.iter().map(|motor| motor.max_error_ticks.abs()).fold(0.0, f64::max)
     }
 }
 
@@ -178,17 +178,8 @@ fn stopped(motor: &str, step: u64, at_s: f64, dry: bool) -> String {
 
 impl Failed {
     fn new(program: &Program, what: What) -> Failed {
-        let speed = |at_s: f64| {
-            let at = Time::from_seconds(at_s.max(0.0));
-            let motors = program.motors.iter();
-            let speeds = motors.filter_map(move |motor| {
-                let speed = Cursor::new(&motor.law).at(at).ok()?.speed.abs();
-                (speed >= 1.0).then(|| (motor.name.clone(), speed))
-            });
-            speeds.collect()
-        };
         let by_hardware = matches!(PinKind::of(&program.motors), Ok(PinKind::Compare));
-        Failed { rates: what.at_s().map(speed).unwrap_or_default(), what, by_hardware }
+        Failed { rates: what.at_s().map(|at_s| rates(program, at_s)).unwrap_or_default(), what, by_hardware }
     }
 
     /// What would do.
@@ -197,16 +188,33 @@ impl Failed {
         if self.what.at_s().is_none() {
             return "nothing was written; please tell the project, with the motion file".to_owned();
         }
-        let rates: Vec<String> =
-            self.rates.iter().map(|(motor, rate)| format!("{motor} at {}", human::scaled(*rate, "steps/s"))).collect();
-        let then = if rates.is_empty() { String::new() } else { format!(" (then {})", rates.join(", ")) };
         let pins =
             if self.by_hardware { "" } else { "; STEP of one motor or two on pins 9 and 10, which the hardware times" };
         format!(
-            "nothing was written: the board cannot read on as fast as they turn. Slower motors{then}, or fewer that are fast at \
-             once{pins}. --no-rehearsal writes it all the same"
+            "nothing was written: the board cannot read on as fast as they turn. What may do: {}{pins}. --no-rehearsal writes it all \
+             the same",
+            slower(&self.rates)
         )
     }
+}
+
+/// How fast each motor that turns is at a time of the laws, steps/s.
+pub(crate) fn rates(program: &Program, at_s: f64) -> Vec<(String, f64)> {
+    let at = Time::from_seconds(at_s.max(0.0));
+    let motors = program.motors.iter();
+    let rates = motors.filter_map(move |motor| {
+        let speed = Cursor::new(&motor.law).at(at).ok()?.speed.abs();
+        (speed >= 1.0).then(|| (motor.name.clone(), speed))
+    });
+    rates.collect()
+}
+
+/// What a board has less to do with, where its motors are as fast as that.
+pub(crate) fn slower(rates: &[(String, f64)]) -> String {
+    let rates: Vec<String> =
+        rates.iter().map(|(motor, rate)| format!("{motor} at {}", human::scaled(*rate, "steps/s"))).collect();
+    let then = if rates.is_empty() { String::new() } else { format!(" (then {})", rates.join(", ")) };
+    format!("slower motors{then}, or fewer that are fast at once")
 }
 
 /// Plays an image of a program's motion, and holds its pins against the law. `watch` hears how far it is, s.

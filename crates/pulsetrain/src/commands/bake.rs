@@ -7,7 +7,8 @@ use miette::miette;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use serde::Serialize;
 
-use crate::bake::rehearsal::{self, Length, Rehearsed};
+use super::rehearsal::Rehearsal;
+use crate::bake::rehearsal::{self, Length};
 use crate::bake::{BakeError, Image, PicoImage, Size, Sketch, sketch};
 use crate::cli::Bake;
 use crate::console::{self, Console, Exit};
@@ -38,20 +39,6 @@ struct BakedImage {
     /// Only for an Uno, and if it is wanted.
     #[serde(skip_serializing_if = "Option::is_none")]
     rehearsed: Option<Rehearsal>,
-}
-
-/// What the virtual Uno made of it.
-#[derive(Debug, Serialize)]
-struct Rehearsal {
-    /// Of the laws' time, s.
-    seconds: f64,
-    /// What there is to see, s; none if motors come to ever new phases.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    of_seconds: Option<f64>,
-    max_error_ticks: f64,
-    bound_ticks: f64,
-    #[serde(skip)]
-    says: String,
 }
 
 pub(crate) fn run(args: &Bake, console: &mut Console<'_>) -> miette::Result<Exit> {
@@ -137,27 +124,6 @@ fn rehearse(args: &Bake, prepared: &Prepared, flash: &[u8], console: &Console<'_
     })
 }
 
-impl Rehearsal {
-    fn new(done: &Rehearsed) -> Rehearsal {
-        let Length { seconds, all_s, endless } = done.length;
-        let (max_error_ticks, bound_ticks) = (done.max_error_ticks(), done.bound_ticks);
-        let much = human::seconds(seconds);
-        let much = match (done.length.is_all(), endless, all_s) {
-            (true, false, _) => format!("all {much}"),
-            (true, true, _) => format!("{much}, each phase of what repeats"),
-            (false, false, Some(all_s)) => format!("the first {much} of {}, not the rest", human::seconds(all_s)),
-            (false, _, Some(all_s)) => {
-                format!("{much}, not each phase of what repeats, which takes {}", human::seconds(all_s))
-            }
-            (false, _, None) => format!("{much}; motors that repeat come to ever new phases, which were not"),
-        };
-        let says = format!(
-            "rehearsed on the virtual Uno: {much}: every edge within {max_error_ticks:.1} ticks of the law, {bound_ticks:.1} are promised"
-        );
-        Rehearsal { seconds, of_seconds: all_s, max_error_ticks, bound_ticks, says }
-    }
-}
-
 impl BakedImage {
     /// Says it, of a board and of the command that writes to it.
     fn say(
@@ -183,8 +149,10 @@ impl BakedImage {
             ends(self.endless),
         ))?;
         if board == "Uno" {
-            let says = self.rehearsed.as_ref().map_or("not rehearsed, as was asked for", |done| done.says.as_str());
-            console.print(format_args!("{says}\n"))?;
+            match &self.rehearsed {
+                Some(done) => console.print(format_args!("rehearsed {}\n", done.says))?,
+                None => console.print("not rehearsed, as was asked for\n")?,
+            }
         }
         Ok(Exit::Success)
     }

@@ -2,6 +2,7 @@
 
 use std::io::ErrorKind;
 use std::path::Path;
+use std::time::Duration;
 
 use miette::miette;
 use pulsetrain_board::VirtualBoard;
@@ -11,6 +12,7 @@ use pulsetrain_board::skewed::Skewed;
 use pulsetrain_board::stk500;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
+use pulsetrain_motion::Time;
 
 use super::flash::VERBS;
 use crate::cli::Board;
@@ -136,7 +138,9 @@ fn serve_board<B: VirtualBoard, C: Client>(
     let broken = |error: std::io::Error| miette!("the virtual {name} cannot go on: {error}");
     let mut service = Service::new(Skewed::new(board, args.clock_ppm), client, trace).map_err(broken)?;
     console.print(format_args!("a virtual {name} is {place}; Ctrl-C ends it\n"))?;
-    let lost = serve::in_real_time(&mut service, interrupt::wanted).map_err(broken)?;
+    let most = args.length.map_or(f64::INFINITY, Time::seconds);
+    let stop = |now: Duration| interrupt::wanted() || now.as_secs_f64() >= most;
+    let lost = serve::in_real_time(&mut service, stop).map_err(broken)?;
     let (ran, clients) = (service.now().as_secs_f64(), service.clients());
     service.finish().map_err(broken)?;
     console.print(format_args!("{} on its clock; clients: {clients}\n", human::seconds(ran)))?;

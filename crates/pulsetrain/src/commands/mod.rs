@@ -15,6 +15,7 @@ pub(crate) mod on_port;
 pub(crate) mod plan;
 pub(crate) mod plot;
 pub(crate) mod ports;
+mod rehearsal;
 pub(crate) mod run;
 pub(crate) mod stop;
 pub(crate) mod store;

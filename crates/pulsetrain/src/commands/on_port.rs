@@ -9,6 +9,7 @@ use pulsetrain_core::Direction;
 use pulsetrain_trace::steps;
 use serde::Serialize;
 
+use super::rehearsal::Rehearsal;
 use super::{clock_off, drive_problem, plan, port_problem};
 use crate::cli::Run;
 use crate::console::{self, Console, Exit, access};
@@ -26,6 +27,9 @@ struct PortReport {
     /// "board at PORT".
     runner: String,
     firmware: String,
+    /// Only on an Uno, and if it is wanted.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    rehearsed: Option<Rehearsal>,
     /// What the board says.
     says: Word,
 }
@@ -69,6 +73,16 @@ pub(crate) fn run(
         let help = "add --board uno or --board pico, or write it in the file";
         return Err(miette!(help = help, "{} is planned for the board `{}`", prepared.file, program.board.name));
     }
+    let is_uno = program.board.name == "uno";
+    if args.rehearse.is_some() && !is_uno {
+        let help = "leave --rehearse out: a Pico's queues hold twenty times what an Uno's do, or more";
+        return Err(miette!(help = help, "{}: only what an Uno is to run is rehearsed", prepared.file));
+    }
+    // Before the port is opened, which resets an Uno. Ctrl-C ends it at once, as nothing moves.
+    let rehearsed = match args.no_rehearsal || !is_uno {
+        true => None,
+        false => Some(Rehearsal::of_run(prepared, args.baud, args.rehearse, console)?),
+    };
     interrupt::watch();
     let port = Serial::open(name, false).map_err(port_problem)?;
     let goes_on = waits_aloud(console, name);
@@ -119,8 +133,8 @@ pub(crate) fn run(
         events: events.iter().map(|event| in_words(event.cause).to_owned()).collect(),
         frames_repeated,
     };
-    let report =
-        PortReport { plan: plan::report(prepared, planned), runner: format!("board at {name}"), firmware, says };
+    let plan = plan::report(prepared, planned);
+    let report = PortReport { plan, runner: format!("board at {name}"), firmware, rehearsed, says };
     // What the motors did is told also where a file has no room; a script gets one value, and then it is the error.
     if !args.json {
         console.print(&report.plan)?;
@@ -154,9 +168,12 @@ pub(super) fn waits_aloud(console: &mut Console<'_>, port: &str) -> impl FnMut()
 }
 
 fn print(report: &PortReport, planned: &[Planned], console: &mut Console<'_>) -> miette::Result<()> {
-    let PortReport { plan, runner, firmware, says } = report;
+    let PortReport { plan, runner, firmware, rehearsed, says } = report;
     let tick_s = 1.0 / plan.tick_hz as f64;
     let ticks = |ticks: u16| human::seconds(f64::from(ticks) * tick_s);
+    if let Some(Rehearsal { says, .. }) = rehearsed {
+        console.print(format_args!("Rehearsed {says}.\n"))?;
+    }
     console.print(format_args!(
         "Run on the {runner}, firmware {firmware}. This is the board's own word: nobody looked at its pins.\n\n"
     ))?;

@@ -1,0 +1,67 @@
+//! What the virtual Uno made of a motion before an Uno gets it: of `bake` and of `run --port`.
+
+use miette::miette;
+use pulsetrain_core::wire::Baud;
+use pulsetrain_motion::Time;
+use serde::Serialize;
+
+use crate::bake::rehearsal::{Length, Rehearsed};
+use crate::console::Console;
+use crate::drive::rehearsal;
+use crate::human;
+use crate::prepare::Prepared;
+
+/// A motion that was played as it should be, as reports have it.
+#[derive(Debug, Serialize)]
+pub(super) struct Rehearsal {
+    /// Of the laws' time, s.
+    seconds: f64,
+    /// What there is to see, s; none if motors come to ever new phases.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    of_seconds: Option<f64>,
+    max_error_ticks: f64,
+    bound_ticks: f64,
+    /// The same, behind "rehearsed".
+    #[serde(skip)]
+    pub(super) says: String,
+}
+
+impl Rehearsal {
+    pub(super) fn new(done: &Rehearsed) -> Rehearsal {
+        let Length { seconds, all_s, endless } = done.length;
+        let (max_error_ticks, bound_ticks) = (done.max_error_ticks(), done.bound_ticks);
+        let much = human::seconds(seconds);
+        let much = match (done.length.is_all(), endless, all_s) {
+            (true, false, _) => format!("all {much}"),
+            (true, true, _) => format!("{much}, each phase of what repeats"),
+            (false, false, Some(all_s)) => format!("the first {much} of {}, not the rest", human::seconds(all_s)),
+            (false, _, Some(all_s)) => {
+                format!("{much}, not each phase of what repeats, which takes {}", human::seconds(all_s))
+            }
+            (false, _, None) => format!("{much}; motors that repeat come to ever new phases, which were not"),
+        };
+        let says = format!(
+            "on the virtual Uno: {much}: every edge within {max_error_ticks:.1} ticks of the law, {bound_ticks:.1} are promised"
+        );
+        Rehearsal { seconds, of_seconds: all_s, max_error_ticks, bound_ticks, says }
+    }
+
+    /// Plays a run's session, or as much of it as is asked for, before anything is sent to the Uno at a port.
+    pub(super) fn of_run(
+        prepared: &Prepared,
+        baud: Baud,
+        asked: Option<Time>,
+        console: &Console<'_>,
+    ) -> miette::Result<Rehearsal> {
+        let seconds = asked.map_or(rehearsal::MOST_S, Time::seconds);
+        let length = Length::exactly(&prepared.program, seconds);
+        let bar = console.progress(length.seconds, &human::seconds(length.seconds));
+        bar.stage("rehearsing");
+        let done = rehearsal::rehearse(prepared, baud, length, |seconds| bar.set(seconds));
+        drop(bar);
+        done.map(|done| Rehearsal::new(&done)).map_err(|failed| {
+            let help = failed.advice();
+            miette!(help = help, "{}: {failed}", prepared.file)
+        })
+    }
+}

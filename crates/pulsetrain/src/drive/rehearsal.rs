@@ -1,0 +1,216 @@
+//! A motion's session with the virtual Uno, played before a real one is sent anything: each edge of its pins against the law, and what the
+//! board and the session themselves say.
+//!
+//! The planner's limits are of segments that are streamed in one go. Whether a session's parts and their stops fit the board's queue, and are
+//! there in time, for these motors at these moments, nobody adds up: it is tried, as for what is baked.
+//!
+//! Only for an Uno, whose queues hold 400 bytes in all and whose one core does everything. A Pico has 32 kB of them, and its pins are timed by
+//! state machines.
+
+use std::cell::Cell;
+
+use pulsetrain_board::{Edge, Observer};
+use pulsetrain_core::wire::Baud;
+use pulsetrain_motion::program::Program;
+use pulsetrain_trace::verdict::{EdgeJudge, Failure, JudgeError};
+
+use super::{DriveError, Driven, Wish};
+use crate::bake::rehearsal::{Rehearsed, STRIDE_S, rates, slower};
+use crate::prepare::Prepared;
+use crate::record::Edges;
+
+pub use crate::bake::rehearsal::Length;
+
+/// What is played at most, if nobody says how much, s.
+pub const MOST_S: f64 = 10.0;
+
+/// A line as fast as that is not what is waited for.
+const FAST_BAUD: u32 = Baud::B1M.rate();
+
+/// A session that did not go as it should.
+#[derive(Debug, thiserror::Error)]
+#[error("rehearsed on the virtual Uno, {what}")]
+pub struct Failed {
+    /// In which way.
+    pub what: What,
+    /// How fast each motor is then, by the law, steps/s.
+    pub rates: Vec<(String, f64)>,
+    /// Of the line.
+    baud: Baud,
+}
+
+/// What went wrong.
+#[derive(Debug, thiserror::Error)]
+pub enum What {
+    /// The board, or the session, did not go on.
+    #[error("{why}{}", place(.why, *.at_s, .first.as_ref()))]
+    Session {
+        /// Why.
+        why: Box<DriveError>,
+        /// When that was seen, s of the laws; `None`: it did not begin.
+        at_s: Option<f64>,
+        /// If the board stopped its motors at once: the first step that was not made.
+        first: Option<Failure>,
+    },
+    /// A step is not as it should be, and the board says nothing of it.
+    #[error("{0}")]
+    Edge(Failure),
+    /// The law breaks, or pins that cannot be judged.
+    #[error(transparent)]
+    Judge(#[from] JudgeError),
+}
+
+impl What {
+    fn session(error: DriveError, seen_s: Option<f64>, first: Option<Failure>) -> What {
+        // Where the virtual motors are is nobody's concern.
+        let why = if let DriveError::Halted { why, .. } = error { why } else { Box::new(error) };
+        let at_s = match *why {
+            DriveError::QueueTooShort { at_s, .. } => Some(at_s),
+            _ => first.as_ref().map(|first| first.at_s).or(seen_s),
+        };
+        // Motors that come to rest as planned only seem to be late then.
+        let first = first.filter(|_| matches!(*why, DriveError::Remote(_)));
+        What::Session { why, at_s, first }
+    }
+
+    /// The laws' time.
+    #[must_use]
+    pub const fn at_s(&self) -> Option<f64> {
+        match self {
+            What::Session { at_s, .. } => *at_s,
+            What::Edge(first) => Some(first.at_s),
+            What::Judge(_) => None,
+        }
+    }
+}
+
+/// When it was, where that is not said yet.
+fn place(why: &DriveError, at_s: Option<f64>, first: Option<&Failure>) -> String {
+    match (why, first, at_s) {
+        (DriveError::QueueTooShort { .. }, ..) | (_, None, None) => String::new(),
+        (_, Some(first), _) => format!("; {first}"),
+        (_, None, Some(at_s)) => format!(", at t = {at_s:.3} s"),
+    }
+}
+
+impl Failed {
+    fn new(program: &Program, baud: Baud, what: What) -> Failed {
+        Failed { rates: what.at_s().map(|at_s| rates(program, at_s)).unwrap_or_default(), what, baud }
+    }
+
+    /// What would do.
+    #[must_use]
+    pub fn advice(&self) -> String {
+        let moved = "this was a rehearsal: nothing was sent to the board at the port, and nothing has moved";
+        if self.what.at_s().is_none() {
+            return format!("{moved}. --no-rehearsal tries it on the board all the same");
+        }
+        let too = match &self.what {
+            What::Session { why, .. } if matches!(**why, DriveError::QueueTooShort { .. }) => ", or another tolerance",
+            What::Session { why, .. } if matches!(**why, DriveError::Session(_)) && self.baud.rate() < FAST_BAUD => {
+                ", or a faster line (--baud)"
+            }
+            _ => "",
+        };
+        format!("{moved}. What may do: {}{too}. --no-rehearsal begins all the same", slower(&self.rates))
+    }
+}
+
+/// Plays a motion as a run at `baud` tells it, as fast as the virtual Uno goes. `watch` hears how far it is, s.
+///
+/// # Errors
+/// [`Failed`]: the first thing that went wrong; what comes behind it is not played.
+pub fn rehearse(
+    prepared: &Prepared,
+    baud: Baud,
+    length: Length,
+    mut watch: impl FnMut(f64),
+) -> Result<Rehearsed, Failed> {
+    let program = &prepared.program;
+    let failed = |what| Failed::new(program, baud, what);
+    let begun = Driven::virtual_uno(prepared, baud);
+    let mut driven = begun.map_err(|error| failed(What::session(error, None, None)))?;
+    let options = Edges::of(program).options(program, length.until_s());
+    let judge = EdgeJudge::new(program.board.tick_hz, &driven.lines, program, &options);
+    let (at_s, seen_s, broken) = (Cell::new(0.0), Cell::new(0.0), Cell::new(false));
+    let mut looker = Looker { judge: judge.map_err(|error| failed(error.into()))?, broken: &broken, error: None };
+    // A little longer than is looked at, so that an edge that is late is seen.
+    let until_s = length.until_s().map_or(f64::INFINITY, |until_s| until_s + STRIDE_S);
+    let progress = |seconds: f64| {
+        at_s.set(seconds);
+        watch(seconds.min(length.seconds));
+    };
+    // Asked before each stretch, and not while motors come to rest after a failure.
+    let wish = || {
+        seen_s.set(at_s.get());
+        if broken.get() || at_s.get() > until_s { Wish::StopNow } else { Wish::GoOn }
+    };
+    let ended = driven.run_until(&mut looker, progress, wish);
+    let Looker { judge, error, .. } = looker;
+    let report = error.map_or_else(|| judge.finish(), Err).map_err(|error| failed(error.into()))?;
+    let first = report.failures.iter().min_by(|one, other| one.at_s.total_cmp(&other.at_s)).cloned();
+    match (ended, first) {
+        (Err(error), first) => Err(failed(What::session(error, Some(seen_s.get()), first))),
+        (Ok(_), Some(first)) => Err(failed(What::Edge(first))),
+        (Ok(_), None) => Ok(Rehearsed { length, bound_ticks: options.bound_ticks.unwrap_or_default(), report }),
+    }
+}
+
+/// Holds the pins' edges against the law.
+struct Looker<'a, 'b> {
+    judge: EdgeJudge<'a>,
+    /// There is something to tell: no need to go on.
+    broken: &'b Cell<bool>,
+    error: Option<JudgeError>,
+}
+
+impl Observer for Looker<'_, '_> {
+    fn edge(&mut self, edge: Edge) {
+        if self.error.is_none() {
+            let edge = pulsetrain_trace::Edge { tick: edge.tick, line: edge.line, level: edge.level };
+            self.error = self.judge.push(edge).map_err(JudgeError::from).err();
+        }
+        self.broken.set(self.error.is_some() || self.judge.has_failed());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::drive::{Knowledge, Whereabouts};
+    use crate::session::SessionError;
+    use pulsetrain_board::{RemoteError, SwitchRefused};
+    use pulsetrain_core::wire::message::Cause;
+    use pulsetrain_trace::verdict::Fault;
+
+    /// What is told of an error, where the first step that is not as it should be was due at 0.25 s.
+    fn told(why: DriveError) -> (Option<f64>, String) {
+        let halted = why.halted(Whereabouts { motors: Vec::new(), by: Knowledge::Counted });
+        let first = Failure { motor: "a".to_owned(), step: 7, at_s: 0.25, fault: Fault::Missing { forward: true } };
+        let what = What::session(halted, Some(0.3), Some(first));
+        (what.at_s(), what.to_string())
+    }
+
+    #[test]
+    fn a_step_is_named_only_where_the_board_stopped_at_once() {
+        let (at_s, said) = told(RemoteError::Stopped { cause: Cause::Starved }.into());
+        let dry = "the board stopped: a queue ran dry; motor a: step 7 (forward) missing at t = 0.250000 s";
+        assert_eq!((at_s, said.as_str()), (Some(0.25), dry));
+        // As planned: the motors slow down from there on, and where they are is nobody's concern.
+        let late = SessionError::Switch(SwitchRefused::Late { horizon: 5 });
+        let (at_s, said) = told(DriveError::Session(late.clone()));
+        assert_eq!((at_s, said), (Some(0.25), format!("{late}, at t = 0.250 s")));
+        // It has its time already.
+        let short = DriveError::QueueTooShort {
+            motor: "b".to_owned(),
+            at_s: 0.5,
+            span_s: 0.01,
+            capacity: 99,
+            queue_bytes: Vec::new(),
+            needed: 70,
+            room: 60,
+        };
+        let (at_s, said) = told(short);
+        assert!(at_s == Some(0.5) && said.starts_with("motor b at 0.500 s") && !said.contains("t ="), "{said}");
+    }
+}
