@@ -100,6 +100,18 @@ fn broken_laws_are_refused_with_the_time() {
     breaks("exp(exp(t))", 1e15_f64.ln().ln(), "beyond 1e15 steps");
 }
 
+/// What is so large that it has no next whole number, or is infinite: found by fuzzing, it went on for ever.
+#[test]
+fn wholes_that_cannot_be_told_apart_are_refused() {
+    for text in
+        ["mod(t, t^7)", "mod(t, 0 + t^7 )", "floor(1e300*t)", "floor(exp(1000*t))", "round(1/t)", "ceil(-1e17*t)"]
+    {
+        let law = Law::formula(text, &[], 200.0, Some(Time::SECOND)).unwrap();
+        assert!(law.pieces().take(10_000).any(|piece| piece.is_err()), "{text} is no law");
+    }
+    breaks("t + 0*mod(t, t^7)", 0.0, "`mod(t, t^7)`: it is so large that its whole numbers cannot be told apart");
+}
+
 #[test]
 fn branches_meet_at_their_exact_time() {
     let pieces: Vec<Piece> = law("abs(100*t - 230) + max(50*sin(2*t), 20)").pieces().collect::<Result<_, _>>().unwrap();

@@ -50,6 +50,9 @@ pub(super) struct Resolver {
     pub(super) forced: bool,
 }
 
+/// From 2^53 on, f64s are whole numbers, and further on not all of them.
+const MOST_WHOLE: f64 = 9_007_199_254_740_992.0;
+
 /// The narrowest window, s.
 pub(super) const NARROWEST_S: f64 = 1e-12;
 
@@ -216,6 +219,11 @@ impl Resolver {
         }
         let [range, _] = self.enclose(&tape, &forms)?;
         let (mut low, mut high) = (range.low, range.high);
+        // NaN is none of them.
+        if !(low > -MOST_WHOLE && high < MOST_WHOLE) {
+            let why = "it is so large that its whole numbers cannot be told apart";
+            return Err(Stop::Narrow(Undefined { span: x.span(), why }));
+        }
         while high > libm::floor(low) + 1.0 {
             let level = libm::ceil(0.5 * (low + high) - 0.5).max(libm::floor(low) + 1.0);
             match self.compare(x, level)? {
