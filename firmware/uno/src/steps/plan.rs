@@ -68,6 +68,12 @@ global_asm!(
     std Y+\offset+2, \c
     std Y+\offset+3, \d
     .endm
+    .macro load_limit a, b, c, d
+    lds \a, steps_times+{LIMIT}
+    lds \b, steps_times+{LIMIT}+1
+    lds \c, steps_times+{LIMIT}+2
+    lds \d, steps_times+{LIMIT}+3
+    .endm
     // Compares a to d with the moment at Y+\offset; N: it is before. Uses \temp.
     .macro compare_4 a, b, c, d, offset, temp
     ldd \temp, Y+\offset
@@ -240,10 +246,7 @@ plan_fast:
     sbrs r20, {SWITCH}
     rjmp plan_have_time
     // The time until the limit, in 16 bits.
-3:  lds r18, steps_times+{LIMIT}
-    lds r19, steps_times+{LIMIT}+1
-    lds r20, steps_times+{LIMIT}+2
-    lds r21, steps_times+{LIMIT}+3
+3:  load_limit r18, r19, r20, r21
     rcall plan_from_tick
     brcs plan_nothing_near
     ldd r20, Y+{FLAGS}
@@ -321,10 +324,7 @@ steps_sure:
 1:  load_4 r18, r19, r20, r21, {SWITCH_AT}
     rcall 3f
     brcs 4f
-2:  lds r18, steps_times+{LIMIT}
-    lds r19, steps_times+{LIMIT}+1
-    lds r20, steps_times+{LIMIT}+2
-    lds r21, steps_times+{LIMIT}+3
+2:  load_limit r18, r19, r20, r21
     // Is there time until r18 to r21 for 24 of the longest, or for 8?
 3:  ldd r26, Y+{TICK}
     sub r18, r26
@@ -505,7 +505,7 @@ plan_beyond:
     rjmp plan_wait
     rcall plan_switch_due
     brcs plan_wait
-plan_begin:
+plan_begin:                             // branches do not reach it
     rjmp plan_go_over
 
     // The window: r18 to r21 is the last tick at which something may be done now. T: that is the limit.
@@ -514,10 +514,7 @@ plan_window:
     subi r19, {FILLER_HIGH}
     sbci r20, -1
     sbci r21, -1
-    lds r22, steps_times+{LIMIT}
-    lds r23, steps_times+{LIMIT}+1
-    lds r24, steps_times+{LIMIT}+2
-    lds r25, steps_times+{LIMIT}+3
+    load_limit r22, r23, r24, r25
     clt
     cp r22, r18
     cpc r23, r19
