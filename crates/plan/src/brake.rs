@@ -42,6 +42,10 @@ const SLOWS: f64 = 0.995;
 const GENTLE: f64 = 0.85;
 /// And so many bytes at most, before the first such record.
 const DEAR: usize = 9;
+/// Intervals that differ by no more are the same.
+const STEADY_TICKS: f64 = 1.0 / 16.0;
+/// Of the limit, what the plan's own next step may ask for: where the limit is the most that the plan asked for, rounding may be beyond.
+const EVEN: f64 = 1.0005;
 /// Parts of so few steps need not brake hard.
 const FEW_STEPS: u32 = 2;
 
@@ -67,6 +71,8 @@ pub(crate) struct Brake {
     pub(crate) limit: f64,
     /// At this speed and below the motor may stop at once, steps/tick.
     pub(crate) pull_in: f64,
+    /// Bytes count for more than time.
+    pub(crate) brief: bool,
     pub(crate) direction: Direction,
 }
 
@@ -130,10 +136,12 @@ impl Brake {
         let State { interval, add, add2, .. } = design.state;
         let before = interval - add + add2;
         let due = told.accumulator.checked_add(interval)? as f64;
-        let on_time = (0.0..=(self.first + 1.0) * scale).contains(&due);
-        // By the law; and by what was said, which need not have been one interval.
+        // The plan's own step comes within its tolerance of the law's.
+        let latest = self.first + 1.0 + settings.tolerance_ticks;
+        let on_time = (0.0..=latest * scale).contains(&due);
+        // By the law, in whose tolerance the plan is; and by what was said, which need not have been one interval.
         let lawful = (scale / speed) as i64;
-        if !on_time || !design.goes_evenly(before) || !design.goes_evenly(lawful) {
+        if !on_time || !design.goes_evenly(before) || !(design.is_within(lawful, 1.0) || design.goes_evenly(lawful)) {
             // Not before the tail begins.
             let wanted = (first * scale - told.accumulator as f64).max(1.0 - told.accumulator as f64);
             segments.push(design.single(wanted)?);
@@ -195,6 +203,7 @@ impl Brake {
             largest: if settings.fraction_bits <= 16 { f64::from(i32::MAX) } else { 1e17 },
             packing: settings.gain().map(|gain| Packing { fraction_bits: settings.fraction_bits, gain }),
             state: State { previous_count: u32::MAX, ..State::new(self.direction) },
+            brief: self.brief,
             parts: 0,
         })
     }
@@ -216,6 +225,8 @@ struct Design {
     state: State,
     /// Parts of two bytes so far.
     parts: u32,
+    /// No segment leads to such a part if one will do without.
+    brief: bool,
 }
 
 impl Design {
@@ -295,7 +306,13 @@ impl Design {
     /// Whether what is predicted is within the limit after an interval `before`, to either side.
     fn goes_evenly(&self, before: i64) -> bool {
         let interval = self.state.interval;
-        before > 0 && interval > 0 && deceleration(before as f64, interval as f64).abs() <= self.limit
+        let is_even = || deceleration(before as f64, interval as f64).abs() <= EVEN * self.limit;
+        before > 0 && interval > 0 && (self.is_within(before, STEADY_TICKS) || is_even())
+    }
+
+    /// Whether what is predicted is `interval`, to so many ticks.
+    fn is_within(&self, interval: i64, ticks: f64) -> bool {
+        (self.state.interval - interval).unsigned_abs() as f64 <= ticks * self.scale
     }
 
     /// One step after about `interval`, ticks · 2^F.
@@ -314,7 +331,10 @@ impl Design {
         let packing = self.packing.filter(|_| self.state.previous_count < u32::MAX)?;
         let State { interval, add, add2, .. } = self.state;
         let predicted = Segment { count: 1, interval, add, add2 };
-        let brakes = |last: i64| interval >= last && deceleration(last as f64, interval as f64) <= self.limit;
+        let brakes = |last: i64| {
+            self.is_within(last, STEADY_TICKS)
+                || (interval >= last && deceleration(last as f64, interval as f64) <= self.limit)
+        };
         if interval <= 0 || self.last.is_some_and(|last| !brakes(last)) {
             return None;
         }
@@ -333,7 +353,7 @@ impl Design {
             return None;
         }
         // What most of the time goes into is the beginning. Units are finer after the first part.
-        let gentle = self.parts < 2 && part.count >= 8 && begins(&part) < GENTLE * self.limit;
+        let gentle = !self.brief && self.parts < 2 && part.count >= 8 && begins(&part) < GENTLE * self.limit;
         let dear = if self.parts == 0 { DEAR } else { usize::MAX };
         let lead = gentle.then(|| self.leading(&part, dear)).flatten();
         self.parts += if lead.is_some() { 2 } else { 1 };

@@ -4,10 +4,12 @@ use crate::brake::Brake;
 pub use crate::brake::Told;
 use crate::ensemble::{Ensemble, Start};
 use crate::error::{PlanError, Refused};
+use crate::packed::Meter;
 use crate::planner::Planner;
 use crate::settings::Settings;
 use crate::{Move, planner::Origin};
 use pulsetrain_core::Direction;
+use pulsetrain_core::packing::State;
 use pulsetrain_motion::Time;
 use pulsetrain_motion::law::{Class, Curve, Entry, Fixed, Law, Piece};
 use pulsetrain_motion::program::{Program, Wiring};
@@ -26,6 +28,8 @@ pub struct Motion {
     pub acceleration: f64,
     /// What the board has been told before; `None` where that is not known, which costs bytes.
     pub told: Option<Told>,
+    /// Of two tails the one of fewer bytes, if it takes up to half as long again.
+    pub brief: bool,
 }
 
 /// The moves that bring a motor to rest.
@@ -51,11 +55,26 @@ pub const SOFTEST_STOP_S: f64 = 1.0;
 ///
 /// Up to the pull-in rate the motor stops at once. Faster, it is braked by no more than its largest acceleration; if the
 /// file gives none, than the largest that the law had, or than what takes 1 s. Within that the tail is short, not quick:
-/// a few bytes, which take up to about twice the time.
+/// a few bytes, which take up to about twice the time; up to three times where it is to be [`brief`](Motion::brief).
 ///
 /// # Errors
 /// If a motor is so fast that the board cannot make its steps, which the plan before the tail would have met first.
 pub fn stop_tail(motion: &Motion, settings: &Settings) -> Result<Tail, PlanError> {
+    let quick = soonest_tail(&Motion { brief: false, ..*motion }, settings)?;
+    if !motion.brief {
+        return Ok(quick);
+    }
+    let bytes = |tail: &Tail| {
+        let mut meter = Meter::after(settings, motion.told.map_or(State::default(), |told| told.state));
+        tail.moves.iter().for_each(|next| meter.add(next));
+        meter.bytes()
+    };
+    // Parts that nothing leads to may end where no part will do.
+    let brief = soonest_tail(motion, settings)?;
+    Ok(if bytes(&brief) < bytes(&quick) { brief } else { quick })
+}
+
+fn soonest_tail(motion: &Motion, settings: &Settings) -> Result<Tail, PlanError> {
     let Some(braking) = Braking::of(motion, settings) else { return Ok(Tail::default()) };
     if let Some(tail) = braking.onward(motion, settings) {
         return Ok(tail);
@@ -233,6 +252,7 @@ impl Braking {
             speed: square.sqrt(),
             limit,
             pull_in: settings.limits.pull_in / hz,
+            brief: motion.brief,
             direction: if forward { Direction::Forward } else { Direction::Backward },
         })
     }

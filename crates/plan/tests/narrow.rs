@@ -79,7 +79,7 @@ proptest! {
         settings.tolerance_ticks = if coarse { 16.0 } else { 1.0 };
         check(&plan(&law, &settings), &settings)?;
         let speed = std::f64::consts::TAU * amplitude / period_s * part;
-        let motion = Motion { position: 0, theta: part - 0.5, speed, acceleration: speed / period_s, told: None };
+        let motion = Motion { position: 0, theta: part - 0.5, speed, acceleration: speed / period_s, told: None, brief: false };
         check(&stop_tail(&motion, &settings).unwrap().moves, &settings)?;
     }
 }

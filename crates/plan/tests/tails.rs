@@ -73,7 +73,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(256))]
 
     #[test]
-    fn a_tail_stops_within_the_limits(law in any_law(), part in 0.0..1.0f64, pull_in in 0.0..200.0f64, knows: bool) {
+    fn a_tail_stops_within_the_limits(law in any_law(), part in 0.0..1.0f64, pull_in in 0.0..200.0f64, knows: bool, brief: bool) {
         // Limits that the law just keeps.
         let mut settings = Settings::new(16_000_000, 16);
         let mut planner = Planner::new(&law, &settings).unwrap();
@@ -96,6 +96,7 @@ proptest! {
             speed: sample.speed,
             acceleration: certificate.peak_acceleration.0,
             told: knows.then(|| told(&moves, tick, &settings)),
+            brief,
         };
         let tail = stop_tail(&motion, &settings).unwrap();
         let tail = steps(tail.start, tail.moves, position);
@@ -114,7 +115,8 @@ proptest! {
         }
         // Braking evenly and as hard as it may takes so long.
         let (end_s, rest_s) = (motion.speed.abs() / braking, tail.last().map_or(0.0, |(tick, _)| *tick as f64 / TICK_HZ));
-        prop_assert!(rest_s <= 2.5 * end_s + 2.0 / TICK_HZ, "steps until {rest_s} s; {end_s} s would do");
+        let most = if brief { 3.5 } else { 2.5 };
+        prop_assert!(rest_s <= most * end_s + 2.0 / TICK_HZ, "steps until {rest_s} s; {end_s} s would do");
         // Nothing but the integers: the mean speed between steps only falls, and by no more than the limit.
         let quick: Vec<f64> = tail.windows(2).map(|pair| (pair[1].0 - pair[0].0) as f64).collect();
         for (pair, ticks) in quick.windows(2).zip(tail.windows(3)) {
@@ -130,7 +132,7 @@ proptest! {
         // It ends slow enough: within a step of rest, or at the pull-in rate.
         if let [.., before, last] = tail.as_slice() {
             let speed = TICK_HZ / ((last.0 - before.0) as f64 - 1.0);
-            prop_assert!(speed <= pull_in.max((4.0 * braking).sqrt()), "stops from {speed} steps/s");
+            prop_assert!(speed <= 1.00001 * pull_in.max((4.0 * braking).sqrt()), "stops from {speed} steps/s");
         }
     }
 
@@ -139,6 +141,8 @@ proptest! {
         let (segments, bytes) = case.measured();
         prop_assert!(segments <= 24, "{segments} segments");
         prop_assert!(bytes <= case.most_bytes(), "{bytes} bytes");
+        let (_, brief) = Case { brief: true, ..case }.measured();
+        prop_assert!(brief <= bytes, "{brief} bytes, and {bytes} where time counts");
     }
 }
 
@@ -154,6 +158,7 @@ fn the_longest_tails_are_short() {
         fine: false,
         coarse: false,
         knows: None,
+        brief: false,
     };
     let fast = Case { speed: 116_340.7, stops_s: 0.922_961, past: 0.759, back: true, pull_in: 65.3, ..slow };
     let told = Case { speed: 114_836.3, stops_s: 0.805_570, past: 0.225_6, knows: Some((58, 0.251_7)), ..fast };
@@ -180,6 +185,7 @@ struct Case {
     coarse: bool,
     /// The count of the last segment, and what part of the braking its own acceleration was; unless nothing is known.
     knows: Option<(u32, f64)>,
+    brief: bool,
 }
 
 fn case() -> impl Strategy<Value = Case> {
@@ -187,7 +193,7 @@ fn case() -> impl Strategy<Value = Case> {
     let knows = prop::option::weighted(0.8, (3u32..80, -1.0..1.0f64));
     (motion, any::<bool>(), any::<bool>(), knows).prop_map(|(motion, fine, coarse, knows)| {
         let (log_speed, stops_s, past, back, pull_in) = motion;
-        Case { speed: 10f64.powf(log_speed), stops_s, past, back, pull_in, fine, coarse, knows }
+        Case { speed: 10f64.powf(log_speed), stops_s, past, back, pull_in, fine, coarse, knows, brief: false }
     })
 }
 
@@ -219,6 +225,7 @@ impl Case {
             speed: sign * self.speed,
             acceleration: 0.0,
             told: self.told(settings),
+            brief: self.brief,
         };
         stop_tail(&motion, settings).unwrap()
     }

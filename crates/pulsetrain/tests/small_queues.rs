@@ -307,3 +307,19 @@ fn what_an_uno_is_to_do_streams_through_its_queues() {
         assert!(figures.bytes_per_s < 50_000.0, "{what}: {figures:?}");
     }
 }
+
+/// Four motors on an Uno have 99 bytes each. Where a ramp ends, its last segments, those of what comes next and a stop take the most.
+#[test]
+fn ramps_of_four_motors_fit_their_queues() {
+    const QUEUE: u16 = 99;
+    for rate in [5.6e3, 8e3, 10e3, 12e3, 13.5e3, 15e3, 16.5e3, 18e3, 20e3] {
+        for apart in [0.0, 0.25] {
+            let law = Law::trapezoid(0.8 * rate, rate, 2.0 * rate, 2.0 * rate).unwrap();
+            // Each a part of a step behind the one before.
+            let law = |motor| law.clone().delayed(Time::from_seconds(apart * f64::from(motor) / rate)).unwrap();
+            let program = unlimited(program((0..4).map(law).collect(), 0.0));
+            let figures = stream(&Program { tolerance: Tolerance::Seconds(1e-6), ..program }, QUEUE, 2.0);
+            assert_eq!(figures.refused, None, "{rate} steps/s, {apart} of a step apart");
+        }
+    }
+}

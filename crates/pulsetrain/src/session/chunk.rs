@@ -139,7 +139,9 @@ impl<B: Board> Session<'_, B> {
                     }
                 })
                 .collect();
-            for ((steps, items), tail) in steps.iter_mut().zip(&mut items).zip(self.source.tails(until, &standing)?) {
+            for ((steps, items), tail) in
+                steps.iter_mut().zip(&mut items).zip(self.source.tails(until, &standing, self.pace.is_hurried())?)
+            {
                 tail.iter().for_each(|placed| items.add(placed));
                 steps.extend(tail);
             }

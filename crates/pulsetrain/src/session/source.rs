@@ -160,13 +160,19 @@ impl<'a> Source<'a> {
         Ok(Place { off, speed: sample.speed })
     }
 
-    /// The stop tails of all motors from `tick` on, in their places.
-    pub(super) fn tails(&mut self, tick: u64, standing: &[Standing]) -> Result<Vec<Vec<Placed>>, SessionError> {
+    /// The stop tails of all motors from `tick` on, in their places, of as few bytes as can be if they are to be `brief`.
+    pub(super) fn tails(
+        &mut self,
+        tick: u64,
+        standing: &[Standing],
+        brief: bool,
+    ) -> Result<Vec<Vec<Placed>>, SessionError> {
         let mut motions = Vec::with_capacity(standing.len());
         for (motor, stand) in standing.iter().enumerate() {
             let place = self.place(motor, tick, stand.count)?;
             let acceleration = self.certificate(motor).peak_acceleration.0;
-            let motion = Motion { position: 0, theta: place.off, speed: place.speed, acceleration, told: stand.told };
+            let motion =
+                Motion { position: 0, theta: place.off, speed: place.speed, acceleration, told: stand.told, brief };
             motions.push((motion, stand.last_before(tick)));
         }
         let fraction_bits = self.program.board.fraction_bits;
