@@ -257,6 +257,9 @@ fn coded_counts(previous: u32) -> [u32; 7] {
     [n + n / 2, n + n / 4, n + n / 8, n, n - n / 8, n - n / 4, n - n / 2]
 }
 
+/// Fewer steps than that are not left to a run's last segment.
+const LEAST_LEFT: u32 = 16;
+
 impl RunPlanner {
     /// `before` is the run that this one may go on from.
     pub(crate) fn new(run: Run, before: Option<&RunPlanner>) -> RunPlanner {
@@ -312,8 +315,9 @@ impl RunPlanner {
         let mut best: Option<Fit> = None;
         if let Some(e) = &expansion {
             // A short last segment would leave the next run coarse units to start with: halve what is left instead.
+            let half = (0.5 * left).ceil();
             if rules.gain.is_some() && length < left && left < 1.3 * length {
-                length = (0.5 * left).ceil();
+                length = half;
             }
             let mut count = self.permitted(length as u32, previous, rules);
             let mut before: Option<(f64, f64)> = None;
@@ -346,6 +350,14 @@ impl RunPlanner {
                 let shrunk = f64::from(count) * shrinkage(misfit, count, allowance, before);
                 before = Some((misfit, f64::from(count)));
                 count = self.permitted((shrunk as u32).min(count - 1).max(1), previous, rules).min(count - 1);
+            }
+            // A few steps more would make good at once what all before them were allowed: too quickly for a board that has to look at each.
+            if rules.gain.is_some()
+                && half > 1.0
+                && best.is_some_and(|fit| (1..LEAST_LEFT).contains(&(most - fit.segment.count)))
+            {
+                let halved = fit(e, start, quantiser, self.permitted(half as u32, previous, rules), window);
+                best = halved.filter(|f| f.misfit <= allowance && rules.permits(&f.segment)).or(best);
             }
         }
         match best {

@@ -158,3 +158,23 @@ fn a_law_that_dies_away_is_planned() {
     let replay = replay(&law, &settings).unwrap();
     assert_eq!(replay.certificate.position, -1000);
 }
+
+/// What a plan was allowed before a corner is not made good in the few steps that are left: steps there would have to be looked at one by
+/// one by a board that is short of time.
+#[test]
+fn a_plan_is_as_smooth_before_a_corner_as_elsewhere() {
+    for rate in (1..15).map(|k| 10_300.0 * f64::from(k)) {
+        let law = Law::trapezoid(1.25 * rate, rate, 2.0 * rate, 2.0 * rate).unwrap();
+        let mut settings = Settings::new(16_000_000, 16);
+        settings.tolerance_ticks = 16.0;
+        let mut planner = Planner::new(&law, &settings).unwrap();
+        while let Some(next) = planner.next_move().unwrap() {
+            let Move::Run { segment, .. } = next else { continue };
+            let ticks = |value: i64| value as f64 / f64::from(1 << 16);
+            // Slow ones change by more, and have the time.
+            if ticks(segment.interval) < 2048.0 {
+                assert!(ticks(segment.add2).abs() < 0.25, "{rate} steps/s: {segment:?}");
+            }
+        }
+    }
+}
