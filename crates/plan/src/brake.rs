@@ -156,7 +156,9 @@ impl Brake {
         let enough = settings.min_interval_ticks as f64 * scale;
         if !segments.is_empty() {
             design.last = None;
-            if !design.goes_evenly(lawful) || (design.state.interval as f64) < enough {
+            // Nor is it to go on speeding up: that step need not have come as early as the plan had it.
+            let brakes = design.state.interval >= lawful && design.goes_evenly(lawful);
+            if !(brakes || design.is_within(lawful, 1.0)) || (design.state.interval as f64) < enough {
                 segments.push(design.single(slow.second() * scale)?);
             }
         } else if (interval as f64) < enough {

@@ -146,6 +146,27 @@ proptest! {
     }
 }
 
+/// A plan that speeds up was 220 ticks ahead of the law: the step that waits for the law is not followed by one as early as the plan had it.
+#[test]
+fn what_waits_for_the_law_does_not_hurry_afterwards() {
+    let mut settings = Settings::new(16_000_000, 16);
+    settings.limits = Limits { max_speed: None, max_acceleration: Some(29_154.94), pull_in: 0.0 };
+    let (speed, due_ticks, told_ticks) = (735.472, 2247.405, -19_937.0);
+    let state = State { previous_count: 255, interval: 1_439_461_376, add: -91_226_112, add2: 0, ..State::default() };
+    let motion = Motion {
+        position: 0,
+        theta: settings.grid.up_level(0) - speed * due_ticks / TICK_HZ,
+        speed,
+        acceleration: 0.0,
+        told: Some(Told { accumulator: (told_ticks * 65_536.0) as i64, state }),
+        brief: false,
+    };
+    let tail = stop_tail(&motion, &settings).unwrap();
+    let ticks: Vec<f64> = steps(tail.start, tail.moves, 0).iter().map(|(tick, _)| *tick as f64).collect();
+    let (first, second) = (ticks[0] - told_ticks, ticks[1] - ticks[0]);
+    assert!(second >= first - 2.0 * settings.tolerance_ticks, "{second} ticks after {first}");
+}
+
 /// What was the longest once, and what is the longest of those that [`bytes_of_tails`] measures.
 #[test]
 fn the_longest_tails_are_short() {
