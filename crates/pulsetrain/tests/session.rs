@@ -458,6 +458,17 @@ proptest! {
                 Ok(rests) => rests,
                 // Over by then, or too much for one motor; or motors that share a DIR line turn too close together.
                 Err(SessionError::Late { .. } | SessionError::Pause(_)) => continue,
+                // It is still getting up to speed, and may be asked again.
+                Err(SessionError::Waiting { at, until }) => {
+                    prop_assert!(session.board().now() < until && until < at, "{at} waits for {until}");
+                    prop_assert_eq!(session.advance(until, &mut lab), Ok(()));
+                    match session.pause(&shelf) {
+                        Ok(rests) => rests,
+                        Err(SessionError::Late { .. } | SessionError::Pause(_) | SessionError::Waiting { .. }) => continue,
+                        Err(SessionError::Plan(_) | SessionError::QueueTooShort { .. }) if lab.is_shared() => continue,
+                        Err(error) => return Err(TestCaseError::fail(error.to_string())),
+                    }
+                }
                 Err(SessionError::Plan(_) | SessionError::QueueTooShort { .. }) if lab.is_shared() => continue,
                 Err(error) => return Err(TestCaseError::fail(error.to_string())),
             };
@@ -490,6 +501,34 @@ proptest! {
             }
         }
     }
+}
+
+/// A motion that is getting up to speed is paused once it is. While the board holds all the switches that it can, it says when to ask again.
+#[test]
+fn a_pause_behind_switches_that_wait_is_asked_for_again() {
+    let law = Law::trapezoid(-783.632, 2703.109_272, 14_202.035_558, 14_202.035_558).unwrap();
+    let law = law.delayed(Time::from_raw(244_849_131_954_227_328)).unwrap();
+    let limits = Limits { max_speed: None, max_acceleration: Some(15_622.239), pull_in: 0.0 };
+    let program = program(16, vec![motor(0, law, false, limits)]);
+    let shelf = Shelf::default();
+    let mut lab = Lab::new(&program);
+    let mut session = Session::new(Bench::new(&program, 256), &program).unwrap();
+    assert_eq!(session.advance(session.board().now() + 290_808, &mut lab), Ok(()));
+    let rests = session.pause(&shelf).unwrap();
+    assert_eq!(session.advance(rests, &mut lab), Ok(()));
+    let at_speed = session.resume(&shelf).unwrap();
+    assert_eq!(session.advance(session.board().now() + 372_640, &mut lab), Ok(()));
+    let Err(SessionError::Waiting { at, until }) = session.pause(&shelf) else {
+        panic!("the board takes a third switch")
+    };
+    assert!(session.board().now() < until && until < at && at == at_speed);
+    assert_eq!(session.advance(until, &mut lab), Ok(()));
+    let rests = session.pause(&shelf).unwrap();
+    assert_eq!(session.advance(rests, &mut lab), Ok(()));
+    check_counts(&session, &lab, &program).unwrap();
+    session.resume(&shelf).unwrap();
+    assert_eq!(session.run(&mut lab, |_| {}).failure, None);
+    check_counts(&session, &lab, &program).unwrap();
 }
 
 #[test]

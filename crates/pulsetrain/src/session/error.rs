@@ -69,6 +69,16 @@ pub enum SessionError {
         /// First tick that can still be changed.
         earliest: u64,
     },
+    /// A change behind as many switches as the board can hold.
+    #[error(
+        "tick {at} cannot be changed yet: as many switches as the board holds come before it; the first of them is made at tick {until}"
+    )]
+    Waiting {
+        /// Asked for.
+        at: u64,
+        /// From then on it can be asked for again.
+        until: u64,
+    },
     /// A change in what is not planned yet, or during a stop.
     #[error("tick {at} is too late for a change; after {latest} the motors stop, or nothing is planned yet")]
     Late {

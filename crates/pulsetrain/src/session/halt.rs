@@ -45,7 +45,8 @@ impl<'a, B: Board> Session<'a, B> {
     /// During an easing into motion it is first let come to its end. A motion that is paused already stays so.
     ///
     /// # Errors
-    /// [`SessionError::Late`] when the motion ends before; [`SessionError::Pause`] where the laws themselves take all that
+    /// [`SessionError::Late`] when the motion ends before; [`SessionError::Waiting`] while the laws come up to speed after a pause and the
+    /// board holds all the switches that it can: ask again then; [`SessionError::Pause`] where the laws themselves take all that
     /// the motors can do; or as [`Session::change`]. The motion goes on then.
     ///
     /// ```

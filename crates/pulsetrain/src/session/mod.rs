@@ -231,7 +231,7 @@ impl<'a, B: Board> Session<'a, B> {
     /// board must be the same. After a stop, `at` may be any tick once the motors rest.
     ///
     /// # Errors
-    /// When `at` is too early or too late, or the new plan is refused; the old one goes on.
+    /// When `at` is too early or too late, or behind too many switches that wait, or the new plan is refused; the old one goes on.
     pub fn change(&mut self, at: u64, program: &'a Program) -> Result<(), SessionError> {
         self.go_over(at, program, 0)?;
         self.course = Course::begun(program);
@@ -247,6 +247,11 @@ impl<'a, B: Board> Session<'a, B> {
         let earliest = self.earliest();
         if at < earliest {
             return Err(SessionError::Early { at, earliest });
+        }
+        let now = self.board.now();
+        let mut before = self.waiting.iter().filter(|begins| (now + 1..at).contains(begins));
+        if let Some(&until) = before.next().filter(|_| before.count() + 1 >= self.board.switches()) {
+            return Err(SessionError::Waiting { at, until });
         }
         let mut starts = Vec::with_capacity(motors);
         let mut datums = Vec::with_capacity(motors);
