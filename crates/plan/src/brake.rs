@@ -15,7 +15,7 @@
 //! step that would break a limit.
 
 use crate::Move;
-use crate::planner::LONGEST_WAIT_TICKS;
+use crate::planner::{LONGEST_WAIT_TICKS, LOOSEST_FIT_TICKS};
 use crate::settings::Settings;
 use pulsetrain_core::packing::{LONGEST_SLOW, MAX_PACKED_LEN, Packing, State};
 use pulsetrain_core::{Direction, Item, Segment};
@@ -137,7 +137,7 @@ impl Brake {
         let before = interval - add + add2;
         let due = told.accumulator.checked_add(interval)? as f64;
         // The plan's own step comes within its tolerance of the law's.
-        let latest = self.first + 1.0 + settings.tolerance_ticks;
+        let latest = self.first + 1.0 + settings.tolerance_ticks.min(LOOSEST_FIT_TICKS);
         let on_time = (0.0..=latest * scale).contains(&due);
         // By the law, in whose tolerance the plan is; and by what was said, which need not have been one interval.
         let lawful = (scale / speed) as i64;
@@ -305,7 +305,7 @@ impl Design {
         }
     }
 
-    /// Whether what is predicted is within the limit after an interval `before`, to either side.
+    /// Whether what is predicted is within the limit after an interval `before`, to either side, or nearly the same.
     fn goes_evenly(&self, before: i64) -> bool {
         let interval = self.state.interval;
         let is_even = || deceleration(before as f64, interval as f64).abs() <= EVEN * self.limit;

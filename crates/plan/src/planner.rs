@@ -20,7 +20,7 @@ const TOUCH: f64 = 1e-9;
 /// Waits longer than this are dwells, ticks: 24 bits serve every board's interval.
 pub const LONGEST_WAIT_TICKS: u32 = 1 << 24;
 /// Looser fits save little, and steps that wander far come too close to their neighbours.
-const LOOSEST_FIT_TICKS: f64 = 1024.0;
+pub(crate) const LOOSEST_FIT_TICKS: f64 = 1024.0;
 /// A piece that reaches further from its own origin has no half steps in f64, steps.
 const FARTHEST_IN_PIECE: f64 = 4_503_599_627_370_496.0;
 /// Plans end before the ticks leave an i64.

@@ -257,7 +257,7 @@ fn coded_counts(previous: u32) -> [u32; 7] {
     [n + n / 2, n + n / 4, n + n / 8, n, n - n / 8, n - n / 4, n - n / 2]
 }
 
-/// Fewer steps than that are not left to a run's last segment.
+/// Fewer steps than that are not left to a run's last segment, where halving what is left is a way out.
 const LEAST_LEFT: u32 = 16;
 
 impl RunPlanner {

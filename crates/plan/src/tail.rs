@@ -28,7 +28,7 @@ pub struct Motion {
     pub acceleration: f64,
     /// What the board has been told before; `None` where that is not known, which costs bytes.
     pub told: Option<Told>,
-    /// Of two tails the one of fewer bytes, if it takes up to half as long again.
+    /// The tail is to be one of fewer bytes, if there is one; it may take half as long again.
     pub brief: bool,
 }
 
@@ -69,11 +69,13 @@ pub fn stop_tail(motion: &Motion, settings: &Settings) -> Result<Tail, PlanError
         tail.moves.iter().for_each(|next| meter.add(next));
         meter.bytes()
     };
-    // Parts that nothing leads to may end where no part will do.
-    let brief = soonest_tail(motion, settings)?;
-    Ok(if bytes(&brief) < bytes(&quick) { brief } else { quick })
+    // Parts that nothing leads to may end where no part will do. Tails that do not begin alike are not told alike.
+    let brief =
+        soonest_tail(motion, settings).ok().filter(|brief| brief.start == quick.start && bytes(brief) < bytes(&quick));
+    Ok(brief.unwrap_or(quick))
 }
 
+/// The first that comes out of it: going on, a few segments, a plan.
 fn soonest_tail(motion: &Motion, settings: &Settings) -> Result<Tail, PlanError> {
     let Some(braking) = Braking::of(motion, settings) else { return Ok(Tail::default()) };
     if let Some(tail) = braking.onward(motion, settings) {

@@ -141,8 +141,6 @@ proptest! {
         let (segments, bytes) = case.measured();
         prop_assert!(segments <= 24, "{segments} segments");
         prop_assert!(bytes <= case.most_bytes(), "{bytes} bytes");
-        let (_, brief) = Case { brief: true, ..case }.measured();
-        prop_assert!(brief <= bytes, "{brief} bytes, and {bytes} where time counts");
     }
 }
 
@@ -284,11 +282,16 @@ fn bytes_of_tails() {
     use proptest::strategy::ValueTree;
     let mut runner = proptest::test_runner::TestRunner::deterministic();
     let mut all: [Vec<(usize, Case)>; 3] = Default::default();
+    let (mut sum, mut brief) = (0, 0);
     for _ in 0..2_000 {
         let case = case().new_tree(&mut runner).unwrap().current();
         let (_, bytes) = case.measured();
+        sum += bytes;
+        brief += Case { brief: true, ..case }.measured().1;
         all[if case.fine { 2 } else { usize::from(case.knows.is_none()) }].push((bytes, case));
     }
+    println!("brief ones take {:.0} % of that", 100.0 * brief as f64 / sum as f64);
+    assert!(brief * 10 < sum * 9, "{brief} bytes of {sum}");
     for (cases, what) in all.iter_mut().zip(["F = 16, told", "F = 16, not told", "F = 32"]) {
         cases.sort_by_key(|(bytes, _)| *bytes);
         let at = |part: f64| cases[((cases.len() - 1) as f64 * part) as usize].0;

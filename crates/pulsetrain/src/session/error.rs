@@ -76,7 +76,7 @@ pub enum SessionError {
     Waiting {
         /// Asked for.
         at: u64,
-        /// From then on it can be asked for again.
+        /// From then on it can be asked for again; it may be refused again, as long as epochs come before it.
         until: u64,
     },
     /// A change in what is not planned yet, or during a stop.

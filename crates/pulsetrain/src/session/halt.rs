@@ -46,7 +46,7 @@ impl<'a, B: Board> Session<'a, B> {
     ///
     /// # Errors
     /// [`SessionError::Late`] when the motion ends before; [`SessionError::Waiting`] while the laws come up to speed after a pause and the
-    /// board holds all the switches that it can: ask again then; [`SessionError::Pause`] where the laws themselves take all that
+    /// board holds all the switches that it can: ask again when it says; [`SessionError::Pause`] where the laws themselves take all that
     /// the motors can do; or as [`Session::change`]. The motion goes on then.
     ///
     /// ```

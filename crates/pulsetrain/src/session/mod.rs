@@ -249,7 +249,7 @@ impl<'a, B: Board> Session<'a, B> {
             return Err(SessionError::Early { at, earliest });
         }
         let now = self.board.now();
-        let mut before = self.waiting.iter().filter(|begins| (now + 1..at).contains(begins));
+        let mut before = self.waiting.iter().filter(|begins| (now..at).contains(begins));
         if let Some(&until) = before.next().filter(|_| before.count() + 1 >= self.board.switches()) {
             return Err(SessionError::Waiting { at, until });
         }
@@ -371,7 +371,8 @@ impl<'a, B: Board> Session<'a, B> {
     /// Whether there is enough in the queues, or no way to put more there.
     fn may_wait(&mut self) -> bool {
         let now = self.board.now();
-        self.waiting.retain(|begins| *begins > now);
+        // A switch at the tick that is now has not been made.
+        self.waiting.retain(|begins| *begins >= now);
         self.complete || self.tail > now + self.pace.ahead || self.waiting.len() >= self.board.switches()
     }
 

@@ -160,7 +160,7 @@ impl<'a> Source<'a> {
         Ok(Place { off, speed: sample.speed })
     }
 
-    /// The stop tails of all motors from `tick` on, in their places, of as few bytes as can be if they are to be `brief`.
+    /// The stop tails of all motors from `tick` on, in their places; `brief` as in [`Motion::brief`].
     pub(super) fn tails(
         &mut self,
         tick: u64,
