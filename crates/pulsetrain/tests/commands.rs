@@ -272,9 +272,6 @@ fn examples_run_and_verify() {
     assert!(ran >= 10);
 }
 
-/// Four motors whose next steps and stop may take more bytes than the Uno's queues have.
-const MANY_BYTES: [&str; 1] = ["winch.toml"];
-
 /// Files for the Uno run on the virtual one; its trace passes the judge as what it is, the pins.
 #[test]
 fn examples_for_the_uno_run_on_its_firmware() {
@@ -291,10 +288,6 @@ fn examples_for_the_uno_run_on_its_firmware() {
         }
         let out = folder.path("run");
         let outcome = pulsetrain(&["run", &file, "--for", "3 s", "--out", &out]);
-        if outcome.exit == Exit::Refused && MANY_BYTES.iter().any(|name| path.ends_with(name)) {
-            assert!(outcome.err.contains("queue") || outcome.err.contains("could not go on"), "{}", outcome.err);
-            continue;
-        }
         assert_eq!(outcome.exit, Exit::Success, "{file}: {}{}", outcome.out, outcome.err);
         if !outcome.out.contains("Run on the virtual Uno, firmware") {
             continue;
