@@ -500,7 +500,7 @@ proptest! {
 /// A motion that is getting up to speed is paused once it is. While the board holds all the switches that it can, it says when to ask again.
 #[test]
 fn a_pause_behind_switches_that_wait_is_asked_for_again() {
-    let law = Law::trapezoid(-783.632, 2703.109_272, 14_202.035_558, 14_202.035_558).unwrap();
+    let law = Law::trapezoid(-783.632, 2_703.109_272, 14_202.035_558, 14_202.035_558).unwrap();
     let law = law.delayed(Time::from_raw(244_849_131_954_227_328)).unwrap();
     let limits = Limits { max_speed: None, max_acceleration: Some(15_622.239), pull_in: 0.0 };
     let program = program(16, vec![motor(0, law, false, limits)]);
