@@ -218,7 +218,7 @@ impl<B: Board> Session<'_, B> {
             timeline.forget(now.saturating_sub(self.pace.chunk));
         }
         self.source.drop_before(chunk.until);
-        self.waiting.retain(|begins| *begins >= now && *begins < chunk.from);
+        self.waiting.retain(|begins| *begins > now && *begins < chunk.from);
         self.waiting.push_back(chunk.from);
         (self.epoch, self.tail) = (epoch, chunk.until);
         self.length = chunk.until - chunk.from;

@@ -371,8 +371,7 @@ impl<'a, B: Board> Session<'a, B> {
     /// Whether there is enough in the queues, or no way to put more there.
     fn may_wait(&mut self) -> bool {
         let now = self.board.now();
-        // A switch at the tick that is now has not been made.
-        self.waiting.retain(|begins| *begins >= now);
+        self.waiting.retain(|begins| *begins > now);
         self.complete || self.tail > now + self.pace.ahead || self.waiting.len() >= self.board.switches()
     }
 
