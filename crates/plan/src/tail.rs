@@ -54,7 +54,8 @@ pub const SOFTEST_STOP_S: f64 = 1.0;
 /// The moves that bring a motor to rest within its limits.
 ///
 /// Up to the pull-in rate the motor stops at once. Faster, it is braked by no more than its largest acceleration; if the
-/// file gives none, than the largest that the law had, or than what takes 1 s. Within that the tail is short, not quick:
+/// file gives none, than the largest that the law had, or than what takes 1 s; the plan's own next step, with which a tail may begin,
+/// may be beyond by a 2000th, as rounding has it. Within that the tail is short, not quick:
 /// a few bytes, which take up to about twice the time; up to three times where it is to be [`brief`](Motion::brief).
 ///
 /// # Errors
