@@ -331,6 +331,11 @@ impl Atmega328p {
         self.asleep_cycles
     }
 
+    /// How often the program restarted the watchdog (`wdr`) since power came on: as often as its main loop went round, for most.
+    pub fn watchdog_feeds(&self) -> u64 {
+        self.peripherals.watchdog.feeds()
+    }
+
     /// The lowest value that the stack pointer had since power came on; bytes above it were stack.
     pub fn lowest_sp(&self) -> u16 {
         self.cpu.lowest_sp

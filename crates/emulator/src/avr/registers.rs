@@ -405,7 +405,7 @@ impl<O: Observer> Io for Bus<'_, O> {
     }
 
     fn watchdog(&mut self, cycle: u64) {
-        self.peripherals.watchdog.restart(cycle);
+        self.peripherals.watchdog.feed(cycle);
         self.peripherals.refresh();
     }
 

@@ -25,16 +25,18 @@ pub(super) struct Watchdog {
     due: u64,
     /// Cycles of the system clock in one of the watchdog's.
     cycles_256: u64,
+    /// How often the program restarted it since power came on.
+    feeds: u64,
 }
 
 impl Watchdog {
     pub(super) fn new() -> Watchdog {
-        Watchdog { control: 0, open_until: 0, due: u64::MAX, cycles_256: 125 * 256 }
+        Watchdog { control: 0, open_until: 0, due: u64::MAX, cycles_256: 125 * 256, feeds: 0 }
     }
 
     /// After a reset; `forced` is WDRF, which keeps it on with the shortest time (§11.9.2).
     pub(super) fn reset(&mut self, cycle: u64, forced: bool) {
-        *self = Watchdog::new();
+        *self = Watchdog { feeds: self.feeds, ..Watchdog::new() };
         self.control = if forced { WDE } else { 0 };
         self.restart(cycle);
     }
@@ -49,8 +51,19 @@ impl Watchdog {
         }
     }
 
+    /// `wdr`.
+    pub(super) fn feed(&mut self, cycle: u64) {
+        self.feeds += 1;
+        self.restart(cycle);
+    }
+
+    /// How often that was.
+    pub(super) fn feeds(&self) -> u64 {
+        self.feeds
+    }
+
     /// `wdr`, or the clock begins anew.
-    pub(super) fn restart(&mut self, cycle: u64) {
+    fn restart(&mut self, cycle: u64) {
         // Table 11-2: 2048 cycles and doubled up to 1024 K; what is beyond is reserved and taken for the longest.
         let prescaler = (self.control & 7 | self.control >> 2 & 8).min(9);
         let period = (2048 << prescaler) * self.cycles_256 / 256;
