@@ -190,6 +190,12 @@ pub enum RemoteError {
         /// Its F.
         wanted_bits: u32,
     },
+    /// An Uno whose firmware is another image than the plan is for.
+    #[error("the board's firmware is not the image for the highest rates, which the motion is planned for: `{wanted}`")]
+    OtherImage {
+        /// What was planned for, as a motion file calls it.
+        wanted: String,
+    },
     /// What was to be stored is not what it keeps then.
     #[error("the board's memory did not take the settings: try again; if that does not help it is worn out")]
     NotKept,
@@ -583,6 +589,15 @@ impl<P: Port> Remote<P> {
     /// When the board is lost.
     pub fn obeys(&mut self) -> Result<bool, RemoteError> {
         let answer = self.ask(&Command::Orders(Orders::NONE))?;
+        Ok(!matches!(answer.reply, Reply::Refused { reason: Reason::UnknownKind, .. }))
+    }
+
+    /// Whether it keeps settings without power: of an Uno's images the plain one does, which has text.
+    ///
+    /// # Errors
+    /// When the board is lost.
+    pub fn keeps(&mut self) -> Result<bool, RemoteError> {
+        let answer = self.ask(&Command::Store(None))?;
         Ok(!matches!(answer.reply, Reply::Refused { reason: Reason::UnknownKind, .. }))
     }
 

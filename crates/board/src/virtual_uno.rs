@@ -15,9 +15,11 @@ use std::time::Duration;
 
 pub use crate::bridge::CYCLES_PER_S;
 
-/// The firmware that `cargo xtask firmware uno` built, the same with verbs in place of text, and without a line to a host.
+/// The firmware that `cargo xtask firmware uno` built, the same with verbs in place of text, with faster code in its place, and without a
+/// line to a host.
 const IMAGE: &str = include_str!("../images/uno.hex");
 const VERBS: &str = include_str!("../images/uno-verbs.hex");
+const STREAM: &str = include_str!("../images/uno-stream.hex");
 const BAKED: &str = include_str!("../images/uno-baked.hex");
 
 /// DTR pulls the reset pin low for so long, through 100 nF and 1 kΩ.
@@ -53,6 +55,13 @@ pub fn image() -> Vec<u8> {
 pub fn verbs_image() -> Vec<u8> {
     // As above.
     hex::parse(VERBS, Atmega328p::FLASH_BYTES).unwrap_or_default()
+}
+
+/// The committed firmware for the highest rates, which knows frames alone.
+#[must_use]
+pub fn stream_image() -> Vec<u8> {
+    // As above.
+    hex::parse(STREAM, Atmega328p::FLASH_BYTES).unwrap_or_default()
 }
 
 /// The committed firmware that plays a motion which lies right behind it.
@@ -136,6 +145,12 @@ impl VirtualUno {
     #[must_use]
     pub fn with_verbs() -> VirtualUno {
         VirtualUno::with_image(&verbs_image()).expect("no image is larger than what it was parsed for")
+    }
+
+    /// The same with the firmware [for the highest rates](stream_image).
+    #[must_use]
+    pub fn with_stream() -> VirtualUno {
+        VirtualUno::with_image(&stream_image()).expect("no image is larger than what it was parsed for")
     }
 
     /// An Uno with any firmware.

@@ -4,6 +4,7 @@
 
 mod pico;
 mod uno;
+mod uno_stream;
 
 use std::ops::RangeInclusive;
 
@@ -44,11 +45,46 @@ pub struct BoardRow {
 enum PinRules {
     /// They are alike.
     Alike,
-    /// As [`PinKind`] says.
-    Kinds,
+    /// As [`PinKind`] says, each kind at rates of its own.
+    Kinds(&'static Rates),
     /// As [`pins::check_pico`] says.
     Neighbours,
 }
+
+/// What an image of the Uno's firmware does, as the bench wrote it.
+#[derive(Debug, PartialEq, Eq)]
+struct Rates {
+    pulses: [u32; PULSES],
+    by_software: [[u32; PULSES]; 4],
+    pair: [u32; PULSES],
+    by_compare: [[u32; PULSES]; 2],
+    lateness: u32,
+    horizon: u32,
+    queues: u32,
+}
+
+/// So many pulses were measured.
+const PULSES: usize = 3;
+
+static UNO: Rates = Rates {
+    pulses: uno::PULSES,
+    by_software: uno::BY_SOFTWARE,
+    pair: uno::PAIR,
+    by_compare: uno::BY_COMPARE,
+    lateness: uno::LATENESS,
+    horizon: uno::HORIZON,
+    queues: uno::QUEUES,
+};
+
+static UNO_STREAM: Rates = Rates {
+    pulses: uno_stream::PULSES,
+    by_software: uno_stream::BY_SOFTWARE,
+    pair: uno_stream::PAIR,
+    by_compare: uno_stream::BY_COMPARE,
+    lateness: uno_stream::LATENESS,
+    horizon: uno_stream::HORIZON,
+    queues: uno_stream::QUEUES,
+};
 
 /// Why a pin cannot drive a motor.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -113,7 +149,7 @@ impl BoardRow {
     pub fn pin_kind(&self, motors: &[Motor]) -> Result<Option<PinKind>, PinsError> {
         match self.pin_rules {
             PinRules::Alike => Ok(None),
-            PinRules::Kinds => PinKind::of(motors).map(Some),
+            PinRules::Kinds(_) => PinKind::of(motors).map(Some),
             PinRules::Neighbours => pins::check_pico(motors).map(|()| None),
         }
     }
@@ -122,7 +158,7 @@ impl BoardRow {
     /// [`Board::min_interval_ticks`] by itself, which is that of the shortest pulses, but by the compare hardware.
     #[must_use]
     pub fn shortest_intervals(&self, motors: &[Motor]) -> Vec<u32> {
-        let Ok(Some(kind)) = self.pin_kind(motors) else {
+        let (PinRules::Kinds(rates), Ok(Some(kind))) = (self.pin_rules, self.pin_kind(motors)) else {
             let is_pico = self.pin_rules == PinRules::Neighbours;
             let word = if is_pico { word_ticks(motors, self.board.tick_hz) } else { 0 };
             let has_coils = is_pico && motors.iter().any(|motor| matches!(motor.wiring, Wiring::Coils { .. }));
@@ -134,20 +170,19 @@ impl BoardRow {
         let hz = self.board.tick_hz;
         let pulse = motors.iter().map(|motor| motor.timing.ticks(hz).pulse_high).max().unwrap_or(0);
         // The last column serves for what is longer: such pulses limit the rate themselves.
-        let column =
-            uno::PULSES.iter().position(|longest| pulse <= u64::from(*longest)).unwrap_or(uno::PULSES.len() - 1);
-        let of = |rows: &[[u32; uno::PULSES.len()]]| rows.iter().map(|by_pulse| by_pulse[column]).collect();
+        let column = rates.pulses.iter().position(|longest| pulse <= u64::from(*longest)).unwrap_or(PULSES - 1);
+        let of = |rows: &[[u32; PULSES]]| rows.iter().map(|by_pulse| by_pulse[column]).collect();
         if shares_dir(motors) {
             // One after the other.
-            let of: Vec<u32> = of(&uno::BY_SOFTWARE);
+            let of: Vec<u32> = of(&rates.by_software);
             return (1..).zip(of).map(|(count, ticks)| ticks.max(count * SHARED_STEP_TICKS)).collect();
         }
         if kind == PinKind::Compare {
-            return of(&uno::BY_COMPARE);
+            return of(&rates.by_compare);
         }
-        let mut intervals = of(&uno::BY_SOFTWARE);
+        let mut intervals = of(&rates.by_software);
         if kind == PinKind::PortD && motors.len() == 2 {
-            intervals[1] = uno::PAIR[column];
+            intervals[1] = rates.pair[column];
         }
         intervals
     }
@@ -175,7 +210,7 @@ impl BoardRow {
 /// The table, in the order in which boards are usually met.
 #[must_use]
 pub fn table() -> Vec<BoardRow> {
-    vec![uno(), due(), pico(), native()]
+    vec![uno(), uno_stream(), due(), pico(), native()]
 }
 
 /// The board of that name, whatever its case.
@@ -222,33 +257,61 @@ fn interval_ticks(tick_hz: u64, rate_hz: u64) -> u32 {
     u32::try_from(tick_hz.div_ceil(rate_hz)).expect("an interval of a rate above 1 Hz fits 32 bits")
 }
 
+/// Whether that board is an Uno, whichever image of its firmware it has.
+#[must_use]
+pub fn is_uno(name: &str) -> bool {
+    matches!(name, "uno" | STREAM)
+}
+
+/// The Uno's name when it has the image for the highest rates.
+pub const STREAM: &str = "uno-stream";
+
 fn uno() -> BoardRow {
+    uno_with(
+        &UNO,
+        "uno",
+        "Arduino Uno, ATmega328P",
+        "one or two motors with STEP on pins 9 and 10 are timed by the compare hardware: no lateness",
+    )
+}
+
+fn uno_stream() -> BoardRow {
+    uno_with(
+        &UNO_STREAM,
+        STREAM,
+        "Arduino Uno with the image for the highest rates",
+        "an Uno with the image for the highest rates, which knows no text: `pulsetrain flash uno --port PORT --image stream`; else as `uno`",
+    )
+}
+
+/// An Uno whose firmware does that.
+fn uno_with(rates: &'static Rates, name: &str, about: &'static str, note: &'static str) -> BoardRow {
     const TICK_HZ: u64 = 16_000_000;
     BoardRow {
         board: Board {
-            name: "uno".to_owned(),
+            name: name.to_owned(),
             tick_hz: TICK_HZ,
             fraction_bits: 16,
             max_motors: 4,
             // With pulses of 1 µs; what a program needs longer ones for, `shortest_intervals` says.
-            min_interval_ticks: uno::BY_SOFTWARE.iter().map(|by_pulse| by_pulse[0]).collect(),
+            min_interval_ticks: rates.by_software.iter().map(|by_pulse| by_pulse[0]).collect(),
             hardware_timed: false,
             turn_ticks: TURN_TICKS[0],
             segment_ticks: Vec::new(),
             source: "its firmware on an emulated ATmega328P: cargo xtask bench uno".to_owned(),
         },
-        about: "Arduino Uno, ATmega328P",
+        about,
         ram_bytes: Some(2_048),
         flash_bytes: Some(32_256),
         // One motor alone has the page of the second ring too. A test asks the virtual board.
-        queue_bytes: vec![uno::QUEUES + 256, uno::QUEUES / 2, uno::QUEUES / 3, uno::QUEUES / 4],
-        horizon_ticks: uno::HORIZON,
-        lateness_ticks: uno::LATENESS,
-        note: "one or two motors with STEP on pins 9 and 10 are timed by the compare hardware: no lateness",
+        queue_bytes: vec![rates.queues + 256, rates.queues / 2, rates.queues / 3, rates.queues / 4],
+        horizon_ticks: rates.horizon,
+        lateness_ticks: rates.lateness,
+        note,
         pins: 0..=19,
         reserved: &[(0..=1, "D0 and D1 are the serial line to the computer")],
         analogue: Some((14, 6)),
-        pin_rules: PinRules::Kinds,
+        pin_rules: PinRules::Kinds(rates),
     }
 }
 
@@ -406,7 +469,7 @@ mod tests {
     #[test]
     fn what_no_bench_has_printed_is_an_estimate() {
         for row in table() {
-            let is_measured = matches!(row.board.name.as_str(), "native" | "uno" | "pico");
+            let is_measured = matches!(row.board.name.as_str(), "native" | "uno" | STREAM | "pico");
             assert_eq!(row.board.source.starts_with("estimate"), !is_measured, "{}", row.board.name);
             assert!(row.board.min_interval_ticks.is_sorted(), "{}", row.board.name);
         }

@@ -345,9 +345,9 @@ fn tables() {
         "\"uno\"",
         "\"nano\"",
         expect![[r#"
-        x.toml:1:9: unknown board "nano"
-            known: uno, due, pico, native
-    "#]],
+            x.toml:1:9: unknown board "nano"
+                known: uno, uno-stream, due, pico, native
+        "#]],
     );
     check(
         "\"uno\"",

@@ -14,7 +14,7 @@ use pulsetrain_board::{
     Setup, Shadowed, Wiring,
 };
 use pulsetrain_core::output::Sequence;
-use pulsetrain_core::wire::message::{Cause, Info, MotorSetup};
+use pulsetrain_core::wire::message::{Cause, MotorSetup};
 use pulsetrain_core::wire::{Baud, Reason};
 use pulsetrain_motion::boards;
 use pulsetrain_motion::program::{self, CoilSequence, Motor, Program};
@@ -207,13 +207,15 @@ impl<'a> Driven<'a, Native> {
 }
 
 impl<'a> Driven<'a, Uno> {
-    /// The same on the virtual Uno, at `baud`.
+    /// The same on the virtual Uno, at `baud`; it has the image that the program's board names.
     ///
     /// # Errors
     /// As [`Driven::native`], and when the firmware refuses the configuration.
     pub fn virtual_uno(prepared: &'a Prepared, baud: Baud) -> Result<Driven<'a, Uno>, DriveError> {
         // One that was made just now has known nobody: the same session each time, to the cycle.
-        Driven::with(prepared, |program| connect_as(VirtualUno::new(), program, baud, 1))
+        let is_stream = prepared.program.board.name == boards::STREAM;
+        let uno = if is_stream { VirtualUno::with_stream() } else { VirtualUno::new() };
+        Driven::with(prepared, |program| connect_as(uno, program, baud, 1))
     }
 }
 
@@ -304,8 +306,8 @@ fn set_up_board<P: Port>(
     number: u32,
     goes_on: impl FnMut() -> bool,
 ) -> Result<Remote<P>, RemoteError> {
-    let remote = Remote::open(port, number)?;
-    if let Err(error) = check_board(remote.info(), program) {
+    let mut remote = Remote::open(port, number)?;
+    if let Err(error) = check_board(&mut remote, program) {
         remote.close();
         return Err(error);
     }
@@ -333,8 +335,8 @@ pub(crate) fn set_up<P: Port>(
 }
 
 /// Whether it is the board that the program is planned for.
-fn check_board(info: &Info, program: &Program) -> Result<(), RemoteError> {
-    let board = &program.board;
+fn check_board<P: Port>(remote: &mut Remote<P>, program: &Program) -> Result<(), RemoteError> {
+    let (board, info) = (&program.board, remote.info());
     // The plan's rate is the board's by the host's clock, if that was measured.
     let off_hz = u64::from(info.tick_hz).abs_diff(board.tick_hz) as f64;
     if off_hz > board.tick_hz as f64 * WORST_CLOCK_PPM * 1e-6 || u32::from(info.fraction_bits) != board.fraction_bits {
@@ -344,6 +346,10 @@ fn check_board(info: &Info, program: &Program) -> Result<(), RemoteError> {
             wanted_hz: board.tick_hz,
             wanted_bits: board.fraction_bits,
         });
+    }
+    // The image for the highest rates has neither text, with its settings, nor verbs. One with text does less than was planned for.
+    if board.name == boards::STREAM && (remote.keeps()? || remote.obeys()?) {
+        return Err(RemoteError::OtherImage { wanted: board.name.clone() });
     }
     Ok(())
 }

@@ -62,7 +62,7 @@ mod verbs;
 mod verbs;
 #[cfg(text)]
 mod winch;
-#[cfg(feature = "verbs")]
+#[cfg(any(feature = "verbs", feature = "stream"))]
 #[path = "no_winch.rs"]
 mod winch;
 
@@ -73,6 +73,9 @@ use memory::Once;
 use no_host::{link, winch};
 use pulsetrain_core::Moment;
 use pulsetrain_core::wire::Millis;
+
+/// The image is the one for the highest rates: frames alone, and the longer code that is faster.
+pub(crate) const STREAM: bool = cfg!(feature = "stream");
 
 static BOARD: Once<Board> = Once::new(Board::new());
 

@@ -166,6 +166,21 @@ global_asm!(
     .global add_to
 add_to:
     movw r30, r24
+    .if {STREAM}
+1:  ld r24, Z
+    add r24, r22
+    st Z+, r24
+    mov r22, r23
+    ldi r23, 0
+    adc r22, r1
+    adc r23, r1
+    mov r24, r22
+    or r24, r23
+    breq 2f                             // no more, as nearly always
+    dec r20
+    brne 1b
+2:  ret
+    .else
     clc
 1:  ld r24, Z                           // none of these but the sum touches the carry
     adc r24, r22
@@ -175,7 +190,9 @@ add_to:
     dec r20
     brne 1b
     ret
-    "#
+    .endif
+    "#,
+    STREAM = const crate::STREAM as u8,
 );
 
 #[cfg(not(feature = "baked"))]

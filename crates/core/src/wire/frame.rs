@@ -90,7 +90,8 @@ pub const fn crc(sum: u16, byte: u8) -> u16 {
 #[inline(never)]
 #[must_use]
 pub fn check(bytes: &[u8]) -> [u8; 2] {
-    let Sum { high, low } = bytes.iter().fold(Sum::START, |sum, byte| sum.with_one(*byte));
+    let one = if cfg!(feature = "quick") { Sum::with } else { Sum::with_one };
+    let Sum { high, low } = bytes.iter().fold(Sum::START, |sum, byte| one(sum, *byte));
     [high, low]
 }
 
@@ -150,6 +151,14 @@ impl<'a> Encoder<'a> {
     /// Two bytes of the body.
     #[inline(never)]
     pub fn u16(&mut self, value: u16) {
+        if cfg!(feature = "quick") {
+            let at = BODY_AT + usize::from(self.len);
+            if let Some(places) = self.out.get_mut(at..at + 2) {
+                places.copy_from_slice(&value.to_le_bytes());
+                self.len += 2;
+                return;
+            }
+        }
         let [low, high] = value.to_le_bytes();
         self.u8(low);
         self.u8(high);

@@ -1,7 +1,7 @@
 //! Motion files: TOML in, a checked [`Program`] out, or errors that point at the place.
 //!
 //! ```toml
-//! board = "uno"                       # uno, due, pico or native
+//! board = "uno"                       # uno, uno-stream, due, pico or native
 //! grid = "reach"                      # or "nearest" (default), or { hysteresis = "0.1 step" }
 //! tolerance = "1 tick"                # or a time, such as "1 us"
 //! idle = "hold"                       # or a rest, such as "2 s", after which drivers and coils are switched off

@@ -14,7 +14,7 @@ use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_motion::Time;
 
-use super::flash::VERBS;
+use super::flash::named;
 use crate::cli::Board;
 use crate::console::{self, Console, Exit};
 use crate::serve::{self, Client, Nobody, Service, Socket};
@@ -96,12 +96,12 @@ fn programmed(file: &Path) -> miette::Result<VirtualPico> {
     Ok(pico.clone().opened().unwrap_or(pico))
 }
 
-/// An Uno with that program, or with the firmware that obeys verbs.
+/// An Uno with that program, or with the firmware's other image of that name.
 fn flashed(file: &Path) -> miette::Result<VirtualUno> {
     let help = "it takes what an Uno's flash holds, as Intel HEX: what `pulsetrain bake --output` writes, or the Arduino IDE's Export \
-                Compiled Binary; `verbs` is the firmware whose motors are told directly";
-    if file == Path::new(VERBS) {
-        return Ok(VirtualUno::with_verbs());
+                Compiled Binary; `verbs` is the firmware whose motors are told directly, `stream` that for the highest rates";
+    if let Some(image) = named(file) {
+        return VirtualUno::with_image(&image).map_err(|error| miette!(help = help, "{}: {error}", file.display()));
     }
     let image = read_hex(file, help)?;
     if image.is_empty() {

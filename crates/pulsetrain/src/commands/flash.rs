@@ -39,7 +39,7 @@ pub(crate) fn run(args: &Flash, console: &mut Console<'_>) -> miette::Result<Exi
         console.print_json(&flashed)?;
         return Ok(Exit::Success);
     }
-    let is_own = args.image.as_ref().is_none_or(|file| file == Path::new(VERBS));
+    let is_own = args.image.as_ref().is_none_or(|file| args.board == "uno" && named(file).is_some());
     console.print(format_args!("{}\n", done(&flashed, is_own)))?;
     Ok(Exit::Success)
 }
@@ -76,14 +76,20 @@ fn which_port(names: &[String]) -> Report {
     }
 }
 
-/// The name of the Uno's other image, in place of a file's.
-pub(super) const VERBS: &str = "verbs";
+/// The Uno's other image of that name, which stands in place of a file's.
+pub(super) fn named(name: &Path) -> Option<Vec<u8>> {
+    match name.to_str()? {
+        "verbs" => Some(virtual_uno::verbs_image()),
+        "stream" => Some(virtual_uno::stream_image()),
+        _ => None,
+    }
+}
 
 fn uno(name: &str, file: Option<&Path>, console: &Console<'_>) -> miette::Result<Flashed> {
-    let image = match file {
-        None => virtual_uno::image(),
-        Some(file) if file == Path::new(VERBS) => virtual_uno::verbs_image(),
-        Some(file) => {
+    let image = match (file, file.and_then(named)) {
+        (None, _) => virtual_uno::image(),
+        (_, Some(image)) => image,
+        (Some(file), None) => {
             let text = String::from_utf8_lossy(&console::read(file)?).into_owned();
             hex::parse(&text, stk500::FLASH_BYTES).map_err(|error| {
                 miette!(help = "an Uno's image is a file in Intel HEX", "{}: {error}", file.display())

@@ -171,11 +171,11 @@ pub(super) fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
     if let Some(error) = remote.error() {
         return Err(error.clone().into());
     }
-    let (stored, keeps_untold) = match remote.stored() {
-        Ok(stored) => (stored, false),
-        Err(RemoteError::Refused { reason: Reason::Moving | Reason::Baked, .. }) => (Stored::default(), true),
+    let (stored, keeps, keeps_untold) = match remote.stored() {
+        Ok(stored) => (stored, true, false),
+        Err(RemoteError::Refused { reason: Reason::Moving | Reason::Baked, .. }) => (Stored::default(), true, true),
         // A board that knows no settings.
-        Err(RemoteError::Refused { .. }) => (Stored::default(), false),
+        Err(RemoteError::Refused { .. }) => (Stored::default(), false, false),
         Err(error) => return Err(error.into()),
     };
     let verbs = remote.obeys()?;
@@ -188,8 +188,8 @@ pub(super) fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
         },
         firmware: human::version(info.firmware),
         protocol: VERSION,
-        // The Uno's flash has room for one of them.
-        text: info.board == 2 || (info.board == UNO && !verbs),
+        // Of an Uno's images the one with text keeps settings for it; in the others something else has the room of both.
+        text: info.board == 2 || (info.board == UNO && keeps),
         verbs,
         tick_hz: info.tick_hz,
         fraction_bits: info.fraction_bits,
@@ -230,6 +230,18 @@ pub(super) fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn images_tell_what_they_understand() {
+        for (uno, expected) in [
+            (VirtualUno::new(), (true, false)),
+            (VirtualUno::with_verbs(), (false, true)),
+            (VirtualUno::with_stream(), (false, false)),
+        ] {
+            let said = ask(uno, Baud::B1M).unwrap();
+            assert_eq!((said.text, said.verbs), expected);
+        }
+    }
 
     /// A host that was killed leaves the motors to the stop at their queues' end: the board calls that done, as a motion's end.
     #[test]

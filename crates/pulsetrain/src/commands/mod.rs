@@ -65,6 +65,9 @@ pub(crate) fn drive_problem(error: DriveError) -> Report {
              `pulsetrain winch --port PORT`"
         }
         DriveError::Remote(RemoteError::OtherBoard { .. }) => "say --board with the board that is there",
+        DriveError::Remote(RemoteError::OtherImage { .. }) => {
+            "write it to the board: `pulsetrain flash uno --port PORT --image stream`; or say --board uno, which has lower limits"
+        }
         DriveError::Remote(RemoteError::Link(LinkError::Taken)) => {
             "end the other program, or wait 2 s. If text has switched its drivers on (`pulsetrain winch`, a StepperWinch client), it \
              has it until it is told `enable 0`: echo \"enable 0\" | pulsetrain winch --port PORT"
@@ -108,6 +111,13 @@ mod tests {
     fn a_clock_that_no_board_has_is_told_as_the_computers() {
         assert_eq!(clock_off((-1234.5, 70.0), 3), "−1230 ppm off this computer's, give or take 70");
         assert!(clock_off((-386_000.0, 94.0), 3).contains("give or take 94: more than any board's; this computer"));
+    }
+
+    #[test]
+    fn an_uno_with_another_image_tells_how_it_gets_the_right_one() {
+        let other = drive_problem(DriveError::Remote(RemoteError::OtherImage { wanted: "uno-stream".to_owned() }));
+        assert!(other.to_string().contains("`uno-stream`"), "{other}");
+        assert!(other.help().is_some_and(|help| help.to_string().contains("flash uno --port PORT --image stream")));
     }
 
     #[test]

@@ -6,6 +6,7 @@ use miette::miette;
 use pulsetrain_board::remote::in_words;
 use pulsetrain_board::{Observer, ScheduledStep, Serial};
 use pulsetrain_core::Direction;
+use pulsetrain_motion::boards;
 use pulsetrain_trace::steps;
 use serde::Serialize;
 
@@ -69,11 +70,11 @@ pub(crate) fn run(
     console: &mut Console<'_>,
 ) -> miette::Result<Exit> {
     let program = &prepared.program;
-    if !matches!(program.board.name.as_str(), "uno" | "pico") {
+    let is_uno = boards::is_uno(&program.board.name);
+    if !is_uno && program.board.name != "pico" {
         let help = "add --board uno or --board pico, or write it in the file";
         return Err(miette!(help = help, "{} is planned for the board `{}`", prepared.file, program.board.name));
     }
-    let is_uno = program.board.name == "uno";
     if args.rehearse.is_some() && !is_uno {
         let help = "leave --rehearse out: a Pico's queues hold twenty times what an Uno's do, or more";
         return Err(miette!(help = help, "{}: only what an Uno is to run is rehearsed", prepared.file));

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use miette::miette;
 use pulsetrain_board::Board;
 use pulsetrain_core::wire::Baud;
+use pulsetrain_motion::boards;
 
 use super::{drive_problem, on_port, plan};
 use crate::cli::Run;
@@ -33,9 +34,10 @@ pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit>
     }
     let edges = Edges::of(&prepared.program);
     let (recorded, runner) = match prepared.program.board.name.as_str() {
-        "uno" if !args.native => {
+        name if boards::is_uno(name) && !args.native => {
             let mut driven = Driven::virtual_uno(&prepared, BAUD).map_err(drive_problem)?;
-            let runner = format!("virtual Uno, firmware {}", human::version(driven.board_mut().info().firmware));
+            let image = if name == boards::STREAM { " with the image for the highest rates" } else { "" };
+            let runner = format!("virtual Uno{image}, firmware {}", human::version(driven.board_mut().info().firmware));
             (to_files(&prepared, &planned, driven, edges, &folder, console)?, runner)
         }
         "pico" if !args.native => {

@@ -94,8 +94,7 @@ fn problem(error: RemoteError) -> miette::Report {
             miette!(help = help, "the board tells and keeps no settings while motors are armed, as a run leaves them")
         }
         RemoteError::Refused { reason: Reason::UnknownKind, .. } => {
-            let help =
-                "an Uno's image with verbs has no room for that; its plain one has: `pulsetrain flash uno --port PORT`";
+            let help = "an Uno's images without text have no room for that; its plain one has: `pulsetrain flash uno --port PORT`";
             miette!(help = help, "the board's firmware keeps no settings")
         }
         error => drive_problem(error.into()),
@@ -183,9 +182,11 @@ mod tests {
     }
 
     #[test]
-    fn an_uno_with_verbs_keeps_no_settings() {
-        let refused = problem(store(VirtualUno::with_verbs(), &ASK, None).unwrap_err());
-        assert_eq!(refused.to_string(), "the board's firmware keeps no settings");
+    fn an_uno_without_text_keeps_no_settings() {
+        for uno in [VirtualUno::with_verbs(), VirtualUno::with_stream()] {
+            let refused = problem(store(uno, &ASK, None).unwrap_err());
+            assert_eq!(refused.to_string(), "the board's firmware keeps no settings");
+        }
     }
 
     /// The newer of two copies is damaged: to say again what the older one has mends that.

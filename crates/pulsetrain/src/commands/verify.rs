@@ -1,7 +1,7 @@
 //! `pulsetrain verify`: a capture against the motion.
 
 use miette::miette;
-use pulsetrain_motion::Time;
+use pulsetrain_motion::{Time, boards};
 use pulsetrain_trace::capture::{self, Capture};
 use pulsetrain_trace::verdict::{self, Align, JudgeError, Options};
 
@@ -72,7 +72,7 @@ pub(crate) fn run(args: &Verify, console: &mut Console<'_>) -> miette::Result<Ex
         if !report.ok && align == Align::None {
             console.print("Did the capture begin before the motion? Then say --align start, or start+rate\n")?;
         }
-        if !report.ok && !args.pins && program.board.name == "uno" {
+        if !report.ok && !args.pins && boards::is_uno(&program.board.name) {
             console.print("Does it show an Uno's pins, a virtual one's too? Then say --pins\n")?;
         }
     }

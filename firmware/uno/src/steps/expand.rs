@@ -14,16 +14,20 @@
 //! already, so that ticks alone are written.
 //!
 //! Where the segment is sure and all its intervals are shorter than 256 ticks ([`Motor::sure`] is 1), they and their changes fit
-//! into 24 bits, and n of them into 16.
+//! into 24 bits, and n of them into 16. The same holds of a list if bit 8 and those above it stay the same throughout ([`EVEN`]): the image
+//! for the highest rates knows that, and has its loops written out four times.
 //!
 //! # Cycles
 //! | into | changing law | shorter than 256 ticks | cruise (add = add2 = 0) | around n steps |
 //! |---|---|---|---|---|
 //! | a ring | 19.5 | 16.5 | 11.5 | 110, and 40 each time that some are published |
 //! | a list | 18.5 | | 10.5 | 100 |
+//! | for the highest rates: a ring | 19.5 | 15.75 | 11.5 | 80, and 40 each time |
+//! | a list | 18.5, or 14.75 | | 10.5 | 100, or 85 |
 
-use super::motor::Motor;
+use super::motor::{EVEN, Motor};
 use super::register;
+use crate::STREAM;
 use core::arch::global_asm;
 use core::mem::offset_of;
 use pulsetrain_core::narrow::Registers;
@@ -41,6 +45,8 @@ const _: () = assert!(offset_of!(Registers, left) == 19);
 const SOME: u8 = 8;
 /// And so many at least.
 const LEAST: u8 = 4;
+/// As few where there is room for so many: the ring has nearly run down.
+const HURRY: u8 = 44;
 
 // Bit 3 of their data addresses tells the tails apart.
 const _: () = assert!((register::OCR0A + 0x20) & 8 == 0 && (register::OCR0B + 0x20) & 8 != 0);
@@ -142,10 +148,70 @@ global_asm!(
     adc r12, r16
     .endm
 
-    .macro expander name, store, cruise
+    // What is needed where intervals stay below the next 256 ticks: their highest byte stays as it is.           40
+    .macro near_enter
+    ldd r24, Y+19
+    ldd r25, Y+20
+    sub r24, r20
+    sbc r25, r1
+    std Y+19, r24
+    std Y+20, r25
+    ldd r0, Y+0
+    ldd r21, Y+1
+    ldd r22, Y+2
+    ldd r23, Y+3
+    ldd r25, Y+6
+    ldd r26, Y+7
+    ldd r27, Y+8
+    ldd r8, Y+9
+    ldd r9, Y+11
+    ldd r10, Y+12
+    ldd r11, Y+13
+    ldd r13, Y+15
+    ldd r14, Y+16
+    ldd r15, Y+17
+    .endm
+    .macro near_leave                   //                              33
+    ldd r20, Y+2
+    cp r22, r20
+    ldd r20, Y+3
+    cpc r23, r20
+    brcc 18f
+    ldd r24, Y+4
+    inc r24
+    std Y+4, r24
+    brne 18f
+    ldd r24, Y+5
+    inc r24
+    std Y+5, r24
+18: std Y+0, r0
+    std Y+1, r21
+    std Y+2, r22
+    std Y+3, r23
+    std Y+6, r25
+    std Y+7, r26
+    std Y+8, r27
+    std Y+11, r9
+    std Y+12, r10
+    std Y+13, r11
+    lsl r11
+    sbc r11, r11
+    std Y+14, r11
+    .endm
+
+    .macro expander name, store, cruise, even=0
     .section .text.\name, "ax", @progbits
     .global \name
 \name:
+    .if \even
+    ldd r24, Y+{SURE}
+    sbrs r24, {EVEN_BIT}
+    rjmp 9f
+    cpi r20, 2
+    brlo 9f
+    rjmp 10f
+9:
+    .endif
     expand_enter                        //                              52
     .if \cruise
     brne 8f                             // 2                            54
@@ -183,6 +249,53 @@ global_asm!(
     brne 7b
     rjmp 4b
     .endif
+    .if \even
+10: near_enter
+    sbrs r20, 0
+    rjmp 11f
+    advance_even \store
+11: sbrs r20, 1
+    rjmp 12f
+    advance_even \store
+    advance_even \store
+12: subi r20, 4
+    brcs 14f
+13: .rept 4
+    advance_even \store
+    .endr
+    subi r20, 4
+    brcc 13b
+14: near_leave
+    mov r24, r30
+    ret
+    .endif
+    .endm
+
+    // Bit 8 of the interval and those above it stay: 24 bits of it and of its changes, and 16 of the time.   14 with a list's store
+    .macro advance_even store
+    add r0, r25
+    adc r21, r26
+    adc r22, r27
+    adc r23, r8
+    \store
+    add r25, r9
+    adc r26, r10
+    adc r27, r11
+    add r9, r13
+    adc r10, r14
+    adc r11, r15
+    .endm
+
+    // What was left out of it, in the shorter code.
+    .macro near_end
+    mov r12, r11
+    lsl r12
+    sbc r12, r12
+    ldd r20, Y+2
+    cp r22, r20
+    ldd r20, Y+3
+    cpc r23, r20
+    adc r24, r1
     .endm
 
     // Into groups that toggle the same already.
@@ -204,6 +317,11 @@ global_asm!(
     cpi r20, {LEAST}
     brsh .+2
     rjmp \done
+    .if {STREAM}
+    cpi r20, {HURRY}
+    brlo .+2
+    ldi r20, {LEAST}
+    .endif
     sbrc r20, 5                         // it has 62 groups at most
     ldi r20, {SOME}
     cp r5, r20
@@ -227,6 +345,19 @@ global_asm!(
     .section .text.steps_expand_ring, "ax", @progbits
     .global steps_expand_ring
 steps_expand_ring:
+    .if {STREAM}
+    // Segments whose intervals are all shorter than 256 ticks have a way of their own.
+    ldd r24, Y+{SURE}
+    cpi r24, 1
+    brne 9f
+    cpi r20, 2
+    brlo 9f
+    rjmp 17f
+9:  expand_enter
+    mov r5, r20                         // keeps Z
+    brne 8f
+    rjmp 5f
+    .else
     expand_enter
     mov r5, r20                         // keeps Z
     brne 8f
@@ -237,6 +368,7 @@ steps_expand_ring:
     cp r20, r5
     brsh 8f                             // one step
     rjmp 10f
+    .endif
 8:  ring_some 4f
     rjmp 2f
 1:  advance_tick
@@ -297,6 +429,20 @@ steps_expand_ring:
     .endm
 10: ring_some 13f
     rjmp 12f
+    .if {STREAM}
+11: advance_near
+12: sbrs r20, 1
+    rjmp 15f
+    advance_near
+    advance_near
+15: subi r20, 4
+    brcs 14f
+16: .rept 4
+    advance_near
+    .endr
+    subi r20, 4
+    brcc 16b
+    .else
 11: advance_near
     dec r20
     breq 14f
@@ -304,19 +450,37 @@ steps_expand_ring:
     advance_near
     subi r20, 2
     brne 12b
+    .endif
 14: ring_publish
     tst r5
     breq 13f
     rjmp 10b
-13: mov r12, r11
-    lsl r12
-    sbc r12, r12
-    ldd r20, Y+2
-    cp r22, r20
-    ldd r20, Y+3
-    cpc r23, r20
-    adc r24, r1
+    .if {STREAM}
+13: near_leave
+    tst r5
+    breq 19f
+    ldd r20, Y+19
+    add r20, r5
+    std Y+19, r20
+    ldd r20, Y+20
+    adc r20, r1
+    std Y+20, r20
+19: mov r24, r30
+    ret
+17: near_enter
+    mov r5, r20
+    cp r9, r1
+    .irp r, 10,11,13,14,15
+    cpc r\r, r1
+    .endr
+    breq .+2
+    rjmp 10b
+    ldd r24, Y+4
+    rjmp 5b
+    .else
+13: near_end
     rjmp 4b
+    .endif
 
     // A long pulse: two groups a step, the second r17 ticks after the first.                       22
     .macro ring_store_long
@@ -351,13 +515,16 @@ steps_expand_ring:
     st Z+, r19
     .endm
 
-    expander steps_expand_list, list_store, 1
+    expander steps_expand_list, list_store, 1, {STREAM}
     expander steps_expand_ring_long, ring_store_long, 0
     expander steps_expand_list_long, list_store_long, 0
     "#,
     SOME = const SOME,
     LEAST = const LEAST,
+    HURRY = const HURRY,
     TAIL_A = const register::OCR0A,
     TAIL_B = const register::OCR0B,
     SURE = const offset_of!(Motor, sure),
+    STREAM = const STREAM as u8,
+    EVEN_BIT = const EVEN.trailing_zeros(),
 );

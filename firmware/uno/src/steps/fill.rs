@@ -9,6 +9,7 @@ use super::ring::Ring;
 use super::stepper::Track;
 use super::task::mode;
 use super::times;
+use crate::STREAM;
 use core::arch::global_asm;
 use core::mem::offset_of;
 
@@ -36,6 +37,18 @@ fill_next:
     clr r27
     ld r26, X
     ldd r24, Z+{HEAD}
+    .if {STREAM}
+    sub r26, r24
+    dec r26
+    cpi r26, 4 * {ROOM}
+    brlo 2f
+    cpi r26, 4 * {ROOM_BESIDE}
+    brsh 7f
+    lds r25, steps_mode
+    sbrc r25, {BESIDE}
+    rjmp 2f
+7:
+    .else
     sub r26, r24
     dec r26
     lsr r26
@@ -46,6 +59,7 @@ fill_next:
     ldi r24, {ROOM_BESIDE}
     cp r26, r24
     brlo 2f
+    .endif
     dec r4
     brpl 6f
 1:  ret
@@ -68,6 +82,10 @@ fill_next:
 6:  ldd r24, Z+{UNLIKE}
     tst r24
     breq 5f
+    .if {STREAM}
+    lsr r26
+    lsr r26
+    .endif
     dec r26
     ldd r24, Y+{STEP}
     ldd r25, Y+{STEP_FALL}
@@ -181,6 +199,7 @@ fill_next:
     rjmp fill_next
 6:  ret
     "#,
+    STREAM = const STREAM as u8,
     ROOM = const ROOM[0],
     ROOM_BESIDE = const ROOM[1],
     BESIDE = const (mode::BOTH ^ mode::APIECE).trailing_zeros(),

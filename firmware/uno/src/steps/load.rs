@@ -15,13 +15,16 @@
 //! A segment of three corrections of one byte each takes some 460, 95 of which find out whether its steps need looking at;
 //! a second byte 12 more.
 //!
+//! The image for the highest rates takes a record of short fields behind a segment of 32 to 255 steps apart from all others: some 130 less.
+//!
 //! A record is whole in its frame, so that nobody looks whether its bytes are there before they are read: if more were read than
 //! there are, the record is bad, nothing of the epoch is made any more, and what was read came from the queue's own memory.
 
-use super::motor::{COUNT_AT_REST, Motor, Part, Reason, flag};
+use super::motor::{COUNT_AT_REST, EVEN, Motor, Part, Reason, flag};
 use super::plan::FILLER;
 use super::task::mode;
 use super::times;
+use crate::STREAM;
 use crate::verbs::{OBEYS, ON};
 use crate::winch::feed;
 use core::arch::global_asm;
@@ -230,6 +233,71 @@ load_none:
     ldd r27, Y+{NEXT}+1
     ldd r30, Y+{END}
     ldd r31, Y+{END}+1
+    .if {STREAM}
+    // Nearly always: a record of at most eight bytes, that do not go on at the start of the queue's memory, after one of 32 to 255
+    // steps. Nothing is noted before that is sure.
+    movw r20, r30
+    sub r20, r26
+    sbc r21, r27
+    cpi r20, 8 + 1
+    cpc r21, r1
+    brsh .+2
+    rjmp load_any
+    ldd r18, Y+{COUNT}
+    ldd r19, Y+{COUNT}+1
+    cpse r19, r1
+    rjmp load_any
+    // The bit length of the previous count.
+    ldi r20, 8
+    cpi r18, 128
+    brsh 2f
+    dec r20
+    cpi r18, 64
+    brsh 2f
+    dec r20
+    cpi r18, 32
+    brsh 2f
+    rjmp load_any
+2:  mov r14, r20
+    ld r25, X+
+    mov r24, r25
+    andi r24, 7
+    cpi r24, 7
+    brne 3f
+    ld r18, X+
+    cpi r18, 255
+    breq load_again
+    rjmp 7f
+3:  cpi r24, 3
+    breq 7f
+    mov r20, r18
+    brsh 5f
+4:  lsr r20
+    dec r24
+    brpl 4b
+    add r18, r20
+    brcs load_again
+    rjmp 7f
+5:  subi r24, 7
+6:  lsr r20
+    inc r24
+    brne 6b
+    sub r18, r20
+7:  cpi r18, 3                          // a control record, and few steps
+    brlo load_again
+    mov r24, r25
+    lsr r24
+    lsr r24
+    lsr r24
+    andi r24, 3
+    cpi r24, 2
+    brsh load_again
+    rjmp load_short
+load_again:
+    ldd r26, Y+{NEXT}
+    ldd r27, Y+{NEXT}+1
+load_any:
+    .endif
     next_byte r25
     ldd r18, Y+{COUNT}
     ldd r19, Y+{COUNT}+1
@@ -403,9 +471,37 @@ load_sure:
     com r20
     com r19
 6:  or r25, r24
+    .if {STREAM}
+    breq .+2
+    rjmp 7f                             // too much
+    // T: lists are merged, and add is more than n |add2|, so that its sign stays.
+    clt
+    lds r24, steps_mode
+    cpi r24, {MERGE}
+    brne 9f
+    ldd r24, Y+{ADD2}
+    ldd r30, Y+{ADD2}+3
+    sbrc r30, 7
+    com r24
+    mul r22, r24
+    mov r24, r1
+    mul r22, r15
+    movw r30, r0
+    add r30, r24
+    adc r31, r25
+    adiw r30, 2
+    cp r19, r30
+    cpc r20, r31
+    brlo 9f
+    set
+9:  inc r15
+    brne .+2
+    rjmp 7f
+    .else
     brne 7f                             // too much
     inc r15
     breq 7f
+    .endif
     // From here on in 2^-8 ticks, r19:20: |add| + n |add2| / 2, and 2 for what is left out of it.
     mul r22, r15
     lsr r1
@@ -448,6 +544,21 @@ load_sure:
     cp r20, r18
     cpc r21, r19
     brlo 7f
+    .if {STREAM}
+    // Whether bit 8 and those above it are the same of all of them: the first is the shortest or the longest.
+    brtc 9f
+    ldd r20, Y+{INTERVAL}+3
+    ldd r24, Y+{ADD}+3
+    sbrs r24, 7
+    mov r21, r20                        // the shortest
+    mov r18, r25
+    sbrc r24, 7
+    mov r18, r20                        // the longest
+    cpse r18, r21
+    rjmp 9f
+    ori r25, {EVEN}
+9:
+    .endif
     inc r25
     std Y+{SURE}, r25
 7:  clr r1
@@ -462,6 +573,7 @@ load_sure:
     ldi r22, 1
     rjmp load_sure
     // A motion without an anchor.
+load_unanchored:
 4:  std Y+{LEFT}, r1
     std Y+{LEFT}+1, r1
     ldi r22, {MISSED}
@@ -470,6 +582,158 @@ load_sure:
     ldd r20, Y+{HORIZON}+2
     ldd r21, Y+{HORIZON}+3
     rjmp load_fail
+
+    .if {STREAM}
+    // The bits of r25 from 5 on say which fields are a byte longer than r15; r24 is the exponent of the field's unit.
+    .macro short_field bit, offset, top
+    mov r23, r15
+    sbrc r25, \bit
+    inc r23
+    tst r23
+    brne .+2
+    rjmp 49f
+    // r21 = 2^(r22 mod 8), with r22 = 16 - r24, 0 to 16
+    ldi r22, 16
+    tst r24
+    brmi 41f
+    sub r22, r24
+    brcc 41f
+    clr r22
+41: ldi r21, 1
+    sbrc r22, 0
+    lsl r21
+    sbrs r22, 1
+    rjmp 42f
+    lsl r21
+    lsl r21
+42: sbrc r22, 2
+    swap r21
+    ld r18, X+
+    sbrc r23, 1
+    rjmp 44f                            // two bytes
+    mulsu r18, r21
+    movw r18, r0
+    mov r20, r1
+    lsl r20
+    sbc r20, r20
+    clr r1
+    sbrc r22, 3
+    rjmp 45f
+    sbrc r22, 4
+    rjmp 46f
+    short_add \offset, r18, r19, r20, r20, \top, r20
+    rjmp 49f
+44: ld r20, X+
+    mul r18, r21
+    movw r18, r0
+    mulsu r20, r21
+    clr r21
+    add r19, r0
+    mov r20, r1
+    adc r20, r21
+    clr r1
+    mov r21, r20
+    lsl r21
+    sbc r21, r21
+    sbrc r22, 3
+    rjmp 47f
+    sbrc r22, 4
+    rjmp 48f
+    short_add \offset, r18, r19, r20, r21, \top, r21
+    rjmp 49f
+45: short_add \offset, r1, r18, r19, r20, \top, r20
+    rjmp 49f
+46: short_add \offset, r1, r1, r18, r19, \top, r20
+    rjmp 49f
+47: short_add \offset, r1, r18, r19, r20, \top, r21
+    rjmp 49f
+48: short_add \offset, r1, r1, r18, r19, \top, r20
+49:
+    .endm
+    .macro short_add offset, b0, b1, b2, b3, top, b4
+    ldd r0, Y+\offset
+    add r0, \b0
+    std Y+\offset, r0
+    ldd r0, Y+\offset+1
+    adc r0, \b1
+    std Y+\offset+1, r0
+    ldd r0, Y+\offset+2
+    adc r0, \b2
+    std Y+\offset+2, r0
+    ldd r0, Y+\offset+3
+    adc r0, \b3
+    std Y+\offset+3, r0
+    .if \top
+    ldd r0, Y+\offset+4
+    adc r0, \b4
+    std Y+\offset+4, r0
+    .endif
+    .endm
+
+    // r24: the narrow width, 0 or 1; r18 steps.
+load_short:
+    mov r15, r24
+    std Y+{LEFT}, r18
+    std Y+{LEFT}+1, r1
+    std Y+{COUNT}, r18
+    std Y+{COUNT}+1, r1
+    ldd r24, Y+{GAIN}
+    add r24, r14
+    subi r24, -2
+    short_field 5, {INTERVAL}, 1
+    add r24, r14
+    subi r24, 4
+    short_field 6, {ADD}, 0
+    add r24, r14
+    subi r24, 3
+    short_field 7, {ADD2}, 0
+    // The bytes that were read are taken off the queue.
+    ldd r20, Y+{NEXT}
+    mov r21, r26
+    sub r21, r20
+    ldd r24, Y+{READY}
+    ldd r25, Y+{READY}+1
+    sub r24, r21
+    sbc r25, r1
+    brcc .+2
+    rjmp load_bad
+    std Y+{READY}, r24
+    std Y+{READY}+1, r25
+    std Y+{NEXT}, r26
+    std Y+{NEXT}+1, r27
+    ldd r24, Y+{FLAGS}
+    sbrs r24, {ANCHORED}
+    rjmp load_unanchored
+    // All its steps are counted.
+    ldd r22, Y+{LEFT}
+    ldd r18, Y+{POSITION}
+    ldd r19, Y+{POSITION}+1
+    sbrc r24, {BACKWARD}
+    rjmp 2f
+    add r18, r22
+    adc r19, r1
+    std Y+{POSITION}, r18
+    std Y+{POSITION}+1, r19
+    brcc 3f
+    ldd r18, Y+{POSITION}+2
+    ldd r19, Y+{POSITION}+3
+    adc r18, r1
+    adc r19, r1
+    rjmp 4f
+2:  sub r18, r22
+    sbc r19, r1
+    std Y+{POSITION}, r18
+    std Y+{POSITION}+1, r19
+    brcc 3f
+    ldd r18, Y+{POSITION}+2
+    ldd r19, Y+{POSITION}+3
+    sbc r18, r1
+    sbc r19, r1
+4:  std Y+{POSITION}+2, r18
+    std Y+{POSITION}+3, r19
+3:  std Y+{SURE}, r1
+    rjmp load_sure
+    .endif
 
     // Takes the bytes that were read off the queue. Carry, and a fault, if there were not so many.
 load_consume:
@@ -614,10 +878,18 @@ load_check:
     sbrs r24, {ANCHORED}
     clr r15
     tst r15
+    .if {STREAM}
+    brne 2f
+    rjmp steps_load
+2:  ldi r22, {MISMATCH}
+    rjmp load_fail_here
+1:  ret
+    .else
     breq 1f                             // without carry
     ldi r22, {MISMATCH}
     rjmp load_fail_here
 1:  ret
+    .endif
 
     // A part of a stop: 2^m steps, m in the lower four bits, add = t - t/8 with t = interval / 2^(m+1).
 load_slow:
@@ -915,6 +1187,9 @@ load_train:
     RESUME = const Control::Resume as u8,
     FLAGS = const offset_of!(Motor, flags),
     SURE = const offset_of!(Motor, sure),
+    STREAM = const STREAM as u8,
+    EVEN = const EVEN,
+    MERGE = const mode::MERGE,
     FASTEST = const times::FASTEST,
     GAIN = const offset_of!(Motor, gain),
     NEXT = const offset_of!(Motor, next),

@@ -18,8 +18,12 @@
 //! task begins, and an instruction of main's), and W ≥ the interrupt's length + 4, so that delays die out:
 //! 48 for the short pulse, 60 for the long one and the shield, 76 for the shield's long one.
 //!
+//! # Orders
+//! The merge compares two pairs of heads and then the earlier of each. The image for the highest rates knows all lanes' order instead: there is a state
+//! for each of the 24 orders of four lanes, and of the 6 of three, and a lane that has been put out mostly comes last, which one comparison says.
+//!
 //! # Cycles
-//! A step: 34 to 37, and expansion's 18.5. A list: 130, what the plan takes, and the expansion's beginning and end. A call of
+//! A step: 34 to 37, in the image for the highest rates 31 to 33, and expansion's 18.5. A list: 130, what the plan takes, and the expansion's beginning and end. A call of
 //! the task: 280; 90 for looking at the lists; 75 each time that groups are published.
 
 use core::arch::global_asm;
@@ -29,6 +33,7 @@ use super::motor::{Motor, flag};
 use super::register;
 use super::ring::{END_A, END_B, Group, Name, Ring};
 use super::stepper::{Stepper, Track};
+use crate::STREAM;
 
 /// Lanes; those of no motor are fed with fillers.
 pub(crate) const LANES: usize = 4;
@@ -74,9 +79,17 @@ pub(crate) struct Merge {
     few_left: u8,
     /// The lane without a head, or [`NONE`].
     wanting: u8,
+    /// Motors.
+    #[cfg(feature = "stream")]
+    motors: u8,
 }
 
 const LANE_SIZE: usize = size_of::<Lane>();
+/// Where the number of motors is; without sorted lanes nobody asks.
+#[cfg(feature = "stream")]
+const MOTORS: usize = offset_of!(Merge, motors);
+#[cfg(not(feature = "stream"))]
+const MOTORS: usize = 0;
 
 global_asm!(
     r#"
@@ -84,7 +97,8 @@ global_asm!(
     //   r2:3 r4:5 r6:7 r8:9           heads of the lanes
     //   r10 to r13                    next of the lanes
     //   r14:15 r20:21 r22:23 r28:29   masks of the lanes, rise and fall
-    //   r16:17                        masks of the pending group; END in its rise if it is the first of a batch
+    //   r16:17                        masks of the pending group; if it is the first of a batch END in its rise, with sorted lanes for it: the rise
+    //                                 is in the state then
     //   r18:19                        deadline: tick of the pending group + W
     //   r24 r25                       W/2, W
     //   r0                            groups that the ring has room for
@@ -110,7 +124,47 @@ global_asm!(
 2:
     .endm
 
-    // What is rarer: the tick comes before the deadline. Joining takes 21 more, putting off 25.
+    // What is rarer: the tick comes before the deadline. Joining takes 20 more, putting off 17.
+    .if {SORTED}
+    .macro put_out_early low, high, rise, fall, lane
+3:  movw r30, r18
+    sub r30, r24
+    sbc r31, r1
+    cp \low, r30
+    cpc \high, r31
+    brpl 4f
+    lds r30, steps_merge+{END}
+    cp r16, r30
+    breq 74f                            // the first of a batch
+    // It joins the pending group, unless that has some of its lines already.
+    mov r30, \rise
+    and r30, r16
+    brne 4f
+    mov r30, \fall
+    and r30, r17
+    brne 4f
+    or r16, \rise
+    or r17, \fall
+    ldi r31, hi8(ring_b_page)
+    rjmp 2b
+    // The pending group is put out; the next is put off to the deadline.
+4:  st X+, r16
+    st X+, r19
+    st X+, r18
+    st X+, r17
+    ldi r27, hi8(ring_a_page)
+    ldi r31, hi8(ring_b_page)
+    rjmp 1b
+74: movw r30, \rise
+    rcall merge_join
+    breq 2b
+    rjmp 4b
+5:  rcall merge_look
+    brcc 2b
+    ldi r24, \lane
+    rjmp merge_leave
+    .endm
+    .else
     .macro put_out_early low, high, rise, fall, lane
 3:  movw r30, r18
     sub r30, r24
@@ -128,6 +182,7 @@ global_asm!(
     ldi r24, \lane
     rjmp merge_leave
     .endm
+    .endif
 
     // The next tick of the lane.                                                                   8
     .macro advance_0
@@ -164,6 +219,83 @@ global_asm!(
     ldi r31, hi8(ring_b_page)
     .endm
 
+    .if {SORTED}
+    // Lane a has the earliest head, d the latest; the first three of four, or all of three, are compared with what is next. 30
+    .macro merge_order last, a, al, ah, ar, af, b, bl, bh, c, cl, ch, d, dl, dh
+merge_\a\()\b\()\c\()\d:
+    put_out r\al, r\ah, r\ar, r\af, \a  //                              18
+    advance_\a                          //                              26
+    cp r\al, r\dl                       // 1                            27
+    cpc r\ah, r\dh                      // 1                            28
+    .if \last
+    brmi 7f                             // 1
+    rjmp merge_\b\()\c\()\d\()\a       // 2                            31
+    .else
+    brpl merge_\b\()\c\()\d\()\a       // 2                            30
+    .endif
+7:  cp r\al, r\bl
+    cpc r\ah, r\bh
+    brmi merge_\a\()\b\()\c\()\d
+    cp r\al, r\cl
+    cpc r\ah, r\ch
+    brmi 8f
+    jmp merge_\b\()\c\()\a\()\d
+8:  jmp merge_\b\()\a\()\c\()\d
+    put_out_early r\al, r\ah, r\ar, r\af, \a
+    .endm
+    .macro merge_order_3 last, a, al, ah, ar, af, b, bl, bh, c, cl, ch
+merge_\a\()\b\()\c:
+    put_out r\al, r\ah, r\ar, r\af, \a
+    advance_\a
+    cp r\al, r\cl
+    cpc r\ah, r\ch
+    .if \last
+    brmi 7f
+    rjmp merge_\b\()\c\()\a
+    .else
+    brpl merge_\b\()\c\()\a
+    .endif
+7:  cp r\al, r\bl
+    cpc r\ah, r\bh
+    brmi merge_\a\()\b\()\c
+    rjmp merge_\b\()\a\()\c
+    put_out_early r\al, r\ah, r\ar, r\af, \a
+    .endm
+    // Four orders that follow each other as long as lanes take turns.
+    .macro merge_turn a, al, ah, ar, af, b, bl, bh, br, bf, c, cl, ch, cr, cf, d, dl, dh, dr, df
+    merge_order 0, \a, \al, \ah, \ar, \af, \b, \bl, \bh, \c, \cl, \ch, \d, \dl, \dh
+    merge_order 0, \b, \bl, \bh, \br, \bf, \c, \cl, \ch, \d, \dl, \dh, \a, \al, \ah
+    merge_order 0, \c, \cl, \ch, \cr, \cf, \d, \dl, \dh, \a, \al, \ah, \b, \bl, \bh
+    merge_order 1, \d, \dl, \dh, \dr, \df, \a, \al, \ah, \b, \bl, \bh, \c, \cl, \ch
+    .endm
+    .macro merge_turn_3 a, al, ah, ar, af, b, bl, bh, br, bf, c, cl, ch, cr, cf
+    merge_order_3 0, \a, \al, \ah, \ar, \af, \b, \bl, \bh, \c, \cl, \ch
+    merge_order_3 0, \b, \bl, \bh, \br, \bf, \c, \cl, \ch, \a, \al, \ah
+    merge_order_3 1, \c, \cl, \ch, \cr, \cf, \a, \al, \ah, \b, \bl, \bh
+    .endm
+
+    // Goes to \late if \a comes after \b.
+    .macro before al, ah, bl, bh, late
+    cp r\al, r\bl
+    cpc r\ah, r\bh
+    brpl \late
+    .endm
+    // The fourth lane's place among the others.
+    .macro merge_place a, al, ah, b, bl, bh, c, cl, ch
+    lds r30, steps_merge+{MOTORS}
+    cpi r30, 4
+    brsh 1f
+    jmp merge_\a\()\b\()\c
+1:  before 8, 9, \cl, \ch, 4f
+    before 8, 9, \bl, \bh, 3f
+    before 8, 9, \al, \ah, 2f
+    jmp merge_3\a\()\b\()\c
+2:  jmp merge_\a\()3\b\()\c
+3:  jmp merge_\a\()\b\()3\c
+4:  jmp merge_\a\()\b\()\c\()3
+    .endm
+
+    .else
     // Lane a (0 or 1) has the earlier head of the first two, b (2 or 3) of the others.             34 to 36
     .macro merge_state name, a_low, a_high, a_rise, a_fall, a, b_low, b_high, b_rise, b_fall, b
 \name:
@@ -188,6 +320,8 @@ global_asm!(
     rjmp merge_\a\()2                   //                              37
     put_out_early \b_low, \b_high, \b_rise, \b_fall, \b
     .endm
+
+    .endif
 
     .macro point                        //                              2
     ldi r28, lo8(steps_merge)
@@ -281,7 +415,7 @@ steps_merge_run:
     cp r30, r24
     brne 2f
     mov r30, r16
-    rcall merge_give
+    call merge_give
     brcc 1f
     ret
 1:  movw r28, r6
@@ -296,9 +430,13 @@ steps_merge_run:
     each_head fetch                     // 15 x 2
     mov r0, r17
     ldd r17, Y+{PENDING_FALL}
+    .if {SORTED}
+    ldd r16, Y+{END}
+    .else
     ldd r16, Y+{PENDING_RISE}
     ldd r24, Y+{END}
     or r16, r24
+    .endif
     ldd r26, Y+{AT}
     ldi r27, hi8(ring_a_page)
     ldi r31, hi8(ring_b_page)
@@ -310,6 +448,28 @@ steps_merge_run:
 4:  mov r30, r0
     load_masks                          // 20, and it uses r0
     mov r0, r30
+    .if {SORTED}
+    before 2, 3, 4, 5, 53f
+    before 4, 5, 6, 7, 51f
+    merge_place 0, 2, 3, 1, 4, 5, 2, 6, 7
+51:  before 2, 3, 6, 7, 52f
+    merge_place 0, 2, 3, 2, 6, 7, 1, 4, 5
+52:
+    merge_place 2, 6, 7, 0, 2, 3, 1, 4, 5
+53:  before 2, 3, 6, 7, 54f
+    merge_place 1, 4, 5, 0, 2, 3, 2, 6, 7
+54:  before 4, 5, 6, 7, 55f
+    merge_place 1, 4, 5, 2, 6, 7, 0, 2, 3
+55:
+    merge_place 2, 6, 7, 1, 4, 5, 0, 2, 3
+
+    merge_turn_3 0, 2, 3, 14, 15, 1, 4, 5, 20, 21, 2, 6, 7, 22, 23
+    merge_turn_3 0, 2, 3, 14, 15, 2, 6, 7, 22, 23, 1, 4, 5, 20, 21
+    merge_turn 0, 2, 3, 14, 15, 1, 4, 5, 20, 21, 2, 6, 7, 22, 23, 3, 8, 9, 28, 29
+    merge_turn 0, 2, 3, 14, 15, 1, 4, 5, 20, 21, 3, 8, 9, 28, 29, 2, 6, 7, 22, 23
+    merge_turn 0, 2, 3, 14, 15, 2, 6, 7, 22, 23, 1, 4, 5, 20, 21, 3, 8, 9, 28, 29
+
+    .else
     cp r2, r4
     cpc r3, r5
     brmi 2f
@@ -329,6 +489,7 @@ steps_merge_run:
     merge_state merge_12, r4, r5, r20, r21, 1, r6, r7, r22, r23, 2
     merge_state merge_13, r4, r5, r20, r21, 1, r8, r9, r28, r29, 3
 
+    .endif
     // Publishes what has been put into the ring. Uses r24, r25, Y.                                 24
 merge_publish:
     lds r28, steps_merge+{AT}           // 2
@@ -337,14 +498,42 @@ merge_publish:
     lds r25, steps_merge+{END}          // 2
     st X, r25                           // 2  END where the pending group will be
     ldi r29, hi8(ring_a_page)           // 1
+    .if {SORTED}
+    lds r24, steps_merge+{PENDING_RISE} // 2
+    st Y, r24                           // 2  and off the first one
+    sts steps_merge+{AT}, r26           // 2
+    sts steps_merge+{PENDING_RISE}, r16 // 2
+    mov r16, r25                        // 1
+    .else
     ld r24, Y                           // 2
     eor r24, r25                        // 1
     st Y, r24                           // 2  and off the first one
     sts steps_merge+{AT}, r26           // 2
     or r16, r25                         // 1
+    .endif
 1:  ret                                 // 4, and 3 for the call
 
     // Joins the masks r30:31 to the pending group unless it has some of them already, and sets Z if it has not.
+    .if {SORTED}
+    // Of the first of a batch, whose rise is in the state.
+merge_join:                             // call                         3
+    push r0                             // 2                            5
+    lds r16, steps_merge+{PENDING_RISE} // 2                            7
+    mov r0, r30                         // 1                            8
+    and r0, r16                         // 1                            9
+    brne 2f                             // 1                            10
+    mov r0, r31                         // 1                            11
+    and r0, r17                         // 1                            12
+    brne 2f                             // 1                            13
+    or r16, r30                         // 1                            14
+    or r17, r31                         // 1                            15
+    ldi r31, hi8(ring_b_page)           // 1                            16
+    cp r1, r1                           // 1                            17
+2:  sts steps_merge+{PENDING_RISE}, r16 // 2                            19
+    lds r16, steps_merge+{END}          // 2                            21
+    pop r0                              // 2                            23
+    ret                                 // 4                            27
+    .else
 merge_join:                             // call                         3
     push r0                             // 2                            5
     mov r0, r30                         // 1                            6
@@ -369,8 +558,43 @@ merge_put_off:
     ldi r27, hi8(ring_a_page)
     ldi r31, hi8(ring_b_page)
     ret
+    .endif
 
     // Looks for more room, and goes on if there is enough; else carry is set.
+    .if {SORTED}
+    // Groups have been put into the ring since it was published last.                              48, and 7 for the call
+merge_look:
+    lds r30, steps_merge+{AT}
+    ldi r31, hi8(ring_a_page)
+    lds r24, steps_merge+{END}
+    st X, r24
+    sts steps_merge+{AT}, r26
+    lds r25, steps_merge+{PENDING_RISE}
+    st Z, r25
+    sts steps_merge+{PENDING_RISE}, r16
+    mov r16, r24
+    lds r24, steps_merge+{LOOKS}
+    subi r24, 1
+    brcs 1f
+    sts steps_merge+{LOOKS}, r24
+    lds r30, steps_merge+{TAIL}
+    ldi r31, 0
+    ld r24, Z
+    ldi r31, hi8(ring_b_page)
+    sub r24, r26
+    dec r24
+    lsr r24
+    lsr r24
+    mov r0, r24
+    cpi r24, {LOW}
+    brlo 2f
+    ldi r25, {FEW}
+    mov r0, r25
+2:  cpi r24, {ENOUGH}
+    lds r24, steps_merge+{HALF}
+    lds r25, steps_merge+{SPACING}
+1:  ret
+    .else
 merge_look:
     rcall merge_publish
     point
@@ -394,6 +618,7 @@ merge_look:
     ldi r31, hi8(ring_b_page)
     cpi r30, {ENOUGH}
 1:  ret
+    .endif
 
     .macro refill lane, next, offset
 merge_refill_\lane:                     // call                         3
@@ -440,10 +665,14 @@ merge_dry:
 merge_leave:
     sts steps_merge+{WANTING}, r24
     point
+    .if {SORTED}
+    ldd r16, Y+{PENDING_RISE}
+    .else
     ldd r25, Y+{END}
     com r25
     and r16, r25
     std Y+{PENDING_RISE}, r16
+    .endif
     std Y+{PENDING_FALL}, r17
     each_head store
     sts steps_stepper+{RING}+{RING_PENDING}, r16
@@ -468,8 +697,13 @@ merge_leave:
     sts steps_stepper+{TRACK_AT}+3, r25
     // While the ring is nearly full (or has nothing), lists are filled up before they are used up: all of them at once take
     // long.
-1:  ldi r24, {LANES}
+1:
+    .if {SORTED}
+    lds r2, steps_merge+{MOTORS}
+    .else
+    ldi r24, {LANES}
     mov r2, r24
+    .endif
     ldi r28, lo8(steps_motors)
     ldi r29, hi8(steps_motors)
     ldi r24, lo8(steps_merge)
@@ -477,8 +711,28 @@ merge_leave:
     movw r4, r24                        // the lane
     ldi r24, 2 * {LIST}
     mov r3, r24                         // where its list ends
+    .if {SORTED}
+    // Those with enough left are passed over at once.
+2:  movw r30, r4
+    ldd r24, Z+{NEXT}
+    mov r25, r3
+    sub r25, r24
+    cpi r25, {FEW_BEFORE_SWITCH}
+    brsh 4f
+    ldd r24, Y+{FLAGS}
+    sbrc r24, {SWITCH}
+    rjmp 5f
+    lds r24, steps_merge+{FEW_LEFT}
+    cp r25, r24
+    brsh 4f
+5:
+    rcall merge_top_up
+    brcc 3f
+4:
+    .else
 2:  rcall merge_top_up
     brcc 3f
+    .endif
     subi r28, lo8(-({MOTOR_SIZE}))
     sbci r29, hi8(-({MOTOR_SIZE}))
     ldi r24, {LANE_SIZE}
@@ -647,11 +901,21 @@ merge_give:
     .endr
     clc
     ret
+
+    // The other orders: from either half of them the routines between are in reach.
+    .if {SORTED}
+    merge_turn 0, 2, 3, 14, 15, 2, 6, 7, 22, 23, 3, 8, 9, 28, 29, 1, 4, 5, 20, 21
+    merge_turn 0, 2, 3, 14, 15, 3, 8, 9, 28, 29, 1, 4, 5, 20, 21, 2, 6, 7, 22, 23
+    merge_turn 0, 2, 3, 14, 15, 3, 8, 9, 28, 29, 2, 6, 7, 22, 23, 1, 4, 5, 20, 21
+    .endif
     "#,
     LANE0 = const 0,
     LANE1 = const LANE_SIZE,
     LANE2 = const 2 * LANE_SIZE,
     LANE3 = const 3 * LANE_SIZE,
+    SORTED = const STREAM as u8,
+    MOTORS = const MOTORS,
+    LANES = const LANES,
     RISE = const offset_of!(Lane, masks) + offset_of!(Group, rise),
     FALL = const offset_of!(Lane, masks) + offset_of!(Group, fall),
     HEAD = const offset_of!(Lane, head),
@@ -686,7 +950,6 @@ merge_give:
     FLAGS = const offset_of!(Motor, flags),
     SWITCH = const flag::SWITCH,
     FILLER = const super::plan::FILLER,
-    LANES = const LANES,
     LIST = const LIST,
     MOST = const super::times::MOST,
     ONLY_STEPS = const super::times::ONLY_STEPS,
@@ -732,6 +995,8 @@ static mut MERGE: Merge = Merge {
     feeds: 0,
     few_left: 0,
     wanting: 0,
+    #[cfg(feature = "stream")]
+    motors: 0,
 };
 
 /// Byte after the list of `lane`.
@@ -766,6 +1031,10 @@ impl Merge {
             Name::B => (END_B, register::OCR0B),
         };
         self.spacing = spacing;
+        #[cfg(feature = "stream")]
+        {
+            self.motors = motors;
+        }
         self.half = spacing / 2;
         self.end = end;
         self.tail = tail + 0x20;

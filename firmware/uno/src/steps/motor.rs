@@ -10,6 +10,7 @@ use super::pins::Lines;
 #[cfg(feature = "verbs")]
 use super::plan::FILLER;
 use super::times::TIMES;
+use crate::STREAM;
 use crate::memory;
 use pulsetrain_core::narrow::Registers;
 #[cfg(feature = "verbs")]
@@ -28,6 +29,9 @@ pub(crate) const COUNT_AT_REST: u16 = 4;
 /// The longest interval of a step that verbs make, ticks: registers have 40 bits and a sign.
 #[cfg(feature = "verbs")]
 const LONGEST_INTERVAL: u32 = (1 << 23) - 1;
+
+/// Bit of [`Motor::sure`]: bit 8 of whole ticks, and those above it, are the same of all intervals of the segment.
+pub(crate) const EVEN: u8 = 0x80;
 
 /// Bits of [`Motor::flags`], by number.
 pub(crate) mod flag {
@@ -229,6 +233,9 @@ impl Motor {
 
     #[inline(never)]
     fn waiting(&self) -> u16 {
+        if STREAM && self.behind == 0 {
+            return self.parts[0].len;
+        }
         // There is nothing in those that are not used.
         self.parts.iter().map(|part| part.len).sum()
     }

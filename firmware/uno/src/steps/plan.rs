@@ -14,8 +14,9 @@
 //! # Cycles
 //! 30 a batch; 85 where the limit is looked at, 120 where a switch waits too; 110 and 190 where intervals are; 250 to 400 for one thing.
 
-use super::motor::{Motor, PARTS, Part, Reason, Switch, flag};
+use super::motor::{EVEN, Motor, PARTS, Part, Reason, Switch, flag};
 use super::times;
+use crate::STREAM;
 use crate::verbs::OBEYS;
 use core::arch::global_asm;
 use core::mem::offset_of;
@@ -307,6 +308,9 @@ plan_have_time:
     // r26, r27, r30.
 steps_sure:
     ldd r30, Y+{SURE}
+    .if {STREAM}
+    andi r30, 0xff - {EVEN}
+    .endif
     cpi r30, 1
     brlo 4f
     ldd r31, Y+{LEFT}
@@ -901,6 +905,8 @@ plan_make:
     LAST = const offset_of!(Motor, last),
     FREE = const offset_of!(Motor, free),
     SURE = const offset_of!(Motor, sure),
+    STREAM = const STREAM as u8,
+    EVEN = const EVEN,
     SWITCH_AT = const offset_of!(Motor, switch_at),
     LEVELS = const offset_of!(Motor, levels),
     DUE = const offset_of!(Motor, due),

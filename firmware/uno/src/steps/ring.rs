@@ -48,6 +48,7 @@
 use core::arch::global_asm;
 
 use super::register;
+use crate::STREAM;
 use crate::memory::RING_PAGES;
 
 /// Bits of GPIOR0, which the interrupts look at and set.
@@ -690,7 +691,9 @@ impl Ring {
             let [low, high] = u16::from_le_bytes([low, high]).wrapping_sub(1).to_le_bytes();
             compare.wrapping_add(1).write_volatile(high);
             compare.write_volatile(low);
-            if flags.read_volatile() & bit != 0 {
+            // Where the ring ran dry, the hardware has made the edge of the group that waits, too.
+            let dry = STREAM && register::io(register::GPIOR0).read_volatile() & self.starved() != 0;
+            if flags.read_volatile() & bit != 0 || dry {
                 let tail = self.tail();
                 let group = if tail == self.head { self.pending } else { self.read(tail) };
                 if group.fall & self.edge != 0 {
@@ -719,6 +722,15 @@ impl Ring {
             };
             port.write_volatile(port.read_volatile() | pins.read_volatile() & pin);
             mode.write_volatile(mode.read_volatile() & !com);
+        }
+    }
+
+    /// The flag that says that it reached its END.
+    #[inline(always)]
+    pub(crate) fn starved(&self) -> u8 {
+        match self.name() {
+            Name::A => 1 << flags::STARVED_A,
+            Name::B => 1 << flags::STARVED_B,
         }
     }
 

@@ -191,17 +191,9 @@ impl Track {
             regs::TIFR1.write(bit);
         });
         regs::free(|| {
-            regs::GPIOR0.clear(self.starved_flag());
+            regs::GPIOR0.clear(self.ring.starved());
             regs::TIMSK1.set(bit);
         });
-    }
-
-    #[inline(always)]
-    fn starved_flag(&self) -> u8 {
-        match self.ring.name() {
-            Name::A => 1 << flags::STARVED_A,
-            Name::B => 1 << flags::STARVED_B,
-        }
     }
 
     /// Publishes the pending group and makes `group` at `tick` the pending one.
@@ -230,7 +222,7 @@ impl Track {
     /// Looks whether the interrupt still plays what it should, and mends it.
     #[inline(never)]
     fn watch(&mut self, now: Moment, busy: bool) -> Option<Trouble> {
-        if regs::GPIOR0.read() & self.starved_flag() != 0 {
+        if regs::GPIOR0.read() & self.ring.starved() != 0 {
             let (compare, _) = self.compare();
             // The compare register still has the tick of the group that is next.
             let count = clock::read();

@@ -18,6 +18,7 @@ use super::times::TIMES;
 use crate::clock;
 use crate::link::TALKS;
 use crate::regs;
+use crate::STREAM;
 use crate::verbs::{OBEYS, ON};
 use crate::winch::feed;
 use core::arch::global_asm;
@@ -31,6 +32,8 @@ const SOONEST: u8 = 4;
 /// Ticks that a ring is filled for when the task comes again, at least, if it can be: what keeps it waiting, loads of records and an
 /// expansion take no longer, with bytes coming in. Two rings have no such time to give away.
 const RESERVE: u16 = 24 << 8;
+/// The same of a merge, in the image for the highest rates: each call costs more than it does there.
+const RESERVE_MERGED: u16 = 18 << 8;
 /// A ring is full when it has room for fewer groups.
 const NEARLY: u8 = 20;
 
@@ -168,10 +171,13 @@ steps_task_begin:
     breq 3f
     call steps_watch
     // Nothing is planned beyond the limit. The winch's slices take long, so that the ring is filled first.
-3:  lds r24, steps_mode
+3:
+    .ifeq {STREAM}
+    lds r24, steps_mode
     cpi r24, {WINCH}
     brne 11f
     call steps_merge_run
+    .endif
 11: call clock_moment
     ldi r18, {AHEAD} >> 8
     add r23, r18
@@ -205,6 +211,36 @@ steps_task_begin:
 6:  call steps_merge_run
     rjmp 9f
     // Two rings, a batch for the one that is filled less far, until that is full; then the other.
+    .if {STREAM}
+    // Which has no room is not asked again.
+8:  ldi r24, {TURNS}
+13: push r24
+    lds r24, steps_stepper+{AT}
+    lds r25, steps_stepper+{AT}+1
+    lds r18, steps_stepper+{AT}+{TRACK_SIZE}
+    lds r19, steps_stepper+{AT}+{TRACK_SIZE}+1
+    sub r24, r18
+    sbc r25, r19
+    ldi r20, 1
+    brmi 14f
+    rcall task_fill_second
+    pop r24
+    dec r4
+    breq 7f
+    rjmp 15f
+14: rcall task_fill_first
+    pop r24
+    dec r4
+    breq 16f
+15: dec r24
+    brne 13b
+    ldi r20, {BATCHES}
+    rcall task_fill_second
+    rjmp 7f
+16: ldi r20, {BATCHES}
+    rcall task_fill_second
+    rjmp 9f
+    .else
 8:  ldi r24, {TURNS}
 13: push r24
     lds r24, steps_stepper+{AT}
@@ -225,6 +261,7 @@ steps_task_begin:
     brne 13b
 16: ldi r20, {BATCHES}
     rcall task_fill_second
+    .endif
 7:  ldi r20, {BATCHES}
     rcall task_fill_first
     // A quarter of the time that they are filled for, in counts of 64.
@@ -264,12 +301,14 @@ steps_task_begin:
     mov r26, r24
     rjmp 4f
     .endif
+    .ifeq {STREAM}
     cpi r25, {WINCH}
     brne 3f
     cpi r26, {SLICES}
     brlo 4f
     ldi r26, {SLICES}
     rjmp 4f
+    .endif
     // Or, where the only ring is full, half of it, or all but the reserve if that is less.
 3:  cpi r25, {BOTH}
     breq 4f
@@ -281,6 +320,20 @@ steps_task_begin:
     dec r24
     cpi r24, 4 * {NEARLY}
     brsh 4f
+    .if {STREAM}
+    lds r25, steps_mode
+    ldi r27, {RESERVE_MERGED} >> 8
+    cpi r25, {MERGE}
+    breq .+2
+    ldi r27, {RESERVE} >> 8
+    mov r24, r26
+    sub r24, r27
+    brcs 4f
+    cp r24, r27
+    brlo 17f
+    mov r24, r26
+    lsr r24
+    .else
     mov r24, r26
     lsr r24
     cpi r26, 2 * ({RESERVE} >> 8)
@@ -288,6 +341,7 @@ steps_task_begin:
     mov r24, r26
     subi r24, {RESERVE} >> 8
     brcs 4f
+    .endif
 17: cpi r24, 64
     brlo 3f
     ldi r24, 63
@@ -367,6 +421,9 @@ task_ahead:
     SOONEST = const SOONEST,
     BATCHES = const BATCHES,
     TURNS = const TURNS,
+    STREAM = const STREAM as u8,
+    MERGE = const mode::MERGE,
+    RESERVE_MERGED = const RESERVE_MERGED,
     RESERVE = const RESERVE,
     NEARLY = const NEARLY,
     TAIL_AT = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, tail_at),

@@ -1,0 +1,16 @@
+//! What the Uno's firmware for the highest rates does on the emulated chip: written by `cargo xtask bench uno`, not by hand. In ticks.
+
+/// Pulses up to these lengths, a column each.
+pub(super) const PULSES: [u32; 3] = [16, 31, 80];
+/// Shortest interval that holds for good, of each of 1 to 4 motors on one or two ports.
+pub(super) const BY_SOFTWARE: [[u32; 3]; 4] = [[103, 122, 225], [295, 327, 634], [432, 473, 960], [681, 698, 1414]];
+/// The same of two motors on pins 2-7, each with a DIR line of its own: these have a ring each.
+pub(super) const PAIR: [u32; 3] = [210, 326, 408];
+/// The same of one or two motors whose edges the compare hardware makes.
+pub(super) const BY_COMPARE: [[u32; 3]; 2] = [[103, 105, 1976], [209, 209, 3728]];
+/// Largest |edge − scheduled| beyond the constant.
+pub(super) const LATENESS: u32 = 56;
+/// The farthest that it commits itself ahead.
+pub(super) const HORIZON: u32 = 72128;
+/// Bytes of its queues.
+pub(super) const QUEUES: u32 = 396;
