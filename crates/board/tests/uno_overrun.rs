@@ -1,18 +1,19 @@
 //! Bytes that the firmware loses are told: in the USART, when nobody takes them, and in the receive page, when the main loop does
 //! not come round.
 
+mod common;
+
+use common::lab::Image;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Port, Remote};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Cause;
-use pulsetrain_emulator::{Atmega328p, hex};
 
-const IMAGE: &str = include_str!("../images/uno.hex");
 const SREG: u16 = 0x5f;
 const I: u8 = 0x80;
 
-fn opened() -> Remote<VirtualUno> {
-    let mut board = Remote::open(VirtualUno::new(), 7).expect("it answers");
+fn opened(image: Image) -> Remote<VirtualUno> {
+    let mut board = Remote::open(image.uno(), 7).expect("it answers");
     assert_eq!(board.set_baud(Baud::B1M), Ok(Baud::B1M));
     assert_eq!(board.measures(true).expect("it answers").lost_bytes, 0);
     while !board.port().chip().is_asleep() {
@@ -35,7 +36,11 @@ fn told(mut board: Remote<VirtualUno>, fewest: u16) {
 
 #[test]
 fn what_the_usart_loses_is_told() {
-    let mut board = opened();
+    Image::ALL.into_iter().for_each(usart_loses);
+}
+
+fn usart_loses(image: Image) {
+    let mut board = opened(image);
     let port = board.port_mut();
     port.send(&[0x55; 6]).expect("a virtual port");
     let chip = port.chip_mut();
@@ -53,10 +58,14 @@ fn what_the_usart_loses_is_told() {
 
 #[test]
 fn what_the_page_loses_is_told() {
-    let image = hex::parse(IMAGE, Atmega328p::FLASH_BYTES).unwrap();
-    let forever = image.chunks_exact(2).position(|word| word == 0xcfff_u16.to_le_bytes()).expect("a loop to itself");
+    Image::ALL.into_iter().for_each(page_loses);
+}
+
+fn page_loses(image: Image) {
+    let bytes = image.bytes();
+    let forever = bytes.chunks_exact(2).position(|word| word == 0xcfff_u16.to_le_bytes()).expect("a loop to itself");
     let forever = u16::try_from(forever).unwrap();
-    let mut board = opened();
+    let mut board = opened(image);
     let port = board.port_mut();
     port.send(&[0x55; 150]).expect("a virtual port");
     let chip = port.chip_mut();

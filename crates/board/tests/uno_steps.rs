@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::lab::{EXACT, Lab, SOFTWARE, Timing, said, uno};
+use common::lab::{EXACT, Image, Lab, SOFTWARE, Timing, said, uno};
 use common::segments::{Law, Stream};
 use common::{TICK_HZ, uno_setup};
 use pulsetrain_board::{Board, Faults};
@@ -13,8 +13,12 @@ use pulsetrain_core::wire::message::Cause;
 /// Streams `law` to motors on `pins` for 0.2 s: every step is on the pins in its time, and no other; none is left out at the
 /// end.
 fn check(pins: &[(u8, u8)], law: Law, timing: Timing) {
+    Image::ALL.into_iter().for_each(|image| check_on(image, pins, law, timing));
+}
+
+fn check_on(image: Image, pins: &[(u8, u8)], law: Law, timing: Timing) {
     let setup = uno_setup(pins, 16);
-    let mut board = uno(&setup);
+    let mut board = uno(image, &setup);
     let mut lab = Lab::default();
     let mut stream = Stream::new(&board, &vec![law; pins.len()], 1.0, 1, TICK_HZ / 5);
     let mut due = vec![Vec::new(); pins.len()];
@@ -30,7 +34,7 @@ fn check(pins: &[(u8, u8)], law: Law, timing: Timing) {
             None => Ok(()),
         }
     });
-    let what = format!("{pins:?}, {law:?}");
+    let what = format!("{image:?}, {pins:?}, {law:?}");
     assert_eq!(played, Ok(()), "{what}");
     assert_eq!(board.board().error(), None, "{what}");
     // The native board's steps are those that the segments mean, worked out here in wide integers.

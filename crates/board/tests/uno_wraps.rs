@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::lab::{EXACT, Lab, SOFTWARE, Timing, said, uno, uno_after};
+use common::lab::{EXACT, Image, Lab, SOFTWARE, Timing, said, uno, uno_after};
 use common::{TICK_HZ, uno_setup};
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Faults, Port};
@@ -16,26 +16,21 @@ fn run(count: u32, interval: i64, forward: bool) -> Item {
     Item::Run { segment, direction: if forward { Direction::Forward } else { Direction::Backward } }
 }
 
-/// A board whose clock has come near `tick`, asleep all the while.
-fn at(tick: u64) -> VirtualUno {
-    let mut port = VirtualUno::new();
+/// Lets a board sleep until its clock comes near `tick`.
+fn sleep(port: &mut VirtualUno, tick: u64) {
+    let until = Duration::from_millis(100) + Duration::from_nanos(tick * 125 / 2);
     let mut bytes = Vec::new();
-    let boot = Duration::from_millis(100);
-    port.receive(boot, &mut bytes).expect("it is there");
-    let until = boot + Duration::from_nanos(tick * 125 / 2);
     while port.now() < until {
         bytes.clear();
         port.receive(until, &mut bytes).expect("it is there");
     }
-    port
 }
 
 /// A motion across a wrap of the board's 32-bit clock, on software pins and by the compare hardware: started before it,
 /// switched after it, at every other offset.
-fn across(wrap: u64, pins: &[(u8, u8)], timing: Timing) {
+fn across(port: VirtualUno, wrap: u64, pins: &[(u8, u8)], timing: Timing) {
     let setup = uno_setup(pins, 16);
-    // A second before.
-    let mut board = uno_after(at(wrap - TICK_HZ), &setup);
+    let mut board = uno_after(port, &setup);
     let mut lab = Lab::default();
     let from = board.now() + board.lead() + TICK_HZ / 10;
     assert!(from < wrap && from > wrap - TICK_HZ, "{from} is not just before {wrap}");
@@ -68,26 +63,43 @@ fn across(wrap: u64, pins: &[(u8, u8)], timing: Timing) {
     lab.check(&setup, timing, None);
 }
 
-#[test]
-fn the_boards_clock_of_32_bits_wraps() {
-    across(1 << 32, &[(8, 9)], SOFTWARE);
-    across(1 << 32, &[(9, 8), (10, 7)], EXACT);
+/// All of it, and half-way round: nothing is past that is to come.
+fn wraps(image: Image) {
+    let (software, hardware) = ((&[(8, 9)][..], SOFTWARE), (&[(9, 8)][..], EXACT));
+    let both = (&[(9, 8), (10, 7)][..], EXACT);
+    let mut port = image.uno();
+    for (wrap, kinds) in [(1 << 31, &[software][..]), (1 << 32, &[software, both]), (3 << 31, &[hardware])] {
+        // A second before.
+        sleep(&mut port, wrap - TICK_HZ);
+        for (pins, timing) in kinds {
+            println!("{image:?}, {pins:?}, {wrap} ticks");
+            across(port.clone(), wrap, pins, *timing);
+        }
+    }
 }
 
 #[test]
-fn half_way_round_nothing_is_past_that_is_to_come() {
-    across(1 << 31, &[(8, 9)], SOFTWARE);
-    across(3 << 31, &[(9, 8)], EXACT);
+fn the_boards_clock_of_32_bits_wraps() {
+    wraps(Image::Plain);
+}
+
+#[test]
+fn the_clock_of_the_image_for_the_highest_rates_wraps() {
+    wraps(Image::Stream);
 }
 
 /// Intervals next to 2^16 ticks, and multiples of it: a compare that was set for the wrong turn would be 65 536 ticks off.
 #[test]
 fn timer_1_wraps_between_steps() {
+    Image::ALL.into_iter().for_each(timer_1_wraps);
+}
+
+fn timer_1_wraps(image: Image) {
     for interval in [65_535, 65_536, 65_537, 131_072, 32_768, 49_152, 200_003] {
         for (pins, timing) in [(&[(8, 9)][..], SOFTWARE), (&[(9, 8), (10, 7)], EXACT)] {
-            println!("{pins:?}, {interval} ticks");
+            println!("{image:?}, {pins:?}, {interval} ticks");
             let setup = uno_setup(pins, 16);
-            let mut board = uno(&setup);
+            let mut board = uno(image, &setup);
             let mut lab = Lab::default();
             // The first step just before, at and after a wrap.
             let from = (board.now() + board.lead() + TICK_HZ / 10).next_multiple_of(1 << 16);
@@ -108,8 +120,12 @@ fn timer_1_wraps_between_steps() {
 /// More epochs than numbers for them, and more frames than sequence numbers.
 #[test]
 fn epochs_and_sequence_numbers_wrap() {
+    Image::ALL.into_iter().for_each(numbers_wrap);
+}
+
+fn numbers_wrap(image: Image) {
     let setup = uno_setup(&[(8, 9)], 16);
-    let mut board = uno(&setup);
+    let mut board = uno(image, &setup);
     let mut lab = Lab::default();
     for number in 1..=300_u64 {
         let epoch = Epoch(number as u8);
@@ -130,9 +146,13 @@ fn epochs_and_sequence_numbers_wrap() {
 /// The queue ends in the middle of a motion: the motor stands where its last step was, and the count is right.
 #[test]
 fn a_queue_that_ends_is_a_motor_that_stands() {
+    Image::ALL.into_iter().for_each(a_queue_ends);
+}
+
+fn a_queue_ends(image: Image) {
     for pins in [&[(8, 9)][..], &[(9, 8)], &[(9, 8), (10, 7)]] {
         let setup = uno_setup(pins, 16);
-        let mut board = uno(&setup);
+        let mut board = uno(image, &setup);
         let mut lab = Lab::default();
         let from = board.now() + board.lead() + TICK_HZ / 10;
         for motor in 0..pins.len() {
@@ -158,7 +178,7 @@ fn a_queue_that_ends_is_a_motor_that_stands() {
         let mut next = pulsetrain_board::Remote::open(port, 8).expect("it answers");
         let status = next.status().expect("it answers");
         assert!(status.is_idle());
-        assert_eq!(next.info().last_stop, Cause::Finished, "{pins:?}: rest came before the host was missed");
+        assert_eq!(next.info().last_stop, Cause::Finished, "{image:?}, {pins:?}: rest came before the host was missed");
         let said: Vec<_> = status.motors.as_slice().iter().map(|motor| i64::from(motor.position)).collect();
         assert_eq!(said, lab.counts(&setup), "{pins:?}");
     }

@@ -64,7 +64,9 @@ impl Table {
         if broken.is_empty() {
             return Ok(());
         }
-        let lines = broken.iter().map(|row| format!("\n  {}: {}", row.fields[..3].join(", "), row.verdict()));
+        let lines = broken
+            .iter()
+            .map(|row| format!("\n  {}: {}", row.fields[..row.fields.len().min(4)].join(", "), row.verdict()));
         Err(Failure::Check(format!(
             "{} of the promised figures do not hold:{}",
             broken.len(),

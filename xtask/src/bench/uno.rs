@@ -15,12 +15,13 @@ const TITLES: [&str; 6] = [
     "Motions that stay fast, as `pulsetrain run` makes them, in phase and staggered: the fastest that holds",
 ];
 
-const PREFACE: &str = "Emulated: the committed image on the ATmega328P of `crates/emulator`, 16 MHz, streamed at 1 Mbaud; no \
-board was connected. Lateness is edge − scheduled tick − the constant of the pins, in cycles (62.5 ns); a figure `lost` counts \
+const PREFACE: &str = "Emulated: the committed images on the ATmega328P of `crates/emulator`, 16 MHz, streamed at 1 Mbaud; no \
+board was connected. `image`: `uno`, the one that is there from the start, or `uno-stream`, for the highest rates \
+(`pulsetrain flash uno --image stream`), of which the rates are promised. Lateness is edge − scheduled tick − the constant of the pins, in cycles (62.5 ns); a figure `lost` counts \
 steps without an edge and edges without a step. `awake`: share of all cycles that the processor did not sleep; `busy`: the same \
 less, for each round of the main loop, what the shortest round takes, which looks for work and finds none. `horizon`: the \
 farthest that the rings were committed ahead. A rate holds if no step is lost, 99 % of the edges are at most 40 cycles late, all \
-at most 60, and the board reports nothing; rates are tried 2.5 % apart. Random segments are of 40 to 80 steps; what changes by \
+at most 60, and the board reports nothing; rates are tried 2.5 % apart, and those that are promised. Random segments are of 40 to 80 steps; what changes by \
 ±10 % does so from segment to segment.";
 
 /// Figures 1, 2, 3 and 5.
@@ -59,8 +60,16 @@ enum By {
     Software,
 }
 
+/// Boards that have a table of limits each, with what it is of and its file.
+const TABLES: [(&str, &str, &str); 2] = [
+    ("uno", "the Uno's firmware", "crates/motion/src/boards/uno.rs"),
+    ("uno-stream", "the Uno's firmware for the highest rates", "crates/motion/src/boards/uno_stream.rs"),
+];
+
 /// What a number of motors can do for good at one rate; all in ticks.
 struct Limit {
+    /// As the table of boards calls an Uno with the image that did it.
+    board: String,
     by: By,
     motors: usize,
     pulse: u32,
@@ -74,6 +83,7 @@ struct Limit {
 impl Limit {
     fn parse(line: &str) -> Option<Limit> {
         let mut fields = line.split('\t').skip(1);
+        let board = fields.next()?.to_owned();
         let by = match fields.next()? {
             "compare" => By::Compare,
             "pair" => By::Pair,
@@ -82,6 +92,7 @@ impl Limit {
         let mut number = || fields.next()?.parse().ok();
         let motors = number()? as usize;
         Some(Limit {
+            board,
             by,
             motors,
             pulse: number()?,
@@ -96,17 +107,22 @@ impl Limit {
 /// The pulses that limits are measured for, ticks.
 const PULSES: [u32; 3] = [16, 31, 80];
 
-/// Writes what the table of boards says of the Uno.
+/// Writes what the table of boards says of the Uno, with either image.
 fn write_limits(limits: &[Limit]) -> Done {
-    let path = root().join("crates/motion/src/boards/uno.rs");
-    fs::write(&path, limits_source(limits)?).map_err(|why| Failure::File { path, why })
+    for (board, what, file) in TABLES {
+        let path = root().join(file);
+        let of: Vec<_> = limits.iter().filter(|limit| limit.board == board).collect();
+        fs::write(&path, limits_source(what, &of)?).map_err(|why| Failure::File { path, why })?;
+    }
+    Ok(())
 }
 
-fn limits_source(limits: &[Limit]) -> Done<String> {
+fn limits_source(what: &str, limits: &[&Limit]) -> Done<String> {
     let shortest = |by: By, motors: usize, pulse: u32| {
         let of = limits.iter().filter(|l| l.by == by && (l.motors, l.pulse) == (motors, pulse));
         // Where several kinds of pins were measured, what all of them do.
-        let missing = || Failure::Check(format!("no rate holds for {motors} motors with pulses of {pulse} ticks"));
+        let missing =
+            || Failure::Check(format!("{what}: no rate holds for {motors} motors with pulses of {pulse} ticks"));
         let interval = of.map(|limit| limit.interval).max().ok_or_else(missing)?;
         // A rung less than what two rings do when they are staggered: motors that come to go in step have them run dry sooner.
         Ok(if by == By::Pair { interval + interval.div_ceil(40) } else { interval })
@@ -123,7 +139,7 @@ fn limits_source(limits: &[Limit]) -> Done<String> {
     let queues = limits.iter().map(|limit| limit.queues).min().unwrap_or(0);
     let horizon = limits.iter().map(|limit| limit.horizon).max().unwrap_or(0);
     Ok(format!(
-        "//! What the Uno's firmware does on the emulated chip: written by `cargo xtask bench uno`, not by hand. In ticks.\n\n\
+        "//! What {what} does on the emulated chip: written by `cargo xtask bench uno`, not by hand. In ticks.\n\n\
          /// Pulses up to these lengths, a column each.\n\
          pub(super) const PULSES: [u32; {}] = [{}];\n\
          /// Shortest interval that holds for good, of each of 1 to 4 motors on one or two ports.\n\
@@ -155,15 +171,17 @@ mod tests {
         let mut limits = Vec::new();
         for pulse in PULSES {
             for motors in 1..=4 {
-                limits.push(format!("limit\tsoftware\t{motors}\t{pulse}\t{}\t30\t5000\t370", 100 * motors));
+                limits.push(format!("limit\tuno\tsoftware\t{motors}\t{pulse}\t{}\t30\t5000\t370", 100 * motors));
             }
-            limits.push(format!("limit\tsoftware\t3\t{pulse}\t333\t31\t5000\t370"));
-            limits.push(format!("limit\tpair\t2\t{pulse}\t144\t31\t5000\t370"));
-            limits.extend([1, 2].map(|motors| format!("limit\tcompare\t{motors}\t{pulse}\t90\t0\t6000\t370")));
+            limits.push(format!("limit\tuno\tsoftware\t3\t{pulse}\t333\t31\t5000\t370"));
+            limits.push(format!("limit\tuno\tpair\t2\t{pulse}\t144\t31\t5000\t370"));
+            limits.extend([1, 2].map(|motors| format!("limit\tuno\tcompare\t{motors}\t{pulse}\t90\t0\t6000\t370")));
         }
         let limits: Vec<_> = limits.iter().filter_map(|line| Limit::parse(line)).collect();
-        let source = limits_source(&limits).expect("all there");
+        let limits: Vec<_> = limits.iter().collect();
+        let source = limits_source("the Uno's firmware", &limits).expect("all there");
         for line in [
+            "//! What the Uno's firmware does on",
             "[200, 200, 200],",
             "[333, 333, 333],",
             "= [148, 148, 148];",
@@ -173,6 +191,6 @@ mod tests {
         ] {
             assert!(source.contains(line), "{source}");
         }
-        assert!(limits_source(&limits[1..]).is_err());
+        assert!(limits_source("it", &limits[1..]).is_err());
     }
 }

@@ -1,7 +1,7 @@
 //! What is seen of a board: edges on its pins, and the steps that the native board was told beside it.
 
 use super::{TICK_HZ, native_config};
-use pulsetrain_board::virtual_uno::VirtualUno;
+use pulsetrain_board::virtual_uno::{self, VirtualUno};
 use pulsetrain_board::{Board, Edge, Native, Observer, Remote, ScheduledStep, Setup, Shadowed};
 use pulsetrain_core::Direction;
 use pulsetrain_core::wire::Baud;
@@ -9,9 +9,51 @@ use pulsetrain_core::wire::Baud;
 /// The virtual Uno, and the native board that is told the same.
 pub(crate) type Uno = Shadowed<Remote<VirtualUno>>;
 
+/// An image of the Uno's firmware that takes plans.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Image {
+    /// With text.
+    Plain,
+    /// For the highest rates.
+    Stream,
+}
+
+impl Image {
+    pub(crate) const ALL: [Image; 2] = [Image::Plain, Image::Stream];
+
+    /// One after the other: what takes long is shared out between them.
+    pub(crate) fn by_turns(number: u64) -> Image {
+        if number.is_multiple_of(2) { Image::Stream } else { Image::Plain }
+    }
+
+    /// What the table of boards calls an Uno that has it.
+    pub(crate) fn board(self) -> &'static str {
+        match self {
+            Image::Plain => "uno",
+            Image::Stream => "uno-stream",
+        }
+    }
+
+    /// A virtual Uno that has it.
+    pub(crate) fn uno(self) -> VirtualUno {
+        match self {
+            Image::Plain => VirtualUno::new(),
+            Image::Stream => VirtualUno::with_stream(),
+        }
+    }
+
+    /// As it lies in the flash.
+    pub(crate) fn bytes(self) -> Vec<u8> {
+        match self {
+            Image::Plain => virtual_uno::image(),
+            Image::Stream => virtual_uno::stream_image(),
+        }
+    }
+}
+
 /// A virtual Uno at 1 Mbaud, set up.
-pub(crate) fn uno(setup: &Setup) -> Uno {
-    uno_after(VirtualUno::new(), setup)
+pub(crate) fn uno(image: Image, setup: &Setup) -> Uno {
+    uno_after(image.uno(), setup)
 }
 
 /// The same of one that has been running for a while.

@@ -1,6 +1,6 @@
 //! Motions on virtual boards, whole: planned, streamed by a session, every step and edge held against the law.
 
-use super::uno::{Load, Mark, Seen, idle_round};
+use super::uno::{Mark, Seen, idle_round};
 use pulsetrain::drive::{Driven, Ended};
 use pulsetrain::lateness::{Lateness, Meter};
 use pulsetrain::prepare::Prepared;
@@ -242,12 +242,12 @@ pub(crate) fn make<'a>(prepared: &'a Prepared, late_ticks: f64, watch: impl FnMu
     let kind = PinKind::of(&prepared.program.motors).map_err(|error| error.to_string())?;
     let mut driven = Driven::virtual_uno(prepared, Baud::B1M).map_err(|error| error.to_string())?;
     let idle_round = idle_round(driven.board_mut().port());
-    let began = Mark::of(driven.board_mut())?;
+    let began = Mark::of(driven.board_mut().port());
     driven.board_mut().port_mut().chip_mut().forget_masked();
     let followed = follow(prepared, &mut driven, kind.constant_ticks(), late_ticks, watch)?;
     let board = driven.board_mut();
+    let load = Mark::of(board.port()).load(began, idle_round);
     let stack_left = board.measures(false).map_or(0, |measures| measures.stack_left);
-    let load = Mark::of(board).map_or(Load::default(), |now| now.load(began, idle_round));
     let Followed { lateness, schedules, certificate_ticks, peak_rate, shortest_pulse, trouble } = followed;
     let seen = Seen {
         rates: Vec::new(),

@@ -1,5 +1,6 @@
 //! The Uno's figures: streams and motions on the virtual Uno, every edge held against its scheduled tick.
 
+use super::board::lab::Image;
 use super::board::segments::{Law, Stream};
 use super::board::{TICK_HZ, uno_setup};
 use pulsetrain::lateness::{Lateness, Meter};
@@ -39,6 +40,7 @@ pub(crate) fn pins_text(pins: &[(u8, u8)]) -> String {
 /// A stream of random segments.
 #[derive(Clone, Debug)]
 pub(crate) struct Run {
+    pub(crate) image: Image,
     pub(crate) pins: &'static [(u8, u8)],
     /// One for each motor.
     pub(crate) laws: Vec<Law>,
@@ -84,22 +86,21 @@ pub(crate) struct Load {
 pub(crate) struct Mark {
     cycle: u64,
     asleep: u64,
-    rounds: u32,
+    rounds: u64,
 }
 
 impl Mark {
-    /// Asks the board; time passes meanwhile.
-    pub(crate) fn of(board: &mut Remote<VirtualUno>) -> Result<Mark, String> {
-        let rounds = board.measures(false).map_err(|error| error.to_string())?.rounds;
-        let chip = board.port().chip();
-        Ok(Mark { cycle: chip.cycle(), asleep: chip.asleep_cycles(), rounds })
+    /// As it is now. The board is not asked, which would cost it time: a round feeds the watchdog once.
+    pub(crate) fn of(uno: &VirtualUno) -> Mark {
+        let chip = uno.chip();
+        Mark { cycle: chip.cycle(), asleep: chip.asleep_cycles(), rounds: chip.watchdog_feeds() }
     }
 
     /// Cycles awake and in all, and rounds, since then.
     fn since(self, earlier: Mark) -> (f64, f64, f64) {
         let all = (self.cycle - earlier.cycle) as f64;
         let asleep = (self.asleep - earlier.asleep) as f64;
-        (all - asleep, all, f64::from(self.rounds.wrapping_sub(earlier.rounds)))
+        (all - asleep, all, (self.rounds - earlier.rounds) as f64)
     }
 
     /// The load since `earlier`, if a round with nothing to do takes `idle_round` cycles.
@@ -154,10 +155,10 @@ impl Observer for Pulses<'_> {
     fn step(&mut self, _step: ScheduledStep) {}
 }
 
-/// An Uno at 1 Mbaud with motors on `pins`, and what an idle round of its main loop takes, cycles.
-pub(crate) fn connect(pins: &[(u8, u8)], pulse_ticks: u16) -> Result<(Remote<VirtualUno>, u64), String> {
+/// An Uno with that image, at 1 Mbaud, with motors on `pins`, and what an idle round of its main loop takes, cycles.
+pub(crate) fn connect(image: Image, pins: &[(u8, u8)], pulse_ticks: u16) -> Result<(Remote<VirtualUno>, u64), String> {
     let text = |error: pulsetrain_board::RemoteError| error.to_string();
-    let mut board = Remote::open(VirtualUno::new(), 7).map_err(text)?;
+    let mut board = Remote::open(image.uno(), 7).map_err(text)?;
     board.set_baud(Baud::B1M).map_err(text)?;
     board.configure(&uno_setup(pins, pulse_ticks)).map_err(text)?;
     let idle_round = idle_round(board.port());
@@ -170,7 +171,7 @@ pub(crate) fn connect(pins: &[(u8, u8)], pulse_ticks: u16) -> Result<(Remote<Vir
 /// What the board refuses before anything moves.
 pub(crate) fn stream(run: &Run) -> Result<Seen, String> {
     let pins = &run.pins[..run.laws.len()];
-    let (mut board, idle_round) = connect(pins, run.pulse_ticks)?;
+    let (mut board, idle_round) = connect(run.image, pins, run.pulse_ticks)?;
     let mut stream = Stream::new(&board, &run.laws, run.apart, run.seed, (run.seconds * TICK_HZ as f64) as u64);
     let mut pulses = Pulses {
         pins,
@@ -198,11 +199,11 @@ pub(crate) fn stream(run: &Run) -> Result<Seen, String> {
         if (from..to).contains(&board.now()) {
             horizon_ticks = horizon_ticks.max(board.horizon() - board.now());
             if began.is_none() {
-                began = Some(Mark::of(board)?);
+                began = Some(Mark::of(board.port()));
             }
         }
         if board.now() >= to && ended.is_none() {
-            ended = Some(Mark::of(board)?);
+            ended = Some(Mark::of(board.port()));
         }
         Ok(())
     });
