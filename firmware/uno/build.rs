@@ -5,7 +5,8 @@ fn main() {
     let (pool, least_stack) = if std::env::var_os("CARGO_FEATURE_VERBS").is_some() { (368, 270) } else { (396, 245) };
     // Text is in the image that has nothing in its place.
     println!("cargo::rustc-check-cfg=cfg(text)");
-    if ["VERBS", "BAKED", "STREAM"].iter().all(|feature| std::env::var_os(format!("CARGO_FEATURE_{feature}")).is_none()) {
+    if ["VERBS", "BAKED", "STREAM"].iter().all(|feature| std::env::var_os(format!("CARGO_FEATURE_{feature}")).is_none())
+    {
         println!("cargo::rustc-cfg=text");
     }
     let folder = std::env::var("CARGO_MANIFEST_DIR").unwrap_or_default();

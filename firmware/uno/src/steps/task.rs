@@ -15,10 +15,10 @@ use super::ring::Ring;
 use super::stepper::{AHEAD, Stepper, Track};
 #[cfg(not(feature = "baked"))]
 use super::times::TIMES;
+use crate::STREAM;
 use crate::clock;
 use crate::link::TALKS;
 use crate::regs;
-use crate::STREAM;
 use crate::verbs::{OBEYS, ON};
 use crate::winch::feed;
 use core::arch::global_asm;
