@@ -588,8 +588,7 @@ impl<P: Port> Remote<P> {
     /// # Errors
     /// When the board is lost.
     pub fn obeys(&mut self) -> Result<bool, RemoteError> {
-        let answer = self.ask(&Command::Orders(Orders::NONE))?;
-        Ok(!matches!(answer.reply, Reply::Refused { reason: Reason::UnknownKind, .. }))
+        self.knows(&Command::Orders(Orders::NONE))
     }
 
     /// Whether it keeps settings without power: of an Uno's images the plain one does, which has text.
@@ -597,7 +596,12 @@ impl<P: Port> Remote<P> {
     /// # Errors
     /// When the board is lost.
     pub fn keeps(&mut self) -> Result<bool, RemoteError> {
-        let answer = self.ask(&Command::Store(None))?;
+        self.knows(&Command::Store(None))
+    }
+
+    /// Whether it does not refuse a command as unknown.
+    fn knows(&mut self, command: &Command<'_>) -> Result<bool, RemoteError> {
+        let answer = self.ask(command)?;
         Ok(!matches!(answer.reply, Reply::Refused { reason: Reason::UnknownKind, .. }))
     }
 

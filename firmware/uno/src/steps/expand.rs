@@ -69,13 +69,18 @@ const _: () = assert!((register::OCR0A + 0x20) & 8 == 0 && (register::OCR0B + 0x
 //   Y              the Registers; Z where the ticks go
 global_asm!(
     r#"
+    // The steps are taken off those that are left.
+    .macro expand_take                  //                              10
+    ldd r24, Y+19
+    ldd r25, Y+20
+    sub r24, r20
+    sbc r25, r1
+    std Y+19, r24
+    std Y+20, r25
+    .endm
+
     .macro expand_enter                 //                              52
-    ldd r24, Y+19                       // 2                            2
-    ldd r25, Y+20                       // 2                            4
-    sub r24, r20                        // 1                            5
-    sbc r25, r1                         // 1                            6
-    std Y+19, r24                       // 2                            8
-    std Y+20, r25                       // 2                            10
+    expand_take                         // 10                           10
     ldd r0, Y+0                         // 17 x 2                       44
     ldd r21, Y+1
     ldd r22, Y+2
@@ -150,12 +155,7 @@ global_asm!(
 
     // What is needed where intervals stay below the next 256 ticks: their highest byte stays as it is.           40
     .macro near_enter
-    ldd r24, Y+19
-    ldd r25, Y+20
-    sub r24, r20
-    sbc r25, r1
-    std Y+19, r24
-    std Y+20, r25
+    expand_take
     ldd r0, Y+0
     ldd r21, Y+1
     ldd r22, Y+2

@@ -15,7 +15,7 @@
 //! A segment of three corrections of one byte each takes some 460, 95 of which find out whether its steps need looking at;
 //! a second byte 12 more.
 //!
-//! The image for the highest rates takes a record of short fields behind a segment of 32 to 255 steps apart from all others: some 130 less.
+//! The image for the highest rates takes a record of short fields behind a segment of 32 to 255 steps apart from all others: some 110 less.
 //!
 //! A record is whole in its frame, so that nobody looks whether its bytes are there before they are read: if more were read than
 //! there are, the record is bad, nothing of the epoch is made any more, and what was read came from the queue's own memory.

@@ -513,29 +513,13 @@ merge_publish:
     .endif
 1:  ret                                 // 4, and 3 for the call
 
-    // Joins the masks r30:31 to the pending group unless it has some of them already, and sets Z if it has not.
+    // Joins the masks r30:31 to the pending group unless it has some of them already, and sets Z if it has not. With sorted lanes that
+    // group is the first of a batch.                                                                27 with sorted lanes
+merge_join:                             // call                         3
+    push r0                             // 2                            5
     .if {SORTED}
-    // Of the first of a batch, whose rise is in the state.
-merge_join:                             // call                         3
-    push r0                             // 2                            5
-    lds r16, steps_merge+{PENDING_RISE} // 2                            7
-    mov r0, r30                         // 1                            8
-    and r0, r16                         // 1                            9
-    brne 2f                             // 1                            10
-    mov r0, r31                         // 1                            11
-    and r0, r17                         // 1                            12
-    brne 2f                             // 1                            13
-    or r16, r30                         // 1                            14
-    or r17, r31                         // 1                            15
-    ldi r31, hi8(ring_b_page)           // 1                            16
-    cp r1, r1                           // 1                            17
-2:  sts steps_merge+{PENDING_RISE}, r16 // 2                            19
-    lds r16, steps_merge+{END}          // 2                            21
-    pop r0                              // 2                            23
-    ret                                 // 4                            27
-    .else
-merge_join:                             // call                         3
-    push r0                             // 2                            5
+    lds r16, steps_merge+{PENDING_RISE}
+    .endif
     mov r0, r30                         // 1                            6
     and r0, r16                         // 1                            7
     brne 1f                             // 1                            8
@@ -546,9 +530,15 @@ merge_join:                             // call                         3
     or r17, r31                         // 1                            13
     ldi r31, hi8(ring_b_page)           // 1                            14
     cp r1, r1                           // 1                            15
-1:  pop r0                              // 2                            17
+1:
+    .if {SORTED}
+    sts steps_merge+{PENDING_RISE}, r16
+    lds r16, steps_merge+{END}
+    .endif
+    pop r0                              // 2                            17
     ret                                 // 4                            21
 
+    .ifeq {SORTED}
     // Puts the pending group out; the next is put off to the deadline.
 merge_put_off:
     st X+, r16

@@ -138,6 +138,18 @@ pub(crate) fn start() {
 
 global_asm!(
     r#"
+    // Goes to \first if that ring is filled less far than the second; one batch is to be made.
+    .macro which_is_less first
+    lds r24, steps_stepper+{AT}
+    lds r25, steps_stepper+{AT}+1
+    lds r18, steps_stepper+{AT}+{TRACK_SIZE}
+    lds r19, steps_stepper+{AT}+{TRACK_SIZE}+1
+    sub r24, r18
+    sbc r25, r19
+    ldi r20, 1
+    brmi \first
+    .endm
+
     // As the ring's interrupts, in reach of the vectors.
     .text
     .global steps_task_begin
@@ -215,14 +227,7 @@ steps_task_begin:
     // Which has no room is not asked again.
 8:  ldi r24, {TURNS}
 13: push r24
-    lds r24, steps_stepper+{AT}
-    lds r25, steps_stepper+{AT}+1
-    lds r18, steps_stepper+{AT}+{TRACK_SIZE}
-    lds r19, steps_stepper+{AT}+{TRACK_SIZE}+1
-    sub r24, r18
-    sbc r25, r19
-    ldi r20, 1
-    brmi 14f
+    which_is_less 14f
     rcall task_fill_second
     pop r24
     dec r4
@@ -243,14 +248,7 @@ steps_task_begin:
     .else
 8:  ldi r24, {TURNS}
 13: push r24
-    lds r24, steps_stepper+{AT}
-    lds r25, steps_stepper+{AT}+1
-    lds r18, steps_stepper+{AT}+{TRACK_SIZE}
-    lds r19, steps_stepper+{AT}+{TRACK_SIZE}+1
-    sub r24, r18
-    sbc r25, r19
-    ldi r20, 1
-    brmi 14f
+    which_is_less 14f
     rcall task_fill_second
     rjmp 15f
 14: rcall task_fill_first
