@@ -12,7 +12,7 @@ use pulsetrain_core::wire::message::Cause;
 /// Far more than a board keeps up with, steps/s of all motors together.
 const RATE: f64 = 240_000.0;
 /// Each with so many random laws, on both images.
-const SEEDS: u64 = 8;
+const SEEDS: u64 = 20;
 
 /// Merged, on one port and on two; and a ring each.
 const PINS: [&[(u8, u8)]; 4] =

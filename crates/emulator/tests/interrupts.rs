@@ -340,8 +340,13 @@ fn reach_after(bench: &mut Bench, pc: u16, cycles: u64) -> u64 {
 fn watchdog_is_fed() {
     let mut bench = Bench::with(&[0x95a8, 0xcffe]);
     bench.set(WDTCSR, 0x08);
-    bench.run(10_000_000);
+    // wdr takes a cycle, rjmp two; wdr comes first.
+    bench.run(9_999_999);
     assert_eq!(bench.seen.watchdog, []);
+    assert_eq!(bench.chip.watchdog_feeds(), 3_333_333);
+    // Since power came on: a reset does not count anew.
+    bench.chip.reset(ResetCause::External, &mut bench.seen);
+    assert_eq!(bench.chip.watchdog_feeds(), 3_333_333);
 }
 
 /// §8.6: a write takes 3.4 ms and a timed sequence, halts 2 cycles; a read halts 4; the interrupt is by level.
