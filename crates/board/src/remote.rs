@@ -29,6 +29,8 @@ const GATHERED: usize = 2;
 /// A board has enough to do when its queues are so full, all of them, %; and plenty.
 const ENOUGH: usize = 25;
 const PLENTY: usize = 50;
+/// What goes into a queue that is fuller than this, %, may wait for more.
+const FULL: usize = 75;
 
 /// A board that has plenty is sent so much of its queues' bytes at once, one part of so many; one that has enough twice as much.
 const PORTIONS: usize = 12;
@@ -802,14 +804,14 @@ impl<P: Port> Remote<P> {
         }
     }
 
-    /// The same, but for what may wait: as long as the board has plenty to do, or frames are on their way, more is gathered, so
+    /// The same, but for what may wait: as long as the board's queue is nearly full, or frames are on their way, more is gathered, so
     /// that frames are long: what one costs a board is much the same, however long it is.
     fn gather(&mut self) {
         let (now, tick) = (self.port.now(), self.now());
         let much = self.link.max_packed() / 2;
         for (index, motor) in (0..).zip(&mut self.motors) {
             let most = if motor.packed.len() > much { GATHERED } else { 1 };
-            if motor.has(tick, self.epoch) < PLENTY && self.link.frames() < most {
+            if motor.has(tick, self.epoch) < FULL && self.link.frames() < most {
                 motor.flush(index, &mut self.link, now);
             }
         }
