@@ -9,8 +9,8 @@ use pulsetrain_emulator::Atmega328p;
 
 /// How all expanders begin: the steps that are left become fewer by those in r20.
 const BEGINNING: [u16; 4] = [0x898b, 0x899c, 0x1b84, 0x0991];
-/// How the ring's and the list's begin in the image for the highest rates: whether all intervals are shorter than 256 ticks, or bit 8 and
-/// those above it are the same of all.
+/// How the ring's begins in the image for the highest rates: whether all intervals are shorter than 256 ticks; and the list's, and that for
+/// the ring behind lists: whether bit 8 and those above it are the same of all.
 const CHOICES: [[u16; 2]; 2] = [[0xad8d, 0x3081], [0xad8d, 0xff87]];
 /// Length of a long pulse, ticks.
 const PULSE: u8 = 160;
@@ -37,15 +37,15 @@ fn bytes_of(registers: &Registers) -> Vec<u8> {
     bytes
 }
 
-/// Calls the function at word `entry` with the registers and `n`; gives the cycles that it took.
-fn call(chip: &mut Atmega328p, entry: u16, is_long: bool, registers: &Registers, n: u8) -> u64 {
+/// Calls the function at word `entry` with the registers and `n`, ticks from `at` on; gives the cycles that it took.
+fn call(chip: &mut Atmega328p, entry: u16, at: u16, is_long: bool, registers: &Registers, n: u8) -> u64 {
     for (address, byte) in (REGISTERS..).zip(bytes_of(registers)) {
         chip.write_data(address, byte, &mut ());
     }
     for (address, byte) in [(0x5d, STACK), (0x5e, STACK >> 8), (STACK + 1, RETURN >> 8), (STACK + 2, RETURN)] {
         chip.write_data(address, byte.to_le_bytes()[0], &mut ());
     }
-    for (register, value) in [(28, REGISTERS), (30, TICKS)] {
+    for (register, value) in [(28, REGISTERS), (30, at)] {
         let [low, high] = value.to_le_bytes();
         chip.set_register(register, low);
         chip.set_register(register + 1, high);
@@ -69,24 +69,29 @@ fn call(chip: &mut Atmega328p, entry: u16, is_long: bool, registers: &Registers,
     chip.cycle() - begin
 }
 
-/// A chip with the image, and where its expanders are: for rings, for lists, and the long pulses of both.
-fn chip(image: Image) -> (Atmega328p, [u16; 4]) {
+/// Where words stand in an image.
+fn places(image: Image, what: &[u16]) -> Vec<u16> {
     let bytes = image.bytes();
     let words: Vec<_> = bytes.chunks_exact(2).map(|pair| u16::from_le_bytes([pair[0], pair[1]])).collect();
-    let places = |beginning: &[u16]| -> Vec<u16> {
-        let found = words.windows(beginning.len()).enumerate().filter(|(_, words)| *words == beginning);
-        found.map(|(at, _)| u16::try_from(at).unwrap()).collect()
-    };
-    let mut entries = places(&BEGINNING);
+    let found = words.windows(what.len()).enumerate().filter(|(_, words)| *words == what);
+    found.map(|(at, _)| u16::try_from(at).unwrap()).collect()
+}
+
+/// A chip with the image, and where its expanders are: for rings, for lists, and the long pulses of both.
+fn chip(image: Image) -> (Atmega328p, [u16; 4]) {
+    let mut entries = places(image, &BEGINNING);
     if image == Image::Stream {
-        // Either way of both begins so, behind where it is chosen.
-        let [ring, list] = CHOICES.map(|choice| match places(&choice)[..] {
-            [one] => one,
-            ref all => panic!("{all:?}"),
-        });
-        entries.splice(..4, [ring, list]);
+        // Either way of them begins so, behind where it is chosen.
+        let [ring] = places(image, &CHOICES[0]).try_into().expect("a ring's");
+        let [list, _] = lists();
+        entries.splice(..6, [ring, list]);
     }
-    (Atmega328p::new(&bytes).unwrap(), entries.try_into().expect("four expanders"))
+    (Atmega328p::new(&image.bytes()).unwrap(), entries.try_into().expect("four expanders"))
+}
+
+/// In the image for the highest rates, where the expanders for lists are, and for the ring behind them.
+fn lists() -> [u16; 2] {
+    places(Image::Stream, &CHOICES[1]).try_into().expect("a list's, and the one's for the ring behind lists")
 }
 
 /// What `n` steps make of the registers, and their ticks.
@@ -108,8 +113,8 @@ fn expansion_is_the_recurrence() {
 
 fn expands(image: Image) {
     let (mut chip, entries) = chip(image);
-    // A ring's steps are published eight at a time; in the image for the highest rates four, while 44 of its 62 groups are free.
-    let published: &[u16] = if image == Image::Stream { &[4, 8, 12, 16, 20, 28] } else { &[8, 16, 24] };
+    // A ring's steps are published eight at a time; in the image for the highest rates four, while 52 of its 62 groups are free.
+    let published: &[u16] = if image == Image::Stream { &[4, 8, 12, 20, 28] } else { &[8, 16, 24] };
     let mut random = Random::new(1);
     let mut lawful = [0; 4];
     for round in 0..4000 {
@@ -133,7 +138,7 @@ fn expands(image: Image) {
         }
         let (expected, ticks) = advanced(&registers, n);
         for (kind, &entry) in entries.iter().enumerate() {
-            let cycles = call(&mut chip, entry, kind >= 2, &registers, n);
+            let cycles = call(&mut chip, entry, TICKS, kind >= 2, &registers, n);
             let ram = |address: u16| chip.ram()[usize::from(address - 0x100)];
             let after: Vec<_> = (0..21).map(|at| ram(REGISTERS + at)).collect();
             assert_eq!(after, bytes_of(&expected), "{image:?}, round {round}, {n} steps of {registers:?}");
@@ -197,7 +202,7 @@ struct Filled {
 fn fill(chip: &mut Atmega328p, entry: u16, registers: &Registers, n: u8, tail: u8, sure: u8) -> Filled {
     chip.write_data(TAIL_AT, tail, &mut ());
     chip.write_data(SURE, sure, &mut ());
-    let cycles = call(chip, entry, false, registers, n);
+    let cycles = call(chip, entry, TICKS, false, registers, n);
     chip.write_data(SURE, 0, &mut ());
     let ram = |address: u16| chip.ram()[usize::from(address - 0x100)];
     let head = u16::from(chip.register(24));
@@ -210,10 +215,14 @@ fn fill(chip: &mut Atmega328p, entry: u16, registers: &Registers, n: u8, tail: u
     }
 }
 
-/// In the image for the highest rates: of intervals whose bit 8 and those above it stay, a list's expander works out the lower ones alone.
+/// In the image for the highest rates: of intervals whose bit 8 and those above it stay, an expander for lists works out the lower ones
+/// alone. So does that for the ring behind lists, which may write beyond its page's end: it goes on where the ring begins.
 #[test]
 fn even_lists_are_the_recurrence() {
-    let (mut chip, [_, entry, ..]) = chip(Image::Stream);
+    const START: u16 = 0xa0;
+    const GROUPS: u64 = 24;
+    let (mut chip, [_, list, ..]) = chip(Image::Stream);
+    let [_, ring] = lists();
     let mut random = Random::new(3);
     for round in 0..4000 {
         let n = 1 + (random.next() % 31) as u8;
@@ -230,14 +239,32 @@ fn even_lists_are_the_recurrence() {
             add2: change(&mut random, 5000),
             left: u16::from(n) + (random.next() % 1000) as u16,
         };
-        let (expected, ticks) = advanced(&registers, n);
-        chip.write_data(SURE, EVEN | 1, &mut ());
-        call(&mut chip, entry, false, &registers, n);
-        let ram = |address: u16| chip.ram()[usize::from(address - 0x100)];
-        let after: Vec<_> = (0..21).map(|at| ram(REGISTERS + at)).collect();
-        assert_eq!(after, bytes_of(&expected), "round {round}, {n} steps of {registers:?}");
-        let listed = (0..u16::from(n)).map(|at| u16::from_le_bytes([ram(TICKS + 2 * at), ram(TICKS + 2 * at + 1)]));
-        assert!(listed.eq(ticks), "round {round}, {n} steps of {registers:?}");
+        for (sure, is_ring) in [(EVEN | 1, false), (EVEN | 1, true), (0, true)] {
+            let n = if is_ring { n.min(23) } else { n };
+            let first = START + 4 * random.below(GROUPS) as u16;
+            let (expected, ticks) = advanced(&registers, n);
+            chip.write_data(SURE, sure, &mut ());
+            let (entry, at) = if is_ring { (ring, TICKS + first) } else { (list, TICKS) };
+            call(&mut chip, entry, at, false, &registers, n);
+            let ram = |address: u16| chip.ram()[usize::from(address - 0x100)];
+            let after: Vec<_> = (0..21).map(|at| ram(REGISTERS + at)).collect();
+            assert_eq!(after, bytes_of(&expected), "round {round}, {n} steps of {registers:?}");
+            let group = |index: u16| TICKS + START + (first - START + 4 * index) % (0x100 - START);
+            let written: Vec<_> = (0..u16::from(n))
+                .map(|index| {
+                    let [low, high] = if is_ring {
+                        [group(index) + 2, group(index) + 1]
+                    } else {
+                        [TICKS + 2 * index, TICKS + 2 * index + 1]
+                    };
+                    u16::from_le_bytes([ram(low), ram(high)])
+                })
+                .collect();
+            assert_eq!(written, ticks, "round {round}, {n} steps of {registers:?}");
+            if is_ring {
+                assert_eq!(u16::from(chip.register(24)), group(n.into()) - TICKS, "the last one");
+            }
+        }
     }
 }
 

@@ -16,7 +16,7 @@ struct Pins {
 }
 
 /// Every way to wire an Uno.
-const ALL: [Pins; 10] = [
+const ALL: [Pins; 12] = [
     Pins { name: "the tutorial", pins: &[(8, 9)], timing: SOFTWARE },
     Pins { name: "004", pins: &[(6, 7)], timing: SOFTWARE },
     Pins { name: "pin 9 by hardware", pins: &[(9, 8)], timing: EXACT },
@@ -26,6 +26,12 @@ const ALL: [Pins; 10] = [
     Pins { name: "three on port D", pins: &[(2, 5), (3, 6), (4, 7)], timing: SOFTWARE },
     Pins { name: "three on port B", pins: &[(8, 11), (9, 12), (10, 13)], timing: SOFTWARE },
     Pins { name: "the CNC shield", pins: &[(2, 5), (3, 6), (4, 7), (12, 13)], timing: SOFTWARE },
+    Pins {
+        name: "the CNC shield, the motor on port B first",
+        pins: &[(12, 13), (2, 5), (3, 6), (4, 7)],
+        timing: SOFTWARE,
+    },
+    Pins { name: "three on the CNC shield", pins: &[(2, 5), (12, 13), (4, 7)], timing: SOFTWARE },
     Pins { name: "001", pins: &[(9, 8), (10, 8), (11, 8), (12, 8)], timing: SHARED },
 ];
 

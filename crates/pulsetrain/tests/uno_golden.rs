@@ -5,7 +5,7 @@
 mod common;
 
 use common::board::lab::Image;
-use common::rows::{Case, PROMISED, Row, tutorial_row};
+use common::rows::{Case, PROMISED, Row, fastest_plateau, tutorial_row};
 use expect_test::expect_file;
 use std::fmt::Write as _;
 
@@ -53,4 +53,14 @@ fn the_unos_table() {
         }
     }
     expect_file!["golden/uno.txt"].assert_eq(&table);
+}
+
+/// Four motors that go over to new epochs while they are fast: their lists are full, or nearly so, when a switch waits.
+#[test]
+fn four_motors_stay_fast_on_the_shield() {
+    let case = PROMISED[6].on(Image::Stream);
+    for rate in [11e3, 12.5e3, 13e3, 15e3] {
+        let row = fastest_plateau(&case, &[rate]);
+        assert_eq!(row.verdict, "", "{rate} steps/s");
+    }
 }

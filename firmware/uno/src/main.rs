@@ -15,7 +15,8 @@
 //! - [`regs`]: the registers, and instructions that Rust has no words for
 //!
 //! # Who interrupts whom
-//! Step interrupts play what is in the rings and let nobody in. The receive interrupt takes bytes from the line; the task
+//! Step interrupts play what is in the rings and let nobody in, but for one: in the image for the highest rates that of a ring beside a merge lets
+//! the merge's in, if that waits ([`steps::ring`]). The receive interrupt takes bytes from the line; the task
 //! ([`steps::task`]) keeps the rings filled; both let steps in, and the task lets bytes in. The main loop does all else. What
 //! keeps a step waiting, from the match of another interrupt or the first instruction with interrupts off to the first that
 //! may be interrupted again (crates/board/tests/uno_masked.rs measures it, while motors move):
@@ -25,6 +26,7 @@
 //! | the task, until it lets others in | 13 |
 //! | receive interrupt, until it lets others in | 11 |
 //! | receive interrupt, its end | 8, and the instruction behind it |
+//! | a step interrupt that has let another in, its end | 28 |
 //! | reading Timer1, setting its registers | up to 8 |
 //! | falling asleep | 5; only while nothing moves, and 4 more to wake up |
 //! | moving the stack pointer (the compiler's) | 3 |

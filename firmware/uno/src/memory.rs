@@ -6,7 +6,7 @@
 //! | 0x180 | 72 | [`Receiver`]: the frame that is coming in |
 //! | 0x1c8 | 56 | the reply being sent |
 //! | 0x200 | 256 | ring A; the only ring, if one is enough |
-//! | 0x300 | 256 | ring B; the lists of a merge (and trains of the winch, in what its lists leave); else more of the queues |
+//! | 0x300 | 256 | ring B; the lists of a merge (and trains of the winch, in what its lists leave; or a ring behind three of them); else more of the queues |
 //! | 0x400 | [`POOL`] | the motors' queues; while text is on, the winch's paths, its reader and the line being sent; while verbs have the motors, what they do |
 //! | then | | initialised variables, others |
 //! | to 0x900 | at least 245 | stack, downwards: 192 is the most that a test saw |

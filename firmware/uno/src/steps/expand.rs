@@ -46,7 +46,7 @@ const SOME: u8 = 8;
 /// And so many at least.
 const LEAST: u8 = 4;
 /// As few where there is room for so many: the ring has nearly run down.
-const HURRY: u8 = 44;
+const HURRY: u8 = 52;
 
 // Bit 3 of their data addresses tells the tails apart.
 const _: () = assert!((register::OCR0A + 0x20) & 8 == 0 && (register::OCR0B + 0x20) & 8 != 0);
@@ -516,6 +516,17 @@ steps_expand_ring:
     .endm
 
     expander steps_expand_list, list_store, 1, {STREAM}
+    .if {STREAM}
+    // The same into the ring behind lists.                                                         7
+    .macro beside_store
+    std Z+1, r23
+    std Z+2, r22
+    subi r30, -4
+    brcs .+2
+    ldi r30, {START}
+    .endm
+    expander steps_expand_beside, beside_store, 1, 1
+    .endif
     expander steps_expand_ring_long, ring_store_long, 0
     expander steps_expand_list_long, list_store_long, 0
     "#,
@@ -527,4 +538,5 @@ steps_expand_ring:
     SURE = const offset_of!(Motor, sure),
     STREAM = const STREAM as u8,
     EVEN_BIT = const EVEN.trailing_zeros(),
+    START = const super::ring::BEHIND_LISTS,
 );

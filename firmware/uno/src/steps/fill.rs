@@ -15,7 +15,7 @@ use core::mem::offset_of;
 
 /// A ring is filled when it has room for so many groups: alone, where it lasts for so short a time that the next record is to be
 /// loaded before it has run down; and beside another, where longer batches are worth more.
-const ROOM: [u8; 2] = [12, 20];
+const ROOM: [u8; 2] = [12, if STREAM { 18 } else { 20 }];
 /// Long pulses that are expanded at once, at most.
 const FEW: u8 = 8;
 

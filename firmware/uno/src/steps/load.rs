@@ -477,8 +477,8 @@ load_sure:
     // T: lists are merged, and add is more than n |add2|, so that its sign stays.
     clt
     lds r24, steps_mode
-    cpi r24, {MERGE}
-    brne 9f
+    sbrc r24, {APIECE_BIT}
+    rjmp 9f
     ldd r24, Y+{ADD2}
     ldd r30, Y+{ADD2}+3
     sbrc r30, 7
@@ -1189,7 +1189,7 @@ load_train:
     SURE = const offset_of!(Motor, sure),
     STREAM = const STREAM as u8,
     EVEN = const EVEN,
-    MERGE = const mode::MERGE,
+    APIECE_BIT = const mode::APIECE.trailing_zeros(),
     FASTEST = const times::FASTEST,
     GAIN = const offset_of!(Motor, gain),
     NEXT = const offset_of!(Motor, next),

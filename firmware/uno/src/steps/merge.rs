@@ -18,9 +18,14 @@
 //! task begins, and an instruction of main's), and W ≥ the interrupt's length + 4, so that delays die out:
 //! 48 for the short pulse, 60 for the long one and the shield, 76 for the shield's long one.
 //!
+//! With a ring beside, whose interrupt may come first, it is 78, and a tick is put off by 24 at most, so that no edge is late by more than 60; one that
+//! comes before joins the last group, and is early by up to 54.
+//!
 //! # Orders
-//! The merge compares two pairs of heads and then the earlier of each. The image for the highest rates knows all lanes' order instead: there is a state
-//! for each of the 24 orders of four lanes, and of the 6 of three, and a lane that has been put out mostly comes last, which one comparison says.
+//! The merge compares two pairs of heads and then the earlier of each. The image for the highest rates knows the order of three lanes instead: there is a
+//! state for each of the 6, and a lane that has been put out mostly comes last, which one comparison says. Four lanes are the shield's with longer
+//! pulses alone: with the short one the motor on PORTB has a ring of its own ([`beside`](super::beside)), which is behind the lists, of which the third is half as
+//! long then. States of their own know that end.
 //!
 //! # Cycles
 //! A step: 34 to 37, in the image for the highest rates 31 to 33, and expansion's 18.5. A list: 130, what the plan takes, and the expansion's beginning and end. A call of
@@ -29,10 +34,12 @@
 use core::arch::global_asm;
 use core::mem::offset_of;
 
-use super::motor::{Motor, flag};
+use super::motor::{EVEN, Motor, flag};
+use super::plan::{SURE_OF_LIMIT, sure_now};
 use super::register;
-use super::ring::{END_A, END_B, Group, Name, Ring};
+use super::ring::{BEHIND_LISTS, END_A, END_B, Group, Name, Ring, flags};
 use super::stepper::{Stepper, Track};
+use super::task::mode;
 use crate::STREAM;
 
 /// Lanes; those of no motor are fed with fillers.
@@ -82,6 +89,9 @@ pub(crate) struct Merge {
     /// Motors.
     #[cfg(feature = "stream")]
     motors: u8,
+    /// There is a ring beside the lists.
+    #[cfg(feature = "stream")]
+    beside: bool,
 }
 
 const LANE_SIZE: usize = size_of::<Lane>();
@@ -209,6 +219,21 @@ global_asm!(
     ld r7, Z+
     mov r12, r30
     .endm
+    // The same where a ring is beside the lists: the third of them is shorter.
+    .macro advance_beside_0
+    advance_0
+    .endm
+    .macro advance_beside_1
+    advance_1
+    .endm
+    .macro advance_beside_2
+    sbrc r12, 5
+    rcall merge_refill_2
+    mov r30, r12
+    ld r6, Z+
+    ld r7, Z+
+    mov r12, r30
+    .endm
     .macro advance_3                    // this list ends with its page                             9
     sbrs r13, 7
     rcall merge_refill_3
@@ -220,58 +245,34 @@ global_asm!(
     .endm
 
     .if {SORTED}
-    // Lane a has the earliest head, d the latest; the first three of four, or all of three, are compared with what is next. 30
-    .macro merge_order last, a, al, ah, ar, af, b, bl, bh, c, cl, ch, d, dl, dh
-merge_\a\()\b\()\c\()\d:
-    put_out r\al, r\ah, r\ar, r\af, \a  //                              18
-    advance_\a                          //                              26
-    cp r\al, r\dl                       // 1                            27
-    cpc r\ah, r\dh                      // 1                            28
-    .if \last
-    brmi 7f                             // 1
-    rjmp merge_\b\()\c\()\d\()\a       // 2                            31
-    .else
-    brpl merge_\b\()\c\()\d\()\a       // 2                            30
-    .endif
-7:  cp r\al, r\bl
-    cpc r\ah, r\bh
-    brmi merge_\a\()\b\()\c\()\d
-    cp r\al, r\cl
-    cpc r\ah, r\ch
-    brmi 8f
-    jmp merge_\b\()\c\()\a\()\d
-8:  jmp merge_\b\()\a\()\c\()\d
-    put_out_early r\al, r\ah, r\ar, r\af, \a
-    .endm
-    .macro merge_order_3 last, a, al, ah, ar, af, b, bl, bh, c, cl, ch
-merge_\a\()\b\()\c:
+    // Lane a has the earliest head, c the latest; the first two are compared with what is next.        30
+    .macro merge_order_3 name, last, a, al, ah, ar, af, b, bl, bh, c, cl, ch
+\name\()_\a\()\b\()\c:
     put_out r\al, r\ah, r\ar, r\af, \a
+    .ifc \name, beside
+    advance_beside_\a
+    .else
     advance_\a
+    .endif
     cp r\al, r\cl
     cpc r\ah, r\ch
     .if \last
     brmi 7f
-    rjmp merge_\b\()\c\()\a
+    rjmp \name\()_\b\()\c\()\a
     .else
-    brpl merge_\b\()\c\()\a
+    brpl \name\()_\b\()\c\()\a
     .endif
 7:  cp r\al, r\bl
     cpc r\ah, r\bh
-    brmi merge_\a\()\b\()\c
-    rjmp merge_\b\()\a\()\c
+    brmi \name\()_\a\()\b\()\c
+    rjmp \name\()_\b\()\a\()\c
     put_out_early r\al, r\ah, r\ar, r\af, \a
     .endm
-    // Four orders that follow each other as long as lanes take turns.
-    .macro merge_turn a, al, ah, ar, af, b, bl, bh, br, bf, c, cl, ch, cr, cf, d, dl, dh, dr, df
-    merge_order 0, \a, \al, \ah, \ar, \af, \b, \bl, \bh, \c, \cl, \ch, \d, \dl, \dh
-    merge_order 0, \b, \bl, \bh, \br, \bf, \c, \cl, \ch, \d, \dl, \dh, \a, \al, \ah
-    merge_order 0, \c, \cl, \ch, \cr, \cf, \d, \dl, \dh, \a, \al, \ah, \b, \bl, \bh
-    merge_order 1, \d, \dl, \dh, \dr, \df, \a, \al, \ah, \b, \bl, \bh, \c, \cl, \ch
-    .endm
-    .macro merge_turn_3 a, al, ah, ar, af, b, bl, bh, br, bf, c, cl, ch, cr, cf
-    merge_order_3 0, \a, \al, \ah, \ar, \af, \b, \bl, \bh, \c, \cl, \ch
-    merge_order_3 0, \b, \bl, \bh, \br, \bf, \c, \cl, \ch, \a, \al, \ah
-    merge_order_3 1, \c, \cl, \ch, \cr, \cf, \a, \al, \ah, \b, \bl, \bh
+    // Three orders that follow each other as long as lanes take turns.
+    .macro merge_turn_3 name, a, al, ah, ar, af, b, bl, bh, br, bf, c, cl, ch, cr, cf
+    merge_order_3 \name, 0, \a, \al, \ah, \ar, \af, \b, \bl, \bh, \c, \cl, \ch
+    merge_order_3 \name, 0, \b, \bl, \bh, \br, \bf, \c, \cl, \ch, \a, \al, \ah
+    merge_order_3 \name, 1, \c, \cl, \ch, \cr, \cf, \a, \al, \ah, \b, \bl, \bh
     .endm
 
     // Goes to \late if \a comes after \b.
@@ -280,22 +281,21 @@ merge_\a\()\b\()\c:
     cpc r\ah, r\bh
     brpl \late
     .endm
-    // The fourth lane's place among the others.
-    .macro merge_place a, al, ah, b, bl, bh, c, cl, ch
-    lds r30, steps_merge+{MOTORS}
-    cpi r30, 4
-    brsh 1f
-    jmp merge_\a\()\b\()\c
-1:  before 8, 9, \cl, \ch, 4f
-    before 8, 9, \bl, \bh, 3f
-    before 8, 9, \al, \ah, 2f
-    jmp merge_3\a\()\b\()\c
-2:  jmp merge_\a\()3\b\()\c
-3:  jmp merge_\a\()\b\()3\c
-4:  jmp merge_\a\()\b\()\c\()3
+    // The order of three lanes.
+    .macro merge_choose name
+    before 2, 3, 4, 5, 53f
+    before 4, 5, 6, 7, 51f
+    rjmp \name\()_012
+51: before 2, 3, 6, 7, 52f
+    rjmp \name\()_021
+52: rjmp \name\()_201
+53: before 2, 3, 6, 7, 54f
+    rjmp \name\()_102
+54: before 4, 5, 6, 7, 55f
+    rjmp \name\()_120
+55: rjmp \name\()_210
     .endm
-
-    .else
+    .endif
     // Lane a (0 or 1) has the earlier head of the first two, b (2 or 3) of the others.             34 to 36
     .macro merge_state name, a_low, a_high, a_rise, a_fall, a, b_low, b_high, b_rise, b_fall, b
 \name:
@@ -320,8 +320,6 @@ merge_\a\()\b\()\c:
     rjmp merge_\a\()2                   //                              37
     put_out_early \b_low, \b_high, \b_rise, \b_fall, \b
     .endm
-
-    .endif
 
     .macro point                        //                              2
     ldi r28, lo8(steps_merge)
@@ -364,6 +362,43 @@ merge_\a\()\b\()\c:
     .endm
     .macro store register, offset
     std Y+\offset, r\register
+    .endm
+
+    // Goes to \enough unless there is a ring beside, and that has run down. Uses r24, r25.
+    .macro beside_is_low enough
+    sbis {FLAGS_IO}, {BESIDE}
+    rjmp \enough
+    lds r24, steps_stepper+{RING_BESIDE}+{RING_HEAD}
+    in r25, {TAIL_B}
+    sec
+    sbc r25, r24
+    brcc .+2
+    subi r25, {START}
+    cpi r25, 4 * {LOW_BESIDE}
+    brlo \enough
+    .endm
+    // What a lane's list being filled keeps.
+    // \end, where a list ends, if a ring is beside and that is the third lane's.
+    .macro shorter end
+    .if {SORTED}
+    cpi \end, 2 * {LIST} * ({SHORT_LANE} + 1)
+    brne 9f
+    sbis {FLAGS_IO}, {EXTRA_B}
+    rjmp 9f
+    sbic {FLAGS_IO}, {BESIDE}
+    ldi \end, {START}
+9:
+    .endif
+    .endm
+    .macro each_kept what
+    .irp r, 2,3,4,5,6,7,8,9,10,11,12,13,16,17,18,19
+    \what r\r
+    .endr
+    .endm
+    .macro each_kept_back what
+    .irp r, 19,18,17,16,13,12,11,10,9,8,7,6,5,4,3,2
+    \what r\r
+    .endr
     .endm
 
     .section .text.steps_merge_run, "ax", @progbits
@@ -412,6 +447,7 @@ steps_merge_run:
     swap r24
     lsl r24
     lsl r24
+    shorter r24
     cp r30, r24
     brne 2f
     mov r30, r16
@@ -449,27 +485,25 @@ steps_merge_run:
     load_masks                          // 20, and it uses r0
     mov r0, r30
     .if {SORTED}
-    before 2, 3, 4, 5, 53f
-    before 4, 5, 6, 7, 51f
-    merge_place 0, 2, 3, 1, 4, 5, 2, 6, 7
-51:  before 2, 3, 6, 7, 52f
-    merge_place 0, 2, 3, 2, 6, 7, 1, 4, 5
-52:
-    merge_place 2, 6, 7, 0, 2, 3, 1, 4, 5
-53:  before 2, 3, 6, 7, 54f
-    merge_place 1, 4, 5, 0, 2, 3, 2, 6, 7
-54:  before 4, 5, 6, 7, 55f
-    merge_place 1, 4, 5, 2, 6, 7, 0, 2, 3
-55:
-    merge_place 2, 6, 7, 1, 4, 5, 0, 2, 3
+    lds r30, steps_merge+{MOTORS}
+    cpi r30, 4
+    brlo .+2
+    rjmp 56f
+    sbic {FLAGS_IO}, {EXTRA_B}
+    rjmp 57f
+58: merge_choose merge
 
-    merge_turn_3 0, 2, 3, 14, 15, 1, 4, 5, 20, 21, 2, 6, 7, 22, 23
-    merge_turn_3 0, 2, 3, 14, 15, 2, 6, 7, 22, 23, 1, 4, 5, 20, 21
-    merge_turn 0, 2, 3, 14, 15, 1, 4, 5, 20, 21, 2, 6, 7, 22, 23, 3, 8, 9, 28, 29
-    merge_turn 0, 2, 3, 14, 15, 1, 4, 5, 20, 21, 3, 8, 9, 28, 29, 2, 6, 7, 22, 23
-    merge_turn 0, 2, 3, 14, 15, 2, 6, 7, 22, 23, 1, 4, 5, 20, 21, 3, 8, 9, 28, 29
+    merge_turn_3 merge, 0, 2, 3, 14, 15, 1, 4, 5, 20, 21, 2, 6, 7, 22, 23
+    merge_turn_3 merge, 0, 2, 3, 14, 15, 2, 6, 7, 22, 23, 1, 4, 5, 20, 21
 
-    .else
+57: sbis {FLAGS_IO}, {BESIDE}
+    rjmp 58b
+    merge_choose beside
+    merge_turn_3 beside, 0, 2, 3, 14, 15, 1, 4, 5, 20, 21, 2, 6, 7, 22, 23
+    merge_turn_3 beside, 0, 2, 3, 14, 15, 2, 6, 7, 22, 23, 1, 4, 5, 20, 21
+
+56:
+    .endif
     cp r2, r4
     cpc r3, r5
     brmi 2f
@@ -489,7 +523,6 @@ steps_merge_run:
     merge_state merge_12, r4, r5, r20, r21, 1, r6, r7, r22, r23, 2
     merge_state merge_13, r4, r5, r20, r21, 1, r8, r9, r28, r29, 3
 
-    .endif
     // Publishes what has been put into the ring. Uses r24, r25, Y.                                 24
 merge_publish:
     lds r28, steps_merge+{AT}           // 2
@@ -567,7 +600,9 @@ merge_look:
     subi r24, 1
     brcs 1f
     sts steps_merge+{LOOKS}, r24
-    lds r30, steps_merge+{TAIL}
+    sbic {FLAGS_IO}, {EXTRA_B}
+    rjmp 3f
+2:  lds r30, steps_merge+{TAIL}
     ldi r31, 0
     ld r24, Z
     ldi r31, hi8(ring_b_page)
@@ -577,13 +612,25 @@ merge_look:
     lsr r24
     mov r0, r24
     cpi r24, {LOW}
-    brlo 2f
+    brlo 4f
     ldi r25, {FEW}
     mov r0, r25
-2:  cpi r24, {ENOUGH}
+4:  cpi r24, {ENOUGH}
     lds r24, steps_merge+{HALF}
     lds r25, steps_merge+{SPACING}
 1:  ret
+    // The ring beside, if there is one, must not run down.
+3:  beside_is_low 2b
+    each_kept push
+    push r26
+    push r27
+    call beside_fill
+    pop r27
+    pop r26
+    each_kept_back pop
+    point
+    load_masks
+    rjmp 2b
     .else
 merge_look:
     rcall merge_publish
@@ -633,6 +680,18 @@ merge_feed:                             // call                         3
     push r26
     push r27
     push r30
+    .if {SORTED}
+    // While a list is filled the ring beside, if there is one, runs down.
+    sbis {FLAGS_IO}, {EXTRA_B}
+    rjmp 2f
+    beside_is_low 2f
+    each_kept push
+    push r30
+    call beside_fill
+    pop r30
+    each_kept_back pop
+2:
+    .endif
     rcall merge_give
     pop r22
     pop r27
@@ -689,6 +748,12 @@ merge_leave:
     // long.
 1:
     .if {SORTED}
+    lds r24, steps_mode
+    cpi r24, {BESIDE_MODE}
+    brne .+2
+    ret
+    .global merge_fill_up
+merge_fill_up:
     lds r2, steps_merge+{MOTORS}
     .else
     ldi r24, {LANES}
@@ -715,7 +780,8 @@ merge_leave:
     lds r24, steps_merge+{FEW_LEFT}
     cp r25, r24
     brsh 4f
-5:
+5:  sbic {FLAGS_IO}, {EXTRA_B}
+    rcall merge_pause
     rcall merge_top_up
     brcc 3f
 4:
@@ -729,10 +795,30 @@ merge_leave:
     add r4, r24
     adc r5, r1
     ldi r24, 2 * {LIST}
+    .if {SORTED}
+    add r24, r3
+    shorter r24
+    mov r3, r24
+    .else
     add r3, r24
+    .endif
     dec r2
     brne 2b
 3:  ret
+
+    .if {SORTED}
+    // Between two lists that are filled up: the ring beside comes first if it has run down.
+merge_pause:
+    beside_is_low 1f
+    .irp r, 2,3,4,5,28,29
+    push r\r
+    .endr
+    call beside_fill
+    .irp r, 29,28,5,4,3,2
+    pop r\r
+    .endr
+1:  ret
+    .endif
 
     // Fills up the list of the lane r4:5, whose motor is Y, if it has few ticks left, which are steps, and more are to come. What its motor
     // does about records and switches is done then too. Carry is clear if the ring has run down meanwhile.
@@ -768,6 +854,11 @@ merge_top_up:
     lsr r24
     neg r24
     subi r24, -{LIST}
+    .if {SORTED}
+    sbrc r3, 5
+    subi r24, {LIST} - {SHORT_LIST}
+    breq 9f                             // it is full, as it may be before a switch; no other is
+    .endif
     lds r8, steps_times+{MOST}
     sts steps_times+{MOST}, r24
     sts steps_times+{ONLY_STEPS}, r24
@@ -816,8 +907,37 @@ merge_give:
     ldd r24, Y+{STEP}
     tst r24
     breq 1f
+    .if {SORTED}
+    "#,
+    sure_now!("6f"),
+    r#"
+    lds r25, steps_times+{MOST}
+    cpi r30, {SHORT_LANE}
+    brne 8f
+    sbis {FLAGS_IO}, {EXTRA_B}
+    rjmp 8f
+    sbic {FLAGS_IO}, {BESIDE}
+    ldi r25, {SHORT_LIST}
+8:  cp r24, r25
+    brlo .+2
+    mov r24, r25
+    ldi r25, 1
+    rjmp 7f
+6:  cpi r30, {SHORT_LANE}
+    brne 6f
+    sbis {FLAGS_IO}, {EXTRA_B}
+    rjmp 6f
+    sbis {FLAGS_IO}, {BESIDE}
+    rjmp 6f
+    ldi r24, {SHORT_LIST}
+    sts steps_times+{MOST}, r24
     call steps_plan
-    pop r30
+    ldi r31, {STEPS}
+    sts steps_times+{MOST}, r31
+    rjmp 7f
+    .endif
+6:  call steps_plan
+7:  pop r30
     tst r24
     brne 2f
     sec
@@ -841,6 +961,7 @@ merge_give:
     swap r30
     lsl r30
     lsl r30
+    shorter r30
     ldi r31, hi8(ring_b_page)
     cpi r25, 1
     breq 3f
@@ -891,13 +1012,6 @@ merge_give:
     .endr
     clc
     ret
-
-    // The other orders: from either half of them the routines between are in reach.
-    .if {SORTED}
-    merge_turn 0, 2, 3, 14, 15, 2, 6, 7, 22, 23, 3, 8, 9, 28, 29, 1, 4, 5, 20, 21
-    merge_turn 0, 2, 3, 14, 15, 3, 8, 9, 28, 29, 1, 4, 5, 20, 21, 2, 6, 7, 22, 23
-    merge_turn 0, 2, 3, 14, 15, 3, 8, 9, 28, 29, 2, 6, 7, 22, 23, 1, 4, 5, 20, 21
-    .endif
     "#,
     LANE0 = const 0,
     LANE1 = const LANE_SIZE,
@@ -934,11 +1048,31 @@ merge_give:
     ROOM = const ROOM,
     MOST_FEEDS = const FEEDS,
     MOST_LOOKS = const LOOKS,
+    FLAGS_IO = const register::GPIOR0,
+    EXTRA_B = const flags::EXTRA_B,
+    BESIDE = const flags::BESIDE,
+    LOW_BESIDE = const LOW_BESIDE,
+    RING_BESIDE = const offset_of!(Stepper, tracks) + size_of::<Track>() + offset_of!(Track, ring),
+    TAIL_B = const register::OCR0B,
+    START = const BEHIND_LISTS,
+    SHORT_LANE = const SHORT_LANE,
+    SHORT_LIST = const SHORT_LIST,
+    STEPS = const super::stepper::STEPS,
+    BESIDE_MODE = const mode::BESIDE,
     NEARLY = const NEARLY,
     FEW_LEFT = const offset_of!(Merge, few_left),
     FEW_BEFORE_SWITCH = const FEW_BEFORE_SWITCH,
     FLAGS = const offset_of!(Motor, flags),
     SWITCH = const flag::SWITCH,
+    TURN = const flag::TURN,
+    STEPPED = const flag::STEPPED,
+    ANCHORED = const flag::ANCHORED,
+    COMMITTED = const flag::COMMITTED,
+    SINGLY = const flag::SINGLY,
+    SURE = const offset_of!(Motor, sure),
+    EVEN = const EVEN,
+    SURE_OF_LIMIT = const SURE_OF_LIMIT,
+    LEFT = const offset_of!(Motor, registers) + 19,
     FILLER = const super::plan::FILLER,
     LIST = const LIST,
     MOST = const super::times::MOST,
@@ -954,9 +1088,10 @@ const ROOM: u8 = 8;
 const NONE: u8 = 255;
 /// Lists are filled up while the ring has room for fewer groups.
 const NEARLY: u8 = 24;
-/// A list is filled up when what is left of it does not last while the ring is played, ticks: of two motors, and of more.
+/// A list is filled up when what is left of it does not last while the ring is played, ticks: of two motors, of more, and of those that have one beside.
 const FEW_OF_TWO: u8 = 16;
 const FEW_OF_MORE: u8 = 9;
+const FEW_OF_BESIDE: u8 = 6;
 /// And of a motor that waits for a switch, which takes long, bytes.
 const FEW_BEFORE_SWITCH: u8 = 2 * FEW_OF_TWO + 1;
 /// Groups that the ring must have room for to go on.
@@ -964,6 +1099,10 @@ const ENOUGH: u8 = 8;
 /// So many groups are merged at once when the ring has room for [`LOW`] of them or more: they are published the sooner.
 const FEW: u8 = 12;
 const LOW: u8 = 32;
+/// The ring beside comes first when it has room for so many groups of its 24.
+const LOW_BESIDE: u8 = 14;
+/// With one, a tick is put off by so much at most.
+const PUT_OFF_BESIDE: u8 = 24;
 /// How often one run of the merge goes on.
 const LOOKS: u8 = 12;
 /// How many lists one run fills at most; each takes about 1000 cycles.
@@ -987,12 +1126,13 @@ static mut MERGE: Merge = Merge {
     wanting: 0,
     #[cfg(feature = "stream")]
     motors: 0,
+    #[cfg(feature = "stream")]
+    beside: false,
 };
 
-/// Byte after the list of `lane`.
-const fn end_of(lane: u8) -> u8 {
-    (lane + 1).wrapping_mul(2 * LIST)
-}
+/// The lane whose list ends where the ring beside begins, if there is one, and the ticks that it holds then.
+const SHORT_LANE: u8 = 2;
+const SHORT_LIST: u8 = (BEHIND_LISTS - SHORT_LANE * 2 * LIST) / 2;
 
 impl Merge {
     /// The one merge.
@@ -1005,17 +1145,27 @@ impl Merge {
         unsafe { &mut *merge }
     }
 
+    /// Byte after the list of `lane`.
+    fn end_of(&self, lane: u8) -> u8 {
+        #[cfg(feature = "stream")]
+        if self.beside && lane == SHORT_LANE {
+            return BEHIND_LISTS;
+        }
+        (lane + 1).wrapping_mul(2 * LIST)
+    }
+
     /// What `lane` has still to do that is in no group yet: how many ticks, and what each of them toggles.
     pub(crate) fn listed(&self, lane: u8) -> (u8, Group) {
         let entry = &self.lanes[usize::from(lane) % LANES];
         let head = u8::from(self.wanting != lane);
-        (end_of(lane).wrapping_sub(entry.next) / 2 + head, entry.masks)
+        (self.end_of(lane).wrapping_sub(entry.next) / 2 + head, entry.masks)
     }
 
-    /// Begins anew: every lane has one tick to come, the low 16 bits of which are `first`, and at which it does nothing.
+    /// Begins anew: every lane has one tick to come, the low 16 bits of which are `first`, and at which it does nothing. `beside`: a ring is behind
+    /// the lists.
     ///
     /// Groups will be at least `spacing` ticks apart (W).
-    pub(crate) fn begin(&mut self, name: Name, motors: u8, spacing: u8, first: u16) {
+    pub(crate) fn begin(&mut self, name: Name, motors: u8, beside: bool, spacing: u8, first: u16) {
         let (end, tail) = match name {
             Name::A => (END_A, register::OCR0A),
             Name::B => (END_B, register::OCR0B),
@@ -1023,13 +1173,19 @@ impl Merge {
         self.spacing = spacing;
         #[cfg(feature = "stream")]
         {
-            self.motors = motors;
+            (self.motors, self.beside) = (motors, beside);
         }
-        self.half = spacing / 2;
+        self.half = if beside { PUT_OFF_BESIDE } else { spacing / 2 };
         self.end = end;
         self.tail = tail + 0x20;
         (self.at, self.pending) = (0, Group::NOTHING);
-        self.few_left = 2 * if motors == 2 { FEW_OF_TWO } else { FEW_OF_MORE } + 1;
+        self.few_left = 2 * if motors == 2 {
+            FEW_OF_TWO
+        } else if beside {
+            FEW_OF_BESIDE
+        } else {
+            FEW_OF_MORE
+        } + 1;
         self.clear(first);
     }
 
@@ -1052,6 +1208,10 @@ impl Merge {
         for lane in &mut self.lanes {
             next = next.wrapping_add(2 * LIST);
             *lane = Lane { masks: Group::NOTHING, head: first, next };
+        }
+        #[cfg(feature = "stream")]
+        if self.beside {
+            self.lanes[usize::from(SHORT_LANE)].next = BEHIND_LISTS;
         }
     }
 }

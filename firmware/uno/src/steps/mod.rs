@@ -4,11 +4,13 @@
 //! - [`stepper`]: motors, rings, and who fills what; [`task`]: when
 //! - [`motor`]: one motor, its queue and what it has promised; [`times`]: what a configuration asks of all
 //! - [`load`]: records of the queue → registers; [`plan`]: what a motor does next; [`expand`]: registers → ticks
-//! - [`fill`]: a ring of one motor; [`merge`]: two to four motors in one ring
+//! - [`fill`]: a ring of one motor; [`merge`]: two to four motors in one ring; `beside`: one beside a merge
 //! - [`ring`]: groups of edges and the interrupts that play them
 //! - [`pins`]: which pins there are, and which of them one stepgen can serve together
 //! - [`register`]: addresses, for assembly
 
+#[cfg(feature = "stream")]
+mod beside;
 pub(crate) mod expand;
 mod fill;
 mod load;

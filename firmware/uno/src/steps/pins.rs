@@ -9,6 +9,7 @@
 //! | [`Kind::TwoOnD`] | two motors on 2–7, each with a DIR of its own, pulses up to 1 µs or over 1.9 µs | software, a ring each |
 //! | [`Kind::PortB`] | all on 8–13 | software, one port |
 //! | [`Kind::Shield`] | on 2–7, and one motor with STEP 12, DIR 13 (the CNC shield's A axis) | software, both ports |
+//! | `Kind::Beside` | the same of four motors, pulses up to 1 µs, in the image for the highest rates | software, a ring for each port |
 
 use crate::regs::{self, Port};
 use pulsetrain_core::wire::message::{Configuration, MotorSetup, NO_PIN};
@@ -30,6 +31,9 @@ pub(crate) enum Kind {
     PortB,
     /// On PORTD, and on PB4 and PB5 as bits 0 and 1.
     Shield,
+    /// On PORTD, and one motor with a ring of its own on PORTB.
+    #[cfg(feature = "stream")]
+    Beside,
 }
 
 /// A pin: port and bit, or none.
@@ -196,9 +200,13 @@ impl Layout {
         Ok(Layout { kind, shared, enable })
     }
 
-    /// Gives two motors on PORTD a ring each, if they can have them.
+    /// Gives two motors on PORTD a ring each, if they can have them; and the shield's motor on PORTB one of its own.
     #[inline(never)]
     pub(crate) fn part(&mut self, motors: u8, pulse_ticks: u16) {
+        #[cfg(feature = "stream")]
+        if self.kind == Kind::Shield && self.shared == 0 && motors == MAX_MOTORS as u8 && pulse_ticks <= 16 {
+            self.kind = Kind::Beside;
+        }
         if self.kind == Kind::PortD && self.shared == 0 && motors == 2 && !matches!(pulse_ticks, 17..32) {
             self.kind = Kind::TwoOnD;
         }

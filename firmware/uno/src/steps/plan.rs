@@ -25,6 +25,9 @@ use core::mem::offset_of;
 /// less: the limit is not always so far ahead.
 pub(crate) const FILLER: u16 = if OBEYS { 8192 } else { 16_384 };
 
+/// Motors whose intervals may be as long as so many times 256 ticks, less one, are held against the limit: at higher rates a ring is full long before.
+pub(super) const SURE_OF_LIMIT: u8 = if STREAM { 4 } else { 3 };
+
 /// So far after a filler DIR is turned at the soonest, ticks: what is between two groups at least.
 const ROOM: u8 = 96;
 
@@ -49,6 +52,38 @@ pub(crate) enum Plan {
         long: bool,
     },
 }
+
+/// What the motor Y makes next, for assembly, if it is steps of a segment all of which are sure, and soon enough: how many are left of them,
+/// up to 255, in r24. Else it goes to `$slow`, where [`plan`](self) says. Uses r25.
+macro_rules! sure_now {
+    ($slow:literal) => {
+        concat!(
+            "
+    ldd r24, Y+{FLAGS}
+    andi r24, 1 << {TURN} | 1 << {STEPPED} | 1 << {ANCHORED} | 1 << {COMMITTED} | 1 << {SWITCH} | 1 << {SINGLY}
+    cpi r24, 1 << {STEPPED} | 1 << {ANCHORED}
+    brne ",
+            $slow,
+            "
+    ldd r24, Y+{SURE}
+    andi r24, 0xff - {EVEN}
+    dec r24
+    cpi r24, {SURE_OF_LIMIT} - 1
+    brsh ",
+            $slow,
+            "
+    ldd r24, Y+{LEFT}
+    ldd r25, Y+{LEFT}+1
+    cpse r25, r1
+    ser r24
+    tst r24
+    breq ",
+            $slow,
+            "\n"
+        )
+    };
+}
+pub(super) use sure_now;
 
 /// Where in a motor a switch is, behind its parts.
 const fn of_switch(index: usize) -> usize {
@@ -321,7 +356,7 @@ steps_sure:
     sbrc r26, {SWITCH}
     rjmp 1f
     // At higher rates a ring is full long before the limit.
-    cpi r30, 3
+    cpi r30, {SURE_OF_LIMIT}
     brsh 2f
     clc
     ret
@@ -906,6 +941,7 @@ plan_make:
     FREE = const offset_of!(Motor, free),
     SURE = const offset_of!(Motor, sure),
     STREAM = const STREAM as u8,
+    SURE_OF_LIMIT = const SURE_OF_LIMIT,
     EVEN = const EVEN,
     SWITCH_AT = const offset_of!(Motor, switch_at),
     LEVELS = const offset_of!(Motor, levels),

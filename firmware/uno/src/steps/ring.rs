@@ -19,14 +19,19 @@
 //!
 //! # The two interrupts
 //! Compare match A plays ring A: on PORTD (`Kind::PortD`), on PORTD with PB4 and PB5 as bits 0 and 1 (`Kind::Shield`), or the
-//! hardware's own pin 9 (`Kind::Compare`). Compare match B plays ring B: on PORTB, the hardware's pin 10, or PORTD beside
-//! ring A (`Kind::TwoOnD`).
+//! hardware's own pin 9 (`Kind::Compare`). Compare match B plays ring B: on PORTB, the hardware's pin 10, PORTD beside
+//! ring A (`Kind::TwoOnD`), or PORTB beside the merge of ring A (`Kind::Beside`).
+//!
+//! In the last case ring A has three motors, whose groups must not wait for long: ring B's interrupt makes its edge, looks whether
+//! match A waits, and if so lets it in before it goes on. Only then, so that nobody else comes in: the receive interrupt and the task rank
+//! behind match A. Its own compare register still has a tick that is past, so that it cannot interrupt itself. Should ring A have run dry,
+//! its match may be flagged without an interrupt of its own, and the task come in: it sees from where, and goes ([`task`](super::task)).
 //! Registers are kept in I/O registers that nothing else uses, and no flag is touched, so that SREG needs no care:
 //!
 //! | register | holds |
 //! |---|---|
 //! | GPIOR0 | [`flags`], bit-addressable |
-//! | GPIOR1, GPIOR2, EEDR | r24, r30, r31 of whoever was interrupted (interrupts do not nest) |
+//! | GPIOR1, GPIOR2, EEDR | r24, r30, r31 of whoever was interrupted (put back before another interrupt is let in) |
 //! | EEARH | page of ring B: 3; or 2, when there is no ring A |
 //! | OCR0A, OCR0B | low byte of the address of the next group to play, ring A and ring B |
 //!
@@ -44,6 +49,8 @@
 //! | shield | 17, PB4 26 | 24 or 25, PB4 19 (1.19 µs) | 50 to 53 |
 //! | shield, long | the same | 36 or 37, PB4 31 | 62 to 65 |
 //! | compare, a plain step | by the hardware | 35 (2.19 µs) | 40 |
+//! | PORTB beside a merge | 19 | 25 (1.6 µs) | 48 |
+//! | the same, match A waits | 19 | 84 (5.3 µs) | 107: 30 until match A is let in, its 38, and 39 |
 
 use core::arch::global_asm;
 
@@ -59,6 +66,8 @@ pub(crate) mod flags {
     pub(crate) const EXTRA_B: u8 = 1;
     /// Ring A plays PB4 and PB5 too.
     pub(crate) const SHIELD: u8 = 2;
+    /// With [`EXTRA_B`]: ring B on PORTB is beside a merge on PORTD, behind its lists.
+    pub(crate) const BESIDE: u8 = SHIELD;
     /// The shield's pulse is the 1.9 µs one; where there is no shield, ring B plays PORTD, as ring A does.
     pub(crate) const SHIELD_LONG: u8 = 3;
     /// See [`SHIELD_LONG`].
@@ -238,11 +247,49 @@ global_asm!(
     rjmp 7b                             // PB4 is high for 57 - 26 = 31 cycles, PORTD for 37 at most
 
     ring_interrupt __vector_12, "in r31, {PAGE_B}", {TAIL_B}, {PINB}, {OCR1B}, 7, {EXTRA_B}, {STARVED_B}, 0xcf, 0x10, 0x40, {DIR_B_ON_PORTB}, 0xfb
-5:  long_pulse {TAIL_B}, {PINB}, {OCR1B} // 13                          33
+5:
+    .if {STREAM}
+    sbic {FLAGS}, {BESIDE}              // 2 (skips), 1 and 2           23 or 24
+    rjmp 6f
+    .endif
+    long_pulse {TAIL_B}, {PINB}, {OCR1B} // 13                          33
     wait 14                             // 14                           47
     out {PINB}, r24                     // 1                            48
     in r24, {SAVE24}                    // 1                            49
     reti                                // 4                            53
+
+    .if {STREAM}
+    // Ring B on PORTB beside a merge on PORTD, behind its lists. If match A waits already, it comes first: nothing of what
+    // has been done so far is needed then but the edge.
+6:  sbis {TIFR1}, 1                     // 2 (skips), 1 and 2           26 or 27
+    rjmp 7f
+    in r24, {SAVE24}                    // 1                            27
+    in r30, {SAVE30}                    // 1                            28
+    sei                                 // 1                            29
+    in r31, {SAVE31}                    // 1                            30
+    .global ring_b_window
+ring_b_window:                          // match A is played here
+    cli
+    out {SAVE24}, r24
+    out {SAVE30}, r30
+    out {SAVE31}, r31
+    in r30, {TAIL_B}
+    in r31, {PAGE_B}
+    ld r24, Z+
+7:  ld r24, Z+                          // 2                            29
+    sts {OCR1B}+1, r24                  // 2                            31
+    ld r24, Z+                          // 2                            33
+    sts {OCR1B}, r24                    // 2                            35
+    ld r24, Z+                          // 2                            37
+    sbrs r30, 7                         // 2, or 1 and 1                39
+    ldi r30, {START}
+    out {TAIL_B}, r30                   // 1                            40
+    in r30, {SAVE30}                    // 1                            41
+    in r31, {SAVE31}                    // 1                            42
+    out {PINB}, r24                     // 1  the falling edge          43
+    in r24, {SAVE24}                    // 1                            44
+    reti                                // 4                            48
+    .endif
 
     // Ring B on PORTD: the short pulse alone.
     .global ring_b_on_portd
@@ -293,6 +340,10 @@ ring_b_on_portd:                        // as the others, and 1            8
     DIR_A_ON_PORTB = const flags::DIR_A_ON_PORTB,
     DIR_B_ON_PORTB = const flags::DIR_B_ON_PORTB,
     END_ON_PORTD = const END_B_ON_PORTD.trailing_zeros(),
+    STREAM = const STREAM as u8,
+    BESIDE = const flags::BESIDE,
+    START = const BEHIND_LISTS,
+    TIFR1 = const register::TIFR1,
 );
 
 // Looks at the groups from the newest to the next one to be played; 17 to 30 cycles each.
@@ -302,6 +353,7 @@ ring_b_on_portd:                        // as the others, and 1            8
 //   r18 r19 STEP and DIR of the motor
 //   r16 r17 rise and fall of the group
 //   r14     with the compare hardware the bit that stands for STEP, else 0
+//   r12     where the ring begins in its page
 global_asm!(
     r#"
     .section .text.steps_unplayed, "ax", @progbits
@@ -313,6 +365,11 @@ steps_unplayed:
     clr r24
     rjmp 4f
 1:  subi r30, 4
+    .if {STREAM}
+    cp r30, r12
+    brsh .+2
+    sub r30, r12
+    .endif
     ld r16, Z
     ldd r17, Z+3
     tst r14
@@ -345,10 +402,16 @@ steps_unplayed:
     PLAIN = const hardware::PLAIN.trailing_zeros(),
     TOGGLED = const hardware::TOGGLED.trailing_zeros(),
     END_PULSE = const hardware::END_PULSE.trailing_zeros(),
+    STREAM = const STREAM as u8,
 );
 
+#[cfg(not(feature = "stream"))]
 unsafe extern "C" {
     fn steps_unplayed(newest: *mut u8, last: u8, levels: u8, step_dir: u16, rise_fall: u16, edge: u8) -> i8;
+}
+#[cfg(feature = "stream")]
+unsafe extern "C" {
+    fn steps_unplayed(newest: *mut u8, last: u8, levels: u8, step_dir: u16, rise_fall: u16, edge: u8, start: u8) -> i8;
 }
 
 /// Bytes of a group.
@@ -356,6 +419,9 @@ pub(crate) const GROUP: u8 = 4;
 
 /// Groups of a page.
 const GROUPS: u8 = 64;
+
+/// Where the ring beside lists begins in their page, which it ends with: 24 groups.
+pub(super) const BEHIND_LISTS: u8 = 0xa0;
 
 /// Which of the two.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -410,6 +476,9 @@ pub(crate) struct Ring {
     /// So many groups must be filled with steps until none toggles anything else: expansion then need not say what steps
     /// toggle.
     pub(super) unlike: u8,
+    /// Where it begins in its page: 0, or [`BEHIND_LISTS`].
+    #[cfg(feature = "stream")]
+    start: u8,
 }
 
 impl Ring {
@@ -426,6 +495,8 @@ impl Ring {
         step_fall: 0,
         tail_at: 0,
         unlike: 0,
+        #[cfg(feature = "stream")]
+        start: 0,
     };
 
     /// Becomes one of the two; [`Ring::clear`] comes before its use. `end` is its END bit, `edge` the bit that stands for STEP if
@@ -447,6 +518,39 @@ impl Ring {
     /// Ring B on PORTD, beside ring A; GPIOR0 must say the same ([`flags::B_ON_PORTD`]).
     pub(crate) fn second_on_portd(&mut self) {
         self.become_one(Name::B, END_B_ON_PORTD, 0);
+    }
+
+    /// Ring B on PORTB, beside the lists of a merge.
+    #[cfg(feature = "stream")]
+    pub(crate) fn beside_lists(&mut self) {
+        self.plain(Name::B);
+        self.start = BEHIND_LISTS;
+    }
+
+    /// Where it begins in its page.
+    #[cfg(feature = "stream")]
+    #[inline(always)]
+    fn start(&self) -> u8 {
+        self.start
+    }
+    #[cfg(not(feature = "stream"))]
+    #[inline(always)]
+    fn start(&self) -> u8 {
+        0
+    }
+
+    /// So many bytes behind a place.
+    #[inline(always)]
+    fn after(&self, at: u8, bytes: u8) -> u8 {
+        let after = at.wrapping_add(bytes);
+        if after < self.start() { self.start() } else { after }
+    }
+
+    /// Bytes to one place from another before it, less `less`; the ring's end may be between them.
+    #[inline(always)]
+    fn distance(&self, to: u8, from: u8, less: u8) -> u8 {
+        let distance = to.wrapping_sub(from).wrapping_sub(less);
+        if u16::from(to) < u16::from(from) + u16::from(less) { distance.wrapping_sub(self.start()) } else { distance }
     }
 
     /// A ring whose STEP edges the compare hardware makes on pin 9 (A) or 10 (B).
@@ -534,14 +638,14 @@ impl Ring {
     /// Forgets all groups. The interrupt must be off.
     #[inline(never)]
     pub(crate) fn clear(&mut self) {
-        self.head = 0;
+        self.head = self.start();
         self.pending = Group::NOTHING;
         self.prepare();
         // SAFETY: the interrupt of this ring is off (the caller's promise), so main is alone with page and tail.
         unsafe {
-            self.group(0).write_volatile(self.end);
-            self.group(3).write_volatile(0);
-            self.tail_register().write_volatile(0);
+            self.group(self.start()).write_volatile(self.end);
+            self.group(self.start() + 3).write_volatile(0);
+            self.tail_register().write_volatile(self.start());
             if self.name() == Name::B {
                 register::io(register::EEARH).write_volatile(self.page);
             }
@@ -551,7 +655,7 @@ impl Ring {
     /// Groups that can be pushed now.
     #[inline(always)]
     pub(crate) fn free(&self) -> u8 {
-        self.tail().wrapping_sub(self.head).wrapping_sub(1) / GROUP
+        self.distance(self.tail(), self.head, 1) / GROUP
     }
 
     /// Gives the pending group its successor `group`, at the low 16 bits of its tick `at`, and publishes the pending one.
@@ -560,7 +664,7 @@ impl Ring {
     #[inline(always)]
     pub(crate) fn push(&mut self, at: u16, group: Group) {
         let [low, high] = at.to_le_bytes();
-        let next = self.head.wrapping_add(GROUP);
+        let next = self.after(self.head, GROUP);
         // SAFETY: the interrupt reads neither the pending group beyond its END nor the free one after it, until the
         // last write here publishes the first. Volatile writes keep their order.
         unsafe {
@@ -620,7 +724,7 @@ impl Ring {
         let Group { rise, fall } = self.pending;
         if self.unlike == 0 {
             // All are steps of the ring's one motor, the pending group too.
-            let steps = (self.head.wrapping_sub(self.tail()) / GROUP + 1).cast_signed();
+            let steps = (self.distance(self.head, self.tail(), 0) / GROUP + 1).cast_signed();
             return if levels & dir != 0 { steps } else { -steps };
         }
         // SAFETY: reads the published groups alone, which nobody writes now.
@@ -634,6 +738,8 @@ impl Ring {
                 u16::from_le_bytes([step, dir]),
                 u16::from_le_bytes([rise, fall]),
                 self.edge,
+                #[cfg(feature = "stream")]
+                self.start,
             )
         }
     }
@@ -645,7 +751,7 @@ impl Ring {
             if self.read(at) != Group::NOTHING {
                 return false;
             }
-            at = at.wrapping_add(GROUP);
+            at = self.after(at, GROUP);
         }
         self.pending == Group::NOTHING
     }

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | one, or two on the compare hardware or on PORTD | each its own ring: [`fill`](super::fill) |
 //! | two to four with DIR lines of their own | the merge: [`merge`](super::merge) |
+//! | `Kind::Beside` | the merge, and for the motor on PORTB [`beside`](super::beside) |
 //! | motors that share a DIR line | one step after the other: [`fill_shared`] |
 //!
 //! [`task`] calls them.
@@ -16,6 +17,8 @@
 //! A DIR line toggles at the end of a group, after the pulse and hold of every step before that looked at the line, and its
 //! set-up before the step that it is for. Planners leave room for that ([`Spacing`]); where they did not, the step is not made.
 
+#[cfg(feature = "stream")]
+use super::beside;
 use super::merge::Merge;
 use super::motor::{COUNT_AT_REST, Motor, flag};
 use super::pins::{Kind, Layout, Lines, MAX_MOTORS};
@@ -46,12 +49,24 @@ const APART_SHIELD: [u8; 2] = [60, 76];
 const APART_BESIDE: u8 = 96;
 /// With two of the compare hardware's: the other's longer way, of 67 cycles, may come first.
 const APART_TWO_COMPARE: u8 = 120;
+/// With a merge on PORTD beside a ring on PORTB: the merge's, which waits for the other's interrupt for up to 30 cycles, so that 60 would do;
+/// but the wider, the more steps join another's group. And the other's, which waits for the merge's interrupt, and has it in its own: 160
+/// cycles from the match to the compare register at most.
+#[cfg(feature = "stream")]
+const APART_BESIDE_MERGE: u8 = 78;
+#[cfg(feature = "stream")]
+pub(super) const APART_OF_BESIDE: u8 = 160;
 /// Ticks between two steps of a motor with a ring of its own, at least, when they are not looked at: alone, and beside another.
 const FASTEST: [u16; 2] = [60, 130];
 /// From a group's tick to its `fall`, ticks, when no interrupt was kept waiting.
 const FALL: u8 = 16;
 /// The same with the compare hardware, where DIR is toggled on a longer way.
 const FALL_COMPARE: u8 = 48;
+/// The same of a ring on PORTB beside a merge, and the pulse that its interrupt makes.
+#[cfg(feature = "stream")]
+const FALL_BESIDE: u8 = 80;
+#[cfg(feature = "stream")]
+const PULSE_BESIDE: u16 = 25;
 /// What a turn of DIR may be earlier than it must, ticks.
 const EARLY: u16 = 128;
 /// So far ahead things are planned at most, ticks (3 ms).
@@ -59,7 +74,7 @@ pub(crate) const AHEAD: u32 = 49_152;
 /// The ring of several motors is filled when it has room for so many groups.
 const ROOM: u8 = 8;
 /// Steps that are expanded at once into a list of the merge; half as many if each is two ticks.
-const STEPS: u8 = 32;
+pub(super) const STEPS: u8 = 32;
 /// Things that one call does at most, beside batches of steps.
 const BATCH: u8 = 4;
 /// The longest of pulse, set-up and hold, ticks: less than a filler, so that what is past need not be remembered longer.
@@ -94,6 +109,8 @@ impl Spacing {
             Kind::TwoOnD => ((16, APART_BESIDE), (16, APART_BESIDE), FALL),
             Kind::PortD | Kind::PortB => ((16, APART), (31, APART_LONG), FALL),
             Kind::Shield => ((17, APART_SHIELD[0]), (31, APART_SHIELD[1]), FALL),
+            #[cfg(feature = "stream")]
+            Kind::Beside => ((PULSE_BESIDE, APART_BESIDE_MERGE), (PULSE_BESIDE, APART_BESIDE_MERGE), FALL_BESIDE),
             Kind::Compare => {
                 let apart = if beside { APART_TWO_COMPARE } else { APART_BESIDE };
                 ((35, apart), (35, apart), FALL_COMPARE)
@@ -272,6 +289,12 @@ pub(crate) struct Stepper {
     merging: bool,
     /// Each motor has a ring of its own.
     apiece: bool,
+    /// One motor has a ring of its own beside the merge of the others.
+    #[cfg(feature = "stream")]
+    beside: bool,
+    /// Its number ^ that of the last one: it changes places with that.
+    #[cfg(feature = "stream")]
+    swap: u8,
     /// Between [`Stepper::start`] and [`Stepper::stop`].
     playing: bool,
     spacing: Spacing,
@@ -293,6 +316,10 @@ impl Stepper {
             count: 0,
             merging: false,
             apiece: false,
+            #[cfg(feature = "stream")]
+            beside: false,
+            #[cfg(feature = "stream")]
+            swap: 0,
             playing: false,
             spacing: Spacing::NONE,
             flags: 0,
@@ -334,12 +361,47 @@ impl Stepper {
         unsafe { slice::from_raw_parts_mut((&raw mut MOTORS).cast(), usize::from(self.count)) }.iter_mut()
     }
 
+    /// Whether a motor has a ring of its own beside a merge: the last of them all.
+    #[cfg(feature = "stream")]
+    #[inline(always)]
+    fn is_beside(&self, slot: u8) -> bool {
+        self.beside && slot + 1 == self.count
+    }
+    #[cfg(not(feature = "stream"))]
+    #[inline(always)]
+    fn is_beside(&self, _slot: u8) -> bool {
+        false
+    }
+
+    /// Whether any does.
+    #[inline(always)]
+    fn has_beside(&self) -> bool {
+        #[cfg(feature = "stream")]
+        return self.beside;
+        #[cfg(not(feature = "stream"))]
+        false
+    }
+
+    /// Where a motor is among all, by its number: the one beside a merge changes places with the last one.
+    #[cfg(feature = "stream")]
+    #[inline(always)]
+    fn slot(&self, motor: u8) -> u8 {
+        let (swap, last) = (self.swap, MAX_MOTORS as u8 - 1);
+        if swap != 0 && (motor == last || motor == last ^ swap) { motor ^ swap } else { motor }
+    }
+    #[cfg(not(feature = "stream"))]
+    #[inline(always)]
+    fn slot(&self, motor: u8) -> u8 {
+        motor
+    }
+
     /// Where a motor is, by its number.
     #[inline(never)]
     fn place(&self, motor: u8) -> Option<NonNull<Motor>> {
         let motors = NonNull::new(&raw mut MOTORS)?.cast::<Motor>();
+        let slot = self.slot(motor);
         // SAFETY: there are as many and more.
-        (motor < self.count).then(|| unsafe { motors.add(usize::from(motor)) })
+        (motor < self.count).then(|| unsafe { motors.add(usize::from(slot)) })
     }
 
     /// A motor by its number.
@@ -370,20 +432,27 @@ impl Stepper {
     /// The rings in use.
     #[inline(never)]
     fn tracks_mut(&mut self) -> slice::IterMut<'_, Track> {
-        let count = if self.apiece { self.count } else { 1 };
+        let count = if self.has_beside() {
+            2
+        } else if self.apiece {
+            self.count
+        } else {
+            1
+        };
         self.tracks.get_mut(..usize::from(count)).unwrap_or_default().iter_mut()
     }
 
     /// The ring of a motor.
     fn track(&self, motor: u8) -> &Track {
         let [first, second] = &self.tracks;
-        if self.apiece && motor != 0 { second } else { first }
+        if self.is_beside(self.slot(motor)) || self.apiece && motor != 0 { second } else { first }
     }
 
     /// The same, to be changed.
     fn track_mut(&mut self, motor: u8) -> &mut Track {
+        let own = self.is_beside(self.slot(motor)) || self.apiece && motor != 0;
         let [first, second] = &mut self.tracks;
-        if self.apiece && motor != 0 { second } else { first }
+        if own { second } else { first }
     }
 
     /// Motors and lines of `configuration`; all motors at position 0. Not while it plays.
@@ -400,7 +469,13 @@ impl Stepper {
         let singly = times.fastest == u16::MAX;
         self.spacing = spacing;
         TIMES.set(times);
+        #[cfg(feature = "stream")]
+        {
+            (self.beside, self.swap) = (kind == Kind::Beside, 0);
+        }
         let (always, extra) = match kind {
+            #[cfg(feature = "stream")]
+            Kind::Beside => (1 << flags::EXTRA_B | 1 << flags::BESIDE, 0),
             Kind::Shield => (1 << flags::EXTRA_A | 1 << flags::SHIELD, 1 << flags::SHIELD_LONG),
             Kind::PortB => (0, 1 << flags::EXTRA_B),
             Kind::PortD | Kind::TwoOnD => (1 << flags::B_ON_PORTD, 1 << flags::EXTRA_A),
@@ -426,6 +501,12 @@ impl Stepper {
                 track.ring.hardware(name, on_portb);
                 lines.step = track.ring.edge();
                 self.flags |= u8::from(on_portb) << dir;
+            }
+            #[cfg(feature = "stream")]
+            if kind == Kind::Beside && setup.step_pin >= 8 {
+                // There are four.
+                self.swap = index ^ (MAX_MOTORS as u8 - 1);
+                self.tracks[1].ring.beside_lists();
             }
             lines.drive();
             // One ring, and no lists.
@@ -454,6 +535,11 @@ impl Stepper {
         // The lists of a merge begin with a filler each.
         let first = if self.merging { at.after(u32::from(FILLER)) } else { at };
         self.rest(first);
+        #[cfg(feature = "stream")]
+        if self.beside {
+            // It has no list.
+            self.motors_mut().next_back().into_iter().for_each(|motor| motor.rest(at));
+        }
         self.trouble = None;
         regs::GPIOR0.write(self.flags);
         for motor in self.motors_mut() {
@@ -463,10 +549,12 @@ impl Stepper {
             motor.set(flag::TURN, !forward);
         }
         let apart = self.spacing.apart;
+        let beside = self.has_beside();
+        let merged = self.count - u8::from(beside);
         if self.merging
             && let Some(merge) = &mut self.merge
         {
-            merge.begin(self.tracks[0].ring.name(), self.count, apart, low_half(first.0));
+            merge.begin(self.tracks[0].ring.name(), merged, beside, apart, low_half(first.0));
         }
         for index in 0..self.count {
             let motor = self.motor(index);
@@ -478,8 +566,15 @@ impl Stepper {
             track.ring.clear();
             track.resume(Some(at));
         }
+        #[cfg(feature = "stream")]
+        if self.has_beside() {
+            self.tracks[1].apart = APART_OF_BESIDE;
+            beside::set_motor(&raw mut MOTORS, self.count - 1);
+        }
         self.playing = true;
         task::set_mode(match (self.merging, self.apiece || self.count == 1, self.count) {
+            #[cfg(feature = "stream")]
+            (true, ..) if self.has_beside() => mode::BESIDE,
             (true, ..) => mode::MERGE,
             (_, true, 1) => mode::APIECE,
             (_, true, _) => mode::BOTH,
@@ -558,7 +653,7 @@ impl Stepper {
     pub(crate) fn is_idle(&self) -> bool {
         self.motors().all(Motor::is_idle)
             && self.tracks[0].is_idle()
-            && !(self.apiece && self.count > 1 && !self.tracks[1].is_idle())
+            && !((self.has_beside() || self.apiece && self.count > 1) && !self.tracks[1].is_idle())
             && !(self.merging && self.merge.as_ref().is_some_and(|merge| !merge.is_idle()))
     }
 
@@ -566,7 +661,7 @@ impl Stepper {
     #[inline(never)]
     pub(crate) fn horizon(&self) -> Moment {
         let mut horizon = self.tracks[0].at;
-        if self.apiece && self.count > 1 {
+        if self.has_beside() || self.apiece && self.count > 1 {
             horizon = later(horizon, self.tracks[1].at);
         }
         for motor in self.motors() {
@@ -625,8 +720,8 @@ impl Stepper {
 
     /// Steps of a motor that were counted but not played yet, forward minus backward, when its ring was played up to `tail`.
     #[inline(never)]
-    fn unplayed(&self, motor: u8, tail: u8) -> i16 {
-        let Some(Motor { lines, levels, .. }) = self.motor(motor) else { return 0 };
+    fn unplayed(&self, number: u8, tail: u8) -> i16 {
+        let Some(Motor { lines, levels, .. }) = self.motor(number) else { return 0 };
         let Lines { step, dir, .. } = *lines;
         let (mut levels, mut count) = (*levels, 0);
         if lines.step_low() {
@@ -636,10 +731,12 @@ impl Stepper {
             levels ^= dir;
         }
         // What is in no ring yet comes after what is.
-        if self.merging
-            && let Some(merge) = &self.merge
-        {
-            let (ticks, Group { rise, fall }) = merge.listed(motor);
+        #[cfg(feature = "stream")]
+        let has_list = self.merging && !self.is_beside(self.slot(number));
+        #[cfg(not(feature = "stream"))]
+        let has_list = self.merging;
+        if has_list && let Some(merge) = &self.merge {
+            let (ticks, Group { rise, fall }) = merge.listed(self.slot(number));
             if rise & step != 0 {
                 let mut steps = i16::from(ticks);
                 if fall == 0 {
@@ -652,7 +749,7 @@ impl Stepper {
                 levels ^= fall & dir;
             }
         }
-        count + i16::from(self.track(motor).ring.unplayed(tail, levels, step, dir))
+        count + i16::from(self.track(number).ring.unplayed(tail, levels, step, dir))
     }
 
     /// Fills the ring of motors that share DIR lines, as far as time allows.

@@ -11,7 +11,7 @@
 //! position, which takes a look at every group, is the longest), but for the four positions of a winch's status (`winch/feed.rs`).
 
 use super::motor::Motor;
-use super::ring::Ring;
+use super::ring::{Ring, flags};
 use super::stepper::{AHEAD, Stepper, Track};
 #[cfg(not(feature = "baked"))]
 use super::times::TIMES;
@@ -33,14 +33,14 @@ const SOONEST: u8 = 4;
 /// expansion take no longer, with bytes coming in. Two rings have no such time to give away.
 const RESERVE: u16 = 24 << 8;
 /// The same of a merge, in the image for the highest rates: each call costs more than it does there.
-const RESERVE_MERGED: u16 = 18 << 8;
+const RESERVE_MERGED: u16 = 20 << 8;
 /// A ring is full when it has room for fewer groups.
 const NEARLY: u8 = 20;
 
 /// Batches of steps that one call makes for a ring, at most; what Rust puts into the ring counts twice.
 const BATCHES: u8 = 8;
 /// So many of them two rings get first, by turns.
-const TURNS: u8 = 6;
+const TURNS: u8 = if STREAM { 3 } else { 6 };
 
 /// Counts until the next call while the winch drives, at most: a call works out one slice, and takes most of one.
 const SLICES: u8 = 64;
@@ -181,6 +181,20 @@ steps_task_begin:
     in r25, {FLAGS}
     andi r25, {STARVED}
     breq 3f
+    .if {STREAM}
+    // Ring A is played no more: the window for it may have let this in instead.
+    in r30, {SPL}
+    in r31, {SPL}+1
+    ldd r24, Z+34
+    cpi r24, pm_hi8(ring_b_window)
+    brne 18f
+    ldd r24, Z+35
+    cpi r24, pm_lo8(ring_b_window)
+    brne 18f
+    ldi r26, 2
+    rjmp 10f
+18:
+    .endif
     call steps_watch
     // Nothing is planned beyond the limit. The winch's slices take long, so that the ring is filled first.
 3:
@@ -216,10 +230,19 @@ steps_task_begin:
     breq 7f
     cpi r24, {BOTH}
     breq 8f
+    .if {STREAM}
+    cpi r24, {BESIDE}
+    breq 18f
+    .else
     cpi r24, {WINCH}
     breq 9f
+    .endif
     call steps_fill_shared
     rjmp 9f
+    .if {STREAM}
+18: call steps_beside_turns
+    rjmp 9f
+    .endif
 6:  call steps_merge_run
     rjmp 9f
     // Two rings, a batch for the one that is filled less far, until that is full; then the other.
@@ -348,7 +371,30 @@ steps_task_begin:
     cp r24, r26
     brlo 4f
     mov r26, r24
-4:  neg r26
+4:
+    .if {STREAM}
+    sbis {FLAGS}, {EXTRA_B}
+    rjmp 10f
+    // Or five eighths of the time of the small ring beside a merge.
+    sbis {FLAGS}, {BESIDE_FLAG}
+    rjmp 10f
+    lds r20, steps_stepper+{AT}+{TRACK_SIZE}
+    lds r21, steps_stepper+{AT}+{TRACK_SIZE}+1
+    rcall task_ahead
+    sbrc r21, 6
+    ldi r21, 63
+    mov r24, r21
+    lsr r24
+    lsl r21
+    add r21, r24
+    cpi r21, {SOONEST}
+    brsh .+2
+    ldi r21, {SOONEST}
+    cp r21, r26
+    brsh 10f
+    mov r26, r21
+    .endif
+10: neg r26
     .irp r, 29,28,17,16,15,14,13,12,11,10,9,8,7,6,5,4,3,2
     pop r\r
     .endr
@@ -421,6 +467,10 @@ task_ahead:
     TURNS = const TURNS,
     STREAM = const STREAM as u8,
     MERGE = const mode::MERGE,
+    BESIDE = const mode::BESIDE,
+    EXTRA_B = const flags::EXTRA_B,
+    BESIDE_FLAG = const flags::BESIDE,
+    SPL = const 0x3d,
     RESERVE_MERGED = const RESERVE_MERGED,
     RESERVE = const RESERVE,
     NEARLY = const NEARLY,
@@ -448,6 +498,8 @@ pub(crate) mod mode {
     pub(crate) const SHARED: u8 = 4;
     /// One ring by the merge, from the winch's paths.
     pub(crate) const WINCH: u8 = 5;
+    /// One ring by the merge, and one of one motor: only where there is no winch. As in all that have lists the bit of [`APIECE`] is not set.
+    pub(crate) const BESIDE: u8 = 5;
 }
 
 #[unsafe(export_name = "steps_mode")]
