@@ -214,12 +214,15 @@ impl Case {
         format!("{law}{turns}{phase}{ratios}")
     }
 
-    /// The fastest of `rates`, and of what is promised, that holds for `seconds`, by bisection, and then for `longer` too; if none does,
-    /// what comes of the slowest.
+    /// The fastest of `rates`, and of what is promised, that holds for `seconds`, by bisection, and then for `longer` too: above what is
+    /// promised, if that does. If none does, what comes of the slowest.
     pub(crate) fn fastest(&self, rates: &[f64], seconds: f64, longer: f64) -> Row {
         let mut rates: Vec<f64> = rates.iter().copied().chain(self.promised()).collect();
         rates.sort_by(f64::total_cmp);
-        let (mut low, mut fails) = (0, rates.len());
+        // Near the limits it is chance which rates hold: what is promised is tried by itself.
+        let promised = self.promised().filter(|rate| self.row(*rate, longer).verdict.is_empty());
+        let least = promised.map_or(0, |promised| rates.partition_point(|rate| *rate <= promised));
+        let (mut low, mut fails) = (least, rates.len());
         while low < fails {
             let middle = (low + fails) / 2;
             if self.row(rates[middle], seconds).verdict.is_empty() {
@@ -229,7 +232,7 @@ impl Case {
             }
         }
         let mut row = self.row(rates[low.saturating_sub(1)], longer);
-        while !row.verdict.is_empty() && low > 1 {
+        while !row.verdict.is_empty() && low > least.max(1) {
             low -= 1;
             row = self.row(rates[low - 1], longer);
         }
