@@ -113,8 +113,8 @@ fn expansion_is_the_recurrence() {
 
 fn expands(image: Image) {
     let (mut chip, entries) = chip(image);
-    // A ring's steps are published eight at a time; in the image for the highest rates four, while 52 of its 62 groups are free.
-    let published: &[u16] = if image == Image::Stream { &[4, 8, 12, 20, 28] } else { &[8, 16, 24] };
+    // A ring's steps are published eight at a time; in the image for the highest rates four, while 56 of its 62 groups are free.
+    let published: &[u16] = if image == Image::Stream { &[4, 8, 16, 24] } else { &[8, 16, 24] };
     let mut random = Random::new(1);
     let mut lawful = [0; 4];
     for round in 0..4000 {
@@ -178,7 +178,7 @@ fn expands(image: Image) {
             } else if !steady && n == 20 && lawful[kind] != 0 {
                 // As steps/expand.rs says: 19.5 and 18.5 cycles a step (36.5 and 25.5 with long pulses), and some 30 for each batch of
                 // the ring more; but for 4 where the tick's fourth byte changes.
-                let ring = if image == Image::Stream { 263 } else { 225 };
+                let ring = if image == Image::Stream { 229 } else { 225 };
                 assert!(
                     (lawful[kind] - cycles).abs_diff([ring, 185, 365, 255][kind]) <= 6,
                     "{image:?}, {kind}: {} − {cycles}",

@@ -1,11 +1,11 @@
 //! One motor's ring beside the lists of a merge: ring B on PORTB, 24 groups behind the lists in their page.
 //!
 //! A merge takes 35 cycles a step, and the shield's interrupt 12 more than PORTD's; so the shield's motor on PORTB has a ring of its own,
-//! and three motors are merged. The ring lasts for half as long as the merge's, which therefore looks at it before each list that it fills, and each
+//! and three motors are merged. The ring lasts about as long as the merge's without its lists; the merge therefore looks at it before each list that it fills, and each
 //! time that it publishes (`beside_is_low`): a load of a record and the expansion of a list take up to 5000 cycles, with bytes coming in.
 //!
 //! # Cycles
-//! 15 to 20 a step, and its interrupt's 48, or 69 where it lets another in; 200 a batch of 11 steps.
+//! 15 to 20 a step, and its interrupt's 49, or 60 where it lets another in; 200 a batch of 11 steps.
 
 use super::motor::{EVEN, Motor, flag};
 use super::plan::{SURE_OF_LIMIT, sure_now};

@@ -73,7 +73,7 @@ pub(crate) struct Merge {
     at: u8,
     /// The ring's END bit.
     end: u8,
-    /// W/2 and W.
+    /// W/2, or how far a tick is put off at most where a ring is beside; and W.
     half: u8,
     spacing: u8,
     /// Data address of the ring's tail.
@@ -377,7 +377,6 @@ global_asm!(
     cpi r25, 4 * {LOW_BESIDE}
     brlo \enough
     .endm
-    // What a lane's list being filled keeps.
     // \end, where a list ends, if a ring is beside and that is the third lane's.
     .macro shorter end
     .if {SORTED}

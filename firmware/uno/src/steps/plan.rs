@@ -25,7 +25,8 @@ use core::mem::offset_of;
 /// less: the limit is not always so far ahead.
 pub(crate) const FILLER: u16 = if OBEYS { 8192 } else { 16_384 };
 
-/// Motors whose intervals may be as long as so many times 256 ticks, less one, are held against the limit: at higher rates a ring is full long before.
+/// Motors whose intervals are shorter than 256 times one less than this, ticks, are not held against the limit: a ring is full of them before it, and a
+/// list that is not yet in the ring reaches 1.5 ms beyond at most.
 pub(super) const SURE_OF_LIMIT: u8 = if STREAM { 4 } else { 3 };
 
 /// So far after a filler DIR is turned at the soonest, ticks: what is between two groups at least.

@@ -49,8 +49,8 @@
 //! | shield | 17, PB4 26 | 24 or 25, PB4 19 (1.19 µs) | 50 to 53 |
 //! | shield, long | the same | 36 or 37, PB4 31 | 62 to 65 |
 //! | compare, a plain step | by the hardware | 35 (2.19 µs) | 40 |
-//! | PORTB beside a merge | 19 | 25 (1.6 µs) | 48 |
-//! | the same, match A waits | 19 | 84 (5.3 µs) | 107: 30 until match A is let in, its 38, and 39 |
+//! | PORTB beside a merge | 19 | 25 (1.6 µs) | 49 |
+//! | the same, match A waits | 19 | 73 (4.6 µs) | 97: 30 until match A is let in, its 37, and 30 |
 
 use core::arch::global_asm;
 
@@ -109,7 +109,7 @@ const END_B_ON_PORTD: u8 = 1 << 0;
 // One macro, two interrupts: they differ in names, and in the shield's extra pins.
 global_asm!(
     r#"
-    .macro ring_interrupt vector, load_page, tail, pin, ocr, end_bit, extra, starved, com_mask, com_toggle, foc, dir_on_portb, enable_mask
+    .macro ring_interrupt vector, load_page, tail, pin, ocr, end_bit, extra, starved, com_mask, com_toggle, foc, dir_on_portb, enable_mask, output
     .global \vector
 \vector:                                // 4 response + 3 jump           7
     out {SAVE24}, r24                   // 1                             8
@@ -188,6 +188,14 @@ global_asm!(
 4:  ldi r24, \foc
     sbrc r25, 4
     sts {TCCR1C}, r24
+    .if {STREAM}
+    // A long pulse that was begun goes on: the port takes over its level.
+    sbrs r25, 3
+    rjmp 8f
+    sbic {PINB}, \output
+    sbi {PORTB}, \output
+8:
+    .endif
     lds r24, {TCCR1A}
     andi r24, \com_mask
     sts {TCCR1A}, r24
@@ -221,7 +229,7 @@ global_asm!(
 
     // Sections of this name come first: the vectors' short jumps must reach.
     .text
-    ring_interrupt __vector_11, "ldi r31, hi8(ring_a_page)", {TAIL_A}, {PIND}, {OCR1A}, 1, {EXTRA_A}, {STARVED_A}, 0x3f, 0x40, 0x80, {DIR_A_ON_PORTB}, 0xfd
+    ring_interrupt __vector_11, "ldi r31, hi8(ring_a_page)", {TAIL_A}, {PIND}, {OCR1A}, 1, {EXTRA_A}, {STARVED_A}, 0x3f, 0x40, 0x80, {DIR_A_ON_PORTB}, 0xfd, 1
 5:  sbic {FLAGS}, {SHIELD}              // 2 (skips)                    22
     rjmp 6f
     long_pulse {TAIL_A}, {PIND}, {OCR1A} // 13                          35
@@ -246,7 +254,7 @@ global_asm!(
 8:  wait 9                              // 9 + sbic 1 + rjmp 2 + rjmp 2 = 14, 12 more than the skip:
     rjmp 7b                             // PB4 is high for 57 - 26 = 31 cycles, PORTD for 37 at most
 
-    ring_interrupt __vector_12, "in r31, {PAGE_B}", {TAIL_B}, {PINB}, {OCR1B}, 7, {EXTRA_B}, {STARVED_B}, 0xcf, 0x10, 0x40, {DIR_B_ON_PORTB}, 0xfb
+    ring_interrupt __vector_12, "in r31, {PAGE_B}", {TAIL_B}, {PINB}, {OCR1B}, 7, {EXTRA_B}, {STARVED_B}, 0xcf, 0x10, 0x40, {DIR_B_ON_PORTB}, 0xfb, 2
 5:
     .if {STREAM}
     sbic {FLAGS}, {BESIDE}              // 2 (skips), 1 and 2           23 or 24
@@ -325,6 +333,7 @@ ring_b_on_portd:                        // as the others, and 1            8
     FLAGS = const register::GPIOR0,
     PIND = const register::PIND,
     PINB = const register::PINB,
+    PORTB = const register::PORTB,
     SREG = const register::SREG,
     OCR1A = const register::OCR1A,
     OCR1B = const register::OCR1B,
@@ -701,6 +710,32 @@ impl Ring {
         self.prepare();
         // SAFETY: the interrupt does not read the pending group beyond its END.
         unsafe { self.group(self.head.wrapping_add(3)).write_volatile(self.last(self.pending)) };
+    }
+
+    /// Whether the pending group begins a long pulse of the compare hardware's, or is one of those ends: what becomes of it if the ring runs dry
+    /// is a stop's.
+    #[cfg(feature = "stream")]
+    pub(crate) fn waits_in_pulse(&self) -> bool {
+        self.edge != 0 && self.pending.rise & self.edge != 0 && self.pending.fall & self.edge == 0
+    }
+
+    /// Whether the pending group is a step of the compare hardware's with the short pulse.
+    #[cfg(feature = "stream")]
+    pub(crate) fn waits_plainly(&self) -> bool {
+        self.edge != 0 && self.pending == Group { rise: self.edge, fall: self.edge }
+    }
+
+    /// If the next group is a plain step of the compare hardware's, it is made one that has the next match toggle. The interrupt must be off.
+    #[cfg(feature = "stream")]
+    pub(crate) fn unplain(&mut self) {
+        use hardware::{END_PULSE, NEXT_TOGGLES, PLAIN, PLAY, TOGGLED};
+        let group = self.group(self.tail());
+        // SAFETY: the interrupt, which alone reads it, is off.
+        unsafe {
+            if self.edge != 0 && group.read_volatile() & PLAIN != 0 {
+                group.write_volatile(self.end | PLAY | NEXT_TOGGLES | TOGGLED | END_PULSE);
+            }
+        }
     }
 
     /// Whether all published groups have been played.

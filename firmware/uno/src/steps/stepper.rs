@@ -62,14 +62,16 @@ const FASTEST: [u16; 2] = [60, 130];
 const FALL: u8 = 16;
 /// The same with the compare hardware, where DIR is toggled on a longer way.
 const FALL_COMPARE: u8 = 48;
-/// The same of a ring on PORTB beside a merge, and the pulse that its interrupt makes.
+/// The same of a ring on PORTB beside a merge, and the pulse that its interrupt makes. It is 92 where the merge's interrupt is let in; what is
+/// missing is in the room that merged edges need, and these do not.
 #[cfg(feature = "stream")]
 const FALL_BESIDE: u8 = 80;
 #[cfg(feature = "stream")]
 const PULSE_BESIDE: u16 = 25;
 /// What a turn of DIR may be earlier than it must, ticks.
 const EARLY: u16 = 128;
-/// So far ahead things are planned at most, ticks (3 ms).
+/// So far ahead things are planned at most, ticks (3 ms), but for steps at rates at which a ring is full long before (`SURE_OF_LIMIT`): a list of
+/// them may reach 1.5 ms further.
 pub(crate) const AHEAD: u32 = 49_152;
 /// The ring of several motors is filled when it has room for so many groups.
 const ROOM: u8 = 8;
@@ -136,7 +138,7 @@ impl Spacing {
             }
         }
         let apart = u16::from(spacing.apart);
-        // The merge moves edges by half of that, either way.
+        // The merge moves edges by half of that, either way; with a ring beside by 24 and 54.
         let slack = if merging { apart } else { 0 };
         let lead = configuration.setup_ticks + u16::from(fall + late) + slack;
         // An expansion counts the long pulse in 8 bits, and does not know the hardware's.
@@ -248,11 +250,24 @@ impl Track {
                 return Some(Trouble::Starved);
             }
             let empty = self.ring.is_empty();
+            #[cfg(feature = "stream")]
+            if empty && self.ring.waits_in_pulse() {
+                return Some(Trouble::Starved);
+            }
             if empty {
                 // It counts from here on, not from when the round began.
                 self.at = now.after(u32::from(count.wrapping_sub(low_half(now.0)).wrapping_add(LEAD)));
             }
-            self.resume(empty.then_some(self.at));
+            let at = empty.then_some(self.at);
+            // The hardware has made the edge of the group that waits, and toggles no more. A plain step does not say that it does again: another
+            // group follows it, or it becomes one that does.
+            #[cfg(feature = "stream")]
+            if empty && self.ring.waits_plainly() {
+                self.push(self.at.after(u32::from(self.apart)), Group::NOTHING);
+            } else if !empty {
+                self.ring.unplain();
+            }
+            self.resume(at);
             return busy.then_some(Trouble::Late { ticks: late });
         }
         let (compare, bit) = self.compare();

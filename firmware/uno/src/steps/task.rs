@@ -33,7 +33,7 @@ const SOONEST: u8 = 4;
 /// expansion take no longer, with bytes coming in. Two rings have no such time to give away.
 const RESERVE: u16 = 24 << 8;
 /// The same of a merge, in the image for the highest rates: each call costs more than it does there.
-const RESERVE_MERGED: u16 = 20 << 8;
+const RESERVE_MERGED: u16 = 22 << 8;
 /// A ring is full when it has room for fewer groups.
 const NEARLY: u8 = 20;
 
