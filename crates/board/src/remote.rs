@@ -25,6 +25,8 @@ const STATUS_EVERY: Duration = Duration::from_millis(50);
 
 /// A frame that is not full goes out when fewer are on their way, if it is half full; else when none is.
 const GATHERED: usize = 2;
+/// Or, full or not, when fewer than these are, if its queue is not half full: answers of a board that has much to do take some milliseconds.
+const NEEDED: usize = 3;
 
 /// A board has enough to do when its queues are so full, all of them, %; and plenty.
 const ENOUGH: usize = 25;
@@ -33,7 +35,7 @@ const PLENTY: usize = 50;
 const FULL: usize = 75;
 
 /// A board that has plenty is sent so much of its queues' bytes at once, one part of so many; one that has enough twice as much.
-const PORTIONS: usize = 12;
+const PORTIONS: usize = 15;
 
 /// And so often: a frame of USB.
 const PORTION_EVERY: Duration = Duration::from_millis(1);
@@ -810,8 +812,15 @@ impl<P: Port> Remote<P> {
         let (now, tick) = (self.port.now(), self.now());
         let much = self.link.max_packed() / 2;
         for (index, motor) in (0..).zip(&mut self.motors) {
-            let most = if motor.packed.len() > much { GATHERED } else { 1 };
-            if motor.has(tick, self.epoch) < FULL && self.link.frames() < most {
+            let has = motor.has(tick, self.epoch);
+            let most = if has < PLENTY {
+                NEEDED
+            } else if motor.packed.len() > much {
+                GATHERED
+            } else {
+                1
+            };
+            if has < FULL && self.link.frames() < most {
                 motor.flush(index, &mut self.link, now);
             }
         }
