@@ -99,11 +99,11 @@ fn kept_out(image: Image) {
     let words: Vec<_> = bytes.chunks_exact(2).map(|pair| u16::from_le_bytes([pair[0], pair[1]])).collect();
     let window = words.windows(WINDOW.len()).position(|words| words == WINDOW);
     assert_eq!(window.is_some(), image == Image::Stream);
-    let [mut receive, mut task, mut steps, mut again, mut others] = [0; 5];
+    let [mut receive, mut at_once, mut task, mut steps, mut again, mut others] = [0; 6];
     let mut stack_left = u16::MAX;
     for (pins, rate) in [
         (&[(2, 5)][..], 20e3),
-        (&[(9, 8), (10, 7)], 15e3),
+        (&[(9, 8), (10, 7)], 68e3),
         (&[(2, 5), (3, 6)], 6e3),
         (&[(8, 11), (9, 12), (10, 13)], 3e3),
         (&[(2, 5), (3, 6), (4, 7), (12, 13)], 2e3),
@@ -113,6 +113,8 @@ fn kept_out(image: Image) {
         stack_left = stack_left.min(left);
         for (from, cycles) in longest {
             let place = match from {
+                // It lets nobody in beside plain steps of the compare hardware.
+                RECEIVE if pins[0].0 == 9 => &mut at_once,
                 RECEIVE => &mut receive,
                 TASK => &mut task,
                 from if STEPS.contains(&from) => &mut steps,
@@ -127,11 +129,11 @@ fn kept_out(image: Image) {
         }
     }
     println!(
-        "receive {receive}, task {task}, steps {steps}, again {again}, others {others} cycles; {stack_left} bytes of stack"
+        "receive {receive} or {at_once}, task {task}, steps {steps}, again {again}, others {others} cycles; {stack_left} bytes of stack"
     );
     // With the 4 cycles of the response, without the instruction that follows `sei`.
-    assert_eq!((task, receive, steps), (12, 10, 67), "{image:?}");
-    assert_eq!(again, if image == Image::Stream { 28 } else { 0 }, "{image:?}");
+    assert_eq!((task, steps), (12, 67), "{image:?}");
+    assert_eq!((receive, at_once, again), if image == Image::Stream { (12, 41, 28) } else { (10, 10, 0) }, "{image:?}");
     assert!(others <= 8, "{image:?}");
     assert!(stack_left >= 40, "{image:?}");
 }

@@ -5,7 +5,7 @@ use crate::machine::Board;
 use crate::memory::{self, Once, REPLY_LEN};
 use crate::steps::task;
 use crate::winch::Winch;
-use crate::{BOARD, clock, millis, regs, reset};
+use crate::{BOARD, STREAM, clock, millis, regs, reset};
 use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Millis, Service};
 
@@ -81,6 +81,10 @@ fn run(board: &mut Board, service: &mut Service, winch: &mut Winch, receiver: &m
         } else if (due || looks || ((next || reply.len != 0) && !service.is_taken())) && board.baud.is_none() {
             speak(board, service, winch, receiver, reply, now);
             due = false;
+            if STREAM {
+                // The host waits for it before it sends more.
+                reply.go_on();
+            }
         }
         task::let_in();
         if next {

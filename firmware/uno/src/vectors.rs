@@ -49,6 +49,12 @@ global_asm!(
     UCSR0B = const 0xc1,
     UDR0 = const 0xc6,
     OVERRUN = const 3,
+    STREAM = const crate::STREAM as u8,
+    EECR = const register::EECR,
+    AT_ONCE = const register::AT_ONCE,
+    SAVE24 = const register::GPIOR1,
+    SAVE30 = const register::GPIOR2,
+    SAVE31 = const register::EEDR,
 );
 
 // `__do_copy_data` and `__do_clear_bss`, libgcc's, are in the sections .init4 between .init2 and .init9.

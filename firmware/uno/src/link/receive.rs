@@ -1,10 +1,10 @@
 //! From bytes in the receive page to frames: what `pulsetrain_core`'s `Decoder` does, byte for byte, in assembly.
 //!
 //! The length comes first, so that nothing is held back: bytes of the body go where they belong and into the CRC at once, the
-//! three bytes after it behind it. The CRC takes a byte in 14 cycles, by multiplying where others shift: with x = high ^ byte
+//! three bytes after it behind it. The CRC takes a byte in 14 cycles (11 where its halves may change places), by multiplying where others shift: with x = high ^ byte
 //! and then x ^= x >> 4, it is high = low ^ x << 4 ^ x >> 3, low = x ^ x << 5.
 //!
-//! 28 cycles a byte of the body, 34 where a zero is meant (crates/board/tests/uno_receive.rs prints and holds them).
+//! 28 cycles a byte of the body, 34 where a zero is meant; in the image for the highest rates 21.5 and 27.5 (crates/board/tests/uno_receive.rs prints and holds them).
 
 use super::PAGE;
 use crate::regs;
@@ -88,6 +88,28 @@ global_asm!(
     mov r0, r18
     mov r18, r19
     mov r19, r0
+    .endm
+
+    // The same without the moves: the new high byte in \low, the new low one in \high.            11
+    .macro crc_in_place high, low
+    eor \high, r24
+    mul \high, r22
+    eor \high, r1
+    mul \high, r22
+    eor \low, r0
+    mul \high, r23
+    eor \low, r1
+    eor \high, r0
+    .endm
+
+    // A byte of the body, in r24; or a zero, or the code of a run.                               17
+    .macro body_byte high, low, zero, code
+    ld r24, Z+                          // 2
+    tst r24                             // 1
+    breq \zero                          // 1
+    crc_in_place \high, \low            // 11
+    subi r20, 1                         // 1
+    brcs \code                          // 1
     .endm
 
     .macro next none_left               // the next byte in r24, and whether it is a zero; 6
@@ -184,12 +206,15 @@ receive_frame:
 16: ldi r24, {MORE}
     rjmp 10b
 
+    .ifeq {STREAM}
     // A code stands for the zero before it, and says how far the next is. 6 more
 8:  mov r20, r24
     dec r20
     clr r24
     rjmp 3f
+    .endif
 
+    .ifeq {STREAM}
 2:  next 12b                            // 6
     breq 7b                             // 1                             7
     crc                                 // 14                           21
@@ -199,6 +224,7 @@ receive_frame:
     dec r21                             // 1                            26
     brne 2b                             // 2                            28
     ldi r21, 3
+    .endif
 
 4:  next 13b
     breq 17f
@@ -240,7 +266,60 @@ receive_frame:
 
 18: crc
     ret
+
+    .if {STREAM}
+    // So many at once, r17: as there are, up to the end of the body or of the page.
+2:  mov r0, r21
+    cp r25, r0
+    brsh 20f
+    mov r0, r25
+20: ldi r24, {PAGE}
+    sub r24, r30
+    cp r24, r0
+    brsh 20f
+    mov r0, r24
+20: tst r0
+    brne .+2
+    rjmp 12b
+    sub r25, r0
+    sub r21, r0
+    push r17
+    mov r17, r0
+    // Two by two: the CRC's halves change places.
+21: body_byte r18, r19, 25f, 26f        // 17                           17
+3:  st X+, r24                          // 2                            19
+    dec r17                             // 1                            20
+    breq 23f                            // 1                            21
+    body_byte r19, r18, 25f, 27f        // 17                           38
+22: st X+, r24                          // 2                            40
+    dec r17                             // 1                            41
+    brne 21b                            // 2                            43: two bytes
+    rjmp 24f
+23: mov r0, r18
+    mov r18, r19
+    mov r19, r0
+24: pop r17
+    andi r30, {PAGE} - 1
+    tst r21
+    brne 2b
+    ldi r21, 3
+    rjmp 4b
+    // A zero.
+25: pop r17
+    andi r30, {PAGE} - 1
+    rjmp 7b
+    // A code stands for the zero before it, and says how far the next is. 6 more
+26: mov r20, r24
+    dec r20
+    clr r24
+    rjmp 3b
+27: mov r20, r24
+    dec r20
+    clr r24
+    rjmp 22b
+    .endif
     "#,
+    STREAM = const crate::STREAM as u8,
     PAGE = const PAGE,
     AT = const AT,
     BODY = const BODY,

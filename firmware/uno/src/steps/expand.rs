@@ -42,7 +42,7 @@ const _: () = assert!(offset_of!(Registers, left) == 19);
 
 /// So many steps are published at once where the ring has room for 32 or more, so that it soon has some; else as many as there is
 /// room for: publishing takes some 40 cycles.
-const SOME: u8 = 8;
+const SOME: u8 = if STREAM { 12 } else { 8 };
 /// And so many at least.
 const LEAST: u8 = 4;
 /// As few where there is room for so many: the ring has nearly run down.

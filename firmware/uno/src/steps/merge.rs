@@ -15,7 +15,7 @@
 //! the same pin never share a group.
 //!
 //! W ≥ (match to compare register written, 27 to 39 cycles) + (the longest that an interrupt is kept waiting: 13 cycles as the
-//! task begins, and an instruction of main's), and W ≥ the interrupt's length + 4, so that delays die out:
+//! task begins, 14 as a byte comes in the image for the highest rates, and an instruction of main's), and W ≥ the interrupt's length + 4, so that delays die out:
 //! 48 for the short pulse, 60 for the long one and the shield, 76 for the shield's long one.
 //!
 //! With a ring beside, whose interrupt may come first, it is 78, and a tick is put off by 24 at most, so that no edge is late by more than 60; one that
@@ -402,7 +402,8 @@ global_asm!(
 
     .section .text.steps_merge_run, "ax", @progbits
     .global steps_merge_run
-    // For the task: merges until the ring is full or a motor does nothing more within the limit. Uses all registers.
+    // For the task: merges until the ring is full or a motor does nothing more within the limit. Uses all registers. With sorted lanes, and no ring
+    // beside, carry is clear if lists were filled up until the ring ran down: it may be called again.
 steps_merge_run:
     lds r24, steps_merge+{AT}
     lds r30, steps_merge+{TAIL}
@@ -803,6 +804,9 @@ merge_fill_up:
     .endif
     dec r2
     brne 2b
+    .if {SORTED}
+    sec
+    .endif
 3:  ret
 
     .if {SORTED}
@@ -1099,7 +1103,7 @@ const ENOUGH: u8 = 8;
 const FEW: u8 = 12;
 const LOW: u8 = 32;
 /// The ring beside comes first when it has room for so many groups of its 24.
-const LOW_BESIDE: u8 = 14;
+const LOW_BESIDE: u8 = 12;
 /// With one, a tick is put off by so much at most.
 const PUT_OFF_BESIDE: u8 = 24;
 /// How often one run of the merge goes on.

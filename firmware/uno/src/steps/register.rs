@@ -18,8 +18,7 @@ addresses! {
     TIFR1 = 0x16;
     /// Free storage, bit-addressable.
     GPIOR0 = 0x1e;
-    /// EEPROM control.
-    #[cfg(text)]
+    /// EEPROM control; where nothing is kept there, [`AT_ONCE`] is free storage, bit-addressable.
     EECR = 0x1f;
     /// EEPROM data; free storage but for moments at rest.
     EEDR = 0x20;
@@ -40,6 +39,10 @@ addresses! {
     /// Status.
     SREG = 0x3f;
 }
+
+/// Bit of EECR: EEPM0 (§8.6.3), which says nothing as long as no byte is written. While it is set the receive interrupt of the image for the
+/// highest rates lets nobody in.
+pub(crate) const AT_ONCE: u8 = 4;
 
 // Beyond it, by data address: `lds` and `sts`.
 addresses! {

@@ -31,7 +31,7 @@
 //! | register | holds |
 //! |---|---|
 //! | GPIOR0 | [`flags`], bit-addressable |
-//! | GPIOR1, GPIOR2, EEDR | r24, r30, r31 of whoever was interrupted (put back before another interrupt is let in) |
+//! | GPIOR1, GPIOR2, EEDR | r24, r30, r31 of whoever was interrupted (put back before another interrupt is let in); the receive interrupt's too |
 //! | EEARH | page of ring B: 3; or 2, when there is no ring A |
 //! | OCR0A, OCR0B | low byte of the address of the next group to play, ring A and ring B |
 //!
@@ -56,6 +56,7 @@ use core::arch::global_asm;
 
 use super::register;
 use crate::STREAM;
+use crate::link;
 use crate::memory::RING_PAGES;
 
 /// Bits of GPIOR0, which the interrupts look at and set.
@@ -468,7 +469,7 @@ pub(crate) struct Ring {
     /// The END bit, which also says which of the two it is.
     end: u8,
     /// With the compare hardware the bit that stands for STEP; else 0.
-    edge: u8,
+    pub(super) edge: u8,
     /// Low byte of the address of the pending group.
     pub(super) head: u8,
     /// What the pending group does.
@@ -672,6 +673,7 @@ impl Ring {
     /// There must be room (see [`Ring::free`]), and `at` less than 32 768 ticks after the pending group's tick.
     #[inline(always)]
     pub(crate) fn push(&mut self, at: u16, group: Group) {
+        link::let_others_in();
         let [low, high] = at.to_le_bytes();
         let next = self.after(self.head, GROUP);
         // SAFETY: the interrupt reads neither the pending group beyond its END nor the free one after it, until the
@@ -705,6 +707,7 @@ impl Ring {
     /// Adds to what the pending group toggles; not an edge of the compare hardware, which needs a group of its own.
     #[inline(always)]
     pub(crate) fn amend(&mut self, group: Group) {
+        link::let_others_in();
         self.pending.rise ^= group.rise;
         self.pending.fall ^= group.fall;
         self.prepare();

@@ -557,6 +557,7 @@ impl Stepper {
         }
         self.trouble = None;
         regs::GPIOR0.write(self.flags);
+        crate::link::let_others_in();
         for motor in self.motors_mut() {
             let lines = motor.lines;
             motor.levels = lines.levels();

@@ -25,15 +25,20 @@ use core::arch::global_asm;
 use core::cell::UnsafeCell;
 use core::mem::offset_of;
 use core::ops::{Deref, DerefMut};
+use pulsetrain_core::narrow::Registers;
 
 /// Counts of 64 cycles until the next call, at least. At most it is 255: a quarter of what Timer1 counts.
 const SOONEST: u8 = 4;
+
+/// What Timer0 counts from where the task may not run yet. When it has run, that is less: there are [`SOONEST`] counts to the next call, at least.
+const AGAIN: u8 = 254;
+const _: () = assert!(SOONEST.wrapping_neg() < AGAIN);
 
 /// Ticks that a ring is filled for when the task comes again, at least, if it can be: what keeps it waiting, loads of records and an
 /// expansion take no longer, with bytes coming in. Two rings have no such time to give away.
 const RESERVE: u16 = 24 << 8;
 /// The same of a merge, in the image for the highest rates: each call costs more than it does there.
-const RESERVE_MERGED: u16 = 22 << 8;
+const RESERVE_MERGED: u16 = 21 << 8;
 /// A ring is full when it has room for fewer groups.
 const NEARLY: u8 = 20;
 
@@ -125,8 +130,8 @@ pub(crate) fn let_in() {
 /// Has the task come first, so that rings are full when something begins that keeps it out for long. Not while it is kept out.
 pub(crate) fn call() {
     regs::TCNT0.write(u8::MAX);
-    // Until it overflows, and the task has said when it comes next.
-    while regs::TCNT0.read() == u8::MAX {}
+    // Until it overflows, and the task has said when it comes next: not at once, as when it came inside the receive interrupt.
+    while regs::TCNT0.read() >= AGAIN {}
 }
 
 /// Starts Timer0, and the task.
@@ -244,6 +249,10 @@ steps_task_begin:
     rjmp 9f
     .endif
 6:  call steps_merge_run
+    .if {STREAM}
+    brcs 9f
+    call steps_merge_run
+    .endif
     rjmp 9f
     // Two rings, a batch for the one that is filled less far, until that is full; then the other.
     .if {STREAM}
@@ -331,7 +340,43 @@ steps_task_begin:
     rjmp 4f
     .endif
     // Or, where the only ring is full, half of it, or all but the reserve if that is less.
-3:  cpi r25, {BOTH}
+3:
+    .if {STREAM}
+    // Bytes are received at once where rings have nothing but plain steps: of one motor, at intervals of 80 to 128 ticks (the compare register
+    // may be written 73 after the match then); or of two that the compare hardware steps, below 256 (and 127).
+    sbrs r25, {APIECE_BIT}
+    rjmp 20f
+    cbi {EECR}, {AT_ONCE}
+    lds r24, steps_stepper+{UNLIKE}
+    lds r20, steps_times+{PULSE}
+    or r24, r20
+    lds r20, steps_times+{PULSE}+1
+    or r24, r20
+    lds r20, steps_motors+{INTERVAL}+3
+    or r24, r20
+    lds r20, steps_motors+{INTERVAL}+4
+    or r24, r20
+    brne 20f
+    cpi r25, {BOTH}
+    breq 18f
+    lds r24, steps_motors+{INTERVAL}+2
+    subi r24, 80
+    cpi r24, 129 - 80
+    brlo 19f
+    rjmp 20f
+18: lds r24, steps_stepper+{EDGE}
+    tst r24
+    breq 20f
+    lds r24, steps_stepper+{TRACK_SIZE}+{UNLIKE}
+    lds r20, steps_motors+{MOTOR_SIZE}+{INTERVAL}+3
+    or r24, r20
+    lds r20, steps_motors+{MOTOR_SIZE}+{INTERVAL}+4
+    or r24, r20
+    brne 20f
+19: sbi {EECR}, {AT_ONCE}
+20:
+    .endif
+    cpi r25, {BOTH}
     breq 4f
     lds r30, steps_stepper+{TAIL_AT}
     ldi r31, 0
@@ -408,7 +453,7 @@ steps_task_begin:
     .endr
     rjmp 2f
     // Inside the receive interrupt: again in one to two counts, when that has ended.
-1:  ldi r24, 254
+1:  ldi r24, {AGAIN}
     out {TCNT0}, r24
 2:  pop r25
     out {SREG}, r25
@@ -463,6 +508,7 @@ task_ahead:
     AT = const offset_of!(Stepper, tracks) + offset_of!(Track, at),
     MOTOR_SIZE = const size_of::<Motor>(),
     SOONEST = const SOONEST,
+    AGAIN = const AGAIN,
     BATCHES = const BATCHES,
     TURNS = const TURNS,
     STREAM = const STREAM as u8,
@@ -474,6 +520,13 @@ task_ahead:
     RESERVE_MERGED = const RESERVE_MERGED,
     RESERVE = const RESERVE,
     NEARLY = const NEARLY,
+    EECR = const super::register::EECR,
+    AT_ONCE = const super::register::AT_ONCE,
+    INTERVAL = const offset_of!(Motor, registers) + offset_of!(Registers, interval_low),
+    APIECE_BIT = const mode::APIECE.trailing_zeros(),
+    PULSE = const super::times::PULSE,
+    UNLIKE = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, unlike),
+    EDGE = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, edge),
     TAIL_AT = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, tail_at),
     HEAD = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, head),
     TCNT1 = const super::register::TCNT1,
