@@ -6,13 +6,14 @@ use crate::firmware;
 use std::fs;
 
 /// Titles of the figures, by number.
-const TITLES: [&str; 6] = [
+const TITLES: [&str; 7] = [
     "The tutorial's sinusoid, every step and edge",
     "Sustained rates while following changing laws: the fastest that holds",
     "The same: constant rates, in phase, unequal rates, turns, longer pulses",
     "Four motors on one DIR line for an hour",
     "Load of the processor",
     "Motions that stay fast, as `pulsetrain run` makes them, in phase and staggered: the fastest that holds",
+    "Promised rates with other random segments: the worst of all runs, and how many hold",
 ];
 
 const PREFACE: &str = "Emulated: the committed images on the ATmega328P of `crates/emulator`, 16 MHz, streamed at 1 Mbaud; no \

@@ -114,6 +114,8 @@ pub(crate) struct Case {
     /// Steps/s of the first motor that are promised of the image for the highest rates.
     pub(crate) required: Option<f64>,
     pub(crate) image: Image,
+    /// Of the random segments.
+    pub(crate) seed: u64,
 }
 
 pub(crate) const ALIKE: [f64; 4] = [1.0; 4];
@@ -134,6 +136,7 @@ impl Case {
             ratios: ALIKE,
             required: Some(required),
             image: Image::Stream,
+            seed: 1,
         }
     }
 
@@ -157,7 +160,7 @@ impl Case {
             apart: self.apart,
             pulse_ticks: self.pulse_ticks,
             seconds,
-            seed: 1,
+            seed: self.seed,
         }
     }
 
@@ -212,6 +215,34 @@ impl Case {
         };
         let ratios = if self.ratios == ALIKE { "" } else { ", 1 : ¼ : ⅛ : 1/16" };
         format!("{law}{turns}{phase}{ratios}")
+    }
+
+    /// What is promised, with so many other random segments, `seconds` each: the worst of each figure, and how many hold.
+    pub(crate) fn others(&self, seeds: u64, seconds: f64) -> Row {
+        let rate = self.required.unwrap_or(0.0);
+        let rows = (1..=seeds).map(|seed| Case { seed: self.seed + seed, ..*self }.row(rate, seconds));
+        let (mut worst, mut hold): (Option<Row>, u64) = (None, 0);
+        for row in rows {
+            hold += u64::from(row.verdict.is_empty());
+            let Some(worst) = &mut worst else {
+                worst = Some(row);
+                continue;
+            };
+            let Some((all, seen)) = worst.seen.as_mut().zip(row.seen) else { continue };
+            let (all, seen) = (&mut all.lateness, seen.lateness);
+            all.min_ticks = all.min_ticks.min(seen.min_ticks);
+            all.p50_ticks = all.p50_ticks.max(seen.p50_ticks);
+            all.p99_ticks = all.p99_ticks.max(seen.p99_ticks);
+            all.max_ticks = all.max_ticks.max(seen.max_ticks);
+            all.lost += seen.lost;
+            all.extra += seen.extra;
+        }
+        let mut row = worst.expect("seeds");
+        row.figure = 7;
+        row.law = format!("{}, {seeds} times {seconds} s", row.law);
+        row.verdict = if hold == seeds { String::new() } else { format!("{hold} of {seeds} hold") };
+        row.is_required = false;
+        row
     }
 
     /// The fastest of `rates`, and of what is promised, that holds for `seconds`, by bisection, and then for `longer` too: above what is
