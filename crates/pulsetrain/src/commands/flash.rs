@@ -123,7 +123,8 @@ fn uno(name: &str, file: Option<&Path>, console: &Console<'_>) -> miette::Result
     }
     let [new, old] = stk500::RATES;
     let help = "is it an Uno (`pulsetrain ports`)? If it has no reset by DTR, press its button as you start this. Boards without \
-                a bootloader, or with one of another kind, take crates/board/images/uno.hex by a programmer";
+                a bootloader, or with one of another kind, take crates/board/images/uno.hex (or uno-verbs.hex, uno-stream.hex) \
+                by a programmer";
     Err(miette!(help = help, "no Uno's bootloader answers at {name}, neither at {new} nor at {old} baud"))
 }
 
