@@ -11,6 +11,8 @@ pub struct Shadowed<B> {
     board: B,
     shadow: Native,
     agree: bool,
+    /// What the shadow scheduled while nobody looked.
+    steps: Vec<ScheduledStep>,
 }
 
 impl<B: Board> Shadowed<B> {
@@ -20,7 +22,7 @@ impl<B: Board> Shadowed<B> {
         if let Some(last) = board.now().checked_sub(1) {
             shadow.advance(last, &mut |_: Edge| {});
         }
-        Shadowed { board, shadow, agree: true }
+        Shadowed { board, shadow, agree: true, steps: Vec::new() }
     }
 
     /// The board itself.
@@ -48,9 +50,21 @@ impl<B: Board> Shadowed<B> {
 
     /// Lets the shadow come as far as the board.
     fn follow(&mut self, until: u64, observer: &mut impl Observer) {
+        self.steps.drain(..).for_each(|step| observer.step(step));
         if self.shadow.now() <= until {
             self.shadow.advance(until, &mut Steps(observer));
         }
+    }
+}
+
+/// Keeps steps for who looks next.
+struct Kept<'s>(&'s mut Vec<ScheduledStep>);
+
+impl Observer for Kept<'_> {
+    fn edge(&mut self, _edge: Edge) {}
+
+    fn step(&mut self, step: ScheduledStep) {
+        self.0.push(step);
     }
 }
 
@@ -106,6 +120,10 @@ impl<B: Board> Board for Shadowed<B> {
 
     fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<(), SwitchRefused> {
         let answer = self.board.switch(epoch, tick);
+        // Time has passed until the board answered, and switches that it had taken were made: the shadow holds no more of them than it.
+        if let Some(last) = self.board.now().checked_sub(1).filter(|last| self.shadow.now() <= *last) {
+            self.shadow.advance(last, &mut Kept(&mut self.steps));
+        }
         match answer {
             Ok(()) => self.agree &= self.shadow.switch(epoch, tick).is_ok(),
             Err(_) => Board::discard(&mut self.shadow, epoch),

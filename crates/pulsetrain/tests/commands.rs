@@ -314,6 +314,29 @@ fn a_file_for_the_highest_rates_runs_on_the_image_for_them() {
     }
 }
 
+/// Turns often: the session goes over to new epochs faster than it looks at its board, and the stepgen beside it is told as many.
+#[test]
+fn schedules_are_the_boards_where_epochs_are_short() {
+    let folder = Folder::new("often");
+    let file = folder.path("often.toml");
+    let motor = |name: &str, step: u8, dir: u8| {
+        format!(
+            "[motor.{name}]\nsteps_per_rev = 200\nmicrosteps = 16\ndriver = \"A4988\"\npins = {{ step = {step}, dir = {dir} }}\nforward = \"high\"\n"
+        )
+    };
+    let motion = |name: &str, frequency: &str, cycles: u32| {
+        format!(
+            "[[motion]]\nmotor = \"{name}\"\nlaw.sine = {{ amplitude = \"9 deg\", frequency = \"{frequency}\", cycles = {cycles} }}\n"
+        )
+    };
+    let [left, right] = [motor("l", 9, 8), motor("r", 10, 7)];
+    let [first, second] = [motion("l", "30 Hz", 60), motion("r", "32.1 Hz", 64)];
+    std::fs::write(&file, format!("board = \"uno\"\ntolerance = \"1 us\"\n{left}{right}{first}{second}")).unwrap();
+    let outcome = pulsetrain(&["run", &file, "--out", &folder.path("out")]);
+    assert!(outcome.out.contains("steps lost 0, added 0"), "{}{}", outcome.out, outcome.err);
+    assert_eq!(outcome.exit, Exit::Success, "{}{}", outcome.out, outcome.err);
+}
+
 #[test]
 fn the_unos_other_images_are_named() {
     let folder = Folder::new("named");
