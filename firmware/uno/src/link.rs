@@ -56,6 +56,15 @@ const CLOSED: u8 = 0x08;
 macro_rules! receive_interrupt {
     () => {
         r#"
+    .macro count_lost                   // keeps flags and registers
+    in r24, {SREG}
+    push r24
+    lds r24, receive_lost
+    inc r24
+    sts receive_lost, r24
+    pop r24
+    out {SREG}, r24
+    .endm
     // 4 response                       //                              4
     .if {STREAM}
     sbic {EECR}, {AT_ONCE}              // 2 (skips): one more than here in all
@@ -92,13 +101,7 @@ macro_rules! receive_interrupt {
     reti                                // 4                            42, 9 of them closed
 
     // A byte was lost before this one.
-3:  in r24, {SREG}
-    push r24
-    lds r24, receive_lost
-    inc r24
-    sts receive_lost, r24
-    pop r24
-    out {SREG}, r24
+3:  count_lost
     rjmp 1b
 
     // The end of the page: another lap.
@@ -131,13 +134,7 @@ macro_rules! receive_interrupt {
     in r30, {SAVE30}                    // 1                            25
     in r31, {SAVE31}                    // 1                            26
     reti                                // 4                            30
-8:  in r24, {SREG}
-    push r24
-    lds r24, receive_lost
-    inc r24
-    sts receive_lost, r24
-    pop r24
-    out {SREG}, r24
+8:  count_lost
     rjmp 6b
 9:  lds r24, receive_lap                // 11 more: no flag is touched
     ldi r30, {PAGE}

@@ -13,7 +13,7 @@ const TITLES: [&str; 7] = [
     "Four motors on one DIR line for an hour",
     "Load of the processor",
     "Motions that stay fast, as `pulsetrain run` makes them, in phase and staggered: the fastest that holds",
-    "Promised rates with other random segments: the worst of all runs, and how many hold",
+    "Promised rates with other random segments: lateness and lost steps of all runs, load of the first, and how many hold",
 ];
 
 const PREFACE: &str = "Emulated: the committed images on the ATmega328P of `crates/emulator`, 16 MHz, streamed at 1 Mbaud; no \

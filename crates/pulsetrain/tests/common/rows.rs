@@ -217,7 +217,8 @@ impl Case {
         format!("{law}{turns}{phase}{ratios}")
     }
 
-    /// What is promised, with so many other random segments, `seconds` each: the worst of each figure, and how many hold.
+    /// What is promised, with so many other random segments, `seconds` each: the worst lateness, all lost steps, and how many hold.
+    /// Rate, load and horizon are those of the first.
     pub(crate) fn others(&self, seeds: u64, seconds: f64) -> Row {
         let rate = self.required.unwrap_or(0.0);
         let rows = (1..=seeds).map(|seed| Case { seed: self.seed + seed, ..*self }.row(rate, seconds));
