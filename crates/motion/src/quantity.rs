@@ -142,6 +142,45 @@ const RATES: &[UnitRow] = &[
     ("MHz", Base::Cycle, 1_000_000, 1),
 ];
 
+/// `key = "amount unit"` as it may be pasted into a motion file: three digits, and none of the spaces and signs that are for people alone.
+///
+/// All advice that has a quantity in it is written with this, or with [`time_assignment`]: what is printed must parse.
+///
+/// ```
+/// use pulsetrain_motion::quantity::assignment;
+/// assert_eq!(assignment("tolerance", 78_040.0, "ticks"), "tolerance = \"78000 ticks\"");
+/// ```
+#[must_use]
+pub fn assignment(key: &str, amount: f64, unit: &str) -> String {
+    format!("{key} = \"{}\"", written(amount, unit))
+}
+
+/// The same of a time, in the unit that fits.
+///
+/// ```
+/// use pulsetrain_motion::quantity::time_assignment;
+/// assert_eq!(time_assignment("over", 0.0125), "over = \"12.5 ms\"");
+/// assert_eq!(time_assignment("ease", 12_000.0), "ease = \"12000 s\"");
+/// ```
+#[must_use]
+pub fn time_assignment(key: &str, seconds: f64) -> String {
+    let (per_second, unit) = match seconds {
+        s if s >= 1.0 => (1.0, "s"),
+        s if s >= 1e-3 => (1e3, "ms"),
+        s if s >= 1e-6 => (1e6, "us"),
+        _ => (1e9, "ns"),
+    };
+    assignment(key, seconds * per_second, unit)
+}
+
+/// An amount with its unit, to three digits, as [`Quantity::parse`] reads it.
+#[must_use]
+pub fn written(amount: f64, unit: &str) -> String {
+    // Rounded by way of the text; plain decimals then, whatever the size.
+    let rounded = format!("{amount:.2e}").parse().unwrap_or(amount);
+    format!("{rounded} {unit}")
+}
+
 impl Quantity {
     /// Reads a number and its unit, with or without a space between them.
     ///
@@ -428,6 +467,14 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn what_is_written_is_read(amount in -1e18_f64..1e18, scale in -30_i32..10, unit in "step|rev/s|ticks|us|mm") {
+            let amount = amount * 10f64.powi(scale);
+            let read = Quantity::parse(&written(amount, &unit)).unwrap();
+            let exact = Quantity::parse(&format!("{amount} {unit}")).unwrap();
+            prop_assert!((read.value - exact.value).abs() <= 0.005_001 * exact.value.abs());
+        }
+
         #[test]
         fn never_panics(text in "\\PC{0,30}") {
             if let Ok(quantity) = Quantity::parse(&text) {

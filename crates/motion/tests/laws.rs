@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use pulsetrain_motion::law::{
-    Begin, Class, Cursor, Curve, End, Entry, Interpolation, Inverse, Piece, SCurve, TimerRamp,
+    Begin, Behind, Class, Cursor, Curve, End, Entry, Interpolation, Inverse, Piece, SCurve, TimerRamp,
 };
 use pulsetrain_motion::law::{WinchCommand, WinchSettings};
 use pulsetrain_motion::{Law, LawError, Time};
@@ -152,13 +152,60 @@ fn ramps_stay_within_their_limits() {
 
     let refused = Law::speed(1000.0, Some(s(1.0))).unwrap();
     let refused = refused.beginning(Begin::Ramp { max_speed: 900.0, max_acceleration: 1e9 }).unwrap_err().to_string();
-    assert!(refused.contains("max_speed = 900 steps/s") && refused.contains("the way that it loses"), "{refused}");
+    assert!(
+        refused.contains("max_speed = 900.0 steps/s: the law runs at 1000.0 steps/s")
+            && refused.contains("the way that it loses"),
+        "{refused}"
+    );
     // docs/motion-files.md: it is faster than the law meanwhile.
     let endless = |max_speed| Law::speed(1000.0, None)?.beginning(Begin::Ramp { max_speed, max_acceleration: 2000.0 });
     assert!(endless(1500.0).is_err() && endless(1520.0).is_ok());
     let refused = Law::speed(1000.0, Some(s(1.0))).unwrap();
     let refused = refused.ending(End::Ramp { max_speed: 9e9, max_acceleration: 10.0 }).unwrap_err().to_string();
-    assert!(refused.contains("max_acceleration = 10 steps/s²"), "{refused}");
+    assert!(refused.contains("max_acceleration = 10.0 steps/s²"), "{refused}");
+}
+
+/// Where a ramp cannot catch up, one that stays behind can do: it joins speed and acceleration, and is never faster than the law.
+#[test]
+fn a_ramp_may_stay_behind() {
+    let limits = (1000.0, 2000.0);
+    let begun = |law: &Law, (max_speed, max_acceleration)| {
+        law.clone().beginning(Begin::RampBehind { max_speed, max_acceleration })
+    };
+    let law = Law::speed(1000.0, None).unwrap();
+    let behind = begun(&law, limits).unwrap();
+    contiguous(&behind, 50);
+    // From rest to 1000 steps/s, at 1.5 times the mean acceleration: 0.75 s, in which 375 steps are made of 750.
+    let [Behind { steps, ramp }] = behind.behind()[..] else { panic!("{behind:?}") };
+    assert!((steps - 375.0).abs() < 0.5 && (ramp.seconds() - 0.75).abs() < 1e-3, "{steps} {ramp:?}");
+    assert_eq!(behind.cycle(), Some((ramp, Time::from_ratio(1, 1000))));
+
+    for (text, limits) in [("1000*t + 300*sin(7*t)", (3200.0, 20_000.0)), ("-500*t - 200*t^2", (2e3, 900.0))] {
+        let law = Law::formula(text, &[], 1.0, Some(s(3.0))).unwrap();
+        let behind = begun(&law, limits).unwrap();
+        contiguous(&behind, 1000);
+        let [Behind { steps, ramp }] = behind.behind()[..] else { panic!("{behind:?}") };
+        let (mut exact, mut cursor) = (Cursor::new(&law), Cursor::new(&behind));
+        let first = cursor.at(Time::ZERO).unwrap();
+        assert_eq!((first.speed, first.acceleration), (0.0, 0.0));
+        for k in 1..=3000 {
+            let t = Time::from_ratio(k, 1000);
+            let (law, now) = (exact.at(t).unwrap(), cursor.at(t).unwrap());
+            assert!(now.speed.abs() <= limits.0 && now.acceleration.abs() <= limits.1 * 1.001, "{now:?}");
+            if t >= ramp {
+                assert!((law.position - now.position - steps).abs() < 1e-6, "{law:?} {now:?} {steps}");
+                assert!((law.speed - now.speed).abs() < 1e-6);
+            }
+        }
+        // Just after the ramp's end both ways of going on meet.
+        let (before, after) = (cursor.at(ramp).unwrap(), cursor.at(ramp + Time::from_ratio(1, 1_000_000_000)).unwrap());
+        assert!((before.speed - after.speed).abs() < 1e-3 && (before.position - after.position).abs() < 1e-4);
+        assert!((before.acceleration - after.acceleration).abs() < 0.1);
+    }
+    // No ramp is within a limit that the law itself breaks.
+    let refused = begun(&law, (900.0, 2000.0)).unwrap_err().to_string();
+    assert!(refused.contains("max_speed = 900.0 steps/s") && !refused.contains("loses"), "{refused}");
+    assert_eq!(law.behind(), []);
 }
 
 #[test]

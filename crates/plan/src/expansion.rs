@@ -15,26 +15,30 @@ pub(crate) struct Frame {
     pub(crate) sign: f64,
     /// The curve's value at s = 0.
     pub(crate) zero: f64,
-    /// What rounding lost of it, steps.
-    pub(crate) zero_doubt: f64,
+    /// What rounding lost of it, steps: the value itself is the sum of both.
+    pub(crate) zero_low: f64,
     /// Ticks per second.
     pub(crate) tick_hz: f64,
 }
 
 impl Frame {
-    /// s of a turning point at x0, and what rounding the subtraction lost.
-    fn turn(&self, x0: f64) -> (f64, f64) {
-        let turn = x0 - self.zero;
-        // Knuth's two-sum: exact.
-        let back = turn - x0;
-        let lost = ((x0 - (turn - back)) + (-self.zero - back)).abs();
-        (turn * self.sign, lost + self.zero_doubt)
+    /// s of a turning point at x0, and what rounding lost of it: the turning point itself is at the sum of both.
+    pub(crate) fn turn(&self, x0: f64) -> (f64, f64) {
+        let (turn, lost) = two_sum(x0, -self.zero);
+        (turn * self.sign, (lost - self.zero_low) * self.sign)
     }
 
     /// What rounding may do to a position that is found by subtracting x0, steps.
     fn doubt(&self, x0: f64, s: f64) -> f64 {
-        4.0 * ULP * (x0.abs() + self.zero.abs() + s.abs()) + self.zero_doubt
+        4.0 * ULP * (x0.abs() + self.zero.abs() + s.abs()) + self.zero_low.abs()
     }
+}
+
+/// a + b, and what rounding lost of that, exactly (Knuth).
+pub(crate) fn two_sum(a: f64, b: f64) -> (f64, f64) {
+    let sum = a + b;
+    let b_part = sum - a;
+    (sum, (a - (sum - b_part)) + (b - b_part))
 }
 
 /// The time of s by its formula, and how far it may be off, ticks; a level beyond the turning point by no more than
@@ -46,21 +50,23 @@ pub(crate) fn exact_due(frame: &Frame, inverse: &Inverse, s: f64) -> Option<(f64
         }
         Inverse::Line { .. } | Inverse::Quadratic { .. } => return None,
     };
-    let at = |s: f64| match *inverse {
+    // From the turning point to s, steps.
+    let gone = (s - turn) - lost;
+    let at = |gone: f64| match *inverse {
         Inverse::Parabola { half_acceleration, later, .. } => {
             let side = if later { 1.0 } else { -1.0 };
-            u0 * frame.tick_hz + side * frame.tick_hz * ((side * (s - turn)).max(0.0) / half_acceleration.abs()).sqrt()
+            u0 * frame.tick_hz + side * frame.tick_hz * ((side * gone).max(0.0) / half_acceleration.abs()).sqrt()
         }
         Inverse::Arccosine { swing, omega, .. } => {
             let swing = swing.abs();
-            arccosine_tick(frame, u0, swing, omega, (s - turn).clamp(0.0, swing))
+            arccosine_tick(frame, u0, swing, omega, gone.clamp(0.0, swing))
         }
         Inverse::Line { .. } | Inverse::Quadratic { .. } => 0.0,
     };
-    let tick = at(s);
-    let doubt = doubt + lost;
+    let tick = at(gone);
+    let doubt = doubt + 4.0 * ULP * lost.abs();
     // The formula is monotone, so the times of both ends of the doubt enclose the true one.
-    let spread = if doubt > 0.0 { (at(s + doubt) - tick).abs().max((tick - at(s - doubt)).abs()) } else { 0.0 };
+    let spread = if doubt > 0.0 { (at(gone + doubt) - tick).abs().max((tick - at(gone - doubt)).abs()) } else { 0.0 };
     let rounding = 8.0 * ULP * (tick.abs() + (tick - u0 * frame.tick_hz).abs());
     Some((tick, spread + rounding))
 }
@@ -77,6 +83,8 @@ pub(crate) struct Expansion {
     remainder: Remainder,
     /// What rounding may have done to s itself, steps.
     doubt: f64,
+    /// What rounding may have done to `tick`, ticks.
+    tick_doubt: f64,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -92,7 +100,7 @@ impl Expansion {
     pub(crate) fn from_jet(frame: &Frame, curve: &Curve, bounds: &Bounds, u: f64) -> Option<Expansion> {
         let mut c = curve.jet(u);
         let mut rounding = bounds.rounding;
-        rounding[0] += ULP * (c[0].abs() + frame.zero.abs()) + frame.zero_doubt;
+        rounding[0] += ULP * (c[0].abs() + frame.zero.abs()) + frame.zero_low.abs();
         c[0] = (c[0] - frame.zero) * frame.sign;
         let per_tick = frame.tick_hz.recip();
         let mut scale = 1.0;
@@ -111,6 +119,7 @@ impl Expansion {
             q: reverted(&c),
             remainder: Remainder::Reverted { c, eighth, rounding },
             doubt: 0.0,
+            tick_doubt: 4.0 * ULP * (u * frame.tick_hz).abs(),
         })
     }
 
@@ -124,7 +133,8 @@ impl Expansion {
                 q[1] = frame.sign * hz / speed;
                 let tick = u0 * hz + ((frame.zero - x0) + frame.sign * center) * hz / speed;
                 let remainder = Remainder::Closed { slope: q[1].abs(), radius: f64::INFINITY };
-                Expansion { center, tick, q, remainder, doubt: frame.doubt(x0, center) }
+                let tick_doubt = 4.0 * ULP * ((u0 * hz).abs() + tick.abs());
+                Expansion { center, tick, q, remainder, doubt: frame.doubt(x0, center), tick_doubt }
             }
             Inverse::Quadratic { x0, c } => {
                 let x = (frame.zero - x0) + frame.sign * center;
@@ -133,7 +143,8 @@ impl Expansion {
                 // A series of two terms has no singularity.
                 let remainder = Remainder::Closed { slope: q[1].abs(), radius: f64::INFINITY };
                 let tick = (c[0] + (c[1] + c[2] * x) * x) * hz;
-                Expansion { center, tick, q, remainder, doubt: frame.doubt(x0, center) }
+                let tick_doubt = 4.0 * ULP * ((c[0].abs() + (c[1].abs() + (c[2] * x).abs()) * x.abs()) * hz);
+                Expansion { center, tick, q, remainder, doubt: frame.doubt(x0, center), tick_doubt }
             }
             Inverse::Parabola { u0, x0, half_acceleration, later, doubt } => {
                 // Distance from the turning point in s: d = sign·(x − x0)·side, u = u0 ± √(d/|half_acceleration|).
@@ -150,7 +161,8 @@ impl Expansion {
                 }
                 q[0] = 0.0;
                 let remainder = Remainder::Closed { slope: q[1].abs(), radius: distance };
-                Expansion { center, tick: u0 * hz + side * root, q, remainder, doubt: doubt + lost }
+                let tick_doubt = 6.0 * ULP * ((u0 * hz).abs() + root);
+                Expansion { center, tick: u0 * hz + side * root, q, remainder, doubt: doubt + lost.abs(), tick_doubt }
             }
             Inverse::Arccosine { u0, x0, swing, omega, doubt } => {
                 let swing = swing.abs();
@@ -172,7 +184,8 @@ impl Expansion {
                 }
                 let remainder = Remainder::Closed { slope: f[0], radius: gone.min(swing - gone) };
                 let tick = arccosine_tick(frame, u0, swing, omega, gone);
-                Expansion { center: turn + gone, tick, q, remainder, doubt: doubt + lost }
+                let tick_doubt = 4.0 * ULP * ((u0 * hz).abs() + tick.abs());
+                Expansion { center: turn + gone, tick, q, remainder, doubt: doubt + lost.abs(), tick_doubt }
             }
         }
     }
@@ -191,7 +204,7 @@ impl Expansion {
     pub(crate) fn remainder(&self, reach: f64, first: f64, last: f64, window: (f64, f64)) -> f64 {
         let span = first.abs().max(last.abs());
         // The tick itself, and the evaluation of the polynomial: a few roundings each.
-        let rounding = 4.0 * ULP * self.tick.abs() + 16.0 * ULP * span;
+        let rounding = self.tick_doubt + 16.0 * ULP * span;
         match &self.remainder {
             Remainder::Closed { slope, .. } if span == 0.0 => slope * self.doubt + rounding,
             Remainder::Closed { slope, radius } => {

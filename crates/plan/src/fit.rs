@@ -170,8 +170,9 @@ fn replayed_misfit(target: &Target<'_>, segment: &Segment, start: &Start) -> f64
     let mut worst = 0.0f64;
     for k in 1..=segment.count {
         accumulator += i128::from(interval);
-        interval += add;
-        add += segment.add2;
+        // They wrap like a board's, where the fit is far off.
+        interval = interval.wrapping_add(add);
+        add = add.wrapping_add(segment.add2);
         let scheduled = (accumulator >> start.fraction_bits) as i64 as f64;
         worst = worst.max((scheduled - offset - target.at(f64::from(k))).abs());
     }

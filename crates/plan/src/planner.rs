@@ -2,7 +2,7 @@
 
 use crate::certificate::Certificate;
 use crate::error::PlanError;
-use crate::expansion::Frame;
+use crate::expansion::{Frame, two_sum};
 use crate::load::{Backlog, Excess};
 use crate::packed::Meter;
 use crate::peak::peak;
@@ -391,8 +391,9 @@ impl<'a> Planner<'a> {
             let turn = (run.stretch.value_to - run.frame.zero) * run.frame.sign;
             run.count -= 1;
             after.count -= 1;
-            after.frame.zero += after.frame.sign;
-            after.frame.zero_doubt += f64::EPSILON * after.frame.zero.abs();
+            let (zero, lost) = two_sum(after.frame.zero, after.frame.sign);
+            after.frame.zero = zero;
+            after.frame.zero_low += lost;
             let hysteresis = self.settings.grid.hysteresis;
             let error = turn - run.count as f64 - 0.5 + hysteresis;
             self.certificate.pairs_dropped += 1;
@@ -439,15 +440,12 @@ impl<'a> Planner<'a> {
         let position = i128::from(self.position) - i128::from(piece.origin) + i128::from(start_whole);
         // Step 1 is due at the level above (or below) the position; s = 0 is one step before it.
         let offset = sign * (self.settings.grid.hysteresis - 0.5);
-        let zero = position as f64 + (offset + start_rest);
-        // Whole steps and binary fractions add up exactly; other starts of a law do not.
-        let exact = offset + start_rest - start_rest == offset
-            && offset + start_rest - offset == start_rest
-            && zero - position as f64 == offset + start_rest;
-        let zero_doubt = if exact { 0.0 } else { f64::EPSILON * (zero.abs() + start_rest.abs() + 1.0) };
+        let (rest, rest_low) = two_sum(offset, start_rest);
+        let (zero, zero_low) = two_sum(position as f64, rest);
+        let zero_low = zero_low + rest_low;
         let reached = (stretch.value_to - zero) * sign + TOUCH;
         Run {
-            frame: Frame { sign, zero, zero_doubt, tick_hz: self.settings.tick_hz as f64 },
+            frame: Frame { sign, zero, zero_low, tick_hz: self.settings.tick_hz as f64 },
             direction,
             count: if reached >= 1.0 { reached as u64 } else { 0 },
             origin: piece.zero,

@@ -95,26 +95,43 @@ impl Run {
     }
 
     /// The time of s between the last place where the law is surely below it and the first where it is surely above.
+    ///
+    /// A level beyond the stretch's end by no more than a touch is due at its end.
     fn enclosed(&self, s: f64) -> Due {
-        let doubt = self.stretch.bounds.rounding[0]
-            + self.frame.zero_doubt
+        let curve = &self.stretch.curve;
+        let everywhere = self.stretch.bounds.rounding[0]
+            + self.frame.zero_low.abs()
             + 4.0 * ULP * (self.frame.zero.abs() + self.stretch.value_to.abs());
-        let side = |level: f64| {
+        // How far the law is beyond s, and how far rounding may put that off, steps.
+        let beyond = |u: f64| match curve.moved_from_rest(u) {
+            Some((x0, moved, rounding)) => {
+                let (turn, lost) = self.frame.turn(x0);
+                let missing = (s - turn) - lost;
+                let doubt = rounding + 2.0 * ULP * (moved.abs() + missing.abs()) + 4.0 * ULP * lost.abs();
+                (moved * self.frame.sign - missing, doubt)
+            }
+            None => ((curve.value(u) - self.frame.zero) * self.frame.sign - s, everywhere),
+        };
+        let side = |is_low: &dyn Fn(f64) -> bool| {
             let (mut low, mut high) = (self.stretch.from, self.stretch.to);
             while (high - low) * self.frame.tick_hz > 1e-3 {
                 let u = 0.5 * (low + high);
                 if u <= low || u >= high {
                     break;
                 }
-                if (self.stretch.curve.value(u) - self.frame.zero) * self.frame.sign < level {
-                    low = u
-                } else {
-                    high = u
-                }
+                if is_low(u) { low = u } else { high = u }
             }
             (low, high)
         };
-        let (earliest, latest) = (side(s - doubt).0, side(s + doubt).1);
+        let earliest = side(&|u| {
+            let (beyond, doubt) = beyond(u);
+            beyond + doubt < 0.0
+        });
+        let latest = side(&|u| {
+            let (beyond, doubt) = beyond(u);
+            beyond - doubt <= 0.0
+        });
+        let (earliest, latest) = (earliest.0, latest.1);
         let hz = self.frame.tick_hz;
         Due {
             tick: 0.5 * (earliest + latest) * hz,

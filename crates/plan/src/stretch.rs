@@ -77,7 +77,7 @@ fn turning_points(curve: &Curve, bounds: &Bounds, from: f64, to: f64, tick_hz: f
         let one_root = 2.0 * (c[2].abs() - bounds.rounding[2]) > twist;
         if passed || one_root || half <= shortest {
             if !passed {
-                found.extend(root(curve, start, end, shortest));
+                found.extend(root(curve, start, end, shortest).filter(|root| *root < to));
             }
             if end <= start {
                 break;
@@ -93,8 +93,13 @@ fn turning_points(curve: &Curve, bounds: &Bounds, from: f64, to: f64, tick_hz: f
 
 /// The one place between `low` and `high` where the speed changes its sign, if it does.
 fn root(curve: &Curve, mut low: f64, mut high: f64, width: f64) -> Option<f64> {
-    let rising_at_low = curve.jet(low)[1] > 0.0;
-    if rising_at_low == (curve.jet(high)[1] > 0.0) {
+    let (at_low, at_high) = (curve.jet(low)[1], curve.jet(high)[1]);
+    // At rest exactly at an end: the window before has told that of `low`.
+    if at_low == 0.0 || at_high == 0.0 {
+        return (at_low != 0.0).then_some(high);
+    }
+    let rising_at_low = at_low > 0.0;
+    if rising_at_low == (at_high > 0.0) {
         return None;
     }
     let mut x = 0.5 * (low + high);

@@ -1,9 +1,10 @@
 //! What would fit: how much slower a motion that is refused would have to be, and which boards do it as it is.
 
-use pulsetrain_motion::law::Law;
+use pulsetrain_motion::law::{Begin, End, Law};
 use pulsetrain_motion::machine::Machine;
 use pulsetrain_motion::program::Motor;
-use pulsetrain_motion::{Time, boards};
+use pulsetrain_motion::quantity::{assignment, time_assignment};
+use pulsetrain_motion::{Grid, Time, boards};
 use pulsetrain_plan::error::Limit;
 use pulsetrain_plan::{PlanError, Settings};
 
@@ -110,44 +111,196 @@ pub fn other_boards(prepared: &Prepared) -> Vec<String> {
     able.collect()
 }
 
+/// No tolerance above this is offered, s: the motion itself is at fault then.
+const LOOSEST_S: f64 = 1e-3;
+/// Nor one above this part of the shortest interval between steps.
+const LOOSEST_PART: f64 = 0.05;
+/// So often a tolerance is raised to what the next place that breaks it wants.
+const RAISES: u32 = 8;
+
+/// What to do where the time of a step cannot be proven: a tolerance that can be, if that is worth the name, or another grid.
+fn not_provable(prepared: &Prepared, motor: &Motor, bound_ticks: f64, at_s: f64) -> String {
+    let settings = Settings::of(&prepared.program, motor);
+    let with = |tolerance_ticks: f64, grid: Grid| Settings { tolerance_ticks, grid, ..settings.clone() };
+    let loosest = LOOSEST_S * settings.tick_hz as f64;
+    let mut tolerance = rounded_up(bound_ticks * 1.01);
+    for _ in 0..RAISES {
+        if tolerance.is_nan() || tolerance > loosest {
+            break;
+        }
+        match prepare::planned(&motor.law, &with(tolerance, settings.grid)) {
+            Ok(certificate) => {
+                let shortest = certificate.shortest_interval_ticks.map_or(f64::INFINITY, |ticks| ticks as f64);
+                if tolerance > LOOSEST_PART * shortest {
+                    break;
+                }
+                return format!("{} can be proven", assignment("tolerance", tolerance, "ticks"));
+            }
+            Err(PlanError::NotProvable { bound_ticks, .. }) => tolerance = rounded_up(bound_ticks * 1.01),
+            Err(_) => break,
+        }
+    }
+    let mut lines = vec![format!(
+        "at t = {} the motion is so slow just where a step is due that rounding decides when it comes",
+        human::seconds_to(at_s, 6)
+    )];
+    let grids = [
+        ("grid = \"nearest\"", Grid::NEAREST),
+        ("grid = { hysteresis = \"0.1 step\" }", Grid { hysteresis: 0.1 }),
+        ("grid = { hysteresis = \"0.2 step\" }", Grid { hysteresis: 0.2 }),
+    ];
+    let able = grids.iter().find(|(_, grid)| prepare::fits(&motor.law, &with(settings.tolerance_ticks, *grid)));
+    lines.push(match able {
+        Some((grid, _)) => format!("steps are due elsewhere with {grid}: that can be proven"),
+        None => "let it rest, turn or creep a tenth of a step farther or less far".to_owned(),
+    });
+    lines.join("\n")
+}
+
+/// Easings that are tried, s, the first that fits is offered.
+const EASES_S: [f64; 12] = [0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 0.2, 0.1, 0.05, 0.02, 0.01];
+
+/// What to do about a speed that changes too much at once, at `at_s` from one to another.
+fn smoother(prepared: &Prepared, motor: &Motor, at_s: f64, (from, to): (f64, f64)) -> Vec<String> {
+    let program = &prepared.program;
+    let is_of = |machine: &&Machine| machine.motors.iter().any(|k| program.motors[*k].name == motor.name);
+    if let Some(machine) = program.machines.iter().find(is_of) {
+        // Not where the motor's motions begin or end, but on the way.
+        let is_between = at_s > 0.0 && motor.law.end().is_some_and(|end| at_s < end.seconds());
+        if is_between {
+            return vec![
+                "the path does not go on as it came there: one that is repeated has to end in the direction, and as fast, as it begins; \
+                 paths that follow one another can have an `ease` each"
+                    .to_owned(),
+            ];
+        }
+        let motors: Vec<&Motor> = machine.motors.iter().map(|k| &program.motors[*k]).collect();
+        let ease = easing(prepared, &motors, &|law, over| law.clone().eased(over).ok());
+        let ease = ease.map_or_else(String::new, |over_s| format!(": {}", time_assignment("ease", over_s)));
+        return vec![format!("give the path an `ease`, which begins and ends at rest and keeps to it{ease}")];
+    }
+    let mut lines = Vec::new();
+    let whole = easing(prepared, &[motor], &|law, over| law.clone().eased(over).ok());
+    if let Some(over_s) = whole {
+        let ease = time_assignment("ease", over_s);
+        lines.push(format!("let its time come up from rest, and go back to rest, in its [[motion]]: {ease}"));
+    } else if let Some(over_s) = easing(prepared, &[motor], &parts_eased) {
+        let ease = time_assignment("ease", over_s);
+        lines.push(format!(
+            "let the time of each of its motions come up from rest, and go back to rest, in each [[motion]]: {ease} (parts of `then` \
+             have to be motions of their own)"
+        ));
+    }
+    let settings = Settings::of(program, motor);
+    // The next place may want something, too.
+    let cures = |law: Option<Law>| {
+        law.filter(|law| match prepare::walk(law, &settings) {
+            Ok(()) => true,
+            Err(PlanError::SpeedJump { at_s: other, .. }) => other > at_s + 1e-6,
+            Err(_) => false,
+        })
+    };
+    let limits = (motor.limits.max_speed).zip(motor.limits.max_acceleration);
+    let begun = |begin: Begin| cures(with_part(&motor.law, at_s, true, &|law| law.clone().beginning(begin).ok()));
+    let ended = |end: End| cures(with_part(&motor.law, at_s, false, &|law| law.clone().ending(end).ok()));
+    let (how, ways) = if from == 0.0 {
+        let ramp = limits.and_then(|(max_speed, max_acceleration)| begun(Begin::Ramp { max_speed, max_acceleration }));
+        let behind =
+            limits.and_then(|(max_speed, max_acceleration)| begun(Begin::RampBehind { max_speed, max_acceleration }));
+        let stays = behind.as_ref().map(|law| {
+            let ramps = law.behind();
+            let steps = ramps.last().map_or(0.0, |behind| behind.steps.abs());
+            format!("begin = \"ramp-behind\" (stays {} steps behind the law)", human::significant(steps, 3))
+        });
+        let ways = [
+            ramp.map(|_| "begin = \"ramp\" (catches up with the law)".to_owned()),
+            stays,
+            begun(Begin::Delay).map(|_| "begin = \"delay\" (waits until the law comes to rest)".to_owned()),
+            begun(Begin::Jump).map(|_| "begin = \"jump\" (at once, if the motor can)".to_owned()),
+        ];
+        ("begins", ways)
+    } else if to == 0.0 {
+        let ramp = limits.and_then(|(max_speed, max_acceleration)| ended(End::Ramp { max_speed, max_acceleration }));
+        let ways = [
+            ramp.map(|_| "end = \"ramp\" (makes up for the way beforehand)".to_owned()),
+            ended(End::Jump).map(|_| "end = \"jump\" (at once, if the motor can)".to_owned()),
+            None,
+            None,
+        ];
+        ("ends", ways)
+    } else {
+        lines.push("smooth the law there, or give the motor the pull_in that it has".to_owned());
+        return lines;
+    };
+    let ways: Vec<String> = ways.into_iter().flatten().collect();
+    if !ways.is_empty() {
+        let or = if lines.is_empty() { "say" } else { "or say" };
+        lines.push(format!("{or} how it {how}: {}", ways.join(", ")));
+    }
+    if limits.is_none() {
+        lines.push(format!("a motor with `max_speed` and `max_acceleration` may also have a ramp where it {how}"));
+    }
+    lines
+}
+
+/// The first easing with which all of these motors' plans fit, s.
+fn easing(prepared: &Prepared, motors: &[&Motor], eased: &dyn Fn(&Law, Time) -> Option<Law>) -> Option<f64> {
+    EASES_S.into_iter().find(|over_s| {
+        motors.iter().all(|motor| {
+            let law = motor.law.changed_under_slack(|law| eased(law, Time::from_seconds(*over_s)));
+            law.is_some_and(|law| prepare::fits(&law, &Settings::of(&prepared.program, motor)))
+        })
+    })
+}
+
+/// A motor's motions, each with an easing; `None` if it has one.
+fn parts_eased(law: &Law, over: Time) -> Option<Law> {
+    let Law::Then(laws) = law else { return None };
+    let eased = laws.iter().map(|law| law.clone().eased(over).unwrap_or_else(|_| law.clone()));
+    Law::then(eased.collect()).ok()
+}
+
+/// The law with another beginning (or end) of that one of a motor's motions that begins (or ends) at `at_s`.
+fn with_part(law: &Law, at_s: f64, begins: bool, change: &dyn Fn(&Law) -> Option<Law>) -> Option<Law> {
+    law.changed_under_slack(|law| {
+        let Law::Then(laws) = law else { return change(law) };
+        let mut laws = laws.clone();
+        let mut from = Time::ZERO;
+        for part in &mut laws {
+            let to = part.end().map(|end| from + end);
+            let is_there = |time: Time| (time.seconds() - at_s).abs() < 1e-6;
+            if if begins { is_there(from) } else { to.is_some_and(is_there) } {
+                *part = change(part)?;
+                return Law::then(laws).ok();
+            }
+            from = to?;
+        }
+        None
+    })
+}
+
 /// What to do about a plan's error, in a few lines.
 #[must_use]
 pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
     let mut lines = Vec::new();
     if let PlanError::ToleranceTooTight { least_ticks, .. } = error {
         let least = human::seconds(least_ticks / prepared.program.board.tick_hz as f64);
-        return format!("tolerance = \"{least_ticks} ticks\" is the least: {least} on this board");
+        return format!("{} is the least: {least} on this board", assignment("tolerance", *least_ticks, "ticks"));
     }
-    if let PlanError::NotProvable { bound_ticks, .. } = error {
-        return format!("tolerance = \"{} ticks\" can be proven", human::significant(bound_ticks * 1.01, 3));
+    if let PlanError::NotProvable { bound_ticks, at_s, .. } = error {
+        return not_provable(prepared, motor, *bound_ticks, *at_s);
     }
     if let PlanError::SpeedJump { from, to, at_s, .. } = error {
-        let is_of = |machine: &&Machine| machine.motors.iter().any(|k| prepared.program.motors[*k].name == motor.name);
-        let machine = prepared.program.machines.iter().find(is_of);
-        // Not where the motor's motions begin or end, but on the way.
-        let is_between = *at_s > 0.0 && motor.law.end().is_some_and(|end| *at_s < end.seconds());
-        lines.push(match (*from, *to, machine) {
-            (_, _, Some(_)) if is_between => {
-                "the path does not go on as it came there: one that is repeated has to end in the direction, and as fast, as it begins; \
-                 paths that follow one another can have an `ease` each"
-                    .to_owned()
-            }
-            (0.0, _, Some(_)) | (_, 0.0, Some(_)) => {
-                "give the path an `ease`, which begins and ends at rest and keeps to it: ease = \"0.5 s\"".to_owned()
-            }
-            (0.0, ..) => "say how it begins: begin = \"ramp\" or \"delay\"; or \"jump\", if the motor can".to_owned(),
-            (_, 0.0, _) => "say how it ends: end = \"ramp\"; or \"jump\", if the motor can".to_owned(),
-            _ => "smooth the law there, or give the motor the pull_in that it has".to_owned(),
-        });
+        lines.extend(smoother(prepared, motor, *at_s, (*from, *to)));
     }
     if error.limit().is_some() && motor.law.slack_over().is_some() {
         lines.extend(least_over(prepared, motor).map(|(slower, over_s)| {
-            let over = human::seconds(rounded_up(over_s));
+            let over = time_assignment("over", rounded_up(over_s));
             match slower {
-                None => format!("`backlash` takes up its slack too fast: over = \"{over}\" fits"),
+                None => format!("`backlash` takes up its slack too fast: {over} fits"),
                 Some(factor) => {
                     let times = human::significant(factor, 4);
-                    format!("{times} times slower it fits, with over = \"{over}\" in `backlash`")
+                    format!("{times} times slower it fits, with {over} in `backlash`")
                 }
             }
         }));

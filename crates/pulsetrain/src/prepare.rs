@@ -285,14 +285,22 @@ impl Clock {
     }
 }
 
-/// Plans a law by itself; nothing is kept.
+/// Plans a law by itself; nothing is kept but what is proven.
 ///
 /// # Errors
 /// When that breaks one of `settings`: the first it meets.
-pub fn walk(law: &Law, settings: &Settings) -> Result<(), PlanError> {
+pub fn planned(law: &Law, settings: &Settings) -> Result<Certificate, PlanError> {
     let mut planner = Planner::new(law, settings)?;
     while planner.next_move()?.is_some() {}
-    Ok(())
+    Ok(planner.certificate().clone())
+}
+
+/// The same, for its errors alone.
+///
+/// # Errors
+/// As [`planned`].
+pub fn walk(law: &Law, settings: &Settings) -> Result<(), PlanError> {
+    planned(law, settings).map(drop)
 }
 
 /// Whether a law's plan keeps to `settings`, by itself.

@@ -128,10 +128,22 @@ pub struct MotorReport {
     pub steps_put_off: u64,
     /// Longest time that a step was put off, ticks.
     pub longest_put_off_ticks: u64,
+    /// How far motions stay behind their laws, which begin with `ramp-behind`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub behind: Vec<BehindReport>,
     /// The user's unit of position.
     pub unit: String,
     /// Steps in one of it.
     pub steps_per_unit: f64,
+}
+
+/// A motion that stays behind its law.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct BehindReport {
+    /// Where the law is and the motion is not, steps; negative of a law that begins backward.
+    pub steps: f64,
+    /// How long its ramp takes, s: so much it is behind from there on.
+    pub ramp_s: f64,
 }
 
 /// The largest value of something, and when.
@@ -183,6 +195,9 @@ impl MotorReport {
             worst_position_error: certificate.worst_position_error,
             steps_put_off: certificate.steps_put_off,
             longest_put_off_ticks: certificate.longest_put_off_ticks,
+            behind: (motor.law.behind().iter())
+                .map(|behind| BehindReport { steps: behind.steps, ramp_s: behind.ramp.seconds() })
+                .collect(),
             unit: motor.scale.unit.clone(),
             steps_per_unit: motor.scale.steps_per_unit,
         }
@@ -202,6 +217,14 @@ impl MotorReport {
     /// Whether it is to move, by less than makes a step.
     fn stays(&self) -> bool {
         self.steps == 0 && self.peak_speed.value > 0.0
+    }
+
+    /// How far a motion stays behind its law, and from when on.
+    fn behind(&self, behind: &BehindReport) -> String {
+        let (steps, ramp) = (human::significant(behind.steps.abs(), 4), human::seconds(behind.ramp_s));
+        let own = human::significant(behind.steps.abs() / self.steps_per_unit, 4);
+        let own = if self.counts_steps() { String::new() } else { format!(" = {own} {}", self.unit) };
+        format!("{steps} steps{own}, after a ramp of {ramp}")
     }
 
     fn counts_steps(&self) -> bool {
@@ -260,6 +283,10 @@ const PLANNED: &[Line<MotorReport>] = &[
     ("put off (shared DIR)", |m, tick_s| {
         let by = human::seconds(m.longest_put_off_ticks as f64 * tick_s);
         (m.steps_put_off > 0).then(|| format!("{} steps by up to {by}", human::count(m.steps_put_off.into())))
+    }),
+    ("behind the law", |m, _| {
+        let said = m.behind.iter().map(|behind| m.behind(behind)).collect::<Vec<_>>();
+        (!said.is_empty()).then(|| said.join("; "))
     }),
 ];
 

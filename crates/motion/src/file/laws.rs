@@ -11,7 +11,7 @@ use super::winch;
 use crate::Time;
 use crate::law::{Begin, End, Interpolation, Law, LawError, SCurve, TimerRamp, dds_period};
 use crate::program::Limits;
-use crate::quantity::{Base, nearest};
+use crate::quantity::{Base, nearest, written};
 
 /// Reads the text of a file that a motion file names, relative to it.
 pub(super) type Loader<'a> = &'a dyn Fn(&Path) -> io::Result<String>;
@@ -293,11 +293,20 @@ impl Context<'_> {
         enum Manner {
             Delay,
             Ramp,
+            RampBehind,
             Jump,
         }
         let manner =
             |key: &str, words: &[(&str, Manner)]| motion.get(key).map(|node| Ok((node.word(words)?, node))).transpose();
-        let begin = manner("begin", &[("delay", Manner::Delay), ("ramp", Manner::Ramp), ("jump", Manner::Jump)]);
+        let begin = manner(
+            "begin",
+            &[
+                ("delay", Manner::Delay),
+                ("ramp", Manner::Ramp),
+                ("ramp-behind", Manner::RampBehind),
+                ("jump", Manner::Jump),
+            ],
+        );
         let end = manner("end", &[("ramp", Manner::Ramp), ("jump", Manner::Jump)]);
         let mut law = law;
         if let Some((manner, place)) = begin? {
@@ -308,8 +317,29 @@ impl Context<'_> {
                     let (max_speed, max_acceleration) = self.ramp_limits(&place)?;
                     Begin::Ramp { max_speed, max_acceleration }
                 }
+                Manner::RampBehind => {
+                    let (max_speed, max_acceleration) = self.ramp_limits(&place)?;
+                    Begin::RampBehind { max_speed, max_acceleration }
+                }
             };
-            law = law.beginning(begin).map_err(|error| refuse(&place, &error))?;
+            law = law.clone().beginning(begin).map_err(|error| match begin {
+                Begin::Ramp { max_speed, max_acceleration } => {
+                    let behind = law.beginning(Begin::RampBehind { max_speed, max_acceleration });
+                    let behind = behind.ok().and_then(|law| law.behind().first().copied());
+                    let help = behind.map(|behind| {
+                        let scale = self.gearing.scale();
+                        let left = written(behind.steps.abs() / scale.steps_per_unit, &scale.unit);
+                        format!(
+                            "write begin = \"ramp-behind\": that does not catch up, and stays {left} behind the law"
+                        )
+                    });
+                    place.note("cannot be followed", error.to_string(), help.unwrap_or_default())
+                }
+                Begin::Delay => {
+                    place.note("cannot be followed", error.to_string(), "write begin = \"ramp\", or \"ramp-behind\"")
+                }
+                _ => refuse(&place, &error),
+            })?;
         }
         if let Some((manner, place)) = end? {
             let end = match manner {

@@ -16,8 +16,24 @@ pub enum Begin {
         /// steps/s².
         max_acceleration: f64,
     },
+    /// The same by a quartic that does not make up for the way that it loses: the law goes on that much behind.
+    RampBehind {
+        /// steps/s.
+        max_speed: f64,
+        /// steps/s².
+        max_acceleration: f64,
+    },
     /// At once.
     Jump,
+}
+
+/// A ramp that does not catch up with its law.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Behind {
+    /// Where the law is and the motion is not, from the ramp's end on, steps; negative of a law that begins backward.
+    pub steps: f64,
+    /// How long the ramp takes.
+    pub ramp: Time,
 }
 
 /// How a law ends that is not at rest at its end.
@@ -42,6 +58,8 @@ pub struct Blended {
     head: Option<Piece>,
     /// Comes after it.
     tail: Option<Piece>,
+    /// How far what is left of the law is moved, steps.
+    shift: f64,
     /// The first piece may be entered at any speed.
     jump: bool,
 }
@@ -52,6 +70,8 @@ const LONGEST_RAMP_S: f64 = 3600.0;
 const SHORTEST_RAMP_S: f64 = 1e-6;
 /// The search for rest ends after so many pieces.
 const PIECES_TRIED: usize = 10_000;
+/// More than rounding does to a speed, as a part of it.
+const ROUNDING: f64 = 1e-9;
 /// Part of the fastest speed so far that counts as rest where the speed only touches zero.
 const NEARLY: f64 = 1e-6;
 
@@ -61,6 +81,7 @@ impl Law {
     /// # Errors
     /// [`LawError::Parameter`] if the law never comes to rest, or no ramp stays within the limits; and the law's own.
     pub fn beginning(self, begin: Begin) -> Result<Law, LawError> {
+        let mut shift = 0.0;
         let head = match begin {
             Begin::Jump => None,
             Begin::Delay => {
@@ -69,7 +90,8 @@ impl Law {
                 let position = Double::from(position.whole) + Double::from(position.fraction);
                 (rest > Time::ZERO).then(|| Piece::rest(Time::ZERO, rest, position)).transpose()?
             }
-            Begin::Ramp { max_speed, max_acceleration } => {
+            Begin::Ramp { max_speed, max_acceleration } | Begin::RampBehind { max_speed, max_acceleration } => {
+                let catches_up = matches!(begin, Begin::Ramp { .. });
                 let mut cursor = Cursor::new(&self);
                 let start = cursor.at(Time::ZERO)?;
                 if start.speed == 0.0 && start.acceleration.abs() <= max_acceleration {
@@ -78,13 +100,34 @@ impl Law {
                     let rest = Sample { speed: 0.0, acceleration: 0.0, ..start };
                     let mut ramp = |span: Time| {
                         let to = cursor.at(span)?;
-                        Ok(Quintic::between(rest, to, Time::ZERO, span, false))
+                        Ok(if catches_up {
+                            Ramp::between(rest, to, Time::ZERO, span, false)
+                        } else {
+                            Ramp::up_to_speed(rest, to, span)
+                        })
                     };
-                    Some(shortest(&mut ramp, self.end(), max_speed, max_acceleration)?)
+                    let limits = (max_speed, max_acceleration);
+                    let ramp = shortest(&mut ramp, self.end(), limits, catches_up && matches!(self, Law::Steady(_)))?;
+                    if !catches_up {
+                        shift = -way(ramp.last(), cursor.at(ramp.to)?);
+                    }
+                    Some(ramp.piece())
                 }
             }
         };
-        Ok(Law::Blended(Box::new(Blended { law: self, head, tail: None, jump: begin == Begin::Jump })))
+        Ok(Law::Blended(Box::new(Blended { law: self, head, tail: None, shift, jump: begin == Begin::Jump })))
+    }
+
+    /// How far it stays behind what the file says, for each motion that [does](Begin::RampBehind), in their order.
+    #[must_use]
+    pub fn behind(&self) -> Vec<Behind> {
+        match self {
+            Law::Blended(blended) => blended.behind().into_iter().chain(blended.law.behind()).collect(),
+            Law::Then(laws) => laws.iter().flat_map(Law::behind).collect(),
+            Law::Warped(warped) => warped.law().behind(),
+            Law::TakeUp(_) => self.without_slack().map_or_else(Vec::new, |law| law.behind()),
+            _ => Vec::new(),
+        }
     }
 
     /// This law with another end.
@@ -114,13 +157,14 @@ impl Law {
                 let rest = Sample { speed: 0.0, acceleration: 0.0, ..last };
                 let mut ramp = |span: Time| {
                     let from = cursor.at(end - span)?;
-                    Ok(Quintic::between(from, rest, end - span, end, true))
+                    Ok(Ramp::between(from, rest, end - span, end, true))
                 };
-                Some(shortest(&mut ramp, Some(end), max_speed, max_acceleration)?)
+                let is_steady = matches!(self, Law::Steady(_));
+                Some(shortest(&mut ramp, Some(end), (max_speed, max_acceleration), is_steady)?.piece())
             }
         };
         drop(cursor);
-        Ok(Law::Blended(Box::new(Blended { law: self, head: None, tail, jump: false })))
+        Ok(Law::Blended(Box::new(Blended { law: self, head: None, tail, shift: 0.0, jump: false })))
     }
 
     /// This law up to `at`, then braked to rest by `braking` (steps/s²): how an endless law is brought to an end.
@@ -158,7 +202,7 @@ impl Law {
             curve: Curve::Polynomial(curve),
             entry: Entry::Continuous,
         };
-        Ok(Law::Blended(Box::new(Blended { law: self, head: None, tail: Some(tail), jump: false })))
+        Ok(Law::Blended(Box::new(Blended { law: self, head: None, tail: Some(tail), shift: 0.0, jump: false })))
     }
 
     /// When the speed is first zero.
@@ -209,33 +253,49 @@ fn bisect(mut a: Time, mut b: Time, f: impl Fn(Time) -> f64) -> Time {
     b
 }
 
+/// How far it is from one place to another, steps.
+fn way(from: Sample, to: Sample) -> f64 {
+    (Double::from(to.whole) - Double::from(from.whole) + Double::from(to.fraction) - Double::from(from.fraction))
+        .nearest()
+}
+
 /// A ramp: θ = whole + Σ c_k u^k, u from `from` on.
-struct Quintic {
+struct Ramp {
     whole: i64,
     c: [f64; 6],
     from: Time,
     to: Time,
     /// u is 0 at `to`, so that the end is met exactly.
     backward: bool,
+    /// How fast the law is where the ramp meets it, steps/s.
+    law_speed: f64,
 }
 
-impl Quintic {
+impl Ramp {
     /// The quintic that takes position, speed and acceleration from `a` to `b`.
-    fn between(a: Sample, b: Sample, from: Time, to: Time, backward: bool) -> Quintic {
+    fn between(a: Sample, b: Sample, from: Time, to: Time, backward: bool) -> Ramp {
         let span = (to - from).seconds();
         // Around the end with u = 0, whose coefficients are simply its state; the other end at u = span.
         let (near, far, span) = if backward { (b, a, -span) } else { (a, b, span) };
         let (v0, a0) = (near.speed, near.acceleration);
-        let way = (Double::from(far.whole) - Double::from(near.whole) + Double::from(far.fraction)
-            - Double::from(near.fraction))
-        .nearest();
-        let x = way - span * (v0 + 0.5 * span * a0);
+        let x = way(near, far) - span * (v0 + 0.5 * span * a0);
         let v = (far.speed - v0 - span * a0) * span;
-        let a = (far.acceleration - a0) * span * span;
-        let c3 = (10.0 * x - 4.0 * v + 0.5 * a) / (span * span * span);
-        let c4 = (-15.0 * x + 7.0 * v - a) / (span * span * span * span);
-        let c5 = (6.0 * x - 3.0 * v + 0.5 * a) / (span * span * span * span * span);
-        Quintic { whole: near.whole, c: [near.fraction, v0, 0.5 * a0, c3, c4, c5], from, to, backward }
+        let acceleration = (far.acceleration - a0) * span * span;
+        let c3 = (10.0 * x - 4.0 * v + 0.5 * acceleration) / (span * span * span);
+        let c4 = (-15.0 * x + 7.0 * v - acceleration) / (span * span * span * span);
+        let c5 = (6.0 * x - 3.0 * v + 0.5 * acceleration) / (span * span * span * span * span);
+        let law_speed = if backward { a.speed } else { b.speed };
+        Ramp { whole: near.whole, c: [near.fraction, v0, 0.5 * a0, c3, c4, c5], from, to, backward, law_speed }
+    }
+
+    /// The quartic that takes speed and acceleration from rest to those of `to`, wherever that is.
+    fn up_to_speed(rest: Sample, to: Sample, span: Time) -> Ramp {
+        let Sample { speed, acceleration, .. } = to;
+        let s = span.seconds();
+        let c3 = (speed - acceleration * s / 3.0) / (s * s);
+        let c4 = (0.25 * acceleration * s - 0.5 * speed) / (s * s * s);
+        let c = [rest.fraction, 0.0, 0.0, c3, c4, 0.0];
+        Ramp { whole: rest.whole, c, from: Time::ZERO, to: span, backward: false, law_speed: speed }
     }
 
     fn piece(self) -> Piece {
@@ -243,6 +303,13 @@ impl Quintic {
         let zero = if self.backward { end } else { start };
         let curve = Curve::Polynomial(self.c.to_vec());
         Piece { zero, start, end, origin: self.whole, curve, entry: Entry::Continuous }
+    }
+
+    /// Where a ramp that is not backward ends.
+    fn last(&self) -> Sample {
+        let span = (self.to - self.from).seconds();
+        let fraction = self.c.iter().rev().fold(0.0, |sum, c| sum * span + c);
+        Sample { position: 0.0, whole: self.whole, fraction, speed: self.law_speed, acceleration: 0.0 }
     }
 
     /// The highest speed and acceleration, from samples that miss less than a thousandth.
@@ -259,42 +326,42 @@ impl Quintic {
     }
 }
 
-/// The shortest of `ramp`'s quintics that stays within the limits.
+/// The shortest of `ramp`'s that stays within the limits, steps/s and steps/s².
+///
+/// `is_similar`: all are one curve, stretched: what is too fast once is so always, and nothing is searched for.
 fn shortest(
-    ramp: &mut dyn FnMut(Time) -> Result<Quintic, LawError>,
+    ramp: &mut dyn FnMut(Time) -> Result<Ramp, LawError>,
     end: Option<Time>,
-    max_speed: f64,
-    max_acceleration: f64,
-) -> Result<Piece, LawError> {
+    (max_speed, max_acceleration): (f64, f64),
+    is_similar: bool,
+) -> Result<Ramp, LawError> {
     checked("max_speed", max_speed, "steps/s", |v| v > 0.0)?;
     checked("max_acceleration", max_acceleration, "steps/s²", |a| a > 0.0)?;
-    let excess = |quintic: &Quintic| {
-        let (v, a) = quintic.peaks();
-        (1.001 * v / max_speed, 1.001 * a / max_acceleration)
+    let excess = |ramp: &Ramp| {
+        let (v, a) = ramp.peaks();
+        // The law's own speed is known exactly, and may be the limit.
+        let law_speed = ramp.law_speed.abs();
+        let v = if v <= law_speed * (1.0 + ROUNDING) { law_speed / (1.0 + ROUNDING) } else { 1.001 * v };
+        (v / max_speed, 1.001 * a / max_acceleration)
     };
     let longest = end.map_or(LONGEST_RAMP_S, Time::seconds).min(LONGEST_RAMP_S);
-    let mut closest = (f64::INFINITY, 0.0, 0.0);
+    let mut closest: Option<(f64, f64, Ramp)> = None;
     let mut below = 0.0;
     let mut span = SHORTEST_RAMP_S.min(longest);
     loop {
-        let (v, a) = excess(&ramp(Time::from_seconds(span))?);
+        let tried = ramp(Time::from_seconds(span))?;
+        let (v, a) = excess(&tried);
         if v.max(a) <= 1.0 {
             break;
         }
-        if v.max(a) < closest.0 {
-            closest = (v.max(a), v, a);
+        if is_similar && v > 1.0 {
+            return Err(no_ramp(Some((v, 0.0, tried)), longest, max_speed, max_acceleration));
+        }
+        if closest.as_ref().is_none_or(|(least_v, least_a, _)| v.max(a) < least_v.max(*least_a)) {
+            closest = Some((v, a, tried));
         }
         if span >= longest {
-            let (_, v, a) = closest;
-            let (name, limit, needed, unit) = if v > a {
-                ("max_speed", max_speed, v * max_speed, "steps/s")
-            } else {
-                ("max_acceleration", max_acceleration, a * max_acceleration, "steps/s²")
-            };
-            return Err(LawError::Parameter(format!(
-                "no ramp of up to {longest} s stays within {name} = {limit} {unit}; the gentlest needs {needed:.1}: a ramp makes up for \
-                 the way that it loses, and is faster than the law for a while"
-            )));
+            return Err(no_ramp(closest, longest, max_speed, max_acceleration));
         }
         below = span;
         span = (span * 1.05).min(longest);
@@ -304,7 +371,29 @@ fn shortest(
         let (v, a) = excess(&ramp(Time::from_seconds(middle))?);
         if v.max(a) <= 1.0 { span = middle } else { below = middle }
     }
-    Ok(ramp(Time::from_seconds(span))?.piece())
+    ramp(Time::from_seconds(span))
+}
+
+/// Why there is none: the one that comes closest.
+fn no_ramp(closest: Option<(f64, f64, Ramp)>, longest: f64, max_speed: f64, max_acceleration: f64) -> LawError {
+    let (v, a, speed) = closest.map_or((0.0, 0.0, 0.0), |(v, a, ramp)| (v, a, ramp.law_speed.abs()));
+    LawError::Parameter(if v > a {
+        let needed = v * max_speed;
+        let faster = if needed > 1.0011 * speed {
+            ": a ramp makes up for the way that it loses, and is faster than the law for a while"
+        } else {
+            ""
+        };
+        format!(
+            "no ramp stays within max_speed = {max_speed:.1} steps/s: the law runs at {speed:.1} steps/s where the ramp would meet it, and \
+             the slowest ramp at {needed:.1} steps/s{faster}"
+        )
+    } else {
+        let needed = a * max_acceleration;
+        format!(
+            "no ramp of up to {longest} s stays within max_acceleration = {max_acceleration:.1} steps/s²; the gentlest needs {needed:.1}"
+        )
+    })
 }
 
 impl Blended {
@@ -323,6 +412,12 @@ impl Blended {
             None => (1.0, f64::MAX),
         };
         law.stopped(tail.start, braking, pull_in).ok()
+    }
+
+    /// How far the motion stays behind its law, if it does.
+    fn behind(&self) -> Option<Behind> {
+        let ramp = self.head.as_ref()?.end;
+        (self.shift != 0.0).then_some(Behind { steps: -self.shift, ramp })
     }
 
     pub(super) fn end(&self) -> Option<Time> {
@@ -353,7 +448,7 @@ impl Blended {
             Ok(mut piece) => {
                 piece.start = piece.start.max(from);
                 piece.end = piece.end.min(to);
-                (piece.start < piece.end).then_some(Ok(piece))
+                (piece.start < piece.end).then(|| piece.raise(Double::from(self.shift)).map(|()| piece))
             }
             Err(error) => Some(Err(error)),
         });

@@ -31,7 +31,7 @@ mod warp;
 pub mod winch;
 
 use crate::Time;
-pub use blend::{Begin, Blended, End};
+pub use blend::{Begin, Behind, Blended, End};
 pub use circle::{Circle, dds_period};
 pub use combine::{Changed, Repeated};
 pub use cursor::{Cursor, Sample};

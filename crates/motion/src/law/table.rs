@@ -48,20 +48,35 @@ impl Law {
         }
         for (row, pair) in rows.windows(2).enumerate() {
             let ((t0, x0), (t1, x1)) = (pair[0], pair[1]);
-            let (h, secant) = (t1 - t0, (x1 - x0) / (t1 - t0));
-            let c = match &slopes {
-                None => vec![0.0, secant],
-                Some(m) => {
-                    let (m0, m1) = (m[row], m[row + 1]);
-                    vec![0.0, m0, (3.0 * secant - 2.0 * m0 - m1) / h, (m0 + m1 - 2.0 * secant) / (h * h)]
-                }
+            let (start, end) = (Time::from_seconds(t0), Time::from_seconds(t1));
+            let (h, way) = ((end - start).seconds(), x1 - x0);
+            let mut lay = |zero: Time, start: Time, end: Time, position: f64, c: Vec<f64>| -> Result<(), LawError> {
+                let curve = Curve::Polynomial(c);
+                let mut piece = Piece { zero, start, end, origin: 0, curve, entry: Entry::Continuous };
+                piece.raise(Double::from(position))?;
+                pieces.push(piece);
+                Ok(())
             };
-            let start = Time::from_seconds(t0);
-            let end = Time::from_seconds(t1);
-            let mut piece =
-                Piece { zero: start, start, end, origin: 0, curve: Curve::Polynomial(c), entry: Entry::Continuous };
-            piece.raise(Double::from(x0))?;
-            pieces.push(piece);
+            let secant = way / h;
+            let Some(m) = &slopes else {
+                lay(start, start, end, x0, vec![0.0, secant])?;
+                continue;
+            };
+            let (m0, m1) = (m[row], m[row + 1]);
+            let cubic = (m0 + m1 - 2.0 * secant) / (h * h);
+            let from_start = vec![0.0, m0, (3.0 * secant - 2.0 * m0 - m1) / h, cubic];
+            let from_end = vec![0.0, m1, (2.0 * m1 + m0 - 3.0 * secant) / h, cubic];
+            // Where the motion rests, and where it begins (steps count from there), the row's own numbers must stand: rounding of a curve
+            // that comes from the other row would decide when a step there is due, or whether.
+            let middle = start + (end - start).divided_by(2);
+            if m1 != 0.0 || way == 0.0 || middle == start {
+                lay(start, start, end, x0, from_start)?;
+            } else if m0 == 0.0 || row == 0 {
+                lay(start, start, middle, x0, from_start)?;
+                lay(end, middle, end, x1, from_end)?;
+            } else {
+                lay(end, start, end, x1, from_end)?;
+            }
         }
         Law::fixed(pieces, Class::Interpolant)
     }

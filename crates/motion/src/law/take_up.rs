@@ -90,6 +90,18 @@ impl Law {
         self.with_take_up(&|take_up| take_up.sum[0].clone().taking_up(take_up.slack()?.steps, over).ok())
     }
 
+    /// What `change` makes of this law; where slack is taken up, of the law without, whose slack is taken up again.
+    #[must_use]
+    pub fn changed_under_slack(&self, change: impl Fn(&Law) -> Option<Law>) -> Option<Law> {
+        if !self.takes_up() {
+            return change(self);
+        }
+        self.with_take_up(&|take_up| {
+            let slack = take_up.slack()?;
+            change(&take_up.sum[0])?.taking_up(slack.steps, slack.over).ok()
+        })
+    }
+
     /// This law with something else in place of each law that takes up slack. Motion files have those of whole motors alone, to which a
     /// stop or a pause may have come.
     fn with_take_up(&self, change: &impl Fn(&TakeUp) -> Option<Law>) -> Option<Law> {
