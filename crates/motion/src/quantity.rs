@@ -165,7 +165,7 @@ pub fn assignment(key: &str, amount: f64, unit: &str) -> String {
 #[must_use]
 pub fn time_assignment(key: &str, seconds: f64) -> String {
     let (per_second, unit) = match seconds {
-        s if s >= 1.0 => (1.0, "s"),
+        s if s >= 0.1 => (1.0, "s"),
         s if s >= 1e-3 => (1e3, "ms"),
         s if s >= 1e-6 => (1e6, "us"),
         _ => (1e9, "ns"),

@@ -6,7 +6,7 @@ use std::path::Path;
 use expect_test::{Expect, expect};
 use miette::Diagnostic;
 use proptest::prelude::*;
-use pulsetrain_motion::file::{self, FileError};
+use pulsetrain_motion::file::{self, FileError, Problem};
 use pulsetrain_motion::program::{BoardError, Program};
 use pulsetrain_motion::{Time, boards, template};
 
@@ -51,9 +51,128 @@ fn check(old: &str, new: &str, expected: Expect) {
     let text = if old.is_empty() { new.to_owned() } else { GOOD.replacen(old, new, 1) };
     let said = match read(&text) {
         Ok(_) => "no problem\n".to_owned(),
-        Err(error) => error.plain(),
+        Err(error) => {
+            error.problems().iter().filter_map(Problem::advice).flat_map(assignments).for_each(check_assignment);
+            error.plain()
+        }
     };
     expected.assert_eq(&said);
+}
+
+/// Every `key = value` of some advice, as far as that reads as TOML.
+fn assignments(advice: &str) -> Vec<&str> {
+    let is_of_key = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '.';
+    let places = advice.match_indices(" = ").filter_map(|(at, _)| {
+        let key = advice[..at].rfind(|c| !is_of_key(c)).map_or(0, |before| before + 1);
+        let line = advice[key..].lines().next()?;
+        // What is within another one's value is read with that.
+        let depth = |c: char| advice[..key].matches(c).count();
+        (depth('{') == depth('}') && depth('[') == depth(']') || advice[..key].ends_with("[[motion]] with "))
+            .then_some((&advice[key..at], line))
+    });
+    places
+        .map(|(key, line)| {
+            let ends = (0..=line.len()).rev().filter(|end| line.is_char_boundary(*end));
+            let longest = ends.map(|end| line[..end].trim_end()).find(|part| part.parse::<toml_edit::DocumentMut>().is_ok());
+            let found = longest.filter(|part| part.len() > key.len());
+            found.unwrap_or_else(|| panic!("this does not parse: {line}"))
+        })
+        .collect()
+}
+
+/// Where keys belong: a part of the good file, and the keys that go there.
+const PLACES: &[(&str, &[&str])] = &[
+    ("", &["board", "grid", "tolerance", "idle"]),
+    (
+        "motor.wheel",
+        &[
+            "steps_per_rev", "microsteps", "driver", "pins", "forward", "enabled", "sequence", "gear", "lead", "max_speed",
+            "max_acceleration", "pull_in", "backlash", "pulse_high", "pulse_low", "dir_setup", "dir_hold", "inductance",
+            "current", "voltage",
+        ],
+    ),
+    ("motion", &["motor", "motors", "machine", "start", "repeat", "ease", "begin", "end"]),
+    (
+        "law",
+        &[
+            "sine", "formula", "table", "speed", "trapezoid", "s_curve", "sweep", "ramp", "winch", "rest", "sum", "then",
+            "scale", "shift", "delay", "repeat",
+        ],
+    ),
+    ("law.sine", &["amplitude", "period", "frequency", "cycles", "dds"]),
+    ("law.formula", &["theta", "unit", "duration", "where"]),
+    ("law.table", &["file", "time", "columns", "interpolation"]),
+    ("law.trapezoid", &["distance", "acceleration", "deceleration"]),
+    ("law.s_curve", &["jerk", "start_speed"]),
+    ("law.sweep", &["swing", "phase"]),
+    ("law.ramp", &["tick", "slowest", "fastest", "during"]),
+    ("law.winch", &["axis", "commands"]),
+    ("law.scale", &["by"]),
+    ("law.repeat", &["times"]),
+    ("grid", &["hysteresis"]),
+];
+
+/// Puts what some advice says to write where it belongs: the reader takes it.
+#[track_caller]
+fn check_assignment(assignment: &str) {
+    let written: toml_edit::DocumentMut = assignment.parse().unwrap();
+    let (key, item) = written.iter().next().unwrap();
+    if key == "law" || key == "path" {
+        let (inner, item) = item.as_table_like().unwrap().iter().next().unwrap();
+        return if key == "law" { check_assignment(&format!("{inner} = {}", item.to_string().trim())) };
+    }
+    let places: Vec<&str> = PLACES.iter().filter(|(_, keys)| keys.contains(&key)).map(|(place, _)| *place).collect();
+    assert!(!places.is_empty() || OF_MACHINES.contains(&key), "where does {assignment} belong?");
+    let said = |place: &str| {
+        let mut file: toml_edit::DocumentMut = GOOD.parse().unwrap();
+        let mut text = String::new();
+        match place {
+            "" => file[key] = item.clone(),
+            "grid" => file["grid"] = toml_edit::value(format!("{{ {assignment} }}")),
+            "motor.wheel" => file["motor"]["wheel"][key] = item.clone(),
+            _ => {
+                let motion = file["motion"].as_array_of_tables_mut().unwrap().get_mut(0).unwrap();
+                match place.strip_prefix("law.") {
+                    None if place == "motion" => motion[key] = item.clone(),
+                    within => {
+                        motion.remove("law");
+                        text = match within {
+                            None => format!("law.{assignment}\n"),
+                            Some(law) => format!("law.{law} = {{ {assignment} }}\n"),
+                        };
+                    }
+                }
+            }
+        }
+        let text = format!("{file}{text}").replace(&format!("'{{ {assignment} }}'"), &format!("{{ {assignment} }}"));
+        let error = read(&text).err();
+        // Other things may be missing there now; this one is not to be complained of.
+        let about = |problem: &&Problem| {
+            let message = problem.message();
+            message.contains("not TOML") || message.contains("unknown") || message.starts_with(&format!("`{key}`"))
+        };
+        error.and_then(|error| error.problems().iter().find(about).map(|problem| format!("{problem}: {text}")))
+    };
+    let refusals: Vec<String> = places.iter().filter_map(|place| said(place)).collect();
+    assert!(places.is_empty() || refusals.len() < places.len(), "{assignment}: {refusals:?}");
+}
+
+/// Of machines and their paths: those parse, and the examples of docs/machines.md are read.
+const OF_MACHINES: &[&str] = &[
+    "kind", "radius", "points", "pause", "x", "y", "z", "angles", "axes", "base", "upper_arm", "forearm", "effector",
+    "circle", "lorenz", "lines",
+];
+
+#[test]
+fn what_is_no_toml_is_found_in_advice() {
+    assert_eq!(assignments("write tolerance = \"1 tick\", or \"1 us\""), ["tolerance = \"1 tick\""]);
+    assert_eq!(assignments("add grid = { hysteresis = \"0.1 step\" } there; or gear = 3 if"), [
+        "grid = { hysteresis = \"0.1 step\" }",
+        "gear = 3"
+    ]);
+    assert!(std::panic::catch_unwind(|| assignments("tolerance = 78 000 ticks")).is_err());
+    assert!(std::panic::catch_unwind(|| check_assignment("tolerance = \"78 000 ticks\"")).is_err());
+    assert!(std::panic::catch_unwind(|| assignments("sum = [{ sine = { … } }]")).is_err());
 }
 
 const SINE: &str = r#"law.sine = { amplitude = "2.5 rev", period = "1 s" }"#;

@@ -1,0 +1,140 @@
+//! What a refusal says to write: it is TOML, it is read where it belongs, and the motion fits then.
+
+use pulsetrain::prepare::{Prepared, Refusal};
+
+/// A motor, and a motion to be added.
+const MOTOR: &str = "[motor.wheel]\nsteps_per_rev = 200\nmicrosteps = 16\npulse_high = \"2 us\"\n\
+    pins = { step = 8, dir = 9 }\nforward = \"low\"\n";
+const LIMITS: &str = "max_speed = \"10000 step/s\"\nmax_acceleration = \"40000 step/s^2\"\n";
+
+/// A file of its own that is gone afterwards.
+struct File(std::path::PathBuf);
+
+impl Drop for File {
+    fn drop(&mut self) {
+        drop(std::fs::remove_file(&self.0));
+    }
+}
+
+/// What is said of a motion file that is read; `None` if it fits.
+fn advice(name: &str, text: &str) -> Option<String> {
+    let file = File(std::env::temp_dir().join(format!("pulsetrain-helps-{name}-{}.toml", std::process::id())));
+    std::fs::write(&file.0, text).unwrap();
+    let prepared = Prepared::load(&file.0, None, None).unwrap_or_else(|error| panic!("{error:?}\n{text}"));
+    match prepared.plan(|_| ()) {
+        Ok(_) => None,
+        Err(Refusal::Plan { advice, .. }) => Some(advice),
+        Err(other) => panic!("{other}\n{text}"),
+    }
+}
+
+/// Every `key = value` in some advice.
+fn assignments(advice: &str) -> Vec<(&str, &str)> {
+    let lines = advice.lines().flat_map(|line| line.match_indices(" = ").map(move |(at, _)| (line, at)));
+    let found = lines.filter_map(|(line, at)| {
+        let key = line[..at].rfind(|c: char| !c.is_ascii_lowercase() && c != '_').map_or(0, |before| before + 1);
+        let value = &line[at + 3..];
+        let end = match value.chars().next()? {
+            '"' => value[1..].find('"')? + 2,
+            '{' => value.find('}')? + 1,
+            _ => panic!("no TOML: {line}"),
+        };
+        // Within another one's value.
+        (!line[..at].contains('{')).then_some((&line[key..at], &value[..end]))
+    });
+    found.collect()
+}
+
+/// The file with what some advice says: in place of what is there, or else in the motions.
+fn mended(text: &str, (key, value): (&str, &str)) -> String {
+    let is_there = |line: &&str| line.starts_with(&format!("{key} = "));
+    if let Some(line) = text.lines().find(is_there) {
+        return text.replace(line, &format!("{key} = {value}"));
+    }
+    match key {
+        "tolerance" | "grid" => format!("{key} = {value}\n{text}"),
+        "over" => {
+            let (before, after) = text.split_once("over = \"").unwrap();
+            format!("{before}over = {value}{}", after.split_once('"').unwrap().1)
+        }
+        "ease" | "begin" | "end" => text.replace("[[motion]]\n", &format!("[[motion]]\n{key} = {value}\n")),
+        other => panic!("where does {other} belong?"),
+    }
+}
+
+/// The advice on a file has these keys, in this order, and each of them cures it.
+#[track_caller]
+fn check(name: &str, text: &str, expected: &[&str]) -> String {
+    let advice_on = advice(name, text).unwrap_or_else(|| panic!("{name} fits:\n{text}"));
+    let found = assignments(&advice_on);
+    let shown: Vec<String> = found.iter().map(|(key, value)| format!("{key} = {value}")).collect();
+    assert_eq!(shown.len(), expected.len(), "{name}: {advice_on}");
+    for (shown, expected) in shown.iter().zip(expected) {
+        assert!(shown.starts_with(expected), "{name}: {shown}, not {expected}: {advice_on}");
+    }
+    for fix in found {
+        assert_eq!(advice(name, &mended(text, fix)), None, "{name}: {fix:?} does not help");
+    }
+    advice_on
+}
+
+fn motion(limits: &str, law: &str) -> String {
+    format!("board = \"uno\"\n{MOTOR}{limits}[[motion]]\nmotor = \"wheel\"\n{law}\n")
+}
+
+#[test]
+fn a_speed_that_begins_at_once_is_eased_first() {
+    let endless = |speed| format!("law.speed = {{ speed = \"{speed} step/s\" }}");
+    let ways = ["ease = \"0.5", "begin = \"ramp\"", "begin = \"ramp-behind\"", "begin = \"jump\""];
+    check("slow", &motion(LIMITS, &endless(5000)), &["ease = \"0.5 s\"", ways[1], ways[2], ways[3]]);
+    // At the motor's own limit nothing catches up.
+    let said = check("fast", &motion(LIMITS, &endless(10_000)), &["ease = \"0.5 s\"", ways[2], ways[3]]);
+    assert!(said.contains("steps behind the law"), "{said}");
+    check("unlimited", &motion("", &endless(5000)), &["ease = \"0.5 s\"", ways[3]]);
+    // Harder than half a second allows.
+    let soft = LIMITS.replace("40000", "9000");
+    check("soft", &motion(&soft, &endless(5000)), &["ease = \"1 s\"", ways[1], ways[2], ways[3]]);
+    let sine = "law.formula = { theta = \"20000*sin(0.2*t)\", unit = \"step\" }";
+    check("sine", &motion(LIMITS, sine), &["ease = \"0.5 s\"", ways[1], ways[2], "begin = \"delay\"", ways[3]]);
+    // Slack comes on top.
+    let slack = "backlash = { slack = \"6 step\", over = \"20 ms\" }\n";
+    check("slack", &motion(slack, &endless(5000)), &["ease = \"0.5 s\"", ways[3]]);
+}
+
+#[test]
+fn a_speed_that_ends_at_once_is_eased_first() {
+    let law = "law.formula = { theta = \"1000*t^2\", unit = \"step\", duration = \"4 s\" }";
+    check("end", &motion(LIMITS, law), &["ease = \"0.5 s\"", "end = \"ramp\"", "end = \"jump\""]);
+}
+
+/// Both ends are cured by easing them; what begins otherwise still ends as it did.
+#[test]
+fn motions_one_after_the_other_are_eased_each() {
+    let law = "law.speed = { speed = \"5000 step/s\", duration = \"2 s\" }";
+    let second = "[[motion]]\nmotor = \"wheel\"\nlaw.speed = { speed = \"-4000 step/s\", duration = \"2 s\" }\n";
+    let text = format!("{}{second}", motion(LIMITS, law));
+    let said = advice("two", &text).unwrap();
+    let found = assignments(&said);
+    assert_eq!(found[0], ("ease", "\"0.5 s\""), "{said}");
+    assert_eq!(advice("two-eased", &mended(&text, found[0])), None);
+}
+
+#[test]
+fn tolerances_are_offered_as_far_as_they_are_tolerances() {
+    let still = "law.sine = { amplitude = \"1 rev\", period = \"1 s\" }";
+    check("tight", &format!("tolerance = \"10 ns\"\n{}", motion("", still)), &["tolerance = \"0.55 ticks\""]);
+    // The turn is just where a step is due, and formulas round.
+    let turning = |rate: &str, s: &str| {
+        let law = format!("law.formula = {{ theta = \"1e5*sin({rate}*t)^2\", unit = \"step\", duration = \"{s} s\" }}");
+        format!("grid = \"reach\"\n{}", motion("pull_in = \"100 step/s\"\n", &law))
+    };
+    check("turning", &turning("0.01", "314"), &["tolerance = \""]);
+    // Milliseconds are no tolerance.
+    check("creeping", &turning("1e-5", "3.14e5"), &["grid = \"nearest\""]);
+}
+
+#[test]
+fn slack_is_given_the_time_that_it_wants() {
+    let limits = format!("{LIMITS}backlash = {{ slack = \"60 step\", over = \"2 ms\" }}\n");
+    check("over", &motion(&limits, "law.sine = { amplitude = \"1 rev\", period = \"4 s\" }"), &["over = \""]);
+}
