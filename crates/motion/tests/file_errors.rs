@@ -52,7 +52,12 @@ fn check(old: &str, new: &str, expected: Expect) {
     let said = match read(&text) {
         Ok(_) => "no problem\n".to_owned(),
         Err(error) => {
-            error.problems().iter().filter_map(Problem::advice).flat_map(assignments).for_each(check_assignment);
+            error
+                .problems()
+                .iter()
+                .filter_map(Problem::advice)
+                .flat_map(assignments)
+                .for_each(|it| check_assignment(it, &text));
             error.plain()
         }
     };
@@ -73,7 +78,8 @@ fn assignments(advice: &str) -> Vec<&str> {
     places
         .map(|(key, line)| {
             let ends = (0..=line.len()).rev().filter(|end| line.is_char_boundary(*end));
-            let longest = ends.map(|end| line[..end].trim_end()).find(|part| part.parse::<toml_edit::DocumentMut>().is_ok());
+            let longest =
+                ends.map(|end| line[..end].trim_end()).find(|part| part.parse::<toml_edit::DocumentMut>().is_ok());
             let found = longest.filter(|part| part.len() > key.len());
             found.unwrap_or_else(|| panic!("this does not parse: {line}"))
         })
@@ -86,22 +92,54 @@ const PLACES: &[(&str, &[&str])] = &[
     (
         "motor.wheel",
         &[
-            "steps_per_rev", "microsteps", "driver", "pins", "forward", "enabled", "sequence", "gear", "lead", "max_speed",
-            "max_acceleration", "pull_in", "backlash", "pulse_high", "pulse_low", "dir_setup", "dir_hold", "inductance",
-            "current", "voltage",
+            "steps_per_rev",
+            "microsteps",
+            "driver",
+            "pins",
+            "forward",
+            "enabled",
+            "sequence",
+            "gear",
+            "lead",
+            "max_speed",
+            "max_acceleration",
+            "pull_in",
+            "backlash",
+            "pulse_high",
+            "pulse_low",
+            "dir_setup",
+            "dir_hold",
+            "inductance",
+            "current",
+            "voltage",
         ],
     ),
     ("motion", &["motor", "motors", "machine", "start", "repeat", "ease", "begin", "end"]),
     (
         "law",
         &[
-            "sine", "formula", "table", "speed", "trapezoid", "s_curve", "sweep", "ramp", "winch", "rest", "sum", "then",
-            "scale", "shift", "delay", "repeat",
+            "sine",
+            "formula",
+            "table",
+            "speed",
+            "trapezoid",
+            "s_curve",
+            "sweep",
+            "ramp",
+            "winch",
+            "rest",
+            "sum",
+            "then",
+            "scale",
+            "shift",
+            "delay",
+            "repeat",
         ],
     ),
     ("law.sine", &["amplitude", "period", "frequency", "cycles", "dds"]),
     ("law.formula", &["theta", "unit", "duration", "where"]),
     ("law.table", &["file", "time", "columns", "interpolation"]),
+    ("law.speed", &["speed"]),
     ("law.trapezoid", &["distance", "acceleration", "deceleration"]),
     ("law.s_curve", &["jerk", "start_speed"]),
     ("law.sweep", &["swing", "phase"]),
@@ -110,24 +148,35 @@ const PLACES: &[(&str, &[&str])] = &[
     ("law.scale", &["by"]),
     ("law.repeat", &["times"]),
     ("grid", &["hysteresis"]),
+    ("pins", &["step", "dir", "enable"]),
 ];
 
 /// Puts what some advice says to write where it belongs: the reader takes it.
 #[track_caller]
-fn check_assignment(assignment: &str) {
+fn check_assignment(assignment: &str, file: &str) {
     let written: toml_edit::DocumentMut = assignment.parse().unwrap();
     let (key, item) = written.iter().next().unwrap();
     if key == "law" || key == "path" {
         let (inner, item) = item.as_table_like().unwrap().iter().next().unwrap();
-        return if key == "law" { check_assignment(&format!("{inner} = {}", item.to_string().trim())) };
+        return if key == "law" {
+            check_assignment(&format!("{inner} = {}", item.to_string().trim()), file)
+        };
     }
     let places: Vec<&str> = PLACES.iter().filter(|(_, keys)| keys.contains(&key)).map(|(place, _)| *place).collect();
     assert!(!places.is_empty() || OF_MACHINES.contains(&key), "where does {assignment} belong?");
+    // In the file that is complained of, if it has all that there is a place in.
+    let has_all = |file: &toml_edit::DocumentMut| {
+        let motion = file.get("motion").and_then(|motion| motion.as_array_of_tables());
+        file.get("motor").is_some_and(|motor| motor.get("wheel").is_some()) && motion.is_some_and(|all| !all.is_empty())
+    };
+    let base = file.parse::<toml_edit::DocumentMut>().ok().filter(has_all).unwrap_or_else(|| GOOD.parse().unwrap());
+    let before = read(&base.to_string()).map_or_else(|error| error.plain(), |_| String::new());
     let said = |place: &str| {
-        let mut file: toml_edit::DocumentMut = GOOD.parse().unwrap();
+        let mut file = base.clone();
         let mut text = String::new();
         match place {
             "" => file[key] = item.clone(),
+            "pins" => file["motor"]["wheel"]["pins"][key] = item.clone(),
             "grid" => file["grid"] = toml_edit::value(format!("{{ {assignment} }}")),
             "motor.wheel" => file["motor"]["wheel"][key] = item.clone(),
             _ => {
@@ -149,7 +198,8 @@ fn check_assignment(assignment: &str) {
         // Other things may be missing there now; this one is not to be complained of.
         let about = |problem: &&Problem| {
             let message = problem.message();
-            message.contains("not TOML") || message.contains("unknown") || message.starts_with(&format!("`{key}`"))
+            let is_new = !before.contains(message) && (message.contains("not TOML") || message.contains("unknown"));
+            is_new || message.starts_with(&format!("`{key}`"))
         };
         error.and_then(|error| error.problems().iter().find(about).map(|problem| format!("{problem}: {text}")))
     };
@@ -159,19 +209,34 @@ fn check_assignment(assignment: &str) {
 
 /// Of machines and their paths: those parse, and the examples of docs/machines.md are read.
 const OF_MACHINES: &[&str] = &[
-    "kind", "radius", "points", "pause", "x", "y", "z", "angles", "axes", "base", "upper_arm", "forearm", "effector",
-    "circle", "lorenz", "lines",
+    "kind",
+    "radius",
+    "points",
+    "pause",
+    "x",
+    "y",
+    "z",
+    "angles",
+    "axes",
+    "base",
+    "upper_arm",
+    "forearm",
+    "effector",
+    "circle",
+    "lorenz",
+    "lines",
 ];
 
 #[test]
 fn what_is_no_toml_is_found_in_advice() {
     assert_eq!(assignments("write tolerance = \"1 tick\", or \"1 us\""), ["tolerance = \"1 tick\""]);
-    assert_eq!(assignments("add grid = { hysteresis = \"0.1 step\" } there; or gear = 3 if"), [
-        "grid = { hysteresis = \"0.1 step\" }",
-        "gear = 3"
-    ]);
-    assert!(std::panic::catch_unwind(|| assignments("tolerance = 78 000 ticks")).is_err());
-    assert!(std::panic::catch_unwind(|| check_assignment("tolerance = \"78 000 ticks\"")).is_err());
+    assert_eq!(
+        assignments("add grid = { hysteresis = \"0.1 step\" } there; or gear = 3 if"),
+        ["grid = { hysteresis = \"0.1 step\" }", "gear = 3"]
+    );
+    let refused = |it: &'static str| std::panic::catch_unwind(|| check_assignment(it, GOOD)).is_err();
+    assert!(refused("tolerance = \"78 000 ticks\"") && refused("tolerance = 78"));
+    assert!(refused("bord = \"uno\"") && !refused("tolerance = \"78000 ticks\""));
     assert!(std::panic::catch_unwind(|| assignments("sum = [{ sine = { … } }]")).is_err());
 }
 
@@ -238,13 +303,13 @@ fn keys() {
         "",
         "",
         expect![[r#"
-        x.toml:1:1: the motion file has no `board`
-            add, for example: board = "uno"
-        x.toml:1:1: the motion file has no `motor`
-            add, for example: [motor.wheel] with its steps_per_rev, driver and pins
-        x.toml:1:1: the motion file has no `motion`
-            add, for example: [[motion]] with motor = "wheel" and law.sine = { … }
-    "#]],
+            x.toml:1:1: the motion file has no `board`
+                add, for example: board = "uno"
+            x.toml:1:1: the motion file has no `motor`
+                add, for example: [motor.wheel] with its steps_per_rev, driver and pins
+            x.toml:1:1: the motion file has no `motion`
+                add, for example: [[motion]] with motor = "wheel" and law.sine = { amplitude = "1 rev", period = "1 s" }
+        "#]],
     );
     check(
         "board = \"uno\"",
@@ -737,9 +802,9 @@ fn laws() {
         SINE,
         "law.sum = []",
         expect![[r#"
-        x.toml:14:11: `sum` has no laws in it
-            sum = [{ sine = { … } }, { speed = { … } }]
-    "#]],
+            x.toml:14:11: `sum` has no laws in it
+                sum = [{ sine = { amplitude = "1 rev", period = "1 s" } }, { speed = { speed = "2 rev/s", duration = "1 s" } }]
+        "#]],
     );
     check(
         SINE,

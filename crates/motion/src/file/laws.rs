@@ -40,12 +40,21 @@ const LAWS: &[(&str, &str)] = &[
     ("ramp", "ramp = { distance = \"1 rev\", tick = \"8 us\", slowest = 255, fastest = 18, during = 10 }"),
     ("winch", "winch = { axis = \"x\", commands = [\"0 s: a x 100\"], duration = \"5 s\" }"),
     ("rest", "rest = \"1 s\""),
-    ("sum", "sum = [{ sine = { amplitude = \"1 rev\", period = \"1 s\" } }, { speed = { speed = \"2 rev/s\", duration = \"1 s\" } }]"),
-    ("then", "then = [{ trapezoid = { distance = \"5 rev\", speed = \"2 rev/s\", acceleration = \"10 rev/s^2\" } }, { rest = \"1 s\" }]"),
+    (
+        "sum",
+        "sum = [{ sine = { amplitude = \"1 rev\", period = \"1 s\" } }, { speed = { speed = \"2 rev/s\", duration = \"1 s\" } }]",
+    ),
+    (
+        "then",
+        "then = [{ trapezoid = { distance = \"5 rev\", speed = \"2 rev/s\", acceleration = \"10 rev/s^2\" } }, { rest = \"1 s\" }]",
+    ),
     ("scale", "scale = { by = 0.5, law = { sine = { amplitude = \"1 rev\", period = \"1 s\" } } }"),
     ("shift", "shift = { by = \"90 deg\", law = { sine = { amplitude = \"1 rev\", period = \"1 s\" } } }"),
     ("delay", "delay = { by = \"100 ms\", law = { sine = { amplitude = \"1 rev\", period = \"1 s\" } } }"),
-    ("repeat", "repeat = { times = 3, law = { trapezoid = { distance = \"5 rev\", speed = \"2 rev/s\", acceleration = \"10 rev/s^2\" } } }"),
+    (
+        "repeat",
+        "repeat = { times = 3, law = { trapezoid = { distance = \"5 rev\", speed = \"2 rev/s\", acceleration = \"10 rev/s^2\" } } }",
+    ),
 ];
 
 impl Context<'_> {

@@ -309,7 +309,8 @@ fn read_motions(
     homes: &mut [Option<Home>],
     load: Loader,
 ) -> Vec<Read<Timeline>> {
-    const EXAMPLE: &str = "[[motion]] with motor = \"wheel\" and law.sine = { amplitude = \"1 rev\", period = \"1 s\" }";
+    const EXAMPLE: &str =
+        "[[motion]] with motor = \"wheel\" and law.sine = { amplitude = \"1 rev\", period = \"1 s\" }";
     let start = || Ok(Timeline { end: Some(Time::ZERO), ..Timeline::default() });
     let mut timelines: Vec<Read<Timeline>> = drafts.iter().map(|_| start()).collect();
     let Ok(motions) = root.need("motion", EXAMPLE).and_then(|node| {
