@@ -178,7 +178,7 @@ fn a_ramp_may_stay_behind() {
     // From rest to 1000 steps/s, at 1.5 times the mean acceleration: 0.75 s, in which 375 steps are made of 750.
     let [Behind { steps, ramp }] = behind.behind()[..] else { panic!("{behind:?}") };
     assert!((steps - 375.0).abs() < 0.5 && (ramp.seconds() - 0.75).abs() < 1e-3, "{steps} {ramp:?}");
-    assert_eq!(behind.cycle(), Some((ramp, Time::from_ratio(1, 1000))));
+    assert_eq!(behind.cycle(), Some((ramp, Time::SECOND)));
 
     for (text, limits) in [("1000*t + 300*sin(7*t)", (3200.0, 20_000.0)), ("-500*t - 200*t^2", (2e3, 900.0))] {
         let law = Law::formula(text, &[], 1.0, Some(s(3.0))).unwrap();
