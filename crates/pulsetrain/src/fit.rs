@@ -141,7 +141,7 @@ fn not_provable(prepared: &Prepared, motor: &Motor, bound_ticks: f64, at_s: f64)
         }
     }
     let mut lines = vec![format!(
-        "at t = {} the motion is so slow just where a step is due that rounding decides when it comes",
+        "the motion is so slow just where a step is due, at {}, that rounding decides when it comes",
         human::seconds_to(at_s, 6)
     )];
     let grids = [
@@ -180,7 +180,11 @@ fn smoother(prepared: &Prepared, motor: &Motor, at_s: f64, (from, to): (f64, f64
         return vec![format!("give the path an `ease`, which begins and ends at rest and keeps to it{ease}")];
     }
     let mut lines = Vec::new();
-    let whole = easing(prepared, &[motor], &|law, over| law.clone().eased(over).ok());
+    // What was cut has a stop of its own for its end.
+    let is_cut = |law: &Law| prepared.cut.is_some_and(|cut| law.end().is_some_and(|end| end > cut.at));
+    let whole = easing(prepared, &[motor], &|law, over| {
+        if is_cut(law) { law.clone().eased_in(Time::ZERO, over).ok() } else { law.clone().eased(over).ok() }
+    });
     if let Some(over_s) = whole {
         let ease = time_assignment("ease", over_s);
         lines.push(format!("let its time come up from rest, and go back to rest, in its [[motion]]: {ease}"));
@@ -215,7 +219,10 @@ fn smoother(prepared: &Prepared, motor: &Motor, at_s: f64, (from, to): (f64, f64
         let ways = [
             ramp.map(|_| "begin = \"ramp\" (catches up with the law)".to_owned()),
             stays,
-            begun(Begin::Delay).map(|_| "begin = \"delay\" (waits until the law comes to rest)".to_owned()),
+            // Not one that waits for the stop where an endless motion was cut.
+            begun(Begin::Delay)
+                .filter(|law| prepare::planned(law, &settings).is_ok_and(|plan| plan.steps > 0))
+                .map(|_| "begin = \"delay\" (waits until the law comes to rest)".to_owned()),
             begun(Begin::Jump).map(|_| "begin = \"jump\" (at once, if the motor can)".to_owned()),
         ];
         ("begins", ways)
