@@ -96,9 +96,14 @@ fn a_speed_that_begins_at_once_is_eased_first() {
     check("soft", &motion(&soft, &endless(5000)), &["ease = \"1 s\"", ways[1], ways[2], ways[3]]);
     let sine = "law.formula = { theta = \"20000*sin(0.2*t)\", unit = \"step\" }";
     check("sine", &motion(LIMITS, sine), &["ease = \"0.5 s\"", ways[1], ways[2], "begin = \"delay\"", ways[3]]);
-    // Slack comes on top.
-    let slack = "backlash = { slack = \"6 step\", over = \"20 ms\" }\n";
-    check("slack", &motion(slack, &endless(5000)), &["ease = \"0.5 s\"", ways[3]]);
+    // Slack comes on top; another time for that is said of the slowed motion alone.
+    let text = motion("backlash = { slack = \"6 step\", over = \"20 ms\" }\n", &endless(5000));
+    let said = advice("slack", &text).unwrap();
+    let found = assignments(&said);
+    assert_eq!(found[..2], [("ease", "\"0.5 s\""), ("begin", "\"jump\"")], "{said}");
+    for fix in &found[..2] {
+        assert_eq!(advice("slack", &mended(&text, *fix)), None, "{fix:?} does not help");
+    }
 }
 
 #[test]
