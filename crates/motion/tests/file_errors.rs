@@ -1134,10 +1134,14 @@ fn a_ramp_that_cannot_catch_up_is_told_so() {
     let limits = "forward = \"low\"\nmax_speed = \"2 rev/s\"\nmax_acceleration = \"4 rev/s^2\"\n";
     let law = "law.speed = { speed = \"2 rev/s\" }\nbegin = \"ramp\"";
     let text = GOOD.replace("forward = \"low\"\n", limits).replace(SINE, law);
-    check("", &text, expect![[r#"
+    check(
+        "",
+        &text,
+        expect![[r#"
         x.toml:17:9: no ramp stays within max_speed = 1600.0 steps/s: the law runs at 1600.0 steps/s where the ramp would meet it, and the slowest ramp at 2421.6 steps/s: a ramp makes up for the way that it loses, and is faster than the law for a while
             write begin = "ramp-behind": that does not catch up, and stays 0.751 rev behind the law
-    "#]]);
+    "#]],
+    );
     let program = read(&text.replace("\"ramp\"", "\"ramp-behind\"")).unwrap();
     assert_eq!(program.motors[0].law.behind().len(), 1);
 }
