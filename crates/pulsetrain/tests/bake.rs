@@ -343,7 +343,7 @@ fn command(args: &[&str]) -> (Exit, String, String) {
 #[test]
 fn steps_that_wait_for_a_shared_dir_line_are_told() {
     let swing = |sign: &str| {
-        format!("law.formula = {{ theta = \"{sign}30*sin(4*pi*t)\", unit = \"deg\", duration = \"0.5 s\" }}")
+        format!("law.formula = {{ theta = \"{sign}30*(1-cos(4*pi*t))\", unit = \"deg\", duration = \"0.5 s\" }}")
     };
     let motors = [("a", 2, ""), ("b", 3, "-")].map(|(name, step, sign)| {
         motor(name, "microsteps = 8\ndriver = \"A4988\"", &format!("step = {step}, dir = 5"), &swing(sign))
