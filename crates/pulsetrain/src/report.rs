@@ -369,6 +369,46 @@ fn write_verdict(f: &mut fmt::Formatter<'_>, report: &verdict::Report) -> fmt::R
     Ok(())
 }
 
+impl Display for PlanReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let tick_s = 1.0 / self.tick_hz as f64;
+        writeln!(
+            f,
+            "{} on {} (tick {}): {}",
+            self.file,
+            self.board,
+            human::seconds(tick_s),
+            human::seconds_to(self.duration_s, 6)
+        )?;
+        if let Some(cut) = self.cut_at_s {
+            let cut = human::seconds_to(cut, 6);
+            match self.uncut_s.map(|end| human::seconds_to(end, 6)) {
+                None => writeln!(f, "  endless: shown for {cut}, then the planned stop; --for sets it")?,
+                Some(end) => writeln!(f, "  cut after {cut}, then the planned stop; without --for it takes {end}")?,
+            }
+        }
+        if let Some(Paused { slows_at_s, rests_at_s, goes_on_s }) = self.pause {
+            let time = |at_s| human::seconds_to(at_s, 6);
+            write!(f, "  pause: slows down from {} on, rests from {} on", time(slows_at_s), time(rests_at_s))?;
+            match goes_on_s {
+                Some((from_s, to_s)) => writeln!(f, "; goes on at {}, at speed from {} on", time(from_s), time(to_s))?,
+                None => writeln!(f, ", and stays there")?,
+            }
+        }
+        for motors in self.motors.chunks(ABREAST) {
+            let table = side_by_side(motors, |motor| &motor.name, PLANNED, tick_s);
+            writeln!(f, "\n{table}")?;
+        }
+        self.motors.iter().filter(|motor| motor.stays()).try_for_each(|motor| {
+            writeln!(
+                f,
+                "  {} makes no step: its motion stays within the first one; are `gear`, `lead` and the law's unit right?\n",
+                motor.name
+            )
+        })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -415,45 +455,5 @@ mod tests {
                 assert_eq!(report.is_ok(), last.starts_with("PASS"));
             }
         }
-    }
-}
-
-impl Display for PlanReport {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let tick_s = 1.0 / self.tick_hz as f64;
-        writeln!(
-            f,
-            "{} on {} (tick {}): {}",
-            self.file,
-            self.board,
-            human::seconds(tick_s),
-            human::seconds_to(self.duration_s, 6)
-        )?;
-        if let Some(cut) = self.cut_at_s {
-            let cut = human::seconds_to(cut, 6);
-            match self.uncut_s.map(|end| human::seconds_to(end, 6)) {
-                None => writeln!(f, "  endless: shown for {cut}, then the planned stop; --for sets it")?,
-                Some(end) => writeln!(f, "  cut after {cut}, then the planned stop; without --for it takes {end}")?,
-            }
-        }
-        if let Some(Paused { slows_at_s, rests_at_s, goes_on_s }) = self.pause {
-            let time = |at_s| human::seconds_to(at_s, 6);
-            write!(f, "  pause: slows down from {} on, rests from {} on", time(slows_at_s), time(rests_at_s))?;
-            match goes_on_s {
-                Some((from_s, to_s)) => writeln!(f, "; goes on at {}, at speed from {} on", time(from_s), time(to_s))?,
-                None => writeln!(f, ", and stays there")?,
-            }
-        }
-        for motors in self.motors.chunks(ABREAST) {
-            let table = side_by_side(motors, |motor| &motor.name, PLANNED, tick_s);
-            writeln!(f, "\n{table}")?;
-        }
-        self.motors.iter().filter(|motor| motor.stays()).try_for_each(|motor| {
-            writeln!(
-                f,
-                "  {} makes no step: its motion stays within the first one; are `gear`, `lead` and the law's unit right?\n",
-                motor.name
-            )
-        })
     }
 }
