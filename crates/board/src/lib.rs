@@ -110,6 +110,11 @@ pub trait Board {
         None
     }
 
+    /// Whether what it says of scheduled steps is of all that it was told: `false` is a fault of ours, and nobody knows what was lost then.
+    fn agrees(&self) -> bool {
+        true
+    }
+
     /// Lets the motors come to rest, and says what the board counted: also one that was lost, if it can be found again. Nothing is
     /// to be told to it afterwards.
     ///

@@ -6,12 +6,14 @@
 use crate::{Board, Sizer};
 use pulsetrain_core::channel;
 use pulsetrain_core::output::{Coils, Output, Sequence, StepDir, StepDirSettings};
-use pulsetrain_core::{Axis, Direction, Entry, Epoch, Merge, Moment};
+use pulsetrain_core::queue::{Items, Place};
+use pulsetrain_core::{Axis, Direction, Entry, Epoch, Item, Merge, Moment};
+use std::collections::VecDeque;
 
 /// Motors at most.
 pub const MAX_MOTORS: usize = 16;
 
-/// Items that the queue of a motor holds: room for the stop tails of motions beyond 10^6 steps/s, twice.
+/// Items that the queue of a motor holds, unless it is [unbounded](Native::unbounded): room for the stop tails of motions beyond 10^6 steps/s, twice.
 pub const QUEUE_LEN: usize = 1024;
 
 /// Lines at most.
@@ -233,11 +235,23 @@ impl Native {
     /// # Errors
     /// When the configuration asks for what no board has.
     pub fn new(config: &Config) -> Result<Native, ConfigError> {
+        Native::with_queues(config, QUEUE_LEN)
+    }
+
+    /// The same, whose queues have no end: they hold whatever another board holds that is told the same.
+    ///
+    /// # Errors
+    /// As [`Native::new`].
+    pub fn unbounded(config: &Config) -> Result<Native, ConfigError> {
+        Native::with_queues(config, usize::MAX)
+    }
+
+    fn with_queues(config: &Config, most: usize) -> Result<Native, ConfigError> {
         let outputs = outputs(config)?;
         let engine: Box<dyn Engine> = match config.fraction_bits {
-            16 => Box::new(Axes::<16>::new(outputs)),
-            24 => Box::new(Axes::<24>::new(outputs)),
-            32 => Box::new(Axes::<32>::new(outputs)),
+            16 => Box::new(Axes::<16>::new(outputs, most)),
+            24 => Box::new(Axes::<24>::new(outputs, most)),
+            32 => Box::new(Axes::<32>::new(outputs, most)),
             bits => return Err(ConfigError::FractionBits(bits)),
         };
         let motors = config
@@ -470,25 +484,74 @@ trait Engine: std::fmt::Debug + Send {
     fn faults(&self, motor: usize) -> Faults;
 }
 
+/// A motor's queue: as [`pulsetrain_core::Queue`], on the heap.
+#[derive(Clone, Debug)]
+struct Waiting {
+    entries: VecDeque<Entry>,
+    /// Entries that it holds.
+    most: usize,
+}
+
+impl Waiting {
+    const fn new(most: usize) -> Waiting {
+        Waiting { entries: VecDeque::new(), most }
+    }
+
+    fn push(&mut self, entry: Entry) -> Result<(), Entry> {
+        if self.entries.len() == self.most {
+            return Err(entry);
+        }
+        self.entries.push_back(entry);
+        Ok(())
+    }
+
+    fn credit(&self) -> usize {
+        self.most - self.entries.len()
+    }
+
+    fn discard(&mut self, epoch: Epoch) {
+        while self.entries.pop_back_if(|entry| entry.epoch == epoch).is_some() {}
+    }
+}
+
+impl Items for Waiting {
+    fn wait(&self, epoch: Epoch) -> bool {
+        self.entries.front().is_some_and(|entry| entry.epoch == epoch)
+    }
+
+    fn take(&mut self, _: &Place) -> Option<Item> {
+        self.entries.pop_front().map(|entry| entry.item)
+    }
+
+    fn skip_to(&mut self, epoch: Epoch) {
+        while self.entries.pop_front_if(|entry| entry.epoch != epoch).is_some() {}
+    }
+
+    fn clear(&mut self) {
+        self.entries.clear();
+    }
+}
+
 #[derive(Debug)]
 struct Axes<const F: u32> {
-    axes: Vec<Axis<F, QUEUE_LEN>>,
+    axes: Vec<Axis<F, Waiting>>,
     merge: Merge<MAX_MOTORS>,
 }
 
 impl<const F: u32> Axes<F> {
-    fn new(outputs: Vec<Output>) -> Axes<F> {
-        Axes { axes: outputs.into_iter().map(Axis::new).collect(), merge: Merge::new() }
+    fn new(outputs: Vec<Output>, most: usize) -> Axes<F> {
+        let axes = outputs.into_iter().map(|output| Axis::new(output, Waiting::new(most)));
+        Axes { axes: axes.collect(), merge: Merge::new() }
     }
 }
 
 impl<const F: u32> Engine for Axes<F> {
     fn push(&mut self, motor: usize, entry: Entry) -> Result<(), Entry> {
-        self.axes.get_mut(motor).map_or(Err(entry), |axis| axis.push(entry))
+        self.axes.get_mut(motor).map_or(Err(entry), |axis| axis.queue_mut().push(entry))
     }
 
     fn credit(&self, motor: usize) -> usize {
-        self.axes.get(motor).map_or(0, Axis::credit)
+        self.axes.get(motor).map_or(0, |axis| axis.queue().credit())
     }
 
     fn switch(&mut self, epoch: Epoch, at: Moment) -> Result<(), channel::SwitchRefused> {
@@ -498,7 +561,7 @@ impl<const F: u32> Engine for Axes<F> {
 
     fn discard(&mut self, epoch: Epoch) {
         for axis in &mut self.axes {
-            axis.discard(epoch);
+            axis.queue_mut().discard(epoch);
         }
     }
 
@@ -510,7 +573,7 @@ impl<const F: u32> Engine for Axes<F> {
         let Axes { axes, merge } = self;
         merge.reopen();
         let mut pull = |motor: usize, witness: &mut dyn Witness| {
-            let axis: &mut Axis<F, QUEUE_LEN> = axes.get_mut(motor)?;
+            let axis: &mut Axis<F, Waiting> = axes.get_mut(motor)?;
             let before = axis.channel().position();
             let edge = axis.next(until)?;
             match axis.channel().position().wrapping_sub(before) {
@@ -529,7 +592,7 @@ impl<const F: u32> Engine for Axes<F> {
     }
 
     fn stop(&mut self) -> Vec<bool> {
-        let stop = |axis: &mut Axis<F, QUEUE_LEN>| {
+        let stop = |axis: &mut Axis<F, Waiting>| {
             let going = !axis.channel().is_idle(axis.queue());
             axis.stop();
             going

@@ -10,13 +10,15 @@ use pulsetrain_core::{Entry, Epoch};
 pub struct Shadowed<B> {
     board: B,
     shadow: Native,
+    /// The shadow took everything that the board took.
     agree: bool,
     /// What the shadow scheduled while nobody looked.
     steps: Vec<ScheduledStep>,
 }
 
 impl<B: Board> Shadowed<B> {
-    /// `shadow` has the same motors as `board`, and is new: it comes as far as the board, which may have been on for days.
+    /// `shadow` has the same motors as `board`, queues that hold what the board's hold ([`Native::unbounded`]), and is new: it comes as far
+    /// as the board, which may have been on for days.
     #[must_use]
     pub fn new(board: B, mut shadow: Native) -> Shadowed<B> {
         if let Some(last) = board.now().checked_sub(1) {
@@ -40,12 +42,6 @@ impl<B: Board> Shadowed<B> {
     #[must_use]
     pub fn into_board(self) -> B {
         self.board
-    }
-
-    /// Whether the shadow took everything that the board took.
-    #[must_use]
-    pub const fn agrees(&self) -> bool {
-        self.agree
     }
 
     /// Lets the shadow come as far as the board.
@@ -171,7 +167,61 @@ impl<B: Board> Board for Shadowed<B> {
         self.board.lost()
     }
 
+    fn agrees(&self) -> bool {
+        self.agree && self.board.agrees()
+    }
+
     fn fared(&mut self) -> Result<crate::Fared, crate::RemoteError> {
         self.board.fared()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Config, MotorConfig, Wiring};
+    use pulsetrain_core::{Direction, Item, Moment, Segment};
+
+    fn config() -> Config {
+        let wiring = Wiring::StepDir { step: 8, dir: 9, forward_high: true, pulse_ticks: 10, setup_ticks: 5 };
+        Config { fraction_bits: 16, motors: vec![MotorConfig { wiring, pull_in_ticks: 1000 }] }
+    }
+
+    #[derive(Default)]
+    struct Seen {
+        rises: usize,
+        steps: usize,
+    }
+
+    impl Observer for Seen {
+        fn edge(&mut self, edge: Edge) {
+            self.rises += usize::from(edge.line == 8 && edge.level);
+        }
+
+        fn step(&mut self, _: ScheduledStep) {
+            self.steps += 1;
+        }
+    }
+
+    /// So many runs of a step each, all told before the first; gives what was seen, and whether both agree.
+    fn told(runs: usize, shadow: Native) -> (Seen, bool) {
+        let mut board = Shadowed::new(Native::unbounded(&config()).expect("it can be wired so"), shadow);
+        let segment = Segment { count: 1, interval: 100 << 16, add: 0, add2: 0 };
+        let run = Item::Run { segment, direction: Direction::Forward };
+        for item in [Item::Anchor { tick: Moment(0) }].into_iter().chain(std::iter::repeat_n(run, runs)) {
+            board.push(0, Entry { epoch: Epoch(0), item }).expect("it has room");
+        }
+        let mut seen = Seen::default();
+        board.advance(100 * (runs as u64 + 1), &mut seen);
+        (seen, board.agrees())
+    }
+
+    #[test]
+    fn a_shadow_holds_what_the_board_holds_or_says_that_it_does_not() {
+        let (seen, agrees) = told(5000, Native::unbounded(&config()).expect("it can be wired so"));
+        assert_eq!((seen.rises, seen.steps, agrees), (5000, 5000, true));
+        let (seen, agrees) = told(5000, Native::new(&config()).expect("it can be wired so"));
+        assert_eq!(seen.rises, 5000);
+        assert!(seen.steps < 5000 && !agrees, "{} steps", seen.steps);
     }
 }

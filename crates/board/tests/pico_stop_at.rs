@@ -4,7 +4,7 @@
 mod common;
 mod held;
 
-use common::pico::{TICK_HZ, as_line, coil_levels, coils, run, step_dir};
+use common::pico::{TICK_HZ, as_line, coil_levels, coils, run, step_dir, stopped_driver};
 use held::hold_up;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::{Board, Edge, Port, PortError, Remote, Setup, StopReport};
@@ -17,9 +17,20 @@ use std::time::Duration;
 
 use Direction::{Backward, Forward};
 
-/// Instructions in memory: step/dir from 0 on, coils behind them. Before the gate nothing is counted.
-const STEP_DIR: [u32; 6] = [1, 2, 3, 4, 5, 6];
+/// Instructions in memory: step/dir from 0 on, coils behind them. Before the gate nothing is counted. Those of a pulse are not seen: the machine
+/// ends it, and waits at the gate.
+const STEP_DIR: [u32; 3] = [1, 2, 3];
 const COILS: [u32; 3] = [8, 9, 10];
+
+/// Where a motor's machine was halted.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+enum Place {
+    /// At that instruction.
+    At(u32),
+    /// In a pulse that began so many ticks before.
+    InPulse(u64),
+}
+use Place::{At, InPulse};
 
 /// A board whose main loop can be kept from doing anything up to a cycle, so that it does what was asked for at that one.
 #[derive(Clone)]
@@ -78,8 +89,10 @@ fn under_way(setup: &Setup, intervals: &[i64]) -> (Remote<Held>, Vec<Edge>, u64)
     (board, edges, from)
 }
 
-/// Position and pins agree, and every pulse that was begun is long enough.
-fn check(setup: &Setup, edges: &[Edge], report: &StopReport) {
+/// Position and pins agree, and every pulse is as long as it should be; gives how long before the stop the pulse of each driver began that it
+/// caught.
+fn check(setup: &Setup, edges: &[Edge], report: &StopReport) -> Vec<Option<u64>> {
+    let mut caught = Vec::new();
     for (motor, position) in setup.motors.iter().zip(&report.positions) {
         if let Some(sequence) = motor.coils() {
             let (first, half_steps) = match sequence {
@@ -90,36 +103,26 @@ fn check(setup: &Setup, edges: &[Edge], report: &StopReport) {
             let levels = coil_levels(edges, motor);
             let pattern = HALF_STEPS[(first + half_steps * position).rem_euclid(8) as usize];
             assert_eq!(levels, pattern, "{report:?} {motor:?}");
+            caught.push(None);
             continue;
         }
-        let (mut dir, mut count, mut high) = (false, 0, None::<u64>);
-        for edge in edges {
-            if edge.line == motor.dir_pin {
-                assert_eq!(high, None, "DIR changes inside a pulse");
-                dir = edge.level;
-            } else if edge.line == motor.step_pin && edge.level {
-                assert!(edge.tick <= report.tick, "a step after the stop");
-                count += if dir == motor.forward_high { 1 } else { -1 };
-                high = Some(edge.tick);
-            } else if edge.line == motor.step_pin {
-                let since = high.take().expect("a pulse begins before it ends");
-                assert!(edge.tick - since >= u64::from(setup.pulse_ticks.max(3)), "a pulse of {}", edge.tick - since);
-            }
-        }
-        assert_eq!((high, count), (None, *position), "{report:?} {motor:?}");
+        let pins = stopped_driver(setup, motor, edges, report.tick);
+        assert_eq!(pins.position, *position, "{report:?} {motor:?}");
+        caught.push(pins.caught.map(|(since, _)| since));
     }
+    caught
 }
 
 /// Stops the same board in each of `cycles` cycles, or nearly: what the main loop does in between varies. `around`: in the middle
 /// of them is the first of these ticks that can be, from one on, each so long after the one before. Ends when it has seen enough;
-/// gives at which instructions each motor's machine was halted.
+/// gives where each motor's machine was halted.
 fn stop_in_each(
     setup: &Setup,
     begun: &(Remote<Held>, Vec<Edge>, u64),
     around: Option<(u64, u64)>,
     cycles: u64,
-    is_enough: impl Fn(&[BTreeSet<u32>]) -> bool,
-) -> Vec<BTreeSet<u32>> {
+    is_enough: impl Fn(&[BTreeSet<Place>]) -> bool,
+) -> Vec<BTreeSet<Place>> {
     const HOLD: u64 = TICK_HZ / 10_000;
     /// The stop is asked for so much later: that there is time to hold it up before.
     const LATER: u64 = TICK_HZ / 1000;
@@ -132,12 +135,15 @@ fn stop_in_each(
         held.stretch = stretch.map(|stretch| stretch.map(|ticks| held.now() + Duration::from_nanos(8 * ticks)));
         let report = board.stop_now(now + LATER, &mut observer);
         board.advance(report.tick + TICK_HZ / 1000, &mut observer);
-        check(setup, &edges, &report);
+        let caught = check(setup, &edges, &report);
         let mut chip = board.port().pico.chip().clone();
-        // PIO's SMx_ADDR (RP2040 datasheet §3.7): nobody has moved the machine on.
-        let at = |motor: u32| chip.read(0x5020_00d4 + 0x10_0000 * (motor / 4) + 0x18 * (motor % 4), &mut Unseen);
-        let halted: Vec<u32> = (0..setup.motors.len() as u32).map(at).collect();
-        (report.tick, halted)
+        // PIO's SMx_ADDR (RP2040 datasheet §3.7): nobody has moved a machine on that was not in its pulse.
+        let mut at = |motor: u32| chip.read(0x5020_00d4 + 0x10_0000 * (motor / 4) + 0x18 * (motor % 4), &mut Unseen);
+        let halted = (0..).zip(caught).map(|(motor, caught)| match (at(motor), caught) {
+            (0, Some(since)) => InPulse(since),
+            (at, _) => At(at),
+        });
+        (report.tick, halted.collect::<Vec<_>>())
     };
     // Held up around the time at which it hears of the stop, and so that it does nothing but hear, and sleeps no more, afterwards.
     // By the chip's clock: the host's guess of it may be ahead of the time at which it hears.
@@ -171,7 +177,7 @@ struct Unseen;
 impl pulsetrain_emulator::Observer for Unseen {}
 
 /// Eight drivers, in both blocks, with the shortest pulse, a usual one and a long one, STEP active high and low: in cycle after
-/// cycle, until such as are alike were halted at all instructions.
+/// cycle, until such as are alike were halted at all instructions: in the first cycle of a pulse, in its last, and between them.
 #[test]
 fn drivers_at_every_instruction() {
     /// Quick motors of one block, with STEP active low or high.
@@ -184,10 +190,13 @@ fn drivers_at_every_instruction() {
         let intervals: Vec<i64> =
             (0..8).map(|motor| if motor % 4 == 1 { 2_000 } else { interval + 3 * motor }).collect();
         let begun = under_way(&setup, &intervals);
-        // With the shortest pulse the loop of it is one round: as all others, one cycle.
-        let is_enough = |seen: &[BTreeSet<u32>]| {
+        let is_enough = |seen: &[BTreeSet<Place>]| {
             ALIKE.iter().all(|alike| {
-                alike.iter().flat_map(|motor| &seen[*motor]).collect::<BTreeSet<_>>() == STEP_DIR.iter().collect()
+                let seen: BTreeSet<Place> = alike.iter().flat_map(|motor| &seen[*motor]).copied().collect();
+                let pulse = seen.iter().filter_map(|place| if let InPulse(since) = place { Some(since) } else { None });
+                let cycles = pulse.clone().max().zip(pulse.clone().min()).map_or(0, |(last, first)| last - first + 1);
+                let others = STEP_DIR.into_iter().all(|at| seen.contains(&At(at)));
+                others && cycles == u64::from(pulse_ticks) && pulse.count() > 2
             })
         };
         let seen = stop_in_each(&setup, &begun, None, 4000, is_enough);
@@ -206,7 +215,7 @@ fn coils_around_each_change_of_lines() {
     let begun = under_way(&setup, &[50_000; 6]);
     let seen = stop_in_each(&setup, &begun, Some((begun.2, 50_000)), 400, |_| false);
     for (motor, seen) in seen.iter().enumerate() {
-        assert_eq!(seen, &COILS.into(), "motor {motor}");
+        assert_eq!(seen, &COILS.map(At).into(), "motor {motor}");
     }
 }
 

@@ -5,13 +5,13 @@
 
 use crate::channel::{Channel, Kind, SwitchRefused};
 use crate::output::{Edge, Output};
-use crate::queue::{Entry, Epoch, Queue};
+use crate::queue::{Epoch, Items};
 use crate::{Direction, Moment};
 
-/// One motor: `F` fraction bits, room for `N` items.
+/// One motor: `F` fraction bits, and what its items wait in: a [`Queue`](crate::Queue), or what a host has in its place.
 #[derive(Clone, Debug)]
-pub struct Axis<const F: u32, const N: usize> {
-    queue: Queue<N>,
+pub struct Axis<const F: u32, Q> {
+    queue: Q,
     channel: Channel<F>,
     output: Output,
     /// No edge may be before it.
@@ -21,12 +21,12 @@ pub struct Axis<const F: u32, const N: usize> {
     setup_cut_short: bool,
 }
 
-impl<const F: u32, const N: usize> Axis<F, N> {
+impl<const F: u32, Q: Items> Axis<F, Q> {
     /// A motor at rest at tick 0 and position 0.
     #[must_use]
-    pub const fn new(output: Output) -> Axis<F, N> {
+    pub const fn new(output: Output, queue: Q) -> Axis<F, Q> {
         Axis {
-            queue: Queue::new(),
+            queue,
             channel: Channel::new(output.gap_ticks(), output.asserts_every_step()),
             output,
             open: Moment(0),
@@ -76,25 +76,6 @@ impl<const F: u32, const N: usize> Axis<F, N> {
         self.open = now.after(1);
     }
 
-    /// Puts an item last.
-    ///
-    /// # Errors
-    /// A full queue hands it back.
-    pub const fn push(&mut self, entry: Entry) -> Result<(), Entry> {
-        self.queue.push(entry)
-    }
-
-    /// Free places in the queue.
-    #[must_use]
-    pub const fn credit(&self) -> usize {
-        self.queue.credit()
-    }
-
-    /// Takes back the items of `epoch` that were pushed last.
-    pub fn discard(&mut self, epoch: Epoch) {
-        self.queue.discard(epoch);
-    }
-
     /// See [`Channel::schedule_switch`].
     ///
     /// # Errors
@@ -122,8 +103,13 @@ impl<const F: u32, const N: usize> Axis<F, N> {
 
     /// The items waiting.
     #[must_use]
-    pub const fn queue(&self) -> &Queue<N> {
+    pub const fn queue(&self) -> &Q {
         &self.queue
+    }
+
+    /// The same, to put items in or take some back.
+    pub const fn queue_mut(&mut self) -> &mut Q {
+        &mut self.queue
     }
 
     /// Whether a DIR edge could not come its set-up before the step: the plan left no room for it.

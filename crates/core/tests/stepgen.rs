@@ -35,14 +35,14 @@ fn anchor(tick: u32) -> Item {
     Item::Anchor { tick: Moment(tick) }
 }
 
-fn push<const N: usize>(axis: &mut Axis<F, N>, epoch: u8, items: &[Item]) {
+fn push<const N: usize>(axis: &mut Axis<F, Queue<N>>, epoch: u8, items: &[Item]) {
     for &item in items {
-        axis.push(Entry { epoch: Epoch(epoch), item }).unwrap();
+        axis.queue_mut().push(Entry { epoch: Epoch(epoch), item }).unwrap();
     }
 }
 
 /// All edges up to `until`.
-fn edges<const N: usize>(axis: &mut Axis<F, N>, until: u32) -> Vec<Edge> {
+fn edges<const N: usize>(axis: &mut Axis<F, Queue<N>>, until: u32) -> Vec<Edge> {
     let edges = std::iter::from_fn(|| axis.next(Moment(until))).collect();
     axis.pass(Moment(until));
     edges
@@ -152,7 +152,7 @@ proptest! {
     #[test]
     fn steps_are_where_rationals_put_them(items in motion(100), forward_high: bool, looks in looks()) {
         let expected = schedule(&items);
-        let mut whole = Axis::<F, 64>::new(driver(forward_high));
+        let mut whole = Axis::<F, Queue<64>>::new(driver(forward_high), Queue::new());
         push(&mut whole, 0, &items);
         let mut pieces = whole.clone();
 
@@ -181,7 +181,7 @@ proptest! {
         ahead in 0u32..20_000,
         looks in looks(),
     ) {
-        let mut axis = Axis::<F, 64>::new(driver(true));
+        let mut axis = Axis::<F, Queue<64>>::new(driver(true), Queue::new());
         push(&mut axis, 0, &old);
         let mut made = edges(&mut axis, now);
         let at = now + 1 + ahead;
@@ -193,7 +193,7 @@ proptest! {
             Err(refused) => {
                 prop_assert!(at < horizon.0);
                 prop_assert_eq!(refused, SwitchRefused::Late { horizon });
-                axis.discard(Epoch(1));
+                axis.queue_mut().discard(Epoch(1));
             }
         }
         let old_steps = schedule(&old);
@@ -234,12 +234,12 @@ proptest! {
         ),
         switches in prop::collection::vec((0u32..4000, 0u8..3, any::<u32>()), 0..6),
     ) {
-        let mut axis = Axis::<F, 40>::new(driver(true));
+        let mut axis = Axis::<F, Queue<40>>::new(driver(true), Queue::new());
         for (epoch, item) in entries {
-            axis.push(Entry { epoch: Epoch(epoch), item }).unwrap();
+            axis.queue_mut().push(Entry { epoch: Epoch(epoch), item }).unwrap();
         }
         let (mut now, mut high, mut counted, mut dir_high, mut last) = (0, false, 0i32, false, None);
-        let mut look = |axis: &mut Axis<F, 40>, until| {
+        let mut look = |axis: &mut Axis<F, Queue<40>>, until| {
             for edge in edges(axis, until) {
                 assert!(last.is_none_or(|last| edge.tick.0 >= last), "edges are out of order");
                 last = Some(edge.tick.0);
@@ -304,7 +304,7 @@ proptest! {
         sequence in prop_oneof![Just(Sequence::Wave), Just(Sequence::Full), Just(Sequence::Half)],
         release in prop::option::of(1u32..200),
     ) {
-        let mut axis = Axis::<F, 64>::new(Output::Coils(Coils::new([0, 1, 2, 3], sequence, release)));
+        let mut axis = Axis::<F, Queue<64>>::new(Output::Coils(Coils::new([0, 1, 2, 3], sequence, release)), Queue::new());
         push(&mut axis, 0, &[anchor(0)]);
         for &(ticks, forward) in &steps {
             push(&mut axis, 0, &[run(1, i64::from(ticks), if forward { Forward } else { Backward })]);
@@ -342,7 +342,8 @@ fn coils_go_the_way_of_the_seed() {
     let cases: [(Sequence, &[u32]); 3] = [(Sequence::Half, &half), (Sequence::Full, &full), (Sequence::Wave, &wave)];
     for (sequence, patterns) in cases {
         for (direction, sign) in [(Forward, 1), (Backward, -1)] {
-            let mut axis = Axis::<F, 8>::new(Output::Coils(Coils::new([0, 1, 2, 3], sequence, None)));
+            let mut axis =
+                Axis::<F, Queue<8>>::new(Output::Coils(Coils::new([0, 1, 2, 3], sequence, None)), Queue::new());
             push(&mut axis, 0, &[anchor(0), run(20, 100, direction)]);
             let mut levels = 0;
             // An edge without lines is DIR's, which coils have none of.
@@ -382,7 +383,7 @@ fn the_direction_comes_before_its_step_with_its_tick() {
 
 #[test]
 fn time_wraps() {
-    let mut axis = Axis::<F, 8>::new(driver(true));
+    let mut axis = Axis::<F, Queue<8>>::new(driver(true), Queue::new());
     for quarter in 0..4 {
         assert_eq!(edges(&mut axis, quarter << 30), []);
     }
@@ -403,7 +404,7 @@ fn time_wraps() {
 
 #[test]
 fn waits_add_up_to_more_than_a_moment_holds() {
-    let mut axis = Axis::<F, 16>::new(driver(true));
+    let mut axis = Axis::<F, Queue<16>>::new(driver(true), Queue::new());
     push(&mut axis, 0, &[anchor(0)]);
     push(&mut axis, 0, &[Item::Dwell { ticks: i32::MAX as u32 }; 5]);
     push(&mut axis, 0, &[run(1, 100, Forward)]);
@@ -420,7 +421,7 @@ fn waits_add_up_to_more_than_a_moment_holds() {
 
 #[test]
 fn what_comes_too_late_is_not_made() {
-    let mut axis = Axis::<F, 8>::new(driver(true));
+    let mut axis = Axis::<F, Queue<8>>::new(driver(true), Queue::new());
     push(&mut axis, 0, &[anchor(0), run(3, 100, Forward)]);
     assert_eq!(edges(&mut axis, 350).len(), 7);
     push(&mut axis, 0, &[run(3, 20, Forward)]);
@@ -462,7 +463,8 @@ fn a_shared_dir_line_says_every_step_its_direction() {
             shared_dir: true,
         }))
     };
-    let mut axes = [Axis::<F, 4>::new(output(0)), Axis::<F, 4>::new(output(1))];
+    let mut axes =
+        [Axis::<F, Queue<4>>::new(output(0), Queue::new()), Axis::<F, Queue<4>>::new(output(1), Queue::new())];
     push(&mut axes[0], 0, &[anchor(0), run(3, 100, Forward)]);
     push(&mut axes[1], 0, &[anchor(50), run(2, 100, Backward)]);
     let mut merge = Merge::<2>::new();

@@ -6,7 +6,7 @@ use pulsetrain_core::output::{Coils, Output, Sequence, StepDir, StepDirSettings}
 use pulsetrain_core::packing::{Check, MAX_PACKED_LEN, Packing, State};
 use pulsetrain_core::queue::Items;
 use pulsetrain_core::words::{Fault, Filled, LONGEST_WAIT, Packed, Tape, Words, expand, lines};
-use pulsetrain_core::{Axis, Direction, Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_core::{Axis, Direction, Entry, Epoch, Item, Moment, Queue, Segment};
 
 use Direction::{Backward, Forward};
 
@@ -167,7 +167,7 @@ impl Machine {
 }
 
 /// The levels of the axis that has the same items.
-fn axis_levels(axis: &mut Axis<F, 64>, levels: &mut Vec<Levels>, until: u32) {
+fn axis_levels(axis: &mut Axis<F, Queue<64>>, levels: &mut Vec<Levels>, until: u32) {
     while let Some(edge) = axis.next(Moment(until)) {
         let before = levels.last().unwrap().1;
         let after = before & !edge.clear | edge.set;
@@ -233,7 +233,7 @@ proptest! {
         pace in 50u32..3000,
     ) {
         let mut machine = Machine::new(kind);
-        let mut axis = Axis::<F, 64>::new(kind.output());
+        let mut axis = Axis::<F, Queue<64>>::new(kind.output(), Queue::new());
         let mut levels = vec![(0, 0)];
         let mut plans = plans.into_iter();
         let (mut now, mut epoch, mut next, mut until) = (1000, 0, 1500, 0);
@@ -245,7 +245,7 @@ proptest! {
                 let items = items(kind, at.0, &parts);
                 machine.push(epoch, &items);
                 for item in items {
-                    axis.push(Entry { epoch: Epoch(epoch), item }).unwrap();
+                    axis.queue_mut().push(Entry { epoch: Epoch(epoch), item }).unwrap();
                 }
                 prop_assert_eq!(machine.words.channel_mut().schedule_switch(Epoch(epoch), at), Ok(()));
                 prop_assert_eq!(axis.schedule_switch(Epoch(epoch), at), Ok(()));

@@ -119,6 +119,16 @@ impl<'a> Ensemble<'a> {
         }
     }
 
+    /// By how many ticks the last [`next_move`](Ensemble::next_move) of a motor was put off, since another motor had the shared DIR line: it is
+    /// one step then, and 0 of all others.
+    #[must_use]
+    pub fn put_off_ticks(&self, motor: usize) -> u64 {
+        match &self.motors[motor].plan {
+            Source::Alone(_) => 0,
+            Source::Shared(group, place, _) => self.groups[*group].put_off_ticks(*place),
+        }
+    }
+
     /// Gives out `moves` of a motor before anything of its law.
     pub(crate) fn go_first(&mut self, motor: usize, moves: &[Move]) {
         match &mut self.motors[motor].plan {

@@ -40,7 +40,10 @@ struct Member<'a> {
     unchanged: u32,
     /// How much later than planned the last step was, ticks.
     late: i64,
-    out: VecDeque<Move>,
+    /// Moves that are ready, and by how many ticks each was put off.
+    out: VecDeque<(Move, u64)>,
+    /// By how many ticks the one was that was given out last.
+    given_late: u64,
     put_off: u64,
     longest_put_off: i64,
     /// Shortest interval before or after a step that was put off, ticks.
@@ -77,6 +80,7 @@ impl<'a> SharedDir<'a> {
             unchanged: 0,
             late: 0,
             out: VecDeque::new(),
+            given_late: 0,
             put_off: 0,
             longest_put_off: 0,
             shortest_moved: None,
@@ -102,9 +106,14 @@ impl<'a> SharedDir<'a> {
         }
     }
 
+    /// By how many ticks the move of a motor was put off that was given out last.
+    pub(crate) fn put_off_ticks(&self, place: usize) -> u64 {
+        self.members[place].given_late
+    }
+
     pub(crate) fn next_move(&mut self, place: usize) -> Result<Option<Move>, Refused> {
         loop {
-            if let Some(next) = self.members[place].out.pop_front() {
+            if let Some(next) = self.members[place].give() {
                 return Ok(Some(next));
             }
             // Others of the line may go on for ever.
@@ -113,7 +122,7 @@ impl<'a> SharedDir<'a> {
                 return Ok(None);
             }
             if !self.take_step()? {
-                return Ok(self.members[place].out.pop_front());
+                return Ok(self.members[place].give());
             }
         }
     }
@@ -174,7 +183,7 @@ impl Member<'_> {
                 Some(Move::Run { segment, direction }) => self.segment = Some((segment, direction)),
                 Some(Move::Dwell { ticks }) => {
                     self.accumulator += i128::from(ticks) << fraction_bits;
-                    self.out.push_back(Move::Dwell { ticks });
+                    self.out.push_back((Move::Dwell { ticks }, 0));
                 }
                 None => self.ended = true,
             }
@@ -211,7 +220,8 @@ impl Member<'_> {
         if spacing < i64::MAX {
             self.shortest_moved = self.shortest_moved.into_iter().chain([spacing.unsigned_abs()]).min();
         }
-        self.out.push_back(Move::Run { segment: Segment { interval, ..step.truncated(1) }, direction });
+        let alone = Move::Run { segment: Segment { interval, ..step.truncated(1) }, direction };
+        self.out.push_back((alone, late.max(0).unsigned_abs()));
         if late > 0 {
             self.put_off += 1;
             self.longest_put_off = self.longest_put_off.max(late);
@@ -221,10 +231,17 @@ impl Member<'_> {
         Ok(())
     }
 
-    /// Gives out the steps that stay as they were.
+    /// Gives out the next move that is ready.
+    fn give(&mut self) -> Option<Move> {
+        let (next, late) = self.out.pop_front()?;
+        self.given_late = late;
+        Some(next)
+    }
+
+    /// Makes the steps ready that stay as they were.
     fn flush(&mut self) {
         if let Some((segment, direction)) = self.segment.filter(|_| self.unchanged > 0) {
-            self.out.push_back(Move::Run { segment: segment.truncated(self.unchanged), direction });
+            self.out.push_back((Move::Run { segment: segment.truncated(self.unchanged), direction }, 0));
         }
         self.unchanged = 0;
     }

@@ -65,6 +65,15 @@ pub enum DriveError {
         /// Whose.
         motor: String,
     },
+    /// The reference beside the board is not what the board was told: a fault of ours, not of the motion.
+    #[error(
+        "the reference beside the board `{board}` did not take all that the board took, so nobody knows when each step was due; please report \
+         this motion file"
+    )]
+    Reference {
+        /// Which board.
+        board: String,
+    },
     /// The motors were on their way.
     #[error("{why}\n{whereabouts}")]
     Halted {
@@ -251,7 +260,7 @@ impl<'a, P: Port> Driven<'a, Shadowed<Remote<P>>> {
         let lines = lines::of(program);
         let place = |pin: u8| place_of(&lines, pin);
         let places = (0..=LAST_PIN).map(place).collect();
-        let board = Shadowed::new(remote, Native::new(&config(program))?);
+        let board = Shadowed::new(remote, Native::unbounded(&config(program))?);
         Driven::begin(board, program, lines, places)
     }
 
@@ -488,6 +497,10 @@ impl<'a, B: Board> Driven<'a, B> {
             if counted != replayed || *faults != Faults::default() {
                 return Err(DriveError::Missed { motor: motor.name.clone(), board: self.program.board.name.clone() });
             }
+        }
+        // Last: what the board did is told first.
+        if !self.session.board().agrees() {
+            return Err(DriveError::Reference { board: self.program.board.name.clone() });
         }
         Ok(Ended { counted: report.counted, stopped, uncertain: None })
     }

@@ -53,24 +53,57 @@ pub struct RunReport {
     /// How far machines' figures were off.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub figures: Vec<FigureReport>,
+    /// What did not go as it should; `None` if no bound broke and no step was lost or added.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub failure: Option<String>,
 }
 
 impl RunReport {
+    /// The report of a run.
+    #[must_use]
+    pub fn new(
+        plan: PlanReport,
+        runner: String,
+        verdict: verdict::Report,
+        lateness: Lateness,
+        figures: Vec<FigureReport>,
+    ) -> RunReport {
+        let Lateness { lost, extra, .. } = lateness;
+        let failure = match (verdict.ok, lost, extra) {
+            (false, ..) => Some(BROKE.to_owned()),
+            (true, 0, 0) => None,
+            (true, ..) => Some(format!("steps lost {lost}, added {extra}, against what was scheduled")),
+        };
+        RunReport { plan, runner, verdict, lateness, figures, failure }
+    }
+
     /// Whether no bound broke and no step was lost or added.
     #[must_use]
-    pub fn is_ok(&self) -> bool {
-        self.verdict.ok && self.lateness.lost == 0 && self.lateness.extra == 0
+    pub const fn is_ok(&self) -> bool {
+        self.failure.is_none()
+    }
+}
+
+/// What a verdict says that is not ok.
+const BROKE: &str = "a bound broke";
+
+/// The last line of a verdict: it says PASS where the exit code is 0, and nowhere else.
+fn conclude(f: &mut fmt::Formatter<'_>, failure: Option<&str>) -> fmt::Result {
+    match failure {
+        None => writeln!(f, "PASS: no bound broke"),
+        Some(why) => writeln!(f, "FAIL: {why}"),
     }
 }
 
 /// The verdict, after the plan.
 impl Display for RunReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let RunReport { runner, verdict, lateness, figures, .. } = self;
+        let RunReport { runner, verdict, lateness, figures, failure, .. } = self;
         if runner == "native" {
             writeln!(f, "Run on the native board, in virtual time, and judged edge by edge:\n")?;
             write_figures(f, figures)?;
-            return write!(f, "{}", VerdictTable(verdict));
+            write_verdict(f, verdict)?;
+            return conclude(f, failure.as_deref());
         }
         writeln!(f, "Run on the {runner} (emulated chip), in virtual time, and judged edge by edge, on its pins:\n")?;
         let tick_s = 1.0 / verdict.tick_hz as f64;
@@ -83,7 +116,8 @@ impl Display for RunReport {
         writeln!(f, "  half of them {p50_ticks} ticks late at most, 99 % {p99_ticks}, all {max}")?;
         writeln!(f, "  steps lost {lost}, added {extra}\n")?;
         write_figures(f, figures)?;
-        write!(f, "{}", VerdictTable(verdict))
+        write_verdict(f, verdict)?;
+        conclude(f, failure.as_deref())
     }
 }
 
@@ -333,28 +367,33 @@ const FAILURES_SHOWN: usize = 10;
 
 impl Display for VerdictTable<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let report = self.0;
-        let tick_s = 1.0 / report.tick_hz as f64;
-        for motors in report.motors.chunks(ABREAST) {
-            let table = side_by_side(motors, |motor| &motor.motor, SEEN, tick_s);
-            writeln!(f, "{table}")?;
-        }
-        let alignment = &report.alignment;
-        if alignment.shift_s != 0.0 || alignment.rate_ppm != 0.0 {
-            let shift = human::seconds_to(alignment.shift_s, 9);
-            let rate = human::significant(alignment.rate_ppm.abs(), 4);
-            let way = if alignment.rate_ppm < 0.0 { "slow" } else { "fast" };
-            writeln!(f, "  time zero at {shift} of the capture; the board's clock is {rate} ppm {way}\n")?;
-        }
-        for failure in report.failures.iter().take(FAILURES_SHOWN) {
-            writeln!(f, "  {failure}")?;
-        }
-        let faults: u64 = report.motors.iter().map(|motor| motor.faults).sum();
-        if let Some(more) = faults.checked_sub(FAILURES_SHOWN as u64).filter(|more| *more > 0) {
-            writeln!(f, "  and {} more", human::count(more.into()))?;
-        }
-        writeln!(f, "{}", if report.ok { "PASS: no bound broke" } else { "FAIL: a bound broke" })
+        write_verdict(f, self.0)?;
+        conclude(f, (!self.0.ok).then_some(BROKE))
     }
+}
+
+/// All of a verdict but its last line.
+fn write_verdict(f: &mut fmt::Formatter<'_>, report: &verdict::Report) -> fmt::Result {
+    let tick_s = 1.0 / report.tick_hz as f64;
+    for motors in report.motors.chunks(ABREAST) {
+        let table = side_by_side(motors, |motor| &motor.motor, SEEN, tick_s);
+        writeln!(f, "{table}")?;
+    }
+    let alignment = &report.alignment;
+    if alignment.shift_s != 0.0 || alignment.rate_ppm != 0.0 {
+        let shift = human::seconds_to(alignment.shift_s, 9);
+        let rate = human::significant(alignment.rate_ppm.abs(), 4);
+        let way = if alignment.rate_ppm < 0.0 { "slow" } else { "fast" };
+        writeln!(f, "  time zero at {shift} of the capture; the board's clock is {rate} ppm {way}\n")?;
+    }
+    for failure in report.failures.iter().take(FAILURES_SHOWN) {
+        writeln!(f, "  {failure}")?;
+    }
+    let faults: u64 = report.motors.iter().map(|motor| motor.faults).sum();
+    if let Some(more) = faults.checked_sub(FAILURES_SHOWN as u64).filter(|more| *more > 0) {
+        writeln!(f, "  and {} more", human::count(more.into()))?;
+    }
+    Ok(())
 }
 
 impl Display for PlanReport {
@@ -394,5 +433,54 @@ impl Display for PlanReport {
                 motor.name
             )
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pulsetrain_trace::verdict::Alignment;
+
+    /// PASS and exit code 0 go together: what is added to a verdict that is ok is told.
+    #[test]
+    fn a_run_that_lost_or_added_steps_says_so_and_does_not_pass() {
+        let plan = PlanReport {
+            file: "motion.toml".to_owned(),
+            board: "pico".to_owned(),
+            tick_hz: 125_000_000,
+            tolerance_ticks: 1.0,
+            duration_s: 1.0,
+            cut_at_s: None,
+            uncut_s: None,
+            pause: None,
+            motors: Vec::new(),
+        };
+        for (ok, [lost, extra], last) in [
+            (true, [0, 0], "PASS: no bound broke"),
+            (true, [0, 1175], "FAIL: steps lost 0, added 1175, against what was scheduled"),
+            (true, [3, 0], "FAIL: steps lost 3, added 0, against what was scheduled"),
+            (false, [0, 0], "FAIL: a bound broke"),
+        ] {
+            let alignment = Alignment { shift_s: 0.0, rate_ppm: 0.0 };
+            let verdict =
+                verdict::Report { ok, tick_hz: 125_000_000, alignment, motors: Vec::new(), failures: Vec::new() };
+            let lateness = Lateness {
+                constant_ticks: 0,
+                edges: 0,
+                min_ticks: 0,
+                p50_ticks: 0,
+                p99_ticks: 0,
+                max_ticks: 0,
+                lost,
+                extra,
+            };
+            for runner in ["native", "virtual Pico"] {
+                let report =
+                    RunReport::new(plan.clone(), runner.to_owned(), verdict.clone(), lateness.clone(), Vec::new());
+                let said = report.to_string();
+                assert_eq!(said.lines().last(), Some(last), "{said}");
+                assert_eq!(report.is_ok(), last.starts_with("PASS"));
+            }
+        }
     }
 }

@@ -9,7 +9,7 @@ use std::{fs, io};
 use folder::Folder;
 use pulsetrain::bake::table::check_lines;
 use pulsetrain::bake::table::{PERIOD_BITS, Turn};
-use pulsetrain::bake::{BakeError, Image, Room, Row, Sketch, Table, tables};
+use pulsetrain::bake::{BakeError, Image, PutOff, Room, Row, Sketch, Table, tables};
 use pulsetrain::cli;
 use pulsetrain::console::Exit;
 use pulsetrain::prepare::Prepared;
@@ -304,7 +304,7 @@ fn opposite_steps_that_meet_on_a_line_are_found() {
     let table = |rows: Vec<Row>| {
         // The first row leads to the turn, whose period is 100 000 ticks.
         let turn = Turn { from: 1, base: u64::from(rows[0].ticks) << 16, period: 100_000 << PERIOD_BITS };
-        Table { steps: rows.len() as u64, rows, turn: Some(turn), shortest: 1000 }
+        Table { steps: rows.len() as u64, rows, turn: Some(turn), shortest: 1000, put_off: PutOff::default() }
     };
     let forward = || table(vec![row(false, 1000), row(false, 50_000), row(false, 50_000)]);
     let backward = |first| table(vec![row(true, first), row(true, 50_000), row(true, 50_000)]);
@@ -337,6 +337,71 @@ fn command(args: &[&str]) -> (Exit, String, String) {
     let (mut out, mut err) = (Vec::new(), Vec::new());
     let exit = cli::run(["pulsetrain", "bake", SWEEP].iter().chain(args).copied(), &mut out, &mut err);
     (exit, String::from_utf8(out).unwrap(), String::from_utf8(err).unwrap())
+}
+
+/// Two motors on one DIR line that go opposite ways: the steps that wait for the line are told, of an image and of a sketch, as `run` tells them.
+#[test]
+fn steps_that_wait_for_a_shared_dir_line_are_told() {
+    let swing = |sign: &str| {
+        format!("law.formula = {{ theta = \"{sign}30*(1-cos(4*pi*t))\", unit = \"deg\", duration = \"0.5 s\" }}")
+    };
+    let motors = [("a", 2, ""), ("b", 3, "-")].map(|(name, step, sign)| {
+        motor(name, "microsteps = 8\ndriver = \"A4988\"", &format!("step = {step}, dir = 5"), &swing(sign))
+    });
+    let text = format!("board = \"uno\"\ntolerance = \"1 us\"\n{}", motors.concat());
+    let folder = Folder::new("bake-shared");
+    let (file, image, drawn) = (folder.path("two.toml"), folder.path("two.hex"), folder.path("two"));
+    fs::write(&file, text).unwrap();
+    let program = Prepared::endless(Path::new(&file), None).unwrap().program;
+    let mut ensemble = Ensemble::new(&program).unwrap();
+    (0..2).for_each(|motor| while ensemble.next_move(motor).unwrap().is_some() {});
+    let planned = [0, 1].map(|motor| ensemble.certificate(motor));
+    let steps: u64 = planned.iter().map(|motor| motor.steps_put_off).sum();
+    let longest = planned.iter().map(|motor| motor.longest_put_off_ticks).max().unwrap();
+    assert!(steps > 20 && longest > 20, "{steps} steps by up to {longest}");
+    let bake = |args: &[&str]| {
+        let (mut out, mut err) = (Vec::new(), Vec::new());
+        let exit = cli::run(["pulsetrain", "bake", &file].iter().chain(args).copied(), &mut out, &mut err);
+        assert_eq!(exit, Exit::Success, "{}", String::from_utf8_lossy(&err));
+        String::from_utf8(out).unwrap()
+    };
+    for to in [["--output", &image], ["--sketch", &drawn]] {
+        let said = bake(&to);
+        assert!(said.contains(&format!("put off (shared DIR): {steps} steps by up to {longest} ticks = ")), "{said}");
+        let json: serde_json::Value = serde_json::from_str(&bake(&[to[0], to[1], "--json"])).unwrap();
+        assert_eq!(
+            (&json["steps_put_off"], &json["longest_put_off_ticks"]),
+            (&steps.into(), &longest.into()),
+            "{json}"
+        );
+        if to[0] == "--output" {
+            // Those that wait for longer than is promised of the others are told apart from them.
+            let seen = &json["rehearsed"];
+            let (late, bound) =
+                (seen["longest_put_off_ticks"].as_f64().unwrap(), seen["bound_ticks"].as_f64().unwrap());
+            let waited = seen["steps_put_off"].as_u64().unwrap();
+            assert!(waited > 0 && waited <= steps && late > bound && late <= longest as f64 + bound, "{json}");
+            assert!(seen["max_error_ticks"].as_f64().unwrap() <= bound, "{json}");
+            let waits = format!("; {waited} steps waited for a shared DIR line and came up to {late:.1} ticks late");
+            assert!(said.contains("every other edge within ") && said.contains(&waits), "{said}");
+        }
+    }
+}
+
+/// Of what repeats, the steps of one turn are told.
+#[test]
+fn steps_that_wait_in_each_turn_count_once() {
+    let once = Image::new(&Prepared::endless(Path::new(SWEEP), None).unwrap().program).unwrap().put_off;
+    let cut = |seconds: f64| {
+        let time = Some(pulsetrain_motion::Time::from_seconds(seconds));
+        Image::new(&Prepared::load(Path::new(SWEEP), None, time).unwrap().program).unwrap().put_off
+    };
+    // All four motors begin again every 2 s. A turn begins in the widest gap, and so not at once.
+    let [short, long] = [2.0, 4.0].map(|seconds| cut(seconds).steps);
+    assert!(
+        once.longest_ticks > 0 && short <= once.steps && once.steps <= long,
+        "{once:?}: {short} in 2 s, {long} in 4 s"
+    );
 }
 
 #[test]

@@ -611,6 +611,7 @@ fn verbs_are_told_in_frames() {
     assert_eq!(exit, Exit::BoundBroken, "{out}");
     assert!(out.contains("err busy x: a move waits already") && out.contains("err period 500: "), "{out}");
     assert!(out.contains("steps at the pins: x 101, "), "{out}");
+    assert!(out.ends_with("FAIL: lines refused: 2; the pins are as the board counts\n"), "{out}");
     // What cannot be read moves nothing.
     for (text, place) in [
         ("0 s: move x 1\n1 s: move x many\n", "word 3: not a number"),

@@ -61,7 +61,7 @@ pub(crate) fn uno_after(port: VirtualUno, setup: &Setup) -> Uno {
     let mut remote = Remote::open(port, 7).expect("it answers");
     assert_eq!(remote.set_baud(Baud::B1M), Ok(Baud::B1M));
     remote.configure(setup).expect("it takes the configuration");
-    let mut native = Native::new(&native_config(setup)).expect("the native board takes it too");
+    let mut native = Native::unbounded(&native_config(setup)).expect("the native board takes it too");
     native.advance(remote.now() - 1, &mut |_: Edge| {});
     Shadowed::new(remote, native)
 }

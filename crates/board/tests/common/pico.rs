@@ -181,6 +181,44 @@ impl Pair {
     }
 }
 
+/// A pulse that a stop at once catches lasts so much longer than told at most, ticks: 5 µs, as docs/pico.md says.
+const STOP_LENGTHENS: u64 = 5 * TICK_HZ / 1_000_000;
+
+/// A driver's pins up to a stop at once at tick `stop`.
+pub(crate) struct StoppedDriver {
+    /// Steps that its pins made, forward less backward.
+    pub(crate) position: i64,
+    /// If the last pulse ended after the stop: so long before it began, and so much longer than told it was, ticks.
+    pub(crate) caught: Option<(u64, u64)>,
+}
+
+/// What a driver's pins did, stop included: no step begins after it, DIR changes in no pulse, and each pulse is as long as it should be.
+pub(crate) fn stopped_driver(setup: &Setup, motor: &MotorSetup, edges: &[Edge], stop: u64) -> StoppedDriver {
+    let told = u64::from(setup.pulse_ticks.max(3));
+    let (mut dir, mut position, mut high, mut caught) = (false, 0, None::<u64>, None);
+    for edge in edges {
+        if edge.line == motor.dir_pin {
+            assert_eq!(high, None, "DIR changes inside a pulse");
+            dir = edge.level;
+        } else if edge.line == motor.step_pin && edge.level {
+            assert!(edge.tick <= stop, "a step after the stop");
+            position += if dir == motor.forward_high { 1 } else { -1 };
+            high = Some(edge.tick);
+        } else if edge.line == motor.step_pin {
+            let since = high.take().expect("a pulse begins before it ends");
+            let long = edge.tick - since;
+            let most = told + if edge.tick > stop { STOP_LENGTHENS } else { 0 };
+            assert!(
+                (told..=most).contains(&long),
+                "a pulse of {long} ticks, {told} were told; the stop was at {stop}: {edge:?}"
+            );
+            caught = (edge.tick > stop).then(|| (stop - since, long - told));
+        }
+    }
+    assert_eq!(high, None, "a pulse has no end");
+    StoppedDriver { position, caught }
+}
+
 /// An edge of a motor's line, high being active.
 pub(crate) fn as_line(setup: &Setup, edge: Edge) -> Option<Edge> {
     let low = setup.motors.iter().any(|motor| motor.step_low && motor.coils().is_none() && motor.step_pin == edge.line);

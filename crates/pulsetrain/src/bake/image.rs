@@ -15,8 +15,8 @@ use pulsetrain_core::wire::message::MotorSetup;
 use pulsetrain_core::{Item, Moment, Segment};
 use pulsetrain_motion::program::{Motor, Program, Wiring};
 
-use super::BakeError;
 use super::streams::{Gap, LongWaits, Pieces, Shape, Stream, streams};
+use super::{BakeError, PutOff};
 use crate::drive;
 
 /// Motors that the firmware drives.
@@ -54,6 +54,8 @@ pub struct Image {
     pub items: usize,
     /// Whether any motor goes on for ever.
     pub endless: bool,
+    /// What of all motors' steps was put off.
+    pub put_off: PutOff,
 }
 
 impl Image {
@@ -88,6 +90,7 @@ impl Image {
             block_bytes: bytes,
             items: streams.iter().map(|stream| stream.items).sum(),
             endless: streams.iter().any(|stream| stream.repeats.is_some()),
+            put_off: streams.iter().map(|stream| stream.put_off).sum(),
         })
     }
 

@@ -18,7 +18,7 @@ pub use image::Image;
 pub use parts::Size;
 pub use pico::PicoImage;
 pub use sketch::Sketch;
-pub use table::{Row, Table};
+pub use table::{PutOff, Row, Table};
 
 use pulsetrain_board::RemoteError;
 use pulsetrain_motion::program::Program;
@@ -214,7 +214,7 @@ pub fn tables(program: &Program, room: Room) -> Result<Vec<Table>, BakeError> {
         let mut plan = table::Unrolled::new(program.board.fraction_bits);
         while end.is_none_or(|end| plan.tick() <= end) {
             let Some(next) = ensemble.next_move(index).map_err(BakeError::Plan)? else { break };
-            plan.push(next);
+            plan.push(next, ensemble.put_off_ticks(index));
             let rate_hz = hz / plan.shortest() as f64;
             if rate_hz > room.rate_hz {
                 // The law's own peak, as far as it is known, is what the motion must be slowed by.

@@ -3,7 +3,7 @@
 use pulsetrain_motion::program::{Motor, Program, Wiring};
 
 use super::table::{Load, PERIOD_BITS, Row, Table, Turn, Work};
-use super::{BakeError, Room, tables};
+use super::{BakeError, PutOff, Room, tables};
 
 /// Motors that the player drives.
 pub(super) const MOST: usize = 4;
@@ -43,6 +43,8 @@ pub struct Size {
     pub bytes: usize,
     /// Whether any motor goes on for ever.
     pub endless: bool,
+    /// What of all motors' steps was put off.
+    pub put_off: PutOff,
 }
 
 /// A motion as the player takes it.
@@ -111,7 +113,8 @@ impl Parts {
         }
         let rows: usize = tables.iter().map(|table| table.rows.len()).sum();
         let endless = tables.iter().any(|table| table.turn.is_some());
-        Ok(Parts { tables, wires, size: Size { rows, bytes: rows * Row::BYTES, endless } })
+        let put_off = tables.iter().map(|table| table.put_off).sum();
+        Ok(Parts { tables, wires, size: Size { rows, bytes: rows * Row::BYTES, endless, put_off } })
     }
 
     /// See [`pulse_loops`].

@@ -8,8 +8,8 @@ use pulsetrain_core::baked::{FLASH_ROOM, LONGEST_PIECE, MAGIC, POINTER, Repeats,
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::program::Program;
 
-use super::BakeError;
 use super::streams::{Gap, Shape, Stream, streams};
+use super::{BakeError, PutOff};
 use crate::drive;
 
 /// Where a Pico's flash is (RP2040 datasheet §2.6).
@@ -36,6 +36,8 @@ pub struct PicoImage {
     pub items: usize,
     /// Whether any motor goes on for ever.
     pub endless: bool,
+    /// What of all motors' steps was put off.
+    pub put_off: PutOff,
 }
 
 impl PicoImage {
@@ -91,6 +93,7 @@ impl PicoImage {
             block_bytes: block.len(),
             items: streams.iter().map(|stream| stream.items).sum(),
             endless: streams.iter().any(|stream| stream.repeats.is_some()),
+            put_off: streams.iter().map(|stream| stream.put_off).sum(),
         })
     }
 

@@ -90,10 +90,17 @@ pub struct Rehearsed {
 }
 
 impl Rehearsed {
-    /// The furthest that an edge was off, ticks.
+    /// The furthest that an edge was off, ticks, but for [those that were put off](Rehearsed::put_off) by more than is promised.
     #[must_use]
     pub fn max_error_ticks(&self) -> f64 {
         self.report.motors.iter().map(|motor| motor.max_error_ticks.abs()).fold(0.0, f64::max)
+    }
+
+    /// How many steps came later than that because motors share a DIR line, and how far behind the law at most, ticks.
+    #[must_use]
+    pub fn put_off(&self) -> (u64, f64) {
+        let steps = self.report.motors.iter().map(|motor| motor.steps_put_off).sum();
+        (steps, self.report.motors.iter().map(|motor| motor.longest_put_off_ticks).fold(0.0, f64::max))
     }
 }
 

@@ -10,7 +10,7 @@ use pulsetrain_motion::Time;
 use pulsetrain_motion::program::{Motor, Program};
 use pulsetrain_plan::{Ensemble, Move};
 
-use super::table::{self, Cut, Turns, Unrolled};
+use super::table::{self, Cut, PutOff, Turns, Unrolled};
 use super::{BakeError, TURNS};
 
 /// Longest wait of one item, ticks.
@@ -51,6 +51,7 @@ pub(super) struct Stream {
     pub(super) items: usize,
     /// What of the motion it holds, s.
     pub(super) length_s: f64,
+    pub(super) put_off: PutOff,
 }
 
 /// What lies between a turn's last step and the next one's first.
@@ -90,7 +91,7 @@ pub(super) fn streams(program: &Program, setup: &Setup, room: usize, shape: Shap
                 let fits_s = fits_s / program.motors.len() as f64;
                 return Err(BakeError::TooLarge { board: shape.board, bytes, limit: room, fits_s });
             }
-            plan.push(next);
+            plan.push(next, ensemble.put_off_ticks(index));
         }
         let (stream, again) = stream(&plan, motor, program, cycle, pieces)?;
         streams.push(stream);
@@ -114,7 +115,8 @@ fn stream(
         plan.all().for_each(|next| head.push(&next));
         let length_s = plan.tick() as f64 / hz as f64;
         let (head, items) = head.finish();
-        return Ok((Stream { head, turn: Vec::new(), repeats: None, items, length_s }, None));
+        let put_off = plan.put_off(None);
+        return Ok((Stream { head, turn: Vec::new(), repeats: None, items, length_s, put_off }, None));
     };
     let cut = plan.cut(motor, program, cycle)?;
     let Cut { begin, second, end, .. } = cut;
@@ -129,7 +131,8 @@ fn stream(
     let repeats = Gap { wait, from: end.way, to: second.way };
     let length_s = (cycle.0 + cycle.1).seconds();
     let ((head, first), (turn, then)) = (head.finish(), turn.finish());
-    let stream = Stream { head, turn, repeats: Some(repeats), items: first + then, length_s };
+    let put_off = plan.put_off(Some(end));
+    let stream = Stream { head, turn, repeats: Some(repeats), items: first + then, length_s, put_off };
     Ok((stream, Some(plan.turns(&cut, cycle.1, hz))))
 }
 

@@ -64,6 +64,33 @@ pub struct Table {
     pub steps: u64,
     /// The shortest interval between two steps, ticks.
     pub shortest: u64,
+    /// What of the steps was put off.
+    pub put_off: PutOff,
+}
+
+/// Steps that come later than their law has them, since motors share a DIR line; what repeats counts once.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PutOff {
+    /// How many.
+    pub steps: u64,
+    /// The longest that one waits, ticks.
+    pub longest_ticks: u64,
+}
+
+impl PutOff {
+    fn add(&mut self, ticks: u64) {
+        self.steps += u64::from(ticks > 0);
+        self.longest_ticks = self.longest_ticks.max(ticks);
+    }
+}
+
+impl std::iter::Sum for PutOff {
+    fn sum<I: Iterator<Item = PutOff>>(all: I) -> PutOff {
+        all.fold(PutOff::default(), |sum, one| PutOff {
+            steps: sum.steps + one.steps,
+            longest_ticks: sum.longest_ticks.max(one.longest_ticks),
+        })
+    }
 }
 
 impl Table {
@@ -165,12 +192,13 @@ pub struct Unrolled {
     shortest: i128,
 }
 
-/// A move, where it begins: ticks · 2^-F, and steps before it.
+/// A move, where it begins: ticks · 2^-F, steps before it, and by how many ticks it was put off.
 #[derive(Clone, Debug)]
 struct Planned {
     at: i128,
     before: u64,
     next: Move,
+    put_off_ticks: u64,
 }
 
 impl Planned {
@@ -237,9 +265,9 @@ impl Unrolled {
         u64::try_from(self.shortest >> self.fraction_bits).unwrap_or(u64::MAX)
     }
 
-    /// The next move of the plan.
-    pub fn push(&mut self, next: Move) {
-        let planned = Planned { at: self.at, before: self.steps, next };
+    /// The next move of the plan, and by how many ticks it was put off.
+    pub fn push(&mut self, next: Move, put_off_ticks: u64) {
+        let planned = Planned { at: self.at, before: self.steps, next, put_off_ticks };
         match next {
             Move::Dwell { ticks } => self.at += i128::from(ticks) << self.fraction_bits,
             Move::Run { segment, .. } => {
@@ -281,7 +309,8 @@ impl Unrolled {
             for next in self.all() {
                 rows.push(&next)?;
             }
-            return Ok(Table { rows: rows.rows, turn: None, steps: self.steps, shortest: self.shortest() });
+            let (shortest, put_off) = (self.shortest(), self.put_off(None));
+            return Ok(Table { rows: rows.rows, turn: None, steps: self.steps, shortest, put_off });
         };
         let Cut { first, begin, end, seam, turn_steps, .. } = self.cut(motor, program, cycle)?;
         for next in self.part(None, begin) {
@@ -296,7 +325,8 @@ impl Unrolled {
         // 2^-64 s · ticks/s, in ticks · 2^-48.
         let exact = (cycle.1.raw() * i128::from(program.board.tick_hz)) >> (64 - PERIOD_BITS);
         let turn = Turn { from: turn_from, base, period: exact.cast_unsigned() };
-        Ok(Table { rows: rows.rows, turn: Some(turn), steps: first + 1 + turn_steps, shortest })
+        let put_off = self.put_off(Some(end));
+        Ok(Table { rows: rows.rows, turn: Some(turn), steps: first + 1 + turn_steps, shortest, put_off })
     }
 
     /// A turn that was cut out, as it is played.
@@ -309,6 +339,14 @@ impl Unrolled {
             period: ((period.raw() * i128::from(hz)) >> 48).cast_unsigned() as u64,
             steps: steps.map(|step| (ticks(step.at - cut.begin.at), step.way == Direction::Backward)).collect(),
         }
+    }
+
+    /// What was put off of it, up to and with a step, or of all of it.
+    pub(super) fn put_off(&self, upto: Option<Step>) -> PutOff {
+        let mut put_off = PutOff::default();
+        let most = upto.map_or(self.moves.len(), |upto| upto.number + 1);
+        self.moves.iter().take(most).for_each(|planned| put_off.add(planned.put_off_ticks));
+        put_off
     }
 
     /// All its moves.

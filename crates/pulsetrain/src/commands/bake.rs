@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::rehearsal::Rehearsal;
 use crate::bake::rehearsal::{self, Length};
-use crate::bake::{BakeError, Image, PicoImage, Size, Sketch, sketch};
+use crate::bake::{BakeError, Image, PicoImage, PutOff, Size, Sketch, sketch};
 use crate::cli::Bake;
 use crate::console::{self, Console, Exit};
 use crate::human;
@@ -24,6 +24,9 @@ struct BakedSketch {
     table_bytes: usize,
     /// It repeats for ever.
     endless: bool,
+    /// Steps that wait for a DIR line that motors share, and how long at most; of what repeats, in one turn.
+    steps_put_off: u64,
+    longest_put_off_ticks: u64,
 }
 
 /// What an image comes to.
@@ -36,6 +39,9 @@ struct BakedImage {
     motion_bytes: usize,
     flash_bytes: usize,
     endless: bool,
+    /// Steps that wait for a DIR line that motors share, and how long at most; of what repeats, in one turn.
+    steps_put_off: u64,
+    longest_put_off_ticks: u64,
     /// Only for an Uno, and if it is wanted.
     #[serde(skip_serializing_if = "Option::is_none")]
     rehearsed: Option<Rehearsal>,
@@ -79,34 +85,41 @@ fn sketch(args: &Bake, prepared: &Prepared, folder: &Path, console: &mut Console
     let path = folder.join(format!("{name}.ino"));
     check_own(&path)?;
     console::write(&path, sketch.text.as_bytes())?;
-    let Size { rows, bytes: table_bytes, endless } = sketch.size;
-    let baked = BakedSketch { file: path.display().to_string(), rows, table_bytes, endless };
+    let Size { rows, bytes: table_bytes, endless, put_off } = sketch.size;
+    let PutOff { steps: steps_put_off, longest_ticks: longest_put_off_ticks } = put_off;
+    let file = path.display().to_string();
+    let baked = BakedSketch { file, rows, table_bytes, endless, steps_put_off, longest_put_off_ticks };
     if args.json {
         console.print_json(&baked)?;
         return Ok(Exit::Success);
     }
     let (rows, bytes) = (human::count(rows as i128), human::count(table_bytes as i128));
     console.print(format_args!("{}: {rows} rows, {bytes} bytes of flash for them; {}\n", baked.file, ends(endless)))?;
+    say_put_off(put_off, prepared, endless, console)?;
     Ok(Exit::Success)
 }
 
 fn pico(args: &Bake, prepared: &Prepared, path: &Path, console: &mut Console<'_>) -> miette::Result<Exit> {
     let image = PicoImage::new(&prepared.program).map_err(|error| problem(prepared, error))?;
-    let PicoImage { items, block_bytes: motion_bytes, endless, ref flash } = image;
-    let (file, flash_bytes) = (path.display().to_string(), flash.len());
-    let baked = BakedImage { file, items, motion_bytes, flash_bytes, endless, rehearsed: None };
+    let PicoImage { items, block_bytes: motion_bytes, endless, put_off, ref flash } = image;
+    let PutOff { steps: steps_put_off, longest_ticks: longest_put_off_ticks } = put_off;
+    let (file, flash_bytes, rehearsed) = (path.display().to_string(), flash.len(), None);
+    let baked =
+        BakedImage { file, items, motion_bytes, flash_bytes, endless, steps_put_off, longest_put_off_ticks, rehearsed };
     console::write(path, &image.uf2())?;
-    baked.say(args, PicoImage::ROOM, ("Pico", "pulsetrain flash pico"), console)
+    baked.say(args, prepared, PicoImage::ROOM, ("Pico", "pulsetrain flash pico"), console)
 }
 
 fn uno(args: &Bake, prepared: &Prepared, path: &Path, console: &mut Console<'_>) -> miette::Result<Exit> {
     let image = Image::new(&prepared.program).map_err(|error| problem(prepared, error))?;
-    let Image { items, block_bytes: motion_bytes, endless, ref flash } = image;
+    let Image { items, block_bytes: motion_bytes, endless, put_off, ref flash } = image;
+    let PutOff { steps: steps_put_off, longest_ticks: longest_put_off_ticks } = put_off;
     let rehearsed = if args.no_rehearsal { None } else { Some(rehearse(args, prepared, flash, console)?) };
     let (file, flash_bytes) = (path.display().to_string(), flash.len());
-    let baked = BakedImage { file, items, motion_bytes, flash_bytes, endless, rehearsed };
+    let baked =
+        BakedImage { file, items, motion_bytes, flash_bytes, endless, steps_put_off, longest_put_off_ticks, rehearsed };
     console::write(path, image.hex().as_bytes())?;
-    baked.say(args, Image::ROOM, ("Uno", "pulsetrain flash uno --port PORT"), console)
+    baked.say(args, prepared, Image::ROOM, ("Uno", "pulsetrain flash uno --port PORT"), console)
 }
 
 /// Plays an image on the virtual Uno, before it is written.
@@ -129,6 +142,7 @@ impl BakedImage {
     fn say(
         &self,
         args: &Bake,
+        prepared: &Prepared,
         room: usize,
         (board, flash): (&str, &str),
         console: &mut Console<'_>,
@@ -148,6 +162,8 @@ impl BakedImage {
             count(room),
             ends(self.endless),
         ))?;
+        let put_off = PutOff { steps: self.steps_put_off, longest_ticks: self.longest_put_off_ticks };
+        say_put_off(put_off, prepared, self.endless, console)?;
         if board == "Uno" {
             match &self.rehearsed {
                 Some(done) => console.print(format_args!("rehearsed {}\n", done.says))?,
@@ -175,6 +191,18 @@ fn check_own(path: &Path) -> miette::Result<()> {
     }
     let help = "name another folder; or move that file away, if it is not needed";
     Err(miette!(help = help, "{} is there, and was not made by `pulsetrain bake`", path.display()))
+}
+
+/// Says which steps are not where their law has them.
+fn say_put_off(put_off: PutOff, prepared: &Prepared, endless: bool, console: &mut Console<'_>) -> miette::Result<()> {
+    let PutOff { steps, longest_ticks } = put_off;
+    if steps == 0 {
+        return Ok(());
+    }
+    let by = human::seconds(longest_ticks as f64 / prepared.program.board.tick_hz as f64);
+    let turn = if endless { ", what repeats counted once" } else { "" };
+    let (steps, ticks) = (human::count(steps.into()), human::count(longest_ticks.into()));
+    console.print(format_args!("put off (shared DIR): {steps} steps by up to {ticks} ticks = {by}{turn}\n"))
 }
 
 const fn ends(endless: bool) -> &'static str {

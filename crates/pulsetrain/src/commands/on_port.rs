@@ -61,6 +61,13 @@ struct Word {
     frames_repeated: u64,
 }
 
+impl Word {
+    /// Whether every step came when it was due, as far as the board knows.
+    const fn kept_up(&self) -> bool {
+        self.compares_missed == 0 && self.starved == 0
+    }
+}
+
 pub(crate) fn run(
     prepared: &Prepared,
     planned: &[Planned],
@@ -148,8 +155,7 @@ pub(crate) fn run(
     } else {
         console.print(format_args!("{}: report.json, steps.csv (as scheduled)\n", folder.display()))?;
     }
-    let kept = report.says.compares_missed == 0 && report.says.starved == 0;
-    Ok(if kept { Exit::Success } else { Exit::BoundBroken })
+    Ok(if report.says.kept_up() { Exit::Success } else { Exit::BoundBroken })
 }
 
 /// Whether to wait on for motors of a host before this one: until Ctrl-C. What nobody would see is said, once.
@@ -213,6 +219,9 @@ fn print(report: &PortReport, planned: &[Planned], console: &mut Console<'_>) ->
     ))?;
     for event in &says.events {
         console.print(format_args!("  it said: {event}\n"))?;
+    }
+    if !says.kept_up() {
+        console.print("FAIL: the board did not keep up; steps came late\n")?;
     }
     console.print("\n")
 }

@@ -19,8 +19,12 @@ pub(super) struct Rehearsal {
     /// What there is to see, s; none if motors come to ever new phases.
     #[serde(skip_serializing_if = "Option::is_none")]
     of_seconds: Option<f64>,
+    /// Of all steps but those that were put off.
     max_error_ticks: f64,
     bound_ticks: f64,
+    /// Steps that came later than the bound since motors share a DIR line, and how far behind the law.
+    steps_put_off: u64,
+    longest_put_off_ticks: f64,
     /// The same, behind "rehearsed".
     #[serde(skip)]
     pub(super) says: String,
@@ -40,10 +44,29 @@ impl Rehearsal {
             }
             (false, _, None) => format!("{much}; motors that repeat come to ever new phases, which were not"),
         };
+        let (steps_put_off, longest_put_off_ticks) = done.put_off();
+        let (every, put_off) = match steps_put_off {
+            0 => ("every edge", String::new()),
+            steps => {
+                let steps = human::count(steps.into());
+                let put_off = format!(
+                    "; {steps} steps waited for a shared DIR line and came up to {longest_put_off_ticks:.1} ticks late"
+                );
+                ("every other edge", put_off)
+            }
+        };
         let says = format!(
-            "on the virtual Uno: {much}: every edge within {max_error_ticks:.1} ticks of the law, {bound_ticks:.1} are promised"
+            "on the virtual Uno: {much}: {every} within {max_error_ticks:.1} ticks of the law, {bound_ticks:.1} are promised{put_off}"
         );
-        Rehearsal { seconds, of_seconds: all_s, max_error_ticks, bound_ticks, says }
+        Rehearsal {
+            seconds,
+            of_seconds: all_s,
+            max_error_ticks,
+            bound_ticks,
+            steps_put_off,
+            longest_put_off_ticks,
+            says,
+        }
     }
 
     /// Plays a run's session, or as much of it as is asked for, before anything is sent to the Uno at a port.

@@ -51,7 +51,7 @@ pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit>
         }
     };
     let Recorded { verdict, picture, lateness, figures } = recorded;
-    let report = RunReport { plan: plan::report(&prepared, &planned), runner, verdict, lateness, figures };
+    let report = RunReport::new(plan::report(&prepared, &planned), runner, verdict, lateness, figures);
     // The verdict is told also where a file has no room; a script gets one value, and then it is the error.
     if !args.json {
         console.print(&report.plan)?;

@@ -454,7 +454,8 @@ impl<P: Port> Held<P> {
         let counted: Vec<String> =
             AXES.iter().zip(counts).map(|(axis, count)| format!("{} {count}", char::from(*axis))).collect();
         let verdict = match off.as_str() {
-            "" => "PASS: as the board counts".to_owned(),
+            "" if refused == 0 => "PASS: as the board counts".to_owned(),
+            "" => format!("FAIL: lines refused: {refused}; the pins are as the board counts"),
             off => format!("FAIL: the board counts others of {off}"),
         };
         console.print(format_args!("steps at the pins: {}\n{verdict}\n", counted.join(", ")))?;

@@ -46,6 +46,9 @@ const COILS_PROGRAM: [u16; 4] = [WAIT_GATE, OUT_X, JMP_X_DEC | (COILS as u16 + 2
 
 const _: () = assert!(COILS as usize == STEP_DIR as usize + STEP_DIR_PROGRAM.len());
 
+/// Where the pulse of a driver ends.
+const STEP_DIR_END: u8 = STEP_DIR + 6;
+
 /// Instructions that are only made by hand: `pull block`, `mov y, osr`, `set pindirs`, `set pins`, `jmp`, `jmp !osre`.
 const PULL: u32 = 0x80a0;
 const MOV_Y_OSR: u32 = 0xa047;
@@ -63,17 +66,6 @@ const AUTOPULL: u32 = 1 << 17;
 pub(crate) struct Machine {
     pio: Pio,
     number: u8,
-}
-
-/// Where a machine was halted.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Halted {
-    /// The last word that it pulled has not changed the lines.
-    Before,
-    /// It has.
-    After,
-    /// It has, and its pulse is under way.
-    InPulse,
 }
 
 /// Sets up the gate, closed.
@@ -128,12 +120,12 @@ impl Machine {
     pub(crate) fn set_up(self, wired: &Wired, pulse_ticks: u32, levels: u32) {
         let Machine { pio, number } = self;
         let (at, end) = match wired.lines {
-            Lines::StepDir { .. } => (STEP_DIR, STEP_DIR + 6),
+            Lines::StepDir { .. } => (STEP_DIR, STEP_DIR_END),
             Lines::Coils { .. } => (COILS, COILS + 3),
         };
         pio.ctrl().clear(self.bit());
         pio.clkdiv(number).write(1 << 16);
-        pio.execctrl(number).write(u32::from(end) << 12 | u32::from(at + LOOP) << 7);
+        self.wrap(end, at + LOOP);
         // Joining anew empties the FIFOs.
         pio.shiftctrl(number).write(0);
         pio.shiftctrl(number).write(SHIFTCTRL);
@@ -173,30 +165,38 @@ impl Machine {
         self.pio.flevel().read() >> (8 * self.number) & 15
     }
 
-    /// Where it was halted.
-    pub(crate) fn halted(self, lines: &Lines) -> Halted {
+    /// Has it go from the instruction at `end` to the one at `begin`.
+    fn wrap(self, end: u8, begin: u8) {
+        self.pio.execctrl(self.number).write(u32::from(end) << 12 | u32::from(begin) << 7);
+    }
+
+    /// Whether a machine of a driver was halted between the two changes of its lines: STEP may be active.
+    #[inline(always)]
+    pub(crate) fn is_in_pulse(self) -> bool {
+        self.pio.addr(self.number).read() as u8 > STEP_DIR + CHANGE
+    }
+
+    /// Has a machine that is in its pulse end that, once it goes on, and wait at the gate then. It takes no word more.
+    #[inline(always)]
+    pub(crate) fn end_with_pulse(self) {
+        self.pio.shiftctrl(self.number).write(SHIFTCTRL);
+        self.wrap(STEP_DIR_END, STEP_DIR);
+    }
+
+    /// Whether the last word that it pulled has changed the lines; it was halted, and not in its pulse.
+    pub(crate) fn has_changed_lines(self, lines: &Lines) -> bool {
         let first = match lines {
             Lines::StepDir { .. } => STEP_DIR,
             Lines::Coils { .. } => COILS,
         };
-        let at = self.pio.addr(self.number).read() as u8 - first;
-        match at {
-            0 => Halted::Before,
-            LOOP => {
-                // Whether the next word is in its shift register already: it jumps if so.
-                self.execute(JMP_NOT_OSRE | u32::from(first));
-                let jumped = self.pio.addr(self.number).read() as u8 == first;
-                self.execute(JMP | u32::from(first + LOOP));
-                if jumped { Halted::Before } else { Halted::After }
-            }
-            2..=CHANGE => Halted::Before,
-            _ => Halted::InPulse,
+        if self.pio.addr(self.number).read() as u8 != first + LOOP {
+            return false;
         }
-    }
-
-    /// Ends the pulse that it was halted in: STEP has been active for long enough.
-    pub(crate) fn end_pulse(self) {
-        self.execute(u32::from(OUT_PINS | 5));
+        // Whether the next word is in its shift register already: it jumps if so.
+        self.execute(JMP_NOT_OSRE | u32::from(first));
+        let jumped = self.pio.addr(self.number).read() as u8 == first;
+        self.execute(JMP | u32::from(first + LOOP));
+        !jumped
     }
 
     /// Sets its lines, and makes them outputs, while it is halted.

@@ -2,7 +2,7 @@
 
 use super::expand::expand;
 use super::pins::{Layout, Lines, Wired};
-use super::pio::{self, GATE, Halted, Machine};
+use super::pio::{self, GATE, Machine};
 use super::{MOTORS, RING, feed};
 use crate::clock::{Clock, TICK_HZ};
 use crate::regs;
@@ -493,30 +493,26 @@ impl Stepper {
             return Halt { tick, uncertain: 0, reached: [tick; MOTORS] };
         }
         self.runs = false;
-        // No interrupt starts a channel again.
-        let tick = regs::free(|| {
+        // No interrupt starts a channel again, or comes between a halt and the end of a pulse.
+        let (tick, in_pulse) = regs::free(|| {
             pio::halt(0, 0xf);
             if self.count > 4 {
                 pio::halt(1, 0xf);
             }
-            clock.now()
+            let tick = clock.now();
+            regs::SIO_OUT_CLR.write(1 << GATE);
+            (tick, self.end_pulses())
         });
-        regs::SIO_OUT_CLR.write(1 << GATE);
+        // By then all pulses that were begun are over, whatever is done meanwhile.
+        let fall = clock.moment().after(self.longest_pulse() + STEP_DIR_OVERHEAD);
         let mut halt = Halt { tick, uncertain: 0, reached: [tick; MOTORS] };
-        let mut in_pulse = 0;
-        // By then all pulses that were begun are as long as they ought to be.
-        let mut fall = Moment::of(tick);
         let (pool, all) = self.all();
         for Parts { number, motor, tape, ring } in all {
             let machine = Machine::of(number);
             let taken = regs::free(|| feed::end(number, ring));
             let pulled = taken.wrapping_sub(machine.waiting());
-            let halted = machine.halted(&motor.wired.lines);
-            let done = if halted == Halted::Before { pulled.wrapping_sub(1) } else { pulled };
-            if halted == Halted::InPulse {
-                in_pulse |= 1 << number;
-                fall = Moment::of(tick).after(motor.pulse_ticks);
-            }
+            let is_done = in_pulse >> number & 1 != 0 || machine.has_changed_lines(&motor.wired.lines);
+            let done = if is_done { pulled } else { pulled.wrapping_sub(1) };
             let made = tape.position_after(done);
             let (words, mut items) = (&mut motor.words, motor.packed.waiting(pool));
             let goes = made != words.channel().position() || !words.channel().is_idle(&items);
@@ -534,11 +530,34 @@ impl Stepper {
             let last = ring[done.saturating_sub(1) as usize % RING];
             words.stop(&mut items, made, lines(last));
         }
-        while clock.moment().is_before(fall) {}
-        for number in (0..self.count).filter(|number| in_pulse >> number & 1_u8 != 0) {
-            Machine::of(number).end_pulse();
+        while in_pulse != 0 && clock.moment().is_before(fall) {}
+        for (block, mask) in blocks(in_pulse) {
+            pio::halt(block, mask);
         }
         halt
+    }
+
+    /// Lets the pulses go on that state machines were halted in, each to its own end; gives whose, bit by motor. The gate is closed.
+    ///
+    /// Nobody works out anything before: so long STEP stays active beyond its pulse.
+    fn end_pulses(&self) -> u8 {
+        let mut in_pulse = 0;
+        for (number, motor) in (0..self.count).zip(&self.motors) {
+            let machine = Machine::of(number);
+            if matches!(motor.wired.lines, Lines::StepDir { .. }) && machine.is_in_pulse() {
+                machine.end_with_pulse();
+                in_pulse |= 1 << number;
+            }
+        }
+        for (block, mask) in blocks(in_pulse) {
+            pio::enable(block, mask);
+        }
+        in_pulse
+    }
+
+    /// The longest pulse of any motor, ticks.
+    fn longest_pulse(&self) -> u32 {
+        self.motors().map(|motor| motor.pulse_ticks).max().unwrap_or(0)
     }
 
     /// Takes the current from coils; nothing runs.
@@ -632,6 +651,11 @@ impl Stepper {
     pub(crate) const fn reset_measures(&mut self) {
         self.least_ahead = u32::MAX;
     }
+}
+
+/// The blocks that have state machines of these motors, bit by motor, and which.
+fn blocks(motors: u8) -> impl Iterator<Item = (u8, u32)> {
+    (0..).zip([u32::from(motors & 0xf), u32::from(motors >> 4)]).filter(|(_, mask)| *mask != 0)
 }
 
 /// What a motor can be told directly: `pulse` is what a pulse and the hold of DIR take, `setup` DIR's set-up, ticks.
