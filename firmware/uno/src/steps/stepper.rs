@@ -47,8 +47,11 @@ const APART_LONG: u8 = 60;
 const APART_SHIELD: [u8; 2] = [60, 76];
 /// With the compare hardware, or with two rings on PORTD, where the other's interrupt may come first.
 const APART_BESIDE: u8 = 96;
-/// With two of the compare hardware's: the other's longer way, of 67 cycles, may come first.
-const APART_TWO_COMPARE: u8 = 120;
+/// With two of the compare hardware's. Toggling is switched on and off behind the match, and must be before the next one, or the pin's level is
+/// the wrong way round from then on. Before that may come: two stretches with interrupts off (main.rs), the other's longer way and the instruction
+/// behind it, and the way to the register.
+const APART_TWO_COMPARE: u8 = 171;
+const _: () = assert!(2 * 14 + 67 + 5 + 54 < APART_TWO_COMPARE);
 /// With a merge on PORTD beside a ring on PORTB: the merge's, which waits for the other's interrupt for up to 30 cycles, so that 60 would do;
 /// but the wider, the more steps join another's group. And the other's, which waits for the merge's interrupt, and has it in its own: 160
 /// cycles from the match to the compare register at most.
@@ -68,8 +71,9 @@ const FALL_COMPARE: u8 = 48;
 const FALL_BESIDE: u8 = 80;
 #[cfg(feature = "stream")]
 const PULSE_BESIDE: u16 = 25;
-/// What a turn of DIR may be earlier than it must, ticks.
-const EARLY: u16 = 128;
+/// What a turn of DIR may be earlier than it must, ticks: where a filler is in its way, it is put off by the distance of two groups.
+const EARLY: u16 = 176;
+const _: () = assert!(EARLY > APART_TWO_COMPARE as u16);
 /// So far ahead things are planned at most, ticks (3 ms), but for steps at rates at which a ring is full long before (`SURE_OF_LIMIT`): a list of
 /// them may reach 1.5 ms further.
 pub(crate) const AHEAD: u32 = 49_152;
