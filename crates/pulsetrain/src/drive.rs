@@ -485,7 +485,8 @@ impl<'a, B: Board> Driven<'a, B> {
         }
         let counts = report.counted.iter().zip(&report.replayed).zip(&report.faults);
         let mut motors = self.program.motors.iter().zip(counts);
-        let missed = motors.find(|(_, ((counted, replayed), faults))| counted != replayed || **faults != Faults::default());
+        let missed =
+            motors.find(|(_, ((counted, replayed), faults))| counted != replayed || **faults != Faults::default());
         if let Some((motor, _)) = missed {
             // A board that stopped when all was told has refused nothing: only its count shows it.
             let (whereabouts, stop) = self.whereabouts(&report);
