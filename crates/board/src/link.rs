@@ -10,7 +10,7 @@ use pulsetrain_core::Epoch;
 use pulsetrain_core::wire::frame::{Received, Tag};
 use pulsetrain_core::wire::message::{Event, Info, MAX_PACKED, Missing, kind, version_of};
 use pulsetrain_core::wire::service::TRIAL_MS;
-use pulsetrain_core::wire::{Baud, Command, Decoder, MAX_FRAME, Reason, Reply, VERSION};
+use pulsetrain_core::wire::{Baud, Command, Decoder, Encoder, MAX_FRAME, Reason, Reply, VERSION};
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -25,6 +25,9 @@ const HELLO_AGAIN: Duration = Duration::from_millis(200);
 
 /// Without a word from the board for so long although something waits for its answer, it is lost: soon it gives us up.
 const LOST: Duration = Duration::from_millis(1900);
+
+/// What a board that is heard does not take, or does not answer, for so long, it never will.
+const UNANSWERED: Duration = Duration::from_millis(3800);
 
 /// How long Hello waits for a board.
 const NOBODY: Duration = Duration::from_secs(6);
@@ -67,6 +70,9 @@ pub enum LinkError {
     /// It was heard before, and is no more.
     #[error("the board does not answer any more")]
     Lost,
+    /// It is heard, but what it was sent or asked for is neither taken nor answered.
+    #[error("the board is there, but has not answered for {} s what it was asked", UNANSWERED.as_secs_f64())]
+    Unanswered,
     /// It began anew, or gave us up.
     #[error("the board does not know this session any more: it was reset, or heard nothing for too long")]
     Forgotten,
@@ -86,7 +92,8 @@ struct Frame {
 struct Asked {
     seq: u8,
     bytes: Vec<u8>,
-    /// When it went out first and last.
+    /// When it was asked for, and when it went out first and last.
+    since: Duration,
     first: Option<Duration>,
     last: Duration,
 }
@@ -162,6 +169,8 @@ pub struct Link {
     window: usize,
     /// When something was sent or confirmed last.
     progress: Duration,
+    /// When something was confirmed last, or began to wait for that.
+    moved: Duration,
     timeout: Duration,
     /// When the board was heard last, or was first asked after it had nothing to say.
     heard: Duration,
@@ -200,6 +209,7 @@ impl Link {
             ever_sent: 0,
             window: FIRST_WINDOW,
             progress: Duration::ZERO,
+            moved: Duration::ZERO,
             timeout: HELLO_AGAIN,
             heard: Duration::ZERO,
             asked: None,
@@ -223,7 +233,7 @@ impl Link {
         self.hello = Some(now);
         self.timeout = HELLO_AGAIN;
         let command = Command::Hello { version: VERSION, nonce: self.nonce };
-        self.ask_as(&command, Tag::NONE);
+        self.ask_as(&command, Tag::NONE, now);
     }
 
     /// The same, but a board that says that another has it is [`LinkError::Taken`] at once.
@@ -237,24 +247,53 @@ impl Link {
     /// # Panics
     /// While another command waits for its answer; for another rate, while anything waits.
     pub fn ask(&mut self, command: &Command<'_>, now: Duration) {
-        if self.row.is_empty() {
-            self.heard = now;
-        }
+        self.begin_to_wait(now);
         if let Command::Baud { baud } = *command {
             assert!(self.is_quiet(), "nothing goes along with a change of rate");
             self.rate = Rate::Asked { baud };
             // If the answer gets lost, the board is there, and then back where both began.
             self.search = Some(Search { rates: [self.baud, baud, Baud::B115200], next: 1, since: now });
         }
-        self.ask_as(command, self.tag);
+        self.ask_as(command, self.tag, now);
     }
 
-    fn ask_as(&mut self, command: &Command<'_>, tag: Tag) {
+    fn ask_as(&mut self, command: &Command<'_>, tag: Tag, now: Duration) {
         assert!(self.asked.is_none(), "one command at a time");
         self.answer = None;
         let (seq, bytes) = self.frame(command, tag);
-        self.asked = Some(Asked { seq, bytes: bytes.clone(), first: None, last: Duration::ZERO });
+        self.asked = Some(Asked { seq, bytes: bytes.clone(), since: now, first: None, last: Duration::ZERO });
         self.row.push_back(Frame { seq, fills: None, bytes });
+    }
+
+    /// Asks again under a new number what the board took, but has not answered: it answers again what it answered last alone, and that is
+    /// something else by now.
+    fn ask_anew(&mut self, now: Duration) {
+        let Some(asked) = &self.asked else { return };
+        if self.row.iter().any(|frame| frame.seq == asked.seq) {
+            return;
+        }
+        let mut decoder: Decoder = Decoder::new();
+        decoder.feed(&asked.bytes);
+        let body = decoder.body().to_vec();
+        self.begin_to_wait(now);
+        let seq = self.next_number();
+        let mut bytes = [0; MAX_FRAME];
+        let mut frame = Encoder::new(&mut bytes);
+        frame.u8(seq);
+        frame.bytes(&body[1..]);
+        let len = frame.finish(self.tag).expect("as long as it was");
+        let bytes = bytes[..len].to_vec();
+        if let Some(asked) = &mut self.asked {
+            (asked.seq, asked.bytes) = (seq, bytes.clone());
+        }
+        self.row.push_back(Frame { seq, fills: None, bytes });
+    }
+
+    /// Notes that something waits for the board from now on, if nothing did before.
+    fn begin_to_wait(&mut self, now: Duration) {
+        if self.row.is_empty() {
+            (self.heard, self.moved) = (now, now);
+        }
     }
 
     /// Most packed bytes in one frame to this board.
@@ -270,9 +309,7 @@ impl Link {
     /// With none or more.
     pub fn send(&mut self, motor: u8, epoch: Epoch, packed: &[u8], now: Duration) {
         assert!((1..=self.max_packed()).contains(&packed.len()), "a frame's worth of bytes");
-        if self.row.is_empty() {
-            self.heard = now;
-        }
+        self.begin_to_wait(now);
         let (seq, bytes) = self.frame(&Command::Data { motor, epoch, packed }, self.tag);
         self.row.push_back(Frame { seq, fills: Some((motor, packed.len())), bytes });
     }
@@ -286,7 +323,7 @@ impl Link {
     /// Asks for news of the queues, unless that is on its way already.
     pub fn poll(&mut self, now: Duration) {
         if self.row.is_empty() {
-            self.heard = now;
+            self.begin_to_wait(now);
             let (seq, bytes) = self.frame(&Command::Poll, self.tag);
             self.row.push_back(Frame { seq, fills: None, bytes });
         }
@@ -294,10 +331,15 @@ impl Link {
 
     fn frame(&mut self, command: &Command<'_>, tag: Tag) -> (u8, Vec<u8>) {
         let mut bytes = [0; MAX_FRAME];
-        let len = command.encode(self.next_seq, tag, &mut bytes).expect("a command is within the longest frame");
+        let seq = self.next_number();
+        let len = command.encode(seq, tag, &mut bytes).expect("a command is within the longest frame");
+        (seq, bytes[..len].to_vec())
+    }
+
+    const fn next_number(&mut self) -> u8 {
         let seq = self.next_seq;
         self.next_seq = seq.wrapping_add(1);
-        (seq, bytes[..len].to_vec())
+        seq
     }
 
     /// The bytes that are to go out now, appended to `out`.
@@ -367,6 +409,9 @@ impl Link {
                 self.error = Some(if self.occupied { LinkError::Taken } else { LinkError::Nobody });
             }
             (_, None) if now >= self.heard + LOST => self.error = Some(LinkError::Lost),
+            (_, None) if self.waits_since().is_some_and(|since| now >= since + UNANSWERED) => {
+                self.error = Some(LinkError::Unanswered);
+            }
             (Rate::Trying { since }, _) if now >= since + TRIAL => {
                 // The board went back; or it did hear us, and only its answers got lost.
                 self.rate = Rate::Steady;
@@ -385,6 +430,13 @@ impl Link {
                 self.timeout = 2 * self.shortest_timeout();
             }
         }
+    }
+
+    /// Since when the board leaves something waiting: a frame that it does not take, or a command that it does not answer.
+    fn waits_since(&self) -> Option<Duration> {
+        let untaken = (!self.row.is_empty()).then_some(self.moved);
+        let unanswered = self.asked.as_ref().map(|asked| asked.since);
+        [untaken, unanswered].into_iter().flatten().min()
     }
 
     /// All that was not confirmed goes out again.
@@ -535,7 +587,7 @@ impl Link {
         }
         self.sent = self.sent.saturating_sub(taken);
         self.ever_sent -= taken;
-        self.progress = now;
+        (self.progress, self.moved) = (now, now);
         self.timeout = self.shortest_timeout();
         if let Rate::Trying { .. } = self.rate {
             // Nothing but the poll was in the row.
@@ -553,6 +605,7 @@ impl Link {
             if let Reply::Refused { kind: kind::DATA.., reason, detail } = reply {
                 self.confirm(seq, now);
                 self.refused = Some((reason, detail));
+                self.ask_anew(now);
             }
             return;
         };

@@ -1134,7 +1134,18 @@ impl<P: Port> Board for Remote<P> {
         let status = self.at_rest(|| true)?;
         let counts = status.motors.as_slice().iter().map(|motor| i64::from(motor.position));
         let positions = if was_reset { counts.collect() } else { self.positions() };
-        let last_stop = if is_lost { self.info.last_stop } else { self.told_stop().unwrap_or(Cause::Finished) };
+        let is_armed = status.head.flags & flags::ARMED != 0;
+        let last_stop = match self.told_stop() {
+            _ if is_lost => self.info.last_stop,
+            Some(cause) => cause,
+            None if is_armed => Cause::Finished,
+            // It keeps two events until they are told, and why it stopped may not be one of them. Hello says it.
+            None => {
+                self.done("say good-bye", &Command::Bye)?;
+                self.take_again()?;
+                self.info.last_stop
+            }
+        };
         Ok(Fared { positions, last_stop, reset: was_reset.then_some(self.info.last_reset) })
     }
 }

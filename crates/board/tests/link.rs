@@ -7,8 +7,9 @@ use pulsetrain_board::faulty::{Faulty, Rates};
 use pulsetrain_board::model::ModelPort;
 use pulsetrain_board::shared::Shared;
 use pulsetrain_board::{Board, Edge, Link, LinkError, Port, PortError, Remote, RemoteError, SwitchRefused};
-use pulsetrain_core::wire::message::Cause;
-use pulsetrain_core::wire::{Baud, Reason};
+use pulsetrain_core::wire::frame::{Received, Tag};
+use pulsetrain_core::wire::message::{Cause, Info, Missing, kind};
+use pulsetrain_core::wire::{Baud, Command, Decoder, Encoder, MAX_FRAME, Reason, Reply};
 use pulsetrain_core::{Entry, Epoch, Item, Moment};
 use std::time::Duration;
 
@@ -271,4 +272,97 @@ fn the_board_clock_is_read_to_a_millisecond() {
     }
     let (ppm, uncertain) = remote.clock().ppm().unwrap();
     assert!(ppm.abs() <= uncertain, "{ppm} ± {uncertain}");
+}
+
+fn framed(tag: Tag, body: impl Fn(&mut Encoder<'_>)) -> Vec<u8> {
+    let mut bytes = [0; MAX_FRAME];
+    let mut frame = Encoder::new(&mut bytes);
+    body(&mut frame);
+    let len = frame.finish(tag).unwrap();
+    bytes[..len].to_vec()
+}
+
+/// A link that a board with tag 1 has taken at 0 s: the next frame has number 1.
+fn taken_link() -> Link {
+    let mut link = Link::new(1);
+    link.hello(Duration::ZERO);
+    let info = Info { nonce: 1, tag: Tag(1), window: 240, max_body: 47, ..Info::NOBODY };
+    link.output(Duration::ZERO, &mut Vec::new());
+    let hello = framed(Tag::NONE, |frame| {
+        frame.bytes(&[0, kind::HELLO | kind::ANSWER]);
+        info.encode(frame);
+    });
+    link.input(&hello, Duration::ZERO);
+    assert_eq!(link.info(), Some(&info));
+    assert!(link.answer().is_some());
+    link
+}
+
+/// A board that has much to do takes several frames before it answers, and answers the last one: docs/protocol.md. Data that it refuses behind a
+/// question take the place of the answer.
+#[test]
+fn a_question_before_data_that_are_refused_is_answered() {
+    let mut link = taken_link();
+    link.ask(&Command::Clock, Duration::ZERO);
+    link.send(0, Epoch(1), &[0; 8], Duration::ZERO);
+    let (mut expected, mut last) = (1, (0, 0));
+    for ms in (0..).step_by(5) {
+        let now = Duration::from_millis(ms);
+        assert!(ms < 1000 && link.error().is_none(), "the question is never answered");
+        let (mut bytes, mut decoder) = (Vec::new(), <Decoder>::new());
+        link.output(now, &mut bytes);
+        let mut said = None;
+        for byte in bytes {
+            if let Received::Frame(_) = decoder.push(byte) {
+                let [seq, code, ..] = *decoder.body() else { panic!("a frame has a number and a kind") };
+                if seq == expected {
+                    (expected, last) = (seq + 1, (seq, code));
+                }
+                said = Some((seq, code) == last);
+            }
+        }
+        match (said, last) {
+            (None, _) => {}
+            (Some(false), _) => {
+                link.input(&framed(Tag(1), |frame| frame.bytes(&[expected - 1, kind::POLL | kind::ANSWER, 0, 0])), now)
+            }
+            (_, (seq, kind::CLOCK)) => {
+                let clock = framed(Tag(1), |frame| {
+                    frame.bytes(&[seq, kind::CLOCK | kind::ANSWER]);
+                    frame.u64(17);
+                });
+                link.input(&clock, now);
+            }
+            (_, (seq, code)) => {
+                let refused = [seq, kind::REFUSED, code, Reason::NotArmed as u8, 0, 0];
+                link.input(&framed(Tag(1), |frame| frame.bytes(&refused)), now);
+            }
+        }
+        if let Some(answer) = link.answer() {
+            assert_eq!(answer.reply, Reply::Clock { tick: 17 });
+            break;
+        }
+    }
+    assert_eq!(link.refusal(), Some((Reason::NotArmed, 0)));
+}
+
+/// A board that is heard, but takes nothing or answers nothing: the host does not wait for ever.
+#[test]
+fn a_board_that_speaks_but_does_not_answer_is_an_error() {
+    let check = |ask: &dyn Fn(&mut Link, Duration), said: &[u8]| {
+        let mut link = taken_link();
+        ask(&mut link, Duration::ZERO);
+        let mut ms = 0;
+        while link.error().is_none() {
+            ms += 5;
+            let now = Duration::from_millis(ms);
+            link.output(now, &mut Vec::new());
+            link.input(&framed(Tag(1), |frame| frame.bytes(said)), now);
+            assert!(ms < 10_000, "it waits for ever");
+        }
+        assert_eq!((link.error(), ms), (Some(LinkError::Unanswered), 3800));
+    };
+    // A question that is taken, and not answered; data that there is no room for.
+    check(&|link, now| link.ask(&Command::Status, now), &[1, kind::POLL | kind::ANSWER, 0, 0]);
+    check(&|link, now| link.send(0, Epoch(1), &[0; 8], now), &[0, kind::MISSING, Missing::NoRoom as u8]);
 }

@@ -2,11 +2,12 @@
 
 mod common;
 
+use common::lab::Image;
 use common::segments::{Law, Stream};
 use common::uno_setup;
 use pulsetrain_board::{Board, Edge, Faults, Port, PortError, Remote, Setup, virtual_uno::VirtualUno};
 use pulsetrain_core::wire::Baud;
-use pulsetrain_core::wire::message::MotorSetup;
+use pulsetrain_core::wire::message::{Cause, MotorSetup};
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
 use std::time::Duration;
 
@@ -104,4 +105,32 @@ fn a_board_that_has_plenty_to_do_is_sent_a_little_at_a_time() {
     assert!(bytes > 2000, "{bytes}");
     assert!(sent.iter().all(|(_, len)| *len <= pool / 12), "{sent:?}");
     assert!(sent.windows(2).all(|pair| pair[1].0 - pair[0].0 >= Duration::from_millis(1)), "{sent:?}");
+}
+
+/// Why a board stopped is known, even if the event that says so was not told: the board keeps two of them.
+#[test]
+fn a_board_that_ran_dry_says_so_though_the_event_is_gone() {
+    let mut dry = 0;
+    for (seed, image) in (1..=8).map(|seed| (seed, Image::by_turns(seed))) {
+        let mut board = Remote::open(image.uno(), 7).unwrap();
+        board.set_baud(Baud::B1M).unwrap();
+        board.configure(&uno_setup(&[(9, 8), (10, 7)], 16)).unwrap();
+        // Far more than it keeps up with.
+        let mut stream = Stream::new(&board, &[Law::changing(120e3); 2], 1.0, seed, TICK_HZ / 5);
+        let lost = |board: &Remote<_>| board.error().map_or(Ok(()), |error| Err(error.to_string()));
+        stream.play(&mut board, &mut |_: Edge| {}, |_, board| lost(board)).expect_err("it is too fast");
+        let until = board.now() + TICK_HZ / 10;
+        board.advance(until, &mut |_: Edge| {});
+        let told = board.events().into_iter().map(|event| event.cause).find(|cause| *cause == Cause::Starved);
+        // What was on its way is refused first.
+        let fared = (0..50).find_map(|_| board.fared().ok()).expect("it answers in the end");
+        if told.is_some() {
+            dry += 1;
+            assert_eq!(fared.last_stop, Cause::Starved, "{image:?}, seed {seed}");
+        }
+        let counts = board.status().unwrap();
+        let counts: Vec<_> = counts.motors.as_slice().iter().map(|motor| i64::from(motor.position)).collect();
+        assert_eq!(fared.positions, counts, "{image:?}, seed {seed}");
+    }
+    assert!(dry > 0, "none ran dry");
 }

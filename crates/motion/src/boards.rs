@@ -197,7 +197,7 @@ impl BoardRow {
             Ok(Some(PinKind::PortD | PinKind::PortB | PinKind::Shield)) if motors.len() > 1 && !shares_dir(motors) => {
                 TURN_TICKS[1]
             }
-            Ok(Some(PinKind::Compare)) if motors.len() > 1 => TURN_TICKS[2],
+            Ok(Some(PinKind::Compare)) => TURN_TICKS_BY_COMPARE[usize::from(motors.len() > 1)],
             _ => self.board.turn_ticks,
         }
     }
@@ -219,10 +219,12 @@ pub fn find(name: &str) -> Option<BoardRow> {
     table().into_iter().find(|row| row.board.name.eq_ignore_ascii_case(name))
 }
 
-/// What a turn of DIR takes an Uno, ticks; what it takes when motors are merged in one ring; and with two of the compare
-/// hardware's. It is in firmware/uno/src/steps/stepper.rs: for an interrupt that is late before it and after it, and the way to the
-/// line after the match; twice the distance of groups, by which a merge moves edges; or what that is more for two.
-const TURN_TICKS: [u32; 3] = [24 + 48 + 24, 60 + 16 + 60 + 2 * 76, 24 + 48 + 24 + 2 * (120 - 96)];
+/// What a turn of DIR takes an Uno, ticks, and what it takes when motors are merged in one ring. It is in
+/// firmware/uno/src/steps/stepper.rs: for an interrupt that is late before it and after it, and the way to the line after the match; and twice the
+/// distance of groups, by which a merge moves edges.
+const TURN_TICKS: [u32; 2] = [24 + 48 + 24, 60 + 16 + 60 + 2 * 76];
+/// The same of one and of two motors of the compare hardware's: the distance of groups, before it and after it.
+const TURN_TICKS_BY_COMPARE: [u32; 2] = [2 * 96, 2 * 171];
 
 /// What a word of a Pico's state machine takes at least: the longest pulse of all motors and three cycles, which
 /// `pulsetrain_core::words` has. Steps are no closer, and DIR changes in a word of its own.

@@ -493,10 +493,17 @@ impl<'a, B: Board> Driven<'a, B> {
             return Err(DriveError::from(error).halted(self.whereabouts(&report).0));
         }
         let counts = report.counted.iter().zip(&report.replayed).zip(&report.faults);
-        for (motor, ((counted, replayed), faults)) in self.program.motors.iter().zip(counts) {
-            if counted != replayed || *faults != Faults::default() {
-                return Err(DriveError::Missed { motor: motor.name.clone(), board: self.program.board.name.clone() });
-            }
+        let mut motors = self.program.motors.iter().zip(counts);
+        let missed =
+            motors.find(|(_, ((counted, replayed), faults))| counted != replayed || **faults != Faults::default());
+        if let Some((motor, _)) = missed {
+            // A board that stopped when all was told has refused nothing: only its count shows it.
+            let (whereabouts, stop) = self.whereabouts(&report);
+            let why = match stop {
+                Some(cause) => RemoteError::Stopped { cause }.into(),
+                None => DriveError::Missed { motor: motor.name.clone(), board: self.program.board.name.clone() },
+            };
+            return Err(why.halted(whereabouts));
         }
         // Last: what the board did is told first.
         if !self.session.board().agrees() {

@@ -75,6 +75,9 @@ pub(crate) fn drive_problem(error: DriveError) -> Report {
         DriveError::Remote(RemoteError::Link(LinkError::Lost | LinkError::Forgotten)) => {
             "look at cable, supply and hub; a board that is reset on the way loses its positions"
         }
+        DriveError::Remote(RemoteError::Link(LinkError::Unanswered)) => {
+            "reset the board (its button, or pull its plug) and run again; if that does not help, write the firmware anew: `pulsetrain flash`"
+        }
         DriveError::Remote(RemoteError::StillMoving) => {
             "wait until they rest, or stop them at once, wherever they are: `pulsetrain stop --port PORT`"
         }

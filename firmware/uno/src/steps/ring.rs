@@ -49,6 +49,7 @@
 //! | shield | 17, PB4 26 | 24 or 25, PB4 19 (1.19 µs) | 50 to 53 |
 //! | shield, long | the same | 36 or 37, PB4 31 | 62 to 65 |
 //! | compare, a plain step | by the hardware | 35 (2.19 µs) | 40 |
+//! | compare, another group | by the hardware | 46 | 67; toggling is switched after 54 |
 //! | PORTB beside a merge | 19 | 25 (1.6 µs) | 49 |
 //! | the same, match A waits | 19 | 73 (4.6 µs) | 97: 30 until match A is let in, its 37, and 30 |
 

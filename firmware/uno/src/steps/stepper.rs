@@ -47,8 +47,11 @@ const APART_LONG: u8 = 60;
 const APART_SHIELD: [u8; 2] = [60, 76];
 /// With the compare hardware, or with two rings on PORTD, where the other's interrupt may come first.
 const APART_BESIDE: u8 = 96;
-/// With two of the compare hardware's: the other's longer way, of 67 cycles, may come first.
-const APART_TWO_COMPARE: u8 = 120;
+/// With two of the compare hardware's. Toggling is switched on and off behind the match, and must be before the next one, or the pin's level is
+/// the wrong way round from then on. Before that may come: two stretches with interrupts off (main.rs), the other's longer way and the instruction
+/// behind it, and the way to the register.
+const APART_TWO_COMPARE: u8 = 171;
+const _: () = assert!(2 * 14 + 67 + 5 + 54 < APART_TWO_COMPARE);
 /// With a merge on PORTD beside a ring on PORTB: the merge's, which waits for the other's interrupt for up to 30 cycles, so that 60 would do;
 /// but the wider, the more steps join another's group. And the other's, which waits for the merge's interrupt, and has it in its own: 160
 /// cycles from the match to the compare register at most.
@@ -68,8 +71,9 @@ const FALL_COMPARE: u8 = 48;
 const FALL_BESIDE: u8 = 80;
 #[cfg(feature = "stream")]
 const PULSE_BESIDE: u16 = 25;
-/// What a turn of DIR may be earlier than it must, ticks.
-const EARLY: u16 = 128;
+/// What a turn of DIR may be earlier than it must, ticks. It is no less than the distance of two groups, by which a filler in its way puts it off:
+/// the image with text has no room in its flash to see where that is more than 128, and is earlier everywhere.
+const EARLY: u16 = if cfg!(text) { APART_TWO_COMPARE as u16 + 5 } else { 128 };
 /// So far ahead things are planned at most, ticks (3 ms), but for steps at rates at which a ring is full long before (`SURE_OF_LIMIT`): a list of
 /// them may reach 1.5 ms further.
 pub(crate) const AHEAD: u32 = 49_152;
@@ -155,7 +159,7 @@ impl Spacing {
             gap: made + 1,
             keep: (made + configuration.hold_ticks + u16::from(late) + slack).max(apart),
             lead: lead.max(apart),
-            early: lead.max(apart) + EARLY,
+            early: lead.max(apart) + if cfg!(text) { EARLY } else { EARLY.max(apart) },
             fastest: fastest.max(made.saturating_add(if spacing.long { apart } else { 0 })),
             pulse,
             most: if spacing.long { STEPS / 2 } else { STEPS },
