@@ -76,6 +76,15 @@ pub enum Measure {
 }
 
 impl Measure {
+    /// What is expected of a unit that is not of it.
+    #[must_use]
+    pub fn units(self) -> &'static str {
+        match self {
+            Measure::Time => "a unit of time: ns, us, ms, s, min, h",
+            Measure::Position => "a unit of position: rev, deg, rad, mm, cm, m, in, step, full-step",
+        }
+    }
+
     /// Whether a unit is of it.
     #[must_use]
     pub fn fits(self, unit: &Unit) -> bool {
@@ -111,9 +120,8 @@ pub const TIME: Role<'static> = Role {
 };
 
 /// What columns of a motor's positions are called, in lower case: angles first.
-pub const POSITIONS: &[&str] = &[
-    "a", "angle", "theta", "θ", "phi", "φ", "alpha", "α", "pos", "position", "rotation", "winkel", "x", "y", "z",
-];
+pub const POSITIONS: &[&str] =
+    &["a", "angle", "theta", "θ", "phi", "φ", "alpha", "α", "pos", "position", "rotation", "winkel", "x", "y", "z"];
 
 /// The angles among them.
 pub const ANGLES: &[&str] = POSITIONS.split_at(POSITIONS.len() - 3).0;
@@ -287,10 +295,10 @@ impl Header<'_> {
             if self.width == roles.len() {
                 return Ok((0..roles.len()).map(|column| Found { column, by_place: true }).collect());
             }
-            let whats: Vec<&str> = roles.iter().map(|role| role.what).collect();
+            let whats: Vec<&str> = roles.iter().map(|role| role.what.trim_start_matches("the ")).collect();
             let columns = if self.width == 1 { "column" } else { "columns" };
             let found = format!("{} {columns} and no header", self.width);
-            return Err(self.error(format!("{} columns, {}, or a header", roles.len(), whats.join(", ")), found));
+            return Err(self.error(format!("{} columns ({}) or a header", roles.len(), whats.join(", ")), found));
         }
         let mut found: Vec<Option<Found>> = vec![None; roles.len()];
         for (role, found) in roles.iter().zip(&mut found) {
@@ -300,6 +308,10 @@ impl Header<'_> {
         self.by_place(roles, &mut found);
         let missing = roles.iter().zip(&found).find(|(_, found)| found.is_none());
         if let Some((role, _)) = missing {
+            let is_called = |title: &Title| role.names.iter().any(|name| title.is_called(name));
+            if let Some(column) = self.titles.iter().position(is_called) {
+                return Err(self.error_in(column, role.measure.units()));
+            }
             return Err(self.error(format!("a column `{}`", role.example), self.listed()));
         }
         let found: Vec<Found> = found.into_iter().flatten().collect();
@@ -349,7 +361,9 @@ impl Header<'_> {
             // Times come first, or are called so.
             (&[k], &[column]) if column == 0 && roles[k].measure == Measure::Time => found[k] = there(column),
             (&[k], &[column]) if roles.len() == 2 && roles[k].measure == Measure::Position => found[k] = there(column),
-            ([0, 1], [0, 1]) if roles.len() == 2 && self.titles.len() == 2 => (found[0], found[1]) = (there(0), there(1)),
+            ([0, 1], [0, 1]) if roles.len() == 2 && self.titles.len() == 2 => {
+                (found[0], found[1]) = (there(0), there(1))
+            }
             _ => {}
         }
     }
@@ -376,7 +390,7 @@ impl Header<'_> {
         }
     }
 
-    /// The columns that a role's would be if all that is in doubt were as it most often is; fewer if there are not as many.
+    /// The columns that the roles' would be if all that is in doubt were as it most often is; none if their units say otherwise.
     #[must_use]
     pub fn likely(&self, roles: &[Role<'_>]) -> Vec<usize> {
         let mut likely: Vec<usize> = Vec::new();
@@ -391,7 +405,8 @@ impl Header<'_> {
             let next = named.into_iter().chain(rest).chain(0..self.width).find(|column| !likely.contains(column));
             likely.extend(next);
         }
-        likely
+        let fit = |(role, column): (&Role<'_>, &usize)| self.titles.get(*column).is_none_or(|t| t.fits(role.measure));
+        if likely.len() == roles.len() && roles.iter().zip(&likely).all(fit) { likely } else { Vec::new() }
     }
 
     /// The column of that name, in lower case.

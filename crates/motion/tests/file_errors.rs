@@ -783,7 +783,7 @@ fn csv_files() {
         SINE,
         &table("\"thin.csv\""),
         expect![[r#"
-            thin.csv:1:1: expected 2 columns, the time, the position, or a header, found 1 column and no header
+            thin.csv:1:1: expected 2 columns (time, position) or a header, found 1 column and no header
         "#]],
     );
     check(
@@ -806,75 +806,146 @@ fn csv_files() {
 #[test]
 fn columns_of_csv_files() {
     let table = |rest: &str| format!("law.table = {{ file = {rest} }}");
-    check(SINE, &table("\"ms.csv\", time = \"s\", unit = \"deg\""), expect![[r#"
+    check(
+        SINE,
+        &table("\"ms.csv\", time = \"s\", unit = \"deg\""),
+        expect![[r#"
         ms.csv:1:1: column 1 `Time [ms]` is in ms, but x.toml:14:39 says time = "s"
             if the header is right, write: time = "ms"
-    "#]]);
-    check(SINE, &table("\"ms.csv\", unit = \"rad\""), expect![[r#"
+    "#]],
+    );
+    check(
+        SINE,
+        &table("\"ms.csv\", unit = \"rad\""),
+        expect![[r#"
         ms.csv:1:11: column 2 `angle [deg]` is in deg, but x.toml:14:39 says unit = "rad"
             if the header is right, write: unit = "deg"
-    "#]]);
-    check(SINE, &table("\"gon.csv\", unit = \"deg\""), expect![[r#"
-        gon.csv:1:3: expected a unit of position, found `angle [gon]`
-            units: rev, deg, rad, mm, cm, m, in, step, full-step; to read it in the motion file's unit, write, for example: columns = [1, 2]
-    "#]]);
-    check(SINE, &table("\"gon.csv\""), expect![[r#"
+    "#]],
+    );
+    check(
+        SINE,
+        &table("\"gon.csv\", unit = \"deg\""),
+        expect![[r#"
         gon.csv:1:3: expected a unit of position, found `angle [gon]`
             units: rev, deg, rad, mm, cm, m, in, step, full-step
-    "#]]);
-    check(SINE, &table("\"lost.csv\", unit = \"deg\""), expect![[r#"
+            for the motion file's unit, if column 1 `t` is the time, write: columns = [1, 2]
+    "#]],
+    );
+    check(
+        SINE,
+        &table("\"gon.csv\""),
+        expect![[r#"
+        gon.csv:1:3: expected a unit of position, found `angle [gon]`
+            units: rev, deg, rad, mm, cm, m, in, step, full-step
+    "#]],
+    );
+    check(
+        SINE,
+        &table("\"lost.csv\", unit = \"deg\""),
+        expect![[r#"
         lost.csv:1:1: expected a column `time [s]`, found `t [deg]`, `angle`
-            write, for example: columns = [1, 2]
-    "#]]);
-    check(SINE, &table("\"lost.csv\", unit = \"deg\", columns = [1, 2]"), expect![[r#"
+    "#]],
+    );
+    check(
+        SINE,
+        &table("\"lost.csv\", unit = \"deg\", columns = [1, 2]"),
+        expect![[r#"
         lost.csv:1:1: expected a unit of time, found `t [deg]`
             units: ns, us, ms, s, min, h
-    "#]]);
-    check(SINE, &table("\"frames.csv\", unit = \"deg\""), expect![[r#"
+    "#]],
+    );
+    check(
+        SINE,
+        &table("\"frames.csv\", unit = \"deg\""),
+        expect![[r#"
         frames.csv:1:1: expected a column `time [s]`, found `frame`, `angle`
-            write, for example: columns = [1, 2]
-    "#]]);
-    check(SINE, &table("\"two.csv\", unit = \"deg\""), expect![[r#"
+            if column 1 `frame` is the time, write: columns = [1, 2]
+    "#]],
+    );
+    check(
+        SINE,
+        &table("\"two.csv\", unit = \"deg\""),
+        expect![[r#"
         two.csv:1:1: expected a column `angle [deg]`, found `t`, `left`, `right`
-            write, for example: columns = [1, 2]
-    "#]]);
-    check(SINE, &table("\"times.csv\", unit = \"deg\""), expect![[r#"
+            if column 1 `t` is the time, write: columns = [1, 2]
+    "#]],
+    );
+    check(
+        SINE,
+        &table("\"times.csv\", unit = \"deg\""),
+        expect![[r#"
         times.csv:1:1: expected one column for the time, found column 1 `t` and column 2 `time`
-            write, for example: columns = [1, 3]
-    "#]]);
-    check(SINE, &table("\"bare.csv\", unit = \"deg\""), expect![[r#"
-        bare.csv:1:1: expected 2 columns, the time, the position, or a header, found 3 columns and no header
-            write, for example: columns = [1, 2]
-    "#]]);
-    check(SINE, &table("\"unknown.csv\", unit = \"deg\", columns = [2, 1], time = \"moons\""), expect![[r#"
+            if column 1 `t` is the time, write: columns = [1, 3]
+    "#]],
+    );
+    check(
+        SINE,
+        &table("\"bare.csv\", unit = \"deg\""),
+        expect![[r#"
+        bare.csv:1:1: expected 2 columns (time, position) or a header, found 3 columns and no header
+            if column 1 is the time, write: columns = [1, 2]
+    "#]],
+    );
+    check(
+        SINE,
+        &table("\"unknown.csv\", unit = \"deg\", columns = [2, 1], time = \"moons\""),
+        expect![[r#"
         x.toml:14:76: `time` must be one of "s", "ms", "us", "µs", "ns", "min", "h"
-    "#]]);
-    check(SINE, &table("\"late.csv\", unit = \"deg\""), expect![[r#"
+    "#]],
+    );
+    check(
+        SINE,
+        &table("\"late.csv\", unit = \"deg\""),
+        expect![[r#"
         late.csv:5:1: times must increase from line to line, but column 1 `time` has 1 after 2
-    "#]]);
-    check(SINE, &table("\"unknown.csv\", unit = \"deg\""), expect![[r#"
+    "#]],
+    );
+    check(
+        SINE,
+        &table("\"unknown.csv\", unit = \"deg\""),
+        expect![[r#"
         unknown.csv:4:1: times must increase from line to line, but column 1 `foo` has 10 after 10
-            write, for example: columns = [2, 1]
-    "#]]);
-    check(SINE, &table("\"swapped.csv\", unit = \"deg\", columns = [1, 2]"), expect![[r#"
+            if column 2 `bar` is the time, write: columns = [2, 1]
+    "#]],
+    );
+    check(
+        SINE,
+        &table("\"swapped.csv\", unit = \"deg\", columns = [1, 2]"),
+        expect![[r#"
         swapped.csv:1:1: x.toml:14:61 takes column 1 `a` for the time and column 2 `t` for a position
-            write, for example: columns = [2, 1]
-    "#]]);
-    check(SINE, &table("\"good.csv\""), expect![[r#"
+            if column 2 `t` is the time, write: columns = [2, 1]
+    "#]],
+    );
+    check(
+        SINE,
+        &table("\"good.csv\""),
+        expect![[r#"
         x.toml:14:13: law `table` has no `unit`
             add, for example: unit = "deg"
-    "#]]);
-    check(SINE, &table("\"length.csv\""), expect![[r#"
+    "#]],
+    );
+    check(
+        SINE,
+        &table("\"length.csv\""),
+        expect![[r#"
         x.toml:14:22: motor `wheel` turns: it has no `lead` that would make mm of its turns
             add to the motor, for example: lead = "8 mm"; or give an angle
-    "#]]);
-    check(SINE, &table("\"thin.csv\", unit = \"deg\", columns = [1, 2]"), expect![[r#"
+    "#]],
+    );
+    check(
+        SINE,
+        &table("\"thin.csv\", unit = \"deg\", columns = [1, 2]"),
+        expect![[r#"
         thin.csv:1:2: expected a number, found nothing in column 2
-    "#]]);
+    "#]],
+    );
     // What these are offered reads.
-    for (file, columns) in [("frames", "[1, 2]"), ("two", "[1, 2]"), ("times", "[1, 3]"), ("bare", "[1, 2]"), ("unknown", "[2, 1]")] {
-        let said = read(&GOOD.replacen(SINE, &table(&format!("\"{file}.csv\", unit = \"deg\"")), 1)).unwrap_err().plain();
-        assert!(said.contains(&format!("write, for example: columns = {columns}\n")), "{said}");
+    for (file, columns) in
+        [("frames", "[1, 2]"), ("two", "[1, 2]"), ("times", "[1, 3]"), ("bare", "[1, 2]"), ("unknown", "[2, 1]")]
+    {
+        let said =
+            read(&GOOD.replacen(SINE, &table(&format!("\"{file}.csv\", unit = \"deg\"")), 1)).unwrap_err().plain();
+        assert!(said.contains(&format!(" is the time, write: columns = {columns}\n")), "{said}");
         let mended = table(&format!("\"{file}.csv\", unit = \"deg\", columns = {columns}"));
         assert!(read(&GOOD.replacen(SINE, &mended, 1)).is_ok(), "{mended}");
     }

@@ -83,7 +83,12 @@ fn names_say_which_column_is_what() {
         &points,
         "time = column 2 `t`, s; angle = column 3 `bar` (by its place), deg; column 1 `frame` is not used",
     );
-    check("\u{feff}t;A\r\n0;0\r\n\r\n0.5;90\r\n;\r\n1;180\r\n", deg, &points, "time = column 1 `t`, s; angle = column 2 `A`, deg");
+    check(
+        "\u{feff}t;A\r\n0;0\r\n\r\n0.5;90\r\n;\r\n1;180\r\n",
+        deg,
+        &points,
+        "time = column 1 `t`, s; angle = column 2 `A`, deg",
+    );
     check(
         "n,t,x,y\n0,0,5,0\n1,0.5,5,90\n2,1,5,180\n",
         ", unit = \"deg\", columns = [\"t\", 4]",
@@ -138,18 +143,39 @@ struct Written {
 
 fn written() -> impl Strategy<Value = Written> {
     let times = prop::sample::select(vec![
-        ("t", 1.0), ("Time [s]", 1.0), ("time (ms)", 1e3), ("TIME_ms", 1e3), ("t in us", 1e6), ("milliseconds", 1e3),
-        ("zeit / ms", 1e3), ("elapsed [ms]", 1e3), ("timestamp [us]", 1e6),
+        ("t", 1.0),
+        ("Time [s]", 1.0),
+        ("time (ms)", 1e3),
+        ("TIME_ms", 1e3),
+        ("t in us", 1e6),
+        ("milliseconds", 1e3),
+        ("zeit / ms", 1e3),
+        ("elapsed [ms]", 1e3),
+        ("timestamp [us]", 1e6),
     ]);
     let angles = prop::sample::select(vec![
-        ("a [deg]", 1.0), ("Angle (rad)", std::f64::consts::PI / 180.0), ("theta_deg", 1.0), ("θ [°]", 1.0),
-        ("phi in turns", 1.0 / 360.0), ("wheel [step]", 400.0 / 360.0), ("servo [deg]", 1.0), ("pos mm", 8.0 / 360.0),
+        ("a [deg]", 1.0),
+        ("Angle (rad)", std::f64::consts::PI / 180.0),
+        ("theta_deg", 1.0),
+        ("θ [°]", 1.0),
+        ("phi in turns", 1.0 / 360.0),
+        ("wheel [step]", 400.0 / 360.0),
+        ("servo [deg]", 1.0),
+        ("pos mm", 8.0 / 360.0),
     ]);
     let others = prop::sample::subsequence(vec!["i", "frame", "speed [rad/s]", "note", "", "current [mA]"], 0..=4);
-    (times, angles, others, prop::sample::select(vec![',', ';', '\t'])).prop_flat_map(|(time, angle, others, separator)| {
-        let columns: Vec<usize> = (0..others.len() + 2).collect();
-        Just(columns).prop_shuffle().prop_map(move |order| Written { order, separator, time, angle, others: others.clone() })
-    })
+    (times, angles, others, prop::sample::select(vec![',', ';', '\t'])).prop_flat_map(
+        |(time, angle, others, separator)| {
+            let columns: Vec<usize> = (0..others.len() + 2).collect();
+            Just(columns).prop_shuffle().prop_map(move |order| Written {
+                order,
+                separator,
+                time,
+                angle,
+                others: others.clone(),
+            })
+        },
+    )
 }
 
 proptest! {

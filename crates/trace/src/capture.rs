@@ -69,7 +69,10 @@ mod tests {
             "Time,D0,D1\n1,0,0\n",
             "line 1, column 1: expected the time's unit, as in `Time [s]`: s, ms, us or ns, found `Time`",
         );
-        check("tick,motor,position,dir\n", "line 1, column 1: expected `# pulsetrain steps, tick_hz = 16000000` (or another rate), found `tick,motor,position,dir`");
+        check(
+            "tick,motor,position,dir\n",
+            "line 1, column 1: expected `# pulsetrain steps, tick_hz = 16000000` (or another rate), found `tick,motor,position,dir`",
+        );
         check("frame,angle_rad,t_ms\n0,1,2\n", "film");
         check("hello\n", "line 1, column 1: expected a column `time [s]`, found `hello`");
     }

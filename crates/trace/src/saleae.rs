@@ -120,7 +120,10 @@ mod tests {
         let check = |file: &str, expected: &str| assert_eq!(read(file.as_bytes()).unwrap_err().to_string(), expected);
         check("", "line 1, column 1: expected the header `Time [s],Channel 0,…`, found none");
         check("t,x\n", "line 1, column 1: expected the time's unit, as in `Time [s]`: s, ms, us or ns, found `t`");
-        check("t [h],x\n", "line 1, column 1: expected the time's unit, as in `Time [s]`: s, ms, us or ns, found `t [h]`");
+        check(
+            "t [h],x\n",
+            "line 1, column 1: expected the time's unit, as in `Time [s]`: s, ms, us or ns, found `t [h]`",
+        );
         check("Time [s]\n", "line 1, column 1: expected 1 to 256 channels, found nothing");
         check("Time [s],D0,D0\n", "line 1, column 13: expected channels of different names, found `D0`");
         check("Time [s],D0\n0.5,2\n", "line 2, column 5: expected a level 0, 1 or X, found `2`");

@@ -183,7 +183,10 @@ mod tests {
             "motor,tick [ms],dir,position\n",
             "line 2, column 7: expected `tick`: ticks and steps have no other unit, found `tick [ms]`",
         );
-        check("dir,position,tick,tick,motor\n", "line 2, column 1: expected one column `tick`, found column 3 `tick` and column 4 `tick`");
+        check(
+            "dir,position,tick,tick,motor\n",
+            "line 2, column 1: expected one column `tick`, found column 3 `tick` and column 4 `tick`",
+        );
         let with = |row: &str| format!("motor,tick,dir,position\nw,5,1,1\n{row}");
         check(&with("w,x,1,2"), "line 4, column 3: expected a tick, a whole number, found `x`");
         check(&with("w,4,1,2"), "line 4, column 3: expected a tick not before 5, found `4`");

@@ -142,7 +142,7 @@ impl<'a> Reading<'a> {
         }
         let mut points = Points { rows: Vec::new(), places: Vec::new(), source: Arc::clone(&self.source) };
         while let Some(row) = table.next().map_err(|error| self.note(&error, ""))? {
-            self.row(&row, &header, &roles, &found, (seconds, &scales), &mut points)?;
+            self.row(&row, &header, &found, (seconds, &scales), &mut points)?;
         }
         let rows = &mut points.rows;
         if rows.len() < 2 {
@@ -163,7 +163,6 @@ impl<'a> Reading<'a> {
         &self,
         row: &Row<'_>,
         header: &Header<'_>,
-        roles: &[Role<'_>],
         found: &[Found],
         (seconds, scales): (f64, &[f64]),
         points: &mut Points,
@@ -178,13 +177,15 @@ impl<'a> Reading<'a> {
         let Some((time, positions)) = values.split_first() else { return Ok(()) };
         if let Some(before) = points.rows.last().map(|before| before.0).filter(|before| *before >= time * seconds) {
             let column = header.called(found[0].column);
-            let message = format!("times must increase from line to line, but {column} has {time} after {}", before / seconds);
-            let mut other = found.to_vec();
-            other.swap(0, 1);
-            let help = if found[0].by_place && roles.len() == 2 { pasted(&other) } else { String::new() };
+            let message =
+                format!("times must increase from line to line, but {column} has {time} after {}", before / seconds);
+            let is_guess = found[0].by_place && found.len() == 2;
+            let help = if is_guess { offered(header, &[found[1].column, found[0].column]) } else { String::new() };
             return Err(self.problem(row.place(found[0].column), "not later than the line before", message, &help));
         }
-        points.rows.push((time * seconds, positions.iter().zip(scales).map(|(position, steps)| position * steps).collect()));
+        points
+            .rows
+            .push((time * seconds, positions.iter().zip(scales).map(|(position, steps)| position * steps).collect()));
         points.places.push(row.at());
         Ok(())
     }
@@ -192,12 +193,7 @@ impl<'a> Reading<'a> {
     /// Which columns hold what: as the motion file says, else as the header does.
     fn columns(&self, header: &Header<'_>, roles: &[Role<'_>]) -> Read<Vec<Found>> {
         let Some((node, choices)) = &self.choices else {
-            return header.find(roles).map_err(|error| {
-                let likely = header.likely(roles);
-                let likely = likely.into_iter().map(|column| Found { column, by_place: true }).collect::<Vec<_>>();
-                let help = if likely.len() == roles.len() { pasted(&likely) } else { String::new() };
-                self.note(&error, &help)
-            });
+            return header.find(roles).map_err(|error| self.note(&error, &offered(header, &header.likely(roles))));
         };
         let column = |choice: &Choice| match choice {
             Choice::Number(column) => Ok(*column),
@@ -214,10 +210,10 @@ impl<'a> Reading<'a> {
         if let Some(k) = swapped.filter(|k| counted && is_named(columns[0], roles[k + 1].names)) {
             let (time, position) = (header.called(columns[0]), header.called(columns[k + 1]));
             let message = format!("{} takes {time} for the time and {position} for a position", self.place(node));
-            let mut right = found.clone();
+            let mut right = columns.clone();
             right.swap(0, k + 1);
             let at = header.titles[columns[0]].at.clone();
-            return Err(self.problem(at, "the header says otherwise", message, &pasted(&right)));
+            return Err(self.problem(at, "the header says otherwise", message, &offered(header, &right)));
         }
         Ok(found)
     }
@@ -250,7 +246,7 @@ impl<'a> Reading<'a> {
                 }
                 Ok((one, node.clone(), text))
             }
-            (Some((text, one)), None) => Ok((one, self.file.clone(), text)),
+            (Some((text, one)), None) => Ok((one, Node { key: "unit", ..self.file.clone() }, text)),
             (None, _) => {
                 let node = p.need("unit", "unit = \"deg\"")?;
                 let text = node.as_text().unwrap_or_default().trim().to_owned();
@@ -268,21 +264,15 @@ impl<'a> Reading<'a> {
         measure: Measure,
         is_given: bool,
     ) -> Read<Option<(String, Quantity)>> {
-        let (expected, known) = match measure {
-            Measure::Time => ("a unit of time", "ns, us, ms, s, min, h"),
-            Measure::Position => ("a unit of position", "rev, deg, rad, mm, cm, m, in, step, full-step"),
-        };
         match header.titles.get(column).map(|title| &title.unit) {
             None | Some(Stated::Nothing) => Ok(None),
             Some(Stated::Unit(unit)) if measure.fits(unit) => Ok(Some((unit.text.clone(), unit.one))),
             Some(Stated::Unknown(_)) if is_given && self.choices.is_some() => Ok(None),
-            Some(Stated::Unknown(_)) if is_given => {
-                let likely: Vec<Found> =
-                    header.likely(roles).into_iter().map(|column| Found { column, by_place: true }).collect();
-                let help = format!("units: {known}; to read it in the motion file's unit, {}", pasted(&likely));
-                Err(self.note(&header.error_in(column, expected), &help))
+            stated => {
+                let help = offered(header, &header.likely(roles));
+                let help = if is_given && matches!(stated, Some(Stated::Unknown(_))) { help } else { String::new() };
+                Err(self.note(&header.error_in(column, measure.units()), &help))
             }
-            _ => Err(self.note(&header.error_in(column, expected), &format!("units: {known}"))),
         }
     }
 
@@ -331,8 +321,9 @@ fn role<'a>(context: &'a Context<'_>, k: usize, count: usize) -> Role<'a> {
     Role { what, own: Some(context.motor), names, measure: Measure::Position, example }
 }
 
-/// The help that names columns.
-fn pasted(found: &[Found]) -> String {
-    let numbers: Vec<String> = found.iter().map(|found| (found.column + 1).to_string()).collect();
-    format!("write, for example: columns = [{}]", numbers.join(", "))
+/// The help that names columns, time first, if they are known.
+fn offered(header: &Header<'_>, columns: &[usize]) -> String {
+    let Some(time) = columns.first() else { return String::new() };
+    let numbers: Vec<String> = columns.iter().map(|column| (column + 1).to_string()).collect();
+    format!("if {} is the time, write: columns = [{}]", header.called(*time), numbers.join(", "))
 }
