@@ -246,7 +246,11 @@ impl<'a> Reading<'a> {
                 }
                 Ok((one, node.clone(), text))
             }
-            (Some((text, one)), None) => Ok((one, Node { key: "unit", ..self.file.clone() }, text)),
+            (Some((text, one)), None) => {
+                let mut node = self.file.clone();
+                node.key = "unit";
+                Ok((one, node, text))
+            }
             (None, _) => {
                 let node = p.need("unit", "unit = \"deg\"")?;
                 let text = node.as_text().unwrap_or_default().trim().to_owned();
