@@ -80,8 +80,8 @@ impl Measure {
     #[must_use]
     pub fn units(self) -> &'static str {
         match self {
-            Measure::Time => "a unit of time: ns, us, ms, s, min, h",
-            Measure::Position => "a unit of position: rev, deg, rad, mm, cm, m, in, step, full-step",
+            Measure::Time => "a unit of time (ns, us, ms, s, min, h)",
+            Measure::Position => "a unit of position (rev, deg, rad, mm, cm, m, in, step, full-step)",
         }
     }
 

@@ -826,33 +826,30 @@ fn columns_of_csv_files() {
         SINE,
         &table("\"gon.csv\", unit = \"deg\""),
         expect![[r#"
-        gon.csv:1:3: expected a unit of position, found `angle [gon]`
-            units: rev, deg, rad, mm, cm, m, in, step, full-step
-            for the motion file's unit, if column 1 `t` is the time, write: columns = [1, 2]
-    "#]],
+            gon.csv:1:3: expected a unit of position (rev, deg, rad, mm, cm, m, in, step, full-step), found `angle [gon]`
+                if column 1 `t` is the time, write: columns = [1, 2]
+        "#]],
     );
     check(
         SINE,
         &table("\"gon.csv\""),
         expect![[r#"
-        gon.csv:1:3: expected a unit of position, found `angle [gon]`
-            units: rev, deg, rad, mm, cm, m, in, step, full-step
-    "#]],
+            gon.csv:1:3: expected a unit of position (rev, deg, rad, mm, cm, m, in, step, full-step), found `angle [gon]`
+        "#]],
     );
     check(
         SINE,
         &table("\"lost.csv\", unit = \"deg\""),
         expect![[r#"
-        lost.csv:1:1: expected a column `time [s]`, found `t [deg]`, `angle`
-    "#]],
+            lost.csv:1:1: expected a unit of time (ns, us, ms, s, min, h), found `t [deg]`
+        "#]],
     );
     check(
         SINE,
         &table("\"lost.csv\", unit = \"deg\", columns = [1, 2]"),
         expect![[r#"
-        lost.csv:1:1: expected a unit of time, found `t [deg]`
-            units: ns, us, ms, s, min, h
-    "#]],
+            lost.csv:1:1: expected a unit of time (ns, us, ms, s, min, h), found `t [deg]`
+        "#]],
     );
     check(
         SINE,

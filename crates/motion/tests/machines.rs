@@ -609,9 +609,9 @@ fn what_a_delta_robot_cannot() {
         LINES,
         "path.table = { file = \"turns.csv\" }",
         expect![[r#"
-        x.toml:34:23: `file` must be a length: x is a coordinate of the tip
-            write it in mm, cm or m
-    "#]],
+            x.toml:34:23: `unit` must be a length: x is a coordinate of the tip
+                write it in mm, cm or m
+        "#]],
     );
     check_delta(
         LINES,

@@ -451,7 +451,7 @@ fn a_plan_says_how_tables_were_read() {
     let (law, _) = text.split_once("law.table").unwrap();
     let file = folder.path("table.toml");
     std::fs::write(&file, format!("{law}law.table = {{ file = \"a.csv\", unit = \"deg\" }}\n")).unwrap();
-    std::fs::write(folder.0.join("a.csv"), "i,t_ms,a\n0,0,0\n1,500,20\n2,1000,0\n").unwrap();
+    std::fs::write(folder.0.join("a.csv"), "i,t_ms,a\n0,0,0\n1,100,0\n2,1000,20\n3,1900,0\n4,2000,0\n").unwrap();
     let said = "a.csv: time = column 2 `t_ms`, ms; angle = column 3 `a`, deg; column 1 `i` is not used";
     let plan = pulsetrain(&["plan", &file]).out;
     assert!(plan.contains(&format!("\n  table {said}\n")), "{plan}");
