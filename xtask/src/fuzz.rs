@@ -10,12 +10,13 @@ const RUSTFLAGS: &str = "--cfg fuzzing -Cdebug-assertions -Ccodegen-units=1 -Cpa
     -Cllvm-args=-sanitizer-coverage-pc-table -Cllvm-args=-sanitizer-coverage-trace-compares";
 
 /// Every target, and the folders whose files it starts from.
-const TARGETS: [(&str, &[&str]); 12] = [
+const TARGETS: [(&str, &[&str]); 13] = [
     ("motion_file", &["examples"]),
     ("formula", &["fuzz/seeds/formula"]),
     ("table", &["fuzz/seeds/table"]),
     ("vcd", &["fuzz/seeds/vcd"]),
     ("saleae", &["fuzz/seeds/saleae"]),
+    ("sigrok", &["fuzz/seeds/sigrok"]),
     ("steps", &["fuzz/seeds/steps"]),
     ("camera", &["fuzz/seeds/camera"]),
     ("packing", &["fuzz/seeds/packing"]),

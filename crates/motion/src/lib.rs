@@ -5,6 +5,7 @@
 //! - [`program`]: what a file comes to, in steps, seconds and nanoseconds; [`Grid`]: θ to step times
 //! - [`drivers`], [`boards`]: the tables of drivers' needs and boards' limits; [`electrical`]: what a winding allows
 //! - [`pins`]: which pins of an Uno work together
+//! - [`columns`]: CSV files, with columns by their names and units
 //! - [`law`]: θ(t) as a stream of analytic pieces; [`machine`]: several motors that draw one figure
 //! - [`quantity`]: numbers with units; [`time`]: law time, exact
 //!
@@ -13,6 +14,7 @@
 #![forbid(unsafe_code)]
 
 pub mod boards;
+pub mod columns;
 pub mod drivers;
 pub mod electrical;
 pub mod file;

@@ -114,6 +114,7 @@ const UNITS: &[UnitRow] = &[
     ("mm", Base::Length, 1, 1),
     ("cm", Base::Length, 10, 1),
     ("m", Base::Length, 1000, 1),
+    ("in", Base::Length, 254, 10),
     ("ns", Base::Time, 1, 1_000_000_000),
     ("us", Base::Time, 1, 1_000_000),
     ("µs", Base::Time, 1, 1_000_000),

@@ -35,6 +35,17 @@ fn loader(path: &Path) -> io::Result<String> {
         Some("short.csv") => Ok("0,0\n".into()),
         Some("thin.csv") => Ok("0\n1\n".into()),
         Some("semicolon.csv") => Ok("time;angle\n0;0\n1;ten\n".into()),
+        Some("swapped.csv") => Ok("a,t\n0,0\n10,1\n0,2\n".into()),
+        Some("counted.csv") => Ok("i,t,a\n0,0,0\n1,0.5,10\n2,1,20\n".into()),
+        Some("frames.csv") => Ok("frame,angle\n0,0\n1,10\n".into()),
+        Some("ms.csv") => Ok("Time [ms],angle [deg]\n0,0\n500,10\n".into()),
+        Some("gon.csv") => Ok("t,angle [gon]\n0,0\n500,10\n".into()),
+        Some("lost.csv") => Ok("t [deg],angle\n0,0\n500,10\n".into()),
+        Some("two.csv") => Ok("t,left,right\n0,0,0\n1,10,20\n".into()),
+        Some("times.csv") => Ok("t,time,a\n0,0,0\n1,10,20\n".into()),
+        Some("bare.csv") => Ok("0,0,0\n1,10,20\n".into()),
+        Some("unknown.csv") => Ok("foo,bar\n0,0\n10,1\n10,2\n".into()),
+        Some("length.csv") => Ok("t,x [mm]\n0,0\n1,10\n".into()),
         Some("winch.txt") => Ok("# commands\n0 s: a x 100\n1 s: a x far\n".into()),
         _ => Err(io::ErrorKind::NotFound.into()),
     }
@@ -935,14 +946,14 @@ fn csv_files() {
         SINE,
         &table("\"late.csv\""),
         expect![[r#"
-        late.csv:5:1: times must increase from line to line
-    "#]],
+            late.csv:5:1: times must increase from line to line, but column 1 `time` has 1 after 2
+        "#]],
     );
     check(
         SINE,
         &table("\"word.csv\""),
         expect![[r#"
-            word.csv:2:3: "ten" is not a number
+            word.csv:2:3: expected a number, found `ten` in column 2
         "#]],
     );
     check(
@@ -956,23 +967,180 @@ fn csv_files() {
         SINE,
         &table("\"thin.csv\""),
         expect![[r#"
-        thin.csv:1:1: this line has 1 columns, but column 2 is wanted
-    "#]],
+            thin.csv:1:1: expected 2 columns (time, position) or a header, found 1 column and no header
+        "#]],
     );
     check(
         SINE,
         &table("\"semicolon.csv\""),
         expect![[r#"
-            semicolon.csv:3:3: "ten" is not a number
+            semicolon.csv:3:3: expected a number, found `ten` in column 2 `angle`
         "#]],
     );
     check(
         SINE,
         &table("\"good.csv\", columns = [\"time\", \"angel\"]"),
         expect![[r#"
-        good.csv:1:1: the header has no column "angel"
+            good.csv:1:1: expected a column `angel`, found `time`, `angle`
+        "#]],
+    );
+}
+
+/// What the header and the motion file say must not differ, and what neither says is not guessed.
+#[test]
+fn columns_of_csv_files() {
+    let table = |rest: &str| format!("law.table = {{ file = {rest} }}");
+    check(
+        SINE,
+        &table("\"ms.csv\", time = \"s\", unit = \"deg\""),
+        expect![[r#"
+        ms.csv:1:1: column 1 `Time [ms]` is in ms, but x.toml:14:39 says time = "s"
+            if the header is right, write: time = "ms"
     "#]],
     );
+    check(
+        SINE,
+        &table("\"ms.csv\", unit = \"rad\""),
+        expect![[r#"
+        ms.csv:1:11: column 2 `angle [deg]` is in deg, but x.toml:14:39 says unit = "rad"
+            if the header is right, write: unit = "deg"
+    "#]],
+    );
+    check(
+        SINE,
+        &table("\"gon.csv\", unit = \"deg\""),
+        expect![[r#"
+            gon.csv:1:3: expected a unit of position (rev, deg, rad, mm, cm, m, in, step, full-step), found `angle [gon]`
+                if column 1 `t` is the time, write: columns = [1, 2]
+        "#]],
+    );
+    check(
+        SINE,
+        &table("\"gon.csv\""),
+        expect![[r#"
+            gon.csv:1:3: expected a unit of position (rev, deg, rad, mm, cm, m, in, step, full-step), found `angle [gon]`
+        "#]],
+    );
+    check(
+        SINE,
+        &table("\"lost.csv\", unit = \"deg\""),
+        expect![[r#"
+            lost.csv:1:1: expected a unit of time (ns, us, ms, s, min, h), found `t [deg]`
+        "#]],
+    );
+    check(
+        SINE,
+        &table("\"lost.csv\", unit = \"deg\", columns = [1, 2]"),
+        expect![[r#"
+            lost.csv:1:1: expected a unit of time (ns, us, ms, s, min, h), found `t [deg]`
+        "#]],
+    );
+    check(
+        SINE,
+        &table("\"frames.csv\", unit = \"deg\""),
+        expect![[r#"
+        frames.csv:1:1: expected a column `time [s]`, found `frame`, `angle`
+            if column 1 `frame` is the time, write: columns = [1, 2]
+    "#]],
+    );
+    check(
+        SINE,
+        &table("\"two.csv\", unit = \"deg\""),
+        expect![[r#"
+        two.csv:1:1: expected a column `angle [deg]`, found `t`, `left`, `right`
+            if column 1 `t` is the time, write: columns = [1, 2]
+    "#]],
+    );
+    check(
+        SINE,
+        &table("\"times.csv\", unit = \"deg\""),
+        expect![[r#"
+        times.csv:1:1: expected one column for the time, found column 1 `t` and column 2 `time`
+            if column 1 `t` is the time, write: columns = [1, 3]
+    "#]],
+    );
+    check(
+        SINE,
+        &table("\"bare.csv\", unit = \"deg\""),
+        expect![[r#"
+        bare.csv:1:1: expected 2 columns (time, position) or a header, found 3 columns and no header
+            if column 1 is the time, write: columns = [1, 2]
+    "#]],
+    );
+    check(
+        SINE,
+        &table("\"unknown.csv\", unit = \"deg\", columns = [2, 1], time = \"moons\""),
+        expect![[r#"
+        x.toml:14:76: `time` must be one of "s", "ms", "us", "µs", "ns", "min", "h"
+    "#]],
+    );
+    check(
+        SINE,
+        &table("\"late.csv\", unit = \"deg\""),
+        expect![[r#"
+        late.csv:5:1: times must increase from line to line, but column 1 `time` has 1 after 2
+    "#]],
+    );
+    check(
+        SINE,
+        &table("\"unknown.csv\", unit = \"deg\""),
+        expect![[r#"
+        unknown.csv:4:1: times must increase from line to line, but column 1 `foo` has 10 after 10
+            if column 2 `bar` is the time, write: columns = [2, 1]
+    "#]],
+    );
+    check(
+        SINE,
+        &table("\"swapped.csv\", unit = \"deg\", columns = [1, 2]"),
+        expect![[r#"
+        swapped.csv:1:1: x.toml:14:61 takes column 1 `a` for the time and column 2 `t` for a position
+            if column 2 `t` is the time, write: columns = [2, 1]
+    "#]],
+    );
+    check(
+        SINE,
+        &table("\"good.csv\""),
+        expect![[r#"
+        x.toml:14:13: law `table` has no `unit`
+            add, for example: unit = "deg"
+    "#]],
+    );
+    check(
+        SINE,
+        &table("\"length.csv\""),
+        expect![[r#"
+        x.toml:14:22: motor `wheel` turns: it has no `lead` that would make mm of its turns
+            add to the motor, for example: lead = "8 mm"; or give an angle
+    "#]],
+    );
+    check(
+        SINE,
+        &table("\"thin.csv\", unit = \"deg\", columns = [1, 2]"),
+        expect![[r#"
+        thin.csv:1:2: expected a number, found nothing in column 2
+    "#]],
+    );
+    // What these are offered reads.
+    for (file, columns) in
+        [("frames", "[1, 2]"), ("two", "[1, 2]"), ("times", "[1, 3]"), ("bare", "[1, 2]"), ("unknown", "[2, 1]")]
+    {
+        let said =
+            read(&GOOD.replacen(SINE, &table(&format!("\"{file}.csv\", unit = \"deg\"")), 1)).unwrap_err().plain();
+        assert!(said.contains(&format!(" is the time, write: columns = {columns}\n")), "{said}");
+        let mended = table(&format!("\"{file}.csv\", unit = \"deg\", columns = {columns}"));
+        assert!(read(&GOOD.replacen(SINE, &mended, 1)).is_ok(), "{mended}");
+    }
+    // Columns that the header does not name as times and positions are.
+    for rest in [
+        "\"swapped.csv\", unit = \"deg\"",
+        "\"swapped.csv\", unit = \"deg\", columns = [\"t\", \"a\"]",
+        "\"counted.csv\", unit = \"deg\"",
+        "\"ms.csv\"",
+        "\"ms.csv\", time = \"ms\", unit = \"deg\"",
+        "\"gon.csv\", unit = \"deg\", columns = [\"t\", \"angle\"]",
+    ] {
+        assert!(read(&GOOD.replacen(SINE, &table(rest), 1)).is_ok(), "{rest}");
+    }
 }
 
 #[test]

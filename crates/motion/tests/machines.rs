@@ -60,6 +60,9 @@ fn loader(path: &Path) -> io::Result<String> {
     match path.to_str() {
         Some("path.csv") => Ok("t,x,y,z\n0,0,0,-140\n1,20,10,-150\n2,0,0,-140\n".into()),
         Some("far.csv") => Ok("t,x,y,z\n0,0,0,-140\n1,20,10,-150\n2,0,170,-140\n".into()),
+        Some("units.csv") => Ok("z [cm];n;y_mm;t [ms];x (m)\n-14;0;0;0;0\n-15;1;10;1000;0.02\n-14;2;0;2000;0\n".into()),
+        Some("flat.csv") => Ok("t,y,z,w\n0,0,0,0\n1,1,1,1\n".into()),
+        Some("turns.csv") => Ok("t,x [deg],y,z\n0,0,0,-140\n1,1,1,-140\n".into()),
         // Each row can be reached, what is between them cannot: the arms cannot fold so far.
         Some("between.csv") => Ok("0,120,0,-40\n1,-120,0,-40\n".into()),
         _ => Err(io::ErrorKind::NotFound.into()),
@@ -200,8 +203,11 @@ fn a_delta_robot_goes_straight() {
 #[test]
 fn a_delta_robot_follows_tables_and_formulas() {
     let table = program(&DELTA.replace(LINES, "path.table = { file = \"path.csv\", unit = \"mm\" }"));
+    // Columns by their names, each in its own unit.
+    let units = program(&DELTA.replace(LINES, "path.table = { file = \"units.csv\" }"));
     for (t, point) in [(0.0, [0.0, 0.0, -140.0]), (1.0, [20.0, 10.0, -150.0]), (2.0, [0.0, 0.0, -140.0])] {
         close(tip(&table, t), point);
+        close(tip(&units, t), point);
     }
     let formula = "path.formula = { x = \"r*cos(t)\", y = \"r*sin(t)\", z = \"-14 + t/5\", unit = \"cm\", duration = \"5 s\", where = { r = \"20 mm\" } }";
     let formula =
@@ -528,7 +534,7 @@ fn paths() {
         CIRCLE,
         "path.table = { file = \"path.csv\", unit = \"mm\", columns = [\"t\", \"x\", \"w\"] }",
         expect![[r#"
-            path.csv:1:1: the header has no column "w"
+            path.csv:1:1: expected a column `w`, found `t`, `x`, `y`, `z`
         "#]],
     );
     check_xy(
@@ -581,6 +587,30 @@ fn what_a_delta_robot_cannot() {
         expect![[r#"
             far.csv:4:1: the effector cannot be at (0.000, 170.000, -140.000) mm for arm `a`: its joint is 170.0 mm aside of the arm, limit 150.0 mm (the forearm)
                 keep the path within what the arms reach
+        "#]],
+    );
+    check_delta(
+        LINES,
+        "path.table = { file = \"flat.csv\", unit = \"mm\" }",
+        expect![[r#"
+        flat.csv:1:1: expected a column `x [mm]`, found `t`, `y`, `z`, `w`
+            if column 1 `t` is the time, write: columns = [1, 4, 2, 3]
+    "#]],
+    );
+    check_delta(
+        LINES,
+        "path.table = { file = \"turns.csv\", unit = \"mm\" }",
+        expect![[r#"
+        turns.csv:1:3: column 2 `x [deg]` is in deg, but x.toml:34:43 says unit = "mm"
+            if the header is right, write: unit = "deg"
+    "#]],
+    );
+    check_delta(
+        LINES,
+        "path.table = { file = \"turns.csv\" }",
+        expect![[r#"
+            x.toml:34:23: `unit` must be a length: x is a coordinate of the tip
+                write it in mm, cm or m
         "#]],
     );
     check_delta(

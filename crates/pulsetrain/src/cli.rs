@@ -73,7 +73,7 @@ Examples:
   pulsetrain plot examples/tutorial.toml
   pulsetrain plot examples/tutorial.toml --out tutorial.png")]
     Plot(Plot),
-    /// Judge a capture against the motion: VCD, Saleae CSV, steps.csv, or a camera track (CSV of time and angle)
+    /// Judge a capture against the motion: VCD, CSV of Saleae's or PulseView's, steps.csv, or a camera track (CSV of time and angle)
     #[command(after_help = "\
 Examples:
   pulsetrain verify out/tutorial/trace.vcd examples/tutorial.toml --pins

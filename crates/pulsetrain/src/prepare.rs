@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use miette::Diagnostic;
+use pulsetrain_motion::file::{Contents, TableColumns};
 use pulsetrain_motion::law::{Cursor, Law};
 use pulsetrain_motion::pins::PinsError;
 use pulsetrain_motion::program::{BoardError, Program};
@@ -30,6 +31,8 @@ pub struct Prepared {
     pub cut: Option<Cut>,
     /// The pause that was put in.
     pub pause: Option<Paused>,
+    /// How the columns of its CSV files were read.
+    pub tables: Vec<TableColumns>,
 }
 
 /// Where a motion was cut: from there motors brake, and machines slow down along their path.
@@ -112,7 +115,7 @@ impl Prepared {
     /// # Errors
     /// When the file is wrong, or does not fit the board.
     pub fn endless(path: &Path, board: Option<&str>) -> miette::Result<Prepared> {
-        let mut program = file::load(path)?;
+        let Contents { mut program, tables } = file::load_contents(path)?;
         let file = path.display().to_string();
         if let Some(row) = board.and_then(boards::find) {
             program = program.with_board(row.board).map_err(|error| Refusal::Board { file: file.clone(), error })?;
@@ -123,7 +126,7 @@ impl Prepared {
             program.board.min_interval_ticks = row.shortest_intervals(&program.motors);
             program.board.turn_ticks = row.turn_ticks(&program.motors);
         }
-        Ok(Prepared { file, program, cut: None, pause: None })
+        Ok(Prepared { file, program, cut: None, pause: None, tables })
     }
 
     /// The same, and cuts endless laws after `length`.
@@ -131,10 +134,10 @@ impl Prepared {
     /// # Errors
     /// As [`Prepared::endless`], and when a law breaks before it can be cut.
     pub fn load(path: &Path, board: Option<&str>, length: Option<Time>) -> miette::Result<Prepared> {
-        let Prepared { file, mut program, .. } = Prepared::endless(path, board)?;
+        let Prepared { file, mut program, tables, .. } = Prepared::endless(path, board)?;
         let cut =
             cut(&mut program, length).map_err(|(motor, error)| Refusal::Law { file: file.clone(), motor, error })?;
-        Ok(Prepared { file, program, cut, pause: None })
+        Ok(Prepared { file, program, cut, pause: None, tables })
     }
 
     /// Plans for a board whose clock runs `ppm` 10^-6 faster than its nominal rate: a second of the law is then a second of

@@ -2,6 +2,7 @@
 
 use std::fmt::{self, Display};
 
+use pulsetrain_motion::file::{ColumnUse, TableColumns};
 use pulsetrain_motion::law::Class;
 use pulsetrain_motion::program::{Board, Motor};
 use pulsetrain_plan::Certificate;
@@ -34,8 +35,53 @@ pub struct PlanReport {
     /// The pause that was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pause: Option<Paused>,
+    /// How the columns of CSV files were read.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub tables: Vec<TableReport>,
     /// The motors, in the file's order.
     pub motors: Vec<MotorReport>,
+}
+
+/// How the columns of a CSV file were read.
+#[derive(Clone, Debug, Serialize)]
+pub struct TableReport {
+    /// As the motion file calls it.
+    pub file: String,
+    /// Time first.
+    pub columns: Vec<ColumnReport>,
+    /// The others.
+    pub unused: Vec<String>,
+    /// All of it, in words.
+    pub summary: String,
+}
+
+/// How one column was read.
+#[derive(Clone, Debug, Serialize)]
+pub struct ColumnReport {
+    /// "time", "angle", "position", "x".
+    pub is: String,
+    /// "column 2 `t`"
+    pub column: String,
+    /// As it is written.
+    pub unit: String,
+}
+
+impl TableReport {
+    /// From what was read.
+    #[must_use]
+    pub fn new(table: &TableColumns) -> TableReport {
+        let column = |column: &ColumnUse| ColumnReport {
+            is: column.what.clone(),
+            column: column.column.clone(),
+            unit: column.unit.clone(),
+        };
+        TableReport {
+            file: table.file.clone(),
+            columns: table.columns.iter().map(column).collect(),
+            unused: table.unused.clone(),
+            summary: table.to_string(),
+        }
+    }
 }
 
 /// What was planned, run and judged.
@@ -422,6 +468,7 @@ impl Display for PlanReport {
                 None => writeln!(f, ", and stays there")?,
             }
         }
+        self.tables.iter().try_for_each(|table| writeln!(f, "  table {}", table.summary))?;
         for motors in self.motors.chunks(ABREAST) {
             let table = side_by_side(motors, |motor| &motor.name, PLANNED, tick_s);
             writeln!(f, "\n{table}")?;

@@ -445,6 +445,31 @@ fn a_capture_is_judged_as_far_as_the_user_says() {
 }
 
 #[test]
+fn a_plan_says_how_tables_were_read() {
+    let folder = Folder::new("columns");
+    let text = std::fs::read_to_string(example("table.toml")).unwrap();
+    let (law, _) = text.split_once("law.table").unwrap();
+    let file = folder.path("table.toml");
+    std::fs::write(&file, format!("{law}law.table = {{ file = \"a.csv\", unit = \"deg\" }}\n")).unwrap();
+    std::fs::write(folder.0.join("a.csv"), "i,t_ms,a\n0,0,0\n1,100,0\n2,1000,20\n3,1900,0\n4,2000,0\n").unwrap();
+    let said = "a.csv: time = column 2 `t_ms`, ms; angle = column 3 `a`, deg; column 1 `i` is not used";
+    let plan = pulsetrain(&["plan", &file]).out;
+    assert!(plan.contains(&format!("\n  table {said}\n")), "{plan}");
+    let run = pulsetrain(&["run", &file, "--native", "--out", &folder.path("run")]).out;
+    assert!(run.contains(&format!("\n  table {said}\n")), "{run}");
+    let json: serde_json::Value = serde_json::from_str(&pulsetrain(&["plan", &file, "--json"]).out).unwrap();
+    let table = &json["tables"][0];
+    assert_eq!((table["file"].as_str(), table["summary"].as_str()), (Some("a.csv"), Some(said)));
+    assert_eq!((table["columns"][0]["is"].as_str(), table["columns"][0]["unit"].as_str()), (Some("time"), Some("ms")));
+    assert_eq!(table["unused"][0].as_str(), Some("column 1 `i`"));
+    // Refused as a whole: nothing is planned.
+    std::fs::write(folder.0.join("a.csv"), "i,a [rad]\n0,0\n1,20\n").unwrap();
+    let outcome = pulsetrain(&["plan", &file]);
+    assert_eq!((outcome.exit, outcome.out.as_str()), (Exit::Refused, ""));
+    assert!(outcome.err.contains("expected a column `time [s]`, found `i`, `a [rad]`"), "{}", outcome.err);
+}
+
+#[test]
 fn new_files_can_be_planned_and_are_not_overwritten() {
     let folder = Folder::new("new");
     let name = folder.path("crank");

@@ -1,8 +1,7 @@
 //! A film's track: CSV of time and angle, as the tutorial's 50 frames a second gave.
 //!
-//! The header says what the columns are, and their units in brackets, in parentheses or after an underscore:
-//! `t` or `time` in s (also without a unit) or ms; `angle`, `theta`, `θ` or `position` in deg, rad, rev or steps.
-//! Other columns are left out.
+//! The header says what the columns are and in which units: a time (s if it says nothing else) and an angle in deg, rad, rev or steps, by
+//! the names and units of [`pulsetrain_motion::columns`]. Other columns are left out.
 //!
 //! ```
 //! use pulsetrain_trace::camera::{self, AngleUnit};
@@ -12,7 +11,10 @@
 //! # Ok::<(), pulsetrain_trace::ReadError>(())
 //! ```
 
-use crate::table::{ReadError, Row, Table};
+use pulsetrain_motion::columns::{ANGLES, Header, Measure, Role, Stated, TIME, Table};
+use pulsetrain_motion::quantity::Base;
+
+use crate::ReadError;
 
 /// What angles are given in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,6 +30,17 @@ pub enum AngleUnit {
 }
 
 impl AngleUnit {
+    /// By the names of motion files.
+    fn named(unit: &str) -> Option<AngleUnit> {
+        match unit {
+            "deg" | "°" => Some(AngleUnit::Degrees),
+            "rad" => Some(AngleUnit::Radians),
+            "rev" | "revs" | "turn" | "turns" => Some(AngleUnit::Revolutions),
+            "step" | "steps" | "microstep" | "microsteps" => Some(AngleUnit::Steps),
+            _ => None,
+        }
+    }
+
     /// One of it in steps.
     #[must_use]
     pub fn steps(self, steps_per_rev: f64) -> f64 {
@@ -58,13 +71,15 @@ pub struct Track {
     pub frames: Vec<Frame>,
 }
 
-/// What the angle's column is called.
-const ANGLE: [&str; 4] = ["angle", "theta", "θ", "position"];
+const ANGLE: Role<'static> =
+    Role { what: "the angle", own: None, names: ANGLES, measure: Measure::Position, example: "angle [deg]" };
 
-/// Whether a header has a column with an angle.
-pub(crate) fn has_angle(header: &Row<'_>) -> bool {
-    (0..header.len())
-        .any(|i| header.text(i).is_ok_and(|title| ANGLE.contains(&title_and_unit(&title.to_lowercase()).0)))
+/// Whether a header has a column with an angle. Channels of logic analysers may be called `A` or `step`.
+pub(crate) fn has_angle(header: &Header<'_>) -> bool {
+    header.titles.iter().any(|title| match &title.unit {
+        Stated::Unit(unit) => unit.one.base == Base::Turn || title.is_called("position"),
+        _ => ["angle", "theta", "θ", "position"].iter().any(|name| title.is_called(name)),
+    })
 }
 
 /// Longest film, s: eleven days.
@@ -73,41 +88,27 @@ pub const LONGEST_S: f64 = 1e6;
 /// Reads a track.
 ///
 /// # Errors
-/// If the header lacks a column or names an unknown unit, a field is no number, or time goes back.
+/// If the header lacks a column or could mean several, names an unknown unit, a field is no number, or time goes back.
 pub fn read(bytes: &[u8]) -> Result<Track, ReadError> {
     let mut table = Table::new(bytes);
-    let Some(header) = table.next()? else {
-        return Err(ReadError::new(1, 1, "a header such as `time [s],angle [deg]`", "nothing"));
-    };
-    let mut time = None;
-    let mut angle = None;
-    for column in 0..header.len() {
-        let title = header.text(column)?.to_lowercase();
-        let (name, unit) = title_and_unit(&title);
-        match name {
-            "t" | "time" if time.is_none() => {
-                let scale = match unit {
-                    "" | "s" | "sec" => 1.0,
-                    "ms" => 1e-3,
-                    _ => return Err(header.error(column, "time in s or ms")),
-                };
-                time = Some((column, scale));
-            }
-            name if ANGLE.contains(&name) && angle.is_none() => {
-                let unit = match unit {
-                    "deg" | "°" | "degrees" => AngleUnit::Degrees,
-                    "rad" | "radians" => AngleUnit::Radians,
-                    "rev" | "turns" => AngleUnit::Revolutions,
-                    "steps" | "step" => AngleUnit::Steps,
-                    _ => return Err(header.error(column, "an angle with its unit: `angle [deg]`, rad, rev or steps")),
-                };
-                angle = Some((column, unit));
-            }
-            _ => {}
-        }
+    let header = table.header()?;
+    if !header.is_there() {
+        return Err(header.error("a header such as `time [s],angle [deg]`", "none"));
     }
-    let Some((time, scale)) = time else { return Err(header.error(0, "a column `time [s]`")) };
-    let Some((angle, unit)) = angle else { return Err(header.error(header.len(), "a column `angle [deg]`")) };
+    let found = header.find(&[TIME, ANGLE])?;
+    let (time, angle) = (found[0].column, found[1].column);
+    let scale = match &header.titles[time].unit {
+        Stated::Nothing => 1.0,
+        Stated::Unit(unit) if Measure::Time.fits(unit) => unit.one.value,
+        _ => return Err(header.error_in(time, "a time in s, ms, us, ns, min or h")),
+    };
+    let unit = match &header.titles[angle].unit {
+        Stated::Unit(unit) if Measure::Position.fits(unit) => AngleUnit::named(unit.one.unit),
+        _ => None,
+    };
+    let Some(unit) = unit else {
+        return Err(header.error_in(angle, "an angle with its unit: `angle [deg]`, rad, rev or steps"));
+    };
     let mut frames: Vec<Frame> = Vec::new();
     while let Some(row) = table.next()? {
         let time_s = scale * row.number(time, "a time")?;
@@ -120,12 +121,6 @@ pub fn read(bytes: &[u8]) -> Result<Track, ReadError> {
         frames.push(Frame { time_s, angle: row.number(angle, "an angle")? });
     }
     Ok(Track { unit, frames })
-}
-
-/// `theta [deg]`, "theta (deg)" and "theta_deg" → "theta", "deg".
-fn title_and_unit(title: &str) -> (&str, &str) {
-    let (name, unit) = title.split_once(['[', '(', '_']).unwrap_or((title, ""));
-    (name.trim(), unit.trim_end_matches([']', ')']).trim())
 }
 
 #[cfg(test)]
@@ -143,19 +138,37 @@ mod tests {
         check("Time [ms],Angle [rad]", 1e-3, AngleUnit::Radians);
         check("time (s),θ (rev)", 1.0, AngleUnit::Revolutions);
         check("# film 3\nt,position [steps]", 1.0, AngleUnit::Steps);
+        check("Time in ms,Angle in degrees", 1e-3, AngleUnit::Degrees);
+        check("milliseconds,servo rad", 1e-3, AngleUnit::Radians);
+        check("t [min],a [turn]", 60.0, AngleUnit::Revolutions);
+        assert_eq!(read(b"frame,a [rad],t [ms]\n1,2,3\n").unwrap().frames, [Frame { time_s: 0.003, angle: 2.0 }]);
         assert_eq!(read(b"t;n;angle [deg]\n1;2;3\n").unwrap().frames, [Frame { time_s: 1.0, angle: 3.0 }]);
     }
 
     #[test]
     fn what_is_wrong_is_said_with_its_place() {
         let check = |file: &str, expected: &str| assert_eq!(read(file.as_bytes()).unwrap_err().to_string(), expected);
-        check("", "line 1, column 1: expected a header such as `time [s],angle [deg]`, found nothing");
-        check("x,y\n", "line 1, column 1: expected a column `time [s]`, found `x`");
-        check("t,y\n", "line 1, column 5: expected a column `angle [deg]`, found nothing");
-        check("t [h],y\n", "line 1, column 1: expected time in s or ms, found `t [h]`");
+        check("", "line 1, column 1: expected a header such as `time [s],angle [deg]`, found none");
+        check("0,1\n", "line 1, column 1: expected a header such as `time [s],angle [deg]`, found none");
+        check("x,y,z\n", "line 1, column 1: expected a column `time [s]`, found `x`, `y`, `z`");
+        check("t,x,y\n", "line 1, column 1: expected a column `angle [deg]`, found `t`, `x`, `y`");
+        check("frame,angle [deg]\n", "line 1, column 1: expected a column `time [s]`, found `frame`, `angle [deg]`");
+        check(
+            "t [ms],time [s],angle [deg]\n",
+            "line 1, column 1: expected one column for the time, found column 1 `t [ms]` and column 2 `time [s]`",
+        );
+        check(
+            "t,left [deg],right [deg]\n",
+            "line 1, column 1: expected one column for the angle, found column 2 `left [deg]` and column 3 `right [deg]`",
+        );
+        check("t [moons],a [deg]\n", "line 1, column 1: expected a time in s, ms, us, ns, min or h, found `t [moons]`");
         check(
             "t,angle\n",
             "line 1, column 3: expected an angle with its unit: `angle [deg]`, rad, rev or steps, found `angle`",
+        );
+        check(
+            "t,angle [mm]\n",
+            "line 1, column 3: expected an angle with its unit: `angle [deg]`, rad, rev or steps, found `angle [mm]`",
         );
         check("t,angle [deg]\n0,1\n-1,2\n", "line 3, column 1: expected a time not before 0 s, found `-1`");
         check("t,angle [deg]\n0,nan\n", "line 2, column 3: expected an angle, found `nan`");

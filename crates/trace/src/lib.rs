@@ -4,7 +4,7 @@
 //! - [`verdict`]: the judge, from edges, steps or a film to a [`verdict::Report`]; its reading at a glance is [`summary`]
 //! - [`winch`]: the judge of boards that work out their own path
 //! - [`capture`]: any file that can be judged, by its content
-//! - [`vcd_file`], [`saleae`], [`steps`], [`camera`]: one file format each
+//! - [`vcd_file`], [`saleae`], [`sigrok`], [`steps`], [`camera`]: one file format each; `levels`: what analysers' rows have in common
 //! - [`crossing`]: when a law wants its steps, solved from θ(t) alone
 //! - [`decode`]: edges → what each motor and its driver see
 //! - [`lines`]: the wires and their names
@@ -17,14 +17,15 @@ pub mod camera;
 pub mod capture;
 pub mod crossing;
 pub mod decode;
+mod levels;
 pub mod lines;
 pub mod saleae;
+pub mod sigrok;
 pub mod steps;
 pub mod summary;
-mod table;
 pub mod vcd_file;
 pub mod verdict;
 pub mod winch;
 
 pub use lines::{Edge, Line, Trace};
-pub use table::ReadError;
+pub use pulsetrain_motion::columns::ReadError;

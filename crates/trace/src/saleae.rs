@@ -1,97 +1,87 @@
 //! Digital CSV as Saleae Logic 2 exports it: `Time [s],Channel 0,Channel 1`, a row for each change, levels 0, 1 or X.
 //!
-//! Logic 1's `Time[s], Channel 0` is read too. Source: Saleae support, "Binary and CSV Export Formats - 2025 Update".
+//! Logic 1's `Time[s], Channel 0` is read too, and times in ms, us or ns. Source: Saleae support, "Binary and CSV Export Formats - 2025
+//! Update".
 
-use crate::table::{ReadError, Row, Table, shown};
-use crate::{Edge, Line, Trace};
+use pulsetrain_motion::columns::{Header, Measure, Row, Stated, TIME, Table, shown};
 
-/// The tick of the trace that is read: 1 ns, finer than any of the analysers' samples.
-pub const TICK_HZ: u64 = 1_000_000_000;
+use crate::levels::{Levels, level};
+use crate::{ReadError, Trace};
 
-/// Whether the first column's title is this format's.
-pub(crate) fn is_time_column(title: &[u8]) -> bool {
-    let title: Vec<u8> = title.iter().filter(|b| !b.is_ascii_whitespace()).map(u8::to_ascii_lowercase).collect();
-    title == b"time[s]"
+/// Whether a file's columns are a time and levels: the time has a unit, or the first row's other fields are all levels.
+pub(crate) fn is_levels(header: &Header<'_>, first: Option<Row<'_>>) -> bool {
+    let Ok(found) = header.find(&[TIME]) else { return false };
+    let time = found[0].column;
+    let all = |row: Row<'_>| (0..row.len()).filter(|k| *k != time).all(|k| level(row.get(k)).is_some());
+    matches!(header.titles.get(time).map(|title| &title.unit), Some(Stated::Unit(_)))
+        || header.width() > 1 && !found[0].by_place && first.is_some_and(all)
 }
 
 /// Reads a capture; the first row is the lines' initial levels, and its time is where ticks begin unless times from 0 on
 /// say otherwise (after a trigger they are negative before it).
 ///
 /// # Errors
-/// If the header or a level is another, time goes back, or is an ISO 8601 timestamp.
+/// If the header has no time with its unit, a level is another, time goes back, or is an ISO 8601 timestamp.
 pub fn read(bytes: &[u8]) -> Result<Trace, ReadError> {
     let mut table = Table::new(bytes);
-    let Some(header) = table.next()? else {
-        return Err(ReadError::new(1, 1, "the header `Time [s],Channel 0,…`", "nothing"));
+    let header = table.header()?;
+    if !header.is_there() {
+        return Err(header.error("the header `Time [s],Channel 0,…`", "none"));
+    }
+    let time = header.find(&[TIME])?[0].column;
+    let unit = match &header.titles[time].unit {
+        Stated::Unit(unit) if Measure::Time.fits(unit) => unit.one.unit,
+        _ => "",
     };
-    if !is_time_column(header.get(0)) {
-        return Err(header.error(0, "the column `Time [s]`"));
-    }
-    if header.len() < 2 || header.len() > 257 {
-        return Err(header.error(1, "1 to 256 channels"));
-    }
-    let mut lines = Vec::new();
-    for column in 1..header.len() {
-        lines.push(Line::named(header.text(column)?));
-    }
-    let mut levels = vec![None; lines.len()];
-    let mut edges = Vec::new();
-    let mut start: Option<i64> = None;
-    let mut last = i64::MIN;
+    // Decimal digits that make a unit of nanoseconds.
+    let digits = match unit {
+        "s" => 9,
+        "ms" => 6,
+        "us" | "µs" | "μs" => 3,
+        "ns" => 0,
+        _ => return Err(header.error_in(time, "the time's unit, as in `Time [s]`: s, ms, us or ns")),
+    };
+    let channels = header.titles.iter().enumerate().filter(|(column, _)| *column != time);
+    let channels: Vec<(usize, String)> = channels.map(|(column, title)| (column, title.text.clone())).collect();
+    let mut levels = Levels::new(&header, &channels)?;
     while let Some(row) = table.next()? {
-        let time_ns = time_ns(&row)?;
-        if time_ns < last {
-            return Err(row.error(0, format!("a time not before {} s", last as f64 * 1e-9)));
+        let time_ns = time_ns(&row, time, digits)?;
+        let last_ns = levels.last_ns();
+        if time_ns < last_ns {
+            return Err(row.error(time, format!("a time not before {} s", last_ns as f64 * 1e-9)));
         }
-        last = time_ns;
-        let first = start.is_none();
-        let start = *start.get_or_insert(time_ns.min(0));
-        for (i, known) in levels.iter_mut().enumerate() {
-            let level = match row.get(i + 1) {
-                b"0" => false,
-                b"1" => true,
-                b"X" | b"x" => continue,
-                _ => return Err(row.error(i + 1, "a level 0, 1 or X")),
-            };
-            if first {
-                lines[i].initial = level;
-            } else if known.unwrap_or(lines[i].initial) != level {
-                // At most 256 lines; times are in order, so not before the start.
-                edges.push(Edge { tick: time_ns.abs_diff(start), line: i as u8, level });
-            }
-            *known = Some(level);
-        }
+        levels.row(&row, time_ns)?;
     }
-    Ok(Trace { tick_hz: TICK_HZ, lines, edges })
+    Ok(levels.finish())
 }
 
 /// The row's time: decimal digits, read exactly to the nearest ns.
-fn time_ns(row: &Row<'_>) -> Result<i64, ReadError> {
-    let expected = "a time in seconds";
-    let text = row.text(0)?;
+fn time_ns(row: &Row<'_>, column: usize, digits: usize) -> Result<i64, ReadError> {
+    let expected = "a time, a number";
+    let text = row.text(column)?;
     if text.contains('T') && text.contains(':') {
         let found = format!("the ISO 8601 timestamp {}", shown(text.as_bytes()));
-        return Err(ReadError::new(row.line(), 1, "seconds (export again without \"Use ISO 8601 timestamps\")", found));
+        let error = row.error(column, "seconds (export again without \"Use ISO 8601 timestamps\")");
+        return Err(ReadError { found, ..error });
     }
-    // An f64 keeps ns for 104 days alone: whole seconds and fraction go apart.
-    let (negative, digits) = match text.strip_prefix('-') {
-        Some(digits) => (true, digits),
+    // An f64 keeps ns for 104 days alone: whole units and fraction go apart.
+    let (negative, unsigned) = match text.strip_prefix('-') {
+        Some(unsigned) => (true, unsigned),
         None => (false, text),
     };
-    let (whole, fraction) = digits.split_once('.').unwrap_or((digits, ""));
+    let (whole, fraction) = unsigned.split_once('.').unwrap_or((unsigned, ""));
     let plain = |text: &str| text.bytes().all(|b| b.is_ascii_digit());
     let magnitude = if !whole.is_empty() && plain(whole) && plain(fraction) {
-        let nine = format!("{fraction:0<9}");
-        let round_up = i64::from(nine.as_bytes().get(9).is_some_and(|digit| *digit >= b'5'));
-        let below = nine[..9].parse::<i64>().ok();
-        let seconds = whole.parse::<i64>().ok().and_then(|s| s.checked_mul(1_000_000_000));
-        seconds.zip(below).and_then(|(s, ns)| s.checked_add(ns + round_up))
+        let fraction = format!("{fraction:0<digits$}");
+        let (kept, cut) = fraction.split_at(digits);
+        let round_up = i64::from(cut.bytes().next().is_some_and(|digit| digit >= b'5'));
+        format!("{whole}{kept}").parse::<i64>().ok().and_then(|ns| ns.checked_add(round_up))
     } else {
         // 1e-05 and the like.
-        let seconds = row.number(0, expected)?;
-        (seconds.abs() < 9e9).then(|| (seconds.abs() * 1e9).round() as i64)
+        let ns = row.number(column, expected)?.abs() * 10_f64.powi(digits as i32);
+        (ns < 9e18).then(|| ns.round() as i64)
     };
-    let magnitude = magnitude.ok_or_else(|| row.error(0, expected))?;
+    let magnitude = magnitude.ok_or_else(|| row.error(column, expected))?;
     Ok(if negative { -magnitude } else { magnitude })
 }
 
@@ -120,20 +110,28 @@ mod tests {
             &[(3_000_000_000, 0, true), (4_000_001_000_000_002, 0, false)],
         );
         check("Time [s],D\n", &[false], &[]);
+        check("Time [ms],D\n0,0\n1.5,1\n2.0000015,0\n", &[false], &[(1_500_000, 0, true), (2_000_002, 0, false)]);
+        check("D;time_us\n0;-1\n1;1e3\n", &[false], &[(1_001_000, 0, true)]);
+        check("nanoseconds,D\n0,0\n17,1\n", &[false], &[(17, 0, true)]);
     }
 
     #[test]
     fn what_is_wrong_is_said_with_its_place() {
         let check = |file: &str, expected: &str| assert_eq!(read(file.as_bytes()).unwrap_err().to_string(), expected);
-        check("", "line 1, column 1: expected the header `Time [s],Channel 0,…`, found nothing");
-        check("t,x\n", "line 1, column 1: expected the column `Time [s]`, found `t`");
-        check("Time [s]\n", "line 1, column 10: expected 1 to 256 channels, found nothing");
+        check("", "line 1, column 1: expected the header `Time [s],Channel 0,…`, found none");
+        check("t,x\n", "line 1, column 1: expected the time's unit, as in `Time [s]`: s, ms, us or ns, found `t`");
+        check(
+            "t [h],x\n",
+            "line 1, column 1: expected the time's unit, as in `Time [s]`: s, ms, us or ns, found `t [h]`",
+        );
+        check("Time [s]\n", "line 1, column 1: expected 1 to 256 channels, found nothing");
+        check("Time [s],D0,D0\n", "line 1, column 13: expected channels of different names, found `D0`");
         check("Time [s],D0\n0.5,2\n", "line 2, column 5: expected a level 0, 1 or X, found `2`");
         check("Time [s],D0\n0.5,1\n0.25,0\n", "line 3, column 1: expected a time not before 0.5 s, found `0.25`");
-        check("Time [s],D0\nsoon,1\n", "line 2, column 1: expected a time in seconds, found `soon`");
+        check("Time [s],D0\nsoon,1\n", "line 2, column 1: expected a time, a number, found `soon`");
         check(
             "Time [s],D0\n99999999999999999,1\n",
-            "line 2, column 1: expected a time in seconds, found `99999999999999999`",
+            "line 2, column 1: expected a time, a number, found `99999999999999999`",
         );
         check(
             "Time [s],D0\n2026-11-21T10:00:00.000000000+00:00,1\n",

@@ -8,8 +8,10 @@
 
 use std::io::{self, Write};
 
+use pulsetrain_motion::columns::{Stated, Table, shown};
+use pulsetrain_motion::quantity::Base;
+
 use crate::ReadError;
-use crate::table::{Table, shown};
 
 const HEADER: [&str; 4] = ["motor", "tick", "dir", "position"];
 const TICK_HZ: &str = "tick_hz =";
@@ -102,46 +104,52 @@ fn quoted(name: &str) -> String {
 pub fn read(bytes: &[u8]) -> Result<StepTrace, ReadError> {
     let tick_hz = tick_hz(bytes)?;
     let mut table = Table::new(bytes);
-    let Some(header) = table.next()? else {
-        return Err(ReadError::new(1, 1, "the header `motor,tick,dir,position`", "nothing"));
-    };
-    for (i, name) in HEADER.iter().enumerate() {
-        if !header.get(i).eq_ignore_ascii_case(name.as_bytes()) {
-            return Err(header.error(i, format!("the column `{name}`")));
+    let header = table.header()?;
+    if !header.is_there() {
+        return Err(header.error("the header `motor,tick,dir,position`", "none"));
+    }
+    let mut columns = [0; HEADER.len()];
+    for (column, name) in columns.iter_mut().zip(HEADER) {
+        *column = header.column(name)?;
+        match &header.titles[*column].unit {
+            Stated::Nothing => {}
+            Stated::Unit(unit) if matches!(unit.one.base, Base::Tick | Base::Step) => {}
+            _ => return Err(header.error_in(*column, format!("`{name}`: ticks and steps have no other unit"))),
         }
     }
+    let [name, tick, dir, position] = columns;
     let mut trace = StepTrace { tick_hz, ..StepTrace::default() };
     let mut last: Vec<(u64, i64)> = Vec::new();
     while let Some(row) = table.next()? {
-        let name = row.text(0)?;
-        let motor = match trace.motors.iter().position(|known| known == name) {
+        let motor_name = row.text(name)?;
+        let motor = match trace.motors.iter().position(|known| known == motor_name) {
             Some(motor) => motor,
-            None if name.is_empty() => return Err(row.error(0, "a motor's name")),
-            None if trace.motors.len() == 256 => return Err(row.error(0, "no more than 256 motors")),
+            None if motor_name.is_empty() => return Err(row.error(name, "a motor's name")),
+            None if trace.motors.len() == 256 => return Err(row.error(name, "no more than 256 motors")),
             None => {
-                trace.motors.push(name.to_owned());
+                trace.motors.push(motor_name.to_owned());
                 last.push((0, 0));
                 last.len() - 1
             }
         };
         let (last_tick, last_position) = last[motor];
-        let tick: u64 = row.parse(1, "a tick, a whole number")?;
-        if tick < last_tick {
-            return Err(row.error(1, format!("a tick not before {last_tick}")));
+        let at: u64 = row.parse(tick, "a tick, a whole number")?;
+        if at < last_tick {
+            return Err(row.error(tick, format!("a tick not before {last_tick}")));
         }
-        let forward = match row.get(2) {
+        let forward = match row.get(dir) {
             b"1" | b"+1" => true,
             b"-1" => false,
-            _ => return Err(row.error(2, "1 or -1")),
+            _ => return Err(row.error(dir, "1 or -1")),
         };
-        let position: i64 = row.parse(3, "a position, a whole number")?;
+        let now: i64 = row.parse(position, "a position, a whole number")?;
         let wanted = if forward { last_position.checked_add(1) } else { last_position.checked_sub(1) };
-        if Some(position) != wanted {
-            return Err(row.error(3, format!("the position after {last_position} and this step")));
+        if Some(now) != wanted {
+            return Err(row.error(position, format!("the position after {last_position} and this step")));
         }
-        last[motor] = (tick, position);
+        last[motor] = (at, now);
         // At most 256 motors, checked above.
-        trace.steps.push(Step { motor: motor as u8, tick, forward });
+        trace.steps.push(Step { motor: motor as u8, tick: at, forward });
     }
     Ok(trace)
 }
@@ -169,8 +177,16 @@ mod tests {
             let error = read(format!("# pulsetrain steps, tick_hz = 1000\n{rows}").as_bytes()).unwrap_err();
             assert_eq!(error.to_string(), expected);
         };
-        check("", "line 1, column 1: expected the header `motor,tick,dir,position`, found nothing");
-        check("motor,time\n", "line 2, column 7: expected the column `tick`, found `time`");
+        check("", "line 1, column 1: expected the header `motor,tick,dir,position`, found none");
+        check("motor,time\n", "line 2, column 1: expected a column `tick`, found `motor`, `time`");
+        check(
+            "motor,tick [ms],dir,position\n",
+            "line 2, column 7: expected `tick`: ticks and steps have no other unit, found `tick [ms]`",
+        );
+        check(
+            "dir,position,tick,tick,motor\n",
+            "line 2, column 1: expected one column `tick`, found column 3 `tick` and column 4 `tick`",
+        );
         let with = |row: &str| format!("motor,tick,dir,position\nw,5,1,1\n{row}");
         check(&with("w,x,1,2"), "line 4, column 3: expected a tick, a whole number, found `x`");
         check(&with("w,4,1,2"), "line 4, column 3: expected a tick not before 5, found `4`");
@@ -181,6 +197,13 @@ mod tests {
             "line 1, column 1: expected `# pulsetrain steps, tick_hz = 16000000` (or another rate), \
              found `motor,tick,dir,position`"
         );
+    }
+
+    #[test]
+    fn columns_go_by_their_names() {
+        let plain = read(b"# pulsetrain steps, tick_hz = 9\nmotor,tick,dir,position\nw,5,1,1\nw,7,-1,0\n").unwrap();
+        let other = b"# pulsetrain steps, tick_hz = 9\nn;Position;tick;Motor;dir\n0;1;5;w;1\n1;0;7;w;-1\n";
+        assert_eq!(read(other).unwrap(), plain);
     }
 
     proptest! {

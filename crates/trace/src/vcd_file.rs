@@ -9,8 +9,7 @@ use std::io::{self, Read, Write};
 
 use vcd::{Command, IdCode, Parser, TimescaleUnit, Value};
 
-use crate::table::ReadError;
-use crate::{Edge, Line, Trace};
+use crate::{Edge, Line, ReadError, Trace};
 
 const TICK_HZ: &str = "pulsetrain tick_hz =";
 

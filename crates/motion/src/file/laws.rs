@@ -11,7 +11,7 @@ use super::winch;
 use crate::Time;
 use crate::law::{Begin, End, Interpolation, Law, LawError, SCurve, TimerRamp, dds_period};
 use crate::program::Limits;
-use crate::quantity::{Base, nearest, written};
+use crate::quantity::{Base, Quantity, nearest, written};
 
 /// Reads the text of a file that a motion file names, relative to it.
 pub(super) type Loader<'a> = &'a dyn Fn(&Path) -> io::Result<String>;
@@ -225,32 +225,22 @@ impl Context<'_> {
         self.made(node, Law::timer_ramp(law))
     }
 
-    /// Steps in one of the unit that a formula's or table's positions are in.
+    /// Steps in one of the unit that a formula's positions are in.
     pub(super) fn unit(&self, node: &Node) -> Read<f64> {
-        let text = node.text("unit = \"rev\"")?;
-        // Read as one of it, so that every unit of position is known here too.
-        let one = crate::quantity::Quantity::parse(&format!("1 {text}")).ok();
-        match one.filter(|one| one.base.is_position() && one.per_seconds == 0 && !text.trim().is_empty()) {
-            Some(one) => {
-                let steps = one.value * self.gearing.steps_per(node, one.base)?;
-                self.gearing.count(one.unit);
-                Ok(steps)
-            }
-            None => Err(node.note(
-                "not a unit of position",
-                format!("`unit` must be a unit of position, but is \"{text}\""),
-                "one of: rev, deg, rad, mm, step, full-step",
-            )),
-        }
+        self.steps_in(node, &position_unit(node)?)
+    }
+
+    /// Steps in one of a unit of position, which is used at `node`.
+    pub(super) fn steps_in(&self, node: &Node, one: &Quantity) -> Read<f64> {
+        let steps = one.value * self.gearing.steps_per(node, one.base)?;
+        self.gearing.count(one.unit);
+        Ok(steps)
     }
 
     fn table(&self, node: &Node) -> Read<Law> {
-        let p = self.parameters(node, &["file", "time", "unit", "columns", "interpolation"])?;
-        let file = p.need("file", "file = \"path.csv\"")?;
-        let unit = p.need("unit", "unit = \"rev\"").and_then(|node| self.unit(&node));
-        let (seconds, interpolation) = (time_unit(&p), interpolation(&p));
-        let columns = p.get("columns").map_or(Ok(points::Columns::first(1)), |node| points::columns(&node, 1));
-        let points = points::read(&file, self.load, &columns?, seconds?, &[unit?])?;
+        let p = self.parameters(node, points::KEYS)?;
+        let interpolation = interpolation(&p);
+        let points = points::read(&p, std::slice::from_ref(self))?;
         let rows: Vec<(f64, f64)> = points.rows.iter().map(|(t, positions)| (*t, positions[0])).collect();
         self.made(node, Law::table(&rows, interpolation?))
     }
@@ -374,11 +364,23 @@ impl Context<'_> {
     }
 }
 
-/// Seconds in the unit of a table's times.
-pub(super) fn time_unit(p: &Section) -> Read<f64> {
-    p.get("time").map_or(Ok(1.0), |node| {
-        node.word(&[("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("µs", 1e-6), ("ns", 1e-9), ("min", 60.0), ("h", 3600.0)])
+/// One of the unit of position that is named at `node`.
+pub(super) fn position_unit(node: &Node) -> Read<Quantity> {
+    let text = node.text("unit = \"rev\"")?;
+    // Read as one of it, so that every unit of position is known here too.
+    let one = Quantity::parse(&format!("1 {text}")).ok();
+    one.filter(|one| one.base.is_position() && one.per_seconds == 0 && !text.trim().is_empty()).ok_or_else(|| {
+        node.note(
+            "not a unit of position",
+            format!("`unit` must be a unit of position, but is \"{text}\""),
+            "one of: rev, deg, rad, mm, step, full-step",
+        )
     })
+}
+
+/// Seconds in the unit of a table's times, which is named at `node`.
+pub(super) fn time_unit(node: &Node) -> Read<f64> {
+    node.word(&[("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("µs", 1e-6), ("ns", 1e-9), ("min", 60.0), ("h", 3600.0)])
 }
 
 /// What is laid through the rows of a table.

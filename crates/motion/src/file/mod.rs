@@ -23,7 +23,7 @@
 //! side by side from one common time zero.
 //!
 //! # What is here
-//! - [`load`], [`read`]: the two ways in
+//! - [`load`], [`read`]: the two ways in; [`load_contents`], [`read_contents`]: the same, with how tables were read
 //! - [`FileError`], [`Problem`]: what is wrong, where, and what to do, for `miette` or as plain text
 //! - `motor`, `machine`, `laws`, `path`, `formula`, `points`, `winch`: one module for each part of the file
 //! - `reader`: values with their places; problems are collected, so that one reading finds several
@@ -46,6 +46,7 @@ use std::sync::Arc;
 
 use miette::NamedSource;
 
+pub use points::{ColumnUse, TableColumns};
 pub use problem::{BrokenPath, FileError, PathPoint, Problem};
 pub use winch::WinchScript;
 
@@ -59,14 +60,31 @@ use machine::Home;
 use motor::{Draft, Gearing};
 use reader::{Node, Noted, Read, Reader, Section};
 
+/// A motion file's program, and how its tables were read.
+#[derive(Clone, Debug)]
+pub struct Contents {
+    /// What is to be done.
+    pub program: Program,
+    /// The columns of every CSV file, as they were read.
+    pub tables: Vec<TableColumns>,
+}
+
 /// Reads a motion file and the files that it names.
 ///
 /// # Errors
 /// [`FileError`] with every problem found.
 pub fn load(path: &Path) -> Result<Program, FileError> {
+    load_contents(path).map(|contents| contents.program)
+}
+
+/// The same, with how its tables were read.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_contents(path: &Path) -> Result<Contents, FileError> {
     let (name, text) = open(path)?;
     let folder = path.parent().unwrap_or(Path::new(""));
-    read(&text, &name, &|named| fs::read_to_string(folder.join(named)))
+    read_contents(&text, &name, &|named| fs::read_to_string(folder.join(named)))
 }
 
 /// Reads a motion file for the command lines of its winch, to send them to a board as text.
@@ -109,7 +127,19 @@ fn open(path: &Path) -> Result<(String, String), FileError> {
 /// assert!(error.plain().starts_with("my.toml:1:1: unknown key `bord` in the motion file\n    did you mean `board`?"));
 /// ```
 pub fn read(text: &str, name: &str, load: &dyn Fn(&Path) -> io::Result<String>) -> Result<Program, FileError> {
-    read_as(text, name, |root| program(root, load))
+    read_contents(text, name, load).map(|contents| contents.program)
+}
+
+/// The same, with how its tables were read.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_contents(
+    text: &str,
+    name: &str,
+    load: &dyn Fn(&Path) -> io::Result<String>,
+) -> Result<Contents, FileError> {
+    read_as(text, name, |root| Ok(Contents { program: program(root, load)?, tables: root.reader.tables.take() }))
 }
 
 fn read_as<T>(text: &str, name: &str, what: impl Fn(&Section) -> Read<T>) -> Result<T, FileError> {

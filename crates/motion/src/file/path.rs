@@ -1,6 +1,6 @@
 //! Paths of a machine's tip: from `path.circle = { … }` to a law for each of its motors.
 
-use super::laws::{self, Context, Loader, interpolation, period, time_unit};
+use super::laws::{self, Context, Loader, interpolation, period};
 use super::machine::{Draft, Kind};
 use super::motor::{self, Gearing};
 use super::points::{self, Points};
@@ -616,20 +616,16 @@ fn formula<'a>(contexts: &[Context<'_>], node: &Node<'a>) -> Read<Path<'a>> {
 }
 
 fn table<'a>(contexts: &[Context<'_>], node: &Node<'a>) -> Read<Path<'a>> {
-    let p = parameters(node, &["file", "time", "unit", "columns", "interpolation"])?;
+    let p = parameters(node, points::KEYS)?;
+    let interpolation = interpolation(&p);
     let file = p.need("file", "file = \"path.csv\"")?;
-    let unit = p.need("unit", "unit = \"mm\"")?;
-    let steps = contexts.iter().map(|context| context.unit(&unit)).collect::<Read<Vec<f64>>>()?;
-    let (seconds, interpolation) = (time_unit(&p), interpolation(&p));
-    let count = contexts.len();
-    let columns = p.get("columns").map_or(Ok(points::Columns::first(count)), |node| points::columns(&node, count));
-    let points = points::read(&file, contexts[0].load, &columns?, seconds?, &steps)?;
+    let points = points::read(&p, contexts)?;
     let interpolation = interpolation?;
     let law = |k: usize| {
         let rows: Vec<(f64, f64)> = points.rows.iter().map(|(t, positions)| (*t, positions[k])).collect();
         Law::table(&rows, interpolation)
     };
-    let coordinates = made(node, (0..count).map(law))?;
+    let coordinates = made(node, (0..contexts.len()).map(law))?;
     Ok(Path { coordinates, form: Form::Polynomials { table: Some((file, points)) } })
 }
 

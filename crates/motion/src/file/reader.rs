@@ -9,6 +9,7 @@ use std::sync::Arc;
 use miette::NamedSource;
 use toml_edit::{ArrayOfTables, Item, TableLike, Value};
 
+use super::points::TableColumns;
 use super::problem::{BrokenPath, Problem};
 use super::winch::Winches;
 use crate::Time;
@@ -30,11 +31,13 @@ pub(super) struct Reader {
     problems: RefCell<Vec<Problem>>,
     /// Found motor by motor, judged when all are read.
     pub(super) winches: RefCell<Winches>,
+    /// How tables were read.
+    pub(super) tables: RefCell<Vec<TableColumns>>,
 }
 
 impl Reader {
     pub(super) fn new(source: Arc<NamedSource<String>>) -> Reader {
-        Reader { source, problems: RefCell::default(), winches: RefCell::default() }
+        Reader { source, problems: RefCell::default(), winches: RefCell::default(), tables: RefCell::default() }
     }
 
     /// Notes a problem with one place.
@@ -66,6 +69,14 @@ impl Reader {
             problems.push(problem);
         }
         Noted
+    }
+
+    /// Notes how a table was read. What several motors share is read for each: once is enough.
+    pub(super) fn told(&self, columns: TableColumns) {
+        let mut tables = self.tables.borrow_mut();
+        if !tables.contains(&columns) {
+            tables.push(columns);
+        }
     }
 
     pub(super) fn into_problems(self) -> Vec<Problem> {

@@ -5,7 +5,7 @@ use pulsetrain_motion::Time;
 use crate::cli::Plan;
 use crate::console::{Console, Exit};
 use crate::prepare::{Planned, Prepared};
-use crate::report::{MotorReport, PlanReport};
+use crate::report::{MotorReport, PlanReport, TableReport};
 
 pub(crate) fn run(args: &Plan, console: &mut Console<'_>) -> miette::Result<Exit> {
     let prepared = args.motion.prepare()?;
@@ -41,6 +41,7 @@ pub(crate) fn report(prepared: &Prepared, planned: &[Planned]) -> PlanReport {
         cut_at_s: prepared.cut.map(|cut| cut.at.seconds()),
         uncut_s: prepared.cut.and_then(|cut| cut.end).map(Time::seconds),
         pause: prepared.pause,
+        tables: prepared.tables.iter().map(TableReport::new).collect(),
         motors: motors.map(|(motor, planned)| MotorReport::new(motor, board, &planned.certificate)).collect(),
     }
 }

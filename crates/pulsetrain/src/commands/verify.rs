@@ -19,14 +19,15 @@ pub(crate) fn run(args: &Verify, console: &mut Console<'_>) -> miette::Result<Ex
     let shown = args.capture.display();
     let bytes = console::read(&args.capture)?;
     let mut capture = capture::read(&bytes).map_err(|error| {
-        let help = "captures are VCD, Saleae CSV, steps.csv, or a camera's track: CSV of time and angle";
+        let help =
+            "captures are VCD, CSV of Saleae's or PulseView's, steps.csv, or a camera's track: CSV of time and angle";
         miette!(help = help, "{shown}: {error}")
     })?;
     for (from, to) in &args.line {
         match &mut capture {
             Capture::Edges(trace) => trace.alias(from, to).map_err(|error| miette!("{shown}: {error}"))?,
             Capture::Steps(_) | Capture::Film(_) => {
-                return Err(miette!("{shown} has no lines: --line is for VCD and Saleae CSV"));
+                return Err(miette!("{shown} has no lines: --line is for VCD and CSV of analysers"));
             }
         }
     }

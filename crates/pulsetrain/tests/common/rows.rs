@@ -298,7 +298,7 @@ fn plateaus(image: Image, pins: &[(u8, u8)], rate: f64, apart: f64) -> Prepared 
     let mut program = Program { board: row.board.clone(), motors, tolerance: Tolerance::Seconds(1e-6), ..program };
     program.board.min_interval_ticks = row.shortest_intervals(&program.motors);
     program.board.turn_ticks = row.turn_ticks(&program.motors);
-    Prepared { file: "plateaus".to_owned(), program, cut: None, pause: None }
+    Prepared { file: "plateaus".to_owned(), program, cut: None, pause: None, tables: Vec::new() }
 }
 
 /// The fastest of `rates` at which motors on these pins stay for a while, as a session has them make it, in phase and staggered, if all
@@ -405,7 +405,13 @@ pub(crate) fn tutorial(period: Time, cycles: u64, (step, dir): (u8, u8), pulse_n
         motors: vec![motor],
         machines: Vec::new(),
     };
-    Prepared { file: format!("the tutorial, T = {} s", period.seconds()), program, cut: None, pause: None }
+    Prepared {
+        file: format!("the tutorial, T = {} s", period.seconds()),
+        program,
+        cut: None,
+        pause: None,
+        tables: Vec::new(),
+    }
 }
 
 /// Period (s, as a fraction), STEP and DIR: the seed's periods, the fastest by the compare hardware.

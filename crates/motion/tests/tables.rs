@@ -1,0 +1,224 @@
+//! Tables from CSV: which column is what, in which unit, and what is told of it.
+
+use std::path::Path;
+
+use proptest::prelude::*;
+use pulsetrain_motion::file::{self, Contents};
+use pulsetrain_motion::law::Cursor;
+use pulsetrain_motion::{Law, Time};
+
+const MOTOR: &str = r#"board = "native"
+
+[motor.wheel]
+steps_per_rev = 200
+microsteps = 2
+driver = "DQ542MA"
+pins = { step = 8, dir = 9 }
+forward = "low"
+lead = "8 mm"
+
+[[motion]]
+motor = "wheel"
+"#;
+
+/// 400 steps are a revolution, and 8 mm.
+fn read(csv: &str, options: &str) -> Result<Contents, String> {
+    let text = format!("{MOTOR}law.table = {{ file = \"a.csv\"{options} }}\n");
+    let load = |path: &Path| {
+        assert_eq!(path, Path::new("a.csv"));
+        Ok(csv.to_owned())
+    };
+    file::read_contents(&text, "x.toml", &load).map_err(|error| error.plain())
+}
+
+fn at(law: &Law, seconds: f64) -> f64 {
+    Cursor::new(law).at(Time::from_seconds(seconds)).unwrap().position
+}
+
+/// What a table does at some times, s and steps, and what is told of its columns.
+#[track_caller]
+fn check(csv: &str, options: &str, points: &[(f64, f64)], told: &str) {
+    let contents = read(csv, options).unwrap_or_else(|error| panic!("{csv}\n{error}"));
+    let law = &contents.program.motors[0].law;
+    for (seconds, steps) in points {
+        assert!((at(law, *seconds) - steps).abs() < 1e-9, "{csv}at {seconds} s: {}", at(law, *seconds));
+    }
+    let last = points.last().unwrap().0;
+    assert!((law.end().unwrap().seconds() - last).abs() < 1e-9, "{csv}ends at {} s", law.end().unwrap().seconds());
+    let tables: Vec<String> = contents.tables.iter().map(ToString::to_string).collect();
+    assert_eq!(tables, [format!("a.csv: {told}")]);
+}
+
+#[test]
+fn names_say_which_column_is_what() {
+    let (deg, points) = (", unit = \"deg\"", [(0.0, 0.0), (0.5, 100.0), (1.0, 200.0)]);
+    check(
+        "i,t,a\n0,0,0\n1,0.5,90\n2,1,180\n",
+        deg,
+        &points,
+        "time = column 2 `t`, s; angle = column 3 `a`, deg; column 1 `i` is not used",
+    );
+    check("a,t\n0,0\n90,0.5\n180,1\n", deg, &points, "time = column 2 `t`, s; angle = column 1 `a`, deg");
+    check("t,a\n0,0\n0.5,90\n1,180\n", deg, &points, "time = column 1 `t`, s; angle = column 2 `a`, deg");
+    check("0,0\n0.5,90\n1,180\n", deg, &points, "time = column 1, s; angle = column 2, deg");
+    check("0,0,\n0.5,90,\n1,180,\n", deg, &points, "time = column 1, s; angle = column 2, deg");
+    // The motor's own column goes before others; pandas leaves the index without a title.
+    check(
+        ",other,wheel,Time\n0,7,0,0\n1,7,90,0.5\n2,7,180,1\n",
+        deg,
+        &points,
+        "time = column 4 `Time`, s; angle = column 3 `wheel`, deg; column 1, column 2 `other` are not used",
+    );
+    // As numpy writes a header.
+    check("# a;t\n0;0\n90;0.5\n180;1\n", deg, &points, "time = column 2 `t`, s; angle = column 1 `a`, deg");
+    check(
+        "foo,bar\n0,0\n0.5,90\n1,180\n",
+        deg,
+        &points,
+        "time = column 1 `foo` (by its place), s; angle = column 2 `bar` (by its place), deg",
+    );
+    check(
+        "frame,t,bar\n0,0,0\n0,0.5,90\n0,1,180\n",
+        deg,
+        &points,
+        "time = column 2 `t`, s; angle = column 3 `bar` (by its place), deg; column 1 `frame` is not used",
+    );
+    check(
+        "\u{feff}t;A\r\n0;0\r\n\r\n0.5;90\r\n;\r\n1;180\r\n",
+        deg,
+        &points,
+        "time = column 1 `t`, s; angle = column 2 `A`, deg",
+    );
+    check(
+        "n,t,x,y\n0,0,5,0\n1,0.5,5,90\n2,1,5,180\n",
+        ", unit = \"deg\", columns = [\"t\", 4]",
+        &points,
+        "time = column 2 `t`, s; angle = column 4 `y`, deg; column 1 `n`, column 3 `x` are not used",
+    );
+}
+
+#[test]
+fn headers_give_units() {
+    let points = [(0.0, 0.0), (0.5, 100.0), (1.0, 200.0)];
+    let times = [
+        ("Time [ms]", "ms", 1e3),
+        ("t (us)", "us", 1e6),
+        ("time in min", "min", 1.0 / 60.0),
+        ("t / h", "h", 1.0 / 3600.0),
+        ("time_ms", "ms", 1e3),
+        ("milliseconds", "milliseconds", 1e3),
+        ("t_s", "s", 1.0),
+    ];
+    let angles = [
+        ("angle [deg]", "angle", "deg", 180.0),
+        ("theta (rad)", "angle", "rad", std::f64::consts::PI),
+        ("phi in degrees", "angle", "degrees", 180.0),
+        ("a / turn", "angle", "turn", 0.5),
+        ("pos_rev", "angle", "rev", 0.5),
+        ("wheel steps", "position", "steps", 200.0),
+        ("x [mm]", "position", "mm", 4.0),
+        ("x [cm]", "position", "cm", 0.4),
+        ("x [in]", "position", "in", 4.0 / 25.4),
+        ("position (m)", "position", "m", 0.004),
+        ("deg", "angle", "deg", 180.0),
+    ];
+    for (time, time_unit, ends) in times {
+        for (angle, what, unit, turn) in angles {
+            let csv = format!("{angle},{time}\n0,0\n{},{}\n{turn},{ends}\n", turn / 2.0, ends / 2.0);
+            let told = format!("time = column 2 `{time}`, {time_unit}; {what} = column 1 `{angle}`, {unit}");
+            check(&csv, "", &points, &told);
+        }
+    }
+}
+
+/// As people write tables: any order, separator, units and columns beside.
+#[derive(Clone, Debug)]
+struct Written {
+    order: Vec<usize>,
+    separator: char,
+    time: (&'static str, f64),
+    angle: (&'static str, f64),
+    others: Vec<&'static str>,
+}
+
+fn written() -> impl Strategy<Value = Written> {
+    let times = prop::sample::select(vec![
+        ("t", 1.0),
+        ("Time [s]", 1.0),
+        ("time (ms)", 1e3),
+        ("TIME_ms", 1e3),
+        ("t in us", 1e6),
+        ("milliseconds", 1e3),
+        ("zeit / ms", 1e3),
+        ("elapsed [ms]", 1e3),
+        ("timestamp [us]", 1e6),
+    ]);
+    let angles = prop::sample::select(vec![
+        ("a [deg]", 1.0),
+        ("Angle (rad)", std::f64::consts::PI / 180.0),
+        ("theta_deg", 1.0),
+        ("θ [°]", 1.0),
+        ("phi in turns", 1.0 / 360.0),
+        ("wheel [step]", 400.0 / 360.0),
+        ("servo [deg]", 1.0),
+        ("pos mm", 8.0 / 360.0),
+    ]);
+    let others = prop::sample::subsequence(vec!["i", "frame", "speed [rad/s]", "note", "", "current [mA]"], 0..=4);
+    (times, angles, others, prop::sample::select(vec![',', ';', '\t'])).prop_flat_map(
+        |(time, angle, others, separator)| {
+            let columns: Vec<usize> = (0..others.len() + 2).collect();
+            Just(columns).prop_shuffle().prop_map(move |order| Written {
+                order,
+                separator,
+                time,
+                angle,
+                others: others.clone(),
+            })
+        },
+    )
+}
+
+proptest! {
+    /// However a table is written, it is the same motion as the plain one.
+    #[test]
+    fn any_way_of_writing_is_the_same_motion(
+        written in written(),
+        rows in prop::collection::vec((1_u32..500, -2000_i32..2000), 2..9),
+    ) {
+        let mut time_ms = 0;
+        let rows: Vec<(u32, i32)> = rows.into_iter().map(|(wait, angle)| { time_ms += wait; (time_ms, angle) }).collect();
+        let plain: String = rows.iter().map(|(ms, deg)| format!("{},{deg}\n", f64::from(*ms) * 1e-3)).collect();
+        let Written { order, separator, time, angle, others } = written;
+        let line = |cells: Vec<String>| {
+            let cells: Vec<&str> = order.iter().map(|k| cells[*k].as_str()).collect();
+            cells.join(&separator.to_string()) + "\n"
+        };
+        let with = |first: [String; 2], rest: &dyn Fn(usize) -> String| {
+            first.into_iter().chain((0..others.len()).map(rest)).collect::<Vec<String>>()
+        };
+        let mut csv = line(with([time.0.to_owned(), angle.0.to_owned()], &|k| others[k].to_owned()));
+        for (n, (ms, deg)) in rows.iter().enumerate() {
+            let cells = [f64::from(*ms) * 1e-3 * time.1, f64::from(*deg) * angle.1].map(|value| value.to_string());
+            csv += &line(with(cells, &|_| n.to_string()));
+        }
+        let plain = read(&plain, ", unit = \"deg\"").unwrap();
+        let other = read(&csv, "");
+        prop_assert!(other.is_ok(), "{csv}{}", other.unwrap_err());
+        let other = other.unwrap();
+        let (plain, other) = (&plain.program.motors[0].law, &other.program.motors[0].law);
+        let end = plain.end().unwrap().seconds();
+        prop_assert!((other.end().unwrap().seconds() - end).abs() < 1e-9);
+        for k in 0..=20 {
+            let seconds = end * f64::from(k) / 20.0 * (1.0 - 1e-9);
+            prop_assert!((at(plain, seconds) - at(other, seconds)).abs() < 1e-4, "{csv}at {seconds} s");
+        }
+    }
+
+    /// Any titles give a motion or an error that names the file.
+    #[test]
+    fn any_header_is_read_or_refused(header in "[a-z \\[\\]()/_,;#\"'°θ]{0,40}", options in "(, unit = \"deg\")?(, columns = \\[[12], [12]\\])?") {
+        if let Err(error) = read(&format!("{header}\n0,0\n1,1\n"), &options) {
+            prop_assert!(error.starts_with("a.csv:") || error.starts_with("x.toml:"), "{error}");
+        }
+    }
+}
