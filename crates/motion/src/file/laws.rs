@@ -11,7 +11,7 @@ use super::winch;
 use crate::Time;
 use crate::law::{Begin, End, Interpolation, Law, LawError, SCurve, TimerRamp, dds_period};
 use crate::program::Limits;
-use crate::quantity::{Base, nearest};
+use crate::quantity::{Base, Quantity, nearest};
 
 /// Reads the text of a file that a motion file names, relative to it.
 pub(super) type Loader<'a> = &'a dyn Fn(&Path) -> io::Result<String>;
@@ -216,16 +216,21 @@ impl Context<'_> {
         self.made(node, Law::timer_ramp(law))
     }
 
-    /// Steps in one of the unit that a formula's or table's positions are in.
+    /// Steps in one of the unit that a table's positions are in.
     pub(super) fn unit(&self, node: &Node) -> Read<f64> {
+        self.position_unit(node).map(|(_, steps)| steps)
+    }
+
+    /// One of the unit that a formula's or table's positions are in, and its steps.
+    pub(super) fn position_unit(&self, node: &Node) -> Read<(Quantity, f64)> {
         let text = node.text("unit = \"rev\"")?;
         // Read as one of it, so that every unit of position is known here too.
-        let one = crate::quantity::Quantity::parse(&format!("1 {text}")).ok();
+        let one = Quantity::parse(&format!("1 {text}")).ok();
         match one.filter(|one| one.base.is_position() && one.per_seconds == 0 && !text.trim().is_empty()) {
             Some(one) => {
                 let steps = one.value * self.gearing.steps_per(node, one.base)?;
                 self.gearing.count(one.unit);
-                Ok(steps)
+                Ok((one, steps))
             }
             None => Err(node.note(
                 "not a unit of position",
