@@ -931,6 +931,256 @@ fn formulas() {
     );
 }
 
+/// What is said of formulas, one after the other, each with the text that it points at.
+fn of_formulas(cases: &[(&str, &str, &str, &str)]) -> String {
+    let mut all = String::new();
+    for (motor, unit, theta, parameters) in cases {
+        let law = format!(
+            "law.formula = {{ theta = \"{theta}\", unit = \"{unit}\", duration = \"1 s\", where = {{ {parameters} }} }}"
+        );
+        let text = GOOD.replacen(SINE, &law, 1).replacen("forward", &format!("{motor}\nforward"), 1);
+        all += format!("{theta}   in {unit}; {parameters}").trim_end_matches("; ");
+        all += "\n";
+        match read(&text) {
+            Ok(_) => all += "    no problem\n",
+            Err(error) => {
+                for problem in error.problems() {
+                    let span = problem.labels().unwrap().next().unwrap();
+                    let place = &text[span.offset()..span.offset() + span.len()];
+                    all += &format!("    at {place}: {}\n    {}\n", problem.message(), problem.advice().unwrap_or("–"));
+                }
+            }
+        }
+    }
+    all
+}
+
+#[test]
+fn dimensions_of_formulas() {
+    const LEAD: &str = "lead = \"8 mm\"";
+    const ANGLE: &str = "phi = \"90 deg\"";
+    const BOTH: &str = "phi = \"90 deg\", x = \"5 mm\"";
+    // Sums, comparisons and choices of what does not go together.
+    let mixed = [
+        ("", "deg", "phi + t*x", BOTH),
+        (LEAD, "mm", "10*t - 2*x - phi", BOTH),
+        ("", "deg", "if(phi < x, 1, 2)*t", BOTH),
+        ("", "deg", "piecewise(t < 1, phi, t < 2, 5, x)*t", BOTH),
+        ("", "deg", "max(phi, x)", BOTH),
+        ("", "deg", "clamp(t, phi, x)", BOTH),
+        ("", "deg", "hypot(x, phi)", BOTH),
+        ("", "deg", "atan2(x, phi)", BOTH),
+        ("", "deg", "mod(phi, x)", BOTH),
+        ("", "deg", "phi + phi^2", BOTH),
+        (LEAD, "step", "phi*t + x", BOTH),
+        ("", "deg", "phi + 0*t - 0", BOTH),
+    ];
+    // Results that do not fit the unit.
+    let misfits = [
+        (LEAD, "mm", "phi*sin(2*pi*t)", ANGLE),
+        ("", "deg", "x*sin(2*pi*t)", BOTH),
+        ("", "deg", "phi*phi*t", ANGLE),
+        ("", "deg", "t/phi", ANGLE),
+        ("", "deg", "sqrt(phi)*t*x", BOTH),
+        ("", "deg", "2*phi/pi*asin(sin(t))", ANGLE),
+        (LEAD, "mm", "x*phi*t", BOTH),
+    ];
+    // Arguments.
+    let arguments = [
+        ("", "deg", "90*sin(x)", BOTH),
+        ("", "deg", "90*cos(2*phi^2)", ANGLE),
+        (LEAD, "step", "90*tan(a)", "a = \"3 step\""),
+        ("", "deg", "90*exp(-phi)", ANGLE),
+        ("", "deg", "2^phi", ANGLE),
+        ("", "deg", "phi^t", ANGLE),
+        ("", "deg", "asin(phi)", ANGLE),
+        ("", "deg", "90*exp(-atan(t))", ""),
+        ("", "deg", "90*sin(floor(phi*t))", ANGLE),
+        ("", "deg", "90*sin(x/x + sign(phi)*ln(phi/phi*2))", BOTH),
+    ];
+    // Numbers without a unit where the place has none.
+    let bare = [
+        ("", "deg", "if(x > 3, 1, 2)*t", BOTH),
+        (LEAD, "mm", "if(phi > 90, 1, 2)*t", BOTH),
+        (LEAD, "mm", "x*sin(phi + 3)", BOTH),
+        ("", "deg", "phi + pi/2*t", ANGLE),
+        (LEAD, "mm", "x*(phi + pi/2 + asin(0.5))*t", BOTH),
+    ];
+    // Conversions by hand.
+    let by_hand = [
+        ("", "deg", "180/pi*asin(t)", ""),
+        ("", "deg", "57.3*asin(t) + 5", ""),
+        ("", "rev", "asin(t)/(2*pi)", ""),
+        ("", "rev", "atan2(t, 1)*0.1592", ""),
+        ("", "step", "asin(t)*800/2/pi", ""),
+        ("", "deg", "90*2/pi*asin(sin(t))", ""),
+        ("", "deg", "90*sin(2*pi*f*t)", "f = \"0.5 rev/s\""),
+        ("", "deg", "90*sin(6.28*f*t - 1)", "f = \"30 rpm\""),
+        ("", "deg", "90*sin(2*pi*n/60*t)", "n = \"30 rpm\""),
+        ("", "deg", "90*cos(phi*pi/180)", ANGLE),
+        ("", "deg", "w*180/pi*t", "w = \"1 rad/s\""),
+        ("", "deg", "360*f*t", "f = \"0.5 rev/s\""),
+        ("", "rad", "2*pi*f*t", "f = \"0.5 rev/s\""),
+        (LEAD, "mm", "2*pi*r*f*t", "r = \"20 mm\", f = \"0.5 rev/s\""),
+        ("", "deg", "90*sin(2*pi*f*t - phi) + 2*pi*f*phi*t", "f = \"0.5 Hz\", phi = \"3 deg\""),
+    ];
+    expect![[r#"
+        phi + t*x   in deg; phi = "90 deg", x = "5 mm"
+            at t*x: formula: `phi` is an angle, but `t*x` is a length: they cannot be added
+            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+        10*t - 2*x - phi   in mm; phi = "90 deg", x = "5 mm"
+            at phi: formula: `10*t - 2*x` is a length, but `phi` is an angle: they cannot be subtracted
+            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+        if(phi < x, 1, 2)*t   in deg; phi = "90 deg", x = "5 mm"
+            at x: formula: `phi` is an angle, but `x` is a length: they cannot be compared
+            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+        piecewise(t < 1, phi, t < 2, 5, x)*t   in deg; phi = "90 deg", x = "5 mm"
+            at x: formula: `phi` is an angle, but `x` is a length: `piecewise` gives values of one kind
+            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+        max(phi, x)   in deg; phi = "90 deg", x = "5 mm"
+            at x: formula: `phi` is an angle, but `x` is a length: `max` takes values of one kind
+            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+        clamp(t, phi, x)   in deg; phi = "90 deg", x = "5 mm"
+            at x: formula: `phi` is an angle, but `x` is a length: `clamp` takes values of one kind
+            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+        hypot(x, phi)   in deg; phi = "90 deg", x = "5 mm"
+            at phi: formula: `x` is a length, but `phi` is an angle: `hypot` takes values of one kind
+            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+        atan2(x, phi)   in deg; phi = "90 deg", x = "5 mm"
+            at phi: formula: `x` is a length, but `phi` is an angle: `atan2` takes two of one kind
+            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+        mod(phi, x)   in deg; phi = "90 deg", x = "5 mm"
+            at x: formula: `phi` is an angle, but `x` is a length: `mod` takes values of one kind
+            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+        phi + phi^2   in deg; phi = "90 deg", x = "5 mm"
+            at phi^2: formula: `phi` is an angle, but `phi^2` is an angle squared: they cannot be added
+            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+        phi*t + x   in step; phi = "90 deg", x = "5 mm"
+            at x: formula: `phi*t` is an angle, but `x` is a length: they cannot be added
+            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+        phi + 0*t - 0   in deg; phi = "90 deg", x = "5 mm"
+            no problem
+    "#]]
+    .assert_eq(&of_formulas(&mixed));
+    expect![[r#"
+        phi*sin(2*pi*t)   in mm; phi = "90 deg"
+            at phi*sin(2*pi*t): formula: it comes to an angle, but `unit` is "mm", which is a length
+            give amplitudes as lengths, or multiply by a radius: an angle times a length is an arc
+        x*sin(2*pi*t)   in deg; phi = "90 deg", x = "5 mm"
+            at x*sin(2*pi*t): formula: it comes to a length, but `unit` is "deg", which is an angle
+            give amplitudes as angles, or say unit = "mm" for a motor with a `lead`
+        phi*phi*t   in deg; phi = "90 deg"
+            at phi*phi*t: formula: it comes to an angle squared, but `unit` is "deg", which is an angle
+            one factor of a product is an angle or a length, the others are plain numbers
+        t/phi   in deg; phi = "90 deg"
+            at t/phi: formula: it comes to one over an angle, but `unit` is "deg", which is an angle
+            one factor of a product is an angle or a length, the others are plain numbers
+        sqrt(phi)*t*x   in deg; phi = "90 deg", x = "5 mm"
+            at sqrt(phi)*t*x: formula: it comes to angle^0.5·length^1, but `unit` is "deg", which is an angle
+            one factor of a product is an angle or a length, the others are plain numbers
+        2*phi/pi*asin(sin(t))   in deg; phi = "90 deg"
+            at 2*phi/pi*asin(sin(t)): formula: it comes to an angle squared, but `unit` is "deg", which is an angle
+            asin, acos, atan and atan2 give an angle here; for its number of rad divide by an angle, where = { rad = "1 rad" }
+        x*phi*t   in mm; phi = "90 deg", x = "5 mm"
+            no problem
+    "#]]
+    .assert_eq(&of_formulas(&misfits));
+    expect![[r#"
+        90*sin(x)   in deg; phi = "90 deg", x = "5 mm"
+            at x: formula: `sin` takes an angle, or a plain number in rad, but `x` is a length
+            divide the length by a length, such as the radius
+        90*cos(2*phi^2)   in deg; phi = "90 deg"
+            at 2*phi^2: formula: `cos` takes an angle, or a plain number in rad, but `2*phi^2` is an angle squared
+            one factor of a product is an angle or a length, the others are plain numbers
+        90*tan(a)   in step; a = "3 step"
+            at a: formula: `tan` takes an angle, or a plain number in rad, but `a` is a number of steps
+            give an angle in rev, deg or rad: of this motor a step is both an angle and a length
+        90*exp(-phi)   in deg; phi = "90 deg"
+            at -phi: formula: the argument of `exp` is to be a plain number, but `-phi` is an angle
+            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+        2^phi   in deg; phi = "90 deg"
+            at phi: formula: an exponent is to be a plain number, but `phi` is an angle
+            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+        phi^t   in deg; phi = "90 deg"
+            at t: formula: `phi` is an angle: its power must be a number, but `t` changes
+            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+        asin(phi)   in deg; phi = "90 deg"
+            at phi: formula: the argument of `asin` is to be a plain number, but `phi` is an angle
+            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+        90*exp(-atan(t))   in deg
+            at -atan(t): formula: the argument of `exp` is to be a plain number, but `-atan(t)` is an angle
+            asin, acos, atan and atan2 give an angle here; for its number of rad divide by an angle, where = { rad = "1 rad" }
+        90*sin(floor(phi*t))   in deg; phi = "90 deg"
+            at phi*t: formula: `floor` takes a plain number here, but `phi*t` is an angle
+            divide by what is to be counted, such as a parameter of "1 rev"
+        90*sin(x/x + sign(phi)*ln(phi/phi*2))   in deg; phi = "90 deg", x = "5 mm"
+            no problem
+    "#]]
+    .assert_eq(&of_formulas(&arguments));
+    expect![[r#"
+        if(x > 3, 1, 2)*t   in deg; phi = "90 deg", x = "5 mm"
+            at 3: formula: `3` has no unit, but `x` is a length: `unit` is "deg", and so does not say which
+            give it as a parameter with its unit, such as where = { x = "5 mm", phi = "90 deg" }
+        if(phi > 90, 1, 2)*t   in mm; phi = "90 deg", x = "5 mm"
+            at 90: formula: `90` has no unit, but `phi` is an angle: `unit` is "mm", and so does not say which
+            give it as a parameter with its unit, such as where = { x = "5 mm", phi = "90 deg" }
+        x*sin(phi + 3)   in mm; phi = "90 deg", x = "5 mm"
+            no problem
+        phi + pi/2*t   in deg; phi = "90 deg"
+            at pi/2*t: formula: `pi/2*t` beside the angle `phi` is a number of deg, as `unit` says
+            write it in deg, or as a parameter with its own unit, such as "90 deg"
+        x*(phi + pi/2 + asin(0.5))*t   in mm; phi = "90 deg", x = "5 mm"
+            no problem
+    "#]]
+    .assert_eq(&of_formulas(&bare));
+    expect![[r#"
+        180/pi*asin(t)   in deg
+            at 180/pi*asin(t): formula: `180/pi*asin(t)` converts an angle by hand: what asin, acos, atan and atan2 give is in deg here already
+            leave the factor out; for the number of rad divide by an angle, where = { rad = "1 rad" }
+        57.3*asin(t) + 5   in deg
+            at 57.3*asin(t): formula: `57.3*asin(t)` converts an angle by hand: what asin, acos, atan and atan2 give is in deg here already
+            leave the factor out; for the number of rad divide by an angle, where = { rad = "1 rad" }
+        asin(t)/(2*pi)   in rev
+            at asin(t)/(2*pi): formula: `asin(t)/(2*pi)` converts an angle by hand: what asin, acos, atan and atan2 give is in rev here already
+            leave the factor out; for the number of rad divide by an angle, where = { rad = "1 rad" }
+        atan2(t, 1)*0.1592   in rev
+            at atan2(t, 1)*0.1592: formula: `atan2(t, 1)*0.1592` converts an angle by hand: what asin, acos, atan and atan2 give is in rev here already
+            leave the factor out; for the number of rad divide by an angle, where = { rad = "1 rad" }
+        asin(t)*800/2/pi   in step
+            at asin(t)*800/2/pi: formula: `asin(t)*800/2/pi` converts an angle by hand: what asin, acos, atan and atan2 give is in step here already
+            leave the factor out; for the number of rad divide by an angle, where = { rad = "1 rad" }
+        90*2/pi*asin(sin(t))   in deg
+            at 90*2/pi*asin(sin(t)): formula: `90*2/pi*asin(sin(t))` converts an angle by hand: what asin, acos, atan and atan2 give is in deg here already
+            leave the factor out; for the number of rad divide by an angle, where = { rad = "1 rad" }
+        90*sin(2*pi*f*t)   in deg; f = "0.5 rev/s"
+            at 2*pi*f*t: formula: `2*pi*f*t` converts an angle by hand: `f` = 0.5 rev/s is in rad here already
+            leave the factor out, or give `f` in Hz
+        90*sin(6.28*f*t - 1)   in deg; f = "30 rpm"
+            at 6.28*f*t: formula: `6.28*f*t` converts an angle by hand: `f` = 30 rpm is in rad here already
+            leave the factor out, or give `f` in Hz
+        90*sin(2*pi*n/60*t)   in deg; n = "30 rpm"
+            at 2*pi*n/60*t: formula: `2*pi*n/60*t` converts an angle by hand: `n` = 30 rpm is in rad here already
+            leave the factor out, or give `n` in Hz
+        90*cos(phi*pi/180)   in deg; phi = "90 deg"
+            at phi*pi/180: formula: `phi*pi/180` converts an angle by hand: `phi` = 90 deg is in rad here already
+            leave the factor out
+        w*180/pi*t   in deg; w = "1 rad/s"
+            at w*180/pi*t: formula: `w*180/pi*t` converts an angle by hand: `w` = 1 rad/s is in deg here already
+            leave the factor out
+        360*f*t   in deg; f = "0.5 rev/s"
+            at 360*f*t: formula: `360*f*t` converts an angle by hand: `f` = 0.5 rev/s is in deg here already
+            leave the factor out, or give `f` in Hz
+        2*pi*f*t   in rad; f = "0.5 rev/s"
+            at 2*pi*f*t: formula: `2*pi*f*t` converts an angle by hand: `f` = 0.5 rev/s is in rad here already
+            leave the factor out, or give `f` in Hz
+        2*pi*r*f*t   in mm; r = "20 mm", f = "0.5 rev/s"
+            at 2*pi*r*f*t: formula: `2*pi*r*f*t` converts an angle by hand: `f` = 0.5 rev/s is in rad here already
+            leave the factor out, or give `f` in Hz
+        90*sin(2*pi*f*t - phi) + 2*pi*f*phi*t   in deg; f = "0.5 Hz", phi = "3 deg"
+            no problem
+    "#]].assert_eq(&of_formulas(&by_hand));
+}
+
 #[test]
 fn csv_files() {
     let table = |rest: &str| format!("law.table = {{ file = {rest}, unit = \"deg\" }}");

@@ -2,7 +2,8 @@
 
 use proptest::prelude::*;
 use pulsetrain_motion::law::{Class, Cursor, Curve, Piece};
-use pulsetrain_motion::{Law, LawError, Time};
+use pulsetrain_motion::{Law, LawError, Time, file};
+use std::f64::consts::{PI, TAU};
 
 fn law(text: &str) -> Law {
     Law::formula(text, &[("a".into(), 2.5), ("width".into(), 4.0)], 1.0, Some(Time::from_seconds(8.0))).unwrap()
@@ -147,6 +148,139 @@ fn sin_of(n: u64) -> f64 {
     angle.sin()
 }
 
+/// A motor with that `lead`, or none, under a formula.
+fn motor(lead: &str, unit: &str, theta: &str, parameters: &str) -> Law {
+    read(lead, unit, theta, parameters).unwrap_or_else(|error| panic!("{}", error.plain()))
+}
+
+fn read(lead: &str, unit: &str, theta: &str, parameters: &str) -> Result<Law, file::FileError> {
+    let text = format!(
+        "board = \"native\"\n[motor.m]\nsteps_per_rev = 200\nmicrosteps = 16\npins = {{ step = 2, dir = 3 }}\nforward = \"high\"\n\
+         driver = \"A4988\"\n{lead}\n[[motion]]\nmotor = \"m\"\n\
+         law.formula = {{ theta = \"{theta}\", unit = \"{unit}\", duration = \"8 s\", where = {{ {parameters} }} }}\n"
+    );
+    let none = |_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into());
+    file::read(&text, "x.toml", &none).map(|mut program| program.motors.remove(0).law)
+}
+
+const LEAD: &str = "lead = \"8 mm\"";
+
+fn in_steps(unit: &str) -> f64 {
+    match unit {
+        "deg" => 3200.0 / 360.0,
+        "rad" => 3200.0 / TAU,
+        "rev" => 3200.0,
+        "mm" => 400.0,
+        "cm" => 4000.0,
+        "full-step" => 16.0,
+        _ => 1.0,
+    }
+}
+
+/// Of a formula's value at some times, in its unit.
+#[track_caller]
+fn plays((lead, unit, theta, parameters): (&str, &str, &str, &str), expected: impl Fn(f64) -> f64) {
+    let law = motor(lead, unit, theta, parameters);
+    let mut cursor = Cursor::new(&law);
+    for t in [0.0, 0.3, 1.0, 2.7, 6.2] {
+        let got = cursor.at(Time::from_seconds(t)).unwrap().position / in_steps(unit);
+        let wanted = expected(t);
+        assert!(
+            (got - wanted).abs() <= 1e-11 * (1.0 + wanted.abs()),
+            "{theta} in {unit} at {t} s: {got}, not {wanted}"
+        );
+    }
+}
+
+#[test]
+fn angles_are_in_radians_in_sin_and_in_the_unit_elsewhere() {
+    let shifted = "A*(1+sin(2*pi*0.5*t-phi))";
+    plays(("", "deg", shifted, "A = 40, phi = \"90 deg\""), |t| 40.0 * (1.0 - (PI * t).cos()));
+    plays(("", "rev", shifted, "A = \"40 deg\", phi = \"0.25 rev\""), |t| (1.0 - (PI * t).cos()) / 9.0);
+    let omega: f64 = "3.14159265".parse().unwrap();
+    plays(("", "deg", "90*sin(omega*t)", "omega = \"3.14159265 rad/s\""), |t| 90.0 * (omega * t).sin());
+    plays(("", "deg", "90*sin(f*t)", "f = \"30 rpm\""), |t| 90.0 * (PI * t).sin());
+    plays(("", "deg", "90*sin(f*t)", "f = \"0.5 Hz\""), |t| 90.0 * (0.5 * t).sin());
+    plays(("", "deg", "20*sin(a*t^2)", "a = \"90 deg/s^2\""), |t| 20.0 * (0.5 * PI * t * t).sin());
+    plays(("", "deg", "phi + 10*t", "phi = \"0.25 rev\""), |t| 90.0 + 10.0 * t);
+    plays(("", "deg", "phi*cos(phi)*t", "phi = \"60 deg\""), |t| 30.0 * t);
+    plays(("", "deg", "tan(phi)*t + cos(2*t + if(phi > 1, 1, 0))", "phi = \"60 deg\""), |t| {
+        3.0_f64.sqrt() * t + (2.0 * t + 1.0).cos()
+    });
+    plays(("", "deg", "if(phi > 1.5, 7, 8)*t", "phi = \"2 deg\""), |t| 7.0 * t);
+    // A shift in time, and a swing from the speed that it has.
+    plays(("", "deg", "v/(2*pi*f)*sin(2*pi*f*t)", "v = \"90 deg/s\", f = \"0.5 Hz\""), |t| 90.0 / PI * (PI * t).sin());
+    plays(("", "deg", "mod(w*t, 720) + 0*t", "w = \"0.25 rev/s\""), |t| 90.0 * t);
+}
+
+/// The tables of docs/motion-files.md: what is good, what is refused, and what to write instead.
+#[test]
+fn the_documented_formulas_are_what_the_tables_say() {
+    let docs = include_str!("../../../docs/motion-files.md");
+    let section = docs.split("### Dimensions").nth(1).unwrap().split("\n## ").next().unwrap();
+    let is_good = |theta: &str| {
+        let parameters = "phi = \"90 deg\", x = \"5 mm\", r = \"20 mm\", f = \"0.5 Hz\", n = \"30 rpm\", rad = \"1 rad\", y = \"3 mm\"";
+        read("", "deg", theta, parameters).is_ok()
+    };
+    let mut rows = [0, 0];
+    for cells in section.lines().filter(|line| line.starts_with("| `")).map(|line| line.split('|').collect::<Vec<_>>())
+    {
+        let formula = |cell: &str| cell.split('`').nth(1).unwrap().to_owned();
+        let is_refused = cells.len() == 5;
+        rows[usize::from(is_refused)] += 1;
+        assert_eq!(is_good(&formula(cells[1])), !is_refused, "{}", cells[1]);
+        assert!(!is_refused || is_good(&formula(cells[3])), "{}", cells[3]);
+    }
+    assert_eq!(rows, [4, 8]);
+}
+
+#[test]
+fn inverse_functions_give_angles() {
+    plays(("", "deg", "asin(0.5)*t", ""), |t| 30.0 * t);
+    plays(("", "rev", "atan2(-1, 1)*t + acos(0.5)", ""), |t| t / -8.0 + 1.0 / 6.0);
+    plays(("", "rad", "180/pi*asin(0.5)*t", ""), |t| 30.0 * t);
+    plays((LEAD, "mm", "20*2/pi*asin(sin(pi*t/2)*0.9)", ""), |t| 40.0 / PI * (0.9 * (PI * t / 2.0).sin()).asin());
+    // A crank of 20 mm and a rod of 60 mm.
+    let rod = "asin(r*sin(w*t)/l)";
+    plays(("", "deg", rod, "r = \"20 mm\", l = \"6 cm\", w = \"1 rad/s\""), |t| (t.sin() / 3.0).asin().to_degrees());
+    plays((LEAD, "deg", rod, "r = \"20 mm\", l = \"6 cm\", w = \"1 rad/s\""), |t| (t.sin() / 3.0).asin().to_degrees());
+    plays(("", "deg", "sin(asin(t/10))", ""), |t| t / 10.0);
+    plays(("", "step", "atan(t)", ""), |t| t.atan() * 3200.0 / TAU);
+    // A triangle: the peak is A.
+    plays(("", "deg", "A*asin(0.8*sin(t))/asin(1)", "A = \"90 deg\""), |t| (0.8 * t.sin()).asin().to_degrees());
+}
+
+#[test]
+fn lengths_keep_to_lengths() {
+    plays((LEAD, "mm", "sqrt(r^2 - (s*sin(t))^2)", "r = \"5 cm\", s = \"30 mm\""), |t| {
+        (2500.0 - 900.0 * t.sin().powi(2)).sqrt()
+    });
+    plays((LEAD, "mm", "hypot(r, s + 3*t) - min(r, 0)", "r = \"5 cm\", s = \"30 mm\""), |t| {
+        50f64.hypot(30.0 + 3.0 * t)
+    });
+    plays((LEAD, "cm", "(r^3)^(1/3)*t*0 + r", "r = \"80 mm\""), |_| 8.0);
+    // The cycloid: an angle times a length is an arc.
+    plays((LEAD, "mm", "r*w*t - r*sin(w*t)", "r = \"20 mm\", w = \"90 deg/s\""), |t| {
+        20.0 * (PI / 2.0 * t - (PI / 2.0 * t).sin())
+    });
+    plays((LEAD, "mm", "a*exp(-t/T)", "a = \"20 mm\", T = \"500 ms\""), |t| 20.0 * (-2.0 * t).exp());
+}
+
+/// Steps are angles where the unit is one or the motor turns, lengths where the unit is one; else both fit.
+#[test]
+fn steps_are_angles_or_lengths() {
+    plays(("", "deg", "A*t + 10*sin(B*t)", "A = \"320 step\", B = \"800 step\""), |t| {
+        36.0 * t + 10.0 * (PI / 2.0 * t).sin()
+    });
+    plays(("", "step", "A*t + 10*sin(A*t)", "A = \"90 deg\""), |t| 800.0 * t + 10.0 * (PI / 2.0 * t).sin());
+    plays(("", "full-step", "A + 1*t", "A = \"90 deg\""), |t| 50.0 + t);
+    plays((LEAD, "mm", "A*sin(A/l*t)", "A = \"800 step\", l = \"4 mm\""), |t| 2.0 * (t / 2.0).sin());
+    plays((LEAD, "step", "A*sin(t) + B*t", "A = \"2 mm\", B = \"1 step\""), |t| 800.0 * t.sin() + t);
+    plays((LEAD, "step", "A*sin(t) + B*t + 5", "A = \"90 deg\", B = \"1 full-step\""), |t| {
+        800.0 * t.sin() + 16.0 * t + 5.0
+    });
+}
+
 /// Formulas that are defined everywhere, with branches that meet.
 fn formulas() -> impl Strategy<Value = String> {
     let leaf = prop_oneof![
@@ -211,6 +345,45 @@ proptest! {
             let off = (piece.curve.value(v) - taylor).abs();
             let bound = bounds.eighth * x.powi(8) + slack + own + jet[1].abs() * v * f64::EPSILON;
             prop_assert!(off <= bound, "{text}: {off:e} > {bound:e}, x = {x}, {bounds:?}");
+        }
+    }
+
+    #[test]
+    fn no_text_with_dimensions_makes_the_parser_panic(
+        text in "([-+*/^(),<]|[0-9]{1,2}|t|phi|x|s|f|sin\\(|asin\\(|sqrt\\(|max\\(|floor\\(|if\\(|pi){0,30}",
+        unit in "deg|rad|step|mm", has_lead in any::<bool>(),
+    ) {
+        let parameters = "phi = \"90 deg\", x = \"5 mm\", s = \"5 step/s\", f = \"0.5 Hz\"";
+        if let Err(error) = read(if has_lead { LEAD } else { "" }, &unit, &text, parameters) {
+            prop_assert!(error.problems().iter().all(|problem| problem.place().0 >= 8), "{}", error.plain());
+        }
+    }
+
+    /// One motion, said in different units.
+    #[test]
+    fn units_change_no_law(a in 1.0_f64..400.0, w in -400.0_f64..400.0, phi in -400.0_f64..400.0, k in 0.0_f64..0.9) {
+        let theta = "A*(1 + sin(w*t - phi)) + w*t*cos(phi)/2 + asin(k*sin(w*t/3)) + max(phi, w*t - A)";
+        let laws: Vec<Law> = [("deg", 1.0), ("rad", TAU / 360.0), ("rev", 1.0 / 360.0)]
+            .into_iter()
+            .flat_map(|(unit, size)| {
+                let parameters = format!(
+                    "A = \"{:e} {unit}\", w = \"{:e} {unit}/s\", phi = \"{:e} {unit}\", k = {k:e}",
+                    a * size, w * size, phi * size
+                );
+                ["deg", "rad", "rev", "step"].map(|unit| motor("", unit, theta, &parameters))
+            })
+            .collect();
+        let per_degree = in_steps("deg");
+        for t in [0.0, 0.37, 1.9, 7.1] {
+            let turned = w * t - phi;
+            let expected = a * (1.0 + turned.to_radians().sin())
+                + w * t * phi.to_radians().cos() / 2.0
+                + (k * (w * t / 3.0).to_radians().sin()).asin().to_degrees()
+                + phi.max(w * t - a);
+            for (which, law) in laws.iter().enumerate() {
+                let got = Cursor::new(law).at(Time::from_seconds(t)).unwrap().position / per_degree;
+                prop_assert!((got - expected).abs() < 1e-9 * (1.0 + expected.abs()), "{which} at {t} s: {got}, not {expected}");
+            }
         }
     }
 

@@ -219,6 +219,43 @@ fn a_delta_robot_follows_tables_and_formulas() {
     }
 }
 
+/// Angles are in radians in sin and cos; lengths, arcs and the robot's own lengths are in the path's unit.
+#[test]
+fn angles_in_a_delta_robot_s_formulas_are_angles() {
+    let path = |z: &str, parameters: &str| {
+        let path = format!(
+            "path.formula = {{ x = \"r*cos(w*t - phi)\", y = \"r*sin(w*t - phi)\", z = \"{z}\", unit = \"cm\", duration = \"5 s\", \
+             where = {{ {parameters} }} }}"
+        );
+        DELTA.replace(LINES, &path)
+    };
+    const PARAMETERS: &str = "r = \"20 mm\", w = \"45 deg/s\", phi = \"90 deg\"";
+    let text = path("-14 + r/4*acos(cos(phi/3))*w*t", PARAMETERS).replace(MOTION, &format!("{MOTION}ease = \"1 s\"\n"));
+    let robot = program(&text);
+    let quarter = std::f64::consts::FRAC_PI_4;
+    for k in 0..=60 {
+        let [x, y, z] = tip(&robot, f64::from(k) * 0.1);
+        // 5 mm times 30° in radians times the angle that it has turned by.
+        let turned = (z + 140.0) / (5.0 * quarter * 2.0 / 3.0);
+        let angle = turned - 2.0 * quarter;
+        assert!((x - 20.0 * angle.cos()).abs() < 1e-8 && (y - 20.0 * angle.sin()).abs() < 1e-8, "({x}, {y}, {z})");
+    }
+    let used = robot.motors[2].law.formula_parameters()[0];
+    assert_eq!(used[0].outside, Some((2.0, "cm".to_owned())));
+    assert_eq!(used[2].in_trig, Some((2.0 * quarter, "rad".to_owned())));
+    let refused = |z: &str, parameters: &str| read(&path(z, parameters)).unwrap_err().plain();
+    expect![[r#"
+        x.toml:34:71: formula: it comes to an angle, but `unit` is "cm", which is a length
+            give amplitudes as lengths, or multiply by a radius: an angle times a length is an arc
+    "#]]
+    .assert_eq(&refused("-phi", PARAMETERS));
+    expect![[r#"
+        x.toml:34:167: `n` must be a length: x is a coordinate of the tip
+            write it in mm, cm or m
+    "#]]
+    .assert_eq(&refused("-14", &format!("{PARAMETERS}, n = \"3 step\"")));
+}
+
 #[test]
 fn slack_is_of_the_machine() {
     let text =

@@ -3,7 +3,7 @@
 use std::fmt::{self, Display};
 
 use pulsetrain_motion::file::{ColumnUse, TableColumns};
-use pulsetrain_motion::law::Class;
+use pulsetrain_motion::law::{Class, ParameterUse};
 use pulsetrain_motion::program::{Board, Motor};
 use pulsetrain_plan::Certificate;
 use pulsetrain_trace::verdict;
@@ -215,6 +215,73 @@ pub struct MotorReport {
     pub unit: String,
     /// Steps in one of it.
     pub steps_per_unit: f64,
+    /// The formulas that have parameters, each once.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub formulas: Vec<FormulaReport>,
+}
+
+/// What a formula was read with.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FormulaReport {
+    /// Its parameters, in the file's order.
+    pub parameters: Vec<ParameterReport>,
+}
+
+/// A parameter of a formula, as it was used.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ParameterReport {
+    /// Its name.
+    pub name: String,
+    /// As the file has it.
+    pub written: String,
+    /// What it is outside of sin, cos and tan; `None` if it is not used there.
+    pub outside: Option<Amount>,
+    /// What it is in sin, cos and tan; `None` if it is not used there.
+    pub in_trig: Option<Amount>,
+}
+
+/// A number and its unit, which is empty for a plain number.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Amount {
+    /// The number.
+    pub value: f64,
+    /// Its unit.
+    pub unit: String,
+}
+
+impl ParameterReport {
+    fn new(used: &ParameterUse) -> ParameterReport {
+        let amount = |used: &Option<(f64, String)>| used.clone().map(|(value, unit)| Amount { value, unit });
+        ParameterReport {
+            name: used.name.clone(),
+            written: used.written.clone(),
+            outside: amount(&used.outside),
+            in_trig: amount(&used.in_trig),
+        }
+    }
+}
+
+/// "phi = 90 deg (1.570796 rad in sin)".
+impl Display for ParameterReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let ParameterReport { name, written, outside, in_trig } = self;
+        let plain = written.replace("^2", "²").replace("^3", "³");
+        let is_written = |amount: &Amount| {
+            let number = plain.strip_suffix(&amount.unit);
+            number.is_some_and(|number| !number.ends_with(|c: char| c.is_alphabetic() || matches!(c, '/' | '-')))
+        };
+        let said = |amount: &Amount| format!("{} {}", human::significant(amount.value, 7), amount.unit);
+        let mut notes: Vec<String> = outside.iter().filter(|amount| !is_written(amount)).map(said).collect();
+        if let Some(amount) = in_trig.as_ref().filter(|amount| !is_written(amount) && outside.as_ref() != Some(*amount))
+        {
+            notes.push(format!("{} in sin", said(amount)));
+        }
+        if outside.is_none() && in_trig.is_none() {
+            notes.push("not used".to_owned());
+        }
+        write!(f, "{name} = {written}")?;
+        if notes.is_empty() { Ok(()) } else { write!(f, " ({})", notes.join(", ")) }
+    }
 }
 
 /// A motion that stays behind its law.
@@ -280,6 +347,7 @@ impl MotorReport {
                 .collect(),
             unit: motor.scale.unit.clone(),
             steps_per_unit: motor.scale.steps_per_unit,
+            formulas: formulas(motor),
         }
     }
 
@@ -310,6 +378,36 @@ impl MotorReport {
     fn counts_steps(&self) -> bool {
         human::unit(&self.unit) == "steps"
     }
+}
+
+/// The parameters of a motor's formulas; motions that are the same in this have them once.
+fn formulas(motor: &Motor) -> Vec<FormulaReport> {
+    let mut formulas: Vec<FormulaReport> = Vec::new();
+    for parameters in motor.law.formula_parameters() {
+        let formula = FormulaReport { parameters: parameters.iter().map(ParameterReport::new).collect() };
+        if !formula.parameters.is_empty() && !formulas.contains(&formula) {
+            formulas.push(formula);
+        }
+    }
+    formulas
+}
+
+/// A line for each formula, and motors that have the same parameters on one.
+fn write_parameters(f: &mut fmt::Formatter<'_>, motors: &[MotorReport]) -> fmt::Result {
+    let mut lines: Vec<(&FormulaReport, Vec<&str>)> = Vec::new();
+    for motor in motors {
+        for formula in &motor.formulas {
+            match lines.iter_mut().find(|(known, _)| *known == formula) {
+                Some((_, names)) => names.push(&motor.name),
+                None => lines.push((formula, vec![&motor.name])),
+            }
+        }
+    }
+    for (formula, names) in &lines {
+        let parameters: Vec<String> = formula.parameters.iter().map(ToString::to_string).collect();
+        writeln!(f, "  parameters of {}: {}", names.join(", "), parameters.join(", "))?;
+    }
+    if lines.is_empty() { Ok(()) } else { writeln!(f) }
 }
 
 /// One line of a table: what it is, and its value for a motor, if it has one; the last argument is a tick in s.
@@ -473,6 +571,7 @@ impl Display for PlanReport {
             let table = side_by_side(motors, |motor| &motor.name, PLANNED, tick_s);
             writeln!(f, "\n{table}")?;
         }
+        write_parameters(f, &self.motors)?;
         self.motors.iter().filter(|motor| motor.stays()).try_for_each(|motor| {
             writeln!(
                 f,

@@ -92,6 +92,42 @@ fn plans() {
     assert_eq!(report["motors"].as_array().unwrap().len(), 4);
 }
 
+/// Each parameter of a formula with the numbers that it stands for: one in sin, another in the motion's unit.
+#[test]
+fn a_plan_says_what_a_formula_s_parameters_are() {
+    let folder = Folder::new("parameters");
+    let motor = |name: &str, pins: &str| {
+        format!(
+            "[motor.{name}]\nsteps_per_rev = 200\nmicrosteps = 4\ndriver = \"A4988\"\npins = {{ {pins} }}\nforward = \"high\"\n"
+        )
+    };
+    let formula = "law.formula = { theta = \"A*(1 - sin(phi)) + A*sin(2*pi*f*t/T - phi)*sin(w*t)^2 + k*t\", unit = \"deg\", \
+                   duration = \"2 s\", where = { A = \"0.25 rev\", phi = \"90 deg\", f = \"0.5 Hz\", T = \"2000 ms\", \
+                   w = \"3.141592653589793 rad/s\", k = 3, b = \"1 deg/s^2\" } }";
+    let motion = format!("[[motion]]\nmotors = [\"left\", \"right\"]\nease = \"0.5 s\"\n{formula}\n");
+    let file = folder.path("parameters.toml");
+    let text = format!(
+        "board = \"native\"\n{}{}{motion}{motion}",
+        motor("left", "step = 2, dir = 3"),
+        motor("right", "step = 4, dir = 5")
+    );
+    std::fs::write(&file, text).unwrap();
+    let outcome = pulsetrain(&["plan", &file]);
+    assert_eq!(outcome.exit, Exit::Success, "{}", outcome.err);
+    let lines: Vec<&str> = outcome.out.lines().filter(|line| line.contains("parameters of")).collect();
+    let wanted = "  parameters of left, right: A = 0.25 rev (90 deg), phi = 90 deg (1.570796 rad in sin), f = 0.5 Hz, \
+                  T = 2000 ms (2 s in sin), w = 3.141592653589793 rad/s, k = 3, b = 1 deg/s^2 (not used)";
+    assert_eq!(lines, [wanted], "{}", outcome.out);
+    let report: serde_json::Value = serde_json::from_str(&pulsetrain(&["plan", &file, "--json"]).out).unwrap();
+    let formulas = report["motors"][1]["formulas"].as_array().unwrap();
+    assert_eq!(formulas.len(), 1);
+    let phi = &formulas[0]["parameters"][1];
+    assert_eq!(phi["written"], "90 deg");
+    assert_eq!(phi["outside"], serde_json::Value::Null);
+    assert_eq!(phi["in_trig"]["unit"], "rad");
+    assert!((phi["in_trig"]["value"].as_f64().unwrap() - std::f64::consts::FRAC_PI_2).abs() < 1e-15);
+}
+
 #[test]
 fn a_script_hears_of_a_refusal_too() {
     let outcome = pulsetrain(&["plan", &example("tutorial-0.01s.toml"), "--json"]);

@@ -225,9 +225,11 @@ impl Context<'_> {
         self.made(node, Law::timer_ramp(law))
     }
 
-    /// Steps in one of the unit that a formula's positions are in.
-    pub(super) fn unit(&self, node: &Node) -> Read<f64> {
-        self.steps_in(node, &position_unit(node)?)
+    /// One of the unit that a formula's positions are in, and its steps.
+    pub(super) fn position_unit(&self, node: &Node) -> Read<(Quantity, f64)> {
+        let one = position_unit(node)?;
+        let steps = self.steps_in(node, &one)?;
+        Ok((one, steps))
     }
 
     /// Steps in one of a unit of position, which is used at `node`.

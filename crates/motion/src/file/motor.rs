@@ -145,6 +145,11 @@ impl Gearing {
         }
     }
 
+    /// Steps in a turn of what the motor drives.
+    pub(super) fn steps_per_turn(&self) -> f64 {
+        self.steps_per_turn
+    }
+
     /// Steps in a radian of what the motor drives.
     pub(super) fn steps_per_rad(&self) -> f64 {
         self.steps_per_turn / std::f64::consts::TAU

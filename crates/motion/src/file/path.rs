@@ -9,6 +9,7 @@ use super::reader::{Node, Read, Section};
 use super::refuse;
 use crate::Time;
 use crate::law::extent::{Extent, farthest_beyond};
+use crate::law::formula::dimension::{Parameter, Unit};
 use crate::law::{Cursor, Law, LawError, Orbit, Sample};
 use crate::machine::Delta;
 use crate::program::Limits;
@@ -40,7 +41,7 @@ struct Path<'a> {
 
 enum Form<'a> {
     /// In text, with its parameters.
-    Text { texts: Vec<&'a str>, parameters: Vec<(String, f64)>, mm_per_unit: f64, duration: Time },
+    Text { texts: Vec<&'a str>, parameters: Vec<Parameter>, mm_per_unit: f64, duration: Time },
     /// Polynomials; rows of a file can be pointed at.
     Polynomials { table: Option<(Node<'a>, Points)> },
     /// Laws of other kinds.
@@ -307,9 +308,11 @@ impl Reading<'_> {
             Form::Text { texts, parameters, mm_per_unit, duration } => {
                 // In the formula's own unit, so that its parameters mean the same.
                 let robot = robot.in_unit(*mm_per_unit);
+                // What its coordinates measure has been looked at; the robot's lengths in the text are plain numbers.
+                let parameters: Vec<Parameter> = parameters.iter().map(Parameter::without_dimension).collect();
                 let law = |arm| {
                     let text = robot.formula(arm, [texts[0], texts[1], texts[2]]);
-                    Law::formula(&text, parameters, steps_per_rad(arm), Some(*duration))
+                    Law::formula_in(&text, &parameters, &Unit::plain(steps_per_rad(arm)), Some(*duration))
                         .map_err(|error| LawError::Parameter(error.message))
                 };
                 made(node, (0..3).map(law))?
@@ -594,13 +597,14 @@ fn formula<'a>(contexts: &[Context<'_>], node: &Node<'a>) -> Read<Path<'a>> {
     let (mut coordinates, mut texts, mut parameters, mut scale) = (Vec::new(), Vec::new(), Vec::new(), 1.0);
     for (name, context) in names.iter().zip(contexts) {
         let text = p.need(name, &format!("{name} = \"20*cos(2*pi*t)\""))?;
-        scale = context.unit(&unit)?;
+        let unit = context.formula_unit(&unit)?;
+        scale = unit.steps;
         parameters = match p.get("where") {
-            Some(node) => context.formula_parameters(&node, scale)?,
+            Some(node) => context.formula_parameters(&node, &unit)?,
             None => Vec::new(),
         };
         let written = text.text(&format!("{name} = \"20*cos(2*pi*t)\""))?;
-        let law = context.formula_of(&text, written, &parameters, scale, duration)?;
+        let law = context.formula_of(&text, written, &parameters, &unit, duration)?;
         // Where it is undefined or jumps is told here, in the coordinate's own words.
         if is_delta && let Some(error) = broken(&law) {
             return Err(refuse(&text, &error));

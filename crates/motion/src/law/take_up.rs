@@ -142,8 +142,13 @@ impl TakeUp {
         self.sum[1].end()
     }
 
+    /// What it takes up the slack of.
+    pub(super) const fn law(&self) -> &Law {
+        &self.sum[0]
+    }
+
     pub(super) fn class(&self) -> Class {
-        self.sum[0].class().max(Class::Enclosed)
+        self.law().class().max(Class::Enclosed)
     }
 
     pub(super) fn pieces(&self) -> Pieces<'_> {

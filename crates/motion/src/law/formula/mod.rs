@@ -2,6 +2,7 @@
 //!
 //! # What is here
 //! - `parse`: text → tree, errors that point
+//! - `dimension`: what the parts measure, and which go together; looked at while the text is read, and nowhere later
 //! - `resolve`: a tree on a window of time → a smooth expression; every branch is decided there, or the window is cut
 //! - `form`: polynomials plus sinusoids, folded when the formula is read: their windows are plain [`Curve`]s
 //! - `tape`: any other smooth expression, as a flat list of operations that allocates nothing for a jet
@@ -10,8 +11,14 @@
 //! # The language
 //! `t` is the time in seconds; numbers, named parameters, `pi`, `tau`, `e`; `+ - * / ^`; comparisons, `and`, `or`,
 //! `not`; `if(condition, a, b)`, `piecewise(c1, a1, c2, a2, …, otherwise)`; sin cos tan asin acos atan atan2 sinh cosh
-//! tanh exp ln log sqrt pow hypot abs sign min max clamp floor ceil round mod. Angles are in radians, `log` is natural.
+//! tanh exp ln log sqrt pow hypot abs sign min max clamp floor ceil round mod. `log` is natural.
+//!
+//! # Units
+//! Parameters keep what they measure. A number is in radians inside of sin, cos and tan, and in the formula's unit elsewhere; so is a parameter
+//! that is an angle, which has two numbers then. asin, acos, atan and atan2 give radians inside of sin, cos and tan, and the formula's unit
+//! elsewhere if that is one of angles.
 
+pub(crate) mod dimension;
 mod form;
 mod parse;
 mod resolve;
@@ -21,6 +28,7 @@ mod tape;
 
 use super::{Curve, Double, Entry, Law, LawError, Piece, meet};
 use crate::Time;
+use dimension::{Amount, Parameter, Unit};
 use form::Form;
 use parse::{Kind, Node};
 use resolve::{NARROWEST_S, Resolver, Smooth, Stop};
@@ -38,6 +46,14 @@ pub struct FormulaError {
     pub length: usize,
     /// What is wrong with it.
     pub message: String,
+    /// What to write instead, if that is more than the message says.
+    pub help: String,
+}
+
+impl FormulaError {
+    fn helped(self, help: impl Into<String>) -> FormulaError {
+        FormulaError { help: help.into(), ..self }
+    }
 }
 
 /// θ(t) in text.
@@ -46,6 +62,20 @@ pub struct Formula {
     text: String,
     tree: Node,
     duration: Option<Time>,
+    parameters: Vec<ParameterUse>,
+}
+
+/// A parameter of a formula, as it was used: with another number inside of sin, cos and tan if it is an angle.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ParameterUse {
+    /// Its name in the formula.
+    pub name: String,
+    /// As the file has it: "90 deg".
+    pub written: String,
+    /// Its number outside of sin, cos and tan and its unit, which is empty for a plain number; `None` if it is not used there.
+    pub outside: Option<(f64, String)>,
+    /// The same inside of sin, cos and tan.
+    pub in_trig: Option<(f64, String)>,
 }
 
 /// The longest window, s.
@@ -85,21 +115,60 @@ impl Law {
         steps_per_unit: f64,
         duration: Option<Time>,
     ) -> Result<Law, FormulaError> {
-        let whole = |message: String| FormulaError { offset: 0, length: text.len(), message };
-        if let Some((name, value)) = parameters.iter().find(|(_, value)| !value.is_finite()) {
-            return Err(whole(format!("the parameter `{name}` is {value}: out of range")));
+        let parameters: Vec<Parameter> =
+            parameters.iter().map(|(name, value)| Parameter::plain(name, *value)).collect();
+        Law::formula_in(text, &parameters, &Unit::plain(steps_per_unit), duration)
+    }
+
+    /// The same with parameters that have dimensions, and a result in `unit`.
+    pub(crate) fn formula_in(
+        text: &str,
+        parameters: &[Parameter],
+        unit: &Unit,
+        duration: Option<Time>,
+    ) -> Result<Law, FormulaError> {
+        let whole = |message: String| parse::error((0, text.len()), message);
+        let mut numbers = parameters.iter().flat_map(|p| [(&p.name, &p.outside), (&p.name, &p.in_trig)]);
+        if let Some((name, Amount { value, .. })) = numbers.find(|(_, amount)| !amount.value.is_finite()) {
+            return Err(whole(format!("the parameter `{name}` is {}: out of range", value.nearest())));
         }
-        if !steps_per_unit.is_finite() {
-            return Err(whole(format!("{steps_per_unit} steps in a unit: out of range")));
+        if !unit.steps.is_finite() {
+            return Err(whole(format!("{} steps in a unit: out of range", unit.steps)));
         }
         if duration.is_some_and(|d| d <= Time::ZERO) {
             return Err(whole("the duration must be positive".into()));
         }
-        let tree = parse::parse(text, parameters)?;
-        let span = tree.span;
-        let scale = Node::new(Kind::Number(Double::from(steps_per_unit)), span)?;
-        let tree = Node::new(Kind::Multiply(scale, tree), span)?;
-        Ok(Law::Formula(Arc::new(Formula { text: text.into(), tree, duration })))
+        let parsed = parse::parse(text, parameters, unit)?;
+        let span = parsed.tree.span;
+        let scale = Node::new(Kind::Number(Double::from(unit.steps)), span)?;
+        let tree = Node::new(Kind::Multiply(scale, parsed.tree), span)?;
+        let shown = |is_used: bool, amount: &Amount| is_used.then(|| (amount.value.nearest(), amount.unit.clone()));
+        let parameters = parameters.iter().zip(parsed.used).map(|(p, [outside, in_trig])| ParameterUse {
+            name: p.name.clone(),
+            written: p.written.clone(),
+            outside: shown(outside, &p.outside),
+            in_trig: shown(in_trig, &p.in_trig),
+        });
+        let parameters = parameters.collect();
+        Ok(Law::Formula(Arc::new(Formula { text: text.into(), tree, duration, parameters })))
+    }
+
+    /// The parameters of each formula in it, in the order in which it has them.
+    #[must_use]
+    pub fn formula_parameters(&self) -> Vec<&[ParameterUse]> {
+        match self {
+            Law::Formula(formula) => vec![&formula.parameters],
+            Law::Sum(laws) | Law::Then(laws) => laws.iter().flat_map(Law::formula_parameters).collect(),
+            Law::Changed(changed) => changed.law.formula_parameters(),
+            Law::Repeated(repeated) => repeated.law.formula_parameters(),
+            Law::Blended(blended) => blended.law().formula_parameters(),
+            Law::Warped(warped) => warped.law().formula_parameters(),
+            Law::TakeUp(take_up) => take_up.law().formula_parameters(),
+            Law::Sine(_) | Law::Steady(_) | Law::Fixed(_) | Law::Circle(_) | Law::Lorenz(_) | Law::Winch(_) => {
+                Vec::new()
+            }
+            Law::Slack(_) => Vec::new(),
+        }
     }
 }
 

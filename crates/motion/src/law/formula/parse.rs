@@ -1,6 +1,7 @@
 //! Text → expression tree. Functions with branches or simple identities are spelled out by the smooth ones here.
 
 use super::FormulaError;
+use super::dimension::{Measure, Parameter, Place, Unit};
 use crate::law::double::Double;
 use std::sync::Arc;
 
@@ -69,9 +70,23 @@ pub(super) enum Test {
     Zero,
 }
 
+/// A number, and what it measures.
+#[derive(Clone, Debug)]
+pub(super) struct Typed {
+    pub(super) node: Node,
+    pub(super) measure: Measure,
+}
+
 enum Term {
-    Number(Node),
+    Number(Typed),
     Truth(Condition, Span),
+}
+
+/// A formula that has been read.
+pub(super) struct Parsed {
+    pub(super) tree: Node,
+    /// Of each parameter, whether it stands outside of sin, cos and tan, and whether in them.
+    pub(super) used: Vec<[bool; 2]>,
 }
 
 const FUNCTIONS: [(&str, usize); 28] = [
@@ -107,20 +122,23 @@ const FUNCTIONS: [(&str, usize); 28] = [
 
 const CONSTANTS: [(&str, Double); 3] = [("pi", Double::PI), ("tau", Double::TAU), ("e", Double::E)];
 
-/// Reads `text`, in which `parameters` are known by name.
-pub(super) fn parse(text: &str, parameters: &[(String, f64)]) -> Result<Node, FormulaError> {
-    let mut parser = Parser { text, at: 0, depth: 0, parameters };
+/// Reads `text`, in which `parameters` are known by name, and whose result is in `unit`.
+pub(super) fn parse(text: &str, parameters: &[Parameter], unit: &Unit) -> Result<Parsed, FormulaError> {
+    let place = Place { text, unit, parameters, in_trig: false };
+    let mut parser = Parser { text, at: 0, depth: 0, place, used: vec![[false; 2]; parameters.len()] };
     let term = parser.either()?;
     parser.blank();
     if parser.at < text.len() {
         let length = parser.rest().chars().next().map_or(0, char::len_utf8);
         return Err(error((parser.at, length), "an operator or the end is expected here"));
     }
-    parser.number(term)
+    let whole = parser.number(term)?;
+    parser.place.result(&whole)?;
+    Ok(Parsed { tree: whole.node, used: parser.used })
 }
 
-fn error(span: Span, message: impl Into<String>) -> FormulaError {
-    FormulaError { offset: span.0, length: span.1, message: message.into() }
+pub(super) fn error(span: Span, message: impl Into<String>) -> FormulaError {
+    FormulaError { offset: span.0, length: span.1, message: message.into(), help: String::new() }
 }
 
 fn join(a: Span, b: Span) -> Span {
@@ -206,7 +224,8 @@ struct Parser<'a> {
     text: &'a str,
     at: usize,
     depth: u32,
-    parameters: &'a [(String, f64)],
+    place: Place<'a>,
+    used: Vec<[bool; 2]>,
 }
 
 impl<'a> Parser<'a> {
@@ -254,9 +273,9 @@ impl<'a> Parser<'a> {
         (self.at, self.rest().chars().next().map_or(0, char::len_utf8))
     }
 
-    fn number(&self, term: Term) -> Result<Node, FormulaError> {
+    fn number(&self, term: Term) -> Result<Typed, FormulaError> {
         match term {
-            Term::Number(node) => Ok(node),
+            Term::Number(number) => Ok(number),
             Term::Truth(_, span) => Err(error(span, "a number is expected, but this is a condition: use if(…, …, …)")),
         }
     }
@@ -264,7 +283,9 @@ impl<'a> Parser<'a> {
     fn truth(&self, term: Term) -> Result<(Condition, Span), FormulaError> {
         match term {
             Term::Truth(condition, span) => Ok((condition, span)),
-            Term::Number(node) => Err(error(node.span, "a condition is expected, such as t < 2, but this is a number")),
+            Term::Number(number) => {
+                Err(error(number.node.span, "a condition is expected, such as t < 2, but this is a number"))
+            }
         }
     }
 
@@ -318,8 +339,9 @@ impl<'a> Parser<'a> {
             let a = self.number(left)?;
             let right = self.sum()?;
             let b = self.number(right)?;
-            let span = join(a.span, b.span);
-            let difference = |x: &Node, y: &Node| Node::new(Kind::Subtract(x.clone(), y.clone()), span);
+            self.place.alike(&a, &b, "they cannot be compared")?;
+            let span = join(a.node.span, b.node.span);
+            let difference = |x: &Typed, y: &Typed| Node::new(Kind::Subtract(x.node.clone(), y.node.clone()), span);
             let is = match symbol {
                 "<" => Condition::Is(Test::Positive, difference(&b, &a)?),
                 "<=" => Condition::Is(Test::NotNegative, difference(&b, &a)?),
@@ -343,9 +365,15 @@ impl<'a> Parser<'a> {
             let a = self.number(left)?;
             let right = self.product()?;
             let b = self.number(right)?;
+            let is_sum = symbol == "+";
+            let rule = if is_sum { "they cannot be added" } else { "they cannot be subtracted" };
+            let constant = a.measure.constant().zip(b.measure.constant());
+            let constant = constant.map(|(a, b)| if is_sum { a + b } else { a - b });
+            let measure = self.place.alike(&a, &b, rule)?.with_constant(constant);
+            let (a, b) = (a.node, b.node);
             let span = join(a.span, b.span);
-            let kind = if symbol == "+" { Kind::Add(a, b) } else { Kind::Subtract(a, b) };
-            left = Term::Number(Node::new(kind, span)?);
+            let kind = if is_sum { Kind::Add(a, b) } else { Kind::Subtract(a, b) };
+            left = Term::Number(Typed { node: Node::new(kind, span)?, measure });
         }
         Ok(left)
     }
@@ -356,9 +384,12 @@ impl<'a> Parser<'a> {
             let a = self.number(left)?;
             let right = self.signed()?;
             let b = self.number(right)?;
+            let is_product = symbol == "*";
+            let measure = if is_product { a.measure.times(&b.measure) } else { a.measure.over(&b.measure) };
+            let (a, b) = (a.node, b.node);
             let span = join(a.span, b.span);
-            let kind = if symbol == "*" { Kind::Multiply(a, b) } else { Kind::Divide(a, b) };
-            left = Term::Number(Node::new(kind, span)?);
+            let kind = if is_product { Kind::Multiply(a, b) } else { Kind::Divide(a, b) };
+            left = Term::Number(Typed { node: Node::new(kind, span)?, measure });
         }
         Ok(left)
     }
@@ -371,10 +402,13 @@ impl<'a> Parser<'a> {
         self.descend((from, 1))?;
         let inner = self.signed()?;
         self.depth -= 1;
-        let inner = self.number(inner)?;
-        let span = join((from, 1), inner.span);
-        let node = if symbol == "-" { Node::new(Kind::Apply(Function::Negative, inner), span)? } else { inner };
-        Ok(Term::Number(node))
+        let Typed { node, measure } = self.number(inner)?;
+        if symbol == "+" {
+            return Ok(Term::Number(Typed { node, measure }));
+        }
+        let span = join((from, 1), node.span);
+        let node = Node::new(Kind::Apply(Function::Negative, node), span)?;
+        Ok(Term::Number(Typed { node, measure: measure.negative() }))
     }
 
     /// To the right first: 2^3^2 is 2^9; the exponent may have a sign.
@@ -386,8 +420,9 @@ impl<'a> Parser<'a> {
         let base = self.number(base)?;
         let exponent = self.signed()?;
         let exponent = self.number(exponent)?;
-        let span = join(base.span, exponent.span);
-        Ok(Term::Number(Node::new(Kind::Power(base, exponent), span)?))
+        let measure = self.place.power(&base, &exponent)?;
+        let span = join(base.node.span, exponent.node.span);
+        Ok(Term::Number(Typed { node: Node::new(Kind::Power(base.node, exponent.node), span)?, measure }))
     }
 
     fn atom(&mut self) -> Result<Term, FormulaError> {
@@ -398,7 +433,7 @@ impl<'a> Parser<'a> {
             let close = self.take(")").ok_or_else(|| error(open, "this bracket is never closed"))?;
             let span = join(open, close);
             return Ok(match inner {
-                Term::Number(node) => Term::Number(Node { span, ..node }),
+                Term::Number(Typed { node, measure }) => Term::Number(Typed { node: Node { span, ..node }, measure }),
                 Term::Truth(condition, _) => Term::Truth(condition, span),
             });
         }
@@ -433,7 +468,8 @@ impl<'a> Parser<'a> {
         let value = self.rest()[..length].parse().ok().filter(|x: &f64| x.is_finite());
         let value = value.ok_or_else(|| error(span, "this is no number that can be used"))?;
         self.at += length;
-        Ok(Term::Number(Node::new(Kind::Number(Double::from(value)), span)?))
+        let node = Node::new(Kind::Number(Double::from(value)), span)?;
+        Ok(Term::Number(Typed { node, measure: Measure::number(value) }))
     }
 
     fn name(&mut self, span: Span) -> Result<Term, FormulaError> {
@@ -442,16 +478,22 @@ impl<'a> Parser<'a> {
         if self.rest().starts_with('(') && FUNCTIONS.iter().any(|f| f.0 == name) {
             return self.call(name, span);
         }
-        let value = if name == "t" {
-            Kind::Time
-        } else if let Some((_, value)) = self.parameters.iter().find(|(known, _)| known == name) {
-            Kind::Number(Double::from(*value))
+        let (kind, measure) = if name == "t" {
+            (Kind::Time, Measure::PLAIN)
+        } else if let Some(index) = self.place.parameters.iter().position(|known| known.name == name) {
+            let in_trig = self.place.in_trig;
+            self.used[index][usize::from(in_trig)] = true;
+            let parameter = &self.place.parameters[index];
+            let amount = if in_trig { &parameter.in_trig } else { &parameter.outside };
+            (Kind::Number(amount.value), Measure::of(index, parameter))
         } else if let Some((_, value)) = CONSTANTS.iter().find(|(known, _)| *known == name) {
-            Kind::Number(*value)
+            let number = value.nearest();
+            let measure = if name == "e" { Measure::number(number) } else { Measure::angular(number) };
+            (Kind::Number(*value), measure)
         } else {
             return Err(error(span, self.unknown(name)));
         };
-        Ok(Term::Number(Node::new(value, span)?))
+        Ok(Term::Number(Typed { node: Node::new(kind, span)?, measure }))
     }
 
     fn unknown(&self, name: &str) -> String {
@@ -459,7 +501,7 @@ impl<'a> Parser<'a> {
             return format!("`{name}` is a function: its arguments go in brackets");
         }
         let known = FUNCTIONS.iter().map(|f| f.0).chain(CONSTANTS.iter().map(|c| c.0));
-        let known = known.chain(self.parameters.iter().map(|(name, _)| name.as_str()));
+        let known = known.chain(self.place.parameters.iter().map(|parameter| parameter.name.as_str()));
         let nearest = known.map(|k| (strsim::damerau_levenshtein(k, name), k)).min();
         match nearest {
             Some((distance, known)) if distance <= 2 && distance < name.chars().count() => {
@@ -472,12 +514,15 @@ impl<'a> Parser<'a> {
     fn call(&mut self, name: &str, word: Span) -> Result<Term, FormulaError> {
         let open = self.expect("(")?;
         let mut terms = Vec::new();
+        let outside = self.place.in_trig;
+        self.place.in_trig |= matches!(name, "sin" | "cos" | "tan");
         loop {
             terms.push(self.either()?);
             if self.take(",").is_none() {
                 break;
             }
         }
+        self.place.in_trig = outside;
         let close = self.take(")").ok_or_else(|| error(open, "this bracket is never closed"))?;
         let span = join(word, close);
         let arity = FUNCTIONS.iter().find(|f| f.0 == name).map_or(0, |f| f.1);
@@ -508,19 +553,26 @@ impl<'a> Parser<'a> {
             }
             let mut terms = terms.into_iter().rev();
             let otherwise = terms.next().ok_or_else(|| error(span, "`piecewise` needs a value"))?;
-            let mut node = self.number(otherwise)?;
+            let mut values = vec![self.number(otherwise)?];
+            let mut node = values[0].node.clone();
             while let (Some(value), Some(condition)) = (terms.next(), terms.next()) {
                 let (condition, _) = self.truth(condition)?;
-                node = branch(condition, &self.number(value)?, &node)?;
+                let value = self.number(value)?;
+                node = branch(condition, &value.node, &node)?;
+                values.push(value);
             }
-            return Ok(Term::Number(node));
+            let values: Vec<&Typed> = values.iter().rev().collect();
+            let measure = self.place.all_alike(&values, &format!("`{name}` gives values of one kind"))?;
+            return Ok(Term::Number(Typed { node, measure }));
         }
         if name == "not" {
             let mut terms = terms;
             let (condition, _) = self.truth(terms.remove(0))?;
             return Ok(Term::Truth(Condition::Not(Arc::new(condition)).depth_checked(span)?, span));
         }
-        let arguments: Vec<Node> = terms.into_iter().map(|t| self.number(t)).collect::<Result<_, _>>()?;
+        let arguments: Vec<Typed> = terms.into_iter().map(|t| self.number(t)).collect::<Result<_, _>>()?;
+        let (factor, measure) = self.measure(name, &arguments)?;
+        let arguments: Vec<Node> = arguments.into_iter().map(|argument| argument.node).collect();
         let node = match (name, arguments.as_slice()) {
             ("sin", [x]) => apply(Function::Sine, x)?,
             ("cos", [x]) => apply(Function::Cosine, x)?,
@@ -572,6 +624,44 @@ impl<'a> Parser<'a> {
             }
             _ => return Err(error(span, format!("`{name}` is unknown"))),
         };
-        Ok(Term::Number(node))
+        let node = match factor {
+            Some(factor) => make(Kind::Multiply(Node::number(factor, span), node))?,
+            None => node,
+        };
+        Ok(Term::Number(Typed { node, measure }))
+    }
+
+    /// What a function of numbers gives, and by which factor its value comes in this place's unit.
+    fn measure(&self, name: &str, arguments: &[Typed]) -> Result<(Option<Double>, Measure), FormulaError> {
+        let place = &self.place;
+        let all: Vec<&Typed> = arguments.iter().collect();
+        let measure = match (name, arguments) {
+            ("sin" | "cos" | "tan", [x]) => {
+                place.angle(name, x)?;
+                Measure::PLAIN
+            }
+            ("asin" | "acos" | "atan", [x]) => {
+                place.plain(&format!("the argument of `{name}`"), x)?;
+                return Ok(place.inverse());
+            }
+            ("atan2", _) => {
+                place.all_alike(&all, "`atan2` takes two of one kind")?;
+                return Ok(place.inverse());
+            }
+            ("sqrt", [x]) => x.measure.power(0.5),
+            ("pow", [base, exponent]) => place.power(base, exponent)?,
+            ("abs", [x]) => x.measure.reshaped(),
+            ("hypot" | "min" | "max" | "clamp" | "mod", _) => {
+                place.all_alike(&all, &format!("`{name}` takes values of one kind"))?
+            }
+            ("floor" | "ceil" | "round", [x]) => place.countable(name, x)?,
+            ("sign", _) => Measure::PLAIN,
+            (_, [x]) => {
+                place.plain(&format!("the argument of `{name}`"), x)?;
+                Measure::PLAIN
+            }
+            _ => Measure::PLAIN,
+        };
+        Ok((None, measure))
     }
 }
