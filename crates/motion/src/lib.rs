@@ -3,7 +3,8 @@
 //! # What is here
 //! - [`mod@file`]: motion files (TOML) with errors that point at the place; [`template`]: one to begin with
 //! - [`program`]: what a file comes to, in steps, seconds and nanoseconds; [`Grid`]: θ to step times
-//! - [`drivers`], [`boards`]: the tables of drivers' needs and boards' limits; [`electrical`]: what a winding allows
+//! - [`drivers`], [`boards`]: the tables of drivers' needs and boards' limits; [`electrical`]: what a winding allows;
+//!   [`full_steps`]: what a motor makes in a revolution
 //! - [`pins`]: which pins of an Uno work together
 //! - [`law`]: θ(t) as a stream of analytic pieces; [`machine`]: several motors that draw one figure
 //! - [`quantity`]: numbers with units; [`time`]: law time, exact
@@ -16,6 +17,7 @@ pub mod boards;
 pub mod drivers;
 pub mod electrical;
 pub mod file;
+pub mod full_steps;
 pub mod grid;
 pub mod law;
 pub mod machine;

@@ -9,7 +9,7 @@ use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
 use miette::{GraphicalReportHandler, GraphicalTheme, JSONReportHandler};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::quantity::{Base, Quantity};
-use pulsetrain_motion::{Time, boards};
+use pulsetrain_motion::{Time, boards, full_steps};
 
 use crate::commands;
 use crate::console::{Console, Exit};
@@ -604,7 +604,7 @@ pub(crate) struct Motor {
     #[arg(long, value_name = "V", value_parser = voltage, required_unless_present = "file")]
     pub(crate) voltage: Option<f64>,
     /// Full steps in one revolution
-    #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, value_name = "N", default_value_t = 200, value_parser = steps_per_rev)]
     pub(crate) steps_per_rev: u32,
     /// Steps that the driver makes of a full step
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=256))]
@@ -653,7 +653,17 @@ fn measured(text: &str, kind: (Base, u8), example: &str) -> Result<Quantity, Str
     if (quantity.base, quantity.per_seconds) != kind {
         return Err(format!("this is {}; write it like \"{example}\"", quantity.kind()));
     }
-    if quantity.value > 0.0 { Ok(quantity) } else { Err("it must be more than nothing".into()) }
+    if quantity.value > 0.0 {
+        Ok(quantity)
+    } else {
+        Err(format!("it must be more than 0; write it like \"{example}\""))
+    }
+}
+
+/// Full steps in a revolution.
+fn steps_per_rev(text: &str) -> Result<u32, String> {
+    let number = text.parse::<f64>().map_err(|_| "write a whole number, like 200".to_owned())?;
+    full_steps::checked(number).map_err(|error| format!("{error}; {}", error.advice()))
 }
 
 fn baud(text: &str) -> Result<Baud, String> {
