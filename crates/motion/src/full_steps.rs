@@ -82,7 +82,7 @@ pub fn checked(number: f64) -> Result<u32, FullStepsError> {
     let is_angle = range.contains(&steps.round()) && (steps - steps.round()).abs() <= 1e-6 * steps;
     Err(match number {
         degrees if is_angle => FullStepsError::Angle { degrees, steps: steps.round() as u32 },
-        _ if number > 0.0 && number.fract() != 0.0 => FullStepsError::NotWhole(number),
+        _ if number > 0.0 && number <= f64::from(MOST) && number.fract() != 0.0 => FullStepsError::NotWhole(number),
         _ => FullStepsError::OutOfRange(number),
     })
 }
@@ -115,7 +115,7 @@ mod tests {
 
     #[test]
     fn anything_else_that_no_motor_has_is_refused() {
-        for number in [200.5, 2037.8864, 0.1] {
+        for number in [200.5, 2037.8864, 0.123] {
             assert_eq!(checked(number), Err(FullStepsError::NotWhole(number)));
         }
         for number in [0.0, -200.0, 7.0, 17.0, 51_200.0, 1e300, f64::INFINITY] {
