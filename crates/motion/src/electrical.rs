@@ -3,8 +3,13 @@
 //! The current in a winding of inductance L on a supply V rises by I in L·I/V. A full step turns it from +I to −I, or
 //! from full to none and back, which takes L·I·2/V; no step can be faster and still have its torque.
 
+use std::ops::RangeInclusive;
+
 /// The source of the formula, as printed beside every figure.
 pub const SOURCE: &str = "Daycounter stepper motor calculator, as quoted in seed 004: T = L·Imax·2/V";
+
+/// A full step that takes less or more than this is no motor's, s: its data are in other units.
+const FULL_STEP_S: RangeInclusive<f64> = 1e-9..=1e3;
 
 /// The electrical data of a motor and its supply.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,7 +41,34 @@ pub struct Figure {
     pub source: &'static str,
 }
 
+/// The electrical data are no motor's.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error(
+    "inductance, current and voltage make a full step of {full_step_s:e} s; {:e} to {:e} s is possible",
+    FULL_STEP_S.start(),
+    FULL_STEP_S.end()
+)]
+pub struct WindingError {
+    /// What they come to, s.
+    pub full_step_s: f64,
+}
+
+impl WindingError {
+    /// What to do.
+    pub const ADVICE: &str =
+        "the motor's data sheet has them, as 3 mH and 1 A; the voltage is the driver's supply, as 24 V";
+}
+
 impl Winding {
+    /// The same if it can be a motor's.
+    ///
+    /// # Errors
+    /// [`WindingError`] if a full step takes less than 1 ns or more than 1000 s.
+    pub fn checked(self) -> Result<Winding, WindingError> {
+        let full_step_s = self.full_step_s();
+        if FULL_STEP_S.contains(&full_step_s) { Ok(self) } else { Err(WindingError { full_step_s }) }
+    }
+
     /// Shortest time of a full step, s: L·I·2/V.
     #[must_use]
     pub fn full_step_s(&self) -> f64 {
@@ -97,33 +129,45 @@ impl Winding {
         ]
     }
 
-    /// The figures of a sketch that steps from a timer which counts every `tick_us` µs: seed 004's own working.
+    /// The figures of a sketch that steps from an 8-bit timer, Timer2 at 16 MHz with the prescaler 128: seed 004's own working.
     ///
     /// The sketch cuts the step time to whole microseconds, rounds up to whole counts, and writes that number of counts
     /// to a compare register; but a timer that is cleared on compare match runs one count longer than the register says
-    /// (ATmega328P DS40002061B, section 18.7.2: period = OCR + 1), and so its steps are slower than it announces.
-    #[must_use]
-    pub fn sketch_figures(&self, tick_us: f64) -> Vec<Figure> {
+    /// (ATmega328P DS40002061B, section 18.7.2: period = OCR + 1), and so its steps are slower than it announces. Where the
+    /// counts are more than the register holds, the figures are those of the next prescaler with which they fit.
+    ///
+    /// # Errors
+    /// [`SketchError`] if the sketch has no count for such steps.
+    pub fn sketch_figures(&self) -> Result<Vec<Figure>, SketchError> {
         const SEED: &str = "seed 004, StepperDriver sketch";
         const DATASHEET: &str = "ATmega328P DS40002061B, CTC mode: the counter runs 0..=OCR, OCR + 1 counts";
         let steps_per_rev = self.full_steps_per_rev * f64::from(self.microsteps);
         // A hair more than nothing, so that 140.0 computed as 139.999… does not lose a whole microsecond.
         let whole_us = (self.step_s() * 1e6 + 1e-9).floor();
-        let counts = (whole_us / tick_us).ceil();
+        if whole_us == 0.0 {
+            return Err(SketchError::NoCount { step_us: self.step_s() * 1e6 });
+        }
+        let counts_of = |prescaler: u32| (whole_us / tick_us(prescaler)).ceil();
+        let [seeds, longer @ ..] = PRESCALERS;
+        let fits = |prescaler: &u32| counts_of(*prescaler) <= MOST_COUNTS;
+        let prescaler = std::iter::once(seeds).chain(longer).find(fits).ok_or(SketchError::TooSlow { whole_us })?;
+        let (tick_us, counts) = (tick_us(prescaler), counts_of(prescaler));
         let announced_us = counts * tick_us;
         let real_us = (counts + 1.0) * tick_us;
         let rev_s = announced_us * steps_per_rev / 1e6;
         let real_rev_s = real_us * steps_per_rev / 1e6;
         let figure = |name, formula, value, unit, source| Figure { name, formula, value, unit, source };
-        vec![
-            figure("step in whole microseconds", "the sketch cuts the fraction off".into(), whole_us, "us", SEED),
-            figure(
-                "timer counts",
-                format!("ceil({} us / {} us)", number(whole_us), number(tick_us)),
-                counts,
-                "counts",
-                SEED,
-            ),
+        let count = |prescaler| format!("ceil({} us / {} us)", number(whole_us), number(self::tick_us(prescaler)));
+        let mut figures =
+            vec![figure("step in whole microseconds", "the sketch cuts the fraction off".into(), whole_us, "us", SEED)];
+        if prescaler != seeds {
+            let formula = format!("{}: the 8-bit register holds {MOST_COUNTS} at most", count(seeds));
+            figures.push(figure("counts that do not fit", formula, counts_of(seeds), "counts", SEED));
+            let formula = format!("in place of {seeds}: a count is {} us", number(tick_us));
+            figures.push(figure("prescaler that fits", formula, f64::from(prescaler), "", TIMER2));
+        }
+        figures.extend([
+            figure("timer counts", count(prescaler), counts, "counts", SEED),
             figure("announced step", format!("{} × {} us", number(counts), number(tick_us)), announced_us, "us", SEED),
             figure(
                 "announced revolution",
@@ -141,8 +185,43 @@ impl Winding {
                 DATASHEET,
             ),
             figure("real speed", format!("1 / {} s", number(real_rev_s)), 1.0 / real_rev_s, "rev/s", DATASHEET),
-        ]
+        ]);
+        Ok(figures)
     }
+}
+
+/// The chip that the sketch runs on, Hz.
+const SKETCH_HZ: f64 = 16e6;
+/// The sketch's prescaler, and those of Timer2 that count more slowly.
+const PRESCALERS: [u32; 3] = [128, 256, 1024];
+const TIMER2: &str = "ATmega328P DS40002061B, Timer2, clock select bits";
+/// The compare register has 8 bits.
+const MOST_COUNTS: f64 = 255.0;
+
+/// A count of the timer, µs.
+fn tick_us(prescaler: u32) -> f64 {
+    f64::from(prescaler) * 1e6 / SKETCH_HZ
+}
+
+/// The sketch has no count for steps of this length.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum SketchError {
+    /// It cuts them to 0 µs.
+    #[error("a step takes {} us; the sketch counts whole microseconds, and cuts that to 0: it cannot make these steps", number(*.step_us))]
+    NoCount {
+        /// The step, µs.
+        step_us: f64,
+    },
+    /// They are longer than its timer can count.
+    #[error(
+        "a step takes {} us; Timer2 counts up to {} us, with the prescaler 1024: the sketch cannot make these steps",
+        number(*.whole_us),
+        number(MOST_COUNTS * tick_us(1024))
+    )]
+    TooSlow {
+        /// The step, whole µs.
+        whole_us: f64,
+    },
 }
 
 /// At most six significant digits, without trailing zeros.
@@ -179,13 +258,55 @@ mod tests {
 
     #[test]
     fn seed_004_as_its_sketch_has_it() {
-        let figures = SEED_004.sketch_figures(8.0);
+        let figures = SEED_004.sketch_figures().unwrap();
         check(&figures, "step in whole microseconds", 140.0, "us", "the sketch cuts the fraction off");
         check(&figures, "timer counts", 18.0, "counts", "ceil(140 us / 8 us)");
         check(&figures, "announced step", 144.0, "us", "18 × 8 us");
         check(&figures, "announced revolution", 0.2304, "s", "144 us × 1600");
         check(&figures, "announced speed", 1.0 / 0.2304, "rev/s", "1 / 0.2304 s");
         check(&figures, "what the sketch really makes", 152.0, "us", "(18 + 1) × 8 us");
+    }
+
+    #[test]
+    fn counts_that_do_not_fit_eight_bits_get_a_prescaler_that_fits() {
+        // 20.3 ms for a full step: 317 counts of 8 µs.
+        let slow = Winding { inductance_h: 0.09, current_a: 1.35, ..SEED_004 };
+        let figures = slow.sketch_figures().unwrap();
+        check(
+            &figures,
+            "counts that do not fit",
+            317.0,
+            "counts",
+            "ceil(2531 us / 8 us): the 8-bit register holds 255 at most",
+        );
+        check(&figures, "prescaler that fits", 256.0, "", "in place of 128: a count is 16 us");
+        check(&figures, "timer counts", 159.0, "counts", "ceil(2531 us / 16 us)");
+        check(&figures, "announced step", 2544.0, "us", "159 × 16 us");
+        // 255 counts fit: 2040 µs.
+        let figures = Winding { inductance_h: 2040e-6 * 12.0 / 0.27 * 8.0, ..SEED_004 }.sketch_figures().unwrap();
+        check(&figures, "timer counts", 255.0, "counts", "ceil(2040 us / 8 us)");
+        assert!(!figures.iter().any(|figure| figure.name.contains("prescaler")));
+    }
+
+    #[test]
+    fn steps_that_the_sketch_cannot_count_have_no_figures() {
+        let fast = Winding { inductance_h: 1e-6, current_a: 0.1, ..SEED_004 };
+        let error = fast.sketch_figures().unwrap_err();
+        assert!(error.to_string().contains("cuts that to 0"), "{error}");
+        let slow = Winding { inductance_h: 6.0, ..SEED_004 };
+        let error = slow.sketch_figures().unwrap_err();
+        assert!(error.to_string().contains("counts up to 16320 us"), "{error}");
+    }
+
+    #[test]
+    fn data_that_are_no_motors_are_refused() {
+        assert_eq!(SEED_004.checked(), Ok(SEED_004));
+        for (inductance_h, voltage_v) in
+            [(0.0, 12.0), (1e-320, 12.0), (0.05, 0.0), (0.05, 1e-30), (f64::INFINITY, 12.0)]
+        {
+            let error = Winding { inductance_h, voltage_v, ..SEED_004 }.checked().unwrap_err();
+            assert!(error.to_string().contains("1e-9 to 1e3 s is possible"), "{error}");
+        }
     }
 
     #[test]

@@ -3,7 +3,8 @@
 //! # What is here
 //! - [`mod@file`]: motion files (TOML) with errors that point at the place; [`template`]: one to begin with
 //! - [`program`]: what a file comes to, in steps, seconds and nanoseconds; [`Grid`]: θ to step times
-//! - [`drivers`], [`boards`]: the tables of drivers' needs and boards' limits; [`electrical`]: what a winding allows
+//! - [`drivers`], [`boards`]: the tables of drivers' needs and boards' limits; [`electrical`]: what a winding allows;
+//!   [`full_steps`]: what a motor makes in a revolution
 //! - [`pins`]: which pins of an Uno work together
 //! - [`columns`]: CSV files, with columns by their names and units
 //! - [`law`]: θ(t) as a stream of analytic pieces; [`machine`]: several motors that draw one figure
@@ -18,6 +19,7 @@ pub mod columns;
 pub mod drivers;
 pub mod electrical;
 pub mod file;
+pub mod full_steps;
 pub mod grid;
 pub mod law;
 pub mod machine;

@@ -107,11 +107,34 @@ fn the_fastest_motor_turns_once_waits_and_turns_back() {
     assert_eq!(motor.wiring, Wiring::StepDir { step: 6, dir: 7, forward_high: true, enable: None });
     assert!((motor.limits.max_speed.unwrap() - 1.0 / 140.625e-6).abs() < 1e-6);
     assert!((motor.winding.unwrap().full_step_s() - 1.125e-3).abs() < 1e-15);
-    // Ten intervals from 248 down by 23, the same back, at 18 in between: 8 µs each.
-    let at_speed_s = 0.000_144 * 1600.0;
+    // Up to what the winding allows, and down again, both at max_acceleration.
+    let (speed, acceleration) = (1.0 / 140.625e-6, 50.0 * 1600.0);
+    let takes_s = 1600.0 / speed + speed / acceleration;
     assert_eq!(position(&program, 0, 1.0), 0.0);
-    assert!((position(&program, 0, 1.9 + at_speed_s) - 1600.0).abs() < 1e-9);
+    assert!(position(&program, 0, 1.0 + 0.999 * takes_s) < 1600.0 - 1e-3);
+    assert!((position(&program, 0, 1.0 + takes_s) - 1600.0).abs() < 1e-9);
+    assert!(position(&program, 0, 2.0 * (1.0 + takes_s)).abs() < 1e-6);
     assert!(motor.law.end().is_none());
+}
+
+/// x against y, once it is at speed: a quarter of a period apart is a circle, twice the frequency would be a parabola.
+#[test]
+fn the_picos_two_coils_draw_a_circle() {
+    let program = load("pico.toml");
+    let end = program.motors[1].law.end().unwrap().seconds();
+    assert_eq!((program.motors[2].law.end().unwrap().seconds(), end), (end, 8.5));
+    for k in 0..=200 {
+        let at_s = end * f64::from(k) / 200.0;
+        let [x, y, _] = tip(&program, at_s);
+        assert!((x.hypot(y) - 1.0).abs() < 1e-6, "({x}, {y}) mm at {at_s} s");
+    }
+    let mut cursors: Vec<Cursor<'_>> = program.motors[1..].iter().map(|motor| Cursor::new(&motor.law)).collect();
+    let mut speeds = |at_s| -> Vec<f64> {
+        cursors.iter_mut().map(|cursor| cursor.at(Time::from_seconds(at_s)).unwrap().speed.abs()).collect()
+    };
+    for at_s in [0.0, end - 1e-9] {
+        assert!(speeds(at_s).iter().all(|speed| *speed < 1.0), "it rests at {at_s} s: {:?}", speeds(at_s));
+    }
 }
 
 #[test]

@@ -500,7 +500,8 @@ fn ranges() {
         "200",
         "-200",
         expect![[r#"
-        x.toml:6:17: `steps_per_rev` must be more than 0
+        x.toml:6:17: `steps_per_rev` is -200: a motor has 20 to 10000 full steps in a revolution
+            most motors have 200 (1.8°): steps_per_rev = 200. For one that has fewer, write twice as many and gear = 0.5
     "#]],
     );
     check(
@@ -1391,6 +1392,45 @@ fn columns_of_csv_files() {
     ] {
         assert!(read(&GOOD.replacen(SINE, &table(rest), 1)).is_ok(), "{rest}");
     }
+}
+
+/// Motions of another length would pass, and nobody would be told.
+#[test]
+fn a_step_angle_is_no_number_of_steps() {
+    for (angle, steps) in [("1.8", 200), ("0.9", 400), ("7.5", 48), ("15", 24), ("\"1.8 deg\"", 200), ("\"0.9°\"", 400)]
+    {
+        let said = read(&GOOD.replacen("200", angle, 1)).unwrap_err().plain();
+        let degrees = angle.trim_matches('"').trim_end_matches([' ', 'd', 'e', 'g', '°']);
+        let wanted = format!(
+            "x.toml:6:17: `steps_per_rev` is {degrees}: that is a step angle in degrees, not the full steps in a revolution\n    \
+             write steps_per_rev = {steps}: 360° / step angle\n"
+        );
+        assert_eq!(said, wanted);
+    }
+    check(
+        "200",
+        "2037.8864",
+        expect![[r#"
+        x.toml:6:17: `steps_per_rev` is 2037.8864: a motor has a whole number of full steps in a revolution
+            what turns behind a gearbox: give the motor's own steps, steps_per_rev = 200, and the gear, gear = 3.7
+    "#]],
+    );
+    check(
+        "200",
+        "51200",
+        expect![[r#"
+        x.toml:6:17: `steps_per_rev` is 51200: a motor has 20 to 10000 full steps in a revolution
+            give full steps, without microsteps: steps_per_rev = 200, microsteps = 16
+    "#]],
+    );
+    let same = read(&GOOD.replacen("200", "2e2", 1)).unwrap();
+    assert_eq!(same.motors[0].scale.steps_per_rev, 800.0);
+}
+
+#[test]
+fn whole_numbers_may_have_an_exponent() {
+    let text = GOOD.replacen(SINE, "law.sine = { amplitude = \"2.5 rev\", period = \"1 s\", cycles = 1e9 }", 1);
+    assert_eq!(read(&text).unwrap().motors[0].law.end(), Some(Time::SECOND.times(1_000_000_000)));
 }
 
 #[test]

@@ -37,7 +37,7 @@ pub use certificate::Certificate;
 pub use ensemble::{Ensemble, Start};
 pub use error::{PlanError, Refused};
 pub use load::Load;
-pub use planner::{LONGEST_WAIT_TICKS, Origin, Planner};
+pub use planner::{LAST_TICK, LONGEST_WAIT_TICKS, Origin, Planner};
 pub use settings::Settings;
 
 use pulsetrain_core::{Direction, Segment};

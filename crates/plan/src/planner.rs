@@ -24,7 +24,7 @@ pub(crate) const LOOSEST_FIT_TICKS: f64 = 1024.0;
 /// A piece that reaches further from its own origin has no half steps in f64, steps.
 const FARTHEST_IN_PIECE: f64 = 4_503_599_627_370_496.0;
 /// Plans end before the ticks leave an i64.
-const LAST_TICK: i128 = 1 << 62;
+pub const LAST_TICK: i128 = 1 << 62;
 /// After so many pieces without a step, the motor waits up to there: nobody waits for the planner meanwhile.
 const IDLE_PIECES: u32 = 4096;
 /// So many pieces take at least this long, ticks, or the law is too fine for the board.

@@ -9,10 +9,11 @@ use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
 use miette::{GraphicalReportHandler, GraphicalTheme, JSONReportHandler};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::quantity::{Base, Quantity};
-use pulsetrain_motion::{Time, boards};
+use pulsetrain_motion::{Time, boards, full_steps};
 
 use crate::commands;
 use crate::console::{Console, Exit};
+use crate::estimate::{self, Consent, LongMotion, Task};
 use crate::prepare::{Prepared, WORST_CLOCK_PPM};
 
 const EXIT_CODES: &str = "\
@@ -260,11 +261,17 @@ pub(crate) struct Motion {
     /// How much of an endless motion, with its unit; the planned stop comes after [default: "10 s"]
     #[arg(long = "for", value_name = "TIME", value_parser = duration)]
     pub(crate) length: Option<Time>,
+    /// Go on with a motion that takes long to plan or to run, or makes large files, without being asked
+    #[arg(long)]
+    pub(crate) yes: bool,
 }
 
 impl Motion {
-    pub(crate) fn prepare(&self) -> miette::Result<Prepared> {
-        Prepared::load(&self.file, self.board.as_deref(), self.length)
+    /// The motion, `self.length` of it, if it is of usual length or meant to be long.
+    pub(crate) fn prepare(&self, task: Task, json: bool, console: &mut Console<'_>) -> miette::Result<Prepared> {
+        let prepared = Prepared::endless(&self.file, self.board.as_deref())?;
+        estimate::agree(&prepared, Consent { length: self.length, task, yes: self.yes, json }, console)?;
+        Ok(prepared.ending(self.length)?)
     }
 }
 
@@ -350,6 +357,9 @@ pub(crate) struct Bake {
     /// How much of an endless motion, with its unit; the planned stop comes after [default: it never ends]
     #[arg(long = "for", value_name = "TIME", value_parser = duration)]
     pub(crate) length: Option<Time>,
+    /// Go on with a motion that takes long to plan or to run, or makes large files, without being asked
+    #[arg(long)]
+    pub(crate) yes: bool,
     /// How much faster than it should the board's clock runs, ppm, as `pulsetrain calibrate` tells: it is corrected for
     #[arg(long, value_name = "PPM", value_parser = clock_ppm, allow_hyphen_values = true)]
     pub(crate) clock_ppm: Option<f64>,
@@ -595,16 +605,16 @@ pub(crate) struct Motor {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["inductance", "current", "voltage"])]
     pub(crate) file: Option<PathBuf>,
     /// Inductance of one winding, e.g. 50mH
-    #[arg(long, value_name = "L", value_parser = inductance, required_unless_present = "file")]
+    #[arg(long, value_name = "L", value_parser = inductance, required_unless_present = "file", allow_hyphen_values = true)]
     pub(crate) inductance: Option<f64>,
     /// Current of one winding as the driver is set, e.g. 0.135A
-    #[arg(long, value_name = "I", value_parser = current, required_unless_present = "file")]
+    #[arg(long, value_name = "I", value_parser = current, required_unless_present = "file", allow_hyphen_values = true)]
     pub(crate) current: Option<f64>,
     /// Supply of the driver, e.g. 12V
-    #[arg(long, value_name = "V", value_parser = voltage, required_unless_present = "file")]
+    #[arg(long, value_name = "V", value_parser = voltage, required_unless_present = "file", allow_hyphen_values = true)]
     pub(crate) voltage: Option<f64>,
     /// Full steps in one revolution
-    #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, value_name = "N", default_value_t = 200, value_parser = steps_per_rev)]
     pub(crate) steps_per_rev: u32,
     /// Steps that the driver makes of a full step
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=256))]
@@ -653,7 +663,17 @@ fn measured(text: &str, kind: (Base, u8), example: &str) -> Result<Quantity, Str
     if (quantity.base, quantity.per_seconds) != kind {
         return Err(format!("this is {}; write it like \"{example}\"", quantity.kind()));
     }
-    if quantity.value > 0.0 { Ok(quantity) } else { Err("it must be more than nothing".into()) }
+    if quantity.value > 0.0 {
+        Ok(quantity)
+    } else {
+        Err(format!("it must be more than 0; write it like \"{example}\""))
+    }
+}
+
+/// Full steps in a revolution.
+fn steps_per_rev(text: &str) -> Result<u32, String> {
+    let number = text.parse::<f64>().map_err(|_| "write a whole number, like 200".to_owned())?;
+    full_steps::checked(number).map_err(|error| format!("{error}; {}", error.advice()))
 }
 
 fn baud(text: &str) -> Result<Baud, String> {
@@ -763,7 +783,7 @@ fn finish(outcome: miette::Result<Exit>, as_json: bool, console: &mut Console<'_
         let mut text = String::new();
         // A script reads standard output; who broke the pipe does not want to hear of it.
         if as_json && JSONReportHandler::new().render_report(&mut text, report.as_ref()).is_ok() {
-            let _ = console.print(format_args!("{text}\n"));
+            let _ = console.print(format_args!("{}\n", with_estimate(text, &report)));
         }
         let theme = if console.err_is_terminal { GraphicalTheme::unicode() } else { GraphicalTheme::unicode_nocolor() };
         let mut text = String::new();
@@ -775,6 +795,18 @@ fn finish(outcome: miette::Result<Exit>, as_json: bool, console: &mut Console<'_
         complain(console, &text.replace("\nError: \n", "\n"));
         Exit::Refused
     })
+}
+
+/// A report in JSON; one of a long motion has its estimate in figures, too.
+fn with_estimate(text: String, report: &miette::Report) -> String {
+    let estimate = report.downcast_ref::<LongMotion>().and_then(|long| serde_json::to_value(long.estimate()).ok());
+    match (serde_json::from_str::<serde_json::Value>(&text), estimate) {
+        (Ok(serde_json::Value::Object(mut said)), Some(estimate)) => {
+            said.insert("estimate".to_owned(), estimate);
+            serde_json::Value::Object(said).to_string()
+        }
+        _ => text,
+    }
 }
 
 /// When the errors' own stream is closed, only the exit code is left to say it.

@@ -1,7 +1,7 @@
 //! Where a command prints, and how it ends.
 
 use std::fmt::Display;
-use std::io::{self, Write};
+use std::io::{self, BufRead, IsTerminal, Write};
 use std::path::Path;
 
 use indicatif::{ProgressBar, ProgressStyle};
@@ -65,6 +65,12 @@ impl Console<'_> {
         self.print(format_args!("{}\n", json(value)?))
     }
 
+    /// Says something and asks whether to go on. `None` if nobody can be asked: errors or input are no terminal.
+    pub fn confirm(&mut self, text: &str) -> Option<bool> {
+        let is_terminal = self.err_is_terminal && io::stdin().is_terminal();
+        ask(&mut io::stdin().lock(), self.err, is_terminal, text)
+    }
+
     /// A progress bar of `length`, counted in `unit`; hidden when nobody watches.
     #[must_use]
     pub fn progress(&self, length: f64, unit: &str) -> Progress {
@@ -78,6 +84,17 @@ impl Console<'_> {
         }
         Progress { bar, length }
     }
+}
+
+/// Asks a terminal whether to go on: "y" and "yes" are yes, anything else is no. `None` if there is no terminal.
+fn ask(input: &mut dyn BufRead, output: &mut dyn Write, is_terminal: bool, text: &str) -> Option<bool> {
+    if !is_terminal {
+        return None;
+    }
+    write!(output, "{text}\nGo on? [y/N] ").and_then(|()| output.flush()).ok()?;
+    let mut answer = String::new();
+    input.read_line(&mut answer).ok()?;
+    Some(matches!(answer.trim().to_lowercase().as_str(), "y" | "yes"))
 }
 
 const PROGRESS_PARTS: u64 = 10_000;
@@ -152,4 +169,25 @@ pub fn create(path: &Path) -> Result<io::BufWriter<std::fs::File>, Access> {
 #[must_use]
 pub fn access(action: &'static str, path: &Path, error: io::Error) -> Access {
     Access { action, what: path.display().to_string(), error }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_terminal_is_asked_and_nobody_else() {
+        let said = |answer: &str, is_terminal| {
+            let mut output = Vec::new();
+            let said = ask(&mut answer.as_bytes(), &mut output, is_terminal, "long.toml: about 1 year");
+            (said, String::from_utf8(output).unwrap())
+        };
+        let question = "long.toml: about 1 year\nGo on? [y/N] ".to_owned();
+        for (answer, goes_on) in
+            [("y\n", true), ("Yes\n", true), ("n\n", false), ("\n", false), ("", false), ("yo\n", false)]
+        {
+            assert_eq!(said(answer, true), (Some(goes_on), question.clone()), "{answer:?}");
+        }
+        assert_eq!(said("y\n", false), (None, String::new()));
+    }
 }

@@ -73,6 +73,31 @@ pub fn time_unit(seconds: f64) -> (f64, &'static str) {
     }
 }
 
+/// A long time in the unit that fits, with two digits: "40 s", "12 min", "3.5 h", "5 days", "32 years".
+#[must_use]
+pub fn long_time(seconds: f64) -> String {
+    let (factor, unit) = match seconds {
+        s if s < 90.0 => return seconds_to(s, 2),
+        s if s < 5400.0 => (60.0, "min"),
+        s if s < 172_800.0 => (3600.0, "h"),
+        s if s < 63_115_200.0 => (86_400.0, "days"),
+        _ => (31_557_600.0, "years"),
+    };
+    format!("{} {unit}", significant(seconds / factor, 2))
+}
+
+/// A size of files, with two digits: "310 MB", "1.2 GB".
+#[must_use]
+pub fn bytes(bytes: f64) -> String {
+    let (factor, unit) = match bytes {
+        b if b >= 995e9 => (1e12, "TB"),
+        b if b >= 995e6 => (1e9, "GB"),
+        b if b >= 995e3 => (1e6, "MB"),
+        _ => (1e3, "kB"),
+    };
+    format!("{} {unit}", significant(bytes / factor, 2))
+}
+
 /// A quantity that spans decades, with k, M or G: "126 k steps/s", "16 MHz".
 #[must_use]
 pub fn scaled(value: f64, unit: &str) -> String {
@@ -190,6 +215,22 @@ mod tests {
         check(800.0, "steps/s", "800 steps/s");
         check(16e6, "Hz", "16 MHz");
         check(999_999.0, "steps/s", "1 M steps/s");
+    }
+
+    #[test]
+    fn long_times_and_sizes_take_the_unit_that_fits() {
+        let check = |seconds: f64, expected: &str| assert_eq!(long_time(seconds), expected);
+        check(42.4, "42 s");
+        check(0.05, "50 ms");
+        check(600.0, "10 min");
+        check(7000.0, "1.9 h");
+        check(1e6, "12 days");
+        check(1e9, "32 years");
+        check(1e30, "3.2e22 years");
+        assert_eq!(
+            [bytes(1.0e4), bytes(3.14e8), bytes(2.4e9), bytes(5e19)],
+            ["10 kB", "310 MB", "2.4 GB", "50 000 000 TB"]
+        );
     }
 
     #[test]

@@ -3,7 +3,8 @@
 //! # What is here, top down
 //! - [`cli`]: what can be said on the command line, and [`cli::run`], which runs a command in-process
 //! - `commands`: one file for each command
-//! - [`prepare`]: from a motion file to plans of all motors; [`fit`]: what would fit, where one is refused
+//! - [`prepare`]: from a motion file to plans of all motors; [`fit`]: what would fit, where one is refused;
+//!   [`estimate`]: what a motion comes to before it is planned, and a question where that is much
 //! - [`session`]: a program, streamed into a board in epochs that end in stop tails; stops and live changes
 //! - [`pause`]: how a motion is brought to a halt on its path, and goes on
 //! - [`serve`]: virtual boards in real time, for any serial client; `interrupt`: Ctrl-C
@@ -24,6 +25,7 @@ pub mod cli;
 mod commands;
 pub mod console;
 pub mod drive;
+pub mod estimate;
 pub mod figure;
 pub mod fit;
 pub mod human;

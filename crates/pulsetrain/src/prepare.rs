@@ -134,7 +134,15 @@ impl Prepared {
     /// # Errors
     /// As [`Prepared::endless`], and when a law breaks before it can be cut.
     pub fn load(path: &Path, board: Option<&str>, length: Option<Time>) -> miette::Result<Prepared> {
-        let Prepared { file, mut program, tables, .. } = Prepared::endless(path, board)?;
+        Ok(Prepared::endless(path, board)?.ending(length)?)
+    }
+
+    /// Cuts endless laws after `length`, and finite ones too if it is given.
+    ///
+    /// # Errors
+    /// When a law breaks before it can be cut.
+    pub fn ending(self, length: Option<Time>) -> Result<Prepared, Refusal> {
+        let Prepared { file, mut program, tables, .. } = self;
         let cut =
             cut(&mut program, length).map_err(|(motor, error)| Refusal::Law { file: file.clone(), motor, error })?;
         Ok(Prepared { file, program, cut, pause: None, tables })
@@ -312,15 +320,30 @@ pub fn fits(law: &Law, settings: &Settings) -> bool {
     walk(law, settings).is_ok()
 }
 
+/// When each motor's law ends; `None`: never.
+fn ends(program: &Program) -> Vec<Option<Time>> {
+    program.motors.iter().map(|motor| motor.law.end()).collect()
+}
+
+/// Where laws that go on are cut; `None`: nowhere.
+fn cut_at(ends: &[Option<Time>], length: Option<Time>) -> Option<Time> {
+    let is_endless = ends.iter().any(Option::is_none);
+    let default = || ends.iter().copied().flatten().fold(Time::from_seconds(DEFAULT_LENGTH_S), Time::max);
+    length.or_else(|| is_endless.then(default))
+}
+
+/// How much of each motor's law there is once it is cut, but for the stop.
+pub(crate) fn spans(program: &Program, length: Option<Time>) -> Vec<Time> {
+    let ends = ends(program);
+    let at = cut_at(&ends, length).unwrap_or(Time::MAX);
+    ends.into_iter().map(|end| end.map_or(at, |end| end.min(at))).collect()
+}
+
 /// Gives every endless law an end: after `length`, or after the default but not before the finite laws end. A
 /// `length` that is given cuts finite laws too.
 fn cut(program: &mut Program, length: Option<Time>) -> Result<Option<Cut>, (String, LawError)> {
-    let ends: Vec<Option<Time>> = program.motors.iter().map(|motor| motor.law.end()).collect();
-    let at = match length {
-        Some(length) => length,
-        None if ends.iter().all(Option::is_some) => return Ok(None),
-        None => ends.iter().copied().flatten().fold(Time::from_seconds(DEFAULT_LENGTH_S), Time::max),
-    };
+    let ends = ends(program);
+    let Some(at) = cut_at(&ends, length) else { return Ok(None) };
     let goes_on = |end: &Option<Time>| end.is_none_or(|end| end > at);
     if !ends.iter().any(goes_on) {
         return Ok(None);

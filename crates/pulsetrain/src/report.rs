@@ -40,6 +40,9 @@ pub struct PlanReport {
     pub tables: Vec<TableReport>,
     /// The motors, in the file's order.
     pub motors: Vec<MotorReport>,
+    /// What a user should know beside the figures: a line each.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<String>,
 }
 
 /// How the columns of a CSV file were read.
@@ -200,6 +203,8 @@ pub struct MotorReport {
     pub peak_speed: Peak,
     /// The law's largest acceleration, steps/s².
     pub peak_acceleration: Peak,
+    /// The motor's limit of it, steps/s²; `None` if the file gives none.
+    pub max_acceleration: Option<f64>,
     /// Pairs of opposite steps dropped, since they were too close.
     pub pairs_dropped: u64,
     /// Largest |position − θ| that dropping led to, steps.
@@ -308,6 +313,32 @@ impl From<(f64, f64)> for Peak {
     }
 }
 
+/// One line of the motors whose acceleration nothing limits, and of the largest that the motion asks of them.
+pub(crate) fn unlimited(motors: &[MotorReport]) -> Option<String> {
+    let unlimited =
+        motors.iter().filter(|motor| motor.max_acceleration.is_none() && motor.peak_acceleration.value > 0.0);
+    let unlimited: Vec<&MotorReport> = unlimited.collect();
+    let asked = |motor: &MotorReport| motor.in_own_unit(motor.peak_acceleration.value, "/s²");
+    match unlimited.as_slice() {
+        [] => None,
+        [motor] => Some(format!(
+            "{} has no max_acceleration: this motion asks for up to {}. Can the motor follow?",
+            motor.name,
+            asked(motor)
+        )),
+        [first @ .., last] => {
+            let first: Vec<&str> = first.iter().map(|motor| motor.name.as_str()).collect();
+            let each: Vec<String> = unlimited.iter().map(|motor| asked(motor)).collect();
+            Some(format!(
+                "{} and {} have no max_acceleration: this motion asks for up to {}. Can the motors follow?",
+                first.join(", "),
+                last.name,
+                each.join(", ")
+            ))
+        }
+    }
+}
+
 /// A class in the words of reports.
 #[must_use]
 pub fn class_name(class: Class) -> &'static str {
@@ -338,6 +369,7 @@ impl MotorReport {
             shortest_interval_ticks: shortest,
             peak_speed: certificate.peak_speed.into(),
             peak_acceleration: certificate.peak_acceleration.into(),
+            max_acceleration: motor.limits.max_acceleration,
             pairs_dropped: certificate.pairs_dropped,
             worst_position_error: certificate.worst_position_error,
             steps_put_off: certificate.steps_put_off,
@@ -358,8 +390,12 @@ impl MotorReport {
         if self.counts_steps() {
             return format!("{steps} at {at}");
         }
-        let own = human::scaled(peak.value / self.steps_per_unit, &format!("{}{per}", self.unit));
-        format!("{steps} = {own} at {at}")
+        format!("{steps} = {} at {at}", self.in_own_unit(peak.value, per))
+    }
+
+    /// Steps (per s, per s²) in the user's unit.
+    fn in_own_unit(&self, steps: f64, per: &str) -> String {
+        human::scaled(steps / self.steps_per_unit, &format!("{}{per}", human::unit(&self.unit)))
     }
 
     /// Whether it is to move, by less than makes a step.
@@ -578,7 +614,8 @@ impl Display for PlanReport {
                 "  {} makes no step: its motion stays within the first one; are `gear`, `lead` and the law's unit right?\n",
                 motor.name
             )
-        })
+        })?;
+        self.notes.iter().try_for_each(|note| writeln!(f, "  {note}\n"))
     }
 }
 

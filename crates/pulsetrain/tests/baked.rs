@@ -100,6 +100,20 @@ fn examples_keep_to_the_law() {
     assert_eq!(tutorial.motors[0].steps_got, 8000);
     keeps("sweep", &read_example("sweep.toml"), 10.0);
     keeps("max-speed", &read_example("max-speed.toml"), 8.0);
+    // Seed 004's own ramp, whose speed jumps from step to step.
+    let ramp = |turns: i32| {
+        format!(
+            "{{ ramp = {{ distance = \"{turns} rev\", tick = \"8 us\", slowest = 255, fastest = 18, during = 10 }} }}"
+        )
+    };
+    let stepper = format!(
+        "[motor.stepper]\nsteps_per_rev = 200\nmicrosteps = 8\ndriver = \"A3967\"\npins = {{ step = 6, dir = 7 }}\nforward = \"high\"\n\
+         pull_in = \"0.5 rev/s\"\n[[motion]]\nmotor = \"stepper\"\nrepeat = \"forever\"\n\
+         law.then = [{{ rest = \"1 s\" }}, {}, {{ rest = \"1 s\" }}, {}]\n",
+        ramp(1),
+        ramp(-1)
+    );
+    keeps("ramp", &program("grid = \"reach\"\ntolerance = \"1 us\"", &stepper), 8.0);
 }
 
 /// Drivers with short and with long times.

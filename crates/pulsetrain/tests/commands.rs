@@ -6,6 +6,9 @@ use std::path::PathBuf;
 use expect_test::{ExpectFile, expect_file};
 use pulsetrain::cli;
 use pulsetrain::console::Exit;
+use pulsetrain::estimate::{Estimate, Task};
+use pulsetrain::prepare::Prepared;
+use pulsetrain_motion::Time;
 
 struct Outcome {
     exit: Exit,
@@ -80,6 +83,225 @@ fn motor_of_seed_004() {
     let from_file = pulsetrain(&["motor", "--file", &example("max-speed.toml")]);
     let flags = pulsetrain(&flags);
     assert_eq!(from_file.out.replace("stepper:", "motor:"), flags.out);
+}
+
+/// A count that the sketch's register does not hold is said as such; and what is no motor's is refused.
+#[test]
+fn a_motor_whose_counts_do_not_fit_or_that_is_none() {
+    let motor = |inductance: &str, more: &[&str]| {
+        let flags =
+            ["motor", "--inductance", inductance, "--current", "1.35A", "--voltage", "12V", "--microsteps", "8"];
+        pulsetrain(&[&flags[..], more].concat())
+    };
+    let said = motor("90mH", &[]).out.split_whitespace().collect::<Vec<_>>().join(" ");
+    for row in [
+        "not fit 317 counts ceil(2531 us / 8 us): the 8-bit register",
+        "fits 256 in place of 128",
+        "timer counts 159 counts",
+    ] {
+        assert!(said.contains(row), "{said}");
+    }
+    for (inductance, why) in [("1uH", "cuts that to 0"), ("6H", "Timer2 counts up to 16320 us")] {
+        let said = motor(inductance, &[]).out;
+        assert!(said.contains(why) && !said.contains("inf"), "{said}");
+        let said: serde_json::Value = serde_json::from_str(&motor(inductance, &["--json"]).out).unwrap();
+        assert!(said[0]["sketch_cannot"].as_str().unwrap().contains(why), "{said}");
+    }
+    for inductance in ["0H", "0.0 mH", "-3 mH", "1e-300 H", "1e300 H"] {
+        let outcome = motor(inductance, &[]);
+        assert_eq!((outcome.exit, outcome.out.as_str()), (Exit::Refused, ""), "{inductance}");
+        assert!(outcome.err.contains("50mH") || outcome.err.contains("as 3 mH"), "{}", outcome.err);
+    }
+    for (steps, said) in [("1.8", "write steps_per_rev = 200"), ("200.5", "whole number"), ("0", "20 to 10000")] {
+        let outcome = motor("3mH", &["--steps-per-rev", steps]);
+        assert_eq!(outcome.exit, Exit::Refused);
+        assert!(outcome.err.contains(said), "{}", outcome.err);
+    }
+}
+
+/// A motor on an Uno, and its motion.
+fn one_motor(motion: &str) -> String {
+    format!(
+        "board = \"uno\"\n[motor.m]\nsteps_per_rev = 200\ndriver = \"A4988\"\npins = {{ step = 8, dir = 9 }}\nforward = \"high\"\n\
+         pull_in = \"3000 step/s\"\n[[motion]]\nmotor = \"m\"\n{motion}\n"
+    )
+}
+
+/// Two motors that draw a circle, over and over.
+fn circles(repeat: &str) -> String {
+    let motor = |name: &str, [step, dir]: [u8; 2]| {
+        format!(
+            "[motor.{name}]\nsteps_per_rev = 200\ndriver = \"A4988\"\npins = {{ step = {step}, dir = {dir} }}\nforward = \"high\"\n\
+             lead = \"8 mm\"\nmax_speed = \"100 mm/s\"\nmax_acceleration = \"1000 mm/s^2\"\n"
+        )
+    };
+    format!(
+        "board = \"uno\"\n{}{}[machine.table]\nkind = \"xy\"\nmotors = [\"x\", \"y\"]\n[[motion]]\nmachine = \"table\"\n\
+         ease = \"0.5 s\"\n{repeat}\npath.circle = {{ radius = \"1 mm\", period = \"1 s\" }}\n",
+        motor("x", [8, 9]),
+        motor("y", [10, 11])
+    )
+}
+
+/// Each of these went on for days without a word.
+#[test]
+fn long_motions_are_not_begun_without_a_word() {
+    let folder = Folder::new("long");
+    let file = folder.path("long.toml");
+    let sine = "sine = { amplitude = \"1 rev\", period = \"1 s\", cycles = 1_000_000_000 }";
+    let forever = "law.sine = { amplitude = \"1 rev\", period = \"1 s\", cycles = \"forever\" }";
+    let motions: &[(String, &[&str])] = &[
+        (one_motor("law.sine = { amplitude = \"1 rev\", period = \"1 s\", cycles = 1e18 }"), &[]),
+        (one_motor("law.sine = { amplitude = \"1 rev\", period = \"1 s\", cycles = 1_000_000_000_000_000_000 }"), &[]),
+        // No step at all: half a step is the first.
+        (one_motor("law.sine = { amplitude = \"0.1 step\", period = \"1 s\", cycles = 1e9 }"), &[]),
+        (one_motor(forever), &["--for", "1e9 s"]),
+        (one_motor("repeat = 1e9\nlaw.sine = { amplitude = \"1 rev\", period = \"1 s\" }"), &[]),
+        (
+            one_motor(&format!("law.sum = [{{ {sine} }}, {{ sine = {{ amplitude = \"1 rev\", period = \"7 s\" }} }}]")),
+            &[],
+        ),
+        (
+            one_motor(
+                "law.then = [{ rest = \"1 s\" }, { repeat = { times = 1e9, law.sine = { amplitude = \"1 rev\", period = \"1 s\" } } }]",
+            ),
+            &[],
+        ),
+        (one_motor("law.formula = { theta = \"sin(t)\", unit = \"rev\", duration = \"1e9 s\" }"), &[]),
+        (
+            one_motor(forever).replace("pull_in", "backlash = { slack = \"1 step\", over = \"10 ms\" }\npull_in"),
+            &["--for", "1e9 s"],
+        ),
+        (circles("repeat = 1e9"), &[]),
+        (circles("repeat = \"forever\""), &["--for", "1e9 s"]),
+    ];
+    let (image, capture, picture) = (folder.path("long.hex"), folder.path("steps.csv"), folder.path("long.svg"));
+    let out = folder.path("out");
+    let commands: [&[&str]; 7] = [
+        &["plan", &file],
+        &["run", &file, "--out", &out],
+        &["run", &file, "--native", "--out", &out],
+        &["plot", &file, "--out", &picture],
+        &["verify", &capture, &file],
+        &["explain", &file],
+        &["bake", &file, "--output", &image],
+    ];
+    for (text, more) in motions {
+        std::fs::write(&file, text).unwrap();
+        for command in commands {
+            let outcome = pulsetrain(&[command, more].concat());
+            assert_eq!(
+                (outcome.exit, outcome.out.as_str()),
+                (Exit::Refused, ""),
+                "{command:?} {text}\n{}",
+                outcome.err
+            );
+            let said = outcome.err.split_whitespace().collect::<Vec<_>>().join(" ").replace(" │ ", " ");
+            let all = ["long.toml: this motion is ", "about ", " steps in ", " years", " of planning", "--yes"];
+            assert!(all.iter().all(|part| said.contains(part)), "{command:?} {text}\n{said}");
+            assert_eq!(command[0] == "run", said.contains(" of files"), "{said}");
+        }
+        let said = pulsetrain(&[&["plan", &file, "--json"], *more].concat()).out;
+        let said: serde_json::Value = serde_json::from_str(&said).unwrap();
+        assert!(said["help"].as_str().unwrap().contains("--yes"), "{said}");
+        assert!(said["estimate"]["motion_s"].as_f64().unwrap() >= 9e8, "{said}");
+        assert!(said["estimate"]["planning_s"].as_f64().unwrap() > 60.0, "{said}");
+        // Its beginning alone is a motion like any other.
+        if more.is_empty() {
+            let outcome = pulsetrain(&["plan", &file, "--for", "2 s"]);
+            assert_eq!(outcome.exit, Exit::Success, "{text}\n{}", outcome.err);
+        }
+    }
+    assert!(!std::path::Path::new(&out).exists() && !std::path::Path::new(&image).exists());
+}
+
+/// The ticks of an Uno end after 2^62 of 62.5 ns.
+#[test]
+fn what_no_board_counts_is_refused_whatever_is_said() {
+    let folder = Folder::new("too-long");
+    let file = folder.path("long.toml");
+    std::fs::write(&file, one_motor("law.sine = { amplitude = \"1 rev\", period = \"1 s\", cycles = 1e18 }")).unwrap();
+    for command in ["plan", "explain"] {
+        let outcome = pulsetrain(&[command, &file, "--yes"]);
+        assert_eq!(outcome.exit, Exit::Refused);
+        assert!(
+            outcome.err.contains("(2.8823e11 s)") && outcome.err.contains("--yes is of no help"),
+            "{}",
+            outcome.err
+        );
+    }
+}
+
+#[test]
+fn a_long_motion_that_is_meant_is_begun() {
+    let folder = Folder::new("meant");
+    let file = folder.path("long.toml");
+    // 65 million steps of one speed, which are planned in no time.
+    std::fs::write(&file, one_motor("law.speed = { speed = \"3000 step/s\", duration = \"6 h\" }")).unwrap();
+    assert_eq!(pulsetrain(&["plan", &file]).exit, Exit::Refused);
+    let said: serde_json::Value = serde_json::from_str(&pulsetrain(&["plan", &file, "--yes", "--json"]).out).unwrap();
+    assert_eq!(said["motors"][0]["steps"], 64_800_000);
+}
+
+#[test]
+fn an_hour_is_begun_at_once_and_estimates_are_near() {
+    let hour = Some(Time::from_ratio(3600, 1));
+    let of = |name: &str, length, task| {
+        Estimate::of(&Prepared::endless(example(name).as_ref(), None).unwrap(), length, task)
+    };
+    for task in [Task::Plan, Task::Virtual, Task::Native { files: true }, Task::Port] {
+        let estimate = of("sweep.toml", hour, task);
+        assert!(!estimate.is_much(), "{estimate}");
+        assert!((estimate.steps / 2_880_000.0 - 1.0).abs() < 0.01, "{estimate}");
+    }
+    for name in
+        ["tutorial", "sweep-phases", "formula", "table", "circle", "lorenz", "winch", "delta", "pico", "max-speed"]
+    {
+        let estimate = of(&format!("{name}.toml"), None, Task::Plan);
+        let said = pulsetrain(&["plan", &example(&format!("{name}.toml")), "--json"]).out;
+        let said: serde_json::Value = serde_json::from_str(&said).unwrap();
+        let steps: f64 = said["motors"].as_array().unwrap().iter().map(|motor| motor["steps"].as_f64().unwrap()).sum();
+        assert!((0.8..1.25).contains(&(estimate.steps / steps)), "{name}: {estimate}, and {steps} steps");
+    }
+    let folder = Folder::new("estimated");
+    for (name, length) in
+        [("tutorial.toml", None), ("sweep.toml", Some(Time::from_ratio(20, 1))), ("circle.toml", None)]
+    {
+        let out = folder.path(name);
+        let length_s = length.map_or_else(|| "1000 s".to_owned(), |length| format!("{} s", length.seconds()));
+        let outcome = pulsetrain(&["run", &example(name), "--native", "--for", &length_s, "--out", &out]);
+        assert_eq!(outcome.exit, Exit::Success, "{}", outcome.err);
+        let size = |file: &str| std::fs::metadata(format!("{out}/{file}")).unwrap().len() as f64;
+        let (is, estimate) = (size("steps.csv") + size("trace.vcd"), of(name, length, Task::Native { files: true }));
+        let about = estimate.file_bytes.unwrap();
+        assert!((0.75..1.35).contains(&(about / is)), "{name}: {about} B estimated, {is} B written");
+    }
+}
+
+/// The planner holds what the file limits; the rest is the user's to know, and is said once.
+#[test]
+fn motors_without_max_acceleration_are_named_in_one_line() {
+    let lines = |outcome: &Outcome| -> Vec<String> {
+        outcome
+            .out
+            .lines()
+            .filter(|line| line.contains("max_acceleration"))
+            .map(|line| line.trim().to_owned())
+            .collect()
+    };
+    let one = "wheel has no max_acceleration: this motion asks for up to 98.7 rev/s². Can the motor follow?";
+    assert_eq!(lines(&pulsetrain(&["plan", &example("tutorial.toml")])), [one]);
+    let said: serde_json::Value =
+        serde_json::from_str(&pulsetrain(&["plan", &example("tutorial.toml"), "--json"]).out).unwrap();
+    assert_eq!((&said["notes"][0], &said["motors"][0]["max_acceleration"]), (&one.into(), &serde_json::Value::Null));
+    let two = "left and right have no max_acceleration: this motion asks for up to 17.5 rev/s², 17.5 rev/s². Can the motors follow?";
+    assert_eq!(lines(&pulsetrain(&["plan", &example("compare-pins.toml")])), [two]);
+    let limited = pulsetrain(&["plan", &example("max-speed.toml")]);
+    assert_eq!(lines(&limited), [""; 0]);
+    assert!(limited.out.contains("= 50 rev/s² at "), "{}", limited.out);
+    let folder = Folder::new("unlimited");
+    let run = pulsetrain(&["run", &example("tutorial.toml"), "--native", "--out", &folder.path("run")]);
+    assert_eq!(lines(&run), [one]);
 }
 
 #[test]

@@ -51,6 +51,9 @@ fn drawings_have_the_pins_of_the_files() {
         Wiring::StepDir { step, dir, .. } => vec![step, dir],
         Wiring::Coils { pins, .. } => pins.to_vec(),
     };
+    assert_eq!(pins(&root().join("examples/first-uno.toml")), [8, 9]);
+    assert_eq!(pins(&root().join("examples/first-easydriver.toml")), [6, 7]);
+    assert_eq!(pins(&root().join("examples/first-pico.toml")), [6, 7, 8, 9]);
     assert_eq!(pins(&root().join("examples/tutorial.toml")), [8, 9]);
     assert_eq!(pins(&root().join("examples/tutorial-10s.toml")), [8, 9]);
     assert_eq!(pins(&root().join("examples/max-speed.toml")), [6, 7]);
@@ -64,14 +67,32 @@ fn drawings_have_the_pins_of_the_files() {
     }
 
     let text = PAGE.split("```toml\n").nth(1).and_then(|rest| rest.split("```").next()).expect("a motion file");
-    let file = std::env::temp_dir().join(format!("pulsetrain-first-{}.toml", std::process::id()));
-    fs::write(&file, text).unwrap();
-    assert_eq!(pins(&file), [6, 7, 8, 9]);
-    let (mut out, mut err) = (Vec::new(), Vec::new());
-    let exit = cli::run(["pulsetrain", "plan", file.to_str().unwrap()], &mut out, &mut err);
-    assert_eq!(exit, Exit::Success, "{}", String::from_utf8_lossy(&err));
-    fs::remove_file(file).unwrap();
+    let file = fs::read_to_string(root().join("examples/first-uno.toml")).unwrap();
+    assert!(file.ends_with(text), "the page's file is the example's");
     for gpio in [6, 7, 8, 9] {
         assert!(PAGE.contains(&format!("│  GP{gpio}")), "GP{gpio}");
     }
+}
+
+/// What motors follow on the desk, with a small load, rev/s².
+const FOLLOWED: f64 = 200.0;
+
+#[test]
+fn motors_follow_what_the_page_has_them_do() {
+    let mut found = 0;
+    for words in commands().into_iter().filter(|words| words[0] == "run" && words.contains(&"--port")) {
+        let prepared = Prepared::load(&root().join(words[1]), None, None).unwrap();
+        for (motor, planned) in prepared.program.motors.iter().zip(prepared.plan(|_| ()).unwrap()) {
+            let (acceleration, _) = planned.certificate.peak_acceleration;
+            // A gear behind the motor: what its own rotor does.
+            let asked = acceleration / motor.scale.steps_per_rev;
+            assert!(asked <= FOLLOWED, "{}: {asked} rev/s²", words[1]);
+            if words[1].contains("first-") {
+                assert!(motor.limits.max_acceleration.is_some() && motor.limits.max_speed.is_some(), "{}", words[1]);
+                assert!(asked <= 0.1 * FOLLOWED, "{}: {asked} rev/s² is not gentle", words[1]);
+            }
+        }
+        found += 1;
+    }
+    assert!(found >= 7, "{found} commands");
 }

@@ -77,6 +77,16 @@ impl<W: Write> Writer<W> {
     }
 }
 
+/// About how many bytes the row of a step takes, `at_s` seconds after the beginning: for estimates.
+#[must_use]
+pub fn row_bytes(motor: &str, tick_hz: u64, at_s: f64) -> f64 {
+    /// Three commas, a direction of one or two characters, a line's end.
+    const MARKS: f64 = 5.5;
+    /// Most motions stay within a few turns.
+    const POSITION: f64 = 4.0;
+    quoted(motor).len() as f64 + (at_s * tick_hz as f64).max(1.0).log10().ceil() + POSITION + MARKS
+}
+
 /// Writes all of a trace.
 ///
 /// # Errors

@@ -48,6 +48,20 @@ pub struct Writer<W: Write> {
     last: Option<u64>,
 }
 
+/// The coarsest that tells ticks exactly; the finest if none does.
+fn timescale(tick_hz: u64) -> (u32, TimescaleUnit, u64) {
+    let exact = TIMESCALES.iter().find(|(_, _, hz)| hz % tick_hz == 0);
+    *exact.unwrap_or(&TIMESCALES[TIMESCALES.len() - 1])
+}
+
+/// About how many bytes an edge takes that comes by itself, `at_s` seconds after the beginning: for estimates.
+#[must_use]
+pub fn edge_bytes(tick_hz: u64, at_s: f64) -> f64 {
+    // "#", the time, a line's end; a level, the line's code, a line's end.
+    let (_, _, units_hz) = timescale(tick_hz.max(1));
+    5.0 + (at_s * units_hz as f64).max(1.0).log10().ceil()
+}
+
 impl<W: Write> Writer<W> {
     /// Writes the head: a scope for each motor, a signal for each name of each line (a shared DIR line has several), the
     /// levels before the first edge.
@@ -58,9 +72,7 @@ impl<W: Write> Writer<W> {
         if tick_hz == 0 || tick_hz > 1_000_000_000_000 {
             return Err(invalid(format!("a tick rate of {tick_hz} Hz; 1 to 10^12 can be written")));
         }
-        let finest = TIMESCALES.len() - 1;
-        let exact = TIMESCALES.iter().position(|(_, _, hz)| hz % tick_hz == 0).unwrap_or(finest);
-        let (multiple, unit, units_hz) = TIMESCALES[exact];
+        let (multiple, unit, units_hz) = timescale(tick_hz);
         let mut out = vcd::Writer::new(out);
         out.comment(&format!("{TICK_HZ} {tick_hz}"))?;
         out.timescale(multiple, unit)?;

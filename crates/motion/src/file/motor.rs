@@ -7,9 +7,10 @@ use super::reader::{Node, Noted, Read, Reader, Section};
 use crate::Time;
 use crate::boards::BoardRow;
 use crate::drivers::{self, Driver, Input};
-use crate::electrical::Winding;
+use crate::electrical::{Winding, WindingError};
+use crate::full_steps;
 use crate::program::{CoilSequence, DriverTiming, Limits, Scale, Wiring};
-use crate::quantity::{Base, Kind, nearest};
+use crate::quantity::{Base, Kind, Quantity, nearest};
 
 const KEYS: &[&str] = &[
     "steps_per_rev",
@@ -308,7 +309,7 @@ fn read_microsteps(section: &Section, driver: Option<&Driver>) -> Read<u32> {
 
 fn read_gearing(section: &Section, name: &str, microsteps: u32) -> Read<Gearing> {
     let steps = section.need("steps_per_rev", "steps_per_rev = 200")?;
-    let full_steps = steps.above_zero(steps.number("steps_per_rev = 200")?)?;
+    let full_steps = f64::from(read_full_steps(&steps)?);
     let gear = section.get("gear").map_or(Ok(1.0), |node| read_gear(&node));
     let lead = section.get("lead").map(|node| node.positive(Base::Length, 0, "8 mm")).transpose();
     let steps_per_motor_turn = full_steps * f64::from(microsteps);
@@ -326,6 +327,17 @@ fn read_gearing(section: &Section, name: &str, microsteps: u32) -> Read<Gearing>
         lengths_only: false,
         units: RefCell::default(),
     })
+}
+
+fn read_full_steps(node: &Node) -> Read<u32> {
+    const EXAMPLE: &str = "steps_per_rev = 200";
+    // A step angle is written with its unit, too: "1.8 deg".
+    let angle = node.as_text().and_then(|text| Quantity::parse(text).ok());
+    let degrees =
+        angle.filter(|angle| angle.base == Base::Turn && angle.per_seconds == 0).map(|angle| 360.0 * angle.value);
+    let number = degrees.map_or_else(|| node.number(EXAMPLE), Ok)?;
+    full_steps::checked(number)
+        .map_err(|error| node.note(error.label(), format!("`{}` is {error}", node.key), error.advice()))
 }
 
 /// Turns of the motor for one turn of what it drives: a number, or the teeth of both wheels as "16:60".
@@ -513,10 +525,10 @@ fn read_winding(section: &Section, gearing: &Gearing, driver: Option<&Driver>) -
             section.reader.note(section.get(key).map_or(section.at.clone(), |node| node.at), "too much", message, "");
         }
     }
-    if winding.max_speed().is_normal() {
-        return Ok(Some(winding));
-    }
-    Err(section.reader.note(section.key_span("inductance"), "out of range", "the electrical data are out of range", ""))
+    winding.checked().map(Some).map_err(|error| {
+        let at = section.key_span("inductance");
+        section.reader.note(at, "out of range", error.to_string(), WindingError::ADVICE)
+    })
 }
 
 /// What any motor starts and stops at without a ramp, full steps/s: a quarter turn a second at 1.8°. Data sheets of

@@ -266,12 +266,12 @@ impl<'a> Node<'a> {
         }
     }
 
-    /// A whole number, if it is one.
+    /// A whole number, if it is one; also as 1e9.
     pub(super) fn as_whole(&self) -> Option<i64> {
-        match self.form {
-            Form::Value(value) => value.as_integer(),
-            _ => None,
-        }
+        let Form::Value(value) = self.form else { return None };
+        // What an f64 near 2^63 comes to is cut to the range of i64.
+        let of_float = |number: &f64| number.fract() == 0.0 && number.abs() < 9.3e18;
+        value.as_integer().or_else(|| value.as_float().filter(of_float).map(|number| number as i64))
     }
 
     /// A whole number within `range`; anything else is noted.

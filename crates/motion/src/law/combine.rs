@@ -1,6 +1,6 @@
 //! Laws made of laws: at once, one after the other, scaled, shifted, delayed, over and over.
 
-use super::{Curve, Double, Entry, Law, LawError, Piece, Pieces, checked};
+use super::{Curve, Double, Entry, Law, LawError, Piece, Pieces, Workload, checked};
 use crate::Time;
 
 /// θ = factor·law(t − delay) + offset, at rest before `delay`.
@@ -125,6 +125,12 @@ impl Changed {
             }
             Some(inner.next()?.map_err(|error| error.later(self.delay)).and_then(|piece| self.change(piece)))
         }))
+    }
+
+    pub(super) fn workload(&self, until: Time) -> Workload {
+        let inner = self.law.workload(until - self.delay);
+        let waits = if self.delay > Time::ZERO { 1.0 } else { 0.0 };
+        Workload { steps: inner.steps * self.factor.abs(), pieces: inner.pieces + waits }
     }
 
     fn place(&self, position: Double) -> Double {

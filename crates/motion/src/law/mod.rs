@@ -29,6 +29,7 @@ mod take_up;
 mod timer_ramp;
 mod warp;
 pub mod winch;
+mod workload;
 
 use crate::Time;
 pub use blend::{Begin, Behind, Blended, End};
@@ -47,6 +48,7 @@ pub use take_up::{Slack, TakeUp};
 pub use timer_ramp::TimerRamp;
 pub use warp::Warped;
 pub use winch::{WinchCommand, WinchSettings};
+pub use workload::Workload;
 
 /// A stretch of a law on which θ is one analytic curve: θ(t) = `origin` + `curve`(t − `zero`), for t in `start..=end`.
 #[derive(Clone, Debug)]

@@ -131,6 +131,11 @@ impl Law {
 }
 
 impl TakeUp {
+    /// The law without what takes up slack.
+    pub(super) const fn law(&self) -> &Law {
+        &self.sum[0]
+    }
+
     fn slack(&self) -> Option<&Slack> {
         match &self.sum[1] {
             Law::Slack(slack) => Some(slack),

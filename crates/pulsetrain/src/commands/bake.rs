@@ -12,6 +12,7 @@ use crate::bake::rehearsal::{self, Length};
 use crate::bake::{BakeError, Image, PicoImage, PutOff, Size, Sketch, sketch};
 use crate::cli::Bake;
 use crate::console::{self, Console, Exit};
+use crate::estimate::{self, Consent, Task};
 use crate::human;
 use crate::prepare::Prepared;
 
@@ -48,10 +49,12 @@ struct BakedImage {
 }
 
 pub(crate) fn run(args: &Bake, console: &mut Console<'_>) -> miette::Result<Exit> {
-    let mut prepared = match args.length {
-        None => Prepared::endless(&args.file, args.board.as_deref())?,
-        length => Prepared::load(&args.file, args.board.as_deref(), length)?,
-    };
+    let mut prepared = Prepared::endless(&args.file, args.board.as_deref())?;
+    let consent = Consent { length: args.length, task: Task::Plan, yes: args.yes, json: args.json };
+    estimate::agree(&prepared, consent, console)?;
+    if args.length.is_some() {
+        prepared = prepared.ending(args.length)?;
+    }
     if let Some(ppm) = args.clock_ppm {
         prepared.calibrate(ppm);
     }
@@ -264,6 +267,7 @@ mod tests {
             output: Some(path.clone()),
             board: None,
             length: None,
+            yes: false,
             clock_ppm: None,
             rehearse: None,
             no_rehearsal: false,

@@ -13,6 +13,7 @@ use serde::Serialize;
 use super::plan;
 use crate::cli::Explain;
 use crate::console::{Console, Exit};
+use crate::estimate::Task;
 use crate::fit;
 use crate::human::{self, Table};
 use crate::prepare::{Planned, Prepared, Refusal};
@@ -92,7 +93,7 @@ struct Use {
 }
 
 pub(crate) fn run(args: &Explain, console: &mut Console<'_>) -> miette::Result<Exit> {
-    let prepared = match args.motion.prepare() {
+    let prepared = match args.motion.prepare(Task::Plan, args.json, console) {
         Ok(prepared) => prepared,
         Err(report) => {
             let Some(explanation) = report.downcast_ref::<FileError>().and_then(PathExplanations::new) else {

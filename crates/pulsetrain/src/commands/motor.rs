@@ -1,7 +1,7 @@
 //! `pulsetrain motor`: how fast a winding lets a motor step.
 
 use miette::miette;
-use pulsetrain_motion::electrical::{Figure, Winding};
+use pulsetrain_motion::electrical::{Figure, Winding, WindingError};
 use pulsetrain_motion::file;
 use serde::Serialize;
 
@@ -9,14 +9,14 @@ use crate::cli::Motor;
 use crate::console::{Console, Exit};
 use crate::human::{self, Table};
 
-/// The count of the seed's timer, µs: Timer2 at 16 MHz / 128. Source: seeds/004.
-const SKETCH_TIMER_US: f64 = 8.0;
-
 #[derive(Serialize)]
 struct Report {
     motor: String,
     winding: Vec<Row>,
     sketch: Vec<Row>,
+    /// Why the sketch has no figures.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    sketch_cannot: Option<String>,
 }
 
 #[derive(Serialize)]
@@ -37,12 +37,15 @@ impl From<Figure> for Row {
 
 pub(crate) fn run(args: &Motor, console: &mut Console<'_>) -> miette::Result<Exit> {
     let motors = windings(args)?;
+    let rows = |figures: Vec<Figure>| figures.into_iter().map(Row::from).collect();
     let reports: Vec<Report> = motors
         .into_iter()
-        .map(|(motor, winding)| Report {
-            motor,
-            winding: winding.figures().into_iter().map(Row::from).collect(),
-            sketch: winding.sketch_figures(SKETCH_TIMER_US).into_iter().map(Row::from).collect(),
+        .map(|(motor, winding)| {
+            let (sketch, sketch_cannot) = match winding.sketch_figures() {
+                Ok(figures) => (figures, None),
+                Err(error) => (Vec::new(), Some(error.to_string())),
+            };
+            Report { motor, winding: rows(winding.figures()), sketch: rows(sketch), sketch_cannot }
         })
         .collect();
     if args.json {
@@ -51,10 +54,11 @@ pub(crate) fn run(args: &Motor, console: &mut Console<'_>) -> miette::Result<Exi
     }
     for report in &reports {
         console.print(format_args!("{}: what the winding allows\n{}\n", report.motor, section(&report.winding)))?;
-        console.print(format_args!(
-            "The same from a timer that counts every {SKETCH_TIMER_US} µs, as the sketch of seed 004 has it\n{}",
-            section(&report.sketch)
-        ))?;
+        console.print("The same from an 8-bit timer, as the sketch of seed 004 has it\n")?;
+        match &report.sketch_cannot {
+            None => console.print(section(&report.sketch))?,
+            Some(why) => console.print(format_args!("  {why}\n"))?,
+        }
     }
     Ok(Exit::Success)
 }
@@ -70,7 +74,7 @@ fn section(rows: &[Row]) -> String {
         });
         table.row([
             row.name.to_owned(),
-            format!("{} {}", human::significant(row.value, 6), row.unit),
+            format!("{} {}", human::significant(row.value, 6), row.unit).trim_end().to_owned(),
             row.formula.clone(),
             format!("[{}]", number + 1),
         ]);
@@ -90,6 +94,7 @@ fn windings(args: &Motor) -> miette::Result<Vec<(String, Winding)>> {
         full_steps_per_rev: f64::from(args.steps_per_rev),
         microsteps: args.microsteps,
     };
+    let winding = winding.checked().map_err(|error| miette!(help = WindingError::ADVICE, "{error}"))?;
     Ok(vec![("motor".into(), winding)])
 }
 

@@ -4,11 +4,12 @@ use pulsetrain_motion::Time;
 
 use crate::cli::Plan;
 use crate::console::{Console, Exit};
+use crate::estimate::Task;
 use crate::prepare::{Planned, Prepared};
-use crate::report::{MotorReport, PlanReport, TableReport};
+use crate::report::{MotorReport, PlanReport, TableReport, unlimited};
 
 pub(crate) fn run(args: &Plan, console: &mut Console<'_>) -> miette::Result<Exit> {
-    let prepared = args.motion.prepare()?;
+    let prepared = args.motion.prepare(Task::Plan, args.json, console)?;
     let planned = plan(&prepared, console)?;
     let report = report(&prepared, &planned);
     if args.json {
@@ -32,6 +33,8 @@ pub(crate) fn report(prepared: &Prepared, planned: &[Planned]) -> PlanReport {
     let board = &program.board;
     let last_tick = planned.iter().map(|planned| planned.last_tick).max().unwrap_or(0);
     let motors = program.motors.iter().zip(planned);
+    let motors: Vec<MotorReport> =
+        motors.map(|(motor, planned)| MotorReport::new(motor, board, &planned.certificate)).collect();
     PlanReport {
         file: prepared.file.clone(),
         board: board.name.clone(),
@@ -42,6 +45,7 @@ pub(crate) fn report(prepared: &Prepared, planned: &[Planned]) -> PlanReport {
         uncut_s: prepared.cut.and_then(|cut| cut.end).map(Time::seconds),
         pause: prepared.pause,
         tables: prepared.tables.iter().map(TableReport::new).collect(),
-        motors: motors.map(|(motor, planned)| MotorReport::new(motor, board, &planned.certificate)).collect(),
+        notes: unlimited(&motors).into_iter().collect(),
+        motors,
     }
 }

@@ -4,10 +4,11 @@ use super::{plan, run};
 use crate::cli::Plot;
 use crate::console::{Console, Exit};
 use crate::drive::Driven;
+use crate::estimate::Task;
 use crate::record::{Edges, Files};
 
 pub(crate) fn run(args: &Plot, console: &mut Console<'_>) -> miette::Result<Exit> {
-    let prepared = args.motion.prepare()?;
+    let prepared = args.motion.prepare(Task::Native { files: false }, false, console)?;
     let planned = plan::plan(&prepared, console)?;
     let path = args.out.clone().unwrap_or_else(|| args.motion.file.with_extension("svg"));
     let driven = Driven::native(&prepared)?;

@@ -11,6 +11,7 @@ use super::{drive_problem, on_port, plan};
 use crate::cli::Run;
 use crate::console::{self, Console, Exit, access};
 use crate::drive::Driven;
+use crate::estimate::Task;
 use crate::figure::Drawn;
 use crate::human;
 use crate::plot::Picture;
@@ -19,7 +20,12 @@ use crate::record::{Edges, Files, Recorded, Recorder};
 use crate::report::RunReport;
 
 pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit> {
-    let mut prepared = args.motion.prepare()?;
+    let task = match &args.port {
+        Some(_) => Task::Port,
+        None if args.native => Task::Native { files: true },
+        None => Task::Virtual,
+    };
+    let mut prepared = args.motion.prepare(task, args.json, console)?;
     if let Some(ppm) = args.clock_ppm {
         prepared.calibrate(ppm);
     }

@@ -1,0 +1,129 @@
+//! How much there is of a law, roughly and at once: for estimates, before anybody follows it.
+
+use super::{Law, Piece};
+use crate::Time;
+
+/// About how much there is of a law. What repeats is looked at once, and a law of no structure for its first pieces alone.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Workload {
+    /// Steps in both directions.
+    pub steps: f64,
+    /// Pieces.
+    pub pieces: f64,
+}
+
+/// Pieces of a law that are looked at; those of one that was worked out beforehand all are.
+const MOST_PIECES: usize = 256;
+/// Of a winch's path, whose commands come in its first seconds: pieces of a millisecond.
+const MOST_PIECES_OF_A_WINCH: usize = 1 << 15;
+/// Looks in each of them: a formula's window has ten periods of its fastest sinusoid at most.
+const LOOKS: u32 = 64;
+
+impl Law {
+    /// About how much there is of it up to `until`. It takes no longer for a law that is longer.
+    ///
+    /// ```
+    /// use pulsetrain_motion::{Law, Time};
+    /// // A hundred periods of 400 steps up and 400 down, over and over.
+    /// let law = Law::sine(200.0, Time::SECOND, Some(100))?.repeated(Some(1 << 60))?;
+    /// let workload = law.workload(law.end().unwrap());
+    /// assert!((workload.steps / (80_000.0 * 2f64.powi(60)) - 1.0).abs() < 1e-9);
+    /// assert!((workload.pieces / (200.0 * 2f64.powi(60)) - 1.0).abs() < 1e-9);
+    /// # Ok::<(), pulsetrain_motion::LawError>(())
+    /// ```
+    #[must_use]
+    pub fn workload(&self, until: Time) -> Workload {
+        let until = self.end().map_or(until, |end| end.min(until));
+        if until <= Time::ZERO {
+            return Workload::default();
+        }
+        match self {
+            Law::Sum(laws) => laws.iter().map(|law| law.workload(until)).fold(Workload::default(), Workload::and),
+            Law::Then(laws) => {
+                let mut left = until;
+                let parts = laws.iter().map(|law| {
+                    let part = law.workload(left);
+                    left = left - law.end().unwrap_or(left);
+                    part
+                });
+                parts.fold(Workload::default(), Workload::and)
+            }
+            Law::Changed(changed) => changed.workload(until),
+            Law::Repeated(repeated) if until > repeated.period => {
+                repeated.law.workload(repeated.period).times(until.seconds() / repeated.period.seconds())
+            }
+            Law::Repeated(repeated) => repeated.law.workload(until),
+            Law::Blended(blended) => blended.law().workload(until),
+            Law::Warped(warped) => warped.law().workload(until),
+            Law::TakeUp(take_up) => {
+                // About a turn in each piece.
+                let law = take_up.law().workload(until);
+                Workload { pieces: 2.0 * law.pieces, ..law }
+            }
+            Law::Fixed(fixed) => self.first_pieces(until, fixed.pieces.len()),
+            Law::Sine(_) | Law::Steady(_) | Law::Circle(_) | Law::Lorenz(_) => self.first_pieces(until, MOST_PIECES),
+            Law::Formula(_) | Law::Slack(_) => self.first_pieces(until, MOST_PIECES),
+            Law::Winch(_) => self.first_pieces(until, MOST_PIECES_OF_A_WINCH),
+        }
+    }
+
+    /// Of its first pieces, as if it went on like that. What breaks is not told here.
+    fn first_pieces(&self, until: Time, most: usize) -> Workload {
+        let (mut seen, mut at) = (Workload::default(), Time::ZERO);
+        for piece in self.pieces().take(most).map_while(Result::ok).take_while(|piece| piece.start < until) {
+            seen = seen.and(Workload { steps: piece.way(until), pieces: 1.0 });
+            at = piece.end.min(until);
+        }
+        if at <= Time::ZERO { seen } else { seen.times(until.seconds() / at.seconds()) }
+    }
+}
+
+impl Workload {
+    /// Both.
+    #[must_use]
+    pub fn and(self, other: Workload) -> Workload {
+        Workload { steps: self.steps + other.steps, pieces: self.pieces + other.pieces }
+    }
+
+    fn times(self, factor: f64) -> Workload {
+        Workload { steps: self.steps * factor, pieces: self.pieces * factor }
+    }
+}
+
+impl Piece {
+    /// How far it goes to and fro before `until`, steps.
+    fn way(&self, until: Time) -> f64 {
+        let (from, to) = (self.first(), (self.end.min(until) - self.zero).seconds());
+        let at = |k: u32| self.curve.value(from + (to - from) * f64::from(k) / f64::from(LOOKS));
+        (0..LOOKS).map(|k| (at(k + 1) - at(k)).abs()).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[track_caller]
+    fn check(law: &Law, until_s: f64, steps: f64, pieces: f64) {
+        let workload = law.workload(Time::from_seconds(until_s));
+        let near = |is: f64, wanted: f64| (is - wanted).abs() <= 0.01 * wanted;
+        assert!(near(workload.steps, steps) && near(workload.pieces, pieces), "{workload:?}");
+    }
+
+    #[test]
+    fn laws_of_any_kind_are_looked_at_as_far_as_they_are_wanted() {
+        let second = |n: i64| Time::from_ratio(n, 1);
+        let sine = |cycles| Law::sine(200.0, Time::SECOND, cycles).unwrap();
+        check(&sine(Some(3)), 10.0, 2400.0, 6.0);
+        check(&sine(None), 1e9, 8e11, 2e9);
+        check(&sine(Some(1_000_000_000_000_000_000)), 1e18, 8e20, 2e18);
+        check(&Law::speed(-50.0, None).unwrap(), 1e6, 5e7, 245.0);
+        check(&Law::formula("sin(2*pi*t)", &[], 200.0, Some(second(1_000_000))).unwrap(), 1e9, 8e8, 1.25e5);
+        // A rest, three periods of the double, and the beginning of the last law; what comes after is not looked at.
+        let then = vec![Law::rest(second(5)).unwrap(), sine(Some(3)).scaled(2.0).unwrap(), sine(None)];
+        check(&Law::then(then).unwrap().delayed(second(2)).unwrap(), 20.0, 4800.0 + 8000.0, 2.0 + 6.0 + 20.0);
+        let both = Law::sum(vec![sine(Some(1_000_000_000)), sine(Some(2))]).unwrap();
+        check(&both, 1e10, 8e11, 2e9);
+        check(&sine(Some(2)).repeated(Some(1_000_000_000)).unwrap().eased(Time::SECOND).unwrap(), 1e10, 1.6e12, 4e9);
+    }
+}
