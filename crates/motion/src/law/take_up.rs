@@ -147,11 +147,6 @@ impl TakeUp {
         self.sum[1].end()
     }
 
-    /// What it takes up the slack of.
-    pub(super) const fn law(&self) -> &Law {
-        &self.sum[0]
-    }
-
     pub(super) fn class(&self) -> Class {
         self.law().class().max(Class::Enclosed)
     }
