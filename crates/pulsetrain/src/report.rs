@@ -636,6 +636,8 @@ mod tests {
             cut_at_s: None,
             uncut_s: None,
             pause: None,
+            tables: Vec::new(),
+            notes: Vec::new(),
             motors: Vec::new(),
         };
         for (ok, [lost, extra], last) in [
