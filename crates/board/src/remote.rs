@@ -1122,6 +1122,13 @@ impl<P: Port> Board for Remote<P> {
         if is_lost {
             self.take_again()?;
         }
+        // Data that were on their way to a board that stopped are refused, each by itself.
+        while !self.link.is_quiet() {
+            match self.round(Duration::MAX) {
+                Ok(()) | Err(RemoteError::Refused { .. } | RemoteError::Stopped { .. }) => {}
+                Err(error) => return Err(error),
+            }
+        }
         let Answer { reply: Reply::Clock { tick }, asked, answered } = self.ask(&Command::Clock)? else {
             return Err(RemoteError::Nonsense);
         };

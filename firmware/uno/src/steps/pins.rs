@@ -266,7 +266,7 @@ fn kind(configuration: &Configuration<'_>, steps: u16, dirs: u16, shared: u16) -
     Ok(Kind::Shield)
 }
 
-#[inline(never)]
+#[inline(always)]
 fn refused(reason: Reason, pin: u8) -> Refusal {
     Refusal { reason, detail: u16::from(pin) }
 }

@@ -71,9 +71,8 @@ const FALL_COMPARE: u8 = 48;
 const FALL_BESIDE: u8 = 80;
 #[cfg(feature = "stream")]
 const PULSE_BESIDE: u16 = 25;
-/// What a turn of DIR may be earlier than it must, ticks. It is no less than the distance of two groups, by which a filler in its way puts it off:
-/// the image with text has no room in its flash to see where that is more than 128, and is earlier everywhere.
-const EARLY: u16 = if cfg!(text) { APART_TWO_COMPARE as u16 + 5 } else { 128 };
+/// What a turn of DIR may be earlier than it must, ticks, or the distance of two groups if that is more: a filler in its way puts it off by that.
+const EARLY: u16 = 128;
 /// So far ahead things are planned at most, ticks (3 ms), but for steps at rates at which a ring is full long before (`SURE_OF_LIMIT`): a list of
 /// them may reach 1.5 ms further.
 pub(crate) const AHEAD: u32 = 49_152;
@@ -159,7 +158,7 @@ impl Spacing {
             gap: made + 1,
             keep: (made + configuration.hold_ticks + u16::from(late) + slack).max(apart),
             lead: lead.max(apart),
-            early: lead.max(apart) + if cfg!(text) { EARLY } else { EARLY.max(apart) },
+            early: lead.max(apart) + EARLY.max(apart),
             fastest: fastest.max(made.saturating_add(if spacing.long { apart } else { 0 })),
             pulse,
             most: if spacing.long { STEPS / 2 } else { STEPS },
