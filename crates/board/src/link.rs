@@ -71,7 +71,7 @@ pub enum LinkError {
     #[error("the board does not answer any more")]
     Lost,
     /// It is heard, but what it was sent or asked for is neither taken nor answered.
-    #[error("the board is there, but has not answered for {} s what it was asked", UNANSWERED.as_secs_f64())]
+    #[error("the board is sending, but has left a question unanswered for {} s", UNANSWERED.as_secs_f64())]
     Unanswered,
     /// It began anew, or gave us up.
     #[error("the board does not know this session any more: it was reset, or heard nothing for too long")]
@@ -92,8 +92,9 @@ struct Frame {
 struct Asked {
     seq: u8,
     bytes: Vec<u8>,
-    /// When it was asked for, and when it went out first and last.
-    since: Duration,
+    /// When the board confirmed that it has it. Asking anew does not change it.
+    taken: Option<Duration>,
+    /// When it went out first and last.
     first: Option<Duration>,
     last: Duration,
 }
@@ -261,7 +262,7 @@ impl Link {
         assert!(self.asked.is_none(), "one command at a time");
         self.answer = None;
         let (seq, bytes) = self.frame(command, tag);
-        self.asked = Some(Asked { seq, bytes: bytes.clone(), since: now, first: None, last: Duration::ZERO });
+        self.asked = Some(Asked { seq, bytes: bytes.clone(), taken: None, first: None, last: Duration::ZERO });
         self.row.push_back(Frame { seq, fills: None, bytes });
     }
 
@@ -435,7 +436,8 @@ impl Link {
     /// Since when the board leaves something waiting: a frame that it does not take, or a command that it does not answer.
     fn waits_since(&self) -> Option<Duration> {
         let untaken = (!self.row.is_empty()).then_some(self.moved);
-        let unanswered = self.asked.as_ref().map(|asked| asked.since);
+        // A slow line may need seconds for the data before a question.
+        let unanswered = self.asked.as_ref().and_then(|asked| asked.taken);
         [untaken, unanswered].into_iter().flatten().min()
     }
 
@@ -587,6 +589,9 @@ impl Link {
         }
         self.sent = self.sent.saturating_sub(taken);
         self.ever_sent -= taken;
+        if let Some(asked) = self.asked.as_mut().filter(|asked| self.row.iter().all(|frame| frame.seq != asked.seq)) {
+            asked.taken.get_or_insert(now);
+        }
         (self.progress, self.moved) = (now, now);
         self.timeout = self.shortest_timeout();
         if let Rate::Trying { .. } = self.rate {

@@ -349,7 +349,7 @@ fn a_question_before_data_that_are_refused_is_answered() {
 /// A board that is heard, but takes nothing or answers nothing: the host does not wait for ever.
 #[test]
 fn a_board_that_speaks_but_does_not_answer_is_an_error() {
-    let check = |ask: &dyn Fn(&mut Link, Duration), said: &[u8]| {
+    let check = |ask: &dyn Fn(&mut Link, Duration), said: &[u8], given_up_ms: u64| {
         let mut link = taken_link();
         ask(&mut link, Duration::ZERO);
         let mut ms = 0;
@@ -360,9 +360,26 @@ fn a_board_that_speaks_but_does_not_answer_is_an_error() {
             link.input(&framed(Tag(1), |frame| frame.bytes(said)), now);
             assert!(ms < 10_000, "it waits for ever");
         }
-        assert_eq!((link.error(), ms), (Some(LinkError::Unanswered), 3800));
+        assert_eq!((link.error(), ms), (Some(LinkError::Unanswered), given_up_ms));
     };
-    // A question that is taken, and not answered; data that there is no room for.
-    check(&|link, now| link.ask(&Command::Status, now), &[1, kind::POLL | kind::ANSWER, 0, 0]);
-    check(&|link, now| link.send(0, Epoch(1), &[0; 8], now), &[0, kind::MISSING, Missing::NoRoom as u8]);
+    // A question that is taken after 5 ms, and not answered; data that there is no room for.
+    check(&|link, now| link.ask(&Command::Status, now), &[1, kind::POLL | kind::ANSWER, 0, 0], 3805);
+    check(&|link, now| link.send(0, Epoch(1), &[0; 8], now), &[0, kind::MISSING, Missing::NoRoom as u8], 3800);
+}
+
+/// A question waits behind data. While the board takes those, however slowly, the question is not overdue.
+#[test]
+fn a_question_behind_slow_data_is_waited_for() {
+    let mut link = taken_link();
+    let data: u8 = 12;
+    for _ in 0..data {
+        link.send(0, Epoch(1), &[0; 8], Duration::ZERO);
+    }
+    link.ask(&Command::Status, Duration::ZERO);
+    for seq in 1..=data + 1 {
+        let now = Duration::from_millis(500 * u64::from(seq));
+        link.output(now, &mut Vec::new());
+        link.input(&framed(Tag(1), |frame| frame.bytes(&[seq, kind::POLL | kind::ANSWER, 0, 0])), now);
+        assert_eq!(link.error(), None, "after frame {seq}");
+    }
 }
