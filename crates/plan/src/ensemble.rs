@@ -94,7 +94,8 @@ impl<'a> Ensemble<'a> {
                 });
                 let timing = motor.timing.ticks(settings.tick_hz);
                 let last_step = start.and_then(|start| start.last_step);
-                let place = groups[group].1.join(index, planner, &settings, &timing, last_step);
+                let forward_high = matches!(motor.wiring, Wiring::StepDir { forward_high: true, .. });
+                let place = groups[group].1.join(index, planner, &settings, &timing, forward_high, last_step);
                 Source::Shared(group, place, Meter::new(&settings))
             };
             motors.push(Member { plan, settings });

@@ -1,6 +1,6 @@
-//! Motors that share a DIR line: opposite steps of different motors are kept apart by pulse, hold and setup.
+//! Motors that share a DIR line: steps of different motors that want opposite levels of it are kept apart by pulse, hold and setup.
 //!
-//! Steps are taken in the order in which they can be made. One that wants the line in the other direction waits until
+//! Steps are taken in the order in which they can be made. One that wants the line at the other level waits until
 //! the last step before it has had its pulse and hold, and the line its setup; the step after it comes when it was
 //! due. Segments are cut around a step that was put off: the integers of all others stay what they were.
 
@@ -21,13 +21,15 @@ pub(crate) struct SharedDir<'a> {
     keep_ticks: i64,
     /// Longest setup of all members, ticks.
     setup_ticks: i64,
-    /// Tick and direction of the last step made.
-    line: Option<(i64, Direction)>,
+    /// Tick of the last step made, and the level that it wanted.
+    line: Option<(i64, bool)>,
 }
 
 struct Member<'a> {
     motor: usize,
     planner: Planner<'a>,
+    /// The level of the line for a step forward.
+    forward_high: bool,
     min_interval_ticks: i64,
     tick_hz: f64,
     /// Tick of the last step made.
@@ -60,15 +62,18 @@ impl<'a> SharedDir<'a> {
         planner: Planner<'a>,
         settings: &Settings,
         timing: &DriverTicks,
+        forward_high: bool,
         last_step: Option<(i64, Direction)>,
     ) -> usize {
-        self.line = self.line.into_iter().chain(last_step).max_by_key(|(tick, _)| *tick);
+        let last_level = last_step.map(|(tick, direction)| (tick, level(direction, forward_high)));
+        self.line = self.line.into_iter().chain(last_level).max_by_key(|(tick, _)| *tick);
         self.keep_ticks = self.keep_ticks.max((timing.pulse_high + timing.dir_hold) as i64);
         let turn = settings.reversal_ticks - (timing.pulse_high + timing.dir_hold).min(settings.reversal_ticks);
         self.setup_ticks = self.setup_ticks.max(turn as i64);
         self.members.push(Member {
             motor,
             planner,
+            forward_high,
             min_interval_ticks: settings.min_interval_ticks as i64,
             tick_hz: settings.tick_hz as f64,
             last: last_step.map(|(tick, _)| tick),
@@ -123,7 +128,8 @@ impl<'a> SharedDir<'a> {
         let mut first: Option<Candidate> = None;
         for place in 0..self.members.len() {
             let Some((due, direction)) = self.members[place].due(self.fraction_bits)? else { continue };
-            let turns = self.line.is_some_and(|(_, way)| way != direction);
+            let level = level(direction, self.members[place].forward_high);
+            let turns = self.line.is_some_and(|(_, now)| now != level);
             let possible = match self.line {
                 // A line that must turn: what the last step needs after it, and the setup of this one.
                 Some((last, _)) if turns => due.max(last + self.keep_ticks + self.setup_ticks),
@@ -134,7 +140,7 @@ impl<'a> SharedDir<'a> {
             let member = &self.members[place];
             let spaced = member.last.filter(|last| *last < 0).map(|last| last + member.min_interval_ticks);
             let possible = spaced.map_or(possible, |spaced| possible.max(spaced));
-            let candidate = Candidate { possible, turns, place, late: possible - due, direction };
+            let candidate = Candidate { possible, turns, place, late: possible - due, level };
             // At the same tick, steps that the line is right for go first.
             if first.as_ref().is_none_or(|f| (possible, turns) < (f.possible, f.turns)) {
                 first = Some(candidate);
@@ -142,7 +148,7 @@ impl<'a> SharedDir<'a> {
         }
         let Some(step) = first else { return Ok(false) };
         self.members[step.place].take(step.late, self.fraction_bits)?;
-        self.line = Some((step.possible, step.direction));
+        self.line = Some((step.possible, step.level));
         Ok(true)
     }
 }
@@ -156,7 +162,13 @@ struct Candidate {
     place: usize,
     /// `possible` minus when it is due, ticks.
     late: i64,
-    direction: Direction,
+    /// What it wants of the line.
+    level: bool,
+}
+
+/// The level of a DIR line for a step.
+fn level(direction: Direction, forward_high: bool) -> bool {
+    (direction == Direction::Forward) == forward_high
 }
 
 impl Member<'_> {
