@@ -166,11 +166,11 @@ impl Program {
         let seed = options.seed;
         let folder = Folder::new(format!("seed-{seed}-{number}-{board}"))?;
         let rig = Rig::new(seed, number, board);
-        folder.write("too-fast.toml", &rig.too_fast())?;
+        folder.write("too-fast.toml", rig.too_fast())?;
         let promised_hz = self.promised_hz(&folder, "too-fast.toml")?;
         let motion = rig.motion(promised_hz);
         let motors = motion.motors;
-        let outcome = self.outcome(&folder, &motion, number % VERIFIED == 0)?;
+        let outcome = self.outcome(&folder, &motion, number.is_multiple_of(VERIFIED))?;
         if !options.keep && options.only.is_none() {
             if outcome.is_failure() { folder.remove_run()? } else { folder.remove()? }
         }
