@@ -369,6 +369,29 @@ fn a_pause_is_planned_run_and_judged() {
     assert!(report["motors"][0]["final_position"].as_i64().unwrap() > 2000);
 }
 
+/// A winch path, which comes to rest ever more slowly, at a step's level.
+#[test]
+fn a_path_that_comes_to_rest_at_a_level_passes() {
+    let folder = Folder::new("level");
+    let file = folder.path("winch.toml");
+    let text = r#"
+board = "native"
+grid = "reach"
+[motor.x]
+steps_per_rev = 200
+driver = "A4988"
+pins = { step = 2, dir = 3 }
+forward = "low"
+[[motion]]
+motor = "x"
+law.winch = { duration = "2 s", commands = ["0 s: g x 8 1.0", "0 s: a x 71"] }
+"#;
+    std::fs::write(&file, text).unwrap();
+    let outcome = pulsetrain(&["run", &file, "--native", "--out", &folder.path("run")]);
+    assert_eq!(outcome.exit, Exit::Success, "{}{}", outcome.out, outcome.err);
+    assert!(outcome.out.contains("71 of 71"), "{}", outcome.out);
+}
+
 #[test]
 fn a_step_that_lacks_breaks_a_bound() {
     let folder = Folder::new("mutant");

@@ -430,15 +430,34 @@ fn dropped_pairs_are_counted() {
     assert!((report.motors[0].worst_position_error - 0.500_001).abs() < 1e-9, "{report}");
 }
 
+/// A law of one speed, for a second.
+fn line(speed: f64) -> Law {
+    let curve = Curve::Polynomial(vec![0.0, speed]);
+    let piece =
+        Piece { zero: Time::ZERO, start: Time::ZERO, end: Time::SECOND, origin: 0, curve, entry: Entry::SpeedJump };
+    Law::Fixed(Fixed { pieces: Arc::new(vec![piece]), class: Class::ClosedForm })
+}
+
+/// A plan may make the step of a law that ends within rounding of its level, or not; no other step.
+#[test]
+fn a_touch_at_the_end_is_a_step_or_none() {
+    let program = program(Grid::REACH, vec![motor("a", line(2.0 - 5e-10), 2, 3)]);
+    let is_ok = |ticks: &[u64], forward: bool| {
+        let steps = ticks.iter().map(|&tick| Step { motor: 0, tick, forward: forward || tick < HZ }).collect();
+        let trace = StepTrace { tick_hz: HZ, motors: vec!["a".into()], steps };
+        judge_steps(&trace, &program, &Options::default()).unwrap().ok
+    };
+    let half = HZ / 2;
+    assert!(is_ok(&[half, HZ], true) && is_ok(&[half], true));
+    for ticks in [&[HZ][..], &[half, half + half / 2], &[half, HZ, HZ + 400], &[half, HZ - 400], &[half, HZ + 400]] {
+        assert!(!is_ok(ticks, true), "{ticks:?}");
+    }
+    assert!(!is_ok(&[half, HZ], false));
+}
+
 #[test]
 fn a_shared_dir_line_may_put_steps_off() {
     // Two motors at once in opposite directions: b goes when a's pulse, hold and its own setup are over.
-    let line = |speed: f64| {
-        let curve = Curve::Polynomial(vec![0.0, speed]);
-        let piece =
-            Piece { zero: Time::ZERO, start: Time::ZERO, end: Time::SECOND, origin: 0, curve, entry: Entry::SpeedJump };
-        Law::Fixed(Fixed { pieces: Arc::new(vec![piece]), class: Class::ClosedForm })
-    };
     let program = program(Grid { hysteresis: 0.0 }, vec![motor("a", line(1.0), 2, 8), motor("b", line(-1.0), 3, 8)]);
     let lines = lines::of(&program);
     assert_eq!(lines.len(), 3);
