@@ -3,7 +3,9 @@
 use expect_test::{Expect, expect};
 use proptest::prelude::*;
 use pulsetrain_motion::law::{Class, Curve, Entry, Fixed, Piece, Sine};
-use pulsetrain_motion::program::{Board, CoilSequence, DriverTiming, Limits, Motor, Program, Scale, Tolerance, Wiring};
+use pulsetrain_motion::program::{
+    Board, CoilSequence, DriverTiming, Limits, Motor, Program, Scale, SharedSteps, Tolerance, Wiring,
+};
 use pulsetrain_motion::{Grid, Law, Time};
 use std::sync::Arc;
 
@@ -43,6 +45,7 @@ fn program(grid: Grid, motors: Vec<Motor>) -> Program {
         min_interval_ticks: vec![320],
         hardware_timed: true,
         turn_ticks: 0,
+        shared_steps: None,
         segment_ticks: Vec::new(),
         source: "estimate".into(),
     };
@@ -453,6 +456,26 @@ fn a_touch_at_the_end_is_a_step_or_none() {
         assert!(!is_ok(ticks, true), "{ticks:?}");
     }
     assert!(!is_ok(&[half, HZ], false));
+}
+
+/// Where the board makes one step after the other, a step may wait for another motor's, and for nothing else.
+#[test]
+fn a_step_may_wait_for_that_of_another_motor() {
+    const APART: u64 = 232;
+    let mut program = program(Grid { hysteresis: 0.0 }, vec![motor("a", line(1.0), 2, 8), motor("b", line(1.0), 3, 8)]);
+    let lines = lines::of(&program);
+    let judged = |program: &Program, late: u64| {
+        let edge = |tick, line, level| Edge { tick, line, level };
+        let step = |tick, line| [edge(tick, line, true), edge(tick + PULSE, line, false)];
+        let edges = [step(HZ / 2, 0), step(HZ / 2 + late, 2)].concat();
+        judge(&Trace { tick_hz: HZ, lines: lines.clone(), edges }, program, &Options::default()).unwrap()
+    };
+    assert!(!judged(&program, APART).ok);
+    program.board.shared_steps = Some(SharedSteps { together_ticks: 24, apart_ticks: APART as u32 });
+    let report = judged(&program, APART);
+    assert!(report.ok, "{report}");
+    assert_eq!(report.motors[1].steps_put_off, 1);
+    assert!(!judged(&program, 4 * APART).ok);
 }
 
 #[test]
