@@ -65,21 +65,34 @@ pub(crate) fn run(command: &mut Command) -> Done {
 /// Runs all of them to their ends, one on each core at a time, also if some fail: the failure names all that did. What each prints
 /// comes in one piece, when it has ended.
 pub(crate) fn run_side_by_side(commands: Vec<Command>) -> Done {
-    let waiting = Mutex::new(commands.into_iter());
-    let failures = Mutex::new(Vec::new());
+    let done = side_by_side(commands, run_apart);
+    let failures: Vec<Failure> = done.into_iter().filter_map(Result::err).collect();
+    if failures.is_empty() { Ok(()) } else { Err(Failure::Several(failures)) }
+}
+
+/// Does `work` on each of `items`, on each core at a time; gives what came of each, in their order.
+pub(crate) fn side_by_side<T, R: Send>(
+    items: impl IntoIterator<Item = T, IntoIter: Send>,
+    work: impl Fn(T) -> R + Sync,
+) -> Vec<R> {
+    let waiting = Mutex::new(items.into_iter().enumerate());
+    let done = Mutex::new(Vec::new());
     thread::scope(|scope| {
         for _ in 0..thread::available_parallelism().map_or(1, usize::from) {
             scope.spawn(|| {
-                while let Some(command) = unpoisoned(&waiting).next() {
-                    if let Err(failure) = run_apart(command) {
-                        unpoisoned(&failures).push(failure);
-                    }
+                loop {
+                    // The lock is held for that statement alone.
+                    let next = unpoisoned(&waiting).next();
+                    let Some((place, item)) = next else { break };
+                    let result = work(item);
+                    unpoisoned(&done).push((place, result));
                 }
             });
         }
     });
-    let failures: Vec<Failure> = mem::take(&mut *unpoisoned(&failures));
-    if failures.is_empty() { Ok(()) } else { Err(Failure::Several(failures)) }
+    let mut done = mem::take(&mut *unpoisoned(&done));
+    done.sort_by_key(|(place, _)| *place);
+    done.into_iter().map(|(_, result)| result).collect()
 }
 
 /// Runs to the end; what it says to standard output and to standard error comes then, in the order in which it was said.

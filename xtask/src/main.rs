@@ -3,6 +3,7 @@
 //! # What is here
 //! - [`ci`], [`test`](mod@test): what must hold, each a list of commands
 //! - [`bench`](mod@bench), [`golden`], [`fuzz`]: what is measured, reviewed, tried
+//! - [`accept`]: whether motions that `plan` accepts run
 //! - [`pictures`]: what documents show
 //! - [`arduino`]: what Debian has for the Uno, and tests use: bootloaders, compiler, avrdude
 //! - [`python`]: the tests of the client in Python
@@ -16,6 +17,7 @@
 //! The tests themselves: they are in each crate's `tests/`, and those of the whole repository in `xtask/tests/`.
 #![forbid(unsafe_code)]
 
+mod accept;
 mod arduino;
 mod bench;
 mod boards;
@@ -47,6 +49,7 @@ const AFTER_HELP: &str = "Examples:
   cargo xtask test                 what a contributor runs before sending a change
   cargo xtask ci                   what .ci/run runs
   cargo xtask bench uno --hour     an hour on the virtual Uno
+  cargo xtask accept --count 1000 --seed 7   random motions; `accept --seed 7 --only 42` is one of them
   cargo xtask fuzz --seconds 600   longer than CI does
   cargo xtask firmware --check     whether the committed image is what the source builds";
 
@@ -57,6 +60,8 @@ enum Task {
     /// `test`, and: format, lints, documentation, the firmware's images built anew and compared, fuzzing for a moment, more
     /// property-test cases, the README's first command
     Ci,
+    /// Plan and run random realistic motions with the program itself, on all boards, and say how many that `plan` accepts break
+    Accept(accept::Options),
     /// Give random and damaged input to everything that reads some
     Fuzz {
         /// How long each target runs
@@ -134,6 +139,7 @@ fn main() -> ExitCode {
     let done = match Arguments::parse().task {
         Task::Test => test::run(None),
         Task::Ci => ci::run(),
+        Task::Accept(options) => accept::run(&options),
         Task::Fuzz { seconds, target } => fuzz::run(seconds, target.as_deref()),
         Task::CrossCheck => cross_check::run(),
         Task::Firmware { board, check } => firmware(board, check),

@@ -9,7 +9,7 @@ mod uno_stream;
 use std::ops::RangeInclusive;
 
 use crate::pins::{self, PinKind, PinsError};
-use crate::program::{Board, Motor, SegmentTicks, Wiring};
+use crate::program::{Board, Motor, SegmentTicks, SharedSteps, Wiring};
 
 /// One row of the table: what plans are held against, and what else a user should know.
 #[derive(Clone, Debug, PartialEq)]
@@ -202,6 +202,21 @@ impl BoardRow {
         }
     }
 
+    /// [`Board::shared_steps`] for these motors: an Uno makes steps one after the other where motors share a DIR line. Pulses up to
+    /// 1.94 µs are over so soon that no step must wait for them.
+    #[must_use]
+    pub fn shared_steps(&self, motors: &[Motor]) -> Option<SharedSteps> {
+        let pulse = motors.iter().map(|motor| motor.timing.ticks(self.board.tick_hz).pulse_high).max().unwrap_or(0);
+        if !matches!(self.pin_rules, PinRules::Kinds(_)) || !shares_dir(motors) || pulse <= LONGEST_OWN_PULSE {
+            return None;
+        }
+        let apart_ticks = u64::from(PULSE_LATE_TICKS + GROUPS_APART_TICKS[1]) + pulse;
+        Some(SharedSteps {
+            together_ticks: GROUPS_APART_TICKS[0] / 2,
+            apart_ticks: u32::try_from(apart_ticks).unwrap_or(u32::MAX),
+        })
+    }
+
     fn no_pin(&self, pin: String) -> PinError {
         PinError::None { board: self.board.name.clone(), pin, first: *self.pins.start(), last: *self.pins.end() }
     }
@@ -248,6 +263,15 @@ fn word_turn_ticks(motors: &[Motor], hz: u64) -> u32 {
 
 /// What a step takes on an Uno whose motors share a DIR line, ticks.
 const SHARED_STEP_TICKS: u32 = 2_400;
+
+/// The longest pulse that an Uno's interrupt makes by itself, ticks. The end of a longer one is a match of its own.
+const LONGEST_OWN_PULSE: u64 = 31;
+
+/// By what an Uno makes a long pulse longer, since its rising edge may be late, ticks: `LATE` in firmware/uno/src/steps/stepper.rs.
+const PULSE_LATE_TICKS: u32 = 24;
+
+/// What an Uno keeps between two matches, on one port and on the shield's pins, ticks: `APART` and `APART_SHIELD` there.
+const GROUPS_APART_TICKS: [u32; 2] = [48, 60];
 
 /// Whether two motors have one DIR line.
 fn shares_dir(motors: &[Motor]) -> bool {
@@ -299,6 +323,7 @@ fn uno_with(rates: &'static Rates, name: &str, about: &'static str, note: &'stat
             min_interval_ticks: rates.by_software.iter().map(|by_pulse| by_pulse[0]).collect(),
             hardware_timed: false,
             turn_ticks: TURN_TICKS[0],
+            shared_steps: None,
             segment_ticks: Vec::new(),
             source: "its firmware on an emulated ATmega328P: cargo xtask bench uno".to_owned(),
         },
@@ -330,6 +355,7 @@ fn due() -> BoardRow {
             min_interval_ticks: RATES_HZ.iter().map(|&rate| interval_ticks(TICK_HZ, rate)).collect(),
             hardware_timed: false,
             turn_ticks: 0,
+            shared_steps: None,
             segment_ticks: Vec::new(),
             source: "estimate: rates of Klipper on the same chip, as published".to_owned(),
         },
@@ -359,6 +385,7 @@ fn pico() -> BoardRow {
             min_interval_ticks: pico::SHORTEST.to_vec(),
             hardware_timed: true,
             turn_ticks: 0,
+            shared_steps: None,
             segment_ticks: pico::ONWARD
                 .into_iter()
                 .zip(pico::TURNING)
@@ -398,6 +425,7 @@ fn native() -> BoardRow {
             min_interval_ticks: vec![50],
             hardware_timed: true,
             turn_ticks: 0,
+            shared_steps: None,
             segment_ticks: Vec::new(),
             source: "by definition: a board in virtual time".to_owned(),
         },
@@ -455,6 +483,13 @@ mod tests {
         check(11, 1900, &uno::BY_SOFTWARE, 1);
         check(11, 10_000, &uno::BY_SOFTWARE, 2);
         check(9, 1000, &uno::BY_COMPARE, 0);
+        // Long pulses on one DIR line: one after the other.
+        let together =
+            |name: &str, pulse_ns| find(name).unwrap().shared_steps(&[motor(10, pulse_ns), motor(11, pulse_ns)]);
+        let steps = Some(SharedSteps { together_ticks: 24, apart_ticks: 160 + 24 + 60 });
+        assert_eq!(["uno", STREAM].map(|name| together(name, 10_000)), [steps; 2]);
+        assert_eq!([together("uno", 1900), together("pico", 10_000), together("native", 10_000)], [None; 3]);
+        assert_eq!(row.shared_steps(&[motor(10, 10_000)]), None);
         // Two on port D have a ring each.
         let pair = |steps: [u8; 2], pulse_ns| {
             let own_dir = |step: u8| Motor {

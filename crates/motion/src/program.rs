@@ -262,6 +262,15 @@ pub struct SegmentTicks {
     pub heard: u32,
 }
 
+/// How a board makes the steps of motors that share a DIR line, if one after the other: those of all its motors then.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SharedSteps {
+    /// Steps within so many ticks are made together.
+    pub together_ticks: u32,
+    /// From a step to one that is not made together with it, ticks at least.
+    pub apart_ticks: u32,
+}
+
 /// A board's limits: one row of the committed table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Board {
@@ -279,6 +288,8 @@ pub struct Board {
     pub hardware_timed: bool,
     /// What a turn of DIR takes beside pulse, hold and set-up, ticks: from the step before it to the one after it.
     pub turn_ticks: u32,
+    /// What it needs between steps of different motors; `None` where their pulses may overlap.
+    pub shared_steps: Option<SharedSteps>,
     /// What segments take the processor, with 1, 2, … motors; the last entry serves for more. Empty if it is not known.
     pub segment_ticks: Vec<SegmentTicks>,
     /// Where the row's figures come from: "estimate" until a bench on the firmware has printed them.

@@ -45,7 +45,7 @@ struct Member<'a> {
 enum Source<'a> {
     /// A motor with a DIR line of its own.
     Alone(Box<Planner<'a>>),
-    /// One that shares it: which group, which member of it, and what its moves cost after steps were put off.
+    /// One whose steps are kept apart from those of others: which group, which member of it, and what its moves cost after steps were put off.
     Shared(usize, usize, Meter),
 }
 
@@ -75,6 +75,7 @@ impl<'a> Ensemble<'a> {
     ) -> Result<Ensemble<'a>, Refused> {
         let mut motors = Vec::with_capacity(program.motors.len());
         let mut groups: Vec<(Option<u8>, SharedDir<'a>)> = Vec::new();
+        let steps = program.board.shared_steps;
         for (index, (motor, (law, start))) in program.motors.iter().zip(laws).enumerate() {
             let settings = Settings::of(program, motor);
             let planner = match start {
@@ -83,18 +84,20 @@ impl<'a> Ensemble<'a> {
             };
             let planner = planner.map_err(|error| Refused { motor: index, error })?;
             let pin = shared_dir_pin(program, index);
-            let plan = if pin.is_none() && start.is_none() {
+            let plan = if pin.is_none() && start.is_none() && steps.is_none() {
                 Source::Alone(Box::new(planner))
             } else {
                 // A motor with a line of its own is a group of one: its steps must keep clear of those before.
-                let known = groups.iter().position(|(p, _)| pin.is_some() && *p == pin);
+                // Where the board makes all steps one after the other, all motors are one group.
+                let is_one = steps.is_some();
+                let known = groups.iter().position(|(p, _)| is_one || (pin.is_some() && *p == pin));
                 let group = known.unwrap_or_else(|| {
-                    groups.push((pin, SharedDir::new(settings.fraction_bits)));
+                    groups.push((pin, SharedDir::new(settings.fraction_bits, steps)));
                     groups.len() - 1
                 });
                 let timing = motor.timing.ticks(settings.tick_hz);
                 let last_step = start.and_then(|start| start.last_step);
-                let place = groups[group].1.join(index, planner, &settings, &timing, last_step);
+                let place = groups[group].1.join(index, planner, &settings, &timing, &motor.wiring, last_step);
                 Source::Shared(group, place, Meter::new(&settings))
             };
             motors.push(Member { plan, settings });

@@ -1,6 +1,7 @@
-//! Motors that share a DIR line: opposite steps of different motors are kept apart by pulse, hold and setup.
+//! Motors that share a DIR line: steps of different motors that want opposite levels of it are kept apart by pulse, hold and setup.
+//! Where a board makes the steps of all motors one after the other ([`SharedSteps`]), all of them are kept apart as it needs.
 //!
-//! Steps are taken in the order in which they can be made. One that wants the line in the other direction waits until
+//! Steps are taken in the order in which they can be made. One that wants the line at the other level waits until
 //! the last step before it has had its pulse and hold, and the line its setup; the step after it comes when it was
 //! due. Segments are cut around a step that was put off: the integers of all others stay what they were.
 
@@ -10,24 +11,39 @@ use crate::error::{PlanError, Refused};
 use crate::planner::Planner;
 use crate::settings::Settings;
 use pulsetrain_core::{Direction, Segment};
-use pulsetrain_motion::program::DriverTicks;
+use pulsetrain_motion::program::{DriverTicks, SharedSteps, Wiring};
 use std::collections::VecDeque;
 
-/// The motors of one DIR line.
+/// Motors whose steps must be kept apart: those of one DIR line, or all, if the board makes them one after the other.
 pub(crate) struct SharedDir<'a> {
     members: Vec<Member<'a>>,
+    lines: Vec<Line>,
     fraction_bits: u32,
-    /// Longest pulse and hold of all members, ticks.
+    /// What the board needs between steps of any two members.
+    steps: Option<SharedSteps>,
+    /// Tick of the last step made; of steps that go together the first.
+    made: Option<i64>,
+}
+
+/// A DIR line.
+struct Line {
+    /// `None` for coils.
+    pin: Option<u8>,
+    /// Longest pulse and hold of its motors, ticks.
     keep_ticks: i64,
-    /// Longest setup of all members, ticks.
+    /// Longest setup of its motors, ticks.
     setup_ticks: i64,
-    /// Tick and direction of the last step made.
-    line: Option<(i64, Direction)>,
+    /// Tick of the last step made, and the level that it wanted.
+    last: Option<(i64, bool)>,
 }
 
 struct Member<'a> {
     motor: usize,
+    /// Index of its DIR line.
+    line: usize,
     planner: Planner<'a>,
+    /// The level of the line for a step forward.
+    forward_high: bool,
     min_interval_ticks: i64,
     tick_hz: f64,
     /// Tick of the last step made.
@@ -52,8 +68,8 @@ struct Member<'a> {
 }
 
 impl<'a> SharedDir<'a> {
-    pub(crate) fn new(fraction_bits: u32) -> SharedDir<'a> {
-        SharedDir { members: Vec::new(), fraction_bits, keep_ticks: 0, setup_ticks: 0, line: None }
+    pub(crate) fn new(fraction_bits: u32, steps: Option<SharedSteps>) -> SharedDir<'a> {
+        SharedDir { members: Vec::new(), lines: Vec::new(), fraction_bits, steps, made: None }
     }
 
     /// Adds a motor, with its last step before tick 0; gives its place in the group.
@@ -63,15 +79,30 @@ impl<'a> SharedDir<'a> {
         planner: Planner<'a>,
         settings: &Settings,
         timing: &DriverTicks,
+        wiring: &Wiring,
         last_step: Option<(i64, Direction)>,
     ) -> usize {
-        self.line = self.line.into_iter().chain(last_step).max_by_key(|(tick, _)| *tick);
-        self.keep_ticks = self.keep_ticks.max((timing.pulse_high + timing.dir_hold) as i64);
+        let (pin, forward_high) = match *wiring {
+            Wiring::StepDir { dir, forward_high, .. } => (Some(dir), forward_high),
+            Wiring::Coils { .. } => (None, false),
+        };
+        let known = self.lines.iter().position(|line| pin.is_some() && line.pin == pin);
+        let index = known.unwrap_or_else(|| {
+            self.lines.push(Line { pin, keep_ticks: 0, setup_ticks: 0, last: None });
+            self.lines.len() - 1
+        });
+        let line = &mut self.lines[index];
+        let last_level = last_step.map(|(tick, direction)| (tick, level(direction, forward_high)));
+        line.last = line.last.into_iter().chain(last_level).max_by_key(|(tick, _)| *tick);
+        line.keep_ticks = line.keep_ticks.max((timing.pulse_high + timing.dir_hold) as i64);
         let turn = settings.reversal_ticks - (timing.pulse_high + timing.dir_hold).min(settings.reversal_ticks);
-        self.setup_ticks = self.setup_ticks.max(turn as i64);
+        line.setup_ticks = line.setup_ticks.max(turn as i64);
+        self.made = self.made.max(last_step.map(|(tick, _)| tick));
         self.members.push(Member {
             motor,
+            line: index,
             planner,
+            forward_high,
             min_interval_ticks: settings.min_interval_ticks as i64,
             tick_hz: settings.tick_hz as f64,
             last: last_step.map(|(tick, _)| tick),
@@ -132,26 +163,48 @@ impl<'a> SharedDir<'a> {
         let mut first: Option<Candidate> = None;
         for place in 0..self.members.len() {
             let Some((due, direction)) = self.members[place].due(self.fraction_bits)? else { continue };
-            let turns = self.line.is_some_and(|(_, way)| way != direction);
-            let possible = match self.line {
+            let member = &self.members[place];
+            let level = level(direction, member.forward_high);
+            let line = &self.lines[member.line];
+            let turns = line.last.is_some_and(|(_, now)| now != level);
+            let possible = match line.last {
                 // A line that must turn: what the last step needs after it, and the setup of this one.
-                Some((last, _)) if turns => due.max(last + self.keep_ticks + self.setup_ticks),
+                Some((last, _)) if turns => due.max(last + line.keep_ticks + line.setup_ticks),
                 Some((last, _)) => due.max(last),
                 None => due,
             };
+            let possible = match (self.made, self.steps) {
+                (Some(made), Some(steps)) => {
+                    let (together, apart) =
+                        (made + i64::from(steps.together_ticks), made + i64::from(steps.apart_ticks));
+                    // The board turns a line when the pulses on all lines are over.
+                    if turns {
+                        possible.max(apart + line.setup_ticks)
+                    } else if possible > together {
+                        possible.max(apart)
+                    } else {
+                        possible.max(made)
+                    }
+                }
+                _ => possible,
+            };
             // A plan keeps its own steps apart, but does not know the last one before it.
-            let member = &self.members[place];
             let spaced = member.last.filter(|last| *last < 0).map(|last| last + member.min_interval_ticks);
             let possible = spaced.map_or(possible, |spaced| possible.max(spaced));
-            let candidate = Candidate { possible, turns, place, late: possible - due, direction };
+            let candidate = Candidate { possible, turns, place, late: possible - due, level };
             // At the same tick, steps that the line is right for go first.
             if first.as_ref().is_none_or(|f| (possible, turns) < (f.possible, f.turns)) {
                 first = Some(candidate);
             }
         }
         let Some(step) = first else { return Ok(false) };
+        let line = self.members[step.place].line;
         self.members[step.place].take(step.late, self.fraction_bits)?;
-        self.line = Some((step.possible, step.direction));
+        self.lines[line].last = Some((step.possible, step.level));
+        let together = self.steps.map_or(0, |steps| i64::from(steps.together_ticks));
+        if self.made.is_none_or(|made| step.possible > made + together) {
+            self.made = Some(step.possible);
+        }
         Ok(true)
     }
 }
@@ -165,7 +218,13 @@ struct Candidate {
     place: usize,
     /// `possible` minus when it is due, ticks.
     late: i64,
-    direction: Direction,
+    /// What it wants of the line.
+    level: bool,
+}
+
+/// The level of a DIR line for a step.
+fn level(direction: Direction, forward_high: bool) -> bool {
+    (direction == Direction::Forward) == forward_high
 }
 
 impl Member<'_> {

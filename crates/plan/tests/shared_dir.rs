@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use pulsetrain_core::Direction;
-use pulsetrain_motion::program::{Board, DriverTiming, Limits, Motor, Program, Scale, Tolerance, Wiring};
+use pulsetrain_motion::program::{Board, DriverTiming, Limits, Motor, Program, Scale, SharedSteps, Tolerance, Wiring};
 use pulsetrain_motion::{Grid, Law, Time};
 use pulsetrain_plan::{Certificate, Ensemble, Move, Planner, Refused, Settings};
 
@@ -58,6 +58,7 @@ fn program(laws: Vec<Law>, timing: DriverTiming) -> Program {
             min_interval_ticks: vec![160],
             hardware_timed: true,
             turn_ticks: 0,
+            shared_steps: None,
             segment_ticks: Vec::new(),
             source: "test".into(),
         },
@@ -115,11 +116,17 @@ proptest! {
     fn opposite_steps_are_kept_apart_and_nothing_else_moves(
         laws in prop::collection::vec(sweep(), 2..5),
         dir_ns in 200u32..40_000,
+        forward in prop::array::uniform4(any::<bool>()),
     ) {
         let timing =
             DriverTiming { pulse_high_ns: 2_000, pulse_low_ns: 2_000, dir_setup_ns: dir_ns, dir_hold_ns: dir_ns / 2 };
         let apart = i128::from(timing.ticks(TICK_HZ).reversal());
-        let program = program(laws, timing);
+        let mut program = program(laws, timing);
+        for (motor, forward) in program.motors.iter_mut().zip(forward) {
+            if let Wiring::StepDir { forward_high, .. } = &mut motor.wiring {
+                *forward_high = forward;
+            }
+        }
         let plans = match together(&program) {
             Ok(plans) => plans,
             // Steps put off until the next one of their motor: the only reason to refuse these laws.
@@ -128,7 +135,8 @@ proptest! {
                 return Ok(());
             }
         };
-        let mut line: Vec<Step> = Vec::new();
+        // Tick, and the level that the step wants.
+        let mut line: Vec<(i128, bool)> = Vec::new();
         for (motor, (steps, certificate)) in plans.iter().enumerate() {
             let (planned, own) = alone(&program, motor);
             prop_assert_eq!(steps.len(), planned.len());
@@ -151,14 +159,69 @@ proptest! {
             if let (Some(stated), Some(shortest)) = (stated, shortest) {
                 prop_assert!((shortest - 1..=shortest).contains(&stated), "{stated} stated, {shortest} made");
             }
-            line.extend(steps);
+            line.extend(steps.iter().map(|step| (step.tick, (step.direction == Direction::Forward) == forward[motor])));
         }
-        line.sort_by_key(|step| step.tick);
+        line.sort_by_key(|(tick, _)| *tick);
         for pair in line.windows(2) {
-            let close = pair[0].direction != pair[1].direction && pair[1].tick - pair[0].tick < apart;
+            let close = pair[0].1 != pair[1].1 && pair[1].0 - pair[0].0 < apart;
             prop_assert!(!close, "{pair:?} need {apart} ticks");
         }
     }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// A board that makes one step after the other: two motors on one DIR line, and others with lines of their own.
+    #[test]
+    fn steps_of_all_motors_are_kept_apart_where_the_board_needs_it(laws in prop::collection::vec(sweep(), 2..5)) {
+        let (together_ticks, apart_ticks) = (24, 244);
+        let timing =
+            DriverTiming { pulse_high_ns: 10_000, pulse_low_ns: 10_000, dir_setup_ns: 5_000, dir_hold_ns: 5_000 };
+        let mut program = program(laws, timing);
+        program.board.shared_steps = Some(SharedSteps { together_ticks, apart_ticks });
+        for (motor, own) in program.motors.iter_mut().zip(10..).skip(2) {
+            if let Wiring::StepDir { dir, .. } = &mut motor.wiring {
+                *dir = own;
+            }
+        }
+        let mut all: Vec<(i128, Direction, usize)> = Vec::new();
+        for (motor, (steps, certificate)) in together(&program).unwrap().iter().enumerate() {
+            let (planned, _) = alone(&program, motor);
+            prop_assert_eq!(steps.len(), planned.len());
+            prop_assert!(steps.iter().zip(&planned).all(|(step, planned)| step.tick >= planned.tick));
+            let late = steps.iter().zip(&planned).filter(|(step, planned)| step.tick > planned.tick).count();
+            prop_assert_eq!(certificate.steps_put_off, late as u64);
+            all.extend(steps.iter().map(|step| (step.tick, step.direction, motor)));
+        }
+        all.sort_by_key(|(tick, ..)| *tick);
+        // The motors' DIR lines: two share one.
+        let mut levels: Vec<Option<Direction>> = vec![None; 4];
+        let mut made = i128::MIN / 2;
+        for (tick, direction, motor) in all {
+            let turns = levels[motor.max(1)].replace(direction).is_some_and(|before| before != direction);
+            let apart = i128::from(apart_ticks) + if turns { 80 } else { 0 };
+            let goes_along = !turns && tick <= made + i128::from(together_ticks);
+            prop_assert!(goes_along || tick >= made + apart, "motor {motor} at {tick}, {} after", tick - made);
+            made = if goes_along { made } else { tick };
+        }
+    }
+}
+
+/// Two motors that are 80 ticks apart: those of the second wait for those of the first. Where pulses may overlap none does.
+#[test]
+fn steps_of_one_direction_wait_where_the_board_needs_it_only() {
+    let law = Law::speed(1000.0, Some(Time::from_seconds(0.1))).unwrap();
+    let timing = DriverTiming { pulse_high_ns: 10_000, pulse_low_ns: 10_000, dir_setup_ns: 5_000, dir_hold_ns: 5_000 };
+    let delayed = law.clone().delayed(Time::from_ratio(5, 1_000_000)).unwrap();
+    let mut program = program(vec![law, delayed], timing);
+    let put_off = |program: &Program| -> Vec<(u64, u64)> {
+        let plans = together(program).unwrap();
+        plans.iter().map(|(_, plan)| (plan.steps_put_off, plan.longest_put_off_ticks)).collect()
+    };
+    assert_eq!(put_off(&program), [(0, 0), (0, 0)]);
+    program.board.shared_steps = Some(SharedSteps { together_ticks: 24, apart_ticks: 244 });
+    assert_eq!(put_off(&program), [(0, 0), (100, 164)]);
 }
 
 /// A step that is put off comes closer to the next one of its motor; the certificate says how close.

@@ -125,6 +125,7 @@ impl Prepared {
             row.pin_kind(&program.motors).map_err(refuse)?;
             program.board.min_interval_ticks = row.shortest_intervals(&program.motors);
             program.board.turn_ticks = row.turn_ticks(&program.motors);
+            program.board.shared_steps = row.shared_steps(&program.motors);
         }
         Ok(Prepared { file, program, cut: None, pause: None, tables })
     }

@@ -627,6 +627,62 @@ fn a_pause_is_planned_run_and_judged() {
     assert!(report["motors"][0]["final_position"].as_i64().unwrap() > 2000);
 }
 
+/// TB6600: pulses of 10 µs, of which the Uno makes one after the other where a DIR line is shared.
+#[test]
+fn long_pulses_on_one_dir_line_wait_for_each_other() {
+    let folder = Folder::new("long-pulses");
+    let motor = |name: &str, step: u8, dir: u8| {
+        format!(
+            "[motor.{name}]\nsteps_per_rev = 200\ndriver = \"TB6600\"\npins = {{ step = {step}, dir = {dir} }}\nforward = \"high\"\n"
+        )
+    };
+    let trapezoid =
+        r#"law.trapezoid = { distance = "100 step", speed = "500 step/s", acceleration = "2000 step/s^2" }"#;
+    let two = format!(
+        "{}{}[[motion]]\nmotor = \"x\"\n{trapezoid}\n[[motion]]\nmotor = \"y\"\nstart = \"5 us\"\n{trapezoid}\n",
+        motor("x", 9, 8),
+        motor("y", 10, 8)
+    );
+    // A third that has a DIR line of its own, and turns: all come from one ring.
+    let three = format!(
+        "{two}{}[[motion]]\nmotor = \"z\"\nlaw.sine = {{ amplitude = \"30 step\", period = \"100 ms\", cycles = 3 }}\n",
+        motor("z", 11, 12)
+    );
+    for (name, motors) in [("two", two), ("three", three)] {
+        let file = folder.path(&format!("{name}.toml"));
+        std::fs::write(&file, format!("board = \"uno\"\n{motors}")).unwrap();
+        for board in ["--board=uno", "--board=uno-stream"] {
+            let outcome = pulsetrain(&["run", &file, board, "--json", "--out", &folder.path(name)]);
+            assert_eq!(outcome.exit, Exit::Success, "{name}, {board}: {}{}", outcome.out, outcome.err);
+            let report: serde_json::Value = serde_json::from_str(&outcome.out).unwrap();
+            assert!(report["motors"][1]["steps_put_off"].as_u64().unwrap() > 50, "{}", outcome.out);
+        }
+    }
+}
+
+/// A winch path, which comes to rest ever more slowly, at a step's level.
+#[test]
+fn a_path_that_comes_to_rest_at_a_level_passes() {
+    let folder = Folder::new("level");
+    let file = folder.path("winch.toml");
+    let text = r#"
+board = "native"
+grid = "reach"
+[motor.x]
+steps_per_rev = 200
+driver = "A4988"
+pins = { step = 2, dir = 3 }
+forward = "low"
+[[motion]]
+motor = "x"
+law.winch = { duration = "2 s", commands = ["0 s: g x 8 1.0", "0 s: a x 71"] }
+"#;
+    std::fs::write(&file, text).unwrap();
+    let outcome = pulsetrain(&["run", &file, "--native", "--out", &folder.path("run")]);
+    assert_eq!(outcome.exit, Exit::Success, "{}{}", outcome.out, outcome.err);
+    assert!(outcome.out.contains("71 of 71"), "{}", outcome.out);
+}
+
 #[test]
 fn a_step_that_lacks_breaks_a_bound() {
     let folder = Folder::new("mutant");

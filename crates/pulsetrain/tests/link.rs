@@ -42,6 +42,7 @@ fn two_sines() -> Program {
         min_interval_ticks: vec![160],
         hardware_timed: true,
         turn_ticks: 0,
+        shared_steps: None,
         segment_ticks: Vec::new(),
         source: "test".into(),
     };

@@ -46,6 +46,7 @@ fn program(fraction_bits: u32, motors: Vec<Motor>) -> Program {
         min_interval_ticks: vec![160],
         hardware_timed: true,
         turn_ticks: 0,
+        shared_steps: None,
         segment_ticks: Vec::new(),
         source: "test".into(),
     };

@@ -119,6 +119,7 @@ fn program(laws: Vec<Law>, acceleration: f64) -> Program {
         min_interval_ticks: vec![80],
         hardware_timed: true,
         turn_ticks: 0,
+        shared_steps: None,
         segment_ticks: Vec::new(),
         source: "test".into(),
     };

@@ -7,7 +7,7 @@
 use pulsetrain_motion::law::{Jet, Piece, Pieces};
 use pulsetrain_motion::{Grid, Law, LawError, Time};
 
-/// θ that turns or rests this close before a level (steps) may have touched it or not: f64 cannot always tell.
+/// θ that turns, rests or ends this close before a level (steps) may have touched it or not: f64 cannot always tell.
 pub const GRAZE: f64 = 1e-9;
 
 /// A time in ticks: whole ones and the rest, so that days lose no precision.
@@ -47,7 +47,7 @@ pub struct Crossing {
     pub forward: bool,
     /// Half the time within which f64 cannot place the crossing, ticks: tiny but near turning points.
     pub uncertainty_ticks: f64,
-    /// θ turns or rests within [`GRAZE`] before the level: whether there is a step is open, see [`Crossings::settle`].
+    /// A stretch of θ ends within [`GRAZE`] before the level: whether there is a step is open, see [`Crossings::settle`].
     pub optional: bool,
     /// |speed| there, steps/s.
     pub speed: f64,
@@ -157,30 +157,39 @@ impl<'a> Crossings<'a> {
             let rising = stretch.to_value >= stretch.from_value;
             // Beyond a level already at the start: the law jumps, or a window's edge is rounded.
             let found = if stretch.from_value >= up + GRAZE {
-                Some((true, stretch.from, false))
+                Some((true, stretch.from, None))
             } else if stretch.from_value <= down - GRAZE {
-                Some((false, stretch.from, false))
+                Some((false, stretch.from, None))
             } else {
                 let (level, beyond) =
                     if rising { (up, stretch.to_value - up) } else { (down, down - stretch.to_value) };
-                // A touch counts; one that f64 sees just missed may count.
                 let noise = self.window.noise;
-                if stretch.ends_slow && (-GRAZE..=noise).contains(&beyond) {
-                    Some((rising, stretch.to, beyond < -noise))
+                if stretch.ends_slow && beyond.abs() <= noise {
+                    // A touch counts.
+                    Some((rising, stretch.to, None))
                 } else if beyond >= 0.0 {
-                    Some((rising, self.window.solve(level, stretch, self.tick_hz), false))
+                    Some((rising, self.window.solve(level, stretch, self.tick_hz), None))
+                } else if beyond >= -GRAZE {
+                    // What f64 sees just missed may count, however slowly θ comes to rest; if θ goes on, so do we.
+                    Some((rising, stretch.to, Some(beyond + GRAZE)))
                 } else {
                     None
                 }
             };
-            let Some((forward, x, optional)) = found else {
+            let Some((forward, x, graze)) = found else {
                 self.next_stretch();
                 continue;
+            };
+            let optional = graze.is_some();
+            let uncertainty_s = match graze {
+                // The step may come from when θ is within GRAZE of the level.
+                Some(graze) => self.window.ends_within(graze, stretch),
+                None => self.window.uncertainty(x, stretch),
             };
             let crossing = Crossing {
                 at: self.window.at(x, self.tick_hz),
                 forward,
-                uncertainty_ticks: self.window.uncertainty(x, stretch) * self.tick_hz as f64,
+                uncertainty_ticks: uncertainty_s * self.tick_hz as f64,
                 optional,
                 speed: self.window.speed(x).abs(),
                 farthest: self.farthest,
@@ -344,12 +353,16 @@ impl Window {
         if x < stretch.to || !stretch.ends_slow {
             return (self.noise / self.speed(x).abs()).min(stretch.to - stretch.from);
         }
-        // Where θ was off by that much before it came to rest.
+        self.ends_within(2.0 * self.noise, stretch)
+    }
+
+    /// For how long, up to its end, a stretch stays within `steps` of where it ends, s.
+    fn ends_within(&self, steps: f64, stretch: Stretch) -> f64 {
         let sign = if stretch.to_value >= stretch.from_value { 1.0 } else { -1.0 };
         let (mut lo, mut hi) = (stretch.from, stretch.to);
         for _ in 0..60 {
             let middle = 0.5 * (lo + hi);
-            if (stretch.to_value - self.value(middle)) * sign > 2.0 * self.noise { lo = middle } else { hi = middle }
+            if (stretch.to_value - self.value(middle)) * sign > steps { lo = middle } else { hi = middle }
         }
         stretch.to - lo
     }
@@ -478,6 +491,28 @@ mod tests {
         check(vec![vec![0.0], vec![-2.5]], &[(1.0, false), (1.0, false)]);
         // θ = 4u².
         check(vec![vec![0.0, 0.0, 4.0]], &[(0.5, true), (0.5_f64.sqrt(), true), (0.75_f64.sqrt(), true), (1.0, true)]);
+    }
+
+    /// A law that is cut off, or slows down for good, just below a level: it has no turning point there.
+    #[test]
+    fn a_law_that_ends_just_below_a_level_may_touch_it() {
+        let rest = 2.0 - 5e-10;
+        let law = law(vec![Curve::Polynomial(vec![0.0, rest]), Curve::Polynomial(vec![rest])]);
+        for made in [true, false] {
+            let mut crossings = Crossings::new(&law, Grid::REACH, HZ);
+            let first = crossings.advance().unwrap().unwrap();
+            assert!(!first.optional && first.forward);
+            let touch = crossings.advance().unwrap().unwrap();
+            assert!(touch.optional && touch.forward);
+            assert_eq!(touch.at.ticks(), HZ as f64);
+            // From 1e-9 steps before the level on, at 2 steps/s.
+            assert!((touch.uncertainty_ticks - 2.5e-10 * HZ as f64).abs() < 1e-6, "{touch:?}");
+            crossings.settle(made);
+            let later = crossings.advance().unwrap();
+            assert_eq!(later.is_none(), made);
+            assert!(later.is_none_or(|later| later.optional && later.forward));
+            assert_eq!(crossings.position(), 1 + i64::from(made));
+        }
     }
 
     #[test]

@@ -29,12 +29,14 @@ impl Timebase {
 pub(crate) struct Limits {
     /// Either way.
     pub(crate) bound: f64,
-    /// Later than that, right after a shared DIR line turned.
+    /// Later than that, right after a shared DIR line turned or another motor stepped that the board makes wait.
     pub(crate) put_off: f64,
     /// Opposite crossings closer than this may both be missing.
     pub(crate) pair: f64,
     /// How long after a turn of DIR a step counts as put off.
     pub(crate) after_turn: u64,
+    /// The same after a step of another motor, if the board makes steps of different motors one after the other.
+    pub(crate) after_step: Option<u64>,
     /// Ticks of the board in one tick of the trace.
     pub(crate) scale: f64,
     /// Ticks of the trace per second.
@@ -47,7 +49,8 @@ pub(crate) struct Made {
     pub(crate) tick: u64,
     pub(crate) at: Instant,
     pub(crate) forward: bool,
-    pub(crate) since_dir: Option<u64>,
+    /// It comes so soon after a turn of DIR or a step of another motor that it may have been put off.
+    pub(crate) may_be_put_off: bool,
 }
 
 /// A matched step, for alignment: its tick in the trace and how late it is, ticks of the trace.
@@ -123,8 +126,8 @@ impl<'a> Matcher<'a> {
         self.report.bound_ticks = self.limits.bound * self.limits.scale;
     }
 
-    /// Takes a step at a tick of the trace.
-    pub(crate) fn push(&mut self, tick: u64, forward: bool, since_dir: Option<u64>) {
+    /// Takes a step at a tick of the trace, so many ticks after DIR turned and after a step of another motor.
+    pub(crate) fn push(&mut self, tick: u64, forward: bool, since_dir: Option<u64>, since_other: Option<u64>) {
         if let Some(last) = self.last.replace(tick) {
             let interval = (tick - last) as f64 * self.limits.scale;
             if self.report.shortest_interval_ticks.is_none_or(|shortest| interval < shortest) {
@@ -134,7 +137,10 @@ impl<'a> Matcher<'a> {
         }
         self.report.steps_got += 1;
         self.report.position_got += if forward { 1 } else { -1 };
-        self.made.push_back(Made { tick, at: self.timebase.law(tick), forward, since_dir });
+        let follows_turn = since_dir.is_some_and(|since| since <= self.limits.after_turn);
+        let follows_step = since_other.zip(self.limits.after_step).is_some_and(|(since, limit)| since <= limit);
+        let may_be_put_off = follows_turn || follows_step;
+        self.made.push_back(Made { tick, at: self.timebase.law(tick), forward, may_be_put_off });
         if self.made.len() > 2 {
             self.decide();
         }
@@ -209,9 +215,9 @@ impl<'a> Matcher<'a> {
         late.signum() * (late.abs() - wanted.uncertainty_ticks).max(0.0)
     }
 
-    /// How much later than the bound this step may come because of a shared DIR line.
+    /// How much later than the bound this step may come because of other motors on a shared DIR line.
     fn put_off(&self, made: Made) -> f64 {
-        if made.since_dir.is_some_and(|since| since <= self.limits.after_turn) { self.limits.put_off } else { 0.0 }
+        if made.may_be_put_off { self.limits.put_off } else { 0.0 }
     }
 
     fn in_time(&self, made: Made, wanted: Crossing) -> bool {

@@ -4,7 +4,7 @@
 //! # use pulsetrain_motion::{Grid, Law, Time, law::Sine, program::*};
 //! # use pulsetrain_trace::{steps::{Step, StepTrace}, verdict::{self, Options}};
 //! # let board = Board { name: "uno".into(), tick_hz: 16_000_000, fraction_bits: 16, max_motors: 4,
-//! #     min_interval_ticks: vec![640], hardware_timed: true, turn_ticks: 0, segment_ticks: vec![], source: "estimate".into() };
+//! #     min_interval_ticks: vec![640], hardware_timed: true, turn_ticks: 0, shared_steps: None, segment_ticks: vec![], source: "estimate".into() };
 //! # let motor = Motor { name: "wheel".into(),
 //! #     law: Law::Sine(Sine { amplitude: 1.0, period: Time::SECOND, cycles: Some(1) }),
 //! #     wiring: Wiring::StepDir { step: 8, dir: 9, forward_high: false, enable: None },
@@ -233,6 +233,8 @@ pub(crate) struct Judge<'a> {
     /// Ticks that times may be off by, since another clock than the board's took them.
     spare_ticks: u64,
     last_tick: u64,
+    /// The last step of each motor.
+    last_steps: Vec<Option<u64>>,
     motors: Vec<Matcher<'a>>,
 }
 
@@ -251,28 +253,36 @@ impl<'a> Judge<'a> {
         let bound = bound + spare_ticks as f64;
         // What a turn of DIR takes the board itself, beside the drivers' times.
         let turn = (f64::from(program.board.turn_ticks) / scale).ceil() as u64;
+        // What a step waits for steps of other motors where the board makes one after the other.
+        let apart = program.board.shared_steps.map(|steps| (f64::from(steps.apart_ticks) / scale).ceil());
         let motors = program.motors.iter().map(|motor| {
             let own = motor.timing.ticks(tick_hz).reversal() + turn;
-            let sharing: Vec<u64> =
-                sharing(program, motor).map(|other| other.timing.ticks(tick_hz).reversal() + turn).collect();
+            let sharing: Vec<u64> = program
+                .motors
+                .iter()
+                .filter(|other| other.shares_dir_with(motor) || (apart.is_some() && !std::ptr::eq(*other, motor)))
+                .map(|other| other.timing.ticks(tick_hz).reversal() + turn)
+                .collect();
             let reversal = sharing.iter().copied().max().unwrap_or(0).max(own) as f64;
-            let put_off = sharing.len() as f64 * reversal;
+            let put_off = sharing.len() as f64 * (reversal + apart.unwrap_or(0.0));
             let limits = Limits {
                 bound,
                 put_off,
                 pair: (own as f64).max(shortest_interval(program, motor) / scale),
                 after_turn: if sharing.is_empty() { 0 } else { (put_off + reversal + bound) as u64 },
+                after_step: apart.map(|apart| (apart + reversal + 2.0 * bound) as u64),
                 scale,
                 tick_hz: tick_hz as f64,
             };
             Matcher::new(&motor.name, Crossings::new(&motor.law, program.grid, tick_hz), limits, timebase)
         });
-        let motors = motors.collect();
+        let motors: Vec<Matcher<'_>> = motors.collect();
+        let last_steps = vec![None; motors.len()];
         let until = options.until_s.map(|until_s| {
             let (tick, fraction) = Time::from_seconds(until_s).ticks(tick_hz);
             Instant { tick, fraction }
         });
-        Ok(Judge { program, tick_hz, timebase, until, spare_ticks, last_tick: 0, motors })
+        Ok(Judge { program, tick_hz, timebase, until, spare_ticks, last_tick: 0, last_steps, motors })
     }
 
     pub(crate) fn event(&mut self, motor: usize, tick: u64, event: Event) {
@@ -281,7 +291,12 @@ impl<'a> Judge<'a> {
         }
         self.last_tick = self.last_tick.max(tick);
         match event {
-            Event::Step { forward, since_dir } => self.motors[motor].push(tick, forward, since_dir),
+            Event::Step { forward, since_dir } => {
+                self.last_steps[motor] = Some(tick);
+                let others = self.last_steps.iter().enumerate().filter(|(other, _)| *other != motor);
+                let since_other = others.filter_map(|(_, last)| *last).max().map(|last| tick - last);
+                self.motors[motor].push(tick, forward, since_dir, since_other);
+            }
             Event::CoilJump { from, to } => {
                 let at = self.timebase.law(tick).ticks();
                 self.motors[motor].fault(at, Fault::CoilJump { from, to });
@@ -361,11 +376,6 @@ enum Timing {
     Low,
     Setup,
     Hold,
-}
-
-/// The other motors with the same DIR pin.
-fn sharing<'a>(program: &'a Program, motor: &'a Motor) -> impl Iterator<Item = &'a Motor> {
-    program.motors.iter().filter(move |other| other.shares_dir_with(motor))
 }
 
 /// Shortest interval that board, driver and motor allow, ticks of the board.

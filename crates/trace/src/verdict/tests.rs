@@ -3,7 +3,9 @@
 use expect_test::{Expect, expect};
 use proptest::prelude::*;
 use pulsetrain_motion::law::{Class, Curve, Entry, Fixed, Piece, Sine};
-use pulsetrain_motion::program::{Board, CoilSequence, DriverTiming, Limits, Motor, Program, Scale, Tolerance, Wiring};
+use pulsetrain_motion::program::{
+    Board, CoilSequence, DriverTiming, Limits, Motor, Program, Scale, SharedSteps, Tolerance, Wiring,
+};
 use pulsetrain_motion::{Grid, Law, Time};
 use std::sync::Arc;
 
@@ -43,6 +45,7 @@ fn program(grid: Grid, motors: Vec<Motor>) -> Program {
         min_interval_ticks: vec![320],
         hardware_timed: true,
         turn_ticks: 0,
+        shared_steps: None,
         segment_ticks: Vec::new(),
         source: "estimate".into(),
     };
@@ -430,15 +433,54 @@ fn dropped_pairs_are_counted() {
     assert!((report.motors[0].worst_position_error - 0.500_001).abs() < 1e-9, "{report}");
 }
 
+/// A law of one speed, for a second.
+fn line(speed: f64) -> Law {
+    let curve = Curve::Polynomial(vec![0.0, speed]);
+    let piece =
+        Piece { zero: Time::ZERO, start: Time::ZERO, end: Time::SECOND, origin: 0, curve, entry: Entry::SpeedJump };
+    Law::Fixed(Fixed { pieces: Arc::new(vec![piece]), class: Class::ClosedForm })
+}
+
+/// A plan may make the step of a law that ends within rounding of its level, or not; no other step.
+#[test]
+fn a_touch_at_the_end_is_a_step_or_none() {
+    let program = program(Grid::REACH, vec![motor("a", line(2.0 - 5e-10), 2, 3)]);
+    let is_ok = |ticks: &[u64], forward: bool| {
+        let steps = ticks.iter().map(|&tick| Step { motor: 0, tick, forward: forward || tick < HZ }).collect();
+        let trace = StepTrace { tick_hz: HZ, motors: vec!["a".into()], steps };
+        judge_steps(&trace, &program, &Options::default()).unwrap().ok
+    };
+    let half = HZ / 2;
+    assert!(is_ok(&[half, HZ], true) && is_ok(&[half], true));
+    for ticks in [&[HZ][..], &[half, half + half / 2], &[half, HZ, HZ + 400], &[half, HZ - 400], &[half, HZ + 400]] {
+        assert!(!is_ok(ticks, true), "{ticks:?}");
+    }
+    assert!(!is_ok(&[half, HZ], false));
+}
+
+/// Where the board makes one step after the other, a step may wait for another motor's, and for nothing else.
+#[test]
+fn a_step_may_wait_for_that_of_another_motor() {
+    const APART: u64 = 232;
+    let mut program = program(Grid { hysteresis: 0.0 }, vec![motor("a", line(1.0), 2, 8), motor("b", line(1.0), 3, 8)]);
+    let lines = lines::of(&program);
+    let judged = |program: &Program, late: u64| {
+        let edge = |tick, line, level| Edge { tick, line, level };
+        let step = |tick, line| [edge(tick, line, true), edge(tick + PULSE, line, false)];
+        let edges = [step(HZ / 2, 0), step(HZ / 2 + late, 2)].concat();
+        judge(&Trace { tick_hz: HZ, lines: lines.clone(), edges }, program, &Options::default()).unwrap()
+    };
+    assert!(!judged(&program, APART).ok);
+    program.board.shared_steps = Some(SharedSteps { together_ticks: 24, apart_ticks: APART as u32 });
+    let report = judged(&program, APART);
+    assert!(report.ok, "{report}");
+    assert_eq!(report.motors[1].steps_put_off, 1);
+    assert!(!judged(&program, 4 * APART).ok);
+}
+
 #[test]
 fn a_shared_dir_line_may_put_steps_off() {
     // Two motors at once in opposite directions: b goes when a's pulse, hold and its own setup are over.
-    let line = |speed: f64| {
-        let curve = Curve::Polynomial(vec![0.0, speed]);
-        let piece =
-            Piece { zero: Time::ZERO, start: Time::ZERO, end: Time::SECOND, origin: 0, curve, entry: Entry::SpeedJump };
-        Law::Fixed(Fixed { pieces: Arc::new(vec![piece]), class: Class::ClosedForm })
-    };
     let program = program(Grid { hysteresis: 0.0 }, vec![motor("a", line(1.0), 2, 8), motor("b", line(-1.0), 3, 8)]);
     let lines = lines::of(&program);
     assert_eq!(lines.len(), 3);

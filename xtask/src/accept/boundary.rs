@@ -1,0 +1,60 @@
+//! The largest peak that runs: sinusoids in phase, at some frequencies.
+
+use super::motions::in_phase;
+use super::outcome::Outcome;
+use super::{BOARDS, Folder, Program};
+use crate::command::{self, Done};
+
+/// Hz.
+const FREQUENCIES: [u32; 5] = [1, 3, 10, 30, 60];
+/// Peaks that are tried: what is promised, and so many rungs of 5 % below it.
+const RUNGS: u32 = 80;
+
+/// A row of the table: a board with so many motors.
+#[derive(Clone, Copy)]
+struct Row {
+    board: &'static str,
+    motors: usize,
+}
+
+/// Prints the table, of one board or of all that have a firmware.
+pub(super) fn run(program: &Program, board: Option<&str>) -> Done {
+    let boards = BOARDS.into_iter().filter(|name| board.map_or(*name != "native", |board| board == *name));
+    let rows: Vec<Row> = boards.flat_map(|board| [2, 4].map(|motors| Row { board, motors })).collect();
+    let cells = rows.iter().flat_map(|row| FREQUENCIES.map(|frequency| (*row, frequency)));
+    let peaks = command::side_by_side(cells, |(row, frequency)| peak(program, row, frequency));
+    let peaks: Vec<(f64, Option<f64>)> = peaks.into_iter().collect::<Done<_>>()?;
+    println!(
+        "Sinusoids in phase, 2 s: largest peak that runs, k steps/s each. \"Runs\": `plan` accepts it, and no step is lost.\n"
+    );
+    let head = FREQUENCIES.map(|frequency| format!("{frequency} Hz")).join(" | ");
+    println!("| board | motors | promised | {head} |\n|---|---|---|{}", "---|".repeat(FREQUENCIES.len()));
+    for (row, peaks) in rows.iter().zip(peaks.chunks(FREQUENCIES.len())) {
+        let cells: Vec<String> = peaks.iter().map(|(_, peak)| peak.map_or("–".to_owned(), thousands)).collect();
+        println!("| {} | {} | {} | {} |", row.board, row.motors, thousands(peaks[0].0), cells.join(" | "));
+    }
+    Ok(())
+}
+
+fn thousands(hz: f64) -> String {
+    let decimals = if hz < 9_950.0 { 1 } else { 0 };
+    format!("{:.decimals$}", hz / 1000.0)
+}
+
+/// What is promised, and the largest peak that runs, steps/s; rungs are taken to run below one that does.
+fn peak(program: &Program, row: Row, frequency: u32) -> Done<(f64, Option<f64>)> {
+    let Row { board, motors } = row;
+    let folder = Folder::new(format!("boundary-{board}-{motors}-{frequency}"))?;
+    folder.write("too-fast.toml", in_phase(board, motors, 1e9, frequency).files[0].1.as_str())?;
+    let promised_hz = program.promised_hz(&folder, "too-fast.toml")?;
+    let at = |rung: u32| promised_hz * 0.95_f64.powf(f64::from(rung));
+    // The first rung that runs is after `fails`, and `runs` at most.
+    let (mut fails, mut runs) = (None, RUNGS);
+    while fails.map_or(0, |rung| rung + 1) < runs {
+        let rung = fails.map_or(0, |rung| (rung + runs) / 2);
+        let motion = in_phase(board, motors, at(rung), frequency);
+        if program.outcome(&folder, &motion, false)? == Outcome::Passed { runs = rung } else { fails = Some(rung) }
+    }
+    folder.remove()?;
+    Ok((promised_hz, (runs < RUNGS).then(|| at(runs))))
+}

@@ -1,0 +1,290 @@
+//! Random realistic motions, planned and run as a user does it, by the program itself: what `plan` accepts must run.
+
+mod boundary;
+mod motions;
+mod outcome;
+
+use crate::command::{self, Done, Failure, cargo, command, target_dir};
+use motions::{BOARDS, Motion, Rig, reproduce};
+use outcome::{Ended, Outcome};
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::mpsc;
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// What is tried.
+#[derive(clap::Args)]
+pub(crate) struct Options {
+    /// How many motions
+    #[arg(long, default_value_t = 200, value_name = "N")]
+    count: u64,
+    /// Another seed makes other motions
+    #[arg(long, default_value_t = 1, value_name = "S")]
+    seed: u64,
+    /// This motion alone, and keep what it wrote
+    #[arg(long, value_name = "K")]
+    only: Option<u64>,
+    /// All on this board; else the boards take turns
+    #[arg(long, value_parser = BOARDS)]
+    board: Option<String>,
+    /// Keep every motion's files, with what was run and seen; else those that break
+    #[arg(long)]
+    keep: bool,
+    /// Instead of random motions: the largest peak that runs, of sinusoids in phase, as a table
+    #[arg(long, conflicts_with_all = ["count", "only"])]
+    boundary: bool,
+}
+
+/// A process that takes longer than that is taken to hang, s. Those of a motion take a few.
+const HANGS_S: u64 = 300;
+/// One in so many runs that pass has its trace judged anew, from the file.
+const VERIFIED: u64 = 4;
+/// Whether a motion that `plan` accepted may stop on the way. Sessions of epochs cannot help it; with sessions by lease this is to go.
+const MAY_STOP: bool = true;
+
+/// Tries motions, prints what came of them, and fails if any broke.
+pub(crate) fn run(options: &Options) -> Done {
+    let program = Program::build()?;
+    if options.boundary {
+        return boundary::run(&program, options.board.as_deref());
+    }
+    let numbers = options.only.map_or(0..options.count, |only| only..only + 1);
+    let begin = Instant::now();
+    let tried: Vec<Tried> = command::side_by_side(numbers, |number| {
+        let board = BOARDS[(number % BOARDS.len() as u64) as usize];
+        let board = BOARDS.into_iter().find(|name| options.board.as_deref() == Some(name)).unwrap_or(board);
+        let tried = program.attempt(options, number, board)?;
+        if let Outcome::Broken(why) = &tried.outcome {
+            eprintln!("broken: {}: {why}", tried.folder.display());
+        }
+        Ok(tried)
+    })
+    .into_iter()
+    .collect::<Done<_>>()?;
+    let took_s = begin.elapsed().as_secs_f64();
+    print!("{}", report(options.seed, &tried));
+    println!("\n{} motions in {took_s:.0} s: {:.0} a minute", tried.len(), 60.0 * tried.len() as f64 / took_s);
+    let broken = tried.iter().filter(|tried| tried.outcome.is_failure()).count();
+    if broken == 0 { Ok(()) } else { Err(Failure::Check(format!("{broken} motions broke"))) }
+}
+
+impl Outcome {
+    fn is_failure(&self) -> bool {
+        match self {
+            Outcome::Broken(_) => true,
+            Outcome::Stopped(_) => !MAY_STOP,
+            Outcome::Refused(_) | Outcome::Passed => false,
+        }
+    }
+
+    /// The place in [`COLUMNS`], and what was said.
+    fn column(&self) -> (usize, &str) {
+        match self {
+            Outcome::Refused(why) => (0, why),
+            Outcome::Passed => (1, ""),
+            Outcome::Stopped(why) => (2, why),
+            Outcome::Broken(why) => (3, why),
+        }
+    }
+}
+
+/// What can come of a motion.
+const COLUMNS: [&str; 4] = ["refused", "passed", "stopped", "broken"];
+
+/// A motion, and what came of it.
+struct Tried {
+    number: u64,
+    board: &'static str,
+    motors: usize,
+    outcome: Outcome,
+    /// Where its files are, or were.
+    folder: PathBuf,
+}
+
+/// Tables and lists of what came of motions.
+fn report(seed: u64, tried: &[Tried]) -> String {
+    let mut rows: BTreeMap<(usize, usize), [usize; 4]> = BTreeMap::new();
+    let mut kinds: [BTreeMap<String, Vec<&Tried>>; 4] = Default::default();
+    for motion in tried {
+        let (column, why) = motion.outcome.column();
+        let board = BOARDS.iter().position(|board| *board == motion.board).unwrap_or(0);
+        // A row for each board, and one for each number of its motors.
+        for motors in [0, motion.motors] {
+            rows.entry((board, motors)).or_default()[column] += 1;
+        }
+        if !why.is_empty() {
+            kinds[column].entry(outcome::kind(why)).or_default().push(motion);
+        }
+    }
+    let mut text = format!("| board | motors | tried | {} |\n|---|---|---|{}\n", COLUMNS.join(" | "), "---|".repeat(4));
+    for ((board, motors), counts) in rows {
+        let tried: usize = counts.iter().sum();
+        let motors = if motors == 0 { "all".to_owned() } else { motors.to_string() };
+        let counts = counts.map(|count| count.to_string()).join(" | ");
+        text.push_str(&format!("| {} | {motors} | {tried} | {counts} |\n", BOARDS[board]));
+    }
+    for (column, kinds) in COLUMNS.iter().zip(kinds) {
+        let mut kinds: Vec<_> = kinds.into_iter().collect();
+        kinds.sort_by_key(|(_, motions)| std::cmp::Reverse(motions.len()));
+        for (place, (kind, motions)) in kinds.into_iter().enumerate() {
+            if place == 0 {
+                text.push_str(&format!("\n{column}:\n"));
+            }
+            text.push_str(&format!("{:6}  {kind}\n", motions.len()));
+            if *column == "broken" {
+                for Tried { number, board, folder, outcome, .. } in motions {
+                    let why = outcome.column().1.lines().next().unwrap_or_default();
+                    text.push_str(&format!(
+                        "        {}: {why}\n          {}\n",
+                        folder.display(),
+                        reproduce(seed, *number, board)
+                    ));
+                }
+            }
+        }
+    }
+    text
+}
+
+/// The program that users run.
+struct Program {
+    binary: PathBuf,
+}
+
+impl Program {
+    fn build() -> Done<Program> {
+        command::run(&mut cargo("build --release --package pulsetrain --bin pulsetrain"))?;
+        Ok(Program { binary: target_dir().join(format!("release/pulsetrain{}", std::env::consts::EXE_SUFFIX)) })
+    }
+
+    /// Makes a motion, plans it, runs it; one in some is judged a second time, from its trace.
+    fn attempt(&self, options: &Options, number: u64, board: &'static str) -> Done<Tried> {
+        let seed = options.seed;
+        let folder = Folder::new(format!("seed-{seed}-{number}-{board}"))?;
+        let rig = Rig::new(seed, number, board);
+        folder.write("too-fast.toml", rig.too_fast())?;
+        let promised_hz = self.promised_hz(&folder, "too-fast.toml")?;
+        let motion = rig.motion(promised_hz);
+        let motors = motion.motors;
+        let outcome = self.outcome(&folder, &motion, number.is_multiple_of(VERIFIED))?;
+        if !options.keep && options.only.is_none() {
+            if outcome.is_failure() { folder.remove_run()? } else { folder.remove()? }
+        }
+        Ok(Tried { number, board, motors, outcome, folder: folder.0 })
+    }
+
+    fn outcome(&self, folder: &Folder, motion: &Motion, verify: bool) -> Done<Outcome> {
+        for (name, text) in &motion.files {
+            folder.write(name, text)?;
+        }
+        let until: &[&str] = if motion.endless { &["--for", "2 s"] } else { &[] };
+        let plan = match outcome::planned(&self.say(folder, "plan", &[&["motion.toml"], until])?) {
+            Ok(plan) => plan,
+            Err(outcome) => return Ok(outcome),
+        };
+        let run = self.say(folder, "run", &[&["motion.toml", "--out", RUN], until])?;
+        let outcome = outcome::ran(&plan, &run);
+        if outcome != Outcome::Passed || !verify {
+            return Ok(outcome);
+        }
+        let trace = format!("{RUN}/trace.vcd");
+        let pins: &[&str] =
+            if plan["board"].as_str().is_some_and(|board| board.starts_with("uno")) { &["--pins"] } else { &[] };
+        Ok(outcome::verified(&self.say(folder, "verify", &[&[&trace, "motion.toml"], until, pins])?))
+    }
+
+    /// What `plan` says that the board does at most of so many motors on such pins and drivers, steps/s of each.
+    fn promised_hz(&self, folder: &Folder, too_fast: &str) -> Done<f64> {
+        let ended = self.say(folder, "plan", &[&[too_fast]])?;
+        let said = String::from_utf8_lossy(&ended.stdout);
+        let promised = said.split("the board makes ").nth(1).and_then(|rest| rest.split(' ').next()?.parse().ok());
+        promised.ok_or_else(|| {
+            Failure::Check(format!(
+                "{}/{too_fast}: `plan` does not say what the board makes: {said}",
+                folder.0.display()
+            ))
+        })
+    }
+
+    /// Runs a command of it in a folder, with `--json`.
+    fn say(&self, folder: &Folder, name: &str, arguments: &[&[&str]]) -> Done<Ended> {
+        let mut command = command(&self.binary);
+        command.current_dir(&folder.0).arg(name).args(arguments.concat()).arg("--json");
+        let ended = ended(&mut command, Duration::from_secs(HANGS_S))?;
+        for (ending, said) in [("json", &ended.stdout), ("err", &ended.stderr)] {
+            folder.write(&format!("{name}.{ending}"), said)?;
+        }
+        Ok(ended)
+    }
+}
+
+/// Runs to the end, or ends it after `limit`.
+fn ended(command: &mut Command, limit: Duration) -> Done<Ended> {
+    let text = format!("{command:?}");
+    let failure = |why| Failure::Start { command: text.clone(), why };
+    let child = command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
+    let mut child = child.map_err(failure)?;
+    let (sender, ends) = mpsc::channel();
+    let read = |pipe: Option<Box<dyn Read + Send>>| {
+        let sender = sender.clone();
+        thread::spawn(move || {
+            let mut said = Vec::new();
+            // What was said before a pipe broke counts.
+            let _ = pipe.map(|mut pipe| pipe.read_to_end(&mut said));
+            let _ = sender.send(());
+            said
+        })
+    };
+    let stdout = read(child.stdout.take().map(|pipe| Box::new(pipe) as Box<dyn Read + Send>));
+    let stderr = read(child.stderr.take().map(|pipe| Box::new(pipe) as Box<dyn Read + Send>));
+    let until = Instant::now() + limit;
+    // Both pipes end when it does.
+    let hung = (0..2).any(|_| ends.recv_timeout(until.saturating_duration_since(Instant::now())).is_err());
+    if hung {
+        child.kill().map_err(failure)?;
+    }
+    let status = child.wait().map_err(failure)?;
+    let [stdout, stderr] = [stdout, stderr].map(|reader| reader.join().unwrap_or_default());
+    Ok(Ended { code: status.code(), stdout, stderr, hung })
+}
+
+/// Where `run` writes, in a motion's folder.
+const RUN: &str = "run";
+
+/// A motion's folder, below the target folder.
+struct Folder(PathBuf);
+
+impl Folder {
+    /// An empty one.
+    fn new(name: String) -> Done<Folder> {
+        let folder = Folder(target_dir().join("accept").join(name));
+        if folder.0.exists() {
+            folder.remove()?;
+        }
+        fs::create_dir_all(&folder.0).map_err(|why| folder.failure(&folder.0, why))?;
+        Ok(folder)
+    }
+
+    fn write(&self, name: &str, text: impl AsRef<[u8]>) -> Done {
+        let path = self.0.join(name);
+        fs::write(&path, text).map_err(|why| self.failure(&path, why))
+    }
+
+    /// What `run` wrote may be large, and comes again.
+    fn remove_run(&self) -> Done {
+        let run = self.0.join(RUN);
+        if run.exists() { fs::remove_dir_all(&run).map_err(|why| self.failure(&run, why)) } else { Ok(()) }
+    }
+
+    fn remove(&self) -> Done {
+        fs::remove_dir_all(&self.0).map_err(|why| self.failure(&self.0, why))
+    }
+
+    fn failure(&self, path: &Path, why: std::io::Error) -> Failure {
+        Failure::File { path: path.to_path_buf(), why }
+    }
+}
