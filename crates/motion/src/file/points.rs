@@ -305,6 +305,7 @@ impl<'a> Reading<'a> {
 
     fn note(&self, error: &ReadError, help: &str) -> Noted {
         let message = format!("expected {}, found {}", error.expected, error.found);
+        let help = if help.is_empty() { error.help } else { help };
         self.problem(error.at.clone(), "here", message, help)
     }
 
