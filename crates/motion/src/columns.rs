@@ -26,7 +26,7 @@ use crate::quantity::{Base, Quantity};
 
 /// Why a file cannot be read, and where.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("line {line}, column {column}: expected {expected}, found {found}")]
+#[error("line {line}, column {column}: expected {expected}, found {found}{}", after(.help))]
 pub struct ReadError {
     /// From 1.
     pub line: u64,
@@ -38,13 +38,20 @@ pub struct ReadError {
     pub expected: String,
     /// What was there, shortened.
     pub found: String,
+    /// What the likely cause is; may be empty.
+    pub help: &'static str,
+}
+
+/// A help as it ends a message.
+fn after(help: &str) -> String {
+    if help.is_empty() { String::new() } else { format!("; {help}") }
 }
 
 impl ReadError {
     /// Of a file that is not CSV.
     #[must_use]
     pub fn new(line: u64, column: u64, expected: impl Into<String>, found: impl Into<String>) -> ReadError {
-        ReadError { line, column, at: 0..0, expected: expected.into(), found: found.into() }
+        ReadError { line, column, at: 0..0, expected: expected.into(), found: found.into(), help: "" }
     }
 
     fn at(bytes: &[u8], at: Range<usize>, expected: impl Into<String>, found: impl Into<String>) -> ReadError {
@@ -126,13 +133,42 @@ pub const POSITIONS: &[&str] =
 /// The angles among them.
 pub const ANGLES: &[&str] = POSITIONS.split_at(POSITIONS.len() - 3).0;
 
-/// Names of columns that count rows: never times or positions, unless the user says so.
-const COUNTS: &[&str] =
-    &["", "i", "k", "n", "no", "nr", "#", "id", "idx", "index", "frame", "sample", "row", "count", "line"];
+/// Names of columns that count rows: never times or positions, unless the user says so. A title may end in one: `frame_no`.
+const COUNTS: &[&str] = &[
+    "", "i", "k", "n", "no", "nr", "num", "number", "#", "id", "idx", "index", "frame", "sample", "row", "count",
+    "line",
+];
 
-/// Names of other quantities: never taken for a time or position by their place alone.
-const OTHERS: &[&str] =
-    &["v", "w", "ω", "omega", "speed", "velocity", "rate", "acceleration", "acc", "current", "voltage", "error"];
+/// Names of other quantities, and what a title of one ends in: never taken for a time or position by their place alone.
+const OTHERS: &[&str] = &[
+    "v",
+    "w",
+    "ω",
+    "omega",
+    "speed",
+    "velocity",
+    "vel",
+    "rate",
+    "rpm",
+    "rps",
+    "dps",
+    "hz",
+    "frequency",
+    "acceleration",
+    "accel",
+    "acc",
+    "jerk",
+    "current",
+    "voltage",
+    "power",
+    "force",
+    "torque",
+    "load",
+    "pressure",
+    "temperature",
+    "temp",
+    "error",
+];
 
 /// A unit of a header.
 #[derive(Clone, Debug, PartialEq)]
@@ -205,12 +241,14 @@ pub struct Title {
     pub at: Range<usize>,
     /// Without the unit, in lower case.
     name: String,
+    /// The name's last word: of `frame_no` and `frameNo` it is `no`.
+    word: String,
 }
 
 impl Title {
     fn parse(text: &str, at: Range<usize>) -> Title {
         let (name, unit) = name_and_unit(text);
-        Title { text: text.to_owned(), unit, at, name: name.trim().to_lowercase() }
+        Title { text: text.to_owned(), unit, at, name: name.trim().to_lowercase(), word: last_word(name) }
     }
 
     /// Whether it is called so, with or without its unit; in lower case.
@@ -228,8 +266,32 @@ impl Title {
     }
 
     fn counts_rows(&self) -> bool {
-        self.unit == Stated::Nothing && COUNTS.contains(&&*self.name)
+        // `x_n` may be a position.
+        let ends_so = self.word.len() > 1 && COUNTS.contains(&&*self.word);
+        self.unit == Stated::Nothing && (ends_so || COUNTS.contains(&&*self.name))
     }
+
+    /// Whether it may be a time or position by its place: it has no unit and is no other quantity.
+    fn is_plain(&self) -> bool {
+        let is_rate = |unit: &str| Unit::parse(unit).is_some_and(|unit| unit.one.per_seconds != 0);
+        let other = OTHERS.contains(&&*self.word) || self.name.rsplit(['_', ' ']).next().is_some_and(is_rate);
+        self.unit == Stated::Nothing && !other
+    }
+}
+
+/// In lower case; without the number that tells several such columns apart.
+fn last_word(name: &str) -> String {
+    let name = name.trim_end_matches(|c: char| !c.is_alphabetic());
+    let (mut start, mut before) = (0, ' ');
+    for (at, c) in name.char_indices() {
+        if !c.is_alphanumeric() {
+            start = at + c.len_utf8();
+        } else if c.is_uppercase() && before.is_lowercase() {
+            start = at;
+        }
+        before = c;
+    }
+    name[start..].to_lowercase()
 }
 
 /// `theta [deg]`, `theta (deg)`, `theta / deg`, `theta in deg`, `theta_deg`, `theta deg`, `deg`.
@@ -286,7 +348,7 @@ impl Header<'_> {
     /// The columns of roles, the time first.
     ///
     /// A column is known by its name, else by its unit. What neither says, its place may: two columns without a header, or with
-    /// names that say nothing, are time and position; so is the one column that is left.
+    /// names that say nothing, are time and position; beside a time the one column that is left is the position.
     ///
     /// # Errors
     /// When a role has no column, or could have several.
@@ -353,13 +415,11 @@ impl Header<'_> {
 
     /// What is left, if it can be one thing alone.
     fn by_place(&self, roles: &[Role<'_>], found: &mut [Option<Found>]) {
-        let plain = |title: &Title| title.unit == Stated::Nothing && !OTHERS.contains(&&*title.name);
-        let free: Vec<usize> = self.free(roles, found).into_iter().filter(|k| plain(&self.titles[*k])).collect();
+        let free: Vec<usize> = self.free(roles, found).into_iter().filter(|k| self.titles[*k].is_plain()).collect();
         let missing: Vec<usize> = (0..roles.len()).filter(|k| found[*k].is_none()).collect();
         let there = |column| Some(Found { column, by_place: true });
         match (missing.as_slice(), free.as_slice()) {
-            // Times come first, or are called so.
-            (&[k], &[column]) if column == 0 && roles[k].measure == Measure::Time => found[k] = there(column),
+            // A time must be called so beside a column that is called a position: it might be a frame's number or a force.
             (&[k], &[column]) if roles.len() == 2 && roles[k].measure == Measure::Position => found[k] = there(column),
             ([0, 1], [0, 1]) if roles.len() == 2 && self.titles.len() == 2 => {
                 (found[0], found[1]) = (there(0), there(1))
@@ -373,7 +433,8 @@ impl Header<'_> {
         let taken = |column| found.iter().flatten().any(|found| found.column == column);
         let says = |title: &Title| {
             let is_unit = title.name.is_empty() && title.unit != Stated::Nothing;
-            !is_unit && COUNTS.contains(&&*title.name) || roles.iter().any(|role| role.names.contains(&&*title.name))
+            let counts = title.counts_rows() || !is_unit && COUNTS.contains(&&*title.name);
+            counts || roles.iter().any(|role| role.names.contains(&&*title.name))
         };
         (0..self.titles.len()).filter(|column| !taken(*column) && !says(&self.titles[*column])).collect()
     }
@@ -474,6 +535,8 @@ pub struct Table<'a> {
     row: ByteRecord,
     /// The row was read for the header, but is one of numbers.
     kept: bool,
+    /// How many columns the first row has, once it was read.
+    width: usize,
 }
 
 /// What a file's bytes are to be taken for.
@@ -506,7 +569,13 @@ impl<'a> Table<'a> {
             .comment(Some(comment))
             .delimiter(delimiter)
             .from_reader(bytes);
-        Table { form: Form { bytes, comment, delimiter }, reader, row: ByteRecord::new(), kept: false }
+        Table {
+            form: Form { bytes, comment, delimiter },
+            reader,
+            row: ByteRecord::new(),
+            kept: false,
+            width: usize::MAX,
+        }
     }
 
     /// The header; rows come after it. To be asked for first.
@@ -514,12 +583,26 @@ impl<'a> Table<'a> {
     /// # Errors
     /// As [`Table::next`].
     pub fn header(&mut self) -> Result<Header<'a>, ReadError> {
+        self.header_or(|_| false)
+    }
+
+    /// The header, which may be a row with numbers if `is_titles` knows it.
+    ///
+    /// # Errors
+    /// As [`Table::next`].
+    pub fn header_or(&mut self, is_titles: impl Fn(&[&[u8]]) -> bool) -> Result<Header<'a>, ReadError> {
+        let header = self.first_row(is_titles)?;
+        self.width = header.width;
+        Ok(header)
+    }
+
+    fn first_row(&mut self, is_titles: impl Fn(&[&[u8]]) -> bool) -> Result<Header<'a>, ReadError> {
         let form = self.form;
         let none = |at, width| Header { titles: Vec::new(), width, bytes: form.bytes, at };
         let Some(row) = self.next()? else { return Ok(none(0..0, 0)) };
         let is_number = |field: &[u8]| std::str::from_utf8(field).is_ok_and(|text| text.parse::<f64>().is_ok());
         let (at, filled) = (row.at(), row.fields.iter().rposition(|field| !field.is_empty()).map_or(0, |k| k + 1));
-        if !row.fields.iter().any(is_number) {
+        if !row.fields.iter().any(is_number) || is_titles(&row.fields.iter().collect::<Vec<_>>()) {
             let title = |k: usize| Title::parse(&String::from_utf8_lossy(row.get(k)), row.place(k));
             return Ok(Header { titles: (0..row.len()).map(title).collect(), width: row.len(), bytes: form.bytes, at });
         }
@@ -531,7 +614,7 @@ impl<'a> Table<'a> {
     /// The next row, or `None` at the end.
     ///
     /// # Errors
-    /// If it cannot be parted into fields.
+    /// If it cannot be parted into fields, or has more than the first row.
     #[expect(clippy::should_implement_trait, reason = "a row borrows from the table")]
     pub fn next(&mut self) -> Result<Option<Row<'_>>, ReadError> {
         if std::mem::take(&mut self.kept) {
@@ -540,7 +623,7 @@ impl<'a> Table<'a> {
         loop {
             match self.reader.read_byte_record(&mut self.row) {
                 Ok(true) if self.row.iter().all(<[u8]>::is_empty) => {}
-                Ok(true) => return Ok(Some(Row { form: self.form, fields: &self.row })),
+                Ok(true) => break,
                 Ok(false) => return Ok(None),
                 Err(error) => {
                     let at = error.position().map_or(0, |position| position.byte() as usize);
@@ -548,6 +631,18 @@ impl<'a> Table<'a> {
                 }
             }
         }
+        let (row, width) = (Row { form: self.form, fields: &self.row }, self.width);
+        if let Some(extra) = (width..row.len()).find(|k| !row.get(*k).is_empty()) {
+            let columns = if width == 1 { "column" } else { "columns" };
+            let error = row.error(extra, format!("{width} {columns} as in the first row"));
+            let found = format!("{} in column {}", error.found, extra + 1);
+            let help = match self.form.delimiter {
+                b',' => "numbers need a decimal point: a comma parts columns",
+                _ => "",
+            };
+            return Err(ReadError { found, help, ..error });
+        }
+        Ok(Some(row))
     }
 }
 
@@ -565,7 +660,12 @@ impl<'a> Form<'a> {
             Title::parse(part.trim(), at..at + part.trim().len())
         };
         let titles: Vec<Title> = titles.split(char::from(self.delimiter)).map(title).collect();
-        let known = |title: &Title| TIME.names.contains(&&*title.name) || POSITIONS.contains(&&*title.name);
+        // `100 ms` is an amount.
+        let has_unit = |title: &Title| {
+            matches!(title.unit, Stated::Unit(_)) && !title.name.starts_with(|c: char| c.is_ascii_digit())
+        };
+        let known =
+            |title: &Title| TIME.names.contains(&&*title.name) || POSITIONS.contains(&&*title.name) || has_unit(title);
         let is_header = self.comment == b'#' && width >= 2 && titles.len() == width && titles.iter().any(known);
         is_header.then_some(Header { titles, width, bytes: self.bytes, at: start..end })
     }
@@ -651,13 +751,6 @@ impl<'t> Row<'t> {
         let written = &bytes[from..to];
         let from = to - written.trim_ascii_start().len();
         from..from + written.trim_ascii().len()
-    }
-
-    /// The line that the row begins on, from 1.
-    #[must_use]
-    pub fn line(&self) -> u64 {
-        let before = &self.form.bytes[..self.begin()];
-        before.iter().filter(|b| **b == b'\n').count() as u64 + 1
     }
 
     /// The row's first byte. The reader's own position is before the comments and empty lines that it left out.

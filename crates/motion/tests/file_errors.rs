@@ -1344,8 +1344,16 @@ fn columns_of_csv_files() {
         SINE,
         &table("\"swapped.csv\", unit = \"deg\", columns = [1, 2]"),
         expect![[r#"
-        swapped.csv:1:1: x.toml:14:61 takes column 1 `a` for the time and column 2 `t` for a position
+        swapped.csv:1:3: `columns` (x.toml:14:61) makes `a` the time, but the header says that `t` is the time
             if column 2 `t` is the time, write: columns = [2, 1]
+    "#]],
+    );
+    check(
+        SINE,
+        &table("\"counted.csv\", unit = \"deg\", columns = [1, 2]"),
+        expect![[r#"
+        counted.csv:1:3: `columns` (x.toml:14:61) makes `i` the time, but the header says that `t` is the time
+            if column 2 `t` is the time, write: columns = [2, 3]
     "#]],
     );
     check(

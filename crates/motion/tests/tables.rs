@@ -71,6 +71,9 @@ fn names_say_which_column_is_what() {
     );
     // As numpy writes a header.
     check("# a;t\n0;0\n90;0.5\n180;1\n", deg, &points, "time = column 2 `t`, s; angle = column 1 `a`, deg");
+    check("# ms,deg\n0,0\n500,90\n1000,180\n", "", &points, "time = column 1 `ms`, ms; angle = column 2 `deg`, deg");
+    // No titles: amounts.
+    check("# 100 ms, 40 deg\n0,0\n0.5,90\n1,180\n", deg, &points, "time = column 1, s; angle = column 2, deg");
     check(
         "foo,bar\n0,0\n0.5,90\n1,180\n",
         deg,
@@ -129,6 +132,39 @@ fn headers_give_units() {
             check(&csv, "", &points, &told);
         }
     }
+}
+
+#[test]
+fn frames_and_other_quantities_are_no_times_or_positions() {
+    let refused = |csv: &str, expected: &str| {
+        let said = read(csv, ", unit = \"deg\"").err().unwrap_or_else(|| panic!("{csv}is read"));
+        assert!(said.starts_with(expected), "{csv}{said}");
+    };
+    for first in ["frame_no", "frameNo", "sample_index", "Frame #", "force", "foo", "speed_rpm"] {
+        let expected = format!("a.csv:1:1: expected a column `time [s]`, found `{first}`, `angle [deg]`\n");
+        refused(&format!("{first},angle [deg]\n0,0\n1,5\n2,5\n"), &expected);
+    }
+    let others = ["rpm", "speed_rpm", "velocity", "wheel speed", "wheelSpeed", "speed_2", "omega_deg/s", "frame_no"];
+    for second in others {
+        let expected = format!("a.csv:1:1: expected a column `angle [deg]`, found `t`, `{second}`\n");
+        refused(&format!("t,{second}\n0,0\n1,5\n2,5\n"), &expected);
+    }
+    refused("frame_no,bar\n0,0\n1,5\n2,5\n", "a.csv:1:1: expected a column `time [s]`");
+}
+
+#[test]
+fn rows_longer_than_the_first_are_refused() {
+    for first in ["t,a\n", "# t,a\n0,0\n", "0,0,\n", "t,a\n0,0,,\n"] {
+        let csv = format!("{first}1,5,10\n2,5,20\n");
+        let line = first.matches('\n').count() + 1;
+        let expected = format!(
+            "a.csv:{line}:5: expected 2 columns as in the first row, found `10` in column 3\n    \
+             numbers need a decimal point: a comma parts columns\n"
+        );
+        assert_eq!(read(&csv, ", unit = \"deg\"").unwrap_err(), expected, "{csv}");
+    }
+    let said = read("t;a\n0;0\n1;5;10\n", ", unit = \"deg\"").unwrap_err();
+    assert_eq!(said, "a.csv:3:5: expected 2 columns as in the first row, found `10` in column 3\n");
 }
 
 /// As people write tables: any order, separator, units and columns beside.

@@ -74,10 +74,14 @@ pub struct Track {
 const ANGLE: Role<'static> =
     Role { what: "the angle", own: None, names: ANGLES, measure: Measure::Position, example: "angle [deg]" };
 
-/// Whether a header has a column with an angle. Channels of logic analysers may be called `A` or `step`.
-pub(crate) fn has_angle(header: &Header<'_>) -> bool {
+/// Whether a header has a column with an angle. Channels of logic analysers may be called `A` or `step`; only if `sure` is false, one that
+/// is called `rev` or `home_rev` is an angle.
+pub(crate) fn has_angle(header: &Header<'_>, sure: bool) -> bool {
     header.titles.iter().any(|title| match &title.unit {
-        Stated::Unit(unit) => unit.one.base == Base::Turn || title.is_called("position"),
+        Stated::Unit(unit) => {
+            let is_sure = title.text.contains(['[', '(']) || ANGLES.iter().any(|name| title.is_called(name));
+            unit.one.base == Base::Turn && (is_sure || !sure) || title.is_called("position")
+        }
         _ => ["angle", "theta", "θ", "position"].iter().any(|name| title.is_called(name)),
     })
 }
@@ -152,6 +156,10 @@ mod tests {
         check("0,1\n", "line 1, column 1: expected a header such as `time [s],angle [deg]`, found none");
         check("x,y,z\n", "line 1, column 1: expected a column `time [s]`, found `x`, `y`, `z`");
         check("t,x,y\n", "line 1, column 1: expected a column `angle [deg]`, found `t`, `x`, `y`");
+        for name in ["frame_no", "Sample index", "force"] {
+            let found = format!("line 1, column 1: expected a column `time [s]`, found `{name}`, `angle [deg]`");
+            check(&format!("{name},angle [deg]\n0,0\n1,5\n"), &found);
+        }
         check("frame,angle [deg]\n", "line 1, column 1: expected a column `time [s]`, found `frame`, `angle [deg]`");
         check(
             "t [ms],time [s],angle [deg]\n",
@@ -173,6 +181,11 @@ mod tests {
         check("t,angle [deg]\n0,1\n-1,2\n", "line 3, column 1: expected a time not before 0 s, found `-1`");
         check("t,angle [deg]\n0,nan\n", "line 2, column 3: expected an angle, found `nan`");
         check("t,angle [deg]\n1e7,0\n", "line 2, column 1: expected a time within 1000000 s, found `1e7`");
+        check(
+            "t,angle [deg]\n0,0\n1,5,10\n",
+            "line 3, column 5: expected 2 columns as in the first row, found `10` in column 3; \
+             numbers need a decimal point: a comma parts columns",
+        );
         check("t,angle [deg]\n1\n", "line 2, column 3: expected an angle, found nothing");
     }
 

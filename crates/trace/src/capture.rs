@@ -30,14 +30,20 @@ pub fn read(bytes: &[u8]) -> Result<Capture, ReadError> {
     }
     let mut table = Table::new(bytes);
     let header = table.header()?;
-    if header.titles.iter().any(|title| title.text.eq_ignore_ascii_case("motor")) {
+    // A camera's track may have a column `motor`.
+    let is_there = |name: &str| header.titles.iter().any(|title| title.is_called(name));
+    if is_there("motor") && is_there("tick") {
         return steps::read(bytes).map(Capture::Steps);
     }
-    // A camera's `Time [s]` may begin a file as well.
-    if !camera::has_angle(&header) && saleae::is_levels(&header, table.next()?) {
-        return saleae::read(bytes).map(Capture::Edges);
-    }
-    camera::read(bytes).map(Capture::Film)
+    // A camera's `Time [s]` may begin a file as well, and a channel may be called `rev`.
+    let is_edges = if camera::has_angle(&header, true) {
+        false
+    } else if camera::has_angle(&header, false) {
+        saleae::has_only_levels(&header, &mut table)?
+    } else {
+        saleae::is_levels(&header, table.next()?)
+    };
+    if is_edges { saleae::read(bytes).map(Capture::Edges) } else { camera::read(bytes).map(Capture::Film) }
 }
 
 #[cfg(test)]
@@ -74,6 +80,13 @@ mod tests {
             "line 1, column 1: expected `# pulsetrain steps, tick_hz = 16000000` (or another rate), found `tick,motor,position,dir`",
         );
         check("frame,angle_rad,t_ms\n0,1,2\n", "film");
+        for channel in ["rev", "turn", "deg", "home_rev"] {
+            check(&format!("Time [s],STEP,{channel}\n0,0,0\n1e-3,1,0\n"), "edges");
+            // Levels at first, as films that begin at rest have them.
+            check(&format!("Time [s],{channel}\n0,0\n0.02,0.25\n"), "film");
+        }
+        check("t,angle [deg]\n0,0\n0.02,1\n", "film");
+        check("t,motor,angle [deg]\n0,1,0\n0.02,1,5\n", "film");
         check("hello\n", "line 1, column 1: expected a column `time [s]`, found `hello`");
     }
 }

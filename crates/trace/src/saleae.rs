@@ -17,6 +17,17 @@ pub(crate) fn is_levels(header: &Header<'_>, first: Option<Row<'_>>) -> bool {
         || header.width() > 1 && !found[0].by_place && first.is_some_and(all)
 }
 
+/// Whether the columns of all rows are a time and levels.
+pub(crate) fn has_only_levels(header: &Header<'_>, table: &mut Table<'_>) -> Result<bool, ReadError> {
+    let Ok(found) = header.find(&[TIME]) else { return Ok(false) };
+    while let Some(row) = table.next()? {
+        if (0..header.width()).any(|k| k != found[0].column && level(row.get(k)).is_none()) {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
 /// Reads a capture; the first row is the lines' initial levels, and its time is where ticks begin unless times from 0 on
 /// say otherwise (after a trigger they are negative before it).
 ///

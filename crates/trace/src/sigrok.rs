@@ -37,12 +37,12 @@ pub fn read(bytes: &[u8]) -> Result<Trace, ReadError> {
             before.trim_start_matches([';', ' ']).starts_with(key).then_some((value.trim(), number))
         })
     };
+    let names = comment("Channels").map(|(names, _)| names.split(", ").map(str::trim).collect::<Vec<&str>>());
     let mut table = Table::with_comments(bytes, b';');
-    let header = table.header()?;
-    let Some((names, _)) = comment("Channels") else {
+    let header = table.header_or(|row| names.as_ref().is_some_and(|names| are_titles(row, names)))?;
+    let Some(names) = names else {
         return Err(header.error("a comment `; Channels (2/8): D0, D1` above", "none"));
     };
-    let names: Vec<&str> = names.split(", ").map(str::trim).collect();
     let Some((rate, line)) = comment("Samplerate") else {
         return Err(header.error("a comment `; Samplerate: 1 MHz` above", "none"));
     };
@@ -76,6 +76,18 @@ pub fn read(bytes: &[u8]) -> Result<Trace, ReadError> {
         }
     }
     Ok(levels.finish())
+}
+
+/// Whether a row is the channels' names, perhaps between titles of the time and the trigger. Channels may be called `0` and `1`: a row `0,1`
+/// is their titles then, since sigrok writes titles unless it is told not to.
+fn are_titles(row: &[&[u8]], names: &[&str]) -> bool {
+    let row = row.strip_suffix(&[b"Trigger".as_slice()]).filter(|rest| rest.len() >= names.len()).unwrap_or(row);
+    let is_time = |title: &[u8]| !title.iter().any(u8::is_ascii_digit);
+    let row = match row {
+        [time, rest @ ..] if rest.len() == names.len() && is_time(time) => rest,
+        row => row,
+    };
+    row.iter().copied().eq(names.iter().map(|name| name.as_bytes()))
 }
 
 /// Whether the first column is of times, and the channels' columns and names.
@@ -169,6 +181,24 @@ mod tests {
         check("24 MHz", "nanoseconds,logic,logic\n0,0,1\n41,1,1\n83,1,0\n", [42, 83]);
         check("24 MHz", "Time,D0,D1\n41,0,1\n984,1,1\n4100,1,0\n", [958, 4125]);
         check("100 MHz", "Time,D0,D1,Trigger\n10,0,1,0\n20,1,1,0\n30,1,0,0\n", [10, 20]);
+    }
+
+    #[test]
+    fn channels_may_be_called_numbers() {
+        let check = |rows: &str| {
+            let head = HEAD.replace("D0, D1", "0, 1");
+            let trace = read(format!("{head}; Samplerate: 1 MHz\n{rows}").as_bytes()).unwrap();
+            let names: Vec<_> = trace.lines.iter().map(|line| (line.names[0].as_str(), line.initial)).collect();
+            assert_eq!(names, [("0", true), ("1", true)], "{rows}");
+            let edges: Vec<_> = trace.edges.iter().map(|edge| (edge.tick, edge.line, edge.level)).collect();
+            assert_eq!(edges, [(1000, 1, false)], "{rows}");
+        };
+        check("0,1\n1,1\n1,0\n");
+        check("0,1,Trigger\n1,1,0\n1,0,1\n");
+        check("Time,0,1\n0,1,1\n1,1,0\n");
+        check("Time,0,1,Trigger\n0,1,1,0\n1,1,0,0\n");
+        check("logic,logic\n1,1\n1,0\n");
+        check("1,1\n1,0\n");
     }
 
     #[test]

@@ -9,7 +9,7 @@ use miette::NamedSource;
 use super::laws::{Context, load, position_unit, time_unit};
 use super::problem::Problem;
 use super::reader::{Node, Noted, Read, Section};
-use crate::columns::{Found, Header, Measure, POSITIONS, ReadError, Role, Row, Stated, TIME, Table};
+use crate::columns::{Found, Header, Measure, POSITIONS, ReadError, Role, Row, Stated, TIME, Table, shown};
 use crate::quantity::{Base, Quantity};
 
 /// The keys of a table, of laws as of paths.
@@ -207,13 +207,18 @@ impl<'a> Reading<'a> {
         // Whoever writes names has read them.
         let counted = choices.iter().all(|choice| matches!(choice, Choice::Number(_)));
         let swapped = columns[1..].iter().position(|column| is_named(*column, TIME.names));
-        if let Some(k) = swapped.filter(|k| counted && is_named(columns[0], roles[k + 1].names)) {
-            let (time, position) = (header.called(columns[0]), header.called(columns[k + 1]));
-            let message = format!("{} takes {time} for the time and {position} for a position", self.place(node));
-            let mut right = columns.clone();
-            right.swap(0, k + 1);
-            let at = header.titles[columns[0]].at.clone();
-            return Err(self.problem(at, "the header says otherwise", message, &offered(header, &right)));
+        let right = header.likely(roles);
+        if let Some(k) = swapped.filter(|_| counted && right != columns) {
+            let place = self.place(node);
+            let named = &header.titles[columns[k + 1]];
+            let time = match header.titles.get(columns[0]).map(|title| title.text.as_bytes()) {
+                None | Some([]) => header.called(columns[0]),
+                Some(text) => shown(text),
+            };
+            let named_time = shown(named.text.as_bytes());
+            let message =
+                format!("`columns` ({place}) makes {time} the time, but the header says that {named_time} is the time");
+            return Err(self.problem(named.at.clone(), "the time", message, &offered(header, &right)));
         }
         Ok(found)
     }
@@ -305,6 +310,7 @@ impl<'a> Reading<'a> {
 
     fn note(&self, error: &ReadError, help: &str) -> Noted {
         let message = format!("expected {}, found {}", error.expected, error.found);
+        let help = if help.is_empty() { error.help } else { help };
         self.problem(error.at.clone(), "here", message, help)
     }
 
