@@ -1005,7 +1005,14 @@ fn dimensions_of_formulas() {
         (LEAD, "mm", "if(phi > 90, 1, 2)*t", BOTH),
         (LEAD, "mm", "x*sin(phi + 3)", BOTH),
         ("", "deg", "phi + pi/2*t", ANGLE),
+        ("", "deg", "phi*t + max(pi/2, 0)*t", ANGLE),
+        ("", "deg", "phi*t + (pi/2*t + 0.1*t)", ANGLE),
+        ("", "deg", "phi*t + abs(-pi)*mod(t, 1)", ANGLE),
+        ("", "deg", "phi*t + 180/pi*max(pi/2, 0)*t", ANGLE),
         (LEAD, "mm", "x*(phi + pi/2 + asin(0.5))*t", BOTH),
+        (LEAD, "mm", "x*(phi + 180/pi*0.5*t)", BOTH),
+        (LEAD, "mm", "x*(phi + (180/pi)*asin(0.5)*t)", BOTH),
+        (LEAD, "mm", "x*(phi + (pi + 180/pi*t))", BOTH),
     ];
     // Conversions by hand.
     let by_hand = [
@@ -1023,42 +1030,51 @@ fn dimensions_of_formulas() {
         ("", "deg", "360*f*t", "f = \"0.5 rev/s\""),
         ("", "rad", "2*pi*f*t", "f = \"0.5 rev/s\""),
         (LEAD, "mm", "2*pi*r*f*t", "r = \"20 mm\", f = \"0.5 rev/s\""),
+        ("", "rad", "2*pi*n/60*t", "n = \"30 rpm\""),
+        ("", "rev", "phi/360*t", ANGLE),
+        ("", "deg", "phi*360", ANGLE),
+        ("", "rev", "w*t/(2*pi)", "w = \"1 rad/s\""),
+        ("", "rev", "0.159*w*(t - 1)", "w = \"1 rad/s\""),
+        ("", "deg", "abs(57.3*asin(t))", ""),
+        ("", "deg", "v/(2*pi)*sin(2*pi*t) + v/(2*pi*f)*t*sin(2*pi*f*t)", "v = \"90 deg/s\", f = \"1 Hz\""),
+        ("", "deg", "90*sin(pi/4*w*t)", "w = \"1 rad/s\""),
+        (LEAD, "mm", "pi/2*r*phi*t", "r = \"20 mm\", phi = \"90 deg\""),
         ("", "deg", "90*sin(2*pi*f*t - phi) + 2*pi*f*phi*t", "f = \"0.5 Hz\", phi = \"3 deg\""),
     ];
     expect![[r#"
         phi + t*x   in deg; phi = "90 deg", x = "5 mm"
             at t*x: formula: `phi` is an angle, but `t*x` is a length: they cannot be added
-            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+            To get a plain number, divide by a unit: write `phi/rad` or `x/mm`, with where = { rad = "1 rad", mm = "1 mm" }
         10*t - 2*x - phi   in mm; phi = "90 deg", x = "5 mm"
             at phi: formula: `10*t - 2*x` is a length, but `phi` is an angle: they cannot be subtracted
-            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+            To get a plain number, divide by a unit: write `phi/rad` or `x/mm`, with where = { rad = "1 rad", mm = "1 mm" }
         if(phi < x, 1, 2)*t   in deg; phi = "90 deg", x = "5 mm"
             at x: formula: `phi` is an angle, but `x` is a length: they cannot be compared
-            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+            To get a plain number, divide by a unit: write `phi/rad` or `x/mm`, with where = { rad = "1 rad", mm = "1 mm" }
         piecewise(t < 1, phi, t < 2, 5, x)*t   in deg; phi = "90 deg", x = "5 mm"
             at x: formula: `phi` is an angle, but `x` is a length: `piecewise` gives values of one kind
-            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+            To get a plain number, divide by a unit: write `phi/rad` or `x/mm`, with where = { rad = "1 rad", mm = "1 mm" }
         max(phi, x)   in deg; phi = "90 deg", x = "5 mm"
             at x: formula: `phi` is an angle, but `x` is a length: `max` takes values of one kind
-            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+            To get a plain number, divide by a unit: write `phi/rad` or `x/mm`, with where = { rad = "1 rad", mm = "1 mm" }
         clamp(t, phi, x)   in deg; phi = "90 deg", x = "5 mm"
             at x: formula: `phi` is an angle, but `x` is a length: `clamp` takes values of one kind
-            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+            To get a plain number, divide by a unit: write `phi/rad` or `x/mm`, with where = { rad = "1 rad", mm = "1 mm" }
         hypot(x, phi)   in deg; phi = "90 deg", x = "5 mm"
             at phi: formula: `x` is a length, but `phi` is an angle: `hypot` takes values of one kind
-            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+            To get a plain number, divide by a unit: write `phi/rad` or `x/mm`, with where = { rad = "1 rad", mm = "1 mm" }
         atan2(x, phi)   in deg; phi = "90 deg", x = "5 mm"
             at phi: formula: `x` is a length, but `phi` is an angle: `atan2` takes two of one kind
-            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+            To get a plain number, divide by a unit: write `phi/rad` or `x/mm`, with where = { rad = "1 rad", mm = "1 mm" }
         mod(phi, x)   in deg; phi = "90 deg", x = "5 mm"
             at x: formula: `phi` is an angle, but `x` is a length: `mod` takes values of one kind
-            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+            To get a plain number, divide by a unit: write `phi/rad` or `x/mm`, with where = { rad = "1 rad", mm = "1 mm" }
         phi + phi^2   in deg; phi = "90 deg", x = "5 mm"
             at phi^2: formula: `phi` is an angle, but `phi^2` is an angle squared: they cannot be added
-            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+            To get a plain number, divide by a unit: write `phi/rad` or `x/mm`, with where = { rad = "1 rad", mm = "1 mm" }
         phi*t + x   in step; phi = "90 deg", x = "5 mm"
             at x: formula: `phi*t` is an angle, but `x` is a length: they cannot be added
-            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+            To get a plain number, divide by a unit: write `phi/rad` or `x/mm`, with where = { rad = "1 rad", mm = "1 mm" }
         phi + 0*t - 0   in deg; phi = "90 deg", x = "5 mm"
             no problem
     "#]]
@@ -1072,16 +1088,16 @@ fn dimensions_of_formulas() {
             give amplitudes as angles, or say unit = "mm" for a motor with a `lead`
         phi*phi*t   in deg; phi = "90 deg"
             at phi*phi*t: formula: it comes to an angle squared, but `unit` is "deg", which is an angle
-            one factor of a product is an angle or a length, the others are plain numbers
+            A product may hold one angle or one length. All other factors must be plain numbers.
         t/phi   in deg; phi = "90 deg"
             at t/phi: formula: it comes to one over an angle, but `unit` is "deg", which is an angle
-            one factor of a product is an angle or a length, the others are plain numbers
+            A product may hold one angle or one length. All other factors must be plain numbers.
         sqrt(phi)*t*x   in deg; phi = "90 deg", x = "5 mm"
             at sqrt(phi)*t*x: formula: it comes to angle^0.5·length^1, but `unit` is "deg", which is an angle
-            one factor of a product is an angle or a length, the others are plain numbers
+            A product may hold one angle or one length. All other factors must be plain numbers.
         2*phi/pi*asin(sin(t))   in deg; phi = "90 deg"
             at 2*phi/pi*asin(sin(t)): formula: it comes to an angle squared, but `unit` is "deg", which is an angle
-            asin, acos, atan and atan2 give an angle here; for its number of rad divide by an angle, where = { rad = "1 rad" }
+            asin, acos, atan and atan2 return an angle. For a plain number of radians write `asin(x)/rad`, with where = { rad = "1 rad" }
         x*phi*t   in mm; phi = "90 deg", x = "5 mm"
             no problem
     "#]]
@@ -1092,25 +1108,25 @@ fn dimensions_of_formulas() {
             divide the length by a length, such as the radius
         90*cos(2*phi^2)   in deg; phi = "90 deg"
             at 2*phi^2: formula: `cos` takes an angle, or a plain number in rad, but `2*phi^2` is an angle squared
-            one factor of a product is an angle or a length, the others are plain numbers
+            A product may hold one angle or one length. All other factors must be plain numbers.
         90*tan(a)   in step; a = "3 step"
             at a: formula: `tan` takes an angle, or a plain number in rad, but `a` is a number of steps
             give an angle in rev, deg or rad: of this motor a step is both an angle and a length
         90*exp(-phi)   in deg; phi = "90 deg"
             at -phi: formula: the argument of `exp` is to be a plain number, but `-phi` is an angle
-            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+            To get a plain number, divide by a unit: write `phi/rad` or `x/mm`, with where = { rad = "1 rad", mm = "1 mm" }
         2^phi   in deg; phi = "90 deg"
             at phi: formula: an exponent is to be a plain number, but `phi` is an angle
-            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+            To get a plain number, divide by a unit: write `phi/rad` or `x/mm`, with where = { rad = "1 rad", mm = "1 mm" }
         phi^t   in deg; phi = "90 deg"
             at t: formula: `phi` is an angle: its power must be a number, but `t` changes
-            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+            To get a plain number, divide by a unit: write `phi/rad` or `x/mm`, with where = { rad = "1 rad", mm = "1 mm" }
         asin(phi)   in deg; phi = "90 deg"
             at phi: formula: the argument of `asin` is to be a plain number, but `phi` is an angle
-            for a plain number divide by a parameter of the same kind, such as where = { rad = "1 rad", mm = "1 mm" }
+            To get a plain number, divide by a unit: write `phi/rad` or `x/mm`, with where = { rad = "1 rad", mm = "1 mm" }
         90*exp(-atan(t))   in deg
             at -atan(t): formula: the argument of `exp` is to be a plain number, but `-atan(t)` is an angle
-            asin, acos, atan and atan2 give an angle here; for its number of rad divide by an angle, where = { rad = "1 rad" }
+            asin, acos, atan and atan2 return an angle. For a plain number of radians write `asin(x)/rad`, with where = { rad = "1 rad" }
         90*sin(floor(phi*t))   in deg; phi = "90 deg"
             at phi*t: formula: `floor` takes a plain number here, but `phi*t` is an angle
             divide by what is to be counted, such as a parameter of "1 rev"
@@ -1130,8 +1146,28 @@ fn dimensions_of_formulas() {
         phi + pi/2*t   in deg; phi = "90 deg"
             at pi/2*t: formula: `pi/2*t` beside the angle `phi` is a number of deg, as `unit` says
             write it in deg, or as a parameter with its own unit, such as "90 deg"
+        phi*t + max(pi/2, 0)*t   in deg; phi = "90 deg"
+            at max(pi/2, 0)*t: formula: `max(pi/2, 0)*t` beside the angle `phi*t` is a number of deg, as `unit` says
+            write it in deg, or as a parameter with its own unit, such as "90 deg"
+        phi*t + (pi/2*t + 0.1*t)   in deg; phi = "90 deg"
+            at (pi/2*t + 0.1*t): formula: `(pi/2*t + 0.1*t)` beside the angle `phi*t` is a number of deg, as `unit` says
+            write it in deg, or as a parameter with its own unit, such as "90 deg"
+        phi*t + abs(-pi)*mod(t, 1)   in deg; phi = "90 deg"
+            at abs(-pi)*mod(t, 1): formula: `abs(-pi)*mod(t, 1)` beside the angle `phi*t` is a number of deg, as `unit` says
+            write it in deg, or as a parameter with its own unit, such as "90 deg"
+        phi*t + 180/pi*max(pi/2, 0)*t   in deg; phi = "90 deg"
+            no problem
         x*(phi + pi/2 + asin(0.5))*t   in mm; phi = "90 deg", x = "5 mm"
             no problem
+        x*(phi + 180/pi*0.5*t)   in mm; phi = "90 deg", x = "5 mm"
+            at 180/pi*0.5*t: formula: `180/pi*0.5*t` has no unit, but `phi` is an angle: `unit` is "mm", and so does not say which
+            give it as a parameter with its unit, such as where = { x = "5 mm", phi = "90 deg" }
+        x*(phi + (180/pi)*asin(0.5)*t)   in mm; phi = "90 deg", x = "5 mm"
+            at (180/pi)*asin(0.5)*t: formula: `(180/pi)*asin(0.5)*t` has no unit, but `phi` is an angle: `unit` is "mm", and so does not say which
+            give it as a parameter with its unit, such as where = { x = "5 mm", phi = "90 deg" }
+        x*(phi + (pi + 180/pi*t))   in mm; phi = "90 deg", x = "5 mm"
+            at (pi + 180/pi*t): formula: `(pi + 180/pi*t)` has no unit, but `phi` is an angle: `unit` is "mm", and so does not say which
+            give it as a parameter with its unit, such as where = { x = "5 mm", phi = "90 deg" }
     "#]]
     .assert_eq(&of_formulas(&bare));
     expect![[r#"
@@ -1161,7 +1197,7 @@ fn dimensions_of_formulas() {
             leave the factor out, or give `f` in Hz
         90*sin(2*pi*n/60*t)   in deg; n = "30 rpm"
             at 2*pi*n/60*t: formula: `2*pi*n/60*t` converts an angle by hand: `n` = 30 rpm is in rad here already
-            leave the factor out, or give `n` in Hz
+            leave the factor out
         90*cos(phi*pi/180)   in deg; phi = "90 deg"
             at phi*pi/180: formula: `phi*pi/180` converts an angle by hand: `phi` = 90 deg is in rad here already
             leave the factor out
@@ -1177,6 +1213,30 @@ fn dimensions_of_formulas() {
         2*pi*r*f*t   in mm; r = "20 mm", f = "0.5 rev/s"
             at 2*pi*r*f*t: formula: `2*pi*r*f*t` converts an angle by hand: `f` = 0.5 rev/s is in rad here already
             leave the factor out, or give `f` in Hz
+        2*pi*n/60*t   in rad; n = "30 rpm"
+            at 2*pi*n/60*t: formula: `2*pi*n/60*t` converts an angle by hand: `n` = 30 rpm is in rad here already
+            leave the factor out
+        phi/360*t   in rev; phi = "90 deg"
+            at phi/360*t: formula: `phi/360*t` converts an angle by hand: `phi` = 90 deg is in rev here already
+            leave the factor out
+        phi*360   in deg; phi = "90 deg"
+            at phi*360: formula: `phi*360` converts an angle by hand: `phi` = 90 deg is in deg here already
+            leave the factor out
+        w*t/(2*pi)   in rev; w = "1 rad/s"
+            at w*t/(2*pi): formula: `w*t/(2*pi)` converts an angle by hand: `w` = 1 rad/s is in rev here already
+            leave the factor out
+        0.159*w*(t - 1)   in rev; w = "1 rad/s"
+            at 0.159*w*(t - 1): formula: `0.159*w*(t - 1)` converts an angle by hand: `w` = 1 rad/s is in rev here already
+            leave the factor out
+        abs(57.3*asin(t))   in deg
+            at abs(57.3*asin(t)): formula: `abs(57.3*asin(t))` converts an angle by hand: what asin, acos, atan and atan2 give is in deg here already
+            leave the factor out; for the number of rad divide by an angle, where = { rad = "1 rad" }
+        v/(2*pi)*sin(2*pi*t) + v/(2*pi*f)*t*sin(2*pi*f*t)   in deg; v = "90 deg/s", f = "1 Hz"
+            no problem
+        90*sin(pi/4*w*t)   in deg; w = "1 rad/s"
+            no problem
+        pi/2*r*phi*t   in mm; r = "20 mm", phi = "90 deg"
+            no problem
         90*sin(2*pi*f*t - phi) + 2*pi*f*phi*t   in deg; f = "0.5 Hz", phi = "3 deg"
             no problem
     "#]].assert_eq(&of_formulas(&by_hand));

@@ -211,6 +211,8 @@ fn angles_are_in_radians_in_sin_and_in_the_unit_elsewhere() {
     // A shift in time, and a swing from the speed that it has.
     plays(("", "deg", "v/(2*pi*f)*sin(2*pi*f*t)", "v = \"90 deg/s\", f = \"0.5 Hz\""), |t| 90.0 / PI * (PI * t).sin());
     plays(("", "deg", "mod(w*t, 720) + 0*t", "w = \"0.25 rev/s\""), |t| 90.0 * t);
+    plays(("", "deg", "90*sin(pi/4*w*t)", "w = \"1 rad/s\""), |t| 90.0 * (PI / 4.0 * t).sin());
+    plays((LEAD, "mm", "pi/2*r*phi*t", "r = \"20 mm\", phi = \"90 deg\""), |t| 5.0 * PI * PI * t);
 }
 
 /// The tables of docs/motion-files.md: what is good, what is refused, and what to write instead.
@@ -231,7 +233,7 @@ fn the_documented_formulas_are_what_the_tables_say() {
         assert_eq!(is_good(&formula(cells[1])), !is_refused, "{}", cells[1]);
         assert!(!is_refused || is_good(&formula(cells[3])), "{}", cells[3]);
     }
-    assert_eq!(rows, [4, 8]);
+    assert_eq!(rows, [4, 9]);
 }
 
 #[test]

@@ -279,7 +279,9 @@ impl Display for ParameterReport {
         let mut notes: Vec<String> = outside.iter().filter(|amount| !is_written(amount)).map(said).collect();
         if let Some(amount) = in_trig.as_ref().filter(|amount| !is_written(amount) && outside.as_ref() != Some(*amount))
         {
-            notes.push(format!("{} in sin", said(amount)));
+            // Only angles have another number outside.
+            let place = if amount.unit.starts_with("rad") { " in sin" } else { "" };
+            notes.push(format!("{}{place}", said(amount)));
         }
         if outside.is_none() && in_trig.is_none() {
             notes.push("not used".to_owned());

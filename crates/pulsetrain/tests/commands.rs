@@ -338,7 +338,7 @@ fn a_plan_says_what_a_formula_s_parameters_are() {
     assert_eq!(outcome.exit, Exit::Success, "{}", outcome.err);
     let lines: Vec<&str> = outcome.out.lines().filter(|line| line.contains("parameters of")).collect();
     let wanted = "  parameters of left, right: A = 0.25 rev (90 deg), phi = 90 deg (1.570796 rad in sin), f = 0.5 Hz, \
-                  T = 2000 ms (2 s in sin), w = 3.141592653589793 rad/s, k = 3, b = 1 deg/s^2 (not used)";
+                  T = 2000 ms (2 s), w = 3.141592653589793 rad/s, k = 3, b = 1 deg/s^2 (not used)";
     assert_eq!(lines, [wanted], "{}", outcome.out);
     let report: serde_json::Value = serde_json::from_str(&pulsetrain(&["plan", &file, "--json"]).out).unwrap();
     let formulas = report["motors"][1]["formulas"].as_array().unwrap();

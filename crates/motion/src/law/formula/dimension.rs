@@ -66,8 +66,12 @@ pub(super) struct Measure {
     is_rate: bool,
     /// An angle that came from asin, acos, atan or atan2.
     is_inverse: bool,
-    /// A plain number that is known to be an angle in rad: from asin, or a multiple of pi.
-    is_radians: bool,
+    /// The power of rad in a plain number, as far as it is known: of pi, tau and asin in rad 1, of 180/pi -1.
+    radians: f64,
+    /// `t` is a factor.
+    has_time: bool,
+    /// A parameter that is a plain number is a factor.
+    has_parameter: bool,
 }
 
 /// Where in a formula an expression stands: that gives plain numbers their unit.
@@ -79,10 +83,9 @@ pub(super) struct Place<'a> {
     pub(super) in_trig: bool,
 }
 
-const DIVIDE: &str =
-    "for a plain number divide by a parameter of the same kind, such as where = { rad = \"1 rad\", mm = \"1 mm\" }";
-const INVERSE: &str = "asin, acos, atan and atan2 give an angle here; for its number of rad divide by an angle, where = { rad = \"1 rad\" }";
-const ONE_FACTOR: &str = "one factor of a product is an angle or a length, the others are plain numbers";
+const DIVIDE: &str = "To get a plain number, divide by a unit: write `phi/rad` or `x/mm`, with where = { rad = \"1 rad\", mm = \"1 mm\" }";
+const INVERSE: &str = "asin, acos, atan and atan2 return an angle. For a plain number of radians write `asin(x)/rad`, with where = { rad = \"1 rad\" }";
+const ONE_FACTOR: &str = "A product may hold one angle or one length. All other factors must be plain numbers.";
 
 impl Dimension {
     pub(crate) const PLAIN: Dimension = Dimension { angle: 0.0, length: 0.0, steps: 0.0 };
@@ -178,8 +181,12 @@ impl Measure {
         parameter: None,
         is_rate: false,
         is_inverse: false,
-        is_radians: false,
+        radians: 0.0,
+        has_time: false,
+        has_parameter: false,
     };
+
+    pub(super) const TIME: Measure = Measure { has_time: true, ..Measure::PLAIN };
 
     pub(super) fn number(value: f64) -> Measure {
         Measure { constant: Some(value), factor: value, ..Measure::PLAIN }
@@ -187,7 +194,7 @@ impl Measure {
 
     /// pi and tau.
     pub(super) fn angular(value: f64) -> Measure {
-        Measure { pi: 1.0, is_radians: true, ..Measure::number(value) }
+        Measure { pi: 1.0, radians: 1.0, ..Measure::number(value) }
     }
 
     pub(super) fn of(index: usize, parameter: &Parameter) -> Measure {
@@ -203,7 +210,7 @@ impl Measure {
         }
         // Numbers of seconds are factors that are meant.
         let factor = if outside.unit.is_empty() { value } else { 1.0 };
-        Measure { constant: Some(value), factor, ..Measure::PLAIN }
+        Measure { constant: Some(value), factor, has_parameter: true, ..Measure::PLAIN }
     }
 
     /// 0 is 0 in every unit.
@@ -214,16 +221,17 @@ impl Measure {
     /// Of the product with the n-th power of another, n = ±1.
     fn product(&self, other: &Measure, n: i32) -> Measure {
         let power = f64::from(n);
-        let dimension = self.dimension.times(other.dimension, power);
         Measure {
-            dimension,
+            dimension: self.dimension.times(other.dimension, power),
             constant: self.constant.zip(other.constant).map(|(a, b)| a * b.powi(n)),
             factor: self.factor * other.factor.powi(n),
             pi: self.pi + power * other.pi,
             parameter: self.parameter.or(other.parameter),
             is_rate: self.is_rate || other.is_rate,
             is_inverse: self.is_inverse || other.is_inverse,
-            is_radians: (self.is_radians || other.is_radians) && dimension.is_plain(),
+            radians: self.radians + power * other.radians,
+            has_time: self.has_time || other.has_time,
+            has_parameter: self.has_parameter || other.has_parameter,
         }
     }
 
@@ -245,13 +253,17 @@ impl Measure {
             constant: self.constant.map(|c| c.powf(n)),
             factor: self.factor.powf(n),
             pi: self.pi * n,
-            is_radians: false,
+            radians: self.radians * n,
             ..*self
         }
     }
 
+    pub(super) fn magnitude(&self) -> Measure {
+        Measure { constant: self.constant.map(f64::abs), factor: self.factor.abs(), ..*self }
+    }
+
     /// Of what has this dimension, but another number.
-    pub(super) fn reshaped(&self) -> Measure {
+    fn reshaped(&self) -> Measure {
         Measure { constant: None, factor: 1.0, pi: 0.0, ..*self }
     }
 
@@ -307,11 +319,14 @@ impl Place<'_> {
             dimension,
             constant: None,
             factor: 1.0,
-            pi: if x.pi == y.pi { x.pi } else { 0.0 },
+            pi: x.pi.max(y.pi),
             parameter: x.parameter.or(y.parameter),
             is_rate: x.is_rate || y.is_rate,
             is_inverse: x.is_inverse || y.is_inverse,
-            is_radians: x.is_radians || y.is_radians,
+            // A number beside one in rad is in rad, too; what holds 1/rad makes no angle.
+            radians: if x.radians.min(y.radians) < 0.0 { x.radians.min(y.radians) } else { x.radians.max(y.radians) },
+            has_time: x.has_time || y.has_time,
+            has_parameter: x.has_parameter || y.has_parameter,
         };
         if x.dimension.is(y.dimension) || y.fits_all() {
             return Ok(both(x.dimension));
@@ -350,7 +365,7 @@ impl Place<'_> {
                 all.node = other.node.clone();
             }
         }
-        Ok(all.measure.reshaped())
+        Ok(all.measure)
     }
 
     /// A plain number that stands beside what has a dimension takes the unit of this place, if there is one.
@@ -367,7 +382,7 @@ impl Place<'_> {
             let help = format!("write it in {unit}, or as a parameter with its own unit, such as \"90 deg\"");
             return Err(error(span, message).helped(help));
         }
-        if dimension.is(Dimension::ANGLE) && plain.measure.is_radians {
+        if dimension.is(Dimension::ANGLE) && (plain.measure.radians - 1.0).abs() < 1e-9 {
             return Ok(());
         }
         let message = format!(
@@ -382,19 +397,23 @@ impl Place<'_> {
 
     /// An angle must not be converted by hand where it comes in the right unit by itself.
     fn not_converted(&self, part: &Typed) -> Result<(), FormulaError> {
-        let Measure { dimension, factor, pi, parameter, is_rate, is_inverse, .. } = part.measure;
+        let Measure { dimension, factor, pi, parameter, is_rate, is_inverse, has_time, has_parameter, .. } =
+            part.measure;
         // 57.3, 0.01745 and 6.28 are meant, too.
-        let near = |x: f64| (factor.abs() / x - 1.0).abs() < 6e-4;
-        let by_pi = pi >= 1.0 || near(PI) || near(TAU);
+        let near = |x: f64| (factor.abs() / x - 1.0).abs() < 1e-3;
         let is_arc = dimension.length != 0.0;
-        let by_degrees = near(180.0 / PI) || near(PI / 180.0);
+        let by_degrees = near(180.0 / PI) || near(PI / 180.0) || near(1.0 / 360.0);
+        let from_rpm = is_rate && near(PI / 30.0);
         let converted = by_degrees
+            || near(360.0)
             || if self.in_trig || is_arc {
-                by_pi
+                near(TAU) || from_rpm
             } else if self.in_radians() {
-                is_rate && near(TAU)
+                is_rate && near(TAU) || from_rpm
             } else {
-                is_rate && factor.abs() == 360.0 || is_inverse && (pi == -1.0 || near(self.unit.per_rad.nearest()))
+                // A peak speed over 2*pi*f is an amplitude: it has a parameter, or no `t`, as its factor.
+                is_rate && near(1.0 / TAU) && has_time && !has_parameter
+                    || is_inverse && (pi == -1.0 || near(self.unit.per_rad.nearest()))
             };
         if !converted || dimension.angle != 1.0 || dimension.steps != 0.0 {
             return Ok(());
@@ -402,7 +421,11 @@ impl Place<'_> {
         let (span, unit) = (part.node.span, self.angle_unit());
         let (what, help) = match parameter.and_then(|index| self.parameters.get(index)) {
             Some(Parameter { name, written, .. }) if !is_inverse => {
-                let in_hz = if is_rate && !by_degrees { format!(", or give `{name}` in Hz") } else { String::new() };
+                let in_hz = if is_rate && (near(TAU) || near(360.0)) {
+                    format!(", or give `{name}` in Hz")
+                } else {
+                    String::new()
+                };
                 (format!("`{name}` = {written}"), format!("leave the factor out{in_hz}"))
             }
             _ => {
@@ -474,7 +497,7 @@ impl Place<'_> {
     /// What asin, acos, atan and atan2 give: the factor that makes it one of this place, and what it is.
     pub(super) fn inverse(&self) -> (Option<Double>, Measure) {
         if self.in_radians() {
-            return (None, Measure { is_radians: true, ..Measure::PLAIN });
+            return (None, Measure { radians: 1.0, ..Measure::PLAIN });
         }
         (Some(self.unit.per_rad), Measure { dimension: Dimension::ANGLE, is_inverse: true, ..Measure::PLAIN })
     }

@@ -479,7 +479,7 @@ impl<'a> Parser<'a> {
             return self.call(name, span);
         }
         let (kind, measure) = if name == "t" {
-            (Kind::Time, Measure::PLAIN)
+            (Kind::Time, Measure::TIME)
         } else if let Some(index) = self.place.parameters.iter().position(|known| known.name == name) {
             let in_trig = self.place.in_trig;
             self.used[index][usize::from(in_trig)] = true;
@@ -650,7 +650,7 @@ impl<'a> Parser<'a> {
             }
             ("sqrt", [x]) => x.measure.power(0.5),
             ("pow", [base, exponent]) => place.power(base, exponent)?,
-            ("abs", [x]) => x.measure.reshaped(),
+            ("abs", [x]) => x.measure.magnitude(),
             ("hypot" | "min" | "max" | "clamp" | "mod", _) => {
                 place.all_alike(&all, &format!("`{name}` takes values of one kind"))?
             }
