@@ -1034,6 +1034,7 @@ fn dimensions_of_formulas() {
         ("", "rev", "phi/360*t", ANGLE),
         ("", "deg", "phi*360", ANGLE),
         ("", "rev", "w*t/(2*pi)", "w = \"1 rad/s\""),
+        ("", "deg", "2*pi*n*t", "n = \"30 rpm\""),
         ("", "rev", "0.159*w*(t - 1)", "w = \"1 rad/s\""),
         ("", "deg", "abs(57.3*asin(t))", ""),
         ("", "deg", "v/(2*pi)*sin(2*pi*t) + v/(2*pi*f)*t*sin(2*pi*f*t)", "v = \"90 deg/s\", f = \"1 Hz\""),
@@ -1225,6 +1226,9 @@ fn dimensions_of_formulas() {
         w*t/(2*pi)   in rev; w = "1 rad/s"
             at w*t/(2*pi): formula: `w*t/(2*pi)` converts an angle by hand: `w` = 1 rad/s is in rev here already
             leave the factor out
+        2*pi*n*t   in deg; n = "30 rpm"
+            at 2*pi*n*t: formula: `2*pi*n*t` converts an angle by hand: `n` = 30 rpm is in deg here already
+            leave the factor out, or give `n` in Hz
         0.159*w*(t - 1)   in rev; w = "1 rad/s"
             at 0.159*w*(t - 1): formula: `0.159*w*(t - 1)` converts an angle by hand: `w` = 1 rad/s is in rev here already
             leave the factor out

@@ -412,7 +412,7 @@ impl Place<'_> {
                 is_rate && near(TAU) || from_rpm
             } else {
                 // A peak speed over 2*pi*f is an amplitude: it has a parameter, or no `t`, as its factor.
-                is_rate && near(1.0 / TAU) && has_time && !has_parameter
+                is_rate && (near(TAU) || near(1.0 / TAU)) && has_time && !has_parameter
                     || is_inverse && (pi == -1.0 || near(self.unit.per_rad.nearest()))
             };
         if !converted || dimension.angle != 1.0 || dimension.steps != 0.0 {
