@@ -67,8 +67,8 @@ pub enum DriveError {
     },
     /// The reference beside the board is not what the board was told: a fault of ours, not of the motion.
     #[error(
-        "the reference beside the board `{board}` did not take all that the board took, so nobody knows when each step was due; please report \
-         this motion file"
+        "The simulated copy of board `{board}` lost data that the board took, so this run cannot be judged. This is our fault; please report \
+         this motion file."
     )]
     Reference {
         /// Which board.

@@ -89,10 +89,10 @@ impl Estimate {
         let program = &prepared.program;
         let spans = spans(program, length);
         let motion_s = spans.iter().copied().fold(Time::ZERO, Time::max).seconds();
-        let (mut all, mut segments, mut row_bytes) = (Workload::default(), 0.0, 0.0);
+        let (mut all, mut planning_s, mut row_bytes) = (Workload::default(), 0.0, 0.0);
         for (motor, span) in program.motors.iter().zip(spans) {
             let workload = motor.law.workload(span);
-            segments += segments_of(workload);
+            planning_s += self::planning_s(workload);
             row_bytes += workload.steps * bytes_of_step(motor, &program.board, motion_s);
             all = all.and(workload);
         }
@@ -101,7 +101,7 @@ impl Estimate {
         Estimate {
             motion_s,
             steps: all.steps,
-            planning_s: (all.pieces + segments) * SEGMENT_S + all.steps * STEP_S,
+            planning_s,
             running_s: match task {
                 Task::Plan | Task::Port => None,
                 Task::Virtual if boards::is_uno(&program.board.name) => Some(motion_s / VIRTUAL_UNO),
@@ -120,6 +120,11 @@ impl Estimate {
             || self.running_s.is_some_and(|running_s| running_s > MOST_RUNNING_S)
             || self.file_bytes.is_some_and(|bytes| bytes > MOST_FILE_BYTES)
     }
+}
+
+/// How long it takes to plan a law, about, s.
+pub(crate) fn planning_s(workload: Workload) -> f64 {
+    (workload.pieces + segments_of(workload)) * SEGMENT_S + workload.steps * STEP_S
 }
 
 /// About how many segments the plan of a law has.
@@ -161,12 +166,10 @@ pub enum LongMotion {
     },
     /// No board counts so far.
     #[error(
-        "{file}: this motion is too long: the board `{board}` counts its ticks for {} ({:.4e} s); {estimate}",
+        "{file}: this motion is too long: {estimate}. Board `{board}` can count {} ({:.2e} s) at most.",
         human::long_time(*.limit_s), .limit_s
     )]
-    #[diagnostic(help(
-        "give it fewer cycles or repeats, or take its beginning: --for \"10 s\"; --yes is of no help here"
-    ))]
+    #[diagnostic(help("Use fewer cycles, or --for \"10 s\". (--yes does not help.)"))]
     TooLong {
         /// The motion file.
         file: String,

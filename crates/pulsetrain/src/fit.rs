@@ -1,5 +1,7 @@
 //! What would fit: how much slower a motion that is refused would have to be, and which boards do it as it is.
 
+use std::cell::Cell;
+
 use pulsetrain_motion::law::{Begin, End, Law};
 use pulsetrain_motion::machine::Machine;
 use pulsetrain_motion::program::Motor;
@@ -8,13 +10,42 @@ use pulsetrain_motion::{Grid, Time, boards};
 use pulsetrain_plan::error::Limit;
 use pulsetrain_plan::{PlanError, Settings};
 
-use crate::human;
 use crate::prepare::{self, Prepared};
+use crate::{estimate, human};
 
 /// A motion slower than this is another motion.
 const SLOWEST: f64 = 1e4;
 /// The factor is found to this precision, as a ratio.
 const PRECISION: f64 = 1.002;
+/// Nobody waits longer for the plans that an advice tries one after the other, about, s.
+const MOST_TRYING_S: f64 = 2.0;
+
+/// Plans that are tried one after the other, as long as there is time for another one.
+struct Tries {
+    /// What one takes, s.
+    each_s: f64,
+    left_s: Cell<f64>,
+}
+
+impl Tries {
+    /// With changed laws of these motors.
+    fn of(motors: &[&Motor]) -> Tries {
+        let planning_s =
+            |motor: &&Motor| motor.law.end().map_or(f64::INFINITY, |end| estimate::planning_s(motor.law.workload(end)));
+        Tries { each_s: motors.iter().map(planning_s).sum(), left_s: Cell::new(MOST_TRYING_S) }
+    }
+
+    /// Whether there is time for another one, which is counted.
+    fn another(&self) -> bool {
+        self.left_s.set(self.left_s.get() - self.each_s);
+        self.left_s.get() >= 0.0
+    }
+
+    /// What is said of a form for which there was no time.
+    fn untried(&self) -> String {
+        format!(" (not tried: planning takes about {})", human::long_time(self.each_s))
+    }
+}
 
 /// What the plan of a law that is `factor` times slower must keep to, said of the law itself.
 ///
@@ -123,10 +154,14 @@ fn not_provable(prepared: &Prepared, motor: &Motor, bound_ticks: f64, at_s: f64)
     let settings = Settings::of(&prepared.program, motor);
     let with = |tolerance_ticks: f64, grid: Grid| Settings { tolerance_ticks, grid, ..settings.clone() };
     let loosest = LOOSEST_S * settings.tick_hz as f64;
+    let tries = Tries::of(&[motor]);
     let mut tolerance = rounded_up(bound_ticks * 1.01);
     for _ in 0..RAISES {
         if tolerance.is_nan() || tolerance > loosest {
             break;
+        }
+        if !tries.another() {
+            return format!("{} may do{}", assignment("tolerance", tolerance, "ticks"), tries.untried());
         }
         match prepare::planned(&motor.law, &with(tolerance, settings.grid)) {
             Ok(certificate) => {
@@ -141,7 +176,7 @@ fn not_provable(prepared: &Prepared, motor: &Motor, bound_ticks: f64, at_s: f64)
         }
     }
     let mut lines = vec![format!(
-        "the motion is so slow just where a step is due, at {}, that rounding decides when it comes",
+        "At {} the motion almost stands still exactly at a step, so the time of that step cannot be computed.",
         human::seconds_to(at_s, 6)
     )];
     let grids = [
@@ -149,11 +184,18 @@ fn not_provable(prepared: &Prepared, motor: &Motor, bound_ticks: f64, at_s: f64)
         ("grid = { hysteresis = \"0.1 step\" }", Grid { hysteresis: 0.1 }),
         ("grid = { hysteresis = \"0.2 step\" }", Grid { hysteresis: 0.2 }),
     ];
-    let able = grids.iter().find(|(_, grid)| prepare::fits(&motor.law, &with(settings.tolerance_ticks, *grid)));
-    lines.push(match able {
-        Some((grid, _)) => format!("steps are due elsewhere with {grid}: that can be proven"),
-        None => "let it rest, turn or creep a tenth of a step farther or less far".to_owned(),
-    });
+    let tries = Tries::of(&[motor]);
+    for (text, grid) in grids {
+        if !tries.another() {
+            lines.push(format!("Steps are due elsewhere with {text}{}.", tries.untried()));
+        } else if prepare::fits(&motor.law, &with(settings.tolerance_ticks, grid)) {
+            lines.push(format!("steps are due elsewhere with {text}: that can be proven"));
+        } else {
+            continue;
+        }
+        return lines.join("\n");
+    }
+    lines.push("Move that point by 0.1 step.".to_owned());
     lines.join("\n")
 }
 
@@ -176,7 +218,7 @@ fn smoother(prepared: &Prepared, motor: &Motor, at_s: f64, (from, to): (f64, f64
         }
         let motors: Vec<&Motor> = machine.motors.iter().map(|k| &program.motors[*k]).collect();
         let ease = easing(prepared, &motors, &|law, over| law.clone().eased(over).ok());
-        let ease = ease.map_or_else(String::new, |over_s| format!(": {}", time_assignment("ease", over_s)));
+        let ease = ease.map_or_else(String::new, |ease| format!(": {ease}"));
         return vec![format!("give the path an `ease`, which begins and ends at rest and keeps to it{ease}")];
     }
     let mut lines = Vec::new();
@@ -185,20 +227,18 @@ fn smoother(prepared: &Prepared, motor: &Motor, at_s: f64, (from, to): (f64, f64
     let whole = easing(prepared, &[motor], &|law, over| {
         if is_cut(law) { law.clone().eased_in(Time::ZERO, over).ok() } else { law.clone().eased(over).ok() }
     });
-    if let Some(over_s) = whole {
-        let ease = time_assignment("ease", over_s);
-        lines.push(format!("let its time come up from rest, and go back to rest, in its [[motion]]: {ease}"));
-    } else if let Some(over_s) = easing(prepared, &[motor], &parts_eased) {
-        let ease = time_assignment("ease", over_s);
+    if let Some(ease) = whole {
+        lines.push(format!("Start and stop gently: add {ease} to its [[motion]]."));
+    } else if let Some(ease) = easing(prepared, &[motor], &parts_eased) {
         lines.push(format!(
-            "let the time of each of its motions come up from rest, and go back to rest, in each [[motion]]: {ease} (parts of `then` \
-             have to be motions of their own)"
+            "Start and stop each of its motions gently: add {ease} to each [[motion]]. (Parts of `then` have to be motions of their own.)"
         ));
     }
     let settings = Settings::of(program, motor);
     // The next place may want something, too.
+    let tries = Tries::of(&[motor]);
     let cures = |law: Option<Law>| {
-        law.filter(|law| match prepare::walk(law, &settings) {
+        law.filter(|_| tries.another()).filter(|law| match prepare::walk(law, &settings) {
             Ok(()) => true,
             Err(PlanError::SpeedJump { at_s: other, .. }) => other > at_s + 1e-6,
             Err(_) => false,
@@ -221,7 +261,7 @@ fn smoother(prepared: &Prepared, motor: &Motor, at_s: f64, (from, to): (f64, f64
             stays,
             // Not one that waits for the stop where an endless motion was cut.
             begun(Begin::Delay)
-                .filter(|law| prepare::planned(law, &settings).is_ok_and(|plan| plan.steps > 0))
+                .filter(|law| tries.another() && prepare::planned(law, &settings).is_ok_and(|plan| plan.steps > 0))
                 .map(|_| "begin = \"delay\" (waits until the law comes to rest)".to_owned()),
             begun(Begin::Jump).map(|_| "begin = \"jump\" (at once, if the motor can)".to_owned()),
         ];
@@ -250,14 +290,21 @@ fn smoother(prepared: &Prepared, motor: &Motor, at_s: f64, (from, to): (f64, f64
     lines
 }
 
-/// The first easing with which all of these motors' plans fit, s.
-fn easing(prepared: &Prepared, motors: &[&Motor], eased: &dyn Fn(&Law, Time) -> Option<Law>) -> Option<f64> {
-    EASES_S.into_iter().find(|over_s| {
-        motors.iter().all(|motor| {
-            let law = motor.law.changed_under_slack(|law| eased(law, Time::from_seconds(*over_s)));
-            law.is_some_and(|law| prepare::fits(&law, &Settings::of(&prepared.program, motor)))
-        })
-    })
+/// The first easing with which all of these motors' plans fit, as it is written; or the first for which there is no time, which is said of it.
+fn easing(prepared: &Prepared, motors: &[&Motor], eased: &dyn Fn(&Law, Time) -> Option<Law>) -> Option<String> {
+    let tries = Tries::of(motors);
+    for over_s in EASES_S {
+        let of = |motor: &&Motor| motor.law.changed_under_slack(|law| eased(law, Time::from_seconds(over_s)));
+        let Some(laws) = motors.iter().map(of).collect::<Option<Vec<Law>>>() else { continue };
+        if !tries.another() {
+            return Some(time_assignment("ease", over_s) + &tries.untried());
+        }
+        let fits = |(motor, law): (&&Motor, &Law)| prepare::fits(law, &Settings::of(&prepared.program, motor));
+        if motors.iter().zip(&laws).all(fits) {
+            return Some(time_assignment("ease", over_s));
+        }
+    }
+    None
 }
 
 /// A motor's motions, each with an easing; `None` if it has one.
@@ -300,7 +347,9 @@ pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
     if let PlanError::SpeedJump { from, to, at_s, .. } = error {
         lines.extend(smoother(prepared, motor, *at_s, (*from, *to)));
     }
-    if error.limit().is_some() && motor.law.slack_over().is_some() {
+    // What is looked for with some 20 plans is not looked for with long ones: `explain` does it.
+    let is_soon = Tries::of(&[motor]).another();
+    if error.limit().is_some() && motor.law.slack_over().is_some() && is_soon {
         lines.extend(least_over(prepared, motor).map(|(slower, over_s)| {
             let over = time_assignment("over", rounded_up(over_s));
             match slower {
@@ -311,7 +360,8 @@ pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
                 }
             }
         }));
-    } else if error.limit().is_some()
+    } else if is_soon
+        && error.limit().is_some()
         && let Some(factor) = least_slowdown(prepared, motor)
     {
         let times = human::significant(factor, 4);
@@ -335,9 +385,10 @@ pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
                 human::seconds(low)
             ));
         }
-        match other_boards(prepared) {
-            boards if boards.is_empty() => lines.push("no board in the table does it as it is".to_owned()),
-            boards => lines.push(format!("as it is, it fits: {}", boards.join(", "))),
+        match is_soon.then(|| other_boards(prepared)) {
+            None => {}
+            Some(boards) if boards.is_empty() => lines.push("no board in the table does it as it is".to_owned()),
+            Some(boards) => lines.push(format!("as it is, it fits: {}", boards.join(", "))),
         }
     }
     if error.at_s().is_some() {

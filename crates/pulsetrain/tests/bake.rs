@@ -383,7 +383,7 @@ fn steps_that_wait_for_a_shared_dir_line_are_told() {
             assert!(waited > 0 && waited <= steps && late > bound && late <= longest as f64 + bound, "{json}");
             assert!(seen["max_error_ticks"].as_f64().unwrap() <= bound, "{json}");
             let waits = format!("; {waited} steps waited for a shared DIR line and came up to {late:.1} ticks late");
-            assert!(said.contains("every other edge within ") && said.contains(&waits), "{said}");
+            assert!(said.contains("all other edges within ") && said.contains(&waits), "{said}");
         }
     }
 }

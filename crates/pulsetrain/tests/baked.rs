@@ -473,7 +473,7 @@ fn the_command_says_what_it_takes() {
     let said = String::from_utf8(out).unwrap();
     assert!(said.contains("of 32 256; it repeats for ever") && said.contains("pulsetrain flash uno --port"), "{said}");
     assert!(
-        said.contains("rehearsed on the virtual Uno: 6.1 s, each phase of what repeats: every other edge within"),
+        said.contains("rehearsed on the virtual Uno: 6.1 s, each phase of what repeats: all other edges within"),
         "{said}"
     );
     // Its four motors share a DIR line.

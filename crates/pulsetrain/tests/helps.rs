@@ -1,6 +1,8 @@
 //! What a refusal says to write: it is TOML, it is read where it belongs, and the motion fits then.
 
+use pulsetrain::fit;
 use pulsetrain::prepare::{Prepared, Refusal};
+use pulsetrain_plan::PlanError;
 
 /// A motor, and a motion to be added.
 const MOTOR: &str = "[motor.wheel]\nsteps_per_rev = 200\nmicrosteps = 16\npulse_high = \"2 us\"\n\
@@ -136,6 +138,28 @@ fn tolerances_are_offered_as_far_as_they_are_tolerances() {
     check("turning", &turning("0.01", "314"), &["tolerance = \""]);
     // Milliseconds are no tolerance.
     check("creeping", &turning("1e-5", "3.14e5"), &["grid = \"nearest\""]);
+}
+
+/// Each plan of 28 hours would take seconds: none is tried, and that is said.
+#[test]
+fn what_takes_long_to_try_is_offered_untried() {
+    let law = "law.formula = { theta = \"20000*sin(0.2*t)\", unit = \"step\", duration = \"100000 s\" }";
+    let file = File(std::env::temp_dir().join(format!("pulsetrain-helps-long-{}.toml", std::process::id())));
+    std::fs::write(&file.0, motion(LIMITS, law)).unwrap();
+    let prepared = Prepared::load(&file.0, None, None).unwrap();
+    let said = |error: &PlanError| fit::advice(&prepared, &prepared.program.motors[0], error);
+    let Err(Refusal::Plan { advice, error, .. }) = prepared.plan(|_| ()) else { panic!("it begins at once") };
+    assert!(matches!(error, PlanError::SpeedJump { .. }), "{error}");
+    let begins = "Start and stop gently: add ease = \"0.5 s\" (not tried: planning takes about ";
+    assert!(advice.starts_with(begins) && !advice.contains("slower it fits"), "{advice}");
+    let not_provable = |bound_ticks: f64| PlanError::NotProvable { at_s: 2.1, bound_ticks, tolerance_ticks: 0.5 };
+    let advice = said(&not_provable(0.6));
+    assert!(advice.starts_with("tolerance = \"0.606 ticks\" may do (not tried: planning takes about "), "{advice}");
+    let advice = said(&not_provable(1e9));
+    let still =
+        "At 2.1 s the motion almost stands still exactly at a step, so the time of that step cannot be computed.\n";
+    let grid = "Steps are due elsewhere with grid = \"nearest\" (not tried: planning takes about ";
+    assert!(advice.strip_prefix(still).is_some_and(|rest| rest.starts_with(grid)), "{advice}");
 }
 
 #[test]

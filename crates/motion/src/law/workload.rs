@@ -1,9 +1,11 @@
 //! How much there is of a law, roughly and at once: for estimates, before anybody follows it.
 
+use super::formula::Formula;
 use super::{Law, Piece};
 use crate::Time;
 
-/// About how much there is of a law. What repeats is looked at once, and a law of no structure for its first pieces alone.
+/// About how much there is of a law. What repeats is looked at once, a formula for its first pieces and at places all over its span, and
+/// another law of no structure for its first pieces alone.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Workload {
     /// Steps in both directions.
@@ -16,8 +18,12 @@ pub struct Workload {
 const MOST_PIECES: usize = 256;
 /// Of a winch's path, whose commands come in its first seconds: pieces of a millisecond.
 const MOST_PIECES_OF_A_WINCH: usize = 1 << 15;
-/// Looks in each of them: a formula's window has ten periods of its fastest sinusoid at most.
+/// Looks in each of them.
 const LOOKS: u32 = 64;
+/// Places of a formula that are looked at behind its first pieces.
+const PLACES: u32 = 64;
+/// Looks in each of a formula's windows, which may have any number of periods: a prime, so that they do not meet the same phase again and again.
+const LOOKS_IN_A_WINDOW: u32 = 251;
 
 impl Law {
     /// About how much there is of it up to `until`. It takes no longer for a law that is longer.
@@ -62,19 +68,42 @@ impl Law {
             }
             Law::Fixed(fixed) => self.first_pieces(until, fixed.pieces.len()),
             Law::Sine(_) | Law::Steady(_) | Law::Circle(_) | Law::Lorenz(_) => self.first_pieces(until, MOST_PIECES),
-            Law::Formula(_) | Law::Slack(_) => self.first_pieces(until, MOST_PIECES),
+            Law::Formula(formula) => self.pieces_all_over(formula, until),
+            Law::Slack(_) => self.first_pieces(until, MOST_PIECES),
             Law::Winch(_) => self.first_pieces(until, MOST_PIECES_OF_A_WINCH),
         }
     }
 
     /// Of its first pieces, as if it went on like that. What breaks is not told here.
     fn first_pieces(&self, until: Time, most: usize) -> Workload {
+        let (seen, at) = self.in_first_pieces(until, most, Piece::way);
+        if at <= Time::ZERO { seen } else { seen.times(until.seconds() / at.seconds()) }
+    }
+
+    /// Of its first pieces, and when they end.
+    fn in_first_pieces(&self, until: Time, most: usize, way: fn(&Piece, Time) -> f64) -> (Workload, Time) {
         let (mut seen, mut at) = (Workload::default(), Time::ZERO);
         for piece in self.pieces().take(most).map_while(Result::ok).take_while(|piece| piece.start < until) {
-            seen = seen.and(Workload { steps: piece.way(until), pieces: 1.0 });
+            seen = seen.and(Workload { steps: way(&piece, until), pieces: 1.0 });
             at = piece.end.min(until);
         }
-        if at <= Time::ZERO { seen } else { seen.times(until.seconds() / at.seconds()) }
+        (seen, at)
+    }
+
+    /// Of a formula's first pieces, and of a window in each of some spans behind them, as if the span went on like that.
+    fn pieces_all_over(&self, formula: &Formula, until: Time) -> Workload {
+        let (mut seen, first) = self.in_first_pieces(until, MOST_PIECES, Piece::way_by_speed);
+        let left_s = (until - first).seconds();
+        // The first spans are the shortest: what begins a motion is often soon over. Ends at round times would meet its branches and periods.
+        let at = |k: f64| first + Time::from_seconds(left_s * (k / f64::from(PLACES)).powi(2));
+        for k in (0..PLACES).map(f64::from) {
+            let (from, place, to) = (at(k), at(k + 0.48), at(k + 1.0).min(until));
+            let Some(Ok(piece)) = formula.pieces_from(place).next().filter(|_| place < to) else { continue };
+            let share = |end: Time| (to - from).seconds() / (end - place).seconds();
+            seen.steps += piece.way_by_speed(to) * share(piece.end.min(to));
+            seen.pieces += share(piece.end);
+        }
+        seen
     }
 }
 
@@ -96,6 +125,13 @@ impl Piece {
         let (from, to) = (self.first(), (self.end.min(until) - self.zero).seconds());
         let at = |k: u32| self.curve.value(from + (to - from) * f64::from(k) / f64::from(LOOKS));
         (0..LOOKS).map(|k| (at(k + 1) - at(k)).abs()).sum()
+    }
+
+    /// The same of one that may go to and fro between two looks.
+    fn way_by_speed(&self, until: Time) -> f64 {
+        let (from, to) = (self.first(), (self.end.min(until) - self.zero).seconds());
+        let each = (to - from) / f64::from(LOOKS_IN_A_WINDOW);
+        (0..LOOKS_IN_A_WINDOW).map(|k| each * self.curve.jet(from + each * (f64::from(k) + 0.5))[1].abs()).sum()
     }
 }
 
@@ -119,6 +155,16 @@ mod tests {
         check(&sine(Some(1_000_000_000_000_000_000)), 1e18, 8e20, 2e18);
         check(&Law::speed(-50.0, None).unwrap(), 1e6, 5e7, 245.0);
         check(&Law::formula("sin(2*pi*t)", &[], 200.0, Some(second(1_000_000))).unwrap(), 1e9, 8e8, 1.25e5);
+        // Faster and faster: 16 steps for each of the 2e8 rad / 2π.
+        let near = |text: &str, until_s: i64, steps: f64| {
+            let law = Law::formula(text, &[], 400.0, Some(second(until_s))).unwrap();
+            let workload = law.workload(second(until_s));
+            assert!((workload.steps / steps - 1.0).abs() < 0.05, "{text}: {workload:?}");
+        };
+        near("0.01*sin(0.02*t^2)", 100_000, 16.0 * 2e8 / std::f64::consts::TAU);
+        // Rests before or behind what it does.
+        near("if(t < 3, 0.01*sin(2*pi*1000*t), 0)", 3600, 48_000.0);
+        near("if(t < 1800, 0, 0.01*sin(2*pi*1000*t))", 3600, 16_000.0 * 1800.0);
         // A rest, three periods of the double, and the beginning of the last law; what comes after is not looked at.
         let then = vec![Law::rest(second(5)).unwrap(), sine(Some(3)).scaled(2.0).unwrap(), sine(None)];
         check(&Law::then(then).unwrap().delayed(second(2)).unwrap(), 20.0, 4800.0 + 8000.0, 2.0 + 6.0 + 20.0);

@@ -52,7 +52,7 @@ impl Rehearsal {
                 let put_off = format!(
                     "; {steps} steps waited for a shared DIR line and came up to {longest_put_off_ticks:.1} ticks late"
                 );
-                ("every other edge", put_off)
+                ("all other edges", put_off)
             }
         };
         let says = format!(

@@ -180,6 +180,11 @@ impl Formula {
     pub(super) fn pieces(&self) -> Windows<'_> {
         Windows { formula: self, start: Time::ZERO, length: 1.0, position: None, known: None, forced: 0, failed: false }
     }
+
+    /// The windows from `start` on; the first is as long as can be there.
+    pub(super) fn pieces_from(&self, start: Time) -> Windows<'_> {
+        Windows { start, length: LONGEST_S, ..self.pieces() }
+    }
 }
 
 /// The pieces of a formula.
