@@ -234,7 +234,7 @@ impl Link {
         self.hello = Some(now);
         self.timeout = HELLO_AGAIN;
         let command = Command::Hello { version: VERSION, nonce: self.nonce };
-        self.ask_as(&command, Tag::NONE, now);
+        self.ask_as(&command, Tag::NONE);
     }
 
     /// The same, but a board that says that another has it is [`LinkError::Taken`] at once.
@@ -255,10 +255,10 @@ impl Link {
             // If the answer gets lost, the board is there, and then back where both began.
             self.search = Some(Search { rates: [self.baud, baud, Baud::B115200], next: 1, since: now });
         }
-        self.ask_as(command, self.tag, now);
+        self.ask_as(command, self.tag);
     }
 
-    fn ask_as(&mut self, command: &Command<'_>, tag: Tag, now: Duration) {
+    fn ask_as(&mut self, command: &Command<'_>, tag: Tag) {
         assert!(self.asked.is_none(), "one command at a time");
         self.answer = None;
         let (seq, bytes) = self.frame(command, tag);
