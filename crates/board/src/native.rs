@@ -216,6 +216,8 @@ pub struct Faults {
 pub struct Native {
     engine: Box<dyn Engine>,
     motors: Vec<Motor>,
+    /// The longest set-up or pulse: an axis is committed no further ahead, ticks.
+    committed_ticks: u64,
     /// The first tick that has not been passed.
     now: u64,
 }
@@ -259,7 +261,8 @@ impl Native {
             .iter()
             .map(|motor| Motor { position: 0, pull_in_ticks: motor.pull_in_ticks, last: [None; 2] })
             .collect();
-        Ok(Native { engine, motors, now: 0 })
+        let longest = config.motors.iter().map(|motor| motor.wiring.longest_ticks()).max();
+        Ok(Native { engine, motors, committed_ticks: longest.map_or(0, u64::from), now: 0 })
     }
 
     /// Puts an item last in a motor's queue.
@@ -304,6 +307,11 @@ impl Native {
         // No axis is committed further ahead than the longest set-up or pulse.
         let ahead = self.engine.horizons().map(|horizon| horizon.since(Moment::of(self.now)));
         self.now + ahead.filter(|&ahead| ahead < 1 << 31).max().map_or(0, u64::from)
+    }
+
+    /// The last tick up to which it may come and still take a switch at `tick`; `None` if there is none.
+    pub(crate) fn last_before_switch(&self, tick: u64) -> Option<u64> {
+        tick.checked_sub(1 + self.committed_ticks)
     }
 
     /// The first tick that has not been passed.

@@ -117,7 +117,9 @@ impl<B: Board> Board for Shadowed<B> {
     fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<(), SwitchRefused> {
         let answer = self.board.switch(epoch, tick);
         // Time has passed until the board answered, and switches that it had taken were made: the shadow holds no more of them than it.
-        if let Some(last) = self.board.now().checked_sub(1).filter(|last| self.shadow.now() <= *last) {
+        // But it stays before this switch, as the board was when it took it: an answer that was lost comes after its tick.
+        let passed = self.board.now().checked_sub(1).zip(self.shadow.last_before_switch(tick));
+        if let Some(last) = passed.map(|(now, before)| now.min(before)).filter(|last| self.shadow.now() <= *last) {
             self.shadow.advance(last, &mut Kept(&mut self.steps));
         }
         match answer {

@@ -430,7 +430,7 @@ pub const NO_PIN: u8 = 0xff;
 ///
 /// | byte | |
 /// |---|---|
-/// | 2–3 | pulse: STEP is active so long, ticks |
+/// | 2–3 | pulse: STEP is active so long, ticks; on a Pico up to 5 µs longer if an immediate stop comes in it |
 /// | 4–5 | set-up: DIR is right so long before the step, ticks |
 /// | 6–7 | hold: DIR stays so long after the step's end, ticks |
 /// | 8 | enable pin of all drivers; 255: none |

@@ -294,7 +294,8 @@ impl<'a> Judge<'a> {
             Event::Step { forward, since_dir } => {
                 self.last_steps[motor] = Some(tick);
                 let others = self.last_steps.iter().enumerate().filter(|(other, _)| *other != motor);
-                let since_other = others.filter_map(|(_, last)| *last).max().map(|last| tick - last);
+                // Edges of different motors need not come in order.
+                let since_other = others.filter_map(|(_, last)| tick.checked_sub((*last)?)).min();
                 self.motors[motor].push(tick, forward, since_dir, since_other);
             }
             Event::CoilJump { from, to } => {
