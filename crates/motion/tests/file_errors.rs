@@ -1035,6 +1035,7 @@ fn dimensions_of_formulas() {
         ("", "deg", "phi*360", ANGLE),
         ("", "rev", "w*t/(2*pi)", "w = \"1 rad/s\""),
         ("", "deg", "2*pi*n*t", "n = \"30 rpm\""),
+        ("", "deg", "20*sin(2*pi*(t/2 - phi))", "phi = \"90 deg\""),
         ("", "rev", "0.159*w*(t - 1)", "w = \"1 rad/s\""),
         ("", "deg", "abs(57.3*asin(t))", ""),
         ("", "deg", "v/(2*pi)*sin(2*pi*t) + v/(2*pi*f)*t*sin(2*pi*f*t)", "v = \"90 deg/s\", f = \"1 Hz\""),
@@ -1229,6 +1230,9 @@ fn dimensions_of_formulas() {
         2*pi*n*t   in deg; n = "30 rpm"
             at 2*pi*n*t: formula: `2*pi*n*t` converts an angle by hand: `n` = 30 rpm is in deg here already
             leave the factor out, or give `n` in Hz
+        20*sin(2*pi*(t/2 - phi))   in deg; phi = "90 deg"
+            at 2*pi*(t/2 - phi): formula: `2*pi*(t/2 - phi)` converts an angle by hand: `phi` = 90 deg is in rad here already
+            of the sum multiply the plain numbers alone, as in 2*pi*t/T - phi
         0.159*w*(t - 1)   in rev; w = "1 rad/s"
             at 0.159*w*(t - 1): formula: `0.159*w*(t - 1)` converts an angle by hand: `w` = 1 rad/s is in rev here already
             leave the factor out

@@ -72,6 +72,8 @@ pub(super) struct Measure {
     has_time: bool,
     /// A parameter that is a plain number is a factor.
     has_parameter: bool,
+    /// A plain number was added to its angle or length.
+    has_plain_term: bool,
 }
 
 /// Where in a formula an expression stands: that gives plain numbers their unit.
@@ -184,6 +186,7 @@ impl Measure {
         radians: 0.0,
         has_time: false,
         has_parameter: false,
+        has_plain_term: false,
     };
 
     pub(super) const TIME: Measure = Measure { has_time: true, ..Measure::PLAIN };
@@ -232,6 +235,7 @@ impl Measure {
             radians: self.radians + power * other.radians,
             has_time: self.has_time || other.has_time,
             has_parameter: self.has_parameter || other.has_parameter,
+            has_plain_term: self.has_plain_term || other.has_plain_term,
         }
     }
 
@@ -327,6 +331,7 @@ impl Place<'_> {
             radians: if x.radians.min(y.radians) < 0.0 { x.radians.min(y.radians) } else { x.radians.max(y.radians) },
             has_time: x.has_time || y.has_time,
             has_parameter: x.has_parameter || y.has_parameter,
+            has_plain_term: x.has_plain_term || y.has_plain_term,
         };
         if x.dimension.is(y.dimension) || y.fits_all() {
             return Ok(both(x.dimension));
@@ -337,7 +342,7 @@ impl Place<'_> {
         for (plain, other) in [(a, b), (b, a)] {
             if plain.measure.dimension.is_plain() {
                 self.plain_beside(plain, other)?;
-                return Ok(both(other.measure.dimension));
+                return Ok(Measure { has_plain_term: true, ..both(other.measure.dimension) });
             }
         }
         // An arc is a length: its angle in rad does not count.
@@ -426,7 +431,12 @@ impl Place<'_> {
                 } else {
                     String::new()
                 };
-                (format!("`{name}` = {written}"), format!("leave the factor out{in_hz}"))
+                let help = if part.measure.has_plain_term {
+                    format!("of the sum multiply the plain numbers alone, as in 2*pi*t/T - phi{in_hz}")
+                } else {
+                    format!("leave the factor out{in_hz}")
+                };
+                (format!("`{name}` = {written}"), help)
             }
             _ => {
                 let help =
