@@ -199,7 +199,7 @@ impl Program {
 
     /// What `plan` says that the board does at most of so many motors on such pins and drivers, steps/s of each.
     fn promised_hz(&self, folder: &Folder, too_fast: &str) -> Done<f64> {
-        let ended = self.say(folder, "plan", &[&[too_fast]])?;
+        let ended = self.say(folder, "plan", &[&[too_fast, "--yes"]])?;
         let said = String::from_utf8_lossy(&ended.stdout);
         let promised = said.split("the board makes ").nth(1).and_then(|rest| rest.split(' ').next()?.parse().ok());
         promised.ok_or_else(|| {
