@@ -1,8 +1,8 @@
 //! The board's clock: Timer1 at 16 MHz, extended to 64 bits by looking at it often enough: at least once in 65 536 ticks
 //! (4.1 ms), or a wrap is missed.
 
-use crate::regs;
-use crate::steps::task;
+use crate::engine::regs;
+use crate::engine::steps::task;
 use core::arch::global_asm;
 use pulsetrain_core::Moment;
 
@@ -55,8 +55,8 @@ clock_moment:
     breq 1b                             // ends: it would take 9000 years to wrap
 2:  ret
     "#,
-    TCNT1 = const crate::steps::register::TCNT1,
-    TIMSK0 = const crate::steps::register::TIMSK0,
+    TCNT1 = const crate::engine::steps::register::TCNT1,
+    TIMSK0 = const crate::engine::steps::register::TIMSK0,
 );
 
 unsafe extern "C" {

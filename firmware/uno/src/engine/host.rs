@@ -1,11 +1,12 @@
 //! The main loop of a board that has a host: frames and text, answers, and all that is looked after beside the steps.
 
-use crate::link::{self, LONGEST_BODY, Receiver, Unread};
-use crate::machine::Board;
-use crate::memory::{self, Once, REPLY_LEN};
-use crate::steps::task;
-use crate::winch::Winch;
-use crate::{BOARD, STREAM, clock, millis, regs, reset};
+use crate::engine::link::{self, LONGEST_BODY, Receiver, Unread};
+use crate::engine::machine::Board;
+use crate::engine::memory::{self, Once, REPLY_LEN};
+use crate::engine::steps::task;
+use crate::Uses;
+use crate::engine::{BOARD, clock, millis, regs, reset};
+use crate::engine::program::Program;
 use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Millis, Service};
 
@@ -25,12 +26,15 @@ struct Reply {
 }
 
 static SERVICE: Once<Service> = Once::new(Service::UNSET);
-static WINCH: Once<Winch> = Once::new(Winch::new());
 
-#[unsafe(no_mangle)]
-extern "C" fn main() -> ! {
+/// Runs a program that has a host: all that main does.
+///
+/// # Safety
+/// To be called by main, which the start-up code calls once; nobody else takes `program`.
+#[inline(always)]
+pub(crate) unsafe fn main(program: &'static Once<Uses>) -> ! {
     memory::paint_stack();
-    // SAFETY: the start-up code calls main once. The references are taken here, not handed over by `begin`, so that the
+    // SAFETY: the caller's promise. The references are taken here, not handed over by `begin`, so that the
     // compiler knows the addresses.
     unsafe {
         begin();
@@ -38,7 +42,7 @@ extern "C" fn main() -> ! {
         service.begin(LONGEST_BODY);
         let (receiver, bytes) = memory::take();
         let reply = &mut Reply { bytes, next: core::ptr::null(), len: 0, sent: 0 };
-        run(BOARD.take(), service, WINCH.take(), receiver, reply)
+        run(BOARD.take(), service, program.take(), receiver, reply)
     }
 }
 
@@ -51,15 +55,22 @@ unsafe fn begin() {
     // SAFETY: the caller's promise; the references end here.
     let board = unsafe { BOARD.take() };
     board.begin(reset::begin());
+    link::start();
 }
 
 /// The main loop. What it calls is not inlined: so the deepest call decides how much stack is needed, not their sum.
-fn run(board: &mut Board, service: &mut Service, winch: &mut Winch, receiver: &mut Receiver, reply: &mut Reply) -> ! {
+fn run(
+    board: &mut Board,
+    service: &mut Service,
+    program: &mut Uses,
+    receiver: &mut Receiver,
+    reply: &mut Reply,
+) -> ! {
     let mut last = Millis(0);
     // Something came that was not answered yet.
     let mut due = false;
     // So that text is on before the first byte can have come.
-    winch.look(board, service, receiver, last);
+    program.look(board, service, receiver, last);
     // Idle mode: timer and line go on (§10.3).
     regs::SMCR.write(1);
     regs::enable_interrupts();
@@ -74,15 +85,15 @@ fn run(board: &mut Board, service: &mut Service, winch: &mut Winch, receiver: &m
         let looks = (now.0 ^ last.0) & !3 != 0;
         // Frames and answers take the deepest calls of all; rings last for several of them.
         task::keep_out_if_shared();
-        let heard = listen(board, service, winch, receiver, now);
+        let heard = listen(board, service, program, receiver, now);
         due |= heard;
         if reply.sent < reply.len {
             reply.go_on();
         } else if (due || looks || ((next || reply.len != 0) && !service.is_taken())) && board.baud.is_none() {
-            speak(board, service, winch, receiver, reply, now);
+            speak(board, service, program, receiver, reply, now);
             due = false;
-            if STREAM {
-                // The host waits for it before it sends more.
+            if Uses::PLANS {
+                // The host waits for it before it streams more. Elsewhere bytes that have come are taken first.
                 reply.go_on();
             }
         }
@@ -91,7 +102,7 @@ fn run(board: &mut Board, service: &mut Service, winch: &mut Winch, receiver: &m
             last = now;
             if looks {
                 board.housekeeping(now, receiver);
-                winch.look(board, service, receiver, now);
+                program.look(board, service, receiver, now);
             }
         } else if !heard && reply.sent == reply.len {
             board.rest(receiver);
@@ -120,14 +131,20 @@ impl Reply {
 
 /// Takes bytes from the line, lines or up to the end of a frame; whether it came to one.
 #[inline(always)]
-fn listen(board: &mut Board, service: &mut Service, winch: &mut Winch, receiver: &mut Receiver, now: Millis) -> bool {
-    let count = if winch.is_on() && !service.is_taken() {
-        winch.listen(board, receiver)
+fn listen(
+    board: &mut Board,
+    service: &mut Service,
+    program: &mut Uses,
+    receiver: &mut Receiver,
+    now: Millis,
+) -> bool {
+    let count = if program.is_on() && !service.is_taken() {
+        program.listen(board, receiver)
     } else {
         unread(board, receiver).bytes
     };
     // Before frames are read: the line before a Hello may have been the one that switches the drivers on.
-    service.hold(winch.drives());
+    service.hold(program.drives());
     if count == 0 {
         return false;
     }
@@ -153,22 +170,22 @@ fn hear(board: &mut Board, service: &mut Service, received: Received, body: &[u8
     service.receive(received, body, now, board);
 }
 
-/// Asks the service for a reply, then the winch.
+/// Asks the service for a reply, then the program.
 #[inline(never)]
 fn speak(
     board: &mut Board,
     service: &mut Service,
-    winch: &mut Winch,
+    program: &mut Uses,
     receiver: &Receiver,
     reply: &mut Reply,
     now: Millis,
 ) {
     reply.sent = 0;
     // As long as there is text alone, the service has nothing to say.
-    reply.len = if winch.has_line() { 0 } else { service.poll(now, board, reply.bytes) as u8 };
+    reply.len = if program.has_line() { 0 } else { service.poll(now, board, reply.bytes) as u8 };
     reply.next = reply.bytes.as_ptr();
     if reply.len == 0 {
-        (reply.next, reply.len) = winch.speak(receiver, reply.bytes);
+        (reply.next, reply.len) = program.speak(receiver, reply.bytes);
         if reply.len != 0 {
             service.interrupted();
         }

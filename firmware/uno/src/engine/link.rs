@@ -10,7 +10,7 @@
 //! by the main loop when the USART is free.
 //!
 //! In the image for the highest rates it lets nobody in, and takes 30 cycles instead of 43, while nothing but plain steps is in the ring of one fast motor,
-//! or in the rings of two that the compare hardware steps: the task says so ([`AT_ONCE`](crate::steps::register::AT_ONCE)).
+//! or in the rings of two that the compare hardware steps: the task says so ([`AT_ONCE`](crate::engine::steps::register::AT_ONCE)).
 //!
 //! Bytes are lost when the USART has two and a third on its way (DS40002061B §20.7.3), or when the main loop is half a page
 //! behind. Both are counted; the frame fails its CRC.
@@ -19,14 +19,10 @@ mod receive;
 
 pub(crate) use receive::{LONGEST_BODY, Receiver, Unread};
 
-use crate::regs;
-#[cfg(feature = "stream")]
-use crate::steps::register;
+use crate::engine::regs;
+use crate::engine::steps::register;
 use core::arch::global_asm;
 use pulsetrain_core::wire::Baud;
-
-/// There is a host.
-pub(crate) const TALKS: bool = true;
 
 /// Bytes that may wait to be read.
 pub(crate) const WINDOW: u16 = PAGE as u16 - 1;
@@ -41,7 +37,6 @@ pub(crate) const ON_WITH_INTERRUPT: u8 = ON | 0x80;
 /// The receive interrupt lets others in, until the task says otherwise: what is to be played now needs them in time.
 #[inline(always)]
 pub(crate) fn let_others_in() {
-    #[cfg(feature = "stream")]
     // SAFETY: a bit that nobody else writes meanwhile: the task is out, or this is the task.
     unsafe {
         core::arch::asm!("cbi {}, {}", const register::EECR, const register::AT_ONCE);
@@ -49,7 +44,6 @@ pub(crate) fn let_others_in() {
 }
 
 /// The transmitter alone.
-#[cfg(text)]
 const CLOSED: u8 = 0x08;
 
 /// USART_RX, put where the vector is (vectors.rs), which saves the jump. No flag is touched before the registers are back.
@@ -66,22 +60,14 @@ macro_rules! receive_interrupt {
     out {SREG}, r24
     .endm
     // 4 response                       //                              4
-    .if {STREAM}
     sbic {EECR}, {AT_ONCE}              // 2 (skips): one more than here in all
     rjmp 5f
-    .endif
     push r24                            // 2                             6
     ldi r24, {ON}                       // 1                             7
     sts {UCSR0B}, r24                   // 2                             9
     sei                                 // 1                            10
-    .if {STREAM}
     push r30                            // 2: interrupts are let in behind it, after 14
     in r30, {HEAD}                      // 1                            14
-    .else
-    in r24, {HEAD}                      // 1: interrupts are let in behind it, after 11
-    push r30                            // 2                            13
-    mov r30, r24                        // 1                            14
-    .endif
     push r31                            // 2                            16
     ldi r31, hi8(receive_page)          // 1                            17
     lds r24, {UCSR0A}                   // 2                            19
@@ -115,7 +101,6 @@ macro_rules! receive_interrupt {
     ldi r30, 0
     rjmp 2b
 
-    .if {STREAM}
     // Nobody is let in, and registers are kept where the step interrupts keep them.            sbic 1 + rjmp 2: 7
 5:  out {SAVE24}, r24                   // 1                             8
     out {SAVE30}, r30                   // 1                             9
@@ -143,7 +128,6 @@ macro_rules! receive_interrupt {
     sts receive_lap, r30
     ldi r30, 0
     rjmp 7b
-    .endif
     "#
     };
 }
@@ -167,6 +151,12 @@ pub(crate) fn start() {
     set_baud(Baud::B115200);
 }
 
+/// In place of [`start`] where nobody is heard: the line's pins, which the bootloader had, are free. The receive interrupt is enabled, as the
+/// task wants it to be, and never comes.
+pub(crate) fn leave() {
+    regs::UCSR0B.write(0x80);
+}
+
 /// Changes the rate; the last byte must be out. What came in before is to be dropped: [`Receiver::reset`].
 #[inline(never)]
 pub(crate) fn set_baud(baud: Baud) {
@@ -177,7 +167,6 @@ pub(crate) fn set_baud(baud: Baud) {
 }
 
 /// Nothing is taken off the line, until [`open`]; what came is dropped (§20.8.6).
-#[cfg(text)]
 pub(crate) fn close() {
     regs::UCSR0B.write(CLOSED);
 }

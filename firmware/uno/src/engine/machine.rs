@@ -1,27 +1,21 @@
 //! What the [`Service`](pulsetrain_core::wire::Service) asks of a board, done on this one.
 
-#[cfg(not(feature = "baked"))]
-use crate::clock::low_half;
-use crate::clock::{self, TICK_HZ};
-use crate::link::{self, WINDOW};
-#[cfg(not(feature = "baked"))]
-use crate::link::{Receiver, Unread};
-use crate::memory::{self, POOL};
-#[cfg(feature = "baked")]
-use crate::regs;
-use crate::steps::motor::{self, SWITCHES};
-use crate::steps::pins::{Layout, MAX_MOTORS, Pin};
-use crate::steps::stepper::{self, LONGEST, Trouble};
-use crate::steps::task;
-#[cfg(text)]
-use crate::store;
-use crate::verbs;
-#[cfg(text)]
-use crate::winch::feed;
+use crate::engine::clock::low_half;
+use crate::engine::clock::{self, TICK_HZ};
+use crate::engine::link::{self, WINDOW};
+use crate::engine::link::{Receiver, Unread};
+use crate::engine::memory;
+use crate::engine::regs;
+use crate::engine::steps::motor::{self, SWITCHES};
+use crate::engine::steps::pins::{Layout, MAX_MOTORS, Pin};
+use crate::engine::steps::stepper::{self, LONGEST, Trouble};
+use crate::engine::steps::task;
+use crate::engine::store;
+use crate::Uses;
+use crate::engine::program::Program;
 use pulsetrain_core::wire::frame::Tag;
 use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, flags};
 use pulsetrain_core::wire::orders::Orders;
-#[cfg(text)]
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{Baud, Encoder, Machine, Millis, Reason, Refusal, Stopped, Switched};
 use pulsetrain_core::{Epoch, Moment};
@@ -43,7 +37,6 @@ pub(crate) struct Board {
     /// Something was to be done when that was looked at last.
     was_busy: bool,
     /// When the round being made began, or the last rest ended, modulo 2^16.
-    #[cfg(not(feature = "baked"))]
     woken: u16,
     last_stop: Cause,
     last_reset: Cause,
@@ -111,7 +104,6 @@ impl Board {
             news: [News::NONE; 2],
             told: 0,
             was_busy: false,
-            #[cfg(not(feature = "baked"))]
             woken: 0,
             last_stop: Cause::None,
             last_reset: Cause::None,
@@ -127,7 +119,6 @@ impl Board {
         // SAFETY: main calls this once.
         unsafe { task::lock().begin() };
         clock::start();
-        link::start();
         task::start();
     }
 
@@ -146,7 +137,6 @@ impl Board {
     };
 
     /// Lets some time pass: while motors move without a sleep, from which interrupts wake up later.
-    #[cfg(feature = "baked")]
     pub(crate) fn wait(&self) {
         // Nobody writes it here.
         let head = regs::EEARL.read();
@@ -158,7 +148,6 @@ impl Board {
     }
 
     /// Waits until an interrupt comes, unless bytes wait already.
-    #[cfg(not(feature = "baked"))]
     #[inline(always)]
     pub(crate) fn rest(&mut self, receiver: &Receiver) {
         let idle = if self.was_busy {
@@ -174,7 +163,6 @@ impl Board {
     }
 
     /// Counts a round of the main loop that begins now.
-    #[cfg(not(feature = "baked"))]
     #[inline(always)]
     pub(crate) fn count_round(&mut self, now: Moment) {
         let now = low_half(now.0);
@@ -187,7 +175,6 @@ impl Board {
     }
 
     /// Notes how many bytes wait to be read, and what was lost of them.
-    #[cfg(not(feature = "baked"))]
     #[inline(always)]
     pub(crate) fn note(&mut self, unread: &Unread) {
         let bytes = u16::from(unread.bytes);
@@ -199,7 +186,6 @@ impl Board {
         }
     }
 
-    #[cfg(not(feature = "baked"))]
     #[inline(never)]
     fn overrun(&mut self, lost: u8) {
         self.measures.lost_bytes = self.measures.lost_bytes.saturating_add(u16::from(lost));
@@ -207,7 +193,6 @@ impl Board {
     }
 
     /// What can wait a millisecond. The line's rate is changed here, when the last answer is out.
-    #[cfg(not(feature = "baked"))]
     #[inline(never)]
     pub(crate) fn housekeeping(&mut self, now: Millis, receiver: &mut Receiver) {
         match self.baud {
@@ -290,7 +275,7 @@ impl Board {
     #[inline(never)]
     fn stop(&mut self, cause: Cause, motor: u8, detail: u32) -> Stopped {
         let uncertain = task::lock().stop(&self.pull_in);
-        verbs::stop(cause == Cause::Starved);
+        Uses::stop(cause == Cause::Starved);
         self.was_busy = false;
         if self.armed {
             self.armed = false;
@@ -332,58 +317,19 @@ impl Board {
     #[inline(never)]
     fn is_idle(&self) -> bool {
         // Verbs first: they note what is past.
-        verbs::rest() && task::lock().is_idle()
+        Uses::rest() && task::lock().is_idle()
     }
 
-    /// Whether no motor moves.
-    #[inline(never)]
-    pub(crate) fn rests(&self) -> bool {
-        !self.armed || self.is_idle()
-    }
-}
-
-/// What text asks of it.
-#[cfg(text)]
-impl Board {
     /// Whether the motors are powered, or were before they stopped by themselves.
     #[inline(always)]
     pub(crate) fn is_armed(&self) -> bool {
         self.armed
     }
 
-    /// Takes on the winch's configuration. No motor moves.
-    #[inline(always)]
-    pub(crate) fn set_up_shield(&mut self) {
-        if let Some(mut configuration) = Configuration::new(feed::shield()) {
-            // STEP is high for 1.94 µs, for any driver on such a shield; DIR is right for 1 µs before and after.
-            configuration.pulse_ticks = 31;
-            configuration.setup_ticks = 16;
-            configuration.hold_ticks = 16;
-            configuration.enable_pin = 8;
-            // Nobody moves, and the pins are right.
-            let _ = self.configure(&configuration);
-        }
-    }
-
-    /// Powers the motors, which take their steps from the winch's paths.
+    /// Whether no motor moves.
     #[inline(never)]
-    pub(crate) fn drive(&mut self) {
-        let _ = self.arm();
-        let mut stepper = task::lock();
-        feed::begin(clock::moment());
-        stepper.follow();
-    }
-
-    /// Whether all paths are at rest, and the motors with them.
-    #[inline(always)]
-    pub(crate) fn has_arrived(&self) -> bool {
-        let stepper = task::lock();
-        feed::rests() && stepper.is_idle()
-    }
-
-    /// Takes the power from the motors, which rest.
-    pub(crate) fn stop_driving(&mut self) {
-        let _ = self.release();
+    pub(crate) fn rests(&self) -> bool {
+        !self.armed || self.is_idle()
     }
 }
 
@@ -404,11 +350,10 @@ fn past(moment: Moment) -> u64 {
 }
 
 impl Machine for Board {
-    // There is no room for both.
-    const STORES: bool = !verbs::OBEYS;
-    const OBEYS: bool = verbs::OBEYS;
+    const PLANS: bool = Uses::PLANS;
+    const OBEYS: bool = Uses::OBEYS;
+    const STORES: bool = true;
 
-    #[cfg(text)]
     fn store(&mut self, settings: Option<&[u8; SETTINGS_LEN]>) -> Result<(), Refusal> {
         if self.armed {
             return Err(Refusal::of(Reason::Moving));
@@ -419,7 +364,6 @@ impl Machine for Board {
         Ok(())
     }
 
-    #[cfg(text)]
     fn stored(&mut self, settings: &mut [u8; SETTINGS_LEN]) -> bool {
         store::read(settings)
     }
@@ -434,8 +378,9 @@ impl Machine for Board {
             tick_hz: TICK_HZ,
             fraction_bits: 16,
             max_motors: MAX_MOTORS as u8,
-            pool: POOL as u16,
+            pool: if Uses::PLANS { memory::POOL as u16 } else { 0 },
             max_body: 0,
+            image: Uses::IMAGE,
             switches: SWITCHES as u8,
             window: WINDOW,
             bauds: 0b1_1111,
@@ -454,10 +399,13 @@ impl Machine for Board {
             return Err(Refusal { reason: Reason::Timing, detail: LONGEST });
         }
         let mut layout = Layout::of(configuration)?;
+        if layout.is_shared() && !Uses::SHARED {
+            return Err(Refusal::of(Reason::SharedDir));
+        }
         layout.part(configuration.motors().len() as u8, pulse_ticks);
         self.stop(Cause::None, ALL_MOTORS, 0);
         self.set_up(&layout, configuration);
-        verbs::set_up(configuration);
+        Uses::set_up(configuration);
         Ok(())
     }
 
@@ -500,7 +448,7 @@ impl Machine for Board {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
-        if verbs::is_on() {
+        if Uses::is_obeying() {
             return Err(Refusal::of(Reason::Obeying));
         }
         let detail = u16::from(motor);
@@ -512,7 +460,6 @@ impl Machine for Board {
         };
         let room = axis.push(epoch, len).ok_or(full)?;
         drop(stepper);
-        verbs::forget();
         // The task may go on meanwhile: it takes from the other end.
         room.write(packed);
         if let Some(axis) = task::lock().motor_mut(motor) {
@@ -530,7 +477,7 @@ impl Machine for Board {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
-        if verbs::is_on() {
+        if Uses::is_obeying() {
             return Err(Refusal::of(Reason::Obeying));
         }
         let mut stepper = task::lock();
@@ -560,18 +507,18 @@ impl Machine for Board {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
-        if verbs::is_on() {
-            return verbs::obey(orders);
+        if Uses::is_obeying() {
+            return Uses::obey(orders);
         }
         if !self.is_idle() || !task::lock().is_empty() {
             return Err(Refusal::of(Reason::Moving));
         }
-        verbs::begin(orders)
+        Uses::begin(orders)
     }
 
     #[inline(always)]
     fn obeyed(&self, frame: &mut Encoder<'_>) {
-        verbs::encode_obeyed(frame);
+        Uses::encode_obeyed(frame);
     }
 
     #[inline(always)]
@@ -642,11 +589,11 @@ impl Machine for Board {
         if lost && !self.rests() {
             self.last_stop = Cause::HostLost;
         }
-        if verbs::is_on() {
+        if Uses::is_obeying() {
             if lost {
                 self.stop(Cause::None, ALL_MOTORS, 0);
             } else {
-                verbs::forsake();
+                Uses::forsake();
             }
         }
     }
@@ -654,7 +601,7 @@ impl Machine for Board {
     #[inline(never)]
     fn event(&mut self) -> Option<Event> {
         // What was done comes before that all was.
-        if let Some((motor, at, detail)) = verbs::take_done() {
+        if let Some((motor, at, detail)) = Uses::take_done() {
             return Some(Event { cause: Cause::MoveDone, motor, tick: past(at), detail });
         }
         let [News { cause, motor, at, detail }, second] = self.news;

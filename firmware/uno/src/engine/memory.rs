@@ -17,20 +17,21 @@
 //! memory.ld makes the linker refuse an image that is laid out otherwise, or has less stack; `cargo xtask firmware uno` prints
 //! what came out. Up to the queues nothing is set at start-up by the code that sets variables.
 
-use crate::link::Receiver;
-use crate::regs;
-use crate::verbs::OBEYS;
+use crate::engine::link::Receiver;
+use crate::Uses;
+use crate::engine::program::Program;
+use crate::engine::regs;
 use core::arch::global_asm;
 use core::mem::MaybeUninit;
 
 /// Bytes of all motors' queues together; [`PAGE`] more where one ring and no merge serves them.
-pub(crate) const POOL: usize = if OBEYS { 368 } else { 396 };
+pub(crate) const POOL: usize = Uses::POOL;
 /// Bytes of a ring.
 const PAGE: usize = 256;
 /// Room for the longest reply: Status of four motors, and a zero before it.
 pub(crate) const REPLY_LEN: usize = 56;
 
-const _: () = assert!(crate::link::PAGE as usize + size_of::<Receiver>() + REPLY_LEN == PAGE);
+const _: () = assert!(crate::engine::link::PAGE as usize + size_of::<Receiver>() + REPLY_LEN == PAGE);
 
 global_asm!(
     r#"
@@ -44,7 +45,7 @@ ring_a_page:  .skip {PAGE}
 ring_b_page:  .skip {PAGE}
 queues:       .skip {POOL}
     "#,
-    RECEIVE_PAGE = const crate::link::PAGE,
+    RECEIVE_PAGE = const crate::engine::link::PAGE,
     RECEIVER = const size_of::<Receiver>(),
     REPLY = const REPLY_LEN,
     PAGE = const PAGE,
@@ -54,17 +55,15 @@ queues:       .skip {POOL}
 /// High bytes of the addresses of rings A and B.
 pub(crate) const RING_PAGES: [u8; 2] = [2, 3];
 
-#[cfg(feature = "baked")]
 unsafe extern "C" {
     static mut receive_page: u8;
 }
 
-/// The first page, zeros: nobody is heard in this image.
+/// The first page, zeros, where nobody is heard.
 ///
 /// # Safety
-/// Only once.
-#[cfg(feature = "baked")]
-pub(crate) unsafe fn take<T>() -> &'static mut MaybeUninit<T> {
+/// Only once, and in place of [`take`].
+pub(crate) unsafe fn take_first_page<T>() -> &'static mut MaybeUninit<T> {
     const { assert!(size_of::<T>() <= PAGE && align_of::<T>() <= PAGE) };
     let page = (&raw mut receive_page).cast::<MaybeUninit<T>>();
     // SAFETY: it has so many bytes, and is the caller's.
@@ -74,7 +73,6 @@ pub(crate) unsafe fn take<T>() -> &'static mut MaybeUninit<T> {
     }
 }
 
-#[cfg(not(feature = "baked"))]
 unsafe extern "C" {
     static mut receiver: MaybeUninit<Receiver>;
     static mut reply: [u8; REPLY_LEN];
@@ -89,7 +87,6 @@ unsafe extern "C" {
 ///
 /// # Safety
 /// Only once.
-#[cfg(not(feature = "baked"))]
 pub(crate) unsafe fn take() -> (&'static mut Receiver, &'static mut [u8; REPLY_LEN]) {
     let (frame, bytes) = (&raw mut receiver, &raw mut reply);
     // SAFETY: the caller's promise; any byte is one of a reply.
@@ -159,14 +156,12 @@ pub(crate) fn fill_queue(at: u16, start: u16, end: u16, bytes: &[u8]) {
 }
 
 // add_to: adds r22:23 to the number of r20 bytes at r24:25.
-#[cfg(not(feature = "baked"))]
 global_asm!(
     r#"
     .section .text.add_to, "ax", @progbits
     .global add_to
 add_to:
     movw r30, r24
-    .if {STREAM}
 1:  ld r24, Z
     add r24, r22
     st Z+, r24
@@ -180,28 +175,14 @@ add_to:
     dec r20
     brne 1b
 2:  ret
-    .else
-    clc
-1:  ld r24, Z                           // none of these but the sum touches the carry
-    adc r24, r22
-    st Z+, r24
-    mov r22, r23
-    ldi r23, 0
-    dec r20
-    brne 1b
-    ret
-    .endif
     "#,
-    STREAM = const crate::STREAM as u8,
 );
 
-#[cfg(not(feature = "baked"))]
 unsafe extern "C" {
     fn add_to(number: *mut u8, amount: u16, bytes: u8);
 }
 
 /// Adds to a number of `BYTES` bytes, which may wrap. The compiler's own way takes four times as much of the flash.
-#[cfg(not(feature = "baked"))]
 #[inline(always)]
 pub(crate) fn add<T>(number: &mut T, amount: u16) {
     // SAFETY: it has so many bytes, and any are an integer.
@@ -219,7 +200,7 @@ unsafe extern "C" {
     safe fn stop_and_reset() -> !;
 }
 
-/// See [`reset::end`](crate::reset::end).
+/// See [`reset::end`](crate::engine::reset::end).
 pub(crate) fn end_of_program() -> ! {
     stop_and_reset()
 }

@@ -1,12 +1,20 @@
-//! The firmware of the Arduino Uno.
+//! The step engine of the Arduino Uno, and what its four programs have in common.
+//!
+//! # Programs
+//! | program | what it is for | what it has beside the engine |
+//! |---|---|---|
+//! | `src/bin/uno` | plans that a host sends in frames | [`host`], records of packed segments |
+//! | `src/bin/uno-winch` | StepperWinch's text | [`host`], a reader of lines, paths |
+//! | `src/bin/uno-verbs` | motors told directly, in frames | [`host`], verbs |
+//! | `src/bin/uno-baked` | a motion that lies behind it in the flash | records of packed segments, a player |
+//!
+//! Each says in its `main.rs` what it uses: a [`Program`], and the symbols that [`program`] lists.
 //!
 //! # What is here, top down
-//! - [`host`]: start-up and the main loop; in the image that plays what lies behind it, [`baked`]
+//! - [`host`]: the main loop of a board that has a host
 //! - [`machine`]: what the link asks of a board, done on this one
 //! - [`steps`]: from events to edges on the pins
 //! - [`link`]: the serial line
-//! - [`winch`]: text on it instead of frames, and motors that follow paths
-//! - [`verbs`]: motors told directly, in the image that has no text
 //! - [`clock`]: Timer1, extended to 64 bits
 //! - [`vectors`]: the interrupt vectors, and what comes before main
 //! - [`reset`]: the watchdog, and why the program began
@@ -15,7 +23,7 @@
 //! - [`regs`]: the registers, and instructions that Rust has no words for
 //!
 //! # Who interrupts whom
-//! Step interrupts play what is in the rings and let nobody in, but for one: in the image for the highest rates that of a ring beside a merge lets
+//! Step interrupts play what is in the rings and let nobody in, but for one: that of a ring beside a merge lets
 //! the merge's in, if that waits ([`steps::ring`]). The receive interrupt takes bytes from the line; the task
 //! ([`steps::task`]) keeps the rings filled; both let steps in, and the task lets bytes in. The main loop does all else. What
 //! keeps a step waiting, from the match of another interrupt or the first instruction with interrupts off to the first that
@@ -24,7 +32,7 @@
 //! | where | cycles |
 //! |---|---|
 //! | the task, until it lets others in | 13 |
-//! | receive interrupt, until it lets others in | 11; in the image for the highest rates 14 |
+//! | receive interrupt, until it lets others in | 14 |
 //! | receive interrupt, its end | 8, and the instruction behind it |
 //! | the same where it lets nobody in ([`link`]) | 30, at the end of its page 41, after bytes that were lost 14 more, and the instruction behind it |
 //! | a step interrupt that has let another in, its end | 28 |
@@ -37,54 +45,32 @@
 //! # What is not
 //! Motion, but for the winch's paths: segments come from the host, or from the flash, as `pulsetrain_core::packing`
 //! has them; when their steps are due is the recurrence of `pulsetrain_core::narrow::Registers`.
-#![no_std]
-#![no_main]
-#![feature(asm_experimental_arch, optimize_attribute)]
+#![allow(dead_code, reason = "a program uses a part of it")]
 
-#[cfg(feature = "baked")]
-mod baked;
-mod clock;
-#[cfg(not(feature = "baked"))]
-mod host;
-#[cfg(not(feature = "baked"))]
-mod link;
-mod machine;
-mod memory;
-#[cfg(feature = "baked")]
-mod no_host;
-mod regs;
-mod reset;
-mod steps;
-#[cfg(text)]
-mod store;
-mod vectors;
-#[cfg(not(feature = "verbs"))]
-#[path = "no_verbs.rs"]
-mod verbs;
-#[cfg(feature = "verbs")]
-mod verbs;
-#[cfg(text)]
-mod winch;
-#[cfg(any(feature = "verbs", feature = "stream"))]
-#[path = "no_winch.rs"]
-mod winch;
+pub(crate) mod clock;
+pub(crate) mod host;
+pub(crate) mod link;
+pub(crate) mod machine;
+pub(crate) mod memory;
+pub(crate) mod program;
+pub(crate) mod regs;
+pub(crate) mod reset;
+pub(crate) mod steps;
+pub(crate) mod store;
+pub(crate) mod vectors;
 
+pub(crate) 
 use core::panic::PanicInfo;
 use machine::Board;
 use memory::Once;
-#[cfg(feature = "baked")]
-use no_host::{link, winch};
 use pulsetrain_core::Moment;
 use pulsetrain_core::wire::Millis;
 
-/// The image is the one for the highest rates: frames alone, and the longer code that is faster.
-pub(crate) const STREAM: bool = cfg!(feature = "stream");
-
-static BOARD: Once<Board> = Once::new(Board::new());
+pub(crate) static BOARD: Once<Board> = Once::new(Board::new());
 
 /// Ticks / 2^14: 1.024 ms each.
 #[inline(always)]
-fn millis(now: Moment) -> Millis {
+pub(crate) fn millis(now: Moment) -> Millis {
     let [_, b1, b2, b3] = now.0.to_le_bytes();
     // Shifted by bytes first: an AVR shifts by one bit at a time.
     Millis((u32::from_le_bytes([b1, b2, b3, 0]) >> 6) as u16)

@@ -95,9 +95,9 @@ pub(crate) const PORT_D: Port = Port(0x2b);
 
 /// §16.11.9: flags of Timer1, cleared by writing ones.
 pub(crate) const TIFR1: Reg8 = Reg8(0x36);
-/// §8.6.6: free storage; [`flags`](crate::steps::ring::flags) of the step interrupts.
+/// §8.6.6: free storage; [`flags`](crate::engine::steps::ring::flags) of the step interrupts.
 pub(crate) const GPIOR0: Reg8 = Reg8(0x3e);
-/// §8.6.1: the EEPROM's address, free storage but for moments at rest: [`store`](crate::store).
+/// §8.6.1: the EEPROM's address, free storage but for moments at rest: [`store`](crate::engine::store).
 pub(crate) const EEARL: Reg8 = Reg8(0x41);
 /// §10.11.1: sleep mode and enable.
 pub(crate) const SMCR: Reg8 = Reg8(0x53);
@@ -126,14 +126,10 @@ pub(crate) const TCCR0B: Reg8 = Reg8(0x45);
 pub(crate) const TCNT0: Reg8 = Reg8(0x46);
 pub(crate) const TIMSK0: Reg8 = Reg8(0x6e);
 /// §20.11: USART0.
-#[cfg(not(feature = "baked"))]
 pub(crate) const UCSR0A: Reg8 = Reg8(0xc0);
 pub(crate) const UCSR0B: Reg8 = Reg8(0xc1);
-#[cfg(not(feature = "baked"))]
 pub(crate) const UCSR0C: Reg8 = Reg8(0xc2);
-#[cfg(not(feature = "baked"))]
 pub(crate) const UBRR0: Reg16 = Reg16(0xc4);
-#[cfg(not(feature = "baked"))]
 pub(crate) const UDR0: Reg8 = Reg8(0xc6);
 
 /// Runs `work` with interrupts off, and puts the flag back as it was. What is in `work` counts into the longest time that
@@ -222,7 +218,7 @@ pub(crate) fn sleep_while_head_is(head: u8) {
             "1: sei",
             now = out(reg) _,
             head = in(reg) head,
-            EEARL = const crate::steps::register::EEARL,
+            EEARL = const crate::engine::steps::register::EEARL,
         );
     }
 }
@@ -244,14 +240,13 @@ pub(crate) fn watch_while_head_is(head: u8) -> u16 {
             now = out(reg) _,
             head = in(reg) head,
             cycles = inout(reg_iw) cycles,
-            EEARL = const crate::steps::register::EEARL,
+            EEARL = const crate::engine::steps::register::EEARL,
         );
     }
     cycles
 }
 
 /// The byte of the flash at an address.
-#[cfg(feature = "baked")]
 #[inline(always)]
 pub(crate) fn flash(at: u16) -> u8 {
     let byte;

@@ -6,7 +6,7 @@
 //! Bootloaders clear MCUSR, so that it often says nothing (§11.9.1): a note in RAM that survives a reset, but not the loss
 //! of power, tells the reset line from power-on then.
 
-use crate::{memory, regs};
+use crate::engine::{memory, regs};
 use core::arch::global_asm;
 use pulsetrain_core::wire::message::Cause;
 
@@ -19,7 +19,7 @@ const ENDED: u8 = 0xa6;
 global_asm!(
     r#"
     .section .text.watchdog_interrupt, "ax", @progbits
-    .global __vector_6, end_of_program
+    .global __vector_6, end_of_program, end_of_program_loop
 __vector_6:
 end_of_program:
     cli
@@ -33,7 +33,8 @@ end_of_program:
     sts {WDTCSR}, r24
     ldi r24, 0x08
     sts {WDTCSR}, r24
-1:  rjmp 1b
+end_of_program_loop:
+    rjmp end_of_program_loop
 
     .section .noinit, "aw", @nobits
     .global reset_note

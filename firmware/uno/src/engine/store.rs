@@ -3,7 +3,7 @@
 //! The EEPROM's address register holds the head of the receive page and the page of ring B otherwise (link.rs, steps/ring.rs), its
 //! data register is the step interrupts': both are put back, and no motor moves while they are used.
 
-use crate::{clock, link, regs};
+use crate::engine::{clock, link, regs};
 use core::arch::global_asm;
 use pulsetrain_core::wire::frame::check;
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
@@ -56,11 +56,11 @@ store_put:
     out {EEARH}, r19
     ret
     "#,
-    SREG = const crate::steps::register::SREG,
-    EECR = const crate::steps::register::EECR,
-    EEDR = const crate::steps::register::EEDR,
-    EEARL = const crate::steps::register::EEARL,
-    EEARH = const crate::steps::register::EEARH,
+    SREG = const crate::engine::steps::register::SREG,
+    EECR = const crate::engine::steps::register::EECR,
+    EEDR = const crate::engine::steps::register::EEDR,
+    EEARL = const crate::engine::steps::register::EEARL,
+    EEARH = const crate::engine::steps::register::EEARH,
 );
 
 unsafe extern "C" {

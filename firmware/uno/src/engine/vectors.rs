@@ -3,10 +3,9 @@
 //! Vectors that are not used are never enabled, so that there is room between the others: the receive interrupt is where its
 //! vector is, and over those that follow.
 
-#[cfg(not(feature = "baked"))]
-use crate::link::{self, receive_interrupt};
-use crate::steps::register;
-use crate::steps::ring::flags;
+use crate::engine::link::{self, receive_interrupt};
+use crate::engine::steps::register;
+use crate::engine::steps::ring::flags;
 use core::arch::global_asm;
 
 // Four bytes each (DS40002061B §12.4). The short jump takes 2 cycles; the linker says if it does not reach.
@@ -32,7 +31,6 @@ __vectors:
     B_ON_PORTD = const flags::B_ON_PORTD,
 );
 
-#[cfg(not(feature = "baked"))]
 global_asm!(
     r#"
     .section .vectors
@@ -49,7 +47,6 @@ global_asm!(
     UCSR0B = const 0xc1,
     UDR0 = const 0xc6,
     OVERRUN = const 3,
-    STREAM = const crate::STREAM as u8,
     EECR = const register::EECR,
     AT_ONCE = const register::AT_ONCE,
     SAVE24 = const register::GPIOR1,

@@ -6,11 +6,11 @@
 //! motors stopped at once, and so has one after a reset by the watchdog, since nobody knows where they are: the lamp shines, if no motor
 //! has its pin, until the board's next start.
 
-use crate::machine::Board;
-use crate::memory;
-use crate::steps::pins::{MAX_MOTORS, Pin};
-use crate::steps::task;
-use crate::{BOARD, clock, millis, regs, reset};
+use crate::engine::machine::Board;
+use crate::engine::memory;
+use crate::engine::steps::pins::{MAX_MOTORS, Pin};
+use crate::engine::steps::task;
+use crate::engine::{BOARD, clock, link, millis, regs, reset};
 use pulsetrain_core::baked::narrow::{LONGEST_PIECE, MOTOR_LEN, NEAR, Player, Standing, ZERO, block};
 use pulsetrain_core::wire::message::{Cause, Configuration};
 use pulsetrain_core::wire::{Machine, Millis, Switched};
@@ -34,13 +34,17 @@ unsafe extern "C" {
     static IMAGE_END: u8;
 }
 
-#[unsafe(no_mangle)]
-extern "C" fn main() -> ! {
+/// All that main does.
+///
+/// # Safety
+/// To be called by main, which the start-up code calls once; nobody else takes the board.
+#[inline(always)]
+pub(crate) unsafe fn main() -> ! {
     memory::paint_stack();
     let cause = reset::begin();
     // SAFETY: only the address is taken.
     let at = (&raw const IMAGE_END).addr() as u16;
-    // SAFETY: the start-up code calls main once.
+    // SAFETY: the caller's promise.
     let board = unsafe { BOARD.take() };
     if let Some((says, end)) = block(at.wrapping_add(at & 1), LIMIT, regs::flash) {
         let lamp = if regs::flash(says) & 1 != 0 { Pin::LAMP } else { Pin::NONE };
@@ -48,8 +52,9 @@ extern "C" fn main() -> ! {
             // Idle mode: timers go on (§10.3).
             regs::SMCR.write(1);
             board.begin(cause);
+            link::leave();
             // SAFETY: as above; zeros are a motion of nothing.
-            let motion: &mut Motion = unsafe { memory::take().assume_init_mut() };
+            let motion: &mut Motion = unsafe { memory::take_first_page().assume_init_mut() };
             if motion.begin(board, says.wrapping_add(1), end).is_some() {
                 motion.run(board, lamp);
             }

@@ -3,7 +3,7 @@
 //! # Who works out what
 //! Main tells, the task asks. What happens before the tick [`known`](Verbs::known) is settled, and an order holds from there on. Each
 //! call of the task sees to it that this is a while away ([`verbs_advance`]); a motor that has used up its steps takes
-//! the next evenly spaced ones before it right into its registers ([`verbs_load`]). Nothing else is planned up to there: the limit is so
+//! the next evenly spaced ones before it right into its registers ([`verbs_take`]). Nothing else is planned up to there: the limit is so
 //! long before it that DIR can be turned for a step at that very tick.
 //!
 //! # Where
@@ -13,23 +13,22 @@
 //! # Cycles
 //! A motor's next steps: some 1000, once in every 0.8 to 1.2 ms.
 
-use crate::clock;
-use crate::machine::extended;
-use crate::memory::POOL;
-use crate::steps::motor::Motor;
-use crate::steps::pins::MAX_MOTORS;
-use crate::steps::stepper::{AHEAD, Stepper};
-use crate::steps::task::{self, Guard};
-use crate::steps::times::TIMES;
+use crate::engine::machine::extended;
+use crate::engine::steps::motor::{Motor, flag};
+use crate::engine::steps::pins::MAX_MOTORS;
+use crate::engine::steps::register;
+use crate::engine::steps::stepper::{AHEAD, Stepper};
+use crate::engine::steps::task::{self, Guard, SOONEST, mode};
+use crate::engine::steps::times::{self, TIMES};
+use crate::engine::clock;
+use crate::engine::program::Program;
 use core::arch::global_asm;
+use core::mem::offset_of;
 use pulsetrain_core::Moment;
 use pulsetrain_core::narrow::verbs::{MOTORS, Verbs};
-use pulsetrain_core::wire::message::{Configuration, Reason};
+use pulsetrain_core::wire::message::{Configuration, Reason, image};
 use pulsetrain_core::wire::orders::{self, Orders};
 use pulsetrain_core::wire::{Encoder, Refusal};
-
-/// Motors can be told directly.
-pub(crate) const OBEYS: bool = true;
 
 /// What is known ends so soon, ticks, when it has been put off: 1.95 ms, and 0.25 ms more for each further motor, whose steps take the
 /// task so much longer.
@@ -85,14 +84,144 @@ struct Place {
     used_up: u8,
 }
 
-const _: () = assert!(size_of::<Place>() <= POOL && MOTORS == MAX_MOTORS);
+const _: () = assert!(size_of::<Place>() <= Told::POOL && MOTORS == MAX_MOTORS);
 
-// Where frames have their queues.
+// Where other programs have their queues.
 global_asm!(".global verbs_place", ".set verbs_place, queues");
+
+// What the engine asks of a program (see `program`), as long as verbs have the motors.
+global_asm!(
+    r#"
+    .section .text.verbs, "ax", @progbits
+    .global verbs_limit, verbs_load, verbs_soon
+verbs_limit:
+    call steps_limit
+    lds r18, verbs_state
+    cpi r18, {ON}
+    brne 1f
+    call verbs_advance
+    lds r18, steps_mode
+    cpi r18, {FILLED}
+    brne 1f
+    sts steps_times+{LIMIT}, r22
+    sts steps_times+{LIMIT}+1, r23
+    sts steps_times+{LIMIT}+2, r24
+    sts steps_times+{LIMIT}+3, r25
+    call steps_merge_run
+    lds r22, steps_times+{LIMIT}
+    lds r23, steps_times+{LIMIT}+1
+    lds r24, steps_times+{LIMIT}+2
+    lds r25, steps_times+{LIMIT}+3
+1:  ret
+
+    // Carry: there are no steps yet, or the motor makes none any more.
+verbs_load:
+    ldd r24, Y+{FLAGS}
+    sbrc r24, {UNREADABLE}
+    rjmp 1f
+    lds r24, verbs_state
+    cpi r24, {ON}
+    brne 1f
+    movw r24, r28
+    call verbs_take
+    lsr r24
+    ret
+1:  sec
+    ret
+
+    // When verbs are due: that was counted from where this call of the task began, as Timer0 has done.
+verbs_soon:
+    lds r24, verbs_state
+    cpi r24, {ON}
+    brne 4f
+    lds r24, verbs_due
+    in r20, {TCNT0}
+    sub r24, r20
+    brcs 1f
+    sbic {TIFR0}, 0
+1:  ldi r24, {SOONEST}
+    cpi r24, {SOONEST}
+    brsh 2f
+    ldi r24, {SOONEST}
+2:  cp r26, r24
+    brlo 3f
+    mov r26, r24
+3:  sec
+    ret
+4:  clc
+    ret
+    "#,
+    ON = const ON,
+    FILLED = const mode::FILLED,
+    LIMIT = const times::LIMIT,
+    FLAGS = const offset_of!(Motor, flags),
+    UNREADABLE = const flag::UNREADABLE,
+    TCNT0 = const register::TCNT0,
+    TIFR0 = const register::TIFR0,
+    SOONEST = const SOONEST,
+);
 
 #[expect(improper_ctypes, reason = "no other language knows it")]
 unsafe extern "C" {
     static mut verbs_place: Place;
+}
+
+/// Verbs, and nothing else.
+pub(crate) struct Told;
+
+impl Program for Told {
+    const IMAGE: u8 = image::VERBS;
+    const SHARED: bool = false;
+    const BESIDE: bool = false;
+    const OBEYS: bool = true;
+    // The limit is not always so far ahead.
+    const FILLER: u16 = 8192;
+    const POOL: usize = 366;
+
+    #[inline(always)]
+    fn is_obeying() -> bool {
+        is_on()
+    }
+
+    #[inline(always)]
+    fn set_up(configuration: &Configuration<'_>) {
+        set_up(configuration);
+    }
+
+    #[inline(always)]
+    fn begin(orders: &Orders<'_>) -> Result<(), Refusal> {
+        begin(orders)
+    }
+
+    #[inline(always)]
+    fn obey(orders: &Orders<'_>) -> Result<(), Refusal> {
+        obey(orders)
+    }
+
+    #[inline(always)]
+    fn encode_obeyed(frame: &mut Encoder<'_>) {
+        encode_obeyed(frame);
+    }
+
+    #[inline(always)]
+    fn stop(dry: bool) {
+        stop(dry);
+    }
+
+    #[inline(always)]
+    fn rest() -> bool {
+        rest()
+    }
+
+    #[inline(always)]
+    fn take_done() -> Option<(u8, Moment, u32)> {
+        take_done()
+    }
+
+    #[inline(always)]
+    fn forsake() {
+        forsake();
+    }
 }
 
 fn state() -> u8 {
@@ -116,21 +245,18 @@ fn place(_: &Guard) -> Option<&mut Place> {
 
 /// Whether verbs have the motors.
 #[inline(always)]
-pub(crate) fn is_on() -> bool {
+fn is_on() -> bool {
     state() == ON
 }
 
 /// Has armed motors, which rest with empty queues, do what is ordered, if that can be: from then on verbs have them.
 ///
 /// # Errors
-/// [`Reason::SharedDir`]; [`Reason::Timing`]: pulses are too long; as [`Verbs::obey`].
+/// [`Reason::Timing`]: pulses are too long; as [`Verbs::obey`].
 #[inline(never)]
-pub(crate) fn begin(orders: &Orders<'_>) -> Result<(), Refusal> {
+fn begin(orders: &Orders<'_>) -> Result<(), Refusal> {
     let now = clock::moment();
     let stepper = task::lock();
-    if TIMES.get().shared {
-        return Err(Refusal::of(Reason::SharedDir));
-    }
     if TIMES.get().pulse != 0 {
         return Err(Refusal { reason: Reason::Timing, detail: LONGEST_PULSE });
     }
@@ -151,6 +277,7 @@ pub(crate) fn begin(orders: &Orders<'_>) -> Result<(), Refusal> {
     place.used_up = 0;
     // Who only asks leaves motors as they are.
     if !orders.is_empty() {
+        stepper.is_filled();
         set_state(ON);
     }
     Ok(())
@@ -162,7 +289,7 @@ pub(crate) fn begin(orders: &Orders<'_>) -> Result<(), Refusal> {
 /// # Errors
 /// As [`Verbs::obey`]; [`Reason::Busy`]: that motor did not come to it.
 #[inline(never)]
-pub(crate) fn obey(orders: &Orders<'_>) -> Result<(), Refusal> {
+fn obey(orders: &Orders<'_>) -> Result<(), Refusal> {
     let end = clock::moment().after(u32::from(my_limits().foresee));
     loop {
         let stepper = task::lock();
@@ -179,7 +306,7 @@ pub(crate) fn obey(orders: &Orders<'_>) -> Result<(), Refusal> {
 }
 
 /// Writes what came of what was obeyed last.
-pub(crate) fn encode_obeyed(frame: &mut Encoder<'_>) {
+fn encode_obeyed(frame: &mut Encoder<'_>) {
     let guard = task::lock();
     if let Some(place) = place(&guard) {
         let (at, motors) = place.verbs.obeyed();
@@ -189,7 +316,7 @@ pub(crate) fn encode_obeyed(frame: &mut Encoder<'_>) {
 
 /// Motors were stopped at once, so that what was due a shortest period before [`Stepper::halted`] was made. `dry`: not even that.
 #[inline(never)]
-pub(crate) fn stop(dry: bool) {
+fn stop(dry: bool) {
     if is_on() {
         let guard = task::lock();
         if let Some(place) = place(&guard) {
@@ -199,14 +326,9 @@ pub(crate) fn stop(dry: bool) {
     }
 }
 
-/// A plan's bytes come where all this is.
-pub(crate) fn forget() {
-    set_state(NONE);
-}
-
 /// Whether nothing is left to be done, if verbs have the motors.
 #[inline(never)]
-pub(crate) fn rest() -> bool {
+fn rest() -> bool {
     if !is_on() {
         return true;
     }
@@ -217,7 +339,7 @@ pub(crate) fn rest() -> bool {
 
 /// A move that was done and not told yet: motor, tick, number.
 #[inline(never)]
-pub(crate) fn take_done() -> Option<(u8, Moment, u32)> {
+fn take_done() -> Option<(u8, Moment, u32)> {
     if state() == NONE {
         return None;
     }
@@ -228,7 +350,7 @@ pub(crate) fn take_done() -> Option<(u8, Moment, u32)> {
 
 /// Nobody tells motors any more: see [`Verbs::forsake`].
 #[inline(never)]
-pub(crate) fn forsake() {
+fn forsake() {
     let guard = task::lock();
     if let Some(place) = place(&guard) {
         place.verbs.forsake();
@@ -243,7 +365,7 @@ fn my_limits() -> Limits {
 
 /// Notes what the motors of a configuration can do.
 #[inline(never)]
-pub(crate) fn set_up(configuration: &Configuration<'_>) {
+fn set_up(configuration: &Configuration<'_>) {
     let Configuration { pulse_ticks, setup_ticks, hold_ticks, .. } = *configuration;
     let motors = configuration.motors().len() as u16;
     let limits = Limits {
@@ -287,7 +409,7 @@ extern "C" fn verbs_advance(limit: u32) -> u32 {
 
 /// For the task: the next steps of a motor that has none left, into its registers; gives 1 if there are none yet.
 #[unsafe(no_mangle)]
-extern "C" fn verbs_load(motor: &mut Motor) -> u8 {
+extern "C" fn verbs_take(motor: &mut Motor) -> u8 {
     let number = Stepper::number_of(motor);
     let bit = 1 << number;
     let place = &raw mut verbs_place;

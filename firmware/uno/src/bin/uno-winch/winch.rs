@@ -15,16 +15,18 @@
 
 pub(crate) mod feed;
 
-use crate::clock;
-use crate::link::Receiver;
-use crate::machine::Board;
-use crate::memory::{POOL, REPLY_LEN};
-use crate::store;
+use crate::engine::link::{self, Receiver};
+use crate::engine::machine::Board;
+use crate::engine::memory::REPLY_LEN;
+use crate::engine::steps::task;
+use crate::engine::program::Program;
+use crate::engine::{clock, host, store};
 use core::arch::global_asm;
 use pulsetrain_core::Moment;
 use pulsetrain_core::winch::text::Verb;
+use pulsetrain_core::wire::message::{Configuration, image};
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
-use pulsetrain_core::wire::{Millis, Service};
+use pulsetrain_core::wire::{Machine, Millis, Service};
 
 /// Bytes of four paths, of the reader, and of the longest line that is sent.
 const PATHS: usize = 4 * PATH;
@@ -73,7 +75,7 @@ const REPORT_MS: u8 = 200;
 const ZERO: u8 = 0x40;
 
 // The reader knows how long the receive page is.
-const _: () = assert!(crate::link::PAGE == 0x80);
+const _: () = assert!(link::PAGE == 0x80);
 
 /// A line waits for what it would say as long as no more bytes than this wait behind it.
 const PATIENCE: u8 = 64;
@@ -81,7 +83,7 @@ const PATIENCE: u8 = 64;
 /// Frames have been silent for so long if a line is told that they have the board, 1.024 ms.
 const SILENCE: u16 = 100;
 
-// Where frames have their queues.
+// Where other programs have their queues.
 global_asm!(
     r#"
     .global winch_paths, winch_reader, winch_line, winch_asked
@@ -95,7 +97,7 @@ global_asm!(
     LINE = const LINE,
 );
 
-const _: () = assert!(PATHS + READER + LINE + size_of::<Asked>() <= POOL);
+const _: () = assert!(PATHS + READER + LINE + size_of::<Asked>() <= Winch::POOL);
 
 global_asm!(include_str!("winch/tick.s"), options(raw));
 global_asm!(include_str!("winch/command.s"), options(raw));
@@ -125,6 +127,43 @@ pub(crate) struct Winch {
     say: u8,
     /// Where the line was at the last look that frames have.
     seen: u8,
+}
+
+impl Program for Winch {
+    const IMAGE: u8 = image::WINCH;
+    const SHARED: bool = false;
+    const BESIDE: bool = false;
+
+    #[inline(always)]
+    fn is_on(&self) -> bool {
+        self.on
+    }
+
+    #[inline(always)]
+    fn drives(&self) -> bool {
+        self.drives
+    }
+
+    // No zero has come since the last command.
+    #[inline(always)]
+    fn has_line(&self) -> bool {
+        self.on && !self.quiet
+    }
+
+    #[inline(always)]
+    fn listen(&mut self, board: &mut Board, receiver: &mut Receiver) -> u8 {
+        self.hear_lines(board, receiver)
+    }
+
+    #[inline(always)]
+    fn look(&mut self, board: &mut Board, service: &Service, receiver: &Receiver, now: Millis) {
+        self.watch(board, service, receiver, now);
+    }
+
+    #[inline(always)]
+    fn speak(&mut self, receiver: &Receiver, out: &mut [u8; REPLY_LEN]) -> (*const u8, u8) {
+        self.say_next(receiver, out)
+    }
 }
 
 /// What text has asked for; where frames have their queues.
@@ -162,18 +201,6 @@ impl Winch {
         Winch { on: false, quiet: false, set_up: false, drives: false, say: 0, seen: 0 }
     }
 
-    /// Whether text is read.
-    #[inline(always)]
-    pub(crate) const fn is_on(&self) -> bool {
-        self.on
-    }
-
-    /// Whether motors follow the paths.
-    #[inline(always)]
-    pub(crate) const fn drives(&self) -> bool {
-        self.drives
-    }
-
     /// Begins anew.
     #[inline(never)]
     fn begin(&mut self) {
@@ -201,11 +228,11 @@ impl Winch {
     ///
     /// Of bytes that were lost nobody knows where: what waits is dropped, and the line that has begun is refused, or the next.
     #[inline(never)]
-    pub(crate) fn listen(&mut self, board: &mut Board, receiver: &mut Receiver) -> u8 {
+    fn hear_lines(&mut self, board: &mut Board, receiver: &mut Receiver) -> u8 {
         let (mut heard, mut taken) = (0, 0);
         loop {
             // Nothing is done before it is known that what was read had not been overwritten.
-            let unread = crate::host::unread(board, receiver);
+            let unread = host::unread(board, receiver);
             if unread.lost != 0 {
                 // In their place a byte 1, which is no text: that text is on is one.
                 let _ = read((&raw const self.on).cast(), 1);
@@ -228,7 +255,7 @@ impl Winch {
                 if taken != 0 {
                     return taken;
                 }
-                count = count.min(crate::host::BYTES_A_ROUND);
+                count = count.min(host::BYTES_A_ROUND);
             }
             receiver.skip(taken);
             if count == 0 || (self.say != 0 && count < PATIENCE) {
@@ -238,12 +265,6 @@ impl Winch {
             [heard, left] = read(receiver.after(0), count);
             taken = count - left;
         }
-    }
-
-    /// Whether what was read last is text alone: no zero has come since the last command.
-    #[inline(always)]
-    pub(crate) fn has_line(&self) -> bool {
-        self.on && !self.quiet
     }
 
     /// Does what a line says.
@@ -264,25 +285,25 @@ impl Winch {
         }
         if !self.set_up {
             self.set_up = true;
-            board.set_up_shield();
+            set_up_shield(board);
         }
         if needed & feed::DRIVE != 0 && !self.drives {
             self.drives = true;
-            board.drive();
+            drive(board);
         }
     }
 
     /// What time brings. To be called every few milliseconds.
     #[inline(never)]
-    pub(crate) fn look(&mut self, board: &mut Board, service: &Service, receiver: &Receiver, millis: Millis) {
+    fn watch(&mut self, board: &mut Board, service: &Service, receiver: &Receiver, millis: Millis) {
         let now = clock::moment();
         if self.drives {
             let ran_dry = !board.is_armed();
-            if ran_dry || has_rested(board, millis) {
+            if ran_dry || has_rested(millis) {
                 self.drives = false;
                 // After that all stands still, and nobody knows where: as after a reset.
                 self.on &= !ran_dry;
-                board.stop_driving();
+                let _ = board.release();
             } else if is_silent(now) {
                 asked().dead = true;
                 feed::winch_obey_axes(0b1111, Verb::Enable as u8);
@@ -302,7 +323,7 @@ impl Winch {
 
     /// What is to be said now, if anything: its first byte and how many there are. It may be written to `out`.
     #[inline(never)]
-    pub(crate) fn speak(&mut self, receiver: &Receiver, out: &mut [u8; REPLY_LEN]) -> (*const u8, u8) {
+    fn say_next(&mut self, receiver: &Receiver, out: &mut [u8; REPLY_LEN]) -> (*const u8, u8) {
         let out = out.as_mut_ptr();
         let say = core::mem::replace(&mut self.say, 0);
         if say != 0 {
@@ -330,6 +351,38 @@ impl Winch {
     }
 }
 
+/// Takes on the winch's configuration. No motor moves.
+#[inline(always)]
+fn set_up_shield(board: &mut Board) {
+    if let Some(mut configuration) = Configuration::new(feed::shield()) {
+        // STEP is high for 1.94 µs, for any driver on such a shield; DIR is right for 1 µs before and after.
+        configuration.pulse_ticks = 31;
+        configuration.setup_ticks = 16;
+        configuration.hold_ticks = 16;
+        configuration.enable_pin = 8;
+        // Nobody moves, and the pins are right.
+        let _ = board.configure(&configuration);
+    }
+}
+
+/// Powers the motors, which take their steps from the paths. The task is out until there are trains, which it looks at.
+#[inline(never)]
+fn drive(board: &mut Board) {
+    let _out = task::keep_out();
+    let _ = board.arm();
+    let mut stepper = task::lock();
+    feed::begin(clock::moment());
+    stepper.leave_room();
+    stepper.is_filled();
+}
+
+/// Whether all paths are at rest, and the motors with them.
+#[inline(always)]
+fn has_arrived() -> bool {
+    let stepper = task::lock();
+    feed::rests() && stepper.is_idle()
+}
+
 /// Lets the reader take bytes from the receive page, as [`winch_listen`] does.
 fn read(bytes: *const u8, count: u8) -> [u8; 2] {
     // SAFETY: there are so many bytes; the reader is main's alone while text is on.
@@ -337,9 +390,9 @@ fn read(bytes: *const u8, count: u8) -> [u8; 2] {
 }
 
 /// Whether the drivers are to be released: all axes rest, and that was asked for, or they have for long enough.
-fn has_rested(board: &Board, now: Millis) -> bool {
+fn has_rested(now: Millis) -> bool {
     let asked = asked();
-    if !(asked.releasing || asked.idle_ms != 0) || !board.has_arrived() {
+    if !(asked.releasing || asked.idle_ms != 0) || !has_arrived() {
         asked.moved = now;
         return false;
     }

@@ -7,7 +7,7 @@
 //! 28 cycles a byte of the body, 34 where a zero is meant; in the image for the highest rates 21.5 and 27.5 (crates/board/tests/uno_receive.rs prints and holds them).
 
 use super::PAGE;
-use crate::regs;
+use crate::engine::regs;
 use core::arch::global_asm;
 use pulsetrain_core::wire::frame::{Received, Tag, framed_len};
 
@@ -206,25 +206,7 @@ receive_frame:
 16: ldi r24, {MORE}
     rjmp 10b
 
-    .ifeq {STREAM}
-    // A code stands for the zero before it, and says how far the next is. 6 more
-8:  mov r20, r24
-    dec r20
-    clr r24
-    rjmp 3f
-    .endif
 
-    .ifeq {STREAM}
-2:  next 12b                            // 6
-    breq 7b                             // 1                             7
-    crc                                 // 14                           21
-    subi r20, 1                         // 1                            22
-    brcs 8b                             // 1                            23
-3:  st X+, r24                          // 2                            25
-    dec r21                             // 1                            26
-    brne 2b                             // 2                            28
-    ldi r21, 3
-    .endif
 
 4:  next 13b
     breq 17f
@@ -267,7 +249,6 @@ receive_frame:
 18: crc
     ret
 
-    .if {STREAM}
     // So many at once, r17: as there are, up to the end of the body or of the page.
 2:  mov r0, r21
     cp r25, r0
@@ -317,9 +298,7 @@ receive_frame:
     dec r20
     clr r24
     rjmp 22b
-    .endif
     "#,
-    STREAM = const crate::STREAM as u8,
     PAGE = const PAGE,
     AT = const AT,
     BODY = const BODY,
@@ -335,7 +314,6 @@ receive_frame:
 
 unsafe extern "C" {
     fn receive_frame(receiver: *mut Receiver, count: u8) -> u8;
-    #[cfg(text)]
     static receive_page: u8;
     /// The interrupt's: 0x80 and 0 in turn, whenever it comes to the end of the page.
     static mut receive_lap: u8;
@@ -393,7 +371,6 @@ impl Receiver {
 }
 
 /// What text asks of it.
-#[cfg(text)]
 impl Receiver {
     /// How many bytes wait, if none were overwritten.
     #[inline(always)]

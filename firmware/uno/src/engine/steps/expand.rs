@@ -27,7 +27,6 @@
 
 use super::motor::{EVEN, Motor};
 use super::register;
-use crate::STREAM;
 use core::arch::global_asm;
 use core::mem::offset_of;
 use pulsetrain_core::narrow::Registers;
@@ -42,7 +41,7 @@ const _: () = assert!(offset_of!(Registers, left) == 19);
 
 /// So many steps are published at once where the ring has room for 32 or more, so that it soon has some; else as many as there is
 /// room for: publishing takes some 40 cycles.
-const SOME: u8 = if STREAM { 12 } else { 8 };
+const SOME: u8 = 12;
 /// And so many at least.
 const LEAST: u8 = 4;
 /// As few where there is room for so many: the ring has nearly run down.
@@ -317,11 +316,9 @@ global_asm!(
     cpi r20, {LEAST}
     brsh .+2
     rjmp \done
-    .if {STREAM}
     cpi r20, {HURRY}
     brlo .+2
     ldi r20, {LEAST}
-    .endif
     sbrc r20, 5                         // it has 62 groups at most
     ldi r20, {SOME}
     cp r5, r20
@@ -345,7 +342,6 @@ global_asm!(
     .section .text.steps_expand_ring, "ax", @progbits
     .global steps_expand_ring
 steps_expand_ring:
-    .if {STREAM}
     // Segments whose intervals are all shorter than 256 ticks have a way of their own.
     ldd r24, Y+{SURE}
     cpi r24, 1
@@ -357,18 +353,6 @@ steps_expand_ring:
     mov r5, r20                         // keeps Z
     brne 8f
     rjmp 5f
-    .else
-    expand_enter
-    mov r5, r20                         // keeps Z
-    brne 8f
-    rjmp 5f
-8:  ldd r20, Y+{SURE}
-    cpi r20, 1
-    brne 8f
-    cp r20, r5
-    brsh 8f                             // one step
-    rjmp 10f
-    .endif
 8:  ring_some 4f
     rjmp 2f
 1:  advance_tick
@@ -429,7 +413,6 @@ steps_expand_ring:
     .endm
 10: ring_some 13f
     rjmp 12f
-    .if {STREAM}
 11: advance_near
 12: sbrs r20, 1
     rjmp 15f
@@ -442,20 +425,10 @@ steps_expand_ring:
     .endr
     subi r20, 4
     brcc 16b
-    .else
-11: advance_near
-    dec r20
-    breq 14f
-12: advance_near
-    advance_near
-    subi r20, 2
-    brne 12b
-    .endif
 14: ring_publish
     tst r5
     breq 13f
     rjmp 10b
-    .if {STREAM}
 13: near_leave
     tst r5
     breq 19f
@@ -477,10 +450,6 @@ steps_expand_ring:
     rjmp 10b
     ldd r24, Y+4
     rjmp 5b
-    .else
-13: near_end
-    rjmp 4b
-    .endif
 
     // A long pulse: two groups a step, the second r17 ticks after the first.                       22
     .macro ring_store_long
@@ -515,8 +484,7 @@ steps_expand_ring:
     st Z+, r19
     .endm
 
-    expander steps_expand_list, list_store, 1, {STREAM}
-    .if {STREAM}
+    expander steps_expand_list, list_store, 1, 1
     // The same into the ring behind lists.                                                         7
     .macro beside_store
     std Z+1, r23
@@ -526,7 +494,6 @@ steps_expand_ring:
     ldi r30, {START}
     .endm
     expander steps_expand_beside, beside_store, 1, 1
-    .endif
     expander steps_expand_ring_long, ring_store_long, 0
     expander steps_expand_list_long, list_store_long, 0
     "#,
@@ -536,7 +503,6 @@ steps_expand_ring:
     TAIL_A = const register::OCR0A,
     TAIL_B = const register::OCR0B,
     SURE = const offset_of!(Motor, sure),
-    STREAM = const STREAM as u8,
     EVEN_BIT = const EVEN.trailing_zeros(),
     START = const super::ring::BEHIND_LISTS,
 );

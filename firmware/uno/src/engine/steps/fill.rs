@@ -9,13 +9,12 @@ use super::ring::Ring;
 use super::stepper::Track;
 use super::task::mode;
 use super::times;
-use crate::STREAM;
 use core::arch::global_asm;
 use core::mem::offset_of;
 
 /// A ring is filled when it has room for so many groups: alone, where it lasts for so short a time that the next record is to be
 /// loaded before it has run down; and beside another, where longer batches are worth more.
-const ROOM: [u8; 2] = [12, if STREAM { 18 } else { 20 }];
+const ROOM: [u8; 2] = [12, 18];
 /// Long pulses that are expanded at once, at most.
 const FEW: u8 = 8;
 
@@ -37,7 +36,6 @@ fill_next:
     clr r27
     ld r26, X
     ldd r24, Z+{HEAD}
-    .if {STREAM}
     sub r26, r24
     dec r26
     cpi r26, 4 * {ROOM}
@@ -48,18 +46,6 @@ fill_next:
     sbrc r25, {BESIDE}
     rjmp 2f
 7:
-    .else
-    sub r26, r24
-    dec r26
-    lsr r26
-    lsr r26
-    ldi r24, {ROOM}
-    lds r25, steps_mode
-    sbrc r25, {BESIDE}
-    ldi r24, {ROOM_BESIDE}
-    cp r26, r24
-    brlo 2f
-    .endif
     dec r4
     brpl 6f
 1:  ret
@@ -82,10 +68,8 @@ fill_next:
 6:  ldd r24, Z+{UNLIKE}
     tst r24
     breq 5f
-    .if {STREAM}
     lsr r26
     lsr r26
-    .endif
     dec r26
     ldd r24, Y+{STEP}
     ldd r25, Y+{STEP_FALL}
@@ -199,7 +183,6 @@ fill_next:
     rjmp fill_next
 6:  ret
     "#,
-    STREAM = const STREAM as u8,
     ROOM = const ROOM[0],
     ROOM_BESIDE = const ROOM[1],
     BESIDE = const (mode::BOTH ^ mode::APIECE).trailing_zeros(),

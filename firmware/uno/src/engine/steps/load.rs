@@ -15,18 +15,12 @@
 //! A segment of three corrections of one byte each takes some 460, 95 of which find out whether its steps need looking at;
 //! a second byte 12 more.
 //!
-//! The image for the highest rates takes a record of short fields behind a segment of 32 to 255 steps apart from all others: some 110 less.
-//!
 //! A record is whole in its frame, so that nobody looks whether its bytes are there before they are read: if more were read than
 //! there are, the record is bad, nothing of the epoch is made any more, and what was read came from the queue's own memory.
 
 use super::motor::{COUNT_AT_REST, EVEN, Motor, Part, Reason, flag};
-use super::plan::FILLER;
 use super::task::mode;
 use super::times;
-use crate::STREAM;
-use crate::verbs::{OBEYS, ON};
-use crate::winch::feed;
 use core::arch::global_asm;
 use core::mem::offset_of;
 use pulsetrain_core::packing::{COUNT_AFTER_EXACT, Control};
@@ -35,7 +29,7 @@ const _: () = assert!(COUNT_AFTER_EXACT == 255);
 
 global_asm!(
     r#"
-    .section .text.steps_load, "ax", @progbits
+    .section .text.steps_load_record, "ax", @progbits
 
     // The next byte, in \register.                                                                    5
     .macro next_byte register
@@ -200,9 +194,9 @@ load_shift_byte:
 99: tst r23
     .endm
 
-    .global steps_load
+    .global steps_load_record
     // Takes the next record. Carry: there is none, or none that can be read. No steps may be left. Keeps r2 to r13, r16, r17.
-steps_load:
+steps_load_record:
     ldd r24, Y+{FLAGS}
     sbrc r24, {UNREADABLE}
     rjmp load_none
@@ -210,22 +204,6 @@ steps_load:
     ldd r25, Y+{READY}+1
     or r24, r25
     brne 1f
-    .if {VERBS}
-    // A motor that is told directly has no bytes. Gives 1 if there are no steps.
-    lds r24, verbs_state
-    cpi r24, {ON}
-    brne load_none
-    movw r24, r28
-    call verbs_load
-    lsr r24
-    ret
-    .elseif {TEXT}
-    // A motor of the winch has no bytes: its path gives it the steps of a millisecond at a time.
-    lds r24, steps_mode
-    cpi r24, {WINCH}
-    brne load_none
-    rjmp load_train
-    .endif
 load_none:
     sec
     ret
@@ -233,71 +211,6 @@ load_none:
     ldd r27, Y+{NEXT}+1
     ldd r30, Y+{END}
     ldd r31, Y+{END}+1
-    .if {STREAM}
-    // Nearly always: a record of at most eight bytes, that do not go on at the start of the queue's memory, after one of 32 to 255
-    // steps. Nothing is noted before that is sure.
-    movw r20, r30
-    sub r20, r26
-    sbc r21, r27
-    cpi r20, 8 + 1
-    cpc r21, r1
-    brsh .+2
-    rjmp load_any
-    ldd r18, Y+{COUNT}
-    ldd r19, Y+{COUNT}+1
-    cpse r19, r1
-    rjmp load_any
-    // The bit length of the previous count.
-    ldi r20, 8
-    cpi r18, 128
-    brsh 2f
-    dec r20
-    cpi r18, 64
-    brsh 2f
-    dec r20
-    cpi r18, 32
-    brsh 2f
-    rjmp load_any
-2:  mov r14, r20
-    ld r25, X+
-    mov r24, r25
-    andi r24, 7
-    cpi r24, 7
-    brne 3f
-    ld r18, X+
-    cpi r18, 255
-    breq load_again
-    rjmp 7f
-3:  cpi r24, 3
-    breq 7f
-    mov r20, r18
-    brsh 5f
-4:  lsr r20
-    dec r24
-    brpl 4b
-    add r18, r20
-    brcs load_again
-    rjmp 7f
-5:  subi r24, 7
-6:  lsr r20
-    inc r24
-    brne 6b
-    sub r18, r20
-7:  cpi r18, 3                          // a control record, and few steps
-    brlo load_again
-    mov r24, r25
-    lsr r24
-    lsr r24
-    lsr r24
-    andi r24, 3
-    cpi r24, 2
-    brsh load_again
-    rjmp load_short
-load_again:
-    ldd r26, Y+{NEXT}
-    ldd r27, Y+{NEXT}+1
-load_any:
-    .endif
     next_byte r25
     ldd r18, Y+{COUNT}
     ldd r19, Y+{COUNT}+1
@@ -471,7 +384,6 @@ load_sure:
     com r20
     com r19
 6:  or r25, r24
-    .if {STREAM}
     breq .+2
     rjmp 7f                             // too much
     // T: lists are merged, and add is more than n |add2|, so that its sign stays.
@@ -497,11 +409,6 @@ load_sure:
 9:  inc r15
     brne .+2
     rjmp 7f
-    .else
-    brne 7f                             // too much
-    inc r15
-    breq 7f
-    .endif
     // From here on in 2^-8 ticks, r19:20: |add| + n |add2| / 2, and 2 for what is left out of it.
     mul r22, r15
     lsr r1
@@ -544,7 +451,6 @@ load_sure:
     cp r20, r18
     cpc r21, r19
     brlo 7f
-    .if {STREAM}
     // Whether bit 8 and those above it are the same of all of them: the first is the shortest or the longest.
     brtc 9f
     ldd r20, Y+{INTERVAL}+3
@@ -558,7 +464,6 @@ load_sure:
     rjmp 9f
     ori r25, {EVEN}
 9:
-    .endif
     inc r25
     std Y+{SURE}, r25
 7:  clr r1
@@ -573,7 +478,6 @@ load_sure:
     ldi r22, 1
     rjmp load_sure
     // A motion without an anchor.
-load_unanchored:
 4:  std Y+{LEFT}, r1
     std Y+{LEFT}+1, r1
     ldi r22, {MISSED}
@@ -582,158 +486,6 @@ load_unanchored:
     ldd r20, Y+{HORIZON}+2
     ldd r21, Y+{HORIZON}+3
     rjmp load_fail
-
-    .if {STREAM}
-    // The bits of r25 from 5 on say which fields are a byte longer than r15; r24 is the exponent of the field's unit.
-    .macro short_field bit, offset, top
-    mov r23, r15
-    sbrc r25, \bit
-    inc r23
-    tst r23
-    brne .+2
-    rjmp 49f
-    // r21 = 2^(r22 mod 8), with r22 = 16 - r24, 0 to 16
-    ldi r22, 16
-    tst r24
-    brmi 41f
-    sub r22, r24
-    brcc 41f
-    clr r22
-41: ldi r21, 1
-    sbrc r22, 0
-    lsl r21
-    sbrs r22, 1
-    rjmp 42f
-    lsl r21
-    lsl r21
-42: sbrc r22, 2
-    swap r21
-    ld r18, X+
-    sbrc r23, 1
-    rjmp 44f                            // two bytes
-    mulsu r18, r21
-    movw r18, r0
-    mov r20, r1
-    lsl r20
-    sbc r20, r20
-    clr r1
-    sbrc r22, 3
-    rjmp 45f
-    sbrc r22, 4
-    rjmp 46f
-    short_add \offset, r18, r19, r20, r20, \top, r20
-    rjmp 49f
-44: ld r20, X+
-    mul r18, r21
-    movw r18, r0
-    mulsu r20, r21
-    clr r21
-    add r19, r0
-    mov r20, r1
-    adc r20, r21
-    clr r1
-    mov r21, r20
-    lsl r21
-    sbc r21, r21
-    sbrc r22, 3
-    rjmp 47f
-    sbrc r22, 4
-    rjmp 48f
-    short_add \offset, r18, r19, r20, r21, \top, r21
-    rjmp 49f
-45: short_add \offset, r1, r18, r19, r20, \top, r20
-    rjmp 49f
-46: short_add \offset, r1, r1, r18, r19, \top, r20
-    rjmp 49f
-47: short_add \offset, r1, r18, r19, r20, \top, r21
-    rjmp 49f
-48: short_add \offset, r1, r1, r18, r19, \top, r20
-49:
-    .endm
-    .macro short_add offset, b0, b1, b2, b3, top, b4
-    ldd r0, Y+\offset
-    add r0, \b0
-    std Y+\offset, r0
-    ldd r0, Y+\offset+1
-    adc r0, \b1
-    std Y+\offset+1, r0
-    ldd r0, Y+\offset+2
-    adc r0, \b2
-    std Y+\offset+2, r0
-    ldd r0, Y+\offset+3
-    adc r0, \b3
-    std Y+\offset+3, r0
-    .if \top
-    ldd r0, Y+\offset+4
-    adc r0, \b4
-    std Y+\offset+4, r0
-    .endif
-    .endm
-
-    // r24: the narrow width, 0 or 1; r18 steps.
-load_short:
-    mov r15, r24
-    std Y+{LEFT}, r18
-    std Y+{LEFT}+1, r1
-    std Y+{COUNT}, r18
-    std Y+{COUNT}+1, r1
-    ldd r24, Y+{GAIN}
-    add r24, r14
-    subi r24, -2
-    short_field 5, {INTERVAL}, 1
-    add r24, r14
-    subi r24, 4
-    short_field 6, {ADD}, 0
-    add r24, r14
-    subi r24, 3
-    short_field 7, {ADD2}, 0
-    // The bytes that were read are taken off the queue.
-    ldd r20, Y+{NEXT}
-    mov r21, r26
-    sub r21, r20
-    ldd r24, Y+{READY}
-    ldd r25, Y+{READY}+1
-    sub r24, r21
-    sbc r25, r1
-    brcc .+2
-    rjmp load_bad
-    std Y+{READY}, r24
-    std Y+{READY}+1, r25
-    std Y+{NEXT}, r26
-    std Y+{NEXT}+1, r27
-    ldd r24, Y+{FLAGS}
-    sbrs r24, {ANCHORED}
-    rjmp load_unanchored
-    // All its steps are counted.
-    ldd r22, Y+{LEFT}
-    ldd r18, Y+{POSITION}
-    ldd r19, Y+{POSITION}+1
-    sbrc r24, {BACKWARD}
-    rjmp 2f
-    add r18, r22
-    adc r19, r1
-    std Y+{POSITION}, r18
-    std Y+{POSITION}+1, r19
-    brcc 3f
-    ldd r18, Y+{POSITION}+2
-    ldd r19, Y+{POSITION}+3
-    adc r18, r1
-    adc r19, r1
-    rjmp 4f
-2:  sub r18, r22
-    sbc r19, r1
-    std Y+{POSITION}, r18
-    std Y+{POSITION}+1, r19
-    brcc 3f
-    ldd r18, Y+{POSITION}+2
-    ldd r19, Y+{POSITION}+3
-    sbc r18, r1
-    sbc r19, r1
-4:  std Y+{POSITION}+2, r18
-    std Y+{POSITION}+3, r19
-3:  std Y+{SURE}, r1
-    rjmp load_sure
-    .endif
 
     // Takes the bytes that were read off the queue. Carry, and a fault, if there were not so many.
 load_consume:
@@ -803,19 +555,8 @@ load_reverse:
     eor r24, r25
     std Y+{FLAGS}, r24
 load_reset:
-    rcall load_clear
+    call load_clear
     rjmp load_consume
-
-    // No prediction.
-    .global load_clear
-load_clear:
-    ldi r24, {AT_REST}
-    std Y+{COUNT}, r24
-    std Y+{COUNT}+1, r1
-    .irp at, 0,1,2,3,4,5,6,7,8,9,10,11,12
-    std Y+{INTERVAL}+\at, r1
-    .endr
-    ret
 
     // Dwell, anchor or resume: four bytes of ticks, and of a resume two of the fraction.
 load_wait:
@@ -878,18 +619,11 @@ load_check:
     sbrs r24, {ANCHORED}
     clr r15
     tst r15
-    .if {STREAM}
     brne 2f
-    rjmp steps_load
+    rjmp steps_load_record
 2:  ldi r22, {MISMATCH}
     rjmp load_fail_here
 1:  ret
-    .else
-    breq 1f                             // without carry
-    ldi r22, {MISMATCH}
-    rjmp load_fail_here
-1:  ret
-    .endif
 
     // A part of a stop: 2^m steps, m in the lower four bits, add = t - t/8 with t = interval / 2^(m+1).
 load_slow:
@@ -1053,128 +787,18 @@ load_difference:
     cp r24, r22
     ret
 
-    .if {TEXT}
-    // The next train of the winch (see winch/feed.rs), if there is one: its accumulator is an interval before its first step.
-load_train:
-    ldd r30, Y+{NEXT}
-    ldd r31, Y+{NEXT}+1
-    ld r22, Z
-    cpi r22, 1
-    brcc .+2
-    ret                                 // with carry
-    ldd r18, Z+6
-    ldd r19, Z+7
-    ldd r20, Z+8
-    ldd r21, Z+9
-    brne 1f
-    clr r18                             // one step: that of a slice is no shorter than the wait for it
-    clr r19
-    ldi r20, lo8({SLICE})
-    ldi r21, hi8({SLICE})
-1:  ldd r14, Z+2
-    sub r14, r18
-    ldd r15, Z+3
-    sbc r15, r19
-    ldd r24, Z+4
-    sbc r24, r20
-    ldd r25, Z+5
-    sbc r25, r21
-    sbc r23, r23
-    ldd r26, Z+10
-    add r24, r26
-    ldd r26, Z+11
-    adc r25, r26
-    ldd r26, Z+12
-    adc r26, r23
-    ldd r27, Z+13
-    adc r27, r23
-    ldd r22, Y+{FLAGS}
-    ldd r23, Z+1
-    eor r23, r22                        // whether it turns round
-    sbrs r22, {STEPPED}
-    rjmp 2f
-    // What follows from the step before must be known if it turns round, or if there is room for a filler before it.
-    sbrc r23, {BACKWARD}
-    rjmp 4f
-    movw r30, r24
-    add r30, r20
-    adc r31, r21
-    mov r0, r26
-    adc r0, r1
-    ldd r22, Y+{TICK}
-    sub r30, r22
-    ldd r22, Y+{TICK}+1
-    sbc r31, r22
-    ldd r22, Y+{TICK}+2
-    sbc r0, r22
-    tst r0
-    brne 4f
-    cpi r31, {FILLER_HIGH}
-    brsh 4f
-    ldd r30, Y+{NEXT}
-    ldd r31, Y+{NEXT}+1
-    rcall 3f
-    // All of it is granted at once, to whoever asked what the motor does next: steps of known slices need no other look.
-    pop r24
-    pop r24
-    ldd r24, Y+{LEFT}
-    ldi r25, 1
+    .section .text.load_clear, "ax", @progbits
+    // No prediction.
+    .global load_clear
+load_clear:
+    ldi r24, {AT_REST}
+    std Y+{COUNT}, r24
+    std Y+{COUNT}+1, r1
+    .irp at, 0,1,2,3,4,5,6,7,8,9,10,11,12
+    std Y+{INTERVAL}+\at, r1
+    .endr
     ret
-2:  sbrs r23, {BACKWARD}
-    rjmp 5f
-    ldi r23, 1 << {BACKWARD} | 1 << {TURN}
-    eor r22, r23
-5:  ori r22, 1 << {ANCHORED}
-    std Y+{FLAGS}, r22
-3:  ld r23, Z
-    st Z, r1
-    std Y+{LEFT}, r23
-    std Y+{LEFT}+1, r1
-    std Y+{FRACTION}, r14
-    std Y+{FRACTION}+1, r15
-    std Y+{TICK}, r24
-    std Y+{TICK}+1, r25
-    std Y+{TICK}+2, r26
-    std Y+{TICK}+3, r27
-    std Y+{INTERVAL}, r18
-    std Y+{INTERVAL}+1, r19
-    std Y+{INTERVAL}+2, r20
-    std Y+{INTERVAL}+3, r21
-    std Y+{INTERVAL}+4, r1
-    ldi r22, {TRAIN}
-    eor r30, r22
-    std Y+{NEXT}, r30
-    std Y+{SURE}, r1
-    // All its steps are counted.
-    ldd r18, Y+{POSITION}
-    ldd r19, Y+{POSITION}+1
-    ldd r20, Y+{POSITION}+2
-    ldd r21, Y+{POSITION}+3
-    ldd r22, Y+{FLAGS}
-    sbrc r22, {BACKWARD}
-    rjmp 6f
-    add r18, r23
-    adc r19, r1
-    adc r20, r1
-    adc r21, r1
-    rjmp 7f
-6:  sub r18, r23
-    sbc r19, r1
-    sbc r20, r1
-    sbc r21, r1
-7:  std Y+{POSITION}, r18
-    std Y+{POSITION}+1, r19
-    std Y+{POSITION}+2, r20
-    std Y+{POSITION}+3, r21
-    clc
-    ret
-4:  call steps_settle
-    rjmp load_train
-    .endif
     "#,
-    VERBS = const OBEYS as u8,
-    TEXT = const feed::TEXT as u8,
-    ON = const ON,
     FRACTION = const offset_of!(Motor, registers),
     TICK = const offset_of!(Motor, registers) + 2,
     INTERVAL = const offset_of!(Motor, registers) + 6,
@@ -1187,7 +811,6 @@ load_train:
     RESUME = const Control::Resume as u8,
     FLAGS = const offset_of!(Motor, flags),
     SURE = const offset_of!(Motor, sure),
-    STREAM = const STREAM as u8,
     EVEN = const EVEN,
     APIECE_BIT = const mode::APIECE.trailing_zeros(),
     FASTEST = const times::FASTEST,
@@ -1199,11 +822,6 @@ load_train:
     HORIZON = const offset_of!(Motor, horizon),
     POSITION = const offset_of!(Motor, position),
     ORIGIN = const offset_of!(Motor, origin),
-    WINCH = const mode::WINCH,
-    SLICE = const feed::SLICE,
-    FILLER_HIGH = const FILLER >> 8,
-    STEPPED = const flag::STEPPED,
-    TRAIN = const feed::TRAIN,
     BACKWARD = const flag::BACKWARD,
     TURN = const flag::TURN,
     ANCHORED = const flag::ANCHORED,

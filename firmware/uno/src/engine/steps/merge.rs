@@ -40,7 +40,6 @@ use super::register;
 use super::ring::{BEHIND_LISTS, END_A, END_B, Group, Name, Ring, flags};
 use super::stepper::{Stepper, Track};
 use super::task::mode;
-use crate::STREAM;
 
 /// Lanes; those of no motor are fed with fillers.
 pub(crate) const LANES: usize = 4;
@@ -87,19 +86,14 @@ pub(crate) struct Merge {
     /// The lane without a head, or [`NONE`].
     wanting: u8,
     /// Motors.
-    #[cfg(feature = "stream")]
     motors: u8,
     /// There is a ring beside the lists.
-    #[cfg(feature = "stream")]
     beside: bool,
 }
 
 const LANE_SIZE: usize = size_of::<Lane>();
 /// Where the number of motors is; without sorted lanes nobody asks.
-#[cfg(feature = "stream")]
 const MOTORS: usize = offset_of!(Merge, motors);
-#[cfg(not(feature = "stream"))]
-const MOTORS: usize = 0;
 
 global_asm!(
     r#"
@@ -135,7 +129,6 @@ global_asm!(
     .endm
 
     // What is rarer: the tick comes before the deadline. Joining takes 20 more, putting off 17.
-    .if {SORTED}
     .macro put_out_early low, high, rise, fall, lane
 3:  movw r30, r18
     sub r30, r24
@@ -174,30 +167,11 @@ global_asm!(
     ldi r24, \lane
     rjmp merge_leave
     .endm
-    .else
-    .macro put_out_early low, high, rise, fall, lane
-3:  movw r30, r18
-    sub r30, r24
-    sbc r31, r1
-    cp \low, r30
-    cpc \high, r31
-    movw r30, \rise
-    brpl 4f
-    rcall merge_join
-    breq 2b
-4:  rcall merge_put_off
-    rjmp 1b
-5:  rcall merge_look
-    brcc 2b
-    ldi r24, \lane
-    rjmp merge_leave
-    .endm
-    .endif
 
     // The next tick of the lane.                                                                   8
     .macro advance_0
     sbrc r10, 6                         // 2 (skips)                    2
-    rcall merge_refill_0
+    call merge_refill_0
     mov r30, r10                        // 1                            3
     ld r2, Z+                           // 2                            5
     ld r3, Z+                           // 2                            7
@@ -205,7 +179,7 @@ global_asm!(
     .endm
     .macro advance_1
     sbrc r11, 7
-    rcall merge_refill_1
+    call merge_refill_1
     mov r30, r11
     ld r4, Z+
     ld r5, Z+
@@ -213,7 +187,7 @@ global_asm!(
     .endm
     .macro advance_2
     sbrc r12, 6
-    rcall merge_refill_2
+    call merge_refill_2
     mov r30, r12
     ld r6, Z+
     ld r7, Z+
@@ -228,7 +202,7 @@ global_asm!(
     .endm
     .macro advance_beside_2
     sbrc r12, 5
-    rcall merge_refill_2
+    call merge_refill_2
     mov r30, r12
     ld r6, Z+
     ld r7, Z+
@@ -236,7 +210,7 @@ global_asm!(
     .endm
     .macro advance_3                    // this list ends with its page                             9
     sbrs r13, 7
-    rcall merge_refill_3
+    call merge_refill_3
     mov r30, r13
     ld r8, Z+
     ld r9, Z+
@@ -244,7 +218,6 @@ global_asm!(
     ldi r31, hi8(ring_b_page)
     .endm
 
-    .if {SORTED}
     // Lane a has the earliest head, c the latest; the first two are compared with what is next.        30
     .macro merge_order_3 name, last, a, al, ah, ar, af, b, bl, bh, c, cl, ch
 \name\()_\a\()\b\()\c:
@@ -295,7 +268,6 @@ global_asm!(
     rjmp \name\()_120
 55: rjmp \name\()_210
     .endm
-    .endif
     // Lane a (0 or 1) has the earlier head of the first two, b (2 or 3) of the others.             34 to 36
     .macro merge_state name, a_low, a_high, a_rise, a_fall, a, b_low, b_high, b_rise, b_fall, b
 \name:
@@ -379,7 +351,6 @@ global_asm!(
     .endm
     // \end, where a list ends, if a ring is beside and that is the third lane's.
     .macro shorter end
-    .if {SORTED}
     cpi \end, 2 * {LIST} * ({SHORT_LANE} + 1)
     brne 9f
     sbis {FLAGS_IO}, {EXTRA_B}
@@ -387,7 +358,6 @@ global_asm!(
     sbic {FLAGS_IO}, {BESIDE}
     ldi \end, {START}
 9:
-    .endif
     .endm
     .macro each_kept what
     .irp r, 2,3,4,5,6,7,8,9,10,11,12,13,16,17,18,19
@@ -466,13 +436,7 @@ steps_merge_run:
     each_head fetch                     // 15 x 2
     mov r0, r17
     ldd r17, Y+{PENDING_FALL}
-    .if {SORTED}
     ldd r16, Y+{END}
-    .else
-    ldd r16, Y+{PENDING_RISE}
-    ldd r24, Y+{END}
-    or r16, r24
-    .endif
     ldd r26, Y+{AT}
     ldi r27, hi8(ring_a_page)
     ldi r31, hi8(ring_b_page)
@@ -484,7 +448,6 @@ steps_merge_run:
 4:  mov r30, r0
     load_masks                          // 20, and it uses r0
     mov r0, r30
-    .if {SORTED}
     lds r30, steps_merge+{MOTORS}
     cpi r30, 4
     brlo .+2
@@ -498,12 +461,9 @@ steps_merge_run:
 
 57: sbis {FLAGS_IO}, {BESIDE}
     rjmp 58b
-    merge_choose beside
-    merge_turn_3 beside, 0, 2, 3, 14, 15, 1, 4, 5, 20, 21, 2, 6, 7, 22, 23
-    merge_turn_3 beside, 0, 2, 3, 14, 15, 2, 6, 7, 22, 23, 1, 4, 5, 20, 21
+    jmp ring_beside_merge
 
 56:
-    .endif
     cp r2, r4
     cpc r3, r5
     brmi 2f
@@ -531,28 +491,18 @@ merge_publish:
     lds r25, steps_merge+{END}          // 2
     st X, r25                           // 2  END where the pending group will be
     ldi r29, hi8(ring_a_page)           // 1
-    .if {SORTED}
     lds r24, steps_merge+{PENDING_RISE} // 2
     st Y, r24                           // 2  and off the first one
     sts steps_merge+{AT}, r26           // 2
     sts steps_merge+{PENDING_RISE}, r16 // 2
     mov r16, r25                        // 1
-    .else
-    ld r24, Y                           // 2
-    eor r24, r25                        // 1
-    st Y, r24                           // 2  and off the first one
-    sts steps_merge+{AT}, r26           // 2
-    or r16, r25                         // 1
-    .endif
 1:  ret                                 // 4, and 3 for the call
 
     // Joins the masks r30:31 to the pending group unless it has some of them already, and sets Z if it has not. With sorted lanes that
     // group is the first of a batch.                                                                27 with sorted lanes
 merge_join:                             // call                         3
     push r0                             // 2                            5
-    .if {SORTED}
     lds r16, steps_merge+{PENDING_RISE}
-    .endif
     mov r0, r30                         // 1                            6
     and r0, r16                         // 1                            7
     brne 1f                             // 1                            8
@@ -564,27 +514,13 @@ merge_join:                             // call                         3
     ldi r31, hi8(ring_b_page)           // 1                            14
     cp r1, r1                           // 1                            15
 1:
-    .if {SORTED}
     sts steps_merge+{PENDING_RISE}, r16
     lds r16, steps_merge+{END}
-    .endif
     pop r0                              // 2                            17
     ret                                 // 4                            21
 
-    .ifeq {SORTED}
-    // Puts the pending group out; the next is put off to the deadline.
-merge_put_off:
-    st X+, r16
-    st X+, r19
-    st X+, r18
-    st X+, r17
-    ldi r27, hi8(ring_a_page)
-    ldi r31, hi8(ring_b_page)
-    ret
-    .endif
 
     // Looks for more room, and goes on if there is enough; else carry is set.
-    .if {SORTED}
     // Groups have been put into the ring since it was published last.                              48, and 7 for the call
 merge_look:
     lds r30, steps_merge+{AT}
@@ -624,38 +560,13 @@ merge_look:
     each_kept push
     push r26
     push r27
-    call beside_fill
+    call ring_beside_soon
     pop r27
     pop r26
     each_kept_back pop
     point
     load_masks
     rjmp 2b
-    .else
-merge_look:
-    rcall merge_publish
-    point
-    ldd r24, Y+{LOOKS}
-    subi r24, 1
-    brcs 1f
-    std Y+{LOOKS}, r24
-    ldd r30, Y+{TAIL}
-    ldi r31, 0
-    ld r30, Z
-    sub r30, r26
-    dec r30
-    lsr r30
-    lsr r30
-    load_masks
-    mov r31, r30
-    cpi r31, {LOW}
-    brlo 2f
-    ldi r31, {FEW}
-2:  mov r0, r31
-    ldi r31, hi8(ring_b_page)
-    cpi r30, {ENOUGH}
-1:  ret
-    .endif
 
     .macro refill lane, next, offset
 merge_refill_\lane:                     // call                         3
@@ -680,18 +591,16 @@ merge_feed:                             // call                         3
     push r26
     push r27
     push r30
-    .if {SORTED}
     // While a list is filled the ring beside, if there is one, runs down.
     sbis {FLAGS_IO}, {EXTRA_B}
     rjmp 2f
     beside_is_low 2f
     each_kept push
     push r30
-    call beside_fill
+    call ring_beside_soon
     pop r30
     each_kept_back pop
 2:
-    .endif
     rcall merge_give
     pop r22
     pop r27
@@ -714,14 +623,7 @@ merge_dry:
 merge_leave:
     sts steps_merge+{WANTING}, r24
     point
-    .if {SORTED}
     ldd r16, Y+{PENDING_RISE}
-    .else
-    ldd r25, Y+{END}
-    com r25
-    and r16, r25
-    std Y+{PENDING_RISE}, r16
-    .endif
     std Y+{PENDING_FALL}, r17
     each_head store
     sts steps_stepper+{RING}+{RING_PENDING}, r16
@@ -747,7 +649,6 @@ merge_leave:
     // While the ring is nearly full (or has nothing), lists are filled up before they are used up: all of them at once take
     // long.
 1:
-    .if {SORTED}
     lds r24, steps_mode
     cpi r24, {BESIDE_MODE}
     brne .+2
@@ -755,10 +656,6 @@ merge_leave:
     .global merge_fill_up
 merge_fill_up:
     lds r2, steps_merge+{MOTORS}
-    .else
-    ldi r24, {LANES}
-    mov r2, r24
-    .endif
     ldi r28, lo8(steps_motors)
     ldi r29, hi8(steps_motors)
     ldi r24, lo8(steps_merge)
@@ -766,7 +663,6 @@ merge_fill_up:
     movw r4, r24                        // the lane
     ldi r24, 2 * {LIST}
     mov r3, r24                         // where its list ends
-    .if {SORTED}
     // Those with enough left are passed over at once.
 2:  movw r30, r4
     ldd r24, Z+{NEXT}
@@ -785,43 +681,31 @@ merge_fill_up:
     rcall merge_top_up
     brcc 3f
 4:
-    .else
-2:  rcall merge_top_up
-    brcc 3f
-    .endif
     subi r28, lo8(-({MOTOR_SIZE}))
     sbci r29, hi8(-({MOTOR_SIZE}))
     ldi r24, {LANE_SIZE}
     add r4, r24
     adc r5, r1
     ldi r24, 2 * {LIST}
-    .if {SORTED}
     add r24, r3
     shorter r24
     mov r3, r24
-    .else
-    add r3, r24
-    .endif
     dec r2
     brne 2b
-    .if {SORTED}
     sec
-    .endif
 3:  ret
 
-    .if {SORTED}
     // Between two lists that are filled up: the ring beside comes first if it has run down.
 merge_pause:
     beside_is_low 1f
     .irp r, 2,3,4,5,28,29
     push r\r
     .endr
-    call beside_fill
+    call ring_beside_soon
     .irp r, 29,28,5,4,3,2
     pop r\r
     .endr
 1:  ret
-    .endif
 
     // Fills up the list of the lane r4:5, whose motor is Y, if it has few ticks left, which are steps, and more are to come. What its motor
     // does about records and switches is done then too. Carry is clear if the ring has run down meanwhile.
@@ -857,11 +741,9 @@ merge_top_up:
     lsr r24
     neg r24
     subi r24, -{LIST}
-    .if {SORTED}
     sbrc r3, 5
     subi r24, {LIST} - {SHORT_LIST}
     breq 9f                             // it is full, as it may be before a switch; no other is
-    .endif
     lds r8, steps_times+{MOST}
     sts steps_times+{MOST}, r24
     sts steps_times+{ONLY_STEPS}, r24
@@ -910,7 +792,6 @@ merge_give:
     ldd r24, Y+{STEP}
     tst r24
     breq 1f
-    .if {SORTED}
     "#,
     sure_now!("6f"),
     r#"
@@ -938,7 +819,6 @@ merge_give:
     ldi r31, {STEPS}
     sts steps_times+{MOST}, r31
     rjmp 7f
-    .endif
 6:  call steps_plan
 7:  pop r30
     tst r24
@@ -1015,14 +895,20 @@ merge_give:
     .endr
     clc
     ret
+
+    // Three lanes with a ring beside the lists: states of their own, as the third list is shorter.
+    .section .text.merge_beside, "ax", @progbits
+    .global merge_beside
+merge_beside:
+    merge_choose beside
+    merge_turn_3 beside, 0, 2, 3, 14, 15, 1, 4, 5, 20, 21, 2, 6, 7, 22, 23
+    merge_turn_3 beside, 0, 2, 3, 14, 15, 2, 6, 7, 22, 23, 1, 4, 5, 20, 21
     "#,
     LANE0 = const 0,
     LANE1 = const LANE_SIZE,
     LANE2 = const 2 * LANE_SIZE,
     LANE3 = const 3 * LANE_SIZE,
-    SORTED = const STREAM as u8,
     MOTORS = const MOTORS,
-    LANES = const LANES,
     RISE = const offset_of!(Lane, masks) + offset_of!(Group, rise),
     FALL = const offset_of!(Lane, masks) + offset_of!(Group, fall),
     HEAD = const offset_of!(Lane, head),
@@ -1127,9 +1013,7 @@ static mut MERGE: Merge = Merge {
     feeds: 0,
     few_left: 0,
     wanting: 0,
-    #[cfg(feature = "stream")]
     motors: 0,
-    #[cfg(feature = "stream")]
     beside: false,
 };
 
@@ -1150,7 +1034,6 @@ impl Merge {
 
     /// Byte after the list of `lane`.
     fn end_of(&self, lane: u8) -> u8 {
-        #[cfg(feature = "stream")]
         if self.beside && lane == SHORT_LANE {
             return BEHIND_LISTS;
         }
@@ -1174,10 +1057,7 @@ impl Merge {
             Name::B => (END_B, register::OCR0B),
         };
         self.spacing = spacing;
-        #[cfg(feature = "stream")]
-        {
-            (self.motors, self.beside) = (motors, beside);
-        }
+        (self.motors, self.beside) = (motors, beside);
         self.half = if beside { PUT_OFF_BESIDE } else { spacing / 2 };
         self.end = end;
         self.tail = tail + 0x20;
@@ -1193,7 +1073,6 @@ impl Merge {
     }
 
     /// Lists are not filled up before they are used up: what they leave of their page is another's. No motor waits for a switch then.
-    #[cfg(text)]
     pub(crate) fn leave_room(&mut self) {
         self.few_left = 0;
     }
@@ -1212,7 +1091,6 @@ impl Merge {
             next = next.wrapping_add(2 * LIST);
             *lane = Lane { masks: Group::NOTHING, head: first, next };
         }
-        #[cfg(feature = "stream")]
         if self.beside {
             self.lanes[usize::from(SHORT_LANE)].next = BEHIND_LISTS;
         }

@@ -9,7 +9,6 @@
 //! - [`pins`]: which pins there are, and which of them one stepgen can serve together
 //! - [`register`]: addresses, for assembly
 
-#[cfg(feature = "stream")]
 mod beside;
 pub(crate) mod expand;
 mod fill;
@@ -17,7 +16,7 @@ mod load;
 pub(crate) mod merge;
 pub(crate) mod motor;
 pub(crate) mod pins;
-mod plan;
+pub(crate) mod plan;
 pub(crate) mod register;
 pub(crate) mod ring;
 pub(crate) mod stepper;

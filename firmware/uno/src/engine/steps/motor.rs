@@ -7,13 +7,10 @@
 //! made is not made, and what follows of its epoch is dropped; a step of the old epoch at a tick ≥ the switch's is not made.
 
 use super::pins::Lines;
-#[cfg(feature = "verbs")]
 use super::plan::FILLER;
 use super::times::TIMES;
-use crate::STREAM;
-use crate::memory;
+use crate::engine::memory;
 use pulsetrain_core::narrow::Registers;
-#[cfg(feature = "verbs")]
 use pulsetrain_core::{Direction, narrow::verbs::Steps};
 use pulsetrain_core::{Epoch, Moment};
 
@@ -27,7 +24,6 @@ pub(super) const PARTS: usize = 3;
 pub(crate) const COUNT_AT_REST: u16 = 4;
 
 /// The longest interval of a step that verbs make, ticks: registers have 40 bits and a sign.
-#[cfg(feature = "verbs")]
 const LONGEST_INTERVAL: u32 = (1 << 23) - 1;
 
 /// Bit of [`Motor::sure`]: bit 8 of whole ticks, and those above it, are the same of all intervals of the segment.
@@ -151,7 +147,7 @@ pub(crate) struct Motor {
     /// Tick of the switch that waits.
     pub(crate) switch_at: Moment,
     /// Steps forward minus backward, those of the segment being run included.
-    pub(super) position: i32,
+    pub(crate) position: i32,
     /// The lower bits of it at the last anchor.
     pub(crate) origin: u16,
     /// The levels of STEP and DIR once all that was planned has been played.
@@ -233,7 +229,7 @@ impl Motor {
 
     #[inline(never)]
     fn waiting(&self) -> u16 {
-        if STREAM && self.behind == 0 {
+        if self.behind == 0 {
             return self.parts[0].len;
         }
         // There is nothing in those that are not used.
@@ -386,7 +382,6 @@ impl Motor {
     }
 
     /// Takes on steps that come after all it has done: as a record of the queue would have it, with an anchor before it.
-    #[cfg(feature = "verbs")]
     #[inline(never)]
     pub(crate) fn follow(&mut self, steps: &Steps) {
         // One step alone may be further away than registers reach; from where its interval counts does not matter.

@@ -11,7 +11,9 @@
 //! | [`Kind::Shield`] | on 2–7, and one motor with STEP 12, DIR 13 (the CNC shield's A axis) | software, both ports |
 //! | `Kind::Beside` | the same of four motors, pulses up to 1 µs, in the image for the highest rates | software, a ring for each port |
 
-use crate::regs::{self, Port};
+use crate::Uses;
+use crate::engine::program::Program;
+use crate::engine::regs::{self, Port};
 use pulsetrain_core::wire::message::{Configuration, MotorSetup, NO_PIN};
 use pulsetrain_core::wire::{Reason, Refusal};
 
@@ -32,7 +34,6 @@ pub(crate) enum Kind {
     /// On PORTD, and on PB4 and PB5 as bits 0 and 1.
     Shield,
     /// On PORTD, and one motor with a ring of its own on PORTB.
-    #[cfg(feature = "stream")]
     Beside,
 }
 
@@ -49,7 +50,6 @@ impl Pin {
     pub(crate) const NONE: Pin = Pin { port: regs::PORT_B, mask: 0 };
 
     /// The board's lamp, pin 13.
-    #[cfg(feature = "baked")]
     pub(crate) const LAMP: Pin = Pin { port: regs::PORT_B, mask: 1 << 5 };
 
     /// Not even that: zeros, which take no flash. Nothing may be done to it.
@@ -203,8 +203,7 @@ impl Layout {
     /// Gives two motors on PORTD a ring each, if they can have them; and the shield's motor on PORTB one of its own.
     #[inline(never)]
     pub(crate) fn part(&mut self, motors: u8, pulse_ticks: u16) {
-        #[cfg(feature = "stream")]
-        if self.kind == Kind::Shield && self.shared == 0 && motors == MAX_MOTORS as u8 && pulse_ticks <= 16 {
+        if Uses::BESIDE && self.kind == Kind::Shield && self.shared == 0 && motors == MAX_MOTORS as u8 && pulse_ticks <= 16 {
             self.kind = Kind::Beside;
         }
         if self.kind == Kind::PortD && self.shared == 0 && motors == 2 && !matches!(pulse_ticks, 17..32) {

@@ -16,18 +16,18 @@
 
 use super::motor::{EVEN, Motor, PARTS, Part, Reason, Switch, flag};
 use super::times;
-use crate::STREAM;
-use crate::verbs::OBEYS;
+use crate::engine::program::Program;
+use crate::Uses;
 use core::arch::global_asm;
 use core::mem::offset_of;
 
-/// Two things that a motor does are so far apart at most, ticks: the compare register is a quarter of the way round. With verbs it is
-/// less: the limit is not always so far ahead.
-pub(crate) const FILLER: u16 = if OBEYS { 8192 } else { 16_384 };
+/// Two things that a motor does are so far apart at most, ticks: at 2^14 the compare register is a quarter of the way round.
+pub(crate) const FILLER: u16 = Uses::FILLER;
+const _: () = assert!(FILLER <= 16_384 && FILLER % 256 == 0);
 
 /// Motors whose intervals are shorter than 256 times one less than this, ticks, are not held against the limit: a ring is full of them before it, and a
 /// list that is not yet in the ring reaches 1.5 ms beyond at most.
-pub(super) const SURE_OF_LIMIT: u8 = if STREAM { 4 } else { 3 };
+pub(crate) const SURE_OF_LIMIT: u8 = 4;
 
 /// So far after a filler DIR is turned at the soonest, ticks: what is between two groups at least.
 const ROOM: u8 = 96;
@@ -188,7 +188,7 @@ plan_grant:
     mov r24, r31
 1:  ldi r25, 1
     ret
-4:  call steps_load
+4:  call source_load
     brcc steps_plan
 plan_slow_up:
     rjmp plan_slow
@@ -344,9 +344,7 @@ plan_have_time:
     // r26, r27, r30.
 steps_sure:
     ldd r30, Y+{SURE}
-    .if {STREAM}
     andi r30, 0xff - {EVEN}
-    .endif
     cpi r30, 1
     brlo 4f
     ldd r31, Y+{LEFT}
@@ -445,7 +443,7 @@ plan_slow:
     ldd r25, Y+{LEFT}+1
     or r24, r25
     brne plan_step
-    call steps_load
+    call source_load
     brcc 1b
     // Nothing is left to be run.
     rcall plan_window
@@ -941,7 +939,6 @@ plan_make:
     LAST = const offset_of!(Motor, last),
     FREE = const offset_of!(Motor, free),
     SURE = const offset_of!(Motor, sure),
-    STREAM = const STREAM as u8,
     SURE_OF_LIMIT = const SURE_OF_LIMIT,
     EVEN = const EVEN,
     SWITCH_AT = const offset_of!(Motor, switch_at),
@@ -969,6 +966,7 @@ plan_make:
     COMMITTED = const flag::COMMITTED,
     SWITCH = const flag::SWITCH,
     SINGLY = const flag::SINGLY,
+    FILLER_HIGH = const 256 - (FILLER >> 8),
     MISSED = const Reason::Missed as u8,
     LIMIT = const times::LIMIT,
     GAP = const times::GAP,
@@ -978,7 +976,6 @@ plan_make:
     FASTEST = const times::FASTEST,
     MOST = const times::MOST,
     ROOM = const ROOM,
-    FILLER_HIGH = const 256 - (FILLER >> 8),
     SHARED = const times::SHARED,
     ONLY_STEPS = const times::ONLY_STEPS,
     AHEAD = const times::AHEAD,

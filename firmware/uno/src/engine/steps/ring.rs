@@ -55,9 +55,8 @@
 use core::arch::global_asm;
 
 use super::register;
-use crate::STREAM;
-use crate::link;
-use crate::memory::RING_PAGES;
+use crate::engine::link;
+use crate::engine::memory::RING_PAGES;
 
 /// Bits of GPIOR0, which the interrupts look at and set.
 pub(crate) mod flags {
@@ -189,14 +188,12 @@ global_asm!(
 4:  ldi r24, \foc
     sbrc r25, 4
     sts {TCCR1C}, r24
-    .if {STREAM}
     // A long pulse that was begun goes on: the port takes over its level.
     sbrs r25, 3
     rjmp 8f
     sbic {PINB}, \output
     sbi {PORTB}, \output
 8:
-    .endif
     lds r24, {TCCR1A}
     andi r24, \com_mask
     sts {TCCR1A}, r24
@@ -257,17 +254,14 @@ global_asm!(
 
     ring_interrupt __vector_12, "in r31, {PAGE_B}", {TAIL_B}, {PINB}, {OCR1B}, 7, {EXTRA_B}, {STARVED_B}, 0xcf, 0x10, 0x40, {DIR_B_ON_PORTB}, 0xfb, 2
 5:
-    .if {STREAM}
     sbic {FLAGS}, {BESIDE}              // 2 (skips), 1 and 2           23 or 24
     rjmp 6f
-    .endif
     long_pulse {TAIL_B}, {PINB}, {OCR1B} // 13                          33
     wait 14                             // 14                           47
     out {PINB}, r24                     // 1                            48
     in r24, {SAVE24}                    // 1                            49
     reti                                // 4                            53
 
-    .if {STREAM}
     // Ring B on PORTB beside a merge on PORTD, behind its lists. If match A waits already, it comes first: nothing of what
     // has been done so far is needed then but the edge.
 6:  sbis {TIFR1}, 1                     // 2 (skips), 1 and 2           26 or 27
@@ -298,7 +292,6 @@ ring_b_window:                          // match A is played here
     out {PINB}, r24                     // 1  the falling edge          43
     in r24, {SAVE24}                    // 1                            44
     reti                                // 4                            48
-    .endif
 
     // Ring B on PORTD: the short pulse alone.
     .global ring_b_on_portd
@@ -350,7 +343,6 @@ ring_b_on_portd:                        // as the others, and 1            8
     DIR_A_ON_PORTB = const flags::DIR_A_ON_PORTB,
     DIR_B_ON_PORTB = const flags::DIR_B_ON_PORTB,
     END_ON_PORTD = const END_B_ON_PORTD.trailing_zeros(),
-    STREAM = const STREAM as u8,
     BESIDE = const flags::BESIDE,
     START = const BEHIND_LISTS,
     TIFR1 = const register::TIFR1,
@@ -375,11 +367,9 @@ steps_unplayed:
     clr r24
     rjmp 4f
 1:  subi r30, 4
-    .if {STREAM}
     cp r30, r12
     brsh .+2
     sub r30, r12
-    .endif
     ld r16, Z
     ldd r17, Z+3
     tst r14
@@ -412,14 +402,8 @@ steps_unplayed:
     PLAIN = const hardware::PLAIN.trailing_zeros(),
     TOGGLED = const hardware::TOGGLED.trailing_zeros(),
     END_PULSE = const hardware::END_PULSE.trailing_zeros(),
-    STREAM = const STREAM as u8,
 );
 
-#[cfg(not(feature = "stream"))]
-unsafe extern "C" {
-    fn steps_unplayed(newest: *mut u8, last: u8, levels: u8, step_dir: u16, rise_fall: u16, edge: u8) -> i8;
-}
-#[cfg(feature = "stream")]
 unsafe extern "C" {
     fn steps_unplayed(newest: *mut u8, last: u8, levels: u8, step_dir: u16, rise_fall: u16, edge: u8, start: u8) -> i8;
 }
@@ -487,7 +471,6 @@ pub(crate) struct Ring {
     /// toggle.
     pub(super) unlike: u8,
     /// Where it begins in its page: 0, or [`BEHIND_LISTS`].
-    #[cfg(feature = "stream")]
     start: u8,
 }
 
@@ -505,7 +488,6 @@ impl Ring {
         step_fall: 0,
         tail_at: 0,
         unlike: 0,
-        #[cfg(feature = "stream")]
         start: 0,
     };
 
@@ -531,22 +513,15 @@ impl Ring {
     }
 
     /// Ring B on PORTB, beside the lists of a merge.
-    #[cfg(feature = "stream")]
     pub(crate) fn beside_lists(&mut self) {
         self.plain(Name::B);
         self.start = BEHIND_LISTS;
     }
 
     /// Where it begins in its page.
-    #[cfg(feature = "stream")]
     #[inline(always)]
     fn start(&self) -> u8 {
         self.start
-    }
-    #[cfg(not(feature = "stream"))]
-    #[inline(always)]
-    fn start(&self) -> u8 {
-        0
     }
 
     /// So many bytes behind a place.
@@ -717,19 +692,16 @@ impl Ring {
 
     /// Whether the pending group begins a long pulse of the compare hardware's, or is one of those ends: what becomes of it if the ring runs dry
     /// is a stop's.
-    #[cfg(feature = "stream")]
     pub(crate) fn waits_in_pulse(&self) -> bool {
         self.edge != 0 && self.pending.rise & self.edge != 0 && self.pending.fall & self.edge == 0
     }
 
     /// Whether the pending group is a step of the compare hardware's with the short pulse.
-    #[cfg(feature = "stream")]
     pub(crate) fn waits_plainly(&self) -> bool {
         self.edge != 0 && self.pending == Group { rise: self.edge, fall: self.edge }
     }
 
     /// If the next group is a plain step of the compare hardware's, it is made one that has the next match toggle. The interrupt must be off.
-    #[cfg(feature = "stream")]
     pub(crate) fn unplain(&mut self) {
         use hardware::{END_PULSE, NEXT_TOGGLES, PLAIN, PLAY, TOGGLED};
         let group = self.group(self.tail());
@@ -776,7 +748,6 @@ impl Ring {
                 u16::from_le_bytes([step, dir]),
                 u16::from_le_bytes([rise, fall]),
                 self.edge,
-                #[cfg(feature = "stream")]
                 self.start,
             )
         }
@@ -836,7 +807,7 @@ impl Ring {
             compare.wrapping_add(1).write_volatile(high);
             compare.write_volatile(low);
             // Where the ring ran dry, the hardware has made the edge of the group that waits, too.
-            let dry = STREAM && register::io(register::GPIOR0).read_volatile() & self.starved() != 0;
+            let dry = register::io(register::GPIOR0).read_volatile() & self.starved() != 0;
             if flags.read_volatile() & bit != 0 || dry {
                 let tail = self.tail();
                 let group = if tail == self.head { self.pending } else { self.read(tail) };

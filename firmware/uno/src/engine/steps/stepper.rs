@@ -17,7 +17,6 @@
 //! A DIR line toggles at the end of a group, after the pulse and hold of every step before that looked at the line, and its
 //! set-up before the step that it is for. Planners leave room for that ([`Spacing`]); where they did not, the step is not made.
 
-#[cfg(feature = "stream")]
 use super::beside;
 use super::merge::Merge;
 use super::motor::{COUNT_AT_REST, Motor, flag};
@@ -26,9 +25,9 @@ use super::plan::{FILLER, Plan};
 use super::ring::{Group, Name, Ring, flags};
 use super::task::{self, mode};
 use super::times::{TIMES, Times};
-use crate::clock::{self, low_half};
-use crate::memory;
-use crate::regs::{self, Reg16};
+use crate::engine::clock::{self, low_half};
+use crate::engine::memory;
+use crate::engine::regs::{self, Reg16};
 use core::ptr::NonNull;
 use core::slice;
 use pulsetrain_core::wire::message::{self, Configuration};
@@ -52,9 +51,7 @@ const APART_TWO_COMPARE: u8 = 120;
 /// With a merge on PORTD beside a ring on PORTB: the merge's, which waits for the other's interrupt for up to 30 cycles, so that 60 would do;
 /// but the wider, the more steps join another's group. And the other's, which waits for the merge's interrupt, and has it in its own: 160
 /// cycles from the match to the compare register at most.
-#[cfg(feature = "stream")]
 const APART_BESIDE_MERGE: u8 = 78;
-#[cfg(feature = "stream")]
 pub(super) const APART_OF_BESIDE: u8 = 160;
 /// Ticks between two steps of a motor with a ring of its own, at least, when they are not looked at: alone, and beside another.
 const FASTEST: [u16; 2] = [60, 130];
@@ -64,9 +61,7 @@ const FALL: u8 = 16;
 const FALL_COMPARE: u8 = 48;
 /// The same of a ring on PORTB beside a merge, and the pulse that its interrupt makes. It is 92 where the merge's interrupt is let in; what is
 /// missing is in the room that merged edges need, and these do not.
-#[cfg(feature = "stream")]
 const FALL_BESIDE: u8 = 80;
-#[cfg(feature = "stream")]
 const PULSE_BESIDE: u16 = 25;
 /// What a turn of DIR may be earlier than it must, ticks.
 const EARLY: u16 = 128;
@@ -111,7 +106,6 @@ impl Spacing {
             Kind::TwoOnD => ((16, APART_BESIDE), (16, APART_BESIDE), FALL),
             Kind::PortD | Kind::PortB => ((16, APART), (31, APART_LONG), FALL),
             Kind::Shield => ((17, APART_SHIELD[0]), (31, APART_SHIELD[1]), FALL),
-            #[cfg(feature = "stream")]
             Kind::Beside => ((PULSE_BESIDE, APART_BESIDE_MERGE), (PULSE_BESIDE, APART_BESIDE_MERGE), FALL_BESIDE),
             Kind::Compare => {
                 let apart = if beside { APART_TWO_COMPARE } else { APART_BESIDE };
@@ -250,7 +244,6 @@ impl Track {
                 return Some(Trouble::Starved);
             }
             let empty = self.ring.is_empty();
-            #[cfg(feature = "stream")]
             if empty && self.ring.waits_in_pulse() {
                 return Some(Trouble::Starved);
             }
@@ -261,7 +254,6 @@ impl Track {
             let at = empty.then_some(self.at);
             // The hardware has made the edge of the group that waits, and toggles no more. A plain step does not say that it does again: another
             // group follows it, or it becomes one that does.
-            #[cfg(feature = "stream")]
             if empty && self.ring.waits_plainly() {
                 self.push(self.at.after(u32::from(self.apart)), Group::NOTHING);
             } else if !empty {
@@ -305,10 +297,8 @@ pub(crate) struct Stepper {
     /// Each motor has a ring of its own.
     apiece: bool,
     /// One motor has a ring of its own beside the merge of the others.
-    #[cfg(feature = "stream")]
     beside: bool,
     /// Its number ^ that of the last one: it changes places with that.
-    #[cfg(feature = "stream")]
     swap: u8,
     /// Between [`Stepper::start`] and [`Stepper::stop`].
     playing: bool,
@@ -331,9 +321,7 @@ impl Stepper {
             count: 0,
             merging: false,
             apiece: false,
-            #[cfg(feature = "stream")]
             beside: false,
-            #[cfg(feature = "stream")]
             swap: 0,
             playing: false,
             spacing: Spacing::NONE,
@@ -377,37 +365,22 @@ impl Stepper {
     }
 
     /// Whether a motor has a ring of its own beside a merge: the last of them all.
-    #[cfg(feature = "stream")]
     #[inline(always)]
     fn is_beside(&self, slot: u8) -> bool {
         self.beside && slot + 1 == self.count
-    }
-    #[cfg(not(feature = "stream"))]
-    #[inline(always)]
-    fn is_beside(&self, _slot: u8) -> bool {
-        false
     }
 
     /// Whether any does.
     #[inline(always)]
     fn has_beside(&self) -> bool {
-        #[cfg(feature = "stream")]
-        return self.beside;
-        #[cfg(not(feature = "stream"))]
-        false
+        self.beside
     }
 
     /// Where a motor is among all, by its number: the one beside a merge changes places with the last one.
-    #[cfg(feature = "stream")]
     #[inline(always)]
     fn slot(&self, motor: u8) -> u8 {
         let (swap, last) = (self.swap, MAX_MOTORS as u8 - 1);
         if swap != 0 && (motor == last || motor == last ^ swap) { motor ^ swap } else { motor }
-    }
-    #[cfg(not(feature = "stream"))]
-    #[inline(always)]
-    fn slot(&self, motor: u8) -> u8 {
-        motor
     }
 
     /// Where a motor is, by its number.
@@ -434,7 +407,6 @@ impl Stepper {
     }
 
     /// The number of a motor, by where it is.
-    #[cfg(feature = "verbs")]
     pub(crate) fn number_of(motor: &Motor) -> u8 {
         let (mut at, mut number) = ((&raw const MOTORS).cast::<Motor>(), 0);
         // Without a division: there are four at most.
@@ -484,12 +456,8 @@ impl Stepper {
         let singly = times.fastest == u16::MAX;
         self.spacing = spacing;
         TIMES.set(times);
-        #[cfg(feature = "stream")]
-        {
-            (self.beside, self.swap) = (kind == Kind::Beside, 0);
-        }
+        (self.beside, self.swap) = (kind == Kind::Beside, 0);
         let (always, extra) = match kind {
-            #[cfg(feature = "stream")]
             Kind::Beside => (1 << flags::EXTRA_B | 1 << flags::BESIDE, 0),
             Kind::Shield => (1 << flags::EXTRA_A | 1 << flags::SHIELD, 1 << flags::SHIELD_LONG),
             Kind::PortB => (0, 1 << flags::EXTRA_B),
@@ -517,7 +485,6 @@ impl Stepper {
                 lines.step = track.ring.edge();
                 self.flags |= u8::from(on_portb) << dir;
             }
-            #[cfg(feature = "stream")]
             if kind == Kind::Beside && setup.step_pin >= 8 {
                 // There are four.
                 self.swap = index ^ (MAX_MOTORS as u8 - 1);
@@ -550,14 +517,13 @@ impl Stepper {
         // The lists of a merge begin with a filler each.
         let first = if self.merging { at.after(u32::from(FILLER)) } else { at };
         self.rest(first);
-        #[cfg(feature = "stream")]
         if self.beside {
             // It has no list.
             self.motors_mut().next_back().into_iter().for_each(|motor| motor.rest(at));
         }
         self.trouble = None;
         regs::GPIOR0.write(self.flags);
-        crate::link::let_others_in();
+        crate::engine::link::let_others_in();
         for motor in self.motors_mut() {
             let lines = motor.lines;
             motor.levels = lines.levels();
@@ -582,14 +548,12 @@ impl Stepper {
             track.ring.clear();
             track.resume(Some(at));
         }
-        #[cfg(feature = "stream")]
         if self.has_beside() {
             self.tracks[1].apart = APART_OF_BESIDE;
             beside::set_motor(&raw mut MOTORS, self.count - 1);
         }
         self.playing = true;
         task::set_mode(match (self.merging, self.apiece || self.count == 1, self.count) {
-            #[cfg(feature = "stream")]
             (true, ..) if self.has_beside() => mode::BESIDE,
             (true, ..) => mode::MERGE,
             (_, true, 1) => mode::APIECE,
@@ -598,15 +562,20 @@ impl Stepper {
         });
     }
 
-    /// From now on motors take their steps from the winch's paths: see [`feed`](crate::winch::feed). It has just been started,
-    /// with a merge.
-    #[cfg(text)]
+    /// What lists leave of their page is the program's from now on: see [`Merge::leave_room`]. It has just been started, with a merge.
     #[inline(always)]
-    pub(crate) fn follow(&mut self) {
+    pub(crate) fn leave_room(&mut self) {
         if let Some(merge) = &mut self.merge {
             merge.leave_room();
         }
-        task::set_mode(mode::WINCH);
+    }
+
+    /// From now on the program's `source_limit` calls the merge, if there is one: [`mode::FILLED`].
+    #[inline(always)]
+    pub(crate) fn is_filled(&self) {
+        if self.merging {
+            task::set_mode(mode::FILLED);
+        }
     }
 
     /// The immediate stop: plays no group more, and forgets all that was to come. A pulse that was begun still ends.
@@ -747,10 +716,7 @@ impl Stepper {
             levels ^= dir;
         }
         // What is in no ring yet comes after what is.
-        #[cfg(feature = "stream")]
         let has_list = self.merging && !self.is_beside(self.slot(number));
-        #[cfg(not(feature = "stream"))]
-        let has_list = self.merging;
         if has_list && let Some(merge) = &self.merge {
             let (ticks, Group { rise, fall }) = merge.listed(self.slot(number));
             if rise & step != 0 {

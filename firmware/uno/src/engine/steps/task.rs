@@ -13,14 +13,9 @@
 use super::motor::Motor;
 use super::ring::{Ring, flags};
 use super::stepper::{AHEAD, Stepper, Track};
-#[cfg(not(feature = "baked"))]
 use super::times::TIMES;
-use crate::STREAM;
-use crate::clock;
-use crate::link::TALKS;
-use crate::regs;
-use crate::verbs::{OBEYS, ON};
-use crate::winch::feed;
+use crate::engine::clock;
+use crate::engine::regs;
 use core::arch::global_asm;
 use core::cell::UnsafeCell;
 use core::mem::offset_of;
@@ -28,7 +23,7 @@ use core::ops::{Deref, DerefMut};
 use pulsetrain_core::narrow::Registers;
 
 /// Counts of 64 cycles until the next call, at least. At most it is 255: a quarter of what Timer1 counts.
-const SOONEST: u8 = 4;
+pub(crate) const SOONEST: u8 = 4;
 
 /// What Timer0 counts from where the task may not run yet. When it has run, that is less: there are [`SOONEST`] counts to the next call, at least.
 const AGAIN: u8 = 254;
@@ -45,10 +40,7 @@ const NEARLY: u8 = 20;
 /// Batches of steps that one call makes for a ring, at most; what Rust puts into the ring counts twice.
 const BATCHES: u8 = 8;
 /// So many of them two rings get first, by turns.
-const TURNS: u8 = if STREAM { 3 } else { 6 };
-
-/// Counts until the next call while the winch drives, at most: a call works out one slice, and takes most of one.
-const SLICES: u8 = 64;
+const TURNS: u8 = 3;
 
 #[repr(transparent)]
 struct Place(UnsafeCell<Stepper>);
@@ -111,7 +103,6 @@ impl DerefMut for Guard {
 }
 
 /// Keeps the task out until [`let_in`] if motors share DIR lines: it needs much of the stack there, and what main is about to do does, too.
-#[cfg(not(feature = "baked"))]
 #[inline(always)]
 pub(crate) fn keep_out_if_shared() {
     if TIMES.is_shared() {
@@ -120,7 +111,6 @@ pub(crate) fn keep_out_if_shared() {
     regs::barrier();
 }
 
-#[cfg(not(feature = "baked"))]
 #[inline(always)]
 pub(crate) fn let_in() {
     regs::barrier();
@@ -157,7 +147,7 @@ global_asm!(
 
     // As the ring's interrupts, in reach of the vectors.
     .text
-    .global steps_task_begin
+    .global steps_task_begin, steps_limit, steps_due, steps_absent
     // From the vector, which has put r24 onto the stack, after 8 cycles. No flag is touched.
 steps_task_begin:
     ldi r24, 0                          // 1                             9
@@ -167,11 +157,9 @@ steps_task_begin:
     push r25
     in r25, {SREG}
     push r25
-    .if {TALKS}
     lds r24, {UCSR0B}
     sbrs r24, 7
     rjmp 1f
-    .endif
     .irp r, 0,1,18,19,20,21,22,23,26,27,30,31
     push r\r
     .endr
@@ -186,7 +174,6 @@ steps_task_begin:
     in r25, {FLAGS}
     andi r25, {STARVED}
     breq 3f
-    .if {STREAM}
     // Ring A is played no more: the window for it may have let this in instead.
     in r30, {SPL}
     in r31, {SPL}+1
@@ -199,33 +186,10 @@ steps_task_begin:
     ldi r26, 2
     rjmp 10f
 18:
-    .endif
     call steps_watch
-    // Nothing is planned beyond the limit. The winch's slices take long, so that the ring is filled first.
-3:
-    .ifeq {STREAM}
-    lds r24, steps_mode
-    cpi r24, {WINCH}
-    brne 11f
-    call steps_merge_run
-    .endif
-11: call clock_moment
-    ldi r18, {AHEAD} >> 8
-    add r23, r18
-    adc r24, r1
-    adc r25, r1
-    .if {VERBS}
-    lds r18, verbs_state
-    cpi r18, {ON}
-    brne 12f
-    call verbs_advance
-    .elseif {TEXT}
-    lds r18, steps_mode
-    cpi r18, {WINCH}
-    brne 12f
-    call winch_advance
-    .endif
-12: sts steps_times+{LIMIT}, r22
+    // Nothing is planned beyond the limit, which the program's source of steps knows.
+3:  call source_limit
+    sts steps_times+{LIMIT}, r22
     sts steps_times+{LIMIT}+1, r23
     sts steps_times+{LIMIT}+2, r24
     sts steps_times+{LIMIT}+3, r25
@@ -235,27 +199,19 @@ steps_task_begin:
     breq 7f
     cpi r24, {BOTH}
     breq 8f
-    .if {STREAM}
     cpi r24, {BESIDE}
     breq 18f
-    .else
-    cpi r24, {WINCH}
+    cpi r24, {FILLED}
     breq 9f
-    .endif
-    call steps_fill_shared
+    call ring_shared
     rjmp 9f
-    .if {STREAM}
-18: call steps_beside_turns
+18: call ring_beside
     rjmp 9f
-    .endif
 6:  call steps_merge_run
-    .if {STREAM}
     brcs 9f
     call steps_merge_run
-    .endif
     rjmp 9f
     // Two rings, a batch for the one that is filled less far, until that is full; then the other.
-    .if {STREAM}
     // Which has no room is not asked again.
 8:  ldi r24, {TURNS}
 13: push r24
@@ -277,21 +233,6 @@ steps_task_begin:
 16: ldi r20, {BATCHES}
     rcall task_fill_second
     rjmp 9f
-    .else
-8:  ldi r24, {TURNS}
-13: push r24
-    which_is_less 14f
-    rcall task_fill_second
-    rjmp 15f
-14: rcall task_fill_first
-15: pop r24
-    dec r4
-    breq 16f
-    dec r24
-    brne 13b
-16: ldi r20, {BATCHES}
-    rcall task_fill_second
-    .endif
 7:  ldi r20, {BATCHES}
     rcall task_fill_first
     // A quarter of the time that they are filled for, in counts of 64.
@@ -311,37 +252,13 @@ steps_task_begin:
 4:  cpi r26, {SOONEST}
     brsh 4f
     ldi r26, {SOONEST}
-4:  lds r25, steps_mode
-    .if {VERBS}
-    // Or when verbs are due: that was counted from where this call began, as Timer0 has done.
-    lds r24, verbs_state
-    cpi r24, {ON}
-    brne 3f
-    lds r24, verbs_due
-    in r20, {TCNT0}
-    sub r24, r20
-    brcs 13f
-    sbic {TIFR0}, 0
-13: ldi r24, {SOONEST}
-    cpi r24, {SOONEST}
-    brsh 13f
-    ldi r24, {SOONEST}
-13: cp r26, r24
-    brlo 4f
-    mov r26, r24
+    // Or when the program's source of steps is due.
+4:  call source_due
+    brcc .+2
     rjmp 4f
-    .endif
-    .ifeq {STREAM}
-    cpi r25, {WINCH}
-    brne 3f
-    cpi r26, {SLICES}
-    brlo 4f
-    ldi r26, {SLICES}
-    rjmp 4f
-    .endif
+    lds r25, steps_mode
     // Or, where the only ring is full, half of it, or all but the reserve if that is less.
 3:
-    .if {STREAM}
     // Bytes are received at once where rings have nothing but plain steps: of one motor, at intervals of 80 to 128 ticks (the compare register
     // may be written 73 after the match then); or of two that the compare hardware steps, below 256 (and 127).
     sbrs r25, {APIECE_BIT}
@@ -375,7 +292,6 @@ steps_task_begin:
     brne 20f
 19: sbi {EECR}, {AT_ONCE}
 20:
-    .endif
     cpi r25, {BOTH}
     breq 4f
     lds r30, steps_stepper+{TAIL_AT}
@@ -386,7 +302,6 @@ steps_task_begin:
     dec r24
     cpi r24, 4 * {NEARLY}
     brsh 4f
-    .if {STREAM}
     lds r25, steps_mode
     ldi r27, {RESERVE_MERGED} >> 8
     cpi r25, {MERGE}
@@ -399,15 +314,6 @@ steps_task_begin:
     brlo 17f
     mov r24, r26
     lsr r24
-    .else
-    mov r24, r26
-    lsr r24
-    cpi r26, 2 * ({RESERVE} >> 8)
-    brsh 17f
-    mov r24, r26
-    subi r24, {RESERVE} >> 8
-    brcs 4f
-    .endif
 17: cpi r24, 64
     brlo 3f
     ldi r24, 63
@@ -417,7 +323,6 @@ steps_task_begin:
     brlo 4f
     mov r26, r24
 4:
-    .if {STREAM}
     sbis {FLAGS}, {EXTRA_B}
     rjmp 10f
     // Or five eighths of the time of the small ring beside a merge.
@@ -438,7 +343,6 @@ steps_task_begin:
     cp r21, r26
     brsh 10f
     mov r26, r21
-    .endif
 10: neg r26
     .irp r, 29,28,17,16,15,14,13,12,11,10,9,8,7,6,5,4,3,2
     pop r\r
@@ -469,13 +373,30 @@ task_fill_first:
     ldi r25, hi8(steps_stepper+{TRACK})
     ldi r22, lo8(steps_motors)
     ldi r23, hi8(steps_motors)
-    jmp steps_fill
+    jmp ring_apiece
 task_fill_second:
     ldi r24, lo8(steps_stepper+{TRACK}+{TRACK_SIZE})
     ldi r25, hi8(steps_stepper+{TRACK}+{TRACK_SIZE})
     ldi r22, lo8(steps_motors+{MOTOR_SIZE})
     ldi r23, hi8(steps_motors+{MOTOR_SIZE})
-    jmp steps_fill
+    jmp ring_apiece
+
+    // What a source of steps is that knows as much as there is: the limit is {AHEAD} from now.
+    // r22 to r25 is the limit; uses all registers.
+steps_limit:
+    call clock_moment
+    ldi r18, {AHEAD} >> 8
+    add r23, r18
+    adc r24, r1
+    adc r25, r1
+    // And it is due when the rings are.
+steps_due:
+    clc
+    ret
+
+    // In place of a way to fill rings that a program does not have: nothing that it configures asks for it.
+steps_absent:
+    jmp end_of_program
 
     // How far r20:21 is ahead; what would be beyond the limit is past. Interrupts are off for 6 cycles.
 task_ahead:
@@ -497,12 +418,6 @@ task_ahead:
     LIMIT = const super::times::LIMIT,
     APIECE = const mode::APIECE,
     BOTH = const mode::BOTH,
-    WINCH = const mode::WINCH,
-    VERBS = const OBEYS as u8,
-    TEXT = const feed::TEXT as u8,
-    TALKS = const TALKS as u8,
-    ON = const ON,
-    SLICES = const SLICES,
     TRACK = const offset_of!(Stepper, tracks),
     TRACK_SIZE = const size_of::<Track>(),
     AT = const offset_of!(Stepper, tracks) + offset_of!(Track, at),
@@ -511,9 +426,9 @@ task_ahead:
     AGAIN = const AGAIN,
     BATCHES = const BATCHES,
     TURNS = const TURNS,
-    STREAM = const STREAM as u8,
     MERGE = const mode::MERGE,
     BESIDE = const mode::BESIDE,
+    FILLED = const mode::FILLED,
     EXTRA_B = const flags::EXTRA_B,
     BESIDE_FLAG = const flags::BESIDE,
     SPL = const 0x3d,
@@ -549,9 +464,10 @@ pub(crate) mod mode {
     pub(crate) const BOTH: u8 = 3;
     /// One ring of motors that share DIR lines.
     pub(crate) const SHARED: u8 = 4;
-    /// One ring by the merge, from the winch's paths.
-    pub(crate) const WINCH: u8 = 5;
-    /// One ring by the merge, and one of one motor: only where there is no winch. As in all that have lists the bit of [`APIECE`] is not set.
+    /// One ring by the merge, which the program's `source_limit` has filled already: where the limit is near, a ring is not full, and a second run
+    /// of the merge finds nothing to do. As in all that have lists the bit of [`APIECE`] is not set.
+    pub(crate) const FILLED: u8 = 8;
+    /// One ring by the merge, and one of one motor. As in all that have lists the bit of [`APIECE`] is not set.
     pub(crate) const BESIDE: u8 = 5;
 }
 

@@ -64,7 +64,6 @@ impl Cell {
     }
 
     /// What main may ask at any time: it alone changes that, at rest.
-    #[cfg(not(feature = "baked"))]
     #[inline(always)]
     pub(crate) fn is_shared(&self) -> bool {
         // SAFETY: a byte, which nobody writes meanwhile.

@@ -2,7 +2,7 @@
 //!
 //! A slice is a millisecond of the board's clock: slices begin at its multiples of [`SLICE`], those before the drivers were
 //! on included. All four paths do one together. A motor whose path makes steps in it gets a train; there is room for two of
-//! them, in what the merge's lists leave of their page. [`load`](crate::steps) takes them.
+//! them, in what the merge's lists leave of their page. `winch_load` takes them.
 //!
 //! Nothing is planned beyond what is known: the limit is [`CLEAR`] before the next slice begins, so that DIR can be turned for
 //! a step at its very beginning.
@@ -12,17 +12,15 @@
 //! crates/board/tests/winch_line.rs.
 
 use super::{Asked, reader};
-use crate::steps::motor::Motor;
-use crate::steps::{register, stepper, times};
+use crate::engine::steps::motor::{Motor, flag};
+use crate::engine::steps::plan::FILLER;
+use crate::engine::steps::{register, stepper, times};
 use core::arch::global_asm;
 use core::mem::offset_of;
 use pulsetrain_core::Moment;
 use pulsetrain_core::winch::spacing::TICKS;
 use pulsetrain_core::winch::text::Verb;
 use pulsetrain_core::wire::message::MOTOR_SETUP_LEN;
-
-/// There is a winch.
-pub(crate) const TEXT: bool = true;
 
 /// Ticks of a slice.
 pub(crate) const SLICE: u16 = TICKS;
@@ -37,6 +35,8 @@ const _: () = assert!(2 * TRAIN + 2 * 11 <= LANE);
 
 const _: () = assert!(SLICE == SLICE >> 7 << 7 && SLICE >> 7 < 256);
 
+/// Counts of 64 cycles until the task's next call, at most.
+const SLICES: u8 = 64;
 /// Slices are worked out that begin this soon, ticks.
 const AHEAD: u32 = 36_864;
 /// Before the next slice nothing is done for so long, ticks: as long as DIR is turned before a step, at most.
@@ -62,10 +62,12 @@ global_asm!(
 winch_slice: .skip 4                    // the next slice
 
     .section .text.winch, "ax", @progbits
-    .global winch_advance, winch_pass, winch_begin_trains, winch_rests, winch_has_passed, winch_copy_shield, winch_clock_and_positions, winch_do, winch_obey_axes, winch_begin
-    // For the task, which has all registers free: works out the next slice, if it begins [`AHEAD`] from now and there is room.
-    // r22 to r25 is what the limit is for others; gives the limit.
-winch_advance:
+    .global winch_limit, winch_load, winch_due, winch_pass, winch_begin_trains, winch_rests, winch_has_passed, winch_copy_shield, winch_clock_and_positions, winch_do, winch_obey_axes, winch_begin
+    // For the task, which has all registers free: works out the next slice, if it begins [`AHEAD`] from now and there is room, and gives
+    // the limit. That takes long, so that the ring is filled first.
+winch_limit:
+    call steps_merge_run
+    call steps_limit
     subi r23, {SOONER} >> 8
     sbci r24, 0
     sbci r25, 0
@@ -131,6 +133,136 @@ winch_advance:
     sbci r21, 0
     movw r22, r18
     movw r24, r20
+    ret
+
+    // A call of the task works out one slice, and takes most of one.
+winch_due:
+    cpi r26, {SLICES}
+    brlo 1f
+    ldi r26, {SLICES}
+1:  sec
+    ret
+
+    // The next train of the winch , if there is one: its accumulator is an interval before its first step.
+winch_load:
+    ldd r24, Y+{FLAGS}
+    sbrc r24, {UNREADABLE}
+    rjmp 8f
+    ldd r30, Y+{NEXT}
+    ldd r31, Y+{NEXT}+1
+    ld r22, Z
+    cpi r22, 1
+    brcc .+2
+    ret                                 // with carry
+    ldd r18, Z+6
+    ldd r19, Z+7
+    ldd r20, Z+8
+    ldd r21, Z+9
+    brne 1f
+    clr r18                             // one step: that of a slice is no shorter than the wait for it
+    clr r19
+    ldi r20, lo8({SLICE})
+    ldi r21, hi8({SLICE})
+1:  ldd r14, Z+2
+    sub r14, r18
+    ldd r15, Z+3
+    sbc r15, r19
+    ldd r24, Z+4
+    sbc r24, r20
+    ldd r25, Z+5
+    sbc r25, r21
+    sbc r23, r23
+    ldd r26, Z+10
+    add r24, r26
+    ldd r26, Z+11
+    adc r25, r26
+    ldd r26, Z+12
+    adc r26, r23
+    ldd r27, Z+13
+    adc r27, r23
+    ldd r22, Y+{FLAGS}
+    ldd r23, Z+1
+    eor r23, r22                        // whether it turns round
+    sbrs r22, {STEPPED}
+    rjmp 2f
+    // What follows from the step before must be known if it turns round, or if there is room for a filler before it.
+    sbrc r23, {BACKWARD}
+    rjmp 4f
+    movw r30, r24
+    add r30, r20
+    adc r31, r21
+    mov r0, r26
+    adc r0, r1
+    ldd r22, Y+{MOTOR_TICK}
+    sub r30, r22
+    ldd r22, Y+{MOTOR_TICK}+1
+    sbc r31, r22
+    ldd r22, Y+{MOTOR_TICK}+2
+    sbc r0, r22
+    tst r0
+    brne 4f
+    cpi r31, {FILLER_HIGH}
+    brsh 4f
+    ldd r30, Y+{NEXT}
+    ldd r31, Y+{NEXT}+1
+    rcall 3f
+    // All of it is granted at once, to whoever asked what the motor does next: steps of known slices need no other look.
+    pop r24
+    pop r24
+    ldd r24, Y+{LEFT}
+    ldi r25, 1
+    ret
+2:  sbrs r23, {BACKWARD}
+    rjmp 5f
+    ldi r23, 1 << {BACKWARD} | 1 << {TURN}
+    eor r22, r23
+5:  ori r22, 1 << {ANCHORED}
+    std Y+{FLAGS}, r22
+3:  ld r23, Z
+    st Z, r1
+    std Y+{LEFT}, r23
+    std Y+{LEFT}+1, r1
+    std Y+{FRACTION}, r14
+    std Y+{FRACTION}+1, r15
+    std Y+{MOTOR_TICK}, r24
+    std Y+{MOTOR_TICK}+1, r25
+    std Y+{MOTOR_TICK}+2, r26
+    std Y+{MOTOR_TICK}+3, r27
+    std Y+{INTERVAL}, r18
+    std Y+{INTERVAL}+1, r19
+    std Y+{INTERVAL}+2, r20
+    std Y+{INTERVAL}+3, r21
+    std Y+{INTERVAL}+4, r1
+    ldi r22, {TRAIN}
+    eor r30, r22
+    std Y+{NEXT}, r30
+    std Y+{SURE}, r1
+    // All its steps are counted.
+    ldd r18, Y+{POSITION}
+    ldd r19, Y+{POSITION}+1
+    ldd r20, Y+{POSITION}+2
+    ldd r21, Y+{POSITION}+3
+    ldd r22, Y+{FLAGS}
+    sbrc r22, {BACKWARD}
+    rjmp 6f
+    add r18, r23
+    adc r19, r1
+    adc r20, r1
+    adc r21, r1
+    rjmp 7f
+6:  sub r18, r23
+    sbc r19, r1
+    sbc r20, r1
+    sbc r21, r1
+7:  std Y+{POSITION}, r18
+    std Y+{POSITION}+1, r19
+    std Y+{POSITION}+2, r20
+    std Y+{POSITION}+3, r21
+    clc
+    ret
+4:  call steps_settle
+    rjmp winch_load
+8:  sec
     ret
 
     // The next slice, r18 to r21; N: it is before r26, r27, r30, r31. Uses r22 to r25.
@@ -495,6 +627,20 @@ winch_begin:
     sts winch_asked+{REPORT_MS}, r24
     ret
     "#,
+    SLICES = const SLICES,
+    FILLER_HIGH = const FILLER >> 8,
+    FLAGS = const offset_of!(Motor, flags),
+    UNREADABLE = const flag::UNREADABLE,
+    STEPPED = const flag::STEPPED,
+    BACKWARD = const flag::BACKWARD,
+    TURN = const flag::TURN,
+    ANCHORED = const flag::ANCHORED,
+    FRACTION = const offset_of!(Motor, registers),
+    MOTOR_TICK = const offset_of!(Motor, registers) + 2,
+    INTERVAL = const offset_of!(Motor, registers) + 6,
+    LEFT = const offset_of!(Motor, registers) + 19,
+    SURE = const offset_of!(Motor, sure),
+    POSITION = const offset_of!(Motor, position),
     LIMIT = const times::LIMIT,
     SOONER = const stepper::AHEAD - AHEAD,
     START = const offset_of!(Motor, start),
