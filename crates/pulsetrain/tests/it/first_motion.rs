@@ -1,0 +1,77 @@
+//! docs/first-motion.md: what it tells a beginner to type is understood, and its drawings have the files' pins.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use pulsetrain::cli;
+use pulsetrain::console::Exit;
+use pulsetrain::prepare::Prepared;
+use pulsetrain_motion::program::Wiring;
+
+const PAGE: &str = include_str!("../../../../docs/first-motion.md");
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+/// Commands of ours, as words; what stands behind two blanks is a remark.
+fn commands() -> Vec<Vec<&'static str>> {
+    let lines = PAGE.split("```text\n").skip(1).filter_map(|rest| rest.split("```").next()).flat_map(str::lines);
+    let ours = lines.filter_map(|line| line.split_once("pulsetrain ").map(|(_, rest)| rest));
+    let commands = ours.filter_map(|rest| rest.split("  ").next()).map(|text| text.split(' ').collect::<Vec<_>>());
+    commands.filter(|words: &Vec<&str>| words.iter().all(|word| !word.is_empty())).collect()
+}
+
+#[test]
+fn every_command_is_understood() {
+    let commands = commands();
+    for wanted in ["run", "ports", "flash", "info", "new", "bake"] {
+        assert!(commands.iter().any(|words| words[0] == wanted), "no command `{wanted}` was found in the page");
+    }
+    for words in commands {
+        // Not run: the help of a command is printed only if all before it is right.
+        let args = std::iter::once("pulsetrain").chain(words.iter().copied().filter(|word| !word.contains('"')));
+        let args: Vec<&str> = args.filter(|word| !matches!(*word, "s" | "--for")).chain(["--help"]).collect();
+        let (mut out, mut err) = (Vec::new(), Vec::new());
+        assert_eq!(
+            cli::run(args.clone(), &mut out, &mut err),
+            Exit::Success,
+            "{args:?}: {}",
+            String::from_utf8_lossy(&err)
+        );
+        for file in words.iter().filter(|word| word.starts_with("examples/")) {
+            assert!(root().join(file).exists(), "{file}");
+        }
+    }
+}
+
+#[test]
+fn drawings_have_the_pins_of_the_files() {
+    let pins = |path: &Path| match Prepared::endless(path, None).unwrap().program.motors[0].wiring {
+        Wiring::StepDir { step, dir, .. } => vec![step, dir],
+        Wiring::Coils { pins, .. } => pins.to_vec(),
+    };
+    assert_eq!(pins(&root().join("examples/tutorial.toml")), [8, 9]);
+    assert_eq!(pins(&root().join("examples/tutorial-10s.toml")), [8, 9]);
+    assert_eq!(pins(&root().join("examples/max-speed.toml")), [6, 7]);
+    for row in [
+        "│         8 ├────────────────►│ PUL+",
+        "│         9 ├────────────────►│ DIR+",
+        "│         6 ├──────────────►│ STEP",
+        "│         7 ├──────────────►│ DIR",
+    ] {
+        assert!(PAGE.contains(row), "{row}");
+    }
+
+    let text = PAGE.split("```toml\n").nth(1).and_then(|rest| rest.split("```").next()).expect("a motion file");
+    let file = std::env::temp_dir().join(format!("pulsetrain-first-{}.toml", std::process::id()));
+    fs::write(&file, text).unwrap();
+    assert_eq!(pins(&file), [6, 7, 8, 9]);
+    let (mut out, mut err) = (Vec::new(), Vec::new());
+    let exit = cli::run(["pulsetrain", "plan", file.to_str().unwrap()], &mut out, &mut err);
+    assert_eq!(exit, Exit::Success, "{}", String::from_utf8_lossy(&err));
+    fs::remove_file(file).unwrap();
+    for gpio in [6, 7, 8, 9] {
+        assert!(PAGE.contains(&format!("│  GP{gpio}")), "GP{gpio}");
+    }
+}
