@@ -4,22 +4,18 @@
 //! A usual run tries some of the places, by a seed that it prints; `PULSETRAIN_ROUNDS` as many times as many, up to all;
 //! `PULSETRAIN_FAULT` those of faults alone whose name has that in it, where there is more than one place.
 
-#[path = "faults/bench.rs"]
 mod bench;
-#[path = "faults/line.rs"]
 mod line;
-#[path = "faults/table.rs"]
 mod table;
-#[path = "faults/text.rs"]
 mod text;
 
 use bench::{Bench, Chip, Moved};
-use crate::common::seed::{rounds, seed};
-use crate::common::winch::Wired;
 use expect_test::expect_file;
 use line::{Fault, Mishap, Way};
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
+use pulsetrain_testkit::seed::{rounds, seed};
+use pulsetrain_testkit::winch::Wired;
 use std::ops::Range;
 use std::time::Duration;
 use table::Row;
