@@ -110,7 +110,7 @@ pub trait Board {
         None
     }
 
-    /// Whether what it says of scheduled steps is of all that it was told: `false` is a fault of ours, and nobody knows what was lost then.
+    /// Whether its record of scheduled steps is complete. `false` is a fault of this program: that record then proves nothing.
     fn agrees(&self) -> bool {
         true
     }

@@ -92,7 +92,7 @@ struct Frame {
 struct Asked {
     seq: u8,
     bytes: Vec<u8>,
-    /// When the board confirmed that it has it. Asking anew does not change it.
+    /// When the board confirmed that it received the question. Asking again does not change it.
     taken: Option<Duration>,
     /// When it went out first and last.
     first: Option<Duration>,

@@ -240,7 +240,7 @@ impl Native {
         Native::with_queues(config, QUEUE_LEN)
     }
 
-    /// The same, whose queues have no end: they hold whatever another board holds that is told the same.
+    /// The same with queues of any length, so that it holds all that the board beside it holds.
     ///
     /// # Errors
     /// As [`Native::new`].

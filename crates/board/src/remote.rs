@@ -1122,7 +1122,7 @@ impl<P: Port> Board for Remote<P> {
         if is_lost {
             self.take_again()?;
         }
-        // Data that were on their way to a board that stopped are refused, each by itself.
+        // A board that stopped refuses each frame of data that is still on its way.
         while !self.link.is_quiet() {
             match self.round(Duration::MAX) {
                 Ok(()) | Err(RemoteError::Refused { .. } | RemoteError::Stopped { .. }) => {}
@@ -1146,7 +1146,7 @@ impl<P: Port> Board for Remote<P> {
             _ if is_lost => self.info.last_stop,
             Some(cause) => cause,
             None if is_armed => Cause::Finished,
-            // It keeps two events until they are told, and why it stopped may not be one of them. Hello says it.
+            // The board keeps two events, and the stop may not be among them. The answer to Hello has its cause.
             None => {
                 self.done("say good-bye", &Command::Bye)?;
                 self.take_again()?;
