@@ -4,16 +4,17 @@
 //! Lines that begin with `#` are comments; rows without a value are left out. Fields are parted by tabs, `;` or `,`: whichever of
 //! them the first line that is no comment holds, in this order.
 //!
-//! A header is a first row without a number, or the comment just above it if that names its columns. A title is a name and
-//! perhaps a unit: `time [ms]`, `time (ms)`, `time in ms`, `t / ms`, `time_ms`, or a unit alone: `ms`.
+//! A header is a first row without a number, or a comment above it that names its columns. A title is a name and perhaps a unit:
+//! `time [ms]`, `time (ms)`, `time in ms`, `t / ms`, `time_ms`, `timeMs`, or a unit alone: `ms`. Names in any language and quantities
+//! of any kind stand in such files: what is no known name or unit is therefore never read, least of all by its place.
 //!
 //! ```
-//! use pulsetrain_motion::columns::{Measure, Role, TIME, Table};
+//! use pulsetrain_motion::columns::{Role, TIME, Table};
 //! let mut table = Table::new(b"i;a [deg];Time [ms]\n0;5;20\n");
 //! let header = table.header()?;
-//! let angle = Role { what: "the angle", own: None, names: &["a"], measure: Measure::Position, example: "angle [deg]" };
+//! let angle = Role { what: "the angle", own: None, names: &["a"], is_time: false, example: "angle [deg]" };
 //! let found = header.find(&[TIME, angle])?;
-//! assert_eq!((found[0].column, found[1].column), (2, 1));
+//! assert_eq!(found, [2, 1]);
 //! assert!(Table::new(b"i,a\n0,5\n").header()?.find(&[TIME, angle]).is_err());
 //! # Ok::<(), pulsetrain_motion::columns::ReadError>(())
 //! ```
@@ -73,35 +74,6 @@ pub fn shown(bytes: &[u8]) -> String {
     format!("`{}`{}", text.escape_debug(), if bytes.len() > MOST { "…" } else { "" })
 }
 
-/// What a column's unit must be of.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Measure {
-    /// Of time.
-    Time,
-    /// Of a motor's position: an angle, a length, steps.
-    Position,
-}
-
-impl Measure {
-    /// What is expected of a unit that is not of it.
-    #[must_use]
-    pub fn units(self) -> &'static str {
-        match self {
-            Measure::Time => "a unit of time (ns, us, ms, s, min, h)",
-            Measure::Position => "a unit of position (rev, deg, rad, mm, cm, m, in, step, full-step)",
-        }
-    }
-
-    /// Whether a unit is of it.
-    #[must_use]
-    pub fn fits(self, unit: &Unit) -> bool {
-        match self {
-            Measure::Time => unit.one.base == Base::Time && unit.one.per_seconds == 0,
-            Measure::Position => unit.one.base.is_position() && unit.one.per_seconds == 0,
-        }
-    }
-}
-
 /// A column that is wanted.
 #[derive(Clone, Copy, Debug)]
 pub struct Role<'a> {
@@ -109,125 +81,149 @@ pub struct Role<'a> {
     pub what: &'a str,
     /// A name that goes before the others: the motor's.
     pub own: Option<&'a str>,
-    /// Names, in lower case.
+    /// Names: words in lower case, parted by spaces.
     pub names: &'a [&'a str],
-    /// What its unit is of.
-    pub measure: Measure,
+    /// A time, else a motor's position.
+    pub is_time: bool,
     /// A title for messages.
     pub example: &'a str,
 }
 
+impl Role<'_> {
+    /// What is expected of a unit that is not of it.
+    #[must_use]
+    pub fn units(&self) -> &'static str {
+        if self.is_time {
+            "a unit of time (ns, us, ms, s, min, h)"
+        } else {
+            "a unit of position (rev, deg, rad, mm, cm, m, in, step, full-step)"
+        }
+    }
+
+    /// The unit of the example.
+    #[must_use]
+    pub fn unit(&self) -> &'static str {
+        match Title::parse(self.example, 0..0).unit {
+            Stated::Unit(unit) => unit.unit,
+            _ => "",
+        }
+    }
+
+    /// Whether a unit is of it.
+    #[must_use]
+    pub fn fits(&self, unit: &Quantity) -> bool {
+        unit.per_seconds == 0 && if self.is_time { unit.base == Base::Time } else { unit.base.is_position() }
+    }
+}
+
 /// The column of times.
+#[rustfmt::skip]
 pub const TIME: Role<'static> = Role {
     what: "the time",
     own: None,
-    names: &["t", "time", "timestamp", "zeit"],
-    measure: Measure::Time,
+    names: &["t", "time", "times", "timestamp", "time stamp", "elapsed", "elapsed time", "zeit", "temps", "tiempo", "tempo"],
+    is_time: true,
     example: "time [s]",
 };
 
-/// What columns of a motor's positions are called, in lower case: angles first.
-pub const POSITIONS: &[&str] =
-    &["a", "angle", "theta", "θ", "phi", "φ", "alpha", "α", "pos", "position", "rotation", "winkel", "x", "y", "z"];
+/// What columns of a motor's positions are called: angles first.
+#[rustfmt::skip]
+pub const POSITIONS: &[&str] = &[
+    "a", "angle", "angles", "theta", "θ", "ϑ", "phi", "φ", "ϕ", "alpha", "α", "pos", "position", "positions", "rotation", "winkel", "drehwinkel",
+    "ángulo", "angulo", "angolo", "posición", "posicion", "posizione",
+    "x", "y", "z", "value", "wert", "valeur", "valor",
+];
 
 /// The angles among them.
-pub const ANGLES: &[&str] = POSITIONS.split_at(POSITIONS.len() - 3).0;
+pub const ANGLES: &[&str] = POSITIONS.split_at(POSITIONS.len() - 7).0;
 
-/// Names of columns that count rows: never times or positions, unless the user says so. A title may end in one: `frame_no`.
-const COUNTS: &[&str] = &[
-    "", "i", "k", "n", "no", "nr", "num", "number", "#", "id", "idx", "index", "frame", "sample", "row", "count",
-    "line",
-];
-
-/// Names of other quantities, and what a title of one ends in: never taken for a time or position by their place alone.
+/// Words in names of what is no time or position, whatever its unit: speeds, forces, differences, numbers of rows, lengths of time.
+#[rustfmt::skip]
 const OTHERS: &[&str] = &[
-    "v",
-    "w",
-    "ω",
-    "omega",
-    "speed",
-    "velocity",
-    "vel",
-    "rate",
-    "rpm",
-    "rps",
-    "dps",
-    "hz",
-    "frequency",
-    "acceleration",
-    "accel",
-    "acc",
-    "jerk",
-    "current",
-    "voltage",
-    "power",
-    "force",
-    "torque",
-    "load",
-    "pressure",
-    "temperature",
-    "temp",
-    "error",
+    "v", "vel", "velocity", "speed", "w", "ω", "omega", "rate", "frequency", "acceleration", "accel", "acc", "jerk",
+    "current", "voltage", "power", "force", "torque", "load", "pressure", "temperature", "temp",
+    "delta", "diff", "difference", "differenz", "change", "increment", "error", "err", "fehler", "deviation", "std", "noise", "offset",
+    "per", "x10", "x100", "x1000", "i", "k", "n", "no", "nr", "num", "number", "id", "idx", "index", "frame", "sample", "row", "line", "count", "counter",
+    "duration", "dauer", "delay", "latency", "interval", "period", "exposure", "timeout",
 ];
 
-/// A unit of a header.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Unit {
-    /// As it is written.
-    pub text: String,
-    /// One of it.
-    pub one: Quantity,
+/// The speeds among them.
+const SPEEDS: &[&str] = OTHERS.split_at(7).0;
+
+/// Words for units that motion files do not know, without the end of their plural.
+#[rustfmt::skip]
+const WORDS: &[(&str, &[&str])] = &[
+    ("ns", &["nanosecond", "nsec", "nano", "nanosekunde", "nanoseconde", "nanosegundo"]),
+    ("us", &["microsecond", "usec", "micro", "mikrosekunde", "microseconde", "microsegundo"]),
+    ("ms", &["millisecond", "msec", "milli", "millisekunde", "milliseconde", "milisegundo"]),
+    ("s", &["second", "sec", "sekunde", "sek", "seconde", "segundo", "seg", "secondi"]),
+    ("min", &["minute", "minuto"]),
+    ("h", &["hour", "stunde", "heure", "hora"]),
+    ("deg", &["deg", "degree", "degré", "grado", "gradi"]),
+    ("rad", &["rad", "radian", "radiant", "radián", "radiane"]),
+    ("rev", &["revolution", "umdrehung", "vuelta", "giro", "giri"]),
+    ("step", &["schritt", "schritte", "paso"]),
+    ("mm", &["millimetre", "millimeter", "millimètre", "milímetro"]),
+    ("cm", &["centimetre", "centimeter", "zentimeter", "centimètre", "centímetro"]),
+    ("in", &["inch"]),
+];
+
+/// A unit as headers write it: as motion files do, in any case, or in full.
+fn unit(text: &str) -> Option<Quantity> {
+    let one = |unit: &str| Quantity::parse(&format!("1 {unit}")).ok();
+    // Of the two characters for micro, motion files know the first.
+    let text = &text.trim_end_matches('.').replace('μ', "µ");
+    let lower = text.to_lowercase();
+    let is_word =
+        |word: &&str| lower.strip_prefix(word).is_some_and(|plural| ["", "s", "n", "en", "es"].contains(&plural));
+    let word = WORDS.iter().find(|(_, words)| words.iter().any(is_word)).map(|(unit, _)| *unit);
+    word.and_then(one).or_else(|| one(text)).or_else(|| one(&lower))
 }
 
-/// Words for units that motion files do not know.
-const WORDS: &[(&str, &str)] = &[
-    ("nanosecond", "ns"),
-    ("microsecond", "us"),
-    ("usec", "us"),
-    ("millisecond", "ms"),
-    ("msec", "ms"),
-    ("second", "s"),
-    ("sec", "s"),
-    ("minute", "min"),
-    ("hour", "h"),
-    ("degree", "deg"),
-    ("radian", "rad"),
-    ("revolution", "rev"),
-    ("millimetre", "mm"),
-    ("millimeter", "mm"),
-    ("centimetre", "cm"),
-    ("centimeter", "cm"),
-    ("inch", "in"),
-    ("inche", "in"),
-];
+/// A unit that nothing marks as one: only what means nothing else.
+fn unmarked_unit(text: &str) -> Option<Quantity> {
+    const OTHER_MEANINGS: &[&str] = &["m", "h", "in", "min", "a", "v", "tick", "ticks", "micro", "milli", "nano"];
+    unit(text).filter(|_| !OTHER_MEANINGS.contains(&&*text.to_lowercase()))
+}
 
-impl Unit {
-    /// A unit as headers write it: as motion files do, in any case, or in full.
-    fn parse(text: &str) -> Option<Unit> {
-        let one = |unit: &str| Quantity::parse(&format!("1 {unit}")).ok();
-        let lower = text.to_lowercase();
-        let word = lower.strip_suffix('s').unwrap_or(&lower);
-        let word = WORDS.iter().find(|(long, _)| *long == word).map(|(_, short)| *short);
-        let one = word.and_then(one).or_else(|| one(text)).or_else(|| one(&lower))?;
-        Some(Unit { text: text.to_owned(), one })
-    }
+fn is_separator(c: char) -> bool {
+    c.is_whitespace() || "_-.:/".contains(c)
+}
 
-    /// The same, of a word that is not marked as a unit: only what means nothing else.
-    fn unmarked(text: &str) -> Option<Unit> {
-        const OTHER_MEANINGS: &[&str] = &["m", "h", "in", "min", "a", "v", "tick", "ticks"];
-        Unit::parse(text).filter(|unit| unit.one.per_seconds == 0 && !OTHER_MEANINGS.contains(&&*text.to_lowercase()))
+/// A name in lower case, its words parted by single spaces: `elapsed time` of `elapsed_time`, `elapsedTime` and `Elapsed-Time`.
+fn words(name: &str) -> String {
+    let (mut words, mut before) = (String::new(), ' ');
+    for c in name.chars() {
+        let is_next = !words.is_empty() && !words.ends_with(' ');
+        if !is_separator(c) {
+            words.push_str(if is_next && c.is_uppercase() && before.is_lowercase() { " " } else { "" });
+            words.extend(c.to_lowercase());
+        } else if is_next {
+            words.push(' ');
+        } else if c == '-' && words.is_empty() {
+            // `-angle` is another quantity.
+            words.push(c);
+        }
+        before = c;
     }
+    words.truncate(words.trim_end().len());
+    words
+}
+
+/// Whether it is the name of a time or position.
+fn is_known(name: &str) -> bool {
+    TIME.names.contains(&name) || POSITIONS.contains(&name)
 }
 
 /// What a title says of its column's unit.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Stated {
     /// Nothing.
     Nothing,
-    /// A unit that is known.
-    Unit(Unit),
-    /// Another, as it is written.
-    Unknown(String),
+    /// A unit that is known: one of it.
+    Unit(Quantity),
+    /// Something that is not known, or may mean something else; perhaps a unit.
+    Unclear(Option<Quantity>),
 }
 
 /// A column's title.
@@ -239,92 +235,98 @@ pub struct Title {
     pub unit: Stated,
     /// Where it is written, bytes of the file.
     pub at: Range<usize>,
-    /// Without the unit, in lower case.
+    /// Without the unit.
     name: String,
-    /// The name's last word: of `frame_no` and `frameNo` it is `no`.
-    word: String,
 }
 
 impl Title {
     fn parse(text: &str, at: Range<usize>) -> Title {
-        let (name, unit) = name_and_unit(text);
-        Title { text: text.to_owned(), unit, at, name: name.trim().to_lowercase(), word: last_word(name) }
+        // `grad` alone may be gon as well.
+        let is_german = text.to_lowercase().contains("winkel");
+        let read = if is_german { text.replace("Grad", "deg").replace("grad", "deg") } else { text.to_owned() };
+        let (name, unit) = name_and_unit(&read);
+        Title { text: text.to_owned(), unit, at, name }
     }
 
-    /// Whether it is called so, with or without its unit; in lower case.
+    /// Whether it is called so, with or without its unit.
     #[must_use]
     pub fn is_called(&self, name: &str) -> bool {
-        self.name == name || self.text.to_lowercase() == name
+        self.name == words(name) || self.text.to_lowercase() == name.to_lowercase()
+    }
+
+    /// Whether it is called one of those.
+    #[must_use]
+    pub fn is_one_of(&self, names: &[&str]) -> bool {
+        names.iter().any(|name| self.is_called(name))
     }
 
     /// Whether its unit, if it has a known one, is of that.
-    fn fits(&self, measure: Measure) -> bool {
-        match &self.unit {
-            Stated::Unit(unit) => measure.fits(unit),
-            Stated::Nothing | Stated::Unknown(_) => true,
-        }
+    fn fits(&self, role: &Role<'_>) -> bool {
+        !matches!(&self.unit, Stated::Unit(unit) if !role.fits(unit))
     }
 
-    fn counts_rows(&self) -> bool {
-        // `x_n` may be a position.
-        let ends_so = self.word.len() > 1 && COUNTS.contains(&&*self.word);
-        self.unit == Stated::Nothing && (ends_so || COUNTS.contains(&&*self.name))
+    /// Whether it must be a column's: its name is known, or its unit. `100 ms` is an amount.
+    fn is_of_column(&self) -> bool {
+        let has_unit = matches!(self.unit, Stated::Unit(_)) && !self.name.starts_with(|c: char| c.is_ascii_digit());
+        is_known(&self.name) || has_unit
     }
 
-    /// Whether it may be a time or position by its place: it has no unit and is no other quantity.
-    fn is_plain(&self) -> bool {
-        let is_rate = |unit: &str| Unit::parse(unit).is_some_and(|unit| unit.one.per_seconds != 0);
-        let other = OTHERS.contains(&&*self.word) || self.name.rsplit(['_', ' ']).next().is_some_and(is_rate);
-        self.unit == Stated::Nothing && !other
+    /// Whether it is named as something else than a time or a position, or as a difference of two; pandas leaves numbers of rows without a
+    /// title.
+    fn is_other(&self) -> bool {
+        let is_other = |word: &str| OTHERS.contains(&word) || word.strip_prefix(['d', 'δ']).is_some_and(is_known);
+        // `angle*100`
+        let is_formula = self.name.contains(|c: char| "*×^²³|~!?'".contains(c));
+        is_formula || self.name.split(' ').any(is_other) || self.name.is_empty() && self.unit == Stated::Nothing
     }
 }
 
-/// In lower case; without the number that tells several such columns apart.
-fn last_word(name: &str) -> String {
-    let name = name.trim_end_matches(|c: char| !c.is_alphabetic());
-    let (mut start, mut before) = (0, ' ');
-    for (at, c) in name.char_indices() {
-        if !c.is_alphanumeric() {
-            start = at + c.len_utf8();
-        } else if c.is_uppercase() && before.is_lowercase() {
-            start = at;
+/// `theta [deg]`, `theta (deg)`, `theta / deg`, `theta in deg`, `theta_deg`, `thetaDeg`, `theta.deg`, `theta deg`, `thetadeg`, `deg`.
+fn name_and_unit(text: &str) -> (String, Stated) {
+    if let Some((name, written)) = text.rsplit_once(['[', '(']) {
+        let written = written.trim_end().trim_end_matches([']', ')']).trim();
+        return (words(name), unit(written).map_or(Stated::Unclear(None), Stated::Unit));
+    }
+    let mut before = ' ';
+    for (at, c) in text.char_indices() {
+        let (name, written) = text.split_at(at);
+        let is_fused = name.chars().count() > 2 && is_known(&name.to_lowercase()) && written.chars().count() > 1;
+        let is_camel = c.is_uppercase() && before.is_lowercase();
+        if !is_separator(c)
+            && (at == 0 || is_separator(before) || c == '°' || is_camel || is_fused)
+            && let Some(found) = with_unit(name, written.trim_end())
+        {
+            return found;
         }
         before = c;
     }
-    name[start..].to_lowercase()
+    (words(text), Stated::Nothing)
 }
 
-/// `theta [deg]`, `theta (deg)`, `theta / deg`, `theta in deg`, `theta_deg`, `theta deg`, `deg`.
-fn name_and_unit(text: &str) -> (&str, Stated) {
-    if let Some((name, unit)) = text.split_once(['[', '(']) {
-        let unit = unit.trim_end().trim_end_matches([']', ')']).trim();
-        let known = Unit::parse(unit).map_or_else(|| Stated::Unknown(unit.to_owned()), Stated::Unit);
-        return (name, known);
+/// The name and the unit of a title that is split before what may be its unit.
+fn with_unit(before: &str, written: &str) -> Option<(String, Stated)> {
+    let (before, name) = (before.trim_end(), words(before));
+    let (rest, last) = name.rsplit_once(' ').unwrap_or(("", &name));
+    if ["in", "en"].contains(&last) && !rest.is_empty() {
+        return Some((rest.to_owned(), Stated::Unit(unit(written)?)));
     }
-    let marked = |separator: &str| {
-        let (name, unit) = text.split_once(separator)?;
-        Some((name, Stated::Unit(Unit::parse(unit.trim())?)))
-    };
-    let suffix = |separator: char| {
-        let (name, unit) = text.rsplit_once(separator)?;
-        Some((name, Stated::Unit(Unit::unmarked(unit)?)))
-    };
-    let alone = || {
-        // `s` alone may be a way as well.
-        let unit = Unit::unmarked(text).filter(|_| !text.eq_ignore_ascii_case("s"))?;
-        Some(("", Stated::Unit(unit)))
-    };
-    let found = marked(" / ").or_else(|| marked(" in ")).or_else(alone).or_else(|| suffix('_')).or_else(|| suffix(' '));
-    found.unwrap_or((text, Stated::Nothing))
-}
-
-/// The column that a role was found in.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Found {
-    /// From 0.
-    pub column: usize,
-    /// Its place says so, not its title.
-    pub by_place: bool,
+    if let Some(before) = before.strip_suffix('/') {
+        // Not the last part of `km/h` or `speed rad / sec`.
+        let is_name = is_known(&name) || before.ends_with(' ') && !name.contains(' ') && unit(&name).is_none();
+        return unit(written).filter(|_| is_name).map(|unit| (name, Stated::Unit(unit)));
+    }
+    // `steps_per_s`, `rad_s`.
+    if ["per", "pro", "par", "por"].contains(&last) || unit(last).is_some() {
+        return None;
+    }
+    // A `step` alone may be a simulation's, and `m` the minute beside `h` and `s`.
+    let is_step = name.is_empty() && written.eq_ignore_ascii_case("step");
+    if let Some(unit) = unmarked_unit(written).filter(|_| !is_step) {
+        return Some((name, Stated::Unit(unit)));
+    }
+    let is_alone = |unit: &Quantity| name.is_empty() && (TIME.fits(unit) || unit.base.is_position());
+    let unit = unit(written).filter(|unit| is_known(&name) || is_alone(unit))?;
+    Some((name, Stated::Unclear(Some(unit))))
 }
 
 /// What stands above a file's columns.
@@ -334,6 +336,8 @@ pub struct Header<'a> {
     pub titles: Vec<Title>,
     /// How many columns the first row has.
     width: usize,
+    /// There is no header, but a comment that seems to be one.
+    unclear: Option<Range<usize>>,
     bytes: &'a [u8],
     at: Range<usize>,
 }
@@ -347,40 +351,46 @@ impl Header<'_> {
 
     /// The columns of roles, the time first.
     ///
-    /// A column is known by its name, else by its unit. What neither says, its place may: two columns without a header, or with
-    /// names that say nothing, are time and position; beside a time the one column that is left is the position.
+    /// A column is known by its name, else by its unit. Only what has no header goes by its place.
     ///
     /// # Errors
     /// When a role has no column, or could have several.
-    pub fn find(&self, roles: &[Role<'_>]) -> Result<Vec<Found>, ReadError> {
+    pub fn find(&self, roles: &[Role<'_>]) -> Result<Vec<usize>, ReadError> {
         if !self.is_there() {
+            if let Some(at) = &self.unclear {
+                let found = shown(&self.bytes[at.clone()]);
+                let expected = "a header without `#`, or `columns` in the motion file";
+                return Err(ReadError::at(self.bytes, at.clone(), expected, found));
+            }
             if self.width == roles.len() {
-                return Ok((0..roles.len()).map(|column| Found { column, by_place: true }).collect());
+                return Ok((0..roles.len()).collect());
             }
             let whats: Vec<&str> = roles.iter().map(|role| role.what.trim_start_matches("the ")).collect();
             let columns = if self.width == 1 { "column" } else { "columns" };
             let found = format!("{} {columns} and no header", self.width);
             return Err(self.error(format!("{} columns ({}) or a header", roles.len(), whats.join(", ")), found));
         }
-        let mut found: Vec<Option<Found>> = vec![None; roles.len()];
-        for (role, found) in roles.iter().zip(&mut found) {
-            *found = self.one_of(role, self.named(role, roles))?;
+        let mut found: Vec<Option<usize>> = Vec::new();
+        for role in roles {
+            found.push(self.one_of(&format!("for {}", role.what), &self.named(role, roles))?);
         }
-        self.by_unit(roles, &mut found)?;
-        self.by_place(roles, &mut found);
-        let missing = roles.iter().zip(&found).find(|(_, found)| found.is_none());
-        if let Some((role, _)) = missing {
-            let is_called = |title: &Title| role.names.iter().any(|name| title.is_called(name));
-            if let Some(column) = self.titles.iter().position(is_called) {
-                return Err(self.error_in(column, role.measure.units()));
+        for (k, role) in roles.iter().enumerate() {
+            // Of several coordinates a unit does not say which.
+            if found[k].is_none() && roles.iter().filter(|other| other.is_time == role.is_time).count() == 1 {
+                found[k] = self.one_of(&format!("for {}", role.what), &self.with_unit(role, roles, &found))?;
+            }
+        }
+        if let Some((role, _)) = roles.iter().zip(&found).find(|(_, found)| found.is_none()) {
+            if let Some(column) = self.titles.iter().position(|title| title.is_one_of(role.names)) {
+                return Err(self.error_in(column, role.units()));
             }
             return Err(self.error(format!("a column `{}`", role.example), self.listed()));
         }
-        let found: Vec<Found> = found.into_iter().flatten().collect();
-        for (k, first) in found.iter().enumerate() {
-            if let Some(other) = found[..k].iter().position(|other| other.column == first.column) {
+        let found: Vec<usize> = found.into_iter().flatten().collect();
+        for (k, column) in found.iter().enumerate() {
+            if let Some(other) = found[..k].iter().position(|other| other == column) {
                 let expected = format!("a column for {} and one for {}", roles[other].what, roles[k].what);
-                return Err(self.error_in(first.column, expected));
+                return Err(self.error_in(*column, expected));
             }
         }
         Ok(found)
@@ -388,108 +398,72 @@ impl Header<'_> {
 
     /// The columns whose name and unit are a role's.
     fn named(&self, role: &Role<'_>, roles: &[Role<'_>]) -> Vec<usize> {
-        let called = |names: &[&str]| -> Vec<usize> {
-            let is = |title: &Title| title.fits(role.measure) && names.iter().any(|name| title.is_called(name));
-            (0..self.titles.len()).filter(|column| is(&self.titles[*column])).collect()
-        };
-        let own = role.own.map(str::to_lowercase);
         // A motor may be called `t`.
-        let own = own.filter(|own| roles.iter().all(|other| !other.names.contains(&&**own)));
-        let own = own.map(|own| called(&[&own])).unwrap_or_default();
-        if own.is_empty() { called(role.names) } else { own }
+        let own = role.own.filter(|own| roles.iter().all(|other| !other.names.contains(&&*words(own))));
+        let own = own.map(|own| self.all(|title| title.fits(role) && title.is_called(own))).unwrap_or_default();
+        if !own.is_empty() {
+            return own;
+        }
+        // Beside a speed these may be accelerations.
+        let has_speed = self.titles.iter().any(|title| SPEEDS.contains(&&*title.name));
+        let is_doubtful =
+            |title: &Title| has_speed && title.unit == Stated::Nothing && ["a", "alpha", "α"].contains(&&*title.name);
+        self.all(|title| title.fits(role) && title.is_one_of(role.names) && !is_doubtful(title))
     }
 
     /// Columns of other names whose unit tells what they are.
-    fn by_unit(&self, roles: &[Role<'_>], found: &mut [Option<Found>]) -> Result<(), ReadError> {
-        for (k, role) in roles.iter().enumerate() {
-            let like = |other: usize| other != k && found[other].is_none() && roles[other].measure == role.measure;
-            if found[k].is_some() || (0..roles.len()).any(like) {
-                continue;
-            }
-            let fits = |title: &Title| matches!(&title.unit, Stated::Unit(unit) if role.measure.fits(unit));
-            let free = self.free(roles, found).into_iter().filter(|column| fits(&self.titles[*column])).collect();
-            found[k] = self.one_of(role, free)?;
-        }
-        Ok(())
-    }
-
-    /// What is left, if it can be one thing alone.
-    fn by_place(&self, roles: &[Role<'_>], found: &mut [Option<Found>]) {
-        let free: Vec<usize> = self.free(roles, found).into_iter().filter(|k| self.titles[*k].is_plain()).collect();
-        let missing: Vec<usize> = (0..roles.len()).filter(|k| found[*k].is_none()).collect();
-        let there = |column| Some(Found { column, by_place: true });
-        match (missing.as_slice(), free.as_slice()) {
-            // A time must be called so beside a column that is called a position: it might be a frame's number or a force.
-            (&[k], &[column]) if roles.len() == 2 && roles[k].measure == Measure::Position => found[k] = there(column),
-            ([0, 1], [0, 1]) if roles.len() == 2 && self.titles.len() == 2 => {
-                (found[0], found[1]) = (there(0), there(1))
-            }
-            _ => {}
-        }
-    }
-
-    /// Columns that nothing has been found in, and whose names say nothing.
-    fn free(&self, roles: &[Role<'_>], found: &[Option<Found>]) -> Vec<usize> {
-        let taken = |column| found.iter().flatten().any(|found| found.column == column);
-        let says = |title: &Title| {
-            let is_unit = title.name.is_empty() && title.unit != Stated::Nothing;
-            let counts = title.counts_rows() || !is_unit && COUNTS.contains(&&*title.name);
-            counts || roles.iter().any(|role| role.names.contains(&&*title.name))
+    fn with_unit(&self, role: &Role<'_>, roles: &[Role<'_>], found: &[Option<usize>]) -> Vec<usize> {
+        let is = |title: &Title| {
+            let fits = matches!(&title.unit, Stated::Unit(unit) | Stated::Unclear(Some(unit)) if role.fits(unit));
+            fits && !title.is_other() && roles.iter().all(|role| !role.names.contains(&&*title.name))
         };
-        (0..self.titles.len()).filter(|column| !taken(*column) && !says(&self.titles[*column])).collect()
+        self.all(is).into_iter().filter(|column| !found.contains(&Some(*column))).collect()
+    }
+
+    fn all(&self, is: impl Fn(&Title) -> bool) -> Vec<usize> {
+        (0..self.titles.len()).filter(|column| is(&self.titles[*column])).collect()
     }
 
     /// The only one of several columns.
-    fn one_of(&self, role: &Role<'_>, columns: Vec<usize>) -> Result<Option<Found>, ReadError> {
-        match columns.as_slice() {
-            [] => Ok(None),
-            &[column] => Ok(Some(Found { column, by_place: false })),
-            several => {
-                let listed: Vec<String> = several.iter().map(|column| self.called(*column)).collect();
-                Err(self.error(format!("one column for {}", role.what), listed.join(" and ")))
-            }
+    fn one_of(&self, what: &str, columns: &[usize]) -> Result<Option<usize>, ReadError> {
+        if columns.len() < 2 {
+            return Ok(columns.first().copied());
         }
+        let listed: Vec<String> = columns.iter().map(|column| self.called(*column)).collect();
+        Err(self.error(format!("one column {what}"), listed.join(" and ")))
     }
 
-    /// The columns that the roles' would be if all that is in doubt were as it most often is; none if their units say otherwise.
+    /// The columns that the roles' may be, the likeliest first; `may_be` says what a column of unknown name may be by its numbers.
     #[must_use]
-    pub fn likely(&self, roles: &[Role<'_>]) -> Vec<usize> {
-        let mut likely: Vec<usize> = Vec::new();
-        for role in roles {
-            let named = if self.is_there() { self.named(role, roles) } else { Vec::new() };
-            let counts = |column: &usize| self.titles.get(*column).is_some_and(Title::counts_rows);
-            let belongs = |column: &usize| {
-                let others = roles.iter().filter(|other| other.what != role.what);
-                self.is_there() && others.clone().any(|other| self.named(other, roles).contains(column))
+    pub fn possible(&self, roles: &[Role<'_>], may_be: impl Fn(usize, &Role<'_>) -> bool) -> Vec<Vec<usize>> {
+        const MOST: usize = 64;
+        let named: Vec<Vec<usize>> = roles.iter().map(|role| self.named(role, roles)).collect();
+        let mut possible = vec![Vec::new()];
+        for (role, columns) in roles.iter().zip(&named) {
+            let is_free = |column: &usize| {
+                let fits = self.titles.get(*column).is_none_or(|title| title.fits(role) && !title.is_other());
+                fits && may_be(*column, role) && named.iter().all(|columns| !columns.contains(column))
             };
-            let rest = (0..self.width).filter(|column| !counts(column) && !belongs(column));
-            let next = named.into_iter().chain(rest).chain(0..self.width).find(|column| !likely.contains(column));
-            likely.extend(next);
+            let free = (0..self.width).filter(is_free).collect();
+            let columns: &Vec<usize> = if columns.is_empty() { &free } else { columns };
+            let with = |some: &Vec<usize>| {
+                let others = columns.iter().filter(|column| !some.contains(column));
+                others.map(|column| [some.as_slice(), &[*column]].concat()).collect::<Vec<_>>()
+            };
+            possible = possible.iter().flat_map(with).take(MOST).collect();
         }
-        let fit = |(role, column): (&Role<'_>, &usize)| self.titles.get(*column).is_none_or(|t| t.fits(role.measure));
-        if likely.len() == roles.len() && roles.iter().zip(&likely).all(fit) { likely } else { Vec::new() }
+        possible
     }
 
-    /// The column of that name, in lower case.
+    /// The column of that name.
     ///
     /// # Errors
     /// When there is none, or several.
     pub fn column(&self, name: &str) -> Result<usize, ReadError> {
-        let exactly = |title: &Title| title.text.to_lowercase() == name;
-        let called = |title: &Title| title.is_called(name);
-        let all = |is: &dyn Fn(&Title) -> bool| -> Vec<usize> {
-            (0..self.titles.len()).filter(|column| is(&self.titles[*column])).collect()
-        };
-        let exact = all(&exactly);
-        let columns = if exact.is_empty() { all(&called) } else { exact };
-        match columns.as_slice() {
-            &[column] => Ok(column),
-            [] => Err(self.error(format!("a column `{name}`"), self.listed())),
-            several => {
-                let listed: Vec<String> = several.iter().map(|column| self.called(*column)).collect();
-                Err(self.error(format!("one column `{name}`"), listed.join(" and ")))
-            }
-        }
+        let exact = self.all(|title| title.text.to_lowercase() == name.to_lowercase());
+        let columns = if exact.is_empty() { self.all(|title| title.is_called(name)) } else { exact };
+        let only = self.one_of(&format!("`{name}`"), &columns)?;
+        only.ok_or_else(|| self.error(format!("a column `{name}`"), self.listed()))
     }
 
     /// "column 2 `t`"
@@ -598,15 +572,18 @@ impl<'a> Table<'a> {
 
     fn first_row(&mut self, is_titles: impl Fn(&[&[u8]]) -> bool) -> Result<Header<'a>, ReadError> {
         let form = self.form;
-        let none = |at, width| Header { titles: Vec::new(), width, bytes: form.bytes, at };
-        let Some(row) = self.next()? else { return Ok(none(0..0, 0)) };
+        let none = |at, width, unclear| Header { titles: Vec::new(), width, unclear, bytes: form.bytes, at };
+        let Some(row) = self.next()? else { return Ok(none(0..0, 0, None)) };
         let is_number = |field: &[u8]| std::str::from_utf8(field).is_ok_and(|text| text.parse::<f64>().is_ok());
         let (at, filled) = (row.at(), row.fields.iter().rposition(|field| !field.is_empty()).map_or(0, |k| k + 1));
         if !row.fields.iter().any(is_number) || is_titles(&row.fields.iter().collect::<Vec<_>>()) {
             let title = |k: usize| Title::parse(&String::from_utf8_lossy(row.get(k)), row.place(k));
-            return Ok(Header { titles: (0..row.len()).map(title).collect(), width: row.len(), bytes: form.bytes, at });
+            return Ok(Header { titles: (0..row.len()).map(title).collect(), ..none(at, row.len(), None) });
         }
-        let header = form.comment_above(at.start, filled).unwrap_or_else(|| none(at, filled));
+        let header = match form.comments_above(at.start, filled) {
+            Some((titles, at)) if !titles.is_empty() => Header { titles, ..none(at, filled, None) },
+            unclear => none(at, filled, unclear.map(|(_, at)| at)),
+        };
         self.kept = true;
         Ok(header)
     }
@@ -646,29 +623,51 @@ impl<'a> Table<'a> {
     }
 }
 
-impl<'a> Form<'a> {
-    /// A header in the comment just above the first row, as numpy writes it; of as many columns as that row has.
-    fn comment_above(self, row: usize, width: usize) -> Option<Header<'a>> {
-        let end = self.bytes[..row].trim_ascii_end().len();
-        let start = self.bytes[..end].iter().rposition(|b| *b == b'\n').map_or(0, |n| n + 1);
-        let text = std::str::from_utf8(&self.bytes[start..end]).ok()?;
-        let titles = text.strip_prefix(char::from(self.comment))?;
-        let mut from = start + 1;
-        let title = |part: &str| {
-            let at = from + (part.len() - part.trim_start().len());
-            from += part.len() + 1;
-            Title::parse(part.trim(), at..at + part.trim().len())
-        };
-        let titles: Vec<Title> = titles.split(char::from(self.delimiter)).map(title).collect();
-        // `100 ms` is an amount.
-        let has_unit = |title: &Title| {
-            matches!(title.unit, Stated::Unit(_)) && !title.name.starts_with(|c: char| c.is_ascii_digit())
-        };
-        let known =
-            |title: &Title| TIME.names.contains(&&*title.name) || POSITIONS.contains(&&*title.name) || has_unit(title);
-        let is_header = self.comment == b'#' && width >= 2 && titles.len() == width && titles.iter().any(known);
-        is_header.then_some(Header { titles, width, bytes: self.bytes, at: start..end })
+impl Form<'_> {
+    /// The titles in the comments above the first row, of `width` columns, as numpy writes them, and where they stand. No titles if a
+    /// comment only seems to name columns.
+    fn comments_above(self, row: usize, width: usize) -> Option<(Vec<Title>, Range<usize>)> {
+        let mut unclear = None;
+        let mut end = row;
+        for line in self.bytes[..row].split_inclusive(|b| *b == b'\n').rev() {
+            let start = end - line.len();
+            let at = start..start + line.trim_ascii_end().len();
+            end = start;
+            let Ok(text) = std::str::from_utf8(&self.bytes[at.clone()]) else { continue };
+            let Some(text) = text.strip_prefix('#').filter(|_| self.comment == b'#') else { continue };
+            for separator in [char::from(self.delimiter), '\t', ';', ',', '|'] {
+                let titles = titles(text, separator, start + 1);
+                if width >= 2 && titles.len() == width && titles.iter().any(Title::is_of_column) {
+                    return Some((titles, at));
+                }
+            }
+            if unclear.is_none() && names_columns(text) {
+                unclear = Some((Vec::new(), at));
+            }
+        }
+        unclear
     }
+}
+
+/// Titles of a line that begins at `start` of the file.
+fn titles(line: &str, separator: char, start: usize) -> Vec<Title> {
+    let mut from = start;
+    let title = |part: &str| {
+        let at = from + (part.len() - part.trim_start().len());
+        from += part.len() + separator.len_utf8();
+        Title::parse(part.trim(), at..at + part.trim().len())
+    };
+    line.split(separator).map(title).collect()
+}
+
+/// Whether a word of a comment is a name or unit of a column. `100 ms` is an amount, and `a` a word.
+fn names_columns(comment: &str) -> bool {
+    let mut before = "";
+    comment.split(|c: char| !c.is_alphanumeric() && c != '°').filter(|word| !word.is_empty()).any(|word| {
+        let is_amount = std::mem::replace(&mut before, word).ends_with(|c: char| c.is_ascii_digit());
+        let is_unit = Title::parse(word, 0..0).is_of_column();
+        is_unit && !is_amount && (word.chars().count() > 1 || !word.is_ascii())
+    })
 }
 
 /// One row of a table.

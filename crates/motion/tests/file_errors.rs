@@ -1287,6 +1287,7 @@ fn csv_files() {
         &table("\"thin.csv\""),
         expect![[r#"
             thin.csv:1:1: expected 2 columns (time, position) or a header, found 1 column and no header
+                columns are parted by tabs, `;` or `,`
         "#]],
     );
     check(
@@ -1330,7 +1331,7 @@ fn columns_of_csv_files() {
         &table("\"gon.csv\", unit = \"deg\""),
         expect![[r#"
             gon.csv:1:3: expected a unit of position (rev, deg, rad, mm, cm, m, in, step, full-step), found `angle [gon]`
-                if column 1 `t` is the time, write: columns = [1, 2]
+                if column 1 `t` is the time in s and column 2 `angle [gon]` is the position in deg, write: columns = [1, 2], time = "s"
         "#]],
     );
     check(
@@ -1338,6 +1339,7 @@ fn columns_of_csv_files() {
         &table("\"gon.csv\""),
         expect![[r#"
             gon.csv:1:3: expected a unit of position (rev, deg, rad, mm, cm, m, in, step, full-step), found `angle [gon]`
+                if column 1 `t` is the time in s and column 2 `angle [gon]` is the position in deg, write: columns = [1, 2], time = "s", unit = "deg"
         "#]],
     );
     check(
@@ -1345,6 +1347,7 @@ fn columns_of_csv_files() {
         &table("\"lost.csv\", unit = \"deg\""),
         expect![[r#"
             lost.csv:1:1: expected a unit of time (ns, us, ms, s, min, h), found `t [deg]`
+                if they are there under other names, call them so in the header: time [s],angle [deg]
         "#]],
     );
     check(
@@ -1358,33 +1361,36 @@ fn columns_of_csv_files() {
         SINE,
         &table("\"frames.csv\", unit = \"deg\""),
         expect![[r#"
-        frames.csv:1:1: expected a column `time [s]`, found `frame`, `angle`
-            if column 1 `frame` is the time, write: columns = [1, 2]
-    "#]],
+            frames.csv:1:1: expected a column `time [s]`, found `frame`, `angle`
+                if they are there under other names, call them so in the header: time [s],angle [deg]
+        "#]],
     );
     check(
         SINE,
         &table("\"two.csv\", unit = \"deg\""),
         expect![[r#"
-        two.csv:1:1: expected a column `angle [deg]`, found `t`, `left`, `right`
-            if column 1 `t` is the time, write: columns = [1, 2]
-    "#]],
+            two.csv:1:1: expected a column `angle [deg]`, found `t`, `left`, `right`
+                if column 1 `t` is the time in s and column 2 `left` is the position in deg, write: columns = [1, 2], time = "s"
+                if column 1 `t` is the time in s and column 3 `right` is the position in deg, write: columns = [1, 3], time = "s"
+        "#]],
     );
     check(
         SINE,
         &table("\"times.csv\", unit = \"deg\""),
         expect![[r#"
-        times.csv:1:1: expected one column for the time, found column 1 `t` and column 2 `time`
-            if column 1 `t` is the time, write: columns = [1, 3]
-    "#]],
+            times.csv:1:1: expected one column for the time, found column 1 `t` and column 2 `time`
+                if column 1 `t` is the time in s and column 3 `a` is the position in deg, write: columns = [1, 3], time = "s"
+                if column 2 `time` is the time in s and column 3 `a` is the position in deg, write: columns = [2, 3], time = "s"
+        "#]],
     );
     check(
         SINE,
         &table("\"bare.csv\", unit = \"deg\""),
         expect![[r#"
-        bare.csv:1:1: expected 2 columns (time, position) or a header, found 3 columns and no header
-            if column 1 is the time, write: columns = [1, 2]
-    "#]],
+            bare.csv:1:1: expected 2 columns (time, position) or a header, found 3 columns and no header
+                if column 1 is the time in s and column 2 is the position in deg, write: columns = [1, 2], time = "s"
+                if column 1 is the time in s and column 3 is the position in deg, write: columns = [1, 3], time = "s"
+        "#]],
     );
     check(
         SINE,
@@ -1404,25 +1410,25 @@ fn columns_of_csv_files() {
         SINE,
         &table("\"unknown.csv\", unit = \"deg\""),
         expect![[r#"
-        unknown.csv:4:1: times must increase from line to line, but column 1 `foo` has 10 after 10
-            if column 2 `bar` is the time, write: columns = [2, 1]
-    "#]],
+            unknown.csv:1:1: expected a column `time [s]`, found `foo`, `bar`
+                if column 2 `bar` is the time in s and column 1 `foo` is the position in deg, write: columns = [2, 1], time = "s"
+        "#]],
     );
     check(
         SINE,
         &table("\"swapped.csv\", unit = \"deg\", columns = [1, 2]"),
         expect![[r#"
-        swapped.csv:1:3: `columns` (x.toml:14:61) makes `a` the time, but the header says that `t` is the time
-            if column 2 `t` is the time, write: columns = [2, 1]
-    "#]],
+            swapped.csv:1:3: `columns` (x.toml:14:61) makes `a` the time, but the header says that `t` is the time
+                if column 2 `t` is the time in s and column 1 `a` is the position in deg, write: columns = [2, 1], time = "s"
+        "#]],
     );
     check(
         SINE,
         &table("\"counted.csv\", unit = \"deg\", columns = [1, 2]"),
         expect![[r#"
-        counted.csv:1:3: `columns` (x.toml:14:61) makes `i` the time, but the header says that `t` is the time
-            if column 2 `t` is the time, write: columns = [2, 3]
-    "#]],
+            counted.csv:1:3: `columns` (x.toml:14:61) makes `i` the time, but the header says that `t` is the time
+                if column 2 `t` is the time in s and column 3 `a` is the position in deg, write: columns = [2, 3], time = "s"
+        "#]],
     );
     check(
         SINE,
@@ -1448,14 +1454,15 @@ fn columns_of_csv_files() {
     "#]],
     );
     // What these are offered reads.
-    for (file, columns) in
-        [("frames", "[1, 2]"), ("two", "[1, 2]"), ("times", "[1, 3]"), ("bare", "[1, 2]"), ("unknown", "[2, 1]")]
-    {
-        let said =
-            read(&GOOD.replacen(SINE, &table(&format!("\"{file}.csv\", unit = \"deg\"")), 1)).unwrap_err().plain();
-        assert!(said.contains(&format!(" is the time, write: columns = {columns}\n")), "{said}");
-        let mended = table(&format!("\"{file}.csv\", unit = \"deg\", columns = {columns}"));
-        assert!(read(&GOOD.replacen(SINE, &mended, 1)).is_ok(), "{mended}");
+    for (file, offers) in [("frames", 0), ("two", 2), ("times", 2), ("bare", 2), ("unknown", 1), ("gon", 1)] {
+        let motion =
+            |rest: &str| read(&GOOD.replacen(SINE, &table(&format!("\"{file}.csv\", unit = \"deg\"{rest}")), 1));
+        let said = motion("").unwrap_err().plain();
+        let fixes: Vec<&str> = said.lines().filter_map(|line| Some(line.split_once(", write: ")?.1)).collect();
+        assert_eq!(fixes.len(), offers, "{said}");
+        for fix in fixes {
+            assert!(motion(&format!(", {fix}")).is_ok(), "{said}");
+        }
     }
     // Columns that the header does not name as times and positions are.
     for rest in [

@@ -61,7 +61,8 @@ fn loader(path: &Path) -> io::Result<String> {
         Some("path.csv") => Ok("t,x,y,z\n0,0,0,-140\n1,20,10,-150\n2,0,0,-140\n".into()),
         Some("far.csv") => Ok("t,x,y,z\n0,0,0,-140\n1,20,10,-150\n2,0,170,-140\n".into()),
         Some("units.csv") => Ok("z [cm];n;y_mm;t [ms];x (m)\n-14;0;0;0;0\n-15;1;10;1000;0.02\n-14;2;0;2000;0\n".into()),
-        Some("flat.csv") => Ok("t,y,z,w\n0,0,0,0\n1,1,1,1\n".into()),
+        Some("other.csv") => Ok("t [s],x [mm],z [mm]\n0,0,0\n1,1,1\n".into()),
+        Some("flat.csv") => Ok("t,y,z,u\n0,0,0,0\n1,1,1,1\n".into()),
         Some("turns.csv") => Ok("t,x [deg],y,z\n0,0,0,-140\n1,1,1,-140\n".into()),
         // Each row can be reached, what is between them cannot: the arms cannot fold so far.
         Some("between.csv") => Ok("0,120,0,-40\n1,-120,0,-40\n".into()),
@@ -576,6 +577,14 @@ fn paths() {
     );
     check_xy(
         CIRCLE,
+        "path.table = { file = \"other.csv\" }",
+        expect![[r#"
+        other.csv:1:1: expected a column `y [mm]`, found `t [s]`, `x [mm]`, `z [mm]`
+            if column 1 `t [s]` is the time, column 2 `x [mm]` is x and column 3 `z [mm]` is y, write: columns = [1, 2, 3]
+    "#]],
+    );
+    check_xy(
+        CIRCLE,
         "path.lines = { points = [[0, 0]], unit = \"mm\", speed = \"1 mm/s\", acceleration = \"1 mm/s^2\" }",
         expect![[r#"
             x.toml:25:25: lines need two points at least, but there are 1
@@ -630,9 +639,9 @@ fn what_a_delta_robot_cannot() {
         LINES,
         "path.table = { file = \"flat.csv\", unit = \"mm\" }",
         expect![[r#"
-        flat.csv:1:1: expected a column `x [mm]`, found `t`, `y`, `z`, `w`
-            if column 1 `t` is the time, write: columns = [1, 4, 2, 3]
-    "#]],
+            flat.csv:1:1: expected a column `x [mm]`, found `t`, `y`, `z`, `u`
+                if column 1 `t` is the time in s, column 4 `u` is x in mm, column 2 `y` is y in mm and column 3 `z` is z in mm, write: columns = [1, 4, 2, 3], time = "s"
+        "#]],
     );
     check_delta(
         LINES,

@@ -75,18 +75,6 @@ fn names_say_which_column_is_what() {
     // No titles: amounts.
     check("# 100 ms, 40 deg\n0,0\n0.5,90\n1,180\n", deg, &points, "time = column 1, s; angle = column 2, deg");
     check(
-        "foo,bar\n0,0\n0.5,90\n1,180\n",
-        deg,
-        &points,
-        "time = column 1 `foo` (by its place), s; angle = column 2 `bar` (by its place), deg",
-    );
-    check(
-        "frame,t,bar\n0,0,0\n0,0.5,90\n0,1,180\n",
-        deg,
-        &points,
-        "time = column 2 `t`, s; angle = column 3 `bar` (by its place), deg; column 1 `frame` is not used",
-    );
-    check(
         "\u{feff}t;A\r\n0;0\r\n\r\n0.5;90\r\n;\r\n1;180\r\n",
         deg,
         &points,
@@ -109,13 +97,13 @@ fn headers_give_units() {
         ("time in min", "min", 1.0 / 60.0),
         ("t / h", "h", 1.0 / 3600.0),
         ("time_ms", "ms", 1e3),
-        ("milliseconds", "milliseconds", 1e3),
+        ("milliseconds", "ms", 1e3),
         ("t_s", "s", 1.0),
     ];
     let angles = [
         ("angle [deg]", "angle", "deg", 180.0),
         ("theta (rad)", "angle", "rad", std::f64::consts::PI),
-        ("phi in degrees", "angle", "degrees", 180.0),
+        ("phi in degrees", "angle", "deg", 180.0),
         ("a / turn", "angle", "turn", 0.5),
         ("pos_rev", "angle", "rev", 0.5),
         ("wheel steps", "position", "steps", 200.0),
@@ -134,22 +122,130 @@ fn headers_give_units() {
     }
 }
 
-#[test]
-fn frames_and_other_quantities_are_no_times_or_positions() {
-    let refused = |csv: &str, expected: &str| {
-        let said = read(csv, ", unit = \"deg\"").err().unwrap_or_else(|| panic!("{csv}is read"));
-        assert!(said.starts_with(expected), "{csv}{said}");
+/// Of a table below that header: which columns are used and in which units; else what is said, and the fixes that are offered. All
+/// columns grow, and none of them counts rows.
+fn what_is_read(header: &str) -> String {
+    let header = header.replace("\\n", "\n").replace("\\t", "\t").replace("\\u{feff}", "\u{feff}");
+    let last = header.lines().last().unwrap();
+    let separator = ['\t', ';', ','].into_iter().find(|separator| last.contains(*separator)).unwrap_or(',');
+    let (separator, width) =
+        if last.starts_with('#') { (',', 2) } else { (separator, last.split(separator).count().max(1)) };
+    let row = |n: usize| {
+        let cells: Vec<String> = (0..width).map(|column| (n * (n + 2) + column).to_string()).collect();
+        cells.join(&separator.to_string()) + "\n"
     };
-    for first in ["frame_no", "frameNo", "sample_index", "Frame #", "force", "foo", "speed_rpm"] {
-        let expected = format!("a.csv:1:1: expected a column `time [s]`, found `{first}`, `angle [deg]`\n");
-        refused(&format!("{first},angle [deg]\n0,0\n1,5\n2,5\n"), &expected);
+    let csv = header.clone() + "\n" + &(0..4).map(row).collect::<String>();
+    let said = match read(&csv, "") {
+        Err(said) if said.contains("law `table` has no `unit`") => match read(&csv, ", unit = \"deg\"") {
+            Ok(contents) => return listed(&contents),
+            Err(said) => said,
+        },
+        Err(said) => said,
+        Ok(contents) => return listed(&contents),
+    };
+    let message = said.lines().next().unwrap().splitn(4, ':').last().unwrap().trim_start();
+    let offers: Vec<String> = said
+        .lines()
+        .filter_map(|line| line.split_once(", write: "))
+        .map(|(condition, fix)| {
+            let contents = read(&csv, &format!(", {fix}")).unwrap_or_else(|error| panic!("{csv}{fix}: {error}"));
+            for (used, what) in contents.tables[0].columns.iter().zip(["the time", "the position"]) {
+                let (_, after) = condition.split_once(&format!("{} is {what}", used.column)).expect(condition);
+                let unit = after.strip_prefix(" in ").map(|unit| unit.split([',', ' ']).next().unwrap());
+                assert!(unit.is_none_or(|unit| unit == used.unit), "{condition}: {used:?}");
+            }
+            format!(" | {fix}")
+        })
+        .collect();
+    format!("{message}{}", offers.concat())
+}
+
+/// `time 1 ms; angle 2 deg`
+fn listed(contents: &Contents) -> String {
+    let columns = contents.tables[0].columns.iter().map(|used| {
+        let number = used.column.split(' ').nth(1).unwrap();
+        format!("{} {number} {}", used.what, used.unit)
+    });
+    columns.collect::<Vec<String>>().join("; ")
+}
+
+/// A line each: a header, and how a table below it is read.
+#[test]
+fn headers() {
+    const HEADERS: &str = include_str!("headers.txt");
+    let read: Vec<String> = HEADERS
+        .lines()
+        .map(|line| match line.split_once(" => ") {
+            Some((header, _)) => format!("{header} => {}", what_is_read(header)),
+            None => line.to_owned(),
+        })
+        .collect();
+    let headers = HEADERS.lines().filter(|line| line.contains(" => ")).count();
+    assert!(headers >= 150, "{headers}");
+    expect_test::expect_file!["headers.txt"].assert_eq(&(read.join("\n") + "\n"));
+}
+
+/// What counts rows is no time, and what does not grow is none either: they are not offered.
+#[test]
+fn numbers_tell_which_columns_are_offered() {
+    let offered = |csv: &str, expected: &[&str]| {
+        let said = read(csv, ", unit = \"deg\"").err().unwrap_or_else(|| panic!("{csv}is read"));
+        let offers: Vec<&str> =
+            said.lines().filter_map(|line| line.split_once(", write: ")).map(|(_, fix)| fix).collect();
+        assert_eq!(offers, expected, "{csv}{said}");
+        for fix in offers {
+            read(csv, &format!(", unit = \"deg\", {fix}")).unwrap_or_else(|error| panic!("{csv}{error}"));
+        }
+    };
+    offered("Bild,angle\n0,0\n1,10.5\n2,15\n", &[]);
+    offered("Bild,Uhr,angle\n0,0.1,0\n1,0.3,10\n2,0.4,15\n", &["columns = [2, 3], time = \"s\""]);
+    offered("Wert 1,Wert 2\n5,0\n3,0.5\n4,0.7\n", &["columns = [2, 1], time = \"s\""]);
+    offered("Stunde 1,angle\n0,0\n1,10\n2,15\n", &["columns = [1, 2], time = \"s\""]);
+    offered("0,0,5\n1,0.5,3\n2,0.7,9\n", &["columns = [2, 3], time = \"s\""]);
+    offered("5,0\n3,0.5\n4,0.7\n", &["columns = [2, 1], time = \"s\""]);
+    offered("t,foo\n0,0\n1,oops\n", &[]);
+    offered("frame,angle\n0,0\n10,5\n25,7\n", &[]);
+}
+
+/// What a clock gives is not read as seconds.
+#[test]
+fn clocks() {
+    let said = |rows: &str, options: &str| read(&format!("timestamp,angle\n{rows}"), options).map(|_| ()).unwrap_err();
+    for (first, unit) in [("1700000000000", "ms"), ("1700000000000000", "us"), ("1700000000000000000", "ns")] {
+        let rows = format!("{first},0\n{},5\n", first.replacen("17", "18", 1));
+        let expected = format!(
+            "a.csv:2:1: column 1 `timestamp` begins at {first}: a date of a clock, but not in s\n    \
+             if it counts {unit}, write: time = \"{unit}\"\n"
+        );
+        assert_eq!(said(&rows, ", unit = \"deg\""), expected);
+        let told = format!("time = column 1 `timestamp`, {unit}; angle = column 2 `angle`, deg");
+        let contents =
+            read(&format!("timestamp,angle\n{rows}"), &format!(", unit = \"deg\", time = \"{unit}\"")).unwrap();
+        assert_eq!(contents.tables[0].to_string(), format!("a.csv: {told}"));
     }
-    let others = ["rpm", "speed_rpm", "velocity", "wheel speed", "wheelSpeed", "speed_2", "omega_deg/s", "frame_no"];
-    for second in others {
-        let expected = format!("a.csv:1:1: expected a column `angle [deg]`, found `t`, `{second}`\n");
-        refused(&format!("t,{second}\n0,0\n1,5\n2,5\n"), &expected);
+    check(
+        "timestamp,angle\n1700000000.5,0\n1700000001.5,180\n",
+        ", unit = \"deg\"",
+        &[(0.0, 0.0), (1.0, 200.0)],
+        "time = column 1 `timestamp`, s; angle = column 2 `angle`, deg",
+    );
+    for date in ["2026-11-24T10:00:00Z", "24.11.2026 10:00", "10:00:00.5"] {
+        let expected = format!(
+            "a.csv:2:1: expected a number, found `{date}` in column 1 `timestamp`\n    \
+             times are numbers: count seconds from the first row\n"
+        );
+        assert_eq!(said(&format!("{date},0\n{date},5\n"), ", unit = \"deg\""), expected);
     }
-    refused("frame_no,bar\n0,0\n1,5\n2,5\n", "a.csv:1:1: expected a column `time [s]`");
+}
+
+/// No choice of columns makes a speed a position.
+#[test]
+fn chosen_columns_keep_their_units() {
+    for choice in ["[1, 2]", "[\"t\", \"rpm\"]"] {
+        let said = read("t,rpm\n0,0\n1,5\n", &format!(", unit = \"deg\", columns = {choice}")).map(|_| ()).unwrap_err();
+        let expected = "expected a unit of position (rev, deg, rad, mm, cm, m, in, step, full-step), found `rpm`\n";
+        assert_eq!(said, format!("a.csv:1:3: {expected}"));
+    }
 }
 
 #[test]

@@ -65,7 +65,7 @@ pub struct ColumnReport {
     pub is: String,
     /// "column 2 `t`"
     pub column: String,
-    /// As it is written.
+    /// As motion files write it.
     pub unit: String,
 }
 

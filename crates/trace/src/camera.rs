@@ -11,7 +11,7 @@
 //! # Ok::<(), pulsetrain_trace::ReadError>(())
 //! ```
 
-use pulsetrain_motion::columns::{ANGLES, Header, Measure, Role, Stated, TIME, Table};
+use pulsetrain_motion::columns::{ANGLES, Header, Role, Stated, TIME, Table};
 use pulsetrain_motion::quantity::Base;
 
 use crate::ReadError;
@@ -72,17 +72,17 @@ pub struct Track {
 }
 
 const ANGLE: Role<'static> =
-    Role { what: "the angle", own: None, names: ANGLES, measure: Measure::Position, example: "angle [deg]" };
+    Role { what: "the angle", own: None, names: ANGLES, is_time: false, example: "angle [deg]" };
 
 /// Whether a header has a column with an angle. Channels of logic analysers may be called `A` or `step`; only if `sure` is false, one that
 /// is called `rev` or `home_rev` is an angle.
 pub(crate) fn has_angle(header: &Header<'_>, sure: bool) -> bool {
     header.titles.iter().any(|title| match &title.unit {
         Stated::Unit(unit) => {
-            let is_sure = title.text.contains(['[', '(']) || ANGLES.iter().any(|name| title.is_called(name));
-            unit.one.base == Base::Turn && (is_sure || !sure) || title.is_called("position")
+            let is_sure = title.text.contains(['[', '(']) || title.is_one_of(ANGLES);
+            unit.base == Base::Turn && (is_sure || !sure) || title.is_called("position")
         }
-        _ => ["angle", "theta", "θ", "position"].iter().any(|name| title.is_called(name)),
+        _ => title.is_one_of(&["angle", "theta", "θ", "position"]),
     })
 }
 
@@ -100,14 +100,14 @@ pub fn read(bytes: &[u8]) -> Result<Track, ReadError> {
         return Err(header.error("a header such as `time [s],angle [deg]`", "none"));
     }
     let found = header.find(&[TIME, ANGLE])?;
-    let (time, angle) = (found[0].column, found[1].column);
+    let (time, angle) = (found[0], found[1]);
     let scale = match &header.titles[time].unit {
         Stated::Nothing => 1.0,
-        Stated::Unit(unit) if Measure::Time.fits(unit) => unit.one.value,
+        Stated::Unit(unit) if TIME.fits(unit) => unit.value,
         _ => return Err(header.error_in(time, "a time in s, ms, us, ns, min or h")),
     };
     let unit = match &header.titles[angle].unit {
-        Stated::Unit(unit) if Measure::Position.fits(unit) => AngleUnit::named(unit.one.unit),
+        Stated::Unit(unit) if ANGLE.fits(unit) => AngleUnit::named(unit.unit),
         _ => None,
     };
     let Some(unit) = unit else {

@@ -3,7 +3,7 @@
 //! Logic 1's `Time[s], Channel 0` is read too, and times in ms, us or ns. Source: Saleae support, "Binary and CSV Export Formats - 2025
 //! Update".
 
-use pulsetrain_motion::columns::{Header, Measure, Row, Stated, TIME, Table, shown};
+use pulsetrain_motion::columns::{Header, Row, Stated, TIME, Table, shown};
 
 use crate::levels::{Levels, level};
 use crate::{ReadError, Trace};
@@ -11,17 +11,17 @@ use crate::{ReadError, Trace};
 /// Whether a file's columns are a time and levels: the time has a unit, or the first row's other fields are all levels.
 pub(crate) fn is_levels(header: &Header<'_>, first: Option<Row<'_>>) -> bool {
     let Ok(found) = header.find(&[TIME]) else { return false };
-    let time = found[0].column;
+    let time = found[0];
     let all = |row: Row<'_>| (0..row.len()).filter(|k| *k != time).all(|k| level(row.get(k)).is_some());
     matches!(header.titles.get(time).map(|title| &title.unit), Some(Stated::Unit(_)))
-        || header.width() > 1 && !found[0].by_place && first.is_some_and(all)
+        || header.width() > 1 && first.is_some_and(all)
 }
 
 /// Whether the columns of all rows are a time and levels.
 pub(crate) fn has_only_levels(header: &Header<'_>, table: &mut Table<'_>) -> Result<bool, ReadError> {
     let Ok(found) = header.find(&[TIME]) else { return Ok(false) };
     while let Some(row) = table.next()? {
-        if (0..header.width()).any(|k| k != found[0].column && level(row.get(k)).is_none()) {
+        if (0..header.width()).any(|k| k != found[0] && level(row.get(k)).is_none()) {
             return Ok(false);
         }
     }
@@ -39,9 +39,9 @@ pub fn read(bytes: &[u8]) -> Result<Trace, ReadError> {
     if !header.is_there() {
         return Err(header.error("the header `Time [s],Channel 0,…`", "none"));
     }
-    let time = header.find(&[TIME])?[0].column;
+    let time = header.find(&[TIME])?[0];
     let unit = match &header.titles[time].unit {
-        Stated::Unit(unit) if Measure::Time.fits(unit) => unit.one.unit,
+        Stated::Unit(unit) if TIME.fits(unit) => unit.unit,
         _ => "",
     };
     // Decimal digits that make a unit of nanoseconds.

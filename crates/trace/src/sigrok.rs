@@ -14,7 +14,7 @@
 //!
 //! Source: libsigrok's src/output/csv.c of 2015 to 2024.
 
-use pulsetrain_motion::columns::{Header, Measure, Row, Stated, Table, shown};
+use pulsetrain_motion::columns::{Header, Row, Stated, TIME, Table, shown};
 
 use crate::levels::Levels;
 use crate::{ReadError, Trace};
@@ -50,14 +50,12 @@ pub fn read(bytes: &[u8]) -> Result<Trace, ReadError> {
         hz(rate).ok_or_else(|| ReadError::new(line, 1, "a sample rate such as `1 MHz`", shown(rate.as_bytes())))?;
     let (has_time, channels) = channels(&header, &names)?;
     let clock = Clock::new(rate_hz);
-    if has_time && let Some(title) = header.titles.first() {
-        let unit = |unit: &_| Measure::Time.fits(unit);
-        if let Stated::Unit(stated) = &title.unit
-            && !(unit(stated) && (stated.one.value * clock.scale as f64 - 1.0).abs() < 1e-9)
-        {
-            let expected = format!("times in 1/{} s, as the sample rate of {rate} has them", clock.scale);
-            return Err(header.error_in(0, expected));
-        }
+    if has_time
+        && let Some(Stated::Unit(unit)) = header.titles.first().map(|title| title.unit)
+        && !(TIME.fits(&unit) && (unit.value * clock.scale as f64 - 1.0).abs() < 1e-9)
+    {
+        let expected = format!("times in 1/{} s, as the sample rate of {rate} has them", clock.scale);
+        return Err(header.error_in(0, expected));
     }
     let mut levels = Levels::new(&header, &channels)?;
     let (mut first, mut sample) = (None, 0);

@@ -123,7 +123,7 @@ pub fn read(bytes: &[u8]) -> Result<StepTrace, ReadError> {
         *column = header.column(name)?;
         match &header.titles[*column].unit {
             Stated::Nothing => {}
-            Stated::Unit(unit) if matches!(unit.one.base, Base::Tick | Base::Step) => {}
+            Stated::Unit(unit) if matches!(unit.base, Base::Tick | Base::Step) => {}
             _ => return Err(header.error_in(*column, format!("`{name}`: ticks and steps have no other unit"))),
         }
     }

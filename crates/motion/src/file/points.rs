@@ -9,7 +9,7 @@ use miette::NamedSource;
 use super::laws::{Context, load, position_unit, time_unit};
 use super::problem::Problem;
 use super::reader::{Node, Noted, Read, Section};
-use crate::columns::{Found, Header, Measure, POSITIONS, ReadError, Role, Row, Stated, TIME, Table, shown};
+use crate::columns::{Header, POSITIONS, ReadError, Role, Row, Stated, TIME, Table, shown};
 use crate::quantity::{Base, Quantity};
 
 /// The keys of a table, of laws as of paths.
@@ -33,19 +33,17 @@ pub struct ColumnUse {
     pub what: String,
     /// "column 2 `t`"
     pub column: String,
-    /// As it is written.
+    /// As motion files write it.
     pub unit: String,
-    /// Nothing but its place says what it is.
-    pub by_place: bool,
 }
 
 /// `path.csv: time = column 2 `t`, s; angle = column 3 `a`, deg; column 1 `i` is not used`
 impl fmt::Display for TableColumns {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: ", self.file)?;
-        for (k, ColumnUse { what, column, unit, by_place }) in self.columns.iter().enumerate() {
+        for (k, ColumnUse { what, column, unit }) in self.columns.iter().enumerate() {
             let comma = if k > 0 { "; " } else { "" };
-            write!(f, "{comma}{what} = {column}{}, {unit}", if *by_place { " (by its place)" } else { "" })?;
+            write!(f, "{comma}{what} = {column}, {unit}")?;
         }
         match self.unused.as_slice() {
             [] => Ok(()),
@@ -75,7 +73,7 @@ fn choices(node: &Node, positions: usize) -> Read<Vec<Choice>> {
         return Err(node.note("not as many", format!("`columns` must list {wanted}"), example));
     }
     let choice = |node: &Node| match node.as_text() {
-        Some(name) => Ok(Choice::Name(name.to_lowercase())),
+        Some(name) => Ok(Choice::Name(name.to_owned())),
         // Within 1..=1000, so it fits.
         None => node.whole(1..=1000, example).map(|n| Choice::Number(n as usize - 1)),
     };
@@ -127,22 +125,23 @@ impl<'a> Reading<'a> {
         let positions = contexts.iter().enumerate().map(|(k, context)| role(context, k, contexts.len()));
         let roles: Vec<Role<'_>> = [TIME].into_iter().chain(positions).collect();
         let found = self.columns(&header, &roles)?;
-        let (seconds, time_unit) = self.seconds(&header, &roles, found[0].column)?;
+        let (seconds, time_unit) = self.seconds(&header, &roles, found[0])?;
         let mut scales = Vec::new();
-        let mut columns = vec![self.used("time".to_owned(), &header, found[0], time_unit)];
-        for ((context, role), found) in contexts.iter().zip(&roles[1..]).zip(&found[1..]) {
-            let (one, node, unit) = self.position(p, &header, &roles, role, found.column)?;
+        let used = |what: &str, column, unit| ColumnUse { what: what.to_owned(), column: header.called(column), unit };
+        let mut columns = vec![used("time", found[0], time_unit)];
+        for (k, (context, column)) in contexts.iter().zip(&found[1..]).enumerate() {
+            let (one, node, unit) = self.position(p, &header, &roles, (k + 1, *column))?;
             scales.push(context.steps_in(&node, &one)?);
             let what = match (contexts.len(), one.base) {
                 (1, Base::Turn) => "angle",
                 (1, _) => "position",
-                _ => role.what,
+                _ => roles[k + 1].what,
             };
-            columns.push(self.used(what.to_owned(), &header, *found, unit));
+            columns.push(used(what, *column, unit));
         }
         let mut points = Points { rows: Vec::new(), places: Vec::new(), source: Arc::clone(&self.source) };
         while let Some(row) = table.next().map_err(|error| self.note(&error, ""))? {
-            self.row(&row, &header, &found, (seconds, &scales), &mut points)?;
+            self.row(&row, (&header, &roles), &found, (seconds, &scales), &mut points)?;
         }
         let rows = &mut points.rows;
         if rows.len() < 2 {
@@ -150,8 +149,18 @@ impl<'a> Reading<'a> {
             return Err(self.problem(0..0, "too short", message, ""));
         }
         let zero = rows[0].0;
+        // Seconds since 1970 reach 1e11 in the year 5138.
+        let is_stated =
+            self.time.is_some() || header.titles.get(found[0]).is_some_and(|title| title.unit != Stated::Nothing);
+        if zero.abs() >= 1e11 && !is_stated {
+            let unit =
+                [(1e14, "ms"), (1e17, "us")].iter().find(|(end, _)| zero.abs() < *end).map_or("ns", |(_, unit)| unit);
+            let message = format!("{} begins at {zero}: a date of a clock, but not in s", header.called(found[0]));
+            let help = format!("if it counts {unit}, write: time = \"{unit}\"");
+            return Err(self.problem(points.places[0].clone(), "in another unit", message, &help));
+        }
         rows.iter_mut().for_each(|row| row.0 -= zero);
-        let unused = (0..header.titles.len()).filter(|column| found.iter().all(|found| found.column != *column));
+        let unused = (0..header.titles.len()).filter(|column| !found.contains(column));
         let unused = unused.map(|column| header.called(column)).collect();
         let file = self.source.name().to_owned();
         self.file.reader.told(TableColumns { file, columns, unused });
@@ -162,26 +171,28 @@ impl<'a> Reading<'a> {
     fn row(
         &self,
         row: &Row<'_>,
-        header: &Header<'_>,
-        found: &[Found],
+        (header, roles): (&Header<'_>, &[Role<'_>]),
+        found: &[usize],
         (seconds, scales): (f64, &[f64]),
         points: &mut Points,
     ) -> Read<()> {
-        let number = |found: &Found| {
-            row.number(found.column, "a number").map_err(|error| {
-                let found = format!("{} in {}", error.found, header.called(found.column));
-                self.note(&ReadError { found, ..error }, "")
+        let number = |column: &usize| {
+            row.number(*column, "a number").map_err(|error| {
+                let is_clock = *column == found[0] && row.get(*column).contains(&b':');
+                let found = format!("{} in {}", error.found, header.called(*column));
+                let help = if is_clock { "times are numbers: count seconds from the first row" } else { "" };
+                self.note(&ReadError { found, ..error }, help)
             })
         };
         let values = found.iter().map(number).collect::<Read<Vec<f64>>>()?;
         let Some((time, positions)) = values.split_first() else { return Ok(()) };
         if let Some(before) = points.rows.last().map(|before| before.0).filter(|before| *before >= time * seconds) {
-            let column = header.called(found[0].column);
+            let column = header.called(found[0]);
             let message =
                 format!("times must increase from line to line, but {column} has {time} after {}", before / seconds);
-            let is_guess = found[0].by_place && found.len() == 2;
-            let help = if is_guess { offered(header, &[found[1].column, found[0].column]) } else { String::new() };
-            return Err(self.problem(row.place(found[0].column), "not later than the line before", message, &help));
+            let is_guess = self.choices.is_none() && !header.is_there();
+            let help = if is_guess { self.offered(header, roles) } else { String::new() };
+            return Err(self.problem(row.place(found[0]), "not later than the line before", message, &help));
         }
         points
             .rows
@@ -191,26 +202,21 @@ impl<'a> Reading<'a> {
     }
 
     /// Which columns hold what: as the motion file says, else as the header does.
-    fn columns(&self, header: &Header<'_>, roles: &[Role<'_>]) -> Read<Vec<Found>> {
+    fn columns(&self, header: &Header<'_>, roles: &[Role<'_>]) -> Read<Vec<usize>> {
         let Some((node, choices)) = &self.choices else {
-            return header.find(roles).map_err(|error| self.note(&error, &offered(header, &header.likely(roles))));
+            return header.find(roles).map_err(|error| self.note(&error, &self.offered(header, roles)));
         };
         let column = |choice: &Choice| match choice {
             Choice::Number(column) => Ok(*column),
             Choice::Name(name) => header.column(name).map_err(|error| self.note(&error, "")),
         };
         let columns = choices.iter().map(column).collect::<Read<Vec<usize>>>()?;
-        let found = columns.iter().map(|&column| Found { column, by_place: false }).collect::<Vec<_>>();
-        let is_named = |column: usize, names: &[&str]| {
-            header.titles.get(column).is_some_and(|title| names.iter().any(|name| title.is_called(name)))
-        };
         // Whoever writes names has read them.
         let counted = choices.iter().all(|choice| matches!(choice, Choice::Number(_)));
-        let swapped = columns[1..].iter().position(|column| is_named(*column, TIME.names));
-        let right = header.likely(roles);
-        if let Some(k) = swapped.filter(|_| counted && right != columns) {
+        let mut positions = columns[1..].iter().filter_map(|column| header.titles.get(*column));
+        let time = positions.find(|title| title.is_one_of(TIME.names));
+        if let Some(named) = time.filter(|_| counted && !header.possible(roles, |_, _| true).contains(&columns)) {
             let place = self.place(node);
-            let named = &header.titles[columns[k + 1]];
             let time = match header.titles.get(columns[0]).map(|title| title.text.as_bytes()) {
                 None | Some([]) => header.called(columns[0]),
                 Some(text) => shown(text),
@@ -218,43 +224,39 @@ impl<'a> Reading<'a> {
             let named_time = shown(named.text.as_bytes());
             let message =
                 format!("`columns` ({place}) makes {time} the time, but the header says that {named_time} is the time");
-            return Err(self.problem(named.at.clone(), "the time", message, &offered(header, &right)));
+            return Err(self.problem(named.at.clone(), "the time", message, &self.offered(header, roles)));
         }
-        Ok(found)
+        Ok(columns)
     }
 
     /// Seconds in the unit of times, and the unit.
     fn seconds(&self, header: &Header<'_>, roles: &[Role<'_>], column: usize) -> Read<(f64, String)> {
-        match (self.stated(header, roles, column, Measure::Time, self.time.is_some())?, &self.time) {
-            (Some((text, one)), Some((node, seconds))) if one.value != *seconds => {
-                Err(self.contradiction(header, column, node, one.unit, &text))
+        match (self.stated(header, roles, (0, column), self.time.is_some())?, &self.time) {
+            (Some(one), Some((node, seconds))) if one.value != *seconds => {
+                Err(self.contradiction(header, column, node, &one))
             }
-            (Some((text, one)), _) => Ok((one.value, text)),
+            (Some(one), _) => Ok((one.value, one.unit.to_owned())),
             (None, Some((node, seconds))) => Ok((*seconds, node.as_text().unwrap_or_default().to_owned())),
             (None, None) => Ok((1.0, "s".to_owned())),
         }
     }
 
-    /// One of the unit of a column of positions, where that is said, and the unit's name.
+    /// One of the unit of a role's column of positions, where that is said, and the unit's name.
     fn position(
         &self,
         p: &Section<'a>,
         header: &Header<'_>,
         roles: &[Role<'_>],
-        role: &Role<'_>,
-        column: usize,
+        (role, column): (usize, usize),
     ) -> Read<(Quantity, Node<'a>, String)> {
-        match (self.stated(header, roles, column, role.measure, self.unit.is_some())?, &self.unit) {
-            (Some((text, one)), Some((node, wanted))) => {
-                if (one.base, one.value) != (wanted.base, wanted.value) {
-                    return Err(self.contradiction(header, column, node, one.unit, &text));
-                }
-                Ok((one, node.clone(), text))
+        match (self.stated(header, roles, (role, column), self.unit.is_some())?, &self.unit) {
+            (Some(one), Some((node, wanted))) if (one.base, one.value) != (wanted.base, wanted.value) => {
+                Err(self.contradiction(header, column, node, &one))
             }
-            (Some((text, one)), None) => {
-                let mut node = self.file.clone();
+            (Some(one), given) => {
+                let mut node = given.as_ref().map_or(&self.file, |(node, _)| node).clone();
                 node.key = "unit";
-                Ok((one, node, text))
+                Ok((one, node, one.unit.to_owned()))
             }
             (None, _) => {
                 let node = p.need("unit", "unit = \"deg\"")?;
@@ -264,41 +266,106 @@ impl<'a> Reading<'a> {
         }
     }
 
-    /// The unit that the header gives a column; an unknown one may be given by the motion file, which has then to name the columns.
+    /// The unit that the header gives a role's column; where it is not clear the motion file may give it, which has then to name the columns.
     fn stated(
         &self,
         header: &Header<'_>,
         roles: &[Role<'_>],
-        column: usize,
-        measure: Measure,
+        (role, column): (usize, usize),
         is_given: bool,
-    ) -> Read<Option<(String, Quantity)>> {
-        match header.titles.get(column).map(|title| &title.unit) {
+    ) -> Read<Option<Quantity>> {
+        match header.titles.get(column).map(|title| title.unit) {
             None | Some(Stated::Nothing) => Ok(None),
-            Some(Stated::Unit(unit)) if measure.fits(unit) => Ok(Some((unit.text.clone(), unit.one))),
-            Some(Stated::Unknown(_)) if is_given && self.choices.is_some() => Ok(None),
+            Some(Stated::Unit(one)) if roles[role].fits(&one) => Ok(Some(one)),
+            Some(Stated::Unclear(_)) if is_given && self.choices.is_some() => Ok(None),
             stated => {
-                let help = offered(header, &header.likely(roles));
-                let help = if is_given && matches!(stated, Some(Stated::Unknown(_))) { help } else { String::new() };
-                Err(self.note(&header.error_in(column, measure.units()), &help))
+                let is_known = matches!(stated, Some(Stated::Unit(_)));
+                let help = if is_known { String::new() } else { self.offered(header, roles) };
+                Err(self.note(&header.error_in(column, roles[role].units()), &help))
             }
         }
     }
 
+    /// The help that says what to write for columns that are in doubt.
+    fn offered(&self, header: &Header<'_>, roles: &[Role<'_>]) -> String {
+        const MOST: usize = 2;
+        if header.width() < roles.len() {
+            return "columns are parted by tabs, `;` or `,`".to_owned();
+        }
+        // What does not grow is no time. Beside a column that grows by fractions, what counts by 1 numbers the rows.
+        let numbers: Vec<Vec<f64>> = (0..header.width()).map(|column| self.numbers(column)).collect();
+        let all = |column: usize, is: fn(f64) -> bool| numbers[column].windows(2).all(|pair| is(pair[1] - pair[0]));
+        let grows = |column: usize| all(column, |step| step > 0.0);
+        let has_fractions =
+            (0..header.width()).any(|k| grows(k) && numbers[k].iter().any(|number| number.fract() != 0.0));
+        let may_be = |column: usize, role: &Role<'_>| {
+            let numbers_rows = has_fractions && all(column, |step| step == 1.0);
+            !numbers[column].is_empty() && !numbers_rows && (!role.is_time || grows(column))
+        };
+        let possible = header.possible(roles, may_be);
+        let offers: Vec<String> =
+            possible.iter().take(MOST).map(|columns| self.offer(header, roles, columns)).collect();
+        if offers.is_empty() {
+            let titles: Vec<&str> = roles.iter().map(|role| role.example).collect();
+            return format!("if they are there under other names, call them so in the header: {}", titles.join(","));
+        }
+        offers.join("\n")
+    }
+
+    fn offer(&self, header: &Header<'_>, roles: &[Role<'_>], columns: &[usize]) -> String {
+        let (mut keys, mut is) = (Vec::new(), Vec::new());
+        for (role, column) in roles.iter().zip(columns) {
+            let (key, given) = match role.is_time {
+                true => ("time", self.time.as_ref().map(|(node, _)| node)),
+                false => ("unit", self.unit.as_ref().map(|(node, _)| node)),
+            };
+            let given = given.and_then(Node::as_text);
+            let stated = header.titles.get(*column).map_or(Stated::Nothing, |title| title.unit);
+            let unit = match stated {
+                Stated::Unit(one) => one.unit,
+                Stated::Unclear(Some(one)) if given.is_none() && role.fits(&one) => one.unit,
+                _ => given.unwrap_or(role.unit()),
+            };
+            let is_said = matches!(stated, Stated::Unit(_));
+            let value = format!("{key} = \"{unit}\"");
+            if (given.is_some() || !is_said) && given != Some(unit) && !keys.contains(&value) {
+                keys.push(value);
+            }
+            let unit = if is_said { String::new() } else { format!(" in {unit}") };
+            is.push(format!("{} is {}{unit}", header.called(*column), role.what));
+        }
+        let last = is.pop().unwrap_or_default();
+        let numbers: Vec<String> = columns.iter().map(|column| (column + 1).to_string()).collect();
+        keys.insert(0, format!("columns = [{}]", numbers.join(", ")));
+        format!("if {} and {last}, write: {}", is.join(", "), keys.join(", "))
+    }
+
+    /// A column's first numbers; none if it has anything else.
+    fn numbers(&self, column: usize) -> Vec<f64> {
+        const MOST: usize = 1000;
+        let mut table = Table::new(self.source.inner().as_bytes());
+        let mut numbers = Vec::new();
+        if table.header().is_err() {
+            return numbers;
+        }
+        while numbers.len() < MOST
+            && let Ok(Some(row)) = table.next()
+        {
+            let Ok(number) = row.number(column, "") else { return Vec::new() };
+            numbers.push(number);
+        }
+        numbers
+    }
+
     /// Notes that the header gives another unit than the motion file.
-    fn contradiction(&self, header: &Header<'_>, column: usize, node: &Node, unit: &str, text: &str) -> Noted {
+    fn contradiction(&self, header: &Header<'_>, column: usize, node: &Node, one: &Quantity) -> Noted {
         let (key, place) = (node.key, self.place(node));
         let wanted = node.as_text().unwrap_or_default();
-        let message = format!("{} is in {text}, but {place} says {key} = \"{wanted}\"", header.called(column));
+        let unit = one.unit;
+        let message = format!("{} is in {unit}, but {place} says {key} = \"{wanted}\"", header.called(column));
         let at = header.titles.get(column).map_or(0..0, |title| title.at.clone());
         let help = format!("if the header is right, write: {key} = \"{unit}\"");
         self.problem(at, "another unit", message, &help)
-    }
-
-    fn used(&self, what: String, header: &Header<'_>, found: Found, unit: String) -> ColumnUse {
-        // Without a header there is nothing else to go by.
-        let by_place = found.by_place && header.is_there();
-        ColumnUse { what, column: header.called(found.column), unit, by_place }
     }
 
     /// Where a value of the motion file is written.
@@ -328,12 +395,5 @@ fn role<'a>(context: &'a Context<'_>, k: usize, count: usize) -> Role<'a> {
         (_, 1) => ("y", &["y"], "y [mm]"),
         _ => ("z", &["z"], "z [mm]"),
     };
-    Role { what, own: Some(context.motor), names, measure: Measure::Position, example }
-}
-
-/// The help that names columns, time first, if they are known.
-fn offered(header: &Header<'_>, columns: &[usize]) -> String {
-    let Some(time) = columns.first() else { return String::new() };
-    let numbers: Vec<String> = columns.iter().map(|column| (column + 1).to_string()).collect();
-    format!("if {} is the time, write: columns = [{}]", header.called(*time), numbers.join(", "))
+    Role { what, own: Some(context.motor), names, is_time: false, example }
 }
