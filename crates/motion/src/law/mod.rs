@@ -12,6 +12,7 @@
 //!
 //! Each constructor checks its parameters and returns [`LawError::Parameter`] that names the one out of range.
 
+mod accurate;
 mod arm;
 mod blend;
 mod circle;
@@ -80,9 +81,15 @@ impl Piece {
         (self.end - self.zero).seconds()
     }
 
-    /// θ at the curve's own time u, with the whole steps.
-    fn position(&self, u: f64) -> Double {
+    /// θ at the curve's own time u as f64 tells it, with the whole steps.
+    fn rough_position(&self, u: f64) -> Double {
         Double::from(self.origin) + Double::from(self.curve.value(u))
+    }
+
+    /// The same, as well as it is known.
+    fn position(&self, u: f64) -> Double {
+        let (value, rest) = self.curve.split_value(u);
+        Double::from(self.origin) + Double::from(value) + Double::from(rest)
     }
 
     /// θ where the piece begins.
@@ -100,7 +107,7 @@ impl Piece {
         let too_far = || LawError::Parameter("the position leaves ±2^62 steps".into());
         let (whole, rest) = steps.split().ok_or_else(too_far)?;
         self.origin = self.origin.checked_add(whole).ok_or_else(too_far)?;
-        if rest != 0.0 {
+        if rest != Double::ZERO {
             self.curve.raise(rest);
         }
         Ok(())
@@ -413,7 +420,7 @@ fn checked(name: &str, value: f64, unit: &str, allowed: impl Fn(f64) -> bool) ->
 
 /// Whether `piece` goes on from `position`, within `tolerance` steps.
 fn meet(position: Double, piece: &Piece, tolerance: f64) -> Result<(), LawError> {
-    let next = piece.first_position();
+    let next = piece.rough_position(piece.first());
     // Written so that not-a-number fails.
     if (next - position).nearest().abs() <= tolerance {
         Ok(())
