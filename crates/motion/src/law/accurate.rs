@@ -280,7 +280,11 @@ mod tests {
     fn check(what: &str, is: Accurate, exact: &Wide, size: f64) {
         let off = (wide(is.value) - exact).abs().to_f64().value();
         assert!(off <= is.error, "{what}: {off:e} off, {:e} promised", is.error);
-        assert!(is.error <= 1e-26 * (size + is.nearest().abs()) + 1e-279, "{what}: no more than {:e} promised", is.error);
+        assert!(
+            is.error <= 1e-26 * (size + is.nearest().abs()) + 1e-279,
+            "{what}: no more than {:e} promised",
+            is.error
+        );
     }
 
     proptest! {

@@ -474,7 +474,9 @@ impl Curve {
             return;
         }
         match self {
-            Curve::Polynomial(c) => shift(c, by),
+            Curve::Polynomial(c) => {
+                shift(c, by);
+            }
             Curve::Cosine { omega, phase, .. } => {
                 *phase = (Double::from(*phase) + Double::from(*omega) * by).wrapped().nearest();
             }
@@ -485,7 +487,9 @@ impl Curve {
                 curve.rezero(by);
                 terms.rezero(by);
             }
-            Curve::Warped { time, .. } => shift(time, by),
+            Curve::Warped { time, .. } => {
+                shift(time, by);
+            }
         }
     }
 }
@@ -495,8 +499,8 @@ fn told(x: Accurate) -> Option<(f64, f64)> {
     x.is_finite().then(|| (x.nearest(), x.error + 2.0 * ULP * x.nearest().abs()))
 }
 
-/// The polynomial Σ c_k (u + by)^k in powers of u.
-fn shift(c: &mut [f64], by: Double) {
+/// The polynomial Σ c_k (u + by)^k in powers of u; its level also to 106 bits.
+pub(crate) fn shift(c: &mut [f64], by: Double) -> Double {
     let mut exact: Vec<Double> = c.iter().map(|&c| Double::from(c)).collect();
     for k in 0..c.len() {
         for i in (k..c.len() - 1).rev() {
@@ -504,6 +508,7 @@ fn shift(c: &mut [f64], by: Double) {
         }
         c[k] = exact[k].nearest();
     }
+    exact.first().copied().unwrap_or(Double::ZERO)
 }
 
 /// The first `N` coefficients of Σ c_k (q_1 x + q_2 x² + …)^k, by Horner's rule on truncated series.

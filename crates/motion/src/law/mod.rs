@@ -120,6 +120,36 @@ impl Piece {
         self.end = self.end + by;
     }
 
+    /// The same in parts that are short enough for f64 to tell their times, if it is a polynomial: each counts its time from its own start,
+    /// but for those on either side of the piece's zero.
+    fn parts(&self) -> impl Iterator<Item = Result<Piece, LawError>> + '_ {
+        let part = Time::from_seconds(LONGEST_PART_S);
+        // From one multiple of a part after the zero to the next.
+        let number = |at: Time| (at - self.zero).raw().div_euclid(part.raw());
+        let (first, last) = match &self.curve {
+            Curve::Polynomial(c) if c.len() > 1 => (number(self.start), number(self.end - Time::from_raw(1))),
+            _ => (0, 0),
+        };
+        (first..=last).map(move |k| {
+            let begins = |k: i128| self.zero + Time::from_raw(part.raw() * k);
+            let mut cut = self.clone();
+            if k > first {
+                cut.start = begins(k);
+                cut.entry = Entry::Continuous;
+            }
+            if k < last {
+                cut.end = begins(k + 1);
+            }
+            if let (Curve::Polynomial(c), false) = (&mut cut.curve, k == 0 || k == -1) {
+                cut.zero = begins(k);
+                let level = curve::shift(c, Double::from(cut.zero) - Double::from(self.zero));
+                c[0] = 0.0;
+                cut.raise(level)?;
+            }
+            Ok(cut)
+        })
+    }
+
     /// Rest at `position`.
     fn rest(start: Time, end: Time, position: Double) -> Result<Piece, LawError> {
         let curve = Curve::constant(0.0);
@@ -128,6 +158,9 @@ impl Piece {
         Ok(piece)
     }
 }
+
+/// A piece of a polynomial that is longer comes in parts, s: within it 2^-53 of the time is far less than a tick of 1 ns.
+const LONGEST_PART_S: f64 = 32_768.0;
 
 /// How θ may come into a piece.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -317,7 +350,7 @@ impl Law {
         match self {
             Law::Sine(sine) => Box::new((0..sine.half_periods()).map(|k| Ok(sine.half_period(k)))),
             Law::Steady(steady) => Box::new(steady.pieces()),
-            Law::Fixed(fixed) => Box::new(fixed.pieces.iter().cloned().map(Ok)),
+            Law::Fixed(fixed) => Box::new(fixed.pieces.iter().flat_map(Piece::parts)),
             Law::Circle(circle) => Box::new(circle.pieces()),
             Law::Lorenz(lorenz) => Box::new(lorenz.pieces()),
             Law::Formula(formula) => Box::new(formula.pieces()),
