@@ -27,6 +27,9 @@ pub(crate) struct Due {
 /// Step times that are known to this are good enough, ticks.
 const CLOSE_TICKS: f64 = 1e-2;
 
+/// A stretch that ends on a level as far as 106 bits tell, to this, touches it there, however flat it is before, steps.
+const EXACT_STEPS: f64 = 1e-24;
+
 impl Run {
     /// The law near s, expanded where the curve's own time is about `tick`.
     fn expand(&self, s: f64, tick: f64) -> Option<Expansion> {
@@ -146,6 +149,10 @@ impl Run {
         let (mut earliest, mut latest) = (earliest.0, latest.1);
         let hz = self.frame.tick_hz;
         if latest >= self.stretch.to {
+            let (at_end, doubt) = beyond(self.stretch.to);
+            if at_end.abs() <= doubt && doubt < EXACT_STEPS {
+                earliest = self.stretch.to;
+            }
             let end = self.stretch.end(hz);
             (earliest, latest) = (earliest.min(end.0), end.1);
         }

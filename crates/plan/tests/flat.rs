@@ -150,7 +150,8 @@ fn laws_that_are_flat_at_a_level_are_planned_and_right() {
         power_of_sine(2, 100.0, 0.001, 2),
         power_of_sine(3, 40.0, 1.5, 3),
         power_of_sine(3, 12.5, 0.01, 2),
-        power_of_sine(4, 30.0, 2.5, 3),
+        power_of_sine(4, 30.0, 0.01, 3),
+        power_of_sine(6, 3.0, 0.05, 4),
         power_of_sine(5, 60.0, 2.0, 4),
         power_of_sine(7, 20.0, 0.3, 2),
         chirp(90.0, 0.7, 2.3, 2.76),
@@ -158,7 +159,7 @@ fn laws_that_are_flat_at_a_level_are_planned_and_right() {
         smooth_step(1, 200.0, 1.7),
         smooth_step(1, 50.0, 1000.0),
         smooth_step(2, 90.0, 0.8),
-        smooth_step(2, 1000.0, 1.0),
+        smooth_step(2, 10.0, 3600.0),
         damped(120.0, 0.8, 1.25, 4),
     ];
     for case in &cases {
@@ -181,6 +182,51 @@ proptest! {
             damped(a, end_s, f, n),
         ] {
             check(&case, &settings);
+        }
+    }
+}
+
+/// A constant speed, eased.
+fn eased_speed(speed: f64, duration_s: f64, over_s: f64) -> Case {
+    let law = Law::speed(speed, Some(Time::from_seconds(duration_s))).unwrap();
+    let law = law.eased(Time::from_seconds(over_s)).unwrap();
+    let end = real(duration_s + over_s);
+    let last = end.clone();
+    let theta = move |t: &Real| {
+        let over = real(over_s);
+        let rising = |t: Real| {
+            let x = &t / &over;
+            let cube = &x * &x * &x;
+            &over * (&cube - &cube * x / real(2.0))
+        };
+        let own = if *t < over {
+            rising(t.clone())
+        } else if *t > &last - &over {
+            real(duration_s) - rising(&last - t)
+        } else {
+            t - &over / real(2.0)
+        };
+        real(speed) * own
+    };
+    let exact = Exact { theta: Box::new(theta), flat: vec![real(0.0), end.clone()], end };
+    Case { what: format!("{speed} steps/s for {duration_s} s, eased over {over_s} s"), law, exact }
+}
+
+/// Motions that are eased out, to rest just where a step is due: three times flat, or six times at the top of a circle.
+#[test]
+fn eased_motions_that_end_on_a_level_are_planned() {
+    for case in [eased_speed(-1000.0, 2.0, 0.375), eased_speed(0.25, 400.0, 8.5), eased_speed(160.0, 5.0, 5.0)] {
+        for settings in all_settings() {
+            check(&case, &settings);
+        }
+    }
+    let seconds = Time::from_seconds;
+    let (sine, circle) =
+        (Law::sine(50.0, seconds(0.4), Some(4)), |axis| Law::circle(100.0, seconds(0.4), Some(4), axis));
+    for law in [sine, circle(0), circle(1)] {
+        let law = law.unwrap().eased(seconds(0.375)).unwrap();
+        for settings in all_settings() {
+            steps(&law, &settings).unwrap_or_else(|error| panic!("{law:?}: {error}"));
         }
     }
 }

@@ -31,6 +31,8 @@ enum Source {
     Cosine { omega: Accurate, phase: Accurate },
     /// A formula, as it is written: a power keeps its zero, which a sum of harmonics loses. Its branches are decided where t is `middle`.
     Formula { tree: Node, middle: Accurate },
+    /// Others in another time, Σ c_k u^k.
+    Warped { terms: Box<Terms>, time: Arc<[Accurate]> },
 }
 
 /// Value and slope.
@@ -61,6 +63,19 @@ impl Terms {
         Terms::one(Source::Polynomial(c), Accurate::ONE, Double::ZERO)
     }
 
+    /// speed·t from `start` on, less `origin`.
+    pub(crate) fn of_line(speed: f64, start: Time, origin: i64) -> Terms {
+        let line = Source::Polynomial([Accurate::ZERO, Accurate::from(speed)].into());
+        let mut terms = Terms::one(line, Accurate::ONE, Double::from(start));
+        terms.raise(-Double::from(origin));
+        terms
+    }
+
+    /// The same in another time, Σ c_k u^k.
+    pub(crate) fn warped(self, time: [Accurate; 5]) -> Terms {
+        Terms::one(Source::Warped { terms: Box::new(self), time: time.into() }, Accurate::ONE, Double::ZERO)
+    }
+
     /// Of offset + amplitude·cos(omega·u + phase) with just these numbers.
     pub(crate) fn of_cosine(offset: f64, amplitude: f64, omega: f64, phase: f64) -> Terms {
         let source = Source::Cosine { omega: Accurate::from(omega), phase: Accurate::from(phase) };
@@ -78,17 +93,20 @@ impl Terms {
 
     /// Value less `level`, which is the sum of its parts, and slope; what is undefined is not a number.
     pub(crate) fn at(&self, u: f64, level: &[f64]) -> [Accurate; 2] {
+        self.along([Accurate::from(u), Accurate::ONE], level)
+    }
+
+    fn along(&self, u: Dual, level: &[f64]) -> Dual {
         // Whole numbers first, which is exact: what is left is small where θ is near the level.
         let offset = level.iter().fold(self.offset, |rest, &part| rest - Accurate::from(part));
         let mut sum = [offset, Accurate::ZERO];
         for Term { source, factor, later } in &self.terms {
-            let t = [Accurate::from(u) + Accurate::of(*later), Accurate::ONE];
+            let t = [u[0] + Accurate::of(*later), u[1]];
             let own = match source {
-                Source::Polynomial(c) => {
-                    c.iter().rev().fold([Accurate::ZERO; 2], |sum, &c| plus(&series::multiply(&sum, &t), &constant(c)))
-                }
-                Source::Cosine { omega, phase } => series::sin_cos(&[*omega * t[0] + *phase, *omega]).1,
+                Source::Polynomial(c) => polynomial(c, &t),
+                Source::Cosine { omega, phase } => series::sin_cos(&[*omega * t[0] + *phase, *omega * t[1]]).1,
                 Source::Formula { tree, middle } => tree.at(&t, *middle),
+                Source::Warped { terms, time } => terms.along(polynomial(time, &t), &[]),
             };
             sum = plus(&sum, &own.map(|own| *factor * own));
         }
@@ -108,6 +126,10 @@ impl Terms {
     pub(crate) fn rezero(&mut self, by: Double) {
         self.terms.iter_mut().for_each(|term| term.later = term.later + by);
     }
+}
+
+fn polynomial(c: &[Accurate], t: &Dual) -> Dual {
+    c.iter().rev().fold([Accurate::ZERO; 2], |sum, &c| plus(&series::multiply(&sum, t), &constant(c)))
 }
 
 fn constant(c: Accurate) -> Dual {
