@@ -124,14 +124,17 @@ impl Piece {
     /// but for those on either side of the piece's zero.
     fn parts(&self) -> impl Iterator<Item = Result<Piece, LawError>> + '_ {
         let part = Time::from_seconds(LONGEST_PART_S);
-        // From one multiple of a part after the zero to the next.
-        let number = |at: Time| (at - self.zero).raw().div_euclid(part.raw());
+        // Part 0 is twice as long, on both sides of the zero.
+        let number = |at: Time| match (at - self.zero).raw().div_euclid(part.raw()) {
+            k @ ..=-2 => k + 1,
+            k => k.max(0),
+        };
+        let begins = move |k: i128| self.zero + Time::from_raw(part.raw() * if k > 0 { k } else { k - 1 });
         let (first, last) = match &self.curve {
             Curve::Polynomial(c) if c.len() > 1 => (number(self.start), number(self.end - Time::from_raw(1))),
             _ => (0, 0),
         };
         (first..=last).map(move |k| {
-            let begins = |k: i128| self.zero + Time::from_raw(part.raw() * k);
             let mut cut = self.clone();
             if k > first {
                 cut.start = begins(k);
@@ -140,7 +143,7 @@ impl Piece {
             if k < last {
                 cut.end = begins(k + 1);
             }
-            if let (Curve::Polynomial(c), false) = (&mut cut.curve, k == 0 || k == -1) {
+            if let (Curve::Polynomial(c), true) = (&mut cut.curve, k != 0) {
                 cut.zero = begins(k);
                 let level = curve::shift(c, Double::from(cut.zero) - Double::from(self.zero));
                 c[0] = 0.0;
