@@ -10,7 +10,7 @@ const RUSTFLAGS: &str = "--cfg fuzzing -Cdebug-assertions -Ccodegen-units=1 -Cpa
     -Cllvm-args=-sanitizer-coverage-pc-table -Cllvm-args=-sanitizer-coverage-trace-compares";
 
 /// Every target, and the folders whose files it starts from.
-const TARGETS: [(&str, &[&str]); 13] = [
+const TARGETS: [(&str, &[&str]); 12] = [
     ("motion_file", &["examples"]),
     ("formula", &["fuzz/seeds/formula"]),
     ("table", &["fuzz/seeds/table"]),
@@ -23,7 +23,6 @@ const TARGETS: [(&str, &[&str]); 13] = [
     ("wire", &["fuzz/seeds/wire"]),
     ("winch", &["fuzz/seeds/winch"]),
     ("winch_uno", &["fuzz/seeds/winch"]),
-    ("narrow", &["fuzz/seeds/packing"]),
 ];
 
 /// Runs each target (or only `only`) for `seconds`; what breaks it stays in fuzz/artifacts.

@@ -92,7 +92,9 @@ impl Packer {
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use pulsetrain_core::narrow::{Motor, Pool, Settings};
+    use pulsetrain_core::channel::Channel;
+    use pulsetrain_core::narrow::Pool;
+    use pulsetrain_core::words::Packed;
     use pulsetrain_core::{Direction, Epoch, Segment};
 
     const PACKING: Packing = Packing { fraction_bits: 16, gain: 0 };
@@ -107,7 +109,7 @@ mod tests {
     }
 
     proptest! {
-        /// The motor of an 8-bit board finds every check right, and what a check finds wrong it does not do.
+        /// A board finds every check right, and does nothing behind one that it finds wrong.
         #[test]
         fn boards_agree_with_checks(items in prop::collection::vec(item(), 20..60), wrong in any::<prop::sample::Index>()) {
             let mut packer = Packer::new(PACKING, ROOM_FOR_CHECKS);
@@ -143,20 +145,20 @@ mod tests {
     /// Does it all; gives where the motor ends, and whether a check failed.
     fn run(packed: &[u8], steps: u32) -> (i32, bool) {
         let mut pool = Pool::<4096>::new();
-        let mut motor =
-            Motor::new(Pool::<4096>::share(1, 0), Settings { gap_ticks: 1, asserts_every_step: false, gain: 0 });
-        motor.push(&mut pool, Epoch(0), packed).unwrap();
+        let mut queue = Packed::new(Pool::<4096>::share(1, 0), PACKING);
+        queue.push(&mut pool, Epoch(0), packed).unwrap();
+        let mut channel = Channel::<16>::new(1, false);
         let mut now = Moment(0);
         // A step and a change of direction at most in each round.
         for _ in 0..4 * steps + 1000 {
-            match motor.peek(&pool, now.after(1 << 20)) {
-                Some(event) => motor.take(event),
+            match channel.peek(&mut queue.waiting(&pool), now.after(1 << 20)) {
+                Some(event) => channel.take(event),
                 None => {
                     now = now.after(1 << 16);
-                    motor.pass(now);
+                    channel.pass(now);
                 }
             }
         }
-        (motor.position(), motor.fault().is_some())
+        (channel.position(), queue.fault().is_some())
     }
 }

@@ -7,7 +7,7 @@
 //! - [`channel`]: queue items → (tick, step or direction change)
 //! - [`verbs`]: motors told directly: so many steps, one every so many ticks, this way or that
 //! - [`words`]: channel and output → words for state machines that make the edges
-//! - [`narrow`]: queue, channel and packing for an 8-bit chip
+//! - [`narrow`]: queues of packed bytes, registers and verbs for small boards
 //! - [`baked`]: a motion that lies in a board's flash, and how it is played
 //! - [`queue`]: items waiting, each tagged with its epoch
 //! - [`packing`]: segments as few bytes

@@ -129,7 +129,8 @@ fn sums_of_sines_are_plain_curves_and_keep_their_phase_for_days() {
     assert_eq!(law.class(), Class::Enclosed);
     let day = 86_400 * 3;
     let piece = law.pieces().find(|p| p.as_ref().is_ok_and(|p| p.end > Time::SECOND.times(day))).unwrap().unwrap();
-    let Curve::Sum(curves) = &piece.curve else { panic!("{:?}", piece.curve) };
+    let Curve::Accurate { curve, .. } = &piece.curve else { panic!("{:?}", piece.curve) };
+    let Curve::Sum(curves) = &**curve else { panic!("{curve:?}") };
     assert!(curves.iter().all(|c| matches!(c, Curve::Polynomial(_) | Curve::Cosine { .. })));
     // 7 rad/s for three days is 288 769 turns and this much.
     let u = (Time::SECOND.times(day) - piece.zero).seconds();

@@ -98,6 +98,7 @@ fn exact(curve: &Curve, u: Wide) -> Wide {
         }
         Curve::Sum(curves) => curves.iter().fold(wide(0.0), |sum, c| sum + exact(c, u.clone())),
         Curve::Warped { curve, time } => exact(curve, time.iter().rev().fold(wide(0.0), |sum, &c| sum * &u + wide(c))),
+        Curve::Accurate { curve, .. } => exact(curve, u),
         Curve::Formula(_) => unreachable!("formulas have their own test"),
     }
 }

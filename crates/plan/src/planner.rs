@@ -56,8 +56,8 @@ pub struct Planner<'a> {
     registers: Registers,
     certificate: Certificate,
     meter: Option<Meter>,
-    /// θ at t = 0, whole steps and rest: steps count from there.
-    start: Option<(i64, f64)>,
+    /// θ at t = 0, whole steps and the rest, which is the sum of two: steps count from there.
+    start: Option<(i64, f64, f64)>,
     /// The speed that the motor comes with, steps/s.
     arrival: f64,
     /// Where the last piece ended.
@@ -174,7 +174,7 @@ impl<'a> Planner<'a> {
     pub fn from(origin: Origin, law: &'a Law, settings: &Settings) -> Result<Planner<'a>, PlanError> {
         let mut planner = Planner::new(law, settings)?;
         planner.position = origin.position;
-        planner.start = Some((0, origin.theta));
+        planner.start = Some((0, origin.theta, 0.0));
         planner.arrival = origin.speed;
         Ok(planner)
     }
@@ -435,14 +435,14 @@ impl<'a> Planner<'a> {
     fn run(&self, stretch: Stretch, piece: PieceFrame) -> Run {
         let rising = stretch.value_to > stretch.value_from;
         let (sign, direction) = if rising { (1.0, Direction::Forward) } else { (-1.0, Direction::Backward) };
-        let (start_whole, start_rest) = self.start.unwrap_or((0, 0.0));
+        let (start_whole, start_rest, start_low) = self.start.unwrap_or((0, 0.0, 0.0));
         // Wide, since both may be far out: what is left is at home in the piece.
         let position = i128::from(self.position) - i128::from(piece.origin) + i128::from(start_whole);
         // Step 1 is due at the level above (or below) the position; s = 0 is one step before it.
         let offset = sign * (self.settings.grid.hysteresis - 0.5);
         let (rest, rest_low) = two_sum(offset, start_rest);
         let (zero, zero_low) = two_sum(position as f64, rest);
-        let zero_low = zero_low + rest_low;
+        let zero_low = zero_low + rest_low + start_low;
         let reached = (stretch.value_to - zero) * sign + TOUCH;
         Run {
             frame: Frame { sign, zero, zero_low, tick_hz: self.settings.tick_hz as f64 },
@@ -471,7 +471,10 @@ impl<'a> Planner<'a> {
         }
         match self.end {
             None => {
-                let (whole, rest) = *self.start.get_or_insert((piece.origin, first[0]));
+                let (whole, rest, _) = *self.start.get_or_insert_with(|| {
+                    let (rest, low) = piece.curve.split_value(from);
+                    (piece.origin, rest, low)
+                });
                 let jump = steps_apart(piece.origin, whole) - self.position as f64 + (first[0] - rest);
                 if jump.abs() > FARTHEST_FROM_LAW {
                     let from = self.position as f64 + rest;

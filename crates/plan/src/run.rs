@@ -24,6 +24,12 @@ pub(crate) struct Due {
     pub(crate) error: f64,
 }
 
+/// Step times that are known to this are good enough, ticks.
+const CLOSE_TICKS: f64 = 1e-2;
+
+/// A stretch that ends on a level as far as 106 bits tell, to this, touches it there, however flat it is before, steps.
+const EXACT_STEPS: f64 = 1e-24;
+
 impl Run {
     /// The law near s, expanded where the curve's own time is about `tick`.
     fn expand(&self, s: f64, tick: f64) -> Option<Expansion> {
@@ -50,7 +56,10 @@ impl Run {
         if let Some(inverse) = &self.stretch.inverse {
             if let Some((tick, error)) = exact_due(&self.frame, inverse, s) {
                 let expansion = Expansion::from_inverse(&self.frame, inverse, s);
-                return (Due { tick, error }, Some(expansion));
+                let due = Due { tick, error };
+                // At a turn that rounding puts off more is known, if it is.
+                let sharper = (error > CLOSE_TICKS && self.stretch.curve.is_accurate()).then(|| self.enclosed(s));
+                return (sharper.filter(|sharper| sharper.error < error).unwrap_or(due), Some(expansion));
             }
             let expansion = Expansion::from_inverse(&self.frame, inverse, s);
             let offset = expansion.offset(s);
@@ -73,7 +82,7 @@ impl Run {
                     if miss.abs() < 0.03 {
                         let offset = expansion.offset(s);
                         let error = expansion.remainder(miss.abs(), offset, offset, self.window());
-                        if error < 1e-2 {
+                        if error < CLOSE_TICKS {
                             return (Due { tick: expansion.tick + offset, error }, Some(*expansion));
                         }
                     }
@@ -110,7 +119,13 @@ impl Run {
                 let doubt = rounding + 2.0 * ULP * (moved.abs() + missing.abs()) + 4.0 * ULP * lost.abs();
                 (moved * self.frame.sign - missing, doubt)
             }
-            None => ((curve.value(u) - self.frame.zero) * self.frame.sign - s, everywhere),
+            None => {
+                let Frame { sign, zero, zero_low, .. } = self.frame;
+                curve.beyond(u, [zero, zero_low, sign * s]).map_or_else(
+                    || ((curve.value(u) - zero) * sign - s, everywhere),
+                    |(beyond, doubt)| (beyond * sign, doubt + 2.0 * ULP * zero_low.abs()),
+                )
+            }
         };
         let side = |is_low: &dyn Fn(f64) -> bool| {
             let (mut low, mut high) = (self.stretch.from, self.stretch.to);
@@ -131,12 +146,17 @@ impl Run {
             let (beyond, doubt) = beyond(u);
             beyond - doubt <= 0.0
         });
-        let (earliest, latest) = (earliest.0, latest.1);
+        let (mut earliest, mut latest) = (earliest.0, latest.1);
         let hz = self.frame.tick_hz;
-        Due {
-            tick: 0.5 * (earliest + latest) * hz,
-            error: 0.5 * (latest - earliest) * hz + 4.0 * ULP * latest.abs() * hz,
+        if latest >= self.stretch.to {
+            let (at_end, doubt) = beyond(self.stretch.to);
+            if at_end.abs() <= doubt && doubt < EXACT_STEPS {
+                earliest = self.stretch.to;
+            }
+            let end = self.stretch.end(hz);
+            (earliest, latest) = (earliest.min(end.0), end.1);
         }
+        Due { tick: 0.5 * (earliest + latest) * hz, error: (0.5 * (latest - earliest) + 4.0 * ULP * latest.abs()) * hz }
     }
 
     /// A first guess for the time of step `j` before anything is known: as if the acceleration were constant.

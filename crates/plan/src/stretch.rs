@@ -5,6 +5,9 @@ use pulsetrain_motion::law::{Bounds, Curve, Inverse, Piece};
 /// A window that θ crosses by less than this has no turn worth finding, steps: far less than a touch.
 const STILL: f64 = 1e-11;
 
+/// Turns are known to this where more is known of a curve than f64 holds, ticks: far less than the rounding to whole ticks.
+const SHARP_TICKS: f64 = 1e-3;
+
 /// A monotone part of a piece.
 #[derive(Clone, Debug)]
 pub(crate) struct Stretch {
@@ -18,6 +21,41 @@ pub(crate) struct Stretch {
     pub(crate) value_to: f64,
     /// A formula for its step times, if there is one.
     pub(crate) inverse: Option<Inverse>,
+    /// The turn that it ends with; `None` where the piece ends.
+    turn: Option<Turn>,
+}
+
+impl Stretch {
+    /// Where it ends: earliest and latest, s. Where more is known of the curve than f64 holds, that is between the last place where the
+    /// speed surely has its sign and the first where it surely has the other.
+    pub(crate) fn end(&self, tick_hz: f64) -> (f64, f64) {
+        let Some(turn) = self.turn else { return (self.to, self.to) };
+        let close = SHARP_TICKS / tick_hz;
+        // NaN is no bound.
+        let doubt = (self.curve.jet(self.to)[1].abs() + self.bounds.rounding[1]) / turn.least.max(0.0);
+        let (low, high) = ((self.to - doubt).max(turn.window.0), (self.to + doubt).min(turn.window.1));
+        let rises = self.value_to > self.value_from;
+        // Whether θ surely goes on, and whether it surely goes back.
+        let way = |u: f64| match self.curve.accurate_speed(u) {
+            Some((speed, doubt)) if speed.abs() > doubt => ((speed > 0.0) == rises, (speed > 0.0) != rises),
+            _ => (false, false),
+        };
+        if high - low <= close || !way(low).0 || !way(high).1 {
+            return (low, high);
+        }
+        let bisected = |is_before: &dyn Fn(f64) -> bool| {
+            let (mut low, mut high) = (low, high);
+            while high - low > close {
+                let middle = 0.5 * (low + high);
+                if middle <= low || middle >= high {
+                    break;
+                }
+                if is_before(middle) { low = middle } else { high = middle }
+            }
+            (low, high)
+        };
+        (bisected(&|u| way(u).0).0, bisected(&|u| !way(u).1).1)
+    }
 }
 
 /// The stretches of a piece, in order. Constant pieces give none.
@@ -27,10 +65,10 @@ pub(crate) fn stretches(piece: &Piece, tick_hz: f64) -> Vec<Stretch> {
     let bounds = curve.bounds(from, to);
     let whole = curve.inverse(from, to);
     let mut ends = if whole.is_some() { Vec::new() } else { turning_points(&curve, &bounds, from, to, tick_hz) };
-    ends.push(to);
+    ends.push((to, None));
     let mut stretches = Vec::with_capacity(ends.len());
     let (mut start, mut value_from) = (from, curve.value(from));
-    for end in ends {
+    for (end, turn) in ends {
         let value_to = curve.value(end);
         if end > start && value_to != value_from {
             stretches.push(Stretch {
@@ -41,6 +79,7 @@ pub(crate) fn stretches(piece: &Piece, tick_hz: f64) -> Vec<Stretch> {
                 value_from,
                 value_to,
                 inverse: whole.or_else(|| curve.inverse(start, end)),
+                turn,
             });
         }
         (start, value_from) = (end, value_to);
@@ -48,11 +87,20 @@ pub(crate) fn stretches(piece: &Piece, tick_hz: f64) -> Vec<Stretch> {
     stretches
 }
 
+/// What is known of a turn.
+#[derive(Clone, Copy, Debug)]
+struct Turn {
+    /// Where it is looked for, s.
+    window: (f64, f64),
+    /// What the acceleration is there at least, steps/s²; not positive where that is not known.
+    least: f64,
+}
+
 /// Every time in `from..=to` where the speed changes its sign, to within a quarter of a tick.
 ///
 /// A window is passed over when its speed provably keeps its sign, searched for one root when its acceleration
 /// does, and halved otherwise.
-fn turning_points(curve: &Curve, bounds: &Bounds, from: f64, to: f64, tick_hz: f64) -> Vec<f64> {
+fn turning_points(curve: &Curve, bounds: &Bounds, from: f64, to: f64, tick_hz: f64) -> Vec<(f64, Option<Turn>)> {
     let shortest = 0.25 / tick_hz;
     let mut found = Vec::new();
     let mut start = from;
@@ -73,11 +121,35 @@ fn turning_points(curve: &Curve, bounds: &Bounds, from: f64, to: f64, tick_hz: f
         let end = start + 2.0 * half;
         // Where θ stands still, rounding alone has a sign: no search tick by tick for turns that move nothing.
         let still = (c[1].abs() + bend + bounds.rounding[1]) * 2.0 * half < STILL;
-        let passed = still || c[1].abs() > bend + bounds.rounding[1];
-        let one_root = 2.0 * (c[2].abs() - bounds.rounding[2]) > twist;
-        if passed || one_root || half <= shortest {
-            if !passed {
-                found.extend(root(curve, start, end, shortest).filter(|root| *root < to));
+        let passed = c[1].abs() > bend + bounds.rounding[1];
+        // What the acceleration is at least.
+        let least = 2.0 * (c[2].abs() - bounds.rounding[2]) - twist;
+        if passed || still || least > 0.0 || half <= shortest {
+            // Where rounding has the sign the curve's terms tell it, if it has any; else there is a turn if both sides of a rest say so.
+            let speed = |u: f64| {
+                let speed = curve.jet(u)[1];
+                if speed.abs() > bounds.rounding[1] {
+                    return speed;
+                }
+                match curve.accurate_speed(u) {
+                    Some((speed, doubt)) => {
+                        if speed.abs() > doubt {
+                            speed
+                        } else {
+                            0.0
+                        }
+                    }
+                    None => {
+                        if still {
+                            f64::NAN
+                        } else {
+                            speed
+                        }
+                    }
+                }
+            };
+            if !passed && let Some(at) = root(curve, speed, start, end, 1e-2 * shortest).filter(|root| *root < to) {
+                found.push((at, Some(Turn { window: (start, end), least })));
             }
             if end <= start {
                 break;
@@ -92,8 +164,11 @@ fn turning_points(curve: &Curve, bounds: &Bounds, from: f64, to: f64, tick_hz: f
 }
 
 /// The one place between `low` and `high` where the speed changes its sign, if it does.
-fn root(curve: &Curve, mut low: f64, mut high: f64, width: f64) -> Option<f64> {
-    let (at_low, at_high) = (curve.jet(low)[1], curve.jet(high)[1]);
+fn root(curve: &Curve, speed: impl Fn(f64) -> f64, mut low: f64, mut high: f64, width: f64) -> Option<f64> {
+    let (at_low, at_high) = (speed(low), speed(high));
+    if at_low.is_nan() || at_high.is_nan() {
+        return None;
+    }
     // At rest exactly at an end: the window before has told that of `low`.
     if at_low == 0.0 || at_high == 0.0 {
         return (at_low != 0.0).then_some(high);
@@ -104,13 +179,13 @@ fn root(curve: &Curve, mut low: f64, mut high: f64, width: f64) -> Option<f64> {
     }
     let mut x = 0.5 * (low + high);
     while high - low > width {
-        let c = curve.jet(x);
-        if (c[1] > 0.0) == rising_at_low {
+        let here = speed(x);
+        if (here > 0.0) == rising_at_low {
             low = x
         } else {
             high = x
         }
-        let newton = x - c[1] / (2.0 * c[2]);
+        let newton = x - here / (2.0 * curve.jet(x)[2]);
         if newton > low && newton < high {
             if (newton - x).abs() < width * 1e-3 {
                 return Some(newton);

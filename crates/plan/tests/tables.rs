@@ -202,6 +202,39 @@ fn curves_that_hardly_bend_are_within_their_certificates() {
     }
 }
 
+/// Lines and curves of days to years, slow ones too: each step within a tick of where the rows have it.
+#[test]
+fn tables_of_years_are_planned() {
+    for (end_s, way) in [(1e5, 3.0), (1e6, -90.0), (3.3e6, 8.9), (1e7, 80.0 / 9.0), (1e8, 100.0), (1e9, 500.0)] {
+        for grid in [Grid::NEAREST, Grid::REACH] {
+            for clock in [(16_000_000, 16), (125_000_000, 32)] {
+                let settings = Settings { grid, ..settings(clock) };
+                for interpolation in [Interpolation::Monotone, Interpolation::Linear] {
+                    let law = Law::table(&[(0.0, 0.0), (end_s, way)], interpolation).unwrap();
+                    let what = format!("{way} steps in {end_s} s");
+                    let (steps, certificate) = steps(&law, &settings).unwrap_or_else(|error| panic!("{what}: {error}"));
+                    for (n, step) in (1..).zip(&steps) {
+                        let level = f64::from(n) - 0.5 + settings.grid.hysteresis;
+                        let due = exact(level) * exact(end_s) / exact(way.abs()) * rational(clock.0.into(), 1);
+                        let off = (rational(step.tick.into(), 1) - &due).to_f64().value().abs();
+                        // The slope is the nearest f64.
+                        let slope = due.to_f64().value() * f64::EPSILON;
+                        assert!(off <= certificate.bound_ticks + slope, "{what}: step {n} is {off} ticks off");
+                    }
+                    let made = steps.len() as f64;
+                    assert!(made < way.abs() + 0.5 && made > way.abs() - 1.6, "{what}: {made} steps");
+                }
+            }
+        }
+    }
+    let rests = [(0.0, 0.0), (4e6, 20.0), (8e6, 20.0), (8.5e6, -300.0), (1.6e7, -300.5)];
+    check_steps(
+        "years with rests",
+        &Law::table(&rests, Interpolation::Monotone).unwrap(),
+        &settings((125_000_000, 32)),
+    );
+}
+
 /// Times are told apart as the board tells them, also late in a long table.
 #[test]
 fn late_rows_meet() {

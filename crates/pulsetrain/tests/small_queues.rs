@@ -5,11 +5,10 @@ use pulsetrain_board::model::ModelPort;
 use pulsetrain_board::{
     Board, Edge, Faults, Observer, Port, PortError, Remote, Setup, Sizer, StopReport, SwitchRefused,
 };
-use pulsetrain_core::narrow::{self, Pool, Settings};
 use pulsetrain_core::packing::{MAX_PACKED_LEN, Packing, State};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::MotorSetup;
-use pulsetrain_core::{Entry, Epoch, Item, Moment};
+use pulsetrain_core::{Entry, Epoch, Item, Segment};
 use pulsetrain_motion::program::{self, DriverTiming, Limits, Motor, Program, Scale, Tolerance};
 use pulsetrain_motion::{Grid, Law, Time};
 use std::time::Duration;
@@ -207,44 +206,24 @@ fn stream(program: &Program, queue: u16, seconds: f64) -> Figures {
     }
 }
 
-/// Each epoch, to the end of its tail, is what the motor of an 8-bit board can do.
+/// Each epoch, to the end of its tail, fits the registers of an 8-bit board ([`pulsetrain_core::narrow`]).
 fn check_narrow(told: &[Entry]) {
     for epoch in told.chunk_by(|_, next| !matches!(next.item, Item::Anchor { .. } | Item::Resume { .. })) {
         let packing = Packing { fraction_bits: 16, gain: 0 };
-        let (mut state, mut pool) = (State::default(), Pool::<8192>::new());
-        let mut motor = narrow::Motor::new(
-            Pool::<8192>::share(1, 0),
-            Settings { gap_ticks: 1, asserts_every_step: false, gain: 0 },
-        );
-        let mut now = Moment(0);
-        let mut steps = 0;
-        for entry in epoch {
+        let (mut state, mut board) = (State::default(), State::default());
+        for Entry { item, .. } in epoch {
             let mut bytes = [0; MAX_PACKED_LEN];
-            let len = packing.pack(&mut state, &entry.item, &mut bytes).unwrap();
-            motor.push(&mut pool, Epoch(0), &bytes[..len]).unwrap();
-            match entry.item {
-                Item::Anchor { tick } | Item::Resume { tick, .. } => {
-                    while now.since(tick) > 1 << 20 && now.since(tick) < 1 << 31
-                        || tick.since(now) < 1 << 31 && tick.since(now) > 1 << 20
-                    {
-                        now = now.after(1 << 19);
-                        motor.pass(now);
-                    }
-                }
-                Item::Run { segment, .. } => steps += i64::from(segment.count),
-                Item::Dwell { .. } => {}
+            let len = packing.pack(&mut state, item, &mut bytes).unwrap();
+            let Some(Item::Run { segment, .. }) = packing.unpack(&mut board, &mut &bytes[..len]).unwrap() else {
+                continue;
+            };
+            assert!(segment.count <= u16::MAX.into(), "{segment:?}");
+            for done in 0..segment.count {
+                let Segment { interval, add, add2, .. } = segment.after(done);
+                let fits = i32::try_from(add).is_ok() && i32::try_from(add2).is_ok();
+                assert!(fits && (1..1 << 40).contains(&interval), "{segment:?} after {done} steps: {epoch:?}");
             }
         }
-        let mut made = 0;
-        for _ in 0..1000 {
-            while let Some(event) = motor.peek(&pool, now.after(1 << 22)) {
-                made += i64::from(event.kind == pulsetrain_core::channel::Kind::Step);
-                motor.take(event);
-            }
-            now = now.after(1 << 21);
-            motor.pass(now);
-        }
-        assert_eq!((made, motor.fault()), (steps, None), "{epoch:?}");
     }
 }
 

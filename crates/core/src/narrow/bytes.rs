@@ -45,12 +45,6 @@ impl<const N: usize> Pool<N> {
     pub const fn part(start: u16, len: u16) -> Bytes {
         if start as usize + len as usize <= N { Bytes::new(start, len) } else { Bytes::new(0, 0) }
     }
-
-    /// The byte at `at`.
-    pub(super) fn byte(&self, at: u16) -> u8 {
-        // `at` is always inside; said so, there is no code for a panic.
-        self.0.get(usize::from(at)).copied().unwrap_or(0)
-    }
 }
 
 impl<const N: usize> Default for Pool<N> {
@@ -184,18 +178,6 @@ impl Bytes {
         if self.epochs > 0 && self.parts[0].len > 0 { Some(self.parts[0].epoch) } else { None }
     }
 
-    /// Reads from the front on.
-    pub(super) const fn reader<'a, const N: usize>(&self, pool: &'a Pool<N>) -> Reader<'a, N> {
-        Reader { pool, at: self.next, start: self.start, end: self.end }
-    }
-
-    /// Drops the `len` bytes in front that were read up to `at`; there are so many of the first epoch.
-    pub(super) const fn consume(&mut self, len: u8, at: u16) {
-        self.next = at;
-        self.len -= len as u16;
-        self.parts[0].len -= len as u16;
-    }
-
     /// The `len` bytes in front, no more than wait, where they are; `None` if the ring ends among them.
     pub(crate) fn first_in_place<'a, const N: usize>(&self, pool: &'a Pool<N>, len: u16) -> Option<&'a [u8]> {
         let end = self.next + len;
@@ -257,37 +239,13 @@ impl Bytes {
     }
 }
 
-/// A place in a ring.
-pub(super) struct Reader<'a, const N: usize> {
-    pool: &'a Pool<N>,
-    pub(super) at: u16,
-    start: u16,
-    end: u16,
-}
-
-impl<const N: usize> Reader<'_, N> {
-    /// The next byte.
-    pub(super) fn byte(&mut self) -> u8 {
-        let byte = self.pool.byte(self.at);
-        self.at += 1;
-        if self.at == self.end {
-            self.at = self.start;
-        }
-        byte
-    }
-
-    /// The next four bytes, little-endian.
-    pub(super) fn word(&mut self) -> u32 {
-        u32::from_le_bytes([self.byte(), self.byte(), self.byte(), self.byte()])
-    }
-}
-
 #[cfg(test)]
 mod tests {
     extern crate std;
     use super::*;
     use proptest::prelude::*;
     use std::collections::VecDeque;
+    use std::vec;
     use std::vec::Vec;
 
     #[test]
@@ -316,7 +274,7 @@ mod tests {
         assert_eq!(bytes.push(&mut pool, Epoch(4), &[4]), Err(PushRefused::TooManyEpochs));
         assert_eq!(bytes.room(), 12);
         // An epoch that was read to its end makes way for another, but not while it is the newest.
-        bytes.consume(1, 1);
+        bytes.drop_first(1);
         assert_eq!(bytes.push(&mut pool, Epoch(4), &[4]), Ok(()));
         bytes.skip_to(Epoch(4));
         assert_eq!((bytes.waiting(Epoch(4)), bytes.room()), (1, 15));
@@ -325,7 +283,7 @@ mod tests {
     #[derive(Clone, Debug)]
     enum Action {
         Push { epoch: u8, len: usize },
-        Read(u8),
+        Read(u16),
         SkipTo(u8),
         Discard(u8),
         Clear,
@@ -334,7 +292,7 @@ mod tests {
     fn action() -> impl Strategy<Value = Action> {
         prop_oneof![
             6 => (0u8..4, 0usize..20).prop_map(|(epoch, len)| Action::Push { epoch, len }),
-            6 => (1u8..20).prop_map(Action::Read),
+            6 => (1u16..20).prop_map(Action::Read),
             1 => (0u8..5).prop_map(Action::SkipTo),
             1 => (0u8..4).prop_map(Action::Discard),
             1 => Just(Action::Clear),
@@ -372,14 +330,17 @@ mod tests {
                     }
                     Action::Read(most) => {
                         let front = model.front().map_or(0, |&(epoch, _)| epoch);
-                        let len = u8::try_from(bytes.waiting(Epoch(front)).min(most.into())).unwrap();
-                        let mut reader = bytes.reader(&pool);
-                        for _ in 0..len {
-                            prop_assert_eq!(Some((front, reader.byte())), model.pop_front());
+                        let len = bytes.waiting(Epoch(front)).min(most);
+                        let mut read = vec![0; len.into()];
+                        bytes.copy_first(&pool, &mut read);
+                        if let Some(in_place) = bytes.first_in_place(&pool, len) {
+                            prop_assert_eq!(in_place, &read);
                         }
-                        let at = reader.at;
+                        for byte in read {
+                            prop_assert_eq!(Some((front, byte)), model.pop_front());
+                        }
                         if len > 0 {
-                            bytes.consume(len, at);
+                            bytes.drop_first(len);
                         }
                     }
                     Action::SkipTo(epoch) => {

@@ -1,11 +1,9 @@
-//! The stepgen for an 8-bit chip: the ticks of [`Channel<16>`](crate::Channel), with nothing wider than 32 bits.
+//! What boards have that are short of memory and of bits: nothing wider than 32 bits.
 //!
-//! # What is here, top down
-//! - [`Motor`]: one motor: bytes → events, like [`Channel<16>`](crate::Channel) behind
-//!   [`Packing`](crate::packing::Packing), event for event
-//! - [`Bytes`]: its packed items, in its part of the [`Pool`] that all motors share
+//! # What is here
+//! - [`Bytes`]: packed items of one motor that wait, in its part of the [`Pool`] that all motors share
+//! - [`Registers`]: the live recurrence with 16 fraction bits, laid out for a step engine in assembly
 //! - [`verbs`]: motors told directly, step for step what [`crate::verbs`] has them do
-//! - [`Registers`]: the live recurrence; laid out for a step engine in assembly
 //!
 //! # What fits
 //! Intervals are 24.16 ticks, unsigned: 0 < interval < 2^24 ticks at every step, or a dwell goes before. add and add2
@@ -13,14 +11,11 @@
 //! come at wrong ticks, but never closer than the gap.
 //!
 //! # What is not
-//! Pins, timers, the fast step engine: the firmware's.
+//! Pins, timers, the step engine that reads packed items: the firmware's.
 
 mod bytes;
-mod motor;
 mod registers;
-mod unpack;
 pub mod verbs;
 
 pub use bytes::{Bytes, EPOCHS, Pool, PushRefused};
-pub use motor::{BLIND_STEPS, Fault, Motor, Reason, SLOWEST_BLIND, SWITCHES, Settings};
 pub use registers::Registers;

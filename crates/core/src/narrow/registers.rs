@@ -45,21 +45,13 @@ impl Registers {
         let [low, high, ..] = self.interval_low.to_le_bytes();
         self.tick = self.next_tick().0;
         self.fraction = self.fraction.wrapping_add(u16::from_le_bytes([low, high]));
-        self.lengthen(self.add.cast_unsigned(), sign_byte(self.add));
+        // 40 bits, and what extends add to the left.
+        let (sum, carry) = self.interval_low.overflowing_add(self.add.cast_unsigned());
+        let sign_byte = if self.add < 0 { 0xff } else { 0 };
+        self.interval_low = sum;
+        self.interval_high = self.interval_high.wrapping_add(sign_byte).wrapping_add(carry as u8);
         self.add = self.add.wrapping_add(self.add2);
     }
-
-    /// Adds 40 bits to the interval, modulo 2^40.
-    pub(super) const fn lengthen(&mut self, low: u32, high: u8) {
-        let (sum, carry) = self.interval_low.overflowing_add(low);
-        self.interval_low = sum;
-        self.interval_high = self.interval_high.wrapping_add(high).wrapping_add(carry as u8);
-    }
-}
-
-/// What extends `value` to the left.
-pub(super) const fn sign_byte(value: i32) -> u8 {
-    if value < 0 { 0xff } else { 0 }
 }
 
 #[cfg(test)]

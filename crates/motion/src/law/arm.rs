@@ -53,7 +53,7 @@ impl Law {
 fn in_powers_of_t(piece: &Piece, start: Time) -> Result<String, LawError> {
     let mut curve = piece.curve.clone();
     curve.rezero(Double::from(start) - Double::from(piece.zero));
-    let Curve::Polynomial(mut c) = curve else {
+    let Curve::Polynomial(mut c) = curve.plain() else {
         return Err(LawError::Parameter("a part of the path is no polynomial".into()));
     };
     c.resize(c.len().max(1), 0.0);

@@ -1,5 +1,6 @@
 //! Laws made of laws: at once, one after the other, scaled, shifted, delayed, over and over.
 
+use super::formula::Terms;
 use super::{Curve, Double, Entry, Law, LawError, Piece, Pieces, Workload, checked};
 use crate::Time;
 
@@ -232,20 +233,32 @@ pub(super) fn sum(laws: &[Law]) -> impl Iterator<Item = Result<Piece, LawError>>
 
 fn merge(terms: &[Term<'_>], start: Time, end: Time) -> Result<Piece, LawError> {
     let mut merged = Piece::rest(start, end, Double::ZERO)?;
+    let mut level = Double::ZERO;
     let mut sum: Vec<f64> = vec![0.0];
     let mut curves = Vec::new();
+    let mut accurate = Some(None);
     for term in terms {
         let Some(piece) = &term.piece else {
-            merged.raise(term.rests_at)?;
+            level = level + term.rests_at;
             continue;
         };
-        merged.raise(Double::from(piece.origin))?;
+        level = level + Double::from(piece.origin);
         if piece.entry == Entry::SpeedJump && piece.start == start {
             merged.entry = Entry::SpeedJump;
         }
+        let by = Double::from(start) - Double::from(piece.zero);
+        accurate = accurate.and_then(|before: Option<Terms>| {
+            // Before it is shifted, which rounds.
+            let mut own = piece.curve.terms()?;
+            own.rezero(by);
+            Some(Some(match before {
+                Some(before) => before.and(own),
+                None => own,
+            }))
+        });
         let mut curve = piece.curve.clone();
-        curve.rezero(Double::from(start) - Double::from(piece.zero));
-        match curve {
+        curve.rezero(by);
+        match curve.plain() {
             Curve::Polynomial(c) => {
                 sum.resize(sum.len().max(c.len()), 0.0);
                 sum.iter_mut().zip(c).for_each(|(sum, c)| *sum += c);
@@ -254,14 +267,14 @@ fn merge(terms: &[Term<'_>], start: Time, end: Time) -> Result<Piece, LawError> 
             other => curves.push(other),
         }
     }
-    merged.curve.raise(sum[0]);
-    if let Curve::Polynomial(c) = &mut merged.curve {
-        c.extend(&sum[1..]);
-    }
+    let is_line = curves.is_empty() && sum.iter().skip(2).all(|&c| c == 0.0);
+    merged.curve = Curve::Polynomial(sum);
     if !curves.is_empty() {
         curves.push(merged.curve);
         merged.curve = Curve::Sum(curves);
     }
+    merged.curve = merged.curve.accurate_by(accurate.flatten().filter(|_| !is_line));
+    merged.raise(level)?;
     Ok(merged)
 }
 

@@ -1,7 +1,8 @@
 //! The analytic curves that pieces are made of.
 
+use super::accurate::Accurate;
 use super::double::Double;
-use super::formula::Window;
+use super::formula::{Terms, Window};
 
 /// Taylor coefficients of θ at a point: θ(u₀ + x) = Σ c_k x^k, k = 0..8, in steps per s^k.
 pub type Jet = [f64; 8];
@@ -50,6 +51,13 @@ pub enum Curve {
     Formula(Window),
     /// All of them together.
     Sum(Vec<Curve>),
+    /// A curve of which more is known than f64 holds.
+    Accurate {
+        /// The curve.
+        curve: Box<Curve>,
+        /// The same to 106 bits.
+        terms: Terms,
+    },
     /// A curve in another time: curve(Σ c_k u^k).
     Warped {
         /// The curve, against its own time.
@@ -142,6 +150,7 @@ impl Curve {
             }
             Curve::Formula(window) => window.value(u),
             Curve::Sum(curves) => curves.iter().map(|c| c.value(u)).sum(),
+            Curve::Accurate { curve, .. } => curve.value(u),
             Curve::Warped { curve, time } => curve.value(expand::<1>(time.iter().copied(), u)[0]),
         }
     }
@@ -156,6 +165,72 @@ impl Curve {
         let sum = |c: fn(f64) -> f64, u: f64| rest.iter().rev().fold(0.0, |sum, &own| (sum * u) + c(own)) * u * u;
         let rounding = (2 * c.len() + 5) as f64 * ULP * OUTWARD * sum(f64::abs, u.abs()) + f64::MIN_POSITIVE;
         Some((x0, sum(|c| c, u), rounding))
+    }
+
+    /// The same curve, of which more may be known.
+    pub(crate) fn accurate_by(self, terms: Option<Terms>) -> Curve {
+        match terms {
+            Some(terms) => Curve::Accurate { curve: Box::new(self), terms },
+            None => self,
+        }
+    }
+
+    /// The same curve as far as f64 tells it.
+    pub(crate) fn plain(self) -> Curve {
+        match self {
+            Curve::Accurate { curve, .. } => *curve,
+            plain => plain,
+        }
+    }
+
+    /// Value less `level` and slope to 106 bits, where more is known than f64 holds.
+    fn accurate(&self, u: f64, level: &[f64]) -> Option<[Accurate; 2]> {
+        match self {
+            Curve::Accurate { terms, .. } => Some(terms.at(u, level)),
+            _ => None,
+        }
+    }
+
+    /// Whether more is known than f64 holds.
+    #[must_use]
+    pub fn is_accurate(&self) -> bool {
+        matches!(self, Curve::Accurate { .. })
+    }
+
+    /// θ at u as the exact sum of two numbers, steps: the second is 0 where no more is known than f64 holds.
+    #[must_use]
+    pub fn split_value(&self, u: f64) -> (f64, f64) {
+        self.accurate(u, &[])
+            .filter(|[value, _]| value.is_finite())
+            .map_or((self.value(u), 0.0), |[Accurate { value, .. }, _]| (value.hi, value.lo))
+    }
+
+    /// How far θ at u is beyond `level`, which is the sum of its parts, and how far that may be off, steps; `None` where no more is known
+    /// than f64 holds.
+    ///
+    /// Where a law hardly moves this tells more than the difference of two values.
+    #[must_use]
+    pub fn beyond(&self, u: f64, level: [f64; 3]) -> Option<(f64, f64)> {
+        told(self.accurate(u, &level)?[0])
+    }
+
+    /// The speed at u, and how far that may be off, steps/s; `None` where no more is known than f64 holds.
+    #[must_use]
+    pub fn accurate_speed(&self, u: f64) -> Option<(f64, f64)> {
+        told(self.accurate(u, &[])?[1])
+    }
+
+    /// This curve as terms of 106 bits, if it can be had so.
+    pub(crate) fn terms(&self) -> Option<Terms> {
+        match self {
+            Curve::Polynomial(c) => Some(Terms::of_polynomial(c)),
+            Curve::Cosine { offset, amplitude, omega, phase } => {
+                Some(Terms::of_cosine(*offset, *amplitude, *omega, *phase))
+            }
+            Curve::Sum(curves) => curves.iter().map(Curve::terms).reduce(|a, b| Some(a?.and(b?)))?,
+            Curve::Accurate { terms, .. } => Some(terms.clone()),
+            Curve::Formula(_) | Curve::TimerRamp { .. } | Curve::Warped { .. } => None,
+        }
     }
 
     /// The Taylor coefficients at u.
@@ -202,6 +277,7 @@ impl Curve {
                 jet.iter_mut().zip(window.jet(u)).for_each(|(jet, own)| *jet += own);
             }
             Curve::Sum(curves) => curves.iter().for_each(|c| c.add_jet(u, jet)),
+            Curve::Accurate { curve, .. } => curve.add_jet(u, jet),
             Curve::Warped { curve, time } => {
                 let time: Jet = expand(time.iter().copied(), u);
                 let own = composed(&curve.jet(time[0]), &time);
@@ -279,6 +355,7 @@ impl Curve {
                     *rounding += (curves.len() + 1) as f64 * ULP * majorant;
                 }
             }
+            Curve::Accurate { curve, .. } => return curve.bounds_and_majorant(a, b),
             Curve::Warped { curve, time } => (bounds, majorant) = warped_bounds(curve, time, a, b),
         }
         // Gradual underflow: far below any step, but a bound is a bound.
@@ -329,6 +406,7 @@ impl Curve {
             Curve::TimerRamp { u0, x0, factor, linear, quadratic } => {
                 Some(Inverse::Quadratic { x0: *x0, c: [*u0, linear / factor, quadratic / (factor * factor)] })
             }
+            Curve::Accurate { curve, .. } => curve.inverse(u_a, u_b),
             Curve::Formula(_) | Curve::Sum(_) | Curve::Warped { .. } => None,
         }
     }
@@ -341,24 +419,29 @@ impl Curve {
             Curve::TimerRamp { factor, .. } => *factor == 0.0,
             Curve::Formula(_) => false,
             Curve::Sum(curves) => curves.iter().all(Curve::is_constant),
-            Curve::Warped { curve, .. } => curve.is_constant(),
+            Curve::Accurate { curve, .. } | Curve::Warped { curve, .. } => curve.is_constant(),
         }
     }
 
     /// Adds `steps` to θ.
-    pub(crate) fn raise(&mut self, steps: f64) {
+    pub(crate) fn raise(&mut self, steps: Double) {
+        let add = |x: &mut f64| *x = (Double::from(*x) + steps).nearest();
         match self {
             Curve::Polynomial(c) => match c.first_mut() {
-                Some(c) => *c += steps,
-                None => c.push(steps),
+                Some(c) => add(c),
+                None => c.push(steps.nearest()),
             },
-            Curve::Cosine { offset, .. } => *offset += steps,
-            Curve::TimerRamp { x0, .. } => *x0 += steps,
-            Curve::Formula(window) => window.raise(steps),
-            Curve::Sum(curves) => match curves.first_mut() {
+            Curve::Cosine { offset, .. } => add(offset),
+            Curve::TimerRamp { x0, .. } => add(x0),
+            Curve::Formula(window) => window.raise(steps.nearest()),
+            Curve::Sum(curves) => match curves.iter_mut().find(|curve| matches!(curve, Curve::Polynomial(_))) {
                 Some(curve) => curve.raise(steps),
-                None => curves.push(Curve::constant(steps)),
+                None => curves.push(Curve::constant(steps.nearest())),
             },
+            Curve::Accurate { curve, terms } => {
+                curve.raise(steps);
+                terms.raise(steps);
+            }
             Curve::Warped { curve, .. } => curve.raise(steps),
         }
     }
@@ -377,6 +460,10 @@ impl Curve {
             }
             Curve::Formula(window) => window.scale(by),
             Curve::Sum(curves) => curves.iter_mut().for_each(|c| c.scale(by)),
+            Curve::Accurate { curve, terms } => {
+                curve.scale(by);
+                terms.scale(by);
+            }
             Curve::Warped { curve, .. } => curve.scale(by),
         }
     }
@@ -387,20 +474,33 @@ impl Curve {
             return;
         }
         match self {
-            Curve::Polynomial(c) => shift(c, by),
+            Curve::Polynomial(c) => {
+                shift(c, by);
+            }
             Curve::Cosine { omega, phase, .. } => {
                 *phase = (Double::from(*phase) + Double::from(*omega) * by).wrapped().nearest();
             }
             Curve::TimerRamp { u0, .. } => *u0 = (Double::from(*u0) - by).nearest(),
             Curve::Formula(window) => window.rezero(by),
             Curve::Sum(curves) => curves.iter_mut().for_each(|c| c.rezero(by)),
-            Curve::Warped { time, .. } => shift(time, by),
+            Curve::Accurate { curve, terms } => {
+                curve.rezero(by);
+                terms.rezero(by);
+            }
+            Curve::Warped { time, .. } => {
+                shift(time, by);
+            }
         }
     }
 }
 
-/// The polynomial Σ c_k (u + by)^k in powers of u.
-fn shift(c: &mut [f64], by: Double) {
+/// The number nearest to `x`, and how far that may be off.
+fn told(x: Accurate) -> Option<(f64, f64)> {
+    x.is_finite().then(|| (x.nearest(), x.error + 2.0 * ULP * x.nearest().abs()))
+}
+
+/// The polynomial Σ c_k (u + by)^k in powers of u; its level also to 106 bits.
+pub(crate) fn shift(c: &mut [f64], by: Double) -> Double {
     let mut exact: Vec<Double> = c.iter().map(|&c| Double::from(c)).collect();
     for k in 0..c.len() {
         for i in (k..c.len() - 1).rev() {
@@ -408,6 +508,7 @@ fn shift(c: &mut [f64], by: Double) {
         }
         c[k] = exact[k].nearest();
     }
+    exact.first().copied().unwrap_or(Double::ZERO)
 }
 
 /// The first `N` coefficients of Σ c_k (q_1 x + q_2 x² + …)^k, by Horner's rule on truncated series.

@@ -26,6 +26,27 @@ impl Double {
         Double { hi, lo: (a - (hi - b_part)) + (b - b_part) }
     }
 
+    /// A decimal number to 106 bits; `None` for one of more than 30 digits, or with a larger power of ten.
+    ///
+    /// What an f64 holds comes without a low part.
+    pub(crate) fn decimal(text: &str) -> Option<Double> {
+        let (mantissa, exponent) = match text.find(['e', 'E']) {
+            Some(at) => (&text[..at], text[at + 1..].parse::<i32>().ok()?),
+            None => (text, 0),
+        };
+        let (whole, broken) = mantissa.split_once('.').unwrap_or((mantissa, ""));
+        let digits = || whole.bytes().chain(broken.bytes());
+        let exponent = exponent.checked_sub(i32::try_from(broken.len()).ok()?)?;
+        if digits().count() > 30 || exponent.abs() > 30 || !digits().all(|digit| digit.is_ascii_digit()) {
+            return None;
+        }
+        // Below 2^100, and so is the power of ten: both are exact.
+        let number =
+            digits().fold(Double::ZERO, |sum, digit| sum * Double::from(10.0) + Double::from(f64::from(digit - b'0')));
+        let power = (0..exponent.abs()).fold(Double::ONE, |power, _| power * Double::from(10.0));
+        Some(if exponent < 0 { number / power } else { number * power })
+    }
+
     /// The exact product of two f64.
     fn product(a: f64, b: f64) -> Double {
         let hi = a * b;
@@ -41,15 +62,20 @@ impl Double {
         self.hi.is_finite() && self.lo.is_finite()
     }
 
+    /// Times 2^`doublings`.
+    pub(crate) fn scaled(self, doublings: i32) -> Double {
+        Double { hi: libm::scalbn(self.hi, doublings), lo: libm::scalbn(self.lo, doublings) }
+    }
+
     /// The nearest whole number and what is left, −½ to ½; `None` beyond ±2^62.
-    pub(crate) fn split(self) -> Option<(i64, f64)> {
+    pub(crate) fn split(self) -> Option<(i64, Double)> {
         if self.hi.is_nan() || self.hi.abs() >= 4.6e18 {
             return None;
         }
         let whole = libm::round(self.hi);
         let rest = (self.hi - whole) + self.lo;
         let carry = libm::round(rest);
-        Some((whole as i64 + carry as i64, rest - carry))
+        Some((whole as i64 + carry as i64, self - Double::from(whole) - Double::from(carry)))
     }
 
     /// The largest whole number that is not larger.
@@ -141,6 +167,18 @@ mod tests {
         let pi = digits.iter().rev().fold(Double::ZERO, |sum, &d| sum / Double::from(1e8) + Double::from(d));
         assert!((pi - Double::PI).hi.abs() < 1e-30, "{:e}", (pi - Double::PI).hi);
         assert!((pi + pi - Double::TAU).hi.abs() < 1e-30);
+    }
+
+    #[test]
+    fn decimals_keep_what_an_f64_drops() {
+        for (text, times, whole) in [("0.1", 10.0, 1.0), ("12.34", 50.0, 617.0), ("3e-7", 1e7, 3.0), (".7", 10.0, 7.0)]
+        {
+            let left = Double::decimal(text).unwrap() * Double::from(times) - Double::from(whole);
+            assert!(left.hi.abs() < 1e-29, "{text}: {left:?}");
+        }
+        assert_eq!(Double::decimal("0.375e2"), Some(Double::from(37.5)));
+        assert_eq!(Double::decimal("1e31"), None);
+        assert_eq!(Double::decimal(&"3".repeat(31)), None);
     }
 
     #[test]

@@ -12,6 +12,7 @@
 //!
 //! Each constructor checks its parameters and returns [`LawError::Parameter`] that names the one out of range.
 
+mod accurate;
 mod arm;
 mod blend;
 mod circle;
@@ -80,9 +81,15 @@ impl Piece {
         (self.end - self.zero).seconds()
     }
 
-    /// θ at the curve's own time u, with the whole steps.
-    fn position(&self, u: f64) -> Double {
+    /// θ at the curve's own time u as f64 tells it, with the whole steps.
+    fn rough_position(&self, u: f64) -> Double {
         Double::from(self.origin) + Double::from(self.curve.value(u))
+    }
+
+    /// The same, as well as it is known.
+    fn position(&self, u: f64) -> Double {
+        let (value, rest) = self.curve.split_value(u);
+        Double::from(self.origin) + Double::from(value) + Double::from(rest)
     }
 
     /// θ where the piece begins.
@@ -100,7 +107,7 @@ impl Piece {
         let too_far = || LawError::Parameter("the position leaves ±2^62 steps".into());
         let (whole, rest) = steps.split().ok_or_else(too_far)?;
         self.origin = self.origin.checked_add(whole).ok_or_else(too_far)?;
-        if rest != 0.0 {
+        if rest != Double::ZERO {
             self.curve.raise(rest);
         }
         Ok(())
@@ -113,6 +120,39 @@ impl Piece {
         self.end = self.end + by;
     }
 
+    /// The same in parts that are short enough for f64 to tell their times, if it is a polynomial: each counts its time from its own start,
+    /// but for those on either side of the piece's zero.
+    fn parts(&self) -> impl Iterator<Item = Result<Piece, LawError>> + '_ {
+        let part = Time::from_seconds(LONGEST_PART_S);
+        // Part 0 is twice as long, on both sides of the zero.
+        let number = |at: Time| match (at - self.zero).raw().div_euclid(part.raw()) {
+            k @ ..=-2 => k + 1,
+            k => k.max(0),
+        };
+        let begins = move |k: i128| self.zero + Time::from_raw(part.raw() * if k > 0 { k } else { k - 1 });
+        let (first, last) = match &self.curve {
+            Curve::Polynomial(c) if c.len() > 1 => (number(self.start), number(self.end - Time::from_raw(1))),
+            _ => (0, 0),
+        };
+        (first..=last).map(move |k| {
+            let mut cut = self.clone();
+            if k > first {
+                cut.start = begins(k);
+                cut.entry = Entry::Continuous;
+            }
+            if k < last {
+                cut.end = begins(k + 1);
+            }
+            if let (Curve::Polynomial(c), true) = (&mut cut.curve, k != 0) {
+                cut.zero = begins(k);
+                let level = curve::shift(c, Double::from(cut.zero) - Double::from(self.zero));
+                c[0] = 0.0;
+                cut.raise(level)?;
+            }
+            Ok(cut)
+        })
+    }
+
     /// Rest at `position`.
     fn rest(start: Time, end: Time, position: Double) -> Result<Piece, LawError> {
         let curve = Curve::constant(0.0);
@@ -121,6 +161,9 @@ impl Piece {
         Ok(piece)
     }
 }
+
+/// A piece of a polynomial that is longer comes in parts, s: within it 2^-53 of the time is far less than a tick of 1 ns.
+const LONGEST_PART_S: f64 = 32_768.0;
 
 /// How θ may come into a piece.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -310,7 +353,7 @@ impl Law {
         match self {
             Law::Sine(sine) => Box::new((0..sine.half_periods()).map(|k| Ok(sine.half_period(k)))),
             Law::Steady(steady) => Box::new(steady.pieces()),
-            Law::Fixed(fixed) => Box::new(fixed.pieces.iter().cloned().map(Ok)),
+            Law::Fixed(fixed) => Box::new(fixed.pieces.iter().flat_map(Piece::parts)),
             Law::Circle(circle) => Box::new(circle.pieces()),
             Law::Lorenz(lorenz) => Box::new(lorenz.pieces()),
             Law::Formula(formula) => Box::new(formula.pieces()),
@@ -413,7 +456,7 @@ fn checked(name: &str, value: f64, unit: &str, allowed: impl Fn(f64) -> bool) ->
 
 /// Whether `piece` goes on from `position`, within `tolerance` steps.
 fn meet(position: Double, piece: &Piece, tolerance: f64) -> Result<(), LawError> {
-    let next = piece.first_position();
+    let next = piece.rough_position(piece.first());
     // Written so that not-a-number fails.
     if (next - position).nearest().abs() <= tolerance {
         Ok(())

@@ -1,5 +1,6 @@
 //! Constant speed and rest.
 
+use super::formula::Terms;
 use super::{Curve, Double, Entry, Law, LawError, Piece, checked};
 use crate::Time;
 
@@ -72,6 +73,9 @@ impl Steady {
                 entry: Entry::Continuous,
             };
             piece.raise(Double::from(self.speed) * Double::from(start))?;
+            // The whole steps are the piece's.
+            let terms = (self.speed != 0.0).then(|| Terms::of_line(self.speed, start, piece.origin));
+            piece.curve = piece.curve.accurate_by(terms);
             Ok(piece)
         })
     }

@@ -5,7 +5,8 @@
 //! With x from 0 to 1 over the easing, the law's time runs at 1 − (3x² − 2x³) or at 3x² − 2x³ of its rate: speeds are never
 //! higher than the law's, and accelerations are |θ''|·rate² + |θ'|·1.5/over at most.
 
-use super::{Class, Curve, Entry, Law, LawError, Piece, Pieces, checked};
+use super::accurate::Accurate;
+use super::{Class, Curve, Double, Entry, Law, LawError, Piece, Pieces, checked};
 use crate::Time;
 use std::collections::VecDeque;
 
@@ -101,7 +102,7 @@ struct Stretch {
     end: Time,
     from: Time,
     /// The law's time, since `from`, against the time since `start`, s; `None`: both alike.
-    map: Option<[f64; 5]>,
+    map: Option<[Accurate; 5]>,
 }
 
 impl Stretch {
@@ -132,24 +133,30 @@ impl Stretch {
     }
 }
 
-fn evaluate(map: &[f64; 5], u: f64) -> f64 {
-    map.iter().rev().fold(0.0, |sum, c| sum * u + c)
+fn evaluate(map: &[Accurate; 5], u: f64) -> f64 {
+    map.iter().rev().fold(0.0, |sum, c| sum * u + c.nearest())
 }
 
 impl Warped {
     fn stretches(&self) -> Vec<Stretch> {
-        let over = |over: Time| over.seconds();
+        // Of x³ − x⁴/2 over some time, in its seconds.
+        let bend = |over: Time| {
+            let d = Accurate::of(Double::from(over));
+            let cube = Accurate::ONE / (d * d);
+            (cube, cube / (d + d))
+        };
+        let zero = Accurate::ZERO;
         match self.ease {
             Ease::Out { after, over: slowing } => {
-                let d = over(slowing);
-                let map = [0.0, 1.0, 0.0, -1.0 / (d * d), 0.5 / (d * d * d)];
+                let (c, d) = bend(slowing);
+                let map = [zero, Accurate::ONE, zero, -c, d];
                 let eased = Stretch { start: after, end: after + slowing, from: self.from + after, map: Some(map) };
                 let plain = Stretch::plain(Time::ZERO, after, self.from);
                 if after > Time::ZERO { vec![plain, eased] } else { vec![eased] }
             }
             Ease::In { over: rising } => {
-                let d = over(rising);
-                let map = [0.0, 0.0, 0.0, 1.0 / (d * d), -0.5 / (d * d * d)];
+                let (c, d) = bend(rising);
+                let map = [zero, zero, zero, c, -d];
                 let eased = Stretch { start: Time::ZERO, end: rising, from: self.from, map: Some(map) };
                 vec![eased, Stretch::plain(rising, Time::MAX, eased.to())]
             }
@@ -216,10 +223,12 @@ impl Warped {
                 match stretch.map {
                     None => warped.zero = own.zero + (stretch.start - stretch.from),
                     Some(mut map) => {
-                        map[0] = (stretch.from - own.zero).seconds();
+                        map[0] = Accurate::of(Double::from(stretch.from) - Double::from(own.zero));
                         warped.zero = stretch.start;
                         if !own.curve.is_constant() {
-                            warped.curve = Curve::Warped { curve: Box::new(own.curve.clone()), time: map };
+                            let terms = own.curve.terms().map(|terms| terms.warped(map));
+                            let (curve, time) = (Box::new(own.curve.clone().plain()), map.map(Accurate::nearest));
+                            warped.curve = Curve::Warped { curve, time }.accurate_by(terms);
                         }
                     }
                 }

@@ -66,7 +66,12 @@ impl Law {
                 let law = take_up.law().workload(until);
                 Workload { pieces: 2.0 * law.pieces, ..law }
             }
-            Law::Fixed(fixed) => self.first_pieces(until, fixed.pieces.len()),
+            Law::Fixed(fixed) => {
+                let (mut seen, at) = seen(fixed.pieces.iter().cloned(), until, Piece::way);
+                // Long ones come in parts.
+                seen.pieces += libm::floor(at.seconds() / super::LONGEST_PART_S);
+                seen
+            }
             Law::Sine(_) | Law::Steady(_) | Law::Circle(_) | Law::Lorenz(_) => self.first_pieces(until, MOST_PIECES),
             Law::Formula(formula) => self.pieces_all_over(formula, until),
             Law::Slack(_) => self.first_pieces(until, MOST_PIECES),
@@ -82,12 +87,7 @@ impl Law {
 
     /// Of its first pieces, and when they end.
     fn in_first_pieces(&self, until: Time, most: usize, way: fn(&Piece, Time) -> f64) -> (Workload, Time) {
-        let (mut seen, mut at) = (Workload::default(), Time::ZERO);
-        for piece in self.pieces().take(most).map_while(Result::ok).take_while(|piece| piece.start < until) {
-            seen = seen.and(Workload { steps: way(&piece, until), pieces: 1.0 });
-            at = piece.end.min(until);
-        }
-        (seen, at)
+        seen(self.pieces().take(most).map_while(Result::ok), until, way)
     }
 
     /// Of a formula's first pieces, and of a window in each of some spans behind them, as if the span went on like that.
@@ -105,6 +105,16 @@ impl Law {
         }
         seen
     }
+}
+
+/// Of pieces as far as `until`, and when they end.
+fn seen(pieces: impl Iterator<Item = Piece>, until: Time, way: fn(&Piece, Time) -> f64) -> (Workload, Time) {
+    let (mut seen, mut at) = (Workload::default(), Time::ZERO);
+    for piece in pieces.take_while(|piece| piece.start < until) {
+        seen = seen.and(Workload { steps: way(&piece, until), pieces: 1.0 });
+        at = piece.end.min(until);
+    }
+    (seen, at)
 }
 
 impl Workload {
@@ -168,6 +178,10 @@ mod tests {
         // A rest, three periods of the double, and the beginning of the last law; what comes after is not looked at.
         let then = vec![Law::rest(second(5)).unwrap(), sine(Some(3)).scaled(2.0).unwrap(), sine(None)];
         check(&Law::then(then).unwrap().delayed(second(2)).unwrap(), 20.0, 4800.0 + 8000.0, 2.0 + 6.0 + 20.0);
+        // A day at rest, and a line of years.
+        let rows = [(0.0, 5.0), (86_400.0, 5.0), (1e8, 2005.0)];
+        let line = Law::table(&rows, crate::law::Interpolation::Linear).unwrap();
+        check(&line, 1e9, 2000.0, 3053.0);
         let both = Law::sum(vec![sine(Some(1_000_000_000)), sine(Some(2))]).unwrap();
         check(&both, 1e10, 8e11, 2e9);
         check(&sine(Some(2)).repeated(Some(1_000_000_000)).unwrap().eased(Time::SECOND).unwrap(), 1e10, 1.6e12, 4e9);

@@ -39,6 +39,11 @@ impl Form {
         Form { polynomial: vec![Double::ZERO, Double::ONE], harmonics: Vec::new() }
     }
 
+    /// Whether it is a constant speed, or none.
+    pub(super) fn is_line(&self) -> bool {
+        self.harmonics.is_empty() && self.polynomial.iter().skip(2).all(|c| c.hi == 0.0)
+    }
+
     /// To a constant power, if that is a form.
     pub(super) fn power(&self, exponent: Double) -> Option<Form> {
         let n = exponent.nearest();
@@ -74,8 +79,7 @@ impl Form {
             };
             return Some(Form::constant(Double::from(value)));
         }
-        let affine = self.harmonics.is_empty() && self.polynomial.iter().skip(2).all(|c| c.hi == 0.0);
-        if !affine || !matches!(function, Function::Sine | Function::Cosine) {
+        if !self.is_line() || !matches!(function, Function::Sine | Function::Cosine) {
             return None;
         }
         let (mut phase, mut omega) = (self.polynomial[0], self.polynomial[1]);

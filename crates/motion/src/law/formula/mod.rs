@@ -7,6 +7,7 @@
 //! - `form`: polynomials plus sinusoids, folded when the formula is read: their windows are plain [`Curve`]s
 //! - `tape`: any other smooth expression, as a flat list of operations that allocates nothing for a jet
 //! - `series`, `scalar`: Taylor recurrences, on f64 and on enclosures that follow the rounding of the same recurrence
+//! - `terms`: the formula to 106 bits, for places where it hardly moves
 //!
 //! # The language
 //! `t` is the time in seconds; numbers, named parameters, `pi`, `tau`, `e`; `+ - * / ^`; comparisons, `and`, `or`,
@@ -25,6 +26,7 @@ mod resolve;
 mod scalar;
 mod series;
 mod tape;
+mod terms;
 
 use super::{Curve, Double, Entry, Law, LawError, Piece, meet};
 use crate::Time;
@@ -35,6 +37,7 @@ use resolve::{NARROWEST_S, Resolver, Smooth, Stop};
 use std::sync::Arc;
 pub use tape::Window;
 use tape::{Tape, Undefined};
+pub use terms::Terms;
 
 /// What is wrong with the text of a formula, and where.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -256,7 +259,7 @@ impl Windows<'_> {
             let speed = piece.curve.jet(piece.first())[1];
             meet(position, &piece, MEETING_STEPS + 2.0 * NARROWEST_S * speed.abs())?;
         }
-        self.position = Some(piece.last_position());
+        self.position = Some(piece.rough_position(piece.last()));
         self.start = piece.end;
         self.length = (2.0 * self.length.max(NARROWEST_S)).min(LONGEST_S);
         Ok(piece)
@@ -286,6 +289,7 @@ impl Windows<'_> {
         };
         let length = (end - self.start).seconds();
         let narrow = |why| Stop::Narrow(Undefined { span: self.formula.tree.span, why });
+        let mut bends = true;
         let (curve, level) = match known {
             Known::Form(form) => {
                 if form.fastest() * length > MOST_RADIANS && !forced {
@@ -295,6 +299,8 @@ impl Windows<'_> {
                 if curve.bounds(0.0, length).rounding[0] > EXACT_STEPS && length > SHORT_S {
                     return Err(narrow("it is too fast"));
                 }
+                // A line is told as well by f64.
+                bends = !form.is_line();
                 (curve, level)
             }
             Known::Tape(tape) => {
@@ -302,6 +308,9 @@ impl Windows<'_> {
             }
         };
         let mut piece = Piece { zero: self.start, start: self.start, end, origin: 0, curve, entry: Entry::Continuous };
-        Ok(piece.raise(level).map(|()| piece))
+        Ok(piece.raise(level).map(|()| {
+            let terms = bends.then(|| Terms::of_formula(&self.formula.tree, self.start, end, piece.origin));
+            Piece { curve: piece.curve.accurate_by(terms), ..piece }
+        }))
     }
 }

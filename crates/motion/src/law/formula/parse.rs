@@ -465,10 +465,12 @@ impl<'a> Parser<'a> {
             }
         }
         let span = (self.at, length);
-        let value = self.rest()[..length].parse().ok().filter(|x: &f64| x.is_finite());
+        let text = &self.rest()[..length];
+        let value = text.parse().ok().filter(|x: &f64| x.is_finite());
         let value = value.ok_or_else(|| error(span, "this is no number that can be used"))?;
         self.at += length;
-        let node = Node::new(Kind::Number(Double::from(value)), span)?;
+        let exact = Double::decimal(text).unwrap_or(Double::from(value));
+        let node = Node::new(Kind::Number(exact), span)?;
         Ok(Term::Number(Typed { node, measure: Measure::number(value) }))
     }
 

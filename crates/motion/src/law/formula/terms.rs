@@ -1,0 +1,258 @@
+//! What polynomials, sinusoids, formulas and their sums are to 106 bits.
+
+use super::parse::{Condition, Function, Kind, Node, Test};
+use super::scalar::Scalar;
+use super::series::{self, Series};
+use crate::Time;
+use crate::law::accurate::Accurate;
+use crate::law::curve::ULP;
+use crate::law::double::Double;
+use std::sync::Arc;
+
+/// Σ factor·term(u + later) + offset: the same θ as the curve beside it, where f64 does not tell enough.
+#[derive(Clone, Debug)]
+pub struct Terms {
+    terms: Vec<Term>,
+    offset: Accurate,
+}
+
+#[derive(Clone, Debug)]
+struct Term {
+    source: Source,
+    factor: Accurate,
+    later: Double,
+}
+
+#[derive(Clone, Debug)]
+enum Source {
+    /// Σ c_k t^k.
+    Polynomial(Arc<[Accurate]>),
+    /// cos(omega·t + phase).
+    Cosine { omega: Accurate, phase: Accurate },
+    /// A formula, as it is written: a power keeps its zero, which a sum of harmonics loses. Its branches are decided where t is `middle`.
+    Formula { tree: Node, middle: Accurate },
+    /// Others in another time, Σ c_k u^k.
+    Warped { terms: Box<Terms>, time: Arc<[Accurate]> },
+}
+
+/// Value and slope.
+type Dual = Series<Accurate, 2>;
+
+impl Terms {
+    fn one(source: Source, factor: Accurate, later: Double) -> Terms {
+        Terms { terms: vec![Term { source, factor, later }], offset: Accurate::ZERO }
+    }
+
+    /// A window of a formula from `start` to `end`, less `origin`.
+    pub(super) fn of_formula(tree: &Node, start: Time, end: Time, origin: i64) -> Terms {
+        let middle = Accurate::of(Double::from(start) + Double::from(end - start) * Double::from(0.5));
+        let source = Source::Formula { tree: tree.clone(), middle };
+        let mut terms = Terms::one(source, Accurate::ONE, Double::from(start));
+        terms.raise(-Double::from(origin));
+        terms
+    }
+
+    /// Of a polynomial whose coefficients may be off by three roundings, but where it is at rest at u = 0: there its position is exact.
+    pub(crate) fn of_polynomial(c: &[f64]) -> Terms {
+        let rests = c.get(1).is_none_or(|&speed| speed == 0.0);
+        let coefficient = |(k, &c): (usize, &f64)| {
+            let error = if rests && k == 0 { 0.0 } else { 3.0 * ULP * c.abs() };
+            Accurate { value: Double::from(c), error }
+        };
+        let c = c.iter().enumerate().map(coefficient).collect();
+        Terms::one(Source::Polynomial(c), Accurate::ONE, Double::ZERO)
+    }
+
+    /// speed·t from `start` on, less `origin`.
+    pub(crate) fn of_line(speed: f64, start: Time, origin: i64) -> Terms {
+        let line = Source::Polynomial([Accurate::ZERO, Accurate::from(speed)].into());
+        let mut terms = Terms::one(line, Accurate::ONE, Double::from(start));
+        terms.raise(-Double::from(origin));
+        terms
+    }
+
+    /// The same in another time, Σ c_k u^k.
+    pub(crate) fn warped(self, time: [Accurate; 5]) -> Terms {
+        Terms::one(Source::Warped { terms: Box::new(self), time: time.into() }, Accurate::ONE, Double::ZERO)
+    }
+
+    /// Of offset + amplitude·cos(omega·u + phase) with just these numbers.
+    pub(crate) fn of_cosine(offset: f64, amplitude: f64, omega: f64, phase: f64) -> Terms {
+        let source = Source::Cosine { omega: Accurate::from(omega), phase: Accurate::from(phase) };
+        let mut terms = Terms::one(source, Accurate::from(amplitude), Double::ZERO);
+        terms.raise(Double::from(offset));
+        terms
+    }
+
+    /// Both.
+    pub(crate) fn and(mut self, other: Terms) -> Terms {
+        self.terms.extend(other.terms);
+        self.offset = self.offset + other.offset;
+        self
+    }
+
+    /// Value less `level`, which is the sum of its parts, and slope; what is undefined is not a number.
+    pub(crate) fn at(&self, u: f64, level: &[f64]) -> [Accurate; 2] {
+        self.along([Accurate::from(u), Accurate::ONE], level)
+    }
+
+    fn along(&self, u: Dual, level: &[f64]) -> Dual {
+        // Whole numbers first, which is exact: what is left is small where θ is near the level.
+        let offset = level.iter().fold(self.offset, |rest, &part| rest - Accurate::from(part));
+        let mut sum = [offset, Accurate::ZERO];
+        for Term { source, factor, later } in &self.terms {
+            let t = [u[0] + Accurate::of(*later), u[1]];
+            let own = match source {
+                Source::Polynomial(c) => polynomial(c, &t),
+                Source::Cosine { omega, phase } => series::sin_cos(&[*omega * t[0] + *phase, *omega * t[1]]).1,
+                Source::Formula { tree, middle } => tree.at(&t, *middle),
+                Source::Warped { terms, time } => terms.along(polynomial(time, &t), &[]),
+            };
+            sum = plus(&sum, &own.map(|own| *factor * own));
+        }
+        sum
+    }
+
+    pub(crate) fn raise(&mut self, steps: Double) {
+        self.offset = self.offset + Accurate::exact(steps);
+    }
+
+    pub(crate) fn scale(&mut self, by: f64) {
+        let by = Accurate::from(by);
+        self.offset = self.offset * by;
+        self.terms.iter_mut().for_each(|term| term.factor = term.factor * by);
+    }
+
+    pub(crate) fn rezero(&mut self, by: Double) {
+        self.terms.iter_mut().for_each(|term| term.later = term.later + by);
+    }
+}
+
+fn polynomial(c: &[Accurate], t: &Dual) -> Dual {
+    c.iter().rev().fold([Accurate::ZERO; 2], |sum, &c| plus(&series::multiply(&sum, t), &constant(c)))
+}
+
+fn constant(c: Accurate) -> Dual {
+    [c, Accurate::ZERO]
+}
+
+fn plus(a: &Dual, b: &Dual) -> Dual {
+    [a[0] + b[0], a[1] + b[1]]
+}
+
+/// A whole number that stays the same, and is small enough to be a power.
+fn whole(x: &Dual) -> Option<i32> {
+    let n = x[0].nearest();
+    let is_exact = x[1].is_nothing() && x[0].error == 0.0 && x[0].value.lo == 0.0;
+    (is_exact && n.fract() == 0.0 && n.abs() <= 64.0).then_some(n as i32)
+}
+
+impl Node {
+    /// Value and slope at `t`, its branches decided at `middle`.
+    fn at(&self, t: &Dual, middle: Accurate) -> Dual {
+        let of = |node: &Node| node.at(t, middle);
+        match &*self.kind {
+            Kind::Number(c) => constant(Accurate::of(*c)),
+            Kind::Time => *t,
+            Kind::Add(a, b) => plus(&of(a), &of(b)),
+            Kind::Subtract(a, b) => plus(&of(a), &of(b).map(|b| -b)),
+            Kind::Multiply(a, b) => series::multiply(&of(a), &of(b)),
+            Kind::Divide(a, b) => series::divide(&of(a), &of(b)),
+            Kind::Power(a, b) => {
+                let (base, exponent) = (of(a), of(b));
+                match whole(&exponent) {
+                    Some(n) => {
+                        let power = series::whole_power(&base, n.unsigned_abs());
+                        if n < 0 { series::divide(&constant(Accurate::ONE), &power) } else { power }
+                    }
+                    None => series::exp(&series::multiply(&exponent, &series::ln(&base))),
+                }
+            }
+            Kind::Apply(function, a) => {
+                let x = of(a);
+                match function {
+                    Function::Negative => x.map(|x| -x),
+                    Function::Sine => series::sin_cos(&x).0,
+                    Function::Cosine => series::sin_cos(&x).1,
+                    Function::Exponential => series::exp(&x),
+                    Function::Logarithm => series::ln(&x),
+                    Function::Root => series::sqrt(&x),
+                    Function::Arcsine => series::asin(&x),
+                    Function::Arctangent => series::atan(&x),
+                    Function::HyperbolicTangent => series::tanh(&x),
+                }
+            }
+            Kind::Floor(a) => constant(Accurate::exact(a.in_middle(middle).floor())),
+            Kind::If(condition, a, b) => of(if condition.holds(middle) { a } else { b }),
+        }
+    }
+
+    fn in_middle(&self, middle: Accurate) -> Double {
+        self.at(&constant(middle), middle)[0].value
+    }
+}
+
+impl Condition {
+    /// In the middle of a window, all of which it holds for if there.
+    fn holds(&self, middle: Accurate) -> bool {
+        match self {
+            Condition::Not(inner) => !inner.holds(middle),
+            Condition::And(pair) => pair.0.holds(middle) && pair.1.holds(middle),
+            Condition::Or(pair) => pair.0.holds(middle) || pair.1.holds(middle),
+            Condition::Is(test, node) => {
+                let value = node.in_middle(middle).nearest();
+                match test {
+                    Test::Positive => value > 0.0,
+                    Test::NotNegative => value >= 0.0,
+                    Test::Zero => value == 0.0,
+                }
+            }
+        }
+    }
+}
+
+impl Scalar for Accurate {
+    fn exact(x: f64) -> Accurate {
+        Accurate::from(x)
+    }
+
+    fn rounded(x: f64) -> Accurate {
+        Accurate { value: Double::from(x), error: ULP * x.abs() }
+    }
+
+    fn is_sound(self) -> bool {
+        self.is_finite()
+    }
+
+    fn sin_cos(self) -> (Accurate, Accurate) {
+        Accurate::sin_cos(self)
+    }
+
+    fn exp(self) -> Accurate {
+        Accurate::exp(self)
+    }
+
+    fn ln(self) -> Accurate {
+        Accurate::ln(self)
+    }
+
+    fn sqrt(self) -> Accurate {
+        Accurate::sqrt(self)
+    }
+
+    fn asin(self) -> Accurate {
+        Accurate::asin(self)
+    }
+
+    fn atan(self) -> Accurate {
+        Accurate::atan(self)
+    }
+
+    fn tanh(self) -> Accurate {
+        Accurate::tanh(self)
+    }
+
+    fn power(self, exponent: f64) -> Accurate {
+        Accurate::power(self, Accurate::from(exponent))
+    }
+}
