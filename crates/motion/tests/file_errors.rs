@@ -1873,4 +1873,33 @@ fn a_ramp_that_cannot_catch_up_is_told_so() {
     );
     let program = read(&text.replace("\"ramp\"", "\"ramp-behind\"")).unwrap();
     assert_eq!(program.motors[0].law.behind().len(), 1);
+    let text = text.replace("2 rev/s\" }\nbegin", "2 rev/s\", duration = \"3 s\" }\nbegin = \"jump\"\nend");
+    check(
+        "",
+        &text,
+        expect![[r#"
+        x.toml:18:7: no ramp stays within max_speed = 1600.0 steps/s: the law runs at 1600.0 steps/s where the ramp would meet it, and the slowest ramp at 2421.6 steps/s: a ramp makes up for the way that it loses, and is faster than the law for a while
+            write end = "ramp-behind": that makes up for nothing, and ends 0.751 rev before the law does
+    "#]],
+    );
+    let program = read(&text.replace("\"ramp\"", "\"ramp-behind\"")).unwrap();
+    assert!(program.motors[0].law.behind()[0].ends);
+    // There is room for neither.
+    let short = text.replace("3 s", "0.3 s");
+    check(
+        "",
+        &short,
+        expect![[r#"
+        x.toml:18:7: no ramp of up to 0.3 s stays within max_acceleration = 3200.0 steps/s²; the gentlest needs 21035.5
+            make the motion slower or longer, or write end = "jump" if the motor can do it at once
+    "#]],
+    );
+    check(
+        "",
+        &short.replace("\"ramp\"", "\"ramp-behind\""),
+        expect![[r#"
+        x.toml:18:7: no ramp of up to 0.3 s stays within max_acceleration = 3200.0 steps/s²; the gentlest needs 8008.0
+            make the motion slower or longer, or write end = "jump" if the motor can do it at once
+    "#]],
+    );
 }
