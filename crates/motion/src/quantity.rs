@@ -50,6 +50,10 @@ pub struct Quantity {
     pub per_seconds: u8,
     /// The unit's name as written, without the division by time; rates such as rpm have their own.
     pub unit: &'static str,
+    /// The number as written.
+    pub(crate) number: f64,
+    /// What it is divided by, in s^`per_seconds`: 60 of rpm.
+    pub(crate) per_s: f64,
     /// The value as written, so that "100 ms" is a tenth of a second exactly.
     exact: Option<Ratio>,
 }
@@ -89,8 +93,8 @@ pub enum QuantityError {
         unit: String,
         /// Where it begins.
         offset: usize,
-        /// The nearest known unit, if one is near.
-        nearest: Option<&'static str>,
+        /// What to write instead, if that can be told: another unit, or another number with its unit.
+        meant: Option<String>,
     },
 }
 
@@ -138,9 +142,39 @@ const UNITS: &[UnitRow] = &[
 /// Units that have the division by time in their name: (name, base, numerator, denominator), per second.
 const RATES: &[UnitRow] = &[
     ("rpm", Base::Turn, 1, 60),
+    ("mHz", Base::Cycle, 1, 1000),
     ("Hz", Base::Cycle, 1, 1),
     ("kHz", Base::Cycle, 1000, 1),
     ("MHz", Base::Cycle, 1_000_000, 1),
+];
+
+/// Other names of units.
+const OTHER_NAMES: &[(&str, &str)] = &[
+    ("rps", "rev/s"),
+    ("dps", "deg/s"),
+    ("sps", "step/s"),
+    ("pps", "step/s"),
+    ("sec", "s"),
+    ("secs", "s"),
+    ("second", "s"),
+    ("seconds", "s"),
+    ("msec", "ms"),
+    ("minute", "min"),
+    ("minutes", "min"),
+    ("hour", "h"),
+    ("hours", "h"),
+    ("degree", "deg"),
+    ("degrees", "deg"),
+    ("radian", "rad"),
+    ("radians", "rad"),
+    ("revolution", "rev"),
+    ("revolutions", "rev"),
+    ("inch", "in"),
+    ("inches", "in"),
+    ("millimeter", "mm"),
+    ("millimeters", "mm"),
+    ("pulse", "step"),
+    ("pulses", "step"),
 ];
 
 /// `key = "amount unit"` as it may be pasted into a motion file: three digits, and none of the spaces and signs that are for people alone.
@@ -209,15 +243,20 @@ impl Quantity {
         if unit.is_empty() {
             return Err(QuantityError::NoUnit { number: number.to_owned() });
         }
-        let Some(Unit { name, base, per_seconds, scale }) = find_unit(unit) else {
+        let Some(Unit { name, base, per_seconds, per_s, scale }) = find_unit(unit) else {
             let offset = start + length + (rest.len() - rest.trim_start().len());
-            return Err(QuantityError::UnknownUnit { unit: unit.to_owned(), offset, nearest: nearest_unit(unit) });
+            return Err(QuantityError::UnknownUnit { unit: unit.to_owned(), offset, meant: meant(magnitude, unit) });
         };
         let value = scale.apply(magnitude);
         if !value.is_finite() {
             return Err(QuantityError::OutOfRange { number: number.to_owned() });
         }
-        Ok(Quantity { value, base, per_seconds, unit: name, exact: scale.exact(&digits) })
+        Ok(Quantity { value, base, per_seconds, unit: name, number: magnitude, per_s, exact: scale.exact(&digits) })
+    }
+
+    /// Whether it is written in turns, in any time.
+    pub(crate) fn is_in_turns(&self) -> bool {
+        self.base == Base::Turn && (self.value * self.per_s / self.number - 1.0).abs() < 1e-9
     }
 
     /// As a duration, exact to 2^-64 s if it was written as a decimal number of a unit of time; `None` for anything else.
@@ -339,27 +378,30 @@ struct Unit {
     name: &'static str,
     base: Base,
     per_seconds: u8,
+    per_s: f64,
     scale: Scale,
 }
 
 fn find_unit(unit: &str) -> Option<Unit> {
-    let exactly = |&(name, base, n, d): &UnitRow, per_seconds| {
+    let exactly = |&(name, base, n, d): &UnitRow, per_seconds, per_s| {
         let scale = Scale::Ratio { numerator: f64::from(n), denominator: d as f64, exact: Some((n, d)) };
-        Unit { name, base, per_seconds, scale }
+        Unit { name, base, per_seconds, per_s, scale }
+    };
+    let radians = |per_seconds, per_s| Unit {
+        name: "rad",
+        base: Base::Turn,
+        per_seconds,
+        per_s,
+        scale: Scale::Radian { denominator: per_s },
     };
     if let Some(row) = RATES.iter().find(|row| row.0 == unit) {
-        return Some(exactly(row, 1));
+        return Some(exactly(row, 1, if row.0 == "rpm" { 60.0 } else { 1.0 }));
     }
     let Some((amount, time)) = unit.split_once('/') else {
         if unit == "rad" {
-            return Some(Unit {
-                name: "rad",
-                base: Base::Turn,
-                per_seconds: 0,
-                scale: Scale::Radian { denominator: 1.0 },
-            });
+            return Some(radians(0, 1.0));
         }
-        return UNITS.iter().find(|row| row.0 == unit).map(|row| exactly(row, 0));
+        return UNITS.iter().find(|row| row.0 == unit).map(|row| exactly(row, 0, 1.0));
     };
     let (amount, time) = (amount.trim_end(), time.trim_start());
     let (time, per_seconds) = [("^2", 2), ("²", 2), ("^3", 3), ("³", 3)]
@@ -367,18 +409,61 @@ fn find_unit(unit: &str) -> Option<Unit> {
         .find_map(|&(suffix, power)| Some((time.strip_suffix(suffix)?, power)))
         .unwrap_or((time, 1));
     let &(_, _, n, d) = UNITS.iter().find(|row| row.1 == Base::Time && row.0 == time)?;
-    let seconds = (f64::from(n) / d as f64).powi(i32::from(per_seconds));
+    let per_s = (f64::from(n) / d as f64).powi(i32::from(per_seconds));
     if amount == "rad" {
-        return Some(Unit {
-            name: "rad",
-            base: Base::Turn,
-            per_seconds,
-            scale: Scale::Radian { denominator: seconds },
-        });
+        return Some(radians(per_seconds, per_s));
     }
     let &(name, base, n, d) = UNITS.iter().find(|row| row.0 == amount && row.1.is_position())?;
-    let scale = Scale::Ratio { numerator: f64::from(n), denominator: d as f64 * seconds, exact: None };
-    Some(Unit { name, base, per_seconds, scale })
+    let scale = Scale::Ratio { numerator: f64::from(n), denominator: d as f64 * per_s, exact: None };
+    Some(Unit { name, base, per_seconds, per_s, scale })
+}
+
+/// What somebody means who writes `number` with a unit that is not known.
+fn meant(number: f64, unit: &str) -> Option<String> {
+    let known = |unit: String| find_unit(&unit).is_some().then_some(unit);
+    // Another name of the amount, of the time, or of both: rps, degrees/second.
+    let renamed =
+        |name: &str| OTHER_NAMES.iter().find(|other| other.0 == name).map_or(name, |other| other.1).to_owned();
+    let parts: Vec<String> =
+        unit.to_lowercase().replace("per", "/").split('/').map(|part| renamed(part.trim())).collect();
+    if let Some(unit) = known(parts.join("/")) {
+        return Some(unit);
+    }
+    // Divided by time more than once: mm/s/s, rev/s2, rev/s**2; rpm is divided already.
+    let parts: Vec<&str> = parts.iter().flat_map(|part| part.split('/')).collect();
+    let (amount, times) = parts.split_first()?;
+    let is_rpm = *amount == "rpm";
+    let (amount, times): (&str, Vec<&str>) =
+        if is_rpm { ("rev", [&["min"], times].concat()) } else { (amount, times.to_vec()) };
+    let powers: Vec<(&str, usize)> = times
+        .into_iter()
+        .map(|time| {
+            let name = time.trim_end_matches(|c: char| c.is_ascii_digit());
+            (name.trim_end_matches(['^', '*']), time[name.len()..].parse().unwrap_or(1))
+        })
+        .collect();
+    let power: usize = powers.iter().map(|(_, power)| power).sum();
+    if !powers.is_empty() && (2..=3).contains(&power) {
+        // In the time that comes last; another one makes another number.
+        let last = powers.last()?.0;
+        let seconds = |time: &str| find_unit(&format!("rev/{time}")).map(|unit| unit.per_s);
+        let mut number = number;
+        for (time, power) in &powers {
+            number *= (seconds(last)? / seconds(time)?).powi(i32::try_from(*power).ok()?);
+        }
+        let unit = known(format!("{amount}/{last}^{power}"))?;
+        return Some(if powers.iter().all(|(time, _)| *time == last) {
+            unit
+        } else {
+            format!("{} {unit}", rounded(number))
+        });
+    }
+    nearest_unit(unit).map(str::to_owned)
+}
+
+/// To six digits.
+fn rounded(number: f64) -> f64 {
+    format!("{number:.5e}").parse().unwrap_or(number)
 }
 
 fn nearest_unit(unit: &str) -> Option<&'static str> {
@@ -395,7 +480,8 @@ pub(crate) fn nearest<'a>(written: &str, known: impl IntoIterator<Item = &'a str
         .into_iter()
         .map(|name| (strsim::damerau_levenshtein(&lower, &name.to_lowercase()), name))
         .filter(|(distance, name)| *distance <= 1 + name.len().min(lower.len()) / 4)
-        .min_by_key(|(distance, _)| *distance)
+        // mHz is not MHz.
+        .min_by_key(|(distance, name)| (*distance, strsim::damerau_levenshtein(written, name)))
         .map(|(_, name)| name)
 }
 
@@ -449,8 +535,32 @@ mod tests {
         assert_eq!(refused("1e999 s"), QuantityError::OutOfRange { number: "1e999".into() });
         assert_eq!(
             refused(" 2 rve"),
-            QuantityError::UnknownUnit { unit: "rve".into(), offset: 3, nearest: Some("rev") }
+            QuantityError::UnknownUnit { unit: "rve".into(), offset: 3, meant: Some("rev".into()) }
         );
+        let meant = |text: &str| match refused(text) {
+            QuantityError::UnknownUnit { meant, .. } => meant.unwrap_or_default(),
+            error => panic!("{error}"),
+        };
+        for (text, unit) in [
+            ("500 mhz", "mHz"),
+            ("5 khz", "kHz"),
+            ("10 rpm/s", "0.166667 rev/s^2"),
+            ("10 rpm/min", "rev/min^2"),
+            ("2 rps", "rev/s"),
+            ("90 degrees/second", "deg/s"),
+            ("9 deg per sec", "deg/s"),
+            ("3 mm/s/s", "mm/s^2"),
+            ("3 mm/s2", "mm/s^2"),
+            ("3 rev/s**3", "rev/s^3"),
+            ("60 deg/min/s", "1 deg/s^2"),
+            ("3 furlongs", ""),
+            ("3 //", ""),
+        ] {
+            let meant = meant(text);
+            assert_eq!(meant, unit, "{text}");
+            let is_read = |text: &str| Quantity::parse(text).is_ok();
+            assert!(meant.is_empty() || is_read(&meant) || is_read(&format!("1 {meant}")), "{text}: {meant}");
+        }
         assert!(matches!(refused("2 s/s"), QuantityError::UnknownUnit { .. }));
     }
 

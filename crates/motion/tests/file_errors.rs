@@ -764,8 +764,8 @@ fn motors_and_motions() {
         SINE,
         &format!("{SINE}\nend = \"delay\""),
         expect![[r#"
-        x.toml:15:7: `end` must be one of "ramp", "jump"
-    "#]],
+            x.toml:15:7: `end` must be one of "ramp", "ramp-behind", "jump"
+        "#]],
     );
 }
 
@@ -1043,6 +1043,81 @@ fn dimensions_of_formulas() {
         (LEAD, "mm", "pi/2*r*phi*t", "r = \"20 mm\", phi = \"90 deg\""),
         ("", "deg", "90*sin(2*pi*f*t - phi) + 2*pi*f*phi*t", "f = \"0.5 Hz\", phi = \"3 deg\""),
     ];
+    const N: &str = "n = \"30 rpm\"";
+    const TURNS: &str = "n = \"0.5 rev/s\"";
+    const RADIUS: &str = "r = \"20 mm\", n = \"0.5 rev/s\"";
+    // The same in other words: in parts, among other factors, rounded, in another unit of time or length.
+    let disguised = [
+        ("", "deg", "n*360/60*t", N),
+        ("", "deg", "20*sin(n/60*360*t)", N),
+        ("", "deg", "20*sin(n/60*2*pi*t)", N),
+        ("", "deg", "n/60*t", N),
+        ("", "rev", "3*t*n/60", N),
+        ("", "rev", "w*t/3600", "w = \"15 deg/h\""),
+        (LEAD, "mm", "v/60*t", "v = \"600 mm/min\""),
+        ("", "deg", "20*sin(0.1047*n*t)", N),
+        ("", "deg", "20*sin(3*2*pi*n*t)", TURNS),
+        ("", "deg", "20*sin(pi*n*t)^2", TURNS),
+        ("", "deg", "4*pi*n*t", TURNS),
+        (LEAD, "mm", "pi*2*r*n*t", RADIUS),
+        (LEAD, "mm", "pi*d*n*t", "d = \"40 mm\", n = \"0.5 rev/s\""),
+        ("", "deg", "3*57.3*w*t", "w = \"1 rad/s\""),
+        ("", "deg", "20*sin(3.1416/180*phi*t)", ANGLE),
+        ("", "deg", "20*sin(k*phi*t)", "phi = \"90 deg\", k = 0.0174533"),
+        ("", "step", "800*n*t", TURNS),
+        ("", "step", "w*t*800/(2*pi)", "w = \"1 rad/s\""),
+        ("", "step", "phi*800/360*t", ANGLE),
+        (LEAD, "mm", "25.4*x*t", "x = \"2 in\""),
+        (LEAD, "step", "100*x*t", "x = \"2 mm\""),
+        ("", "deg", "20*exp(-t*1000/T)", "T = \"500 ms\""),
+        ("", "deg", "20*t/(T/1000)", "T = \"500 ms\""),
+        ("", "deg", "20*sin(2*pi*t/(60*T))", "T = \"2 min\""),
+        ("", "deg", "20*sin(2*pi*1000*f*t)", "f = \"0.002 kHz\""),
+        ("", "deg", "if(t < T/1000, 0, t - 1/2)", "T = \"500 ms\""),
+        ("", "rad", "180/pi*asin(t)", ""),
+        ("", "deg", "20*sin(180/pi*asin(t))", ""),
+        ("", "deg", "phi + 3.1416*t", ANGLE),
+        (LEAD, "mm", "x*(phi + (pi + (180/pi)*asin(t)))", BOTH),
+        (LEAD, "mm", "x*(phi + 57.3*asin(t))", BOTH),
+        ("", "deg", "phi*p", "phi = \"90 deg\", p = \"40 %\""),
+        ("", "deg", "n/0.16667*t", N),
+        ("", "step", "4*s*t", "s = \"25 full-step\""),
+        ("", "deg", "20*sin(360*f*t + 90)", "f = \"0.5 Hz\""),
+        (LEAD, "mm", "screw*n*t", "screw = \"8 mm\", n = \"0.5 rev/s\""),
+        ("", "deg", "v/r*t", "v = \"50 mm/s\", r = \"20 mm\""),
+        ("", "deg", "phi + v/(2*r)*t", "v = \"50 mm/s\", r = \"20 mm\", phi = \"90 deg\""),
+        ("", "rev", "v/w*sin(w*t)", "v = \"90 deg/s\", w = \"1 rad/s\""),
+    ];
+    // What looks like one, and is none.
+    let gears = [
+        ("", "deg", "6*n*t", N),
+        ("", "deg", "n*12/2*t", N),
+        ("", "rev", "n/gear*t", "n = \"1 rpm\", gear = 60"),
+        ("", "deg", "phi*t/T", "phi = \"1 rev\", T = \"360 s\""),
+        ("", "step", "1000*t/T", "T = \"500 ms\""),
+        ("", "rev", "60*t/T", "T = \"2 min\""),
+        ("", "deg", "360*t/T", "T = \"2 min\""),
+        ("", "deg", "20*sin(2*pi*60*t/T)", "T = \"2 min\""),
+        ("", "deg", "360*phi/rev*t", "phi = \"90 deg\", rev = \"1 rev\""),
+        ("", "rev", "phi/deg/360*t", "phi = \"90 deg\", deg = \"1 deg\""),
+        ("", "deg", "20*exp(-t*1000/(T/ms))", "T = \"500 ms\", ms = \"1 ms\""),
+        ("", "deg", "20*sin(2*pi*f*t - phi)", "f = \"0.5 Hz\", phi = \"0.25 rev\""),
+        ("", "deg", "v/(2*pi*f)*sin(2*pi*f*t)", "f = \"0.5 Hz\", v = \"1 rad/s\""),
+        (LEAD, "mm", "x*(180/pi*asin(t)/90)", BOTH),
+        (LEAD, "mm", "10*x*t", "x = \"2 cm\""),
+        (LEAD, "mm", "r*n*t", RADIUS),
+        (LEAD, "mm", "x*(phi + (pi + asin(t)))", BOTH),
+        (LEAD, "mm", "screw*n/turn*t", "screw = \"8 mm\", n = \"0.5 rev/s\", turn = \"1 rev\""),
+        (LEAD, "mm", "v/w*sin(w*t)", "v = \"50 mm/s\", w = \"10 rad/s\""),
+        ("", "deg", "v/r*rad*t", "v = \"50 mm/s\", r = \"20 mm\", rad = \"1 rad\""),
+        ("", "deg", "40*x/r*t", "x = \"5 mm\", r = \"20 mm\""),
+        ("", "deg", "phi/deg*t", "phi = \"90 deg\", deg = \"1 deg\""),
+        ("", "rev", "v/c*t", "v = \"50 mm/s\", c = \"125 mm\""),
+        ("", "rad", "v/r*t", "v = \"50 mm/s\", r = \"20 mm\""),
+        ("", "deg", "20*sin(v/r*t)", "v = \"50 mm/s\", r = \"20 mm\""),
+        ("", "deg", "20*sin(w*t)", "w = 360"),
+        ("", "deg", "20*sin((360*f*t + 90)*pi/180)", "f = \"0.5 Hz\""),
+    ];
     expect![[r#"
         phi + t*x   in deg; phi = "90 deg", x = "5 mm"
             at t*x: formula: `phi` is an angle, but `t*x` is a length: they cannot be added
@@ -1174,70 +1249,70 @@ fn dimensions_of_formulas() {
     .assert_eq(&of_formulas(&bare));
     expect![[r#"
         180/pi*asin(t)   in deg
-            at 180/pi*asin(t): formula: `180/pi*asin(t)` converts an angle by hand: what asin, acos, atan and atan2 give is in deg here already
+            at 180/pi*asin(t): formula: `180/pi*asin(t)` converts by hand: what asin, acos, atan and atan2 give is in deg here already
             leave the factor out; for the number of rad divide by an angle, where = { rad = "1 rad" }
         57.3*asin(t) + 5   in deg
-            at 57.3*asin(t): formula: `57.3*asin(t)` converts an angle by hand: what asin, acos, atan and atan2 give is in deg here already
+            at 57.3*asin(t): formula: `57.3*asin(t)` converts by hand: what asin, acos, atan and atan2 give is in deg here already
             leave the factor out; for the number of rad divide by an angle, where = { rad = "1 rad" }
         asin(t)/(2*pi)   in rev
-            at asin(t)/(2*pi): formula: `asin(t)/(2*pi)` converts an angle by hand: what asin, acos, atan and atan2 give is in rev here already
+            at asin(t)/(2*pi): formula: `asin(t)/(2*pi)` converts by hand: what asin, acos, atan and atan2 give is in rev here already
             leave the factor out; for the number of rad divide by an angle, where = { rad = "1 rad" }
         atan2(t, 1)*0.1592   in rev
-            at atan2(t, 1)*0.1592: formula: `atan2(t, 1)*0.1592` converts an angle by hand: what asin, acos, atan and atan2 give is in rev here already
+            at atan2(t, 1)*0.1592: formula: `atan2(t, 1)*0.1592` converts by hand: what asin, acos, atan and atan2 give is in rev here already
             leave the factor out; for the number of rad divide by an angle, where = { rad = "1 rad" }
         asin(t)*800/2/pi   in step
-            at asin(t)*800/2/pi: formula: `asin(t)*800/2/pi` converts an angle by hand: what asin, acos, atan and atan2 give is in step here already
+            at asin(t)*800/2/pi: formula: `asin(t)*800/2/pi` converts by hand: what asin, acos, atan and atan2 give is in step here already
             leave the factor out; for the number of rad divide by an angle, where = { rad = "1 rad" }
         90*2/pi*asin(sin(t))   in deg
-            at 90*2/pi*asin(sin(t)): formula: `90*2/pi*asin(sin(t))` converts an angle by hand: what asin, acos, atan and atan2 give is in deg here already
+            at 90*2/pi*asin(sin(t)): formula: `90*2/pi*asin(sin(t))` converts by hand: what asin, acos, atan and atan2 give is in deg here already
             leave the factor out; for the number of rad divide by an angle, where = { rad = "1 rad" }
         90*sin(2*pi*f*t)   in deg; f = "0.5 rev/s"
-            at 2*pi*f*t: formula: `2*pi*f*t` converts an angle by hand: `f` = 0.5 rev/s is in rad here already
+            at 2*pi*f*t: formula: `2*pi*f*t` converts by hand: `f` = 0.5 rev/s is 3.14 rad/s here already
             leave the factor out, or give `f` in Hz
         90*sin(6.28*f*t - 1)   in deg; f = "30 rpm"
-            at 6.28*f*t: formula: `6.28*f*t` converts an angle by hand: `f` = 30 rpm is in rad here already
+            at 6.28*f*t: formula: `6.28*f*t` converts by hand: `f` = 30 rpm is 3.14 rad/s here already
             leave the factor out, or give `f` in Hz
         90*sin(2*pi*n/60*t)   in deg; n = "30 rpm"
-            at 2*pi*n/60*t: formula: `2*pi*n/60*t` converts an angle by hand: `n` = 30 rpm is in rad here already
+            at 2*pi*n/60*t: formula: `2*pi*n/60*t` converts by hand: `n` = 30 rpm is 3.14 rad/s here already
             leave the factor out
         90*cos(phi*pi/180)   in deg; phi = "90 deg"
-            at phi*pi/180: formula: `phi*pi/180` converts an angle by hand: `phi` = 90 deg is in rad here already
+            at phi*pi/180: formula: `phi*pi/180` converts by hand: `phi` = 90 deg is 1.57 rad here already
             leave the factor out
         w*180/pi*t   in deg; w = "1 rad/s"
-            at w*180/pi*t: formula: `w*180/pi*t` converts an angle by hand: `w` = 1 rad/s is in deg here already
+            at w*180/pi*t: formula: `w*180/pi*t` converts by hand: `w` = 1 rad/s is 57.3 deg/s here already
             leave the factor out
         360*f*t   in deg; f = "0.5 rev/s"
-            at 360*f*t: formula: `360*f*t` converts an angle by hand: `f` = 0.5 rev/s is in deg here already
-            leave the factor out, or give `f` in Hz
+            at 360*f*t: formula: `360*f*t` converts by hand: `f` = 0.5 rev/s is 180 deg/s here already
+            leave the factor out, or give `f` in Hz; one that is meant needs a name, as in where = { gear = 60 }
         2*pi*f*t   in rad; f = "0.5 rev/s"
-            at 2*pi*f*t: formula: `2*pi*f*t` converts an angle by hand: `f` = 0.5 rev/s is in rad here already
+            at 2*pi*f*t: formula: `2*pi*f*t` converts by hand: `f` = 0.5 rev/s is 3.14 rad/s here already
             leave the factor out, or give `f` in Hz
         2*pi*r*f*t   in mm; r = "20 mm", f = "0.5 rev/s"
-            at 2*pi*r*f*t: formula: `2*pi*r*f*t` converts an angle by hand: `f` = 0.5 rev/s is in rad here already
+            at 2*pi*r*f*t: formula: `2*pi*r*f*t` converts by hand: `f` = 0.5 rev/s is 3.14 rad/s here already
             leave the factor out, or give `f` in Hz
         2*pi*n/60*t   in rad; n = "30 rpm"
-            at 2*pi*n/60*t: formula: `2*pi*n/60*t` converts an angle by hand: `n` = 30 rpm is in rad here already
+            at 2*pi*n/60*t: formula: `2*pi*n/60*t` converts by hand: `n` = 30 rpm is 3.14 rad/s here already
             leave the factor out
         phi/360*t   in rev; phi = "90 deg"
-            at phi/360*t: formula: `phi/360*t` converts an angle by hand: `phi` = 90 deg is in rev here already
-            leave the factor out
+            at phi/360*t: formula: `phi/360*t` converts by hand: `phi` = 90 deg is 0.25 rev here already
+            leave the factor out; one that is meant needs a name, as in where = { gear = 60 }
         phi*360   in deg; phi = "90 deg"
-            at phi*360: formula: `phi*360` converts an angle by hand: `phi` = 90 deg is in deg here already
-            leave the factor out
+            at phi*360: formula: `phi*360` converts by hand: `phi` = 90 deg is 90 deg here already
+            leave the factor out; one that is meant needs a name, as in where = { gear = 60 }
         w*t/(2*pi)   in rev; w = "1 rad/s"
-            at w*t/(2*pi): formula: `w*t/(2*pi)` converts an angle by hand: `w` = 1 rad/s is in rev here already
+            at w*t/(2*pi): formula: `w*t/(2*pi)` converts by hand: `w` = 1 rad/s is 0.159 rev/s here already
             leave the factor out
         2*pi*n*t   in deg; n = "30 rpm"
-            at 2*pi*n*t: formula: `2*pi*n*t` converts an angle by hand: `n` = 30 rpm is in deg here already
+            at 2*pi*n*t: formula: `2*pi*n*t` converts by hand: `n` = 30 rpm is 180 deg/s here already
             leave the factor out, or give `n` in Hz
         20*sin(2*pi*(t/2 - phi))   in deg; phi = "90 deg"
-            at 2*pi*(t/2 - phi): formula: `2*pi*(t/2 - phi)` converts an angle by hand: `phi` = 90 deg is in rad here already
+            at 2*pi*(t/2 - phi): formula: `2*pi*(t/2 - phi)` converts by hand: `phi` = 90 deg is 1.57 rad here already
             of the sum multiply the plain numbers alone, as in 2*pi*t/T - phi
         0.159*w*(t - 1)   in rev; w = "1 rad/s"
-            at 0.159*w*(t - 1): formula: `0.159*w*(t - 1)` converts an angle by hand: `w` = 1 rad/s is in rev here already
-            leave the factor out
+            at 0.159*w*(t - 1): formula: `0.159*w*(t - 1)` converts by hand: `w` = 1 rad/s is 0.159 rev/s here already
+            leave the factor out; one that is meant needs a name, as in where = { gear = 60 }
         abs(57.3*asin(t))   in deg
-            at abs(57.3*asin(t)): formula: `abs(57.3*asin(t))` converts an angle by hand: what asin, acos, atan and atan2 give is in deg here already
+            at abs(57.3*asin(t)): formula: `abs(57.3*asin(t))` converts by hand: what asin, acos, atan and atan2 give is in deg here already
             leave the factor out; for the number of rad divide by an angle, where = { rad = "1 rad" }
         v/(2*pi)*sin(2*pi*t) + v/(2*pi*f)*t*sin(2*pi*f*t)   in deg; v = "90 deg/s", f = "1 Hz"
             no problem
@@ -1248,6 +1323,126 @@ fn dimensions_of_formulas() {
         90*sin(2*pi*f*t - phi) + 2*pi*f*phi*t   in deg; f = "0.5 Hz", phi = "3 deg"
             no problem
     "#]].assert_eq(&of_formulas(&by_hand));
+    expect![[r#"
+        n*360/60*t   in deg; n = "30 rpm"
+            at n*360/60*t: formula: `n*360/60*t` converts by hand: `n` = 30 rpm is 180 deg/s here already
+            leave the factor out; one that is meant needs a name, as in where = { gear = 60 }
+        20*sin(n/60*360*t)   in deg; n = "30 rpm"
+            at n/60*360*t: formula: `n/60*360*t` converts by hand: `n` = 30 rpm is 3.14 rad/s here already
+            leave the factor out; one that is meant needs a name, as in where = { gear = 60 }
+        20*sin(n/60*2*pi*t)   in deg; n = "30 rpm"
+            at n/60*2*pi*t: formula: `n/60*2*pi*t` converts by hand: `n` = 30 rpm is 3.14 rad/s here already
+            leave the factor out
+        n/60*t   in deg; n = "30 rpm"
+            at n/60*t: formula: `n/60*t` converts by hand: `n` = 30 rpm is 180 deg/s here already
+            leave the factor out; one that is meant needs a name, as in where = { gear = 60 }
+        3*t*n/60   in rev; n = "30 rpm"
+            at 3*t*n/60: formula: `3*t*n/60` converts by hand: `n` = 30 rpm is 0.5 rev/s here already
+            leave the factor out; one that is meant needs a name, as in where = { gear = 60 }
+        w*t/3600   in rev; w = "15 deg/h"
+            at w*t/3600: formula: `w*t/3600` converts by hand: `w` = 15 deg/h is 0.0000116 rev/s here already
+            leave the factor out; one that is meant needs a name, as in where = { gear = 60 }
+        v/60*t   in mm; v = "600 mm/min"
+            at v/60*t: formula: `v/60*t` converts by hand: `v` = 600 mm/min is 10 mm/s here already
+            leave the factor out; one that is meant needs a name, as in where = { gear = 60 }
+        20*sin(0.1047*n*t)   in deg; n = "30 rpm"
+            at 0.1047*n*t: formula: `0.1047*n*t` converts by hand: `n` = 30 rpm is 3.14 rad/s here already
+            leave the factor out; one that is meant needs a name, as in where = { gear = 60 }
+        20*sin(3*2*pi*n*t)   in deg; n = "0.5 rev/s"
+            at 3*2*pi*n*t: formula: `3*2*pi*n*t` converts by hand: `n` = 0.5 rev/s is 3.14 rad/s here already
+            leave the factor out
+        20*sin(pi*n*t)^2   in deg; n = "0.5 rev/s"
+            at pi*n*t: formula: `pi*n*t` converts by hand: `n` = 0.5 rev/s is 3.14 rad/s here already
+            leave the factor out
+        4*pi*n*t   in deg; n = "0.5 rev/s"
+            at 4*pi*n*t: formula: `4*pi*n*t` converts by hand: `n` = 0.5 rev/s is 180 deg/s here already
+            leave the factor out
+        pi*2*r*n*t   in mm; r = "20 mm", n = "0.5 rev/s"
+            at pi*2*r*n*t: formula: `pi*2*r*n*t` converts by hand: `n` = 0.5 rev/s is 3.14 rad/s here already
+            leave the factor out, or give `n` in Hz
+        pi*d*n*t   in mm; d = "40 mm", n = "0.5 rev/s"
+            at pi*d*n*t: formula: `pi*d*n*t` converts by hand: `n` = 0.5 rev/s is 3.14 rad/s here already
+            leave the factor out
+        3*57.3*w*t   in deg; w = "1 rad/s"
+            at 3*57.3*w*t: formula: `3*57.3*w*t` converts by hand: `w` = 1 rad/s is 57.3 deg/s here already
+            leave the factor out
+        20*sin(3.1416/180*phi*t)   in deg; phi = "90 deg"
+            at 3.1416/180*phi*t: formula: `3.1416/180*phi*t` converts by hand: `phi` = 90 deg is 1.57 rad here already
+            leave the factor out
+        20*sin(k*phi*t)   in deg; phi = "90 deg", k = 0.0174533
+            at k*phi*t: formula: `k*phi*t` converts by hand: `phi` = 90 deg is 1.57 rad here already
+            leave the factor out
+        800*n*t   in step; n = "0.5 rev/s"
+            at 800*n*t: formula: `800*n*t` converts by hand: `n` = 0.5 rev/s is 400 step/s here already
+            leave the factor out; one that is meant needs a name, as in where = { gear = 60 }
+        w*t*800/(2*pi)   in step; w = "1 rad/s"
+            at w*t*800/(2*pi): formula: `w*t*800/(2*pi)` converts by hand: `w` = 1 rad/s is 127 step/s here already
+            leave the factor out
+        phi*800/360*t   in step; phi = "90 deg"
+            at phi*800/360*t: formula: `phi*800/360*t` converts by hand: `phi` = 90 deg is 200 step here already
+            leave the factor out; one that is meant needs a name, as in where = { gear = 60 }
+        25.4*x*t   in mm; x = "2 in"
+            at 25.4*x*t: formula: `25.4*x*t` converts by hand: `x` = 2 in is 50.8 mm here already
+            leave the factor out; one that is meant needs a name, as in where = { gear = 60 }
+        100*x*t   in step; x = "2 mm"
+            at 100*x*t: formula: `100*x*t` converts by hand: `x` = 2 mm is 200 step here already
+            leave the factor out; one that is meant needs a name, as in where = { gear = 60 }
+        20*exp(-t*1000/T)   in deg; T = "500 ms"
+            at -t*1000/T: formula: `-t*1000/T` converts by hand: `T` = 500 ms is 0.5 s here already
+            leave the factor out; one that is meant needs a name, as in where = { gear = 60 }
+        20*t/(T/1000)   in deg; T = "500 ms"
+            at T/1000: formula: `T/1000` converts by hand: `T` = 500 ms is 0.5 s here already
+            leave the factor out; one that is meant needs a name, as in where = { gear = 60 }
+        20*sin(2*pi*t/(60*T))   in deg; T = "2 min"
+            at 60*T: formula: `60*T` converts by hand: `T` = 2 min is 120 s here already
+            leave the factor out; one that is meant needs a name, as in where = { gear = 60 }
+        20*sin(2*pi*1000*f*t)   in deg; f = "0.002 kHz"
+            at 2*pi*1000*f*t: formula: `2*pi*1000*f*t` converts by hand: `f` = 0.002 kHz is 2 Hz here already
+            leave the factor out
+        if(t < T/1000, 0, t - 1/2)   in deg; T = "500 ms"
+            at T/1000: formula: `T/1000` converts by hand: `T` = 500 ms is 0.5 s here already
+            leave the factor out; one that is meant needs a name, as in where = { gear = 60 }
+        180/pi*asin(t)   in rad
+            at 180/pi*asin(t): formula: `180/pi*asin(t)` converts by hand: what asin, acos, atan and atan2 give is in rad here already
+            leave the factor out; for the number of rad divide by an angle, where = { rad = "1 rad" }
+        20*sin(180/pi*asin(t))   in deg
+            at 180/pi*asin(t): formula: `180/pi*asin(t)` converts by hand: what asin, acos, atan and atan2 give is in rad here already
+            leave the factor out; for the number of rad divide by an angle, where = { rad = "1 rad" }
+        phi + 3.1416*t   in deg; phi = "90 deg"
+            at 3.1416*t: formula: `3.1416*t` beside the angle `phi` is a number of deg, as `unit` says
+            write it in deg, or as a parameter with its own unit, such as "90 deg"
+        x*(phi + (pi + (180/pi)*asin(t)))   in mm; phi = "90 deg", x = "5 mm"
+            at (pi + (180/pi)*asin(t)): formula: `(pi + (180/pi)*asin(t))` has no unit, but `phi` is an angle: `unit` is "mm", and so does not say which
+            give it as a parameter with its unit, such as where = { x = "5 mm", phi = "90 deg" }
+        x*(phi + 57.3*asin(t))   in mm; phi = "90 deg", x = "5 mm"
+            at 57.3*asin(t): formula: `57.3*asin(t)` has no unit, but `phi` is an angle: `unit` is "mm", and so does not say which
+            give it as a parameter with its unit, such as where = { x = "5 mm", phi = "90 deg" }
+        phi*p   in deg; phi = "90 deg", p = "40 %"
+            at "40 %": `p`: a formula takes numbers, not percents
+            write p = 0.4
+        n/0.16667*t   in deg; n = "30 rpm"
+            at n/0.16667*t: formula: `n/0.16667*t` converts by hand: `n` = 30 rpm is 180 deg/s here already
+            leave the factor out; one that is meant needs a name, as in where = { gear = 60 }
+        4*s*t   in step; s = "25 full-step"
+            at 4*s*t: formula: `4*s*t` converts by hand: `s` = 25 full-step is 100 step here already
+            leave the factor out; one that is meant needs a name, as in where = { gear = 60 }
+        20*sin(360*f*t + 90)   in deg; f = "0.5 Hz"
+            at 360*f*t + 90: formula: `360*f*t + 90` is in degrees, but sin, cos and tan take rad
+            write 2*pi in place of 360; a number of rad that is meant needs a name, as in where = { w = 360 }
+        screw*n*t   in mm; screw = "8 mm", n = "0.5 rev/s"
+            at screw*n*t: formula: `screw*n*t` is an arc: the angle is in rad, and the motor's `lead` its radius
+            divide by a turn, with where = { turn = "1 rev" }; or take the position from an angle alone, with unit = "rev"
+        v/r*t   in deg; v = "50 mm/s", r = "20 mm"
+            at v/r*t: formula: `v/r*t` is one over another of a kind, an angle in rad, but `unit` is "deg"
+            multiply by an angle, such as rad, with where = { rad = "1 rad" }
+        phi + v/(2*r)*t   in deg; v = "50 mm/s", r = "20 mm", phi = "90 deg"
+            at v/(2*r)*t: formula: `v/(2*r)*t` is one over another of a kind, an angle in rad, but `unit` is "deg"
+            multiply by an angle, such as rad, with where = { rad = "1 rad" }
+        v/w*sin(w*t)   in rev; v = "90 deg/s", w = "1 rad/s"
+            at v/w*sin(w*t): formula: `v/w*sin(w*t)` is one over another of a kind, an angle in rad, but `unit` is "rev"
+            multiply by an angle, such as rad, with where = { rad = "1 rad" }
+    "#]].assert_eq(&of_formulas(&disguised));
+    assert_eq!(of_formulas(&gears).matches("    no problem").count(), gears.len(), "{}", of_formulas(&gears));
 }
 
 #[test]
@@ -1685,4 +1880,33 @@ fn a_ramp_that_cannot_catch_up_is_told_so() {
     );
     let program = read(&text.replace("\"ramp\"", "\"ramp-behind\"")).unwrap();
     assert_eq!(program.motors[0].law.behind().len(), 1);
+    let text = text.replace("2 rev/s\" }\nbegin", "2 rev/s\", duration = \"3 s\" }\nbegin = \"jump\"\nend");
+    check(
+        "",
+        &text,
+        expect![[r#"
+        x.toml:18:7: no ramp stays within max_speed = 1600.0 steps/s: the law runs at 1600.0 steps/s where the ramp would meet it, and the slowest ramp at 2421.6 steps/s: a ramp makes up for the way that it loses, and is faster than the law for a while
+            write end = "ramp-behind": that makes up for nothing, and ends 0.751 rev before the law does
+    "#]],
+    );
+    let program = read(&text.replace("\"ramp\"", "\"ramp-behind\"")).unwrap();
+    assert!(program.motors[0].law.behind()[0].ends);
+    // There is room for neither.
+    let short = text.replace("3 s", "0.3 s");
+    check(
+        "",
+        &short,
+        expect![[r#"
+        x.toml:18:7: no ramp of up to 0.3 s stays within max_acceleration = 3200.0 steps/s²; the gentlest needs 21035.5
+            make the motion slower or longer, or write end = "jump" if the motor can do it at once
+    "#]],
+    );
+    check(
+        "",
+        &short.replace("\"ramp\"", "\"ramp-behind\""),
+        expect![[r#"
+        x.toml:18:7: no ramp of up to 0.3 s stays within max_acceleration = 3200.0 steps/s²; the gentlest needs 8008.0
+            make the motion slower or longer, or write end = "jump" if the motor can do it at once
+    "#]],
+    );
 }

@@ -176,7 +176,7 @@ fn a_ramp_may_stay_behind() {
     let behind = begun(&law, limits).unwrap();
     contiguous(&behind, 50);
     // From rest to 1000 steps/s, at 1.5 times the mean acceleration: 0.75 s, in which 375 steps are made of 750.
-    let [Behind { steps, ramp }] = behind.behind()[..] else { panic!("{behind:?}") };
+    let [Behind { steps, ramp, ends: false }] = behind.behind()[..] else { panic!("{behind:?}") };
     assert!((steps - 375.0).abs() < 0.5 && (ramp.seconds() - 0.75).abs() < 1e-3, "{steps} {ramp:?}");
     assert_eq!(behind.cycle(), Some((ramp, Time::SECOND)));
 
@@ -184,7 +184,7 @@ fn a_ramp_may_stay_behind() {
         let law = Law::formula(text, &[], 1.0, Some(s(3.0))).unwrap();
         let behind = begun(&law, limits).unwrap();
         contiguous(&behind, 1000);
-        let [Behind { steps, ramp }] = behind.behind()[..] else { panic!("{behind:?}") };
+        let [Behind { steps, ramp, ends: false }] = behind.behind()[..] else { panic!("{behind:?}") };
         let (mut exact, mut cursor) = (Cursor::new(&law), Cursor::new(&behind));
         let first = cursor.at(Time::ZERO).unwrap();
         assert_eq!((first.speed, first.acceleration), (0.0, 0.0));
@@ -206,6 +206,56 @@ fn a_ramp_may_stay_behind() {
     let refused = begun(&law, (900.0, 2000.0)).unwrap_err().to_string();
     assert!(refused.contains("max_speed = 900.0 steps/s") && !refused.contains("loses"), "{refused}");
     assert_eq!(law.behind(), []);
+}
+
+/// Its twin at the end: it leaves speed and acceleration for rest, is never faster than the law, and stops before that does.
+#[test]
+fn a_ramp_may_stop_early() {
+    let ended =
+        |law: &Law, (max_speed, max_acceleration)| law.clone().ending(End::RampBehind { max_speed, max_acceleration });
+    let law = Law::speed(1000.0, Some(s(2.0))).unwrap();
+    let early = ended(&law, (1000.0, 2000.0)).unwrap();
+    // 0.75 s, in which 375 steps are made of 750.
+    let [Behind { steps, ramp, ends: true }] = early.behind()[..] else { panic!("{early:?}") };
+    assert!((steps - 375.0).abs() < 0.5 && (ramp.seconds() - 0.75).abs() < 1e-3, "{steps} {ramp:?}");
+
+    for (text, limits) in [("1000*t + 300*sin(7*t)", (3200.0, 20_000.0)), ("-500*t - 200*t^2", (2e3, 4e3))] {
+        let law = Law::formula(text, &[], 1.0, Some(s(3.0))).unwrap();
+        let early = ended(&law, limits).unwrap();
+        contiguous(&early, 1000);
+        assert_eq!(early.end(), law.end());
+        let [Behind { steps, ramp, ends: true }] = early.behind()[..] else { panic!("{early:?}") };
+        let (mut exact, mut cursor) = (Cursor::new(&law), Cursor::new(&early));
+        for k in 1..=3000 {
+            let t = Time::from_ratio(k, 1000);
+            let (law, now) = (exact.at(t).unwrap(), cursor.at(t).unwrap());
+            assert!(now.speed.abs() <= limits.0 && now.acceleration.abs() <= limits.1 * 1.001, "{now:?}");
+            if t + ramp <= s(3.0) {
+                assert!((law.position - now.position).abs() < 1e-9, "{law:?} {now:?}");
+            }
+        }
+        let (law, last) = (exact.at(s(3.0)).unwrap(), cursor.at(s(3.0)).unwrap());
+        assert!((last.speed, last.acceleration) == (0.0, 0.0), "{last:?}");
+        assert!((law.position - last.position - steps).abs() < 1e-6, "{law:?} {last:?} {steps}");
+        // Where it leaves the law both ways of coming there meet.
+        let (leaves, just) = (s(3.0) - ramp, Time::from_ratio(1, 1_000_000_000));
+        let (before, after) = (cursor.at(leaves - just).unwrap(), cursor.at(leaves + just).unwrap());
+        assert!((before.speed - after.speed).abs() < 1e-3 && (before.position - after.position).abs() < 1e-4);
+        assert!((before.acceleration - after.acceleration).abs() < 0.1);
+    }
+}
+
+/// Just as long as the law is none that begins where the law has ended already, at rest: it would not move.
+#[test]
+fn a_ramp_is_no_longer_than_its_law() {
+    let law = Law::speed(6400.0, Some(Time::from_ratio(1, 10))).unwrap();
+    let limits = |max_acceleration| Begin::RampBehind { max_speed: 16_000.0, max_acceleration };
+    assert!(law.clone().beginning(limits(96_000.0)).is_err());
+    let begun = law.clone().beginning(limits(96_200.0)).unwrap();
+    assert!((begun.behind()[0].steps - 320.0).abs() < 1.0, "{:?}", begun.behind());
+    let end = End::Ramp { max_speed: 16_000.0, max_acceleration: 96_000.0 };
+    let needed = law.ending(end).unwrap_err().to_string();
+    assert!(needed.contains("the gentlest needs 2"), "{needed}");
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! What would fit: how much slower a motion that is refused would have to be, and which boards do it as it is.
 
 use std::cell::Cell;
+use std::fmt;
 
 use pulsetrain_motion::law::{Begin, End, Law};
 use pulsetrain_motion::machine::Machine;
@@ -17,33 +18,35 @@ use crate::{estimate, human};
 const SLOWEST: f64 = 1e4;
 /// The factor is found to this precision, as a ratio.
 const PRECISION: f64 = 1.002;
-/// Nobody waits longer for the plans that an advice tries one after the other, about, s.
-const MOST_TRYING_S: f64 = 2.0;
+/// An advice looks for several things: nobody waits longer for the plans that it tries for one of them, about, s.
+const MOST_TRYING_S: f64 = 1.0;
 
-/// Plans that are tried one after the other, as long as there is time for another one.
+/// Plans that are tried one after the other, as long as there is time for another one. By what plans are estimated to take: no clock is read.
 struct Tries {
-    /// What one takes, s.
-    each_s: f64,
     left_s: Cell<f64>,
 }
 
+/// There is no time to plan this: it takes about so long, s.
+struct TooLong(f64);
+
 impl Tries {
-    /// With changed laws of these motors.
-    fn of(motors: &[&Motor]) -> Tries {
-        let planning_s =
-            |motor: &&Motor| motor.law.end().map_or(f64::INFINITY, |end| estimate::planning_s(motor.law.workload(end)));
-        Tries { each_s: motors.iter().map(planning_s).sum(), left_s: Cell::new(MOST_TRYING_S) }
+    fn new() -> Tries {
+        Tries { left_s: Cell::new(MOST_TRYING_S) }
     }
 
-    /// Whether there is time for another one, which is counted.
-    fn another(&self) -> bool {
-        self.left_s.set(self.left_s.get() - self.each_s);
-        self.left_s.get() >= 0.0
+    /// Takes the time for another plan of these laws, if there is as much.
+    fn another<'a>(&self, laws: impl IntoIterator<Item = &'a Law>) -> Result<(), TooLong> {
+        let planning_s = |law: &Law| law.end().map_or(f64::INFINITY, |end| estimate::planning_s(law.workload(end)));
+        let each_s: f64 = laws.into_iter().map(planning_s).sum();
+        self.left_s.set(self.left_s.get() - each_s);
+        if self.left_s.get() >= 0.0 { Ok(()) } else { Err(TooLong(each_s)) }
     }
+}
 
-    /// What is said of a form for which there was no time.
-    fn untried(&self) -> String {
-        format!(" (not tried: planning takes about {})", human::long_time(self.each_s))
+/// What is said of a form for which there was no time.
+impl fmt::Display for TooLong {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, " (not tried: planning takes about {})", human::long_time(self.0))
     }
 }
 
@@ -65,27 +68,33 @@ fn slowed(settings: &Settings, factor: f64) -> Settings {
 /// helps.
 #[must_use]
 pub fn least_slowdown(prepared: &Prepared, motor: &Motor) -> Option<f64> {
+    slowdown(prepared, motor, || true)
+}
+
+/// The same, as long as there is time for another plan.
+fn slowdown(prepared: &Prepared, motor: &Motor, another: impl Fn() -> bool) -> Option<f64> {
     let settings = Settings::of(&prepared.program, motor);
-    least(|factor| prepare::fits(&motor.law, &slowed(&settings, factor)))
+    least(|factor| another().then(|| prepare::fits(&motor.law, &slowed(&settings, factor))))
 }
 
 /// What a motor with slack wants whose plan does not fit: a longer time to take it up, s, if that is all; else how much slower its law has
-/// to be, and the time that goes with that.
-fn least_over(prepared: &Prepared, motor: &Motor) -> Option<(Option<f64>, f64)> {
+/// to be, and the time that goes with that. As long as there is time for another plan.
+fn least_over(prepared: &Prepared, motor: &Motor, another: impl Fn() -> bool) -> Option<(Option<f64>, f64)> {
     let settings = Settings::of(&prepared.program, motor);
     let over_s = motor.law.slack_over()?.seconds();
     let longer = |factor: f64| motor.law.with_slack_over(Time::from_seconds(over_s * factor));
-    if let Some(factor) = least(|factor| longer(factor).is_some_and(|law| prepare::fits(&law, &settings))) {
+    let fits = |factor: f64| longer(factor).is_some_and(|law| prepare::fits(&law, &settings));
+    if let Some(factor) = least(|factor| another().then(|| fits(factor))) {
         return Some((None, over_s * factor));
     }
-    least_slowdown(prepared, motor).map(|factor| (Some(factor), over_s * factor))
+    slowdown(prepared, motor, another).map(|factor| (Some(factor), over_s * factor))
 }
 
-/// The least factor above 1 that fits, to three digits, rounded up.
-fn least(fits: impl Fn(f64) -> bool) -> Option<f64> {
+/// The least factor above 1 that fits, to three digits, rounded up. `fits` says nothing if there is no time to find out: then there is none.
+fn least(fits: impl Fn(f64) -> Option<bool>) -> Option<f64> {
     let mut below = 1.0;
     let mut above = 1.25;
-    while !fits(above) {
+    while !fits(above)? {
         below = above;
         above *= 2.0;
         if above > SLOWEST {
@@ -94,11 +103,15 @@ fn least(fits: impl Fn(f64) -> bool) -> Option<f64> {
     }
     while above / below > PRECISION {
         let middle = (above * below).sqrt();
-        if fits(middle) { above = middle } else { below = middle }
+        if fits(middle)? { above = middle } else { below = middle }
     }
     // Rounded up, and a little more where a limit is met in jumps.
     let rounded = rounded_up(above);
-    fits(rounded).then_some(rounded).or(Some(rounded_up(rounded * 1.001)).filter(|factor| fits(*factor)))
+    if fits(rounded)? {
+        return Some(rounded);
+    }
+    let rounded = rounded_up(rounded * 1.001);
+    fits(rounded)?.then_some(rounded)
 }
 
 /// To three digits, not less.
@@ -132,14 +145,24 @@ pub fn broken(law: &Law, settings: &Settings) -> Vec<PlanError> {
 /// The boards that do the whole motion as it is.
 #[must_use]
 pub fn other_boards(prepared: &Prepared) -> Vec<String> {
-    let others = boards::table().into_iter().filter(|row| row.board.name != prepared.program.board.name);
-    let able = others.filter_map(|row| {
+    boards_that_fit(prepared, || true).unwrap_or_default()
+}
+
+/// The same; `None` if there is no time for another plan.
+fn boards_that_fit(prepared: &Prepared, another: impl Fn() -> bool) -> Option<Vec<String>> {
+    let mut able = Vec::new();
+    for row in boards::table().into_iter().filter(|row| row.board.name != prepared.program.board.name) {
         let name = row.board.name.clone();
-        let program = prepared.program.clone().with_board(row.board).ok()?;
+        let Ok(program) = prepared.program.clone().with_board(row.board) else { continue };
+        if !another() {
+            return None;
+        }
         let fits = |motor: &Motor| prepare::fits(&motor.law, &Settings::of(&program, motor));
-        program.motors.iter().all(fits).then_some(name)
-    });
-    able.collect()
+        if program.motors.iter().all(fits) {
+            able.push(name);
+        }
+    }
+    Some(able)
 }
 
 /// No tolerance above this is offered, s: the motion itself is at fault then.
@@ -154,14 +177,14 @@ fn not_provable(prepared: &Prepared, motor: &Motor, bound_ticks: f64, at_s: f64)
     let settings = Settings::of(&prepared.program, motor);
     let with = |tolerance_ticks: f64, grid: Grid| Settings { tolerance_ticks, grid, ..settings.clone() };
     let loosest = LOOSEST_S * settings.tick_hz as f64;
-    let tries = Tries::of(&[motor]);
+    let tries = Tries::new();
     let mut tolerance = rounded_up(bound_ticks * 1.01);
     for _ in 0..RAISES {
         if tolerance.is_nan() || tolerance > loosest {
             break;
         }
-        if !tries.another() {
-            return format!("{} may do{}", assignment("tolerance", tolerance, "ticks"), tries.untried());
+        if let Err(too_long) = tries.another([&motor.law]) {
+            return format!("{} may do{too_long}", assignment("tolerance", tolerance, "ticks"));
         }
         match prepare::planned(&motor.law, &with(tolerance, settings.grid)) {
             Ok(certificate) => {
@@ -184,10 +207,10 @@ fn not_provable(prepared: &Prepared, motor: &Motor, bound_ticks: f64, at_s: f64)
         ("grid = { hysteresis = \"0.1 step\" }", Grid { hysteresis: 0.1 }),
         ("grid = { hysteresis = \"0.2 step\" }", Grid { hysteresis: 0.2 }),
     ];
-    let tries = Tries::of(&[motor]);
+    let tries = Tries::new();
     for (text, grid) in grids {
-        if !tries.another() {
-            lines.push(format!("Steps are due elsewhere with {text}{}.", tries.untried()));
+        if let Err(too_long) = tries.another([&motor.law]) {
+            lines.push(format!("Steps are due elsewhere with {text}{too_long}."));
         } else if prepare::fits(&motor.law, &with(settings.tolerance_ticks, grid)) {
             lines.push(format!("steps are due elsewhere with {text}: that can be proven"));
         } else {
@@ -199,8 +222,8 @@ fn not_provable(prepared: &Prepared, motor: &Motor, bound_ticks: f64, at_s: f64)
     lines.join("\n")
 }
 
-/// Easings that are tried, s, the first that fits is offered.
-const EASES_S: [f64; 12] = [0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 0.2, 0.1, 0.05, 0.02, 0.01];
+/// Easings that are tried, ms, the first that fits is offered.
+const EASES_MS: [u64; 12] = [500, 1000, 2000, 5000, 10_000, 20_000, 50_000, 200, 100, 50, 20, 10];
 
 /// What to do about a speed that changes too much at once, at `at_s` from one to another.
 fn smoother(prepared: &Prepared, motor: &Motor, at_s: f64, (from, to): (f64, f64)) -> Vec<String> {
@@ -222,24 +245,26 @@ fn smoother(prepared: &Prepared, motor: &Motor, at_s: f64, (from, to): (f64, f64
         return vec![format!("give the path an `ease`, which begins and ends at rest and keeps to it{ease}")];
     }
     let mut lines = Vec::new();
-    // What was cut has a stop of its own for its end.
-    let is_cut = |law: &Law| prepared.cut.is_some_and(|cut| law.end().is_some_and(|end| end > cut.at));
-    let whole = easing(prepared, &[motor], &|law, over| {
-        if is_cut(law) { law.clone().eased_in(Time::ZERO, over).ok() } else { law.clone().eased(over).ok() }
-    });
+    let whole = easing(prepared, &[motor], &|law, over| whole_eased(prepared, motor, law, over));
     if let Some(ease) = whole {
-        lines.push(format!("Start and stop gently: add {ease} to its [[motion]]."));
+        // How it goes on is known of what is periodic.
+        let tried = prepared
+            .cut
+            .zip(motor.law.before_stop())
+            .filter(|(cut, law)| law.cycle().is_none_or(|(from, period)| from + period > cut.at));
+        let tried = tried.map(|(cut, _)| format!(" (tried for {})", human::seconds_to(cut.at.seconds(), 4)));
+        lines.push(format!("Start and stop gently: add {ease} to its [[motion]]{}.", tried.unwrap_or_default()));
     } else if let Some(ease) = easing(prepared, &[motor], &parts_eased) {
         lines.push(format!(
             "Start and stop each of its motions gently: add {ease} to each [[motion]]. (Parts of `then` have to be motions of their own.)"
         ));
     }
     let settings = Settings::of(program, motor);
-    // The next place may want something, too.
-    let tries = Tries::of(&[motor]);
+    // The next place may want something, too. What makes no step is no cure.
+    let tries = Tries::new();
     let cures = |law: Option<Law>| {
-        law.filter(|_| tries.another()).filter(|law| match prepare::walk(law, &settings) {
-            Ok(()) => true,
+        law.filter(|law| tries.another([law]).is_ok()).filter(|law| match prepare::planned(law, &settings) {
+            Ok(plan) => plan.steps > 0,
             Err(PlanError::SpeedJump { at_s: other, .. }) => other > at_s + 1e-6,
             Err(_) => false,
         })
@@ -259,19 +284,23 @@ fn smoother(prepared: &Prepared, motor: &Motor, at_s: f64, (from, to): (f64, f64
         let ways = [
             ramp.map(|_| "begin = \"ramp\" (catches up with the law)".to_owned()),
             stays,
-            // Not one that waits for the stop where an endless motion was cut.
-            begun(Begin::Delay)
-                .filter(|law| tries.another() && prepare::planned(law, &settings).is_ok_and(|plan| plan.steps > 0))
-                .map(|_| "begin = \"delay\" (waits until the law comes to rest)".to_owned()),
+            // Not one that waits for the stop where an endless motion was cut: it makes no step.
+            begun(Begin::Delay).map(|_| "begin = \"delay\" (waits until the law comes to rest)".to_owned()),
             begun(Begin::Jump).map(|_| "begin = \"jump\" (at once, if the motor can)".to_owned()),
         ];
         ("begins", ways)
     } else if to == 0.0 {
         let ramp = limits.and_then(|(max_speed, max_acceleration)| ended(End::Ramp { max_speed, max_acceleration }));
+        let behind =
+            limits.and_then(|(max_speed, max_acceleration)| ended(End::RampBehind { max_speed, max_acceleration }));
+        let short = behind.as_ref().map(|law| {
+            let steps = law.behind().iter().rfind(|behind| behind.ends).map_or(0.0, |behind| behind.steps.abs());
+            format!("end = \"ramp-behind\" (stops {} steps before the law does)", human::significant(steps, 3))
+        });
         let ways = [
             ramp.map(|_| "end = \"ramp\" (makes up for the way beforehand)".to_owned()),
+            short,
             ended(End::Jump).map(|_| "end = \"jump\" (at once, if the motor can)".to_owned()),
-            None,
             None,
         ];
         ("ends", ways)
@@ -292,19 +321,32 @@ fn smoother(prepared: &Prepared, motor: &Motor, at_s: f64, (from, to): (f64, f64
 
 /// The first easing with which all of these motors' plans fit, as it is written; or the first for which there is no time, which is said of it.
 fn easing(prepared: &Prepared, motors: &[&Motor], eased: &dyn Fn(&Law, Time) -> Option<Law>) -> Option<String> {
-    let tries = Tries::of(motors);
-    for over_s in EASES_S {
-        let of = |motor: &&Motor| motor.law.changed_under_slack(|law| eased(law, Time::from_seconds(over_s)));
+    let tries = Tries::new();
+    for over_ms in EASES_MS {
+        // As exact as the file's: it may be as long as the motion.
+        let over = Time::from_ratio(1, 1000).times(over_ms);
+        let of = |motor: &&Motor| motor.law.changed_under_slack(|law| eased(law, over));
         let Some(laws) = motors.iter().map(of).collect::<Option<Vec<Law>>>() else { continue };
-        if !tries.another() {
-            return Some(time_assignment("ease", over_s) + &tries.untried());
+        if let Err(too_long) = tries.another(&laws) {
+            return Some(format!("{}{too_long}", time_assignment("ease", over.seconds())));
         }
         let fits = |(motor, law): (&&Motor, &Law)| prepare::fits(law, &Settings::of(&prepared.program, motor));
         if motors.iter().zip(&laws).all(fits) {
-            return Some(time_assignment("ease", over_s));
+            return Some(time_assignment("ease", over.seconds()));
         }
     }
     None
+}
+
+/// The law with an easing. One that was cut goes on for as long at its speed: what is shown while it gets there says nothing of that.
+fn whole_eased(prepared: &Prepared, motor: &Motor, law: &Law, over: Time) -> Option<Law> {
+    let Some((cut, uncut)) = prepared.cut.zip(law.before_stop()) else { return law.clone().eased(over).ok() };
+    let eased = uncut.clone().eased(over).ok()?;
+    let at = cut.at + over;
+    if eased.end().is_some_and(|end| end <= at) {
+        return Some(eased);
+    }
+    prepare::stopped(&eased, at, motor.limits, prepared.program.grid).ok()
 }
 
 /// A motor's motions, each with an easing; `None` if it has one.
@@ -348,9 +390,10 @@ pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
         lines.extend(smoother(prepared, motor, *at_s, (*from, *to)));
     }
     // What is looked for with some 20 plans is not looked for with long ones: `explain` does it.
-    let is_soon = Tries::of(&[motor]).another();
-    if error.limit().is_some() && motor.law.slack_over().is_some() && is_soon {
-        lines.extend(least_over(prepared, motor).map(|(slower, over_s)| {
+    let tries = Tries::new();
+    let another = || tries.another([&motor.law]).is_ok();
+    if error.limit().is_some() && motor.law.slack_over().is_some() {
+        lines.extend(least_over(prepared, motor, another).map(|(slower, over_s)| {
             let over = time_assignment("over", rounded_up(over_s));
             match slower {
                 None => format!("`backlash` takes up its slack too fast: {over} fits"),
@@ -360,9 +403,8 @@ pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
                 }
             }
         }));
-    } else if is_soon
-        && error.limit().is_some()
-        && let Some(factor) = least_slowdown(prepared, motor)
+    } else if error.limit().is_some()
+        && let Some(factor) = slowdown(prepared, motor, another)
     {
         let times = human::significant(factor, 4);
         // What was cut lasts as long as somebody wants it to.
@@ -385,7 +427,9 @@ pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
                 human::seconds(low)
             ));
         }
-        match is_soon.then(|| other_boards(prepared)) {
+        let tries = Tries::new();
+        let laws = || prepared.program.motors.iter().map(|motor| &motor.law);
+        match boards_that_fit(prepared, || tries.another(laws()).is_ok()) {
             None => {}
             Some(boards) if boards.is_empty() => lines.push("no board in the table does it as it is".to_owned()),
             Some(boards) => lines.push(format!("as it is, it fits: {}", boards.join(", "))),

@@ -6,7 +6,7 @@ use miette::Diagnostic;
 use pulsetrain_motion::file::{Contents, TableColumns};
 use pulsetrain_motion::law::{Cursor, Law};
 use pulsetrain_motion::pins::PinsError;
-use pulsetrain_motion::program::{BoardError, Program};
+use pulsetrain_motion::program::{BoardError, Limits, Program};
 use pulsetrain_motion::{Grid, LawError, Time, boards, file};
 use pulsetrain_plan::tail::SOFTEST_STOP_S;
 use pulsetrain_plan::{Certificate, Ensemble, Move, PlanError, Planner, Refused, Settings};
@@ -357,10 +357,7 @@ fn cut(program: &mut Program, length: Option<Time>) -> Result<Option<Cut>, (Stri
     }
     let grid = program.grid;
     for (motor, _) in program.motors.iter_mut().zip(brakes).filter(|(_, brakes)| *brakes) {
-        let limits = motor.limits;
-        let stopped = braking(&motor.law, at, limits.max_acceleration, grid)
-            .and_then(|braking| motor.law.clone().stopped(at, braking, limits.pull_in));
-        motor.law = stopped.map_err(|error| (motor.name.clone(), error))?;
+        motor.law = stopped(&motor.law, at, motor.limits, grid).map_err(|error| (motor.name.clone(), error))?;
     }
     let end = ends.iter().copied().collect::<Option<Vec<Time>>>().and_then(|ends| ends.into_iter().max());
     Ok(Some(Cut { at, end }))
@@ -378,6 +375,12 @@ fn keeps_to_path(program: &mut Program, motors: &[usize], at: Time) -> bool {
         program.motors[*motor].law = law;
     }
     true
+}
+
+/// A law that is brought to rest from `at` on.
+pub(crate) fn stopped(law: &Law, at: Time, limits: Limits, grid: Grid) -> Result<Law, LawError> {
+    let braking = braking(law, at, limits.max_acceleration, grid)?;
+    law.clone().stopped(at, braking, limits.pull_in)
 }
 
 /// How hard to brake, steps/s²: by the motor's limit, else by what the law itself asked for before, else softly; and a

@@ -213,7 +213,7 @@ pub struct MotorReport {
     pub steps_put_off: u64,
     /// Longest time that a step was put off, ticks.
     pub longest_put_off_ticks: u64,
-    /// How far motions stay behind their laws, which begin with `ramp-behind`.
+    /// How far motions stay behind their laws, which begin or end with `ramp-behind`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub behind: Vec<BehindReport>,
     /// The user's unit of position.
@@ -291,13 +291,15 @@ impl Display for ParameterReport {
     }
 }
 
-/// A motion that stays behind its law.
+/// A ramp that does not make up for the way that it loses.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct BehindReport {
-    /// Where the law is and the motion is not, steps; negative of a law that begins backward.
+    /// The way that it loses, steps; negative of a law that goes backward there.
     pub steps: f64,
-    /// How long its ramp takes, s: so much it is behind from there on.
+    /// How long it takes, s: from its end on the motor is so much behind.
     pub ramp_s: f64,
+    /// It is the motion's end.
+    pub ends: bool,
 }
 
 /// The largest value of something, and when.
@@ -377,7 +379,7 @@ impl MotorReport {
             steps_put_off: certificate.steps_put_off,
             longest_put_off_ticks: certificate.longest_put_off_ticks,
             behind: (motor.law.behind().iter())
-                .map(|behind| BehindReport { steps: behind.steps, ramp_s: behind.ramp.seconds() })
+                .map(|behind| BehindReport { steps: behind.steps, ramp_s: behind.ramp.seconds(), ends: behind.ends })
                 .collect(),
             unit: motor.scale.unit.clone(),
             steps_per_unit: motor.scale.steps_per_unit,
@@ -402,15 +404,23 @@ impl MotorReport {
 
     /// Whether it is to move, by less than makes a step.
     fn stays(&self) -> bool {
-        self.steps == 0 && self.peak_speed.value > 0.0
+        self.steps == 0 && (self.peak_speed.value > 0.0 || !self.behind.is_empty())
     }
 
-    /// How far a motion stays behind its law, and from when on.
+    /// How far a motion stays behind its law, and where that comes from.
     fn behind(&self, behind: &BehindReport) -> String {
         let (steps, ramp) = (human::significant(behind.steps.abs(), 4), human::seconds(behind.ramp_s));
         let own = human::significant(behind.steps.abs() / self.steps_per_unit, 4);
         let own = if self.counts_steps() { String::new() } else { format!(" = {own} {}", self.unit) };
-        format!("{steps} steps{own}, after a ramp of {ramp}")
+        let when = if behind.ends { "by" } else { "after" };
+        format!("{steps} steps{own}, {when} a ramp of {ramp}")
+    }
+
+    /// The same of all its ramps that end it, or begin it.
+    fn all_behind(&self, ends: bool) -> Option<String> {
+        let said: Vec<String> =
+            self.behind.iter().filter(|behind| behind.ends == ends).map(|behind| self.behind(behind)).collect();
+        (!said.is_empty()).then(|| said.join("; "))
     }
 
     fn counts_steps(&self) -> bool {
@@ -500,10 +510,8 @@ const PLANNED: &[Line<MotorReport>] = &[
         let by = human::seconds(m.longest_put_off_ticks as f64 * tick_s);
         (m.steps_put_off > 0).then(|| format!("{} steps by up to {by}", human::count(m.steps_put_off.into())))
     }),
-    ("behind the law", |m, _| {
-        let said = m.behind.iter().map(|behind| m.behind(behind)).collect::<Vec<_>>();
-        (!said.is_empty()).then(|| said.join("; "))
-    }),
+    ("behind the law", |m, _| m.all_behind(false)),
+    ("stops before it", |m, _| m.all_behind(true)),
 ];
 
 /// Motors side by side in one table.

@@ -2,6 +2,7 @@
 
 use pulsetrain::fit;
 use pulsetrain::prepare::{Prepared, Refusal};
+use pulsetrain_motion::{Time, file};
 use pulsetrain_plan::PlanError;
 
 /// A motor, and a motion to be added.
@@ -18,13 +19,21 @@ impl Drop for File {
     }
 }
 
-/// What is said of a motion file that is read; `None` if it fits.
+/// What is said of a motion file that is read; `None` if it fits, and makes steps.
 fn advice(name: &str, text: &str) -> Option<String> {
+    advice_for(name, text, None)
+}
+
+/// The same of its beginning.
+fn advice_for(name: &str, text: &str, length: Option<Time>) -> Option<String> {
     let file = File(std::env::temp_dir().join(format!("pulsetrain-helps-{name}-{}.toml", std::process::id())));
     std::fs::write(&file.0, text).unwrap();
-    let prepared = Prepared::load(&file.0, None, None).unwrap_or_else(|error| panic!("{error:?}\n{text}"));
+    let prepared = Prepared::load(&file.0, None, length).unwrap_or_else(|error| panic!("{error:?}\n{text}"));
     match prepared.plan(|_| ()) {
-        Ok(_) => None,
+        Ok(planned) => {
+            assert!(planned.iter().all(|motor| motor.certificate.steps > 0), "{name} makes no step:\n{text}");
+            None
+        }
         Err(Refusal::Plan { advice, .. }) => Some(advice),
         Err(other) => panic!("{other}\n{text}"),
     }
@@ -111,7 +120,116 @@ fn a_speed_that_begins_at_once_is_eased_first() {
 #[test]
 fn a_speed_that_ends_at_once_is_eased_first() {
     let law = "law.formula = { theta = \"1000*t^2\", unit = \"step\", duration = \"4 s\" }";
-    check("end", &motion(LIMITS, law), &["ease = \"0.5 s\"", "end = \"ramp\"", "end = \"jump\""]);
+    let ways = ["ease = \"0.5 s\"", "end = \"ramp\"", "end = \"ramp-behind\"", "end = \"jump\""];
+    check("end", &motion(LIMITS, law), &ways);
+    // At the motor's own limit nothing makes up for the way.
+    let law = "begin = \"jump\"\nlaw.speed = { speed = \"10000 step/s\", duration = \"2 s\" }";
+    let said = check("end-fast", &motion(LIMITS, law), &[ways[0], ways[2], ways[3]]);
+    assert!(said.contains("steps before the law does"), "{said}");
+}
+
+/// Whatever is said about the beginning, and then whatever is said about the end, makes a motion that fits and moves.
+#[test]
+fn beginnings_and_ends_are_cured_one_after_the_other() {
+    for (speed, duration, begins) in [
+        ("5000", "2 s", 4),
+        // Too short for ramps that catch up, and for all ramps.
+        ("9000", "1 s", 3),
+        ("5000", "0.2 s", 3),
+        ("5000", "0.15 s", 1),
+    ] {
+        let law = format!("law.speed = {{ speed = \"{speed} step/s\", duration = \"{duration}\" }}");
+        let text = motion(LIMITS, &law);
+        let said = advice("begins", &text).unwrap();
+        let found = assignments(&said);
+        assert_eq!(found.len(), begins, "{speed} for {duration}: {said}");
+        for fix in found {
+            let begun = mended(&text, fix);
+            let Some(said) = advice("ends", &begun) else { continue };
+            let found = assignments(&said);
+            assert!(!found.is_empty(), "{speed} for {duration}, {fix:?}: {said}");
+            for fix in found {
+                assert_eq!(advice("ended", &mended(&begun, fix)), None, "{fix:?} does not help:\n{begun}");
+            }
+        }
+    }
+}
+
+/// What is shown of an endless motion is no more than what an easing takes. It must hold where the motion has its own speed.
+#[test]
+fn an_easing_of_an_endless_motion_is_tried_at_full_speed() {
+    let endless = |speed: u32| {
+        motion(LIMITS, &format!("law.formula = {{ theta = \"{speed}*t + 178*sin(9*t)\", unit = \"step\" }}"))
+    };
+    let said = check("endless", &endless(8300), &["ease = \"0.5 s\"", "begin = \"ramp-behind\"", "begin = \"jump\""]);
+    assert!(said.contains("its [[motion]] (tried for 10 s)."), "{said}");
+    let eased = mended(&endless(8300), ("ease", "\"0.5 s\""));
+    assert_eq!(advice_for("endless-long", &eased, Some(Time::from_seconds(60.0))), None);
+    // It is too fast for ever.
+    let said = check("too-fast", &endless(9900), &[]);
+    assert!(said.starts_with("1") && said.contains(" times slower it fits"), "{said}");
+}
+
+/// A second of planning for all easings, and one for all slower motions: what there is no time for is not looked for, or that is said.
+#[test]
+fn what_is_looked_for_takes_no_longer_than_a_second() {
+    let soft = LIMITS.replace("40000", "9000");
+    let law = |s: u32| motion(&soft, &format!("law.speed = {{ speed = \"5000 step/s\", duration = \"{s} s\" }}"));
+    let said = advice("soon", &law(20)).unwrap();
+    assert!(said.contains("add ease = \"1 s\" to its") && said.contains("times slower"), "{said}");
+    // 30 million steps.
+    let said = advice("later", &law(6000)).unwrap();
+    assert!(
+        said.contains("add ease = \"1 s\" (not tried: planning takes about ") && !said.contains("slower"),
+        "{said}"
+    );
+}
+
+/// What the reader of a motion file says to write is read.
+#[test]
+fn what_the_reader_says_to_write_is_read() {
+    let formula = |theta: &str, parameters: &str| {
+        format!(
+            "law.formula = {{ theta = \"{theta}\", unit = \"deg\", duration = \"1 s\", where = {{ {parameters} }} }}"
+        )
+    };
+    let fast = "law.speed = { speed = \"10000 step/s\", duration = \"2 s\" }\n";
+    let jumps = format!("begin = \"jump\"\n{fast}");
+    let none = |_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into());
+    for (limits, law, wrong, right) in [
+        (LIMITS, format!("begin = \"ramp\"\n{fast}"), "begin = \"ramp\"", "begin = \"ramp-behind\""),
+        (LIMITS, format!("end = \"ramp\"\n{jumps}"), "end = \"ramp\"", "end = \"ramp-behind\""),
+        (LIMITS, format!("end = \"ramp\"\n{}", jumps.replace("2 s", "0.1 s")), "end = \"ramp\"", "end = \"jump\""),
+        (LIMITS, format!("begin = \"ramp-behind\"\n{}", fast.replace("2 s", "0.1 s")), "\"ramp-behind\"", "\"jump\""),
+        ("", formula("p*t", "p = \"40 %\""), "\"40 %\"", "0.4"),
+        ("", formula("a*t^2", "a = \"10 rpm/s\""), "10 rpm/s", "0.166667 rev/s^2"),
+        ("", formula("a*t^2", "a = \"10 rev/s2\""), "rev/s2", "rev/s^2"),
+        ("", formula("sin(f*t)", "f = \"500 mhz\""), "mhz", "mHz"),
+        ("", formula("w*t", "w = \"2 rps\""), "rps", "rev/s"),
+        (
+            "",
+            formula("n*t/60", "n = \"1 rpm\""),
+            "n*t/60\", unit = \"deg\", duration = \"1 s\", where = {",
+            "n*t/gear\", unit = \"deg\", duration = \"1 s\", where = { gear = 60,",
+        ),
+        (
+            "",
+            formula("x/r*t", "x = \"5 mm\", r = \"20 mm\""),
+            "x/r*t\", unit = \"deg\", duration = \"1 s\", where = {",
+            "x/r*t*rad\", unit = \"deg\", duration = \"1 s\", where = { rad = \"1 rad\",",
+        ),
+    ] {
+        let text = motion(limits, &law);
+        let error = file::read(&text, "x.toml", &none).unwrap_err();
+        let said: Vec<&str> = error.problems().iter().filter_map(|problem| problem.advice()).collect();
+        // The value, or the name that it is given.
+        let written = right.rsplit("where = { ").next().unwrap().trim_end_matches(',');
+        assert!(said.len() == 1 && said[0].contains(written), "{wrong}: {said:?}");
+        let mended = text.replace(wrong, right);
+        assert!(mended != text, "{wrong}");
+        let read = file::read(&mended, "x.toml", &none);
+        assert!(read.is_ok(), "{right}: {}", read.unwrap_err().plain());
+    }
 }
 
 /// Both ends are cured by easing them; what begins otherwise still ends as it did.

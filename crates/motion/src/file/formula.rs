@@ -5,7 +5,7 @@ use super::reader::{Node, Read};
 use crate::Time;
 use crate::law::Law;
 use crate::law::double::Double;
-use crate::law::formula::dimension::{Amount, Dimension, Parameter, Unit};
+use crate::law::formula::dimension::{Amount, Dimension, Parameter, Scale, Unit};
 use crate::quantity::{Base, Quantity};
 
 impl Context<'_> {
@@ -52,7 +52,8 @@ impl Context<'_> {
             Base::Turn => Double::from(1.0 / one.value) / Double::TAU,
             _ => Double::from(self.gearing.steps_per_turn() / steps) / Double::TAU,
         };
-        Ok(Unit { name: one.unit, of, steps, per_rad })
+        let lead = self.gearing.steps_per_lead().filter(|_| one.base == Base::Length).map(|lead| lead / steps);
+        Ok(Unit { name: one.unit, of, steps, per_rad, lead })
     }
 
     /// `where = { … }`: quantities keep what they measure, times are in s, frequencies in Hz, bare numbers are as they are.
@@ -68,6 +69,15 @@ impl Context<'_> {
     }
 
     fn formula_quantity(&self, node: &Node, unit: &Unit) -> Read<Parameter> {
+        let percents = node.as_text().and_then(|text| text.trim().strip_suffix('%')?.trim().parse::<f64>().ok());
+        if let Some(percents) = percents {
+            let help = format!("write {} = {}", node.key, percents / 100.0);
+            return Err(node.note(
+                "a percentage",
+                format!("`{}`: a formula takes numbers, not percents", node.key),
+                help,
+            ));
+        }
         let quantity = node.quantity("2 Hz")?;
         let Quantity { value, base, .. } = quantity;
         let per = ["", "/s", "/s²", "/s³"][usize::from(quantity.per_seconds.min(3))];
@@ -113,6 +123,12 @@ impl Context<'_> {
             name: node.key.to_owned(),
             written: node.as_text().unwrap_or_default().trim().to_owned(),
             dimension,
+            scale: Some(Scale {
+                number: quantity.number,
+                per_s: quantity.per_s,
+                base,
+                in_turns: quantity.is_in_turns(),
+            }),
             is_rate: quantity.per_seconds > 0 && base.is_position(),
             outside,
             in_trig,

@@ -308,7 +308,16 @@ impl Context<'_> {
                 ("jump", Manner::Jump),
             ],
         );
-        let end = manner("end", &[("ramp", Manner::Ramp), ("jump", Manner::Jump)]);
+        let end = manner("end", &[("ramp", Manner::Ramp), ("ramp-behind", Manner::RampBehind), ("jump", Manner::Jump)]);
+        let at_once = |key: &str| {
+            format!("make the motion slower or longer, or write {key} = \"jump\" if the motor can do it at once")
+        };
+        // What may be written instead where a ramp does not make up for the way that it loses.
+        let behind = |law: Result<Law, LawError>| {
+            let behind = law.ok().and_then(|law| law.behind().last().copied())?;
+            let scale = self.gearing.scale();
+            Some((behind, written(behind.steps.abs() / scale.steps_per_unit, &scale.unit)))
+        };
         let mut law = law;
         if let Some((manner, place)) = begin? {
             let begin = match manner {
@@ -325,17 +334,15 @@ impl Context<'_> {
             };
             law = law.clone().beginning(begin).map_err(|error| match begin {
                 Begin::Ramp { max_speed, max_acceleration } => {
-                    let behind = law.beginning(Begin::RampBehind { max_speed, max_acceleration });
-                    let behind = behind.ok().and_then(|law| law.behind().first().copied());
-                    let help = behind.map(|behind| {
-                        let scale = self.gearing.scale();
-                        let left = written(behind.steps.abs() / scale.steps_per_unit, &scale.unit);
-                        format!(
-                            "write begin = \"ramp-behind\": that does not catch up, and stays {left} behind the law"
-                        )
-                    });
-                    place.note("cannot be followed", error.to_string(), help.unwrap_or_default())
+                    let help =
+                        behind(law.beginning(Begin::RampBehind { max_speed, max_acceleration })).map(|(_, left)| {
+                            format!(
+                                "write begin = \"ramp-behind\": that does not catch up, and stays {left} behind the law"
+                            )
+                        });
+                    place.note("cannot be followed", error.to_string(), help.unwrap_or_else(|| at_once("begin")))
                 }
+                Begin::RampBehind { .. } => place.note("cannot be followed", error.to_string(), at_once("begin")),
                 Begin::Delay => {
                     place.note("cannot be followed", error.to_string(), "write begin = \"ramp\", or \"ramp-behind\"")
                 }
@@ -348,9 +355,23 @@ impl Context<'_> {
                     let (max_speed, max_acceleration) = self.ramp_limits(&place)?;
                     End::Ramp { max_speed, max_acceleration }
                 }
-                _ => End::Jump,
+                Manner::RampBehind => {
+                    let (max_speed, max_acceleration) = self.ramp_limits(&place)?;
+                    End::RampBehind { max_speed, max_acceleration }
+                }
+                Manner::Jump | Manner::Delay => End::Jump,
             };
-            law = law.ending(end).map_err(|error| refuse(&place, &error))?;
+            law = law.clone().ending(end).map_err(|error| match end {
+                End::Ramp { max_speed, max_acceleration } => {
+                    let shorter = behind(law.ending(End::RampBehind { max_speed, max_acceleration }));
+                    let help = shorter.filter(|(behind, _)| behind.ends).map(|(_, left)| {
+                        format!("write end = \"ramp-behind\": that makes up for nothing, and ends {left} before the law does")
+                    });
+                    place.note("cannot be followed", error.to_string(), help.unwrap_or_else(|| at_once("end")))
+                }
+                End::RampBehind { .. } => place.note("cannot be followed", error.to_string(), at_once("end")),
+                End::Jump => refuse(&place, &error),
+            })?;
         }
         Ok(law)
     }

@@ -151,6 +151,11 @@ impl Gearing {
         self.steps_per_turn
     }
 
+    /// What the motor travels in a turn, steps; `None` of a robot's effector.
+    pub(super) fn steps_per_lead(&self) -> Option<f64> {
+        (!self.lengths_only).then_some(self.steps_per_turn)
+    }
+
     /// Steps in a radian of what the motor drives.
     pub(super) fn steps_per_rad(&self) -> f64 {
         self.steps_per_turn / std::f64::consts::TAU

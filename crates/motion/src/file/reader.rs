@@ -323,8 +323,8 @@ impl<'a> Node<'a> {
             });
         };
         Quantity::parse(text).map_err(|error| match &error {
-            QuantityError::UnknownUnit { unit, offset, nearest } => {
-                let help = nearest.map_or(write, |near| format!("did you mean \"{near}\"?"));
+            QuantityError::UnknownUnit { unit, offset, meant } => {
+                let help = meant.as_ref().map_or(write, |meant| format!("did you mean \"{meant}\"?"));
                 let message = format!("`{}`: unknown unit \"{unit}\"", self.key);
                 self.reader.note(self.inside(*offset, unit.len()), "unknown unit", message, help)
             }

@@ -27,13 +27,15 @@ pub enum Begin {
     Jump,
 }
 
-/// A ramp that does not catch up with its law.
+/// A ramp that does not make up for the way that it loses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Behind {
-    /// Where the law is and the motion is not, from the ramp's end on, steps; negative of a law that begins backward.
+    /// The way that it loses, steps: from its end on the law is that much farther. Negative of a law that goes backward there.
     pub steps: f64,
     /// How long the ramp takes.
     pub ramp: Time,
+    /// It is the motion's end: the motor stops that much before the law's last position.
+    pub ends: bool,
 }
 
 /// How a law ends that is not at rest at its end.
@@ -41,6 +43,13 @@ pub struct Behind {
 pub enum End {
     /// Its last seconds, as few as the limits allow, are replaced by a quintic to rest at its last position.
     Ramp {
+        /// steps/s.
+        max_speed: f64,
+        /// steps/s².
+        max_acceleration: f64,
+    },
+    /// The same by a quartic that does not make up for the way that it loses: the law's last position is not reached.
+    RampBehind {
         /// steps/s.
         max_speed: f64,
         /// steps/s².
@@ -60,6 +69,8 @@ pub struct Blended {
     tail: Option<Piece>,
     /// How far what is left of the law is moved, steps.
     shift: f64,
+    /// The way that the tail loses, steps.
+    lost: f64,
     /// The first piece may be entered at any speed.
     jump: bool,
 }
@@ -115,14 +126,24 @@ impl Law {
                 }
             }
         };
-        Ok(Law::Blended(Box::new(Blended { law: self, head, tail: None, shift, jump: begin == Begin::Jump })))
+        Ok(Law::Blended(Box::new(Blended {
+            law: self,
+            head,
+            tail: None,
+            shift,
+            lost: 0.0,
+            jump: begin == Begin::Jump,
+        })))
     }
 
-    /// How far it stays behind what the file says, for each motion that [does](Begin::RampBehind), in their order.
+    /// How far it stays behind what the file says, for each ramp that [does](Begin::RampBehind), in their order.
     #[must_use]
     pub fn behind(&self) -> Vec<Behind> {
         match self {
-            Law::Blended(blended) => blended.behind().into_iter().chain(blended.law.behind()).collect(),
+            Law::Blended(blended) => {
+                let [head, tail] = blended.behind();
+                head.into_iter().chain(blended.law.behind()).chain(tail).collect()
+            }
             Law::Then(laws) => laws.iter().flat_map(Law::behind).collect(),
             Law::Warped(warped) => warped.law().behind(),
             Law::TakeUp(_) => self.without_slack().map_or_else(Vec::new, |law| law.behind()),
@@ -143,6 +164,7 @@ impl Law {
         }
         let mut cursor = Cursor::new(&self);
         let last = cursor.at(end)?;
+        let mut lost = 0.0;
         let tail = match ending {
             End::Jump => {
                 let position = Double::from(last.whole) + Double::from(last.fraction);
@@ -150,21 +172,32 @@ impl Law {
                 rest.entry = Entry::SpeedJump;
                 Some(rest)
             }
-            End::Ramp { max_acceleration, .. } if last.speed == 0.0 && last.acceleration.abs() <= max_acceleration => {
+            End::Ramp { max_acceleration, .. } | End::RampBehind { max_acceleration, .. }
+                if last.speed == 0.0 && last.acceleration.abs() <= max_acceleration =>
+            {
                 None
             }
-            End::Ramp { max_speed, max_acceleration } => {
+            End::Ramp { max_speed, max_acceleration } | End::RampBehind { max_speed, max_acceleration } => {
+                let makes_up = matches!(ending, End::Ramp { .. });
                 let rest = Sample { speed: 0.0, acceleration: 0.0, ..last };
                 let mut ramp = |span: Time| {
                     let from = cursor.at(end - span)?;
-                    Ok(Ramp::between(from, rest, end - span, end, true))
+                    Ok(if makes_up {
+                        Ramp::between(from, rest, end - span, end, true)
+                    } else {
+                        Ramp::down_to_rest(from, end - span, end)
+                    })
                 };
-                let is_steady = matches!(self, Law::Steady(_));
-                Some(shortest(&mut ramp, Some(end), (max_speed, max_acceleration), is_steady)?.piece())
+                let limits = (max_speed, max_acceleration);
+                let ramp = shortest(&mut ramp, Some(end), limits, makes_up && matches!(self, Law::Steady(_)))?;
+                if !makes_up {
+                    lost = way(Sample { whole: ramp.whole, fraction: ramp.c[0], ..last }, last);
+                }
+                Some(ramp.piece())
             }
         };
         drop(cursor);
-        Ok(Law::Blended(Box::new(Blended { law: self, head: None, tail, shift: 0.0, jump: false })))
+        Ok(Law::Blended(Box::new(Blended { law: self, head: None, tail, shift: 0.0, lost, jump: false })))
     }
 
     /// This law up to `at`, then braked to rest by `braking` (steps/s²): how an endless law is brought to an end.
@@ -202,7 +235,22 @@ impl Law {
             curve: Curve::Polynomial(curve),
             entry: Entry::Continuous,
         };
-        Ok(Law::Blended(Box::new(Blended { law: self, head: None, tail: Some(tail), shift: 0.0, jump: false })))
+        Ok(Law::Blended(Box::new(Blended {
+            law: self,
+            head: None,
+            tail: Some(tail),
+            shift: 0.0,
+            lost: 0.0,
+            jump: false,
+        })))
+    }
+
+    /// The law that this one is [stopped](Law::stopped) on the way of; `None` if it is no stop.
+    #[must_use]
+    pub fn before_stop(&self) -> Option<&Law> {
+        let Law::Blended(blended) = self else { return None };
+        let stops = blended.stop().is_some_and(|(tail, _)| blended.law.end().is_none_or(|end| end > tail.start));
+        stops.then_some(&blended.law)
     }
 
     /// When the speed is first zero.
@@ -298,6 +346,17 @@ impl Ramp {
         Ramp { whole: rest.whole, c, from: Time::ZERO, to: span, backward: false, law_speed: speed }
     }
 
+    /// The quartic that takes speed and acceleration from those of `law` to rest, wherever that is.
+    fn down_to_rest(law: Sample, from: Time, to: Time) -> Ramp {
+        let Sample { speed, acceleration, .. } = law;
+        let s = (to - from).seconds();
+        let c3 = (speed + acceleration * s / 3.0) / (s * s);
+        let c4 = (0.25 * acceleration * s + 0.5 * speed) / (s * s * s);
+        let lost = s * s * s * (c3 - c4 * s);
+        let c = [law.fraction + lost, 0.0, 0.0, c3, c4, 0.0];
+        Ramp { whole: law.whole, c, from, to, backward: true, law_speed: speed }
+    }
+
     fn piece(self) -> Piece {
         let (start, end) = (self.from, self.to);
         let zero = if self.backward { end } else { start };
@@ -345,11 +404,13 @@ fn shortest(
         (v / max_speed, 1.001 * a / max_acceleration)
     };
     let longest = end.map_or(LONGEST_RAMP_S, Time::seconds).min(LONGEST_RAMP_S);
+    // Past its end, be it by rounding, a law is at rest.
+    let mut ramp = |span: f64| ramp(Time::from_seconds(span).min(end.unwrap_or(Time::MAX)));
     let mut closest: Option<(f64, f64, Ramp)> = None;
     let mut below = 0.0;
     let mut span = SHORTEST_RAMP_S.min(longest);
     loop {
-        let tried = ramp(Time::from_seconds(span))?;
+        let tried = ramp(span)?;
         let (v, a) = excess(&tried);
         if v.max(a) <= 1.0 {
             break;
@@ -368,10 +429,10 @@ fn shortest(
     }
     for _ in 0..40 {
         let middle = 0.5 * (below + span);
-        let (v, a) = excess(&ramp(Time::from_seconds(middle))?);
+        let (v, a) = excess(&ramp(middle)?);
         if v.max(a) <= 1.0 { span = middle } else { below = middle }
     }
-    ramp(Time::from_seconds(span))
+    ramp(span)
 }
 
 /// Why there is none: the one that comes closest.
@@ -404,8 +465,7 @@ impl Blended {
 
     /// Another law that is [stopped](Law::stopped) as this one; `None` if it is no stop.
     pub(super) fn stop_of(&self, law: Law) -> Option<Law> {
-        let (None, Some(tail), false) = (&self.head, &self.tail, self.jump) else { return None };
-        let Curve::Polynomial(curve) = &tail.curve else { return None };
+        let (tail, curve) = self.stop()?;
         let (braking, pull_in) = match curve.get(2) {
             Some(half) => (2.0 * half.abs(), 0.0),
             // At once.
@@ -414,10 +474,20 @@ impl Blended {
         law.stopped(tail.start, braking, pull_in).ok()
     }
 
-    /// How far the motion stays behind its law, if it does.
-    fn behind(&self) -> Option<Behind> {
-        let ramp = self.head.as_ref()?.end;
-        (self.shift != 0.0).then_some(Behind { steps: -self.shift, ramp })
+    /// Its tail, and that one's coefficients, if it is a stop.
+    fn stop(&self) -> Option<(&Piece, &[f64])> {
+        let (None, Some(tail), false) = (&self.head, &self.tail, self.jump) else { return None };
+        let Curve::Polynomial(curve) = &tail.curve else { return None };
+        (curve.len() <= 3 && tail.entry == Entry::Continuous).then_some((tail, curve))
+    }
+
+    /// How far the motion stays behind its law, by its beginning and by its end.
+    fn behind(&self) -> [Option<Behind>; 2] {
+        let behind = |ramp: &Option<Piece>, steps: f64, ends: bool| {
+            let ramp = ramp.as_ref().filter(|_| steps != 0.0)?;
+            Some(Behind { steps, ramp: ramp.end - ramp.start, ends })
+        };
+        [behind(&self.head, -self.shift, false), behind(&self.tail, self.lost, true)]
     }
 
     pub(super) fn end(&self) -> Option<Time> {

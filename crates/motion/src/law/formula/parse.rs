@@ -389,7 +389,7 @@ impl<'a> Parser<'a> {
             let (a, b) = (a.node, b.node);
             let span = join(a.span, b.span);
             let kind = if is_product { Kind::Multiply(a, b) } else { Kind::Divide(a, b) };
-            left = Term::Number(Typed { node: Node::new(kind, span)?, measure });
+            left = Term::Number(self.place.product(Typed { node: Node::new(kind, span)?, measure })?);
         }
         Ok(left)
     }
@@ -486,12 +486,9 @@ impl<'a> Parser<'a> {
             let in_trig = self.place.in_trig;
             self.used[index][usize::from(in_trig)] = true;
             let parameter = &self.place.parameters[index];
-            let amount = if in_trig { &parameter.in_trig } else { &parameter.outside };
-            (Kind::Number(amount.value), Measure::of(index, parameter))
+            (Kind::Number(parameter.amount(in_trig).value), Measure::of(index, parameter))
         } else if let Some((_, value)) = CONSTANTS.iter().find(|(known, _)| *known == name) {
-            let number = value.nearest();
-            let measure = if name == "e" { Measure::number(number) } else { Measure::angular(number) };
-            (Kind::Number(*value), measure)
+            (Kind::Number(*value), Measure::number(value.nearest()))
         } else {
             return Err(error(span, self.unknown(name)));
         };
