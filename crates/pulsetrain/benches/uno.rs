@@ -3,14 +3,14 @@
 //! A table, fields between tabs, the first of which says whether the row is promised, or that it is a limit for the table of
 //! boards. With the argument `hour` the hour of 001's four motors instead; with `rates` the fastest rates that are promised alone.
 
-#[path = "../tests/common/mod.rs"]
+#[path = "../tests/it/common/mod.rs"]
 mod common;
 
-use common::board::TICK_HZ;
-use common::board::lab::Image;
 use common::rows::{COLUMNS, Case, PROMISED, Row, TUTORIALS, fastest_plateau, hour, rates, tutorial_row, variations};
 use common::uno::kind_of;
 use pulsetrain_motion::pins::PinKind;
+use pulsetrain_testkit::TICK_HZ;
+use pulsetrain_testkit::lab::Image;
 use std::thread;
 
 /// So long each rate is tried, s of the board's time; then the fastest once more, for longer.

@@ -1,14 +1,14 @@
 //! The link to a model board: taking it, changing its rate, losing it, all with the board's own service.
 
-use crate::common::{TICK_HZ, model_setup, run, tell, unseen};
-use pulsetrain_board::faulty::{Faulty, Rates};
-use pulsetrain_board::model::ModelPort;
 use pulsetrain_board::shared::Shared;
 use pulsetrain_board::{Board, Edge, Link, LinkError, Port, PortError, Remote, RemoteError, SwitchRefused};
 use pulsetrain_core::wire::frame::{Received, Tag};
 use pulsetrain_core::wire::message::{Cause, Info, Missing, kind};
 use pulsetrain_core::wire::{Baud, Command, Decoder, Encoder, MAX_FRAME, Reason, Reply};
 use pulsetrain_core::{Entry, Epoch, Item, Moment};
+use pulsetrain_testkit::faulty::{Faulty, Rates};
+use pulsetrain_testkit::model::ModelPort;
+use pulsetrain_testkit::{TICK_HZ, model_setup, run, tell, unseen};
 use std::time::Duration;
 
 fn connect(seed: u64) -> Remote<Faulty<ModelPort>> {

@@ -1,7 +1,5 @@
 //! Tests of the crate, in one binary.
 
-mod common;
-mod held;
 mod link;
 mod model_verbs;
 mod native;

@@ -1,11 +1,11 @@
 //! Motors of the model board that are told directly: what a host is told, and in which order. The Pico's are in pico_verbs.rs.
 
-use crate::common::{TICK_HZ, model_setup, run, tell};
-use pulsetrain_board::model::ModelPort;
 use pulsetrain_board::{Board, Edge, Port, Remote, RemoteError};
 use pulsetrain_core::Epoch;
 use pulsetrain_core::verbs::{Course, Verb};
 use pulsetrain_core::wire::message::{Cause, Reason, flags};
+use pulsetrain_testkit::model::ModelPort;
+use pulsetrain_testkit::{TICK_HZ, model_setup, run, tell};
 use std::time::Duration;
 
 fn connect(motors: u8) -> Remote<ModelPort> {

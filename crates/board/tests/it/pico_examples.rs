@@ -1,7 +1,7 @@
 //! The library's examples, on the emulated chip, without a host: what they draw, what they take of the processor, and what they leave
 //! to others.
 
-use crate::common::examples::{Ran, dds_circle, delta, lorenz_attractor};
+use pulsetrain_testkit::examples::{Ran, dds_circle, delta, lorenz_attractor};
 
 /// Of the processor, what an example may take.
 const MOST_LOAD: f64 = 0.07;

@@ -1,10 +1,10 @@
 //! The Pico's expansion, in assembly, against core's: random recurrences, on the emulated chip.
 
-use crate::common::Random;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_core::Recurrence;
 use pulsetrain_core::words::{MOST_SURELY, Stretch, Sure, expand, surely};
 use pulsetrain_emulator::Rp2040;
+use pulsetrain_testkit::Random;
 
 /// How the two functions begin: push {r4-r7, lr}; mov r4, r8; mov r5, r9; and then push {r0, r4, r5}, or mov r6, r10.
 const SURELY: [u16; 4] = [0xb5f0, 0x4644, 0x464d, 0xb431];

@@ -1,10 +1,10 @@
 //! The library for programs of one's own on the Pico, on the emulated chip: what it refuses, what it tells, how it stops and begins
 //! again, and how long its interrupts may be kept out.
 
-use crate::common::mailbox::{Mailbox, Waited};
-use crate::common::pico::TICK_HZ;
 use pulsetrain_core::verbs::{Course, Verb};
 use pulsetrain_core::wire::message::Reason;
+use pulsetrain_testkit::mailbox::{Mailbox, Waited};
+use pulsetrain_testkit::pico::TICK_HZ;
 
 const MS: u64 = TICK_HZ / 1000;
 const US: u64 = TICK_HZ / 1_000_000;

@@ -1,13 +1,13 @@
 //! A Pico has two lines at once, its UART and its own USB port, and one session: what is on the other one does not disturb
 //! it, and however it ends, the UART is at 115 200 baud again.
 
-use crate::common::pico::{TICK_HZ, coils, run, step_dir};
 use pulsetrain_board::virtual_pico::{Line, VirtualPico};
 use pulsetrain_board::{Board, Edge, Link, LinkError, Port, PortError, Remote, Setup};
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::message::{Cause, flags};
 use pulsetrain_core::wire::{Baud, Command};
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment};
+use pulsetrain_testkit::pico::{TICK_HZ, coils, run, step_dir};
 use std::cell::RefCell;
 use std::rc::Rc;
 use std::time::Duration;

@@ -1,15 +1,15 @@
 //! The link to the Pico's firmware by a line that has faults, over either of its lines: the edges are those of a clean run, to
 //! the tick; and a cable that is pulled.
 
-use crate::common::pico::{TICK_HZ, coils, step_dir};
-use crate::common::segments::{Chip, Law, Stream};
-use crate::held::hold_for;
-use pulsetrain_board::faulty::{Faulty, Rates};
 use pulsetrain_board::virtual_pico::{Line, VirtualPico};
 use pulsetrain_board::{Board, Edge, Port, Remote, Setup};
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Cause;
+use pulsetrain_testkit::faulty::{Faulty, Rates};
+use pulsetrain_testkit::held::hold_for;
+use pulsetrain_testkit::pico::{TICK_HZ, coils, step_dir};
+use pulsetrain_testkit::segments::{Chip, Law, Stream};
 use std::time::Duration;
 
 /// GPIO of the gate: no motor's.

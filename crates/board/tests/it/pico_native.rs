@@ -1,11 +1,11 @@
 //! The firmware on the emulated chip makes the native board's edges, all of them, tick for tick: random plans, switches, stops.
 
-use crate::common::Random;
-use crate::common::pico::{Pair, TICK_HZ, coil_levels, coils, overhead, random_items, step_dir};
 use pulsetrain_board::{Board, Faults, Setup, SwitchRefused};
 use pulsetrain_core::Item;
 use pulsetrain_core::output::{HALF_STEPS, Sequence};
 use pulsetrain_core::wire::message::{Cause, MotorSetup};
+use pulsetrain_testkit::Random;
+use pulsetrain_testkit::pico::{Pair, TICK_HZ, coil_levels, coils, overhead, random_items, step_dir};
 
 const SEQUENCES: [Sequence; 3] = [Sequence::Wave, Sequence::Full, Sequence::Half];
 

@@ -1,6 +1,5 @@
 //! Pins of the Pico: which are driven when, what happens to them as the configuration changes, and the enable line.
 
-use crate::common::pico::{Pair, TICK_HZ, as_line, coil_levels, coils, pins_of, run, step_dir};
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::{Board, Edge, Remote, RemoteError, Setup};
 use pulsetrain_core::output::{HALF_STEPS, Sequence};
@@ -8,6 +7,7 @@ use pulsetrain_core::wire::Reason;
 use pulsetrain_core::wire::message::MotorSetup;
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment};
 use pulsetrain_emulator::Level;
+use pulsetrain_testkit::pico::{Pair, TICK_HZ, as_line, coil_levels, coils, pins_of, run, step_dir};
 
 use Direction::{Backward, Forward};
 

@@ -1,11 +1,11 @@
 //! The firmware by its own USB port: a PC enumerates it, and the edges are those of the native board.
 
-use crate::common::Random;
-use crate::common::pico::{Pair, TICK_HZ, overhead, random_items, run, step_dir};
 use pulsetrain_board::virtual_pico::{CYCLES_PER_S, VirtualPico};
 use pulsetrain_board::{Board, Link, Port, Setup};
 use pulsetrain_core::{Direction, Item, Moment};
 use pulsetrain_emulator::{Observer, Rp2040, UsbState};
+use pulsetrain_testkit::Random;
+use pulsetrain_testkit::pico::{Pair, TICK_HZ, overhead, random_items, run, step_dir};
 use std::time::Duration;
 
 /// Within 300 ms of its start a program has its port open.

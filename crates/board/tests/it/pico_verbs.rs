@@ -1,7 +1,5 @@
 //! Motors of a Pico that are told directly: the edges of the native board, all of them, tick for tick, on random live scripts.
 
-use crate::common::Random;
-use crate::common::pico::{TICK_HZ, as_line, coils, native_config, overhead, step_dir};
 use pulsetrain_board::native_verbs::NativeVerbs;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::{Board, Edge, Faults, Port, Remote, RemoteError, Setup};
@@ -11,6 +9,8 @@ use pulsetrain_core::wire::message::{Cause, MotorSetup, Reason, flags};
 use pulsetrain_core::wire::orders::{Obeyed, Orders, order};
 use pulsetrain_core::wire::{Baud, MAX_MOTORS};
 use pulsetrain_core::{Entry, Epoch, Item, Moment};
+use pulsetrain_testkit::Random;
+use pulsetrain_testkit::pico::{TICK_HZ, as_line, coils, native_config, overhead, step_dir};
 use std::time::Duration;
 
 /// What the firmware lets a motor be told: docs/pico.md.
@@ -291,7 +291,7 @@ fn the_shortest_periods_hold() {
 fn what_is_told_shows_soon() {
     for (rate, times) in [(100, 4), (1000, 12), (10_000, 30), (100_000, 30)] {
         for turns in [false, true] {
-            let delay = crate::common::delays::delay(rate, turns, times);
+            let delay = pulsetrain_testkit::delays::delay(rate, turns, times);
             println!("{rate} steps/s, turns {turns}: {delay:?}");
             assert!(delay.is_kept(), "{rate} steps/s, turns {turns}: {delay:?}");
             // What docs/pico.md says of the tick, and a while to be read.
@@ -507,7 +507,7 @@ fn a_first_order_that_does_nothing_changes_nothing() {
     let refused = pico.tell_motors(&[(0, Verb::Speed { ticks: 3 })]).expect_err("too short");
     assert!(matches!(refused, RemoteError::Refused { reason: Reason::Period, detail: 254, .. }), "{refused}");
     assert_eq!(pico.tell_motors(&[]).expect("a question").motors()[0].position, 0);
-    push(pico, crate::common::pico::run(500, 12_500, pulsetrain_core::Direction::Forward));
+    push(pico, pulsetrain_testkit::pico::run(500, 12_500, pulsetrain_core::Direction::Forward));
     pico.switch(Epoch(1), from).expect("in time");
     let mut rises = 0;
     pico.advance(from + TICK_HZ / 10, &mut |edge: Edge| rises += u32::from(edge.line == 2 && edge.level));
@@ -523,8 +523,8 @@ fn the_first_order_holds_later() {
     for part in 0..24 {
         let mut pair = Pair::new(&drivers(1));
         pair.pico.advance(pair.pico.now() + TICK_HZ / 100 + part * 12_345, &mut |_: Edge| {});
-        let (sent, obeyed) = crate::common::delays::tell(&mut pair.pico, &[(0, Verb::Run)]);
-        latest = latest.max(crate::common::delays::us(obeyed.tick, sent));
+        let (sent, obeyed) = pulsetrain_testkit::delays::tell(&mut pair.pico, &[(0, Verb::Run)]);
+        latest = latest.max(pulsetrain_testkit::delays::us(obeyed.tick, sent));
     }
     println!("at most {latest} µs");
     assert!((2400.0..=3600.0).contains(&latest), "{latest} µs");
@@ -541,9 +541,10 @@ fn plans_and_verbs_keep_apart() {
     // Motors that a plan moves.
     let pico = &mut pair.pico;
     let from = pico.now() + pico.lead() + TICK_HZ / 100;
-    for item in
-        [Item::Anchor { tick: Moment::of(from) }, crate::common::pico::run(500, 12_500, pulsetrain_core::Direction::Forward)]
-    {
+    for item in [
+        Item::Anchor { tick: Moment::of(from) },
+        pulsetrain_testkit::pico::run(500, 12_500, pulsetrain_core::Direction::Forward),
+    ] {
         pico.push(0, Entry { epoch: Epoch(1), item }).expect("room");
     }
     pico.switch(Epoch(1), from).expect("in time");

@@ -1,10 +1,10 @@
 //! Ticks that wrap: 2^24 (SysTick, 0.13 s), 2^31 and 2^32 (17 s and 34 s), while the Pico waits, is configured, moves.
 
-use crate::common::pico::{Pair, TICK_HZ, coils, run, step_dir};
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::{Board, Port, Setup};
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::{Direction, Item, Moment, Segment};
+use pulsetrain_testkit::pico::{Pair, TICK_HZ, coils, run, step_dir};
 
 fn setup() -> Setup {
     Setup { pulse_ticks: 125, motors: vec![step_dir(2), coils(22, Sequence::Half)], ..Setup::default() }

@@ -1,7 +1,6 @@
 //! docs/protocol.md against the code: every table, every number, and the session at its end.
 
 use pulsetrain_board::Port;
-use pulsetrain_board::model::ModelPort;
 use pulsetrain_core::Epoch;
 use pulsetrain_core::wire::frame::{Received, Tag};
 use pulsetrain_core::wire::message::{
@@ -11,6 +10,7 @@ use pulsetrain_core::wire::service::{SILENCE_MS, TRIAL_MS};
 use pulsetrain_core::wire::{
     Baud, Command, Decoder, Encoder, LEAST_BODY, MAX_BODY, MAX_FRAME, MAX_MOTORS, Reply, Settings, Switched, VERSION,
 };
+use pulsetrain_testkit::model::ModelPort;
 use std::time::Duration;
 
 const DOC: &str = include_str!("../../../../docs/protocol.md");

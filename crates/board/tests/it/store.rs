@@ -1,6 +1,5 @@
 //! Settings that boards keep without power, on the emulated chips: in an Uno's EEPROM, and in the last sectors of a Pico's flash.
 
-use crate::common::winch::{Lab, Wired};
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Port, PortError, Remote, RemoteError, Setup};
@@ -8,6 +7,7 @@ use pulsetrain_core::baked;
 use pulsetrain_core::wire::frame::check;
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{Baud, Reason, Settings, Stored};
+use pulsetrain_testkit::winch::{Lab, Wired};
 use std::time::Duration;
 
 const SETTINGS: Settings = Settings { deadman_ms: 400, idle_ms: 250, silence_ms: 600, vmax: 500_000, amax: 4_000_000 };
@@ -32,7 +32,7 @@ impl Keeps for VirtualUno {
     const KEPT: std::ops::Range<usize> = 0..SETTINGS_LEN + 2;
 
     fn setup() -> Setup {
-        crate::common::uno_setup(&[(8, 9)], 16)
+        pulsetrain_testkit::uno_setup(&[(8, 9)], 16)
     }
 
     fn memory(&self) -> &[u8] {
@@ -58,7 +58,12 @@ impl Keeps for VirtualPico {
     const KEPT: std::ops::Range<usize> = FLASH_ROOM..FLASH_ROOM + 1 + SETTINGS_LEN + 2;
 
     fn setup() -> Setup {
-        Setup { pulse_ticks: 250, setup_ticks: 125, motors: vec![crate::common::pico::step_dir(2)], ..Setup::default() }
+        Setup {
+            pulse_ticks: 250,
+            setup_ticks: 125,
+            motors: vec![pulsetrain_testkit::pico::step_dir(2)],
+            ..Setup::default()
+        }
     }
 
     fn memory(&self) -> &[u8] {

@@ -5,8 +5,8 @@
 //! (`FILLER` in firmware/uno/src/steps/plan.rs): there groups are closest. They do so in step, or nearly, so that one's interrupt keeps the other's
 //! waiting.
 
-use crate::common::lab::{EXACT, Image, Lab, SOFTWARE, Timing, said, uno_after};
-use crate::common::{Random, TICK_HZ, uno_setup};
+use pulsetrain_testkit::lab::{EXACT, Image, Lab, SOFTWARE, Timing, said, uno_after};
+use pulsetrain_testkit::{Random, TICK_HZ, uno_setup};
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Faults};
 use pulsetrain_core::wire::message::Cause;
@@ -85,7 +85,7 @@ fn turns_of(uno: VirtualUno, filler: u64, pins: &[(u8, u8)], timing: Timing, see
         items.reverse();
         pending.push(items);
     }
-    let fill = |board: &mut crate::common::lab::Uno, pending: &mut Vec<Vec<Item>>| {
+    let fill = |board: &mut pulsetrain_testkit::lab::Uno, pending: &mut Vec<Vec<Item>>| {
         for (motor, items) in pending.iter_mut().enumerate() {
             while let Some(item) = items.last() {
                 if board.room(motor) < 20 || board.push(motor, Entry { epoch: Epoch(1), item: *item }).is_err() {

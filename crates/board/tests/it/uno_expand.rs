@@ -1,9 +1,9 @@
 //! The firmware's expansion, in assembly, against the recurrence: random registers, on the emulated chip.
 
-use crate::common::Random;
-use crate::common::lab::Image;
 use pulsetrain_core::narrow::Registers;
 use pulsetrain_emulator::Atmega328p;
+use pulsetrain_testkit::Random;
+use pulsetrain_testkit::lab::Image;
 
 /// How all expanders begin: the steps that are left become fewer by those in r20.
 const BEGINNING: [u16; 4] = [0x898b, 0x899c, 0x1b84, 0x0991];

@@ -1,11 +1,11 @@
 //! The link to the firmware by a line that has faults: the edges are those of a clean run.
 
-use crate::common::segments::{Law, Stream};
-use crate::common::{TICK_HZ, uno_setup};
-use pulsetrain_board::faulty::{Faulty, Rates};
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Remote};
 use pulsetrain_core::wire::Baud;
+use pulsetrain_testkit::faulty::{Faulty, Rates};
+use pulsetrain_testkit::segments::{Law, Stream};
+use pulsetrain_testkit::{TICK_HZ, uno_setup};
 
 /// Streams for 2 s at `rate` steps/s; the line is bad from the beginning of the motion on. Edges from there, and frames that
 /// were sent again.

@@ -1,12 +1,12 @@
 //! How long the firmware keeps interrupts out, and how much stack it needs, on the emulated chip: what the table in
 //! firmware/uno/src/main.rs says.
 
-use crate::common::lab::Image;
-use crate::common::segments::{Law, Stream};
-use crate::common::{TICK_HZ, uno_setup};
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Port, PortError, Remote};
 use pulsetrain_core::wire::Baud;
+use pulsetrain_testkit::lab::Image;
+use pulsetrain_testkit::segments::{Law, Stream};
+use pulsetrain_testkit::{TICK_HZ, uno_setup};
 use std::collections::BTreeMap;
 use std::time::Duration;
 

@@ -1,10 +1,10 @@
 //! The firmware on the emulated chip makes the native board's steps, tick for tick: random plans, switches, stops.
 
-use crate::common::lab::{EXACT, Image, Lab, SHARED, SOFTWARE, Timing, Uno, uno};
-use crate::common::{Random, TICK_HZ, uno_setup};
 use pulsetrain_board::{Board, Faults, Setup, SwitchRefused};
 use pulsetrain_core::wire::message::Cause;
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_testkit::lab::{EXACT, Image, Lab, SHARED, SOFTWARE, Timing, Uno, uno};
+use pulsetrain_testkit::{Random, TICK_HZ, uno_setup};
 
 /// Pins of motors (STEP, DIR), and what the edges' ticks are compared by.
 struct Pins {

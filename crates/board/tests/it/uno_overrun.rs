@@ -1,11 +1,11 @@
 //! Bytes that the firmware loses are told: in the USART, when nobody takes them, and in the receive page, when the main loop does
 //! not come round.
 
-use crate::common::lab::Image;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Port, Remote};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Cause;
+use pulsetrain_testkit::lab::Image;
 
 const SREG: u16 = 0x5f;
 const I: u8 = 0x80;

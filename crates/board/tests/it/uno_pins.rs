@@ -1,12 +1,12 @@
 //! What the firmware's pins do besides steps: at rest, armed, released; levels; the drivers' enable line.
 
-use crate::common::lab::{Image, Lab, uno};
-use crate::common::{TICK_HZ, run, uno_setup};
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Remote, RemoteError, Setup};
 use pulsetrain_core::wire::Reason;
 use pulsetrain_core::{Entry, Epoch, Item, Moment};
 use pulsetrain_emulator::{Level, Port};
+use pulsetrain_testkit::lab::{Image, Lab, uno};
+use pulsetrain_testkit::{TICK_HZ, run, uno_setup};
 
 /// Port and bit of a pin by its Arduino number.
 fn place(pin: u8) -> (Port, u8) {

@@ -1,8 +1,8 @@
 //! The link to the firmware itself, on the virtual Uno.
 
-use crate::common::lab::Image;
-use crate::common::segments::{Law, Stream};
-use crate::common::uno_setup;
+use pulsetrain_testkit::lab::Image;
+use pulsetrain_testkit::segments::{Law, Stream};
+use pulsetrain_testkit::uno_setup;
 use pulsetrain_board::{Board, Edge, Faults, Port, PortError, Remote, Setup, virtual_uno::VirtualUno};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{Cause, MotorSetup};

@@ -1,11 +1,11 @@
 //! Rings that run dry: what the board says that it made is what its pins show, whatever bits of a port its STEP lines are.
 
-use crate::common::lab::Image;
-use crate::common::segments::{Law, Stream};
-use crate::common::{TICK_HZ, uno_setup};
 use pulsetrain_board::{Board, Edge, Remote};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Cause;
+use pulsetrain_testkit::lab::Image;
+use pulsetrain_testkit::segments::{Law, Stream};
+use pulsetrain_testkit::{TICK_HZ, uno_setup};
 
 /// Far more than a board keeps up with, steps/s of all motors together.
 const RATE: f64 = 240_000.0;

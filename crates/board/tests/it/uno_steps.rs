@@ -2,11 +2,11 @@
 //!
 //! How fast it can be at most is measured by `cargo xtask bench uno`; these are rates that it must do whatever changes.
 
-use crate::common::lab::{EXACT, Image, Lab, SOFTWARE, Timing, said, uno};
-use crate::common::segments::{Law, Stream};
-use crate::common::{TICK_HZ, uno_setup};
 use pulsetrain_board::{Board, Faults};
 use pulsetrain_core::wire::message::Cause;
+use pulsetrain_testkit::lab::{EXACT, Image, Lab, SOFTWARE, Timing, said, uno};
+use pulsetrain_testkit::segments::{Law, Stream};
+use pulsetrain_testkit::{TICK_HZ, uno_setup};
 
 /// Streams `law` to motors on `pins` for 0.2 s: every step is on the pins in its time, and no other; none is left out at the
 /// end.

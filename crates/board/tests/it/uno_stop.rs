@@ -1,10 +1,10 @@
 //! A step counted is a pulse made, and the reverse: the firmware's counts at every instant, against its pins.
 
-use crate::common::lab::{Image, Lab, said, uno};
-use crate::common::{Random, TICK_HZ, uno_setup};
 use pulsetrain_board::{Board, Setup};
 use pulsetrain_core::wire::message::flags;
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_testkit::lab::{Image, Lab, said, uno};
+use pulsetrain_testkit::{Random, TICK_HZ, uno_setup};
 
 /// One of each kind: port B, port D, both, the compare hardware alone and twice, a shared DIR line.
 const KINDS: [&[(u8, u8)]; 7] = [
@@ -22,7 +22,13 @@ const INTERVALS: [u64; 7] = [900, 900, 2500, 2500, 2500, 3500, 8000];
 
 /// Begins a motion of motors that step `interval` ticks apart, each a little after the one before, forward and, where they
 /// have a DIR line of their own, now and then backward.
-fn begin(image: Image, setup: &Setup, shift: u64, interval: u64, count: u32) -> (crate::common::lab::Uno, Lab, u64) {
+fn begin(
+    image: Image,
+    setup: &Setup,
+    shift: u64,
+    interval: u64,
+    count: u32,
+) -> (pulsetrain_testkit::lab::Uno, Lab, u64) {
     let mut board = uno(image, setup);
     let from = board.now() + board.lead() + TICK_HZ / 100 + shift;
     let shared = setup.motors.len() == 4 && setup.motors[0].dir_pin == setup.motors[1].dir_pin;

@@ -1,7 +1,5 @@
 //! Motors of an Uno that are told directly, with the image that has verbs: the steps of the native board, on random live scripts.
 
-use crate::common::lab::{EXACT, Lab, SOFTWARE, Timing};
-use crate::common::{Random, TICK_HZ, native_config, uno_setup};
 use pulsetrain_board::native_verbs::NativeVerbs;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Faults, Port, Remote, RemoteError, Setup};
@@ -10,6 +8,8 @@ use pulsetrain_core::verbs::{Course, Limits, Verb};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{Cause, Reason};
 use pulsetrain_core::wire::orders::{Obeyed, Orders, order};
+use pulsetrain_testkit::lab::{EXACT, Lab, SOFTWARE, Timing};
+use pulsetrain_testkit::{Random, TICK_HZ, native_config, uno_setup};
 use std::time::Duration;
 
 /// Pins of motors (STEP, DIR), and what the edges' ticks are compared by.
@@ -406,7 +406,7 @@ fn plans_and_verbs_keep_apart() {
     let mut pair = Pair::new(&uno_setup(ALL[3].pins, 16), SOFTWARE);
     let uno = &mut pair.uno;
     let from = uno.now() + uno.lead() + TICK_HZ / 100;
-    crate::common::tell(uno, 1, from, &[crate::common::run(500, 2000)]);
+    pulsetrain_testkit::tell(uno, 1, from, &[pulsetrain_testkit::run(500, 2000)]);
     uno.switch(Epoch(1), from).expect("in time");
     assert_eq!(refused(uno.tell_motors(&[(0, Verb::Run)])), (Reason::Moving, 0), "a plan is under way");
     uno.advance(from + TICK_HZ / 10, &mut |_: Edge| {});

@@ -1,12 +1,12 @@
 //! Counters that wrap: Timer1's 16 bits, the board's 32-bit ticks, sequence numbers, epochs; and a host that falls silent.
 
-use crate::common::lab::{EXACT, Image, Lab, SOFTWARE, Timing, said, uno, uno_after};
-use crate::common::{TICK_HZ, uno_setup};
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Faults, Port};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Cause;
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_testkit::lab::{EXACT, Image, Lab, SOFTWARE, Timing, said, uno, uno_after};
+use pulsetrain_testkit::{TICK_HZ, uno_setup};
 use std::time::Duration;
 
 fn run(count: u32, interval: i64, forward: bool) -> Item {

@@ -9,7 +9,7 @@ use pulsetrain_core::winch::reply::{LONGEST, Reply};
 use pulsetrain_core::winch::spacing::Train;
 use pulsetrain_core::winch::text::{Heard, Reader, Refusal, What};
 use pulsetrain_emulator::{Atmega328p, hex};
-use seed::{rounds, seed};
+use pulsetrain_testkit::seed::{rounds, seed};
 use std::collections::VecDeque;
 
 const IMAGE: &str = include_str!("../../images/winch.hex");

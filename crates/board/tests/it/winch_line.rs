@@ -1,15 +1,15 @@
 //! The Uno's line under text: who has the board when frames come too, bytes that are lost, and lines as fast as the line takes
 //! them while four axes run.
 
-use crate::common::seed::{rounds, seed};
-use crate::common::winch::Uno;
-use crate::common::{Random, uno_setup};
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, LinkError, Port, PortError, Remote, RemoteError};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Measures;
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
 use pulsetrain_emulator::{Atmega328p, hex};
+use pulsetrain_testkit::seed::{rounds, seed};
+use pulsetrain_testkit::winch::Uno;
+use pulsetrain_testkit::{Random, uno_setup};
 use std::time::Duration;
 
 const IMAGE: &str = include_str!("../../images/uno.hex");

@@ -1,13 +1,13 @@
 //! The Pico's firmware as clients of the winch see it, on the virtual Pico, by its UART and its own USB: what it says, and its pins
 //! against core's paths, to the tick.
 
-use crate::common::Random;
-use crate::common::pico::step_dir;
-use crate::common::winch::{Lab, Pico, Said, Status, Wired, follow};
-use crate::held::hold_for;
 use pulsetrain_board::virtual_pico::{Line, VirtualPico};
 use pulsetrain_board::{Link, LinkError, Port, Remote, RemoteError, Setup};
 use pulsetrain_emulator::UsbState;
+use pulsetrain_testkit::Random;
+use pulsetrain_testkit::held::hold_for;
+use pulsetrain_testkit::pico::step_dir;
+use pulsetrain_testkit::winch::{Lab, Pico, Said, Status, Wired, follow};
 
 /// Ticks of a slice, and of a µs.
 const SLICE: u64 = Pico::SLICE;

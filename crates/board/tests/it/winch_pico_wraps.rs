@@ -1,8 +1,8 @@
 //! Text on the Pico while the microseconds of its statuses wrap: 31 bits after 35.8 min, 32 after 71.6. Really waited for, in virtual
 //! time, asleep nearly all the while: it takes a minute or two.
 
-use crate::common::winch::{Pico, Said, follow};
 use pulsetrain_board::Port;
+use pulsetrain_testkit::winch::{Pico, Said, follow};
 use std::time::Duration;
 
 /// Lets it be until a second before so many µs of its clock. Nobody asks for a status meanwhile.

@@ -1,9 +1,9 @@
 //! The Uno's firmware as clients of the winch see it, on the virtual Uno: what it says, and its pins against core's paths.
 
-use crate::common::Random;
-use crate::common::seed::{rounds, seed};
-use crate::common::winch::{ENABLE, SLICE, Said, Uno, follow};
 use pulsetrain_board::{LinkError, Remote, RemoteError};
+use pulsetrain_testkit::Random;
+use pulsetrain_testkit::seed::{rounds, seed};
+use pulsetrain_testkit::winch::{ENABLE, SLICE, Said, Uno, follow};
 
 /// Levels of the enable line, with their ticks.
 fn enable(uno: &Uno) -> Vec<(u64, bool)> {
@@ -245,7 +245,7 @@ fn text_and_frames_exclude_each_other() {
     uno.run_ms(300);
     // Frames have it.
     let mut board = Remote::open(uno.port.clone(), 9).expect("it is free");
-    board.configure(&crate::common::uno_setup(&[(2, 5)], 16)).expect("it takes it");
+    board.configure(&pulsetrain_testkit::uno_setup(&[(2, 5)], 16)).expect("it takes it");
     let mut taken = Uno { port: board.port().clone(), ..uno.clone() };
     taken.run_ms(150);
     assert_eq!(taken.ask("a x 5", 100), ["err taken"]);

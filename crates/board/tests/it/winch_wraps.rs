@@ -1,9 +1,9 @@
 //! Text and paths on the Uno while its clocks wrap: the ticks' 31 and 32 bits (134 and 268 s), and the 31 of the microseconds
 //! that statuses have (35.8 min).
 
-use crate::common::TICK_HZ;
-use crate::common::winch::{SLICE, Said, Uno, follow};
 use pulsetrain_board::Port;
+use pulsetrain_testkit::TICK_HZ;
+use pulsetrain_testkit::winch::{SLICE, Said, Uno, follow};
 use std::time::Duration;
 
 /// A board whose clock has come to a second before `tick`, asleep nearly all the while.

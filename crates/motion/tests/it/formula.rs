@@ -218,7 +218,7 @@ fn angles_are_in_radians_in_sin_and_in_the_unit_elsewhere() {
 /// The tables of docs/motion-files.md: what is good, what is refused, and what to write instead.
 #[test]
 fn the_documented_formulas_are_what_the_tables_say() {
-    let docs = include_str!("../../../docs/motion-files.md");
+    let docs = include_str!("../../../../docs/motion-files.md");
     let section = docs.split("### Dimensions").nth(1).unwrap().split("\n## ").next().unwrap();
     let is_good = |theta: &str| {
         let parameters = "phi = \"90 deg\", x = \"5 mm\", r = \"20 mm\", f = \"0.5 Hz\", n = \"30 rpm\", rad = \"1 rad\", y = \"3 mm\"";

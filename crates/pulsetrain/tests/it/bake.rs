@@ -3,7 +3,6 @@
 use std::path::Path;
 use std::{fs, io};
 
-use crate::common::folder::Folder;
 use pulsetrain::bake::table::check_lines;
 use pulsetrain::bake::table::{PERIOD_BITS, Turn};
 use pulsetrain::bake::{BakeError, Image, PutOff, Room, Row, Sketch, Table, tables};
@@ -14,6 +13,7 @@ use pulsetrain_board::hex;
 use pulsetrain_motion::file;
 use pulsetrain_motion::program::Program;
 use pulsetrain_plan::{Ensemble, Move};
+use pulsetrain_testkit::folder::Folder;
 
 const HZ: u64 = 16_000_000;
 

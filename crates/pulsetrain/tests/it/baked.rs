@@ -8,7 +8,6 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use crate::common::folder::Folder;
 use pulsetrain::bake::rehearsal::{self, Length, What, lamp, options};
 use pulsetrain::bake::{BakeError, Image};
 use pulsetrain::cli;
@@ -21,6 +20,7 @@ use pulsetrain_core::baked::narrow::{HEAD_LEN, ZERO};
 use pulsetrain_motion::program::Program;
 use pulsetrain_motion::{boards, file};
 use pulsetrain_plan::PlanError;
+use pulsetrain_testkit::folder::Folder;
 use pulsetrain_trace::Trace;
 use pulsetrain_trace::verdict::{self, Report};
 
@@ -269,7 +269,7 @@ fn a_speed_goes_on_for_ever() {
 /// 001's sweep, for a minute; with PULSETRAIN_ROUNDS=60 an hour.
 #[test]
 fn the_sweep_keeps_its_phase() {
-    let report = keeps("sweep", &read_example("sweep.toml"), 60.0 * seed::rounds() as f64);
+    let report = keeps("sweep", &read_example("sweep.toml"), 60.0 * pulsetrain_testkit::seed::rounds() as f64);
     for motor in &report.motors {
         println!("{}: {} steps, drift {} ppm", motor.motor, motor.steps_got, motor.drift_ppm);
         assert!(motor.drift_ppm.abs() < 1e-3, "{motor:?}");

@@ -4,22 +4,18 @@
 //! A usual run tries some of the places, by a seed that it prints; `PULSETRAIN_ROUNDS` as many times as many, up to all;
 //! `PULSETRAIN_FAULT` those of faults alone whose name has that in it, where there is more than one place.
 
-#[path = "faults/bench.rs"]
 mod bench;
-#[path = "faults/line.rs"]
 mod line;
-#[path = "faults/table.rs"]
 mod table;
-#[path = "faults/text.rs"]
 mod text;
 
 use bench::{Bench, Chip, Moved};
-use crate::common::seed::{rounds, seed};
-use crate::common::winch::Wired;
 use expect_test::expect_file;
 use line::{Fault, Mishap, Way};
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
+use pulsetrain_testkit::seed::{rounds, seed};
+use pulsetrain_testkit::winch::Wired;
 use std::ops::Range;
 use std::time::Duration;
 use table::Row;
@@ -44,7 +40,7 @@ fn every_fault_is_met_as_docs_faults_md_says() {
     let page = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/faults.md");
     let page = std::fs::read_to_string(page).expect("the page is there");
     let (head, _) = page.split_once(MARK).expect("the mark is there");
-    expect_file!["../../../docs/faults.md"].assert_eq(&format!("{head}{MARK}\n{}", table::markdown(&boards)));
+    expect_file!["../../../../docs/faults.md"].assert_eq(&format!("{head}{MARK}\n{}", table::markdown(&boards)));
 }
 
 fn rows<P: Chip + Wired>(fresh: P, seed: u64) -> Vec<Row> {

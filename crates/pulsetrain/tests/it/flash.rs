@@ -4,10 +4,10 @@ use std::fs;
 use std::io::Read;
 use std::thread::JoinHandle;
 
-use crate::common::folder::Folder;
 use pulsetrain::cli;
 use pulsetrain::console::Exit;
 use pulsetrain_board::virtual_pico;
+use pulsetrain_testkit::folder::Folder;
 
 /// The drive of a board that calls itself so.
 fn drive(name: &str, board: &str) -> Folder {
@@ -157,9 +157,9 @@ fn ports_are_listed() {
 /// meet the bootloader's second gets another.
 #[cfg(target_os = "linux")]
 mod bootloader {
-    use super::folder::Folder;
     use super::pulsetrain;
     use pulsetrain::console::Exit;
+    use pulsetrain_testkit::folder::Folder;
     use std::io::{BufRead, BufReader};
     use std::process::{Child, Command, Stdio};
 

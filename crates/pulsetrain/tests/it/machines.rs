@@ -152,7 +152,7 @@ fn slack_that_is_taken_up_too_fast_is_to_be_given_a_longer_time() {
 }
 
 /// An xy table, and the beginning of a motion of it.
-const TABLE: &str = include_str!("../../../motion/tests/xy.toml");
+const TABLE: &str = include_str!("../../../motion/tests/it/xy.toml");
 
 /// Machines have no `begin` and no `end`: what they have is said, and does it.
 #[test]

@@ -2,6 +2,7 @@
 //! planned. As `session.rs` has it of the native board.
 
 use crate::common::onward::onward;
+use crate::common::random::each;
 use proptest::prelude::*;
 use pulsetrain::drive::connect;
 use pulsetrain::pause::Shelf;
@@ -13,7 +14,6 @@ use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::program::{DriverTiming, Limits, Motor, Program, Scale, Tolerance, Wiring};
 use pulsetrain_motion::{Grid, Law, Time, boards};
 use pulsetrain_plan::{Ensemble, Move};
-use crate::common::random::each;
 
 const TICK_HZ: u64 = 125_000_000;
 const TIMING: DriverTiming =

@@ -2,14 +2,12 @@
 //! installs what they need.
 #![cfg(target_os = "linux")]
 
-
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
-use crate::common::folder::Folder;
 use pulsetrain::bake::{BakeError, Sketch};
 use pulsetrain::prepare::Prepared;
 use pulsetrain_board::virtual_uno::VirtualUno;
@@ -18,6 +16,7 @@ use pulsetrain_core::Segment;
 use pulsetrain_motion::file;
 use pulsetrain_motion::program::{Motor, Program, Wiring};
 use pulsetrain_plan::{Ensemble, Move};
+use pulsetrain_testkit::folder::Folder;
 use pulsetrain_trace::verdict::{EdgeJudge, Options, Report};
 use pulsetrain_trace::{Edge, Line, Trace};
 

@@ -1,7 +1,6 @@
 //! Sessions with queues as small as an Uno's: what streams through them, and with how much time to spare.
 
 use pulsetrain::session::{Session, SessionError};
-use pulsetrain_board::model::ModelPort;
 use pulsetrain_board::{
     Board, Edge, Faults, Observer, Port, PortError, Remote, Setup, Sizer, StopReport, SwitchRefused,
 };
@@ -12,6 +11,7 @@ use pulsetrain_core::wire::message::MotorSetup;
 use pulsetrain_core::{Entry, Epoch, Item, Moment};
 use pulsetrain_motion::program::{self, DriverTiming, Limits, Motor, Program, Scale, Tolerance};
 use pulsetrain_motion::{Grid, Law, Time};
+use pulsetrain_testkit::model::ModelPort;
 use std::time::Duration;
 
 const TICK_HZ: u64 = 16_000_000;

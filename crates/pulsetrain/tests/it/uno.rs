@@ -1,6 +1,5 @@
 //! Motions on the virtual Uno, whole: planned, streamed by a session, and held against the law, step by step, edge by edge.
 
-use crate::common::board::lab::Image;
 use crate::common::motion::make;
 use crate::common::rows::{hour, tutorial};
 use pulsetrain::drive::{DriveError, Driven};
@@ -11,6 +10,7 @@ use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::MotorSetup;
 use pulsetrain_motion::pins::PinKind;
 use pulsetrain_motion::{Time, boards};
+use pulsetrain_testkit::lab::Image;
 
 /// A period of 500 ms of ±200 steps, on one motor's pins.
 fn swing((step, dir): (u8, u8)) -> Prepared {

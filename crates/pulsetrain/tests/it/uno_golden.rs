@@ -2,9 +2,9 @@
 //!
 //! `cargo xtask golden` writes it anew, `cargo xtask bench uno` the whole of it.
 
-use crate::common::board::lab::Image;
 use crate::common::rows::{Case, PROMISED, Row, fastest_plateau, tutorial_row};
 use expect_test::expect_file;
+use pulsetrain_testkit::lab::Image;
 use std::fmt::Write as _;
 
 /// A stream of each kind of pins, s.

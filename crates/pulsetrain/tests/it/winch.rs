@@ -522,7 +522,7 @@ fn random_script(lines: &[(u32, String)]) -> (String, f64) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 24 * seed::rounds() as u32, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 24 * pulsetrain_testkit::seed::rounds() as u32, ..ProptestConfig::default() })]
 
     /// The board's fixed point and the judge's f64 agree on any script: two codes that share nothing.
     #[test]
@@ -535,7 +535,7 @@ proptest! {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 8 * seed::rounds() as u32, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 8 * pulsetrain_testkit::seed::rounds() as u32, ..ProptestConfig::default() })]
 
     /// So do the firmware's assembly, and the judge.
     #[test]

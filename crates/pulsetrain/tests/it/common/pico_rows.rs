@@ -1,7 +1,5 @@
 //! The rows of the Pico's table: what `cargo xtask bench pico` prints, and, in short, a test.
 
-use super::board::pico::{TICK_HZ, coils};
-use super::board::segments::{Chip, Law};
 use super::motion::{Followed, follow};
 use super::pico::{COILS, Run, Seen, Timing, stream};
 use pulsetrain::drive::{Driven, Pico};
@@ -15,6 +13,8 @@ use pulsetrain_core::wire::message::{Cause, coil_pins};
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
 use pulsetrain_motion::program::{CoilSequence, Limits, Motor, Program, Scale, Tolerance, Wiring};
 use pulsetrain_motion::{Grid, Law as Motion, Time, boards};
+use pulsetrain_testkit::pico::{TICK_HZ, coils};
+use pulsetrain_testkit::segments::{Chip, Law};
 
 /// One line of the table.
 #[derive(Clone, Debug)]

@@ -1,14 +1,14 @@
 //! The rows of the Uno's table: what `cargo xtask bench uno` prints, and, in short, a golden file.
 
-use super::board::TICK_HZ;
-use super::board::lab::Image;
-use super::board::segments::Law;
 use super::motion;
 use super::uno::{COMPARE, MOST_CYCLES, P99_CYCLES, PORT_B, Pins, Run, SHIELD, Seen, TUTORIAL, pins_text, stream};
 use pulsetrain::lateness::Lateness;
 use pulsetrain::prepare::Prepared;
 use pulsetrain_motion::program::{DriverTiming, Limits, Motor, Program, Scale, Tolerance, Wiring};
 use pulsetrain_motion::{Grid, Law as Motion, Time, boards};
+use pulsetrain_testkit::TICK_HZ;
+use pulsetrain_testkit::lab::Image;
+use pulsetrain_testkit::segments::Law;
 
 /// One line of the table.
 #[derive(Clone, Debug)]

@@ -1,8 +1,5 @@
 //! The Uno's figures: streams and motions on the virtual Uno, every edge held against its scheduled tick.
 
-use super::board::lab::Image;
-use super::board::segments::{Law, Stream};
-use super::board::{TICK_HZ, uno_setup};
 use pulsetrain::lateness::{Lateness, Meter};
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Observer, Remote, ScheduledStep};
@@ -10,6 +7,9 @@ use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Cause;
 use pulsetrain_motion::pins::PinKind;
 use pulsetrain_motion::program;
+use pulsetrain_testkit::lab::Image;
+use pulsetrain_testkit::segments::{Law, Stream};
+use pulsetrain_testkit::{TICK_HZ, uno_setup};
 
 /// STEP and DIR of each motor.
 pub(crate) type Pins = &'static [(u8, u8)];

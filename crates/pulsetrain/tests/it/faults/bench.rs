@@ -1,6 +1,6 @@
 //! A short motion on a virtual board, run as `pulsetrain run` does, while something goes wrong; and what came of it.
 
-use crate::line::{Fault, Line};
+use super::line::{Fault, Line};
 use miette::Diagnostic;
 use pulsetrain::drive::{DriveError, Driven, Knowledge, Whereabouts, connect_as};
 use pulsetrain::figure::Drawn;

@@ -1,6 +1,6 @@
 //! A line to a virtual board on which one thing goes wrong, at one byte or at one moment.
 
-use crate::bench::Chip;
+use super::bench::Chip;
 use pulsetrain_board::{Edge, Link, Port, PortError};
 use pulsetrain_core::wire::Baud;
 use std::cell::RefCell;

@@ -1,6 +1,6 @@
 //! The table of docs/faults.md.
 
-use crate::bench::{Moved, Seen};
+use super::bench::{Moved, Seen};
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 

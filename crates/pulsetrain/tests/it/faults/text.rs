@@ -1,9 +1,9 @@
 //! StepperWinch's text, strict and with checksums, while one byte is harmed.
 
-use crate::bench::{Chip, Moved};
-use crate::common::winch::{Lab, Wired};
-use crate::some;
-use crate::table::Row;
+use super::bench::{Chip, Moved};
+use super::some;
+use super::table::Row;
+use pulsetrain_testkit::winch::{Lab, Wired};
 
 /// Each axis has a target of its own: which lines were obeyed shows in where they end.
 const TARGETS: [i32; 4] = [37, 21, 50, 44];

@@ -1,27 +1,41 @@
-//! What the tests of boards and links share, and the benches of the Uno.
-#![allow(dead_code, reason = "each test and bench uses some of it")]
+//! What the tests and benches of several crates share. No program of users has it.
+//!
+//! # What is here
+//! - [`Random`]: the one source of random numbers; [`seed`]: seeds and lengths of random tests
+//! - [`model`]: a board behind a serial line, without a chip; [`faulty`]: a line whose frames suffer
+//! - [`lab`], [`pico`]: the virtual Uno and Pico beside a native board that is told the same
+//! - [`segments`]: random segments near a rate; [`winch`]: paths by text
+//! - [`delays`], [`examples`], [`mailbox`], [`held`]: what the Pico's library and verbs are tested with
+//! - [`folder`]: a temporary folder
+//! - setups of motors, and a few items
+#![allow(clippy::missing_panics_doc, clippy::unwrap_used, reason = "a test is to fail there")]
+#![allow(missing_docs, reason = "fields of tables of tests")]
 
-pub(crate) mod delays;
-pub(crate) mod examples;
-pub(crate) mod lab;
-pub(crate) mod mailbox;
-pub(crate) mod pico;
-pub(crate) mod random;
-pub(crate) mod seed;
-pub(crate) mod segments;
-pub(crate) mod winch;
+pub mod delays;
+pub mod examples;
+pub mod faulty;
+pub mod folder;
+pub mod held;
+pub mod lab;
+pub mod mailbox;
+pub mod model;
+pub mod pico;
+mod random;
+pub mod seed;
+pub mod segments;
+pub mod winch;
 
-pub(crate) use random::Random;
+pub use random::Random;
 
 use pulsetrain_board::{Board, Config, Edge, MotorConfig, Setup, Wiring};
 use pulsetrain_core::wire::message::MotorSetup;
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
 
 /// Ticks per second of an Uno, and of the model board.
-pub(crate) const TICK_HZ: u64 = 16_000_000;
+pub const TICK_HZ: u64 = 16_000_000;
 
 /// STEP of motor m is line m, DIR line 16 + m: a model has lines, no pins.
-pub(crate) fn model_setup(motors: u8) -> Setup {
+pub fn model_setup(motors: u8) -> Setup {
     let motor = |index| MotorSetup {
         step_pin: index,
         dir_pin: 16 + index,
@@ -33,7 +47,7 @@ pub(crate) fn model_setup(motors: u8) -> Setup {
 }
 
 /// An Uno's motors on `pins` (STEP, DIR), forward high, that may start and stop at 1000 steps/s.
-pub(crate) fn uno_setup(pins: &[(u8, u8)], pulse_ticks: u16) -> Setup {
+pub fn uno_setup(pins: &[(u8, u8)], pulse_ticks: u16) -> Setup {
     let motor = |&(step_pin, dir_pin)| MotorSetup {
         step_pin,
         dir_pin,
@@ -51,12 +65,12 @@ pub(crate) fn uno_setup(pins: &[(u8, u8)], pulse_ticks: u16) -> Setup {
 }
 
 /// DIR before a step, and after the end of its pulse: 1 µs each, what most drivers ask for at most.
-pub(crate) const SETUP_TICKS: u16 = 16;
+pub const SETUP_TICKS: u16 = 16;
 /// As [`SETUP_TICKS`].
-pub(crate) const HOLD_TICKS: u16 = 16;
+pub const HOLD_TICKS: u16 = 16;
 
 /// The native board of the same motors; its lines are the Uno's pins.
-pub(crate) fn native_config(setup: &Setup) -> Config {
+pub fn native_config(setup: &Setup) -> Config {
     let motor = |motor: &MotorSetup| MotorConfig {
         wiring: Wiring::StepDir {
             step: motor.step_pin,
@@ -71,13 +85,13 @@ pub(crate) fn native_config(setup: &Setup) -> Config {
 }
 
 /// So many steps forward, `interval` ticks apart.
-pub(crate) fn run(count: u32, interval: i64) -> Item {
+pub fn run(count: u32, interval: i64) -> Item {
     let segment = Segment { count, interval: interval << 16, add: 0, add2: 0 };
     Item::Run { segment, direction: Direction::Forward }
 }
 
 /// Items of an epoch that begins at a tick, for motor 0.
-pub(crate) fn tell(board: &mut impl Board, epoch: u8, from: u64, items: &[Item]) {
+pub fn tell(board: &mut impl Board, epoch: u8, from: u64, items: &[Item]) {
     let anchor = Item::Anchor { tick: Moment::of(from) };
     for item in [anchor].iter().chain(items) {
         board.push(0, Entry { epoch: Epoch(epoch), item: *item }).expect("room");
@@ -85,4 +99,4 @@ pub(crate) fn tell(board: &mut impl Board, epoch: u8, from: u64, items: &[Item])
 }
 
 /// Nobody looks.
-pub(crate) fn unseen(_: Edge) {}
+pub fn unseen(_: Edge) {}

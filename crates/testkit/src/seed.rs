@@ -1,15 +1,14 @@
 //! Seeds and lengths of random tests: the same in every run, unless the environment says otherwise.
-#![allow(dead_code, reason = "each test uses some of it")]
 
 /// `PULSETRAIN_SEED`, or the test's own; printed, so that what failed can be had again.
-pub(crate) fn seed(own: u64) -> u64 {
+pub fn seed(own: u64) -> u64 {
     let seed = number("PULSETRAIN_SEED").unwrap_or(own);
     println!("PULSETRAIN_SEED={seed}");
     seed
 }
 
 /// How many times as long as usual: `PULSETRAIN_ROUNDS`, or once.
-pub(crate) fn rounds() -> u64 {
+pub fn rounds() -> u64 {
     number("PULSETRAIN_ROUNDS").unwrap_or(1)
 }
 

@@ -1,41 +1,10 @@
 //! A line with faults: any port, with frames that get lost, change, come late or twice, by a seed.
 
-use crate::{Edge, Port, PortError};
+use crate::Random;
+use pulsetrain_board::{Edge, Port, PortError};
 use pulsetrain_core::wire::Baud;
 use std::collections::VecDeque;
 use std::time::Duration;
-
-/// Random numbers that are the same each time: Steele, Lea and Flood, "Fast splittable pseudorandom number generators",
-/// 2014, with the constants of its 64-bit variant.
-#[derive(Clone, Debug)]
-pub struct Random(u64);
-
-impl Random {
-    /// Numbers of that seed.
-    #[must_use]
-    pub const fn new(seed: u64) -> Random {
-        Random(seed)
-    }
-
-    /// The next number.
-    pub const fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut x = self.0;
-        x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        x ^ (x >> 31)
-    }
-
-    /// A number below `limit`, which is not 0.
-    pub const fn below(&mut self, limit: u64) -> u64 {
-        self.next() % limit
-    }
-
-    /// `true` so many times in a thousand.
-    pub const fn per_mille(&mut self, times: u16) -> bool {
-        self.below(1000) < times as u64
-    }
-}
 
 /// How often what happens to a frame, in either direction; all of it in a thousand.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

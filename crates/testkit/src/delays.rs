@@ -10,18 +10,18 @@ use pulsetrain_core::wire::orders::Obeyed;
 
 /// The longest delays seen.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Delay {
+pub struct Delay {
     /// Steps that came after the order was on the line, the first new one included.
-    pub(crate) steps: u64,
+    pub steps: u64,
     /// From there to that step, µs.
-    pub(crate) us: f64,
+    pub us: f64,
     /// From there to the tick from which on the order held, µs.
-    pub(crate) held_us: f64,
+    pub held_us: f64,
 }
 
 impl Delay {
     /// What is asked for: within six steps or 2 ms, whichever is longer.
-    pub(crate) fn is_kept(&self) -> bool {
+    pub fn is_kept(&self) -> bool {
         self.steps <= 6 || self.us <= 2000.0
     }
 }
@@ -30,7 +30,7 @@ impl Delay {
 const FRAME: u64 = 17;
 
 /// Tells a motor something when nothing else waits for an answer: the tick at which all of it is on the line, and what comes of it.
-pub(crate) fn tell(pico: &mut Remote<VirtualPico>, order: &[(u8, Verb); 1]) -> (u64, Obeyed) {
+pub fn tell(pico: &mut Remote<VirtualPico>, order: &[(u8, Verb); 1]) -> (u64, Obeyed) {
     pico.status().expect("it answers");
     // The adapter hands it over with the next millisecond; then it is on the line, 2 million bits a second.
     let frame = TICK_HZ / 1000;
@@ -39,12 +39,12 @@ pub(crate) fn tell(pico: &mut Remote<VirtualPico>, order: &[(u8, Verb); 1]) -> (
 }
 
 /// How long after `sent` it is `tick`, µs.
-pub(crate) fn us(tick: u64, sent: u64) -> f64 {
+pub fn us(tick: u64, sent: u64) -> f64 {
     tick.saturating_sub(sent) as f64 * 1e6 / TICK_HZ as f64
 }
 
 /// A motor at `rate` steps/s is told another speed, or the other way if `turns`, `times` times.
-pub(crate) fn delay(rate: u64, turns: bool, times: u32) -> Delay {
+pub fn delay(rate: u64, turns: bool, times: u32) -> Delay {
     let random = &mut Random::new(rate);
     let mut pico = Remote::open(VirtualPico::new(), 1).expect("it answers");
     assert_eq!(pico.set_baud(Baud::B2M), Ok(Baud::B2M));

@@ -4,9 +4,9 @@
 //! its bits take, and a USB bridge that hands bytes on once in a millisecond. It is what the link is tested with, and shows
 //! what a [`Machine`] has to do.
 
-use crate::faulty::Random;
-use crate::native::QUEUE_LEN;
-use crate::{Board, Config, Edge, MotorConfig, Native, Port, PortError, Wiring};
+use crate::Random;
+use pulsetrain_board::native::QUEUE_LEN;
+use pulsetrain_board::{Board, Config, Edge, MotorConfig, Native, Port, PortError, SwitchRefused, Wiring};
 use pulsetrain_core::Epoch;
 use pulsetrain_core::packing::{Packing, State};
 use pulsetrain_core::verbs::{Limits, Verbs};
@@ -338,9 +338,9 @@ impl Machine for Model {
             Err(refused) => {
                 self.drop_epoch(epoch);
                 match refused {
-                    crate::SwitchRefused::Late { horizon } => Switched::Late { horizon },
-                    crate::SwitchRefused::Early { limit } => Switched::Early { limit },
-                    crate::SwitchRefused::Full | crate::SwitchRefused::Lost => Switched::Full,
+                    SwitchRefused::Late { horizon } => Switched::Late { horizon },
+                    SwitchRefused::Early { limit } => Switched::Early { limit },
+                    SwitchRefused::Full | SwitchRefused::Lost => Switched::Full,
                 }
             }
         })

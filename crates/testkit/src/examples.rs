@@ -5,19 +5,19 @@ use pulsetrain_board::{Edge, Port};
 use pulsetrain_core::output::HALF_STEPS;
 use std::time::Duration;
 
-const DDS_CIRCLE: &[u8] = include_bytes!("../../images/dds_circle.uf2");
-const LORENZ: &[u8] = include_bytes!("../../images/lorenz.uf2");
-const DELTA: &[u8] = include_bytes!("../../images/delta.uf2");
+const DDS_CIRCLE: &[u8] = include_bytes!("../../board/images/dds_circle.uf2");
+const LORENZ: &[u8] = include_bytes!("../../board/images/lorenz.uf2");
+const DELTA: &[u8] = include_bytes!("../../board/images/delta.uf2");
 
 /// A program that ran for some seconds, and the half steps of its motors, whose coils are on 2 to 5, 6 to 9, 10 to 13.
-pub(crate) struct Ran {
-    pub(crate) pico: VirtualPico,
+pub struct Ran {
+    pub pico: VirtualPico,
     /// Ticks, and positions of all motors then.
-    pub(crate) steps: Vec<(u64, [i32; 3])>,
+    pub steps: Vec<(u64, [i32; 3])>,
     /// Of the processor's time, without the first 0.1 s.
-    pub(crate) load: f64,
+    pub load: f64,
     /// How far it is off what it is to draw at most, half steps.
-    pub(crate) error: f64,
+    pub error: f64,
 }
 
 fn run(image: &[u8], seconds: u64) -> Ran {
@@ -70,7 +70,7 @@ fn steps(edges: &[Edge]) -> Vec<(u64, [i32; 3])> {
 }
 
 /// Circles of 400 half steps in 8 s each.
-pub(crate) fn dds_circle(seconds: u64) -> Ran {
+pub fn dds_circle(seconds: u64) -> Ran {
     let mut ran = run(DDS_CIRCLE, seconds);
     let radius = 400.0;
     for (_, [x, y, _]) in &ran.steps {
@@ -93,7 +93,7 @@ fn lorenz(count: u32) -> [f64; 2] {
 }
 
 /// The attractor, against the sums that the example's arithmetic makes.
-pub(crate) fn lorenz_attractor(seconds: u64) -> Ran {
+pub fn lorenz_attractor(seconds: u64) -> Ran {
     let mut ran = run(LORENZ, seconds);
     for tick in 1..50 * (seconds as u32 - 1) {
         let at = u64::from(tick) * CYCLES_PER_S / 50 + 300_000;
@@ -138,7 +138,7 @@ const WAY: [[f64; 3]; 6] = [
 ];
 
 /// The robot, and how many of its points it came to, in order.
-pub(crate) fn delta(seconds: u64) -> (Ran, usize) {
+pub fn delta(seconds: u64) -> (Ran, usize) {
     let ran = run(DELTA, seconds);
     let mut visited = 0;
     let mut steps = ran.steps.iter().peekable();

@@ -19,7 +19,7 @@ fn run_on(pico: &mut VirtualPico, into: &mut Vec<u8>) {
 /// Keeps the main loop, from when it is next awake and can be interrupted, in a loop at the end of RAM, where nothing is, up to
 /// `until`; interrupts go on. It is 500 times `nop` and a branch back, so that it can be left in nearly every cycle. `into`: what
 /// the board says meanwhile.
-pub(crate) fn hold_up(pico: &mut VirtualPico, until: Duration, into: &mut Vec<u8>) {
+pub fn hold_up(pico: &mut VirtualPico, until: Duration, into: &mut Vec<u8>) {
     const LOOP: u32 = 0x2003_c000;
     const NOPS: usize = 500;
     const NOP: u16 = 0xbf00;
@@ -54,7 +54,7 @@ pub(crate) fn hold_up(pico: &mut VirtualPico, until: Duration, into: &mut Vec<u8
 
 /// The same for `ticks`; what the board says is lost. Gives the tick when it is over.
 #[allow(dead_code, reason = "not every suite needs it")]
-pub(crate) fn hold_for(pico: &mut VirtualPico, ticks: u64) -> u64 {
+pub fn hold_for(pico: &mut VirtualPico, ticks: u64) -> u64 {
     hold_up(pico, pico.now() + Duration::from_nanos(8 * ticks), &mut Vec::new());
     pico.chip().cycle() - pico.zero()
 }

@@ -9,13 +9,13 @@ use pulsetrain_core::winch::text::{Heard, Reader};
 use std::time::Duration;
 
 /// STEP and DIR of the axes on a CNC shield; ENABLE.
-pub(crate) const PINS: [(u8, u8); 4] = [(2, 5), (3, 6), (4, 7), (12, 13)];
-pub(crate) const ENABLE: u8 = 8;
+pub const PINS: [(u8, u8); 4] = [(2, 5), (3, 6), (4, 7), (12, 13)];
+pub const ENABLE: u8 = 8;
 /// Ticks of an Uno's slice.
-pub(crate) const SLICE: u64 = Uno::SLICE;
+pub const SLICE: u64 = Uno::SLICE;
 
 /// A board that speaks text, with the pins and times of its axes.
-pub(crate) trait Wired: VirtualBoard + Clone {
+pub trait Wired: VirtualBoard + Clone {
     /// STEP and DIR.
     const PINS: [(u8, u8); 4];
     /// Of all drivers; low is on.
@@ -66,43 +66,43 @@ impl Wired for VirtualPico {
 
 /// A step as a pin showed it, or as a path has it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Step {
-    pub(crate) tick: u64,
-    pub(crate) forward: bool,
+pub struct Step {
+    pub tick: u64,
+    pub forward: bool,
 }
 
 /// A line from the board, and when it was there, ticks.
 #[derive(Clone, Debug)]
-pub(crate) struct Line {
-    pub(crate) tick: u64,
-    pub(crate) text: String,
+pub struct Line {
+    pub tick: u64,
+    pub text: String,
 }
 
 /// What a status line says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Status {
-    pub(crate) usec: i32,
-    pub(crate) positions: [i32; 4],
+pub struct Status {
+    pub usec: i32,
+    pub positions: [i32; 4],
 }
 
 /// A board, what it said and what its pins did.
 #[derive(Clone)]
-pub(crate) struct Lab<B> {
-    pub(crate) port: B,
-    pub(crate) edges: Vec<Edge>,
-    pub(crate) lines: Vec<Line>,
-    pub(crate) partial: Vec<u8>,
+pub struct Lab<B> {
+    pub port: B,
+    pub edges: Vec<Edge>,
+    pub lines: Vec<Line>,
+    pub partial: Vec<u8>,
 }
 
-pub(crate) type Uno = Lab<VirtualUno>;
-pub(crate) type Pico = Lab<VirtualPico>;
+pub type Uno = Lab<VirtualUno>;
+pub type Pico = Lab<VirtualPico>;
 
 impl<B: Wired> Lab<B> {
     /// Ticks of a slice.
-    pub(crate) const SLICE: u64 = B::CYCLES_PER_S / 1000;
+    pub const SLICE: u64 = B::CYCLES_PER_S / 1000;
 
     /// One that said `awake`.
-    pub(crate) fn new() -> Lab<B> {
+    pub fn new() -> Lab<B> {
         let mut lab = Lab::around(B::start());
         lab.run_ms(80);
         assert_eq!(lab.lines[0].text, "awake");
@@ -110,18 +110,18 @@ impl<B: Wired> Lab<B> {
     }
 
     /// Of a board that nobody has listened to.
-    pub(crate) fn around(port: B) -> Lab<B> {
+    pub fn around(port: B) -> Lab<B> {
         Lab { port, edges: Vec::new(), lines: Vec::new(), partial: Vec::new() }
     }
 
     /// The board's clock, ticks.
-    pub(crate) fn now(&self) -> u64 {
+    pub fn now(&self) -> u64 {
         let cycle = (self.port.now().as_nanos() * u128::from(B::CYCLES_PER_S)).div_ceil(1_000_000_000);
         cycle as u64 - self.port.zero().unwrap_or(0)
     }
 
     /// Sends a line, and waits until the board has it.
-    pub(crate) fn say(&mut self, line: &str) -> Said {
+    pub fn say(&mut self, line: &str) -> Said {
         self.send(format!("{line}\n"));
         // USB's frame, and 87 µs a byte.
         self.run_ms(2 + line.len() as u64 / 11);
@@ -129,11 +129,11 @@ impl<B: Wired> Lab<B> {
     }
 
     /// Sends bytes, at once.
-    pub(crate) fn send(&mut self, bytes: impl AsRef<[u8]>) {
+    pub fn send(&mut self, bytes: impl AsRef<[u8]>) {
         self.port.send(bytes.as_ref()).expect("it is virtual");
     }
 
-    pub(crate) fn run_ms(&mut self, ms: u64) {
+    pub fn run_ms(&mut self, ms: u64) {
         let until = self.port.now() + Duration::from_millis(ms);
         while self.port.now() < until {
             let mut bytes = Vec::new();
@@ -157,14 +157,14 @@ impl<B: Wired> Lab<B> {
     }
 
     /// Sends a line and gives what the board said within `ms`, but for status lines.
-    pub(crate) fn ask(&mut self, line: &str, ms: u64) -> Vec<String> {
+    pub fn ask(&mut self, line: &str, ms: u64) -> Vec<String> {
         let had = self.lines.len();
         self.send(format!("{line}\n"));
         self.run_ms(ms);
         self.lines[had..].iter().map(|line| line.text.clone()).filter(|text| !text.starts_with("txyza")).collect()
     }
 
-    pub(crate) fn statuses(&self) -> Vec<Status> {
+    pub fn statuses(&self) -> Vec<Status> {
         let numbers = |line: &Line| {
             let words: Vec<i32> =
                 line.text.strip_prefix("txyza ")?.split(' ').map(|word| word.parse().expect("a number")).collect();
@@ -176,7 +176,7 @@ impl<B: Wired> Lab<B> {
     }
 
     /// The pulses of an axis, each of the right length and with DIR in time.
-    pub(crate) fn steps(&self, axis: usize) -> Vec<Step> {
+    pub fn steps(&self, axis: usize) -> Vec<Step> {
         let ((step, dir), [pulse, setup]) = (B::PINS[axis], B::SHORTEST);
         let (mut forward, mut turned, mut begun, mut ended) = (false, 0, None, 0);
         let mut steps = Vec::new();
@@ -197,7 +197,7 @@ impl<B: Wired> Lab<B> {
     }
 
     /// What the pins have counted of each axis before a tick.
-    pub(crate) fn counted(&self, tick: u64) -> [i32; 4] {
+    pub fn counted(&self, tick: u64) -> [i32; 4] {
         std::array::from_fn(|axis| {
             self.steps(axis)
                 .iter()
@@ -208,7 +208,7 @@ impl<B: Wired> Lab<B> {
     }
 
     /// Every status line says what the pins had counted, to within the time that its clock has.
-    pub(crate) fn check_positions(&self) {
+    pub fn check_positions(&self) {
         let steps: Vec<_> = (0..4).map(|axis| self.steps(axis)).collect();
         for status in self.statuses() {
             let us = B::CYCLES_PER_S / 1_000_000;
@@ -226,23 +226,23 @@ impl<B: Wired> Lab<B> {
 
 /// Four of core's paths and their steps, slice by slice.
 #[derive(Clone)]
-pub(crate) struct Model<B> {
+pub struct Model<B> {
     reader: Reader,
     paths: [Path; 4],
-    pub(crate) steps: [Vec<Step>; 4],
+    pub steps: [Vec<Step>; 4],
     /// The next slice.
-    pub(crate) slice: u64,
+    pub slice: u64,
     board: std::marker::PhantomData<B>,
 }
 
 impl<B: Wired> Model<B> {
-    pub(crate) fn new() -> Model<B> {
+    pub fn new() -> Model<B> {
         let (reader, paths) = (Reader::new(), [const { Path::new() }; 4]);
         Model { reader, paths, steps: Default::default(), slice: 0, board: std::marker::PhantomData }
     }
 
     /// Goes on to a slice.
-    pub(crate) fn run_to(&mut self, slice: u64) {
+    pub fn run_to(&mut self, slice: u64) {
         while self.slice < slice {
             for (path, steps) in self.paths.iter_mut().zip(&mut self.steps) {
                 let slice = path.tick();
@@ -254,7 +254,7 @@ impl<B: Wired> Model<B> {
         }
     }
 
-    pub(crate) fn obey(&mut self, line: &str) {
+    pub fn obey(&mut self, line: &str) {
         for byte in format!("{line}\n").bytes() {
             if let Heard::Command(_) = self.reader.push::<InMemory>(byte) {
                 self.reader.obey(&mut self.paths);
@@ -264,18 +264,18 @@ impl<B: Wired> Model<B> {
 }
 
 /// The latest slice, counted from when a line came, that acts on it.
-pub(crate) const SLICES: u64 = 8;
+pub const SLICES: u64 = 8;
 
 /// A line was sent so that the board had it at a tick.
 #[derive(Clone, Debug)]
-pub(crate) struct Said {
-    pub(crate) tick: u64,
-    pub(crate) line: String,
+pub struct Said {
+    pub tick: u64,
+    pub line: String,
 }
 
 /// Finds the slices at which the board did what lines say, each on all axes at once, so that the paths have the steps that
 /// were made. Gives how late the edges were, ticks, by axis, and the longest way from a line to its slice.
-pub(crate) fn follow<B: Wired>(lab: &Lab<B>, said: &[Said]) -> Result<([Vec<i64>; 4], u64), String> {
+pub fn follow<B: Wired>(lab: &Lab<B>, said: &[Said]) -> Result<([Vec<i64>; 4], u64), String> {
     let made: [Vec<Step>; 4] = std::array::from_fn(|axis| lab.steps(axis));
     let (mut model, mut longest) = (Model::<B>::new(), 0);
     for (at, Said { tick, line }) in said.iter().enumerate() {

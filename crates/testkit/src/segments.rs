@@ -8,26 +8,25 @@ use std::collections::VecDeque;
 
 /// The board that segments are for.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Chip {
-    pub(crate) tick_hz: u64,
+pub struct Chip {
+    pub tick_hz: u64,
     /// F.
-    pub(crate) fraction_bits: u32,
+    pub fraction_bits: u32,
     /// Steps of a segment at least; twice as many at most.
-    pub(crate) least_steps: u32,
+    pub least_steps: u32,
     /// A segment has so many times the steps of the one before at most: after a turn, which resets the units that segments are
     /// said in, a planner begins with short ones.
-    pub(crate) growth: u32,
+    pub growth: u32,
     /// The shortest first interval after a turn, ticks.
-    pub(crate) turn_ticks: f64,
+    pub turn_ticks: f64,
 }
 
 impl Chip {
     /// Pulse, hold and set-up of 1 µs each, and the firmware's own.
-    pub(crate) const UNO: Chip =
-        Chip { tick_hz: TICK_HZ, fraction_bits: 16, least_steps: 40, growth: 20, turn_ticks: 400.0 };
+    pub const UNO: Chip = Chip { tick_hz: TICK_HZ, fraction_bits: 16, least_steps: 40, growth: 20, turn_ticks: 400.0 };
 
     /// As a planner has it at some 100 k steps/s and more.
-    pub(crate) const PICO: Chip =
+    pub const PICO: Chip =
         Chip { tick_hz: pico::TICK_HZ, fraction_bits: 32, least_steps: 500, growth: 2, turn_ticks: 3000.0 };
 
     /// Of a whole tick.
@@ -38,30 +37,30 @@ impl Chip {
 
 /// What a motor is to do.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Law {
+pub struct Law {
     /// Steps per second, on the whole.
-    pub(crate) rate: f64,
+    pub rate: f64,
     /// The interval changes by so much of itself, either way, from segment to segment.
-    pub(crate) swing: f64,
+    pub swing: f64,
     /// One segment in so many turns around; 0: none.
-    pub(crate) turns: u64,
+    pub turns: u64,
 }
 
 impl Law {
     /// A speed that swings by ±10 %.
-    pub(crate) const fn changing(rate: f64) -> Law {
+    pub const fn changing(rate: f64) -> Law {
         Law { rate, swing: 0.1, turns: 0 }
     }
 
     /// One speed.
-    pub(crate) const fn constant(rate: f64) -> Law {
+    pub const fn constant(rate: f64) -> Law {
         Law { rate, swing: 0.0, turns: 0 }
     }
 }
 
 /// Random segments and the ticks that they mean, replayed in wide integers.
 #[derive(Clone, Debug)]
-pub(crate) struct Source {
+pub struct Source {
     chip: Chip,
     law: Law,
     random: Random,
@@ -73,18 +72,18 @@ pub(crate) struct Source {
     direction: Direction,
     interval: f64,
     /// Ticks of the steps that were handed out and not asked for yet.
-    pub(crate) due: VecDeque<u64>,
+    pub due: VecDeque<u64>,
     /// Handed out, and not taken.
     ahead: Option<Item>,
     /// No segment begins after it.
     end: u64,
     /// Bytes of the segments that were handed out.
-    pub(crate) packed: usize,
+    pub packed: usize,
 }
 
 impl Source {
     /// From tick `start` to about tick `end`.
-    pub(crate) fn new(chip: Chip, law: Law, seed: u64, start: u64, end: u64) -> Source {
+    pub fn new(chip: Chip, law: Law, seed: u64, start: u64, end: u64) -> Source {
         let fraction = chip.fraction_bits;
         Source {
             chip,
@@ -109,7 +108,7 @@ impl Source {
     }
 
     /// The tick that all that was handed out leads to.
-    pub(crate) fn tick(&self) -> u64 {
+    pub fn tick(&self) -> u64 {
         self.tick
     }
 
@@ -161,24 +160,24 @@ impl Source {
 
 /// One epoch without an end of its own, pushed as it fits: no session, no tails, so that the board is what is measured.
 #[derive(Clone, Debug)]
-pub(crate) struct Stream {
+pub struct Stream {
     chip: Chip,
-    pub(crate) sources: Vec<Source>,
+    pub sources: Vec<Source>,
     epoch: Epoch,
     /// When the epoch begins.
-    pub(crate) begin: u64,
+    pub begin: u64,
     switched: bool,
 }
 
 impl Stream {
     /// On an Uno, see [`on`](Stream::on).
-    pub(crate) fn new(board: &impl Board, laws: &[Law], apart: f64, seed: u64, ticks: u64) -> Stream {
+    pub fn new(board: &impl Board, laws: &[Law], apart: f64, seed: u64, ticks: u64) -> Stream {
         Stream::on(Chip::UNO, board, laws, apart, seed, ticks)
     }
 
     /// `laws` from a little after the board can know of them on, for `ticks`; motor m begins `apart` · m / motors of an
     /// interval after the first.
-    pub(crate) fn on(chip: Chip, board: &impl Board, laws: &[Law], apart: f64, seed: u64, ticks: u64) -> Stream {
+    pub fn on(chip: Chip, board: &impl Board, laws: &[Law], apart: f64, seed: u64, ticks: u64) -> Stream {
         let begin = board.now() + board.lead() + chip.tick_hz / 10;
         let motors = laws.len() as f64;
         let sources = (0_u64..).zip(laws).map(|(index, law)| {
@@ -195,7 +194,7 @@ impl Stream {
     ///
     /// # Errors
     /// As [`Board::switch`].
-    pub(crate) fn feed(&mut self, board: &mut impl Board) -> Result<(), SwitchRefused> {
+    pub fn feed(&mut self, board: &mut impl Board) -> Result<(), SwitchRefused> {
         let mut pushed = true;
         while pushed {
             pushed = false;
@@ -215,12 +214,12 @@ impl Stream {
     }
 
     /// Whether everything has been pushed.
-    pub(crate) fn is_told(&self) -> bool {
+    pub fn is_told(&self) -> bool {
         self.sources.iter().all(|source| source.ahead.is_none() && source.tick() >= source.end)
     }
 
     /// The tick of the last step of all.
-    pub(crate) fn last(&self) -> u64 {
+    pub fn last(&self) -> u64 {
         self.sources.iter().map(Source::tick).max().unwrap_or(0)
     }
 
@@ -228,7 +227,7 @@ impl Stream {
     ///
     /// # Errors
     /// As [`Board::switch`], or what `look` says.
-    pub(crate) fn play<B: Board>(
+    pub fn play<B: Board>(
         &mut self,
         board: &mut B,
         observer: &mut impl Observer,

@@ -1,15 +1,14 @@
 //! A folder of its own for a test.
-#![allow(dead_code, reason = "each test uses some of it")]
 
 use std::fs;
 use std::path::PathBuf;
 
 /// Gone with it, and all that is in it.
-pub(crate) struct Folder(pub(crate) PathBuf);
+pub struct Folder(pub PathBuf);
 
 impl Folder {
     /// An empty one; no other test of the process has its name.
-    pub(crate) fn new(name: &str) -> Folder {
+    pub fn new(name: &str) -> Folder {
         let path = std::env::temp_dir().join(format!("pulsetrain-{name}-{}", std::process::id()));
         let _ = fs::remove_dir_all(&path);
         fs::create_dir_all(&path).unwrap();
@@ -17,11 +16,11 @@ impl Folder {
     }
 
     /// A file in it.
-    pub(crate) fn path(&self, name: &str) -> String {
+    pub fn path(&self, name: &str) -> String {
         self.0.join(name).display().to_string()
     }
 
-    pub(crate) fn name(&self) -> String {
+    pub fn name(&self) -> String {
         self.0.display().to_string()
     }
 }

@@ -9,7 +9,7 @@ use pulsetrain_core::wire::message::{MotorSetup, coil_pins};
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
 
 /// Ticks per second.
-pub(crate) const TICK_HZ: u64 = 125_000_000;
+pub const TICK_HZ: u64 = 125_000_000;
 
 /// GPIO of the gate: no motor's.
 const GATE: u8 = 25;
@@ -18,7 +18,7 @@ const GATE: u8 = 25;
 const STEP_DIR_OVERHEAD: u32 = 3;
 
 /// STEP on `pin`, DIR on the next.
-pub(crate) fn step_dir(pin: u8) -> MotorSetup {
+pub fn step_dir(pin: u8) -> MotorSetup {
     MotorSetup {
         step_pin: pin,
         dir_pin: pin + 1,
@@ -29,27 +29,27 @@ pub(crate) fn step_dir(pin: u8) -> MotorSetup {
 }
 
 /// IN1 to IN4 from `pin` on.
-pub(crate) fn coils(pin: u8, sequence: Sequence) -> MotorSetup {
+pub fn coils(pin: u8, sequence: Sequence) -> MotorSetup {
     MotorSetup { pull_in_ticks: 1_250_000, ..MotorSetup::coils_on(pin, sequence) }
 }
 
 /// Steps of one speed, `ticks` apart.
-pub(crate) fn run(count: u32, ticks: i64, direction: Direction) -> Item {
+pub fn run(count: u32, ticks: i64, direction: Direction) -> Item {
     Item::Run { segment: Segment { count, interval: ticks << 32, add: 0, add2: 0 }, direction }
 }
 
 /// A word of a motor lasts so long at least, ticks.
-pub(crate) fn overhead(setup: &Setup, motor: &MotorSetup) -> u32 {
+pub fn overhead(setup: &Setup, motor: &MotorSetup) -> u32 {
     STEP_DIR_OVERHEAD + if motor.coils().is_some() { 0 } else { u32::from(setup.pulse_ticks).max(3) }
 }
 
 /// Pins of a motor.
-pub(crate) fn pins_of(motor: &MotorSetup) -> Vec<u8> {
+pub fn pins_of(motor: &MotorSetup) -> Vec<u8> {
     if motor.coils().is_some() { coil_pins(motor.step_pin).to_vec() } else { vec![motor.step_pin, motor.dir_pin] }
 }
 
 /// What the pins of coils are like after `edges`, bit 0 being IN1.
-pub(crate) fn coil_levels(edges: &[Edge], motor: &MotorSetup) -> u8 {
+pub fn coil_levels(edges: &[Edge], motor: &MotorSetup) -> u8 {
     let mut levels = 0;
     for edge in edges {
         if let Some(line) = coil_pins(motor.step_pin).iter().position(|pin| *pin == edge.line) {
@@ -60,7 +60,7 @@ pub(crate) fn coil_levels(edges: &[Edge], motor: &MotorSetup) -> u8 {
 }
 
 /// The native board of the same motors; its lines are the Pico's pins.
-pub(crate) fn native_config(setup: &Setup) -> Config {
+pub fn native_config(setup: &Setup) -> Config {
     let motor = |motor: &MotorSetup| MotorConfig {
         wiring: match motor.coils() {
             Some(sequence) => Wiring::Coils {
@@ -82,20 +82,20 @@ pub(crate) fn native_config(setup: &Setup) -> Config {
 }
 
 /// Both, and their edges.
-pub(crate) struct Pair {
-    pub(crate) setup: Setup,
-    pub(crate) pico: Remote<VirtualPico>,
-    pub(crate) native: Native,
-    pub(crate) edges: Vec<Edge>,
-    pub(crate) wanted: Vec<Edge>,
+pub struct Pair {
+    pub setup: Setup,
+    pub pico: Remote<VirtualPico>,
+    pub native: Native,
+    pub edges: Vec<Edge>,
+    pub wanted: Vec<Edge>,
 }
 
 impl Pair {
-    pub(crate) fn new(setup: &Setup) -> Pair {
+    pub fn new(setup: &Setup) -> Pair {
         Pair::over(VirtualPico::new(), setup)
     }
 
-    pub(crate) fn over(port: VirtualPico, setup: &Setup) -> Pair {
+    pub fn over(port: VirtualPico, setup: &Setup) -> Pair {
         let mut pico = Remote::open(port, 1).expect("it answers");
         assert_eq!(pico.set_baud(Baud::B2M), Ok(Baud::B2M));
         pico.configure(setup).unwrap_or_else(|error| panic!("{error}: {setup:?}"));
@@ -108,7 +108,7 @@ impl Pair {
     }
 
     /// Pushes what fits of an epoch to both.
-    pub(crate) fn push(&mut self, motor: usize, epoch: u8, items: &[Item]) {
+    pub fn push(&mut self, motor: usize, epoch: u8, items: &[Item]) {
         for item in items {
             let entry = Entry { epoch: Epoch(epoch), item: *item };
             if self.pico.room(motor) < 60 || self.pico.push(motor, entry).is_err() {
@@ -118,7 +118,7 @@ impl Pair {
         }
     }
 
-    pub(crate) fn switch(&mut self, epoch: u8, tick: u64) -> Result<(), SwitchRefused> {
+    pub fn switch(&mut self, epoch: u8, tick: u64) -> Result<(), SwitchRefused> {
         let answer = self.pico.switch(Epoch(epoch), tick);
         match answer {
             Ok(()) => assert_eq!(self.native.switch(Epoch(epoch), tick), Ok(())),
@@ -127,7 +127,7 @@ impl Pair {
         answer
     }
 
-    pub(crate) fn advance(&mut self, until: u64) {
+    pub fn advance(&mut self, until: u64) {
         let Pair { setup, pico, native, edges, wanted } = self;
         pico.advance(until, &mut |edge: Edge| edges.extend(as_line(setup, edge)));
         if native.now() <= until {
@@ -136,7 +136,7 @@ impl Pair {
     }
 
     /// The immediate stop of the Pico, and then of the native board at the same tick.
-    pub(crate) fn stop_now(&mut self, tick: u64) -> StopReport {
+    pub fn stop_now(&mut self, tick: u64) -> StopReport {
         let Pair { setup, pico, native, edges, wanted } = self;
         let report = pico.stop_now(tick, &mut |edge: Edge| edges.extend(as_line(setup, edge)));
         native.stop_now(report.tick, &mut |edge: Edge| wanted.push(edge));
@@ -144,7 +144,7 @@ impl Pair {
     }
 
     /// Compares all edges before tick `until`.
-    pub(crate) fn compare(&mut self, until: u64) {
+    pub fn compare(&mut self, until: u64) {
         for edges in [&mut self.edges, &mut self.wanted] {
             edges.sort_by_key(|edge| (edge.tick, edge.line));
         }
@@ -162,7 +162,7 @@ impl Pair {
     }
 
     /// Steps of each motor by the Pico's edges: all, of a driver; of coils, `None`.
-    pub(crate) fn counts(&self) -> Vec<Option<i64>> {
+    pub fn counts(&self) -> Vec<Option<i64>> {
         let count = |motor: &MotorSetup| {
             if motor.coils().is_some() {
                 return None;
@@ -220,20 +220,14 @@ pub(crate) fn stopped_driver(setup: &Setup, motor: &MotorSetup, edges: &[Edge], 
 }
 
 /// An edge of a motor's line, high being active.
-pub(crate) fn as_line(setup: &Setup, edge: Edge) -> Option<Edge> {
+pub fn as_line(setup: &Setup, edge: Edge) -> Option<Edge> {
     let low = setup.motors.iter().any(|motor| motor.step_low && motor.coils().is_none() && motor.step_pin == edge.line);
     (edge.line != GATE).then_some(Edge { level: edge.level != low, ..edge })
 }
 
 /// Items of a plan from tick `from` on: runs that speed up and slow down, waits, turns. No interval is shorter than
 /// `fastest` ticks.
-pub(crate) fn random_items(
-    setup: &Setup,
-    motor: &MotorSetup,
-    random: &mut Random,
-    from: u64,
-    fastest: u64,
-) -> Vec<Item> {
+pub fn random_items(setup: &Setup, motor: &MotorSetup, random: &mut Random, from: u64, fastest: u64) -> Vec<Item> {
     let room = 3 * overhead(setup, motor) + u32::from(setup.setup_ticks) + u32::from(setup.hold_ticks);
     let mut direction = if random.one_in(2) { Direction::Forward } else { Direction::Backward };
     let mut items = vec![Item::Anchor { tick: Moment::of(from) }, Item::Dwell { ticks: room }];

@@ -2,15 +2,15 @@
 
 /// A small generator of random numbers: xorshift64*.
 #[derive(Clone, Debug)]
-pub(crate) struct Random(u64);
+pub struct Random(u64);
 
 impl Random {
     /// The same numbers for the same seed; close seeds are as good as far ones.
-    pub(crate) fn new(seed: u64) -> Random {
+    pub fn new(seed: u64) -> Random {
         Random(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ 0x2545_f491_4f6c_dd1d | 1)
     }
 
-    pub(crate) fn next(&mut self) -> u64 {
+    pub fn next(&mut self) -> u64 {
         self.0 ^= self.0 >> 12;
         self.0 ^= self.0 << 25;
         self.0 ^= self.0 >> 27;
@@ -18,22 +18,27 @@ impl Random {
     }
 
     /// 0 to below `end`.
-    pub(crate) fn below(&mut self, end: u64) -> u64 {
+    pub fn below(&mut self, end: u64) -> u64 {
         ((u128::from(self.next()) * u128::from(end)) >> 64) as u64
     }
 
     /// `from` to below `end`.
-    pub(crate) fn between(&mut self, from: u64, end: u64) -> u64 {
+    pub fn between(&mut self, from: u64, end: u64) -> u64 {
         from + self.below(end - from)
     }
 
     /// 0 to below 1.
-    pub(crate) fn fraction(&mut self) -> f64 {
+    pub fn fraction(&mut self) -> f64 {
         (self.next() >> 11) as f64 / (1u64 << 53) as f64
     }
 
     /// One time in `times`; never for 0.
-    pub(crate) fn one_in(&mut self, times: u64) -> bool {
+    pub fn one_in(&mut self, times: u64) -> bool {
         times != 0 && self.below(times) == 0
+    }
+
+    /// `true` so many times in a thousand.
+    pub fn per_mille(&mut self, times: u16) -> bool {
+        self.below(1000) < u64::from(times)
     }
 }

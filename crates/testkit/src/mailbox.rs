@@ -7,7 +7,7 @@ use pulsetrain_core::verbs::{Course, Verb};
 use pulsetrain_core::wire::message::Reason;
 use std::time::Duration;
 
-const IMAGE: &[u8] = include_bytes!("../../images/mailbox.uf2");
+const IMAGE: &[u8] = include_bytes!("../../board/images/mailbox.uf2");
 
 /// The mailbox's first word, and where the others are, in words from there.
 const MAGIC: [u8; 4] = 0x6d61_696c_u32.to_le_bytes();
@@ -29,36 +29,36 @@ const PATIENCE: u64 = TICK_HZ / 100;
 
 /// Motors of a program of one's own.
 #[derive(Clone)]
-pub(crate) struct Mailbox {
-    pub(crate) pico: VirtualPico,
+pub struct Mailbox {
+    pub pico: VirtualPico,
     /// Where it is in RAM.
     at: usize,
     calls: u32,
     /// Edges so far.
-    pub(crate) edges: Vec<Edge>,
+    pub edges: Vec<Edge>,
     /// Done moves so far: motor, tick's lower half, number.
-    pub(crate) dones: Vec<(u32, u32, u32)>,
+    pub dones: Vec<(u32, u32, u32)>,
 }
 
 /// What became of a future.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Waited {
+pub enum Waited {
     Waits,
     Done,
     Refused,
 }
 
 /// A refusal, with its detail.
-pub(crate) type Refused = (Reason, u16);
+pub type Refused = (Reason, u16);
 
 impl Mailbox {
     /// The program with so many drivers, STEP on 2, 4, 6, …, pulses and set-ups of 50 ticks.
-    pub(crate) fn new(motors: u8) -> Mailbox {
+    pub fn new(motors: u8) -> Mailbox {
         Mailbox::with(motors, false)
     }
 
     /// With so many motors on coils, in half steps, on 2 to 5, 6 to 9, …, up to five.
-    pub(crate) fn on_coils(motors: u8) -> Mailbox {
+    pub fn on_coils(motors: u8) -> Mailbox {
         Mailbox::with(motors, true)
     }
 
@@ -85,17 +85,17 @@ impl Mailbox {
     }
 
     /// Motors.
-    pub(crate) fn motors(&self) -> u32 {
+    pub fn motors(&self) -> u32 {
         self.word(COUNT) & 0xff
     }
 
     /// The clock, ticks.
-    pub(crate) fn now(&self) -> u64 {
+    pub fn now(&self) -> u64 {
         self.pico.chip().cycle() - self.pico.zero()
     }
 
     /// Lets time pass, and takes in what came of it.
-    pub(crate) fn advance(&mut self, until: u64) {
+    pub fn advance(&mut self, until: u64) {
         let until = Duration::from_nanos(8 * until);
         while self.pico.now() < until {
             self.pico.receive(until, &mut Vec::new()).expect("a virtual port");
@@ -116,7 +116,7 @@ impl Mailbox {
     }
 
     /// Has it called without waiting for the answer.
-    pub(crate) fn ask(&mut self, what: u32, arguments: &[u32]) {
+    pub fn ask(&mut self, what: u32, arguments: &[u32]) {
         for (word, argument) in (ARGUMENTS..).zip(arguments) {
             self.set(word, *argument);
         }
@@ -142,7 +142,7 @@ impl Mailbox {
     }
 
     /// Tells motors; gives the tick from which on it holds.
-    pub(crate) fn tell(&mut self, verbs: &[(u32, Verb)]) -> Result<u64, Refused> {
+    pub fn tell(&mut self, verbs: &[(u32, Verb)]) -> Result<u64, Refused> {
         let mut arguments = vec![verbs.len() as u32];
         for (motor, verb) in verbs {
             let (kind, number) = match *verb {
@@ -159,71 +159,71 @@ impl Mailbox {
         self.call(1, &arguments).map(|[low, high, ..]| u64::from(low) | u64::from(high) << 32)
     }
 
-    pub(crate) fn arm(&mut self) -> Result<(), Refused> {
+    pub fn arm(&mut self) -> Result<(), Refused> {
         self.call(2, &[]).map(drop)
     }
 
     /// Stops; gives the tick.
-    pub(crate) fn stop(&mut self) -> u64 {
+    pub fn stop(&mut self) -> u64 {
         let [low, high, ..] = self.call(3, &[]).expect("it is not refused");
         u64::from(low) | u64::from(high) << 32
     }
 
-    pub(crate) fn release(&mut self) -> Result<(), Refused> {
+    pub fn release(&mut self) -> Result<(), Refused> {
         self.call(4, &[]).map(drop)
     }
 
     /// The program keeps all interrupts out, from now or at most 1.2 ms later on.
-    pub(crate) fn keep_out(&mut self, ticks: u32) {
+    pub fn keep_out(&mut self, ticks: u32) {
         self.ask(5, &[ticks]);
     }
 
     /// How long its own interrupt takes, ticks, and of which priority it is.
-    pub(crate) fn own_interrupt(&mut self, ticks: u32, priority: u8) {
+    pub fn own_interrupt(&mut self, ticks: u32, priority: u8) {
         self.call(6, &[ticks, priority.into()]).expect("it is not refused");
     }
 
     /// Has its own interrupt come now.
-    pub(crate) fn interrupt(&mut self) {
+    pub fn interrupt(&mut self) {
         // It is the timer's alarm 2 (§4.6.5, INTF).
         const TIMER_INTF: u32 = 0x4005_403c;
         self.pico.chip_mut().write(TIMER_INTF, 1 << 2, &mut ());
     }
 
     /// How often it came.
-    pub(crate) fn interrupts(&self) -> u32 {
+    pub fn interrupts(&self) -> u32 {
         self.word(INTERRUPTS)
     }
 
     /// `on_done` takes so many ticks, and has the motor go on with so many steps.
-    pub(crate) fn on_done(&mut self, ticks: u32, steps: u32) {
+    pub fn on_done(&mut self, ticks: u32, steps: u32) {
         self.call(7, &[ticks, steps]).expect("it is not refused");
     }
 
     /// A motor's position, whether it rests, whether motors are armed.
-    pub(crate) fn motor(&mut self, motor: u32) -> (i32, bool, bool) {
+    pub fn motor(&mut self, motor: u32) -> (i32, bool, bool) {
         let [position, rests, armed, _] = self.call(8, &[motor]).expect("it is not refused");
         (position.cast_signed(), rests != 0, armed != 0)
     }
 
     /// Whether an interrupt is not the program's.
-    pub(crate) fn is_taken(&mut self, interrupt: u32) -> bool {
+    pub fn is_taken(&mut self, interrupt: u32) -> bool {
         self.call(9, &[interrupt]).expect("it is not refused")[0] != 0
     }
 
     /// Has a future wait for a motor's rest.
-    pub(crate) fn wait(&mut self, future: u32, motor: u32) {
+    pub fn wait(&mut self, future: u32, motor: u32) {
         self.call(10, &[future, motor]).expect("it is not refused");
     }
 
     /// What became of a future, and how often it was polled.
-    pub(crate) fn waited(&self, future: usize) -> (Waited, u32) {
+    pub fn waited(&self, future: usize) -> (Waited, u32) {
         let waited = [Waited::Waits, Waited::Done, Waited::Refused][self.word(FUTURES + 2 * future) as usize];
         (waited, self.word(FUTURES + 2 * future + 1))
     }
 
     /// Ticks of a motor's steps so far.
-    pub(crate) fn steps(&self, motor: u8) -> Vec<u64> {
+    pub fn steps(&self, motor: u8) -> Vec<u64> {
         self.edges.iter().filter(|edge| edge.line == 2 + 2 * motor && edge.level).map(|edge| edge.tick).collect()
     }
 }

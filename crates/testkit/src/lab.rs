@@ -7,11 +7,11 @@ use pulsetrain_core::Direction;
 use pulsetrain_core::wire::Baud;
 
 /// The virtual Uno, and the native board that is told the same.
-pub(crate) type Uno = Shadowed<Remote<VirtualUno>>;
+pub type Uno = Shadowed<Remote<VirtualUno>>;
 
 /// An image of the Uno's firmware that takes plans.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Image {
+pub enum Image {
     /// With text.
     Plain,
     /// For the highest rates.
@@ -19,15 +19,15 @@ pub(crate) enum Image {
 }
 
 impl Image {
-    pub(crate) const ALL: [Image; 2] = [Image::Plain, Image::Stream];
+    pub const ALL: [Image; 2] = [Image::Plain, Image::Stream];
 
     /// One after the other: what takes long is shared out between them.
-    pub(crate) fn by_turns(number: u64) -> Image {
+    pub fn by_turns(number: u64) -> Image {
         if number.is_multiple_of(2) { Image::Stream } else { Image::Plain }
     }
 
     /// What the table of boards calls an Uno that has it.
-    pub(crate) fn board(self) -> &'static str {
+    pub fn board(self) -> &'static str {
         match self {
             Image::Plain => "uno",
             Image::Stream => "uno-stream",
@@ -35,7 +35,7 @@ impl Image {
     }
 
     /// A virtual Uno that has it.
-    pub(crate) fn uno(self) -> VirtualUno {
+    pub fn uno(self) -> VirtualUno {
         match self {
             Image::Plain => VirtualUno::new(),
             Image::Stream => VirtualUno::with_stream(),
@@ -43,7 +43,7 @@ impl Image {
     }
 
     /// As it lies in the flash.
-    pub(crate) fn bytes(self) -> Vec<u8> {
+    pub fn bytes(self) -> Vec<u8> {
         match self {
             Image::Plain => virtual_uno::image(),
             Image::Stream => virtual_uno::stream_image(),
@@ -52,12 +52,12 @@ impl Image {
 }
 
 /// A virtual Uno at 1 Mbaud, set up.
-pub(crate) fn uno(image: Image, setup: &Setup) -> Uno {
+pub fn uno(image: Image, setup: &Setup) -> Uno {
     uno_after(image.uno(), setup)
 }
 
 /// The same of one that has been running for a while.
-pub(crate) fn uno_after(port: VirtualUno, setup: &Setup) -> Uno {
+pub fn uno_after(port: VirtualUno, setup: &Setup) -> Uno {
     let mut remote = Remote::open(port, 7).expect("it answers");
     assert_eq!(remote.set_baud(Baud::B1M), Ok(Baud::B1M));
     remote.configure(setup).expect("it takes the configuration");
@@ -67,16 +67,16 @@ pub(crate) fn uno_after(port: VirtualUno, setup: &Setup) -> Uno {
 }
 
 /// The counts as the board says them now.
-pub(crate) fn said(board: &mut Uno) -> Vec<i64> {
+pub fn said(board: &mut Uno) -> Vec<i64> {
     let status = board.board_mut().status().expect("it answers");
     status.motors.as_slice().iter().map(|motor| i64::from(motor.position)).collect()
 }
 
 /// Edges of pins, steps of motors.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Lab {
-    pub(crate) edges: Vec<Edge>,
-    pub(crate) steps: Vec<ScheduledStep>,
+pub struct Lab {
+    pub edges: Vec<Edge>,
+    pub steps: Vec<ScheduledStep>,
 }
 
 impl Observer for Lab {
@@ -90,18 +90,18 @@ impl Observer for Lab {
 
 /// Edges of the pins come so much after their ticks, and so much later or earlier than that at most, ticks.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Timing {
-    pub(crate) constant: i64,
-    pub(crate) early: i64,
-    pub(crate) late: i64,
+pub struct Timing {
+    pub constant: i64,
+    pub early: i64,
+    pub late: i64,
 }
 
 /// Software pins: an interrupt that is kept waiting is late, and steps of two motors that are close share one.
-pub(crate) const SOFTWARE: Timing = Timing { constant: 17, early: 60, late: 60 };
+pub const SOFTWARE: Timing = Timing { constant: 17, early: 60, late: 60 };
 /// Motors on one DIR line: steps that are too close for one another's groups wait for the next.
-pub(crate) const SHARED: Timing = Timing { constant: 17, early: 60, late: 400 };
+pub const SHARED: Timing = Timing { constant: 17, early: 60, late: 400 };
 /// The compare hardware's.
-pub(crate) const EXACT: Timing = Timing { constant: 1, early: 0, late: 0 };
+pub const EXACT: Timing = Timing { constant: 1, early: 0, late: 0 };
 
 /// One pulse as the pins show it.
 #[derive(Clone, Copy, Debug)]
@@ -152,13 +152,13 @@ impl Lab {
     }
 
     /// Steps forward minus backward that the pins showed of each motor.
-    pub(crate) fn counts(&self, setup: &Setup) -> Vec<i64> {
+    pub fn counts(&self, setup: &Setup) -> Vec<i64> {
         let count = |pulses: Vec<Pulse>| pulses.iter().map(|pulse| i64::from(pulse.direction.sign())).sum();
         (0..setup.motors.len()).map(|index| count(self.pulses(setup, index))).collect()
     }
 
     /// The same at each instant of a stretch: every count that there was.
-    pub(crate) fn counts_between(&self, setup: &Setup, index: usize, from: u64, to: u64) -> Vec<i64> {
+    pub fn counts_between(&self, setup: &Setup, index: usize, from: u64, to: u64) -> Vec<i64> {
         let mut count = 0;
         let mut counts = Vec::new();
         for pulse in self.pulses(setup, index).iter().take_while(|pulse| pulse.tick <= to) {
@@ -173,7 +173,7 @@ impl Lab {
 
     /// Every step that was scheduled is on the pins, in its direction and its time, and no other; `stopped`: but for those
     /// at the end that an immediate stop after that tick left out.
-    pub(crate) fn check(&self, setup: &Setup, timing: Timing, stopped: Option<u64>) {
+    pub fn check(&self, setup: &Setup, timing: Timing, stopped: Option<u64>) {
         for index in 0..setup.motors.len() {
             let made = self.pulses(setup, index);
             let wanted: Vec<_> = self.steps.iter().filter(|step| step.motor == index).collect();
