@@ -185,15 +185,15 @@ impl Pair {
 const STOP_LENGTHENS: u64 = 5 * TICK_HZ / 1_000_000;
 
 /// A driver's pins up to a stop at once at tick `stop`.
-pub(crate) struct StoppedDriver {
+pub struct StoppedDriver {
     /// Steps that its pins made, forward less backward.
-    pub(crate) position: i64,
+    pub position: i64,
     /// If the last pulse ended after the stop: so long before it began, and so much longer than told it was, ticks.
-    pub(crate) caught: Option<(u64, u64)>,
+    pub caught: Option<(u64, u64)>,
 }
 
 /// What a driver's pins did, stop included: no step begins after it, DIR changes in no pulse, and each pulse is as long as it should be.
-pub(crate) fn stopped_driver(setup: &Setup, motor: &MotorSetup, edges: &[Edge], stop: u64) -> StoppedDriver {
+pub fn stopped_driver(setup: &Setup, motor: &MotorSetup, edges: &[Edge], stop: u64) -> StoppedDriver {
     let told = u64::from(setup.pulse_ticks.max(3));
     let (mut dir, mut position, mut high, mut caught) = (false, 0, None::<u64>, None);
     for edge in edges {

@@ -41,4 +41,9 @@ impl Random {
     pub fn per_mille(&mut self, times: u16) -> bool {
         self.below(1000) < u64::from(times)
     }
+
+    /// One of `items`, which are some.
+    pub fn pick<T: Copy>(&mut self, items: &[T]) -> T {
+        items[self.below(items.len() as u64) as usize]
+    }
 }

@@ -57,6 +57,17 @@ fn core_depends_on_nothing() {
     assert!(normal.is_empty(), "pulsetrain-core depends on {normal:?}");
 }
 
+/// No program of users has what tests share.
+#[test]
+fn only_tests_know_the_testkit() {
+    let metadata = metadata();
+    for package in packages(&metadata) {
+        for known in dependencies(package).filter(|d| d["name"] == "pulsetrain-testkit") {
+            assert_eq!(known["kind"], "dev", "{} needs pulsetrain-testkit for more than its tests", package["name"]);
+        }
+    }
+}
+
 /// For each crate of the workspace, those of the workspace that it names in its manifest.
 fn known() -> BTreeMap<String, Vec<String>> {
     let metadata = metadata();

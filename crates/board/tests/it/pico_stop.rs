@@ -1,13 +1,13 @@
 //! The immediate stop on the virtual Pico, whenever it comes: what it counts is what the pins did. `pico_stop_at.rs` has it in
 //! cycle after cycle.
 
-use pulsetrain_testkit::Random;
-use pulsetrain_testkit::pico::{Pair, TICK_HZ, as_line, coil_levels, coils, pins_of, run, step_dir, stopped_driver};
-use pulsetrain_testkit::held::hold_for;
 use pulsetrain_board::{Board, Edge, Setup, StopReport};
 use pulsetrain_core::output::{HALF_STEPS, Sequence};
 use pulsetrain_core::wire::message::{Cause, MotorSetup};
 use pulsetrain_core::{Direction, Item, Moment};
+use pulsetrain_testkit::Random;
+use pulsetrain_testkit::held::hold_for;
+use pulsetrain_testkit::pico::{Pair, TICK_HZ, as_line, coil_levels, coils, pins_of, run, step_dir, stopped_driver};
 
 /// Two drivers and coils, under way: the second driver turns all the time.
 fn under_way(pulse_ticks: u16) -> Pair {

@@ -1,14 +1,14 @@
 //! The immediate stop on the virtual Pico in cycle after cycle, at every instruction of both programs, in both PIO blocks: what it
 //! counts is what the pins did.
 
-use pulsetrain_testkit::pico::{TICK_HZ, as_line, coil_levels, coils, run, step_dir, stopped_driver};
-use pulsetrain_testkit::held::hold_up;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::{Board, Edge, Port, PortError, Remote, Setup, StopReport};
 use pulsetrain_core::output::{HALF_STEPS, Sequence};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::MotorSetup;
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment};
+use pulsetrain_testkit::held::hold_up;
+use pulsetrain_testkit::pico::{TICK_HZ, as_line, coil_levels, coils, run, step_dir, stopped_driver};
 use std::collections::BTreeSet;
 use std::time::Duration;
 

@@ -5,12 +5,12 @@
 //! (`FILLER` in firmware/uno/src/steps/plan.rs): there groups are closest. They do so in step, or nearly, so that one's interrupt keeps the other's
 //! waiting.
 
-use pulsetrain_testkit::lab::{EXACT, Image, Lab, SOFTWARE, Timing, said, uno_after};
-use pulsetrain_testkit::{Random, TICK_HZ, uno_setup};
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Faults};
 use pulsetrain_core::wire::message::Cause;
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_testkit::lab::{EXACT, Image, Lab, SOFTWARE, Timing, said, uno_after};
+use pulsetrain_testkit::{Random, TICK_HZ, uno_setup};
 
 /// Pins of motors (STEP, DIR), and how far their edges may be from their ticks.
 const PINS: [(&[(u8, u8)], Timing); 7] = [

@@ -3,6 +3,7 @@
 use pulsetrain_core::wire::frame::{Received, Tag};
 use pulsetrain_core::wire::{Decoder, Encoder, MAX_BODY, MAX_FRAME};
 use pulsetrain_emulator::{Atmega328p, hex};
+use pulsetrain_testkit::Random;
 
 const PLAIN: &str = include_str!("../../images/uno.hex");
 /// The image for the highest rates has a loop of its own.
@@ -21,22 +22,6 @@ const MORE: u8 = 0x40;
 const DAMAGED: u8 = 0x80;
 const STACK: u16 = 0x8f0;
 const RETURN: u16 = 0x3ff0;
-
-/// A small generator of random numbers: xorshift64*.
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        self.0.wrapping_mul(0x2545_f491_4f6c_dd1d)
-    }
-
-    fn below(&mut self, end: usize) -> usize {
-        (self.next() >> 32) as usize % end
-    }
-}
 
 /// The chip, and what is in its receive page.
 struct Chip {
@@ -107,28 +92,32 @@ fn framed(body: &[u8], tag: u8) -> Vec<u8> {
     out[..len].to_vec()
 }
 
+fn below(random: &mut Random, end: usize) -> usize {
+    random.below(end as u64) as usize
+}
+
 /// Something that may come over a line: a frame, mostly, or one that was changed, or noise.
 fn piece(random: &mut Random) -> Vec<u8> {
-    let zeros = [1, 2, 5, 50, 1000][random.below(5)];
-    let longest = if random.below(16) == 0 { MAX_BODY } else { LONGEST_BODY };
-    let len = 1 + random.below(longest);
-    let byte = |random: &mut Random| if random.below(zeros) == 0 { 0 } else { random.next() as u8 };
+    let zeros = [1, 2, 5, 50, 1000][below(random, 5)];
+    let longest = if below(random, 16) == 0 { MAX_BODY } else { LONGEST_BODY };
+    let len = 1 + below(random, longest);
+    let byte = |random: &mut Random| if below(random, zeros) == 0 { 0 } else { random.next() as u8 };
     let body: Vec<_> = (0..len).map(|_| byte(random)).collect();
     let mut frame = framed(&body, random.next() as u8 & 31);
-    let at = random.below(frame.len());
-    match random.below(24) {
+    let at = below(random, frame.len());
+    match below(random, 24) {
         // Bits that are wrong, bytes that are: zeros made and broken, the length and its parity, the trailer.
-        0 => (0..=random.below(3)).for_each(|_| frame[at] ^= 1 << random.below(8)),
+        0 => (0..=below(random, 3)).for_each(|_| frame[at] ^= 1 << below(random, 8)),
         1 => frame[at] = random.next() as u8,
         2 => frame[at] = 0,
-        3 => frame[0] = (frame[0] ^ 2).wrapping_add(4 * random.below(2) as u8),
-        4 => frame[len + 2 + random.below(3)] ^= 1 << random.below(8),
+        3 => frame[0] = (frame[0] ^ 2).wrapping_add(4 * below(random, 2) as u8),
+        4 => frame[len + 2 + below(random, 3)] ^= 1 << below(random, 8),
         // Bytes that are missing, or too many.
         5 => drop(frame.remove(at)),
         6 => frame.insert(at, random.next() as u8),
         7 => frame.truncate(at),
         // Noise, lone zeros.
-        8 => frame = (0..random.below(200)).map(|_| byte(random)).collect(),
+        8 => frame = (0..below(random, 200)).map(|_| byte(random)).collect(),
         9 => frame.insert(0, 0),
         _ => {}
     }
@@ -141,7 +130,7 @@ fn frames_are_those_of_the_decoder() {
 }
 
 fn frames_of_the_decoder(image: &str) {
-    let (mut random, mut chip) = (Random(0x9e37_79b9_7f4a_7c15), Chip::new(image));
+    let (mut random, mut chip) = (Random::new(144), Chip::new(image));
     let mut decoder = Decoder::<LONGEST_BODY>::new();
     let (mut frames, mut damaged) = (0, 0);
     for _ in 0..8000 {
@@ -150,10 +139,10 @@ fn frames_of_the_decoder(image: &str) {
         // In portions of all sizes, so that each byte is the last of one.
         while !line.is_empty() || chip.unread != 0 {
             let (portion, rest) =
-                line.split_at(line.len().min(random.below(40)).min(usize::from(PAGE_LEN - 1 - chip.unread)));
+                line.split_at(line.len().min(below(&mut random, 40)).min(usize::from(PAGE_LEN - 1 - chip.unread)));
             line = rest;
             portion.iter().for_each(|byte| chip.write(*byte));
-            let count = chip.unread.min(1 + random.below(60) as u16);
+            let count = chip.unread.min(1 + below(&mut random, 60) as u16);
             if count == 0 {
                 continue;
             }

@@ -1,12 +1,12 @@
 //! The link to the firmware itself, on the virtual Uno.
 
-use pulsetrain_testkit::lab::Image;
-use pulsetrain_testkit::segments::{Law, Stream};
-use pulsetrain_testkit::uno_setup;
 use pulsetrain_board::{Board, Edge, Faults, Port, PortError, Remote, Setup, virtual_uno::VirtualUno};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{Cause, MotorSetup};
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_testkit::lab::Image;
+use pulsetrain_testkit::segments::{Law, Stream};
+use pulsetrain_testkit::uno_setup;
 use std::time::Duration;
 
 const TICK_HZ: u64 = 16_000_000;

@@ -3,6 +3,7 @@
 //! integers.
 
 use crate::arm_common::{Access, Bench, CODE, IO_PORT, RAM, RAM_BYTES, SLOW};
+use crate::random::Random;
 use pulsetrain_emulator::arm::{FaultCause, Size};
 use std::sync::OnceLock;
 
@@ -110,18 +111,7 @@ fn search(word: u16) -> Option<&'static Row> {
     })
 }
 
-/// SplitMix64. Source: Steele, Lea, Flood, OOPSLA 2014.
-struct Random(u64);
-
 impl Random {
-    fn next(&mut self) -> u32 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (z ^ (z >> 31)) as u32
-    }
-
     /// What registers hold: anything, addresses, small numbers, the ends of ranges.
     fn value(&mut self) -> u32 {
         let x = self.next();
@@ -434,7 +424,7 @@ impl Cases {
         for (at, byte) in fresh.memory.bytes.iter_mut().enumerate() {
             *byte = ((at as u32).wrapping_mul(0x9e37_79b1) >> 24) as u8;
         }
-        Cases { bench: fresh.clone(), fresh, random: Random(seed), differences: Vec::new() }
+        Cases { bench: fresh.clone(), fresh, random: Random::new(seed), differences: Vec::new() }
     }
 
     /// Executes code from random registers and flags, and what `expect` makes of the state before it.

@@ -470,7 +470,7 @@ fn sniffing() {
     // CRC-32/MPEG-2, CRC-16/CCITT-FALSE, sum.
     assert_eq!(sniff(0, u32::MAX), 0x0376_e6e7);
     assert_eq!(sniff(2 << 5, 0xffff) & 0xffff, 0x29b1);
-    assert_eq!(sniff(0xf << 5, 0), b"123456789".iter().map(|byte| u32::from(*byte)).sum());
+    assert_eq!(sniff(0xf << 5, 0), b"123456789".iter().map(|byte| u32::from(*byte)).sum::<u32>());
 }
 
 /// A UART's receiver fills a ring by itself, as the DREQ says; a transmitter is fed.

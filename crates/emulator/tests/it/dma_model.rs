@@ -2,8 +2,9 @@
 //! statement of the datasheet (§2.5): every cycle one after the other, credit counted as the requests come (§2.5.3.2).
 //! What the chip remembers of who may issue when must not show.
 
-use crate::pico::slow::{Model, Random, Slow};
+use crate::pico::slow::{Model, Slow};
 use crate::pico::{Bench, CLR, Machine, SET};
+use crate::random::Random;
 
 const DMA: u32 = 0x5000_0000;
 const RAM: u32 = 0x2000_0000;
@@ -220,7 +221,7 @@ struct Case {
 
 impl Case {
     fn new(seed: u64) -> Case {
-        let mut random = Random(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1);
+        let mut random = Random::new(seed);
         let mut bench = Bench::new();
         let memory: Vec<u32> = (0..AREA / 4).map(|_| random.next()).collect();
         for (at, word) in (0..).zip(&memory) {

@@ -2,6 +2,7 @@
 //! (DS40002198): encodings as the manual prints them, arithmetic in wide integers.
 
 use crate::common::Bench;
+use crate::random::Random;
 use pulsetrain_emulator::Atmega328p;
 use std::sync::OnceLock;
 
@@ -387,21 +388,11 @@ impl State {
     }
 }
 
-/// Numbers without a pattern (xorshift).
-struct Random(u64);
-
 impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        self.0
-    }
-
     /// A byte; the ends of the range are likely.
     fn byte(&mut self) -> u8 {
         let n = self.next();
-        match n >> 32 & 7 {
+        match n >> 16 & 7 {
             0 => 0,
             1 => 0xff,
             2 => 0x80,
@@ -473,7 +464,7 @@ fn is_io(word: u16) -> bool {
 
 #[test]
 fn every_word() {
-    let mut random = Random(0x2026_1121);
+    let mut random = Random::new(0x2026_1121);
     let (mut executed, mut undefined) = (0, 0);
     for first in (0..=0xffffu32).step_by(8192) {
         // Each word, and behind it a RAM address; that is `movw` or a multiplication as an instruction.
@@ -514,7 +505,7 @@ fn arithmetic_on_all_operands() {
     ];
     let flash = crate::common::image(&words);
     let mut chip = Atmega328p::new(&flash).expect("it fits");
-    let mut state = Random(7).state();
+    let mut state = Random::new(7).state();
     load(&mut chip, &mut state);
     for a in 0..=255 {
         for b in 0..=255 {

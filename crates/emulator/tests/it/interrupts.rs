@@ -298,7 +298,7 @@ fn watchdog() {
     bench.set(WDTCSR, 0x48);
     bench.run(TIME_OUT + 100);
     assert_eq!(bench.get(WDTCSR), 0x08);
-    assert_eq!(bench.seen.watchdog, []);
+    assert_eq!(bench.seen.watchdog, [] as [u64; 0]);
     bench.run(TIME_OUT);
     assert_eq!((bench.seen.watchdog.len(), bench.get(MCUSR), bench.get(WDTCSR)), (1, 9, 8));
     // WDRF: WDE cannot be cleared; then it can, in its sequence.
@@ -340,7 +340,7 @@ fn watchdog_is_fed() {
     bench.set(WDTCSR, 0x08);
     // wdr takes a cycle, rjmp two; wdr comes first.
     bench.run(9_999_999);
-    assert_eq!(bench.seen.watchdog, []);
+    assert_eq!(bench.seen.watchdog, [] as [u64; 0]);
     assert_eq!(bench.chip.watchdog_feeds(), 3_333_333);
     // Since power came on: a reset does not count anew.
     bench.chip.reset(ResetCause::External, &mut bench.seen);

@@ -16,6 +16,7 @@ mod pio;
 mod pio_model;
 mod ports;
 mod programs;
+mod random;
 mod rp2040;
 mod self_programming;
 mod three_machine_motor;

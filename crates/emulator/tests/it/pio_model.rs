@@ -2,8 +2,9 @@
 //! cycle one after the other and knows no shortcut. What the chip skips, or does later, must not show: neither in an
 //! edge nor in a register, whenever somebody looks, pushes, pulls, moves a pin or stops a machine.
 
-use crate::pico::slow::{Model, PINS, Random, Slow};
+use crate::pico::slow::{Model, PINS, Slow};
 use crate::pico::{Bench, Machine};
+use crate::random::Random;
 
 /// Those that the world moves; the machines may too.
 const WORLD: u32 = 0x00ff_0000;
@@ -44,7 +45,7 @@ struct Case {
 
 impl Case {
     fn new(seed: u64) -> Case {
-        let mut random = Random(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1);
+        let mut random = Random::new(seed);
         let mut bench = Bench::new();
         Machine::new(0, 0).outputs(&mut bench, 0, 16);
         bench.give(16..30, 6);

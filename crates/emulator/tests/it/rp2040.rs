@@ -343,14 +343,14 @@ fn the_watchdog() {
     bench.set(WATCHDOG + 0xc, 0x1234);
     bench.set(WATCHDOG, 1 << 31);
     bench.run(10);
-    assert_eq!(bench.seen.resets, []);
+    assert_eq!(bench.seen.resets, [] as [u64; 0]);
     bench.set(0x4001_0008, 0x1_fffc);
     let load = bench.now();
     bench.set(WATCHDOG + 4, 2000);
     bench.set(WATCHDOG, 1 << 30);
     bench.seen.edges.clear();
     bench.run(1000 * 125 - 200);
-    assert_eq!(bench.seen.resets, []);
+    assert_eq!(bench.seen.resets, [] as [u64; 0]);
     let end = bench.now() + 1000;
     bench.chip.run(end, &mut bench.seen);
     assert_eq!(bench.seen.resets.len(), 1);

@@ -1,9 +1,9 @@
 //! USB: the controller (RP2040 datasheet §4.1) with a PC at the other end (USB 2.0; CDC 1.2).
 
 use crate::pico::{Bench, SET};
+use crate::usb_device::*;
 use proptest::prelude::*;
 use pulsetrain_emulator::UsbState;
-use usb_device::*;
 
 /// Cycles of a millisecond at 125 MHz.
 const MS: u64 = 125_000;

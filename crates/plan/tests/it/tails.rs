@@ -285,7 +285,7 @@ impl Case {
     }
 }
 
-/// What tails take, over many motions: `cargo test -p pulsetrain-plan --test tails -- --nocapture bytes` prints it.
+/// What tails take, over many motions: `cargo test -p pulsetrain-plan --test it -- --nocapture tails::bytes` prints it.
 #[test]
 fn bytes_of_tails() {
     use proptest::strategy::ValueTree;

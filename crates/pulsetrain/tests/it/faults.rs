@@ -21,7 +21,7 @@ use std::time::Duration;
 use table::Row;
 
 /// What is below this line in docs/faults.md comes from here.
-const MARK: &str = "<!-- From here on written by `UPDATE_EXPECT=1 cargo test -p pulsetrain --test faults`. -->\n";
+const MARK: &str = "<!-- From here on written by `UPDATE_EXPECT=1 cargo test -p pulsetrain --test it faults::`. -->\n";
 
 /// The page is of this one.
 const OWN_SEED: u64 = 1;

@@ -285,7 +285,7 @@ fn motions() -> [(&'static str, Program, u16, f64); 7] {
     ]
 }
 
-/// `cargo test -p pulsetrain --test small_queues -- --nocapture` prints the figures.
+/// `cargo test -p pulsetrain --test it small_queues:: -- --nocapture` prints the figures.
 #[test]
 fn what_an_uno_is_to_do_streams_through_its_queues() {
     for (what, program, queue, seconds) in motions() {

@@ -3,26 +3,6 @@
 /// GPIO 0 to 29.
 pub(crate) const PINS: u32 = 0x3fff_ffff;
 
-/// A small generator: the cases are the same in every run.
-pub(crate) struct Random(pub(crate) u64);
-
-impl Random {
-    pub(crate) fn next(&mut self) -> u32 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        (self.0 >> 16) as u32
-    }
-
-    pub(crate) fn below(&mut self, limit: u32) -> u32 {
-        self.next() % limit
-    }
-
-    pub(crate) fn one_in(&mut self, times: u32) -> bool {
-        self.below(times) == 0
-    }
-}
-
 /// One machine, cycle by cycle.
 #[derive(Clone, Debug)]
 pub(crate) struct Slow {
