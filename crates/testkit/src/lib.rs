@@ -9,6 +9,11 @@
 //! - [`folder`]: a temporary folder
 //! - setups of motors, and a few items
 #![allow(clippy::missing_panics_doc, clippy::unwrap_used, reason = "a test is to fail there")]
+#![allow(
+    clippy::should_implement_trait,
+    clippy::new_without_default,
+    reason = "none is an iterator; a board starts by `new`"
+)]
 #![allow(missing_docs, reason = "fields of tables of tests")]
 
 pub mod delays;
