@@ -32,9 +32,22 @@ pub(crate) fn run(property_cases: Option<u32>) -> Done {
 
 /// Modules of tests that take longest, the longest first: they begin first, so that no core waits for the last one.
 /// `cargo xtask test` prints what each took.
-const LONG: [(&str, &str); 2] = [("pulsetrain", "faults"), ("board", "uno_stop")];
+const LONG: [(&str, &str); 12] = [
+    ("pulsetrain", "faults"),
+    ("pulsetrain-board", "winch_pico_wraps"),
+    ("pulsetrain", "pico_figures"),
+    ("pulsetrain", "baked"),
+    ("pulsetrain-board", "winch_pico"),
+    ("pulsetrain-board", "pico_wraps"),
+    ("pulsetrain", "commands"),
+    ("pulsetrain", "baked_pico"),
+    ("pulsetrain-board", "winch_wraps"),
+    ("pulsetrain-board", "pico_verbs"),
+    ("pulsetrain-board", "winch_line"),
+    ("pulsetrain", "winch"),
+];
 /// Packages whose tests run virtual boards; their other modules come next.
-const LONG_PACKAGES: [&str; 2] = ["pulsetrain", "board"];
+const LONG_PACKAGES: [&str; 2] = ["pulsetrain", "pulsetrain-board"];
 /// How many of them it prints.
 const PRINTED: usize = 30;
 
@@ -42,7 +55,8 @@ const PRINTED: usize = 30;
 #[derive(Clone, Debug, PartialEq)]
 struct Binary {
     executable: PathBuf,
-    /// Its package's folder.
+    package: String,
+    /// The package's.
     folder: PathBuf,
     /// What cargo calls it: `--test it`, `--lib`, `--bin pulsetrain`.
     flag: String,
@@ -68,16 +82,15 @@ impl Binary {
             (kind @ ("test" | "bin" | "example" | "bench"), name) => format!("--{kind} {name}"),
             _ => "--lib".to_owned(),
         };
+        // `path+file:///…/crates/core#pulsetrain-core@0.1.0`, and without a name if the folder has the same.
+        let (path, version) = message["package_id"].as_str()?.rsplit_once('#')?;
+        let package = version.split_once('@').map(|(name, _)| name).or_else(|| path.rsplit('/').next())?;
         Some(Binary {
             executable: message["executable"].as_str()?.into(),
+            package: package.to_owned(),
             folder: Path::new(message["manifest_path"].as_str()?).parent()?.to_owned(),
             flag,
         })
-    }
-
-    /// The last part of its package's folder.
-    fn package(&self) -> &str {
-        self.folder.file_name().and_then(|name| name.to_str()).unwrap_or_default()
     }
 
     /// As cargo would run it, but its tests one by one.
@@ -96,7 +109,7 @@ impl Binary {
         }
         let job = |(module, tests): (&str, _)| {
             let filter = if module.is_empty() { String::new() } else { format!(" {module}::") };
-            let text = format!("cargo test --manifest-path {}/Cargo.toml {}{filter}", self.folder.display(), self.flag);
+            let text = format!("cargo test -p {} {}{filter}", self.package, self.flag);
             Job { binary: self.clone(), module: module.to_owned(), tests, text }
         };
         modules.into_iter().map(job).collect()
@@ -112,7 +125,7 @@ impl Job {
 
     /// What comes first has the lowest.
     fn place(&self) -> (usize, usize) {
-        let package = self.binary.package();
+        let package = self.binary.package.as_str();
         (
             LONG.iter().position(|long| *long == (package, &self.module)).unwrap_or(LONG.len()),
             LONG_PACKAGES.iter().position(|long| *long == package).unwrap_or(LONG_PACKAGES.len()),
@@ -132,7 +145,7 @@ fn jobs() -> Done<Vec<Job>> {
         jobs.extend(binary.jobs(&listed));
     }
     for (package, module) in LONG {
-        if !jobs.iter().any(|job| job.binary.package() == package && job.module == module) {
+        if !jobs.iter().any(|job| job.binary.package == package && job.module == module) {
             return Err(Failure::Check(format!(
                 "xtask/src/test.rs names {module} of {package}, which has no such tests"
             )));
@@ -164,6 +177,7 @@ mod tests {
         let message = serde_json::json!({
             "profile": { "test": true },
             "target": { "kind": ["test"], "name": "it" },
+            "package_id": "path+file:///r/crates/board#pulsetrain-board@0.1.0",
             "executable": "/t/it-1",
             "manifest_path": "/r/crates/board/Cargo.toml",
         });
@@ -182,7 +196,7 @@ mod tests {
                 ("uno_link", "uno_link::a".to_owned())
             ]
         );
-        assert!(jobs[1].text.ends_with("crates/board/Cargo.toml --test it link::"), "{}", jobs[1].text);
+        assert_eq!(jobs[1].text, "cargo test -p pulsetrain-board --test it link::");
     }
 
     #[test]
@@ -196,8 +210,8 @@ mod tests {
     fn long_modules_begin_first() {
         let (package, module) = LONG[LONG.len() - 1];
         let long =
-            Binary { folder: Path::new("/r/crates").join(package), ..binary() }.jobs(&format!("{module}::a: test"));
-        let other = Binary { folder: "/r/crates/core".into(), ..binary() }.jobs("link::a: test\n");
+            Binary { package: package.to_owned(), ..binary() }.jobs(&format!("{module}::a: test"));
+        let other = Binary { package: "pulsetrain-core".to_owned(), ..binary() }.jobs("link::a: test\n");
         assert!(long[0].place() < binary().jobs("link::a: test")[0].place());
         assert!(binary().jobs("link::a: test")[0].place() < other[0].place());
     }
