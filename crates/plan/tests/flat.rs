@@ -29,7 +29,7 @@ struct Exact {
     end: Real,
 }
 
-/// A law, as the planner has it and exactly.
+/// A law as the planner gets it, and the same law in 192 bits.
 struct Case {
     what: String,
     law: Law,

@@ -202,7 +202,7 @@ fn curves_that_hardly_bend_are_within_their_certificates() {
     }
 }
 
-/// Lines and curves of days to years, slow ones too: each step within a tick of where the rows have it.
+/// Lines and curves that last days to years, also slow ones. Each step is within a tick of its time by the rows.
 #[test]
 fn tables_of_years_are_planned() {
     for (end_s, way) in [(1e5, 3.0), (1e6, -90.0), (3.3e6, 8.9), (1e7, 80.0 / 9.0), (1e8, 100.0), (1e9, 500.0)] {

@@ -18,10 +18,10 @@ use crate::{estimate, human};
 const SLOWEST: f64 = 1e4;
 /// The factor is found to this precision, as a ratio.
 const PRECISION: f64 = 1.002;
-/// An advice looks for several things: nobody waits longer for the plans that it tries for one of them, about, s.
+/// Estimated time of all plans that are tried for one suggestion (an easing, a way to begin, a factor, a board), s.
 const MOST_TRYING_S: f64 = 1.0;
 
-/// Plans that are tried one after the other, as long as there is time for another one. By what plans are estimated to take: no clock is read.
+/// Plans that are tried one after the other until their estimated times add up to the limit. No clock is read.
 struct Tries {
     left_s: Cell<f64>,
 }

@@ -590,8 +590,9 @@ impl Place<'_> {
         angle == 1.0 && length == 1.0 && self.used(measure).any(is_lead)
     }
 
-    /// The parameter whose number here is made of the number as written, by hand. Of times and frequencies that is told where they make an
-    /// argument: elsewhere 1000*t/T may be 1000 steps in T.
+    /// The parameter that these factors convert by hand, from the number as written to the number that formulas have.
+    ///
+    /// Times and frequencies count only in a function's argument: elsewhere `1000*t/T` may mean 1000 steps in T.
     fn converted_as_written(&self, measure: &Measure, is_argument: bool) -> Option<&Parameter> {
         let Measure { pi, literals, .. } = *measure;
         let used =
@@ -613,7 +614,7 @@ impl Place<'_> {
         used.into_iter().find(|(parameter, power)| by_hand(parameter, *power)).map(|(parameter, _)| parameter)
     }
 
-    /// What has its right number by itself must not be converted by hand.
+    /// Parameters and angles come in the right unit: a factor that converts them by hand is an error.
     fn not_converted(&self, part: &Typed, is_argument: bool) -> Result<(), FormulaError> {
         let measure = &part.measure;
         if self.in_trig && is_argument && measure.is_in_degrees() {

@@ -299,7 +299,7 @@ impl Windows<'_> {
                 if curve.bounds(0.0, length).rounding[0] > EXACT_STEPS && length > SHORT_S {
                     return Err(narrow("it is too fast"));
                 }
-                // A line is told as well by f64.
+                // For a line f64 is exact enough: it needs no 106 bits.
                 bends = !form.is_line();
                 (curve, level)
             }

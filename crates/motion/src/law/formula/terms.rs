@@ -97,7 +97,7 @@ impl Terms {
     }
 
     fn along(&self, u: Dual, level: &[f64]) -> Dual {
-        // Whole numbers first, which is exact: what is left is small where θ is near the level.
+        // The level is subtracted first, which is exact. Near the level the difference is small, and so is its rounding.
         let offset = level.iter().fold(self.offset, |rest, &part| rest - Accurate::from(part));
         let mut sum = [offset, Accurate::ZERO];
         for Term { source, factor, later } in &self.terms {
