@@ -2,7 +2,7 @@
 
 use crate::certificate::Certificate;
 use crate::error::PlanError;
-use crate::expansion::{Frame, two_sum};
+use crate::expansion::{Frame, ULP, two_sum};
 use crate::load::{Backlog, Excess};
 use crate::packed::Meter;
 use crate::peak::peak;
@@ -17,6 +17,8 @@ use std::collections::VecDeque;
 
 /// A turning value this close to a step's level touches it, steps.
 const TOUCH: f64 = 1e-9;
+/// A touch that an even speed would make later by less needs no regard, ticks.
+const TOUCH_TICKS: f64 = 1e-3;
 /// Waits longer than this are dwells, ticks: 24 bits serve every board's interval.
 pub const LONGEST_WAIT_TICKS: u32 = 1 << 24;
 /// Looser fits save little, and steps that wander far come too close to their neighbours.
@@ -62,11 +64,14 @@ pub struct Planner<'a> {
     arrival: f64,
     /// Where the last piece ended.
     end: Option<End>,
-    /// The tick of that.
+    /// The tick of that, and of the piece before.
     known_to: i64,
+    known_before: i64,
     /// Position after all runs that were cut from the law so far.
     position: i64,
     waiting: VecDeque<(Stretch, PieceFrame)>,
+    /// The last of them ends where its piece does: whether θ goes on the same way is known once the next piece is.
+    open: bool,
     /// The run being planned, and the one after it: the end of a run depends on how the next begins.
     current: Option<RunPlanner>,
     next: Option<Run>,
@@ -153,8 +158,10 @@ impl<'a> Planner<'a> {
             arrival: 0.0,
             end: None,
             known_to: 0,
+            known_before: 0,
             position: 0,
             waiting: VecDeque::new(),
+            open: false,
             current: None,
             next: None,
             moves: VecDeque::new(),
@@ -320,9 +327,9 @@ impl<'a> Planner<'a> {
                 run = after;
                 dropped += 1;
                 // All pairs are dropped for a while now: as if there were no steps.
-                if dropped >= IDLE_PIECES && run.count == 0 && self.waiting.is_empty() {
+                if dropped >= IDLE_PIECES && run.count == 0 && self.waiting.len() <= usize::from(self.open) {
                     self.check_fineness(known_from)?;
-                    self.wait(self.known_to - IDLE_MARGIN_TICKS);
+                    self.wait(self.looked_at_to() - IDLE_MARGIN_TICKS);
                     return Ok(true);
                 }
                 continue;
@@ -358,7 +365,7 @@ impl<'a> Planner<'a> {
     /// Whether a step at `tick` or later may still come too close to the last one of `run`.
     fn turns_before(&self, run: &Run, tick: i64) -> bool {
         let (last, _) = run.due(run.count, run.guess(run.count));
-        (tick - run.origin.0) as f64 - run.origin.1 - last.tick < self.gap()
+        run.own_tick(tick) - last.tick < self.gap()
     }
 
     /// Opposite steps closer than the driver can turn round are dropped in pairs.
@@ -389,7 +396,7 @@ impl<'a> Planner<'a> {
             }
             // θ at the turn, seen from where the motor now stays.
             let turn = (run.stretch.value_to - run.frame.zero) * run.frame.sign;
-            run.count -= 1;
+            (run.count, run.touches) = (run.count - 1, false);
             after.count -= 1;
             let (zero, lost) = two_sum(after.frame.zero, after.frame.sign);
             after.frame.zero = zero;
@@ -402,30 +409,36 @@ impl<'a> Planner<'a> {
         Ok(())
     }
 
+    /// The tick up to which all steps have been looked for.
+    fn looked_at_to(&self) -> i64 {
+        if self.open { self.known_before } else { self.known_to }
+    }
+
     /// The next run that has steps.
     fn cut_run(&mut self) -> Result<Cut, PlanError> {
         let mut pieces = 0;
         let known_from = self.known_to;
         loop {
-            while let Some((stretch, piece)) = self.waiting.pop_front() {
+            while self.waiting.len() > usize::from(self.open) {
+                let Some((stretch, piece)) = self.waiting.pop_front() else { break };
                 let run = self.run(stretch, piece);
                 if run.count > 0 {
                     self.position += i64::from(run.direction.sign()) * run.count as i64;
                     return Ok(Cut::Run(Box::new(run)));
                 }
             }
-            if self.finished {
+            if self.finished && self.waiting.is_empty() {
                 return Ok(Cut::End);
             }
             if pieces == IDLE_PIECES {
                 self.check_fineness(known_from)?;
-                return Ok(Cut::Idle(self.known_to));
+                return Ok(Cut::Idle(self.looked_at_to()));
             }
             pieces += 1;
             match self.pieces.next() {
                 Some(piece) => self.admit(&piece?)?,
                 None => {
-                    self.finished = true;
+                    (self.finished, self.open) = (true, false);
                     self.check_end()?;
                 }
             }
@@ -433,7 +446,7 @@ impl<'a> Planner<'a> {
     }
 
     fn run(&self, stretch: Stretch, piece: PieceFrame) -> Run {
-        let rising = stretch.value_to > stretch.value_from;
+        let rising = stretch.rises();
         let (sign, direction) = if rising { (1.0, Direction::Forward) } else { (-1.0, Direction::Backward) };
         let (start_whole, start_rest, start_low) = self.start.unwrap_or((0, 0.0, 0.0));
         // Wide, since both may be far out: what is left is at home in the piece.
@@ -443,14 +456,28 @@ impl<'a> Planner<'a> {
         let (rest, rest_low) = two_sum(offset, start_rest);
         let (zero, zero_low) = two_sum(position as f64, rest);
         let zero_low = zero_low + rest_low + start_low;
-        let reached = (stretch.value_to - zero) * sign + TOUCH;
-        Run {
-            frame: Frame { sign, zero, zero_low, tick_hz: self.settings.tick_hz as f64 },
+        let tick_hz = self.settings.tick_hz as f64;
+        let reached = (stretch.value_to - zero) * sign;
+        let touched = (reached + TOUCH).floor();
+        // What creeps on towards a level touches it; what goes on beyond is left to the next piece, where it is reached.
+        let is_reached_later =
+            stretch.onward > (touched - reached).max(0.0) + 8.0 * ULP * (zero.abs() + stretch.value_to.abs());
+        let count = if is_reached_later { reached } else { touched };
+        let missing = touched - reached;
+        let mut run = Run {
+            frame: Frame { sign, zero, zero_low, tick_hz },
             direction,
-            count: if reached >= 1.0 { reached as u64 } else { 0 },
+            count: if count >= 1.0 { count as u64 } else { 0 },
+            touches: !is_reached_later
+                && missing > 0.0
+                && missing * tick_hz > TOUCH_TICKS * stretch.curve.jet(stretch.to)[1].abs(),
             origin: piece.zero,
             stretch,
+        };
+        if is_reached_later {
+            run.leave_what_is_not_reached();
         }
+        run
     }
 
     /// Checks how a piece joins the one before and what it asks of the motor, and cuts it into stretches.
@@ -494,9 +521,15 @@ impl<'a> Planner<'a> {
         self.end = Some(End { at_s: end_s, origin: piece.origin, value: last[0], speed: last[1] });
         self.check_peaks(piece, from, to)?;
         let hz = self.settings.tick_hz;
-        self.known_to = piece.end.ticks(hz).0;
+        self.known_before = std::mem::replace(&mut self.known_to, piece.end.ticks(hz).0);
         let frame = PieceFrame { origin: piece.origin, zero: piece.zero.ticks(hz) };
-        self.waiting.extend(stretches(piece, hz as f64).into_iter().map(|s| (s, frame)));
+        let stretches = stretches(piece, hz as f64);
+        // A piece at rest has no stretch.
+        if let (true, Some((before, _)), Some(first)) = (self.open, self.waiting.back_mut(), stretches.first()) {
+            before.onward = if first.from == from { before.onward_in(first, to) } else { 0.0 };
+        }
+        self.open = stretches.last().is_some_and(|last| last.to == to);
+        self.waiting.extend(stretches.into_iter().map(|s| (s, frame)));
         Ok(())
     }
 

@@ -13,6 +13,8 @@ pub(crate) struct Run {
     pub(crate) frame: Frame,
     pub(crate) direction: Direction,
     pub(crate) count: u64,
+    /// The last level is behind the stretch's end, by no more than a touch, but by some time at the speed there.
+    pub(crate) touches: bool,
     /// The tick at which the curve's own time is 0: whole, and fraction.
     pub(crate) origin: (i64, f64),
 }
@@ -42,6 +44,11 @@ impl Run {
         }
     }
 
+    /// A tick in the curve's own time.
+    pub(crate) fn own_tick(&self, tick: i64) -> f64 {
+        (tick - self.origin.0) as f64 - self.origin.1
+    }
+
     /// Where the stretch's bounds hold, ticks.
     pub(crate) fn window(&self) -> (f64, f64) {
         (self.stretch.from * self.frame.tick_hz, self.stretch.to * self.frame.tick_hz)
@@ -52,6 +59,16 @@ impl Run {
     /// Newton's method inside a bracket; where the law is too flat for its proof, the true time is enclosed
     /// between the places where the law is surely below and surely above.
     pub(crate) fn due(&self, j: u64, guess: f64) -> (Due, Option<Expansion>) {
+        let (due, expansion) = self.due_anywhere(j, guess);
+        // What touches its last level is due at its end.
+        if j == self.count && self.touches {
+            (Due { tick: due.tick.min(self.window().1), ..due }, None)
+        } else {
+            (due, expansion)
+        }
+    }
+
+    fn due_anywhere(&self, j: u64, guess: f64) -> (Due, Option<Expansion>) {
         let s = j as f64;
         if let Some(inverse) = &self.stretch.inverse {
             if let Some((tick, error)) = exact_due(&self.frame, inverse, s) {
@@ -103,30 +120,40 @@ impl Run {
         (self.enclosed(s), None)
     }
 
+    /// How far the law is beyond s at u, and how far rounding may put that off, steps.
+    fn beyond(&self, u: f64, s: f64) -> (f64, f64) {
+        let curve = &self.stretch.curve;
+        if let Some((x0, moved, rounding)) = curve.moved_from_rest(u) {
+            let (turn, lost) = self.frame.turn(x0);
+            let missing = (s - turn) - lost;
+            let doubt = rounding + 2.0 * ULP * (moved.abs() + missing.abs()) + 4.0 * ULP * lost.abs();
+            return (moved * self.frame.sign - missing, doubt);
+        }
+        let Frame { sign, zero, zero_low, .. } = self.frame;
+        match curve.beyond(u, [zero, zero_low, sign * s]) {
+            Some((beyond, doubt)) => (beyond * sign, doubt + 2.0 * ULP * zero_low.abs()),
+            None => {
+                let rounding = self.stretch.bounds.rounding[0]
+                    + zero_low.abs()
+                    + 4.0 * ULP * (zero.abs() + self.stretch.value_to.abs());
+                ((curve.value(u) - zero) * sign - s, rounding)
+            }
+        }
+    }
+
+    /// Leaves the last step to the stretch that goes on from this one, if this one surely ends before it.
+    pub(crate) fn leave_what_is_not_reached(&mut self) {
+        let (beyond, doubt) = self.beyond(self.stretch.to, self.count as f64);
+        if self.count > 0 && beyond + doubt < 0.0 {
+            self.count -= 1;
+        }
+    }
+
     /// The time of s between the last place where the law is surely below it and the first where it is surely above.
     ///
     /// A level beyond the stretch's end by no more than a touch is due at its end.
     fn enclosed(&self, s: f64) -> Due {
-        let curve = &self.stretch.curve;
-        let everywhere = self.stretch.bounds.rounding[0]
-            + self.frame.zero_low.abs()
-            + 4.0 * ULP * (self.frame.zero.abs() + self.stretch.value_to.abs());
-        // How far the law is beyond s, and how far rounding may put that off, steps.
-        let beyond = |u: f64| match curve.moved_from_rest(u) {
-            Some((x0, moved, rounding)) => {
-                let (turn, lost) = self.frame.turn(x0);
-                let missing = (s - turn) - lost;
-                let doubt = rounding + 2.0 * ULP * (moved.abs() + missing.abs()) + 4.0 * ULP * lost.abs();
-                (moved * self.frame.sign - missing, doubt)
-            }
-            None => {
-                let Frame { sign, zero, zero_low, .. } = self.frame;
-                curve.beyond(u, [zero, zero_low, sign * s]).map_or_else(
-                    || ((curve.value(u) - zero) * sign - s, everywhere),
-                    |(beyond, doubt)| (beyond * sign, doubt + 2.0 * ULP * zero_low.abs()),
-                )
-            }
-        };
+        let beyond = |u: f64| self.beyond(u, s);
         let side = |is_low: &dyn Fn(f64) -> bool| {
             let (mut low, mut high) = (self.stretch.from, self.stretch.to);
             while (high - low) * self.frame.tick_hz > 1e-3 {
@@ -312,22 +339,31 @@ impl RunPlanner {
     /// it is a single step and the law cannot be known better.
     pub(crate) fn next(&mut self, registers: &Registers, rules: &Rules) -> Fit {
         let left = self.run.count - self.done;
-        let most = left.min(u64::from(rules.longest)) as u32;
+        // A touch is a step by itself.
+        let most = left.saturating_sub(self.run.touches.into()).clamp(1, u64::from(rules.longest)) as u32;
         let quantiser = rules.quantiser(registers);
         let offset = (registers.fraction as f64) / quantiser.scale - 0.5;
         let start = Start {
             done: self.done as f64,
-            tick: (registers.tick - self.run.origin.0) as f64 - self.run.origin.1 + offset,
+            tick: self.run.own_tick(registers.tick) + offset,
             fraction: registers.fraction,
             fraction_bits: rules.fraction_bits,
         };
-        let fit = self.longest_fit(&start, &quantiser, most, registers.count, rules);
+        let fit = self.longest_fit(&start, &quantiser, most, registers, rules);
         self.done += u64::from(fit.segment.count);
         self.guess = f64::from(fit.segment.count) * 1.05 + 1.0;
         fit
     }
 
-    fn longest_fit(&mut self, start: &Start, quantiser: &Quantiser, most: u32, previous: u32, rules: &Rules) -> Fit {
+    fn longest_fit(
+        &mut self,
+        start: &Start,
+        quantiser: &Quantiser,
+        most: u32,
+        registers: &Registers,
+        rules: &Rules,
+    ) -> Fit {
+        let previous = registers.count;
         let window = self.run.window();
         let allowance = rules.tolerance - 0.5;
         let left = f64::from(most);
@@ -402,12 +438,12 @@ impl RunPlanner {
                 self.last = expansion;
                 fit
             }
-            None => self.single(start, quantiser, rules),
+            None => self.single(start, quantiser, registers, rules),
         }
     }
 
     /// One step, at the time that is proven best.
-    fn single(&mut self, start: &Start, quantiser: &Quantiser, rules: &Rules) -> Fit {
+    fn single(&mut self, start: &Start, quantiser: &Quantiser, registers: &Registers, rules: &Rules) -> Fit {
         let j = self.done + 1;
         let s = j as f64;
         let guess = self.last.map_or_else(|| self.run.guess(j), |last| last.tick + last.offset(s));
@@ -419,7 +455,9 @@ impl RunPlanner {
         let wait = due.tick - start.tick;
         // Rounding may add up to a tick.
         let dwell = if wait >= rules.longest_wait - 2.0 { (wait - 0.5 * rules.longest_wait).floor() } else { 0.0 };
-        let start = Start { tick: start.tick + dwell, ..*start };
+        let offset = start.fraction as f64 / quantiser.scale - 0.5;
+        // A sum of whole ticks: after a long dwell nothing is left of the rounding of a far tick.
+        let start = Start { tick: self.run.own_tick(registers.tick + dwell as i64) + offset, ..*start };
         let wanted = (due.tick - start.tick) * quantiser.scale;
         let unit = quantiser.units[0] as i64;
         let mut interval = quantiser.round(0, wanted).unwrap_or(quantiser.predicted.interval);
@@ -428,7 +466,6 @@ impl RunPlanner {
             interval = (quantiser.predicted.interval - 1).rem_euclid(unit) + 1;
         }
         let accumulator = i128::from(start.fraction) + i128::from(interval);
-        let offset = start.fraction as f64 / quantiser.scale - 0.5;
         let scheduled = (accumulator >> start.fraction_bits) as i64 as f64 - offset;
         let misfit = (scheduled - (due.tick - start.tick)).abs() - 0.5;
         let proven = due.error + 64.0 * ULP * (due.tick - start.tick).abs();

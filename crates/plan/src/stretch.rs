@@ -8,6 +8,9 @@ const STILL: f64 = 1e-11;
 /// Turns are known to this where more is known of a curve than f64 holds, ticks: far less than the rounding to whole ticks.
 const SHARP_TICKS: f64 = 1e-3;
 
+/// What ends so much slower than it goes comes to rest.
+const AT_REST: f64 = 1e-6;
+
 /// A monotone part of a piece.
 #[derive(Clone, Debug)]
 pub(crate) struct Stretch {
@@ -23,9 +26,26 @@ pub(crate) struct Stretch {
     pub(crate) inverse: Option<Inverse>,
     /// The turn that it ends with; `None` where the piece ends.
     turn: Option<Turn>,
+    /// How far θ goes on the same way in the piece that follows at once, steps; endless if it comes to rest there, which tells whether it
+    /// touches a level.
+    pub(crate) onward: f64,
 }
 
 impl Stretch {
+    pub(crate) fn rises(&self) -> bool {
+        self.value_to > self.value_from
+    }
+
+    /// How far θ goes on in `next`, the first stretch of a piece that begins where this one ends and lasts until `end`.
+    pub(crate) fn onward_in(&self, next: &Stretch, end: f64) -> f64 {
+        if next.rises() != self.rises() {
+            return 0.0;
+        }
+        let way = (next.value_to - next.value_from).abs();
+        let is_slow = next.curve.jet(next.to)[1].abs() * (next.to - next.from) < AT_REST * way;
+        if next.to < end || is_slow { f64::INFINITY } else { way }
+    }
+
     /// Where it ends: earliest and latest, s. Where more is known of the curve than f64 holds, that is between the last place where the
     /// speed surely has its sign and the first where it surely has the other.
     pub(crate) fn end(&self, tick_hz: f64) -> (f64, f64) {
@@ -34,7 +54,7 @@ impl Stretch {
         // NaN is no bound.
         let doubt = (self.curve.jet(self.to)[1].abs() + self.bounds.rounding[1]) / turn.least.max(0.0);
         let (low, high) = ((self.to - doubt).max(turn.window.0), (self.to + doubt).min(turn.window.1));
-        let rises = self.value_to > self.value_from;
+        let rises = self.rises();
         // Whether θ surely goes on, and whether it surely goes back.
         let way = |u: f64| match self.curve.accurate_speed(u) {
             Some((speed, doubt)) if speed.abs() > doubt => ((speed > 0.0) == rises, (speed > 0.0) != rises),
@@ -80,6 +100,7 @@ pub(crate) fn stretches(piece: &Piece, tick_hz: f64) -> Vec<Stretch> {
                 value_to,
                 inverse: whole.or_else(|| curve.inverse(start, end)),
                 turn,
+                onward: 0.0,
             });
         }
         (start, value_from) = (end, value_to);

@@ -169,6 +169,17 @@ fn laws_that_are_flat_at_a_level_are_planned_and_right() {
     }
 }
 
+/// A window of the formula ends 8e-12 steps before a level, and θ goes on: no touch.
+#[test]
+fn a_level_that_is_just_missed_where_windows_meet_is_reached_later() {
+    let f = 0.4997948139256659;
+    for case in [power_of_sine(4, 3.0, f, 3), power_of_sine(7, 29.590292187444362, f, 6)] {
+        for settings in all_settings() {
+            check(&case, &settings);
+        }
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 

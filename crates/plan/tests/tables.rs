@@ -202,6 +202,41 @@ fn curves_that_hardly_bend_are_within_their_certificates() {
     }
 }
 
+/// Pieces that meet just before a level, and go on slowly: the step comes when they reach it, and not when they meet.
+#[test]
+fn a_level_just_behind_a_joint_is_reached_behind_it() {
+    let missing = 5e-10;
+    for (before, after) in [(1.0, 1e-3), (1e-4, 1e-4), (2e-3, 0.5), (1.0, 1e-5)] {
+        for sign in [1.0, -1.0] {
+            let seconds = (1.0 - missing) / before;
+            let way = sign * before * seconds;
+            let onward = |c: Vec<f64>| {
+                Law::polynomials([
+                    (Time::from_seconds(seconds), vec![0.0, sign * before]),
+                    (Time::from_seconds(0.5 / after), c),
+                ])
+                .unwrap()
+            };
+            // Straight on; bent; and the other way, or at rest: then it touches.
+            let laws = [
+                onward(vec![way, sign * after]),
+                onward(vec![way, sign * after, 0.3 * sign * after * after, 1e-3 * sign * after * after * after]),
+            ];
+            for law in laws {
+                for clock in common::BOARDS {
+                    let what = format!("{before} and {after} steps/s, {sign}");
+                    check_steps(&what, &law, &Settings { grid: Grid::REACH, ..settings(clock) });
+                }
+            }
+            for c in [vec![way, -sign * after], vec![way]] {
+                let settings = Settings { grid: Grid::REACH, ..settings((16_000_000, 16)) };
+                let (steps, _) = steps(&onward(c), &settings).unwrap();
+                assert_eq!(steps[0].tick, (seconds * 16e6).round() as u64);
+            }
+        }
+    }
+}
+
 /// Lines and curves that last days to years, also slow ones. Each step is within a tick of its time by the rows.
 #[test]
 fn tables_of_years_are_planned() {
