@@ -19,6 +19,8 @@ use std::collections::VecDeque;
 const TOUCH: f64 = 1e-9;
 /// A touch that an even speed would make later by less needs no regard, ticks.
 const TOUCH_TICKS: f64 = 1e-3;
+/// A piece that bends by no more than so many roundings of θ is straight, as far as anybody can tell.
+const BEND_ROUNDINGS: f64 = 64.0;
 /// Waits longer than this are dwells, ticks: 24 bits serve every board's interval.
 pub const LONGEST_WAIT_TICKS: u32 = 1 << 24;
 /// Looser fits save little, and steps that wander far come too close to their neighbours.
@@ -577,7 +579,11 @@ impl<'a> Planner<'a> {
             return Err(PlanError::TooFast { at_s: speed.1, speed: speed.0, limit });
         }
         let acceleration = check(2, self.certificate.peak_acceleration, limits.max_acceleration)?;
-        self.certificate.peak_acceleration = acceleration;
+        // A straight line whose rows were rounded asks for nothing.
+        let theta = [from, to].map(|u| (piece.origin as f64 + piece.curve.value(u)).abs());
+        if acceleration.0 * (to - from).powi(2) > BEND_ROUNDINGS * ULP * theta[0].max(theta[1]) {
+            self.certificate.peak_acceleration = acceleration;
+        }
         if let Some(limit) = limits.max_acceleration.filter(|l| acceleration.0 > l * (1.0 + LIMIT_SLACK)) {
             return Err(PlanError::TooMuchAcceleration { at_s: acceleration.1, acceleration: acceleration.0, limit });
         }

@@ -202,6 +202,25 @@ fn curves_that_hardly_bend_are_within_their_certificates() {
     }
 }
 
+/// Rows of a straight line are rounded: that is no acceleration. A parabola's is told.
+#[test]
+fn a_straight_line_in_a_table_has_no_acceleration() {
+    for (rows, every_ms, per_row, from) in [(4, 1000, 10.0, 0.0), (2001, 10, 0.37, 0.0), (20_001, 1, 0.037, 1000.0)] {
+        let table = |theta: &dyn Fn(f64) -> f64| {
+            let rows: Vec<(f64, f64)> =
+                (0..rows).map(|k| (f64::from(k * every_ms) / 1000.0, theta(f64::from(k)))).collect();
+            Law::table(&rows, Interpolation::Monotone).unwrap()
+        };
+        let acceleration = |law: &Law| steps(law, &settings((16_000_000, 16))).unwrap().1.peak_acceleration.0;
+        // Degrees of 3200 steps a turn, with the decimals of a file.
+        let line = table(&|k| ((from + per_row * k) * 1000.0).round() / 1000.0 * (3200.0 / 360.0));
+        assert_eq!(acceleration(&line), 0.0);
+        let every_s = f64::from(every_ms) / 1000.0;
+        let told = acceleration(&table(&|k| from + 0.5 * (every_s * k).powi(2)));
+        assert!((0.5..3.0).contains(&told), "{told}");
+    }
+}
+
 /// Pieces that meet just before a level, and go on slowly: the step comes when they reach it, and not when they meet.
 #[test]
 fn a_level_just_behind_a_joint_is_reached_behind_it() {
