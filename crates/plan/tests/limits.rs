@@ -138,9 +138,9 @@ fn what_has_no_end_is_refused() {
     check(sine(100.0, 1.0).delayed(Time::from_seconds(1e12)).unwrap(), |error| {
         matches!(error, PlanError::TooLong { .. })
     });
-    // So many speeds in a microsecond that nobody can tell the fastest.
+    // At its beginning it swings faster than any board steps.
     let wild = Law::formula("1000*sin(1/(t + 1e-6))", &[], 1.0, Some(Time::SECOND)).unwrap();
-    check(wild, |error| matches!(error, PlanError::TooFine { .. }));
+    check(wild, |error| matches!(error, PlanError::TooFastForBoard { .. }));
 }
 
 /// An endless law without steps gives waits instead of keeping its caller waiting.

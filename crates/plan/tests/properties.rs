@@ -159,6 +159,20 @@ fn a_law_that_dies_away_is_planned() {
     assert_eq!(replay.certificate.position, -1000);
 }
 
+/// One that swings faster at its beginning than ever after by far is planned in windows that tell both.
+#[test]
+fn a_law_that_slows_down_is_planned() {
+    for (text, end_s, turns) in [("10*sin(1/(t + 0.01))", 10.0, 31), ("10*sin(1/(t + 1e-3))", 1.0, 318)] {
+        let law = Law::formula(text, &[], 1.0, Some(Time::from_seconds(end_s))).unwrap();
+        let mut settings = Settings::new(125_000_000, 32);
+        settings.limits.pull_in = 1e9;
+        settings.min_interval_ticks = 1;
+        let steps = replay(&law, &settings).unwrap_or_else(|error| panic!("{text}: {error}")).certificate.steps;
+        // 20 steps between two turns.
+        assert!(steps.abs_diff(20 * turns) <= 40, "{text}: {steps} steps");
+    }
+}
+
 /// What a plan was allowed before a corner is not made good in the few steps that are left: steps there would have to be looked at one by
 /// one by a board that is short of time.
 #[test]

@@ -85,6 +85,8 @@ pub struct ParameterUse {
 const LONGEST_S: f64 = 64.0;
 /// The fastest sinusoid turns by no more within a window, rad: its phase stays exact to 2^-46.
 const MOST_RADIANS: f64 = 64.0;
+/// The same, about, of what is no sum of lines and sinusoids: peaks and turns in a window are found at once.
+const MOST_RADIANS_WITHOUT_FORM: f64 = 1024.0;
 /// Windows of forms are cut until positions are exact to this, steps, or they are this short.
 const EXACT_STEPS: f64 = 1e-8;
 const SHORT_S: f64 = 1e-6;
@@ -304,7 +306,11 @@ impl Windows<'_> {
                 (curve, level)
             }
             Known::Tape(tape) => {
-                (Curve::Formula(Window::new(&tape, self.start, length).map_err(Stop::Narrow)?), Double::ZERO)
+                let window = Window::new(&tape, self.start, length).map_err(Stop::Narrow)?;
+                if window.fastest(length) * length > MOST_RADIANS_WITHOUT_FORM && !forced {
+                    return Err(narrow("it is too fast"));
+                }
+                (Curve::Formula(window), Double::ZERO)
             }
         };
         let mut piece = Piece { zero: self.start, start: self.start, end, origin: 0, curve, entry: Entry::Continuous };
