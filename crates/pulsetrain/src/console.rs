@@ -65,6 +65,11 @@ impl Console<'_> {
         self.print(format_args!("{}\n", json(value)?))
     }
 
+    /// Says something beside the result. Nobody needs to hear it.
+    pub fn tell(&mut self, text: impl Display) {
+        let _ = write!(self.err, "{text}").and_then(|()| self.err.flush());
+    }
+
     /// Says something and asks whether to go on. `None` if nobody can be asked: errors or input are no terminal.
     pub fn confirm(&mut self, text: &str) -> Option<bool> {
         let is_terminal = self.err_is_terminal && io::stdin().is_terminal();

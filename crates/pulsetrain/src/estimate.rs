@@ -17,6 +17,9 @@ use crate::prepare::{Prepared, spans};
 /// What planning takes on a PC, s: a piece or a segment, and a step in it. By `plan` of sines of 1 to 10 000 steps, and of the examples, for hours.
 const SEGMENT_S: f64 = 1.2e-6;
 const STEP_S: f64 = 2e-8;
+/// The same of a turn within a piece, and of an operation of a formula in a piece or at a turn.
+const TURN_S: f64 = 1.5e-6;
+const OPERATION_S: f64 = 1e-7;
 /// A piece that bends has so many segments for each power of ten of its steps; no more than steps.
 const SEGMENTS_PER_DECADE: f64 = 12.0;
 
@@ -32,6 +35,8 @@ const MOST_STEPS: f64 = 5e7;
 const MOST_PLANNING_S: f64 = 60.0;
 const MOST_RUNNING_S: f64 = 3600.0;
 const MOST_FILE_BYTES: f64 = 1e9;
+/// Beyond this it is said what there is to wait for, s.
+const WORTH_SAYING_S: f64 = 5.0;
 
 /// What is to be done with a motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -124,7 +129,10 @@ impl Estimate {
 
 /// How long it takes to plan a law, about, s.
 pub(crate) fn planning_s(workload: Workload) -> f64 {
-    (workload.pieces + segments_of(workload)) * SEGMENT_S + workload.steps * STEP_S
+    (workload.pieces + segments_of(workload)) * SEGMENT_S
+        + workload.steps * STEP_S
+        + workload.turns * TURN_S
+        + workload.operations * OPERATION_S
 }
 
 /// About how many segments the plan of a law has.
@@ -219,6 +227,9 @@ pub fn agree(prepared: &Prepared, consent: Consent, console: &mut Console<'_>) -
         return Err(LongMotion::TooLong { file, board: board.name.clone(), limit_s, estimate });
     }
     if consent.yes || !estimate.is_much() {
+        if estimate.planning_s + estimate.running_s.unwrap_or(0.0) > WORTH_SAYING_S {
+            console.tell(format_args!("{file}: this takes a while: {estimate}\n"));
+        }
         return Ok(());
     }
     let question = format!("{file}: this motion is long: {estimate}.");

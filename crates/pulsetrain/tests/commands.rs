@@ -259,6 +259,33 @@ fn a_long_motion_that_is_meant_is_begun() {
     assert_eq!(said["motors"][0]["steps"], 64_800_000);
 }
 
+/// Turns take time, also where there are few steps. Beyond 5 s that is said before it begins.
+#[test]
+fn waits_are_said_beforehand() {
+    let folder = Folder::new("waits");
+    let file = folder.path("trembles.toml");
+    let trembles = |seconds: u32| {
+        let law = format!("theta = \"0.5*sin(2*pi*1e4*t)\", unit = \"deg\", duration = \"{seconds} s\"");
+        std::fs::write(&file, one_motor(&format!("law.formula = {{ {law} }}"))).unwrap();
+        // It begins too fast: nothing is planned.
+        let outcome = pulsetrain(&["plan", &file]);
+        assert_eq!(outcome.exit, Exit::Refused);
+        outcome.err
+    };
+    let said = trembles(100);
+    assert!(said.contains("trembles.toml: this takes a while: about 1 100 000 steps in 1.7 min, "), "{said}");
+    assert!(said.contains("the speed goes from 0.0"), "{said}");
+    assert!(!trembles(1).contains("this takes a while"));
+    assert!(trembles(1000).contains("this motion is long: "));
+    // A native board looks at each second of the days between two steps.
+    std::fs::write(folder.path("slow.csv"), "0,0\n1e6,1\n").unwrap();
+    std::fs::write(&file, one_motor("law.table = { file = \"slow.csv\", unit = \"deg\" }")).unwrap();
+    let slow = Prepared::endless(file.as_ref(), None).unwrap();
+    let estimate = Estimate::of(&slow, None, Task::Native { files: true });
+    assert!(!estimate.is_much() && estimate.running_s.is_some_and(|s| (5.0..60.0).contains(&s)), "{estimate}");
+    assert!(pulsetrain(&["plan", &example("tutorial.toml")]).err.is_empty());
+}
+
 #[test]
 fn an_hour_is_begun_at_once_and_estimates_are_near() {
     let hour = Some(Time::from_ratio(3600, 1));

@@ -131,7 +131,7 @@ impl Changed {
     pub(super) fn workload(&self, until: Time) -> Workload {
         let inner = self.law.workload(until - self.delay);
         let waits = if self.delay > Time::ZERO { 1.0 } else { 0.0 };
-        Workload { steps: inner.steps * self.factor.abs(), pieces: inner.pieces + waits }
+        Workload { steps: inner.steps * self.factor.abs(), pieces: inner.pieces + waits, ..inner }
     }
 
     fn place(&self, position: Double) -> Double {

@@ -12,6 +12,10 @@ pub struct Workload {
     pub steps: f64,
     /// Pieces.
     pub pieces: f64,
+    /// Times that it turns within pieces.
+    pub turns: f64,
+    /// Operations of formulas: all of them in each piece, and at each turn.
+    pub operations: f64,
 }
 
 /// Pieces of a law that are looked at; those of one that was worked out beforehand all are.
@@ -86,7 +90,7 @@ impl Law {
     }
 
     /// Of its first pieces, and when they end.
-    fn in_first_pieces(&self, until: Time, most: usize, way: fn(&Piece, Time) -> f64) -> (Workload, Time) {
+    fn in_first_pieces(&self, until: Time, most: usize, way: fn(&Piece, Time) -> Way) -> (Workload, Time) {
         seen(self.pieces().take(most).map_while(Result::ok), until, way)
     }
 
@@ -100,18 +104,21 @@ impl Law {
             let (from, place, to) = (at(k), at(k + 0.48), at(k + 1.0).min(until));
             let Some(Ok(piece)) = formula.pieces_from(place).next().filter(|_| place < to) else { continue };
             let share = |end: Time| (to - from).seconds() / (end - place).seconds();
-            seen.steps += piece.way_by_speed(to) * share(piece.end.min(to));
+            let way = piece.way_by_speed(to);
+            seen.steps += way.steps * share(piece.end.min(to));
+            seen.turns += way.turns * share(piece.end.min(to));
             seen.pieces += share(piece.end);
         }
-        seen
+        Workload { operations: (seen.pieces + seen.turns) * f64::from(formula.operations()), ..seen }
     }
 }
 
 /// Of pieces as far as `until`, and when they end.
-fn seen(pieces: impl Iterator<Item = Piece>, until: Time, way: fn(&Piece, Time) -> f64) -> (Workload, Time) {
+fn seen(pieces: impl Iterator<Item = Piece>, until: Time, way: fn(&Piece, Time) -> Way) -> (Workload, Time) {
     let (mut seen, mut at) = (Workload::default(), Time::ZERO);
     for piece in pieces.take_while(|piece| piece.start < until) {
-        seen = seen.and(Workload { steps: way(&piece, until), pieces: 1.0 });
+        let Way { steps, turns } = way(&piece, until);
+        seen = seen.and(Workload { steps, pieces: 1.0, turns, operations: 0.0 });
         at = piece.end.min(until);
     }
     (seen, at)
@@ -121,27 +128,60 @@ impl Workload {
     /// Both.
     #[must_use]
     pub fn and(self, other: Workload) -> Workload {
-        Workload { steps: self.steps + other.steps, pieces: self.pieces + other.pieces }
+        Workload {
+            steps: self.steps + other.steps,
+            pieces: self.pieces + other.pieces,
+            turns: self.turns + other.turns,
+            operations: self.operations + other.operations,
+        }
     }
 
     fn times(self, factor: f64) -> Workload {
-        Workload { steps: self.steps * factor, pieces: self.pieces * factor }
+        Workload {
+            steps: self.steps * factor,
+            pieces: self.pieces * factor,
+            turns: self.turns * factor,
+            operations: self.operations * factor,
+        }
+    }
+}
+
+/// What a piece does.
+#[derive(Clone, Copy, Debug, Default)]
+struct Way {
+    steps: f64,
+    turns: f64,
+}
+
+impl Way {
+    /// From the ways between looks, with their signs.
+    fn of(ways: impl Iterator<Item = f64>) -> Way {
+        let mut sum = Way::default();
+        let mut before = 0.0;
+        for way in ways.filter(|way| *way != 0.0) {
+            sum.steps += way.abs();
+            if before * way < 0.0 {
+                sum.turns += 1.0;
+            }
+            before = way;
+        }
+        sum
     }
 }
 
 impl Piece {
-    /// How far it goes to and fro before `until`, steps.
-    fn way(&self, until: Time) -> f64 {
+    /// How far it goes to and fro before `until`.
+    fn way(&self, until: Time) -> Way {
         let (from, to) = (self.first(), (self.end.min(until) - self.zero).seconds());
         let at = |k: u32| self.curve.value(from + (to - from) * f64::from(k) / f64::from(LOOKS));
-        (0..LOOKS).map(|k| (at(k + 1) - at(k)).abs()).sum()
+        Way::of((0..LOOKS).map(|k| at(k + 1) - at(k)))
     }
 
     /// The same of one that may go to and fro between two looks.
-    fn way_by_speed(&self, until: Time) -> f64 {
+    fn way_by_speed(&self, until: Time) -> Way {
         let (from, to) = (self.first(), (self.end.min(until) - self.zero).seconds());
         let each = (to - from) / f64::from(LOOKS_IN_A_WINDOW);
-        (0..LOOKS_IN_A_WINDOW).map(|k| each * self.curve.jet(from + each * (f64::from(k) + 0.5))[1].abs()).sum()
+        Way::of((0..LOOKS_IN_A_WINDOW).map(|k| each * self.curve.jet(from + each * (f64::from(k) + 0.5))[1]))
     }
 }
 

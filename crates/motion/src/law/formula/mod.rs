@@ -182,6 +182,11 @@ impl Formula {
         self.duration
     }
 
+    /// Operations in it.
+    pub(super) fn operations(&self) -> u32 {
+        self.tree.size()
+    }
+
     pub(super) fn pieces(&self) -> Windows<'_> {
         Windows { formula: self, start: Time::ZERO, length: 1.0, position: None, known: None, forced: 0, failed: false }
     }

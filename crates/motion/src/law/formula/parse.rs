@@ -169,6 +169,11 @@ impl Node {
         }
     }
 
+    /// How many it is made of.
+    pub(super) fn size(&self) -> u32 {
+        self.size
+    }
+
     /// A leaf.
     fn number(value: Double, span: Span) -> Node {
         Node { kind: Arc::new(Kind::Number(value)), span, size: 1, depth: 1 }
