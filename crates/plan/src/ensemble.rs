@@ -5,6 +5,7 @@ use crate::error::Refused;
 use crate::planner::{Origin, Planner};
 use crate::settings::Settings;
 use crate::shared_dir::SharedDir;
+use crate::tail::Tail;
 use crate::{Move, packed::Meter};
 use pulsetrain_core::Direction;
 use pulsetrain_motion::Law;
@@ -132,11 +133,11 @@ impl<'a> Ensemble<'a> {
         }
     }
 
-    /// Gives out `moves` of a motor before anything of its law.
-    pub(crate) fn go_first(&mut self, motor: usize, moves: &[Move]) {
+    /// Gives out the moves of a motor's tail before anything of its law. One that has a line of its own begins at its tick.
+    pub(crate) fn go_first(&mut self, motor: usize, tail: &Tail) {
         match &mut self.motors[motor].plan {
-            Source::Alone(planner) => planner.go_first(moves),
-            Source::Shared(group, place, _) => self.groups[*group].go_first(*place, moves),
+            Source::Alone(planner) => planner.go_first(&tail.moves),
+            Source::Shared(group, place, _) => self.groups[*group].go_first(*place, tail),
         }
     }
 

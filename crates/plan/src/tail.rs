@@ -12,7 +12,7 @@ use pulsetrain_core::Direction;
 use pulsetrain_core::packing::State;
 use pulsetrain_motion::Time;
 use pulsetrain_motion::law::{Class, Curve, Entry, Fixed, Law, Piece};
-use pulsetrain_motion::program::{Program, Wiring};
+use pulsetrain_motion::program::{Program, SharedSteps, Wiring};
 use std::collections::BTreeMap;
 
 /// A motor in motion, at the tick where its tail begins.
@@ -103,14 +103,29 @@ fn soonest_tail(motion: &Motion, settings: &Settings) -> Result<Tail, PlanError>
 /// As for [`stop_tail`], and where motors that share a DIR line turn too close together.
 pub fn stop_tails(program: &Program, motors: &[(Motion, Option<(i64, Direction)>)]) -> Result<Vec<Tail>, Refused> {
     let settings: Vec<Settings> = program.motors.iter().map(|motor| Settings::of(program, motor)).collect();
-    // As they come, if that brings no opposite steps together.
+    // As they come, if that brings no steps together.
     let together: Result<Vec<Tail>, PlanError> =
         motors.iter().zip(&settings).map(|((motion, _), settings)| stop_tail(motion, settings)).collect();
-    if let Some(tails) = together.ok().filter(|tails| are_apart(program, motors, tails, &settings)) {
-        return Ok(tails);
+    if let Ok(mut tails) = together {
+        let close = match program.board.shared_steps {
+            Some(needs) => begin_later(program, motors, &mut tails, &settings, needs),
+            None => close_steps(program, motors, &tails, &settings),
+        };
+        if close == 0 {
+            return Ok(tails);
+        }
+        // A few steps that are put off take fewer bytes than tails that are planned together.
+        if program.board.shared_steps.is_some()
+            && close < usize::MAX
+            && let Ok(tails) = put_off(program, motors, &tails)
+        {
+            return Ok(tails);
+        }
     }
     let mut tails = vec![None; motors.len()];
-    for (motor, tail) in tails.iter_mut().enumerate().filter(|(motor, _)| is_in_no_ones_way(program, motors, *motor)) {
+    // Where the board makes the steps of all motors one after the other each is in the others' way.
+    let is_free = |motor| program.board.shared_steps.is_none() && is_in_no_ones_way(program, motors, motor);
+    for (motor, tail) in tails.iter_mut().enumerate().filter(|(motor, _)| is_free(*motor)) {
         *tail = Some(stop_tail(&motors[motor].0, &settings[motor]).map_err(|error| Refused { motor, error })?);
     }
     if let Some(tails) = tails.iter().cloned().collect() {
@@ -129,7 +144,7 @@ pub fn stop_tails(program: &Program, motors: &[(Motion, Option<(i64, Direction)>
     let plans = laws.iter().map(|(law, start, _)| (law.as_ref().unwrap_or(&at_rest), Some(start)));
     let mut ensemble = Ensemble::assemble(program, plans)?;
     for (motor, (_, _, moves)) in laws.iter().enumerate() {
-        ensemble.go_first(motor, moves);
+        ensemble.go_first(motor, &Tail::anew(moves.clone(), &settings[motor]));
     }
     let mut moves = |motor| -> Result<Vec<Move>, Refused> {
         std::iter::from_fn(|| ensemble.next_move(motor).transpose()).collect()
@@ -141,19 +156,68 @@ pub fn stop_tails(program: &Program, motors: &[(Motion, Option<(i64, Direction)>
     tails.collect()
 }
 
-/// Whether opposite steps on each DIR line are far enough apart if the tails are done as they are; those of so many steps
-/// that it would take long to say are not.
-fn are_apart(
+/// Begins tails by so little later that fewest of their steps meet; how many still do.
+fn begin_later(
+    program: &Program,
+    motors: &[(Motion, Option<(i64, Direction)>)],
+    tails: &mut [Tail],
+    settings: &[Settings],
+    needs: SharedSteps,
+) -> usize {
+    let mut close = 0;
+    for motor in 0..tails.len() {
+        let start = tails[motor].start;
+        let later = |places: u32| start + (i64::from(places * needs.apart_ticks) << settings[motor].fraction_bits);
+        let mut best = (usize::MAX, 0);
+        // Each motor before is in the way of two places at most.
+        for places in 0..=2 * motor as u32 {
+            tails[motor].start = later(places);
+            let close = close_steps(program, &motors[..=motor], &tails[..=motor], settings);
+            best = best.min((close, places));
+            if close == 0 {
+                break;
+            }
+        }
+        tails[motor].start = later(best.1);
+        close = best.0;
+    }
+    close
+}
+
+/// The same tails, with steps put off where they would come too close to those of others.
+fn put_off(
+    program: &Program,
+    motors: &[(Motion, Option<(i64, Direction)>)],
+    tails: &[Tail],
+) -> Result<Vec<Tail>, Refused> {
+    let at_rest = Law::rest(Time::SECOND).map_err(|error| Refused { motor: 0, error: error.into() })?;
+    let origin = Origin { position: 0, theta: 0.0, speed: 0.0 };
+    let starts: Vec<Start> = motors.iter().map(|(_, last_step)| Start { origin, last_step: *last_step }).collect();
+    let mut ensemble = Ensemble::assemble(program, starts.iter().map(|start| (&at_rest, Some(start))))?;
+    tails.iter().enumerate().for_each(|(motor, tail)| ensemble.go_first(motor, tail));
+    let put_off = tails.iter().enumerate().map(|(motor, tail)| {
+        let moves: Result<Vec<Move>, Refused> = std::iter::from_fn(|| ensemble.next_move(motor).transpose()).collect();
+        Ok(Tail { start: tail.start, moves: moves? })
+    });
+    put_off.collect()
+}
+
+/// How many steps come too close to the one before: opposite ones on each DIR line, and where the board needs it those of all motors. Of so
+/// many steps that it would take long to say: `usize::MAX`.
+fn close_steps(
     program: &Program,
     motors: &[(Motion, Option<(i64, Direction)>)],
     tails: &[Tail],
     settings: &[Settings],
-) -> bool {
+) -> usize {
     const MOST_STEPS: u64 = 20_000;
-    let mut lines: BTreeMap<u8, Vec<(i128, bool)>> = BTreeMap::new();
+    let mut lines: BTreeMap<Option<u8>, Vec<(i128, bool)>> = BTreeMap::new();
     let mut steps_left = MOST_STEPS;
     for (motor, tail) in tails.iter().enumerate() {
-        let Wiring::StepDir { dir, forward_high, .. } = program.motors[motor].wiring else { continue };
+        let (dir, forward_high) = match program.motors[motor].wiring {
+            Wiring::StepDir { dir, forward_high, .. } => (Some(dir), forward_high),
+            Wiring::Coils { .. } => (None, true),
+        };
         let level = |direction: Direction| (direction == Direction::Forward) == forward_high;
         let line = lines.entry(dir).or_default();
         line.extend(motors[motor].1.map(|(tick, direction)| (i128::from(tick), level(direction))));
@@ -162,7 +226,7 @@ fn are_apart(
             match *next {
                 Move::Dwell { ticks } => accumulator += i128::from(ticks) << settings[motor].fraction_bits,
                 Move::Run { segment, direction } => {
-                    let Some(left) = steps_left.checked_sub(segment.count.into()) else { return false };
+                    let Some(left) = steps_left.checked_sub(segment.count.into()) else { return usize::MAX };
                     steps_left = left;
                     let tick = |k: u32| (accumulator + segment.span(k)) >> settings[motor].fraction_bits;
                     line.extend((1..=segment.count).map(|k| (tick(k), level(direction))));
@@ -172,10 +236,34 @@ fn are_apart(
         }
     }
     let apart = settings.iter().map(|settings| i128::from(settings.reversal_ticks)).max().unwrap_or(0) + 1;
-    lines.values_mut().all(|steps| {
+    let mut close = 0;
+    for steps in lines.iter_mut().filter_map(|(dir, steps)| dir.map(|_| steps)) {
         steps.sort_unstable();
-        steps.windows(2).all(|pair| pair[0].1 == pair[1].1 || pair[1].0 - pair[0].0 >= apart)
-    })
+        close += steps.windows(2).filter(|pair| pair[0].1 != pair[1].1 && pair[1].0 - pair[0].0 < apart).count();
+    }
+    close + program.board.shared_steps.map_or(0, |needs| close_steps_of_all(lines, needs, apart))
+}
+
+/// How many steps of all lines neither go together with the one before nor come as far behind it as the board needs; where a line turns,
+/// `turn` ticks more.
+fn close_steps_of_all(lines: BTreeMap<Option<u8>, Vec<(i128, bool)>>, needs: SharedSteps, turn: i128) -> usize {
+    let steps =
+        lines.into_iter().flat_map(|(dir, steps)| steps.into_iter().map(move |(tick, level)| (tick, dir, level)));
+    let mut steps: Vec<_> = steps.collect();
+    steps.sort_unstable();
+    let (together, apart) = (i128::from(needs.together_ticks), i128::from(needs.apart_ticks));
+    let mut levels = BTreeMap::new();
+    let mut made: Option<i128> = None;
+    let is_close = |(tick, dir, level): (i128, Option<u8>, bool)| {
+        let turns = dir.is_some_and(|dir| levels.insert(dir, level).is_some_and(|before| before != level));
+        let since = made.map_or(i128::MAX, |made| tick - made);
+        let goes_along = !turns && since <= together;
+        if !goes_along {
+            made = Some(tick);
+        }
+        !goes_along && since < apart + if turns { turn } else { 0 }
+    };
+    steps.into_iter().map(is_close).filter(|close| *close).count()
 }
 
 /// Whether the tail of a motor needs no regard for opposite steps on its DIR line: its own last step, and what other

@@ -4,7 +4,8 @@ use proptest::prelude::*;
 use pulsetrain_core::Direction;
 use pulsetrain_motion::program::{Board, DriverTiming, Limits, Motor, Program, Scale, SharedSteps, Tolerance, Wiring};
 use pulsetrain_motion::{Grid, Law, Time};
-use pulsetrain_plan::{Certificate, Ensemble, Move, Planner, Refused, Settings};
+use pulsetrain_plan::tail::{Motion, stop_tails};
+use pulsetrain_plan::{Certificate, Ensemble, Move, PlanError, Planner, Refused, Settings};
 
 const TICK_HZ: u64 = 16_000_000;
 
@@ -175,16 +176,7 @@ proptest! {
     /// A board that makes one step after the other: two motors on one DIR line, and others with lines of their own.
     #[test]
     fn steps_of_all_motors_are_kept_apart_where_the_board_needs_it(laws in prop::collection::vec(sweep(), 2..5)) {
-        let (together_ticks, apart_ticks) = (24, 244);
-        let timing =
-            DriverTiming { pulse_high_ns: 10_000, pulse_low_ns: 10_000, dir_setup_ns: 5_000, dir_hold_ns: 5_000 };
-        let mut program = program(laws, timing);
-        program.board.shared_steps = Some(SharedSteps { together_ticks, apart_ticks });
-        for (motor, own) in program.motors.iter_mut().zip(10..).skip(2) {
-            if let Wiring::StepDir { dir, .. } = &mut motor.wiring {
-                *dir = own;
-            }
-        }
+        let program = one_after_the_other(laws);
         let mut all: Vec<(i128, Direction, usize)> = Vec::new();
         for (motor, (steps, certificate)) in together(&program).unwrap().iter().enumerate() {
             let (planned, _) = alone(&program, motor);
@@ -194,18 +186,74 @@ proptest! {
             prop_assert_eq!(certificate.steps_put_off, late as u64);
             all.extend(steps.iter().map(|step| (step.tick, step.direction, motor)));
         }
-        all.sort_by_key(|(tick, ..)| *tick);
-        // The motors' DIR lines: two share one.
-        let mut levels: Vec<Option<Direction>> = vec![None; 4];
-        let mut made = i128::MIN / 2;
-        for (tick, direction, motor) in all {
-            let turns = levels[motor.max(1)].replace(direction).is_some_and(|before| before != direction);
-            let apart = i128::from(apart_ticks) + if turns { 80 } else { 0 };
-            let goes_along = !turns && tick <= made + i128::from(together_ticks);
-            prop_assert!(goes_along || tick >= made + apart, "motor {motor} at {tick}, {} after", tick - made);
-            made = if goes_along { made } else { tick };
+        check_one_after_the_other(all)?;
+    }
+
+    /// Stop tails too, of motors that go any way at any speed, from steps that were kept apart.
+    #[test]
+    fn tails_keep_steps_of_all_motors_apart_where_the_board_needs_it(
+        motions in prop::collection::vec((500.0..8000.0f64, any::<bool>(), 0.02..0.98f64), 2..5),
+    ) {
+        let mut program = one_after_the_other(vec![Law::rest(Time::SECOND).unwrap(); motions.len()]);
+        program.motors.iter_mut().for_each(|motor| motor.limits.pull_in = 50.0);
+        let motors: Vec<_> = motions.iter().enumerate().map(|(motor, &(speed, back, past))| {
+            // Each step was made a place of its own before.
+            let last = -i64::from(motor as u32 + 1) * 400;
+            let (sign, direction) = if back { (-1.0, Direction::Backward) } else { (1.0, Direction::Forward) };
+            let theta = program.grid.up_level(0) - (1.0 - past);
+            let motion = Motion {
+                position: 0, theta: sign * theta, speed: sign * speed, acceleration: 4.0 * speed, told: None, brief: false,
+            };
+            (motion, Some((last, direction)))
+        }).collect();
+        let tails = match stop_tails(&program, &motors) {
+            Ok(tails) => tails,
+            // Too many steps for the line.
+            Err(refused) => {
+                prop_assert!(matches!(refused.error, PlanError::LineTooBusy { .. }), "{refused:?}");
+                return Ok(());
+            }
+        };
+        let mut all: Vec<(i128, Direction, usize)> = Vec::new();
+        for (motor, (tail, (_, last))) in tails.iter().zip(&motors).enumerate() {
+            let mut replay = Replay { accumulator: tail.start.into(), ..Replay::default() };
+            tail.moves.iter().for_each(|next| replay.take(*next));
+            all.extend(last.map(|(tick, direction)| (tick.into(), direction, motor)));
+            all.extend(replay.steps.iter().map(|step| (step.tick, step.direction, motor)));
+        }
+        check_one_after_the_other(all)?;
+    }
+}
+
+const ONE_AFTER_THE_OTHER: SharedSteps = SharedSteps { together_ticks: 24, apart_ticks: 244 };
+
+/// On a board that makes one step after the other, with long pulses: motors 0 and 1 on one DIR line, others with lines of their own.
+fn one_after_the_other(laws: Vec<Law>) -> Program {
+    let timing = DriverTiming { pulse_high_ns: 10_000, pulse_low_ns: 10_000, dir_setup_ns: 5_000, dir_hold_ns: 5_000 };
+    let mut program = program(laws, timing);
+    program.board.shared_steps = Some(ONE_AFTER_THE_OTHER);
+    for (motor, own) in program.motors.iter_mut().zip(10..).skip(2) {
+        if let Wiring::StepDir { dir, .. } = &mut motor.wiring {
+            *dir = own;
         }
     }
+    program
+}
+
+/// Steps of such motors are made together or far enough apart.
+fn check_one_after_the_other(mut all: Vec<(i128, Direction, usize)>) -> Result<(), TestCaseError> {
+    let SharedSteps { together_ticks, apart_ticks } = ONE_AFTER_THE_OTHER;
+    all.sort_by_key(|(tick, ..)| *tick);
+    let mut levels: Vec<Option<Direction>> = vec![None; 4];
+    let mut made = i128::MIN / 2;
+    for (tick, direction, motor) in all {
+        let turns = levels[motor.max(1)].replace(direction).is_some_and(|before| before != direction);
+        let apart = i128::from(apart_ticks) + if turns { 80 } else { 0 };
+        let goes_along = !turns && tick <= made + i128::from(together_ticks);
+        prop_assert!(goes_along || tick >= made + apart, "motor {motor} at {tick}, {} after", tick - made);
+        made = if goes_along { made } else { tick };
+    }
+    Ok(())
 }
 
 /// Two motors that are 80 ticks apart: those of the second wait for those of the first. Where pulses may overlap none does.
@@ -220,7 +268,7 @@ fn steps_of_one_direction_wait_where_the_board_needs_it_only() {
         plans.iter().map(|(_, plan)| (plan.steps_put_off, plan.longest_put_off_ticks)).collect()
     };
     assert_eq!(put_off(&program), [(0, 0), (0, 0)]);
-    program.board.shared_steps = Some(SharedSteps { together_ticks: 24, apart_ticks: 244 });
+    program.board.shared_steps = Some(ONE_AFTER_THE_OTHER);
     assert_eq!(put_off(&program), [(0, 0), (100, 164)]);
 }
 
