@@ -368,6 +368,7 @@ fn steps_that_wait_for_a_shared_dir_line_are_told() {
     for to in [["--output", &image], ["--sketch", &drawn]] {
         let said = bake(&to);
         assert!(said.contains(&format!("put off (shared DIR): {steps} steps by up to {longest} ticks = ")), "{said}");
+        assert!(said.contains(" from where they are planned"), "{said}");
         let json: serde_json::Value = serde_json::from_str(&bake(&[to[0], to[1], "--json"])).unwrap();
         assert_eq!(
             (&json["steps_put_off"], &json["longest_put_off_ticks"]),
@@ -382,10 +383,27 @@ fn steps_that_wait_for_a_shared_dir_line_are_told() {
             let waited = seen["steps_put_off"].as_u64().unwrap();
             assert!(waited > 0 && waited <= steps && late > bound && late <= longest as f64 + bound, "{json}");
             assert!(seen["max_error_ticks"].as_f64().unwrap() <= bound, "{json}");
-            let waits = format!("; {waited} steps waited for a shared DIR line and came up to {late:.1} ticks late");
+            let promised = seen["put_off_bound_ticks"].as_f64().unwrap();
+            assert_eq!(promised, longest as f64 + bound, "{json}");
+            let waits = format!(
+                "; {waited} steps waited for a shared DIR line and came up to {late:.1} ticks late, {promised:.1} are promised"
+            );
             assert!(said.contains("all other edges within ") && said.contains(&waits), "{said}");
         }
     }
+}
+
+/// docs/first-motion.md shows what the command prints.
+#[test]
+fn the_guide_shows_what_bake_prints() {
+    const PAGE: &str = include_str!("../../../docs/first-motion.md");
+    let folder = Folder::new("bake-guide");
+    let (exit, said, err) = command(&["--output", &folder.path("sweep.hex")]);
+    assert_eq!(exit, Exit::Success, "{err}");
+    let shown: Vec<&str> =
+        said.lines().filter(|line| line.starts_with("put off") || line.starts_with("rehearsed")).collect();
+    assert_eq!(shown.len(), 2, "{said}");
+    assert!(PAGE.contains(&shown.join("\n")), "{said}");
 }
 
 /// Of what repeats, the steps of one turn are told.

@@ -117,7 +117,8 @@ fn uno(args: &Bake, prepared: &Prepared, path: &Path, console: &mut Console<'_>)
     let image = Image::new(&prepared.program).map_err(|error| problem(prepared, error))?;
     let Image { items, block_bytes: motion_bytes, endless, put_off, ref flash } = image;
     let PutOff { steps: steps_put_off, longest_ticks: longest_put_off_ticks } = put_off;
-    let rehearsed = if args.no_rehearsal { None } else { Some(rehearse(args, prepared, flash, console)?) };
+    let rehearsed =
+        if args.no_rehearsal { None } else { Some(rehearse(args, prepared, flash, longest_put_off_ticks, console)?) };
     let (file, flash_bytes) = (path.display().to_string(), flash.len());
     let baked =
         BakedImage { file, items, motion_bytes, flash_bytes, endless, steps_put_off, longest_put_off_ticks, rehearsed };
@@ -126,7 +127,13 @@ fn uno(args: &Bake, prepared: &Prepared, path: &Path, console: &mut Console<'_>)
 }
 
 /// Plays an image on the virtual Uno, before it is written.
-fn rehearse(args: &Bake, prepared: &Prepared, flash: &[u8], console: &Console<'_>) -> miette::Result<Rehearsal> {
+fn rehearse(
+    args: &Bake,
+    prepared: &Prepared,
+    flash: &[u8],
+    put_off_ticks: u64,
+    console: &Console<'_>,
+) -> miette::Result<Rehearsal> {
     let program = &prepared.program;
     let length = args.rehearse.map_or_else(|| Length::of(program), |time| Length::exactly(program, time.seconds()));
     let mut uno = VirtualUno::with_image(flash).map_err(|error| miette!("{}: {error}", prepared.file))?;
@@ -134,10 +141,11 @@ fn rehearse(args: &Bake, prepared: &Prepared, flash: &[u8], console: &Console<'_
     bar.stage("rehearsing");
     let done = rehearsal::rehearse(&mut uno, program, length, |seconds| bar.set(seconds));
     drop(bar);
-    done.map(|done| Rehearsal::new(&done)).map_err(|failed| {
+    let done = done.map_err(|failed| {
         let help = failed.advice();
         miette!(help = help, "{}: {failed}", prepared.file)
-    })
+    })?;
+    Rehearsal::new(&done, put_off_ticks, prepared)
 }
 
 impl BakedImage {
@@ -205,7 +213,9 @@ fn say_put_off(put_off: PutOff, prepared: &Prepared, endless: bool, console: &mu
     let by = human::seconds(longest_ticks as f64 / prepared.program.board.tick_hz as f64);
     let turn = if endless { ", what repeats counted once" } else { "" };
     let (steps, ticks) = (human::count(steps.into()), human::count(longest_ticks.into()));
-    console.print(format_args!("put off (shared DIR): {steps} steps by up to {ticks} ticks = {by}{turn}\n"))
+    console.print(format_args!(
+        "put off (shared DIR): {steps} steps by up to {ticks} ticks = {by} from where they are planned{turn}\n"
+    ))
 }
 
 const fn ends(endless: bool) -> &'static str {

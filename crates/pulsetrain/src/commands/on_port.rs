@@ -89,7 +89,10 @@ pub(crate) fn run(
     // Before the port is opened, which resets an Uno. Ctrl-C ends it at once, as nothing moves.
     let rehearsed = match args.no_rehearsal || !is_uno {
         true => None,
-        false => Some(Rehearsal::of_run(prepared, args.baud, args.rehearse, console)?),
+        false => {
+            let put_off = planned.iter().map(|planned| planned.certificate.longest_put_off_ticks).max();
+            Some(Rehearsal::of_run(prepared, args.baud, args.rehearse, put_off.unwrap_or(0), console)?)
+        }
     };
     interrupt::watch();
     let port = Serial::open(name, false).map_err(port_problem)?;

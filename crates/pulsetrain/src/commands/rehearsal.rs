@@ -22,16 +22,21 @@ pub(super) struct Rehearsal {
     /// Of all steps but those that were put off.
     max_error_ticks: f64,
     bound_ticks: f64,
-    /// Steps that came later than the bound since motors share a DIR line, and how far behind the law.
+    /// Steps that came later than the bound since motors share a DIR line, how far behind the law, and how far they may.
     steps_put_off: u64,
     longest_put_off_ticks: f64,
+    put_off_bound_ticks: f64,
     /// The same, behind "rehearsed".
     #[serde(skip)]
     pub(super) says: String,
 }
 
 impl Rehearsal {
-    pub(super) fn new(done: &Rehearsed) -> Rehearsal {
+    /// `put_off_ticks`: by how much the plan puts a step off at most.
+    ///
+    /// # Errors
+    /// When one came later than that and what is promised of all others.
+    pub(super) fn new(done: &Rehearsed, put_off_ticks: u64, prepared: &Prepared) -> miette::Result<Rehearsal> {
         let Length { seconds, all_s, endless } = done.length;
         let (max_error_ticks, bound_ticks) = (done.max_error_ticks(), done.bound_ticks);
         let much = human::seconds(seconds);
@@ -45,12 +50,23 @@ impl Rehearsal {
             (false, _, None) => format!("{much}; motors that repeat come to ever new phases, which were not"),
         };
         let (steps_put_off, longest_put_off_ticks) = done.put_off();
+        let put_off_bound_ticks = put_off_ticks as f64 + bound_ticks;
+        if longest_put_off_ticks > put_off_bound_ticks {
+            let help = "please report this motion file";
+            return Err(miette!(
+                help = help,
+                "{}: rehearsed on the virtual Uno, a step that waits for a shared DIR line comes {longest_put_off_ticks:.1} ticks late, \
+                 {put_off_bound_ticks:.1} are promised",
+                prepared.file
+            ));
+        }
         let (every, put_off) = match steps_put_off {
             0 => ("every edge", String::new()),
             steps => {
                 let steps = human::count(steps.into());
                 let put_off = format!(
-                    "; {steps} steps waited for a shared DIR line and came up to {longest_put_off_ticks:.1} ticks late"
+                    "; {steps} steps waited for a shared DIR line and came up to {longest_put_off_ticks:.1} ticks late, \
+                     {put_off_bound_ticks:.1} are promised"
                 );
                 ("all other edges", put_off)
             }
@@ -58,15 +74,16 @@ impl Rehearsal {
         let says = format!(
             "on the virtual Uno: {much}: {every} within {max_error_ticks:.1} ticks of the law, {bound_ticks:.1} are promised{put_off}"
         );
-        Rehearsal {
+        Ok(Rehearsal {
             seconds,
             of_seconds: all_s,
             max_error_ticks,
             bound_ticks,
             steps_put_off,
             longest_put_off_ticks,
+            put_off_bound_ticks,
             says,
-        }
+        })
     }
 
     /// Plays a run's session, or as much of it as is asked for, before anything is sent to the Uno at a port.
@@ -74,6 +91,7 @@ impl Rehearsal {
         prepared: &Prepared,
         baud: Baud,
         asked: Option<Time>,
+        put_off_ticks: u64,
         console: &Console<'_>,
     ) -> miette::Result<Rehearsal> {
         let seconds = asked.map_or(rehearsal::MOST_S, Time::seconds);
@@ -82,9 +100,10 @@ impl Rehearsal {
         bar.stage("rehearsing");
         let done = rehearsal::rehearse(prepared, baud, length, |seconds| bar.set(seconds));
         drop(bar);
-        done.map(|done| Rehearsal::new(&done)).map_err(|failed| {
+        let done = done.map_err(|failed| {
             let help = failed.advice();
             miette!(help = help, "{}: {failed}", prepared.file)
-        })
+        })?;
+        Rehearsal::new(&done, put_off_ticks, prepared)
     }
 }
