@@ -7,7 +7,7 @@ pub(crate) mod pico;
 
 use crate::command::{self, Done, Failure, command, install_debian, output, root, run, target_dir};
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// Flash that is the firmware's: 32 KiB less the Uno's bootloader (optiboot, 512 bytes).
@@ -15,56 +15,77 @@ const FLASH: u64 = 32_768 - 512;
 /// Bytes of RAM.
 const RAM: u64 = 2048;
 
-/// The committed image.
-const IMAGE: &str = "crates/board/images/uno.hex";
-/// The others: with verbs in place of text, with faster code in its place, and without a line to a host, for a motion that lies behind it.
-/// Each with its feature.
-const OTHERS: [(&str, &str); 3] =
-    [("crates/board/images/uno-verbs.hex", "verbs"), STREAM, ("crates/board/images/uno-baked.hex", "baked")];
-const STREAM: (&str, &str) = ("crates/board/images/uno-stream.hex", "stream");
-/// Of its winch the assembly alone, committed for a test on the emulated chip.
+/// Where images are committed, each with its map of symbols beside it.
+const IMAGES: &str = "crates/board/images";
+/// The programs of firmware/uno, which its images are called after.
+const PROGRAMS: [&str; 4] = ["uno", "uno-winch", "uno-verbs", "uno-baked"];
+/// Of the winch the assembly alone, committed for a test on the emulated chip.
 const WINCH: &str = "crates/board/images/winch.hex";
+
+/// A program that was built.
+struct Built {
+    /// Its image and its map of symbols, by their names in [`IMAGES`].
+    files: [(String, String); 2],
+    /// What it takes, as text.
+    table: String,
+}
 
 /// Builds the Uno's firmware, prints what it takes and writes the committed images.
 pub(crate) fn uno() -> Done {
-    for (image, feature) in [(IMAGE, None)].into_iter().chain(OTHERS.map(|(image, feature)| (image, Some(feature)))) {
-        let (built, table) = built_uno(feature)?;
-        print!("{image}\n{table}");
-        copy(built, image)?;
+    for Built { files, table } in built_uno()? {
+        print!("{table}");
+        for (name, text) in files {
+            write(&root().join(IMAGES).join(name), &text)?;
+        }
     }
-    copy(built_winch()?, WINCH)
+    print!("{}", lines_of_source()?);
+    write(&root().join(WINCH), &read(built_winch()?)?)
 }
 
-fn copy(built: PathBuf, image: &str) -> Done {
-    let image = root().join(image);
-    let copied = image.parent().map_or(Ok(()), fs::create_dir_all).and_then(|()| fs::copy(built, &image));
-    copied.map(drop).map_err(|why| Failure::File { path: image, why })
+fn write(path: &Path, text: &str) -> Done {
+    let written = path.parent().map_or(Ok(()), fs::create_dir_all).and_then(|()| fs::write(path, text));
+    written.map_err(|why| Failure::File { path: path.to_owned(), why })
 }
 
-/// Builds the Uno's firmware, and fails when a committed image is another one.
+/// Builds the Uno's firmware, and fails when something committed is another one.
 pub(crate) fn check_uno() -> Done {
-    for (image, feature) in [(IMAGE, None)].into_iter().chain(OTHERS.map(|(image, feature)| (image, Some(feature)))) {
-        print!("{image}\n{}", measured(image, feature)?);
-    }
-    same_winch()
+    print!("{}", measure_uno()?);
+    Ok(())
 }
 
-/// The same of the images that take plans alone, with text and for the highest rates, and gives what they take, as text.
+/// The same, and gives what the programs take, as text.
 pub(crate) fn measure_uno() -> Done<String> {
-    same_winch()?;
-    let (stream, feature) = STREAM;
-    Ok(format!("{IMAGE}\n{}\n{stream}\n{}", measured(IMAGE, None)?, measured(stream, Some(feature))?))
+    let mut text = String::new();
+    for Built { files, table } in built_uno()? {
+        text.push_str(&table);
+        for (name, built) in files {
+            let committed = format!("{IMAGES}/{name}");
+            same(&committed, &read(root().join(&committed))?, &built)?;
+        }
+    }
+    same(WINCH, &read(root().join(WINCH))?, &read(built_winch()?)?)?;
+    Ok(text + &lines_of_source()?)
 }
 
-/// Builds an image, and fails when the committed one is another. Gives what it takes, as text.
-fn measured(image: &str, feature: Option<&str>) -> Done<String> {
-    let (built, table) = built_uno(feature)?;
-    same(image, &read(root().join(image))?, &read(built)?)?;
-    Ok(table)
+/// How many lines the sources have, as text.
+fn lines_of_source() -> Done<String> {
+    let mut text = String::new();
+    for folder in ["engine", "bin/uno", "bin/uno-winch", "bin/uno-verbs", "bin/uno-baked"] {
+        let lines = lines_in(&root().join("firmware/uno/src").join(folder))?;
+        text.push_str(&format!("{lines:>6} lines in firmware/uno/src/{folder}\n"));
+    }
+    Ok(text)
 }
 
-fn same_winch() -> Done {
-    same(WINCH, &read(root().join(WINCH))?, &read(built_winch()?)?)
+/// Lines of all files in a folder.
+fn lines_in(folder: &Path) -> Done<usize> {
+    let failed = |why| Failure::File { path: folder.to_owned(), why };
+    let mut lines = 0;
+    for entry in fs::read_dir(folder).map_err(failed)? {
+        let path = entry.map_err(failed)?.path();
+        lines += if path.is_dir() { lines_in(&path)? } else { read(path)?.lines().count() };
+    }
+    Ok(lines)
 }
 
 fn read(path: PathBuf) -> Done<String> {
@@ -87,8 +108,8 @@ fn same(image: &str, committed: &str, built: &str) -> Done {
     )))
 }
 
-/// Builds the Uno's firmware under `target/`, with a feature or with none. Gives the image's place, and what it takes, as text.
-fn built_uno(feature: Option<&str>) -> Done<(PathBuf, String)> {
+/// Builds the Uno's firmware under `target/`.
+fn built_uno() -> Done<Vec<Built>> {
     if command::run(command("avr-gcc").arg("--version")).is_err() {
         // libgcc and the start-up code come with them.
         install_debian("gcc-avr")?;
@@ -98,13 +119,37 @@ fn built_uno(feature: Option<&str>) -> Done<(PathBuf, String)> {
     run(alone(&mut build()?)
         .current_dir(root().join("firmware/uno"))
         .args(["build", "--release", "--locked", "-Zbuild-std=core", "--target-dir"])
-        .arg(&built)
-        .args(feature.map(|feature| format!("--features={feature}"))))?;
-    let elf = built.join("avr-none/release/uno.elf");
-    let sections = output(command("avr-size").arg("-A").arg(&elf))?;
-    let image = built.join(feature.map_or("uno.hex".to_owned(), |feature| format!("uno-{feature}.hex")));
-    run(command("avr-objcopy").args(["-O", "ihex", "-R", ".eeprom"]).arg(&elf).arg(&image))?;
-    Ok((image, table(&sections)?))
+        .arg(&built))?;
+    let program = |name: &str| -> Done<Built> {
+        let elf = built.join(format!("avr-none/release/{name}.elf"));
+        let sections = output(command("avr-size").arg("-A").arg(&elf))?;
+        let image = built.join(format!("{name}.hex"));
+        run(command("avr-objcopy").args(["-O", "ihex", "-R", ".eeprom"]).arg(&elf).arg(&image))?;
+        let symbols = symbols(&output(command("avr-nm").arg("-n").arg(&elf))?);
+        let files = [(format!("{name}.hex"), read(image)?), (format!("{name}.sym"), symbols)];
+        Ok(Built { files, table: format!("{name}\n{}", table(&sections)?) })
+    };
+    PROGRAMS.into_iter().map(program).collect()
+}
+
+/// A map of symbols, from what avr-nm says: of routines and variables of assembly, and of Rust's that have names for it, the address, of the
+/// flash or of RAM, bytes, and the name. Others' names change with the compiler.
+fn symbols(said: &str) -> String {
+    let mut map = String::new();
+    for line in said.lines() {
+        let mut fields = line.split_whitespace();
+        let (Some(address), Some(kind), Some(name)) = (fields.next(), fields.next(), fields.next()) else { continue };
+        let Ok(address) = u32::from_str_radix(address, 16) else { continue };
+        let (memory, address) = match kind {
+            "t" | "T" => ("flash", address),
+            "b" | "B" | "d" | "D" if address >= 0x80_0100 => ("ram", address - 0x80_0000),
+            _ => continue,
+        };
+        if !name.starts_with(['_', '.']) || name.starts_with("__vector") {
+            map.push_str(&format!("{memory:5} {address:#06x} {name}\n"));
+        }
+    }
+    map
 }
 
 /// Assembles what the Uno's winch has of its own. Gives the image's place.
@@ -113,7 +158,7 @@ fn built_winch() -> Done<PathBuf> {
     run(command("avr-gcc")
         .args(["-mmcu=atmega328p", "-nostdlib", "-x", "assembler"])
         .arg(root().join("crates/board/tests/winch_entries.s"))
-        .args(["tick.s", "text.s", "command.s", "reply.s"].map(|name| root().join("firmware/uno/src/winch").join(name)))
+        .args(["tick.s", "text.s", "command.s", "reply.s"].map(|name| root().join("firmware/uno/src/bin/uno-winch/winch").join(name)))
         .arg("-o")
         .arg(&elf))?;
     run(command("avr-objcopy").args(["-O", "ihex"]).arg(&elf).arg(&image))?;
@@ -195,10 +240,10 @@ mod tests {
 
     #[test]
     fn an_image_that_is_another_is_told_with_what_to_do() {
-        assert!(same(IMAGE, ":00\n:01\n", ":00\r\n:01\r\n").is_ok());
-        let said = same(IMAGE, ":00\n:01\n:02\n", ":00\n:03\n").expect_err("they differ").to_string();
+        assert!(same("uno.hex", ":00\n:01\n", ":00\r\n:01\r\n").is_ok());
+        let said = same("uno.hex", ":00\n:01\n:02\n", ":00\n:03\n").expect_err("they differ").to_string();
         assert!(said.contains("line 2 is the first") && said.contains("cargo xtask firmware"), "{said}");
-        let said = same(IMAGE, ":00\n:01\n", ":00\n").expect_err("they differ").to_string();
+        let said = same("uno.hex", ":00\n:01\n", ":00\n").expect_err("they differ").to_string();
         assert!(said.contains("line 2 is the first"), "{said}");
     }
 
@@ -207,6 +252,16 @@ mod tests {
         let changing = ["CARGO_INCREMENTAL", "CARGO_PROFILE_RELEASE_OPT_LEVEL", "CARGO_TARGET_AVR_NONE_RUSTFLAGS"];
         assert!(changing.into_iter().all(changes_images));
         assert!(!["PATH", "CARGO_HOME", "CARGO_TARGET_DIR", "CARGO_BUILD_JOBS"].into_iter().any(changes_images));
+    }
+
+    #[test]
+    fn a_map_has_what_tests_look_for() {
+        let said = "00000000 T __vectors\n00000118 t __vector_11\n00000a2c t steps_plan\n00000b00 t _RNvCs_4core\n\
+                    00800100 B receive_page\n00800900 A something\n";
+        assert_eq!(
+            symbols(said),
+            "flash 0x0000 __vectors\nflash 0x0118 __vector_11\nflash 0x0a2c steps_plan\nram   0x0100 receive_page\n"
+        );
     }
 
     #[test]

@@ -329,7 +329,7 @@ pub(crate) struct Board {
     #[arg(long, value_name = "FILE")]
     pub(crate) bootloader: Option<PathBuf>,
     /// Any program instead of the firmware, such as a baked motion, for `uno` as Intel HEX, for `pico` as UF2; with --trace it needs neither
-    /// --pty nor --tcp. `uno`: `verbs`, the firmware whose motors are told directly, or `stream`, that for the highest rates, both in place of text
+    /// --pty nor --tcp. `uno`: `winch`, the firmware that knows StepperWinch's text, or `verbs`, that whose motors are told directly
     #[arg(long, value_name = "FILE")]
     pub(crate) image: Option<PathBuf>,
     /// End after so much of the board's time, with its unit, as Ctrl-C would
@@ -396,8 +396,8 @@ pub(crate) struct Flash {
     /// The Uno's serial port; the folder where the Pico's drive is [default for a Pico: the one that is found]
     #[arg(long, value_name = "PORT")]
     pub(crate) port: Option<String>,
-    /// Write this image instead of the firmware: Intel HEX for an Uno, UF2 for a Pico; for an Uno `verbs`: the firmware whose motors are told
-    /// directly, or `stream`: that for the highest rates, both in place of text
+    /// Write this image instead of the firmware: Intel HEX for an Uno, UF2 for a Pico; for an Uno `winch`: the firmware that knows
+    /// StepperWinch's text, or `verbs`: that whose motors are told directly; both in place of plans
     #[arg(long, value_name = "FILE")]
     pub(crate) image: Option<PathBuf>,
     /// Print what was done as JSON
@@ -639,9 +639,10 @@ pub(crate) struct New {
 
 fn board(name: &str) -> Result<String, String> {
     let names = boards::table().into_iter().map(|row| row.board.name);
-    match boards::find(name) {
-        Some(row) => Ok(row.board.name),
-        None => Err(format!("no such board; there are {}", names.collect::<Vec<_>>().join(", "))),
+    match (boards::find(name), boards::renamed(name)) {
+        (Some(row), _) => Ok(row.board.name),
+        (None, Some(board)) => Err(format!("say {board}: its firmware has these rates now")),
+        (None, None) => Err(format!("no such board; there are {}", names.collect::<Vec<_>>().join(", "))),
     }
 }
 

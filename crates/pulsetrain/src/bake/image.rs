@@ -36,7 +36,7 @@ const SHAPE: Shape = Shape {
 /// Steps that are further apart than this leave time enough to look at each, ticks.
 const FAR: u64 = 2048;
 
-/// Between two steps at least that nobody looks at, ticks, where two motors have a ring each (`firmware/uno/src/steps/stepper.rs`).
+/// Between two steps at least that nobody looks at, ticks, where two motors have a ring each (`firmware/uno/src/engine/steps/stepper.rs`).
 const FASTEST: u64 = 130;
 
 /// A gap as long as this or longer is a wait and a step after so many ticks: intervals of 24 bits are what the firmware knows.
@@ -114,7 +114,7 @@ impl Image {
 
 /// Whether the firmware would make each of a segment's steps by itself, at 1000 cycles each, though they are a few hundred ticks apart: two
 /// motors that come to such a segment at once, as where a ramp ends, ran dry by that. It does if add2 is a tick or more, and add and add2,
-/// as far as it allows for them in seven steps, may change the interval by what it is (`firmware/uno/src/steps/plan.rs`, `load.rs`). In two
+/// as far as it allows for them in seven steps, may change the interval by what it is (`firmware/uno/src/engine/steps/plan.rs`, `load.rs`). In two
 /// steps add2 does not count.
 fn steps_singly(&Segment { count, interval, add, add2 }: &Segment) -> bool {
     let [interval, add, add2] = [interval, add, add2].map(i64::unsigned_abs);

@@ -80,7 +80,7 @@ fn which_port(names: &[String]) -> Report {
 pub(super) fn named(name: &Path) -> Option<Vec<u8>> {
     match name.to_str()? {
         "verbs" => Some(virtual_uno::verbs_image()),
-        "stream" => Some(virtual_uno::stream_image()),
+        "winch" => Some(virtual_uno::winch_image()),
         _ => None,
     }
 }
@@ -123,7 +123,7 @@ fn uno(name: &str, file: Option<&Path>, console: &Console<'_>) -> miette::Result
     }
     let [new, old] = stk500::RATES;
     let help = "is it an Uno (`pulsetrain ports`)? If it has no reset by DTR, press its button as you start this. Boards without \
-                a bootloader, or with one of another kind, take crates/board/images/uno.hex (or uno-verbs.hex, uno-stream.hex) \
+                a bootloader, or with one of another kind, take crates/board/images/uno.hex (or uno-winch.hex, uno-verbs.hex) \
                 by a programmer";
     Err(miette!(help = help, "no Uno's bootloader answers at {name}, neither at {new} nor at {old} baud"))
 }

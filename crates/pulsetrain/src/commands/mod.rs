@@ -65,8 +65,10 @@ pub(crate) fn drive_problem(error: DriveError) -> Report {
              `pulsetrain winch --port PORT`"
         }
         DriveError::Remote(RemoteError::OtherBoard { .. }) => "say --board with the board that is there",
-        DriveError::Remote(RemoteError::OtherImage { .. }) => {
-            "write it to the board: `pulsetrain flash uno --port PORT --image stream`; or say --board uno, which has lower limits"
+        DriveError::Remote(RemoteError::OtherImage { wanted, .. }) => {
+            let image = if *wanted == "uno" { String::new() } else { format!(" --image {wanted}") };
+            let help = format!("write it to the board: `pulsetrain flash uno --port PORT{image}`");
+            return miette!(help = help, "{error}");
         }
         DriveError::Remote(RemoteError::Link(LinkError::Taken)) => {
             "end the other program, or wait 2 s. If text has switched its drivers on (`pulsetrain winch`, a StepperWinch client), it \
@@ -118,9 +120,11 @@ mod tests {
 
     #[test]
     fn an_uno_with_another_image_tells_how_it_gets_the_right_one() {
-        let other = drive_problem(DriveError::Remote(RemoteError::OtherImage { wanted: "uno-stream".to_owned() }));
-        assert!(other.to_string().contains("`uno-stream`"), "{other}");
-        assert!(other.help().is_some_and(|help| help.to_string().contains("flash uno --port PORT --image stream")));
+        for (is, wanted, image) in [("winch", "uno", "PORT`"), ("uno", "verbs", "PORT --image verbs`")] {
+            let other = drive_problem(DriveError::Remote(RemoteError::OtherImage { is, wanted }));
+            assert!(other.to_string().contains(&format!("the image `{is}`")), "{other}");
+            assert!(other.help().is_some_and(|help| help.to_string().contains(&format!("flash uno --port {image}"))));
+        }
     }
 
     #[test]

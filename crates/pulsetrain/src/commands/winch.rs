@@ -53,7 +53,7 @@ pub(crate) fn run(args: &Winch, console: &mut Console<'_>) -> miette::Result<Exi
         }
         None if args.at.native => virtually(NativeWinch::new(), "native winch", &name, &script, &options, console)?,
         None if is_pico(args) => virtually(VirtualPico::new(), "virtual Pico", &name, &script, &options, console)?,
-        None => virtually(VirtualUno::new(), "virtual Uno", &name, &script, &options, console)?,
+        None => virtually(VirtualUno::with_winch(), "virtual Uno", &name, &script, &options, console)?,
     };
     let Judged { report, picture } = judged;
     // What the axes did is told also where a file has no room; a script gets one value, and then it is the error.
@@ -183,7 +183,7 @@ fn by_hand(args: &Winch, console: &mut Console<'_>) -> miette::Result<Exit> {
         Some(port) => hold(Serial::open(port, true).map_err(port_problem)?, port, console),
         None if args.at.native => hold(serve::Paced::new(NativeWinch::new()), "native winch", console),
         None if is_pico(args) => hold(serve::Paced::new(VirtualPico::new()), "virtual Pico", console),
-        None => hold(serve::Paced::new(VirtualUno::new()), "virtual Uno", console),
+        None => hold(serve::Paced::new(VirtualUno::with_winch()), "virtual Uno", console),
     }
 }
 
