@@ -158,7 +158,10 @@ fn built_winch() -> Done<PathBuf> {
     run(command("avr-gcc")
         .args(["-mmcu=atmega328p", "-nostdlib", "-x", "assembler"])
         .arg(root().join("crates/board/tests/winch_entries.s"))
-        .args(["tick.s", "text.s", "command.s", "reply.s"].map(|name| root().join("firmware/uno/src/bin/uno-winch/winch").join(name)))
+        .args(
+            ["tick.s", "text.s", "command.s", "reply.s"]
+                .map(|name| root().join("firmware/uno/src/bin/uno-winch/winch").join(name)),
+        )
         .arg("-o")
         .arg(&elf))?;
     run(command("avr-objcopy").args(["-O", "ihex"]).arg(&elf).arg(&image))?;

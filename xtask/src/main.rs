@@ -93,6 +93,9 @@ enum Task {
         /// Of the Uno: the simulated hour of four motors on one DIR line; of the Pico: of eight; a section of its own
         #[arg(long, requires = "only")]
         hour: bool,
+        /// Of the Uno: figure 2 alone, the promised rates; printed, not written
+        #[arg(long, requires = "only", conflicts_with = "hour")]
+        rates: bool,
     },
     /// Write the golden files anew; read the difference before you commit it
     Golden,
@@ -103,7 +106,7 @@ enum Task {
 /// A board with a firmware.
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum Firmware {
-    /// The Arduino Uno: crates/board/images/uno.hex
+    /// The Arduino Uno: crates/board/images/uno*.hex
     Uno,
     /// The Raspberry Pi Pico: crates/board/images/pico.uf2
     Pico,
@@ -145,12 +148,13 @@ fn main() -> ExitCode {
         Task::Firmware { board, check } => firmware(board, check),
         Task::Uf2 { elf } => firmware::pico::convert(&elf),
         Task::Bench { only: None, .. } => bench::run(),
-        Task::Bench { only: Some(Figures::Uno), hour: false } => bench::uno::run(),
-        Task::Bench { only: Some(Figures::Uno), hour: true } => bench::uno::hour(),
+        Task::Bench { only: Some(Figures::Uno), rates: true, .. } => bench::uno::figure_2(),
+        Task::Bench { only: Some(Figures::Uno), hour: false, .. } => bench::uno::run(),
+        Task::Bench { only: Some(Figures::Uno), hour: true, .. } => bench::uno::hour(),
         Task::Bench { only: Some(Figures::Winch), .. } => bench::winch::run(),
         Task::Bench { only: Some(Figures::Verbs), .. } => bench::verbs::run(),
-        Task::Bench { only: Some(Figures::Pico), hour: false } => bench::pico::run(),
-        Task::Bench { only: Some(Figures::Pico), hour: true } => bench::pico::hour(),
+        Task::Bench { only: Some(Figures::Pico), hour: false, .. } => bench::pico::run(),
+        Task::Bench { only: Some(Figures::Pico), hour: true, .. } => bench::pico::hour(),
         Task::Golden => golden::run(),
         Task::Pictures => pictures::run(),
     };

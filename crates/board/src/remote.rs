@@ -12,8 +12,7 @@ use crate::{Board, BoardClock, Edge, Fared, Faults, Observer, Sizer, StopReport,
 use pulsetrain_core::packing::Packing;
 use pulsetrain_core::verbs::Verb;
 use pulsetrain_core::wire::message::{
-    image,
-    Cause, Configuration, Event, Info, Measures, MotorSetup, NO_PIN, Status, flags, kind,
+    Cause, Configuration, Event, Info, Measures, MotorSetup, NO_PIN, Status, flags, image, kind,
 };
 use pulsetrain_core::wire::orders::{ORDER_LEN, Obeyed, Orders, order};
 use pulsetrain_core::wire::{Baud, Command, Reason, Reply, Settings, Stopped, Stored, Switched};
@@ -609,7 +608,6 @@ impl<P: Port> Remote<P> {
         let answer = self.ask(&Command::Orders(Orders::NONE))?;
         Ok(!matches!(answer.reply, Reply::Refused { reason: Reason::UnknownKind, .. }))
     }
-
 
     /// Has the board keep `settings` without power, in place of those before. They hold for configurations and text that come after.
     ///

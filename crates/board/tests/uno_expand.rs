@@ -266,21 +266,14 @@ fn a_ring_takes_what_it_has_room_for() {
         let filled = fill(&mut chip, entry, &registers, n, tail, sure);
         // So much that fewer than four groups are left, or all.
         let made = filled.ticks.len();
-        assert!(
-            made == usize::from(n) || (room as usize - 3..=room as usize).contains(&made),
-            "{made} of {n}, {room}"
-        );
+        assert!(made == usize::from(n) || (room as usize - 3..=room as usize).contains(&made), "{made} of {n}, {room}");
         let mut expected = registers;
         for tick in &filled.ticks {
             expected.advance();
             expected.left -= 1;
             assert_eq!(expected.tick as u16, *tick, "round {round}: {registers:?}");
         }
-        assert_eq!(
-            filled.registers,
-            bytes_of(&expected),
-            "round {round}, {made} of {n} steps of {registers:?}"
-        );
+        assert_eq!(filled.registers, bytes_of(&expected), "round {round}, {made} of {n} steps of {registers:?}");
         assert_eq!(chip.register(5), n - made as u8);
         // Where there is less room than for 32, all are published at once.
         if sure == 1 && !steady && made == usize::from(n) && room < 32 {

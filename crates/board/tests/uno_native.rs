@@ -195,8 +195,7 @@ fn random_plans_on(kinds: &[Pins]) {
         let mut tally = Tally::default();
         for seed in 1..=SEEDS {
             println!("{}, seed {seed}", pins.name);
-            let run =
-                std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| random_plans(pins, seed, &mut tally)));
+            let run = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| random_plans(pins, seed, &mut tally)));
             if run.is_err() {
                 failed.push((pins.name, seed));
             }

@@ -323,14 +323,14 @@ fn what_is_told_as_done_was_made() {
             |verb: Verb| -> Vec<(u8, Verb)> { (0..setup.motors.len() as u8).map(|motor| (motor, verb)).collect() };
         let mut seen = [0, 0];
         // A stop comes with the next frame of USB: the moves' ends are what changes, around the millisecond that follows.
-        for later in (0..64_000).step_by(ticks as usize) {
-            let round = later / ticks;
+        let rounds = || (0..40_000).step_by(ticks as usize).map(|later| later / ticks);
+        for (round, nudge) in [0, 500, 1000].into_iter().flat_map(|nudge| rounds().map(move |round| (round, nudge))) {
             let steps = 1000 + round as u32;
             let mut pair = Pair::new(&setup, pins.timing);
             pair.tell(&all(Verb::Speed { ticks })).expect("it can");
             let first = pair.tell(&all(Verb::Move { steps })).expect("it can").tick;
             let end = first + u64::from(steps) * ticks;
-            pair.advance(first + 1000 * ticks + 10_000);
+            pair.advance(first + 1000 * ticks + 10_000 + nudge);
             let stopped = pair.uno.stop_motors().expect("it stops").0.tick;
             pair.advance(stopped + TICK_HZ / 50);
             pair.uno.status().expect("it answers");

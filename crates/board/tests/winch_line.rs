@@ -3,10 +3,10 @@
 
 mod common;
 
+use common::Random;
 use common::lab::address;
 use common::seed::{rounds, seed};
 use common::winch::Uno;
-use common::Random;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{LinkError, Port, PortError, Remote, RemoteError};
 use pulsetrain_core::wire::Baud;

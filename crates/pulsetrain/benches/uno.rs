@@ -42,10 +42,12 @@ fn main() {
 fn figure_2() -> Vec<String> {
     let rates = rates();
     thread::scope(|scope| {
-        let cases = PROMISED.map(|case| scope.spawn({
-            let rates = &rates;
-            move || line(&case.fastest(rates, TRY_S, LONG_S))
-        }));
+        let cases = PROMISED.map(|case| {
+            scope.spawn({
+                let rates = &rates;
+                move || line(&case.fastest(rates, TRY_S, LONG_S))
+            })
+        });
         cases.map(|case| case.join().expect("the row of a case")).into()
     })
 }
@@ -106,10 +108,7 @@ fn limit(case: &Case, row: &Row, horizon: u64) -> Option<String> {
     let interval = (MARGIN * TICK_HZ as f64 / row.asked).ceil() as u64;
     Some(format!(
         "limit\tuno\t{by}\t{}\t{}\t{interval}\t{late}\t{}\t{}",
-        case.motors,
-        case.pulse_ticks,
-        horizon,
-        seen.queue_bytes
+        case.motors, case.pulse_ticks, horizon, seen.queue_bytes
     ))
 }
 

@@ -419,17 +419,6 @@ fn a_file_of_the_users_own_is_not_written_over() {
     assert_eq!(fs::read_to_string(&file).unwrap(), own);
 }
 
-/// A baked motion has an image of its own, whose limits are the plain one's.
-#[test]
-fn nothing_is_baked_for_the_image_for_the_highest_rates() {
-    let tutorial = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/tutorial.toml");
-    let (mut out, mut err) = (Vec::new(), Vec::new());
-    let args = ["pulsetrain", "bake", tutorial, "--board", "uno-stream", "--output", "own.hex"];
-    assert_eq!(cli::run(args, &mut out, &mut err), Exit::Refused);
-    let said = String::from_utf8(err).unwrap();
-    assert!(said.contains("`uno-stream`") && said.contains("say --board uno"), "{said}");
-}
-
 /// As the motion file itself, or the image of another board.
 #[test]
 fn an_image_is_named_as_what_it_is() {

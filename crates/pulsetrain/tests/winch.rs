@@ -119,9 +119,10 @@ const DEADMAN: &str = "
 
 #[test]
 fn a_deadman_is_part_of_the_path() {
-    for verdict in
-        [verdict(&run(&script(DEADMAN, 4.0))), verdict_as(&run_on(VirtualUno::with_winch(), &script(DEADMAN, 4.0)), &of_uno())]
-    {
+    for verdict in [
+        verdict(&run(&script(DEADMAN, 4.0))),
+        verdict_as(&run_on(VirtualUno::with_winch(), &script(DEADMAN, 4.0)), &of_uno()),
+    ] {
         assert!(verdict.ok, "{verdict:?}");
         // Stopped at 1 s, and x goes on by what it was told then.
         let [x, y, ..] = &verdict.axes;
@@ -148,9 +149,10 @@ fn scripts_carry_checksums() {
 #[test]
 fn a_target_beyond_half_the_range_is_the_same_to_board_and_judge() {
     let text = "0 s: l x 10000 250000\n0 s: a x 100\n2 s: a x -2147483648\n3 s: enable 0";
-    for verdict in
-        [verdict(&run(&script(text, 4.0))), verdict_as(&run_on(VirtualUno::with_winch(), &script(text, 4.0)), &of_uno())]
-    {
+    for verdict in [
+        verdict(&run(&script(text, 4.0))),
+        verdict_as(&run_on(VirtualUno::with_winch(), &script(text, 4.0)), &of_uno()),
+    ] {
         assert!(verdict.ok && verdict.axes[0].position < -5000, "{verdict:?}");
     }
 }

@@ -76,7 +76,7 @@ fn which_port(names: &[String]) -> Report {
     }
 }
 
-/// The Uno's other image of that name, which stands in place of a file's.
+/// The Uno's image of that name, which stands in place of a file's.
 pub(super) fn named(name: &Path) -> Option<Vec<u8>> {
     match name.to_str()? {
         "verbs" => Some(virtual_uno::verbs_image()),

@@ -124,9 +124,9 @@ fn options_of(board: Option<&str>) -> Options {
 /// What the board calls itself.
 fn ask<P: Port>(talk: &mut Talk<P>, place: &str) -> miette::Result<String> {
     talk.ask().map_err(port_problem)?.ok_or_else(|| {
-        let help = "is it StepperWinch, or Pulsetrain's firmware, and no program that sends frames has it? An Uno's image with verbs \
-                    knows no text: `pulsetrain verbs`. Nor does the one for the highest rates, nor a baked motion, until it is stopped (`pulsetrain stop`, a Pico's) or \
-                    the firmware is back (`pulsetrain flash`)";
+        let help = "is it StepperWinch, or Pulsetrain's firmware, and no program that sends frames has it? An Uno knows text with its \
+                    image `winch` alone: `pulsetrain flash uno --port PORT --image winch`. A baked motion does not, until it is stopped \
+                    (`pulsetrain stop`, a Pico's) or the firmware is back (`pulsetrain flash`)";
         miette!(help = help, "the {place} does not speak StepperWinch's text: it does not answer `version`")
     })
 }

@@ -136,14 +136,7 @@ impl Case {
     fn run(&self, rate: f64, seconds: f64) -> Run {
         let law = |ratio: &f64| Law { rate: rate * ratio, swing: self.swing, turns: self.turns };
         let laws = self.ratios[..self.motors].iter().map(law).collect();
-        Run {
-            pins: self.pins,
-            laws,
-            apart: self.apart,
-            pulse_ticks: self.pulse_ticks,
-            seconds,
-            seed: self.seed,
-        }
+        Run { pins: self.pins, laws, apart: self.apart, pulse_ticks: self.pulse_ticks, seconds, seed: self.seed }
     }
 
     /// Whether the table of boards takes its limits from it, from the slowest of its kind: one rate, motors beside one another.

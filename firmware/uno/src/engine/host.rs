@@ -1,12 +1,12 @@
 //! The main loop of a board that has a host: frames and text, answers, and all that is looked after beside the steps.
 
+use crate::Uses;
 use crate::engine::link::{self, LONGEST_BODY, Receiver, Unread};
 use crate::engine::machine::Board;
 use crate::engine::memory::{self, Once, REPLY_LEN};
-use crate::engine::steps::task;
-use crate::Uses;
-use crate::engine::{BOARD, clock, millis, regs, reset};
 use crate::engine::program::Program;
+use crate::engine::steps::task;
+use crate::engine::{BOARD, clock, millis, regs, reset};
 use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Millis, Service};
 
@@ -59,13 +59,7 @@ unsafe fn begin() {
 }
 
 /// The main loop. What it calls is not inlined: so the deepest call decides how much stack is needed, not their sum.
-fn run(
-    board: &mut Board,
-    service: &mut Service,
-    program: &mut Uses,
-    receiver: &mut Receiver,
-    reply: &mut Reply,
-) -> ! {
+fn run(board: &mut Board, service: &mut Service, program: &mut Uses, receiver: &mut Receiver, reply: &mut Reply) -> ! {
     let mut last = Millis(0);
     // Something came that was not answered yet.
     let mut due = false;
@@ -131,13 +125,7 @@ impl Reply {
 
 /// Takes bytes from the line, lines or up to the end of a frame; whether it came to one.
 #[inline(always)]
-fn listen(
-    board: &mut Board,
-    service: &mut Service,
-    program: &mut Uses,
-    receiver: &mut Receiver,
-    now: Millis,
-) -> bool {
+fn listen(board: &mut Board, service: &mut Service, program: &mut Uses, receiver: &mut Receiver, now: Millis) -> bool {
     let count = if program.is_on() && !service.is_taken() {
         program.listen(board, receiver)
     } else {

@@ -1,18 +1,18 @@
 //! What the [`Service`](pulsetrain_core::wire::Service) asks of a board, done on this one.
 
+use crate::Uses;
 use crate::engine::clock::low_half;
 use crate::engine::clock::{self, TICK_HZ};
 use crate::engine::link::{self, WINDOW};
 use crate::engine::link::{Receiver, Unread};
 use crate::engine::memory;
+use crate::engine::program::Program;
 use crate::engine::regs;
 use crate::engine::steps::motor::{self, SWITCHES};
 use crate::engine::steps::pins::{Layout, MAX_MOTORS, Pin};
 use crate::engine::steps::stepper::{self, LONGEST, Trouble};
 use crate::engine::steps::task;
 use crate::engine::store;
-use crate::Uses;
-use crate::engine::program::Program;
 use pulsetrain_core::wire::frame::Tag;
 use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, flags};
 use pulsetrain_core::wire::orders::Orders;

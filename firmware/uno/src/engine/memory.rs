@@ -17,8 +17,8 @@
 //! memory.ld makes the linker refuse an image that is laid out otherwise, or has less stack; `cargo xtask firmware uno` prints
 //! what came out. Up to the queues nothing is set at start-up by the code that sets variables.
 
-use crate::engine::link::Receiver;
 use crate::Uses;
+use crate::engine::link::Receiver;
 use crate::engine::program::Program;
 use crate::engine::regs;
 use core::arch::global_asm;

@@ -59,8 +59,7 @@ pub(crate) mod steps;
 pub(crate) mod store;
 pub(crate) mod vectors;
 
-pub(crate) 
-use core::panic::PanicInfo;
+pub(crate) use core::panic::PanicInfo;
 use machine::Board;
 use memory::Once;
 use pulsetrain_core::Moment;

@@ -13,15 +13,15 @@
 //! # Cycles
 //! A motor's next steps: some 1000, once in every 0.8 to 1.2 ms.
 
+use crate::engine::clock;
 use crate::engine::machine::extended;
+use crate::engine::program::Program;
 use crate::engine::steps::motor::{Motor, flag};
 use crate::engine::steps::pins::MAX_MOTORS;
 use crate::engine::steps::register;
 use crate::engine::steps::stepper::{AHEAD, Stepper};
 use crate::engine::steps::task::{self, Guard, SOONEST, mode};
 use crate::engine::steps::times::{self, TIMES};
-use crate::engine::clock;
-use crate::engine::program::Program;
 use core::arch::global_asm;
 use core::mem::offset_of;
 use pulsetrain_core::Moment;

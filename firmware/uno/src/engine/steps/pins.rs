@@ -203,7 +203,12 @@ impl Layout {
     /// Gives two motors on PORTD a ring each, if they can have them; and the shield's motor on PORTB one of its own.
     #[inline(never)]
     pub(crate) fn part(&mut self, motors: u8, pulse_ticks: u16) {
-        if Uses::BESIDE && self.kind == Kind::Shield && self.shared == 0 && motors == MAX_MOTORS as u8 && pulse_ticks <= 16 {
+        if Uses::BESIDE
+            && self.kind == Kind::Shield
+            && self.shared == 0
+            && motors == MAX_MOTORS as u8
+            && pulse_ticks <= 16
+        {
             self.kind = Kind::Beside;
         }
         if self.kind == Kind::PortD && self.shared == 0 && motors == 2 && !matches!(pulse_ticks, 17..32) {

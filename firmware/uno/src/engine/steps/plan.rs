@@ -16,8 +16,8 @@
 
 use super::motor::{EVEN, Motor, PARTS, Part, Reason, Switch, flag};
 use super::times;
-use crate::engine::program::Program;
 use crate::Uses;
+use crate::engine::program::Program;
 use core::arch::global_asm;
 use core::mem::offset_of;
 
