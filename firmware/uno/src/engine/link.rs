@@ -6,10 +6,10 @@
 //!
 //! Bytes from the host are taken into half a page of 256 bytes, so that the low byte of an address is all there is to a ring;
 //! EEARL, which is of no other use here, holds that of the place for the next byte. The interrupt lets the step interrupts in
-//! after 11 cycles (14 in the image for the highest rates): its own enable bit is off meanwhile, so that it cannot nest in itself. Bytes to the host are handed over
+//! after 14 cycles: its own enable bit is off meanwhile, so that it cannot nest in itself. Bytes to the host are handed over
 //! by the main loop when the USART is free.
 //!
-//! In the image for the highest rates it lets nobody in, and takes 30 cycles instead of 43, while nothing but plain steps is in the ring of one fast motor,
+//! It lets nobody in, and takes 30 cycles instead of 43, while nothing but plain steps is in the ring of one fast motor,
 //! or in the rings of two that the compare hardware steps: the task says so ([`AT_ONCE`](crate::engine::steps::register::AT_ONCE)).
 //!
 //! Bytes are lost when the USART has two and a third on its way (DS40002061B §20.7.3), or when the main loop is half a page

@@ -10,9 +10,9 @@
 //! | 0x400 | [`POOL`] | the motors' queues; while text is on, the winch's paths, its reader and the line being sent; while verbs have the motors, what they do |
 //! | then | | initialised variables, others |
 //! | to 0x900 | at least 245 | stack, downwards: 192 is the most that a test saw |
-//! | | with verbs 270 | 242 is the most that a test saw there |
+//! | | of uno-winch 235, of uno-verbs 270 | 154 and 242 are the most that tests saw; the second while it took plans, too |
 //!
-//! In the image that plays what lies behind it the first page has its motion ([`baked`](crate::baked)), and nothing else.
+//! In uno-baked the first page has its motion, and nothing else.
 //!
 //! memory.ld makes the linker refuse an image that is laid out otherwise, or has less stack; `cargo xtask firmware uno` prints
 //! what came out. Up to the queues nothing is set at start-up by the code that sets variables.

@@ -14,15 +14,13 @@
 //! already, so that ticks alone are written.
 //!
 //! Where the segment is sure and all its intervals are shorter than 256 ticks ([`Motor::sure`] is 1), they and their changes fit
-//! into 24 bits, and n of them into 16. The same holds of a list if bit 8 and those above it stay the same throughout ([`EVEN`]): the image
-//! for the highest rates knows that, and has its loops written out four times.
+//! into 24 bits, and n of them into 16. The same holds of a list if bit 8 and those above it stay the same throughout ([`EVEN`]). Those
+//! loops are written out four times.
 //!
 //! # Cycles
 //! | into | changing law | shorter than 256 ticks | cruise (add = add2 = 0) | around n steps |
 //! |---|---|---|---|---|
-//! | a ring | 19.5 | 16.5 | 11.5 | 110, and 40 each time that some are published |
-//! | a list | 18.5 | | 10.5 | 100 |
-//! | for the highest rates: a ring | 19.5 | 15.75 | 11.5 | 80, and 40 each time |
+//! | a ring | 19.5 | 15.75 | 11.5 | 80, and 40 each time that some are published |
 //! | a list | 18.5, or 14.75 | | 10.5 | 100, or 85 |
 
 use super::motor::{EVEN, Motor};

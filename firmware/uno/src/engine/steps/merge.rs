@@ -15,20 +15,20 @@
 //! the same pin never share a group.
 //!
 //! W ≥ (match to compare register written, 27 to 39 cycles) + (the longest that an interrupt is kept waiting: 13 cycles as the
-//! task begins, 14 as a byte comes in the image for the highest rates, and an instruction of main's), and W ≥ the interrupt's length + 4, so that delays die out:
+//! task begins, 14 as a byte comes, and an instruction of main's), and W ≥ the interrupt's length + 4, so that delays die out:
 //! 48 for the short pulse, 60 for the long one and the shield, 76 for the shield's long one.
 //!
 //! With a ring beside, whose interrupt may come first, it is 78, and a tick is put off by 24 at most, so that no edge is late by more than 60; one that
 //! comes before joins the last group, and is early by up to 54.
 //!
 //! # Orders
-//! The merge compares two pairs of heads and then the earlier of each. The image for the highest rates knows the order of three lanes instead: there is a
+//! Of four lanes the merge compares two pairs of heads and then the earlier of each. Of three it knows the order: there is a
 //! state for each of the 6, and a lane that has been put out mostly comes last, which one comparison says. Four lanes are the shield's with longer
 //! pulses alone: with the short one the motor on PORTB has a ring of its own ([`beside`](super::beside)), which is behind the lists, of which the third is half as
 //! long then. States of their own know that end.
 //!
 //! # Cycles
-//! A step: 34 to 37, in the image for the highest rates 31 to 33, and expansion's 18.5. A list: 130, what the plan takes, and the expansion's beginning and end. A call of
+//! A step: 34 to 37 of four lanes, 31 to 33 of three, and expansion's 18.5. A list: 130, what the plan takes, and the expansion's beginning and end. A call of
 //! the task: 280; 90 for looking at the lists; 75 each time that groups are published.
 
 use core::arch::global_asm;

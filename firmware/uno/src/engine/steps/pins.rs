@@ -9,7 +9,7 @@
 //! | [`Kind::TwoOnD`] | two motors on 2–7, each with a DIR of its own, pulses up to 1 µs or over 1.9 µs | software, a ring each |
 //! | [`Kind::PortB`] | all on 8–13 | software, one port |
 //! | [`Kind::Shield`] | on 2–7, and one motor with STEP 12, DIR 13 (the CNC shield's A axis) | software, both ports |
-//! | `Kind::Beside` | the same of four motors, pulses up to 1 µs, in the image for the highest rates | software, a ring for each port |
+//! | `Kind::Beside` | the same of four motors, pulses up to 1 µs, in programs that have it | software, a ring for each port |
 
 use crate::Uses;
 use crate::engine::program::Program;

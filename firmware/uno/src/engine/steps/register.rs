@@ -40,8 +40,8 @@ addresses! {
     SREG = 0x3f;
 }
 
-/// Bit of EECR: EEPM0 (§8.6.3), which says nothing as long as no byte is written. While it is set the receive interrupt of the image for the
-/// highest rates lets nobody in.
+/// Bit of EECR: EEPM0 (§8.6.3), which says nothing as long as no byte is written. While it is set the receive interrupt
+/// lets nobody in.
 pub(crate) const AT_ONCE: u8 = 4;
 
 // Beyond it, by data address: `lds` and `sts`.

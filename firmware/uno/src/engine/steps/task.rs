@@ -32,7 +32,7 @@ const _: () = assert!(SOONEST.wrapping_neg() < AGAIN);
 /// Ticks that a ring is filled for when the task comes again, at least, if it can be: what keeps it waiting, loads of records and an
 /// expansion take no longer, with bytes coming in. Two rings have no such time to give away.
 const RESERVE: u16 = 24 << 8;
-/// The same of a merge, in the image for the highest rates: each call costs more than it does there.
+/// The same of a merge.
 const RESERVE_MERGED: u16 = 21 << 8;
 /// A ring is full when it has room for fewer groups.
 const NEARLY: u8 = 20;
