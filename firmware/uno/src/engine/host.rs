@@ -74,7 +74,8 @@ fn run(board: &mut Board, service: &mut Service, program: &mut Uses, receiver: &
         board.count_round(now);
         let now = millis(now);
         let next = now != last;
-        // Once in four is enough, and a motor may need the time; text is said as soon as there is some. Not just when four divides it:
+        // Once in four is enough, and a motor may need the time; text is said as soon as there is some, at rest each time that Timer0 wakes main
+        // up: a millisecond that ended in the round before would be seen a sleep later. Not just when four divides it:
         // rounds may be longer than one.
         let looks = (now.0 ^ last.0) & !3 != 0;
         // Frames and answers take the deepest calls of all; rings last for several of them.
@@ -83,7 +84,9 @@ fn run(board: &mut Board, service: &mut Service, program: &mut Uses, receiver: &
         due |= heard;
         if reply.sent < reply.len {
             reply.go_on();
-        } else if (due || looks || ((next || reply.len != 0) && !service.is_taken())) && board.baud.is_none() {
+        } else if (due || looks || ((next || reply.len != 0 || !board.was_busy()) && !service.is_taken()))
+            && board.baud.is_none()
+        {
             speak(board, service, program, receiver, reply, now);
             due = false;
             if Uses::PLANS {

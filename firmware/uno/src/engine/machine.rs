@@ -162,6 +162,12 @@ impl Board {
         self.woken = low_half(clock::moment().0);
     }
 
+    /// Whether a motor moved when it was looked for last.
+    #[inline(always)]
+    pub(crate) const fn was_busy(&self) -> bool {
+        self.was_busy
+    }
+
     /// Counts a round of the main loop that begins now.
     #[inline(always)]
     pub(crate) fn count_round(&mut self, now: Moment) {
