@@ -35,7 +35,7 @@ const ALL: [Pins; 7] = [
 /// What the firmware lets motors be told: docs/pico.md.
 fn limits(setup: &Setup) -> Limits {
     let pulse = u32::from(setup.pulse_ticks);
-    let shortest = (320 + 3 * pulse) * setup.motors.len() as u32;
+    let shortest = if pulse <= 16 { 368 } else { 413 } * setup.motors.len() as u32;
     let turn = 640 + pulse + u32::from(setup.setup_ticks) + u32::from(setup.hold_ticks);
     Limits { shortest, turn, period: shortest.max(16_000) }
 }
@@ -201,8 +201,8 @@ fn random_live_scripts() {
 #[test]
 fn the_shortest_periods_hold() {
     for pins in &ALL {
-        for pulse_ticks in [16, 31] {
-            for more in [0, 37] {
+        for pulse_ticks in [2, 16, 18, 31] {
+            for more in [0, 6, 29] {
                 println!("{}, pulses of {pulse_ticks}, periods {more} apart", pins.name);
                 let setup = uno_setup(pins.pins, pulse_ticks);
                 let mut pair = Pair::new(&setup, pins.timing);

@@ -10,7 +10,7 @@
 //! | 0x400 | [`POOL`] | the motors' queues; while text is on, the winch's paths, its reader and the line being sent; while verbs have the motors, what they do |
 //! | then | | initialised variables, others |
 //! | to 0x900 | at least 245 | stack, downwards: 192 is the most that a test saw |
-//! | | of uno-winch 235, of uno-verbs 270 | 154 and 242 are the most that tests saw; the second while it took plans, too |
+//! | | of uno-winch 235, of uno-verbs 270 | 154 and 248 are the most that tests saw |
 //!
 //! In uno-baked the first page has its motion, and nothing else.
 //!

@@ -39,9 +39,10 @@ const SOONER: u16 = 3_000;
 /// From the limit to what is known, ticks, beside what a turn of DIR takes: two groups, and a filler's room.
 const CLEAR: u16 = 512;
 
-/// The shortest period, ticks, for each motor; and so many pulses more.
-const SHORTEST: u16 = 320;
-const PULSES: u16 = 3;
+/// The shortest period, ticks, for each motor: with pulses up to 1 µs, and with longer ones, after which a step interrupt waits.
+const SHORTEST: u16 = 368;
+const SHORTEST_OF_LONG: u16 = 413;
+const SHORT_PULSE: u16 = 16;
 /// The longest pulse, ticks: longer ones are two groups a step, which the task has no time for beside the next slices.
 const LONGEST_PULSE: u16 = 31;
 /// From a step to one the other way, ticks, beside pulse, hold and set-up: `keep` and `early` of no [`Times`] are more than that.
@@ -122,6 +123,19 @@ verbs_load:
     lds r24, verbs_state
     cpi r24, {ON}
     brne 1f
+    // Its bit.
+    lds r24, verbs_place+{USED_UP}
+    ldi r18, lo8(steps_motors)
+    ldi r19, hi8(steps_motors)
+2:  cp r18, r28
+    cpc r19, r29
+    breq 3f
+    subi r18, lo8(-({MOTOR_SIZE}))
+    sbci r19, hi8(-({MOTOR_SIZE}))
+    lsr r24
+    rjmp 2b
+3:  sbrc r24, 0
+    rjmp 1f
     movw r24, r28
     call verbs_take
     lsr r24
@@ -154,6 +168,8 @@ verbs_soon:
     ON = const ON,
     FILLED = const mode::FILLED,
     LIMIT = const times::LIMIT,
+    USED_UP = const offset_of!(Place, used_up),
+    MOTOR_SIZE = const size_of::<Motor>(),
     FLAGS = const offset_of!(Motor, flags),
     UNREADABLE = const flag::UNREADABLE,
     TCNT0 = const register::TCNT0,
@@ -369,7 +385,7 @@ fn set_up(configuration: &Configuration<'_>) {
     let Configuration { pulse_ticks, setup_ticks, hold_ticks, .. } = *configuration;
     let motors = configuration.motors().len() as u16;
     let limits = Limits {
-        shortest: (SHORTEST + PULSES * pulse_ticks) * motors,
+        shortest: if pulse_ticks <= SHORT_PULSE { SHORTEST } else { SHORTEST_OF_LONG } * motors,
         turn: TURN + pulse_ticks + setup_ticks + hold_ticks,
         foresee: FORESEE + FORESEE_MORE * motors,
     };
@@ -411,21 +427,16 @@ extern "C" fn verbs_advance(limit: u32) -> u32 {
 #[unsafe(no_mangle)]
 extern "C" fn verbs_take(motor: &mut Motor) -> u8 {
     let number = Stepper::number_of(motor);
-    let bit = 1 << number;
     let place = &raw mut verbs_place;
     // SAFETY: as above.
     let place = unsafe { &mut *place };
-    if place.used_up & bit != 0 {
-        return 1;
+    let taken = place.verbs.take(number);
+    if let Some(steps) = &taken {
+        motor.follow(steps);
     }
-    match place.verbs.take(number) {
-        Some(steps) => {
-            motor.follow(&steps);
-            0
-        }
-        None => {
-            place.used_up |= bit;
-            1
-        }
+    // It is not asked in vain, which takes as long as steps do.
+    if taken.is_none() || place.verbs.has_all(number) {
+        place.used_up |= 1 << number;
     }
+    u8::from(taken.is_none())
 }
