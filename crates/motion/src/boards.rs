@@ -176,6 +176,16 @@ impl BoardRow {
         intervals
     }
 
+    /// The shortest interval of each of four motors on an Uno that has its motion in its flash, ticks: its image has no ring for the fourth beside a
+    /// merge of three, so that all are merged, as they are with longer pulses.
+    #[must_use]
+    pub const fn shortest_of_four_baked(&self) -> Option<u32> {
+        match self.pin_rules {
+            PinRules::Kinds(rates) => Some(rates.by_software[3][1]),
+            _ => None,
+        }
+    }
+
     /// [`Board::turn_ticks`] for these motors' pins.
     #[must_use]
     pub fn turn_ticks(&self, motors: &[Motor]) -> u32 {

@@ -13,6 +13,7 @@ use pulsetrain_core::packing::Packing;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::MotorSetup;
 use pulsetrain_core::{Item, Moment, Segment};
+use pulsetrain_motion::boards;
 use pulsetrain_motion::program::{Motor, Program, Wiring};
 
 use super::streams::{Gap, LongWaits, Pieces, Shape, Stream, streams};
@@ -71,6 +72,12 @@ impl Image {
             return Err(BakeError::Board { board: program.board.name.clone() });
         }
         check(program)?;
+        let mut program = program.clone();
+        let baked = boards::find(&program.board.name).and_then(|row| row.shortest_of_four_baked());
+        if let (Some(of_four), Some(baked)) = (program.board.min_interval_ticks.get_mut(3), baked) {
+            *of_four = baked.max(*of_four);
+        }
+        let program = &program;
         drive::connect(VirtualUno::new(), program, Baud::B115200).map_err(Box::new)?;
         let mut flash = virtual_uno::baked_image();
         flash.resize(flash.len().next_multiple_of(2), 0xff);

@@ -17,6 +17,7 @@ pub(crate) struct Uses;
 impl Program for Uses {
     const IMAGE: u8 = 0;
     const PLANS: bool = true;
+    const BESIDE: bool = false;
 }
 
 // Steps come from records in the queues.
@@ -29,9 +30,9 @@ global_asm!(
     ".global ring_apiece, ring_shared, ring_beside, ring_beside_soon, ring_beside_merge",
     ".set ring_apiece, steps_fill",
     ".set ring_shared, steps_fill_shared",
-    ".set ring_beside, steps_beside_turns",
-    ".set ring_beside_soon, beside_fill",
-    ".set ring_beside_merge, merge_beside",
+    ".set ring_beside, steps_absent",
+    ".set ring_beside_soon, steps_absent",
+    ".set ring_beside_merge, steps_absent",
 );
 
 #[unsafe(no_mangle)]
