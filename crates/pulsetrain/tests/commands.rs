@@ -582,7 +582,7 @@ fn a_board_that_stops_says_why_and_where() {
     let file = folder.path("dry.toml");
     for duration in ["20 ms", "50 ms", "200 ms"] {
         let law = format!(
-            "law.formula = {{ theta = \"150000*t + 5000*sin(12000*t)/12000\", unit = \"step\", duration = \"{duration}\" }}"
+            "law.formula = {{ theta = \"140000*t + 6000*sin(9000*t)/9000\", unit = \"step\", duration = \"{duration}\" }}"
         );
         let text = one_motor(&law).replace("3000 step/s", "200000 step/s");
         std::fs::write(&file, format!("tolerance = \"100 ns\"\n{text}")).unwrap();

@@ -6,15 +6,10 @@ use crate::engine::machine::Board;
 use crate::engine::memory::{self, Once, REPLY_LEN};
 use crate::engine::program::Program;
 use crate::engine::steps::task;
+use crate::engine::tuning::host::{BYTES_A_ROUND, POLLS};
 use crate::engine::{BOARD, clock, millis, regs, reset};
 use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Millis, Service};
-
-/// Bytes that frames take in one round of the main loop at most.
-pub(crate) const BYTES_A_ROUND: u8 = 32;
-
-/// How often the line is asked whether it takes a byte before the main loop goes on: some 200 cycles, a byte at 1 Mbaud.
-const POLLS: u8 = 20;
 
 /// A reply on its way to the line.
 struct Reply {

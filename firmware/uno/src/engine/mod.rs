@@ -57,6 +57,7 @@ pub(crate) mod regs;
 pub(crate) mod reset;
 pub(crate) mod steps;
 pub(crate) mod store;
+pub(crate) mod tuning;
 pub(crate) mod vectors;
 
 pub(crate) use core::panic::PanicInfo;

@@ -19,9 +19,14 @@ use crate::engine::program::Program;
 use crate::engine::steps::motor::{Motor, flag};
 use crate::engine::steps::pins::MAX_MOTORS;
 use crate::engine::steps::register;
-use crate::engine::steps::stepper::{AHEAD, Stepper};
-use crate::engine::steps::task::{self, Guard, SOONEST, mode};
+use crate::engine::steps::stepper::Stepper;
+use crate::engine::steps::task::{self, Guard, mode};
 use crate::engine::steps::times::{self, TIMES};
+use crate::engine::tuning::stepper::AHEAD;
+use crate::engine::tuning::task::SOONEST;
+use crate::engine::tuning::verbs::{
+    CLEAR, FORESEE, FORESEE_MORE, LONGEST_PULSE, SHORT_PULSE, SHORTEST, SHORTEST_OF_LONG, SOONER,
+};
 use core::arch::global_asm;
 use core::mem::offset_of;
 use pulsetrain_core::Moment;
@@ -30,21 +35,6 @@ use pulsetrain_core::wire::message::{Configuration, Reason, image};
 use pulsetrain_core::wire::orders::{self, Orders};
 use pulsetrain_core::wire::{Encoder, Refusal};
 
-/// What is known ends so soon, ticks, when it has been put off: 1.95 ms, and 0.25 ms more for each further motor, whose steps take the
-/// task so much longer.
-const FORESEE: u16 = 27_200;
-const FORESEE_MORE: u16 = 4_000;
-/// It is put off again when half of that has passed, but for so much.
-const SOONER: u16 = 3_000;
-/// From the limit to what is known, ticks, beside what a turn of DIR takes: two groups, and a filler's room.
-const CLEAR: u16 = 512;
-
-/// The shortest period, ticks, for each motor: with pulses up to 1 µs, and with longer ones, after which a step interrupt waits.
-const SHORTEST: u16 = 368;
-const SHORTEST_OF_LONG: u16 = 413;
-const SHORT_PULSE: u16 = 16;
-/// The longest pulse, ticks: longer ones are two groups a step, which the task has no time for beside the next slices.
-const LONGEST_PULSE: u16 = 31;
 /// From a step to one the other way, ticks, beside pulse, hold and set-up: `keep` and `early` of no [`Times`] are more than that.
 ///
 /// [`Times`]: crate::steps::times::Times

@@ -20,7 +20,8 @@ use crate::engine::machine::Board;
 use crate::engine::memory::REPLY_LEN;
 use crate::engine::program::Program;
 use crate::engine::steps::task;
-use crate::engine::{clock, host, store};
+use crate::engine::tuning::winch::{PATIENCE, SILENCE};
+use crate::engine::{clock, host, store, tuning};
 use core::arch::global_asm;
 use pulsetrain_core::Moment;
 use pulsetrain_core::winch::text::Verb;
@@ -76,12 +77,6 @@ const ZERO: u8 = 0x40;
 
 // The reader knows how long the receive page is.
 const _: () = assert!(link::PAGE == 0x80);
-
-/// A line waits for what it would say as long as no more bytes than this wait behind it.
-const PATIENCE: u8 = 64;
-
-/// Frames have been silent for so long if a line is told that they have the board, 1.024 ms.
-const SILENCE: u16 = 100;
 
 // Where other programs have their queues.
 global_asm!(
@@ -255,7 +250,7 @@ impl Winch {
                 if taken != 0 {
                     return taken;
                 }
-                count = count.min(host::BYTES_A_ROUND);
+                count = count.min(tuning::host::BYTES_A_ROUND);
             }
             receiver.skip(taken);
             if count == 0 || (self.say != 0 && count < PATIENCE) {

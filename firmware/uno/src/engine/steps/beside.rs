@@ -8,22 +8,16 @@
 //! 15 to 20 a step, and its interrupt's 49, or 60 where it lets another in; 200 a batch of 11 steps.
 
 use super::motor::{EVEN, Motor, flag};
-use super::plan::{SURE_OF_LIMIT, sure_now};
+use super::plan::sure_now;
 use super::register;
 use super::ring::{BEHIND_LISTS, END_B, Ring};
-use super::stepper::{APART_OF_BESIDE, Stepper, Track};
+use super::stepper::{Stepper, Track};
 use super::times;
+use crate::engine::tuning::beside::{BATCHES, HURRY, LAST, ROOM, SOME};
+use crate::engine::tuning::plan::SURE_OF_LIMIT;
+use crate::engine::tuning::stepper::APART_OF_BESIDE;
 use core::arch::global_asm;
 use core::mem::offset_of;
-
-/// The ring is filled when it has room for so many groups; at the end of a call, after which nobody comes for some time, for so many.
-const ROOM: u8 = 6;
-const LAST: u8 = 8;
-/// If it has room for so many it is about to run dry: fewer steps are expanded, which are published the sooner.
-const HURRY: u8 = 22;
-const SOME: u8 = 16;
-/// So many things are done for it at once that the plan is asked for, at most.
-const BATCHES: u8 = 3;
 
 /// The motor.
 #[unsafe(export_name = "steps_beside_motor")]

@@ -25,6 +25,7 @@
 
 use super::motor::{EVEN, Motor};
 use super::register;
+use crate::engine::tuning::expand::{HURRY, LEAST, SOME};
 use core::arch::global_asm;
 use core::mem::offset_of;
 use pulsetrain_core::narrow::Registers;
@@ -36,14 +37,6 @@ const _: () = assert!(offset_of!(Registers, interval_high) == 10);
 const _: () = assert!(offset_of!(Registers, add) == 11);
 const _: () = assert!(offset_of!(Registers, add2) == 15);
 const _: () = assert!(offset_of!(Registers, left) == 19);
-
-/// So many steps are published at once where the ring has room for 32 or more, so that it soon has some; else as many as there is
-/// room for: publishing takes some 40 cycles.
-const SOME: u8 = 12;
-/// And so many at least.
-const LEAST: u8 = 4;
-/// As few where there is room for so many: the ring has nearly run down.
-const HURRY: u8 = 56;
 
 // Bit 3 of their data addresses tells the tails apart.
 const _: () = assert!((register::OCR0A + 0x20) & 8 == 0 && (register::OCR0B + 0x20) & 8 != 0);

@@ -9,14 +9,9 @@ use super::ring::Ring;
 use super::stepper::Track;
 use super::task::mode;
 use super::times;
+use crate::engine::tuning::fill::{FEW, ROOM};
 use core::arch::global_asm;
 use core::mem::offset_of;
-
-/// A ring is filled when it has room for so many groups: alone, where it lasts for so short a time that the next record is to be
-/// loaded before it has run down; and beside another, where longer batches are worth more.
-const ROOM: [u8; 2] = [12, 18];
-/// Long pulses that are expanded at once, at most.
-const FEW: u8 = 8;
 
 global_asm!(
     r#"

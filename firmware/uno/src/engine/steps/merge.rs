@@ -31,11 +31,17 @@
 //! A step: 34 to 37 of four lanes, 31 to 33 of three, and expansion's 18.5. A list: 130, what the plan takes, and the expansion's beginning and end. A call of
 //! the task: 280; 90 for looking at the lists; 75 each time that groups are published.
 
+use crate::engine::tuning::merge::{
+    ENOUGH, FEEDS, FEW, FEW_BEFORE_SWITCH, FEW_OF_BESIDE, FEW_OF_MORE, FEW_OF_TWO, LOOKS, LOW, LOW_BESIDE, NEARLY,
+    PUT_OFF_BESIDE, ROOM,
+};
+use crate::engine::tuning::plan::SURE_OF_LIMIT;
+use crate::engine::tuning::stepper::STEPS;
 use core::arch::global_asm;
 use core::mem::offset_of;
 
 use super::motor::{EVEN, Motor, flag};
-use super::plan::{SURE_OF_LIMIT, sure_now};
+use super::plan::sure_now;
 use super::register;
 use super::ring::{BEHIND_LISTS, END_A, END_B, Group, Name, Ring, flags};
 use super::stepper::{Stepper, Track};
@@ -519,7 +525,6 @@ merge_join:                             // call                         3
     pop r0                              // 2                            17
     ret                                 // 4                            21
 
-
     // Looks for more room, and goes on if there is enough; else carry is set.
     // Groups have been put into the ring since it was published last.                              48, and 7 for the call
 merge_look:
@@ -946,7 +951,7 @@ merge_beside:
     START = const BEHIND_LISTS,
     SHORT_LANE = const SHORT_LANE,
     SHORT_LIST = const SHORT_LIST,
-    STEPS = const super::stepper::STEPS,
+    STEPS = const STEPS,
     BESIDE_MODE = const mode::BESIDE,
     NEARLY = const NEARLY,
     FEW_LEFT = const offset_of!(Merge, few_left),
@@ -971,31 +976,8 @@ merge_beside:
     FEW = const FEW,
 );
 
-/// The ring is filled when it has room for so many groups.
-const ROOM: u8 = 8;
 /// [`Merge::wanting`]: all lanes have heads.
 const NONE: u8 = 255;
-/// Lists are filled up while the ring has room for fewer groups.
-const NEARLY: u8 = 24;
-/// A list is filled up when what is left of it does not last while the ring is played, ticks: of two motors, of more, and of those that have one beside.
-const FEW_OF_TWO: u8 = 16;
-const FEW_OF_MORE: u8 = 9;
-const FEW_OF_BESIDE: u8 = 6;
-/// And of a motor that waits for a switch, which takes long, bytes.
-const FEW_BEFORE_SWITCH: u8 = 2 * FEW_OF_TWO + 1;
-/// Groups that the ring must have room for to go on.
-const ENOUGH: u8 = 8;
-/// So many groups are merged at once when the ring has room for [`LOW`] of them or more: they are published the sooner.
-const FEW: u8 = 12;
-const LOW: u8 = 32;
-/// The ring beside comes first when it has room for so many groups of its 24.
-const LOW_BESIDE: u8 = 12;
-/// With one, a tick is put off by so much at most.
-const PUT_OFF_BESIDE: u8 = 24;
-/// How often one run of the merge goes on.
-const LOOKS: u8 = 12;
-/// How many lists one run fills at most; each takes about 1000 cycles.
-const FEEDS: u8 = 16;
 
 /// The one merge: the assembly knows it by this name. [`Merge::begin`] comes before its use: until then it is zeros, which take no
 /// flash.

@@ -18,19 +18,13 @@ use super::motor::{EVEN, Motor, PARTS, Part, Reason, Switch, flag};
 use super::times;
 use crate::Uses;
 use crate::engine::program::Program;
+use crate::engine::tuning::plan::{ROOM, SURE_OF_LIMIT};
 use core::arch::global_asm;
 use core::mem::offset_of;
 
 /// Two things that a motor does are so far apart at most, ticks: at 2^14 the compare register is a quarter of the way round.
 pub(crate) const FILLER: u16 = Uses::FILLER;
 const _: () = assert!(FILLER <= 16_384 && FILLER % 256 == 0);
-
-/// Motors whose intervals are shorter than 256 times one less than this, ticks, are not held against the limit: a ring is full of them before it, and a
-/// list that is not yet in the ring reaches 1.5 ms beyond at most.
-pub(crate) const SURE_OF_LIMIT: u8 = 4;
-
-/// So far after a filler DIR is turned at the soonest, ticks: what is between two groups at least.
-const ROOM: u8 = 96;
 
 /// What a motor does next.
 #[derive(Clone, Copy, Debug)]

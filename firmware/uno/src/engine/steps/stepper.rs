@@ -28,63 +28,18 @@ use super::times::{TIMES, Times};
 use crate::engine::clock::{self, low_half};
 use crate::engine::memory;
 use crate::engine::regs::{self, Reg16};
+use crate::engine::tuning::stepper::{
+    AGAIN, AHEAD, APART, APART_BESIDE, APART_BESIDE_MERGE, APART_LONG, APART_OF_BESIDE, APART_SHIELD,
+    APART_TWO_COMPARE, BATCH, EARLY, FALL, FALL_BESIDE, FALL_COMPARE, FASTEST, LATE, LATE_MOVED, LEAD, PULSE_BESIDE,
+    ROOM, STEPS, TOO_LATE,
+};
 use core::ptr::NonNull;
 use core::slice;
 use pulsetrain_core::wire::message::{self, Configuration};
 use pulsetrain_core::{Epoch, Moment};
 
-/// So late an edge made by an interrupt may be, ticks.
-const LATE: u8 = 24;
-/// The same where a merge moves it too, or another ring's interrupt comes first.
-const LATE_MOVED: u8 = 60;
-/// Ticks between two groups, at least: from a match until the interrupt has set the next, and the longest time that it can be
-/// kept waiting; and the length of the interrupt + 4, so that delays die out.
-const APART: u8 = 48;
-/// The same where interrupts are longer: with pulses of 1.9 µs.
-const APART_LONG: u8 = 60;
-/// The shield's, and with pulses of 1.9 µs.
-const APART_SHIELD: [u8; 2] = [60, 76];
-/// With the compare hardware, or with two rings on PORTD, where the other's interrupt may come first.
-const APART_BESIDE: u8 = 96;
-/// With two of the compare hardware's. Toggling is switched on and off behind the match, and must be before the next one, or the pin's level is
-/// the wrong way round from then on. Before that may come: two stretches with interrupts off (main.rs), the other's longer way and the instruction
-/// behind it, and the way to the register.
-const APART_TWO_COMPARE: u8 = 171;
-const _: () = assert!(2 * 14 + 67 + 5 + 54 < APART_TWO_COMPARE);
-/// With a merge on PORTD beside a ring on PORTB: the merge's, which waits for the other's interrupt for up to 30 cycles, so that 60 would do;
-/// but the wider, the more steps join another's group. And the other's, which waits for the merge's interrupt, and has it in its own: 160
-/// cycles from the match to the compare register at most.
-const APART_BESIDE_MERGE: u8 = 78;
-pub(super) const APART_OF_BESIDE: u8 = 160;
-/// Ticks between two steps of a motor with a ring of its own, at least, when they are not looked at: alone, and beside another.
-const FASTEST: [u16; 2] = [60, 130];
-/// From a group's tick to its `fall`, ticks, when no interrupt was kept waiting.
-const FALL: u8 = 16;
-/// The same with the compare hardware, where DIR is toggled on a longer way.
-const FALL_COMPARE: u8 = 48;
-/// The same of a ring on PORTB beside a merge, and the pulse that its interrupt makes. It is 92 where the merge's interrupt is let in; what is
-/// missing is in the room that merged edges need, and these do not.
-const FALL_BESIDE: u8 = 80;
-const PULSE_BESIDE: u16 = 25;
-/// What a turn of DIR may be earlier than it must, ticks, or the distance of two groups if that is more: a filler in its way puts it off by that.
-const EARLY: u16 = 128;
-/// So far ahead things are planned at most, ticks (3 ms), but for steps at rates at which a ring is full long before (`SURE_OF_LIMIT`): a list of
-/// them may reach 1.5 ms further.
-pub(crate) const AHEAD: u32 = 49_152;
-/// The ring of several motors is filled when it has room for so many groups.
-const ROOM: u8 = 8;
-/// Steps that are expanded at once into a list of the merge; half as many if each is two ticks.
-pub(super) const STEPS: u8 = 32;
-/// Things that one call does at most, beside batches of steps.
-const BATCH: u8 = 4;
 /// The longest of pulse, set-up and hold, ticks: less than a filler, so that what is past need not be remembered longer.
 pub(crate) const LONGEST: u16 = 4_096;
-/// A compare that was missed is made so soon, ticks.
-const AGAIN: u16 = 48;
-/// After the ring ran empty the next group comes so soon, ticks: time enough to fill some more in.
-const LEAD: u16 = 800;
-/// Steps that come later than this after the ring ran empty are not made any more: the motors stop. 100 µs.
-const TOO_LATE: u16 = 1600;
 
 /// What a configuration asks of the spacing of groups.
 #[derive(Clone, Copy)]

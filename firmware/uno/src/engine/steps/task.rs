@@ -12,35 +12,17 @@
 
 use super::motor::Motor;
 use super::ring::{Ring, flags};
-use super::stepper::{AHEAD, Stepper, Track};
+use super::stepper::{Stepper, Track};
 use super::times::TIMES;
 use crate::engine::clock;
 use crate::engine::regs;
+use crate::engine::tuning::stepper::AHEAD;
+use crate::engine::tuning::task::{AGAIN, BATCHES, NEARLY, RESERVE, RESERVE_MERGED, SOONEST, TURNS};
 use core::arch::global_asm;
 use core::cell::UnsafeCell;
 use core::mem::offset_of;
 use core::ops::{Deref, DerefMut};
 use pulsetrain_core::narrow::Registers;
-
-/// Counts of 64 cycles until the next call, at least. At most it is 255: a quarter of what Timer1 counts.
-pub(crate) const SOONEST: u8 = 4;
-
-/// What Timer0 counts from where the task may not run yet. When it has run, that is less: there are [`SOONEST`] counts to the next call, at least.
-const AGAIN: u8 = 254;
-const _: () = assert!(SOONEST.wrapping_neg() < AGAIN);
-
-/// Ticks that a ring is filled for when the task comes again, at least, if it can be: what keeps it waiting, loads of records and an
-/// expansion take no longer, with bytes coming in. Two rings have no such time to give away.
-const RESERVE: u16 = 24 << 8;
-/// The same of a merge.
-const RESERVE_MERGED: u16 = 21 << 8;
-/// A ring is full when it has room for fewer groups.
-const NEARLY: u8 = 20;
-
-/// Batches of steps that one call makes for a ring, at most; what Rust puts into the ring counts twice.
-const BATCHES: u8 = 8;
-/// So many of them two rings get first, by turns.
-const TURNS: u8 = 3;
 
 #[repr(transparent)]
 struct Place(UnsafeCell<Stepper>);

@@ -14,7 +14,9 @@
 use super::{Asked, reader};
 use crate::engine::steps::motor::{Motor, flag};
 use crate::engine::steps::plan::FILLER;
-use crate::engine::steps::{register, stepper, times};
+use crate::engine::steps::{register, times};
+use crate::engine::tuning;
+use crate::engine::tuning::winch::{AHEAD, CLEAR, FIRST, SLICES};
 use core::arch::global_asm;
 use core::mem::offset_of;
 use pulsetrain_core::Moment;
@@ -34,15 +36,6 @@ const LANE: u8 = 64;
 const _: () = assert!(2 * TRAIN + 2 * 11 <= LANE);
 
 const _: () = assert!(SLICE == SLICE >> 7 << 7 && SLICE >> 7 < 256);
-
-/// Counts of 64 cycles until the task's next call, at most.
-const SLICES: u8 = 64;
-/// Slices are worked out that begin this soon, ticks.
-const AHEAD: u32 = 36_864;
-/// Before the next slice nothing is done for so long, ticks: as long as DIR is turned before a step, at most.
-const CLEAR: u16 = 768;
-/// From the start of the rings to the first slice, ticks: the merge's first fillers are before.
-const FIRST: u32 = 44_000;
 
 /// What a command needs: pins, and drivers that are on.
 pub(super) const AXES: u8 = 0x40;
@@ -642,7 +635,7 @@ winch_begin:
     SURE = const offset_of!(Motor, sure),
     POSITION = const offset_of!(Motor, position),
     LIMIT = const times::LIMIT,
-    SOONER = const stepper::AHEAD - AHEAD,
+    SOONER = const tuning::stepper::AHEAD - AHEAD,
     START = const offset_of!(Motor, start),
     NEXT = const offset_of!(Motor, next),
     ASKED = const size_of::<Asked>(),
