@@ -6,6 +6,7 @@
 pub(crate) mod pico;
 
 use crate::command::{self, Done, Failure, command, install_debian, output, root, run, target_dir};
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -19,27 +20,39 @@ const RAM: u64 = 2048;
 const IMAGES: &str = "crates/board/images";
 /// The programs of firmware/uno, which its images are called after.
 const PROGRAMS: [&str; 4] = ["uno", "uno-winch", "uno-verbs", "uno-baked"];
+/// Sources of the programs and their engine.
+const SOURCES: &str = "firmware/uno/src/";
 /// Of the winch the assembly alone, committed for a test on the emulated chip.
 const WINCH: &str = "crates/board/images/winch.hex";
 
+/// Bytes of flash that each image leaves free, at least: what the next change of the firmware needs.
+const FREE: u64 = 500;
+
 /// A program that was built.
 struct Built {
+    name: &'static str,
     /// Its image and its map of symbols, by their names in [`IMAGES`].
     files: [(String, String); 2],
-    /// What it takes, as text.
-    table: String,
+    size: Size,
 }
 
 /// Builds the Uno's firmware, prints what it takes and writes the committed images.
 pub(crate) fn uno() -> Done {
-    for Built { files, table } in built_uno()? {
-        print!("{table}");
-        for (name, text) in files {
-            write(&root().join(IMAGES).join(name), &text)?;
-        }
+    let built = built_uno()?;
+    print!("{}", table(&built));
+    for (name, text) in built.iter().flat_map(|built| &built.files) {
+        write(&root().join(IMAGES).join(name), text)?;
     }
-    print!("{}", lines_of_source()?);
-    write(&root().join(WINCH), &read(built_winch()?)?)
+    write(&root().join(WINCH), &read(built_winch()?)?)?;
+    has_room(&built)
+}
+
+/// Builds the Uno's firmware; prints what its images take and how many lines each of its modules has, beside those of a commit before, if one is said.
+pub(crate) fn sizes(before: Option<&str>) -> Done {
+    let built = built_uno()?;
+    let before = before.map(lines_at).transpose()?;
+    print!("{}\n{}", table(&built), lines_table(&lines_now()?, before.as_ref()));
+    has_room(&built)
 }
 
 fn write(path: &Path, text: &str) -> Done {
@@ -53,39 +66,58 @@ pub(crate) fn check_uno() -> Done {
     Ok(())
 }
 
-/// The same, and gives what the programs take, as text.
+/// The same, and gives what the programs take, as a table.
 pub(crate) fn measure_uno() -> Done<String> {
-    let mut text = String::new();
-    for Built { files, table } in built_uno()? {
-        text.push_str(&table);
-        for (name, built) in files {
-            let committed = format!("{IMAGES}/{name}");
-            same(&committed, &read(root().join(&committed))?, &built)?;
-        }
+    let programs = built_uno()?;
+    for (name, built) in programs.iter().flat_map(|program| &program.files) {
+        let committed = format!("{IMAGES}/{name}");
+        same(&committed, &read(root().join(&committed))?, built)?;
     }
     same(WINCH, &read(root().join(WINCH))?, &read(built_winch()?)?)?;
-    Ok(text + &lines_of_source()?)
+    has_room(&programs)?;
+    Ok(table(&programs))
 }
 
-/// How many lines the sources have, as text.
-fn lines_of_source() -> Done<String> {
-    let mut text = String::new();
-    for folder in ["engine", "bin/uno", "bin/uno-winch", "bin/uno-verbs", "bin/uno-baked"] {
-        let lines = lines_in(&root().join("firmware/uno/src").join(folder))?;
-        text.push_str(&format!("{lines:>6} lines in firmware/uno/src/{folder}\n"));
-    }
-    Ok(text)
+/// Lines of each module.
+type Lines = BTreeMap<String, usize>;
+
+/// A module of firmware/uno/src, by its file: without the folder, which says whose it is and has changed.
+fn module(path: &str) -> String {
+    let path = path.strip_prefix("engine/").unwrap_or(path);
+    path.strip_prefix("bin/").and_then(|path| path.split_once('/')).map_or(path, |(_, path)| path).to_owned()
 }
 
-/// Lines of all files in a folder.
-fn lines_in(folder: &Path) -> Done<usize> {
-    let failed = |why| Failure::File { path: folder.to_owned(), why };
-    let mut lines = 0;
-    for entry in fs::read_dir(folder).map_err(failed)? {
-        let path = entry.map_err(failed)?.path();
-        lines += if path.is_dir() { lines_in(&path)? } else { read(path)?.lines().count() };
+fn lines_now() -> Done<Lines> {
+    let mut lines = Lines::new();
+    for path in output(command("git").args(["ls-files", SOURCES]))?.lines() {
+        *lines.entry(module(path.trim_start_matches(SOURCES))).or_default() += read(root().join(path))?.lines().count();
     }
     Ok(lines)
+}
+
+fn lines_at(commit: &str) -> Done<Lines> {
+    let mut lines = Lines::new();
+    for path in output(command("git").args(["ls-tree", "-r", "--name-only", commit, SOURCES]))?.lines() {
+        let text = output(command("git").args(["show", &format!("{commit}:{path}")]))?;
+        *lines.entry(module(path.trim_start_matches(SOURCES))).or_default() += text.lines().count();
+    }
+    Ok(lines)
+}
+
+fn lines_table(now: &Lines, before: Option<&Lines>) -> String {
+    let (mut text, empty) = (format!("{:24} {:>6}", "lines of", "now"), Lines::new());
+    text.push_str(if before.is_some() { " before\n" } else { "\n" });
+    let modules: BTreeSet<_> = now.keys().chain(before.unwrap_or(&empty).keys()).collect();
+    let mut row = |module: &str, now: usize, then: Option<usize>| {
+        let then = then.map_or_else(String::new, |lines| format!(" {lines:>6}"));
+        text.push_str(&format!("{module:24} {now:>6}{then}\n"));
+    };
+    for module in modules {
+        let of = |lines: &Lines| lines.get(module).copied().unwrap_or(0);
+        row(module, of(now), before.map(of));
+    }
+    row("all", now.values().sum(), before.map(|lines| lines.values().sum()));
+    text
 }
 
 fn read(path: PathBuf) -> Done<String> {
@@ -120,14 +152,14 @@ fn built_uno() -> Done<Vec<Built>> {
         .current_dir(root().join("firmware/uno"))
         .args(["build", "--release", "--locked", "-Zbuild-std=core", "--target-dir"])
         .arg(&built))?;
-    let program = |name: &str| -> Done<Built> {
+    let program = |name: &'static str| -> Done<Built> {
         let elf = built.join(format!("avr-none/release/{name}.elf"));
         let sections = output(command("avr-size").arg("-A").arg(&elf))?;
         let image = built.join(format!("{name}.hex"));
         run(command("avr-objcopy").args(["-O", "ihex", "-R", ".eeprom"]).arg(&elf).arg(&image))?;
         let symbols = symbols(&output(command("avr-nm").arg("-n").arg(&elf))?);
         let files = [(format!("{name}.hex"), read(image)?), (format!("{name}.sym"), symbols)];
-        Ok(Built { files, table: format!("{name}\n{}", table(&sections)?) })
+        Ok(Built { name, files, size: Size::of(&sections)? })
     };
     PROGRAMS.into_iter().map(program).collect()
 }
@@ -207,38 +239,101 @@ fn changes_images(name: &str) -> bool {
     ALL.contains(&name) || of_target || name.starts_with("CARGO_PROFILE_")
 }
 
-/// What an image takes, from avr-size's list of sections.
-fn table(sections: &str) -> Done<String> {
-    let size = |name: &str| -> u64 {
-        let line = sections.lines().find(|line| line.split_whitespace().next() == Some(name));
-        line.and_then(|line| line.split_whitespace().nth(1)).and_then(|size| size.parse().ok()).unwrap_or(0)
-    };
-    let (code, pages) = (size(".text"), size(".pages"));
-    let (data, zeroed, note) = (size(".data"), size(".bss"), size(".noinit"));
-    if code == 0 {
-        return Err(Failure::Check(format!("no .text in what avr-size says:\n{sections}")));
+/// What an image takes, bytes.
+struct Size {
+    flash: u64,
+    /// Pages of RAM, and its variables.
+    pages: u64,
+    variables: u64,
+}
+
+impl Size {
+    /// From avr-size's list of sections.
+    fn of(sections: &str) -> Done<Size> {
+        let size = |name: &str| -> u64 {
+            let line = sections.lines().find(|line| line.split_whitespace().next() == Some(name));
+            line.and_then(|line| line.split_whitespace().nth(1)).and_then(|size| size.parse().ok()).unwrap_or(0)
+        };
+        let (code, data) = (size(".text"), size(".data"));
+        if code == 0 {
+            return Err(Failure::Check(format!("no .text in what avr-size says:\n{sections}")));
+        }
+        Ok(Size { flash: code + data, pages: size(".pages"), variables: data + size(".bss") + size(".noinit") })
     }
-    let flash = code + data;
-    let ram = pages + data + zeroed + note;
-    Ok(format!(
-        "flash  {flash:>6} of {FLASH} bytes: code {code}, initial values {data}\n\
-         RAM    {ram:>6} of {RAM} bytes: pages {pages}, variables {data} + {zeroed} + {note}\n\
-         stack  {:>6} bytes are left\n",
-        RAM.saturating_sub(ram)
-    ))
+
+    fn free(&self) -> u64 {
+        FLASH.saturating_sub(self.flash)
+    }
+
+    fn ram(&self) -> u64 {
+        self.pages + self.variables
+    }
+}
+
+/// What images take.
+fn table(built: &[Built]) -> String {
+    let mut text = format!(
+        "{:12} {:>6} {:>6} {:>6} {:>6} {:>10} {:>6}\n",
+        "bytes of", "flash", "free", "RAM", "pages", "variables", "stack"
+    );
+    for Built { name, size, .. } in built {
+        let (free, ram, stack) = (size.free(), size.ram(), RAM.saturating_sub(size.ram()));
+        let Size { flash, pages, variables } = size;
+        text.push_str(&format!("{name:12} {flash:>6} {free:>6} {ram:>6} {pages:>6} {variables:>10} {stack:>6}\n"));
+    }
+    text
+}
+
+/// Whether each image leaves the flash that is promised.
+fn has_room(built: &[Built]) -> Done {
+    match built.iter().find(|built| built.size.free() < FREE) {
+        Some(Built { name, size, .. }) => Err(Failure::Check(format!(
+            "{name} leaves {} bytes of flash, and {FREE} are promised: take something out of it",
+            size.free()
+        ))),
+        None => Ok(()),
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    fn sections(code: u64) -> Size {
+        let text = format!(
+            "uno.elf  :\nsection  size  addr\n.data  700  8389632\n.pages  768  8388864\n\
+             .text  {code}  0\n.bss  300  8390332\n.noinit  4  8390632\nTotal  29772\n"
+        );
+        Size::of(&text).expect("has .text")
+    }
+
+    fn built(code: u64) -> [Built; 1] {
+        [Built { name: "uno", files: Default::default(), size: sections(code) }]
+    }
+
     #[test]
     fn the_table_adds_up() {
-        let sections = "uno.elf  :\nsection  size  addr\n.data  700  8389632\n.pages  768  8388864\n\
-                        .text  28000  0\n.bss  300  8390332\n.noinit  4  8390632\nTotal  29772\n";
-        let table = table(sections).expect("has .text");
-        assert!(table.contains("flash   28700 of 32256"), "{table}");
-        assert!(table.contains("stack     276 bytes"), "{table}");
+        let table = table(&built(28_000));
+        let row: Vec<_> = table.lines().nth(1).expect("a row").split_whitespace().collect();
+        assert_eq!(row, ["uno", "28700", "3556", "1772", "768", "1004", "276"]);
+    }
+
+    #[test]
+    fn an_image_leaves_what_is_promised() {
+        assert!(has_room(&built(FLASH - 700 - FREE)).is_ok());
+        let said = has_room(&built(FLASH - 700 - FREE + 1)).expect_err("a byte too few").to_string();
+        assert!(said.contains("uno leaves 499 bytes"), "{said}");
+    }
+
+    #[test]
+    fn lines_are_a_modules_wherever_it_lies() {
+        assert_eq!(module("steps/ring.rs"), module("engine/steps/ring.rs"));
+        assert_eq!(module("winch/tick.s"), module("bin/uno-winch/winch/tick.s"));
+        let [now, before] = [[("ring.rs", 3), ("new.rs", 1)], [("ring.rs", 5), ("old.rs", 7)]]
+            .map(|lines| lines.into_iter().map(|(name, lines)| (name.to_owned(), lines)).collect());
+        let table = lines_table(&now, Some(&before));
+        let rows: Vec<Vec<_>> = table.lines().map(|line| line.split_whitespace().collect()).collect();
+        assert_eq!(rows[1..], [["new.rs", "1", "0"], ["old.rs", "0", "7"], ["ring.rs", "3", "5"], ["all", "4", "12"]]);
     }
 
     #[test]
@@ -269,6 +364,6 @@ mod tests {
 
     #[test]
     fn an_empty_list_is_no_table() {
-        assert!(table("uno.elf :\n").is_err());
+        assert!(Size::of("uno.elf :\n").is_err());
     }
 }

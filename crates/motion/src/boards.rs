@@ -266,7 +266,7 @@ const SHARED_STEP_TICKS: u32 = 2_400;
 /// The longest pulse that an Uno's interrupt makes by itself, ticks. The end of a longer one is a match of its own.
 const LONGEST_OWN_PULSE: u64 = 31;
 
-/// By what an Uno makes a long pulse longer, since its rising edge may be late, ticks: `LATE` in firmware/uno/src/engine/steps/stepper.rs.
+/// By what an Uno makes a long pulse longer, since its rising edge may be late, ticks: `LATE` in firmware/uno/src/engine/tuning.rs.
 const PULSE_LATE_TICKS: u32 = 24;
 
 /// What an Uno keeps between two matches, on one port and on the shield's pins, ticks: `APART` and `APART_SHIELD` there.

@@ -37,7 +37,7 @@ const SHAPE: Shape = Shape {
 /// Steps that are further apart than this leave time enough to look at each, ticks.
 const FAR: u64 = 2048;
 
-/// Between two steps at least that nobody looks at, ticks, where two motors have a ring each (`firmware/uno/src/engine/steps/stepper.rs`).
+/// Between two steps at least that nobody looks at, ticks, where two motors have a ring each (`firmware/uno/src/engine/tuning.rs`).
 const FASTEST: u64 = 130;
 
 /// A gap as long as this or longer is a wait and a step after so many ticks: intervals of 24 bits are what the firmware knows.
