@@ -228,6 +228,17 @@ Examples:
 }
 
 impl Command {
+    /// The port of those that need one of an Uno's images.
+    fn port(&self) -> Option<&str> {
+        match self {
+            Command::Run(args) => args.port.as_deref(),
+            Command::Bench(args) => args.at.port.as_deref(),
+            Command::Winch(args) => args.at.port.as_deref(),
+            Command::Verbs(args) => args.port.as_deref(),
+            _ => None,
+        }
+    }
+
     fn wants_json(&self) -> bool {
         match self {
             Command::Run(args) => args.json,
@@ -754,29 +765,38 @@ pub fn run_on<A: Into<OsString> + Clone>(args: impl IntoIterator<Item = A>, cons
         }
     };
     let as_json = cli.command.wants_json();
-    let outcome = match cli.command {
-        Command::Run(args) => commands::run::run(&args, console),
-        Command::Plan(args) => commands::plan::run(&args, console),
-        Command::Plot(args) => commands::plot::run(&args, console),
-        Command::Verify(args) => commands::verify::run(&args, console),
-        Command::Explain(args) => commands::explain::run(&args, console),
-        Command::Motor(args) => commands::motor::run(&args, console),
-        Command::Board(args) => commands::board::run(&args, console),
-        Command::Info(args) => commands::info::run(&args, console),
-        Command::Stop(args) => commands::stop::run(&args, console),
-        Command::Store(args) => commands::store::run(&args, console),
-        Command::Bench(args) => commands::bench::run(&args, console),
-        Command::Winch(args) => commands::winch::run(&args, console),
-        Command::Verbs(args) => commands::verbs::run(&args, console),
-        Command::Flash(args) => commands::flash::run(&args, console),
-        Command::Ports(args) => commands::ports::run(&args, console),
-        Command::Calibrate(args) => commands::calibrate::run(&args, console),
-        Command::Bake(args) => commands::bake::run(&args, console),
-        Command::Boards(args) => commands::boards::run(&args, console),
-        Command::Drivers(args) => commands::drivers::run(&args, console),
-        Command::New(args) => commands::new::run(&args, console),
-    };
+    let mut outcome = obey(&cli.command, console);
+    if let Err(refused) = &outcome
+        && let Some(written) = commands::offered(refused, cli.command.port(), console)
+    {
+        outcome = written.and_then(|()| obey(&cli.command, console));
+    }
     finish(outcome, as_json, console)
+}
+
+fn obey(command: &Command, console: &mut Console<'_>) -> miette::Result<Exit> {
+    match command {
+        Command::Run(args) => commands::run::run(args, console),
+        Command::Plan(args) => commands::plan::run(args, console),
+        Command::Plot(args) => commands::plot::run(args, console),
+        Command::Verify(args) => commands::verify::run(args, console),
+        Command::Explain(args) => commands::explain::run(args, console),
+        Command::Motor(args) => commands::motor::run(args, console),
+        Command::Board(args) => commands::board::run(args, console),
+        Command::Info(args) => commands::info::run(args, console),
+        Command::Stop(args) => commands::stop::run(args, console),
+        Command::Store(args) => commands::store::run(args, console),
+        Command::Bench(args) => commands::bench::run(args, console),
+        Command::Winch(args) => commands::winch::run(args, console),
+        Command::Verbs(args) => commands::verbs::run(args, console),
+        Command::Flash(args) => commands::flash::run(args, console),
+        Command::Ports(args) => commands::ports::run(args, console),
+        Command::Calibrate(args) => commands::calibrate::run(args, console),
+        Command::Bake(args) => commands::bake::run(args, console),
+        Command::Boards(args) => commands::boards::run(args, console),
+        Command::Drivers(args) => commands::drivers::run(args, console),
+        Command::New(args) => commands::new::run(args, console),
+    }
 }
 
 fn finish(outcome: miette::Result<Exit>, as_json: bool, console: &mut Console<'_>) -> Exit {

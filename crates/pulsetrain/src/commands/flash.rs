@@ -85,6 +85,14 @@ pub(super) fn named(name: &Path) -> Option<Vec<u8>> {
     }
 }
 
+/// Writes one of the firmware's images to the Uno at a port, and says so to who looks on: results are another command's.
+pub(super) fn write(port: &str, image: Option<&str>, console: &mut Console<'_>) -> miette::Result<()> {
+    let flashed = uno(port, image.map(Path::new), console)?;
+    // Where errors cannot be written nobody reads them.
+    drop(writeln!(console.err, "{}", done(&flashed, true)));
+    Ok(())
+}
+
 fn uno(name: &str, file: Option<&Path>, console: &Console<'_>) -> miette::Result<Flashed> {
     let image = match (file, file.and_then(named)) {
         (None, _) => virtual_uno::image(),

@@ -12,6 +12,7 @@ pub(crate) mod info;
 pub(crate) mod motor;
 pub(crate) mod new;
 pub(crate) mod on_port;
+mod other_image;
 pub(crate) mod plan;
 pub(crate) mod plot;
 pub(crate) mod ports;
@@ -26,6 +27,7 @@ pub(crate) mod winch;
 use miette::{Report, miette};
 use pulsetrain_board::{LinkError, PortError, RemoteError, SwitchRefused};
 
+pub(crate) use self::other_image::{OtherImage, offered};
 use crate::drive::DriveError;
 use crate::human;
 use crate::prepare::WORST_CLOCK_PPM;
@@ -65,11 +67,7 @@ pub(crate) fn drive_problem(error: DriveError) -> Report {
              `pulsetrain winch --port PORT`"
         }
         DriveError::Remote(RemoteError::OtherBoard { .. }) => "say --board with the board that is there",
-        DriveError::Remote(RemoteError::OtherImage { wanted, .. }) => {
-            let image = if *wanted == "uno" { String::new() } else { format!(" --image {wanted}") };
-            let help = format!("write it to the board: `pulsetrain flash uno --port PORT{image}`");
-            return miette!(help = help, "{error}");
-        }
+        DriveError::Remote(RemoteError::OtherImage { is, wanted }) => return OtherImage { is, wanted }.into(),
         DriveError::Remote(RemoteError::Link(LinkError::Taken)) => {
             "end the other program, or wait 2 s. If text has switched its drivers on (`pulsetrain winch`, a StepperWinch client), it \
              has it until it is told `enable 0`: echo \"enable 0\" | pulsetrain winch --port PORT"
