@@ -6,8 +6,9 @@
 pub(crate) mod pico;
 
 use crate::command::{self, Done, Failure, command, install_debian, output, root, run, target_dir};
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// Flash that is the firmware's: 32 KiB less the Uno's bootloader (optiboot, 512 bytes).
@@ -15,56 +16,108 @@ const FLASH: u64 = 32_768 - 512;
 /// Bytes of RAM.
 const RAM: u64 = 2048;
 
-/// The committed image.
-const IMAGE: &str = "crates/board/images/uno.hex";
-/// The others: with verbs in place of text, with faster code in its place, and without a line to a host, for a motion that lies behind it.
-/// Each with its feature.
-const OTHERS: [(&str, &str); 3] =
-    [("crates/board/images/uno-verbs.hex", "verbs"), STREAM, ("crates/board/images/uno-baked.hex", "baked")];
-const STREAM: (&str, &str) = ("crates/board/images/uno-stream.hex", "stream");
-/// Of its winch the assembly alone, committed for a test on the emulated chip.
+/// Where images are committed, each with its map of symbols beside it.
+const IMAGES: &str = "crates/board/images";
+/// The programs of firmware/uno, which its images are called after.
+const PROGRAMS: [&str; 4] = ["uno", "uno-winch", "uno-verbs", "uno-baked"];
+/// Sources of the programs and their engine.
+const SOURCES: &str = "firmware/uno/src/";
+/// Of the winch the assembly alone, committed for a test on the emulated chip.
 const WINCH: &str = "crates/board/images/winch.hex";
+
+/// Bytes of flash that each image leaves free, at least: what the next change of the firmware needs.
+const FREE: u64 = 500;
+
+/// A program that was built.
+struct Built {
+    name: &'static str,
+    /// Its image and its map of symbols, by their names in [`IMAGES`].
+    files: [(String, String); 2],
+    size: Size,
+}
 
 /// Builds the Uno's firmware, prints what it takes and writes the committed images.
 pub(crate) fn uno() -> Done {
-    for (image, feature) in [(IMAGE, None)].into_iter().chain(OTHERS.map(|(image, feature)| (image, Some(feature)))) {
-        let (built, table) = built_uno(feature)?;
-        print!("{image}\n{table}");
-        copy(built, image)?;
+    let built = built_uno()?;
+    print!("{}", table(&built));
+    for (name, text) in built.iter().flat_map(|built| &built.files) {
+        write(&root().join(IMAGES).join(name), text)?;
     }
-    copy(built_winch()?, WINCH)
+    write(&root().join(WINCH), &read(built_winch()?)?)?;
+    has_room(&built)
 }
 
-fn copy(built: PathBuf, image: &str) -> Done {
-    let image = root().join(image);
-    let copied = image.parent().map_or(Ok(()), fs::create_dir_all).and_then(|()| fs::copy(built, &image));
-    copied.map(drop).map_err(|why| Failure::File { path: image, why })
+/// Builds the Uno's firmware; prints what its images take and how many lines each of its modules has, beside those of a commit before, if one is said.
+pub(crate) fn sizes(before: Option<&str>) -> Done {
+    let built = built_uno()?;
+    let before = before.map(lines_at).transpose()?;
+    print!("{}\n{}", table(&built), lines_table(&lines_now()?, before.as_ref()));
+    has_room(&built)
 }
 
-/// Builds the Uno's firmware, and fails when a committed image is another one.
+fn write(path: &Path, text: &str) -> Done {
+    let written = path.parent().map_or(Ok(()), fs::create_dir_all).and_then(|()| fs::write(path, text));
+    written.map_err(|why| Failure::File { path: path.to_owned(), why })
+}
+
+/// Builds the Uno's firmware, and fails when something committed is another one.
 pub(crate) fn check_uno() -> Done {
-    for (image, feature) in [(IMAGE, None)].into_iter().chain(OTHERS.map(|(image, feature)| (image, Some(feature)))) {
-        print!("{image}\n{}", measured(image, feature)?);
-    }
-    same_winch()
+    print!("{}", measure_uno()?);
+    Ok(())
 }
 
-/// The same of the images that take plans alone, with text and for the highest rates, and gives what they take, as text.
+/// The same, and gives what the programs take, as a table.
 pub(crate) fn measure_uno() -> Done<String> {
-    same_winch()?;
-    let (stream, feature) = STREAM;
-    Ok(format!("{IMAGE}\n{}\n{stream}\n{}", measured(IMAGE, None)?, measured(stream, Some(feature))?))
+    let programs = built_uno()?;
+    for (name, built) in programs.iter().flat_map(|program| &program.files) {
+        let committed = format!("{IMAGES}/{name}");
+        same(&committed, &read(root().join(&committed))?, built)?;
+    }
+    same(WINCH, &read(root().join(WINCH))?, &read(built_winch()?)?)?;
+    has_room(&programs)?;
+    Ok(table(&programs))
 }
 
-/// Builds an image, and fails when the committed one is another. Gives what it takes, as text.
-fn measured(image: &str, feature: Option<&str>) -> Done<String> {
-    let (built, table) = built_uno(feature)?;
-    same(image, &read(root().join(image))?, &read(built)?)?;
-    Ok(table)
+/// Lines of each module.
+type Lines = BTreeMap<String, usize>;
+
+/// A module of firmware/uno/src, by its file: without the folder, which says whose it is and has changed.
+fn module(path: &str) -> String {
+    let path = path.strip_prefix("engine/").unwrap_or(path);
+    path.strip_prefix("bin/").and_then(|path| path.split_once('/')).map_or(path, |(_, path)| path).to_owned()
 }
 
-fn same_winch() -> Done {
-    same(WINCH, &read(root().join(WINCH))?, &read(built_winch()?)?)
+fn lines_now() -> Done<Lines> {
+    let mut lines = Lines::new();
+    for path in output(command("git").args(["ls-files", SOURCES]))?.lines() {
+        *lines.entry(module(path.trim_start_matches(SOURCES))).or_default() += read(root().join(path))?.lines().count();
+    }
+    Ok(lines)
+}
+
+fn lines_at(commit: &str) -> Done<Lines> {
+    let mut lines = Lines::new();
+    for path in output(command("git").args(["ls-tree", "-r", "--name-only", commit, SOURCES]))?.lines() {
+        let text = output(command("git").args(["show", &format!("{commit}:{path}")]))?;
+        *lines.entry(module(path.trim_start_matches(SOURCES))).or_default() += text.lines().count();
+    }
+    Ok(lines)
+}
+
+fn lines_table(now: &Lines, before: Option<&Lines>) -> String {
+    let (mut text, empty) = (format!("{:24} {:>6}", "lines of", "now"), Lines::new());
+    text.push_str(if before.is_some() { " before\n" } else { "\n" });
+    let modules: BTreeSet<_> = now.keys().chain(before.unwrap_or(&empty).keys()).collect();
+    let mut row = |module: &str, now: usize, then: Option<usize>| {
+        let then = then.map_or_else(String::new, |lines| format!(" {lines:>6}"));
+        text.push_str(&format!("{module:24} {now:>6}{then}\n"));
+    };
+    for module in modules {
+        let of = |lines: &Lines| lines.get(module).copied().unwrap_or(0);
+        row(module, of(now), before.map(of));
+    }
+    row("all", now.values().sum(), before.map(|lines| lines.values().sum()));
+    text
 }
 
 fn read(path: PathBuf) -> Done<String> {
@@ -87,8 +140,8 @@ fn same(image: &str, committed: &str, built: &str) -> Done {
     )))
 }
 
-/// Builds the Uno's firmware under `target/`, with a feature or with none. Gives the image's place, and what it takes, as text.
-fn built_uno(feature: Option<&str>) -> Done<(PathBuf, String)> {
+/// Builds the Uno's firmware under `target/`.
+fn built_uno() -> Done<Vec<Built>> {
     if command::run(command("avr-gcc").arg("--version")).is_err() {
         // libgcc and the start-up code come with them.
         install_debian("gcc-avr")?;
@@ -98,13 +151,37 @@ fn built_uno(feature: Option<&str>) -> Done<(PathBuf, String)> {
     run(alone(&mut build()?)
         .current_dir(root().join("firmware/uno"))
         .args(["build", "--release", "--locked", "-Zbuild-std=core", "--target-dir"])
-        .arg(&built)
-        .args(feature.map(|feature| format!("--features={feature}"))))?;
-    let elf = built.join("avr-none/release/uno.elf");
-    let sections = output(command("avr-size").arg("-A").arg(&elf))?;
-    let image = built.join(feature.map_or("uno.hex".to_owned(), |feature| format!("uno-{feature}.hex")));
-    run(command("avr-objcopy").args(["-O", "ihex", "-R", ".eeprom"]).arg(&elf).arg(&image))?;
-    Ok((image, table(&sections)?))
+        .arg(&built))?;
+    let program = |name: &'static str| -> Done<Built> {
+        let elf = built.join(format!("avr-none/release/{name}.elf"));
+        let sections = output(command("avr-size").arg("-A").arg(&elf))?;
+        let image = built.join(format!("{name}.hex"));
+        run(command("avr-objcopy").args(["-O", "ihex", "-R", ".eeprom"]).arg(&elf).arg(&image))?;
+        let symbols = symbols(&output(command("avr-nm").arg("-n").arg(&elf))?);
+        let files = [(format!("{name}.hex"), read(image)?), (format!("{name}.sym"), symbols)];
+        Ok(Built { name, files, size: Size::of(&sections)? })
+    };
+    PROGRAMS.into_iter().map(program).collect()
+}
+
+/// A map of symbols, from what avr-nm says: of routines and variables of assembly, and of Rust's that have names for it, the address, of the
+/// flash or of RAM, bytes, and the name. Others' names change with the compiler.
+fn symbols(said: &str) -> String {
+    let mut map = String::new();
+    for line in said.lines() {
+        let mut fields = line.split_whitespace();
+        let (Some(address), Some(kind), Some(name)) = (fields.next(), fields.next(), fields.next()) else { continue };
+        let Ok(address) = u32::from_str_radix(address, 16) else { continue };
+        let (memory, address) = match kind {
+            "t" | "T" => ("flash", address),
+            "b" | "B" | "d" | "D" if address >= 0x80_0100 => ("ram", address - 0x80_0000),
+            _ => continue,
+        };
+        if !name.starts_with(['_', '.']) || name.starts_with("__vector") {
+            map.push_str(&format!("{memory:5} {address:#06x} {name}\n"));
+        }
+    }
+    map
 }
 
 /// Assembles what the Uno's winch has of its own. Gives the image's place.
@@ -113,7 +190,10 @@ fn built_winch() -> Done<PathBuf> {
     run(command("avr-gcc")
         .args(["-mmcu=atmega328p", "-nostdlib", "-x", "assembler"])
         .arg(root().join("crates/board/tests/winch_entries.s"))
-        .args(["tick.s", "text.s", "command.s", "reply.s"].map(|name| root().join("firmware/uno/src/winch").join(name)))
+        .args(
+            ["tick.s", "text.s", "command.s", "reply.s"]
+                .map(|name| root().join("firmware/uno/src/bin/uno-winch/winch").join(name)),
+        )
         .arg("-o")
         .arg(&elf))?;
     run(command("avr-objcopy").args(["-O", "ihex"]).arg(&elf).arg(&image))?;
@@ -159,46 +239,109 @@ fn changes_images(name: &str) -> bool {
     ALL.contains(&name) || of_target || name.starts_with("CARGO_PROFILE_")
 }
 
-/// What an image takes, from avr-size's list of sections.
-fn table(sections: &str) -> Done<String> {
-    let size = |name: &str| -> u64 {
-        let line = sections.lines().find(|line| line.split_whitespace().next() == Some(name));
-        line.and_then(|line| line.split_whitespace().nth(1)).and_then(|size| size.parse().ok()).unwrap_or(0)
-    };
-    let (code, pages) = (size(".text"), size(".pages"));
-    let (data, zeroed, note) = (size(".data"), size(".bss"), size(".noinit"));
-    if code == 0 {
-        return Err(Failure::Check(format!("no .text in what avr-size says:\n{sections}")));
+/// What an image takes, bytes.
+struct Size {
+    flash: u64,
+    /// Pages of RAM, and its variables.
+    pages: u64,
+    variables: u64,
+}
+
+impl Size {
+    /// From avr-size's list of sections.
+    fn of(sections: &str) -> Done<Size> {
+        let size = |name: &str| -> u64 {
+            let line = sections.lines().find(|line| line.split_whitespace().next() == Some(name));
+            line.and_then(|line| line.split_whitespace().nth(1)).and_then(|size| size.parse().ok()).unwrap_or(0)
+        };
+        let (code, data) = (size(".text"), size(".data"));
+        if code == 0 {
+            return Err(Failure::Check(format!("no .text in what avr-size says:\n{sections}")));
+        }
+        Ok(Size { flash: code + data, pages: size(".pages"), variables: data + size(".bss") + size(".noinit") })
     }
-    let flash = code + data;
-    let ram = pages + data + zeroed + note;
-    Ok(format!(
-        "flash  {flash:>6} of {FLASH} bytes: code {code}, initial values {data}\n\
-         RAM    {ram:>6} of {RAM} bytes: pages {pages}, variables {data} + {zeroed} + {note}\n\
-         stack  {:>6} bytes are left\n",
-        RAM.saturating_sub(ram)
-    ))
+
+    fn free(&self) -> u64 {
+        FLASH.saturating_sub(self.flash)
+    }
+
+    fn ram(&self) -> u64 {
+        self.pages + self.variables
+    }
+}
+
+/// What images take.
+fn table(built: &[Built]) -> String {
+    let mut text = format!(
+        "{:12} {:>6} {:>6} {:>6} {:>6} {:>10} {:>6}\n",
+        "bytes of", "flash", "free", "RAM", "pages", "variables", "stack"
+    );
+    for Built { name, size, .. } in built {
+        let (free, ram, stack) = (size.free(), size.ram(), RAM.saturating_sub(size.ram()));
+        let Size { flash, pages, variables } = size;
+        text.push_str(&format!("{name:12} {flash:>6} {free:>6} {ram:>6} {pages:>6} {variables:>10} {stack:>6}\n"));
+    }
+    text
+}
+
+/// Whether each image leaves the flash that is promised.
+fn has_room(built: &[Built]) -> Done {
+    match built.iter().find(|built| built.size.free() < FREE) {
+        Some(Built { name, size, .. }) => Err(Failure::Check(format!(
+            "{name} leaves {} bytes of flash, and {FREE} are promised: take something out of it",
+            size.free()
+        ))),
+        None => Ok(()),
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    fn sections(code: u64) -> Size {
+        let text = format!(
+            "uno.elf  :\nsection  size  addr\n.data  700  8389632\n.pages  768  8388864\n\
+             .text  {code}  0\n.bss  300  8390332\n.noinit  4  8390632\nTotal  29772\n"
+        );
+        Size::of(&text).expect("has .text")
+    }
+
+    fn built(code: u64) -> [Built; 1] {
+        [Built { name: "uno", files: Default::default(), size: sections(code) }]
+    }
+
     #[test]
     fn the_table_adds_up() {
-        let sections = "uno.elf  :\nsection  size  addr\n.data  700  8389632\n.pages  768  8388864\n\
-                        .text  28000  0\n.bss  300  8390332\n.noinit  4  8390632\nTotal  29772\n";
-        let table = table(sections).expect("has .text");
-        assert!(table.contains("flash   28700 of 32256"), "{table}");
-        assert!(table.contains("stack     276 bytes"), "{table}");
+        let table = table(&built(28_000));
+        let row: Vec<_> = table.lines().nth(1).expect("a row").split_whitespace().collect();
+        assert_eq!(row, ["uno", "28700", "3556", "1772", "768", "1004", "276"]);
+    }
+
+    #[test]
+    fn an_image_leaves_what_is_promised() {
+        assert!(has_room(&built(FLASH - 700 - FREE)).is_ok());
+        let said = has_room(&built(FLASH - 700 - FREE + 1)).expect_err("a byte too few").to_string();
+        assert!(said.contains("uno leaves 499 bytes"), "{said}");
+    }
+
+    #[test]
+    fn lines_are_a_modules_wherever_it_lies() {
+        assert_eq!(module("steps/ring.rs"), module("engine/steps/ring.rs"));
+        assert_eq!(module("winch/tick.s"), module("bin/uno-winch/winch/tick.s"));
+        let [now, before] = [[("ring.rs", 3), ("new.rs", 1)], [("ring.rs", 5), ("old.rs", 7)]]
+            .map(|lines| lines.into_iter().map(|(name, lines)| (name.to_owned(), lines)).collect());
+        let table = lines_table(&now, Some(&before));
+        let rows: Vec<Vec<_>> = table.lines().map(|line| line.split_whitespace().collect()).collect();
+        assert_eq!(rows[1..], [["new.rs", "1", "0"], ["old.rs", "0", "7"], ["ring.rs", "3", "5"], ["all", "4", "12"]]);
     }
 
     #[test]
     fn an_image_that_is_another_is_told_with_what_to_do() {
-        assert!(same(IMAGE, ":00\n:01\n", ":00\r\n:01\r\n").is_ok());
-        let said = same(IMAGE, ":00\n:01\n:02\n", ":00\n:03\n").expect_err("they differ").to_string();
+        assert!(same("uno.hex", ":00\n:01\n", ":00\r\n:01\r\n").is_ok());
+        let said = same("uno.hex", ":00\n:01\n:02\n", ":00\n:03\n").expect_err("they differ").to_string();
         assert!(said.contains("line 2 is the first") && said.contains("cargo xtask firmware"), "{said}");
-        let said = same(IMAGE, ":00\n:01\n", ":00\n").expect_err("they differ").to_string();
+        let said = same("uno.hex", ":00\n:01\n", ":00\n").expect_err("they differ").to_string();
         assert!(said.contains("line 2 is the first"), "{said}");
     }
 
@@ -210,7 +353,17 @@ mod tests {
     }
 
     #[test]
+    fn a_map_has_what_tests_look_for() {
+        let said = "00000000 T __vectors\n00000118 t __vector_11\n00000a2c t steps_plan\n00000b00 t _RNvCs_4core\n\
+                    00800100 B receive_page\n00800900 A something\n";
+        assert_eq!(
+            symbols(said),
+            "flash 0x0000 __vectors\nflash 0x0118 __vector_11\nflash 0x0a2c steps_plan\nram   0x0100 receive_page\n"
+        );
+    }
+
+    #[test]
     fn an_empty_list_is_no_table() {
-        assert!(table("uno.elf :\n").is_err());
+        assert!(Size::of("uno.elf :\n").is_err());
     }
 }

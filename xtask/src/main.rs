@@ -51,7 +51,8 @@ const AFTER_HELP: &str = "Examples:
   cargo xtask bench uno --hour     an hour on the virtual Uno
   cargo xtask accept --count 1000 --seed 7   random motions; `accept --seed 7 --only 42` is one of them
   cargo xtask fuzz --seconds 600   longer than CI does
-  cargo xtask firmware --check     whether the committed image is what the source builds";
+  cargo xtask firmware --check     whether the committed image is what the source builds
+  cargo xtask firmware --sizes 9df931b   what each image takes, lines by module, beside those of that commit";
 
 #[derive(Subcommand)]
 enum Task {
@@ -80,6 +81,9 @@ enum Task {
         /// Write nothing: fail when a committed image is not what the source builds
         #[arg(long)]
         check: bool,
+        /// Write nothing: print what the Uno's images take and leave, and the lines of each module; beside those of a commit, if one is said
+        #[arg(long, value_name = "COMMIT", num_args = 0..=1, conflicts_with = "check")]
+        sizes: Option<Option<String>>,
     },
     /// Make a UF2 file, which a Pico takes, of a program that was linked with the Pico's library: beside it, with `.uf2`
     Uf2 {
@@ -93,6 +97,9 @@ enum Task {
         /// Of the Uno: the simulated hour of four motors on one DIR line; of the Pico: of eight; a section of its own
         #[arg(long, requires = "only")]
         hour: bool,
+        /// Of the Uno: figure 2 alone, the promised rates; printed, not written
+        #[arg(long, requires = "only", conflicts_with = "hour")]
+        rates: bool,
     },
     /// Write the golden files anew; read the difference before you commit it
     Golden,
@@ -103,7 +110,7 @@ enum Task {
 /// A board with a firmware.
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum Firmware {
-    /// The Arduino Uno: crates/board/images/uno.hex
+    /// The Arduino Uno: crates/board/images/uno*.hex
     Uno,
     /// The Raspberry Pi Pico: crates/board/images/pico.uf2
     Pico,
@@ -142,15 +149,17 @@ fn main() -> ExitCode {
         Task::Accept(options) => accept::run(&options),
         Task::Fuzz { seconds, target } => fuzz::run(seconds, target.as_deref()),
         Task::CrossCheck => cross_check::run(),
-        Task::Firmware { board, check } => firmware(board, check),
+        Task::Firmware { sizes: Some(before), .. } => firmware::sizes(before.as_deref()),
+        Task::Firmware { board, check, .. } => firmware(board, check),
         Task::Uf2 { elf } => firmware::pico::convert(&elf),
         Task::Bench { only: None, .. } => bench::run(),
-        Task::Bench { only: Some(Figures::Uno), hour: false } => bench::uno::run(),
-        Task::Bench { only: Some(Figures::Uno), hour: true } => bench::uno::hour(),
+        Task::Bench { only: Some(Figures::Uno), rates: true, .. } => bench::uno::figure_2(),
+        Task::Bench { only: Some(Figures::Uno), hour: false, .. } => bench::uno::run(),
+        Task::Bench { only: Some(Figures::Uno), hour: true, .. } => bench::uno::hour(),
         Task::Bench { only: Some(Figures::Winch), .. } => bench::winch::run(),
         Task::Bench { only: Some(Figures::Verbs), .. } => bench::verbs::run(),
-        Task::Bench { only: Some(Figures::Pico), hour: false } => bench::pico::run(),
-        Task::Bench { only: Some(Figures::Pico), hour: true } => bench::pico::hour(),
+        Task::Bench { only: Some(Figures::Pico), hour: false, .. } => bench::pico::run(),
+        Task::Bench { only: Some(Figures::Pico), hour: true, .. } => bench::pico::hour(),
         Task::Golden => golden::run(),
         Task::Pictures => pictures::run(),
     };

@@ -13,7 +13,7 @@ const OFF_THE_STEP_PATH: [(&str, &str); 5] = [
     ("segment.rs", "after"),
     // A pool's shares: constants, which the compiler divides.
     ("bytes.rs", "share"),
-    // The reader of lines, not of steps; on an AVR it is assembly (firmware/uno/src/winch/text.s).
+    // The reader of lines, not of steps; on an AVR it is assembly (firmware/uno/src/bin/uno-winch/winch/text.s).
     ("text.rs", "number"),
     ("text.rs", "scaled"),
 ];

@@ -2,8 +2,8 @@
 
     python3 examples/plot_run.py /dev/ttyACM0
 
-Without a board: `pulsetrain board winch --pty /tmp/winch`, or `board uno` for the firmware on an emulated chip, is a
-port that takes its place.
+Without a board: `pulsetrain board winch --pty /tmp/winch`, or `board uno --image winch` for the firmware on
+an emulated chip, is a port that takes its place.
 """
 
 # %% The board

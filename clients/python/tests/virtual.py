@@ -34,6 +34,8 @@ class VirtualBoard:
         self.folder = tempfile.TemporaryDirectory()
         self.port = str(Path(self.folder.name) / "port")
         command = [pulsetrain() or "", "board", board, "--pty", self.port]
+        if board == "uno":
+            command += ["--image", "winch"]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         assert self.process.stdout is not None
         self.process.stdout.readline()

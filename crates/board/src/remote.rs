@@ -12,7 +12,7 @@ use crate::{Board, BoardClock, Edge, Fared, Faults, Observer, Sizer, StopReport,
 use pulsetrain_core::packing::Packing;
 use pulsetrain_core::verbs::Verb;
 use pulsetrain_core::wire::message::{
-    Cause, Configuration, Event, Info, Measures, MotorSetup, NO_PIN, Status, flags, kind,
+    Cause, Configuration, Event, Info, Measures, MotorSetup, NO_PIN, Status, flags, image, kind,
 };
 use pulsetrain_core::wire::orders::{ORDER_LEN, Obeyed, Orders, order};
 use pulsetrain_core::wire::{Baud, Command, Reason, Reply, Settings, Stopped, Stored, Switched};
@@ -194,11 +194,13 @@ pub enum RemoteError {
         /// Its F.
         wanted_bits: u32,
     },
-    /// An Uno whose firmware is another image than the plan is for.
-    #[error("the board's firmware is not the image for the highest rates, which the motion is planned for: `{wanted}`")]
+    /// An Uno with another of its images than is needed.
+    #[error("the board has the image `{is}`, and this takes the image `{wanted}`")]
     OtherImage {
-        /// What was planned for, as a motion file calls it.
-        wanted: String,
+        /// What it has: [`image_name`].
+        is: &'static str,
+        /// What is needed.
+        wanted: &'static str,
     },
     /// What was to be stored is not what it keeps then.
     #[error("the board's memory did not take the settings: try again; if that does not help it is worn out")]
@@ -276,6 +278,17 @@ pub const fn name_of(info: &Info) -> &'static str {
         1 => "an Arduino Uno",
         2 => "a Raspberry Pi Pico",
         _ => "a model, no chip",
+    }
+}
+
+/// What an Uno's image is called, of [`image`]: as `pulsetrain flash uno --image` has it, `uno` the one that is there from the start.
+#[must_use]
+pub const fn image_name(number: u8) -> &'static str {
+    match number {
+        image::PLANS => "uno",
+        image::WINCH => "winch",
+        image::VERBS => "verbs",
+        _ => "unknown",
     }
 }
 
@@ -592,20 +605,7 @@ impl<P: Port> Remote<P> {
     /// # Errors
     /// When the board is lost.
     pub fn obeys(&mut self) -> Result<bool, RemoteError> {
-        self.knows(&Command::Orders(Orders::NONE))
-    }
-
-    /// Whether it keeps settings without power: of an Uno's images the plain one does, which has text.
-    ///
-    /// # Errors
-    /// When the board is lost.
-    pub fn keeps(&mut self) -> Result<bool, RemoteError> {
-        self.knows(&Command::Store(None))
-    }
-
-    /// Whether it does not refuse a command as unknown.
-    fn knows(&mut self, command: &Command<'_>) -> Result<bool, RemoteError> {
-        let answer = self.ask(command)?;
+        let answer = self.ask(&Command::Orders(Orders::NONE))?;
         Ok(!matches!(answer.reply, Reply::Refused { reason: Reason::UnknownKind, .. }))
     }
 

@@ -15,11 +15,10 @@ use std::time::Duration;
 
 pub use crate::bridge::CYCLES_PER_S;
 
-/// The firmware that `cargo xtask firmware uno` built, the same with verbs in place of text, with faster code in its place, and without a
-/// line to a host.
+/// The programs that `cargo xtask firmware uno` built: for plans, for text, for verbs, and for a motion that lies behind it.
 const IMAGE: &str = include_str!("../images/uno.hex");
 const VERBS: &str = include_str!("../images/uno-verbs.hex");
-const STREAM: &str = include_str!("../images/uno-stream.hex");
+const WINCH: &str = include_str!("../images/uno-winch.hex");
 const BAKED: &str = include_str!("../images/uno-baked.hex");
 
 /// DTR pulls the reset pin low for so long, through 100 nF and 1 kΩ.
@@ -43,25 +42,25 @@ const LOCKS: u8 = 0xcf;
 /// Cycles that the bootloader is run at a time; the fewest that a program takes to its clock's start are more.
 const BOOTLOADER_STRIDE: u64 = 64;
 
-/// The committed firmware, as it lies in the flash from address 0 on.
+/// The committed firmware for plans, as it lies in the flash from address 0 on.
 #[must_use]
 pub fn image() -> Vec<u8> {
     // Held by a test: the image is committed and whole.
     hex::parse(IMAGE, Atmega328p::FLASH_BYTES).unwrap_or_default()
 }
 
-/// The other committed firmware, which obeys verbs and knows no text.
+/// The committed firmware that obeys verbs.
 #[must_use]
 pub fn verbs_image() -> Vec<u8> {
     // As above.
     hex::parse(VERBS, Atmega328p::FLASH_BYTES).unwrap_or_default()
 }
 
-/// The committed firmware for the highest rates, which knows frames alone.
+/// The committed firmware that knows `StepperWinch`'s text.
 #[must_use]
-pub fn stream_image() -> Vec<u8> {
+pub fn winch_image() -> Vec<u8> {
     // As above.
-    hex::parse(STREAM, Atmega328p::FLASH_BYTES).unwrap_or_default()
+    hex::parse(WINCH, Atmega328p::FLASH_BYTES).unwrap_or_default()
 }
 
 /// The committed firmware that plays a motion which lies right behind it.
@@ -135,7 +134,7 @@ impl Observer for Outside {
 }
 
 impl VirtualUno {
-    /// An Uno with the committed firmware that has just been plugged in and opened.
+    /// An Uno with the committed firmware for plans that has just been plugged in and opened.
     #[must_use]
     pub fn new() -> VirtualUno {
         VirtualUno::with_image(&image()).expect("no image is larger than what it was parsed for")
@@ -147,10 +146,10 @@ impl VirtualUno {
         VirtualUno::with_image(&verbs_image()).expect("no image is larger than what it was parsed for")
     }
 
-    /// The same with the firmware [for the highest rates](stream_image).
+    /// The same with the firmware [for text](winch_image).
     #[must_use]
-    pub fn with_stream() -> VirtualUno {
-        VirtualUno::with_image(&stream_image()).expect("no image is larger than what it was parsed for")
+    pub fn with_winch() -> VirtualUno {
+        VirtualUno::with_image(&winch_image()).expect("no image is larger than what it was parsed for")
     }
 
     /// An Uno with any firmware.

@@ -5,7 +5,7 @@ use pulsetrain_board::model::ModelPort;
 use pulsetrain_core::Epoch;
 use pulsetrain_core::wire::frame::{Received, Tag};
 use pulsetrain_core::wire::message::{
-    Ack, Cause, Configuration, Event, Info, MAX_PACKED, Measures, Missing, MotorSetup, Reason, flags,
+    Ack, Cause, Configuration, Event, Info, MAX_PACKED, Measures, Missing, MotorSetup, Reason, flags, image,
 };
 use pulsetrain_core::wire::service::{SILENCE_MS, TRIAL_MS};
 use pulsetrain_core::wire::{
@@ -128,7 +128,7 @@ fn layouts_are_as_long_as_their_tables() {
         encode(&mut frame);
         frame.finish(Tag(1)).expect("fits") - 6
     };
-    check("Info", reply(&|frame| Info::NOBODY.encode(frame)));
+    check("Info", reply(&|frame| Info { image: image::PLANS, ..Info::NOBODY }.encode(frame)));
     check("Measures", reply(&|frame| Measures::default().encode(frame)));
     let event = Event { cause: Cause::Finished, motor: 0, tick: 0, detail: 0 };
     check("Event", reply(&|frame| event.encode(frame)));

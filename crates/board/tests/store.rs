@@ -26,8 +26,12 @@ trait Keeps: Wired {
     fn setup() -> Setup;
     fn memory(&self) -> &[u8];
     fn memory_mut(&mut self) -> &mut [u8];
-    /// Another one, with that memory and no power until now.
+    /// Another one, with that memory and no power until now; it takes plans.
     fn with_memory(memory: &[u8]) -> Self;
+    /// The same that takes text.
+    fn with_text(memory: &[u8]) -> Self {
+        Self::with_memory(memory)
+    }
 }
 
 impl Keeps for VirtualUno {
@@ -47,6 +51,12 @@ impl Keeps for VirtualUno {
 
     fn with_memory(memory: &[u8]) -> VirtualUno {
         let mut uno = VirtualUno::new();
+        uno.memory_mut().copy_from_slice(memory);
+        uno
+    }
+
+    fn with_text(memory: &[u8]) -> VirtualUno {
+        let mut uno = VirtualUno::with_winch();
         uno.memory_mut().copy_from_slice(memory);
         uno
     }
@@ -262,7 +272,7 @@ fn the_slowest_flash_is_waited_for() {
 }
 
 fn writes_nothing_while_powered<B: Keeps>() {
-    let mut remote = Remote::open(B::start(), 1).expect("a board");
+    let mut remote = Remote::open(B::with_memory(B::start().memory()), 1).expect("a board");
     remote.configure(&B::setup()).expect("it can");
     let is_moving =
         |error: Option<RemoteError>| matches!(error, Some(RemoteError::Refused { reason: Reason::Moving, .. }));
@@ -284,7 +294,7 @@ fn enables<B: Wired>(lab: &Lab<B>) -> Vec<(u64, bool)> {
 }
 
 fn text_begins_with_settings<B: Keeps>() {
-    let mut lab = Lab::around(B::with_memory(&memory_with::<B>(&[SETTINGS])));
+    let mut lab = Lab::around(B::with_text(&memory_with::<B>(&[SETTINGS])));
     let ticks_a_ms = B::CYCLES_PER_S / 1000;
     lab.run_ms(80);
     assert_eq!(lab.lines[0].text, "awake");

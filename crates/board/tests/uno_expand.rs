@@ -3,15 +3,11 @@
 mod common;
 
 use common::Random;
-use common::lab::Image;
+use common::lab::{SYMBOLS, address};
+use pulsetrain_board::virtual_uno;
 use pulsetrain_core::narrow::Registers;
 use pulsetrain_emulator::Atmega328p;
 
-/// How all expanders begin: the steps that are left become fewer by those in r20.
-const BEGINNING: [u16; 4] = [0x898b, 0x899c, 0x1b84, 0x0991];
-/// How the ring's begins in the image for the highest rates: whether all intervals are shorter than 256 ticks; and the list's, and that for
-/// the ring behind lists: whether bit 8 and those above it are the same of all.
-const CHOICES: [[u16; 2]; 2] = [[0xad8d, 0x3081], [0xad8d, 0xff87]];
 /// Length of a long pulse, ticks.
 const PULSE: u8 = 160;
 
@@ -20,8 +16,7 @@ const TICKS: u16 = 0x600;
 const STACK: u16 = 0x8f0;
 /// Where the ring's tail is: data address of OCR0A.
 const TAIL_AT: u16 = 0x47;
-/// Of a motor, behind the registers: whether all intervals are shorter than 256 ticks; and the bit that says, to a list of the image for the
-/// highest rates, that bit 8 and those above it are the same of all of them.
+/// Of a motor, behind the registers: whether all intervals are shorter than 256 ticks; and the bit that says, to a list, that bit 8 and those above it are the same of all of them.
 const SURE: u16 = REGISTERS + 61;
 const EVEN: u8 = 0x80;
 const RETURN: u16 = 0x3ff0;
@@ -69,29 +64,10 @@ fn call(chip: &mut Atmega328p, entry: u16, at: u16, is_long: bool, registers: &R
     chip.cycle() - begin
 }
 
-/// Where words stand in an image.
-fn places(image: Image, what: &[u16]) -> Vec<u16> {
-    let bytes = image.bytes();
-    let words: Vec<_> = bytes.chunks_exact(2).map(|pair| u16::from_le_bytes([pair[0], pair[1]])).collect();
-    let found = words.windows(what.len()).enumerate().filter(|(_, words)| *words == what);
-    found.map(|(at, _)| u16::try_from(at).unwrap()).collect()
-}
-
 /// A chip with the image, and where its expanders are: for rings, for lists, and the long pulses of both.
-fn chip(image: Image) -> (Atmega328p, [u16; 4]) {
-    let mut entries = places(image, &BEGINNING);
-    if image == Image::Stream {
-        // Either way of them begins so, behind where it is chosen.
-        let [ring] = places(image, &CHOICES[0]).try_into().expect("a ring's");
-        let [list, _] = lists();
-        entries.splice(..6, [ring, list]);
-    }
-    (Atmega328p::new(&image.bytes()).unwrap(), entries.try_into().expect("four expanders"))
-}
-
-/// In the image for the highest rates, where the expanders for lists are, and for the ring behind them.
-fn lists() -> [u16; 2] {
-    places(Image::Stream, &CHOICES[1]).try_into().expect("a list's, and the one's for the ring behind lists")
+fn chip() -> (Atmega328p, [u16; 4]) {
+    let names = ["steps_expand_ring", "steps_expand_list", "steps_expand_ring_long", "steps_expand_list_long"];
+    (Atmega328p::new(&virtual_uno::image()).unwrap(), names.map(|name| address(SYMBOLS, name)))
 }
 
 /// What `n` steps make of the registers, and their ticks.
@@ -108,13 +84,9 @@ fn advanced(registers: &Registers, n: u8) -> (Registers, Vec<u16>) {
 
 #[test]
 fn expansion_is_the_recurrence() {
-    Image::ALL.into_iter().for_each(expands);
-}
-
-fn expands(image: Image) {
-    let (mut chip, entries) = chip(image);
-    // A ring's steps are published eight at a time; in the image for the highest rates twelve, and four while 56 of its 62 groups are free.
-    let published: &[u16] = if image == Image::Stream { &[4, 8, 20] } else { &[8, 16, 24] };
+    let (mut chip, entries) = chip();
+    // A ring's steps are published twelve at a time, and four while 56 of its 62 groups are free.
+    let published: &[u16] = &[4, 8, 20];
     let mut random = Random::new(1);
     let mut lawful = [0; 4];
     for round in 0..4000 {
@@ -141,7 +113,7 @@ fn expands(image: Image) {
             let cycles = call(&mut chip, entry, TICKS, kind >= 2, &registers, n);
             let ram = |address: u16| chip.ram()[usize::from(address - 0x100)];
             let after: Vec<_> = (0..21).map(|at| ram(REGISTERS + at)).collect();
-            assert_eq!(after, bytes_of(&expected), "{image:?}, round {round}, {n} steps of {registers:?}");
+            assert_eq!(after, bytes_of(&expected), "round {round}, {n} steps of {registers:?}");
             for (index, tick) in (0..).zip(&ticks) {
                 let [low, high] = tick.to_le_bytes();
                 let [end_low, end_high] = tick.wrapping_add(PULSE.into()).to_le_bytes();
@@ -178,10 +150,9 @@ fn expands(image: Image) {
             } else if !steady && n == 20 && lawful[kind] != 0 {
                 // As steps/expand.rs says: 19.5 and 18.5 cycles a step (36.5 and 25.5 with long pulses), and some 30 for each batch of
                 // the ring more; but for 4 where the tick's fourth byte changes.
-                let ring = if image == Image::Stream { 229 } else { 225 };
                 assert!(
-                    (lawful[kind] - cycles).abs_diff([ring, 185, 365, 255][kind]) <= 6,
-                    "{image:?}, {kind}: {} − {cycles}",
+                    (lawful[kind] - cycles).abs_diff([229, 185, 365, 255][kind]) <= 6,
+                    "{kind}: {} − {cycles}",
                     lawful[kind]
                 );
             }
@@ -215,14 +186,14 @@ fn fill(chip: &mut Atmega328p, entry: u16, registers: &Registers, n: u8, tail: u
     }
 }
 
-/// In the image for the highest rates: of intervals whose bit 8 and those above it stay, an expander for lists works out the lower ones
+/// Of intervals whose bit 8 and those above it stay, an expander for lists works out the lower ones
 /// alone. So does that for the ring behind lists, which may write beyond its page's end: it goes on where the ring begins.
 #[test]
 fn even_lists_are_the_recurrence() {
     const START: u16 = 0xa0;
     const GROUPS: u64 = 24;
-    let (mut chip, [_, list, ..]) = chip(Image::Stream);
-    let [_, ring] = lists();
+    let (mut chip, [_, list, ..]) = chip();
+    let ring = address(SYMBOLS, "steps_expand_beside");
     let mut random = Random::new(3);
     for round in 0..4000 {
         let n = 1 + (random.next() % 31) as u8;
@@ -270,11 +241,7 @@ fn even_lists_are_the_recurrence() {
 
 #[test]
 fn a_ring_takes_what_it_has_room_for() {
-    Image::ALL.into_iter().for_each(fills);
-}
-
-fn fills(image: Image) {
-    let (mut chip, [entry, ..]) = chip(image);
+    let (mut chip, [entry, ..]) = chip();
     let mut random = Random::new(2);
     let mut nearest = (0, 0);
     for round in 0..4000 {
@@ -299,21 +266,14 @@ fn fills(image: Image) {
         let filled = fill(&mut chip, entry, &registers, n, tail, sure);
         // So much that fewer than four groups are left, or all.
         let made = filled.ticks.len();
-        assert!(
-            made == usize::from(n) || (room as usize - 3..=room as usize).contains(&made),
-            "{image:?}: {made} of {n}, {room}"
-        );
+        assert!(made == usize::from(n) || (room as usize - 3..=room as usize).contains(&made), "{made} of {n}, {room}");
         let mut expected = registers;
         for tick in &filled.ticks {
             expected.advance();
             expected.left -= 1;
-            assert_eq!(expected.tick as u16, *tick, "{image:?}, round {round}: {registers:?}");
+            assert_eq!(expected.tick as u16, *tick, "round {round}: {registers:?}");
         }
-        assert_eq!(
-            filled.registers,
-            bytes_of(&expected),
-            "{image:?}, round {round}, {made} of {n} steps of {registers:?}"
-        );
+        assert_eq!(filled.registers, bytes_of(&expected), "round {round}, {made} of {n} steps of {registers:?}");
         assert_eq!(chip.register(5), n - made as u8);
         // Where there is less room than for 32, all are published at once.
         if sure == 1 && !steady && made == usize::from(n) && room < 32 {
@@ -325,5 +285,5 @@ fn fills(image: Image) {
         }
     }
     // 16.5 cycles a step.
-    assert!((nearest.1 - nearest.0).abs_diff(165) <= 6, "{image:?}: {nearest:?}");
+    assert!((nearest.1 - nearest.0).abs_diff(165) <= 6, "{nearest:?}");
 }

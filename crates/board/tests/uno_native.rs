@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::lab::{EXACT, Image, Lab, SHARED, SOFTWARE, Timing, Uno, uno};
+use common::lab::{EXACT, Lab, SHARED, SOFTWARE, Timing, Uno, uno};
 use common::{Random, TICK_HZ, uno_setup};
 use pulsetrain_board::{Board, Faults, Setup, SwitchRefused};
 use pulsetrain_core::wire::message::Cause;
@@ -132,11 +132,11 @@ struct Tally {
 }
 
 /// Random epochs on one kind of pins; switches at random ticks, of which some come too late; at the end rest, or a stop.
-fn random_plans(image: Image, pins: &Pins, seed: u64, tally: &mut Tally) {
+fn random_plans(pins: &Pins, seed: u64, tally: &mut Tally) {
     let random = &mut Random::new(seed);
     let setup = random_setup(pins, random);
     println!("{setup:?}");
-    let mut board = uno(image, &setup);
+    let mut board = uno(&setup);
     let mut lab = Lab::default();
     let from = board.now() + board.lead() + TICK_HZ / 100;
     push(&mut board, pins, &setup, random, 1, from);
@@ -186,7 +186,7 @@ fn random_plans(image: Image, pins: &Pins, seed: u64, tally: &mut Tally) {
     tally.steps += lab.steps.len();
 }
 
-/// Each kind of pins for so many seeds, by turns on either image.
+/// Each kind of pins for so many seeds.
 const SEEDS: u64 = 15;
 
 fn random_plans_on(kinds: &[Pins]) {
@@ -194,12 +194,10 @@ fn random_plans_on(kinds: &[Pins]) {
     for pins in kinds {
         let mut tally = Tally::default();
         for seed in 1..=SEEDS {
-            let image = Image::by_turns(seed);
-            println!("{}, seed {seed}, {image:?}", pins.name);
-            let run =
-                std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| random_plans(image, pins, seed, &mut tally)));
+            println!("{}, seed {seed}", pins.name);
+            let run = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| random_plans(pins, seed, &mut tally)));
             if run.is_err() {
-                failed.push((pins.name, seed, image));
+                failed.push((pins.name, seed));
             }
         }
         println!("{}: {} steps, {} switches taken, {} refused", pins.name, tally.steps, tally.taken, tally.refused);

@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::lab::Image;
+use common::lab::{SYMBOLS, address};
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Port, Remote};
 use pulsetrain_core::wire::Baud;
@@ -12,8 +12,8 @@ use pulsetrain_core::wire::message::Cause;
 const SREG: u16 = 0x5f;
 const I: u8 = 0x80;
 
-fn opened(image: Image) -> Remote<VirtualUno> {
-    let mut board = Remote::open(image.uno(), 7).expect("it answers");
+fn opened() -> Remote<VirtualUno> {
+    let mut board = Remote::open(VirtualUno::new(), 7).expect("it answers");
     assert_eq!(board.set_baud(Baud::B1M), Ok(Baud::B1M));
     assert_eq!(board.measures(true).expect("it answers").lost_bytes, 0);
     while !board.port().chip().is_asleep() {
@@ -36,11 +36,7 @@ fn told(mut board: Remote<VirtualUno>, fewest: u16) {
 
 #[test]
 fn what_the_usart_loses_is_told() {
-    Image::ALL.into_iter().for_each(usart_loses);
-}
-
-fn usart_loses(image: Image) {
-    let mut board = opened(image);
+    let mut board = opened();
     let port = board.port_mut();
     port.send(&[0x55; 6]).expect("a virtual port");
     let chip = port.chip_mut();
@@ -58,14 +54,8 @@ fn usart_loses(image: Image) {
 
 #[test]
 fn what_the_page_loses_is_told() {
-    Image::ALL.into_iter().for_each(page_loses);
-}
-
-fn page_loses(image: Image) {
-    let bytes = image.bytes();
-    let forever = bytes.chunks_exact(2).position(|word| word == 0xcfff_u16.to_le_bytes()).expect("a loop to itself");
-    let forever = u16::try_from(forever).unwrap();
-    let mut board = opened(image);
+    let forever = address(SYMBOLS, "end_of_program_loop");
+    let mut board = opened();
     let port = board.port_mut();
     port.send(&[0x55; 150]).expect("a virtual port");
     let chip = port.chip_mut();

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::lab::{Image, Lab, uno};
+use common::lab::{Lab, uno};
 use common::{TICK_HZ, run, uno_setup};
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Remote, RemoteError, Setup};
@@ -43,12 +43,8 @@ const KINDS: [&[(u8, u8)]; 7] = [
 /// that the next one does not name are none any more.
 #[test]
 fn pins_are_outputs_when_a_configuration_names_them() {
-    Image::ALL.into_iter().for_each(outputs);
-}
-
-fn outputs(image: Image) {
     for step_low in [false, true] {
-        let mut board = Remote::open(image.uno(), 1).expect("it answers");
+        let mut board = Remote::open(VirtualUno::new(), 1).expect("it answers");
         assert!((2..20).all(|pin| !is_output(board.port(), pin)));
         for pins in KINDS {
             let mut setup = uno_setup(pins, 16);
@@ -73,11 +69,7 @@ fn outputs(image: Image) {
 /// A configuration that no stepgen serves is refused, with the pin, and nothing changes.
 #[test]
 fn pins_that_do_not_go_together_are_refused() {
-    Image::ALL.into_iter().for_each(refuses);
-}
-
-fn refuses(image: Image) {
-    let mut board = Remote::open(image.uno(), 1).expect("it answers");
+    let mut board = Remote::open(VirtualUno::new(), 1).expect("it answers");
     let mut check = |pins: &[(u8, u8)], enable: Option<(u8, bool)>, expected: (Reason, u16)| {
         let setup = Setup { enable, ..uno_setup(pins, 16) };
         let Err(RemoteError::Refused { reason, detail, .. }) = board.configure(&setup) else { panic!("{pins:?}") };
@@ -97,13 +89,9 @@ fn refuses(image: Image) {
 /// first step, when they are to move again.
 #[test]
 fn enable_follows_the_motors() {
-    Image::ALL.into_iter().for_each(enables);
-}
-
-fn enables(image: Image) {
     for (enable_high, pin) in [(false, 8), (true, 12), (true, 17)] {
         let setup = Setup { enable: Some((pin, enable_high)), idle_ms: Some(100), ..uno_setup(&[(2, 5), (3, 6)], 16) };
-        let mut board = Remote::open(image.uno(), 1).expect("it answers");
+        let mut board = Remote::open(VirtualUno::new(), 1).expect("it answers");
         board.configure(&setup).expect("it takes it");
         // Armed, and nothing to do: held, then released.
         assert_eq!(level(board.port(), pin), enable_high, "armed");
@@ -144,14 +132,10 @@ const MOST_EXTRA_TICKS: u64 = 160;
 /// Pulses last what was asked, and little more: not the 10 µs of another driver.
 #[test]
 fn pulses_are_as_long_as_asked() {
-    Image::ALL.into_iter().for_each(pulses);
-}
-
-fn pulses(image: Image) {
     for pins in KINDS {
         for asked in [16, 31, 48, 80, 160, 480] {
             let setup = uno_setup(pins, asked);
-            let mut board = uno(image, &setup);
+            let mut board = uno(&setup);
             let mut lab = Lab::default();
             let from = board.now() + board.lead() + TICK_HZ / 100;
             for motor in 0..pins.len() {

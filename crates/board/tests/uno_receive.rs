@@ -1,18 +1,16 @@
 //! The firmware's decoder of frames, in assembly, against `Decoder`: random and damaged lines, on the emulated chip.
 
+mod common;
+
+use common::lab::{SYMBOLS, address};
+use pulsetrain_board::virtual_uno;
 use pulsetrain_core::wire::frame::{Received, Tag};
 use pulsetrain_core::wire::{Decoder, Encoder, MAX_BODY, MAX_FRAME};
-use pulsetrain_emulator::{Atmega328p, hex};
+use pulsetrain_emulator::Atmega328p;
 
-const PLAIN: &str = include_str!("../images/uno.hex");
-/// The image for the highest rates has a loop of its own.
-const STREAM: &str = include_str!("../images/uno-stream.hex");
-
-/// How the function begins: Y onto the stack, the argument into it, the tail into Z, Z's page.
-const BEGINNING: [u16; 8] = [0x93cf, 0x93df, 0x01ec, 0x81e8, 0xe0f1, 0x815a, 0x814b, 0x812c];
 const PAGE: u16 = 0x100;
 const PAGE_LEN: u16 = 128;
-/// firmware/uno/src/link/receive.rs has these.
+/// firmware/uno/src/engine/link/receive.rs has these.
 const RECEIVER: u16 = 0x500;
 const LONGEST_BODY: usize = 57;
 const LEN: u16 = 6;
@@ -47,13 +45,9 @@ struct Chip {
 }
 
 impl Chip {
-    fn new(image: &str) -> Chip {
-        let image = hex::parse(image, Atmega328p::FLASH_BYTES).unwrap();
-        let words: Vec<_> = image.chunks_exact(2).map(|pair| u16::from_le_bytes([pair[0], pair[1]])).collect();
-        let found = words.windows(BEGINNING.len()).enumerate().filter(|(_, words)| *words == BEGINNING);
-        let entries: Vec<_> = found.map(|(at, _)| u16::try_from(at).unwrap()).collect();
-        let [entry] = entries[..] else { panic!("{} places begin so", entries.len()) };
-        Chip { chip: Atmega328p::new(&image).unwrap(), entry, head: 0, unread: 0 }
+    fn new() -> Chip {
+        let chip = Atmega328p::new(&virtual_uno::image()).unwrap();
+        Chip { chip, entry: address(SYMBOLS, "receive_frame"), head: 0, unread: 0 }
     }
 
     fn ram(&self, address: u16) -> u8 {
@@ -137,11 +131,7 @@ fn piece(random: &mut Random) -> Vec<u8> {
 
 #[test]
 fn frames_are_those_of_the_decoder() {
-    [PLAIN, STREAM].into_iter().for_each(frames_of_the_decoder);
-}
-
-fn frames_of_the_decoder(image: &str) {
-    let (mut random, mut chip) = (Random(0x9e37_79b9_7f4a_7c15), Chip::new(image));
+    let (mut random, mut chip) = (Random(0x9e37_79b9_7f4a_7c15), Chip::new());
     let mut decoder = Decoder::<LONGEST_BODY>::new();
     let (mut frames, mut damaged) = (0, 0);
     for _ in 0..8000 {
@@ -181,8 +171,8 @@ fn frames_of_the_decoder(image: &str) {
 }
 
 /// What a frame costs, all of it there at once.
-fn cycles(image: &str, body: &[u8]) -> u64 {
-    let mut chip = Chip::new(image);
+fn cycles(body: &[u8]) -> u64 {
+    let mut chip = Chip::new();
     let frame = framed(body, 3);
     frame.iter().for_each(|byte| chip.write(*byte));
     let (result, taken, cycles) = chip.take(chip.unread as u8);
@@ -191,8 +181,7 @@ fn cycles(image: &str, body: &[u8]) -> u64 {
 }
 
 /// Cycles of 40 bytes more, and of 57 that are zeros; of the longest frame at most 30 for each byte on the line.
-fn bytes_cost(image: &str) -> (u64, u64) {
-    let cycles = |body: &[u8]| cycles(image, body);
+fn bytes_cost() -> (u64, u64) {
     let (short, long, zeros) = (cycles(&[7; 17]), cycles(&[7; 57]), cycles(&[0; 57]));
     println!("17 bytes {short} cycles, 57 bytes {long}, 57 zeros {zeros}");
     println!("{} cycles a byte on the line, of the longest frame", long as f64 / (LONGEST_BODY + 6) as f64);
@@ -201,11 +190,6 @@ fn bytes_cost(image: &str) -> (u64, u64) {
 }
 
 #[test]
-fn a_byte_costs_28_cycles_and_a_zero_34() {
-    assert_eq!(bytes_cost(PLAIN), (40 * 28, 57 * 6));
-}
-
-#[test]
-fn at_the_highest_rates_a_byte_costs_21_and_a_half() {
-    assert_eq!(bytes_cost(STREAM), (40 * 43 / 2, 57 * 6));
+fn a_byte_costs_21_cycles_and_a_half_and_a_zero_6_more() {
+    assert_eq!(bytes_cost(), (40 * 43 / 2, 57 * 6));
 }

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::lab::{Image, Lab, said, uno};
+use common::lab::{Lab, said, uno};
 use common::{Random, TICK_HZ, uno_setup};
 use pulsetrain_board::{Board, Setup};
 use pulsetrain_core::wire::message::flags;
@@ -24,8 +24,8 @@ const INTERVALS: [u64; 7] = [900, 900, 2500, 2500, 2500, 3500, 8000];
 
 /// Begins a motion of motors that step `interval` ticks apart, each a little after the one before, forward and, where they
 /// have a DIR line of their own, now and then backward.
-fn begin(image: Image, setup: &Setup, shift: u64, interval: u64, count: u32) -> (common::lab::Uno, Lab, u64) {
-    let mut board = uno(image, setup);
+fn begin(setup: &Setup, shift: u64, interval: u64, count: u32) -> (common::lab::Uno, Lab, u64) {
+    let mut board = uno(setup);
     let from = board.now() + board.lead() + TICK_HZ / 100 + shift;
     let shared = setup.motors.len() == 4 && setup.motors[0].dir_pin == setup.motors[1].dir_pin;
     for motor in 0..setup.motors.len() {
@@ -44,16 +44,16 @@ fn begin(image: Image, setup: &Setup, shift: u64, interval: u64, count: u32) -> 
 
 /// The immediate stop at each phase of a step, in mid-pulse too: the begin is shifted against the host's clock, by which
 /// everything else happens.
-fn stops(image: Image, pins: &[(u8, u8)], pulse_ticks: u16, interval: u64, shift: u64) {
+fn stops(pins: &[(u8, u8)], pulse_ticks: u16, interval: u64, shift: u64) {
     let mut setup = uno_setup(pins, pulse_ticks);
     for motor in &mut setup.motors {
         motor.forward_high = false;
     }
-    let (mut board, mut lab, from) = begin(image, &setup, shift, interval, 20);
+    let (mut board, mut lab, from) = begin(&setup, shift, interval, 20);
     let stop_at = from - shift + 1000 + 27 * interval;
     let report = board.stop_now(stop_at, &mut lab);
     board.advance(report.tick + TICK_HZ / 50, &mut lab);
-    let what = format!("{image:?}, {pins:?}, {pulse_ticks} ticks, shift {shift}");
+    let what = format!("{pins:?}, {pulse_ticks} ticks, shift {shift}");
     println!("{what}: {report:?} {:?}", board.board_mut().events());
     assert_eq!(report.positions, lab.counts(&setup), "{what}");
     assert!(lab.edges.len() > 50, "{what}: nothing moved: {report:?}, asked {stop_at}, {:?}", lab.edges.last());
@@ -65,12 +65,12 @@ fn stops(image: Image, pins: &[(u8, u8)], pulse_ticks: u16, interval: u64, shift
     assert_eq!(status.head.flags & flags::ARMED, 0, "{what}: still armed");
 }
 
-/// All shifts of a step in steps of a few ticks, on one kind of pins, by turns on either image.
+/// All shifts of a step in steps of a few ticks, on one kind of pins.
 fn stops_at_every_phase(kind: usize) {
     let interval = INTERVALS[kind];
     for (pulse_ticks, apart) in [(16, 31), (160, 49)] {
-        for (number, shift) in (0..).zip((0..interval).step_by(apart)) {
-            stops(Image::by_turns(number), KINDS[kind], pulse_ticks, interval, shift);
+        for shift in (0..interval).step_by(apart) {
+            stops(KINDS[kind], pulse_ticks, interval, shift);
         }
     }
 }
@@ -108,13 +108,9 @@ fn stops_with_a_shared_dir_line() {
 
 /// What the status says while motors move is what the pins had shown at some instant since it was asked.
 fn counts(kind: usize) {
-    Image::ALL.into_iter().for_each(|image| counts_of(image, kind));
-}
-
-fn counts_of(image: Image, kind: usize) {
     let setup = uno_setup(KINDS[kind], 16);
     let interval = INTERVALS[kind];
-    let (mut board, mut lab, from) = begin(image, &setup, 0, interval, 400);
+    let (mut board, mut lab, from) = begin(&setup, 0, interval, 400);
     let random = &mut Random::new(kind as u64);
     let mut answers = Vec::new();
     while board.now() < from + 1200 * interval {
@@ -130,7 +126,7 @@ fn counts_of(image: Image, kind: usize) {
             let shown = lab.counts_between(&setup, index, *tick, tick + LOOK_TICKS);
             assert!(
                 shown.contains(&i64::from(motor.position)),
-                "{image:?}, {:?}, motor {index}: {} at {tick}, pins {shown:?}",
+                "{:?}, motor {index}: {} at {tick}, pins {shown:?}",
                 KINDS[kind],
                 motor.position
             );

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::lab::{EXACT, Image, Lab, SOFTWARE, Timing, said, uno, uno_after};
+use common::lab::{EXACT, Lab, SOFTWARE, Timing, said, uno, uno_after};
 use common::{TICK_HZ, uno_setup};
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Faults, Port};
@@ -64,15 +64,15 @@ fn across(port: VirtualUno, wrap: u64, pins: &[(u8, u8)], timing: Timing) {
 }
 
 /// All of it, and half-way round: nothing is past that is to come.
-fn wraps(image: Image) {
+fn wraps() {
     let (software, hardware) = ((&[(8, 9)][..], SOFTWARE), (&[(9, 8)][..], EXACT));
     let both = (&[(9, 8), (10, 7)][..], EXACT);
-    let mut port = image.uno();
+    let mut port = VirtualUno::new();
     for (wrap, kinds) in [(1 << 31, &[software][..]), (1 << 32, &[software, both]), (3 << 31, &[hardware])] {
         // A second before.
         sleep(&mut port, wrap - TICK_HZ);
         for (pins, timing) in kinds {
-            println!("{image:?}, {pins:?}, {wrap} ticks");
+            println!("{pins:?}, {wrap} ticks");
             across(port.clone(), wrap, pins, *timing);
         }
     }
@@ -80,26 +80,17 @@ fn wraps(image: Image) {
 
 #[test]
 fn the_boards_clock_of_32_bits_wraps() {
-    wraps(Image::Plain);
-}
-
-#[test]
-fn the_clock_of_the_image_for_the_highest_rates_wraps() {
-    wraps(Image::Stream);
+    wraps();
 }
 
 /// Intervals next to 2^16 ticks, and multiples of it: a compare that was set for the wrong turn would be 65 536 ticks off.
 #[test]
 fn timer_1_wraps_between_steps() {
-    Image::ALL.into_iter().for_each(timer_1_wraps);
-}
-
-fn timer_1_wraps(image: Image) {
     for interval in [65_535, 65_536, 65_537, 131_072, 32_768, 49_152, 200_003] {
         for (pins, timing) in [(&[(8, 9)][..], SOFTWARE), (&[(9, 8), (10, 7)], EXACT)] {
-            println!("{image:?}, {pins:?}, {interval} ticks");
+            println!("{pins:?}, {interval} ticks");
             let setup = uno_setup(pins, 16);
-            let mut board = uno(image, &setup);
+            let mut board = uno(&setup);
             let mut lab = Lab::default();
             // The first step just before, at and after a wrap.
             let from = (board.now() + board.lead() + TICK_HZ / 10).next_multiple_of(1 << 16);
@@ -120,12 +111,8 @@ fn timer_1_wraps(image: Image) {
 /// More epochs than numbers for them, and more frames than sequence numbers.
 #[test]
 fn epochs_and_sequence_numbers_wrap() {
-    Image::ALL.into_iter().for_each(numbers_wrap);
-}
-
-fn numbers_wrap(image: Image) {
     let setup = uno_setup(&[(8, 9)], 16);
-    let mut board = uno(image, &setup);
+    let mut board = uno(&setup);
     let mut lab = Lab::default();
     for number in 1..=300_u64 {
         let epoch = Epoch(number as u8);
@@ -146,13 +133,9 @@ fn numbers_wrap(image: Image) {
 /// The queue ends in the middle of a motion: the motor stands where its last step was, and the count is right.
 #[test]
 fn a_queue_that_ends_is_a_motor_that_stands() {
-    Image::ALL.into_iter().for_each(a_queue_ends);
-}
-
-fn a_queue_ends(image: Image) {
     for pins in [&[(8, 9)][..], &[(9, 8)], &[(9, 8), (10, 7)]] {
         let setup = uno_setup(pins, 16);
-        let mut board = uno(image, &setup);
+        let mut board = uno(&setup);
         let mut lab = Lab::default();
         let from = board.now() + board.lead() + TICK_HZ / 10;
         for motor in 0..pins.len() {
@@ -178,7 +161,7 @@ fn a_queue_ends(image: Image) {
         let mut next = pulsetrain_board::Remote::open(port, 8).expect("it answers");
         let status = next.status().expect("it answers");
         assert!(status.is_idle());
-        assert_eq!(next.info().last_stop, Cause::Finished, "{image:?}, {pins:?}: rest came before the host was missed");
+        assert_eq!(next.info().last_stop, Cause::Finished, "{pins:?}: rest came before the host was missed");
         let said: Vec<_> = status.motors.as_slice().iter().map(|motor| i64::from(motor.position)).collect();
         assert_eq!(said, lab.counts(&setup), "{pins:?}");
     }

@@ -1,7 +1,7 @@
 //! The winch in the Uno's assembly against core's: random lines, the same answers; random commands to a path, the same bits;
 //! and what a tick and a byte cost.
 //!
-//! images/winch.hex is the assembly of firmware/uno/src/winch, behind winch_entries.s: `cargo xtask firmware uno`.
+//! images/winch.hex is the assembly of firmware/uno/src/bin/uno-winch/winch, behind winch_entries.s: `cargo xtask firmware uno`.
 
 #[path = "common/seed.rs"]
 mod seed;

@@ -3,18 +3,17 @@
 
 mod common;
 
+use common::Random;
+use common::lab::address;
 use common::seed::{rounds, seed};
 use common::winch::Uno;
-use common::{Random, uno_setup};
 use pulsetrain_board::virtual_uno::VirtualUno;
-use pulsetrain_board::{Board, Edge, LinkError, Port, PortError, Remote, RemoteError};
+use pulsetrain_board::{LinkError, Port, PortError, Remote, RemoteError};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Measures;
-use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
-use pulsetrain_emulator::{Atmega328p, hex};
+
 use std::time::Duration;
 
-const IMAGE: &str = include_str!("../images/uno.hex");
 /// Words of the table of interrupts' vectors, without the reset's.
 const VECTORS: std::ops::Range<u16> = 2..52;
 
@@ -52,9 +51,7 @@ fn measures(uno: &Uno) -> Measures {
 
 /// Where the image has a jump to itself.
 fn forever() -> u16 {
-    let image = hex::parse(IMAGE, Atmega328p::FLASH_BYTES).unwrap();
-    let at = image.chunks_exact(2).position(|word| word == 0xcfff_u16.to_le_bytes()).expect("a loop to itself");
-    u16::try_from(at).unwrap()
+    address(include_str!("../images/uno-winch.sym"), "end_of_program_loop")
 }
 
 /// The next interrupt takes so many cycles more, and keeps all others out: the processor waits at its vector.
@@ -99,7 +96,7 @@ fn without_main(uno: &mut Uno, work: impl FnOnce(&mut Uno)) {
 #[test]
 fn text_is_read_from_the_start() {
     // As early as the USART takes a byte: a client that opens the port does not wait.
-    let mut uno = Uno { port: VirtualUno::new(), edges: Vec::new(), lines: Vec::new(), partial: Vec::new() };
+    let mut uno = Uno { port: VirtualUno::with_winch(), edges: Vec::new(), lines: Vec::new(), partial: Vec::new() };
     while uno.port.zero().is_none() {
         run_us(&mut uno, 50);
     }
@@ -174,8 +171,7 @@ fn behind_a_zero_nothing_is_said_until_a_command() {
 /// A board that frames have had for 150 ms, without a word.
 fn taken() -> Uno {
     let uno = Uno::new();
-    let mut board = Remote::open(uno.port.clone(), 9).expect("it is free");
-    board.configure(&uno_setup(&[(2, 5)], 16)).expect("it takes it");
+    let board = Remote::open(uno.port.clone(), 9).expect("it is free");
     let mut uno = Uno { port: board.port().clone(), ..uno };
     uno.run_ms(150);
     uno
@@ -191,26 +187,6 @@ fn any_line_is_told_that_frames_have_the_board() {
         uno.run_ms(100);
         assert_eq!(uno.ask("ping", 30), ["err taken"], "after {line:?}");
     }
-}
-
-#[test]
-fn a_line_is_told_that_frames_motors_go_on() {
-    let mut uno = Uno::new();
-    let mut board = Remote::open(uno.port.clone(), 9).expect("it is free");
-    board.configure(&uno_setup(&[(2, 5)], 16)).expect("it takes it");
-    board.arm().expect("it is configured");
-    let from = board.now() + board.lead();
-    let segment = Segment { count: 900, interval: 16_000 << 16, add: 0, add2: 0 };
-    for item in [Item::Anchor { tick: Moment::of(from) }, Item::Run { segment, direction: Direction::Forward }] {
-        board.push(0, Entry { epoch: Epoch(1), item }).expect("room");
-    }
-    board.switch(Epoch(1), from).expect("in time");
-    board.advance(from, &mut |_: Edge| {});
-    uno.port = board.close();
-    uno.run_ms(200);
-    assert_eq!(uno.ask("enable 0", 30), ["err taken"]);
-    uno.run_ms(1000);
-    assert_eq!(uno.ask("ping", 30), ["awake"], "they rest");
 }
 
 /// A port that pauses behind each byte 10 of what is sent: the host's word may be cut anywhere.
@@ -246,7 +222,7 @@ impl Port for Halting {
 
 #[test]
 fn a_frame_that_is_cut_behind_a_byte_10_is_no_text() {
-    let mut board = Remote::open(Halting(VirtualUno::new(), Vec::new()), 9).expect("it is free");
+    let mut board = Remote::open(Halting(VirtualUno::with_winch(), Vec::new()), 9).expect("it is free");
     // Sequence numbers and what COBS makes of zeros come to 10 among these, after a silence as well.
     for _ in 0..30 {
         let until = board.port().now() + Duration::from_millis(130);

@@ -6,6 +6,7 @@ use common::Random;
 use common::seed::{rounds, seed};
 use common::winch::{ENABLE, SLICE, Said, Uno, follow};
 use pulsetrain_board::{LinkError, Remote, RemoteError};
+use pulsetrain_core::wire::Reason;
 
 /// Levels of the enable line, with their ticks.
 fn enable(uno: &Uno) -> Vec<(u64, bool)> {
@@ -247,7 +248,9 @@ fn text_and_frames_exclude_each_other() {
     uno.run_ms(300);
     // Frames have it.
     let mut board = Remote::open(uno.port.clone(), 9).expect("it is free");
-    board.configure(&common::uno_setup(&[(2, 5)], 16)).expect("it takes it");
+    // They move nothing: this image takes no plans.
+    let refused = board.configure(&common::uno_setup(&[(2, 5)], 16));
+    assert!(matches!(refused, Err(RemoteError::Refused { reason: Reason::UnknownKind, .. })), "{refused:?}");
     let mut taken = Uno { port: board.port().clone(), ..uno.clone() };
     taken.run_ms(150);
     assert_eq!(taken.ask("a x 5", 100), ["err taken"]);

@@ -80,7 +80,10 @@ impl Both {
 
     fn take(&mut self) {
         for (motor, steps) in (0..).zip(&mut self.steps) {
+            let mut has_all = false;
             while let Some(row) = self.narrow.take(motor) {
+                assert!(!has_all, "motor {motor}: more came behind all");
+                has_all = self.narrow.has_all(motor);
                 let ticks = (0..u32::from(row.count)).map(|step| row.first.after(step.wrapping_mul(row.period)).0);
                 steps.extend(ticks.map(|tick| (tick, row.direction)));
             }

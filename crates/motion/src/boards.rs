@@ -4,7 +4,6 @@
 
 mod pico;
 mod uno;
-mod uno_stream;
 
 use std::ops::RangeInclusive;
 
@@ -74,16 +73,6 @@ static UNO: Rates = Rates {
     lateness: uno::LATENESS,
     horizon: uno::HORIZON,
     queues: uno::QUEUES,
-};
-
-static UNO_STREAM: Rates = Rates {
-    pulses: uno_stream::PULSES,
-    by_software: uno_stream::BY_SOFTWARE,
-    pair: uno_stream::PAIR,
-    by_compare: uno_stream::BY_COMPARE,
-    lateness: uno_stream::LATENESS,
-    horizon: uno_stream::HORIZON,
-    queues: uno_stream::QUEUES,
 };
 
 /// Why a pin cannot drive a motor.
@@ -187,6 +176,16 @@ impl BoardRow {
         intervals
     }
 
+    /// The shortest interval of each of four motors on an Uno that has its motion in its flash, ticks: its image has no ring for the fourth beside a
+    /// merge of three, so that all are merged, as they are with longer pulses.
+    #[must_use]
+    pub const fn shortest_of_four_baked(&self) -> Option<u32> {
+        match self.pin_rules {
+            PinRules::Kinds(rates) => Some(rates.by_software[3][1]),
+            _ => None,
+        }
+    }
+
     /// [`Board::turn_ticks`] for these motors' pins.
     #[must_use]
     pub fn turn_ticks(&self, motors: &[Motor]) -> u32 {
@@ -225,7 +224,7 @@ impl BoardRow {
 /// The table, in the order in which boards are usually met.
 #[must_use]
 pub fn table() -> Vec<BoardRow> {
-    vec![uno(), uno_stream(), due(), pico(), native()]
+    vec![uno(), due(), pico(), native()]
 }
 
 /// The board of that name, whatever its case.
@@ -235,7 +234,7 @@ pub fn find(name: &str) -> Option<BoardRow> {
 }
 
 /// What a turn of DIR takes an Uno, ticks, and what it takes when motors are merged in one ring. It is in
-/// firmware/uno/src/steps/stepper.rs: for an interrupt that is late before it and after it, and the way to the line after the match; and twice the
+/// firmware/uno/src/engine/steps/stepper.rs: for an interrupt that is late before it and after it, and the way to the line after the match; and twice the
 /// distance of groups, by which a merge moves edges.
 const TURN_TICKS: [u32; 2] = [24 + 48 + 24, 60 + 16 + 60 + 2 * 76];
 /// The same of one and of two motors of the compare hardware's: the distance of groups, before it and after it.
@@ -267,7 +266,7 @@ const SHARED_STEP_TICKS: u32 = 2_400;
 /// The longest pulse that an Uno's interrupt makes by itself, ticks. The end of a longer one is a match of its own.
 const LONGEST_OWN_PULSE: u64 = 31;
 
-/// By what an Uno makes a long pulse longer, since its rising edge may be late, ticks: `LATE` in firmware/uno/src/steps/stepper.rs.
+/// By what an Uno makes a long pulse longer, since its rising edge may be late, ticks: `LATE` in firmware/uno/src/engine/tuning.rs.
 const PULSE_LATE_TICKS: u32 = 24;
 
 /// What an Uno keeps between two matches, on one port and on the shield's pins, ticks: `APART` and `APART_SHIELD` there.
@@ -283,39 +282,24 @@ fn interval_ticks(tick_hz: u64, rate_hz: u64) -> u32 {
     u32::try_from(tick_hz.div_ceil(rate_hz)).expect("an interval of a rate above 1 Hz fits 32 bits")
 }
 
-/// Whether that board is an Uno, whichever image of its firmware it has.
+/// Whether that board is an Uno.
 #[must_use]
 pub fn is_uno(name: &str) -> bool {
-    matches!(name, "uno" | STREAM)
+    name == "uno"
 }
 
-/// The Uno's name when it has the image for the highest rates.
-pub const STREAM: &str = "uno-stream";
+/// The board that took the place of one that there was once.
+#[must_use]
+pub fn renamed(name: &str) -> Option<&'static str> {
+    name.eq_ignore_ascii_case("uno-stream").then_some("uno")
+}
 
 fn uno() -> BoardRow {
-    uno_with(
-        &UNO,
-        "uno",
-        "Arduino Uno, ATmega328P",
-        "one or two motors with STEP on pins 9 and 10 are timed by the compare hardware: no lateness",
-    )
-}
-
-fn uno_stream() -> BoardRow {
-    uno_with(
-        &UNO_STREAM,
-        STREAM,
-        "Arduino Uno with the image for the highest rates",
-        "an Uno with the image for the highest rates, which knows no text: `pulsetrain flash uno --port PORT --image stream`; else as `uno`",
-    )
-}
-
-/// An Uno whose firmware does that.
-fn uno_with(rates: &'static Rates, name: &str, about: &'static str, note: &'static str) -> BoardRow {
     const TICK_HZ: u64 = 16_000_000;
+    let rates = &UNO;
     BoardRow {
         board: Board {
-            name: name.to_owned(),
+            name: "uno".to_owned(),
             tick_hz: TICK_HZ,
             fraction_bits: 16,
             max_motors: 4,
@@ -327,14 +311,14 @@ fn uno_with(rates: &'static Rates, name: &str, about: &'static str, note: &'stat
             segment_ticks: Vec::new(),
             source: "its firmware on an emulated ATmega328P: cargo xtask bench uno".to_owned(),
         },
-        about,
+        about: "Arduino Uno, ATmega328P",
         ram_bytes: Some(2_048),
         flash_bytes: Some(32_256),
         // One motor alone has the page of the second ring too. A test asks the virtual board.
         queue_bytes: vec![rates.queues + 256, rates.queues / 2, rates.queues / 3, rates.queues / 4],
         horizon_ticks: rates.horizon,
         lateness_ticks: rates.lateness,
-        note,
+        note: "one or two motors with STEP on pins 9 and 10 are timed by the compare hardware: no lateness",
         pins: 0..=19,
         reserved: &[(0..=1, "D0 and D1 are the serial line to the computer")],
         analogue: Some((14, 6)),
@@ -487,7 +471,7 @@ mod tests {
         let together =
             |name: &str, pulse_ns| find(name).unwrap().shared_steps(&[motor(10, pulse_ns), motor(11, pulse_ns)]);
         let steps = Some(SharedSteps { together_ticks: 24, apart_ticks: 160 + 24 + 60 });
-        assert_eq!(["uno", STREAM].map(|name| together(name, 10_000)), [steps; 2]);
+        assert_eq!(together("uno", 10_000), steps);
         assert_eq!([together("uno", 1900), together("pico", 10_000), together("native", 10_000)], [None; 3]);
         assert_eq!(row.shared_steps(&[motor(10, 10_000)]), None);
         // Two on port D have a ring each.
@@ -506,7 +490,7 @@ mod tests {
     #[test]
     fn what_no_bench_has_printed_is_an_estimate() {
         for row in table() {
-            let is_measured = matches!(row.board.name.as_str(), "native" | "uno" | STREAM | "pico");
+            let is_measured = matches!(row.board.name.as_str(), "native" | "uno" | "pico");
             assert_eq!(row.board.source.starts_with("estimate"), !is_measured, "{}", row.board.name);
             assert!(row.board.min_interval_ticks.is_sorted(), "{}", row.board.name);
         }

@@ -274,7 +274,7 @@ pub struct SharedSteps {
 /// A board's limits: one row of the committed table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Board {
-    /// "uno", "uno-stream", "due", "pico", "native".
+    /// "uno", "due", "pico", "native".
     pub name: String,
     /// Ticks per second.
     pub tick_hz: u64,

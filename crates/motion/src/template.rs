@@ -20,7 +20,7 @@ const TEXT: &str = r#"# NAME: a motion file for Pulsetrain. Every amount carries
 #   pulsetrain run FILE       run it on a board in virtual time, judge and draw it
 #   pulsetrain explain FILE   if it is refused: why, and what would fit
 
-# uno, uno-stream (for the highest rates), due, pico, or native (this computer, in virtual time).
+# uno, due, pico, or native (this computer, in virtual time).
 board = "uno"
 
 # When a step is made: "nearest" steps half-way between two positions (with a little hysteresis),

@@ -542,8 +542,16 @@ fn tables() {
         "\"nano\"",
         expect![[r#"
             x.toml:1:9: unknown board "nano"
-                known: uno, uno-stream, due, pico, native
+                known: uno, due, pico, native
         "#]],
+    );
+    check(
+        "\"uno\"",
+        "\"uno-stream\"",
+        expect![[r#"
+        x.toml:1:9: unknown board "uno-stream"
+            write `board = "uno"`: its firmware has these rates now
+    "#]],
     );
     check(
         "\"uno\"",

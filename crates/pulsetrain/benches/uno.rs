@@ -1,13 +1,12 @@
 //! The Uno's figures, in cycles of the emulated chip: what `cargo xtask bench uno` collects.
 //!
 //! A table, fields between tabs, the first of which says whether the row is promised, or that it is a limit for the table of
-//! boards. With the argument `hour` the hour of 001's four motors instead; with `rates` the fastest rates that are promised alone.
+//! boards. With the argument `hour` the hour of 001's four motors instead; with `figure-2` that figure alone; with `rates` what motions reach, too.
 
 #[path = "../tests/common/mod.rs"]
 mod common;
 
 use common::board::TICK_HZ;
-use common::board::lab::Image;
 use common::rows::{COLUMNS, Case, PROMISED, Row, TUTORIALS, fastest_plateau, hour, rates, tutorial_row, variations};
 use common::uno::kind_of;
 use pulsetrain_motion::pins::PinKind;
@@ -29,32 +28,39 @@ fn main() {
     if std::env::args().any(|argument| argument == "hour") {
         return hour(3600).iter().for_each(|row| println!("{}", line(row)));
     }
-    let is_short = std::env::args().any(|argument| argument == "rates");
-    // An image to a core.
-    let lines = thread::scope(|scope| {
-        let images =
-            Image::ALL.map(|image| scope.spawn(move || if is_short { fastest(image) } else { figures(image) }));
-        images.map(|image| image.join().expect("the figures of an image"))
-    });
-    lines.iter().flatten().for_each(|line| println!("{line}"));
+    let lines = if std::env::args().any(|argument| argument == "figure-2") {
+        figure_2()
+    } else if std::env::args().any(|argument| argument == "rates") {
+        fastest()
+    } else {
+        figures()
+    };
+    lines.iter().for_each(|line| println!("{line}"));
 }
 
-/// What is promised of one of the images.
-fn promised(image: Image) -> [Case; PROMISED.len()] {
-    PROMISED.map(|case| case.on(image))
+/// Figure 2 alone, a case to a core.
+fn figure_2() -> Vec<String> {
+    let rates = rates();
+    thread::scope(|scope| {
+        let cases = PROMISED.map(|case| {
+            scope.spawn({
+                let rates = &rates;
+                move || line(&case.fastest(rates, TRY_S, LONG_S))
+            })
+        });
+        cases.map(|case| case.join().expect("the row of a case")).into()
+    })
 }
 
 /// The fastest rates alone.
-fn fastest(image: Image) -> Vec<String> {
-    let (rates, cases) = (rates(), promised(image));
-    let streamed = cases.iter().map(|case| case.fastest(&rates, TRY_S, LONG_S));
-    streamed.chain(cases.iter().map(|case| fastest_plateau(case, &rates))).map(|row| line(&row)).collect()
+fn fastest() -> Vec<String> {
+    let rates = rates();
+    figure_2().into_iter().chain(PROMISED.iter().map(|case| line(&fastest_plateau(case, &rates)))).collect()
 }
 
-fn figures(image: Image) -> Vec<String> {
+fn figures() -> Vec<String> {
     let mut lines = Vec::new();
-    // What the tutorial asks for either image does: it is shown of the one that is there from the start.
-    for tutorial in TUTORIALS.into_iter().filter(|_| image == Image::Plain) {
+    for tutorial in TUTORIALS {
         lines.push(line(&tutorial_row(tutorial, 1000, true)));
         // The example files' own pulses; the longest period once is enough.
         if tutorial.0 == (500, 1) {
@@ -63,9 +69,9 @@ fn figures(image: Image) -> Vec<String> {
         let own_ns = if tutorial.0 == (1, 10) { 3000 } else { 10_000 };
         lines.push(line(&tutorial_row(tutorial, own_ns, false)));
     }
-    let (rates, cases) = (rates(), promised(image));
+    let (rates, cases) = (rates(), PROMISED);
     let mut measured = Vec::new();
-    for case in cases.into_iter().chain(variations(image)) {
+    for case in cases.into_iter().chain(variations()) {
         let longer = if case.required.is_some() { LONG_S } else { SHORT_S };
         let row = case.fastest(&rates, TRY_S, longer);
         lines.push(line(&row));
@@ -77,8 +83,7 @@ fn figures(image: Image) -> Vec<String> {
     let limits = measured.iter().filter(|(case, _)| case.is_limit());
     lines.extend(limits.filter_map(|(case, row)| limit(case, row, horizon.unwrap_or(0))));
     // What is promised is to hold whatever the segments.
-    let others = cases.iter().filter(|case| case.image == Image::Stream);
-    lines.extend(others.map(|case| line(&case.others(SEEDS, SEED_S))));
+    lines.extend(cases.iter().map(|case| line(&case.others(SEEDS, SEED_S))));
     for case in cases {
         for share in [0.1, 0.25, 0.5, 1.0] {
             let row = Case { figure: 5, ..case }.row(share * case.required.unwrap_or(0.0), SHORT_S);
@@ -102,12 +107,8 @@ fn limit(case: &Case, row: &Row, horizon: u64) -> Option<String> {
     // A step of the ladder slower than what held: other random segments, and longer runs, may come together worse.
     let interval = (MARGIN * TICK_HZ as f64 / row.asked).ceil() as u64;
     Some(format!(
-        "limit\t{}\t{by}\t{}\t{}\t{interval}\t{late}\t{}\t{}",
-        case.image.board(),
-        case.motors,
-        case.pulse_ticks,
-        horizon,
-        seen.queue_bytes
+        "limit\tuno\t{by}\t{}\t{}\t{interval}\t{late}\t{}\t{}",
+        case.motors, case.pulse_ticks, horizon, seen.queue_bytes
     ))
 }
 

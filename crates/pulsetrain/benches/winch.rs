@@ -80,7 +80,7 @@ struct Uno {
 impl Uno {
     /// One that has said `awake`.
     fn start() -> Uno {
-        let mut uno = Uno { port: VirtualUno::new(), edges: Vec::new(), text: Vec::new() };
+        let mut uno = Uno { port: VirtualUno::with_winch(), edges: Vec::new(), text: Vec::new() };
         uno.run(0.2);
         assert!(uno.text.starts_with(b"awake"), "it does not speak text");
         uno

@@ -165,7 +165,7 @@ fn firmware(lines: &[(f64, String)], end_s: f64) -> Result<Vec<Step>, Failure> {
     const DIR: u8 = 5;
     let text: String = lines.iter().map(|(at_s, line)| format!("{at_s} s: {line}\n")).collect();
     let script = Script { lines: parse(&text, "lines").map_err(|error| error.to_string())?, end_s };
-    let mut talk = Talk::new(VirtualUno::new());
+    let mut talk = Talk::new(VirtualUno::with_winch());
     talk.ask()?.ok_or("it does not speak text")?;
     let run = on_virtual(&mut talk, &script, |_| Wish::GoOn)?;
     let (mut forward, mut position, mut steps) = (false, 0.0, Vec::new());

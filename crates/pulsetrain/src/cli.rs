@@ -228,6 +228,17 @@ Examples:
 }
 
 impl Command {
+    /// The port of those that need one of an Uno's images.
+    fn port(&self) -> Option<&str> {
+        match self {
+            Command::Run(args) => args.port.as_deref(),
+            Command::Bench(args) => args.at.port.as_deref(),
+            Command::Winch(args) => args.at.port.as_deref(),
+            Command::Verbs(args) => args.port.as_deref(),
+            _ => None,
+        }
+    }
+
     fn wants_json(&self) -> bool {
         match self {
             Command::Run(args) => args.json,
@@ -329,7 +340,7 @@ pub(crate) struct Board {
     #[arg(long, value_name = "FILE")]
     pub(crate) bootloader: Option<PathBuf>,
     /// Any program instead of the firmware, such as a baked motion, for `uno` as Intel HEX, for `pico` as UF2; with --trace it needs neither
-    /// --pty nor --tcp. `uno`: `verbs`, the firmware whose motors are told directly, or `stream`, that for the highest rates, both in place of text
+    /// --pty nor --tcp. `uno`: `winch`, the firmware that knows StepperWinch's text, or `verbs`, that whose motors are told directly
     #[arg(long, value_name = "FILE")]
     pub(crate) image: Option<PathBuf>,
     /// End after so much of the board's time, with its unit, as Ctrl-C would
@@ -396,8 +407,8 @@ pub(crate) struct Flash {
     /// The Uno's serial port; the folder where the Pico's drive is [default for a Pico: the one that is found]
     #[arg(long, value_name = "PORT")]
     pub(crate) port: Option<String>,
-    /// Write this image instead of the firmware: Intel HEX for an Uno, UF2 for a Pico; for an Uno `verbs`: the firmware whose motors are told
-    /// directly, or `stream`: that for the highest rates, both in place of text
+    /// Write this image instead of the firmware: Intel HEX for an Uno, UF2 for a Pico; for an Uno `winch`: the firmware that knows
+    /// StepperWinch's text, or `verbs`: that whose motors are told directly; both in place of plans
     #[arg(long, value_name = "FILE")]
     pub(crate) image: Option<PathBuf>,
     /// Print what was done as JSON
@@ -639,9 +650,10 @@ pub(crate) struct New {
 
 fn board(name: &str) -> Result<String, String> {
     let names = boards::table().into_iter().map(|row| row.board.name);
-    match boards::find(name) {
-        Some(row) => Ok(row.board.name),
-        None => Err(format!("no such board; there are {}", names.collect::<Vec<_>>().join(", "))),
+    match (boards::find(name), boards::renamed(name)) {
+        (Some(row), _) => Ok(row.board.name),
+        (None, Some(board)) => Err(format!("say {board}: its firmware has these rates now")),
+        (None, None) => Err(format!("no such board; there are {}", names.collect::<Vec<_>>().join(", "))),
     }
 }
 
@@ -753,29 +765,38 @@ pub fn run_on<A: Into<OsString> + Clone>(args: impl IntoIterator<Item = A>, cons
         }
     };
     let as_json = cli.command.wants_json();
-    let outcome = match cli.command {
-        Command::Run(args) => commands::run::run(&args, console),
-        Command::Plan(args) => commands::plan::run(&args, console),
-        Command::Plot(args) => commands::plot::run(&args, console),
-        Command::Verify(args) => commands::verify::run(&args, console),
-        Command::Explain(args) => commands::explain::run(&args, console),
-        Command::Motor(args) => commands::motor::run(&args, console),
-        Command::Board(args) => commands::board::run(&args, console),
-        Command::Info(args) => commands::info::run(&args, console),
-        Command::Stop(args) => commands::stop::run(&args, console),
-        Command::Store(args) => commands::store::run(&args, console),
-        Command::Bench(args) => commands::bench::run(&args, console),
-        Command::Winch(args) => commands::winch::run(&args, console),
-        Command::Verbs(args) => commands::verbs::run(&args, console),
-        Command::Flash(args) => commands::flash::run(&args, console),
-        Command::Ports(args) => commands::ports::run(&args, console),
-        Command::Calibrate(args) => commands::calibrate::run(&args, console),
-        Command::Bake(args) => commands::bake::run(&args, console),
-        Command::Boards(args) => commands::boards::run(&args, console),
-        Command::Drivers(args) => commands::drivers::run(&args, console),
-        Command::New(args) => commands::new::run(&args, console),
-    };
+    let mut outcome = obey(&cli.command, console);
+    if let Err(refused) = &outcome
+        && let Some(written) = commands::offered(refused, cli.command.port(), console)
+    {
+        outcome = written.and_then(|()| obey(&cli.command, console));
+    }
     finish(outcome, as_json, console)
+}
+
+fn obey(command: &Command, console: &mut Console<'_>) -> miette::Result<Exit> {
+    match command {
+        Command::Run(args) => commands::run::run(args, console),
+        Command::Plan(args) => commands::plan::run(args, console),
+        Command::Plot(args) => commands::plot::run(args, console),
+        Command::Verify(args) => commands::verify::run(args, console),
+        Command::Explain(args) => commands::explain::run(args, console),
+        Command::Motor(args) => commands::motor::run(args, console),
+        Command::Board(args) => commands::board::run(args, console),
+        Command::Info(args) => commands::info::run(args, console),
+        Command::Stop(args) => commands::stop::run(args, console),
+        Command::Store(args) => commands::store::run(args, console),
+        Command::Bench(args) => commands::bench::run(args, console),
+        Command::Winch(args) => commands::winch::run(args, console),
+        Command::Verbs(args) => commands::verbs::run(args, console),
+        Command::Flash(args) => commands::flash::run(args, console),
+        Command::Ports(args) => commands::ports::run(args, console),
+        Command::Calibrate(args) => commands::calibrate::run(args, console),
+        Command::Bake(args) => commands::bake::run(args, console),
+        Command::Boards(args) => commands::boards::run(args, console),
+        Command::Drivers(args) => commands::drivers::run(args, console),
+        Command::New(args) => commands::new::run(args, console),
+    }
 }
 
 fn finish(outcome: miette::Result<Exit>, as_json: bool, console: &mut Console<'_>) -> Exit {

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use miette::Diagnostic;
 use pulsetrain_board::native::{ConfigError, Faults};
-use pulsetrain_board::remote::{in_words, name_of};
+use pulsetrain_board::remote::{image_name, in_words, name_of};
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{
@@ -14,7 +14,7 @@ use pulsetrain_board::{
     Setup, Shadowed, Wiring,
 };
 use pulsetrain_core::output::Sequence;
-use pulsetrain_core::wire::message::{Cause, MotorSetup};
+use pulsetrain_core::wire::message::{Cause, MotorSetup, image};
 use pulsetrain_core::wire::{Baud, Reason};
 use pulsetrain_motion::boards;
 use pulsetrain_motion::program::{self, CoilSequence, Motor, Program};
@@ -216,15 +216,13 @@ impl<'a> Driven<'a, Native> {
 }
 
 impl<'a> Driven<'a, Uno> {
-    /// The same on the virtual Uno, at `baud`; it has the image that the program's board names.
+    /// The same on the virtual Uno, at `baud`.
     ///
     /// # Errors
     /// As [`Driven::native`], and when the firmware refuses the configuration.
     pub fn virtual_uno(prepared: &'a Prepared, baud: Baud) -> Result<Driven<'a, Uno>, DriveError> {
         // One that was made just now has known nobody: the same session each time, to the cycle.
-        let is_stream = prepared.program.board.name == boards::STREAM;
-        let uno = if is_stream { VirtualUno::with_stream() } else { VirtualUno::new() };
-        Driven::with(prepared, |program| connect_as(uno, program, baud, 1))
+        Driven::with(prepared, |program| connect_as(VirtualUno::new(), program, baud, 1))
     }
 }
 
@@ -356,11 +354,10 @@ fn check_board<P: Port>(remote: &mut Remote<P>, program: &Program) -> Result<(),
             wanted_bits: board.fraction_bits,
         });
     }
-    // The image for the highest rates has neither text, with its settings, nor verbs. One with text does less than was planned for.
-    if board.name == boards::STREAM && (remote.keeps()? || remote.obeys()?) {
-        return Err(RemoteError::OtherImage { wanted: board.name.clone() });
+    match info.image {
+        0 | image::PLANS => Ok(()),
+        other => Err(RemoteError::OtherImage { is: image_name(other), wanted: image_name(image::PLANS) }),
     }
-    Ok(())
 }
 
 /// Brings the line to its rate.

@@ -601,20 +601,6 @@ fn examples_for_the_uno_run_on_its_firmware() {
     assert!(ran >= 10, "{ran}");
 }
 
-#[test]
-fn a_file_for_the_highest_rates_runs_on_the_image_for_them() {
-    let folder = Folder::new("stream");
-    for name in ["tutorial.toml", "sweep.toml"] {
-        let (file, out) = (example(name), folder.path("run"));
-        let on = ["--board", "uno-stream", "--for", "3 s"];
-        let outcome = pulsetrain(&[&["run", &file, "--out", &out], &on[..]].concat());
-        assert_eq!(outcome.exit, Exit::Success, "{file}: {}{}", outcome.out, outcome.err);
-        assert!(outcome.out.contains("Run on the virtual Uno with the image for the highest rates"), "{}", outcome.out);
-        let outcome = pulsetrain(&[&["verify", &format!("{out}/trace.vcd"), &file, "--pins"], &on[..]].concat());
-        assert_eq!(outcome.exit, Exit::Success, "{file}: {}{}", outcome.out, outcome.err);
-    }
-}
-
 /// One motor just below the fastest rate, in segments of few steps: its queue runs dry, at different stages of the session. That is no fault
 /// of the planner.
 #[test]
@@ -623,7 +609,7 @@ fn a_board_that_stops_says_why_and_where() {
     let file = folder.path("dry.toml");
     for duration in ["20 ms", "50 ms", "200 ms"] {
         let law = format!(
-            "law.formula = {{ theta = \"145000*t + 2500*sin(8000*t)/8000\", unit = \"step\", duration = \"{duration}\" }}"
+            "law.formula = {{ theta = \"140000*t + 6000*sin(9000*t)/9000\", unit = \"step\", duration = \"{duration}\" }}"
         );
         let text = one_motor(&law).replace("3000 step/s", "200000 step/s");
         std::fs::write(&file, format!("tolerance = \"100 ns\"\n{text}")).unwrap();
@@ -666,7 +652,7 @@ fn schedules_are_the_boards_where_epochs_are_short() {
 #[test]
 fn the_unos_other_images_are_named() {
     let folder = Folder::new("named");
-    for image in ["verbs", "stream"] {
+    for image in ["winch", "verbs"] {
         let trace = folder.path(image);
         let outcome = pulsetrain(&["board", "uno", "--image", image, "--trace", &trace, "--for", "50 ms"]);
         assert_eq!(outcome.exit, Exit::Success, "{image}: {}{}", outcome.out, outcome.err);
@@ -719,12 +705,10 @@ fn long_pulses_on_one_dir_line_wait_for_each_other() {
     for (name, motors) in [("two", two), ("three", three)] {
         let file = folder.path(&format!("{name}.toml"));
         std::fs::write(&file, format!("board = \"uno\"\n{motors}")).unwrap();
-        for board in ["--board=uno", "--board=uno-stream"] {
-            let outcome = pulsetrain(&["run", &file, board, "--json", "--out", &folder.path(name)]);
-            assert_eq!(outcome.exit, Exit::Success, "{name}, {board}: {}{}", outcome.out, outcome.err);
-            let report: serde_json::Value = serde_json::from_str(&outcome.out).unwrap();
-            assert!(report["motors"][1]["steps_put_off"].as_u64().unwrap() > 50, "{}", outcome.out);
-        }
+        let outcome = pulsetrain(&["run", &file, "--json", "--out", &folder.path(name)]);
+        assert_eq!(outcome.exit, Exit::Success, "{name}: {}{}", outcome.out, outcome.err);
+        let report: serde_json::Value = serde_json::from_str(&outcome.out).unwrap();
+        assert!(report["motors"][1]["steps_put_off"].as_u64().unwrap() > 50, "{}", outcome.out);
     }
 }
 
@@ -875,7 +859,8 @@ fn what_cannot_be_done_is_said() {
     };
     check(&[], "Usage");
     check(&["plan", "missing.toml"], "cannot read missing.toml");
-    check(&["plan", &tutorial, "--board", "mega"], "there are uno, uno-stream, due, pico, native");
+    check(&["plan", &tutorial, "--board", "mega"], "there are uno, due, pico, native");
+    check(&["plan", &tutorial, "--board", "uno-stream"], "say uno: its firmware has these rates now");
     check(&["plan", &tutorial, "--for", "10"], "10 of what?");
     check(&["plan", &tutorial, "--for", "3 mm"], "this is a distance");
     check(&["motor", "--inductance", "50mH"], "--current");

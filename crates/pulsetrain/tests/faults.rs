@@ -36,7 +36,10 @@ const OWN_SEED: u64 = 1;
 fn every_fault_is_met_as_docs_faults_md_says() {
     let seed = seed(OWN_SEED);
     let boards = std::thread::scope(|scope| {
-        let boards = [scope.spawn(|| rows(VirtualUno::new(), seed)), scope.spawn(|| rows(VirtualPico::on_usb(), seed))];
+        let boards = [
+            scope.spawn(|| rows(&VirtualUno::new(), &VirtualUno::with_winch(), seed)),
+            scope.spawn(|| rows(&VirtualPico::on_usb(), &VirtualPico::on_usb(), seed)),
+        ];
         boards.map(|rows| rows.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
     });
     if (seed, rounds()) != (OWN_SEED, 1) || wanted().is_some() {
@@ -49,14 +52,15 @@ fn every_fault_is_met_as_docs_faults_md_says() {
     expect_file!["../../../docs/faults.md"].assert_eq(&format!("{head}{MARK}\n{}", table::markdown(&boards)));
 }
 
-fn rows<P: Chip + Wired>(fresh: P, seed: u64) -> Vec<Row> {
+/// Of a board that takes plans, and one that takes text.
+fn rows<P: Chip + Wired>(fresh: &P, textual: &P, seed: u64) -> Vec<Row> {
     let bench = Bench::new(fresh.clone());
     let short = Bench::short(fresh.clone());
     let mut rows = bytes(&short, &bench, seed);
     rows.extend(lines(&bench, seed));
     rows.extend(hosts(&bench, seed));
     rows.extend(boards(&bench, seed));
-    rows.extend(text::rows(&fresh, seed));
+    rows.extend(text::rows(textual, seed));
     rows
 }
 

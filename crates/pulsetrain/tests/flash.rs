@@ -255,6 +255,38 @@ mod bootloader {
         });
     }
 
+    /// A command that an Uno's image cannot do names the one that can; settings are kept whichever it has.
+    #[test]
+    fn a_command_that_needs_another_image_says_how_it_gets_there() {
+        let folder = Folder::new("image");
+        let motion = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/tutorial.toml");
+        let script = folder.path("script.txt");
+        std::fs::write(&script, "0 s: move x 1\n").unwrap();
+        let winch = folder.path("winch.txt");
+        std::fs::write(&winch, "0.1: enable 1\n").unwrap();
+        let [run, bench] = [&["run", motion, "--no-rehearsal"][..], &["bench", "--disconnected"]];
+        let [verbs, text] = [&["verbs", &script][..], &["winch", &winch]];
+        for (image, refused, wanted) in [
+            ("winch", &[run, bench, verbs][..], ["", "", " --image verbs"]),
+            ("verbs", &[run, text], ["", " --image winch", ""]),
+            ("uno", &[verbs, text], [" --image verbs", " --image winch", ""]),
+        ] {
+            let link = folder.path(image);
+            let options = if image == "uno" { vec![] } else { vec!["--image", image] };
+            let _board = Served::new(&link, &options);
+            for (command, wanted) in refused.iter().zip(wanted) {
+                let args = [command, &["--port", &link][..]].concat();
+                tried(|| {
+                    let (exit, _, err) = pulsetrain(&args);
+                    let told = err.contains(&format!("the board has the image `{image}`"))
+                        && err.contains(&format!("`pulsetrain flash uno --port PORT{wanted}`"));
+                    if exit == Exit::Refused && told { Ok(()) } else { Err(format!("{args:?}: {exit:?} {err}")) }
+                });
+            }
+            tried(|| says(&["store", "--silence", "700", "--port", &link], "a host is lost after 700 ms"));
+        }
+    }
+
     #[test]
     fn without_a_bootloader_it_is_said_and_nothing_is_written() {
         let folder = Folder::new("without");

@@ -96,9 +96,13 @@ struct Through {
 
 impl Through {
     fn new(trace: Option<Memory>) -> Through {
+        Through::to(VirtualUno::new(), trace)
+    }
+
+    fn to(uno: VirtualUno, trace: Option<Memory>) -> Through {
         let pipe = Pipe::default();
         *pipe.0.borrow_mut() = Between { present: true, rate: 115_200, ..Between::default() };
-        Through { service: Service::new(VirtualUno::new(), pipe.clone(), trace).unwrap(), pipe }
+        Through { service: Service::new(uno, pipe.clone(), trace).unwrap(), pipe }
     }
 
     fn rounds(&mut self, rounds: u32) {
@@ -176,7 +180,7 @@ fn a_trace_that_has_no_room_is_named() {
     *pipe.0.borrow_mut() =
         Between { present: true, rate: 115_200, to_board: b"a x 200\n".to_vec(), ..Between::default() };
     let ends = |room: usize| -> io::Result<()> {
-        let mut service = Service::new(VirtualUno::new(), pipe.clone(), Some(Disk(room)))?;
+        let mut service = Service::new(VirtualUno::with_winch(), pipe.clone(), Some(Disk(room)))?;
         while service.now() < Duration::from_secs(1) {
             service.round(service.now() + Duration::from_millis(10))?;
         }
@@ -191,7 +195,7 @@ fn a_trace_that_has_no_room_is_named() {
 
 #[test]
 fn a_client_that_does_not_wait_is_heard() {
-    let mut through = Through::new(None);
+    let mut through = Through::to(VirtualUno::with_winch(), None);
     // With the opening, before the board has begun: clients of StepperWinch do not wait for `awake`.
     through.send(b"version\nd x 30\nd x 12\n").unwrap();
     through.rounds(1500);
@@ -458,7 +462,7 @@ mod pty {
 
     #[test]
     fn a_close_with_an_open_right_behind_it_is_seen() {
-        let served = Served::new(folder("pty-at-once").join("uno"));
+        let served = Served::of(VirtualUno::with_winch(), folder("pty-at-once").join("uno"));
         for clients in 1..5 {
             // No round of the board's in between; what the one before had begun is not glued to what this one says.
             let mut terminal = served.open();
@@ -493,7 +497,7 @@ mod pty {
 
     #[test]
     fn a_second_client_is_told_that_the_board_is_taken() {
-        let served = Served::new(folder("pty-second").join("uno"));
+        let served = Served::of(VirtualUno::with_winch(), folder("pty-second").join("uno"));
         let mut first = served.open();
         served.rounds(100);
         let mut second = serialport::new(served.leads_to().display().to_string(), 115_200)

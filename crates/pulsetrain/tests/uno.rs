@@ -2,7 +2,6 @@
 
 mod common;
 
-use common::board::lab::Image;
 use common::motion::make;
 use common::rows::{hour, tutorial};
 use pulsetrain::drive::{DriveError, Driven};
@@ -28,20 +27,16 @@ const LATE: i64 = 60;
 /// The table's queues are those that the firmware shares out.
 #[test]
 fn queues_are_as_long_as_the_table_says() {
-    Image::ALL.into_iter().for_each(queues_of);
-}
-
-fn queues_of(image: Image) {
-    let row = boards::find(image.board()).expect("the Uno's row");
+    let row = boards::find("uno").expect("the Uno's row");
     for (motors, bytes) in (1..).zip(&row.queue_bytes) {
         let pins = [(2, 5), (3, 6), (4, 7), (12, 13)];
         let motor = |&(step_pin, dir_pin): &(u8, u8)| MotorSetup { step_pin, dir_pin, ..MotorSetup::default() };
         let motors: Vec<MotorSetup> = pins.iter().take(motors).map(motor).collect();
         let setup = Setup { pulse_ticks: 16, setup_ticks: 16, hold_ticks: 16, motors, ..Setup::default() };
-        let mut uno = Remote::open(image.uno(), 1).expect("it answers");
+        let mut uno = Remote::open(VirtualUno::new(), 1).expect("it answers");
         uno.configure(&setup).expect("it takes the configuration");
         for motor in 0..setup.motors.len() {
-            assert_eq!(uno.room(motor), *bytes as usize, "{image:?}, motor {motor} of {}", setup.motors.len());
+            assert_eq!(uno.room(motor), *bytes as usize, "motor {motor} of {}", setup.motors.len());
         }
     }
 }
@@ -50,46 +45,31 @@ fn queues_of(image: Image) {
 /// below the stack was written over: after 49 s of the sweep.)
 #[test]
 fn motors_on_one_dir_line_leave_some_of_the_stack() {
-    Image::ALL.into_iter().for_each(stack_of);
-}
-
-fn stack_of(image: Image) {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/sweep.toml");
     let length = Some(Time::from_ratio(10, 1));
-    let prepared = Prepared::load(std::path::Path::new(file), Some(image.board()), length).expect("an example");
-    let mut driven = Driven::at(&prepared, image.uno(), Baud::B1M).expect("it begins");
+    let prepared = Prepared::load(std::path::Path::new(file), Some("uno"), length).expect("an example");
+    let mut driven = Driven::at(&prepared, VirtualUno::new(), Baud::B1M).expect("it begins");
     driven.run(&mut |_: Edge| {}, |_| {}).expect("it comes to its end");
     let left = driven.board_mut().measures(false).expect("it answers").stack_left;
-    assert!(left >= 40, "{image:?}: {left} bytes are left");
+    assert!(left >= 40, "{left} bytes are left");
 }
 
-/// What is planned for the image for the highest rates goes to no other; what is planned for the plain one it does too.
+/// Plans go to no other image.
 #[test]
-fn a_motion_for_the_highest_rates_wants_its_image() {
-    let prepared = |image: Image| {
-        let mut prepared = swing((8, 9));
-        prepared.program.board = boards::find(image.board()).expect("the Uno's row").board;
-        prepared
-    };
-    for uno in [VirtualUno::new(), VirtualUno::with_verbs()] {
-        let refused = Driven::at(&prepared(Image::Stream), uno, Baud::B1M).err();
-        assert!(
-            matches!(refused, Some(DriveError::Remote(RemoteError::OtherImage { ref wanted })) if wanted == "uno-stream"),
-            "{refused:?}"
-        );
-    }
-    for planned in Image::ALL {
-        Driven::at(&prepared(planned), VirtualUno::with_stream(), Baud::B1M).expect("it begins");
+fn a_motion_wants_the_image_that_takes_plans() {
+    for (uno, has) in [(VirtualUno::with_winch(), "winch"), (VirtualUno::with_verbs(), "verbs")] {
+        let refused = Driven::at(&swing((8, 9)), uno, Baud::B1M).err();
+        let refused = match refused {
+            Some(DriveError::Remote(RemoteError::OtherImage { is, wanted })) => (is, wanted),
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(refused, (has, "uno"));
     }
 }
 
 /// Each kind's constant is what its edges come after their ticks if nothing keeps them waiting.
 #[test]
 fn constants_are_what_is_measured() {
-    Image::ALL.into_iter().for_each(constants_of);
-}
-
-fn constants_of(image: Image) {
     for (pins, kind) in [
         ((9, 8), PinKind::Compare),
         ((10, 13), PinKind::Compare),
@@ -99,19 +79,19 @@ fn constants_of(image: Image) {
         ((12, 13), PinKind::PortB),
     ] {
         let mut prepared = swing(pins);
-        prepared.program.board = boards::find(image.board()).expect("the Uno's row").board;
+        prepared.program.board = boards::find("uno").expect("the Uno's row").board;
         assert_eq!(PinKind::of(&prepared.program.motors), Ok(kind));
         let made = make(&prepared, LATE as f64, |_| {}).expect("it begins");
         let seen = made.seen;
-        assert_eq!(seen.trouble, "", "{image:?}, {pins:?}");
+        assert_eq!(seen.trouble, "", "{pins:?}");
         let lateness = seen.lateness;
-        assert_eq!((lateness.edges, lateness.lost, lateness.extra), (800, 0, 0), "{image:?}, {pins:?}");
+        assert_eq!((lateness.edges, lateness.lost, lateness.extra), (800, 0, 0), "{pins:?}");
         assert_eq!(lateness.constant_ticks, u64::from(kind.constant_ticks()));
         if kind == PinKind::Compare {
-            assert_eq!((lateness.min_ticks, lateness.max_ticks), (0, 0), "{image:?}, {pins:?}");
+            assert_eq!((lateness.min_ticks, lateness.max_ticks), (0, 0), "{pins:?}");
         } else {
             // A processor that sleeps takes 4 cycles more; nothing is earlier than an instruction's end.
-            assert!(lateness.min_ticks >= -1 && lateness.p50_ticks.abs() <= 4, "{image:?}, {pins:?}: {lateness:?}");
+            assert!(lateness.min_ticks >= -1 && lateness.p50_ticks.abs() <= 4, "{pins:?}: {lateness:?}");
         }
     }
 }

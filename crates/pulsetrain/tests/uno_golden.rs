@@ -4,7 +4,6 @@
 
 mod common;
 
-use common::board::lab::Image;
 use common::rows::{Case, PROMISED, Row, fastest_plateau, tutorial_row};
 use expect_test::expect_file;
 use std::fmt::Write as _;
@@ -13,9 +12,9 @@ use std::fmt::Write as _;
 const SHORT_S: f64 = 0.1;
 
 fn write(table: &mut String, row: &Row) {
-    let Row { image, law, pins, rate, verdict, .. } = row;
+    let Row { law, pins, rate, verdict, .. } = row;
     let verdict = if verdict.is_empty() { "holds" } else { verdict };
-    let _ = write!(table, "{image:10} {law:62} {pins:20} {rate:12}");
+    let _ = write!(table, "{law:62} {pins:20} {rate:12}");
     if let Some(seen) = &row.seen {
         let late = &seen.lateness;
         let _ = write!(
@@ -41,13 +40,13 @@ fn the_unos_table() {
     let mut table = String::new();
     let _ = writeln!(
         table,
-        "{:10} {:62} {:20} {:12} {:>5} {:>4} {:>3} {:>3} {:>3} {:>3} {:>5} {:>5} {:>4} {:>4}  verdict",
-        "image", "law", "pins", "steps/s", "edges", "lost", "min", "p50", "p99", "max", "awake", "busy", "cli", "stack"
+        "{:62} {:20} {:12} {:>5} {:>4} {:>3} {:>3} {:>3} {:>3} {:>5} {:>5} {:>4} {:>4}  verdict",
+        "law", "pins", "steps/s", "edges", "lost", "min", "p50", "p99", "max", "awake", "busy", "cli", "stack"
     );
     for period in [((10, 1), (8, 9)), ((4, 5), (8, 9)), ((1, 10), (9, 8))] {
         write(&mut table, &tutorial_row(period, 1000, true));
     }
-    for case in Image::ALL.into_iter().flat_map(|image| PROMISED.map(|case| case.on(image))) {
+    for case in PROMISED {
         for (share, turns) in [(0.25, 0), (0.1, 5), (1.0, 0)] {
             write(&mut table, &Case { turns, ..case }.row(share * case.required.unwrap_or(0.0), SHORT_S));
         }
@@ -58,7 +57,7 @@ fn the_unos_table() {
 /// Four motors that go over to new epochs while they are fast: their lists are full, or nearly so, when a switch waits.
 #[test]
 fn four_motors_stay_fast_on_the_shield() {
-    let case = PROMISED[6].on(Image::Stream);
+    let case = PROMISED[6];
     for rate in [11e3, 12.5e3, 13e3, 15e3] {
         let row = fastest_plateau(&case, &[rate]);
         assert_eq!(row.verdict, "", "{rate} steps/s");

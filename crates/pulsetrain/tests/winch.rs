@@ -94,7 +94,7 @@ fn every_kind_of_line_is_followed() {
 
 #[test]
 fn the_uno_does_the_same() {
-    let run = run_on(VirtualUno::new(), &script(EVERYTHING, 3.0));
+    let run = run_on(VirtualUno::with_winch(), &script(EVERYTHING, 3.0));
     let verdict = verdict_as(&run, &of_uno());
     assert!(verdict.ok && run.refusals.is_empty() && run.troubles.is_empty() && verdict.statuses > 130, "{verdict:?}");
     for axis in &verdict.axes {
@@ -119,9 +119,10 @@ const DEADMAN: &str = "
 
 #[test]
 fn a_deadman_is_part_of_the_path() {
-    for verdict in
-        [verdict(&run(&script(DEADMAN, 4.0))), verdict_as(&run_on(VirtualUno::new(), &script(DEADMAN, 4.0)), &of_uno())]
-    {
+    for verdict in [
+        verdict(&run(&script(DEADMAN, 4.0))),
+        verdict_as(&run_on(VirtualUno::with_winch(), &script(DEADMAN, 4.0)), &of_uno()),
+    ] {
         assert!(verdict.ok, "{verdict:?}");
         // Stopped at 1 s, and x goes on by what it was told then.
         let [x, y, ..] = &verdict.axes;
@@ -148,9 +149,10 @@ fn scripts_carry_checksums() {
 #[test]
 fn a_target_beyond_half_the_range_is_the_same_to_board_and_judge() {
     let text = "0 s: l x 10000 250000\n0 s: a x 100\n2 s: a x -2147483648\n3 s: enable 0";
-    for verdict in
-        [verdict(&run(&script(text, 4.0))), verdict_as(&run_on(VirtualUno::new(), &script(text, 4.0)), &of_uno())]
-    {
+    for verdict in [
+        verdict(&run(&script(text, 4.0))),
+        verdict_as(&run_on(VirtualUno::with_winch(), &script(text, 4.0)), &of_uno()),
+    ] {
         assert!(verdict.ok && verdict.axes[0].position < -5000, "{verdict:?}");
     }
 }
@@ -544,7 +546,7 @@ proptest! {
     #[test]
     fn the_uno_and_the_judge_agree(lines in prop::collection::vec((0..300_u32, line()), 1..10)) {
         let (text, end_s) = random_script(&lines);
-        let run = run_on(VirtualUno::new(), &script(&text, end_s));
+        let run = run_on(VirtualUno::with_winch(), &script(&text, end_s));
         let verdict = verdict_as(&run, &of_uno());
         prop_assert!(verdict.ok && run.troubles.is_empty(), "{}{:?} {:?}", text, verdict, run.troubles);
     }
@@ -692,7 +694,7 @@ fn piped(port: impl Port, input: impl IntoIterator<Item = &'static str>) -> (End
 #[test]
 fn a_refusal_among_many_answers_is_told() {
     let burst = || std::iter::repeat_n("version", 60).chain(["a x nan"]).chain(std::iter::repeat_n("version", 40));
-    for (ended, said) in [piped(VirtualUno::new(), burst()), piped(NativeWinch::new(), burst())] {
+    for (ended, said) in [piped(VirtualUno::with_winch(), burst()), piped(NativeWinch::new(), burst())] {
         assert_eq!(ended, Ended { refused: 1, is_settled: true }, "{said}");
         assert!(said.lines().filter(|line| line.starts_with("id ")).count() == 100, "{said}");
         assert!(said.contains("err number 3\n"), "{said}");

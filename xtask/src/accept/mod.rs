@@ -192,8 +192,7 @@ impl Program {
             return Ok(outcome);
         }
         let trace = format!("{RUN}/trace.vcd");
-        let pins: &[&str] =
-            if plan["board"].as_str().is_some_and(|board| board.starts_with("uno")) { &["--pins"] } else { &[] };
+        let pins: &[&str] = if plan["board"] == "uno" { &["--pins"] } else { &[] };
         Ok(outcome::verified(&self.say(folder, "verify", &[&[&trace, "motion.toml"], until, pins])?))
     }
 

@@ -7,7 +7,7 @@ use std::f64::consts::{PI, TAU};
 use std::fmt::Write as _;
 
 /// Boards that have a motion run, in the order in which they take turns.
-pub(crate) const BOARDS: [&str; 4] = ["native", "uno", "uno-stream", "pico"];
+pub(crate) const BOARDS: [&str; 3] = ["native", "uno", "pico"];
 
 /// Motions last so long, s.
 const SPAN_S: f64 = 2.0;
@@ -192,8 +192,7 @@ impl Rig {
 
 /// Sinusoids in phase that peak at `rate` steps/s.
 pub(crate) fn in_phase(board: &str, motors: usize, rate: f64, frequency: u32) -> Motion {
-    let pins =
-        if board.starts_with("uno") { [(2, 5), (3, 6), (4, 7), (12, 13)] } else { [(2, 3), (4, 5), (6, 7), (8, 9)] };
+    let pins = if board == "uno" { [(2, 5), (3, 6), (4, 7), (12, 13)] } else { [(2, 3), (4, 5), (6, 7), (8, 9)] };
     let mut text = format!("board = \"{board}\"\n");
     for (name, (step, dir)) in NAMES.into_iter().zip(pins).take(motors) {
         let _ = write!(

@@ -17,8 +17,7 @@ const TITLES: [&str; 7] = [
 ];
 
 const PREFACE: &str = "Emulated: the committed images on the ATmega328P of `crates/emulator`, 16 MHz, streamed at 1 Mbaud; no \
-board was connected. `image`: `uno`, the one that is there from the start, or `uno-stream`, for the highest rates \
-(`pulsetrain flash uno --image stream`), of which the rates are promised. Lateness is edge − scheduled tick − the constant of the pins, in cycles (62.5 ns); a figure `lost` counts \
+board was connected. Lateness is edge − scheduled tick − the constant of the pins, in cycles (62.5 ns); a figure `lost` counts \
 steps without an edge and edges without a step. `awake`: share of all cycles that the processor did not sleep; `busy`: the same \
 less, for each round of the main loop, what the shortest round takes, which looks for work and finds none. `horizon`: the \
 farthest that the rings were committed ahead. A rate holds if no step is lost, 99 % of the edges are at most 40 cycles late, all \
@@ -44,6 +43,13 @@ pub(crate) fn hour() -> Done {
     table.finish("uno-hour", &text)
 }
 
+/// Figure 2 alone, printed and not written: what a change of the firmware does to the rates that are promised.
+pub(crate) fn figure_2() -> Done {
+    let (table, _) = measure("-- figure-2")?;
+    print!("{}", table.markdown("Uno", &TITLES));
+    Ok(())
+}
+
 /// Runs the bench; limits for the table of boards beside its rows.
 fn measure(arguments: &str) -> Done<(Table, Vec<Limit>)> {
     let (table, limits) = Table::measured("uno", arguments)?;
@@ -61,16 +67,11 @@ enum By {
     Software,
 }
 
-/// Boards that have a table of limits each, with what it is of and its file.
-const TABLES: [(&str, &str, &str); 2] = [
-    ("uno", "the Uno's firmware", "crates/motion/src/boards/uno.rs"),
-    ("uno-stream", "the Uno's firmware for the highest rates", "crates/motion/src/boards/uno_stream.rs"),
-];
+/// The table of limits.
+const TABLE: &str = "crates/motion/src/boards/uno.rs";
 
 /// What a number of motors can do for good at one rate; all in ticks.
 struct Limit {
-    /// As the table of boards calls an Uno with the image that did it.
-    board: String,
     by: By,
     motors: usize,
     pulse: u32,
@@ -84,7 +85,7 @@ struct Limit {
 impl Limit {
     fn parse(line: &str) -> Option<Limit> {
         let mut fields = line.split('\t').skip(1);
-        let board = fields.next()?.to_owned();
+        fields.next()?;
         let by = match fields.next()? {
             "compare" => By::Compare,
             "pair" => By::Pair,
@@ -93,7 +94,6 @@ impl Limit {
         let mut number = || fields.next()?.parse().ok();
         let motors = number()? as usize;
         Some(Limit {
-            board,
             by,
             motors,
             pulse: number()?,
@@ -108,14 +108,11 @@ impl Limit {
 /// The pulses that limits are measured for, ticks.
 const PULSES: [u32; 3] = [16, 31, 80];
 
-/// Writes what the table of boards says of the Uno, with either image.
+/// Writes what the table of boards says of the Uno.
 fn write_limits(limits: &[Limit]) -> Done {
-    for (board, what, file) in TABLES {
-        let path = root().join(file);
-        let of: Vec<_> = limits.iter().filter(|limit| limit.board == board).collect();
-        fs::write(&path, limits_source(what, &of)?).map_err(|why| Failure::File { path, why })?;
-    }
-    Ok(())
+    let path = root().join(TABLE);
+    let of: Vec<_> = limits.iter().collect();
+    fs::write(&path, limits_source("the Uno's firmware", &of)?).map_err(|why| Failure::File { path, why })
 }
 
 fn limits_source(what: &str, limits: &[&Limit]) -> Done<String> {

@@ -1,59 +1,29 @@
 //! What is seen of a board: edges on its pins, and the steps that the native board was told beside it.
 
 use super::{TICK_HZ, native_config};
-use pulsetrain_board::virtual_uno::{self, VirtualUno};
+use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Native, Observer, Remote, ScheduledStep, Setup, Shadowed};
 use pulsetrain_core::Direction;
 use pulsetrain_core::wire::Baud;
 
+/// The map of symbols of the Uno's image.
+pub(crate) const SYMBOLS: &str = include_str!("../../images/uno.sym");
+
+/// Where a routine is in the flash, as a word's address, or a variable in RAM, as a byte's: by its name in a map of symbols.
+pub(crate) fn address(map: &str, name: &str) -> u16 {
+    let line = map.lines().find(|line| line.split_whitespace().nth(2) == Some(name));
+    let mut fields = line.unwrap_or_else(|| panic!("the map has no {name}")).split_whitespace();
+    let (memory, at) = (fields.next().expect("a memory"), fields.next().expect("an address"));
+    let at = u16::from_str_radix(at.trim_start_matches("0x"), 16).expect("a number");
+    if memory == "flash" { at / 2 } else { at }
+}
+
 /// The virtual Uno, and the native board that is told the same.
 pub(crate) type Uno = Shadowed<Remote<VirtualUno>>;
 
-/// An image of the Uno's firmware that takes plans.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Image {
-    /// With text.
-    Plain,
-    /// For the highest rates.
-    Stream,
-}
-
-impl Image {
-    pub(crate) const ALL: [Image; 2] = [Image::Plain, Image::Stream];
-
-    /// One after the other: what takes long is shared out between them.
-    pub(crate) fn by_turns(number: u64) -> Image {
-        if number.is_multiple_of(2) { Image::Stream } else { Image::Plain }
-    }
-
-    /// What the table of boards calls an Uno that has it.
-    pub(crate) fn board(self) -> &'static str {
-        match self {
-            Image::Plain => "uno",
-            Image::Stream => "uno-stream",
-        }
-    }
-
-    /// A virtual Uno that has it.
-    pub(crate) fn uno(self) -> VirtualUno {
-        match self {
-            Image::Plain => VirtualUno::new(),
-            Image::Stream => VirtualUno::with_stream(),
-        }
-    }
-
-    /// As it lies in the flash.
-    pub(crate) fn bytes(self) -> Vec<u8> {
-        match self {
-            Image::Plain => virtual_uno::image(),
-            Image::Stream => virtual_uno::stream_image(),
-        }
-    }
-}
-
 /// A virtual Uno at 1 Mbaud, set up.
-pub(crate) fn uno(image: Image, setup: &Setup) -> Uno {
-    uno_after(image.uno(), setup)
+pub(crate) fn uno(setup: &Setup) -> Uno {
+    uno_after(VirtualUno::new(), setup)
 }
 
 /// The same of one that has been running for a while.

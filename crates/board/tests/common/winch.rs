@@ -38,7 +38,7 @@ impl Wired for VirtualUno {
     const SHORTEST: [u64; 2] = [30, 16];
 
     fn start() -> VirtualUno {
-        VirtualUno::new()
+        VirtualUno::with_winch()
     }
 
     fn due(slice: Slice) -> Vec<u64> {

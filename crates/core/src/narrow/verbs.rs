@@ -328,6 +328,15 @@ impl Verbs {
         self.motors.get_mut(usize::from(motor))?.take(until, turn)
     }
 
+    /// Whether it is clear, behind steps that were [taken](Verbs::take), that there are no more before [`known`](Verbs::known) until
+    /// something is ordered: a step more, or a move's end, would come a period after the last one. It costs a tenth of a `take`.
+    #[inline(always)]
+    #[must_use]
+    pub fn has_all(&self, motor: u8) -> bool {
+        let is_over = |motor: &Motor| !motor.last.after(motor.told.period).is_before(self.known);
+        self.motors.get(usize::from(motor)).is_some_and(is_over)
+    }
+
     /// The first motor that keeps an order from holding from [`known`](Verbs::known) on: it has more to take before it than its next
     /// steps, which are put by.
     pub fn busy(&mut self) -> Option<u8> {

@@ -1,7 +1,7 @@
 //! What text asks of a board, and what time brings: all of it but lines, pins and the clock.
 //!
 //! It counts milliseconds by being told of each one; what it works out is played when the board says. Whoever has several
-//! lines to hosts has a [`Reader`] for each, and one session. On an Uno assembly does the same, firmware/uno/src/winch.
+//! lines to hosts has a [`Reader`] for each, and one session. On an Uno assembly does the same, firmware/uno/src/bin/uno-winch/winch.
 
 use super::path::{Limits, Path, Slice};
 use super::reply::Reply;

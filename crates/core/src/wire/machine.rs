@@ -57,6 +57,9 @@ pub struct Stopped {
 /// Motors are numbered from 0; those beyond [`motors`](Machine::motors) are never asked for but in
 /// [`push`](Machine::push) and [`free`](Machine::free).
 pub trait Machine {
+    /// Whether its motors follow plans: [`push`](Machine::push), [`switch`](Machine::switch).
+    const PLANS: bool = true;
+
     /// Whether its motors can be told directly: [`obey`](Machine::obey).
     const OBEYS: bool = false;
 

@@ -646,6 +646,7 @@ fn is_configuration(head: &[u8; 13], motors: &[u8]) -> bool {
 /// | 24 | [`Cause`] of the last reset |
 /// | 25 | switches that may wait, one after the other |
 /// | 26 | bytes of the longest body that the board takes, 47 to 80 |
+/// | 27 | of an Uno, its image: 1 plans, 2 text, 3 verbs; other boards leave it out |
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Info {
     /// The host's number from Hello; the service's.
@@ -676,6 +677,18 @@ pub struct Info {
     pub switches: u8,
     /// Bytes of the longest body that the board takes; the service's.
     pub max_body: u8,
+    /// Which of its images the board has, an [`image`]; 0 where there is one.
+    pub image: u8,
+}
+
+/// Images of an Uno, as [`Info`] has them.
+pub mod image {
+    /// Plans, streamed from a host.
+    pub const PLANS: u8 = 1;
+    /// `StepperWinch`'s text.
+    pub const WINCH: u8 = 2;
+    /// Motors that are told directly.
+    pub const VERBS: u8 = 3;
 }
 
 impl Info {
@@ -695,6 +708,7 @@ impl Info {
         last_reset: Cause::None,
         switches: 0,
         max_body: 0,
+        image: 0,
     };
 
     /// Writes it.
@@ -719,6 +733,9 @@ impl Info {
         frame.u8(self.last_reset as u8);
         frame.u8(self.switches);
         frame.u8(self.max_body);
+        if self.image != 0 {
+            frame.u8(self.image);
+        }
     }
 
     fn decode(reader: &mut Reader<'_>) -> Option<Info> {
@@ -737,6 +754,7 @@ impl Info {
             last_reset: Cause::from_code(reader.u8()?)?,
             switches: reader.u8()?,
             max_body: reader.u8().filter(|len| (super::LEAST_BODY..=super::MAX_BODY).contains(&usize::from(*len)))?,
+            image: reader.u8().unwrap_or(0),
         })
     }
 }

@@ -361,9 +361,11 @@ impl Service {
 
     /// The frame that is next.
     #[inline(always)]
-    fn take(&mut self, seq: u8, kind: u8, payload: &[u8], machine: &mut impl Machine) {
+    fn take<M: Machine>(&mut self, seq: u8, kind: u8, payload: &[u8], machine: &mut M) {
         let mut is_answered = true;
-        let done = if let kind::DATA..0x18 = kind {
+        let done = if let kind::DATA..0x18 = kind
+            && M::PLANS
+        {
             let pushed = match payload {
                 [epoch, packed @ ..] if !packed.is_empty() => machine.push(kind & 7, Epoch(*epoch), packed),
                 _ => Err(malformed(kind)),
@@ -399,7 +401,9 @@ impl Service {
     /// through RAM.
     #[inline(never)]
     fn execute<M: Machine>(&mut self, kind: u8, payload: &[u8], machine: &mut M) -> Result<(), Refusal> {
-        if kind == kind::CONFIGURE {
+        // Nobody moves motors in frames where neither plans nor orders are taken.
+        let drives = M::PLANS || M::OBEYS;
+        if drives && kind == kind::CONFIGURE {
             let configuration = Configuration::decode(payload).ok_or(malformed(kind))?;
             machine.configure(&configuration)?;
             let mut silence_ms = configuration.silence_ms;
@@ -427,12 +431,17 @@ impl Service {
         if payload.len() != usize::from(len) {
             return Err(malformed(kind));
         }
+        if (!M::PLANS && matches!(kind, kind::DISCARD | kind::SWITCH))
+            || (!drives && matches!(kind, kind::ARM | kind::RELEASE))
+        {
+            return Err(Refusal { reason: Reason::UnknownKind, detail: u16::from(kind) });
+        }
         let first = payload.first().copied().unwrap_or(0);
         match kind {
-            kind::ARM => return machine.arm(),
-            kind::RELEASE => return machine.release(),
-            kind::DISCARD => machine.discard(Epoch(first)),
-            kind::SWITCH => return self.switch(payload, machine),
+            kind::ARM if drives => return machine.arm(),
+            kind::RELEASE if drives => return machine.release(),
+            kind::DISCARD if M::PLANS => machine.discard(Epoch(first)),
+            kind::SWITCH if M::PLANS => return self.switch(payload, machine),
             kind::STOP_NOW => {
                 let Stopped { tick, uncertain } = machine.stop_now();
                 (self.answer.tick, self.answer.code) = (tick.to_le_bytes(), uncertain);

@@ -1,7 +1,7 @@
 //! Motion files: TOML in, a checked [`Program`] out, or errors that point at the place.
 //!
 //! ```toml
-//! board = "uno"                       # uno, uno-stream, due, pico or native
+//! board = "uno"                       # uno, due, pico or native
 //! grid = "reach"                      # or "nearest" (default), or { hysteresis = "0.1 step" }
 //! tolerance = "1 tick"                # or a time, such as "1 us"
 //! idle = "hold"                       # or a rest, such as "2 s", after which drivers and coils are switched off
@@ -210,9 +210,10 @@ fn read_board(root: &Section) -> Read<BoardRow> {
     boards::find(name).ok_or_else(|| {
         let rows = boards::table();
         let names: Vec<&str> = rows.iter().map(|row| row.board.name.as_str()).collect();
-        let help = match nearest(name, names.iter().copied()) {
-            Some(near) => format!("did you mean \"{near}\"?"),
-            None => format!("known: {}", names.join(", ")),
+        let help = match (boards::renamed(name), nearest(name, names.iter().copied())) {
+            (Some(board), _) => format!("write `board = \"{board}\"`: its firmware has these rates now"),
+            (None, Some(near)) => format!("did you mean \"{near}\"?"),
+            (None, None) => format!("known: {}", names.join(", ")),
         };
         node.note("not in the table", format!("unknown board \"{name}\""), help)
     })

@@ -13,6 +13,7 @@ use pulsetrain_core::packing::Packing;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::MotorSetup;
 use pulsetrain_core::{Item, Moment, Segment};
+use pulsetrain_motion::boards;
 use pulsetrain_motion::program::{Motor, Program, Wiring};
 
 use super::streams::{Gap, LongWaits, Pieces, Shape, Stream, streams};
@@ -36,7 +37,7 @@ const SHAPE: Shape = Shape {
 /// Steps that are further apart than this leave time enough to look at each, ticks.
 const FAR: u64 = 2048;
 
-/// Between two steps at least that nobody looks at, ticks, where two motors have a ring each (`firmware/uno/src/steps/stepper.rs`).
+/// Between two steps at least that nobody looks at, ticks, where two motors have a ring each (`firmware/uno/src/engine/tuning.rs`).
 const FASTEST: u64 = 130;
 
 /// A gap as long as this or longer is a wait and a step after so many ticks: intervals of 24 bits are what the firmware knows.
@@ -71,6 +72,12 @@ impl Image {
             return Err(BakeError::Board { board: program.board.name.clone() });
         }
         check(program)?;
+        let mut program = program.clone();
+        let baked = boards::find(&program.board.name).and_then(|row| row.shortest_of_four_baked());
+        if let (Some(of_four), Some(baked)) = (program.board.min_interval_ticks.get_mut(3), baked) {
+            *of_four = baked.max(*of_four);
+        }
+        let program = &program;
         drive::connect(VirtualUno::new(), program, Baud::B115200).map_err(Box::new)?;
         let mut flash = virtual_uno::baked_image();
         flash.resize(flash.len().next_multiple_of(2), 0xff);
@@ -114,7 +121,7 @@ impl Image {
 
 /// Whether the firmware would make each of a segment's steps by itself, at 1000 cycles each, though they are a few hundred ticks apart: two
 /// motors that come to such a segment at once, as where a ramp ends, ran dry by that. It does if add2 is a tick or more, and add and add2,
-/// as far as it allows for them in seven steps, may change the interval by what it is (`firmware/uno/src/steps/plan.rs`, `load.rs`). In two
+/// as far as it allows for them in seven steps, may change the interval by what it is (`firmware/uno/src/engine/steps/plan.rs`, `load.rs`). In two
 /// steps add2 does not count.
 fn steps_singly(&Segment { count, interval, add, add2 }: &Segment) -> bool {
     let [interval, add, add2] = [interval, add, add2].map(i64::unsigned_abs);

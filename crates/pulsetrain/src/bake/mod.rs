@@ -165,9 +165,7 @@ impl BakeError {
             BakeError::Wiring { .. } => {
                 "what can be baked: at most four motors with STEP and DIR on pins 2 to 13, STEP not on 13"
             }
-            BakeError::Board { .. } => {
-                "say --board uno or --board pico, if its motors fit there; a baked motion has an image of its own"
-            }
+            BakeError::Board { .. } => "say --board uno or --board pico, if its motors fit there",
             BakeError::TooFast { .. } | BakeError::TooClose { .. } => {
                 "a slower motion, fewer microsteps; or an image (--output), whose firmware is several times faster"
             }

@@ -96,10 +96,10 @@ fn programmed(file: &Path) -> miette::Result<VirtualPico> {
     Ok(pico.clone().opened().unwrap_or(pico))
 }
 
-/// An Uno with that program, or with the firmware's other image of that name.
+/// An Uno with that program, or with the firmware's image of that name.
 fn flashed(file: &Path) -> miette::Result<VirtualUno> {
     let help = "it takes what an Uno's flash holds, as Intel HEX: what `pulsetrain bake --output` writes, or the Arduino IDE's Export \
-                Compiled Binary; `verbs` is the firmware whose motors are told directly, `stream` that for the highest rates";
+                Compiled Binary; `winch` is the firmware that knows StepperWinch's text, `verbs` that whose motors are told directly";
     if let Some(image) = named(file) {
         return VirtualUno::with_image(&image).map_err(|error| miette!(help = help, "{}: {error}", file.display()));
     }

@@ -76,13 +76,21 @@ fn which_port(names: &[String]) -> Report {
     }
 }
 
-/// The Uno's other image of that name, which stands in place of a file's.
+/// The Uno's image of that name, which stands in place of a file's.
 pub(super) fn named(name: &Path) -> Option<Vec<u8>> {
     match name.to_str()? {
         "verbs" => Some(virtual_uno::verbs_image()),
-        "stream" => Some(virtual_uno::stream_image()),
+        "winch" => Some(virtual_uno::winch_image()),
         _ => None,
     }
+}
+
+/// Writes one of the firmware's images to the Uno at a port, and says so to who looks on: results are another command's.
+pub(super) fn write(port: &str, image: Option<&str>, console: &mut Console<'_>) -> miette::Result<()> {
+    let flashed = uno(port, image.map(Path::new), console)?;
+    // Where errors cannot be written nobody reads them.
+    drop(writeln!(console.err, "{}", done(&flashed, true)));
+    Ok(())
 }
 
 fn uno(name: &str, file: Option<&Path>, console: &Console<'_>) -> miette::Result<Flashed> {
@@ -123,7 +131,7 @@ fn uno(name: &str, file: Option<&Path>, console: &Console<'_>) -> miette::Result
     }
     let [new, old] = stk500::RATES;
     let help = "is it an Uno (`pulsetrain ports`)? If it has no reset by DTR, press its button as you start this. Boards without \
-                a bootloader, or with one of another kind, take crates/board/images/uno.hex (or uno-verbs.hex, uno-stream.hex) \
+                a bootloader, or with one of another kind, take crates/board/images/uno.hex (or uno-winch.hex, uno-verbs.hex) \
                 by a programmer";
     Err(miette!(help = help, "no Uno's bootloader answers at {name}, neither at {new} nor at {old} baud"))
 }

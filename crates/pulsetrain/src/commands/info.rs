@@ -1,10 +1,10 @@
 //! `pulsetrain info`: what a board says of itself.
 
-use pulsetrain_board::remote::in_words;
+use pulsetrain_board::remote::{image_name, in_words};
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Port, Remote, RemoteError, Serial};
-use pulsetrain_core::wire::message::{Cause, flags};
+use pulsetrain_core::wire::message::{Cause, flags, image};
 use pulsetrain_core::wire::{Baud, Reason, Stored, VERSION};
 use serde::Serialize;
 
@@ -21,6 +21,10 @@ pub(super) struct Said {
     board: &'static str,
     firmware: String,
     protocol: u8,
+    /// Which of its images an Uno has.
+    image: Option<&'static str>,
+    /// Plans that a host streams.
+    plans: bool,
     /// Lines of text, as StepperWinch's.
     text: bool,
     /// Motors can be told directly.
@@ -84,8 +88,9 @@ pub(crate) fn run(args: &At, console: &mut Console<'_>) -> miette::Result<Exit> 
     let mut table = Table::default().left(&[0, 1]);
     let mut row = |what: &str, value: String| table.row([what.to_owned(), value]);
     row("board", said.board.to_owned());
-    row("firmware", format!("{}, protocol {}", said.firmware, said.protocol));
-    let understands = [("frames", true), ("text", said.text), ("verbs", said.verbs)];
+    let image = said.image.map_or_else(String::new, |image| format!(", image `{image}`"));
+    row("firmware", format!("{}{image}, protocol {}", said.firmware, said.protocol));
+    let understands = [("plans", said.plans), ("text", said.text), ("verbs", said.verbs)];
     let understands: Vec<_> = understands.into_iter().filter(|(_, does)| *does).map(|(what, _)| what).collect();
     row("understands", understands.join(", "));
     row("tick", format!("{}, {} fraction bits", human::seconds(tick_s), said.fraction_bits));
@@ -171,11 +176,11 @@ pub(super) fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
     if let Some(error) = remote.error() {
         return Err(error.clone().into());
     }
-    let (stored, keeps, keeps_untold) = match remote.stored() {
-        Ok(stored) => (stored, true, false),
-        Err(RemoteError::Refused { reason: Reason::Moving | Reason::Baked, .. }) => (Stored::default(), true, true),
+    let (stored, keeps_untold) = match remote.stored() {
+        Ok(stored) => (stored, false),
+        Err(RemoteError::Refused { reason: Reason::Moving | Reason::Baked, .. }) => (Stored::default(), true),
         // A board that knows no settings.
-        Err(RemoteError::Refused { .. }) => (Stored::default(), false, false),
+        Err(RemoteError::Refused { .. }) => (Stored::default(), false),
         Err(error) => return Err(error.into()),
     };
     let verbs = remote.obeys()?;
@@ -188,8 +193,9 @@ pub(super) fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
         },
         firmware: human::version(info.firmware),
         protocol: VERSION,
-        // Of an Uno's images the one with text keeps settings for it; in the others something else has the room of both.
-        text: info.board == 2 || (info.board == UNO && keeps),
+        image: (info.image != 0).then(|| image_name(info.image)),
+        plans: !matches!(info.image, image::WINCH | image::VERBS),
+        text: info.board == 2 || info.image == image::WINCH,
         verbs,
         tick_hz: info.tick_hz,
         fraction_bits: info.fraction_bits,
@@ -234,12 +240,12 @@ mod tests {
     #[test]
     fn images_tell_what_they_understand() {
         for (uno, expected) in [
-            (VirtualUno::new(), (true, false)),
-            (VirtualUno::with_verbs(), (false, true)),
-            (VirtualUno::with_stream(), (false, false)),
+            (VirtualUno::new(), ("uno", true, false, false)),
+            (VirtualUno::with_winch(), ("winch", false, true, false)),
+            (VirtualUno::with_verbs(), ("verbs", false, false, true)),
         ] {
             let said = ask(uno, Baud::B1M).unwrap();
-            assert_eq!((said.text, said.verbs), expected);
+            assert_eq!((said.image.unwrap(), said.plans, said.text, said.verbs), expected);
         }
     }
 

@@ -12,6 +12,7 @@ pub(crate) mod info;
 pub(crate) mod motor;
 pub(crate) mod new;
 pub(crate) mod on_port;
+mod other_image;
 pub(crate) mod plan;
 pub(crate) mod plot;
 pub(crate) mod ports;
@@ -26,6 +27,7 @@ pub(crate) mod winch;
 use miette::{Report, miette};
 use pulsetrain_board::{LinkError, PortError, RemoteError, SwitchRefused};
 
+pub(crate) use self::other_image::{OtherImage, offered};
 use crate::drive::DriveError;
 use crate::human;
 use crate::prepare::WORST_CLOCK_PPM;
@@ -65,9 +67,7 @@ pub(crate) fn drive_problem(error: DriveError) -> Report {
              `pulsetrain winch --port PORT`"
         }
         DriveError::Remote(RemoteError::OtherBoard { .. }) => "say --board with the board that is there",
-        DriveError::Remote(RemoteError::OtherImage { .. }) => {
-            "write it to the board: `pulsetrain flash uno --port PORT --image stream`; or say --board uno, which has lower limits"
-        }
+        DriveError::Remote(RemoteError::OtherImage { is, wanted }) => return OtherImage { is, wanted }.into(),
         DriveError::Remote(RemoteError::Link(LinkError::Taken)) => {
             "end the other program, or wait 2 s. If text has switched its drivers on (`pulsetrain winch`, a StepperWinch client), it \
              has it until it is told `enable 0`: echo \"enable 0\" | pulsetrain winch --port PORT"
@@ -118,9 +118,11 @@ mod tests {
 
     #[test]
     fn an_uno_with_another_image_tells_how_it_gets_the_right_one() {
-        let other = drive_problem(DriveError::Remote(RemoteError::OtherImage { wanted: "uno-stream".to_owned() }));
-        assert!(other.to_string().contains("`uno-stream`"), "{other}");
-        assert!(other.help().is_some_and(|help| help.to_string().contains("flash uno --port PORT --image stream")));
+        for (is, wanted, image) in [("winch", "uno", "PORT`"), ("uno", "verbs", "PORT --image verbs`")] {
+            let other = drive_problem(DriveError::Remote(RemoteError::OtherImage { is, wanted }));
+            assert!(other.to_string().contains(&format!("the image `{is}`")), "{other}");
+            assert!(other.help().is_some_and(|help| help.to_string().contains(&format!("flash uno --port {image}"))));
+        }
     }
 
     #[test]

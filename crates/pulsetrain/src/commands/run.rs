@@ -42,8 +42,7 @@ pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit>
     let (recorded, runner) = match prepared.program.board.name.as_str() {
         name if boards::is_uno(name) && !args.native => {
             let mut driven = Driven::virtual_uno(&prepared, BAUD).map_err(drive_problem)?;
-            let image = if name == boards::STREAM { " with the image for the highest rates" } else { "" };
-            let runner = format!("virtual Uno{image}, firmware {}", human::version(driven.board_mut().info().firmware));
+            let runner = format!("virtual Uno, firmware {}", human::version(driven.board_mut().info().firmware));
             (to_files(&prepared, &planned, driven, edges, &folder, console)?, runner)
         }
         "pico" if !args.native => {

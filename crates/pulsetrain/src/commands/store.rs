@@ -93,10 +93,6 @@ fn problem(error: RemoteError) -> miette::Report {
             let help = "`pulsetrain stop --port PORT` disarms them; what still moves stops at once, wherever it is";
             miette!(help = help, "the board tells and keeps no settings while motors are armed, as a run leaves them")
         }
-        RemoteError::Refused { reason: Reason::UnknownKind, .. } => {
-            let help = "an Uno's images without text have no room for that; its plain one has: `pulsetrain flash uno --port PORT`";
-            miette!(help = help, "the board's firmware keeps no settings")
-        }
         error => drive_problem(error.into()),
     }
 }
@@ -182,10 +178,10 @@ mod tests {
     }
 
     #[test]
-    fn an_uno_without_text_keeps_no_settings() {
-        for uno in [VirtualUno::with_verbs(), VirtualUno::with_stream()] {
-            let refused = problem(store(uno, &ASK, None).unwrap_err());
-            assert_eq!(refused.to_string(), "the board's firmware keeps no settings");
+    fn every_image_of_an_uno_keeps_settings() {
+        let kept = Stored { settings: Some(Settings { silence_ms: 700, ..Settings::default() }), is_damaged: false };
+        for uno in [VirtualUno::new(), VirtualUno::with_winch(), VirtualUno::with_verbs()] {
+            assert_eq!(store(uno, &Store { silence: Some(700), ..ASK }, None).unwrap(), kept);
         }
     }
 

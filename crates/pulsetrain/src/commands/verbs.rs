@@ -6,14 +6,14 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, TryRecvError};
 
 use miette::{LabeledSpan, MietteDiagnostic, NamedSource, Report, miette};
-use pulsetrain_board::remote::in_words;
+use pulsetrain_board::remote::{image_name, in_words};
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Port, Remote, RemoteError, Serial, Setup};
 use pulsetrain_core::verbs::text::{self, LONGEST, Read, Reply, Told};
 use pulsetrain_core::verbs::{Course, Verb};
 use pulsetrain_core::winch::AXES;
-use pulsetrain_core::wire::message::{Cause, MotorSetup, Reason};
+use pulsetrain_core::wire::message::{Cause, MotorSetup, Reason, image};
 use pulsetrain_core::wire::orders::Obeyed;
 use pulsetrain_core::wire::{Baud, Refusal};
 use pulsetrain_motion::quantity::{Base, Quantity};
@@ -53,21 +53,26 @@ pub(crate) fn run(args: &Verbs, console: &mut Console<'_>) -> miette::Result<Exi
     match (&args.port, script) {
         (Some(name), script) => {
             let port = Serial::open(name, true).map_err(port_problem)?;
-            hold(port, name, args.baud, lines(script), None, console)
+            hold(port, name, args.baud, || lines(script), None, console)
         }
         (None, Some(script)) if is_uno => {
-            hold(VirtualUno::with_verbs(), "", args.baud, lines(Some(script)), Some(Pins::default()), console)
+            hold(VirtualUno::with_verbs(), "", args.baud, || lines(Some(script)), Some(Pins::default()), console)
         }
         (None, Some(script)) => {
-            hold(VirtualPico::on_usb(), "", args.baud, lines(Some(script)), Some(Pins::default()), console)
+            hold(VirtualPico::on_usb(), "", args.baud, || lines(Some(script)), Some(Pins::default()), console)
         }
         (None, None) if is_uno => {
             let board = serve::Paced::new(VirtualUno::with_verbs());
-            hold(board, "", args.baud, lines(None), Some(Pins::default()), console)
+            hold(board, "", args.baud, || lines(None), Some(Pins::default()), console)
         }
-        (None, None) => {
-            hold(serve::Paced::new(VirtualPico::on_usb()), "", args.baud, lines(None), Some(Pins::default()), console)
-        }
+        (None, None) => hold(
+            serve::Paced::new(VirtualPico::on_usb()),
+            "",
+            args.baud,
+            || lines(None),
+            Some(Pins::default()),
+            console,
+        ),
     }
 }
 
@@ -236,7 +241,12 @@ fn take<P: Port>(
 ) -> Result<(Remote<P>, Setup, Obeyed), RemoteError> {
     let number = session_number();
     let remote = Remote::open(port, number)?;
-    let setup = wiring(remote.info().board == UNO);
+    let (is_uno, image) = (remote.info().board == UNO, remote.info().image);
+    if is_uno && image != image::VERBS {
+        remote.close();
+        return Err(RemoteError::OtherImage { is: image_name(image), wanted: image_name(image::VERBS) });
+    }
+    let setup = wiring(is_uno);
     let mut remote = set_up(remote, &setup, baud, number, goes_on)?;
     // One that cannot be told directly says so before anything else.
     match remote.tell_motors(&[]) {
@@ -248,17 +258,18 @@ fn take<P: Port>(
     }
 }
 
-/// `name` is the port's, which a virtual board has none of.
+/// `name` is the port's, which a virtual board has none of; `lines` are begun to be read once the board is there.
 fn hold<P: Port>(
     port: P,
     name: &str,
     baud: Baud,
-    mut lines: Lines,
+    lines: impl FnOnce() -> Lines,
     pins: Option<Pins>,
     console: &mut Console<'_>,
 ) -> miette::Result<Exit> {
     let (remote, setup, first) =
         take(port, baud, waits_aloud(console, name)).map_err(|error| drive_problem(error.into()))?;
+    let mut lines = lines();
     let mut held = Held { remote, setup, axes: Default::default(), pins, refused: 0, looked: None };
     let tick_hz = u64::from(held.remote.info().tick_hz);
     let begin = held.remote.now();
@@ -488,7 +499,7 @@ mod tests {
     fn held(port: Deaf, lines: Lines) -> (miette::Result<Exit>, String) {
         let (mut out, mut err) = (Vec::new(), Vec::new());
         let mut console = Console { out: &mut out, err: &mut err, err_is_terminal: false };
-        let exit = hold(port, "", Baud::B1M, lines, None, &mut console);
+        let exit = hold(port, "", Baud::B1M, || lines, None, &mut console);
         (exit, String::from_utf8(out).unwrap())
     }
 

@@ -15,6 +15,7 @@ use pulsetrain_motion::pins::PinKind;
 use pulsetrain_trace::winch::{AXES, Options, Status};
 use pulsetrain_trace::{Line, Trace, steps, vcd_file};
 
+use super::OtherImage;
 use super::run::draw;
 use crate::cli::Winch;
 use crate::console::{self, Console, Exit, access};
@@ -41,8 +42,7 @@ pub(crate) fn run(args: &Winch, console: &mut Console<'_>) -> miette::Result<Exi
     })?;
     let (run, judged) = match &args.at.port {
         Some(port) => {
-            let mut talk = Talk::new(Serial::open(port, true).map_err(port_problem)?);
-            let board = ask(&mut talk, port)?;
+            let (mut talk, board) = meet_at(port)?;
             if let Some(positions) = stands_elsewhere(&mut talk).map_err(port_problem)? {
                 return Err(begins_elsewhere(port, positions));
             }
@@ -53,7 +53,7 @@ pub(crate) fn run(args: &Winch, console: &mut Console<'_>) -> miette::Result<Exi
         }
         None if args.at.native => virtually(NativeWinch::new(), "native winch", &name, &script, &options, console)?,
         None if is_pico(args) => virtually(VirtualPico::new(), "virtual Pico", &name, &script, &options, console)?,
-        None => virtually(VirtualUno::new(), "virtual Uno", &name, &script, &options, console)?,
+        None => virtually(VirtualUno::with_winch(), "virtual Uno", &name, &script, &options, console)?,
     };
     let Judged { report, picture } = judged;
     // What the axes did is told also where a file has no room; a script gets one value, and then it is the error.
@@ -100,8 +100,7 @@ fn virtually<B: VirtualBoard>(
     options: &Options,
     console: &Console<'_>,
 ) -> miette::Result<(Run, Judged)> {
-    let mut talk = Talk::new(board);
-    let board = ask(&mut talk, runner)?;
+    let (mut talk, board) = meet(board, runner)?;
     let run = on_virtual(&mut talk, script, watcher(script, console)).map_err(port_problem)?;
     let judged = judge(&run, Names { script: name, runner, board: &board }, options)
         .map_err(|error| miette!("{runner}: {error}"))?;
@@ -121,14 +120,22 @@ fn options_of(board: Option<&str>) -> Options {
     Options { constant_ticks: PinKind::Shield.constant_ticks().into(), late_ticks: late.into(), ..Options::default() }
 }
 
-/// What the board calls itself.
-fn ask<P: Port>(talk: &mut Talk<P>, place: &str) -> miette::Result<String> {
-    talk.ask().map_err(port_problem)?.ok_or_else(|| {
-        let help = "is it StepperWinch, or Pulsetrain's firmware, and no program that sends frames has it? An Uno's image with verbs \
-                    knows no text: `pulsetrain verbs`. Nor does the one for the highest rates, nor a baked motion, until it is stopped (`pulsetrain stop`, a Pico's) or \
-                    the firmware is back (`pulsetrain flash`)";
+/// A board that speaks text, and what it calls itself.
+fn meet<P: Port>(port: P, place: &str) -> miette::Result<(Talk<P>, String)> {
+    let mut talk = Talk::new(port);
+    let board = talk.ask().map_err(port_problem)?.ok_or_else(|| {
+        let help = "is it StepperWinch, or Pulsetrain's firmware, and no program that sends frames has it? An Uno knows text with its \
+                    image `winch` alone: `pulsetrain flash uno --port PORT --image winch`. A baked motion does not, until it is stopped \
+                    (`pulsetrain stop`, a Pico's) or the firmware is back (`pulsetrain flash`)";
         miette!(help = help, "the {place} does not speak StepperWinch's text: it does not answer `version`")
-    })
+    })?;
+    Ok((talk, board))
+}
+
+/// The same at a port. One that does not is asked in frames whether it is an Uno with another image.
+fn meet_at(port: &str) -> miette::Result<(Talk<Serial>, String)> {
+    meet(Serial::open(port, true).map_err(port_problem)?, port)
+        .map_err(|error| OtherImage::at(port, "winch").map_or(error, Report::new))
 }
 
 fn watcher(script: &Script, console: &Console<'_>) -> impl FnMut(f64) -> Wish {
@@ -180,16 +187,14 @@ fn write_files(run: &Run, folder: &Path, options: &Options, has_edges: bool) -> 
 /// A console.
 fn by_hand(args: &Winch, console: &mut Console<'_>) -> miette::Result<Exit> {
     match &args.at.port {
-        Some(port) => hold(Serial::open(port, true).map_err(port_problem)?, port, console),
-        None if args.at.native => hold(serve::Paced::new(NativeWinch::new()), "native winch", console),
-        None if is_pico(args) => hold(serve::Paced::new(VirtualPico::new()), "virtual Pico", console),
-        None => hold(serve::Paced::new(VirtualUno::new()), "virtual Uno", console),
+        Some(port) => hold(meet_at(port)?, console),
+        None if args.at.native => hold(meet(serve::Paced::new(NativeWinch::new()), "native winch")?, console),
+        None if is_pico(args) => hold(meet(serve::Paced::new(VirtualPico::new()), "virtual Pico")?, console),
+        None => hold(meet(serve::Paced::new(VirtualUno::with_winch()), "virtual Uno")?, console),
     }
 }
 
-fn hold<P: Port>(port: P, place: &str, console: &mut Console<'_>) -> miette::Result<Exit> {
-    let mut talk = Talk::new(port);
-    let board = ask(&mut talk, place)?;
+fn hold<P: Port>((mut talk, board): (Talk<P>, String), console: &mut Console<'_>) -> miette::Result<Exit> {
     let ended = if stdin().is_terminal() && stdout().is_terminal() {
         console.print(format_args!("{board}; `help` tells the commands, Ctrl-C stops all axes, `quit` ends\n"))?;
         // Positions are to be seen as they change.

@@ -1,7 +1,6 @@
 //! The rows of the Uno's table: what `cargo xtask bench uno` prints, and, in short, a golden file.
 
 use super::board::TICK_HZ;
-use super::board::lab::Image;
 use super::board::segments::Law;
 use super::motion;
 use super::uno::{COMPARE, MOST_CYCLES, P99_CYCLES, PORT_B, Pins, Run, SHIELD, Seen, TUTORIAL, pins_text, stream};
@@ -15,8 +14,6 @@ use pulsetrain_motion::{Grid, Law as Motion, Time, boards};
 pub(crate) struct Row {
     /// Of the figures.
     pub(crate) figure: u8,
-    /// Of the firmware, by the name that the board has with it.
-    pub(crate) image: String,
     pub(crate) law: String,
     pub(crate) pulse: String,
     pub(crate) pins: String,
@@ -35,9 +32,8 @@ pub(crate) struct Row {
 }
 
 /// What the columns are.
-pub(crate) const COLUMNS: [&str; 18] = [
+pub(crate) const COLUMNS: [&str; 17] = [
     "figure",
-    "image",
     "law",
     "pulse",
     "pins",
@@ -57,13 +53,12 @@ pub(crate) const COLUMNS: [&str; 18] = [
 ];
 
 impl Row {
-    pub(crate) fn fields(&self) -> [String; 18] {
+    pub(crate) fn fields(&self) -> [String; 17] {
         let seen = |text: &dyn Fn(&Seen) -> String| self.seen.as_ref().map_or("–".to_owned(), text);
         let late = |value: fn(&Lateness) -> i64| seen(&|seen| value(&seen.lateness).to_string());
         let percent = |share: f64| format!("{:.0} %", 100.0 * share);
         [
             self.figure.to_string(),
-            self.image.clone(),
             self.law.clone(),
             self.pulse.clone(),
             self.pins.clone(),
@@ -111,9 +106,8 @@ pub(crate) struct Case {
     pub(crate) pulse_ticks: u16,
     /// Each motor is so much slower than the one before: 1, or 1 : ¼ : ⅛ : 1/16.
     pub(crate) ratios: [f64; 4],
-    /// Steps/s of the first motor that are promised of the image for the highest rates.
+    /// Steps/s of the first motor that are promised.
     pub(crate) required: Option<f64>,
-    pub(crate) image: Image,
     /// Of the random segments.
     pub(crate) seed: u64,
 }
@@ -135,33 +129,14 @@ impl Case {
             pulse_ticks: PULSE,
             ratios: ALIKE,
             required: Some(required),
-            image: Image::Stream,
             seed: 1,
         }
-    }
-
-    /// The same of another image.
-    pub(crate) const fn on(self, image: Image) -> Case {
-        Case { image, ..self }
-    }
-
-    /// What is promised of its image.
-    fn promised(&self) -> Option<f64> {
-        self.required.filter(|_| self.image == Image::Stream)
     }
 
     fn run(&self, rate: f64, seconds: f64) -> Run {
         let law = |ratio: &f64| Law { rate: rate * ratio, swing: self.swing, turns: self.turns };
         let laws = self.ratios[..self.motors].iter().map(law).collect();
-        Run {
-            image: self.image,
-            pins: self.pins,
-            laws,
-            apart: self.apart,
-            pulse_ticks: self.pulse_ticks,
-            seconds,
-            seed: self.seed,
-        }
+        Run { pins: self.pins, laws, apart: self.apart, pulse_ticks: self.pulse_ticks, seconds, seed: self.seed }
     }
 
     /// Whether the table of boards takes its limits from it, from the slowest of its kind: one rate, motors beside one another.
@@ -190,17 +165,16 @@ impl Case {
         });
         Row {
             figure: self.figure,
-            image: self.image.board().to_owned(),
             law: self.name(),
             pulse: us(self.pulse_ticks),
             pins: pins_text(&self.pins[..self.motors]),
             motors: self.motors,
             rate: reached,
             asked: rate,
-            required: self.promised().map_or(String::new(), kilo),
+            required: self.required.map_or(String::new(), kilo),
             seen,
             verdict,
-            is_required: self.promised().is_some(),
+            is_required: self.required.is_some(),
         }
     }
 
@@ -249,10 +223,10 @@ impl Case {
     /// The fastest of `rates`, and of what is promised, that holds for `seconds`, by bisection, and then for `longer` too: above what is
     /// promised, if that does. If none does, what comes of the slowest.
     pub(crate) fn fastest(&self, rates: &[f64], seconds: f64, longer: f64) -> Row {
-        let mut rates: Vec<f64> = rates.iter().copied().chain(self.promised()).collect();
+        let mut rates: Vec<f64> = rates.iter().copied().chain(self.required).collect();
         rates.sort_by(f64::total_cmp);
         // Near the limits it is chance which rates hold: what is promised is tried by itself.
-        let promised = self.promised().filter(|rate| self.row(*rate, longer).verdict.is_empty());
+        let promised = self.required.filter(|rate| self.row(*rate, longer).verdict.is_empty());
         let least = promised.map_or(0, |promised| rates.partition_point(|rate| *rate <= promised));
         let (mut low, mut fails) = (least, rates.len());
         while low < fails {
@@ -269,7 +243,7 @@ impl Case {
             row = self.row(rates[low - 1], longer);
         }
         let reached = row.seen.as_ref().and_then(|seen| seen.rates.first().copied()).unwrap_or(0.0);
-        if let Some(required) = self.promised()
+        if let Some(required) = self.required
             && row.verdict.is_empty()
             && reached < 0.99 * required
         {
@@ -280,7 +254,7 @@ impl Case {
 }
 
 /// Motions that stay fast: half a second up, 0.75 s at a rate, half a second down, each motor a part of a step behind the one before.
-fn plateaus(image: Image, pins: &[(u8, u8)], rate: f64, apart: f64) -> Prepared {
+fn plateaus(pins: &[(u8, u8)], rate: f64, apart: f64) -> Prepared {
     let Prepared { program, .. } = tutorial(Time::from_ratio(1, 1), 1, pins[0], 1000);
     let law = Motion::trapezoid(1.25 * rate, rate, 2.0 * rate, 2.0 * rate).expect("a trapezoid");
     let motors = (0..).zip(pins).map(|(index, (step, dir))| Motor {
@@ -294,7 +268,7 @@ fn plateaus(image: Image, pins: &[(u8, u8)], rate: f64, apart: f64) -> Prepared 
     });
     let motors: Vec<Motor> = motors.collect();
     // As a motion file's.
-    let row = boards::find(image.board()).expect("the table has the Uno");
+    let row = boards::find("uno").expect("the table has the Uno");
     let mut program = Program { board: row.board.clone(), motors, tolerance: Tolerance::Seconds(1e-6), ..program };
     program.board.min_interval_ticks = row.shortest_intervals(&program.motors);
     program.board.turn_ticks = row.turn_ticks(&program.motors);
@@ -308,7 +282,7 @@ pub(crate) fn fastest_plateau(case: &Case, rates: &[f64]) -> Row {
     let row = |rate: f64| {
         let of = |apart: f64| {
             let law = format!("{} k for 0.75 s, by a session", rate / 1000.0);
-            motion_row(6, law, &plateaus(case.image, pins, rate, apart), MOST_CYCLES, false)
+            motion_row(6, law, &plateaus(pins, rate, apart), MOST_CYCLES, false)
         };
         let staggered = of(1.0);
         if case.motors == 1 || !staggered.verdict.is_empty() { staggered } else { of(0.0) }
@@ -353,10 +327,10 @@ pub(crate) const PROMISED: [Case; 7] = [
 ];
 
 /// Figure 3: variations on it; nothing is promised.
-pub(crate) fn variations(image: Image) -> Vec<Case> {
+pub(crate) fn variations() -> Vec<Case> {
     let mut cases = Vec::new();
     for promised in PROMISED {
-        let case = Case { figure: 3, required: None, image, ..promised };
+        let case = Case { figure: 3, required: None, ..promised };
         let constant = Case { swing: 0.0, ..case };
         cases.push(constant);
         if case.motors > 1 {
@@ -372,7 +346,7 @@ pub(crate) fn variations(image: Image) -> Vec<Case> {
     }
     // Two that have one ring, as they would on the shield with its pins 12 and 13.
     for pulse_ticks in [PULSE, 31, 80] {
-        let case = Case { figure: 3, pulse_ticks, required: None, image, ..Case::changing(PORT_B, 2, 0.0) };
+        let case = Case { figure: 3, pulse_ticks, required: None, ..Case::changing(PORT_B, 2, 0.0) };
         cases.extend([case, Case { swing: 0.0, ..case }]);
     }
     cases
@@ -460,7 +434,6 @@ fn motion_row_and_phases(
     let pulse_ns = motors.iter().map(|motor| motor.timing.pulse_high_ns).max().unwrap_or(0);
     let mut row = Row {
         figure,
-        image: prepared.program.board.name.clone(),
         law,
         pulse: format!("{:.1} µs", f64::from(pulse_ns) / 1000.0),
         pins: pins_text(&pins),

@@ -1,6 +1,5 @@
 //! The Uno's figures: streams and motions on the virtual Uno, every edge held against its scheduled tick.
 
-use super::board::lab::Image;
 use super::board::segments::{Law, Stream};
 use super::board::{TICK_HZ, uno_setup};
 use pulsetrain::lateness::{Lateness, Meter};
@@ -40,7 +39,6 @@ pub(crate) fn pins_text(pins: &[(u8, u8)]) -> String {
 /// A stream of random segments.
 #[derive(Clone, Debug)]
 pub(crate) struct Run {
-    pub(crate) image: Image,
     pub(crate) pins: &'static [(u8, u8)],
     /// One for each motor.
     pub(crate) laws: Vec<Law>,
@@ -155,10 +153,10 @@ impl Observer for Pulses<'_> {
     fn step(&mut self, _step: ScheduledStep) {}
 }
 
-/// An Uno with that image, at 1 Mbaud, with motors on `pins`, and what an idle round of its main loop takes, cycles.
-pub(crate) fn connect(image: Image, pins: &[(u8, u8)], pulse_ticks: u16) -> Result<(Remote<VirtualUno>, u64), String> {
+/// An Uno at 1 Mbaud, with motors on `pins`, and what an idle round of its main loop takes, cycles.
+pub(crate) fn connect(pins: &[(u8, u8)], pulse_ticks: u16) -> Result<(Remote<VirtualUno>, u64), String> {
     let text = |error: pulsetrain_board::RemoteError| error.to_string();
-    let mut board = Remote::open(image.uno(), 7).map_err(text)?;
+    let mut board = Remote::open(VirtualUno::new(), 7).map_err(text)?;
     board.set_baud(Baud::B1M).map_err(text)?;
     board.configure(&uno_setup(pins, pulse_ticks)).map_err(text)?;
     let idle_round = idle_round(board.port());
@@ -171,7 +169,7 @@ pub(crate) fn connect(image: Image, pins: &[(u8, u8)], pulse_ticks: u16) -> Resu
 /// What the board refuses before anything moves.
 pub(crate) fn stream(run: &Run) -> Result<Seen, String> {
     let pins = &run.pins[..run.laws.len()];
-    let (mut board, idle_round) = connect(run.image, pins, run.pulse_ticks)?;
+    let (mut board, idle_round) = connect(pins, run.pulse_ticks)?;
     let mut stream = Stream::new(&board, &run.laws, run.apart, run.seed, (run.seconds * TICK_HZ as f64) as u64);
     let mut pulses = Pulses {
         pins,

@@ -1,0 +1,42 @@
+//! The program without a host: it plays the motion that lies behind it in the flash.
+#![no_std]
+#![no_main]
+#![feature(asm_experimental_arch, optimize_attribute)]
+
+#[path = "../../engine/mod.rs"]
+mod engine;
+
+mod baked;
+
+use core::arch::global_asm;
+use engine::program::Program;
+
+/// Plans, and nobody who speaks.
+pub(crate) struct Uses;
+
+impl Program for Uses {
+    const IMAGE: u8 = 0;
+    const PLANS: bool = true;
+    const BESIDE: bool = false;
+}
+
+// Steps come from records in the queues.
+global_asm!(
+    ".global source_limit, source_load, source_due",
+    ".set source_limit, steps_limit",
+    ".set source_load, steps_load_record",
+    ".set source_due, steps_due",
+    // How rings are filled: of one motor each, of motors that share DIR lines, and of one motor beside a merge.
+    ".global ring_apiece, ring_shared, ring_beside, ring_beside_soon, ring_beside_merge",
+    ".set ring_apiece, steps_fill",
+    ".set ring_shared, steps_fill_shared",
+    ".set ring_beside, steps_absent",
+    ".set ring_beside_soon, steps_absent",
+    ".set ring_beside_merge, steps_absent",
+);
+
+#[unsafe(no_mangle)]
+extern "C" fn main() -> ! {
+    // SAFETY: the start-up code calls main once.
+    unsafe { baked::main() }
+}

@@ -1,0 +1,38 @@
+//! The program for motors that are told directly, in frames: speeds, moves, directions.
+#![no_std]
+#![no_main]
+#![feature(asm_experimental_arch, optimize_attribute)]
+
+#[path = "../../engine/mod.rs"]
+mod engine;
+
+mod verbs;
+
+use core::arch::global_asm;
+use engine::host;
+use engine::memory::Once;
+/// Verbs, and nothing else.
+pub(crate) use verbs::Told as Uses;
+
+// Steps come from what motors are told.
+global_asm!(
+    ".global source_limit, source_load, source_due",
+    ".set source_limit, verbs_limit",
+    ".set source_load, verbs_load",
+    ".set source_due, verbs_soon",
+    // How rings are filled: of one motor each, of motors that share DIR lines, and of one motor beside a merge.
+    ".global ring_apiece, ring_shared, ring_beside, ring_beside_soon, ring_beside_merge",
+    ".set ring_apiece, steps_fill",
+    ".set ring_shared, steps_absent",
+    ".set ring_beside, steps_absent",
+    ".set ring_beside_soon, steps_absent",
+    ".set ring_beside_merge, steps_absent",
+);
+
+static USES: Once<Uses> = Once::new(Uses);
+
+#[unsafe(no_mangle)]
+extern "C" fn main() -> ! {
+    // SAFETY: the start-up code calls main once.
+    unsafe { host::main(&USES) }
+}

@@ -1,0 +1,38 @@
+//! The program for StepperWinch's text: paths that the board works out itself.
+#![no_std]
+#![no_main]
+#![feature(asm_experimental_arch, optimize_attribute)]
+
+#[path = "../../engine/mod.rs"]
+mod engine;
+
+mod winch;
+
+use core::arch::global_asm;
+use engine::host;
+use engine::memory::Once;
+/// Text, and nothing else.
+pub(crate) use winch::Winch as Uses;
+
+// Steps come from the paths.
+global_asm!(
+    ".global source_limit, source_load, source_due",
+    ".set source_limit, winch_limit",
+    ".set source_load, winch_load",
+    ".set source_due, winch_due",
+    // How rings are filled: of one motor each, of motors that share DIR lines, and of one motor beside a merge.
+    ".global ring_apiece, ring_shared, ring_beside, ring_beside_soon, ring_beside_merge",
+    ".set ring_apiece, steps_absent",
+    ".set ring_shared, steps_absent",
+    ".set ring_beside, steps_absent",
+    ".set ring_beside_soon, steps_absent",
+    ".set ring_beside_merge, steps_absent",
+);
+
+static USES: Once<Uses> = Once::new(Uses::new());
+
+#[unsafe(no_mangle)]
+extern "C" fn main() -> ! {
+    // SAFETY: the start-up code calls main once.
+    unsafe { host::main(&USES) }
+}

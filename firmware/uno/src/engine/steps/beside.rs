@@ -1,0 +1,186 @@
+//! One motor's ring beside the lists of a merge: ring B on PORTB, 24 groups behind the lists in their page.
+//!
+//! A merge takes 35 cycles a step, and the shield's interrupt 12 more than PORTD's; so the shield's motor on PORTB has a ring of its own,
+//! and three motors are merged. The ring lasts about as long as the merge's without its lists; the merge therefore looks at it before each list that it fills, and each
+//! time that it publishes (`beside_is_low`): a load of a record and the expansion of a list take up to 5000 cycles, with bytes coming in.
+//!
+//! # Cycles
+//! 15 to 20 a step, and its interrupt's 49, or 60 where it lets another in; 200 a batch of 11 steps.
+
+use super::motor::{EVEN, Motor, flag};
+use super::plan::sure_now;
+use super::register;
+use super::ring::{BEHIND_LISTS, END_B, Ring};
+use super::stepper::{Stepper, Track};
+use super::times;
+use crate::engine::tuning::beside::{BATCHES, HURRY, LAST, ROOM, SOME};
+use crate::engine::tuning::plan::SURE_OF_LIMIT;
+use crate::engine::tuning::stepper::APART_OF_BESIDE;
+use core::arch::global_asm;
+use core::mem::offset_of;
+
+/// The motor.
+#[unsafe(export_name = "steps_beside_motor")]
+static mut MOTOR: *mut Motor = core::ptr::null_mut();
+
+/// It is the last one of these. To be called by who has the stepper.
+pub(super) fn set_motor(motors: *mut [Motor; super::pins::MAX_MOTORS], index: u8) {
+    // SAFETY: the task, which alone reads it, is out.
+    unsafe { (&raw mut MOTOR).write_volatile(motors.cast::<Motor>().wrapping_add(usize::from(index))) }
+}
+
+global_asm!(
+    r#"
+    // r26: how many groups the ring has room for; r6: its pending group.
+    .macro beside_room
+    in r26, {TAIL}
+    lds r6, steps_stepper+{HEAD}
+    sec
+    sbc r26, r6
+    brcc .+2
+    subi r26, {START}
+    lsr r26
+    lsr r26
+    .endm
+    .macro beside_motor
+    lds r28, steps_beside_motor
+    lds r29, steps_beside_motor+1
+    ldi r24, {BATCHES}
+    mov r4, r24
+    .endm
+
+    .section .text.steps_beside, "ax", @progbits
+    .global steps_beside_turns, beside_fill
+    // For the task. Uses all registers.
+steps_beside_turns:
+    rcall beside_fill
+    call steps_merge_run
+    call merge_fill_up
+    // Nobody comes for some time.
+    beside_motor
+    beside_room
+    cpi r26, {LAST}
+    brsh beside_more
+    ret
+    // One motor: plan, expand, publish.
+beside_fill:
+    beside_motor
+beside_next:
+    beside_room
+    cpi r26, {ROOM}
+    brsh beside_more
+1:  ret
+beside_more:
+    cpi r26, {HURRY}
+    brlo 2f
+    ldi r26, {SOME}
+2:  mov r2, r26
+    // Most often they are steps of a segment all of which are sure, and soon enough: what the plan would say.
+    "#,
+    sure_now!("5f"),
+    r#"
+    cp r24, r26
+    brlo 3f
+    mov r24, r26
+    rjmp 3f
+    // The merge has other times.
+5:  dec r4
+    brmi 1b
+    lds r5, steps_times+{MOST}
+    lds r7, steps_times+{FASTEST}
+    lds r3, steps_times+{FASTEST}+1
+    sts steps_times+{MOST}, r26
+    ldi r24, {APART}
+    sts steps_times+{FASTEST}, r24
+    sts steps_times+{FASTEST}+1, r1
+    call steps_plan
+    sts steps_times+{MOST}, r5
+    sts steps_times+{FASTEST}, r7
+    sts steps_times+{FASTEST}+1, r3
+    tst r24
+    breq 1b
+    sbrc r25, 0
+    rjmp 3f
+    // One thing, by Rust.
+    ldi r30, lo8(steps_stepper+{TRACK})
+    ldi r31, hi8(steps_stepper+{TRACK})
+    movw r16, r30
+    movw r14, r28
+    call steps_place
+    rjmp beside_next
+    // r24 steps. r6 is the pending group, which is published when all that follow it are there.
+3:  mov r20, r24
+    ldi r31, hi8(ring_b_page)
+    mov r30, r6
+    lds r3, steps_stepper+{PENDING}
+    lds r25, steps_stepper+{UNLIKE}
+    tst r25
+    breq 4f
+    // Groups become steps'.
+    ldd r18, Y+{STEP}
+    sts steps_stepper+{PENDING}, r18
+    sts steps_stepper+{PENDING}+1, r18
+8:  subi r30, -4
+    brcs .+2
+    ldi r30, {START}
+    st Z, r18
+    std Z+3, r18
+    dec r24
+    brne 8b
+    mov r30, r6
+    sub r25, r20
+    brcc .+2
+    clr r25
+    sts steps_stepper+{UNLIKE}, r25
+4:  sub r2, r20
+    call steps_expand_beside
+    ldi r25, {END}
+    mov r26, r24
+    ldi r27, hi8(ring_b_page)
+    st X, r25
+    mov r26, r6
+    st X, r3
+    sts steps_stepper+{HEAD}, r24
+    .irp at, 0,1,2,3
+    ldd r24, Y+{TICK}+\at
+    sts steps_stepper+{AT}+\at, r24
+    .endr
+    // The segment was done with before the ring was full, or there is more room than was asked for.
+    tst r2
+    brne 2f
+    ret
+2:  rjmp beside_next
+    "#,
+    HURRY = const HURRY,
+    SOME = const SOME,
+    BATCHES = const BATCHES,
+    ROOM = const ROOM,
+    LAST = const LAST,
+    START = const BEHIND_LISTS,
+    END = const END_B,
+    APART = const APART_OF_BESIDE,
+    TAIL = const register::OCR0B,
+    TRACK = const SECOND,
+    HEAD = const SECOND + offset_of!(Track, ring) + offset_of!(Ring, head),
+    PENDING = const SECOND + offset_of!(Track, ring) + offset_of!(Ring, pending),
+    AT = const SECOND + offset_of!(Track, at),
+    UNLIKE = const SECOND + offset_of!(Track, ring) + offset_of!(Ring, unlike),
+    STEP = const offset_of!(Motor, step),
+    FLAGS = const offset_of!(Motor, flags),
+    SURE = const offset_of!(Motor, sure),
+    LEFT = const offset_of!(Motor, registers) + 19,
+    TURN = const flag::TURN,
+    STEPPED = const flag::STEPPED,
+    ANCHORED = const flag::ANCHORED,
+    COMMITTED = const flag::COMMITTED,
+    SWITCH = const flag::SWITCH,
+    SINGLY = const flag::SINGLY,
+    EVEN = const EVEN,
+    SURE_OF_LIMIT = const SURE_OF_LIMIT,
+    TICK = const offset_of!(Motor, registers) + 2,
+    MOST = const times::MOST,
+    FASTEST = const times::FASTEST,
+);
+
+/// The second track.
+const SECOND: usize = offset_of!(Stepper, tracks) + size_of::<Track>();

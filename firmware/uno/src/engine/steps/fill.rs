@@ -1,0 +1,205 @@
+//! The ring of a motor that has one of its own: plan, expand, publish, until the ring is full.
+//!
+//! # Cycles
+//! 100 a batch, beside what [`plan`](super::plan) and [`expand`](super::expand) take; 8 more a step as long as there are groups
+//! that are not a step's.
+
+use super::motor::{Motor, flag};
+use super::ring::Ring;
+use super::stepper::Track;
+use super::task::mode;
+use super::times;
+use crate::engine::tuning::fill::{FEW, ROOM};
+use core::arch::global_asm;
+use core::mem::offset_of;
+
+global_asm!(
+    r#"
+    .section .text.steps_fill, "ax", @progbits
+    .global steps_fill
+    // For the task: r24:25 is the track, r22:23 its motor, r20 how many things may be done. r4 is the same afterwards if there
+    // was no room, and less if there was. Uses all registers.
+    // Inside, r2:3 is the track, Y the motor, r4 how many things may be done yet.
+steps_fill:
+    movw r2, r24
+    movw r28, r22
+    mov r4, r20
+fill_next:
+    // Is there room?
+    movw r30, r2
+    ldd r26, Z+{TAIL_AT}
+    clr r27
+    ld r26, X
+    ldd r24, Z+{HEAD}
+    sub r26, r24
+    dec r26
+    cpi r26, 4 * {ROOM}
+    brlo 2f
+    cpi r26, 4 * {ROOM_BESIDE}
+    brsh 7f
+    lds r25, steps_mode
+    sbrc r25, {BESIDE}
+    rjmp 2f
+7:
+    dec r4
+    brpl 6f
+1:  ret
+    // While the ring is full: what the next steps are of. Beside another ring only while a switch waits, which takes as long as a ring lasts.
+2:  ldd r24, Y+{LEFT}
+    ldd r25, Y+{LEFT}+1
+    or r24, r25
+    brne 1b
+    lds r24, steps_mode
+    ldd r25, Y+{FLAGS}
+    sbrs r24, {BESIDE}
+    rjmp 4f
+    sbrs r25, {SWITCH}
+    ret
+4:  ldi r24, 1 << {AHEAD}
+    sts steps_times+{ONLY_STEPS}, r24
+    call steps_plan
+    sts steps_times+{ONLY_STEPS}, r1
+    ret
+6:  ldd r24, Z+{UNLIKE}
+    tst r24
+    breq 5f
+    lsr r26
+    lsr r26
+    dec r26
+    ldd r24, Y+{STEP}
+    ldd r25, Y+{STEP_FALL}
+    cp r24, r25
+    breq 3f
+    // Two groups a step; few at once while the ring runs low: they are published the sooner.
+    lsr r26
+    cpi r26, {FEW}
+    brlo 3f
+    ldi r26, {FEW}
+    rjmp 3f
+    // All groups are steps': the expansion looks how much room there is.
+5:  ser r26
+3:  sts steps_times+{MOST}, r26
+    call steps_plan
+    tst r24
+    breq 1b
+    movw r30, r2
+    sbrc r25, 0
+    rjmp 9f
+    // One thing, by Rust.
+    movw r16, r2
+    movw r14, r28
+    call steps_place
+    dec r4
+    rjmp fill_next
+    // r24 steps
+9:  mov r20, r24
+    ldd r18, Z+{STEP_FIRST}
+    ldd r19, Z+{TAIL_AT}
+    ldd r6, Z+{HEAD}
+    ldd r7, Z+{STEP_LAST}
+    ldd r21, Z+{UNLIKE}
+    tst r21
+    brne 8f
+    mov r17, r18
+    ldd r31, Z+{PAGE}
+    mov r30, r6
+    call steps_expand_ring
+    movw r30, r2
+    std Z+{HEAD}, r24
+    ldd r18, Y+{TICK}
+    ldd r19, Y+{TICK}+1
+    ldd r20, Y+{TICK}+2
+    ldd r21, Y+{TICK}+3
+    rjmp 5f
+8:  ldd r17, Z+{BEFORE_STEP}
+    std Z+{BEFORE_STEP}, r18
+    ldd r22, Z+{LAST_BYTE}
+    ldd r31, Z+{PAGE}
+    mov r30, r6
+    ldd r26, Y+{STEP}
+    ldd r27, Y+{STEP_FALL}
+    cp r26, r27
+    brne 3f
+    // Groups become steps'.
+    mov r25, r20
+1:  subi r30, -4
+    st Z, r18
+    std Z+3, r22
+    dec r25
+    brne 1b
+    mov r30, r6
+    push r21
+    push r20
+    call steps_expand_ring
+    pop r20
+    pop r21
+    sub r20, r5
+    sub r21, r20
+    brcc .+2
+    clr r21
+    movw r30, r2
+    std Z+{UNLIKE}, r21
+    rjmp 4f
+    // Published from the end: what was pending comes last.
+3:  mov r5, r17
+    lds r17, steps_times+{PULSE}
+    call steps_expand_ring_long
+    movw r30, r2
+    mov r26, r24
+    ldd r27, Z+{PAGE}
+    st X, r7
+    mov r26, r6
+    st X, r5
+    clr r5
+4:  std Z+{HEAD}, r24
+    ldd r22, Y+{STEP}
+    ldd r23, Y+{STEP_FALL}
+    std Z+{PENDING}, r22
+    std Z+{PENDING}+1, r23
+    ldd r18, Y+{TICK}
+    ldd r19, Y+{TICK}+1
+    ldd r20, Y+{TICK}+2
+    ldd r21, Y+{TICK}+3
+    cp r22, r23
+    breq 5f
+    lds r24, steps_times+{PULSE}
+    lds r25, steps_times+{PULSE}+1
+    add r18, r24
+    adc r19, r25
+    adc r20, r1
+    adc r21, r1
+5:  std Z+{AT}, r18
+    std Z+{AT}+1, r19
+    std Z+{AT}+2, r20
+    std Z+{AT}+3, r21
+    // What there was no room for waits.
+    tst r5
+    brne 6f
+    rjmp fill_next
+6:  ret
+    "#,
+    ROOM = const ROOM[0],
+    ROOM_BESIDE = const ROOM[1],
+    BESIDE = const (mode::BOTH ^ mode::APIECE).trailing_zeros(),
+    FEW = const FEW,
+    TAIL_AT = const offset_of!(Track, ring) + offset_of!(Ring, tail_at),
+    UNLIKE = const offset_of!(Track, ring) + offset_of!(Ring, unlike),
+    HEAD = const offset_of!(Track, ring) + offset_of!(Ring, head),
+    PAGE = const offset_of!(Track, ring) + offset_of!(Ring, page),
+    PENDING = const offset_of!(Track, ring) + offset_of!(Ring, pending),
+    BEFORE_STEP = const offset_of!(Track, ring) + offset_of!(Ring, before_step),
+    STEP_FIRST = const offset_of!(Track, ring) + offset_of!(Ring, step_first),
+    STEP_LAST = const offset_of!(Track, ring) + offset_of!(Ring, step_last),
+    LAST_BYTE = const offset_of!(Track, ring) + offset_of!(Ring, step_fall),
+    AT = const offset_of!(Track, at),
+    TICK = const offset_of!(Motor, registers) + 2,
+    STEP = const offset_of!(Motor, step),
+    STEP_FALL = const offset_of!(Motor, step_fall),
+    MOST = const times::MOST,
+    ONLY_STEPS = const times::ONLY_STEPS,
+    AHEAD = const times::AHEAD,
+    LEFT = const offset_of!(Motor, registers) + 19,
+    FLAGS = const offset_of!(Motor, flags),
+    SWITCH = const flag::SWITCH,
+    PULSE = const times::PULSE,
+);

@@ -1,0 +1,832 @@
+//! Records of the queue → registers of a segment, as `pulsetrain_core::packing` describes them.
+//!
+//! # Registers of the processor
+//! | | |
+//! |---|---|
+//! | Y | the [`Motor`](super::motor::Motor) |
+//! | X, Z | the next byte of its queue, and where the queue's memory ends |
+//! | r25 | the header, shifted to the right as its bits are used |
+//! | r14 | bit length of the previous count |
+//! | r15 | the narrow width, in bytes |
+//! | r18 to r22 | a number of 40 bits |
+//! | r23, r24 | counters |
+//!
+//! # Cycles
+//! A segment of three corrections of one byte each takes some 460, 95 of which find out whether its steps need looking at;
+//! a second byte 12 more.
+//!
+//! A record is whole in its frame, so that nobody looks whether its bytes are there before they are read: if more were read than
+//! there are, the record is bad, nothing of the epoch is made any more, and what was read came from the queue's own memory.
+
+use super::motor::{COUNT_AT_REST, EVEN, Motor, Part, Reason, flag};
+use super::task::mode;
+use super::times;
+use core::arch::global_asm;
+use core::mem::offset_of;
+use pulsetrain_core::packing::{COUNT_AFTER_EXACT, Control};
+
+const _: () = assert!(COUNT_AFTER_EXACT == 255);
+
+global_asm!(
+    r#"
+    .section .text.steps_load_record, "ax", @progbits
+
+    // The next byte, in \register.                                                                    5
+    .macro next_byte register
+    ld \register, X+
+    cp r26, r30
+    brne .+2
+    rcall load_wrap
+    .endm
+
+    // X may be where the queue's memory ends.
+load_wrap:
+    cpse r27, r31
+    ret
+    ldd r26, Y+{START}
+    ldd r27, Y+{START}+1
+    ret
+
+    // The next byte, in r24.                                                                       12 with its call
+load_byte:
+    next_byte r24
+    ret
+
+    // r23 (0 to 5) bytes of two's complement, extended to r18 to r22.
+load_number:
+    clr r18
+    clr r24
+    tst r23
+    breq 1f
+    rcall load_byte
+    mov r18, r24
+    dec r23
+    breq 1f
+    rcall load_byte
+    mov r19, r24
+    dec r23
+    breq 2f
+    rcall load_byte
+    mov r20, r24
+    dec r23
+    breq 3f
+    rcall load_byte
+    mov r21, r24
+    dec r23
+    breq 4f
+    rcall load_byte
+    mov r22, r24
+    ret
+1:  lsl r24
+    sbc r24, r24
+    mov r19, r24
+2:  lsl r24
+    sbc r24, r24
+    mov r20, r24
+3:  lsl r24
+    sbc r24, r24
+    mov r21, r24
+4:  lsl r24
+    sbc r24, r24
+    mov r22, r24
+    ret
+
+    // A correction of r23 bytes in units of 2^(16 - r24) ticks, that exponent being held in 0 to 16: r18 to r22.
+    //                                                              one byte 45, two 57; 4 to 8 more where 16 - r24 > 7
+load_correction:
+    ldi r19, 16
+    tst r24
+    brmi 1f                             // as coarse as can be
+    sub r19, r24
+    brcc 1f
+    clr r19                             // as fine as can be
+    // r21 = 2^(r19 mod 8): bits are shifted by multiplying
+1:  ldi r21, 1
+    sbrc r19, 0
+    lsl r21
+    sbrs r19, 1
+    rjmp 2f
+    lsl r21
+    lsl r21
+2:  sbrc r19, 2
+    swap r21
+    cpi r23, 2
+    brlo 3f
+    brne load_wide
+    next_byte r24
+    next_byte r20
+    mov r23, r19
+    mul r24, r21
+    movw r18, r0
+    mulsu r20, r21
+    ldi r22, 0
+    add r19, r0
+    mov r20, r1
+    adc r20, r22
+    rjmp 4f
+3:  next_byte r18
+    mov r23, r19
+    mulsu r18, r21
+    movw r18, r0
+    mov r20, r1
+    lsl r20
+    sbc r20, r20
+4:  clr r1
+    mov r21, r20
+    lsl r21
+    sbc r21, r21
+    mov r22, r21
+    andi r23, 0xf8
+    brne load_shift_byte
+    ret
+    // The same of more bytes, one bit at a time.
+load_wide:
+    push r19
+    rcall load_number
+    pop r23
+load_shift:
+    cpi r23, 8
+    brlo 6f
+load_shift_byte:
+    mov r22, r21
+    mov r21, r20
+    mov r20, r19
+    mov r19, r18
+    clr r18
+    subi r23, 8
+    rjmp load_shift
+6:  tst r23
+    breq 8f
+7:  lsl r18
+    rol r19
+    rol r20
+    rol r21
+    rol r22
+    dec r23
+    brne 7b
+8:  ret
+
+    // Adds r18 to r21 to the four bytes at Y+\offset.
+    .macro load_add offset
+    ldd r24, Y+\offset
+    add r24, r18
+    std Y+\offset, r24
+    ldd r24, Y+\offset+1
+    adc r24, r19
+    std Y+\offset+1, r24
+    ldd r24, Y+\offset+2
+    adc r24, r20
+    std Y+\offset+2, r24
+    ldd r24, Y+\offset+3
+    adc r24, r21
+    std Y+\offset+3, r24
+    .endm
+
+    // Whether the next field is wide is the next bit of r25; its width is put into r23, and Z says whether that is 0.   8
+    .macro field_width
+    mov r23, r15
+    lsr r25
+    brcc 99f
+    inc r23
+    cpi r23, 4
+    brne 99f
+    inc r23
+99: tst r23
+    .endm
+
+    .global steps_load_record
+    // Takes the next record. Carry: there is none, or none that can be read. No steps may be left. Keeps r2 to r13, r16, r17.
+steps_load_record:
+    ldd r24, Y+{FLAGS}
+    sbrc r24, {UNREADABLE}
+    rjmp load_none
+    ldd r24, Y+{READY}
+    ldd r25, Y+{READY}+1
+    or r24, r25
+    brne 1f
+load_none:
+    sec
+    ret
+1:  ldd r26, Y+{NEXT}
+    ldd r27, Y+{NEXT}+1
+    ldd r30, Y+{END}
+    ldd r31, Y+{END}+1
+    next_byte r25
+    ldd r18, Y+{COUNT}
+    ldd r19, Y+{COUNT}+1
+
+    // The bit length of the previous count.
+    mov r24, r18
+    ldi r20, 0
+    tst r19
+    breq 2f
+    ldi r20, 8
+    mov r24, r19
+2:  cpi r24, 16
+    brlo 3f
+    subi r20, -4
+    swap r24
+    andi r24, 15
+3:  inc r20
+    lsr r24
+    brne 3b
+    mov r14, r20
+
+    // The count.
+    mov r24, r25
+    andi r24, 7
+    cpi r24, 7
+    breq load_explicit
+    movw r20, r18
+    cpi r24, 3
+    breq load_have_count
+    brsh 5f
+    // 0 to 2: more by a half, a quarter, an eighth.
+4:  lsr r21
+    ror r20
+    dec r24
+    brpl 4b
+    add r18, r20
+    adc r19, r21
+    brcc load_have_count
+    rjmp load_bad
+    // 4 to 6: less by an eighth, a quarter, a half.
+5:  subi r24, 7
+6:  lsr r21
+    ror r20
+    inc r24
+    brne 6b
+    sub r18, r20
+    sbc r19, r21
+    rjmp load_have_count
+load_explicit:
+    next_byte r24
+    tst r24
+    brne 7f
+    rjmp load_control
+7:  mov r18, r24
+    clr r19
+    cpi r24, 255
+    brne load_have_count
+    rcall load_byte
+    mov r18, r24
+    rcall load_byte
+    mov r19, r24
+load_have_count:
+    mov r24, r18
+    or r24, r19
+    brne 8f
+    rjmp load_bad
+8:  std Y+{LEFT}, r18
+    std Y+{LEFT}+1, r19
+    std Y+{COUNT}, r18
+    std Y+{COUNT}+1, r19
+    // T: three steps or more, as nearly always.
+    cpi r18, 3
+    cpc r19, r1
+    set
+    brsh .+2
+    clt
+
+    lsr r25
+    lsr r25
+    lsr r25
+    mov r24, r25
+    andi r24, 3
+    mov r15, r24
+    lsr r25
+    lsr r25
+
+    field_width
+    breq 1f
+    ldd r24, Y+{GAIN}
+    add r24, r14
+    subi r24, -2
+    rcall load_correction
+    load_add {INTERVAL}
+    ldd r24, Y+{INTERVAL}+4
+    adc r24, r22
+    std Y+{INTERVAL}+4, r24
+1:  brts 2f
+    ldd r24, Y+{LEFT}
+    cpi r24, 2
+    brlo load_ran                       // one step
+2:  field_width
+    breq 3f
+    ldd r24, Y+{GAIN}
+    add r24, r14
+    add r24, r14
+    subi r24, 2
+    rcall load_correction
+    load_add {ADD}
+3:  brtc load_ran                       // two steps
+4:  field_width
+    breq load_ran
+    ldd r24, Y+{GAIN}
+    add r24, r14
+    add r24, r14
+    add r24, r14
+    subi r24, 5
+    rcall load_correction
+    load_add {ADD2}
+load_ran:
+    rcall load_consume
+    brcc .+2
+    ret
+    ldd r24, Y+{FLAGS}
+    sbrs r24, {ANCHORED}
+    rjmp 4f
+    // All its steps are counted.
+    ldd r18, Y+{POSITION}
+    ldd r19, Y+{POSITION}+1
+    ldd r20, Y+{POSITION}+2
+    ldd r21, Y+{POSITION}+3
+    ldd r22, Y+{LEFT}
+    ldd r23, Y+{LEFT}+1
+    sbrc r24, {BACKWARD}
+    rjmp 2f
+    add r18, r22
+    adc r19, r23
+    adc r20, r1
+    adc r21, r1
+    rjmp 3f
+2:  sub r18, r22
+    sbc r19, r23
+    sbc r20, r1
+    sbc r21, r1
+3:  std Y+{POSITION}, r18
+    std Y+{POSITION}+1, r19
+    std Y+{POSITION}+2, r20
+    std Y+{POSITION}+3, r21
+
+    // Are all intervals of the segment, n = r22 of them, fit to be made without looking? They are within n |add| + n² |add2| / 2
+    // of the first: r19:20 is |add| in 2^-8 ticks, r15 |add2|.                                       about 95
+    std Y+{SURE}, r1
+    tst r23
+    breq load_sure
+    rjmp 8f
+load_sure:
+    ldd r24, Y+{ADD2}+3
+    ldd r25, Y+{ADD2}+2
+    ldd r15, Y+{ADD2}+1
+    sbrs r24, 7
+    rjmp 5f
+    com r24
+    com r25
+    com r15
+5:  or r25, r24
+    ldd r24, Y+{ADD}+3
+    ldd r20, Y+{ADD}+2
+    ldd r19, Y+{ADD}+1
+    sbrs r24, 7
+    rjmp 6f
+    com r24
+    com r20
+    com r19
+6:  or r25, r24
+    breq .+2
+    rjmp 7f                             // too much
+    // T: lists are merged, and add is more than n |add2|, so that its sign stays.
+    clt
+    lds r24, steps_mode
+    sbrc r24, {APIECE_BIT}
+    rjmp 9f
+    ldd r24, Y+{ADD2}
+    ldd r30, Y+{ADD2}+3
+    sbrc r30, 7
+    com r24
+    mul r22, r24
+    mov r24, r1
+    mul r22, r15
+    movw r30, r0
+    add r30, r24
+    adc r31, r25
+    adiw r30, 2
+    cp r19, r30
+    cpc r20, r31
+    brlo 9f
+    set
+9:  inc r15
+    brne .+2
+    rjmp 7f
+    // From here on in 2^-8 ticks, r19:20: |add| + n |add2| / 2, and 2 for what is left out of it.
+    mul r22, r15
+    lsr r1
+    ror r0
+    ldi r24, 2
+    add r0, r24
+    adc r1, r25
+    add r19, r0
+    adc r20, r1
+    brcs 7f
+    // n times that, in ticks
+    mul r22, r19
+    mov r24, r1
+    mul r22, r20
+    movw r18, r0
+    add r18, r24
+    adc r19, r25
+    brcs 7f
+    ldd r24, Y+{INTERVAL}+4
+    tst r24
+    brne 7f
+    ldd r20, Y+{INTERVAL}+2
+    ldd r21, Y+{INTERVAL}+3
+    movw r24, r20
+    add r24, r18                        // the longest
+    adc r25, r19
+    brcs 7f
+    adiw r24, 2
+    brcs 7f
+    cpi r25, 7
+    brsh 7f
+    sub r20, r18                        // the shortest
+    sbc r21, r19
+    brcs 7f
+    subi r20, 2
+    sbci r21, 0
+    brcs 7f
+    lds r18, steps_times+{FASTEST}
+    lds r19, steps_times+{FASTEST}+1
+    cp r20, r18
+    cpc r21, r19
+    brlo 7f
+    // Whether bit 8 and those above it are the same of all of them: the first is the shortest or the longest.
+    brtc 9f
+    ldd r20, Y+{INTERVAL}+3
+    ldd r24, Y+{ADD}+3
+    sbrs r24, 7
+    mov r21, r20                        // the shortest
+    mov r18, r25
+    sbrc r24, 7
+    mov r18, r20                        // the longest
+    cpse r18, r21
+    rjmp 9f
+    ori r25, {EVEN}
+9:
+    inc r25
+    std Y+{SURE}, r25
+7:  clr r1
+    clc
+    ret
+    // More than 255 of them, if all are the same.
+8:  .irp at, 0,1,2,3,4,5,6,7
+    ldd r24, Y+{ADD}+\at
+    or r1, r24
+    .endr
+    brne 7b
+    ldi r22, 1
+    rjmp load_sure
+    // A motion without an anchor.
+4:  std Y+{LEFT}, r1
+    std Y+{LEFT}+1, r1
+    ldi r22, {MISSED}
+    ldd r18, Y+{HORIZON}
+    ldd r19, Y+{HORIZON}+1
+    ldd r20, Y+{HORIZON}+2
+    ldd r21, Y+{HORIZON}+3
+    rjmp load_fail
+
+    // Takes the bytes that were read off the queue. Carry, and a fault, if there were not so many.
+load_consume:
+    movw r20, r26
+    ldd r18, Y+{NEXT}
+    ldd r19, Y+{NEXT}+1
+    sub r20, r18
+    sbc r21, r19
+    brcc 1f
+    add r20, r30                        // it went on at the start
+    adc r21, r31
+    ldd r18, Y+{START}
+    ldd r19, Y+{START}+1
+    sub r20, r18
+    sbc r21, r19
+1:  ldd r24, Y+{READY}
+    ldd r25, Y+{READY}+1
+    sub r24, r20
+    sbc r25, r21
+    brcs load_bad
+    std Y+{READY}, r24
+    std Y+{READY}+1, r25
+    std Y+{NEXT}, r26
+    std Y+{NEXT}+1, r27
+    ret
+
+load_bad:
+    std Y+{LEFT}, r1                    // not counted yet
+    std Y+{LEFT}+1, r1
+    ldi r22, {BAD}
+load_fail_here:
+    ldd r18, Y+{TICK}
+    ldd r19, Y+{TICK}+1
+    ldd r20, Y+{TICK}+2
+    ldd r21, Y+{TICK}+3
+load_fail:
+    clr r23
+    movw r24, r28
+    call steps_fail
+    sec
+    ret
+
+    // A control record: r25 has its header.
+load_control:
+    lsr r25
+    lsr r25
+    lsr r25
+    sbrc r25, 4
+    rjmp load_slow
+    cpi r25, 1
+    brlo load_reverse
+    breq load_reset
+    cpi r25, 4
+    brne 1f
+    rjmp load_exact
+1:  brlo load_wait
+    cpi r25, {RESUME}
+    breq load_wait
+    cpi r25, 5
+    brne .+2
+    rjmp load_check
+    rjmp load_bad
+
+load_reverse:
+    ldd r24, Y+{FLAGS}
+    ldi r25, 1 << {BACKWARD} | 1 << {TURN}
+    eor r24, r25
+    std Y+{FLAGS}, r24
+load_reset:
+    call load_clear
+    rjmp load_consume
+
+    // Dwell, anchor or resume: four bytes of ticks, and of a resume two of the fraction.
+load_wait:
+    push r25
+    call steps_settle
+    ldi r23, 4
+    rcall load_number
+    pop r25
+    cpi r25, {DWELL}
+    brne 1f
+    ldd r24, Y+{FLAGS}
+    sbrs r24, {ANCHORED}
+    rjmp load_consume
+    load_add {TICK}
+    rjmp load_consume
+1:  std Y+{TICK}, r18
+    std Y+{TICK}+1, r19
+    std Y+{TICK}+2, r20
+    std Y+{TICK}+3, r21
+    clr r18
+    ldi r19, 0x80
+    cpi r25, {RESUME}
+    brne 2f
+    next_byte r18
+    next_byte r19
+2:  std Y+{FRACTION}, r18
+    std Y+{FRACTION}+1, r19
+    ldd r24, Y+{POSITION}
+    std Y+{ORIGIN}, r24
+    ldd r24, Y+{POSITION}+1
+    std Y+{ORIGIN}+1, r24
+    ldd r24, Y+{FLAGS}
+    ori r24, 1 << {ANCHORED}
+    std Y+{FLAGS}, r24
+    rjmp load_consume
+
+    // Position since the anchor, tick, fraction: all must be as they are here.
+load_check:
+    next_byte r18
+    next_byte r19
+    ldd r20, Y+{ORIGIN}
+    ldd r21, Y+{ORIGIN}+1
+    add r18, r20
+    adc r19, r21
+    ldd r20, Y+{POSITION}
+    ldd r21, Y+{POSITION}+1
+    eor r18, r20
+    eor r19, r21
+    or r18, r19                         // 0 as long as all agrees
+    .irp at, {TICK}, {TICK}+1, {TICK}+2, {TICK}+3, {FRACTION}, {FRACTION}+1
+    next_byte r24
+    ldd r19, Y+\at
+    eor r24, r19
+    or r18, r24
+    .endr
+    mov r15, r18
+    rcall load_consume
+    brcs 1f
+    ldd r24, Y+{FLAGS}
+    sbrs r24, {ANCHORED}
+    clr r15
+    tst r15
+    brne 2f
+    rjmp steps_load_record
+2:  ldi r22, {MISMATCH}
+    rjmp load_fail_here
+1:  ret
+
+    // A part of a stop: 2^m steps, m in the lower four bits, add = t - t/8 with t = interval / 2^(m+1).
+load_slow:
+    andi r25, 15
+    ldi r18, 1
+    clr r19
+    mov r24, r25
+    rjmp 2f
+1:  lsl r18
+    rol r19
+2:  dec r24
+    brpl 1b
+    std Y+{LEFT}, r18
+    std Y+{LEFT}+1, r19
+    std Y+{COUNT}, r18
+    std Y+{COUNT}+1, r19
+    ldd r18, Y+{INTERVAL}
+    ldd r19, Y+{INTERVAL}+1
+    ldd r20, Y+{INTERVAL}+2
+    ldd r21, Y+{INTERVAL}+3
+    ldd r22, Y+{INTERVAL}+4
+    sbrc r22, 7
+    rjmp load_bad
+    inc r25
+3:  lsr r22
+    ror r21
+    ror r20
+    ror r19
+    ror r18
+    dec r25
+    brne 3b
+    mov r23, r18
+    mov r24, r19
+    movw r30, r20
+    mov r25, r22
+    .rept 3
+    lsr r25
+    ror r31
+    ror r30
+    ror r24
+    ror r23
+    .endr
+    sub r18, r23
+    sbc r19, r24
+    sbc r20, r30
+    sbc r21, r31
+    sbc r22, r25
+    tst r22                             // sbc leaves Z to what is below
+    brne load_bad_near
+    sbrc r21, 7
+    rjmp load_bad
+    std Y+{ADD}, r18
+    std Y+{ADD}+1, r19
+    std Y+{ADD}+2, r20
+    std Y+{ADD}+3, r21
+    .irp at, 0,1,2,3
+    std Y+{ADD2}+\at, r1
+    .endr
+    ldd r30, Y+{END}
+    ldd r31, Y+{END}+1
+    rjmp load_ran
+
+    // A segment in full. r0: widths of interval and add; r14: of add2 and the count.
+load_exact:
+    rcall load_byte
+    mov r0, r24
+    rcall load_byte
+    mov r14, r24
+    swap r24
+    andi r24, 15
+    mov r23, r24
+    dec r24
+    cpi r24, 2
+    brsh load_bad_near                  // more steps than there are in 16 bits
+    rcall load_byte
+    mov r18, r24
+    clr r19
+    sbrs r23, 1
+    rjmp 1f
+    rcall load_byte
+    mov r19, r24
+1:  mov r24, r18
+    or r24, r19
+    breq load_bad_near
+    std Y+{LEFT}, r18
+    std Y+{LEFT}+1, r19
+    ldi r24, 255
+    tst r19
+    brne 2f
+    mov r18, r24
+2:  std Y+{COUNT}, r18
+    std Y+{COUNT}+1, r19
+
+    mov r23, r0
+    andi r23, 15
+    cpi r23, 7
+    brsh load_bad_near
+    cpi r23, 6
+    brne 3f
+    // As many bits as the register has, and one more for the sign.
+    ldi r23, 5
+    rcall load_number
+    rcall load_byte
+    tst r24
+    breq 4f
+load_bad_near:
+    rjmp load_bad
+3:  rcall load_number
+    sbrc r22, 7
+    rjmp load_bad
+4:  std Y+{INTERVAL}, r18
+    std Y+{INTERVAL}+1, r19
+    std Y+{INTERVAL}+2, r20
+    std Y+{INTERVAL}+3, r21
+    std Y+{INTERVAL}+4, r22
+
+    swap r0
+    ldd r24, Y+{LEFT}+1
+    ldd r25, Y+{LEFT}
+    tst r24
+    breq 5f
+    ldi r25, 3
+5:  mov r23, r0
+    andi r23, 15
+    cpi r25, 2
+    brlo 6f
+    rcall load_difference
+    brne load_bad_near
+    std Y+{ADD}, r18
+    std Y+{ADD}+1, r19
+    std Y+{ADD}+2, r20
+    std Y+{ADD}+3, r21
+    clr r23
+6:  tst r23
+    brne load_bad_near                  // a register without a use
+    mov r23, r14
+    andi r23, 15
+    cpi r25, 3
+    brlo 7f
+    rcall load_difference
+    brne load_bad_near
+    std Y+{ADD2}, r18
+    std Y+{ADD2}+1, r19
+    std Y+{ADD2}+2, r20
+    std Y+{ADD2}+3, r21
+    clr r23
+7:  tst r23
+    brne load_bad_near
+    rjmp load_ran
+
+    // r23 bytes of a number, r18 to r21; Z is clear if it has more than 32 bits.
+load_difference:
+    cpi r23, 5
+    brlo 1f
+    breq 1f
+    ret                                 // with Z clear
+1:  rcall load_number
+    mov r24, r21
+    lsl r24
+    sbc r24, r24
+    cp r24, r22
+    ret
+
+    .section .text.load_clear, "ax", @progbits
+    // No prediction.
+    .global load_clear
+load_clear:
+    ldi r24, {AT_REST}
+    std Y+{COUNT}, r24
+    std Y+{COUNT}+1, r1
+    .irp at, 0,1,2,3,4,5,6,7,8,9,10,11,12
+    std Y+{INTERVAL}+\at, r1
+    .endr
+    ret
+    "#,
+    FRACTION = const offset_of!(Motor, registers),
+    TICK = const offset_of!(Motor, registers) + 2,
+    INTERVAL = const offset_of!(Motor, registers) + 6,
+    ADD = const offset_of!(Motor, registers) + 11,
+    ADD2 = const offset_of!(Motor, registers) + 15,
+    LEFT = const offset_of!(Motor, registers) + 19,
+    COUNT = const offset_of!(Motor, count),
+    AT_REST = const COUNT_AT_REST,
+    DWELL = const Control::Dwell as u8,
+    RESUME = const Control::Resume as u8,
+    FLAGS = const offset_of!(Motor, flags),
+    SURE = const offset_of!(Motor, sure),
+    EVEN = const EVEN,
+    APIECE_BIT = const mode::APIECE.trailing_zeros(),
+    FASTEST = const times::FASTEST,
+    GAIN = const offset_of!(Motor, gain),
+    NEXT = const offset_of!(Motor, next),
+    READY = const offset_of!(Motor, parts) + offset_of!(Part, len),
+    START = const offset_of!(Motor, start),
+    END = const offset_of!(Motor, end),
+    HORIZON = const offset_of!(Motor, horizon),
+    POSITION = const offset_of!(Motor, position),
+    ORIGIN = const offset_of!(Motor, origin),
+    BACKWARD = const flag::BACKWARD,
+    TURN = const flag::TURN,
+    ANCHORED = const flag::ANCHORED,
+    UNREADABLE = const flag::UNREADABLE,
+    MISSED = const Reason::Missed as u8,
+    MISMATCH = const Reason::Mismatch as u8,
+    BAD = const Reason::Bad as u8,
+);

@@ -1,0 +1,24 @@
+//! Steps: from events to edges on the pins.
+//!
+//! # What is here, top down
+//! - [`stepper`]: motors, rings, and who fills what; [`task`]: when
+//! - [`motor`]: one motor, its queue and what it has promised; [`times`]: what a configuration asks of all
+//! - [`load`]: records of the queue → registers; [`plan`]: what a motor does next; [`expand`]: registers → ticks
+//! - [`fill`]: a ring of one motor; [`merge`]: two to four motors in one ring; `beside`: one beside a merge
+//! - [`ring`]: groups of edges and the interrupts that play them
+//! - [`pins`]: which pins there are, and which of them one stepgen can serve together
+//! - [`register`]: addresses, for assembly
+
+mod beside;
+pub(crate) mod expand;
+mod fill;
+mod load;
+pub(crate) mod merge;
+pub(crate) mod motor;
+pub(crate) mod pins;
+pub(crate) mod plan;
+pub(crate) mod register;
+pub(crate) mod ring;
+pub(crate) mod stepper;
+pub(crate) mod task;
+pub(crate) mod times;

@@ -1,0 +1,73 @@
+//! The interrupt vectors and what comes before main.
+//!
+//! Vectors that are not used are never enabled, so that there is room between the others: the receive interrupt is where its
+//! vector is, and over those that follow.
+
+use crate::engine::link::{self, receive_interrupt};
+use crate::engine::steps::register;
+use crate::engine::steps::ring::flags;
+use core::arch::global_asm;
+
+// Four bytes each (DS40002061B §12.4). The short jump takes 2 cycles; the linker says if it does not reach.
+global_asm!(
+    r#"
+    .section .vectors, "ax", @progbits
+    .global __vectors
+__vectors:
+    jmp __init
+    .org 4 * 6
+    jmp __vector_6                      // WDT
+    .org 4 * 11
+    rjmp __vector_11                    // TIMER1_COMPA
+    .org 4 * 12
+    sbic {FLAGS}, {B_ON_PORTD}          // TIMER1_COMPB: 2 (skips)
+    rjmp ring_b_on_portd
+    rjmp __vector_12
+    .org 4 * 16
+    push r24                            // TIMER0_OVF: 4 response, 2     6
+    rjmp steps_task_begin               // 2                             8
+    "#,
+    FLAGS = const register::GPIOR0,
+    B_ON_PORTD = const flags::B_ON_PORTD,
+);
+
+global_asm!(
+    r#"
+    .section .vectors
+    .org 4 * 18                         // USART_RX
+    "#,
+    receive_interrupt!(),
+    HEAD = const register::EEARL,
+    SREG = const register::SREG,
+    ON = const link::ON,
+    ON_WITH_INTERRUPT = const link::ON_WITH_INTERRUPT,
+    PAGE = const link::PAGE,
+    PAGE_BIT = const link::PAGE.trailing_zeros(),
+    UCSR0A = const 0xc0,
+    UCSR0B = const 0xc1,
+    UDR0 = const 0xc6,
+    OVERRUN = const 3,
+    EECR = const register::EECR,
+    AT_ONCE = const register::AT_ONCE,
+    SAVE24 = const register::GPIOR1,
+    SAVE30 = const register::GPIOR2,
+    SAVE31 = const register::EEDR,
+);
+
+// `__do_copy_data` and `__do_clear_bss`, libgcc's, are in the sections .init4 between .init2 and .init9.
+global_asm!(
+    r#"
+    .section .init2, "ax", @progbits
+    .global __init
+__init:
+    clr r1
+    out 0x3f, r1
+    ldi r28, lo8(0x8ff)
+    ldi r29, hi8(0x8ff)
+    out 0x3e, r29
+    out 0x3d, r28
+
+    .section .init9, "ax", @progbits
+    jmp main
+    "#
+);
