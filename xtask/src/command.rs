@@ -65,9 +65,23 @@ pub(crate) fn run(command: &mut Command) -> Done {
 /// Runs all of them to their ends, one on each core at a time, also if some fail: the failure names all that did. What each prints
 /// comes in one piece, when it has ended.
 pub(crate) fn run_side_by_side(commands: Vec<Command>) -> Done {
-    let done = side_by_side(commands, run_apart);
-    let failures: Vec<Failure> = done.into_iter().filter_map(Result::err).collect();
-    if failures.is_empty() { Ok(()) } else { Err(Failure::Several(failures)) }
+    let done = side_by_side(commands, |mut command| {
+        let text = words(&command);
+        run_apart(&mut command, &text).map(drop)
+    });
+    all(done).map(drop)
+}
+
+/// What each gave back; or all failures.
+pub(crate) fn all<T>(done: Vec<Done<T>>) -> Done<Vec<T>> {
+    let (mut given, mut failures) = (Vec::new(), Vec::new());
+    for one in done {
+        match one {
+            Ok(value) => given.push(value),
+            Err(failure) => failures.push(failure),
+        }
+    }
+    if failures.is_empty() { Ok(given) } else { Err(Failure::Several(failures)) }
 }
 
 /// Does `work` on each of `items`, on each core at a time; gives what came of each, in their order.
@@ -95,20 +109,21 @@ pub(crate) fn side_by_side<T, R: Send>(
     done.into_iter().map(|(_, result)| result).collect()
 }
 
-/// Runs to the end; what it says to standard output and to standard error comes then, in the order in which it was said.
-fn run_apart(mut command: Command) -> Done {
-    let text = words(&command);
-    let start = |why| Failure::Start { command: text.clone(), why };
+/// Runs to the end; what it says to standard output and to standard error comes then, below `text`, in the order in which it was said,
+/// and is given back.
+pub(crate) fn run_apart(command: &mut Command, text: &str) -> Done<String> {
+    let start = |why| Failure::Start { command: text.to_owned(), why };
     let (mut said, says) = os_pipe().map_err(start)?;
     command.stdout(says.try_clone().map_err(start)?).stderr(says);
     let mut child = command.spawn().map_err(start)?;
     // The pipe ends when nobody can write to it any more.
-    drop(command);
+    command.stdout(Stdio::null()).stderr(Stdio::null());
     let mut all = Vec::new();
     said.read_to_end(&mut all).map_err(start)?;
     let status = child.wait().map_err(start)?;
-    println!("$ {text}\n{}", String::from_utf8_lossy(&all));
-    if status.success() { Ok(()) } else { Err(Failure::Status { command: text, status }) }
+    let all = String::from_utf8_lossy(&all).into_owned();
+    println!("$ {text}\n{all}");
+    if status.success() { Ok(all) } else { Err(Failure::Status { command: text.to_owned(), status }) }
 }
 
 /// No lock is held while anything could panic.

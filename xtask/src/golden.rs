@@ -4,8 +4,8 @@ use crate::command::{self, Done, cargo, command};
 
 /// Writes the golden files anew, and says which changed.
 pub(crate) fn run() -> Done {
-    command::run(cargo("test --package pulsetrain-plan --test golden").env("UPDATE_EXPECT", "1"))?;
-    command::run(cargo("test --package pulsetrain-core --test winch_golden").env("UPDATE_EXPECT", "1"))?;
-    command::run(cargo("test --package pulsetrain --test uno_golden --test faults").env("UPDATE_EXPECT", "1"))?;
+    command::run(cargo("test --package pulsetrain-plan --test it golden::").env("UPDATE_EXPECT", "1"))?;
+    command::run(cargo("test --package pulsetrain-core --test it winch_golden::").env("UPDATE_EXPECT", "1"))?;
+    command::run(cargo("test --package pulsetrain --test it -- uno_golden:: faults::").env("UPDATE_EXPECT", "1"))?;
     command::run(command("git").args(["diff", "--stat", "--", "*/golden/*"]))
 }

@@ -3,7 +3,7 @@
 use crate::command::{self, Done, Failure, cargo, command};
 use crate::{arduino, boards, python, ruckig};
 use serde_json::Value;
-use std::cmp::Reverse;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -12,71 +12,214 @@ use std::process::Command;
 /// `property_cases`: of each property test that does not set its own; else proptest's 256.
 pub(crate) fn run(property_cases: Option<u32>) -> Done {
     let optiboot = arduino::prepare()?;
-    let binaries = binaries()?;
-    let count = binaries.len();
-    let tests = binaries.into_iter().map(|binary| {
-        let mut test = binary.command();
+    let jobs = jobs()?;
+    let count = jobs.len();
+    let tested = command::side_by_side(jobs, |job| {
+        let mut test = job.command();
         test.envs(property_cases.map(|cases| ("PROPTEST_CASES", cases.to_string())));
         test.envs(optiboot.as_ref().map(|image| ("PULSETRAIN_OPTIBOOT", image)));
-        test
+        command::run_apart(&mut test, &job.text).map(|said| (seconds(&said), job.text))
     });
-    let tested = command::run_side_by_side(tests.collect());
     command::run(&mut cargo("test --workspace --doc --no-fail-fast"))?;
-    tested?;
+    print!("{}", longest(command::all(tested)?));
     python::test_client()?;
     boards::build_core()?;
     let worst = ruckig::compare()?;
     println!("s-curve durations of {} moves: at most {worst:.1e} (relative) from ruckig's", ruckig::MOVES);
-    println!("xtask test: {count} test binaries, documentation's examples, the Python client: all passed");
+    println!("xtask test: {count} modules of tests, documentation's examples, the Python client: all passed");
     Ok(())
 }
 
-/// Packages whose tests run virtual boards.
-const LONG: [&str; 2] = ["pulsetrain", "board"];
+/// Modules of tests that take longest, the longest first: they begin first, so that no core waits for the last one.
+/// `cargo xtask test` prints what each took.
+const LONG: [(&str, &str); 12] = [
+    ("pulsetrain", "faults"),
+    ("pulsetrain-board", "winch_pico_wraps"),
+    ("pulsetrain", "pico_figures"),
+    ("pulsetrain", "baked"),
+    ("pulsetrain-board", "winch_pico"),
+    ("pulsetrain-board", "pico_wraps"),
+    ("pulsetrain", "commands"),
+    ("pulsetrain", "baked_pico"),
+    ("pulsetrain-board", "winch_wraps"),
+    ("pulsetrain-board", "pico_verbs"),
+    ("pulsetrain-board", "winch_line"),
+    ("pulsetrain", "winch"),
+];
+/// Packages whose tests run virtual boards; their other modules come next.
+const LONG_PACKAGES: [&str; 2] = ["pulsetrain", "pulsetrain-board"];
+/// How many of them it prints.
+const PRINTED: usize = 30;
 
-/// What `cargo test` would run. It runs one after the other, and waits for the longest test of each.
+/// A binary that `cargo test` would run.
+#[derive(Clone, Debug, PartialEq)]
 struct Binary {
-    /// What it was made of: the tests' file, or the library's.
-    source: PathBuf,
     executable: PathBuf,
-    /// Of its package.
-    manifest: PathBuf,
+    package: String,
+    /// The package's.
+    folder: PathBuf,
+    /// What cargo calls it: `--test it`, `--lib`, `--bin pulsetrain`.
+    flag: String,
+}
+
+/// The tests of one module of a binary.
+#[derive(Clone, Debug, PartialEq)]
+struct Job {
+    binary: Binary,
+    module: String,
+    /// By their full names: a filter by a module's name would take those of others whose names end likewise.
+    tests: Vec<String>,
+    /// The command that runs them alone, for a person.
+    text: String,
 }
 
 impl Binary {
     /// What cargo says of it if it is a test.
     fn from_message(message: &Value) -> Option<Binary> {
-        let path = |value: &Value| value.as_str().map(PathBuf::from);
         message["profile"]["test"].as_bool()?.then_some(())?;
+        let target = &message["target"];
+        let flag = match (target["kind"][0].as_str()?, target["name"].as_str()?) {
+            (kind @ ("test" | "bin" | "example" | "bench"), name) => format!("--{kind} {name}"),
+            _ => "--lib".to_owned(),
+        };
+        // `path+file:///…/crates/core#pulsetrain-core@0.1.0`, and without a name if the folder has the same.
+        let (path, version) = message["package_id"].as_str()?.rsplit_once('#')?;
+        let package = version.split_once('@').map(|(name, _)| name).or_else(|| path.rsplit('/').next())?;
         Some(Binary {
-            source: path(&message["target"]["src_path"])?,
-            executable: path(&message["executable"])?,
-            manifest: path(&message["manifest_path"])?,
+            executable: message["executable"].as_str()?.into(),
+            package: package.to_owned(),
+            folder: Path::new(message["manifest_path"].as_str()?).parent()?.to_owned(),
+            flag,
         })
     }
 
-    /// Runs its tests one by one, as cargo would: in its package's folder.
+    /// As cargo would run it, but its tests one by one.
     fn command(&self) -> Command {
-        let package = self.manifest.parent().unwrap_or(Path::new("."));
         let mut test = command(&self.executable);
-        test.current_dir(package).env("CARGO_MANIFEST_DIR", package).env("RUST_TEST_THREADS", "1");
+        test.current_dir(&self.folder).env("CARGO_MANIFEST_DIR", &self.folder).env("RUST_TEST_THREADS", "1");
         test
+    }
+
+    /// Its tests, module by module; `listed` is what it says of them, a line each.
+    fn jobs(&self, listed: &str) -> Vec<Job> {
+        let mut modules = BTreeMap::<_, Vec<String>>::new();
+        for test in listed.lines().filter_map(|line| line.strip_suffix(": test")) {
+            let module = test.split_once("::").map_or("", |(module, _)| module);
+            modules.entry(module).or_default().push(test.to_owned());
+        }
+        let job = |(module, tests): (&str, _)| {
+            let filter = if module.is_empty() { String::new() } else { format!(" {module}::") };
+            let text = format!("cargo test -p {} {}{filter}", self.package, self.flag);
+            Job { binary: self.clone(), module: module.to_owned(), tests, text }
+        };
+        modules.into_iter().map(job).collect()
     }
 }
 
-/// Builds them. Those of the crates that run virtual boards come first: they take longest, and the last ones to run leave cores with
-/// nothing to do.
-fn binaries() -> Done<Vec<Binary>> {
+impl Job {
+    fn command(&self) -> Command {
+        let mut test = self.binary.command();
+        test.arg("--exact").args(&self.tests);
+        test
+    }
+
+    /// What comes first has the lowest.
+    fn place(&self) -> (usize, usize) {
+        let package = self.binary.package.as_str();
+        (
+            LONG.iter().position(|long| *long == (package, &self.module)).unwrap_or(LONG.len()),
+            LONG_PACKAGES.iter().position(|long| *long == package).unwrap_or(LONG_PACKAGES.len()),
+        )
+    }
+}
+
+/// Builds all tests; gives them in the order in which they are to begin.
+fn jobs() -> Done<Vec<Job>> {
     let messages = command::output(&mut cargo("test --workspace --no-run --message-format json-render-diagnostics"))?;
-    let mut binaries = Vec::new();
+    let mut jobs = Vec::new();
     for line in messages.lines() {
         let message = serde_json::from_str(line)
             .map_err(|why| Failure::Check(format!("cargo's answer is no JSON: {why}: {line}")))?;
-        binaries.extend(Binary::from_message(&message));
+        let Some(binary) = Binary::from_message(&message) else { continue };
+        let listed = command::output(binary.command().args(["--list", "--format", "terse"]))?;
+        jobs.extend(binary.jobs(&listed));
     }
-    binaries.sort_by_key(|binary| {
-        let long = LONG.iter().position(|package| binary.manifest.ends_with(Path::new(package).join("Cargo.toml")));
-        (long.unwrap_or(LONG.len()), Reverse(binary.source.clone()))
-    });
-    Ok(binaries)
+    for (package, module) in LONG {
+        if !jobs.iter().any(|job| job.binary.package == package && job.module == module) {
+            return Err(Failure::Check(format!(
+                "xtask/src/test.rs names {module} of {package}, which has no such tests"
+            )));
+        }
+    }
+    jobs.sort_by_key(Job::place);
+    Ok(jobs)
+}
+
+/// How long it took, by its own last line.
+fn seconds(said: &str) -> f64 {
+    let last = said.rsplit_once("finished in ").and_then(|(_, rest)| rest.split_once('s'));
+    last.and_then(|(number, _)| number.parse().ok()).unwrap_or(0.0)
+}
+
+/// What those that took longest took.
+fn longest(mut took: Vec<(f64, String)>) -> String {
+    took.sort_by(|(a, _), (b, _)| b.total_cmp(a));
+    let all: f64 = took.iter().map(|(seconds, _)| seconds).sum();
+    let rows = took.iter().take(PRINTED).map(|(seconds, text)| format!("{seconds:7.1} s  {text}\n"));
+    rows.collect::<String>() + &format!("{all:7.1} s  all\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn binary() -> Binary {
+        let message = serde_json::json!({
+            "profile": { "test": true },
+            "target": { "kind": ["test"], "name": "it" },
+            "package_id": "path+file:///r/crates/board#pulsetrain-board@0.1.0",
+            "executable": "/t/it-1",
+            "manifest_path": "/r/crates/board/Cargo.toml",
+        });
+        Binary::from_message(&message).expect("a test")
+    }
+
+    #[test]
+    fn each_module_is_a_job_of_its_own() {
+        let jobs = binary().jobs("link::a: test\nuno_link::a: test\nlink::b::c: test\nalone: test\nspeed: benchmark\n");
+        let tests: Vec<_> = jobs.iter().map(|job| (job.module.as_str(), job.tests.join(" "))).collect();
+        assert_eq!(
+            tests,
+            [
+                ("", "alone".to_owned()),
+                ("link", "link::a link::b::c".to_owned()),
+                ("uno_link", "uno_link::a".to_owned())
+            ]
+        );
+        assert_eq!(jobs[1].text, "cargo test -p pulsetrain-board --test it link::");
+    }
+
+    #[test]
+    fn a_job_runs_no_test_of_another() {
+        let jobs = binary().jobs("link::a: test\nuno_link::a: test\n");
+        let arguments: Vec<_> = jobs[0].command().get_args().map(|word| word.to_owned()).collect();
+        assert_eq!(arguments, ["--exact", "link::a"]);
+    }
+
+    #[test]
+    fn long_modules_begin_first() {
+        let (package, module) = LONG[LONG.len() - 1];
+        let long = Binary { package: package.to_owned(), ..binary() }.jobs(&format!("{module}::a: test"));
+        let other = Binary { package: "pulsetrain-core".to_owned(), ..binary() }.jobs("link::a: test\n");
+        assert!(long[0].place() < binary().jobs("link::a: test")[0].place());
+        assert!(binary().jobs("link::a: test")[0].place() < other[0].place());
+    }
+
+    #[test]
+    fn what_a_module_took_is_read() {
+        assert_eq!(seconds("test result: ok. 3 passed; finished in 12.25s\n\n"), 12.25);
+        assert_eq!(seconds("it died\n"), 0.0);
+        let table = longest(vec![(1.0, "short".to_owned()), (2.5, "long".to_owned())]);
+        assert_eq!(table, "    2.5 s  long\n    1.0 s  short\n    3.5 s  all\n");
+    }
 }

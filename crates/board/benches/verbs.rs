@@ -2,11 +2,8 @@
 //!
 //! A table, fields between tabs: what, at what, the figure; a last field says `FAILS` where it is not what was asked for.
 
-#[path = "../tests/common/mod.rs"]
-mod common;
-
-use common::delays::delay;
-use common::examples::{Ran, dds_circle, delta, lorenz_attractor};
+use pulsetrain_testkit::delays::delay;
+use pulsetrain_testkit::examples::{Ran, dds_circle, delta, lorenz_attractor};
 
 /// The example's rate of arithmetic, Hz.
 const LORENZ_HZ: f64 = 50.0;

@@ -7,7 +7,6 @@
 //! - [`native_verbs`]: the same with motors that are told directly
 //! - [`remote`]: a board at the other end of a [`Port`], through `link`, the host's side of docs/protocol.md
 //! - [`serial`]: a real serial port, in real time; [`stk500`]: an Uno's bootloader, at any port
-//! - [`faulty`]: a port whose frames suffer, by a seed; [`model`]: a board behind a serial line, without a chip
 //! - [`shadow`]: any board beside a native one that is told the same: what was scheduled, and what came of it
 //! - [`virtual_uno`], [`virtual_pico`]: the Uno's and the Pico's firmware on an emulated chip, as such a port; `bridge`: the Uno's
 //!   USB, as far as time goes
@@ -22,9 +21,7 @@
 
 mod bridge;
 mod clock;
-pub mod faulty;
 pub mod link;
-pub mod model;
 pub mod native;
 pub mod native_verbs;
 pub mod native_winch;

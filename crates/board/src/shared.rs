@@ -9,7 +9,9 @@ use std::time::Duration;
 /// A port, and as many clones as there are hosts. Edges of the board's pins stay with the port itself: no host takes them from another.
 ///
 /// ```
-/// use pulsetrain_board::{Remote, RemoteError, LinkError, model::ModelPort, shared::Shared};
+/// use pulsetrain_board::{Remote, RemoteError, LinkError, shared::Shared};
+/// use pulsetrain_testkit::model::ModelPort;
+///
 /// let line = Shared::new(ModelPort::new());
 /// let first = Remote::open(line.clone(), 1)?;
 /// assert!(line.port().is_taken());

@@ -3,7 +3,7 @@
 //! One figure a line, fields between tabs: number, law, tick_hz, tolerance in ticks, what, bound, value. A bound is an
 //! upper one; an empty field says that there is none.
 
-#[path = "../tests/common/mod.rs"]
+#[path = "../tests/it/common/mod.rs"]
 mod common;
 
 use common::laws::{TUTORIAL, sine, trapezoid};

@@ -1,6 +1,6 @@
 //! Planning, for developers: `cargo bench -p pulsetrain-plan --bench planning` compares with the run before.
 
-#[path = "../tests/common/mod.rs"]
+#[path = "../tests/it/common/mod.rs"]
 mod common;
 
 use common::laws::{sine, trapezoid, waves};

@@ -3,7 +3,7 @@
 //! A table, fields between tabs, the first of which says whether the row is promised, or that it is a limit for the table of
 //! boards. With the argument `hour` an hour of 001's four motors, twice, instead; or as many seconds as the argument behind it says.
 
-#[path = "../tests/common/mod.rs"]
+#[path = "../tests/it/common/mod.rs"]
 mod common;
 
 use common::pico::COILS;

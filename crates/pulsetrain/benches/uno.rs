@@ -3,13 +3,15 @@
 //! A table, fields between tabs, the first of which says whether the row is promised, or that it is a limit for the table of
 //! boards. With the argument `hour` the hour of 001's four motors instead; with `figure-2` that figure alone; with `rates` what motions reach, too.
 
-#[path = "../tests/common/mod.rs"]
+#[path = "../tests/it/common/mod.rs"]
 mod common;
 
-use common::board::TICK_HZ;
 use common::rows::{COLUMNS, Case, PROMISED, Row, TUTORIALS, fastest_plateau, hour, rates, tutorial_row, variations};
 use common::uno::kind_of;
 use pulsetrain_motion::pins::PinKind;
+use pulsetrain_testkit::TICK_HZ;
+use pulsetrain_testkit::TICK_HZ;
+use pulsetrain_testkit::lab::Image;
 use std::thread;
 
 /// So long each rate is tried, s of the board's time; then the fastest once more, for longer.

@@ -1,7 +1,7 @@
 //! A program for the library's tests: it does what a mailbox in RAM asks for, and tells there what came of it. Up to eight drivers, STEP
 //! on GPIO 2, 4, 6, …, DIR on the next ones; or up to five motors on coils, from GPIO 2 on.
 //!
-//! `crates/board/tests/common/mailbox.rs` has the other end, and finds it by its first word.
+//! `crates/testkit/src/mailbox.rs` has the other end, and finds it by its first word.
 #![no_std]
 #![no_main]
 

@@ -1,7 +1,7 @@
 //! Motors told directly, for an 8-bit chip: what [`crate::verbs`] has them do, step for step, in moments of 32 bits.
 //!
 //! Steps come one evenly spaced row at a time ([`Verbs::take`]), as a chip without a queue wants them. What differs from there:
-//! periods go up to [`LONGEST_PERIOD`], and fewer moves may be untold ([`MOST_UNTOLD`]). `tests/narrow_verbs.rs` compares the two.
+//! periods go up to [`LONGEST_PERIOD`], and fewer moves may be untold ([`MOST_UNTOLD`]). `tests/it/narrow_verbs.rs` compares the two.
 //!
 //! Moments are told apart within 2^31 ticks, so that time must be told to go on: all motors are to be [taken](Verbs::take) from at
 //! least once in 2^29 ticks.

@@ -33,7 +33,7 @@
 //! - amax·10^-3 is off by 1.1·10^-9 of itself: 5·10^-10·amax·T² steps after T seconds of acceleration.
 //!
 //! What excites a ringing at ζ = 0.07 again and again at its own frequency grows to 9 times its offset, so that the sum
-//! stays below 0.1 step. So it is with f·vmax ≤ amax, up to 10 Hz, and from ζ = 0.15 on up to 20 Hz; `tests/winch_path.rs` looks for the
+//! stays below 0.1 step. So it is with f·vmax ≤ amax, up to 10 Hz, and from ζ = 0.15 on up to 20 Hz; `tests/it/winch_path.rs` looks for the
 //! worst there. With lower limits a motion swings at full acceleration from one side of its target to the other, and near
 //! ζ = πf·(1 ms) for very long: the recurrence is chaotic then, and what is rounded grows to steps.
 

@@ -1,0 +1,12 @@
+//! Tests of the crate, in one binary.
+
+mod baked;
+mod narrow_verbs;
+mod service;
+mod stepgen;
+mod verbs;
+mod winch_golden;
+mod winch_path;
+mod winch_text;
+mod wire;
+mod words;

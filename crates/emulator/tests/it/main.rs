@@ -1,0 +1,26 @@
+//! Tests of the crate, in one binary.
+
+mod any_register;
+mod arm_common;
+mod arm_exceptions;
+mod arm_instructions;
+mod common;
+mod dma;
+mod dma_model;
+mod hex;
+mod image;
+mod instructions;
+mod interrupts;
+mod pico;
+mod pio;
+mod pio_model;
+mod ports;
+mod programs;
+mod random;
+mod rp2040;
+mod self_programming;
+mod three_machine_motor;
+mod timers;
+mod usart;
+mod usb;
+mod usb_device;

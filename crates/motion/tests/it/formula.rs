@@ -1,0 +1,424 @@
+//! Formulas: the language, its errors, and what planning rests on: jets, enclosures, windows.
+
+use proptest::prelude::*;
+use pulsetrain_motion::law::{Class, Cursor, Curve, Piece};
+use pulsetrain_motion::{Law, LawError, Time, file};
+use std::f64::consts::{PI, TAU};
+
+fn law(text: &str) -> Law {
+    Law::formula(text, &[("a".into(), 2.5), ("width".into(), 4.0)], 1.0, Some(Time::from_seconds(8.0))).unwrap()
+}
+
+fn at(text: &str, t: f64) -> f64 {
+    Cursor::new(&law(text)).at(Time::from_seconds(t)).unwrap().position
+}
+
+#[track_caller]
+fn check(text: &str, t: f64, expected: f64) {
+    let got = at(text, t);
+    assert!((got - expected).abs() <= 1e-12 * (1.0 + expected.abs()), "{text} at {t}: {got}, not {expected}");
+}
+
+#[test]
+fn precedence() {
+    check("-2^2", 0.0, -4.0);
+    check("2^3^2", 0.0, 512.0);
+    check("2^-1", 0.0, 0.5);
+    check("1 - 2 - 3", 0.0, -4.0);
+    check("8 / 4 / 2", 0.0, 1.0);
+    check("2*-3", 0.0, -6.0);
+    check("1e3 + .5", 0.0, 1000.5);
+    check("(1 + 2)*3*a", 0.0, 22.5);
+    check("if(0 < t < 2 and not t > 1 or 1 == 2, 3*t, 3)", 0.5, 1.5);
+}
+
+#[test]
+fn values() {
+    let t = 0.7_f64;
+    for (text, expected) in [
+        ("sin(t)*cos(t)*tan(t)", t.sin() * t.sin()),
+        ("asin(t/2) + acos(t/2)", std::f64::consts::FRAC_PI_2),
+        ("atan(t)*t", t.atan() * t),
+        ("atan2(t, -1)", t.atan2(-1.0)),
+        ("atan2(-t, 0.1)", (-t).atan2(0.1)),
+        ("sinh(t) + cosh(t) - exp(t) + tanh(t)", t.tanh()),
+        ("ln(1 + t) * log(2 + t)", t.ln_1p() * (2.0 + t).ln()),
+        ("sqrt(1 + t) * pow(1 + t, 1.5) / (1 + t)^2.0", 1.0),
+        ("hypot(1 + t, 2)", (1.0 + t).hypot(2.0)),
+        ("(1 + t)^t", (1.0 + t).powf(t)),
+        ("(2 + sin(t))^-3", (2.0 + t.sin()).powi(-3)),
+        ("abs(t - 5) + min(t, 3) + max(t, 3) + clamp(t, 1, 2)", 4.3 + 0.7 + 3.0 + 1.0),
+        ("floor(a) + ceil(a) + round(a) + mod(-1, 3) + sign(-2)", 2.0 + 3.0 + 3.0 + 2.0 - 1.0),
+        ("piecewise(t < 0.5, 1, t < 1, 1, 1) + e - e + pi - tau/2", 1.0),
+        ("exp(-t)*t^3 + 7", (-t).exp() * t * t * t + 7.0),
+    ] {
+        check(text, t, expected);
+    }
+}
+
+#[track_caller]
+fn refused(text: &str, place: &str, message: &str) {
+    let error = Law::formula(text, &[("a".into(), 2.5), ("width".into(), 4.0)], 1.0, None).unwrap_err();
+    assert_eq!(&text[error.offset..error.offset + error.length], place, "{error:?}");
+    assert!(error.message.contains(message), "{error:?}");
+}
+
+#[test]
+fn errors_point_at_the_place() {
+    refused("2*t + sni(t)", "sni", "did you mean `sin`?");
+    refused("widht*t", "widht", "did you mean `width`?");
+    refused("2*(t + 1", "(", "never closed");
+    refused("2*t + ", "", "is expected here");
+    refused("2 t", "t", "an operator or the end");
+    refused("sin(t, 2)", "sin(t, 2)", "takes 1 argument(s); here are 2");
+    refused("t < 2", "t < 2", "this is a condition");
+    refused("if(t, 1, 2)", "t", "this is a number");
+    refused("sin + 1", "sin", "is a function");
+    refused("1e999*t", "1e999", "no number");
+    refused(&"(".repeat(5000), "(", "nested more than");
+    refused("piecewise(t < 2, 1)", "piecewise(t < 2, 1)", "for all other times");
+}
+
+#[track_caller]
+fn breaks(text: &str, at_s: f64, why: &str) {
+    let pieces: Result<Vec<Piece>, LawError> = law(text).pieces().collect();
+    let error = pieces.unwrap_err();
+    let (LawError::Undefined { at_s: at, .. } | LawError::Jump { at_s: at, .. }) = error else { panic!("{error:?}") };
+    assert!((at - at_s).abs() < 1e-9, "{error}");
+    assert!(error.to_string().contains(why), "{error}");
+}
+
+#[test]
+fn broken_laws_are_refused_with_the_time() {
+    breaks("mod(100*t, 300)", 3.0, "jumps");
+    breaks("if(t < 5, 10*t, 70)", 5.0, "jumps");
+    breaks("sqrt(5 - t)*t", 5.0, "`sqrt(5 - t)`: the root of what is not positive has no speed");
+    breaks("1/(t - 2)", 2.0, "`1/(t - 2)`: a division by 0");
+    breaks("ln(sin(t) - 0.5*cos(3*t)^2)", 0.0, "logarithm");
+    breaks("tan(t)", std::f64::consts::FRAC_PI_2, "`tan(t)`: a division by 0");
+    breaks("asin(t/4)", 4.0, "arcsine");
+    breaks("max(sin(t*t)^2 + cos(t*t)^2, 1)", 0.0, "cannot be told when this changes its sign");
+    breaks("exp(exp(t))", 1e15_f64.ln().ln(), "beyond 1e15 steps");
+}
+
+/// What is so large that it has no next whole number, or is infinite: found by fuzzing, it went on for ever.
+#[test]
+fn wholes_that_cannot_be_told_apart_are_refused() {
+    for text in
+        ["mod(t, t^7)", "mod(t, 0 + t^7 )", "floor(1e300*t)", "floor(exp(1000*t))", "round(1/t)", "ceil(-1e17*t)"]
+    {
+        let law = Law::formula(text, &[], 200.0, Some(Time::SECOND)).unwrap();
+        assert!(law.pieces().take(10_000).any(|piece| piece.is_err()), "{text} is no law");
+    }
+    breaks("t + 0*mod(t, t^7)", 0.0, "`mod(t, t^7)`: it is so large that its whole numbers cannot be told apart");
+}
+
+#[test]
+fn branches_meet_at_their_exact_time() {
+    let pieces: Vec<Piece> = law("abs(100*t - 230) + max(50*sin(2*t), 20)").pieces().collect::<Result<_, _>>().unwrap();
+    let cuts: Vec<f64> = pieces.iter().map(|p| p.start.seconds()).collect();
+    assert!(cuts.iter().any(|t| (t - 2.3).abs() < 1e-14), "{cuts:?}");
+    let corner = (0.4_f64).asin() / 2.0;
+    assert!(cuts.iter().any(|t| (t - corner).abs() < 1e-14), "{cuts:?}");
+    assert!(pieces.len() < 60, "{} pieces", pieces.len());
+}
+
+#[test]
+fn sums_of_sines_are_plain_curves_and_keep_their_phase_for_days() {
+    let law = Law::formula("1000*t + 300*sin(7*t) + 50*sin(31*t)", &[], 1.0, None).unwrap();
+    assert_eq!(law.class(), Class::Enclosed);
+    let day = 86_400 * 3;
+    let piece = law.pieces().find(|p| p.as_ref().is_ok_and(|p| p.end > Time::SECOND.times(day))).unwrap().unwrap();
+    let Curve::Accurate { curve, .. } = &piece.curve else { panic!("{:?}", piece.curve) };
+    let Curve::Sum(curves) = &**curve else { panic!("{curve:?}") };
+    assert!(curves.iter().all(|c| matches!(c, Curve::Polynomial(_) | Curve::Cosine { .. })));
+    // 7 rad/s for three days is 288 769 turns and this much.
+    let u = (Time::SECOND.times(day) - piece.zero).seconds();
+    let got = (piece.origin - 1000 * day as i64) as f64 + piece.curve.value(u);
+    let expected = 300.0 * sin_of(7 * day) + 50.0 * sin_of(31 * day);
+    assert!((got - expected).abs() < 1e-9, "{got} {expected}");
+}
+
+/// The sine of a whole number, by 128-bit fixed point.
+fn sin_of(n: u64) -> f64 {
+    // 2π = its f64 + 2.449…e-16, in units of 2^-100.
+    let head = std::f64::consts::TAU;
+    let head = ((head.trunc() as u128) << 100) + (((head.fract() * 2f64.powi(53)) as u128) << 47);
+    let tau = head + (2.449_293_598_294_706_4e-16 * 2f64.powi(100)) as u128;
+    let angle = ((u128::from(n) << 100) % tau) as f64 / 2f64.powi(100);
+    angle.sin()
+}
+
+/// A motor with that `lead`, or none, under a formula.
+fn motor(lead: &str, unit: &str, theta: &str, parameters: &str) -> Law {
+    read(lead, unit, theta, parameters).unwrap_or_else(|error| panic!("{}", error.plain()))
+}
+
+fn read(lead: &str, unit: &str, theta: &str, parameters: &str) -> Result<Law, file::FileError> {
+    let text = format!(
+        "board = \"native\"\n[motor.m]\nsteps_per_rev = 200\nmicrosteps = 16\npins = {{ step = 2, dir = 3 }}\nforward = \"high\"\n\
+         driver = \"A4988\"\n{lead}\n[[motion]]\nmotor = \"m\"\n\
+         law.formula = {{ theta = \"{theta}\", unit = \"{unit}\", duration = \"8 s\", where = {{ {parameters} }} }}\n"
+    );
+    let none = |_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into());
+    file::read(&text, "x.toml", &none).map(|mut program| program.motors.remove(0).law)
+}
+
+const LEAD: &str = "lead = \"8 mm\"";
+
+fn in_steps(unit: &str) -> f64 {
+    match unit {
+        "deg" => 3200.0 / 360.0,
+        "rad" => 3200.0 / TAU,
+        "rev" => 3200.0,
+        "mm" => 400.0,
+        "cm" => 4000.0,
+        "full-step" => 16.0,
+        _ => 1.0,
+    }
+}
+
+/// Of a formula's value at some times, in its unit.
+#[track_caller]
+fn plays((lead, unit, theta, parameters): (&str, &str, &str, &str), expected: impl Fn(f64) -> f64) {
+    let law = motor(lead, unit, theta, parameters);
+    let mut cursor = Cursor::new(&law);
+    for t in [0.0, 0.3, 1.0, 2.7, 6.2] {
+        let got = cursor.at(Time::from_seconds(t)).unwrap().position / in_steps(unit);
+        let wanted = expected(t);
+        assert!(
+            (got - wanted).abs() <= 1e-11 * (1.0 + wanted.abs()),
+            "{theta} in {unit} at {t} s: {got}, not {wanted}"
+        );
+    }
+}
+
+#[test]
+fn angles_are_in_radians_in_sin_and_in_the_unit_elsewhere() {
+    let shifted = "A*(1+sin(2*pi*0.5*t-phi))";
+    plays(("", "deg", shifted, "A = 40, phi = \"90 deg\""), |t| 40.0 * (1.0 - (PI * t).cos()));
+    plays(("", "rev", shifted, "A = \"40 deg\", phi = \"0.25 rev\""), |t| (1.0 - (PI * t).cos()) / 9.0);
+    let omega: f64 = "3.14159265".parse().unwrap();
+    plays(("", "deg", "90*sin(omega*t)", "omega = \"3.14159265 rad/s\""), |t| 90.0 * (omega * t).sin());
+    plays(("", "deg", "90*sin(f*t)", "f = \"30 rpm\""), |t| 90.0 * (PI * t).sin());
+    plays(("", "deg", "90*sin(f*t)", "f = \"0.5 Hz\""), |t| 90.0 * (0.5 * t).sin());
+    plays(("", "deg", "20*sin(a*t^2)", "a = \"90 deg/s^2\""), |t| 20.0 * (0.5 * PI * t * t).sin());
+    plays(("", "deg", "phi + 10*t", "phi = \"0.25 rev\""), |t| 90.0 + 10.0 * t);
+    plays(("", "deg", "phi*cos(phi)*t", "phi = \"60 deg\""), |t| 30.0 * t);
+    plays(("", "deg", "tan(phi)*t + cos(2*t + if(phi > 1, 1, 0))", "phi = \"60 deg\""), |t| {
+        3.0_f64.sqrt() * t + (2.0 * t + 1.0).cos()
+    });
+    plays(("", "deg", "if(phi > 1.5, 7, 8)*t", "phi = \"2 deg\""), |t| 7.0 * t);
+    // A shift in time, and a swing from the speed that it has.
+    plays(("", "deg", "v/(2*pi*f)*sin(2*pi*f*t)", "v = \"90 deg/s\", f = \"0.5 Hz\""), |t| 90.0 / PI * (PI * t).sin());
+    plays(("", "deg", "mod(w*t, 720) + 0*t", "w = \"0.25 rev/s\""), |t| 90.0 * t);
+    plays(("", "deg", "90*sin(pi/4*w*t)", "w = \"1 rad/s\""), |t| 90.0 * (PI / 4.0 * t).sin());
+    plays((LEAD, "mm", "pi/2*r*phi*t", "r = \"20 mm\", phi = \"90 deg\""), |t| 5.0 * PI * PI * t);
+}
+
+/// What looks like a conversion by hand, and is a gear, an amplitude or a unit.
+#[test]
+fn factors_that_are_meant_are_played() {
+    plays(("", "deg", "6*n*t", "n = \"30 rpm\""), |t| 1080.0 * t);
+    plays(("", "deg", "n/gear*t", "n = \"30 rpm\", gear = 60"), |t| 3.0 * t);
+    plays(("", "deg", "n*a/b*t", "n = \"30 rpm\", a = 60, b = 20"), |t| 540.0 * t);
+    plays(("", "step", "1000*t/T", "T = \"500 ms\""), |t| 2000.0 * t);
+    plays(("", "rev", "phi/deg/360*t", "phi = \"90 deg\", deg = \"1 deg\""), |t| 0.25 * t);
+    plays(("", "deg", "v/r*rad*t", "v = \"50 mm/s\", r = \"20 mm\", rad = \"1 rad\""), |t| (2.5 * t).to_degrees());
+    plays(("", "deg", "v/r*t*180/pi", "v = \"50 mm/s\", r = \"20 mm\""), |t| (2.5 * t).to_degrees());
+    plays((LEAD, "mm", "v/w*sin(w*t)", "v = \"50 mm/s\", w = \"10 rad/s\""), |t| 5.0 * (10.0 * t).sin());
+    plays((LEAD, "mm", "screw*n/turn*t", "screw = \"8 mm\", n = \"30 rpm\", turn = \"1 rev\""), |t| 4.0 * t);
+    plays(("", "deg", "20*sin((360*f*t + 90)*pi/180)", "f = \"500 mHz\""), |t| 20.0 * (PI * t).cos());
+}
+
+/// The tables of docs/motion-files.md: what is good, what is refused, and what to write instead.
+#[test]
+fn the_documented_formulas_are_what_the_tables_say() {
+    let docs = include_str!("../../../../docs/motion-files.md");
+    let section = docs.split("### Dimensions").nth(1).unwrap().split("\n## ").next().unwrap();
+    let is_good = |theta: &str| {
+        let parameters = "phi = \"90 deg\", x = \"5 mm\", r = \"20 mm\", f = \"0.5 Hz\", n = \"30 rpm\", rad = \"1 rad\", y = \"3 mm\"";
+        read("", "deg", theta, parameters).is_ok()
+    };
+    let mut rows = [0, 0];
+    for cells in section.lines().filter(|line| line.starts_with("| `")).map(|line| line.split('|').collect::<Vec<_>>())
+    {
+        let formula = |cell: &str| cell.split('`').nth(1).unwrap().to_owned();
+        let is_refused = cells.len() == 5;
+        rows[usize::from(is_refused)] += 1;
+        assert_eq!(is_good(&formula(cells[1])), !is_refused, "{}", cells[1]);
+        assert!(!is_refused || is_good(&formula(cells[3])), "{}", cells[3]);
+    }
+    assert_eq!(rows, [4, 12]);
+}
+
+#[test]
+fn inverse_functions_give_angles() {
+    plays(("", "deg", "asin(0.5)*t", ""), |t| 30.0 * t);
+    plays(("", "rev", "atan2(-1, 1)*t + acos(0.5)", ""), |t| t / -8.0 + 1.0 / 6.0);
+    plays((LEAD, "mm", "20*2/pi*asin(sin(pi*t/2)*0.9)", ""), |t| 40.0 / PI * (0.9 * (PI * t / 2.0).sin()).asin());
+    // A crank of 20 mm and a rod of 60 mm.
+    let rod = "asin(r*sin(w*t)/l)";
+    plays(("", "deg", rod, "r = \"20 mm\", l = \"6 cm\", w = \"1 rad/s\""), |t| (t.sin() / 3.0).asin().to_degrees());
+    plays((LEAD, "deg", rod, "r = \"20 mm\", l = \"6 cm\", w = \"1 rad/s\""), |t| (t.sin() / 3.0).asin().to_degrees());
+    plays(("", "deg", "sin(asin(t/10))", ""), |t| t / 10.0);
+    plays(("", "step", "atan(t)", ""), |t| t.atan() * 3200.0 / TAU);
+    // A triangle: the peak is A.
+    plays(("", "deg", "A*asin(0.8*sin(t))/asin(1)", "A = \"90 deg\""), |t| (0.8 * t.sin()).asin().to_degrees());
+}
+
+#[test]
+fn lengths_keep_to_lengths() {
+    plays((LEAD, "mm", "sqrt(r^2 - (s*sin(t))^2)", "r = \"5 cm\", s = \"30 mm\""), |t| {
+        (2500.0 - 900.0 * t.sin().powi(2)).sqrt()
+    });
+    plays((LEAD, "mm", "hypot(r, s + 3*t) - min(r, 0)", "r = \"5 cm\", s = \"30 mm\""), |t| {
+        50f64.hypot(30.0 + 3.0 * t)
+    });
+    plays((LEAD, "cm", "(r^3)^(1/3)*t*0 + r", "r = \"80 mm\""), |_| 8.0);
+    // The cycloid: an angle times a length is an arc.
+    plays((LEAD, "mm", "r*w*t - r*sin(w*t)", "r = \"20 mm\", w = \"90 deg/s\""), |t| {
+        20.0 * (PI / 2.0 * t - (PI / 2.0 * t).sin())
+    });
+    plays((LEAD, "mm", "a*exp(-t/T)", "a = \"20 mm\", T = \"500 ms\""), |t| 20.0 * (-2.0 * t).exp());
+}
+
+/// Steps are angles where the unit is one or the motor turns, lengths where the unit is one; else both fit.
+#[test]
+fn steps_are_angles_or_lengths() {
+    plays(("", "deg", "A*t + 10*sin(B*t)", "A = \"320 step\", B = \"800 step\""), |t| {
+        36.0 * t + 10.0 * (PI / 2.0 * t).sin()
+    });
+    plays(("", "step", "A*t + 10*sin(A*t)", "A = \"90 deg\""), |t| 800.0 * t + 10.0 * (PI / 2.0 * t).sin());
+    plays(("", "full-step", "A + 1*t", "A = \"90 deg\""), |t| 50.0 + t);
+    plays((LEAD, "mm", "A*sin(A/l*t)", "A = \"800 step\", l = \"4 mm\""), |t| 2.0 * (t / 2.0).sin());
+    plays((LEAD, "step", "A*sin(t) + B*t", "A = \"2 mm\", B = \"1 step\""), |t| 800.0 * t.sin() + t);
+    plays((LEAD, "step", "A*sin(t) + B*t + 5", "A = \"90 deg\", B = \"1 full-step\""), |t| {
+        800.0 * t.sin() + 16.0 * t + 5.0
+    });
+}
+
+/// Formulas that are defined everywhere, with branches that meet.
+fn formulas() -> impl Strategy<Value = String> {
+    let leaf = prop_oneof![
+        (-30..30_i32).prop_map(|n| format!("{}", f64::from(n) / 4.0)),
+        Just("t".to_string()),
+        Just("a*t".to_string()),
+        (1..40_i32).prop_map(|w| format!("sin({w}*t)")),
+    ];
+    leaf.prop_recursive(4, 24, 3, |inner| {
+        let two = (inner.clone(), inner.clone());
+        prop_oneof![
+            two.clone().prop_map(|(a, b)| format!("({a} + {b})")),
+            two.clone().prop_map(|(a, b)| format!("({a} - {b})")),
+            two.clone().prop_map(|(a, b)| format!("{a}*{b}")),
+            two.clone().prop_map(|(a, b)| format!("max({a}, {b})")),
+            two.prop_map(|(a, b)| format!("({a})/(2 + sin({b}))")),
+            inner.clone().prop_map(|a| format!("cos({a})")),
+            inner.clone().prop_map(|a| format!("atan({a})")),
+            inner.clone().prop_map(|a| format!("tanh({a})")),
+            inner.clone().prop_map(|a| format!("abs({a})")),
+            inner.clone().prop_map(|a| format!("sqrt(1 + ({a})^2)")),
+            inner.clone().prop_map(|a| format!("(1.5 + cos({a}))^0.7")),
+            inner.clone().prop_map(|a| format!("ln(3 + sin({a}))")),
+            inner.clone().prop_map(|a| format!("asin(0.9*sin({a}))")),
+            inner.clone().prop_map(|a| format!("exp(-({a})^2)")),
+            inner.prop_map(|a| format!("(2 + cos({a}))^-2")),
+        ]
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 300, ..ProptestConfig::default() })]
+
+    #[test]
+    fn no_text_makes_the_parser_panic(text in "\\PC{0,60}") {
+        let _ = Law::formula(&text, &[("a".into(), 1.0)], 1.0, None);
+    }
+
+    #[test]
+    fn no_formula_like_text_does_either(text in "([-+*/^(),.<>=! ]|[0-9]{1,3}|t|a|sin|if|piecewise|floor|mod|and|not|e|pi){0,40}") {
+        if let Ok(law) = Law::formula(&text, &[("a".into(), 1.0)], 1.0, Some(Time::SECOND)) {
+            for piece in law.pieces().take(50) {
+                let Ok(piece) = piece else { break };
+                prop_assert!(piece.start < piece.end);
+            }
+        }
+    }
+
+    /// The enclosure of the eighth derivative and of the roundings, against the curve's own values.
+    #[test]
+    fn taylor_s_remainder_is_within_the_bounds(text in formulas(), from in 0.0_f64..1.0, to in 0.0_f64..1.0) {
+        for piece in law(&text).pieces().take(20) {
+            let Ok(piece) = piece else { break };
+            let (first, last) = (piece.first(), piece.last());
+            let bounds = piece.curve.bounds(first, last);
+            let (u, v) = (first + from * (last - first), first + to * (last - first));
+            let (jet, x) = (piece.curve.jet(u), v - u);
+            let taylor = jet.iter().rev().fold(0.0, |sum, c| sum * x + c);
+            let slack: f64 = bounds.rounding.iter().rev().fold(0.0, |sum, r| sum * x.abs() + r) + bounds.rounding[0];
+            // The test's own sum and the place v are rounded.
+            let own = jet.iter().rev().fold(0.0, |sum, c| sum * x.abs() + c.abs()) * 20.0 * f64::EPSILON;
+            let off = (piece.curve.value(v) - taylor).abs();
+            let bound = bounds.eighth * x.powi(8) + slack + own + jet[1].abs() * v * f64::EPSILON;
+            prop_assert!(off <= bound, "{text}: {off:e} > {bound:e}, x = {x}, {bounds:?}");
+        }
+    }
+
+    #[test]
+    fn no_text_with_dimensions_makes_the_parser_panic(
+        text in "([-+*/^(),<]|[0-9]{1,2}|t|phi|x|s|f|sin\\(|asin\\(|sqrt\\(|max\\(|floor\\(|if\\(|pi){0,30}",
+        unit in "deg|rad|step|mm", has_lead in any::<bool>(),
+    ) {
+        let parameters = "phi = \"90 deg\", x = \"5 mm\", s = \"5 step/s\", f = \"0.5 Hz\"";
+        if let Err(error) = read(if has_lead { LEAD } else { "" }, &unit, &text, parameters) {
+            prop_assert!(error.problems().iter().all(|problem| problem.place().0 >= 8), "{}", error.plain());
+        }
+    }
+
+    /// One motion, said in different units.
+    #[test]
+    fn units_change_no_law(a in 1.0_f64..400.0, w in -400.0_f64..400.0, phi in -400.0_f64..400.0, k in 0.0_f64..0.9) {
+        let theta = "A*(1 + sin(w*t - phi)) + w*t*cos(phi)/2 + asin(k*sin(w*t/3)) + max(phi, w*t - A)";
+        let laws: Vec<Law> = [("deg", 1.0), ("rad", TAU / 360.0), ("rev", 1.0 / 360.0)]
+            .into_iter()
+            .flat_map(|(unit, size)| {
+                let parameters = format!(
+                    "A = \"{:e} {unit}\", w = \"{:e} {unit}/s\", phi = \"{:e} {unit}\", k = {k:e}",
+                    a * size, w * size, phi * size
+                );
+                ["deg", "rad", "rev", "step"].map(|unit| motor("", unit, theta, &parameters))
+            })
+            .collect();
+        let per_degree = in_steps("deg");
+        for t in [0.0, 0.37, 1.9, 7.1] {
+            let turned = w * t - phi;
+            let expected = a * (1.0 + turned.to_radians().sin())
+                + w * t * phi.to_radians().cos() / 2.0
+                + (k * (w * t / 3.0).to_radians().sin()).asin().to_degrees()
+                + phi.max(w * t - a);
+            for (which, law) in laws.iter().enumerate() {
+                let got = Cursor::new(law).at(Time::from_seconds(t)).unwrap().position / per_degree;
+                prop_assert!((got - expected).abs() < 1e-9 * (1.0 + expected.abs()), "{which} at {t} s: {got}, not {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn windows_follow_without_gaps_and_meet(text in formulas()) {
+        let law = law(&text);
+        let mut end = Time::ZERO;
+        let mut position: Option<f64> = None;
+        for piece in law.pieces().take(400) {
+            let Ok(piece) = piece else { break };
+            prop_assert_eq!(piece.start, end);
+            prop_assert!(piece.end > piece.start);
+            let first = piece.origin as f64 + piece.curve.value(piece.first());
+            if let Some(position) = position {
+                prop_assert!((first - position).abs() < 1e-5 * (1.0 + position.abs()), "{} at {}", text, piece.start.seconds());
+            }
+            position = Some(piece.origin as f64 + piece.curve.value(piece.last()));
+            end = piece.end;
+        }
+    }
+}

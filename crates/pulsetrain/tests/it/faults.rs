@@ -1,0 +1,240 @@
+//! Faults: what a board does, and what its host says, when something goes wrong. The table of docs/faults.md comes from here.
+//!
+//! Each case is a whole run of a short motion, as `pulsetrain run` does it, on the virtual Uno or the virtual Pico, in emulated time.
+//! A usual run tries some of the places, by a seed that it prints; `PULSETRAIN_ROUNDS` as many times as many, up to all;
+//! `PULSETRAIN_FAULT` those of faults alone whose name has that in it, where there is more than one place.
+
+mod bench;
+mod line;
+mod table;
+mod text;
+
+use bench::{Bench, Chip, Moved};
+use expect_test::expect_file;
+use line::{Fault, Mishap, Way};
+use pulsetrain_board::virtual_pico::VirtualPico;
+use pulsetrain_board::virtual_uno::VirtualUno;
+use pulsetrain_testkit::seed::{rounds, seed};
+use pulsetrain_testkit::winch::Wired;
+use std::ops::Range;
+use std::time::Duration;
+use table::Row;
+
+/// What is below this line in docs/faults.md comes from here.
+const MARK: &str = "<!-- From here on written by `UPDATE_EXPECT=1 cargo test -p pulsetrain --test it faults::`. -->\n";
+
+/// The page is of this one.
+const OWN_SEED: u64 = 1;
+
+#[test]
+fn every_fault_is_met_as_docs_faults_md_says() {
+    let seed = seed(OWN_SEED);
+    let boards = std::thread::scope(|scope| {
+        let boards = [
+            scope.spawn(|| rows(&VirtualUno::new(), &VirtualUno::with_winch(), seed)),
+            scope.spawn(|| rows(&VirtualPico::on_usb(), &VirtualPico::on_usb(), seed)),
+        ];
+        boards.map(|rows| rows.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+    });
+    if (seed, rounds()) != (OWN_SEED, 1) || wanted().is_some() {
+        // Other places may bring other words; what must hold was held.
+        return;
+    }
+    let page = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/faults.md");
+    let page = std::fs::read_to_string(page).expect("the page is there");
+    let (head, _) = page.split_once(MARK).expect("the mark is there");
+    expect_file!["../../../../docs/faults.md"].assert_eq(&format!("{head}{MARK}\n{}", table::markdown(&boards)));
+}
+
+/// Of a board that takes plans, and one that takes text.
+fn rows<P: Chip + Wired>(fresh: &P, textual: &P, seed: u64) -> Vec<Row> {
+    let bench = Bench::new(fresh.clone());
+    let short = Bench::short(fresh.clone());
+    let mut rows = bytes(&short, &bench, seed);
+    rows.extend(lines(&bench, seed));
+    rows.extend(hosts(&bench, seed));
+    rows.extend(boards(&bench, seed));
+    rows.extend(text::rows(textual, seed));
+    rows
+}
+
+/// What is in the names of the faults that are wanted.
+fn wanted() -> Option<String> {
+    std::env::var("PULSETRAIN_FAULT").ok()
+}
+
+/// Some of so many places of a fault: `few`, or as many times as many as there are rounds, evenly apart, from one on that the seed says.
+/// None of one that is not wanted.
+fn some(fault: &str, places: u64, few: u64, seed: u64) -> impl Iterator<Item = u64> + use<> {
+    let stride = (places / (few * rounds())).max(1);
+    let end = if wanted().is_none_or(|wanted| fault.contains(&wanted)) { places } else { 0 };
+    (0..end).skip((seed.wrapping_mul(0x9e37_79b9) % stride) as usize).step_by(stride as usize)
+}
+
+const fn ms(ms: u64) -> Duration {
+    Duration::from_millis(ms)
+}
+
+/// Of each byte, on each way: of a short session, in which each meets one of the mishaps in a usual run, and of a long one.
+fn bytes<P: Chip>(short: &Bench<P>, long: &Bench<P>, seed: u64) -> Vec<Row> {
+    const FEW: u64 = 4;
+    const MISHAPS: [&str; 4] = ["lost", "with a bit changed", "doubled", "swapped with the next"];
+    let mut rows = Vec::new();
+    for (way, name) in [(Way::ToBoard, "to the board"), (Way::ToHost, "to the host")] {
+        for (turn, what) in (0..).zip(MISHAPS) {
+            let fault = format!("a byte {name} {what}");
+            // How many there are depends on the firmware's timing.
+            let mut row = Row::new(fault.as_str(), P::NAME, "each byte of two sessions", Moved::AsPlanned);
+            let (all, places) = (short.line.gone(way), long.line.gone(way));
+            let tried = some(&fault, all, all / MISHAPS.len() as u64, seed.wrapping_add(turn)).map(|at| (short, at));
+            for (bench, at) in tried.chain(some(&fault, places, FEW, seed).map(|at| (long, at))) {
+                let mishap = match what {
+                    "lost" => Mishap::Dropped,
+                    "with a bit changed" => Mishap::Flipped((seed.wrapping_add(at.wrapping_mul(5)) % 8) as u8),
+                    "doubled" => Mishap::Doubled,
+                    _ => Mishap::Swapped,
+                };
+                let fault = Fault::Byte { way, at, mishap };
+                row.add(&bench.run(fault).0, fault);
+            }
+            rows.push(row);
+        }
+    }
+    rows
+}
+
+/// Up to then after its first step the motion is not told to its end, ms.
+const UNTOLD: u64 = 650;
+/// And from then on it is.
+const TOLD: u64 = 1000;
+/// While motor a turns its segments are so many that its part of an Uno's queue holds less than 100 ms and what it takes to make up for it.
+const DENSE: Range<u64> = 590..770;
+
+/// How the motors move if for 100 ms in these milliseconds nothing is told.
+fn when_dense<P: Chip>() -> Moved {
+    if P::NAME == "uno" { Moved::AsQueued } else { Moved::AsPlanned }
+}
+
+/// Tries a fault at some of the milliseconds of a stretch of the motion, ms from its first step on.
+fn at_moments<P: Chip>(
+    bench: &Bench<P>,
+    row: (String, Range<u64>, Moved),
+    few: u64,
+    seed: u64,
+    fault: impl Fn(Duration) -> Fault,
+) -> Row {
+    let (name, stretch, moved) = row;
+    let places = stretch.end - stretch.start;
+    let tried = some(&name, places, few, seed);
+    let mut row = Row::new(name, P::NAME, format!("{places} moments, 1 ms apart"), moved);
+    for (count, after) in tried.enumerate() {
+        let at = bench.line.time_of(bench.first) + ms(stretch.start + after);
+        try_at(bench, &mut row, fault(at), count == 0);
+    }
+    row
+}
+
+fn try_at<P: Chip>(bench: &Bench<P>, row: &mut Row, fault: Fault, again: bool) {
+    let (seen, line) = bench.run(fault);
+    row.add(&seen, fault);
+    if seen.error.is_some() {
+        bench.check_next(&seen, &line, again);
+    }
+}
+
+/// Of the line: silence, noise, cables.
+fn lines<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
+    let length = bench.length_ms();
+    let silence = |name: &str, lasts: u64, stretch, moved, few| {
+        let fault = |from| Fault::Silence { from, lasts: ms(lasts) };
+        at_moments(bench, (format!("the line silent for {name}"), stretch, moved), few, seed, fault)
+    };
+    let mut rows = vec![
+        silence("1 ms", 1, 0..length, Moved::AsPlanned, 2),
+        silence("100 ms", 100, 0..DENSE.start, Moved::AsPlanned, 4),
+        silence("100 ms, while a motor turns", 100, DENSE, when_dense::<P>(), 2),
+        silence("100 ms, thereafter", 100, DENSE.end..length, Moved::AsPlanned, 2),
+        silence("1 s", 1000, 0..UNTOLD, Moved::Tail, 2),
+        silence("10 s", 10_000, 0..UNTOLD, Moved::Tail, 1),
+        silence("good", 1_000_000, 0..UNTOLD, Moved::Tail, 1),
+        silence("good, after all was told", 1_000_000, TOLD..length, Moved::AsPlanned, 1),
+    ];
+    let unplugged = |from| Fault::Unplugged { from };
+    let name = "the port gone from the computer".to_owned();
+    rows.push(at_moments(bench, (name.clone(), 0..UNTOLD, Moved::Tail), 4, seed, unplugged));
+    let late = format!("{name}, after all was told");
+    rows.push(at_moments(bench, (late, TOLD..length, Moved::AsPlanned), 1, seed, unplugged));
+
+    let edges: Vec<u64> =
+        bench.ticks().into_iter().filter(|tick| *tick < bench.first + bench.ticks_of(UNTOLD)).collect();
+    let name = format!("{name} as a step is made");
+    let tried = some(&name, edges.len() as u64, 4, seed);
+    let mut row = Row::new(name, P::NAME, format!("{} steps", edges.len()), Moved::Tail);
+    for place in tried {
+        try_at(bench, &mut row, unplugged(bench.line.time_of(edges[place as usize])), false);
+    }
+    rows.push(row);
+
+    let burst = |bytes| move |at| Fault::Burst { at, bytes };
+    for bytes in [200, 2000] {
+        let name = format!("{bytes} bytes of noise");
+        rows.push(at_moments(bench, (name, 0..length, Moved::AsPlanned), 2, seed, burst(bytes)));
+    }
+    let mut row = Row::new("an adapter that stays at 115 200 baud", P::NAME, "once", Moved::AsPlanned);
+    row.add(&bench.run(Fault::Stuck).0, Fault::Stuck);
+    rows.push(row);
+    rows
+}
+
+/// Of the host, and of other programs.
+fn hosts<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
+    let length = bench.length_ms();
+    let stall = |name: &str, lasts: u64, stretch, moved, few| {
+        let fault = |at| Fault::Stall { at, lasts: ms(lasts) };
+        at_moments(bench, (format!("the host stalled for {name}"), stretch, moved), few, seed, fault)
+    };
+    let mut rows = vec![
+        stall("1 ms", 1, 0..length, Moved::AsPlanned, 2),
+        stall("100 ms", 100, 0..DENSE.start, Moved::AsPlanned, 4),
+        stall("100 ms, while a motor turns", 100, DENSE, when_dense::<P>(), 2),
+        stall("100 ms, thereafter", 100, DENSE.end..length, Moved::AsPlanned, 2),
+        stall("1 s", 1000, 0..UNTOLD, Moved::Tail, 2),
+        stall("10 s", 10_000, 0..UNTOLD, Moved::Tail, 2),
+    ];
+    let hello = |at| Fault::Hello { at };
+    rows.push(at_moments(bench, ("another host says Hello".to_owned(), 0..length, Moved::AsPlanned), 2, seed, hello));
+    let opened = |at| Fault::Opened { at };
+    let moved = if P::NAME == "uno" { Moved::Halted } else { Moved::AsPlanned };
+    rows.push(at_moments(bench, ("another program opens the port".to_owned(), 0..UNTOLD, moved), 2, seed, opened));
+    for (look, moved) in [(5, Moved::AsPlanned), (20, Moved::AsPlanned), (1500, Moved::Tail)] {
+        let slow = |from| Fault::Slow { from, look: ms(look) };
+        let name = format!("a slow host: it looks at the line every {look} ms");
+        rows.push(at_moments(bench, (name, 0..UNTOLD / 2, moved), 1, seed, slow));
+    }
+    rows
+}
+
+/// Of the board, and of files.
+fn boards<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
+    let hung = |at| Fault::Hung { at };
+    let name = "its program hangs: the watchdog bites after 1 s".to_owned();
+    let mut rows = vec![at_moments(bench, (name, 0..UNTOLD, Moved::Halted), 1, seed, hung)];
+
+    let mut row = Row::new("its clock 0.5 % fast, or slow", P::NAME, "both", Moved::AsPlanned);
+    for ppm in [5000, -5000] {
+        row.add(&bench.run_on(bench.skewed(ppm)), ppm);
+    }
+    rows.push(row);
+
+    let mut row = Row::new("the motion file written over, and removed", P::NAME, "once", Moved::AsPlanned);
+    row.add(&bench.run_without_file(), ());
+    rows.push(row);
+
+    let mut row = Row::new("the disk full as the trace is written", P::NAME, "3 sizes", Moved::AsPlanned);
+    for bytes in [2000, 5000, 10_000] {
+        let (seen, said) = bench.run_on_full_disk(bytes);
+        row.add_as(&seen, bytes, &said);
+    }
+    rows.push(row);
+    rows
+}

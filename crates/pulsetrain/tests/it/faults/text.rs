@@ -1,0 +1,69 @@
+//! StepperWinch's text, strict and with checksums, while one byte is harmed.
+
+use super::bench::{Chip, Moved};
+use super::some;
+use super::table::Row;
+use pulsetrain_testkit::winch::{Lab, Wired};
+
+/// Each axis has a target of its own: which lines were obeyed shows in where they end.
+const TARGETS: [i32; 4] = [37, 21, 50, 44];
+
+fn script() -> Vec<String> {
+    let axes = ["x", "y", "z", "a"].iter().zip(TARGETS).map(|(axis, target)| format!("a {axis} {target}"));
+    let (first, last) = ("strict 1".to_owned(), "version".to_owned());
+    std::iter::once(first).chain(axes).chain([last]).map(with_checksum).collect()
+}
+
+/// `*`, and the exclusive or of all bytes before it.
+fn with_checksum(line: String) -> String {
+    let sum = line.bytes().fold(0, |sum, byte| sum ^ byte);
+    format!("{line}*{sum:02x}\n")
+}
+
+/// Of each byte of a script to the board. Neighbours that change places keep their exclusive or: the line does that to nobody.
+pub(crate) fn rows<P: Chip + Wired>(fresh: &P, seed: u64) -> Vec<Row> {
+    const FEW: u64 = 6;
+    let script = script();
+    let bytes = script.concat().into_bytes();
+    ["lost", "with a bit changed", "doubled"]
+        .map(|what| {
+            let fault = format!("text with checksums, a byte to the board {what}");
+            let tried = some(&fault, bytes.len() as u64, FEW, seed);
+            let mut row = Row::new(fault, <P as Chip>::NAME, format!("{} bytes", bytes.len()), Moved::ByWholeLines);
+            for at in tried {
+                let at = at as usize;
+                let mut sent = bytes.clone();
+                match what {
+                    "lost" => {
+                        sent.remove(at);
+                    }
+                    "doubled" => sent.insert(at, bytes[at]),
+                    _ => sent[at] ^= 1 << ((seed as usize + 3 * at) % 8),
+                }
+                let mut lab = Lab::around(fresh.clone());
+                lab.run_ms(80);
+                // Quick to come to rest.
+                lab.send("g xyza 8 1\n");
+                lab.run_ms(20);
+                let first = lab.lines.len();
+                lab.send(&sent);
+                lab.run_ms(600);
+                let counted = lab.counted(u64::MAX);
+                // The line that it is in, and where lines meet, the next.
+                let struck = bytes[..at].iter().filter(|byte| **byte == b'\n').count();
+                for (axis, (count, target)) in counted.into_iter().zip(TARGETS).enumerate() {
+                    let may_miss = (struck..=struck + usize::from(bytes[at] == b'\n')).contains(&(axis + 1));
+                    assert!(count == target || (count == 0 && may_miss), "{what} {at}: {counted:?}");
+                }
+                let said = lab.lines[first..].iter().find(|line| line.text.starts_with("err"));
+                // A zero is the beginning of a frame, and makes it mute until the next whole line.
+                let is_told = said.is_some() || sent.contains(&0);
+                assert!(is_told || counted == TARGETS, "{what} {at}: a line is missing, and nobody said so");
+                lab.check_positions();
+                assert_eq!(lab.statuses().last().map(|status| status.positions), Some(counted), "{what} {at}");
+                row.say("");
+            }
+            row
+        })
+        .into()
+}

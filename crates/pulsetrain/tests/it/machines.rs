@@ -1,0 +1,285 @@
+//! The figures that machines draw: how far the stepped ones are from the wanted ones, of the examples as they are.
+
+use std::path::{Path, PathBuf};
+
+use pulsetrain::cli;
+use pulsetrain::console::Exit;
+
+/// What rounding to whole steps leaves of each motor: half a step, the grid's hysteresis, and what it moves in a tick.
+const OF_A_MOTOR: f64 = 0.5 + 1.0 / 64.0 + 0.02;
+
+/// Runs a motion file with more arguments, which must go well: the report, and the picture.
+fn run(file: &Path, name: &str, more: &[&str]) -> (serde_json::Value, String) {
+    let folder: PathBuf = std::env::temp_dir().join(format!("pulsetrain-machines-{name}-{}", std::process::id()));
+    let (mut out, mut err) = (Vec::new(), Vec::new());
+    let (file, out_folder) = (file.display().to_string(), folder.display().to_string());
+    let args = [&["pulsetrain", "run", &file, "--json", "--out", &out_folder], more].concat();
+    let exit = cli::run(args, &mut out, &mut err);
+    assert_eq!(exit, Exit::Success, "{}", String::from_utf8_lossy(&err));
+    let svg = std::fs::read_to_string(folder.join("plot.svg")).expect("a picture");
+    std::fs::remove_dir_all(folder).expect("the folder can go");
+    (serde_json::from_slice(&out).expect("JSON"), svg)
+}
+
+/// What is said of a file's first figure, on the native board: machine, motors, tip, off the figure.
+fn figure(file: &Path, name: &str) -> (String, f64, f64, f64) {
+    let (report, svg) = run(file, name, &["--native"]);
+    let figure = &report["figures"][0];
+    let number = |key: &str| figure[key].as_f64().expect("a number");
+    let machine = figure["machine"].as_str().expect("a name").to_owned();
+    assert!(svg.contains(&format!("Figure of {machine}, mm")), "the picture shows no figure");
+    (machine, number("motor_steps"), number("tip"), number("off_figure"))
+}
+
+fn example(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples").join(name)
+}
+
+/// Steps of the 28BYJ-48 in a millimetre of the sketch.
+const SKETCH: f64 = 32.0 * 2.0 * 63.683_95 / 40.0;
+
+/// The issue's figure: the largest radial error of the stepped circle, in steps. Two motors, each half a step and 1/64 off.
+#[test]
+fn a_circle_is_round_to_three_quarters_of_a_step() {
+    let text = std::fs::read_to_string(example("circle.toml")).expect("the example");
+    let text: Vec<&str> = text.lines().filter(|line| !line.starts_with("backlash")).collect();
+    let file = std::env::temp_dir().join(format!("pulsetrain-circle-{}.toml", std::process::id()));
+    std::fs::write(&file, text.join("\n")).expect("a file to write");
+    let (machine, motors, tip, off) = figure(&file, "circle");
+    std::fs::remove_file(file).expect("the file can go");
+    assert_eq!(machine, "sketch");
+    assert!(motors <= OF_A_MOTOR, "{motors} steps");
+    assert!(tip * SKETCH <= OF_A_MOTOR * 2_f64.sqrt(), "{} steps", tip * SKETCH);
+    // Somewhere both are nearly half a step off, and across the circle.
+    assert!((0.6..OF_A_MOTOR * 2_f64.sqrt()).contains(&(off * SKETCH)), "{} steps", off * SKETCH);
+}
+
+/// The motors turn every other second: who takes longer to take up the slack never has.
+#[test]
+fn slack_that_is_not_taken_up_before_the_next_turn_is_refused() {
+    let text = std::fs::read_to_string(example("circle.toml")).expect("the example");
+    let file = std::env::temp_dir().join(format!("pulsetrain-slack-{}.toml", std::process::id()));
+    for (over, exit) in [("1 s", Exit::Success), ("2.1 s", Exit::Refused)] {
+        std::fs::write(&file, text.replace("over = \"40 ms\"", &format!("over = \"{over}\"")))
+            .expect("a file to write");
+        let (mut out, mut err) = (Vec::new(), Vec::new());
+        assert_eq!(cli::run(["pulsetrain", "plan", &file.display().to_string()], &mut out, &mut err), exit, "{over}");
+        let said =
+            String::from_utf8(err).expect("text").replace('│', "").split_whitespace().collect::<Vec<_>>().join(" ");
+        let places = ["motor ", "it turns at t = ", "`over`, the time of its `backlash`, must be shorter"];
+        assert_eq!(places.iter().all(|place| said.contains(place)), exit == Exit::Refused, "{said}");
+    }
+    std::fs::remove_file(file).expect("the file can go");
+}
+
+/// While slack is taken up the pen stands: on top of the steps that is what the circle falls in 40 ms, 0.6 step.
+#[test]
+fn slack_costs_what_the_figure_does_while_it_is_taken_up() {
+    let (_, _, _, off) = figure(&example("circle.toml"), "slack");
+    let fall = 3.0 * SKETCH * (1.0 - (std::f64::consts::TAU * 0.04 / 4.0).cos());
+    assert!((0.5..0.75).contains(&fall));
+    assert!((OF_A_MOTOR..OF_A_MOTOR * 2_f64.sqrt() + fall).contains(&(off * SKETCH)), "{} steps", off * SKETCH);
+}
+
+#[test]
+fn the_butterfly_is_within_three_quarters_of_a_step() {
+    let (machine, motors, tip, off) = figure(&example("lorenz.toml"), "lorenz");
+    assert_eq!(machine, "table");
+    assert!(motors <= OF_A_MOTOR, "{motors} steps");
+    // 80 steps in a millimetre.
+    assert!(tip <= OF_A_MOTOR * 2_f64.sqrt() / 80.0 && off <= tip, "{tip} and {off} mm");
+    assert!(tip > 0.6 / 80.0, "{tip} mm");
+}
+
+/// A step of an arm is 0.11°, 0.14 mm at the end of 70 mm, and half of it what rounding leaves. All three can be off by that, and
+/// the effector then goes up to 2.4 times as far.
+#[test]
+fn the_delta_robot_is_within_half_a_step_of_each_arm() {
+    let (machine, motors, tip, off) = figure(&example("delta.toml"), "delta");
+    assert_eq!(machine, "robot");
+    assert!(motors <= OF_A_MOTOR, "{motors} steps");
+    let of_an_arm = OF_A_MOTOR * 70.0 * std::f64::consts::TAU / 3200.0;
+    assert!((of_an_arm..2.4 * of_an_arm).contains(&tip) && off <= tip, "{tip} and {off} mm");
+}
+
+/// The beginning of each example on the board that it is for: the firmware on the emulated chip, every edge judged.
+#[test]
+fn the_examples_begin_on_their_boards() {
+    for (file, length, runner) in
+        [("circle.toml", "0.7 s", "Pico"), ("lorenz.toml", "2 s", "Uno"), ("delta.toml", "2 s", "Uno")]
+    {
+        let (report, _) = run(&example(file), &format!("board-{file}"), &["--for", length]);
+        assert_eq!(report["verdict"]["ok"], true, "{file}");
+        assert!(report["runner"].as_str().is_some_and(|name| name.contains(runner)), "{file}");
+    }
+}
+
+/// Runs a command on a motion file of this text; what it says, on both, in one line.
+fn says(command: &str, name: &str, text: &str, more: &[&str]) -> (Exit, String) {
+    let file = std::env::temp_dir().join(format!("pulsetrain-{name}-{}.toml", std::process::id()));
+    std::fs::write(&file, text).expect("a file to write");
+    let (mut out, mut err) = (Vec::new(), Vec::new());
+    let path = file.display().to_string();
+    let exit = cli::run([&["pulsetrain", command, &path], more].concat(), &mut out, &mut err);
+    std::fs::remove_file(&file).expect("the file can go");
+    let said = String::from_utf8([out, err].concat()).expect("text").replace(['│', '┊'], "").replace(&path, "x.toml");
+    (exit, said.split_whitespace().collect::<Vec<_>>().join(" "))
+}
+
+/// 12 steps in 2 ms are 9000 steps/s, beyond the motor's 1500: what is said to fit does, and the motion is as fast as before.
+#[test]
+fn slack_that_is_taken_up_too_fast_is_to_be_given_a_longer_time() {
+    let text = std::fs::read_to_string(example("circle.toml")).expect("the example");
+    let limited =
+        text.replace("pull_in = ", "max_speed = \"1500 step/s\"\nmax_acceleration = \"100000 step/s^2\"\npull_in = ");
+    let with = |over: &str| limited.replace("over = \"40 ms\"", &format!("over = \"{over}\""));
+    let (exit, said) = says("plan", "slack-fast", &with("2 ms"), &[]);
+    assert_eq!(exit, Exit::Refused, "{said}");
+    let (_, over) = said.split_once("`backlash` takes up its slack too fast: over = \"").expect(&said);
+    let (over, _) = over.split_once('"').expect(&said);
+    assert!(!said.contains("times slower"), "{said}");
+    let (_, explained) = says("explain", "slack-explained", &with("2 ms"), &["--json"]);
+    assert!(explained.contains("\"least_slowdown\": null"), "{explained}");
+    // 6·12 steps by 100 000 steps/s²: 26.8 ms squared, and the circle's own acceleration on top of that.
+    let ms: f64 = over.strip_suffix(" ms").and_then(|ms| ms.parse().ok()).expect(over);
+    assert!((26.8..28.0).contains(&ms), "{over}");
+    let (exit, said) = says("plan", "slack-longer", &with(over), &[]);
+    assert_eq!(exit, Exit::Success, "{said}");
+    // What is too fast without any slack is to be slowed down.
+    let (exit, said) = says("plan", "slack-slower", &with("40 ms").replace("\"4 s\"", "\"0.4 s\""), &[]);
+    assert_eq!(exit, Exit::Refused, "{said}");
+    assert!(said.contains("times slower it fits, with over = \""), "{said}");
+}
+
+/// An xy table, and the beginning of a motion of it.
+const TABLE: &str = include_str!("../../../motion/tests/it/xy.toml");
+
+/// Machines have no `begin` and no `end`: what they have is said, and does it.
+#[test]
+fn a_path_that_ends_in_motion_is_to_be_eased() {
+    let path = "path.formula = { x = \"20*t\", y = \"20*t\", unit = \"mm\", duration = \"2 s\" }\n";
+    let (exit, said) = says("plan", "moving", &format!("{TABLE}{path}"), &[]);
+    assert_eq!(exit, Exit::Refused, "{said}");
+    assert!(said.contains("give the path an `ease`") && !said.contains("end =") && !said.contains("begin ="), "{said}");
+    let (exit, said) = says("plan", "eased", &format!("{TABLE}ease = \"0.5 s\"\n{path}"), &[]);
+    assert_eq!(exit, Exit::Success, "{said}");
+    // Repeated it turns round at once: its ends are eased already.
+    let there = "path.formula = { x = \"20*sin(t)\", y = \"20*t\", unit = \"mm\", duration = \"2 s\" }\nrepeat = 2\n";
+    let (exit, said) = says("plan", "repeated", &format!("{TABLE}ease = \"0.5 s\"\n{there}"), &[]);
+    assert_eq!(exit, Exit::Refused, "{said}");
+    assert!(said.contains("has to end in the direction") && !said.contains("give the path an `ease`"), "{said}");
+}
+
+/// A circle that never ends: cut after two turns and a bit it stays round to its very end, with slack and without; and so it does when
+/// it is paused while slack is being taken up.
+#[test]
+fn a_path_that_is_cut_or_paused_keeps_to_its_figure() {
+    let endless = "\"3 mm\", period = \"4 s\", cycles = \"forever\"";
+    let text = std::fs::read_to_string(example("circle.toml")).expect("the example");
+    let text = text.replace("\"3 mm\", period = \"4 s\", cycles = 2", endless);
+    assert!(text.contains(endless));
+    let plain: Vec<&str> = text.lines().filter(|line| !line.starts_with("backlash")).collect();
+    let fall = 3.0 * SKETCH * (1.0 - (std::f64::consts::TAU * 0.04 / 4.0).cos());
+    let round = OF_A_MOTOR * 2_f64.sqrt();
+    for (name, text, more, bound) in [
+        ("cut", plain.join("\n"), &["--for", "8.7 s"][..], round),
+        ("cut-slack", text.clone(), &["--for", "8.7 s"], round + fall),
+        // The take-up of a turn is under way, and takes longer as time is slowed.
+        ("paused-slack", text, &["--for", "8.7 s", "--pause-at", "4.25 s", "--resume-at", "6 s"], round + fall),
+    ] {
+        let file = std::env::temp_dir().join(format!("pulsetrain-{name}-{}.toml", std::process::id()));
+        std::fs::write(&file, &text).expect("a file to write");
+        let (report, svg) = run(&file, name, &[&["--native"], more].concat());
+        std::fs::remove_file(file).expect("the file can go");
+        let off = report["figures"][0]["off_figure"].as_f64().expect("a figure") * SKETCH;
+        assert!((0.5..bound).contains(&off), "{name}: {off} steps");
+        assert!(svg.contains("Figure of sketch, mm"), "{name}");
+    }
+}
+
+#[test]
+fn what_is_cut_says_whether_it_would_have_ended() {
+    let text = std::fs::read_to_string(example("circle.toml")).expect("the example");
+    let (_, said) = says("plan", "ends", &text, &["--for", "2 s"]);
+    assert!(said.contains("cut after 2 s, then the planned stop; without --for it takes 8.54 s"), "{said}");
+    assert!(!said.contains("endless"), "{said}");
+    let (_, said) = says("plan", "endless", &text.replace("cycles = 2", "cycles = \"forever\""), &["--for", "2 s"]);
+    assert!(said.contains("endless: shown for 2 s, then the planned stop; --for sets it"), "{said}");
+}
+
+/// How much slower a path has to be, as `explain` has it.
+fn slowdown(said: &str) -> f64 {
+    let (before, _) = said.split_once(" times slower it keeps to the machine's limits").expect(said);
+    before.rsplit(' ').next().and_then(|word| word.parse().ok()).expect(before)
+}
+
+/// A path that is a little too fast, and bends far too much: so much slower that both limits are kept to.
+#[test]
+fn a_machine_that_breaks_two_limits_is_told_what_both_want() {
+    let limits = "max_speed = \"30 mm/s\"\nmax_acceleration = \"10 mm/s^2\"\nmotors = [";
+    let path = |slower: f64| {
+        let (table, period) = (TABLE.replace("motors = [", limits), 4.0 * slower);
+        format!(
+            "{table}ease = \"{slower} s\"\npath.circle = {{ radius = \"20 mm\", period = \"{period} s\", cycles = 2 }}\n"
+        )
+    };
+    let (exit, said) = says("explain", "two-limits", &path(1.0), &[]);
+    assert!(exit == Exit::Success && said.contains("the tip's speed is 31.4 mm/s"), "{said}");
+    // The root of 49.88 by 10: so much it is while the path begins, and 49.35 on the circle.
+    let slower = slowdown(&said);
+    assert!((2.23..2.25).contains(&slower), "{slower}");
+    for (slower, exit) in [(slower, Exit::Success), (slower - 0.02, Exit::Refused)] {
+        let (is, said) = says("plan", "two-limits-slower", &path(slower), &[]);
+        assert_eq!(is, exit, "{slower}: {said}");
+    }
+}
+
+/// What the machine is, which limit it meets and when; and what is said to fit does.
+#[test]
+fn a_machine_that_is_refused_is_explained() {
+    let limited = TABLE.replace("motors = [", "max_speed = \"20 mm/s\"\nmotors = [");
+    let path = |seconds: f64| {
+        format!(
+            "path.formula = {{ x = \"20*sin(t*s)\", y = \"20 - 20*cos(t*s)^3\", unit = \"mm\", duration = \"{} s\", where = {{ s = {} }} }}\n",
+            4.0 * seconds,
+            1.0 / seconds
+        )
+    };
+    let ease = |seconds: f64| format!("ease = \"{} ms\"\n", 500.0 * seconds);
+    let (exit, said) = says("plan", "explained-plan", &format!("{limited}{}{}", ease(1.0), path(1.0)), &[]);
+    assert_eq!(exit, Exit::Refused, "{said}");
+    assert!(said.contains("the tip's speed is ") && said.contains(" at its highest, at "), "{said}");
+    let (exit, said) = says("explain", "explained", &format!("{limited}{}{}", ease(1.0), path(1.0)), &[]);
+    assert_eq!(exit, Exit::Success, "{said}");
+    let parts = [
+        "x.toml: refused machine table, an xy machine, motors x, y:",
+        "time x, mm y, mm the tip's speed, mm/s",
+        "→",
+        "is the limit: 20.0 mm/s",
+        "slow the path down, or raise the machine's max_speed",
+    ];
+    parts.iter().for_each(|part| assert!(said.contains(part), "{part}: {said}"));
+    let slower = slowdown(&said);
+    assert!(slower > 1.0 && slower < 2.0, "{slower}");
+    for (slower, exit) in [(slower, Exit::Success), (slower - 0.02, Exit::Refused)] {
+        let text = format!("{limited}{}{}", ease(slower), path(slower));
+        let (is, said) = says("plan", "explained-slower", &text, &[]);
+        assert_eq!(is, exit, "{slower}: {said}");
+    }
+    // Arms that do not reach have no speed that would help.
+    let delta = std::fs::read_to_string(example("delta.toml")).expect("the example");
+    let beyond = delta.replace("angles = [\"-40 deg\", \"80 deg\"]", "angles = [\"-30 deg\", \"20 deg\"]");
+    assert!(beyond != delta);
+    let (exit, said) = says("explain", "explained-arm", &beyond, &[]);
+    assert_eq!(exit, Exit::Success, "{said}");
+    let parts = [
+        "machine robot, a delta robot, motors",
+        "arms from -30.0° to 20.0°",
+        "is the limit: 20.0 °",
+        "within what the arms reach",
+    ];
+    parts.iter().for_each(|part| assert!(said.contains(part), "{part}: {said}"));
+    assert!(!said.contains("times slower"), "{said}");
+    let (_, said) = says("explain", "explained-json", &beyond, &["--json"]);
+    assert!(said.contains("\"fits\": false") && said.contains("\"tip_mm\""), "{said}");
+}

@@ -1,0 +1,150 @@
+//! The Pico's figures in short: what `cargo xtask bench pico` measures for longer, with their bounds.
+
+use crate::common::pico::COILS;
+use crate::common::pico_rows::{
+    ABOVE, BETWEEN_TURNS, Case, IN_SHORT, Row, ULN_MOTORS, alike, made, on_coils, promised, sinusoids, start, sweep,
+    uln2003,
+};
+use pulsetrain::prepare::Refusal;
+use pulsetrain_board::virtual_pico::VirtualPico;
+use pulsetrain_core::output::Sequence;
+use pulsetrain_motion::boards;
+use pulsetrain_plan::PlanError;
+
+/// Rates are tried 2.5 % apart, and random speeds have a mean that is not exactly what was asked for.
+const BELOW: f64 = 0.95;
+
+fn held(row: &Row) {
+    assert_eq!(row.verdict, "", "{row:?}");
+    assert_eq!((row.lost, row.off), (0, 0), "{row:?}");
+}
+
+/// Eight motors at 625 k steps/s each with a TMC2209's times, at 250 k with an A4988's, every edge in its cycle.
+#[test]
+fn eight_motors_follow_laws_with_changing_speed() {
+    let pico = VirtualPico::on_usb();
+    for (case, most_awake) in promised().into_iter().zip([0.95, 0.6]) {
+        let rate = case.required.expect("it is promised");
+        let row = case.row(&pico, ABOVE * rate, 0.1);
+        held(&row);
+        assert!(row.reached >= rate, "{row:?}");
+        assert!(row.edges as f64 > 0.09 * 8.0 * rate, "{row:?}");
+        assert!(row.awake.is_some_and(|awake| awake < most_awake), "{row:?}");
+    }
+}
+
+/// The same of sinusoids that a session plans and streams: they are within the table's limits, too, whatever the bench found those to be.
+#[test]
+fn eight_sinusoids_are_taken_and_made() {
+    let row = sinusoids(624e3, 1);
+    held(&row);
+    assert!(row.edges > 3_200_000, "{row:?}");
+}
+
+#[test]
+fn eight_motors_start_in_one_cycle() {
+    held(&start().row(&VirtualPico::on_usb(), 100e3, 0.1));
+}
+
+/// Each pattern of the seed's table at its tick, in both directions from each phase.
+#[test]
+fn coils_turn_at_every_phase() {
+    let pico = VirtualPico::on_usb();
+    for sequence in [Sequence::Wave, Sequence::Full, Sequence::Half] {
+        for rate in [2000, 50_000] {
+            let row = uln2003(&pico, sequence, rate);
+            held(&row);
+            assert!(row.edges > 6 * 500, "{row:?}");
+        }
+    }
+}
+
+/// What the table of boards says of steps, of coils and of segments that are in the queues: at its limits, or a little below, nothing
+/// starves.
+#[test]
+fn limits_of_the_table_hold() {
+    let pico = VirtualPico::on_usb();
+    let row = boards::find("pico").expect("the table has it");
+    let rate = |ticks: u32| row.board.tick_hz as f64 / f64::from(ticks);
+    for motors in [1, 2, 4, 6, 8] {
+        let place = motors - 1;
+        let (step, segment) = (row.board.min_interval_ticks[place], row.board.segment_ticks[place]);
+        let changing = Case::changing(motors, "TMC2209");
+        let mut cases = vec![
+            (changing, rate(step)),
+            (Case::short(motors, "TMC2209"), f64::from(IN_SHORT) * rate(segment.onward)),
+            (Case::turning(motors, "TMC2209"), f64::from(BETWEEN_TURNS) * rate(segment.turning)),
+            // As the planner adds them up, 90 steps in a segment.
+            (Case { steps: 60, ..changing }, rate(step + segment.onward / 90)),
+            (Case { steps: 60, turns: 5, turn_ticks: 300.0, ..changing }, rate(step + segment.turning / 60)),
+        ];
+        if motors <= usize::from(ULN_MOTORS) {
+            let intervals = row.shortest_intervals(&on_coils(motors));
+            cases.push((Case::changing(motors, COILS), rate(intervals[place])));
+        }
+        for (case, limit) in cases {
+            for seed in 1..=3 {
+                let row = Case { seed, ..case }.row(&pico, BELOW * limit, 0.06);
+                held(&row);
+                assert!(row.edges as f64 > 0.04 * BELOW * limit * motors as f64, "{row:?}");
+            }
+        }
+    }
+}
+
+/// So much beyond a limit of the table, for half a second, is more than the board can do: what hearing takes is a difference of two rates
+/// that were tried 2.5 % apart, and the larger of two.
+const BEYOND: f64 = 1.3;
+
+/// Segments that come from the host as fast as it goes for good: longer than the queues last, which are full at first, nothing
+/// starves; faster, it does.
+#[test]
+fn limits_on_what_is_heard_hold_and_are_no_idle_ones() {
+    let pico = VirtualPico::on_usb();
+    let board = boards::find("pico").expect("the table has it").board;
+    for motors in [2, 8] {
+        let segment = board.segment_ticks[motors - 1];
+        for (case, steps, ticks) in [
+            (Case::short(motors, "TMC2209"), IN_SHORT, segment.onward),
+            (Case::turning(motors, "TMC2209"), BETWEEN_TURNS, segment.turning),
+        ] {
+            let limit = f64::from(steps) * board.tick_hz as f64 / f64::from(ticks + segment.heard);
+            held(&case.row(&pico, BELOW * limit, 0.4));
+            let row = case.row(&pico, BEYOND * limit, 0.5);
+            assert!(row.verdict.starts_with("FAILS"), "{row:?}");
+        }
+    }
+}
+
+/// Eight motors that bend and turn together as fast as the planner takes them: the board makes every step at its tick. A hundredth
+/// faster is refused.
+#[test]
+fn what_the_planner_takes_at_its_limit_the_board_does() {
+    const SECONDS: f64 = 0.3;
+    for amplitude in [3.2, 30.0, 300.0] {
+        let refused = |hz| alike(amplitude, hz, SECONDS).plan(|_| {}).err();
+        let (mut taken, mut beyond) = (10.0, 100_000.0);
+        assert!(refused(taken).is_none());
+        while beyond > 1.01 * taken {
+            let hz = f64::sqrt(taken * beyond);
+            *(if refused(hz).is_some() { &mut beyond } else { &mut taken }) = hz;
+        }
+        match refused(beyond) {
+            Some(Refusal::Plan { error: PlanError::TooManySegments { rate_hz, limit_hz, .. }, .. }) => {
+                assert!(rate_hz > limit_hz, "{rate_hz} of {limit_hz}");
+            }
+            other => panic!("{amplitude} steps at {beyond} Hz: {other:?}"),
+        }
+        let row = made(&alike(amplitude, taken, SECONDS));
+        held(&row);
+        assert!(row.edges as f64 > 8.0 * 3.9 * amplitude.floor() * taken * SECONDS, "{row:?}");
+    }
+}
+
+/// 001's four motors, twice, as `cargo xtask bench pico --hour` has them for an hour.
+#[test]
+fn eight_motors_keep_their_phase() {
+    let rows = sweep(5);
+    assert_eq!(rows.len(), 9);
+    rows.iter().for_each(held);
+}

@@ -1,0 +1,133 @@
+//! Motions on the virtual Uno, whole: planned, streamed by a session, and held against the law, step by step, edge by edge.
+
+use crate::common::motion::make;
+use crate::common::rows::{hour, tutorial};
+use pulsetrain::drive::{DriveError, Driven};
+use pulsetrain::prepare::Prepared;
+use pulsetrain_board::virtual_uno::VirtualUno;
+use pulsetrain_board::{Board, Edge, Remote, RemoteError, Setup};
+use pulsetrain_core::wire::Baud;
+use pulsetrain_core::wire::message::MotorSetup;
+use pulsetrain_motion::pins::PinKind;
+use pulsetrain_motion::{Time, boards};
+
+/// A period of 500 ms of ±200 steps, on one motor's pins.
+fn swing((step, dir): (u8, u8)) -> Prepared {
+    let mut prepared = tutorial(Time::from_ratio(4, 1), 1, (step, dir), 1000);
+    prepared.program.motors[0].law =
+        pulsetrain_motion::Law::sine(200.0, Time::from_ratio(1, 1), Some(1)).expect("a sinusoid");
+    prepared
+}
+
+/// Software pins may be so late, cycles.
+const LATE: i64 = 60;
+
+/// The table's queues are those that the firmware shares out.
+#[test]
+fn queues_are_as_long_as_the_table_says() {
+    let row = boards::find("uno").expect("the Uno's row");
+    for (motors, bytes) in (1..).zip(&row.queue_bytes) {
+        let pins = [(2, 5), (3, 6), (4, 7), (12, 13)];
+        let motor = |&(step_pin, dir_pin): &(u8, u8)| MotorSetup { step_pin, dir_pin, ..MotorSetup::default() };
+        let motors: Vec<MotorSetup> = pins.iter().take(motors).map(motor).collect();
+        let setup = Setup { pulse_ticks: 16, setup_ticks: 16, hold_ticks: 16, motors, ..Setup::default() };
+        let mut uno = Remote::open(VirtualUno::new(), 1).expect("it answers");
+        uno.configure(&setup).expect("it takes the configuration");
+        for motor in 0..setup.motors.len() {
+            assert_eq!(uno.room(motor), *bytes as usize, "motor {motor} of {}", setup.motors.len());
+        }
+    }
+}
+
+/// Motors on one DIR line take the task deepest, while frames and answers take main deepest: the two must not meet. (They did, and what lies
+/// below the stack was written over: after 49 s of the sweep.)
+#[test]
+fn motors_on_one_dir_line_leave_some_of_the_stack() {
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/sweep.toml");
+    let length = Some(Time::from_ratio(10, 1));
+    let prepared = Prepared::load(std::path::Path::new(file), Some("uno"), length).expect("an example");
+    let mut driven = Driven::at(&prepared, VirtualUno::new(), Baud::B1M).expect("it begins");
+    driven.run(&mut |_: Edge| {}, |_| {}).expect("it comes to its end");
+    let left = driven.board_mut().measures(false).expect("it answers").stack_left;
+    assert!(left >= 40, "{left} bytes are left");
+}
+
+/// Plans go to no other image.
+#[test]
+fn a_motion_wants_the_image_that_takes_plans() {
+    for (uno, has) in [(VirtualUno::with_winch(), "winch"), (VirtualUno::with_verbs(), "verbs")] {
+        let refused = Driven::at(&swing((8, 9)), uno, Baud::B1M).err();
+        let refused = match refused {
+            Some(DriveError::Remote(RemoteError::OtherImage { is, wanted })) => (is, wanted),
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(refused, (has, "uno"));
+    }
+}
+
+/// Each kind's constant is what its edges come after their ticks if nothing keeps them waiting.
+#[test]
+fn constants_are_what_is_measured() {
+    for (pins, kind) in [
+        ((9, 8), PinKind::Compare),
+        ((10, 13), PinKind::Compare),
+        ((2, 5), PinKind::PortD),
+        ((6, 7), PinKind::PortD),
+        ((8, 9), PinKind::PortB),
+        ((12, 13), PinKind::PortB),
+    ] {
+        let mut prepared = swing(pins);
+        prepared.program.board = boards::find("uno").expect("the Uno's row").board;
+        assert_eq!(PinKind::of(&prepared.program.motors), Ok(kind));
+        let made = make(&prepared, LATE as f64, |_| {}).expect("it begins");
+        let seen = made.seen;
+        assert_eq!(seen.trouble, "", "{pins:?}");
+        let lateness = seen.lateness;
+        assert_eq!((lateness.edges, lateness.lost, lateness.extra), (800, 0, 0), "{pins:?}");
+        assert_eq!(lateness.constant_ticks, u64::from(kind.constant_ticks()));
+        if kind == PinKind::Compare {
+            assert_eq!((lateness.min_ticks, lateness.max_ticks), (0, 0), "{pins:?}");
+        } else {
+            // A processor that sleeps takes 4 cycles more; nothing is earlier than an instruction's end.
+            assert!(lateness.min_ticks >= -1 && lateness.p50_ticks.abs() <= 4, "{pins:?}: {lateness:?}");
+        }
+    }
+}
+
+/// The shield's: both ports.
+#[test]
+fn the_shields_constant_too() {
+    let mut prepared = swing((2, 5));
+    let mut other = prepared.program.motors[0].clone();
+    other.name = "other".to_owned();
+    other.wiring = pulsetrain_motion::program::Wiring::StepDir { step: 12, dir: 13, forward_high: true, enable: None };
+    prepared.program.motors.push(other);
+    assert_eq!(PinKind::of(&prepared.program.motors), Ok(PinKind::Shield));
+    let made = make(&prepared, LATE as f64, |_| {}).expect("it begins");
+    assert_eq!(made.seen.trouble, "");
+    let lateness = made.seen.lateness;
+    assert_eq!((lateness.edges, lateness.lost, lateness.extra), (1600, 0, 0));
+    // Two motors: steps that are close share a group, or wait for it.
+    assert!(lateness.min_ticks >= -LATE && lateness.max_ticks <= LATE, "{lateness:?}");
+}
+
+/// No step is scheduled further from its time than was proven.
+#[test]
+fn scheduled_within_the_certificate() {
+    let prepared = tutorial(Time::from_ratio(10, 1), 1, (8, 9), 1000);
+    let made = make(&prepared, LATE as f64, |_| {}).expect("it begins");
+    assert_eq!(made.seen.trouble, "");
+    assert_eq!(made.schedules[0].steps, 8000);
+    let largest = made.largest();
+    assert!(largest <= made.certificate_ticks && largest > 0.5, "{largest} of {}", made.certificate_ticks);
+}
+
+/// 001's motors, as `cargo xtask bench uno --hour` has them for an hour.
+#[test]
+fn four_motors_on_one_dir_line_keep_their_phase() {
+    let rows = hour(10);
+    assert_eq!(rows.len(), 5);
+    for row in rows {
+        assert_eq!(row.verdict, "", "{}", row.law);
+    }
+}

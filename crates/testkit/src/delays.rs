@@ -1,0 +1,87 @@
+//! How long it takes from a SPEED or a DIRECTION to the pin, on the virtual Pico.
+
+use super::Random;
+use super::pico::{TICK_HZ, step_dir};
+use pulsetrain_board::virtual_pico::VirtualPico;
+use pulsetrain_board::{Board, Edge, Remote, Setup};
+use pulsetrain_core::verbs::{Course, Verb};
+use pulsetrain_core::wire::Baud;
+use pulsetrain_core::wire::orders::Obeyed;
+
+/// The longest delays seen.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Delay {
+    /// Steps that came after the order was on the line, the first new one included.
+    pub steps: u64,
+    /// From there to that step, µs.
+    pub us: f64,
+    /// From there to the tick from which on the order held, µs.
+    pub held_us: f64,
+}
+
+impl Delay {
+    /// What is asked for: within six steps or 2 ms, whichever is longer.
+    pub fn is_kept(&self) -> bool {
+        self.steps <= 6 || self.us <= 2000.0
+    }
+}
+
+/// A frame of one order: its bytes on the line.
+const FRAME: u64 = 17;
+
+/// Tells a motor something when nothing else waits for an answer: the tick at which all of it is on the line, and what comes of it.
+pub fn tell(pico: &mut Remote<VirtualPico>, order: &[(u8, Verb); 1]) -> (u64, Obeyed) {
+    pico.status().expect("it answers");
+    // The adapter hands it over with the next millisecond; then it is on the line, 2 million bits a second.
+    let frame = TICK_HZ / 1000;
+    let sent = ((pico.port().chip().cycle() - pico.port().zero()) / frame + 1) * frame + FRAME * 625;
+    (sent, pico.tell_motors(order).expect("it can"))
+}
+
+/// How long after `sent` it is `tick`, µs.
+pub fn us(tick: u64, sent: u64) -> f64 {
+    tick.saturating_sub(sent) as f64 * 1e6 / TICK_HZ as f64
+}
+
+/// A motor at `rate` steps/s is told another speed, or the other way if `turns`, `times` times.
+pub fn delay(rate: u64, turns: bool, times: u32) -> Delay {
+    let random = &mut Random::new(rate);
+    let mut pico = Remote::open(VirtualPico::new(), 1).expect("it answers");
+    assert_eq!(pico.set_baud(Baud::B2M), Ok(Baud::B2M));
+    let motors = vec![step_dir(2)];
+    pico.configure(&Setup { pulse_ticks: 250, setup_ticks: 625, hold_ticks: 250, motors, ..Setup::default() })
+        .expect("it can");
+    let (slow, fast) = (TICK_HZ / rate, TICK_HZ / rate * 9 / 10);
+    pico.tell_motors(&[(0, Verb::Speed { ticks: slow }), (0, Verb::Run)]).expect("it can");
+    let mut worst = Delay::default();
+    for time in 1..=times {
+        let forward = time % 2 == 0;
+        let wait = 3 * slow + random.below(TICK_HZ / 200);
+        pico.advance(pico.now() + wait, &mut |_: Edge| {});
+        let verb = match (turns, forward) {
+            (true, true) => Verb::Course(Course::Forward),
+            (true, false) => Verb::Course(Course::Backward),
+            (false, true) => Verb::Speed { ticks: slow },
+            (false, false) => Verb::Speed { ticks: fast },
+        };
+        let (sent, obeyed) = tell(&mut pico, &[(0, verb)]);
+        let mut edges = Vec::new();
+        // The board's clock is known here to some 30 µs: a little longer, so that they are surely made.
+        pico.advance(obeyed.tick + 3 * slow + TICK_HZ / 5000, &mut |edge: Edge| edges.push(edge));
+        let rises: Vec<_> = edges.iter().filter(|edge| edge.line == 2 && edge.level).map(|edge| edge.tick).collect();
+        let new = if turns {
+            let dir = edges.iter().find(|edge| edge.line == 3).expect("it turns").tick;
+            rises.iter().position(|tick| *tick > dir)
+        } else {
+            // The first step that the order has changed: one that is not where it would have been.
+            let old = if forward { fast } else { slow };
+            rises.windows(2).position(|pair| pair[1] - pair[0] != old).map(|place| place + 1)
+        };
+        let new = new.expect("it shows");
+        let since = rises.iter().filter(|tick| (sent..=rises[new]).contains(tick)).count() as u64;
+        worst.steps = worst.steps.max(since);
+        worst.us = worst.us.max(us(rises[new], sent));
+        worst.held_us = worst.held_us.max(us(obeyed.tick, sent));
+    }
+    worst
+}

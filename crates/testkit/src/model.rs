@@ -1,0 +1,635 @@
+//! A model of a board behind a serial line: what a host would see of one, without a chip.
+//!
+//! The stepgen is the native board's with F = 16; the [`Service`] is the one that firmware runs; the line has the time that
+//! its bits take, and a USB bridge that hands bytes on once in a millisecond. It is what the link is tested with, and shows
+//! what a [`Machine`] has to do.
+
+use crate::Random;
+use pulsetrain_board::native::QUEUE_LEN;
+use pulsetrain_board::{Board, Config, Edge, MotorConfig, Native, Port, PortError, SwitchRefused, Wiring};
+use pulsetrain_core::Epoch;
+use pulsetrain_core::packing::{Packing, State};
+use pulsetrain_core::verbs::{Limits, Verbs};
+use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, Reason, flags};
+use pulsetrain_core::wire::orders::{Obeyed, Orders};
+use pulsetrain_core::wire::settings::SETTINGS_LEN;
+use pulsetrain_core::wire::{
+    Baud, Decoder, Encoder, MAX_BODY, MAX_FRAME, Machine, Millis, Refusal, Service, Stopped, Switched,
+};
+use std::collections::VecDeque;
+use std::time::Duration;
+
+/// Ticks a second.
+pub const TICK_HZ: u32 = 16_000_000;
+
+/// F.
+const FRACTION_BITS: u32 = 16;
+
+/// Motors at most.
+const MOTORS: u8 = 4;
+
+/// Bytes of all queues together.
+const POOL: u16 = 1024;
+
+/// Bytes that may wait to be read.
+const UNREAD: u16 = 240;
+
+/// How long the main loop takes for a round, ticks.
+const ROUND: u64 = 800;
+
+/// Motors that are told directly are worked out so far ahead, ticks: a verb holds from there on. Two rounds, and set-up of DIR.
+const AHEAD: u64 = 4 * ROUND;
+
+/// Of such motors the period until they are told another one, ticks: 1000 steps/s.
+const FIRST_PERIOD: u32 = TICK_HZ / 1000;
+
+/// A bridge hands bytes on once in so many ticks: 1 ms.
+const BRIDGE: u64 = TICK_HZ as u64 / 1000;
+
+/// What is not the line's: motors, queues, clock.
+#[derive(Debug)]
+struct Model {
+    /// Bytes of all queues together, and of what may wait to be read.
+    memory: [u16; 2],
+    native: Native,
+    motors: Vec<Motor>,
+    /// For one that is sent again.
+    armed: bool,
+    /// As the line is to be.
+    baud: Baud,
+    events: VecDeque<Event>,
+    measures: Measures,
+    last_stop: Cause,
+    was_idle: bool,
+    limits: Vec<Limits>,
+    /// Motors are told directly, until they are released or stopped.
+    obeys: bool,
+    verbs: Verbs,
+    obeyed: Obeyed,
+    /// What it keeps without power.
+    settings: Option<[u8; SETTINGS_LEN]>,
+}
+
+#[derive(Debug)]
+struct Motor {
+    packing: Packing,
+    epoch: Option<Epoch>,
+    state: State,
+    /// Bytes of each item in the native board's queue.
+    sizes: VecDeque<usize>,
+    capacity: usize,
+    faults: u8,
+    /// The shortest interval that it can start and stop at, ticks.
+    pull_in_ticks: u64,
+}
+
+impl Model {
+    fn new(memory: [u16; 2]) -> Model {
+        Model {
+            memory,
+            native: bare(),
+            motors: Vec::new(),
+            armed: false,
+            baud: Baud::B115200,
+            events: VecDeque::new(),
+            measures: Measures::default(),
+            last_stop: Cause::None,
+            was_idle: true,
+            limits: Vec::new(),
+            obeys: false,
+            verbs: Verbs::new(),
+            obeyed: Obeyed::NONE,
+            settings: None,
+        }
+    }
+
+    /// Works out what motors do that are told directly.
+    fn work_out(&mut self, until: u64) {
+        if self.obeys {
+            self.verbs.work_out::<FRACTION_BITS>(until, |motor, item| {
+                let entry = pulsetrain_core::Entry { epoch: Board::epoch(&self.native), item };
+                self.native.push(motor.into(), entry).expect("a slice has few items");
+            });
+        }
+    }
+
+    fn rests(&self) -> bool {
+        self.native.idle() && (!self.obeys || self.verbs.rest_at(self.native.now()))
+    }
+
+    /// These motors were stopped faster than they can.
+    fn flag(&mut self, uncertain: u8) {
+        for (number, motor) in self.motors.iter_mut().enumerate() {
+            motor.faults |= if uncertain >> number & 1 == 0 { 0 } else { flags::UNCERTAIN };
+        }
+    }
+
+    /// Runs up to and with `tick`.
+    fn run(&mut self, tick: u64, edges: &mut Vec<Edge>) {
+        self.work_out(tick + AHEAD);
+        self.native.advance(tick, &mut |edge: Edge| edges.push(edge));
+        let idle = self.rests();
+        if idle && !self.was_idle {
+            self.stopped(Cause::Finished);
+        }
+        self.was_idle = idle;
+        self.sync(false);
+    }
+
+    fn stopped(&mut self, cause: Cause) {
+        self.last_stop = cause;
+        self.tell(cause, ALL_MOTORS, 0);
+    }
+
+    fn tell(&mut self, cause: Cause, motor: u8, detail: u32) {
+        self.events.push_back(Event { cause, motor, tick: self.native.now(), detail });
+    }
+
+    /// Forgets the sizes of items that have left the queues: at the front, or at the `back`.
+    fn sync(&mut self, back: bool) {
+        for (index, motor) in self.motors.iter_mut().enumerate() {
+            let waiting = QUEUE_LEN - self.native.credit(index);
+            while motor.sizes.len() > waiting {
+                if back {
+                    motor.sizes.pop_back();
+                } else {
+                    motor.sizes.pop_front();
+                }
+            }
+        }
+    }
+
+    fn drop_epoch(&mut self, epoch: Epoch) {
+        self.sync(true);
+        for motor in self.motors.iter_mut().filter(|motor| motor.epoch == Some(epoch)) {
+            motor.epoch = None;
+        }
+    }
+
+    fn empty(&mut self) {
+        for motor in &mut self.motors {
+            motor.sizes.clear();
+            motor.epoch = None;
+        }
+    }
+}
+
+fn bare() -> Native {
+    Native::new(&Config { fraction_bits: FRACTION_BITS, motors: Vec::new() }).expect("no motors, nothing to refuse")
+}
+
+impl Machine for Model {
+    const OBEYS: bool = true;
+    const STORES: bool = true;
+
+    fn info(&mut self) -> Info {
+        Info {
+            board: 0,
+            firmware: [0, 1, 0],
+            tick_hz: TICK_HZ,
+            fraction_bits: FRACTION_BITS as u8,
+            max_motors: MOTORS,
+            pool: self.memory[0],
+            window: self.memory[1],
+            bauds: 0b1_1111,
+            last_stop: self.last_stop,
+            last_reset: Cause::PowerOn,
+            switches: pulsetrain_core::channel::SWITCHES as u8,
+            ..Info::NOBODY
+        }
+    }
+
+    fn configure(&mut self, configuration: &Configuration<'_>) -> Result<(), Refusal> {
+        if !self.rests() {
+            return Err(Refusal::of(Reason::Moving));
+        }
+        if configuration.motors().len() > usize::from(MOTORS) {
+            return Err(Refusal { reason: Reason::TooManyMotors, detail: u16::from(MOTORS) });
+        }
+        let motors = configuration.motors().map(|motor| MotorConfig {
+            wiring: Wiring::StepDir {
+                step: motor.step_pin,
+                dir: motor.dir_pin,
+                forward_high: motor.forward_high,
+                pulse_ticks: u32::from(configuration.pulse_ticks),
+                setup_ticks: u32::from(configuration.setup_ticks),
+            },
+            pull_in_ticks: u64::from(motor.pull_in_ticks),
+        });
+        let config = Config { fraction_bits: FRACTION_BITS, motors: motors.collect() };
+        let mut native = Native::new(&config).map_err(|_| Refusal::of(Reason::PinMix))?;
+        // The clock goes on.
+        if let Some(last) = self.native.now().checked_sub(1) {
+            native.advance(last, &mut |_: Edge| {});
+        }
+        self.native = native;
+        let [pulse, setup, hold] = [configuration.pulse_ticks, configuration.setup_ticks, configuration.hold_ticks];
+        let turn = u32::from(pulse.max(1)) + u32::from(hold) + u32::from(setup);
+        let shortest = u32::from(pulse.max(1)) + 1;
+        self.limits = configuration
+            .motors()
+            .map(|_| Limits { shortest, turn: turn.max(shortest), period: FIRST_PERIOD.max(shortest) })
+            .collect();
+        let count = configuration.motors().len().max(1);
+        self.motors = configuration
+            .motors()
+            .map(|motor| Motor {
+                packing: Packing { fraction_bits: FRACTION_BITS, gain: motor.gain },
+                epoch: None,
+                state: State::default(),
+                sizes: VecDeque::new(),
+                capacity: usize::from(self.memory[0]) / count,
+                faults: 0,
+                pull_in_ticks: motor.pull_in_ticks.into(),
+            })
+            .collect();
+        self.armed = false;
+        Ok(())
+    }
+
+    fn arm(&mut self) -> Result<(), Refusal> {
+        if self.motors.is_empty() {
+            return Err(Refusal::of(Reason::NotConfigured));
+        }
+        if !self.rests() {
+            return Err(Refusal::of(Reason::Moving));
+        }
+        // Clears the queues of what was left in them.
+        self.native.stop_now(self.native.now().saturating_sub(1), &mut |_: Edge| {});
+        self.empty();
+        self.obeys = false;
+        self.motors.iter_mut().for_each(|motor| motor.faults = 0);
+        self.armed = true;
+        Ok(())
+    }
+
+    fn release(&mut self) -> Result<(), Refusal> {
+        if !self.rests() {
+            return Err(Refusal::of(Reason::Moving));
+        }
+        self.armed = false;
+        self.obeys = false;
+        Ok(())
+    }
+
+    fn motors(&self) -> u8 {
+        self.motors.len() as u8
+    }
+
+    fn free(&self, motor: u8) -> u16 {
+        self.motors
+            .get(usize::from(motor))
+            .map_or(0, |motor| (motor.capacity - motor.sizes.iter().sum::<usize>()) as u16)
+    }
+
+    fn push(&mut self, index: u8, epoch: Epoch, packed: &[u8]) -> Result<(), Refusal> {
+        if !self.armed {
+            return Err(Refusal::of(Reason::NotArmed));
+        }
+        if self.obeys {
+            return Err(Refusal::of(Reason::Obeying));
+        }
+        let free = usize::from(self.free(index));
+        let Some(motor) = self.motors.get_mut(usize::from(index)) else {
+            return Err(Refusal { reason: Reason::NoSuchMotor, detail: u16::from(index) });
+        };
+        if packed.len() > free {
+            return Err(Refusal { reason: Reason::Full, detail: u16::from(index) });
+        }
+        if motor.epoch != Some(epoch) {
+            (motor.epoch, motor.state) = (Some(epoch), State::default());
+        }
+        let mut rest = packed;
+        loop {
+            let before = rest.len();
+            match motor.packing.unpack(&mut motor.state, &mut rest) {
+                Ok(Some(item)) => {
+                    let entry = pulsetrain_core::Entry { epoch, item };
+                    self.native.push(usize::from(index), entry).expect("an item takes a byte at least");
+                    motor.sizes.push_back(before - rest.len());
+                }
+                Ok(None) => return Ok(()),
+                Err(_) => {
+                    motor.faults |= flags::BAD_ITEM;
+                    self.tell(Cause::BadItem, index, 0);
+                    return Ok(());
+                }
+            }
+        }
+    }
+
+    fn discard(&mut self, epoch: Epoch) {
+        Board::discard(&mut self.native, epoch);
+        self.drop_epoch(epoch);
+    }
+
+    fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<Switched, Refusal> {
+        if !self.armed {
+            return Err(Refusal::of(Reason::NotArmed));
+        }
+        if self.obeys {
+            return Err(Refusal::of(Reason::Obeying));
+        }
+        Ok(match self.native.switch(epoch, tick) {
+            Ok(()) => {
+                self.was_idle = false;
+                return Ok(Switched::Accepted);
+            }
+            Err(refused) => {
+                self.drop_epoch(epoch);
+                match refused {
+                    SwitchRefused::Late { horizon } => Switched::Late { horizon },
+                    SwitchRefused::Early { limit } => Switched::Early { limit },
+                    SwitchRefused::Full | SwitchRefused::Lost => Switched::Full,
+                }
+            }
+        })
+    }
+
+    fn stop_now(&mut self) -> Stopped {
+        let report = self.native.stop_now(self.native.now().saturating_sub(1), &mut |_: Edge| {});
+        let uncertain = (0..).zip(&report.uncertain).fold(0, |all, (bit, one)| all | u8::from(*one) << bit);
+        self.empty();
+        self.armed = false;
+        if self.obeys {
+            self.verbs.stop(|_| report.tick);
+        }
+        self.obeys = false;
+        self.flag(uncertain);
+        self.stopped(Cause::StopNow);
+        self.was_idle = true;
+        Stopped { tick: report.tick, uncertain }
+    }
+
+    fn clock(&mut self) -> u64 {
+        self.native.now()
+    }
+
+    fn flags(&self) -> u8 {
+        let configured = if self.motors.is_empty() { 0 } else { flags::CONFIGURED };
+        let armed = if self.armed { flags::ARMED } else { 0 };
+        configured | armed | if self.rests() { flags::IDLE } else { 0 }
+    }
+
+    fn horizon(&mut self) -> u64 {
+        self.native.horizon()
+    }
+
+    fn epoch(&self) -> Epoch {
+        Board::epoch(&self.native)
+    }
+
+    fn position(&mut self, motor: u8) -> i32 {
+        self.native.positions().get(usize::from(motor)).map_or(0, |position| *position as i32)
+    }
+
+    fn faults(&self, motor: u8) -> u8 {
+        let index = usize::from(motor);
+        let faults = self.native.faults(index);
+        let mut all = self.motors.get(index).map_or(0, |motor| motor.faults);
+        if faults.step_missed {
+            all |= flags::STEP_MISSED;
+        }
+        if faults.setup_cut_short {
+            all |= flags::SETUP_CUT_SHORT;
+        }
+        all
+    }
+
+    fn measures(&mut self) -> &mut Measures {
+        &mut self.measures
+    }
+
+    fn rate_fell_back(&mut self) {
+        self.tell(Cause::BaudFellBack, ALL_MOTORS, 0);
+    }
+
+    fn reset_measures(&mut self) {}
+
+    fn can_baud(&self, _: Baud) -> bool {
+        true
+    }
+
+    fn set_baud(&mut self, baud: Baud) {
+        self.baud = baud;
+    }
+
+    fn host_gone(&mut self, lost: bool) {
+        if lost && !self.rests() {
+            self.stopped(Cause::HostLost);
+        }
+        if self.obeys {
+            let motors = &self.motors;
+            let uncertain =
+                self.verbs.forsake(lost, |motor| motors.get(usize::from(motor)).map_or(0, |motor| motor.pull_in_ticks));
+            self.flag(uncertain);
+        }
+        self.verbs.disown();
+    }
+
+    fn obey(&mut self, orders: &Orders<'_>) -> Result<(), Refusal> {
+        if !self.armed {
+            return Err(Refusal::of(Reason::NotArmed));
+        }
+        if !self.obeys {
+            if !self.native.idle() {
+                return Err(Refusal::of(Reason::Moving));
+            }
+            let positions = self.native.positions();
+            let motors = self.limits.iter().zip(positions).map(|(limits, position)| (*limits, position as i32));
+            self.verbs.begin(motors, self.native.now() + AHEAD);
+        }
+        self.obeyed = self.verbs.obey(orders)?;
+        // Who only asks leaves motors as they are.
+        if !orders.is_empty() {
+            self.obeys = true;
+            self.was_idle = false;
+        }
+        Ok(())
+    }
+
+    fn obeyed(&self, frame: &mut Encoder<'_>) {
+        self.obeyed.encode(frame);
+    }
+
+    fn store(&mut self, settings: Option<&[u8; SETTINGS_LEN]>) -> Result<(), Refusal> {
+        if self.armed {
+            return Err(Refusal::of(Reason::Moving));
+        }
+        self.settings = settings.copied().or(self.settings);
+        Ok(())
+    }
+
+    fn stored(&mut self, settings: &mut [u8; SETTINGS_LEN]) -> bool {
+        *settings = self.settings.unwrap_or_default();
+        self.settings.is_some()
+    }
+
+    fn event(&mut self) -> Option<Event> {
+        let now = self.native.now();
+        if let Some((motor, tick, detail)) = self.verbs.take_done(now) {
+            return Some(Event { cause: Cause::MoveDone, motor, tick, detail });
+        }
+        self.events.pop_front()
+    }
+}
+
+/// A byte on the line: when it is through, and at which rate it was sent.
+type Flying = (u64, Baud, u8);
+
+/// The line to a model, and the model at its end.
+#[derive(Debug)]
+pub struct ModelPort {
+    model: Model,
+    decoder: Decoder,
+    service: Service,
+    /// Ticks since the port was opened.
+    now: u64,
+    /// The host's rate.
+    baud: Baud,
+    to_board: VecDeque<Flying>,
+    to_host: VecDeque<Flying>,
+    /// What the bridge has for the host, at its next millisecond.
+    bridge: Vec<u8>,
+    edges: Vec<Edge>,
+    /// What bytes of another rate look like.
+    noise: Random,
+}
+
+impl ModelPort {
+    /// A model that nobody has taken, at tick 0.
+    #[must_use]
+    pub fn new() -> ModelPort {
+        ModelPort::with_memory(POOL, UNREAD)
+    }
+
+    /// The same with queues of `pool` bytes in all, and so many bytes that may wait to be read.
+    #[must_use]
+    pub fn with_memory(pool: u16, unread: u16) -> ModelPort {
+        ModelPort {
+            model: Model::new([pool, unread]),
+            decoder: Decoder::new(),
+            service: Service::new(MAX_BODY),
+            now: 0,
+            baud: Baud::B115200,
+            to_board: VecDeque::new(),
+            to_host: VecDeque::new(),
+            bridge: Vec::new(),
+            edges: Vec::new(),
+            noise: Random::new(1),
+        }
+    }
+
+    /// The model's positions, which no line can garble.
+    #[must_use]
+    pub fn positions(&self) -> Vec<i64> {
+        self.model.native.positions()
+    }
+
+    /// Whether a host has it.
+    #[must_use]
+    pub const fn is_taken(&self) -> bool {
+        self.service.is_taken()
+    }
+
+    /// The model's rate.
+    #[must_use]
+    pub const fn board_baud(&self) -> Baud {
+        self.model.baud
+    }
+
+    /// Its reset line, as when a port is opened: what it knew is gone, motors stand where they are.
+    pub fn reset(&mut self) {
+        self.model = Model::new(self.model.memory);
+        self.decoder = Decoder::new();
+        self.service = Service::new(MAX_BODY);
+        self.to_host.clear();
+    }
+
+    /// The model goes on to tick `until` with nobody listening or speaking.
+    pub fn run_alone(&mut self, until: u64) {
+        while self.now < until {
+            self.round();
+        }
+    }
+
+    /// One round of the board's main loop.
+    fn round(&mut self) {
+        self.now += ROUND;
+        self.model.run(self.model.native.now() + ROUND - 1, &mut self.edges);
+        let millis = Millis((self.now >> 14) as u16);
+        let ModelPort { model, decoder, service, now, to_board, to_host, noise, .. } = self;
+        while let Some((_, baud, byte)) = to_board.pop_front_if(|(at, ..)| *at <= *now) {
+            let received = decoder.push(heard(byte, baud, model.baud, noise));
+            service.receive(received, decoder.body(), millis, model);
+        }
+        if to_host.back().is_none_or(|(at, ..)| *at <= *now) {
+            let mut out = [0; MAX_FRAME + 1];
+            let baud = model.baud;
+            let len = service.poll(millis, model, &mut out);
+            if model.baud != baud {
+                decoder.reset();
+            }
+            let byte_ticks = byte_ticks(model.baud);
+            to_host.extend((1..).zip(&out[..len]).map(|(index, byte)| (*now + index * byte_ticks, model.baud, *byte)));
+        }
+        while let Some((_, baud, byte)) = self.to_host.pop_front_if(|(at, ..)| *at <= self.now) {
+            let byte = heard(byte, baud, self.baud, &mut self.noise);
+            self.bridge.push(byte);
+        }
+    }
+}
+
+impl Default for ModelPort {
+    fn default() -> ModelPort {
+        ModelPort::new()
+    }
+}
+
+/// Ten bits.
+fn byte_ticks(baud: Baud) -> u64 {
+    (10 * u64::from(TICK_HZ)).div_ceil(u64::from(baud.rate()))
+}
+
+fn heard(byte: u8, sent: Baud, heard: Baud, noise: &mut Random) -> u8 {
+    if sent == heard { byte } else { noise.below(256) as u8 }
+}
+
+impl Port for ModelPort {
+    fn now(&self) -> Duration {
+        Duration::from_nanos(self.now * 125 / 2)
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        // With the bridge's next millisecond, and after what is going out already.
+        let bridged = self.now.next_multiple_of(BRIDGE);
+        let mut at = self.to_board.back().map_or(bridged, |(at, ..)| bridged.max(*at));
+        for byte in bytes {
+            at += byte_ticks(self.baud);
+            self.to_board.push_back((at, self.baud, *byte));
+        }
+        Ok(())
+    }
+
+    fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
+        while self.now() < until {
+            let millisecond = self.now / BRIDGE;
+            self.round();
+            if self.now / BRIDGE != millisecond && !self.bridge.is_empty() {
+                into.append(&mut self.bridge);
+                return Ok(());
+            }
+        }
+        Ok(())
+    }
+
+    fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
+        // What was handed over goes out first: each byte knows its rate.
+        self.baud = baud;
+        Ok(())
+    }
+
+    fn edges(&mut self, into: &mut Vec<Edge>) {
+        into.append(&mut self.edges);
+    }
+}
