@@ -4,7 +4,7 @@
 #![no_main]
 
 #[allow(dead_code, unused_imports, reason = "the rest is for the tests")]
-#[path = "../../crates/board/tests/it/winch_avr.rs"]
+#[path = "../../crates/board/tests/it/chips/winch_avr.rs"]
 mod winch_avr;
 
 use libfuzzer_sys::fuzz_target;

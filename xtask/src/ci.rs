@@ -6,8 +6,6 @@ use std::time::Instant;
 
 /// Seconds that each fuzz target runs in CI.
 const FUZZ_SECONDS: u64 = 15;
-/// Cases of each property test in CI; in `cargo xtask test` as many as the test says, or 256.
-const PROPERTY_CASES: u32 = 1024;
 
 /// A part of CI: its name, and what it does.
 type Stage = (&'static str, fn() -> Done);
@@ -19,7 +17,7 @@ const STAGES: [Stage; 8] = [
     ("documentation", documentation),
     // What the virtual boards run, in the tests as well, is what the sources say.
     ("images", || firmware::check_uno().and_then(|()| firmware::pico::check())),
-    ("tests", || test::run(Some(PROPERTY_CASES))),
+    ("tests", || test::run(test::Tier::Gate)),
     ("cross-check", cross_check::run),
     ("first command of the README", || command::run(&mut cargo("run --release -- run examples/tutorial.toml"))),
     ("fuzzing", || fuzz::run(FUZZ_SECONDS, None)),

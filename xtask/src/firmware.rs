@@ -189,7 +189,7 @@ fn built_winch() -> Done<PathBuf> {
     let (elf, image) = (target_dir().join("winch.elf"), target_dir().join("winch.hex"));
     run(command("avr-gcc")
         .args(["-mmcu=atmega328p", "-nostdlib", "-x", "assembler"])
-        .arg(root().join("crates/board/tests/it/winch_entries.s"))
+        .arg(root().join("crates/board/tests/it/chips/winch_entries.s"))
         .args(
             ["tick.s", "text.s", "command.s", "reply.s"]
                 .map(|name| root().join("firmware/uno/src/bin/uno-winch/winch").join(name)),

@@ -2,6 +2,7 @@
 //!
 //! # What is here
 //! - [`ci`], [`test`](mod@test): what must hold, each a list of commands
+//! - [`soak`]: the same with new seeds, for hours, and mutants
 //! - [`bench`](mod@bench), [`golden`], [`fuzz`]: what is measured, reviewed, tried
 //! - [`accept`]: whether motions that `plan` accepts run
 //! - [`pictures`]: what documents show
@@ -31,6 +32,7 @@ mod pictures;
 mod python;
 mod random;
 mod ruckig;
+mod soak;
 mod test;
 
 use clap::{Parser, Subcommand};
@@ -46,8 +48,11 @@ struct Arguments {
 }
 
 const AFTER_HELP: &str = "Examples:
-  cargo xtask test                 what a contributor runs before sending a change
+  cargo xtask test --quick         while you write a change
+  cargo xtask test                 before you send it
   cargo xtask ci                   what .ci/run runs
+  cargo xtask soak --rounds 20 --seed 7      new seeds, and longer
+  cargo xtask soak --mutants pulsetrain-core --shard 0/50   which changes of the code no test notices
   cargo xtask bench uno --hour     an hour on the virtual Uno
   cargo xtask accept --count 1000 --seed 7   random motions; `accept --seed 7 --only 42` is one of them
   cargo xtask fuzz --seconds 600   longer than CI does
@@ -57,10 +62,16 @@ const AFTER_HELP: &str = "Examples:
 #[derive(Subcommand)]
 enum Task {
     /// All tests, also the Python client's, core built for the boards' processors, S-curves against ruckig
-    Test,
+    Test {
+        /// Only tests that run no firmware on an emulated chip: under 90 s once they are built
+        #[arg(long)]
+        quick: bool,
+    },
     /// `test`, and: format, lints, documentation, the firmware's images built anew and compared, fuzzing for a moment, more
     /// property-test cases, the README's first command
     Ci,
+    /// Tests with new seeds and longer, random motions, fuzzing, mutants: for hours, by hand
+    Soak(soak::Options),
     /// Plan and run random realistic motions with the program itself, on all boards, and say how many that `plan` accepts break
     Accept(accept::Options),
     /// Give random and damaged input to everything that reads some
@@ -144,8 +155,9 @@ fn main() -> ExitCode {
         return code;
     }
     let done = match Arguments::parse().task {
-        Task::Test => test::run(None),
+        Task::Test { quick } => test::run(if quick { test::Tier::Quick } else { test::Tier::Change }),
         Task::Ci => ci::run(),
+        Task::Soak(options) => soak::run(&options),
         Task::Accept(options) => accept::run(&options),
         Task::Fuzz { seconds, target } => fuzz::run(seconds, target.as_deref()),
         Task::CrossCheck => cross_check::run(),

@@ -7,21 +7,67 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// All tests of the workspace, with Debian's Arduino core, and of the Python client, core built for the boards' processors, S-curves against ruckig.
-///
-/// `property_cases`: of each property test that does not set its own; else proptest's 256.
-pub(crate) fn run(property_cases: Option<u32>) -> Done {
-    let optiboot = arduino::prepare()?;
-    let jobs = jobs()?;
+/// How much a run of the tests takes in; `docs/testing.md` has the table.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Tier {
+    /// No firmware runs: what a change is tried with while it is written.
+    Quick,
+    /// All that guards a change.
+    Change,
+    /// The gate's: property tests have more cases, and those that `#[ignore]` keeps out run too.
+    Gate,
+    /// Random tests are this many times as long, from this seed.
+    Soak { rounds: u64, seed: u64 },
+}
+
+/// Tests that run firmware on an emulated chip have a module of this name in their path.
+const CHIPS: &str = "chips";
+
+impl Tier {
+    fn takes(self, test: &str) -> bool {
+        self != Tier::Quick || !test.split("::").any(|module| module == CHIPS)
+    }
+
+    /// What the tests read from the environment.
+    fn environment(self) -> Vec<(&'static str, String)> {
+        let all = match self {
+            Tier::Quick | Tier::Change => vec![],
+            Tier::Gate => vec![("PROPTEST_CASES", 1024)],
+            Tier::Soak { rounds, seed } => vec![
+                ("PROPTEST_CASES", 256 * rounds),
+                ("PULSETRAIN_ROUNDS", rounds),
+                ("PROPTEST_RNG_SEED", seed),
+                ("PULSETRAIN_SEED", seed),
+            ],
+        };
+        all.into_iter().map(|(name, number)| (name, number.to_string())).collect()
+    }
+
+    /// Whether tests run that `#[ignore]` keeps out.
+    fn includes_ignored(self) -> bool {
+        matches!(self, Tier::Gate | Tier::Soak { .. })
+    }
+}
+
+/// All tests of the workspace and its documentation's examples. But for the quick tier also with Debian's bootloaders, those of the Python
+/// client, core built for the boards' processors, S-curves against ruckig.
+pub(crate) fn run(tier: Tier) -> Done {
+    let quick = tier == Tier::Quick;
+    let optiboot = if quick { None } else { arduino::prepare()? };
+    let jobs = jobs(tier)?;
     let count = jobs.len();
     let tested = command::side_by_side(jobs, |job| {
-        let mut test = job.command();
-        test.envs(property_cases.map(|cases| ("PROPTEST_CASES", cases.to_string())));
+        let mut test = job.command(tier);
+        test.envs(tier.environment());
         test.envs(optiboot.as_ref().map(|image| ("PULSETRAIN_OPTIBOOT", image)));
         command::run_apart(&mut test, &job.text).map(|said| (seconds(&said), job.text))
     });
     command::run(&mut cargo("test --workspace --doc --no-fail-fast"))?;
     print!("{}", longest(command::all(tested)?));
+    if quick {
+        println!("xtask test --quick: {count} modules of tests, documentation's examples: all passed; no firmware ran");
+        return Ok(());
+    }
     python::test_client()?;
     boards::build_core()?;
     let worst = ruckig::compare()?;
@@ -100,11 +146,15 @@ impl Binary {
         test
     }
 
-    /// Its tests, module by module; `listed` is what it says of them, a line each.
-    fn jobs(&self, listed: &str) -> Vec<Job> {
+    /// Its tests that `tier` takes, module by module; `listed` is what it says of them, a line each.
+    fn jobs(&self, listed: &str, tier: Tier) -> Vec<Job> {
         let mut modules = BTreeMap::<_, Vec<String>>::new();
-        for test in listed.lines().filter_map(|line| line.strip_suffix(": test")) {
-            let module = test.split_once("::").map_or("", |(module, _)| module);
+        let tests = listed.lines().filter_map(|line| line.strip_suffix(": test"));
+        for test in tests.filter(|test| tier.takes(test)) {
+            // `chips` itself is no module to run in one piece.
+            let inner = test.strip_prefix(CHIPS).and_then(|rest| rest.strip_prefix("::"));
+            let past = test.len() - inner.unwrap_or(test).len();
+            let module = inner.unwrap_or(test).find("::").map_or("", |end| &test[..past + end]);
             modules.entry(module).or_default().push(test.to_owned());
         }
         let job = |(module, tests): (&str, _)| {
@@ -117,9 +167,9 @@ impl Binary {
 }
 
 impl Job {
-    fn command(&self) -> Command {
+    fn command(&self, tier: Tier) -> Command {
         let mut test = self.binary.command();
-        test.arg("--exact").args(&self.tests);
+        test.arg("--exact").args(tier.includes_ignored().then_some("--include-ignored")).args(&self.tests);
         test
     }
 
@@ -133,8 +183,8 @@ impl Job {
     }
 }
 
-/// Builds all tests; gives them in the order in which they are to begin.
-fn jobs() -> Done<Vec<Job>> {
+/// Builds all tests; gives those of a tier in the order in which they are to begin.
+fn jobs(tier: Tier) -> Done<Vec<Job>> {
     let messages = command::output(&mut cargo("test --workspace --no-run --message-format json-render-diagnostics"))?;
     let mut jobs = Vec::new();
     for line in messages.lines() {
@@ -142,10 +192,10 @@ fn jobs() -> Done<Vec<Job>> {
             .map_err(|why| Failure::Check(format!("cargo's answer is no JSON: {why}: {line}")))?;
         let Some(binary) = Binary::from_message(&message) else { continue };
         let listed = command::output(binary.command().args(["--list", "--format", "terse"]))?;
-        jobs.extend(binary.jobs(&listed));
+        jobs.extend(binary.jobs(&listed, tier));
     }
     for (package, module) in LONG {
-        if !jobs.iter().any(|job| job.binary.package == package && job.module == module) {
+        if tier != Tier::Quick && !jobs.iter().any(|job| job.binary.package == package && job.module == module) {
             return Err(Failure::Check(format!(
                 "xtask/src/test.rs names {module} of {package}, which has no such tests"
             )));
@@ -184,35 +234,65 @@ mod tests {
         Binary::from_message(&message).expect("a test")
     }
 
+    const LISTED: &str = "\
+link::a: test
+uno_link::a: test
+link::b::c: test
+chips::uno::a: test
+chips::uno::b: test
+link::chips::d: test
+alone: test
+speed: benchmark
+";
+
+    fn tests_of(tier: Tier) -> Vec<(String, String)> {
+        binary().jobs(LISTED, tier).into_iter().map(|job| (job.module, job.tests.join(" "))).collect()
+    }
+
+    fn pairs<const N: usize>(pairs: [(&str, &str); N]) -> Vec<(String, String)> {
+        pairs.map(|(module, tests)| (module.to_owned(), tests.to_owned())).to_vec()
+    }
+
     #[test]
     fn each_module_is_a_job_of_its_own() {
-        let jobs = binary().jobs("link::a: test\nuno_link::a: test\nlink::b::c: test\nalone: test\nspeed: benchmark\n");
-        let tests: Vec<_> = jobs.iter().map(|job| (job.module.as_str(), job.tests.join(" "))).collect();
-        assert_eq!(
-            tests,
-            [
-                ("", "alone".to_owned()),
-                ("link", "link::a link::b::c".to_owned()),
-                ("uno_link", "uno_link::a".to_owned())
-            ]
-        );
-        assert_eq!(jobs[1].text, "cargo test -p pulsetrain-board --test it link::");
+        let all = [
+            ("", "alone"),
+            ("chips::uno", "chips::uno::a chips::uno::b"),
+            ("link", "link::a link::b::c link::chips::d"),
+            ("uno_link", "uno_link::a"),
+        ];
+        assert_eq!(tests_of(Tier::Change), pairs(all));
+        assert_eq!(binary().jobs(LISTED, Tier::Change)[2].text, "cargo test -p pulsetrain-board --test it link::");
+    }
+
+    #[test]
+    fn the_quick_tier_runs_no_chip() {
+        let quick = [("", "alone"), ("link", "link::a link::b::c"), ("uno_link", "uno_link::a")];
+        assert_eq!(tests_of(Tier::Quick), pairs(quick));
     }
 
     #[test]
     fn a_job_runs_no_test_of_another() {
-        let jobs = binary().jobs("link::a: test\nuno_link::a: test\n");
-        let arguments: Vec<_> = jobs[0].command().get_args().map(|word| word.to_owned()).collect();
-        assert_eq!(arguments, ["--exact", "link::a"]);
+        let jobs = binary().jobs("link::a: test\nuno_link::a: test\n", Tier::Change);
+        let arguments = |tier| jobs[0].command(tier).get_args().map(ToOwned::to_owned).collect::<Vec<_>>();
+        assert_eq!(arguments(Tier::Change), ["--exact", "link::a"]);
+        assert_eq!(arguments(Tier::Gate), ["--exact", "--include-ignored", "link::a"]);
     }
 
     #[test]
     fn long_modules_begin_first() {
+        let place = |binary: Binary, listed: &str| binary.jobs(listed, Tier::Change)[0].place();
+        let of = |package: &str| Binary { package: package.to_owned(), ..binary() };
         let (package, module) = LONG[LONG.len() - 1];
-        let long = Binary { package: package.to_owned(), ..binary() }.jobs(&format!("{module}::a: test"));
-        let other = Binary { package: "pulsetrain-core".to_owned(), ..binary() }.jobs("link::a: test\n");
-        assert!(long[0].place() < binary().jobs("link::a: test")[0].place());
-        assert!(binary().jobs("link::a: test")[0].place() < other[0].place());
+        assert!(place(of(package), &format!("{module}::a: test")) < place(binary(), "link::a: test"));
+        assert!(place(binary(), "link::a: test") < place(of("pulsetrain-core"), "link::a: test"));
+    }
+
+    #[test]
+    fn a_soak_gives_the_tests_its_seed_and_length() {
+        let environment = Tier::Soak { rounds: 8, seed: 7 }.environment();
+        let all = environment.iter().map(|(name, value)| format!("{name}={value}")).collect::<Vec<_>>();
+        assert_eq!(all, ["PROPTEST_CASES=2048", "PULSETRAIN_ROUNDS=8", "PROPTEST_RNG_SEED=7", "PULSETRAIN_SEED=7"]);
     }
 
     #[test]

@@ -1,8 +1,8 @@
-//! Figures of motors that are told directly, on the emulated Pico: what `cargo xtask bench verbs` collects.
+//! Figures of motors that are told directly, on the emulated Pico and Uno: what `cargo xtask bench verbs` collects.
 //!
 //! A table, fields between tabs: what, at what, the figure; a last field says `FAILS` where it is not what was asked for.
 
-use pulsetrain_testkit::delays::delay;
+use pulsetrain_testkit::delays::{delay, uno_held_ticks};
 use pulsetrain_testkit::examples::{Ran, dds_circle, delta, lorenz_attractor};
 
 /// The example's rate of arithmetic, Hz.
@@ -35,6 +35,22 @@ fn main() {
     let (robot, points) = delta(20);
     row("points that it came to, all three arms at once, to the half step", "delta, 20 s", &points.to_string(), true);
     load("delta", &robot);
+    uno();
+}
+
+/// On an Uno, from a host's call to the tick from which an order to all motors holds.
+fn uno() {
+    let shield = [(2, 5), (3, 6), (4, 7), (12, 13)];
+    for motors in 1..=4 {
+        let ticks = [1, 4].map(|slower| uno_held_ticks(&shield[..motors], slower));
+        let figure = format!("{:.1} ms", ticks.into_iter().max().unwrap_or(0) as f64 / 16_000.0);
+        row(
+            "Uno: from the host's call to the tick from which an order holds, at most",
+            &format!("{motors} motors that run"),
+            &figure,
+            true,
+        );
+    }
 }
 
 fn load(name: &str, ran: &Ran) {

@@ -10,8 +10,6 @@ use common::rows::{COLUMNS, Case, PROMISED, Row, TUTORIALS, fastest_plateau, hou
 use common::uno::kind_of;
 use pulsetrain_motion::pins::PinKind;
 use pulsetrain_testkit::TICK_HZ;
-use pulsetrain_testkit::TICK_HZ;
-use pulsetrain_testkit::lab::Image;
 use std::thread;
 
 /// So long each rate is tried, s of the board's time; then the fastest once more, for longer.

@@ -1,8 +1,10 @@
-//! How long it takes from a SPEED or a DIRECTION to the pin, on the virtual Pico.
+//! How long it takes from a SPEED or a DIRECTION to the pin, on the virtual Pico, and to the tick from which it holds, on the virtual Uno.
 
-use super::Random;
+use super::lab::verb_limits;
 use super::pico::{TICK_HZ, step_dir};
+use super::{Random, uno_setup};
 use pulsetrain_board::virtual_pico::VirtualPico;
+use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Remote, Setup};
 use pulsetrain_core::verbs::{Course, Verb};
 use pulsetrain_core::wire::Baud;
@@ -84,4 +86,27 @@ pub fn delay(rate: u64, turns: bool, times: u32) -> Delay {
         worst.held_us = worst.held_us.max(us(obeyed.tick, sent));
     }
     worst
+}
+
+/// Of an Uno whose motors on `pins` all run, at periods `slower` times the shortest: from a host's call, over USB at 1 Mbaud, to the tick from
+/// which an order to all of them holds, at most, ticks.
+pub fn uno_held_ticks(pins: &[(u8, u8)], slower: u64) -> u64 {
+    let setup = uno_setup(pins, 16);
+    let mut uno = Remote::open(VirtualUno::with_verbs(), 1).expect("it answers");
+    assert_eq!(uno.set_baud(Baud::B1M), Ok(Baud::B1M));
+    uno.configure(&setup).expect("it can");
+    let tell = |uno: &mut Remote<VirtualUno>, verb| {
+        let orders: Vec<_> = (0..pins.len() as u8).map(|motor| (motor, verb)).collect();
+        uno.tell_motors(&orders).expect("it can").tick
+    };
+    let period = u64::from(verb_limits(&setup).shortest) * slower;
+    tell(&mut uno, Verb::Speed { ticks: period });
+    tell(&mut uno, Verb::Run);
+    let rounds = 0..20_u64;
+    let held = rounds.map(|round| {
+        uno.advance(uno.now() + 30_000 + 997 * round, &mut |_: Edge| {});
+        let said = uno.now();
+        tell(&mut uno, Verb::Speed { ticks: period + 100 * (round % 3) }) - said
+    });
+    held.max().unwrap_or(0)
 }

@@ -39,6 +39,13 @@ pub(crate) struct Options {
     boundary: bool,
 }
 
+impl Options {
+    /// So many motions, on all boards by turns.
+    pub(crate) fn random(count: u64, seed: u64) -> Options {
+        Options { count, seed, only: None, board: None, keep: false, boundary: false }
+    }
+}
+
 /// A process that takes longer than that is taken to hang, s. Those of a motion take a few.
 const HANGS_S: u64 = 300;
 /// One in so many runs that pass has its trace judged anew, from the file.

@@ -1,6 +1,9 @@
 //! The Pico's firmware: from the linker's ELF to the UF2 file that a board takes.
 
 use super::{Done, Failure, alone, command, root, run, target_dir};
+use object::elf::{PT_LOAD, ProgramHeader32};
+use object::read::elf::{ElfFile32, ProgramHeader as _};
+use object::{LittleEndian, Object as _, ObjectSymbol as _};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::{env, fs};
@@ -11,9 +14,12 @@ const FLASH_AT: u32 = 0x1000_0000;
 /// RAM, without the stack.
 const RAM: u32 = 248 * 1024;
 
+/// The firmware itself, and where its map of symbols is committed.
+const FIRMWARE: &str = "pico";
+const SYMBOLS: &str = "crates/board/images/pico.sym";
 /// The committed images: the firmware, and the library's examples.
 const IMAGES: [(&str, &str); 5] = [
-    ("pico", "crates/board/images/pico.uf2"),
+    (FIRMWARE, "crates/board/images/pico.uf2"),
     ("examples/dds_circle", "crates/board/images/dds_circle.uf2"),
     ("examples/lorenz", "crates/board/images/lorenz.uf2"),
     ("examples/delta", "crates/board/images/delta.uf2"),
@@ -24,10 +30,12 @@ const IMAGES: [(&str, &str); 5] = [
 pub(crate) fn build() -> Done {
     let folder = compiled()?;
     for (name, image) in IMAGES {
-        let (uf2, table) = linked(&folder.join(name))?;
+        let Linked { uf2, table, symbols } = linked(&folder.join(name))?;
         print!("{name}:\n{table}");
-        let path = root().join(image);
-        fs::write(&path, uf2).map_err(|why| Failure::File { path, why })?;
+        write(root().join(image), &uf2)?;
+        if name == FIRMWARE {
+            write(root().join(SYMBOLS), symbols.as_bytes())?;
+        }
     }
     Ok(())
 }
@@ -85,26 +93,35 @@ fn block<'a>(page: &'a str, name: &str) -> Option<&'a str> {
 
 /// Makes a UF2 file of what the linker wrote, beside it, and prints what it takes.
 pub(crate) fn convert(elf: &Path) -> Done {
-    let (uf2, table) = linked(elf)?;
+    let Linked { uf2, table, .. } = linked(elf)?;
     let path = elf.with_extension("uf2");
     print!("{}:\n{table}", path.display());
-    fs::write(&path, uf2).map_err(|why| Failure::File { path, why })
+    write(path, &uf2)
+}
+
+fn write(path: PathBuf, bytes: &[u8]) -> Done {
+    fs::write(&path, bytes).map_err(|why| Failure::File { path, why })
 }
 
 fn check_one(folder: &Path, name: &str, image: &str) -> Done {
-    let (uf2, table) = linked(&folder.join(name))?;
+    let Linked { uf2, table, symbols } = linked(&folder.join(name))?;
     print!("{name}:\n{table}");
+    same(image, &uf2)?;
+    if name == FIRMWARE { same(SYMBOLS, symbols.as_bytes()) } else { Ok(()) }
+}
+
+fn same(image: &str, built: &[u8]) -> Done {
     let path = root().join(image);
     let committed = fs::read(&path).map_err(|why| Failure::File { path, why })?;
-    if committed == uf2 {
+    if committed == built {
         return Ok(());
     }
-    let first = committed.iter().zip(&uf2).take_while(|(a, b)| a == b).count();
+    let first = committed.iter().zip(built).take_while(|(a, b)| a == b).count();
     Err(Failure::Check(format!(
         "{image} is not what firmware/pico builds: byte {first} is the first that differs, of {} committed and {} built. Run `cargo \
          xtask firmware pico`, and commit it with the change. (If nothing was changed, another version of rustc built it.)",
         committed.len(),
-        uf2.len()
+        built.len()
     )))
 }
 
@@ -147,16 +164,25 @@ fn compiled() -> Done<PathBuf> {
     Ok(folder.join(target).join("release"))
 }
 
-/// What the linker wrote there: the image, and what it takes, as text.
-fn linked(path: &Path) -> Done<(Vec<u8>, String)> {
-    let elf = fs::read(path).map_err(|why| Failure::File { path: path.into(), why })?;
-    let segments =
-        segments(&elf).ok_or_else(|| Failure::Check(format!("{} is no ELF file for Arm", path.display())))?;
-    let table = table(&segments);
-    Ok((uf2(&flash(&segments)?), table))
+/// What is made of what the linker wrote.
+struct Linked {
+    uf2: Vec<u8>,
+    /// What it takes.
+    table: String,
+    /// The addresses of routines and variables of assembly.
+    symbols: String,
 }
 
-/// What is to be loaded: a program header of type 1.
+fn linked(path: &Path) -> Done<Linked> {
+    let bytes = fs::read(path).map_err(|why| Failure::File { path: path.into(), why })?;
+    let failure = |why| Failure::Check(format!("{} is no ELF file for Arm: {why}", path.display()));
+    let elf = ElfFile32::parse(&*bytes).map_err(failure)?;
+    let segments =
+        segments(&elf).ok_or_else(|| Failure::Check(format!("{} is cut off: build it again", path.display())))?;
+    Ok(Linked { uf2: uf2(&flash(&segments)?), table: table(&segments), symbols: symbols(&elf) })
+}
+
+/// What is to be loaded.
 struct Segment<'a> {
     /// Where it is while the program runs, and where it is stored.
     address: u32,
@@ -166,26 +192,29 @@ struct Segment<'a> {
     size: u32,
 }
 
-/// The segments of an ELF file of 32 bits, little-endian. System V ABI, chapter 5.
-fn segments(elf: &[u8]) -> Option<Vec<Segment<'_>>> {
-    let half = |at: usize| Some(u16::from_le_bytes(*elf.get(at..)?.first_chunk()?));
-    let word = |at: usize| Some(u32::from_le_bytes(*elf.get(at..)?.first_chunk()?));
-    let at = |at: usize| Some(word(at)? as usize);
-    if !elf.starts_with(b"\x7fELF\x01\x01") {
-        return None;
-    }
-    let (table, size, count) = (at(28)?, usize::from(half(42)?), usize::from(half(44)?));
-    let headers = (0..count).map(|number| table + number * size);
-    let loaded = headers.filter(|header| word(*header) == Some(1)).map(|header| {
-        let (offset, len) = (at(header + 4)?, at(header + 16)?);
+type Elf<'a> = ElfFile32<'a, LittleEndian>;
+
+fn segments<'a>(elf: &Elf<'a>) -> Option<Vec<Segment<'a>>> {
+    let endian = elf.endian();
+    let loaded = elf.elf_program_headers().iter().filter(|header| header.p_type(endian) == PT_LOAD);
+    let segment = |header: &ProgramHeader32<LittleEndian>| {
         Some(Segment {
-            address: word(header + 8)?,
-            stored: word(header + 12)?,
-            bytes: elf.get(offset..offset.checked_add(len)?)?,
-            size: word(header + 20)?,
+            address: header.p_vaddr(endian),
+            stored: header.p_paddr(endian),
+            bytes: header.data(endian, elf.data()).ok()?,
+            size: header.p_memsz(endian),
         })
-    });
-    loaded.collect()
+    };
+    loaded.map(segment).collect()
+}
+
+/// A line for each symbol that assembly makes global: address and name. Those of Rust change with the compiler.
+fn symbols(elf: &Elf<'_>) -> String {
+    let global = elf.symbols().filter(|symbol| symbol.is_global() && symbol.is_definition());
+    let mut all: Vec<_> = global.filter_map(|symbol| Some((symbol.address() & !1, symbol.name().ok()?))).collect();
+    all.retain(|(_, name)| !name.starts_with('_'));
+    all.sort_unstable();
+    all.iter().map(|(address, name)| format!("{address:#010x} {name}\n")).collect()
 }
 
 /// The content of the flash, from its beginning.
@@ -248,7 +277,7 @@ mod tests {
     /// An ELF file with one segment, stored at the flash's beginning, at home in RAM.
     fn elf(bytes: &[u8]) -> Vec<u8> {
         let mut elf = vec![0; 52];
-        elf[..6].copy_from_slice(b"\x7fELF\x01\x01");
+        elf[..7].copy_from_slice(b"\x7fELF\x01\x01\x01");
         elf[28] = 52;
         elf[42] = 32;
         elf[44] = 1;
@@ -263,7 +292,7 @@ mod tests {
     #[test]
     fn bytes_go_where_they_are_stored() {
         let elf = elf(&[7; 300]);
-        let segments = segments(&elf).expect("a whole file");
+        let segments = segments(&Elf::parse(&*elf).expect("it is one")).expect("a whole file");
         let file = uf2(&flash(&segments).expect("inside"));
         assert_eq!(file.len(), 2 * 512);
         assert_eq!(file[12..16], FLASH_AT.to_le_bytes());
@@ -275,7 +304,7 @@ mod tests {
     #[test]
     fn files_that_are_cut_off_are_refused() {
         let elf = elf(&[7; 300]);
-        assert!(segments(&elf[..elf.len() - 1]).is_none());
-        assert!(segments(b"\x7fELF\x02\x01").is_none());
+        assert!(segments(&Elf::parse(&elf[..elf.len() - 1]).expect("its head is whole")).is_none());
+        assert!(Elf::parse(&b"\x7fELF\x02\x01"[..]).is_err());
     }
 }

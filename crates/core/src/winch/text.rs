@@ -1,7 +1,7 @@
 //! Lines from the host, byte by byte, to commands.
 //!
 //! A line is kept, and read at its end: a refused one changes nothing. On an Uno assembly does the same,
-//! firmware/uno/src/bin/uno-winch/winch/text.s; crates/board/tests/it/winch_avr.rs compares them.
+//! firmware/uno/src/bin/uno-winch/winch/text.s; crates/board/tests/it/chips/winch_avr.rs compares them.
 
 use super::letters::{Letters, NAMES};
 use super::path::{self, FASTEST, FASTEST_DRIFT, GENTLEST, Gains, Limits, Path, STEEPEST};

@@ -1,7 +1,7 @@
 //! What lines make of a path: a table that a reviewer reads, to the last bit of the fixed point.
 //!
 //! `cargo xtask golden` writes it anew. That the path is within 0.1 step of the recurrence in f64 is tests/it/winch_path.rs's to
-//! say, and that the Uno's assembly comes to the same bits is crates/board/tests/it/winch_avr.rs's: this table shows when
+//! say, and that the Uno's assembly comes to the same bits is crates/board/tests/it/chips/winch_avr.rs's: this table shows when
 //! either moves.
 
 use expect_test::expect_file;

@@ -225,7 +225,7 @@ fn a_level_just_behind_a_joint_is_reached_behind_it() {
                 onward(vec![way, sign * after, 0.3 * sign * after * after, 1e-3 * sign * after * after * after]),
             ];
             for law in laws {
-                for clock in common::BOARDS {
+                for clock in crate::common::BOARDS {
                     let what = format!("{before} and {after} steps/s, {sign}");
                     check_steps(&what, &law, &Settings { grid: Grid::REACH, ..settings(clock) });
                 }

@@ -267,56 +267,61 @@ mod tests {
         prepared
     }
 
-    #[test]
-    fn what_the_board_does_not_keep_up_with_is_refused_and_not_written() {
-        let folder = std::env::temp_dir().join(format!("pulsetrain-rehearsal-{}", std::process::id()));
-        let path = folder.join("pair.hex");
-        let mut args = Bake {
-            file: folder.join("pair.toml"),
-            sketch: None,
-            output: Some(path.clone()),
-            board: None,
-            length: None,
-            yes: false,
-            clock_ppm: None,
-            rehearse: None,
-            no_rehearsal: false,
-            json: true,
-        };
-        let bake = |args: &Bake, prepared: &Prepared| {
-            let (mut out, mut err) = (Vec::new(), Vec::new());
-            let done =
-                uno(args, prepared, &path, &mut Console { out: &mut out, err: &mut err, err_is_terminal: false });
-            done.map(|_| String::from_utf8(out).unwrap())
-        };
-        let fast = prepared(130_000.0, &folder);
-        let refused = bake(&args, &fast).unwrap_err();
-        let help = refused.help().map(|help| help.to_string()).unwrap_or_default();
-        let said = refused.to_string();
-        assert!(said.contains("pair.toml: rehearsed on the virtual Uno, ") && said.contains("motor m"), "{said}");
-        assert!(said.contains("t = 0."), "{said}");
-        assert!(help.contains("m2 at ") && help.contains("k steps/s") && help.contains("--no-rehearsal"), "{help}");
-        assert!(!path.exists(), "nothing is written");
-        // Without it there is a file, and nothing is said of a rehearsal.
-        args.no_rehearsal = true;
-        assert!(!bake(&args, &fast).unwrap().contains("rehearsed") && path.exists());
-        std::fs::remove_file(&path).unwrap();
-        // A part of it that the board makes is told as that.
-        (args.no_rehearsal, args.json) = (false, false);
-        let slow = prepared(30_000.0, &folder);
-        args.rehearse = Some(pulsetrain_motion::Time::from_seconds(0.2));
-        let said = bake(&args, &slow).unwrap();
-        assert!(said.contains("the first 200 ms of 500 ms, not the rest: every edge within"), "{said}");
-        (args.rehearse, args.json) = (None, true);
-        let said: serde_json::Value = serde_json::from_str(&bake(&args, &slow).unwrap()).unwrap();
-        let rehearsed = &said["rehearsed"];
-        assert_eq!(
-            (&rehearsed["seconds"], &rehearsed["of_seconds"]),
-            (&0.5.into(), &0.5.into()),
-            "{}",
-            json(&said).unwrap()
-        );
-        assert!(rehearsed["max_error_ticks"].as_f64() < rehearsed["bound_ticks"].as_f64() && path.exists());
-        std::fs::remove_dir_all(&folder).unwrap();
+    /// Those that run firmware on an emulated chip.
+    mod chips {
+        use super::*;
+
+        #[test]
+        fn what_the_board_does_not_keep_up_with_is_refused_and_not_written() {
+            let folder = std::env::temp_dir().join(format!("pulsetrain-rehearsal-{}", std::process::id()));
+            let path = folder.join("pair.hex");
+            let mut args = Bake {
+                file: folder.join("pair.toml"),
+                sketch: None,
+                output: Some(path.clone()),
+                board: None,
+                length: None,
+                yes: false,
+                clock_ppm: None,
+                rehearse: None,
+                no_rehearsal: false,
+                json: true,
+            };
+            let bake = |args: &Bake, prepared: &Prepared| {
+                let (mut out, mut err) = (Vec::new(), Vec::new());
+                let done =
+                    uno(args, prepared, &path, &mut Console { out: &mut out, err: &mut err, err_is_terminal: false });
+                done.map(|_| String::from_utf8(out).unwrap())
+            };
+            let fast = prepared(130_000.0, &folder);
+            let refused = bake(&args, &fast).unwrap_err();
+            let help = refused.help().map(|help| help.to_string()).unwrap_or_default();
+            let said = refused.to_string();
+            assert!(said.contains("pair.toml: rehearsed on the virtual Uno, ") && said.contains("motor m"), "{said}");
+            assert!(said.contains("t = 0."), "{said}");
+            assert!(help.contains("m2 at ") && help.contains("k steps/s") && help.contains("--no-rehearsal"), "{help}");
+            assert!(!path.exists(), "nothing is written");
+            // Without it there is a file, and nothing is said of a rehearsal.
+            args.no_rehearsal = true;
+            assert!(!bake(&args, &fast).unwrap().contains("rehearsed") && path.exists());
+            std::fs::remove_file(&path).unwrap();
+            // A part of it that the board makes is told as that.
+            (args.no_rehearsal, args.json) = (false, false);
+            let slow = prepared(30_000.0, &folder);
+            args.rehearse = Some(pulsetrain_motion::Time::from_seconds(0.2));
+            let said = bake(&args, &slow).unwrap();
+            assert!(said.contains("the first 200 ms of 500 ms, not the rest: every edge within"), "{said}");
+            (args.rehearse, args.json) = (None, true);
+            let said: serde_json::Value = serde_json::from_str(&bake(&args, &slow).unwrap()).unwrap();
+            let rehearsed = &said["rehearsed"];
+            assert_eq!(
+                (&rehearsed["seconds"], &rehearsed["of_seconds"]),
+                (&0.5.into(), &0.5.into()),
+                "{}",
+                json(&said).unwrap()
+            );
+            assert!(rehearsed["max_error_ticks"].as_f64() < rehearsed["bound_ticks"].as_f64() && path.exists());
+            std::fs::remove_dir_all(&folder).unwrap();
+        }
     }
 }

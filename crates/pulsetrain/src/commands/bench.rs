@@ -302,12 +302,6 @@ mod tests {
     use pulsetrain_core::wire::message::MotorSetup;
     use std::time::Duration;
 
-    #[test]
-    fn a_board_at_a_port_says_what_it_is() {
-        assert!(is_pico(VirtualPico::on_usb()).unwrap());
-        assert!(!is_pico(VirtualUno::new()).unwrap());
-    }
-
     /// A Pico one of whose edges is not seen.
     struct Blink {
         pico: VirtualPico,
@@ -339,43 +333,54 @@ mod tests {
         }
     }
 
-    #[test]
-    fn a_step_that_is_lost_is_trouble() {
-        let (steps, period_s) = (100.0, 0.5);
-        let prepared = prepared("pico", steps, period_s).unwrap();
-        let troubles = |edges| {
-            let port = Blink { pico: VirtualPico::on_usb(), edges };
-            measure(&prepared, (steps, period_s), port, Baud::B2M).unwrap().trouble()
-        };
-        assert_eq!(troubles(usize::MAX), Vec::<String>::new());
-        assert_eq!(troubles(42), ["1 steps without an edge"]);
-    }
+    /// Those that run firmware on an emulated chip.
+    mod chips {
+        use super::*;
 
-    /// A move of a host before is done when this one comes.
-    #[test]
-    fn what_was_told_before_is_no_trouble() {
-        let driver = MotorSetup { step_pin: 2, dir_pin: 3, ..MotorSetup::default() };
-        let setup = Setup { pulse_ticks: 250, motors: vec![driver], ..Setup::default() };
-        let mut host = Remote::open(VirtualPico::on_usb(), 1).unwrap();
-        host.configure(&setup).unwrap();
-        let period = u64::from(host.info().tick_hz) / 1000;
-        host.tell_motors(&[(0, Verb::Speed { ticks: period }), (0, Verb::Move { steps: 3 })]).unwrap();
-        let mut port = host.close();
-        let until = port.now() + Duration::from_millis(100);
-        while port.now() < until {
-            port.receive(until, &mut Vec::new()).unwrap();
+        #[test]
+        fn a_board_at_a_port_says_what_it_is() {
+            assert!(is_pico(VirtualPico::on_usb()).unwrap());
+            assert!(!is_pico(VirtualUno::new()).unwrap());
         }
-        let row = measure(&prepared("pico", 100.0, 0.5).unwrap(), (100.0, 0.5), port, Baud::B2M).unwrap();
-        assert_eq!(row.trouble(), Vec::<String>::new());
-    }
 
-    #[test]
-    fn what_a_board_reports_is_trouble() {
-        let prepared = prepared("uno", 100.0, 0.5).unwrap();
-        let row = measure(&prepared, (100.0, 0.5), VirtualUno::new(), Baud::B1M).unwrap();
-        assert_eq!(row.trouble(), Vec::<String>::new());
-        let events = vec![in_words(Cause::EdgeLate)];
-        let row = Row { compares_missed: Some(2), starved: 1, events, pins: None, ..row };
-        assert_eq!(row.trouble(), ["2 compares missed", "1 times starved", "it said: an edge was late"]);
+        #[test]
+        fn a_step_that_is_lost_is_trouble() {
+            let (steps, period_s) = (100.0, 0.5);
+            let prepared = prepared("pico", steps, period_s).unwrap();
+            let troubles = |edges| {
+                let port = Blink { pico: VirtualPico::on_usb(), edges };
+                measure(&prepared, (steps, period_s), port, Baud::B2M).unwrap().trouble()
+            };
+            assert_eq!(troubles(usize::MAX), Vec::<String>::new());
+            assert_eq!(troubles(42), ["1 steps without an edge"]);
+        }
+
+        #[test]
+        fn what_a_board_reports_is_trouble() {
+            let prepared = prepared("uno", 100.0, 0.5).unwrap();
+            let row = measure(&prepared, (100.0, 0.5), VirtualUno::new(), Baud::B1M).unwrap();
+            assert_eq!(row.trouble(), Vec::<String>::new());
+            let events = vec![in_words(Cause::EdgeLate)];
+            let row = Row { compares_missed: Some(2), starved: 1, events, pins: None, ..row };
+            assert_eq!(row.trouble(), ["2 compares missed", "1 times starved", "it said: an edge was late"]);
+        }
+
+        /// A move of a host before is done when this one comes.
+        #[test]
+        fn what_was_told_before_is_no_trouble() {
+            let driver = MotorSetup { step_pin: 2, dir_pin: 3, ..MotorSetup::default() };
+            let setup = Setup { pulse_ticks: 250, motors: vec![driver], ..Setup::default() };
+            let mut host = Remote::open(VirtualPico::on_usb(), 1).unwrap();
+            host.configure(&setup).unwrap();
+            let period = u64::from(host.info().tick_hz) / 1000;
+            host.tell_motors(&[(0, Verb::Speed { ticks: period }), (0, Verb::Move { steps: 3 })]).unwrap();
+            let mut port = host.close();
+            let until = port.now() + Duration::from_millis(100);
+            while port.now() < until {
+                port.receive(until, &mut Vec::new()).unwrap();
+            }
+            let row = measure(&prepared("pico", 100.0, 0.5).unwrap(), (100.0, 0.5), port, Baud::B2M).unwrap();
+            assert_eq!(row.trouble(), Vec::<String>::new());
+        }
     }
 }

@@ -105,19 +105,6 @@ mod tests {
     use pulsetrain_board::virtual_pico::VirtualPico;
     use pulsetrain_board::virtual_uno::VirtualUno;
 
-    /// In simulated time: the estimate holds the truth within what it says of itself, and says what is of use.
-    #[test]
-    fn a_clock_that_is_off_is_found_out() {
-        for off in [5000, -5000, 0, 37] {
-            let uno = Skewed::new(VirtualUno::new(), off);
-            let (ppm, within) = compare(uno, 10.0, |_| {}).unwrap().expect("long enough");
-            assert!((ppm - f64::from(off)).abs() <= within && within < 500.0, "{off}: {ppm} ± {within}");
-        }
-        let pico = Skewed::new(VirtualPico::on_usb(), -40);
-        let (ppm, within) = compare(pico, 2.0, |_| {}).unwrap().expect("long enough");
-        assert!((ppm + 40.0).abs() <= within && within < 1500.0, "{ppm} ± {within}");
-    }
-
     #[test]
     fn a_way_is_told_beyond_the_doubt_alone() {
         assert_eq!(way(0.0, 70.0), "whether it runs faster or slower cannot be told");
@@ -137,19 +124,37 @@ mod tests {
         }
     }
 
-    /// As `calibrate` says of too short a time.
-    #[test]
-    fn a_minute_tells_it_to_some_70_ppm() {
-        let (ppm, within) = compare(Skewed::new(VirtualUno::new(), -1250), 60.0, |_| {}).unwrap().unwrap();
-        assert!((ppm + 1250.0).abs() <= within && within <= 75.0, "{ppm} ± {within}");
-    }
+    /// Those that run firmware on an emulated chip.
+    mod chips {
+        use super::*;
 
-    #[test]
-    fn twice_as_long_is_twice_as_sure() {
-        let within =
-            |seconds| compare(Skewed::new(VirtualUno::new(), 1000), seconds, |_| {}).unwrap().map(|found| found.1);
-        let (short, long) = (within(4.0).unwrap(), within(8.0).unwrap());
-        assert!(long < 0.7 * short, "{short} {long}");
-        assert_eq!(within(0.1), None);
+        /// In simulated time: the estimate holds the truth within what it says of itself, and says what is of use.
+        #[test]
+        fn a_clock_that_is_off_is_found_out() {
+            for off in [5000, -5000, 0, 37] {
+                let uno = Skewed::new(VirtualUno::new(), off);
+                let (ppm, within) = compare(uno, 10.0, |_| {}).unwrap().expect("long enough");
+                assert!((ppm - f64::from(off)).abs() <= within && within < 500.0, "{off}: {ppm} ± {within}");
+            }
+            let pico = Skewed::new(VirtualPico::on_usb(), -40);
+            let (ppm, within) = compare(pico, 2.0, |_| {}).unwrap().expect("long enough");
+            assert!((ppm + 40.0).abs() <= within && within < 1500.0, "{ppm} ± {within}");
+        }
+
+        /// As `calibrate` says of too short a time.
+        #[test]
+        fn a_minute_tells_it_to_some_70_ppm() {
+            let (ppm, within) = compare(Skewed::new(VirtualUno::new(), -1250), 60.0, |_| {}).unwrap().unwrap();
+            assert!((ppm + 1250.0).abs() <= within && within <= 75.0, "{ppm} ± {within}");
+        }
+
+        #[test]
+        fn twice_as_long_is_twice_as_sure() {
+            let within =
+                |seconds| compare(Skewed::new(VirtualUno::new(), 1000), seconds, |_| {}).unwrap().map(|found| found.1);
+            let (short, long) = (within(4.0).unwrap(), within(8.0).unwrap());
+            assert!(long < 0.7 * short, "{short} {long}");
+            assert_eq!(within(0.1), None);
+        }
     }
 }

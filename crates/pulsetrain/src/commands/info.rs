@@ -237,22 +237,27 @@ pub(super) fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
 mod tests {
     use super::*;
 
-    #[test]
-    fn images_tell_what_they_understand() {
-        for (uno, expected) in [
-            (VirtualUno::new(), ("uno", true, false, false)),
-            (VirtualUno::with_winch(), ("winch", false, true, false)),
-            (VirtualUno::with_verbs(), ("verbs", false, false, true)),
-        ] {
-            let said = ask(uno, Baud::B1M).unwrap();
-            assert_eq!((said.image.unwrap(), said.plans, said.text, said.verbs), expected);
-        }
-    }
-
     /// A host that was killed leaves the motors to the stop at their queues' end: the board calls that done, as a motion's end.
     #[test]
     fn an_end_may_be_a_lost_host_s() {
         assert!(stopped(in_words(Cause::Finished)).contains("lost host"));
         assert_eq!(stopped(in_words(Cause::StopNow)), "the host asked for an immediate stop");
+    }
+
+    /// Those that run firmware on an emulated chip.
+    mod chips {
+        use super::*;
+
+        #[test]
+        fn images_tell_what_they_understand() {
+            for (uno, expected) in [
+                (VirtualUno::new(), ("uno", true, false, false)),
+                (VirtualUno::with_winch(), ("winch", false, true, false)),
+                (VirtualUno::with_verbs(), ("verbs", false, false, true)),
+            ] {
+                let said = ask(uno, Baud::B1M).unwrap();
+                assert_eq!((said.image.unwrap(), said.plans, said.text, said.verbs), expected);
+            }
+        }
     }
 }

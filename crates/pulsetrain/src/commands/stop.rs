@@ -315,32 +315,6 @@ mod tests {
     use pulsetrain_core::wire::Baud;
     use pulsetrain_core::wire::message::MotorSetup;
 
-    /// A MOVE of a day that a host left behind: the next one is told, and may end it.
-    #[test]
-    fn what_a_host_left_behind_is_told_and_stopped() {
-        let mut host = Remote::open(VirtualPico::on_usb(), 1).unwrap();
-        let driver = MotorSetup { step_pin: 2, dir_pin: 3, pull_in_ticks: 1_250_000, ..MotorSetup::default() };
-        host.configure(&Setup { pulse_ticks: 250, motors: vec![driver], ..Setup::default() }).unwrap();
-        host.tell_motors(&[(0, Verb::Speed { ticks: 125_000 }), (0, Verb::Move { steps: 86_400_000 })]).unwrap();
-        let mut lost = host.port().clone();
-        let port = host.close();
-        let said = info::ask(port.clone(), Baud::B1M).unwrap();
-        assert_eq!(said.keeps(), "not told while motors are powered");
-        assert!(said.moves && said.positions.len() == 1 && said.uncertain.is_empty(), "{said:?}");
-        // It is stopped at 1000 steps/s, where 100 are sure.
-        let Stopped { moved, positions, uncertain, .. } = stop(|| Ok(port.clone())).unwrap();
-        assert!(moved == Some(true) && positions[0] > 0, "{positions:?}");
-        assert_eq!(uncertain, [0]);
-        // A host that falls silent leaves nothing that moves.
-        let until = lost.now() + Duration::from_secs(3);
-        while lost.now() < until {
-            lost.receive(until, &mut Vec::new()).unwrap();
-        }
-        let said = info::ask(lost, Baud::B1M).unwrap();
-        assert!(!said.moves, "{said:?}");
-        assert_eq!(said.uncertain, [0]);
-    }
-
     /// Has a Pico do what lines say, stops it 0.2 s later, and gives what is told, when and where x, y and z made their last steps, and
     /// when all was known. Times are since the stop was begun.
     fn stopped(lines: &[&str]) -> (Stopped, [i64; 3], Duration, Duration) {
@@ -373,44 +347,75 @@ mod tests {
         (stopped, counts, Duration::from_secs_f64((last - tick) as f64 / TICKS_PER_S), known)
     }
 
-    /// x runs, y goes back, z has done its move, a was told to wait: all are where the pins have them, and x and y are named.
-    #[test]
-    fn axes_told_directly_stop_soon_and_their_places_are_told() {
-        let lines = ["speed xyz 12500 50000 12500", "dir ya -1 0", "run xa", "move y 100000", "move z 40"];
-        let (stopped, [x, y, z], last, known) = stopped(&lines);
-        assert!(x > 1000 && y < -200 && z == 40, "{x} {y} {z}");
-        assert_eq!(stopped.positions, [x, y, z, 0]);
-        assert_eq!((stopped.text, stopped.moved, &stopped.uncertain[..]), (true, Some(true), &[0, 1][..]));
-        assert!(stopped.told().contains("than they can start: x, y"), "{}", stopped.told());
-        assert!(last < Duration::from_millis(15) && known < Duration::from_millis(500), "{last:?} {known:?}");
-    }
-
-    /// Paths brake: 4000 steps/s by 20 000 steps/s² take 0.2 s and 400 steps.
-    #[test]
-    fn axes_on_paths_brake_and_are_asked_where_they_came_to_rest() {
-        // A board that is strict refuses what has no checksum.
-        for lines in [&["l x 4000 20000", "v x 4000"][..], &["strict 1", "l x 4000 20000", "v x 4000"]] {
-            let lines =
-                lines.iter().map(|line| if lines.len() == 3 { with_checksum(line) } else { (*line).to_owned() });
-            let lines: Vec<String> = lines.collect();
-            let lines: Vec<&str> = lines.iter().map(String::as_str).collect();
-            let (stopped, [x, ..], last, known) = stopped(&lines);
-            assert_eq!(stopped.positions, [x, 0, 0, 0]);
-            assert!(x > 400 && stopped.text && stopped.uncertain.is_empty() && stopped.moved != Some(false));
-            let (shortest, longest) = (Duration::from_millis(150), Duration::from_millis(300));
-            assert!(last > shortest && last < longest && known < Duration::from_millis(900), "{last:?} {known:?}");
-        }
-    }
-
-    #[test]
-    fn a_board_that_was_told_nothing_is_said_to_rest() {
-        let (stopped, counts, ..) = stopped(&["ping"]);
-        assert_eq!((stopped.text, stopped.moved, counts), (false, Some(false), [0; 3]));
-    }
-
     #[test]
     fn who_waits_for_rest_is_told_how_to_stop() {
         let waits = drive_problem(RemoteError::StillMoving.into());
         assert!(waits.help().is_some_and(|help| help.to_string().contains("pulsetrain stop --port PORT")));
+    }
+
+    /// Those that run firmware on an emulated chip.
+    mod chips {
+        use super::*;
+
+        #[test]
+        fn a_board_that_was_told_nothing_is_said_to_rest() {
+            let (stopped, counts, ..) = stopped(&["ping"]);
+            assert_eq!((stopped.text, stopped.moved, counts), (false, Some(false), [0; 3]));
+        }
+
+        /// Paths brake: 4000 steps/s by 20 000 steps/s² take 0.2 s and 400 steps.
+        #[test]
+        fn axes_on_paths_brake_and_are_asked_where_they_came_to_rest() {
+            // A board that is strict refuses what has no checksum.
+            for lines in [&["l x 4000 20000", "v x 4000"][..], &["strict 1", "l x 4000 20000", "v x 4000"]] {
+                let lines =
+                    lines.iter().map(|line| if lines.len() == 3 { with_checksum(line) } else { (*line).to_owned() });
+                let lines: Vec<String> = lines.collect();
+                let lines: Vec<&str> = lines.iter().map(String::as_str).collect();
+                let (stopped, [x, ..], last, known) = stopped(&lines);
+                assert_eq!(stopped.positions, [x, 0, 0, 0]);
+                assert!(x > 400 && stopped.text && stopped.uncertain.is_empty() && stopped.moved != Some(false));
+                let (shortest, longest) = (Duration::from_millis(150), Duration::from_millis(300));
+                assert!(last > shortest && last < longest && known < Duration::from_millis(900), "{last:?} {known:?}");
+            }
+        }
+
+        /// x runs, y goes back, z has done its move, a was told to wait: all are where the pins have them, and x and y are named.
+        #[test]
+        fn axes_told_directly_stop_soon_and_their_places_are_told() {
+            let lines = ["speed xyz 12500 50000 12500", "dir ya -1 0", "run xa", "move y 100000", "move z 40"];
+            let (stopped, [x, y, z], last, known) = stopped(&lines);
+            assert!(x > 1000 && y < -200 && z == 40, "{x} {y} {z}");
+            assert_eq!(stopped.positions, [x, y, z, 0]);
+            assert_eq!((stopped.text, stopped.moved, &stopped.uncertain[..]), (true, Some(true), &[0, 1][..]));
+            assert!(stopped.told().contains("than they can start: x, y"), "{}", stopped.told());
+            assert!(last < Duration::from_millis(15) && known < Duration::from_millis(500), "{last:?} {known:?}");
+        }
+
+        /// A MOVE of a day that a host left behind: the next one is told, and may end it.
+        #[test]
+        fn what_a_host_left_behind_is_told_and_stopped() {
+            let mut host = Remote::open(VirtualPico::on_usb(), 1).unwrap();
+            let driver = MotorSetup { step_pin: 2, dir_pin: 3, pull_in_ticks: 1_250_000, ..MotorSetup::default() };
+            host.configure(&Setup { pulse_ticks: 250, motors: vec![driver], ..Setup::default() }).unwrap();
+            host.tell_motors(&[(0, Verb::Speed { ticks: 125_000 }), (0, Verb::Move { steps: 86_400_000 })]).unwrap();
+            let mut lost = host.port().clone();
+            let port = host.close();
+            let said = info::ask(port.clone(), Baud::B1M).unwrap();
+            assert_eq!(said.keeps(), "not told while motors are powered");
+            assert!(said.moves && said.positions.len() == 1 && said.uncertain.is_empty(), "{said:?}");
+            // It is stopped at 1000 steps/s, where 100 are sure.
+            let Stopped { moved, positions, uncertain, .. } = stop(|| Ok(port.clone())).unwrap();
+            assert!(moved == Some(true) && positions[0] > 0, "{positions:?}");
+            assert_eq!(uncertain, [0]);
+            // A host that falls silent leaves nothing that moves.
+            let until = lost.now() + Duration::from_secs(3);
+            while lost.now() < until {
+                lost.receive(until, &mut Vec::new()).unwrap();
+            }
+            let said = info::ask(lost, Baud::B1M).unwrap();
+            assert!(!said.moves, "{said:?}");
+            assert_eq!(said.uncertain, [0]);
+        }
     }
 }

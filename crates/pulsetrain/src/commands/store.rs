@@ -158,49 +158,6 @@ mod tests {
         json: false,
     };
 
-    /// As a run leaves a Pico: who asks is told what to do, and the next one finds the board free.
-    #[test]
-    fn armed_motors_keep_settings_from_being_told_and_nobody_out() {
-        let board = Shared::new(VirtualPico::on_usb());
-        let mut host = Remote::open(board.clone(), 1).unwrap();
-        let driver = MotorSetup { step_pin: 2, dir_pin: 3, ..MotorSetup::default() };
-        host.configure(&Setup { pulse_ticks: 250, motors: vec![driver], ..Setup::default() }).unwrap();
-        host.arm().unwrap();
-        host.close();
-        let refused = problem(store(board.clone(), &ASK, None).unwrap_err());
-        assert!(refused.to_string().contains("motors are armed"), "{refused}");
-        assert!(refused.help().unwrap().to_string().contains("pulsetrain stop"));
-        let mut next = Remote::open_if_free(board.clone(), 2).unwrap();
-        next.stop_motors().unwrap();
-        next.close();
-        let kept = Stored { settings: Some(Settings { deadman_ms: 400, ..Settings::default() }), is_damaged: false };
-        assert_eq!(store(board, &Store { deadman: Some(400), ..ASK }, None).unwrap(), kept);
-    }
-
-    #[test]
-    fn every_image_of_an_uno_keeps_settings() {
-        let kept = Stored { settings: Some(Settings { silence_ms: 700, ..Settings::default() }), is_damaged: false };
-        for uno in [VirtualUno::new(), VirtualUno::with_winch(), VirtualUno::with_verbs()] {
-            assert_eq!(store(uno, &Store { silence: Some(700), ..ASK }, None).unwrap(), kept);
-        }
-    }
-
-    /// The newer of two copies is damaged: to say again what the older one has mends that.
-    #[test]
-    fn the_same_once_more_mends_what_is_damaged() {
-        let mut board = Remote::open(VirtualPico::on_usb(), 1).unwrap();
-        let settings = [400, 500].map(|deadman_ms| Settings { deadman_ms, ..Settings::default() });
-        settings.iter().for_each(|settings| board.store(settings).unwrap());
-        let mut memory = board.close().chip().flash().to_vec();
-        memory[FLASH_ROOM as usize + 4096 + 3] ^= 1;
-        let after = |args: &Store| store(VirtualPico::with_flash(&memory).unwrap(), args, None).unwrap();
-        let damaged = Stored { settings: Some(settings[0]), is_damaged: true };
-        assert_eq!(after(&ASK), damaged);
-        let said = serde_json::to_value(Said { kept: damaged.settings.map(Kept::of), damaged: true }).unwrap();
-        assert_eq!((&said["deadman_ms"], &said["damaged"]), (&400.into(), &true.into()));
-        assert_eq!(after(&Store { deadman: Some(400), ..ASK }), Stored { is_damaged: false, ..damaged });
-    }
-
     #[test]
     fn limits_that_no_board_takes_are_told_as_they_were_said() {
         let refused = limits(&[-5.0, 1e6]).unwrap_err();
@@ -215,5 +172,55 @@ mod tests {
         let limits = Kept::of(Settings { vmax: 2_500_500, amax: 20_000_000, ..Settings::default() });
         assert_eq!(told(Some(&limits), false), "axes of text at most 2500.5 steps/s and 20 000 steps/s²");
         assert_eq!(told(None, true), "nothing (what was stored last is damaged: store it again)");
+    }
+
+    /// Those that run firmware on an emulated chip.
+    mod chips {
+        use super::*;
+
+        /// As a run leaves a Pico: who asks is told what to do, and the next one finds the board free.
+        #[test]
+        fn armed_motors_keep_settings_from_being_told_and_nobody_out() {
+            let board = Shared::new(VirtualPico::on_usb());
+            let mut host = Remote::open(board.clone(), 1).unwrap();
+            let driver = MotorSetup { step_pin: 2, dir_pin: 3, ..MotorSetup::default() };
+            host.configure(&Setup { pulse_ticks: 250, motors: vec![driver], ..Setup::default() }).unwrap();
+            host.arm().unwrap();
+            host.close();
+            let refused = problem(store(board.clone(), &ASK, None).unwrap_err());
+            assert!(refused.to_string().contains("motors are armed"), "{refused}");
+            assert!(refused.help().unwrap().to_string().contains("pulsetrain stop"));
+            let mut next = Remote::open_if_free(board.clone(), 2).unwrap();
+            next.stop_motors().unwrap();
+            next.close();
+            let kept =
+                Stored { settings: Some(Settings { deadman_ms: 400, ..Settings::default() }), is_damaged: false };
+            assert_eq!(store(board, &Store { deadman: Some(400), ..ASK }, None).unwrap(), kept);
+        }
+
+        #[test]
+        fn every_image_of_an_uno_keeps_settings() {
+            let kept =
+                Stored { settings: Some(Settings { silence_ms: 700, ..Settings::default() }), is_damaged: false };
+            for uno in [VirtualUno::new(), VirtualUno::with_winch(), VirtualUno::with_verbs()] {
+                assert_eq!(store(uno, &Store { silence: Some(700), ..ASK }, None).unwrap(), kept);
+            }
+        }
+
+        /// The newer of two copies is damaged: to say again what the older one has mends that.
+        #[test]
+        fn the_same_once_more_mends_what_is_damaged() {
+            let mut board = Remote::open(VirtualPico::on_usb(), 1).unwrap();
+            let settings = [400, 500].map(|deadman_ms| Settings { deadman_ms, ..Settings::default() });
+            settings.iter().for_each(|settings| board.store(settings).unwrap());
+            let mut memory = board.close().chip().flash().to_vec();
+            memory[FLASH_ROOM as usize + 4096 + 3] ^= 1;
+            let after = |args: &Store| store(VirtualPico::with_flash(&memory).unwrap(), args, None).unwrap();
+            let damaged = Stored { settings: Some(settings[0]), is_damaged: true };
+            assert_eq!(after(&ASK), damaged);
+            let said = serde_json::to_value(Said { kept: damaged.settings.map(Kept::of), damaged: true }).unwrap();
+            assert_eq!((&said["deadman_ms"], &said["damaged"]), (&400.into(), &true.into()));
+            assert_eq!(after(&Store { deadman: Some(400), ..ASK }), Stored { is_damaged: false, ..damaged });
+        }
     }
 }

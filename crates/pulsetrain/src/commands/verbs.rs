@@ -529,55 +529,6 @@ mod tests {
         }
     }
 
-    /// Of a move that is done at once the answer is lost, and said again after the `done`, or the `done` is, which is said once: it is no move
-    /// that is still to be done.
-    #[test]
-    fn a_move_ends_whatever_gets_lost() {
-        let mut seen = [0, 0];
-        let Read::Told(told) = text::read(b"move x 0") else { panic!("a line") };
-        for begin in (334_000..350_000).step_by(1000) {
-            let begin = Duration::from_micros(begin);
-            let port = Deaf::new(begin..begin + Duration::from_millis(6), Duration::from_secs(4));
-            let (exit, said) = held(port, lines(Some(vec![(0.1, told)])));
-            assert!(matches!(exit, Ok(Exit::Success)), "{begin:?}: {exit:?} {said}");
-            let (at, done) = (said.rfind("\nat ").unwrap(), said.find("\ndone x "));
-            assert_eq!(done.is_none(), said.contains("got lost on the way, of x\n"), "{begin:?}: {said}");
-            let before = said[..at].rfind("\nat ");
-            seen[0] += u32::from(done.zip(before).is_some_and(|(done, before)| done < before));
-            seen[1] += u32::from(done.is_none());
-        }
-        assert!(seen.iter().all(|times| *times > 0), "{seen:?}");
-    }
-
-    #[test]
-    fn typed_lines_may_have_comments_as_those_of_files() {
-        let (typed, lines) = std::sync::mpsc::channel();
-        for line in ["# a note", "  speed x 125000 # a kilohertz", "move x 3#and no more", "quit # it is done"] {
-            typed.send(line.to_owned()).unwrap();
-        }
-        let port = Deaf::new(Duration::ZERO..Duration::ZERO, Duration::from_secs(4));
-        let (exit, said) = held(port, Lines::Typed(lines));
-        assert!(matches!(exit, Ok(Exit::Success)), "{exit:?} {said}");
-        assert!(said.contains("\ndone x ") && said.trim_end().ends_with(" x 3 - y 0 - z 0 - a 0 -"), "{said}");
-    }
-
-    /// A move that a host has left behind goes on when the next one waits for it no longer.
-    #[test]
-    fn a_board_that_still_moves_is_left_moving() {
-        let port = Deaf::new(Duration::ZERO..Duration::ZERO, Duration::from_secs(9));
-        let mut first = Remote::open(port.clone(), 1).unwrap();
-        first.configure(&wiring(false)).unwrap();
-        first.tell_motors(&[(0, Verb::Move { steps: 100_000 })]).unwrap();
-        first.close();
-        assert_eq!(take(port.clone(), Baud::B1M, || false).err(), Some(RemoteError::StillMoving));
-        // Longer than a host may be silent.
-        let (mut idle, until) = (port.clone(), port.now() + Duration::from_secs(3));
-        while idle.now() < until {
-            idle.receive(until, &mut Vec::new()).unwrap();
-        }
-        assert!(!Remote::open(port, 3).unwrap().status().unwrap().is_idle());
-    }
-
     /// Nothing is wrong with the lines of a script that is not there.
     #[test]
     fn who_names_no_file_is_not_told_of_lines() {
@@ -617,5 +568,59 @@ mod tests {
         axis.hear(Verb::Move { steps: 5 }, 40);
         axis.done(29);
         assert_eq!(axis.moves, 1, "the one that was done is an earlier one, told late");
+    }
+
+    /// Those that run firmware on an emulated chip.
+    mod chips {
+        use super::*;
+
+        /// A move that a host has left behind goes on when the next one waits for it no longer.
+        #[test]
+        fn a_board_that_still_moves_is_left_moving() {
+            let port = Deaf::new(Duration::ZERO..Duration::ZERO, Duration::from_secs(9));
+            let mut first = Remote::open(port.clone(), 1).unwrap();
+            first.configure(&wiring(false)).unwrap();
+            first.tell_motors(&[(0, Verb::Move { steps: 100_000 })]).unwrap();
+            first.close();
+            assert_eq!(take(port.clone(), Baud::B1M, || false).err(), Some(RemoteError::StillMoving));
+            // Longer than a host may be silent.
+            let (mut idle, until) = (port.clone(), port.now() + Duration::from_secs(3));
+            while idle.now() < until {
+                idle.receive(until, &mut Vec::new()).unwrap();
+            }
+            assert!(!Remote::open(port, 3).unwrap().status().unwrap().is_idle());
+        }
+
+        /// Of a move that is done at once the answer is lost, and said again after the `done`, or the `done` is, which is said once: it is no move
+        /// that is still to be done.
+        #[test]
+        fn a_move_ends_whatever_gets_lost() {
+            let mut seen = [0, 0];
+            let Read::Told(told) = text::read(b"move x 0") else { panic!("a line") };
+            for begin in (334_000..350_000).step_by(1000) {
+                let begin = Duration::from_micros(begin);
+                let port = Deaf::new(begin..begin + Duration::from_millis(6), Duration::from_secs(4));
+                let (exit, said) = held(port, lines(Some(vec![(0.1, told)])));
+                assert!(matches!(exit, Ok(Exit::Success)), "{begin:?}: {exit:?} {said}");
+                let (at, done) = (said.rfind("\nat ").unwrap(), said.find("\ndone x "));
+                assert_eq!(done.is_none(), said.contains("got lost on the way, of x\n"), "{begin:?}: {said}");
+                let before = said[..at].rfind("\nat ");
+                seen[0] += u32::from(done.zip(before).is_some_and(|(done, before)| done < before));
+                seen[1] += u32::from(done.is_none());
+            }
+            assert!(seen.iter().all(|times| *times > 0), "{seen:?}");
+        }
+
+        #[test]
+        fn typed_lines_may_have_comments_as_those_of_files() {
+            let (typed, lines) = std::sync::mpsc::channel();
+            for line in ["# a note", "  speed x 125000 # a kilohertz", "move x 3#and no more", "quit # it is done"] {
+                typed.send(line.to_owned()).unwrap();
+            }
+            let port = Deaf::new(Duration::ZERO..Duration::ZERO, Duration::from_secs(4));
+            let (exit, said) = held(port, Lines::Typed(lines));
+            assert!(matches!(exit, Ok(Exit::Success)), "{exit:?} {said}");
+            assert!(said.contains("\ndone x ") && said.trim_end().ends_with(" x 3 - y 0 - z 0 - a 0 -"), "{said}");
+        }
     }
 }

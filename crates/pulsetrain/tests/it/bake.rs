@@ -180,100 +180,6 @@ fn what_cannot_be_baked_is_told() {
     assert!(matches!(Sketch::new(&pico, "pico"), Err(BakeError::Board { .. })));
 }
 
-#[test]
-fn what_does_not_repeat_is_told() {
-    // Half a step is left over each time.
-    let drifts = program(
-        "repeat = \"forever\"\nlaw.then = [ { rest = \"0.1 s\" }, { trapezoid = { distance = \"10.5 step\", speed = \"100 step/s\", \
-         acceleration = \"8 rev/s^2\" } } ]",
-    );
-    let error = refused(&drifts);
-    assert!(matches!(error, BakeError::NotPeriodic { step: 1.., .. }), "{error}");
-    let still = program("law.sine = { amplitude = \"0.2 step\", period = \"1 s\", cycles = \"forever\" }");
-    let error = refused(&still);
-    assert!(matches!(error, BakeError::NoStep { period_s: 1.0, .. }), "{error}");
-    assert!(error.advice().contains("half a step"), "{}", error.advice());
-    let apart = |second: &str| {
-        let other = format!("law.sine = {{ amplitude = \"0.1 rev\", period = \"{second} s\", cycles = \"forever\" }}");
-        let [one, two] = [
-            motor("one", "driver = \"A4988\"", "step = 8, dir = 10", SINE),
-            motor("two", "driver = \"A4988\"", "step = 9, dir = 10", &other),
-        ];
-        read(&format!("board = \"uno\"\ntolerance = \"1 tick\"\n{one}{two}"))
-    };
-    assert!(matches!(refused(&apart("0.7300011")), BakeError::NoCommonPeriod { most: 64 }));
-    assert!(Sketch::new(&apart("0.75"), "apart").is_ok() && Image::new(&apart("0.75")).is_ok(), "4 s and 3 s");
-}
-
-/// As much as there is room for is baked; a motion of a day is refused as soon as its beginning does not fit, with what would.
-#[test]
-fn what_is_too_large_is_told_with_what_would_fit() {
-    /// Whether it fits in the flash, or why not.
-    type Way<'a> = &'a dyn Fn(&Program) -> Result<bool, BakeError>;
-    let law = |cycles: u32| format!("law.sine = {{ amplitude = \"3 rev\", period = \"1.7 s\", cycles = {cycles} }}");
-    let sketch = |program: &Program| Sketch::new(program, "large").map(|sketch| sketch.size.bytes <= 32_256);
-    let image = |program: &Program| Image::new(program).map(|image| image.flash.len() <= 32_256);
-    let ways: [Way<'_>; 2] = [&sketch, &image];
-    for (way, limits) in ways.iter().zip([20_000..30_000, 6_500..9_000]) {
-        let error = way(&program(&law(50_000))).unwrap_err();
-        let BakeError::TooLarge { board: "an Uno", bytes, limit, fits_s } = error else { panic!("{error}") };
-        assert!(bytes > limit && limits.contains(&limit), "{error}");
-        let cycles = |seconds: f64| (seconds / 1.7) as u32;
-        assert!(way(&program(&law(cycles(fits_s)))).is_ok_and(|fits| fits), "{fits_s} s");
-        let more = way(&program(&law(cycles(fits_s + 3.4))));
-        assert!(matches!(more, Err(BakeError::TooLarge { .. })), "{fits_s} s: {more:?}");
-        // Two motors have half of it each.
-        let two = ["8, dir = 9", "10, dir = 11"].map(|pins| {
-            let name = if pins.starts_with('8') { "one" } else { "two" };
-            motor(name, "driver = \"A4988\"", &format!("step = {pins}"), &law(cycles(0.8 * fits_s)))
-        });
-        let error = way(&read(&format!("board = \"uno\"\ntolerance = \"1 tick\"\n{}", two.concat()))).unwrap_err();
-        assert!(
-            matches!(error, BakeError::TooLarge { fits_s: half, .. } if (0.4 * fits_s..0.6 * fits_s).contains(&half)),
-            "{error} {fits_s}"
-        );
-    }
-}
-
-#[test]
-fn wirings_that_cannot_be_baked_are_told() {
-    for (driver, pins, why) in [
-        ("driver = \"A4988\"", "step = 13, dir = 9", "the bootloader flashes"),
-        ("driver = \"A4988\"", "step = 14, dir = 9", "on pins 14 and 9"),
-        (
-            "pulse_high = \"2 us\"\ndir_setup = \"63 us\"",
-            "step = 8, dir = 9",
-            "dir_setup of 63 us is too long: 62.5 us",
-        ),
-        ("pulse_high = \"2 us\"\ndir_hold = \"5 ms\"", "step = 8, dir = 9", "dir_hold of 5000 us"),
-        ("pulse_high = \"70 us\"", "step = 8, dir = 9", "pulse_high of 70 us"),
-    ] {
-        let error = refused(&wired(driver, pins, SINE));
-        assert!(matches!(&error, BakeError::Wiring { motor, .. } if motor == "wheel"), "{error}");
-        assert!(error.to_string().contains(why), "{error}");
-    }
-    // Of an image, what the firmware says to pins and times.
-    for (driver, pins, why) in [
-        ("driver = \"A4988\"", "step = 13, dir = 9", "the bootloader flashes"),
-        ("driver = \"A4988\"", "step = 14, dir = 9", "14"),
-        ("driver = \"A4988\"", "step = 2, dir = 9", "9"),
-        ("pulse_high = \"2 us\"\ndir_hold = \"5 ms\"", "step = 8, dir = 9", "4096 ticks"),
-    ] {
-        let error = Image::new(&wired(driver, pins, SINE)).map(|image| image.items).unwrap_err();
-        assert!(matches!(error, BakeError::Wiring { .. } | BakeError::Refused(_)), "{error:?}");
-        assert!(error.to_string().contains(why), "{error}");
-    }
-    let coils = "board = \"uno\"\ntolerance = \"1 tick\"\n[motor.wheel]\nsteps_per_rev = 32\ndriver = \"ULN2003\"\npull_in = \"500 step/s\"\n\
-                 pins = { in = [8, 9, 10, 11] }\n[[motion]]\nmotor = \"wheel\"\n";
-    let coils = read(&format!("{coils}{SINE}\n"));
-    for error in [refused(&coils), Image::new(&coils).map(|image| image.items).unwrap_err()] {
-        assert!(error.to_string().contains("its coils cannot be baked"), "{error}");
-    }
-    // The longest that are taken, and what uses the lamp's pin without harm.
-    let long = wired("pulse_high = \"62.5 us\"\ndir_setup = \"62.5 us\"", "step = 8, dir = 13", SINE);
-    assert!(Sketch::new(&long, "long").is_ok() && Image::new(&long).is_ok());
-}
-
 /// Steps that are made late where motors meet must leave those after them their time.
 #[test]
 fn a_motor_that_is_too_fast_beside_others_is_told() {
@@ -336,89 +242,6 @@ fn command(args: &[&str]) -> (Exit, String, String) {
     (exit, String::from_utf8(out).unwrap(), String::from_utf8(err).unwrap())
 }
 
-/// Two motors on one DIR line that go opposite ways: the steps that wait for the line are told, of an image and of a sketch, as `run` tells them.
-#[test]
-fn steps_that_wait_for_a_shared_dir_line_are_told() {
-    let swing = |sign: &str| {
-        format!("law.formula = {{ theta = \"{sign}20*(1-cos(4*pi*t))\", unit = \"deg\", duration = \"0.5 s\" }}")
-    };
-    let motors = [("a", 2, ""), ("b", 3, "-")].map(|(name, step, sign)| {
-        motor(name, "microsteps = 8\ndriver = \"A4988\"", &format!("step = {step}, dir = 5"), &swing(sign))
-    });
-    let text = format!("board = \"uno\"\ntolerance = \"1 us\"\n{}", motors.concat());
-    let folder = Folder::new("bake-shared");
-    let (file, image, drawn) = (folder.path("two.toml"), folder.path("two.hex"), folder.path("two"));
-    fs::write(&file, text).unwrap();
-    let program = Prepared::endless(Path::new(&file), None).unwrap().program;
-    let mut ensemble = Ensemble::new(&program).unwrap();
-    (0..2).for_each(|motor| while ensemble.next_move(motor).unwrap().is_some() {});
-    let planned = [0, 1].map(|motor| ensemble.certificate(motor));
-    let steps: u64 = planned.iter().map(|motor| motor.steps_put_off).sum();
-    let longest = planned.iter().map(|motor| motor.longest_put_off_ticks).max().unwrap();
-    assert!(steps > 20 && longest > 20, "{steps} steps by up to {longest}");
-    let bake = |args: &[&str]| {
-        let (mut out, mut err) = (Vec::new(), Vec::new());
-        let exit = cli::run(["pulsetrain", "bake", &file].iter().chain(args).copied(), &mut out, &mut err);
-        assert_eq!(exit, Exit::Success, "{}", String::from_utf8_lossy(&err));
-        String::from_utf8(out).unwrap()
-    };
-    for to in [["--output", &image], ["--sketch", &drawn]] {
-        let said = bake(&to);
-        assert!(said.contains(&format!("put off (shared DIR): {steps} steps by up to {longest} ticks = ")), "{said}");
-        assert!(said.contains(" from where they are planned"), "{said}");
-        let json: serde_json::Value = serde_json::from_str(&bake(&[to[0], to[1], "--json"])).unwrap();
-        assert_eq!(
-            (&json["steps_put_off"], &json["longest_put_off_ticks"]),
-            (&steps.into(), &longest.into()),
-            "{json}"
-        );
-        if to[0] == "--output" {
-            // Those that wait for longer than is promised of the others are told apart from them.
-            let seen = &json["rehearsed"];
-            let (late, bound) =
-                (seen["longest_put_off_ticks"].as_f64().unwrap(), seen["bound_ticks"].as_f64().unwrap());
-            let waited = seen["steps_put_off"].as_u64().unwrap();
-            assert!(waited > 0 && waited <= steps && late > bound && late <= longest as f64 + bound, "{json}");
-            assert!(seen["max_error_ticks"].as_f64().unwrap() <= bound, "{json}");
-            let promised = seen["put_off_bound_ticks"].as_f64().unwrap();
-            assert_eq!(promised, longest as f64 + bound, "{json}");
-            let waits = format!(
-                "; {waited} steps waited for a shared DIR line and came up to {late:.1} ticks late, {promised:.1} are promised"
-            );
-            assert!(said.contains("all other edges within ") && said.contains(&waits), "{said}");
-        }
-    }
-}
-
-/// docs/first-motion.md shows what the command prints.
-#[test]
-fn the_guide_shows_what_bake_prints() {
-    const PAGE: &str = include_str!("../../../docs/first-motion.md");
-    let folder = Folder::new("bake-guide");
-    let (exit, said, err) = command(&["--output", &folder.path("sweep.hex")]);
-    assert_eq!(exit, Exit::Success, "{err}");
-    let shown: Vec<&str> =
-        said.lines().filter(|line| line.starts_with("put off") || line.starts_with("rehearsed")).collect();
-    assert_eq!(shown.len(), 2, "{said}");
-    assert!(PAGE.contains(&shown.join("\n")), "{said}");
-}
-
-/// Of what repeats, the steps of one turn are told.
-#[test]
-fn steps_that_wait_in_each_turn_count_once() {
-    let once = Image::new(&Prepared::endless(Path::new(SWEEP), None).unwrap().program).unwrap().put_off;
-    let cut = |seconds: f64| {
-        let time = Some(pulsetrain_motion::Time::from_seconds(seconds));
-        Image::new(&Prepared::load(Path::new(SWEEP), None, time).unwrap().program).unwrap().put_off
-    };
-    // All four motors begin again every 2 s. A turn begins in the widest gap, and so not at once.
-    let [short, long] = [2.0, 3.5].map(|seconds| cut(seconds).steps);
-    assert!(
-        once.longest_ticks > 0 && short <= once.steps && once.steps <= long,
-        "{once:?}: {short} in 2 s, {long} in 3.5 s"
-    );
-}
-
 #[test]
 fn a_file_of_the_users_own_is_not_written_over() {
     let folder = Folder::new("bake-own");
@@ -434,45 +257,232 @@ fn a_file_of_the_users_own_is_not_written_over() {
     assert_eq!(fs::read_to_string(&file).unwrap(), own);
 }
 
-/// As the motion file itself, or the image of another board.
-#[test]
-fn an_image_is_named_as_what_it_is() {
-    let folder = Folder::new("bake-name");
-    let tutorial = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/tutorial.toml");
-    for (name, board, wanted) in
-        [("own.toml", "uno", "own.hex"), ("own.uf2", "uno", "own.hex"), ("own.hex", "pico", "own.uf2")]
-    {
-        let file = folder.path(name);
-        fs::write(&file, "of the user's").unwrap();
-        let (mut out, mut err) = (Vec::new(), Vec::new());
-        let args = ["pulsetrain", "bake", tutorial, "--board", board, "--output", &file];
-        assert_eq!(cli::run(args, &mut out, &mut err), Exit::Refused);
-        let said = String::from_utf8(err).unwrap();
-        assert!(said.contains("does not end in") && said.contains(wanted), "{said}");
-        assert_eq!(fs::read_to_string(&file).unwrap(), "of the user's");
-    }
-    assert_eq!(command(&["--output", &folder.path("SWEEP.HEX")]).0, Exit::Success);
-}
+/// Those that run firmware on an emulated chip.
+mod chips {
+    use super::*;
 
-#[test]
-fn a_clock_that_is_off_is_baked_in_and_all_of_the_flash_is_told() {
-    let folder = Folder::new("bake-clock");
-    let file = folder.path("sweep.hex");
-    let flash = |options: &[&str]| {
-        let (exit, out, err) = command(&[&["--json", "--output", &file], options].concat());
+    #[test]
+    fn a_clock_that_is_off_is_baked_in_and_all_of_the_flash_is_told() {
+        let folder = Folder::new("bake-clock");
+        let file = folder.path("sweep.hex");
+        let flash = |options: &[&str]| {
+            let (exit, out, err) = command(&[&["--json", "--output", &file], options].concat());
+            assert_eq!(exit, Exit::Success, "{err}");
+            let flash = hex::parse(&fs::read_to_string(&file).unwrap(), 32 * 1024).unwrap();
+            let json: serde_json::Value = serde_json::from_str(&out).unwrap();
+            assert_eq!(json["flash_bytes"], flash.len());
+            flash
+        };
+        // As slow a plan: that of a board whose clock is so much slower.
+        let mut slow = Prepared::endless(Path::new(SWEEP), None).unwrap();
+        assert_eq!(flash(&[]), Image::new(&slow.program).unwrap().flash);
+        slow.calibrate(-5000.0);
+        let baked = flash(&["--clock-ppm=-5000"]);
+        assert_eq!(baked, Image::new(&slow.program).unwrap().flash);
+        assert_eq!(slow.program.board.tick_hz, 15_920_000);
+        let (_, out, _) = command(&["--output", &file]);
+        assert!(out.contains("with the firmware, of 32 256"), "{out}");
+    }
+
+    /// As the motion file itself, or the image of another board.
+    #[test]
+    fn an_image_is_named_as_what_it_is() {
+        let folder = Folder::new("bake-name");
+        let tutorial = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/tutorial.toml");
+        for (name, board, wanted) in
+            [("own.toml", "uno", "own.hex"), ("own.uf2", "uno", "own.hex"), ("own.hex", "pico", "own.uf2")]
+        {
+            let file = folder.path(name);
+            fs::write(&file, "of the user's").unwrap();
+            let (mut out, mut err) = (Vec::new(), Vec::new());
+            let args = ["pulsetrain", "bake", tutorial, "--board", board, "--output", &file];
+            assert_eq!(cli::run(args, &mut out, &mut err), Exit::Refused);
+            let said = String::from_utf8(err).unwrap();
+            assert!(said.contains("does not end in") && said.contains(wanted), "{said}");
+            assert_eq!(fs::read_to_string(&file).unwrap(), "of the user's");
+        }
+        assert_eq!(command(&["--output", &folder.path("SWEEP.HEX")]).0, Exit::Success);
+    }
+
+    /// Two motors on one DIR line that go opposite ways: the steps that wait for the line are told, of an image and of a sketch, as `run` tells them.
+    #[test]
+    fn steps_that_wait_for_a_shared_dir_line_are_told() {
+        let swing = |sign: &str| {
+            format!("law.formula = {{ theta = \"{sign}20*(1-cos(4*pi*t))\", unit = \"deg\", duration = \"0.5 s\" }}")
+        };
+        let motors = [("a", 2, ""), ("b", 3, "-")].map(|(name, step, sign)| {
+            motor(name, "microsteps = 8\ndriver = \"A4988\"", &format!("step = {step}, dir = 5"), &swing(sign))
+        });
+        let text = format!("board = \"uno\"\ntolerance = \"1 us\"\n{}", motors.concat());
+        let folder = Folder::new("bake-shared");
+        let (file, image, drawn) = (folder.path("two.toml"), folder.path("two.hex"), folder.path("two"));
+        fs::write(&file, text).unwrap();
+        let program = Prepared::endless(Path::new(&file), None).unwrap().program;
+        let mut ensemble = Ensemble::new(&program).unwrap();
+        (0..2).for_each(|motor| while ensemble.next_move(motor).unwrap().is_some() {});
+        let planned = [0, 1].map(|motor| ensemble.certificate(motor));
+        let steps: u64 = planned.iter().map(|motor| motor.steps_put_off).sum();
+        let longest = planned.iter().map(|motor| motor.longest_put_off_ticks).max().unwrap();
+        assert!(steps > 20 && longest > 20, "{steps} steps by up to {longest}");
+        let bake = |args: &[&str]| {
+            let (mut out, mut err) = (Vec::new(), Vec::new());
+            let exit = cli::run(["pulsetrain", "bake", &file].iter().chain(args).copied(), &mut out, &mut err);
+            assert_eq!(exit, Exit::Success, "{}", String::from_utf8_lossy(&err));
+            String::from_utf8(out).unwrap()
+        };
+        for to in [["--output", &image], ["--sketch", &drawn]] {
+            let said = bake(&to);
+            assert!(
+                said.contains(&format!("put off (shared DIR): {steps} steps by up to {longest} ticks = ")),
+                "{said}"
+            );
+            assert!(said.contains(" from where they are planned"), "{said}");
+            let json: serde_json::Value = serde_json::from_str(&bake(&[to[0], to[1], "--json"])).unwrap();
+            assert_eq!(
+                (&json["steps_put_off"], &json["longest_put_off_ticks"]),
+                (&steps.into(), &longest.into()),
+                "{json}"
+            );
+            if to[0] == "--output" {
+                // Those that wait for longer than is promised of the others are told apart from them.
+                let seen = &json["rehearsed"];
+                let (late, bound) =
+                    (seen["longest_put_off_ticks"].as_f64().unwrap(), seen["bound_ticks"].as_f64().unwrap());
+                let waited = seen["steps_put_off"].as_u64().unwrap();
+                assert!(waited > 0 && waited <= steps && late > bound && late <= longest as f64 + bound, "{json}");
+                assert!(seen["max_error_ticks"].as_f64().unwrap() <= bound, "{json}");
+                let promised = seen["put_off_bound_ticks"].as_f64().unwrap();
+                assert_eq!(promised, longest as f64 + bound, "{json}");
+                let waits = format!(
+                    "; {waited} steps waited for a shared DIR line and came up to {late:.1} ticks late, {promised:.1} are promised"
+                );
+                assert!(said.contains("all other edges within ") && said.contains(&waits), "{said}");
+            }
+        }
+    }
+
+    /// Of what repeats, the steps of one turn are told.
+    #[test]
+    fn steps_that_wait_in_each_turn_count_once() {
+        let once = Image::new(&Prepared::endless(Path::new(SWEEP), None).unwrap().program).unwrap().put_off;
+        let cut = |seconds: f64| {
+            let time = Some(pulsetrain_motion::Time::from_seconds(seconds));
+            Image::new(&Prepared::load(Path::new(SWEEP), None, time).unwrap().program).unwrap().put_off
+        };
+        // All four motors begin again every 2 s. A turn begins in the widest gap, and so not at once.
+        let [short, long] = [2.0, 3.5].map(|seconds| cut(seconds).steps);
+        assert!(
+            once.longest_ticks > 0 && short <= once.steps && once.steps <= long,
+            "{once:?}: {short} in 2 s, {long} in 3.5 s"
+        );
+    }
+
+    #[test]
+    fn what_does_not_repeat_is_told() {
+        // Half a step is left over each time.
+        let drifts = program(
+            "repeat = \"forever\"\nlaw.then = [ { rest = \"0.1 s\" }, { trapezoid = { distance = \"10.5 step\", speed = \"100 step/s\", \
+             acceleration = \"8 rev/s^2\" } } ]",
+        );
+        let error = refused(&drifts);
+        assert!(matches!(error, BakeError::NotPeriodic { step: 1.., .. }), "{error}");
+        let still = program("law.sine = { amplitude = \"0.2 step\", period = \"1 s\", cycles = \"forever\" }");
+        let error = refused(&still);
+        assert!(matches!(error, BakeError::NoStep { period_s: 1.0, .. }), "{error}");
+        assert!(error.advice().contains("half a step"), "{}", error.advice());
+        let apart = |second: &str| {
+            let other =
+                format!("law.sine = {{ amplitude = \"0.1 rev\", period = \"{second} s\", cycles = \"forever\" }}");
+            let [one, two] = [
+                motor("one", "driver = \"A4988\"", "step = 8, dir = 10", SINE),
+                motor("two", "driver = \"A4988\"", "step = 9, dir = 10", &other),
+            ];
+            read(&format!("board = \"uno\"\ntolerance = \"1 tick\"\n{one}{two}"))
+        };
+        assert!(matches!(refused(&apart("0.7300011")), BakeError::NoCommonPeriod { most: 64 }));
+        assert!(Sketch::new(&apart("0.75"), "apart").is_ok() && Image::new(&apart("0.75")).is_ok(), "4 s and 3 s");
+    }
+
+    /// As much as there is room for is baked; a motion of a day is refused as soon as its beginning does not fit, with what would.
+    #[test]
+    fn what_is_too_large_is_told_with_what_would_fit() {
+        /// Whether it fits in the flash, or why not.
+        type Way<'a> = &'a dyn Fn(&Program) -> Result<bool, BakeError>;
+        let law =
+            |cycles: u32| format!("law.sine = {{ amplitude = \"3 rev\", period = \"1.7 s\", cycles = {cycles} }}");
+        let sketch = |program: &Program| Sketch::new(program, "large").map(|sketch| sketch.size.bytes <= 32_256);
+        let image = |program: &Program| Image::new(program).map(|image| image.flash.len() <= 32_256);
+        let ways: [Way<'_>; 2] = [&sketch, &image];
+        for (way, limits) in ways.iter().zip([20_000..30_000, 6_500..9_000]) {
+            let error = way(&program(&law(50_000))).unwrap_err();
+            let BakeError::TooLarge { board: "an Uno", bytes, limit, fits_s } = error else { panic!("{error}") };
+            assert!(bytes > limit && limits.contains(&limit), "{error}");
+            let cycles = |seconds: f64| (seconds / 1.7) as u32;
+            assert!(way(&program(&law(cycles(fits_s)))).is_ok_and(|fits| fits), "{fits_s} s");
+            let more = way(&program(&law(cycles(fits_s + 3.4))));
+            assert!(matches!(more, Err(BakeError::TooLarge { .. })), "{fits_s} s: {more:?}");
+            // Two motors have half of it each.
+            let two = ["8, dir = 9", "10, dir = 11"].map(|pins| {
+                let name = if pins.starts_with('8') { "one" } else { "two" };
+                motor(name, "driver = \"A4988\"", &format!("step = {pins}"), &law(cycles(0.8 * fits_s)))
+            });
+            let error = way(&read(&format!("board = \"uno\"\ntolerance = \"1 tick\"\n{}", two.concat()))).unwrap_err();
+            assert!(
+                matches!(error, BakeError::TooLarge { fits_s: half, .. } if (0.4 * fits_s..0.6 * fits_s).contains(&half)),
+                "{error} {fits_s}"
+            );
+        }
+    }
+
+    #[test]
+    fn wirings_that_cannot_be_baked_are_told() {
+        for (driver, pins, why) in [
+            ("driver = \"A4988\"", "step = 13, dir = 9", "the bootloader flashes"),
+            ("driver = \"A4988\"", "step = 14, dir = 9", "on pins 14 and 9"),
+            (
+                "pulse_high = \"2 us\"\ndir_setup = \"63 us\"",
+                "step = 8, dir = 9",
+                "dir_setup of 63 us is too long: 62.5 us",
+            ),
+            ("pulse_high = \"2 us\"\ndir_hold = \"5 ms\"", "step = 8, dir = 9", "dir_hold of 5000 us"),
+            ("pulse_high = \"70 us\"", "step = 8, dir = 9", "pulse_high of 70 us"),
+        ] {
+            let error = refused(&wired(driver, pins, SINE));
+            assert!(matches!(&error, BakeError::Wiring { motor, .. } if motor == "wheel"), "{error}");
+            assert!(error.to_string().contains(why), "{error}");
+        }
+        // Of an image, what the firmware says to pins and times.
+        for (driver, pins, why) in [
+            ("driver = \"A4988\"", "step = 13, dir = 9", "the bootloader flashes"),
+            ("driver = \"A4988\"", "step = 14, dir = 9", "14"),
+            ("driver = \"A4988\"", "step = 2, dir = 9", "9"),
+            ("pulse_high = \"2 us\"\ndir_hold = \"5 ms\"", "step = 8, dir = 9", "4096 ticks"),
+        ] {
+            let error = Image::new(&wired(driver, pins, SINE)).map(|image| image.items).unwrap_err();
+            assert!(matches!(error, BakeError::Wiring { .. } | BakeError::Refused(_)), "{error:?}");
+            assert!(error.to_string().contains(why), "{error}");
+        }
+        let coils = "board = \"uno\"\ntolerance = \"1 tick\"\n[motor.wheel]\nsteps_per_rev = 32\ndriver = \"ULN2003\"\npull_in = \"500 step/s\"\n\
+                     pins = { in = [8, 9, 10, 11] }\n[[motion]]\nmotor = \"wheel\"\n";
+        let coils = read(&format!("{coils}{SINE}\n"));
+        for error in [refused(&coils), Image::new(&coils).map(|image| image.items).unwrap_err()] {
+            assert!(error.to_string().contains("its coils cannot be baked"), "{error}");
+        }
+        // The longest that are taken, and what uses the lamp's pin without harm.
+        let long = wired("pulse_high = \"62.5 us\"\ndir_setup = \"62.5 us\"", "step = 8, dir = 13", SINE);
+        assert!(Sketch::new(&long, "long").is_ok() && Image::new(&long).is_ok());
+    }
+
+    /// docs/first-motion.md shows what the command prints.
+    #[test]
+    fn the_guide_shows_what_bake_prints() {
+        const PAGE: &str = include_str!("../../../../docs/first-motion.md");
+        let folder = Folder::new("bake-guide");
+        let (exit, said, err) = command(&["--output", &folder.path("sweep.hex")]);
         assert_eq!(exit, Exit::Success, "{err}");
-        let flash = hex::parse(&fs::read_to_string(&file).unwrap(), 32 * 1024).unwrap();
-        let json: serde_json::Value = serde_json::from_str(&out).unwrap();
-        assert_eq!(json["flash_bytes"], flash.len());
-        flash
-    };
-    // As slow a plan: that of a board whose clock is so much slower.
-    let mut slow = Prepared::endless(Path::new(SWEEP), None).unwrap();
-    assert_eq!(flash(&[]), Image::new(&slow.program).unwrap().flash);
-    slow.calibrate(-5000.0);
-    let baked = flash(&["--clock-ppm=-5000"]);
-    assert_eq!(baked, Image::new(&slow.program).unwrap().flash);
-    assert_eq!(slow.program.board.tick_hz, 15_920_000);
-    let (_, out, _) = command(&["--output", &file]);
-    assert!(out.contains("with the firmware, of 32 256"), "{out}");
+        let shown: Vec<&str> =
+            said.lines().filter(|line| line.starts_with("put off") || line.starts_with("rehearsed")).collect();
+        assert_eq!(shown.len(), 2, "{said}");
+        assert!(PAGE.contains(&shown.join("\n")), "{said}");
+    }
 }

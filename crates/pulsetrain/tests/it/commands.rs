@@ -573,145 +573,6 @@ fn examples_run_and_verify() {
     assert!(ran >= 10);
 }
 
-/// Files for the Uno run on the virtual one; its trace passes the judge as what it is, the pins.
-#[test]
-fn examples_for_the_uno_run_on_its_firmware() {
-    let folder = Folder::new("firmware");
-    let mut ran = 0;
-    for entry in std::fs::read_dir(EXAMPLES).unwrap() {
-        let path = entry.unwrap().path();
-        let file = path.display().to_string();
-        // What is too fast for an Uno is said by the planner.
-        if path.extension().is_none_or(|ending| ending != "toml")
-            || pulsetrain(&["plan", &file, "--for", "3 s"]).exit == Exit::Refused
-        {
-            continue;
-        }
-        let out = folder.path("run");
-        let outcome = pulsetrain(&["run", &file, "--for", "3 s", "--out", &out]);
-        assert_eq!(outcome.exit, Exit::Success, "{file}: {}{}", outcome.out, outcome.err);
-        if !outcome.out.contains("Run on the virtual Uno, firmware") {
-            continue;
-        }
-        let trace = format!("{out}/trace.vcd");
-        let outcome = pulsetrain(&["verify", &trace, &file, "--for", "3 s", "--pins"]);
-        assert_eq!(outcome.exit, Exit::Success, "{file}: {}{}", outcome.out, outcome.err);
-        ran += 1;
-    }
-    assert!(ran >= 10, "{ran}");
-}
-
-/// One motor just below the fastest rate, in segments of few steps: its queue runs dry, at different stages of the session. That is no fault
-/// of the planner.
-#[test]
-fn a_board_that_stops_says_why_and_where() {
-    let folder = Folder::new("dry");
-    let file = folder.path("dry.toml");
-    for duration in ["20 ms", "50 ms", "200 ms"] {
-        let law = format!(
-            "law.formula = {{ theta = \"140000*t + 6000*sin(9000*t)/9000\", unit = \"step\", duration = \"{duration}\" }}"
-        );
-        let text = one_motor(&law).replace("3000 step/s", "200000 step/s");
-        std::fs::write(&file, format!("tolerance = \"100 ns\"\n{text}")).unwrap();
-        let outcome = pulsetrain(&["run", &file, "--out", &folder.path("out")]);
-        let said = outcome.err.split_whitespace().collect::<Vec<_>>().join(" ").replace(" │ ", " ");
-        assert_eq!(outcome.exit, Exit::Refused, "{duration}: {}{said}", outcome.out);
-        let all = [
-            "the board stopped: a queue ran dry",
-            "the motors were stopped at once: m at ",
-            " steps. The board counted",
-        ];
-        assert!(all.iter().all(|part| said.contains(part)), "{duration}: {said}");
-        assert!(!said.contains("please report"), "{duration}: {said}");
-    }
-}
-
-/// Turns often: the session goes over to new epochs faster than it looks at its board, and the stepgen beside it is told as many.
-#[test]
-fn schedules_are_the_boards_where_epochs_are_short() {
-    let folder = Folder::new("often");
-    let file = folder.path("often.toml");
-    let motor = |name: &str, step: u8, dir: u8| {
-        format!(
-            "[motor.{name}]\nsteps_per_rev = 200\nmicrosteps = 16\ndriver = \"A4988\"\npins = {{ step = {step}, dir = {dir} }}\nforward = \"high\"\n"
-        )
-    };
-    let motion = |name: &str, frequency: &str, cycles: u32| {
-        format!(
-            "[[motion]]\nmotor = \"{name}\"\nlaw.sine = {{ amplitude = \"9 deg\", frequency = \"{frequency}\", cycles = {cycles} }}\n"
-        )
-    };
-    let [left, right] = [motor("l", 9, 8), motor("r", 10, 7)];
-    let [first, second] = [motion("l", "30 Hz", 60), motion("r", "32.1 Hz", 64)];
-    std::fs::write(&file, format!("board = \"uno\"\ntolerance = \"1 us\"\n{left}{right}{first}{second}")).unwrap();
-    let outcome = pulsetrain(&["run", &file, "--out", &folder.path("out")]);
-    assert!(outcome.out.contains("steps lost 0, added 0"), "{}{}", outcome.out, outcome.err);
-    assert_eq!(outcome.exit, Exit::Success, "{}{}", outcome.out, outcome.err);
-}
-
-#[test]
-fn the_unos_other_images_are_named() {
-    let folder = Folder::new("named");
-    for image in ["winch", "verbs"] {
-        let trace = folder.path(image);
-        let outcome = pulsetrain(&["board", "uno", "--image", image, "--trace", &trace, "--for", "50 ms"]);
-        assert_eq!(outcome.exit, Exit::Success, "{image}: {}{}", outcome.out, outcome.err);
-        // Taken from the program itself: only the port is missing.
-        let outcome = pulsetrain(&["flash", "uno", "--port", "/dev/ttyNOT-THERE", "--image", image]);
-        assert!(outcome.err.contains("there is no port /dev/ttyNOT-THERE"), "{image}: {}", outcome.err);
-    }
-}
-
-#[test]
-fn a_pause_is_planned_run_and_judged() {
-    let folder = Folder::new("pause");
-    for (name, on) in [("tutorial.toml", "--board=uno"), ("winch.toml", "--native"), ("s-curve.toml", "--native")] {
-        let pause = ["--pause-at", "0.4 s", "--resume-at", "0.9 s"];
-        let outcome = pulsetrain(&[&["run", &example(name), on, "--out", &folder.path("run")], &pause[..]].concat());
-        assert_eq!(outcome.exit, Exit::Success, "{name}: {}{}", outcome.out, outcome.err);
-        assert!(outcome.out.contains("pause: slows down from 400 ms on, rests from"), "{}", outcome.out);
-        assert!(outcome.out.contains("; goes on at 900 ms, at speed from"), "{}", outcome.out);
-    }
-    // Without the one there is no other.
-    let (file, out) = (example("tutorial.toml"), folder.path("run"));
-    let outcome = pulsetrain(&["run", &file, "--native", "--pause-at", "0.4 s", "--json", "--out", &out]);
-    assert_eq!(outcome.exit, Exit::Success, "{}", outcome.err);
-    let report: serde_json::Value = serde_json::from_str(&outcome.out).unwrap();
-    assert!(report["pause"]["goes_on_s"].is_null() && report["pause"]["rests_at_s"].as_f64().unwrap() < 0.7);
-    assert!(report["motors"][0]["final_position"].as_i64().unwrap() > 2000);
-}
-
-/// TB6600: pulses of 10 µs, of which the Uno makes one after the other where a DIR line is shared.
-#[test]
-fn long_pulses_on_one_dir_line_wait_for_each_other() {
-    let folder = Folder::new("long-pulses");
-    let motor = |name: &str, step: u8, dir: u8| {
-        format!(
-            "[motor.{name}]\nsteps_per_rev = 200\ndriver = \"TB6600\"\npins = {{ step = {step}, dir = {dir} }}\nforward = \"high\"\n"
-        )
-    };
-    let trapezoid =
-        r#"law.trapezoid = { distance = "100 step", speed = "500 step/s", acceleration = "2000 step/s^2" }"#;
-    let two = format!(
-        "{}{}[[motion]]\nmotor = \"x\"\n{trapezoid}\n[[motion]]\nmotor = \"y\"\nstart = \"5 us\"\n{trapezoid}\n",
-        motor("x", 9, 8),
-        motor("y", 10, 8)
-    );
-    // A third that has a DIR line of its own, and turns: all come from one ring.
-    let three = format!(
-        "{two}{}[[motion]]\nmotor = \"z\"\nlaw.sine = {{ amplitude = \"30 step\", period = \"100 ms\", cycles = 3 }}\n",
-        motor("z", 11, 12)
-    );
-    for (name, motors) in [("two", two), ("three", three)] {
-        let file = folder.path(&format!("{name}.toml"));
-        std::fs::write(&file, format!("board = \"uno\"\n{motors}")).unwrap();
-        let outcome = pulsetrain(&["run", &file, "--json", "--out", &folder.path(name)]);
-        assert_eq!(outcome.exit, Exit::Success, "{name}: {}{}", outcome.out, outcome.err);
-        let report: serde_json::Value = serde_json::from_str(&outcome.out).unwrap();
-        assert!(report["motors"][1]["steps_put_off"].as_u64().unwrap() > 50, "{}", outcome.out);
-    }
-}
-
 /// A winch path, which comes to rest ever more slowly, at a step's level.
 #[test]
 fn a_path_that_comes_to_rest_at_a_level_passes() {
@@ -846,57 +707,6 @@ fn new_files_can_be_planned_and_are_not_overwritten() {
     assert!(again.err.contains("cannot write"), "{}", again.err);
 }
 
-#[test]
-fn what_cannot_be_done_is_said() {
-    let folder = Folder::new("wrong");
-    let plain_file = folder.path("file");
-    std::fs::write(&plain_file, "").unwrap();
-    let tutorial = example("tutorial.toml");
-    let check = |args: &[&str], says: &str| {
-        let outcome = pulsetrain(args);
-        assert_eq!(outcome.exit, Exit::Refused, "{args:?}");
-        assert!(outcome.err.contains(says), "{args:?}: {}", outcome.err);
-    };
-    check(&[], "Usage");
-    check(&["plan", "missing.toml"], "cannot read missing.toml");
-    check(&["plan", &tutorial, "--board", "mega"], "there are uno, due, pico, native");
-    check(&["plan", &tutorial, "--board", "uno-stream"], "say uno: its firmware has these rates now");
-    check(&["plan", &tutorial, "--for", "10"], "10 of what?");
-    check(&["plan", &tutorial, "--for", "3 mm"], "this is a distance");
-    check(&["motor", "--inductance", "50mH"], "--current");
-    check(&["run", &tutorial, "--out", &format!("{plain_file}/out")], "cannot write");
-    check(&["plot", &tutorial, "--out", &folder.path("plot.gif")], "name it .svg or .png");
-    check(&["plot", &tutorial, "--out", &format!("{plain_file}/plot.png")], "cannot write");
-    check(&["verify", "missing.vcd", &tutorial], "cannot read missing.vcd");
-    check(&["run", &tutorial, "--port", "/dev/ttyNOT-THERE"], "there is no port /dev/ttyNOT-THERE");
-    check(&["run", &tutorial, "--port", "x", "--board", "due"], "is planned for the board `due`");
-    check(&["run", &tutorial, "--port", "x", "--baud", "9600"], "the rates are 115200, 250000");
-    check(&["run", &tutorial, "--port", "x", "--native"], "cannot be used with");
-    check(&["run", &tutorial, "--no-rehearsal"], "--port <PORT>");
-    check(&["run", &tutorial, "--port", "x", "--rehearse", "1 s", "--no-rehearsal"], "cannot be used with");
-    check(
-        &["run", &tutorial, "--port", "x", "--board", "pico", "--rehearse", "1 s"],
-        "only what an Uno is to run is rehearsed",
-    );
-    check(&["run", &tutorial, "--pause-at", "9 s"], "the motion ends at 1 s");
-    check(&["run", &tutorial, "--resume-at", "9 s"], "--pause-at <TIME>");
-    for command in ["info", "store", "verbs"] {
-        check(&[command], "<--port <PORT>|--board <BOARD>>");
-    }
-    check(&["info", "--port", "/dev/ttyNOT-THERE"], "an Uno is usually /dev/ttyACM0");
-    check(&["bench", "--port", "/dev/ttyNOT-THERE"], "say --disconnected");
-    check(&["store", "--port", "/dev/ttyNOT-THERE"], "an Uno is usually /dev/ttyACM0");
-    check(&["store", "--board", "uno", "--deadman", "66 s"], "1 ms to 65.535 s, or off");
-    check(&["store", "--board", "uno", "--deadman", "5"], "--deadman <TIME>");
-    for [speed, acceleration] in [["10001", "5"], ["1", "0"], ["-1", "5"], ["nan", "5"], ["1", "0.5"], ["1", "250001"]]
-    {
-        check(&["store", "--board", "uno", "--limits", speed, acceleration], "up to 10 000 steps/s");
-    }
-    check(&["board", "uno"], "--pty <LINK>");
-    check(&["board", "due", "--tcp", "127.0.0.1:0"], "possible values: uno");
-    check(&["verify", &plain_file, &tutorial], "captures are VCD");
-}
-
 /// Pins that the firmware cannot move together are refused before anything is planned, with what fits.
 #[test]
 fn pins_apart_are_refused_with_what_fits() {
@@ -912,28 +722,6 @@ fn pins_apart_are_refused_with_what_fits() {
         assert!(said.contains(&kind.to_string()), "{kind}: {said}");
     }
     assert_eq!(pulsetrain(&["plan", &path, "--board", "native"]).exit, Exit::Success);
-}
-
-/// What a virtual board says of itself, and how it measures itself: emulated cycles, the same every time.
-#[test]
-fn a_virtual_uno_tells_of_itself() {
-    let json = |args: &[&str]| -> serde_json::Value {
-        let outcome = pulsetrain(args);
-        assert_eq!(outcome.exit, Exit::Success, "{}{}", outcome.out, outcome.err);
-        serde_json::from_str(&outcome.out).unwrap()
-    };
-    let info = json(&["info", "--board", "uno", "--json"]);
-    assert_eq!((&info["board"], &info["tick_hz"]), (&"Arduino Uno".into(), &16_000_000.into()));
-    assert_eq!((&info["motors"], &info["baud"]), (&4.into(), &1_000_000.into()));
-    let [ppm, doubt] = [0, 1].map(|index| info["clock_ppm"][index].as_f64().unwrap());
-    assert!(ppm.abs() <= doubt, "{ppm} {doubt}");
-    assert!(pulsetrain(&["info", "--board", "uno"]).out.contains("power came on"));
-    assert!(info["keeps"].is_null());
-}
-
-#[test]
-fn a_board_keeps_settings() {
-    ["uno", "pico"].into_iter().for_each(keeps_settings);
 }
 
 fn keeps_settings(board: &str) {
@@ -974,48 +762,270 @@ fn a_broken_pipe_changes_no_exit_code() {
     assert_eq!(cli::run(["pulsetrain", "plan", "missing.toml"], &mut Gone, &mut Gone), Exit::Refused);
 }
 
-/// Orders in frames: of each board done lines come, and its pins have what it counts. On an Uno 800 steps/s for 0.1 s are 80.
-#[test]
-fn verbs_are_told_in_frames() {
-    let folder = std::env::temp_dir().join(format!("pulsetrain-verbs-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).expect("a folder");
-    let script = folder.join("moves.txt").display().to_string();
-    let told = |board: &str, text: &str| {
-        std::fs::write(&script, text).expect("a file to write");
-        let Outcome { exit, out, err } = pulsetrain(&["verbs", &script, "--board", board]);
-        (exit, out, err.split_whitespace().collect::<Vec<_>>().join(" "))
-    };
-    let moves = "# there\n0 s: speed xy 20000 12000\n0 s: move xy 100 250\n1 s: dir y -1\n1 s: move y 300  # and back\n\
-                 1.5 s: run x\n1.6 s: dir x 0\n";
-    for (board, x) in [("uno", 180), ("pico", 725)] {
-        let (exit, out, err) = told(board, moves);
-        assert_eq!(exit, Exit::Success, "{board}: {out}{err}");
-        assert_eq!(out.lines().filter(|line| line.starts_with("done ")).count(), 3, "{board}: {out}");
-        assert!(out.contains("done y ") && out.contains("halted at the end, as they had none: x\n"), "{board}: {out}");
-        let pins = out.lines().find_map(|line| line.strip_prefix("steps at the pins: x ")).expect("a count");
-        let (count, rest) = pins.split_once(", ").expect("more axes");
-        assert!(count.parse::<i64>().is_ok_and(|count| (x - 3..=x + 3).contains(&count)), "{board}: {out}");
-        assert_eq!(rest, "y -50, z 0, a 0", "{board}");
-        assert!(out.ends_with("PASS: as the board counts\n"), "{board}: {out}");
+/// Those that run firmware on an emulated chip.
+mod chips {
+    use super::*;
+
+    #[test]
+    fn a_board_keeps_settings() {
+        ["uno", "pico"].into_iter().for_each(keeps_settings);
     }
-    // What a board refuses is printed, and told by the exit code.
-    let (exit, out, _) = told("pico", "0 s: move x 100\n0 s: move x 1\n0 s: move x 1\n0 s: speed x 3\n");
-    assert_eq!(exit, Exit::BoundBroken, "{out}");
-    assert!(out.contains("err busy x: a move waits already") && out.contains("err period 500: "), "{out}");
-    assert!(out.contains("steps at the pins: x 101, "), "{out}");
-    assert!(out.ends_with("FAIL: lines refused: 2; the pins are as the board counts\n"), "{out}");
-    // What cannot be read moves nothing.
-    for (text, place) in [
-        ("0 s: move x 1\n1 s: move x many\n", "word 3: not a number"),
-        ("1 s: move x 1\n0 s: halt\n", "times go back: the line before is told at 1 s"),
-        ("0 s: a x 1\n", "no such verb"),
-        ("soon: run x\n", "not a time of 0 s to 10^6 s"),
-        ("run x\n", "a line without its time"),
-        ("# nothing\n", "has no line to tell"),
-    ] {
-        let (exit, out, err) = told("uno", text);
-        assert_eq!((exit, out.as_str()), (Exit::Refused, ""), "{text}: {err}");
-        assert!(err.contains(place), "{text}: {err}");
+
+    /// One motor just below the fastest rate, in segments of few steps: its queue runs dry, at different stages of the session. That is no fault
+    /// of the planner.
+    #[test]
+    fn a_board_that_stops_says_why_and_where() {
+        let folder = Folder::new("dry");
+        let file = folder.path("dry.toml");
+        for duration in ["20 ms", "50 ms", "200 ms"] {
+            let law = format!(
+                "law.formula = {{ theta = \"140000*t + 6000*sin(9000*t)/9000\", unit = \"step\", duration = \"{duration}\" }}"
+            );
+            let text = one_motor(&law).replace("3000 step/s", "200000 step/s");
+            std::fs::write(&file, format!("tolerance = \"100 ns\"\n{text}")).unwrap();
+            let outcome = pulsetrain(&["run", &file, "--out", &folder.path("out")]);
+            let said = outcome.err.split_whitespace().collect::<Vec<_>>().join(" ").replace(" │ ", " ");
+            assert_eq!(outcome.exit, Exit::Refused, "{duration}: {}{said}", outcome.out);
+            let all = [
+                "the board stopped: a queue ran dry",
+                "the motors were stopped at once: m at ",
+                " steps. The board counted",
+            ];
+            assert!(all.iter().all(|part| said.contains(part)), "{duration}: {said}");
+            assert!(!said.contains("please report"), "{duration}: {said}");
+        }
     }
-    std::fs::remove_dir_all(folder).expect("the folder can go");
+
+    #[test]
+    fn a_pause_is_planned_run_and_judged() {
+        let folder = Folder::new("pause");
+        for (name, on) in [("tutorial.toml", "--board=uno"), ("winch.toml", "--native"), ("s-curve.toml", "--native")] {
+            let pause = ["--pause-at", "0.4 s", "--resume-at", "0.9 s"];
+            let outcome =
+                pulsetrain(&[&["run", &example(name), on, "--out", &folder.path("run")], &pause[..]].concat());
+            assert_eq!(outcome.exit, Exit::Success, "{name}: {}{}", outcome.out, outcome.err);
+            assert!(outcome.out.contains("pause: slows down from 400 ms on, rests from"), "{}", outcome.out);
+            assert!(outcome.out.contains("; goes on at 900 ms, at speed from"), "{}", outcome.out);
+        }
+        // Without the one there is no other.
+        let (file, out) = (example("tutorial.toml"), folder.path("run"));
+        let outcome = pulsetrain(&["run", &file, "--native", "--pause-at", "0.4 s", "--json", "--out", &out]);
+        assert_eq!(outcome.exit, Exit::Success, "{}", outcome.err);
+        let report: serde_json::Value = serde_json::from_str(&outcome.out).unwrap();
+        assert!(report["pause"]["goes_on_s"].is_null() && report["pause"]["rests_at_s"].as_f64().unwrap() < 0.7);
+        assert!(report["motors"][0]["final_position"].as_i64().unwrap() > 2000);
+    }
+
+    /// What a virtual board says of itself, and how it measures itself: emulated cycles, the same every time.
+    #[test]
+    fn a_virtual_uno_tells_of_itself() {
+        let json = |args: &[&str]| -> serde_json::Value {
+            let outcome = pulsetrain(args);
+            assert_eq!(outcome.exit, Exit::Success, "{}{}", outcome.out, outcome.err);
+            serde_json::from_str(&outcome.out).unwrap()
+        };
+        let info = json(&["info", "--board", "uno", "--json"]);
+        assert_eq!((&info["board"], &info["tick_hz"]), (&"Arduino Uno".into(), &16_000_000.into()));
+        assert_eq!((&info["motors"], &info["baud"]), (&4.into(), &1_000_000.into()));
+        let [ppm, doubt] = [0, 1].map(|index| info["clock_ppm"][index].as_f64().unwrap());
+        assert!(ppm.abs() <= doubt, "{ppm} {doubt}");
+        assert!(pulsetrain(&["info", "--board", "uno"]).out.contains("power came on"));
+        assert!(info["keeps"].is_null());
+    }
+
+    /// Files for the Uno run on the virtual one; its trace passes the judge as what it is, the pins.
+    #[test]
+    fn examples_for_the_uno_run_on_its_firmware() {
+        let folder = Folder::new("firmware");
+        let mut ran = 0;
+        for entry in std::fs::read_dir(EXAMPLES).unwrap() {
+            let path = entry.unwrap().path();
+            let file = path.display().to_string();
+            // What is too fast for an Uno is said by the planner.
+            if path.extension().is_none_or(|ending| ending != "toml")
+                || pulsetrain(&["plan", &file, "--for", "3 s"]).exit == Exit::Refused
+            {
+                continue;
+            }
+            let out = folder.path("run");
+            let outcome = pulsetrain(&["run", &file, "--for", "3 s", "--out", &out]);
+            assert_eq!(outcome.exit, Exit::Success, "{file}: {}{}", outcome.out, outcome.err);
+            if !outcome.out.contains("Run on the virtual Uno, firmware") {
+                continue;
+            }
+            let trace = format!("{out}/trace.vcd");
+            let outcome = pulsetrain(&["verify", &trace, &file, "--for", "3 s", "--pins"]);
+            assert_eq!(outcome.exit, Exit::Success, "{file}: {}{}", outcome.out, outcome.err);
+            ran += 1;
+        }
+        assert!(ran >= 10, "{ran}");
+    }
+
+    /// TB6600: pulses of 10 µs, of which the Uno makes one after the other where a DIR line is shared.
+    #[test]
+    fn long_pulses_on_one_dir_line_wait_for_each_other() {
+        let folder = Folder::new("long-pulses");
+        let motor = |name: &str, step: u8, dir: u8| {
+            format!(
+                "[motor.{name}]\nsteps_per_rev = 200\ndriver = \"TB6600\"\npins = {{ step = {step}, dir = {dir} }}\nforward = \"high\"\n"
+            )
+        };
+        let trapezoid =
+            r#"law.trapezoid = { distance = "100 step", speed = "500 step/s", acceleration = "2000 step/s^2" }"#;
+        let two = format!(
+            "{}{}[[motion]]\nmotor = \"x\"\n{trapezoid}\n[[motion]]\nmotor = \"y\"\nstart = \"5 us\"\n{trapezoid}\n",
+            motor("x", 9, 8),
+            motor("y", 10, 8)
+        );
+        // A third that has a DIR line of its own, and turns: all come from one ring.
+        let three = format!(
+            "{two}{}[[motion]]\nmotor = \"z\"\nlaw.sine = {{ amplitude = \"30 step\", period = \"100 ms\", cycles = 3 }}\n",
+            motor("z", 11, 12)
+        );
+        for (name, motors) in [("two", two), ("three", three)] {
+            let file = folder.path(&format!("{name}.toml"));
+            std::fs::write(&file, format!("board = \"uno\"\n{motors}")).unwrap();
+            let outcome = pulsetrain(&["run", &file, "--json", "--out", &folder.path(name)]);
+            assert_eq!(outcome.exit, Exit::Success, "{name}: {}{}", outcome.out, outcome.err);
+            let report: serde_json::Value = serde_json::from_str(&outcome.out).unwrap();
+            assert!(report["motors"][1]["steps_put_off"].as_u64().unwrap() > 50, "{}", outcome.out);
+        }
+    }
+
+    /// Turns often: the session goes over to new epochs faster than it looks at its board, and the stepgen beside it is told as many.
+    #[test]
+    fn schedules_are_the_boards_where_epochs_are_short() {
+        let folder = Folder::new("often");
+        let file = folder.path("often.toml");
+        let motor = |name: &str, step: u8, dir: u8| {
+            format!(
+                "[motor.{name}]\nsteps_per_rev = 200\nmicrosteps = 16\ndriver = \"A4988\"\npins = {{ step = {step}, dir = {dir} }}\nforward = \"high\"\n"
+            )
+        };
+        let motion = |name: &str, frequency: &str, cycles: u32| {
+            format!(
+                "[[motion]]\nmotor = \"{name}\"\nlaw.sine = {{ amplitude = \"9 deg\", frequency = \"{frequency}\", cycles = {cycles} }}\n"
+            )
+        };
+        let [left, right] = [motor("l", 9, 8), motor("r", 10, 7)];
+        let [first, second] = [motion("l", "30 Hz", 60), motion("r", "32.1 Hz", 64)];
+        std::fs::write(&file, format!("board = \"uno\"\ntolerance = \"1 us\"\n{left}{right}{first}{second}")).unwrap();
+        let outcome = pulsetrain(&["run", &file, "--out", &folder.path("out")]);
+        assert!(outcome.out.contains("steps lost 0, added 0"), "{}{}", outcome.out, outcome.err);
+        assert_eq!(outcome.exit, Exit::Success, "{}{}", outcome.out, outcome.err);
+    }
+
+    #[test]
+    fn the_unos_other_images_are_named() {
+        let folder = Folder::new("named");
+        for image in ["winch", "verbs"] {
+            let trace = folder.path(image);
+            let outcome = pulsetrain(&["board", "uno", "--image", image, "--trace", &trace, "--for", "50 ms"]);
+            assert_eq!(outcome.exit, Exit::Success, "{image}: {}{}", outcome.out, outcome.err);
+            // Taken from the program itself: only the port is missing.
+            let outcome = pulsetrain(&["flash", "uno", "--port", "/dev/ttyNOT-THERE", "--image", image]);
+            assert!(outcome.err.contains("there is no port /dev/ttyNOT-THERE"), "{image}: {}", outcome.err);
+        }
+    }
+
+    /// Orders in frames: of each board done lines come, and its pins have what it counts. On an Uno 800 steps/s for 0.1 s are 80.
+    #[test]
+    fn verbs_are_told_in_frames() {
+        let folder = std::env::temp_dir().join(format!("pulsetrain-verbs-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).expect("a folder");
+        let script = folder.join("moves.txt").display().to_string();
+        let told = |board: &str, text: &str| {
+            std::fs::write(&script, text).expect("a file to write");
+            let Outcome { exit, out, err } = pulsetrain(&["verbs", &script, "--board", board]);
+            (exit, out, err.split_whitespace().collect::<Vec<_>>().join(" "))
+        };
+        let moves = "# there\n0 s: speed xy 20000 12000\n0 s: move xy 100 250\n1 s: dir y -1\n1 s: move y 300  # and back\n\
+                     1.5 s: run x\n1.6 s: dir x 0\n";
+        for (board, x) in [("uno", 180), ("pico", 725)] {
+            let (exit, out, err) = told(board, moves);
+            assert_eq!(exit, Exit::Success, "{board}: {out}{err}");
+            assert_eq!(out.lines().filter(|line| line.starts_with("done ")).count(), 3, "{board}: {out}");
+            assert!(
+                out.contains("done y ") && out.contains("halted at the end, as they had none: x\n"),
+                "{board}: {out}"
+            );
+            let pins = out.lines().find_map(|line| line.strip_prefix("steps at the pins: x ")).expect("a count");
+            let (count, rest) = pins.split_once(", ").expect("more axes");
+            assert!(count.parse::<i64>().is_ok_and(|count| (x - 3..=x + 3).contains(&count)), "{board}: {out}");
+            assert_eq!(rest, "y -50, z 0, a 0", "{board}");
+            assert!(out.ends_with("PASS: as the board counts\n"), "{board}: {out}");
+        }
+        // What a board refuses is printed, and told by the exit code.
+        let (exit, out, _) = told("pico", "0 s: move x 100\n0 s: move x 1\n0 s: move x 1\n0 s: speed x 3\n");
+        assert_eq!(exit, Exit::BoundBroken, "{out}");
+        assert!(out.contains("err busy x: a move waits already") && out.contains("err period 500: "), "{out}");
+        assert!(out.contains("steps at the pins: x 101, "), "{out}");
+        assert!(out.ends_with("FAIL: lines refused: 2; the pins are as the board counts\n"), "{out}");
+        // What cannot be read moves nothing.
+        for (text, place) in [
+            ("0 s: move x 1\n1 s: move x many\n", "word 3: not a number"),
+            ("1 s: move x 1\n0 s: halt\n", "times go back: the line before is told at 1 s"),
+            ("0 s: a x 1\n", "no such verb"),
+            ("soon: run x\n", "not a time of 0 s to 10^6 s"),
+            ("run x\n", "a line without its time"),
+            ("# nothing\n", "has no line to tell"),
+        ] {
+            let (exit, out, err) = told("uno", text);
+            assert_eq!((exit, out.as_str()), (Exit::Refused, ""), "{text}: {err}");
+            assert!(err.contains(place), "{text}: {err}");
+        }
+        std::fs::remove_dir_all(folder).expect("the folder can go");
+    }
+
+    #[test]
+    fn what_cannot_be_done_is_said() {
+        let folder = Folder::new("wrong");
+        let plain_file = folder.path("file");
+        std::fs::write(&plain_file, "").unwrap();
+        let tutorial = example("tutorial.toml");
+        let check = |args: &[&str], says: &str| {
+            let outcome = pulsetrain(args);
+            assert_eq!(outcome.exit, Exit::Refused, "{args:?}");
+            assert!(outcome.err.contains(says), "{args:?}: {}", outcome.err);
+        };
+        check(&[], "Usage");
+        check(&["plan", "missing.toml"], "cannot read missing.toml");
+        check(&["plan", &tutorial, "--board", "mega"], "there are uno, due, pico, native");
+        check(&["plan", &tutorial, "--board", "uno-stream"], "say uno: its firmware has these rates now");
+        check(&["plan", &tutorial, "--for", "10"], "10 of what?");
+        check(&["plan", &tutorial, "--for", "3 mm"], "this is a distance");
+        check(&["motor", "--inductance", "50mH"], "--current");
+        check(&["run", &tutorial, "--out", &format!("{plain_file}/out")], "cannot write");
+        check(&["plot", &tutorial, "--out", &folder.path("plot.gif")], "name it .svg or .png");
+        check(&["plot", &tutorial, "--out", &format!("{plain_file}/plot.png")], "cannot write");
+        check(&["verify", "missing.vcd", &tutorial], "cannot read missing.vcd");
+        check(&["run", &tutorial, "--port", "/dev/ttyNOT-THERE"], "there is no port /dev/ttyNOT-THERE");
+        check(&["run", &tutorial, "--port", "x", "--board", "due"], "is planned for the board `due`");
+        check(&["run", &tutorial, "--port", "x", "--baud", "9600"], "the rates are 115200, 250000");
+        check(&["run", &tutorial, "--port", "x", "--native"], "cannot be used with");
+        check(&["run", &tutorial, "--no-rehearsal"], "--port <PORT>");
+        check(&["run", &tutorial, "--port", "x", "--rehearse", "1 s", "--no-rehearsal"], "cannot be used with");
+        check(
+            &["run", &tutorial, "--port", "x", "--board", "pico", "--rehearse", "1 s"],
+            "only what an Uno is to run is rehearsed",
+        );
+        check(&["run", &tutorial, "--pause-at", "9 s"], "the motion ends at 1 s");
+        check(&["run", &tutorial, "--resume-at", "9 s"], "--pause-at <TIME>");
+        for command in ["info", "store", "verbs"] {
+            check(&[command], "<--port <PORT>|--board <BOARD>>");
+        }
+        check(&["info", "--port", "/dev/ttyNOT-THERE"], "an Uno is usually /dev/ttyACM0");
+        check(&["bench", "--port", "/dev/ttyNOT-THERE"], "say --disconnected");
+        check(&["store", "--port", "/dev/ttyNOT-THERE"], "an Uno is usually /dev/ttyACM0");
+        check(&["store", "--board", "uno", "--deadman", "66 s"], "1 ms to 65.535 s, or off");
+        check(&["store", "--board", "uno", "--deadman", "5"], "--deadman <TIME>");
+        for [speed, acceleration] in
+            [["10001", "5"], ["1", "0"], ["-1", "5"], ["nan", "5"], ["1", "0.5"], ["1", "250001"]]
+        {
+            check(&["store", "--board", "uno", "--limits", speed, acceleration], "up to 10 000 steps/s");
+        }
+        check(&["board", "uno"], "--pty <LINK>");
+        check(&["board", "due", "--tcp", "127.0.0.1:0"], "possible values: uno");
+        check(&["verify", &plain_file, &tutorial], "captures are VCD");
+    }
 }

@@ -156,7 +156,7 @@ fn ports_are_listed() {
 /// Optiboot on the virtual Uno, in real time: each try may take as long as it likes, and a computer that is too busy to
 /// meet the bootloader's second gets another.
 #[cfg(target_os = "linux")]
-mod bootloader {
+mod chips {
     use super::pulsetrain;
     use pulsetrain::console::Exit;
     use pulsetrain_testkit::folder::Folder;

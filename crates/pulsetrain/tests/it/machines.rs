@@ -102,18 +102,6 @@ fn the_delta_robot_is_within_half_a_step_of_each_arm() {
     assert!((of_an_arm..2.4 * of_an_arm).contains(&tip) && off <= tip, "{tip} and {off} mm");
 }
 
-/// The beginning of each example on the board that it is for: the firmware on the emulated chip, every edge judged.
-#[test]
-fn the_examples_begin_on_their_boards() {
-    for (file, length, runner) in
-        [("circle.toml", "0.7 s", "Pico"), ("lorenz.toml", "2 s", "Uno"), ("delta.toml", "2 s", "Uno")]
-    {
-        let (report, _) = run(&example(file), &format!("board-{file}"), &["--for", length]);
-        assert_eq!(report["verdict"]["ok"], true, "{file}");
-        assert!(report["runner"].as_str().is_some_and(|name| name.contains(runner)), "{file}");
-    }
-}
-
 /// Runs a command on a motion file of this text; what it says, on both, in one line.
 fn says(command: &str, name: &str, text: &str, more: &[&str]) -> (Exit, String) {
     let file = std::env::temp_dir().join(format!("pulsetrain-{name}-{}.toml", std::process::id()));
@@ -282,4 +270,21 @@ fn a_machine_that_is_refused_is_explained() {
     assert!(!said.contains("times slower"), "{said}");
     let (_, said) = says("explain", "explained-json", &beyond, &["--json"]);
     assert!(said.contains("\"fits\": false") && said.contains("\"tip_mm\""), "{said}");
+}
+
+/// Those that run firmware on an emulated chip.
+mod chips {
+    use super::*;
+
+    /// The beginning of each example on the board that it is for: the firmware on the emulated chip, every edge judged.
+    #[test]
+    fn the_examples_begin_on_their_boards() {
+        for (file, length, runner) in
+            [("circle.toml", "0.7 s", "Pico"), ("lorenz.toml", "2 s", "Uno"), ("delta.toml", "2 s", "Uno")]
+        {
+            let (report, _) = run(&example(file), &format!("board-{file}"), &["--for", length]);
+            assert_eq!(report["verdict"]["ok"], true, "{file}");
+            assert!(report["runner"].as_str().is_some_and(|name| name.contains(runner)), "{file}");
+        }
+    }
 }

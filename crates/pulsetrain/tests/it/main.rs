@@ -1,31 +1,18 @@
 //! Tests of the crate, in one binary.
 
 mod bake;
-mod baked;
-mod baked_pico;
-mod clock;
+mod chips;
 mod commands;
 mod common;
-mod embed;
-mod faults;
 mod first_motion;
 mod flash;
 mod helps;
 mod link;
 mod machines;
 mod mutants;
-mod pause;
-mod pico;
-mod pico_figures;
-mod pico_session;
 mod plots;
 mod readme;
-mod rehearsal;
-mod serve;
 mod session;
-mod sketches;
 mod small_queues;
-mod uno;
-mod uno_golden;
 mod winch;
 mod wiring;

@@ -20,29 +20,6 @@ struct Shown<'a> {
     output: Vec<&'a str>,
 }
 
-#[test]
-fn the_readme_shows_what_happens() {
-    let folder = folder_with_examples("readme-commands");
-    let shown = commands(README);
-    assert!(!shown.is_empty(), "the README shows no command");
-    for Shown { command, exit_code, output } in shown {
-        let Some(arguments) = OURS.iter().find_map(|ours| command.strip_prefix(ours)) else { continue };
-        let ran = Command::new(env!("CARGO_BIN_EXE_pulsetrain"))
-            .args(words(arguments))
-            .current_dir(&folder)
-            .output()
-            .unwrap_or_else(|error| panic!("{command}: {error}"));
-        let printed = String::from_utf8_lossy(&ran.stdout) + String::from_utf8_lossy(&ran.stderr);
-        assert_eq!(ran.status.code(), Some(exit_code), "`{command}` prints:\n{printed}");
-        let lines: Vec<_> = printed.lines().map(str::trim_end).collect();
-        assert!(
-            output.is_empty() || lines_match(&output, &lines),
-            "`{command}` prints, other than the README shows:\n{printed}"
-        );
-    }
-    fs::remove_dir_all(folder).expect("the folder can go");
-}
-
 /// The motion files that the README shows can be planned.
 #[test]
 fn the_readme_shows_motion_files_that_work() {
@@ -153,4 +130,32 @@ fn output_is_compared_line_by_line() {
 #[test]
 fn words_keep_what_is_quoted() {
     assert_eq!(words(r#"run a.toml --for "60 s" --out x"#), ["run", "a.toml", "--for", "60 s", "--out", "x"]);
+}
+
+/// Those that run firmware on an emulated chip.
+mod chips {
+    use super::*;
+
+    #[test]
+    fn the_readme_shows_what_happens() {
+        let folder = folder_with_examples("readme-commands");
+        let shown = commands(README);
+        assert!(!shown.is_empty(), "the README shows no command");
+        for Shown { command, exit_code, output } in shown {
+            let Some(arguments) = OURS.iter().find_map(|ours| command.strip_prefix(ours)) else { continue };
+            let ran = Command::new(env!("CARGO_BIN_EXE_pulsetrain"))
+                .args(words(arguments))
+                .current_dir(&folder)
+                .output()
+                .unwrap_or_else(|error| panic!("{command}: {error}"));
+            let printed = String::from_utf8_lossy(&ran.stdout) + String::from_utf8_lossy(&ran.stderr);
+            assert_eq!(ran.status.code(), Some(exit_code), "`{command}` prints:\n{printed}");
+            let lines: Vec<_> = printed.lines().map(str::trim_end).collect();
+            assert!(
+                output.is_empty() || lines_match(&output, &lines),
+                "`{command}` prints, other than the README shows:\n{printed}"
+            );
+        }
+        fs::remove_dir_all(folder).expect("the folder can go");
+    }
 }

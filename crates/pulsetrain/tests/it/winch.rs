@@ -89,17 +89,6 @@ fn every_kind_of_line_is_followed() {
     assert!(most < 4.0, "{most} ms");
 }
 
-#[test]
-fn the_uno_does_the_same() {
-    let run = run_on(VirtualUno::with_winch(), &script(EVERYTHING, 3.0));
-    let verdict = verdict_as(&run, &of_uno());
-    assert!(verdict.ok && run.refusals.is_empty() && run.troubles.is_empty() && verdict.statuses > 130, "{verdict:?}");
-    for axis in &verdict.axes {
-        assert!(axis.steps > 200 && axis.max_error_steps < 0.03, "{axis:?}");
-        assert_eq!(axis.position_wanted.round() as i64, axis.position, "{axis:?}");
-    }
-}
-
 /// A drift, a deadman that strikes, and what comes after it.
 const DEADMAN: &str = "
 0 s: srate 20
@@ -115,43 +104,12 @@ const DEADMAN: &str = "
 ";
 
 #[test]
-fn a_deadman_is_part_of_the_path() {
-    for verdict in [
-        verdict(&run(&script(DEADMAN, 4.0))),
-        verdict_as(&run_on(VirtualUno::with_winch(), &script(DEADMAN, 4.0)), &of_uno()),
-    ] {
-        assert!(verdict.ok, "{verdict:?}");
-        // Stopped at 1 s, and x goes on by what it was told then.
-        let [x, y, ..] = &verdict.axes;
-        assert!((1000..1500).contains(&x.position) && (-800..-500).contains(&y.position), "{verdict:?}");
-    }
-    // A board that does not stop is found out.
-    let mut run = run(&script(&DEADMAN.replace("deadman 300", "deadman 0"), 1.4));
-    let strikes = script(DEADMAN, 1.4);
-    for (told, line) in run.told.iter_mut().zip(&strikes.lines) {
-        told.command = line.command;
-    }
-    assert!(!verdict(&run).ok);
-}
-
-#[test]
 fn scripts_carry_checksums() {
     let text = "0 s: strict 1*1a\n0.1 s: g x 2 1*3c\n0.2 s: a x 100*28\n1.5 s: ping*10 ";
     let run = run(&script(text, 2.0));
     let verdict = verdict(&run);
     assert!(verdict.ok && run.refusals.is_empty() && run.troubles.is_empty(), "{verdict:?} {run:?}");
     assert_eq!(verdict.axes[0].position, 100);
-}
-
-#[test]
-fn a_target_beyond_half_the_range_is_the_same_to_board_and_judge() {
-    let text = "0 s: l x 10000 250000\n0 s: a x 100\n2 s: a x -2147483648\n3 s: enable 0";
-    for verdict in [
-        verdict(&run(&script(text, 4.0))),
-        verdict_as(&run_on(VirtualUno::with_winch(), &script(text, 4.0)), &of_uno()),
-    ] {
-        assert!(verdict.ok && verdict.axes[0].position < -5000, "{verdict:?}");
-    }
 }
 
 #[test]
@@ -536,19 +494,6 @@ proptest! {
     }
 }
 
-proptest! {
-    #![proptest_config(ProptestConfig { cases: 8 * pulsetrain_testkit::seed::rounds() as u32, ..ProptestConfig::default() })]
-
-    /// So do the firmware's assembly, and the judge.
-    #[test]
-    fn the_uno_and_the_judge_agree(lines in prop::collection::vec((0..300_u32, line()), 1..10)) {
-        let (text, end_s) = random_script(&lines);
-        let run = run_on(VirtualUno::with_winch(), &script(&text, end_s));
-        let verdict = verdict_as(&run, &of_uno());
-        prop_assert!(verdict.ok && run.troubles.is_empty(), "{}{:?} {:?}", text, verdict, run.troubles);
-    }
-}
-
 fn folder(name: &str) -> PathBuf {
     let folder = std::env::temp_dir().join(format!("pulsetrain-winch-{name}-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
@@ -689,16 +634,6 @@ fn piped(port: impl Port, input: impl IntoIterator<Item = &'static str>) -> (End
 }
 
 #[test]
-fn a_refusal_among_many_answers_is_told() {
-    let burst = || std::iter::repeat_n("version", 60).chain(["a x nan"]).chain(std::iter::repeat_n("version", 40));
-    for (ended, said) in [piped(VirtualUno::with_winch(), burst()), piped(NativeWinch::new(), burst())] {
-        assert_eq!(ended, Ended { refused: 1, is_settled: true }, "{said}");
-        assert!(said.lines().filter(|line| line.starts_with("id ")).count() == 100, "{said}");
-        assert!(said.contains("err number 3\n"), "{said}");
-    }
-}
-
-#[test]
 fn slow_axes_are_waited_for() {
     // A step a second; then none for a while, and it rests at once.
     let (ended, said) = piped(NativeWinch::new(), ["g x 5 1", "s x 1", "a x 2"]);
@@ -711,20 +646,6 @@ fn slow_axes_are_waited_for() {
     // Nothing moves while the drivers are off.
     let (ended, _) = piped(NativeWinch::new(), ["r x 100"]);
     assert!(ended.is_settled);
-}
-
-#[test]
-fn axes_that_the_board_has_stopped_or_never_moved_are_not_waited_for() {
-    // A deadman of which this console was told nothing.
-    let mut board = NativeWinch::new();
-    board.send(b"deadman 300\n").unwrap();
-    let (ended, said) = piped(board, ["v x 500"]);
-    assert!(ended.is_settled && !said.contains("still move"), "{said}");
-    assert!(said.lines().count() < 20, "{said}");
-    // Told directly, it refuses paths.
-    let (ended, said) = piped(VirtualPico::new(), ["speed x 20000", "move x 20", "v x 500"]);
-    assert_eq!(ended, Ended { refused: 1, is_settled: true }, "{said}");
-    assert!(said.contains("err verbs") && !said.contains("still move"), "{said}");
 }
 
 #[test]
@@ -768,20 +689,107 @@ fn lines_from_a_pipe_are_obeyed_to_their_end() {
     );
 }
 
-/// Verbs through the same console: the move is done, and told.
-#[test]
-fn motors_are_told_directly_from_a_pipe() {
-    let (lines, to_console) = channel();
-    for line in ["speed x 7", "move x 20"] {
-        lines.send(line.to_owned()).unwrap();
+/// Those that run firmware on an emulated chip.
+mod chips {
+    use super::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 8 * pulsetrain_testkit::seed::rounds() as u32, ..ProptestConfig::default() })]
+
+        /// So do the firmware's assembly, and the judge.
+        #[test]
+        fn the_uno_and_the_judge_agree(lines in prop::collection::vec((0..300_u32, line()), 1..10)) {
+            let (text, end_s) = random_script(&lines);
+            let run = run_on(VirtualUno::with_winch(), &script(&text, end_s));
+            let verdict = verdict_as(&run, &of_uno());
+            prop_assert!(verdict.ok && run.troubles.is_empty(), "{}{:?} {:?}", text, verdict, run.troubles);
+        }
     }
-    drop(lines);
-    let mut out = Vec::new();
-    let mut talk = Talk::new(VirtualPico::new());
-    converse(&mut talk, &mut Plain::new(to_console, &mut out)).unwrap();
-    let said = String::from_utf8(out).unwrap();
-    for part in ["err period 500", "at ", " x 0 0", "done x "] {
-        assert!(said.contains(part), "{part} is not in {said}");
+
+    #[test]
+    fn a_deadman_is_part_of_the_path() {
+        for verdict in [
+            verdict(&run(&script(DEADMAN, 4.0))),
+            verdict_as(&run_on(VirtualUno::with_winch(), &script(DEADMAN, 4.0)), &of_uno()),
+        ] {
+            assert!(verdict.ok, "{verdict:?}");
+            // Stopped at 1 s, and x goes on by what it was told then.
+            let [x, y, ..] = &verdict.axes;
+            assert!((1000..1500).contains(&x.position) && (-800..-500).contains(&y.position), "{verdict:?}");
+        }
+        // A board that does not stop is found out.
+        let mut run = run(&script(&DEADMAN.replace("deadman 300", "deadman 0"), 1.4));
+        let strikes = script(DEADMAN, 1.4);
+        for (told, line) in run.told.iter_mut().zip(&strikes.lines) {
+            told.command = line.command;
+        }
+        assert!(!verdict(&run).ok);
     }
-    assert!(said.trim_end().ends_with(" 20 0 0 0"), "{said}");
+
+    #[test]
+    fn a_refusal_among_many_answers_is_told() {
+        let burst = || std::iter::repeat_n("version", 60).chain(["a x nan"]).chain(std::iter::repeat_n("version", 40));
+        for (ended, said) in [piped(VirtualUno::with_winch(), burst()), piped(NativeWinch::new(), burst())] {
+            assert_eq!(ended, Ended { refused: 1, is_settled: true }, "{said}");
+            assert!(said.lines().filter(|line| line.starts_with("id ")).count() == 100, "{said}");
+            assert!(said.contains("err number 3\n"), "{said}");
+        }
+    }
+
+    #[test]
+    fn a_target_beyond_half_the_range_is_the_same_to_board_and_judge() {
+        let text = "0 s: l x 10000 250000\n0 s: a x 100\n2 s: a x -2147483648\n3 s: enable 0";
+        for verdict in [
+            verdict(&run(&script(text, 4.0))),
+            verdict_as(&run_on(VirtualUno::with_winch(), &script(text, 4.0)), &of_uno()),
+        ] {
+            assert!(verdict.ok && verdict.axes[0].position < -5000, "{verdict:?}");
+        }
+    }
+
+    #[test]
+    fn axes_that_the_board_has_stopped_or_never_moved_are_not_waited_for() {
+        // A deadman of which this console was told nothing.
+        let mut board = NativeWinch::new();
+        board.send(b"deadman 300\n").unwrap();
+        let (ended, said) = piped(board, ["v x 500"]);
+        assert!(ended.is_settled && !said.contains("still move"), "{said}");
+        assert!(said.lines().count() < 20, "{said}");
+        // Told directly, it refuses paths.
+        let (ended, said) = piped(VirtualPico::new(), ["speed x 20000", "move x 20", "v x 500"]);
+        assert_eq!(ended, Ended { refused: 1, is_settled: true }, "{said}");
+        assert!(said.contains("err verbs") && !said.contains("still move"), "{said}");
+    }
+
+    /// Verbs through the same console: the move is done, and told.
+    #[test]
+    fn motors_are_told_directly_from_a_pipe() {
+        let (lines, to_console) = channel();
+        for line in ["speed x 7", "move x 20"] {
+            lines.send(line.to_owned()).unwrap();
+        }
+        drop(lines);
+        let mut out = Vec::new();
+        let mut talk = Talk::new(VirtualPico::new());
+        converse(&mut talk, &mut Plain::new(to_console, &mut out)).unwrap();
+        let said = String::from_utf8(out).unwrap();
+        for part in ["err period 500", "at ", " x 0 0", "done x "] {
+            assert!(said.contains(part), "{part} is not in {said}");
+        }
+        assert!(said.trim_end().ends_with(" 20 0 0 0"), "{said}");
+    }
+
+    #[test]
+    fn the_uno_does_the_same() {
+        let run = run_on(VirtualUno::with_winch(), &script(EVERYTHING, 3.0));
+        let verdict = verdict_as(&run, &of_uno());
+        assert!(
+            verdict.ok && run.refusals.is_empty() && run.troubles.is_empty() && verdict.statuses > 130,
+            "{verdict:?}"
+        );
+        for axis in &verdict.axes {
+            assert!(axis.steps > 200 && axis.max_error_steps < 0.03, "{axis:?}");
+            assert_eq!(axis.position_wanted.round() as i64, axis.position, "{axis:?}");
+        }
+    }
 }

@@ -27,7 +27,7 @@
 //! the merge's in, if that waits ([`steps::ring`]). The receive interrupt takes bytes from the line; the task
 //! ([`steps::task`]) keeps the rings filled; both let steps in, and the task lets bytes in. The main loop does all else. What
 //! keeps a step waiting, from the match of another interrupt or the first instruction with interrupts off to the first that
-//! may be interrupted again (crates/board/tests/it/uno_masked.rs measures it, while motors move):
+//! may be interrupted again (crates/board/tests/it/chips/uno_masked.rs measures it, while motors move):
 //!
 //! | where | cycles |
 //! |---|---|

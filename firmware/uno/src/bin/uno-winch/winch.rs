@@ -1,7 +1,7 @@
 //! The winch: text on the line instead of frames, and motors that follow paths which the board works out itself.
 //!
 //! docs/winch.md has the commands; what they mean is `pulsetrain_core::winch`. Paths, reader and replies are assembly that does
-//! the same (tick.s, command.s, text.s, reply.s), held to it by crates/board/tests/it/winch_avr.rs.
+//! the same (tick.s, command.s, text.s, reply.s), held to it by crates/board/tests/it/chips/winch_avr.rs.
 //!
 //! # What is here
 //! - this file: the main loop's side; lines, and what they ask for

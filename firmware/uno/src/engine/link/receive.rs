@@ -4,7 +4,7 @@
 //! three bytes after it behind it. The CRC takes a byte in 14 cycles (11 where its halves may change places), by multiplying where others shift: with x = high ^ byte
 //! and then x ^= x >> 4, it is high = low ^ x << 4 ^ x >> 3, low = x ^ x << 5.
 //!
-//! 21.5 cycles a byte of the body, 27.5 where a zero is meant (crates/board/tests/it/uno_receive.rs prints and holds them).
+//! 21.5 cycles a byte of the body, 27.5 where a zero is meant (crates/board/tests/it/chips/uno_receive.rs prints and holds them).
 
 use super::PAGE;
 use crate::engine::regs;

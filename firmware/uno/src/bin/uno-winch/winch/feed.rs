@@ -9,7 +9,7 @@
 //!
 //! Main keeps the task out for 1340 cycles at most to obey a line, and for 3480 to take four positions at one time (measured with
 //! steps in between, four axes at 10 000 steps/s). Slices are worked out early enough for that: at least 8000 ticks were left,
-//! crates/board/tests/it/winch_line.rs.
+//! crates/board/tests/it/chips/winch_line.rs.
 
 use super::{Asked, reader};
 use crate::engine::steps::motor::{Motor, flag};

@@ -1,5 +1,5 @@
 ; Lines from the host to commands: pulsetrain_core::winch::text::Reader, which says what each line means. To the same
-; answers: crates/board/tests/it/winch_avr.rs compares them.
+; answers: crates/board/tests/it/chips/winch_avr.rs compares them.
 ;
 ;   u16 winch_listen(Reader *r24, const u8 *r22, u8 r20)
 ;

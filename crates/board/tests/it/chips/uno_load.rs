@@ -3,11 +3,6 @@
 //!
 //! `PULSETRAIN_SEED` says other random bytes, `PULSETRAIN_ROUNDS` how many times as many.
 
-mod common;
-
-use common::lab::{EXACT, Lab, SOFTWARE, SYMBOLS, Timing, address};
-use common::seed::{rounds, seed};
-use common::{Random, TICK_HZ, native_config, uno_setup};
 use pulsetrain_board::virtual_uno::{self, VirtualUno};
 use pulsetrain_board::{Board, Edge, Native, Port, PortError, Remote, Setup, Shadowed};
 use pulsetrain_core::narrow::Registers;
@@ -16,6 +11,9 @@ use pulsetrain_core::wire::frame::{Decoder, Received};
 use pulsetrain_core::wire::message::{Cause, kind};
 use pulsetrain_core::wire::{Baud, Encoder, MAX_FRAME};
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_testkit::lab::{EXACT, Lab, SOFTWARE, SYMBOLS, Timing, address};
+use pulsetrain_testkit::seed::{rounds, seed};
+use pulsetrain_testkit::{Random, TICK_HZ, native_config, uno_setup};
 use std::time::Duration;
 
 /// What is read next.

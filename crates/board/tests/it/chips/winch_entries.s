@@ -1,4 +1,4 @@
-; Where crates/board/tests/it/winch_avr.rs calls the winch's assembly.
+; Where crates/board/tests/it/chips/winch_avr.rs calls the winch's assembly.
 .section .vectors, "ax", @progbits
     jmp winch_tick
     jmp winch_listen

@@ -10,6 +10,7 @@ use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_core::output::Sequence;
 use pulsetrain_motion::boards;
 use pulsetrain_plan::PlanError;
+use pulsetrain_testkit::seed::rounds;
 
 /// Rates are tried 2.5 % apart, and random speeds have a mean that is not exactly what was asked for.
 const BELOW: f64 = 0.95;
@@ -83,7 +84,7 @@ fn limits_of_the_table_hold() {
             cases.push((Case::changing(motors, COILS), rate(intervals[place])));
         }
         for (case, limit) in cases {
-            for seed in 1..=3 {
+            for seed in 1..=rounds() {
                 let row = Case { seed, ..case }.row(&pico, BELOW * limit, 0.06);
                 held(&row);
                 assert!(row.edges as f64 > 0.04 * BELOW * limit * motors as f64, "{row:?}");

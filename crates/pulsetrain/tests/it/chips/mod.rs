@@ -1,0 +1,16 @@
+//! Tests that run firmware on an emulated chip.
+
+mod baked;
+mod baked_pico;
+mod clock;
+mod embed;
+mod faults;
+mod pause;
+mod pico;
+mod pico_figures;
+mod pico_session;
+mod rehearsal;
+mod serve;
+mod sketches;
+mod uno;
+mod uno_promises;

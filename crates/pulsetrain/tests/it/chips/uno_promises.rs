@@ -1,0 +1,49 @@
+//! What an Uno is promised to do, in short streams: every row of the benches' second figure, at the promised rate and below.
+//!
+//! `cargo xtask bench uno` measures how far beyond it goes.
+
+use crate::common::rows::{Case, PROMISED, Row, fastest_plateau, tutorial_row};
+
+/// A stream of each kind of pins, s.
+const SHORT_S: f64 = 0.1;
+/// Never written to by then: stack for what no test has met, bytes.
+const STACK_LEFT: usize = 32;
+
+/// No step is lost, 99 % of the edges are at most 40 cycles late, all at most 60, and the board reports nothing.
+#[track_caller]
+fn holds(row: &Row) {
+    let seen = row.seen.as_ref().expect("it ran");
+    let late = &seen.lateness;
+    println!(
+        "{} {} {}: {} edges, p99 {}, at most {} cycles late; {} bytes of stack left",
+        row.law, row.pins, row.rate, late.edges, late.p99_ticks, late.max_ticks, seen.stack_left
+    );
+    assert_eq!(row.verdict, "", "{} on {} at {}", row.law, row.pins, row.rate);
+    assert!(usize::from(seen.stack_left) >= STACK_LEFT, "{}: {} bytes of stack left", row.pins, seen.stack_left);
+}
+
+#[test]
+fn the_tutorials_sweeps_hold() {
+    for period in [((10, 1), (8, 9)), ((4, 5), (8, 9)), ((1, 10), (9, 8))] {
+        holds(&tutorial_row(period, 1000, true));
+    }
+}
+
+#[test]
+fn promised_rates_hold() {
+    for case in PROMISED {
+        for (share, turns) in [(0.25, 0), (0.1, 5), (1.0, 0)] {
+            holds(&Case { turns, ..case }.row(share * case.required.unwrap_or(0.0), SHORT_S));
+        }
+    }
+}
+
+/// Four motors that go over to new epochs while they are fast: their lists are full, or nearly so, when a switch waits.
+#[test]
+fn four_motors_stay_fast_on_the_shield() {
+    let case = PROMISED[6];
+    for rate in [11e3, 12.5e3, 13e3, 15e3] {
+        let row = fastest_plateau(&case, &[rate]);
+        assert_eq!(row.verdict, "", "{rate} steps/s");
+    }
+}
