@@ -76,25 +76,7 @@ pub(crate) fn run(tier: Tier) -> Done {
     Ok(())
 }
 
-/// Modules of tests that take longest, the longest first: they begin first, so that no core waits for the last one.
-/// `cargo xtask test` prints what each took.
-const LONG: [(&str, &str); 12] = [
-    ("pulsetrain", "faults"),
-    ("pulsetrain-board", "winch_pico_wraps"),
-    ("pulsetrain", "pico_figures"),
-    ("pulsetrain", "baked"),
-    ("pulsetrain-board", "winch_pico"),
-    ("pulsetrain-board", "pico_wraps"),
-    ("pulsetrain", "commands"),
-    ("pulsetrain", "baked_pico"),
-    ("pulsetrain-board", "winch_wraps"),
-    ("pulsetrain-board", "pico_verbs"),
-    ("pulsetrain-board", "winch_line"),
-    ("pulsetrain", "winch"),
-];
-/// Packages whose tests run virtual boards; their other modules come next.
-const LONG_PACKAGES: [&str; 2] = ["pulsetrain", "pulsetrain-board"];
-/// How many of them it prints.
+/// How many of the modules that took longest are printed.
 const PRINTED: usize = 30;
 
 /// A binary that `cargo test` would run.
@@ -173,13 +155,9 @@ impl Job {
         test
     }
 
-    /// What comes first has the lowest.
-    fn place(&self) -> (usize, usize) {
-        let package = self.binary.package.as_str();
-        (
-            LONG.iter().position(|long| *long == (package, &self.module)).unwrap_or(LONG.len()),
-            LONG_PACKAGES.iter().position(|long| *long == package).unwrap_or(LONG_PACKAGES.len()),
-        )
+    /// What comes first has the lowest: firmware takes longest, and no core is to wait for the last of it.
+    fn place(&self) -> (bool, &str) {
+        (!self.module.starts_with(CHIPS), &self.binary.package)
     }
 }
 
@@ -194,14 +172,7 @@ fn jobs(tier: Tier) -> Done<Vec<Job>> {
         let listed = command::output(binary.command().args(["--list", "--format", "terse"]))?;
         jobs.extend(binary.jobs(&listed, tier));
     }
-    for (package, module) in LONG {
-        if tier != Tier::Quick && !jobs.iter().any(|job| job.binary.package == package && job.module == module) {
-            return Err(Failure::Check(format!(
-                "xtask/src/test.rs names {module} of {package}, which has no such tests"
-            )));
-        }
-    }
-    jobs.sort_by_key(Job::place);
+    jobs.sort_by(|a, b| a.place().cmp(&b.place()));
     Ok(jobs)
 }
 
@@ -280,12 +251,10 @@ speed: benchmark
     }
 
     #[test]
-    fn long_modules_begin_first() {
-        let place = |binary: Binary, listed: &str| binary.jobs(listed, Tier::Change)[0].place();
-        let of = |package: &str| Binary { package: package.to_owned(), ..binary() };
-        let (package, module) = LONG[LONG.len() - 1];
-        assert!(place(of(package), &format!("{module}::a: test")) < place(binary(), "link::a: test"));
-        assert!(place(binary(), "link::a: test") < place(of("pulsetrain-core"), "link::a: test"));
+    fn firmware_comes_first() {
+        let jobs = binary().jobs(LISTED, Tier::Change);
+        let first = jobs.iter().min_by(|a, b| a.place().cmp(&b.place())).expect("there are some");
+        assert_eq!(first.module, "chips::uno");
     }
 
     #[test]
