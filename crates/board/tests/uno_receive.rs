@@ -190,6 +190,6 @@ fn bytes_cost() -> (u64, u64) {
 }
 
 #[test]
-fn a_byte_costs_21_cycles_and_a_half_and_a_zero_6_more() {
-    assert_eq!(bytes_cost(), (40 * 43 / 2, 57 * 6));
+fn a_byte_costs_25_cycles_and_a_zero_6_more() {
+    assert_eq!(bytes_cost(), (40 * 25, 57 * 6));
 }

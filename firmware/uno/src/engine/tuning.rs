@@ -19,7 +19,7 @@
 /// `host.rs`: the main loop.
 pub(crate) mod host {
     /// Bytes that frames take in one round of the main loop at most. Shown by line.
-    pub(crate) const BYTES_A_ROUND: u8 = 32;
+    pub(crate) const BYTES_A_ROUND: u8 = 64;
     /// How often the line is asked whether it takes a byte before the main loop goes on, looks of some 10 cycles: 200 in all, a byte at 1 Mbaud.
     /// Shown by load.
     pub(crate) const POLLS: u8 = 20;
@@ -43,7 +43,7 @@ pub(crate) mod task {
     /// Batches of steps that one call makes for a ring, at most; what Rust puts into the ring counts twice. Shown by rates.
     pub(crate) const BATCHES: u8 = 8;
     /// So many of them two rings get first, by turns. Shown by rates.
-    pub(crate) const TURNS: u8 = 3;
+    pub(crate) const TURNS: u8 = 2;
 }
 
 /// `steps/plan.rs`: what a motor may do next.
