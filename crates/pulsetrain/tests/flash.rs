@@ -283,7 +283,7 @@ mod bootloader {
                     if exit == Exit::Refused && told { Ok(()) } else { Err(format!("{args:?}: {exit:?} {err}")) }
                 });
             }
-            tried(|| says(&["store", "--silence", "700", "--port", &link], "a host is lost after 700 ms"));
+            tried(|| says(&["store", "--silence", "700 ms", "--port", &link], "a host is lost after 700 ms"));
         }
     }
 
