@@ -18,8 +18,12 @@
 
 /// `host.rs`: the main loop.
 pub(crate) mod host {
-    /// Bytes that frames take in one round of the main loop at most. Shown by line.
-    pub(crate) const BYTES_A_ROUND: u8 = 64;
+    use crate::Uses;
+    use crate::engine::program::Program;
+
+    /// Bytes that frames take in one round of the main loop at most. Plans come in many frames one after the other (shown by rates); what motors are told
+    /// directly is to be answered soon (shown by verbs).
+    pub(crate) const BYTES_A_ROUND: u8 = if Uses::PLANS { 64 } else { 32 };
     /// How often the line is asked whether it takes a byte before the main loop goes on, looks of some 10 cycles: 200 in all, a byte at 1 Mbaud.
     /// Shown by load.
     pub(crate) const POLLS: u8 = 20;
