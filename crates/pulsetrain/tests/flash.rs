@@ -263,7 +263,7 @@ mod bootloader {
         let script = folder.path("script.txt");
         std::fs::write(&script, "0 s: move x 1\n").unwrap();
         let winch = folder.path("winch.txt");
-        std::fs::write(&winch, "0.1: enable 1\n").unwrap();
+        std::fs::write(&winch, "0.1 s: a x 1\n").unwrap();
         let [run, bench] = [&["run", motion, "--no-rehearsal"][..], &["bench", "--disconnected"]];
         let [verbs, text] = [&["verbs", &script][..], &["winch", &winch]];
         for (image, refused, wanted) in [
