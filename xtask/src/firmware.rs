@@ -17,9 +17,9 @@ const FLASH: u64 = 32_768 - 512;
 const RAM: u64 = 2048;
 
 /// Where images are committed, each with its map of symbols beside it.
-const IMAGES: &str = "crates/board/images";
+pub(crate) const IMAGES: &str = "crates/board/images";
 /// The programs of firmware/uno, which its images are called after.
-const PROGRAMS: [&str; 4] = ["uno", "uno-winch", "uno-verbs", "uno-baked"];
+pub(crate) const PROGRAMS: [&str; 4] = ["uno", "uno-winch", "uno-verbs", "uno-baked"];
 /// Sources of the programs and their engine.
 const SOURCES: &str = "firmware/uno/src/";
 /// Of the winch the assembly alone, committed for a test on the emulated chip.

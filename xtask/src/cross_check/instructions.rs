@@ -1,4 +1,5 @@
-//! Every opcode from random states: registers, SREG, PC, SP, memory and cycles after it, in simavr and in ours.
+//! Every opcode from random states: registers, SREG, PC, SP, memory and cycles after it, in simavr and in ours. Then every instruction of the
+//! Uno's images once more, with the words that follow it there: its operand, and what a skip skips.
 //!
 //! Names and encodings: AVR Instruction Set Manual DS40002198, section 5. Left out:
 //! - SLEEP, BREAK, SPM: they act on what is not compared here.
@@ -13,8 +14,9 @@
 
 use super::{Outcome, Tools};
 use crate::command::{Done, Failure};
+use crate::firmware;
 use crate::random::Random;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 
 const SEED: u64 = 328;
@@ -150,10 +152,24 @@ pub(super) fn compare(tools: &Tools) -> Done<Outcome> {
         let each = OF_OPCODE.max(OF_MNEMONIC.div_ceil(opcodes.len()));
         for &opcode in opcodes.iter().flat_map(|opcode| std::iter::repeat_n(opcode, each)) {
             let case = Case::random(mnemonic, opcode, &mut random);
-            case.write(&mut input);
-            cases.push((*mnemonic, input.lines().next_back().unwrap_or_default().to_owned()));
+            cases.push((*mnemonic, case.write(&mut input)));
         }
     }
+    let mut of_images = BTreeSet::new();
+    for image in firmware::PROGRAMS {
+        let words = words_of(tools, image)?;
+        of_images.extend(words.windows(3).map(|words| [words[0], words[1], words[2]]));
+    }
+    // Constants among them are instructions, too, which nobody executes.
+    let before = cases.len();
+    for words in of_images {
+        let Some(mnemonic) = mnemonic(words[0]).filter(|mnemonic| !is_undefined(mnemonic, words[0])) else { continue };
+        if is_plain(mnemonic, words[1]) {
+            let case = Case { words, ..Case::random(mnemonic, words[0], &mut random) };
+            cases.push((mnemonic, case.write(&mut input)));
+        }
+    }
+    let of_images = cases.len() - before;
     let theirs = tools.ask("instructions", tools.simavr().arg("instructions"), &input)?;
     let ours = tools.ask("instructions", tools.ours().arg("instructions"), &input)?;
     let (theirs, ours): (Vec<_>, Vec<_>) = (theirs.lines().collect(), ours.lines().collect());
@@ -172,12 +188,30 @@ pub(super) fn compare(tools: &Tools) -> Done<Outcome> {
         }
     }
     let compared = format!(
-        "{} cases (seed {SEED}) of {} opcodes, {} forms of instructions",
+        "{} cases (seed {SEED}) of {} opcodes, {} forms of instructions; {of_images} of these with the words that follow in the Uno's {} images",
         cases.len(),
         opcodes.values().map(Vec::len).sum::<usize>(),
-        opcodes.len()
+        opcodes.len(),
+        firmware::PROGRAMS.len()
     );
     Ok(Outcome { what: "instructions, with simavr", compared, differences, exceptions: vec![("SKIP", skips)] })
+}
+
+/// The flash that one of the Uno's images takes.
+fn words_of(tools: &Tools, image: &str) -> Done<Vec<u16>> {
+    let bytes = tools.flash_of(&format!("{}/{image}.hex", firmware::IMAGES))?;
+    Ok(bytes.chunks_exact(2).map(|word| u16::from_le_bytes([word[0], word[1]])).collect())
+}
+
+/// Whether an operand of a word of its own is an address that both have: data that is plain memory, or code.
+fn is_plain(mnemonic: &str, operand: u16) -> bool {
+    match mnemonic {
+        "LDS" | "STS" => {
+            operand < REGISTERS || PLAIN_IO.contains(&operand) || (SRAM_FIRST..SRAM_LAST).contains(&operand)
+        }
+        "JMP" | "CALL" => operand < FLASH_WORDS,
+        _ => true,
+    }
 }
 
 fn mnemonic(opcode: u16) -> Option<&'static str> {
@@ -275,15 +309,18 @@ impl Case {
         Case { pc, sreg: random.below(256), sp, words, registers }
     }
 
-    /// As the harnesses read it: xtask/cross-check/simavr.c.
-    fn write(&self, into: &mut String) {
+    /// A line as the harnesses read it: xtask/cross-check/simavr.c. Gives it, too.
+    fn write(&self, into: &mut String) -> String {
+        let begin = into.len();
         let Case { pc, sreg, sp, words: [first, second, third], registers } = self;
         // Writing to a String cannot fail.
         let _ = write!(into, "{pc:04x} {sreg:02x} {sp:04x} {first:04x} {second:04x} {third:04x} ");
         for register in registers {
             let _ = write!(into, "{register:02x}");
         }
+        let line = into[begin..].to_owned();
         into.push('\n');
+        line
     }
 }
 

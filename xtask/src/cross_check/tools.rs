@@ -111,6 +111,13 @@ impl Tools {
         command::pipe(side, cases)
     }
 
+    /// What an image in Intel HEX has for the flash.
+    pub(super) fn flash_of(&self, image: &str) -> Done<Vec<u8>> {
+        let path = self.folder.join("flash.bin");
+        command::run(command("avr-objcopy").args(["-I", "ihex", "-O", "binary", image]).arg(&path))?;
+        std::fs::read(&path).map_err(|why| Failure::File { path, why })
+    }
+
     /// Compiles one of `xtask/cross-check/programs`; gives back the raw flash image.
     pub(super) fn compile(&self, name: &str) -> Done<PathBuf> {
         let elf = self.folder.join(name).with_extension("elf");

@@ -3,14 +3,14 @@
 /// Pulses up to these lengths, a column each.
 pub(super) const PULSES: [u32; 3] = [16, 31, 80];
 /// Shortest interval that holds for good, of each of 1 to 4 motors on one or two ports.
-pub(super) const BY_SOFTWARE: [[u32; 3]; 4] = [[100, 116, 220], [303, 335, 547], [432, 473, 850], [586, 717, 1414]];
+pub(super) const BY_SOFTWARE: [[u32; 3]; 4] = [[102, 119, 220], [303, 335, 574], [432, 484, 1007], [586, 753, 1414]];
 /// The same of two motors on pins 2-7, each with a DIR line of its own: these have a ring each.
-pub(super) const PAIR: [u32; 3] = [210, 336, 429];
+pub(super) const PAIR: [u32; 3] = [210, 336, 440];
 /// The same of one or two motors whose edges the compare hardware makes.
-pub(super) const BY_COMPARE: [[u32; 3]; 2] = [[100, 100, 1976], [204, 204, 3905]];
+pub(super) const BY_COMPARE: [[u32; 3]; 2] = [[102, 102, 1976], [205, 209, 3905]];
 /// Largest |edge − scheduled| beyond the constant.
-pub(super) const LATENESS: u32 = 54;
+pub(super) const LATENESS: u32 = 57;
 /// The farthest that it commits itself ahead.
-pub(super) const HORIZON: u32 = 65515;
+pub(super) const HORIZON: u32 = 55093;
 /// Bytes of its queues.
 pub(super) const QUEUES: u32 = 396;

@@ -260,7 +260,7 @@ mod chips {
         let script = folder.path("script.txt");
         std::fs::write(&script, "0 s: move x 1\n").unwrap();
         let winch = folder.path("winch.txt");
-        std::fs::write(&winch, "0.1: enable 1\n").unwrap();
+        std::fs::write(&winch, "0.1 s: a x 1\n").unwrap();
         let [run, bench] = [&["run", motion, "--no-rehearsal"][..], &["bench", "--disconnected"]];
         let [verbs, text] = [&["verbs", &script][..], &["winch", &winch]];
         for (image, refused, wanted) in [
@@ -280,7 +280,7 @@ mod chips {
                     if exit == Exit::Refused && told { Ok(()) } else { Err(format!("{args:?}: {exit:?} {err}")) }
                 });
             }
-            tried(|| says(&["store", "--silence", "700", "--port", &link], "a host is lost after 700 ms"));
+            tried(|| says(&["store", "--silence", "700 ms", "--port", &link], "a host is lost after 700 ms"));
         }
     }
 

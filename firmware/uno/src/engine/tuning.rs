@@ -18,8 +18,12 @@
 
 /// `host.rs`: the main loop.
 pub(crate) mod host {
-    /// Bytes that frames take in one round of the main loop at most. Shown by line.
-    pub(crate) const BYTES_A_ROUND: u8 = 32;
+    use crate::Uses;
+    use crate::engine::program::Program;
+
+    /// Bytes that frames take in one round of the main loop at most. Plans come in many frames one after the other (shown by rates); what motors are told
+    /// directly is to be answered soon (shown by verbs).
+    pub(crate) const BYTES_A_ROUND: u8 = if Uses::PLANS { 64 } else { 32 };
     /// How often the line is asked whether it takes a byte before the main loop goes on, looks of some 10 cycles: 200 in all, a byte at 1 Mbaud.
     /// Shown by load.
     pub(crate) const POLLS: u8 = 20;
@@ -43,7 +47,7 @@ pub(crate) mod task {
     /// Batches of steps that one call makes for a ring, at most; what Rust puts into the ring counts twice. Shown by rates.
     pub(crate) const BATCHES: u8 = 8;
     /// So many of them two rings get first, by turns. Shown by rates.
-    pub(crate) const TURNS: u8 = 3;
+    pub(crate) const TURNS: u8 = 2;
 }
 
 /// `steps/plan.rs`: what a motor may do next.

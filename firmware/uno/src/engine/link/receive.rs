@@ -90,28 +90,6 @@ global_asm!(
     mov r19, r0
     .endm
 
-    // The same without the moves: the new high byte in \low, the new low one in \high.            11
-    .macro crc_in_place high, low
-    eor \high, r24
-    mul \high, r22
-    eor \high, r1
-    mul \high, r22
-    eor \low, r0
-    mul \high, r23
-    eor \low, r1
-    eor \high, r0
-    .endm
-
-    // A byte of the body, in r24; or a zero, or the code of a run.                               17
-    .macro body_byte high, low, zero, code
-    ld r24, Z+                          // 2
-    tst r24                             // 1
-    breq \zero                          // 1
-    crc_in_place \high, \low            // 11
-    subi r20, 1                         // 1
-    brcs \code                          // 1
-    .endm
-
     .macro next none_left               // the next byte in r24, and whether it is a zero; 6
     subi r25, 1
     brcs \none_left
@@ -264,20 +242,16 @@ receive_frame:
     sub r21, r0
     push r17
     mov r17, r0
-    // Two by two: the CRC's halves change places.
-21: body_byte r18, r19, 25f, 26f        // 17                           17
-3:  st X+, r24                          // 2                            19
-    dec r17                             // 1                            20
-    breq 23f                            // 1                            21
-    body_byte r19, r18, 25f, 27f        // 17                           38
-22: st X+, r24                          // 2                            40
-    dec r17                             // 1                            41
-    brne 21b                            // 2                            43: two bytes
-    rjmp 24f
-23: mov r0, r18
-    mov r18, r19
-    mov r19, r0
-24: pop r17
+21: ld r24, Z+                          // 2
+    tst r24                             // 1
+    breq 25f                            // 1
+    crc                                 // 14
+    subi r20, 1                         // 1
+    brcs 26f                            // 1
+3:  st X+, r24                          // 2
+    dec r17                             // 1
+    brne 21b                            // 2                            25
+    pop r17
     andi r30, {PAGE} - 1
     tst r21
     brne 2b
@@ -292,10 +266,6 @@ receive_frame:
     dec r20
     clr r24
     rjmp 3b
-27: mov r20, r24
-    dec r20
-    clr r24
-    rjmp 22b
     "#,
     PAGE = const PAGE,
     AT = const AT,
