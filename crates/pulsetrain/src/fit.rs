@@ -341,8 +341,8 @@ fn pulse_limit(prepared: &Prepared, motor: &Motor, settings: &Settings) -> Optio
             let rate = human::scaled(settings.tick_hz as f64 / least as f64, "steps/s");
             return Some(format!(
                 "the limit is the pulse of motor {other}: {board} makes the pulses of all motors equally long, and the driver of {other}{driver} \
-                 needs {high} HIGH; that of {name} needs {own} HIGH and {low} LOW, with which {rate} fit: give {other} a driver with \
-                 a shorter pulse, or a board of its own"
+                 needs {high} HIGH; that of {name} needs {own} HIGH and {low} LOW, with which {rate} fit. A driver with a shorter pulse for \
+                 motor {other} helps, or a board of its own"
             ));
         }
     }

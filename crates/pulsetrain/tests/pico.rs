@@ -79,8 +79,8 @@ fn a_long_pulse_beside_leaves_each_driver_its_times() {
     let (exit, said) = fast(67_000);
     assert_eq!(exit, Exit::Refused, "{said}");
     let why = "the limit is the pulse of motor a: pico makes the pulses of all motors equally long, and the driver of a (TB6600) needs \
-               10 µs HIGH; that of b needs 5.05 µs HIGH and 5.05 µs LOW, with which 98.9 k steps/s fit: give a a driver with a shorter \
-               pulse, or a board of its own as it is, it fits: due, native";
+               10 µs HIGH; that of b needs 5.05 µs HIGH and 5.05 µs LOW, with which 98.9 k steps/s fit. A driver with a shorter pulse for \
+               motor a helps, or a board of its own as it is, it fits: due, native";
     assert!(said.contains(why), "{said}");
     // Turns that both drivers allow by themselves, but not behind the long pulse: b's two steps are dropped then.
     let long = "pulse_high = \"10 us\"\ndir_setup = \"1 us\"\ndir_hold = \"1 us\"";
