@@ -8,7 +8,7 @@ mod uno;
 use std::ops::RangeInclusive;
 
 use crate::pins::{self, PinKind, PinsError};
-use crate::program::{Board, Motor, SegmentTicks, SharedSteps, Wiring};
+use crate::program::{Board, DriverTiming, Motor, SegmentTicks, SharedSteps, Wiring};
 
 /// One row of the table: what plans are held against, and what else a user should know.
 #[derive(Clone, Debug, PartialEq)]
@@ -157,7 +157,7 @@ impl BoardRow {
             return self.board.min_interval_ticks.iter().enumerate().map(of).collect();
         };
         let hz = self.board.tick_hz;
-        let pulse = motors.iter().map(|motor| motor.timing.ticks(hz).pulse_high).max().unwrap_or(0);
+        let pulse = DriverTiming::longest(motors).ticks(hz).pulse_high;
         // The last column serves for what is longer: such pulses limit the rate themselves.
         let column = rates.pulses.iter().position(|longest| pulse <= u64::from(*longest)).unwrap_or(PULSES - 1);
         let of = |rows: &[[u32; PULSES]]| rows.iter().map(|by_pulse| by_pulse[column]).collect();
@@ -205,7 +205,7 @@ impl BoardRow {
     /// 1.94 µs are over so soon that no step must wait for them.
     #[must_use]
     pub fn shared_steps(&self, motors: &[Motor]) -> Option<SharedSteps> {
-        let pulse = motors.iter().map(|motor| motor.timing.ticks(self.board.tick_hz).pulse_high).max().unwrap_or(0);
+        let pulse = DriverTiming::longest(motors).ticks(self.board.tick_hz).pulse_high;
         if !matches!(self.pin_rules, PinRules::Kinds(_)) || !shares_dir(motors) || pulse <= LONGEST_OWN_PULSE {
             return None;
         }
@@ -243,21 +243,17 @@ const TURN_TICKS_BY_COMPARE: [u32; 2] = [2 * 96, 2 * 171];
 /// What a word of a Pico's state machine takes at least: the longest pulse of all motors and three cycles, which
 /// `pulsetrain_core::words` has. Steps are no closer, and DIR changes in a word of its own.
 fn word_ticks(motors: &[Motor], hz: u64) -> u32 {
-    let drivers = motors.iter().filter(|motor| matches!(motor.wiring, Wiring::StepDir { .. }));
-    let pulse = drivers.map(|motor| motor.timing.ticks(hz).pulse_high).max().unwrap_or(0).max(3);
-    u32::try_from(pulse + 3).unwrap_or(u32::MAX)
+    let pulse = DriverTiming::longest(motors).ticks(hz).pulse_high;
+    u32::try_from(pulse.max(3) + 3).unwrap_or(u32::MAX)
 }
 
 /// What a turn takes a Pico beside pulse, hold and set-up: the word that changes DIR begins when that of the step before is
 /// over, and ends before that of the step after.
 fn word_turn_ticks(motors: &[Motor], hz: u64) -> u32 {
     let word = u64::from(word_ticks(motors, hz));
-    let setup = motors.iter().map(|motor| motor.timing.ticks(hz).dir_setup).max().unwrap_or(0).max(word);
-    let beside = |motor: &Motor| {
-        let timing = motor.timing.ticks(hz);
-        (word.max(timing.pulse_high + timing.dir_hold) + setup).saturating_sub(timing.reversal())
-    };
-    u32::try_from(motors.iter().map(beside).max().unwrap_or(0)).unwrap_or(u32::MAX)
+    let timing = DriverTiming::longest(motors).ticks(hz);
+    let turn = word.max(timing.pulse_high + timing.dir_hold) + word.max(timing.dir_setup);
+    u32::try_from(turn - timing.reversal()).unwrap_or(u32::MAX)
 }
 
 /// What a step takes on an Uno whose motors share a DIR line, ticks.
@@ -306,6 +302,7 @@ fn uno() -> BoardRow {
             // With pulses of 1 µs; what a program needs longer ones for, `shortest_intervals` says.
             min_interval_ticks: rates.by_software.iter().map(|by_pulse| by_pulse[0]).collect(),
             hardware_timed: false,
+            one_timing: true,
             turn_ticks: TURN_TICKS[0],
             shared_steps: None,
             segment_ticks: Vec::new(),
@@ -338,6 +335,7 @@ fn due() -> BoardRow {
             max_motors: 8,
             min_interval_ticks: RATES_HZ.iter().map(|&rate| interval_ticks(TICK_HZ, rate)).collect(),
             hardware_timed: false,
+            one_timing: false,
             turn_ticks: 0,
             shared_steps: None,
             segment_ticks: Vec::new(),
@@ -368,6 +366,7 @@ fn pico() -> BoardRow {
             // Of the processor; a step takes its pulse and three ticks more, as `shortest_intervals` says.
             min_interval_ticks: pico::SHORTEST.to_vec(),
             hardware_timed: true,
+            one_timing: true,
             turn_ticks: 0,
             shared_steps: None,
             segment_ticks: pico::ONWARD
@@ -408,6 +407,7 @@ fn native() -> BoardRow {
             max_motors: 8,
             min_interval_ticks: vec![50],
             hardware_timed: true,
+            one_timing: false,
             turn_ticks: 0,
             shared_steps: None,
             segment_ticks: Vec::new(),
@@ -454,10 +454,11 @@ mod tests {
             name: "m".to_owned(),
             law: crate::Law::sine(100.0, crate::Time::SECOND, Some(1)).unwrap(),
             wiring: crate::program::Wiring::StepDir { step, dir: 8, forward_high: true, enable: None },
-            timing: crate::program::DriverTiming { pulse_high_ns, ..Default::default() },
+            timing: DriverTiming { pulse_high_ns, ..Default::default() },
             limits: crate::program::Limits::default(),
             scale: crate::program::Scale { unit: "step".to_owned(), steps_per_unit: 1.0, steps_per_rev: 200.0 },
             winding: None,
+            driver: None,
         };
         let check = |step, pulse_ns, expected: &[[u32; 3]], column: usize| {
             let expected: Vec<u32> = expected.iter().map(|by_pulse| by_pulse[column]).collect();

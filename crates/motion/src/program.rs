@@ -67,6 +67,25 @@ impl Program {
         }
         Ok(Program { board, ..self })
     }
+
+    /// The times that the board keeps to for a motor: its driver's. Where the board has one pulse length, set-up and hold for all motors,
+    /// these are the longest of all drivers, and LOW is the motor's own: nobody makes it, it is what is left between two pulses.
+    #[must_use]
+    pub fn timing(&self, motor: &Motor) -> DriverTiming {
+        let is_driver = matches!(motor.wiring, Wiring::StepDir { .. });
+        if self.board.one_timing && is_driver {
+            DriverTiming { pulse_low_ns: motor.timing.pulse_low_ns, ..DriverTiming::longest(&self.motors) }
+        } else {
+            motor.timing
+        }
+    }
+
+    /// Another motor whose driver needs a longer pulse than this one's, so that the board makes this one's as long; the longest.
+    #[must_use]
+    pub fn lengthens_pulse(&self, motor: &Motor) -> Option<&Motor> {
+        let pulse_ns = self.timing(motor).pulse_high_ns;
+        self.motors.iter().find(|other| other.timing.pulse_high_ns == pulse_ns && pulse_ns > motor.timing.pulse_high_ns)
+    }
 }
 
 impl Wiring {
@@ -117,6 +136,8 @@ pub struct Motor {
     pub law: Law,
     /// The lines that it is driven by.
     pub wiring: Wiring,
+    /// Its driver in the table of [`drivers`](crate::drivers), if the file names one.
+    pub driver: Option<&'static str>,
     /// What its driver needs.
     pub timing: DriverTiming,
     /// What it can do.
@@ -211,6 +232,17 @@ pub struct DriverTicks {
 }
 
 impl DriverTiming {
+    /// The longest of each time that drivers of these motors need.
+    #[must_use]
+    pub fn longest(motors: &[Motor]) -> DriverTiming {
+        motors.iter().map(|motor| motor.timing).fold(DriverTiming::default(), |longest, other| DriverTiming {
+            pulse_high_ns: longest.pulse_high_ns.max(other.pulse_high_ns),
+            pulse_low_ns: longest.pulse_low_ns.max(other.pulse_low_ns),
+            dir_setup_ns: longest.dir_setup_ns.max(other.dir_setup_ns),
+            dir_hold_ns: longest.dir_hold_ns.max(other.dir_hold_ns),
+        })
+    }
+
     /// In ticks, each rounded up.
     ///
     /// ```
@@ -286,6 +318,8 @@ pub struct Board {
     pub min_interval_ticks: Vec<u32>,
     /// Whether the edges are timed in hardware (then the default tolerance is 1 tick, else 1 µs).
     pub hardware_timed: bool,
+    /// Whether it has one pulse length, DIR set-up and hold for all motors: the longest that a driver needs. See [`Program::timing`].
+    pub one_timing: bool,
     /// What a turn of DIR takes beside pulse, hold and set-up, ticks: from the step before it to the one after it.
     pub turn_ticks: u32,
     /// What it needs between steps of different motors; `None` where their pulses may overlap.

@@ -96,7 +96,7 @@ impl<'a> Ensemble<'a> {
                     groups.push((pin, SharedDir::new(settings.fraction_bits, steps)));
                     groups.len() - 1
                 });
-                let timing = motor.timing.ticks(settings.tick_hz);
+                let timing = program.timing(motor).ticks(settings.tick_hz);
                 let last_step = start.and_then(|start| start.last_step);
                 let place = groups[group].1.join(index, planner, &settings, &timing, &motor.wiring, last_step);
                 Source::Shared(group, place, Meter::new(&settings))

@@ -6,7 +6,7 @@ use crate::expansion::{Frame, ULP, two_sum};
 use crate::load::{Backlog, Excess};
 use crate::packed::Meter;
 use crate::peak::peak;
-use crate::run::{Registers, Rules, Run, RunPlanner, shortest_interval};
+use crate::run::{EXACT_STEPS, Registers, Rules, Run, RunPlanner, shortest_interval};
 use crate::settings::Settings;
 use crate::stretch::{Stretch, stretches};
 use crate::{LEAST_TOLERANCE_TICKS, Move};
@@ -398,7 +398,7 @@ impl<'a> Planner<'a> {
             }
             // θ at the turn, seen from where the motor now stays.
             let turn = (run.stretch.value_to - run.frame.zero) * run.frame.sign;
-            (run.count, run.touches) = (run.count - 1, false);
+            (run.count, run.touches, run.reached_by) = (run.count - 1, false, None);
             after.count -= 1;
             let (zero, lost) = two_sum(after.frame.zero, after.frame.sign);
             after.frame.zero = zero;
@@ -450,15 +450,8 @@ impl<'a> Planner<'a> {
     fn run(&self, stretch: Stretch, piece: PieceFrame) -> Run {
         let rising = stretch.rises();
         let (sign, direction) = if rising { (1.0, Direction::Forward) } else { (-1.0, Direction::Backward) };
-        let (start_whole, start_rest, start_low) = self.start.unwrap_or((0, 0.0, 0.0));
-        // Wide, since both may be far out: what is left is at home in the piece.
-        let position = i128::from(self.position) - i128::from(piece.origin) + i128::from(start_whole);
-        // Step 1 is due at the level above (or below) the position; s = 0 is one step before it.
-        let offset = sign * (self.settings.grid.hysteresis - 0.5);
-        let (rest, rest_low) = two_sum(offset, start_rest);
-        let (zero, zero_low) = two_sum(position as f64, rest);
-        let zero_low = zero_low + rest_low + start_low;
-        let tick_hz = self.settings.tick_hz as f64;
+        let frame = self.frame(&piece, sign);
+        let (zero, tick_hz) = (frame.zero, frame.tick_hz);
         let reached = (stretch.value_to - zero) * sign;
         let touched = (reached + TOUCH).floor();
         // What creeps on towards a level touches it; what goes on beyond is left to the next piece, where it is reached.
@@ -467,19 +460,66 @@ impl<'a> Planner<'a> {
         let count = if is_reached_later { reached } else { touched };
         let missing = touched - reached;
         let mut run = Run {
-            frame: Frame { sign, zero, zero_low, tick_hz },
+            frame,
             direction,
             count: if count >= 1.0 { count as u64 } else { 0 },
             touches: !is_reached_later
                 && missing > 0.0
                 && missing * tick_hz > TOUCH_TICKS * stretch.curve.jet(stretch.to)[1].abs(),
+            reached_by: None,
             origin: piece.zero,
             stretch,
         };
         if is_reached_later {
-            run.leave_what_is_not_reached();
+            self.settle_end(&mut run, touched);
         }
         run
+    }
+
+    /// Leaves the last step to the stretch that goes on from this one, if this one surely ends before it. Where its own numbers leave that open
+    /// for some time, those of the other one may tell; or else the step is enclosed on both sides.
+    fn settle_end(&self, run: &mut Run, touched: f64) {
+        let (to, hz) = (run.stretch.to, run.frame.tick_hz);
+        let (beyond, doubt) = run.beyond(to, touched);
+        let is_slow = doubt * hz > TOUCH_TICKS * run.stretch.curve.jet(to)[1].abs();
+        if is_slow
+            && touched >= 1.0
+            && beyond.abs() <= doubt
+            && doubt >= EXACT_STEPS
+            && let Some((next, piece)) = self.waiting.front()
+        {
+            let next = Run {
+                frame: self.frame(piece, run.frame.sign),
+                stretch: next.clone(),
+                origin: piece.zero,
+                ..run.clone()
+            };
+            let (beyond, doubt) = next.beyond(next.stretch.from, touched);
+            if beyond + doubt < 0.0 {
+                run.count = touched as u64 - 1;
+            } else {
+                let later = (next.origin.0 - run.origin.0) as f64 + (next.origin.1 - run.origin.1);
+                run.count = touched as u64;
+                run.reached_by = Some(next.surely_after(touched).1 * hz + later);
+            }
+            return;
+        }
+        let (beyond, doubt) = run.beyond(to, run.count as f64);
+        if run.count > 0 && beyond + doubt < 0.0 {
+            run.count -= 1;
+        }
+    }
+
+    /// What a stretch of a piece is seen in, from where the motor is.
+    fn frame(&self, piece: &PieceFrame, sign: f64) -> Frame {
+        let (start_whole, start_rest, start_low) = self.start.unwrap_or((0, 0.0, 0.0));
+        // Wide, since both may be far out: what is left is at home in the piece.
+        let position = i128::from(self.position) - i128::from(piece.origin) + i128::from(start_whole);
+        // Step 1 is due at the level above (or below) the position; s = 0 is one step before it.
+        let offset = sign * (self.settings.grid.hysteresis - 0.5);
+        let (rest, rest_low) = two_sum(offset, start_rest);
+        let (zero, zero_low) = two_sum(position as f64, rest);
+        Frame { sign, zero, zero_low: zero_low + rest_low + start_low, tick_hz: self.settings.tick_hz as f64 }
     }
 
     /// Checks how a piece joins the one before and what it asks of the motor, and cuts it into stretches.

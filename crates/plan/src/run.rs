@@ -15,6 +15,8 @@ pub(crate) struct Run {
     pub(crate) count: u64,
     /// The last level is behind the stretch's end, by no more than a touch, but by some time at the speed there.
     pub(crate) touches: bool,
+    /// By when the last level is surely reached, ticks, if rounding leaves open whether that is before the stretch's end.
+    pub(crate) reached_by: Option<f64>,
     /// The tick at which the curve's own time is 0: whole, and fraction.
     pub(crate) origin: (i64, f64),
 }
@@ -26,11 +28,18 @@ pub(crate) struct Due {
     pub(crate) error: f64,
 }
 
+impl Due {
+    /// Between two ticks.
+    fn between(earliest: f64, latest: f64) -> Due {
+        Due { tick: 0.5 * (earliest + latest), error: 0.5 * (latest - earliest) + 4.0 * ULP * latest.abs() }
+    }
+}
+
 /// Step times that are known to this are good enough, ticks.
 const CLOSE_TICKS: f64 = 1e-2;
 
 /// A stretch that ends on a level as far as 106 bits tell, to this, touches it there, however flat it is before, steps.
-const EXACT_STEPS: f64 = 1e-24;
+pub(crate) const EXACT_STEPS: f64 = 1e-24;
 
 impl Run {
     /// The law near s, expanded where the curve's own time is about `tick`.
@@ -59,6 +68,9 @@ impl Run {
     /// Newton's method inside a bracket; where the law is too flat for its proof, the true time is enclosed
     /// between the places where the law is surely below and surely above.
     pub(crate) fn due(&self, j: u64, guess: f64) -> (Due, Option<Expansion>) {
+        if let Some(reached_by) = self.reached_by.filter(|_| j == self.count) {
+            return (Due::between(self.surely_before(j as f64).0 * self.frame.tick_hz, reached_by), None);
+        }
         let (due, expansion) = self.due_anywhere(j, guess);
         // What touches its last level is due at its end.
         if j == self.count && self.touches {
@@ -121,7 +133,7 @@ impl Run {
     }
 
     /// How far the law is beyond s at u, and how far rounding may put that off, steps.
-    fn beyond(&self, u: f64, s: f64) -> (f64, f64) {
+    pub(crate) fn beyond(&self, u: f64, s: f64) -> (f64, f64) {
         let curve = &self.stretch.curve;
         if let Some((x0, moved, rounding)) = curve.moved_from_rest(u) {
             let (turn, lost) = self.frame.turn(x0);
@@ -141,49 +153,54 @@ impl Run {
         }
     }
 
-    /// Leaves the last step to the stretch that goes on from this one, if this one surely ends before it.
-    pub(crate) fn leave_what_is_not_reached(&mut self) {
-        let (beyond, doubt) = self.beyond(self.stretch.to, self.count as f64);
-        if self.count > 0 && beyond + doubt < 0.0 {
-            self.count -= 1;
+    /// Whether its last step is a step by itself.
+    fn ends_apart(&self) -> bool {
+        self.touches || self.reached_by.is_some()
+    }
+
+    /// The two sides of the last place where the law is surely below s, s.
+    fn surely_before(&self, s: f64) -> (f64, f64) {
+        self.bisected(|u| {
+            let (beyond, doubt) = self.beyond(u, s);
+            beyond + doubt < 0.0
+        })
+    }
+
+    /// The two sides of the first place where the law is surely above s, s.
+    pub(crate) fn surely_after(&self, s: f64) -> (f64, f64) {
+        self.bisected(|u| {
+            let (beyond, doubt) = self.beyond(u, s);
+            beyond - doubt <= 0.0
+        })
+    }
+
+    fn bisected(&self, is_low: impl Fn(f64) -> bool) -> (f64, f64) {
+        let (mut low, mut high) = (self.stretch.from, self.stretch.to);
+        while (high - low) * self.frame.tick_hz > 1e-3 {
+            let u = 0.5 * (low + high);
+            if u <= low || u >= high {
+                break;
+            }
+            if is_low(u) { low = u } else { high = u }
         }
+        (low, high)
     }
 
     /// The time of s between the last place where the law is surely below it and the first where it is surely above.
     ///
     /// A level beyond the stretch's end by no more than a touch is due at its end.
     fn enclosed(&self, s: f64) -> Due {
-        let beyond = |u: f64| self.beyond(u, s);
-        let side = |is_low: &dyn Fn(f64) -> bool| {
-            let (mut low, mut high) = (self.stretch.from, self.stretch.to);
-            while (high - low) * self.frame.tick_hz > 1e-3 {
-                let u = 0.5 * (low + high);
-                if u <= low || u >= high {
-                    break;
-                }
-                if is_low(u) { low = u } else { high = u }
-            }
-            (low, high)
-        };
-        let earliest = side(&|u| {
-            let (beyond, doubt) = beyond(u);
-            beyond + doubt < 0.0
-        });
-        let latest = side(&|u| {
-            let (beyond, doubt) = beyond(u);
-            beyond - doubt <= 0.0
-        });
-        let (mut earliest, mut latest) = (earliest.0, latest.1);
+        let (mut earliest, mut latest) = (self.surely_before(s).0, self.surely_after(s).1);
         let hz = self.frame.tick_hz;
         if latest >= self.stretch.to {
-            let (at_end, doubt) = beyond(self.stretch.to);
+            let (at_end, doubt) = self.beyond(self.stretch.to, s);
             if at_end.abs() <= doubt && doubt < EXACT_STEPS {
                 earliest = self.stretch.to;
             }
             let end = self.stretch.end(hz);
             (earliest, latest) = (earliest.min(end.0), end.1);
         }
-        Due { tick: 0.5 * (earliest + latest) * hz, error: (0.5 * (latest - earliest) + 4.0 * ULP * latest.abs()) * hz }
+        Due::between(earliest * hz, latest * hz)
     }
 
     /// A first guess for the time of step `j` before anything is known: as if the acceleration were constant.
@@ -339,8 +356,7 @@ impl RunPlanner {
     /// it is a single step and the law cannot be known better.
     pub(crate) fn next(&mut self, registers: &Registers, rules: &Rules) -> Fit {
         let left = self.run.count - self.done;
-        // A touch is a step by itself.
-        let most = left.saturating_sub(self.run.touches.into()).clamp(1, u64::from(rules.longest)) as u32;
+        let most = left.saturating_sub(self.run.ends_apart().into()).clamp(1, u64::from(rules.longest)) as u32;
         let quantiser = rules.quantiser(registers);
         let offset = (registers.fraction as f64) / quantiser.scale - 0.5;
         let start = Start {

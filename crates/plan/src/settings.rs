@@ -57,7 +57,7 @@ impl Settings {
     #[must_use]
     pub fn of(program: &Program, motor: &Motor) -> Settings {
         let board = &program.board;
-        let timing = motor.timing.ticks(board.tick_hz);
+        let timing = program.timing(motor).ticks(board.tick_hz);
         let own = entry(&board.min_interval_ticks, program).map_or(1, u64::from);
         let load = entry(&board.segment_ticks, program).map(|segment| Load {
             step_ticks: own,

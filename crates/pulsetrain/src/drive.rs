@@ -17,7 +17,7 @@ use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::message::{Cause, MotorSetup, image};
 use pulsetrain_core::wire::{Baud, Reason};
 use pulsetrain_motion::boards;
-use pulsetrain_motion::program::{self, CoilSequence, Motor, Program};
+use pulsetrain_motion::program::{self, CoilSequence, DriverTiming, Motor, Program};
 use pulsetrain_plan::Settings;
 use pulsetrain_trace::{Line, lines};
 
@@ -561,12 +561,16 @@ impl<O: Observer> Observer for Since<'_, O> {
 pub(crate) fn setup(program: &Program) -> Setup {
     let hz = program.board.tick_hz;
     let ticks = |ticks: u64| u16::try_from(ticks).unwrap_or(u16::MAX);
-    let mut setup = Setup { idle_ms: program.idle_ms, ..Setup::default() };
+    // What `Program::timing` has for each motor of such a board.
+    let timing = DriverTiming::longest(&program.motors).ticks(hz);
+    let mut setup = Setup {
+        idle_ms: program.idle_ms,
+        pulse_ticks: ticks(timing.pulse_high),
+        setup_ticks: ticks(timing.dir_setup),
+        hold_ticks: ticks(timing.dir_hold),
+        ..Setup::default()
+    };
     for motor in &program.motors {
-        let timing = motor.timing.ticks(hz);
-        setup.pulse_ticks = setup.pulse_ticks.max(ticks(timing.pulse_high));
-        setup.setup_ticks = setup.setup_ticks.max(ticks(timing.dir_setup));
-        setup.hold_ticks = setup.hold_ticks.max(ticks(timing.dir_hold));
         let mut wired = MotorSetup {
             gain: Settings::of(program, motor).gain().unwrap_or(0),
             pull_in_ticks: u32::try_from(pull_in_ticks(motor, hz)).unwrap_or(u32::MAX),

@@ -319,6 +319,40 @@ fn smoother(prepared: &Prepared, motor: &Motor, at_s: f64, (from, to): (f64, f64
     lines
 }
 
+/// Whose driver's pulse limits the motor's rate, if that does.
+fn pulse_limit(prepared: &Prepared, motor: &Motor, settings: &Settings) -> Option<String> {
+    let program = &prepared.program;
+    let time = |ns: u32| human::seconds(f64::from(ns) * 1e-9);
+    let timing = program.timing(motor);
+    if let Some(longest) = program.lengthens_pulse(motor) {
+        let own_ns = motor.timing.pulse_high_ns;
+        let mut shorter = program.clone();
+        for motor in &mut shorter.motors {
+            motor.timing.pulse_high_ns = motor.timing.pulse_high_ns.min(own_ns);
+        }
+        if let Some(row) = boards::find(&program.board.name) {
+            shorter.board.min_interval_ticks = row.shortest_intervals(&shorter.motors);
+        }
+        let least = Settings::of(&shorter, motor).min_interval_ticks;
+        if least < settings.min_interval_ticks {
+            let driver = longest.driver.map(|name| format!(" ({name})")).unwrap_or_default();
+            let (name, other, board) = (&motor.name, &longest.name, &program.board.name);
+            let (high, own, low) = (time(timing.pulse_high_ns), time(own_ns), time(timing.pulse_low_ns));
+            let rate = human::scaled(settings.tick_hz as f64 / least as f64, "steps/s");
+            return Some(format!(
+                "the limit is the pulse of motor {other}: {board} makes the pulses of all motors equally long, and the driver of {other}{driver} \
+                 needs {high} HIGH; that of {name} needs {own} HIGH and {low} LOW, with which {rate} fit. A driver with a shorter pulse for \
+                 motor {other} helps, or a board of its own"
+            ));
+        }
+    }
+    let pulse = timing.ticks(settings.tick_hz);
+    (settings.min_interval_ticks == pulse.pulse_high + pulse.pulse_low).then(|| {
+        let (high, low) = (time(timing.pulse_high_ns), time(timing.pulse_low_ns));
+        format!("the limit is the driver's: a pulse takes {high} HIGH and {low} LOW")
+    })
+}
+
 /// The first easing with which all of these motors' plans fit, as it is written; or the first for which there is no time, which is said of it.
 fn easing(prepared: &Prepared, motors: &[&Motor], eased: &dyn Fn(&Law, Time) -> Option<Law>) -> Option<String> {
     let tries = Tries::new();
@@ -417,16 +451,7 @@ pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
     }
     if error.limit() == Some(Limit::Board) {
         let settings = Settings::of(&prepared.program, motor);
-        let pulse = motor.timing.ticks(settings.tick_hz);
-        if settings.min_interval_ticks == pulse.pulse_high + pulse.pulse_low {
-            let (high, low) =
-                (f64::from(motor.timing.pulse_high_ns) * 1e-9, f64::from(motor.timing.pulse_low_ns) * 1e-9);
-            lines.push(format!(
-                "the limit is the driver's: a pulse takes {} HIGH and {} LOW",
-                human::seconds(high),
-                human::seconds(low)
-            ));
-        }
+        lines.extend(pulse_limit(prepared, motor, &settings));
         let tries = Tries::new();
         let laws = || prepared.program.motors.iter().map(|motor| &motor.law);
         match boards_that_fit(prepared, || tries.another(laws()).is_ok()) {

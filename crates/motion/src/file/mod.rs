@@ -187,6 +187,7 @@ fn program(root: &Section, load: Loader) -> Read<Program> {
             scale: draft.gearing.scale(),
             name: draft.name,
             wiring: draft.wiring?,
+            driver: draft.driver,
             timing: draft.timing?,
             limits: draft.limits,
             winding: draft.winding,

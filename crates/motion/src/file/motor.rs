@@ -42,7 +42,8 @@ pub(super) struct Draft {
     pub(super) at: Range<usize>,
     /// Laws can be read without it.
     pub(super) wiring: Read<Wiring>,
-    /// The same.
+    pub(super) driver: Option<&'static str>,
+    /// As `wiring`.
     pub(super) timing: Read<DriverTiming>,
     pub(super) limits: Limits,
     pub(super) winding: Option<Winding>,
@@ -265,7 +266,8 @@ pub(super) fn read(node: &Node, board: Option<&BoardRow>, pins: &mut Pins) -> Re
     if limits.max_speed.is_none() {
         limits.max_speed = winding.map(|winding| winding.max_speed());
     }
-    Ok(Draft { name, at: node.at.clone(), wiring, timing, limits, winding, backlash, gearing })
+    let driver = driver.ok().flatten().map(|driver| driver.name);
+    Ok(Draft { name, at: node.at.clone(), wiring, driver, timing, limits, winding, backlash, gearing })
 }
 
 fn read_driver(section: &Section) -> Read<Option<&'static Driver>> {

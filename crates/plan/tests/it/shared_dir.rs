@@ -49,6 +49,7 @@ fn program(laws: Vec<Law>, timing: DriverTiming) -> Program {
         limits: Limits { pull_in: 1e6, ..Limits::default() },
         scale: Scale { unit: "rev".into(), steps_per_unit: 200.0, steps_per_rev: 200.0 },
         winding: None,
+        driver: None,
     });
     Program {
         board: Board {
@@ -59,6 +60,7 @@ fn program(laws: Vec<Law>, timing: DriverTiming) -> Program {
             min_interval_ticks: vec![160],
             hardware_timed: true,
             turn_ticks: 0,
+            one_timing: false,
             shared_steps: None,
             segment_ticks: Vec::new(),
             source: "test".into(),
@@ -286,6 +288,39 @@ fn the_shortest_interval_is_that_of_the_steps_made() {
         assert_eq!(own.shortest_interval_ticks, Some(16_000));
         assert_eq!(certificate.shortest_interval_ticks, shortest);
     }
+}
+
+/// Where a board has one pulse length, set-up and hold, those of a driver on another line keep steps apart too.
+#[test]
+fn drivers_of_other_lines_keep_steps_apart() {
+    let there = |rate| Law::speed(rate, Some(Time::from_seconds(0.1))).unwrap();
+    let short = DriverTiming { pulse_high_ns: 2_000, pulse_low_ns: 5_000, dir_setup_ns: 1_000, dir_hold_ns: 3_000 };
+    let long = DriverTiming { pulse_high_ns: 40_000, pulse_low_ns: 60_000, dir_setup_ns: 20_000, dir_hold_ns: 500 };
+    let mut program = program(vec![there(1000.0), there(-1000.0), there(100.0)], short);
+    program.motors[2].timing = long;
+    if let Wiring::StepDir { dir, .. } = &mut program.motors[2].wiring {
+        *dir = 9;
+    }
+    let limits = |program: &Program| {
+        let of = |motor| Settings::of(program, motor);
+        let pair = |settings: Settings| (settings.min_interval_ticks, settings.reversal_ticks);
+        program.motors.iter().map(of).map(pair).collect::<Vec<_>>()
+    };
+    let shortest_turn = |program: &Program| {
+        let plans = together(program).unwrap();
+        let mut line: Vec<Step> = plans.into_iter().take(2).flat_map(|(steps, _)| steps).collect();
+        line.sort_by_key(|step| step.tick);
+        line.windows(2)
+            .filter(|pair| pair[0].direction != pair[1].direction)
+            .map(|pair| pair[1].tick - pair[0].tick)
+            .min()
+    };
+    // 16 ticks are 1 µs.
+    assert_eq!(limits(&program), [(160, 96), (160, 96), (1600, 968)]);
+    assert_eq!(shortest_turn(&program), Some(96));
+    program.board.one_timing = true;
+    assert_eq!(limits(&program), [(720, 1008), (720, 1008), (1600, 1008)]);
+    assert_eq!(shortest_turn(&program), Some(1008));
 }
 
 /// One motor of a line that ends beside one that goes on for ever: its plan comes to an end.

@@ -1,7 +1,8 @@
 //! Tables of round numbers, and curves that hardly bend: all are planned, and every step is where exact arithmetic has it.
 
 use crate::common::{Step, settings, steps};
-use pulsetrain_motion::law::{Interpolation, Law, Piece};
+use pulsetrain_motion::law::{Class, Curve, Entry, Fixed, Interpolation, Law, Piece};
+use pulsetrain_motion::program::Limits;
 use pulsetrain_motion::{Grid, Time};
 use pulsetrain_oracle::{Rational, rational};
 use pulsetrain_plan::Settings;
@@ -278,4 +279,56 @@ fn late_rows_meet() {
     let rows: Vec<(f64, f64)> = (0..40).map(|k| (1e7 + 0.1 * f64::from(k), 20_000.0 * f64::from(k * k % 7))).collect();
     let law = Law::table(&rows, Interpolation::Monotone).unwrap();
     crate::common::replay(&law, &settings((16_000_000, 16)), |_| {}).unwrap();
+}
+
+/// A law that is known to 53 bits creeps over a level where two of its pieces meet, 10 000 steps from where it began: a little before that, or behind it.
+#[test]
+fn a_slow_law_passes_a_level_where_pieces_meet() {
+    const FAR: i64 = 10_000;
+    let two = |power: i32| 2f64.powi(power);
+    let piece = |start: i128, origin: i64, c: [f64; 4]| {
+        let [start, end] = [start, start + 1].map(|s| Time::from_raw(s << 64));
+        let (curve, entry) = (Curve::Polynomial(c.to_vec()), Entry::SpeedJump);
+        Piece { zero: start, start, end, origin, curve, entry }
+    };
+    let beyond =
+        [-36, -38, -39, -41, -43, -44, -46, -48].map(two).into_iter().flat_map(|beyond| [-beyond, 0.0, beyond]);
+    let cases =
+        [-12, -16, -18, -20, -22, -24].map(two).into_iter().flat_map(|speed| beyond.clone().map(move |b| (speed, b)));
+    for (speed, beyond) in cases {
+        // The third piece may be as coarse as the second.
+        for origin in [FAR, 0] {
+            let from = (FAR - origin) as f64 + beyond;
+            if from - (FAR - origin) as f64 != beyond {
+                continue;
+            }
+            // Sums of few powers of two: the second piece ends exactly where the third begins, which is `beyond` the level.
+            let (way, far) = (0.75 - speed + beyond, FAR as f64 - 0.75);
+            let pieces = vec![
+                piece(0, 0, [0.0, far, 0.0, 0.0]),
+                piece(1, 0, [far, speed + 3.0 * way, -3.0 * way, way]),
+                piece(2, origin, [from, speed, 0.0, 0.25]),
+            ];
+            let exact_pieces: Vec<Exact> = pieces.iter().map(Exact::new).collect();
+            let joint = rational(2, 1);
+            assert_eq!(exact_pieces[1].at(&joint), exact_pieces[2].at(&joint));
+            let law = Law::Fixed(Fixed { pieces: pieces.into(), class: Class::ClosedForm });
+            let limits = Limits { pull_in: f64::INFINITY, ..Limits::default() };
+            let settings =
+                Settings { limits, grid: Grid::REACH, tolerance_ticks: 1e6, ..Settings::new(16_000_000, 16) };
+            let (steps, certificate) = steps(&law, &settings).unwrap();
+            assert_eq!(steps.len() as i64, FAR);
+            let bound = exact(certificate.bound_ticks);
+            let reached = |ticks: Rational| {
+                let t = ticks / rational(16_000_000, 1);
+                exact_pieces[if t < joint { 1 } else { 2 }].at(&t) >= rational(FAR.into(), 1)
+            };
+            let tick = rational(steps[steps.len() - 1].tick.into(), 1);
+            let is_between = !reached(&tick - &bound) && reached(tick + &bound);
+            assert!(
+                is_between,
+                "{speed} steps/s, {beyond} steps beyond the level where the pieces meet: {bound} ticks"
+            );
+        }
+    }
 }

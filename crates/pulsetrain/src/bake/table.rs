@@ -382,7 +382,7 @@ impl Unrolled {
         let end = self.steps_from(first + turn_steps).next().ok_or_else(no_step)?;
         // Where a turn ends and the next begins the gap takes up what the steps before it were moved.
         let seam = second.at - begin.at - (end.at - begin.at - turn);
-        let timing = motor.timing.ticks(hz);
+        let timing = program.timing(motor).ticks(hz);
         let needed = if begin.way == second.way { timing.pulse_high + timing.pulse_low } else { timing.reversal() };
         if seam < i128::from(needed) << bits {
             return Err(BakeError::NotPeriodic { motor: name(), step: turn_steps as usize, after_s, period_s });
@@ -562,16 +562,16 @@ pub(super) fn check_turns(program: &Program, turns: &[Option<Turns>]) -> Result<
         let on_line = program.motors.iter().zip(turns).skip(index);
         let line: Vec<_> = on_line.filter(|(motor, _)| std::ptr::eq(*motor, first) || with(motor)).collect();
         if line.len() > 1 {
-            check_line(&line, program.board.tick_hz)?;
+            check_line(program, &line)?;
         }
     }
     Ok(())
 }
 
-fn check_line(line: &[(&Motor, &Option<Turns>)], hz: u64) -> Result<(), BakeError> {
+fn check_line(program: &Program, line: &[(&Motor, &Option<Turns>)]) -> Result<(), BakeError> {
     // Times in turns may be a tick off, each.
     const ROUNDING: u64 = 2;
-    let timings = || line.iter().map(|(motor, _)| motor.timing.ticks(hz));
+    let timings = || line.iter().map(|(motor, _)| program.timing(motor).ticks(program.board.tick_hz));
     let hold = timings().map(|timing| timing.pulse_high + timing.dir_hold).max().unwrap_or(0);
     let setup = timings().map(|timing| timing.dir_setup).max().unwrap_or(0);
     let needed = (hold + setup).saturating_sub(ROUNDING);

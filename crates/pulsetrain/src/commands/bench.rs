@@ -215,6 +215,7 @@ fn prepared(board: &str, amplitude: f64, period_s: f64) -> miette::Result<Prepar
         limits: Limits { max_speed: None, max_acceleration: None, pull_in: 1000.0 },
         scale: Scale { unit: "step".to_owned(), steps_per_unit: 1.0, steps_per_rev: 200.0 },
         winding: None,
+        driver: None,
     };
     let program = Program {
         board,

@@ -36,7 +36,7 @@ impl Pace {
     /// For a board that needs `link` ticks to be told, and `hurry` at least.
     pub(super) fn of(program: &Program, link: u64, hurry: u64) -> Pace {
         let tick_hz = program.board.tick_hz;
-        let reversals = program.motors.iter().map(|motor| motor.timing.ticks(tick_hz).reversal());
+        let reversals = program.motors.iter().map(|motor| program.timing(motor).ticks(tick_hz).reversal());
         // Boards tell ticks apart within 2^30.
         let within = |ticks: u64| ticks.clamp(1, 1 << 28);
         let lead = reversals.max().unwrap_or(0) + 1;

@@ -25,6 +25,7 @@ fn motor(index: u8, law: Law) -> Motor {
         limits: Limits { max_speed: None, max_acceleration: Some(100_000.0), pull_in: 100.0 },
         scale: Scale { unit: "rev".into(), steps_per_unit: 200.0, steps_per_rev: 200.0 },
         winding: None,
+        driver: None,
     }
 }
 
@@ -39,6 +40,7 @@ fn two_sines() -> Program {
         min_interval_ticks: vec![160],
         hardware_timed: true,
         turn_ticks: 0,
+        one_timing: false,
         shared_steps: None,
         segment_ticks: Vec::new(),
         source: "test".into(),

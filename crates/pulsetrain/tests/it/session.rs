@@ -31,6 +31,7 @@ fn motor(index: usize, law: Law, shared: bool, limits: Limits) -> Motor {
         limits,
         scale: Scale { unit: "rev".into(), steps_per_unit: 200.0, steps_per_rev: 200.0 },
         winding: None,
+        driver: None,
     }
 }
 
@@ -43,6 +44,7 @@ fn program(fraction_bits: u32, motors: Vec<Motor>) -> Program {
         min_interval_ticks: vec![160],
         hardware_timed: true,
         turn_ticks: 0,
+        one_timing: false,
         shared_steps: None,
         segment_ticks: Vec::new(),
         source: "test".into(),

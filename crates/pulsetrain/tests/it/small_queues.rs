@@ -118,6 +118,7 @@ fn program(laws: Vec<Law>, acceleration: f64) -> Program {
         min_interval_ticks: vec![80],
         hardware_timed: true,
         turn_ticks: 0,
+        one_timing: false,
         shared_steps: None,
         segment_ticks: Vec::new(),
         source: "test".into(),
@@ -130,6 +131,7 @@ fn program(laws: Vec<Law>, acceleration: f64) -> Program {
         limits: Limits { max_speed: None, max_acceleration: Some(acceleration), pull_in: 200.0 },
         scale: Scale { unit: "rev".into(), steps_per_unit: 200.0, steps_per_rev: 200.0 },
         winding: None,
+        driver: None,
     };
     let motors = (0..).zip(laws).map(motor).collect();
     Program {

@@ -4,12 +4,12 @@
 //! # use pulsetrain_motion::{Grid, Law, Time, law::Sine, program::*};
 //! # use pulsetrain_trace::{steps::{Step, StepTrace}, verdict::{self, Options}};
 //! # let board = Board { name: "uno".into(), tick_hz: 16_000_000, fraction_bits: 16, max_motors: 4,
-//! #     min_interval_ticks: vec![640], hardware_timed: true, turn_ticks: 0, shared_steps: None, segment_ticks: vec![], source: "estimate".into() };
+//! #     min_interval_ticks: vec![640], hardware_timed: true, one_timing: false, turn_ticks: 0, shared_steps: None, segment_ticks: vec![], source: "estimate".into() };
 //! # let motor = Motor { name: "wheel".into(),
 //! #     law: Law::Sine(Sine { amplitude: 1.0, period: Time::SECOND, cycles: Some(1) }),
 //! #     wiring: Wiring::StepDir { step: 8, dir: 9, forward_high: false, enable: None },
 //! #     timing: DriverTiming::default(), limits: Limits::default(),
-//! #     scale: Scale { unit: "rev".into(), steps_per_unit: 200.0, steps_per_rev: 200.0 }, winding: None };
+//! #     scale: Scale { unit: "rev".into(), steps_per_unit: 200.0, steps_per_rev: 200.0 }, winding: None, driver: None };
 //! # let program = Program { board, grid: Grid::REACH, tolerance: Tolerance::Ticks(1.0), idle_ms: None, motors: vec![motor], machines: Vec::new() };
 //! // θ = 1 − cos(2πt/1 s): steps at ¼ and ½ s, and back.
 //! let step = |tick, forward| Step { motor: 0, tick, forward };
@@ -256,12 +256,12 @@ impl<'a> Judge<'a> {
         // What a step waits for steps of other motors where the board makes one after the other.
         let apart = program.board.shared_steps.map(|steps| (f64::from(steps.apart_ticks) / scale).ceil());
         let motors = program.motors.iter().map(|motor| {
-            let own = motor.timing.ticks(tick_hz).reversal() + turn;
+            let own = program.timing(motor).ticks(tick_hz).reversal() + turn;
             let sharing: Vec<u64> = program
                 .motors
                 .iter()
                 .filter(|other| other.shares_dir_with(motor) || (apart.is_some() && !std::ptr::eq(*other, motor)))
-                .map(|other| other.timing.ticks(tick_hz).reversal() + turn)
+                .map(|other| program.timing(other).ticks(tick_hz).reversal() + turn)
                 .collect();
             let reversal = sharing.iter().copied().max().unwrap_or(0).max(own) as f64;
             let put_off = sharing.len() as f64 * (reversal + apart.unwrap_or(0.0));
@@ -384,7 +384,7 @@ fn shortest_interval(program: &Program, motor: &Motor) -> f64 {
     let hz = program.board.tick_hz as f64;
     let board = &program.board.min_interval_ticks;
     let board = board.get(program.motors.len().saturating_sub(1)).or(board.last()).copied().unwrap_or(0);
-    let driver = motor.timing.ticks(program.board.tick_hz);
+    let driver = program.timing(motor).ticks(program.board.tick_hz);
     let driver = (driver.pulse_high + driver.pulse_low) as f64;
     let motor = motor.limits.max_speed.map_or(0.0, |speed| hz / speed);
     f64::from(board).max(driver).max(motor)

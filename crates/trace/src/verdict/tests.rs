@@ -33,6 +33,7 @@ fn motor(name: &str, law: Law, step: u8, dir: u8) -> Motor {
         limits: Limits::default(),
         scale: Scale { unit: "rev".into(), steps_per_unit: 800.0, steps_per_rev: 800.0 },
         winding: None,
+        driver: None,
     }
 }
 
@@ -45,6 +46,7 @@ fn program(grid: Grid, motors: Vec<Motor>) -> Program {
         min_interval_ticks: vec![320],
         hardware_timed: true,
         turn_ticks: 0,
+        one_timing: false,
         shared_steps: None,
         segment_ticks: Vec::new(),
         source: "estimate".into(),

@@ -21,6 +21,7 @@ fn motor(step: u8, dir: u8, law: Law) -> Motor {
         limits: Limits { max_speed: None, max_acceleration: Some(100_000.0), pull_in: 100.0 },
         scale: Scale { unit: "rev".into(), steps_per_unit: 200.0, steps_per_rev: 200.0 },
         winding: None,
+        driver: None,
     }
 }
 

@@ -50,6 +50,57 @@ fn its_firmware_runs_the_tutorial_and_its_own_example() {
     }
 }
 
+/// A motor `a` that hardly moves, and one `b` beside it: with their drivers.
+fn beside(board: &str, a: &str, b: &str, law: &str) -> String {
+    format!(
+        "board = \"{board}\"\n[motor.a]\nsteps_per_rev = 200\n{a}\npins = {{ step = 2, dir = 3 }}\nforward = \"high\"\n\
+         [motor.b]\nsteps_per_rev = 200\n{b}\npins = {{ step = 4, dir = 5 }}\nforward = \"high\"\npull_in = \"200000 step/s\"\n\
+         [[motion]]\nmotor = \"a\"\nlaw.sine = {{ amplitude = \"2 step\", period = \"0.1 s\", cycles = 1 }}\n\
+         [[motion]]\nmotor = \"b\"\n{law}\n"
+    )
+}
+
+/// A board makes all pulses as long as the slowest driver wants: what is left of an interval, and of a turn, must do for each motor.
+#[test]
+fn a_long_pulse_beside_leaves_each_driver_its_times() {
+    let folder = folder("pico-beside");
+    let file = folder.join("beside.toml");
+    let run = |text: &str| {
+        std::fs::write(&file, text).unwrap();
+        let (exit, said) = pulsetrain(&["run", &file.display().to_string(), "--out", &folder.display().to_string()]);
+        (exit, in_a_line(&said))
+    };
+    let fast = |rate| {
+        let law = format!("law.speed = {{ speed = \"{rate} step/s\", duration = \"0.1 s\" }}");
+        run(&beside("pico", "driver = \"TB6600\"", "microsteps = 2\ndriver = \"DQ542MA\"", &law))
+    };
+    let (exit, said) = fast(66_000);
+    assert_eq!(exit, Exit::Success, "{said}");
+    let (exit, said) = fast(67_000);
+    assert_eq!(exit, Exit::Refused, "{said}");
+    let why = "the limit is the pulse of motor a: pico makes the pulses of all motors equally long, and the driver of a (TB6600) needs \
+               10 µs HIGH; that of b needs 5.05 µs HIGH and 5.05 µs LOW, with which 98.9 k steps/s fit. A driver with a shorter pulse for \
+               motor a helps, or a board of its own as it is, it fits: due, native";
+    assert!(said.contains(why), "{said}");
+    // Turns that both drivers allow by themselves, but not behind the long pulse: b's two steps are dropped then.
+    let long = "pulse_high = \"10 us\"\ndir_setup = \"1 us\"\ndir_hold = \"1 us\"";
+    let held = "pulse_high = \"1 us\"\ndir_setup = \"1 us\"\ndir_hold = \"8 us\"";
+    for (board, rate, apart_us, steps) in [
+        ("pico", 40_000.0, 22.0, 200),
+        ("pico", 40_000.0, 28.5, 202),
+        ("native", 40_000.0, 22.0, 202),
+        ("uno", 20_000.0, 30.0, 200),
+        ("uno", 20_000.0, 40.0, 202),
+    ] {
+        let ms = (100.5 + rate * apart_us * 1e-6 / 2.0) / rate * 1e3;
+        let there = |sign| format!("{{ speed = {{ speed = \"{sign}{rate} step/s\", duration = \"{ms:.5} ms\" }} }}");
+        let law = format!("law.then = [{}, {}]", there(""), there("-"));
+        let (exit, said) = run(&beside(board, long, held, &law));
+        assert_eq!(exit, Exit::Success, "{board}, {apart_us} µs: {said}");
+        assert!(said.contains(&format!(" {steps} of {steps} ")), "{board}, {apart_us} µs: {said}");
+    }
+}
+
 /// A motion whose segments are short: the Pico's queue holds more than a thousand of them. The reference beside it holds as many, so that no step
 /// counts as added.
 #[test]

@@ -32,6 +32,7 @@ fn motor(index: usize, law: Law, limits: Limits) -> Motor {
         limits,
         scale: Scale { unit: "rev".into(), steps_per_unit: 200.0, steps_per_rev: 200.0 },
         winding: None,
+        driver: None,
     }
 }
 

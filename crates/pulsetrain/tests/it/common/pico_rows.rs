@@ -294,6 +294,7 @@ fn motor(number: u8, law: Motion, timing: Timing) -> Motor {
         limits: Limits { max_speed: None, max_acceleration: None, pull_in: 1000.0 },
         scale: Scale { unit: "step".to_owned(), steps_per_unit: 1.0, steps_per_rev: 200.0 },
         winding: None,
+        driver: None,
     }
 }
 

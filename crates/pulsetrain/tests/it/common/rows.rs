@@ -370,6 +370,7 @@ pub(crate) fn tutorial(period: Time, cycles: u64, (step, dir): (u8, u8), pulse_n
         limits: Limits { max_speed: None, max_acceleration: None, pull_in: 1000.0 },
         scale: Scale { unit: "step".to_owned(), steps_per_unit: 1.0, steps_per_rev: 800.0 },
         winding: None,
+        driver: None,
     };
     let program = Program {
         board,
