@@ -9,5 +9,6 @@ pub(crate) fn run() -> Done {
     command::run(
         cargo("test --package pulsetrain --test it -- --include-ignored chips::faults::").env("UPDATE_EXPECT", "1"),
     )?;
-    command::run(command("git").args(["diff", "--stat", "--", "*/golden/*"]))
+    command::run(cargo("test --package pulsetrain --test it commands::").env("UPDATE_EXPECT", "1"))?;
+    command::run(command("git").args(["diff", "--stat", "--", "*/golden/*", "docs/faults.md"]))
 }

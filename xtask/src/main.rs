@@ -61,7 +61,7 @@ const AFTER_HELP: &str = "Examples:
 
 #[derive(Subcommand)]
 enum Task {
-    /// All tests, also the Python client's, core built for the boards' processors, S-curves against ruckig
+    /// All tests but the longest, also the Python client's, core built for the boards' processors, S-curves against ruckig
     Test {
         /// Only tests that run no firmware on an emulated chip: under 90 s once they are built
         #[arg(long)]
@@ -93,7 +93,7 @@ enum Task {
         #[arg(long)]
         check: bool,
         /// Write nothing: print what the Uno's images take and leave, and the lines of each module; beside those of a commit, if one is said
-        #[arg(long, value_name = "COMMIT", num_args = 0..=1, conflicts_with = "check")]
+        #[arg(long, value_name = "COMMIT", num_args = 0..=1, conflicts_with_all = ["check", "board"])]
         sizes: Option<Option<String>>,
     },
     /// Make a UF2 file, which a Pico takes, of a program that was linked with the Pico's library: beside it, with `.uf2`

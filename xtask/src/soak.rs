@@ -1,26 +1,31 @@
-//! What takes hours: new seeds, longer random tests, more motions, fuzzing, and mutants. Run by hand, never by CI.
+//! What takes hours: all tests with new seeds, random motions, fuzzing, and mutants. Run by hand, never by CI.
 
-use crate::command::{self, Done, Failure, cargo, command, root, target_dir};
+use crate::command::{self, Done, Failure, cargo, command, target_dir};
 use crate::test::{self, Tier};
 use crate::{accept, fuzz};
+use std::fs;
 use std::path::PathBuf;
+use std::time::{SystemTime, UNIX_EPOCH};
 
 /// The release of cargo-mutants that is installed.
 const MUTANTS: &str = "27.1.0";
 /// A mutant whose tests take longer hangs, s.
 const MUTANT_HANGS_S: u32 = 300;
-/// Crates whose mutants are tried, each by its own tests: what is not on a chip and decides about steps.
+/// Crates whose mutants are tried, each by its own tests: what decides about steps and needs no chip.
 const MUTATED: [&str; 3] = ["pulsetrain-core", "pulsetrain-plan", "pulsetrain-trace"];
+/// What cargo-mutants ends with where no test noticed a mutant, and where tests hung.
+const SURVIVED: i32 = 2;
+const HUNG: i32 = 3;
 
 /// What is tried.
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    /// Random tests are so many times as long as in `cargo xtask test`
+    /// How many times all tests run, each time with the next seed
     #[arg(long, default_value_t = 10, value_name = "N")]
     rounds: u64,
-    /// Seed of all random tests and motions
-    #[arg(long, default_value_t = 1, value_name = "S")]
-    seed: u64,
+    /// The first seed, of tests and motions; of the time of day if none is given
+    #[arg(long, value_name = "S")]
+    seed: Option<u64>,
     /// Random motions
     #[arg(long, default_value_t = 2000, value_name = "N")]
     motions: u64,
@@ -39,38 +44,48 @@ pub(crate) fn run(options: &Options) -> Done {
     if let Some(package) = &options.mutants {
         return mutants(package, options.shard.as_deref());
     }
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
+    let seed = options.seed.unwrap_or(now);
+    println!("xtask soak: --seed {seed}");
     // One that fails does not keep the others from being tried.
-    let done = vec![
-        test::run(Tier::Soak { rounds: options.rounds, seed: options.seed }),
-        accept::run(&accept::Options::random(options.motions, options.seed)),
-        fuzz::run(options.fuzz_seconds, None),
-    ];
+    let seeds = (0..options.rounds).map(|round| seed.wrapping_add(round));
+    let mut done: Vec<_> = seeds.map(|seed| test::run(Tier::Soak { seed })).collect();
+    done.push(accept::run(&accept::Options::random(options.motions, seed)));
+    done.push(fuzz::run(options.fuzz_seconds, None));
     command::all(done)?;
-    println!("xtask soak: all passed");
+    println!("xtask soak: all passed, from --seed {seed} on");
     Ok(())
 }
 
-/// Tries the mutants of a crate. Those that no test notices are printed, and in target/mutants/mutants.out/missed.txt.
+/// Tries the mutants of a crate, and prints how many there were and which no test noticed.
 fn mutants(package: &str, shard: Option<&str>) -> Done {
-    let program = installed()?;
+    let (program, folder) = (installed()?, target_dir().join("mutants"));
     let mut mutants = command(program);
-    mutants.args(["mutants", "--package", package, "--output"]).arg(target_dir().join("mutants"));
+    mutants.args(["mutants", "--package", package, "--output"]).arg(&folder);
     mutants.args(["--timeout", &MUTANT_HANGS_S.to_string(), "--no-shuffle", "--colors", "never"]);
     if let Some(shard) = shard {
         mutants.args(["--shard", shard, "--sharding", "round-robin"]);
     }
     match command::run(&mut mutants) {
-        // Survivors are a result to look at.
-        Err(Failure::Status { status, .. }) if status.code() == Some(2) => Ok(()),
-        done => done,
+        Err(Failure::Status { status, .. }) if [Some(SURVIVED), Some(HUNG)].contains(&status.code()) => {}
+        done => done?,
     }
+    for (name, what) in
+        [("caught", "caught"), ("missed", "missed by all tests"), ("timeout", "hung"), ("unviable", "no program")]
+    {
+        let path = folder.join("mutants.out").join(format!("{name}.txt"));
+        let list = fs::read_to_string(&path).map_err(|why| Failure::File { path, why })?;
+        println!("xtask soak: {package}: {} mutants {what}", list.lines().count());
+        if name == "missed" {
+            print!("{list}");
+        }
+    }
+    Ok(())
 }
 
 /// cargo-mutants, in a folder of its own: what users have installed stays as it is.
 fn installed() -> Done<PathBuf> {
     let folder = target_dir().join("tools");
-    command::run(
-        cargo(&format!("install cargo-mutants --version {MUTANTS} --locked --root")).arg(root().join(&folder)),
-    )?;
+    command::run(cargo(&format!("install cargo-mutants --version {MUTANTS} --locked --root")).arg(&folder))?;
     Ok(folder.join("bin/cargo-mutants"))
 }

@@ -6,8 +6,9 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::time::Instant;
 
-/// How much a run of the tests takes in; `docs/testing.md` has the table.
+/// How much a run of the tests takes in; `CONTRIBUTING.md` has the table.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Tier {
     /// No firmware runs: what a change is tried with while it is written.
@@ -16,8 +17,8 @@ pub(crate) enum Tier {
     Change,
     /// The gate's: property tests have more cases, and those that `#[ignore]` keeps out run too.
     Gate,
-    /// Random tests are this many times as long, from this seed.
-    Soak { rounds: u64, seed: u64 },
+    /// The gate's, with another seed.
+    Soak { seed: u64 },
 }
 
 /// Tests that run firmware on an emulated chip have a module of this name in their path.
@@ -33,12 +34,9 @@ impl Tier {
         let all = match self {
             Tier::Quick | Tier::Change => vec![],
             Tier::Gate => vec![("PROPTEST_CASES", 1024)],
-            Tier::Soak { rounds, seed } => vec![
-                ("PROPTEST_CASES", 256 * rounds),
-                ("PULSETRAIN_ROUNDS", rounds),
-                ("PROPTEST_RNG_SEED", seed),
-                ("PULSETRAIN_SEED", seed),
-            ],
+            Tier::Soak { seed } => {
+                vec![("PROPTEST_CASES", 1024), ("PROPTEST_RNG_SEED", seed), ("PULSETRAIN_SEED", seed)]
+            }
         };
         all.into_iter().map(|(name, number)| (name, number.to_string())).collect()
     }
@@ -55,7 +53,7 @@ pub(crate) fn run(tier: Tier) -> Done {
     let quick = tier == Tier::Quick;
     let optiboot = if quick { None } else { arduino::prepare()? };
     let jobs = jobs(tier)?;
-    let count = jobs.len();
+    let (count, begin) = (jobs.len(), Instant::now());
     let tested = command::side_by_side(jobs, |job| {
         let mut test = job.command(tier);
         test.envs(tier.environment());
@@ -65,14 +63,20 @@ pub(crate) fn run(tier: Tier) -> Done {
     command::run(&mut cargo("test --workspace --doc --no-fail-fast"))?;
     print!("{}", longest(command::all(tested)?));
     if quick {
-        println!("xtask test --quick: {count} modules of tests, documentation's examples: all passed; no firmware ran");
+        println!(
+            "xtask test --quick: {count} modules of tests, documentation's examples: all passed, in {} s; no firmware ran",
+            begin.elapsed().as_secs()
+        );
         return Ok(());
     }
     python::test_client()?;
     boards::build_core()?;
     let worst = ruckig::compare()?;
     println!("s-curve durations of {} moves: at most {worst:.1e} (relative) from ruckig's", ruckig::MOVES);
-    println!("xtask test: {count} modules of tests, documentation's examples, the Python client: all passed");
+    println!(
+        "xtask test: {count} modules of tests, documentation's examples, the Python client: all passed, in {} s once built",
+        begin.elapsed().as_secs()
+    );
     Ok(())
 }
 
@@ -140,8 +144,11 @@ impl Binary {
             modules.entry(module).or_default().push(test.to_owned());
         }
         let job = |(module, tests): (&str, _)| {
+            let environment: String =
+                tier.environment().iter().map(|(name, value)| format!("{name}={value} ")).collect();
             let filter = if module.is_empty() { String::new() } else { format!(" {module}::") };
-            let text = format!("cargo test -p {} {}{filter}", self.package, self.flag);
+            let ignored = if tier.includes_ignored() { " -- --include-ignored" } else { "" };
+            let text = format!("{environment}cargo test -p {} {}{filter}{ignored}", self.package, self.flag);
             Job { binary: self.clone(), module: module.to_owned(), tests, text }
         };
         modules.into_iter().map(job).collect()
@@ -258,10 +265,12 @@ speed: benchmark
     }
 
     #[test]
-    fn a_soak_gives_the_tests_its_seed_and_length() {
-        let environment = Tier::Soak { rounds: 8, seed: 7 }.environment();
-        let all = environment.iter().map(|(name, value)| format!("{name}={value}")).collect::<Vec<_>>();
-        assert_eq!(all, ["PROPTEST_CASES=2048", "PULSETRAIN_ROUNDS=8", "PROPTEST_RNG_SEED=7", "PULSETRAIN_SEED=7"]);
+    fn what_is_printed_repeats_a_run() {
+        let job = &binary().jobs("link::a: test\n", Tier::Soak { seed: 7 })[0];
+        assert_eq!(
+            job.text,
+            "PROPTEST_CASES=1024 PROPTEST_RNG_SEED=7 PULSETRAIN_SEED=7 cargo test -p pulsetrain-board --test it link:: -- --include-ignored"
+        );
     }
 
     #[test]

@@ -129,7 +129,7 @@ pub struct Fared {
     pub positions: Vec<i64>,
     /// Why its motors stopped last.
     pub last_stop: Cause,
-    /// Why it began anew, if it did since it was taken.
+    /// Why it restarted, if it did since it was taken.
     pub reset: Option<Cause>,
 }
 

@@ -73,7 +73,7 @@ pub enum LinkError {
     /// It is heard, but what it was sent or asked for is neither taken nor answered.
     #[error("the board is sending, but has left a question unanswered for {} s", UNANSWERED.as_secs_f64())]
     Unanswered,
-    /// It began anew, or gave us up.
+    /// It restarted, or gave us up.
     #[error("the board does not know this session any more: it was reset, or heard nothing for too long")]
     Forgotten,
 }

@@ -1,7 +1,7 @@
 //! A native board whose motors are told directly: core's verbs and the native stepgen, in virtual time.
 //!
 //! What a verb means is core's, the same code as on a Pico; here is a clock. The same orders at the same ticks make the same edges
-//! as there: tests/it/pico_verbs.rs compares them.
+//! as there: tests/it/chips/pico_verbs.rs compares them.
 
 use crate::native::ConfigError;
 use crate::{Board, Config, Edge, Native, Observer};

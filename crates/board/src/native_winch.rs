@@ -1,7 +1,7 @@
 //! A board that speaks StepperWinch's text, without firmware: core's reader and session in virtual time.
 //!
 //! What the text means and which steps it makes is core's, the same code as on a Pico; here are only a clock, a line and
-//! pins. (The Uno's firmware does the same in assembly: tests/it/winch_avr.rs compares the two.) docs/winch.md says what such a
+//! pins. (The Uno's firmware does the same in assembly: tests/it/chips/winch_avr.rs compares the two.) docs/winch.md says what such a
 //! board does.
 //!
 //! Lines that tell axes directly are a Pico's, docs/pico.md, with ticks of 62.5 ns: [`NativeVerbs`] makes the steps.

@@ -248,7 +248,7 @@ fn said(reason: Reason, detail: u16) -> String {
     }
 }
 
-/// A cause in words: why a board stopped, or began anew.
+/// A cause in words: why a board stopped, or restarted.
 #[must_use]
 pub const fn in_words(cause: Cause) -> &'static str {
     match cause {
@@ -263,7 +263,7 @@ pub const fn in_words(cause: Cause) -> &'static str {
         Cause::EdgeLate => "an edge was late",
         Cause::Overrun => "bytes were lost on the line",
         Cause::BaudFellBack => "the line fell back to 115 200 baud",
-        Cause::Watchdog => "the watchdog began the program anew",
+        Cause::Watchdog => "the watchdog restarted the program",
         Cause::BrownOut => "the supply fell too low",
         Cause::ResetLine => "the reset line, as when a port is opened",
         Cause::PowerOn => "power came on",
@@ -1132,7 +1132,7 @@ impl<P: Port> Board for Remote<P> {
         let Answer { reply: Reply::Clock { tick }, asked, answered } = self.ask(&Command::Clock)? else {
             return Err(RemoteError::Nonsense);
         };
-        // A clock that began anew is far behind; one that runs on is within what it may be off, and what readings are uncertain by. A
+        // A clock that restarted is far behind; one that runs on is within what it may be off, and what readings are uncertain by. A
         // board that still knows the session was not reset.
         let expected = clock.tick_at(asked).unwrap_or(0);
         let reading = 2 * (answered - asked) + SHORTEST_LEAD;

@@ -8,7 +8,7 @@ use std::time::Duration;
 ///
 /// The line's rate is the chip's, so that both ends of it are off alike.
 ///
-/// ```
+/// ```no_run
 /// use pulsetrain_board::{Port, skewed::Skewed, virtual_uno::VirtualUno};
 /// use std::time::Duration;
 /// let mut uno = Skewed::new(VirtualUno::new(), 5000);

@@ -64,7 +64,7 @@ impl Settings {
             onward_ticks: segment.onward.into(),
             turning_ticks: segment.turning.into(),
             heard_ticks: segment.heard.into(),
-            // `what_the_planner_takes_at_its_limit_the_board_does` in pulsetrain's tests/it/pico_figures.rs holds that a Pico can wait so long.
+            // `what_the_planner_takes_at_its_limit_the_board_does` in pulsetrain's tests/it/chips/pico_figures.rs holds that a Pico can wait so long.
             burst_ticks: board.tick_hz / 1000,
             heard_burst_ticks: board.tick_hz / 50,
         });

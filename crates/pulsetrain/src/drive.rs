@@ -128,9 +128,9 @@ pub enum Knowledge {
         /// Where they are if the board did not take the last that it was sent; `None` if nothing was on its way.
         or: Option<Vec<i64>>,
     },
-    /// The board began anew and has lost its count: they were there when it was heard last.
+    /// The board restarted and has lost its count: they were there when it was heard last.
     HeardLast {
-        /// Why it began anew.
+        /// Why it restarted.
         reset: Cause,
     },
 }
@@ -178,7 +178,7 @@ impl std::fmt::Display for Whereabouts {
             }
             Knowledge::HeardLast { reset } => write!(
                 f,
-                "the board began anew on the way ({}) and has lost its count. When it was heard last: {motors}; the motors stopped at \
+                "the board restarted on the way ({}) and has lost its count. When it was heard last: {motors}; the motors stopped at \
                  once, soon after that",
                 in_words(*reset)
             ),

@@ -111,16 +111,14 @@ const PULSES: [u32; 3] = [16, 31, 80];
 /// Writes what the table of boards says of the Uno.
 fn write_limits(limits: &[Limit]) -> Done {
     let path = root().join(TABLE);
-    let of: Vec<_> = limits.iter().collect();
-    fs::write(&path, limits_source("the Uno's firmware", &of)?).map_err(|why| Failure::File { path, why })
+    fs::write(&path, limits_source(limits)?).map_err(|why| Failure::File { path, why })
 }
 
-fn limits_source(what: &str, limits: &[&Limit]) -> Done<String> {
+fn limits_source(limits: &[Limit]) -> Done<String> {
     let shortest = |by: By, motors: usize, pulse: u32| {
         let of = limits.iter().filter(|l| l.by == by && (l.motors, l.pulse) == (motors, pulse));
         // Where several kinds of pins were measured, what all of them do.
-        let missing =
-            || Failure::Check(format!("{what}: no rate holds for {motors} motors with pulses of {pulse} ticks"));
+        let missing = || Failure::Check(format!("no rate holds for {motors} motors with pulses of {pulse} ticks"));
         let interval = of.map(|limit| limit.interval).max().ok_or_else(missing)?;
         // A rung less than what two rings do when they are staggered: motors that come to go in step have them run dry sooner.
         Ok(if by == By::Pair { interval + interval.div_ceil(40) } else { interval })
@@ -137,7 +135,7 @@ fn limits_source(what: &str, limits: &[&Limit]) -> Done<String> {
     let queues = limits.iter().map(|limit| limit.queues).min().unwrap_or(0);
     let horizon = limits.iter().map(|limit| limit.horizon).max().unwrap_or(0);
     Ok(format!(
-        "//! What {what} does on the emulated chip: written by `cargo xtask bench uno`, not by hand. In ticks.\n\n\
+        "//! What the Uno's firmware does on the emulated chip: written by `cargo xtask bench uno`, not by hand. In ticks.\n\n\
          /// Pulses up to these lengths, a column each.\n\
          pub(super) const PULSES: [u32; {}] = [{}];\n\
          /// Shortest interval that holds for good, of each of 1 to 4 motors on one or two ports.\n\
@@ -176,8 +174,7 @@ mod tests {
             limits.extend([1, 2].map(|motors| format!("limit\tuno\tcompare\t{motors}\t{pulse}\t90\t0\t6000\t370")));
         }
         let limits: Vec<_> = limits.iter().filter_map(|line| Limit::parse(line)).collect();
-        let limits: Vec<_> = limits.iter().collect();
-        let source = limits_source("the Uno's firmware", &limits).expect("all there");
+        let source = limits_source(&limits).expect("all there");
         for line in [
             "//! What the Uno's firmware does on",
             "[200, 200, 200],",
@@ -189,6 +186,6 @@ mod tests {
         ] {
             assert!(source.contains(line), "{source}");
         }
-        assert!(limits_source("it", &limits[1..]).is_err());
+        assert!(limits_source(&limits[1..]).is_err());
     }
 }

@@ -401,7 +401,7 @@ fn who_is_stopped_was_not_done_later() {
     }
 }
 
-/// Moves that were done and not told are told after motors began anew, also those of a motor that is no more; moves since then count
+/// Moves that were done and not told are told after motors restarted, also those of a motor that is no more; moves since then count
 /// from 1.
 #[test]
 fn who_begins_anew_is_told_what_was_done_before() {

@@ -15,7 +15,7 @@ const HZ: u64 = 16_000_000;
 const MOST_STEPS_PER_S: f64 = 14_000.0;
 
 /// Cycles that a step takes the player beside its pulse, in which it waits, with one motor to four. Measured on the emulated chip with
-/// Debian's avr-gcc (`tests/it/baked.rs`, `the_greatest_rate_can_be_kept`): some 990, 1025, 1065, 1110.
+/// Debian's avr-gcc (`tests/it/chips/sketches.rs`, `the_greatest_rate_can_be_kept`): some 990, 1025, 1065, 1110.
 const STEP_CYCLES: [f64; MOST] = [1_020.0, 1_060.0, 1_100.0, 1_145.0];
 
 /// Cycles that a row takes it, and a turn of DIR beside setup and hold: measured, 330 and some 400.

@@ -123,7 +123,7 @@ pub enum What {
     #[error("the board does not begin the motion")]
     NoStart,
     /// The watchdog, or a fault.
-    #[error("the board began anew at t = {at_s:.3} s or shortly before")]
+    #[error("the board restarted at t = {at_s:.3} s or shortly before")]
     Reset {
         /// When it was seen.
         at_s: f64,

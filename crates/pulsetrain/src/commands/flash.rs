@@ -58,10 +58,10 @@ fn done(Flashed { board, place, bytes, .. }: &Flashed, is_own: bool) -> String {
              `pulsetrain flash uno --port {place}` brings the firmware back"
         ),
         (_, true) => format!(
-            "{bytes} bytes were written to {place}; the Pico took them and has begun anew: `pulsetrain ports` shows its port"
+            "{bytes} bytes were written to {place}; the Pico took them and has restarted: `pulsetrain ports` shows its port"
         ),
         (_, false) => format!(
-            "{bytes} bytes were written to {place}; the Pico took them and has begun anew. `pulsetrain flash pico` brings the \
+            "{bytes} bytes were written to {place}; the Pico took them and has restarted. `pulsetrain flash pico` brings the \
              firmware back"
         ),
     }
@@ -79,6 +79,7 @@ fn which_port(names: &[String]) -> Report {
 /// The Uno's image of that name, which stands in place of a file's.
 pub(super) fn named(name: &Path) -> Option<Vec<u8>> {
     match name.to_str()? {
+        "uno" => Some(virtual_uno::image()),
         "verbs" => Some(virtual_uno::verbs_image()),
         "winch" => Some(virtual_uno::winch_image()),
         _ => None,

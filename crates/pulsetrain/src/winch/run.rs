@@ -69,7 +69,7 @@ pub struct Refusal {
     pub said: String,
 }
 
-/// A board began anew in mid-script, or fell silent.
+/// A board restarted in mid-script, or fell silent.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Trouble {
     /// When that was seen, s from the script's beginning.
@@ -233,7 +233,7 @@ struct Health {
 const STATUS_LATE: Duration = Duration::from_millis(50);
 /// What this computer may be late to hear it.
 const HEARD_LATE: Duration = Duration::from_millis(300);
-/// Two clocks do not differ by so much between two statuses, unless one began anew: a resonator is within 0.5 % of 65 s.
+/// Two clocks do not differ by so much between two statuses, unless one restarted: a resonator is within 0.5 % of 65 s.
 const CLOCKS_APART: Duration = Duration::from_secs(1);
 
 impl Health {
@@ -260,7 +260,7 @@ impl Health {
             Said::Line(line) if line == "awake" => match self.pings.checked_sub(1) {
                 Some(left) => self.pings = left,
                 None => {
-                    let what = "it began anew (`awake`): positions, gains and limits are lost".to_owned();
+                    let what = "it restarted (`awake`): positions, gains and limits are lost".to_owned();
                     self.trouble(at, what);
                 }
             },
@@ -271,7 +271,7 @@ impl Health {
                     let waited = at.saturating_sub(before);
                     if passed.abs_diff(waited) > CLOCKS_APART {
                         let (passed, waited) = (seconds(passed), seconds(waited));
-                        self.trouble(at, format!("its clock went on by {passed} in {waited}: it began anew"));
+                        self.trouble(at, format!("its clock went on by {passed} in {waited}: it restarted"));
                     } else if passed > self.due + STATUS_LATE {
                         self.silent(at, passed);
                     }

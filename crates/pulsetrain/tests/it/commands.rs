@@ -1,7 +1,6 @@
 //! The commands as a user has them: output, files, exit codes. `UPDATE_EXPECT=1` rewrites the golden files.
 
 use std::io::{self, Write};
-use std::path::PathBuf;
 
 use expect_test::{ExpectFile, expect_file};
 use pulsetrain::cli;
@@ -9,6 +8,7 @@ use pulsetrain::console::Exit;
 use pulsetrain::estimate::{Estimate, Task};
 use pulsetrain::prepare::Prepared;
 use pulsetrain_motion::Time;
+use pulsetrain_testkit::folder::Folder;
 
 struct Outcome {
     exit: Exit,
@@ -27,27 +27,6 @@ const EXAMPLES: &str = "../../examples";
 
 fn example(name: &str) -> String {
     format!("{EXAMPLES}/{name}")
-}
-
-/// A directory of its own that is gone afterwards.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(name: &str) -> Folder {
-        let path = std::env::temp_dir().join(format!("pulsetrain-{name}-{}", std::process::id()));
-        std::fs::create_dir_all(&path).unwrap();
-        Folder(path)
-    }
-
-    fn path(&self, name: &str) -> String {
-        self.0.join(name).display().to_string()
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        drop(std::fs::remove_dir_all(&self.0));
-    }
 }
 
 fn check(args: &[&str], exit: Exit, golden: ExpectFile) {

@@ -48,7 +48,7 @@ fn a_pico_gets_the_image_by_copying() {
     let (exit, out, err) = pulsetrain(&["flash", "pico", "--port", &drive.name()]);
     began.join().unwrap();
     assert_eq!((exit, err.as_str()), (Exit::Success, ""));
-    assert!(out.contains("the Pico took them and has begun anew") && !out.contains("read back"), "{out}");
+    assert!(out.contains("the Pico took them and has restarted") && !out.contains("read back"), "{out}");
     assert_eq!(fs::read(drive.path("pulsetrain.uf2")).unwrap(), virtual_pico::IMAGE);
 
     fs::remove_file(drive.path("pulsetrain.uf2")).unwrap();

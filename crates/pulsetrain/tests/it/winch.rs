@@ -435,7 +435,7 @@ fn a_real_board_is_heard_to_the_end() {
     // It begins anew, at rest at 0, or where it was not to be.
     let reset = || Unwell { resets_at: Some(ms(3000)), ..Unwell::new() };
     let clock = "its clock went on by";
-    check(reset(), "0 s: ping", &[(2.8, "it began anew (`awake`)"), (2.8, clock)]);
+    check(reset(), "0 s: ping", &[(2.8, "it restarted (`awake`)"), (2.8, clock)]);
     check(Unwell { loses: "awake", ..reset() }, move_and_rest, &[(2.8, clock)]);
 }
 

@@ -5,14 +5,14 @@
 //! |---|---|---|
 //! | rates | `cargo xtask bench uno --rates` | the highest rates that hold, how late edges are, how far ahead the board is |
 //! | load | `cargo xtask bench uno` | figure 5: how busy the processor is |
-//! | masked | `cargo test -p pulsetrain-board --test uno_masked` | how long interrupts are kept out, stack |
-//! | compare | `cargo test -p pulsetrain-board --test uno_compare` | whether the timer's pins stay upright as motors turn |
-//! | native | `cargo test -p pulsetrain-board --test uno_native` | whether every step comes where the native board has it |
-//! | steps | `cargo test -p pulsetrain-board --test uno_steps` | whether none comes late under load |
-//! | starved | `cargo test -p pulsetrain-board --test uno_starved --test uno_stop` | what a ring that ran empty makes, and counts |
-//! | line | `cargo test -p pulsetrain-board --test uno_link --test uno_overrun --test uno_remote` | whether bytes are lost |
-//! | verbs | `cargo test -p pulsetrain-board --test uno_verbs` | how soon what is told holds, the shortest periods |
-//! | winch | `cargo test -p pulsetrain-board --test winch_uno --test winch_line` | four axes at full speed, lines at the full rate |
+//! | masked | `cargo test -p pulsetrain-board --test it chips::uno_masked::` | how long interrupts are kept out, stack |
+//! | compare | `cargo test -p pulsetrain-board --test it chips::uno_compare::` | whether the timer's pins stay upright as motors turn |
+//! | native | `cargo test -p pulsetrain-board --test it chips::uno_native::` | whether every step comes where the native board has it |
+//! | steps | `cargo test -p pulsetrain-board --test it chips::uno_steps::` | whether none comes late under load |
+//! | starved | `cargo test -p pulsetrain-board --test it -- chips::uno_starved:: chips::uno_stop::` | what a ring that ran empty makes, and counts |
+//! | line | `cargo test -p pulsetrain-board --test it -- chips::uno_link:: chips::uno_overrun:: chips::uno_remote::` | whether bytes are lost |
+//! | verbs | `cargo test -p pulsetrain-board --test it chips::uno_verbs::` | how soon what is told holds, the shortest periods |
+//! | winch | `cargo test -p pulsetrain-board --test it -- chips::winch_uno:: chips::winch_line::` | four axes at full speed, lines at the full rate |
 //!
 //! Ticks are cycles of 16 MHz; a group is one of a ring's 64.
 
@@ -91,7 +91,7 @@ pub(crate) mod merge {
     pub(crate) const FEW_OF_MORE: u8 = 9;
     pub(crate) const FEW_OF_BESIDE: u8 = 6;
     /// And of a motor that waits for a switch, which takes long, bytes. Shown by
-    /// `cargo test -p pulsetrain --test uno_golden four_motors_stay_fast_on_the_shield`.
+    /// `cargo test -p pulsetrain --test it chips::uno_promises::four_motors_stay_fast_on_the_shield`.
     pub(crate) const FEW_BEFORE_SWITCH: u8 = 2 * FEW_OF_TWO + 1;
     /// Groups that the ring must have room for to go on. Shown by rates.
     pub(crate) const ENOUGH: u8 = 8;
@@ -149,7 +149,7 @@ pub(crate) mod stepper {
     /// Ticks between two steps of a motor with a ring of its own, at least, when they are not looked at: alone, and beside another. Shown by rates.
     pub(crate) const FASTEST: [u16; 2] = [60, 130];
     /// From a group's tick to its `fall`, ticks, when no interrupt was kept waiting. Shown by
-    /// `cargo test -p pulsetrain-board --test uno_pins pulses`.
+    /// `cargo test -p pulsetrain-board --test it chips::uno_pins::pulses`.
     pub(crate) const FALL: u8 = 16;
     /// The same with the compare hardware, where DIR is toggled on a longer way.
     pub(crate) const FALL_COMPARE: u8 = 48;

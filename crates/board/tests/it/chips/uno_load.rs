@@ -424,6 +424,7 @@ fn the_loader_reads_what_core_reads_and_refuses_the_rest() {
         "{segments} segments, {sure} of them sure; {read} streams read to the end, {wide} up to registers that are too wide; refused: \
          {bad} bad, {mismatch} by a check, {missed} without an anchor"
     );
+
     assert!([read, missed, mismatch, bad, wide].iter().all(|number| *number > 50) && sure > 500);
 }
 

@@ -281,7 +281,7 @@ fn a_stop_keeps_the_count() {
         let again = pair.uno.tell_motors(&[(0, Verb::Move { steps: 2 })]).expect("it can");
         pair.uno.advance(again.tick + TICK_HZ / 10, &mut |edge: Edge| pair.lab.edges.push(edge));
         pair.uno.status().expect("it answers");
-        assert_eq!(pair.uno.positions(), pair.lab.counts(&setup), "begun anew {late}");
+        assert_eq!(pair.uno.positions(), pair.lab.counts(&setup), "restarted {late}");
     }
 }
 

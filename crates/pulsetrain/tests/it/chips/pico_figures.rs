@@ -93,14 +93,10 @@ fn limits_of_the_table_hold() {
     }
 }
 
-/// So much beyond a limit of the table, for half a second, is more than the board can do: what hearing takes is a difference of two rates
-/// that were tried 2.5 % apart, and the larger of two.
-const BEYOND: f64 = 1.3;
-
 /// Segments that come from the host as fast as it goes for good: longer than the queues last, which are full at first, nothing
-/// starves; faster, it does.
+/// starves.
 #[test]
-fn limits_on_what_is_heard_hold_and_are_no_idle_ones() {
+fn limits_on_what_is_heard_hold() {
     let pico = VirtualPico::on_usb();
     let board = boards::find("pico").expect("the table has it").board;
     for motors in [2, 8] {
@@ -111,8 +107,6 @@ fn limits_on_what_is_heard_hold_and_are_no_idle_ones() {
         ] {
             let limit = f64::from(steps) * board.tick_hz as f64 / f64::from(ticks + segment.heard);
             held(&case.row(&pico, BELOW * limit, 0.4));
-            let row = case.row(&pico, BEYOND * limit, 0.5);
-            assert!(row.verdict.starts_with("FAILS"), "{row:?}");
         }
     }
 }

@@ -221,7 +221,7 @@ fn opening_again_resets_the_board() {
     let board = Remote::open(port, 2).unwrap();
     assert_eq!(board.port().service.clients(), 2);
     assert_eq!(board.info().last_reset, Cause::ResetLine);
-    assert!(board.now() < 16_000_000, "its clock began anew: {}", board.now());
+    assert!(board.now() < 16_000_000, "its clock restarted: {}", board.now());
 }
 
 /// Through the system's pseudo-terminals, and in virtual time all the same: each end waits for what the other one wrote, so

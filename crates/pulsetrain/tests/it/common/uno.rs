@@ -111,20 +111,15 @@ impl Mark {
 /// Cycles awake of the shortest round of the main loop in the next 50 ms: one with nothing to do. A round begins with the
 /// watchdog; the chip goes on as if nobody had looked.
 pub(crate) fn idle_round(uno: &VirtualUno) -> u64 {
-    /// The watchdog's reset instruction, `wdr`.
-    const WDR: u16 = 0x95a8;
     let mut chip = uno.chip().clone();
     let (end, mut began, mut shortest) = (chip.cycle() + TICK_HZ / 20, None, u64::MAX);
     while chip.cycle() < end {
-        let at = 2 * chip.pc();
-        let is_round = u16::from_le_bytes([chip.flash_byte(at), chip.flash_byte(at + 1)]) == WDR;
-        if is_round && !chip.is_asleep() {
-            let awake = chip.cycle() - chip.asleep_cycles();
-            // The instruction that ends a sleep is looked at twice.
-            shortest = shortest
-                .min(began.replace(awake).filter(|began| *began < awake).map_or(u64::MAX, |began| awake - began));
-        }
+        let rounds = chip.watchdog_feeds();
         chip.step(&mut ());
+        if chip.watchdog_feeds() != rounds {
+            let awake = chip.cycle() - chip.asleep_cycles();
+            shortest = shortest.min(began.replace(awake).map_or(u64::MAX, |began: u64| awake - began));
+        }
     }
     if shortest == u64::MAX { 0 } else { shortest }
 }
