@@ -63,7 +63,7 @@ struct Rates {
 }
 
 /// So many pulses were measured.
-const PULSES: usize = 3;
+const PULSES: usize = 4;
 
 static UNO: Rates = Rates {
     pulses: uno::PULSES,
@@ -158,22 +158,37 @@ impl BoardRow {
         };
         let hz = self.board.tick_hz;
         let pulse = DriverTiming::longest(motors).ticks(hz).pulse_high;
-        // The last column serves for what is longer: such pulses limit the rate themselves.
-        let column = rates.pulses.iter().position(|longest| pulse <= u64::from(*longest)).unwrap_or(PULSES - 1);
-        let of = |rows: &[[u32; PULSES]]| rows.iter().map(|by_pulse| by_pulse[column]).collect();
-        if shares_dir(motors) {
-            // One after the other.
-            let of: Vec<u32> = of(&rates.by_software);
-            return (1..).zip(of).map(|(count, ticks)| ticks.max(count * SHARED_STEP_TICKS)).collect();
-        }
-        if kind == PinKind::Compare {
-            return of(&rates.by_compare);
-        }
-        let mut intervals = of(&rates.by_software);
-        if kind == PinKind::PortD && motors.len() == 2 {
-            intervals[1] = rates.pair[column];
-        }
-        intervals
+        let shares = shares_dir(motors);
+        let is_pair = |count: usize| count == 2 && motors.len() == 2 && kind == PinKind::PortD;
+        let of = |(count, by_pulse): (usize, &[u32; PULSES])| {
+            let by_pulse = if is_pair(count) && !shares { &rates.pair } else { by_pulse };
+            let long = LongPulse::of(kind, count, is_pair(count));
+            let own = if pulse > long.longest_together() {
+                by_pulse[PULSES - 1]
+            } else {
+                // The longest that was measured and is worked out together serves up to there.
+                let column = rates.pulses[..PULSES - 2].iter().position(|longest| pulse <= u64::from(*longest));
+                by_pulse[column.unwrap_or(PULSES - 2)]
+            };
+            // One after the other, whose steps are worked out one by one in any case.
+            let shared = if shares { SHARED_STEP_TICKS * count as u32 } else { 0 };
+            let edges = if pulse > LONGEST_OWN_PULSE { long.shortest_interval(pulse) } else { 0 };
+            own.max(shared).max(edges)
+        };
+        let by_count = if kind == PinKind::Compare { &rates.by_compare[..] } else { &rates.by_software[..] };
+        (1..).zip(by_count).map(of).collect()
+    }
+
+    /// The longest pulse, ns, with which an Uno with these motors works out many steps at once, if theirs is longer: each step by itself takes it
+    /// several times as long.
+    #[must_use]
+    pub fn longest_pulse_together(&self, motors: &[Motor]) -> Option<u32> {
+        let (PinRules::Kinds(_), Ok(Some(kind))) = (self.pin_rules, self.pin_kind(motors)) else { return None };
+        let hz = self.board.tick_hz;
+        let is_pair = motors.len() == 2 && kind == PinKind::PortD;
+        let longest = LongPulse::of(kind, motors.len(), is_pair).longest_together();
+        let is_longer = DriverTiming::longest(motors).ticks(hz).pulse_high > longest;
+        (is_longer && !shares_dir(motors)).then(|| u32::try_from(longest * 1_000_000_000 / hz).unwrap_or(u32::MAX))
     }
 
     /// The shortest interval of each of four motors on an Uno that has its motion in its flash, ticks: its image has no ring for the fourth beside a
@@ -209,7 +224,7 @@ impl BoardRow {
         if !matches!(self.pin_rules, PinRules::Kinds(_)) || !shares_dir(motors) || pulse <= LONGEST_OWN_PULSE {
             return None;
         }
-        let apart_ticks = u64::from(PULSE_LATE_TICKS + GROUPS_APART_TICKS[1]) + pulse;
+        let apart_ticks = u64::from(PULSE_LATE_TICKS[0] + GROUPS_APART_TICKS[1]) + pulse;
         Some(SharedSteps {
             together_ticks: GROUPS_APART_TICKS[0] / 2,
             apart_ticks: u32::try_from(apart_ticks).unwrap_or(u32::MAX),
@@ -238,7 +253,7 @@ pub fn find(name: &str) -> Option<BoardRow> {
 /// distance of groups, by which a merge moves edges.
 const TURN_TICKS: [u32; 2] = [24 + 48 + 24, 60 + 16 + 60 + 2 * 76];
 /// The same of one and of two motors of the compare hardware's: the distance of groups, before it and after it.
-const TURN_TICKS_BY_COMPARE: [u32; 2] = [2 * 96, 2 * 171];
+const TURN_TICKS_BY_COMPARE: [u32; 2] = [2 * GROUPS_APART_BESIDE_TICKS[0], 2 * GROUPS_APART_BESIDE_TICKS[1]];
 
 /// What a word of a Pico's state machine takes at least: the longest pulse of all motors and three cycles, which
 /// `pulsetrain_core::words` has. Steps are no closer, and DIR changes in a word of its own.
@@ -262,11 +277,53 @@ const SHARED_STEP_TICKS: u32 = 2_400;
 /// The longest pulse that an Uno's interrupt makes by itself, ticks. The end of a longer one is a match of its own.
 const LONGEST_OWN_PULSE: u64 = 31;
 
-/// By what an Uno makes a long pulse longer, since its rising edge may be late, ticks: `LATE` in firmware/uno/src/engine/tuning.rs.
-const PULSE_LATE_TICKS: u32 = 24;
+/// By what an Uno makes a long pulse longer, since its rising edge may be late, ticks: `LATE` in firmware/uno/src/engine/tuning.rs; and
+/// `LATE_MOVED`, where other motors move it too.
+const PULSE_LATE_TICKS: [u32; 2] = [24, 60];
 
 /// What an Uno keeps between two matches, on one port and on the shield's pins, ticks: `APART` and `APART_SHIELD` there.
 const GROUPS_APART_TICKS: [u32; 2] = [48, 60];
+/// The same with a ring for each motor: `APART_BESIDE`, and `APART_TWO_COMPARE`.
+const GROUPS_APART_BESIDE_TICKS: [u32; 2] = [96, 171];
+
+/// How an Uno makes a pulse whose end is a match of its own: `Spacing::of` in firmware/uno/src/engine/steps/stepper.rs.
+struct LongPulse {
+    /// By what it is longer than it was asked for, ticks.
+    more: u32,
+    /// From its end to the next step at least, ticks.
+    apart: u32,
+    /// Whether its steps are ever worked out together.
+    together: bool,
+}
+
+impl LongPulse {
+    /// Of so many motors that share no DIR line; a pair has a ring each.
+    fn of(kind: PinKind, motors: usize, is_pair: bool) -> LongPulse {
+        let [alone, moved] = PULSE_LATE_TICKS;
+        if kind == PinKind::Compare {
+            let apart = GROUPS_APART_BESIDE_TICKS[usize::from(motors > 1)];
+            return LongPulse { more: 0, apart, together: false };
+        }
+        if is_pair {
+            return LongPulse { more: moved, apart: GROUPS_APART_BESIDE_TICKS[0], together: true };
+        }
+        let apart = GROUPS_APART_TICKS[usize::from(kind == PinKind::Shield)];
+        // Merged, its second edge may be early.
+        LongPulse { more: if motors > 1 { moved + apart } else { alone }, apart, together: true }
+    }
+
+    /// The longest that is worked out together with those of other steps, ticks: what is made of it fits 8 bits. The compare
+    /// hardware's is what the interrupt makes by itself.
+    fn longest_together(&self) -> u64 {
+        if self.together { u64::from(u8::MAX) - u64::from(self.more) } else { LONGEST_OWN_PULSE }
+    }
+
+    /// From step to step at least, ticks, with the margin of the table's limits.
+    fn shortest_interval(&self, pulse: u64) -> u32 {
+        let ticks = u32::try_from(pulse).unwrap_or(u32::MAX).saturating_add(self.more + self.apart);
+        ticks.saturating_add(ticks.div_ceil(40))
+    }
+}
 
 /// Whether two motors have one DIR line.
 fn shares_dir(motors: &[Motor]) -> bool {
@@ -446,7 +503,8 @@ mod tests {
     #[test]
     fn motors_and_longer_pulses_take_time() {
         let row = find("Uno").unwrap();
-        for column in 0..uno::PULSES.len() {
+        // But where each step is worked out by itself: for a ring that takes longer than for a merge's lists.
+        for column in 0..PULSES - 1 {
             assert!(uno::BY_SOFTWARE.is_sorted_by_key(|by_pulse| by_pulse[column]));
             assert!(uno::BY_COMPARE.is_sorted_by_key(|by_pulse| by_pulse[column]));
         }
@@ -460,13 +518,14 @@ mod tests {
             winding: None,
             driver: None,
         };
-        let check = |step, pulse_ns, expected: &[[u32; 3]], column: usize| {
+        let check = |step, pulse_ns, expected: &[[u32; PULSES]], column: usize| {
             let expected: Vec<u32> = expected.iter().map(|by_pulse| by_pulse[column]).collect();
             assert_eq!(row.shortest_intervals(&[motor(step, pulse_ns)]), expected, "{step}, {pulse_ns} ns");
         };
         check(11, 1000, &uno::BY_SOFTWARE, 0);
         check(11, 1900, &uno::BY_SOFTWARE, 1);
-        check(11, 10_000, &uno::BY_SOFTWARE, 2);
+        check(11, 5000, &uno::BY_SOFTWARE, 2);
+        check(11, 16_000, &uno::BY_SOFTWARE, 3);
         check(9, 1000, &uno::BY_COMPARE, 0);
         // Long pulses on one DIR line: one after the other.
         let together =
@@ -486,6 +545,15 @@ mod tests {
         assert_eq!([pair([2, 3], 1000), pair([2, 3], 5000)], [uno::PAIR[0], uno::PAIR[2]]);
         assert_eq!(pair([8, 9], 1000), uno::BY_SOFTWARE[1][0]);
         assert!(uno::PAIR[0] < uno::BY_SOFTWARE[1][0] && uno::PAIR[0] < uno::PAIR[2]);
+        // The longest pulse with which steps are worked out together is that of the pins; behind it there is room for the edges.
+        let one = |pulse_ns| row.shortest_intervals(&[motor(11, pulse_ns)])[0];
+        assert_eq!([one(14_437), one(14_438)], [311, uno::BY_SOFTWARE[0][3]]);
+        assert_eq!([pair([2, 3], 12_187), pair([2, 3], 12_188)], [uno::PAIR[2], uno::PAIR[3]]);
+        assert_eq!([pair([8, 9], 9187), pair([8, 9], 9188)], [uno::BY_SOFTWARE[1][2], uno::BY_SOFTWARE[1][3]]);
+        assert_eq!(row.longest_pulse_together(&[motor(11, 14_437)]), None);
+        assert_eq!(row.longest_pulse_together(&[motor(11, 50_000)]), Some(14_437));
+        // Such a pulse may be longer than what its steps take.
+        assert_eq!(one(200_000), 3200 + 24 + 48 + 82);
     }
 
     #[test]

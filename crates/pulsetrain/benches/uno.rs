@@ -1,12 +1,15 @@
 //! The Uno's figures, in cycles of the emulated chip: what `cargo xtask bench uno` collects.
 //!
 //! A table, fields between tabs, the first of which says whether the row is promised, or that it is a limit for the table of
-//! boards. With the argument `hour` the hour of 001's four motors instead; with `figure-2` that figure alone; with `rates` what motions reach, too.
+//! boards. With the argument `hour` the hour of 001's four motors instead; with `figure-2` that figure alone; with `rates` what motions reach, too;
+//! with `pulse` and ticks what variations with such pulses reach, and their limits.
 
 #[path = "../tests/it/common/mod.rs"]
 mod common;
 
-use common::rows::{COLUMNS, Case, PROMISED, Row, TUTORIALS, fastest_plateau, hour, rates, tutorial_row, variations};
+use common::rows::{
+    COLUMNS, Case, LONGER_PULSES, PROMISED, Row, TUTORIALS, fastest_plateau, hour, rates, tutorial_row, variations,
+};
 use common::uno::kind_of;
 use pulsetrain_motion::pins::PinKind;
 use pulsetrain_testkit::TICK_HZ;
@@ -28,7 +31,10 @@ fn main() {
     if std::env::args().any(|argument| argument == "hour") {
         return hour(3600).iter().for_each(|row| println!("{}", line(row)));
     }
-    let lines = if std::env::args().any(|argument| argument == "figure-2") {
+    let pulse = std::env::args().skip_while(|argument| argument != "pulse").nth(1);
+    let lines = if let Some(ticks) = pulse.and_then(|ticks| ticks.parse().ok()) {
+        of_pulse(ticks)
+    } else if std::env::args().any(|argument| argument == "figure-2") {
         figure_2()
     } else if std::env::args().any(|argument| argument == "rates") {
         fastest()
@@ -50,6 +56,27 @@ fn figure_2() -> Vec<String> {
         });
         cases.map(|case| case.join().expect("the row of a case")).into()
     })
+}
+
+/// The variations with pulses of so many ticks alone, a case to a core, and what they say for the table of boards.
+fn of_pulse(ticks: u16) -> Vec<String> {
+    let rates = rates();
+    let longer = variations().into_iter().filter(|case| case.pulse_ticks == LONGER_PULSES[0]);
+    let cases = longer.map(|case| Case { pulse_ticks: ticks, ..case });
+    let measured: Vec<(Case, Row)> = thread::scope(|scope| {
+        let cases = cases.map(|case| {
+            (
+                case,
+                scope.spawn({
+                    let rates = &rates;
+                    move || case.fastest(rates, TRY_S, SHORT_S)
+                }),
+            )
+        });
+        let cases: Vec<_> = cases.collect();
+        cases.into_iter().map(|(case, row)| (case, row.join().expect("the row of a case"))).collect()
+    });
+    measured.iter().map(|(_, row)| line(row)).chain(limits(&measured)).collect()
 }
 
 /// The fastest rates alone.
@@ -78,10 +105,7 @@ fn figures() -> Vec<String> {
         measured.push((case, row));
     }
     lines.extend(cases.iter().map(|case| line(&fastest_plateau(case, &rates))));
-    // Motors in phase set no limit to rates, but the board commits itself farthest ahead with them.
-    let horizon = measured.iter().filter_map(|(_, row)| row.seen.as_ref()).map(|seen| seen.horizon_ticks).max();
-    let limits = measured.iter().filter(|(case, _)| case.is_limit());
-    lines.extend(limits.filter_map(|(case, row)| limit(case, row, horizon.unwrap_or(0))));
+    lines.extend(limits(&measured));
     // What is promised is to hold whatever the segments.
     lines.extend(cases.iter().map(|case| line(&case.others(SEEDS, SEED_S))));
     for case in cases {
@@ -91,6 +115,14 @@ fn figures() -> Vec<String> {
         }
     }
     lines
+}
+
+/// What the table of boards says of them.
+fn limits(measured: &[(Case, Row)]) -> impl Iterator<Item = String> {
+    // Motors in phase set no limit to rates, but the board commits itself farthest ahead with them.
+    let horizon = measured.iter().filter_map(|(_, row)| row.seen.as_ref()).map(|seen| seen.horizon_ticks).max();
+    let limits = measured.iter().filter(|(case, _)| case.is_limit());
+    limits.filter_map(move |(case, row)| limit(case, row, horizon.unwrap_or(0)))
 }
 
 /// What the table of boards says of it: the board's name, how the edges are made, motors, pulse, shortest interval, lateness and

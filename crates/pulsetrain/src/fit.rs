@@ -322,35 +322,49 @@ fn smoother(prepared: &Prepared, motor: &Motor, at_s: f64, (from, to): (f64, f64
 /// Whose driver's pulse limits the motor's rate, if that does.
 fn pulse_limit(prepared: &Prepared, motor: &Motor, settings: &Settings) -> Option<String> {
     let program = &prepared.program;
+    let (name, board) = (&motor.name, &program.board.name);
     let time = |ns: u32| human::seconds(f64::from(ns) * 1e-9);
     let timing = program.timing(motor);
-    if let Some(longest) = program.lengthens_pulse(motor) {
-        let own_ns = motor.timing.pulse_high_ns;
+    let row = boards::find(board);
+    // The rate that fits with pulses no longer than that, if it is a higher one.
+    let rate_with = |ns: u32| {
         let mut shorter = program.clone();
         for motor in &mut shorter.motors {
-            motor.timing.pulse_high_ns = motor.timing.pulse_high_ns.min(own_ns);
+            motor.timing.pulse_high_ns = motor.timing.pulse_high_ns.min(ns);
         }
-        if let Some(row) = boards::find(&program.board.name) {
+        if let Some(row) = &row {
             shorter.board.min_interval_ticks = row.shortest_intervals(&shorter.motors);
         }
         let least = Settings::of(&shorter, motor).min_interval_ticks;
-        if least < settings.min_interval_ticks {
-            let driver = longest.driver.map(|name| format!(" ({name})")).unwrap_or_default();
-            let (name, other, board) = (&motor.name, &longest.name, &program.board.name);
-            let (high, own, low) = (time(timing.pulse_high_ns), time(own_ns), time(timing.pulse_low_ns));
-            let rate = human::scaled(settings.tick_hz as f64 / least as f64, "steps/s");
-            return Some(format!(
-                "the limit is the pulse of motor {other}: {board} makes the pulses of all motors equally long, and the driver of {other}{driver} \
-                 needs {high} HIGH; that of {name} needs {own} HIGH and {low} LOW, with which {rate} fit. A driver with a shorter pulse for \
-                 motor {other} helps, or a board of its own"
-            ));
-        }
+        (least < settings.min_interval_ticks).then(|| human::scaled(settings.tick_hz as f64 / least as f64, "steps/s"))
+    };
+    let driver = |motor: &Motor| motor.driver.map(|name| format!(" ({name})")).unwrap_or_default();
+    let (high, low) = (time(timing.pulse_high_ns), time(timing.pulse_low_ns));
+    let longest = program.lengthens_pulse(motor);
+    if let Some(longest) = longest
+        && let Some(rate) = rate_with(motor.timing.pulse_high_ns)
+    {
+        let (other, driver, own) = (&longest.name, driver(longest), time(motor.timing.pulse_high_ns));
+        return Some(format!(
+            "the limit is the pulse of motor {other}: {board} makes the pulses of all motors equally long, and the driver of {other}{driver} \
+             needs {high} HIGH; that of {name} needs {own} HIGH and {low} LOW, with which {rate} fit. A driver with a shorter pulse for \
+             motor {other} helps, or a board of its own"
+        ));
+    }
+    if let Some(together) = row.as_ref().and_then(|row| row.longest_pulse_together(&program.motors))
+        && let Some(rate) = rate_with(together)
+    {
+        let whose = longest.unwrap_or(motor);
+        // What is printed is to fit, too.
+        let (whose, driver, together) = (&whose.name, driver(whose), time(together - together % 100));
+        return Some(format!(
+            "the limit is the pulse: on these pins {board} works out each step by itself if pulses are longer than {together}, and the driver \
+             of {whose}{driver} needs {high} HIGH. With {together} HIGH {rate} fit"
+        ));
     }
     let pulse = timing.ticks(settings.tick_hz);
-    (settings.min_interval_ticks == pulse.pulse_high + pulse.pulse_low).then(|| {
-        let (high, low) = (time(timing.pulse_high_ns), time(timing.pulse_low_ns));
-        format!("the limit is the driver's: a pulse takes {high} HIGH and {low} LOW")
-    })
+    (settings.min_interval_ticks == pulse.pulse_high + pulse.pulse_low)
+        .then(|| format!("the limit is the driver's: a pulse takes {high} HIGH and {low} LOW"))
 }
 
 /// The first easing with which all of these motors' plans fit, as it is written; or the first for which there is no time, which is said of it.

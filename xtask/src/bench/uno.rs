@@ -105,8 +105,8 @@ impl Limit {
     }
 }
 
-/// The pulses that limits are measured for, ticks.
-const PULSES: [u32; 3] = [16, 31, 80];
+/// The pulses that limits are measured for, ticks. With the last the firmware works out each step by itself, whatever the pins.
+const PULSES: [u32; 4] = [16, 31, 80, 256];
 
 /// Writes what the table of boards says of the Uno.
 fn write_limits(limits: &[Limit]) -> Done {
@@ -136,7 +136,7 @@ fn limits_source(limits: &[Limit]) -> Done<String> {
     let horizon = limits.iter().map(|limit| limit.horizon).max().unwrap_or(0);
     Ok(format!(
         "//! What the Uno's firmware does on the emulated chip: written by `cargo xtask bench uno`, not by hand. In ticks.\n\n\
-         /// Pulses up to these lengths, a column each.\n\
+         /// Pulses that were measured, a column each; with the last the firmware works out each step by itself, whatever the pins.\n\
          pub(super) const PULSES: [u32; {}] = [{}];\n\
          /// Shortest interval that holds for good, of each of 1 to 4 motors on one or two ports.\n\
          pub(super) const BY_SOFTWARE: [[u32; {0}]; 4] = [\n{}];\n\
@@ -177,10 +177,10 @@ mod tests {
         let source = limits_source(&limits).expect("all there");
         for line in [
             "//! What the Uno's firmware does on",
-            "[200, 200, 200],",
-            "[333, 333, 333],",
-            "= [148, 148, 148];",
-            "[90, 90, 90],",
+            "[200, 200, 200, 200],",
+            "[333, 333, 333, 333],",
+            "= [148, 148, 148, 148];",
+            "[90, 90, 90, 90],",
             "LATENESS: u32 = 31;",
             "HORIZON: u32 = 6000;",
         ] {

@@ -871,6 +871,52 @@ mod chips {
         }
     }
 
+    /// A little slower than the limit the board keeps up; above it nothing is begun, and what is said to fit does.
+    #[test]
+    fn rates_with_long_pulses_are_what_an_uno_does() {
+        let folder = Folder::new("rates-of-long-pulses");
+        let file = folder.path("motion.toml");
+        let write = |pulse: &str, pins: &[(u8, u8)], rate: u32| {
+            let motors = pins.iter().map(|(step, dir)| {
+                format!(
+                    "[motor.m{step}]\nsteps_per_rev = 200\npulse_high = \"{pulse}\"\npulse_low = \"2 us\"\ndir_setup = \"1 us\"\n\
+                     dir_hold = \"1 us\"\npins = {{ step = {step}, dir = {dir} }}\nforward = \"high\"\n[[motion]]\nmotor = \"m{step}\"\n\
+                     law.trapezoid = {{ distance = \"{rate} step\", speed = \"{rate} step/s\", acceleration = \"30000 step/s^2\" }}\n"
+                )
+            });
+            let text = format!("board = \"uno\"\ntolerance = \"1 us\"\n{}", motors.collect::<String>());
+            std::fs::write(&file, text).unwrap();
+        };
+        const B: [(u8, u8); 3] = [(8, 11), (9, 12), (10, 13)];
+        const SHIELD: [(u8, u8); 4] = [(2, 5), (3, 6), (4, 7), (12, 13)];
+        for (pulse, pins, holds, refused, together) in [
+            ("15 us", &B[..1], 8_800, 9_200, "14.4 µs"),
+            ("50 us", &B[..1], 8_800, 9_200, "14.4 µs"),
+            ("15 us", &SHIELD[..2], 4_250, 4_450, "12.1 µs"),
+            ("10 us", &B[..2], 9_350, 9_800, "9.1 µs"),
+            ("10 us", &B[..3], 6_350, 6_650, "9.1 µs"),
+            ("10 us", &SHIELD[..], 4_450, 4_700, "8.4 µs"),
+        ] {
+            write(pulse, pins, holds);
+            let outcome = pulsetrain(&["run", &file, "--out", &folder.path("out")]);
+            assert_eq!(outcome.exit, Exit::Success, "{pulse} {pins:?}: {}{}", outcome.out, outcome.err);
+            write(pulse, pins, refused);
+            let outcome = pulsetrain(&["run", &file, "--out", &folder.path("out")]);
+            assert_eq!(outcome.exit, Exit::Refused, "{pulse} {pins:?}: {}", outcome.out);
+            let said = outcome.err.split_whitespace().collect::<Vec<_>>().join(" ");
+            let why = format!(
+                "the limit is the pulse: on these pins uno works out each step by itself if pulses are longer than {together}, and the driver \
+                 of m{} needs {} HIGH. With {together} HIGH",
+                pins[0].0,
+                pulse.replace('u', "µ")
+            );
+            assert!(said.contains(&why), "{pulse} {pins:?}: {said}");
+            write(&together.replace('µ', "u"), pins, refused);
+            let outcome = pulsetrain(&["plan", &file]);
+            assert_eq!(outcome.exit, Exit::Success, "{together} {pins:?}: {}", outcome.err);
+        }
+    }
+
     /// Turns often: the session goes over to new epochs faster than it looks at its board, and the stepgen beside it is told as many.
     #[test]
     fn schedules_are_the_boards_where_epochs_are_short() {

@@ -107,6 +107,8 @@ fn the_tutorial_passes() {
     let motor = &report.motors[0];
     assert!(report.ok);
     assert_eq!((motor.steps_wanted, motor.steps_got), (8000, 8000));
+    // Steps are closest where it is fastest.
+    assert!((motor.pulse_low.expect("there are pulses").at_s - 0.75).abs() < 0.02, "{:?}", motor.pulse_low);
     assert!(motor.max_error_ticks.abs() <= 0.5001);
     // Streaming gives the same.
     let mut streaming = EdgeJudge::new(HZ, &trace.lines, &program, &Options::default()).unwrap();

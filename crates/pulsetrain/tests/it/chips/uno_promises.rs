@@ -3,7 +3,10 @@
 //!
 //! `cargo xtask bench uno` measures how far beyond it goes.
 
-use crate::common::rows::{Case, PROMISED, Row, fastest_plateau, tutorial_row};
+use crate::common::rows::{Case, PROMISED, Row, fastest_plateau, tutorial, tutorial_row};
+use pulsetrain_motion::program::{DriverTiming, Motor, Wiring};
+use pulsetrain_motion::{Time, boards};
+use pulsetrain_testkit::TICK_HZ;
 
 /// A stream of each kind of pins, s.
 const SHORT_S: f64 = 0.1;
@@ -46,5 +49,28 @@ fn four_motors_stay_fast_on_the_shield() {
     for rate in [11e3, 12.5e3, 13e3, 15e3] {
         let row = fastest_plateau(&case, &[rate]);
         assert_eq!(row.verdict, "", "{rate} steps/s");
+    }
+}
+
+/// The table of boards knows to the tick from which pulse on the firmware works out each step by itself, on all pins, and what it does then.
+#[test]
+fn rates_with_long_pulses_hold() {
+    let row = boards::find("uno").expect("the Uno's row");
+    let two_on_port_b = Case { motors: 2, ..PROMISED[5] };
+    for case in [PROMISED[0], PROMISED[2], two_on_port_b, PROMISED[4], PROMISED[5], PROMISED[6]] {
+        let one = &tutorial(Time::SECOND, 1, case.pins[0], 1000).program.motors[0];
+        let rate = |ticks: u16| {
+            let motors = case.pins[..case.motors].iter().map(|&(step, dir)| Motor {
+                wiring: Wiring::StepDir { step, dir, forward_high: true, enable: None },
+                timing: DriverTiming { pulse_high_ns: u32::from(ticks) * 125 / 2, ..one.timing },
+                ..one.clone()
+            });
+            TICK_HZ as f64 / f64::from(row.shortest_intervals(&motors.collect::<Vec<_>>())[case.motors - 1])
+        };
+        let longest = (81..=255).find(|ticks| 2.0 * rate(ticks + 1) < rate(*ticks)).expect("where it goes over");
+        let run = |pulse_ticks, swing, rate: f64| Case { pulse_ticks, swing, ..case }.row(0.95 * rate, SHORT_S);
+        holds(&run(longest, 0.0, rate(longest)));
+        assert_ne!(run(longest + 1, 0.0, rate(longest)).verdict, "", "{} pins, {longest} ticks", case.motors);
+        holds(&run(longest + 1, case.swing, rate(longest + 1)));
     }
 }

@@ -116,6 +116,8 @@ pub(crate) const ALIKE: [f64; 4] = [1.0; 4];
 pub(crate) const UNEQUAL: [f64; 4] = [1.0, 0.25, 0.125, 0.0625];
 /// 1 µs.
 pub(crate) const PULSE: u16 = 16;
+/// Longer ones: what an interrupt makes by itself, and what takes two, whose steps the firmware expands together, and one by one.
+pub(crate) const LONGER_PULSES: [u16; 3] = [31, 80, 256];
 
 impl Case {
     const fn changing(pins: Pins, motors: usize, required: f64) -> Case {
@@ -339,13 +341,13 @@ pub(crate) fn variations() -> Vec<Case> {
             cases.push(Case { ratios: UNEQUAL, ..case });
         }
         cases.push(Case { turns: 5, ..case });
-        for pulse_ticks in [31, 80] {
+        for pulse_ticks in LONGER_PULSES {
             cases.push(Case { pulse_ticks, ..case });
             cases.push(Case { pulse_ticks, ..constant });
         }
     }
     // Two that have one ring, as they would on the shield with its pins 12 and 13.
-    for pulse_ticks in [PULSE, 31, 80] {
+    for pulse_ticks in [PULSE].into_iter().chain(LONGER_PULSES) {
         let case = Case { figure: 3, pulse_ticks, required: None, ..Case::changing(PORT_B, 2, 0.0) };
         cases.extend([case, Case { swing: 0.0, ..case }]);
     }
