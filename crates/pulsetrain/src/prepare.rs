@@ -187,6 +187,21 @@ impl Prepared {
         Ok(plans.finish())
     }
 
+    /// Plans as much of the beginning as takes no time: what is wrong there need not wait for a long plan.
+    ///
+    /// # Errors
+    /// As [`Prepared::plan`].
+    pub fn begins(&self) -> Result<(), Refusal> {
+        const MOVES: u32 = 1000;
+        let mut plans = Plans::new(&self.program).map_err(|refused| self.refuse(refused))?;
+        for _ in 0..MOVES {
+            if plans.next_move().map_err(|refused| self.refuse(refused))?.is_none() {
+                break;
+            }
+        }
+        Ok(())
+    }
+
     /// A plan's refusal as the user should see it.
     #[must_use]
     pub fn refuse(&self, refused: Refused) -> Refusal {
@@ -243,8 +258,7 @@ impl<'a> Plans<'a> {
     /// As [`Ensemble::new`].
     pub fn new(program: &'a Program) -> Result<Plans<'a>, Refused> {
         let fraction_bits = program.board.fraction_bits;
-        let clock = Clock { tick: 0, fraction: 1 << (fraction_bits - 1), last_step: 0, ended: false };
-        let clocks = vec![clock; program.motors.len()];
+        let clocks = vec![Clock::new(fraction_bits); program.motors.len()];
         Ok(Plans { ensemble: Ensemble::new(program)?, fraction_bits, clocks })
     }
 
@@ -284,6 +298,10 @@ impl<'a> Plans<'a> {
 }
 
 impl Clock {
+    fn new(fraction_bits: u32) -> Clock {
+        Clock { tick: 0, fraction: 1 << (fraction_bits - 1), last_step: 0, ended: false }
+    }
+
     fn advance(&mut self, next: &Move, fraction_bits: u32) {
         match next {
             Move::Dwell { ticks } => self.tick += ticks,
@@ -313,6 +331,21 @@ pub fn planned(law: &Law, settings: &Settings) -> Result<Certificate, PlanError>
 /// As [`planned`].
 pub fn walk(law: &Law, settings: &Settings) -> Result<(), PlanError> {
     planned(law, settings).map(drop)
+}
+
+/// Whether a law's plan keeps to `settings` up to some time, by itself.
+#[must_use]
+pub fn fits_until(law: &Law, settings: &Settings, until: Time) -> bool {
+    let Ok(mut planner) = Planner::new(law, settings) else { return false };
+    let (mut clock, last_tick) = (Clock::new(settings.fraction_bits), until.seconds() * settings.tick_hz as f64);
+    while (clock.tick as f64) < last_tick {
+        match planner.next_move() {
+            Ok(Some(next)) => clock.advance(&next, settings.fraction_bits),
+            Ok(None) => break,
+            Err(_) => return false,
+        }
+    }
+    true
 }
 
 /// Whether a law's plan keeps to `settings`, by itself.
