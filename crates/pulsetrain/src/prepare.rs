@@ -11,6 +11,7 @@ use pulsetrain_motion::{Grid, LawError, Time, boards, file};
 use pulsetrain_plan::tail::SOFTEST_STOP_S;
 use pulsetrain_plan::{Certificate, Ensemble, Move, PlanError, Planner, Refused, Settings};
 
+use crate::estimate::{Estimate, Task};
 use crate::fit;
 use crate::pause::{self, Easing, PauseError, Paused};
 
@@ -192,14 +193,19 @@ impl Prepared {
     /// # Errors
     /// As [`Prepared::plan`].
     pub fn begins(&self) -> Result<(), Refusal> {
-        const MOVES: u32 = 1000;
-        let mut plans = Plans::new(&self.program).map_err(|refused| self.refuse(refused))?;
-        for _ in 0..MOVES {
-            if plans.next_move().map_err(|refused| self.refuse(refused))?.is_none() {
-                break;
-            }
+        const MOST_S: f64 = 0.2;
+        let planning_s = Estimate::of(self, Some(Time::SECOND), Task::Plan).planning_s;
+        let length = Time::from_seconds((MOST_S / planning_s).min(1.0));
+        // One that cannot be cut there, or stopped, may still be right.
+        let Ok(begun) = self.clone().ending(Some(length)) else { return Ok(()) };
+        let is_of_motion = |refused: &Refused| refused.error.at_s().is_some_and(|at_s| at_s < length.seconds());
+        match Plans::new(&begun.program).and_then(|mut plans| {
+            while plans.next_move()?.is_some() {}
+            Ok(())
+        }) {
+            Err(refused) if is_of_motion(&refused) => Err(self.refuse(refused)),
+            _ => Ok(()),
         }
-        Ok(())
     }
 
     /// A plan's refusal as the user should see it.
