@@ -95,8 +95,8 @@ enum Task {
         /// Write nothing: fail when a committed image is not what the source builds
         #[arg(long)]
         check: bool,
-        /// Write no image: build the Uno's, print what they take and leave, and the lines of each module; beside those of a commit, if one is
-        /// said, which is built too
+        /// Write no image: build the Uno's, and print what they take and leave, and the lines of each module; beside a commit's lines, if one is
+        /// said
         #[arg(long, value_name = "COMMIT", num_args = 0..=1, conflicts_with_all = ["check", "board"])]
         sizes: Option<Option<String>>,
     },

@@ -81,19 +81,18 @@ fn which_port(names: &[String]) -> Report {
     }
 }
 
-/// The Uno's images that have a name, which stands in place of a file's.
-const NAMED: [(&str, fn() -> Vec<u8>); 3] =
-    [("uno", virtual_uno::image), ("winch", virtual_uno::winch_image), ("verbs", virtual_uno::verbs_image)];
+/// The names of an Uno's images, each of which stands in place of a file's.
+const NAMES: [&str; 3] = ["uno", "winch", "verbs"];
 
 /// The Uno's image of that name.
 pub(super) fn named(name: &Path) -> Option<Vec<u8>> {
-    let name = name.to_str()?;
-    NAMED.iter().find(|(known, _)| *known == name).map(|(_, image)| image())
+    let images = [virtual_uno::image, virtual_uno::winch_image, virtual_uno::verbs_image];
+    NAMES.iter().zip(images).find(|(known, _)| Path::new(known) == name).map(|(_, image)| image())
 }
 
 /// What an Uno takes in place of a name or file that is neither.
-pub(super) fn uno_images(name: &Path) -> String {
-    let near = name.to_str().and_then(|name| nearest(name, NAMED.map(|(known, _)| known)));
+fn uno_images(name: &Path) -> String {
+    let near = name.to_str().and_then(|name| nearest(name, NAMES));
     let near = near.map_or_else(String::new, |near| format!("did you mean `{near}`? "));
     format!(
         "{near}an Uno's image is `uno`, `winch`, `verbs`, or a file in Intel HEX, such as a .hex file that `pulsetrain bake` wrote"
