@@ -43,6 +43,14 @@ pub struct ReadError {
     pub help: &'static str,
 }
 
+/// What is said of a decimal comma.
+pub(crate) const POINT: &str = "decimals are written with a point: 0.5";
+
+/// Whether it is a number but for its decimal comma.
+pub(crate) fn has_decimal_comma(text: &str) -> bool {
+    text.matches(',').count() == 1 && text.replace(',', ".").parse::<f64>().is_ok()
+}
+
 /// A help as it ends a message.
 fn after(help: &str) -> String {
     if help.is_empty() { String::new() } else { format!("; {help}") }
@@ -338,6 +346,8 @@ pub struct Header<'a> {
     width: usize,
     /// There is no header, but a comment that seems to be one.
     unclear: Option<Range<usize>>,
+    /// What parts its columns.
+    delimiter: char,
     bytes: &'a [u8],
     at: Range<usize>,
 }
@@ -411,6 +421,41 @@ impl Header<'_> {
         self.all(|title| title.fits(role) && title.is_one_of(role.names) && !is_doubtful(title))
     }
 
+    /// The columns that are known to be a role's: by their names, else by their units.
+    fn known(&self, role: &Role<'_>, roles: &[Role<'_>]) -> Vec<usize> {
+        let named = self.named(role, roles);
+        let is_alone = roles.iter().filter(|other| other.is_time == role.is_time).count() == 1;
+        if !named.is_empty() || !is_alone {
+            return named;
+        }
+        let is_clear = |column: &usize| matches!(self.titles[*column].unit, Stated::Unit(_));
+        Some(self.with_unit(role, roles, &[])).filter(|columns| columns.iter().all(is_clear)).unwrap_or_default()
+    }
+
+    /// The titles by which roles would be found, as a line of the file. They keep the units, and the order, that the header has.
+    #[must_use]
+    pub fn titles_for(&self, roles: &[Role<'_>]) -> String {
+        let known: Vec<Vec<usize>> = roles.iter().map(|role| self.known(role, roles)).collect();
+        let mut titles = Vec::new();
+        for (role, columns) in roles.iter().zip(&known) {
+            let all = 0..self.titles.len();
+            let unit = columns.iter().copied().chain(all).find_map(|column| match self.titles[column].unit {
+                Stated::Unit(unit) if role.fits(&unit) => Some(unit.unit),
+                _ => None,
+            });
+            let name = role.example.split(" [").next().unwrap_or_default();
+            titles.push((columns.first(), format!("{name} [{}]", unit.unwrap_or(role.unit()))));
+        }
+        // What is not known is where there is room.
+        if let ([(a, _), (b, _)], 2) = (titles.as_slice(), self.width)
+            && (a.is_some_and(|a| *a == 1) || b.is_some_and(|b| *b == 0))
+        {
+            titles.reverse();
+        }
+        let titles: Vec<String> = titles.into_iter().map(|(_, title)| title).collect();
+        titles.join(&self.delimiter.to_string())
+    }
+
     /// Columns of other names whose unit tells what they are.
     fn with_unit(&self, role: &Role<'_>, roles: &[Role<'_>], found: &[Option<usize>]) -> Vec<usize> {
         let is = |title: &Title| {
@@ -437,7 +482,7 @@ impl Header<'_> {
     #[must_use]
     pub fn possible(&self, roles: &[Role<'_>], may_be: impl Fn(usize, &Role<'_>) -> bool) -> Vec<Vec<usize>> {
         const MOST: usize = 64;
-        let named: Vec<Vec<usize>> = roles.iter().map(|role| self.named(role, roles)).collect();
+        let named: Vec<Vec<usize>> = roles.iter().map(|role| self.known(role, roles)).collect();
         let mut possible = vec![Vec::new()];
         for (role, columns) in roles.iter().zip(&named) {
             let is_free = |column: &usize| {
@@ -572,7 +617,8 @@ impl<'a> Table<'a> {
 
     fn first_row(&mut self, is_titles: impl Fn(&[&[u8]]) -> bool) -> Result<Header<'a>, ReadError> {
         let form = self.form;
-        let none = |at, width, unclear| Header { titles: Vec::new(), width, unclear, bytes: form.bytes, at };
+        let delimiter = char::from(form.delimiter);
+        let none = |at, width, unclear| Header { titles: Vec::new(), width, unclear, delimiter, bytes: form.bytes, at };
         let Some(row) = self.next()? else { return Ok(none(0..0, 0, None)) };
         let is_number = |field: &[u8]| std::str::from_utf8(field).is_ok_and(|text| text.parse::<f64>().is_ok());
         let (at, filled) = (row.at(), row.fields.iter().rposition(|field| !field.is_empty()).map_or(0, |k| k + 1));
@@ -705,7 +751,10 @@ impl<'t> Row<'t> {
     /// If it does not.
     pub fn parse<T: std::str::FromStr>(&self, index: usize, expected: &str) -> Result<T, ReadError> {
         let text = std::str::from_utf8(self.get(index)).ok();
-        text.and_then(|text| text.parse().ok()).ok_or_else(|| self.error(index, expected))
+        text.and_then(|text| text.parse().ok()).ok_or_else(|| {
+            let help = if text.is_some_and(has_decimal_comma) { POINT } else { "" };
+            ReadError { help, ..self.error(index, expected) }
+        })
     }
 
     /// The field as a finite number.

@@ -474,7 +474,8 @@ fn nearest_unit(unit: &str) -> Option<&'static str> {
 }
 
 /// The name that a misspelt one is nearest to, if it is near at all.
-pub(crate) fn nearest<'a>(written: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+#[must_use]
+pub fn nearest<'a>(written: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let lower = written.to_lowercase();
     known
         .into_iter()

@@ -13,7 +13,7 @@ use pulsetrain_motion::{Time, boards, full_steps};
 
 use crate::commands;
 use crate::console::{Console, Exit};
-use crate::estimate::{self, Consent, LongMotion, Task};
+use crate::estimate::{self, Consent, Estimate, LongMotion, Task};
 use crate::prepare::{Prepared, WORST_CLOCK_PPM};
 
 const EXIT_CODES: &str = "\
@@ -270,7 +270,7 @@ pub(crate) struct Motion {
     #[arg(long, value_name = "BOARD", value_parser = board)]
     pub(crate) board: Option<String>,
     /// How much of an endless motion, with its unit; the planned stop comes after [default: "10 s"]
-    #[arg(long = "for", value_name = "TIME", value_parser = duration)]
+    #[arg(long = "for", value_name = "TIME", value_parser = duration, allow_hyphen_values = true)]
     pub(crate) length: Option<Time>,
     /// Go on with a motion that takes long to plan or to run, or makes large files, without being asked
     #[arg(long)]
@@ -278,9 +278,27 @@ pub(crate) struct Motion {
 }
 
 impl Motion {
-    /// The motion, `self.length` of it, if it is of usual length or meant to be long.
+    /// The motion, `self.length` of it, if it is of usual length or meant to be long. Nobody is asked about one that is refused at once.
     pub(crate) fn prepare(&self, task: Task, json: bool, console: &mut Console<'_>) -> miette::Result<Prepared> {
         let prepared = Prepared::endless(&self.file, self.board.as_deref())?;
+        if !self.yes && Estimate::of(&prepared, self.length, task).is_much() {
+            prepared.begins()?;
+        }
+        self.agreed(prepared, task, json, console)
+    }
+
+    /// The same of one that may be refused: what is wrong is what is to be shown.
+    pub(crate) fn prepare_any(&self, task: Task, json: bool, console: &mut Console<'_>) -> miette::Result<Prepared> {
+        self.agreed(Prepared::endless(&self.file, self.board.as_deref())?, task, json, console)
+    }
+
+    fn agreed(
+        &self,
+        prepared: Prepared,
+        task: Task,
+        json: bool,
+        console: &mut Console<'_>,
+    ) -> miette::Result<Prepared> {
         estimate::agree(&prepared, Consent { length: self.length, task, yes: self.yes, json }, console)?;
         Ok(prepared.ending(self.length)?)
     }
@@ -306,13 +324,13 @@ pub(crate) struct Run {
     #[arg(long, value_name = "PPM", value_parser = clock_ppm, requires = "port", allow_hyphen_values = true)]
     pub(crate) clock_ppm: Option<f64>,
     /// Bring all motors to a halt on their paths from this time on, as soon as their limits allow
-    #[arg(long, value_name = "TIME", value_parser = duration)]
+    #[arg(long, value_name = "TIME", value_parser = duration, allow_hyphen_values = true)]
     pub(crate) pause_at: Option<Time>,
     /// Go on from the halt at this time of the run, or as soon as the motors rest
-    #[arg(long, value_name = "TIME", value_parser = duration, requires = "pause_at")]
+    #[arg(long, value_name = "TIME", value_parser = duration, allow_hyphen_values = true, requires = "pause_at")]
     pub(crate) resume_at: Option<Time>,
     /// How much of it the virtual Uno plays before an Uno at the port is sent anything [default: all, 10 s at most]
-    #[arg(long, value_name = "TIME", value_parser = duration, requires = "port")]
+    #[arg(long, value_name = "TIME", value_parser = duration, allow_hyphen_values = true, requires = "port")]
     pub(crate) rehearse: Option<Time>,
     /// Begin at once, without that
     #[arg(long, conflicts_with = "rehearse", requires = "port")]
@@ -344,7 +362,7 @@ pub(crate) struct Board {
     #[arg(long, value_name = "FILE")]
     pub(crate) image: Option<PathBuf>,
     /// End after so much of the board's time, with its unit, as Ctrl-C would
-    #[arg(long = "for", value_name = "TIME", value_parser = duration)]
+    #[arg(long = "for", value_name = "TIME", value_parser = duration, allow_hyphen_values = true)]
     pub(crate) length: Option<Time>,
     /// How much faster than it should the board's clock runs, ppm; an Uno's resonator may be off by 5000 either way
     #[arg(long, value_name = "PPM", default_value_t = 0, allow_hyphen_values = true,
@@ -353,11 +371,12 @@ pub(crate) struct Board {
 }
 
 #[derive(Args, Debug)]
+#[command(group(clap::ArgGroup::new("to").required(true).args(["sketch", "output"])))]
 pub(crate) struct Bake {
     /// Motion file (TOML)
     pub(crate) file: PathBuf,
     /// Write an Arduino sketch into this folder, which gives it its name
-    #[arg(long, value_name = "DIR", required_unless_present = "output", conflicts_with = "output")]
+    #[arg(long, value_name = "DIR")]
     pub(crate) sketch: Option<PathBuf>,
     /// Write an image of the board's flash there: Intel HEX of an Uno's, UF2 of a Pico's
     #[arg(long, short, value_name = "FILE")]
@@ -366,7 +385,7 @@ pub(crate) struct Bake {
     #[arg(long, value_name = "BOARD", value_parser = board)]
     pub(crate) board: Option<String>,
     /// How much of an endless motion, with its unit; the planned stop comes after [default: it never ends]
-    #[arg(long = "for", value_name = "TIME", value_parser = duration)]
+    #[arg(long = "for", value_name = "TIME", value_parser = duration, allow_hyphen_values = true)]
     pub(crate) length: Option<Time>,
     /// Go on with a motion that takes long to plan or to run, or makes large files, without being asked
     #[arg(long)]
@@ -376,7 +395,7 @@ pub(crate) struct Bake {
     pub(crate) clock_ppm: Option<f64>,
     /// How much of it the virtual Uno plays before its image is written [default: all, 60 s at most; where motors repeat, until each
     /// phase that they have to one another was seen]
-    #[arg(long, value_name = "TIME", value_parser = duration, conflicts_with = "sketch")]
+    #[arg(long, value_name = "TIME", value_parser = duration, allow_hyphen_values = true, conflicts_with = "sketch")]
     pub(crate) rehearse: Option<Time>,
     /// Write an Uno's image without that
     #[arg(long, conflicts_with_all = ["rehearse", "sketch"])]
@@ -392,7 +411,7 @@ pub(crate) struct Calibrate {
     #[arg(long, value_name = "PORT")]
     pub(crate) port: String,
     /// How long its clock is watched: twice as long, twice as sure
-    #[arg(long = "for", value_name = "TIME", value_parser = duration, default_value = "60 s")]
+    #[arg(long = "for", value_name = "TIME", value_parser = duration, allow_hyphen_values = true, default_value = "60 s")]
     pub(crate) length: Time,
     /// Print what was found as JSON
     #[arg(long)]
@@ -574,7 +593,7 @@ pub(crate) struct Verify {
     #[arg(long, value_enum, default_value_t = Alignment::None)]
     pub(crate) align: Alignment,
     /// Judge up to this time of the motion alone: for captures that end before the motion does
-    #[arg(long, value_name = "TIME", value_parser = duration, conflicts_with = "length")]
+    #[arg(long, value_name = "TIME", value_parser = duration, allow_hyphen_values = true, conflicts_with = "length")]
     pub(crate) until: Option<Time>,
     /// How often the analyser looked, e.g. "25 MHz": steps may be seen one sample late
     #[arg(long, value_name = "RATE", value_parser = frequency)]
@@ -678,7 +697,8 @@ fn measured(text: &str, kind: (Base, u8), example: &str) -> Result<Quantity, Str
     if quantity.value > 0.0 {
         Ok(quantity)
     } else {
-        Err(format!("it must be more than 0; write it like \"{example}\""))
+        let what = if kind == (Base::Time, 0) { "a time above 0" } else { "more than 0" };
+        Err(format!("it must be {what}; write it like \"{example}\""))
     }
 }
 

@@ -37,9 +37,21 @@ impl Tries {
     /// Takes the time for another plan of these laws, if there is as much.
     fn another<'a>(&self, laws: impl IntoIterator<Item = &'a Law>) -> Result<(), TooLong> {
         let planning_s = |law: &Law| law.end().map_or(f64::INFINITY, |end| estimate::planning_s(law.workload(end)));
-        let each_s: f64 = laws.into_iter().map(planning_s).sum();
-        self.left_s.set(self.left_s.get() - each_s);
-        if self.left_s.get() >= 0.0 { Ok(()) } else { Err(TooLong(each_s)) }
+        self.take(laws.into_iter().map(planning_s).sum())
+    }
+
+    /// The same of so much of each law; where one is shorter there is not as much.
+    fn beginnings(&self, laws: &[Law], length: Time) -> Result<(), TooLong> {
+        let planning_s = |law: &Law| match law.end() {
+            Some(end) if end > length => estimate::planning_s(law.workload(length)),
+            _ => f64::INFINITY,
+        };
+        self.take(laws.iter().map(planning_s).sum())
+    }
+
+    fn take(&self, plan_s: f64) -> Result<(), TooLong> {
+        self.left_s.set(self.left_s.get() - plan_s);
+        if self.left_s.get() >= 0.0 { Ok(()) } else { Err(TooLong(plan_s)) }
     }
 }
 
@@ -367,20 +379,45 @@ fn pulse_limit(prepared: &Prepared, motor: &Motor, settings: &Settings) -> Optio
         .then(|| format!("the limit is the driver's: a pulse takes {high} HIGH and {low} LOW"))
 }
 
-/// The first easing with which all of these motors' plans fit, as it is written; or the first for which there is no time, which is said of it.
+/// What is planned of a long motion at its beginning and its end, to try an easing there, beside that itself, s.
+const TRIED_S: f64 = 2.0;
+
+/// Whether a law that is eased over some time fits where it is eased, at its beginning and at its end.
+fn fits_at_ends(law: &Law, settings: &Settings, over: Time) -> bool {
+    let Some(end) = law.end() else { return false };
+    let tried = over + over + Time::from_seconds(TRIED_S);
+    // The end is tried from a halt before it, from which the motion comes as gently as it goes to its last one.
+    let last = law.clone().eased_in(end - tried, over);
+    prepare::fits_until(law, settings, tried) && last.is_ok_and(|last| prepare::fits(&last, settings))
+}
+
+/// The first easing with which all of these motors' plans fit, as it is written. Where there is no time for whole plans, it fits where it is
+/// eased, which is said.
 fn easing(prepared: &Prepared, motors: &[&Motor], eased: &dyn Fn(&Law, Time) -> Option<Law>) -> Option<String> {
-    let tries = Tries::new();
+    let (tries, parts) = (Tries::new(), Tries::new());
     for over_ms in EASES_MS {
         // As exact as the file's: it may be as long as the motion.
         let over = Time::from_ratio(1, 1000).times(over_ms);
         let of = |motor: &&Motor| motor.law.changed_under_slack(|law| eased(law, over));
         let Some(laws) = motors.iter().map(of).collect::<Option<Vec<Law>>>() else { continue };
-        if let Err(too_long) = tries.another(&laws) {
-            return Some(format!("{}{too_long}", time_assignment("ease", over.seconds())));
-        }
-        let fits = |(motor, law): (&&Motor, &Law)| prepare::fits(law, &Settings::of(&prepared.program, motor));
-        if motors.iter().zip(&laws).all(fits) {
-            return Some(time_assignment("ease", over.seconds()));
+        let ease = time_assignment("ease", over.seconds());
+        let all = |fits: &dyn Fn(&Law, &Settings) -> bool| {
+            motors.iter().zip(&laws).all(|(motor, law)| fits(law, &Settings::of(&prepared.program, motor)))
+        };
+        match tries.another(&laws) {
+            Ok(()) if all(&prepare::fits) => return Some(ease),
+            Ok(()) => {}
+            Err(TooLong(whole_s)) => {
+                let tried = over + over + Time::from_seconds(TRIED_S);
+                // Both ends, not one after the other of a motion that is no longer than they are.
+                if parts.beginnings(&laws, tried + tried).is_err() {
+                    return None;
+                }
+                if all(&|law, settings| fits_at_ends(law, settings, over)) {
+                    let whole = human::long_time(whole_s);
+                    return Some(format!("{ease} (tried at both ends alone: planning all takes about {whole})"));
+                }
+            }
         }
     }
     None

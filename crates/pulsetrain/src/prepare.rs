@@ -11,6 +11,7 @@ use pulsetrain_motion::{Grid, LawError, Time, boards, file};
 use pulsetrain_plan::tail::SOFTEST_STOP_S;
 use pulsetrain_plan::{Certificate, Ensemble, Move, PlanError, Planner, Refused, Settings};
 
+use crate::estimate::{Estimate, Task};
 use crate::fit;
 use crate::pause::{self, Easing, PauseError, Paused};
 
@@ -187,6 +188,26 @@ impl Prepared {
         Ok(plans.finish())
     }
 
+    /// Plans as much of the beginning as takes no time: what is wrong there need not wait for a long plan.
+    ///
+    /// # Errors
+    /// As [`Prepared::plan`].
+    pub fn begins(&self) -> Result<(), Refusal> {
+        const MOST_S: f64 = 0.2;
+        let planning_s = Estimate::of(self, Some(Time::SECOND), Task::Plan).planning_s;
+        let length = Time::from_seconds((MOST_S / planning_s).min(1.0));
+        // One that cannot be cut there, or stopped, may still be right.
+        let Ok(begun) = self.clone().ending(Some(length)) else { return Ok(()) };
+        let is_of_motion = |refused: &Refused| refused.error.at_s().is_some_and(|at_s| at_s < length.seconds());
+        match Plans::new(&begun.program).and_then(|mut plans| {
+            while plans.next_move()?.is_some() {}
+            Ok(())
+        }) {
+            Err(refused) if is_of_motion(&refused) => Err(self.refuse(refused)),
+            _ => Ok(()),
+        }
+    }
+
     /// A plan's refusal as the user should see it.
     #[must_use]
     pub fn refuse(&self, refused: Refused) -> Refusal {
@@ -243,8 +264,7 @@ impl<'a> Plans<'a> {
     /// As [`Ensemble::new`].
     pub fn new(program: &'a Program) -> Result<Plans<'a>, Refused> {
         let fraction_bits = program.board.fraction_bits;
-        let clock = Clock { tick: 0, fraction: 1 << (fraction_bits - 1), last_step: 0, ended: false };
-        let clocks = vec![clock; program.motors.len()];
+        let clocks = vec![Clock::new(fraction_bits); program.motors.len()];
         Ok(Plans { ensemble: Ensemble::new(program)?, fraction_bits, clocks })
     }
 
@@ -284,6 +304,10 @@ impl<'a> Plans<'a> {
 }
 
 impl Clock {
+    fn new(fraction_bits: u32) -> Clock {
+        Clock { tick: 0, fraction: 1 << (fraction_bits - 1), last_step: 0, ended: false }
+    }
+
     fn advance(&mut self, next: &Move, fraction_bits: u32) {
         match next {
             Move::Dwell { ticks } => self.tick += ticks,
@@ -313,6 +337,21 @@ pub fn planned(law: &Law, settings: &Settings) -> Result<Certificate, PlanError>
 /// As [`planned`].
 pub fn walk(law: &Law, settings: &Settings) -> Result<(), PlanError> {
     planned(law, settings).map(drop)
+}
+
+/// Whether a law's plan keeps to `settings` up to some time, by itself.
+#[must_use]
+pub fn fits_until(law: &Law, settings: &Settings, until: Time) -> bool {
+    let Ok(mut planner) = Planner::new(law, settings) else { return false };
+    let (mut clock, last_tick) = (Clock::new(settings.fraction_bits), until.seconds() * settings.tick_hz as f64);
+    while (clock.tick as f64) < last_tick {
+        match planner.next_move() {
+            Ok(Some(next)) => clock.advance(&next, settings.fraction_bits),
+            Ok(None) => break,
+            Err(_) => return false,
+        }
+    }
+    true
 }
 
 /// Whether a law's plan keeps to `settings`, by itself.

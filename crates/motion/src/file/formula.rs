@@ -6,6 +6,7 @@ use crate::Time;
 use crate::law::Law;
 use crate::law::double::Double;
 use crate::law::formula::dimension::{Amount, Dimension, Parameter, Scale, Unit};
+use crate::law::formula::taken;
 use crate::quantity::{Base, Quantity};
 
 impl Context<'_> {
@@ -59,9 +60,15 @@ impl Context<'_> {
     /// `where = { … }`: quantities keep what they measure, times are in s, frequencies in Hz, bare numbers are as they are.
     pub(super) fn formula_parameters(&self, node: &Node, unit: &Unit) -> Read<Vec<Parameter>> {
         let section = node.any_section("the formula's parameters".to_owned(), "where = { a = 3, w = \"2 Hz\" }")?;
-        let read = section.nodes().into_iter().map(|node| match node.as_number() {
-            Some(number) => Ok(Parameter::plain(node.key, number)),
-            None => self.formula_quantity(&node, unit),
+        let read = section.nodes().into_iter().map(|node| match (taken(node.key), node.as_number()) {
+            (Some(by), _) => {
+                let (key, message) =
+                    (node.key, format!("`{}` is {by} in every formula: no parameter can have this name", node.key));
+                let help = format!("give it another name, such as `{key}_1`, here and in the formula");
+                Err(self.reader.note(section.key_span(key), "taken", message, help))
+            }
+            (None, Some(number)) => Ok(Parameter::plain(node.key, number)),
+            (None, None) => self.formula_quantity(&node, unit),
         });
         // All of them, so that every bad one is noted.
         let read: Vec<Read<Parameter>> = read.collect();

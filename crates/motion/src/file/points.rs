@@ -9,8 +9,8 @@ use miette::NamedSource;
 use super::laws::{Context, load, position_unit, time_unit};
 use super::problem::Problem;
 use super::reader::{Node, Noted, Read, Section};
-use crate::columns::{Header, POSITIONS, ReadError, Role, Row, Stated, TIME, Table, shown};
-use crate::quantity::{Base, Quantity};
+use crate::columns::{Header, POINT, POSITIONS, ReadError, Role, Row, Stated, TIME, Table, has_decimal_comma, shown};
+use crate::quantity::{Base, Quantity, nearest};
 
 /// The keys of a table, of laws as of paths.
 pub(super) const KEYS: &[&str] = &["file", "time", "unit", "columns", "interpolation"];
@@ -208,7 +208,14 @@ impl<'a> Reading<'a> {
         };
         let column = |choice: &Choice| match choice {
             Choice::Number(column) => Ok(*column),
-            Choice::Name(name) => header.column(name).map_err(|error| self.note(&error, "")),
+            Choice::Name(name) => header.column(name).map_err(|error| {
+                let is_chosen =
+                    |text: &str| choices.iter().any(|other| matches!(other, Choice::Name(name) if name == text));
+                let titles = header.titles.iter().map(|title| title.text.as_str()).filter(|text| !is_chosen(text));
+                // Of one letter every other is near.
+                let near = nearest(name, titles).filter(|_| name.chars().count() > 1);
+                self.note(&error, &near.map_or_else(String::new, |near| format!("did you mean \"{near}\"?")))
+            }),
         };
         let columns = choices.iter().map(column).collect::<Read<Vec<usize>>>()?;
         // Whoever writes names has read them.
@@ -292,6 +299,9 @@ impl<'a> Reading<'a> {
         if header.width() < roles.len() {
             return "columns are parted by tabs, `;` or `,`".to_owned();
         }
+        if header.titles.iter().any(|title| has_decimal_comma(&title.text)) {
+            return POINT.to_owned();
+        }
         // What does not grow is no time. Beside a column that grows by fractions, what counts by 1 numbers the rows.
         let numbers: Vec<Vec<f64>> = (0..header.width()).map(|column| self.numbers(column)).collect();
         let all = |column: usize, is: fn(f64) -> bool| numbers[column].windows(2).all(|pair| is(pair[1] - pair[0]));
@@ -306,8 +316,8 @@ impl<'a> Reading<'a> {
         let offers: Vec<String> =
             possible.iter().take(MOST).map(|columns| self.offer(header, roles, columns)).collect();
         if offers.is_empty() {
-            let titles: Vec<&str> = roles.iter().map(|role| role.example).collect();
-            return format!("if they are there under other names, call them so in the header: {}", titles.join(","));
+            let titles = header.titles_for(roles);
+            return format!("if they are there under other names, call them so in the header: {titles}");
         }
         offers.join("\n")
     }

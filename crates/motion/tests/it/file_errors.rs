@@ -924,6 +924,111 @@ fn formulas() {
     );
     check(
         SINE,
+        &formula("\"3*Frequncy*t\"", ", where = { a = 3, frequency = \"1 Hz\" }"),
+        expect![[r#"
+        x.toml:14:28: formula: `Frequncy` is unknown; did you mean `frequency`?
+            parameters here: `a`, `frequency`
+    "#]],
+    );
+    check(
+        SINE,
+        &formula("\"Sin(t)\"", ""),
+        expect![[r#"
+        x.toml:14:26: formula: `Sin` is unknown; did you mean `sin`?
+    "#]],
+    );
+    check(
+        SINE,
+        &formula("\"PI*t\"", ""),
+        expect![[r#"
+        x.toml:14:26: formula: `PI` is unknown; did you mean `pi`?
+    "#]],
+    );
+    check(
+        SINE,
+        &formula("\"π*t\"", ""),
+        expect![[r#"
+        x.toml:14:26: formula: `π` is unknown; did you mean `pi`?
+    "#]],
+    );
+    check(
+        SINE,
+        &formula("\"2pi*t\"", ""),
+        expect![[r#"
+        x.toml:14:27: formula: a `*` is missing here: write `2*pi`
+    "#]],
+    );
+    check(
+        SINE,
+        &formula("\"30sin(2*pi*t)\"", ""),
+        expect![[r#"
+        x.toml:14:28: formula: a `*` is missing here: write `30*sin(…)`
+    "#]],
+    );
+    check(
+        SINE,
+        &formula("\"sin(2π*t)\"", ""),
+        expect![[r#"
+        x.toml:14:31: formula: a `*` is missing here: write `2*pi`
+    "#]],
+    );
+    check(
+        SINE,
+        &formula("\"2*(t+1)(t+2)\"", ""),
+        expect![[r#"
+        x.toml:14:33: formula: a `*` is missing here: write `(t+1)*(…)`
+    "#]],
+    );
+    check(
+        SINE,
+        &formula("\"clamp(t^2 t, 0, 1)\"", ""),
+        expect![[r#"
+        x.toml:14:36: formula: a `*` is missing here: write `t^2*t`
+    "#]],
+    );
+    check(
+        SINE,
+        &formula("\"sin(2*pi*0,5*t)\"", ""),
+        expect![[r#"
+        x.toml:14:26: formula: `sin` takes 1 argument(s); here are 2
+            decimals are written with a point: 0.5
+    "#]],
+    );
+    check(
+        SINE,
+        &formula("\"(0,5)*t\"", ""),
+        expect![[r#"
+        x.toml:14:28: formula: an operator or `)` is expected here
+            decimals are written with a point: 0.5
+    "#]],
+    );
+    check(
+        SINE,
+        &formula("\"0,5*t\"", ""),
+        expect![[r#"
+        x.toml:14:27: formula: an operator or the end is expected here
+            decimals are written with a point: 0.5
+    "#]],
+    );
+    check(
+        SINE,
+        &formula("\"(1 2)*t\"", ""),
+        expect![[r#"
+        x.toml:14:29: formula: an operator or `)` is expected here
+    "#]],
+    );
+    for name in ["pi", "tau", "e", "t", "sin", "if", "and"] {
+        let text = GOOD.replace(SINE, &formula("\"2*t\"", &format!(", where = {{ a = 1, {name} = 3 }}")));
+        let error = read(&text).unwrap_err().plain();
+        let at = text.lines().nth(13).unwrap().find(&format!("{name} = 3")).unwrap() + 1;
+        let begins = format!("x.toml:14:{at}: `{name}` is ");
+        assert!(error.starts_with(&begins) && error.contains("no parameter can have this name"), "{error}");
+        // The other name that is offered works.
+        let offered = error.split('`').nth(3).unwrap();
+        read(&text.replace(&format!("{name} = 3"), &format!("{offered} = 3"))).unwrap();
+    }
+    check(
+        SINE,
         &formula("\"a*t\"", ", where = { a = \"5 V\" }"),
         expect![[r#"
         x.toml:14:78: a formula has no use for a voltage
@@ -1505,6 +1610,7 @@ fn csv_files() {
         &table("\"good.csv\", columns = [\"time\", \"angel\"]"),
         expect![[r#"
             good.csv:1:1: expected a column `angel`, found `time`, `angle`
+                did you mean "angle"?
         "#]],
     );
 }

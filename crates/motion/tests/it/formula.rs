@@ -69,7 +69,9 @@ fn errors_point_at_the_place() {
     refused("widht*t", "widht", "did you mean `width`?");
     refused("2*(t + 1", "(", "never closed");
     refused("2*t + ", "", "is expected here");
-    refused("2 t", "t", "an operator or the end");
+    refused("2 t", "t", "write `2*t`");
+    refused("2 3", "3", "an operator or the end");
+    refused("2*(t 3)", "3", "an operator or `)`");
     refused("sin(t, 2)", "sin(t, 2)", "takes 1 argument(s); here are 2");
     refused("t < 2", "t < 2", "this is a condition");
     refused("if(t, 1, 2)", "t", "this is a number");

@@ -207,6 +207,52 @@ fn numbers_tell_which_columns_are_offered() {
     offered("frame,angle\n0,0\n10,5\n25,7\n", &[]);
 }
 
+/// What is to be written in the header keeps the unit, the order and the separator that the file has; it works where the numbers are right.
+#[test]
+fn headers_that_are_offered_keep_units() {
+    const CALL: &str = "if they are there under other names, call them so in the header: ";
+    let offered = |csv: &str, header: &str| {
+        let said = read(csv, "").err().unwrap_or_else(|| panic!("{csv}is read"));
+        let found = said.lines().find_map(|line| line.trim().strip_prefix(CALL));
+        assert_eq!(found, Some(header), "{csv}{said}");
+        let separator = header.chars().find(|c| [',', ';', '\t'].contains(c)).unwrap();
+        let rows = format!("{header}\n0{separator}0\n10{separator}10\n");
+        read(&rows, "").unwrap_or_else(|error| panic!("{rows}{error}"));
+    };
+    offered("ms,crank\n0,0\n1000,oops\n900,2\n", "time [ms],angle [deg]");
+    offered("ms;crank\n0;0\n1000;0,5\n", "time [ms];angle [deg]");
+    offered("crank\tms\n0\t0\noops\t10\n", "angle [deg]\ttime [ms]");
+    offered("dt [ms],angle [rev]\n0,0\n1,10\n", "time [ms],angle [rev]");
+    offered("frame;angle\n0;0\n1;10\n", "time [s];angle [deg]");
+    // What the unit says holds although the times do not increase.
+    let csv = "ms,crank\n0,0\n1000,90\n900,180\n";
+    let said = read(csv, ", unit = \"deg\"").map(|_| ()).unwrap_err();
+    assert!(said.contains("column 1 `ms` is the time and column 2 `crank` is the position in deg"), "{said}");
+    assert!(said.trim_end().ends_with("write: columns = [1, 2]"), "{said}");
+    let said = read(csv, ", unit = \"deg\", columns = [1, 2]").map(|_| ()).unwrap_err();
+    assert!(said.starts_with("a.csv:4:1: times must increase"), "{said}");
+    let right = csv.replace("900", "1900");
+    check(
+        &right,
+        ", unit = \"deg\", columns = [1, 2]",
+        &[(1.0, 100.0), (1.9, 200.0)],
+        "time = column 1 `ms`, ms; angle = column 2 `crank`, deg",
+    );
+}
+
+#[test]
+fn decimal_commas_and_misspelt_columns() {
+    let said = |csv: &str, options: &str| read(csv, &format!(", unit = \"deg\"{options}")).map(|_| ()).unwrap_err();
+    let point = "decimals are written with a point: 0.5";
+    let help = |said: String| said.lines().nth(1).unwrap_or_default().trim().to_owned();
+    assert_eq!(help(said("t;a\n0;0\n0,5;1\n", "")), point);
+    assert_eq!(help(said("0,0;0,0\n0,5;1,0\n", "")), point);
+    assert_ne!(help(said("t;a\n0;0\n0,5,1;1\n", "")), point);
+    let csv = "when,where\n0,0\n0.5,90\n";
+    assert_eq!(help(said(csv, ", columns = [\"when\", \"wher\"]")), "did you mean \"where\"?");
+    read(csv, ", unit = \"deg\", columns = [\"when\", \"where\"]").unwrap();
+}
+
 /// What a clock gives is not read as seconds.
 #[test]
 fn clocks() {

@@ -93,7 +93,7 @@ struct Use {
 }
 
 pub(crate) fn run(args: &Explain, console: &mut Console<'_>) -> miette::Result<Exit> {
-    let prepared = match args.motion.prepare(Task::Plan, args.json, console) {
+    let prepared = match args.motion.prepare_any(Task::Plan, args.json, console) {
         Ok(prepared) => prepared,
         Err(report) => {
             let Some(explanation) = report.downcast_ref::<FileError>().and_then(PathExplanations::new) else {

@@ -8,6 +8,7 @@ use std::{fs, io};
 use miette::{Report, miette};
 use pulsetrain_board::stk500::{self, Bootloader, FlashError, Progress};
 use pulsetrain_board::{PortError, Serial, hex, image, serial, virtual_pico, virtual_uno};
+use pulsetrain_motion::quantity::nearest;
 use serde::Serialize;
 
 use super::port_problem;
@@ -30,10 +31,14 @@ struct Flashed {
 }
 
 pub(crate) fn run(args: &Flash, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let file = args.image.as_deref();
     let flashed = match (args.board.as_str(), &args.port) {
-        ("uno", Some(port)) => uno(port, args.image.as_deref(), console)?,
-        ("uno", None) => return Err(which_port(&serial::names())),
-        (_, port) => pico(port.as_deref(), args.image.as_deref(), console)?,
+        ("uno", port) => {
+            let image = uno_image(file)?;
+            let port = port.as_ref().ok_or_else(|| which_port(&serial::names()))?;
+            uno(port, &image, console)?
+        }
+        (_, port) => pico(port.as_deref(), file, console)?,
     };
     if args.json {
         console.print_json(&flashed)?;
@@ -76,41 +81,50 @@ fn which_port(names: &[String]) -> Report {
     }
 }
 
-/// The Uno's image of that name, which stands in place of a file's.
+/// The names of an Uno's images, each of which stands in place of a file's.
+const NAMES: [&str; 3] = ["uno", "winch", "verbs"];
+
+/// The Uno's image of that name.
 pub(super) fn named(name: &Path) -> Option<Vec<u8>> {
-    match name.to_str()? {
-        "uno" => Some(virtual_uno::image()),
-        "verbs" => Some(virtual_uno::verbs_image()),
-        "winch" => Some(virtual_uno::winch_image()),
-        _ => None,
-    }
+    let images = [virtual_uno::image, virtual_uno::winch_image, virtual_uno::verbs_image];
+    NAMES.iter().zip(images).find(|(known, _)| Path::new(known) == name).map(|(_, image)| image())
+}
+
+/// What an Uno takes in place of a name or file that is neither.
+fn uno_images(name: &Path) -> String {
+    let near = name.to_str().and_then(|name| nearest(name, NAMES));
+    let near = near.map_or_else(String::new, |near| format!("did you mean `{near}`? "));
+    format!(
+        "{near}an Uno's image is `uno`, `winch`, `verbs`, or a file in Intel HEX, such as a .hex file that `pulsetrain bake` wrote"
+    )
 }
 
 /// Writes one of the firmware's images to the Uno at a port, and says so to who looks on: results are another command's.
 pub(super) fn write(port: &str, image: Option<&str>, console: &mut Console<'_>) -> miette::Result<()> {
-    let flashed = uno(port, image.map(Path::new), console)?;
+    let flashed = uno(port, &uno_image(image.map(Path::new))?, console)?;
     // Where errors cannot be written nobody reads them.
     drop(writeln!(console.err, "{}", done(&flashed, true)));
     Ok(())
 }
 
-fn uno(name: &str, file: Option<&Path>, console: &Console<'_>) -> miette::Result<Flashed> {
-    let image = match (file, file.and_then(named)) {
-        (None, _) => virtual_uno::image(),
-        (_, Some(image)) => image,
-        (Some(file), None) => {
-            let text = String::from_utf8_lossy(&console::read(file)?).into_owned();
-            hex::parse(&text, stk500::FLASH_BYTES).map_err(|error| {
-                miette!(help = "an Uno's image is a file in Intel HEX", "{}: {error}", file.display())
-            })?
-        }
-    };
+/// The image of that name or in that file; the firmware, if none is said.
+fn uno_image(file: Option<&Path>) -> miette::Result<Vec<u8>> {
+    let Some(file) = file else { return Ok(virtual_uno::image()) };
+    if let Some(image) = named(file) {
+        return Ok(image);
+    }
+    let bytes = console::read(file).map_err(|error| miette!(help = uno_images(file), "{error}"))?;
+    hex::parse(&String::from_utf8_lossy(&bytes), stk500::FLASH_BYTES)
+        .map_err(|error| miette!(help = uno_images(file), "{}: {error}", file.display()))
+}
+
+fn uno(name: &str, image: &[u8], console: &Console<'_>) -> miette::Result<Flashed> {
     for rate in stk500::RATES {
         let bar = console.progress(2.0 * image.len() as f64, &format!("{} KB", image.len().div_ceil(1000)));
         bar.stage("asking");
         let port = Serial::open_at(name, true, rate).map_err(port_problem)?;
         let done = Bootloader::find(port, rate).and_then(|found| {
-            found.program(&image, |progress| match progress {
+            found.program(image, |progress| match progress {
                 Progress::Written(bytes) => {
                     bar.stage("writing");
                     bar.set(bytes as f64);

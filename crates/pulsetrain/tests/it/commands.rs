@@ -255,7 +255,11 @@ fn waits_are_said_beforehand() {
     assert!(said.contains("trembles.toml: this takes a while: about 1 100 000 steps in 1.7 min, "), "{said}");
     assert!(said.contains("the speed goes from 0.0"), "{said}");
     assert!(!trembles(1).contains("this takes a while"));
-    assert!(trembles(1000).contains("this motion is long: "));
+    // Nobody is asked about a longer one, whose beginning is refused.
+    let said = trembles(1000);
+    assert!(said.contains("the speed goes from 0.0") && !said.contains("this motion is long"), "{said}");
+    let outcome = pulsetrain(&["explain", &file]);
+    assert!(outcome.err.contains("this motion is long: "), "{}", outcome.err);
     // A native board looks at each second of the days between two steps.
     std::fs::write(folder.path("slow.csv"), "0,0\n1e6,1\n").unwrap();
     std::fs::write(&file, one_motor("law.table = { file = \"slow.csv\", unit = \"deg\" }")).unwrap();
@@ -1019,6 +1023,10 @@ mod chips {
         check(&["plan", &tutorial, "--board", "uno-stream"], "say uno: its firmware has these rates now");
         check(&["plan", &tutorial, "--for", "10"], "10 of what?");
         check(&["plan", &tutorial, "--for", "3 mm"], "this is a distance");
+        check(&["plan", &tutorial, "--for", "-1 s"], "it must be a time above 0; write it like \"60 s\"");
+        check(&["run", &tutorial, "--pause-at", "-1 s"], "it must be a time above 0; write it like \"60 s\"");
+        check(&["bake", &tutorial], "<--sketch <DIR>|--output <FILE>>");
+        check(&["bake", &tutorial, "--sketch", "a", "--output", "b.hex"], "cannot be used with");
         check(&["motor", "--inductance", "50mH"], "--current");
         check(&["run", &tutorial, "--out", &format!("{plain_file}/out")], "cannot write");
         check(&["plot", &tutorial, "--out", &folder.path("plot.gif")], "name it .svg or .png");

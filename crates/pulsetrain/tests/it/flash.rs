@@ -120,6 +120,23 @@ fn an_image_of_another_kind_is_refused() {
     assert!(err.contains("image.hex") && err.contains("Intel HEX"), "{err}");
 }
 
+/// The image is looked at first, whatever is at the port, if one is given at all.
+#[test]
+fn what_is_no_image_is_answered_with_what_is() {
+    for port in [&[][..], &["--port", "/none"]] {
+        let args = |image| [&["flash", "uno", "--image", image], port].concat();
+        let (exit, _, err) = pulsetrain(&args("wnch"));
+        let said = err.replace('│', " ").split_whitespace().collect::<Vec<_>>().join(" ");
+        assert_eq!(exit, Exit::Refused);
+        assert!(said.contains("cannot read wnch") && said.contains("did you mean `winch`?"), "{said}");
+        for known in ["`uno`", "`winch`", "`verbs`", ".hex file that `pulsetrain bake` wrote"] {
+            assert!(said.contains(known), "{said}");
+        }
+        let (_, _, err) = pulsetrain(&args("winch"));
+        assert!(!err.contains("cannot read") && err.contains("port"), "{err}");
+    }
+}
+
 #[cfg(target_os = "linux")]
 #[test]
 fn a_full_disk_is_told() {

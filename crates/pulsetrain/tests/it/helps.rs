@@ -180,7 +180,8 @@ fn what_is_looked_for_takes_no_longer_than_a_second() {
     // 30 million steps.
     let said = advice("later", &law(6000)).unwrap();
     assert!(
-        said.contains("add ease = \"1 s\" (not tried: planning takes about ") && !said.contains("slower"),
+        said.contains("add ease = \"1 s\" (tried at both ends alone: planning all takes about ")
+            && !said.contains("slower"),
         "{said}"
     );
 }
@@ -256,9 +257,9 @@ fn tolerances_are_offered_as_far_as_they_are_tolerances() {
     }
 }
 
-/// Each plan of 28 hours would take seconds: none is tried, and that is said.
+/// Each plan of 28 hours would take seconds: an easing is tried where it eases, other things not at all, and that is said.
 #[test]
-fn what_takes_long_to_try_is_offered_untried() {
+fn what_takes_long_to_try_is_said_to_be_untried() {
     let law = "law.formula = { theta = \"20000*sin(0.2*t)\", unit = \"step\", duration = \"100000 s\" }";
     let file = File(std::env::temp_dir().join(format!("pulsetrain-helps-long-{}.toml", std::process::id())));
     std::fs::write(&file.0, motion(LIMITS, law)).unwrap();
@@ -266,7 +267,7 @@ fn what_takes_long_to_try_is_offered_untried() {
     let said = |error: &PlanError| fit::advice(&prepared, &prepared.program.motors[0], error);
     let Err(Refusal::Plan { advice, error, .. }) = prepared.plan(|_| ()) else { panic!("it begins at once") };
     assert!(matches!(error, PlanError::SpeedJump { .. }), "{error}");
-    let begins = "Start and stop gently: add ease = \"0.5 s\" (not tried: planning takes about ";
+    let begins = "Start and stop gently: add ease = \"0.5 s\" (tried at both ends alone: planning all takes about ";
     assert!(advice.starts_with(begins) && !advice.contains("slower it fits"), "{advice}");
     let not_provable = |bound_ticks: f64| PlanError::NotProvable { at_s: 2.1, bound_ticks, tolerance_ticks: 0.5 };
     let advice = said(&not_provable(0.6));
@@ -276,6 +277,23 @@ fn what_takes_long_to_try_is_offered_untried() {
         "At 2.1 s the motion almost stands still exactly at a step, so the time of that step cannot be computed.\n";
     let grid = "Steps are due elsewhere with grid = \"nearest\" (not tried: planning takes about ";
     assert!(advice.strip_prefix(still).is_some_and(|rest| rest.starts_with(grid)), "{advice}");
+}
+
+/// No easing is offered that breaks a limit at the beginning or at the end of a motion that is too long to be tried.
+#[test]
+fn easings_of_long_motions_are_tried_where_they_ease() {
+    let limits = "max_speed = \"40000 step/s\"\nmax_acceleration = \"64000 step/s^2\"\n";
+    let formula = |theta: &str, s: u32| {
+        motion(limits, &format!("law.formula = {{ theta = \"{theta}\", unit = \"step\", duration = \"{s} s\" }}"))
+    };
+    // A ripple of 10 kHz, which no easing takes away: everywhere, or at the last alone.
+    let said = advice("ripple", &formula("178*sin(2*pi*0.001*t) + 0.09*sin(2*pi*1e4*t)", 1000)).unwrap();
+    assert!(!said.contains("ease = "), "{said}");
+    let late = "178*sin(0.2*t) + if(t < 99999, 2000*t, 2000*t + 0.09*sin(2*pi*1e4*(t - 99999)))";
+    let said = advice("late-ripple", &formula(late, 100_000)).unwrap();
+    assert!(!said.contains("ease = "), "{said}");
+    let said = advice("no-ripple", &formula("178*sin(0.2*t) + 2000*t", 100_000)).unwrap();
+    assert!(said.contains("add ease = \"0.5 s\" (tried at both ends alone: "), "{said}");
 }
 
 #[test]

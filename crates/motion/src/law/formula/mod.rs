@@ -32,6 +32,7 @@ use super::{Curve, Double, Entry, Law, LawError, Piece, meet};
 use crate::Time;
 use dimension::{Amount, Parameter, Unit};
 use form::Form;
+pub(crate) use parse::taken;
 use parse::{Kind, Node};
 use resolve::{NARROWEST_S, Resolver, Smooth, Stop};
 use std::sync::Arc;

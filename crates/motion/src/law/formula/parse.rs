@@ -2,6 +2,7 @@
 
 use super::FormulaError;
 use super::dimension::{Measure, Parameter, Place, Unit};
+use crate::columns::POINT;
 use crate::law::double::Double;
 use std::sync::Arc;
 
@@ -11,6 +12,15 @@ const NESTED: u32 = 64;
 const DEEPEST: u32 = 256;
 /// Operations in a formula at most, those that stand for shorthands counted.
 const LARGEST: u32 = 4000;
+
+/// The name of a constant that is written as its Greek letter.
+fn in_letters(word: &str) -> &str {
+    match word {
+        "π" => "pi",
+        "τ" => "tau",
+        _ => word,
+    }
+}
 
 /// Where in the text: byte offset and length.
 pub(super) type Span = (usize, usize);
@@ -122,6 +132,17 @@ const FUNCTIONS: [(&str, usize); 28] = [
 
 const CONSTANTS: [(&str, Double); 3] = [("pi", Double::PI), ("tau", Double::TAU), ("e", Double::E)];
 
+/// What a name stands for in every formula, so that no parameter can have it.
+pub(crate) fn taken(name: &str) -> Option<&'static str> {
+    match name {
+        "t" => Some("the time"),
+        "and" | "or" => Some("a word that joins conditions"),
+        _ if CONSTANTS.iter().any(|known| known.0 == name) => Some("a constant"),
+        _ if FUNCTIONS.iter().any(|known| known.0 == name) => Some("a function"),
+        _ => None,
+    }
+}
+
 /// Reads `text`, in which `parameters` are known by name, and whose result is in `unit`.
 pub(super) fn parse(text: &str, parameters: &[Parameter], unit: &Unit) -> Result<Parsed, FormulaError> {
     let place = Place { text, unit, parameters, in_trig: false };
@@ -129,8 +150,7 @@ pub(super) fn parse(text: &str, parameters: &[Parameter], unit: &Unit) -> Result
     let term = parser.either()?;
     parser.blank();
     if parser.at < text.len() {
-        let length = parser.rest().chars().next().map_or(0, char::len_utf8);
-        return Err(error((parser.at, length), "an operator or the end is expected here"));
+        return Err(parser.unexpected("an operator or the end is expected here"));
     }
     let whole = parser.number(term)?;
     parser.place.result(&whole)?;
@@ -278,6 +298,42 @@ impl<'a> Parser<'a> {
         (self.at, self.rest().chars().next().map_or(0, char::len_utf8))
     }
 
+    /// That something else should come next.
+    fn unexpected(&mut self, message: &str) -> FormulaError {
+        let here = self.here();
+        let help = if self.is_decimal_comma(here.0) { POINT.to_owned() } else { String::new() };
+        FormulaError { help, ..error(here, message) }
+    }
+
+    /// Whether there is a comma with digits at both sides.
+    fn is_decimal_comma(&self, at: usize) -> bool {
+        let bytes = self.text.as_bytes();
+        let is_digit = |byte: Option<&u8>| byte.is_some_and(u8::is_ascii_digit);
+        bytes.get(at) == Some(&b',') && at > 0 && is_digit(bytes.get(at - 1)) && is_digit(bytes.get(at + 1))
+    }
+
+    /// The bracket that closes the one at `open`.
+    fn close(&mut self, open: Span) -> Result<Span, FormulaError> {
+        match self.take(")") {
+            Some(close) => Ok(close),
+            None if self.rest().is_empty() => Err(error(open, "this bracket is never closed")),
+            None => Err(self.unexpected("an operator or `)` is expected here")),
+        }
+    }
+
+    /// That a `*` is missing behind a factor, if a name or a bracket comes next.
+    fn check_no_factor(&mut self, left: Span) -> Result<(), FormulaError> {
+        let (here, rest) = (self.here(), self.rest());
+        let word = &rest[..rest.find(|c: char| !(c.is_alphanumeric() || c == '_')).unwrap_or(rest.len())];
+        let is_factor = word.starts_with(|c: char| c.is_alphabetic() || c == '_') && !matches!(word, "and" | "or");
+        if !is_factor && !rest.starts_with('(') {
+            return Ok(());
+        }
+        let bracket = if rest[word.len()..].trim_start().starts_with('(') { "(…)" } else { "" };
+        let left = &self.text[left.0..left.0 + left.1];
+        Err(error(here, format!("a `*` is missing here: write `{left}*{}{bracket}`", in_letters(word))))
+    }
+
     fn number(&self, term: Term) -> Result<Typed, FormulaError> {
         match term {
             Term::Number(number) => Ok(number),
@@ -384,10 +440,10 @@ impl<'a> Parser<'a> {
     }
 
     fn product(&mut self) -> Result<Term, FormulaError> {
-        let mut left = self.signed()?;
+        let mut left = self.factor()?;
         while let Some(symbol) = self.take_any(&["*", "/"]) {
             let a = self.number(left)?;
-            let right = self.signed()?;
+            let right = self.factor()?;
             let b = self.number(right)?;
             let is_product = symbol == "*";
             let measure = if is_product { a.measure.times(&b.measure) } else { a.measure.over(&b.measure) };
@@ -397,6 +453,13 @@ impl<'a> Parser<'a> {
             left = Term::Number(self.place.product(Typed { node: Node::new(kind, span)?, measure })?);
         }
         Ok(left)
+    }
+
+    fn factor(&mut self) -> Result<Term, FormulaError> {
+        let factor = self.signed()?;
+        let (Term::Number(Typed { node: Node { span, .. }, .. }) | Term::Truth(_, span)) = &factor;
+        self.check_no_factor(*span)?;
+        Ok(factor)
     }
 
     /// Signs bind less than powers: -2^2 is -4.
@@ -435,7 +498,7 @@ impl<'a> Parser<'a> {
         let from = self.at;
         if let Some(open) = self.take("(") {
             let inner = self.either()?;
-            let close = self.take(")").ok_or_else(|| error(open, "this bracket is never closed"))?;
+            let close = self.close(open)?;
             let span = join(open, close);
             return Ok(match inner {
                 Term::Number(Typed { node, measure }) => Term::Number(Typed { node: Node { span, ..node }, measure }),
@@ -495,24 +558,31 @@ impl<'a> Parser<'a> {
         } else if let Some((_, value)) = CONSTANTS.iter().find(|(known, _)| *known == name) {
             (Kind::Number(*value), Measure::number(value.nearest()))
         } else {
-            return Err(error(span, self.unknown(name)));
+            return Err(self.unknown(name, span));
         };
         Ok(Term::Number(Typed { node: Node::new(kind, span)?, measure }))
     }
 
-    fn unknown(&self, name: &str) -> String {
+    fn unknown(&self, name: &str, span: Span) -> FormulaError {
         if FUNCTIONS.iter().any(|f| f.0 == name) {
-            return format!("`{name}` is a function: its arguments go in brackets");
+            return error(span, format!("`{name}` is a function: its arguments go in brackets"));
         }
-        let known = FUNCTIONS.iter().map(|f| f.0).chain(CONSTANTS.iter().map(|c| c.0));
-        let known = known.chain(self.place.parameters.iter().map(|parameter| parameter.name.as_str()));
-        let nearest = known.map(|k| (strsim::damerau_levenshtein(k, name), k)).min();
-        match nearest {
-            Some((distance, known)) if distance <= 2 && distance < name.chars().count() => {
+        let parameters = || self.place.parameters.iter().map(|parameter| parameter.name.as_str());
+        let known = FUNCTIONS.iter().map(|f| f.0).chain(CONSTANTS.iter().map(|c| c.0)).chain(parameters());
+        let lower = in_letters(name).to_lowercase();
+        let nearest = known.map(|k| (strsim::damerau_levenshtein(&k.to_lowercase(), &lower), k)).min();
+        let message = match nearest {
+            Some((distance, known)) if distance == 0 || distance <= 2 && distance < name.chars().count() => {
                 format!("`{name}` is unknown; did you mean `{known}`?")
             }
             _ => format!("`{name}` is unknown: the time is `t`, other names must be parameters"),
-        }
+        };
+        let parameters: Vec<String> = parameters().map(|name| format!("`{name}`")).collect();
+        let help = match parameters.as_slice() {
+            [] => String::new(),
+            parameters => format!("parameters here: {}", parameters.join(", ")),
+        };
+        FormulaError { help, ..error(span, message) }
     }
 
     fn call(&mut self, name: &str, word: Span) -> Result<Term, FormulaError> {
@@ -520,19 +590,21 @@ impl<'a> Parser<'a> {
         let mut terms = Vec::new();
         let outside = self.place.in_trig;
         self.place.in_trig |= matches!(name, "sin" | "cos" | "tan");
+        let mut has_decimal_comma = false;
         loop {
             terms.push(self.either()?);
-            if self.take(",").is_none() {
-                break;
-            }
+            let Some((comma, _)) = self.take(",") else { break };
+            has_decimal_comma |= self.is_decimal_comma(comma);
         }
         self.place.in_trig = outside;
-        let close = self.take(")").ok_or_else(|| error(open, "this bracket is never closed"))?;
+        let close = self.close(open)?;
         let span = join(word, close);
         let arity = FUNCTIONS.iter().find(|f| f.0 == name).map_or(0, |f| f.1);
         if arity != 0 && terms.len() != arity {
             let given = terms.len();
-            return Err(error(span, format!("`{name}` takes {arity} argument(s); here are {given}")));
+            let help = if has_decimal_comma { POINT.to_owned() } else { String::new() };
+            let message = format!("`{name}` takes {arity} argument(s); here are {given}");
+            return Err(FormulaError { help, ..error(span, message) });
         }
         self.shorthand(name, terms, span)
     }
