@@ -4,10 +4,10 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use pulsetrain_testkit::model::ModelPort;
 use pulsetrain_board::{Link, Port};
 use pulsetrain_core::wire::frame::{Received, Tag};
 use pulsetrain_core::wire::{Baud, Command, Decoder, Encoder, MAX_BODY, MAX_FRAME, Reply};
+use pulsetrain_testkit::model::ModelPort;
 use std::time::Duration;
 
 fuzz_target!(|input: Vec<(bool, Vec<u8>)>| {
