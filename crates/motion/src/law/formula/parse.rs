@@ -132,12 +132,12 @@ const FUNCTIONS: [(&str, usize); 28] = [
 
 const CONSTANTS: [(&str, Double); 3] = [("pi", Double::PI), ("tau", Double::TAU), ("e", Double::E)];
 
-/// What a name stands for in every formula, so that no parameter can have it.
+/// What a name stands for in every formula, so that no parameter can have it. `tau` and `e` a parameter may be called: time constants often are.
 pub(crate) fn taken(name: &str) -> Option<&'static str> {
     match name {
         "t" => Some("the time"),
+        "pi" => Some("a constant"),
         "and" | "or" => Some("a word that joins conditions"),
-        _ if CONSTANTS.iter().any(|known| known.0 == name) => Some("a constant"),
         _ if FUNCTIONS.iter().any(|known| known.0 == name) => Some("a function"),
         _ => None,
     }
