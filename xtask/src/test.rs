@@ -15,7 +15,7 @@ pub(crate) enum Tier {
     Quick,
     /// All that guards a change.
     Change,
-    /// The gate's: property tests have more cases, and those that `#[ignore]` keeps out run too.
+    /// The gate's: property tests have more cases, and the long tests run too.
     Gate,
     /// The gate's, with another seed.
     Soak { seed: u64 },
@@ -23,10 +23,17 @@ pub(crate) enum Tier {
 
 /// Tests that run firmware on an emulated chip have a module of this name in their path.
 const CHIPS: &str = "chips";
+/// And those that take longer than all others, minutes, one of this name.
+const LONG: &str = "long";
 
 impl Tier {
     fn takes(self, test: &str) -> bool {
-        self != Tier::Quick || !test.split("::").any(|module| module == CHIPS)
+        let is_in = |name| test.split("::").any(|module| module == name);
+        match self {
+            Tier::Quick => !is_in(CHIPS) && !is_in(LONG),
+            Tier::Change => !is_in(LONG),
+            Tier::Gate | Tier::Soak { .. } => true,
+        }
     }
 
     /// What the tests read from the environment.
@@ -40,11 +47,6 @@ impl Tier {
         };
         all.into_iter().map(|(name, number)| (name, number.to_string())).collect()
     }
-
-    /// Whether tests run that `#[ignore]` keeps out.
-    fn includes_ignored(self) -> bool {
-        matches!(self, Tier::Gate | Tier::Soak { .. })
-    }
 }
 
 /// All tests of the workspace and its documentation's examples. But for the quick tier also with Debian's bootloaders, those of the Python
@@ -55,7 +57,7 @@ pub(crate) fn run(tier: Tier) -> Done {
     let jobs = jobs(tier)?;
     let (count, begin) = (jobs.len(), Instant::now());
     let tested = command::side_by_side(jobs, |job| {
-        let mut test = job.command(tier);
+        let mut test = job.command();
         test.envs(tier.environment());
         test.envs(optiboot.as_ref().map(|image| ("PULSETRAIN_OPTIBOOT", image)));
         command::run_apart(&mut test, &job.text).map(|said| (seconds(&said), job.text))
@@ -147,8 +149,7 @@ impl Binary {
             let environment: String =
                 tier.environment().iter().map(|(name, value)| format!("{name}={value} ")).collect();
             let filter = if module.is_empty() { String::new() } else { format!(" {module}::") };
-            let ignored = if tier.includes_ignored() { " -- --include-ignored" } else { "" };
-            let text = format!("{environment}cargo test -p {} {}{filter}{ignored}", self.package, self.flag);
+            let text = format!("{environment}cargo test -p {} {}{filter}", self.package, self.flag);
             Job { binary: self.clone(), module: module.to_owned(), tests, text }
         };
         modules.into_iter().map(job).collect()
@@ -156,9 +157,9 @@ impl Binary {
 }
 
 impl Job {
-    fn command(&self, tier: Tier) -> Command {
+    fn command(&self) -> Command {
         let mut test = self.binary.command();
-        test.arg("--exact").args(tier.includes_ignored().then_some("--include-ignored")).args(&self.tests);
+        test.arg("--exact").args(&self.tests);
         test
     }
 
@@ -219,6 +220,7 @@ link::b::c: test
 chips::uno::a: test
 chips::uno::b: test
 link::chips::d: test
+chips::uno::long::e: test
 alone: test
 speed: benchmark
 ";
@@ -250,11 +252,17 @@ speed: benchmark
     }
 
     #[test]
+    fn long_tests_are_the_gates() {
+        let of = |tier| tests_of(tier).into_iter().find(|(module, _)| module == "chips::uno").map(|(_, tests)| tests);
+        assert_eq!(of(Tier::Change).as_deref(), Some("chips::uno::a chips::uno::b"));
+        assert_eq!(of(Tier::Gate).as_deref(), Some("chips::uno::a chips::uno::b chips::uno::long::e"));
+    }
+
+    #[test]
     fn a_job_runs_no_test_of_another() {
         let jobs = binary().jobs("link::a: test\nuno_link::a: test\n", Tier::Change);
-        let arguments = |tier| jobs[0].command(tier).get_args().map(ToOwned::to_owned).collect::<Vec<_>>();
-        assert_eq!(arguments(Tier::Change), ["--exact", "link::a"]);
-        assert_eq!(arguments(Tier::Gate), ["--exact", "--include-ignored", "link::a"]);
+        let arguments = jobs[0].command().get_args().map(ToOwned::to_owned).collect::<Vec<_>>();
+        assert_eq!(arguments, ["--exact", "link::a"]);
     }
 
     #[test]
@@ -269,7 +277,7 @@ speed: benchmark
         let job = &binary().jobs("link::a: test\n", Tier::Soak { seed: 7 })[0];
         assert_eq!(
             job.text,
-            "PROPTEST_CASES=1024 PROPTEST_RNG_SEED=7 PULSETRAIN_SEED=7 cargo test -p pulsetrain-board --test it link:: -- --include-ignored"
+            "PROPTEST_CASES=1024 PROPTEST_RNG_SEED=7 PULSETRAIN_SEED=7 cargo test -p pulsetrain-board --test it link::"
         );
     }
 
