@@ -1,4 +1,4 @@
-//! Figures of motors that are told directly, on the emulated Pico and Uno: what `cargo xtask bench verbs` collects.
+//! Figures of MOVE, SPEED and DIRECTION on the emulated Pico and Uno. `cargo xtask bench verbs` collects them.
 //!
 //! A table, fields between tabs: what, at what, the figure; a last field says `FAILS` where it is not what was asked for.
 

@@ -281,7 +281,7 @@ pub const fn name_of(info: &Info) -> &'static str {
     }
 }
 
-/// What an Uno's image is called, of [`image`]: as `pulsetrain flash uno --image` has it, `uno` the one that is there from the start.
+/// The name of an Uno's image (one of [`image`]), as `pulsetrain flash uno --image` takes it. `uno` is the default image.
 #[must_use]
 pub const fn image_name(number: u8) -> &'static str {
     match number {

@@ -179,8 +179,8 @@ impl BoardRow {
         (1..).zip(by_count).map(of).collect()
     }
 
-    /// The longest pulse, ns, with which an Uno with these motors works out many steps at once, if theirs is longer: each step by itself takes it
-    /// several times as long.
+    /// The longest pulse, ns, with which an Uno works out many steps of these motors at once. `None` if their pulses are no longer than that: with longer
+    /// ones the Uno works out one step at a time, and its rate is several times lower.
     #[must_use]
     pub fn longest_pulse_together(&self, motors: &[Motor]) -> Option<u32> {
         let (PinRules::Kinds(_), Ok(Some(kind))) = (self.pin_rules, self.pin_kind(motors)) else { return None };
@@ -313,7 +313,7 @@ impl LongPulse {
     }
 
     /// The longest that is worked out together with those of other steps, ticks: what is made of it fits 8 bits. The compare
-    /// hardware's is what the interrupt makes by itself.
+    /// hardware has no such mode: its limit is the longest pulse that one interrupt makes.
     fn longest_together(&self) -> u64 {
         if self.together { u64::from(u8::MAX) - u64::from(self.more) } else { LONGEST_OWN_PULSE }
     }
@@ -503,7 +503,7 @@ mod tests {
     #[test]
     fn motors_and_longer_pulses_take_time() {
         let row = find("Uno").unwrap();
-        // But where each step is worked out by itself: for a ring that takes longer than for a merge's lists.
+        // Not the last column: one step at a time takes a ring longer than a merge's lists.
         for column in 0..PULSES - 1 {
             assert!(uno::BY_SOFTWARE.is_sorted_by_key(|by_pulse| by_pulse[column]));
             assert!(uno::BY_COMPARE.is_sorted_by_key(|by_pulse| by_pulse[column]));

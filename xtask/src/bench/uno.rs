@@ -136,7 +136,7 @@ fn limits_source(limits: &[Limit]) -> Done<String> {
     let horizon = limits.iter().map(|limit| limit.horizon).max().unwrap_or(0);
     Ok(format!(
         "//! What the Uno's firmware does on the emulated chip: written by `cargo xtask bench uno`, not by hand. In ticks.\n\n\
-         /// Pulses that were measured, a column each; with the last the firmware works out each step by itself, whatever the pins.\n\
+         /// Measured pulses, a column each. With the last the firmware works out one step at a time, on all pins.\n\
          pub(super) const PULSES: [u32; {}] = [{}];\n\
          /// Shortest interval that holds for good, of each of 1 to 4 motors on one or two ports.\n\
          pub(super) const BY_SOFTWARE: [[u32; {0}]; 4] = [\n{}];\n\

@@ -687,7 +687,7 @@ pub mod image {
     pub const PLANS: u8 = 1;
     /// `StepperWinch`'s text.
     pub const WINCH: u8 = 2;
-    /// Motors that are told directly.
+    /// Motors that obey MOVE, SPEED and DIRECTION.
     pub const VERBS: u8 = 3;
 }
 

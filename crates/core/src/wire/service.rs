@@ -401,7 +401,7 @@ impl Service {
     /// through RAM.
     #[inline(never)]
     fn execute<M: Machine>(&mut self, kind: u8, payload: &[u8], machine: &mut M) -> Result<(), Refusal> {
-        // Nobody moves motors in frames where neither plans nor orders are taken.
+        // An image without plans and orders moves no motor for frames.
         let drives = M::PLANS || M::OBEYS;
         if drives && kind == kind::CONFIGURE {
             let configuration = Configuration::decode(payload).ok_or(malformed(kind))?;

@@ -401,8 +401,8 @@ fn who_is_stopped_was_not_done_later() {
     }
 }
 
-/// Moves that were done and not told are told after motors restarted, also those of a motor that is no more; moves since then count
-/// from 1.
+/// A finished move that the host has not heard of is reported after a new configuration too, even if its motor is not configured any longer. Later moves
+/// count from 1.
 #[test]
 fn who_begins_anew_is_told_what_was_done_before() {
     for count in [1, 2] {

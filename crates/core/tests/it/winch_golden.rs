@@ -1,8 +1,8 @@
 //! What lines make of a path: a table that a reviewer reads, to the last bit of the fixed point.
 //!
-//! `cargo xtask golden` writes it anew. That the path is within 0.1 step of the recurrence in f64 is tests/it/winch_path.rs's to
-//! say, and that the Uno's assembly comes to the same bits is crates/board/tests/it/chips/winch_avr.rs's: this table shows when
-//! either moves.
+//! `cargo xtask golden` writes it anew. tests/it/winch_path.rs tests that the path is within 0.1 step of the
+//! recurrence in f64. crates/board/tests/it/chips/winch_avr.rs tests that the Uno's assembly gives the same bits. This table shows
+//! when either changes.
 
 use expect_test::expect_file;
 use pulsetrain_core::winch::letters::InMemory;

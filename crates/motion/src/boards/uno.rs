@@ -1,6 +1,6 @@
 //! What the Uno's firmware does on the emulated chip: written by `cargo xtask bench uno`, not by hand. In ticks.
 
-/// Pulses that were measured, a column each; with the last the firmware works out each step by itself, whatever the pins.
+/// Measured pulses, a column each. With the last the firmware works out one step at a time, on all pins.
 pub(super) const PULSES: [u32; 4] = [16, 31, 80, 256];
 /// Shortest interval that holds for good, of each of 1 to 4 motors on one or two ports.
 pub(super) const BY_SOFTWARE: [[u32; 4]; 4] =

@@ -164,7 +164,7 @@ fn packed_check(model: &Model, random: &mut Random, is_right: bool) -> Vec<u8> {
     bytes.to_vec()
 }
 
-// The loader by itself.
+// The loader routine, called alone.
 
 /// Where the test has a motor, its queue, and the stack.
 const MOTOR: u16 = 0x500;
@@ -393,7 +393,7 @@ fn check_stream(loader: &mut Loader, random: &mut Random, ends: &mut Ends) {
                 let [sure] = loader.get(MOTOR + SURE);
                 let (shortest, longest) = model.run();
                 if sure != 0 {
-                    // Nobody looks at its steps any more.
+                    // Its steps are not compared any longer.
                     let most = 256 * u32::from(sure & 0x7f);
                     let fits = shortest >= u32::from(loader.fastest) && longest < most;
                     assert!(fits, "{}: {shortest} to {longest} ticks, said to be below {most}", what());
