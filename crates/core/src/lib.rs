@@ -9,6 +9,7 @@
 //! - [`words`]: channel and output → words for state machines that make the edges
 //! - [`narrow`]: queues of packed bytes, registers and verbs for small boards
 //! - [`baked`]: a motion that lies in a board's flash, and how it is played
+//! - [`braking`]: how a board brings a motor to rest by itself
 //! - [`queue`]: items waiting, each tagged with its epoch
 //! - [`packing`]: segments as few bytes
 //! - [`wire`]: frames and messages between host and board, and the board's side of the link
@@ -24,6 +25,7 @@
 
 pub mod axis;
 pub mod baked;
+pub mod braking;
 pub mod channel;
 pub mod merge;
 pub mod moment;

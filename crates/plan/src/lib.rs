@@ -6,6 +6,7 @@
 //! - [`planner`]: a law as a stream of [`Move`]s, in constant memory, within every limit
 //! - [`tail`]: the stop that ends every queue
 //! - `brake`: a tail in few segments
+//! - `braking`: limits as the numbers of the stop that boards make by themselves
 //! - `run`: steps in one direction along one stretch, as segments
 //! - `fit`: one segment: fit, quantise, bound
 //! - `stretch`: where a law rises and where it falls
@@ -18,6 +19,7 @@
 #![forbid(unsafe_code)]
 
 mod brake;
+mod braking;
 pub mod certificate;
 pub mod ensemble;
 pub mod error;
@@ -33,6 +35,7 @@ mod shared_dir;
 mod stretch;
 pub mod tail;
 
+pub use braking::{braking_limit, gentlest_braking};
 pub use certificate::Certificate;
 pub use ensemble::{Ensemble, Start};
 pub use error::{PlanError, Refused};

@@ -1,0 +1,90 @@
+//! A motor's limits as the numbers of the boards' own stop: see [`pulsetrain_core::braking`].
+
+use pulsetrain_core::braking::{LARGEST_EXPONENT, Limit};
+
+/// What the few operations on the way to the rest interval may round off, relative to it; far more than they do.
+const ROUNDING: f64 = 1e-14;
+
+/// The limit of a motor that brakes with `acceleration` (steps/s², positive) at most, and may stop at once from `pull_in`
+/// steps/s and below, on a board of `tick_hz` with so many fraction bits. `None` if the board's numbers do not hold it: brakes so
+/// gentle or so hard that coming to rest within a step takes more than 2^62 or less than one 2^-F of a tick.
+///
+/// ```
+/// let limit = pulsetrain_plan::braking_limit(10_000.0, 300.0, 16_000_000, 16).unwrap();
+/// assert_eq!((limit.mantissa(), limit.exponent(), limit.rest_level()), (221, 32, 2));
+/// assert_eq!(pulsetrain_plan::braking_limit(0.0, 200.0, 16_000_000, 16), None);
+/// ```
+#[must_use]
+pub fn braking_limit(acceleration: f64, pull_in: f64, tick_hz: u64, fraction_bits: u32) -> Option<Limit> {
+    let second = tick_hz as f64 * (1u64 << fraction_bits) as f64;
+    let rest = second / (2.0 * acceleration).sqrt() * (1.0 + ROUNDING);
+    if !(1.0..2f64.powi(i32::from(LARGEST_EXPONENT) + 1)).contains(&rest) {
+        return None;
+    }
+    let exponent = libm::ilogb(rest);
+    let mantissa = (rest / 2f64.powi(exponent - 7)).ceil();
+    let (mantissa, exponent) = if mantissa >= 256.0 { (128.0, exponent + 1) } else { (mantissa, exponent) };
+    let level = 2.0 * libm::log2(rest * pull_in / second * (1.0 - ROUNDING));
+    Limit::new(mantissa as u8, u8::try_from(exponent).ok()?, level.floor().clamp(0.0, 255.0) as u8)
+}
+
+/// The gentlest limit that a board's own stop keeps from `rate` steps/s, steps/s²: below it, one unit of the board's
+/// fraction is too much. See [`pulsetrain_core::braking`].
+#[must_use]
+pub fn gentlest_braking(rate: f64, tick_hz: u64, fraction_bits: u32) -> f64 {
+    rate.powi(3) / (tick_hz as f64 * (1u64 << fraction_bits) as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dashu::rational::RBig;
+    use proptest::prelude::*;
+    use pulsetrain_core::braking::{Next, Registers};
+
+    proptest! {
+        #[test]
+        fn a_limit_is_never_looser_than_what_it_is_made_of(
+            exponent in 0.0f64..8.0, pull_in in 0.0f64..5000.0, hz in 1_000_000u64..200_000_000, f in 8u32..=32,
+        ) {
+            let acceleration = 10f64.powf(exponent);
+            let Some(limit) = braking_limit(acceleration, pull_in, hz, f) else {
+                // No limit at all, or 2^62 units and more to rest.
+                prop_assert!(acceleration < 10.0);
+                return Ok(());
+            };
+            let exact = |x: f64| RBig::try_from(x).unwrap();
+            let second = RBig::from(hz) * RBig::from(1u64 << f);
+            let rest = RBig::from(limit.mantissa()) * RBig::from(1u128 << limit.exponent()) / RBig::from(128);
+            // R² ≥ hz²·2^2F / 2a, and not more by one in 128.
+            let wanted = &second * &second / (RBig::from(2) * exact(acceleration));
+            prop_assert!(&rest * &rest >= wanted);
+            prop_assert!(&rest * &rest * RBig::from(128 * 128) <= wanted * RBig::from(129 * 129 + 1));
+            // An interval at the rest level is pull-in or slower: 2^m·I² ≥ R² with m = L.
+            let level = limit.rest_level();
+            prop_assert!(level < 128);
+            if level > 0 {
+                let slow = &rest * &rest / RBig::from(1u128 << level);
+                let pull_in = exact(pull_in);
+                prop_assert!(slow * &pull_in * &pull_in >= &second * &second);
+            }
+        }
+    }
+
+    #[test]
+    fn at_the_gentlest_limit_an_add_of_one_is_all() {
+        let (hz, f, rate) = (16_000_000, 16, 160_000.0);
+        let gentlest = gentlest_braking(rate, hz, f);
+        assert_eq!(gentlest.round(), 3906.0);
+        let interval = (100 << 16) + 1;
+        let add = |acceleration| {
+            let limit = braking_limit(acceleration, 0.0, hz, f).unwrap();
+            match limit.next(interval, &Registers::with_fraction_bits(f)) {
+                Next::Steps { add, .. } => add,
+                next => panic!("{next:?}"),
+            }
+        };
+        assert_eq!(add(gentlest), 1);
+        assert!(add(8.0 * gentlest) >= 2);
+    }
+}
