@@ -54,8 +54,12 @@ impl<const F: u32, Q: Items> Axis<F, Q> {
         if until.is_before(due) {
             return None;
         }
-        let tick = if due.is_before(self.open) { self.open } else { due };
+        let tick = due.or_later(self.open);
         if let Kind::Direction(direction) = event.kind {
+            let turns = self.facing != Some(direction) || self.output.asserts_every_step();
+            if tick != due && turns && self.channel.give_up_step(event, &mut self.queue) {
+                return self.next(until);
+            }
             self.setup_cut_short |= tick != due && self.facing != Some(direction);
             self.facing = Some(direction);
         }
@@ -99,6 +103,36 @@ impl<const F: u32, Q: Items> Axis<F, Q> {
     #[must_use]
     pub const fn channel(&self) -> &Channel<F> {
         &self.channel
+    }
+
+    /// The same, for its lease.
+    pub const fn channel_mut(&mut self) -> &mut Channel<F> {
+        &mut self.channel
+    }
+
+    /// Whether a pulse is under way, or coils are to be released: no step is asked for before that.
+    #[must_use]
+    pub const fn owes(&self) -> bool {
+        self.output.owed().is_some()
+    }
+
+    /// The next step, if it is scheduled up to `look`, and whether it is committed; goes over and lapses up to there. For motors that
+    /// share a DIR line: `look` is as far as any of them looks, its own [lead](Axis::lead_ticks) included.
+    pub fn scheduled(&mut self, look: Moment) -> Option<(Moment, bool)> {
+        self.channel.peek(&mut self.queue, look);
+        self.channel.scheduled().filter(|(tick, _)| !look.is_before(*tick))
+    }
+
+    /// The first step that a DIR edge can still come its set-up before.
+    #[must_use]
+    pub const fn soonest_turn(&self) -> Moment {
+        self.open.after(self.output.lead_ticks())
+    }
+
+    /// So far beyond `until` [`next`](Axis::next) looks, ticks.
+    #[must_use]
+    pub const fn lead_ticks(&self) -> u32 {
+        self.output.lead_ticks()
     }
 
     /// The items waiting.

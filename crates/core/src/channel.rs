@@ -6,7 +6,11 @@
 //!
 //! Switches: a step of the old epoch at a tick ≥ `at` is not made, one before is. The new epoch makes no step
 //! before `at`.
+//!
+//! A lease ends a plan in the same way, but then the motor brakes: see [`lease`](crate::lease).
 
+use crate::braking::{Limit, Registers};
+use crate::lease::{Cause, ExtendRefused, Lapse, Lease};
 use crate::queue::{Epoch, Item, Items, Place};
 use crate::words::{Expand, LONGEST_WAIT, Stretch};
 use crate::{Direction, Moment, Recurrence};
@@ -48,6 +52,19 @@ pub const SWITCHES: usize = 4;
 struct Switch {
     epoch: Epoch,
     at: Moment,
+    /// What begins with it.
+    lease: Lease,
+    limit: Limit,
+    /// The lease lapsed before it: it is not made.
+    cancelled: bool,
+}
+
+/// What ends the plan that is being followed.
+#[derive(Clone, Copy, Debug)]
+struct End {
+    at: Moment,
+    /// A switch; else the lease is over then.
+    is_switch: bool,
 }
 
 /// Expands the items of one motor; `F` is the number of fraction bits, 1..=32.
@@ -60,17 +77,35 @@ pub struct Channel<const F: u32> {
     direction: Direction,
     /// What the DIR line was last asked to say.
     facing: Option<Direction>,
-    /// Whether the next step's direction has been asserted: the step is then committed.
-    committed: bool,
+    /// The tick of the next step, if its direction has been asserted: the step is then committed.
+    committed: Option<Moment>,
     /// Whether the accumulator means anything.
     anchored: bool,
+    /// No step has been made since the last anchor, wait or reversal.
+    fresh: bool,
+    /// The interval before the last step, ticks · 2^F.
+    last_interval: i64,
     assert_every_step: bool,
     gap: u32,
     position: i32,
     horizon: Moment,
     epoch: Epoch,
     switches: [Option<Switch>; SWITCHES],
+    /// Of the first switch and the lease: looked at with each event.
+    end: Option<End>,
     missed: Option<Moment>,
+    lease: Lease,
+    /// How hard the motor may brake.
+    limit: Limit,
+    lapse: Option<Lapse>,
+    /// All channels of the machine have been told of the lapse.
+    agreed: bool,
+    /// The lease is over for this channel: what it makes is its stop.
+    braking: bool,
+    /// It was in motion then.
+    moved: bool,
+    /// The next step is not made before.
+    not_before: Option<Moment>,
 }
 
 impl<const F: u32> Channel<F> {
@@ -86,15 +121,25 @@ impl<const F: u32> Channel<F> {
             left: 0,
             direction: Direction::Forward,
             facing: None,
-            committed: false,
+            committed: None,
             anchored: false,
+            fresh: true,
+            last_interval: 0,
             assert_every_step,
             gap: if gap == 0 { 1 } else { gap },
             position: 0,
             horizon: Moment(0),
             epoch: Epoch(0),
             switches: [None; SWITCHES],
+            end: None,
             missed: None,
+            lease: Lease::Off,
+            limit: Limit::WITHIN_A_STEP,
+            lapse: None,
+            agreed: false,
+            braking: false,
+            moved: false,
+            not_before: None,
         }
     }
 
@@ -103,19 +148,29 @@ impl<const F: u32> Channel<F> {
     /// `limit` goes up from call to call, by less than 2^30 ticks beyond the last [`pass`](Channel::pass).
     pub fn peek(&mut self, items: &mut impl Items, limit: Moment) -> Option<Event> {
         loop {
-            let tick = if self.left > 0 { self.next_tick() } else { self.last_tick() };
-            if self.committed {
+            if let Some(tick) = self.committed {
                 return Some(Event { tick, kind: Kind::Step });
             }
+            let tick = if self.left > 0 { self.next_tick() } else { self.last_tick() };
             // Before anything else: beyond the limit, ticks may be too far from others to be compared with them.
             let beyond = self.anchored && limit.is_before(tick);
-            if let Some(switch) = self.switches[0] {
-                let at_end = self.left == 0 && !items.wait(self.epoch);
-                if beyond || at_end || (self.anchored && !tick.is_before(switch.at)) {
-                    if limit.is_before(switch.at) {
+            if let Some(end) = self.end {
+                let at_end = self.left == 0 && !self.takes(items);
+                if beyond || at_end || (self.anchored && !tick.is_before(end.at)) {
+                    if at_end && self.runs_dry(limit, end.at) {
+                        self.fail(Cause::RanDry, items);
+                        continue;
+                    }
+                    if limit.is_before(end.at) {
                         return None;
                     }
-                    self.begin(switch, items);
+                    if end.is_switch {
+                        self.begin(items);
+                    } else {
+                        let lapse = self.lapse.unwrap_or(Lapse { at: end.at, cause: Cause::NotExtended });
+                        self.horizon = self.horizon.or_later(end.at);
+                        self.brake(lapse, items);
+                    }
                     continue;
                 }
             }
@@ -123,19 +178,28 @@ impl<const F: u32> Channel<F> {
                 return None;
             }
             if self.left > 0 {
+                // After a lapse a shared line may have put the step before off, too.
+                let put_off = self.lapse.is_some() && self.assert_every_step && !self.fresh;
+                let tick = if self.braking || put_off { self.possible(tick) } else { tick };
+                if limit.is_before(tick) {
+                    return None;
+                }
                 if tick.is_before(self.horizon) {
-                    self.miss(tick);
+                    self.miss(tick, items);
                     continue;
                 }
                 let turned = self.facing != Some(self.direction);
                 let kind = if turned || self.assert_every_step { Kind::Direction(self.direction) } else { Kind::Step };
                 return Some(Event { tick, kind });
             }
-            if !items.wait(self.epoch) {
+            if !self.takes(items) {
                 return None;
             }
-            if let Some(item) = items.take(&self.place()) {
-                self.load(item);
+            let failed_before = items.has_failed();
+            match items.take(&self.place()) {
+                Some(item) => self.load(item, items),
+                None if items.has_failed() && !failed_before && self.is_leased() => self.fail(Cause::BadItem, items),
+                None => {}
             }
         }
     }
@@ -145,15 +209,18 @@ impl<const F: u32> Channel<F> {
         match event.kind {
             Kind::Direction(direction) => {
                 self.facing = Some(direction);
-                self.committed = true;
+                self.committed = Some(event.tick);
                 self.horizon = event.tick.after(1);
             }
             Kind::Step => {
+                self.last_interval = self.recurrence.interval;
                 self.recurrence.advance();
                 self.left -= 1;
-                self.committed = false;
+                self.committed = None;
+                self.not_before = None;
                 self.position = self.position.wrapping_add(self.direction.sign());
                 self.horizon = event.tick.after(self.gap);
+                self.stepped();
             }
         }
     }
@@ -166,13 +233,11 @@ impl<const F: u32> Channel<F> {
     /// Notes that time is past `now`. To be called at least once in 2^30 ticks, after all events up to `now` have
     /// been taken.
     pub fn pass(&mut self, now: Moment) {
-        let open = now.after(1);
-        if self.horizon.is_before(open) {
-            self.horizon = open;
-        }
+        self.horizon = self.horizon.or_later(now.after(1));
         // An accumulator that is left behind would come back as the future.
         if self.left == 0 && matches!(now.since(self.last_tick()), 0x4000_0000..0x8000_0000) {
             self.anchored = false;
+            self.fresh = true;
         }
     }
 
@@ -183,12 +248,145 @@ impl<const F: u32> Channel<F> {
     /// # Errors
     /// When `at` lies before the horizon or too many wait; nothing changes then.
     pub fn schedule_switch(&mut self, epoch: Epoch, at: Moment) -> Result<(), SwitchRefused> {
+        self.schedule_leased(epoch, at, Lease::Off, None)
+    }
+
+    /// The same, and from `at` on the plan holds as long as `lease` says; the motor brakes within `limit`, or else within the one
+    /// that was told before. A lease that has lapsed is over then.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn schedule_leased(
+        &mut self,
+        epoch: Epoch,
+        at: Moment,
+        lease: Lease,
+        limit: Option<Limit>,
+    ) -> Result<(), SwitchRefused> {
         let place = self.place_of_switch(at)?;
         for later in self.switches.iter_mut().skip(place) {
             *later = None;
         }
-        self.switches[place] = Some(Switch { epoch, at });
+        let limit = limit.unwrap_or(self.limit);
+        self.switches[place] = Some(Switch { epoch, at, lease, limit, cancelled: false });
+        self.note_end();
         Ok(())
+    }
+
+    /// Whether [`extend`](Channel::extend) would be right now.
+    ///
+    /// # Errors
+    /// When there is no lease, it has lapsed, or its end would lie before the horizon.
+    pub fn check_extend(&self, lease: Lease) -> Result<(), ExtendRefused> {
+        let begins = self.switches.iter().flatten().any(|switch| !switch.cancelled && switch.lease != Lease::Off);
+        match (self.lapse, lease) {
+            _ if begins => {}
+            (Some(Lapse { at, .. }), _) => return Err(ExtendRefused::Lapsed { at }),
+            (None, _) if self.lease == Lease::Off => return Err(ExtendRefused::Off),
+            (None, _) => {}
+        }
+        match lease {
+            Lease::Off => Err(ExtendRefused::Off),
+            Lease::Until(at) if at.is_before(self.horizon) => Err(ExtendRefused::Late { horizon: self.horizon }),
+            Lease::Until(_) | Lease::Last => Ok(()),
+        }
+    }
+
+    /// Puts the end of the lease off, or earlier; also of the leases that switches will begin. What
+    /// [`check_extend`](Channel::check_extend) refuses is not for this.
+    pub fn extend(&mut self, lease: Lease, limit: Option<Limit>) {
+        self.limit = limit.unwrap_or(self.limit);
+        if self.lapse.is_none() && self.lease != Lease::Off {
+            self.lease = lease;
+        }
+        for switch in self.switches.iter_mut().flatten().filter(|switch| switch.lease != Lease::Off) {
+            switch.lease = lease;
+            switch.limit = limit.unwrap_or(switch.limit);
+        }
+        self.note_end();
+    }
+
+    /// The lease is over at `lapse.at`, or was earlier already: all motors of a machine are told so when
+    /// [one of them says it](crate::lease::agreed), or at the horizon when the host says so.
+    pub fn lapse_at(&mut self, lapse: Lapse) {
+        for switch in self.switches.iter_mut().flatten() {
+            if !switch.at.is_before(lapse.at) {
+                switch.cancelled = true;
+            } else if switch.lease != Lease::Off {
+                switch.lease = Lease::Until(lapse.at);
+            }
+        }
+        match &mut self.lapse {
+            // Its own fault: now it is known when the others brake.
+            Some(own) if !self.agreed && own.cause.is_fault() => *own = lapse,
+            Some(own) if !self.braking && lapse.at.is_before(own.at) => *own = lapse,
+            Some(own) if lapse.cause.is_fault() => own.cause = lapse.cause,
+            Some(_) => {}
+            None => self.lapse = Some(lapse),
+        }
+        self.agreed = true;
+        if self.braking {
+            self.drop_cancelled();
+        }
+        self.note_end();
+    }
+
+    /// The direction that `event` asks for would come too late for its step. With a lease that has not lapsed, that step is not made, and the
+    /// motor brakes; otherwise it is taken as it is, and the answer is `false`.
+    pub fn give_up_step(&mut self, event: Event, items: &mut impl Items) -> bool {
+        let gives_up = self.is_leased() && self.lapse.is_none();
+        if gives_up {
+            self.miss(event.tick, items);
+        }
+        gives_up
+    }
+
+    /// When the lease was over, and why.
+    #[must_use]
+    pub const fn lapse(&self) -> Option<Lapse> {
+        self.lapse
+    }
+
+    /// Whether its lease is over and not all channels have been [told](Channel::lapse_at).
+    #[must_use]
+    pub const fn has_news(&self) -> bool {
+        self.lapse.is_some() && !self.agreed
+    }
+
+    /// How long its plan holds.
+    #[must_use]
+    pub const fn lease(&self) -> Lease {
+        self.lease
+    }
+
+    /// Whether it makes the steps of its stop.
+    #[must_use]
+    pub const fn is_braking(&self) -> bool {
+        self.braking && self.left > 0
+    }
+
+    /// Whether the motor was in motion when the lease was over.
+    #[must_use]
+    pub const fn was_moving(&self) -> bool {
+        self.moved
+    }
+
+    /// Whether items of `epoch` are worth keeping: after a lapse those of the epoch that was run are not.
+    #[must_use]
+    pub fn keeps(&self, epoch: Epoch) -> bool {
+        self.lapse.is_none() || epoch != self.epoch
+    }
+
+    /// The tick that the next step is scheduled for, if it is known, and whether it is committed: for motors that share a DIR line.
+    #[must_use]
+    pub fn scheduled(&self) -> Option<(Moment, bool)> {
+        (self.left > 0).then(|| (self.next_tick(), self.committed.is_some()))
+    }
+
+    /// The next step, which is not committed, is not made before `tick`: another motor needs the DIR line until then. Its accumulator stays.
+    /// After a lapse only.
+    pub const fn put_off(&mut self, tick: Option<Moment>) {
+        self.not_before = tick;
     }
 
     /// Whether [`schedule_switch`](Channel::schedule_switch) would accept `at`.
@@ -203,9 +401,12 @@ impl<const F: u32> Channel<F> {
     pub fn stop(&mut self, items: &mut impl Items) {
         items.clear();
         self.left = 0;
-        self.committed = false;
-        self.anchored = false;
+        self.committed = None;
+        self.rest();
         self.switches = [None; SWITCHES];
+        self.lease = Lease::Off;
+        self.resume();
+        self.note_end();
     }
 
     /// Steps forward minus steps backward that were taken, wrapping.
@@ -235,13 +436,14 @@ impl<const F: u32> Channel<F> {
     /// Whether there is nothing to do, now or later, unless more is pushed.
     #[must_use]
     pub fn is_idle(&self, items: &impl Items) -> bool {
-        self.is_done() && !items.wait(self.epoch)
+        self.is_done() && !self.takes(items)
     }
 
-    /// Whether all items that were taken are done, and no switch waits.
+    /// Whether all items that were taken are done, no switch waits, and the motor is not about to brake.
     #[must_use]
     pub const fn is_done(&self) -> bool {
-        self.left == 0 && self.switches[0].is_none()
+        let brakes = !self.braking && !self.fresh && (self.lapse.is_some() || matches!(self.lease, Lease::Until(_)));
+        self.left == 0 && self.switches[0].is_none() && !brakes
     }
 
     /// Where it is, the waits that were loaded included.
@@ -262,14 +464,14 @@ impl<const F: u32> Channel<F> {
     /// A step that comes d ticks after the one before is written as d − the channel's gap + `bits`. Gives how many were
     /// taken: 0 if the next one goes another way. For who has made nothing since the step before.
     pub fn take_steps(&mut self, limit: Moment, bits: u32, words: &mut [u32], expand: Expand) -> u32 {
-        if self.committed || self.left == 0 || self.facing != Some(self.direction) || self.assert_every_step {
+        if self.committed.is_some() || self.left == 0 || self.facing != Some(self.direction) || self.assert_every_step {
             return 0;
         }
         if self.next_tick().is_before(self.horizon) {
             return 0;
         }
-        let end = match self.switches[0] {
-            Some(switch) if !limit.is_before(switch.at) => switch.at,
+        let end = match self.end {
+            Some(end) if !limit.is_before(end.at) => end.at,
             _ => limit.after(1),
         };
         let last = self.last_tick();
@@ -289,18 +491,22 @@ impl<const F: u32> Channel<F> {
                 Direction::Backward => self.position.wrapping_sub(moved),
             };
             self.horizon = self.last_tick().after(self.gap);
+            // As it was before the last of them.
+            let Recurrence { interval, add, add2, .. } = self.recurrence;
+            self.last_interval = interval.wrapping_sub(add.wrapping_sub(add2));
+            self.stepped();
         }
         taken
     }
 
-    /// Whether the next event is a step of the run that is under way, after `limit`, and no switch comes before.
+    /// Whether the next event is a step of the run that is under way, after `limit`, and no switch or lapse comes before.
     #[must_use]
     pub const fn waits_beyond(&self, limit: Moment) -> bool {
-        let switches = match self.switches[0] {
-            Some(switch) => !limit.is_before(switch.at),
+        let ends = match self.end {
+            Some(end) => !limit.is_before(end.at),
             None => false,
         };
-        self.left > 0 && !self.committed && !switches && limit.is_before(self.next_tick())
+        self.left > 0 && self.committed.is_none() && !ends && limit.is_before(self.next_tick())
     }
 
     /// Which way the run that is under way goes.
@@ -314,46 +520,183 @@ impl<const F: u32> Channel<F> {
         self.position = position;
     }
 
-    fn load(&mut self, item: Item) {
+    fn load(&mut self, item: Item, items: &mut impl Items) {
         match item {
             Item::Anchor { tick } => {
                 self.recurrence.accumulator = (u64::from(tick.0) << F) | (1 << (F - 1));
-                self.anchored = true;
+                (self.anchored, self.fresh) = (true, true);
             }
             Item::Resume { tick, fraction } => {
                 self.recurrence.accumulator = (u64::from(tick.0) << F) | (u64::from(fraction) << F >> 16);
-                self.anchored = true;
+                (self.anchored, self.fresh) = (true, true);
             }
             Item::Dwell { ticks } if self.anchored => {
                 self.recurrence.accumulator = self.recurrence.accumulator.wrapping_add(u64::from(ticks) << F);
+                self.fresh = true;
             }
             Item::Run { segment, direction } if self.anchored => {
                 self.recurrence.load(&segment);
                 self.left = segment.count;
+                self.fresh |= direction != self.direction;
                 self.direction = direction;
             }
             Item::Dwell { .. } => {}
-            Item::Run { .. } => self.miss(self.horizon),
+            Item::Run { .. } => self.miss(self.horizon, items),
         }
     }
 
-    fn miss(&mut self, tick: Moment) {
+    /// A step that was due at `tick` cannot be made.
+    #[inline(never)]
+    fn miss(&mut self, tick: Moment, items: &mut impl Items) {
         self.missed = self.missed.or(Some(tick));
         self.left = 0;
-        self.anchored = false;
+        if self.is_leased() {
+            self.fail(Cause::StepMissed, items);
+        } else {
+            self.rest();
+        }
     }
 
-    fn begin(&mut self, switch: Switch, items: &mut impl Items) {
+    fn begin(&mut self, items: &mut impl Items) {
+        let Some(switch) = self.switches[0] else { return };
         items.skip_to(switch.epoch);
         self.epoch = switch.epoch;
         self.left = 0;
-        self.anchored = false;
+        self.rest();
         self.missed = None;
-        if self.horizon.is_before(switch.at) {
-            self.horizon = switch.at;
-        }
+        (self.lease, self.limit) = (switch.lease, switch.limit);
+        self.resume();
+        self.horizon = self.horizon.or_later(switch.at);
         self.switches.rotate_left(1);
         self.switches[SWITCHES - 1] = None;
+        self.note_end();
+    }
+
+    /// The motor is at rest: it moves again with an anchor.
+    const fn rest(&mut self) {
+        (self.anchored, self.fresh) = (false, true);
+    }
+
+    /// No lapse is known.
+    const fn resume(&mut self) {
+        (self.lapse, self.agreed, self.not_before) = (None, false, None);
+        (self.braking, self.moved) = (false, false);
+    }
+
+    const fn is_leased(&self) -> bool {
+        !matches!(self.lease, Lease::Off) || self.lapse.is_some()
+    }
+
+    /// Notes what ends the plan: after each change of what that hangs on.
+    fn note_end(&mut self) {
+        let lease = match (self.lapse, self.lease) {
+            _ if self.braking => None,
+            (Some(lapse), _) => Some(lapse.at),
+            (None, Lease::Until(at)) => Some(at),
+            (None, Lease::Off | Lease::Last) => None,
+        };
+        self.end = match (self.switches[0], lease) {
+            (Some(Switch { cancelled: true, .. }) | None, at) => at.map(|at| End { at, is_switch: false }),
+            (Some(switch), Some(at)) if at.is_before(switch.at) => Some(End { at, is_switch: false }),
+            (Some(switch), _) => Some(End { at: switch.at, is_switch: true }),
+        };
+    }
+
+    /// Whether something waits that is to be done.
+    fn takes(&self, items: &impl Items) -> bool {
+        !self.braking && items.wait(self.epoch)
+    }
+
+    /// With nothing planned: whether the next step, after the same interval as the last one, would come by `limit` and before `end`.
+    const fn runs_dry(&self, limit: Moment, end: Moment) -> bool {
+        if self.braking || self.fresh || !(self.lapse.is_some() || matches!(self.lease, Lease::Until(_))) {
+            return false;
+        }
+        let next = Moment::of(self.recurrence.accumulator.wrapping_add_signed(self.last_interval) >> F);
+        !limit.is_before(next) && next.is_before(end)
+    }
+
+    /// The plan cannot be followed: the motor brakes at once, and all others are to be told.
+    #[inline(never)]
+    fn fail(&mut self, cause: Cause, items: &mut impl Items) {
+        for switch in self.switches.iter_mut().flatten() {
+            switch.cancelled = true;
+        }
+        let at = self.lapse.map_or(self.horizon, |lapse| lapse.at);
+        self.brake(Lapse { at, cause }, items);
+        self.agreed = false;
+    }
+
+    /// The lease is over: what waits of its epoch is dropped, and the motor brakes from the step that comes next.
+    #[inline(never)]
+    fn brake(&mut self, lapse: Lapse, items: &mut impl Items) {
+        if self.lapse.is_none() {
+            // Not told by others.
+            for switch in self.switches.iter_mut().flatten() {
+                switch.cancelled |= !switch.at.is_before(lapse.at);
+            }
+        }
+        (self.lapse, self.braking) = (Some(lapse), true);
+        let here = self.place();
+        items.drop_epoch(self.epoch, &here);
+        for switch in self.switches.iter().flatten().filter(|switch| switch.cancelled) {
+            items.drop_epoch(switch.epoch, &here);
+        }
+        self.drop_cancelled();
+        self.note_end();
+        let interval = if self.left > 0 { self.recurrence.interval } else { self.last_interval };
+        self.left = 0;
+        if self.fresh || !self.anchored {
+            self.rest();
+        } else {
+            self.moved = true;
+            self.recurrence.interval = interval;
+            if self.next_tick().is_before(self.horizon) {
+                let open = u64::from(self.horizon.0) << F;
+                self.recurrence.accumulator = open.wrapping_sub(interval.cast_unsigned());
+            }
+            self.slow_down();
+        }
+    }
+
+    /// Forgets the switches that are not made: their epochs are over.
+    fn drop_cancelled(&mut self) {
+        while let Some(switch) = self.switches[0].filter(|switch| switch.cancelled) {
+            self.epoch = switch.epoch;
+            self.switches.rotate_left(1);
+            self.switches[SWITCHES - 1] = None;
+        }
+    }
+
+    /// Loads the next part of the stop.
+    #[inline(never)]
+    const fn slow_down(&mut self) {
+        let interval = self.recurrence.interval;
+        match self.limit.next(interval, &const { Registers::with_fraction_bits(F) }).segment(interval) {
+            Some(part) => {
+                self.recurrence.load(&part);
+                self.left = part.count;
+            }
+            None => self.rest(),
+        }
+    }
+
+    /// A step was made.
+    fn stepped(&mut self) {
+        self.fresh = false;
+        if self.braking && self.left == 0 {
+            // A part of the stop, or its last step: that has no add.
+            if self.recurrence.add == 0 { self.rest() } else { self.slow_down() }
+        }
+    }
+
+    /// When the next step can be made that is due at `tick`, or was.
+    const fn possible(&self, tick: Moment) -> Moment {
+        let tick = tick.or_later(self.horizon);
+        match self.not_before {
+            Some(open) => tick.or_later(open),
+            None => tick,
+        }
     }
 
     fn place_of_switch(&self, at: Moment) -> Result<usize, SwitchRefused> {

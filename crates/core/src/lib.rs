@@ -9,7 +9,8 @@
 //! - [`words`]: channel and output → words for state machines that make the edges
 //! - [`narrow`]: queues of packed bytes, registers and verbs for small boards
 //! - [`baked`]: a motion that lies in a board's flash, and how it is played
-//! - [`braking`]: how a board brings a motor to rest by itself
+//! - [`lease`]: how long a plan holds; [`braking`]: how a board brings a motor to rest by itself
+//! - [`shared_line`]: a DIR line of several motors while they brake
 //! - [`queue`]: items waiting, each tagged with its epoch
 //! - [`packing`]: segments as few bytes
 //! - [`wire`]: frames and messages between host and board, and the board's side of the link
@@ -27,6 +28,7 @@ pub mod axis;
 pub mod baked;
 pub mod braking;
 pub mod channel;
+pub mod lease;
 pub mod merge;
 pub mod moment;
 pub mod narrow;
@@ -34,6 +36,7 @@ pub mod output;
 pub mod packing;
 pub mod queue;
 pub mod segment;
+pub mod shared_line;
 pub mod verbs;
 pub mod winch;
 pub mod wire;
@@ -41,6 +44,7 @@ pub mod words;
 
 pub use axis::Axis;
 pub use channel::Channel;
+pub use lease::{Lapse, Lease};
 pub use merge::Merge;
 pub use moment::Moment;
 pub use queue::{Entry, Epoch, Item, Queue, RESUMED_WITHIN};

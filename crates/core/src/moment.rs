@@ -18,6 +18,12 @@ impl Moment {
         self.0.wrapping_sub(other.0) >= 1 << 31
     }
 
+    /// The later of two moments; right within the same.
+    #[must_use]
+    pub const fn or_later(self, other: Moment) -> Moment {
+        if self.is_before(other) { other } else { self }
+    }
+
     /// The moment `ticks` later.
     #[must_use]
     pub const fn after(self, ticks: u32) -> Moment {

@@ -80,6 +80,18 @@ pub trait Items {
 
     /// Drops everything.
     fn clear(&mut self);
+
+    /// Drops what is in front of `epoch` itself, up to what is of another. `here` is where the channel is.
+    fn drop_epoch(&mut self, epoch: Epoch, here: &Place) {
+        while self.wait(epoch) {
+            self.take(here);
+        }
+    }
+
+    /// Whether something that was taken was no item; what followed it is dropped.
+    fn has_failed(&self) -> bool {
+        false
+    }
 }
 
 impl<const N: usize> Items for Queue<N> {

@@ -38,7 +38,7 @@ fn levels_are_never_too_low() {
             assert_eq!(limit.level(shortest | ((1 << (LEADING - 7)) - 1)), level, "a cell has one level");
             let (up, down) = (level.max(0).unsigned_abs(), level.min(0).unsigned_abs());
             let square = u128::from(shortest * shortest) << 14 << up;
-            let rest = u128::from(mantissa) * u128::from(mantissa) << (2 * exponent) << down;
+            let rest = (u128::from(mantissa) * u128::from(mantissa)) << (2 * exponent) << down;
             assert!(square >= rest, "M {mantissa}, E {exponent}, X {upper}: level {level} is too low");
             assert!(square >> 2 < rest, "M {mantissa}, E {exponent}, X {upper}: level {level} is too high");
             cells += 1;
@@ -54,7 +54,7 @@ fn intervals_of_few_bits_have_levels_too() {
             let limit = Limit::new(200, exponent, 0).unwrap();
             let rest = rest_interval_times_128(limit);
             let level = limit.level(interval);
-            let square = UBig::from(interval) * UBig::from(interval) << 14;
+            let square = (UBig::from(interval) * UBig::from(interval)) << 14;
             let (up, down) = (level.max(0) as usize, level.min(0).unsigned_abs() as usize);
             assert!(square << up >= (&rest * &rest) << down, "I {interval}, E {exponent}");
         }
@@ -98,7 +98,7 @@ proptest! {
             prop_assert!(pair[0] < pair[1] && pair[1] < registers.longest() / 4 * 5, "{pair:?}");
             // 2(B - A)/(A·B·(A + B)) ≤ 1/(2R²), R² being `square` / 2^14.
             let [a, b] = [UBig::from(pair[0].cast_unsigned()), UBig::from(pair[1].cast_unsigned())];
-            let change = (&b - &a) * &square << 2;
+            let change = ((&b - &a) * &square) << 2;
             prop_assert!(change <= (&a * &b * (&a + &b)) << 14, "{pair:?}");
         }
         // It rests where it may: at the rest level, or where a step would take too long.

@@ -173,4 +173,15 @@ impl<const N: usize> Items for Waiting<'_, N> {
         self.packed.bytes.clear();
         self.packed.state = State::default();
     }
+
+    fn drop_epoch(&mut self, epoch: Epoch, _: &Place) {
+        let waiting = self.packed.bytes.waiting(epoch);
+        if waiting > 0 {
+            self.packed.bytes.drop_first(waiting);
+        }
+    }
+
+    fn has_failed(&self) -> bool {
+        self.packed.fault.is_some()
+    }
 }

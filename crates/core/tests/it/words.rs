@@ -1,12 +1,14 @@
 //! Words, done by a state machine that is a few lines long, make the edges of the axis that is told the same.
 
 use proptest::prelude::*;
+use pulsetrain_core::braking::{Limit, Next, Registers};
+use pulsetrain_core::lease::Cause;
 use pulsetrain_core::narrow::Pool;
 use pulsetrain_core::output::{Coils, Output, Sequence, StepDir, StepDirSettings};
 use pulsetrain_core::packing::{Check, MAX_PACKED_LEN, Packing, State};
 use pulsetrain_core::queue::Items;
 use pulsetrain_core::words::{Fault, Filled, LONGEST_WAIT, Packed, Tape, Words, expand, lines};
-use pulsetrain_core::{Axis, Direction, Entry, Epoch, Item, Moment, Queue, Segment};
+use pulsetrain_core::{Axis, Direction, Entry, Epoch, Item, Lapse, Lease, Moment, Queue, Segment};
 
 use Direction::{Backward, Forward};
 
@@ -220,6 +222,12 @@ fn items(kind: Kind, from: u32, parts: &[Part]) -> Vec<Item> {
     items
 }
 
+/// A lease, which ends amid the motion or lets the motor run dry: its length, and how hard the motor brakes.
+fn lease() -> impl Strategy<Value = (u32, Limit)> {
+    let limit = (128..=255u8, 4..9u8, 0..4u8).prop_map(|(m, e, l)| Limit::new(m, e + F as u8, l).unwrap());
+    (0u32..30_000, limit)
+}
+
 const END: u32 = 400_000;
 
 proptest! {
@@ -227,7 +235,7 @@ proptest! {
     #[test]
     fn words_make_the_edges_of_the_axis(
         kind in kinds(),
-        plans in prop::collection::vec((parts(), 0u32..40_000), 1..4),
+        plans in prop::collection::vec((parts(), 0u32..40_000, prop::option::of(lease())), 1..4),
         ahead in 200u32..4000,
         chunk in 1u32..300,
         pace in 50u32..3000,
@@ -238,7 +246,7 @@ proptest! {
         let mut plans = plans.into_iter();
         let (mut now, mut epoch, mut next, mut until) = (1000, 0, 1500, 0);
         while now < END {
-            if now >= next && let Some((parts, gap)) = plans.next() {
+            if now >= next && let Some((parts, gap, lease)) = plans.next() {
                 // Where the words of all before have been written.
                 let at = machine.words.channel().horizon().after(kind.turn());
                 epoch += 1;
@@ -247,8 +255,17 @@ proptest! {
                 for item in items {
                     axis.queue_mut().push(Entry { epoch: Epoch(epoch), item }).unwrap();
                 }
-                prop_assert_eq!(machine.words.channel_mut().schedule_switch(Epoch(epoch), at), Ok(()));
-                prop_assert_eq!(axis.schedule_switch(Epoch(epoch), at), Ok(()));
+                let (lease, limit) = match lease {
+                    Some((ticks, limit)) => (Lease::Until(at.after(ticks)), Some(limit)),
+                    None => (Lease::Off, None),
+                };
+                // One of two motors that looks further ahead: what it has noticed holds for both.
+                if let Some(lapse) = machine.words.channel().lapse() {
+                    axis.channel_mut().lapse_at(lapse);
+                }
+                for channel in [machine.words.channel_mut(), axis.channel_mut()] {
+                    prop_assert_eq!(channel.schedule_leased(Epoch(epoch), at, lease, limit), Ok(()));
+                }
                 next = now + gap;
             }
             until = until.max(now + ahead);
@@ -275,6 +292,8 @@ proptest! {
             now += pace.min(ahead / 2);
         }
         prop_assert_eq!(machine.words.channel().missed(), None);
+        let cause = |lapse: Option<Lapse>| lapse.map(|lapse| lapse.cause);
+        prop_assert_eq!(cause(machine.words.channel().lapse()), cause(axis.channel().lapse()));
         prop_assert_eq!(machine.words.channel().position(), axis.channel().position());
         // Coils that are switched on again within a word are not switched off before.
         if let Kind::Coils { .. } = kind {
@@ -439,6 +458,41 @@ fn resets_and_reversals_in_a_row_are_no_items() {
     machine.push(1, &[Item::Anchor { tick: Moment(5000) }, run(5, 1 << 30, Backward), run(1, 5, Backward)]);
     assert_eq!(machine.fill(20_000, 100), Filled::All);
     assert_eq!(machine.packed.fault(), None);
+}
+
+/// With a lease a motor does not stop dead where bytes are wrong: it goes on as it went, and slows down.
+#[test]
+fn what_is_no_item_makes_a_motor_brake() {
+    // R is 1200 ticks, 4 intervals.
+    let limit = Limit::new(150, 10 + F as u8, 0).unwrap();
+    let check = |wrong: &[u8]| {
+        let mut machine = Machine::new(DRIVER);
+        machine.push(1, &[Item::Anchor { tick: Moment(5000) }, run(50, 300, Forward)]);
+        machine.packed.push(&mut machine.pool, Epoch(1), wrong).unwrap();
+        machine.packed.push(&mut machine.pool, Epoch(2), &[1, 2, 3]).unwrap();
+        let lease = Lease::Until(Moment(40_000));
+        machine.words.channel_mut().schedule_leased(Epoch(1), Moment(3000), lease, Some(limit)).unwrap();
+        for until in (3000..60_000).step_by(500) {
+            while machine.fill(until, 100) == Filled::Part {}
+            machine.play(until);
+            machine.tape.pass(Moment(until));
+        }
+        let channel = machine.words.channel();
+        assert_eq!(channel.lapse().map(|lapse| lapse.cause), Some(Cause::BadItem), "{wrong:?}");
+        let (position, registers) = (channel.position(), Registers::with_fraction_bits(F));
+        let (mut steps, mut interval) = (0, 300 << F);
+        while let Next::Steps { count, add } = limit.next(interval, &registers) {
+            (steps, interval) = (steps + count, interval + i64::from(count) * add);
+        }
+        assert_eq!(position, 50 + steps.cast_signed() + 1, "{wrong:?}");
+        assert_eq!(machine.counted.last().unwrap().1, position);
+        // What waits of another epoch still does.
+        assert!(!channel.keeps(Epoch(1)) && channel.keeps(Epoch(2)) && channel.is_done());
+        assert_eq!(usize::from(machine.packed.room()), POOL - 3);
+    };
+    // An unknown control record, and a check that says another position.
+    check(&[0x07 | 9 << 3, 0]);
+    check(&[0x2f, 0, 1, 0, 2, 0, 0, 0, 0, 0]);
 }
 
 /// Ten hours of steps, forward and back, through a thousand wraps of 32 bits: every word's tick, added up in 64 bits, is that of
