@@ -2,8 +2,10 @@
 //!
 //! # What is here, top down
 //! - [`Board`]: what a session needs of any board
+//! - [`Leased`]: what it needs of one whose plans hold by lease
 //! - [`Sizer`]: what items take in its queues
 //! - [`native`]: the project's own stepgen on the PC, in virtual time
+//! - [`replay`]: what motors do whose lease ends, worked out by the host
 //! - [`native_verbs`]: the same with motors that are told directly
 //! - [`remote`]: a board at the other end of a [`Port`], through `link`, the host's side of docs/protocol.md
 //! - [`serial`]: a real serial port, in real time; [`stk500`]: an Uno's bootloader, at any port
@@ -15,18 +17,21 @@
 //! - [`BoardClock`]: such a board's clock, as the host sees it
 //!
 //! # What is not
-//! Motion: a board does what was planned and invents nothing. Planning is `pulsetrain-plan`'s, keeping a queue filled the
+//! Motion: a board does what was planned. The one motion that it makes by itself is the stop at a lease's end, which [`replay`] works out
+//! beforehand. Planning is `pulsetrain-plan`'s, keeping a queue filled the
 //! session's in `pulsetrain`.
 #![forbid(unsafe_code)]
 
 mod bridge;
 mod clock;
+pub mod lease;
 pub mod link;
 pub mod native;
 pub mod native_verbs;
 pub mod native_winch;
 mod packer;
 pub mod remote;
+pub mod replay;
 pub mod serial;
 pub mod shadow;
 pub mod shared;
@@ -160,6 +165,7 @@ pub trait VirtualBoard: Port {
 }
 
 pub use clock::BoardClock;
+pub use lease::{Lease, LeaseState, Leased};
 pub use link::{Link, LinkError};
 pub use native::{
     Config, Edge, Faults, MotorConfig, Native, Observer, ScheduledStep, StopReport, SwitchRefused, Wiring,

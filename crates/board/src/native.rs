@@ -3,11 +3,14 @@
 //! Ticks are 64 bits here; the moments of the stepgen are extended as time goes on. Time moves only by
 //! [`Native::advance`] and [`Native::stop_now`], and each tick is passed once.
 
+use crate::lease::{ExtendRefused, Lease, LeaseState, Leased, TrimRefused};
 use crate::{Board, Sizer};
-use pulsetrain_core::channel;
+use pulsetrain_core::braking::Limit;
+use pulsetrain_core::lease::{self, Cause, Lapse};
 use pulsetrain_core::output::{Coils, Output, Sequence, StepDir, StepDirSettings};
 use pulsetrain_core::queue::{Items, Place};
-use pulsetrain_core::{Axis, Direction, Entry, Epoch, Item, Merge, Moment};
+use pulsetrain_core::shared_line::{self, SharedLine};
+use pulsetrain_core::{Axis, Channel, Direction, Entry, Epoch, Item, Merge, Moment, channel};
 use std::collections::VecDeque;
 
 /// Motors at most.
@@ -220,6 +223,8 @@ pub struct Native {
     committed_ticks: u64,
     /// The first tick that has not been passed.
     now: u64,
+    /// Since when the lease is over, and why.
+    lapsed: Option<(u64, Cause)>,
 }
 
 /// What the board remembers of a motor beyond its axis.
@@ -250,10 +255,11 @@ impl Native {
 
     fn with_queues(config: &Config, most: usize) -> Result<Native, ConfigError> {
         let outputs = outputs(config)?;
+        let sharing = Sharing::of(config);
         let engine: Box<dyn Engine> = match config.fraction_bits {
-            16 => Box::new(Axes::<16>::new(outputs, most)),
-            24 => Box::new(Axes::<24>::new(outputs, most)),
-            32 => Box::new(Axes::<32>::new(outputs, most)),
+            16 => Box::new(Axes::<16>::new(outputs, most, sharing)),
+            24 => Box::new(Axes::<24>::new(outputs, most, sharing)),
+            32 => Box::new(Axes::<32>::new(outputs, most, sharing)),
             bits => return Err(ConfigError::FractionBits(bits)),
         };
         let motors = config
@@ -262,7 +268,14 @@ impl Native {
             .map(|motor| Motor { position: 0, pull_in_ticks: motor.pull_in_ticks, last: [None; 2] })
             .collect();
         let longest = config.motors.iter().map(|motor| motor.wiring.longest_ticks()).max();
-        Ok(Native { engine, motors, committed_ticks: longest.map_or(0, u64::from), now: 0 })
+        Ok(Native { engine, motors, committed_ticks: longest.map_or(0, u64::from), now: 0, lapsed: None })
+    }
+
+    /// The same, with DIR lines that stay so long after a pulse: it matters to motors that share one while they brake.
+    #[must_use]
+    pub fn with_dir_hold(mut self, ticks: u32) -> Native {
+        self.engine.hold(ticks);
+        self
     }
 
     /// Puts an item last in a motor's queue.
@@ -287,13 +300,23 @@ impl Native {
     /// All motors or none: when one refuses, the items of `epoch` that were pushed last are dropped, and the old plan
     /// goes on.
     pub fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<(), SwitchRefused> {
+        self.switch_with(epoch, tick, lease::Lease::Off, &[])
+    }
+
+    fn switch_with(
+        &mut self,
+        epoch: Epoch,
+        tick: u64,
+        lease: lease::Lease,
+        limits: &[Limit],
+    ) -> Result<(), SwitchRefused> {
         let limit = self.now + (1 << 30);
         let answer = if tick < self.horizon() {
             Err(SwitchRefused::Late { horizon: self.horizon() })
         } else if tick >= limit {
             Err(SwitchRefused::Early { limit })
         } else {
-            self.engine.switch(epoch, Moment::of(tick)).map_err(|_| SwitchRefused::Full)
+            self.engine.switch(epoch, Moment::of(tick), lease, limits).map_err(|_| SwitchRefused::Full)
         };
         if answer.is_err() {
             self.engine.discard(epoch);
@@ -327,6 +350,37 @@ impl Native {
             let mut watch = Watch { now: self.now, motors: &mut self.motors, observer };
             self.engine.run(Moment::of(end), &mut watch);
             self.now = end + 1;
+            self.note_lapse();
+        }
+    }
+
+    /// All motors brake from `tick` on, unless they do already.
+    pub(crate) fn brake_at(&mut self, tick: u64) {
+        self.engine.lapse_at(Lapse { at: Moment::of(tick), cause: Cause::Ordered });
+        self.note_lapse();
+    }
+
+    /// Since when the lease is over: while that is near enough to be told.
+    fn note_lapse(&mut self) {
+        self.lapsed = self.engine.lease().1.map(|lapse| {
+            let known = self.lapsed.filter(|(at, _)| Moment::of(*at) == lapse.at);
+            (known.map_or_else(|| self.near(lapse.at), |(at, _)| at), lapse.cause)
+        });
+    }
+
+    /// The tick of a moment within 2^31 of now.
+    fn near(&self, moment: Moment) -> u64 {
+        let ahead = moment.since(Moment::of(self.now)).cast_signed();
+        self.now.saturating_add_signed(ahead.into())
+    }
+
+    /// The lease as its channels know it, if ticks so far ahead can be told apart.
+    fn moment_of(&self, lease: Lease) -> Result<lease::Lease, u64> {
+        let limit = self.now + (1 << 30);
+        match lease {
+            Lease::Until(tick) if tick >= limit => Err(limit),
+            Lease::Until(tick) => Ok(lease::Lease::Until(Moment::of(tick))),
+            Lease::Last => Ok(lease::Lease::Last),
         }
     }
 
@@ -438,6 +492,82 @@ impl Board for Native {
     }
 }
 
+impl Leased for Native {
+    fn switch_leased(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[Limit]) -> Result<(), SwitchRefused> {
+        match self.moment_of(lease) {
+            Ok(lease) => self.switch_with(epoch, tick, lease, limits),
+            Err(limit) => {
+                self.engine.discard(epoch);
+                Err(SwitchRefused::Early { limit })
+            }
+        }
+    }
+
+    fn extend(&mut self, lease: Lease, limits: &[Limit]) -> Result<(), ExtendRefused> {
+        let told = self.moment_of(lease).map_err(|limit| ExtendRefused::Early { limit })?;
+        self.check_extend(lease)?;
+        self.engine.extend(told, limits);
+        Ok(())
+    }
+
+    fn trim(&mut self, until: u64, items: &[usize]) -> Result<(), TrimRefused> {
+        let lease = self.moment_of(Lease::Until(until)).map_err(|limit| ExtendRefused::Early { limit })?;
+        self.check_extend(Lease::Until(until))?;
+        self.engine.take_back(items).map_err(|motor| TrimRefused::Read { motor })?;
+        self.engine.extend(lease, &[]);
+        Ok(())
+    }
+
+    fn brake(&mut self) -> Option<u64> {
+        let lapsed = self.lapsed.map(|(at, _)| at);
+        if self.engine.check_extend(lease::Lease::Last).is_err() {
+            return lapsed;
+        }
+        let at = match (lapsed, self.engine.lease().0) {
+            (Some(at), _) => at,
+            (None, lease::Lease::Until(until)) => self.horizon().min(self.near(until)),
+            // Or the switch that begins one waits.
+            (None, lease::Lease::Last | lease::Lease::Off) => self.horizon(),
+        };
+        self.brake_at(self.horizon().min(at));
+        Some(at)
+    }
+
+    fn lease(&self) -> LeaseState {
+        match (self.lapsed, self.engine.lease().0) {
+            (Some((at, cause)), _) => LeaseState::Lapsed { at, cause, in_motion: self.engine.was_moving() },
+            (None, lease::Lease::Off) => LeaseState::Off,
+            (None, lease::Lease::Until(until)) => LeaseState::Until(self.near(until)),
+            (None, lease::Lease::Last) => LeaseState::Last,
+        }
+    }
+}
+
+impl Native {
+    /// Whether all motors would take it.
+    fn check_extend(&self, lease: Lease) -> Result<(), ExtendRefused> {
+        if let Lease::Until(until) = lease
+            && until < self.horizon()
+        {
+            // What else speaks against it says more.
+            self.engine.check_extend(lease::Lease::Last).map_err(|refused| self.refusal(refused))?;
+            return Err(ExtendRefused::Late { horizon: self.horizon() });
+        }
+        let lease = self.moment_of(lease).map_err(|limit| ExtendRefused::Early { limit })?;
+        self.engine.check_extend(lease).map_err(|refused| self.refusal(refused))
+    }
+
+    fn refusal(&self, refused: lease::ExtendRefused) -> ExtendRefused {
+        match refused {
+            lease::ExtendRefused::Off => ExtendRefused::Off,
+            lease::ExtendRefused::Lapsed { at } => {
+                ExtendRefused::Lapsed { at: self.lapsed.map_or_else(|| self.near(at), |(at, _)| at) }
+            }
+            lease::ExtendRefused::Late { .. } => ExtendRefused::Late { horizon: self.horizon() },
+        }
+    }
+}
+
 /// Counts for the board and tells the observer.
 struct Watch<'a, O> {
     now: u64,
@@ -481,7 +611,22 @@ impl<O: Observer> Witness for Watch<'_, O> {
 trait Engine: std::fmt::Debug + Send {
     fn push(&mut self, motor: usize, entry: Entry) -> Result<(), Entry>;
     fn credit(&self, motor: usize) -> usize;
-    fn switch(&mut self, epoch: Epoch, at: Moment) -> Result<(), channel::SwitchRefused>;
+    /// With no limits the motors keep theirs.
+    fn switch(
+        &mut self,
+        epoch: Epoch,
+        at: Moment,
+        lease: lease::Lease,
+        limits: &[Limit],
+    ) -> Result<(), channel::SwitchRefused>;
+    fn check_extend(&self, lease: lease::Lease) -> Result<(), lease::ExtendRefused>;
+    fn extend(&mut self, lease: lease::Lease, limits: &[Limit]);
+    /// Takes back so many items from the end of each queue; all or, with a motor that has not so many, none.
+    fn take_back(&mut self, items: &[usize]) -> Result<(), usize>;
+    fn lapse_at(&mut self, lapse: Lapse);
+    fn lease(&self) -> (lease::Lease, Option<Lapse>);
+    fn was_moving(&self) -> bool;
+    fn hold(&mut self, ticks: u32);
     fn discard(&mut self, epoch: Epoch);
     fn horizons(&self) -> Box<dyn Iterator<Item = Moment> + '_>;
     fn run(&mut self, until: Moment, witness: &mut dyn Witness);
@@ -540,63 +685,240 @@ impl Items for Waiting {
     }
 }
 
+/// Who shares a DIR line.
+#[derive(Debug)]
+struct Sharing {
+    /// Of each motor: its line, if it shares one, and whether that is high for forward.
+    members: Vec<Option<(usize, bool)>>,
+    /// The longest pulse and setup of each line's motors.
+    apart_ticks: Vec<u32>,
+}
+
+impl Sharing {
+    fn of(config: &Config) -> Sharing {
+        let driver = |motor: &MotorConfig| match motor.wiring {
+            Wiring::StepDir { dir, forward_high, pulse_ticks, setup_ticks, .. } => {
+                Some((dir, forward_high, pulse_ticks, setup_ticks))
+            }
+            Wiring::Coils { .. } => None,
+        };
+        let drivers: Vec<_> = config.motors.iter().map(driver).collect();
+        let mut lines: Vec<(u8, u32)> = Vec::new();
+        for (dir, ..) in drivers.iter().flatten() {
+            let sharing = || drivers.iter().flatten().filter(|other| other.0 == *dir);
+            if sharing().count() > 1 && lines.iter().all(|(line, _)| line != dir) {
+                let pulse = sharing().map(|driver| driver.2).max().unwrap_or(0);
+                lines.push((*dir, pulse + sharing().map(|driver| driver.3).max().unwrap_or(0)));
+            }
+        }
+        let place = |dir: u8| lines.iter().position(|(line, _)| *line == dir);
+        let members =
+            drivers.iter().map(|driver| driver.and_then(|(dir, high, ..)| Some((place(dir)?, high)))).collect();
+        Sharing { members, apart_ticks: lines.into_iter().map(|(_, ticks)| ticks).collect() }
+    }
+}
+
 #[derive(Debug)]
 struct Axes<const F: u32> {
-    axes: Vec<Axis<F, Waiting>>,
+    motors: Motors<F>,
     merge: Merge<MAX_MOTORS>,
 }
 
+#[derive(Debug)]
+struct Motors<const F: u32> {
+    axes: Vec<Axis<F, Waiting>>,
+    sharing: Sharing,
+    lines: Vec<SharedLine>,
+    /// Edges of motors whose turn came before that of the one that was asked for.
+    ready: Vec<VecDeque<pulsetrain_core::output::Edge>>,
+}
+
 impl<const F: u32> Axes<F> {
-    fn new(outputs: Vec<Output>, most: usize) -> Axes<F> {
-        let axes = outputs.into_iter().map(|output| Axis::new(output, Waiting::new(most)));
-        Axes { axes: axes.collect(), merge: Merge::new() }
+    fn new(outputs: Vec<Output>, most: usize, sharing: Sharing) -> Axes<F> {
+        let axes: Vec<_> = outputs.into_iter().map(|output| Axis::new(output, Waiting::new(most))).collect();
+        let lines = sharing.apart_ticks.iter().copied().map(SharedLine::new).collect();
+        let ready = vec![VecDeque::new(); axes.len()];
+        Axes { motors: Motors { axes, sharing, lines, ready }, merge: Merge::new() }
+    }
+
+    fn axes(&self) -> &[Axis<F, Waiting>] {
+        &self.motors.axes
+    }
+
+    fn channels_mut(&mut self) -> impl Iterator<Item = &mut Channel<F>> {
+        self.motors.axes.iter_mut().map(Axis::channel_mut)
+    }
+}
+
+impl<const F: u32> Motors<F> {
+    /// The next edge of a motor that comes not after `until`.
+    fn pull(
+        &mut self,
+        motor: usize,
+        until: Moment,
+        witness: &mut dyn Witness,
+    ) -> Option<pulsetrain_core::output::Edge> {
+        if let Some(edge) = self.ready.get_mut(motor)?.pop_front() {
+            return Some(edge);
+        }
+        let Some((line, _)) = self.sharing.members[motor] else { return self.next(motor, until, witness) };
+        while !self.axes[motor].owes() {
+            let Some(first) = self.first_on(line, until) else { break };
+            if first == motor {
+                break;
+            }
+            let edge = self.next(first, until, witness)?;
+            self.ready[first].push_back(edge);
+        }
+        self.next(motor, until, witness)
+    }
+
+    /// After a lapse: whose step comes first on a DIR line; it is put off as the line needs it.
+    fn first_on(&mut self, line: usize, until: Moment) -> Option<usize> {
+        let motors: Vec<usize> = self
+            .sharing
+            .members
+            .iter()
+            .enumerate()
+            .filter(|(_, member)| member.is_some_and(|(of, _)| of == line))
+            .map(|(motor, _)| motor)
+            .collect();
+        let lead = motors.iter().map(|motor| self.axes[*motor].lead_ticks()).max().unwrap_or(0);
+        let steps = loop {
+            let steps: Vec<_> = motors.iter().map(|motor| self.axes[*motor].scheduled(until.after(lead))).collect();
+            if !self.agree() {
+                break steps;
+            }
+        };
+        motors.iter().find(|motor| self.axes[**motor].channel().lapse().is_some())?;
+        let place = shared_line::first(steps.iter().copied())?;
+        let first = motors[place];
+        let (Some((_, false)), Some((_, forward_high))) = (steps[place], self.sharing.members[first]) else {
+            return Some(first);
+        };
+        let axis = &mut self.axes[first];
+        let level = (axis.channel().direction() == Direction::Forward) == forward_high;
+        let open = self.lines[line].open(level, axis.soonest_turn());
+        axis.channel_mut().put_off(open);
+        Some(first)
+    }
+
+    fn next(
+        &mut self,
+        motor: usize,
+        until: Moment,
+        witness: &mut dyn Witness,
+    ) -> Option<pulsetrain_core::output::Edge> {
+        let axis = &mut self.axes[motor];
+        let before = axis.channel().position();
+        let edge = axis.next(until);
+        let moved = axis.channel().position().wrapping_sub(before);
+        self.agree();
+        let edge = edge?;
+        if moved != 0 {
+            let direction = if moved == 1 { Direction::Forward } else { Direction::Backward };
+            witness.step(motor, edge.tick, direction);
+            if let Some((line, forward_high)) = self.sharing.members[motor] {
+                self.lines[line].made(edge.tick, (direction == Direction::Forward) == forward_high);
+            }
+        }
+        Some(edge)
+    }
+
+    /// Tells all of a lapse that one has noticed; whether there was one.
+    fn agree(&mut self) -> bool {
+        if !self.axes.iter().any(|axis| axis.channel().has_news()) {
+            return false;
+        }
+        let Some(lapse) = lease::agreed(self.axes.iter().map(Axis::channel)) else { return false };
+        self.axes.iter_mut().for_each(|axis| axis.channel_mut().lapse_at(lapse));
+        true
     }
 }
 
 impl<const F: u32> Engine for Axes<F> {
     fn push(&mut self, motor: usize, entry: Entry) -> Result<(), Entry> {
-        self.axes.get_mut(motor).map_or(Err(entry), |axis| axis.queue_mut().push(entry))
+        let Some(axis) = self.motors.axes.get_mut(motor) else { return Err(entry) };
+        if axis.channel().keeps(entry.epoch) { axis.queue_mut().push(entry) } else { Ok(()) }
     }
 
     fn credit(&self, motor: usize) -> usize {
-        self.axes.get(motor).map_or(0, |axis| axis.queue().credit())
+        self.axes().get(motor).map_or(0, |axis| axis.queue().credit())
     }
 
-    fn switch(&mut self, epoch: Epoch, at: Moment) -> Result<(), channel::SwitchRefused> {
-        self.axes.iter().try_for_each(|axis| axis.channel().check_switch(at))?;
-        self.axes.iter_mut().try_for_each(|axis| axis.schedule_switch(epoch, at))
+    fn switch(
+        &mut self,
+        epoch: Epoch,
+        at: Moment,
+        lease: lease::Lease,
+        limits: &[Limit],
+    ) -> Result<(), channel::SwitchRefused> {
+        self.axes().iter().try_for_each(|axis| axis.channel().check_switch(at))?;
+        let limits = limits.iter().copied().map(Some).chain(std::iter::repeat(None));
+        self.channels_mut()
+            .zip(limits)
+            .try_for_each(|(channel, limit)| channel.schedule_leased(epoch, at, lease, limit))
+    }
+
+    fn check_extend(&self, lease: lease::Lease) -> Result<(), lease::ExtendRefused> {
+        self.axes().iter().try_for_each(|axis| axis.channel().check_extend(lease))
+    }
+
+    fn extend(&mut self, lease: lease::Lease, limits: &[Limit]) {
+        let limits = limits.iter().copied().map(Some).chain(std::iter::repeat(None));
+        self.channels_mut().zip(limits).for_each(|(channel, limit)| channel.extend(lease, limit));
+    }
+
+    fn take_back(&mut self, items: &[usize]) -> Result<(), usize> {
+        let mut queues = self.axes().iter().map(|axis| axis.queue().entries.len());
+        let wanted = items.iter().map(|count| (*count, queues.next().unwrap_or(0)));
+        if let Some(motor) = wanted.into_iter().position(|(count, waiting)| count > waiting) {
+            return Err(motor);
+        }
+        for (axis, count) in self.motors.axes.iter_mut().zip(items) {
+            let entries = &mut axis.queue_mut().entries;
+            entries.truncate(entries.len() - count);
+        }
+        Ok(())
+    }
+
+    fn lapse_at(&mut self, lapse: Lapse) {
+        self.channels_mut().for_each(|channel| channel.lapse_at(lapse));
+    }
+
+    fn lease(&self) -> (lease::Lease, Option<Lapse>) {
+        let lease = self.axes().first().map_or(lease::Lease::Off, |axis| axis.channel().lease());
+        let lapses = self.axes().iter().filter_map(|axis| axis.channel().lapse());
+        (lease, lapses.min_by_key(|lapse| !lapse.cause.is_fault()))
+    }
+
+    fn was_moving(&self) -> bool {
+        self.axes().iter().any(|axis| axis.channel().was_moving())
+    }
+
+    fn hold(&mut self, ticks: u32) {
+        let Motors { sharing, lines, .. } = &mut self.motors;
+        *lines = sharing.apart_ticks.iter().map(|apart| SharedLine::new(apart + ticks)).collect();
     }
 
     fn discard(&mut self, epoch: Epoch) {
-        for axis in &mut self.axes {
+        for axis in &mut self.motors.axes {
             axis.queue_mut().discard(epoch);
         }
     }
 
     fn horizons(&self) -> Box<dyn Iterator<Item = Moment> + '_> {
-        Box::new(self.axes.iter().map(|axis| axis.channel().horizon()))
+        Box::new(self.axes().iter().map(|axis| axis.channel().horizon()))
     }
 
     fn run(&mut self, until: Moment, witness: &mut dyn Witness) {
-        let Axes { axes, merge } = self;
+        let Axes { motors, merge } = self;
         merge.reopen();
-        let mut pull = |motor: usize, witness: &mut dyn Witness| {
-            let axis: &mut Axis<F, Waiting> = axes.get_mut(motor)?;
-            let before = axis.channel().position();
-            let edge = axis.next(until)?;
-            match axis.channel().position().wrapping_sub(before) {
-                0 => {}
-                1 => witness.step(motor, edge.tick, Direction::Forward),
-                _ => witness.step(motor, edge.tick, Direction::Backward),
-            }
-            Some(edge)
-        };
-        while let Some(edge) = merge.next(|motor| pull(motor, witness)) {
+        while let Some(edge) = merge.next(|motor| motors.pull(motor, until, witness)) {
             witness.edge(edge);
         }
-        for axis in axes {
-            axis.pass(until);
-        }
+        motors.axes.iter_mut().for_each(|axis| axis.pass(until));
+        motors.lines.iter_mut().for_each(|line| line.pass(until));
     }
 
     fn stop(&mut self) -> Vec<bool> {
@@ -605,19 +927,19 @@ impl<const F: u32> Engine for Axes<F> {
             axis.stop();
             going
         };
-        self.axes.iter_mut().map(stop).collect()
+        self.motors.axes.iter_mut().map(stop).collect()
     }
 
     fn is_idle(&self) -> bool {
-        self.axes.iter().all(Axis::is_idle)
+        self.axes().iter().all(Axis::is_idle)
     }
 
     fn epoch(&self, motor: usize) -> Option<Epoch> {
-        self.axes.get(motor).map(|axis| axis.channel().epoch())
+        self.axes().get(motor).map(|axis| axis.channel().epoch())
     }
 
     fn faults(&self, motor: usize) -> Faults {
-        self.axes.get(motor).map_or_else(Faults::default, |axis| Faults {
+        self.axes().get(motor).map_or_else(Faults::default, |axis| Faults {
             step_missed: axis.channel().missed().is_some(),
             setup_cut_short: axis.setup_cut_short(),
         })

@@ -2,7 +2,9 @@
 //!
 //! The board makes the edges, the shadow says which tick each step was scheduled for.
 
+use crate::lease::{ExtendRefused, Lease, LeaseState, Leased, TrimRefused};
 use crate::{Board, Edge, Faults, Native, Observer, ScheduledStep, Sizer, StopReport, SwitchRefused};
+use pulsetrain_core::braking::Limit;
 use pulsetrain_core::{Entry, Epoch};
 
 /// A board, whose edges are told, and a native one, whose steps are.
@@ -42,6 +44,15 @@ impl<B: Board> Shadowed<B> {
     #[must_use]
     pub fn into_board(self) -> B {
         self.board
+    }
+
+    /// Time has passed until the board answered, and switches that it had taken were made: the shadow holds no more of them than it.
+    /// But it stays before the switch at `tick`, as the board was when it took it: an answer that was lost comes after its tick.
+    fn follow_to_switch(&mut self, tick: u64) {
+        let passed = self.board.now().checked_sub(1).zip(self.shadow.last_before_switch(tick));
+        if let Some(last) = passed.map(|(now, before)| now.min(before)).filter(|last| self.shadow.now() <= *last) {
+            self.shadow.advance(last, &mut Kept(&mut self.steps));
+        }
     }
 
     /// Lets the shadow come as far as the board.
@@ -116,12 +127,7 @@ impl<B: Board> Board for Shadowed<B> {
 
     fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<(), SwitchRefused> {
         let answer = self.board.switch(epoch, tick);
-        // Time has passed until the board answered, and switches that it had taken were made: the shadow holds no more of them than it.
-        // But it stays before this switch, as the board was when it took it: an answer that was lost comes after its tick.
-        let passed = self.board.now().checked_sub(1).zip(self.shadow.last_before_switch(tick));
-        if let Some(last) = passed.map(|(now, before)| now.min(before)).filter(|last| self.shadow.now() <= *last) {
-            self.shadow.advance(last, &mut Kept(&mut self.steps));
-        }
+        self.follow_to_switch(tick);
         match answer {
             Ok(()) => self.agree &= self.shadow.switch(epoch, tick).is_ok(),
             Err(_) => Board::discard(&mut self.shadow, epoch),
@@ -175,6 +181,41 @@ impl<B: Board> Board for Shadowed<B> {
 
     fn fared(&mut self) -> Result<crate::Fared, crate::RemoteError> {
         self.board.fared()
+    }
+}
+
+impl<B: Leased> Leased for Shadowed<B> {
+    fn switch_leased(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[Limit]) -> Result<(), SwitchRefused> {
+        let answer = self.board.switch_leased(epoch, tick, lease, limits);
+        self.follow_to_switch(tick);
+        match answer {
+            Ok(()) => self.agree &= self.shadow.switch_leased(epoch, tick, lease, limits).is_ok(),
+            Err(_) => Board::discard(&mut self.shadow, epoch),
+        }
+        answer
+    }
+
+    fn extend(&mut self, lease: Lease, limits: &[Limit]) -> Result<(), ExtendRefused> {
+        self.board.extend(lease, limits)?;
+        self.agree &= self.shadow.extend(lease, limits).is_ok();
+        Ok(())
+    }
+
+    fn trim(&mut self, until: u64, items: &[usize]) -> Result<(), TrimRefused> {
+        self.board.trim(until, items)?;
+        self.agree &= self.shadow.trim(until, items).is_ok();
+        Ok(())
+    }
+
+    fn brake(&mut self) -> Option<u64> {
+        let at = self.board.brake()?;
+        // The shadow is not as far as the board, and brakes where that does.
+        self.shadow.brake_at(at);
+        Some(at)
+    }
+
+    fn lease(&self) -> LeaseState {
+        self.board.lease()
     }
 }
 

@@ -1,6 +1,7 @@
 //! Tests of the crate, in one binary.
 
 mod chips;
+mod lease;
 mod link;
 mod model_verbs;
 mod native;

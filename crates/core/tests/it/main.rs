@@ -1,6 +1,7 @@
 //! Tests of the crate, in one binary.
 
 mod baked;
+mod braking;
 mod narrow_verbs;
 mod service;
 mod stepgen;
