@@ -34,7 +34,7 @@
 //! fraction bits at 16 MHz and 160 000 steps/s it is 3900 steps/s². A host refuses limits below that.
 //!
 //! # What it costs
-//! A stop takes 1.39 to 2.00 times the v²/2a steps of an ideal one; `crates/core/tests/braking.rs` prints it. No division, one multiplication of
+//! A stop takes 1.39 to 2.00 times the v²/2a steps of an ideal one; `crates/core/tests/it/braking.rs` prints it. No division, one multiplication of
 //! two bytes a part. Where registers hold an add of 31 bits, 2^15 ticks with 16 fraction bits, a stop that is gentler
 //! than that at its end takes longer: [`Registers::with_fraction_bits`]. How much longer depends on hz: it is the host's to see to.
 
