@@ -791,6 +791,12 @@ impl<const F: u32> Motors<F> {
             }
         };
         motors.iter().find(|motor| self.axes[**motor].channel().lapse().is_some())?;
+        // What is left of the plan comes before all steps of the stop, and keeps its own steps apart.
+        let is_planned = |motor: &usize| !self.axes[*motor].channel().is_braking();
+        let planned = motors.iter().zip(&steps).map(|(motor, step)| step.filter(|_| is_planned(motor)));
+        if let Some(place) = shared_line::first(planned.map(|step| step.map(|(tick, _)| (tick, false)))) {
+            return Some(motors[place]);
+        }
         let place = shared_line::first(steps.iter().copied())?;
         let first = motors[place];
         let (Some((_, false)), Some((_, forward_high))) = (steps[place], self.sharing.members[first]) else {
