@@ -99,6 +99,11 @@ pub trait Leased: Board {
     /// already, or the lease ends sooner, that tick.
     fn brake(&mut self) -> Option<u64>;
 
-    /// How long the plan holds.
+    /// How long the plan holds, as far as the board has confirmed it.
     fn lease(&self) -> LeaseState;
+
+    /// An extension that the board has not confirmed yet.
+    fn unconfirmed(&self) -> Option<Lease> {
+        None
+    }
 }

@@ -10,7 +10,9 @@ use pulsetrain_core::{Direction, Item, Moment, Segment};
 /// A motor, and what it was sent.
 #[derive(Clone, Debug)]
 pub struct Sent<'a> {
-    /// From the epoch's beginning on; each run can be followed by the board.
+    /// Where it was before them.
+    pub start: Start,
+    /// In order; each run can be followed by the board.
     pub items: &'a [Item],
     /// How hard it brakes.
     pub limit: Limit,
@@ -18,6 +20,30 @@ pub struct Sent<'a> {
     pub gap_ticks: u64,
     /// The DIR line that it shares with others, if it does, by a number below that of the lines, and whether that is high for forward.
     pub line: Option<(usize, bool)>,
+}
+
+/// A motor amid its plan, or before it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Start {
+    /// Its last step, or the end of the wait after it, ticks · 2^F.
+    pub accumulator: i128,
+    /// An anchor, a wait or a reversal came after its last step.
+    pub fresh: bool,
+    /// Where it goes, if it is not fresh.
+    pub direction: Direction,
+    /// What its last step came after, ticks · 2^F: with nothing planned the next one would, too.
+    pub interval: i64,
+    /// The tick and the direction of its last step, if it made one.
+    pub last_step: Option<(u64, Direction)>,
+}
+
+impl Start {
+    /// A motor at rest whose epoch begins at tick `from`.
+    #[must_use]
+    pub fn at(from: u64, fraction_bits: u32) -> Start {
+        let accumulator = i128::from(from) << fraction_bits;
+        Start { accumulator, fresh: true, direction: Direction::Forward, interval: 0, last_step: None }
+    }
 }
 
 /// Steps in the order in which they are scheduled, those of one tick by motor. Where motors that brake share a DIR line, a step
@@ -62,34 +88,35 @@ enum Stop {
 }
 
 impl<'a> Replay<'a> {
-    /// Motors whose epoch begins at tick `from`, and whose lease ends at `until`; without it the plan goes on to its end. Steps that
-    /// want one of the lines at different levels are so many `apart_ticks` from each other: the longest pulse and hold, and the longest setup.
+    /// Motors whose lease ends at `until`; without it the plan goes on to its end. Steps that want one of the lines at different levels are
+    /// so many `apart_ticks` from each other: the longest pulse and hold, and the longest setup.
     #[must_use]
     pub fn new(
         motors: impl IntoIterator<Item = Sent<'a>>,
         apart_ticks: &[u64],
         fraction_bits: u32,
-        from: u64,
         until: Option<u64>,
     ) -> Replay<'a> {
         let walk = |sent: Sent<'a>| Walk {
             items: sent.items.iter(),
-            sent,
-            accumulator: i128::from(from) << fraction_bits,
+            accumulator: sent.start.accumulator,
             run: Segment::default(),
-            direction: Direction::Forward,
-            fresh: true,
-            last_interval: 0,
-            open: from,
+            direction: sent.start.direction,
+            fresh: sent.start.fresh,
+            last_interval: sent.start.interval,
+            open: sent.start.last_step.map_or(0, |(tick, _)| tick + sent.gap_ticks),
             stop: Stop::NotYet,
+            sent,
         };
-        Replay {
-            motors: motors.into_iter().map(walk).collect(),
-            lines: apart_ticks.iter().map(|ticks| Line { apart_ticks: *ticks, last: None }).collect(),
-            fraction_bits,
-            registers: Registers::with_fraction_bits(fraction_bits),
-            until,
-        }
+        let motors: Vec<Walk<'a>> = motors.into_iter().map(walk).collect();
+        let last_of = |line: usize| {
+            let members = motors.iter().filter_map(|walk| Some((walk.sent.line?, walk.sent.start.last_step?)));
+            let members = members.filter(|((own, _), _)| *own == line);
+            members.map(|((_, high), (tick, direction))| (tick, (direction == Direction::Forward) == high)).max()
+        };
+        let line = |(line, ticks): (usize, &u64)| Line { apart_ticks: *ticks, last: last_of(line) };
+        let lines = apart_ticks.iter().enumerate().map(line).collect();
+        Replay { motors, lines, fraction_bits, registers: Registers::with_fraction_bits(fraction_bits), until }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use pulsetrain_board::lease::{ExtendRefused, Lease, LeaseState, Leased, TrimRefused};
-use pulsetrain_board::replay::{Replay, Sent};
+use pulsetrain_board::replay::{Replay, Sent, Start};
 use pulsetrain_board::{Board, Config, Edge, MotorConfig, Native, Observer, ScheduledStep, Shadowed, Wiring};
 use pulsetrain_core::braking::Limit;
 use pulsetrain_core::lease::Cause;
@@ -186,9 +186,15 @@ impl Host<'_> {
     fn replay(&self, until: Option<u64>) -> Replay<'_> {
         let motors =
             self.plans.iter().zip(&self.sent).zip(self.limits).zip(&self.lines).map(|(((plan, sent), limit), line)| {
-                Sent { items: &plan[..*sent], limit: *limit, gap_ticks: u64::from(PULSE) + 1, line: *line }
+                Sent {
+                    start: Start::at(ZERO, self.f),
+                    items: &plan[..*sent],
+                    limit: *limit,
+                    gap_ticks: u64::from(PULSE) + 1,
+                    line: *line,
+                }
             });
-        Replay::new(motors, &[APART; 8], self.f, ZERO, until)
+        Replay::new(motors, &[APART; 8], self.f, until)
     }
 
     /// The tick of the last step that was sent, of the motor that goes on and has least; `None` if none goes on.
@@ -379,8 +385,9 @@ proptest! {
         let bits = [8, 11, 12, 16, 20, 27, 32];
         let limit = Limit::new(m, e + bits[f] as u8, l).unwrap();
         let items = items(bits[f], &pieces, 500, true);
-        let sent = Sent { items: &items, limit, gap_ticks: u64::from(PULSE) + 1, line: None };
-        let replay = |until| Replay::new([sent.clone()], &[], bits[f], ZERO, until);
+        let start = Start::at(ZERO, bits[f]);
+        let sent = Sent { start, items: &items, limit, gap_ticks: u64::from(PULSE) + 1, line: None };
+        let replay = |until| Replay::new([sent.clone()], &[], bits[f], until);
         let last = replay(None).map(|step| step.tick).max().unwrap_or(ZERO);
         let until = ZERO + (last + 1000 - ZERO) * part / 256;
         let made = match f {
@@ -502,8 +509,8 @@ fn two(more: &[Item], lease: Lease) -> (Native, Lab, [Vec<Item>; 2]) {
 /// The ticks of a motor's steps if its lease ends at `until`.
 fn replayed(items: &[Item], until: u64) -> Vec<u64> {
     let limit = Limit::new(150, 9 + F as u8, 0).unwrap();
-    let sent = Sent { items, limit, gap_ticks: u64::from(PULSE) + 1, line: None };
-    Replay::new([sent], &[], F, ZERO, Some(until)).map(|step| step.tick).collect()
+    let sent = Sent { start: Start::at(ZERO, F), items, limit, gap_ticks: u64::from(PULSE) + 1, line: None };
+    Replay::new([sent], &[], F, Some(until)).map(|step| step.tick).collect()
 }
 
 fn ticks(lab: &Lab, motor: usize) -> Vec<u64> {
