@@ -31,7 +31,7 @@ pub mod fit;
 pub mod human;
 mod interrupt;
 pub mod lateness;
-pub mod pause;
+pub use pulsetrain_session::pause;
 pub mod plot;
 pub mod prepare;
 pub mod record;

@@ -224,7 +224,7 @@ pub fn paused(program: &Program, at: Time, until: Option<Time>) -> Result<(Progr
 /// # let text = pulsetrain_motion::template::motion_file("example");
 /// # let no_files = |_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into());
 /// # let program = pulsetrain_motion::file::read(&text, "example.toml", &no_files).unwrap();
-/// let shelf = pulsetrain::pause::Shelf::default();
+/// let shelf = pulsetrain_session::pause::Shelf::default();
 /// let kept = shelf.keep(program.clone());
 /// let other = shelf.keep(program);
 /// assert_eq!(kept.motors.len(), other.motors.len());

@@ -5,16 +5,24 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
 
 /// Each crate of ours, and those of ours that it may know; tests and benches included, but for [`IN_TESTS`].
-const MAY_KNOW: [(&str, &[&str]); 10] = [
+const MAY_KNOW: [(&str, &[&str]); 11] = [
     ("pulsetrain-core", &[]),
     ("pulsetrain-motion", &["pulsetrain-core"]),
     ("pulsetrain-plan", &["pulsetrain-core", "pulsetrain-motion"]),
     // The judge is independent of what it judges: it knows the law, never the plan, nor the fixed point of a board's path.
     ("pulsetrain-trace", &["pulsetrain-motion"]),
     ("pulsetrain-board", &["pulsetrain-core", "pulsetrain-emulator"]),
+    ("pulsetrain-session", &["pulsetrain-board", "pulsetrain-core", "pulsetrain-motion", "pulsetrain-plan"]),
     (
         "pulsetrain",
-        &["pulsetrain-board", "pulsetrain-core", "pulsetrain-motion", "pulsetrain-plan", "pulsetrain-trace"],
+        &[
+            "pulsetrain-board",
+            "pulsetrain-core",
+            "pulsetrain-motion",
+            "pulsetrain-plan",
+            "pulsetrain-session",
+            "pulsetrain-trace",
+        ],
     ),
     // The truth that tests compare with: it knows nothing of ours.
     ("pulsetrain-oracle", &[]),

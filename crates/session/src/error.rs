@@ -1,0 +1,131 @@
+//! Why a session cannot go on as it should.
+
+use crate::pause::PauseError;
+use pulsetrain_board::{RemoteError, SwitchRefused};
+use pulsetrain_core::lease::Cause;
+use pulsetrain_motion::LawError;
+use pulsetrain_plan::Refused;
+
+/// Why a session cannot begin, go on or change. The motors that are in motion brake within their limits then.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SessionError {
+    /// The board still runs something else.
+    #[error("the board is busy")]
+    Busy,
+    /// Program and board do not have the same motors or ticks.
+    #[error("the program has {program} motors and the board {board}; they must match, and so must their ticks")]
+    Motors {
+        /// Motors of the program.
+        program: usize,
+        /// Motors of the board, or of the program before.
+        board: usize,
+    },
+    /// The plan is refused.
+    #[error("motor {}: {}", .0.motor, .0.error)]
+    Plan(#[from] Refused),
+    /// A law breaks where the host looks at it.
+    #[error("motor {motor}: {error}")]
+    Law {
+        /// Index of the motor in the program.
+        motor: usize,
+        /// How.
+        error: LawError,
+    },
+    /// The board cannot brake as gently as the motor needs it.
+    #[error(
+        "motor {motor} runs at up to {speed:.0} steps/s and may brake with {limit:.2} steps/s² at most; this board brakes with \
+         {least:.2} steps/s² at least from there: raise max_acceleration, or run slower"
+    )]
+    TooGentle {
+        /// Index of the motor in the program.
+        motor: usize,
+        /// The largest of its law so far, steps/s.
+        speed: f64,
+        /// Its max_acceleration, steps/s².
+        limit: f64,
+        /// What the board's numbers hold, steps/s².
+        least: f64,
+    },
+    /// The host stood still: what comes next was not sent in time.
+    #[error(
+        "this computer was too slow: at {at_s:.3} s the board had no more plan for motor {motor}, and stopped the motors gently; more came \
+         {:.1} ms too late", 1e3 * .late_s
+    )]
+    Stopped {
+        /// Index of the motor that had least.
+        motor: usize,
+        /// From when on the motors brake, s of the laws.
+        at_s: f64,
+        /// How much later the host looked after the board again, s.
+        late_s: f64,
+    },
+    /// The board could not follow what it was told: a fault of the planner or the board, not of the motion.
+    #[error("at {at_s:.3} s the board could not follow the plan ({cause:?}), and stopped the motors gently")]
+    Fault {
+        /// From when on the motors brake, s of the laws.
+        at_s: f64,
+        /// What happened there.
+        cause: Cause,
+    },
+    /// The board did not accept a change, or a beginning.
+    #[error("the change did not reach the board in time: {0}")]
+    Switch(SwitchRefused),
+    /// Nothing can be said to the board any more.
+    #[error("the motion could not go on, so the motors brake: {0}")]
+    Lost(RemoteError),
+    /// The board's queue does not hold what is to be told at once.
+    #[error(
+        "motor {motor} at {at_s:.3} s: what comes next takes {needed} of its queue of {capacity}, where {room} are free by then"
+    )]
+    QueueTooShort {
+        /// Index of the motor in the program.
+        motor: usize,
+        /// When, s of the laws.
+        at_s: f64,
+        /// Room in the empty queue.
+        capacity: usize,
+        /// Items or bytes, as the board's queue is measured.
+        needed: usize,
+        /// In the same unit.
+        room: usize,
+    },
+    /// The motion leaves no room for a pause, or for going on.
+    #[error(transparent)]
+    Pause(PauseError),
+    /// Nothing was paused, or the motors were stopped since.
+    #[error("the motion is not paused")]
+    NotPaused,
+    /// A change before the board can be told.
+    #[error("tick {at} is too early for a change; the earliest is {earliest}")]
+    Early {
+        /// Asked for.
+        at: u64,
+        /// First tick that can still be changed.
+        earliest: u64,
+    },
+    /// A change while the board has not made the last one, or a pause at a tick of which it knows nothing yet.
+    #[error("tick {at} cannot be changed yet; ask again from tick {until} on")]
+    Waiting {
+        /// Asked for.
+        at: u64,
+        /// From then on it can be asked for again, and may be refused again.
+        until: u64,
+    },
+    /// A change in what the board was not told yet, or while the motors brake.
+    #[error("tick {at} is too late for a change; after {latest} the motors brake, or nothing is told yet")]
+    Late {
+        /// Asked for.
+        at: u64,
+        /// Last tick at which a change joins the motion.
+        latest: u64,
+    },
+}
+
+impl From<PauseError> for SessionError {
+    fn from(error: PauseError) -> SessionError {
+        match error {
+            PauseError::Law { motor, error } => SessionError::Law { motor, error },
+            error @ PauseError::NoRoom { .. } => SessionError::Pause(error),
+        }
+    }
+}

@@ -1,0 +1,4 @@
+//! Sessions on the native board: what it does under them is the plan, tick by tick, or a stop that the host knows.
+
+mod onward;
+mod session;

@@ -1,0 +1,898 @@
+//! Sessions: what a board does under them is the plan, tick by tick, or a stop that was planned.
+
+use crate::onward::onward;
+use proptest::prelude::*;
+use pulsetrain_board::lease::{ExtendRefused, Lease, LeaseState, Leased, TrimRefused};
+use pulsetrain_board::{
+    Board, Config, Edge, Faults, LinkError, MotorConfig, Native, Observer, RemoteError, ScheduledStep, Sizer,
+    StopReport, SwitchRefused, Wiring,
+};
+use pulsetrain_core::braking::Limit;
+use pulsetrain_core::{Direction, Entry, Epoch, Item};
+use pulsetrain_motion::program::{self, DriverTiming, Limits, Motor, Program, Scale, Tolerance};
+use pulsetrain_motion::{Grid, Law, Time, law::Cursor};
+use pulsetrain_plan::{Ensemble, Move, Settings};
+use pulsetrain_session::pause::Shelf;
+use pulsetrain_session::{Session, SessionError};
+
+const TICK_HZ: u64 = 16_000_000;
+const TIMING: DriverTiming =
+    DriverTiming { pulse_high_ns: 1000, pulse_low_ns: 1000, dir_setup_ns: 500, dir_hold_ns: 500 };
+/// Pulse, hold and setup, ticks.
+const REVERSAL: u64 = 32;
+/// STEP of motor m is line m, DIR line 16 + m, or 16 if it is shared.
+const FIRST_DIR: u8 = 16;
+
+fn motor(index: usize, law: Law, shared: bool, limits: Limits) -> Motor {
+    let index = u8::try_from(index).unwrap();
+    let dir = if shared { FIRST_DIR } else { FIRST_DIR + index };
+    Motor {
+        name: format!("m{index}"),
+        law,
+        wiring: program::Wiring::StepDir { step: index, dir, forward_high: true, enable: None },
+        timing: TIMING,
+        limits,
+        scale: Scale { unit: "rev".into(), steps_per_unit: 200.0, steps_per_rev: 200.0 },
+        winding: None,
+        driver: None,
+    }
+}
+
+fn program(fraction_bits: u32, motors: Vec<Motor>) -> Program {
+    let board = program::Board {
+        name: "native".into(),
+        tick_hz: TICK_HZ,
+        fraction_bits,
+        max_motors: 16,
+        min_interval_ticks: vec![160],
+        hardware_timed: true,
+        turn_ticks: 0,
+        one_timing: false,
+        shared_steps: None,
+        segment_ticks: Vec::new(),
+        source: "test".into(),
+    };
+    Program {
+        board,
+        grid: Grid::NEAREST,
+        tolerance: Tolerance::Ticks(1.0),
+        idle_ms: None,
+        motors,
+        machines: Vec::new(),
+    }
+}
+
+/// A native board with a shorter queue, on which one bit of one segment may tip over.
+struct Bench {
+    native: Native,
+    missing: usize,
+    /// Which run of motor 0, and which bit of its interval.
+    flip: Option<(usize, u32)>,
+    runs: usize,
+    /// From so many items on it takes no more.
+    full_after: usize,
+    items: usize,
+    /// How long an extension is on its way, ticks; the one that is, and when it arrives.
+    delay: u64,
+    on_its_way: Option<(Lease, Vec<Limit>, u64)>,
+    lost: Option<RemoteError>,
+}
+
+impl Bench {
+    fn new(program: &Program, capacity: usize) -> Bench {
+        let timing = TIMING.ticks(TICK_HZ);
+        let motor = |motor: &Motor| match motor.wiring {
+            program::Wiring::StepDir { step, dir, forward_high, .. } => MotorConfig {
+                wiring: Wiring::StepDir {
+                    step,
+                    dir,
+                    forward_high,
+                    pulse_ticks: u32::try_from(timing.pulse_high).unwrap(),
+                    setup_ticks: u32::try_from(timing.dir_setup).unwrap(),
+                },
+                pull_in_ticks: u64::MAX,
+            },
+            program::Wiring::Coils { .. } => unreachable!("motors of these tests have STEP and DIR"),
+        };
+        let motors = program.motors.iter().map(motor).collect();
+        let native = Native::new(&Config { fraction_bits: program.board.fraction_bits, motors }).unwrap();
+        let native = native.with_dir_hold(u32::try_from(timing.dir_hold).unwrap());
+        let missing = native.credit(0) - capacity;
+        Bench {
+            native,
+            missing,
+            flip: None,
+            runs: 0,
+            full_after: usize::MAX,
+            items: 0,
+            delay: 0,
+            on_its_way: None,
+            lost: None,
+        }
+    }
+}
+
+impl Bench {
+    /// What is on its way arrives.
+    fn arrive(&mut self) {
+        if let Some((lease, limits, _)) = self.on_its_way.take() {
+            self.native.extend(lease, &limits).unwrap();
+        }
+    }
+}
+
+impl Board for Bench {
+    fn push(&mut self, motor: usize, mut entry: Entry) -> Result<(), Entry> {
+        if self.room(motor) == 0 {
+            return Err(entry);
+        }
+        if let (0, Item::Run { segment, .. }) = (motor, &mut entry.item) {
+            if let Some((_, bit)) = self.flip.filter(|(run, _)| *run == self.runs) {
+                segment.interval ^= 1 << bit;
+            }
+            self.runs += 1;
+        }
+        self.items += 1;
+        self.native.push(motor, entry)
+    }
+    fn discard(&mut self, epoch: Epoch) {
+        Board::discard(&mut self.native, epoch);
+    }
+    fn room(&self, motor: usize) -> usize {
+        if self.items < self.full_after { self.native.credit(motor).saturating_sub(self.missing) } else { 0 }
+    }
+    fn sizer(&self, motor: usize) -> Sizer {
+        self.native.sizer(motor)
+    }
+    fn lead(&self) -> u64 {
+        self.native.lead()
+    }
+    fn switches(&self) -> usize {
+        self.native.switches()
+    }
+    fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<(), SwitchRefused> {
+        self.native.switch(epoch, tick)
+    }
+    fn horizon(&self) -> u64 {
+        self.native.horizon()
+    }
+    fn now(&self) -> u64 {
+        self.native.now()
+    }
+    fn epoch(&self) -> Epoch {
+        Board::epoch(&self.native)
+    }
+    fn advance(&mut self, until: u64, observer: &mut impl Observer) {
+        if let Some(at) = self.on_its_way.as_ref().map(|(.., at)| *at).filter(|at| self.lost.is_none() && *at <= until)
+        {
+            self.native.advance(at, observer);
+            self.arrive();
+        }
+        self.native.advance(until, observer);
+    }
+    fn lost(&self) -> Option<&RemoteError> {
+        self.lost.as_ref()
+    }
+    fn stop_now(&mut self, tick: u64, observer: &mut impl Observer) -> StopReport {
+        self.native.stop_now(tick, observer)
+    }
+    fn positions(&self) -> Vec<i64> {
+        self.native.positions()
+    }
+    fn is_idle(&self) -> bool {
+        self.native.idle()
+    }
+    fn faults(&self, motor: usize) -> Faults {
+        self.native.faults(motor)
+    }
+}
+
+impl Leased for Bench {
+    fn switch_leased(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[Limit]) -> Result<(), SwitchRefused> {
+        self.native.switch_leased(epoch, tick, lease, limits)
+    }
+    fn extend(&mut self, lease: Lease, limits: &[Limit]) -> Result<(), ExtendRefused> {
+        if self.delay == 0 {
+            return self.native.extend(lease, limits);
+        }
+        self.on_its_way = Some((lease, limits.to_vec(), self.native.now() + self.delay));
+        Ok(())
+    }
+    fn unconfirmed(&self) -> Option<Lease> {
+        self.on_its_way.as_ref().map(|(lease, ..)| *lease)
+    }
+    fn trim(&mut self, until: u64, items: &[usize]) -> Result<(), TrimRefused> {
+        self.native.trim(until, items)
+    }
+    fn brake(&mut self) -> Option<u64> {
+        self.native.brake()
+    }
+    fn lease(&self) -> LeaseState {
+        Leased::lease(&self.native)
+    }
+}
+
+/// Counts pulses as drivers would, and keeps the steps that the stepgen scheduled.
+struct Lab {
+    levels: u32,
+    /// DIR line of each motor.
+    dirs: Vec<u8>,
+    counted: Vec<i64>,
+    steps: Vec<Vec<(u64, i64)>>,
+}
+
+impl Lab {
+    fn new(program: &Program) -> Lab {
+        let dirs = program.motors.iter().map(|motor| motor.wiring.pins()[1]);
+        let motors = program.motors.len();
+        Lab { levels: 0, dirs: dirs.collect(), counted: vec![0; motors], steps: vec![Vec::new(); motors] }
+    }
+}
+
+impl Lab {
+    /// Whether all motors have the same DIR line.
+    fn is_shared(&self) -> bool {
+        self.dirs.len() > 1 && self.dirs.iter().all(|dir| *dir == FIRST_DIR)
+    }
+}
+
+impl Observer for Lab {
+    fn edge(&mut self, edge: Edge) {
+        self.levels ^= 1 << edge.line;
+        if edge.level && edge.line < FIRST_DIR {
+            let motor = usize::from(edge.line);
+            self.counted[motor] += if self.levels >> self.dirs[motor] & 1 == 1 { 1 } else { -1 };
+        }
+    }
+
+    fn step(&mut self, step: ScheduledStep) {
+        self.steps[step.motor].push((step.tick, i64::from(step.direction.sign())));
+    }
+}
+
+/// All steps of a program's plan, replayed in wide integers.
+fn planned(program: &Program) -> Option<Vec<Vec<(u64, i64)>>> {
+    let fraction_bits = program.board.fraction_bits;
+    let mut ensemble = Ensemble::new(program).ok()?;
+    let mut all = Vec::new();
+    for motor in 0..program.motors.len() {
+        let mut accumulator = 1_i128 << (fraction_bits - 1);
+        let mut steps = Vec::new();
+        while let Some(next) = ensemble.next_move(motor).ok()? {
+            match next {
+                Move::Dwell { ticks } => accumulator += i128::from(ticks) << fraction_bits,
+                Move::Run { segment, direction } => {
+                    let sign = if direction == Direction::Forward { 1 } else { -1 };
+                    steps.extend(
+                        (1..=segment.count)
+                            .map(|k| (u64::try_from((accumulator + segment.span(k)) >> fraction_bits).unwrap(), sign)),
+                    );
+                    accumulator += segment.span(segment.count);
+                }
+            }
+        }
+        all.push(steps);
+    }
+    Some(all)
+}
+
+/// A law without jumps, and its largest acceleration.
+fn smooth_law() -> impl Strategy<Value = (Law, f64)> {
+    let sine = (2.0..300.0f64, any::<bool>(), 0.15..1.2f64, 1u64..3).prop_map(|(a, negative, period, cycles)| {
+        let period = period.max((a / 800.0).sqrt());
+        let omega = std::f64::consts::TAU / period;
+        let amplitude = if negative { -a } else { a };
+        (Law::sine(amplitude, Time::from_seconds(period), Some(cycles)).unwrap(), a * omega * omega)
+    });
+    let trapezoid = (-900.0..900.0f64, 50.0..3000.0f64, 2000.0..40_000.0f64).prop_map(|(distance, speed, a)| {
+        (Law::trapezoid(distance + 3.0f64.copysign(distance), speed, a, a).unwrap(), a)
+    });
+    prop_oneof![sine, trapezoid]
+}
+
+fn motors(shared: bool) -> impl Strategy<Value = Vec<Motor>> {
+    let limited = (smooth_law(), any::<bool>(), prop_oneof![Just(0.0), 1.0..200.0f64], 0.0..0.3f64);
+    prop::collection::vec(limited, 1..=4).prop_map(move |motors| {
+        let motor = |(index, ((law, hardest), limited, pull_in, delay)): (usize, ((Law, f64), bool, f64, f64))| {
+            let max_acceleration = limited.then_some(hardest * 1.1);
+            let law = law.delayed(Time::from_seconds(delay)).unwrap();
+            motor(index, law, shared, Limits { max_speed: None, max_acceleration, pull_in })
+        };
+        motors.into_iter().enumerate().map(motor).collect()
+    })
+}
+
+fn programs() -> impl Strategy<Value = Program> {
+    let motors = prop_oneof![2 => motors(false), 1 => motors(true)];
+    (prop_oneof![Just(16u32), Just(32)], motors).prop_map(|(bits, motors)| program(bits, motors))
+}
+
+/// Steps are pulses, and both are what the host replays; nothing comes closer than it may.
+fn check_counts<B: Leased>(session: &Session<'_, B>, lab: &Lab, program: &Program) -> Result<(), TestCaseError> {
+    let now = session.board().now();
+    for (motor, steps) in lab.steps.iter().enumerate() {
+        let count: i64 = steps.iter().map(|(_, sign)| sign).sum();
+        prop_assert_eq!(session.board().positions()[motor], count);
+        prop_assert_eq!(lab.counted[motor], count, "pulses of motor {}", motor);
+        prop_assert_eq!(session.count_at(motor, now - 1), Some(count), "replay of motor {}", motor);
+        prop_assert_eq!(session.board().faults(motor), Faults::default());
+        let least = Settings::of(program, &program.motors[motor]).min_interval_ticks;
+        for pair in steps.windows(2) {
+            let gap = if pair[0].1 == pair[1].1 { least } else { REVERSAL.max(least) };
+            prop_assert!(pair[1].0 - pair[0].0 >= gap, "motor {motor}: {pair:?} closer than {gap}");
+        }
+    }
+    Ok(())
+}
+
+/// At every step that is remembered the host knows the count before and after, and between steps as well.
+fn check_replay<B: Leased>(session: &Session<'_, B>, lab: &Lab, ticks: &[u64]) -> Result<(), TestCaseError> {
+    for (motor, steps) in lab.steps.iter().enumerate() {
+        let mut count = 0;
+        for &(tick, sign) in steps {
+            if let Some(replayed) = session.count_at(motor, tick - 1) {
+                prop_assert_eq!(replayed, count, "motor {} before {}", motor, tick);
+                prop_assert_eq!(session.count_at(motor, tick), Some(count + sign), "motor {} at {}", motor, tick);
+            }
+            count += sign;
+        }
+        for &tick in ticks.iter().filter(|tick| **tick < session.board().now()) {
+            if let Some(replayed) = session.count_at(motor, tick) {
+                let count: i64 = steps.iter().filter(|(t, _)| *t <= tick).map(|(_, sign)| sign).sum();
+                prop_assert_eq!(replayed, count, "motor {} at {}", motor, tick);
+            }
+        }
+    }
+    Ok(())
+}
+
+/// No acceleration above `limit` (steps/s²), as far as ticks that may be off by `doubt` tell, over any stretch of steps.
+fn check_acceleration(steps: &[(u64, i64)], limit: f64, doubt: f64) -> Result<(), TestCaseError> {
+    let hz = TICK_HZ as f64;
+    for run in steps.chunk_by(|a, b| a.1 == b.1) {
+        let mut stride = 1;
+        while 2 * stride < run.len() {
+            for k in 0..run.len() - 2 * stride {
+                let [a, b, c] = [k, k + stride, k + 2 * stride].map(|k| run[k].0 as f64 / hz);
+                let (before, after) = (stride as f64 / (b - a), stride as f64 / (c - b));
+                let error = 2.0 * doubt / hz * (before / (b - a) + after / (c - b));
+                let acceleration = (after - before).abs() / (0.5 * (c - a));
+                let bound = limit * 1.001 + error * 1.1 / (0.5 * (c - a));
+                prop_assert!(acceleration <= bound, "{acceleration} steps/s² over {bound} at {:?}", run[k]);
+            }
+            stride *= 2;
+        }
+    }
+    Ok(())
+}
+
+/// Lets the board come to rest without the host.
+fn let_run_out<B: Leased>(session: &mut Session<'_, B>, lab: &mut Lab) {
+    let told = session.told();
+    let end = session.last_step().unwrap_or(0).max(session.board().now());
+    let end = if told == u64::MAX { end } else { end.max(told) };
+    session.board_mut().advance(end + 1000, lab);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    #[test]
+    fn a_session_changes_no_tick(program in programs(), capacity in 128usize..=256) {
+        let Some(planned) = planned(&program) else { return Err(TestCaseError::reject("no plan")) };
+        let mut lab = Lab::new(&program);
+        let mut session = Session::new(Bench::new(&program, capacity), &program).unwrap();
+        let mut progress = 0;
+        let report = session.run(&mut lab, |tick| progress = progress.max(tick));
+        prop_assert_eq!(report.failure, None);
+        prop_assert_eq!(&report.counted, &report.replayed);
+        prop_assert!(progress > report.last_step);
+        for (steps, planned) in lab.steps.iter().zip(&planned) {
+            let from_zero: Vec<_> = steps.iter().map(|(tick, sign)| (tick - report.zero, *sign)).collect();
+            prop_assert_eq!(&from_zero, planned);
+        }
+        check_counts(&session, &lab, &program)?;
+    }
+
+    #[test]
+    fn a_lost_host_is_a_planned_stop(
+        program in programs(),
+        capacity in 128usize..=256,
+        lost_s in 0.0..1.5f64,
+        looks in prop::collection::vec(0u64..30_000_000, 8),
+    ) {
+        prop_assume!(planned(&program).is_some());
+        let mut lab = Lab::new(&program);
+        let mut session = Session::new(Bench::new(&program, capacity), &program).unwrap();
+        prop_assert_eq!(session.advance((lost_s * TICK_HZ as f64) as u64, &mut lab), Ok(()));
+        let_run_out(&mut session, &mut lab);
+        prop_assert!(session.board().is_idle());
+        check_counts(&session, &lab, &program)?;
+        check_replay(&session, &lab, &looks)?;
+        check_stops(&session, &lab, &program)?;
+    }
+
+    #[test]
+    fn a_host_that_stood_still_is_told_since_when(
+        program in programs(),
+        asleep_s in 0.0..0.4f64,
+        late in 0u64..10_000,
+        looks in prop::collection::vec(0u64..30_000_000, 8),
+    ) {
+        prop_assume!(planned(&program).is_some());
+        let mut lab = Lab::new(&program);
+        let mut session = Session::new(Bench::new(&program, 256), &program).unwrap();
+        prop_assert_eq!(session.advance((asleep_s * TICK_HZ as f64) as u64, &mut lab), Ok(()));
+        if session.is_complete() {
+            return Ok(());
+        }
+        let told = session.told();
+        session.board_mut().advance(told + late, &mut lab);
+        let refused = session.fill();
+        let Err(SessionError::Stopped { at_s, late_s, .. }) = refused else { panic!("{refused:?}") };
+        prop_assert_eq!((at_s * TICK_HZ as f64).round() as u64, told - session.zero());
+        prop_assert_eq!((late_s * TICK_HZ as f64).round() as u64, late + 1);
+        let report = session.run(&mut lab, |_| {});
+        prop_assert_eq!(&report.counted, &report.replayed);
+        check_counts(&session, &lab, &program)?;
+        check_replay(&session, &lab, &looks)?;
+        check_stops(&session, &lab, &program)?;
+    }
+
+    #[test]
+    fn a_stop_at_any_time_stays_within_the_limits(
+        program in programs(),
+        stops_s in 0.0..1.5f64,
+        looks in prop::collection::vec(0u64..30_000_000, 8),
+    ) {
+        prop_assume!(planned(&program).is_some());
+        let mut lab = Lab::new(&program);
+        let mut session = Session::new(Bench::new(&program, 256), &program).unwrap();
+        prop_assert_eq!(session.advance((stops_s * TICK_HZ as f64) as u64, &mut lab), Ok(()));
+        let stops = session.stop();
+        prop_assert!(stops.is_ok(), "{:?}", stops);
+        // At once, or after a step of a motor that had just turned at speed.
+        prop_assert!(stops.unwrap() <= session.earliest());
+        let report = session.run(&mut lab, |_| {});
+        prop_assert_eq!(report.failure, None);
+        prop_assert_eq!(&report.counted, &report.replayed);
+        check_counts(&session, &lab, &program)?;
+        check_replay(&session, &lab, &looks)?;
+        check_stops(&session, &lab, &program)?;
+    }
+
+    #[test]
+    fn changes_go_on_from_where_the_motors_are(
+        program in programs(),
+        changes in prop::collection::vec((0.0..0.5f64, 0u64..100_000, smooth_law()), 1..4),
+        looks in prop::collection::vec(0u64..30_000_000, 8),
+    ) {
+        prop_assume!(planned(&program).is_some());
+        let arena: Vec<std::cell::OnceCell<Program>> = changes.iter().map(|_| std::cell::OnceCell::new()).collect();
+        let mut lab = Lab::new(&program);
+        let mut session = Session::new(Bench::new(&program, 256), &program).unwrap();
+        let mut current = &program;
+        for ((after_s, ahead, (law, hardest)), cell) in changes.iter().zip(&arena) {
+            let until = session.board().now() + (after_s * TICK_HZ as f64) as u64;
+            prop_assert_eq!(session.advance(until, &mut lab), Ok(()));
+            let at = session.earliest() + ahead;
+            let mut next = current.clone();
+            for (index, motor) in next.motors.iter_mut().enumerate() {
+                let state = session.state(index, at).unwrap();
+                motor.limits.max_acceleration = None;
+                motor.law = onward(state, law, *hardest);
+            }
+            let next = cell.get_or_init(|| next);
+            match session.change(at, next) {
+                Ok(()) => current = next,
+                // Motors that share a DIR line may want to turn too close together, or step by step.
+                Err(SessionError::Plan(_)) if lab.is_shared() => continue,
+                Err(SessionError::Waiting { .. }) => continue,
+                Err(error) => return Err(TestCaseError::fail(error.to_string())),
+            }
+            prop_assert_eq!(session.zero(), at);
+            let look = at + (0.1 * TICK_HZ as f64) as u64;
+            prop_assert_eq!(session.advance(look, &mut lab), Ok(()));
+            check_counts(&session, &lab, current)?;
+            check_replay(&session, &lab, &looks)?;
+            for (index, motor) in current.motors.iter().enumerate() {
+                let theta = Cursor::new(&motor.law).at(Time::from_ratio((look - at).cast_signed(), TICK_HZ)).unwrap();
+                let count = session.count_at(index, look).unwrap() as f64;
+                prop_assert!((theta.position - count).abs() < 1.6, "motor {index}: {count}, law {}", theta.position);
+            }
+        }
+        let report = session.run(&mut lab, |_| {});
+        prop_assert_eq!(&report.counted, &report.replayed);
+        check_counts(&session, &lab, current)?;
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    #[test]
+    fn pauses_keep_path_limits_and_counts(
+        program in programs(),
+        pauses in prop::collection::vec((0.0..0.6f64, 0.0..0.3f64), 1..4),
+    ) {
+        let Some(planned) = planned(&program) else { return Err(TestCaseError::reject("no plan")) };
+        let shelf = Shelf::default();
+        let mut lab = Lab::new(&program);
+        let mut session = Session::new(Bench::new(&program, 256), &program).unwrap();
+        let ticks = |seconds: f64| (seconds * TICK_HZ as f64) as u64;
+        for (after_s, rest_s) in pauses {
+            let until = session.board().now() + ticks(after_s);
+            prop_assert_eq!(session.advance(until, &mut lab), Ok(()));
+            let rests = match session.pause(&shelf) {
+                Ok(rests) => rests,
+                // Over by then, or too much for one motor; or motors that share a DIR line turn too close together.
+                Err(SessionError::Late { .. } | SessionError::Pause(_)) => continue,
+                // The change before it waits, and it may be asked again.
+                Err(SessionError::Waiting { at, until }) => {
+                    prop_assert!(session.board().now() <= until && until < at, "{at} waits for {until}");
+                    continue;
+                }
+                Err(SessionError::Plan(_) | SessionError::QueueTooShort { .. }) if lab.is_shared() => continue,
+                Err(error) => return Err(TestCaseError::fail(error.to_string())),
+            };
+            prop_assert_eq!(session.pause(&shelf), Ok(rests), "once is enough");
+            prop_assert_eq!(session.advance(rests, &mut lab), Ok(()));
+            check_counts(&session, &lab, &program)?;
+            let halted = lab.counted.clone();
+            prop_assert_eq!(session.advance(rests + ticks(rest_s), &mut lab), Ok(()));
+            prop_assert_eq!(&lab.counted, &halted, "at rest");
+            match session.resume(&shelf) {
+                Ok(at_speed) => prop_assert!(at_speed > rests),
+                Err(SessionError::Pause(_)) => return Ok(()),
+                Err(SessionError::Plan(_) | SessionError::QueueTooShort { .. }) if lab.is_shared() => return Ok(()),
+                Err(error) => return Err(TestCaseError::fail(error.to_string())),
+            }
+            prop_assert_eq!(session.resume(&shelf), Err(SessionError::NotPaused));
+        }
+        let report = session.run(&mut lab, |_| {});
+        prop_assert_eq!(report.failure, None);
+        prop_assert_eq!(&report.counted, &report.replayed);
+        check_counts(&session, &lab, &program)?;
+        for ((steps, planned), m) in lab.steps.iter().zip(&planned).zip(&program.motors) {
+            // The same steps, at other times.
+            let way = |steps: &[(u64, i64)]| steps.iter().map(|(_, sign)| *sign).collect::<Vec<_>>();
+            if !lab.is_shared() {
+                prop_assert_eq!(way(steps), way(planned));
+                if let Some(limit) = m.limits.max_acceleration.filter(|_| m.limits.pull_in == 0.0) {
+                    check_acceleration(steps, limit, 1.5)?;
+                }
+            }
+        }
+    }
+}
+
+/// A motion that is getting up to speed is paused once it is. While the board has not begun that, the session says when to ask again.
+#[test]
+fn a_pause_behind_a_change_that_waits_is_asked_for_again() {
+    let law = Law::trapezoid(-783.632, 2_703.109_272, 14_202.035_558, 14_202.035_558).unwrap();
+    let law = law.delayed(Time::from_raw(244_849_131_954_227_328)).unwrap();
+    let limits = Limits { max_speed: None, max_acceleration: Some(15_622.239), pull_in: 0.0 };
+    let program = program(16, vec![motor(0, law, false, limits)]);
+    let shelf = Shelf::default();
+    let mut lab = Lab::new(&program);
+    let mut session = Session::new(Bench::new(&program, 256), &program).unwrap();
+    assert_eq!(session.advance(session.board().now() + 290_808, &mut lab), Ok(()));
+    let rests = session.pause(&shelf).unwrap();
+    assert_eq!(session.advance(rests, &mut lab), Ok(()));
+    let at_speed = session.resume(&shelf).unwrap();
+    let Err(SessionError::Waiting { at, until }) = session.pause(&shelf) else {
+        panic!("the board goes over to the resumption first")
+    };
+    assert!(session.board().now() <= until && until < at && at == at_speed);
+    assert_eq!(session.advance(until, &mut lab), Ok(()));
+    let rests = loop {
+        match session.pause(&shelf) {
+            Ok(rests) => break rests,
+            Err(SessionError::Waiting { at: again, until }) => {
+                assert!(again == at && until > session.board().now());
+                assert_eq!(session.advance(until, &mut lab), Ok(()));
+            }
+            Err(error) => panic!("{error}"),
+        }
+    };
+    assert_eq!(session.advance(rests, &mut lab), Ok(()));
+    check_counts(&session, &lab, &program).unwrap();
+    session.resume(&shelf).unwrap();
+    assert_eq!(session.run(&mut lab, |_| {}).failure, None);
+    check_counts(&session, &lab, &program).unwrap();
+}
+
+#[test]
+fn after_a_pause_every_motor_is_as_late_as_the_others() {
+    let sine = |a, period| Law::sine(a, Time::from_seconds(period), Some((4.0 / period) as u64)).unwrap();
+    let limits = Limits { max_speed: None, max_acceleration: Some(60_000.0), pull_in: 0.0 };
+    let laws = [sine(400.0, 1.0), sine(-150.0, 0.5), sine(90.0, 0.25)];
+    let program = program(16, laws.into_iter().enumerate().map(|(k, law)| motor(k, law, false, limits)).collect());
+    let run = |pauses: bool| {
+        let shelf = Shelf::default();
+        let mut lab = Lab::new(&program);
+        let mut session = Session::new(Bench::new(&program, 256), &program).unwrap();
+        let zero = session.zero();
+        let mut at_speed = 0;
+        if pauses {
+            session.advance(zero + TICK_HZ * 13 / 10, &mut lab).unwrap();
+            let rests = session.pause(&shelf).unwrap();
+            assert!(rests < session.board().now() + TICK_HZ / 2, "paused after {rests} ticks");
+            assert_eq!(session.resume(&shelf), Err(SessionError::Early { at: session.earliest(), earliest: rests }));
+            session.advance(rests + TICK_HZ / 3, &mut lab).unwrap();
+            at_speed = session.resume(&shelf).unwrap();
+            // During the easing another pause waits for its end.
+            session.advance(session.zero(), &mut lab).unwrap();
+            let rests = session.pause(&shelf).unwrap();
+            assert!(rests > at_speed);
+            session.advance(rests, &mut lab).unwrap();
+            at_speed = session.resume(&shelf).unwrap();
+        }
+        assert_eq!(session.run(&mut lab, |_| {}).failure, None);
+        (lab.steps, zero, at_speed)
+    };
+    let (plain, zero, _) = run(false);
+    let (paused, again, at_speed) = run(true);
+    assert_eq!(zero, again);
+    let late = plain[0].last().map(|(tick, _)| paused[0].last().unwrap().0 - tick).unwrap();
+    assert!(late > TICK_HZ / 3);
+    let mut compared = 0;
+    for (plain, paused) in plain.iter().zip(&paused) {
+        assert_eq!(plain.len(), paused.len());
+        for (before, after) in plain.iter().zip(paused) {
+            assert_eq!(before.1, after.1);
+            if after.0 < zero + TICK_HZ {
+                assert_eq!(before, after);
+            } else if after.0 >= at_speed {
+                // Two certificates of a tick.
+                assert!((before.0 + late).abs_diff(after.0) <= 3, "{} and not {late} late", after.0 - before.0);
+                compared += 1;
+            }
+        }
+    }
+    assert!(compared > 2000, "{compared} steps");
+}
+
+#[test]
+fn a_motion_that_brakes_as_hard_as_it_may_is_paused_when_it_can_be() {
+    // 1 s up, 1 s down, all that the motor can do.
+    let limits = Limits { max_speed: None, max_acceleration: Some(1000.5), pull_in: 0.0 };
+    let law = Law::trapezoid(1000.0, 1000.0, 1000.0, 1000.0).unwrap();
+    let program = program(16, vec![motor(0, law, false, limits)]);
+    let shelf = Shelf::default();
+    let mut lab = Lab::new(&program);
+    let mut session = Session::new(Bench::new(&program, 256), &program).unwrap();
+    session.advance(session.zero() + TICK_HZ * 5 / 4, &mut lab).unwrap();
+    let rests = session.pause(&shelf).unwrap();
+    session.advance(rests, &mut lab).unwrap();
+    check_acceleration(&lab.steps[0], 1000.5, 1.5).unwrap();
+    session.resume(&shelf).unwrap();
+    let report = session.run(&mut lab, |_| {});
+    assert_eq!((report.failure, report.counted), (None, vec![1000]));
+    check_acceleration(&lab.steps[0], 1000.5, 1.5).unwrap();
+}
+
+/// From the last steps of the plan on, the motors slow down within their limits.
+fn check_stops<B: Leased>(session: &Session<'_, B>, lab: &Lab, program: &Program) -> Result<(), TestCaseError> {
+    for (motor, (steps, m)) in lab.steps.iter().zip(&program.motors).enumerate() {
+        let Some(limit) = m.limits.max_acceleration else { continue };
+        // Steps on a shared DIR line may be put off.
+        let doubt = if lab.is_shared() { 1.5 + REVERSAL as f64 } else { 1.5 };
+        let first = steps.iter().position(|(tick, _)| *tick >= session.told()).unwrap_or(steps.len());
+        check_acceleration(&steps[first.saturating_sub(2)..], limit, doubt)?;
+        // Less than a step from rest, a motor braked by a ran at √(4a) or less since the step before.
+        // (Opposite steps are a hysteresis apart, so their interval is no speed.)
+        if let [.., before, last] = steps.as_slice()
+            && before.1 == last.1
+        {
+            let speed = TICK_HZ as f64 / (last.0 - before.0) as f64;
+            let slow = m.limits.pull_in + 1.05 * (4.0 * limit).sqrt();
+            prop_assert!(speed <= slow, "motor {motor} stops at once from {speed} steps/s; {slow} would do");
+        }
+        let peak = session.certificate(motor).peak_speed.0;
+        let stopping = steps.last().map_or(0, |(tick, _)| tick.saturating_sub(session.told()));
+        // An ideal stop takes v/a. Core's takes up to twice as many steps, and at its end a step or two of 1/√(2a).
+        let longest_s = 2.5 * peak / limit + 2.0 / (2.0 * limit).sqrt();
+        let took_s = stopping as f64 / TICK_HZ as f64;
+        prop_assert!(
+            took_s <= longest_s,
+            "motor {motor} takes {took_s} s to stop from {peak} steps/s with {limit} steps/s²"
+        );
+    }
+    Ok(())
+}
+
+/// Whether steps seen up to now differ from what the host replays.
+fn deviates<B: Leased>(session: &Session<'_, B>, lab: &Lab, since: usize, before: i64) -> bool {
+    let mut count = before;
+    lab.steps[0][since..].iter().any(|(tick, sign)| {
+        let was = session.count_at(0, tick - 1);
+        let expected = was == Some(count) && session.count_at(0, *tick) == Some(count + sign);
+        count += sign;
+        !expected
+    })
+}
+
+/// Runs a sinusoid with one bit of a segment tipped over, and compares every 50 ms.
+fn noticed(flip: Option<(usize, u32)>) -> bool {
+    let law = Law::sine(300.0, Time::SECOND, Some(2)).unwrap();
+    let program = program(16, vec![motor(0, law, false, Limits::default())]);
+    let mut bench = Bench::new(&program, 256);
+    bench.flip = flip;
+    let mut lab = Lab::new(&program);
+    let mut session = Session::new(bench, &program).unwrap();
+    for slice in 1..50 {
+        let (since, before) = (lab.steps[0].len(), session.board().positions()[0]);
+        let until = slice * TICK_HZ / 20;
+        session.advance(until, &mut lab).unwrap();
+        let replayed = session.count_at(0, until);
+        if deviates(&session, &lab, since, before) || replayed != Some(session.board().positions()[0]) {
+            return true;
+        }
+    }
+    false
+}
+
+#[test]
+fn a_bit_that_tips_over_is_noticed() {
+    assert!(!noticed(None));
+    for run in 0..6 {
+        for bit in 16..26 {
+            assert!(noticed(Some((run, bit))), "bit {bit} of run {run}");
+        }
+    }
+}
+
+#[test]
+fn an_endless_law_runs_until_it_is_stopped() {
+    let law = Law::sine(500.0, Time::SECOND, None).unwrap();
+    let program = program(32, vec![motor(0, law, false, Limits::default())]);
+    let mut lab = Lab::new(&program);
+    let mut session = Session::new(Bench::new(&program, 96), &program).unwrap();
+    session.advance(100 * TICK_HZ, &mut lab).unwrap();
+    assert!(!session.is_complete());
+    session.stop().unwrap();
+    let report = session.run(&mut lab, |_| {});
+    assert_eq!(report.failure, None);
+    assert!(lab.steps[0].len() > 199_000);
+    assert_eq!(report.counted, lab.counted);
+}
+
+#[test]
+fn what_cannot_be_sent_is_refused_before_anything_moves() {
+    let law = Law::sine(500.0, Time::SECOND, None).unwrap();
+    let one = program(32, vec![motor(0, law.clone(), false, Limits::default())]);
+    let two = program(32, (0..2).map(|m| motor(m, law.clone(), false, Limits::default())).collect());
+    let begin = |bench: Bench, program: &Program| Session::new(bench, program).err();
+    for capacity in [0, 1] {
+        let none = begin(Bench::new(&one, capacity), &one);
+        assert!(matches!(none, Some(SessionError::QueueTooShort { motor: 0, room: 0, .. })), "{none:?}");
+    }
+    assert_eq!(begin(Bench::new(&one, 256), &two), Some(SessionError::Motors { program: 2, board: 1 }));
+    let mut session = Session::new(Bench::new(&one, 256), &one).unwrap();
+    let earliest = session.earliest();
+    assert_eq!(session.change(earliest - 1, &one), Err(SessionError::Early { at: earliest - 1, earliest }));
+    assert_eq!(session.change(earliest, &one), Err(SessionError::Waiting { at: earliest, until: session.zero() + 1 }));
+    session.advance(session.zero(), &mut |_: Edge| {}).unwrap();
+    let latest = session.told();
+    assert_eq!(session.change(latest + 1, &one), Err(SessionError::Late { at: latest + 1, latest }));
+}
+
+#[test]
+fn a_queue_without_room_for_what_comes_next_is_a_stop() {
+    let law = Law::sine(500.0, Time::SECOND, Some(2)).unwrap();
+    let program = program(32, vec![motor(0, law, false, Limits::default())]);
+    let mut lab = Lab::new(&program);
+    let mut bench = Bench::new(&program, 256);
+    bench.full_after = 60;
+    let mut session = Session::new(bench, &program).unwrap();
+    let report = session.run(&mut lab, |_| {});
+    assert!(matches!(report.failure, Some(SessionError::QueueTooShort { motor: 0, .. })), "{:?}", report.failure);
+    assert_eq!(report.counted, report.replayed);
+    assert_eq!(report.counted, lab.counted);
+    assert_eq!(report.faults, [Faults::default()]);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    /// The answer to the last extension never comes: the board has taken it, or has not.
+    #[test]
+    fn a_cable_that_is_cut_leaves_two_counts(
+        program in programs(), cut_s in 0.0..1.5f64, delay in 1u64..1_000_000, took in any::<bool>(),
+    ) {
+        prop_assume!(planned(&program).is_some());
+        let mut lab = Lab::new(&program);
+        let mut bench = Bench::new(&program, 256);
+        bench.delay = delay;
+        let mut session = Session::new(bench, &program).unwrap();
+        prop_assert_eq!(session.advance((cut_s * TICK_HZ as f64) as u64, &mut lab), Ok(()));
+        let bench = session.board_mut();
+        bench.lost = Some(RemoteError::Link(LinkError::Lost));
+        if took && let Some((lease, limits, _)) = bench.on_its_way.clone() {
+            bench.native.extend(lease, &limits).unwrap();
+        }
+        let was_complete = session.is_complete();
+        let report = session.run(&mut lab, |_| {});
+        prop_assert_eq!(report.failure.is_some(), !was_complete);
+        let replayed = report.replayed_otherwise.filter(|_| took).unwrap_or(report.replayed);
+        prop_assert_eq!(&report.counted, &replayed);
+        prop_assert_eq!(&lab.counted, &replayed);
+    }
+
+    /// A host is lost, or stops, or goes on to another motion, about the tick at which it goes over to another.
+    #[test]
+    fn about_a_change_motors_brake_within_their_limits(
+        (speed, limit) in (200.0..3000.0f64, 5000.0..40_000.0f64),
+        parts in prop::collection::vec(0.2..1.0f64, 1..4),
+        bits in prop_oneof![Just(16u32), Just(32)],
+        ahead in 0u64..400_000,
+        after in -100_000i64..200_000,
+        stops in any::<bool>(),
+    ) {
+        let limits = Limits { max_speed: None, max_acceleration: Some(limit), pull_in: 0.0 };
+        let up = |part: f64| Law::trapezoid(20_000.0, speed * part, limit * 0.9, limit * 0.9).unwrap();
+        let program = program(bits, parts.iter().enumerate().map(|(k, part)| motor(k, up(*part), false, limits)).collect());
+        let shelf = Shelf::default();
+        let mut lab = Lab::new(&program);
+        let mut session = Session::new(Bench::new(&program, 256), &program).unwrap();
+        session.advance(TICK_HZ, &mut lab).unwrap();
+        let at = session.earliest() + ahead;
+        let mut next = program.clone();
+        for (index, motor) in next.motors.iter_mut().enumerate() {
+            let state = session.state(index, at).unwrap();
+            motor.law = onward(state, &Law::trapezoid(100.0, speed, limit * 0.9, limit * 0.9).unwrap(), limit * 0.9);
+        }
+        session.change(at, shelf.keep(next)).unwrap();
+        let until = at.saturating_add_signed(after).max(session.board().now());
+        session.advance(until, &mut lab).unwrap();
+        if stops {
+            let stops = session.stop().unwrap();
+            // After a step of each motor at the latest.
+            prop_assert!(stops <= until + 1 + (TICK_HZ as f64 / (speed * 0.2)) as u64 + REVERSAL);
+        }
+        let_run_out(&mut session, &mut lab);
+        session.fill().ok();
+        prop_assert!(session.board().is_idle());
+        for (motor, steps) in lab.steps.iter().enumerate() {
+            // The law goes on from where the motor is, less than a step off.
+            check_acceleration(&steps[steps.len().saturating_sub(500)..], limit * 1.02, 3.0)?;
+            prop_assert_eq!(session.count_at(motor, session.board().now() - 1), Some(lab.counted[motor]));
+        }
+        // And it goes on from rest.
+        let at = session.earliest();
+        let mut next = program.clone();
+        for (index, motor) in next.motors.iter_mut().enumerate() {
+            let state = session.state(index, at).unwrap();
+            prop_assert!(state.speed == 0.0 && state.count == lab.counted[index]);
+            motor.law = onward(state, &Law::trapezoid(-100.0, speed, limit, limit).unwrap(), limit);
+        }
+        let before = lab.counted.clone();
+        session.change(at, shelf.keep(next)).unwrap();
+        let report = session.run(&mut lab, |_| {});
+        prop_assert_eq!(report.failure, None);
+        prop_assert_eq!(&lab.counted, &before.iter().map(|count| count - 100).collect::<Vec<_>>());
+        prop_assert_eq!(report.counted, report.replayed);
+    }
+}
+
+/// Ticks of 32 bits come back within a rest.
+#[test]
+fn a_motor_may_rest_for_longer_than_its_ticks_last() {
+    let wave = Law::sine(300.0, Time::SECOND, Some(1)).unwrap();
+    let rest = || Law::rest(Time::from_seconds(700.0)).unwrap();
+    let late = Law::then(vec![wave.clone(), rest(), wave.clone()]).unwrap();
+    let on = Law::sine(40.0, Time::from_seconds(2.0), Some(351)).unwrap();
+    for bits in [16, 32] {
+        let limits = Limits { max_speed: None, max_acceleration: Some(20_000.0), pull_in: 0.0 };
+        let program = program(bits, vec![motor(0, late.clone(), false, limits), motor(1, on.clone(), false, limits)]);
+        let planned = planned(&program).unwrap();
+        let mut lab = Lab::new(&program);
+        let mut session = Session::new(Bench::new(&program, 256), &program).unwrap();
+        let report = session.run(&mut lab, |_| {});
+        assert_eq!((report.failure, &report.counted), (None, &report.replayed));
+        for (steps, planned) in lab.steps.iter().zip(&planned) {
+            assert!(steps.iter().map(|(tick, sign)| (tick - report.zero, *sign)).eq(planned.iter().copied()));
+        }
+    }
+}
