@@ -256,7 +256,7 @@ impl<'a, B: Leased> Session<'a, B> {
             }
             // Then the board has no more than it had, or brakes: what it says of that is heard next.
             Err(ExtendRefused::Late { .. } | ExtendRefused::Early { .. }) => Ok(()),
-            Err(ExtendRefused::Off | ExtendRefused::Lapsed { .. }) => self.look(),
+            Err(ExtendRefused::Off | ExtendRefused::Lapsed { .. } | ExtendRefused::Lost) => self.look(),
         }
     }
 
