@@ -2,6 +2,9 @@
 
 use pulsetrain_core::braking::{LARGEST_EXPONENT, Limit};
 
+/// Where nothing says how hard a motor may brake, it may be as hard as to stop it in this time, s.
+pub const SOFTEST_STOP_S: f64 = 1.0;
+
 /// What the few operations on the way to the rest interval may round off, relative to it; far more than they do.
 const ROUNDING: f64 = 1e-14;
 

@@ -5,7 +5,6 @@ use crate::error::Refused;
 use crate::planner::{Origin, Planner};
 use crate::settings::Settings;
 use crate::shared_dir::SharedDir;
-use crate::tail::Tail;
 use crate::{Move, packed::Meter};
 use pulsetrain_core::Direction;
 use pulsetrain_motion::Law;
@@ -70,7 +69,7 @@ impl<'a> Ensemble<'a> {
         Ensemble::assemble(program, laws.zip(starts.iter().map(Some)))
     }
 
-    pub(crate) fn assemble<'s>(
+    fn assemble<'s>(
         program: &Program,
         laws: impl Iterator<Item = (&'a Law, Option<&'s Start>)>,
     ) -> Result<Ensemble<'a>, Refused> {
@@ -130,14 +129,6 @@ impl<'a> Ensemble<'a> {
         match &self.motors[motor].plan {
             Source::Alone(_) => 0,
             Source::Shared(group, place, _) => self.groups[*group].put_off_ticks(*place),
-        }
-    }
-
-    /// Gives out the moves of a motor's tail before anything of its law. One that has a line of its own begins at its tick.
-    pub(crate) fn go_first(&mut self, motor: usize, tail: &Tail) {
-        match &mut self.motors[motor].plan {
-            Source::Alone(planner) => planner.go_first(&tail.moves),
-            Source::Shared(group, place, _) => self.groups[*group].go_first(*place, tail),
         }
     }
 

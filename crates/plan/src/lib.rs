@@ -4,8 +4,6 @@
 //! - [`ensemble`]: all motors of a program
 //! - `shared_dir`: the order of steps on a DIR line that motors share
 //! - [`planner`]: a law as a stream of [`Move`]s, in constant memory, within every limit
-//! - [`tail`]: the stop that ends every queue
-//! - `brake`: a tail in few segments
 //! - `braking`: limits as the numbers of the stop that boards make by themselves
 //! - `run`: steps in one direction along one stretch, as segments
 //! - `fit`: one segment: fit, quantise, bound
@@ -18,7 +16,6 @@
 //! Laws themselves (`pulsetrain-motion`), queues and edges (`pulsetrain-core`, `pulsetrain-board`).
 #![forbid(unsafe_code)]
 
-mod brake;
 mod braking;
 pub mod certificate;
 pub mod ensemble;
@@ -33,9 +30,8 @@ mod run;
 pub mod settings;
 mod shared_dir;
 mod stretch;
-pub mod tail;
 
-pub use braking::{braking_limit, gentlest_braking};
+pub use braking::{SOFTEST_STOP_S, braking_limit, gentlest_braking};
 pub use certificate::Certificate;
 pub use ensemble::{Ensemble, Start};
 pub use error::{PlanError, Refused};

@@ -20,11 +20,6 @@ impl Meter {
         Meter { packing, state: State::default(), bytes: 0, segments: 0 }
     }
 
-    /// For what comes after something else.
-    pub(crate) fn after(settings: &Settings, state: State) -> Meter {
-        Meter { state, ..Meter::new(settings) }
-    }
-
     pub(crate) fn add(&mut self, next: &Move) {
         let item = match *next {
             // Long waits take one record for each 2^31 ticks.

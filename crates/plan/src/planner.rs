@@ -24,7 +24,7 @@ const BEND_ROUNDINGS: f64 = 64.0;
 /// Waits longer than this are dwells, ticks: 24 bits serve every board's interval.
 pub const LONGEST_WAIT_TICKS: u32 = 1 << 24;
 /// Looser fits save little, and steps that wander far come too close to their neighbours.
-pub(crate) const LOOSEST_FIT_TICKS: f64 = 1024.0;
+const LOOSEST_FIT_TICKS: f64 = 1024.0;
 /// A piece that reaches further from its own origin has no half steps in f64, steps.
 const FARTHEST_IN_PIECE: f64 = 4_503_599_627_370_496.0;
 /// Plans end before the ticks leave an i64.
@@ -186,11 +186,6 @@ impl<'a> Planner<'a> {
         planner.start = Some((0, origin.theta, 0.0));
         planner.arrival = origin.speed;
         Ok(planner)
-    }
-
-    /// Gives out `moves` before anything of the law, which must not begin with steps of its own.
-    pub(crate) fn go_first(&mut self, moves: &[Move]) {
-        self.moves.extend(moves);
     }
 
     /// What is proven of the moves given out so far.

@@ -10,7 +10,6 @@ use crate::certificate::Certificate;
 use crate::error::{PlanError, Refused};
 use crate::planner::Planner;
 use crate::settings::Settings;
-use crate::tail::Tail;
 use pulsetrain_core::{Direction, Segment};
 use pulsetrain_motion::program::{DriverTicks, SharedSteps, Wiring};
 use std::collections::VecDeque;
@@ -119,13 +118,6 @@ impl<'a> SharedDir<'a> {
             ended: false,
         });
         self.members.len() - 1
-    }
-
-    /// See [`Planner::go_first`].
-    pub(crate) fn go_first(&mut self, place: usize, tail: &Tail) {
-        let member = &mut self.members[place];
-        member.accumulator = tail.start.into();
-        member.planner.go_first(&tail.moves);
     }
 
     pub(crate) fn certificate(&self, place: usize) -> Certificate {

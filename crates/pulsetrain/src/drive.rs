@@ -10,7 +10,7 @@ use pulsetrain_board::remote::{image_name, in_words, name_of};
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{
-    Board, Config, Edge, Fared, LinkError, MotorConfig, Native, Observer, Port, Remote, RemoteError, ScheduledStep,
+    Config, Edge, Fared, Leased, LinkError, MotorConfig, Native, Observer, Port, Remote, RemoteError, ScheduledStep,
     Setup, Shadowed, Wiring,
 };
 use pulsetrain_core::output::Sequence;
@@ -36,18 +36,28 @@ pub enum DriveError {
     /// The board at the other end of the line.
     #[error(transparent)]
     Remote(#[from] RemoteError),
-    /// The shortest part of the plan and its stop do not fit the board's queue.
+    /// The host stood still: what comes next was not sent in time.
     #[error(
-        "motor {motor} at {at_s:.3} s: the next {:.1} ms and a stop take {needed} bytes of its queue of {capacity}, where \
-         {room} are free by then", 1e3 * .span_s
+        "This computer was too slow: at {at_s:.3} s the board had no more plan for motor {motor}, and stopped the motors gently. More came \
+         {:.1} ms too late.", 1e3 * .late_s
+    )]
+    TooLate {
+        /// The motor that had least.
+        motor: String,
+        /// From when on the motors brake, s of the laws.
+        at_s: f64,
+        /// How much later the host looked after the board again, s.
+        late_s: f64,
+    },
+    /// The board's queue does not hold what is to be told at once.
+    #[error(
+        "motor {motor} at {at_s:.3} s: what comes next takes {needed} bytes of its queue of {capacity}, where {room} are free by then"
     )]
     QueueTooShort {
         /// Whose.
         motor: String,
         /// When, s of the laws.
         at_s: f64,
-        /// What is to be told at once, s.
-        span_s: f64,
         /// Of the empty queue.
         capacity: usize,
         /// Of each motor's queue with 1, 2, … motors, by the table of boards.
@@ -95,12 +105,13 @@ impl DriveError {
 
     /// With the motor's name, and without what is only a session's view of it.
     fn of(program: &Program, error: SessionError) -> DriveError {
+        let name = |motor: usize| program.motors.get(motor).map_or_else(String::new, |motor| motor.name.clone());
         match error {
             SessionError::Lost(error) => DriveError::Remote(error),
-            SessionError::QueueTooShort { motor, at_s, span_s, capacity, needed, room } => {
-                let motor = program.motors.get(motor).map_or_else(String::new, |motor| motor.name.clone());
+            SessionError::Stopped { motor, at_s, late_s } => DriveError::TooLate { motor: name(motor), at_s, late_s },
+            SessionError::QueueTooShort { motor, at_s, capacity, needed, room } => {
                 let queue_bytes = boards::find(&program.board.name).map_or_else(Vec::new, |row| row.queue_bytes);
-                DriveError::QueueTooShort { motor, at_s, span_s, capacity, queue_bytes, needed, room }
+                DriveError::QueueTooShort { motor: name(motor), at_s, capacity, queue_bytes, needed, room }
             }
             error => DriveError::Session(error),
         }
@@ -147,7 +158,7 @@ impl Whereabouts {
                  counted; `pulsetrain info --port PORT` tells how the board fared"
             }
             Knowledge::Told { .. } => {
-                "look at the cable and at the board's supply. The motors stop as planned, within a second or so, and nothing moves until the \
+                "look at the cable and at the board's supply. The motors brake within half a second, and nothing moves until the \
                  next run. An Uno that lost its supply, or whose port was opened again, was reset: look where the motors are"
             }
             Knowledge::HeardLast { .. } => {
@@ -167,12 +178,15 @@ impl std::fmt::Display for Whereabouts {
         let counts: Vec<i64> = self.motors.iter().map(|(_, steps)| *steps).collect();
         let motors = list(&counts);
         match &self.by {
-            Knowledge::Counted => write!(f, "the motors rest, as planned for a stop: {motors}. The board counted that"),
+            Knowledge::Counted => write!(f, "the motors braked and rest: {motors}. The board counted that"),
             Knowledge::StoppedAtOnce => write!(f, "the motors were stopped at once: {motors}. The board counted that"),
             Knowledge::Told { or } => {
-                write!(f, "the motors come to rest by what the board was told: {motors}. The board cannot be asked")?;
+                write!(
+                    f,
+                    "by what the board was told the motors brake, and come to rest: {motors}. The board cannot be asked"
+                )?;
                 match or {
-                    Some(or) => write!(f, "; if it did not take the last it was sent: {}", list(or)),
+                    Some(or) => write!(f, "; if it did not take the last that it was sent: {}", list(or)),
                     None => Ok(()),
                 }
             }
@@ -211,7 +225,7 @@ impl<'a> Driven<'a, Native> {
         let program = &prepared.program;
         let lines = lines::of(program);
         let places = (0..).map(Some).take(lines.len()).collect();
-        Driven::begin(Native::new(&config(program))?, program, lines, places)
+        Driven::begin(native(program, Native::new)?, program, lines, places)
     }
 }
 
@@ -258,7 +272,7 @@ impl<'a, P: Port> Driven<'a, Shadowed<Remote<P>>> {
         let lines = lines::of(program);
         let place = |pin: u8| place_of(&lines, pin);
         let places = (0..=LAST_PIN).map(place).collect();
-        let board = Shadowed::new(remote, Native::unbounded(&config(program))?);
+        let board = Shadowed::new(remote, native(program, Native::unbounded)?);
         Driven::begin(board, program, lines, places)
     }
 
@@ -409,7 +423,7 @@ pub enum Wish {
     StopNow,
 }
 
-impl<'a, B: Board> Driven<'a, B> {
+impl<'a, B: Leased> Driven<'a, B> {
     fn begin(
         board: B,
         program: &'a Program,
@@ -471,7 +485,7 @@ impl<'a, B: Board> Driven<'a, B> {
             let soon = now + tick_hz / LOOKS_PER_S;
             let last = self.session.last_step().filter(|last| self.session.is_complete() && *last >= now);
             if let Err(failure) = self.session.advance(last.map_or(soon, |last| soon.min(last)), &mut since) {
-                // The motors come to rest with the tail that the board has: that is waited for.
+                // The motors brake: that is waited for.
                 let report = self.session.run(&mut since, progress);
                 let (whereabouts, stop) = self.whereabouts(&report);
                 // Why it stopped, which is told behind the refusal that followed from it.
@@ -488,6 +502,9 @@ impl<'a, B: Board> Driven<'a, B> {
         let report = self.session.run(&mut since, progress);
         if let Some(error) = self.session.board().lost().cloned() {
             return Err(DriveError::from(error).halted(self.whereabouts(&report).0));
+        }
+        if let Some(failure) = report.failure.clone() {
+            return Err(DriveError::of(self.program, failure).halted(self.whereabouts(&report).0));
         }
         let counts = report.counted.iter().zip(&report.replayed).zip(&report.faults);
         let mut motors = self.program.motors.iter().zip(counts);
@@ -516,10 +533,14 @@ impl<'a, B: Board> Driven<'a, B> {
         let (counts, by) = match self.session.board_mut().fared() {
             Ok(Fared { reset: Some(reset), .. }) => (heard, Knowledge::HeardLast { reset }),
             Ok(Fared { positions, last_stop, .. }) => match last_stop {
-                Cause::None | Cause::Finished | Cause::HostLost => (positions, Knowledge::Counted),
+                Cause::None | Cause::Finished | Cause::HostLost | Cause::Lapsed | Cause::Braked => {
+                    (positions, Knowledge::Counted)
+                }
                 cause => {
                     stop = Some(cause);
-                    (positions, Knowledge::StoppedAtOnce)
+                    let brakes =
+                        matches!(cause, Cause::Starved | Cause::BadItem | Cause::CheckFailed | Cause::StepMissed);
+                    (positions, if brakes { Knowledge::Counted } else { Knowledge::StoppedAtOnce })
                 }
             },
             Err(_) => match report.replayed_otherwise.clone() {
@@ -602,7 +623,13 @@ fn place_of(lines: &[Line], pin: u8) -> Option<u8> {
     lines.iter().position(|line| line.names.contains(&name)).map(|line| line as u8)
 }
 
-/// The native board for a program: lines in the order of its traces.
+/// The native board for a program.
+fn native(program: &Program, new: fn(&Config) -> Result<Native, ConfigError>) -> Result<Native, ConfigError> {
+    let hold = DriverTiming::longest(&program.motors).ticks(program.board.tick_hz).dir_hold;
+    Ok(new(&config(program))?.with_dir_hold(u32::try_from(hold).unwrap_or(u32::MAX)))
+}
+
+/// Its lines are in the order of the program's traces.
 fn config(program: &Program) -> Config {
     let lines = lines::of(program);
     let hz = program.board.tick_hz;

@@ -5,8 +5,7 @@
 //! - `commands`: one file for each command
 //! - [`prepare`]: from a motion file to plans of all motors; [`fit`]: what would fit, where one is refused;
 //!   [`estimate`]: what a motion comes to before it is planned, and a question where that is much
-//! - [`session`]: a program, streamed into a board in epochs that end in stop tails; stops and live changes
-//! - [`pause`]: how a motion is brought to a halt on its path, and goes on
+//! - [`session`] (`pulsetrain-session`): a program, streamed into a board by lease; stops, pauses and live changes
 //! - [`serve`]: virtual boards in real time, for any serial client; `interrupt`: Ctrl-C
 //! - [`bake`]: plans that stay on a board, without a host: images for Uno and Pico, Arduino sketches
 //! - [`winch`]: boards that work out their path themselves, told in text: scripts, and a console
@@ -31,11 +30,11 @@ pub mod fit;
 pub mod human;
 mod interrupt;
 pub mod lateness;
-pub use pulsetrain_session::pause;
 pub mod plot;
 pub mod prepare;
 pub mod record;
 pub mod report;
 pub mod serve;
-pub mod session;
 pub mod winch;
+
+pub use pulsetrain_session::{self as session, pause};

@@ -8,7 +8,7 @@ use pulsetrain_motion::law::{Cursor, Law};
 use pulsetrain_motion::pins::PinsError;
 use pulsetrain_motion::program::{BoardError, Limits, Program};
 use pulsetrain_motion::{Grid, LawError, Time, boards, file};
-use pulsetrain_plan::tail::SOFTEST_STOP_S;
+use pulsetrain_plan::SOFTEST_STOP_S;
 use pulsetrain_plan::{Certificate, Ensemble, Move, PlanError, Planner, Refused, Settings};
 
 use crate::estimate::{Estimate, Task};

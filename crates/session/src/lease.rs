@@ -8,10 +8,7 @@ use pulsetrain_board::replay::{Replay, Sent, Start};
 use pulsetrain_core::Item;
 use pulsetrain_core::braking::Limit;
 use pulsetrain_motion::program::{Program, Wiring};
-use pulsetrain_plan::{braking_limit, gentlest_braking};
-
-/// Where nothing says how hard a motor may brake, it may be as hard as to stop it in this time, s.
-const SOFTEST_STOP_S: f64 = 1.0;
+use pulsetrain_plan::{SOFTEST_STOP_S, braking_limit, gentlest_braking};
 
 /// How a motor brakes.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -8,7 +8,7 @@ use std::cell::OnceCell;
 use pulsetrain_motion::law::Cursor;
 use pulsetrain_motion::program::{Motor, Program};
 use pulsetrain_motion::{Law, LawError, Time};
-use pulsetrain_plan::tail::SOFTEST_STOP_S;
+use pulsetrain_plan::SOFTEST_STOP_S;
 use serde::Serialize;
 
 /// When the laws' time begins to be slowed, and how long that takes.

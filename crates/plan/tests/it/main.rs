@@ -12,4 +12,3 @@ mod oracle;
 mod properties;
 mod shared_dir;
 mod tables;
-mod tails;

@@ -4,7 +4,6 @@ use proptest::prelude::*;
 use pulsetrain_core::packing::{MAX_PACKED_LEN, Packing, State};
 use pulsetrain_core::{Item, Segment};
 use pulsetrain_motion::{Law, Time};
-use pulsetrain_plan::tail::{Motion, stop_tail};
 use pulsetrain_plan::{Move, Planner, Settings};
 
 const LONGEST_TICKS: i64 = 1 << 24;
@@ -78,8 +77,5 @@ proptest! {
         let mut settings = Settings::new(16_000_000, 16);
         settings.tolerance_ticks = if coarse { 16.0 } else { 1.0 };
         check(&plan(&law, &settings), &settings)?;
-        let speed = std::f64::consts::TAU * amplitude / period_s * part;
-        let motion = Motion { position: 0, theta: part - 0.5, speed, acceleration: speed / period_s, told: None, brief: false };
-        check(&stop_tail(&motion, &settings).unwrap().moves, &settings)?;
     }
 }

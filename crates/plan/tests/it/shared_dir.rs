@@ -4,8 +4,7 @@ use proptest::prelude::*;
 use pulsetrain_core::Direction;
 use pulsetrain_motion::program::{Board, DriverTiming, Limits, Motor, Program, Scale, SharedSteps, Tolerance, Wiring};
 use pulsetrain_motion::{Grid, Law, Time};
-use pulsetrain_plan::tail::{Motion, stop_tails};
-use pulsetrain_plan::{Certificate, Ensemble, Move, PlanError, Planner, Refused, Settings};
+use pulsetrain_plan::{Certificate, Ensemble, Move, Planner, Refused, Settings};
 
 const TICK_HZ: u64 = 16_000_000;
 
@@ -187,41 +186,6 @@ proptest! {
             let late = steps.iter().zip(&planned).filter(|(step, planned)| step.tick > planned.tick).count();
             prop_assert_eq!(certificate.steps_put_off, late as u64);
             all.extend(steps.iter().map(|step| (step.tick, step.direction, motor)));
-        }
-        check_one_after_the_other(all)?;
-    }
-
-    /// Stop tails too, of motors that go any way at any speed, from steps that were kept apart.
-    #[test]
-    fn tails_keep_steps_of_all_motors_apart_where_the_board_needs_it(
-        motions in prop::collection::vec((500.0..8000.0f64, any::<bool>(), 0.02..0.98f64), 2..5),
-    ) {
-        let mut program = one_after_the_other(vec![Law::rest(Time::SECOND).unwrap(); motions.len()]);
-        program.motors.iter_mut().for_each(|motor| motor.limits.pull_in = 50.0);
-        let motors: Vec<_> = motions.iter().enumerate().map(|(motor, &(speed, back, past))| {
-            // Each step was made a place of its own before.
-            let last = -i64::from(motor as u32 + 1) * 400;
-            let (sign, direction) = if back { (-1.0, Direction::Backward) } else { (1.0, Direction::Forward) };
-            let theta = program.grid.up_level(0) - (1.0 - past);
-            let motion = Motion {
-                position: 0, theta: sign * theta, speed: sign * speed, acceleration: 4.0 * speed, told: None, brief: false,
-            };
-            (motion, Some((last, direction)))
-        }).collect();
-        let tails = match stop_tails(&program, &motors) {
-            Ok(tails) => tails,
-            // Too many steps for the line.
-            Err(refused) => {
-                prop_assert!(matches!(refused.error, PlanError::LineTooBusy { .. }), "{refused:?}");
-                return Ok(());
-            }
-        };
-        let mut all: Vec<(i128, Direction, usize)> = Vec::new();
-        for (motor, (tail, (_, last))) in tails.iter().zip(&motors).enumerate() {
-            let mut replay = Replay { accumulator: tail.start.into(), ..Replay::default() };
-            tail.moves.iter().for_each(|next| replay.take(*next));
-            all.extend(last.map(|(tick, direction)| (tick.into(), direction, motor)));
-            all.extend(replay.steps.iter().map(|step| (step.tick, step.direction, motor)));
         }
         check_one_after_the_other(all)?;
     }

@@ -112,7 +112,7 @@ pub(crate) fn run(args: &Bench, console: &mut Console<'_>) -> miette::Result<Exi
             measured.map(|row| if is_pico { Row { compares_missed: None, latest_ticks: None, ..row } } else { row });
         match measured {
             Ok(row) => rows.push(row),
-            Err(error @ (DriveError::Session(_) | DriveError::QueueTooShort { .. })) => {
+            Err(error @ (DriveError::Session(_) | DriveError::TooLate { .. } | DriveError::QueueTooShort { .. })) => {
                 refused.push(format!("{}: {error}", prepared.file));
             }
             Err(error) => return Err(drive_problem(error)),

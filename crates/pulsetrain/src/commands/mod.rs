@@ -25,13 +25,12 @@ pub(crate) mod verify;
 pub(crate) mod winch;
 
 use miette::{Report, miette};
-use pulsetrain_board::{LinkError, PortError, RemoteError, SwitchRefused};
+use pulsetrain_board::{LinkError, PortError, RemoteError};
 
 pub(crate) use self::other_image::{OtherImage, offered};
 use crate::drive::DriveError;
 use crate::human;
 use crate::prepare::WORST_CLOCK_PPM;
-use crate::session::SessionError;
 
 /// What is wrong with a port, with what to do where the error itself does not say.
 pub(crate) fn port_problem(error: PortError) -> Report {
@@ -40,7 +39,7 @@ pub(crate) fn port_problem(error: PortError) -> Report {
             "an Uno is usually /dev/ttyACM0, /dev/cu.usbmodem… or COM3; so is the adapter at a Pico's UART"
         }
         PortError::Busy { .. } | PortError::Denied { .. } => return miette!("{error}"),
-        PortError::Gone { .. } => "look at the cable; the motors stop as planned, within half a second or so",
+        PortError::Gone { .. } => "look at the cable; the motors brake within half a second",
     };
     miette!(help = help, "{error}")
 }
@@ -82,11 +81,9 @@ pub(crate) fn drive_problem(error: DriveError) -> Report {
             "wait until they rest, or stop them at once, wherever they are: `pulsetrain stop --port PORT`"
         }
         DriveError::Remote(RemoteError::Refused { .. }) => "`pulsetrain info` tells the board's limits",
-        DriveError::Session(SessionError::Switch(SwitchRefused::Late { .. })) => {
-            "the next part came too late: a faster line (--baud), a computer that does less meanwhile, a slower motion"
-        }
+        DriveError::TooLate { .. } => "a faster line (--baud), a computer that does less meanwhile, a slower motion",
         DriveError::Remote(RemoteError::Stopped { .. }) => {
-            "the motors came to rest as planned, or where they were; `pulsetrain info` tells how the board fared"
+            "the motors braked, or stopped where they were; `pulsetrain info` tells how the board fared"
         }
         DriveError::QueueTooShort { queue_bytes, .. } => {
             let each: Vec<String> = queue_bytes.iter().map(u32::to_string).collect();

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use miette::miette;
-use pulsetrain_board::Board;
+use pulsetrain_board::Leased;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::boards;
 
@@ -78,7 +78,7 @@ const BAUD: Baud = Baud::B1M;
 /// And a Pico, whose clock makes it exactly too.
 const PICO_BAUD: Baud = Baud::B2M;
 
-fn to_files<B: Board>(
+fn to_files<B: Leased>(
     prepared: &Prepared,
     planned: &[Planned],
     driven: Driven<'_, B>,
@@ -93,7 +93,7 @@ fn to_files<B: Board>(
 }
 
 /// Runs a motion that has been planned, with a progress bar.
-pub(crate) fn record<B: Board, W: std::io::Write>(
+pub(crate) fn record<B: Leased, W: std::io::Write>(
     prepared: &Prepared,
     planned: &[Planned],
     mut driven: Driven<'_, B>,

@@ -1,8 +1,8 @@
 //! A motion's session with the virtual Uno, played before a real one is sent anything: each edge of its pins against the law, and what the
 //! board and the session themselves say.
 //!
-//! The planner's limits are of segments that are streamed in one go. Whether a session's parts and their stops fit the board's queue, and are
-//! there in time, for these motors at these moments, nobody adds up: it is tried, as for what is baked.
+//! The planner's limits are of segments that are streamed in one go. Whether what comes next fits the board's queue, and is there in time, for
+//! these motors at these moments, nobody adds up: it is tried, as for what is baked.
 //!
 //! Only for an Uno, whose queues hold 400 bytes in all and whose one core does everything. A Pico has 32 kB of them, and its pins are timed by
 //! state machines.
@@ -65,7 +65,7 @@ impl What {
         // Where the virtual motors are is nobody's concern.
         let why = if let DriveError::Halted { why, .. } = error { why } else { Box::new(error) };
         let at_s = match *why {
-            DriveError::QueueTooShort { at_s, .. } => Some(at_s),
+            DriveError::QueueTooShort { at_s, .. } | DriveError::TooLate { at_s, .. } => Some(at_s),
             _ => first.as_ref().map(|first| first.at_s).or(seen_s),
         };
         // Motors that come to rest as planned only seem to be late then.
@@ -87,7 +87,7 @@ impl What {
 /// When it was, where that is not said yet.
 fn place(why: &DriveError, at_s: Option<f64>, first: Option<&Failure>) -> String {
     match (why, first, at_s) {
-        (DriveError::QueueTooShort { .. }, ..) | (_, None, None) => String::new(),
+        (DriveError::QueueTooShort { .. } | DriveError::TooLate { .. }, ..) | (_, None, None) => String::new(),
         (_, Some(first), _) => format!("; {first}"),
         (_, None, Some(at_s)) => format!(", at t = {at_s:.3} s"),
     }
@@ -107,7 +107,9 @@ impl Failed {
         }
         let too = match &self.what {
             What::Session { why, .. } if matches!(**why, DriveError::QueueTooShort { .. }) => ", or another tolerance",
-            What::Session { why, .. } if matches!(**why, DriveError::Session(_)) && self.baud.rate() < FAST_BAUD => {
+            What::Session { why, .. }
+                if matches!(**why, DriveError::TooLate { .. }) && self.baud.rate() < FAST_BAUD =>
+            {
                 ", or a faster line (--baud)"
             }
             _ => "",
@@ -178,8 +180,7 @@ impl Observer for Looker<'_, '_> {
 mod tests {
     use super::*;
     use crate::drive::{Knowledge, Whereabouts};
-    use crate::session::SessionError;
-    use pulsetrain_board::{RemoteError, SwitchRefused};
+    use pulsetrain_board::RemoteError;
     use pulsetrain_core::wire::message::Cause;
     use pulsetrain_trace::verdict::Fault;
 
@@ -196,15 +197,12 @@ mod tests {
         let (at_s, said) = told(RemoteError::Stopped { cause: Cause::Starved }.into());
         let dry = "the board stopped: a queue ran dry; motor a: step 7 (forward) missing at t = 0.250000 s";
         assert_eq!((at_s, said.as_str()), (Some(0.25), dry));
-        // As planned: the motors slow down from there on, and where they are is nobody's concern.
-        let late = SessionError::Switch(SwitchRefused::Late { horizon: 5 });
-        let (at_s, said) = told(DriveError::Session(late.clone()));
-        assert_eq!((at_s, said), (Some(0.25), format!("{late}, at t = 0.250 s")));
-        // It has its time already.
+        // They have their times already.
+        let (at_s, said) = told(DriveError::TooLate { motor: "a".to_owned(), at_s: 0.24, late_s: 0.01 });
+        assert!(at_s == Some(0.24) && said.contains("at 0.240 s") && !said.contains("t ="), "{said}");
         let short = DriveError::QueueTooShort {
             motor: "b".to_owned(),
             at_s: 0.5,
-            span_s: 0.01,
             capacity: 99,
             queue_bytes: Vec::new(),
             needed: 70,

@@ -152,7 +152,7 @@ fn with_50_ms_queued_no_fault_changes_an_edge() {
 }
 
 #[test]
-fn what_lasts_longer_ends_in_the_tail() {
+fn what_lasts_longer_ends_in_a_stop() {
     let clean = run(Baud::B1M, 1, |_, _| {}).since_zero();
     for (seed, ms) in [(1, 600), (2, 1200), (3, 10_000)] {
         let other = run(Baud::B1M, seed, |round, line| {
@@ -161,7 +161,7 @@ fn what_lasts_longer_ends_in_the_tail() {
             }
         });
         match other.failure {
-            Some(SessionError::Switch(_)) if ms < 1900 => {}
+            Some(SessionError::Stopped { .. }) if ms < 1900 => {}
             Some(SessionError::Lost(RemoteError::Link(_))) if ms > 1900 => {}
             failure => panic!("{ms} ms: {failure:?}"),
         }
@@ -185,7 +185,7 @@ fn what_lasts_longer_ends_in_the_tail() {
 }
 
 #[test]
-fn a_host_that_vanishes_leaves_motors_to_their_tail_and_the_board_to_the_next() {
+fn a_host_that_vanishes_leaves_motors_to_brake_and_the_board_to_the_next() {
     let program = two_sines();
     let mut session = Session::new(connect(Baud::B2M, 1), &program).unwrap();
     let mut edges = Vec::new();

@@ -12,7 +12,6 @@ mod machines;
 mod mutants;
 mod plots;
 mod readme;
-mod session;
 mod small_queues;
 mod winch;
 mod wiring;
