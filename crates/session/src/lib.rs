@@ -297,7 +297,7 @@ impl<'a, B: Leased> Session<'a, B> {
                 return Err(self.failure(at, cause));
             }
         }
-        if self.ended.is_none() {
+        if !self.is_complete() {
             let since = now.saturating_sub(self.pace.ahead / 2);
             self.timelines.iter_mut().for_each(|timeline| timeline.forget(since));
         }
@@ -521,8 +521,8 @@ impl<'a, B: Leased> Session<'a, B> {
         }
     }
 
-    /// The count of a motor after all steps up to and with `tick`, if nothing more is sent; `None` for ticks that are
-    /// more than 0.25 s past.
+    /// The count of a motor after all steps up to and with `tick`, if nothing more is sent; `None` for ticks that were
+    /// more than 0.25 s past when something was sent last.
     #[must_use]
     pub fn count_at(&self, motor: usize, tick: u64) -> Option<i64> {
         let after = tick.saturating_add(1);
