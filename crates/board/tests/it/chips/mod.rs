@@ -16,6 +16,7 @@ mod pico_verbs_text;
 mod pico_wraps;
 mod store;
 mod uno_bootloader;
+mod uno_brake;
 mod uno_compare;
 mod uno_expand;
 mod uno_link;

@@ -4,12 +4,15 @@
 //! - [`stepper`]: motors, rings, and who fills what; [`task`]: when
 //! - [`motor`]: one motor, its queue and what it has promised; [`times`]: what a configuration asks of all
 //! - [`load`]: records of the queue → registers; [`plan`]: what a motor does next; [`expand`]: registers → ticks
+//! - [`brake`]: what a motor does whose lease is over
 //! - [`fill`]: a ring of one motor; [`merge`]: two to four motors in one ring; `beside`: one beside a merge
 //! - [`ring`]: groups of edges and the interrupts that play them
+//! - [`switch`]: from one epoch to another
 //! - [`pins`]: which pins there are, and which of them one stepgen can serve together
 //! - [`register`]: addresses, for assembly
 
 mod beside;
+pub(crate) mod brake;
 pub(crate) mod expand;
 mod fill;
 mod load;
@@ -20,5 +23,6 @@ pub(crate) mod plan;
 pub(crate) mod register;
 pub(crate) mod ring;
 pub(crate) mod stepper;
+mod switch;
 pub(crate) mod task;
 pub(crate) mod times;

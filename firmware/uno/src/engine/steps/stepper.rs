@@ -18,21 +18,26 @@
 //! set-up before the step that it is for. Planners leave room for that ([`Spacing`]); where they did not, the step is not made.
 
 use super::beside;
+use super::brake::{Lease, lease};
 use super::merge::Merge;
 use super::motor::{COUNT_AT_REST, Motor, flag};
 use super::pins::{Kind, Layout, Lines, MAX_MOTORS};
 use super::plan::{FILLER, Plan};
 use super::ring::{Group, Name, Ring, flags};
+use super::switch;
 use super::task::{self, mode};
 use super::times::{TIMES, Times};
+use crate::Uses;
 use crate::engine::clock::{self, low_half};
 use crate::engine::memory;
+use crate::engine::program::Program;
 use crate::engine::regs::{self, Reg16};
 use crate::engine::tuning::stepper::{
     AGAIN, AHEAD, APART, APART_BESIDE, APART_BESIDE_MERGE, APART_LONG, APART_OF_BESIDE, APART_SHIELD,
     APART_TWO_COMPARE, BATCH, EARLY, FALL, FALL_BESIDE, FALL_COMPARE, FASTEST, LATE, LATE_MOVED, LEAD, PULSE_BESIDE,
     ROOM, STEPS, TOO_LATE,
 };
+use core::mem::offset_of;
 use core::ptr::NonNull;
 use core::slice;
 use pulsetrain_core::wire::message::{self, Configuration};
@@ -269,6 +274,9 @@ pub(crate) struct Stepper {
     /// How far ahead the rings were filled, ticks, at least.
     least_ahead: u16,
 }
+
+/// Where [`Stepper::count`] is.
+pub(super) const COUNT: usize = offset_of!(Stepper, count);
 
 impl Stepper {
     /// No motors; zeros, which take no flash. [`Stepper::begin`] comes before its use.
@@ -592,9 +600,10 @@ impl Stepper {
         self.motors().all(Motor::is_empty)
     }
 
-    /// Whether nothing is left to do: no event, no end of a pulse, no step in a ring.
+    /// Whether nothing is left to do: no event, no end of a pulse, no step in a ring, no end of a lease.
     pub(crate) fn is_idle(&self) -> bool {
-        self.motors().all(Motor::is_idle)
+        !(Uses::LEASES && Lease::get().state == lease::UNTIL)
+            && self.motors().all(Motor::is_idle)
             && self.tracks[0].is_idle()
             && !((self.has_beside() || self.apiece && self.count > 1) && !self.tracks[1].is_idle())
             && !(self.merging && self.merge.as_ref().is_some_and(|merge| !merge.is_idle()))
@@ -614,13 +623,63 @@ impl Stepper {
     }
 
     /// All motors go over to `epoch` at `at`, which is not before the horizon; or none does, because too many wait.
-    #[inline(never)]
+    #[inline(always)]
     pub(crate) fn switch(&mut self, epoch: Epoch, at: Moment) -> bool {
-        let can = self.motors().all(|motor| motor.can_switch(at));
+        switch::all(epoch, at)
+    }
+
+    /// The lease is over at its end, or as soon as can be if that is sooner.
+    #[inline(never)]
+    pub(crate) fn lapse(&mut self) {
+        let mut lease = Lease::get();
+        let horizon = self.horizon();
+        if lease.state & 3 == lease::LAST || horizon.is_before(lease.at) {
+            lease.at = horizon;
+        }
+        lease.state = lease::LAPSED;
+        lease.set();
+        lease.end();
+    }
+
+    /// The lease, which is over once the horizon has passed its end.
+    #[inline(never)]
+    pub(crate) fn lease(&mut self) -> Lease {
+        let lease = Lease::get();
+        if lease.state & lease::FAULT != 0 || lease.state == lease::UNTIL && lease.at.is_before(self.horizon()) {
+            self.lapse();
+        }
+        Lease::get()
+    }
+
+    /// With the switch at `at`, which is accepted, this lease begins.
+    pub(crate) fn begin_lease(&mut self, at: Moment, begins: Lease) {
+        let lease = Lease::get();
+        // One that ends before the switch stands: that is not made, then.
+        if lease.state != lease::UNTIL || !lease.at.is_before(at) {
+            Lease { at: later(begins.at, at), ..begins }.set();
+        }
+    }
+
+    /// Puts the end of the lease off, or earlier; whether that can be.
+    #[inline(never)]
+    pub(crate) fn extend(&mut self, to: Lease) -> bool {
+        let lease = self.lease();
+        let can = matches!(lease.state, lease::UNTIL | lease::LAST)
+            && (to.state == lease::LAST || !to.at.is_before(self.horizon()));
         if can {
-            self.motors_mut().for_each(|motor| motor.switch(epoch, at));
+            to.set();
+            Lease::go_on();
         }
         can
+    }
+
+    /// How hard motors may brake: three bytes for each, or nothing, and that stays.
+    pub(crate) fn limit(&mut self, limits: &[u8]) {
+        for (index, limit) in (0u8..).zip(limits.chunks_exact(3)) {
+            if let Some(place) = self.motor_mut(index).and_then(|motor| motor.braking.get_mut(1..)) {
+                place.iter_mut().zip(limit).for_each(|(place, byte)| *place = *byte);
+            }
+        }
     }
 
     /// Takes back what was pushed last of `epoch`, of all motors.
@@ -823,7 +882,7 @@ pub(crate) fn faults(motor: &Motor) -> u8 {
     use super::motor::Reason;
     match motor.fault().map(|fault| fault.reason) {
         None => 0,
-        Some(Reason::Missed) => message::flags::STEP_MISSED,
+        Some(Reason::Missed | Reason::Dry) => message::flags::STEP_MISSED,
         Some(Reason::Mismatch) => message::flags::CHECK_FAILED,
         Some(Reason::Bad) => message::flags::BAD_ITEM,
     }

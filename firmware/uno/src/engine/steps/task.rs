@@ -469,6 +469,13 @@ extern "C" fn steps_watch() {
     unsafe { &mut *STEPPER.0.get() }.watch(clock::moment());
 }
 
+/// A motor could not follow its plan.
+#[unsafe(no_mangle)]
+extern "C" fn steps_lapse() {
+    // SAFETY: as above.
+    unsafe { &mut *STEPPER.0.get() }.lapse();
+}
+
 /// Fills the ring of motors that share DIR lines.
 #[unsafe(no_mangle)]
 extern "C" fn steps_fill_shared() {
