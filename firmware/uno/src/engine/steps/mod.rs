@@ -5,7 +5,8 @@
 //! - [`motor`]: one motor, its queue and what it has promised; [`times`]: what a configuration asks of all
 //! - [`load`]: records of the queue → registers; [`plan`]: what a motor does next; [`expand`]: registers → ticks
 //! - [`brake`]: what a motor does whose lease is over
-//! - [`fill`]: a ring of one motor; [`merge`]: two to four motors in one ring; `beside`: one beside a merge
+//! - [`fill`]: a ring of one motor; [`merge`]: two to four motors in one ring; `beside`: one beside a merge; [`shared`]: motors
+//!   that share DIR lines
 //! - [`ring`]: groups of edges and the interrupts that play them
 //! - [`switch`]: from one epoch to another
 //! - [`pins`]: which pins there are, and which of them one stepgen can serve together
@@ -22,6 +23,7 @@ pub(crate) mod pins;
 pub(crate) mod plan;
 pub(crate) mod register;
 pub(crate) mod ring;
+mod shared;
 pub(crate) mod stepper;
 mod switch;
 pub(crate) mod task;

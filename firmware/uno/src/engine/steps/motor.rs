@@ -322,23 +322,6 @@ impl Motor {
         self.is_due = false;
     }
 
-    /// Notes that nothing more is done before `now`: what is long past must not come back as the future.
-    #[inline(never)]
-    pub(crate) fn pass(&mut self, now: Moment) {
-        if self.horizon.is_before(now) {
-            self.horizon = now;
-        }
-        if self.free.is_before(now) {
-            self.free = now;
-        }
-        self.last = now;
-    }
-
-    /// Whether its DIR line is as its next step needs it.
-    pub(crate) fn faces(&self) -> bool {
-        (self.levels & self.dir != 0) == (self.lines.forward_high() != self.has(flag::BACKWARD))
-    }
-
     /// The bits of its braking [`state`].
     #[inline(always)]
     fn braking(&self) -> u8 {

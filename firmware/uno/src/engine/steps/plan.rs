@@ -180,21 +180,7 @@ global_asm!(
     .endm
 
     .section .text.steps_plan, "ax", @progbits
-    .global steps_plan_next, steps_settle, steps_plan, plan_slow
-    // For Rust: r24:25 is the motor, the result as that of steps_plan.
-steps_plan_next:
-    push r14
-    push r15
-    push r28
-    push r29
-    movw r28, r24
-    rcall steps_plan
-    pop r29
-    pop r28
-    pop r15
-    pop r14
-    ret
-
+    .global steps_settle, steps_plan, plan_slow, plan_window, plan_make
     // Horizon, last and free, if they were left to follow from the last step. Uses r18 to r21, r24, r25.
 steps_settle:
     ldd r24, Y+{FLAGS}
@@ -802,18 +788,6 @@ plan_found:
     clr r25
     ret
 
-    .global steps_make
-    // For Rust: the motor r24:25 makes its next step, which was found.
-steps_make:
-    push r28
-    push r29
-    movw r28, r24
-    load_4 r22, r23, r24, r25, {DUE}
-    rcall plan_make
-    pop r29
-    pop r28
-    ret
-
     // Goes over to the epoch of the switch that waits: without steps, anchor and prediction, and forward.
 plan_go_over:
     // Steps that are left of the old one are not made.
@@ -1060,27 +1034,5 @@ impl Plan {
             (3, _) => Plan::Found,
             _ => Plan::One { tick: u16::from_le_bytes([low, high]), rise, fall, long: count == 2 },
         }
-    }
-}
-
-#[expect(improper_ctypes, reason = "the assembly knows fields by their offsets")]
-unsafe extern "C" {
-    fn steps_plan_next(motor: *mut Motor) -> u64;
-    fn steps_make(motor: *mut Motor);
-}
-
-impl Motor {
-    /// What it does next. Where DIR lines are shared, a step is only found: [`Motor::due`].
-    #[inline(always)]
-    pub(crate) fn plan(&mut self) -> Plan {
-        // SAFETY: the assembly uses this motor, its queue's memory and the times alone.
-        Plan::of(unsafe { steps_plan_next(self) }.to_le_bytes())
-    }
-
-    /// Makes the step that was found.
-    #[inline(always)]
-    pub(crate) fn make(&mut self) {
-        // SAFETY: as `plan`.
-        unsafe { steps_make(self) }
     }
 }

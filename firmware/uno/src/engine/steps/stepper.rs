@@ -5,7 +5,7 @@
 //! | one, or two on the compare hardware or on PORTD | each its own ring: [`fill`](super::fill) |
 //! | two to four with DIR lines of their own | the merge: [`merge`](super::merge) |
 //! | `Kind::Beside` | the merge, and for the motor on PORTB [`beside`](super::beside) |
-//! | motors that share a DIR line | one step after the other: [`fill_shared`] |
+//! | motors that share a DIR line | one step after the other: [`shared`](super::shared) |
 //!
 //! [`task`] calls them.
 //!
@@ -33,9 +33,9 @@ use crate::engine::memory;
 use crate::engine::program::Program;
 use crate::engine::regs::{self, Reg16};
 use crate::engine::tuning::stepper::{
-    AGAIN, AHEAD, APART, APART_BESIDE, APART_BESIDE_MERGE, APART_LONG, APART_OF_BESIDE, APART_SHIELD,
-    APART_TWO_COMPARE, BATCH, EARLY, FALL, FALL_BESIDE, FALL_COMPARE, FASTEST, LATE, LATE_MOVED, LEAD, PULSE_BESIDE,
-    ROOM, STEPS, TOO_LATE,
+    AGAIN, AHEAD, APART as APART_SHORT, APART_BESIDE, APART_BESIDE_MERGE, APART_LONG, APART_OF_BESIDE, APART_SHIELD,
+    APART_TWO_COMPARE, EARLY, FALL, FALL_BESIDE, FALL_COMPARE, FASTEST, LATE, LATE_MOVED, LEAD, PULSE_BESIDE,
+    STEPS, TOO_LATE,
 };
 use core::mem::offset_of;
 use core::ptr::NonNull;
@@ -67,7 +67,7 @@ impl Spacing {
         // What the interrupt makes without and with its flag, and the distance that takes.
         let ((short, apart), (extra, apart_extra), fall) = match kind {
             Kind::TwoOnD => ((16, APART_BESIDE), (16, APART_BESIDE), FALL),
-            Kind::PortD | Kind::PortB => ((16, APART), (31, APART_LONG), FALL),
+            Kind::PortD | Kind::PortB => ((16, APART_SHORT), (31, APART_LONG), FALL),
             Kind::Shield => ((17, APART_SHIELD[0]), (31, APART_SHIELD[1]), FALL),
             Kind::Beside => ((PULSE_BESIDE, APART_BESIDE_MERGE), (PULSE_BESIDE, APART_BESIDE_MERGE), FALL_BESIDE),
             Kind::Compare => {
@@ -142,7 +142,7 @@ pub(super) struct Track {
     /// Tick of the pending group.
     pub(super) at: Moment,
     /// Ticks between two groups, at least.
-    apart: u8,
+    pub(super) apart: u8,
 }
 
 impl Track {
@@ -174,7 +174,7 @@ impl Track {
 
     /// Publishes the pending group and makes `group` at `tick` the pending one.
     #[inline(never)]
-    fn push(&mut self, tick: Moment, group: Group) {
+    pub(super) fn push(&mut self, tick: Moment, group: Group) {
         self.ring.push(low_half(tick.0), group);
         self.at = tick;
     }
@@ -182,7 +182,7 @@ impl Track {
     /// Puts `group` at `due`, into the pending group if that is not before, and has other lines; else as soon after as it can
     /// be. Gives its tick.
     #[inline(never)]
-    fn put(&mut self, due: Moment, group: Group, apart: u8) -> Moment {
+    pub(super) fn put(&mut self, due: Moment, group: Group, apart: u8) -> Moment {
         let pending = self.ring.pending();
         // An edge of the compare hardware needs a group of its own.
         let taken =
@@ -274,6 +274,9 @@ pub(crate) struct Stepper {
     /// How far ahead the rings were filled, ticks, at least.
     least_ahead: u16,
 }
+
+/// Where the distance of two groups of the first ring is.
+pub(super) const APART: usize = offset_of!(Stepper, tracks) + offset_of!(Track, apart);
 
 /// Where [`Stepper::count`] is.
 pub(super) const COUNT: usize = offset_of!(Stepper, count);
@@ -751,12 +754,9 @@ impl Stepper {
         count + i16::from(self.track(number).ring.unplayed(tail, levels, step, dir))
     }
 
-    /// Fills the ring of motors that share DIR lines, as far as time allows.
-    pub(super) fn fill_shared(&mut self) {
-        let Stepper { tracks: [track, _], spacing, count, .. } = self;
-        // SAFETY: as `motors_mut`; other fields are borrowed beside.
-        let motors = unsafe { slice::from_raw_parts_mut((&raw mut MOTORS).cast(), usize::from(*count)) };
-        fill_shared(track, motors, *spacing);
+    /// The ring of motors that share DIR lines.
+    pub(super) fn first_mut(&mut self) -> &mut Track {
+        &mut self.tracks[0]
     }
 
     /// Looks whether the rings are played as they should, and mends it. To be called every millisecond.
@@ -797,78 +797,6 @@ extern "C" fn steps_place(answer: u64, track: &mut Track, motor: &mut Motor) {
     if long {
         track.put(at.after(u32::from(pulse)), Group { rise, fall: 0 }, track.apart);
     }
-}
-
-/// Fills the ring of motors that share DIR lines with the steps of all of them, one after the other.
-#[inline(never)]
-fn fill_shared(track: &mut Track, motors: &mut [Motor], spacing: Spacing) {
-    let times = TIMES.get();
-    for _ in 0..BATCH {
-        if track.ring.free() < ROOM {
-            return;
-        }
-        let mut end = track.at.after(u32::from(FILLER));
-        if times.limit.is_before(end) {
-            end = times.limit;
-        }
-        let mut first: Option<usize> = None;
-        let mut due = end.after(1);
-        for (index, motor) in motors.iter_mut().enumerate() {
-            if !motor.is_due {
-                motor.settle();
-                motor.last = track.at;
-                motor.is_due = matches!(motor.plan(), Plan::Found);
-                motor.pass(track.at);
-            }
-            if motor.is_due && motor.due.is_before(due) {
-                (first, due) = (Some(index), motor.due);
-            }
-        }
-        let Some(first) = first else {
-            if end == times.limit {
-                return;
-            }
-            // Out of the way of what may come soon after.
-            track.push(end.before(512), Group::NOTHING);
-            continue;
-        };
-        let due = later(due, turn_shared(track, motors, first, spacing));
-        // All that step now, or nearly so, and look at lines that are right, go together.
-        let reach = due.after(u32::from(spacing.apart / 2));
-        let mut steps = 0;
-        for motor in motors.iter_mut() {
-            if motor.is_due && !reach.is_before(motor.due) && motor.faces() {
-                steps |= motor.step;
-                motor.make();
-                motor.is_due = false;
-                motor.settle();
-                motor.free = due.after(u32::from(spacing.apart) + u32::from(times.keep));
-            }
-        }
-        let at = track.put(due, Group { rise: steps, fall: if spacing.long { 0 } else { steps } }, spacing.apart);
-        if spacing.long {
-            track.put(at.after(u32::from(times.pulse)), Group { rise: steps, fall: 0 }, spacing.apart);
-        }
-    }
-}
-
-/// Turns the DIR line of motor `index` for its next step, if it is not as it must be; all motors that look at it know then.
-///
-/// Gives the moment from which on the step may be made.
-#[inline(never)]
-fn turn_shared(track: &mut Track, motors: &mut [Motor], index: usize, spacing: Spacing) -> Moment {
-    let times = TIMES.get();
-    let Some(motor) = motors.get(index) else { return track.at };
-    let (dir, due) = (motor.dir, motor.due);
-    if motor.faces() {
-        return due;
-    }
-    let mut at = due.before(u32::from(times.early));
-    for motor in motors.iter_mut().filter(|motor| motor.dir == dir) {
-        at = later(at, motor.free);
-        motor.levels ^= dir;
-    }
-    track.put(at, Group { rise: 0, fall: dir }, spacing.apart).after(u32::from(times.lead))
 }
 
 /// The later of two moments.
