@@ -10,6 +10,7 @@ use crate::steps::pins::{self, Layout};
 use crate::steps::stepper::{FRACTION_BITS, Halt, LONGEST, LONGEST_IDLE_MS, POOL, Pace, Stepper};
 use crate::store::Store;
 use crate::winch;
+use pulsetrain_core::lease::Lease;
 use pulsetrain_core::narrow::EPOCHS;
 use pulsetrain_core::verbs::motor::MOST_ITEMS;
 use pulsetrain_core::verbs::{Motor, Verbs};
@@ -559,7 +560,7 @@ impl Machine for Board {
         }
     }
 
-    fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<Switched, Refusal> {
+    fn switch(&mut self, epoch: Epoch, tick: u64, _: Lease, _: &[u8]) -> Result<Switched, Refusal> {
         self.check_free()?;
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
