@@ -17,6 +17,7 @@ use super::times;
 use core::arch::global_asm;
 use core::mem::offset_of;
 use pulsetrain_core::Moment;
+use pulsetrain_core::lease::Lease as CoreLease;
 use pulsetrain_core::narrow::Registers;
 
 /// Bits of a motor's braking state, by number.
@@ -57,9 +58,22 @@ pub(crate) struct Lease {
 const _: () = assert!(offset_of!(Lease, state) == 0);
 
 #[unsafe(export_name = "steps_lease")]
-static mut LEASE: Lease = Lease { state: lease::OFF, moved: 0, at: Moment(0) };
+static mut LEASE: Lease = Lease::OFF;
 
 impl Lease {
+    /// None.
+    pub(crate) const OFF: Lease = Lease { state: lease::OFF, moved: 0, at: Moment(0) };
+
+    /// As a host says it.
+    #[inline(never)]
+    pub(crate) fn of(lease: CoreLease) -> Lease {
+        match lease {
+            CoreLease::Off => Lease::OFF,
+            CoreLease::Until(at) => Lease { state: lease::UNTIL, at, ..Lease::OFF },
+            CoreLease::Last => Lease { state: lease::LAST, ..Lease::OFF },
+        }
+    }
+
     /// To be asked by who has the stepper.
     #[inline(always)]
     pub(crate) fn get() -> Lease {

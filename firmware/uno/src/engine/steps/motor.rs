@@ -322,6 +322,26 @@ impl Motor {
         self.is_due = false;
     }
 
+    /// After a lapse, or a fault: what comes of the epoch being run is not kept.
+    pub(crate) fn drops(&self, epoch: Epoch) -> bool {
+        self.has(flag::UNREADABLE) && self.parts[0].epoch == epoch
+    }
+
+    /// Takes back so many bytes that were pushed last; whether there were as many. `tries`: they stay.
+    pub(super) fn trim(&mut self, bytes: u16, tries: bool) -> bool {
+        let newest = self.newest();
+        let can = bytes <= newest.len;
+        if can && !tries {
+            newest.len -= bytes;
+        }
+        can
+    }
+
+    /// Whether it awaits the end of the lease.
+    pub(super) fn awaits_end(&self) -> bool {
+        self.braking() & 1 << state::AWAITS != 0
+    }
+
     /// The bits of its braking [`state`].
     #[inline(always)]
     fn braking(&self) -> u8 {

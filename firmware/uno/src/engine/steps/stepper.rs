@@ -654,6 +654,16 @@ impl Stepper {
         Lease::get()
     }
 
+    /// Whether a switch may come now: not while motors await the end of a lease that is over. The end of one that is not they are told again.
+    #[inline(never)]
+    pub(crate) fn forget_end(&mut self) -> bool {
+        if self.lease().state == lease::LAPSED {
+            return !self.motors().any(Motor::awaits_end);
+        }
+        Lease::go_on();
+        true
+    }
+
     /// With the switch at `at`, which is accepted, this lease begins.
     pub(crate) fn begin_lease(&mut self, at: Moment, begins: Lease) {
         let lease = Lease::get();
@@ -674,6 +684,17 @@ impl Stepper {
             Lease::go_on();
         }
         can
+    }
+
+    /// Takes back bytes that were pushed last, as many as two bytes say for each motor.
+    pub(crate) fn trim(&mut self, bytes: &[u8], tries: bool) -> Option<u8> {
+        for (index, bytes) in (0u8..).zip(bytes.as_chunks().0) {
+            let motor = self.motor_mut(index);
+            if motor.is_some_and(|motor| !motor.trim(u16::from_le_bytes(*bytes), tries)) {
+                return Some(index);
+            }
+        }
+        None
     }
 
     /// How hard motors may brake: three bytes for each, or nothing, and that stays.
