@@ -19,6 +19,7 @@ mod uno_bootloader;
 mod uno_brake;
 mod uno_compare;
 mod uno_expand;
+mod uno_lease;
 mod uno_link;
 mod uno_load;
 mod uno_masked;
