@@ -10,17 +10,18 @@ use crate::engine::program::Program;
 use crate::engine::regs;
 use crate::engine::steps::brake::{Lease, lease};
 use crate::engine::steps::motor::{self, SWITCHES};
+use crate::engine::steps::orders::answer;
 use crate::engine::steps::pins::{Layout, MAX_MOTORS, Pin};
 use crate::engine::steps::stepper::{self, LONGEST, Trouble};
 use crate::engine::steps::task;
 use crate::engine::store;
 use pulsetrain_core::wire::frame::Tag;
-use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, flags};
+use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, flags, kind};
 use pulsetrain_core::wire::orders::Orders;
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::lease::Lease as CoreLease;
 use pulsetrain_core::wire::machine::NO_LEASE;
-use pulsetrain_core::wire::{Baud, Encoder, Machine, Millis, Reason, Refusal, Stopped, Switched, Trimmed};
+use pulsetrain_core::wire::{Baud, Encoder, Machine, Millis, Reason, Refusal, Stopped, Switched};
 use pulsetrain_core::{Epoch, Moment};
 
 /// A switch must be less than this ahead, ticks: moments are told apart within 2^31, and pulse and set-up reach beyond.
@@ -514,8 +515,9 @@ impl Machine for Board {
         task::lock().discard(epoch);
     }
 
+    // For a program that has plans and no leases.
     #[inline(never)]
-    fn switch(&mut self, epoch: Epoch, tick: u64, lease: CoreLease, limits: &[u8]) -> Result<Switched, Refusal> {
+    fn switch(&mut self, epoch: Epoch, tick: u64, _: CoreLease, _: &[u8]) -> Result<Switched, Refusal> {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
@@ -525,7 +527,7 @@ impl Machine for Board {
         let mut stepper = task::lock();
         let limit = clock::now() + SWITCH_AHEAD;
         let horizon = extended(stepper.horizon());
-        let switched = if tick < horizon || Uses::LEASES && !stepper.forget_end() {
+        let switched = if tick < horizon {
             Switched::Late { horizon }
         } else if tick >= limit {
             Switched::Early { limit }
@@ -536,55 +538,31 @@ impl Machine for Board {
         };
         if switched != Switched::Accepted {
             stepper.discard(epoch);
-        } else if Uses::LEASES {
-            stepper.begin_lease(Moment::of(tick), Lease::of(lease));
-            stepper.limit(limits);
         }
         Ok(switched)
     }
 
-    #[inline(never)]
-    fn extend(&mut self, lease: CoreLease, limits: &[u8]) -> bool {
-        let mut stepper = task::lock();
-        let extended = stepper.extend(Lease::of(lease));
-        if extended {
-            stepper.limit(limits);
-        }
-        extended
-    }
-
-    #[inline(never)]
-    fn trim(&mut self, until: Moment, bytes: &[u8]) -> Result<Trimmed, Refusal> {
+    fn obey_plan(&mut self, kind: u8, payload: &[u8], code: &mut u8, tick: &mut [u8; 8]) -> Result<bool, Refusal> {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
         let mut stepper = task::lock();
-        if let Some(motor) = stepper.trim(bytes, true) {
-            return Ok(Trimmed::TooMany { motor });
+        let (answer, moment) = stepper.order(kind, payload);
+        *code = answer & !answer::MOMENT;
+        let at = if answer & answer::MOMENT != 0 { extended(moment) } else { u64::from(moment.0) };
+        *tick = at.to_le_bytes();
+        if *code == answer::MALFORMED {
+            return Err(Refusal::of(Reason::Malformed));
         }
-        if !stepper.extend(Lease::of(CoreLease::Until(until))) {
-            if matches!(stepper.lease().state, lease::OFF | lease::LAPSED) {
-                return Ok(Trimmed::NoLease);
-            }
-            let horizon = stepper.horizon();
-            return Ok(Trimmed::Late { horizon: extended(horizon) });
-        }
-        stepper.trim(bytes, false);
-        Ok(Trimmed::Accepted)
-    }
-
-    #[inline(never)]
-    fn brake(&mut self) -> u64 {
-        let mut stepper = task::lock();
-        let lease = stepper.lease();
-        if lease.state == lease::OFF {
-            return NO_LEASE;
-        }
-        if lease.state != lease::LAPSED {
-            stepper.lapse();
+        if kind == kind::BRAKE {
             self.told |= 1 << told::ORDERED;
+            if *code != answer::ACCEPTED {
+                *tick = NO_LEASE.to_le_bytes();
+            }
+        } else if kind == kind::SWITCH && *code != answer::ACCEPTED && let Some(epoch) = payload.first() {
+            stepper.discard(Epoch(*epoch));
         }
-        extended(Lease::get().at)
+        Ok(*code == answer::ACCEPTED)
     }
 
     fn lease(&self) -> (u8, u32) {

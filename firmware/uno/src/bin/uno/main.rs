@@ -19,8 +19,6 @@ impl Program for Uses {
     const IMAGE: u8 = image::PLANS;
     const PLANS: bool = true;
     const LEASES: bool = true;
-    const SHARED: bool = false;
-    const BESIDE: bool = false;
     const POOL: usize = 376;
 }
 
@@ -33,10 +31,10 @@ global_asm!(
     // How rings are filled: of one motor each, of motors that share DIR lines, and of one motor beside a merge.
     ".global ring_apiece, ring_shared, ring_beside, ring_beside_soon, ring_beside_merge",
     ".set ring_apiece, steps_fill",
-    ".set ring_shared, steps_absent",
-    ".set ring_beside, steps_absent",
-    ".set ring_beside_soon, steps_absent",
-    ".set ring_beside_merge, steps_absent",
+    ".set ring_shared, steps_fill_shared",
+    ".set ring_beside, steps_beside_turns",
+    ".set ring_beside_soon, beside_fill",
+    ".set ring_beside_merge, merge_beside",
 );
 
 static USES: Once<Uses> = Once::new(Uses);

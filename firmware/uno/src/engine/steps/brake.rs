@@ -17,7 +17,6 @@ use super::times;
 use core::arch::global_asm;
 use core::mem::offset_of;
 use pulsetrain_core::Moment;
-use pulsetrain_core::lease::Lease as CoreLease;
 use pulsetrain_core::narrow::Registers;
 
 /// Bits of a motor's braking state, by number.
@@ -64,48 +63,12 @@ impl Lease {
     /// None.
     pub(crate) const OFF: Lease = Lease { state: lease::OFF, moved: 0, at: Moment(0) };
 
-    /// As a host says it.
-    #[inline(never)]
-    pub(crate) fn of(lease: CoreLease) -> Lease {
-        match lease {
-            CoreLease::Off => Lease::OFF,
-            CoreLease::Until(at) => Lease { state: lease::UNTIL, at, ..Lease::OFF },
-            CoreLease::Last => Lease { state: lease::LAST, ..Lease::OFF },
-        }
-    }
-
     /// To be asked by who has the stepper.
     #[inline(always)]
     pub(crate) fn get() -> Lease {
         // SAFETY: a copy; who has the stepper alone writes it.
         unsafe { (&raw const LEASE).read() }
     }
-
-    /// As above.
-    #[inline(never)]
-    pub(crate) fn set(self) {
-        // SAFETY: as above.
-        unsafe { (&raw mut LEASE).write(self) }
-    }
-
-    /// All motors brake at its end.
-    #[inline(always)]
-    pub(super) fn end(self) {
-        // SAFETY: the assembly uses the motors alone, which belong to who has the stepper.
-        unsafe { steps_all_await_end(self.at.0) }
-    }
-
-    /// Those that have been told of its end go on.
-    #[inline(always)]
-    pub(super) fn go_on() {
-        // SAFETY: as above.
-        unsafe { steps_all_go_on() }
-    }
-}
-
-unsafe extern "C" {
-    fn steps_all_await_end(at: u32);
-    fn steps_all_go_on();
 }
 
 global_asm!(
@@ -243,7 +206,7 @@ brake_rest:                             // no interval
     jmp steps_load_taken
 
     .section .text.steps_stop, "ax", @progbits
-    .global steps_stop, steps_dry, steps_freshen, steps_fail_leased, steps_lease_goes_on, steps_limit_leased, steps_all_await_end, steps_all_go_on
+    .global steps_stop, steps_dry, steps_freshen, steps_fail_leased, steps_lease_goes_on, steps_limit_leased, steps_await_all
     // From the plan: the lease is over, and the motor Y goes over to its stop. Z is at its parts, r25 its braking state, r22 and r23 have the steps
     // that were left; those are off the position already.
 steps_stop:
@@ -429,44 +392,6 @@ steps_await_end:
     std Y+{SWITCH_AT}+3, r21
 3:  ret
 
-    // For Rust: all motors brake at r22 to r25.
-steps_all_await_end:
-    push r28
-    push r29
-    movw r18, r22
-    movw r20, r24
-    rcall steps_await_all
-    rjmp 4f
-
-    // For Rust: the end of the lease, which some await, is no end any more.
-steps_all_go_on:
-    push r28
-    push r29
-    ldi r28, lo8(steps_motors)
-    ldi r29, hi8(steps_motors)
-    lds r22, steps_stepper+{COUNT}
-1:  brake_point
-    ldd r25, Z+{STATE}
-    sbrs r25, {AWAITS}
-    rjmp 3f
-    std Z+{STATE}, r1
-    std Z+{IS_DUE}, r1
-    ldd r24, Y+{FLAGS}
-    sbrs r25, {WAITS}
-    andi r24, 0xff - (1 << {SWITCH})
-    std Y+{FLAGS}, r24
-    .irp at, 0,1,2,3
-    ldd r24, Z+{FIRST_AT}+\at
-    std Y+{SWITCH_AT}+\at, r24
-    .endr
-3:  subi r28, lo8(-({MOTOR_SIZE}))
-    sbci r29, hi8(-({MOTOR_SIZE}))
-    dec r22
-    brne 1b
-4:  pop r29
-    pop r28
-    ret
-
     // The motor Y is at rest until its next step. Uses r18, r19, r24.
 steps_freshen:
     movw r18, r30
@@ -563,7 +488,6 @@ steps_dry:
     HORIZON = const offset_of!(Motor, horizon),
     SWITCH_AT = const offset_of!(Motor, switch_at),
     PART_EPOCH = const offset_of!(Part, epoch),
-    FIRST_AT = const of_switch(0) + offset_of!(Switch, at),
     SECOND_EPOCH = const of_switch(1) + offset_of!(Switch, epoch),
     FRESH_AT = const offset_of!(Motor, fault_tick) - offset_of!(Motor, parts),
     WAITS = const state::WAITS,

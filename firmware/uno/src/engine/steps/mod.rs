@@ -8,6 +8,7 @@
 //! - [`fill`]: a ring of one motor; [`merge`]: two to four motors in one ring; `beside`: one beside a merge; [`shared`]: motors
 //!   that share DIR lines
 //! - [`ring`]: groups of edges and the interrupts that play them
+//! - [`orders`]: what a host says of plans beside their data
 //! - [`switch`]: from one epoch to another
 //! - [`pins`]: which pins there are, and which of them one stepgen can serve together
 //! - [`register`]: addresses, for assembly
@@ -19,6 +20,7 @@ mod fill;
 mod load;
 pub(crate) mod merge;
 pub(crate) mod motor;
+pub(crate) mod orders;
 pub(crate) mod pins;
 pub(crate) mod plan;
 pub(crate) mod register;

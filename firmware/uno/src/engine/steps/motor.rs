@@ -304,16 +304,6 @@ impl Motor {
         }
     }
 
-    /// The first tick at which it can still be told otherwise.
-    #[inline(never)]
-    pub(crate) fn horizon(&self) -> Moment {
-        if self.has(flag::STEPPED) {
-            Moment(self.registers.tick).after(u32::from(TIMES.get().gap))
-        } else {
-            self.horizon
-        }
-    }
-
     /// Nothing is planned before `now`: to be called while nothing is played, at least once in 2^30 ticks.
     #[inline(never)]
     pub(crate) fn rest(&mut self, now: Moment) {
@@ -325,21 +315,6 @@ impl Motor {
     /// After a lapse, or a fault: what comes of the epoch being run is not kept.
     pub(crate) fn drops(&self, epoch: Epoch) -> bool {
         self.has(flag::UNREADABLE) && self.parts[0].epoch == epoch
-    }
-
-    /// Takes back so many bytes that were pushed last; whether there were as many. `tries`: they stay.
-    pub(super) fn trim(&mut self, bytes: u16, tries: bool) -> bool {
-        let newest = self.newest();
-        let can = bytes <= newest.len;
-        if can && !tries {
-            newest.len -= bytes;
-        }
-        can
-    }
-
-    /// Whether it awaits the end of the lease.
-    pub(super) fn awaits_end(&self) -> bool {
-        self.braking() & 1 << state::AWAITS != 0
     }
 
     /// The bits of its braking [`state`].

@@ -278,6 +278,9 @@ pub(crate) struct Stepper {
 /// Where the distance of two groups of the first ring is.
 pub(super) const APART: usize = offset_of!(Stepper, tracks) + offset_of!(Track, apart);
 
+/// Where [`Stepper::swap`] is.
+pub(super) const SWAP: usize = offset_of!(Stepper, swap);
+
 /// Where [`Stepper::count`] is.
 pub(super) const COUNT: usize = offset_of!(Stepper, count);
 
@@ -615,95 +618,13 @@ impl Stepper {
     /// The first tick at which a switch would be accepted.
     #[inline(never)]
     pub(crate) fn horizon(&self) -> Moment {
-        let mut horizon = self.tracks[0].at;
-        if self.has_beside() || self.apiece && self.count > 1 {
-            horizon = later(horizon, self.tracks[1].at);
-        }
-        for motor in self.motors() {
-            horizon = later(horizon, motor.horizon());
-        }
-        horizon.after(1)
+        if self.count == 0 { self.tracks[0].at.after(1) } else { self.first_open() }
     }
 
     /// All motors go over to `epoch` at `at`, which is not before the horizon; or none does, because too many wait.
     #[inline(always)]
     pub(crate) fn switch(&mut self, epoch: Epoch, at: Moment) -> bool {
         switch::all(epoch, at)
-    }
-
-    /// The lease is over at its end, or as soon as can be if that is sooner.
-    #[inline(never)]
-    pub(crate) fn lapse(&mut self) {
-        let mut lease = Lease::get();
-        let horizon = self.horizon();
-        if lease.state & 3 == lease::LAST || horizon.is_before(lease.at) {
-            lease.at = horizon;
-        }
-        lease.state = lease::LAPSED;
-        lease.set();
-        lease.end();
-    }
-
-    /// The lease, which is over once the horizon has passed its end.
-    #[inline(never)]
-    pub(crate) fn lease(&mut self) -> Lease {
-        let lease = Lease::get();
-        if lease.state & lease::FAULT != 0 || lease.state == lease::UNTIL && lease.at.is_before(self.horizon()) {
-            self.lapse();
-        }
-        Lease::get()
-    }
-
-    /// Whether a switch may come now: not while motors await the end of a lease that is over. The end of one that is not they are told again.
-    #[inline(never)]
-    pub(crate) fn forget_end(&mut self) -> bool {
-        if self.lease().state == lease::LAPSED {
-            return !self.motors().any(Motor::awaits_end);
-        }
-        Lease::go_on();
-        true
-    }
-
-    /// With the switch at `at`, which is accepted, this lease begins.
-    pub(crate) fn begin_lease(&mut self, at: Moment, begins: Lease) {
-        let lease = Lease::get();
-        // One that ends before the switch stands: that is not made, then.
-        if lease.state != lease::UNTIL || !lease.at.is_before(at) {
-            Lease { at: later(begins.at, at), ..begins }.set();
-        }
-    }
-
-    /// Puts the end of the lease off, or earlier; whether that can be.
-    #[inline(never)]
-    pub(crate) fn extend(&mut self, to: Lease) -> bool {
-        let lease = self.lease();
-        let can = matches!(lease.state, lease::UNTIL | lease::LAST)
-            && (to.state == lease::LAST || !to.at.is_before(self.horizon()));
-        if can {
-            to.set();
-            Lease::go_on();
-        }
-        can
-    }
-
-    /// Takes back bytes that were pushed last, as many as two bytes say for each motor.
-    pub(crate) fn trim(&mut self, bytes: &[u8], tries: bool) -> Option<u8> {
-        for (index, bytes) in (0u8..).zip(bytes.as_chunks().0) {
-            let motor = self.motor_mut(index);
-            if motor.is_some_and(|motor| !motor.trim(u16::from_le_bytes(*bytes), tries)) {
-                return Some(index);
-            }
-        }
-        None
-    }
-
-    /// How hard motors may brake: three bytes for each, or nothing, and that stays.
-    pub(crate) fn limit(&mut self, limits: &[u8]) {
-        for (index, limit) in (0u8..).zip(limits.chunks_exact(3)) {
-            if let Some(place) = self.motor_mut(index).and_then(|motor| motor.braking.get_mut(1..)) {
-                place.iter_mut().zip(limit).for_each(|(place, byte)| *place = *byte);
-            }
-        }
     }
 
     /// Takes back what was pushed last of `epoch`, of all motors.

@@ -470,13 +470,6 @@ extern "C" fn steps_watch() {
     unsafe { &mut *STEPPER.0.get() }.watch(clock::moment());
 }
 
-/// A motor could not follow its plan.
-#[unsafe(no_mangle)]
-extern "C" fn steps_lapse() {
-    // SAFETY: as above.
-    unsafe { &mut *STEPPER.0.get() }.lapse();
-}
-
 /// Of motors that share DIR lines: puts something into their ring, at `due` or as soon after as can be. Gives its tick.
 #[unsafe(no_mangle)]
 extern "C" fn steps_put(due: u32, rise: u8, fall: u8) -> u32 {
