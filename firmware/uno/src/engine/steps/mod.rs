@@ -7,6 +7,7 @@
 //! - [`brake`]: what a motor does whose lease is over
 //! - [`fill`]: a ring of one motor; [`merge`]: two to four motors in one ring; `beside`: one beside a merge; [`shared`]: motors
 //!   that share DIR lines
+//! - [`put`]: one thing into a ring
 //! - [`ring`]: groups of edges and the interrupts that play them
 //! - [`orders`]: what a host says of plans beside their data
 //! - [`switch`]: from one epoch to another
@@ -23,6 +24,7 @@ pub(crate) mod motor;
 pub(crate) mod orders;
 pub(crate) mod pins;
 pub(crate) mod plan;
+mod put;
 pub(crate) mod register;
 pub(crate) mod ring;
 mod shared;

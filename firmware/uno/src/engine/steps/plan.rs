@@ -27,28 +27,6 @@ use core::mem::offset_of;
 pub(crate) const FILLER: u16 = Uses::FILLER;
 const _: () = assert!(FILLER <= 16_384 && FILLER % 256 == 0);
 
-/// What a motor does next.
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum Plan {
-    /// Nothing within the limit.
-    Nothing,
-    /// A step at [`Motor::due`].
-    Found,
-    /// Steps, for the expansion. They are counted already, and taken off by it.
-    Steps,
-    /// One thing: the lower half of its tick, what is toggled then, and at the end of a short pulse.
-    One {
-        /// Lower half of the tick.
-        tick: u16,
-        /// What is toggled then.
-        rise: u8,
-        /// What is toggled at the end of a short pulse.
-        fall: u8,
-        /// A long pulse begins, which another group ends.
-        long: bool,
-    },
-}
-
 /// What the motor Y makes next, for assembly, if it is steps of a segment all of which are sure, and soon enough: how many are left of them,
 /// up to 255, in r24. Else it goes to `$slow`, where [`plan`](self) says. Uses r25.
 macro_rules! sure_now {
@@ -1023,16 +1001,3 @@ plan_make:
     ONLY_STEPS = const times::ONLY_STEPS,
     AHEAD = const times::AHEAD,
 );
-
-impl Plan {
-    /// Of the registers r18 to r25.
-    #[inline(always)]
-    pub(super) fn of([_, _, low, high, rise, fall, count, kind]: [u8; 8]) -> Plan {
-        match (count, kind) {
-            (0, _) => Plan::Nothing,
-            (_, 1) => Plan::Steps,
-            (3, _) => Plan::Found,
-            _ => Plan::One { tick: u16::from_le_bytes([low, high]), rise, fall, long: count == 2 },
-        }
-    }
-}

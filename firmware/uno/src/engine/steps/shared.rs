@@ -114,11 +114,9 @@ shared_again:
     // No: a filler, out of the way of what may come soon after.
 6:  brtc .+2
     ret
-    movw r22, r18
-    movw r24, r20
-    subi r23, 2
-    sbci r24, 0
-    sbci r25, 0
+    subi r19, 2
+    sbci r20, 0
+    sbci r21, 0
     call steps_push_filler
     rjmp shared_more
 
@@ -147,22 +145,24 @@ shared_turn:
     brpl 2f
     load_4 r22, r23, r24, r25, {FREE}
 2:  shared_next 1b
-    ldi r20, 0
-    mov r18, r16
+    movw r18, r22
+    movw r20, r24
+    clr r22
+    mov r23, r16
     call steps_put
-    lds r18, steps_times+{LEAD}
-    lds r19, steps_times+{LEAD}+1
-    add r22, r18
-    adc r23, r19
-    adc r24, r1
-    adc r25, r1
-    cp r22, r6
-    cpc r23, r7
-    cpc r24, r8
-    cpc r25, r9
+    lds r24, steps_times+{LEAD}
+    lds r25, steps_times+{LEAD}+1
+    add r18, r24
+    adc r19, r25
+    adc r20, r1
+    adc r21, r1
+    cp r18, r6
+    cpc r19, r7
+    cpc r20, r8
+    cpc r21, r9
     brmi shared_make
-    movw r6, r22
-    movw r8, r24
+    movw r6, r18
+    movw r8, r20
 
     // All that go together.
 shared_make:
@@ -207,23 +207,21 @@ shared_make:
     adc r21, r1
     store_4 r18, r19, r20, r21, {FREE}
 2:  shared_next 1b
-    movw r22, r6
-    movw r24, r8
-    mov r20, r17
-    mov r18, r17
+    movw r18, r6
+    movw r20, r8
+    mov r22, r17
+    mov r23, r17
     lds r2, steps_times+{PULSE}
     lds r3, steps_times+{PULSE}+1
     mov r26, r2
     or r26, r3
     breq 3f
-    ldi r18, 0
+    clr r23
     call steps_put
-    add r22, r2
-    adc r23, r3
-    adc r24, r1
-    adc r25, r1
-    mov r20, r17
-    ldi r18, 0
+    add r18, r2
+    adc r19, r3
+    adc r20, r1
+    adc r21, r1
 3:  call steps_put
 shared_more:
     dec r13

@@ -22,7 +22,7 @@ use super::brake::{Lease, lease};
 use super::merge::Merge;
 use super::motor::{COUNT_AT_REST, Motor, flag};
 use super::pins::{Kind, Layout, Lines, MAX_MOTORS};
-use super::plan::{FILLER, Plan};
+use super::plan::FILLER;
 use super::ring::{Group, Name, Ring, flags};
 use super::switch;
 use super::task::{self, mode};
@@ -172,29 +172,6 @@ impl Track {
         });
     }
 
-    /// Publishes the pending group and makes `group` at `tick` the pending one.
-    #[inline(never)]
-    pub(super) fn push(&mut self, tick: Moment, group: Group) {
-        self.ring.push(low_half(tick.0), group);
-        self.at = tick;
-    }
-
-    /// Puts `group` at `due`, into the pending group if that is not before, and has other lines; else as soon after as it can
-    /// be. Gives its tick.
-    #[inline(never)]
-    pub(super) fn put(&mut self, due: Moment, group: Group, apart: u8) -> Moment {
-        let pending = self.ring.pending();
-        // An edge of the compare hardware needs a group of its own.
-        let taken =
-            pending.rise & group.rise | pending.fall & group.fall | self.ring.edge() & (group.rise | group.fall);
-        if taken == 0 && !self.at.is_before(due) {
-            self.ring.amend(group);
-        } else {
-            self.push(later(due, self.at.after(u32::from(apart))), group);
-        }
-        self.at
-    }
-
     /// Looks whether the interrupt still plays what it should, and mends it.
     #[inline(never)]
     fn watch(&mut self, now: Moment, busy: bool) -> Option<Trouble> {
@@ -218,7 +195,7 @@ impl Track {
             // The hardware has made the edge of the group that waits, and toggles no more. A plain step does not say that it does again: another
             // group follows it, or it becomes one that does.
             if empty && self.ring.waits_plainly() {
-                self.push(self.at.after(u32::from(self.apart)), Group::NOTHING);
+                self.push_nothing(self.at.after(u32::from(self.apart)));
             } else if !empty {
                 self.ring.unplain();
             }
@@ -696,11 +673,6 @@ impl Stepper {
         count + i16::from(self.track(number).ring.unplayed(tail, levels, step, dir))
     }
 
-    /// The ring of motors that share DIR lines.
-    pub(super) fn first_mut(&mut self) -> &mut Track {
-        &mut self.tracks[0]
-    }
-
     /// Looks whether the rings are played as they should, and mends it. To be called every millisecond.
     #[inline(never)]
     pub(crate) fn watch(&mut self, now: Moment) {
@@ -717,34 +689,6 @@ impl Stepper {
         self.least_ahead = least;
         self.trouble = trouble.or(self.trouble);
     }
-}
-
-impl Track {
-    /// The moment near the pending group's that has these lower bits.
-    fn near(&self, tick: u16) -> Moment {
-        let ahead = tick.wrapping_sub(low_half(self.at.0)).cast_signed();
-        Moment(self.at.0.wrapping_add_signed(i32::from(ahead)))
-    }
-}
-
-/// Puts one thing that `motor` does into its own ring, as [`fill`](super::fill) has it.
-#[unsafe(no_mangle)]
-extern "C" fn steps_place(answer: u64, track: &mut Track, motor: &mut Motor) {
-    let Plan::One { tick, rise, fall, long } = Plan::of(answer.to_le_bytes()) else { return };
-    let pulse = TIMES.get().pulse;
-    let due = track.near(tick);
-    let at = track.put(due, Group { rise, fall }, track.apart);
-    // What follows must be looked at until all is in time again.
-    motor.set(flag::SINGLY, at != due);
-    if long {
-        track.put(at.after(u32::from(pulse)), Group { rise, fall: 0 }, track.apart);
-    }
-}
-
-/// The later of two moments.
-#[inline(never)]
-fn later(one: Moment, other: Moment) -> Moment {
-    if one.is_before(other) { other } else { one }
 }
 
 /// As [`flags`](pulsetrain_core::wire::message::flags) has the faults of a motor.

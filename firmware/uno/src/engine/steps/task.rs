@@ -11,7 +11,7 @@
 //! position, which takes a look at every group, is the longest), but for the four positions of a winch's status (`winch/feed.rs`).
 
 use super::motor::Motor;
-use super::ring::{Group, Ring, flags};
+use super::ring::{Ring, flags};
 use super::stepper::{Stepper, Track};
 use super::times::TIMES;
 use crate::engine::clock;
@@ -22,7 +22,6 @@ use core::arch::global_asm;
 use core::cell::UnsafeCell;
 use core::mem::offset_of;
 use core::ops::{Deref, DerefMut};
-use pulsetrain_core::Moment;
 use pulsetrain_core::narrow::Registers;
 
 #[repr(transparent)]
@@ -468,21 +467,6 @@ pub(super) fn set_mode(mode: u8) {
 extern "C" fn steps_watch() {
     // SAFETY: a guard would have kept the task out.
     unsafe { &mut *STEPPER.0.get() }.watch(clock::moment());
-}
-
-/// Of motors that share DIR lines: puts something into their ring, at `due` or as soon after as can be. Gives its tick.
-#[unsafe(no_mangle)]
-extern "C" fn steps_put(due: u32, rise: u8, fall: u8) -> u32 {
-    // SAFETY: as above.
-    let track = unsafe { &mut *STEPPER.0.get() }.first_mut();
-    track.put(Moment(due), Group { rise, fall }, track.apart).0
-}
-
-/// And a filler.
-#[unsafe(no_mangle)]
-extern "C" fn steps_push_filler(tick: u32) {
-    // SAFETY: as above.
-    unsafe { &mut *STEPPER.0.get() }.first_mut().push(Moment(tick), Group::NOTHING);
 }
 
 /// Steps that a motor has made when the first ring was played up to `tail`. For who keeps the task out.
