@@ -122,4 +122,7 @@ pub trait Leased: Board {
     fn unconfirmed(&self) -> Option<Lease> {
         None
     }
+
+    /// Waits until the board has said what became of it, or is lost. Another extension, a switch and a trim wait by themselves.
+    fn await_extension(&mut self) {}
 }

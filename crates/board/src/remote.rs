@@ -1405,6 +1405,13 @@ impl<P: Port> Leased for Remote<P> {
     fn unconfirmed(&self) -> Option<Lease> {
         self.unconfirmed.as_ref().map(|(lease, _)| *lease)
     }
+
+    fn await_extension(&mut self) {
+        if self.error.is_none() {
+            // An error is kept.
+            let _ = self.settle_extension();
+        }
+    }
 }
 
 impl<P: Port> Remote<P> {

@@ -16,6 +16,16 @@ pub struct Shadowed<B> {
     agree: bool,
     /// What the shadow scheduled while nobody looked.
     steps: Vec<ScheduledStep>,
+    /// An extension whose fate the board has not told yet.
+    extending: Option<Extending>,
+}
+
+/// The shadow is told it when the board has accepted it, and stays before both ends until then.
+#[derive(Debug)]
+struct Extending {
+    lease: Lease,
+    limits: Vec<Limit>,
+    before: LeaseState,
 }
 
 impl<B: Board> Shadowed<B> {
@@ -26,7 +36,7 @@ impl<B: Board> Shadowed<B> {
         if let Some(last) = board.now().checked_sub(1) {
             shadow.advance(last, &mut |_: Edge| {});
         }
-        Shadowed { board, shadow, agree: true, steps: Vec::new() }
+        Shadowed { board, shadow, agree: true, steps: Vec::new(), extending: None }
     }
 
     /// The board itself.
@@ -49,6 +59,7 @@ impl<B: Board> Shadowed<B> {
     /// Time has passed until the board answered, and switches that it had taken were made: the shadow holds no more of them than it.
     /// But it stays before the switch at `tick`, as the board was when it took it: an answer that was lost comes after its tick.
     fn follow_to_switch(&mut self, tick: u64) {
+        let tick = self.open().map_or(tick, |open| open.min(tick));
         let passed = self.board.now().checked_sub(1).zip(self.shadow.last_before_switch(tick));
         if let Some(last) = passed.map(|(now, before)| now.min(before)).filter(|last| self.shadow.now() <= *last) {
             self.shadow.advance(last, &mut Kept(&mut self.steps));
@@ -58,8 +69,37 @@ impl<B: Board> Shadowed<B> {
     /// Lets the shadow come as far as the board.
     fn follow(&mut self, until: u64, observer: &mut impl Observer) {
         self.steps.drain(..).for_each(|step| observer.step(step));
+        let open = self.open().map_or(Some(until), |open| self.shadow.last_before_switch(open));
+        let Some(until) = open.map(|last| last.min(until)) else { return };
         if self.shadow.now() <= until {
             self.shadow.advance(until, &mut Steps(observer));
+        }
+    }
+}
+
+impl<B> Shadowed<B> {
+    /// The sooner of two ends that the lease may have.
+    fn open(&self) -> Option<u64> {
+        let Extending { lease, before, .. } = self.extending.as_ref()?;
+        let ends = [LeaseState::from(*lease), *before];
+        ends.into_iter().filter_map(|end| if let LeaseState::Until(tick) = end { Some(tick) } else { None }).min()
+    }
+}
+
+impl<B: Leased> Shadowed<B> {
+    /// What became of an extension, if the board has told it: it was accepted if the lease is that, or ended elsewhere than it would have
+    /// without.
+    fn hear_of_extension(&mut self) {
+        if self.board.unconfirmed().is_some() {
+            return;
+        }
+        let Some(Extending { lease, limits, before }) = self.extending.take() else { return };
+        let is_accepted = match (self.board.lease(), before) {
+            (LeaseState::Lapsed { at, .. }, LeaseState::Until(until)) => at != until,
+            (now, _) => now == lease.into(),
+        };
+        if is_accepted {
+            self.agree &= self.shadow.extend(lease, &limits).is_ok();
         }
     }
 }
@@ -93,7 +133,7 @@ impl<O: Observer> Observer for Steps<'_, O> {
     }
 }
 
-impl<B: Board> Board for Shadowed<B> {
+impl<B: Leased> Board for Shadowed<B> {
     fn push(&mut self, motor: usize, entry: Entry) -> Result<(), Entry> {
         self.board.push(motor, entry)?;
         self.agree &= self.shadow.push(motor, entry).is_ok();
@@ -126,6 +166,7 @@ impl<B: Board> Board for Shadowed<B> {
     }
 
     fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<(), SwitchRefused> {
+        self.await_extension();
         let answer = self.board.switch(epoch, tick);
         self.follow_to_switch(tick);
         match answer {
@@ -149,11 +190,13 @@ impl<B: Board> Board for Shadowed<B> {
 
     fn advance(&mut self, until: u64, observer: &mut impl Observer) {
         self.board.advance(until, &mut Edges(observer));
+        self.hear_of_extension();
         self.follow(until, observer);
     }
 
     fn stop_now(&mut self, tick: u64, observer: &mut impl Observer) -> StopReport {
         let report = self.board.stop_now(tick, &mut Edges(observer));
+        self.hear_of_extension();
         self.follow(report.tick, observer);
         self.shadow.stop_now(report.tick, &mut Steps(observer));
         report
@@ -186,6 +229,7 @@ impl<B: Board> Board for Shadowed<B> {
 
 impl<B: Leased> Leased for Shadowed<B> {
     fn switch_leased(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[Limit]) -> Result<(), SwitchRefused> {
+        self.await_extension();
         let answer = self.board.switch_leased(epoch, tick, lease, limits);
         self.follow_to_switch(tick);
         match answer {
@@ -196,19 +240,28 @@ impl<B: Leased> Leased for Shadowed<B> {
     }
 
     fn extend(&mut self, lease: Lease, limits: &[Limit]) -> Result<(), ExtendRefused> {
+        self.await_extension();
         self.board.extend(lease, limits)?;
-        self.agree &= self.shadow.extend(lease, limits).is_ok();
+        if self.board.unconfirmed().is_some() {
+            let before = self.board.lease();
+            self.extending = Some(Extending { lease, limits: limits.to_vec(), before });
+        } else {
+            self.agree &= self.shadow.extend(lease, limits).is_ok();
+        }
         Ok(())
     }
 
     fn trim(&mut self, until: u64, items: &[usize]) -> Result<(), TrimRefused> {
+        self.await_extension();
         self.board.trim(until, items)?;
         self.agree &= self.shadow.trim(until, items).is_ok();
         Ok(())
     }
 
     fn brake(&mut self) -> Option<u64> {
-        let at = self.board.brake()?;
+        let at = self.board.brake();
+        self.hear_of_extension();
+        let at = at?;
         // The shadow is not as far as the board, and brakes where that does.
         self.shadow.brake_at(at);
         Some(at)
@@ -216,6 +269,15 @@ impl<B: Leased> Leased for Shadowed<B> {
 
     fn lease(&self) -> LeaseState {
         self.board.lease()
+    }
+
+    fn unconfirmed(&self) -> Option<Lease> {
+        self.board.unconfirmed()
+    }
+
+    fn await_extension(&mut self) {
+        self.board.await_extension();
+        self.hear_of_extension();
     }
 }
 

@@ -2,14 +2,14 @@
 
 use pulsetrain_board::lease::{ExtendRefused, Lease, LeaseState, Leased, TrimRefused};
 use pulsetrain_board::replay::{Replay, Sent};
-use pulsetrain_board::{Board, Edge, Observer, Port, Remote, ScheduledStep};
+use pulsetrain_board::{Board, Edge, Native, Observer, Port, Remote, ScheduledStep, Shadowed};
 use pulsetrain_core::braking::Limit;
 use pulsetrain_core::lease::Cause;
 use pulsetrain_core::wire::message::{self, ALL_MOTORS};
 use pulsetrain_core::{Entry, Epoch, Item, Moment};
 use pulsetrain_testkit::faulty::{Faulty, Rates};
 use pulsetrain_testkit::model::ModelPort;
-use pulsetrain_testkit::{Random, TICK_HZ, model_setup, run, tell, unseen};
+use pulsetrain_testkit::{Random, TICK_HZ, model_setup, native_config, run, tell, unseen};
 use std::time::Duration;
 
 const MS: u64 = TICK_HZ / 1000;
@@ -287,4 +287,42 @@ fn a_board_that_is_lost_takes_no_lease() {
     assert_eq!(remote.extend(Lease::Last, &[]), Err(ExtendRefused::Lost));
     assert_eq!(remote.trim(0, &[0]), Err(TrimRefused::Extend(ExtendRefused::Lost)));
     assert_eq!((remote.brake(), remote.lease(), remote.unconfirmed()), (None, holds, None));
+}
+
+/// A shadow waits where the board may have one of two leases, and then schedules what the board does.
+#[test]
+fn a_shadow_goes_by_the_lease_that_was_accepted() {
+    #[derive(Default)]
+    struct Both(i64, i64);
+    impl Observer for Both {
+        fn edge(&mut self, edge: Edge) {
+            self.0 += i64::from(edge.line == 0 && edge.level);
+        }
+        fn step(&mut self, _: ScheduledStep) {
+            self.1 += 1;
+        }
+    }
+    for seed in 0..20 {
+        let shadow = Native::unbounded(&native_config(&model_setup(1))).unwrap();
+        let mut board = Shadowed::new(connect(seed), shadow);
+        let from = board.now() + 100 * MS;
+        tell(&mut board, 1, from, &plan());
+        board.switch_leased(Epoch(1), from, Lease::Until(from + 60 * MS), &[limit()]).unwrap();
+        board.board_mut().port_mut().set(Rates { drop: 120, flip: 60, delay: 100, duplicate: 150 });
+        let mut seen = Both::default();
+        board.advance(from, &mut seen);
+        for _ in 0..30 {
+            if board.unconfirmed().is_none() && board.extend(Lease::Until(board.now() + 50 * MS), &[]).is_err() {
+                break;
+            }
+            let until = board.now() + 12 * MS;
+            board.advance(until, &mut seen);
+        }
+        board.board_mut().port_mut().set(Rates::default());
+        let until = board.now() + TICK_HZ;
+        board.advance(until, &mut seen);
+        assert!(matches!(board.lease(), LeaseState::Lapsed { .. }), "seed {seed}: {:?}", board.lease());
+        assert!(board.agrees() && seen.0 > 0, "seed {seed}");
+        assert_eq!((seen.1, board.positions()), (seen.0, vec![seen.0]), "seed {seed}");
+    }
 }

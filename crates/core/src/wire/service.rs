@@ -365,7 +365,7 @@ impl Service {
     /// The frame that is next.
     #[inline(always)]
     fn take<M: Machine>(&mut self, seq: u8, kind: u8, payload: &[u8], machine: &mut M) {
-        let mut is_answered = true;
+        let is_answered;
         let done = if let kind::DATA..kind::EXTEND = kind
             && M::PLANS
         {
@@ -378,15 +378,13 @@ impl Service {
             }
             is_answered = pushed.is_err();
             pushed
-        } else if M::LEASES && kind == kind::EXTEND {
-            let extended = self.obey_plan(kind, payload, machine);
-            is_answered = extended.is_err();
-            extended
         } else if kind == kind::POLL && payload.is_empty() {
             is_answered = false;
             Ok(())
         } else {
-            self.execute(kind, payload, machine)
+            let done = self.execute(kind, payload, machine);
+            is_answered = !(M::LEASES && kind == kind::EXTEND) || done.is_err();
+            done
         };
         self.expected = seq.wrapping_add(1);
         self.missing_told = false;
@@ -432,7 +430,7 @@ impl Service {
         if M::OBEYS && kind == kind::ORDERS {
             return machine.obey(&Orders::decode(payload).ok_or(malformed(kind))?);
         }
-        if (M::PLANS && kind == kind::SWITCH) || (M::LEASES && matches!(kind, kind::TRIM | kind::BRAKE)) {
+        if (M::PLANS && kind == kind::SWITCH) || (M::LEASES && matches!(kind, kind::EXTEND | kind::TRIM | kind::BRAKE)) {
             return self.obey_plan(kind, payload, machine);
         }
         let Some(len) = len_of(kind) else {

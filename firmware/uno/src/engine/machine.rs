@@ -548,6 +548,10 @@ impl Machine for Board {
         }
         let mut stepper = task::lock();
         let (answer, moment) = stepper.order(kind, payload);
+        // The answer to what was asked last stays.
+        if kind == kind::EXTEND && answer != answer::MALFORMED {
+            return Ok(answer == answer::ACCEPTED);
+        }
         *code = answer & !answer::MOMENT;
         let at = if answer & answer::MOMENT != 0 { extended(moment) } else { u64::from(moment.0) };
         *tick = at.to_le_bytes();
