@@ -430,7 +430,8 @@ impl Service {
         if M::OBEYS && kind == kind::ORDERS {
             return machine.obey(&Orders::decode(payload).ok_or(malformed(kind))?);
         }
-        if (M::PLANS && kind == kind::SWITCH) || (M::LEASES && matches!(kind, kind::EXTEND | kind::TRIM | kind::BRAKE)) {
+        if (M::PLANS && kind == kind::SWITCH) || (M::LEASES && matches!(kind, kind::EXTEND | kind::TRIM | kind::BRAKE))
+        {
             return self.obey_plan(kind, payload, machine);
         }
         let Some(len) = len_of(kind) else {

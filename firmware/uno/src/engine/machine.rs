@@ -15,12 +15,12 @@ use crate::engine::steps::pins::{Layout, MAX_MOTORS, Pin};
 use crate::engine::steps::stepper::{self, LONGEST, Trouble};
 use crate::engine::steps::task;
 use crate::engine::store;
+use pulsetrain_core::lease::Lease as CoreLease;
 use pulsetrain_core::wire::frame::Tag;
+use pulsetrain_core::wire::machine::NO_LEASE;
 use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, flags, kind};
 use pulsetrain_core::wire::orders::Orders;
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
-use pulsetrain_core::lease::Lease as CoreLease;
-use pulsetrain_core::wire::machine::NO_LEASE;
 use pulsetrain_core::wire::{Baud, Encoder, Machine, Millis, Reason, Refusal, Stopped, Switched};
 use pulsetrain_core::{Epoch, Moment};
 
@@ -563,7 +563,10 @@ impl Machine for Board {
             if *code != answer::ACCEPTED {
                 *tick = NO_LEASE.to_le_bytes();
             }
-        } else if kind == kind::SWITCH && *code != answer::ACCEPTED && let Some(epoch) = payload.first() {
+        } else if kind == kind::SWITCH
+            && *code != answer::ACCEPTED
+            && let Some(epoch) = payload.first()
+        {
             stepper.discard(Epoch(*epoch));
         }
         Ok(*code == answer::ACCEPTED)

@@ -91,13 +91,16 @@ fn parts_are_cores() {
         // Mantissas near each other, as often as not.
         let interval = (random.next() >> random.between(24, 63)) as i64;
         let usual = random.one_in(2);
-        let mantissa = if random.one_in(2) { 128 + random.below(128) as u8 } else {
+        let mantissa = if random.one_in(2) {
+            128 + random.below(128) as u8
+        } else {
             let upper = interval.unsigned_abs().max(1) << interval.unsigned_abs().max(1).leading_zeros() >> 56;
             let near = upper as i64 * [128, 181, 256][random.below(3) as usize] / 181 + random.below(3) as i64 - 1;
             near.clamp(128, 255) as u8
         };
         let exponent = if usual { random.between(26, 40) } else { random.below(62) } as u8;
-        let rest_level = if random.one_in(4) { random.next() as u8 } else { random.below(if usual { 3 } else { 12 }) as u8 };
+        let rest_level =
+            if random.one_in(4) { random.next() as u8 } else { random.below(if usual { 3 } else { 12 }) as u8 };
         let limit = Limit::new(mantissa, exponent, rest_level).expect("it is one");
         let wanted = limit.next(interval, &registers);
         chip.most = 0;

@@ -95,7 +95,12 @@ struct Host {
 impl Host {
     fn replay(&self, until: Option<u64>) -> Replay<'_> {
         let motors = self.plans.iter().zip(&self.sent).zip(&self.limits);
-        let motors = motors.map(|((plan, sent), limit)| Sent { items: &plan[..*sent], limit: *limit, gap_ticks: 18, line: None });
+        let motors = motors.map(|((plan, sent), limit)| Sent {
+            items: &plan[..*sent],
+            limit: *limit,
+            gap_ticks: 18,
+            line: None,
+        });
         Replay::new(motors, &[], 16, self.from, until)
     }
 
@@ -141,7 +146,8 @@ fn run(pins: &Pins, seed: u64, ends: &mut Ends) {
     let room = u64::from(setup.pulse_ticks + setup.hold_ticks + setup.setup_ticks) + 400;
     let from = board.now() + board.lead() + TICK_HZ / 100;
     let motors = pins.pins.len();
-    let limits = (0..motors).map(|_| limit(3000.0 * 30f64.powf(random.fraction()), random.below(5) as u8)).collect::<Vec<_>>();
+    let limits =
+        (0..motors).map(|_| limit(3000.0 * 30f64.powf(random.fraction()), random.below(5) as u8)).collect::<Vec<_>>();
     let plans = (0..motors).map(|_| items(random, motors, room, from)).collect::<Vec<_>>();
     let mut host = Host { plans, sent: vec![0; motors], limits: limits.clone(), from };
     host.push(&mut board, 100);

@@ -11,8 +11,8 @@
 //! A part takes 280 to 420, and what finds out whether its steps are sure.
 
 use super::motor::{Motor, Part, Reason, Switch, flag};
-use super::stepper;
 use super::plan::of_switch;
+use super::stepper;
 use super::times;
 use core::arch::global_asm;
 use core::mem::offset_of;

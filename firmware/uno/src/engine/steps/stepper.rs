@@ -34,8 +34,8 @@ use crate::engine::program::Program;
 use crate::engine::regs::{self, Reg16};
 use crate::engine::tuning::stepper::{
     AGAIN, AHEAD, APART as APART_SHORT, APART_BESIDE, APART_BESIDE_MERGE, APART_LONG, APART_OF_BESIDE, APART_SHIELD,
-    APART_TWO_COMPARE, EARLY, FALL, FALL_BESIDE, FALL_COMPARE, FASTEST, LATE, LATE_MOVED, LEAD, PULSE_BESIDE,
-    STEPS, TOO_LATE,
+    APART_TWO_COMPARE, EARLY, FALL, FALL_BESIDE, FALL_COMPARE, FASTEST, LATE, LATE_MOVED, LEAD, PULSE_BESIDE, STEPS,
+    TOO_LATE,
 };
 use core::mem::offset_of;
 use core::ptr::NonNull;
